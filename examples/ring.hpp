@@ -44,7 +44,7 @@ struct View {
     const Limits& limits;
     // The sensor nodes, by id.
     iox2::bb::ImmutableSlice<SensorNode> nodes;
-    // Their queues [bit] at the start of the slot.
+    // Their queues [bit] at the start of the slot, true or believed.
     iox2::bb::ImmutableSlice<uint32_t> queues_bits;
     // Position of the UAV, and the report of the previous slot.
     const FlightReport& flight;
@@ -101,8 +101,12 @@ inline int plan_slots(const std::function<Plan(const View&)>& plan_slot) {
     auto plan_topic = topic("skysink/plan").publish_subscribe<Plan>().user_header<SlotHeader>().open().value();
     auto sensor_topic =
         topic("skysink/sensors").publish_subscribe<bb::Slice<SensorNode>>().user_header<SensorsHeader>().open().value();
-    auto queue_topic =
-        topic("skysink/queues").publish_subscribe<bb::Slice<uint32_t>>().user_header<QueuesHeader>().open().value();
+    const auto open_queues = [&](const char* name) {
+        return topic(name).publish_subscribe<bb::Slice<uint32_t>>().user_header<QueuesHeader>().open();
+    };
+    // What the UAV knows of the queues: its belief, where they are estimated.
+    const char* known_queues = open_queues("skysink/belief").has_value() ? "skysink/belief" : "skysink/queues";
+    auto queue_topic = open_queues(known_queues).value();
     auto flight_topic =
         topic("skysink/flight").publish_subscribe<FlightReport>().user_header<SlotHeader>().open().value();
     auto plans = plan_topic.publisher_builder().create().value();
@@ -110,7 +114,7 @@ inline int plan_slots(const std::function<Plan(const View&)>& plan_slot) {
     auto queues = queue_topic.subscriber_builder().create().value();
     auto flights = flight_topic.subscriber_builder().create().value();
     auto planned = events("skysink/plan").notifier_builder().create().value();
-    auto queued = events("skysink/queues").listener_builder().create().value();
+    auto queued = events(known_queues).listener_builder().create().value();
     auto flown = events("skysink/flight").listener_builder().create().value();
     auto waitset = WaitSetBuilder().create<ServiceType::Ipc>().value();
     const auto queued_guard = waitset.attach_notification(queued).value();

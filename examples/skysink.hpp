@@ -11,9 +11,6 @@ namespace skysink {
 /// Most resource blocks of a UAV, and so most served sensor nodes in a message.
 constexpr static const size_t MAX_RESOURCE_BLOCKS = 64;
 
-/// Largest seed: the largest integer of TOML.
-constexpr static const uint64_t MAX_SEED = (uint64_t)INT64_MAX;
-
 /// Most sensor nodes in one plan.
 constexpr static const size_t MAX_SERVED = MAX_RESOURCE_BLOCKS;
 
@@ -255,6 +252,28 @@ struct Commit {
     uint64_t hash;
 };
 
+/// Payload of `ready`: the process is connected to all writers; the sample's slot is the first that it has drawn.
+struct Ready {
+    static constexpr const char* IOX2_TYPE_NAME = "skysink.Ready.v1";
+    /// The process, by its number in [`Health`]: 3, the viewer.
+    uint32_t process;
+    /// Restart count of the process.
+    uint32_t restarts;
+};
+
+/// Payload of `health`; the sample's slot is the one under way.
+struct Health {
+    static constexpr const char* IOX2_TYPE_NAME = "skysink.Health.v1";
+    /// The process: 0 field-sim, 1 flight-sim, 2 planner, 3 viewer, 4 the launcher.
+    uint32_t process;
+    /// 0 killed, 1 exited, 2 restarted, 3 silent, 4 recovered, 5 overdue, 6 missing, 7 joined.
+    uint32_t event;
+    /// The signal, the exit code, the number of restarts, or the time [ms]; 0 for missing and joined.
+    int32_t detail;
+    /// Zero.
+    uint32_t reserved;
+};
+
 }  // namespace skysink
 
 static_assert(sizeof(skysink::SlotHeader) == 32, "the layout of docs/src/interfaces.md");
@@ -269,3 +288,5 @@ static_assert(sizeof(skysink::FlightReport) == 2600, "the layout of docs/src/int
 static_assert(sizeof(skysink::LinkReport) == 40, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::Tick) == 8, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::Commit) == 8, "the layout of docs/src/interfaces.md");
+static_assert(sizeof(skysink::Ready) == 8, "the layout of docs/src/interfaces.md");
+static_assert(sizeof(skysink::Health) == 16, "the layout of docs/src/interfaces.md");

@@ -2,7 +2,6 @@
 //!
 //! [`figures`] computes the figures and [`warnings`] evaluates them; this module prints both.
 
-pub mod clusters;
 pub mod figures;
 pub mod flights;
 pub mod links;
@@ -10,15 +9,18 @@ pub mod quantity;
 pub mod verdict;
 pub mod warnings;
 
-use std::path::Path;
+use std::path::PathBuf;
 
+use clap::Args;
 use serde::Serialize;
-use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
+use skysink_common::stop::Stop;
 use skysink_planner::settings;
 use skysink_ring::role::Role;
 
 use crate::error::Error;
+use crate::options::Changes;
 use crate::report::print;
 use figures::Figures;
 use quantity::{joined, percent, scaled};
@@ -33,27 +35,47 @@ struct Report<'a> {
     warnings: &'a [String],
 }
 
-/// Checks the scenario `path`: prints all its keys, with the figures as comments, or only the figures as JSON. Prints
-/// warnings on standard error.
-///
-/// # Errors
-/// If the scenario or its sensor list is refused, or the output cannot be written.
-pub fn check(path: &Path, overrides: Overrides, as_json: bool) -> Result<(), Error> {
-    let scenario = Scenario::read(path, overrides).and_then(settings::resolve)?;
-    let list = SensorList::of(&scenario)?;
-    let figures = Figures::of(&scenario, &list)?;
-    let warnings = warnings::of(&figures);
-    if as_json {
-        let report = Report { scenario: &scenario.name, figures: &figures, warnings: &warnings };
-        print(serde_json::to_string_pretty(&report).expect("plain keys and numbers"))?;
-    } else {
+/// Validate a scenario and print it with all defaults and derived figures.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  skysink check scenarios/letter.toml
+  skysink check city.toml > full.toml      the output is a valid scenario
+  skysink check city.toml --json | jq .load
+
+Warnings go to standard error and do not change the exit code.")]
+pub struct CheckCommand {
+    /// Scenario file.
+    scenario: PathBuf,
+    #[command(flatten)]
+    changes: Changes,
+    /// Print only the derived figures and the warnings, as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+impl CheckCommand {
+    /// Prints all keys of the scenario, with the figures as comments, or only the figures as JSON. Prints warnings on
+    /// standard error.
+    ///
+    /// # Errors
+    /// If the scenario or its sensor list is refused, or the output cannot be written.
+    pub fn run(self, _: &Stop) -> Result<(), Error> {
+        let scenario = Scenario::read(&self.scenario, self.changes.overrides()).and_then(settings::resolve)?;
+        let list = SensorList::of(&scenario)?;
+        let figures = Figures::of(&scenario, &list)?;
+        let warnings = warnings::of(&figures);
+        if self.json {
+            let report = Report { scenario: &scenario.name, figures: &figures, warnings: &warnings };
+            return print(serde_json::to_string_pretty(&report).expect("plain keys and numbers"));
+        }
         // The figures come last, so that they and the warnings stay visible.
         print(format_args!("{}\n", scenario.to_toml().trim_end()))?;
-        print(format_args!("# {}: {} sensor nodes", path.display(), list.sensors().len()))?;
+        print(format_args!("# {}: {} sensor nodes", self.scenario.display(), list.sensors().len()))?;
         print(commented(&figures).trim_end())?;
         warnings.iter().for_each(|warning| Role::Launcher.log(format_args!("warning: {warning}")));
+        Ok(())
     }
-    Ok(())
 }
 
 /// The figures as comment lines of a scenario file, aligned.
@@ -77,7 +99,7 @@ fn rows(figures: &Figures) -> Vec<(&'static str, String)> {
     vec![
         ("reach in a slot, V τ", metres(figures.reach_m)),
         ("communication radius, d_c", metres(figures.comm_radius_m)),
-        ("anchor radius of uts, V τ − d_c", anchors(figures)),
+        ("anchor radius of uts, V τ − d_c", metres(figures.anchor_radius_m)),
         ("mean distance to the nearest SN", figures.neighbour_m.map_or_else(none, metres)),
         ("rate straight below the UAV", rates(above.rates_bps)),
         ("rate at distance d_c", rates(rim.rates_bps)),
@@ -89,16 +111,6 @@ fn rows(figures: &Figures) -> Vec<(&'static str, String)> {
         ("offered load, N s τ", figures.load.to_string()),
         ("flight without loss", loss_free(&figures.loss_free)),
     ]
-}
-
-/// The anchor radius of `uts`, and how many SNs steps of that length connect.
-fn anchors(figures: &Figures) -> String {
-    let radius = scaled(figures.anchor_radius_m, "m");
-    match figures.uts_group {
-        _ if figures.anchor_radius_m <= 0.0 => radius,
-        Some(group) => format!("{radius}, connects {group} of {}", figures.sensors),
-        None => format!("{radius}, connectivity unknown: too many SN pairs"),
-    }
 }
 
 /// Whether a flight without loss exists, in a few words.
@@ -116,6 +128,10 @@ fn loss_free(known: &LossFree) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
+    use skysink_common::scenario::Overrides;
+
     use super::*;
 
     #[test]

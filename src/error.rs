@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::io;
 use std::path::PathBuf;
+use std::process::ExitStatus;
 
 use skysink_common::error::InputError;
 use skysink_common::stop::Stopped;
@@ -24,7 +25,7 @@ pub enum Error {
     Stopped(#[from] Stopped),
     /// A mission is refused or stopped, or its run folder cannot be written.
     #[error(transparent)]
-    Mission(#[from] MissionError),
+    Mission(MissionError),
     /// A process cannot join the ring.
     #[error(transparent)]
     Node(#[from] NodeError),
@@ -75,7 +76,7 @@ pub enum Error {
     #[error("link: {program} ended with {status}: expected a valid zenoh configuration and a free port")]
     LinkEnded {
         /// The executable.
-        program: &'static str,
+        program: String,
         /// Its exit status.
         status: String,
     },
@@ -121,12 +122,41 @@ pub enum Error {
         /// How to get more.
         remedy: &'static str,
     },
-    /// A soak test fails.
-    #[error("soak: {0}")]
-    Soak(String),
-    /// A benchmark fails.
-    #[error("bench: {0}")]
-    Bench(String),
+    /// The run of a benchmark fails.
+    #[error("bench: skysink run: {status}: {message}")]
+    BenchmarkRun {
+        /// Its exit status.
+        status: ExitStatus,
+        /// What it has written to standard error.
+        message: String,
+    },
+    /// A message of a benchmark does not arrive.
+    #[error("bench: hop: no message within {seconds} s")]
+    BenchmarkHop {
+        /// Time waited [s].
+        seconds: u64,
+    },
+}
+
+impl From<MissionError> for Error {
+    fn from(error: MissionError) -> Self {
+        match error {
+            MissionError::Foreign(error) => {
+                error.downcast().map_or_else(|error| Self::Mission(MissionError::Foreign(error)), |error| *error)
+            }
+            error => Self::Mission(error),
+        }
+    }
+}
+
+/// An error of an observer, which the mission hands back.
+impl From<Error> for MissionError {
+    fn from(error: Error) -> Self {
+        match error {
+            Error::Mission(error) => error,
+            error => Self::Foreign(Box::new(error)),
+        }
+    }
 }
 
 impl Error {

@@ -14,24 +14,32 @@ use skysink_planner::settings;
 use skysink_ring::cleanup::Janitor;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::role::Role;
-use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
+use skysink_ring::topics::{Ring, is_release};
 
 use crate::error::Error;
 use crate::report::TerminalProgress;
-use crate::run::END_TIMEOUT;
 use crate::run::limits;
-use crate::run::link::{self, Link};
+use crate::run::link;
 use crate::run::options::{CommandLine, Launch, RunOptions, parse_command, parse_seconds};
-use crate::run::process::{POLL_EVERY, Process, ProcessTable};
+use crate::run::process::POLL_EVERY;
 use crate::run::restart::{Rule, worker};
-use crate::run::supervise::Workers;
+use crate::run::ring_mission::END_TIMEOUT;
+use crate::run::supervise::{Supervision, Worker, Workers};
 
 /// The roles that can run on another host than the launcher.
 const ROLES: [Role; 3] = [Role::FieldSim, Role::FlightSim, Role::Planner];
 
-/// Options of `skysink join`.
+/// Run processes on this host for a skysink run --link on another host.
 #[derive(Debug, Args)]
-pub struct JoinOptions {
+#[command(after_help = "\
+Examples:
+  skysink run city.toml --external planner --link link.json5    on one host
+  skysink join planner --ring ring.toml --scenario scenario.toml \\
+    --link link.json5                                           on another
+
+Copy ring.toml and scenario.toml from the first host; skysink run prints
+their paths there.")]
+pub struct JoinCommand {
     /// Processes to run on this host.
     #[arg(value_name = "ROLE", required = true, value_parser = PossibleValuesParser::new(ROLES.map(Role::name))
         .map(|name| worker(&name).expect("one of the possible values")))]
@@ -57,13 +65,13 @@ pub struct JoinOptions {
     timeout: f64,
 }
 
-impl JoinOptions {
+impl JoinCommand {
     /// Runs the processes until the launcher releases the ring.
     ///
     /// # Errors
     /// If the ring uses another scenario or protocol version, a process ends and is not restarted, the launcher's
     /// heartbeat times out, or on a stop.
-    pub fn join(self, stop: &Stop) -> Result<(), Error> {
+    pub fn run(self, stop: &Stop) -> Result<(), Error> {
         self.check()?;
         let scenario = Scenario::read(&self.scenario, Overrides::default()).and_then(settings::resolve)?;
         limits::check(&SensorList::of(&scenario)?, false)?;
@@ -80,7 +88,7 @@ impl JoinOptions {
             ));
         }
         folder.set_global_config()?;
-        self.run(&scenario, &folder, stop)
+        self.run_processes(&scenario, &folder, stop)
     }
 
     fn check(&self) -> Result<(), Error> {
@@ -94,24 +102,26 @@ impl JoinOptions {
         link::check(&self.link)
     }
 
-    fn run(self, scenario: &Scenario, folder: &RingFolder, stop: &Stop) -> Result<(), Error> {
+    fn run_processes(self, scenario: &Scenario, folder: &RingFolder, stop: &Stop) -> Result<(), Error> {
         let timeout = Duration::from_secs_f64(self.timeout);
         let progress = TerminalProgress::of_slots();
-        let table = ProcessTable::default();
         let (ring, mut wait) = Ring::<ipc::Service>::join(folder, scenario, Role::Launcher, stop)?;
         let _janitor = Janitor::start(folder);
-        let mut commits = ring.commit.reader(RING_BUFFER)?;
+        let mut commits = ring.commit.reader()?;
         let options = RunOptions { planner: self.planner, ..RunOptions::default() };
         let launch = Launch { scenario: self.scenario, recording: PathBuf::new(), label: None, recorded: None };
         let process = |&role: &Role| {
-            Ok(Process::new(role, options.invocation(role, &launch, folder)?, Rule::policy(&self.restart, role)))
+            Ok(Worker::new(role, options.invocation(role, &launch, folder)?, Rule::policy(&self.restart, role)))
         };
-        let processes = self.roles.iter().map(process).collect::<Result<_, Error>>()?;
-        let link = Link::start(folder, &self.link, &self.roles, &progress)?;
-        let external = [Role::Launcher];
-        let last = scenario.slots;
-        let workers = Workers::start(&ring, folder, &table, &progress, processes, &external, last)?;
-        let mut workers = workers.with_link(Some(link));
+        let mut workers = Workers::start(Supervision {
+            ring: &ring,
+            folder,
+            progress: &progress,
+            workers: self.roles.iter().map(process).collect::<Result<_, Error>>()?,
+            external: &[Role::Launcher],
+            link: Some(link::process(folder, &self.link, &self.roles)?),
+            last_slot: scenario.slots,
+        })?;
         let mut slot = 0;
         let mut released: Option<Instant> = None;
         while released.is_none_or(|released| !workers.have_ended(|_| true) && released.elapsed() < END_TIMEOUT) {

@@ -1,4 +1,4 @@
-//! The command line, the launcher of the ring's processes ([`run`]), endurance tests and benchmarks.
+//! The command line, the launcher of the ring's processes ([`run`]) and benchmarks.
 //!
 //! The model, the planner and the evaluation are in the other crates of the workspace.
 
@@ -11,12 +11,14 @@ pub mod compare;
 pub mod error;
 pub mod join;
 pub mod new;
+pub mod options;
 pub mod programs;
 pub mod replay;
 pub mod report;
 pub mod run;
 pub mod simulate;
-pub mod soak;
+#[cfg(feature = "viewer")]
+mod slot_views;
 pub mod topics;
 pub mod usage;
 pub mod view;

@@ -1,5 +1,6 @@
 //! `skysink new`: creates a scenario file, and a sensor list if positions are imported.
 
+mod field;
 #[cfg(feature = "lab")]
 mod import;
 
@@ -8,30 +9,51 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use skysink_common::error::InputError;
+use skysink_common::keys::{self, Accepts, Key, Keys};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
+use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
-use skysink_mission::record::write_unfinished;
+use skysink_mission::files::write_all;
+use skysink_mission::folder::Earlier;
 use skysink_planner::settings;
+use toml::{Table, Value};
 
 use crate::error::Error;
 use crate::report::print;
+use field::{LIST, NewField};
 
-/// The scenario file with the placeholders `{name}`, `{area}` and `{sensors}`.
-const TEMPLATE: &str = include_str!("new/template.toml");
+/// The beginning of the scenario file.
+const HEADER: &str = "\
+# A mission for Skysink. Omitted keys have the values of the paper, the UTS
+# letter (arXiv 2103.00753), like all values below. Next:
+#   skysink check FILE       prints every key, derived figures and warnings
+#   skysink simulate FILE    simulates it
+";
 
-/// Keys of `[area]` without imported positions.
-const AREA: &str = "side_m = 100.0                    # a square [m]; or width_m and height_m";
+/// Column of the comments.
+const COMMENT_COLUMN: usize = 34;
 
-/// Keys of `[sensors]` without imported positions.
-const SENSORS: &str = "count = 200                       # drawn uniformly from the seed; or file = \"sensors.csv\"";
+/// Examples of `skysink new`.
+#[cfg(feature = "lab")]
+const EXAMPLES: &str = "\
+Examples:
+  skysink new city                       writes city/city.toml
+  skysink new city --sensors nodes.geojson
+  skysink new city --sensors nodes.csv --out scenarios/city
 
-/// The file name of the sensor list.
-const LIST: &str = "sensors.csv";
+With --sensors, it also writes sensors.csv and sets the area to enclose the
+sensor nodes. CSV columns are matched by name: x, y [m] or lat, lon [°], and
+optionally sampling_bps, gain_db, queue_bits.";
 
-/// Arguments of `skysink new`.
+/// Examples of `skysink new` in a build without imports.
+#[cfg(not(feature = "lab"))]
+const EXAMPLES: &str = "Example:\n  skysink new city    writes city/city.toml";
+
+/// Create a scenario file with the paper's values and a comment on each key.
 #[derive(Debug, Args)]
-pub struct NewScenario {
+#[command(after_help = EXAMPLES)]
+pub struct NewCommand {
     /// Name of the mission.
     name: String,
     /// Positions of the sensor nodes: CSV with columns x, y [m] or lat, lon [°], KML, GPX or GeoJSON.
@@ -46,41 +68,13 @@ pub struct NewScenario {
     force: bool,
 }
 
-/// The parts of a new scenario that depend on its field.
-struct NewField {
-    /// Keys of `[area]`.
-    area: String,
-    /// Keys of `[sensors]`.
-    sensors: String,
-    /// The sensor list, if there is one.
-    list: Option<NewList>,
-    /// Notes to print about the import.
-    notes: Vec<String>,
-}
-
-/// The sensor list of a new scenario, converted from an imported file.
-struct NewList {
-    text: String,
-    /// The location of each row in the imported file, for error messages.
-    locations: Vec<String>,
-    /// The imported file.
-    source: PathBuf,
-}
-
-impl NewList {
-    /// Checks the sensor nodes in `scenario`. Errors name the location in the imported file.
-    fn sensors(&self, scenario: &Scenario) -> Result<SensorList, InputError> {
-        SensorList::parse_rows(&self.text, &self.source, scenario, |row, _| self.locations[row].clone())
-    }
-}
-
-impl NewScenario {
+impl NewCommand {
     /// Writes the scenario and its sensor list, both or none.
     ///
     /// # Errors
     /// If the name or the positions are refused, the folder is a file, a file exists, or a file cannot be
     /// written.
-    pub fn write(&self) -> Result<(), Error> {
+    pub fn run(self, _: &Stop) -> Result<(), Error> {
         let folder = self.out.clone().unwrap_or_else(|| PathBuf::from(&self.name));
         let path = folder.join(format!("{}.toml", self.name));
         scenario(&self.name, &NewField::drawn(), &path)?; // checks the name before the import
@@ -91,9 +85,9 @@ impl NewScenario {
             Some(list) => list.sensors(&checked)?,
             None => SensorList::of(&checked)?,
         };
-        let list = field.list.as_ref().map(|list| (folder.join(LIST), &list.text[..]));
-        let files: Vec<(PathBuf, &str)> = list.into_iter().chain([(path.clone(), &text[..])]).collect();
-        write_all(&folder, &files, self.force)?;
+        let list = field.list.as_ref().map(|list| (folder.join(LIST), list.text.as_bytes()));
+        let files: Vec<_> = list.into_iter().chain([(path.clone(), text.as_bytes())]).collect();
+        write_into(&folder, &files, Earlier::by_force(self.force))?;
         field.notes.iter().try_for_each(print)?;
         let [width_m, height_m] = [checked.area.width_m(), checked.area.height_m()];
         let count = sensors.sensors().len();
@@ -112,17 +106,36 @@ impl NewScenario {
     }
 }
 
-impl NewField {
-    /// The paper's field.
-    fn drawn() -> Self {
-        Self { area: AREA.to_owned(), sensors: SENSORS.to_owned(), list: None, notes: Vec::new() }
+/// The text of the scenario: every key that has a default beside the other defaults, with its meaning as a comment.
+fn text(name: &str, field: &NewField) -> String {
+    let mut defaults = Table::new();
+    keys::fill(Scenario::KEYS, "", &mut defaults, &[]);
+    let mut text = format!("{HEADER}name = {}\n", Value::String(name.to_owned()));
+    for key in Scenario::KEYS {
+        let (Accepts::TableOf(inner), Some(Value::Table(defaults))) = (key.accepts, defaults.get(key.name)) else {
+            text.extend(line(key, &defaults));
+            continue;
+        };
+        text += &format!("\n[{}]\n", key.name);
+        for inner in inner {
+            let replaced = match (key.name, inner.name) {
+                ("area", "side_m") => field.area.clone(),
+                ("sensors", "count") => field.sensors.clone(),
+                _ => None,
+            };
+            text.extend(replaced.or_else(|| line(inner, defaults)));
+        }
     }
+    text
 }
 
-/// The text of the scenario.
-fn text(name: &str, field: &NewField) -> String {
-    let name = toml::Value::String(name.to_owned()).to_string();
-    TEMPLATE.replace("{name}", &name).replace("{area}", &field.area).replace("{sensors}", &field.sensors)
+/// The line of a key that is no table and has a default in `table`, with the first clause of its meaning.
+fn line(key: &Key, table: &Table) -> Option<String> {
+    table.get(key.name).filter(|default| !default.is_table())?;
+    let setting = format!("{} = {}", key.name, key.default?);
+    let sentence = key.words.split(". ").next()?.replace('`', "");
+    let clause = sentence.split("; ").next()?.trim_end_matches('.');
+    Some(format!("{setting:COMMENT_COLUMN$}# {clause}\n"))
 }
 
 /// Checks the scenario that will be written to `path`.
@@ -130,26 +143,18 @@ fn scenario(name: &str, field: &NewField, path: &Path) -> Result<Scenario, Input
     Scenario::parse(&text(name, field), path, Overrides::default()).and_then(settings::resolve)
 }
 
-/// Writes files into `folder`, via temporary names, so that none is incomplete.
-fn write_all(folder: &Path, files: &[(PathBuf, &str)], force: bool) -> Result<(), Error> {
-    for (path, _) in files {
-        if !force && fs::symlink_metadata(path).is_ok() {
-            let message = "it exists: choose another --out, or pass --force to replace it";
-            return Err(InputError::new("file", path, message).into());
-        }
+/// Writes files into `folder`, all or none.
+fn write_into(folder: &Path, files: &[(PathBuf, &[u8])], earlier: Earlier) -> Result<(), Error> {
+    let existing = files.iter().find(|(path, _)| fs::symlink_metadata(path).is_ok());
+    if let Some((path, _)) = existing.filter(|_| earlier == Earlier::Kept) {
+        let message = "it exists: choose another --out, or pass --force to replace it";
+        return Err(InputError::new("file", path, message).into());
     }
     if folder.exists() && !folder.is_dir() {
         return Err(InputError::new("folder", folder, "it is not a folder: choose another --out").into());
     }
     fs::create_dir_all(folder).at(folder)?;
-    let mut written = Vec::new();
-    for (path, text) in files {
-        written.push((path, write_unfinished(path, text.as_bytes()).at(path)?));
-    }
-    for (path, file) in written {
-        file.persist(path).map_err(|error| error.error).at(path)?;
-    }
-    Ok(())
+    Ok(write_all(files)?)
 }
 
 #[cfg(test)]

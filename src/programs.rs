@@ -1,57 +1,12 @@
-//! The programs of the ring: their entry points, and the commands that start them.
+//! The entry points of the programs of the ring.
 
-use std::env;
 use std::ffi::OsString;
-use std::io;
-use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
 
 use iceoryx2::prelude::ipc;
 use skysink_ring::role::Role;
 
 use crate::replay::process;
 use crate::worker::{self, NoArguments};
-
-/// A command that runs the programs of the ring, such as `python3 -m skysink.programs`. The name of the program and its
-/// arguments are appended.
-#[derive(Debug)]
-pub struct Interpreter(pub Vec<OsString>);
-
-/// The interpreter; if unset, programs are executables in the folder of this one.
-static INTERPRETER: OnceLock<Interpreter> = OnceLock::new();
-
-/// The name of the command line program.
-const COMMAND_LINE: &str = "skysink";
-
-/// Sets the interpreter that starts programs from now on. Only the first call has an effect.
-pub fn set_interpreter(interpreter: Interpreter) {
-    let _ = INTERPRETER.set(interpreter);
-}
-
-/// The executable and the first arguments that start the program `name`.
-///
-/// # Errors
-/// If the path of this executable is unknown.
-pub fn command_of(name: &str) -> io::Result<(PathBuf, Vec<OsString>)> {
-    if let Some((program, words)) = INTERPRETER.get().and_then(|Interpreter(words)| words.split_first()) {
-        return Ok((program.into(), [words, &[name.into()]].concat()));
-    }
-    let this = env::current_exe()?;
-    Ok((if name == COMMAND_LINE { this } else { this.with_file_name(name) }, Vec::new()))
-}
-
-/// Whether `program` is an executable file: a path, or a name in a folder of PATH.
-pub(crate) fn is_command(program: &str) -> bool {
-    if program.contains('/') {
-        return is_executable(Path::new(program));
-    }
-    let folders = env::var_os("PATH").unwrap_or_default();
-    env::split_paths(&folders).any(|folder| is_executable(&folder.join(program)))
-}
-
-fn is_executable(path: &Path) -> bool {
-    path.is_file() && rustix::fs::access(path, rustix::fs::Access::EXEC_OK).is_ok()
-}
 
 /// Runs field-sim with these arguments, program name first, and returns its exit code.
 #[must_use]

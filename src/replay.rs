@@ -6,8 +6,7 @@
 mod outcome;
 pub mod process;
 
-use std::ffi::OsStr;
-use std::fs::{self, File, TryLockError};
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -17,19 +16,20 @@ use skysink_common::pace::Pace;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
+use skysink_mission::files::write_whole;
+use skysink_mission::folder::{FolderLayout, OutputFolder};
 use skysink_mission::origin::RunMode;
-use skysink_mission::record::{RunFolder, is_unfinished, write_whole};
-use skysink_mission::recorded::RecordedRun;
+use skysink_mission::record::{RunFolder, is_recording};
+use skysink_mission::replay::RecordedRun;
 use skysink_mission::summary::Tally;
 use skysink_planner::settings;
 use skysink_ring::role::Role;
-use tempfile::TempDir;
 
 use crate::error::Error;
+use crate::options::strategy;
 use crate::report::{OutputForm, print};
 use crate::run::options::{Launch, PlanSource, RecordedRing, RunOptions};
-use crate::run::process::ProcessTable;
-use crate::run::{RingMission, fly, make_ring};
+use crate::run::ring_mission::{RingMission, make_ring};
 use outcome::{PlanCounts, Replayed};
 
 /// The decision of the planner in each slot.
@@ -38,26 +38,32 @@ const PLANS: &str = "plans.csv";
 /// The outcome of the replay.
 const OUTCOME: &str = "replay.json";
 
-/// Locked by the process that writes the folder.
-const LOCK: &str = "lock";
-
-/// Prefix of the temporary folder for an earlier replay that is being replaced.
-const BACKUP: &str = ".earlier-";
-
-/// The files of a replay, except its recordings and the lock.
-const FILES: [&str; 4] = ["scenario.toml", "sensors.csv", PLANS, OUTCOME];
+/// The files of a replay.
+static LAYOUT: FolderLayout = FolderLayout {
+    lock: "lock",
+    is_result: |name| ["scenario.toml", "sensors.csv", PLANS, OUTCOME].contains(&name) || is_recording(name),
+};
 
 /// Help of `--pace` for a replay, in which no deadline is missed.
 const PACE: &str = "Maximum speed of the slots: max, realtime, or a factor, for example 10x [default: max]";
 
-/// Arguments of `skysink replay`.
+/// Replay a finished run in the ring, to make a new recording or to evaluate another planner on it.
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  skysink replay runs/letter-uts-1                     makes a new recording
+  skysink replay runs/letter-uts-1 --pace 10x --live   to watch it
+  skysink replay runs/letter-uts-1 --strategy gfs      what gfs would have done
+  skysink replay runs/letter-uts-1 --planner \"python3 mine.py\"
+
+The UAV flies the recorded flight. plans.csv contains the planner's decision
+for each slot, made from the recorded state.")]
 #[command(mut_arg("pace", |pace| pace.help(PACE)))]
-pub struct ReplayArguments {
+pub struct ReplayCommand {
     /// Folder of a finished run.
     run: PathBuf,
     /// Strategy to evaluate on the recorded states [default: that of the run].
-    #[arg(long, value_parser = crate::cli::values::strategy())]
+    #[arg(long, value_parser = strategy())]
     strategy: Option<&'static str>,
     /// Output folder [default: RUN-replay].
     #[arg(long, value_name = "DIR")]
@@ -69,6 +75,19 @@ pub struct ReplayArguments {
     options: RunOptions,
     #[command(flatten)]
     form: OutputForm,
+}
+
+/// A finished run that is replayed.
+struct ReplayedRun<'a> {
+    command: &'a ReplayCommand,
+    /// Locked for reading.
+    _folder: RunFolder,
+    recorded: RecordedRun,
+    /// The scenario of the run, with the strategy to evaluate.
+    scenario: Scenario,
+    /// The label of an external planner to evaluate.
+    external: Option<String>,
+    plans: PlanSource,
 }
 
 /// The outcome of a replay, as in `replay.json`.
@@ -87,64 +106,23 @@ struct ReplayOutcome<'a> {
     version: &'static str,
 }
 
-impl ReplayArguments {
+impl ReplayCommand {
     /// Replays the run and prints the outcome.
     ///
     /// # Errors
     /// If the run is unfinished or was changed, options contradict each other, a process ends and is not restarted or
     /// does not answer, a file cannot be written, or on a stop.
-    pub fn replay(mut self, stop: &Stop) -> Result<(), Error> {
+    pub fn run(self, stop: &Stop) -> Result<(), Error> {
         self.check()?;
-        let recorded = RecordedRun::read(&self.run, stop)?;
-        let folder = RunFolder::open_to_read(&self.run)?;
-        let overrides = Overrides { strategy: self.strategy, ..Overrides::default() };
-        let scenario = Scenario::read(&folder.scenario(), overrides).and_then(settings::resolve)?;
-        if self.options.link.is_some() {
-            return Err(Error::Usage("--link: expected with skysink run".to_owned()));
-        }
-        self.options.check(&recorded.list)?;
-
-        let has_planner = self.strategy.is_some() || self.options.has_external_planner();
-        let plans = match &folder.run_mode().external_planner {
-            Some(_) if !has_planner => PlanSource::Record,
-            _ => PlanSource::Planner,
-        };
-        let external = self.options.has_external_planner().then(|| self.options.label_or_default());
-        let planner = match plans {
-            PlanSource::Record => recorded.strategy.clone(),
-            PlanSource::Planner => external.clone().unwrap_or_else(|| scenario.planner.strategy.clone()),
-        };
-        let out = self.output_folder()?;
-        let earlier = self.prepare(&out)?;
-        write_whole(&out.join("scenario.toml"), scenario.to_toml_with_list("sensors.csv").as_bytes())?;
-        write_whole(&out.join("sensors.csv"), recorded.list.to_csv().as_bytes())?;
-        let launch = Launch {
-            scenario: out.join("scenario.toml"),
-            recording: out.join("mission.rrd"),
-            label: Some(recorded.strategy.clone()),
-            recorded: Some(RecordedRing { run: self.run.clone(), pace: self.options.pace.unwrap_or_default(), plans }),
-        };
-        let run_mode = RunMode { pace: Some(Pace::Max), external_planner: external };
-
-        let mut replayed = Replayed::new(&scenario, &recorded, &out.join(PLANS))?;
-        let flown = self.fly(&scenario, &launch, &run_mode, stop, &mut replayed).and_then(|()| replayed.finish());
-        if flown.is_err() {
+        let replay = ReplayedRun::read(&self, stop)?;
+        let folder = self.prepare(&self.output_folder()?)?;
+        let earlier = folder.set_aside()?;
+        let written = replay.write(folder.path(), stop);
+        if written.is_err() {
             earlier.restore()?;
         }
-        let (counts, hash) = flown?;
-        let version = env!("CARGO_PKG_VERSION");
-        let trace_hash = format!("{hash:016x}");
-        let outcome = ReplayOutcome {
-            run: &self.run,
-            strategy: &recorded.strategy,
-            planner: &planner,
-            counts,
-            trace_hash,
-            version,
-        };
-        let text = serde_json::to_string_pretty(&outcome).expect("plain numbers and strings") + "\n";
-        write_whole(&out.join(OUTCOME), text.as_bytes())?;
-        self.form.print(&outcome, || self.print(&outcome, plans, &out))
+        let outcome = written?;
+        self.form.print(&outcome, || self.print(&outcome, replay.plans, folder.path()))
     }
 
     /// Refuses options that do not apply to a replay.
@@ -157,21 +135,6 @@ impl ReplayArguments {
             return refuse("--strategy with --planner or --external planner: expected one of them");
         }
         Ok(())
-    }
-
-    /// Flies the mission in a ring. It is in lock-step at every pace, so that no deadline is missed.
-    fn fly(
-        &mut self,
-        scenario: &Scenario,
-        launch: &Launch,
-        run_mode: &RunMode,
-        stop: &Stop,
-        replayed: &mut Replayed,
-    ) -> Result<(), Error> {
-        let ring = make_ring(scenario, &self.options, run_mode, self.options.pace.unwrap_or_default())?;
-        let mut tally = Tally::new(scenario, replayed.list());
-        let mission = RingMission { scenario, options: &self.options, launch };
-        fly(&mission, &ring, &ProcessTable::default(), stop, replayed, &mut tally).map(drop)
     }
 
     /// The folder of the replay: `--out`, or a folder beside the run.
@@ -193,55 +156,30 @@ impl ReplayArguments {
         Ok(out)
     }
 
-    /// Creates and locks the folder `out`, and moves an earlier replay to a backup folder.
-    fn prepare(&self, out: &Path) -> Result<EarlierReplay, Error> {
+    /// Creates and locks the folder `out`.
+    fn prepare(&self, out: &Path) -> Result<OutputFolder, Error> {
         let refuse = |message: &str| InputError::new("output folder", out, message);
         fs::create_dir_all(out).map_err(|error| refuse(&format!("{error}: expected the name of a folder")))?;
-        self.earlier_files(out)?; // refuses the folder before the lock file is created
-        let path = out.join(LOCK);
-        let lock = File::options().write(true).create(true).truncate(false).open(&path).at(&path)?;
-        match lock.try_lock() {
-            Ok(()) => {}
-            Err(TryLockError::WouldBlock) => {
-                return Err(refuse("another replay is writing it: stop that one, or choose another --out").into());
-            }
-            Err(TryLockError::Error(error)) => Err(error).at(&path)?,
-        }
-        let files = self.earlier_files(out)?;
-        let backup = tempfile::Builder::new().prefix(BACKUP).tempdir_in(out).at(out)?;
-        for path in &files {
-            fs::rename(path, backup.path().join(path.file_name().unwrap_or_default())).at(path)?;
-        }
-        Ok(EarlierReplay { out: out.to_owned(), is_empty: files.is_empty(), backup, _lock: lock })
+        self.check_folder(out)?; // before the lock file is created
+        let message = "another replay is writing it: stop that one, or choose another --out";
+        let folder = LAYOUT.lock(out)?.ok_or_else(|| refuse(message))?;
+        self.check_folder(out)?;
+        Ok(folder)
     }
 
-    /// The files of an earlier replay in `out`. Fails if there are some without `--force`, or the folder contains other
-    /// files.
-    fn earlier_files(&self, out: &Path) -> Result<Vec<PathBuf>, Error> {
+    /// Refuses a folder that holds a replay, without `--force`, or files of others.
+    fn check_folder(&self, out: &Path) -> Result<(), Error> {
         let refuse = |message: &str| Err(InputError::new("output folder", out, message).into());
-        let mut paths = Vec::new();
-        let is_replay = out.join(LOCK).exists();
-        for entry in fs::read_dir(out).at(out)? {
-            let entry = entry.at(out)?;
-            let name = entry.file_name();
-            let text = name.to_string_lossy();
-            let is_recording = text.starts_with("mission") && text.ends_with(".rrd");
-            if is_backup(&name) {
-                continue; // of a killed replay
-            }
-            let is_file_of_replay = FILES.contains(&&*text) || is_recording || is_unfinished(&name);
-            if text != LOCK && !(is_replay && is_file_of_replay) {
-                let path = entry.path();
-                return refuse(&format!("it contains {}: expected a separate folder, by --out", path.display()));
-            }
-            if text != LOCK {
-                paths.push(entry.path());
-            }
+        let content = LAYOUT.content(out).at(out)?;
+        let results = content.results.iter().filter(|_| content.lock.is_none()); // without a lock it is no replay
+        if let Some(name) = content.foreign.iter().chain(results).next() {
+            let path = out.join(name);
+            return refuse(&format!("it contains {}: expected a separate folder, by --out", path.display()));
         }
-        if !paths.is_empty() && !self.force {
+        if !content.is_empty() && !self.force {
             return refuse("it exists: choose another --out, or pass --force to replace the replay");
         }
-        Ok(paths)
+        Ok(())
     }
 
     fn print(&self, outcome: &ReplayOutcome, plans: PlanSource, out: &Path) -> Result<(), Error> {
@@ -274,36 +212,65 @@ impl ReplayArguments {
     }
 }
 
-/// The backup of an earlier replay until the new one is complete, and the lock of the folder. The lock is released on
-/// drop or when the process ends.
-struct EarlierReplay {
-    out: PathBuf,
-    /// Whether there was no earlier replay.
-    is_empty: bool,
-    backup: TempDir,
-    _lock: File,
-}
-
-impl EarlierReplay {
-    /// Replaces the incomplete new replay by the earlier one, if there was one.
-    fn restore(self) -> Result<(), Error> {
-        if self.is_empty {
-            return Ok(());
+impl<'a> ReplayedRun<'a> {
+    /// Reads the run that `command` replays.
+    fn read(command: &'a ReplayCommand, stop: &Stop) -> Result<Self, Error> {
+        let recorded = RecordedRun::read(&command.run, stop)?;
+        let folder = RunFolder::open_to_read(&command.run)?;
+        let overrides = Overrides { strategy: command.strategy, ..Overrides::default() };
+        let scenario = Scenario::read(&folder.scenario(), overrides).and_then(settings::resolve)?;
+        let options = &command.options;
+        if options.link.is_some() {
+            return Err(Error::Usage("--link: expected with skysink run".to_owned()));
         }
-        for entry in fs::read_dir(&self.out).at(&self.out)?.flatten() {
-            let name = entry.file_name();
-            if name != LOCK && !is_backup(&name) {
-                fs::remove_file(entry.path()).at(&entry.path())?;
-            }
-        }
-        for entry in fs::read_dir(self.backup.path()).at(self.backup.path())?.flatten() {
-            fs::rename(entry.path(), self.out.join(entry.file_name())).at(&entry.path())?;
-        }
-        Ok(())
+        options.check(&recorded.list)?;
+        let external = options.has_external_planner().then(|| options.label_or_default());
+        let has_planner = command.strategy.is_some() || external.is_some();
+        let plans = match &folder.run_mode().external_planner {
+            Some(_) if !has_planner => PlanSource::Record,
+            _ => PlanSource::Planner,
+        };
+        Ok(Self { command, _folder: folder, recorded, scenario, external, plans })
     }
-}
 
-/// Whether this is the name of a backup of an earlier replay.
-fn is_backup(name: &OsStr) -> bool {
-    name.as_encoded_bytes().starts_with(BACKUP.as_bytes())
+    /// The planner whose plans are compared.
+    fn planner(&self) -> &str {
+        match self.plans {
+            PlanSource::Record => &self.recorded.strategy,
+            PlanSource::Planner => self.external.as_ref().unwrap_or(&self.scenario.planner.strategy),
+        }
+    }
+
+    /// Replays the run in a ring, in lock-step at every pace, so that no deadline is missed. Writes the files of the
+    /// replay into the folder `out`.
+    fn write(&self, out: &Path, stop: &Stop) -> Result<ReplayOutcome<'_>, Error> {
+        let Self { command, recorded, scenario, external, plans, .. } = self;
+        write_whole(&out.join("scenario.toml"), scenario.to_toml_with_list("sensors.csv").as_bytes())?;
+        write_whole(&out.join("sensors.csv"), recorded.list.to_csv().as_bytes())?;
+        let pace = command.options.pace.unwrap_or_default();
+        let launch = Launch {
+            scenario: out.join("scenario.toml"),
+            recording: out.join("mission.rrd"),
+            label: Some(recorded.strategy.clone()),
+            recorded: Some(RecordedRing { run: command.run.clone(), pace, plans: *plans }),
+        };
+        let run_mode = RunMode { pace: Some(Pace::Max), external_planner: external.clone() };
+        let ring = make_ring(scenario, &command.options, &run_mode, pace)?;
+        let mut replayed = Replayed::new(scenario, recorded, &out.join(PLANS))?;
+        let mut tally = Tally::new(scenario, &recorded.list, &RunMode::default());
+        let mission = RingMission { scenario, options: &command.options, launch: &launch, ring: &ring, stop };
+        mission.record(&mut replayed, &mut tally)?;
+        let (counts, hash) = replayed.finish()?;
+        let outcome = ReplayOutcome {
+            run: &command.run,
+            strategy: &recorded.strategy,
+            planner: self.planner(),
+            counts,
+            trace_hash: format!("{hash:016x}"),
+            version: env!("CARGO_PKG_VERSION"),
+        };
+        let text = serde_json::to_string_pretty(&outcome).expect("plain numbers and strings") + "\n";
+        write_whole(&out.join(OUTCOME), text.as_bytes())?;
+        Ok(outcome)
+    }
 }

@@ -17,7 +17,7 @@ use skysink_common::pace::Pace;
 #[cfg(feature = "lab")]
 use skysink_lab::{
     optimize::{BestKnown, SearchEnd},
-    progress::{LabProgress, SweepNumber},
+    progress::LabProgress,
 };
 use skysink_mission::latency::Spread;
 use skysink_mission::record::RunFolder;
@@ -50,15 +50,13 @@ impl TerminalProgress {
                 let _ = write!(text, "{} left", HumanDuration(left));
             }
         };
-        let bar = Self::new(style("{bar:25} {msg}mission {pos}/{len}  {left}").with_key("left", left));
+        let bar = Self::new(style("{bar:25} mission {pos}/{len}  {left}").with_key("left", left));
         bar.0.enable_steady_tick(Duration::from_secs(1)); // updates the remaining time between two missions
         move |progress| {
             let now = Instant::now();
             let ends = progress.left.and_then(|left| now.checked_add(left));
             *end.lock().unwrap_or_else(PoisonError::into_inner) = ends;
-            let SweepNumber { number, of } = progress.sweep;
-            let sweep = if of > 1 { format!("sweep {number}/{of}, ") } else { String::new() };
-            bar.show(progress.done, progress.of, sweep);
+            bar.show(progress.done, progress.of, String::new());
         }
     }
 

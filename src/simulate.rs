@@ -9,66 +9,56 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 
-#[cfg(feature = "viewer")]
-use skysink_common::message::{PathPoint, Plan};
-#[cfg(feature = "viewer")]
-use skysink_mission::mission::FlownSlot;
-#[cfg(feature = "viewer")]
-use skysink_viewer::{Scene, SceneError, Sinks, SlotView, WallClock};
-
-use crate::error::Error;
-use crate::report::TerminalProgress;
-use skysink_mission::MissionError;
-use skysink_mission::mission::Mission;
+use skysink_common::message::QueuesHeader;
+use skysink_common::slot_record::SlotRecord;
+use skysink_mission::drive::{Observer, SlotSink};
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::{Summary, Tally};
+use skysink_mission::{Mission, MissionError};
+use skysink_planner::settings;
+#[cfg(feature = "viewer")]
+use skysink_viewer::{Scene, Sinks, SlotView, WallClock};
+
+use crate::error::Error;
+use crate::options::{MissionOptions, NewFolder, RecordingOptions};
+use crate::report::{OutputForm, TerminalProgress, print_run};
+#[cfg(feature = "viewer")]
+use crate::slot_views::SlotViews;
 
 /// Slots between two updates of the progress bar.
 const SHOW_EVERY: u64 = 1000;
 
-/// The folder of a new run.
+/// Simulate a mission in one process.
 #[derive(Debug, Args)]
-pub struct NewFolder {
-    /// Run folder [default: runs/NAME-STRATEGY-SEED].
-    #[arg(long, value_name = "DIR")]
-    pub out: Option<PathBuf>,
-    /// Replace an existing run in the folder --out.
-    #[arg(long, requires = "out")]
-    pub force: bool,
+#[command(after_help = "\
+Examples:
+  skysink simulate scenarios/letter.toml
+  skysink simulate scenarios/sparse.toml --strategy gfs --seed 3 --record
+  skysink simulate scenarios/letter.toml --set link.bandwidth_hz=5e3")]
+pub struct SimulateCommand {
+    /// Scenario file.
+    scenario: PathBuf,
+    #[command(flatten)]
+    options: MissionOptions,
+    #[command(flatten)]
+    recording: RecordingOptions,
+    #[command(flatten)]
+    form: OutputForm,
 }
 
-impl NewFolder {
-    /// Creates the folder.
+impl SimulateCommand {
+    /// Simulates the mission and prints its results.
     ///
     /// # Errors
-    /// As [`RunFolder::create`].
-    pub fn create(
-        &self,
-        scenario: &Scenario,
-        list: &SensorList,
-        run_mode: &RunMode,
-    ) -> Result<RunFolder, MissionError> {
-        RunFolder::create(self.out.as_deref(), self.force, scenario, list, run_mode)
-    }
-}
-
-/// Options for the recording of a simulation.
-#[derive(Debug, Args)]
-pub struct RecordingOptions {
-    /// Write a recording for rerun, mission.rrd.
-    #[arg(long)]
-    record: bool,
-    /// Write a recording with every K-th slot only; events are always recorded.
-    #[arg(long, value_name = "K")]
-    record_every: Option<NonZeroU64>,
-}
-
-impl RecordingOptions {
-    /// K of the recording, which contains every K-th slot; `None` for no recording.
-    #[must_use]
-    pub fn every(&self) -> Option<NonZeroU64> {
-        self.record_every.or(self.record.then_some(NonZeroU64::MIN))
+    /// If the scenario is refused, something cannot be written, or on a stop.
+    pub fn run(self, stop: &Stop) -> Result<(), Error> {
+        let scenario = Scenario::read(&self.scenario, self.options.overrides()).and_then(settings::resolve)?;
+        let list = SensorList::of(&scenario)?;
+        let mission = Mission::new(&scenario, &list)?;
+        let simulation = Simulation { scenario, folder: self.options.folder, record: self.recording.every() };
+        let (folder, summary) = simulate(&simulation, &list, mission, stop)?;
+        self.form.print(&summary, || print_run(&folder, &summary))
     }
 }
 
@@ -95,44 +85,60 @@ pub fn simulate(
     stop: &Stop,
 ) -> Result<(RunFolder, Summary), Error> {
     let scenario = &simulation.scenario;
-    let folder = simulation.folder.create(scenario, list, &RunMode::default())?;
+    let run_mode = RunMode::default();
+    let folder = simulation.folder.create(scenario, list, &run_mode)?;
     #[cfg(not(feature = "viewer"))]
     if simulation.record.is_some() {
         return Err(Error::NoViewer);
     }
     #[cfg(feature = "viewer")]
     let mut recording = simulation.record.map(|every| recording(scenario, &folder, list, every)).transpose()?;
+    #[cfg(feature = "viewer")]
+    let mut views = recording.as_mut().map(|scene| SlotViews(|view: &SlotView| scene.log_slot(view)));
     let mut log = folder.slot_log()?;
-    let mut tally = Tally::new(scenario, list);
-    let progress = TerminalProgress::of_slots();
+    let mut shown = ShownTally {
+        tally: Tally::new(scenario, list, &run_mode),
+        progress: TerminalProgress::of_slots(),
+        slots: scenario.slots,
+    };
+    let mut observers: Vec<&mut dyn Observer> = vec![&mut log, &mut shown];
+    #[cfg(feature = "viewer")]
+    observers.extend(views.as_mut().map(|views| views as &mut dyn Observer));
 
     let begin = Instant::now();
-    tally.start(&mission.header());
-    #[cfg(feature = "viewer")]
-    record(&mut recording, &mission, None)?;
-    mission.set_stop(stop);
-    #[cfg_attr(
-        not(feature = "viewer"),
-        expect(clippy::while_let_on_iterator, reason = "the viewer borrows the mission")
-    )]
-    while let Some(flown) = mission.next() {
-        log.add(&flown.flight, &flown.header)?;
-        tally.add(Some(&flown.plan), &flown.flight, &flown.header);
-        #[cfg(feature = "viewer")]
-        record(&mut recording, &mission, Some(&flown))?;
-        if tally.last_slot().is_multiple_of(SHOW_EVERY) {
-            progress.show_run(&tally, scenario.slots);
-        }
-    }
+    let end = mission.drive(&mut observers, stop)?;
     let wall = begin.elapsed();
+    let ShownTally { tally, progress, .. } = shown;
     drop(progress);
     #[cfg(feature = "viewer")]
     recording.map_or(Ok(()), Scene::close)?;
-    let summary = tally.summary(None, wall, log.hash());
+    let summary = tally.summary(wall, log.hash());
     folder.write_json("summary.json", &summary)?;
-    match stop.check() {
-        Err(stopped) if !summary.complete => Err(Error::from(stopped).ended_early(&folder, summary.slots, "")),
-        _ => Ok((folder, summary)),
+    match end.unless_stopped() {
+        Err(stopped) => Err(Error::from(stopped).ended_early(&folder, summary.slots, "")),
+        Ok(()) => Ok((folder, summary)),
+    }
+}
+
+/// A tally that shows its progress.
+struct ShownTally {
+    tally: Tally,
+    progress: TerminalProgress,
+    /// Slots of the mission.
+    slots: u64,
+}
+
+impl SlotSink for ShownTally {
+    fn start(&mut self, header: &QueuesHeader) {
+        self.tally.start(header);
+    }
+
+    fn add(&mut self, record: &SlotRecord) -> Result<(), MissionError> {
+        self.tally.add(record)?;
+        if record.slot().is_multiple_of(SHOW_EVERY) {
+            self.progress.show_run(&self.tally, self.slots);
+        }
+        Ok(())
     }
 }
 
@@ -143,23 +149,4 @@ fn recording(scenario: &Scenario, folder: &RunFolder, list: &SensorList, every: 
     let name = format!("{}-{}-{}", scenario.name, scenario.planner.strategy, scenario.seed);
     let estimated = skysink_planner::settings::estimated(scenario).map_err(MissionError::from)?;
     Ok(Scene::open(&sinks, scenario, &list.nodes(), &name, WallClock::Unmeasured, estimated)?)
-}
-
-/// Records the last slot, if there is a recording. `flown` is `None` before slot 1.
-#[cfg(feature = "viewer")]
-fn record(recording: &mut Option<Scene>, mission: &Mission, flown: Option<&FlownSlot>) -> Result<(), SceneError> {
-    let Some(scene) = recording else { return Ok(()) };
-    let header = mission.header();
-    let plan = flown.map(|flown| Plan { plan_ns: 0, ..flown.plan });
-    let path: Vec<PathPoint> = mission.planner().path().iter().copied().map(PathPoint::from).collect();
-    scene.log_slot(&SlotView {
-        slot: header.head.slot,
-        queues_bits: mission.queues_bits(),
-        header: &header,
-        plan: plan.as_ref(),
-        path: &path,
-        flight: mission.last_flight(),
-        slots_per_s: None,
-        plan_ms: None,
-    })
 }

@@ -23,9 +23,14 @@ const FIRST_NUMBERS: usize = 4;
 /// Time between two checks for a stop.
 const PAUSE: Duration = Duration::from_millis(20);
 
-/// Options of `skysink topics`.
+/// List the topics of a running ring with payloads, writers, readers and rates.
 #[derive(Debug, Args)]
-pub struct TopicsOptions {
+#[command(after_help = "\
+Examples:
+  skysink topics                        the only running ring
+  skysink topics runs/letter-uts-1      the ring of this run
+  skysink topics --every 10 --json | jq '.[] | {service, rate_hz}'")]
+pub struct TopicsCommand {
     /// Ring folder, or run folder of a running ring [default: the only running ring].
     #[arg(value_name = "DIR")]
     folder: Option<PathBuf>,
@@ -47,12 +52,12 @@ struct RatedTopic {
     rate_hz: Option<f64>,
 }
 
-impl TopicsOptions {
+impl TopicsCommand {
     /// Polls the topics twice and prints them.
     ///
     /// # Errors
     /// If the ring does not exist or cannot be read, or on a stop.
-    pub fn show(self, stop: &Stop) -> Result<(), Error> {
+    pub fn run(self, stop: &Stop) -> Result<(), Error> {
         let ring = self.open_ring()?;
         let begin = Instant::now();
         let first = ring.topic_states()?;

@@ -2,34 +2,38 @@
 
 #[cfg(feature = "viewer")]
 mod browser;
+mod content;
 
-use std::fs::{self, DirEntry, File};
-use std::io::{self, Read as _};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpStream};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::Args;
-use skysink_common::error::InputError;
 use skysink_common::stop::Stop;
-use skysink_mission::error::FileContext;
 
 use crate::error::Error;
 #[cfg(feature = "viewer")]
 use browser::{serve, write};
+use content::{PageContent, newest, recordings};
 
 /// The default folder of runs.
 const RUNS: &str = "runs";
 
-/// The first bytes of every rerun recording.
-const MAGIC: &[u8] = b"RRF2";
-
 /// Timeout for a connection to a server on this machine.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Options of `skysink view`.
+/// Show recordings in a browser.
 #[derive(Debug, Args)]
-pub struct ViewOptions {
+#[command(after_help = "\
+Examples:
+  skysink view                          the newest recording in runs/
+  skysink view runs/letter-uts-1 runs/letter-gfs-1
+  skysink view comparison/comparison.rrd
+  skysink view --live                   a running mission of skysink run --live
+
+The page loads nothing from other hosts. For a browser on another machine, the
+command prints the ssh command that forwards the port.")]
+pub struct ViewCommand {
     /// Run folders or recordings (.rrd) [default: the newest in runs/].
     #[arg(value_name = "RUN")]
     runs: Vec<PathBuf>,
@@ -44,9 +48,13 @@ pub struct ViewOptions {
     port: u16,
 }
 
-/// Options of `skysink page`.
+/// Export a recording and its viewer as a static web page.
 #[derive(Debug, Args)]
-pub struct PageOptions {
+#[command(after_help = "\
+Examples:
+  skysink page runs/letter-uts-1 page
+  python3 -m http.server --directory page   then http://127.0.0.1:8000/")]
+pub struct PageCommand {
     /// Run folder or recording (.rrd).
     run: PathBuf,
     /// Output folder.
@@ -54,12 +62,12 @@ pub struct PageOptions {
     folder: PathBuf,
 }
 
-impl ViewOptions {
+impl ViewCommand {
     /// Serves the recordings until a stop.
     ///
     /// # Errors
     /// If a recording does not exist, or the address is in use; always on the stop.
-    pub fn view(self, stop: &Stop) -> Result<(), Error> {
+    pub fn run(self, stop: &Stop) -> Result<(), Error> {
         if let Some(port) = self.live {
             self.check_live(port)?;
         }
@@ -86,22 +94,16 @@ impl ViewOptions {
     }
 }
 
-impl PageOptions {
+impl PageCommand {
     /// Writes the page.
     ///
     /// # Errors
     /// If the recording does not exist, the folder is in use or cannot be written, or on a stop.
-    pub fn write(self, stop: &Stop) -> Result<(), Error> {
+    pub fn run(self, stop: &Stop) -> Result<(), Error> {
         let Self { run, folder } = self;
         let runs = [run];
         write(&PageContent { recordings: recordings(&runs)?, live: None }, &folder, stop)
     }
-}
-
-/// The content of a page.
-struct PageContent {
-    recordings: Vec<PathBuf>,
-    live: Option<u16>,
 }
 
 #[cfg(not(feature = "viewer"))]
@@ -112,126 +114,4 @@ fn serve(content: &PageContent, _: SocketAddr, _: &Stop) -> Result<(), Error> {
 #[cfg(not(feature = "viewer"))]
 fn write(content: &PageContent, _: &Path, _: &Stop) -> Result<(), Error> {
     Err(Error::NoWebViewer(content.rerun_command()))
-}
-
-#[cfg(not(feature = "viewer"))]
-impl PageContent {
-    /// The command that opens the content with rerun.
-    fn rerun_command(&self) -> String {
-        let files = self.recordings.iter().map(|recording| format!(" {}", recording.display()));
-        let live = self.live.map(|port| format!(" rerun+http://127.0.0.1:{port}/proxy"));
-        format!("rerun{}", files.chain(live).collect::<String>())
-    }
-}
-
-/// The folder in `runs` with the newest recording: of a run, a replay or a comparison.
-fn newest(runs: &Path) -> Result<PathBuf, InputError> {
-    let written = |folder: &PathBuf| {
-        let recordings = recordings_in(folder).ok()?;
-        recordings.iter().filter_map(|recording| fs::metadata(recording).and_then(|file| file.modified()).ok()).max()
-    };
-    let folders = fs::read_dir(runs).into_iter().flatten().flatten().map(|entry| entry.path());
-    let newest = folders.filter_map(|folder| Some((written(&folder)?, folder))).max();
-    newest.map(|(_, folder)| folder).ok_or_else(|| {
-        let message = "it contains no recording: make one with `skysink run`, or name a run or recording";
-        InputError::new("folder", runs, message)
-    })
-}
-
-/// All recordings in these run folders; a file is a recording itself.
-fn recordings(runs: &[PathBuf]) -> Result<Vec<PathBuf>, Error> {
-    let mut recordings = Vec::new();
-    for run in runs {
-        let refuse = |message: &str| Err(InputError::new("recording", run, message).into());
-        if !run.is_dir() {
-            check(run)?;
-            recordings.push(run.clone());
-            continue;
-        }
-        let found = recordings_in(run).at(run)?;
-        if found.is_empty() {
-            return refuse("it contains no recording: make one of a finished run with `skysink replay RUN`");
-        }
-        found.iter().try_for_each(|recording| check(recording))?;
-        recordings.extend(found);
-    }
-    Ok(recordings)
-}
-
-/// The non-empty files with the extension of recordings in a folder, in the order of their creation.
-fn recordings_in(folder: &Path) -> io::Result<Vec<PathBuf>> {
-    let is_recording = |entry: &DirEntry| {
-        let is_named = entry.path().extension().is_some_and(|ending| ending == "rrd");
-        is_named && entry.metadata().is_ok_and(|file| file.is_file() && file.len() > 0)
-    };
-    let mut found: Vec<PathBuf> =
-        fs::read_dir(folder)?.flatten().filter(is_recording).map(|entry| entry.path()).collect();
-    found.sort_by_key(|path| (path.as_os_str().len(), path.clone())); // mission.rrd before mission-2.rrd
-    Ok(found)
-}
-
-/// Checks that the path is a file that starts like a recording.
-fn check(path: &Path) -> Result<(), InputError> {
-    let is_recording = || {
-        let mut begin = Vec::new();
-        let is_file = fs::metadata(path)?.is_file(); // opening a pipe would block until it has a writer
-        if is_file {
-            File::open(path)?.take(MAGIC.len() as u64).read_to_end(&mut begin)?;
-        }
-        Ok::<bool, io::Error>(begin == MAGIC)
-    };
-    match is_recording() {
-        Ok(true) => Ok(()),
-        Ok(false) => {
-            Err(InputError::new("recording", path, "expected a recording of rerun (.rrd), or a folder with one"))
-        }
-        Err(error) => Err(InputError::new("recording", path, error)),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use std::os::unix::fs::symlink;
-    use std::process::Command;
-
-    #[test]
-    fn the_recordings_of_a_folder_are_its_regular_files_with_a_recording() {
-        let place = tempfile::tempdir().unwrap();
-        let [run, secret] = ["run", "secret.txt"].map(|name| place.path().join(name));
-        fs::create_dir(&run).unwrap();
-        fs::write(&secret, "secret").unwrap();
-        assert!(recordings(std::slice::from_ref(&run)).unwrap_err().to_string().contains("it contains no recording"));
-        symlink(&secret, run.join("mission-3.rrd")).unwrap();
-        fs::create_dir(run.join("mission-4.rrd")).unwrap();
-        fs::write(run.join("mission-5.rrd"), "").unwrap(); // just begun
-        assert!(Command::new("mkfifo").arg(run.join("mission-6.rrd")).status().unwrap().success());
-        assert!(recordings(std::slice::from_ref(&run)).is_err());
-        for name in ["mission-10.rrd", "mission-2.rrd"] {
-            fs::write(run.join(name), "RRF2 and so on").unwrap();
-        }
-        let expected = ["mission-2.rrd", "mission-10.rrd"].map(|name| run.join(name));
-        assert_eq!(recordings(std::slice::from_ref(&run)).unwrap(), expected);
-        assert!(recordings(&[run.join("mission-6.rrd")]).is_err(), "a pipe");
-        fs::write(run.join("mission-11.rrd"), "something else").unwrap();
-        let refused = recordings(&[run]).unwrap_err().to_string();
-        assert!(refused.contains("mission-11.rrd: expected a recording of rerun"), "{refused}");
-    }
-
-    #[test]
-    fn the_newest_recording_is_shown_and_not_the_newest_run() {
-        let place = tempfile::tempdir().unwrap();
-        assert!(newest(place.path()).is_err());
-        for (name, recording, seconds) in [("old", true, 1), ("replay", true, 5), ("simulated", false, 9)] {
-            let folder = place.path().join(name);
-            fs::create_dir(&folder).unwrap();
-            fs::write(folder.join("slots.csv"), "").unwrap();
-            if recording {
-                let file = File::create(folder.join("mission.rrd")).unwrap();
-                io::Write::write_all(&mut &file, MAGIC).unwrap();
-                file.set_modified(std::time::UNIX_EPOCH + Duration::from_secs(seconds)).unwrap();
-            }
-        }
-        assert_eq!(newest(place.path()).unwrap(), place.path().join("replay"));
-    }
 }

@@ -9,7 +9,7 @@ use iceoryx2::prelude::{LogLevel, ipc, set_log_level_from_env_or};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
 use skysink_planner::settings;
-use skysink_planner::strategies::Strategy;
+use skysink_planner::strategy::Strategy;
 use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::role::Role;

@@ -20,6 +20,29 @@ pub fn sampled_bits(mean_bits: f64, slot: u64) -> u64 {
     sampled(mean_bits, slot) as u64
 }
 
+/// Mean bits sampled per slot of `slot_s` [s] at the rate `sampling_bps` [bit/s], `s_i τ`.
+#[must_use]
+pub fn mean_bits(sampling_bps: f64, slot_s: f64) -> f64 {
+    sampling_bps * slot_s
+}
+
+/// 2^52: from here on consecutive floats are at least 1 apart.
+const FLOATS_ONE_APART: f64 = 4_503_599_627_370_496.0;
+
+/// Whether [`quick_integer`] converts `whole`, at least 0.
+#[must_use]
+pub fn is_quick(whole: f64) -> bool {
+    whole < FLOATS_ONE_APART
+}
+
+/// Converts the whole number `whole`, from 0 to below 2^52, to an integer: it is in the low bits of its sum with 2^52.
+/// Unlike `as`, this vectorizes (5.6 instead of 26 µs for 10^4 numbers).
+#[inline(always)]
+#[must_use]
+pub fn quick_integer(whole: f64) -> u64 {
+    (whole + FLOATS_ONE_APART).to_bits() - FLOATS_ONE_APART.to_bits()
+}
+
 /// Bits sampled in the slots after `from` up to `to`, `A_i(to) − A_i(from)`; 0 if `to ≤ from`.
 #[inline]
 #[must_use]
@@ -50,11 +73,13 @@ pub fn slot_of_bit(mean_bits: f64, bit: u64, last: u64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     #[test]
     fn a_bit_is_neither_lost_to_rounding_nor_sampled_early() {
         assert_eq!(sampled_bits(0.29, 100), 29, "of a product that rounding puts below its integer");
         assert_eq!([0.999_999_998, 0.999_999_999_5].map(|mean_bits| sampled_bits(mean_bits, 1)), [0, 1]);
+        assert_eq!(sampled_bits(4.35, 100), 435, "4.35 × 100 is 434.99999999999994 in f64");
     }
 
     #[test]
@@ -84,5 +109,19 @@ mod tests {
     #[should_panic(expected = "sampled up to slot 3")]
     fn a_bit_that_is_not_sampled_has_no_slot() {
         let _ = slot_of_bit(2.5, 8, 3);
+    }
+
+    proptest! {
+        #[test]
+        fn a_quick_integer_is_the_number(number in prop_oneof![0u64..100, 0u64..1 << 52, Just((1 << 52) - 1)]) {
+            prop_assert!(is_quick(number as f64));
+            prop_assert_eq!(quick_integer(number as f64), number);
+        }
+
+        #[test]
+        fn arrivals_never_drift_from_the_rate(mean_bits in 0.0f64..1e5, slots in 1u64..3000) {
+            let total: u64 = (1..=slots).map(|slot| bits_between(mean_bits, slot - 1, slot)).sum();
+            prop_assert!((total as f64 - mean_bits * slots as f64).abs() <= 1.0);
+        }
     }
 }

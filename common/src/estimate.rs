@@ -7,14 +7,19 @@ mod saved_estimate;
 
 pub use saved_estimate::{BYTES_PER_SENSOR, SavedEstimate};
 
-use crate::arrivals::bits_between;
-use crate::message::{FlightReport, SensorNode};
+use crate::arrivals::{bits_between, mean_bits};
+use crate::message::FlightReport;
+use crate::reported::ReportedQueues;
+use crate::sampling::Sampler;
 use crate::scenario::{Interval, Scenario};
+use crate::sensors::Sensors;
 use serde::{Deserialize, Serialize};
+use strum::VariantNames;
 
 /// What the planner knows of the sampling rates.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, VariantNames)]
 #[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
 pub enum Rates {
     /// The rate of each sensor node.
     Known,
@@ -42,12 +47,10 @@ pub struct Estimate {
     observed: u64,
     /// No contact was missed since this slot.
     gapless_since: u64,
-    /// The last planned slot.
-    scheduled_slot: u64,
-    /// The SNs scheduled in it, each with its queue at the beginning of that slot [bit].
-    scheduled: Vec<(u32, u32)>,
-    /// The estimated queues [bit].
+    /// The estimated queues [bit] at the end of the slot `predicted`.
     queues_bits: Vec<u32>,
+    /// `None` if the queues were not estimated since the last contacts.
+    predicted: Option<u64>,
 }
 
 /// Uncertainty of the estimate of an SN.
@@ -62,6 +65,14 @@ pub struct Uncertainty {
     /// Estimate of the bits sampled since the last contact, or since the mission's start: the part of `unbounded_bits`
     /// that depends on the rate.
     pub since_contact_bits: f64,
+}
+
+impl Uncertainty {
+    /// That of a known queue [bit] and rate.
+    #[must_use]
+    pub fn none(queue_bits: u32) -> Self {
+        Self { unbounded_bits: queue_bits.into(), initial_bits: 0.0, rate: 0.0, since_contact_bits: 0.0 }
+    }
 }
 
 /// Half-width [bit] of the uniform distribution with the variance of a Poisson variable whose mean is uniform on a
@@ -151,27 +162,26 @@ impl SensorEstimate {
 impl Estimate {
     /// The estimate before slot 1, for a scenario with these SNs and a planner that knows `rates` of their sampling.
     #[must_use]
-    pub fn new(scenario: &Scenario, rates: Rates, sensors: &[SensorNode]) -> Self {
+    pub fn new(scenario: &Scenario, rates: Rates, sensors: &Sensors) -> Self {
         let mut estimate = Self {
             rates,
             initial_bits: scenario.sensors.initial_queue_mean_bits.mean() as u32,
             initial_half_bits: half_bits(scenario.sensors.initial_queue_mean_bits.ends()),
             rate_half_fraction: half_fraction(scenario.sensors.sampling_bps.ends()),
-            sensors: Vec::with_capacity(sensors.len()),
+            sensors: Vec::with_capacity(sensors.count()),
             observed: 0,
             gapless_since: 0,
-            scheduled_slot: 0,
-            scheduled: Vec::with_capacity(scenario.link.resource_blocks),
-            queues_bits: vec![0; sensors.len()],
+            queues_bits: vec![0; sensors.count()],
+            predicted: None,
         };
-        for (id, sensor) in (0..).zip(sensors) {
-            let mean_bps = match rates {
-                Rates::Known => sensor.sampling_bps,
-                Rates::Learnt => scenario.sensors.sampling_bps.mean(),
+        let expected_mean_bits = mean_bits(scenario.sensors.sampling_bps.mean(), scenario.slot_s);
+        for id in sensors.ids() {
+            let Sampler { mean_bits, capacity_bits } = sensors.sampler(id);
+            let prior_mean_bits = match rates {
+                Rates::Known => mean_bits,
+                Rates::Learnt => expected_mean_bits,
             };
-            let capacity_bits = sensor.capacity_bits;
             let contact = estimate.without_contact(id, capacity_bits);
-            let prior_mean_bits = mean_bps * scenario.slot_s;
             estimate.sensors.push(SensorEstimate { capacity_bits, prior_mean_bits, contact });
         }
         estimate
@@ -208,16 +218,13 @@ impl Estimate {
         }
     }
 
-    /// Buffer of SN `id` [bit].
-    #[must_use]
-    pub fn capacity_bits(&self, id: u32) -> u32 {
-        self.sensors[id as usize].capacity_bits
-    }
-
-    /// Estimates the queues at the end of `slot` [bit], by id. Takes O(N).
+    /// Estimates the queues at the end of `slot` [bit], by id. Takes O(N), but no time for the last estimated slot.
     pub fn predict(&mut self, slot: u64) -> &[u32] {
-        for (queue_bits, sensor) in self.queues_bits.iter_mut().zip(&self.sensors) {
-            *queue_bits = sensor.unbounded_bits(slot).min(sensor.capacity_bits.into()) as u32;
+        if self.predicted != Some(slot) {
+            for (queue_bits, sensor) in self.queues_bits.iter_mut().zip(&self.sensors) {
+                *queue_bits = sensor.unbounded_bits(slot).min(sensor.capacity_bits.into()) as u32;
+            }
+            self.predicted = Some(slot);
         }
         &self.queues_bits
     }
@@ -228,33 +235,27 @@ impl Estimate {
         &self.queues_bits
     }
 
-    /// Stores the queues of the `scheduled` SNs at the beginning of `slot`, which they report on contact. `queues_bits`
-    /// [bit] are by id.
-    pub fn record_before_contact(&mut self, slot: u64, scheduled: &[u32], queues_bits: &[u32]) {
-        self.scheduled_slot = slot;
-        self.scheduled.clear();
-        self.scheduled.extend(scheduled.iter().map(|&id| (id, queues_bits[id as usize])));
-    }
-
-    /// Updates the estimate with the contacts of `slot`: its flight, and the queues after it [bit], by id, of which
-    /// only those of the served SNs are read. A slot that was observed already, or a later one was, is ignored.
+    /// Advances by the contacts of `slot`: its flight, the queues that the served SNs report `before` it, and the
+    /// queues `after` it [bit], by id, of which only those of the served SNs are read. A slot that was observed
+    /// already, or a later one was, is ignored.
     ///
     /// Slots may be skipped. The estimate is then older, and gaps that began before a skipped slot are not learnt from,
     /// because they may hold an unknown contact.
-    pub fn observe(&mut self, slot: u64, flight: &FlightReport, queues_bits: &[u32]) {
-        if slot <= self.observed || queues_bits.len() != self.sensors.len() {
+    pub fn advance(&mut self, slot: u64, flight: &FlightReport, before: &ReportedQueues, after: &[u32]) {
+        if slot <= self.observed || after.len() != self.sensors.len() {
             return;
         }
+        self.predicted = None;
         if slot != self.observed + 1 {
             self.gapless_since = slot;
         }
         self.observed = slot;
         for link in flight.served_links() {
-            let found_bits = self.found_bits(slot, link.sensor);
+            let found_bits = before.queue_bits(slot, link.sensor);
             let Some(SensorEstimate { contact, capacity_bits, .. }) = self.sensors.get_mut(link.sensor as usize) else {
                 continue;
             };
-            let left_bits = queues_bits[link.sensor as usize].min(*capacity_bits);
+            let left_bits = after[link.sensor as usize].min(*capacity_bits);
             if let Some(learnt) = &mut contact.learnt
                 && let Some(found_bits) = found_bits.map(|found_bits| found_bits.min(*capacity_bits))
             {
@@ -272,18 +273,12 @@ impl Estimate {
             contact.left_bits = left_bits;
         }
     }
-
-    /// The queue of SN `id` at the beginning of `slot` [bit], if it was scheduled in it.
-    fn found_bits(&self, slot: u64, id: u32) -> Option<u32> {
-        let &(_, queue_bits) = self.scheduled.iter().find(|(scheduled_id, _)| *scheduled_id == id)?;
-        (self.scheduled_slot == slot).then_some(queue_bits)
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::message::{LinkReport, Mode};
+    use crate::message::{LinkReport, Mode, SensorNode};
     use crate::scenario::Overrides;
     use std::path::Path;
 
@@ -293,7 +288,7 @@ mod tests {
         let text = "name = 'x'\n[sensors]\nsampling_bps = [50.0, 150.0]\ninitial_queue_mean_bits = [0.0, 600.0]\n";
         let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
         let sensor = |sampling_bps: f64| SensorNode { sampling_bps, capacity_bits: 1_000, ..SensorNode::default() };
-        Estimate::new(&scenario, rates, &[2.5, 100.0, 0.0].map(sensor))
+        Estimate::new(&scenario, rates, &Sensors::of(&scenario, &[2.5, 100.0, 0.0].map(sensor)))
     }
 
     /// A flight that serves these SNs.
@@ -309,13 +304,13 @@ mod tests {
     /// Slot `slot` serves SN 0, with the queue `found` [bit] before it and `left` after it, over a link of 0 bit. If
     /// less is left than was found, the link contradicts it, and the rate in the slot itself is not learnt.
     fn contact(estimate: &mut Estimate, slot: u64, found: u32, left: u32) {
-        estimate.record_before_contact(slot, &[0], &[found, 0, 0]);
-        estimate.observe(slot, &serving(&[0]), &[left, 0, 0]);
+        let before = ReportedQueues::at(slot, [0], &[found, 0, 0]);
+        estimate.advance(slot, &serving(&[0]), &before, &[left, 0, 0]);
     }
 
     /// Slots without a contact.
     fn pass(estimate: &mut Estimate, slots: std::ops::RangeInclusive<u64>) {
-        slots.for_each(|slot| estimate.observe(slot, &serving(&[]), &[7; 3]));
+        slots.for_each(|slot| estimate.advance(slot, &serving(&[]), &ReportedQueues::default(), &[7; 3]));
     }
 
     #[test]
@@ -331,7 +326,7 @@ mod tests {
     #[test]
     fn since_a_contact_whole_bits_are_counted_as_the_sensor_node_counts_them() {
         let mut estimate = estimate_of(Rates::Known);
-        estimate.observe(1, &serving(&[0, 2]), &[40, 999, 60]);
+        estimate.advance(1, &serving(&[0, 2]), &ReportedQueues::default(), &[40, 999, 60]);
         // A(1) = 2, A(2) = 5, A(3) = 7, A(4) = 10: 3, 5 and 8 since slot 1.
         assert_eq!(estimate.predict(1), [40, 400, 60], "no contact with SN 1");
         assert_eq!([2, 3, 4].map(|slot| estimate.predict(slot)[0]), [43, 45, 48]);
@@ -368,8 +363,8 @@ mod tests {
         let contact = |estimate: &mut Estimate, slot: u64, found: u32, left: u32| {
             let mut flight = serving(&[0]);
             flight.links[0].capacity_bits = 60;
-            estimate.record_before_contact(slot, &[0], &[found, 0, 0]);
-            estimate.observe(slot, &flight, &[left, 0, 0]);
+            let before = ReportedQueues::at(slot, [0], &[found, 0, 0]);
+            estimate.advance(slot, &flight, &before, &[left, 0, 0]);
         };
         contact(&mut estimate, 1, 500, 470); // 500 + 30 − 60: the first contact reveals the rate
         assert_eq!((estimate.mean_bits(0), estimate.uncertainty(1, 0).rate), (30.0, 0.0));
@@ -382,12 +377,12 @@ mod tests {
     }
 
     #[test]
-    fn a_rate_is_not_learnt_from_the_schedule_of_another_slot() {
+    fn a_rate_is_not_learnt_from_the_reports_of_another_slot() {
         let mut estimate = estimate_of(Rates::Learnt);
         contact(&mut estimate, 1, 500, 100);
         pass(&mut estimate, 2..=6);
-        estimate.record_before_contact(6, &[0], &[900, 0, 0]);
-        estimate.observe(7, &serving(&[0]), &[0; 3]); // the queue of SN 0 at the beginning of slot 7 is unknown
+        let before = ReportedQueues::at(6, [0], &[900, 0, 0]);
+        estimate.advance(7, &serving(&[0]), &before, &[0; 3]); // the queue of SN 0 at the beginning of slot 7 is unknown
         assert_eq!(estimate.mean_bits(0), 100.0);
     }
 
@@ -424,14 +419,15 @@ mod tests {
     fn impossible_observations_change_nothing() {
         let mut estimate = estimate_of(Rates::Learnt);
         contact(&mut estimate, 5, 500, 30);
-        let before = estimate.predict(9).to_vec();
-        estimate.observe(5, &serving(&[1]), &[9; 3]); // observed before
-        estimate.observe(4, &serving(&[1]), &[9; 3]);
-        estimate.observe(6, &serving(&[1]), &[9; 2]); // queues of another field
-        estimate.observe(6, &serving(&[3, u32::MAX]), &[9; 3]); // unknown SNs
-        assert_eq!(estimate.predict(9), before);
-        estimate.record_before_contact(7, &[0], &[500, 0, 0]);
-        estimate.observe(7, &serving(&[0, 0]), &[2_000, 0, 0]); // twice, and more than the buffer
+        let believed_bits = estimate.predict(9).to_vec();
+        let none = ReportedQueues::default();
+        estimate.advance(5, &serving(&[1]), &none, &[9; 3]); // observed before
+        estimate.advance(4, &serving(&[1]), &none, &[9; 3]);
+        estimate.advance(6, &serving(&[1]), &none, &[9; 2]); // queues of another field
+        estimate.advance(6, &serving(&[3, u32::MAX]), &none, &[9; 3]); // unknown SNs
+        assert_eq!(estimate.predict(9), believed_bits);
+        let before = ReportedQueues::at(7, [0], &[500, 0, 0]);
+        estimate.advance(7, &serving(&[0, 0]), &before, &[2_000, 0, 0]); // twice, and more than the buffer
         // (500 − 30)/1 before slot 7, and at least 1 000 − 500 in it
         assert_eq!((estimate.predict(7)[0], estimate.mean_bits(0)), (1_000, 500.0));
     }

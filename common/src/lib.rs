@@ -4,19 +4,25 @@
 //! Scheduling, flight and bookkeeping are left to the crates that depend on this one.
 
 pub mod arrivals;
+pub mod belief;
 pub mod channel;
 pub mod checkpoint;
 pub mod error;
 pub mod estimate;
 pub mod geometry;
+pub mod keys;
 pub mod ledger;
 pub mod limits;
 pub mod message;
 pub mod pace;
 pub mod propulsion;
+pub mod queues;
 pub mod random;
+pub mod reported;
+pub mod sampling;
 pub mod scenario;
 pub mod sensors;
 pub mod simd;
+pub mod slot_record;
 pub mod stop;
 pub mod units;

@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "node")]
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::scenario::Scenario;
+use crate::scenario::{Area, Scenario};
 
 /// The constraints on every plan of a mission, so that a planner needs no scenario file.
 #[repr(C)]
@@ -58,6 +58,19 @@ impl Limits {
             reserved: 0,
         }
     }
+
+    /// The area that the UAV must not leave.
+    #[must_use]
+    pub fn area(&self) -> Area {
+        Area::new(self.width_m, self.height_m)
+    }
+
+    /// Resource blocks `n`, as a count.
+    #[inline]
+    #[must_use]
+    pub fn blocks(&self) -> usize {
+        self.resource_blocks as usize
+    }
 }
 
 #[cfg(test)]
@@ -87,6 +100,7 @@ mod tests {
             reserved: 0,
         };
         assert_eq!(limits(text), fixed);
+        assert_eq!((fixed.area(), fixed.blocks()), (Area::new(80.0, 60.0), 3));
         let climbing = "model = 'probabilistic-los'\nlos = { a = 9.61, b = 0.16 }\n[uav]\naltitude = 'free'\n\
                         min_altitude_m = 15.0\nmax_altitude_m = 90.0\nmax_climb_mps = 4.0\n";
         let free = Limits { min_altitude_m: 15.0, max_altitude_m: 90.0, climb_m: 2.0, ..fixed };

@@ -9,10 +9,12 @@ use iceoryx2::prelude::ZeroCopySend;
 use nalgebra::Point3;
 use strum::{Display, EnumString, FromRepr, IntoStaticStr};
 
+use crate::channel::MAX_RESOURCE_BLOCKS;
+use crate::checkpoint::{Checkpoint, CheckpointError};
 use crate::geometry::{Position, RANGE_SLACK};
 pub use crate::ledger::Totals;
 pub use crate::limits::Limits;
-use crate::scenario::{Area, MAX_RESOURCE_BLOCKS};
+use crate::scenario::Area;
 
 /// Most sensor nodes in one plan.
 pub const MAX_SERVED: usize = MAX_RESOURCE_BLOCKS;
@@ -250,6 +252,19 @@ pub struct FlightReport {
     pub served: u32,
     /// The served links, by ascending sensor node.
     pub links: [LinkReport; MAX_SERVED],
+}
+
+impl Checkpoint for FlightReport {
+    fn save(&self, bytes: &mut Vec<u8>) {
+        bytes.extend_from_slice(bytemuck::bytes_of(self));
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
+        let report = bytemuck::try_pod_read_unaligned(bytes);
+        CheckpointError::ensure(report.is_ok(), "a report of a flight")?;
+        *self = report.unwrap_or(*self);
+        Ok(())
+    }
 }
 
 impl FlightReport {

@@ -22,10 +22,15 @@ pub fn power_w(aircraft: &Propulsion, speed_mps: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scenario::{Overrides, Scenario};
+
+    fn aircraft() -> Propulsion {
+        Scenario::letter(Overrides::default()).unwrap().uav.propulsion
+    }
 
     #[test]
     fn hovering_costs_the_profile_and_the_induced_power() {
-        assert!((power_w(&Propulsion::default(), 0.0) - (79.86 + 88.63)).abs() < 1e-12);
+        assert!((power_w(&aircraft(), 0.0) - (79.86 + 88.63)).abs() < 1e-12);
     }
 
     #[test]
@@ -33,12 +38,12 @@ mod tests {
         // V = 10: 79.86 (1 + 300/14400) = 81.52375; x = 100/(2 · 16.2409) = 3.078647,
         // sqrt(1 + x²) − x = 3.236982 − 3.078647 = 0.158335, its root 0.397914, times 88.63 = 35.26710;
         // ½ · 0.6 · 1.225 · 0.05 · 0.503 · 1000 = 9.242625
-        assert!((power_w(&Propulsion::default(), 10.0) - (81.52375 + 35.2671 + 9.242625)).abs() < 1e-3);
+        assert!((power_w(&aircraft(), 10.0) - (81.52375 + 35.2671 + 9.242625)).abs() < 1e-3);
     }
 
     #[test]
     fn moving_slowly_costs_less_than_hovering_and_racing_more() {
-        let power = |speed_mps| power_w(&Propulsion::default(), speed_mps);
+        let power = |speed_mps| power_w(&aircraft(), speed_mps);
         assert!(power(10.0) < power(0.0) && power(30.0) > power(0.0));
         assert!(power(1e4).is_finite());
     }

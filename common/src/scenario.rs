@@ -1,87 +1,34 @@
 //! The scenario: the mission, its field, channel and strategy.
 //!
-//! A [`Scenario`] is valid by construction. It is read from TOML: `keys` declares the keys of each table, `defaults`
-//! fills them in, `forms` handles alternative keys, and `rules` checks the values. [`Scenario::to_toml`] writes it back
-//! with all defaults. Sensor lists are read by [`crate::sensors`], `[planner]` by the planner.
+//! A [`Scenario`] is valid by construction. It is read from TOML: a file for each table declares its keys, `forms`
+//! handles alternative keys, and `rules` checks what holds between keys. [`Scenario::to_toml`] writes it back with all
+//! defaults. Sensor lists are read by [`crate::sensors`], `[planner]` by the planner.
 
-mod defaults;
+mod area;
 mod forms;
-mod keys;
+mod mission;
 mod planner;
 mod rules;
-mod setting;
-mod value;
+mod sensors;
+mod uav;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use nalgebra::Point3;
-use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
-pub use keys::{
-    AltitudeMode, Area, Climb, Environment, GainMode, LinkBudget, LinkModel, LosCurve, Origin, Propulsion, Sensors,
-    UavKeys,
-};
+pub use crate::keys::{Interval, Setting, SettingOrigin};
+pub use area::{Area, Origin};
+pub use mission::{MAX_SEED, Scenario};
 pub use planner::PlannerKeys;
-pub use setting::{Setting, SettingOrigin};
-pub use value::{Count, Interval};
-use value::{Source, count, name};
+pub use sensors::SensorKeys;
+pub(crate) use sensors::{MAX_FIELD_BITS, MAX_SAMPLED_BITS, MAX_SENSORS};
+pub use uav::{AltitudeMode, Climb, Propulsion, UavKeys};
 
 use crate::error::{InputError, read_text};
-
-/// Most resource blocks of a UAV, and so most served sensor nodes in a message.
-pub const MAX_RESOURCE_BLOCKS: usize = 64;
-
-/// Largest seed: the largest integer of TOML.
-pub const MAX_SEED: u64 = i64::MAX as u64;
-
-/// Slots of the longest mission.
-const MAX_SLOTS: u64 = 1_000_000_000;
-
-/// Most sensor nodes of a field.
-pub(crate) const MAX_SENSORS: u64 = 10_000_000;
-
-/// Most bits that one sensor node may sample in a mission: counted through `f64`, which is exact up to 2^53.
-pub(crate) const MAX_SAMPLED_BITS: f64 = 9.0e15;
-
-/// Most bits that all sensor nodes together may sample in a mission: the totals of the ledger are `u64`.
-pub(crate) const MAX_FIELD_BITS: f64 = 9.0e18;
+use crate::keys::{self, Keys, Source, dotted};
 
 /// The built-in `letter.toml`: the mission of the UTS letter (arXiv 2103.00753, section V).
 pub const LETTER: &str = include_str!("../letter.toml");
-
-/// A checked scenario: the keys of its file with all defaults.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, expecting = "a table")]
-pub struct Scenario {
-    /// Name of the mission, usable as a folder's name.
-    #[serde(deserialize_with = "name")]
-    pub name: String,
-    /// Seed of every random number of the mission.
-    #[serde(deserialize_with = "count::<0, MAX_SEED, _, _>")]
-    pub seed: u64,
-    /// Number of slots, `T`.
-    #[serde(deserialize_with = "count::<1, MAX_SLOTS, _, _>")]
-    pub slots: u64,
-    /// Length of a slot, `τ` [s].
-    pub slot_s: f64,
-    /// The area that is flown over.
-    pub area: Area,
-    /// The sensor nodes.
-    pub sensors: Sensors,
-    /// The vehicle.
-    pub uav: UavKeys,
-    /// The radio.
-    pub link: LinkBudget,
-    /// The strategy and its keys, which the planner checks.
-    pub planner: PlannerKeys,
-    /// The file that it was read from, for messages.
-    #[serde(skip)]
-    pub path: PathBuf,
-    /// The settings that replaced values of the file, for messages.
-    #[serde(skip)]
-    pub settings: Vec<Setting>,
-}
 
 /// Changes to a scenario from the command line, made before it is checked.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -114,6 +61,16 @@ impl Scenario {
         Self::parse(LETTER, Path::new("letter.toml (built in)"), overrides)
     }
 
+    /// Applies settings to the table of a scenario. A setting in one form removes the alternative form of the table.
+    ///
+    /// # Errors
+    /// If a part of a key exists, but is not a table.
+    pub fn apply(settings: &[Setting], table: &mut Table) -> Result<(), InputError> {
+        let displaced = settings.iter().flat_map(|setting| forms::displaced(&setting.key, &setting.value));
+        displaced.for_each(|key| dotted::remove(table, &key));
+        settings.iter().try_for_each(|setting| setting.apply(table))
+    }
+
     /// Checks the text of the scenario file `path`.
     ///
     /// # Errors
@@ -124,15 +81,16 @@ impl Scenario {
             let message = "it is a sweep: expected a scenario (skysink sweep flies this file)";
             return Err(InputError::new("scenario", path, message));
         }
-        Setting::apply_all(&overrides.keys, &mut table)?;
+        Self::apply(&overrides.keys, &mut table)?;
         for (key, number) in [("seed", overrides.seed), ("slots", overrides.slots)] {
             if let Some(number) = number {
                 // A number beyond TOML's range is beyond that of either key; -1 is refused.
                 table.insert(key.to_owned(), Value::Integer(i64::try_from(number).unwrap_or(-1)));
             }
         }
-        defaults::fill(&mut table);
-        let mut scenario: Self = value::read(table.clone(), "", Source { path, settings: &overrides.keys })?;
+        let displaced = forms::displaced_in(&table);
+        keys::fill(Self::KEYS, "", &mut table, &displaced);
+        let mut scenario: Self = keys::read(table.clone(), "", Source { path, settings: &overrides.keys })?;
         path.clone_into(&mut scenario.path);
         scenario.settings = overrides.keys;
         if let Some(strategy) = overrides.strategy {
@@ -145,60 +103,5 @@ impl Scenario {
         scenario.uav.start_m.get_or_insert(centre_m);
         rules::check(&scenario, &table)?;
         Ok(scenario)
-    }
-
-    /// The origin of its values, for messages.
-    fn source(&self) -> Source<'_> {
-        Source { path: &self.path, settings: &self.settings }
-    }
-
-    /// The scenario as a TOML file with all keys.
-    ///
-    /// # Panics
-    /// Never: a scenario consists of tables of numbers and strings.
-    #[must_use]
-    pub fn to_toml(&self) -> String {
-        toml::to_string(self).expect("a scenario consists of tables of numbers and strings")
-    }
-
-    /// The scenario as a TOML file, with the sensor list in the file `list` of the same folder.
-    #[must_use]
-    pub fn to_toml_with_list(&self, list: &str) -> String {
-        let sensors = Sensors { count: None, file: Some(list.into()), ..self.sensors.clone() };
-        Self { sensors, ..self.clone() }.to_toml()
-    }
-
-    /// Hash (XXH3) of all keys except the origin of the sensor list, which is published on the topic `sensors`.
-    #[must_use]
-    pub fn hash(&self) -> u64 {
-        xxhash_rust::xxh3::xxh3_64(self.to_toml_with_list("").as_bytes())
-    }
-
-    /// The file of the sensor list; `None` if the list is drawn.
-    #[must_use]
-    pub fn sensor_file(&self) -> Option<PathBuf> {
-        self.sensors.file.as_ref().map(|file| self.path.parent().unwrap_or(Path::new("")).join(file))
-    }
-
-    /// Start of the UAV [m].
-    #[must_use]
-    pub fn start(&self) -> Point3<f64> {
-        let [x_m, y_m] = self.uav.start_m.unwrap_or([f64::NAN; 2]);
-        Point3::new(x_m, y_m, self.uav.altitude_m)
-    }
-
-    /// The lowest and the highest altitude that can be reached in one slot from `altitude_m` [m].
-    #[must_use]
-    pub fn altitudes_m(&self, altitude_m: f64) -> [f64; 2] {
-        self.uav.climb().map_or([altitude_m; 2], |climb| {
-            let step_m = climb.max_climb_mps * self.slot_s;
-            [(altitude_m - step_m).max(climb.min_altitude_m), (altitude_m + step_m).min(climb.max_altitude_m)]
-        })
-    }
-
-    /// Farthest flight in one slot, `V_max τ` [m].
-    #[must_use]
-    pub fn reach_m(&self) -> f64 {
-        self.uav.max_speed_mps * self.slot_s
     }
 }

@@ -1,176 +1,161 @@
-//! The sensor list: drawn from the seed or read from a CSV file, and written back with all columns.
+//! The sensor nodes (SNs) of a mission.
 //!
-//! `table` reads the rows of a file; [`projection`] projects latitude and longitude onto the area, and back.
+//! | module | contents |
+//! |---|---|
+//! | [`list`], `rows` | the list: drawn from the seed or read from a CSV file, and written back with all columns |
+//! | [`projection`] | latitude and longitude, projected onto the area and back |
+//! | [`grid`] | points by cell, for range queries |
 
+pub mod grid;
+pub mod list;
 pub mod projection;
-mod table;
+mod rows;
 
-use std::path::Path;
+use std::ops::Range;
 
-use rand::RngExt;
-use rand_distr::{Distribution, Poisson};
+pub use list::{Sensor, SensorList};
+pub use rows::line_of;
 
-pub use table::line_of;
-
-use crate::channel::draw_gain_db;
-use crate::error::{InputError, read_text};
+use crate::arrivals::mean_bits;
 use crate::geometry::Position;
+use crate::limits::Limits;
 use crate::message::SensorNode;
-use crate::random::{Purpose, Streams};
-use crate::scenario::{Interval, Scenario};
-use crate::units::ratio_of_db;
+use crate::sampling::{Sampler, Sampling};
+use crate::scenario::Scenario;
+use grid::Grid;
 
-/// One sensor node of the list.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sensor {
-    /// Position, `L_i`.
-    pub position: Position,
-    /// Queue before slot 1 [bit], at most the buffer.
-    pub queue_bits: u32,
-    /// Reference channel gain at 1 m, `α_i` [dB].
-    pub gain_db: f64,
-    /// Sampling rate `s_i` [bit/s].
-    pub sampling_bps: f64,
-}
-
-/// All sensor nodes of a mission, at least one; SN i is entry i.
+/// The SNs of a mission, by id: where they are, how strong their links are, and how they fill their buffers.
+///
+/// [`SensorList`] is the same as a file, [`SensorNode`] as a message.
 #[derive(Debug, Clone, PartialEq)]
-pub struct SensorList {
-    sensors: Vec<Sensor>,
-    /// Buffer of each, `B` [bit].
-    capacity_bits: u32,
+pub struct Sensors {
+    /// Positions, `L_i`.
+    pub positions: Vec<Position>,
+    /// Spatial index of `positions`, in cells of the side `d_c`. Must be rebuilt if they change.
+    pub grid: Grid,
+    /// Reference channel gains at 1 m, `α_i`, as linear ratios.
+    pub gains: Vec<f64>,
+    /// Mean bits sampled per slot, and buffers.
+    pub sampling: Sampling,
 }
 
-impl SensorList {
-    /// The sensor nodes of a scenario: drawn from its seed, or read from its file.
-    ///
-    /// # Errors
-    /// If the file cannot be read or has an invalid row.
-    pub fn of(scenario: &Scenario) -> Result<Self, InputError> {
-        let Some(path) = scenario.sensor_file() else {
-            let count = scenario.sensors.count.map_or(0, |count| count.get() as u32);
-            return Ok(Self::new((0..count).map(|id| draw(scenario, id)).collect(), scenario));
-        };
-        let text = read_text("sensor list", &path).map_err(|error| {
-            let source = path.with_file_name("SOURCE.md");
-            let key = "the file of sensors.file in";
-            let scenario = scenario.path.display();
-            let remedy =
-                if source.is_file() { format!("; {} says how to get it", source.display()) } else { String::new() };
-            InputError::new("sensor list", &path, format_args!("{} ({key} {scenario}){remedy}", error.message))
-        })?;
-        Self::parse(&text, &path, scenario)
-    }
-
-    /// Parses the text of the list `path`. Missing columns are drawn, or filled with the value of the scenario;
-    /// latitude and longitude are projected onto the area.
-    ///
-    /// # Errors
-    /// If a row is invalid, or there is none.
-    pub fn parse(text: &str, path: &Path, scenario: &Scenario) -> Result<Self, InputError> {
-        Self::parse_rows(text, path, scenario, |_, line| format!("line {line}"))
-    }
-
-    /// Parses a list that was converted from the file `path`. For errors, `locate` describes the origin of a row, given
-    /// its index and its line in the text.
-    ///
-    /// # Errors
-    /// If a row is invalid, or there is none.
-    pub fn parse_rows(
-        text: &str,
-        path: &Path,
-        scenario: &Scenario,
-        locate: impl Fn(usize, u64) -> String,
-    ) -> Result<Self, InputError> {
-        let refuse = |message| InputError::new("sensor list", path, message);
-        table::read(text, scenario, locate).map(|sensors| Self::new(sensors, scenario)).map_err(refuse)
-    }
-
-    fn new(sensors: Vec<Sensor>, scenario: &Scenario) -> Self {
-        Self { sensors, capacity_bits: scenario.sensors.capacity_bits }
-    }
-
-    /// Hash (XXH3) of the list as a CSV file, seeded with the hash of its scenario.
+impl Sensors {
+    /// The SNs `nodes` of a mission with these `limits`.
     #[must_use]
-    pub fn hash(&self, scenario_hash: u64) -> u64 {
-        xxhash_rust::xxh3::xxh3_64_with_seed(self.to_csv().as_bytes(), scenario_hash)
-    }
-
-    /// The list as a CSV file with all columns; floats round-trip exactly.
-    #[must_use]
-    pub fn to_csv(&self) -> String {
-        let mut text = table::WRITTEN.join(",") + "\n";
-        for Sensor { position, queue_bits, gain_db, sampling_bps } in &self.sensors {
-            let line = format!("{},{},{queue_bits},{gain_db},{sampling_bps}\n", position.x, position.y);
-            text.push_str(&line);
+    pub fn new(limits: &Limits, nodes: &[SensorNode]) -> Self {
+        let positions: Vec<Position> = nodes.iter().map(|node| Position::new(node.x_m, node.y_m)).collect();
+        let mean_bits = nodes.iter().map(|node| mean_bits(node.sampling_bps, limits.slot_s)).collect();
+        Self {
+            grid: Grid::new(&positions, limits.comm_radius_m),
+            positions,
+            gains: nodes.iter().map(|node| node.gain).collect(),
+            sampling: Sampling::new(mean_bits, nodes.iter().map(|node| node.capacity_bits).collect()),
         }
-        text
     }
 
-    /// The sensor nodes, by id.
+    /// The SNs `nodes` of a scenario.
     #[must_use]
-    pub fn sensors(&self) -> &[Sensor] {
-        &self.sensors
+    pub fn of(scenario: &Scenario, nodes: &[SensorNode]) -> Self {
+        Self::new(&Limits::of(scenario), nodes)
     }
 
-    /// The queues before slot 1 [bit], by id.
+    /// Those of them with the given `ids`, which get the ids 0, 1, … in that order, and the `grid` of their positions.
+    ///
+    /// # Panics
+    /// If an SN is unknown.
     #[must_use]
-    pub fn queues_bits(&self) -> Vec<u32> {
-        self.sensors.iter().map(|sensor| sensor.queue_bits).collect()
+    pub fn subset(&self, ids: &[u32], grid: impl FnOnce(&[Position]) -> Grid) -> Self {
+        let positions: Vec<Position> = ids.iter().map(|&id| *self.position(id)).collect();
+        let samplers: Vec<Sampler> = ids.iter().map(|&id| self.sampler(id)).collect();
+        Self {
+            grid: grid(&positions),
+            positions,
+            gains: ids.iter().map(|&id| self.gains[id as usize]).collect(),
+            sampling: Sampling::new(
+                samplers.iter().map(|sampler| sampler.mean_bits).collect(),
+                samplers.iter().map(|sampler| sampler.capacity_bits).collect(),
+            ),
+        }
     }
 
-    /// The list as published on the topic `sensors`.
+    /// Number of SNs.
     #[must_use]
-    pub fn nodes(&self) -> Vec<SensorNode> {
-        let node = |sensor: &Sensor| SensorNode {
-            x_m: sensor.position.x,
-            y_m: sensor.position.y,
-            gain: ratio_of_db(sensor.gain_db),
-            sampling_bps: sensor.sampling_bps,
-            capacity_bits: self.capacity_bits,
-            reserved: 0,
+    pub fn count(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// The ids of all SNs, ascending.
+    ///
+    /// # Panics
+    /// If there are more SNs than ids; a scenario has at most 10^7 SNs.
+    #[must_use]
+    pub fn ids(&self) -> Range<u32> {
+        0..u32::try_from(self.count()).expect("a scenario has at most 10^7 sensor nodes")
+    }
+
+    /// Position of SN `id`.
+    ///
+    /// # Panics
+    /// If the SN is unknown.
+    #[inline]
+    #[must_use]
+    pub fn position(&self, id: u32) -> &Position {
+        &self.positions[id as usize]
+    }
+
+    /// Mean bits per slot and buffer of SN `id`.
+    ///
+    /// # Panics
+    /// As [`Sampling::of`].
+    #[inline]
+    #[must_use]
+    pub fn sampler(&self, id: u32) -> Sampler {
+        self.sampling.of(id as usize)
+    }
+
+    /// The ids of the SNs that sample, ascending.
+    pub fn sampling_ids(&self) -> impl Iterator<Item = u32> {
+        self.ids().filter(|&id| self.sampler(id).mean_bits > 0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::Overrides;
+    use std::path::Path;
+
+    /// Three SNs at x = 1, 2 and 3 m, that sample 5, 0 and 7 bit/s in slots of half a second.
+    fn sensors() -> Sensors {
+        let scenario =
+            Scenario::parse("name = 'a'\nslot_s = 0.5\n", Path::new("a.toml"), Overrides::default()).unwrap();
+        let node = |(id, sampling_bps): (u32, f64)| SensorNode {
+            x_m: f64::from(id),
+            y_m: 9.0,
+            gain: 1e-5 * f64::from(id),
+            sampling_bps,
+            capacity_bits: 10 * id,
+            ..SensorNode::default()
         };
-        self.sensors.iter().map(node).collect()
+        Sensors::of(&scenario, &[(1, 5.0), (2, 0.0), (3, 7.0)].map(node))
     }
-}
 
-/// Draws sensor node `id` from the seed.
-fn draw(scenario: &Scenario, id: u32) -> Sensor {
-    let mut stream = Streams::new(scenario.seed).stream(Purpose::Position, 0, id);
-    let x_m = stream.random::<f64>() * scenario.area.width_m();
-    let y_m = stream.random::<f64>() * scenario.area.height_m();
-    Sensor {
-        position: Position::new(x_m, y_m),
-        queue_bits: draw_queue_bits(scenario, id),
-        gain_db: draw_gain_db(scenario.link.gain_range_db(), &Streams::new(scenario.seed), 0, id),
-        sampling_bps: draw_sampling_bps(scenario, id),
+    #[test]
+    fn rates_become_bits_per_slot() {
+        let sensors = sensors();
+        assert_eq!(sensors.sampler(2), Sampler { mean_bits: 3.5, capacity_bits: 30 });
+        assert_eq!((sensors.count(), sensors.ids()), (3, 0..3));
+        assert_eq!((sensors.position(1), sensors.gains[1]), (&Position::new(2.0, 9.0), 2e-5));
+        assert_eq!(sensors.sampling_ids().collect::<Vec<_>>(), [0, 2]);
     }
-}
 
-/// Sampling rate [bit/s] of sensor node `id`.
-fn draw_sampling_bps(scenario: &Scenario, id: u32) -> f64 {
-    draw_between(scenario, scenario.sensors.sampling_bps, Purpose::SamplingRate, id)
-}
-
-/// Draws a number for sensor node `id`, uniform in the interval.
-fn draw_between(scenario: &Scenario, interval: Interval, purpose: Purpose, id: u32) -> f64 {
-    let [lowest, highest] = interval.ends();
-    if lowest == highest {
-        return lowest;
+    #[test]
+    fn a_subset_has_the_same_sensor_nodes_under_new_ids() {
+        let subset = sensors().subset(&[2, 0], |positions| Grid::new(positions, 10.0));
+        assert_eq!(subset.positions, [Position::new(3.0, 9.0), Position::new(1.0, 9.0)]);
+        assert_eq!(subset.gains, [3.0 * 1e-5, 1e-5]);
+        assert_eq!([0, 1].map(|id| subset.sampler(id).mean_bits), [3.5, 2.5]);
+        assert_eq!([0, 1].map(|id| subset.sampler(id).capacity_bits), [30, 10]);
+        assert_eq!(subset.grid.nearest(&Position::new(3.0, 9.0), 2), [0, 1]);
     }
-    let fraction: f64 = Streams::new(scenario.seed).stream(purpose, 0, id).random();
-    (lowest + (highest - lowest) * fraction).min(highest)
-}
-
-/// Initial queue [bit] of sensor node `id`: Poisson with a mean drawn for it, capped at the buffer.
-fn draw_queue_bits(scenario: &Scenario, id: u32) -> u32 {
-    let mean_bits = draw_between(scenario, scenario.sensors.initial_queue_mean_bits, Purpose::InitialQueueMean, id);
-    if mean_bits == 0.0 {
-        return 0;
-    }
-    let mut stream = Streams::new(scenario.seed).stream(Purpose::InitialQueue, 0, id);
-    let drawn_bits: f64 = Poisson::new(mean_bits)
-        .expect("a mean in the scenario's range is finite, and above 0 here")
-        .sample(&mut stream);
-    drawn_bits.min(f64::from(scenario.sensors.capacity_bits)) as u32
 }

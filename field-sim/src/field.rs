@@ -1,30 +1,22 @@
 //! One slot of the field: sample, overflow, upload (decision D1).
 
 use std::mem::MaybeUninit;
-use std::ops::Range;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
-use skysink_common::arrivals::{bits_between, sampled, sampled_bits};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::estimate::{Estimate, SavedEstimate};
 use skysink_common::ledger::{Ledger, Totals};
 use skysink_common::message::{FlightReport, QueuesHeader, SlotHeader};
+use skysink_common::queues::blocks;
+use skysink_common::reported::ReportedQueues;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
-use skysink_common::simd::{BLOCK, vectorized};
-
-use crate::arrivals::{SamplingMeans, is_quick, quick_integer};
 
 /// The sensor field and its queues after a slot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Field {
     ledger: Ledger,
-    means: SamplingMeans,
-    /// The highest mean [bit/slot].
-    highest_mean_bits: f64,
-    /// Loss of each block of SNs [slots of sampling], if the means differ.
-    lost_slots: Vec<f64>,
     /// Slots of the mission.
     slots: u64,
     slot: u64,
@@ -58,17 +50,8 @@ impl Field {
     /// The field before slot 1.
     #[must_use]
     pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
-        let mean_bits: Vec<f64> = list.sensors().iter().map(|sensor| sensor.sampling_bps * scenario.slot_s).collect();
-        let highest_mean_bits = mean_bits.iter().copied().fold(0.0, f64::max);
-        let means = SamplingMeans::new(mean_bits);
         Self {
-            ledger: Ledger::new(scenario.sensors.capacity_bits, list.queues_bits()),
-            highest_mean_bits,
-            lost_slots: match means {
-                SamplingMeans::Equal(_) => Vec::new(),
-                SamplingMeans::Each(_) => vec![0.0; list.sensors().len().div_ceil(BLOCK)],
-            },
-            means,
+            ledger: Ledger::new(list.sampling(scenario), list.queues_bits()),
             slots: scenario.slots,
             slot: 0,
             slot_bits: SlotBits::default(),
@@ -78,7 +61,8 @@ impl Field {
 
     /// Also maintains the UAV's estimate of the queues, from slot 1 on.
     #[must_use]
-    pub fn with_estimate(mut self, estimate: Estimate) -> Self {
+    pub fn with_estimate(mut self, mut estimate: Estimate) -> Self {
+        estimate.predict(self.slot);
         self.estimate = Some(Box::new(estimate));
         self
     }
@@ -90,8 +74,9 @@ impl Field {
     }
 
     /// The UAV's estimate of the queues after the slot [bit], by sensor node; `None` if it is not maintained.
-    pub fn estimated_bits(&mut self) -> Option<&[u32]> {
-        self.estimate.as_mut().map(|estimate| estimate.predict(self.slot))
+    #[must_use]
+    pub fn estimated_bits(&self) -> Option<&[u32]> {
+        self.estimate.as_ref().map(|estimate| estimate.queues_bits())
     }
 
     /// Advances by `slot`, from 1: all sensor nodes sample, full ones lose the excess, and the served ones upload
@@ -129,14 +114,12 @@ impl Field {
         if let Some(link) = flight.served_links().iter().find(|link| link.sensor as usize >= count) {
             return Err(FieldError { slot, sensor: link.sensor, count });
         }
-        if let Some(estimate) = &mut self.estimate {
-            let served: Vec<u32> = flight.served_links().iter().map(|link| link.sensor).collect();
-            estimate.record_before_contact(slot, &served, self.ledger.queues_bits());
-        }
+        let served = flight.served_links().iter().map(|link| link.sensor);
+        let reported = self.estimate.is_some().then(|| ReportedQueues::at(slot, served, self.ledger.queues_bits()));
         self.slot = slot;
         self.slot_bits = SlotBits::default();
         for sensors in blocks(count) {
-            self.slot_bits.lost_bits += self.sample(sensors.clone());
+            self.slot_bits.lost_bits += self.ledger.sample_block(sensors.clone(), slot);
             if let Some(copy) = &mut queues_bits {
                 copy[sensors.clone()].write_copy_of_slice(&self.ledger.queues_bits()[sensors]);
             }
@@ -148,28 +131,11 @@ impl Field {
                 copy[sensor].write(self.ledger.queues_bits()[sensor]);
             }
         }
-        if let Some(estimate) = &mut self.estimate {
-            estimate.observe(slot, flight, self.ledger.queues_bits());
+        if let Some((estimate, reported)) = self.estimate.as_mut().zip(reported) {
+            estimate.advance(slot, flight, &reported, self.ledger.queues_bits());
+            estimate.predict(slot);
         }
         Ok(self.slot_bits)
-    }
-
-    /// Samples at the sensor nodes of a block, and returns the bits that they lose.
-    fn sample(&mut self, sensors: Range<usize>) -> u64 {
-        let Self { ledger, means, slot, .. } = self;
-        let mean_bits = match means {
-            SamplingMeans::Equal(mean_bits) => {
-                let bits = bits_between(*mean_bits, *slot - 1, *slot);
-                return vectorized(|| ledger.sample_equally(sensors, bits));
-            }
-            SamplingMeans::Each(mean_bits) => &mean_bits[sensors.clone()],
-        };
-        let lost_slots = &mut self.lost_slots[sensors.start / BLOCK];
-        if is_quick(sampled(self.highest_mean_bits, *slot)) {
-            vectorized(|| sample_each(ledger, sensors, mean_bits, *slot, quick_integer, lost_slots))
-        } else {
-            sample_each(ledger, sensors, mean_bits, *slot, |whole| whole as u64, lost_slots)
-        }
     }
 
     /// The last slot; 0 before the first.
@@ -202,24 +168,18 @@ impl Field {
     /// If the sensor node is unknown.
     #[must_use]
     pub fn sampled_bits(&self, sensor: usize) -> u64 {
-        sampled_bits(self.means.mean_bits(sensor), self.slot)
+        self.ledger.sampling().sampled_bits(sensor, self.slot)
     }
 
     /// Bits lost so far, by sensor node.
     pub fn lost_bits(&self) -> impl Iterator<Item = u64> {
-        let sensors = 0..self.queues_bits().len();
-        self.ledger.lost_bits(sensors.clone(), sensors.map(|sensor| self.sampled_bits(sensor)))
+        self.ledger.lost_bits(self.slot)
     }
 
     /// Totals since the mission's start.
     #[must_use]
     pub fn totals(&self) -> Totals {
-        let totals = *self.ledger.totals();
-        let lost_slots = match self.means {
-            SamplingMeans::Equal(mean_bits) => totals.lost_bits as f64 / mean_bits.max(f64::MIN_POSITIVE),
-            SamplingMeans::Each(_) => self.lost_slots.iter().sum(),
-        };
-        Totals { lost_slots, ..totals }
+        self.ledger.totals()
     }
 
     /// The header of the message with these queues.
@@ -261,70 +221,25 @@ impl Checkpoint for Field {
             self.estimate.as_ref().zip(estimate).map(|(own, saved)| own.restored(slot, saved)).transpose()?;
         let queues_bits: Vec<u32> = bytemuck::pod_collect_to_vec(&queues_bits);
         let delivered_bits: Vec<u64> = bytemuck::pod_collect_to_vec(&delivered_bits);
-        let Self { ledger, means, .. } = self;
-        let sampled_bits = |sensor| sampled_bits(means.mean_bits(sensor), slot);
-        let is_possible = slot <= self.slots && ledger.restore(&queues_bits, &delivered_bits, sampled_bits);
+        let is_possible = slot <= self.slots && self.ledger.restore(slot, &queues_bits, &delivered_bits);
         CheckpointError::ensure(is_possible, "a possible state of this field")?;
         self.slot = slot;
         self.slot_bits = slot_bits;
         self.estimate = estimate.map(Box::new);
-        for (lost_slots, sensors) in self.lost_slots.iter_mut().zip(blocks(queues_bits.len())) {
-            let mean_bits = sensors.clone().map(|sensor| means.mean_bits(sensor));
-            *lost_slots = in_slots(ledger.lost_bits(sensors.clone(), sensors.map(sampled_bits)), mean_bits);
+        if let Some(estimate) = &mut self.estimate {
+            estimate.predict(slot);
         }
         Ok(())
     }
-}
-
-/// Blocks of a field of `count` sensor nodes.
-fn blocks(count: usize) -> impl Iterator<Item = Range<usize>> {
-    (0..count).step_by(BLOCK).map(move |first| first..count.min(first + BLOCK))
-}
-
-/// Samples at the sensor nodes of a block with different rates, and returns the bits that they lose. `lost_slots`
-/// becomes their total loss [slots of sampling], if it has changed.
-#[inline(always)]
-fn sample_each(
-    ledger: &mut Ledger,
-    sensors: Range<usize>,
-    mean_bits: &[f64],
-    slot: u64,
-    integer: impl Fn(f64) -> u64,
-    lost_slots: &mut f64,
-) -> u64 {
-    let bits = |&mean: &f64| integer(sampled(mean, slot)) - integer(sampled(mean, slot - 1));
-    let lost_bits = ledger.sample(sensors.clone(), mean_bits.iter().map(bits));
-    if lost_bits > 0 {
-        let sampled_bits = mean_bits.iter().map(|&mean| integer(sampled(mean, slot)));
-        *lost_slots = in_slots(ledger.lost_bits(sensors, sampled_bits), mean_bits.iter().copied());
-    }
-    lost_bits
-}
-
-/// The loss of the sensor nodes of a block [slots of sampling], `Σ_i lost_i / (s_i τ)`. Pairwise summation vectorizes
-/// and has the same order on every processor.
-#[inline(always)]
-fn in_slots(lost_bits: impl Iterator<Item = u64>, mean_bits: impl Iterator<Item = f64>) -> f64 {
-    let mut slots = [0.0; BLOCK];
-    for ((slots, lost_bits), mean_bits) in slots.iter_mut().zip(lost_bits).zip(mean_bits) {
-        *slots = lost_bits as f64 / mean_bits.max(f64::MIN_POSITIVE); // 0 for one that does not sample
-    }
-    let mut sums = &mut slots[..];
-    while sums.len() > 1 {
-        let (left, right) = sums.split_at_mut(sums.len() / 2);
-        left.iter_mut().zip(right).for_each(|(left, right)| *left += *right);
-        sums = left;
-    }
-    sums[0]
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use skysink_common::arrivals::bits_between;
     use skysink_common::message::{LinkReport, Mode};
     use skysink_common::scenario::Overrides;
-    use std::iter::once;
     use std::path::Path;
 
     fn field(queue_bits: u32) -> Field {
@@ -422,24 +337,30 @@ mod tests {
             let count = list.sensors().len();
             let capacity_bits = scenario.sensors.capacity_bits;
             let mean_bits: Vec<f64> = list.sensors().iter().map(|sensor| sensor.sampling_bps * scenario.slot_s).collect();
-            let mut singly = Ledger::new(capacity_bits, list.queues_bits());
+            let mut singly = list.queues_bits();
             let mut in_place = Field::new(&scenario, &list);
             let mut into_message = Field::new(&scenario, &list);
             let report = serving(served % count as u32, 700);
             let mut lost_slots = 0.0;
             for slot in 1..=6 {
                 let mut lost_bits = 0;
-                for (sensor, &mean) in mean_bits.iter().enumerate() {
-                    let lost = singly.sample(sensor..sensor + 1, once(bits_between(mean, slot - 1, slot)));
+                for (queue_bits, &mean) in singly.iter_mut().zip(&mean_bits) {
+                    let held_bits = u64::from(*queue_bits) + bits_between(mean, slot - 1, slot);
+                    *queue_bits = held_bits.min(capacity_bits.into()) as u32;
+                    let lost = held_bits - u64::from(*queue_bits);
                     lost_bits += lost;
                     lost_slots += if lost > 0 { lost as f64 / mean } else { 0.0 };
                 }
-                let delivered_bits = singly.upload(served as usize % count, 700);
+                let uploading_bits = &mut singly[served as usize % count];
+                let delivered_bits = 700.min(*uploading_bits);
+                *uploading_bits -= delivered_bits;
+                let delivered_bits = delivered_bits.into();
                 let mut message = vec![MaybeUninit::new(u32::MAX); count];
                 let bits = in_place.step(slot, &report).unwrap();
                 prop_assert_eq!(bits, SlotBits { delivered_bits, lost_bits });
                 prop_assert_eq!(into_message.step_into(slot, &report, Some(&mut message)).unwrap(), bits);
-                prop_assert_eq!(&in_place.ledger, &singly);
+                prop_assert_eq!(in_place.queues_bits(), &singly[..]);
+                prop_assert!(in_place.totals().is_balanced());
                 prop_assert_eq!(&into_message, &in_place);
                 let mut restored = Field::new(&scenario, &list);
                 restored.restore(&saved(&in_place)).unwrap();
@@ -447,7 +368,7 @@ mod tests {
                 prop_assert!((in_place.totals().lost_slots - lost_slots).abs() <= 1e-12 * lost_slots);
                 // SAFETY: all of it was initialised above.
                 let written = message.iter().map(|queue_bits| unsafe { queue_bits.assume_init() });
-                prop_assert_eq!(written.collect::<Vec<u32>>(), singly.queues_bits());
+                prop_assert_eq!(written.collect::<Vec<u32>>(), &singly[..]);
             }
         }
     }

@@ -3,92 +3,76 @@
 //! The size of a state grows with the field, that of a flight does not, so the mean cost of a slot stays low.
 
 use bytemuck::Zeroable;
-use skysink_common::checkpoint::Checkpoint;
 use skysink_common::estimate::BYTES_PER_SENSOR;
 use skysink_common::message::FlightReport;
 use skysink_ring::error::RingError;
 use skysink_ring::folder::RingFolder;
-use skysink_ring::journal::{Journal, Record};
+use skysink_ring::journal::{Journal, Policy};
+use skysink_ring::records::Record;
 
 use crate::field::Field;
 
 /// Period of the states [slots]. With 10^6 sensor nodes a state takes as long as ten slots: less than one slot in a
 /// hundred should be affected.
-const STATE_EVERY: u64 = 256;
+pub const STATE_EVERY: u64 = 256;
 
-/// Recorded slots: those since the last state but one, which is used if the last is cut.
-pub const SLOTS: u64 = 2 * STATE_EVERY;
+/// The last state and the one before, which is used if the last is cut.
+pub const STATES: u64 = 2;
+
+/// Slots whose flights are kept.
+pub const SLOTS: u64 = STATES * STATE_EVERY;
 
 /// Bytes of a state: constant, and per sensor node.
 const STATE_BYTES: [usize; 2] = [1024, size_of::<u32>() + size_of::<u64>() + BYTES_PER_SENSOR];
 
-/// The journal of field-sim.
-#[derive(Debug)]
-pub struct FieldJournal {
-    journal: Journal,
-    state: Vec<u8>,
+/// The journal of field-sim over `count` sensor nodes, in the ring's folder.
+///
+/// # Errors
+/// If a file cannot be opened or read.
+pub fn journal(folder: &RingFolder, count: usize) -> Result<Journal, RingError> {
+    let state_bytes = STATE_BYTES[0] + STATE_BYTES[1] * count;
+    let input_bytes = Some(size_of::<FlightReport>());
+    let policy = Policy { state_every: STATE_EVERY, states: STATES, state_bytes, input_bytes };
+    Journal::open(&folder.journal("field"), policy)
 }
 
-impl FieldJournal {
-    /// Opens the journal in the ring's folder, restores `field` to the last recorded slot but one, and returns the
-    /// flight of the last. So the results of the last two slots are published again, which a peer may have missed.
-    ///
-    /// The state of `field` is written to an empty journal.
-    ///
-    /// # Errors
-    /// If the file cannot be opened, read or written.
-    pub fn open(folder: &RingFolder, field: &mut Field) -> Result<(Self, Option<FlightReport>), RingError> {
-        let room = size_of::<FlightReport>() + STATE_BYTES[0] + STATE_BYTES[1] * field.queues_bits().len();
-        let journal = Journal::open(&folder.journal("field"), SLOTS, room)?;
-        let mut opened = Self { journal, state: Vec::new() };
-        let records = opened.journal.read()?;
-        if records.is_empty() {
-            opened.save_state(&FlightReport::zeroed(), field)?;
-        }
-        Ok((opened, restore(field, &records)))
-    }
-
-    /// Saves the flight of the last slot, and periodically the state of the field. Must be called before the queues are
-    /// published.
-    ///
-    /// # Errors
-    /// If the file cannot be written.
-    pub fn save(&mut self, flight: &FlightReport, field: &Field) -> Result<(), RingError> {
-        if field.slot().is_multiple_of(STATE_EVERY) {
-            self.save_state(flight, field)
-        } else {
-            self.journal.write(field.slot(), &[bytemuck::bytes_of(flight)])
-        }
-    }
-
-    fn save_state(&mut self, flight: &FlightReport, field: &Field) -> Result<(), RingError> {
-        self.state.clear();
-        field.save(&mut self.state);
-        self.journal.write(field.slot(), &[bytemuck::bytes_of(flight), &self.state])
-    }
+/// Saves the flight of the field's last slot, and periodically the field. Must be called before the queues are
+/// published.
+///
+/// # Errors
+/// If a file cannot be written.
+pub fn save(journal: &mut Journal, flight: &FlightReport, field: &Field) -> Result<(), RingError> {
+    journal.save(field.slot(), bytemuck::bytes_of(flight), field)
 }
 
-/// Restores the last state before the last record, or else that of the last record, and replays the flights after it
-/// except the last, which it returns.
-fn restore(field: &mut Field, records: &[Record]) -> Option<FlightReport> {
-    let (last, before) = records.split_last()?;
-    for record in before.iter().rev().chain([last]) {
-        let state = record.bytes.get(size_of::<FlightReport>()..);
-        if state.is_some_and(|state| field.restore(state).is_ok()) {
-            break;
-        }
+/// Resumes `field` at the last saved slot but one, and returns the flight of the last. So the results of the last two
+/// slots are published again, which a peer may have missed. The state of `field` is written to an empty journal.
+///
+/// # Errors
+/// If a file cannot be read or written.
+pub fn resume(journal: &mut Journal, field: &mut Field) -> Result<Option<FlightReport>, RingError> {
+    let flights = journal.inputs()?;
+    let Some(last) = flights.last() else {
+        save(journal, &FlightReport::zeroed(), field)?;
+        return Ok(None);
+    };
+    if journal.restore_before(last.slot, field)?.is_none() {
+        journal.restore_before(u64::MAX, field)?;
     }
+    Ok(advance(field, &flights))
+}
+
+/// Advances the field by the flights after its slot except the last, which is returned.
+fn advance(field: &mut Field, flights: &[Record]) -> Option<FlightReport> {
+    let first = flights.partition_point(|record| record.slot <= field.slot());
     let mut next: Option<FlightReport> = None;
-    for record in records {
-        if record.slot <= field.slot() {
-            continue;
-        }
+    for record in &flights[first..] {
         if let Some(flight) = next.take()
             && field.step(field.slot() + 1, &flight).is_err()
         {
             break;
         }
-        let flight = record.bytes.get(..size_of::<FlightReport>()).map(bytemuck::pod_read_unaligned);
+        let flight = bytemuck::try_pod_read_unaligned(&record.bytes).ok();
         next = flight.filter(|_| record.slot == field.slot() + 1);
         if next.is_none() {
             break;
@@ -100,11 +84,11 @@ fn restore(field: &mut Field, records: &[Record]) -> Option<FlightReport> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use skysink_common::checkpoint::Checkpoint;
     use skysink_common::message::{LinkReport, Mode};
-    use skysink_common::pace::Pace;
     use skysink_common::scenario::{Overrides, Scenario};
     use skysink_common::sensors::SensorList;
-    use skysink_ring::wait::Waiting;
+    use skysink_ring::terms::Terms;
 
     fn field() -> Field {
         let scenario = Scenario::letter(Overrides::default()).unwrap();
@@ -121,24 +105,31 @@ mod tests {
     }
 
     fn folder() -> RingFolder {
-        RingFolder::create(Pace::Max, Waiting::Event, 1.0, false, None).unwrap()
+        RingFolder::create(Terms::default()).unwrap()
+    }
+
+    /// The journal, and what is resumed from it.
+    fn open(folder: &RingFolder, field: &mut Field) -> (Journal, Option<FlightReport>) {
+        let mut journal = journal(folder, field.queues_bits().len()).unwrap();
+        let last = resume(&mut journal, field).unwrap();
+        (journal, last)
     }
 
     #[test]
     fn a_field_is_restored_to_the_slot_before_the_last_with_the_flight_of_the_last() {
         let folder = folder();
         let mut stepped = field();
-        let (mut journal, first) = FieldJournal::open(&folder, &mut stepped).unwrap();
+        let (mut journal, first) = open(&folder, &mut stepped);
         assert_eq!(first, None);
         for slot in 1..=600 {
             let before = stepped.clone();
             stepped.step(slot, &flight(slot)).unwrap();
-            journal.save(&flight(slot), &stepped).unwrap();
+            save(&mut journal, &flight(slot), &stepped).unwrap();
             if (slot + 5) % STATE_EVERY > 10 {
                 continue; // only slots near a state differ
             }
             let mut restored = field();
-            let (_, last) = FieldJournal::open(&folder, &mut restored).unwrap();
+            let (_, last) = open(&folder, &mut restored);
             assert_eq!((restored, last), (before, Some(flight(slot))), "slot {slot}");
         }
     }
@@ -149,27 +140,36 @@ mod tests {
         let mut stepped = field();
         (1..=77).for_each(|slot| assert!(stepped.step(slot, &flight(slot)).is_ok()));
         let seeded = stepped.clone();
-        assert_eq!(FieldJournal::open(&folder, &mut stepped).unwrap().1, None);
+        assert_eq!(open(&folder, &mut stepped).1, None);
         let mut restored = field();
-        let (mut journal, last) = FieldJournal::open(&folder, &mut restored).unwrap();
+        let (mut journal, last) = open(&folder, &mut restored);
         assert_eq!((&restored, last), (&seeded, None));
         for slot in [78, 79] {
             restored.step(slot, &flight(slot)).unwrap();
-            journal.save(&flight(slot), &restored).unwrap();
+            save(&mut journal, &flight(slot), &restored).unwrap();
         }
         let mut restored = field();
-        let last = FieldJournal::open(&folder, &mut restored).unwrap().1;
+        let last = open(&folder, &mut restored).1;
         assert_eq!((restored.slot(), last), (78, Some(flight(79))));
+    }
+
+    /// A state of so many bytes.
+    struct Other(usize);
+
+    impl Checkpoint for Other {
+        fn save(&self, bytes: &mut Vec<u8>) {
+            bytes.resize(self.0, 0);
+        }
     }
 
     #[test]
     fn a_state_of_another_field_is_ignored() {
         let folder = folder();
-        let (journal, _) = FieldJournal::open(&folder, &mut field()).unwrap();
-        journal.journal.write(0, &[&[1; 20]]).unwrap();
-        journal.journal.write(2, &[&[0; 4000]]).unwrap();
+        let mut journal = journal(&folder, 200).unwrap();
+        journal.save(0, &[1; 20], &Other(20)).unwrap();
+        journal.save(STATE_EVERY, &[], &Other(2000)).unwrap();
         let mut restored = field();
-        assert_eq!(FieldJournal::open(&folder, &mut restored).unwrap().1, None);
+        assert_eq!(open(&folder, &mut restored).1, None);
         assert_eq!(restored, field());
     }
 }

@@ -2,7 +2,6 @@
 //!
 //! The UAV and its links are left to flight-sim.
 
-pub mod arrivals;
 pub mod field;
 #[cfg(feature = "node")]
 pub mod journal;

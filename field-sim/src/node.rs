@@ -7,15 +7,21 @@ use skysink_common::estimate::Estimate;
 use skysink_common::message::{FLAG_END, FLAG_REPEAT, Limits, QueuesHeader, SensorsHeader, Tick};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
-use skysink_common::sensors::SensorList;
+use skysink_common::sensors::{SensorList, Sensors};
 use skysink_common::stop::Stop;
 use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::role::Role;
-use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
+use skysink_ring::topics::{Ring, is_release};
 
-use crate::field::Field;
-use crate::journal::FieldJournal;
+use crate::field::{Field, FieldError};
+use crate::journal::{journal, resume, save};
+
+impl From<FieldError> for NodeError {
+    fn from(error: FieldError) -> Self {
+        Self::ImpossibleSample(Box::new(error))
+    }
+}
 
 /// Runs the slots until the mission ends. A restarted process resumes from its journal, and publishes the last two
 /// saved slots again, which a peer may have missed.
@@ -27,31 +33,31 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     let count = list.sensors().len();
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::FieldSim, stop)?;
     let sensors = ring.sensors.list_writer(count)?;
-    let truth = ring.truth.list_writer(count)?;
-    let estimates = ring.terms.estimated.map(|_| ring.queues.list_writer(count)).transpose()?;
+    let queues = ring.queues.list_writer(count)?;
+    let beliefs = ring.belief.as_ref().map(|belief| belief.list_writer(count)).transpose()?;
     let ticks = ring.tick.writer()?;
-    let mut flights = ring.flight.reader(RING_BUFFER)?;
-    let mut commits = ring.commit.reader(RING_BUFFER)?;
+    let mut flights = ring.flight.reader()?;
+    let mut commits = ring.commit.reader()?;
     let mut clock = ring.terms.pace.period(scenario.slot_s).map(Clock::new);
 
     let mut field = Field::new(scenario, &list);
-    if let Some(rates) = ring.terms.estimated {
-        field = field.with_estimate(Estimate::new(scenario, rates, &list.nodes()));
+    if let Some(rates) = ring.terms.belief {
+        field = field.with_estimate(Estimate::new(scenario, rates, &Sensors::of(scenario, &list.nodes())));
     }
-    let (mut journal, mut saved) = FieldJournal::open(folder, &mut field)?;
+    let mut journal = journal(folder, count)?;
+    let mut saved = resume(&mut journal, &mut field)?;
     let header = |field: &Field, flags: u32| {
         let end = if field.slot() == scenario.slots { FLAG_END } else { 0 };
         field.header(ring.header(field.slot(), end | flags))
     };
     sensors.send_list(SensorsHeader { head: ring.header(0, 0), limits: Limits::of(scenario) }, &list.nodes())?;
-    // Sent before the truth: a process that has the truth of a slot then has the estimate, too.
-    let send_estimate = |field: &mut Field, flags: u32| {
-        let Some(estimates) = &estimates else { return Ok(()) };
+    let send_belief = |field: &mut Field, flags: u32| {
+        let Some(beliefs) = &beliefs else { return Ok(()) };
         let without_totals = QueuesHeader { head: header(field, flags).head, ..QueuesHeader::default() };
-        estimates.send_list(without_totals, field.estimated_bits().unwrap_or_default())
+        beliefs.send_list(without_totals, field.estimated_bits().unwrap_or_default())
     };
-    send_estimate(&mut field, 0)?;
-    truth.send_list(header(&field, 0), field.queues_bits())?;
+    send_belief(&mut field, 0)?;
+    queues.send_list(header(&field, 0), field.queues_bits())?;
 
     for slot in field.slot() + 1..=scenario.slots {
         if let Some(clock) = clock.as_mut().filter(|_| saved.is_none()) {
@@ -65,15 +71,15 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
             Some(flight) => flight,
             None => match flights.wait_for_slot(&mut wait, slot)? {
                 Some(flight) => *flight.payload(),
-                None => return Err(NodeError::Peer(format!("flight({slot}): expected every slot"))),
+                None => return Err(NodeError::MissingSlot { topic: ring.flight.name(), slot }),
             },
         };
-        let mut loaned = truth.loan(count)?;
-        field.step_into(slot, &flight, Some(loaned.elements())).map_err(|error| NodeError::Peer(error.to_string()))?;
+        let mut loaned = queues.loan(count)?;
+        field.step_into(slot, &flight, Some(loaned.elements()))?;
         // Saved only after the last slot is committed: a restart before that publishes the last slot again, too.
         commits.wait_until(&mut wait, slot - 1)?;
-        journal.save(&flight, &field)?;
-        send_estimate(&mut field, 0)?;
+        save(&mut journal, &flight, &field)?;
+        send_belief(&mut field, 0)?;
         // SAFETY: the step has not failed, so it has written every element.
         unsafe { loaned.send(header(&field, 0)) }?;
     }
@@ -81,8 +87,8 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         Pace::Max => Ok(()),
         // The buffer of a reader that lags may have been full.
         Pace::Factor(_) => {
-            send_estimate(&mut field, FLAG_REPEAT)?;
-            truth.send_list(header(&field, FLAG_REPEAT), field.queues_bits())
+            send_belief(&mut field, FLAG_REPEAT)?;
+            queues.send_list(header(&field, FLAG_REPEAT), field.queues_bits())
         }
     })
 }

@@ -6,7 +6,7 @@ use skysink_common::checkpoint::Checkpoint;
 use skysink_common::estimate::{Estimate, Rates};
 use skysink_common::message::{FlightReport, LinkReport, Mode};
 use skysink_common::scenario::{Overrides, Scenario};
-use skysink_common::sensors::SensorList;
+use skysink_common::sensors::{SensorList, Sensors};
 use skysink_field_sim::{Field, SlotBits};
 
 /// A scenario of `slots` slots of `slot_s` [s].
@@ -33,7 +33,11 @@ fn field(sensors: [(u32, f64); 2]) -> Field {
 fn telling(sensors: [(u32, f64); 2]) -> Field {
     let scenario = scenario(600, 1.0);
     let list = list(&scenario, sensors);
-    Field::new(&scenario, &list).with_estimate(Estimate::new(&scenario, Rates::Learnt, &list.nodes()))
+    Field::new(&scenario, &list).with_estimate(Estimate::new(
+        &scenario,
+        Rates::Learnt,
+        &Sensors::of(&scenario, &list.nodes()),
+    ))
 }
 
 fn serving_nobody() -> FlightReport {

@@ -1,6 +1,6 @@
 //! One slot of flight: fly to the waypoint, then serve the scheduled sensor nodes in range.
 
-use skysink_common::channel::{Channel, Draw, Uplink};
+use skysink_common::channel::{Channel, ChannelModel, Draw, Uplink};
 use skysink_common::geometry::{Position, within};
 use skysink_common::message::{FlightReport, HoldReason, LinkReport, Mode, Plan, SensorNode};
 use skysink_common::random::Streams;
@@ -25,7 +25,7 @@ impl Flight {
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
         Self {
-            channel: Channel::of(scenario),
+            channel: Channel::of(&scenario.link),
             streams: Streams::new(scenario.seed),
             comm_radius_m: scenario.link.comm_radius_m,
             resource_blocks: scenario.link.resource_blocks,
@@ -202,7 +202,7 @@ mod tests {
         let sensor = SensorNode { x_m: 80.0, y_m: 50.0, gain: 1e-6, ..SensorNode::default() };
         let mut flight = Flight::new(&scenario, &[sensor]);
         let links: Vec<_> = (1..=20_000).map(|slot| flight.step(slot, Some(&plan(&[0]))).links[0]).collect();
-        let channel = Channel::of(&scenario);
+        let channel = Channel::of(&scenario.link);
         let link = channel.line_of_sight().unwrap();
         let fraction = links.iter().map(|link| f64::from(link.line_of_sight)).sum::<f64>() / 20_000.0;
         let probability = link.los_probability(900.0, 40.0);
@@ -212,7 +212,10 @@ mod tests {
         let los = link.los_rate_bps(900.0, 40.0);
         let nlos = link.nlos_rate_bps(900.0, 40.0);
         let mean = links.iter().map(|link| link.rate_bps).sum::<f64>() / 20_000.0;
-        assert!((mean - link.expected_rate_bps(900.0, 40.0)).abs() < 5.0 * error * (los - nlos));
+        assert!(
+            (mean - link.expected_rate_bps(&Uplink { gain: 1.0, d2_m2: 900.0, z_m: 40.0 })).abs()
+                < 5.0 * error * (los - nlos)
+        );
         assert_eq!(Flight::new(&scenario, &[sensor]).step(7, Some(&plan(&[0]))).links[0], links[6]);
     }
 

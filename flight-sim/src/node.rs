@@ -11,10 +11,10 @@ use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::refusals::{Refusal, Refusals};
 use skysink_ring::role::Role;
-use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
+use skysink_ring::topics::{Ring, is_release};
 
 use crate::flight::Flight;
-use crate::journal::{journal, restore, save};
+use crate::journal::{journal, restore};
 
 /// A recorded flight, which is flown again regardless of the plans received.
 pub struct RecordedFlight<'a> {
@@ -54,20 +54,20 @@ fn fly<S: Service + 'static>(
 ) -> Result<(), NodeError> {
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::FlightSim, stop)?;
     let flights = ring.flight.writer()?;
-    let mut plans = ring.plan.reader(RING_BUFFER)?;
-    let mut ticks = ring.tick.reader(RING_BUFFER)?;
+    let mut plans = ring.plan.reader()?;
+    let mut ticks = ring.tick.reader()?;
 
-    let mut sensors = ring.sensors.reader(RING_BUFFER)?;
+    let mut sensors = ring.sensors.reader()?;
     let nodes = sensors.wait_for_next(&mut wait, 0)?;
     let _sensors = ring.terms.link.is_none().then_some(sensors); // behind a link its repeats would pile up
     let mut flight = Flight::new(scenario, nodes.payload());
-    let journal = journal(folder)?;
+    let mut journal = journal(folder)?;
     let mut flown = restore(&journal)?;
     if let Some((_, report)) = flown.last() {
         flight.restore(report);
     } else {
         let start = flight.start();
-        save(&journal, 0, &start)?;
+        journal.save(0, &[], &start)?;
         flown.push((0, start));
     }
     for (slot, report) in &flown {
@@ -95,7 +95,7 @@ fn fly<S: Service + 'static>(
         if recorded.is_none() {
             count_refusals(&ring.refusals, slot, &report);
         }
-        save(&journal, slot, &report)?;
+        journal.save(slot, &[], &report)?; // before it is published
         flights.send(ring.header(slot, 0), report)?;
     }
     ring.wait_for_commit(&mut wait, is_release, || Ok(()))

@@ -5,12 +5,14 @@ use std::sync::LazyLock;
 
 use arbitrary::{Result, Unstructured};
 use skysink_common::message::FlightReport;
+use skysink_common::slot_record::UAV;
 use skysink_field_sim::Field;
-use skysink_field_sim::journal::{FieldJournal, SLOTS};
+use skysink_field_sim::journal as fields;
 use skysink_flight_sim::journal as flights;
-use skysink_mission::mission::Mission;
+use skysink_mission::Mission;
 use skysink_ring::folder::RingFolder;
-use skysink_ring::journal::{Journal, Record};
+use skysink_ring::journal::Journal;
+use skysink_ring::records::{Record, Records};
 
 use crate::messages::{balanced, report};
 use crate::world::{WORLDS, bytes, corrupt, file, ring_without};
@@ -19,26 +21,26 @@ use crate::world::{WORLDS, bytes, corrupt, file, ring_without};
 const ENTRIES: u64 = 3;
 
 /// Slots flown by a field: the journal wraps around, and has states later than the first.
-const FLOWN_SLOTS: u64 = SLOTS + 40;
+const FLOWN_SLOTS: u64 = fields::SLOTS + 40;
 
 /// The first world from the beginning, and the flight of each slot.
 static FLOWN: LazyLock<Vec<(FlightReport, Field)>> = LazyLock::new(|| {
     let mut scenario = WORLDS[0].scenario.clone();
     scenario.slots = FLOWN_SLOTS;
     let mut mission = Mission::new(&scenario, &WORLDS[0].list).expect("its keys were checked");
-    let mut flown = vec![(*mission.last_flight(), mission.field().clone())];
-    while mission.next().is_some() {
-        flown.push((*mission.last_flight(), mission.field().clone()));
+    let mut flown = vec![(*mission.plant().flight(UAV), mission.field().clone())];
+    while let Some(record) = mission.next() {
+        flown.push((record.flights[UAV], mission.field().clone()));
     }
     flown
 });
 
-/// A corrupted journal returns only records that were written; an intact one the last record of each place. Both accept
+/// Corrupted records return only records that were written; intact ones the last record of each place. Both accept
 /// further records.
-pub fn journal(u: &mut Unstructured) -> Result<()> {
-    let path = file("journal", &[]);
+pub fn records(u: &mut Unstructured) -> Result<()> {
+    let path = file("records", &[]);
     let room: usize = *u.choose(&[200, 5000])?; // a head and a record of one page, and one that takes two
-    let journal = Journal::open(&path, ENTRIES, room).expect("the journal opens");
+    let records = Records::open(&path, ENTRIES, 1, room).expect("the file opens");
     let mut written = Vec::new();
     for _ in 0..u.arbitrary::<u8>()? % 8 {
         let slot = u.arbitrary()?;
@@ -46,33 +48,33 @@ pub fn journal(u: &mut Unstructured) -> Result<()> {
         let mut record = bytes(u, length.min(64))?.to_vec();
         record.resize(length, u.arbitrary()?);
         let (head, tail) = record.split_at(length / 3);
-        journal.write(slot, &[head, tail]).expect("the record is written");
+        records.write(slot, &[head, tail]).expect("the record is written");
         written.push(Record { slot, bytes: record });
     }
     let is_corrupted = corrupt(&path, u)?;
-    let found = journal.read().expect("the journal is read");
+    let found = records.read().expect("the file is read");
     assert!(found.iter().all(|record| written.contains(record)), "found what was not written");
     assert!(found.is_sorted_by(|a, b| a.slot < b.slot), "{found:?}");
     let last: BTreeMap<u64, &Record> = written.iter().map(|record| (record.slot % ENTRIES, record)).collect();
     let is_last = |record: &Record| last.get(&(record.slot % ENTRIES)) == Some(&record);
     assert!(is_corrupted || found.len() == last.len() && found.iter().all(is_last), "{found:?}");
     let record = Record { slot: u64::MAX, bytes: b"last".to_vec() };
-    journal.write(record.slot, &[&record.bytes]).expect("the record is written");
-    assert_eq!(journal.read().expect("the journal is read").pop(), Some(record));
+    records.write(record.slot, &[&record.bytes]).expect("the record is written");
+    assert_eq!(records.read().expect("the file is read").pop(), Some(record));
     Ok(())
 }
 
 /// A corrupted journal restores at most three flights, all of them saved and consecutive; an intact one the last.
 pub fn flight_journal(u: &mut Unstructured) -> Result<()> {
     let ring = ring_without("flights");
-    let journal = flights::journal(ring).expect("the journal opens");
+    let mut journal = flights::journal(ring).expect("the journal opens");
     let mut saved = Vec::new();
-    let mut slot: u64 = u.arbitrary()?;
+    let mut slot = u64::from(u.arbitrary::<u32>()?);
     for _ in 0..u.arbitrary::<u8>()? % 7 {
         let flight = report(u, 2)?;
-        flights::save(&journal, slot, &flight).expect("the flight is written");
+        journal.save(slot, &[], &flight).expect("the flight is written");
         saved.push((slot, bytemuck::bytes_of(&flight).to_vec())); // a report may hold NaN
-        slot = slot.saturating_add(u64::from(u.arbitrary::<u8>()? % 4));
+        slot += u64::from(u.arbitrary::<u8>()? % 4);
     }
     let is_corrupted = corrupt(&ring.journal("flights"), u)?;
     let restored = flights::restore(&journal).expect("the journal is read");
@@ -92,16 +94,17 @@ pub fn field_journal(u: &mut Unstructured) -> Result<()> {
     let ring = ring_without("field");
     let mut field = FLOWN[0].1.clone();
     let slots = u64::from(u.arbitrary::<u8>()?) * 3 % FLOWN_SLOTS;
-    let (mut journal, _) = FieldJournal::open(ring, &mut field).expect("the journal opens");
+    let (mut journal, _) = resumed(ring, &mut field);
     for (flight, field) in FLOWN.iter().skip(1).take(slots as usize) {
-        journal.save(flight, field).expect("the slot is written");
+        fields::save(&mut journal, flight, field).expect("the slot is written");
     }
     let is_forged = u.arbitrary::<u8>()? % 2 == 1;
     if is_forged {
         forge(ring, u)?;
     }
-    let is_corrupted = corrupt(&ring.journal("field"), u)?;
-    let (_, last) = FieldJournal::open(ring, &mut field).expect("the journal is read");
+    let path = ring.journal("field");
+    let is_corrupted = corrupt(&path, u)? | corrupt(&path.with_extension("inputs"), u)?;
+    let (_, last) = resumed(ring, &mut field);
     balanced(&field, WORLDS[0].scenario.sensors.capacity_bits);
     if !is_forged {
         assert!(field.slot() <= slots && field == FLOWN[field.slot() as usize].1, "{}", field.slot());
@@ -112,15 +115,27 @@ pub fn field_journal(u: &mut Unstructured) -> Result<()> {
     Ok(())
 }
 
+/// Opens the journal of a field, and resumes the field.
+fn resumed(ring: &RingFolder, field: &mut Field) -> (Journal, Option<FlightReport>) {
+    let mut journal = fields::journal(ring, field.queues_bits().len()).expect("the journal opens");
+    let last = fields::resume(&mut journal, field).expect("the journal is read");
+    (journal, last)
+}
+
 /// Writes flights and states of arbitrary numbers, complete and with valid hashes.
 fn forge(ring: &RingFolder, u: &mut Unstructured) -> Result<()> {
-    let room = size_of::<FlightReport>() + 200;
-    let journal = Journal::open(&ring.journal("field"), SLOTS, room).expect("the journal opens");
+    let path = ring.journal("field");
+    let inputs = Records::open(&path.with_extension("inputs"), fields::SLOTS, 1, size_of::<FlightReport>());
+    let inputs = inputs.expect("the file opens");
+    let states = Records::open(&path, fields::STATES, fields::STATE_EVERY, 200).expect("the file opens");
     let slot: u64 = u.arbitrary()?;
     for next in 0..u64::from(u.arbitrary::<u8>()? % 5) {
+        let slot = slot.wrapping_add(next);
         let flight = report(u, 2)?;
-        let state = if u.arbitrary::<u8>()? % 2 == 1 { &[] } else { bytes(u, 200)? };
-        journal.write(slot.wrapping_add(next), &[bytemuck::bytes_of(&flight), state]).expect("the slot is written");
+        inputs.write(slot, &[bytemuck::bytes_of(&flight)]).expect("the flight is written");
+        if u.arbitrary::<u8>()? % 2 == 0 {
+            states.write(slot, &[bytes(u, 200)?]).expect("the state is written");
+        }
     }
     Ok(())
 }

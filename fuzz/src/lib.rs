@@ -21,7 +21,7 @@ pub const TARGETS: [(&str, Check); 14] = [
     ("mission", text::mission),
     ("trace", text::trace),
     ("sweep_journal", text::sweep_journal),
-    ("journal", |input| numbers(input, journals::journal)),
+    ("journal", |input| numbers(input, journals::records)),
     ("field_journal", |input| numbers(input, journals::field_journal)),
     ("flight_journal", |input| numbers(input, journals::flight_journal)),
     ("planner_memory", |input| numbers(input, planner::checkpoint)),
@@ -38,10 +38,4 @@ pub const TEXTS: usize = 5;
 /// Runs a check that reads numbers from the input.
 fn numbers(input: &[u8], check: fn(&mut Unstructured) -> Result<()>) {
     check(&mut Unstructured::new(input)).expect("zeros follow the end of the input");
-}
-
-/// Fails unless the message is one line.
-fn assert_one_line(words: &impl std::fmt::Display) {
-    let words = words.to_string();
-    assert!(!words.is_empty() && !words.contains('\n'), "not one line: {words:?}");
 }

@@ -11,7 +11,7 @@ use skysink_field_sim::Field;
 use skysink_flight_sim::Flight;
 use skysink_ring::health::Health;
 
-use crate::world::{WORLDS, World};
+use crate::world::{WORLDS, World, assert_one_line};
 
 /// A report of arbitrary numbers, with at most `links` links other than zero.
 pub fn report(u: &mut Unstructured, links: usize) -> Result<FlightReport> {
@@ -120,7 +120,7 @@ pub fn health(u: &mut Unstructured) -> Result<()> {
         let [process, event] = u.arbitrary()?;
         let message = Health { process, event, detail: u.arbitrary()?, reserved: u.arbitrary()? };
         if let Some((role, event)) = message.decode() {
-            crate::assert_one_line(&event);
+            assert_one_line(&event);
             assert_eq!(Health::of(role, event).decode(), Some((role, event)), "{message:?}");
         }
     }

@@ -5,8 +5,9 @@ use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::{Position, above};
 use skysink_common::message::{FlightReport, Mode, PathPoint, Plan, SensorNode, is_possible_path};
 use skysink_common::scenario::Scenario;
+use skysink_common::slot_record::UAV;
 use skysink_flight_sim::Flight;
-use skysink_mission::mission::Mission;
+use skysink_mission::Mission;
 use skysink_planner::Planner;
 
 use crate::messages::report;
@@ -53,7 +54,7 @@ pub fn checkpoint(u: &mut Unstructured) -> Result<()> {
     let queues: [u32; 10] = u.arbitrary()?;
     let mut mission = Mission::new(&scenario, list).expect("its keys were checked");
     mission.by_ref().take(FLOWN_SLOTS as usize).for_each(drop);
-    let here = *mission.last_flight();
+    let here = *mission.plant().flight(UAV);
     let planner = mission.planner_mut();
     let original = saved(planner);
     let path = file("checkpoint", &original);

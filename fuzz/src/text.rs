@@ -7,13 +7,15 @@ use skysink::run::resume::resume;
 use skysink_common::checkpoint::{Checkpoint, encode};
 use skysink_common::error::InputError;
 use skysink_common::message::{FlightReport, HoldReason, Mode};
-use skysink_common::scenario::{Count, Overrides, Scenario};
+use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
+use skysink_common::slot_record::UAV;
 use skysink_common::stop::Stop;
 use skysink_field_sim::Field;
+use skysink_lab::sweep::definition::Definition;
 use skysink_lab::sweep::journal::{MissionRows, SweepJournal, check_seed, checked_line, read};
-use skysink_lab::sweep::plan::Definition;
-use skysink_mission::mission::Mission;
+use skysink_mission::Mission;
+use skysink_mission::folder::Earlier;
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
@@ -22,8 +24,8 @@ use skysink_planner::settings;
 use skysink_planner::strategies::names;
 use xxhash_rust::xxh3::xxh3_64_with_seed;
 
-use crate::assert_one_line;
 use crate::messages::balanced;
+use crate::world::assert_one_line;
 use crate::world::{FOLDER, WORLDS, World, file};
 
 fn parse(text: &str) -> Result<Scenario, InputError> {
@@ -74,7 +76,7 @@ fn accepted(list: &SensorList, scenario: &Scenario) {
 pub fn mission(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
     let Ok(scenario) = parse(text) else { return };
-    let Some(count @ ..=4096) = scenario.sensors.count.map(Count::get) else { return };
+    let Some(count @ ..=4096) = scenario.sensors.count else { return };
     let list = SensorList::of(&scenario).expect("sensor nodes are drawn, not read");
     advance(&scenario, &list);
     if count <= 16 {
@@ -86,8 +88,9 @@ fn fly(scenario: &Scenario, list: &SensorList) {
     let mut mission = Mission::new(scenario, list).expect("its planner's keys were checked");
     for _ in 0..3 {
         let Some(flown) = mission.next() else { return };
-        assert_eq!((flown.flight.hold, flown.flight.refused), (HoldReason::None as u32, 0), "{:?}", flown.plan);
-        assert_ne!(flown.flight.mode, Mode::Hold as u32);
+        let flight = flown.flights[UAV];
+        assert_eq!((flight.hold, flight.refused), (HoldReason::None as u32, 0), "{:?}", flown.plans);
+        assert_ne!(flight.mode, Mode::Hold as u32);
         assert_eq!(flown.header.totals, mission.field().totals());
         balanced(mission.field(), scenario.sensors.capacity_bits);
     }
@@ -112,7 +115,7 @@ fn advance(scenario: &Scenario, list: &SensorList) {
 pub fn trace(bytes: &[u8]) {
     for line in bytes.split_inclusive(|&byte| byte == b'\n') {
         let columns = line.iter().filter(|&&byte| byte == b',').count() + 1;
-        assert!(RecordedSlot::parse(line).is_none() || columns == 10 && line.ends_with(b"\n"));
+        assert!(RecordedSlot::parse(line).is_none() || columns == 11 && line.ends_with(b"\n"));
     }
     match resumed(bytes) {
         Err(error) => assert_one_line(&error),
@@ -130,9 +133,9 @@ pub fn trace(bytes: &[u8]) {
 /// Resumes a run from a trace, and returns the hash of its lines.
 fn resumed(bytes: &[u8]) -> Result<u64, Error> {
     let World { scenario, list } = &WORLDS[0];
-    let folder = RunFolder::create(Some(FOLDER.path()), true, scenario, list, &RunMode::default())?;
+    let folder = RunFolder::create(Some(FOLDER.path()), Earlier::Replaced, scenario, list, &RunMode::default())?;
     std::fs::write(folder.slots(), bytes).expect("a file can be written"); // the same file: it is locked
-    let mut tally = Tally::new(scenario, list);
+    let mut tally = Tally::new(scenario, list, folder.run_mode());
     let mut run = resume(&folder, scenario, list, &mut tally, &Stop::default())?;
     run.log.resume()?;
     Ok(run.log.hash())
@@ -177,7 +180,7 @@ fn sweep() -> Definition {
         version: String::new(),
         keys: vec!["slots".to_owned()],
         points: (1..=4).map(|slots| vec![slots.into()]).collect(),
-        strategies: names().map(str::to_owned).to_vec(),
+        strategies: names().into_iter().map(str::to_owned).collect(),
         seeds: (0..10).collect(),
     }
 }

@@ -7,15 +7,14 @@ use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
 use arbitrary::{Result, Unstructured};
-use skysink_common::pace::Pace;
-use skysink_common::scenario::{Count, Overrides, Scenario};
+use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_planner::settings::{self, Knowledge, Rates, Settings};
 use skysink_planner::strategies::horizon::{self, HorizonKeys};
 use skysink_planner::strategies::names;
 use skysink_planner::strategies::offline::{self, OfflineKeys};
 use skysink_ring::folder::RingFolder;
-use skysink_ring::wait::Waiting;
+use skysink_ring::terms::Terms;
 use tempfile::TempDir;
 
 /// A scenario and its sensor nodes.
@@ -41,8 +40,8 @@ pub fn planned(u: &mut Unstructured) -> Result<(&'static SensorList, Scenario)> 
     let World { scenario, list } = u.choose(&*WORLDS)?;
     let mut scenario = scenario.clone();
     scenario.planner.strategy = (*u.choose(&names())?).to_owned();
-    horizon::STRATEGY.set_keys(&mut scenario, HorizonKeys { iterations: Count::clamped(20), budget_ms: None });
-    offline::STRATEGY.set_keys(&mut scenario, OfflineKeys { steps: Count::clamped(200) });
+    horizon::STRATEGY.set_keys(&mut scenario, HorizonKeys { iterations: 20, budget_ms: None });
+    offline::STRATEGY.set_keys(&mut scenario, OfflineKeys { steps: 200 });
     let estimated = [Rates::Known, Rates::Learnt].map(|rates| (Knowledge::Estimated, rates));
     let (knowledge, rates) = *u.choose(&[(Knowledge::Oracle, Rates::Known), estimated[0], estimated[1]])?;
     let change = |settings: &mut Settings| (settings.knowledge, settings.rates) = (knowledge, rates);
@@ -52,9 +51,8 @@ pub fn planned(u: &mut Unstructured) -> Result<(&'static SensorList, Scenario)> 
 /// Temporary folder of the process. Files of earlier inputs remain.
 pub static FOLDER: LazyLock<TempDir> = LazyLock::new(|| tempfile::tempdir().expect("a temporary folder can be made"));
 
-static RING: LazyLock<RingFolder> = LazyLock::new(|| {
-    RingFolder::create(Pace::Max, Waiting::Event, 1.0, false, None).expect("a ring's folder can be made")
-});
+static RING: LazyLock<RingFolder> =
+    LazyLock::new(|| RingFolder::create(Terms::default()).expect("a ring's folder can be made"));
 
 /// Writes a file. An existing one is removed, not truncated, because some file systems then wait for the disk.
 pub fn file(name: &str, bytes: &[u8]) -> PathBuf {
@@ -68,7 +66,9 @@ pub fn file(name: &str, bytes: &[u8]) -> PathBuf {
 
 /// The folder of a ring in which this journal is empty.
 pub fn ring_without(journal: &str) -> &'static RingFolder {
-    fs::write(RING.journal(journal), []).expect("a journal can be emptied");
+    let states = RING.journal(journal);
+    fs::write(states.with_extension("inputs"), []).expect("a journal can be emptied");
+    fs::write(states, []).expect("a journal can be emptied");
     &RING
 }
 
@@ -93,4 +93,10 @@ pub fn corrupt(path: &Path, u: &mut Unstructured) -> Result<bool> {
         result.expect("the file can be changed");
     }
     Ok(done)
+}
+
+/// Fails unless the message is one line.
+pub fn assert_one_line(words: &impl std::fmt::Display) {
+    let words = words.to_string();
+    assert!(!words.is_empty() && !words.contains('\n'), "not one line: {words:?}");
 }

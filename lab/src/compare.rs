@@ -11,9 +11,9 @@ use strum::VariantArray;
 
 use crate::error::LabError;
 use crate::metrics::{Metric, MetricValues, MissionMeter};
+use crate::statistics::{MeanInterval, paired_differences};
+use crate::sweep::definition::Definition;
 use crate::sweep::journal::{MissionRows, missions_of};
-use crate::sweep::plan::Definition;
-use crate::sweep::statistics::{MeanInterval, paired_differences};
 
 /// A strategy over several fields, or a run, in a comparison.
 #[derive(Debug, Clone)]
@@ -57,18 +57,15 @@ impl Contender {
     /// If the folder is not a run folder or was changed, the run ended early, or on a stop.
     pub fn of_run(folder: &Path, label: &str, stop: &Stop) -> Result<Self, LabError> {
         let mut replay = Replay::open(folder)?;
-        let mut meter = MissionMeter::new(replay.scenario(), replay.list(), &replay.mission().header());
-        while let Some(flown) = replay.next_slot()? {
-            stop.check()?;
-            meter.add(None, &flown.flight, &flown.header, replay.mission().field());
-        }
+        let mut meter = MissionMeter::new(replay.scenario(), replay.list());
+        replay.drive(&mut [&mut meter], stop)?;
         let planned = replay.scenario().slots;
         if meter.tally().last_slot() != planned {
             let flown = meter.tally().last_slot();
             let message = format_args!("it ended early, after slot {flown} of {planned}: expected a complete run");
             return Err(InputError::new("run folder", folder, message).into());
         }
-        let values = meter.values(replay.mission().field(), Some(&replay.summary().timing), None);
+        let values = meter.values(replay.plant(), Some(&replay.summary().timing), None);
         Ok(Self { label: label.to_owned(), missions: BTreeMap::from([(replay.scenario().seed, values)]) })
     }
 

@@ -8,10 +8,44 @@ pub enum LabError {
     /// A sweep or a mission is refused, a file cannot be read or written, or a signal has requested the end.
     #[error(transparent)]
     Mission(MissionError),
-    /// A figure cannot be drawn: a number is not on the axis, or a character has no glyph.
+    /// A figure cannot be drawn.
     #[error("figure {0}")]
-    Figure(String),
+    Drawing(DrawingError),
 }
+
+/// The error of a figure.
+#[derive(Debug, thiserror::Error)]
+pub enum DrawingError {
+    /// A mean is not on the axis.
+    #[error("{title:?}: mean {mean} at {x}: expected a finite number, not below 0 on a logarithmic scale")]
+    Mean {
+        /// Title of the figure.
+        title: String,
+        /// Value on the x axis.
+        x: f64,
+        /// The mean.
+        mean: f64,
+    },
+    /// Nothing is on a logarithmic axis.
+    #[error("{title:?}: all means are 0: expected one above it on a logarithmic scale")]
+    AllZero {
+        /// Title of the figure.
+        title: String,
+    },
+    /// A text has a character without a glyph.
+    #[error("text {text:?}: {missing}")]
+    Text {
+        /// The text.
+        text: String,
+        /// The character.
+        missing: MissingGlyph,
+    },
+}
+
+/// A character that the embedded font lacks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("{0:?} is not in the embedded font: expected Latin, Greek or common symbols")]
+pub struct MissingGlyph(pub char);
 
 impl LabError {
     /// The exit code: 1 failure while running, 2 bad input or usage, 130 and 143 after a signal.
@@ -19,7 +53,7 @@ impl LabError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Mission(error) => error.exit_code(),
-            Self::Figure(_) => 1,
+            Self::Drawing(_) => 1,
         }
     }
 }

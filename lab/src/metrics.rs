@@ -3,24 +3,25 @@
 use std::time::Duration;
 
 use nalgebra::Point3;
-use serde::Deserialize;
-use skysink_common::message::{FlightReport, Plan, QueuesHeader};
+use skysink_common::message::FlightReport;
 use skysink_common::propulsion::power_w;
 use skysink_common::scenario::{Propulsion, Scenario};
 use skysink_common::sensors::SensorList;
-use skysink_field_sim::Field;
-use skysink_mission::ages::{Ages, DeliveredData};
+use skysink_common::slot_record::SlotRecord;
+use skysink_common::slot_record::UAV;
+use skysink_mission::ages::{AgeCounts, Ages, DeliveredData};
+use skysink_mission::drive::{Observer, SlotSink};
+use skysink_mission::origin::RunMode;
 use skysink_mission::summary::{RunTiming, Summary, Tally};
-use strum::{EnumCount, IntoStaticStr, VariantArray};
+use skysink_mission::{MissionError, Plant};
+use strum::{EnumCount, VariantArray};
 
 use crate::optimize::LossBounds;
-use crate::sweep::statistics::Support;
+use crate::statistics::Support;
 
-/// A metric, which is a column of the results; defined in `docs/src/metrics.md`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, EnumCount, IntoStaticStr, VariantArray)]
-#[serde(rename_all = "snake_case")]
-#[strum(serialize_all = "snake_case")]
-#[allow(missing_docs)]
+/// A metric, which is a column of the results; defined in `docs/src/metrics.md`. A new one is a variant and its row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, EnumCount, VariantArray)]
+#[expect(missing_docs, reason = "the rows of `MetricRow` describe them")]
 pub enum Metric {
     LossRate,
     EtaLetter,
@@ -30,26 +31,124 @@ pub enum Metric {
     FlownM,
     EnergyJ,
     AoiMeanS,
-    #[strum(serialize = "aoi_p99_s")]
     AoiP99S,
     DataAgeMeanS,
-    #[strum(serialize = "data_age_p99_s")]
     DataAgeP99S,
     Jain,
-    /// NaN unless the strategy is `offline`.
     LossBound,
-    /// NaN unless the strategy is `offline` and the channel is random.
     ExpectedLossBound,
-    #[strum(serialize = "plan_p50_us")]
     PlanP50Us,
-    #[strum(serialize = "plan_p99_us")]
     PlanP99Us,
 }
 
 /// The values of all metrics, in the order of [`Metric`].
 pub type MetricValues = [f64; Metric::COUNT];
 
+/// What there is to know of a metric.
+struct MetricRow {
+    /// The name of its column.
+    name: &'static str,
+    /// Its description.
+    words: &'static str,
+    /// Its unit; empty for a fraction or an index.
+    unit: &'static str,
+    /// The range of its values that its confidence interval respects.
+    support: Support,
+    kind: MetricKind,
+    /// Its value; NaN if the mission has none.
+    of: fn(&MeteredMission<'_>) -> f64,
+}
+
+/// The kind of a metric's values.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum MetricKind {
+    Real,
+    /// A whole number.
+    Count,
+    /// A wall-clock time, which is not reproducible.
+    WallClock,
+}
+
+/// A mission with all that its metrics are computed from.
+struct MeteredMission<'a> {
+    summary: &'a Summary,
+    flown_m: f64,
+    energy_j: f64,
+    slot_s: f64,
+    /// The ages since the last service [slots].
+    service_ages: AgeCounts,
+    /// The ages of the delivered data [slots].
+    data_ages: AgeCounts,
+    /// The bits delivered by each sensor node.
+    delivered_bits: &'a [u64],
+    /// Those of `offline` only.
+    bounds: Option<LossBounds>,
+}
+
+/// What the rows of real numbers, of fractions, and of wall-clock times have in common.
+const REAL: MetricRow =
+    MetricRow { name: "", words: "", unit: "", support: Support::Real, kind: MetricKind::Real, of: |_| f64::NAN };
+const FRACTION: MetricRow = MetricRow { support: Support::Fraction, ..REAL };
+const NON_NEGATIVE: MetricRow = MetricRow { support: Support::NonNegative, ..REAL };
+const BITS: MetricRow = MetricRow { unit: "bit", ..REAL };
+const BIT_COUNT: MetricRow = MetricRow { kind: MetricKind::Count, ..BITS };
+const METRES: MetricRow = MetricRow { unit: "m", ..REAL };
+const JOULES: MetricRow = MetricRow { unit: "J", ..REAL };
+const SECONDS: MetricRow = MetricRow { unit: "s", ..REAL };
+const WALL_CLOCK: MetricRow = MetricRow { kind: MetricKind::WallClock, unit: "µs", ..REAL };
+
+impl MetricRow {
+    /// The row with this name, description and value.
+    fn row(self, name: &'static str, words: &'static str, of: fn(&MeteredMission<'_>) -> f64) -> Self {
+        Self { name, words, of, ..self }
+    }
+}
+
 impl Metric {
+    fn row(self) -> MetricRow {
+        match self {
+            Self::LossRate => FRACTION.row("loss_rate", "data loss rate η", |m| m.summary.loss_rate),
+            Self::EtaLetter => NON_NEGATIVE.row("eta_letter", "η as in the paper", |m| m.summary.eta_letter),
+            Self::DeliveredBits => BIT_COUNT.row("delivered_bits", "bits delivered", |m| {
+                m.summary.totals.delivered_bits as f64 // exact below 2^53
+            }),
+            Self::BitsPerWaypoint => {
+                BITS.row("bits_per_waypoint", "bits delivered per waypoint", |m| m.summary.bits_per_waypoint)
+            }
+            Self::MeanServed => REAL.row("mean_served", "SNs served per slot", |m| m.summary.mean_served),
+            Self::FlownM => METRES.row("flown_m", "flown distance", |m| m.flown_m),
+            Self::EnergyJ => JOULES.row("energy_j", "propulsion energy", |m| m.energy_j),
+            Self::AoiMeanS => {
+                SECONDS.row("aoi_mean_s", "mean time since the last service", |m| m.service_ages.mean() * m.slot_s)
+            }
+            Self::AoiP99S => SECONDS.row("aoi_p99_s", "99th percentile of the time since the last service", |m| {
+                m.service_ages.quantile(0.99) as f64 * m.slot_s
+            }),
+            Self::DataAgeMeanS => {
+                SECONDS.row("data_age_mean_s", "mean age of the delivered data", |m| m.data_ages.mean() * m.slot_s)
+            }
+            Self::DataAgeP99S => {
+                SECONDS.row("data_age_p99_s", "99th percentile of the age of the delivered data", |m| {
+                    m.data_ages.quantile(0.99) as f64 * m.slot_s
+                })
+            }
+            Self::Jain => FRACTION.row("jain", "Jain's fairness index", |m| jain(m.delivered_bits)),
+            Self::LossBound => FRACTION.row("loss_bound", "lower bound of the data loss rate", |m| {
+                m.bounds.map_or(f64::NAN, |bounds| bounds.loss_bound)
+            }),
+            // NaN unless the channel is random, too.
+            Self::ExpectedLossBound => {
+                FRACTION.row("expected_loss_bound", "lower bound of the expected data loss rate", |m| {
+                    m.bounds.and_then(|bounds| bounds.expected_loss_bound).unwrap_or(f64::NAN)
+                })
+            }
+            Self::PlanP50Us => WALL_CLOCK.row("plan_p50_us", "planning time", |m| m.summary.timing.plan_p50_us),
+            Self::PlanP99Us => {
+                WALL_CLOCK.row("plan_p99_us", "99th percentile of the planning time", |m| m.summary.timing.plan_p99_us)
+            }
+        }
+    }
+
     /// All metrics.
     pub fn all() -> impl Iterator<Item = Self> {
         Self::VARIANTS.iter().copied()
@@ -57,47 +156,28 @@ impl Metric {
 
     /// The name of its column.
     pub fn name(self) -> &'static str {
-        self.into()
+        self.row().name
     }
 
     /// A description with its unit.
-    pub fn label(self) -> &'static str {
-        match self {
-            Self::LossRate => "data loss rate η",
-            Self::EtaLetter => "η as in the paper",
-            Self::DeliveredBits => "bits delivered [bit]",
-            Self::BitsPerWaypoint => "bits delivered per waypoint [bit]",
-            Self::MeanServed => "SNs served per slot",
-            Self::FlownM => "flown distance [m]",
-            Self::EnergyJ => "propulsion energy [J]",
-            Self::AoiMeanS => "mean time since the last service [s]",
-            Self::AoiP99S => "99th percentile of the time since the last service [s]",
-            Self::DataAgeMeanS => "mean age of the delivered data [s]",
-            Self::DataAgeP99S => "99th percentile of the age of the delivered data [s]",
-            Self::Jain => "Jain's fairness index",
-            Self::LossBound => "lower bound of the data loss rate",
-            Self::ExpectedLossBound => "lower bound of the expected data loss rate",
-            Self::PlanP50Us => "planning time [µs]",
-            Self::PlanP99Us => "99th percentile of the planning time [µs]",
-        }
+    pub fn label(self) -> String {
+        let MetricRow { words, unit, .. } = self.row();
+        if unit.is_empty() { words.to_owned() } else { format!("{words} [{unit}]") }
+    }
+
+    /// Whether it is a whole number.
+    pub fn is_count(self) -> bool {
+        self.row().kind == MetricKind::Count
     }
 
     /// Whether it is a wall-clock time, which is not reproducible.
     pub fn is_timing(self) -> bool {
-        matches!(self, Self::PlanP50Us | Self::PlanP99Us)
+        self.row().kind == MetricKind::WallClock
     }
 
     /// The range of its values that its confidence interval respects.
     pub fn support(self) -> Support {
-        match self {
-            Self::LossRate | Self::LossBound | Self::ExpectedLossBound | Self::Jain => Support::Fraction,
-            Self::EtaLetter => Support::NonNegative,
-            Self::DeliveredBits | Self::BitsPerWaypoint | Self::MeanServed | Self::FlownM | Self::EnergyJ => {
-                Support::Real
-            }
-            Self::AoiMeanS | Self::AoiP99S | Self::DataAgeMeanS | Self::DataAgeP99S => Support::Real,
-            Self::PlanP50Us | Self::PlanP99Us => Support::Real,
-        }
+        self.row().support
     }
 }
 
@@ -129,8 +209,8 @@ impl MissionSums {
         }
     }
 
-    /// Adds the next slot. `queues_bits` are the queues after the slot, `delivered_bits` the bits delivered since the
-    /// start, both by sensor node.
+    /// Adds the flight of the next slot. `queues_bits` are the queues after the slot, `delivered_bits` the bits delivered
+    /// since the start, both by sensor node.
     ///
     /// # Panics
     /// If the slot serves an unknown sensor node.
@@ -150,28 +230,19 @@ impl MissionSums {
 
     /// The metrics of a mission with this summary; `delivered_bits` by sensor node.
     fn values(&self, summary: &Summary, delivered_bits: &[u64], bounds: Option<LossBounds>) -> MetricValues {
-        let service_ages = self.service_ages.counts(self.slot, |_| true);
-        let data_ages = self.data.counts(self.slot);
+        let mission = MeteredMission {
+            summary,
+            flown_m: self.flown_m,
+            energy_j: self.energy_j,
+            slot_s: self.slot_s,
+            service_ages: self.service_ages.counts(self.slot, |_| true),
+            data_ages: self.data.counts(self.slot),
+            delivered_bits,
+            bounds,
+        };
         let mut values = [0.0; Metric::COUNT];
-        for (value, metric) in values.iter_mut().zip(Metric::VARIANTS) {
-            *value = match metric {
-                Metric::LossRate => summary.loss_rate,
-                Metric::EtaLetter => summary.eta_letter,
-                Metric::DeliveredBits => summary.totals.delivered_bits as f64, // exact below 2^53
-                Metric::BitsPerWaypoint => summary.bits_per_waypoint,
-                Metric::MeanServed => summary.mean_served,
-                Metric::FlownM => self.flown_m,
-                Metric::EnergyJ => self.energy_j,
-                Metric::AoiMeanS => service_ages.mean() * self.slot_s,
-                Metric::AoiP99S => service_ages.quantile(0.99) as f64 * self.slot_s,
-                Metric::DataAgeMeanS => data_ages.mean() * self.slot_s,
-                Metric::DataAgeP99S => data_ages.quantile(0.99) as f64 * self.slot_s,
-                Metric::Jain => jain(delivered_bits),
-                Metric::LossBound => bounds.map_or(f64::NAN, |bounds| bounds.loss_bound),
-                Metric::ExpectedLossBound => bounds.and_then(|bounds| bounds.expected_loss_bound).unwrap_or(f64::NAN),
-                Metric::PlanP50Us => summary.timing.plan_p50_us,
-                Metric::PlanP99Us => summary.timing.plan_p99_us,
-            };
+        for (value, metric) in values.iter_mut().zip(Metric::all()) {
+            *value = (metric.row().of)(&mission);
         }
         values
     }
@@ -185,22 +256,10 @@ pub struct MissionMeter {
 }
 
 impl MissionMeter {
-    /// The meter before slot 1; `header` contains the ledger.
+    /// The meter before slot 1.
     #[must_use]
-    pub fn new(scenario: &Scenario, list: &SensorList, header: &QueuesHeader) -> Self {
-        let mut tally = Tally::new(scenario, list);
-        tally.start(header);
-        Self { tally, sums: MissionSums::new(scenario, list) }
-    }
-
-    /// Adds the next slot. `header` and `field` are the ledger and the field after it. Without a plan, the slot has no
-    /// planning time.
-    ///
-    /// # Panics
-    /// If the slot serves an unknown sensor node.
-    pub fn add(&mut self, plan: Option<&Plan>, flight: &FlightReport, header: &QueuesHeader, field: &Field) {
-        self.tally.add(plan, flight, header);
-        self.sums.add(flight, field.queues_bits(), field.delivered_bits());
+    pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
+        Self { tally: Tally::new(scenario, list, &RunMode::default()), sums: MissionSums::new(scenario, list) }
     }
 
     /// The figures of the summary so far.
@@ -209,14 +268,26 @@ impl MissionMeter {
         &self.tally
     }
 
-    /// The metrics so far; `timing` instead of the planning times of the slots.
+    /// The metrics so far, with the plant after the last slot; `timing` instead of the planning times of the slots.
     #[must_use]
-    pub fn values(&self, field: &Field, timing: Option<&RunTiming>, bounds: Option<LossBounds>) -> MetricValues {
-        let mut summary = self.tally.summary(None, Duration::ZERO, 0);
+    pub fn values(&self, plant: &Plant, timing: Option<&RunTiming>, bounds: Option<LossBounds>) -> MetricValues {
+        let mut summary = self.tally.summary(Duration::ZERO, 0);
         if let Some(timing) = timing {
             timing.clone_into(&mut summary.timing);
         }
-        self.sums.values(&summary, field.delivered_bits(), bounds)
+        self.sums.values(&summary, plant.field().delivered_bits(), bounds)
+    }
+}
+
+impl Observer for MissionMeter {
+    fn begin(&mut self, plant: &Plant) -> Result<(), MissionError> {
+        self.tally.begin(plant)
+    }
+
+    fn slot(&mut self, record: &SlotRecord, plant: &Plant) -> Result<(), MissionError> {
+        self.tally.add(record)?;
+        self.sums.add(&record.flights[UAV], plant.field().queues_bits(), plant.field().delivered_bits());
+        Ok(())
     }
 }
 
@@ -250,12 +321,17 @@ mod tests {
     }
 
     #[test]
-    fn columns_have_the_names_of_the_documentation() {
-        let names: Vec<&str> = Metric::VARIANTS.iter().map(|metric| metric.name()).collect();
-        let expected = "loss_rate eta_letter delivered_bits bits_per_waypoint mean_served flown_m energy_j aoi_mean_s \
-                        aoi_p99_s data_age_mean_s data_age_p99_s jain loss_bound expected_loss_bound plan_p50_us \
-                        plan_p99_us";
-        assert_eq!(names.join(" "), expected);
+    fn the_documentation_has_every_metric_with_its_unit() {
+        let documentation = include_str!("../../docs/src/metrics.md");
+        let row = |line: &str| {
+            let mut cells = line.strip_prefix("| `")?.split(" | ");
+            let name = cells.next()?.trim_end_matches('`').to_owned();
+            Some([name, cells.next()?.to_owned()])
+        };
+        let documented: Vec<[String; 2]> = documentation.lines().filter_map(row).collect();
+        let described: Vec<[String; 2]> =
+            Metric::all().map(|metric| [metric.row().name, metric.row().unit].map(str::to_owned)).collect();
+        assert_eq!(documented, described);
     }
 
     #[test]

@@ -10,26 +10,24 @@ use std::time::{Duration, Instant};
 use serde::Serialize;
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::error::InputError;
-use skysink_common::scenario::{Count, Scenario};
-use skysink_common::sensors::SensorList;
+use skysink_common::scenario::Scenario;
+use skysink_common::sensors::{SensorList, Sensors};
 use skysink_common::stop::Stop;
 use skysink_mission::Mission;
 use skysink_planner::bound::{MissionBound, mission_bound};
 use skysink_planner::settings::{Knowledge, Rates, change};
-use skysink_planner::strategies::Registered;
-use skysink_planner::strategies::offline::{self, Offline, OfflineKeys};
+use skysink_planner::strategies::STRATEGIES;
+use skysink_planner::strategies::offline::{self, MAX_STEPS, Offline, OfflineKeys};
+use skysink_planner::strategy::{OwnedSetup, Registered};
 
 use crate::error::LabError;
-use crate::progress::{LabProgress, OnProgress, SweepNumber};
+use crate::progress::{LabProgress, OnProgress};
 
 /// Search steps of the trial that measures the speed of the search.
 const TRIAL_STEPS: u64 = 100_000;
 
 /// Minimum duration of the trial in the computation of the speed.
 const MIN_TRIAL: Duration = Duration::from_millis(1);
-
-/// Maximum number of search steps, as in scenarios.
-pub const MAX_STEPS: u64 = 1_000_000_000_000;
 
 /// The budget of the search.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -126,7 +124,7 @@ pub struct LossBounds {
 #[must_use]
 pub fn loss_bounds(scenario: &Scenario, list: &SensorList, known_bits: u64) -> LossBounds {
     let MissionBound { loss_bits, expected_loss_bits } =
-        mission_bound(scenario, &list.nodes(), &list.queues_bits(), known_bits);
+        mission_bound(scenario, &Sensors::of(scenario, &list.nodes()), &list.queues_bits(), known_bits);
     LossBounds {
         loss_bound: loss_rate(loss_bits as f64, scenario, list),
         expected_loss_bound: expected_loss_bits.map(|bits| loss_rate(bits, scenario, list)),
@@ -208,7 +206,7 @@ fn steps_in(time: Duration, offline: &Scenario, list: &SensorList, stop: &Stop) 
 /// The mission with known queues and `steps` steps of the offline search.
 fn with_search(offline: &Scenario, steps: u64) -> Result<Scenario, InputError> {
     let mut scenario = offline.clone();
-    offline::STRATEGY.set_keys(&mut scenario, OfflineKeys { steps: Count::clamped(steps) });
+    offline::STRATEGY.set_keys(&mut scenario, OfflineKeys { steps });
     change(scenario, |settings| {
         settings.knowledge = Knowledge::Oracle;
         settings.rates = Rates::Known;
@@ -231,11 +229,11 @@ fn search(
     stop: &Stop,
     on_progress: OnProgress,
 ) -> Result<SearchResult, LabError> {
-    let nodes = list.nodes();
+    let setup = OwnedSetup::new(offline.clone(), &list.nodes(), STRATEGIES)?;
     let mut stopped = Ok(());
-    let found = Offline::search(offline, &nodes, &list.queues_bits(), stop, &mut |search| {
+    let found = Offline::search(&setup.setup(), &list.queues_bits(), stop, &mut |search| {
         let loss_rate = Some(loss_rate(search.loss_bits, offline, list));
-        on_progress(LabProgress { done: search.steps, of: steps, loss_rate, left: None, sweep: SweepNumber::ONLY });
+        on_progress(LabProgress { done: search.steps, of: steps, loss_rate, left: None });
         stopped = stop.check();
         if stopped.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     });
@@ -254,7 +252,8 @@ fn mission(scenario: &Scenario, plan: Option<&[u8]>, list: &SensorList) -> Resul
     let Some(plan) = plan else {
         return Mission::new(scenario, list);
     };
-    let mut planned = Offline::of(scenario, &list.nodes())?;
+    let setup = OwnedSetup::new(scenario.clone(), &list.nodes(), STRATEGIES)?;
+    let mut planned = Offline::new(&setup.setup())?;
     planned.restore(plan).expect("the plan of this mission");
     Mission::with_strategy(scenario, list, Box::new(planned))
 }
@@ -268,9 +267,8 @@ fn standing(
 ) -> Result<(Standing, u64), LabError> {
     let strategy = Registered::of(scenario)?.name;
     let mut mission = mission(scenario, plan, list)?;
-    mission.set_stop(stop);
-    let lost_bits = mission.by_ref().last().map_or(0, |flown| flown.header.totals.lost_bits);
-    stop.check()?;
+    mission.drive(&mut [], stop)?.unless_stopped()?;
+    let lost_bits = mission.header().totals.lost_bits;
     Ok((Standing { strategy, loss_rate: loss_rate(lost_bits as f64, scenario, list) }, lost_bits))
 }
 

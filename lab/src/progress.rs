@@ -13,22 +13,6 @@ pub struct LabProgress {
     pub loss_rate: Option<f64>,
     /// In a sweep: the estimated remaining time; `None` until there is an estimate.
     pub left: Option<Duration>,
-    /// The number of the current sweep.
-    pub sweep: SweepNumber,
-}
-
-/// The number of a sweep in a sequence of sweeps.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct SweepNumber {
-    /// Its number, from 1.
-    pub number: usize,
-    /// Total number of sweeps.
-    pub of: usize,
-}
-
-impl SweepNumber {
-    /// A single sweep.
-    pub const ONLY: Self = Self { number: 1, of: 1 };
 }
 
 /// Callback for progress, called from any thread: once at the beginning, and after every mission or batch of steps.

@@ -1,13 +1,15 @@
 //! `skysink sweep`: simulates many missions in parallel. A sweep can be interrupted, resumed and split into shards; the
 //! results have the same bytes.
 
+pub mod definition;
 pub mod estimate;
 pub mod folder;
 pub mod journal;
 pub mod merge;
 pub mod plan;
 pub mod results;
-pub(crate) mod statistics;
+pub mod settings;
+pub mod shard;
 
 use std::collections::BTreeSet;
 use std::io;
@@ -26,24 +28,36 @@ use skysink_planner::strategies::offline;
 use crate::error::LabError;
 use crate::metrics::MissionMeter;
 use crate::optimize::loss_bounds;
-use crate::progress::{LabProgress, OnProgress, SweepNumber, Workload};
+use crate::progress::{LabProgress, OnProgress, Workload};
+use definition::MissionKey;
 use folder::SweepRecord;
 use journal::{MissionRow, SweepJournal};
-use plan::{MissionKey, Shard, Sweep};
+use plan::Sweep;
+use shard::Shard;
 
-/// Simulates the missing missions of a shard on at most `threads` threads (0: one per core), writes the results into
-/// `out`, and returns the journal. Calling it again resumes an interrupted sweep.
+/// A part of a sweep that a process simulates.
+#[derive(Debug, Clone, Copy)]
+pub struct SweepTask<'a> {
+    /// The output folder.
+    pub out: &'a Path,
+    /// The shard.
+    pub shard: Shard,
+    /// Maximum number of threads; 0 for one per core.
+    pub threads: usize,
+}
+
+/// Simulates the missing missions of a shard, writes the results, and returns the journal. Calling it again resumes an
+/// interrupted sweep.
 ///
 /// # Errors
 /// If the folder contains other files, a mission is refused, a file cannot be written, or on a stop.
 pub fn sweep(
     sweep: &Sweep,
-    out: &Path,
-    shard: Shard,
-    threads: usize,
+    task: SweepTask<'_>,
     stop: &Stop,
     on_progress: OnProgress,
 ) -> Result<SweepJournal, LabError> {
+    let SweepTask { out, shard, threads } = task;
     let record = SweepRecord::open(sweep, out, shard)?;
     let mut missing: Vec<_> = record.missing().collect();
     move_first_of_each_strategy_to_front(&mut missing);
@@ -54,7 +68,7 @@ pub fn sweep(
     let report = |work: &Workload| {
         let left = work.left(pool.current_num_threads());
         let done = of - work.missing() as u64;
-        on_progress(LabProgress { done, of, loss_rate: None, left, sweep: SweepNumber::ONLY });
+        on_progress(LabProgress { done, of, loss_rate: None, left });
     };
     let work = Workload::new(missing.iter().map(|mission| mission.strategy));
     report(&work);
@@ -97,13 +111,9 @@ pub fn fly(sweep: &Sweep, key: MissionKey, stop: &Stop) -> Result<MissionRow, La
     let scenario = sweep.scenario(key)?;
     let list = SensorList::of(&scenario)?;
     let mut mission = Mission::new(&scenario, &list)?;
-    mission.set_stop(stop);
-    let mut meter = MissionMeter::new(&scenario, &list, &mission.header());
-    while let Some(flown) = mission.next() {
-        meter.add(Some(&flown.plan), &flown.flight, &flown.header, mission.field());
-    }
-    stop.check()?;
+    let mut meter = MissionMeter::new(&scenario, &list);
+    mission.drive(&mut [&mut meter], stop)?.unless_stopped()?;
     let is_bounded = scenario.planner.strategy == offline::STRATEGY.name;
     let bounds = is_bounded.then(|| loss_bounds(&scenario, &list, mission.header().totals.lost_bits));
-    Ok(MissionRow { key, values: meter.values(mission.field(), None, bounds) })
+    Ok(MissionRow { key, values: meter.values(mission.plant(), None, bounds) })
 }

@@ -151,8 +151,9 @@ impl DeliveredData {
     /// The state before slot 1.
     #[must_use]
     pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
-        let backlog = |sensor: &Sensor| Backlog::new(sensor.sampling_bps * scenario.slot_s, sensor.queue_bits);
-        let backlogs: Vec<Backlog> = list.sensors().iter().map(backlog).collect();
+        let sampling = list.sampling(scenario);
+        let backlog = |(id, sensor): (usize, &Sensor)| Backlog::new(sampling.of(id).mean_bits, sensor.queue_bits);
+        let backlogs: Vec<Backlog> = list.sensors().iter().enumerate().map(backlog).collect();
         Self { ages: Ages::new(backlogs.len()), backlogs }
     }
 
@@ -206,7 +207,7 @@ mod tests {
     use proptest::prelude::*;
     use skysink_common::arrivals::bits_between;
     use skysink_common::ledger::Ledger;
-    use std::iter::once;
+    use skysink_common::sampling::Sampling;
 
     #[test]
     fn ages_count_slots_since_the_last_service() {
@@ -271,16 +272,17 @@ mod tests {
             uploads in prop::collection::vec((0usize..6, 0u64..20), 1..80),
         ) {
             let initial_bits = initial_bits.min(capacity_bits);
-            let mut ledger = Ledger::new(capacity_bits, vec![initial_bits; means.len()]);
+            let sampling = Sampling::new(means.clone(), vec![capacity_bits; means.len()]);
+            let mut ledger = Ledger::new(sampling, vec![initial_bits; means.len()]);
             let mut queues: Vec<BitQueue> = means.iter()
                 .map(|_| BitQueue { slots: VecDeque::from(vec![0; initial_bits as usize]), freshest: 0 }).collect();
             let backlogs: Vec<Backlog> = means.iter().map(|&mean| Backlog::new(mean, initial_bits)).collect();
             let mut data = DeliveredData { ages: Ages::new(means.len()), backlogs };
             let mut ages = Vec::new();
             for (slot, &(served, link_bits)) in (1u64..).zip(&uploads) {
+                let _ = ledger.sample(slot);
                 for (sensor, &mean) in means.iter().enumerate() {
                     let sampled_bits = bits_between(mean, slot - 1, slot);
-                    let _ = ledger.sample(sensor..sensor + 1, once(sampled_bits));
                     for _ in 0..sampled_bits {
                         if queues[sensor].slots.len() < capacity_bits as usize {
                             queues[sensor].slots.push_back(slot);

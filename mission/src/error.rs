@@ -1,5 +1,6 @@
 //! Errors of missions and of their run folders.
 
+use std::error::Error;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -32,6 +33,9 @@ pub enum MissionError {
         /// The ledger's totals.
         totals: Totals,
     },
+    /// A pilot or an observer of another crate has failed.
+    #[error(transparent)]
+    Foreign(Box<dyn Error + Send + Sync>),
 }
 
 impl MissionError {
@@ -41,7 +45,7 @@ impl MissionError {
         match self {
             Self::Stopped(stopped) => stopped.exit_code(),
             Self::Input(_) => 2,
-            Self::File { .. } | Self::Unbalanced { .. } => 1,
+            Self::File { .. } | Self::Unbalanced { .. } | Self::Foreign(_) => 1,
         }
     }
 }

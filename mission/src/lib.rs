@@ -2,20 +2,27 @@
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`mission`] | a mission as plain calls of field-sim, flight-sim and planner |
+//! | [`plant`] | field-sim and flight-sim as plain calls |
+//! | [`drive`] | driving a mission: pilots plan its slots, observers take them in |
+//! | [`mission`] | a plant with its planner |
+//! | [`files`], [`folder`] | files that are whole or absent; a folder of results, locked and replaced |
 //! | [`record`], [`origin`] | the run folder; its `run.toml` |
 //! | [`slot_log`], [`trace`] | writing `slots.csv`; its lines |
-//! | [`replay`], [`recorded`] | a recorded mission flown again; all of its slots |
+//! | [`recorded`], [`replay`] | the pilot of a trace on record; a run flown again |
 //! | [`summary`], [`sensor_results`] | the results of a run; those of each sensor node |
 //! | [`ages`], [`latency`] | ages of information; latencies of the ring |
 //!
 //! The ring of processes is left to the root crate.
 
 pub mod ages;
+pub mod drive;
 pub mod error;
+pub mod files;
+pub mod folder;
 pub mod latency;
 pub mod mission;
 pub mod origin;
+pub mod plant;
 pub mod record;
 pub mod recorded;
 pub mod replay;
@@ -24,6 +31,8 @@ pub mod slot_log;
 pub mod summary;
 pub mod trace;
 
+pub use drive::drive;
 pub use error::MissionError;
 pub use mission::Mission;
+pub use plant::Plant;
 pub use replay::Replay;

@@ -1,64 +1,208 @@
-//! All slots of a finished run, read from its folder.
+//! A trace on record: its lines, and the pilot that flies it again.
 
-use std::path::Path;
+use std::fs::File;
+use std::io::{BufRead as _, BufReader};
+use std::path::{Path, PathBuf};
 
 use skysink_common::error::InputError;
-use skysink_common::scenario::Scenario;
-use skysink_common::sensors::SensorList;
-use skysink_common::stop::Stop;
+use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::slot_record::{ByUav, Plans, UAVS};
 
-use crate::error::MissionError;
-use crate::replay::Replay;
-use crate::trace::RecordedSlot;
+use crate::drive::{End, Ended, Pilot};
+use crate::error::{FileContext, MissionError};
+use crate::plant::Plant;
+use crate::record::RunFolder;
+use crate::slot_log::SlotLog;
+use crate::summary::Summary;
+use crate::trace::{RecordedSlot, chain_hashes};
 
-/// A run that has flown all its slots.
-#[derive(Debug, Clone, PartialEq)]
-pub struct RecordedRun {
-    /// The scenario as flown.
-    pub scenario: Scenario,
-    /// The sensor nodes as flown.
-    pub list: SensorList,
-    /// The strategy, or the label of an external planner.
-    pub strategy: String,
-    /// Slot t is entry t − 1.
-    pub slots: Vec<RecordedSlot>,
-    /// By slot: bits uploaded by each served sensor node, in the order of `scheduled`.
-    pub uploads_bits: Vec<Vec<u64>>,
+/// The lines of a trace, slot by slot.
+#[derive(Debug)]
+pub struct RecordedLines {
+    path: PathBuf,
+    reader: BufReader<File>,
+    slots: u64,
+    slot: u64,
+    /// The lines of the last slot, one for each UAV.
+    lines: Vec<u8>,
+    /// Where the last line that was read begins in `lines`.
+    last: usize,
+    /// The number of the last line in the file; the header is line 1.
+    number: usize,
 }
 
-impl RecordedRun {
-    /// Reads the run in `folder`, and flies it again to check it.
+impl RecordedLines {
+    /// The lines after the header of the trace in `folder`, of a mission of `slots` slots.
+    #[must_use]
+    pub fn new(folder: &RunFolder, reader: BufReader<File>, slots: u64) -> Self {
+        Self { path: folder.slots(), reader, slots, slot: 0, lines: Vec::new(), last: 0, number: 1 }
+    }
+
+    /// The next recorded slot of each UAV; `None` after the last slot whose lines are complete.
     ///
     /// # Errors
-    /// If `folder` is not a run folder, the run is not over or ended early, the scenario, the sensor list or the trace
-    /// was changed, or on a stop.
-    pub fn read(folder: &Path, stop: &Stop) -> Result<Self, MissionError> {
-        let mut replay = Replay::open(folder)?;
-        let mut slots: Vec<RecordedSlot> = Vec::new();
-        let mut uploads_bits = Vec::new();
-        let mut before_bits = vec![0; replay.list().sensors().len()];
-        while replay.next_slot()?.is_some() {
-            stop.check()?;
-            slots.extend(replay.last_recorded().cloned());
-            let delivered_bits = replay.mission().field().delivered_bits();
-            let served = slots.last().map_or(&[][..], |slot| &slot.scheduled);
-            let upload_bits = |&sensor: &u32| {
-                let sensor = sensor as usize;
-                delivered_bits[sensor] - std::mem::replace(&mut before_bits[sensor], delivered_bits[sensor])
-            };
-            uploads_bits.push(served.iter().map(upload_bits).collect());
+    /// If a line is not that of the next slot and UAV, or cannot be read.
+    pub fn next_slot(&mut self) -> Result<Option<ByUav<RecordedSlot>>, MissionError> {
+        self.lines.clear();
+        let mut recorded = ByUav::new();
+        for uav in 0..UAVS {
+            self.last = self.lines.len();
+            self.reader.read_until(b'\n', &mut self.lines).at(&self.path)?;
+            if !self.lines[self.last..].ends_with(b"\n") {
+                return Ok(None);
+            }
+            self.number += 1;
+            recorded.push(self.check_line(uav)?);
         }
-        let expected = replay.scenario().slots;
-        if slots.len() as u64 != expected {
-            let last = slots.len();
-            let resume = folder.display();
-            let message = format_args!(
-                "it ends after slot {last}: expected {expected} slots, of a run that has ended (a run of the ring is \
-                 resumed by skysink run --resume {resume})"
-            );
-            return Err(InputError::new("trace", &folder.join("slots.csv"), message).into());
+        self.slot += 1;
+        Ok(Some(recorded))
+    }
+
+    /// The last line, which is refused unless it is that of the next slot of the UAV number `uav`.
+    fn check_line(&self, uav: usize) -> Result<RecordedSlot, MissionError> {
+        let slots = self.slots;
+        let slot = self.slot + 1;
+        let recorded = RecordedSlot::parse(&self.lines[self.last..]);
+        let recorded = recorded.ok_or_else(|| self.refuse("expected a slot as skysink run writes it"))?;
+        if slot > slots {
+            return Err(self.refuse(&format!("expected the end, after {slots} slots")));
         }
-        let strategy = replay.label().to_owned();
-        Ok(Self { scenario: replay.scenario().clone(), list: replay.list().clone(), strategy, slots, uploads_bits })
+        if recorded.slot != slot {
+            return Err(self.refuse(&format!("slot {}: expected slot {slot} of {slots}", recorded.slot)));
+        }
+        if recorded.uav != uav {
+            return Err(self.refuse(&format!("uav {}: expected {uav}", recorded.uav)));
+        }
+        Ok(recorded)
+    }
+
+    /// Refuses a trace whose hash of all lines, `hash`, is not that of `summary`.
+    fn check_end(&self, hash: u64, summary: &Summary) -> Result<(), MissionError> {
+        let found = format!("{} slots of hash {hash:016x}", self.slot);
+        let expected = format!("{} slots of hash {}", summary.slots, summary.trace_hash);
+        if found == expected {
+            return Ok(());
+        }
+        let message = format_args!("{found}: expected {expected}, as in summary.json");
+        Err(InputError::new("trace", &self.path, message).into())
+    }
+
+    /// The lines of the last slot, each with its newline.
+    #[must_use]
+    pub fn lines(&self) -> &[u8] {
+        &self.lines
+    }
+
+    /// The error for the last line.
+    #[must_use]
+    pub fn refuse(&self, what: &str) -> MissionError {
+        let line = String::from_utf8_lossy(&self.lines[self.last..]);
+        InputError::line("trace", &self.path, self.number, &line, what).into()
+    }
+
+    /// The error for a line that the mission does not reproduce.
+    #[must_use]
+    pub fn changed(&self) -> MissionError {
+        self.refuse("it differs from the simulation of the scenario: it or an earlier line was modified")
+    }
+}
+
+/// All recorded slots of each UAV in the folder of a run that has ended, without a replay.
+///
+/// # Errors
+/// If `path` is not a run folder, its scenario or sensor list was changed, or a line is not that of its slot.
+pub fn recorded_slots(path: &Path) -> Result<Vec<ByUav<RecordedSlot>>, MissionError> {
+    let folder = RunFolder::open_to_read(path)?;
+    let scenario = Scenario::read(&folder.scenario(), Overrides::default())?;
+    let (_, reader) = folder.reopen_slot_log()?;
+    let mut lines = RecordedLines::new(&folder, reader, scenario.slots);
+    std::iter::from_fn(|| lines.next_slot().transpose()).collect()
+}
+
+/// The entry of `slot`, from 1, in the slots of a trace; `None` if there is none.
+#[must_use]
+pub fn slot_of(slots: &[ByUav<RecordedSlot>], slot: u64) -> Option<&ByUav<RecordedSlot>> {
+    slots.get(usize::try_from(slot).ok()?.checked_sub(1)?)
+}
+
+/// The summary of a run that has ended, after a check that it matches the trace, without a replay.
+///
+/// # Errors
+/// If the run has not ended, or its trace was changed.
+pub fn checked_summary(folder: &RunFolder) -> Result<Summary, MissionError> {
+    let summary = folder.summary()?;
+    let (_, reader) = folder.reopen_slot_log()?;
+    let mut lines = RecordedLines::new(folder, reader, summary.planned_slots);
+    let mut hash = 0;
+    while lines.next_slot()?.is_some() {
+        hash = chain_hashes(hash, lines.lines());
+    }
+    lines.check_end(hash, &summary)?;
+    Ok(summary)
+}
+
+/// A pilot that flies a trace again, and checks that the mission leads to each of its lines.
+#[derive(Debug)]
+pub struct Recorded {
+    lines: RecordedLines,
+    log: SlotLog,
+    /// The last slot that was compared with its line.
+    compared: u64,
+}
+
+impl Recorded {
+    /// The trace in `folder`, of a mission of `slots` slots.
+    ///
+    /// # Errors
+    /// If it does not begin with the header of a trace.
+    pub fn open(folder: &RunFolder, slots: u64) -> Result<Self, MissionError> {
+        let (log, reader) = folder.reopen_slot_log()?;
+        Ok(Self { lines: RecordedLines::new(folder, reader, slots), log, compared: 0 })
+    }
+
+    /// Compares the last flown slot with its lines, and reads the next ones; `None` after the last complete slot.
+    ///
+    /// # Errors
+    /// If the mission does not lead to the line, or the next line is not that of the next slot or cannot be read.
+    pub fn next_slot(&mut self, plant: &Plant) -> Result<Option<ByUav<RecordedSlot>>, MissionError> {
+        if plant.slot() > self.compared {
+            self.compared = plant.slot();
+            if !self.log.repeat(self.lines.lines(), plant.flights(), &plant.header())? {
+                return Err(self.lines.changed());
+            }
+        }
+        self.lines.next_slot()
+    }
+
+    /// Compares the last flown slot with its line, and refuses a trace that goes on after it.
+    ///
+    /// # Errors
+    /// As [`Recorded::next_slot`].
+    pub fn finish(&mut self, plant: &Plant) -> Result<(), MissionError> {
+        self.next_slot(plant).map(drop)
+    }
+
+    /// Refuses a trace whose slots are not those of `summary`.
+    pub(crate) fn check_end(&self, summary: &Summary) -> Result<(), MissionError> {
+        self.lines.check_end(self.log.hash(), summary)
+    }
+
+    /// The trace so far.
+    #[must_use]
+    pub fn log(&self) -> &SlotLog {
+        &self.log
+    }
+
+    /// The trace, to be continued after the flown slots.
+    #[must_use]
+    pub fn into_log(self) -> SlotLog {
+        self.log
+    }
+}
+
+impl Pilot for Recorded {
+    fn plans(&mut self, plant: &Plant) -> Result<Plans, Ended> {
+        let recorded = self.next_slot(plant)?.ok_or(Ended::At(End::OutOfPlans))?;
+        Ok(recorded.iter().map(RecordedSlot::decision).collect())
     }
 }

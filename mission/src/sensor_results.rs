@@ -5,12 +5,15 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use skysink_common::message::FlightReport;
+use skysink_common::slot_record::SlotRecord;
 use skysink_common::stop::Stop;
-use skysink_field_sim::Field;
 
 use crate::ages::AgeRun;
+use crate::drive::Observer;
 use crate::error::MissionError;
-use crate::record::{SENSOR_RESULTS, write_whole};
+use crate::files::write_whole;
+use crate::plant::Plant;
+use crate::record::SENSOR_RESULTS;
 use crate::replay::Replay;
 
 /// Its header.
@@ -60,18 +63,19 @@ fn sum(ages: &Range<u64>) -> u64 {
 #[derive(Debug)]
 struct SensorTally(Vec<SensorSums>);
 
-impl SensorTally {
-    /// Adds a slot, after which the field is `field`.
-    fn add(&mut self, slot: u64, flight: &FlightReport, field: &Field) {
-        for link in flight.served_links() {
+impl Observer for SensorTally {
+    fn slot(&mut self, record: &SlotRecord, plant: &Plant) -> Result<(), MissionError> {
+        let slot = record.slot();
+        for link in record.flights.iter().flat_map(FlightReport::served_links) {
             self.0[link.sensor as usize].serve(slot);
         }
-        for (sums, lost_bits) in self.0.iter_mut().zip(field.lost_bits()) {
+        for (sums, lost_bits) in self.0.iter_mut().zip(plant.field().lost_bits()) {
             if lost_bits > sums.lost_bits {
                 sums.first_loss.get_or_insert(slot);
                 sums.lost_bits = lost_bits;
             }
         }
+        Ok(())
     }
 }
 
@@ -82,10 +86,7 @@ impl SensorTally {
 pub fn write(folder: &Path, stop: &Stop) -> Result<PathBuf, MissionError> {
     let mut replay = Replay::open(folder)?;
     let mut tally = SensorTally(vec![SensorSums::NONE; replay.list().sensors().len()]);
-    while let Some(flown) = replay.next_slot()? {
-        stop.check()?;
-        tally.add(flown.header.head.slot, &flown.flight, replay.mission().field());
-    }
+    replay.drive(&mut [&mut tally], stop)?;
     let path = folder.join(SENSOR_RESULTS);
     write_whole(&path, csv(&replay, tally).as_bytes())?;
     Ok(path)
@@ -93,9 +94,9 @@ pub fn write(folder: &Path, stop: &Stop) -> Result<PathBuf, MissionError> {
 
 /// The file's text.
 fn csv(replay: &Replay, tally: SensorTally) -> String {
-    let slots = replay.mission().slot();
+    let slots = replay.plant().slot();
     let slot_s = replay.scenario().slot_s;
-    let field = replay.mission().field();
+    let field = replay.plant().field();
     let mut text = COLUMNS.to_owned();
     for (id, sums) in tally.0.into_iter().enumerate() {
         let [ages, longest_gap] = sums.totals_after(slots);

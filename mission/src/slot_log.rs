@@ -7,7 +7,9 @@ use std::path::{Path, PathBuf};
 
 use skysink_common::error::InputError;
 use skysink_common::message::{FlightReport, QueuesHeader};
+use skysink_common::slot_record::SlotRecord;
 
+use crate::drive::SlotSink;
 use crate::error::{FileContext, MissionError};
 use crate::trace::{SLOT_COLUMNS, TraceHash};
 
@@ -80,7 +82,9 @@ impl SlotLog {
         if !SLOT_COLUMNS.as_bytes().starts_with(&header) {
             let found = String::from_utf8_lossy(&header);
             let expected = SLOT_COLUMNS.trim_end();
-            return Err(InputError::line("trace", &path, 1, &found, format_args!("expected {expected}")).into());
+            let remedy = "the run of an earlier version is flown again by skysink simulate RUN/scenario.toml";
+            let message = format_args!("expected {expected} ({remedy})");
+            return Err(InputError::line("trace", &path, 1, &found, message).into());
         }
         // With a cut header, no slot was recorded.
         let length = if header.len() == SLOT_COLUMNS.len() { header.len() as u64 } else { 0 };
@@ -88,33 +92,20 @@ impl SlotLog {
         Ok((Self { length, path, file, trace: TraceHash::default(), check }, reader))
     }
 
-    /// Adds a slot, and returns the hash of all lines so far.
-    ///
-    /// # Errors
-    /// If the ledger does not balance, or the line cannot be written; the trace is then unchanged.
-    pub fn add(&mut self, flight: &FlightReport, header: &QueuesHeader) -> Result<u64, MissionError> {
-        let line = self.trace.write(flight, header)?;
-        let written = self.file.write_all(line.as_bytes());
-        if written.is_err() {
-            let cut = self.file.set_len(self.length).and_then(|()| self.file.seek(SeekFrom::Start(self.length)));
-            let _ = cut; // a resumed run cuts an incomplete line, too
-        }
-        written.at(&self.path)?;
-        self.length += line.len() as u64;
-        self.trace.add();
-        self.check.as_mut().map_or(Ok(()), |check| check.write(header.head.slot, self.trace.value()))?;
-        Ok(self.trace.value())
-    }
-
-    /// Repeats a recorded line. Returns whether it is that of the slot, and all lines so far are those that were
-    /// written.
+    /// Repeats the recorded lines of a slot. Returns whether they are those of the flights, and all lines so far are
+    /// those that were written.
     ///
     /// # Errors
     /// If the ledger does not balance.
-    pub fn repeat(&mut self, line: &[u8], flight: &FlightReport, header: &QueuesHeader) -> Result<bool, MissionError> {
-        let is_same = self.trace.write(flight, header)?.as_bytes() == line;
-        self.length += line.len() as u64;
-        self.trace.add();
+    pub fn repeat(
+        &mut self,
+        lines: &[u8],
+        flights: &[FlightReport],
+        header: &QueuesHeader,
+    ) -> Result<bool, MissionError> {
+        let is_same = self.trace.write(flights, header)?.as_bytes() == lines;
+        self.length += lines.len() as u64;
+        self.trace.chain();
         let Some(check) = &mut self.check else { return Ok(is_same) };
         check.repeated = header.head.slot;
         let before = check.before.filter(|(slot, _)| *slot == header.head.slot);
@@ -165,9 +156,29 @@ impl SlotLog {
     }
 }
 
+impl SlotSink for SlotLog {
+    /// Writes the lines of a slot.
+    ///
+    /// # Errors
+    /// If the ledger does not balance, or the lines cannot be written; the trace is then unchanged.
+    fn add(&mut self, record: &SlotRecord) -> Result<(), MissionError> {
+        let lines = self.trace.write(&record.flights, &record.header)?;
+        let written = self.file.write_all(lines.as_bytes());
+        if written.is_err() {
+            let cut = self.file.set_len(self.length).and_then(|()| self.file.seek(SeekFrom::Start(self.length)));
+            let _ = cut; // a resumed run cuts an incomplete line, too
+        }
+        written.at(&self.path)?;
+        self.length += lines.len() as u64;
+        self.trace.chain();
+        self.check.as_mut().map_or(Ok(()), |check| check.write(record.slot(), self.trace.value()))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use skysink_common::message::Mode;
+    use skysink_common::slot_record::{ByUav, Plans};
 
     use super::*;
 
@@ -176,8 +187,13 @@ mod tests {
         let path = PathBuf::from("/dev/full");
         let file = File::options().write(true).open(&path).unwrap();
         let mut log = SlotLog { path, file, length: 0, trace: TraceHash::default(), check: None };
-        let flight = FlightReport::at([1.0, 2.0, 20.0], Mode::Hold);
-        let error = log.add(&flight, &QueuesHeader::default()).unwrap_err();
+        let record = SlotRecord {
+            plans: Plans::from_buf([None]),
+            paths: ByUav::new(),
+            flights: ByUav::from_buf([FlightReport::at([1.0, 2.0, 20.0], Mode::Hold)]),
+            header: QueuesHeader::default(),
+        };
+        let error = log.add(&record).unwrap_err();
         assert!(error.to_string().contains("/dev/full"), "{error}");
         assert_eq!((log.hash(), log.length), (0, 0));
     }

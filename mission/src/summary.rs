@@ -5,12 +5,16 @@ use std::time::Duration;
 
 use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
-use skysink_common::message::{FlightReport, HoldReason, Mode, Plan, QueuesHeader, SolverOutcome, Totals};
+use skysink_common::message::{FlightReport, HoldReason, Mode, QueuesHeader, SolverOutcome, Totals};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
+use skysink_common::slot_record::SlotRecord;
 
+use crate::drive::SlotSink;
+use crate::error::MissionError;
 use crate::latency::{Latencies, Latency, SlotTimes, Spread, histogram};
+use crate::origin::RunMode;
 
 /// Most events in a summary.
 const MAX_EVENTS: usize = 10_000;
@@ -118,39 +122,27 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// The sums before slot 1.
+    /// The sums before slot 1 of a run flown like `mode`. A run with a pace also measures latencies.
     #[must_use]
-    pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
+    pub fn new(scenario: &Scenario, list: &SensorList, mode: &RunMode) -> Self {
         let summary = Summary {
             name: scenario.name.clone(),
-            strategy: scenario.planner.strategy.clone(),
+            strategy: mode.external_planner.as_ref().unwrap_or(&scenario.planner.strategy).clone(),
             seed: scenario.seed,
             planned_slots: scenario.slots,
             sensors: list.sensors().len(),
             version: env!("CARGO_PKG_VERSION").into(),
+            timing: RunTiming { pace: mode.pace, ..RunTiming::default() },
             ..Summary::default()
         };
+        let sampling = list.sampling(scenario);
         Self {
             summary,
-            mean_bits: list.sensors().iter().map(|sensor| sensor.sampling_bps * scenario.slot_s).sum(),
+            mean_bits: (0..list.sensors().len()).map(|id| sampling.of(id).mean_bits).sum(),
             served: 0,
             plan_ns: histogram(),
-            latency: None,
+            latency: mode.pace.map(|pace| Latency::new(pace, scenario.slot_s)),
         }
-    }
-
-    /// Also measures latencies, of a run at `pace`.
-    #[must_use]
-    pub fn with_latency(mut self, pace: Pace, slot_s: f64) -> Self {
-        self.latency = Some(Latency::new(pace, slot_s));
-        self
-    }
-
-    /// Labels the mission with the name of an external planner.
-    #[must_use]
-    pub fn with_planner(mut self, name: &str) -> Self {
-        name.clone_into(&mut self.summary.strategy);
-        self
     }
 
     /// Marks the slots added so far as recorded by an earlier run that is now resumed.
@@ -158,28 +150,17 @@ impl Tally {
         self.summary.resumed_after = Some(self.summary.slots);
     }
 
-    /// Sets the ledger before slot 1.
-    pub fn start(&mut self, header: &QueuesHeader) {
-        self.summary.totals = header.totals;
-    }
-
-    /// Adds a slot.
-    pub fn add(&mut self, plan: Option<&Plan>, flight: &FlightReport, header: &QueuesHeader) {
-        self.summary.totals = header.totals;
+    /// Adds the flight of a UAV in a slot.
+    fn add_flight(&mut self, flight: &FlightReport) {
         self.served += u64::from(flight.served);
         let summary = &mut self.summary;
-        summary.slots += 1;
         summary.refused += u64::from(flight.refused);
         match Mode::from_repr(flight.mode).unwrap_or_default() {
             Mode::Hold => summary.held_slots += 1,
             Mode::Transit => summary.transit_slots += 1,
             Mode::Serve => {}
         }
-        summary.timing.missed_deadlines += u64::from(flight.hold == HoldReason::NoPlan as u32);
-        if let Some(plan) = plan {
-            summary.solver_fallbacks += u64::from(plan.solver == SolverOutcome::Fallback as u32);
-            self.plan_ns.saturating_record(plan.plan_ns.max(1));
-        }
+        summary.timing.missed_deadlines += u64::from(is_late(flight));
     }
 
     /// Adds the send times of the samples of a slot.
@@ -220,9 +201,9 @@ impl Tally {
         ratio(self.summary.totals.lost_bits as f64, self.mean_bits * self.summary.slots as f64)
     }
 
-    /// The summary of the run so far, after the wall time `wall`, at a pace (`None` in one process).
+    /// The summary of the run so far, after the wall time `wall`.
     #[must_use]
-    pub fn summary(&self, pace: Option<Pace>, wall: Duration, trace_hash: u64) -> Summary {
+    pub fn summary(&self, wall: Duration, trace_hash: u64) -> Summary {
         let mut summary = self.summary.clone();
         let slots = summary.slots as f64;
         summary.loss_rate = self.loss_rate();
@@ -233,7 +214,6 @@ impl Tally {
         summary.complete = summary.slots == summary.planned_slots;
         let plan = Spread::of(&self.plan_ns);
         summary.timing = RunTiming {
-            pace,
             wall_s: wall.as_secs_f64(),
             slots_per_s: ratio(slots - summary.resumed_after.unwrap_or(0) as f64, wall.as_secs_f64()),
             plan_p50_us: plan.p50_us,
@@ -246,6 +226,31 @@ impl Tally {
         };
         summary
     }
+}
+
+impl SlotSink for Tally {
+    fn start(&mut self, header: &QueuesHeader) {
+        self.summary.totals = header.totals;
+    }
+
+    /// Adds a slot. A plan without a planning time was not made now, but repeated from a trace.
+    fn add(&mut self, record: &SlotRecord) -> Result<(), MissionError> {
+        self.summary.totals = record.header.totals;
+        self.summary.slots += 1;
+        for (plan, flight) in record.plans.iter().zip(&record.flights) {
+            self.add_flight(flight);
+            if let Some(plan) = plan.as_ref().filter(|plan| plan.plan_ns > 0 && !is_late(flight)) {
+                self.summary.solver_fallbacks += u64::from(plan.solver == SolverOutcome::Fallback as u32);
+                self.plan_ns.saturating_record(plan.plan_ns);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Whether the plan of this flight was not there when the slot began.
+fn is_late(flight: &FlightReport) -> bool {
+    flight.hold == HoldReason::NoPlan as u32
 }
 
 /// `part / whole`; 0 if `whole` is not positive.

@@ -4,37 +4,42 @@ use std::fmt::Write as _;
 
 use nalgebra::Point3;
 use skysink_common::message::{FlightReport, Mode, Plan, QueuesHeader};
+use skysink_common::slot_record::{ByUav, SlotRecord};
 use xxhash_rust::xxh3::xxh3_64_with_seed;
 
+use crate::drive::SlotSink;
 use crate::error::MissionError;
 
 /// Header of `slots.csv`.
-pub(crate) const SLOT_COLUMNS: &str = "slot,x_m,y_m,z_m,scheduled,delivered_bits,lost_bits,queued_bits,mode,refused\n";
+pub(crate) const SLOT_COLUMNS: &str =
+    "slot,uav,x_m,y_m,z_m,scheduled,delivered_bits,lost_bits,queued_bits,mode,refused\n";
 
-/// Computes the hash of a trace, line by line.
+/// Computes the hash of a trace, slot by slot.
 #[derive(Debug, Default)]
 pub struct TraceHash {
-    line: String,
+    lines: String,
     hash: u64,
 }
 
 impl TraceHash {
-    /// Formats the line of a slot, with its newline, without adding it to the hash.
+    /// Formats the lines of a slot, one for each UAV, without adding them to the hash.
     ///
     /// # Errors
     /// If the ledger does not balance.
-    pub fn write(&mut self, flight: &FlightReport, header: &QueuesHeader) -> Result<&str, MissionError> {
+    pub fn write(&mut self, flights: &[FlightReport], header: &QueuesHeader) -> Result<&str, MissionError> {
         if !header.totals.is_balanced() {
             return Err(MissionError::Unbalanced { slot: header.head.slot, totals: header.totals });
         }
-        self.line.clear();
-        write_line(&mut self.line, flight, header).expect("a string takes everything");
-        Ok(&self.line)
+        self.lines.clear();
+        for (uav, flight) in flights.iter().enumerate() {
+            write_line(&mut self.lines, uav, flight, header).expect("a string takes everything");
+        }
+        Ok(&self.lines)
     }
 
-    /// Adds the last formatted line to the hash.
-    pub fn add(&mut self) {
-        self.hash = chain_hash(self.hash, self.line.as_bytes());
+    /// Adds the last formatted slot to the hash.
+    pub fn chain(&mut self) {
+        self.hash = chain_hashes(self.hash, self.lines.as_bytes());
     }
 
     /// The chained hash of all lines so far.
@@ -44,14 +49,22 @@ impl TraceHash {
     }
 }
 
-/// The hash of a trace after one more line, with its newline; 0 before the first line.
-pub(crate) fn chain_hash(hash: u64, line: &[u8]) -> u64 {
-    xxh3_64_with_seed(line, hash)
+impl SlotSink for TraceHash {
+    fn add(&mut self, record: &SlotRecord) -> Result<(), MissionError> {
+        self.write(&record.flights, &record.header)?;
+        self.chain();
+        Ok(())
+    }
 }
 
-/// Writes one line of `slots.csv`. Floats round-trip exactly. The line holds no times of a clock.
-fn write_line(line: &mut String, flight: &FlightReport, header: &QueuesHeader) -> std::fmt::Result {
-    write!(line, "{},{},{},{},", header.head.slot, flight.x_m, flight.y_m, flight.z_m)?;
+/// The hash of a trace after more lines, each with its newline; 0 before the first line.
+pub(crate) fn chain_hashes(hash: u64, lines: &[u8]) -> u64 {
+    lines.split_inclusive(|&byte| byte == b'\n').fold(hash, |hash, line| xxh3_64_with_seed(line, hash))
+}
+
+/// Writes one line of `slots.csv`: the slot of the UAV number `uav`. Floats round-trip exactly. The line holds no times of a clock.
+fn write_line(line: &mut String, uav: usize, flight: &FlightReport, header: &QueuesHeader) -> std::fmt::Result {
+    write!(line, "{},{uav},{},{},{},", header.head.slot, flight.x_m, flight.y_m, flight.z_m)?;
     for (i, link) in flight.served_links().iter().enumerate() {
         let separator = if i > 0 { " " } else { "" };
         write!(line, "{separator}{}", link.sensor)?;
@@ -61,11 +74,13 @@ fn write_line(line: &mut String, flight: &FlightReport, header: &QueuesHeader) -
     writeln!(line, ",{delivered_bits},{lost_bits},{},{mode},{}", totals.queued_bits, flight.refused)
 }
 
-/// A slot, as recorded in a line of the trace.
+/// The slot of a UAV, as recorded in a line of the trace.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordedSlot {
     /// The slot, from 1.
     pub slot: u64,
+    /// The number of the UAV.
+    pub uav: usize,
     /// Position of the UAV after the slot [m].
     pub position: Point3<f64>,
     /// The served sensor nodes, ascending.
@@ -82,18 +97,53 @@ pub struct RecordedSlot {
     pub refused: u32,
 }
 
+impl SlotSink for Vec<ByUav<RecordedSlot>> {
+    fn add(&mut self, record: &SlotRecord) -> Result<(), MissionError> {
+        self.push(RecordedSlot::by_uav(record));
+        Ok(())
+    }
+}
+
 impl RecordedSlot {
+    /// The slot of each UAV, as its line has it.
+    #[must_use]
+    pub fn by_uav(record: &SlotRecord) -> ByUav<Self> {
+        (0..record.flights.len()).map(|uav| Self::of(record, uav)).collect()
+    }
+
+    /// The slot of the UAV number `uav`, as its line has it.
+    ///
+    /// # Panics
+    /// If there is no such UAV.
+    #[must_use]
+    pub fn of(record: &SlotRecord, uav: usize) -> Self {
+        let flight = &record.flights[uav];
+        let QueuesHeader { delivered_bits, lost_bits, totals, .. } = record.header;
+        Self {
+            slot: record.slot(),
+            uav,
+            position: flight.position(),
+            scheduled: flight.served_links().iter().map(|link| link.sensor).collect(),
+            delivered_bits,
+            lost_bits,
+            queued_bits: totals.queued_bits,
+            mode: Mode::from_repr(flight.mode).unwrap_or_default(),
+            refused: flight.refused,
+        }
+    }
+
     /// Parses a line of `slots.csv`, with its newline; `None` if it is malformed.
     #[must_use]
     pub fn parse(line: &[u8]) -> Option<Self> {
         let line = std::str::from_utf8(line).ok()?.strip_suffix('\n')?;
         let columns: Vec<&str> = line.split(',').collect();
-        let &[slot, x_m, y_m, z_m, scheduled, delivered, lost, queued, mode, refused] = &columns[..] else {
+        let &[slot, uav, x_m, y_m, z_m, scheduled, delivered, lost, queued, mode, refused] = &columns[..] else {
             return None;
         };
         let number = |text: &str| text.parse::<f64>().ok().filter(|number| number.is_finite());
         Some(Self {
             slot: slot.parse().ok()?,
+            uav: uav.parse().ok()?,
             position: Point3::new(number(x_m)?, number(y_m)?, number(z_m)?),
             scheduled: scheduled.split_ascii_whitespace().map(|id| id.parse().ok()).collect::<Option<_>>()?,
             delivered_bits: delivered.parse().ok()?,
@@ -108,6 +158,12 @@ impl RecordedSlot {
     #[must_use]
     pub fn is_missed(&self) -> bool {
         self.mode == Mode::Hold && self.refused == 0
+    }
+
+    /// A plan that leads to the recorded flight; `None` if there was none in time.
+    #[must_use]
+    pub fn decision(&self) -> Option<Plan> {
+        (!self.is_missed()).then(|| self.plan())
     }
 
     /// A plan that leads to the recorded flight, with as many refused requests as recorded.

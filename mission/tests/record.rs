@@ -10,10 +10,13 @@ use skysink_common::message::{FlightReport, Mode, QueuesHeader, SlotHeader, Tota
 use skysink_common::pace::Pace;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
-use skysink_mission::mission::FlownSlot;
+use skysink_common::slot_record::SlotRecord;
+use skysink_common::stop::Stop;
+use skysink_mission::drive::SlotSink;
+use skysink_mission::folder::Earlier;
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
-use skysink_mission::replay::{RecordedLines, checked_summary};
+use skysink_mission::recorded::{RecordedLines, checked_summary};
 use skysink_mission::slot_log::SlotLog;
 use skysink_mission::summary::Tally;
 use skysink_mission::trace::{RecordedSlot, TraceHash};
@@ -53,7 +56,8 @@ impl Case {
 
     fn create(&self, pace: Option<Pace>, force: bool) -> Result<RunFolder, String> {
         let run_mode = RunMode { pace, external_planner: None };
-        let folder = RunFolder::create(Some(&self.out()), force, &self.scenario, &self.list, &run_mode);
+        let folder =
+            RunFolder::create(Some(&self.out()), Earlier::by_force(force), &self.scenario, &self.list, &run_mode);
         folder.map_err(|error| error.to_string())
     }
 
@@ -61,12 +65,12 @@ impl Case {
     fn flown(self, pace: Option<Pace>, slots: u64) -> Self {
         let folder = self.create(pace, false).unwrap();
         let mut log = folder.slot_log().unwrap();
-        let mut tally = Tally::new(&self.scenario, &self.list);
-        for FlownSlot { plan, flight, header } in self.mission().take(slots as usize) {
-            log.add(&flight, &header).unwrap();
-            tally.add(Some(&plan), &flight, &header);
+        let mut tally = Tally::new(&self.scenario, &self.list, folder.run_mode());
+        for record in self.mission().take(slots as usize) {
+            log.add(&record).unwrap();
+            tally.add(&record).unwrap();
         }
-        folder.write_json("summary.json", &tally.summary(pace, Duration::ZERO, log.hash())).unwrap();
+        folder.write_json("summary.json", &tally.summary(Duration::ZERO, log.hash())).unwrap();
         self
     }
 
@@ -76,9 +80,9 @@ impl Case {
         let (mut log, reader) = folder.reopen_slot_log().unwrap();
         let mut lines = RecordedLines::new(&folder, reader, SLOTS);
         let mut are_same = Vec::new();
-        for FlownSlot { flight, header, .. } in self.mission().take(slots) {
+        for SlotRecord { flights, header, .. } in self.mission().take(slots) {
             assert!(lines.next_slot().unwrap().is_some());
-            are_same.push(log.repeat(lines.line(), &flight, &header).unwrap());
+            are_same.push(log.repeat(lines.lines(), &flights, &header).unwrap());
         }
         (folder, log, are_same)
     }
@@ -93,10 +97,7 @@ impl Case {
 
     /// Why the run is not replayed to its end, by flying it and by its summary alone.
     fn refusals(&self) -> [Option<String>; 2] {
-        let replayed = Replay::open(&self.out()).and_then(|mut replay| {
-            while replay.next_slot()?.is_some() {}
-            Ok(())
-        });
+        let replayed = Replay::open(&self.out()).and_then(|mut replay| replay.drive(&mut [], &Stop::default()));
         let folder = RunFolder::open_to_read(&self.out()).unwrap();
         [replayed, checked_summary(&folder).map(drop)].map(|ended| ended.err().map(|error| error.to_string()))
     }
@@ -139,8 +140,8 @@ fn what_was_not_repeated_is_cut_when_a_run_is_resumed_and_flown_anew() {
     log.resume().unwrap();
     let kept: String = whole.split_inclusive('\n').take(4).collect();
     assert_eq!(case.trace(), kept, "the header and three slots");
-    for FlownSlot { flight, header, .. } in case.mission().take(5).skip(3) {
-        log.add(&flight, &header).unwrap();
+    for record in case.mission().take(5).skip(3) {
+        log.add(&record).unwrap();
     }
     assert_eq!(case.trace(), whole);
     let first = Case::new().flown(Some(Pace::Max), 5);
@@ -185,7 +186,7 @@ fn a_changed_line_is_refused_at_the_line_or_by_the_hash_of_all() {
     let whole = case.trace();
     let lines: Vec<&str> = whole.split_inclusive('\n').collect();
     let mut columns: Vec<String> = lines[2].split(',').map(str::to_owned).collect();
-    columns[7] = (columns[7].parse::<u64>().unwrap() + 1).to_string(); // bits queued
+    columns[8] = (columns[8].parse::<u64>().unwrap() + 1).to_string(); // bits queued
     let changed = columns.join(",");
     case.write_trace(&[&lines[..2], &[&changed[..]], &lines[3..]].concat().concat());
     let [replayed, summed] = case.refusals().map(Option::unwrap);
@@ -199,19 +200,19 @@ fn the_hash_of_a_trace_depends_on_all_of_its_lines() {
     let hash = |slots: &[u64]| {
         let mut trace = TraceHash::default();
         for &slot in slots {
-            trace.write(&FlightReport::at([1.0, 2.0, 3.0], Mode::Hold), &header(slot)).unwrap();
-            trace.add();
+            trace.write(&[FlightReport::at([1.0, 2.0, 3.0], Mode::Hold)], &header(slot)).unwrap();
+            trace.chain();
         }
         trace.value()
     };
     assert_ne!(hash(&[1, 3]), hash(&[2, 3]));
     let unbalanced = QueuesHeader { totals: Totals { lost_bits: 1, ..Totals::default() }, ..header(1) };
-    assert!(TraceHash::default().write(&FlightReport::at([0.0; 3], Mode::Hold), &unbalanced).is_err());
+    assert!(TraceHash::default().write(&[FlightReport::at([0.0; 3], Mode::Hold)], &unbalanced).is_err());
 }
 
 #[test]
 fn a_position_on_record_is_finite() {
-    let parsed = |x_m: &str| RecordedSlot::parse(format!("1,{x_m},2,20,3 4,5,6,7,serve,0\n").as_bytes());
+    let parsed = |x_m: &str| RecordedSlot::parse(format!("1,0,{x_m},2,20,3 4,5,6,7,serve,0\n").as_bytes());
     assert_eq!(parsed("1.5").unwrap().position.x, 1.5);
     for x_m in ["inf", "NaN", "-inf"] {
         assert_eq!(parsed(x_m), None, "{x_m}");

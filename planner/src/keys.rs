@@ -2,33 +2,25 @@
 
 use serde::{Deserialize, Serialize};
 use skysink_common::error::InputError;
-use skysink_common::scenario::{Count, Scenario};
+use skysink_common::estimate::Rates;
+use skysink_common::keys::Accepts;
+use skysink_common::scenario::Scenario;
+use strum::VariantNames;
 
 use crate::waypoint::WaypointSolver;
-use skysink_common::estimate::Rates;
 
-/// The keys of `[planner]` except the name of the strategy and the tables of single strategies.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct Settings {
-    /// Most expansions of sP2*; 1 in the paper.
-    pub sca_iterations: Count<1, 1000>,
-    /// Solver of sP2*.
-    pub waypoint_solver: WaypointSolver,
-    /// Knowledge of the queues.
-    pub knowledge: Knowledge,
-    /// Knowledge of the sampling rates; all are known with [`Knowledge::Oracle`].
-    pub rates: Rates,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            sca_iterations: Count::of::<1>(),
-            waypoint_solver: WaypointSolver::Geometric,
-            knowledge: Knowledge::Oracle,
-            rates: Rates::Known,
-        }
+skysink_common::keys! {
+    /// The keys of `[planner]` except the name of the strategy and the tables of single strategies.
+    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    pub struct Settings {
+        /// Most expansions of sP2*; 1 in the paper.
+        sca_iterations: u32 = 1, Accepts::Whole(1, 1000);
+        /// Solver of sP2*.
+        waypoint_solver: WaypointSolver = "geometric", Accepts::OneOf(WaypointSolver::VARIANTS);
+        /// Knowledge of the queues: the true ones, or the UAV's estimate.
+        knowledge: Knowledge = "oracle", Accepts::OneOf(Knowledge::VARIANTS);
+        /// Knowledge of the sampling rates; `"learnt"` needs `knowledge = "estimated"`.
+        rates: Rates = "known", Accepts::OneOf(Rates::VARIANTS);
     }
 }
 
@@ -45,11 +37,18 @@ impl Settings {
         }
         Ok(settings)
     }
+
+    /// What the UAV knows of the rates if it has to estimate the queues; `None` if it knows them.
+    #[must_use]
+    pub fn estimated(&self) -> Option<Rates> {
+        (self.knowledge == Knowledge::Estimated).then_some(self.rates)
+    }
 }
 
 /// The planner's knowledge of the queues.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, VariantNames)]
 #[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
 pub enum Knowledge {
     /// All queues, in every slot.
     Oracle,

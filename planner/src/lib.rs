@@ -7,7 +7,8 @@
 //! |---|---|
 //! | [`settings`], [`keys`] | `[planner]` of the scenario file |
 //! | [`planner`] | one slot: schedule, then waypoint |
-//! | [`sensor_table`] | the constant data of a mission |
+//! | [`mission_table`] | the constant data of a mission |
+//! | [`strategy`] | what a strategy is: its trait, input and output |
 //! | [`strategies`] | schedule and waypoint by each strategy |
 //! | [`waypoint`] | sP2, the waypoint of a schedule, in the plane and in three dimensions |
 //! | [`horizon`] | the look-ahead over many slots |
@@ -19,12 +20,13 @@ pub mod bound;
 pub mod geometry;
 pub mod horizon;
 pub mod keys;
+pub mod mission_table;
 #[cfg(feature = "node")]
 pub mod node;
 pub mod planner;
-pub mod sensor_table;
 pub mod settings;
 pub mod strategies;
+pub mod strategy;
 pub mod waypoint;
 
 pub use planner::Planner;

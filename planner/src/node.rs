@@ -9,18 +9,18 @@ use skysink_common::scenario::Scenario;
 use skysink_common::stop::Stop;
 use skysink_ring::error::{NodeError, RingError};
 use skysink_ring::folder::RingFolder;
-use skysink_ring::journal::Journal;
+use skysink_ring::journal::{Journal, Policy};
 use skysink_ring::reader::SlotSample;
 use skysink_ring::refusals::Refusal;
 use skysink_ring::role::Role;
-use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
+use skysink_ring::topics::{Ring, is_release};
 
 use crate::planner::Planner;
-use crate::strategies::{Registered, Strategy, Timing};
+use crate::strategy::{Registered, Strategy, Timing};
 use skysink_common::estimate::BYTES_PER_SENSOR;
 
-/// Slots in the journal: the three that may be planned again, and one that may be cut.
-const SLOTS: u64 = 4;
+/// States in the journal: those of the three slots that may be planned again, and one that may be cut.
+const STATES: u64 = 4;
 
 /// Most bytes of a checkpoint besides those per sensor node.
 const ROOM: usize = 1 << 23;
@@ -30,7 +30,9 @@ const ROOM: usize = 1 << 23;
 /// # Errors
 /// If the file cannot be opened.
 pub fn journal(folder: &RingFolder, count: usize) -> Result<Journal, RingError> {
-    Journal::open(&folder.journal("plans"), SLOTS, ROOM + BYTES_PER_SENSOR * count)
+    let state_bytes = ROOM + BYTES_PER_SENSOR * count;
+    let policy = Policy { state_every: 1, states: STATES, state_bytes, input_bytes: None };
+    Journal::open(&folder.journal("plans"), policy)
 }
 
 /// A planner whose state is saved after each slot that it plans.
@@ -58,7 +60,7 @@ impl Journaled {
         let mut plan = self.planner.step(slot, flight.position(), queues_bits);
         plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
         self.planner.stop().check()?;
-        self.journal.save(slot, &self.planner)?;
+        self.journal.save(slot, &[], &self.planner)?;
         Ok(plan)
     }
 }
@@ -95,10 +97,10 @@ fn run_with<S: Service + 'static>(
     // Before that of the plans, so that a process that has a plan finds the writer of its path.
     let paths = has_path.then(|| ring.path.list_writer(MAX_PATH_POINTS)).transpose()?;
     let plans = ring.plan.writer()?;
-    let mut queues = ring.truth.reader(RING_BUFFER)?; // the planner maintains its own estimate
-    let mut flights = ring.flight.reader(RING_BUFFER)?;
+    let mut queues = ring.queues.reader()?; // the planner maintains its own estimate
+    let mut flights = ring.flight.reader()?;
 
-    let mut sensors = ring.sensors.reader(RING_BUFFER)?;
+    let mut sensors = ring.sensors.reader()?;
     let nodes = sensors.wait_for_next(&mut wait, 0)?;
     let _sensors = ring.terms.link.is_none().then_some(sensors); // behind a link its repeats would pile up
     let mut planner = match own {
@@ -158,14 +160,14 @@ fn run_with<S: Service + 'static>(
 mod tests {
     use super::*;
     use crate::settings::{self, Knowledge, Rates, change};
-    use crate::strategies::{Decision, View};
+    use crate::strategy::{Decision, View};
     use crate::waypoint::problem::Waypoint;
     use nalgebra::Point3;
+    use skysink_common::belief::Belief;
     use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
     use skysink_common::message::{FlightReport, LinkReport, Mode, Plan, SensorNode, SolverOutcome};
-    use skysink_common::pace::Pace;
     use skysink_common::scenario::Overrides;
-    use skysink_ring::wait::Waiting;
+    use skysink_ring::terms::Terms;
     use std::path::Path;
 
     fn nodes() -> Vec<SensorNode> {
@@ -238,7 +240,7 @@ mod tests {
     #[test]
     fn a_restarted_planner_repeats_the_plans_of_the_last_slots() {
         for scenario in scenarios() {
-            let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false, None).unwrap();
+            let folder = RingFolder::create(Terms::default()).unwrap();
             let mut flights = vec![FlightReport::at(scenario.start(), Mode::Hold)];
             let mut first = process(&scenario, &folder);
             for slot in 1..=9 {
@@ -281,7 +283,7 @@ mod tests {
     #[test]
     fn a_custom_strategy_is_restored_with_its_state() {
         let scenario = Scenario::letter(Overrides::default()).and_then(settings::resolve).unwrap();
-        let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false, None).unwrap();
+        let folder = RingFolder::create(Terms::default()).unwrap();
         let process = || {
             let planner = Planner::with_strategy(&scenario, &nodes(), Box::new(Counting(0))).unwrap();
             Journaled { planner, journal: journal(&folder, 12).unwrap() }
@@ -301,7 +303,7 @@ mod tests {
     fn a_planner_that_is_restarted_late_has_its_last_estimate() {
         let letter = Scenario::letter(Overrides::default()).and_then(settings::resolve).unwrap();
         let scenario = change(letter, |settings| settings.knowledge = Knowledge::Estimated).unwrap();
-        let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false, None).unwrap();
+        let folder = RingFolder::create(Terms::default()).unwrap();
         let mut first = process(&scenario, &folder);
         let mut flight = FlightReport::at([50.0, 50.0, 20.0], Mode::Hold);
         for slot in 1..=9 {
@@ -310,8 +312,10 @@ mod tests {
         let mut late = process(&scenario, &folder);
         let hold = FlightReport::at([50.0, 50.0, 20.0], Mode::Hold);
         let _ = late.plan(15, &hold, &queues(15)).unwrap();
-        let uncertainties =
-            |planner: &Planner| (0..12).map(|id| planner.estimate().unwrap().uncertainty(15, id)).collect::<Vec<_>>();
+        let uncertainties = |planner: &Planner| {
+            let Belief::Estimated(estimate) = planner.belief() else { panic!("the queues are estimated") };
+            (0..12).map(|id| estimate.uncertainty(15, id)).collect::<Vec<_>>()
+        };
         assert!(uncertainties(&first.planner).iter().any(|sensor| sensor.initial_bits == 0.0), "a contact");
         assert_eq!(uncertainties(&late.planner), uncertainties(&first.planner));
     }

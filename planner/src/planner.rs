@@ -1,21 +1,27 @@
 //! One slot of planning: the known or estimated queues, the strategy's decision, and the message.
 //!
-//! Decisions are left to [`crate::strategies`], estimates to [`skysink_common::estimate`].
+//! Decisions are left to [`crate::strategies`], what the UAV believes to [`skysink_common::belief`].
+
+use std::sync::Arc;
 
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
+use skysink_common::belief::Belief;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, encode};
 use skysink_common::error::InputError;
+use skysink_common::estimate::SavedEstimate;
 use skysink_common::message::{FlightReport, MAX_PATH_POINTS, Mode, Plan, SensorNode};
+use skysink_common::reported::ReportedQueues;
 use skysink_common::scenario::Scenario;
+use skysink_common::sensors::Sensors;
 use skysink_common::stop::Stop;
 
-use crate::sensor_table::SensorTable;
-use crate::settings::{self, Knowledge};
+use crate::mission_table::MissionTable;
+use crate::settings;
+use crate::strategies::STRATEGIES;
 use crate::strategies::serving::Serving;
-use crate::strategies::transit::transit_waypoint;
-use crate::strategies::{Decision, Registered, Setup, Strategy, Timing, View};
-use skysink_common::estimate::{Estimate, SavedEstimate};
+use crate::strategies::transit::transit_decision;
+use crate::strategy::{Decision, Registered, Setup, Strategy, Timing, View};
 
 /// The planner of a mission.
 ///
@@ -24,11 +30,12 @@ use skysink_common::estimate::{Estimate, SavedEstimate};
 pub struct Planner {
     /// The name in the scenario.
     strategy_name: String,
-    table: SensorTable,
+    table: MissionTable,
     strategy: Box<dyn Strategy>,
     transit: Serving,
-    /// The estimate of the queues; `None` if they are known.
-    estimate: Option<Box<Estimate>>,
+    belief: Belief,
+    /// The queues that the SNs of the last plan report if they are served.
+    reported: ReportedQueues,
     timing: Timing,
     stop: Stop,
     /// The last planned slot; 0 before the first.
@@ -42,6 +49,7 @@ pub struct Planner {
 struct Head {
     slot: u64,
     strategy: String,
+    reported: ReportedQueues,
     estimate: Option<SavedEstimate>,
 }
 
@@ -51,15 +59,15 @@ impl Planner {
     /// # Errors
     /// If `[planner]` of the scenario is refused; never for one that [`settings::resolve`] returned.
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Result<Self, InputError> {
-        Self::over(scenario, sensors, SensorTable::new(scenario, sensors))
+        Self::over(scenario, Arc::new(Sensors::of(scenario, sensors)))
     }
 
-    /// The planner of a scenario with a given table, such as one with another grid.
+    /// The planner of a scenario with these sensor nodes, whatever the cells of their grid.
     ///
     /// # Errors
     /// As [`Planner::new`].
-    pub fn over(scenario: &Scenario, sensors: &[SensorNode], table: SensorTable) -> Result<Self, InputError> {
-        Self::build(scenario, sensors, table, Registered::of(scenario)?.make)
+    pub fn over(scenario: &Scenario, sensors: Arc<Sensors>) -> Result<Self, InputError> {
+        Self::build(scenario, sensors, Registered::of(scenario)?.make)
     }
 
     /// The planner with `strategy` instead of the scenario's.
@@ -71,24 +79,24 @@ impl Planner {
         sensors: &[SensorNode],
         strategy: Box<dyn Strategy>,
     ) -> Result<Self, InputError> {
-        Self::build(scenario, sensors, SensorTable::new(scenario, sensors), |_| strategy)
+        Self::build(scenario, Arc::new(Sensors::of(scenario, sensors)), |_| strategy)
     }
 
     fn build(
         scenario: &Scenario,
-        sensors: &[SensorNode],
-        table: SensorTable,
+        sensors: Arc<Sensors>,
         make: impl FnOnce(&Setup) -> Box<dyn Strategy>,
     ) -> Result<Self, InputError> {
         let settings = settings::check(scenario)?;
-        let is_estimated = settings.knowledge == Knowledge::Estimated;
-        let estimate = is_estimated.then(|| Box::new(Estimate::new(scenario, settings.rates, sensors)));
-        let setup = Setup { scenario, settings: &settings, sensors, table: &table, estimate: estimate.as_deref() };
+        let belief = Belief::new(scenario, &sensors, settings.estimated());
+        let table = MissionTable::new(scenario, sensors);
+        let setup = Setup { scenario, settings: &settings, table: &table, belief: &belief, strategies: STRATEGIES };
         Ok(Self {
             strategy: make(&setup),
             transit: Serving::new(&setup),
             strategy_name: scenario.planner.strategy.clone(),
-            estimate,
+            belief,
+            reported: ReportedQueues::default(),
             timing: Timing::Free,
             stop: Stop::default(),
             slot: 0,
@@ -118,10 +126,8 @@ impl Planner {
     /// next is planned. If the queues are estimated, only those of served SNs are read, and a skipped slot only makes
     /// the estimate older.
     pub fn observe(&mut self, slot: u64, flight: &FlightReport, queues_bits: &[u32]) {
-        if let Some(estimate) = &mut self.estimate {
-            estimate.observe(slot, flight, queues_bits);
-        }
-        self.strategy.observe(flight, self.estimate.as_deref());
+        self.belief.advance(slot, flight, &self.reported, queues_bits);
+        self.strategy.observe(flight, &self.belief.at(slot, &self.table.sensors, queues_bits));
     }
 
     /// Plans `slot` from the position of the UAV, `L_u(t−1)` [m], and the queues `B_i(t−1)` [bit], by id. If the queues
@@ -136,36 +142,25 @@ impl Planner {
     /// If there is not one queue per sensor node.
     #[must_use]
     pub fn step(&mut self, slot: u64, position: Point3<f64>, queues_bits: &[u32]) -> Plan {
-        assert_eq!(queues_bits.len(), self.table.positions.len(), "expected one queue per sensor node");
-        if let Some(estimate) = &mut self.estimate {
-            estimate.predict(slot.saturating_sub(1));
-        }
-        let estimate = self.estimate.as_deref();
+        assert_eq!(queues_bits.len(), self.table.sensors.positions.len(), "expected one queue per sensor node");
         let view = View {
             slot,
             position,
-            queues_bits: estimate.map_or(queues_bits, Estimate::queues_bits),
-            estimate,
+            belief: self.belief.at(slot.saturating_sub(1), &self.table.sensors, queues_bits),
             table: &self.table,
             timing: self.timing,
             stop: &self.stop,
         };
         let decision = self.strategy.plan(&view);
         let mode = if decision.is_some() { Mode::Serve } else { Mode::Transit };
-        let decision = decision.unwrap_or_else(|| {
-            let waypoint =
-                transit_waypoint(&view.table.positions, view.table.reach_m, &view.ground(), view.queues_bits);
-            self.transit.serve_fullest(&view, &waypoint)
-        });
+        let decision = decision.unwrap_or_else(|| transit_decision(&mut self.transit, &view));
         let plan = message(&view, &decision, mode);
         self.path.clear();
         self.path.push(decision.waypoint);
         if mode == Mode::Serve {
             self.path.extend(self.strategy.path().iter().take(MAX_PATH_POINTS - 1));
         }
-        if let Some(estimate) = &mut self.estimate {
-            estimate.record_before_contact(slot, plan.scheduled(), queues_bits);
-        }
+        self.reported = self.belief.reported(slot, plan.scheduled().iter().copied(), queues_bits);
         self.slot = slot;
         plan
     }
@@ -184,10 +179,10 @@ impl Planner {
         !bytes.is_empty()
     }
 
-    /// The estimate of the queues; `None` if they are known.
+    /// What the UAV believes of the queues after the last observed slot.
     #[must_use]
-    pub fn estimate(&self) -> Option<&Estimate> {
-        self.estimate.as_deref()
+    pub fn belief(&self) -> &Belief {
+        &self.belief
     }
 
     /// The waypoints of the last plan [m], that of its slot first; at most [`MAX_PATH_POINTS`], and more than one only
@@ -202,10 +197,10 @@ impl Checkpoint for Planner {
     /// Appends nothing if the queues are known and the strategy is stateless.
     fn save(&self, bytes: &mut Vec<u8>) {
         let begin = bytes.len();
-        let estimate = self.estimate().map(Estimate::saved);
+        let estimate = self.belief.saved();
         let is_stateless = estimate.is_none();
         let strategy = self.strategy_name.clone();
-        encode(&Head { slot: self.slot, strategy, estimate }, bytes);
+        encode(&Head { slot: self.slot, strategy, reported: self.reported.clone(), estimate }, bytes);
         let head = bytes.len();
         self.strategy.save(bytes);
         if is_stateless && bytes.len() == head {
@@ -214,16 +209,16 @@ impl Checkpoint for Planner {
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        if bytes.is_empty() && self.estimate.is_none() {
+        if bytes.is_empty() && !self.belief.is_estimated() {
             return self.strategy.restore(bytes);
         }
-        let (Head { slot, strategy, estimate }, state) = decode_first(bytes)?;
+        let (Head { slot, strategy, reported, estimate }, state) = decode_first(bytes)?;
         CheckpointError::ensure(strategy == self.strategy_name, "this strategy")?;
-        CheckpointError::ensure(estimate.is_some() == self.estimate.is_some(), "the same knowledge of the queues")?;
-        let restored = self.estimate.as_ref().zip(estimate).map(|(own, saved)| own.restored(slot, saved));
-        let estimate = restored.transpose()?.map(Box::new);
+        reported.check(slot, self.table.sensors.count())?;
+        let belief = self.belief.restored(slot, estimate)?;
         self.strategy.restore(state)?;
-        self.estimate = estimate;
+        self.belief = belief;
+        self.reported = reported;
         self.slot = slot;
         Ok(())
     }
@@ -235,7 +230,7 @@ fn message(view: &View, decision: &Decision, mode: Mode) -> Plan {
     let mut plan = Plan::fly_to(*waypoint, mode);
     plan.schedule(schedule);
     plan.solver = *outcome as u32;
-    plan.expected_bits = view.table.expected_bits(waypoint, schedule, view.queues_bits);
+    plan.expected_bits = view.table.expected_bits(waypoint, schedule, view.belief.queues_bits);
     if let Some(winner) = winner {
         plan.anchor = winner.anchor;
         if let Some(pair) = winner.pair {

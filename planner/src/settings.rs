@@ -3,11 +3,13 @@
 //! Keys of all strategies are declared in [`crate::keys`], those of one strategy in its file in [`crate::strategies`].
 
 use skysink_common::error::InputError;
+use skysink_common::keys::{Key, Keys, all};
 use skysink_common::scenario::Scenario;
 use toml::Table;
 
 pub use crate::keys::{Knowledge, Settings};
-use crate::strategies::{Registered, STRATEGIES, one_of};
+use crate::strategies::{STRATEGIES, one_of};
+use crate::strategy::{Registered, StrategyKeys};
 pub use crate::waypoint::WaypointSolver;
 pub use skysink_common::estimate::Rates;
 
@@ -17,6 +19,15 @@ const MOVED: [(&str, &str); 3] = [
     ("horizon_budget_ms", "planner.horizon.budget_ms"),
     ("offline_steps", "planner.offline.steps"),
 ];
+
+/// All keys of `[planner]` except the name of the strategy, by their dotted names.
+#[must_use]
+pub fn all_keys() -> Vec<(String, &'static Key)> {
+    let own =
+        STRATEGIES.iter().filter_map(|strategy| Some((format!("planner.{}", strategy.name), strategy.keys?.keys)));
+    let tables = std::iter::once(("planner".to_owned(), Settings::KEYS)).chain(own);
+    tables.flat_map(|(table, keys)| all(keys, &table)).collect()
+}
 
 /// Checks `[planner]` of a scenario, and fills in its defaults.
 ///
@@ -53,8 +64,7 @@ pub fn check(scenario: &Scenario) -> Result<Settings, InputError> {
 /// # Errors
 /// As [`check`].
 pub fn estimated(scenario: &Scenario) -> Result<Option<Rates>, InputError> {
-    let settings = check(scenario)?;
-    Ok((settings.knowledge == Knowledge::Estimated).then_some(settings.rates))
+    Ok(check(scenario)?.estimated())
 }
 
 /// All keys of `[planner]`, with defaults.
@@ -63,8 +73,8 @@ fn every_key(scenario: &Scenario, settings: &Settings) -> Result<Table, InputErr
     keys.insert("strategy".to_owned(), Registered::of(scenario)?.name.into());
     keys.extend(Table::try_from(settings).expect("keys are numbers and strings"));
     for strategy in STRATEGIES {
-        if let Some(checked) = strategy.keys {
-            keys.insert(strategy.name.to_owned(), checked(scenario, &format!("planner.{}", strategy.name))?.into());
+        if let Some(StrategyKeys { check, .. }) = strategy.keys {
+            keys.insert(strategy.name.to_owned(), check(scenario, &format!("planner.{}", strategy.name))?.into());
         }
     }
     for (key, value) in &scenario.planner.others {

@@ -40,8 +40,8 @@ class InputError(ValueError):
 class Scenario:
     """A validated scenario: mission, sensor field, channel and strategy.
 
-    The keys are those of a scenario file (``docs/src/interfaces.md``). Scenarios are immutable, compare equal if their
-    keys do, and can be pickled; a sensor list is stored as the path of its file.
+    The keys are those of a scenario file (``docs/src/scenario-keys.md``). Scenarios are immutable, compare equal if
+    their keys do, and can be pickled; a sensor list is stored as the path of its file.
     """
 
     @staticmethod
@@ -172,8 +172,8 @@ class View:
     def queues_bits(self) -> NDArray[np.uint32]:
         """Queues at the start of the slot, true or estimated, B_i(t-1) [bit], [N], read-only.
 
-        The array shares memory with the field. In ``simulate`` and sweeps, a stored array does not change. In a ring, it
-        is valid only during ``plan``; copy it to store it. It is unsigned: use ``astype(np.int64)`` for differences.
+        The array shares memory with the field. In ``simulate`` and sweeps, a stored array does not change. In a ring,
+        it is valid only during ``plan``; copy it to store it. It is unsigned: use ``astype(np.int64)`` for differences.
         """
 
     @property
@@ -198,8 +198,8 @@ class Decision:
 class Table:
     """A table of columns that other libraries import without a copy, by Arrow's C stream interface.
 
-    ``polars.DataFrame(table)``, ``pyarrow.table(table)`` and others accept it. ``table["name"]`` is a
-    read-only NumPy array over the same memory, or a list for columns with text or lists.
+    ``polars.DataFrame(table)``, ``pyarrow.table(table)`` and others accept it. ``table["name"]`` is a read-only NumPy
+    array over the same memory, or a list for columns with text or lists.
     """
 
     @property
@@ -242,11 +242,12 @@ class Run:
     def field(self) -> Field: ...
     @property
     def slots(self) -> Table:
-        """One row per slot with the columns of ``slots.csv``; ``scheduled`` contains lists of ids."""
+        """One row per slot and UAV with the columns of ``slots.csv``; ``scheduled`` contains lists of ids."""
 
     @property
     def queues(self) -> NDArray[np.uint32]:
-        """The queue of every SN before slot 1 and after each slot [bit], [slots + 1, N]. Every access simulates the run.
+        """The queue of every SN before slot 1 and after each slot [bit], [slots + 1, N]. Every access simulates the
+        run.
 
         It is unsigned: use ``astype(np.int64)`` for differences.
         """

@@ -99,7 +99,9 @@ class Ring:
         iox2.config.setup_global_config_from_file(iox2.FilePath.new(str(config)))
         self.node = iox2.NodeBuilder.new().name(iox2.NodeName.new("planner")).create(iox2.ServiceType.Ipc)
         sensors = Topic(self.node, "sensors", iox2.Slice[SensorNode], SensorsHeader)
-        queues = Topic(self.node, "queues", iox2.Slice[ctypes.c_uint32], QueuesHeader)
+        terms = tomllib.loads((folder / "ring.toml").read_text())
+        known_queues = "belief" if "belief" in terms else "queues"
+        queues = Topic(self.node, known_queues, iox2.Slice[ctypes.c_uint32], QueuesHeader)
         flights = Topic(self.node, "flight", FlightReport, SlotHeader)
         plans = Topic(self.node, "plan", Plan, SlotHeader)
         self.commits = Topic(self.node, "commit", Commit, SlotHeader)
@@ -113,7 +115,6 @@ class Ring:
         self.guards = [self.wait_set.attach_notification(listener) for listener in self.listeners]
         self.positions: dict[int, tuple[float, float, float]] = {}
         self.connected = time.monotonic()
-        terms = tomllib.loads((folder / "ring.toml").read_text())
         self.is_paced = terms["pace"] != "max"
         self.launcher = folder.with_suffix(".lock").open()
 

@@ -3,7 +3,8 @@
 use std::ffi::OsString;
 
 use pyo3::prelude::*;
-use skysink::programs::{self, Interpreter};
+use skysink::programs;
+use skysink::run::executables::{Interpreter, set_interpreter};
 
 use crate::errors::refused;
 
@@ -18,6 +19,6 @@ pub fn run_program(py: Python<'_>, name: &str, arguments: Vec<OsString>, interpr
         "planner" => programs::planner,
         _ => return Err(refused(format!("{name}: expected skysink, field-sim, flight-sim or planner"))),
     };
-    programs::set_interpreter(Interpreter(interpreter));
+    set_interpreter(Interpreter(interpreter));
     Ok(py.detach(|| program(arguments)))
 }

@@ -9,6 +9,7 @@ use pyo3::types::{PyBytes, PyDict};
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::message::{Mode, Plan};
 use skysink_common::sensors::SensorList;
+use skysink_common::slot_record::UAV;
 
 use crate::episode::{Episode, Fields, Outcome};
 use crate::errors::{of_checkpoint, of_mission, refused};
@@ -97,7 +98,7 @@ impl PyEnvironmentCore {
 
     #[getter]
     fn uav(&self) -> (f64, f64, f64) {
-        let position = self.episode.plant.last_flight().position();
+        let position = self.episode.plant.flight(UAV).position();
         (position.x, position.y, position.z)
     }
 
@@ -141,7 +142,7 @@ impl PyEnvironmentCore {
     #[pyo3(signature = (decision, transit = false))]
     fn fly<'py>(&mut self, py: Python<'py>, decision: &Bound<'py, PyDecision>, transit: bool) -> PyResult<Step<'py>> {
         self.must_fly()?;
-        let waypoint = decision.get().waypoint_from(self.episode.plant.last_flight().position().z);
+        let waypoint = decision.get().waypoint_from(self.episode.plant.flight(UAV).position().z);
         let mode = if transit { Mode::Transit } else { Mode::Serve };
         let plan = self.episode.plan_to(waypoint, decision.get().schedule(), mode);
         self.fly_plan(py, &plan)
@@ -168,9 +169,9 @@ impl PyEnvironmentCore {
 
     fn run(&self, label: &str) -> PyResult<PyRun> {
         let scenario = PyScenario::on_record(&self.episode.scenario()?)?;
-        let plans = self.plans.iter().map(|plan| **plan);
-        PyRun::of_plans(scenario, SensorList::clone(&self.episode.list), plans, checked_label(label)?)
-            .map_err(of_mission)
+        let plans = self.plans.iter().map(|plan| Some(**plan));
+        let label = Some(checked_label(label)?);
+        PyRun::of_plans(scenario, SensorList::clone(&self.episode.list), plans, label).map_err(of_mission)
     }
 }
 

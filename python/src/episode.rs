@@ -10,8 +10,9 @@ use skysink_common::estimate::Estimate;
 use skysink_common::geometry::{Position, above};
 use skysink_common::message::{Mode, Plan, QueuesHeader};
 use skysink_common::scenario::Scenario;
-use skysink_common::sensors::SensorList;
-use skysink_mission::mission::Plant;
+use skysink_common::sensors::{SensorList, Sensors};
+use skysink_common::slot_record::UAV;
+use skysink_mission::Plant;
 use skysink_planner::settings;
 
 use crate::errors::refused;
@@ -22,7 +23,7 @@ use crate::field::{FieldData, PyField};
 pub fn plant(scenario: &Scenario, list: &SensorList) -> PyResult<Plant> {
     let plant = Plant::new(scenario, list);
     Ok(match settings::estimated(scenario).map_err(refused)? {
-        Some(rates) => plant.with_estimate(Estimate::new(scenario, rates, &list.nodes())),
+        Some(rates) => plant.with_estimate(Estimate::new(scenario, rates, &Sensors::of(scenario, &list.nodes()))),
         None => plant,
     })
 }
@@ -123,7 +124,7 @@ impl Episode {
     /// The plan of an action: a displacement as a fraction of the reach of a slot. Serves the fullest queues in range.
     pub fn plan(&mut self, action: &[f64]) -> Plan {
         let limits = self.field.limits;
-        let uav = self.plant.last_flight().position();
+        let uav = self.plant.flight(UAV).position();
         let step = Position::new(action[0], action[1]).coords;
         let step = step / step.norm().max(1.0) * limits.reach_m;
         let z_m = action.get(2).map_or(uav.z, |climb| {
@@ -149,7 +150,7 @@ impl Episode {
     /// Flies the next slot.
     pub fn fly(&mut self, plan: &Plan) -> Outcome {
         let before_bits = self.header.totals.sampled_bits;
-        self.header = self.plant.fly(Some(plan));
+        self.header = self.plant.step(&[Some(*plan)]).header;
         let QueuesHeader { totals, delivered_bits, lost_bits, .. } = self.header;
         let sampled_bits = totals.sampled_bits - before_bits;
         let reward = if sampled_bits > 0 { -(lost_bits as f64 / sampled_bits as f64) } else { 0.0 };
@@ -160,7 +161,7 @@ impl Episode {
     /// buffers, and the slot as a fraction of the mission.
     pub fn observe(&mut self, uav: &mut [f32], queues: &mut [f32], slot: &mut f32) {
         let limits = self.field.limits;
-        let position = self.plant.last_flight().position();
+        let position = self.plant.flight(UAV).position();
         let climb_range_m = limits.max_altitude_m - limits.min_altitude_m;
         let altitude = if climb_range_m > 0.0 { (position.z - limits.min_altitude_m) / climb_range_m } else { 0.0 };
         let fractions = [position.x / limits.width_m, position.y / limits.height_m, altitude];
@@ -174,7 +175,7 @@ impl Episode {
     /// Writes the positions of the sensor nodes, x and y alternating, as fractions of the area.
     pub fn observe_positions(&self, positions: &mut [f32]) {
         let area_m = [self.field.limits.width_m, self.field.limits.height_m];
-        for (pair, position) in positions.chunks_exact_mut(2).zip(self.field.positions()) {
+        for (pair, position) in positions.chunks_exact_mut(2).zip(&self.field.sensors.positions) {
             pair.iter_mut().zip([0, 1]).for_each(|(fraction, axis)| *fraction = (position[axis] / area_m[axis]) as f32);
         }
     }

@@ -26,14 +26,23 @@ pub fn of_mission(error: MissionError) -> PyErr {
         MissionError::Stopped(_) => PyKeyboardInterrupt::new_err(()),
         MissionError::File { .. } => PyOSError::new_err(error.to_string()),
         MissionError::Unbalanced { .. } => PyRuntimeError::new_err(error.to_string()),
+        MissionError::Foreign(error) => match error.downcast::<PyErr>() {
+            Ok(error) => *error,
+            Err(error) => PyRuntimeError::new_err(error.to_string()),
+        },
     }
+}
+
+/// The error of a mission that Python code has ended.
+pub fn failed(error: PyErr) -> MissionError {
+    MissionError::Foreign(Box::new(error))
 }
 
 /// The error of a sweep.
 pub fn of_lab(error: LabError) -> PyErr {
     match error {
         LabError::Mission(error) => of_mission(error),
-        LabError::Figure(_) => PyRuntimeError::new_err(error.to_string()),
+        LabError::Drawing(_) => PyRuntimeError::new_err(error.to_string()),
     }
 }
 

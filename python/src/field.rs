@@ -10,8 +10,7 @@ use pyo3::types::PyBytes;
 use skysink_common::geometry::Position;
 use skysink_common::message::{Limits, SensorNode};
 use skysink_common::scenario::Scenario;
-use skysink_common::sensors::SensorList;
-use skysink_planner::geometry::grid::Grid;
+use skysink_common::sensors::{SensorList, Sensors};
 use skysink_planner::strategies::serving::fill_fullest_in_range;
 use skysink_planner::strategies::transit::{toward, transit_waypoint};
 
@@ -21,18 +20,16 @@ use crate::errors::refused;
 pub struct FieldData {
     /// The limits of plans.
     pub limits: Limits,
-    /// Positions of the sensor nodes, by id.
-    positions: Vec<Position>,
-    /// Spatial index of the positions.
-    grid: Grid,
+    /// The sensor nodes.
+    pub sensors: Sensors,
+    /// The same as published.
     nodes: Vec<SensorNode>,
 }
 
 impl FieldData {
     /// The field with these limits and sensor nodes.
     pub fn new(limits: Limits, nodes: Vec<SensorNode>) -> Self {
-        let positions: Vec<Position> = nodes.iter().map(|node| Position::new(node.x_m, node.y_m)).collect();
-        Self { grid: Grid::new(&positions, limits.comm_radius_m), limits, positions, nodes }
+        Self { sensors: Sensors::new(&limits, &nodes), limits, nodes }
     }
 
     /// Refuses queues of another field.
@@ -53,20 +50,14 @@ impl FieldData {
         self.nodes.first().map_or(0, |node| node.capacity_bits)
     }
 
-    /// Positions of the sensor nodes, by id.
-    pub fn positions(&self) -> &[Position] {
-        &self.positions
-    }
-
     /// Fills `ids` with the n fullest queues within `d_c` of `ground`.
     pub fn fill_fullest(&self, ground: &Position, queues_bits: &[u32], ids: &mut Vec<u32>) {
-        let Limits { comm_radius_m, resource_blocks, .. } = self.limits;
-        fill_fullest_in_range(&self.grid, comm_radius_m, resource_blocks as usize, ground, queues_bits, ids);
+        fill_fullest_in_range(&self.sensors.grid, &self.limits, ground, queues_bits, ids);
     }
 
     /// The waypoint of the transit rule (decision D8).
     pub fn transit(&self, uav: &Point3<f64>, queues_bits: &[u32]) -> Position {
-        transit_waypoint(&self.positions, self.limits.reach_m, &uav.xy(), queues_bits)
+        transit_waypoint(&self.sensors.positions, self.limits.reach_m, &uav.xy(), queues_bits)
     }
 
     /// The point of the area nearest to `ground`.
@@ -141,7 +132,7 @@ impl PyField {
     /// Positions of the SNs, east and north [m], [N, 2]. Every access creates a new array.
     #[getter]
     fn positions_m<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let positions = &self.0.positions;
+        let positions = &self.0.sensors.positions;
         let array = Array2::from_shape_fn((positions.len(), 2), |(sensor, axis)| positions[sensor][axis]);
         read_only(array.into_pyarray(py))
     }
@@ -226,7 +217,7 @@ impl PyField {
         radius_m: f64,
     ) -> PyResult<Bound<'py, PyArray1<u32>>> {
         let mut ids = Vec::new();
-        self.0.grid.visit_within(&ground(point)?, radius_m, |node| ids.push(node.id));
+        self.0.sensors.grid.visit_within(&ground(point)?, radius_m, |node| ids.push(node.id));
         ids.sort_unstable();
         Ok(ids.into_pyarray(py))
     }

@@ -51,6 +51,6 @@ mod _skysink {
         // Initialise NumPy's interface on import, not on first use.
         let _ = numpy::PyArray1::<u32>::zeros(module.py(), 0, false);
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
-        module.add("STRATEGIES", skysink_planner::strategies::names().to_vec())
+        module.add("STRATEGIES", skysink_planner::strategies::names())
     }
 }

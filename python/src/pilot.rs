@@ -6,14 +6,18 @@ use std::time::Instant;
 use nalgebra::Point3;
 use numpy::ndarray::ArrayView1;
 use numpy::{PyArray1, PyArrayMethods, ToPyArray};
+use pyo3::exceptions::PyRuntimeError;
 use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use skysink_common::geometry::above;
 use skysink_common::message::{MAX_SERVED, Mode, Plan};
-use skysink_mission::mission::Plant;
+use skysink_common::slot_record::Plans;
+use skysink_common::slot_record::UAV;
+use skysink_mission::Plant;
+use skysink_mission::drive::{Ended, Pilot, elapsed_ns};
 
-use crate::errors::refused;
+use crate::errors::{failed, refused};
 use crate::field::{FieldData, PyField, coordinates, read_only};
 
 /// Queues that are shared with Python.
@@ -109,14 +113,14 @@ impl PyDecision {
 }
 
 /// A Python strategy with its field.
-pub struct Pilot {
+pub struct PythonPlanner {
     strategy: Py<PyAny>,
     field: Py<PyField>,
     data: Arc<FieldData>,
     ids: Vec<u32>,
 }
 
-impl Pilot {
+impl PythonPlanner {
     /// Wraps this strategy and calls its `begin(field)`.
     pub fn new(py: Python<'_>, strategy: Py<PyAny>, field: PyField) -> PyResult<Self> {
         let data = Arc::clone(&field.0);
@@ -164,13 +168,39 @@ impl Pilot {
 
     /// The plan of the next slot of a mission. If the UAV has to estimate the queues from its contacts, the strategy
     /// gets the estimate.
-    pub fn plan_next(&mut self, py: Python<'_>, plant: &mut Plant) -> PyResult<Plan> {
+    fn plan_next(&mut self, py: Python<'_>, plant: &Plant) -> PyResult<Plan> {
         let queues_bits = if plant.field().has_estimate() {
             plant.known_bits().to_pyarray(py)
         } else {
             held(py, plant.field().shared_queues_bits())?
         };
-        self.plan(py, plant.slot() + 1, plant.last_flight().position(), &read_only(queues_bits)?)
+        self.plan(py, plant.slot() + 1, plant.flight(UAV).position(), &read_only(queues_bits)?)
+    }
+}
+
+/// Plans a mission of this process with a Python strategy.
+pub struct PythonPilot<'py> {
+    pub py: Python<'py>,
+    pub planner: PythonPlanner,
+}
+
+impl Pilot for PythonPilot<'_> {
+    fn plans(&mut self, plant: &Plant) -> Result<Plans, Ended> {
+        let Self { py, planner } = self;
+        let begin = Instant::now();
+        let planned = py.check_signals().and_then(|()| planner.plan_next(*py, plant));
+        let mut plan = planned.map_err(|error| failed(in_slot(*py, plant.slot() + 1, error)))?;
+        plan.plan_ns = elapsed_ns(begin);
+        Ok(Plans::from_buf([Some(plan)]))
+    }
+}
+
+/// The error of a strategy with the slot that it was planning.
+fn in_slot(py: Python<'_>, slot: u64, error: PyErr) -> PyErr {
+    let note = format!("while planning slot {slot}");
+    match error.value(py).call_method1("add_note", (note,)) {
+        Ok(_) => error,
+        Err(_) => PyRuntimeError::new_err(error.to_string()),
     }
 }
 
@@ -189,13 +219,13 @@ fn held(py: Python<'_>, queues_bits: Arc<Vec<u32>>) -> PyResult<Bound<'_, PyArra
 
 /// A Python strategy that plans for a ring.
 #[pyclass(name = "PlanMaker", module = "skysink", unsendable)]
-pub struct PyPlanMaker(Pilot);
+pub struct PyPlanMaker(PythonPlanner);
 
 #[pymethods]
 impl PyPlanMaker {
     #[new]
     fn new(py: Python<'_>, strategy: Py<PyAny>, field: &Bound<'_, PyField>) -> PyResult<Self> {
-        Pilot::new(py, strategy, PyField(Arc::clone(&field.get().0))).map(Self)
+        PythonPlanner::new(py, strategy, PyField(Arc::clone(&field.get().0))).map(Self)
     }
 
     /// The message of the plan for `slot`, from the position of the flight before it [m] and the queues [bit].
@@ -209,7 +239,7 @@ impl PyPlanMaker {
         self.0.data.check(queues_bits.len()?)?;
         let begin = Instant::now();
         let mut plan = self.0.plan(py, slot, Point3::from(uav), &queues_bits)?;
-        plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
+        plan.plan_ns = elapsed_ns(begin);
         Ok(PyBytes::new(py, bytemuck::bytes_of(&plan)))
     }
 }

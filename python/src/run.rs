@@ -8,18 +8,19 @@ use arrow_array::{ArrayRef, Float64Array, Int64Array, StringArray, UInt32Array};
 use numpy::PyArray2;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use skysink_common::message::{FlightReport, Mode, Plan, QueuesHeader};
+use skysink_common::message::Plan;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
+use skysink_common::slot_record::{ByUav, SlotRecord, UAV};
 use skysink_common::stop::Stop;
-use skysink_field_sim::Field;
 use skysink_lab::metrics::{Metric, MissionMeter};
-use skysink_mission::mission::Plant;
+use skysink_mission::drive::{Observer, Planned, SlotSink};
+use skysink_mission::folder::Earlier;
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Summary;
 use skysink_mission::trace::{RecordedSlot, TraceHash};
-use skysink_mission::{MissionError, Replay};
+use skysink_mission::{MissionError, Plant, Replay, drive};
 
 use crate::errors::{of_mission, refused};
 use crate::field::PyField;
@@ -28,61 +29,76 @@ use crate::signals::interruptible;
 use crate::table::{PyTable, id_lists};
 use crate::values::json;
 
-/// A running mission.
+/// Records a mission in memory.
 pub struct RunRecorder {
-    slots: Vec<RecordedSlot>,
+    slots: Vec<ByUav<RecordedSlot>>,
     hash: TraceHash,
     meter: MissionMeter,
 }
 
 impl RunRecorder {
-    /// The mission before slot 1; `start` contains the ledger.
-    pub fn new(scenario: &Scenario, list: &SensorList, start: &QueuesHeader) -> Self {
-        let meter = MissionMeter::new(scenario, list, start);
-        Self { slots: Vec::new(), hash: TraceHash::default(), meter }
+    /// The mission before slot 1.
+    pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
+        Self { slots: Vec::new(), hash: TraceHash::default(), meter: MissionMeter::new(scenario, list) }
     }
 
-    /// Adds the next slot. Without a plan, it has no planning time.
-    pub fn add(
-        &mut self,
-        plan: Option<&Plan>,
-        flight: &FlightReport,
-        header: &QueuesHeader,
-        field: &Field,
-    ) -> Result<(), MissionError> {
-        self.hash.write(flight, header)?;
-        self.hash.add();
-        self.meter.add(plan, flight, header, field);
-        self.slots.push(RecordedSlot {
-            slot: header.head.slot,
-            position: flight.position(),
-            scheduled: flight.served_links().iter().map(|link| link.sensor).collect(),
-            delivered_bits: header.delivered_bits,
-            lost_bits: header.lost_bits,
-            queued_bits: header.totals.queued_bits,
-            mode: Mode::from_repr(flight.mode).unwrap_or_default(),
-            refused: flight.refused,
-        });
-        Ok(())
-    }
-
-    /// Finishes the mission, which took `wall`.
+    /// Finishes the mission, which took `wall` and left `plant`.
     pub fn end(
         self,
         scenario: PyScenario,
         list: SensorList,
-        field: &Field,
+        plant: &Plant,
         wall: Duration,
         label: Option<String>,
     ) -> PyRun {
-        let mut summary = self.meter.tally().summary(None, wall, self.hash.value());
+        let mut summary = self.meter.tally().summary(wall, self.hash.value());
         if let Some(label) = &label {
             label.clone_into(&mut summary.strategy);
         }
-        let values = self.meter.values(field, None, None);
-        let metrics = Metric::all().map(|metric| (metric.name(), values[metric as usize]));
+        let values = self.meter.values(plant, None, None);
+        let metrics = Metric::all().map(|metric| (metric, values[metric as usize]));
         let metrics = metrics.filter(|(_, value)| !value.is_nan()).collect();
         PyRun { scenario, list, label, slots: self.slots, summary, metrics }
+    }
+}
+
+impl Observer for RunRecorder {
+    fn begin(&mut self, plant: &Plant) -> Result<(), MissionError> {
+        self.meter.begin(plant)
+    }
+
+    fn slot(&mut self, record: &SlotRecord, plant: &Plant) -> Result<(), MissionError> {
+        self.slots.add(record)?;
+        self.hash.add(record)?;
+        self.meter.slot(record, plant)
+    }
+}
+
+/// The queue of every SN before slot 1 and after each slot [bit].
+struct QueueRows(Vec<u32>);
+
+impl Observer for QueueRows {
+    fn begin(&mut self, plant: &Plant) -> Result<(), MissionError> {
+        self.0.extend_from_slice(plant.field().queues_bits());
+        Ok(())
+    }
+
+    fn slot(&mut self, _record: &SlotRecord, plant: &Plant) -> Result<(), MissionError> {
+        self.begin(plant)
+    }
+}
+
+/// The lines of `slots.csv` without the header.
+#[derive(Default)]
+struct TraceText {
+    text: String,
+    lines: TraceHash,
+}
+
+impl SlotSink for TraceText {
+    fn add(&mut self, record: &SlotRecord) -> Result<(), MissionError> {
+        self.text.push_str(self.lines.write(&record.flights, &record.header)?);
+        Ok(())
     }
 }
 
@@ -93,61 +109,51 @@ pub struct PyRun {
     list: SensorList,
     /// The name of the planner, if it is not a built-in strategy.
     label: Option<String>,
-    slots: Vec<RecordedSlot>,
+    slots: Vec<ByUav<RecordedSlot>>,
     summary: Summary,
-    metrics: Vec<(&'static str, f64)>,
+    metrics: Vec<(Metric, f64)>,
 }
 
 impl PyRun {
-    /// Simulates the mission with its plans, and calls `on_slot` for each slot.
-    fn fly_again<E>(&self, mut on_slot: impl FnMut(&Plant, &QueuesHeader) -> Result<(), E>) -> Result<(), E> {
+    /// Simulates the mission with its plans.
+    fn fly_again(&self, observer: &mut dyn Observer) -> Result<(), MissionError> {
+        let mut pilot = Planned(self.slots.iter().map(|slot| slot[UAV].decision()));
         let mut plant = Plant::new(&self.scenario.scenario, &self.list);
-        for slot in &self.slots {
-            let plan = (!slot.is_missed()).then(|| slot.plan());
-            let header = plant.fly(plan.as_ref());
-            on_slot(&plant, &header)?;
-        }
-        Ok(())
+        drive(&mut plant, &mut pilot, &mut [observer], &Stop::default()).map(drop)
+    }
+
+    /// The lines of the trace.
+    fn lines(&self) -> impl Iterator<Item = &RecordedSlot> {
+        self.slots.iter().flatten()
     }
 
     fn numbers(&self, of: impl Fn(&RecordedSlot) -> f64) -> ArrayRef {
-        Arc::new(Float64Array::from_iter_values(self.slots.iter().map(of)))
+        Arc::new(Float64Array::from_iter_values(self.lines().map(of)))
     }
 
     /// Signed, so that differences are correct. No count of a mission exceeds 2^63.
     fn counts(&self, of: impl Fn(&RecordedSlot) -> u64) -> ArrayRef {
-        Arc::new(Int64Array::from_iter_values(self.slots.iter().map(|slot| of(slot) as i64)))
+        Arc::new(Int64Array::from_iter_values(self.lines().map(|slot| of(slot) as i64)))
     }
 
     /// The mission flown by these plans, without planning times.
     pub fn of_plans(
         scenario: PyScenario,
         list: SensorList,
-        plans: impl Iterator<Item = Plan>,
-        label: String,
+        plans: impl Iterator<Item = Option<Plan>>,
+        label: Option<String>,
     ) -> Result<Self, MissionError> {
         let begin = Instant::now();
         let mut plant = Plant::new(&scenario.scenario, &list);
-        let mut recorder = RunRecorder::new(&scenario.scenario, &list, &plant.header());
-        for plan in plans {
-            let header = plant.fly(Some(&plan));
-            recorder.add(None, plant.last_flight(), &header, plant.field())?;
-        }
-        Ok(recorder.end(scenario, list, plant.field(), begin.elapsed(), Some(label)).untimed())
+        let mut recorder = RunRecorder::new(&scenario.scenario, &list);
+        drive(&mut plant, &mut Planned(plans), &mut [&mut recorder], &Stop::default())?;
+        Ok(recorder.end(scenario, list, &plant, begin.elapsed(), label).untimed())
     }
 
     /// Without planning times.
     fn untimed(mut self) -> Self {
-        self.metrics.retain(|(name, _)| !name.starts_with("plan_"));
+        self.metrics.retain(|(metric, _)| !metric.is_timing());
         self
-    }
-
-    /// The lines of `slots.csv` without the header.
-    fn trace(&self) -> Result<String, MissionError> {
-        let mut text = String::new();
-        let mut hash = TraceHash::default();
-        self.fly_again(|plant, header| hash.write(plant.last_flight(), header).map(|line| text.push_str(line)))?;
-        Ok(text)
     }
 }
 
@@ -158,19 +164,15 @@ impl PyRun {
     fn load(py: Python<'_>, folder: PathBuf) -> PyResult<Self> {
         let read = move |stop: &Stop| -> Result<_, MissionError> {
             let mut replay = Replay::open(&folder)?;
-            let mut recorder = RunRecorder::new(replay.scenario(), replay.list(), &replay.mission().header());
-            while let Some(flown) = replay.next_slot()? {
-                stop.check()?;
-                recorder.add(None, &flown.flight, &flown.header, replay.mission().field())?;
-            }
-            let label = replay.label().to_owned();
-            let field = replay.mission().field().clone();
-            Ok((replay.scenario().clone(), replay.list().clone(), label, replay.summary().clone(), field, recorder))
+            let mut recorder = RunRecorder::new(replay.scenario(), replay.list());
+            replay.drive(&mut [&mut recorder], stop)?;
+            Ok((replay, recorder))
         };
-        let (scenario, list, label, summary, field, recorder) = interruptible(py, read)?.map_err(of_mission)?;
-        let scenario = PyScenario::on_record(&scenario)?;
-        let label = Some(label).filter(|label| *label != scenario.scenario.planner.strategy);
-        Ok(PyRun { summary, ..recorder.end(scenario, list, &field, Duration::ZERO, label).untimed() })
+        let (replay, recorder) = interruptible(py, read)?.map_err(of_mission)?;
+        let scenario = PyScenario::on_record(replay.scenario())?;
+        let label = Some(replay.label().to_owned()).filter(|label| *label != scenario.scenario.planner.strategy);
+        let run = recorder.end(scenario, replay.list().clone(), replay.plant(), Duration::ZERO, label).untimed();
+        Ok(PyRun { summary: replay.summary().clone(), ..run })
     }
 
     /// Data loss rate: lost bits as a fraction of the sampled bits.
@@ -194,7 +196,7 @@ impl PyRun {
     #[getter]
     fn metrics<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let metrics = PyDict::new(py);
-        self.metrics.iter().try_for_each(|(name, value)| metrics.set_item(name, value))?;
+        self.metrics.iter().try_for_each(|(metric, value)| metrics.set_item(metric.name(), value))?;
         Ok(metrics)
     }
 
@@ -208,17 +210,18 @@ impl PyRun {
         PyField::of(&self.scenario.scenario, &self.list)
     }
 
-    /// One row per slot with the columns of ``slots.csv``; ``scheduled`` contains lists of ids.
+    /// One row per slot and UAV with the columns of ``slots.csv``; ``scheduled`` contains lists of ids.
     #[getter]
     fn slots(&self) -> PyResult<PyTable> {
-        let modes = self.slots.iter().map(|slot| <&str>::from(slot.mode));
-        let refused = self.slots.iter().map(|slot| slot.refused);
+        let modes = self.lines().map(|slot| <&str>::from(slot.mode));
+        let refused = self.lines().map(|slot| slot.refused);
         PyTable::new(vec![
             ("slot", self.counts(|slot| slot.slot)),
+            ("uav", self.counts(|slot| slot.uav as u64)),
             ("x_m", self.numbers(|slot| slot.position.x)),
             ("y_m", self.numbers(|slot| slot.position.y)),
             ("z_m", self.numbers(|slot| slot.position.z)),
-            ("scheduled", id_lists(self.slots.iter().map(|slot| &slot.scheduled[..]))),
+            ("scheduled", id_lists(self.lines().map(|slot| &slot.scheduled[..]))),
             ("delivered_bits", self.counts(|slot| slot.delivered_bits)),
             ("lost_bits", self.counts(|slot| slot.lost_bits)),
             ("queued_bits", self.counts(|slot| slot.queued_bits)),
@@ -232,16 +235,10 @@ impl PyRun {
     /// It is unsigned: use ``astype(np.int64)`` for differences.
     #[getter]
     fn queues<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<u32>>> {
-        let count = self.list.sensors().len();
-        let mut queues_bits = Vec::with_capacity((self.slots.len() + 1) * count);
-        queues_bits.extend(self.list.queues_bits());
-        let add = |plant: &Plant, _: &QueuesHeader| -> Result<(), MissionError> {
-            queues_bits.extend_from_slice(plant.field().queues_bits());
-            Ok(())
-        };
-        py.detach(|| self.fly_again(add)).map_err(of_mission)?;
-        let shape = (self.slots.len() + 1, count);
-        let array = numpy::ndarray::Array2::from_shape_vec(shape, queues_bits).expect("a row for each slot");
+        let shape = (self.slots.len() + 1, self.list.sensors().len());
+        let mut rows = QueueRows(Vec::with_capacity(shape.0 * shape.1));
+        py.detach(|| self.fly_again(&mut rows)).map_err(of_mission)?;
+        let array = numpy::ndarray::Array2::from_shape_vec(shape, rows.0).expect("a row for each slot");
         Ok(PyArray2::from_owned_array(py, array))
     }
 
@@ -252,9 +249,15 @@ impl PyRun {
     fn save(&self, py: Python<'_>, folder: PathBuf, force: bool) -> PyResult<PathBuf> {
         let write = || -> Result<PathBuf, MissionError> {
             let run_mode = RunMode { external_planner: self.label.clone(), ..RunMode::default() };
-            let folder = RunFolder::create(Some(&folder), force, &self.scenario.scenario, &self.list, &run_mode)?;
+            let folder = RunFolder::create(
+                Some(&folder),
+                Earlier::by_force(force),
+                &self.scenario.scenario,
+                &self.list,
+                &run_mode,
+            )?;
             let mut log = folder.slot_log()?;
-            self.fly_again(|plant, header| log.add(plant.last_flight(), header).map(|_| ()))?;
+            self.fly_again(&mut log)?;
             folder.write_json("summary.json", &self.summary)?;
             Ok(folder.path().to_owned())
         };
@@ -273,9 +276,10 @@ impl PyRun {
         slf: &Bound<'py, Self>,
     ) -> PyResult<(Bound<'py, PyAny>, (PyScenario, Option<String>, String, String))> {
         let run = slf.get();
-        let trace = slf.py().detach(|| run.trace()).map_err(of_mission)?;
+        let mut trace = TraceText::default();
+        slf.py().detach(|| run.fly_again(&mut trace)).map_err(of_mission)?;
         let summary = serde_json::to_string(&run.summary).expect("plain numbers and strings");
-        Ok((slf.get_type().getattr("_restore")?, (run.scenario.clone(), run.label.clone(), trace, summary)))
+        Ok((slf.get_type().getattr("_restore")?, (run.scenario.clone(), run.label.clone(), trace.text, summary)))
     }
 
     #[staticmethod]
@@ -285,16 +289,9 @@ impl PyRun {
         let slots: Option<Vec<RecordedSlot>> =
             trace.split_inclusive('\n').map(|line| RecordedSlot::parse(line.as_bytes())).collect();
         let slots = slots.ok_or_else(|| refused("trace: expected that of a run"))?;
-        let mut plant = Plant::new(&scenario.scenario, &list);
-        let mut recorder = RunRecorder::new(&scenario.scenario, &list, &plant.header());
-        for slot in &slots {
-            let plan = (!slot.is_missed()).then(|| slot.plan());
-            let header = plant.fly(plan.as_ref());
-            recorder.add(None, plant.last_flight(), &header, plant.field()).map_err(of_mission)?;
-        }
-        let mut run = recorder.end(scenario, list, plant.field(), Duration::ZERO, label).untimed();
-        run.summary = serde_json::from_str(summary).map_err(refused)?;
-        Ok(run)
+        let plans = slots.iter().map(RecordedSlot::decision);
+        let run = Self::of_plans(scenario, list, plans, label).map_err(of_mission)?;
+        Ok(Self { summary: serde_json::from_str(summary).map_err(refused)?, ..run })
     }
 
     fn __len__(&self) -> usize {

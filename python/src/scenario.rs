@@ -19,8 +19,8 @@ use crate::values::{to_python, to_toml};
 
 /// A validated scenario: mission, sensor field, channel and strategy.
 ///
-/// The keys are those of a scenario file (``docs/src/interfaces.md``). Scenarios are immutable, compare equal if their
-/// keys do, and can be pickled; a sensor list is stored as the path of its file.
+/// The keys are those of a scenario file (``docs/src/scenario-keys.md``). Scenarios are immutable, compare equal if
+/// their keys do, and can be pickled; a sensor list is stored as the path of its file.
 #[pyclass(name = "Scenario", module = "skysink", frozen)]
 #[derive(Clone)]
 pub struct PyScenario {
@@ -43,7 +43,7 @@ impl PyScenario {
         let settings: Vec<Setting> = changes.into_iter().map(setting).collect();
         let changed = Self::new(self.text.clone(), &self.scenario.path, settings.clone())?;
         let mut table: Table = self.text.parse().expect("it has been parsed before");
-        Setting::apply_all(&settings, &mut table).map_err(refused)?;
+        Scenario::apply(&settings, &mut table).map_err(refused)?;
         Ok(Self { text: toml::to_string(&table).expect("it has just been parsed"), ..changed })
     }
 

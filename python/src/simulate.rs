@@ -3,21 +3,21 @@
 use std::cell::Cell;
 use std::time::Instant;
 
-use pyo3::exceptions::{PyRecursionError, PyRuntimeError};
+use pyo3::exceptions::PyRecursionError;
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 use skysink::run::options::parse_label;
-use skysink_common::message::{Plan, QueuesHeader};
+use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
-use skysink_mission::mission::Plant;
-use skysink_mission::{Mission, MissionError};
-use skysink_planner::strategies::Registered;
+use skysink_mission::drive::Observer;
+use skysink_mission::{Mission, MissionError, Plant, drive};
+use skysink_planner::strategy::Registered;
 
 use crate::episode::plant;
 use crate::errors::{of_mission, refused};
 use crate::field::PyField;
-use crate::pilot::Pilot;
+use crate::pilot::{PythonPilot, PythonPlanner};
 use crate::run::{PyRun, RunRecorder};
 use crate::scenario::PyScenario;
 use crate::signals::interruptible;
@@ -56,14 +56,10 @@ pub fn checked_label(text: &str) -> PyResult<String> {
 
 fn by_registry(scenario: PyScenario, list: SensorList, stop: &Stop) -> Result<PyRun, MissionError> {
     let mut mission = Mission::new(&scenario.scenario, &list)?;
-    mission.set_stop(stop);
-    let mut recorder = RunRecorder::new(&scenario.scenario, &list, &mission.header());
+    let mut recorder = RunRecorder::new(&scenario.scenario, &list);
     let begin = Instant::now();
-    while let Some(flown) = mission.next() {
-        recorder.add(Some(&flown.plan), &flown.flight, &flown.header, mission.field())?;
-    }
-    stop.check()?;
-    Ok(recorder.end(scenario, list, mission.field(), begin.elapsed(), None))
+    mission.drive(&mut [&mut recorder], stop)?.unless_stopped()?;
+    Ok(recorder.end(scenario, list, mission.plant(), begin.elapsed(), None))
 }
 
 /// Counts nested missions: a strategy may simulate missions.
@@ -106,39 +102,24 @@ fn by_python(
     label: Option<String>,
 ) -> PyResult<PyRun> {
     let _depth = Depth::enter()?;
-    let mut plant = plant(&scenario.scenario, &list)?;
-    let mut pilot = Pilot::new(py, strategy.clone().unbind(), PyField::of(&scenario.scenario, &list))?;
-    let mut recorder = RunRecorder::new(&scenario.scenario, &list, &plant.header());
+    let mut recorder = RunRecorder::new(&scenario.scenario, &list);
     let begin = Instant::now();
-    fly(py, &mut pilot, &mut plant, |plan, plant, header| {
-        recorder.add(Some(plan), plant.last_flight(), header, plant.field()).map_err(of_mission)
-    })?;
+    let plant = drive_python(py, &scenario.scenario, &list, strategy.clone().unbind(), &mut recorder)?;
+    let wall = begin.elapsed();
     let label = label.map_or_else(|| strategy.get_type().name().map(|name| name.to_string()), Ok)?;
-    Ok(recorder.end(scenario, list, plant.field(), begin.elapsed(), Some(label)))
+    Ok(recorder.end(scenario, list, &plant, wall, Some(label)))
 }
 
-/// Simulates a mission with a Python strategy, and calls `on_slot` for each slot.
-pub fn fly(
+/// Drives a mission with a Python strategy, and returns the plant after it.
+pub fn drive_python(
     py: Python<'_>,
-    pilot: &mut Pilot,
-    plant: &mut Plant,
-    mut on_slot: impl FnMut(&Plan, &Plant, &QueuesHeader) -> PyResult<()>,
-) -> PyResult<()> {
-    while !plant.is_over() {
-        let begin = Instant::now();
-        let mut plan = pilot.plan_next(py, plant).map_err(|error| in_slot(py, plant.slot() + 1, error))?;
-        plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
-        let header = plant.fly(Some(&plan));
-        on_slot(&plan, plant, &header)?;
-    }
-    Ok(())
-}
-
-/// The error of a strategy with the slot that it was planning.
-fn in_slot(py: Python<'_>, slot: u64, error: PyErr) -> PyErr {
-    let note = format!("while planning slot {slot}");
-    match error.value(py).call_method1("add_note", (note,)) {
-        Ok(_) => error,
-        Err(_) => PyRuntimeError::new_err(error.to_string()),
-    }
+    scenario: &Scenario,
+    list: &SensorList,
+    strategy: Py<PyAny>,
+    observer: &mut dyn Observer,
+) -> PyResult<Plant> {
+    let mut plant = plant(scenario, list)?;
+    let mut pilot = PythonPilot { py, planner: PythonPlanner::new(py, strategy, PyField::of(scenario, list))? };
+    drive(&mut plant, &mut pilot, &mut [observer], &Stop::default()).map_err(of_mission)?;
+    Ok(plant)
 }

@@ -8,20 +8,20 @@ use pyo3::prelude::*;
 use skysink_common::sensors::SensorList;
 use skysink_lab::compare::{Contender, standings as of_contenders};
 use skysink_lab::metrics::{MetricValues, MissionMeter};
-use skysink_lab::sweep;
+use skysink_lab::sweep::definition::MissionKey;
 use skysink_lab::sweep::folder::SweepRecord;
 use skysink_lab::sweep::journal::{MissionRow, MissionRows, SweepJournal};
-use skysink_lab::sweep::plan::{ExternalStrategy, MissionKey, Shard, Sweep, SweepBase};
+use skysink_lab::sweep::plan::Sweep;
 use skysink_lab::sweep::results::mission_columns;
+use skysink_lab::sweep::settings::{ExternalStrategy, SweepBase, SweepSettings};
+use skysink_lab::sweep::shard::Shard;
+use skysink_lab::sweep::{self, SweepTask};
 use toml::Table;
 
-use crate::episode::plant;
 use crate::errors::{of_lab, refused};
-use crate::field::PyField;
-use crate::pilot::Pilot;
 use crate::scenario::PyScenario;
 use crate::signals::interruptible;
-use crate::simulate::fly;
+use crate::simulate::drive_python;
 use crate::table::PyTable;
 use crate::values::json;
 
@@ -67,7 +67,9 @@ impl PySweepPlan {
         let scenario = &scenario.get().scenario;
         let table = scenario.to_toml().parse::<Table>().expect("it has just been written");
         let base = SweepBase { path: scenario.path.clone(), table };
-        let sweep = Sweep::new(Path::new("comparison"), base, Table::new(), names, seeds, strategies(external));
+        let settings =
+            SweepSettings { base, axes: Table::new(), strategies: names, seeds, external: strategies(external) };
+        let sweep = Sweep::new(Path::new("comparison"), settings);
         sweep.map(Self).map_err(of_lab)
     }
 
@@ -102,7 +104,8 @@ impl PySweepPlan {
 
     /// Runs the missing missions on `threads` threads of this process, for built-in strategies only.
     fn fly_all(&self, py: Python<'_>, out: PathBuf, threads: usize) -> PyResult<PyTable> {
-        let journal = interruptible(py, |stop| sweep::sweep(&self.0, &out, Shard::WHOLE, threads, stop, &|_| ()))?;
+        let task = SweepTask { out: &out, shard: Shard::WHOLE, threads };
+        let journal = interruptible(py, |stop| sweep::sweep(&self.0, task, stop, &|_| ()))?;
         self.table(&journal.map_err(of_lab)?)
     }
 
@@ -128,14 +131,9 @@ impl PySweepPlan {
     fn fly_python(&self, py: Python<'_>, key: MissionKey, strategy: Py<PyAny>) -> PyResult<MissionRow> {
         let scenario = self.0.scenario(key).map_err(of_lab)?;
         let list = SensorList::of(&scenario).map_err(refused)?;
-        let mut plant = plant(&scenario, &list)?;
-        let mut pilot = Pilot::new(py, strategy, PyField::of(&scenario, &list))?;
-        let mut meter = MissionMeter::new(&scenario, &list, &plant.header());
-        fly(py, &mut pilot, &mut plant, |plan, plant, header| {
-            meter.add(Some(plan), plant.last_flight(), header, plant.field());
-            py.check_signals()
-        })?;
-        Ok(MissionRow { key, values: meter.values(plant.field(), None, None) })
+        let mut meter = MissionMeter::new(&scenario, &list);
+        let plant = drive_python(py, &scenario, &list, strategy, &mut meter)?;
+        Ok(MissionRow { key, values: meter.values(&plant, None, None) })
     }
 }
 

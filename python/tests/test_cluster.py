@@ -108,7 +108,7 @@ def test_slurm_flies_what_the_merge_says_is_missing(place: Path) -> None:
 
     said = submit()
     assert (place / "flag").exists() and not (place / OUT).exists()
-    assert "run shards 3 of 5, for example by --array=3 and --shard auto/5" in said
+    assert "run shards 3 of 5, for example by --array=3 and --shard $SLURM_ARRAY_TASK_ID/5" in said
     assert f"800 missions: {OUT}/results.csv" in submit("3")
     same_files(place / "alone", place / OUT, FILES)
 

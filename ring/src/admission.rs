@@ -45,7 +45,7 @@ impl Admission {
         limit: Option<u64>,
     ) -> Verdict {
         let refuse = |refusal| {
-            topic.member.refusals.add(topic.row.name, header.slot, refusal, 1);
+            topic.refusals.add(topic.row.name, header.slot, refusal, 1);
             Verdict::Refused
         };
         if header.mission != topic.member.terms.mission {

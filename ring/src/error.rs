@@ -61,7 +61,9 @@ impl RingError {
         InputError::new("ring", folder, message).into()
     }
 
-    pub(crate) fn topic(topic: &'static str, action: &'static str, error: &dyn Debug) -> Self {
+    /// The error of a failed `action` on `topic`, with that of iceoryx2.
+    #[must_use]
+    pub fn topic(topic: &'static str, action: &'static str, error: &dyn Debug) -> Self {
         Self::Topic { topic, action, detail: format!("{error:?}") }
     }
 }
@@ -88,9 +90,20 @@ pub enum NodeError {
     /// The viewer cannot record.
     #[error(transparent)]
     Recording(Box<dyn std::error::Error + Send + Sync>),
+    /// A peer has left out the sample of a slot.
+    #[error("{topic}({slot}): expected every slot")]
+    MissingSlot {
+        /// The topic.
+        topic: &'static str,
+        /// The slot.
+        slot: u64,
+    },
     /// A peer sent an impossible sample.
-    #[error("{0}")]
-    Peer(String),
+    #[error(transparent)]
+    ImpossibleSample(Box<dyn std::error::Error + Send + Sync>),
+    /// A replayed trace does not have the slot.
+    #[error("slot {0}: not in the trace")]
+    NotRecorded(u64),
     /// The ring cannot be used.
     #[error(transparent)]
     Ring(#[from] RingError),
@@ -106,7 +119,7 @@ impl NodeError {
         match self {
             Self::Stopped(stopped) => stopped.exit_code(),
             Self::Ring(error) => error.exit_code(),
-            Self::Input(_) | Self::Peer(_) => 2,
+            Self::Input(_) | Self::MissingSlot { .. } | Self::ImpossibleSample(_) | Self::NotRecorded(_) => 2,
             Self::TimedOut { .. } | Self::Orphaned | Self::Recording(_) => 1,
         }
     }

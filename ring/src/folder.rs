@@ -16,10 +16,8 @@ use rand::RngExt;
 use serde::Serialize;
 
 use crate::error::RingError;
-use crate::terms::{LinkTerms, Terms};
-use crate::wait::{PAUSE, Waiting};
-use skysink_common::estimate::Rates;
-use skysink_common::pace::Pace;
+use crate::terms::Terms;
+use crate::wait::PAUSE;
 
 /// The shared memory of iceoryx2 on Linux.
 pub const SHARED_MEMORY: &str = "/dev/shm";
@@ -62,22 +60,15 @@ pub struct RingFolder {
 }
 
 impl RingFolder {
-    /// Creates the folder of a new ring, and removes the folders of dead launchers.
+    /// Creates the folder of a new ring with these terms and a new `mission`, and removes the folders of dead launchers.
     ///
     /// # Errors
     /// If the folder cannot be created.
-    pub fn create(
-        pace: Pace,
-        wait: Waiting,
-        timeout_s: f64,
-        viewer: bool,
-        estimated: Option<Rates>,
-    ) -> Result<Self, RingError> {
+    pub fn create(terms: Terms) -> Result<Self, RingError> {
         let home = prepare_home()?;
         loop {
             let mission = rand::rng().random();
-            let terms = Terms { mission, pace, wait, timeout_s, viewer, estimated, link: None };
-            if let Some(folder) = Self::create_in(&home, terms)? {
+            if let Some(folder) = Self::create_in(&home, Terms { mission, ..terms })? {
                 return Ok(folder);
             }
         }
@@ -105,17 +96,6 @@ impl RingFolder {
         let folder = Self { path, terms, lock: Some(lock) };
         folder.create_files().map_err(|error| RingError::folder(&folder.path, error))?;
         Ok(Some(folder))
-    }
-
-    /// Enables a link that carries the samples to other hosts. Must be called before any process joins.
-    ///
-    /// # Errors
-    /// If the files cannot be written.
-    pub fn link(&mut self, terms: LinkTerms) -> Result<(), RingError> {
-        self.terms.link = Some(terms);
-        let files = [self.path.join(DOMAIN), self.path.join(TERMS)];
-        let rewritten = files.iter().try_for_each(fs::remove_file).and_then(|()| self.write_terms());
-        rewritten.map_err(|error| RingError::folder(&self.path, error))
     }
 
     /// Opens the folder of a running launcher.
@@ -387,29 +367,30 @@ fn remove(folder: &Path) {
 mod tests {
     use super::*;
 
-    const LINK: LinkTerms = LinkTerms { version: 5, scenario: u64::MAX };
+    use crate::terms::LinkTerms;
+    use skysink_common::estimate::Rates;
 
-    fn new() -> RingFolder {
-        RingFolder::create(Pace::Max, Waiting::Event, 1.0, false, Some(Rates::Known)).unwrap()
+    const LINK: Option<LinkTerms> = Some(LinkTerms { version: 5, scenario: u64::MAX });
+
+    fn new(link: Option<LinkTerms>) -> RingFolder {
+        RingFolder::create(Terms { belief: Some(Rates::Known), link, ..Terms::default() }).unwrap()
     }
 
     #[test]
     fn the_ports_of_a_ring_with_a_link_never_wait() {
-        let mut folder = new();
         let domain = |folder: &RingFolder| fs::read_to_string(folder.path().join(DOMAIN)).unwrap();
-        assert!(!domain(&folder).contains("defaults"), "{}", domain(&folder));
-        folder.link(LINK).unwrap();
+        assert!(!domain(&new(None)).contains("defaults"));
+        let folder = new(LINK);
         assert!(domain(&folder).contains("backpressure-strategy = \"DiscardData\""), "{}", domain(&folder));
         assert_eq!(RingFolder::open(folder.path()).unwrap().terms(), folder.terms());
-        assert_eq!(folder.terms().link, Some(LINK));
+        assert_eq!(folder.terms().link, LINK);
         let strategy = folder.config().unwrap().defaults.publish_subscribe.backpressure_strategy;
         assert_eq!(strategy, BackpressureStrategy::DiscardData);
     }
 
     #[test]
     fn a_host_joins_with_the_terms_of_another_and_only_once() {
-        let mut first = new();
-        first.link(LINK).unwrap();
+        let first = new(LINK);
         let copies = tempfile::tempdir().unwrap();
         let copy = copies.path().join("ring.toml");
         fs::copy(first.path().join(TERMS), &copy).unwrap();
@@ -424,7 +405,7 @@ mod tests {
 
     #[test]
     fn an_abandoned_ring_is_removed_once_its_processes_have_ended() {
-        let mut folder = new();
+        let mut folder = new(None);
         folder.lock = None; // as if the launcher had died
         let lock = crate::role::RoleLock::acquire(folder.path(), crate::role::Role::Planner).unwrap();
         clear_abandoned(Duration::ZERO);
@@ -436,7 +417,7 @@ mod tests {
 
     #[test]
     fn a_ring_without_a_link_cannot_be_joined() {
-        let folder = new();
+        let folder = new(None);
         let error = RingFolder::join(&folder.path().join(TERMS)).unwrap_err().to_string();
         assert!(error.contains("no link to other hosts: expected that of skysink run --link"), "{error}");
         let error = RingFolder::join(Path::new("/nowhere/ring.toml")).unwrap_err().to_string();

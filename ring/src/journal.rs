@@ -1,105 +1,86 @@
-//! The journal of a process: its last records, in a file of the ring's folder, from which a restarted process resumes.
+//! The journal of a process: what it must know to continue after a slot, in the ring's folder.
 //!
-//! A record is written before its content is published. It is not synced to the disk: the operating system keeps the
-//! writes of a killed process, and a crash of the machine ends the ring, too. The content of a record is left to the
-//! process.
+//! A journal has the state after a slot, once in so many slots, and what the process has received in each slot since.
+//! How often the state is written is a number: in every slot where it is small, and seldom where it grows with the
+//! field. A restarted process restores the last state, and advances it by what was received since.
 
-use std::fs::{File, OpenOptions};
-use std::io::{self, IoSlice};
-use std::os::unix::fs::{FileExt, OpenOptionsExt};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use rustix::io::{Errno, pwritev};
 use skysink_common::checkpoint::Checkpoint;
-use xxhash_rust::xxh3::Xxh3;
 
 use crate::error::RingError;
+use crate::records::{Record, Records};
 
-/// The last records of a process by slot, each in its own entry of a file. A record that was cut by a kill is ignored,
-/// and does not damage the others.
+/// How often a journal has the state, and how much it keeps.
+#[derive(Debug, Clone, Copy)]
+pub struct Policy {
+    /// The state is written once in so many slots.
+    pub state_every: u64,
+    /// States that are kept. The last may be cut.
+    pub states: u64,
+    /// Most bytes of a state.
+    pub state_bytes: usize,
+    /// Most bytes of what is received in a slot; `None` for a process whose states are enough.
+    pub input_bytes: Option<usize>,
+}
+
+/// The journal of a process.
 #[derive(Debug)]
 pub struct Journal {
-    file: File,
-    path: PathBuf,
-    /// Number of entries.
-    entries: u64,
-    /// Most bytes of a record.
-    max_bytes: usize,
+    policy: Policy,
+    states: Records,
+    /// What was received in each slot since the oldest state.
+    inputs: Option<Records>,
+    /// The slot of the last state, if there is one.
+    last_state: Option<u64>,
+    buffer: Vec<u8>,
 }
-
-/// A valid record.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Record {
-    /// The slot it was written for.
-    pub slot: u64,
-    /// The content.
-    pub bytes: Vec<u8>,
-}
-
-/// Bytes before a record: slot, length, hash.
-const HEAD: usize = 24;
-
-/// Entries begin on page boundaries, so that a cut record cannot damage another.
-const PAGE: u64 = 4096;
 
 impl Journal {
-    /// Opens or creates the journal at `path`, with `entries` entries for records of at most `max_bytes` bytes. The
-    /// record of a slot replaces that of the slot `entries` before.
+    /// Opens or creates the journal whose states are in the file `path`. The inputs are in the file with the extension
+    /// `inputs`.
     ///
     /// # Errors
-    /// If the file cannot be opened.
-    pub fn open(path: &Path, entries: u64, max_bytes: usize) -> Result<Self, RingError> {
-        let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).mode(0o600).open(path);
-        let file = file.map_err(|source| RingError::Journal { path: path.to_owned(), source })?;
-        Ok(Self { file, path: path.to_owned(), entries, max_bytes })
+    /// If a file cannot be opened or read.
+    pub fn open(path: &Path, policy: Policy) -> Result<Self, RingError> {
+        let Policy { state_every, states, state_bytes, input_bytes } = policy;
+        let open_inputs = |bytes| Records::open(&path.with_extension("inputs"), states * state_every, 1, bytes);
+        let inputs = input_bytes.map(open_inputs).transpose()?;
+        let states = Records::open(path, states, state_every, state_bytes)?;
+        let last_state = states.read()?.last().map(|record| record.slot);
+        Ok(Self { policy, states, inputs, last_state, buffer: Vec::new() })
     }
 
-    /// Writes the record of `slot`: the concatenated `parts`.
+    /// Saves what was received in `slot` and, if it is due, the state after it; a state without bytes is not written.
+    /// Must be called before the results of the slot are published.
+    ///
+    /// The input is written first: if the process is killed in between, the state before leads to the same.
     ///
     /// # Errors
-    /// If the file cannot be written, for example because the disk is full.
+    /// If a file cannot be written, for example because the disk is full.
     ///
     /// # Panics
-    /// If the record is longer than `max_bytes`.
-    pub fn write(&self, slot: u64, parts: &[&[u8]]) -> Result<(), RingError> {
-        let length: usize = parts.iter().map(|part| part.len()).sum();
-        assert!(length <= self.max_bytes, "a record of {length} bytes: expected at most {}", self.max_bytes);
-        let mut hash = begin_hash(slot, length as u64);
-        parts.iter().for_each(|part| hash.update(part));
-        let mut head = [0; HEAD];
-        for (bytes, number) in head.as_chunks_mut().0.iter_mut().zip([slot, length as u64, hash.digest()]) {
-            *bytes = number.to_le_bytes();
+    /// If the input or the state is longer than the policy says.
+    pub fn save(&mut self, slot: u64, input: &[u8], state: &dyn Checkpoint) -> Result<(), RingError> {
+        if let Some(inputs) = &self.inputs {
+            inputs.write(slot, &[input])?;
         }
-        self.write_at(self.start(slot), &head, parts).map_err(|source| self.refuse(source))
-    }
-
-    /// Writes head and parts at `offset`, usually by one system call.
-    fn write_at(&self, mut offset: u64, head: &[u8], parts: &[&[u8]]) -> io::Result<()> {
-        let mut slices: Vec<IoSlice> = [head].iter().chain(parts).map(|part| IoSlice::new(part)).collect();
-        let mut slices = &mut slices[..];
-        IoSlice::advance_slices(&mut slices, 0); // skips parts that are empty
-        while !slices.is_empty() {
-            match pwritev(&self.file, slices, offset) {
-                Ok(0) => return Err(io::ErrorKind::WriteZero.into()),
-                Ok(written) => {
-                    offset += written as u64;
-                    IoSlice::advance_slices(&mut slices, written);
-                }
-                Err(Errno::INTR) => {}
-                Err(error) => return Err(error.into()),
-            }
+        if !self.is_state_due(slot) {
+            return Ok(());
+        }
+        self.buffer.clear();
+        state.save(&mut self.buffer);
+        if !self.buffer.is_empty() {
+            self.states.write(slot, &[&self.buffer])?;
+            self.last_state = Some(slot);
         }
         Ok(())
     }
 
-    /// Writes the state as the record of `slot`; a state without bytes is not written.
-    ///
-    /// # Errors
-    /// As [`Journal::write`].
-    pub fn save(&self, slot: u64, state: &dyn Checkpoint) -> Result<(), RingError> {
-        let mut bytes = Vec::new();
-        state.save(&mut bytes);
-        if bytes.is_empty() { Ok(()) } else { self.write(slot, &[&bytes]) }
+    /// Whether no state of these `state_every` slots has been written, or `slot` is run again.
+    fn is_state_due(&self, slot: u64) -> bool {
+        let number = |slot: u64| slot / self.policy.state_every;
+        self.last_state.is_none_or(|last| slot <= last || number(slot) != number(last))
     }
 
     /// Restores the newest state before `slot` that `state` accepts, and returns its slot; `None`, with `state`
@@ -108,118 +89,40 @@ impl Journal {
     /// # Errors
     /// If the file cannot be read.
     pub fn restore_before(&self, slot: u64, state: &mut dyn Checkpoint) -> Result<Option<u64>, RingError> {
-        let records = self.read()?;
+        let records = self.states.read()?;
         let mut before = records.iter().rev().filter(|record| record.slot < slot);
         Ok(before.find(|record| state.restore(&record.bytes).is_ok()).map(|record| record.slot))
     }
 
-    /// All valid records, ascending by slot. Anything else in the file is ignored.
+    /// The last saved slot.
     ///
     /// # Errors
     /// If the file cannot be read.
-    pub fn read(&self) -> Result<Vec<Record>, RingError> {
-        let mut records = Vec::new();
-        for entry in 0..self.entries {
-            records.extend(self.read_entry(entry).map_err(|source| self.refuse(source))?);
-        }
-        records.sort_unstable_by_key(|record| record.slot);
-        Ok(records)
+    pub fn last_slot(&self) -> Result<Option<u64>, RingError> {
+        Ok(self.inputs()?.last().map(|input| input.slot).or(self.last_state))
     }
 
-    fn read_entry(&self, entry: u64) -> io::Result<Option<Record>> {
-        let start = self.start(entry);
-        let Some(head) = self.read_at(start, HEAD)? else { return Ok(None) };
-        let number = |i: usize| u64::from_le_bytes(head[8 * i..8 * i + 8].try_into().expect("eight bytes"));
-        let [slot, length, hash] = [0, 1, 2].map(number);
-        if slot % self.entries != entry || length > self.max_bytes as u64 {
-            return Ok(None);
-        }
-        let length = usize::try_from(length).expect("at most `max_bytes`");
-        let Some(bytes) = self.read_at(start + HEAD as u64, length)? else { return Ok(None) };
-        let mut hasher = begin_hash(slot, length as u64);
-        hasher.update(&bytes);
-        Ok((hasher.digest() == hash).then_some(Record { slot, bytes }))
+    /// What was received in the last slots, ascending by slot. A slot whose record was cut is missing.
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub fn inputs(&self) -> Result<Vec<Record>, RingError> {
+        self.inputs.as_ref().map_or_else(|| Ok(Vec::new()), Records::read)
     }
-
-    /// Reads `length` bytes; `None` if the file ends before.
-    fn read_at(&self, start: u64, length: usize) -> io::Result<Option<Vec<u8>>> {
-        let mut bytes = vec![0; length];
-        match self.file.read_exact_at(&mut bytes, start) {
-            Ok(()) => Ok(Some(bytes)),
-            Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => Ok(None),
-            Err(error) => Err(error),
-        }
-    }
-
-    /// Offset of the entry of `slot` in the file.
-    fn start(&self, slot: u64) -> u64 {
-        slot % self.entries * (HEAD as u64 + self.max_bytes as u64).next_multiple_of(PAGE)
-    }
-
-    fn refuse(&self, source: io::Error) -> RingError {
-        RingError::Journal { path: self.path.clone(), source }
-    }
-}
-
-fn begin_hash(slot: u64, length: u64) -> Xxh3 {
-    let mut hash = Xxh3::new();
-    hash.update(&slot.to_le_bytes());
-    hash.update(&length.to_le_bytes());
-    hash
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::*;
     use skysink_common::checkpoint::CheckpointError;
-    use std::os::unix::fs::PermissionsExt as _;
 
-    fn journal(folder: &tempfile::TempDir) -> Journal {
-        Journal::open(&folder.path().join("journal"), 3, 5000).unwrap()
+    fn journal(folder: &tempfile::TempDir, state_every: u64, input_bytes: Option<usize>) -> Journal {
+        let policy = Policy { state_every, states: 3, state_bytes: 1, input_bytes };
+        Journal::open(&folder.path().join("x.journal"), policy).unwrap()
     }
 
-    fn slots(journal: &Journal) -> Vec<u64> {
-        journal.read().unwrap().iter().map(|record| record.slot).collect()
-    }
-
-    #[test]
-    fn the_last_records_are_found_in_order() {
-        let folder = tempfile::tempdir().unwrap();
-        assert_eq!(journal(&folder).read().unwrap(), []);
-        for slot in 0..=7u64 {
-            journal(&folder).write(slot, &[b"slot ", slot.to_string().as_bytes()]).unwrap();
-        }
-        assert_eq!(slots(&journal(&folder)), [5, 6, 7]);
-        assert_eq!(journal(&folder).read().unwrap()[2].bytes, b"slot 7");
-    }
-
-    #[test]
-    fn records_without_a_byte_of_room_to_spare_leave_each_other_whole() {
-        let folder = tempfile::tempdir().unwrap();
-        let journal = Journal::open(&folder.path().join("journal"), 3, 4096).unwrap();
-        for slot in [3, 2, 1] {
-            journal.write(slot, &[&[slot as u8; 4096]]).unwrap();
-        }
-        assert_eq!(slots(&journal), [1, 2, 3]);
-    }
-
-    #[test]
-    fn a_record_counts_only_in_its_own_place_and_for_its_own_slot() {
-        let folder = tempfile::tempdir().unwrap();
-        let journal = journal(&folder);
-        (1..=3).for_each(|slot| journal.write(slot, &[b"state"]).unwrap());
-        let fewer = Journal::open(&folder.path().join("journal"), 2, 5000).unwrap();
-        assert_eq!(slots(&fewer), [1], "slot 3 lies where slots 0, 2, 4 would");
-        journal.file.write_all_at(&[4], journal.start(4)).unwrap(); // slot 1, said to be slot 4
-        assert_eq!(slots(&journal), [2, 3]);
-    }
-
-    #[test]
-    fn what_is_saved_others_may_not_read() {
-        let folder = tempfile::tempdir().unwrap();
-        let mode = journal(&folder).file.metadata().unwrap().permissions().mode();
-        assert_eq!(mode & 0o777, 0o600);
+    fn states(journal: &Journal) -> Vec<u64> {
+        journal.states.read().unwrap().iter().map(|record| record.slot).collect()
     }
 
     /// A number below 100, which nobody else's state is; 0 is none.
@@ -240,12 +143,12 @@ mod tests {
     #[test]
     fn the_newest_state_before_a_slot_that_is_accepted_is_restored() {
         let folder = tempfile::tempdir().unwrap();
-        let journal = journal(&folder);
+        let mut journal = journal(&folder, 1, None);
         let mut state = Number(0);
         assert_eq!(journal.restore_before(9, &mut state).unwrap(), None);
         [(3, 30), (4, 40), (5, 200)]
             .into_iter()
-            .for_each(|(slot, number)| journal.save(slot, &Number(number)).unwrap());
+            .for_each(|(slot, number)| journal.save(slot, &[], &Number(number)).unwrap());
         for (before, slot, number) in [(9, Some(4), 40), (5, Some(4), 40), (4, Some(3), 30), (3, None, 7)] {
             state = Number(7);
             assert_eq!(journal.restore_before(before, &mut state).unwrap(), slot, "before slot {before}");
@@ -256,51 +159,41 @@ mod tests {
     #[test]
     fn who_has_no_state_leaves_the_record_before_it() {
         let folder = tempfile::tempdir().unwrap();
-        let journal = journal(&folder);
-        journal.save(1, &Number(1)).unwrap();
-        journal.save(4, &Number(0)).unwrap();
-        assert_eq!(slots(&journal), [1]);
+        let mut journal = journal(&folder, 1, None);
+        journal.save(1, &[], &Number(1)).unwrap();
+        journal.save(4, &[], &Number(0)).unwrap();
+        assert_eq!(states(&journal), [1]);
     }
 
     #[test]
-    #[should_panic(expected = "a record of 5001 bytes")]
-    fn a_record_that_is_too_long_is_refused() {
+    fn the_state_is_saved_once_in_so_many_slots_and_the_input_in_each() {
         let folder = tempfile::tempdir().unwrap();
-        let _ = journal(&folder).write(1, &[&[0; 5001]]);
+        for slot in 5..=27 {
+            journal(&folder, 8, Some(2)).save(slot, &[slot as u8; 2], &Number(1)).unwrap();
+        }
+        let journal = journal(&folder, 8, Some(2));
+        assert_eq!(states(&journal), [8, 16, 24], "and slot 5, replaced by 24");
+        let inputs = journal.inputs().unwrap();
+        assert!(inputs.iter().map(|input| input.slot).eq(5..=27) && inputs[22].bytes == [27; 2], "{inputs:?}");
     }
 
     #[test]
-    fn the_error_for_a_missing_folder_names_it() {
-        let error = Journal::open(Path::new("/nowhere/journal"), 1, 1).unwrap_err().to_string();
-        assert!(error.starts_with("journal /nowhere/journal: No such file"), "{error}");
+    fn a_state_due_in_a_missed_slot_is_saved_in_the_next() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut journal = journal(&folder, 8, None);
+        [5, 7, 10, 15, 40].into_iter().for_each(|slot| journal.save(slot, &[], &Number(1)).unwrap());
+        assert_eq!(states(&journal), [5, 10, 40]);
     }
 
-    proptest! {
-        /// A kill leaves the first of the new bytes, and after them those of the record before.
-        #[test]
-        fn a_record_that_is_cut_anywhere_does_not_damage_the_others(cut in 0usize..=4024, new in any::<u8>()) {
-            let folder = tempfile::tempdir().unwrap();
-            let journal = journal(&folder);
-            for slot in 1..=3u64 {
-                journal.write(slot, &[&[7; 4000]]).unwrap();
-            }
-            let start = journal.start(4); // where slot 1 was
-            let before = journal.read_at(start, HEAD + 4000).unwrap().unwrap();
-            journal.write(4, &[&[new; 1500], &[], &[new; 2500]]).unwrap();
-            journal.file.write_all_at(&before[cut..], start + cut as u64).unwrap();
-            let expected: &[u64] = match cut {
-                0 => &[1, 2, 3],
-                HEAD.. if cut == before.len() || new == 7 => &[2, 3, 4],
-                _ => &[2, 3],
-            };
-            prop_assert_eq!(slots(&journal), expected);
-        }
-
-        #[test]
-        fn no_record_is_found_in_a_file_of_arbitrary_bytes(bytes in prop::collection::vec(any::<u8>(), 0..20_000)) {
-            let folder = tempfile::tempdir().unwrap();
-            std::fs::write(folder.path().join("journal"), bytes).unwrap();
-            prop_assert_eq!(journal(&folder).read().unwrap(), []);
-        }
+    #[test]
+    fn a_slot_that_is_run_again_replaces_its_state() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut journal = journal(&folder, 1, None);
+        [(7, 70), (8, 80), (9, 90), (8, 81)]
+            .into_iter()
+            .for_each(|(slot, number)| journal.save(slot, &[], &Number(number)).unwrap());
+        let mut state = Number(1);
+        journal.restore_before(9, &mut state).unwrap();
+        assert_eq!((states(&journal), state.0), (vec![7, 8, 9], 81));
     }
 }

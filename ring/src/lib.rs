@@ -11,19 +11,22 @@
 //! | [`folder`] | the folder of a ring |
 //! | [`health`], [`refusals`] | events of processes; refused samples |
 //! | [`cleanup`] | removal of the resources of killed processes |
-//! | [`journal`] | records from which a restarted process resumes |
+//! | [`records`], [`journal`] | records that survive a kill; what a restarted process resumes from |
 //! | [`sample`], [`topic`] | samples; a topic |
 //! | [`admission`], [`reader`], [`writer`] | the two ends of a topic |
 //! | [`survey`] | the state of the topics, as observed from outside |
-//! | [`topics`] | the table of topics |
+//! | [`topics`] | the table of topics, and the ring made from it |
+//! | [`join`] | joining a ring |
 
 pub mod admission;
 pub mod cleanup;
 pub mod error;
 pub mod folder;
 pub mod health;
+pub mod join;
 pub mod journal;
 pub mod reader;
+pub mod records;
 pub mod refusals;
 pub mod role;
 pub mod sample;

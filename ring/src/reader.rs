@@ -12,12 +12,17 @@ use skysink_common::message::{FLAG_REPEAT, SlotHeader};
 use crate::admission::{Admission, Verdict, order};
 use crate::error::{NodeError, RingError};
 use crate::refusals::Refusal;
+use crate::role::Role;
 use crate::sample::{Header, Payload};
 use crate::topic::{MAX_EARLY, Topic, TopicShared};
 use crate::wait::WaitContext;
 
 /// Most samples received before control returns to the caller, so that a flood of samples cannot block a stop.
 const MAX_BATCH: usize = 256;
+
+/// Buffer of a process that neither shows nor records the ring [samples]: it is at most two slots behind, but restarted
+/// writers repeat samples. Unused memory costs nothing.
+pub(crate) const RING_BUFFER: usize = 16;
 
 /// Most slots by which the ring can be ahead of a process that it waits for.
 pub(crate) const MAX_AHEAD: u64 = 2;
@@ -43,12 +48,15 @@ pub struct Reader<S: Service + 'static, P: Payload + ?Sized, H: Header> {
 }
 
 impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
-    /// A reader with a buffer of `buffer` samples, which first receives the history of the topic.
+    /// A reader, which first receives the history of the topic. The viewer and the launcher have the buffer of the
+    /// topic, other processes a small one.
     ///
     /// # Errors
     /// If the topic has its maximum of readers, or iceoryx2 fails.
-    pub fn reader(&self, buffer: usize) -> Result<Reader<S, P, H>, RingError> {
+    pub fn reader(&self) -> Result<Reader<S, P, H>, RingError> {
         let topic = Rc::clone(&self.0);
+        let is_recording = matches!(topic.member.role, Some(Role::Viewer | Role::Launcher));
+        let buffer = if is_recording { topic.row.buffer } else { topic.row.buffer.min(RING_BUFFER) };
         let builder = topic.data.subscriber_builder().history_request(topic.row.history).buffer_size(buffer);
         let subscriber = builder.create().map_err(|error| topic.refuse("read", &error))?;
         Ok(Reader {
@@ -229,7 +237,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
 
     /// Counts the refusal of an admitted sample of `slot` because of its content.
     pub fn refuse(&self, slot: u64, refusal: Refusal) {
-        self.topic.member.refusals.add(self.topic.row.name, slot, refusal, 1);
+        self.topic.refusals.add(self.topic.row.name, slot, refusal, 1);
     }
 }
 
@@ -237,12 +245,10 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
 mod tests {
     use super::*;
     use crate::folder::RingFolder;
-    use crate::role::Role;
-    use crate::terms::LinkTerms;
-    use crate::topics::{RING_BUFFER, Ring};
+    use crate::terms::{LinkTerms, Terms};
+    use crate::topics::Ring;
     use iceoryx2::port::publisher::Publisher;
     use skysink_common::message::{Commit, FLAG_END};
-    use skysink_common::pace::Pace;
     use skysink_common::scenario::{Overrides, Scenario};
     use skysink_common::stop::Stop;
     use std::path::Path;
@@ -257,10 +263,9 @@ mod tests {
     }
 
     impl Linked {
-        fn new(terms: Option<LinkTerms>) -> Self {
+        fn new(link: Option<LinkTerms>) -> Self {
             let scenario = Scenario::parse("name = 'x'\n", Path::new("x.toml"), Overrides::default()).unwrap();
-            let mut folder = RingFolder::create(Pace::Max, Default::default(), 60.0, false, None).unwrap();
-            terms.into_iter().for_each(|terms| folder.link(terms).unwrap());
+            let folder = RingFolder::create(Terms { link, ..Terms::default() }).unwrap();
             let (ring, _) = Ring::join(&folder, &scenario, Role::Launcher, &Stop::default()).unwrap();
             let link = ring.commit.0.data.publisher_builder().create().unwrap();
             Self { ring, link, _folder: folder }
@@ -272,7 +277,7 @@ mod tests {
 
         /// A reader that the ring does not wait for.
         fn observer(&self) -> Commits {
-            Ring::observe(&self._folder).unwrap().commit.reader(RING_BUFFER).unwrap()
+            Ring::observe(&self._folder).unwrap().commit.reader().unwrap()
         }
     }
 
@@ -295,7 +300,7 @@ mod tests {
     #[test]
     fn a_sample_that_a_link_has_lost_is_taken_from_its_repeat() {
         let linked = Linked::new(LINK);
-        let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
+        let mut reader = linked.ring.commit.reader().unwrap();
         [1, 3].into_iter().for_each(|slot| linked.send(slot, 0, 0));
         assert_eq!([1, 2].map(|slot| poll(&mut reader, slot)), [Some(1), None]);
         [2, 3, 2, 3].into_iter().for_each(|slot| linked.send(slot, FLAG_REPEAT, 0));
@@ -308,7 +313,7 @@ mod tests {
     #[test]
     fn repeats_do_not_fill_the_buffer_of_a_reader_that_receives_them() {
         let linked = Linked::new(LINK);
-        let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
+        let mut reader = linked.ring.commit.reader().unwrap();
         linked.send(1, 0, 0);
         assert_eq!(poll(&mut reader, 1), Some(1));
         for _ in 0..2 {
@@ -322,7 +327,7 @@ mod tests {
     #[test]
     fn a_new_reader_behind_a_link_begins_with_the_oldest_repeat() {
         let linked = Linked::new(LINK);
-        let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
+        let mut reader = linked.ring.commit.reader().unwrap();
         linked.send(8, FLAG_REPEAT, 0);
         assert_eq!(next(&mut reader), None, "there may be an older one");
         linked.send(7, FLAG_REPEAT, 0);
@@ -334,11 +339,11 @@ mod tests {
     #[test]
     fn a_new_reader_behind_a_link_does_not_wait_where_nothing_is_repeated() {
         let linked = Linked::new(LINK);
-        let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
+        let mut reader = linked.ring.commit.reader().unwrap();
         linked.send(0, FLAG_REPEAT, 0);
         assert_eq!(next(&mut reader), Some(0), "the first of all");
         let running = Linked::new(LINK);
-        let mut reader = running.ring.commit.reader(RING_BUFFER).unwrap();
+        let mut reader = running.ring.commit.reader().unwrap();
         running.send(8, 0, 0);
         assert_eq!([(); 2].map(|()| next(&mut reader)), [Some(8), None]);
     }
@@ -346,7 +351,7 @@ mod tests {
     #[test]
     fn a_restarted_process_is_admitted_behind_the_same_link() {
         let linked = Linked::new(LINK);
-        let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
+        let mut reader = linked.ring.commit.reader().unwrap();
         [1, 2].into_iter().for_each(|slot| linked.send(slot, 0, 0));
         assert_eq!([1, 2].map(|slot| poll(&mut reader, slot)), [Some(1), Some(2)]);
         [1, 2, 3].into_iter().for_each(|slot| linked.send(slot, 0, 1));
@@ -357,7 +362,7 @@ mod tests {
     #[test]
     fn what_was_taken_is_not_taken_again_from_its_repeat() {
         let linked = Linked::new(LINK);
-        let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
+        let mut reader = linked.ring.commit.reader().unwrap();
         [1, 2].into_iter().for_each(|slot| linked.send(slot, 0, 0));
         assert_eq!([(); 3].map(|()| next(&mut reader)), [Some(1), Some(2), None]);
         [2, 1].into_iter().for_each(|slot| linked.send(slot, FLAG_REPEAT, 0));
@@ -371,7 +376,7 @@ mod tests {
     #[test]
     fn a_new_reader_with_no_room_for_an_older_repeat_waits_for_none() {
         let linked = Linked::new(LINK);
-        let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
+        let mut reader = linked.ring.commit.reader().unwrap();
         (5..5 + MAX_EARLY as u64).for_each(|slot| linked.send(slot, FLAG_REPEAT, 0));
         assert_eq!(next(&mut reader), Some(5));
     }
@@ -391,7 +396,7 @@ mod tests {
     #[test]
     fn a_sample_of_another_run_or_of_a_slot_that_the_ring_cannot_have_reached_is_refused() {
         let linked = Linked::new(None);
-        let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
+        let mut reader = linked.ring.commit.reader().unwrap();
         let header = linked.ring.header(1, 0);
         send(&linked.link, SlotHeader { mission: header.mission + 1, ..header });
         assert_eq!((poll(&mut reader, 1), linked.ring.refusals.total()), (None, 1));
@@ -405,7 +410,7 @@ mod tests {
     #[test]
     fn beside_a_writer_that_is_alive_another_is_not_heard() {
         let linked = Linked::new(None);
-        let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
+        let mut reader = linked.ring.commit.reader().unwrap();
         linked.send(1, 0, 0);
         assert_eq!(poll(&mut reader, 1), Some(1));
         let second = linked.ring.commit.0.data.publisher_builder().create().unwrap();
@@ -418,7 +423,7 @@ mod tests {
     #[test]
     fn the_end_comes_after_a_sample_of_the_same_slot() {
         let linked = Linked::new(None);
-        let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
+        let mut reader = linked.ring.commit.reader().unwrap();
         [0, FLAG_END].into_iter().for_each(|flags| linked.send(5, flags, 0));
         let mut flags = || reader.next_sample().unwrap().map(|sample| sample.user_header().flags);
         assert_eq!([(); 3].map(|()| flags()), [Some(0), Some(FLAG_END), None]);
@@ -428,7 +433,7 @@ mod tests {
     #[test]
     fn without_a_link_a_repeat_without_its_flag_is_refused() {
         let linked = Linked::new(None);
-        let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
+        let mut reader = linked.ring.commit.reader().unwrap();
         [1, 2, 1].into_iter().for_each(|slot| linked.send(slot, 0, 0));
         assert_eq!([1, 2].map(|slot| poll(&mut reader, slot)), [Some(1), Some(2)]);
         assert_eq!(poll(&mut reader, 3), None);

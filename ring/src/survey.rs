@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::identifiers::UniqueNodeId;
 use iceoryx2::node::NodeView as _;
+use iceoryx2::port::listener::Listener;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::service::static_config::message_type_details::{TypeDetail, TypeVariant};
@@ -16,7 +17,7 @@ use skysink_common::message::SlotHeader;
 
 use crate::error::RingError;
 use crate::sample::{Header, Payload};
-use crate::topic::{OBSERVER, Topic};
+use crate::topic::{OBSERVER, Topic, TopicRow};
 
 /// How long the topics are read: writers serve late joiners every 10 ms while they wait.
 const OBSERVATION: Duration = Duration::from_millis(100);
@@ -46,6 +47,20 @@ pub struct TopicState {
     pub is_once_a_slot: bool,
 }
 
+/// A topic of any payload.
+pub(crate) trait AnyTopic<S: Service> {
+    fn row(&self) -> &TopicRow;
+
+    /// The attached writers.
+    fn writers(&self) -> Vec<UniqueNodeId>;
+
+    /// A listener to its notifications.
+    fn listener(&self) -> Result<Listener<S>, RingError>;
+
+    /// Its observer.
+    fn observer(&self) -> Box<dyn ObserveTopic + '_>;
+}
+
 /// A topic under observation.
 pub(crate) trait ObserveTopic {
     /// The state of the topic without its samples. `name` returns the name of a process.
@@ -64,8 +79,20 @@ struct ObservedTopic<'a, S: Service + 'static, P: Payload + ?Sized, H: Header> {
     newest: Option<SlotHeader>,
 }
 
-impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
-    pub(crate) fn observer(&self) -> Box<dyn ObserveTopic + '_> {
+impl<S: Service + 'static, P: Payload + ?Sized, H: Header> AnyTopic<S> for Topic<S, P, H> {
+    fn row(&self) -> &TopicRow {
+        self.0.row
+    }
+
+    fn writers(&self) -> Vec<UniqueNodeId> {
+        self.writers()
+    }
+
+    fn listener(&self) -> Result<Listener<S>, RingError> {
+        self.0.listener()
+    }
+
+    fn observer(&self) -> Box<dyn ObserveTopic + '_> {
         Box::new(ObservedTopic { topic: self, subscriber: None, newest: None })
     }
 }
@@ -87,7 +114,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> ObserveTopic for Obse
         });
         readers.sort_unstable();
         TopicState {
-            service: format!("skysink/{}", shared.row.name),
+            service: shared.row.service(),
             payload: type_name(&types.payload),
             header: type_name(&types.user_header),
             writers,
@@ -123,11 +150,12 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> ObserveTopic for Obse
     }
 }
 
-/// Observes these topics at the same time.
+/// The states of these topics, observed at the same time.
 pub(crate) fn observe_all<S: Service>(
-    mut observers: Vec<Box<dyn ObserveTopic + '_>>,
+    topics: &[&dyn AnyTopic<S>],
     node: &Node<S>,
 ) -> Result<Vec<TopicState>, RingError> {
+    let mut observers: Vec<_> = topics.iter().map(|topic| topic.observer()).collect();
     let names = node_names(node);
     let name = |id: &UniqueNodeId| names.get(&id.value()).cloned().unwrap_or_else(|| "?".to_owned());
     let mut states: Vec<TopicState> = observers.iter().map(|observer| observer.state(&name)).collect();

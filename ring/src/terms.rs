@@ -25,10 +25,8 @@ pub struct Terms {
     pub timeout_s: f64,
     /// Whether the ring has a viewer.
     pub viewer: bool,
-    /// What the UAV knows of the sampling rates, if the topic `queues` holds its estimate; `None` if the topic holds
-    /// the true queues.
-    #[serde(rename = "told")]
-    pub estimated: Option<Rates>,
+    /// What the UAV knows of the sampling rates, if the run has the topic `belief`, for an external planner.
+    pub belief: Option<Rates>,
     /// What the hosts compare, if a link carries the samples to processes of other hosts.
     pub link: Option<LinkTerms>,
 }
@@ -44,7 +42,28 @@ pub struct LinkTerms {
     pub scenario: u64,
 }
 
+impl Default for Terms {
+    /// In lock-step, without a viewer; the time-out is an hour.
+    fn default() -> Self {
+        Self {
+            mission: 0,
+            pace: Pace::Max,
+            wait: Waiting::default(),
+            timeout_s: 3600.0,
+            viewer: false,
+            belief: None,
+            link: None,
+        }
+    }
+}
+
 impl Terms {
+    /// Whether the run has the topic `belief`.
+    #[must_use]
+    pub fn has_belief(&self) -> bool {
+        self.belief.is_some()
+    }
+
     /// Reads `ring.toml`; the error says what is wrong.
     pub(crate) fn read(file: &Path) -> Result<Self, String> {
         let expected = "expected the folder of a ring, as skysink run prints it, or a copy of the ring.toml in it";

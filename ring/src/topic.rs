@@ -50,6 +50,8 @@ pub(crate) struct TopicRow {
     pub(crate) name: &'static str,
     /// The process that writes it.
     pub(crate) writer: Role,
+    /// The processes that read it.
+    pub(crate) readers: &'static [Role],
     /// Largest buffer of a reader [samples].
     pub(crate) buffer: usize,
     /// Samples that a late joiner receives.
@@ -57,6 +59,30 @@ pub(crate) struct TopicRow {
     pub(crate) on_full: OnFullBuffer,
     /// Whether a slot may have several samples.
     pub(crate) has_several_per_slot: bool,
+    /// Whether its notifications are the heartbeats of its writer, which notifies its readers while it waits, too. Each
+    /// process writes one such topic.
+    pub(crate) is_heartbeat: bool,
+    /// Whether a link carries it to other hosts.
+    pub(crate) is_linked: bool,
+    /// Whether a run with these terms has the topic.
+    pub(crate) exists: fn(&Terms) -> bool,
+}
+
+impl TopicRow {
+    /// The name of the topic's services.
+    pub(crate) fn service(&self) -> String {
+        format!("skysink/{}", self.name)
+    }
+
+    /// The name of the topic's services, checked by iceoryx2.
+    pub(crate) fn service_name(&self) -> Result<ServiceName, RingError> {
+        ServiceName::new(&self.service()).map_err(|error| RingError::topic(self.name, "name it", &error))
+    }
+
+    /// Whether only the viewer reads it.
+    fn is_only_viewed(&self) -> bool {
+        self.readers == [Role::Viewer]
+    }
 }
 
 /// What a writer does if the buffer of a reader is full.
@@ -72,9 +98,11 @@ pub(crate) enum OnFullBuffer {
 #[derive(Debug, Clone)]
 pub(crate) struct Participant {
     pub(crate) terms: Terms,
+    /// `None` for an observer.
+    pub(crate) role: Option<Role>,
     /// Most slots by which the ring can be ahead of this process; `None` if it may lag.
     pub(crate) max_ahead: Option<u64>,
-    /// Counts of refused samples.
+    /// Counts of refused samples, except those of topics that only the viewer reads.
     pub(crate) refusals: Refusals,
     pub(crate) late_joiners: LateJoiners,
     /// The lock of its role, for heartbeats; `None` in the launcher.
@@ -89,24 +117,29 @@ pub struct Topic<S: Service + 'static, P: Payload + ?Sized, H: Header>(pub(crate
 /// The state that a topic shares with its readers and writers.
 #[derive(Debug)]
 pub(crate) struct TopicShared<S: Service + 'static, P: Payload + ?Sized, H: Header> {
-    pub(crate) row: TopicRow,
+    pub(crate) row: &'static TopicRow,
     pub(crate) config: Config,
     pub(crate) data: Arc<publish_subscribe::PortFactory<S, P, H>>,
     event: event::PortFactory<S>,
     pub(crate) member: Participant,
+    pub(crate) refusals: Refusals,
+}
+
+/// What it takes to open topics.
+pub(crate) struct Opening<'a, S: Service + 'static> {
+    pub(crate) node: &'a Node<S>,
+    pub(crate) member: &'a Participant,
+    /// The attributes with which the launcher creates the topics; `None` to open them.
+    pub(crate) created_with: Option<&'a AttributeSpecifier>,
 }
 
 impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
-    /// The topic of a row: created with the attributes `terms`, or opened if there are none. Only the launcher creates.
-    pub(crate) fn new(
-        node: &Node<S>,
-        member: &Participant,
-        row: TopicRow,
-        terms: Option<&AttributeSpecifier>,
-    ) -> Result<Self, RingError> {
+    /// The topic of a row.
+    pub(crate) fn open(opening: &Opening<'_, S>, row: &'static TopicRow) -> Result<Self, RingError> {
+        let Opening { node, member, created_with: terms } = *opening;
         let action = if terms.is_some() { "create it" } else { "open it" };
         let refuse = |error: &dyn Debug| RingError::topic(row.name, action, error);
-        let name = service_name(row.name)?;
+        let name = row.service_name()?;
         let mut builder = node.service_builder(&name).publish_subscribe::<P>().user_header::<H>();
         let events = node.service_builder(&name).event();
         if terms.is_some() {
@@ -124,7 +157,22 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
             Some(_) => events.max_nodes(MAX_NODES).create().map_err(|error| refuse(&error))?,
             None => events.open().map_err(|error| refuse(&error))?,
         };
-        Ok(Self(Rc::new(TopicShared { row, config: node.config().clone(), data, event, member: member.clone() })))
+        // No other process logs refusals of a topic that only the viewer reads.
+        let refusals = if row.is_only_viewed() { Refusals::new(member.role) } else { member.refusals.clone() };
+        let config = node.config().clone();
+        Ok(Self(Rc::new(TopicShared { row, config, data, event, member: member.clone(), refusals })))
+    }
+
+    /// The name of the topic.
+    #[must_use]
+    pub fn name(&self) -> &'static str {
+        self.0.row.name
+    }
+
+    /// The process that writes the topic.
+    #[must_use]
+    pub fn written_by(&self) -> Role {
+        self.0.row.writer
     }
 
     /// Whether a process or a link is attached as a writer.
@@ -202,11 +250,6 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> TopicShared<S, P, H> 
             BackpressureAction::Retry
         }
     }
-}
-
-/// The name of the services of a topic.
-pub(crate) fn service_name(topic: &'static str) -> Result<ServiceName, RingError> {
-    ServiceName::new(&format!("skysink/{topic}")).map_err(|error| RingError::topic(topic, "name it", &error))
 }
 
 /// Whether this subscriber is an [`OBSERVER`].

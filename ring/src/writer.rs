@@ -237,10 +237,9 @@ mod tests {
     use super::*;
     use crate::folder::RingFolder;
     use crate::role::Role;
-    use crate::terms::LinkTerms;
+    use crate::terms::{LinkTerms, Terms};
     use crate::topics::Ring;
     use skysink_common::message::{Commit, SensorNode, SensorsHeader};
-    use skysink_common::pace::Pace;
     use skysink_common::scenario::{Overrides, Scenario};
     use skysink_common::stop::Stop;
     use std::path::Path;
@@ -249,10 +248,14 @@ mod tests {
         Scenario::parse("name = 'x'\n", Path::new("x.toml"), Overrides::default()).unwrap()
     }
 
+    fn linked_folder() -> RingFolder {
+        let link = Some(LinkTerms { version: 0, scenario: 0 });
+        RingFolder::create(Terms { link, ..Terms::default() }).unwrap()
+    }
+
     #[test]
     fn a_writer_of_a_linked_ring_repeats_its_last_samples_while_it_has_nothing_new() {
-        let mut folder = RingFolder::create(Pace::Max, Default::default(), 60.0, false, None).unwrap();
-        folder.link(LinkTerms { version: 0, scenario: 0 }).unwrap();
+        let folder = linked_folder();
         let (ring, mut wait) =
             Ring::<local::Service>::join(&folder, &scenario(), Role::Launcher, &Stop::default()).unwrap();
         let commits = ring.commit.writer().unwrap();
@@ -280,15 +283,14 @@ mod tests {
 
     #[test]
     fn a_writer_of_a_ring_on_one_host_repeats_nothing() {
-        let folder = RingFolder::create(Pace::Max, Default::default(), 60.0, false, None).unwrap();
+        let folder = RingFolder::create(Terms::default()).unwrap();
         let (ring, _) = Ring::<local::Service>::join(&folder, &scenario(), Role::Launcher, &Stop::default()).unwrap();
         assert!(ring.commit.writer().unwrap().0.repeats.is_none());
     }
 
     #[test]
     fn what_was_repeated_is_not_due_at_once_again() {
-        let mut folder = RingFolder::create(Pace::Max, Default::default(), 60.0, false, None).unwrap();
-        folder.link(LinkTerms { version: 0, scenario: 0 }).unwrap();
+        let folder = linked_folder();
         let (ring, _) = Ring::<local::Service>::join(&folder, &scenario(), Role::Launcher, &Stop::default()).unwrap();
         let commits = ring.commit.writer().unwrap();
         commits.send(ring.header(1, 0), Commit { hash: 1 }).unwrap();
@@ -301,7 +303,7 @@ mod tests {
 
     #[test]
     fn whoever_sleeps_is_woken_by_each_sample() {
-        let folder = RingFolder::create(Pace::Max, Default::default(), 60.0, false, None).unwrap();
+        let folder = RingFolder::create(Terms::default()).unwrap();
         let (ring, _) = Ring::<local::Service>::join(&folder, &scenario(), Role::Launcher, &Stop::default()).unwrap();
         let is_woken = |listener: &iceoryx2::port::listener::Listener<local::Service>| {
             let mut woken = 0;

@@ -6,14 +6,13 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::local;
-use skysink_common::pace::Pace;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
 use skysink_ring::error::{NodeError, RingError};
 use skysink_ring::folder::{RingFolder, running_rings};
 use skysink_ring::role::Role;
-use skysink_ring::terms::LinkTerms;
-use skysink_ring::topics::{RING_BUFFER, Ring};
+use skysink_ring::terms::{LinkTerms, Terms};
+use skysink_ring::topics::Ring;
 use skysink_ring::wait::{WaitContext, Waiting};
 
 /// Far beyond anything that these tests wait for.
@@ -24,7 +23,7 @@ fn scenario(name: &str) -> Scenario {
 }
 
 fn folder(timeout_s: f64) -> RingFolder {
-    RingFolder::create(Pace::Max, Waiting::Event, timeout_s, false, None).unwrap()
+    RingFolder::create(Terms { wait: Waiting::Event, timeout_s, ..Terms::default() }).unwrap()
 }
 
 fn join(folder: &RingFolder, role: Role, stop: &Stop) -> Result<(Ring<local::Service>, WaitContext), RingError> {
@@ -66,19 +65,19 @@ fn a_process_that_was_started_again_says_so_in_its_headers() {
 
 #[test]
 fn a_launcher_has_its_own_writer_behind_a_link_too() {
-    let mut folder = folder(60.0);
-    folder.link(LinkTerms { version: 0, scenario: 0 }).unwrap();
+    let link = Some(LinkTerms { version: 0, scenario: 0 });
+    let folder = RingFolder::create(Terms { link, ..Terms::default() }).unwrap();
     let (ring, _) = join(&folder, Role::Launcher, &Stop::default()).unwrap();
-    assert!(!ring.has_writer(Role::Launcher));
+    assert!(!ring.has_process(Role::Launcher));
     let _commits = ring.commit.writer().unwrap();
-    assert!(ring.has_writer(Role::Launcher) && !ring.has_writer(Role::Planner));
+    assert!(ring.has_process(Role::Launcher) && !ring.has_process(Role::Planner));
 }
 
 #[test]
 fn a_sample_that_does_not_come_ends_the_launchers_wait_and_is_named() {
     let folder = folder(0.05);
     let (ring, mut wait) = join(&folder, Role::Launcher, &Stop::default()).unwrap();
-    let mut plans = ring.plan.reader(RING_BUFFER).unwrap();
+    let mut plans = ring.plan.reader().unwrap();
     let error = plans.wait_for_slot(&mut wait, 7).map(drop).unwrap_err();
     assert_eq!(
         error.to_string(),

@@ -11,7 +11,7 @@ use skysink_common::stop::Stop;
 use skysink_field_sim::Field;
 use skysink_mission::latency::{Spread, histogram};
 
-use super::{Effort, letter, nanoseconds};
+use super::setting::{BenchEffort, letter, nanoseconds};
 use crate::error::Error;
 
 /// SNs whose slots are timed together: a slot of few SNs takes no longer than reading the clock.
@@ -31,7 +31,7 @@ pub struct FieldRow {
 }
 
 /// Measures slots and copies in turns.
-pub(super) fn measure(effort: Effort, stop: &Stop) -> Result<Vec<FieldRow>, Error> {
+pub fn measure(effort: BenchEffort, stop: &Stop) -> Result<Vec<FieldRow>, Error> {
     effort
         .counts()
         .iter()
@@ -39,7 +39,7 @@ pub(super) fn measure(effort: Effort, stop: &Stop) -> Result<Vec<FieldRow>, Erro
         .collect()
 }
 
-fn row(sensors: u32, effort: Effort) -> Result<FieldRow, Error> {
+fn row(sensors: u32, effort: BenchEffort) -> Result<FieldRow, Error> {
     let scenario = letter(sensors, "uts");
     let list = SensorList::of(&scenario)?;
     let mut field = Field::new(&scenario, &list);

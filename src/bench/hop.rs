@@ -17,10 +17,12 @@ use skysink_common::message::{FlightReport, Plan};
 use skysink_common::pace::Pace;
 use skysink_common::stop::Stop;
 use skysink_mission::latency::{Spread, histogram};
+use skysink_ring::error::RingError;
 use skysink_ring::folder::RingFolder;
+use skysink_ring::terms::Terms;
 use skysink_ring::wait::Waiting;
 
-use super::nanoseconds;
+use super::setting::nanoseconds;
 use crate::error::Error;
 
 /// Messages on the critical path of a slot, and threads that pass them on.
@@ -47,9 +49,9 @@ pub struct RingCase {
 }
 
 /// Passes the messages of `case` around, and returns the times of the rounds.
-pub(super) fn time(case: RingCase, stop: &Stop) -> Result<Spread, Error> {
+pub fn time(case: RingCase, stop: &Stop) -> Result<Spread, Error> {
     stop.check()?;
-    let folder = RingFolder::create(Pace::Max, case.wait, TIMEOUT.as_secs_f64(), false, None)?;
+    let folder = RingFolder::create(Terms { wait: case.wait, timeout_s: TIMEOUT.as_secs_f64(), ..Terms::default() })?;
     let config = folder.config()?;
     let all_open = Barrier::new(HOPS);
     let open = |index| {
@@ -146,11 +148,11 @@ impl Ports {
             wait.pause(&self.listener, polls);
             polls += 1;
         }
-        Err(Error::Bench(format!("hop: no message within {} s", TIMEOUT.as_secs())))
+        Err(Error::BenchmarkHop { seconds: TIMEOUT.as_secs() })
     }
 }
 
 /// The error of a port.
 fn failed(error: impl std::fmt::Debug) -> Error {
-    Error::Bench(format!("hop: {error:?}"))
+    RingError::topic("hop", "pass messages", &error).into()
 }

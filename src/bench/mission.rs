@@ -5,11 +5,14 @@ use std::time::Instant;
 
 use serde::Serialize;
 use skysink_common::stop::Stop;
-use skysink_lab::sweep;
-use skysink_lab::sweep::plan::{Shard, Sweep, SweepBase};
+use skysink_lab::sweep::plan::Sweep;
+use skysink_lab::sweep::settings::{SweepBase, SweepSettings};
+use skysink_lab::sweep::shard::Shard;
+use skysink_lab::sweep::{self, SweepTask};
 use skysink_planner::strategies::uts;
 
-use super::{Effort, letter_text, machine, median_by, temporary_folder};
+use super::machine;
+use super::setting::{BenchEffort, letter_text, median_by, temporary_folder};
 use crate::error::Error;
 
 /// Slots of a mission, as in the paper.
@@ -27,7 +30,7 @@ pub struct MissionSpeeds {
 }
 
 /// Flies missions, on one thread and on all cores in turns.
-pub(super) fn measure(effort: Effort, stop: &Stop) -> Result<MissionSpeeds, Error> {
+pub fn measure(effort: BenchEffort, stop: &Stop) -> Result<MissionSpeeds, Error> {
     let cores = machine::cores();
     let mut one = Vec::new();
     let mut all = Vec::new();
@@ -40,13 +43,15 @@ pub(super) fn measure(effort: Effort, stop: &Stop) -> Result<MissionSpeeds, Erro
 }
 
 /// Slots per second of a sweep on so many threads.
-fn swept(threads: usize, effort: Effort, stop: &Stop) -> Result<f64, Error> {
+fn swept(threads: usize, effort: BenchEffort, stop: &Stop) -> Result<f64, Error> {
     let folder = temporary_folder()?;
     let base = SweepBase { path: "bench.toml".into(), table: letter_text(200, SLOTS).parse().expect("valid TOML") };
     let strategies = vec![uts::STRATEGY.name.to_owned()];
     let seeds = (1..=effort.choose(500, 8) * threads as u64).collect();
-    let plan = Sweep::new(Path::new("bench"), base, toml::Table::new(), strategies, seeds, Vec::new())?;
+    let settings = SweepSettings { base, axes: toml::Table::new(), strategies, seeds, external: Vec::new() };
+    let plan = Sweep::new(Path::new("bench"), settings)?;
     let begin = Instant::now();
-    let journal = sweep::sweep(&plan, &folder.path().join("sweep"), Shard::WHOLE, threads, stop, &|_| ())?;
+    let task = SweepTask { out: &folder.path().join("sweep"), shard: Shard::WHOLE, threads };
+    let journal = sweep::sweep(&plan, task, stop, &|_| ())?;
     Ok((journal.count() as u64 * SLOTS) as f64 / begin.elapsed().as_secs_f64())
 }

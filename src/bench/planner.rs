@@ -10,7 +10,7 @@ use skysink_mission::Mission;
 use skysink_mission::latency::{Spread, histogram};
 use skysink_planner::strategies::stateless;
 
-use super::{Effort, letter, nanoseconds};
+use super::setting::{BenchEffort, letter, nanoseconds};
 use crate::error::Error;
 
 /// Slots after which a flight begins again: few enough that no queue far from the UAV is full.
@@ -28,7 +28,7 @@ pub struct PlanRow {
 }
 
 /// Measures every strategy that plans one slot, with every number of SNs.
-pub(super) fn measure(effort: Effort, stop: &Stop) -> Result<Vec<PlanRow>, Error> {
+pub fn measure(effort: BenchEffort, stop: &Stop) -> Result<Vec<PlanRow>, Error> {
     let mut rows = Vec::new();
     for &sensors in effort.counts() {
         let list = SensorList::of(&letter(sensors, "uts"))?;
@@ -40,7 +40,7 @@ pub(super) fn measure(effort: Effort, stop: &Stop) -> Result<Vec<PlanRow>, Error
     Ok(rows)
 }
 
-fn plan_times(strategy: &'static str, list: &SensorList, effort: Effort) -> Result<Spread, Error> {
+fn plan_times(strategy: &'static str, list: &SensorList, effort: BenchEffort) -> Result<Spread, Error> {
     let scenario = letter(list.sensors().len() as u32, strategy);
     let mut mission = Mission::new(&scenario, list)?;
     let mut times = histogram();

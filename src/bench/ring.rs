@@ -11,9 +11,9 @@ use skysink_mission::summary::{RunTiming, Summary};
 use skysink_ring::wait::Waiting;
 
 use super::hop::{self, RingCase};
-use super::{Effort, letter_keys, median_by};
+use super::setting::{BenchEffort, letter_keys, median_by, temporary_folder};
 use crate::error::Error;
-use crate::programs;
+use crate::run::executables;
 
 /// A ring against its lower bound.
 #[derive(Debug, Serialize)]
@@ -36,10 +36,10 @@ pub struct RingRow {
 }
 
 /// Measures rings and lower bounds in turns.
-pub(super) fn measure(effort: Effort, stop: &Stop) -> Result<Vec<RingRow>, Error> {
+pub fn measure(effort: BenchEffort, stop: &Stop) -> Result<Vec<RingRow>, Error> {
     let mut rows = Vec::new();
     // With 10^6 SNs a ring does not keep up with 200 slots a second.
-    for (pace, counts) in [(Pace::Max, effort.counts()), (Pace::Factor(200.0), Effort::Quick.counts())] {
+    for (pace, counts) in [(Pace::Max, effort.counts()), (Pace::Factor(200.0), BenchEffort::Quick.counts())] {
         for &sensors in counts {
             for &wait in Waiting::ALL {
                 let slots = match (pace, sensors) {
@@ -54,13 +54,13 @@ pub(super) fn measure(effort: Effort, stop: &Stop) -> Result<Vec<RingRow>, Error
     Ok(rows)
 }
 
-fn row(case: RingCase, effort: Effort, stop: &Stop) -> Result<RingRow, Error> {
+fn row(case: RingCase, effort: BenchEffort, stop: &Stop) -> Result<RingRow, Error> {
     let mut hops = Vec::new();
     let mut runs = Vec::new();
     for _ in 0..effort.choose(5, 1) {
         hops.push(hop::time(case, stop)?);
-        let timing = fly(case, stop)?;
-        let latency = timing.latency.ok_or_else(|| Error::Bench("skysink run: no latencies".to_owned()))?;
+        let timing = run_ring(case, stop)?;
+        let latency = timing.latency.expect("a run without a link measures them");
         runs.push((timing, latency.slot));
     }
     let hops = median_by(hops, |hops| hops.p50_us);
@@ -83,10 +83,10 @@ fn row(case: RingCase, effort: Effort, stop: &Stop) -> Result<RingRow, Error> {
 }
 
 /// One run of the whole ring by `skysink run`.
-fn fly(case: RingCase, stop: &Stop) -> Result<RunTiming, Error> {
+fn run_ring(case: RingCase, stop: &Stop) -> Result<RunTiming, Error> {
     stop.check()?;
-    let folder = super::temporary_folder()?;
-    let (program, words) = programs::command_of("skysink").at("skysink".as_ref())?;
+    let folder = temporary_folder()?;
+    let (program, words) = executables::command_of("skysink").at("skysink".as_ref())?;
     let mut command = Command::new(&program);
     command.args(words).args(["run", "--no-viewer", "--json"]);
     command.args(["--wait", &case.wait.to_string(), "--pace", &case.pace.to_string()]);
@@ -95,8 +95,8 @@ fn fly(case: RingCase, stop: &Stop) -> Result<RunTiming, Error> {
     if !run.status.success() {
         stop.check()?; // Ctrl-C at a terminal stops the run, too
         let message = String::from_utf8_lossy(&run.stderr).trim().to_owned();
-        return Err(Error::Bench(format!("skysink run: {}: {message}", run.status)));
+        return Err(Error::BenchmarkRun { status: run.status, message });
     }
-    let summary = serde_json::from_slice::<Summary>(&run.stdout);
-    summary.map(|summary| summary.timing).map_err(|error| Error::Bench(format!("skysink run: {error}")))
+    let summary: Summary = serde_json::from_slice(&run.stdout).expect("the summary of this version");
+    Ok(summary.timing)
 }

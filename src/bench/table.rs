@@ -1,30 +1,28 @@
 //! The report as tables: a column for each key of a row.
 
-use std::fmt;
 use std::time::Duration;
 
+use serde::Serialize;
 use toml::{Table, Value};
 
-use super::Report;
 use crate::report;
 
-impl fmt::Display for Report {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let report = Table::try_from(self).expect("plain keys and values");
-        for (part, value) in report {
-            match value {
-                Value::Array(rows) => show(formatter, &part, &rows)?,
-                Value::Table(row) => show(formatter, &part, &[Value::Table(row)])?,
-                value => write!(formatter, "skysink {part} {}", text(&part, &value))?,
-            }
+/// The tables of a report: its single values, then a table for each part.
+pub fn of(report: &impl Serialize) -> String {
+    let mut text = String::new();
+    for (part, value) in Table::try_from(report).expect("plain keys and values") {
+        match value {
+            Value::Array(rows) => text += &table(&part, &rows),
+            Value::Table(row) => text += &table(&part, &[Value::Table(row)]),
+            value => text += &format!("skysink {part} {}", cell(&part, &value)),
         }
-        Ok(())
     }
+    text
 }
 
-/// Writes the rows of a part as a table; a single row as a column, which stays narrow. Of the first distribution of a
+/// The rows of a part as a table; a single row as a column, which stays narrow. Of the first distribution of a
 /// row the percentiles are shown, of later ones the median.
-fn show(formatter: &mut fmt::Formatter<'_>, part: &str, rows: &[Value]) -> fmt::Result {
+fn table(part: &str, rows: &[Value]) -> String {
     let mut table = report::table();
     for row in rows.iter().filter_map(Value::as_table) {
         let mut columns = Vec::new();
@@ -32,12 +30,12 @@ fn show(formatter: &mut fmt::Formatter<'_>, part: &str, rows: &[Value]) -> fmt::
         for (key, value) in row {
             let heading = key.trim_end_matches("_us").replace('_', " ");
             let Value::Table(spread) = value else {
-                columns.push([heading, text(key, value)]);
+                columns.push([heading, cell(key, value)]);
                 continue;
             };
             for (key, value) in spread.iter().take(quantiles) {
                 let quantile = key.trim_end_matches("_us");
-                columns.push([quantile.replace("p50", &format!("{heading} p50")), text(key, value)]);
+                columns.push([quantile.replace("p50", &format!("{heading} p50")), cell(key, value)]);
             }
             quantiles = 1;
         }
@@ -48,11 +46,11 @@ fn show(formatter: &mut fmt::Formatter<'_>, part: &str, rows: &[Value]) -> fmt::
             table.set_header(header).add_row(cells);
         }
     }
-    write!(formatter, "\n\n{part}\n{}", report::with_numbers_from(usize::from(rows.len() == 1), table))
+    format!("\n\n{part}\n{}", report::with_numbers_from(usize::from(rows.len() == 1), table))
 }
 
 /// A single value: a time if its key ends in `_us`, else a ratio.
-fn text(key: &str, value: &Value) -> String {
+fn cell(key: &str, value: &Value) -> String {
     match value {
         Value::Float(time_us) if key.ends_with("_us") => {
             // Three digits: 1.23, 12.3 or 123 of a unit.
@@ -89,7 +87,7 @@ mod tests {
             p50_over_floor: 12.34,
             p99_over_p50: 12.34,
         };
-        let report = Report { ring: Some(vec![row(), row()]), ..Report::default() }.to_string();
+        let report = of(&Table::from_iter([("ring".to_owned(), Value::try_from([row(), row()]).unwrap())]));
         assert!(report.lines().all(|line| line.chars().count() <= 80), "{report}");
         for cell in ["1000000", "adaptive", "200x", "12345", "12.3µs", "12.34"] {
             assert!(report.contains(&format!(" {cell} ")), "{cell}: {report}");
@@ -98,9 +96,9 @@ mod tests {
 
     #[test]
     fn times_have_a_unit_and_three_digits_and_ratios_about_as_many() {
-        let times = [0.05, 1.234, 567.8, 5_678.0].map(|time_us| text("p50_us", &Value::Float(time_us)));
+        let times = [0.05, 1.234, 567.8, 5_678.0].map(|time_us| cell("p50_us", &Value::Float(time_us)));
         assert_eq!(times, ["50.0ns", "1.23µs", "568µs", "5.68ms"]);
-        let ratios = [0.914, 12.34, 1234.5].map(|ratio| text("ratio", &Value::Float(ratio)));
+        let ratios = [0.914, 12.34, 1234.5].map(|ratio| cell("ratio", &Value::Float(ratio)));
         assert_eq!(ratios, ["0.91", "12.34", "1234"]);
     }
 }

@@ -13,7 +13,7 @@ use skysink_ring::error::NodeError;
 use skysink_ring::role::Role;
 use skysink_ring::wait::stop_on_signals;
 use skysink_viewer::Sinks;
-use skysink_viewer::node::run;
+use skysink_viewer::node::{ViewerOptions, run};
 
 /// The viewer process of the ring: records a run for rerun; skysink run starts and supervises it.
 #[derive(Debug, Parser)]
@@ -50,9 +50,12 @@ fn main() -> ExitCode {
 
 fn record(cli: &Cli, stop: &Stop) -> Result<(), NodeError> {
     let (scenario, folder) = worker::join(&cli.ring)?;
-    let sinks = Sinks { save: cli.save.clone(), live: cli.live, every: cli.record_every };
-    let estimated = skysink_planner::settings::estimated(&scenario)?;
-    let missed = run::<ipc::Service>(&scenario, &folder, stop, &sinks, cli.label.as_deref(), estimated)?;
+    let options = ViewerOptions {
+        sinks: Sinks { save: cli.save.clone(), live: cli.live, every: cli.record_every },
+        label: cli.label.clone(),
+        estimated: skysink_planner::settings::estimated(&scenario)?,
+    };
+    let missed = run::<ipc::Service>(&scenario, &folder, stop, &options)?;
     if missed > 0 {
         Role::Viewer.log(format_args!("missed {missed} slots, marked in the recording"));
     }

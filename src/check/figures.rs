@@ -1,22 +1,27 @@
 //! The derived figures of a scenario.
 
 use std::fmt;
+use std::sync::Arc;
 
 use serde::Serialize;
-use skysink_common::error::InputError;
-use skysink_common::message::SensorNode;
+use skysink_common::geometry::Position;
 use skysink_common::scenario::Scenario;
-use skysink_common::sensors::SensorList;
+use skysink_common::sensors::grid::Grid;
+use skysink_common::sensors::{SensorList, Sensors};
+use skysink_mission::MissionError;
 use skysink_planner::bound::field_bits::FieldBits;
 use skysink_planner::bound::links::BestLinks;
-use skysink_planner::horizon::path_bound::PathBound;
-use skysink_planner::sensor_table::SensorTable;
+use skysink_planner::bound::paths::PathBound;
+use skysink_planner::mission_table::MissionTable;
 
-use super::clusters::{largest_group, mean_neighbour_m};
-use super::flights::fly;
+use super::flights::trial_flights;
 use super::links::LinkFigures;
 use super::quantity::{percent, scaled, short};
 use super::verdict::{Bounds, LossFree, Round};
+
+/// Maximum number of SNs whose nearest neighbour is searched, approximately. In larger fields, every k-th SN is
+/// sampled.
+const MAX_SAMPLED: usize = 50_000;
 
 /// The derived figures of a scenario with its sensor nodes (SNs).
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -33,10 +38,6 @@ pub struct Figures {
     pub comm_radius_m: f64,
     /// Radius in which `uts` searches anchors, `V τ − d_c` [m]. If this is not above 0, `uts` uses `V τ`.
     pub anchor_radius_m: f64,
-    /// Size of the largest group of SNs connected by steps within the anchor radius of `uts`; `None` if unknown.
-    pub uts_group: Option<usize>,
-    /// The same for `uts-wide`, whose anchor radius is `V τ + d_c`.
-    pub uts_wide_group: Option<usize>,
     /// Mean distance of an SN to its nearest neighbour [m]; `None` for a single SN.
     pub neighbour_m: Option<f64>,
     /// Links with the UAV directly above the SN.
@@ -60,37 +61,49 @@ impl Figures {
     ///
     /// # Errors
     /// If `[planner]` is refused; never for a scenario that [`skysink_planner::settings::resolve`] returned.
-    pub fn of(scenario: &Scenario, list: &SensorList) -> Result<Self, InputError> {
+    pub fn of(scenario: &Scenario, list: &SensorList) -> Result<Self, MissionError> {
         let nodes = list.nodes();
-        let table = SensorTable::new(scenario, &nodes);
-        let (field, sampling) = FieldBits::new(scenario, &nodes, &list.queues_bits());
+        let sensors = Arc::new(Sensors::of(scenario, &nodes));
+        let table = MissionTable::new(scenario, Arc::clone(&sensors));
+        let field = FieldBits::new(scenario, &sensors, &list.queues_bits());
         let reach_m = scenario.reach_m();
         let comm_radius_m = scenario.link.comm_radius_m;
-        let anchor_radius_m = reach_m - comm_radius_m;
-        let step_m = if anchor_radius_m > 0.0 { anchor_radius_m } else { reach_m };
         let above = LinkFigures::at(scenario, &nodes, 0.0);
-        let flights = fly(scenario, list)?;
-        let links = BestLinks::new(scenario, &sampling);
-        let bounds = Bounds { scenario, table: &table, field: &field, links, above, paths: PathBound::by_legs(&table) };
+        let flights = trial_flights(scenario, list)?;
+        let links = BestLinks::new(scenario, &sensors);
+        let bounds = Bounds { table: &table, field: &field, links, above, paths: PathBound::by_legs(&table) };
         Ok(Self {
             strategy: scenario.planner.strategy.clone(),
             sensors: nodes.len(),
             slots: scenario.slots,
             reach_m,
             comm_radius_m,
-            anchor_radius_m,
-            uts_group: largest_group(&table.positions, step_m),
-            uts_wide_group: largest_group(&table.positions, reach_m + comm_radius_m),
-            neighbour_m: mean_neighbour_m(&table.positions, &table.grid),
+            anchor_radius_m: reach_m - comm_radius_m,
+            neighbour_m: mean_neighbour_m(&table.sensors.positions, &table.sensors.grid),
             above,
             rim: LinkFigures::at(scenario, &nodes, comm_radius_m),
             fill_slots: FillSlots::of(&field),
             round: bounds.round(flights.first().and_then(|tour| tour.round_slots)),
-            load: Load::of(scenario, &nodes, &above),
+            load: Load::of(scenario, &sensors, &above),
             unreachable: field.sensors.iter().filter(|sensor| sensor.first_slot > field.slots).count(),
             loss_free: bounds.loss_free(&flights),
         })
     }
+}
+
+/// Mean distance [m] of an SN to its nearest neighbour; `None` for a single SN.
+fn mean_neighbour_m(positions: &[Position], grid: &Grid) -> Option<f64> {
+    if positions.len() < 2 {
+        return None;
+    }
+    let stride = positions.len().div_ceil(MAX_SAMPLED);
+    let sampled = (0u32..).zip(positions).step_by(stride);
+    let distances_m = sampled.filter_map(|(id, position)| {
+        let near = grid.nearest(position, 2);
+        let other = near.into_iter().find(|&other| other != id)?;
+        Some((position - positions[other as usize]).norm())
+    });
+    Some(distances_m.sum::<f64>() / positions.len().div_ceil(stride) as f64)
 }
 
 /// Slots until the empty buffers of the sampling SNs are full, `B / (s_i τ)`.
@@ -106,7 +119,7 @@ pub struct FillSlots {
 
 impl FillSlots {
     fn of(field: &FieldBits) -> Option<Self> {
-        let fills = || field.sensors.iter().map(|sensor| sensor.capacity_bits as f64 / sensor.mean_bits);
+        let fills = || field.sensors.iter().map(|sensor| sensor.sampler.fill_slots());
         (!field.sensors.is_empty()).then(|| Self {
             least: fills().fold(f64::INFINITY, f64::min),
             mean: fills().sum::<f64>() / field.sensors.len() as f64,
@@ -136,9 +149,9 @@ pub struct Load {
 }
 
 impl Load {
-    fn of(scenario: &Scenario, nodes: &[SensorNode], above: &LinkFigures) -> Self {
-        let offered_bits = nodes.iter().map(|node| node.sampling_bps * scenario.slot_s).sum();
-        let visits = scenario.link.resource_blocks.min(nodes.len());
+    fn of(scenario: &Scenario, sensors: &Sensors, above: &LinkFigures) -> Self {
+        let offered_bits = sensors.ids().map(|id| sensors.sampler(id).mean_bits).sum();
+        let visits = scenario.link.resource_blocks.min(sensors.count());
         let visit_bits = above.visit_bits[1].min(scenario.sensors.capacity_bits.into());
         let carried_bits = visits as f64 * visit_bits as f64;
         let fraction = (carried_bits > 0.0).then_some(offered_bits / carried_bits);
@@ -175,14 +188,25 @@ mod tests {
 
     #[test]
     fn distances_are_those_of_the_scenario() {
-        // 30 m/s · 0.5 s = 15 m; 15 − 10 = 5 m, 15 + 10 = 25 m. Steps of 4 m and 20 m.
+        // 30 m/s · 0.5 s = 15 m; 15 − 10 = 5 m.
         let found = figures("slot_s = 0.5\n", "x_m,y_m\n0,0\n4,0\n24,0\n");
         assert_eq!((found.reach_m, found.comm_radius_m, found.anchor_radius_m), (15.0, 10.0, 5.0));
-        assert_eq!((found.uts_group, found.uts_wide_group), (Some(2), Some(3)));
         assert_eq!(found.neighbour_m, Some(28.0 / 3.0)); // 4, 4, 20
-        // 8 m/s: V τ ≤ d_c, so that anchors lie within 8 m.
-        let slow = figures("[uav]\nmax_speed_mps = 8.0\n", "x_m,y_m\n0,0\n7,0\n24,0\n");
-        assert_eq!((slow.anchor_radius_m, slow.uts_group), (-2.0, Some(2)));
+    }
+
+    fn row(xs_m: &[f64]) -> Vec<Position> {
+        xs_m.iter().map(|&x_m| Position::new(x_m, 0.0)).collect()
+    }
+
+    #[test]
+    fn the_nearest_neighbour_is_another_one() {
+        // 0 to 3: 3 m; 3 to 0: 3 m; 10 to 3: 7 m; mean 13/3 m.
+        let positions = row(&[0.0, 3.0, 10.0]);
+        let mean_m = mean_neighbour_m(&positions, &Grid::new(&positions, 5.0)).unwrap();
+        assert!((mean_m - 13.0 / 3.0).abs() < 1e-12, "{mean_m}");
+        let twins = row(&[4.0, 4.0]);
+        assert_eq!(mean_neighbour_m(&twins, &Grid::new(&twins, 5.0)), Some(0.0));
+        assert_eq!(mean_neighbour_m(&twins[..1], &Grid::new(&twins[..1], 5.0)), None);
     }
 
     #[test]

@@ -1,9 +1,12 @@
 //! Simulates a few fast strategies for their loss and the length of their first round.
 
-use skysink_common::error::InputError;
+use skysink_common::message::FlightReport;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
-use skysink_mission::Mission;
+use skysink_common::slot_record::SlotRecord;
+use skysink_common::stop::Stop;
+use skysink_mission::drive::SlotSink;
+use skysink_mission::{Mission, MissionError};
 
 /// Strategies to simulate, in this order, until one loses nothing. The first one determines the round.
 const STRATEGIES: [&str; 3] = ["tour", "uts-wide", "edf"];
@@ -31,7 +34,7 @@ pub struct TrialFlight {
 ///
 /// # Errors
 /// If `[planner]` is refused.
-pub fn fly(scenario: &Scenario, list: &SensorList) -> Result<Vec<TrialFlight>, InputError> {
+pub fn trial_flights(scenario: &Scenario, list: &SensorList) -> Result<Vec<TrialFlight>, MissionError> {
     let sensors = list.sensors().len();
     let mut flights: Vec<TrialFlight> = Vec::new();
     if sensors > MAX_SENSORS || (sensors as u64).saturating_mul(scenario.slots) > MAX_SENSOR_SLOTS {
@@ -47,23 +50,34 @@ pub fn fly(scenario: &Scenario, list: &SensorList) -> Result<Vec<TrialFlight>, I
 
 impl TrialFlight {
     /// Simulates the mission with `strategy`.
-    fn simulate(strategy: &'static str, scenario: &Scenario, list: &SensorList) -> Result<Self, InputError> {
+    fn simulate(strategy: &'static str, scenario: &Scenario, list: &SensorList) -> Result<Self, MissionError> {
         let mut scenario = scenario.clone();
         strategy.clone_into(&mut scenario.planner.strategy);
         let mut mission = Mission::new(&scenario, list)?;
-        let mut is_served = vec![false; list.sensors().len()];
-        let mut unserved = is_served.len();
-        let mut round_slots = None;
-        for flown in &mut mission {
-            for link in flown.flight.served_links() {
-                unserved -= usize::from(!std::mem::replace(&mut is_served[link.sensor as usize], true));
-            }
-            if unserved == 0 {
-                round_slots.get_or_insert(flown.header.head.slot);
-            }
-        }
+        let sensors = list.sensors().len();
+        let mut round = FirstRound { is_served: vec![false; sensors], unserved: sensors, slots: None };
+        mission.drive(&mut [&mut round], &Stop::default())?;
         let totals = mission.header().totals;
         let loss_rate = totals.lost_bits as f64 / (totals.sampled_bits as f64).max(1.0);
-        Ok(Self { strategy, lost_bits: totals.lost_bits, loss_rate, round_slots })
+        Ok(Self { strategy, lost_bits: totals.lost_bits, loss_rate, round_slots: round.slots })
+    }
+}
+
+/// Measures the length of the first round.
+struct FirstRound {
+    is_served: Vec<bool>,
+    unserved: usize,
+    slots: Option<u64>,
+}
+
+impl SlotSink for FirstRound {
+    fn add(&mut self, record: &SlotRecord) -> Result<(), MissionError> {
+        for link in record.flights.iter().flat_map(FlightReport::served_links) {
+            self.unserved -= usize::from(!std::mem::replace(&mut self.is_served[link.sensor as usize], true));
+        }
+        if self.unserved == 0 {
+            self.slots.get_or_insert(record.slot());
+        }
+        Ok(())
     }
 }

@@ -1,10 +1,9 @@
 //! The bits that one visit uploads, over the weakest and the strongest link.
 
 use serde::Serialize;
-use skysink_common::channel::{Channel, Uplink};
+use skysink_common::channel::{Channel, ChannelModel, Uplink};
 use skysink_common::message::SensorNode;
-use skysink_common::scenario::{GainMode, Scenario};
-use skysink_common::units::ratio_of_db;
+use skysink_common::scenario::Scenario;
 
 /// Number of altitude steps that are compared if the UAV can change its altitude.
 const LEVELS: u32 = 16;
@@ -25,9 +24,9 @@ impl LinkFigures {
     /// The uplinks at the horizontal distance `distance_m` [m].
     #[must_use]
     pub fn at(scenario: &Scenario, nodes: &[SensorNode], distance_m: f64) -> Self {
-        let channel = Channel::of(scenario);
+        let channel = Channel::of(&scenario.link);
         let rates_bps =
-            gains(scenario, nodes).map(|gain| best_rate_bps(scenario, &channel, gain, distance_m * distance_m));
+            gains(&channel, nodes).map(|gain| best_rate_bps(scenario, &channel, gain, distance_m * distance_m));
         let visit_bits = rates_bps.map(|rate_bps| channel.capacity_bits(rate_bps));
         let buffer_bits = u64::from(scenario.sensors.capacity_bits);
         let [weak, strong] = visit_bits.map(|bits| (bits > 0).then(|| buffer_bits.div_ceil(bits)));
@@ -36,12 +35,11 @@ impl LinkFigures {
 }
 
 /// The lowest and the highest gain: of the SNs, or of the range from which they are drawn in every slot.
-fn gains(scenario: &Scenario, nodes: &[SensorNode]) -> [f64; 2] {
-    if scenario.link.gain == Some(GainMode::PerSlot) {
-        return scenario.link.gain_range_db().map(ratio_of_db);
-    }
-    let lowest = nodes.iter().map(|node| node.gain).fold(f64::INFINITY, f64::min);
-    [lowest, nodes.iter().map(|node| node.gain).fold(0.0, f64::max)]
+fn gains(channel: &Channel, nodes: &[SensorNode]) -> [f64; 2] {
+    channel.drawn_gains().unwrap_or_else(|| {
+        let lowest = nodes.iter().map(|node| node.gain).fold(f64::INFINITY, f64::min);
+        [lowest, nodes.iter().map(|node| node.gain).fold(0.0, f64::max)]
+    })
 }
 
 /// The expected rate [bit/s] at the squared horizontal distance `d2_m2` [m²], at the best of several allowed altitudes.
@@ -59,6 +57,7 @@ mod tests {
 
     use super::*;
     use skysink_common::scenario::Overrides;
+    use skysink_common::units::ratio_of_db;
 
     /// Uplinks of two SNs with the gains −55 dB and −50 dB.
     fn figures(keys: &str, distance_m: f64) -> LinkFigures {

@@ -3,13 +3,13 @@
 use std::fmt;
 
 use serde::Serialize;
-use skysink_common::scenario::{LinkModel, Scenario};
+use skysink_common::channel::ChannelModel;
 use skysink_planner::bound::field_bits::FieldBits;
 use skysink_planner::bound::links::BestLinks;
+use skysink_planner::bound::paths::PathBound;
 use skysink_planner::bound::throughput::by_throughput;
 use skysink_planner::bound::visits::by_visits;
-use skysink_planner::horizon::path_bound::PathBound;
-use skysink_planner::sensor_table::SensorTable;
+use skysink_planner::mission_table::MissionTable;
 
 use super::flights::TrialFlight;
 use super::links::LinkFigures;
@@ -78,10 +78,8 @@ impl fmt::Display for Round {
 
 /// Inputs of the bounds of a mission with its sensor nodes (SNs).
 pub struct Bounds<'a> {
-    /// The scenario.
-    pub scenario: &'a Scenario,
     /// All SNs.
-    pub table: &'a SensorTable,
+    pub table: &'a MissionTable,
     /// The sampling SNs.
     pub field: &'a FieldBits,
     /// The links of the sampling SNs.
@@ -114,11 +112,12 @@ impl Bounds<'_> {
     }
 
     /// A cheap lower bound on the loss of every flight [bit]: the overflow if no SN is served, minus n uploads over the
-    /// strongest link in every slot but the last, where the overflow precedes the upload (decision D1). 0 for
-    /// probabilistic line of sight, because a drawn rate may exceed the expected rate.
+    /// strongest link in every slot but the last, where the overflow precedes the upload (decision D1). 0 where more
+    /// than gains is drawn, because a drawn rate may exceed the expected rate.
     fn load_bound_bits(&self) -> u64 {
         let field = self.field;
-        if self.scenario.link.model == LinkModel::ProbabilisticLos {
+        let channel = &self.table.channel;
+        if channel.is_random() && channel.drawn_gains().is_none() {
             return 0;
         }
         let excess_bits: u64 = field.sensors.iter().map(|sensor| sensor.overflow_bits(None, field.slots)).sum();
@@ -130,8 +129,8 @@ impl Bounds<'_> {
     /// The lower bound of a round, combined with the result of `tour`.
     #[must_use]
     pub fn round(&self, tour_slots: Option<u64>) -> Round {
-        let sensors = self.table.positions.len();
-        let blocks = sensors.div_ceil(self.table.resource_blocks) as u64;
+        let sensors = self.table.sensors.positions.len();
+        let blocks = sensors.div_ceil(self.table.limits.blocks()) as u64;
         let farthest = self.field.sensors.iter().map(|sensor| sensor.first_slot).max().unwrap_or(1);
         let paths = least_slots(&self.paths, sensors);
         let bounds = [(blocks, RoundBound::Blocks), (farthest, RoundBound::Farthest), (paths, RoundBound::Paths)];
@@ -161,7 +160,7 @@ mod tests {
 
     use super::*;
     use crate::check::figures::Figures;
-    use skysink_common::scenario::Overrides;
+    use skysink_common::scenario::{Overrides, Scenario};
     use skysink_common::sensors::SensorList;
 
     /// Round and verdict of a scenario with these keys and the SNs of `list`.

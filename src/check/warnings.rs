@@ -5,36 +5,11 @@ use super::figures::Figures;
 use super::quantity::{percent, scaled};
 use super::verdict::LossFree;
 
-/// If the largest group has a smaller fraction of the SNs, the search of `uts` is likely to be trapped. In the paper's
-/// field `uts` loses about 1 % of the data at 0.98, 8 % at 0.9, and 30 % or more at 0.55; `tour` loses nothing.
-const MIN_CONNECTED: f64 = 0.95;
-
 /// The warnings for these figures, one line each.
 #[must_use]
 pub fn of(figures: &Figures) -> Vec<String> {
-    let rules = [trapped, in_transit, slow_link, overloaded, unreachable, unserved];
+    let rules = [in_transit, slow_link, overloaded, unreachable, unserved];
     rules.into_iter().filter_map(|rule| rule(figures)).collect()
-}
-
-/// Algorithm 1 stays in one group of SNs if there is always an anchor in reach (the last one served is within `d_c`)
-/// and no anchor connects to another group. For `V τ < 2 d_c` there may be no anchor, and the transit rule leaves the
-/// group.
-fn trapped(figures: &Figures) -> Option<String> {
-    let Figures { reach_m, comm_radius_m, sensors, .. } = *figures;
-    let (step_m, formula, group) = match figures.strategy.as_str() {
-        "uts" if reach_m >= 2.0 * comm_radius_m => (figures.anchor_radius_m, "V τ − d_c", figures.uts_group?),
-        "uts-wide" => (reach_m + comm_radius_m, "V τ + d_c", figures.uts_wide_group?),
-        _ => return None,
-    };
-    let is_split = (group as f64) < MIN_CONNECTED * sensors as f64;
-    is_split.then(|| {
-        let strategy = &figures.strategy;
-        let step = scaled(step_m, "m");
-        format!(
-            "{strategy} is likely to be trapped: its anchors lie within {step} ({formula}), and steps of that length \
-             connect only {group} of the {sensors} sensor nodes: try horizon or tour"
-        )
-    })
 }
 
 /// For `V τ ≤ d_c`, most sets that Algorithm 1 finds have no waypoint in reach.

@@ -8,22 +8,21 @@ use skysink_common::scenario::Origin;
 use skysink_common::stop::Stop;
 use skysink_lab::export::vehicle::MIN_ITEMS;
 use skysink_lab::export::{Export, ExportFormat, FORMATS, export};
+use skysink_mission::folder::Earlier;
 
 use crate::error::Error;
 use crate::report::print;
 
-/// Printed below the options of `skysink export --help`.
-pub const EXAMPLES: &str = "\
+/// Convert a finished run to a format for maps, log viewers, ground stations or tables.
+#[derive(Debug, Args)]
+#[command(after_help = "\
 Examples:
   skysink export runs/chicago-uts-1 --format kml
   skysink export runs/letter-uts-1 --format qgc-plan --origin 47.3977,8.5456
 
 Vehicle missions assume the UAV model, still air and flat ground. The pilot in
-command is responsible.";
-
-/// Options of `skysink export`.
-#[derive(Debug, Args)]
-pub struct ExportOptions {
+command is responsible.")]
+pub struct ExportCommand {
     /// Folder of a finished run.
     run: PathBuf,
     /// Format of the file.
@@ -45,15 +44,16 @@ pub struct ExportOptions {
     most_items: Option<u32>,
 }
 
-impl ExportOptions {
+impl ExportCommand {
     /// Writes the files and prints a summary of their content.
     ///
     /// # Errors
     /// As [`export`].
-    pub fn export(self, stop: &Stop) -> Result<(), Error> {
+    pub fn run(self, stop: &Stop) -> Result<(), Error> {
         let Self { run, format, origin, out, force, most_items } = self;
+        let earlier = Earlier::by_force(force);
         let most_items = most_items.map(|items| items as usize);
-        let exported = export(&Export { run, format, origin, out, force, most_items }, stop)?;
+        let exported = export(&Export { run, format, origin, out, earlier, most_items }, stop)?;
         print(&exported.summary)?;
         exported.files.iter().try_for_each(|file| print(file.display()))
     }

@@ -7,14 +7,25 @@ use serde::{Deserialize, Serialize};
 use skysink_common::error::InputError;
 use skysink_lab::sweep::plan::Sweep;
 use skysink_mission::error::FileContext;
-use skysink_mission::record::{is_unfinished, write_whole};
+use skysink_mission::files::write_whole;
+use skysink_mission::folder::{FolderLayout, OutputFolder};
 use xxhash_rust::xxh3::xxh3_64;
 
-use super::{RECORDING, STANDINGS, name_of};
+use super::contenders::name_of;
 use crate::error::Error;
+
+/// File name of the standings.
+pub const STANDINGS: &str = "comparison.json";
+
+/// File name of the recording.
+pub const RECORDING: &str = "comparison.rrd";
 
 /// Lists the compared runs. For strategies, `sweep.json` is the manifest.
 const MANIFEST: &str = "runs.json";
+
+/// The files of a comparison of runs.
+static LAYOUT: FolderLayout =
+    FolderLayout { lock: "lock", is_result: |name| [MANIFEST, STANDINGS, RECORDING].contains(&name) };
 
 /// Maximum length of the names in the folder name [characters].
 const MAX_NAME: usize = 120;
@@ -37,49 +48,44 @@ impl ComparedRuns {
 }
 
 /// The default folder for a comparison of strategies.
-pub(super) fn of_strategies(sweep: &Sweep, scenario: &Path) -> PathBuf {
+pub fn of_strategies(sweep: &Sweep, scenario: &Path) -> PathBuf {
     let definition = &sweep.definition;
     let strategies = definition.strategies.iter().cloned();
     let names = [name_of(scenario)].into_iter().chain(strategies).chain([definition.seeds.len().to_string()]);
     default_folder(&names.collect::<Vec<_>>(), &definition.identity)
 }
 
-/// Creates the folder for a comparison of these runs, `out` or the default one. Removes an earlier comparison of the
-/// same runs.
+/// Creates and locks the folder for a comparison of these runs, `out` or the default one. Removes an earlier comparison
+/// of the same runs.
 ///
 /// # Errors
-/// If the folder contains other files, or cannot be created.
-pub(super) fn make_for_runs(runs: &[PathBuf], out: Option<&Path>) -> Result<PathBuf, Error> {
+/// If the folder contains other files, is in use by another process, or cannot be created.
+pub fn make_for_runs(runs: &[PathBuf], out: Option<&Path>) -> Result<OutputFolder, Error> {
     let text = ComparedRuns::of(runs)?.to_json();
     let identity = format!("{:016x}", xxh3_64(text.as_bytes()));
     let default = || default_folder(&runs.iter().map(|run| name_of(run)).collect::<Vec<_>>(), &identity);
     let out = out.map_or_else(default, Path::to_owned);
     let refuse = |message: &str| Error::from(InputError::new("output folder", &out, message));
-    let is_folder = out.is_dir();
-    if !is_folder && fs::symlink_metadata(&out).is_ok() {
+    if !out.is_dir() && fs::symlink_metadata(&out).is_ok() {
         return Err(refuse("it is no folder: choose another --out"));
     }
     fs::create_dir_all(&out).at(&out)?;
-    let mut is_empty = true;
-    for entry in fs::read_dir(&out).at(&out)? {
-        let name = entry.at(&out)?.file_name();
-        is_empty &= is_unfinished(&name);
-        if ![MANIFEST, STANDINGS, RECORDING].iter().any(|ours| name == *ours) && !is_unfinished(&name) {
+    let check = || -> Result<(), Error> {
+        let content = LAYOUT.content(&out).at(&out)?;
+        if !content.foreign.is_empty() {
             return Err(refuse("it contains other files than a comparison of runs: choose another --out"));
         }
-    }
-    let manifest = out.join(MANIFEST);
-    if !is_empty && fs::read(&manifest).ok().as_deref() != Some(text.as_bytes()) {
-        return Err(refuse("it contains a comparison of other runs: choose another --out"));
-    }
-    // A run may have changed since: no file of the earlier comparison may remain.
-    for file in [STANDINGS, RECORDING].map(|name| out.join(name)) {
-        if fs::symlink_metadata(&file).is_ok() {
-            fs::remove_file(&file).at(&file)?;
+        if !content.is_empty() && fs::read(out.join(MANIFEST)).ok().as_deref() != Some(text.as_bytes()) {
+            return Err(refuse("it contains a comparison of other runs: choose another --out"));
         }
-    }
-    write_whole(&manifest, text.as_bytes())?;
-    Ok(out)
+        Ok(())
+    };
+    check()?;
+    let folder = LAYOUT.lock(&out)?.ok_or_else(|| refuse("another comparison is writing it: choose another --out"))?;
+    check()?;
+    folder.remove_results()?; // a run may have changed since
+    write_whole(&out.join(MANIFEST), text.as_bytes())?;
+    Ok(folder)
 }
 
 /// The default folder of a comparison. `identity` makes it unique where the names do not.

@@ -1,14 +1,21 @@
-//! The recording of a comparison: simulates all missions in parallel, slot by slot.
+//! The recording of a comparison: simulates all missions on a common timeline.
 
-use skysink_common::message::{PathPoint, Plan};
+use std::fs;
+use std::path::Path;
+
 use skysink_common::sensors::SensorList;
+use skysink_common::stop::Stop;
 use skysink_lab::metrics::Metric;
+use skysink_mission::drive::Observer;
 use skysink_mission::error::FileContext as _;
-use skysink_mission::record::UNFINISHED;
-use skysink_mission::{Mission, Replay};
+use skysink_mission::files::UNFINISHED;
+use skysink_mission::{Mission, MissionError, Replay};
 use skysink_viewer::{self as viewer, Comparison, Sinks, SlotView};
 
-use super::{Error, FlightSource, Path, RECORDING, ShownContender, Stop, fs};
+use super::contenders::{FlightSource, ShownContender};
+use super::folder::RECORDING;
+use crate::error::Error;
+use crate::slot_views::SlotViews;
 
 /// A mission in the recording.
 enum RecordedMission {
@@ -17,25 +24,16 @@ enum RecordedMission {
 }
 
 impl RecordedMission {
-    fn mission(&self) -> &Mission {
+    fn drive(&mut self, observer: &mut dyn Observer, stop: &Stop) -> Result<(), MissionError> {
         match self {
-            Self::Planned(mission) => mission,
-            Self::Replayed(replay) => replay.mission(),
+            Self::Planned(mission) => Ok(mission.drive(&mut [observer], stop)?.unless_stopped()?),
+            Self::Replayed(replay) => replay.drive(&mut [observer], stop),
         }
-    }
-
-    /// Advances by one slot and returns its plan, without its planning time; `None` after the last slot.
-    fn next_plan(&mut self) -> Result<Option<Plan>, Error> {
-        let flown = match self {
-            Self::Planned(mission) => mission.next(),
-            Self::Replayed(replay) => replay.next_slot()?,
-        };
-        Ok(flown.map(|flown| Plan { plan_ns: 0, ..flown.plan }))
     }
 }
 
-/// Simulates the missions in parallel, slot by slot, and writes the recording `path`.
-pub(super) fn record(shown: &[ShownContender], path: &Path, stop: &Stop) -> Result<(), Error> {
+/// Simulates the missions one after another, and writes the recording `path`.
+pub fn record(shown: &[ShownContender], path: &Path, stop: &Stop) -> Result<(), Error> {
     // Written to a temporary folder until it is complete.
     let folder = path.parent().unwrap_or(Path::new("."));
     let temporary = tempfile::Builder::new().prefix(".comparison.").suffix(UNFINISHED).tempdir_in(folder).at(folder)?;
@@ -46,8 +44,7 @@ pub(super) fn record(shown: &[ShownContender], path: &Path, stop: &Stop) -> Resu
         let (scenario, list, mission) = match &one.flight {
             FlightSource::Planned(scenario) => {
                 let list = SensorList::of(scenario)?;
-                let mut mission = Mission::new(scenario, &list)?;
-                mission.set_stop(stop);
+                let mission = Mission::new(scenario, &list)?;
                 (scenario.as_ref().clone(), list, RecordedMission::Planned(Box::new(mission)))
             }
             FlightSource::Recorded(folder) => {
@@ -73,41 +70,12 @@ pub(super) fn record(shown: &[ShownContender], path: &Path, stop: &Stop) -> Resu
     let sinks = Sinks { save: Some(unfinished.clone()), ..Sinks::default() };
     let name = shown.iter().map(|one| one.contender.label.as_str()).collect::<Vec<_>>().join(" vs ");
     let mut comparison = Comparison::open(&sinks, &name, &compared, &page(shown))?;
-    let mut plans: Vec<Option<Plan>> = vec![None; missions.len()];
-    let mut running: Vec<usize> = (0..missions.len()).collect();
-    while !running.is_empty() {
-        for &index in &running {
-            log(&mut comparison, index, missions[index].mission(), plans[index].as_ref())?;
-        }
-        stop.check()?;
-        let mut next = Vec::new();
-        for &index in &running {
-            plans[index] = missions[index].next_plan()?;
-            if plans[index].is_some() {
-                next.push(index);
-            }
-        }
-        running = next;
+    for (index, mut mission) in missions.into_iter().enumerate() {
+        mission.drive(&mut SlotViews(|view: &SlotView| comparison.log_slot(index, view)), stop)?;
     }
     comparison.close()?;
     fs::rename(&unfinished, path).at(path)?;
     Ok(())
-}
-
-fn log(comparison: &mut Comparison, index: usize, mission: &Mission, plan: Option<&Plan>) -> Result<(), Error> {
-    let path: Vec<PathPoint> = mission.planner().path().iter().copied().map(PathPoint::from).collect();
-    let header = mission.header();
-    let view = SlotView {
-        slot: header.head.slot,
-        queues_bits: mission.queues_bits(),
-        header: &header,
-        plan,
-        path: &path,
-        flight: mission.last_flight(),
-        slots_per_s: None,
-        plan_ms: None,
-    };
-    Ok(comparison.log_slot(index, &view)?)
 }
 
 /// The title of a scene.

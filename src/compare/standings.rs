@@ -34,7 +34,7 @@ const OTHERS: [ShownMetric; 7] = [
 const MAX_CHARACTERS: usize = 7;
 
 /// Prints η with its 95 % confidence interval and the differences to the first contender, then the other metrics.
-pub(super) fn print_tables(contenders: &[Contender], standings: &[MetricStanding]) -> Result<(), Error> {
+pub fn print_tables(contenders: &[Contender], standings: &[MetricStanding]) -> Result<(), Error> {
     let find = |contender: &Contender, metric: Metric| {
         standings.iter().find(|standing| standing.label == contender.label && standing.metric == metric.name())
     };

@@ -6,7 +6,7 @@ use skysink_common::error::InputError;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_lab::import::{self, Frame, Imported};
 
-use super::{LIST, NewField, NewList};
+use super::field::{LIST, NewField, NewList};
 
 /// Margin between the sensor nodes and the border of the area [m].
 const MARGIN_M: f64 = 10.0;
@@ -22,15 +22,15 @@ const VAST_M: f64 = 1e6;
 const CORNERS_M: [f64; 4] = [MARGIN_M, 100.0, 1e3, 1e4];
 
 /// Imports the positions in the file `path`.
-pub(super) fn field(path: &Path) -> Result<NewField, InputError> {
+pub fn field(path: &Path) -> Result<NewField, InputError> {
     let imported = import::read(path)?;
     let (area, list) = match imported.frame {
         Frame::Plane => plane(&imported, path),
         Frame::Geodetic => geodetic(&imported, path)?,
     };
-    let sensors = format!("file = \"{LIST}\"              # a row for each; metres, or degrees about the origin");
+    let sensors = format!("file = \"{LIST}\"              # a row for each; metres, or degrees about the origin\n");
     let notes = imported.ignored.iter().map(|what| format!("ignored: {what}")).collect();
-    Ok(NewField { area, sensors, list: Some(list), notes })
+    Ok(NewField { area: Some(area + "\n"), sensors: Some(sensors), list: Some(list), notes })
 }
 
 /// The sensor list of the positions in the file `path`, translated by `shift` [m or °].

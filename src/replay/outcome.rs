@@ -4,21 +4,24 @@ use std::io::{BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
-use skysink_common::message::{FlightReport, Mode, Plan, QueuesHeader};
+use skysink_common::message::{FlightReport, Mode, Plan};
 use skysink_common::scenario::Scenario;
-use skysink_common::sensors::SensorList;
+use skysink_common::slot_record::{SlotRecord, UAV};
 use skysink_flight_sim::Flight;
+use skysink_mission::MissionError;
+use skysink_mission::drive::SlotSink;
 use skysink_mission::error::FileContext;
-use skysink_mission::record::write_unfinished;
-use skysink_mission::recorded::RecordedRun;
+use skysink_mission::files::write_unfinished;
+use skysink_mission::recorded::slot_of;
+use skysink_mission::replay::RecordedRun;
 use skysink_mission::trace::{RecordedSlot, TraceHash};
 use tempfile::NamedTempFile;
 
 use crate::error::Error;
-use crate::run::recorder::SlotSink;
+use crate::run::recorder::RingTrace;
 
 /// Header of `plans.csv`.
-const COLUMNS: &str = "slot,x_m,y_m,z_m,scheduled,mode,refused,expected_bits,distance_m,same\n";
+const COLUMNS: &str = "slot,uav,x_m,y_m,z_m,scheduled,mode,refused,expected_bits,distance_m,same\n";
 
 /// Comparison of the plans with the recorded decisions.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
@@ -67,11 +70,6 @@ impl<'a> Replayed<'a> {
         })
     }
 
-    /// The sensor nodes of the run.
-    pub fn list(&self) -> &SensorList {
-        &self.recorded.list
-    }
-
     /// Writes `plans.csv`, and returns the counts and the hash of the trace.
     ///
     /// # Errors
@@ -86,7 +84,7 @@ impl<'a> Replayed<'a> {
 
     /// Compares the plan of a slot with the recorded decision and writes its row.
     fn compare(&mut self, recorded: &RecordedSlot, plan: Option<&Plan>) -> std::io::Result<()> {
-        let slot = recorded.slot;
+        let RecordedSlot { slot, uav, .. } = *recorded;
         self.counts.slots += 1;
         let is_decided = recorded.mode != Mode::Hold;
         self.counts.undecided += u64::from(!is_decided);
@@ -109,24 +107,27 @@ impl<'a> Replayed<'a> {
         let expected_bits = plan.map_or(0, |plan| plan.expected_bits);
         let FlightReport { x_m, y_m, z_m, refused, .. } = planned;
         let same = if is_decided { is_same.to_string() } else { String::new() };
-        writeln!(self.csv, "{slot},{x_m},{y_m},{z_m},{scheduled},{mode},{refused},{expected_bits},{distance_m},{same}")
+        writeln!(
+            self.csv,
+            "{slot},{uav},{x_m},{y_m},{z_m},{scheduled},{mode},{refused},{expected_bits},{distance_m},{same}"
+        )
     }
 }
 
 impl SlotSink for Replayed<'_> {
-    fn add(&mut self, plan: Option<&Plan>, flight: &FlightReport, header: &QueuesHeader) -> Result<u64, Error> {
-        let slot = header.head.slot;
-        let flown = RecordedSlot::parse(self.trace.write(flight, header)?.as_bytes());
-        let recorded = usize::try_from(slot - 1).ok().and_then(|index| self.recorded.slots.get(index));
-        let Some(recorded) = recorded.filter(|recorded| flown.as_ref() == Some(*recorded)) else {
-            return Err(Error::ReplayDiverged(slot));
+    fn add(&mut self, record: &SlotRecord) -> Result<(), MissionError> {
+        let recorded = slot_of(&self.recorded.slots, record.slot());
+        let Some(recorded) = recorded.filter(|recorded| **recorded == RecordedSlot::by_uav(record)) else {
+            return Err(Error::ReplayDiverged(record.slot()).into());
         };
-        self.trace.add();
-        self.compare(recorded, plan).at(&self.path)?;
-        self.flight.restore(flight);
-        Ok(self.trace.value())
+        self.trace.add(record)?;
+        self.compare(&recorded[UAV], record.plans[UAV].as_ref()).at(&self.path)?;
+        self.flight.restore(&record.flights[UAV]);
+        Ok(())
     }
+}
 
+impl RingTrace for Replayed<'_> {
     fn hash(&self) -> u64 {
         self.trace.value()
     }

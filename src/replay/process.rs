@@ -7,15 +7,16 @@ use iceoryx2::prelude::{Service, ipc};
 use skysink_common::message::{FLAG_END, Mode, Plan};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
+use skysink_common::slot_record::{ByUav, UAV};
 use skysink_common::stop::Stop;
 use skysink_flight_sim::node::RecordedFlight;
 use skysink_mission::MissionError;
-use skysink_mission::replay::recorded_slots;
+use skysink_mission::recorded::{recorded_slots, slot_of};
 use skysink_mission::trace::RecordedSlot;
 use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::role::Role;
-use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
+use skysink_ring::topics::{Ring, is_release};
 
 /// Additional arguments of flight-sim.
 #[derive(Debug, Args)]
@@ -50,10 +51,7 @@ pub fn flight_sim(
         return skysink_flight_sim::node::run::<ipc::Service>(scenario, folder, stop);
     };
     let slots = read_slots(run)?;
-    let plan_of = |slot: u64| {
-        let recorded = usize::try_from(slot - 1).ok().and_then(|index| slots.get(index));
-        recorded.filter(|recorded| !recorded.is_missed()).map(RecordedSlot::plan)
-    };
+    let plan_of = |slot: u64| slot_of(&slots, slot).and_then(|recorded| recorded[UAV].decision());
     let recorded = RecordedFlight { plan_of: &plan_of, period: arguments.pace.period(scenario.slot_s) };
     skysink_flight_sim::node::replay::<ipc::Service>(scenario, folder, stop, &recorded)
 }
@@ -76,7 +74,7 @@ pub fn planner(
 }
 
 /// Reads the slots of the run in this folder.
-fn read_slots(run: &Path) -> Result<Vec<RecordedSlot>, NodeError> {
+fn read_slots(run: &Path) -> Result<Vec<ByUav<RecordedSlot>>, NodeError> {
     recorded_slots(run).map_err(|error| match error {
         MissionError::Input(error) => error.into(),
         error => NodeError::Recording(Box::new(error)),
@@ -87,11 +85,11 @@ fn send_plans<S: Service + 'static>(
     scenario: &Scenario,
     folder: &RingFolder,
     stop: &Stop,
-    slots: &[RecordedSlot],
+    slots: &[ByUav<RecordedSlot>],
 ) -> Result<(), NodeError> {
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::Planner, stop)?;
     let plans = ring.plan.writer()?;
-    let mut queues = ring.truth.reader(RING_BUFFER)?;
+    let mut queues = ring.queues.reader()?;
     let mut next = 0;
     loop {
         let head = queues.wait_for_next(&mut wait, next)?.user_header().head;
@@ -101,12 +99,12 @@ fn send_plans<S: Service + 'static>(
         if head.slot < next {
             continue; // a restarted field-sim sends its last samples again
         }
-        let recorded = usize::try_from(head.slot).ok().and_then(|index| slots.get(index));
-        let Some(recorded) = recorded else {
-            return Err(NodeError::Peer(format!("slot {}: not in the trace", head.slot)));
+        let Some(recorded) = slot_of(slots, head.slot.saturating_add(1)) else {
+            return Err(NodeError::NotRecorded(head.slot));
         };
+        let recorded = &recorded[UAV];
         next = recorded.slot;
-        let plan = if recorded.is_missed() { Plan::fly_to(recorded.position, Mode::Hold) } else { recorded.plan() };
+        let plan = recorded.decision().unwrap_or_else(|| Plan::fly_to(recorded.position, Mode::Hold));
         plans.send(ring.header(next, 0), plan)?;
     }
 }

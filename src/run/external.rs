@@ -37,7 +37,7 @@ impl<S: Service + 'static> ExternalProcess<S> {
     /// # Errors
     /// If the listener for its events cannot be created.
     pub fn new(ring: &Ring<S>, role: Role) -> Result<Self, RingError> {
-        let listener = ring.terms.link.map(|_| ring.listener_of(role)).transpose()?;
+        let listener = ring.terms.link.map(|_| ring.heartbeat_listener(role)).transpose()?;
         let remote =
             listener.map(|listener| RemoteHeartbeat { listener, heard: None, heartbeat: Heartbeat::after(None) });
         Ok(Self { role, is_local: false, remote })
@@ -45,7 +45,7 @@ impl<S: Service + 'static> ExternalProcess<S> {
 
     /// Checks whether the process is present; returns the change since the last poll.
     pub fn poll(&mut self, ring: &Ring<S>, now: Instant) -> Option<ProcessEvent> {
-        let was_local = std::mem::replace(&mut self.is_local, ring.has_writer(self.role));
+        let was_local = std::mem::replace(&mut self.is_local, ring.has_process(self.role));
         let heard = self.remote.as_mut().and_then(|remote| remote.poll(now));
         match (was_local, self.is_local) {
             (false, true) => Some(ProcessEvent::Joined),

@@ -18,7 +18,7 @@ use skysink_ring::role::Role;
 use skysink_ring::wait::Waiting;
 
 use crate::error::Error;
-use crate::programs::{self, is_command};
+use crate::run::executables::{self, is_command};
 use crate::run::limits;
 use crate::run::link;
 use crate::run::process::Invocation;
@@ -175,7 +175,7 @@ impl RunOptions {
     }
 
     /// Pace and planner of the run. Options that are not given default to those of the run that is resumed, `before`.
-    pub(super) fn run_mode(&self, before: Option<&RunMode>) -> RunMode {
+    pub fn run_mode(&self, before: Option<&RunMode>) -> RunMode {
         let before = before.cloned().unwrap_or_default();
         RunMode {
             pace: Some(self.pace.or(before.pace).unwrap_or_default()),
@@ -192,7 +192,10 @@ impl RunOptions {
 
     /// Fails if the run to resume was flown by another planner, or if a process could not restore its checkpoint
     /// because it may be on another host.
-    pub(super) fn check_resumed(&self, folder: &RunFolder) -> Result<(), Error> {
+    ///
+    /// # Errors
+    /// If it was, or could not.
+    pub fn check_resumed(&self, folder: &RunFolder) -> Result<(), Error> {
         let refuse = |message: &str| Err(InputError::new("run folder", folder.path(), message).into());
         if let Some(role) = self.external.iter().find(|&&role| self.may_checkpoint_remotely(role)) {
             let name = role.name();
@@ -213,7 +216,7 @@ impl RunOptions {
     }
 
     /// The options to pass with `--resume` to continue this run.
-    pub(super) fn resume_options(&self) -> String {
+    pub fn resume_options(&self) -> String {
         let roles: Vec<_> = self.external.iter().filter(|&&role| !self.may_checkpoint_remotely(role)).collect();
         let command = self.planner.iter().filter_map(|CommandLine(words)| {
             let command = shlex::try_join(words.iter().map(String::as_str)).ok()?;
@@ -237,9 +240,10 @@ impl RunOptions {
                 program: program.into(),
                 arguments: arguments.iter().map(Into::into).collect(),
                 environment: vec![("SKYSINK_RING", ring.path().into()), ("SKYSINK_SCENARIO", scenario.into())],
+                ..Invocation::default()
             });
         }
-        let (program, mut arguments) = programs::command_of(role.name()).at(Path::new("skysink"))?;
+        let (program, mut arguments) = executables::command_of(role.name()).at(Path::new("skysink"))?;
         if !program.is_file() {
             return Err(Error::ExecutableMissing(program));
         }
@@ -251,7 +255,7 @@ impl RunOptions {
             arguments.extend(launch.label.iter().flat_map(|name| ["--label".into(), name.into()]));
         }
         arguments.extend(launch.recorded_arguments(role)?);
-        Ok(Invocation { program, arguments, environment: Vec::new() })
+        Ok(Invocation { program, arguments, ..Invocation::default() })
     }
 
     /// Checks the options before the run: against each other, the build, and the resources of the machine. Running out

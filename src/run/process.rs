@@ -1,50 +1,32 @@
-//! One process of a run: starts it, polls its state, sends signals, and forwards its output.
+//! One process of a run: starts it, forwards its output, notices its end, restarts it by its policy, and stops it.
 
-use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader, pipe};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Child, Command, ExitStatus, Stdio};
-use std::sync::atomic::AtomicU64;
-use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use rustix::process::{Pid, Signal, kill_process_group};
+use rustix::process::{Pid, Signal, kill_process_group, set_parent_process_death_signal};
 use skysink_mission::error::FileContext;
-use skysink_ring::role::{Role, last_heartbeat};
+use skysink_ring::role::Role;
 
 use crate::error::Error;
 use crate::report::TerminalProgress;
-use crate::run::heartbeat::Heartbeat;
-use crate::run::restart::{Restart, Restarts};
+use crate::run::restart::{OF_LINK, OF_WORKERS, Restart, Restarts};
 
 /// Time between two polls of a process that is about to end.
 pub const POLL_EVERY: Duration = Duration::from_millis(5);
 
-/// The state of a run that is shared with other threads.
-#[derive(Debug, Default)]
-pub struct ProcessTable {
-    ids: Mutex<BTreeMap<&'static str, Pid>>,
-    /// The current slot, at most a tenth of a second old.
-    pub slot: AtomicU64,
-    /// Prefix of the names of the run's shared memory; set once the ring exists.
-    pub shared_prefix: OnceLock<String>,
-}
-
-impl ProcessTable {
-    /// The ids of the running processes, by role. While the guard is held, no id is reused.
-    pub fn ids(&self) -> MutexGuard<'_, BTreeMap<&'static str, Pid>> {
-        self.ids.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
 /// Maximum wait for the last output of a process that has ended.
-pub(crate) const OUTPUT_TIMEOUT: Duration = Duration::from_millis(200);
+const OUTPUT_TIMEOUT: Duration = Duration::from_millis(200);
 
-/// A program with its arguments and additions to its environment.
-#[derive(Debug)]
+/// Time from SIGTERM to SIGKILL.
+const GRACE: Duration = Duration::from_secs(3);
+
+/// A program with its arguments and surroundings.
+#[derive(Debug, Default)]
 pub struct Invocation {
     /// The executable, or its name in a folder of PATH.
     pub program: PathBuf,
@@ -52,95 +34,170 @@ pub struct Invocation {
     pub arguments: Vec<OsString>,
     /// Additional environment variables: name and value.
     pub environment: Vec<(&'static str, OsString)>,
+    /// The folder in which it runs; `None` for that of the launcher.
+    pub folder: Option<PathBuf>,
+    /// What the lines of its output begin with in that of the launcher.
+    pub prefix: &'static str,
+    /// Whether it must be ended with the launcher, because it does not notice the end itself.
+    pub ends_with_launcher: bool,
+}
+
+/// Who a process of a run is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Member {
+    /// A process of the ring.
+    Worker(Role),
+    /// The link to other hosts.
+    Link,
 }
 
 /// A process of a run, which may be started several times.
 #[derive(Debug)]
 pub struct Process {
-    pub(super) role: Role,
+    member: Member,
     invocation: Invocation,
     /// `None` before the start and after the end.
-    pub(super) child: Option<Child>,
+    child: Option<Child>,
+    started: Instant,
     /// Thread that forwards the output.
     messages: Option<JoinHandle<()>>,
-    pub(super) restarts: Restarts,
+    restarts: Restarts,
     /// When to restart it, after it has ended.
-    pub(super) due: Option<Instant>,
-    pub(super) heartbeat: Heartbeat,
+    due: Option<Instant>,
+}
+
+/// A change of a process.
+#[derive(Debug)]
+pub enum ProcessChange {
+    /// It has ended; it will be restarted unless its end was expected.
+    Ended(ExitStatus),
+    /// It was restarted; with the number of its restarts.
+    Restarted(i32),
 }
 
 impl Process {
     /// The process of `role`, not started yet.
     #[must_use]
-    pub fn new(role: Role, invocation: Invocation, restart: Restart) -> Self {
-        Self {
-            role,
-            invocation,
-            child: None,
-            messages: None,
-            restarts: Restarts::new(restart),
-            due: None,
-            heartbeat: Heartbeat::after(None),
-        }
+    pub fn worker(role: Role, invocation: Invocation, policy: Restart) -> Self {
+        Self::new(Member::Worker(role), invocation, Restarts::new(policy, &OF_WORKERS))
     }
 
-    /// Starts or restarts the process in the ring with the folder `ring`.
-    pub(super) fn start(
-        &mut self,
-        ring: &Path,
-        table: &ProcessTable,
-        progress: &TerminalProgress,
-    ) -> Result<(), Error> {
+    /// A link to other hosts, not started yet.
+    #[must_use]
+    pub fn link(invocation: Invocation) -> Self {
+        Self::new(Member::Link, invocation, Restarts::new(Restart::OnFailure, &OF_LINK))
+    }
+
+    fn new(member: Member, invocation: Invocation, restarts: Restarts) -> Self {
+        Self { member, invocation, child: None, started: Instant::now(), messages: None, restarts, due: None }
+    }
+
+    /// Starts or restarts the process.
+    ///
+    /// # Errors
+    /// If the program cannot be started.
+    pub fn start(&mut self, progress: &TerminalProgress) -> Result<(), Error> {
         self.join_messages();
         self.due = None;
-        self.heartbeat = Heartbeat::after(last_heartbeat(ring, self.role));
-        let Invocation { program, arguments, environment } = &self.invocation;
+        let Invocation { program, arguments, environment, folder, prefix, ends_with_launcher } = &self.invocation;
         let (output, input) = pipe().at(program)?;
-        let child = Command::new(program)
-            .args(arguments)
-            .envs(environment.iter().map(|(name, value)| (name, value)))
-            .stdin(Stdio::null())
-            .stdout(input.try_clone().at(program)?) // standard output is reserved for the launcher
-            .stderr(input)
-            .process_group(0) // only the launcher receives Ctrl-C, and stops the others in order
-            .spawn()
-            .at(program)?;
-        if let Some(pid) = pid(&child) {
-            table.ids().insert(self.role.name(), pid);
+        let mut command = Command::new(program);
+        command.args(arguments).envs(environment.iter().map(|(name, value)| (name, value)));
+        if let Some(folder) = folder {
+            command.current_dir(folder);
         }
+        command.stdin(Stdio::null());
+        command.stdout(input.try_clone().at(program)?); // standard output is reserved for the launcher
+        command.stderr(input);
+        command.process_group(0); // only the launcher receives Ctrl-C, and stops the others in order
+        if *ends_with_launcher {
+            let end_with_launcher = || Ok(set_parent_process_death_signal(Some(Signal::TERM))?);
+            // SAFETY: the closure makes one system call; it neither allocates nor locks.
+            unsafe { command.pre_exec(end_with_launcher) };
+        }
+        let child = command.spawn().at(program)?;
         let progress = progress.clone();
+        let prefix = *prefix;
         let lines = BufReader::new(output).split(b'\n').map_while(Result::ok);
         self.messages = Some(std::thread::spawn(move || {
-            lines.for_each(|line| progress.say(&String::from_utf8_lossy(&line)));
+            lines.for_each(|line| progress.say(&format!("{prefix}{}", String::from_utf8_lossy(&line).trim_end())));
         }));
         self.child = Some(child);
+        self.started = Instant::now();
         Ok(())
     }
 
+    /// Whether the process is running.
+    #[must_use]
+    pub fn is_running(&self) -> bool {
+        self.child.is_some()
+    }
+
     /// Whether the process has ended and will not be restarted.
-    pub(super) fn has_ended(&self) -> bool {
+    #[must_use]
+    pub fn has_ended(&self) -> bool {
         self.child.is_none() && self.due.is_none()
     }
 
+    /// Disables a restart that is due.
+    pub fn cancel_restart(&mut self) {
+        self.due = None;
+    }
+
+    /// Restarts the process in `slot` if that is due, or notices its end, and schedules a restart unless
+    /// `is_expected`. Returns the change, if there is one.
+    ///
+    /// # Errors
+    /// [`Error::WorkerEnded`] or [`Error::LinkEnded`] if it has ended and is not restarted, or if it cannot be started.
+    pub fn advance(
+        &mut self,
+        slot: u64,
+        progress: &TerminalProgress,
+        is_expected: impl Fn(ExitStatus) -> bool,
+    ) -> Result<Option<ProcessChange>, Error> {
+        let now = Instant::now();
+        if let Some(due) = self.due {
+            if now < due {
+                return Ok(None);
+            }
+            self.start(progress)?;
+            return Ok(Some(ProcessChange::Restarted(self.restarts.count)));
+        }
+        let Some(status) = self.poll() else { return Ok(None) };
+        if !is_expected(status) {
+            let cause = self.restarts.cause(status, slot, self.started.elapsed());
+            self.due = self.restarts.schedule(now, cause);
+            if self.due.is_none() {
+                return Err(self.end_error(status, slot));
+            }
+        }
+        Ok(Some(ProcessChange::Ended(status)))
+    }
+
     /// The exit status, if the process has ended since the last poll.
-    pub(super) fn poll(&mut self, table: &ProcessTable) -> Option<ExitStatus> {
-        let mut ids = table.ids();
+    fn poll(&mut self) -> Option<ExitStatus> {
         let status = self.child.as_mut()?.try_wait().ok().flatten()?;
         self.signal(Signal::KILL); // its descendants, before a restart
-        ids.remove(self.role.name());
         self.child = None;
         Some(status)
     }
 
+    /// Kills a process that does not answer, if its policy restarts it.
+    pub fn kill_hung(&self) {
+        if self.restarts.policy == Restart::OnFailure {
+            self.signal(Signal::KILL);
+        }
+    }
+
     /// Sends a signal to the process group, if the process is running.
-    pub(super) fn signal(&self, signal: Signal) {
+    fn signal(&self, signal: Signal) {
         if let Some(pid) = self.child.as_ref().and_then(pid) {
             let _ = kill_process_group(pid, signal); // it may have just ended
         }
     }
 
     /// Waits for the last output, at most [`OUTPUT_TIMEOUT`]: a descendant may keep the pipe open.
-    pub(super) fn join_messages(&mut self) {
+    fn join_messages(&mut self) {
         let Some(messages) = self.messages.take() else { return };
         let begin = Instant::now();
         while !messages.is_finished() && begin.elapsed() < OUTPUT_TIMEOUT {
@@ -151,13 +208,42 @@ impl Process {
         }
     }
 
-    /// The error of a process that is not restarted.
-    pub(super) fn end_error(&self, status: ExitStatus, slot: u64) -> Error {
-        let status = match status.signal() {
-            Some(signal) => format!("signal {signal}"),
-            None => format!("exit code {}", status.code().unwrap_or_default()),
-        };
-        Error::WorkerEnded { role: self.role.name(), status: status + &self.restarts.reached_limit(), slot }
+    /// The error of a process that is not restarted, after its last output.
+    fn end_error(&mut self, status: ExitStatus, slot: u64) -> Error {
+        self.join_messages();
+        match self.member {
+            Member::Link => {
+                let program = self.invocation.program.display().to_string();
+                Error::LinkEnded { program, status: status.to_string() }
+            }
+            Member::Worker(role) => {
+                let status = match status.signal() {
+                    Some(signal) => format!("signal {signal}"),
+                    None => format!("exit code {}", status.code().unwrap_or_default()),
+                };
+                Error::WorkerEnded { role: role.name(), status: status + &self.restarts.reached_limit(), slot }
+            }
+        }
+    }
+}
+
+/// Stops these processes: by SIGTERM, and by SIGKILL those that do not end in time.
+pub fn stop<'a>(processes: impl IntoIterator<Item = &'a mut Process>) {
+    let mut processes: Vec<_> = processes.into_iter().collect();
+    processes.iter().for_each(|process| process.signal(Signal::TERM));
+    let deadline = Instant::now() + GRACE;
+    while processes.iter().any(|process| process.is_running()) && Instant::now() < deadline {
+        for process in &mut processes {
+            process.poll();
+        }
+        std::thread::sleep(POLL_EVERY);
+    }
+    for process in processes {
+        process.signal(Signal::KILL);
+        if let Some(mut child) = process.child.take() {
+            let _ = child.wait();
+        }
+        process.join_messages();
     }
 }
 

@@ -4,8 +4,10 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::port::listener::Listener;
 use iceoryx2::prelude::Service;
-use skysink_common::message::{Commit, FLAG_END, FlightReport, HoldReason, Plan, QueuesHeader, SlotHeader, Tick};
+use skysink_common::message::{Commit, FLAG_END, FlightReport, Plan, QueuesHeader, SlotHeader, Tick};
 use skysink_common::pace::Pace;
+use skysink_common::slot_record::{ByUav, Plans, SlotRecord};
+use skysink_mission::drive::SlotSink;
 use skysink_mission::latency::SlotTimes;
 use skysink_mission::slot_log::SlotLog;
 use skysink_mission::summary::Tally;
@@ -13,11 +15,14 @@ use skysink_ring::error::RingError;
 use skysink_ring::health::Ready;
 use skysink_ring::reader::Reader;
 use skysink_ring::role::Role;
-use skysink_ring::topics::{RING_BUFFER, Ring, VIEWER_BUFFER};
+use skysink_ring::sample::{Header, Payload};
+use skysink_ring::topic::Topic;
+use skysink_ring::topics::Ring;
 use skysink_ring::wait::{Awaited, WaitContext};
 use skysink_ring::writer::Writer;
 
 use crate::error::Error;
+use crate::run::supervise::OverdueSample;
 
 /// Time between two polls of the processes.
 const SUPERVISE_EVERY: Duration = Duration::from_millis(10);
@@ -25,23 +30,13 @@ const SUPERVISE_EVERY: Duration = Duration::from_millis(10);
 /// After waiting this long for a message, the recorder checks for dead external processes.
 const STALL: Duration = Duration::from_millis(200);
 
-/// Receives the slots of a ring.
-pub trait SlotSink {
-    /// Adds a slot with the received plan, in time or late, and returns the chained hash of all slots so far.
-    ///
-    /// # Errors
-    /// If the slot is invalid or cannot be written; the sink is then unchanged.
-    fn add(&mut self, plan: Option<&Plan>, flight: &FlightReport, header: &QueuesHeader) -> Result<u64, Error>;
-
+/// The trace of a ring, to which slots are committed.
+pub trait RingTrace: SlotSink {
     /// The chained hash of all slots so far.
     fn hash(&self) -> u64;
 }
 
-impl SlotSink for SlotLog {
-    fn add(&mut self, _plan: Option<&Plan>, flight: &FlightReport, header: &QueuesHeader) -> Result<u64, Error> {
-        Ok(Self::add(self, flight, header)?)
-    }
-
+impl RingTrace for SlotLog {
     fn hash(&self) -> u64 {
         Self::hash(self)
     }
@@ -59,15 +54,37 @@ pub struct Recorder<'a, S: Service + 'static> {
     ticks: Reader<S, Tick, SlotHeader>,
     ready: Reader<S, Ready, SlotHeader>,
     commits: Writer<S, Commit, SlotHeader>,
-    /// Roles of the external processes, and the timeout for their messages.
-    external: Vec<Role>,
-    external_timeout: Duration,
+    external: ExternalTimeout,
     received: SlotMessages,
     /// Restart count of the current viewer, or of the next one if there is none.
     viewer: u32,
     /// Restart count of the newest viewer that is ready.
     ready_viewer: Option<u32>,
     supervised: Instant,
+}
+
+/// How long the recorder waits for a message from processes that the launcher does not start.
+#[derive(Debug, Clone, Default)]
+pub struct ExternalTimeout {
+    /// Their roles.
+    pub roles: Vec<Role>,
+    /// The longest wait.
+    pub timeout: Duration,
+}
+
+/// A message that the recorder needs.
+#[derive(Debug, Clone, Copy)]
+struct Expected {
+    topic: &'static str,
+    slot: u64,
+    from: Role,
+    has_arrived: bool,
+}
+
+impl Expected {
+    fn on<S: Service, P: Payload + ?Sized, H: Header>(topic: &Topic<S, P, H>, slot: u64, has_arrived: bool) -> Self {
+        Self { topic: topic.name(), slot, from: topic.written_by(), has_arrived }
+    }
 }
 
 /// The messages of a slot that have arrived.
@@ -80,28 +97,27 @@ struct SlotMessages {
     tick_ns: Option<u64>,
 }
 
-/// Callback that supervises the processes of the run; an error ends the run. Its second argument is the role whose
-/// message is overdue, and how long it has been awaited. Returns the restart count of the current viewer.
-pub type Supervise<'a> = dyn FnMut(&mut Tally, Option<(Role, Duration)>) -> Result<u32, Error> + 'a;
+/// Callback that supervises the processes of the run; an error ends the run. Returns the restart count of the current
+/// viewer.
+pub type Supervise<'a> = dyn FnMut(&mut Tally, Option<OverdueSample>) -> Result<u32, Error> + 'a;
 
 impl<'a, S: Service + 'static> Recorder<'a, S> {
     /// Connects to the ring. Call it before any other process is started.
     ///
     /// # Errors
     /// If a topic cannot be opened.
-    pub fn new(ring: &'a Ring<S>, wait: WaitContext) -> Result<Self, Error> {
+    pub fn new(ring: &'a Ring<S>, wait: WaitContext, external: ExternalTimeout) -> Result<Self, Error> {
         Ok(Self {
             ring,
             wait,
-            listener: ring.truth.listener()?,
-            queues: ring.truth.reader(VIEWER_BUFFER)?,
-            plans: ring.plan.reader(VIEWER_BUFFER)?,
-            flights: ring.flight.reader(VIEWER_BUFFER)?,
-            ticks: ring.tick.reader(VIEWER_BUFFER)?,
-            ready: ring.ready.reader(RING_BUFFER)?,
+            listener: ring.queues.listener()?,
+            queues: ring.queues.reader()?,
+            plans: ring.plan.reader()?,
+            flights: ring.flight.reader()?,
+            ticks: ring.tick.reader()?,
+            ready: ring.ready.reader()?,
             commits: ring.commit.writer()?,
-            external: Vec::new(),
-            external_timeout: Duration::ZERO,
+            external,
             received: SlotMessages::default(),
             viewer: 0,
             ready_viewer: None,
@@ -109,34 +125,26 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         })
     }
 
-    /// Sets the timeout for messages from the external processes of these roles.
-    #[must_use]
-    pub fn with_external(mut self, roles: &[Role], timeout: Duration) -> Self {
-        self.external = roles.to_vec();
-        self.external_timeout = timeout;
-        self
-    }
-
-    /// Records all slots after those of the tally, up to `slots`, into the log and the tally, and returns the wall time
+    /// Records all slots after those of the tally, up to `slots`, into the trace and the tally, and returns the wall time
     /// from the first to the last. Calls `supervise` periodically.
     ///
     /// # Errors
-    /// Those of `supervise` and of the log; if a peer is missing or wrong, the ring is broken, or on a stop.
+    /// Those of `supervise` and of the trace; if a peer is missing or wrong, the ring is broken, or on a stop.
     pub fn record(
         &mut self,
         slots: u64,
-        log: &mut dyn SlotSink,
+        trace: &mut dyn RingTrace,
         tally: &mut Tally,
         supervise: &mut Supervise,
     ) -> Result<Duration, Error> {
         let first = tally.last_slot();
         // The first plan proves that all processes are connected.
         let (header, _) = self.wait_for_slot(first, Some(first + 1), tally, supervise)?;
-        self.listener = self.ring.truth.listener()?; // re-attached, so that the planner's listener is notified first
+        self.listener = self.ring.queues.listener()?; // re-attached, so that the planner's listener is notified first
         if first == 0 {
             tally.start(&header);
         }
-        self.commit(first, log.hash())?;
+        self.commit(first, trace.hash())?;
         let begin = Instant::now();
         for slot in first + 1..=slots {
             self.supervise(tally, None, supervise)?;
@@ -149,16 +157,19 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
                 flight_ns: flight_head.sent_ns,
                 queues_ns: header.head.sent_ns,
             };
-            let in_time = flight.hold != HoldReason::NoPlan as u32;
-            let plan = plan.map(|(_, plan)| plan);
-            let hash = log.add(plan.as_ref(), &flight, &header)?;
-            let plan = plan.filter(|_| in_time);
-            tally.add(plan.as_ref(), &flight, &header);
+            let record = SlotRecord {
+                plans: Plans::from_buf([plan.map(|(_, plan)| plan)]),
+                paths: ByUav::from_buf([Vec::new()]),
+                flights: ByUav::from_buf([flight]),
+                header,
+            };
+            trace.add(&record)?;
+            tally.add(&record)?;
             if self.ring.terms.link.is_none() {
                 tally.add_times(times); // the clocks of two hosts are not comparable
             }
             tally.set_refused_messages(self.ring.refusals.total());
-            self.commit(slot, hash)?;
+            self.commit(slot, trace.hash())?;
         }
         Ok(begin.elapsed())
     }
@@ -189,7 +200,8 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         tally: &mut Tally,
         supervise: &mut Supervise,
     ) -> Result<(QueuesHeader, (SlotHeader, FlightReport)), Error> {
-        let mut awaited = self.begin_wait("queues", slot, Role::FieldSim)?;
+        let queues = Expected::on(&self.ring.queues, slot, false);
+        let mut awaited = self.begin_wait(&queues)?;
         let mut is_reported = false; // an overdue process is reported and killed once
         loop {
             let missing = self.poll(slot, plan_of)?;
@@ -202,16 +214,17 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
                 self.wait.end(awaited);
                 return Ok(messages);
             }
-            let (topic, topic_slot, from) = missing.unwrap_or(("queues", slot, Role::FieldSim));
-            if (topic, topic_slot) != (awaited.topic, awaited.slot) {
+            let missing = missing.unwrap_or(queues);
+            if (missing.topic, missing.slot) != (awaited.topic, awaited.slot) {
                 self.wait.end(awaited);
-                awaited = self.begin_wait(topic, topic_slot, from)?;
+                awaited = self.begin_wait(&missing)?;
                 is_reported = false;
             }
             let waited = awaited.waited.elapsed();
             let is_overdue = !is_reported && waited >= self.ring.terms.overdue_limit();
             is_reported |= is_overdue;
-            self.supervise(tally, is_overdue.then_some((from, waited)), supervise)?;
+            let overdue = OverdueSample { from: missing.from, waited };
+            self.supervise(tally, Some(overdue).filter(|_| is_overdue), supervise)?;
             if waited >= STALL {
                 self.ring.remove_dead_nodes();
             }
@@ -220,17 +233,17 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
     }
 
     /// Starts the wait for a message.
-    fn begin_wait(&mut self, topic: &'static str, slot: u64, from: Role) -> Result<Awaited, RingError> {
-        let mut awaited = self.wait.begin(topic, slot, from)?;
-        if self.external.contains(&from) {
-            awaited.timeout = Some(self.external_timeout);
+    fn begin_wait(&mut self, expected: &Expected) -> Result<Awaited, RingError> {
+        let mut awaited = self.wait.begin(expected.topic, expected.slot, expected.from)?;
+        if self.external.roles.contains(&expected.from) {
+            awaited.timeout = Some(self.external.timeout);
         }
         Ok(awaited)
     }
 
-    /// Takes the messages that have arrived, and returns topic, slot and sender of the first missing message in the
-    /// order of the ring; later ones depend on it. Reads every topic, so that no writer blocks on a full buffer.
-    fn poll(&mut self, slot: u64, plan_of: Option<u64>) -> Result<Option<(&'static str, u64, Role)>, RingError> {
+    /// Takes the messages that have arrived, and returns the first missing one in the order of the ring; later ones
+    /// depend on it. Reads every topic, so that no writer blocks on a full buffer.
+    fn poll(&mut self, slot: u64, plan_of: Option<u64>) -> Result<Option<Expected>, RingError> {
         let SlotMessages { queues, flight, plan, tick_ns } = &mut self.received;
         if queues.is_none() {
             *queues = self.queues.poll_slot(slot)?.available().map(|sample| *sample.user_header());
@@ -239,28 +252,30 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
             *flight =
                 self.flights.poll_slot(slot)?.available().map(|sample| (*sample.user_header(), *sample.payload()));
         }
+        let plan_slot = plan_of.unwrap_or(slot);
         if plan.is_none() {
-            let found = self.plans.poll_slot(plan_of.unwrap_or(slot))?.available();
+            let found = self.plans.poll_slot(plan_slot)?.available();
             *plan = found.map(|sample| (*sample.user_header(), *sample.payload()));
         }
         if plan_of.is_none() && tick_ns.is_none() {
             *tick_ns = self.ticks.poll_slot(slot)?.available().map(|sample| sample.user_header().sent_ns);
         }
-        let has_queues = queues.is_some();
-        let has_flight = flight.is_some();
-        let has_plan = plan.is_some();
-        let has_tick = tick_ns.is_some();
-        let next_plan = plan_of.filter(|&of| of > slot); // the queues before a slot precede its plan
-        Ok(match plan_of {
-            Some(_) if next_plan.is_some() && !has_queues => Some(("queues", slot, Role::FieldSim)),
-            Some(of) if next_plan.is_none() && !has_plan => Some(("plan", of, Role::Planner)),
-            None if !has_flight && !has_tick => Some(("tick", slot, Role::FieldSim)),
-            _ if !has_flight => Some(("flight", slot, Role::FlightSim)),
-            _ if !has_queues => Some(("queues", slot, Role::FieldSim)),
-            Some(of) if !has_plan => Some(("plan", of, Role::Planner)),
-            Some(_) if !self.is_viewer_ready()? => Some(("ready", slot, Role::Viewer)), // one timeout for all restarts
-            _ => None,
-        })
+        let ring = self.ring;
+        let tick = Expected::on(&ring.tick, slot, tick_ns.is_some() || flight.is_some());
+        let queues = Expected::on(&ring.queues, slot, queues.is_some());
+        let plan = Expected::on(&ring.plan, plan_slot, plan.is_some());
+        let flight = Expected::on(&ring.flight, slot, flight.is_some());
+        let order = match plan_of {
+            None => [tick, flight, queues],
+            Some(of) if of == slot => [plan, flight, queues],
+            Some(_) => [queues, flight, plan], // the queues before a slot precede its plan
+        };
+        let missing = order.into_iter().find(|expected| !expected.has_arrived);
+        if missing.is_some() || plan_of.is_none() {
+            return Ok(missing);
+        }
+        let ready = Expected::on(&ring.ready, slot, self.is_viewer_ready()?); // one timeout for all restarts
+        Ok(Some(ready).filter(|ready| !ready.has_arrived))
     }
 
     /// Whether the current viewer is ready; true for a run without one.
@@ -280,7 +295,7 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
     fn supervise(
         &mut self,
         tally: &mut Tally,
-        overdue: Option<(Role, Duration)>,
+        overdue: Option<OverdueSample>,
         supervise: &mut Supervise,
     ) -> Result<(), Error> {
         if overdue.is_some() || self.supervised.elapsed() >= SUPERVISE_EVERY {

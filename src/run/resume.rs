@@ -4,18 +4,23 @@
 
 use skysink_common::error::InputError;
 use skysink_common::estimate::{Estimate, Rates};
+use skysink_common::message::Plan;
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
-use skysink_common::sensors::SensorList;
+use skysink_common::sensors::{SensorList, Sensors};
+use skysink_common::slot_record::{Plans, UAV};
 use skysink_common::stop::Stop;
-use skysink_field_sim::journal::FieldJournal;
+use skysink_field_sim::journal as fields;
 use skysink_flight_sim::journal as flights;
-use skysink_mission::Mission;
+use skysink_mission::drive::{End, Ended, Pilot};
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
-use skysink_mission::replay::RecordedLines;
+use skysink_mission::recorded::Recorded;
 use skysink_mission::slot_log::SlotLog;
 use skysink_mission::summary::Tally;
+use skysink_mission::trace::RecordedSlot;
+use skysink_mission::{Plant, drive};
+use skysink_planner::Planner;
 use skysink_planner::node::journal;
 use skysink_planner::settings;
 use skysink_planner::strategies::horizon::HorizonKeys;
@@ -27,7 +32,8 @@ use crate::error::Error;
 pub struct ResumedRun {
     /// The trace, to be continued.
     pub log: SlotLog,
-    mission: Mission,
+    plant: Plant,
+    planner: Planner,
 }
 
 /// Simulates the recorded slots of `folder` and adds them to `tally`. An incomplete last line is dropped, and its slot
@@ -46,33 +52,21 @@ pub fn resume(
     tally: &mut Tally,
     stop: &Stop,
 ) -> Result<ResumedRun, Error> {
-    let (mut log, trace) = folder.reopen_slot_log()?;
-    let mut lines = RecordedLines::new(folder, trace, scenario.slots);
+    let trace = Recorded::open(folder, scenario.slots)?;
     let HorizonKeys { budget_ms, .. } = scenario.planner_keys("planner.horizon")?;
-    let mut mission = Mission::new(scenario, list)?;
+    let mut plant = Plant::new(scenario, list);
     if let Some(rates) = estimated_rates(scenario, folder.run_mode())? {
-        mission = mission.with_estimate(Estimate::new(scenario, rates, &list.nodes()));
+        plant = plant.with_estimate(Estimate::new(scenario, rates, &Sensors::of(scenario, &list.nodes())));
     }
-    mission.set_stop(stop);
-    let mut repeatable = folder.run_mode().external_planner.is_none() && (budget_ms.is_none() || !log.was_in_a_ring());
-    tally.start(&mission.header());
-    while let Some(recorded) = lines.next_slot()? {
-        stop.check()?;
-        let planned = mission.plan();
-        stop.check()?;
-        let header = if recorded.is_missed() {
-            repeatable &= !mission.planner().has_state();
-            mission.fly(None)
-        } else if repeatable {
-            mission.fly(Some(&planned))
-        } else {
-            mission.fly(Some(&recorded.plan()))
-        };
-        if !log.repeat(lines.line(), mission.last_flight(), &header)? {
-            return Err(lines.changed().into());
-        }
-        tally.add(None, mission.last_flight(), &header);
-    }
+    let mut planner = Planner::new(scenario, &list.nodes())?;
+    planner.set_stop(stop);
+    let is_ours = folder.run_mode().external_planner.is_none();
+    let has_free_budget = budget_ms.is_none() || !trace.log().was_in_a_ring();
+    let mut pilot = Repeating { trace, planner, is_repeatable: is_ours && has_free_budget };
+    drive(&mut plant, &mut pilot, &mut [&mut *tally], stop)?.unless_stopped()?;
+    pilot.trace.finish(&plant)?;
+    let Repeating { trace, planner, .. } = pilot;
+    let log = trace.into_log();
     let is_lockstep = folder.run_mode().pace.is_none_or(|pace| pace == Pace::Max);
     let is_repeatable = is_lockstep && folder.run_mode().external_planner.is_none();
     if let Some(last) = log.last_checked().filter(|last| *last > tally.last_slot() && !is_repeatable) {
@@ -84,7 +78,31 @@ pub fn resume(
         return Err(InputError::new("run folder", folder.path(), message).into());
     }
     tally.resume();
-    Ok(ResumedRun { log, mission })
+    Ok(ResumedRun { log, plant, planner })
+}
+
+/// Plans the slots of a trace again, and takes from the trace what cannot be repeated.
+struct Repeating {
+    trace: Recorded,
+    planner: Planner,
+    /// Whether the next plan is that of the planner.
+    is_repeatable: bool,
+}
+
+impl Pilot for Repeating {
+    fn plans(&mut self, plant: &Plant) -> Result<Plans, Ended> {
+        let recorded = self.trace.next_slot(plant)?.ok_or(Ended::At(End::OutOfPlans))?;
+        let planned = self.planner.plans(plant)?; // always, for the state of the planner
+        if recorded.iter().any(RecordedSlot::is_missed) {
+            self.is_repeatable &= !self.planner.has_state();
+        }
+        let is_repeatable = self.is_repeatable;
+        let plan = |(recorded, planned): (&RecordedSlot, Option<Plan>)| {
+            let plan = planned.filter(|_| is_repeatable).unwrap_or_else(|| recorded.plan());
+            (!recorded.is_missed()).then_some(Plan { plan_ns: 0, ..plan }) // the run has measured it
+        };
+        Ok(recorded.iter().zip(planned).map(plan).collect())
+    }
 }
 
 /// How an external planner knows the sampling rates if the queues are estimated; `None` if it gets the true queues.
@@ -103,16 +121,15 @@ impl ResumedRun {
     /// If the trace or the ring folder cannot be written.
     pub fn save_checkpoints(mut self, ring_folder: &RingFolder) -> Result<SlotLog, Error> {
         self.log.resume()?;
-        let slot = self.mission.slot();
+        let slot = self.plant.slot();
         if slot == 0 {
             return Ok(self.log);
         }
-        let mut field = self.mission.field().clone();
+        let mut field = self.plant.field().clone();
         let count = field.queues_bits().len();
-        let planner = self.mission.planner();
-        journal(ring_folder, count)?.save(slot, planner)?;
-        FieldJournal::open(ring_folder, &mut field)?; // an empty journal starts with this state
-        flights::save(&flights::journal(ring_folder)?, slot, self.mission.last_flight())?;
+        journal(ring_folder, count)?.save(slot, &[], &self.planner)?;
+        fields::resume(&mut fields::journal(ring_folder, count)?, &mut field)?; // an empty journal starts with this state
+        flights::journal(ring_folder)?.save(slot, &[], self.plant.flight(UAV))?;
         Ok(self.log)
     }
 }

@@ -1,11 +1,16 @@
-//! Supervises the processes of a run: starts, restarts and stops them, and publishes every change of their state.
+//! Supervises the processes of a run, and publishes every change of their state.
+//!
+//! | process | started by | sign of life | restarted after its end | stopped |
+//! |---|---|---|---|---|
+//! | worker, planner of `--planner` | this launcher | the heartbeat of its lock file, a sample in time | by `--restart`, within [`OF_WORKERS`](crate::run::restart::OF_WORKERS) | TERM, KILL |
+//! | link | this launcher | | always, within [`OF_LINK`](crate::run::restart::OF_LINK) | TERM, KILL, after the workers |
+//! | `--external` | the user, here or on another host | a writer of its topic, its notifications over the link | | with the ring |
 
 use std::os::unix::process::ExitStatusExt;
-use std::sync::atomic::Ordering;
+use std::process::ExitStatus;
 use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::Service;
-use rustix::process::Signal;
 use skysink_common::message::SlotHeader;
 use skysink_mission::summary::{Event, Tally};
 use skysink_ring::folder::RingFolder;
@@ -17,88 +22,95 @@ use skysink_ring::writer::Writer;
 use crate::error::Error;
 use crate::report::TerminalProgress;
 use crate::run::external::ExternalProcess;
-use crate::run::link::Link;
-use crate::run::process::{POLL_EVERY, Process, ProcessTable};
-use crate::run::restart::{EndCause, Restart};
-
-/// Time from SIGTERM to SIGKILL.
-const GRACE: Duration = Duration::from_secs(3);
+use crate::run::heartbeat::Heartbeat;
+use crate::run::process::{Invocation, Process, ProcessChange, stop};
+use crate::run::restart::Restart;
 
 /// Time between two checks for dead external processes.
 const CLEAN_UP_EVERY: Duration = Duration::from_millis(500);
 
+/// What a launcher supervises, and where it reports.
+pub struct Supervision<'a, S: Service + 'static> {
+    /// The ring.
+    pub ring: &'a Ring<S>,
+    /// Its folder.
+    pub folder: &'a RingFolder,
+    /// Prints progress and events.
+    pub progress: &'a TerminalProgress,
+    /// The processes of the ring to be started.
+    pub workers: Vec<Worker>,
+    /// The roles of the processes that this launcher does not start.
+    pub external: &'a [Role],
+    /// The link to other hosts to be started, if any.
+    pub link: Option<Process>,
+    /// The last slot of the mission.
+    pub last_slot: u64,
+}
+
+/// A process of the ring that this launcher starts.
+pub struct Worker {
+    role: Role,
+    process: Process,
+    heartbeat: Heartbeat,
+}
+
+impl Worker {
+    /// The process of `role`, not started yet.
+    #[must_use]
+    pub fn new(role: Role, invocation: Invocation, policy: Restart) -> Self {
+        Self { role, process: Process::worker(role, invocation, policy), heartbeat: Heartbeat::after(None) }
+    }
+}
+
 /// All processes of a run. Dropping it stops those that are still running.
 pub struct Workers<'a, S: Service + 'static> {
-    ring: &'a Ring<S>,
-    folder: &'a RingFolder,
-    table: &'a ProcessTable,
-    progress: &'a TerminalProgress,
-    processes: Vec<Process>,
+    run: Supervision<'a, S>,
     external: Vec<ExternalProcess<S>>,
-    /// The link to other hosts, if there is one.
-    link: Option<Link>,
     cleaned_up: Instant,
     health: Writer<S, Health, SlotHeader>,
     begin: Instant,
-    last_slot: u64,
     is_released: bool,
     /// Restart count of the current viewer, or of the next one if there is none.
     viewer: u32,
 }
 
+/// A sample that is late: who should have sent it, and how long it has been awaited.
+#[derive(Debug, Clone, Copy)]
+pub struct OverdueSample {
+    /// The sender.
+    pub from: Role,
+    /// Time waited.
+    pub waited: Duration,
+}
 impl<'a, S: Service + 'static> Workers<'a, S> {
-    /// Starts the processes of a mission that ends with `last_slot`. The processes of the roles `external` are not
-    /// started by this launcher.
+    /// Starts the link and the workers.
     ///
     /// # Errors
     /// If the topic `health` cannot be written, or a process cannot be started; the others are stopped.
-    pub fn start(
-        ring: &'a Ring<S>,
-        folder: &'a RingFolder,
-        table: &'a ProcessTable,
-        progress: &'a TerminalProgress,
-        processes: Vec<Process>,
-        external: &[Role],
-        last_slot: u64,
-    ) -> Result<Self, Error> {
-        let health = ring.health.writer()?;
+    pub fn start(run: Supervision<'a, S>) -> Result<Self, Error> {
+        let health = run.ring.health.writer()?;
+        let external = run.external.iter().map(|&role| ExternalProcess::new(run.ring, role));
+        let external = external.collect::<Result<_, _>>()?;
         let begin = Instant::now();
-        let external = external.iter().map(|&role| ExternalProcess::new(ring, role));
-        let mut workers = Self {
-            external: external.collect::<Result<_, _>>()?,
-            link: None,
-            cleaned_up: begin,
-            is_released: false,
-            viewer: 0,
-            ring,
-            folder,
-            table,
-            progress,
-            processes,
-            health,
-            begin,
-            last_slot,
-        };
-        let mut processes = workers.processes.iter_mut();
-        processes.try_for_each(|process| process.start(folder.path(), table, progress))?;
+        let mut workers = Self { run, external, cleaned_up: begin, health, begin, is_released: false, viewer: 0 };
+        let Supervision { folder, progress, workers: started, link, .. } = &mut workers.run;
+        if let Some(link) = link {
+            link.start(progress)?;
+        }
+        for Worker { role, process, heartbeat } in started {
+            *heartbeat = Heartbeat::after(last_heartbeat(folder.path(), *role));
+            process.start(progress)?;
+        }
         Ok(workers)
     }
 
-    /// Also supervises `link`, if there is one.
-    #[must_use]
-    pub fn with_link(mut self, link: Option<Link>) -> Self {
-        self.link = link;
-        self
-    }
-
-    /// Polls the processes once; adds changes to the tally, prints them and publishes them on `health`. `overdue` is
-    /// the role whose message is late, and how long it has been awaited. Returns the restart count of the current
-    /// viewer.
+    /// Polls the processes once; adds changes to the tally, prints them and publishes them on `health`. Returns the
+    /// restart count of the current viewer.
     ///
     /// # Errors
     /// As [`Workers::watch`].
-    pub fn supervise(&mut self, tally: &mut Tally, overdue: Option<(Role, Duration)>) -> Result<u32, Error> {
-        self.progress.show_run(tally, self.last_slot);
+    pub fn supervise(&mut self, tally: &mut Tally, overdue: Option<OverdueSample>) -> Result<u32, Error> {
+        self.run.progress.show_run(tally, self.run.last_slot);
         let slot = tally.last_slot() + 1;
         for (role, event) in self.watch(slot, overdue)? {
             let at_s = self.begin.elapsed().as_secs_f64();
@@ -108,30 +120,26 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
         Ok(self.viewer)
     }
 
-    /// Polls the processes once in `slot`; prints changes, publishes them on `health` and returns them. `overdue` is as
-    /// in [`Workers::supervise`].
+    /// Polls the processes once in `slot`; prints changes, publishes them on `health` and returns them.
     ///
     /// # Errors
     /// [`Error::WorkerEnded`] or [`Error::LinkEnded`] if a process has ended and is not restarted.
-    pub fn watch(&mut self, slot: u64, overdue: Option<(Role, Duration)>) -> Result<Vec<(Role, ProcessEvent)>, Error> {
-        self.table.slot.store(slot, Ordering::Relaxed);
-        if let Some(link) = &mut self.link {
-            link.supervise(self.progress)?;
-        }
-        let mut events = self.poll(slot, overdue)?;
+    pub fn watch(&mut self, slot: u64, overdue: Option<OverdueSample>) -> Result<Vec<(Role, ProcessEvent)>, Error> {
+        self.poll_link(slot)?;
+        let mut events = self.poll_workers(slot, overdue)?;
         events.extend(self.poll_external(slot, overdue));
-        let taken = start_count(self.folder.path(), Role::Viewer);
+        let Supervision { ring, folder, progress, .. } = self.run;
+        let taken = start_count(folder.path(), Role::Viewer);
         self.viewer = self.viewer.max(taken.saturating_sub(1));
         for &(role, event) in &events {
             if let ProcessEvent::Killed(_) | ProcessEvent::Exited(_) = event {
-                self.ring.remove_dead_nodes(); // frees its ports for the restarted process
+                ring.remove_dead_nodes(); // frees its ports for the restarted process
                 if role == Role::Viewer {
                     self.viewer = taken; // of the next viewer
                 }
             }
-            let process = role.name();
-            self.progress.say(&format!("slot {slot}: {process} {event}"));
-            self.health.send(self.ring.header(slot, 0), Health::of(role, event))?;
+            progress.say(&format!("slot {slot}: {} {event}", role.name()));
+            self.health.send(ring.header(slot, 0), Health::of(role, event))?;
         }
         Ok(events)
     }
@@ -139,56 +147,53 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
     /// Disables restarts: the mission is complete.
     pub fn release(&mut self) {
         self.is_released = true;
+        self.run.workers.iter_mut().for_each(|worker| worker.process.cancel_restart());
     }
 
-    /// Whether all processes with a role selected by `is_selected` have ended and will not be restarted.
+    /// Whether all workers with a role selected by `is_selected` have ended and will not be restarted.
     #[must_use]
     pub fn have_ended(&self, is_selected: impl Fn(Role) -> bool) -> bool {
-        self.processes.iter().filter(|process| is_selected(process.role)).all(Process::has_ended)
+        self.run.workers.iter().filter(|worker| is_selected(worker.role)).all(|worker| worker.process.has_ended())
     }
 
-    /// Polls the processes of this launcher: detects ended ones, restarts those that are due, kills hung ones. Returns
-    /// the changes.
-    fn poll(&mut self, slot: u64, overdue: Option<(Role, Duration)>) -> Result<Vec<(Role, ProcessEvent)>, Error> {
-        let mut events = Vec::new();
+    /// Polls the link.
+    fn poll_link(&mut self, slot: u64) -> Result<(), Error> {
+        let Supervision { link: Some(link), progress, .. } = &mut self.run else { return Ok(()) };
+        if let Some(ProcessChange::Ended(status)) = link.advance(slot, progress, |_| false)? {
+            progress.say(&format!("link: ended with {status}: restarting"));
+        }
+        Ok(())
+    }
+
+    /// Polls the workers: detects ended ones, restarts those that are due, kills hung ones. Returns the changes.
+    fn poll_workers(&mut self, slot: u64, overdue: Option<OverdueSample>) -> Result<Vec<(Role, ProcessEvent)>, Error> {
+        let Supervision { ring, folder, progress, workers, last_slot, .. } = &mut self.run;
+        let is_last_slot = slot >= *last_slot;
+        let is_expected = |status: ExitStatus| self.is_released || status.success() && is_last_slot;
         let now = Instant::now();
-        let ring = self.folder.path();
-        let is_last_slot = slot >= self.last_slot;
-        for process in &mut self.processes {
-            if self.is_released {
-                process.due = None;
-            }
-            if let Some(due) = process.due {
-                if now >= due {
-                    process.start(ring, self.table, self.progress)?;
-                    events.push((process.role, ProcessEvent::Restarted(process.restarts.count)));
+        let mut events = Vec::new();
+        for Worker { role, process, heartbeat } in workers {
+            let beat = || last_heartbeat(folder.path(), *role);
+            match process.advance(slot.min(*last_slot), progress, is_expected)? {
+                Some(ProcessChange::Restarted(count)) => {
+                    *heartbeat = Heartbeat::after(beat());
+                    events.push((*role, ProcessEvent::Restarted(count)));
                 }
-            } else if let Some(status) = process.poll(self.table) {
-                if self.is_released || status.success() && is_last_slot {
-                    continue; // a regular end
+                Some(ProcessChange::Ended(status)) if is_expected(status) => {}
+                Some(ProcessChange::Ended(status)) => {
+                    let exited = ProcessEvent::Exited(status.code().unwrap_or_default());
+                    events.push((*role, status.signal().map_or(exited, ProcessEvent::Killed)));
                 }
-                let cause = match (status.code(), status.signal()) {
-                    (Some(2), _) => EndCause::Refused,
-                    (None, Some(9 | 15)) => EndCause::Killed, // SIGKILL or SIGTERM from another process
-                    _ => EndCause::Exited(slot),
-                };
-                process.due = process.restarts.schedule(now, cause);
-                if process.due.is_none() {
-                    return Err(process.end_error(status, slot.min(self.last_slot)));
+                None if process.is_running() => {
+                    events.extend(heartbeat.update(beat(), now).map(|event| (*role, event)));
+                    let overdue = overdue.filter(|overdue| overdue.from == *role);
+                    events.extend(overdue.map(|overdue| (*role, overdue.event())));
+                    let is_silent = heartbeat.is_silent_for(ring.terms.silence_limit()) && !is_last_slot;
+                    if is_silent || overdue.is_some() {
+                        process.kill_hung();
+                    }
                 }
-                let exited = ProcessEvent::Exited(status.code().unwrap_or_default());
-                events.push((process.role, status.signal().map_or(exited, ProcessEvent::Killed)));
-            } else if process.child.is_some() {
-                let event = process.heartbeat.update(last_heartbeat(ring, process.role), now);
-                events.extend(event.map(|event| (process.role, event)));
-                let mut is_hung = process.heartbeat.is_silent_for(self.ring.terms.silence_limit()) && !is_last_slot;
-                if let Some((_, waited)) = overdue.filter(|(role, _)| *role == process.role) {
-                    is_hung = true;
-                    events.push((process.role, overdue_for(waited)));
-                }
-                if is_hung && process.restarts.policy == Restart::OnFailure {
-                    process.signal(Signal::KILL);
-                }
+                None => {}
             }
         }
         Ok(events)
@@ -207,20 +212,20 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
     }
 
     /// Polls the external processes: which joined, recovered, or are silent, overdue or missing. Returns the changes.
-    fn poll_external(&mut self, slot: u64, overdue: Option<(Role, Duration)>) -> Vec<(Role, ProcessEvent)> {
+    fn poll_external(&mut self, slot: u64, overdue: Option<OverdueSample>) -> Vec<(Role, ProcessEvent)> {
+        let ring = self.run.ring;
         let now = Instant::now();
         if !self.external.is_empty() && self.cleaned_up.elapsed() >= CLEAN_UP_EVERY {
             self.cleaned_up = now;
-            self.ring.remove_dead_nodes(); // a dead writer stays attached until then
+            ring.remove_dead_nodes(); // a dead writer stays attached until then
         }
         let mut events = Vec::new();
         for external in &mut self.external {
-            events.extend(external.poll(self.ring, now).map(|event| (external.role, event)));
-            if let Some((_, waited)) = overdue.filter(|(role, _)| *role == external.role && external.is_present()) {
-                events.push((external.role, overdue_for(waited)));
-            }
+            events.extend(external.poll(ring, now).map(|event| (external.role, event)));
+            let overdue = overdue.filter(|overdue| overdue.from == external.role && external.is_present());
+            events.extend(overdue.map(|overdue| (external.role, overdue.event())));
         }
-        if self.is_released || slot >= self.last_slot {
+        if self.is_released || slot >= self.run.last_slot {
             events.clear(); // a regular end
         }
         events
@@ -229,24 +234,13 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
 
 impl<S: Service + 'static> Drop for Workers<'_, S> {
     fn drop(&mut self) {
-        self.processes.iter().for_each(|process| process.signal(Signal::TERM));
-        let deadline = Instant::now() + GRACE;
-        while self.processes.iter().any(|process| process.child.is_some()) && Instant::now() < deadline {
-            for process in &mut self.processes {
-                process.poll(self.table);
-            }
-            std::thread::sleep(POLL_EVERY);
-        }
-        for process in &mut self.processes {
-            process.signal(Signal::KILL);
-            if let Some(mut child) = process.child.take() {
-                let _ = child.wait();
-            }
-            process.join_messages();
-        }
+        stop(self.run.workers.iter_mut().map(|worker| &mut worker.process));
+        stop(&mut self.run.link); // after those that it connects
     }
 }
 
-fn overdue_for(waited: Duration) -> ProcessEvent {
-    ProcessEvent::Overdue(i32::try_from(waited.as_millis()).unwrap_or(i32::MAX))
+impl OverdueSample {
+    fn event(self) -> ProcessEvent {
+        ProcessEvent::Overdue(i32::try_from(self.waited.as_millis()).unwrap_or(i32::MAX))
+    }
 }

@@ -8,7 +8,7 @@ use skysink_common::stop::Stop;
 use skysink_ring::role::Role;
 use skysink_web::{PageError, Server, WebPage};
 
-use super::PageContent;
+use super::content::PageContent;
 use crate::error::Error;
 use crate::report::print;
 

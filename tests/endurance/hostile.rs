@@ -1,4 +1,4 @@
-//! Peers that send nonsense, take places that are not theirs, or do not listen: what they cannot do to a run.
+//! Peers that send invalid samples, write the topics of others, or do not read: none of them changes a run.
 
 mod audit;
 mod intruder;

@@ -8,8 +8,8 @@ use crate::support::flight::{RING, RunningFlight};
 use crate::support::{Place, output, signal_and_wait, until};
 use crate::{events, longer};
 
-/// Kills workers at random instants while the run lasts; returns how many. Between two rounds of kills it lets the ring
-/// turn, however long a restart takes on this machine.
+/// Kills workers at random instants while the run lasts, and returns the number of kills. Between two rounds of kills
+/// the ring runs some slots, however long a restart takes on this machine.
 fn kill_at_random(run: &mut RunningFlight, random: &mut ChaCha8Rng) -> u64 {
     let mut kills = 0;
     let pause = |random: &mut ChaCha8Rng| {
@@ -52,7 +52,7 @@ fn kills_at_any_instant_change_nothing() {
 }
 
 #[test]
-fn a_planner_that_remembers_comes_back_as_it_was() {
+fn a_restarted_planner_restores_its_state() {
     let place = Place::new();
     let few = place
         .flight("long")
@@ -87,7 +87,7 @@ fn a_planner_that_remembers_comes_back_as_it_was() {
 }
 
 #[test]
-fn killed_processes_come_back_where_everybody_polls() {
+fn killed_processes_recover_in_a_polling_ring() {
     let place = Place::new();
     let run = longer(&place).without_viewer().options(&["--wait", "poll"]).start();
     for role in RING {

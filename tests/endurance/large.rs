@@ -1,4 +1,4 @@
-//! Fields that are as large as they get.
+//! The largest fields.
 
 use crate::support::Place;
 

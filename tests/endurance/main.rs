@@ -1,6 +1,7 @@
-//! Tests that take minutes: runs whose processes are killed, stopped and restarted with the same results, studies with
-//! their figures, and large fields.
+//! Tests that take minutes: runs whose processes are killed, stopped and restarted with the same results, the
+//! paper's figures, and large fields.
 
+mod anywhere;
 mod figures;
 mod hostile;
 mod kills;
@@ -22,7 +23,7 @@ fn longer(place: &Place) -> FlightBuilder<'_> {
     place.flight("long").set("slots", 9000)
 }
 
-/// What the record of `run` says of the processes: which, and what has become of it.
+/// The events of the processes in the summary of `run`: process and event.
 fn events(place: &Place) -> Vec<(String, String)> {
     let summary = place.summary("run");
     let events = summary["events"].as_array().unwrap().iter();

@@ -1,4 +1,4 @@
-//! Runs by the clock: nobody waits, what comes late is counted, and no bit is lost.
+//! Paced runs: no process waits, late slots are counted, and every bit is accounted for.
 
 use rustix::process::Signal;
 
@@ -6,7 +6,7 @@ use crate::support::flight::RING;
 use crate::support::{Place, assert_balanced};
 
 #[test]
-fn by_the_clock_every_process_may_die_and_no_bit_is_lost() {
+fn in_a_paced_run_every_process_may_die_and_every_bit_is_accounted_for() {
     let place = Place::new();
     let run = place.flight("paced").without_viewer().pace("20x").start();
     for (kills, role) in (1..).zip(RING) {
@@ -24,7 +24,7 @@ fn by_the_clock_every_process_may_die_and_no_bit_is_lost() {
 }
 
 #[test]
-fn a_paced_run_reports_how_long_its_hops_take() {
+fn a_paced_run_reports_its_latencies() {
     let place = Place::new();
     let ended = place.flight("paced").without_viewer().pace("50x").run();
     let latency = &place.summary("run")["timing"]["latency"];

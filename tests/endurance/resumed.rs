@@ -1,4 +1,4 @@
-//! Runs that were cut are resumed with the same bytes, or refused.
+//! Unfinished runs are resumed with the same bytes, or refused.
 
 use std::fs;
 
@@ -14,7 +14,7 @@ fn a_run_whose_launcher_was_killed_is_resumed_with_the_same_bytes() {
     run.until_slot(300);
     run.kill_launcher();
     workers.into_iter().for_each(until_exited);
-    // A line that was cut is flown again.
+    // The slot of a truncated line is flown again.
     let trace = place.trace("run");
     place.write("run/slots.csv", &trace[..trace.len() - 7]);
     let before = trace.lines().count() as u64 - 2;
@@ -23,7 +23,7 @@ fn a_run_whose_launcher_was_killed_is_resumed_with_the_same_bytes() {
     let [simulated, mut resumed] = ["run-simulated", "run"].map(|run| place.reproducible_summary(run));
     assert_eq!(resumed["resumed_after"].take(), before);
     assert_eq!(simulated, resumed);
-    // Nothing is left to fly, and nothing changes.
+    // A complete run does not change.
     let summary = place.read("run/summary.json");
     let again = place.resume("run");
     assert!(again.stderr.is_empty(), "{again:?}");
@@ -65,11 +65,15 @@ fn what_cannot_be_resumed_is_refused() {
     refused(&["slots.csv: line 3: `2,", ",serve,z...`: expected a slot as skysink run writes it"]);
     let third = trace.lines().nth(2).unwrap();
     let mut columns: Vec<_> = third.split(',').collect();
-    columns[7] = "1"; // bits queued
+    columns[8] = "1"; // bits queued
     damage(third, &columns.join(","));
     refused(&["slots.csv: line 3: `2,", "`: it differs from the simulation of the scenario"]);
-    damage("slot,x_m", "slot,x");
-    refused(&["slots.csv: line 1: `slot,x,", "`: expected slot,x_m,y_m"]);
+    damage("slot,uav,x_m", "slot,x_m");
+    refused(&[
+        "slots.csv: line 1: `slot,x_m,",
+        "`: expected slot,uav,x_m",
+        "flown again by skysink simulate RUN/scenario.toml",
+    ]);
     place.write("run/slots.csv", &trace);
     fs::remove_file(place.path("run/slots.csv")).unwrap();
     refused(&["slots.csv is missing"]);
@@ -78,7 +82,7 @@ fn what_cannot_be_resumed_is_refused() {
 }
 
 #[test]
-fn a_run_under_way_is_neither_resumed_nor_replaced() {
+fn a_running_run_is_neither_resumed_nor_replaced() {
     let place = Place::new();
     let run = longer(&place).without_viewer().pace("4x").start();
     run.until_slot(5);

@@ -43,7 +43,7 @@ fn a_process_that_stays_silent_is_replaced() {
 }
 
 #[test]
-fn a_machine_that_sleeps_wakes_up_to_a_whole_mission() {
+fn a_suspended_machine_continues_to_a_complete_mission() {
     let place = Place::new();
     let run = longer(&place).without_viewer().timeout("6").start();
     run.until_slot(100);

@@ -1,4 +1,4 @@
-//! Viewers that are killed, stopped or late: what the ring does about them, and what their recordings hold.
+//! Viewers that are killed, stopped or late: the reaction of the ring, and their recordings.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -10,7 +10,7 @@ use crate::support::flight::RunningFlight;
 use crate::support::{Place, output, recordings, rows, slots, until};
 use crate::{events, longer};
 
-/// What is recorded of every slot.
+/// An entity that is recorded in every slot.
 const EACH_SLOT: &str = "/metrics/loss_rate";
 
 /// Most slots that a killed viewer had not written in a run of 40 slots a second: a batch in the making and one on its
@@ -44,7 +44,7 @@ fn assert_whole_from(begin: i64, recording: &Path) -> i64 {
 }
 
 #[test]
-fn a_killed_viewer_comes_back_and_its_recording_is_continued_in_other_files() {
+fn a_killed_viewer_is_restarted_and_continues_its_recording_in_other_files() {
     let place = Place::new();
     let run = place.flight("long").pace("4x").start(); // 40 slots a second
     for file in ["mission.rrd", "mission-2.rrd"] {
@@ -75,7 +75,7 @@ fn a_killed_viewer_comes_back_and_its_recording_is_continued_in_other_files() {
 }
 
 #[test]
-fn in_lock_step_the_ring_waits_for_a_viewer_that_comes_back() {
+fn in_lock_step_the_ring_waits_for_a_restarted_viewer() {
     let place = Place::new();
     let run = longer(&place).start();
     run.until_slot(200);
@@ -90,14 +90,14 @@ fn in_lock_step_the_ring_waits_for_a_viewer_that_comes_back() {
     let missed = missed_before(&place.path("run/mission-2.rrd"));
     assert!(missed.end - missed.start <= 70, "no more than what was under way to it: {missed:?}");
     let recorded: BTreeSet<_> = first.union(&second).copied().collect();
-    // What the viewer had not yet written is gone, and the few slots that were under way.
+    // The slots that the viewer had not yet written are missing, and the few in transit.
     let missing: Vec<i64> = (0..=9000).filter(|slot| !recorded.contains(slot)).collect();
     assert!(missing.iter().all(|&slot| slot <= killed + 70), "killed in slot {killed}, missing {missing:?}");
     place.assert_clean();
 }
 
 #[test]
-fn flight_sim_and_planner_may_die_before_the_viewer_is_there() {
+fn flight_sim_and_planner_may_die_before_the_viewer_has_started() {
     let place = Place::new();
     let run = place.flight("long").set("slots", 300).external("viewer").timeout("20").start();
     for (role, journal) in [("flight-sim", "flights.journal"), ("planner", "plans.journal")] {
@@ -116,7 +116,7 @@ fn until_waiting_for_the_viewer(run: &RunningFlight, journal: &str) {
 }
 
 #[test]
-fn a_stopped_viewer_costs_nobody_else_a_restart() {
+fn a_stopped_viewer_causes_no_other_restart() {
     let place = Place::new();
     let run = longer(&place).timeout("6").start();
     run.until_slot(100);

@@ -1,4 +1,4 @@
-//! The command line: what it prints, what it leaves, and how it ends.
+//! The command line: output, files and exit codes.
 
 use crate::support::scenarios::SMOKE;
 use crate::support::{Place, assert_balanced, lines, output, pid, until, wait};
@@ -107,8 +107,8 @@ fn every_slot_of_a_trace_balances() {
         let sampled_bits = summary["sampled_bits"].as_u64().unwrap() / summary["slots"].as_u64().unwrap();
         for line in trace.lines().skip(1) {
             let bits = |column: usize| line.split(',').nth(column).unwrap().parse::<u64>().unwrap();
-            assert_eq!(queued_bits + sampled_bits, bits(5) + bits(6) + bits(7), "{strategy}: {line}");
-            queued_bits = bits(7);
+            assert_eq!(queued_bits + sampled_bits, bits(6) + bits(7) + bits(8), "{strategy}: {line}");
+            queued_bits = bits(8);
         }
     }
 }
@@ -128,7 +128,7 @@ fn wrong_usage_is_refused() {
 }
 
 #[test]
-fn a_reader_of_the_first_line_ends_a_command_quietly() {
+fn a_command_ends_quietly_if_its_reader_closes_the_pipe() {
     let place = Place::new();
     place.scenario("short");
     let commands = [&["check", "short.toml"][..], &["simulate", SMOKE, "--out", "run"], &["--help"]];
@@ -145,7 +145,7 @@ fn a_reader_of_the_first_line_ends_a_command_quietly() {
 fn help_lists_the_strategies_of_the_registry() {
     let place = Place::new();
     let help = place.run_ok(&["simulate", "--help"]).stdout;
-    for strategy in &skysink_planner::strategies::STRATEGIES {
+    for strategy in skysink_planner::strategies::STRATEGIES {
         assert!(help.contains(&format!("- {}:", strategy.name)), "{}: {help}", strategy.name);
     }
 }
@@ -195,7 +195,7 @@ fn a_simulation_can_be_recorded_and_equal_simulations_leave_equal_recordings() {
 }
 
 #[test]
-fn a_full_standard_output_is_said_and_a_closed_one_is_not() {
+fn reports_a_full_stdout_but_not_a_closed_pipe() {
     let place = Place::new();
     for arguments in
         [&["check", SMOKE][..], &["--help"], &["run", "--help"], &["simulate", SMOKE, "--out", "run", "--force"]]
@@ -228,7 +228,7 @@ fn a_second_signal_ends_a_command_at_once() {
 }
 
 #[test]
-fn too_low_limits_are_named_before_the_start_and_a_quote_in_a_path_is_none() {
+fn low_limits_are_reported_before_the_start_and_quotes_in_paths_are_accepted() {
     let place = Place::new();
     let limited = format!("ulimit -n 64; exec {} run {SMOKE} --no-viewer --out run", env!("CARGO_BIN_EXE_skysink"));
     let ended = output(place.command("sh", &["-c", &limited]));
@@ -243,7 +243,7 @@ fn too_low_limits_are_named_before_the_start_and_a_quote_in_a_path_is_none() {
 }
 
 #[test]
-fn a_simulation_that_is_interrupted_says_how_to_go_on() {
+fn an_interrupted_simulation_names_the_command_that_continues_it() {
     let place = Place::new();
     let long = place.scenario("long");
     let child = place.skysink(&["simulate", &long, "--set", "slots=2000000", "--out", "run"]).spawn().unwrap();

@@ -1,4 +1,4 @@
-//! `skysink compare`: strategies over the same fields, and runs on record.
+//! `skysink compare`: strategies over the same fields, and finished runs.
 
 #[cfg(feature = "viewer")]
 use crate::support::slots;
@@ -20,7 +20,7 @@ fn with_two_runs() -> Place {
     place
 }
 
-/// The standing of `label` by `metric`.
+/// The figures of `label` by `metric`.
 fn standing<'a>(all: &'a Value, label: &str, metric: &str) -> &'a Value {
     let is_it = |one: &&Value| one["label"] == label && one["metric"] == metric;
     all.as_array().unwrap().iter().find(is_it).unwrap_or_else(|| panic!("{label}, {metric}: {all}"))
@@ -54,7 +54,7 @@ fn strategies_are_compared_over_the_same_seeds() {
 }
 
 #[test]
-fn runs_on_record_stand_as_their_summaries_say_and_keys_that_differ_come_first() {
+fn compared_runs_have_the_figures_of_their_summaries_and_differing_keys_come_first() {
     let place = with_small();
     for (strategy, bandwidth) in [("uts", "5e6"), ("gfs", "5e3")] {
         place.flight("small").strategy(strategy).set("link.bandwidth_hz", bandwidth).out(strategy).simulate();
@@ -73,11 +73,11 @@ fn runs_on_record_stand_as_their_summaries_say_and_keys_that_differ_come_first()
 }
 
 #[test]
-fn a_trace_that_was_changed_is_refused_by_its_line() {
+fn a_modified_trace_is_refused_with_the_line_number() {
     let place = with_two_runs();
     let trace = place.read("b/slots.csv");
     let line = trace.lines().nth(100).unwrap();
-    let queued = line.split(',').nth(7).unwrap();
+    let queued = line.split(',').nth(8).unwrap();
     place.write("b/slots.csv", &trace.replacen(line, &line.replace(queued, "1"), 1));
     place.run_refused(&["compare", "a", "b", "--out", "both"], "b/slots.csv: line 101");
     assert!(!place.path("both").exists());
@@ -119,7 +119,7 @@ fn runs_of_the_same_names_in_other_folders_are_another_comparison() {
     assert_eq!(place.read(&first), standings);
     assert_ne!(place.read(&second), standings);
     assert_eq!(folder(&["./one/../one/uts", "one/gfs/"]), first);
-    // Nor does it replace one in a folder that was chosen; the same comparison does.
+    // Nor does it replace one in the folder of --out; the same comparison does.
     assert_eq!(folder(&["one/uts", "one/gfs", "--out", "both"]), "both/comparison.json");
     assert_eq!(folder(&["one/uts", "one/gfs", "--out", "both"]), "both/comparison.json");
     for other in [["other/uts", "other/gfs"], ["one/gfs", "one/uts"]] {
@@ -177,7 +177,7 @@ fn a_run_that_ended_early_is_not_compared_but_reported_as_such() {
     let cut: String = trace.split_inclusive('\n').take(101).collect();
     place.write("b/slots.csv", &cut);
     place.run_refused(&["compare", "a", "b", "--no-record"], "100 slots of hash");
-    // As if it had ended there; the first slots of a shorter mission are the same, and so is their hash.
+    // As if the mission had ended there: a shorter mission has the same first slots, and so the same hash.
     place.flight("small").strategy("gfs").set("slots", 100).out("c").simulate();
     let hash = |run: &str| place.summary(run)["trace_hash"].as_str().unwrap().to_owned();
     let summary = place.read("b/summary.json").replace("\"complete\": true", "\"complete\": false");

@@ -1,5 +1,5 @@
-//! The documentation: the commands of the tutorial and the guides run, what they quote is there, and links lead
-//! somewhere.
+//! The documentation: the commands of the tutorial and the guides run, quotes agree with their files, and links have
+//! targets.
 use std::collections::BTreeSet;
 use std::fs;
 use std::os::unix::fs::symlink;
@@ -18,10 +18,10 @@ const READ: [&str; 2] = ["scenarios", "examples"];
 /// Pages outside the book whose links are checked.
 const OTHER_PAGES: [&str; 4] = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "python/README.md"];
 
-/// What stands before and after the reason why a block is not run.
+/// The text before and after the reason why a block is not run.
 const REASON: [&str; 2] = ["<!-- not run: ", " -->"];
 
-/// What stands before and after the file that a block quotes.
+/// The text before and after the file that a block quotes.
 const QUOTED: [&str; 2] = ["<!-- from ", " -->"];
 
 fn book() -> PathBuf {
@@ -30,9 +30,9 @@ fn book() -> PathBuf {
 
 /// A fenced block of a page.
 struct Block {
-    /// Page and line, for people.
+    /// Page and line, for messages.
     place: String,
-    /// What stands behind the fence, such as `sh,no_run`.
+    /// The text after the fence, such as `sh,no_run`.
     kind: String,
     /// The line before it.
     before: String,
@@ -40,12 +40,12 @@ struct Block {
 }
 
 impl Block {
-    /// What the line before it says between these two.
+    /// The part of the line before it between these two texts.
     fn remark(&self, [begin, end]: [&str; 2]) -> Option<&str> {
         self.before.strip_prefix(begin)?.strip_suffix(end).filter(|said| !said.is_empty())
     }
 
-    /// Whether it looks as if somebody would type it. (Messages of Skysink begin with `skysink: `.)
+    /// Whether it has commands to type. (Messages of Skysink begin with `skysink: `.)
     fn has_commands(&self) -> bool {
         self.kind.starts_with("sh") || self.text.lines().any(|line| line.starts_with("skysink "))
     }
@@ -72,7 +72,7 @@ fn blocks(page: &str) -> Vec<Block> {
     blocks
 }
 
-/// Where the links of Markdown lead: `target` of `[text](target)`.
+/// The targets of Markdown links: `target` of `[text](target)`.
 fn links(text: &str) -> impl Iterator<Item = &str> {
     text.split("](").skip(1).filter_map(|rest| Some(rest.split_once(')')?.0))
 }
@@ -97,8 +97,8 @@ fn guides() -> Vec<String> {
     guides.map(|(_, page)| page).collect()
 }
 
-/// Runs the blocks of a page one after the other, each in a shell of its own, in a place where the repository's folders
-/// are, as a reader would from its root.
+/// Runs the blocks of a page in order, each in its own shell, in a folder with links to the repository's folders, as a
+/// reader would from its root.
 fn run_page(page: &str) {
     let place = Place::new();
     for folder in READ {
@@ -194,7 +194,7 @@ fn every_link_of_the_documentation_leads_to_a_file_and_a_heading() {
     for page in pages.chain(OTHER_PAGES.map(|page| root.join(page))) {
         let text = prose(&page).join("\n");
         assert_eq!(text.matches('`').count() % 2, 0, "{}: a backtick is left open", page.display());
-        // Code may hold what looks like a link.
+        // Code may look like a link.
         let text: String = text.split('`').step_by(2).collect();
         for target in links(&text).filter(|target| !target.contains("://")) {
             count += 1;

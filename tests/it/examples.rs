@@ -4,6 +4,6 @@
 mod own_strategy;
 
 #[test]
-fn a_strategy_of_ones_own_flies_a_mission() {
+fn a_user_defined_strategy_flies_a_mission() {
     own_strategy::main();
 }

@@ -1,4 +1,4 @@
-//! `skysink export`: what it refuses, and that what it writes leads where the run went.
+//! `skysink export`: refusals, and agreement of the exported flight with the run.
 
 use crate::support::Place;
 use arrow_array::cast::AsArray;
@@ -22,7 +22,7 @@ fn refused(place: &Place, arguments: &[&str], expected: &str) {
     assert!(ended.stderr.contains(expected), "{arguments:?}: {ended:?}");
 }
 
-/// What is in the place beside the run, by name.
+/// The names of all files beside the run.
 fn files(place: &Place) -> Vec<String> {
     let entries = std::fs::read_dir(place.path(".")).unwrap().map(|entry| entry.unwrap().file_name());
     let mut names: Vec<_> = entries.map(|name| name.into_string().unwrap()).collect();
@@ -31,7 +31,7 @@ fn files(place: &Place) -> Vec<String> {
 }
 
 #[test]
-fn bad_input_is_refused_in_a_line_and_nothing_is_written() {
+fn bad_input_is_refused_in_one_line_and_nothing_is_written() {
     let place = Place::new();
     place.flight("smoke").simulate();
     let kml = ["export", "run", "--format", "kml"];
@@ -49,7 +49,7 @@ fn bad_input_is_refused_in_a_line_and_nothing_is_written() {
 }
 
 #[test]
-fn a_trace_that_was_not_flown_so_is_refused() {
+fn a_modified_or_unfinished_trace_is_refused() {
     let place = Place::new();
     place.flight("smoke").simulate();
     let kml = ["export", "run", "--format", "kml", "--origin", ORIGIN];
@@ -81,7 +81,7 @@ fn a_trace_that_was_not_flown_so_is_refused() {
 }
 
 #[test]
-fn a_scenario_with_an_origin_takes_no_other() {
+fn an_origin_is_refused_for_a_scenario_that_has_one() {
     let place = Place::new();
     place.write("two.csv", "x_m,y_m\n90,5\n92,5\n");
     place.write("corridor.toml", CORRIDOR);
@@ -135,11 +135,11 @@ fn every_service_point_is_in_the_mission_in_order() {
         let mut waypoints = waypoints(&place, &names, origin).into_iter().peekable();
         for line in place.trace("run").lines().skip(1) {
             let columns: Vec<&str> = line.split(',').collect();
-            let [x_m, y_m, z_m] = [1, 2, 3].map(|column: usize| columns[column].parse::<f64>().unwrap());
+            let [x_m, y_m, z_m] = [2, 3, 4].map(|column: usize| columns[column].parse::<f64>().unwrap());
             let is_here = |&(position, altitude_m): &(Position, f64)| {
                 (position - Position::new(x_m, y_m)).norm() < 0.1 && (altitude_m - z_m).abs() < 0.1
             };
-            if !columns[4].is_empty() {
+            if !columns[5].is_empty() {
                 while waypoints.next_if(|waypoint| !is_here(waypoint)).is_some() {}
                 assert!(waypoints.peek().is_some(), "{scenario} {strategy}: not in the mission: {line}");
             }
@@ -180,7 +180,7 @@ fn parquet_holds_the_slots_with_the_bits_of_each_sensor_node_and_needs_no_origin
         let cells: Vec<&str> = line.split(',').collect();
         let ids = scheduled.value(row).as_primitive::<UInt32Type>().values().to_vec();
         let bits = uploads.value(row).as_primitive::<UInt64Type>().values().to_vec();
-        let written: Vec<u32> = cells[4].split_whitespace().map(|id| id.parse().unwrap()).collect();
+        let written: Vec<u32> = cells[5].split_whitespace().map(|id| id.parse().unwrap()).collect();
         assert_eq!(
             (slot.value(row).to_string(), x_m.value(row).to_string(), ids),
             (cells[0].into(), cells[1].into(), written)

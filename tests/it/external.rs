@@ -9,7 +9,7 @@ use crate::support::{Place, output, signal_and_wait, until, until_exited};
 use rustix::process::{Pid, Signal, kill_process};
 
 #[test]
-fn a_command_is_started_as_the_planner_and_started_again_when_it_dies() {
+fn a_planner_command_is_started_and_restarted_when_it_dies() {
     let place = Place::new();
     let run =
         place.flight("long").without_viewer().planner(&place.external_planner()).options(&["--label", "mine"]).start();
@@ -31,7 +31,7 @@ fn forking_command(place: &Place) -> String {
 }
 
 #[test]
-fn what_a_command_has_started_ends_with_it() {
+fn children_of_a_planner_command_end_with_it() {
     let place = Place::new();
     let run = place.flight("long").without_viewer().planner(&forking_command(&place)).start();
     run.until_slot(100);
@@ -48,7 +48,7 @@ fn what_a_command_has_started_ends_with_it() {
 }
 
 #[test]
-fn a_command_that_has_started_others_ends_with_the_run() {
+fn a_planner_command_with_children_ends_with_the_run() {
     let place = Place::new();
     let run = place.flight("long").without_viewer().planner(&forking_command(&place)).start();
     run.until_slot(100);
@@ -59,7 +59,7 @@ fn a_command_that_has_started_others_ends_with_the_run() {
 }
 
 #[test]
-fn a_command_that_ends_again_and_again_ends_the_run_soon() {
+fn a_planner_command_that_keeps_exiting_ends_the_run() {
     let place = Place::new();
     let ended = place.flight("smoke").without_viewer().planner("false").try_run().assert_code(1);
     let last = ended.stderr.lines().last().unwrap();
@@ -68,7 +68,7 @@ fn a_command_that_ends_again_and_again_ends_the_run_soon() {
 }
 
 #[test]
-fn what_contradicts_itself_is_refused_before_anything_is_written() {
+fn contradicting_options_are_refused_before_anything_is_written() {
     let place = Place::new();
     for (arguments, expected) in [
         (&["--planner", "no-such-command x"][..], "no-such-command"),
@@ -103,7 +103,7 @@ fn a_missing_planner_is_reported_at_once_and_may_join_again() {
 }
 
 #[test]
-fn a_planner_that_goes_is_named_within_a_second_of_its_last_plan() {
+fn a_planner_that_exits_is_named_within_a_second_of_its_last_plan() {
     let place = Place::new();
     let run = place.flight("long").without_viewer().pace("10x").external("planner").start(); // 100 slots a second
     let planner = run.worker_command("planner").spawn().unwrap();
@@ -120,7 +120,7 @@ fn a_planner_that_goes_is_named_within_a_second_of_its_last_plan() {
 }
 
 #[test]
-fn a_time_out_names_the_process_at_the_beginning_of_the_chain_and_no_other() {
+fn a_timeout_names_only_the_process_that_all_others_wait_for() {
     for (role, topic) in [("planner", "plan(1)"), ("flight-sim", "flight(0)"), ("field-sim", "queues(0)")] {
         let place = Place::new();
         let ended = place.flight("smoke").without_viewer().external(role).timeout("1").try_run().assert_code(1);

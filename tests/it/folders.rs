@@ -1,15 +1,15 @@
-//! Run folders: who may write them, what replaces them, and what was changed in them.
+//! Run folders: their writers, `--force`, and modified files.
 
 use std::fs;
 use std::os::unix::fs::symlink;
 
 use crate::support::scenarios::SMOKE;
-use crate::support::{Place, wait};
+use crate::support::{Output, Place, wait};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 #[test]
-fn two_runs_that_replace_one_folder_leave_one_mission_whole() {
+fn two_runs_that_replace_one_folder_leave_one_complete_mission() {
     let place = Place::new();
     place.write("force.toml", "name = \"force\"\nslots = 300\n[sensors]\ncount = 1000\n");
     let arguments = |seed, out| ["simulate", "force.toml", "--seed", seed, "--out", out, "--force"];
@@ -29,9 +29,10 @@ fn two_runs_that_replace_one_folder_leave_one_mission_whole() {
             assert_eq!(loser.code, Some(2), "{loser:?}");
             assert!(loser.stderr.contains("a run is writing it"), "{loser:?}");
         }
-        let last = if ended[1].code == Some(0) { 1 } else { 0 };
-        assert_eq!(ended[last].code, Some(0), "{ended:?}");
-        assert!(flown("both") == alone[last], "round {round}: not the mission of seed {}", last + 1);
+        // If both succeeded, one of them was so late that it started after the other had ended.
+        let left = flown("both");
+        let is_whole = |(ended, alone): (&Output, &[String; 4])| ended.code == Some(0) && left == *alone;
+        assert!(ended.iter().zip(&alone).any(is_whole), "round {round}: not a mission that succeeded: {ended:?}");
     }
 }
 
@@ -91,7 +92,7 @@ fn spoil(bytes: &[u8], random: &mut ChaCha8Rng) -> Vec<u8> {
     bytes
 }
 
-/// A run that is spoilt and resumed ends with the bytes of the undisturbed one, or is refused and left as it is.
+/// A corrupted run that is resumed ends with the bytes of the undisturbed one, or is refused and left unchanged.
 fn assert_never_silent(place: &Place, whole: &str, resume: &[&str], rounds: u32, seed: u64) {
     let names = ["scenario.toml", "sensors.csv", "slots.csv", "slots.csv", "run.toml", "slots.check"];
     let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -134,13 +135,13 @@ fn assert_never_silent(place: &Place, whole: &str, resume: &[&str], rounds: u32,
 }
 
 #[test]
-fn a_spoilt_run_is_refused_or_ends_with_the_same_bytes() {
+fn a_corrupted_run_is_refused_or_ends_with_the_same_bytes() {
     spoil_runs(120, 1);
 }
 
 #[test]
 #[ignore = "takes some minutes"]
-fn a_thousand_spoilt_runs_are_refused_or_end_with_the_same_bytes() {
+fn a_thousand_corrupted_runs_are_refused_or_end_with_the_same_bytes() {
     spoil_runs(1_000, 3);
 }
 
@@ -155,7 +156,7 @@ fn spoil_runs(rounds: u32, seed: u64) {
 }
 
 #[test]
-fn a_spoilt_run_of_an_external_planner_is_refused_or_ends_with_the_same_bytes() {
+fn a_corrupted_run_of_an_external_planner_is_refused_or_ends_with_the_same_bytes() {
     let place = Place::new();
     let planner =
         concat!("sh -c 'exec ", env!("CARGO_BIN_EXE_planner"), " --scenario $SKYSINK_SCENARIO --ring $SKYSINK_RING'");
@@ -169,7 +170,7 @@ fn a_spoilt_run_of_an_external_planner_is_refused_or_ends_with_the_same_bytes() 
 }
 
 #[test]
-fn a_paced_record_that_was_cut_is_not_flown_otherwise() {
+fn a_truncated_paced_run_is_not_flown_differently() {
     let place = Place::new();
     let run = place.flight("paced").pace("50x").without_viewer().start();
     run.until_slot(60);

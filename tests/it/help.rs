@@ -1,4 +1,4 @@
-//! The help of every command and executable fits into a terminal of 80 columns, and so does what refuses options.
+//! The help of every command and executable, and refusals of options, fit into a terminal of 80 columns.
 
 use crate::support::{Output, Place, output};
 

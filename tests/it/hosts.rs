@@ -1,4 +1,4 @@
-//! The ring across hosts: what is refused before it begins, and missions over three hosts that are network namespaces.
+//! The ring across hosts: refusals before the start, and missions over three hosts, which are network namespaces.
 //!
 //! The missions need root, `ip netns`, and a link in the PATH (`cargo install --locked --path link`); without them they
 //! say so and pass.
@@ -25,7 +25,7 @@ fn path_with(folder: &Path) -> OsString {
     env::join_paths([folder.to_owned()].into_iter().chain(env::split_paths(&rest))).unwrap()
 }
 
-/// Why the hosts cannot be laid out here, if they cannot.
+/// The reason why this machine cannot have the hosts, if any.
 fn missing() -> Option<&'static str> {
     let works = |program: &str, arguments: &[&str]| {
         Command::new(program)
@@ -49,7 +49,7 @@ fn missing() -> Option<&'static str> {
     None
 }
 
-/// Flies `scenario` over three hosts with these arguments; none if that is not possible here.
+/// Flies `scenario` over three hosts with these arguments; `None` if this machine cannot have them.
 fn fly(scenario: &str, arguments: &[&str]) -> Option<Output> {
     if let Some(missing) = missing() {
         eprintln!("skipped: {missing}");
@@ -64,7 +64,7 @@ fn fly(scenario: &str, arguments: &[&str]) -> Option<Output> {
 }
 
 #[test]
-fn a_host_that_is_cut_off_is_said_and_waited_for_and_the_trace_is_that_of_one_process() {
+fn a_disconnected_host_is_reported_and_waited_for_and_the_trace_is_that_of_one_process() {
     for host in ["a", "b", "c"] {
         let Some(ended) = fly(LONG, &["--cut", host, "4"]) else { return };
         assert_eq!(ended.code, Some(0), "host {host}: {ended:?}");
@@ -78,7 +78,7 @@ fn a_host_that_is_cut_off_is_said_and_waited_for_and_the_trace_is_that_of_one_pr
 }
 
 #[test]
-fn a_paced_run_goes_on_without_the_host_of_its_planner_and_counts_what_it_misses() {
+fn a_paced_run_continues_without_the_planners_host_and_counts_missed_slots() {
     let Some(ended) = fly(LONG, &["--cut", "b", "3", "--pace", "20x"]) else { return };
     assert_eq!(ended.code, Some(3), "a trace with misses is another one: {ended:?}");
     let missed = ended.stdout.lines().find(|line| line.contains("deadlines missed")).unwrap();
@@ -86,7 +86,7 @@ fn a_paced_run_goes_on_without_the_host_of_its_planner_and_counts_what_it_misses
     assert!(missed >= 40, "{missed} slots of 0.05 s in 3 s: {ended:?}");
 }
 
-/// A place with a link that ends at once, and a copy of a ring's terms.
+/// A folder with a link that exits at once, and a copy of a ring's `ring.toml`.
 fn with_link_that_fails(version: u32, scenario: u64, section: &str) -> (Place, OsString) {
     let place = Place::new();
     let program = place.write("skysink-link", "#!/bin/sh\necho no such mode\nexit 7\n");
@@ -130,7 +130,7 @@ fn a_host_with_another_scenario_version_or_ring_is_refused_with_the_remedy() {
 }
 
 #[test]
-fn a_link_that_ends_at_once_ends_what_needs_it_and_says_why() {
+fn a_link_that_exits_at_once_ends_its_command_with_the_reason() {
     let (place, path) = with_link_that_fails(SCHEMA, hash_of_smoke(), "link");
     let run = ["run", SMOKE, "--no-viewer", "--external", "planner", "--link", "link.json5", "--out", "run"];
     let launcher = output(place.skysink(&run).env("PATH", &path));
@@ -150,7 +150,7 @@ fn a_link_that_ends_at_once_ends_what_needs_it_and_says_why() {
 }
 
 #[test]
-fn a_link_needs_its_configuration_and_somebody_elsewhere() {
+fn a_link_needs_its_configuration_and_an_external_role() {
     let (place, path) = with_link_that_fails(SCHEMA, 0, "link");
     let run = |arguments: &[&str]| {
         let arguments = [&["run", SMOKE, "--no-viewer"], arguments].concat();

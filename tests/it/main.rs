@@ -14,6 +14,8 @@ mod fixtures;
 mod folders;
 mod help;
 mod hosts;
+mod imports;
+mod keys;
 mod medium;
 mod names;
 mod new;

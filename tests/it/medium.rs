@@ -16,7 +16,7 @@ fn on_medium(place: &Place, options: &str, script: &str) -> Option<Output> {
     Some(ended)
 }
 
-/// Fails unless the run has ended with exit code 1 and one last line that says what is wrong, and where.
+/// Fails unless the run has ended with exit code 1 and one last line with the error and its file.
 fn assert_said(ended: &Output, what: &[&str]) {
     assert_eq!(ended.code, Some(1), "{ended:?}");
     let line = ended.stderr.lines().rev().find(|line| line.starts_with("skysink: ")).unwrap_or_default();
@@ -35,7 +35,7 @@ fn a_full_disk_ends_a_run_with_whole_lines() {
         assert_said(&ended, &["slots.csv", "No space left"]);
         let trace = place.read("slots.csv");
         assert!(trace.ends_with('\n') && trace.lines().count() > 100, "{command}: {} bytes", trace.len());
-        assert!(trace.lines().all(|line| line.split(',').count() == 10), "{command}");
+        assert!(trace.lines().all(|line| line.split(',').count() == 11), "{command}");
         let summary = std::fs::read_to_string(place.path("summary.json")).unwrap_or_default();
         assert!(summary.is_empty() || summary.contains("\"complete\": false"), "{command}: {summary}");
         place.assert_clean();

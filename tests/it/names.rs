@@ -8,13 +8,13 @@ use std::path::{Path, PathBuf};
 const FOLDERS: [&str; 3] = ["src", "tests", "examples"];
 
 /// The crates of the workspace, by their folders.
-fn crates(root: &Path) -> Vec<String> {
+pub(crate) fn crates(root: &Path) -> Vec<String> {
     let manifest: toml::Table = fs::read_to_string(root.join("Cargo.toml")).unwrap().parse().unwrap();
     manifest["workspace"]["members"].clone().try_into().unwrap()
 }
 
 /// The Rust files below `folder`.
-fn sources(folder: &Path) -> Vec<PathBuf> {
+pub(crate) fn sources(folder: &Path) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
     let below = |path: PathBuf| match path.extension() {
         _ if path.is_dir() => sources(&path),

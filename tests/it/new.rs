@@ -16,7 +16,7 @@ fn a_new_scenario_is_the_papers_mission() {
 }
 
 #[test]
-fn what_exists_is_replaced_with_force_alone() {
+fn existing_files_are_replaced_only_with_force() {
     let place = Place::new();
     place.run_ok(&["new", "city"]);
     place.write("city/city.toml", "mine");
@@ -31,7 +31,7 @@ fn what_exists_is_replaced_with_force_alone() {
 }
 
 #[test]
-fn a_name_that_is_no_folder_is_refused() {
+fn a_name_that_no_folder_can_have_is_refused() {
     let place = Place::new();
     for name in ["../x", "a b", "", "a\"b"] {
         place.run_refused(&["new", name], "expected 1 to 100 of");
@@ -76,7 +76,7 @@ mod imports {
     }
 
     #[test]
-    fn metres_keep_their_place_unless_they_are_far_away() {
+    fn positions_in_metres_are_kept_unless_they_are_far_away() {
         let place = Place::new();
         place.write("near.csv", "y,x,sampling_bps\n2,1,50\n80,90,60\n");
         place.run_ok(&["new", "near", "--sensors", "near.csv"]);
@@ -111,7 +111,7 @@ mod imports {
     }
 
     #[test]
-    fn what_carries_no_point_is_counted() {
+    fn features_without_a_point_are_counted() {
         let place = Place::new();
         let feature = |geometry: &str| format!("{{\"type\":\"Feature\",\"properties\":null,\"geometry\":{geometry}}}");
         let point = "{\"type\":\"Point\",\"coordinates\":[13.40,52.50]}";

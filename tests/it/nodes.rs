@@ -8,23 +8,27 @@ use std::thread;
 use std::time::Duration;
 
 use iceoryx2::prelude::{Service, ipc, local};
-use skysink::run::recorder::Recorder;
+use skysink::run::recorder::{ExternalTimeout, Recorder};
 use skysink_common::message::{PathPoint, Plan};
-use skysink_common::pace::Pace;
-use skysink_common::scenario::{Count, Overrides, Scenario};
+use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
+use skysink_common::slot_record::UAV;
 use skysink_common::stop::{Stop, Stopped};
-use skysink_mission::mission::Mission;
+use skysink_mission::Mission;
+use skysink_mission::drive::SlotSink;
+use skysink_mission::folder::Earlier;
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
 use skysink_planner::strategies::horizon::{self, HorizonKeys};
+use skysink_planner::strategies::names;
 use skysink_planner::strategies::offline::{self, OfflineKeys};
-use skysink_planner::strategies::{Registered, names};
+use skysink_planner::strategy::Registered;
 use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::role::Role;
-use skysink_ring::topics::{PATH_BUFFER, Ring, VIEWER_BUFFER};
+use skysink_ring::terms::Terms;
+use skysink_ring::topics::Ring;
 use skysink_ring::wait::Waiting;
 
 use crate::support::scenarios;
@@ -32,26 +36,25 @@ use crate::support::scenarios;
 fn smoke(strategy: &'static str, seed: u64) -> Scenario {
     let overrides = Overrides { seed: Some(seed), strategy: Some(strategy), ..Overrides::default() };
     let mut scenario = scenarios::read(Path::new(scenarios::SMOKE), overrides);
-    offline::STRATEGY.set_keys(&mut scenario, OfflineKeys { steps: Count::clamped(5_000) });
-    horizon::STRATEGY.set_keys(&mut scenario, HorizonKeys { iterations: Count::clamped(200), budget_ms: None });
+    offline::STRATEGY.set_keys(&mut scenario, OfflineKeys { steps: 5_000 });
+    horizon::STRATEGY.set_keys(&mut scenario, HorizonKeys { iterations: 200, budget_ms: None });
     scenario
 }
 
-/// What a spectator sees of each slot: the plan, and the path that is there when the plan is.
+/// What an observer receives in each slot: the plan, and the path that has arrived with it.
 type Seen = Vec<(Plan, Option<Vec<PathPoint>>)>;
 
 /// A mission in one process: its trace, its plans and its paths.
 fn alone(scenario: &Scenario, out: &Path) -> (String, Seen) {
     let list = SensorList::of(scenario).unwrap();
-    let folder = RunFolder::create(Some(out), false, scenario, &list, &RunMode::default()).unwrap();
+    let folder = RunFolder::create(Some(out), Earlier::Kept, scenario, &list, &RunMode::default()).unwrap();
     let mut log = folder.slot_log().unwrap();
     let mut mission = Mission::new(scenario, &list).unwrap();
     let fly = || {
         let flown = mission.next()?;
-        log.add(&flown.flight, &flown.header).unwrap();
+        log.add(&flown).unwrap();
         assert!(flown.header.totals.is_balanced(), "{flown:?}");
-        let path: Vec<_> = mission.planner().path().iter().copied().map(PathPoint::from).collect();
-        Some((flown.plan, Some(path).filter(|path| path.len() > 1)))
+        Some((flown.plans[UAV]?, Some(flown.paths[UAV].clone()).filter(|path| path.len() > 1)))
     };
     let planned = std::iter::from_fn(fly).collect();
     (fs::read_to_string(out.join("slots.csv")).unwrap(), planned)
@@ -60,8 +63,8 @@ fn alone(scenario: &Scenario, out: &Path) -> (String, Seen) {
 /// A node that runs as a thread.
 type Node = fn(&Scenario, &RingFolder, &Stop) -> Result<(), NodeError>;
 
-/// A mission in a ring of threads that start in the given order, and a spectator who is there before them: its trace,
-/// and what the spectator has seen.
+/// A mission in a ring of threads that start in the given order, and an observer that starts before them: its trace,
+/// and what the observer has received.
 fn fly_in_threads<S: Service + 'static>(
     scenario: &Scenario,
     wait: Waiting,
@@ -69,12 +72,12 @@ fn fly_in_threads<S: Service + 'static>(
     order: [usize; 3],
 ) -> (String, Seen) {
     let list = SensorList::of(scenario).unwrap();
-    let folder = RunFolder::create(Some(out), false, scenario, &list, &RunMode::default()).unwrap();
-    let ring_folder = RingFolder::create(Pace::Max, wait, 60.0, false, None).unwrap();
+    let folder = RunFolder::create(Some(out), Earlier::Kept, scenario, &list, &RunMode::default()).unwrap();
+    let ring_folder = RingFolder::create(Terms { wait, timeout_s: 60.0, ..Terms::default() }).unwrap();
     let stop = Stop::default();
     let (ring, wait) = Ring::<S>::join(&ring_folder, scenario, Role::Launcher, &stop).unwrap();
-    let mut recorder = Recorder::new(&ring, wait).unwrap();
-    let (mut log, mut tally) = (folder.slot_log().unwrap(), Tally::new(scenario, &list));
+    let mut recorder = Recorder::new(&ring, wait, ExternalTimeout::default()).unwrap();
+    let (mut log, mut tally) = (folder.slot_log().unwrap(), Tally::new(scenario, &list, &RunMode::default()));
     let nodes: [Node; 3] =
         [skysink_field_sim::node::run::<S>, skysink_flight_sim::node::run::<S>, skysink_planner::node::run::<S>];
     let there = Barrier::new(2);
@@ -97,7 +100,7 @@ fn fly_in_threads<S: Service + 'static>(
     });
     let mut mission = Mission::new(scenario, &list).unwrap();
     mission.by_ref().for_each(drop);
-    let ours = tally.summary(None, Duration::ZERO, log.hash());
+    let ours = tally.summary(Duration::ZERO, log.hash());
     assert_eq!(ours.totals.queued_bits, mission.header().totals.queued_bits);
     assert!(ours.complete);
     (fs::read_to_string(out.join("slots.csv")).unwrap(), seen)
@@ -107,8 +110,8 @@ fn fly_in_threads<S: Service + 'static>(
 fn spectate<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop: &Stop, there: &Barrier) -> Seen {
     let folder = RingFolder::open(folder.path()).unwrap();
     let (ring, mut wait) = Ring::<S>::join(&folder, scenario, Role::Viewer, stop).unwrap();
-    let mut paths = ring.path.reader(PATH_BUFFER).unwrap();
-    let mut plans = ring.plan.reader(VIEWER_BUFFER).unwrap();
+    let mut paths = ring.path.reader().unwrap();
+    let mut plans = ring.plan.reader().unwrap();
     there.wait();
     let see = |slot| {
         let plan = plans.wait_for_slot(&mut wait, slot).unwrap().unwrap();
@@ -119,7 +122,7 @@ fn spectate<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop
 }
 
 #[test]
-fn local_and_ipc_nodes_leave_trace_and_paths_of_the_plain_calls_in_whatever_order_they_start() {
+fn local_and_ipc_nodes_leave_the_trace_and_paths_of_plain_calls_in_any_starting_order() {
     let out = tempfile::tempdir().unwrap();
     let orders = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
     for (round, strategy) in names().into_iter().enumerate() {
@@ -154,7 +157,7 @@ fn local_and_ipc_nodes_leave_trace_and_paths_of_the_plain_calls_in_whatever_orde
 fn a_requested_stop_ends_a_waiting_node() {
     let scenario = smoke("uts", 1);
     for &wait in Waiting::ALL {
-        let ring_folder = RingFolder::create(Pace::Max, wait, 60.0, false, None).unwrap();
+        let ring_folder = RingFolder::create(Terms { wait, timeout_s: 60.0, ..Terms::default() }).unwrap();
         let _ring = Ring::<local::Service>::join(&ring_folder, &scenario, Role::Launcher, &Stop::default()).unwrap();
         let stop = Stop::default();
         thread::scope(|scope| {
@@ -169,21 +172,21 @@ fn a_requested_stop_ends_a_waiting_node() {
 }
 
 #[test]
-fn a_recorder_whose_ring_does_not_come_says_who_should_have_begun() {
+fn a_recorder_without_a_ring_names_the_role_that_should_have_started() {
     let scenario = smoke("uts", 1);
     let place = tempfile::tempdir().unwrap();
     let list = SensorList::of(&scenario).unwrap();
     for &wait in Waiting::ALL {
         let out = place.path().join(wait.to_string());
-        let folder = RunFolder::create(Some(&out), false, &scenario, &list, &RunMode::default()).unwrap();
-        let ring_folder = RingFolder::create(Pace::Max, wait, 0.2, false, None).unwrap();
+        let folder = RunFolder::create(Some(&out), Earlier::Kept, &scenario, &list, &RunMode::default()).unwrap();
+        let ring_folder = RingFolder::create(Terms { wait, timeout_s: 0.2, ..Terms::default() }).unwrap();
         let stop = Stop::default();
         let (ring, wait) = Ring::<local::Service>::join(&ring_folder, &scenario, Role::Launcher, &stop).unwrap();
-        let mut recorder = Recorder::new(&ring, wait).unwrap();
-        let (mut log, mut tally) = (folder.slot_log().unwrap(), Tally::new(&scenario, &list));
+        let mut recorder = Recorder::new(&ring, wait, ExternalTimeout::default()).unwrap();
+        let (mut log, mut tally) = (folder.slot_log().unwrap(), Tally::new(&scenario, &list, &RunMode::default()));
         let mut overdue = Vec::new();
         let recorded = recorder.record(scenario.slots, &mut log, &mut tally, &mut |_, late| {
-            overdue.extend(late.map(|(role, _)| role));
+            overdue.extend(late.map(|late| late.from));
             Ok(0)
         });
         let error = recorded.unwrap_err().to_string();
@@ -193,8 +196,8 @@ fn a_recorder_whose_ring_does_not_come_says_who_should_have_begun() {
 }
 
 #[test]
-fn a_ring_that_waits_in_an_unknown_way_is_refused() {
-    let ring_folder = RingFolder::create(Pace::Max, Waiting::Poll, 0.2, false, None).unwrap();
+fn a_ring_with_an_unknown_wait_mode_is_refused() {
+    let ring_folder = RingFolder::create(Terms { wait: Waiting::Poll, ..Terms::default() }).unwrap();
     let file = ring_folder.path().join("ring.toml");
     let terms = fs::read_to_string(&file).unwrap();
     assert!(terms.contains("wait = \"poll\"\n"), "{terms}");
@@ -208,7 +211,7 @@ fn a_ring_that_waits_in_an_unknown_way_is_refused() {
 
 #[test]
 fn a_node_with_another_scenario_is_refused() {
-    let ring_folder = RingFolder::create(Pace::Max, Waiting::Event, 0.2, false, None).unwrap();
+    let ring_folder = RingFolder::create(Terms::default()).unwrap();
     let _ring = Ring::<local::Service>::join(&ring_folder, &smoke("uts", 1), Role::Launcher, &Stop::default()).unwrap();
     let folder = RingFolder::open(ring_folder.path()).unwrap();
     let other = smoke("uts", 2);

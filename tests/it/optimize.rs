@@ -1,4 +1,4 @@
-//! `skysink optimize`: the best known flight beats every strategy, is above the bound, and is found again.
+//! `skysink optimize`: the best known flight beats every strategy, is above the bound, and can be reproduced.
 
 use std::fs;
 use std::process::Child;
@@ -7,7 +7,7 @@ use crate::support::{Place, pid, until, wait};
 use rustix::process::{Signal, kill_process};
 use skysink_planner::strategies::STRATEGIES;
 
-/// A field too large for strategies that look one slot ahead, in which nobody can avoid all loss.
+/// A field too large for strategies that look one slot ahead, in which no flight avoids all loss.
 const SPARSE: &str = "name = \"far\"\nslots = 120\n[area]\nside_m = 500.0\n[sensors]\ncount = 40\nsampling_bps = 400.0\n\
                       [planner]\nhorizon.iterations = 50\n";
 
@@ -16,7 +16,7 @@ fn optimum(place: &Place, run: &str) -> serde_json::Value {
 }
 
 #[test]
-fn the_best_known_is_above_the_bound_below_every_strategy_and_flies_again() {
+fn the_best_known_flight_is_above_the_bound_below_every_strategy_and_reproducible() {
     let place = Place::new();
     place.write("far.toml", SPARSE);
     let printed = place.run_ok(&["optimize", "far.toml", "--steps", "200000", "--out", "best"]).stdout;
@@ -59,8 +59,8 @@ fn the_best_known_is_above_the_bound_below_every_strategy_and_flies_again() {
 #[test]
 fn over_a_random_channel_the_bound_holds_for_the_flight_and_the_expected_bound_has_its_own_name() {
     let place = Place::new();
-    // Two sensor nodes in range of everywhere, whose links are too narrow for what they sample. By the gains of the
-    // list nobody would lose less than 0.40; the gains of the slots are better.
+    // Two sensor nodes in range from everywhere, whose links are too slow for their sampling rates. By the gains of the
+    // list every flight would lose at least 0.40; the gains of the slots are better.
     let text = "name = \"fading\"\nseed = 55\nslots = 100\n[area]\nside_m = 20.0\n[sensors]\ncount = 2\n\
                 sampling_bps = 3000.0\n[link]\ngain = \"per-slot\"\ngain_db = [-70.0, -50.0]\nbandwidth_hz = 2000.0\n\
                 resource_blocks = 2\ncomm_radius_m = 50.0\n[planner]\nhorizon.iterations = 50\n";
@@ -76,7 +76,7 @@ fn over_a_random_channel_the_bound_holds_for_the_flight_and_the_expected_bound_h
 }
 
 #[test]
-fn a_time_becomes_steps() {
+fn a_time_budget_is_converted_to_steps() {
     let place = Place::new();
     place.write("far.toml", SPARSE);
     for budget in ["0.01", "0.01s", "10ms", "0.0001m", "0.00001h"] {
@@ -86,9 +86,9 @@ fn a_time_becomes_steps() {
 }
 
 #[test]
-fn a_search_that_ends_early_says_what_was_done_and_why() {
+fn a_search_that_ends_early_reports_its_steps_and_the_reason() {
     let place = Place::new();
-    // 40 m: whatever is sampled is collected.
+    // 40 m: all sampled data can be collected.
     place.write("small.toml", "name = \"small\"\nslots = 50\n[area]\nside_m = 40.0\n[sensors]\ncount = 10\n");
     let printed = place.run_ok(&["optimize", "small.toml", "--steps", "100000000", "--out", "small"]).stdout;
     let last = printed.lines().find(|line| line.starts_with("Searched ")).unwrap();
@@ -97,7 +97,7 @@ fn a_search_that_ends_early_says_what_was_done_and_why() {
     assert!(last.ends_with(reason), "{last}");
     let optimum = optimum(&place, "small");
     assert!(optimum["search_end"] == "optimal" && optimum["steps_done"].as_u64().unwrap() < 100_000_000, "{optimum}");
-    // Without a sensor node that samples there is nothing to search.
+    // Without a sampling sensor node there is nothing to search.
     let idle = "name = \"idle\"\nslots = 50\n[sensors]\ncount = 10\nsampling_bps = 0.0\n";
     place.write("idle.toml", idle);
     let printed = place.run_ok(&["optimize", "idle.toml", "--budget", "1", "--out", "idle"]).stdout;
@@ -119,7 +119,7 @@ fn where_a_strategy_beats_the_search_its_flight_is_the_best_known() {
 }
 
 #[test]
-fn bad_budgets_and_folders_that_are_taken_are_refused_before_anything_is_done() {
+fn bad_budgets_and_existing_folders_are_refused_before_the_search() {
     let place = Place::new();
     place.write("far.toml", SPARSE);
     for budget in ["0s", "-1", "many", "60d", "1000001", "nans", "inf", "s", "1e300h"] {
@@ -138,7 +138,7 @@ fn bad_budgets_and_folders_that_are_taken_are_refused_before_anything_is_done() 
 }
 
 #[test]
-fn a_search_that_is_interrupted_leaves_nothing() {
+fn an_interrupted_search_leaves_no_files() {
     let place = Place::new();
     place.write("far.toml", SPARSE);
     let search = place.skysink(&["optimize", "far.toml", "--steps", "1000000000000", "--out", "best"]).spawn().unwrap();
@@ -151,7 +151,7 @@ fn a_search_that_is_interrupted_leaves_nothing() {
 }
 
 #[test]
-fn offline_hears_a_stop_while_it_searches_before_the_first_slot() {
+fn offline_stops_on_request_during_the_search_before_slot_1() {
     let place = Place::new();
     // A month of search.
     place.write("far.toml", &format!("{SPARSE}offline.steps = 1000000000000\n"));

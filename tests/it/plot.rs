@@ -1,4 +1,4 @@
-//! `skysink plot`: figures and tables with the numbers of a sweep, and what is refused.
+//! `skysink plot`: figures and tables with the numbers of a sweep, maps of runs, and what is refused.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -98,7 +98,7 @@ fn differences_are_paired_by_seed() {
 }
 
 #[test]
-fn words_stand_side_by_side_with_bars_and_no_curve() {
+fn text_values_are_categories_with_error_bars_and_no_curve() {
     let place = swept();
     let drawn = plot(&place, &["--x", "link.gain", "--where", "area.side_m=9e1"]);
     let words: Vec<_> = drawn["points"].as_array().unwrap().iter().step_by(3).map(|point| point["x"].clone()).collect();
@@ -110,7 +110,7 @@ fn words_stand_side_by_side_with_bars_and_no_curve() {
 }
 
 #[test]
-fn a_page_for_print_has_its_width_and_the_text_of_print() {
+fn a_figure_for_print_has_the_given_width_and_its_text_size() {
     let place = swept();
     let request = ["--x", "area.side_m", "--where", "link.gain=static", "--out", "paper"];
     plot(&place, &[&request[..], &["--width", "88mm", "--title", "η < 1 & more", "--footer"]].concat());
@@ -133,7 +133,7 @@ fn a_page_for_print_has_its_width_and_the_text_of_print() {
 }
 
 #[test]
-fn a_request_that_does_not_fit_the_sweep_is_refused_in_a_line_and_nothing_is_written() {
+fn a_request_that_does_not_fit_the_sweep_is_refused_in_one_line_and_nothing_is_written() {
     let place = swept();
     let by_side = ["--x", "area.side_m", "--where", "link.gain=static"];
     let with = |more: &[&'static str]| [&by_side[..], more].concat();
@@ -157,6 +157,15 @@ fn a_request_that_does_not_fit_the_sweep_is_refused_in_a_line_and_nothing_is_wri
         (with(&["--difference-to", "exact"]), "--difference-to exact: expected a strategy of the sweep"),
         (with(&["--strategies", "utz"]), "expected a strategy of the sweep: uts, gfs, rfs; did you mean `uts`?"),
         (with(&["--y", "loss_bound"]), "--y loss_bound: uts has no value"),
+        (with(&["--bounds"]), "--bounds: expected a sweep with the strategy offline"),
+        (with(&["--bounds", "--y", "jain"]), "--bounds: jain has none: expected --y loss_rate"),
+        (with(&["--by", "link.gain"]), "--where link.gain: it has a curve for each value: expected another key"),
+        (vec!["--x", "area.side_m", "--by", "area.side_m"], "--by area.side_m: it is the key of the x axis"),
+        (vec!["--x", "area.side_m", "--by", "slots"], "--by slots: expected a key of the sweep"),
+        (
+            vec!["--x", "area.side_m", "--by", "link.gain", "--difference-to", "uts"],
+            "--difference-to uts: expected a value of link.gain in the sweep: static, per-slot",
+        ),
     ] {
         let ended = place.run(&[&["plot", "flown"], &request[..]].concat());
         assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{request:?}: {ended:?}");
@@ -168,6 +177,8 @@ fn a_request_that_does_not_fit_the_sweep_is_refused_in_a_line_and_nothing_is_wri
         (with(&["--y", "los_rate"]), "'loss_rate'"),
         (with(&["--width", "88"]), "expected a width from 50mm to 1000mm"),
         (with(&["--log-y", "--difference-to", "uts"]), "cannot be used with"),
+        (vec!["--y", "jain"], "flown: expected the key of the x axis, such as --x area.side_m"),
+        (vec!["other", "--x", "slots"], "other: expected the folder of one sweep, or run folders"),
     ] {
         let ended = place.run(&[&["plot", "flown"], &request[..]].concat()).assert_code(2);
         assert!(ended.stderr.contains(says), "{request:?}: {ended:?}");
@@ -177,7 +188,7 @@ fn a_request_that_does_not_fit_the_sweep_is_refused_in_a_line_and_nothing_is_wri
 }
 
 #[test]
-fn what_is_incomplete_is_left_out_and_said_so() {
+fn incomplete_points_are_left_out_with_a_note() {
     let place = swept();
     let request = ["--x", "area.side_m", "--where", "link.gain=static"];
     // The journal without the missions of gfs at 60 m, static: point 4, strategy 1.
@@ -197,4 +208,110 @@ fn what_is_incomplete_is_left_out_and_said_so() {
     assert_eq!(none.code, Some(0), "per-slot is whole: {none:?}");
     place.write("flown/journal.csv", "");
     place.run_refused(&[&["plot", "flown"], &request[..]].concat(), "0 of 54 missions are present");
+}
+
+#[test]
+fn a_key_can_have_a_curve_for_each_of_its_values() {
+    let place = swept();
+    let by_side = ["--x", "area.side_m"];
+    let both = plot(&place, &[&by_side[..], &["--by", "link.gain", "--strategies", "gfs,uts"]].concat());
+    assert_eq!(both["by"], "link.gain");
+    let of = |drawn: &Value, strategy: &str, by: Value| -> Vec<Value> {
+        let points = drawn["points"].as_array().unwrap().iter();
+        let is_of = |point: &&Value| point["strategy"] == strategy && point["by"] == by;
+        points
+            .filter(is_of)
+            .map(|point| [&point["x"], &point["mean"], &point["ci95"]].into_iter().cloned().collect())
+            .collect()
+    };
+    for gain in ["static", "per-slot"] {
+        let alone = plot(&place, &[&by_side[..], &["--where", &format!("link.gain={gain}")]].concat());
+        for strategy in ["uts", "gfs"] {
+            let curve = of(&both, strategy, gain.into());
+            assert_eq!(curve.len(), 3);
+            assert_eq!(curve, of(&alone, strategy, Value::Null), "{strategy}, {gain}");
+        }
+    }
+    let svg = place.read("flown/plots/loss_rate-area.side_m-by-link.gain.svg");
+    let labels = ["gfs, static", "gfs, per-slot", "uts, static", "uts, per-slot"];
+    let places = labels.map(|label| svg.find(&format!(">\n{label}\n</text>")).unwrap());
+    assert!(places.is_sorted());
+
+    let differences = plot(&place, &[&by_side[..], &["--by", "link.gain", "--difference-to", "static"]].concat());
+    let number = |value: &Value, index: usize| value[index].as_f64().unwrap();
+    for strategy in ["uts", "gfs"] {
+        let [fixed, drawn] = ["static", "per-slot"].map(|gain| of(&both, strategy, gain.into()));
+        let difference = of(&differences, strategy, "per-slot".into());
+        for ((fixed, drawn), difference) in fixed.iter().zip(&drawn).zip(&difference) {
+            assert!((number(drawn, 1) - number(fixed, 1) - number(difference, 1)).abs() < 1e-12, "{strategy}");
+        }
+        assert!(of(&differences, strategy, "static".into()).iter().all(|point| number(point, 1) == 0.0));
+    }
+}
+
+#[test]
+fn the_best_known_loss_and_the_bounds_are_curves_with_the_numbers_of_the_summary() {
+    let place = Place::new();
+    place.scenario("smoke");
+    let head = "scenario = \"smoke.toml\"\nstrategies = [\"uts\", \"horizon\", \"offline\"]\nseeds = 2\n[axes]\n";
+    let axes = "\"planner.horizon.iterations\" = [5]\n\"planner.offline.steps\" = [100]\n\"slots\" = [200]\n\
+                \"sensors.sampling_bps\" = [300.0, 900.0]\n";
+    place.write("sweep.toml", &format!("{head}{axes}"));
+    place.run_ok(&["sweep", "sweep.toml", "--out", "flown"]);
+    let request = ["--x", "sensors.sampling_bps", "--bounds", "--strategies", "uts,horizon"];
+    let drawn = plot(&place, &request);
+    let points = drawn["points"].as_array().unwrap();
+    let curves: Vec<&str> = points.iter().take(4).map(|point| point["strategy"].as_str().unwrap()).collect();
+    assert_eq!(curves, ["uts", "horizon", "best-known", "lower bound"]);
+    let summary = csv_rows(&place.read("flown/summary.csv"));
+    for at in points.chunks(4) {
+        let means: Vec<f64> = at.iter().map(|point| point["mean"].as_f64().unwrap()).collect();
+        let [uts, horizon, best, bound] = means[..] else { panic!("{at:?}") };
+        assert!(bound <= best && best <= uts.min(horizon) && uts > 0.0, "{means:?}");
+        let of_summary = |strategy: &str, metric: &str| {
+            let is_row = |row: &&BTreeMap<String, String>| {
+                let rate: f64 = row["sensors.sampling_bps"].parse().unwrap();
+                Some(rate) == at[0]["x"].as_f64() && row["strategy"] == strategy && row["metric"] == metric
+            };
+            summary.iter().find(is_row).unwrap()["mean"].parse::<f64>().unwrap()
+        };
+        assert_eq!([best, bound], [of_summary("best-known", "loss_rate"), of_summary("offline", "loss_bound")]);
+    }
+    let differences = plot(&place, &[&request[..], &["--difference-to", "uts"]].concat());
+    let points = differences["points"].as_array().unwrap();
+    let curves: Vec<&str> = points.iter().take(3).map(|point| point["strategy"].as_str().unwrap()).collect();
+    assert_eq!((curves, points.len()), (vec!["uts", "horizon", "best-known"], 6), "a bound has no difference by field");
+}
+
+#[test]
+fn the_trajectories_of_runs_are_mapped_side_by_side() {
+    let place = Place::new();
+    let scenario = place.scenario("smoke");
+    for (strategy, seed) in [("uts", "1"), ("gfs", "1"), ("gfs", "2")] {
+        let run = format!("runs/{strategy}-{seed}");
+        place.run_ok(&["simulate", &scenario, "--strategy", strategy, "--seed", seed, "--out", &run]);
+    }
+    let printed = place.run_ok(&["plot", "runs/uts-1", "runs/gfs-1"]).stdout;
+    let svg = place.read("runs/plots/map-uts-1-gfs-1.svg");
+    for (run, strategy) in [("uts-1", "uts"), ("gfs-1", "gfs")] {
+        let loss = place.summary(&format!("runs/{run}"))["loss_rate"].as_f64().unwrap();
+        assert!(svg.contains(&format!(">\n{strategy}: η = {loss:.3}\n</text>")), "{strategy}");
+        assert!(printed.contains(&format!("runs/{run}")) && printed.contains(&format!("{loss:.4}")), "{printed}");
+    }
+    assert!(svg.contains("queue fill at the end") && svg.contains("<desc>smoke, seed 1 · skysink "));
+    assert!(["svg", "pdf", "png"].iter().all(|ending| printed.contains(&format!("map-uts-1-gfs-1.{ending}"))));
+
+    // Runs of one strategy are told apart by their folders.
+    let request = ["plot", "runs/gfs-1", "runs/gfs-2", "--title", "Two seeds", "--width", "88mm", "--footer"];
+    let printed = place.run_ok(&[&request[..], &["--out", "paper", "--json"]].concat()).stdout;
+    let drawn: Value = serde_json::from_str(&printed).unwrap();
+    assert_eq!((&drawn["runs"][1]["strategy"], &drawn["runs"][1]["seed"]), (&"gfs".into(), &2.into()));
+    let svg = place.read("paper/map-gfs-1-gfs-2.svg");
+    assert!(svg.contains(">\nTwo seeds\n</text>") && svg.contains(">\ngfs-2: η = "), "{svg}");
+    assert!(svg.contains("viewBox=\"0 0 873 ") && svg.contains(">\nsmoke, seed 1; smoke, seed 2 · skysink "));
+
+    place.run_refused(&["plot", "runs/uts-1", "--x", "slots"], "--x: runs/uts-1 is a run, which is drawn as a map");
+    place.run_refused(&["plot", "runs/uts-1", "--log-y"], "--log-y: runs/uts-1 is a run");
+    place.run_refused(&["plot", "runs/uts-1", "runs"], "runs");
+    place.run_refused(&["plot", "runs/uts-1", "--title", "日"], "--title 日: '日' is not in the embedded font");
 }

@@ -1,4 +1,4 @@
-//! What `skysink run` leaves to look at.
+//! The recordings of `skysink run`.
 use crate::support;
 use crate::support::flight::{FlightBuilder, RunningFlight};
 use crate::support::scenarios::SMOKE;
@@ -6,7 +6,7 @@ use crate::support::{Place, rows, slots, until, wait};
 use rustix::process::Signal;
 
 #[test]
-fn a_lock_step_recording_holds_every_slot_and_how_much_was_lost_so_far() {
+fn a_lock_step_recording_holds_every_slot_and_the_loss_so_far() {
     let place = Place::new();
     place.flight("smoke").run();
     let recording = place.path("run/mission.rrd");
@@ -21,7 +21,7 @@ fn a_lock_step_recording_holds_every_slot_and_how_much_was_lost_so_far() {
 }
 
 #[test]
-fn one_slot_in_so_many_is_drawn_by_a_ring_and_by_one_process() {
+fn record_every_draws_the_same_slots_in_a_ring_and_in_one_process() {
     let place = Place::new();
     let flight = place.flight("smoke").options(&["--record-every", "25"]);
     flight.out("alone").simulate();
@@ -36,7 +36,7 @@ fn one_slot_in_so_many_is_drawn_by_a_ring_and_by_one_process() {
     }
 }
 
-/// What is recorded of the planned path.
+/// The entities of the planned path.
 const PATH: [&str; 4] = ["/world/path", "/world/path/stops", "/world/path_track", "/world/path_track/stops"];
 
 /// `smoke`, flown by a planner that looks ahead.
@@ -45,7 +45,7 @@ fn ahead(place: &Place) -> FlightBuilder<'_> {
 }
 
 #[test]
-fn the_planned_path_is_recorded_alike_by_a_ring_and_by_one_process() {
+fn the_planned_path_is_recorded_equally_by_a_ring_and_by_one_process() {
     let place = Place::new();
     let flight = ahead(&place);
     flight.out("alone").options(&["--record"]).simulate();
@@ -62,7 +62,7 @@ fn the_planned_path_is_recorded_alike_by_a_ring_and_by_one_process() {
     assert_eq!(slots(&place.path("uts/mission.rrd"), "/world/uav_trail"), (0..=60).collect());
 }
 
-/// What is recorded of losses, coverage, and what the UAV believes.
+/// The entities of losses, coverage and the UAV's estimate.
 const ANSWERS: [&str; 7] = [
     "/status",
     "/world/lost",
@@ -74,7 +74,7 @@ const ANSWERS: [&str; 7] = [
 ];
 
 #[test]
-fn losses_coverage_and_beliefs_are_recorded_alike_by_a_ring_and_by_one_process() {
+fn losses_coverage_and_beliefs_are_recorded_equally_by_a_ring_and_by_one_process() {
     let place = Place::new();
     let sensors = "[sensors]\ncount = 60\nsampling_bps = [50.0, 350.0]\ninitial_queue_mean_bits = [0.0, 20000.0]\n";
     let planner = "[planner]\nstrategy = \"gfs\"\nknowledge = \"estimated\"\nrates = \"learnt\"\n";
@@ -121,7 +121,7 @@ fn with_a_stopped_viewer(flight: FlightBuilder) -> RunningFlight {
 fn in_lock_step_the_ring_waits_for_a_viewer_that_lags() {
     let place = Place::new();
     let run = with_a_stopped_viewer(place.flight("fine"));
-    // The ring comes to rest: the same slot in two looks that are far apart.
+    // The ring has stopped: the same slot in two polls that are far apart.
     let mut stopped_at = 0;
     until("rest", || {
         std::thread::park_timeout(std::time::Duration::from_millis(300));
@@ -177,7 +177,7 @@ fn a_resumed_run_continues_the_recording_in_the_next_file_and_force_replaces_bot
 }
 
 #[test]
-fn a_live_port_that_is_taken_ends_the_run_with_one_clear_line() {
+fn a_live_port_in_use_ends_the_run_with_one_clear_line() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port();
     let place = Place::new();
@@ -198,7 +198,7 @@ fn a_run_can_be_served_live() {
 }
 
 #[test]
-fn a_live_viewer_says_its_address() {
+fn a_live_viewer_prints_its_address() {
     let place = Place::new();
     let ended = place.flight("smoke").options(&["--live=0"]).run();
     let (_, address) = ended.stderr.split_once("viewer: live at rerun+http://127.0.0.1:").expect("an address");

@@ -1,5 +1,4 @@
-//! What the command line refuses: scenarios, sensor lists and files that cannot be, in one line that says what is
-//! wrong.
+//! Refusals of the command line: invalid scenarios, sensor lists and files, each in one line.
 
 use crate::support::Place;
 
@@ -67,7 +66,7 @@ fn a_flight_beyond_the_endurance_is_refused() {
 }
 
 #[test]
-fn a_level_that_is_none_is_refused() {
+fn an_invalid_level_is_refused() {
     refused("name = \"x\"\n[link]\nnoise_dbm = 12\n", &["link.noise_dbm = 12", "expected a finite level below 0 dBm"]);
 }
 
@@ -84,7 +83,7 @@ fn learnt_rates_without_estimated_queues_are_refused() {
 }
 
 #[test]
-fn a_range_that_is_none_is_refused() {
+fn an_invalid_range_is_refused() {
     refused(
         "name = \"x\"\n[sensors]\nsampling_bps = [2.0, 1.0]\n",
         &["sensors.sampling_bps = [2.0, 1.0]", "lower first"],
@@ -96,7 +95,7 @@ fn a_range_that_is_none_is_refused() {
 }
 
 #[test]
-fn a_name_that_is_no_folder_is_refused() {
+fn a_name_that_no_folder_can_have_is_refused() {
     refused("name = \"../x\"\n", &["name = \"../x\"", "folder"]);
 }
 
@@ -136,7 +135,7 @@ fn a_missing_list_is_refused() {
 }
 
 #[test]
-fn what_is_no_file_is_refused_at_once() {
+fn a_path_that_is_no_regular_file_is_refused_at_once() {
     let place = Place::new();
     let pipe = place.path("pipe");
     assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
@@ -151,7 +150,7 @@ fn what_is_no_file_is_refused_at_once() {
 }
 
 #[test]
-fn a_refused_value_is_cut_and_obeyed_by_no_terminal() {
+fn a_quoted_value_is_shortened_and_its_control_characters_are_escaped() {
     let place = Place::new();
     let long = "x".repeat(100_000);
     for text in [
@@ -173,7 +172,7 @@ fn a_refused_value_is_cut_and_obeyed_by_no_terminal() {
 }
 
 #[test]
-fn a_refusal_says_what_was_probably_meant() {
+fn a_refusal_suggests_the_probable_name() {
     refused("name = \"x\"\nslotz = 3\n", &["slotz = 3", "did you mean `slots`?"]);
     refused("name = \"x\"\n[area]\nsid_m = 3\n", &["area.sid_m = 3", "did you mean `side_m`?"]);
     refused("name = \"x\"\n[link]\nmodel = \"freespace\"\n", &["link.model", "did you mean `free-space`?"]);

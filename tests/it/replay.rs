@@ -1,4 +1,4 @@
-//! `skysink replay`: a run on record through the ring once more, and what another planner would have done.
+//! `skysink replay`: a finished run replayed in the ring, and the plans of another planner for it.
 
 use std::fs;
 use std::time::Duration;
@@ -7,9 +7,11 @@ use crate::support::flight::{RunningFlight, executable};
 use crate::support::{Place, csv_rows, output, scenarios, until};
 use serde_json::Value;
 use skysink_common::message::FlightReport;
-use skysink_common::pace::Pace;
+use skysink_common::slot_record::UAV;
 use skysink_flight_sim::Flight;
 use skysink_mission::Mission;
+use skysink_mission::drive::SlotSink;
+use skysink_mission::folder::Earlier;
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
@@ -24,12 +26,12 @@ fn columns(text: &str, names: &[&str]) -> Vec<Vec<String>> {
     csv_rows(text).iter().map(|row| names.iter().map(|&name| row[name].clone()).collect()).collect()
 }
 
-/// What `plans.csv` and `slots.csv` have in common.
-const DECISION: [&str; 7] = ["slot", "x_m", "y_m", "z_m", "scheduled", "mode", "refused"];
+/// The common columns of `plans.csv` and `slots.csv`.
+const DECISION: [&str; 8] = ["slot", "uav", "x_m", "y_m", "z_m", "scheduled", "mode", "refused"];
 
 #[test]
 #[cfg(feature = "viewer")]
-fn a_run_without_a_recording_is_replayed_into_the_one_that_it_would_have_had() {
+fn a_replay_makes_the_recording_that_the_run_would_have_had() {
     let place = Place::new();
     place.flight("smoke").out("dark").simulate();
     place.flight("smoke").out("lit").options(&["--record"]).simulate();
@@ -71,18 +73,19 @@ fn asked(flown: &'static str, asked: &'static str) -> Vec<Vec<String>> {
     let mut lines = Vec::new();
     for slot in 1..=scenario.slots {
         let mut flight = Flight::new(&scenario, &nodes);
-        flight.restore(mission.last_flight());
-        planner.observe(slot - 1, mission.last_flight(), mission.queues_bits());
-        let plan = planner.step(slot, mission.last_flight().position(), mission.queues_bits());
+        let (before, queues_bits) = (mission.plant().flight(UAV), mission.field().queues_bits());
+        flight.restore(before);
+        planner.observe(slot - 1, before, queues_bits);
+        let plan = planner.step(slot, before.position(), queues_bits);
         let FlightReport { x_m, y_m, z_m, .. } = flight.step(slot, Some(&plan));
-        lines.push([slot.to_string(), x_m.to_string(), y_m.to_string(), z_m.to_string()].to_vec());
+        lines.push([slot.to_string(), UAV.to_string(), x_m.to_string(), y_m.to_string(), z_m.to_string()].to_vec());
         assert!(mission.next().is_some());
     }
     lines
 }
 
 #[test]
-fn another_strategy_is_asked_in_each_recorded_state_and_not_followed() {
+fn another_strategy_plans_in_each_recorded_state_and_is_not_flown() {
     let place = Place::new();
     place.flight("smoke").simulate();
     place.run_ok(&["replay", "run", "--no-viewer", "--strategy", "gfs"]);
@@ -90,7 +93,7 @@ fn another_strategy_is_asked_in_each_recorded_state_and_not_followed() {
     assert_eq!((&outcome["strategy"], &outcome["planner"]), (&"uts".into(), &"gfs".into()));
     assert_eq!(outcome["trace_hash"], place.summary("run")["trace_hash"], "the recorded flight goes on");
     let plans = place.read("run-replay/plans.csv");
-    assert_eq!(columns(&plans, &DECISION[..4]), asked("uts", "gfs"));
+    assert_eq!(columns(&plans, &DECISION[..5]), asked("uts", "gfs"));
     let same = columns(&plans, &["same"]).concat();
     let is_same = |flag: &&String| flag.as_str() == "true";
     assert_eq!(outcome["same"], same.iter().filter(is_same).count());
@@ -100,7 +103,7 @@ fn another_strategy_is_asked_in_each_recorded_state_and_not_followed() {
 }
 
 #[test]
-fn an_external_planner_is_asked_and_its_own_run_is_replayed_by_its_decisions_on_record() {
+fn an_external_planner_is_evaluated_and_its_own_run_replayed_by_its_recorded_decisions() {
     let place = Place::new();
     let command = place.external_planner();
     place.flight("smoke").without_viewer().planner(&command).options(&["--label", "mine"]).run();
@@ -120,18 +123,18 @@ fn slots_without_a_plan_in_time_are_held_again_and_counted_as_undecided() {
     let place = Place::new();
     let (scenario, list) = scenarios::smoke_with_sensors("uts");
     let run_mode = RunMode { pace: Some("10x".parse().unwrap()), external_planner: None };
-    let folder = RunFolder::create(Some(&place.path("run")), false, &scenario, &list, &run_mode).unwrap();
+    let folder = RunFolder::create(Some(&place.path("run")), Earlier::Kept, &scenario, &list, &run_mode).unwrap();
     let mut log = folder.slot_log().unwrap();
     let mut mission = Mission::new(&scenario, &list).unwrap();
-    let mut tally = Tally::new(&scenario, &list);
+    let mut tally = Tally::new(&scenario, &list, &run_mode);
     tally.start(&mission.header());
     for slot in 1..=scenario.slots {
         let plan = mission.plan();
-        let header = mission.fly((slot % 7 != 3).then_some(&plan));
-        log.add(mission.last_flight(), &header).unwrap();
-        tally.add(None, mission.last_flight(), &header);
+        let record = mission.fly((slot % 7 != 3).then_some(&plan));
+        log.add(&record).unwrap();
+        tally.add(&record).unwrap();
     }
-    folder.write_json("summary.json", &tally.summary(Some(Pace::Max), Duration::ZERO, log.hash())).unwrap();
+    folder.write_json("summary.json", &tally.summary(Duration::ZERO, log.hash())).unwrap();
     drop((folder, log));
     place.run_ok(&["replay", "run", "--no-viewer"]);
     let outcome = outcome(&place, "run-replay");
@@ -158,7 +161,7 @@ fn a_replay_survives_the_death_of_its_processes() {
 }
 
 #[test]
-fn what_is_no_finished_run_or_contradicts_itself_is_refused_and_nothing_is_written() {
+fn unfinished_runs_and_contradicting_options_are_refused_and_nothing_is_written() {
     let place = Place::new();
     place.flight("smoke").simulate();
     place.write("other.txt", "");
@@ -181,7 +184,7 @@ fn what_is_no_finished_run_or_contradicts_itself_is_refused_and_nothing_is_writt
 }
 
 #[test]
-fn a_replay_is_replaced_by_force_alone() {
+fn a_replay_is_replaced_only_with_force() {
     let place = Place::new();
     place.flight("smoke").simulate();
     place.run_ok(&["replay", "run", "--no-viewer"]);
@@ -194,7 +197,7 @@ fn a_replay_is_replaced_by_force_alone() {
 }
 
 #[test]
-fn a_replay_that_was_killed_leaves_nothing_that_is_in_the_way_of_the_next() {
+fn a_killed_replay_leaves_nothing_that_hinders_the_next() {
     let place = Place::new();
     place.flight("smoke").simulate();
     fs::create_dir(place.path("run-replay")).unwrap();
@@ -211,7 +214,7 @@ fn a_replay_that_was_killed_leaves_nothing_that_is_in_the_way_of_the_next() {
 }
 
 #[test]
-fn a_replay_stays_until_the_one_that_replaces_it_is_whole() {
+fn a_replay_is_kept_until_its_replacement_is_complete() {
     let place = Place::new();
     place.flight("smoke").simulate();
     place.run_ok(&["replay", "run", "--no-viewer"]);
@@ -227,7 +230,7 @@ fn a_replay_stays_until_the_one_that_replaces_it_is_whole() {
 }
 
 #[test]
-fn what_is_no_replay_is_not_replaced_and_a_run_is_no_place_for_one() {
+fn a_folder_that_is_no_replay_is_not_replaced_and_a_run_folder_takes_no_replay() {
     let place = Place::new();
     place.flight("smoke").simulate();
     fs::create_dir(place.path("own")).unwrap();

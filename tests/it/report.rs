@@ -1,4 +1,4 @@
-//! `skysink report`: the figures of a run again, and what it comes to for each sensor node.
+//! `skysink report`: the figures of a run, and of each sensor node.
 
 use crate::support::{Place, csv_rows};
 use serde_json::Value;
@@ -25,7 +25,7 @@ fn the_table_of_a_run_is_printed_again() {
 }
 
 #[test]
-fn what_the_sensor_nodes_lost_and_delivered_adds_up() {
+fn lost_and_delivered_bits_of_the_sensor_nodes_add_up() {
     let place = Place::new();
     place.flight("small").simulate();
     place.run_ok(&["report", "run", "--sensors"]);
@@ -37,7 +37,7 @@ fn what_the_sensor_nodes_lost_and_delivered_adds_up() {
     let trace = place.trace("run");
     let mut served = vec![Vec::new(); 60];
     for (line, slot) in trace.lines().skip(1).zip(1u64..) {
-        let ids = line.split(',').nth(4).unwrap().split_ascii_whitespace();
+        let ids = line.split(',').nth(5).unwrap().split_ascii_whitespace();
         ids.for_each(|id| served[id.parse::<usize>().unwrap()].push(slot));
     }
     let counts: Vec<u64> = served.iter().map(|slots| slots.len() as u64).collect();
@@ -67,12 +67,12 @@ fn a_run_through_the_ring_has_the_same_sensor_results() {
 }
 
 #[test]
-fn the_figures_of_a_trace_that_was_changed_are_not_shown() {
+fn the_figures_of_a_modified_trace_are_not_printed() {
     let place = Place::new();
     place.flight("small").simulate();
     let trace = place.trace("run");
     let line = trace.lines().nth(100).unwrap();
-    let queued = line.split(',').nth(7).unwrap();
+    let queued = line.split(',').nth(8).unwrap();
     for (changed, says) in [
         (trace.replacen(line, &line.replace(queued, "1"), 1), "250 slots of hash"),
         (trace.split_inclusive('\n').take(201).collect(), "200 slots of hash"),
@@ -90,7 +90,7 @@ fn the_figures_of_a_trace_that_was_changed_are_not_shown() {
 }
 
 #[test]
-fn what_is_no_run_or_was_changed_is_refused_and_nothing_is_written() {
+fn missing_and_modified_runs_are_refused_and_nothing_is_written() {
     let place = Place::new();
     place.flight("small").simulate();
     let trace = place.trace("run");

@@ -1,4 +1,4 @@
-//! What a record may say when a run is resumed: what the mission leads to, and what the record alone can know.
+//! The trace of a resumed run: lines that must agree with the mission, and lines that only the trace can know.
 
 use std::path::{Path, PathBuf};
 
@@ -9,16 +9,18 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::Mission;
+use skysink_mission::drive::SlotSink;
+use skysink_mission::folder::Earlier;
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
 
 use crate::support::scenarios;
 
-/// Slots on record.
+/// Recorded slots.
 const SLOTS: u64 = 30;
 
-/// Who made the plans of a record.
+/// The planner of a recorded run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum PlansBy {
     Planner,
@@ -28,17 +30,16 @@ enum PlansBy {
 /// The plan that is flown in a slot instead of the planner's own; `None` where it came too late.
 type Substitute = fn(slot: u64, own: Plan) -> Option<Plan>;
 
-/// Leaves the record of the first slots in `out`, flown by the plans of `substitute`.
+/// Records the first slots in `out`, flown by the plans of `substitute`.
 fn record(scenario: &Scenario, list: &SensorList, out: &Path, plans_by: PlansBy, substitute: Substitute) -> RunFolder {
     let external_planner = (plans_by == PlansBy::External).then(|| "external".to_owned());
     let run_mode = RunMode { pace: Some(Pace::Max), external_planner };
-    let folder = RunFolder::create(Some(out), false, scenario, list, &run_mode).unwrap();
+    let folder = RunFolder::create(Some(out), Earlier::Kept, scenario, list, &run_mode).unwrap();
     let mut log = folder.slot_log().unwrap();
     let mut mission = Mission::new(scenario, list).unwrap();
     for slot in 1..=SLOTS {
         let own = mission.plan();
-        let header = mission.fly(substitute(slot, own).as_ref());
-        log.add(mission.last_flight(), &header).unwrap();
+        log.add(&mission.fly(substitute(slot, own).as_ref())).unwrap();
     }
     folder
 }
@@ -49,7 +50,7 @@ fn resumed(strategy: &'static str, plans_by: PlansBy, substitute: Substitute) ->
     let out: PathBuf = place.path().join("run");
     let (scenario, list) = scenarios::smoke_with_sensors(strategy);
     let folder = record(&scenario, &list, &out, plans_by, substitute);
-    let mut tally = Tally::new(&scenario, &list);
+    let mut tally = Tally::new(&scenario, &list, folder.run_mode());
     let resumed = resume(&folder, &scenario, &list, &mut tally, &Stop::default());
     resumed.map(|_| tally.last_slot()).map_err(|error| error.to_string())
 }
@@ -61,7 +62,7 @@ fn nudged(slot: u64, own: Plan) -> Option<Plan> {
 }
 
 #[test]
-fn a_line_that_could_be_flown_but_was_not_planned_is_refused() {
+fn a_feasible_line_that_was_not_planned_is_refused() {
     assert_eq!(resumed("uts", PlansBy::Planner, |_, own| Some(own)), Ok(SLOTS));
     let error = resumed("uts", PlansBy::Planner, nudged).unwrap_err();
     assert!(
@@ -72,14 +73,14 @@ fn a_line_that_could_be_flown_but_was_not_planned_is_refused() {
 }
 
 #[test]
-fn plans_of_an_external_planner_are_taken_from_the_record() {
+fn plans_of_an_external_planner_are_taken_from_the_trace() {
     assert_eq!(resumed("uts", PlansBy::External, nudged), Ok(SLOTS));
     let refused = |_, own: Plan| Some(Plan { x_m: f64::NAN, ..own });
     assert_eq!(resumed("uts", PlansBy::External, refused), Ok(SLOTS), "waypoints that were refused");
 }
 
 #[test]
-fn a_plan_that_came_too_late_is_a_hold_whatever_the_strategy() {
+fn a_late_plan_is_a_hold_with_any_strategy() {
     let late = |slot: u64, own| (slot % 7 != 3).then_some(own);
     for strategy in ["uts", "rfs", "tour", "max-age-first"] {
         assert_eq!(resumed(strategy, PlansBy::Planner, late), Ok(SLOTS), "{strategy:?}");
@@ -87,7 +88,7 @@ fn a_plan_that_came_too_late_is_a_hold_whatever_the_strategy() {
 }
 
 #[test]
-fn after_a_hold_a_planner_with_a_state_may_have_planned_something_else() {
+fn after_a_hold_a_planner_with_a_state_may_have_planned_differently() {
     let late_and_nudged = |slot, own| if slot == 5 { None } else { nudged(slot, own) };
     assert_eq!(resumed("tour", PlansBy::Planner, late_and_nudged), Ok(SLOTS));
     assert!(resumed("uts", PlansBy::Planner, late_and_nudged).is_err(), "uts plans each slot by itself");

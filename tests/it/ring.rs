@@ -1,4 +1,4 @@
-//! The ring as processes: the same trace as in one process, and an end in order whatever happens.
+//! The ring as processes: the same trace as in one process, and an orderly end in every case.
 
 use std::collections::BTreeSet;
 
@@ -7,23 +7,23 @@ use crate::support::scenarios::SMOKE;
 use crate::support::{self, Place, assert_balanced, output, until_exited, wait};
 use rustix::process::Signal;
 
-/// The flight by a planner that does not see the queues.
+/// The flight of a planner with estimated queues.
 fn estimated<'a>(flight: &FlightBuilder<'a>) -> FlightBuilder<'a> {
     flight.set("planner.knowledge", "estimated").set("planner.rates", "learnt").set("planner.horizon.iterations", 200)
 }
 
-/// Fails unless the trace in `run` holds whole lines of the slots 1, 2, 3, ...; returns how many.
+/// Fails unless the trace in `run` has complete lines of the slots 1, 2, 3, ...; returns their number.
 fn assert_whole(place: &Place) -> usize {
     let trace = place.trace("run");
     assert!(trace.ends_with('\n'), "a line is cut");
     for (slot, line) in trace.lines().enumerate().skip(1) {
         assert_eq!(line.split(',').next().unwrap(), slot.to_string());
-        assert_eq!(line.split(',').count(), 10);
+        assert_eq!(line.split(',').count(), 11);
     }
     trace.lines().count() - 1
 }
 
-/// Fails unless `run` has a whole trace and the figures of a mission that was cut; returns its slots.
+/// Fails unless `run` has a trace of complete lines and the figures of an unfinished mission; returns its slots.
 fn assert_cut(place: &Place) -> usize {
     let slots = assert_whole(place);
     let summary = place.summary("run");
@@ -58,13 +58,13 @@ fn processes_and_one_process_fly_the_same_in_three_dimensions() {
         flight.run();
         place.assert_trace_as_simulated("run");
         let trace = place.trace("run");
-        let altitudes: BTreeSet<_> = trace.lines().skip(1).filter_map(|line| line.split(',').nth(3)).collect();
+        let altitudes: BTreeSet<_> = trace.lines().skip(1).filter_map(|line| line.split(',').nth(4)).collect();
         assert!(altitudes.len() > 1, "{strategy} does not use its altitude: {altitudes:?}");
     }
 }
 
 #[test]
-fn processes_and_one_process_believe_the_same() {
+fn processes_and_one_process_have_the_same_estimates() {
     let place = Place::new();
     let known = place.flight("smoke").set("sensors.sampling_bps", "[50.0, 800.0]").force();
     for strategy in ["uts", "horizon"] {
@@ -94,7 +94,7 @@ fn processes_that_poll_leave_the_same_trace() {
 }
 
 #[test]
-fn the_letters_mission_is_built_in() {
+fn the_papers_mission_is_built_in() {
     let place = Place::new();
     place.run_ok(&["run", "--no-viewer", "--out", "built-in"]);
     place.flight("letter").out("file").simulate();
@@ -103,7 +103,7 @@ fn the_letters_mission_is_built_in() {
 }
 
 #[test]
-fn killing_a_worker_that_is_not_to_be_started_again_ends_the_run_with_its_name() {
+fn killing_a_worker_that_is_not_restarted_ends_the_run_with_its_name() {
     for role in RING.into_iter().chain(cfg!(feature = "viewer").then_some("viewer")) {
         let place = Place::new();
         let run = place.flight("long").pace("20x").options(&["--restart", "never"]).start();
@@ -119,7 +119,7 @@ fn killing_a_worker_that_is_not_to_be_started_again_ends_the_run_with_its_name()
                 assert!(recorded.len() > 100, "all but the last second: {recorded:?}");
                 assert_eq!(recorded, (0..recorded.len() as i64).collect());
             } else {
-                // The ring may have turned once more before it was stopped.
+                // The ring may have run one more slot before it was stopped.
                 assert!(recorded.is_superset(&(0..=slots as i64).collect()), "{role}: {slots} flown, {recorded:?}");
             }
         }
@@ -157,7 +157,7 @@ fn signals_end_a_run_in_order() {
 }
 
 #[test]
-fn killing_the_launcher_ends_the_workers_and_the_next_run_clears_up() {
+fn killing_the_launcher_ends_the_workers_and_the_next_run_cleans_up() {
     let place = Place::new();
     // The mission and the timeout last longer than the test would wait: only the launcher's death can end the workers.
     let run = place.flight("long").pace("1x").timeout("3600").start();
@@ -186,7 +186,7 @@ fn a_test_that_fails_leaves_no_process_and_no_shared_memory() {
 }
 
 #[test]
-fn two_runs_at_the_same_time_do_not_meet() {
+fn two_simultaneous_runs_do_not_interfere() {
     let place = Place::new();
     let seeds = [4, 5];
     let flights = seeds.map(|seed| place.flight("smoke").seed(seed).without_viewer());
@@ -199,7 +199,7 @@ fn two_runs_at_the_same_time_do_not_meet() {
 }
 
 #[test]
-fn the_same_run_twice_at_the_same_time_takes_two_folders() {
+fn two_simultaneous_equal_runs_take_two_folders() {
     let place = Place::new();
     let both = [(); 2].map(|()| place.skysink(&["run", SMOKE, "--no-viewer"]).spawn().unwrap());
     for run in both {
@@ -225,7 +225,7 @@ fn a_paced_run_that_keeps_its_deadlines_flies_the_same_mission() {
 }
 
 #[test]
-fn a_planner_that_stops_makes_the_uav_hold_and_every_miss_is_counted() {
+fn a_stopped_planner_makes_the_uav_hold_and_every_miss_is_counted() {
     let place = Place::new();
     let run = place.flight("long").pace("20x").start();
     run.until_slot(20);
@@ -243,7 +243,7 @@ fn a_planner_that_stops_makes_the_uav_hold_and_every_miss_is_counted() {
     assert_balanced(&summary);
     for line in place.trace("run").lines().filter(|line| line.contains(",hold,")) {
         let columns: Vec<_> = line.split(',').collect();
-        assert_eq!((columns[4], columns[5]), ("", "0"), "a held slot serves nobody: {line}");
+        assert_eq!((columns[5], columns[6]), ("", "0"), "a held slot serves nobody: {line}");
     }
 }
 
@@ -269,7 +269,7 @@ fn a_role_can_be_left_to_a_process_started_by_hand() {
 }
 
 #[test]
-fn a_worker_without_a_ring_says_what_it_needs() {
+fn a_worker_without_a_ring_reports_what_it_needs() {
     let place = Place::new();
     let arguments = ["--scenario", SMOKE, "--ring", "nowhere"];
     let ended = output(place.command(executable("planner"), &arguments)).assert_code(2);

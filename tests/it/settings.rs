@@ -1,4 +1,4 @@
-//! `--set`, and the axes of a sweep: what they displace, and how they are refused.
+//! `--set`, and the axes of a sweep: displaced keys and refusals.
 
 use crate::support::Place;
 
@@ -7,7 +7,7 @@ const FILE: &str = "name = \"a\"\nslots = 30\n[area]\nside_m = 90.0\n[sensors]\n
                     model = \"probabilistic-los\"\nenvironment = \"urban\"\n";
 
 #[test]
-fn what_is_set_is_refused_in_the_name_of_the_option() {
+fn a_refused_setting_names_the_option() {
     let place = Place::new();
     place.write("a.toml", "name = \"a\"\nslots = 30\n");
     for (set, says) in [
@@ -21,7 +21,7 @@ fn what_is_set_is_refused_in_the_name_of_the_option() {
         ("planner.horizon={iterations=-1}", ": planner.horizon.iterations = -1: expected "),
         ("planner.strategy=utz", "--set planner.strategy=utz: expected one of"),
         ("area.width_m=50", "--set area.width_m=50: expected width_m and height_m together, or side_m\n"),
-        // What is refused is a key of the file, because of what was set.
+        // A key of the file is refused because of the setting.
         ("slots=100000", "scenario a.toml: uav.endurance_s = 600.0: expected at least the flight's 100000 s"),
         ("slots=100000", "(with --set slots=100000)\n"),
         ("slots", "key=value"),
@@ -33,7 +33,7 @@ fn what_is_set_is_refused_in_the_name_of_the_option() {
 }
 
 #[test]
-fn a_key_that_is_set_displaces_the_other_form_of_the_file() {
+fn a_setting_displaces_the_alternative_form_in_the_file() {
     let place = Place::new();
     place.write("a.toml", FILE);
     place.write("list.csv", "x_m,y_m\n1,2\n");

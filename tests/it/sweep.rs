@@ -1,4 +1,4 @@
-//! Sweeps: the same bytes however they are flown, and the figures that an independent simulation has.
+//! Sweeps: the same bytes on any number of threads and shards, and the figures of an independent simulation.
 
 mod folders;
 mod shards;
@@ -24,7 +24,7 @@ fn write_sweep(place: &Place, seeds: u64) {
     );
 }
 
-/// Flies the place's sweep into `out` until more than so many missions are on record.
+/// Flies the sweep into `out` until more than so many missions are recorded.
 fn sweep_until(place: &Place, out: &str, options: &[&str], missions: usize) -> Child {
     let sweep = place.skysink(&[&["sweep", "sweep.toml", "--out", out], options].concat()).spawn().unwrap();
     let journal = place.path(out).join("journal.csv");
@@ -130,14 +130,14 @@ fn a_sweep_that_is_interrupted_ends_with_the_same_bytes() {
     place.run_ok(&["sweep", "sweep.toml", "--out", "whole"]);
     let missions = 3 * 2 * 3 * 60;
     for interruption in 1..=10 {
-        // Moments that are spread over the sweep, and not in step with the lines of the journal.
+        // Moments spread over the sweep, not aligned with the lines of the journal.
         let sweep = sweep_until(&place, "cut", &["--threads", "2"], missions * interruption / 11);
         let signal = if interruption % 2 == 0 { Signal::INT } else { Signal::KILL };
         let ended = signal_and_wait(signal, sweep);
         assert!(ended.signal == Some(9) || ended.code == Some(130), "{ended:?}");
         assert!(!place.path("cut/results.csv").exists(), "results of a part of the sweep look whole");
     }
-    // A line that was cut off in the middle is flown again.
+    // The mission of a truncated line is flown again.
     let journal = fs::read(place.path("cut/journal.csv")).unwrap();
     fs::write(place.path("cut/journal.csv"), &journal[..journal.len() - 7]).unwrap();
     place.run_ok(&["sweep", "sweep.toml", "--out", "cut", "--threads", "1"]);
@@ -147,7 +147,7 @@ fn a_sweep_that_is_interrupted_ends_with_the_same_bytes() {
 }
 
 #[test]
-fn a_journal_with_a_changed_digit_is_refused_by_its_line() {
+fn a_journal_with_a_changed_digit_is_refused_with_the_line_number() {
     let place = Place::new();
     write_sweep(&place, 2);
     place.run_ok(&["sweep", "sweep.toml", "--out", "out"]);
@@ -173,7 +173,7 @@ fn below(state: &mut u64, most: usize) -> usize {
     (*state % most as u64) as usize
 }
 
-/// Spoils bytes: a bit, a cut, a byte that is missing, another digit, a line twice, a line that is missing, nothing
+/// Corrupts bytes: a flipped bit, a cut, a missing byte, another digit, a repeated line, a missing line, or no bytes
 /// left.
 fn spoil(bytes: &mut Vec<u8>, state: &mut u64) {
     let at = below(state, bytes.len());
@@ -203,18 +203,18 @@ fn spoil(bytes: &mut Vec<u8>, state: &mut u64) {
 }
 
 #[test]
-fn a_spoilt_folder_is_refused_or_ends_with_the_same_bytes() {
+fn a_corrupted_folder_is_refused_or_ends_with_the_same_bytes() {
     assert_never_silent(1..=60);
 }
 
 #[test]
 #[ignore = "takes a minute"]
-fn hundreds_of_spoilt_folders_are_refused_or_end_with_the_same_bytes() {
+fn hundreds_of_corrupted_folders_are_refused_or_end_with_the_same_bytes() {
     assert_never_silent(61..=360);
 }
 
-/// A sweep folder that is spoilt in the way of each of the seeds is refused by `sweep` and by `merge`, or ends with the
-/// bytes of the undisturbed one.
+/// A sweep folder that is corrupted by each of the seeds is refused by `sweep` and by `merge`, or ends with the bytes of
+/// the undisturbed one.
 fn assert_never_silent(seeds: std::ops::RangeInclusive<u64>) {
     let place = Place::new();
     write_sweep(&place, 2);
@@ -226,7 +226,7 @@ fn assert_never_silent(seeds: std::ops::RangeInclusive<u64>) {
             fs::copy(entry.path(), place.path(to).join(entry.file_name())).unwrap();
         }
     };
-    // One that was killed has no results, and a part of the journal.
+    // A killed sweep has no results, and a part of the journal.
     copy("whole", "part");
     for name in ["results.csv", "results.parquet", "summary.csv", "timings.csv"] {
         fs::remove_file(place.path("part").join(name)).unwrap();
@@ -241,7 +241,7 @@ fn assert_never_silent(seeds: std::ops::RangeInclusive<u64>) {
         let mut names: Vec<_> =
             fs::read_dir(place.path("spoilt")).unwrap().flatten().map(|entry| entry.path()).collect();
         names.sort();
-        // Half of them the journal, in which the results are.
+        // Half of the seeds corrupt the journal, which has the results.
         let journal = place.path("spoilt/journal.csv");
         let file = if below(&mut state, 2) == 0 { &journal } else { &names[below(&mut state, names.len())] };
         let mut bytes = fs::read(file).unwrap();
@@ -280,9 +280,9 @@ fn the_first_mission_of_each_strategy_is_flown_first() {
 }
 
 #[test]
-fn a_stopped_sweep_leaves_its_mission_at_once_and_says_how_to_go_on() {
+fn a_stopped_sweep_ends_at_once_and_names_the_command_that_continues_it() {
     let place = Place::new();
-    // Hours for a mission.
+    // A mission that takes hours.
     place.write("far.toml", "name = \"far\"\nslots = 500\n[area]\nside_m = 400.0\n[sensors]\nsampling_bps = 500.0\n");
     let axes = "\"planner.horizon.iterations\" = [1000000000]\n\"planner.offline.steps\" = [1000000000000]\n";
     let head = "scenario = \"far.toml\"\nstrategies = [\"uts\", \"horizon\", \"offline\"]\nseeds = 2\n[axes]\n";

@@ -1,4 +1,4 @@
-//! `skysink topics`: what a running ring carries.
+//! `skysink topics`: the topics of a running ring.
 
 use crate::support::Place;
 use serde_json::Value;
@@ -47,7 +47,7 @@ fn the_topics_of_a_running_ring_are_shown_with_their_types_readers_and_rates() {
 }
 
 #[test]
-fn a_ring_in_lock_step_flies_the_same_while_it_is_looked_at() {
+fn observing_a_ring_in_lock_step_does_not_change_its_flight() {
     let place = Place::new();
     let long = place.flight("long").without_viewer();
     let run = long.set("slots", 50_000_000).start();

@@ -1,4 +1,4 @@
-//! Recordings in a browser: what is served, what a page consists of, and what is refused.
+//! Recordings in a browser: served files, the parts of a page, and refusals.
 use crate::support;
 use std::collections::BTreeMap;
 use std::fs;
@@ -43,7 +43,7 @@ fn ask(port: u16, method: &str, path: &str) -> Answer {
     Answer { status, headers, body: bytes.split_off(head_end + 4) }
 }
 
-/// What `skysink view` says until it serves.
+/// The output of `skysink view` until it serves.
 fn address_said(child: &mut Child) -> String {
     let output = BufReader::new(child.stdout.take().unwrap());
     let (sender, lines) = channel();
@@ -56,7 +56,7 @@ fn address_said(child: &mut Child) -> String {
     said
 }
 
-/// `skysink view` with these arguments on a free port, what it has said first, and the port.
+/// `skysink view` with these arguments on a free port, its first output, and the port.
 fn view(place: &Place, arguments: &[&str]) -> (Child, String, u16) {
     let mut child = place.skysink(&[&["view", "--port", "0"], arguments].concat()).spawn().unwrap();
     let said = address_said(&mut child);
@@ -183,7 +183,7 @@ fn run_live(place: &Place) -> (Child, u16) {
 }
 
 #[test]
-fn a_mission_under_way_is_shown_from_its_port() {
+fn a_running_mission_is_shown_from_its_port() {
     let place = Place::new();
     let (run, free) = run_live(&place);
     let live = format!("--live={free}");

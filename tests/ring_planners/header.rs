@@ -9,12 +9,18 @@ use skysink_common::message::{
     Commit, FlightReport, Limits, LinkReport, PathPoint, Plan, QueuesHeader, SensorNode, SensorsHeader, SlotHeader,
     Tick, Totals,
 };
+use skysink_ring::health::{Health, Ready};
 
 use super::ROOT;
 
 /// Where the types are defined; what a constant is made of comes first.
-const SOURCES: [&str; 4] =
-    ["common/src/scenario.rs", "common/src/ledger.rs", "common/src/limits.rs", "common/src/message.rs"];
+const SOURCES: [&str; 5] = [
+    "common/src/scenario/link.rs",
+    "common/src/ledger.rs",
+    "common/src/limits.rs",
+    "common/src/message.rs",
+    "ring/src/health.rs",
+];
 
 const TITLE: &str = "\
 // The messages of Skysink's ring (docs/src/interfaces.md), generated from common/src/message.rs by
@@ -29,7 +35,7 @@ fn message<T: ZeroCopySend>() -> (String, &'static str, usize) {
 }
 
 /// The header that the types generate.
-fn generated() -> String {
+pub fn generated() -> String {
     let messages = [
         message::<SlotHeader>(),
         message::<SensorsHeader>(),
@@ -43,6 +49,8 @@ fn generated() -> String {
         message::<LinkReport>(),
         message::<Tick>(),
         message::<Commit>(),
+        message::<Ready>(),
+        message::<Health>(),
     ];
     let mut config = Config {
         language: Language::Cxx,
@@ -60,7 +68,7 @@ fn generated() -> String {
     config.export.item_types = vec![ItemType::Constants, ItemType::Enums, ItemType::Structs];
     config.export.include = ["Mode", "SolverOutcome", "HoldReason"].map(str::to_owned).to_vec();
     config.export.include.extend(messages.iter().map(|(name, ..)| name.clone()));
-    config.export.exclude = ["LETTER", "MAX_SENSORS"].map(str::to_owned).to_vec();
+    config.export.exclude = ["LETTER", "MAX_SEED", "MAX_SENSORS"].map(str::to_owned).to_vec();
     let constant = |type_name| format!("    static constexpr const char* IOX2_TYPE_NAME = \"{type_name}\";\n");
     config.export.pre_body =
         messages.iter().map(|(name, type_name, _)| (name.clone(), constant(type_name))).collect::<HashMap<_, _>>();

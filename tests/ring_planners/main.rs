@@ -1,8 +1,9 @@
-//! Planners of one's own in the ring: the examples in Rust and C++ fly what `gfs` flies, also when they are killed.
+//! External planners in the ring: the examples in Rust and C++ fly as `gfs` does, also when they are killed.
 //!
 //! The program is the example in Rust as well: `skysink run --planner` starts it as one, without an argument.
 
 mod header;
+mod layouts;
 
 #[path = "../../examples/ring_planner.rs"]
 mod ring_planner;
@@ -35,6 +36,7 @@ fn main() -> ExitCode {
     }
     if env::args().nth(1).is_some_and(|argument| argument == "--refresh") {
         header::refresh();
+        layouts::refresh(&header::generated());
         return ExitCode::SUCCESS;
     }
     let test = |name: &str, run: fn()| {
@@ -45,6 +47,9 @@ fn main() -> ExitCode {
     };
     let tests = vec![
         test("the_header_for_cpp_is_what_the_types_generate", header::is_what_the_types_generate),
+        test("the_layouts_in_the_documentation_are_those_of_the_types", || {
+            layouts::are_those_of(&header::generated());
+        }),
         test("a_strategy_in_rust_flies_what_it_flies_in_process", in_rust_as_a_command),
         test("a_strategy_in_rust_that_is_killed_flies_the_same", in_rust_by_hand_and_killed),
         test("a_planner_in_cpp_flies_the_same_also_when_it_is_killed", in_cpp),

@@ -5,14 +5,13 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command};
 
 use rustix::process::{Pid, Signal, kill_process};
+use skysink_ring::folder::RingFolder;
+use skysink_ring::topics::services;
 
 use super::{Output, Place, lines, output, pid, until, wait};
 
 /// The processes of a ring that the launcher starts, without the viewer.
 pub const RING: [&str; 3] = ["field-sim", "flight-sim", "planner"];
-
-/// The services of a ring: nine topics, and the wake-ups of each.
-const SERVICES: usize = 18;
 
 /// A scenario and options. Each method returns another builder, so that flights which differ little share the rest.
 #[derive(Debug, Clone)]
@@ -63,7 +62,7 @@ impl<'a> FlightBuilder<'a> {
         self.options(&["--seed", &seed.to_string()])
     }
 
-    /// By the clock.
+    /// Paced.
     #[must_use]
     pub fn pace(&self, pace: &str) -> Self {
         self.options(&["--pace", pace])
@@ -189,17 +188,17 @@ impl<'a> RunningFlight<'a> {
         until(text, || self.stderr().contains(text).then_some(()));
     }
 
-    /// Slots on record.
+    /// Number of recorded slots.
     pub fn slots(&self) -> usize {
         lines(&self.trace()).saturating_sub(1)
     }
 
-    /// Waits until so many slots are on record.
+    /// Waits until so many slots are recorded.
     pub fn until_slot(&self, slot: usize) {
         until("slot", || (self.slots() >= slot).then_some(()));
     }
 
-    /// Waits until so many more slots are on record.
+    /// Waits until so many more slots are recorded.
     pub fn until_slots_later(&self, slots: usize) {
         self.until_slot(self.slots() + slots);
     }
@@ -209,7 +208,7 @@ impl<'a> RunningFlight<'a> {
         self.place.worker(role, &self.ring)
     }
 
-    /// The same, if it is there at this moment.
+    /// The same, if it is running.
     pub fn worker_now(&self, role: &str) -> Option<Pid> {
         self.place.worker_now(role, &self.ring)
     }
@@ -219,7 +218,7 @@ impl<'a> RunningFlight<'a> {
         until("restart", || self.worker_now(role).filter(|&now| now != before));
     }
 
-    /// Sends a signal to the process of a role, and returns which it was.
+    /// Sends a signal to the process of a role, and returns its id.
     pub fn signal_worker(&self, role: &str, signal: Signal) -> Pid {
         let worker = self.worker(role);
         kill_process(worker, signal).unwrap();
@@ -252,8 +251,10 @@ impl<'a> RunningFlight<'a> {
     /// Waits until the topics of its ring are there, and the scenario that it flies.
     pub fn until_topics(&self) {
         until("scenario", || self.path("scenario.toml").exists().then_some(()));
+        let folder = until("terms of the ring", || RingFolder::open(&self.folder()).ok());
+        let count = 2 * services(&folder.terms()).len(); // samples and notifications
         let services = self.folder().join("services");
-        until("services", || fs::read_dir(&services).is_ok_and(|files| files.count() >= SERVICES).then_some(()));
+        until("services", || fs::read_dir(&services).is_ok_and(|files| files.count() >= count).then_some(()));
     }
 
     /// Sends a signal to the launcher.

@@ -1,4 +1,4 @@
-//! What the tests of the executables share: a place of their own, and no waiting for ever.
+//! Shared by the tests of the executables: a temporary folder for each, and time limits for waiting.
 #![allow(dead_code)] // each test program uses its part
 
 pub mod flight;
@@ -18,14 +18,14 @@ use rustix::process::{Pid, Signal, kill_process};
 use skysink_ring::health::ProcessEvent;
 use wait_timeout::ChildExt;
 
-/// The longest that a test waits for anything, on a machine that is busy with others, too.
+/// Maximum time that a test waits for an event, long enough for a busy machine.
 pub const WATCHDOG: Duration = Duration::from_secs(300);
 
-/// A folder of its own, which is also where the runs of the test meet. Dropping it ends what still runs in it.
+/// A temporary folder of a test, which also has the rings of its runs. Dropping it ends the processes that use it.
 #[derive(Debug)]
 pub struct Place {
     folder: tempfile::TempDir,
-    /// The rings of all flights that a test has started and looked into.
+    /// The rings of all flights that the test has started and opened.
     started: Mutex<Vec<String>>,
 }
 
@@ -66,7 +66,7 @@ impl Output {
         self.assert_code(0)
     }
 
-    /// Fails unless it has said one line, which holds all of `says`.
+    /// Fails unless standard error is one line that holds all of `says`.
     #[track_caller]
     pub fn assert_one_line(self, says: &[&str]) -> Self {
         assert_eq!(self.stderr.lines().count(), 1, "{self:?}");
@@ -190,7 +190,7 @@ impl Place {
         process(role, self.ring_file(ring).parent().unwrap().to_str().unwrap())
     }
 
-    /// Fails if a run has left anything where its ring was.
+    /// Fails if a run has left files of its ring.
     #[track_caller]
     pub fn assert_clean(&self) {
         let files = fs::read_dir(self.rings_folder()).into_iter().flatten().flatten().map(|entry| entry.path());
@@ -211,7 +211,7 @@ impl Place {
         self.read(&format!("{run}/slots.csv"))
     }
 
-    /// Leaves of a run's trace so many slots.
+    /// Truncates the trace of a run to so many slots.
     pub fn cut_trace(&self, run: &str, slots: usize) {
         let begun: String = self.trace(run).split_inclusive('\n').take(slots + 1).collect();
         self.write(&format!("{run}/slots.csv"), &begun);
@@ -241,7 +241,7 @@ impl Place {
         serde_json::from_str(&self.read(&format!("{run}/summary.json"))).unwrap()
     }
 
-    /// The same without what depends on the wall clock: times, and reports of processes that were silent for a while.
+    /// The same without values that depend on the wall clock: times, and events of processes without a heartbeat.
     pub fn reproducible_summary(&self, run: &str) -> serde_json::Value {
         let without_digits = |text: &str| text.replace(|letter: char| letter.is_ascii_digit(), "");
         let silence =
@@ -312,7 +312,7 @@ pub fn wait(mut child: Child) -> Output {
     ended
 }
 
-/// Polls until there is something.
+/// Polls until there is a value.
 pub fn until<T>(what: &str, mut poll: impl FnMut() -> Option<T>) -> T {
     let start = Instant::now();
     loop {
@@ -335,6 +335,17 @@ fn processes(is_wanted: impl Fn(&Path) -> bool) -> Vec<Pid> {
     let ids =
         folders.filter(|folder| is_wanted(folder)).filter_map(|folder| folder.file_name()?.to_str()?.parse().ok());
     ids.filter_map(Pid::from_raw).collect()
+}
+
+/// A launcher and the processes that it has started, with their names.
+pub fn family(launcher: Pid) -> Vec<(String, Pid)> {
+    let tasks = fs::read_dir(format!("/proc/{}/task", launcher.as_raw_nonzero())).into_iter().flatten().flatten();
+    let ids: String = tasks.filter_map(|task| fs::read_to_string(task.path().join("children")).ok()).collect();
+    let children = ids.split_ascii_whitespace().filter_map(|id| {
+        let name = fs::read_to_string(format!("/proc/{id}/comm")).ok()?;
+        Some((name.trim().to_owned(), Pid::from_raw(id.parse().ok()?)?))
+    });
+    children.chain([("skysink".to_owned(), launcher)]).collect()
 }
 
 /// The process that runs `executable` with `argument` among its arguments.
@@ -371,7 +382,7 @@ pub fn slots_of_all(recordings: &[PathBuf], entity: &str) -> BTreeSet<i64> {
     recordings.iter().flat_map(|recording| slots(recording, entity)).collect()
 }
 
-/// What a recording holds of the entity in each slot, written out.
+/// The components of the entity in each slot of a recording, as text.
 pub fn rows(recording: &Path, entity: &str) -> BTreeMap<i64, String> {
     let mut config = re_chunk_store::ChunkStoreConfig::DEFAULT;
     config.enable_changelog = false;

@@ -10,7 +10,7 @@ use skysink_planner::settings;
 /// The file of `smoke`: 60 slots of 1 s, 40 sensor nodes, some data lost.
 pub const SMOKE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml");
 
-/// Lasts long enough in lock-step to be disturbed: 3000 slots of 0.1 s.
+/// Takes long enough in lock-step for kills: 3000 slots of 0.1 s.
 const LONG: &str = "name = \"long\"\nslots = 3000\nslot_s = 0.1\n[uav]\nendurance_s = 1e8\n";
 
 /// Short slots for many of them in a second: 3000 slots of 10 ms.
@@ -19,7 +19,7 @@ const FINE: &str = "name = \"fine\"\nslots = 3000\nslot_s = 0.01\n[link]\ncomm_s
 /// Never ends: slots of 1 µs.
 const ENDLESS: &str = "name = \"endless\"\nslots = 100000000\nslot_s = 1e-6\n[link]\ncomm_s = 1e-6\n";
 
-/// Flown by the clock: 160 slots of 0.5 s.
+/// For paced runs: 160 slots of 0.5 s.
 const PACED: &str = "name = \"paced\"\nslots = 160\nslot_s = 0.5\n";
 
 /// A field of 60 sensor nodes in which strategies differ: 250 slots of 1 s.

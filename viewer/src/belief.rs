@@ -3,12 +3,17 @@
 //! The estimate is computed like that of the planner, from the contacts of every received slot. In a paced run, a
 //! planner that has missed contacts has an older estimate.
 
+use std::sync::Arc;
+
 use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::Scalars;
+use skysink_common::belief::Belief;
 use skysink_common::checkpoint::CheckpointError;
-use skysink_common::estimate::{Estimate, Rates, SavedEstimate};
-use skysink_common::message::{FlightReport, SensorNode};
+use skysink_common::estimate::{Rates, SavedEstimate};
+use skysink_common::message::FlightReport;
+use skysink_common::reported::ReportedQueues;
 use skysink_common::scenario::Scenario;
+use skysink_common::sensors::Sensors;
 
 use crate::canvas::Canvas;
 use crate::colour;
@@ -30,9 +35,9 @@ pub const MEAN_ERROR: &str = "metrics/belief/mean_error";
 pub const LARGEST_ERROR: &str = "metrics/belief/largest_error";
 
 /// The estimated queues of the scene.
-pub(crate) struct Belief {
-    estimate: Estimate,
-    capacities_bits: Vec<u32>,
+pub(crate) struct BeliefMaps {
+    belief: Belief,
+    sensors: Arc<Sensors>,
     /// Whether the estimate is valid, because the mission has been followed from its start.
     is_followed: bool,
     steps: Steps,
@@ -43,12 +48,12 @@ pub(crate) struct Belief {
     rhythm: Rhythm,
 }
 
-impl Belief {
+impl BeliefMaps {
     /// Draws what stays.
     pub(crate) fn open(
         canvas: &Canvas,
         scenario: &Scenario,
-        sensors: &[SensorNode],
+        sensors: &Arc<Sensors>,
         rates: Rates,
         frame: &MapFrame,
     ) -> RecordingStreamResult<Self> {
@@ -59,15 +64,15 @@ impl Belief {
             canvas.log_static(entity, &curve_style(name, colour))?;
         }
         Ok(Self {
-            estimate: Estimate::new(scenario, rates, sensors),
-            capacities_bits: sensors.iter().map(|sensor| sensor.capacity_bits).collect(),
+            belief: Belief::new(scenario, sensors, Some(rates)),
+            sensors: Arc::clone(sensors),
             is_followed: false,
             believed: SensorMap::open(canvas, BELIEVED, frame, &steps)?,
             truth: SensorMap::open(canvas, TRUE, frame, &steps)?,
             error: SensorMap::open(canvas, ERROR, frame, &error_steps)?,
             steps,
             error_steps,
-            rhythm: Rhythm::of_sensors(sensors.len(), scenario.slots),
+            rhythm: Rhythm::of_sensors(sensors.count(), scenario.slots),
         })
     }
 
@@ -78,11 +83,12 @@ impl Belief {
             return;
         }
         let is_known = |id: &u32| (*id as usize) < queues_bits.len();
-        if slot > 0 && before.slot() == Some(slot - 1) {
-            let served: Vec<u32> = flight.served_links().iter().map(|link| link.sensor).filter(is_known).collect();
-            self.estimate.record_before_contact(slot, &served, before.queues_bits());
-        }
-        self.estimate.observe(slot, flight, queues_bits);
+        let served = flight.served_links().iter().map(|link| link.sensor).filter(is_known);
+        let reported = match before.slot() {
+            Some(last) if last + 1 == slot => self.belief.reported(slot, served, before.queues_bits()),
+            _ => ReportedQueues::default(),
+        };
+        self.belief.advance(slot, flight, &reported, queues_bits);
     }
 
     /// Draws the estimated and the true queues after the last observed slot. Draws nothing if the viewer has missed the
@@ -91,12 +97,14 @@ impl Belief {
         if !self.is_followed {
             return Ok(());
         }
-        let believed_bits = self.estimate.predict(slot);
+        let sampling = &self.sensors.sampling;
+        let believed_bits = self.belief.at(slot, &self.sensors, queues_bits).queues_bits;
         let fraction =
             |bits: f64, capacity_bits: u32| if capacity_bits == 0 { 0.0 } else { bits / f64::from(capacity_bits) };
-        let pairs = || believed_bits.iter().zip(queues_bits).zip(&self.capacities_bits);
+        let capacities_bits = (0..queues_bits.len()).map(|id| sampling.of(id).capacity_bits);
+        let pairs = || believed_bits.iter().zip(queues_bits).zip(capacities_bits.clone());
         let errors = || {
-            pairs().map(|((&believed_bits, &queue_bits), &capacity_bits)| {
+            pairs().map(|((&believed_bits, &queue_bits), capacity_bits)| {
                 fraction(f64::from(believed_bits) - f64::from(queue_bits), capacity_bits)
             })
         };
@@ -106,8 +114,8 @@ impl Belief {
         if self.rhythm.is_due(slot) {
             let percent = |bits: u32, capacity_bits: u32| 100.0 * fraction(f64::from(bits), capacity_bits);
             let steps = &self.steps;
-            let believed = pairs().map(|((&believed_bits, _), &capacity)| steps.step(percent(believed_bits, capacity)));
-            let truth = pairs().map(|((_, &queue_bits), &capacity)| steps.step(percent(queue_bits, capacity)));
+            let believed = pairs().map(|((&believed_bits, _), capacity)| steps.step(percent(believed_bits, capacity)));
+            let truth = pairs().map(|((_, &queue_bits), capacity)| steps.step(percent(queue_bits, capacity)));
             self.believed.show(canvas, believed)?;
             self.truth.show(canvas, truth)?;
             self.error.show(canvas, errors().map(|error| self.error_steps.step(100.0 * error)))?;
@@ -117,7 +125,7 @@ impl Belief {
 
     /// The state to save; `None` if the viewer has missed the start of the mission.
     pub(crate) fn saved(&self) -> Option<SavedEstimate> {
-        self.is_followed.then(|| self.estimate.saved())
+        self.belief.saved().filter(|_| self.is_followed)
     }
 
     /// Restores the state after `slot`.
@@ -125,7 +133,7 @@ impl Belief {
     /// # Errors
     /// If the state is invalid.
     pub(crate) fn restore(&mut self, slot: u64, saved: SavedEstimate) -> Result<(), CheckpointError> {
-        self.estimate = self.estimate.restored(slot, saved)?;
+        self.belief = self.belief.restored(slot, Some(saved))?;
         self.is_followed = true;
         Ok(())
     }

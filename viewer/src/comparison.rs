@@ -1,11 +1,14 @@
 //! A recording of several missions side by side: one scene per mission on a common timeline, and common plots.
 
+use std::sync::Arc;
+
 use re_sdk::{ApplicationId, RecordingStreamResult};
 use re_sdk_types::archetypes::{Scalars, TextDocument};
 use re_sdk_types::blueprint::archetypes::PlotLegend;
 use re_sdk_types::blueprint::components::{ContainerKind, Corner2D};
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::Scenario;
+use skysink_common::sensors::Sensors;
 
 use crate::blueprint::{Blueprint, Tile, class};
 use crate::canvas::Canvas;
@@ -95,7 +98,8 @@ impl Comparison {
             }
             let sizes = Sizes::of(mission.scenario, mission.sensors.len());
             let below = Canvas::below(&recording.stream, &root);
-            let picture = Picture::open(below, mission.scenario, mission.sensors, &sizes, &recording)?;
+            let sensors = Arc::new(Sensors::of(mission.scenario, mission.sensors));
+            let picture = Picture::open(below, mission.scenario, &sensors, &sizes, &recording)?;
             drawn.push(Drawn { root, picture, slot_s: mission.scenario.slot_s });
         }
         let comparison = Self { recording, canvas, missions: drawn };

@@ -1,16 +1,18 @@
 //! The history of a mission: the bits lost by each sensor node (SN), and the last slot in which each cell of the area
 //! was in range.
 //!
-//! Losses are computed from the queues: `D_i(t) = max(0, B_i(t−1) + a_i(t) − B)` (decision D1). A cell is in range if
-//! it is within the communication radius of the UAV at the end of the slot. Losses in missed slots are not attributed
-//! to SNs.
+//! Losses follow from the queues before a slot. A cell is in range if it is within the communication radius of the UAV
+//! at the end of the slot. Losses in missed slots are not attributed to SNs.
+
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
-use skysink_common::arrivals::bits_between;
 use skysink_common::checkpoint::CheckpointError;
 use skysink_common::geometry::{Position, distance_squared};
-use skysink_common::message::SensorNode;
+use skysink_common::queues::overflow_bits;
+use skysink_common::sampling::Sampler;
 use skysink_common::scenario::Scenario;
+use skysink_common::sensors::Sensors;
 
 /// Minimum and maximum number of cells of the coverage grid along the longer side of the area.
 const CELLS: [f64; 2] = [40.0, 100.0];
@@ -28,19 +30,12 @@ const U64_BYTES: usize = 10;
 /// The history of the sensor nodes and cells of a mission.
 #[derive(Debug, Clone)]
 pub(crate) struct SensorHistory {
-    samplers: Vec<Sampler>,
+    sensors: Arc<Sensors>,
+    slot_s: f64,
     /// Lost in the last slot, by SN [bit].
     lost_now_bits: Vec<u64>,
     pub(crate) grid: CoverageGrid,
     sums: Sums,
-}
-
-/// The sampling of an SN and its buffer.
-#[derive(Debug, Clone, Copy)]
-struct Sampler {
-    mean_bits: f64,
-    sampling_bps: f64,
-    capacity_bits: u32,
 }
 
 /// The sums over all slots, which are saved.
@@ -68,26 +63,21 @@ pub(crate) struct CoverageGrid {
 
 impl SensorHistory {
     /// The history before the first slot.
-    pub(crate) fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
-        let sampler = |sensor: &SensorNode| Sampler {
-            mean_bits: sensor.sampling_bps * scenario.slot_s,
-            sampling_bps: sensor.sampling_bps,
-            capacity_bits: sensor.capacity_bits,
-        };
+    pub(crate) fn new(scenario: &Scenario, sensors: &Arc<Sensors>) -> Self {
         let grid = CoverageGrid::over(scenario);
-        let count = sensors.len();
+        let count = sensors.count();
         let in_range = vec![0; grid.columns * grid.rows];
         let sums = Sums { slot: None, queues_bits: vec![0; count], lost_bits: vec![0; count], in_range };
-        Self { samplers: sensors.iter().map(sampler).collect(), lost_now_bits: vec![0; count], grid, sums }
+        Self { sensors: Arc::clone(sensors), slot_s: scenario.slot_s, lost_now_bits: vec![0; count], grid, sums }
     }
 
     /// Adds a slot, after which the queues are `queues_bits`, one for each SN, and the UAV is above `uav`.
     pub(crate) fn add(&mut self, slot: u64, queues_bits: &[u32], uav: Position) {
-        let Self { samplers, lost_now_bits, grid, sums } = self;
+        let Self { sensors, lost_now_bits, grid, sums, .. } = self;
         let is_next = slot > 0 && sums.slot == Some(slot - 1);
-        let sensors = samplers.iter().zip(&sums.queues_bits).zip(&mut sums.lost_bits).zip(lost_now_bits);
-        for (((sampler, &before_bits), lost_bits), lost_now_bits) in sensors {
-            *lost_now_bits = if is_next { sampler.lost_bits(slot, before_bits) } else { 0 };
+        let losses = (0..).zip(&sums.queues_bits).zip(&mut sums.lost_bits).zip(lost_now_bits);
+        for (((id, &before_bits), lost_bits), lost_now_bits) in losses {
+            *lost_now_bits = if is_next { overflow_bits(&sensors.sampler(id), before_bits, slot - 1, slot) } else { 0 };
             *lost_bits += *lost_now_bits;
         }
         sums.slot = Some(slot);
@@ -109,21 +99,25 @@ impl SensorHistory {
 
     /// The time until the buffer of each SN is full without service [s]; infinite for an SN that does not sample.
     pub(crate) fn overflow_s(&self) -> impl Iterator<Item = f64> {
-        self.samplers.iter().zip(&self.sums.queues_bits).map(|(sampler, &queue_bits)| sampler.overflow_s(queue_bits))
+        (0..).zip(&self.sums.queues_bits).map(|(id, &queue_bits)| self.filled_s(id, queue_bits))
     }
 
     /// The maximum time to fill an empty buffer, over all SNs [s]; 0 if none samples.
     pub(crate) fn longest_fill_s(&self) -> f64 {
-        self.samplers
-            .iter()
-            .map(|sampler| sampler.overflow_s(0))
-            .filter(|fill_s| fill_s.is_finite())
-            .fold(0.0, f64::max)
+        let fills_s = self.sensors.ids().map(|id| self.filled_s(id, 0));
+        fills_s.filter(|fill_s| fill_s.is_finite()).fold(0.0, f64::max)
+    }
+
+    /// The time until the buffer of SN `id` is full if it holds `queue_bits` [s].
+    fn filled_s(&self, id: u32, queue_bits: u32) -> f64 {
+        let Sampler { mean_bits, capacity_bits } = self.sensors.sampler(id);
+        let room_bits = f64::from(capacity_bits.saturating_sub(queue_bits));
+        if room_bits == 0.0 { 0.0 } else { room_bits / mean_bits * self.slot_s }
     }
 
     /// The maximum that an SN can sample in this number of slots [bit].
     pub(crate) fn most_sampled_bits(&self, slots: u64) -> f64 {
-        self.samplers.iter().map(|sampler| sampler.mean_bits).fold(0.0, f64::max) * slots as f64
+        self.sensors.sampling.highest_mean_bits() * slots as f64
     }
 
     /// The number of slots since each cell was in range; `None` if it never was.
@@ -175,20 +169,6 @@ impl Sums {
     }
 }
 
-impl Sampler {
-    /// Bits lost in `slot`, if the queue was `before_bits` before it.
-    fn lost_bits(&self, slot: u64, before_bits: u32) -> u64 {
-        let had_bits = u64::from(before_bits) + bits_between(self.mean_bits, slot - 1, slot);
-        had_bits.saturating_sub(self.capacity_bits.into())
-    }
-
-    /// The time until the buffer is full [s].
-    fn overflow_s(&self, queue_bits: u32) -> f64 {
-        let room_bits = f64::from(self.capacity_bits.saturating_sub(queue_bits));
-        if room_bits == 0.0 { 0.0 } else { room_bits / self.sampling_bps }
-    }
-}
-
 impl CoverageGrid {
     fn over(scenario: &Scenario) -> Self {
         let extents_m = [scenario.area.width_m(), scenario.area.height_m()];
@@ -221,13 +201,14 @@ impl CoverageGrid {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use skysink_common::message::SensorNode;
     use skysink_common::scenario::Overrides;
 
     /// The letter's field of 100 m × 100 m with SNs that sample 100, 2.5 and 0 bit/s into 1 000 bit.
     fn history() -> SensorHistory {
         let scenario = Scenario::letter(Overrides::default()).unwrap();
         let sensor = |sampling_bps: f64| SensorNode { sampling_bps, capacity_bits: 1_000, ..SensorNode::default() };
-        SensorHistory::new(&scenario, &[100.0, 2.5, 0.0].map(sensor))
+        SensorHistory::new(&scenario, &Arc::new(Sensors::of(&scenario, &[100.0, 2.5, 0.0].map(sensor))))
     }
 
     const MIDDLE: Position = Position::new(50.0, 50.0);

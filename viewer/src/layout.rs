@@ -102,7 +102,7 @@ fn scenes(
     if estimated.is_some() {
         tabs.push((1.0, beliefs(layout, sizes)?));
     }
-    if Channel::of(scenario).line_of_sight().is_some() {
+    if Channel::of(&scenario.link).line_of_sight().is_some() {
         tabs.push((1.0, line_of_sight(layout, sizes, slot_s)?));
     }
     tabs.push((1.0, layout.view(class::TEXT, "Legend", legend::PAGE, &[select(legend::PAGE)])?));
@@ -259,9 +259,9 @@ fn beside(layout: &mut Blueprint, scenario: &Scenario, clock: WallClock) -> Reco
     }
     others.push((1.0, plot(layout, "Missed slots", &[curves::MISSED])?));
     rows.push((1.5, layout.container(ContainerKind::Tabs, &others)?));
-    let colours = match Channel::of(scenario) {
-        Channel::FreeSpace(_) => "Colours: queue fill, link rate; more in the tab Legend",
-        Channel::LineOfSight(_) => "Colours: queue fill, probability of sight; more in Legend",
+    let colours = match Channel::of(&scenario.link).line_of_sight() {
+        None => "Colours: queue fill, link rate; more in the tab Legend",
+        Some(_) => "Colours: queue fill, probability of sight; more in Legend",
     };
     rows.push((0.7, picture(layout, colours, legend::SCALE, legend::SCALE_BOUNDS)?));
     layout.container(ContainerKind::Vertical, &rows)

@@ -49,8 +49,8 @@ pub(crate) fn log_pages(
     estimated: Option<Rates>,
 ) -> RecordingStreamResult<()> {
     canvas.log_static(PAGE, &TextDocument::from_markdown(page(scenario, count, sizes, estimated)))?;
-    if let Channel::LineOfSight(link) = Channel::of(scenario) {
-        let page = los_page(scenario, &link);
+    if let Some(link) = Channel::of(&scenario.link).line_of_sight() {
+        let page = los_page(scenario, link);
         canvas.log_static(LOS_PAGE, &TextDocument::from_markdown(page))?;
     }
     Ok(())
@@ -62,9 +62,9 @@ const BELIEF: &str =
 
 fn page(scenario: &Scenario, count: usize, sizes: &Sizes, estimated: Option<Rates>) -> String {
     let fixed = || format!("an altitude of {} m", scenario.uav.altitude_m);
-    let link = match Channel::of(scenario) {
-        Channel::FreeSpace(_) => "| green line, dark → pale | served link, by rate: low → high |\n",
-        Channel::LineOfSight(_) => {
+    let link = match Channel::of(&scenario.link).line_of_sight() {
+        None => "| green line, dark → pale | served link, by rate: low → high |\n",
+        Some(_) => {
             "| bold light blue line | served link, in line of sight |\n\
              | thin orange line | served link, its sight blocked |\n"
         }

@@ -1,16 +1,16 @@
 //! The candidate circles of the winning anchor, and the served links.
 //!
-//! A link is coloured by its rate in free space, or by its line of sight if that is random.
+//! A link is coloured by its line of sight if that is random, else by its rate.
 
 use std::ops::RangeInclusive;
 
 use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::{Cylinders3D, LineStrips3D};
 use re_sdk_types::components::{FillMode, Radius};
-use skysink_common::channel::{Channel, FreeSpace, Uplink};
-use skysink_common::message::{FlightReport, LinkReport, Plan, SensorNode};
+use skysink_common::channel::{Channel, ChannelModel, Uplink};
+use skysink_common::message::{FlightReport, LinkReport, Plan};
 use skysink_common::scenario::Scenario;
-use skysink_common::units::ratio_of_db;
+use skysink_common::sensors::Sensors;
 
 use crate::canvas::Canvas;
 use crate::colour;
@@ -40,7 +40,7 @@ impl Links {
     pub(crate) fn open(
         canvas: &Canvas,
         scenario: &Scenario,
-        sensors: &[SensorNode],
+        sensors: &Sensors,
         sizes: &Sizes,
     ) -> RecordingStreamResult<Self> {
         let candidates = Cylinders3D::update_fields()
@@ -50,16 +50,17 @@ impl Links {
             .with_line_radii([Radius::new_ui_points(0.8)]);
         canvas.log_static(CANDIDATES, &candidates)?;
         canvas.log_static(CHOSEN, &line_style(colour::CHOSEN, 2.2))?;
-        let rates_bps = match Channel::of(scenario) {
-            Channel::LineOfSight(_) => None,
-            Channel::FreeSpace(model) => {
+        let channel = Channel::of(&scenario.link);
+        let rates_bps = match channel.line_of_sight() {
+            Some(_) => None,
+            None => {
                 let links = LineStrips3D::update_fields().with_radii([Radius::new_ui_points(1.6)]);
                 canvas.log_static(LINKS, &links)?;
-                Some(possible_rates_bps(&model, scenario, sensors))
+                Some(possible_rates_bps(&channel, scenario, sensors))
             }
         };
         Ok(Self {
-            feet: sensors.iter().map(|sensor| [sensor.x_m as f32, sensor.y_m as f32, 0.0]).collect(),
+            feet: sensors.positions.iter().map(|position| [position.x as f32, position.y as f32, 0.0]).collect(),
             radius_m: sizes.radius_m,
             rates_bps,
         })
@@ -102,11 +103,11 @@ fn of_draw<T>(link: &LinkReport, [sight, blocked]: [T; 2]) -> T {
 
 /// The range of rates [bit/s]: from the weakest sensor node at the distance `d_c` to the strongest directly below the
 /// UAV.
-fn possible_rates_bps(model: &FreeSpace, scenario: &Scenario, sensors: &[SensorNode]) -> RangeInclusive<f64> {
-    let drawn = model.redrawn_db.map_or([f64::INFINITY, 0.0], |range_db| range_db.map(ratio_of_db));
-    let weakest = sensors.iter().map(|sensor| sensor.gain).fold(drawn[0], f64::min);
-    let strongest = sensors.iter().map(|sensor| sensor.gain).fold(drawn[1], f64::max);
+fn possible_rates_bps(channel: &Channel, scenario: &Scenario, sensors: &Sensors) -> RangeInclusive<f64> {
+    let drawn = channel.drawn_gains().unwrap_or([f64::INFINITY, 0.0]);
+    let weakest = sensors.gains.iter().copied().fold(drawn[0], f64::min);
+    let strongest = sensors.gains.iter().copied().fold(drawn[1], f64::max);
     let radius_m = scenario.link.comm_radius_m;
-    let rate_bps = |gain, d2_m2| model.rate_bps(&Uplink { gain, d2_m2, z_m: scenario.uav.altitude_m });
+    let rate_bps = |gain, d2_m2| channel.expected_rate_bps(&Uplink { gain, d2_m2, z_m: scenario.uav.altitude_m });
     rate_bps(weakest, radius_m * radius_m)..=rate_bps(strongest, 0.0)
 }

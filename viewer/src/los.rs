@@ -1,5 +1,5 @@
 //! Random line of sight: the elevation, the probability and the outcome of line of sight of each served link.
-//! Recordings with the free-space model contain none of this.
+//! Recordings with another channel contain none of this.
 //!
 //! [`field`] draws the probability around the UAV, [`profile`] the rates over the altitude. A missing value is logged
 //! as NaN, which interrupts a curve; rerun would draw an empty row as 0.
@@ -7,14 +7,16 @@
 pub mod field;
 pub mod profile;
 
+use std::sync::Arc;
+
 use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::{Points3D, Scalars, SeriesPoints};
 use re_sdk_types::components::MarkerShape;
 use re_sdk_types::components::Radius;
 use skysink_common::channel::{Channel, LineOfSight};
-use skysink_common::geometry::Position;
-use skysink_common::message::{FlightReport, LinkReport, SensorNode};
+use skysink_common::message::{FlightReport, LinkReport};
 use skysink_common::scenario::Scenario;
+use skysink_common::sensors::Sensors;
 
 use crate::canvas::Canvas;
 use crate::colour;
@@ -44,7 +46,7 @@ pub const BLOCKED: &str = "blocked";
 /// The line-of-sight entities of the scene.
 pub(crate) struct Los {
     link: LineOfSight,
-    positions: Vec<Position>,
+    sensors: Arc<Sensors>,
     most_links: usize,
     mark_above_m: f32,
     surroundings: Surroundings,
@@ -52,23 +54,30 @@ pub(crate) struct Los {
 }
 
 impl Los {
-    /// Styles the curves and the 3D entities; `None` for the free-space model.
+    /// Styles the curves and the 3D entities; `None` for channels without a random line of sight.
     pub(crate) fn open(
         canvas: &Canvas,
         scenario: &Scenario,
-        sensors: &[SensorNode],
+        sensors: &Arc<Sensors>,
         sizes: &Sizes,
         part: Part,
     ) -> RecordingStreamResult<Option<Self>> {
-        let Channel::LineOfSight(link) = Channel::of(scenario) else {
+        let channel = Channel::of(&scenario.link);
+        let Some(&link) = channel.line_of_sight() else {
             return Ok(None);
         };
         log_styles(canvas)?;
         let most_links = scenario.link.resource_blocks;
-        let positions = sensors.iter().map(|sensor| Position::new(sensor.x_m, sensor.y_m)).collect();
         let surroundings = Surroundings::open(canvas, &link, most_links, sizes, part)?;
         let profile = Profile::open(canvas, scenario)?;
-        Ok(Some(Self { link, positions, most_links, mark_above_m: 1.8 * sizes.arm_m, surroundings, profile }))
+        Ok(Some(Self {
+            link,
+            sensors: Arc::clone(sensors),
+            most_links,
+            mark_above_m: 1.8 * sizes.arm_m,
+            surroundings,
+            profile,
+        }))
     }
 
     /// Shows one slot; if it serves no sensor node, only the altitude.
@@ -78,7 +87,7 @@ impl Los {
         let mark = Points3D::update_fields().with_positions([[x_m, y_m, z_m + self.mark_above_m]]);
         canvas.show(MARK, &mark.with_labels([format!("{:.0} m", flight.z_m)]))?;
         self.log_links(canvas, flight.z_m, flight.served_links())?;
-        let position = |link: &LinkReport| self.positions.get(link.sensor as usize).copied();
+        let position = |link: &LinkReport| self.sensors.positions.get(link.sensor as usize).copied();
         let served: Vec<_> = flight.served_links().iter().filter_map(position).collect();
         self.surroundings.log(canvas, &self.link, flight.position(), &served)?;
         self.profile.log(canvas, &self.link, flight.position(), &served)

@@ -7,8 +7,8 @@ use re_sdk_types::components::ImageFormat;
 use re_sdk_types::components::Radius;
 use re_sdk_types::datatypes::{ChannelDatatype, ColorModel};
 use skysink_common::geometry::Position;
-use skysink_common::message::SensorNode;
 use skysink_common::scenario::Scenario;
+use skysink_common::sensors::Sensors;
 
 use crate::canvas::Canvas;
 use crate::colour;
@@ -42,9 +42,9 @@ pub(crate) struct MapFrame {
 }
 
 impl MapFrame {
-    pub(crate) fn of(sensors: &[SensorNode], sizes: &Sizes) -> Self {
-        let on_map = |sensor: &SensorNode| [sensor.x_m as f32, sizes.depth_m - sensor.y_m as f32];
-        Self { sizes: *sizes, positions: sensors.iter().map(on_map).collect() }
+    pub(crate) fn of(sensors: &Sensors, sizes: &Sizes) -> Self {
+        let on_map = |position: &Position| [position.x as f32, sizes.depth_m - position.y as f32];
+        Self { sizes: *sizes, positions: sensors.positions.iter().map(on_map).collect() }
     }
 
     /// The longer side [m].

@@ -17,14 +17,15 @@ use skysink_common::stop::Stop;
 use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::health::{Health, Ready};
+use skysink_ring::journal::Journal;
 use skysink_ring::reader::{Reader, SlotSample};
 use skysink_ring::refusals::Refusal;
 use skysink_ring::role::Role;
 use skysink_ring::sample::Payload;
-use skysink_ring::topics::{PATH_BUFFER, RING_BUFFER, Ring, VIEWER_BUFFER};
+use skysink_ring::topics::Ring;
 use skysink_ring::wait::WaitContext;
 
-use crate::journal::ViewerJournal;
+use crate::journal::resume;
 use crate::{Scene, SceneError, Sinks, SlotView, WallClock};
 
 impl From<SceneError> for NodeError {
@@ -53,10 +54,20 @@ const PATHS_BEFORE: u32 = 2;
 /// Slots over which the pace is averaged.
 const PACE_WINDOW: usize = 32;
 
+/// What the viewer records, and where.
+#[derive(Debug)]
+pub struct ViewerOptions {
+    /// Where it records.
+    pub sinks: Sinks,
+    /// Name of an external planner.
+    pub label: Option<String>,
+    /// How the UAV knows the rates, if it has to estimate the queues.
+    pub estimated: Option<Rates>,
+}
+
 /// Records until the mission ends, and returns the number of slots that this process has missed (0 in lock-step).
 /// However it ends, the recording contains all received slots. After a restart, it writes the next file of the
-/// recording. `label` is the name of an external planner. `estimated` is how the UAV knows the rates if it has to
-/// estimate the queues.
+/// recording.
 ///
 /// # Errors
 /// If a peer is missing or wrong, the ring is broken, the recording cannot be written, or on a stop.
@@ -64,21 +75,20 @@ pub fn run<S: Service + 'static>(
     scenario: &Scenario,
     folder: &RingFolder,
     stop: &Stop,
-    sinks: &Sinks,
-    label: Option<&str>,
-    estimated: Option<Rates>,
+    options: &ViewerOptions,
 ) -> Result<u64, NodeError> {
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::Viewer, stop)?;
-    let mut sensors = ring.sensors.reader(RING_BUFFER)?;
+    let mut sensors = ring.sensors.reader()?;
     let nodes = sensors.wait_for_next(&mut wait, 0)?;
     let _sensors = ring.terms.link.is_none().then_some(sensors); // over a link, repeated samples would accumulate
     let mut shown = scenario.clone();
-    if let Some(label) = label {
+    if let Some(label) = &options.label {
         label.clone_into(&mut shown.planner.strategy);
     }
     let name = run_name(&shown, ring.terms.mission);
-    let mut scene = Scene::open(sinks, &shown, nodes.payload(), &name, WallClock::Measured, estimated)?;
-    let journal = ViewerJournal::open(folder, Scene::state_room(nodes.payload().len()), &mut scene)?;
+    let mut scene =
+        Scene::open(&options.sinks, &shown, nodes.payload(), &name, WallClock::Measured, options.estimated)?;
+    let journal = resume(folder, Scene::state_room(nodes.payload().len()), &mut scene)?;
     if let Some(port) = scene.port() {
         let address = format!("rerun+http://127.0.0.1:{port}/proxy");
         Role::Viewer.log(format_args!("live at {address}: open it by `rerun {address}`"));
@@ -95,7 +105,7 @@ pub fn run<S: Service + 'static>(
 struct Follower<'a, S: Service + 'static> {
     ring: &'a Ring<S>,
     area: &'a Area,
-    journal: ViewerJournal,
+    journal: Journal,
     scene: &'a mut Scene,
     paths: Reader<S, [PathPoint], SlotHeader>,
     plans: Reader<S, Plan, SlotHeader>,
@@ -115,22 +125,17 @@ struct Follower<'a, S: Service + 'static> {
 }
 
 impl<'a, S: Service + 'static> Follower<'a, S> {
-    fn open(
-        ring: &'a Ring<S>,
-        area: &'a Area,
-        journal: ViewerJournal,
-        scene: &'a mut Scene,
-    ) -> Result<Self, NodeError> {
+    fn open(ring: &'a Ring<S>, area: &'a Area, journal: Journal, scene: &'a mut Scene) -> Result<Self, NodeError> {
         Ok(Self {
-            paths: ring.path.reader(PATH_BUFFER)?, // before the plans, so that the path of every received plan is available
-            plans: ring.plan.reader(VIEWER_BUFFER)?,
-            flights: ring.flight.reader(VIEWER_BUFFER)?,
-            queues: ring.truth.reader(VIEWER_BUFFER)?,
-            health: ring.health.reader(VIEWER_BUFFER)?,
+            paths: ring.path.reader()?, // before the plans, so that the path of every received plan is available
+            plans: ring.plan.reader()?,
+            flights: ring.flight.reader()?,
+            queues: ring.queues.reader()?,
+            health: ring.health.reader()?,
             paths_read: 0,
             is_ready: false,
             // A resumed ring begins with the last recorded slot. Earlier slots are in earlier files, if recorded.
-            next: journal.next,
+            next: journal.last_slot()?.map(|slot| slot + 1),
             missed: 0,
             recent: VecDeque::new(),
             ring,
@@ -218,7 +223,7 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
             slots_per_s,
             plan_ms: plan.map(|plan| plan.plan_ns as f64 / 1e6),
         })?;
-        self.journal.save(slot, self.scene)?;
+        self.journal.save(slot, &[], self.scene)?;
         self.next = Some(slot + 1);
         Ok(())
     }

@@ -1,14 +1,16 @@
 //! All drawn parts of a mission; each part has its own module.
 
+use std::sync::Arc;
+
 use re_sdk_types::archetypes::TextDocument;
 use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::estimate::{BYTES_PER_SENSOR, Rates, SavedEstimate};
 use skysink_common::geometry::Position;
-use skysink_common::message::{MAX_SERVED, SensorNode};
 use skysink_common::scenario::Scenario;
+use skysink_common::sensors::Sensors;
 
-use crate::belief::Belief;
+use crate::belief::BeliefMaps;
 use crate::canvas::Canvas;
 use crate::curves::Curves;
 use crate::events::Events;
@@ -17,7 +19,7 @@ use crate::links::Links;
 use crate::los::Los;
 use crate::maps::{MapFrame, Maps};
 use crate::path::Path;
-use crate::queues::{Fill, Queues};
+use crate::queues::{Fill, QueueShapes};
 use crate::recording::{Recording, SceneError};
 use crate::sizes::Sizes;
 use crate::slot::SlotView;
@@ -28,7 +30,7 @@ use crate::{curves, events, legend};
 /// The drawing state of a mission.
 pub(crate) struct Picture {
     canvas: Canvas,
-    queues: Queues,
+    queues: QueueShapes,
     uav: UavShape,
     path: Path,
     links: Links,
@@ -37,7 +39,7 @@ pub(crate) struct Picture {
     curves: Curves,
     history: SensorHistory,
     maps: Option<Maps>,
-    belief: Option<Belief>,
+    belief: Option<BeliefMaps>,
 }
 
 /// The saved state.
@@ -54,8 +56,8 @@ struct StateRef<'a> {
     belief: Option<SavedEstimate>,
 }
 
-/// Maximum size of the estimate without its sensor nodes [byte]: slots, and the last announced schedules.
-const BELIEF_BYTES: usize = 64 + size_of::<(u32, u32)>() * 2 * MAX_SERVED;
+/// Maximum size of the estimate without its sensor nodes [byte].
+const BELIEF_BYTES: usize = 64;
 
 /// Maximum size of the saved state for `count` sensor nodes [byte].
 pub(crate) fn state_room(count: usize) -> usize {
@@ -67,12 +69,12 @@ impl Picture {
     pub(crate) fn open(
         canvas: Canvas,
         scenario: &Scenario,
-        sensors: &[SensorNode],
+        sensors: &Arc<Sensors>,
         sizes: &Sizes,
         recording: &Recording,
     ) -> Result<Self, SceneError> {
         let part = recording.part;
-        let queues = Queues::open(&canvas, sensors, sizes)?;
+        let queues = QueueShapes::open(&canvas, sensors, sizes)?;
         let uav = UavShape::open(&canvas, sizes)?;
         let path = Path::open(&canvas, sizes, part)?;
         let links = Links::open(&canvas, scenario, sensors, sizes)?;
@@ -90,14 +92,14 @@ impl Picture {
     pub(crate) fn with_maps(
         mut self,
         scenario: &Scenario,
-        sensors: &[SensorNode],
+        sensors: &Arc<Sensors>,
         sizes: &Sizes,
         estimated: Option<Rates>,
     ) -> Result<Self, SceneError> {
-        legend::log_pages(&self.canvas, scenario, sensors.len(), sizes, estimated)?;
+        legend::log_pages(&self.canvas, scenario, sensors.count(), sizes, estimated)?;
         let frame = MapFrame::of(sensors, sizes);
         self.maps = Some(Maps::open(&self.canvas, scenario, &frame, &self.history)?);
-        let belief = |rates| Belief::open(&self.canvas, scenario, sensors, rates, &frame);
+        let belief = |rates| BeliefMaps::open(&self.canvas, scenario, sensors, rates, &frame);
         self.belief = estimated.map(belief).transpose()?;
         Ok(self)
     }
@@ -163,7 +165,10 @@ impl Picture {
 
 impl Checkpoint for Picture {
     fn save(&self, bytes: &mut Vec<u8>) {
-        encode(&StateRef { sums: self.history.sums(), belief: self.belief.as_ref().and_then(Belief::saved) }, bytes);
+        encode(
+            &StateRef { sums: self.history.sums(), belief: self.belief.as_ref().and_then(BeliefMaps::saved) },
+            bytes,
+        );
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {

@@ -1,12 +1,14 @@
 //! The sensor nodes, coloured by queue fill: a point each, and a bar each if they are few enough. A sensor node that
 //! loses data in the slot has a separate colour; one that has lost data in the mission has a mark above it.
 
+use std::sync::Arc;
+
 use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::{AnnotationContext, Boxes3D, Points3D};
 use re_sdk_types::components::ClassId;
 use re_sdk_types::components::{FillMode, Radius};
 use re_sdk_types::datatypes::AnnotationInfo;
-use skysink_common::message::SensorNode;
+use skysink_common::sensors::Sensors;
 
 use crate::canvas::Canvas;
 use crate::colour;
@@ -37,8 +39,8 @@ pub(crate) struct Fill {
 }
 
 /// The sensor nodes of the scene.
-pub(crate) struct Queues {
-    capacities_bits: Vec<u32>,
+pub(crate) struct QueueShapes {
+    sensors: Arc<Sensors>,
     bars: Option<Bars>,
     /// Whether points are drawn: instead of bars, or for views without bars, because these are too tall.
     has_points: bool,
@@ -51,13 +53,12 @@ struct Bars {
     full_m: f32,
 }
 
-impl Queues {
+impl QueueShapes {
     /// Places the sensor nodes and names the levels of the queue scale.
-    pub(crate) fn open(canvas: &Canvas, sensors: &[SensorNode], sizes: &Sizes) -> RecordingStreamResult<Self> {
+    pub(crate) fn open(canvas: &Canvas, sensors: &Arc<Sensors>, sizes: &Sizes) -> RecordingStreamResult<Self> {
         canvas.log_static(WORLD, &AnnotationContext::new((0..=OVERFLOW_LEVEL).map(describe)))?;
-        let feet_m: Vec<_> = sensors.iter().map(|sensor| [sensor.x_m as f32, sensor.y_m as f32]).collect();
-        let capacities_bits = sensors.iter().map(|sensor| sensor.capacity_bits).collect();
-        let has_bars = sensors.len() <= MAX_BARS;
+        let feet_m: Vec<_> = sensors.positions.iter().map(|foot| [foot.x as f32, foot.y as f32]).collect();
+        let has_bars = sensors.count() <= MAX_BARS;
         let has_points = !has_bars || sizes.has_tall_bars;
         if has_points {
             let points = Points3D::new(feet_m.iter().map(|&[x_m, y_m]| [x_m, y_m, 0.0]))
@@ -66,7 +67,7 @@ impl Queues {
             canvas.log_static(POINTS, &points)?;
         }
         if !has_bars {
-            return Ok(Self { capacities_bits, bars: None, has_points });
+            return Ok(Self { sensors: Arc::clone(sensors), bars: None, has_points });
         }
         // A bar extends as far below the ground as above, so that its centre does not move.
         let style = Boxes3D::update_fields()
@@ -76,14 +77,14 @@ impl Queues {
         canvas.log_static(BARS, &style)?;
         let marks = Points3D::update_fields().with_colors([colour::LOSS]).with_radii([Radius::new_ui_points(2.5)]);
         canvas.log_static(LOST, &marks)?;
-        let half_sides_m = half_sides_m(sizes.bar_half_m).take(sensors.len()).collect();
+        let half_sides_m = half_sides_m(sizes.bar_half_m).take(sensors.count()).collect();
         let bars = Bars { feet_m, half_sides_m, full_m: sizes.bar_m };
-        Ok(Self { capacities_bits, bars: Some(bars), has_points })
+        Ok(Self { sensors: Arc::clone(sensors), bars: Some(bars), has_points })
     }
 
     /// The number of sensor nodes.
     pub(crate) fn count(&self) -> usize {
-        self.capacities_bits.len()
+        self.sensors.count()
     }
 
     /// Colours the sensor nodes of one slot, which `history` includes; one queue [bit] per sensor node.
@@ -93,8 +94,9 @@ impl Queues {
         queues_bits: &[u32],
         history: &SensorHistory,
     ) -> RecordingStreamResult<Fill> {
-        let pairs = std::iter::zip(queues_bits, &self.capacities_bits);
-        let fills = || pairs.clone().map(|(&queue_bits, &capacity_bits)| fill(queue_bits, capacity_bits));
+        let sampling = &self.sensors.sampling;
+        let pairs = queues_bits.iter().enumerate();
+        let fills = || pairs.clone().map(|(id, &queue_bits)| fill(queue_bits, sampling.of(id).capacity_bits));
         let levels: Vec<u16> = fills().map(level).collect();
         let colour = |(&level, overflows): (&u16, bool)| ClassId::from(if overflows { OVERFLOW_LEVEL } else { level });
         let colours: Vec<_> = levels.iter().zip(history.overflows()).map(colour).collect();

@@ -3,6 +3,7 @@
 //! Each drawn part has its own module; [`crate::layout`] arranges the views.
 
 use std::ops::RangeInclusive;
+use std::sync::Arc;
 
 use re_sdk::ApplicationId;
 use re_sdk_types::components::TextLogLevel;
@@ -10,6 +11,7 @@ use skysink_common::checkpoint::{Checkpoint, CheckpointError};
 use skysink_common::estimate::Rates;
 use skysink_common::message::{SensorNode, Totals};
 use skysink_common::scenario::Scenario;
+use skysink_common::sensors::Sensors;
 
 use crate::canvas::Canvas;
 use crate::files::Part;
@@ -51,18 +53,19 @@ impl Scene {
     pub fn open(
         sinks: &Sinks,
         scenario: &Scenario,
-        sensors: &[SensorNode],
+        nodes: &[SensorNode],
         run_name: &str,
         clock: WallClock,
         estimated: Option<Rates>,
     ) -> Result<Self, SceneError> {
         let recording = Recording::open(sinks, &application(scenario), run_name)?;
         let canvas = Canvas::whole(&recording.stream);
-        let sizes = Sizes::of(scenario, sensors.len());
+        let sensors = &Arc::new(Sensors::of(scenario, nodes));
+        let sizes = Sizes::of(scenario, nodes.len());
         layout::send(&recording, &sizes, scenario, clock, estimated)?;
         let picture = Picture::open(canvas.clone(), scenario, sensors, &sizes, &recording)?;
         let picture = picture.with_maps(scenario, sensors, &sizes, estimated)?;
-        legend::log_facts(&recording.stream, scenario, sensors.len())?;
+        legend::log_facts(&recording.stream, scenario, nodes.len())?;
         let rhythm = Rhythm::every(recording.every.get(), scenario.slots);
         let scene = Self {
             recording,
@@ -75,7 +78,7 @@ impl Scene {
             missed_slots: 0,
         };
         if scene.recording.part == Part::First {
-            scene.log_event(0, TextLogLevel::INFO, &events::start(&scene.scenario, sensors.len()))?;
+            scene.log_event(0, TextLogLevel::INFO, &events::start(&scene.scenario, nodes.len()))?;
         }
         Ok(scene)
     }

@@ -3,11 +3,34 @@
 use std::f64::consts::LOG2_E;
 
 use rand::RngExt;
+use serde::{Deserialize, Serialize};
+use strum::VariantNames;
 
-use super::{Draw, Slopes, Uplink};
+use super::model::{ChannelModel, Draw, Radio, Slopes, Uplink};
+use crate::keys::{Interval, Only};
 use crate::random::{Purpose, Streams};
-use crate::scenario::{GainMode, Scenario};
 use crate::units::ratio_of_db;
+
+/// Keys of the model `free-space`.
+pub(crate) const ONLY: Only = Only {
+    key: "model",
+    value: "free-space",
+    expected: Some("it only with model = \"free-space\"; here it is reference_gain_db for all"),
+};
+
+/// Whether the reference gain changes during the mission.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, VariantNames)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum GainMode {
+    /// One gain per sensor node and mission.
+    Static,
+    /// Redrawn from `gain_db` in every slot; the planner knows only that of the sensor list.
+    PerSlot,
+}
+
+/// Steps of the range of gains [dB] in a mean over draws.
+const GAIN_STEPS: u32 = 1 << 14;
 
 /// The parameters of a free-space uplink.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,16 +48,12 @@ pub struct FreeSpace {
 }
 
 impl FreeSpace {
-    /// The free-space channel of a scenario.
+    /// The channel with this radio, whose gain may be redrawn from the interval `gain_db` [dB].
     #[must_use]
-    pub fn of(scenario: &Scenario) -> Self {
-        Self {
-            bandwidth_hz: scenario.link.bandwidth_hz,
-            tx_power_w: scenario.link.tx_power_w,
-            noise_w: scenario.link.noise_w(),
-            comm_s: scenario.link.comm_s,
-            redrawn_db: (scenario.link.gain == Some(GainMode::PerSlot)).then_some(scenario.link.gain_range_db()),
-        }
+    pub fn new(radio: Radio, gain: GainMode, gain_db: Interval) -> Self {
+        let Radio { bandwidth_hz, tx_power_w, noise_w, comm_s } = radio;
+        let redrawn_db = (gain == GainMode::PerSlot).then_some(gain_db.ends());
+        Self { bandwidth_hz, tx_power_w, noise_w, comm_s, redrawn_db }
     }
 
     /// Signal-to-noise ratio at 1 m, `γ = α p / σ²`, of a reference gain `α` (linear).
@@ -52,20 +71,61 @@ impl FreeSpace {
         self.bandwidth_hz * (1.0 + snr).log2()
     }
 
-    /// The slopes of [`Self::rate_bps`]: `−W log2(e) γ / (x (x + γ))` with `x = H² + d²`, and 0 for the elevation.
-    #[must_use]
-    pub fn slopes(&self, uplink: &Uplink) -> Slopes {
+    /// The rate with a gain of `gain_db` [dB] instead.
+    fn rate_at_gain_bps(&self, uplink: &Uplink, gain_db: f64) -> f64 {
+        self.rate_bps(&Uplink { gain: ratio_of_db(gain_db), ..*uplink })
+    }
+}
+
+impl ChannelModel for FreeSpace {
+    #[inline]
+    fn comm_s(&self) -> f64 {
+        self.comm_s
+    }
+
+    #[inline]
+    fn expected_rate_bps(&self, uplink: &Uplink) -> f64 {
+        self.rate_bps(uplink)
+    }
+
+    /// `−W log2(e) γ / (x (x + γ))` with `x = H² + d²`, and 0 for the elevation.
+    #[inline]
+    fn slopes(&self, uplink: &Uplink) -> Slopes {
         let snr = self.reference_snr(uplink.gain);
         let x_m2 = uplink.z_m * uplink.z_m + uplink.d2_m2;
         Slopes { by_distance2: -(self.bandwidth_hz * LOG2_E * snr / (x_m2 * (x_m2 + snr))), by_elevation: 0.0 }
     }
 
-    /// The rate in `slot`, with the gain of the sensor node or the one drawn for the slot.
-    #[must_use]
-    pub fn draw(&self, uplink: &Uplink, streams: &Streams, slot: u64, sensor: u32) -> Draw {
+    fn is_random(&self) -> bool {
+        self.redrawn_db.is_some()
+    }
+
+    /// The rate with the gain of the sensor node or the one drawn for the slot.
+    fn draw(&self, uplink: &Uplink, streams: &Streams, slot: u64, sensor: u32) -> Draw {
         let gain =
             self.redrawn_db.map_or(uplink.gain, |range_db| ratio_of_db(draw_gain_db(range_db, streams, slot, sensor)));
         Draw { line_of_sight: true, rate_bps: self.rate_bps(&Uplink { gain, ..*uplink }) }
+    }
+
+    fn best_rate_bps(&self, uplink: &Uplink) -> f64 {
+        let redrawn_bps = self.redrawn_db.map(|[_, highest_db]| self.rate_at_gain_bps(uplink, highest_db));
+        redrawn_bps.unwrap_or_else(|| self.rate_bps(uplink))
+    }
+
+    fn best_drawn_rate_bps(&self, uplink: &Uplink, streams: &Streams, slot: u64, sensor: u32) -> f64 {
+        self.draw(uplink, streams, slot, sensor).rate_bps
+    }
+
+    /// The mean over gains that are uniform in dB: the value at the upper end of each of many steps.
+    fn mean_over_draws(&self, uplink: &Uplink, value: &dyn Fn(f64) -> f64) -> f64 {
+        let Some([lowest_db, highest_db]) = self.redrawn_db else { return value(self.rate_bps(uplink)) };
+        let step_db = (highest_db - lowest_db) / f64::from(GAIN_STEPS);
+        let at = |step: u32| value(self.rate_at_gain_bps(uplink, lowest_db + step_db * f64::from(step)));
+        (1..=GAIN_STEPS).map(at).sum::<f64>() / f64::from(GAIN_STEPS)
+    }
+
+    fn drawn_gains(&self) -> Option<[f64; 2]> {
+        self.redrawn_db.map(|range_db| range_db.map(ratio_of_db))
     }
 }
 
@@ -109,15 +169,30 @@ mod tests {
 
     #[test]
     fn only_a_gain_that_is_redrawn_makes_the_channel_random() {
-        let is_random =
-            |redrawn_db| super::super::Channel::FreeSpace(FreeSpace { redrawn_db, ..paper_channel() }).is_random();
+        let is_random = |redrawn_db| FreeSpace { redrawn_db, ..paper_channel() }.is_random();
         assert_eq!([None, Some([-55.0, -50.0])].map(is_random), [false, true]);
     }
 
     #[test]
+    fn the_mean_over_redrawn_gains_lies_between_those_of_the_ends() {
+        // With a gain that is uniform in dB, 10 log10(α) is uniform: its mean is the middle, up to half a step.
+        let channel = FreeSpace { redrawn_db: Some([-60.0, -50.0]), ..paper_channel() };
+        let gain_db = |rate_bps: f64| {
+            let snr = (rate_bps / 5e6).exp2() - 1.0;
+            10.0 * (snr * 500.0 * 1e-13 / 0.05).log10()
+        };
+        let mean_db = channel.mean_over_draws(&uplink(100.0), &gain_db);
+        assert!((mean_db + 55.0).abs() < 1e-3 && mean_db > -55.0, "{mean_db}");
+        assert_eq!(
+            paper_channel().mean_over_draws(&uplink(100.0), &|bps| bps),
+            paper_channel().rate_bps(&uplink(100.0))
+        );
+        assert_eq!(channel.best_rate_bps(&uplink(100.0)), channel.rate_at_gain_bps(&uplink(100.0), -50.0));
+    }
+
+    #[test]
     fn a_link_carries_whole_bits_rounded_down() {
-        let channel = super::super::Channel::FreeSpace(paper_channel());
-        assert_eq!(channel.capacity_bits(99.99), 9);
-        assert_eq!(channel.capacity_bits(0.0), 0);
+        assert_eq!(paper_channel().capacity_bits(99.99), 9);
+        assert_eq!(paper_channel().capacity_bits(0.0), 0);
     }
 }

@@ -6,12 +6,103 @@
 use std::f64::consts::LOG2_E;
 
 use rand::RngExt;
+use serde::{Deserialize, Serialize};
+use strum::VariantNames;
 
-use super::{Draw, Slopes, Uplink};
+use super::model::{ChannelModel, Draw, Radio, Slopes, Uplink};
 use crate::geometry::elevation_deg;
+use crate::keys::{Accepts, FINITE, Key, Only, POSITIVE};
 use crate::random::{Purpose, Streams};
-use crate::scenario::{LosCurve, Scenario};
 use crate::units::ratio_of_db;
+
+/// Keys of the model `probabilistic-los`.
+pub(crate) const ONLY: Only =
+    Only { key: "model", value: "probabilistic-los", expected: Some("it only with model = \"probabilistic-los\"") };
+
+/// Path loss exponents.
+pub(crate) const EXPONENT: Accepts =
+    Accepts::Number("an exponent from 1 to 10", |exponent| (1.0..=10.0).contains(&exponent));
+
+/// SNR gaps.
+pub(crate) const GAP_DB: Accepts = Accepts::Number("0 to 100 dB", |gap_db| (0.0..=100.0).contains(&gap_db));
+
+/// `[link.los]`, in either form of [`LosCurve`].
+pub(crate) const LOS: &[Key] = &[
+    Key::new("a", "Parameter a; with b.", POSITIVE),
+    Key::new("b", "Parameter b; with a.", POSITIVE),
+    Key::new("b1", "Parameter b1; with b2, b3 and b4.", FINITE),
+    Key::new("b2", "Parameter b2.", POSITIVE),
+    Key::new("b3", "Parameter b3, 1 − b4.", FINITE),
+    Key::new("b4", "Parameter b4.", POSITIVE),
+];
+
+/// `link.los`: probability of line of sight over the elevation angle `θ` [deg].
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(
+    untagged,
+    deny_unknown_fields,
+    expecting = "expected { a = , b = } or { b1 = , b2 = , b3 = , b4 = }, all of them numbers"
+)]
+pub enum LosCurve {
+    /// `1/(1 + a e^{−b(θ−a)})`.
+    Sigmoid {
+        /// Parameter a.
+        a: f64,
+        /// Parameter b.
+        b: f64,
+    },
+    /// `b3 + b4/(1 + e^{−(b1 + b2 θ)})`, `b3 + b4 = 1`, clamped to 0.
+    Logistic {
+        /// Parameter b1.
+        b1: f64,
+        /// Parameter b2.
+        b2: f64,
+        /// Parameter b3.
+        b3: f64,
+        /// Parameter b4.
+        b4: f64,
+    },
+}
+
+/// Surroundings with published parameters of the line-of-sight probability, from open to built up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, VariantNames)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum Environment {
+    /// (a, b) = (4.88, 0.43).
+    Suburban,
+    /// (a, b) = (9.61, 0.16).
+    Urban,
+    /// (a, b) = (12.08, 0.11).
+    DenseUrban,
+    /// (a, b) = (27.23, 0.08).
+    HighRise,
+}
+
+impl Environment {
+    /// Its probability of line of sight.
+    #[must_use]
+    pub fn curve(self) -> LosCurve {
+        let [a, b] = match self {
+            Self::Suburban => [4.88, 0.43],
+            Self::Urban => [9.61, 0.16],
+            Self::DenseUrban => [12.08, 0.11],
+            Self::HighRise => [27.23, 0.08],
+        };
+        LosCurve::Sigmoid { a, b }
+    }
+}
+
+/// Levels of the channel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LosLevels {
+    /// Gain at 1 m, `β0` [dB].
+    pub reference_gain_db: f64,
+    /// Additional gain out of line of sight, `μ` [dB].
+    pub nlos_extra_db: f64,
+    /// SNR gap of a real modem, `Γ` [dB].
+    pub snr_gap_db: f64,
+}
 
 /// The parameters of a probabilistic line-of-sight uplink.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -33,21 +124,14 @@ pub struct LineOfSight {
 }
 
 impl LineOfSight {
-    /// The channel of a scenario; `None` in free space.
+    /// The channel with this radio, and the path loss exponents in line of sight and out of it.
     #[must_use]
-    pub fn of(scenario: &Scenario) -> Option<Self> {
-        let link = &scenario.link;
-        let snr_gap = ratio_of_db(link.snr_gap_db?);
-        let los_snr = link.tx_power_w * ratio_of_db(link.reference_gain_db?) / (link.noise_w() * snr_gap);
-        Some(Self {
-            bandwidth_hz: link.bandwidth_hz,
-            comm_s: link.comm_s,
-            curve: link.los_curve()?,
-            los_snr,
-            nlos_snr: ratio_of_db(link.nlos_extra_db?) * los_snr,
-            los_exponent: link.los_exponent?,
-            nlos_exponent: link.nlos_exponent?,
-        })
+    pub fn new(radio: Radio, curve: LosCurve, levels: LosLevels, [los_exponent, nlos_exponent]: [f64; 2]) -> Self {
+        let Radio { bandwidth_hz, tx_power_w, noise_w, comm_s } = radio;
+        let LosLevels { reference_gain_db, nlos_extra_db, snr_gap_db } = levels;
+        let los_snr = tx_power_w * ratio_of_db(reference_gain_db) / (noise_w * ratio_of_db(snr_gap_db));
+        let nlos_snr = ratio_of_db(nlos_extra_db) * los_snr;
+        Self { bandwidth_hz, comm_s, curve, los_snr, nlos_snr, los_exponent, nlos_exponent }
     }
 
     /// Probability of line of sight, `P_L`.
@@ -68,19 +152,28 @@ impl LineOfSight {
         self.rate_bps(self.nlos_snr, self.nlos_exponent, d2_m2 + z_m * z_m)
     }
 
-    /// Expected rate [bit/s], `P_L R_L + (1 − P_L) R_N`; not the rate of the expected gain, which is higher.
-    #[must_use]
-    pub fn expected_rate_bps(&self, d2_m2: f64, z_m: f64) -> f64 {
+    fn rate_bps(&self, snr_at_1m: f64, exponent: f64, distance2_m2: f64) -> f64 {
+        self.bandwidth_hz * (1.0 + snr_at_1m * distance2_m2.powf(-exponent / 2.0)).log2()
+    }
+}
+
+impl ChannelModel for LineOfSight {
+    #[inline]
+    fn comm_s(&self) -> f64 {
+        self.comm_s
+    }
+
+    /// `P_L R_L + (1 − P_L) R_N`; not the rate of the expected gain, which is higher.
+    #[inline]
+    fn expected_rate_bps(&self, &Uplink { d2_m2, z_m, .. }: &Uplink) -> f64 {
         let probability = self.los_probability(d2_m2, z_m);
         probability * self.los_rate_bps(d2_m2, z_m) + (1.0 - probability) * self.nlos_rate_bps(d2_m2, z_m)
     }
 
-    /// The slopes of [`Self::expected_rate_bps`].
-    ///
     /// `∂E/∂D² = P_L R_L' + (1 − P_L) R_N'` with `R' = −W log2(e) (α/2) γ / (D² (D^α + γ))`, and
     /// `∂E/∂θ = P_L' (R_L − R_N)`.
-    #[must_use]
-    pub fn slopes(&self, d2_m2: f64, z_m: f64) -> Slopes {
+    #[inline]
+    fn slopes(&self, &Uplink { d2_m2, z_m, .. }: &Uplink) -> Slopes {
         let probability = self.los_probability(d2_m2, z_m);
         let distance2_m2 = d2_m2 + z_m * z_m;
         let decrease = |snr: f64, exponent: f64| {
@@ -96,9 +189,12 @@ impl LineOfSight {
         }
     }
 
+    fn is_random(&self) -> bool {
+        true
+    }
+
     /// Whether the link of `sensor` is in line of sight in `slot`, and its rate.
-    #[must_use]
-    pub fn draw(&self, uplink: &Uplink, streams: &Streams, slot: u64, sensor: u32) -> Draw {
+    fn draw(&self, uplink: &Uplink, streams: &Streams, slot: u64, sensor: u32) -> Draw {
         let Uplink { d2_m2, z_m, .. } = *uplink;
         let drawn: f64 = streams.stream(Purpose::LineOfSight, slot, sensor).random();
         if drawn < self.los_probability(d2_m2, z_m) {
@@ -108,8 +204,35 @@ impl LineOfSight {
         }
     }
 
-    fn rate_bps(&self, snr_at_1m: f64, exponent: f64, distance2_m2: f64) -> f64 {
-        self.bandwidth_hz * (1.0 + snr_at_1m * distance2_m2.powf(-exponent / 2.0)).log2()
+    /// The rate in line of sight, unless its parameters make it the lower one.
+    fn best_rate_bps(&self, &Uplink { d2_m2, z_m, .. }: &Uplink) -> f64 {
+        self.los_rate_bps(d2_m2, z_m).max(self.nlos_rate_bps(d2_m2, z_m))
+    }
+
+    /// The probability of line of sight is not higher where the angle is lower, so a link without it has none there.
+    fn best_drawn_rate_bps(&self, uplink: &Uplink, streams: &Streams, slot: u64, sensor: u32) -> f64 {
+        let Draw { line_of_sight, rate_bps } = self.draw(uplink, streams, slot, sensor);
+        if line_of_sight { self.best_rate_bps(uplink) } else { rate_bps }
+    }
+
+    fn mean_over_draws(&self, &Uplink { d2_m2, z_m, .. }: &Uplink, value: &dyn Fn(f64) -> f64) -> f64 {
+        let probability = self.los_probability(d2_m2, z_m);
+        let hidden = value(self.nlos_rate_bps(d2_m2, z_m));
+        // In this form the mean of two equal numbers is that number.
+        hidden + probability * (value(self.los_rate_bps(d2_m2, z_m)) - hidden)
+    }
+
+    /// If the rate in line of sight is the lower one, a link that is never in line of sight is best.
+    fn best_mean_over_draws(&self, uplink: &Uplink, value: &dyn Fn(f64) -> f64) -> f64 {
+        self.mean_over_draws(uplink, value).max(value(self.nlos_rate_bps(uplink.d2_m2, uplink.z_m)))
+    }
+
+    fn depends_on_elevation(&self) -> bool {
+        true
+    }
+
+    fn has_own_gains(&self) -> bool {
+        false
     }
 }
 
@@ -174,7 +297,7 @@ mod tests {
         };
         let los = link.los_rate_bps(900.0, 40.0);
         let nlos = link.nlos_rate_bps(900.0, 40.0);
-        let expected = link.expected_rate_bps(900.0, 40.0);
+        let expected = link.expected_rate_bps(&Uplink { gain: 1.0, d2_m2: 900.0, z_m: 40.0 });
         assert!(nlos < expected && expected < los);
         // D = 50 m: γ D^−2.5 = 1e5/17677.67 = 5.656854; log2(6.656854) = 2.734841
         assert!((los / 1e6 - 2.734_841).abs() < 1e-5, "{los}");

@@ -1,20 +1,32 @@
-//! The radio channel of an uplink: its expected rate, its slopes with the position of the UAV, and its rate in a slot.
+//! The registry of the channel models, and the keys of `[link]`.
 //!
-//! Each model is a variant and a file. Planners use the expected rate; only flight-sim draws.
+//! A model is a file of this folder, a variant of [`Channel`] and of [`LinkModel`], and its keys in [`LinkBudget`]. All
+//! others use its properties, [`ChannelModel`]: the expected rate of an uplink, its slopes with the position of the UAV,
+//! and its rate in a slot. Planners use the expected rate; only flight-sim draws.
+//!
+//! Levels are in dB in the keys and in the sensor list; messages and channels are linear.
 
 mod free_space;
 mod line_of_sight;
+mod model;
 
-pub use free_space::{FreeSpace, draw_gain_db};
-pub use line_of_sight::LineOfSight;
+use enum_dispatch::enum_dispatch;
+use serde::{Deserialize, Serialize};
+use strum::VariantNames;
 
-use nalgebra::Point3;
+pub use free_space::{FreeSpace, GainMode, draw_gain_db};
+pub use line_of_sight::{Environment, LineOfSight, LosCurve, LosLevels};
+pub use model::{ChannelModel, Draw, Radio, Slopes, Uplink};
 
-use crate::geometry::{Position, distance_squared, elevation_deg};
+use crate::keys::{Accepts, Interval, LEVEL_DB, POSITIVE};
 use crate::random::Streams;
-use crate::scenario::Scenario;
+use crate::units::watts_of_dbm;
+
+/// Most resource blocks of a UAV, and so most served sensor nodes in a message.
+pub const MAX_RESOURCE_BLOCKS: usize = 64;
 
 /// The channel of all uplinks of a mission, one resource block wide.
+#[enum_dispatch(ChannelModel)]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Channel {
     /// Free space, with one gain per sensor node.
@@ -23,113 +35,116 @@ pub enum Channel {
     LineOfSight(LineOfSight),
 }
 
-/// One uplink: the gain of the sensor node, and the position of the UAV relative to it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Uplink {
-    /// Reference channel gain of the sensor node at 1 m, `α_i`, as a linear ratio.
-    pub gain: f64,
-    /// Squared horizontal distance, `d²` [m²].
-    pub d2_m2: f64,
-    /// Altitude of the UAV, `z` [m], above 0.
-    pub z_m: f64,
+/// Channel model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, VariantNames)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum LinkModel {
+    /// Line of sight at a fixed altitude (UTS eq. 4).
+    FreeSpace,
+    /// At random in or out of line of sight (UTS section IV).
+    ProbabilisticLos,
 }
 
-/// A channel in one slot, as drawn.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Draw {
-    /// Whether the link is in line of sight.
-    pub line_of_sight: bool,
-    /// Its rate [bit/s].
-    pub rate_bps: f64,
-}
+/// Noise levels.
+const NOISE_DBM: Accepts =
+    Accepts::Number("a finite level below 0 dBm (and not below -300)", |noise_dbm| (-300.0..0.0).contains(&noise_dbm));
 
-/// The partial derivatives of an expected rate.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Slopes {
-    /// By the squared distance `D² = d² + z²`, at a constant elevation angle [bit/s/m²].
-    pub by_distance2: f64,
-    /// By the elevation angle, at a constant distance [bit/s/°].
-    pub by_elevation: f64,
-}
-
-impl Uplink {
-    /// The uplink of a sensor node with `gain` at the position `sensor`, to the UAV at `uav`.
-    #[must_use]
-    #[inline]
-    pub fn new(gain: f64, sensor: &Position, uav: &Point3<f64>) -> Self {
-        Self { gain, d2_m2: distance_squared(&uav.xy(), sensor), z_m: uav.z }
-    }
-
-    /// Elevation angle `θ` [deg] of the UAV as seen from the sensor node.
-    #[must_use]
-    pub fn elevation_deg(&self) -> f64 {
-        elevation_deg(self.d2_m2, self.z_m)
+crate::keys! {
+    /// `[link]`: the radio. Each channel model has its own keys.
+    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, expecting = "a table")]
+    pub struct LinkBudget {
+        /// Channel model.
+        model: LinkModel = "free-space", Accepts::OneOf(LinkModel::VARIANTS);
+        /// Bandwidth of each resource block, `W` [Hz].
+        bandwidth_hz: f64 = 5e6, POSITIVE;
+        /// Transmission power of an SN, `p` [W].
+        tx_power_w: f64 = 0.05, POSITIVE;
+        /// Noise power, `σ²` [dBm].
+        noise_dbm: f64 = -100.0, NOISE_DBM;
+        /// Reference gain at 1 m, `α` [dB]; from an interval each SN draws its own, uniformly in dB.
+        gain_db: Option<Interval> = [-55.0, -50.0], LEVEL_DB.or_interval(), free_space::ONLY;
+        /// Whether `gain_db` is redrawn in every slot.
+        gain: Option<GainMode> = "static", Accepts::OneOf(GainMode::VARIANTS), free_space::ONLY;
+        /// Surroundings, with published curves, or `los`.
+        environment: Option<Environment> = "urban", Accepts::OneOf(Environment::VARIANTS), line_of_sight::ONLY;
+        /// Probability of line of sight over the elevation angle; instead of `environment`. Either
+        /// `{ a = 12.08, b = 0.11 }` or `{ b1 = , b2 = , b3 = , b4 = }`.
+        los: Option<LosCurve>, Accepts::TableOf(line_of_sight::LOS), line_of_sight::ONLY;
+        /// Gain at 1 m of every SN, `β0` [dB].
+        reference_gain_db: Option<f64> = -60.0, LEVEL_DB, line_of_sight::ONLY;
+        /// Path loss exponent in line of sight, `α_L`.
+        los_exponent: Option<f64> = 2.5, line_of_sight::EXPONENT, line_of_sight::ONLY;
+        /// Path loss exponent out of line of sight, `α_N`.
+        nlos_exponent: Option<f64> = 3.5, line_of_sight::EXPONENT, line_of_sight::ONLY;
+        /// Additional gain out of line of sight, `μ` [dB].
+        nlos_extra_db: Option<f64> = -20.0, LEVEL_DB, line_of_sight::ONLY;
+        /// SNR gap of a real modem, `Γ` [dB].
+        snr_gap_db: Option<f64> = 8.2, line_of_sight::GAP_DB, line_of_sight::ONLY;
+        /// Communication radius on the ground, `d_c` [m].
+        comm_radius_m: f64 = 10.0, POSITIVE;
+        /// Time for communication in a slot, `τ_c` [s]; at most `slot_s`.
+        comm_s: f64 = 0.1, POSITIVE;
+        /// Resource blocks, `n`, the most SNs served in a slot.
+        resource_blocks: usize = 4, Accepts::Whole(1, MAX_RESOURCE_BLOCKS as u64);
     }
 }
 
 impl Channel {
-    /// The channel of a scenario.
+    /// The channel of a checked scenario.
+    ///
+    /// # Panics
+    /// If keys of its model are absent; never in a checked scenario.
     #[must_use]
-    pub fn of(scenario: &Scenario) -> Self {
-        LineOfSight::of(scenario).map_or_else(|| Self::FreeSpace(FreeSpace::of(scenario)), Self::LineOfSight)
+    pub fn of(link: &LinkBudget) -> Self {
+        let channel = match link.model {
+            LinkModel::FreeSpace => link.free_space().map(Self::FreeSpace),
+            LinkModel::ProbabilisticLos => link.line_of_sight().map(Self::LineOfSight),
+        };
+        channel.expect("a checked scenario has the keys of its model")
     }
 
-    /// The probabilistic line-of-sight model; `None` in free space. With it, the rate depends on the elevation angle,
-    /// and there is a best altitude.
+    /// The line of sight that is drawn in every slot, for display; `None` if there is no such draw.
     #[must_use]
     pub fn line_of_sight(&self) -> Option<&LineOfSight> {
         match self {
-            Self::FreeSpace(_) => None,
             Self::LineOfSight(model) => Some(model),
+            Self::FreeSpace(_) => None,
         }
     }
+}
 
-    /// Whether the rate is drawn in every slot.
+impl LinkBudget {
+    /// Noise power, `σ²` [W].
     #[must_use]
-    pub fn is_random(&self) -> bool {
-        match self {
-            Self::FreeSpace(model) => model.redrawn_db.is_some(),
-            Self::LineOfSight(_) => true,
-        }
+    pub fn noise_w(&self) -> f64 {
+        watts_of_dbm(self.noise_dbm)
     }
 
-    /// Expected rate [bit/s] of one uplink.
+    /// Range [dB] of the reference gain at 1 m; in the probabilistic model, which has one gain, both ends are `β0`.
     #[must_use]
-    #[inline]
-    pub fn expected_rate_bps(&self, uplink: &Uplink) -> f64 {
-        match self {
-            Self::FreeSpace(model) => model.rate_bps(uplink),
-            Self::LineOfSight(model) => model.expected_rate_bps(uplink.d2_m2, uplink.z_m),
-        }
+    pub fn gain_range_db(&self) -> [f64; 2] {
+        self.gain_db.map_or([self.reference_gain_db.unwrap_or_default(); 2], Interval::ends)
     }
 
-    /// The slopes of [`Self::expected_rate_bps`].
-    #[must_use]
-    #[inline]
-    pub fn slopes(&self, uplink: &Uplink) -> Slopes {
-        match self {
-            Self::FreeSpace(model) => model.slopes(uplink),
-            Self::LineOfSight(model) => model.slopes(uplink.d2_m2, uplink.z_m),
-        }
+    /// The properties of the radio that all models use.
+    fn radio(&self) -> Radio {
+        let Self { bandwidth_hz, tx_power_w, comm_s, .. } = *self;
+        Radio { bandwidth_hz, tx_power_w, noise_w: self.noise_w(), comm_s }
     }
 
-    /// Draws the uplink of `sensor` in `slot`, from the random stream of the two.
-    #[must_use]
-    pub fn draw(&self, uplink: &Uplink, streams: &Streams, slot: u64, sensor: u32) -> Draw {
-        match self {
-            Self::FreeSpace(model) => model.draw(uplink, streams, slot, sensor),
-            Self::LineOfSight(model) => model.draw(uplink, streams, slot, sensor),
-        }
+    fn free_space(&self) -> Option<FreeSpace> {
+        Some(FreeSpace::new(self.radio(), self.gain?, self.gain_db?))
     }
 
-    /// Whole bits that an uplink of `rate_bps` [bit/s] carries in one slot: `floor(r τ_c)` (UTS eq. 7).
-    #[must_use]
-    #[inline]
-    pub fn capacity_bits(&self, rate_bps: f64) -> u64 {
-        let comm_s = match self {
-            Self::FreeSpace(model) => model.comm_s,
-            Self::LineOfSight(model) => model.comm_s,
+    fn line_of_sight(&self) -> Option<LineOfSight> {
+        let curve = self.los.or_else(|| self.environment.map(Environment::curve))?;
+        let levels = LosLevels {
+            reference_gain_db: self.reference_gain_db?,
+            nlos_extra_db: self.nlos_extra_db?,
+            snr_gap_db: self.snr_gap_db?,
         };
-        (rate_bps * comm_s).floor() as u64
+        Some(LineOfSight::new(self.radio(), curve, levels, [self.los_exponent?, self.nlos_exponent?]))
     }
 }

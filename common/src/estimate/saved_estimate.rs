@@ -1,7 +1,6 @@
 //! The checkpoint of an estimate, from which a restarted planner resumes.
 
 use crate::checkpoint::CheckpointError;
-use crate::message::MAX_SERVED;
 use serde::{Deserialize, Serialize};
 
 use super::{Contact, Estimate};
@@ -14,8 +13,6 @@ pub const BYTES_PER_SENSOR: usize = 56;
 pub struct SavedEstimate {
     observed: u64,
     gapless_since: u64,
-    scheduled_slot: u64,
-    scheduled: Vec<(u32, u32)>,
     /// The last contact with each SN that had one, ascending by id.
     contacted: Vec<Contact>,
 }
@@ -27,8 +24,6 @@ impl Estimate {
         SavedEstimate {
             observed: self.observed,
             gapless_since: self.gapless_since,
-            scheduled_slot: self.scheduled_slot,
-            scheduled: self.scheduled.clone(),
             contacted: self.sensors.iter().map(|sensor| sensor.contact).filter(Contact::has_happened).collect(),
         }
     }
@@ -38,12 +33,10 @@ impl Estimate {
     /// # Errors
     /// If the state is impossible.
     pub fn restored(&self, slot: u64, saved: SavedEstimate) -> Result<Self, CheckpointError> {
-        let SavedEstimate { observed, gapless_since, scheduled_slot, scheduled, contacted } = saved;
+        let SavedEstimate { observed, gapless_since, contacted } = saved;
         let is_known = |id: u32| (id as usize) < self.sensors.len();
-        let is_in_order = gapless_since <= observed && observed <= slot && scheduled_slot <= slot;
+        let is_in_order = gapless_since <= observed && observed <= slot;
         CheckpointError::ensure(is_in_order, "slots up to that of the checkpoint")?;
-        let are_known = scheduled.len() <= MAX_SERVED && scheduled.iter().all(|(id, _)| is_known(*id));
-        CheckpointError::ensure(are_known, "scheduled sensor nodes of this field")?;
         let is_sorted = contacted.is_sorted_by(|a, b| a.id < b.id);
         CheckpointError::ensure(is_sorted && contacted.iter().all(|contact| is_known(contact.id)), "contacts by id")?;
         let mut sensors = self.sensors.clone();
@@ -57,7 +50,7 @@ impl Estimate {
             sensor.contact = contact;
         }
         let queues_bits = self.queues_bits.clone();
-        Ok(Self { observed, gapless_since, scheduled_slot, scheduled, sensors, queues_bits, ..*self })
+        Ok(Self { observed, gapless_since, sensors, queues_bits, predicted: None, ..*self })
     }
 
     /// Whether `contact` is a possible last contact up to slot `observed`, for a buffer of `capacity_bits`.
@@ -82,7 +75,9 @@ mod tests {
     use crate::checkpoint::encode;
     use crate::estimate::{LearntRate, Rates};
     use crate::message::{FlightReport, LinkReport, Mode, SensorNode};
+    use crate::reported::ReportedQueues;
     use crate::scenario::{Overrides, Scenario};
+    use crate::sensors::Sensors;
 
     const ALL: [Rates; 2] = [Rates::Known, Rates::Learnt];
 
@@ -90,7 +85,7 @@ mod tests {
     fn fresh(rates: Rates) -> Estimate {
         let scenario = Scenario::letter(Overrides::default()).unwrap();
         let sensor = SensorNode { sampling_bps: 7.3, capacity_bits: 30_000, ..SensorNode::default() };
-        Estimate::new(&scenario, rates, &[sensor; 5])
+        Estimate::new(&scenario, rates, &Sensors::of(&scenario, &[sensor; 5]))
     }
 
     /// After 40 slots that served SN 1 or 3.
@@ -100,11 +95,10 @@ mod tests {
         flight.served = 1;
         for slot in 1..=40 {
             let sensor = if slot % 5 == 0 { 3 } else { 1 };
-            estimate.record_before_contact(slot, &[sensor], &[slot as u32 * 700; 5]);
+            let before = ReportedQueues::at(slot, [sensor], &[slot as u32 * 700; 5]);
             flight.links[0] = LinkReport { sensor, ..LinkReport::default() };
-            estimate.observe(slot, &flight, &[slot as u32; 5]);
+            estimate.advance(slot, &flight, &before, &[slot as u32; 5]);
         }
-        estimate.record_before_contact(41, &[2, 4], &[9, 8, 7, 6, 5]);
         estimate
     }
 
@@ -133,14 +127,14 @@ mod tests {
     fn a_gap_over_missed_slots_teaches_nothing_after_a_restart_either() {
         let mut estimate = advanced(Rates::Learnt);
         let mut flight = FlightReport::at([0.0, 0.0, 20.0], Mode::Serve);
-        estimate.observe(44, &flight, &[0; 5]); // slots 41 to 43 were missed, in which SN 1 may have been served
+        estimate.advance(44, &flight, &ReportedQueues::default(), &[0; 5]); // slots 41 to 43 were missed, in which SN 1 may have been served
         let mut restored = fresh(Rates::Learnt).restored(44, estimate.saved()).unwrap();
         flight.served = 1;
         flight.links[0] = LinkReport { sensor: 1, ..LinkReport::default() };
         for estimate in [&mut estimate, &mut restored] {
             let before = estimate.mean_bits(1);
-            estimate.record_before_contact(45, &[1], &[20_000; 5]);
-            estimate.observe(45, &flight, &[0; 5]);
+            let reported = ReportedQueues::at(45, [1], &[20_000; 5]);
+            estimate.advance(45, &flight, &reported, &[0; 5]);
             assert_eq!(estimate.mean_bits(1), before);
         }
     }
@@ -166,12 +160,9 @@ mod tests {
     #[test]
     fn an_impossible_estimate_is_refused() {
         type Spoil = fn(&mut SavedEstimate);
-        let cases: [(&str, Spoil); 11] = [
+        let cases: [(&str, Spoil); 8] = [
             ("observed after slot 41", |saved| saved.observed = 42),
             ("gapless since a slot not observed", |saved| saved.gapless_since = 41),
-            ("scheduled for slot 42", |saved| saved.scheduled_slot = 42),
-            ("65 scheduled", |saved| saved.scheduled = vec![(0, 0); 65]),
-            ("SN 5 scheduled", |saved| saved.scheduled[0].0 = 5),
             ("SN 5", |saved| saved.contacted[1].id = 5),
             ("SN 3 twice", |saved| saved.contacted[0].id = 3),
             ("a contact in no slot", |saved| saved.contacted[0].slot = 0),

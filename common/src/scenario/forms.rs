@@ -5,14 +5,18 @@
 
 use toml::{Table, Value};
 
+use super::mission::Scenario;
+use crate::keys::dotted::{beside, is_below, value};
+use crate::keys::{self, Keys, Only};
+
 /// Two alternative forms: the keys of each, and what is expected if both are present.
-pub(super) struct Forms {
-    pub(super) forms: [&'static [&'static str]; 2],
-    pub(super) expected: &'static str,
+pub(crate) struct Forms {
+    pub(crate) forms: [&'static [&'static str]; 2],
+    pub(crate) expected: &'static str,
 }
 
 /// All alternatives.
-pub(super) const FORMS: [Forms; 4] = [
+pub(crate) const FORMS: [Forms; 4] = [
     Forms {
         forms: [&["area.side_m"], &["area.width_m", "area.height_m"]],
         expected: "either side_m, or width_m and height_m",
@@ -25,67 +29,46 @@ pub(super) const FORMS: [Forms; 4] = [
     },
 ];
 
-/// The key that chooses between [`FREE_SPACE`] and [`LINE_OF_SIGHT`].
-const MODEL: &str = "link.model";
+/// A key that is refused unless another key of its table has a value.
+pub(crate) struct Conditional {
+    /// Its dotted name.
+    pub key: String,
+    /// The dotted name of the other key.
+    pub other: String,
+    /// The value of the other key.
+    pub value: &'static str,
+    /// What is expected if the other key has another value.
+    pub expected: &'static str,
+}
 
-/// Keys of the link that belong to the model `free-space` only.
-pub(super) const FREE_SPACE: [&str; 2] = ["link.gain_db", "link.gain"];
-
-/// Keys of the link that belong to the model `probabilistic-los` only.
-pub(super) const LINE_OF_SIGHT: [&str; 7] = [
-    "link.environment",
-    "link.los",
-    "link.reference_gain_db",
-    "link.los_exponent",
-    "link.nlos_exponent",
-    "link.nlos_extra_db",
-    "link.snr_gap_db",
-];
-
-/// All keys of alternative forms.
-pub(super) fn keys() -> impl Iterator<Item = &'static str> {
-    FORMS.iter().flat_map(|forms| forms.forms).flatten().copied().chain([MODEL])
+/// All keys that are refused unless another key has a value.
+pub(crate) fn conditional() -> impl Iterator<Item = Conditional> {
+    keys::all(Scenario::KEYS, "").into_iter().filter_map(|(name, key)| {
+        let Only { key: other, value, expected } = key.only?;
+        let other = beside(&name, other);
+        Some(Conditional { key: name, other, value, expected: expected? })
+    })
 }
 
 /// The keys of the other form, which must not be present beside `key` with this value.
-pub(super) fn displaced(key: &str, value: &Value) -> Vec<&'static str> {
+pub(crate) fn displaced(key: &str, value: &Value) -> Vec<String> {
     let is_in = |form: &[&str]| form.iter().any(|own| *own == key || is_below(key, own));
-    let of_other_form = |forms: &Forms| match forms.forms.map(is_in) {
+    let of_other_form = FORMS.iter().flat_map(|forms| match forms.forms.map(is_in) {
         [true, false] => forms.forms[1],
         [false, true] => forms.forms[0],
         _ => &[],
-    };
-    let of_other_model: &[&str] = match value.as_str() {
-        Some("free-space") if key == MODEL => &LINE_OF_SIGHT,
-        Some("probabilistic-los") if key == MODEL => &FREE_SPACE,
-        _ => &[],
-    };
-    FORMS.iter().flat_map(of_other_form).chain(of_other_model).copied().collect()
+    });
+    let is_displaced =
+        |other: &Conditional| other.other == key && value.as_str().is_some_and(|value| value != other.value);
+    let of_other_value = conditional().filter(is_displaced).map(|other| other.key);
+    of_other_form.map(|&other| other.to_owned()).chain(of_other_value).collect()
 }
 
-/// Whether the dotted `key` lies in the table `table`.
-pub(super) fn is_below(key: &str, table: &str) -> bool {
-    key.strip_prefix(table).is_some_and(|rest| rest.starts_with('.'))
-}
-
-/// The value of a dotted key.
-pub(super) fn value<'a>(table: &'a Table, key: &str) -> Option<&'a Value> {
-    let mut names = key.split('.');
-    let first = table.get(names.next()?)?;
-    names.try_fold(first, |table, name| table.get(name))
-}
-
-/// Removes a dotted key, if present.
-pub(super) fn remove(mut table: &mut Table, key: &str) {
-    let mut names: Vec<&str> = key.split('.').collect();
-    let last = names.pop().unwrap_or_default();
-    for name in names {
-        match table.get_mut(name) {
-            Some(Value::Table(inner)) => table = inner,
-            _ => return,
-        }
-    }
-    table.remove(last);
+/// The keys of other forms than those in `file`, whose defaults are not filled in.
+pub(crate) fn displaced_in(file: &Table) -> Vec<String> {
+    let keys = FORMS.iter().flat_map(|forms| forms.forms).flatten();
+    let given = keys.filter_map(|key| Some((key, value(file, key)?)));
+    given.flat_map(|(key, value)| displaced(key, value)).collect()
 }
 
 #[cfg(test)]
@@ -103,21 +86,30 @@ mod tests {
             of("link.los.b", ""),
             ["link.environment", "link.los.b1", "link.los.b2", "link.los.b3", "link.los.b4"]
         );
-        assert_eq!(of("link.model", "probabilistic-los"), FREE_SPACE);
-        assert_eq!(of("link.model", "free-space"), LINE_OF_SIGHT);
+        assert_eq!(of("link.model", "probabilistic-los"), ["link.gain_db", "link.gain"]);
+        let line_of_sight = [
+            "link.environment",
+            "link.los",
+            "link.reference_gain_db",
+            "link.los_exponent",
+            "link.nlos_exponent",
+            "link.nlos_extra_db",
+            "link.snr_gap_db",
+        ];
+        assert_eq!(of("link.model", "free-space"), line_of_sight);
         for key in ["area", "area.origin_lat_deg", "link.los_exponent", "slots"] {
             assert_eq!(of(key, "free-space"), [""; 0], "{key}");
         }
     }
 
     #[test]
-    fn a_key_is_found_and_removed_by_its_dotted_name() {
-        let mut table: Table = "a = 1\n[b]\nc = 2\nd = { e = 3 }".parse().unwrap();
-        assert_eq!(value(&table, "b.d.e"), Some(&Value::Integer(3)));
-        assert_eq!(value(&table, "a.c"), None);
-        for key in ["b.d.e", "a.c", "x.y", "b.c"] {
-            remove(&mut table, key);
-        }
-        assert_eq!(table, "a = 1\n[b]\nd = {}".parse().unwrap());
+    fn a_setting_removes_the_other_form_of_the_file_but_not_another_setting() {
+        let file = "[area]\nside_m = 9.0\n[sensors]\ncount = 3\n";
+        let mut table: Table = file.parse().unwrap();
+        let settings = ["area.width_m=5.0", "area.height_m=6.0", "sensors.count=4", "sensors.file=a.csv"]
+            .map(|text| text.parse().unwrap());
+        Scenario::apply(&settings, &mut table).unwrap();
+        let expected = "[area]\nwidth_m = 5.0\nheight_m = 6.0\n[sensors]\ncount = 4\nfile = \"a.csv\"\n";
+        assert_eq!(table, expected.parse().unwrap());
     }
 }

@@ -1,4 +1,5 @@
 //! Scenarios and sensor lists.
 
 mod geodetic;
+mod keys;
 mod scenario;

@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use proptest::prelude::*;
-use skysink_common::channel::LineOfSight;
+use skysink_common::channel::{Channel, GainMode, LosCurve};
 use skysink_common::error::InputError;
-use skysink_common::scenario::{GainMode, LosCurve, Overrides, Scenario, Sensors};
+use skysink_common::scenario::{Overrides, Scenario, SensorKeys};
 use skysink_common::sensors::{Sensor, SensorList};
 
 fn parse(text: &str) -> Result<Scenario, InputError> {
@@ -57,7 +57,7 @@ fn sampling_rates_and_initial_queues_are_drawn_between_their_ends() {
     let scenario = parse(text).unwrap();
     assert_eq!(parse(&scenario.to_toml()).unwrap(), scenario);
     assert!(scenario.to_toml().contains("\nsampling_bps = [50.0, 150.0]\n"), "{}", scenario.to_toml());
-    let Sensors { sampling_bps, initial_queue_mean_bits, .. } = scenario.sensors;
+    let SensorKeys { sampling_bps, initial_queue_mean_bits, .. } = scenario.sensors;
     assert_eq!((sampling_bps.mean(), initial_queue_mean_bits.mean()), (100.0, 10_000.0));
     let list = SensorList::of(&scenario).unwrap();
     let mean = |value: &dyn Fn(usize) -> f64| (0..10_000).map(value).sum::<f64>() / 10_000.0;
@@ -178,7 +178,7 @@ fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
 #[test]
 fn the_probabilistic_model_has_its_own_keys_and_defaults() {
     let scenario = parse("name = \"x\"\n[uav]\naltitude = \"free\"\n[link]\nmodel = \"probabilistic-los\"\n").unwrap();
-    let los = LineOfSight::of(&scenario).unwrap();
+    let los = *Channel::of(&scenario.link).line_of_sight().unwrap();
     let climb = scenario.uav.climb().unwrap();
     assert_eq!(los.curve, LosCurve::Sigmoid { a: 9.61, b: 0.16 }, "urban");
     // p β0/(σ² Γ) = 0.05 · 10^−6/(10^−13 · 10^0.82), and μ = 0.01

@@ -2,8 +2,8 @@
 
 use skysink_mission::trace::RecordedSlot;
 
+use super::format::{ExportFormat, WriteFormat};
 use super::track::GeodeticTrack;
-use super::{ExportFormat, WriteFormat};
 
 /// The table.
 pub static FORMAT: ExportFormat = ExportFormat {

@@ -4,8 +4,8 @@ use geojson::{Feature, FeatureCollection, Geometry};
 use serde_json::{Value, json};
 use skysink_common::sensors::projection::GeodeticPosition;
 
+use super::format::{ExportFormat, WriteFormat};
 use super::track::{GeodeticTrack, TrackPoint};
-use super::{ExportFormat, WriteFormat};
 
 /// The features.
 pub static FORMAT: ExportFormat = ExportFormat {
@@ -16,7 +16,7 @@ pub static FORMAT: ExportFormat = ExportFormat {
 };
 
 /// The features as text.
-pub(super) fn collection(track: &GeodeticTrack<'_>) -> String {
+pub(crate) fn collection(track: &GeodeticTrack<'_>) -> String {
     let border = || track.border.iter().chain(&track.border[..1]).map(ground);
     let area = feature(Geometry::new_polygon([border()]), json!({ "kind": "area", "name": track.name() }));
     let flight = feature(

@@ -6,8 +6,8 @@ use gpx::{Gpx, GpxVersion, Metadata, Track, TrackSegment, Waypoint};
 use skysink_common::sensors::projection::GeodeticPosition;
 use time::{Duration, OffsetDateTime};
 
+use super::format::{ExportFormat, WriteFormat};
 use super::track::{GeodeticTrack, TrackPoint};
-use super::{ExportFormat, WriteFormat};
 
 /// The track.
 pub static FORMAT: ExportFormat = ExportFormat {

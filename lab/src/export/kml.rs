@@ -6,8 +6,8 @@ use kml::types::{AltitudeMode, Coord, Folder, Geometry, LineString, LinearRing, 
 use kml::{Kml, KmlDocument, KmlVersion, KmlWriter};
 use skysink_common::sensors::projection::GeodeticPosition;
 
+use super::format::{ExportFormat, WriteFormat};
 use super::track::{GeodeticTrack, TrackPoint};
-use super::{ExportFormat, WriteFormat};
 
 /// The document.
 pub static FORMAT: ExportFormat = ExportFormat {

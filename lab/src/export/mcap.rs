@@ -10,8 +10,8 @@ use mcap::records::MessageHeader;
 use mcap::{WriteOptions, Writer};
 use serde_json::{Map, Value, json};
 
+use super::format::{ExportFormat, WriteFormat};
 use super::track::{GeodeticTrack, TrackPoint};
-use super::{ExportFormat, WriteFormat};
 
 /// The log.
 pub static FORMAT: ExportFormat = ExportFormat {
@@ -24,24 +24,36 @@ pub static FORMAT: ExportFormat = ExportFormat {
 /// The frame of poses: origin in the south-west corner of the area, x east, y north, z up.
 const FRAME: &str = "area";
 
+/// A topic of the log.
+struct LogTopic {
+    name: &'static str,
+    /// The name of the schema of its messages.
+    schema: &'static str,
+}
+
+const MAP: LogTopic = LogTopic { name: "/map", schema: "foxglove.GeoJSON" };
+const FIX: LogTopic = LogTopic { name: "/uav/fix", schema: "foxglove.LocationFix" };
+const POSE: LogTopic = LogTopic { name: "/uav/pose", schema: "foxglove.PoseInFrame" };
+const SLOT: LogTopic = LogTopic { name: "/slot", schema: "skysink.Slot" };
+
 fn write(track: &GeodeticTrack<'_>) -> Vec<u8> {
     let library = format!("skysink {}", env!("CARGO_PKG_VERSION"));
     let options = WriteOptions::new().compression(None).library(library);
     let writer = options.create(Cursor::new(Vec::new())).expect(TO_MEMORY);
     let mut log = Log { writer, channels: BTreeMap::new() };
     let map = json!({ "geojson": super::geojson::collection(track) });
-    log.write("/map", "foxglove.GeoJSON", 0, 0.0, &map);
+    log.write(&MAP, 0, 0.0, &map);
     for (sequence, point) in (0..).zip(&track.points) {
         let time_s = point.time_s;
-        log.write("/uav/fix", "foxglove.LocationFix", sequence, time_s, &fix(point));
-        log.write("/uav/pose", "foxglove.PoseInFrame", sequence, time_s, &pose(point));
+        log.write(&FIX, sequence, time_s, &fix(point));
+        log.write(&POSE, sequence, time_s, &pose(point));
         if let Some(slot) = point.slot {
             let figures = json!({
                 "slot": slot.slot, "mode": slot.mode.to_string(), "scheduled": slot.scheduled,
                 "served": slot.scheduled.len(), "delivered_bits": slot.delivered_bits, "lost_bits": slot.lost_bits,
                 "queued_bits": slot.queued_bits,
             });
-            log.write("/slot", "skysink.Slot", sequence, time_s, &figures);
+            log.write(&SLOT, sequence, time_s, &figures);
         }
     }
     log.writer.finish().expect(TO_MEMORY);
@@ -88,12 +100,12 @@ struct Log {
 
 impl Log {
     /// Adds a message. The first message of a topic also adds the topic and its schema.
-    fn write(&mut self, topic: &'static str, schema: &str, sequence: u32, time_s: f64, message: &Value) {
+    fn write(&mut self, topic: &LogTopic, sequence: u32, time_s: f64, message: &Value) {
         let writer = &mut self.writer;
-        let channel_id = *self.channels.entry(topic).or_insert_with(|| {
-            let text = serde_json::to_vec(&schema_of(schema, message)).expect("plain strings");
-            let schema = writer.add_schema(schema, "jsonschema", &text).expect(TO_MEMORY);
-            writer.add_channel(schema, topic, "json", &BTreeMap::new()).expect(TO_MEMORY)
+        let channel_id = *self.channels.entry(topic.name).or_insert_with(|| {
+            let text = serde_json::to_vec(&schema_of(topic.schema, message)).expect("plain strings");
+            let schema = writer.add_schema(topic.schema, "jsonschema", &text).expect(TO_MEMORY);
+            writer.add_channel(schema, topic.name, "json", &BTreeMap::new()).expect(TO_MEMORY)
         });
         let time_ns = nanoseconds(time_s);
         let header = MessageHeader { channel_id, sequence, log_time: time_ns, publish_time: time_ns };

@@ -1,9 +1,10 @@
 //! Exports a finished run to the formats of other programs.
 //!
-//! A format is one file in this folder and one line in [`FORMATS`]. [`track`] converts the flight to latitude and
-//! longitude, [`vehicle`] to the items of a vehicle mission.
+//! A format is one file in this folder, which defines an [`ExportFormat`], and one line in [`FORMATS`]. [`track`] converts
+//! the flight to latitude and longitude, [`vehicle`] to the items of a vehicle mission.
 
 mod csv;
+mod format;
 mod geojson;
 mod gpx;
 mod kml;
@@ -22,12 +23,13 @@ use skysink_common::error::InputError;
 use skysink_common::scenario::{Origin, Scenario};
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
-use skysink_mission::record::write_whole;
-use skysink_mission::recorded::RecordedRun;
+use skysink_mission::files::write_all;
+use skysink_mission::folder::Earlier;
+use skysink_mission::replay::RecordedRun;
 
 use crate::LabError;
+pub use format::{ExportFormat, WriteFormat};
 use track::GeodeticTrack;
-use vehicle::VehicleItem;
 
 /// All formats, in the order of the help.
 pub static FORMATS: [&ExportFormat; 8] = [
@@ -44,30 +46,6 @@ pub static FORMATS: [&ExportFormat; 8] = [
 /// Default for the maximum number of items of a vehicle mission. This is the limit of PX4; ArduPilot allows about 700.
 pub const MOST_ITEMS: usize = 500;
 
-/// An export format.
-#[derive(Debug)]
-pub struct ExportFormat {
-    /// Its name on the command line.
-    pub name: &'static str,
-    /// Description in one line.
-    pub about: &'static str,
-    /// File extension.
-    pub extension: &'static str,
-    /// The function that writes it.
-    pub write: WriteFormat,
-}
-
-/// The function that writes a format.
-#[derive(Debug)]
-pub enum WriteFormat {
-    /// The whole flight in one file.
-    Flight(fn(&GeodeticTrack<'_>) -> Vec<u8>),
-    /// The slots in the frame of the area; needs no origin.
-    Slots(fn(&RecordedRun) -> Vec<u8>),
-    /// A vehicle mission with one file per part, and a note for the summary.
-    Mission(fn(&GeodeticTrack<'_>, &[VehicleItem]) -> Vec<u8>, &'static str),
-}
-
 /// The parameters of an export.
 #[derive(Debug)]
 pub struct Export {
@@ -80,7 +58,7 @@ pub struct Export {
     /// The output file; `None` for the name of the run folder with the extension of the format.
     pub out: Option<PathBuf>,
     /// Whether existing files are replaced.
-    pub force: bool,
+    pub earlier: Earlier,
     /// Maximum number of items of a vehicle mission; `None` for [`MOST_ITEMS`].
     pub most_items: Option<usize>,
 }
@@ -122,18 +100,16 @@ pub fn export(export: &Export, stop: &Stop) -> Result<Exported, LabError> {
     };
     let out = out_file(export)?;
     let files = part_names(&out, texts.len());
-    files.iter().try_for_each(|file| check_out(file, export.force))?;
+    files.iter().try_for_each(|file| check_out(file, export.earlier))?;
     let other_parts = parts_of(&out).into_iter().filter(|part| !files.contains(part));
     for part in other_parts {
-        if !export.force {
+        if export.earlier == Earlier::Kept {
             let message = "it is a part of an earlier export: choose another --out, or pass --force to remove it";
             return Err(InputError::new("output file", &part, message).into());
         }
         fs::remove_file(&part).at(&part)?;
     }
-    for (file, text) in files.iter().zip(&texts) {
-        write_whole(file, text)?;
-    }
+    write_all(&files.iter().cloned().zip(texts.iter().map(Vec::as_slice)).collect::<Vec<_>>())?;
     Ok(Exported { summary, files })
 }
 
@@ -196,15 +172,15 @@ fn parts_of(out: &Path) -> Vec<PathBuf> {
     entries.filter(is_part).collect()
 }
 
-/// Checks that the file can be created, and does not exist unless `force` is set.
-fn check_out(file: &Path, force: bool) -> Result<(), InputError> {
+/// Checks that the file can be created, and does not exist unless it may be replaced.
+fn check_out(file: &Path, earlier: Earlier) -> Result<(), InputError> {
     let refuse = |message: &str| Err(InputError::new("output file", file, message));
     let parent = file.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     match fs::symlink_metadata(file) {
         _ if file.file_name().is_none() => refuse("no name: expected a file"),
         _ if !parent.is_dir() => refuse("its folder does not exist: expected an existing folder"),
         Ok(found) if !found.is_file() => refuse("it is not a regular file: choose another --out"),
-        Ok(_) if !force => refuse("it exists: choose another --out, or pass --force to replace it"),
+        Ok(_) if earlier == Earlier::Kept => refuse("it exists: choose another --out, or pass --force to replace it"),
         _ => Ok(()),
     }
 }

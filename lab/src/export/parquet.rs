@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use arrow_array::types::{UInt32Type, UInt64Type};
 use arrow_array::{ArrayRef, Float64Array, ListArray, StringArray, UInt32Array, UInt64Array};
-use skysink_mission::recorded::RecordedRun;
+use skysink_mission::replay::RecordedRun;
 use skysink_mission::trace::RecordedSlot;
 
-use super::{ExportFormat, WriteFormat};
+use super::format::{ExportFormat, WriteFormat};
 use crate::parquet_file::parquet;
 
 /// The table.
@@ -19,16 +19,16 @@ pub static FORMAT: ExportFormat = ExportFormat {
 };
 
 fn write(run: &RecordedRun) -> Vec<u8> {
-    let whole = |of: fn(&RecordedSlot) -> u64| -> ArrayRef {
-        Arc::new(UInt64Array::from_iter_values(run.slots.iter().map(of)))
-    };
-    let metres = |axis: usize| -> ArrayRef {
-        Arc::new(Float64Array::from_iter_values(run.slots.iter().map(|slot| slot.position[axis])))
-    };
-    let scheduled = run.slots.iter().map(|slot| Some(slot.scheduled.iter().copied().map(Some)));
-    let uploads_bits = run.uploads_bits.iter().map(|slot| Some(slot.iter().copied().map(Some)));
+    let lines = || run.slots.iter().flatten();
+    let whole = |of: fn(&RecordedSlot) -> u64| -> ArrayRef { Arc::new(UInt64Array::from_iter_values(lines().map(of))) };
+    let small = |of: fn(&RecordedSlot) -> u32| -> ArrayRef { Arc::new(UInt32Array::from_iter_values(lines().map(of))) };
+    let metres =
+        |axis: usize| -> ArrayRef { Arc::new(Float64Array::from_iter_values(lines().map(|slot| slot.position[axis]))) };
+    let scheduled = lines().map(|slot| Some(slot.scheduled.iter().copied().map(Some)));
+    let uploads_bits = run.uploads_bits.iter().flatten().map(|slot| Some(slot.iter().copied().map(Some)));
     parquet(vec![
         ("slot", whole(|slot| slot.slot)),
+        ("uav", small(|slot| slot.uav as u32)),
         ("x_m", metres(0)),
         ("y_m", metres(1)),
         ("z_m", metres(2)),
@@ -37,7 +37,7 @@ fn write(run: &RecordedRun) -> Vec<u8> {
         ("delivered_bits", whole(|slot| slot.delivered_bits)),
         ("lost_bits", whole(|slot| slot.lost_bits)),
         ("queued_bits", whole(|slot| slot.queued_bits)),
-        ("mode", Arc::new(StringArray::from_iter_values(run.slots.iter().map(|slot| slot.mode.to_string())))),
-        ("refused", Arc::new(UInt32Array::from_iter_values(run.slots.iter().map(|slot| slot.refused)))),
+        ("mode", Arc::new(StringArray::from_iter_values(lines().map(|slot| slot.mode.to_string())))),
+        ("refused", small(|slot| slot.refused)),
     ])
 }

@@ -4,9 +4,9 @@
 
 use serde_json::{Value, json};
 
+use super::format::{ExportFormat, WriteFormat};
 use super::track::GeodeticTrack;
 use super::vehicle::VehicleItem;
-use super::{ExportFormat, WriteFormat};
 
 /// QGroundControl's code for altitudes relative to home.
 const RELATIVE: u32 = 1;

@@ -5,7 +5,8 @@ use skysink_common::error::InputError;
 use skysink_common::geometry::Position;
 use skysink_common::scenario::{Area, Origin};
 use skysink_common::sensors::projection::{GeodeticPosition, Projection};
-use skysink_mission::recorded::RecordedRun;
+use skysink_common::slot_record::UAV;
+use skysink_mission::replay::RecordedRun;
 use skysink_mission::trace::RecordedSlot;
 
 /// Maximum length of a side of the fence [m]. A straight line of the tangent plane deviates from a rhumb line by about
@@ -74,7 +75,7 @@ impl<'a> GeodeticTrack<'a> {
             })
         };
         let start = (scenario.start(), None);
-        let slots = run.slots.iter().map(|slot| (slot.position, Some(slot)));
+        let slots = run.slots.iter().map(|slot| (slot[UAV].position, Some(&slot[UAV])));
         let point = |(position, slot): (Point3<f64>, Option<&'a RecordedSlot>)| {
             let time_s = slot.map_or(0.0, |slot| slot.slot as f64 * scenario.slot_s);
             Ok(TrackPoint { time_s, place: place(&position.xy())?, position, slot })

@@ -183,7 +183,8 @@ mod tests {
     use skysink_common::message::Mode;
     use skysink_common::scenario::{Origin, Overrides, Scenario};
     use skysink_common::sensors::SensorList;
-    use skysink_mission::recorded::RecordedRun;
+    use skysink_common::slot_record::{ByUav, UAV};
+    use skysink_mission::replay::RecordedRun;
     use skysink_mission::trace::RecordedSlot;
 
     use super::*;
@@ -196,8 +197,9 @@ mod tests {
         let mut x_m = 0.0;
         let mut slot = |(index, &(step_m, serves)): (usize, &(f64, bool))| {
             x_m += step_m;
-            RecordedSlot {
+            ByUav::from_buf([RecordedSlot {
                 slot: index as u64 + 1,
+                uav: UAV,
                 position: Point3::new(x_m, 0.0, 20.0),
                 scheduled: if serves { vec![3] } else { vec![] },
                 delivered_bits: 0,
@@ -205,7 +207,7 @@ mod tests {
                 queued_bits: 0,
                 mode: Mode::Serve,
                 refused: 0,
-            }
+            }])
         };
         let slots = steps.iter().enumerate().map(&mut slot).collect();
         RecordedRun { scenario, list, strategy: "uts".to_owned(), slots, uploads_bits: Vec::new() }

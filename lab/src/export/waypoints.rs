@@ -2,9 +2,9 @@
 //!
 //! Format: MAVLink's developer guide, "Plain-Text File Format".
 
+use super::format::{ExportFormat, WriteFormat};
 use super::track::GeodeticTrack;
 use super::vehicle::{MavlinkItem, VehicleItem};
-use super::{ExportFormat, WriteFormat};
 
 /// The waypoint file.
 pub static FORMAT: ExportFormat = ExportFormat {

@@ -4,7 +4,7 @@ use ::csv::{ReaderBuilder, StringRecord, Trim};
 use skysink_common::error::quoted;
 use skysink_common::sensors::line_of;
 
-use super::{Frame, Imported, ImportedSensor, check_geodetic};
+use super::imported::{Frame, Imported, ImportedSensor, check_geodetic};
 
 /// The names of the columns in lower case: first the name in a sensor list, then its aliases.
 const COLUMNS: [&[&str]; 7] = [
@@ -21,7 +21,7 @@ const COLUMNS: [&[&str]; 7] = [
 const COORDINATES: usize = 4;
 
 /// Reads the text of a file.
-pub(super) fn read(text: &str) -> Result<Imported, String> {
+pub fn read(text: &str) -> Result<Imported, String> {
     let first = text.lines().next().unwrap_or_default();
     let separator =
         [b',', b';', b'\t'].into_iter().max_by_key(|&byte| (first.matches(byte as char).count(), byte == b','));

@@ -2,10 +2,10 @@
 
 use ::geojson::{Feature, GeoJson, Geometry, GeometryValue};
 
-use super::{FoundPoints, Imported, with_causes};
+use super::imported::{FoundPoints, Imported, with_causes};
 
 /// Reads the text of a file.
-pub(super) fn read(text: &str) -> Result<Imported, String> {
+pub fn read(text: &str) -> Result<Imported, String> {
     let file: GeoJson = text.parse().map_err(|error| format!("{}: expected GeoJSON", with_causes(&error)))?;
     let mut found = FoundPoints::default();
     match &file {

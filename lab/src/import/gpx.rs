@@ -1,9 +1,10 @@
 //! GPX: imports the waypoints; ignores tracks and routes.
 
-use super::{FoundPoints, Imported, with_causes, xml};
+use super::imported::{FoundPoints, Imported, with_causes};
+use super::xml;
 
 /// Reads the text of a file.
-pub(super) fn read(text: &str) -> Result<Imported, String> {
+pub fn read(text: &str) -> Result<Imported, String> {
     xml::check(text, "GPX", None)?;
     let file = ::gpx::read(text.as_bytes()).map_err(|error| format!("{}: expected a GPX file", with_causes(&error)))?;
     let points = file.waypoints.iter().map(|waypoint| [waypoint.point().y(), waypoint.point().x()]).collect();

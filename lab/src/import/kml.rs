@@ -5,7 +5,8 @@ use ::kml::{Kml, KmlReader};
 use quick_xml::Reader;
 use quick_xml::events::Event;
 
-use super::{FoundPoints, Imported, with_causes, xml};
+use super::imported::{FoundPoints, Imported, with_causes};
+use super::xml;
 
 /// Elements with a position that are not points.
 const NO_POINTS: [&[u8]; 11] = [
@@ -23,7 +24,7 @@ const NO_POINTS: [&[u8]; 11] = [
 ];
 
 /// Reads the text of a file.
-pub(super) fn read(text: &str) -> Result<Imported, String> {
+pub fn read(text: &str) -> Result<Imported, String> {
     let refuse = |error: ::kml::Error| format!("{}: expected a KML file", with_causes(&error));
     xml::check(text, "KML", Some("Point"))?;
     let file: Kml<f64> = KmlReader::from_string(text).read().map_err(refuse)?;

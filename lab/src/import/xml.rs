@@ -8,7 +8,7 @@ const MOST_NESTED: usize = 200;
 
 /// Refuses incomplete XML, elements that are nested too deep, and elements `point` without text. `format` is the
 /// expected format.
-pub(super) fn check(text: &str, format: &str, point: Option<&str>) -> Result<(), String> {
+pub fn check(text: &str, format: &str, point: Option<&str>) -> Result<(), String> {
     let mut reader = Reader::from_str(text);
     let mut open: Vec<(Vec<u8>, bool)> = Vec::new(); // name, and whether it contains text
     let is_point = |name: &[u8]| point.is_some_and(|point| point.as_bytes() == name);

@@ -4,12 +4,14 @@ use std::iter::zip;
 
 use skysink_common::error::did_you_mean;
 use skysink_common::scenario::Setting;
+use skysink_planner::strategies::offline;
 use toml::Value;
 
-use super::{PlotRequest, refuse};
+use super::request::{BoundCurves, PlotRequest};
 use crate::error::LabError;
+use crate::metrics::Metric;
+use crate::sweep::definition::Definition;
 use crate::sweep::folder::FlownSweep;
-use crate::sweep::plan::Definition;
 use crate::sweep::results::{number, text};
 
 /// The selected missions.
@@ -17,13 +19,31 @@ use crate::sweep::results::{number, text};
 pub struct Selection {
     /// Values of the x axis: numbers ascending, others in the order of the sweep.
     pub xs: Vec<Value>,
-    /// The point of the grid for each value.
-    pub points: Vec<usize>,
-    /// The strategies, by their index in the sweep.
-    pub strategies: Vec<usize>,
+    /// The curves of the strategies, in the order of the legend.
+    pub curves: Vec<SelectedCurve>,
+    /// With bounds, the index of `offline` in the sweep.
+    pub offline: Option<usize>,
     /// A note on missing missions of the sweep.
     pub missing: Option<String>,
 }
+
+/// The missions of a curve.
+#[derive(Debug)]
+pub struct SelectedCurve {
+    /// Label in the legend.
+    pub label: String,
+    /// The strategy, by its index in the sweep.
+    pub strategy: usize,
+    /// The value of the key of `--by`, if there is one.
+    pub by: Option<Value>,
+    /// Label of the curve that differences refer to, if they are drawn.
+    pub reference: Option<String>,
+    /// The point of the grid for each value of the x axis.
+    pub points: Vec<usize>,
+}
+
+/// The points of the grid with one value of the key of `--by`, with their values on the x axis.
+type CurveGroup = (Option<Value>, Vec<(Value, usize)>);
 
 impl Selection {
     /// Selects the points of the request that have all their missions.
@@ -33,33 +53,97 @@ impl Selection {
     /// has all its missions.
     pub fn new(request: &PlotRequest, flown: &FlownSweep) -> Result<Self, LabError> {
         let definition = &flown.definition;
-        let strategies = strategies(request, definition).map_err(|message| refuse(&request.sweep, message))?;
-        let all = points(request, definition).map_err(|message| refuse(&request.sweep, message))?;
-        let is_whole = |point: usize| {
-            let flown = |&strategy: &usize| flown.values(point, strategy, request.metric).len();
-            strategies.iter().all(|strategy| flown(strategy) == definition.seeds.len())
+        let refuse = |message| request.refuse(message);
+        let strategies = strategies(request, definition).map_err(refuse)?;
+        let offline = offline_of(request, definition).map_err(refuse)?;
+        let mut groups = groups(request, definition).map_err(refuse)?;
+        let reference = reference(request, &groups).map_err(refuse)?;
+        // The best known loss is the least of all strategies.
+        let needed = if offline.is_some() { (0..definition.strategies.len()).collect() } else { strategies.clone() };
+        let is_whole = |place: usize| {
+            let count = |point, strategy| flown.values(point, strategy, request.metric).len();
+            let is_flown = |point| needed.iter().all(|&strategy| count(point, strategy) == definition.seeds.len());
+            groups.iter().all(|(_, points)| is_flown(points[place].1))
         };
-        let (whole, partial): (Vec<_>, Vec<_>) = all.into_iter().partition(|(_, point)| is_whole(*point));
-        let missing = missing(request, flown, &partial);
-        if whole.is_empty() {
+        let all: Vec<Value> = groups[0].1.iter().map(|(value, _)| value.clone()).collect();
+        let whole: Vec<bool> = (0..all.len()).map(is_whole).collect();
+        let of_whole = |is: bool| zip(&all, &whole).filter(move |(_, whole)| **whole == is).map(|(value, _)| value);
+        let missing = missing(request, flown, &of_whole(false).collect::<Vec<_>>());
+        let xs: Vec<Value> = of_whole(true).cloned().collect();
+        if xs.is_empty() {
             let flown = missing.unwrap_or_default();
             let message = format!("{flown}: no complete value is left: run the rest first, or plot fewer strategies");
-            return Err(refuse(&request.sweep, message));
+            return Err(request.refuse(message));
         }
-        for &strategy in &strategies {
-            let has_none = |&(_, point): &(Value, usize)| {
-                flown.values(point, strategy, request.metric).values().any(|value| value.is_nan())
+        for (_, points) in &mut groups {
+            let mut place = 0..;
+            points.retain(|_| place.next().is_some_and(|place: usize| whole[place]));
+        }
+        let curve = |strategy: usize, (by, points): &CurveGroup| {
+            let label = |by: &Option<Value>| {
+                let name = definition.strategies[strategy].clone();
+                by.as_ref().map_or(name.clone(), |value| format!("{name}, {}", text(value)))
             };
-            if whole.iter().any(has_none) {
-                let name = &definition.strategies[strategy];
+            let reference = match &reference {
+                Some(value) => Some(label(&Some(value.clone()))),
+                None => request.reference.clone(),
+            };
+            let points = points.iter().map(|(_, point)| *point).collect();
+            SelectedCurve { label: label(by), strategy, by: by.clone(), reference, points }
+        };
+        let curves: Vec<SelectedCurve> =
+            strategies.iter().flat_map(|&strategy| groups.iter().map(move |group| curve(strategy, group))).collect();
+        for SelectedCurve { strategy, points, .. } in &curves {
+            let has_none =
+                |&point: &usize| flown.values(point, *strategy, request.metric).values().any(|value| value.is_nan());
+            if points.iter().any(has_none) {
+                let name = &definition.strategies[*strategy];
                 let metric = request.metric.name();
                 let expected = "expected a metric of all plotted strategies, or other --strategies";
-                return Err(refuse(&request.sweep, format!("--y {metric}: {name} has no value: {expected}")));
+                return Err(request.refuse(format!("--y {metric}: {name} has no value: {expected}")));
             }
         }
-        let (xs, points) = whole.into_iter().unzip();
-        Ok(Self { xs, points, strategies, missing })
+        Ok(Self { xs, curves, offline, missing })
     }
+}
+
+/// With bounds, the index of `offline` in the sweep.
+fn offline_of(request: &PlotRequest, definition: &Definition) -> Result<Option<usize>, String> {
+    if request.bounds == BoundCurves::Hidden {
+        return Ok(None);
+    }
+    if request.metric != Metric::LossRate {
+        return Err(format!("--bounds: {} has none: expected --y loss_rate", request.metric.name()));
+    }
+    let offline = definition.strategies.iter().position(|name| name == offline::STRATEGY.name);
+    offline.map(Some).ok_or_else(|| "--bounds: expected a sweep with the strategy offline".to_owned())
+}
+
+/// The selected points by the values of the key of `--by`; one group without it.
+fn groups(request: &PlotRequest, definition: &Definition) -> Result<Vec<CurveGroup>, String> {
+    let Some(by) = &request.by else { return Ok(vec![(None, points(request, None, definition)?)]) };
+    let place = key(by, "--by", definition)?;
+    if *by == request.x {
+        return Err(format!("--by {by}: it is the key of the x axis: expected another"));
+    }
+    if request.conditions.iter().any(|condition| condition.key == *by) {
+        return Err(format!("--where {by}: it has a curve for each value: expected another key"));
+    }
+    let group = |value: &Value| Ok((Some(value.clone()), points(request, Some((place, value)), definition)?));
+    values(definition, place).into_iter().map(group).collect()
+}
+
+/// With `--by`, the value of its key that differences refer to, if they are drawn.
+fn reference(request: &PlotRequest, groups: &[CurveGroup]) -> Result<Option<Value>, String> {
+    let (Some(by), Some(reference)) = (&request.by, &request.reference) else { return Ok(None) };
+    let values: Vec<&Value> = groups.iter().filter_map(|(value, _)| value.as_ref()).collect();
+    let is_named = |value: &&&Value| {
+        text(value) == *reference || number(value).is_some_and(|value| reference.parse() == Ok(value))
+    };
+    let found = values.iter().find(is_named).map(|value| Some((*value).clone()));
+    found.ok_or_else(|| {
+        format!("--difference-to {reference}: expected a value of {by} in the sweep: {}", listed(&values))
+    })
 }
 
 /// The indices of the selected strategies, including the reference, without duplicates.
@@ -77,7 +161,8 @@ fn strategies(request: &PlotRequest, definition: &Definition) -> Result<Vec<usiz
         [] => (0..definition.strategies.len()).collect(),
         named => named.iter().map(|strategy| find("--strategies", strategy)).collect::<Result<Vec<_>, _>>()?,
     };
-    chosen.extend(request.reference.as_ref().map(|reference| find("--difference-to", reference)).transpose()?);
+    let reference = request.reference.as_ref().filter(|_| request.by.is_none());
+    chosen.extend(reference.map(|reference| find("--difference-to", reference)).transpose()?);
     let mut seen = Vec::new();
     chosen.retain(|strategy| {
         !seen.contains(strategy) && {
@@ -88,10 +173,16 @@ fn strategies(request: &PlotRequest, definition: &Definition) -> Result<Vec<usiz
     Ok(chosen)
 }
 
-/// The selected points of the grid, with their values on the x axis.
-fn points(request: &PlotRequest, definition: &Definition) -> Result<Vec<(Value, usize)>, String> {
+/// The selected points of the grid, with their values on the x axis. `by` is a key, by its index, with its value.
+fn points(
+    request: &PlotRequest,
+    by: Option<(usize, &Value)>,
+    definition: &Definition,
+) -> Result<Vec<(Value, usize)>, String> {
     let x = key(&request.x, "--x", definition)?;
-    let mut fixed: Vec<Option<&Value>> = vec![None; definition.keys.len()];
+    let is_by = |place: usize| by.is_some_and(|(by, _)| by == place);
+    let mut fixed: Vec<Option<&Value>> =
+        (0..definition.keys.len()).map(|place| by.filter(|_| is_by(place)).map(|(_, value)| value)).collect();
     for Setting { key: name, value, .. } in &request.conditions {
         let place = key(name, "--where", definition)?;
         let existing = values(definition, place);
@@ -167,15 +258,14 @@ fn listed(values: &[&Value]) -> String {
     values.iter().map(|value| text(value)).collect::<Vec<_>>().join(", ")
 }
 
-/// Describes how many missions are missing, and which values are therefore omitted.
-fn missing(request: &PlotRequest, flown: &FlownSweep, partial: &[(Value, usize)]) -> Option<String> {
+/// Describes how many missions are missing, and which values are therefore `omitted`.
+fn missing(request: &PlotRequest, flown: &FlownSweep, omitted: &[&Value]) -> Option<String> {
     let definition = &flown.definition;
     let all = definition.points.len() * definition.strategies.len() * definition.seeds.len();
     let present = flown.rows.len();
-    let omitted: Vec<&Value> = partial.iter().map(|(value, _)| value).collect();
     let what = match omitted.len() {
         0 => "the plot is complete".to_owned(),
-        _ => format!("omitted: {} = {}", request.x, listed(&omitted)),
+        _ => format!("omitted: {} = {}", request.x, listed(omitted)),
     };
     (present < all).then(|| format!("{present} of {all} missions are present; {what}"))
 }

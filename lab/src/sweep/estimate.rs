@@ -6,7 +6,8 @@ use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::Mission;
 
-use super::plan::{MissionKey, Sweep};
+use super::definition::MissionKey;
+use super::plan::Sweep;
 use crate::error::LabError;
 
 /// Duration of a trial, after its first slot.

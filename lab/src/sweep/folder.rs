@@ -1,20 +1,23 @@
 //! The folder of a sweep: its manifest, its lock, and its journal.
 
 use std::collections::BTreeMap;
-use std::fs::{self, File, TryLockError};
+use std::fs;
 use std::io::ErrorKind;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 use skysink_common::error::InputError;
 use skysink_common::stop::Stop;
 use skysink_mission::MissionError;
 use skysink_mission::error::FileContext;
-use skysink_mission::record::{is_unfinished, write_whole};
+use skysink_mission::files::write_whole;
+use skysink_mission::folder::{FolderLayout, OutputFolder};
 
+use super::definition::{Definition, MissionKey};
 use super::journal::{self, MissionRow, MissionRows, SweepJournal, missions_of};
-use super::plan::{Definition, MissionKey, Shard, Sweep};
+use super::plan::Sweep;
 use super::results;
+use super::shard::Shard;
 use crate::error::LabError;
 use crate::metrics::Metric;
 
@@ -23,6 +26,9 @@ pub const JOURNAL: &str = "journal.csv";
 
 /// File name of the manifest.
 const MANIFEST: &str = "sweep.json";
+
+/// The files of a sweep that has begun; the others follow the manifest.
+static LAYOUT: FolderLayout = FolderLayout { lock: "lock", is_result: |name| name == MANIFEST };
 
 /// The content of `sweep.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -37,9 +43,7 @@ pub struct Manifest {
 /// The folder of a running sweep, locked by this process.
 #[derive(Debug)]
 pub struct SweepRecord {
-    /// Released when the record is dropped or the process ends.
-    _lock: File,
-    folder: PathBuf,
+    folder: OutputFolder,
     manifest: Manifest,
     journal: SweepJournal,
 }
@@ -54,10 +58,10 @@ impl SweepRecord {
     }
 
     /// Creates or opens the folder with this manifest.
-    pub(super) fn of(manifest: Manifest, folder: &Path) -> Result<Self, LabError> {
-        let lock = lock_folder(folder, &manifest)?;
-        let journal = SweepJournal::open(&folder.join(JOURNAL), &manifest.definition)?;
-        Ok(Self { _lock: lock, folder: folder.to_owned(), manifest, journal })
+    pub(crate) fn of(manifest: Manifest, folder: &Path) -> Result<Self, LabError> {
+        let folder = lock_folder(folder, &manifest)?;
+        let journal = SweepJournal::open(&folder.path().join(JOURNAL), &manifest.definition)?;
+        Ok(Self { folder, manifest, journal })
     }
 
     /// The missions that are not in the journal, in the order of the results.
@@ -81,14 +85,14 @@ impl SweepRecord {
         let missing = self.missing().count();
         if missing > 0 {
             let message = format_args!("{missing} missions are missing: fly them first");
-            return Err(InputError::new("sweep folder", &self.folder, message).into());
+            return Err(InputError::new("sweep folder", self.folder.path(), message).into());
         }
         self.write(stop)
     }
 
     /// Writes the results of the missions in the journal, and returns the journal.
-    pub(super) fn write(self, stop: &Stop) -> Result<SweepJournal, LabError> {
-        results::write(&self.folder, &self.manifest.definition, &self.journal, stop)?;
+    pub(crate) fn write(self, stop: &Stop) -> Result<SweepJournal, LabError> {
+        results::write(self.folder.path(), &self.journal, stop)?;
         Ok(self.journal)
     }
 }
@@ -97,29 +101,21 @@ impl SweepRecord {
 ///
 /// # Errors
 /// As [`SweepRecord::open`].
-fn lock_folder(path: &Path, manifest: &Manifest) -> Result<File, LabError> {
+fn lock_folder(path: &Path, manifest: &Manifest) -> Result<OutputFolder, LabError> {
     let refuse = |message| InputError::new("sweep folder", path, message);
     if path.exists() && !path.is_dir() {
         return Err(refuse("it is a file: choose another --out").into());
     }
     fs::create_dir_all(path).at(path)?;
     is_begun(path, manifest)?; // refuses the folder before the lock file is created
-    let lock_path = path.join("lock");
-    let lock = File::options().write(true).create(true).truncate(false).open(&lock_path).at(&lock_path)?;
-    lock.try_lock().map_err(|error| match error {
-        TryLockError::WouldBlock => {
-            MissionError::from(refuse("another process is running this sweep: stop it, or choose another --out"))
-        }
-        TryLockError::Error(source) => MissionError::File { path: lock_path, source },
-    })?;
-    for entry in fs::read_dir(path).at(path)?.flatten().filter(|entry| is_unfinished(&entry.file_name())) {
-        let _ = fs::remove_file(entry.path()); // left by a killed process
-    }
+    let message = "another process is running this sweep: stop it, or choose another --out";
+    let folder = LAYOUT.lock(path)?.ok_or_else(|| refuse(message))?;
+    folder.remove_unfinished()?;
     if !is_begun(path, manifest)? {
         let text = serde_json::to_string_pretty(manifest).expect("plain values") + "\n";
         write_whole(&path.join(MANIFEST), text.as_bytes())?;
     }
-    Ok(lock)
+    Ok(folder)
 }
 
 /// Whether the folder contains this sweep. Fails if it contains another sweep or other files.
@@ -141,7 +137,7 @@ fn is_begun(path: &Path, manifest: &Manifest) -> Result<bool, LabError> {
             Ok(true)
         }
         Err(error) if error.kind() == ErrorKind::NotFound => {
-            if has_foreign_files(path)? {
+            if !LAYOUT.content(path).at(path)?.is_empty() {
                 return Err(refuse("it contains other files: choose another --out").into());
             }
             Ok(false)
@@ -160,7 +156,7 @@ pub fn manifest(what: &'static str, path: &Path) -> Result<Option<Manifest>, Lab
         return Err(refuse("it is a file: expected the folder of a sweep".to_owned()).into());
     }
     let text = match fs::read(path.join(MANIFEST)) {
-        Err(_) if path.is_dir() && !has_foreign_files(path)? => return Ok(None),
+        Err(_) if path.is_dir() && LAYOUT.content(path).at(path)?.is_empty() => return Ok(None),
         text => text.map_err(|error| refuse(format!("{MANIFEST}: {error}: expected the folder of a sweep")))?,
     };
     let manifest: Manifest = serde_json::from_slice(&text).map_err(|error| {
@@ -172,13 +168,6 @@ pub fn manifest(what: &'static str, path: &Path) -> Result<Option<Manifest>, Lab
         return Err(refuse(format!("it was written by Skysink {version}: {expected} {what} again")).into());
     }
     Ok(Some(manifest))
-}
-
-/// Whether a folder contains files other than the lock and temporary files, which a killed process can leave before it
-/// has written `sweep.json`.
-fn has_foreign_files(path: &Path) -> Result<bool, LabError> {
-    let is_foreign = |entry: fs::DirEntry| entry.file_name() != "lock" && !is_unfinished(&entry.file_name());
-    Ok(fs::read_dir(path).at(path)?.flatten().any(is_foreign))
 }
 
 /// The finished missions of a sweep.

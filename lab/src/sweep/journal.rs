@@ -17,7 +17,7 @@ use skysink_mission::error::FileContext;
 use strum::VariantArray;
 use xxhash_rust::xxh3::{xxh3_64, xxh3_64_with_seed};
 
-use super::plan::{Definition, MissionKey};
+use super::definition::{Definition, MissionKey};
 use crate::error::LabError;
 use crate::metrics::{Metric, MetricValues};
 
@@ -90,6 +90,12 @@ impl SweepJournal {
         }
         file.set_len(end).at(path)?;
         Ok(Self { path: path.to_owned(), file, seed, definition: definition.clone(), begins, end })
+    }
+
+    /// The sweep.
+    #[must_use]
+    pub fn definition(&self) -> &Definition {
+        &self.definition
     }
 
     /// Whether the journal contains this mission.
@@ -260,7 +266,7 @@ fn mission(line: &[u8], seed: u64) -> Result<MissionRow, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use skysink_mission::record::write_whole;
+    use skysink_mission::files::write_whole;
     use skysink_planner::strategies::STRATEGIES;
 
     fn definition(identity: &str) -> Definition {

@@ -9,9 +9,10 @@ use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
 use xxhash_rust::xxh3::Xxh3;
 
+use super::definition::Definition;
 use super::folder::{JOURNAL, Manifest, SweepRecord, manifest};
 use super::journal::{JournalLines, MissionRow, SweepJournal, check_seed};
-use super::plan::{Definition, Shard};
+use super::shard::Shard;
 use crate::error::LabError;
 use crate::metrics::Metric;
 
@@ -126,8 +127,8 @@ impl Shards {
         let shards = (0..expected).filter(is_missing).map(|index| self.definition.shard_of(index, n));
         let shards = ranges(&shards.collect());
         let count = expected - missing;
-        let remedy = format!("run shards {shards} of {n}, for example by --array={shards} and --shard auto/{n}");
-        Some(format!("{count} of {expected} missions are present: {remedy}"))
+        let remedy = format!("for example by --array={shards} and --shard $SLURM_ARRAY_TASK_ID/{n}");
+        Some(format!("{count} of {expected} missions are present: run shards {shards} of {n}, {remedy}"))
     }
 }
 

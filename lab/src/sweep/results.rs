@@ -9,16 +9,16 @@ use std::sync::Arc;
 use arrow_array::{ArrayRef, Float64Array, Int64Array, StringArray, UInt64Array};
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
-use skysink_mission::record::{write_unfinished, write_whole};
+use skysink_mission::files::{write_unfinished, write_whole};
 use skysink_planner::strategies::offline;
 use strum::VariantArray;
 
+use super::definition::Definition;
 use super::journal::{MissionRow, SweepJournal};
-use super::plan::Definition;
-use super::statistics::MeanInterval;
 use crate::error::LabError;
 use crate::metrics::Metric;
 use crate::parquet_file::{ParquetFile, ROWS_PER_GROUP};
+use crate::statistics::MeanInterval;
 
 /// The name of the minimum loss over all strategies, per field, in the summary.
 pub const BEST_KNOWN: &str = "best-known";
@@ -27,23 +27,23 @@ pub const BEST_KNOWN: &str = "best-known";
 ///
 /// # Errors
 /// If a file cannot be written, or on a stop.
-pub fn write(folder: &Path, definition: &Definition, journal: &SweepJournal, stop: &Stop) -> Result<(), LabError> {
+pub fn write(folder: &Path, journal: &SweepJournal, stop: &Stop) -> Result<(), LabError> {
     let (timings, results): (Vec<_>, Vec<_>) = Metric::VARIANTS.iter().partition(|metric| metric.is_timing());
     let tables = [("results.csv", &results[..]), ("timings.csv", &timings)];
-    write_missions(folder, definition, journal, tables, ROWS_PER_GROUP, stop)?;
-    Ok(write_whole(&folder.join("summary.csv"), &summary_csv(definition, journal, &results, stop)?)?)
+    write_missions(folder, journal, tables, ROWS_PER_GROUP, stop)?;
+    Ok(write_whole(&folder.join("summary.csv"), &summary_csv(journal, &results, stop)?)?)
 }
 
 /// Writes the files with one row per mission, `part` rows at a time: two tables with these metrics, and the Parquet
 /// file.
 fn write_missions(
     folder: &Path,
-    definition: &Definition,
     journal: &SweepJournal,
     tables: [(&str, &[Metric]); 2],
     part: usize,
     stop: &Stop,
 ) -> Result<(), LabError> {
+    let definition = journal.definition();
     let path = folder.join("results.parquet");
     let begun = BufWriter::new(write_unfinished(&path, b"").at(&path)?);
     let mut parquet = ParquetFile::begin(begun, &mission_columns(definition, &[])).at(&path)?;
@@ -100,9 +100,10 @@ pub fn mission_columns<'a>(definition: &'a Definition, rows: &[MissionRow]) -> V
     columns.push(("seed", Arc::new(UInt64Array::from_iter_values(rows.iter().map(|row| row.key.seed)))));
     for metric in Metric::all().filter(|metric| !metric.is_timing()) {
         let values = rows.iter().map(|row| row[metric]);
-        let column: ArrayRef = match metric {
-            Metric::DeliveredBits => Arc::new(UInt64Array::from_iter_values(values.map(|bits| bits as u64))),
-            _ => Arc::new(values.map(|value| Some(value).filter(|value| !value.is_nan())).collect::<Float64Array>()),
+        let column: ArrayRef = if metric.is_count() {
+            Arc::new(UInt64Array::from_iter_values(values.map(|count| count as u64)))
+        } else {
+            Arc::new(values.map(|value| Some(value).filter(|value| !value.is_nan())).collect::<Float64Array>())
         };
         columns.push((metric.name(), column));
     }
@@ -124,12 +125,8 @@ fn swept(definition: &Definition, rows: &[MissionRow], place: usize) -> ArrayRef
 
 /// The summary, with one row per point, strategy and metric: mean, standard deviation and confidence interval over the
 /// seeds. If the sweep contains `offline`, the best known loss of each point follows.
-fn summary_csv(
-    definition: &Definition,
-    journal: &SweepJournal,
-    metrics: &[Metric],
-    stop: &Stop,
-) -> Result<Vec<u8>, LabError> {
+fn summary_csv(journal: &SweepJournal, metrics: &[Metric], stop: &Stop) -> Result<Vec<u8>, LabError> {
+    let definition = journal.definition();
     let names = ["strategy", "metric", "n", "mean", "standard_deviation", "ci95_low", "ci95_high"];
     let line = |point: usize, strategy: &str, metric: Metric, interval: MeanInterval| {
         let MeanInterval { n, mean, deviation, limits } = interval;
@@ -235,7 +232,7 @@ pub(crate) fn text(value: &toml::Value) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sweep::plan::MissionKey;
+    use crate::sweep::definition::MissionKey;
     use strum::EnumCount;
 
     /// The files of a sweep with these seeds, written `part` rows at a time.
@@ -256,7 +253,7 @@ mod tests {
         }
         let metrics = [Metric::LossRate];
         let tables = [("results.csv", &metrics[..]), ("timings.csv", &metrics)];
-        write_missions(folder.path(), &definition, &journal, tables, part, &Stop::default()).unwrap();
+        write_missions(folder.path(), &journal, tables, part, &Stop::default()).unwrap();
         ["results.csv", "results.parquet"].map(|name| std::fs::read(folder.path().join(name)).unwrap())
     }
 

@@ -1,23 +1,21 @@
 //! The sensor nodes as the bounds see them: those that sample, in whole bits, with the first slot of a possible
 //! service.
 
-use skysink_common::arrivals::sampled_bits;
-use skysink_common::geometry::{Position, distance_squared};
-use skysink_common::message::SensorNode;
+use skysink_common::geometry::distance_squared;
+use skysink_common::queues::overflow_bits;
+use skysink_common::sampling::Sampler;
 use skysink_common::scenario::Scenario;
+use skysink_common::sensors::Sensors;
 
-use crate::horizon::path_bound::legs::fewest_slots;
-use crate::sensor_table::SensorTable;
+use super::paths::legs::fewest_slots;
 
 /// A sensor node (SN) that samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SensorBits {
-    /// Mean bits sampled per slot, `s_i τ`, above 0.
-    pub mean_bits: f64,
-    /// Its buffer, `B` [bit].
-    pub capacity_bits: u64,
+    /// Its sampling, with a mean above 0.
+    pub sampler: Sampler,
     /// Its queue before slot 1 [bit].
-    pub queue_bits: u64,
+    pub queue_bits: u32,
     /// The first slot at whose end the UAV can be in range, at least 1.
     pub first_slot: u64,
 }
@@ -28,11 +26,10 @@ impl SensorBits {
     #[inline]
     #[must_use]
     pub fn overflow_bits(&self, emptied: Option<u64>, slot: u64) -> u64 {
-        let held_bits = match emptied {
-            Some(emptied) => sampled_bits(self.mean_bits, slot) - sampled_bits(self.mean_bits, emptied.min(slot)),
-            None => self.queue_bits + sampled_bits(self.mean_bits, slot),
-        };
-        held_bits.saturating_sub(self.capacity_bits)
+        match emptied {
+            Some(emptied) => overflow_bits(&self.sampler, 0, emptied.min(slot), slot),
+            None => overflow_bits(&self.sampler, self.queue_bits, 0, slot),
+        }
     }
 
     /// Overflow in `slot` [bit], under the same assumption.
@@ -55,45 +52,45 @@ pub struct FieldBits {
 }
 
 impl FieldBits {
-    /// The field of a scenario with these SNs and queues [bit], by id, and the list of the SNs that sample, with their
-    /// ids.
+    /// The field of a scenario with these SNs and queues [bit], by id.
     #[must_use]
-    pub fn new(scenario: &Scenario, sensors: &[SensorNode], queues_bits: &[u32]) -> (Self, Vec<(u32, SensorNode)>) {
-        let table = SensorTable::new(scenario, &[]);
+    pub fn new(scenario: &Scenario, sensors: &Sensors, queues_bits: &[u32]) -> Self {
         let start = scenario.start().xy();
-        let samples = |(_, node): &(u32, SensorNode)| node.sampling_bps * scenario.slot_s > 0.0;
-        let sampling: Vec<(u32, SensorNode)> = (0..).zip(sensors.iter().copied()).filter(samples).collect();
-        let bits = |&(id, node): &(u32, SensorNode)| {
-            let away_m = distance_squared(&start, &Position::new(node.x_m, node.y_m)).sqrt();
-            let slots = fewest_slots(&table, away_m - table.comm_radius_m * (1.0 + 1e-8));
+        let in_range_m = scenario.link.comm_radius_m * (1.0 + 1e-8);
+        let bits = |id: u32| {
+            let away_m = distance_squared(&start, sensors.position(id)).sqrt();
+            let slots = fewest_slots(scenario.reach_m(), away_m - in_range_m);
             SensorBits {
-                mean_bits: node.sampling_bps * scenario.slot_s,
-                capacity_bits: node.capacity_bits.into(),
-                queue_bits: queues_bits[id as usize].into(),
+                sampler: sensors.sampler(id),
+                queue_bits: queues_bits[id as usize],
                 first_slot: (slots as u64).max(1),
             }
         };
-        let sensors = sampling.iter().map(bits).collect();
-        (Self { sensors, slots: scenario.slots, blocks: scenario.link.resource_blocks }, sampling)
+        Self {
+            sensors: sensors.sampling_ids().map(bits).collect(),
+            slots: scenario.slots,
+            blocks: scenario.link.resource_blocks,
+        }
     }
 
     /// The largest buffer [bit].
     #[must_use]
     pub fn capacity_bits(&self) -> u64 {
-        self.sensors.iter().map(|sensor| sensor.capacity_bits).max().unwrap_or(0)
+        self.sensors.iter().map(|sensor| sensor.sampler.capacity_bits).max().unwrap_or(0).into()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use skysink_common::message::SensorNode;
     use skysink_common::scenario::Overrides;
     use std::path::Path;
 
     #[test]
     fn overflow_is_counted_in_whole_bits_since_the_last_visit_or_with_the_first_queue() {
         // Sampled up to slots 1 to 5: 2, 5, 7, 10 and 12 bit (decision D2).
-        let sensor = SensorBits { mean_bits: 2.5, capacity_bits: 4, queue_bits: 3, first_slot: 1 };
+        let sensor = SensorBits { sampler: Sampler { mean_bits: 2.5, capacity_bits: 4 }, queue_bits: 3, first_slot: 1 };
         assert_eq!([1, 2, 3, 4, 5].map(|slot| sensor.overflow_bits(None, slot)), [1, 4, 6, 9, 11]);
         assert_eq!([1, 2, 3, 4, 5].map(|slot| sensor.lost_bits(None, slot)), [1, 3, 2, 3, 2]);
         // Since slot 2: 2, 5 and 7 bit.
@@ -108,10 +105,9 @@ mod tests {
         let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
         let node = |x_m: f64, sampling_bps: f64| SensorNode { x_m, y_m: 200.0, sampling_bps, ..SensorNode::default() };
         let nodes = [node(200.0, 9.0), node(230.0, 0.0), node(280.0, 9.0), node(100.0, 9.0)];
-        let (field, sampling) = FieldBits::new(&scenario, &nodes, &[1, 2, 3, 4]);
-        let found: Vec<(u64, u64)> =
+        let field = FieldBits::new(&scenario, &Sensors::of(&scenario, &nodes), &[1, 2, 3, 4]);
+        let found: Vec<(u64, u32)> =
             field.sensors.iter().map(|sensor| (sensor.first_slot, sensor.queue_bits)).collect();
         assert_eq!(found, [(1, 1), (3, 3), (3, 4)]);
-        assert_eq!(sampling.iter().map(|(id, _)| *id).collect::<Vec<_>>(), [0, 2, 3]);
     }
 }

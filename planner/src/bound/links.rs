@@ -4,20 +4,16 @@
 //! of sight is highest there. The draw of a random channel depends only on the seed, the slot and the sensor node, so
 //! the capacity at the best position is known.
 
-use skysink_common::channel::{Channel, FreeSpace, LineOfSight, Uplink};
-use skysink_common::message::SensorNode;
+use skysink_common::channel::{Channel, ChannelModel, Uplink};
 use skysink_common::random::Streams;
 use skysink_common::scenario::Scenario;
-use skysink_common::units::ratio_of_db;
+use skysink_common::sensors::Sensors;
 
 /// Relative margin on rates and altitudes, so that rounding does not put a bound below a flown link.
 const ROUNDING: f64 = 1e-9;
 
 /// Most draws that are evaluated; with more, the best draw is assumed.
 const MOST_DRAWS: u64 = 20_000_000;
-
-/// Steps of the range of gains [dB] in the sum for an expectation.
-const GAIN_STEPS: u32 = 1 << 14;
 
 /// The best links of a mission.
 #[derive(Debug, Clone)]
@@ -34,15 +30,16 @@ pub struct BestLinks {
 }
 
 impl BestLinks {
-    /// The links of these SNs, with their ids.
+    /// The links of the SNs that sample.
     #[must_use]
-    pub fn new(scenario: &Scenario, sensors: &[(u32, SensorNode)]) -> Self {
+    pub fn new(scenario: &Scenario, sensors: &Sensors) -> Self {
+        let sensors: Vec<(u32, f64)> = sensors.sampling_ids().map(|id| (id, sensors.gains[id as usize])).collect();
         let climb = scenario.uav.climb();
         let draws = (sensors.len() as u64).saturating_mul(scenario.slots);
         Self {
-            channel: Channel::of(scenario),
+            channel: Channel::of(&scenario.link),
             streams: Streams::new(scenario.seed),
-            sensors: sensors.iter().map(|(id, node)| (*id, node.gain)).collect(),
+            sensors,
             altitude_m: scenario.uav.altitude_m,
             descent_m: climb.map_or(0.0, |climb| climb.max_climb_mps * scenario.slot_s),
             lowest_m: climb.map_or(scenario.uav.altitude_m, |climb| climb.min_altitude_m),
@@ -61,41 +58,26 @@ impl BestLinks {
     pub fn best_bits(&self, slot: u64, index: usize) -> u64 {
         let (id, gain) = self.sensors[index];
         let uplink = self.above(slot, gain);
-        let rate_bps = match &self.channel {
-            Channel::FreeSpace(model) => match model.redrawn_db {
-                Some([_, highest_db]) if !self.are_drawn => best_gain_bps(model, &uplink, highest_db),
-                _ => model.draw(&uplink, &self.streams, slot, id).rate_bps,
-            },
-            Channel::LineOfSight(model) => {
-                let nlos_bps = model.nlos_rate_bps(0.0, uplink.z_m);
-                if !self.are_drawn || model.draw(&uplink, &self.streams, slot, id).line_of_sight {
-                    model.los_rate_bps(0.0, uplink.z_m).max(nlos_bps)
-                } else {
-                    nlos_bps
-                }
-            }
+        let rate_bps = if self.are_drawn {
+            self.channel.best_drawn_rate_bps(&uplink, &self.streams, slot, id)
+        } else {
+            self.channel.best_rate_bps(&uplink)
         };
         self.channel.capacity_bits(rate_bps * (1.0 + ROUNDING))
     }
 
     /// By slot: upper bound on the expected bits, before the draw, that any link carries of a queue of `queue_bits`.
-    pub fn expected_bits(&self, queue_bits: u64) -> impl Fn(u64) -> f64 {
+    pub fn expected_bits(&self, queue_bits: u64) -> impl FnMut(u64) -> f64 {
         let carried_bits =
             move |rate_bps: f64| self.channel.capacity_bits(rate_bps * (1.0 + ROUNDING)).min(queue_bits) as f64;
         let highest_gain = self.sensors.iter().map(|(_, gain)| *gain).fold(0.0, f64::max);
-        let redrawn_bits = match &self.channel {
-            Channel::FreeSpace(model) => model.redrawn_db.map(|range_db| {
-                let uplink = self.above(0, highest_gain); // in free space the altitude is fixed
-                mean_over_gains(range_db, |gain_db| carried_bits(best_gain_bps(model, &uplink, gain_db)))
-            }),
-            Channel::LineOfSight(_) => None,
-        };
+        let mut last: Option<(Uplink, f64)> = None; // in most slots the lowest altitude is that of the slot before
         move |slot| {
             let uplink = self.above(slot, highest_gain);
-            match &self.channel {
-                Channel::FreeSpace(model) => redrawn_bits.unwrap_or_else(|| carried_bits(model.rate_bps(&uplink))),
-                Channel::LineOfSight(model) => expected_bits(model, uplink.z_m, carried_bits),
-            }
+            let known = last.filter(|(same, _)| *same == uplink);
+            let (_, bits) = *last
+                .insert(known.unwrap_or_else(|| (uplink, self.channel.best_mean_over_draws(&uplink, &carried_bits))));
+            bits
         }
     }
 
@@ -104,27 +86,6 @@ impl BestLinks {
         let reached_m = self.altitude_m - self.descent_m * slot as f64;
         Uplink { gain, d2_m2: 0.0, z_m: reached_m.max(self.lowest_m) * (1.0 - ROUNDING) }
     }
-}
-
-/// The rate [bit/s] with a gain of `gain_db` [dB].
-fn best_gain_bps(model: &FreeSpace, uplink: &Uplink, gain_db: f64) -> f64 {
-    model.rate_bps(&Uplink { gain: ratio_of_db(gain_db), ..*uplink })
-}
-
-/// Upper bound on the mean of an increasing function of a gain that is uniform between two levels [dB]: the function is
-/// evaluated at the upper end of each step.
-fn mean_over_gains([lowest_db, highest_db]: [f64; 2], value: impl Fn(f64) -> f64) -> f64 {
-    let step_db = (highest_db - lowest_db) / f64::from(GAIN_STEPS);
-    let sum: f64 = (1..=GAIN_STEPS).map(|step| value(lowest_db + step_db * f64::from(step))).sum();
-    sum / f64::from(GAIN_STEPS)
-}
-
-/// Upper bound on the expected bits of a link: the probability of line of sight and the rates are highest straight
-/// below the UAV at the altitude `z_m` [m]. If the rate in line of sight is the lower one, the other is taken.
-fn expected_bits(model: &LineOfSight, z_m: f64, carried_bits: impl Fn(f64) -> f64) -> f64 {
-    let los_bits = carried_bits(model.los_rate_bps(0.0, z_m));
-    let nlos_bits = carried_bits(model.nlos_rate_bps(0.0, z_m));
-    nlos_bits + model.los_probability(0.0, z_m) * (los_bits - nlos_bits).max(0.0)
 }
 
 #[cfg(test)]
@@ -138,7 +99,7 @@ mod tests {
         let text = "name = 'x'\nslots = 9\nslot_s = 2.0\n[uav]\naltitude = 'free'\naltitude_m = 60.0\nmin_altitude_m = 45.0\n\
                     max_climb_mps = 4.0\n[link]\nmodel = 'probabilistic-los'\nenvironment = 'urban'\n";
         let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
-        let links = BestLinks::new(&scenario, &[]);
+        let links = BestLinks::new(&scenario, &Sensors::of(&scenario, &[]));
         for (slot, lowest_m) in [(0, 60.0), (1, 52.0), (2, 45.0), (3, 45.0)] {
             let above_m = links.above(slot, 1.0).z_m;
             // Never above it, so that rounding does not put the bound below a flown link.

@@ -1,21 +1,31 @@
-//! Lower bounds on the loss of any flight of a mission, in whole bits.
+//! Lower bounds on the loss of any flight of a mission, in whole bits, and of any plan of the look-ahead.
 //!
-//! [`visits`] counts the sensor nodes that cannot be served in time, with the paths of
-//! [`path_bound`](crate::horizon::path_bound); [`throughput`] counts bits, with the best possible [`links`]. Bounds
-//! within the model of the look-ahead are left to [`crate::horizon::bound`].
+//! | module | contents |
+//! |---|---|
+//! | [`field_bits`] | the sensor nodes as the bounds of a mission see them |
+//! | [`visits`] | bound by the sensor nodes that cannot be served in time |
+//! | [`paths`] | upper bound on the sensor nodes served in some slots, by the lengths of paths |
+//! | [`throughput`] | bound by the bits that [`links`] carry at most |
+//! | [`window`] | bound within the model of the look-ahead, with real-valued queues and expected rates |
 
 pub mod field_bits;
+mod largest;
 pub mod links;
+pub mod paths;
 pub mod throughput;
 pub mod visits;
+pub mod window;
 
-use skysink_common::message::SensorNode;
+use std::sync::Arc;
+
 use skysink_common::scenario::Scenario;
+use skysink_common::sensors::Sensors;
+use skysink_common::sensors::grid::Grid;
 
-use crate::horizon::path_bound::PathBound;
-use crate::sensor_table::SensorTable;
+use crate::mission_table::MissionTable;
 use field_bits::FieldBits;
 use links::BestLinks;
+use paths::PathBound;
 
 /// Lower bounds on the loss of a mission.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,21 +41,17 @@ pub struct MissionBound {
 /// `known_bits` is the loss of some flight of this mission, or [`u64::MAX`]. It does not affect the result: no bound
 /// exceeds it, so once one bound reaches it the others are not computed.
 #[must_use]
-pub fn mission_bound(
-    scenario: &Scenario,
-    sensors: &[SensorNode],
-    queues_bits: &[u32],
-    known_bits: u64,
-) -> MissionBound {
-    let (field, sampling) = FieldBits::new(scenario, sensors, queues_bits);
-    let links = BestLinks::new(scenario, &sampling);
+pub fn mission_bound(scenario: &Scenario, sensors: &Sensors, queues_bits: &[u32], known_bits: u64) -> MissionBound {
+    let field = FieldBits::new(scenario, sensors, queues_bits);
+    let links = BestLinks::new(scenario, sensors);
     let carried_bits = throughput::by_throughput(&field, |slot, sensor| links.best_bits(slot, sensor));
     let expected_bits = links
         .are_random()
         .then(|| throughput::by_expected_throughput(&field, links.expected_bits(field.capacity_bits())));
     // The bound by visits is at most `known_bits`, so it cannot raise bounds that have reached it.
     let lower_bits = expected_bits.map_or(carried_bits, |bits| carried_bits.min(bits as u64));
-    let visits_bits = if lower_bits < known_bits { by_visits(scenario, &field, &sampling, known_bits) } else { 0 };
+    let visits_bits =
+        if lower_bits < known_bits { by_blocks_and_paths(scenario, &field, sensors, known_bits) } else { 0 };
     MissionBound {
         loss_bits: carried_bits.max(visits_bits),
         expected_loss_bits: expected_bits.map(|bits| bits.max(visits_bits as f64)),
@@ -53,13 +59,14 @@ pub fn mission_bound(
 }
 
 /// The bound by visits [bit]: by the resource blocks and, unless this reaches `known_bits`, by paths.
-fn by_visits(scenario: &Scenario, field: &FieldBits, sampling: &[(u32, SensorNode)], known_bits: u64) -> u64 {
+fn by_blocks_and_paths(scenario: &Scenario, field: &FieldBits, sensors: &Sensors, known_bits: u64) -> u64 {
     let by_blocks =
         visits::by_visits(field, |slots| usize::try_from(slots).unwrap_or(usize::MAX).saturating_mul(field.blocks));
     if by_blocks >= known_bits {
         return by_blocks;
     }
-    let nodes: Vec<SensorNode> = sampling.iter().map(|&(_, node)| node).collect();
-    let paths = PathBound::new(&SensorTable::new(scenario, &nodes));
+    let ids: Vec<u32> = sensors.sampling_ids().collect();
+    let sampling = sensors.subset(&ids, |positions| Grid::new(positions, scenario.link.comm_radius_m));
+    let paths = PathBound::new(&MissionTable::new(scenario, Arc::new(sampling)));
     by_blocks.max(visits::by_visits(field, |slots| paths.most(slots)))
 }

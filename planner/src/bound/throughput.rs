@@ -24,7 +24,7 @@ pub fn by_throughput(field: &FieldBits, link_bits: impl Fn(u64, usize) -> u64) -
         for &index in &overflowing {
             let sensor = &field.sensors[index];
             if sensor.first_slot <= slot {
-                carried.push(link_bits(slot, index).min(sensor.capacity_bits));
+                carried.push(link_bits(slot, index).min(sensor.sampler.capacity_bits.into()));
             }
         }
         let blocks = field.blocks.min(carried.len());
@@ -39,7 +39,7 @@ pub fn by_throughput(field: &FieldBits, link_bits: impl Fn(u64, usize) -> u64) -
 /// Lower bound on the mean loss [bit] over the draws of a random channel, without knowledge of future draws, if every
 /// link is expected to carry at most `expected_bits(slot)` [bit] of a queue of at most the largest buffer.
 #[must_use]
-pub fn by_expected_throughput(field: &FieldBits, expected_bits: impl Fn(u64) -> f64) -> f64 {
+pub fn by_expected_throughput(field: &FieldBits, mut expected_bits: impl FnMut(u64) -> f64) -> f64 {
     let (excess_bits, overflowing) = overflowing(field);
     let mut first_slots: Vec<u64> = overflowing.iter().map(|&index| field.sensors[index].first_slot).collect();
     first_slots.sort_unstable();
@@ -67,11 +67,13 @@ fn overflowing(field: &FieldBits) -> (u64, Vec<usize>) {
 mod tests {
     use super::*;
     use crate::bound::field_bits::SensorBits;
+    use skysink_common::sampling::Sampler;
 
     /// Two SNs that sample 10 bit a slot into full buffers of 20 bit over 5 slots, 50 bit of overflow each. The second
     /// can be served from slot 3 on.
     fn field_of(blocks: usize) -> FieldBits {
-        let sensor = |first_slot| SensorBits { mean_bits: 10.0, capacity_bits: 20, queue_bits: 20, first_slot };
+        let sampler = Sampler { mean_bits: 10.0, capacity_bits: 20 };
+        let sensor = |first_slot| SensorBits { sampler, queue_bits: 20, first_slot };
         FieldBits { sensors: vec![sensor(1), sensor(3)], slots: 5, blocks }
     }
 

@@ -3,6 +3,7 @@
 //! The capacities of links are ignored: a visit is assumed to empty the queue.
 
 use super::field_bits::FieldBits;
+use super::largest::without_largest;
 
 /// Most gaps between visits that are compared.
 const GAPS: u64 = 8;
@@ -46,13 +47,12 @@ fn lost_after(field: &FieldBits, slot: u64, gap: u64, served: usize, losses: &mu
             unreached_bits += lost_bits;
         }
     }
-    unreached_bits + without_largest(losses, served)
+    unreached_bits + without_largest(losses, served, u64::cmp)
 }
 
 /// The gaps that are compared [slots]: some of those after which an empty queue overflows.
 fn gaps(field: &FieldBits) -> Vec<u64> {
-    let fill_slots = |mean_bits: f64, capacity_bits: u64| (capacity_bits as f64 / mean_bits).ceil();
-    let fills = field.sensors.iter().map(|sensor| fill_slots(sensor.mean_bits, sensor.capacity_bits));
+    let fills = field.sensors.iter().map(|sensor| sensor.sampler.fill_slots().ceil());
     let mut gaps: Vec<u64> = fills.filter(|fill| *fill < field.slots as f64).map(|fill| fill as u64).collect();
     gaps.sort_unstable();
     gaps.dedup();
@@ -62,25 +62,15 @@ fn gaps(field: &FieldBits) -> Vec<u64> {
     gaps.into_iter().step_by(stride).collect()
 }
 
-/// The sum of `values` without the `count` largest.
-fn without_largest(values: &mut [u64], count: usize) -> u64 {
-    if count >= values.len() {
-        return 0;
-    }
-    if count > 0 {
-        values.select_nth_unstable_by(count - 1, |a, b| b.cmp(a));
-    }
-    values[count..].iter().sum()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::bound::field_bits::SensorBits;
+    use skysink_common::sampling::Sampler;
 
     /// An SN that samples 10 bit a slot.
-    fn sensor(capacity_bits: u64, queue_bits: u64, first_slot: u64) -> SensorBits {
-        SensorBits { mean_bits: 10.0, capacity_bits, queue_bits, first_slot }
+    fn sensor(capacity_bits: u32, queue_bits: u32, first_slot: u64) -> SensorBits {
+        SensorBits { sampler: Sampler { mean_bits: 10.0, capacity_bits }, queue_bits, first_slot }
     }
 
     #[test]

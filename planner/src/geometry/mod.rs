@@ -2,5 +2,4 @@
 
 pub mod circle;
 pub mod disks;
-pub mod grid;
 pub mod tour;

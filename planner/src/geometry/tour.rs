@@ -3,7 +3,7 @@
 use skysink_common::geometry::Position;
 use skysink_common::scenario::Area;
 
-use super::grid::Grid;
+use skysink_common::sensors::grid::Grid;
 
 /// Neighbours that a point may be joined to.
 const NEIGHBOURS: usize = 10;

@@ -69,7 +69,7 @@ pub fn serve(model: &PlanningModel, empty: &mut [f64], visit: &Visit) -> f64 {
 #[inline]
 #[must_use]
 pub fn slots_to(model: &PlanningModel, from: &Position, stop: u32) -> i32 {
-    slots_between(from, model.disk(stop), model.table.reach_m).min(1e9) as i32
+    slots_between(from, model.disk(stop), model.table.limits.reach_m).min(1e9) as i32
 }
 
 /// The state of a decoded flight.
@@ -101,7 +101,7 @@ impl Decoder {
         }
         let from = self.at;
         let begin = self.slot;
-        let reach = Disk { centre: from, radius_m: model.table.reach_m * f64::from(slots) };
+        let reach = Disk { centre: from, radius_m: model.table.limits.reach_m * f64::from(slots) };
         let waypoint = nearest_in_both(&model.disk(next.unwrap_or(stop)).centre, &reach, model.disk(stop));
         let mut lost_bits = 0.0;
         for step in 1..slots {
@@ -123,16 +123,20 @@ impl Decoder {
         visits: &mut Vec<Visit>,
     ) -> f64 {
         let slot = self.slot;
-        let blocks = model.table.resource_blocks;
+        let blocks = model.table.limits.blocks();
         let found = &mut self.found;
         found.clear();
         if members.len() == blocks {
-            let away_m2 = |&sensor: &u32| distance_squared(model.table.position(sensor), &self.at);
+            let away_m2 = |&sensor: &u32| distance_squared(model.table.sensors.position(sensor), &self.at);
             found.extend(members.iter().map(|sensor| Candidate::new(model, *sensor, away_m2(sensor))));
         } else {
-            model.table.grid.visit(&self.at, model.table.comm_radius_m * (1.0 + RANGE_SLACK), |node, d2_m2| {
-                found.push(Candidate::new(model, node.id, d2_m2));
-            });
+            model.table.sensors.grid.visit(
+                &self.at,
+                model.table.limits.comm_radius_m * (1.0 + RANGE_SLACK),
+                |node, d2_m2| {
+                    found.push(Candidate::new(model, node.id, d2_m2));
+                },
+            );
         }
         if found.len() > blocks {
             for candidate in found.iter_mut() {

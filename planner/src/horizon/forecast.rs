@@ -9,6 +9,7 @@ use super::choice::late_slots;
 use super::flight::{Decoder, Leg, Trace, Visit, serve};
 use super::model::{PlanningModel, SensorModel};
 use super::states::{Change, Rejoined, States};
+use crate::bound::window::{WindowField, WindowSensor};
 
 /// Marks an inserted stop without a corresponding leg in the old plan.
 pub const FRESH: u32 = u32::MAX;
@@ -44,6 +45,19 @@ impl PlanningWindow {
             beyond_slots: beyond_slots as f64,
         }
     }
+
+    /// Lower bound on the loss [bit] of every plan over this window.
+    #[must_use]
+    pub fn least_loss_bits(&self, model: &PlanningModel) -> f64 {
+        let sensor = |((index, sensor), empty): ((u32, &SensorModel), &f64)| WindowSensor {
+            fill_slots: sensor.fill_slots,
+            mean_bits: sensor.mean_bits,
+            empty: *empty,
+            capacity_slots: model.capacity_slots(index, 0.0),
+        };
+        let sensors = (0..).zip(&model.sensors).zip(&self.empty).map(sensor).collect();
+        WindowField { sensors, slots: self.slots, blocks: model.table.limits.blocks() }.least_loss_bits()
+    }
 }
 
 /// The forecast of a plan.
@@ -61,7 +75,7 @@ pub struct Forecast {
     sunk_bits: f64,
     change: Change,
     decoder: Decoder,
-    pub(super) states: States,
+    pub(crate) states: States,
     work: Vec<f64>,
 }
 

@@ -10,7 +10,7 @@ use skysink_common::random::{Purpose, Streams};
 use super::draw::{below, fraction};
 use super::service_disk::ServiceDisk;
 use crate::geometry::circle::Circle;
-use crate::sensor_table::SensorTable;
+use crate::mission_table::MissionTable;
 
 /// Nearest sensors that a sensor may be grouped with.
 const NEIGHBOURS: usize = 24;
@@ -36,7 +36,7 @@ const ROUNDING: f64 = 1e-9;
 /// Sensors in groups, some of which may be too wide during the search.
 #[derive(Debug, Clone)]
 struct Partition<'a> {
-    table: &'a SensorTable,
+    table: &'a MissionTable,
     groups: Vec<Vec<u32>>,
     /// The group of each sensor.
     home: Vec<usize>,
@@ -44,15 +44,15 @@ struct Partition<'a> {
 }
 
 /// A partition of all sensors of `table` into groups that can be served together; empty if no two sensors can.
-pub(super) fn cover(table: &SensorTable, seed: u64) -> Vec<ServiceDisk> {
-    let neighbours: Vec<Vec<u32>> = table.ids().map(|sensor| near(table, sensor)).collect();
-    if table.resource_blocks < 2 || neighbours.iter().all(Vec::is_empty) {
+pub(crate) fn cover(table: &MissionTable, seed: u64) -> Vec<ServiceDisk> {
+    let neighbours: Vec<Vec<u32>> = table.sensors.ids().map(|sensor| near(table, sensor)).collect();
+    if table.limits.blocks() < 2 || neighbours.iter().all(Vec::is_empty) {
         return Vec::new();
     }
     let mut partition = Partition {
         table,
-        groups: table.ids().map(|sensor| vec![sensor]).collect(),
-        home: (0..table.positions.len()).collect(),
+        groups: table.sensors.ids().map(|sensor| vec![sensor]).collect(),
+        home: (0..table.sensors.positions.len()).collect(),
         points: Vec::new(),
     };
     partition.anneal(&neighbours, &mut Streams::new(seed).stream(Purpose::Groups, 0, 0));
@@ -61,11 +61,11 @@ pub(super) fn cover(table: &SensorTable, seed: u64) -> Vec<ServiceDisk> {
 }
 
 /// The sensors nearest to `sensor` that can be served together with it.
-fn near(table: &SensorTable, sensor: u32) -> Vec<u32> {
-    let at = table.position(sensor);
-    let apart_m = 2.0 * table.comm_radius_m * FILL;
-    let mut near = table.grid.nearest(at, NEIGHBOURS + 1);
-    near.retain(|&other| other != sensor && distance_squared(table.position(other), at) <= apart_m * apart_m);
+fn near(table: &MissionTable, sensor: u32) -> Vec<u32> {
+    let at = table.sensors.position(sensor);
+    let apart_m = 2.0 * table.limits.comm_radius_m * FILL;
+    let mut near = table.sensors.grid.nearest(at, NEIGHBOURS + 1);
+    near.retain(|&other| other != sensor && distance_squared(table.sensors.position(other), at) <= apart_m * apart_m);
     near.truncate(NEIGHBOURS);
     near
 }
@@ -74,23 +74,23 @@ impl Partition<'_> {
     /// The radius of the smallest circle around `members` [m].
     fn radius_m(&mut self, members: &[u32]) -> f64 {
         self.points.clear();
-        self.points.extend(members.iter().map(|&member| self.table.position(member)));
+        self.points.extend(members.iter().map(|&member| self.table.sensors.position(member)));
         Circle::around(&self.points).radius_m2.sqrt()
     }
 
     fn is_too_wide(&mut self, members: &[u32]) -> bool {
-        self.radius_m(members) > self.table.comm_radius_m * FILL
+        self.radius_m(members) > self.table.limits.comm_radius_m * FILL
     }
 
     fn energy(&mut self, members: &[u32]) -> f64 {
-        let full = members.len() as f64 / self.table.resource_blocks as f64;
-        let excess = (self.radius_m(members) / (self.table.comm_radius_m * FILL) - 1.0).max(0.0);
+        let full = members.len() as f64 / self.table.limits.blocks() as f64;
+        let excess = (self.radius_m(members) / (self.table.limits.comm_radius_m * FILL) - 1.0).max(0.0);
         EXCESS * excess - full * full
     }
 
     fn anneal(&mut self, neighbours: &[Vec<u32>], random: &mut ChaCha8Rng) {
         let count = self.home.len();
-        let most = self.table.resource_blocks;
+        let most = self.table.limits.blocks();
         let steps = (STEPS * count as u64).min(MOST_STEPS);
         let rest = (count % most) as f64 / most as f64;
         let least = -((count / most) as f64) - rest * rest;
@@ -159,7 +159,7 @@ impl Partition<'_> {
         groups.retain(|group| !group.is_empty());
         for sensor in removed {
             let fits = |group: &Vec<u32>| {
-                group.len() < self.table.resource_blocks && !self.is_too_wide(&[&group[..], &[sensor]].concat())
+                group.len() < self.table.limits.blocks() && !self.is_too_wide(&[&group[..], &[sensor]].concat())
             };
             match groups.iter().position(fits) {
                 Some(index) => groups[index].push(sensor),

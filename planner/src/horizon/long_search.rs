@@ -5,10 +5,9 @@ use std::ops::ControlFlow;
 use skysink_common::random::Purpose;
 
 use super::anneal::{Temperature, anneal};
-use super::bound::lower_bound;
 use super::forecast::Forecast;
 use super::{COOLING, Horizon, LAST_CEILING, LEAST_TEMPERATURE, MOST_RISE, NEAR_FRACTION, REHEATING, start};
-use crate::strategies::View;
+use crate::strategy::View;
 
 /// Parts of the search, each with its temperature.
 const ROUNDS: u64 = 400;
@@ -69,7 +68,7 @@ impl Horizon {
         watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
     ) -> ControlFlow<(), (u64, bool)> {
         let model = &self.model;
-        let bound_bits = lower_bound(model, &forecast.window);
+        let bound_bits = forecast.window.least_loss_bits(model);
         let slots = forecast.window.slots as u64;
         let mut best_bits = forecast.loss_bits;
         let mut best = forecast.stops();

@@ -1,7 +1,7 @@
 //! `horizon`: the plan of least predicted loss over many slots, improved in every slot and flown a slot at a time.
 //!
-//! A plan is a sequence of stops. Decisions for slots, and the choice of another strategy, are left to
-//! [`crate::strategies::horizon`].
+//! A plan is a sequence of stops. Decisions for slots, and the choice of another strategy, are left to the strategy
+//! `horizon`, lower bounds on the loss to [`crate::bound`].
 //!
 //! | module | contents |
 //! |---|---|
@@ -12,10 +12,8 @@
 //! | [`start`], [`even_tour`], [`offered`] | initial plans |
 //! | [`anneal`], [`draw`] | the search |
 //! | [`long_search`] | the search before the mission, of `offline` |
-//! | [`bound`], [`path_bound`] | lower bounds on the loss; upper bounds on the sensor nodes served in some slots |
 
 pub mod anneal;
-pub mod bound;
 pub mod choice;
 pub mod draw;
 pub mod even_tour;
@@ -25,7 +23,6 @@ pub mod groups;
 pub mod long_search;
 pub mod model;
 pub mod offered;
-pub mod path_bound;
 pub mod service_disk;
 pub mod start;
 pub mod states;
@@ -36,18 +33,19 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
+use skysink_common::estimate::Uncertainty;
 use skysink_common::geometry::Position;
-use skysink_common::message::{MAX_PATH_POINTS, SensorNode};
+use skysink_common::message::MAX_PATH_POINTS;
 use skysink_common::random::{Purpose, Streams};
+use skysink_common::sampling::Sampler;
+use skysink_common::sensors::Sensors;
 
-use crate::strategies::{Setup, Timing, View};
+use crate::strategy::{Setup, Timing, View};
 use anneal::Temperature;
-use bound::lower_bound;
 use flight::Trace;
 use forecast::{Forecast, PlanningWindow};
 use model::PlanningModel;
 use service_disk::ServiceDisk;
-use skysink_common::estimate::{Estimate, Uncertainty};
 
 /// Lower limit on the estimated bits per slot of an SN: one that does not sample cannot be distinguished from one that
 /// rarely does.
@@ -130,15 +128,17 @@ impl Horizon {
     /// If sampling rates are learnt, all SNs can lose data, at their estimated rates.
     #[must_use]
     pub fn new(setup: &Setup, max_slots: u64, iterations: u32, budget: Option<Duration>) -> Self {
-        let scenario = setup.scenario;
-        let learnt = setup.estimate.filter(|estimate| estimate.has_learnt_rates());
-        let estimated = |(id, sensor): (u32, &SensorNode)| match learnt {
-            Some(estimate) => SensorNode { sampling_bps: least_mean_bits(estimate, id) / scenario.slot_s, ..*sensor },
-            None => *sensor,
+        let Setup { scenario, belief, .. } = *setup;
+        let sensors = &setup.table.sensors;
+        let model = if belief.has_learnt_rates() {
+            let mean_bits = sensors.ids().map(|id| least_mean_bits(belief.mean_bits(sensors, id))).collect();
+            let sampling = sensors.sampling.with_means(mean_bits);
+            PlanningModel::new(scenario, &Sensors { sampling, ..Sensors::clone(sensors) })
+        } else {
+            PlanningModel::new(scenario, sensors)
         };
-        let sensors: Vec<SensorNode> = (0..).zip(setup.sensors).map(estimated).collect();
         Self {
-            model: PlanningModel::new(scenario, &sensors),
+            model,
             streams: Streams::new(scenario.seed),
             slots: scenario.slots,
             max_slots,
@@ -152,16 +152,17 @@ impl Horizon {
     /// Updates the model with the estimate at the beginning of the slot: learnt rates, and the uncertainty of the
     /// queues.
     fn update_sensors(&mut self, view: &View) {
-        let Some(estimate) = view.estimate else {
+        let belief = view.belief.belief();
+        if !belief.is_estimated() {
             return;
-        };
+        }
         for (sensor, &id) in self.model.sensors.iter_mut().zip(&self.model.ids) {
-            if estimate.has_learnt_rates() {
-                sensor.mean_bits = least_mean_bits(estimate, id);
-                sensor.fill_slots = f64::from(estimate.capacity_bits(id)) / sensor.mean_bits;
+            if belief.has_learnt_rates() {
+                let mean_bits = least_mean_bits(view.belief.mean_bits(id));
+                sensor.mean_bits = mean_bits;
+                sensor.fill_slots = Sampler { mean_bits, ..view.table.sensors.sampler(id) }.fill_slots();
             }
-            let Uncertainty { unbounded_bits, initial_bits, rate, since_contact_bits } =
-                estimate.uncertainty(view.slot.saturating_sub(1), id);
+            let Uncertainty { unbounded_bits, initial_bits, rate, since_contact_bits } = view.belief.uncertainty(id);
             sensor.initial_half_slots = initial_bits / sensor.mean_bits;
             sensor.rate_half_fraction = rate;
             // Before the first contact its uncertainty is in `initial_half_slots`.
@@ -194,7 +195,7 @@ impl Horizon {
     /// Whether the loss of the plan of `forecast` equals the lower bound.
     #[must_use]
     pub fn is_optimal(&self, forecast: &Forecast) -> bool {
-        forecast.loss_bits <= lower_bound(&self.model, &forecast.window)
+        forecast.loss_bits <= forecast.window.least_loss_bits(&self.model)
     }
 
     /// Improves the plan of `forecast`, and carries the part after the slot of `view`.
@@ -234,7 +235,7 @@ impl Horizon {
     fn window(&self, view: &View) -> PlanningWindow {
         let left = (self.slots + 1).saturating_sub(view.slot).max(1);
         let slots = left.min(self.max_slots);
-        PlanningWindow::new(&self.model, view.ground(), view.queues_bits, slots, left - slots)
+        PlanningWindow::new(&self.model, view.ground(), view.belief.queues_bits, slots, left - slots)
     }
 
     /// Anneals the plan; restores the initial plan if the loss ends much higher.
@@ -251,11 +252,11 @@ impl Horizon {
         let begun = forecast.stops();
         let begun_bits = forecast.loss_bits;
         let window = &forecast.window;
-        let least_bits = lower_bound(model, window);
+        let least_bits = window.least_loss_bits(model);
         if begun_bits <= least_bits {
             return; // nothing can be better
         }
-        let blocks = model.table.resource_blocks as f64 * f64::from(window.slots);
+        let blocks = model.table.limits.blocks() as f64 * f64::from(window.slots);
         let free = (1.0 - forecast.trace.visits.len() as f64 / blocks).max(0.0);
         let freedom = (free / FREE).min(1.0).powi(2);
         let avoidable_bits = (begun_bits - forecast.beyond_bits - least_bits).max(0.0) * freedom;
@@ -306,9 +307,9 @@ impl Checkpoint for Horizon {
     }
 }
 
-/// Estimated bits per slot of SN `id`, above 0.
-fn least_mean_bits(estimate: &Estimate, id: u32) -> f64 {
-    estimate.mean_bits(id).max(LEAST_MEAN_BITS)
+/// Estimated bits per slot of an SN, raised above 0.
+fn least_mean_bits(mean_bits: f64) -> f64 {
+    mean_bits.max(LEAST_MEAN_BITS)
 }
 
 /// Slot `slot`, from 1, of a plan, with the UAV at `from` at its beginning; `None` after the last stop.

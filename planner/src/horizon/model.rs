@@ -1,20 +1,22 @@
 //! The constant data of a look-ahead: the sensor nodes that can lose data, in slots instead of bits, and the stops of
 //! plans.
 
-use skysink_common::channel::{Channel, LineOfSight, Uplink};
+use std::sync::Arc;
+
+use skysink_common::channel::{ChannelModel, Uplink};
 use skysink_common::geometry::{Position, distance_squared};
-use skysink_common::message::SensorNode;
 use skysink_common::scenario::Scenario;
+use skysink_common::sensors::Sensors;
+use skysink_common::sensors::grid::Grid;
 
 use super::even_tour::even_out;
 use super::groups;
 use super::service_disk::ServiceDisk;
 use crate::geometry::disks::Disk;
-use crate::geometry::grid::Grid;
 use crate::geometry::tour::closed_tour;
-use crate::sensor_table::SensorTable;
+use crate::mission_table::MissionTable;
 
-/// Entries of the capacity table for probabilistic line of sight, over `d²` from 0 to `d_c²`.
+/// Entries of the capacity table where the rate depends on the elevation, over `d²` from 0 to `d_c²`.
 const TABLE: usize = 64;
 
 /// Entries for which the altitude is optimised: the inner fifth of the disk, from which most sensors are served.
@@ -98,16 +100,16 @@ impl SensorModel {
 #[derive(Debug, Clone)]
 pub struct PlanningModel {
     /// Positions and channel of the sensors, and the limits of the UAV. The grid covers the area.
-    pub table: SensorTable,
+    pub table: MissionTable,
     /// The sensors.
     pub sensors: Vec<SensorModel>,
     /// Their ids in the mission.
     pub ids: Vec<u32>,
-    /// Altitude of service in free space [m].
+    /// Altitude of service where the rate depends on the distance alone [m].
     altitude_m: f64,
-    /// With probabilistic line of sight: expected bits of a visit by `d²`, from the best altitude for nearby sensors.
-    /// One altitude is used, because all sensors of a slot are served from one, and climbs are slow. One table
-    /// suffices, because all uplinks have one gain.
+    /// Where it depends on the elevation: expected bits of a visit by `d²`, from the best altitude for nearby sensors,
+    /// over an uplink of the highest gain. One altitude is used, because all sensors of a slot are served from one, and
+    /// climbs are slow.
     capacities_bits: Option<Box<[f64; TABLE + 1]>>,
     /// All disks: first those of single sensors, then groups, then added ones.
     pub disks: Vec<ServiceDisk>,
@@ -126,17 +128,16 @@ pub struct PlanningModel {
 impl PlanningModel {
     /// The model of a scenario with these SNs; with groups if resource blocks or time are scarce.
     #[must_use]
-    pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
-        let can_lose = |(_, sensor): &(u32, SensorNode)| sensor.sampling_bps * scenario.slot_s > 0.0;
-        let (ids, sensors): (Vec<u32>, Vec<SensorNode>) = (0..).zip(sensors.iter().copied()).filter(can_lose).unzip();
-        let mut table = SensorTable::new(scenario, &sensors);
-        table.grid = Grid::over(table.area, &table.positions, table.comm_radius_m);
-        let capacities_bits =
-            table.channel.line_of_sight().map(|model| Box::new(best_capacities_bits(scenario, &table.channel, model)));
+    pub fn new(scenario: &Scenario, sensors: &Sensors) -> Self {
+        let ids: Vec<u32> = sensors.sampling_ids().collect();
+        let grid = |positions: &[Position]| Grid::over(scenario.area, positions, scenario.link.comm_radius_m);
+        let table = MissionTable::new(scenario, Arc::new(sensors.subset(&ids, grid)));
+        let has_best_altitude = table.channel.depends_on_elevation();
+        let capacities_bits = has_best_altitude.then(|| Box::new(best_capacities_bits(scenario, &table)));
         let mut model = Self {
             altitude_m: scenario.uav.altitude_m,
             capacities_bits,
-            tours: vec![closed_tour(table.area, &table.positions)],
+            tours: vec![closed_tour(table.limits.area(), &table.sensors.positions)],
             table,
             sensors: Vec::new(),
             ids,
@@ -146,9 +147,7 @@ impl PlanningModel {
             stops: Vec::new(),
             neighbours: Vec::new(),
         };
-        for (index, sensor) in (0..).zip(&sensors) {
-            model.add_sensor(index, sensor.sampling_bps * scenario.slot_s, sensor.capacity_bits);
-        }
+        model.table.sensors.ids().for_each(|index| model.add_sensor(index));
         if model.is_scarce() {
             model.group(scenario.seed);
         }
@@ -160,18 +159,19 @@ impl PlanningModel {
     }
 
     /// Adds the sensor `index` and its disk.
-    fn add_sensor(&mut self, index: u32, mean_bits: f64, capacity_bits: u32) {
-        let rim_m2 = self.table.comm_radius_m * self.table.comm_radius_m;
+    fn add_sensor(&mut self, index: u32) {
+        let sampler = self.table.sensors.sampler(index);
+        let rim_m2 = self.table.limits.comm_radius_m * self.table.limits.comm_radius_m;
         self.sensors.push(SensorModel {
-            fill_slots: f64::from(capacity_bits) / mean_bits,
-            mean_bits,
-            is_emptied: self.capacity_bits(index, rim_m2) >= f64::from(capacity_bits),
+            fill_slots: sampler.fill_slots(),
+            mean_bits: sampler.mean_bits,
+            is_emptied: self.capacity_bits(index, rim_m2) >= f64::from(sampler.capacity_bits),
             initial_half_slots: 0.0,
             rate_half_fraction: 0.0,
             left_slots: 0.0,
             overdue_slots: 0.0,
         });
-        let disk = Disk { centre: *self.table.position(index), radius_m: self.near_m(index) };
+        let disk = Disk { centre: *self.table.sensors.position(index), radius_m: self.near_m(index) };
         self.disks.push(ServiceDisk { disk, members: vec![index] });
     }
 
@@ -179,7 +179,7 @@ impl PlanningModel {
     /// of a full buffer.
     fn near_m(&self, sensor: u32) -> f64 {
         let enough_slots = self.capacity_slots(sensor, 0.0).min(self.sensors[sensor as usize].fill_slots) * NEAR;
-        let radius_m = |step: u32| self.table.comm_radius_m * f64::from(step) / f64::from(NEAR_RADII);
+        let radius_m = |step: u32| self.table.limits.comm_radius_m * f64::from(step) / f64::from(NEAR_RADII);
         let is_enough = |step: &u32| self.capacity_slots(sensor, radius_m(*step).powi(2)) >= enough_slots;
         (1..=NEAR_RADII).rev().find(is_enough).map_or(0.0, radius_m)
     }
@@ -191,14 +191,14 @@ impl PlanningModel {
             |(sensor, index): (&SensorModel, u32)| 1.0 / self.capacity_slots(index, 0.0).min(sensor.fill_slots);
         let needed: f64 = self.sensors.iter().zip(0..).map(visits).sum();
         let fills = self.sensors.iter().map(|sensor| sensor.fill_slots);
-        needed >= SCARCE_BLOCKS * self.table.resource_blocks as f64
+        needed >= SCARCE_BLOCKS * self.table.limits.blocks() as f64
             || self.slots_of(&self.tours[0]) >= SCARCE_TIME * fills.fold(f64::INFINITY, f64::min)
     }
 
     /// Adds the groups of a partition of the field, with random numbers of `seed`, and for every size a tour over the
     /// groups of at least that size, if it skips few sensors: without a partition into full groups, skipping some may
     /// lose less.
-    pub(super) fn group(&mut self, seed: u64) {
+    pub(crate) fn group(&mut self, seed: u64) {
         let first = self.disks.len();
         self.disks.extend(groups::cover(&self.table, seed));
         let size = |group: u32| self.disks[group as usize].members.len();
@@ -213,13 +213,13 @@ impl PlanningModel {
                 continue;
             }
             let centres: Vec<Position> = large.iter().map(|&group| self.disk(group).centre).collect();
-            let order = closed_tour(self.table.area, &centres);
+            let order = closed_tour(self.table.limits.area(), &centres);
             let mut tour: Vec<u32> = order.into_iter().map(|index| large[index as usize]).collect();
             even_out(&mut tour, |from, to| {
                 let from = self.disk(from);
                 let to = self.disk(to);
                 let away_m = distance_squared(&from.centre, &to.centre).sqrt() - (from.radius_m + to.radius_m) / 2.0;
-                (away_m / self.table.reach_m - 1.0).max(0.0)
+                (away_m / self.table.limits.reach_m - 1.0).max(0.0)
             });
             self.tours.push(tour);
         }
@@ -231,7 +231,7 @@ impl PlanningModel {
             let from = self.disk(from);
             let to = self.disk(to);
             let away_m = distance_squared(&from.centre, &to.centre).sqrt() - from.radius_m - to.radius_m;
-            (away_m / self.table.reach_m).max(1.0)
+            (away_m / self.table.limits.reach_m).max(1.0)
         };
         tour.iter().zip(tour.iter().cycle().skip(1)).map(leg).sum()
     }
@@ -262,7 +262,7 @@ impl PlanningModel {
     fn find_stops(&mut self) {
         self.stops = (0..self.disks.len() as u32).filter(|&stop| self.is_stop(stop)).collect();
         let centres: Vec<Position> = self.stops.iter().map(|&stop| self.disk(stop).centre).collect();
-        let grid = Grid::new(&centres, self.table.comm_radius_m);
+        let grid = Grid::new(&centres, self.table.limits.comm_radius_m);
         let nearest = |index: u32| {
             let near = grid.nearest(&self.disk(index).centre, NEIGHBOURS + 1);
             let mut others: Vec<u32> = near.into_iter().map(|stop| self.stops[stop as usize]).collect();
@@ -280,17 +280,17 @@ impl PlanningModel {
             return true;
         };
         let mut in_range = 0;
-        self.table.grid.visit(&self.disk(stop).centre, self.table.comm_radius_m, |_, _| in_range += 1);
-        !sensor.is_emptied || in_range <= self.table.resource_blocks || self.disks.len() == self.sensors.len()
+        self.table.sensors.grid.visit(&self.disk(stop).centre, self.table.limits.comm_radius_m, |_, _| in_range += 1);
+        !sensor.is_emptied || in_range <= self.table.limits.blocks() || self.disks.len() == self.sensors.len()
     }
 
     /// Capacity of a visit of `sensor` at the squared distance `d2_m2` [m²] [bit].
     fn capacity_bits(&self, sensor: u32, d2_m2: f64) -> f64 {
         if let Some(capacities_bits) = &self.capacities_bits {
-            let fraction = d2_m2 / (self.table.comm_radius_m * self.table.comm_radius_m);
+            let fraction = d2_m2 / (self.table.limits.comm_radius_m * self.table.limits.comm_radius_m);
             return capacities_bits[((fraction * TABLE as f64).round() as usize).min(TABLE)];
         }
-        let uplink = Uplink { gain: self.table.gains[sensor as usize], d2_m2, z_m: self.altitude_m };
+        let uplink = Uplink { gain: self.table.sensors.gains[sensor as usize], d2_m2, z_m: self.altitude_m };
         self.table.channel.capacity_bits(self.table.channel.expected_rate_bps(&uplink)) as f64
     }
 
@@ -310,19 +310,17 @@ impl PlanningModel {
 /// Expected bits of a visit with a full buffer, over `d²`, from the altitude that is best for nearby sensors; of equals
 /// the lowest.
 ///
-/// The capacity of each draw is limited to the buffer: excess capacity in line of sight does not make up for slots out
-/// of it.
-fn best_capacities_bits(scenario: &Scenario, channel: &Channel, model: &LineOfSight) -> [f64; TABLE + 1] {
+/// The capacity of each draw is limited to the buffer: excess capacity of a good draw does not make up for a bad one.
+fn best_capacities_bits(scenario: &Scenario, table: &MissionTable) -> [f64; TABLE + 1] {
     let [low_m, high_m] =
         scenario.uav.climb().map_or([scenario.uav.altitude_m; 2], |climb| [climb.min_altitude_m, climb.max_altitude_m]);
     let rim_m2 = scenario.link.comm_radius_m * scenario.link.comm_radius_m;
     let buffer_bits = u64::from(scenario.sensors.capacity_bits);
-    let taken_bits = |rate_bps: f64| channel.capacity_bits(rate_bps).min(buffer_bits) as f64;
+    let taken_bits = |rate_bps: f64| table.channel.capacity_bits(rate_bps).min(buffer_bits) as f64;
+    let gain = table.sensors.gains.iter().copied().fold(0.0, f64::max);
     let expected_bits = |d2_m2: f64, z_m: f64| {
-        let probability = model.los_probability(d2_m2, z_m);
-        let hidden_bits = taken_bits(model.nlos_rate_bps(d2_m2, z_m));
-        // In this form the mean of two equal numbers is that number.
-        hidden_bits + probability * (taken_bits(model.los_rate_bps(d2_m2, z_m)) - hidden_bits)
+        let uplink = Uplink { gain, d2_m2, z_m };
+        table.channel.mean_over_draws(&uplink, &taken_bits)
     };
     let level_bits = |level: u32| -> [f64; TABLE + 1] {
         let z_m = low_m + (high_m - low_m) * f64::from(level) / f64::from(LEVELS);

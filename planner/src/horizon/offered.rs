@@ -5,7 +5,7 @@ use skysink_common::geometry::Position;
 use super::forecast::Forecast;
 use super::service_disk::ServiceDisk;
 use super::{Horizon, Search, start};
-use crate::strategies::View;
+use crate::strategy::View;
 
 /// Searches after which two initial plans are compared.
 const ROUNDS: u32 = 8;
@@ -105,6 +105,7 @@ mod tests {
 
     use std::path::Path;
 
+    use skysink_common::belief::Believed;
     use skysink_common::message::SensorNode;
     use skysink_common::random::{Purpose, Streams};
     use skysink_common::scenario::{Overrides, Scenario};
@@ -113,9 +114,8 @@ mod tests {
 
     use crate::horizon::anneal::{Temperature, anneal};
     use crate::horizon::{PlannedSlot, planned_slot};
-    use crate::sensor_table::SensorTable;
-    use crate::settings::Settings;
-    use crate::strategies::{Setup, Timing};
+    use crate::strategy::Timing;
+    use crate::strategy::tests::over;
 
     #[test]
     fn a_flight_that_loses_less_becomes_the_plan_and_its_slots_become_stops() {
@@ -132,14 +132,19 @@ mod tests {
             capacity_bits: 30_000,
             ..SensorNode::default()
         };
-        let sensors = positions_m.map(sensor);
-        let table = &SensorTable::new(&scenario, &sensors);
-        let settings = &Settings::of(&scenario).unwrap();
-        let setup = Setup { scenario: &scenario, settings, sensors: &sensors, table, estimate: None };
-        let mut horizon = Horizon::new(&setup, 600, 0, None);
         let position = scenario.start();
+        let field = over(scenario, positions_m.map(sensor).to_vec());
+        let table = &field.table;
+        let mut horizon = Horizon::new(&field.setup(), 600, 0, None);
         let stop = &Stop::default();
-        let view = View { slot: 1, position, queues_bits: &[0; 4], estimate: None, table, timing: Timing::Free, stop };
+        let view = View {
+            slot: 1,
+            position,
+            belief: Believed::known(0, &table.sensors, &[0; 4]),
+            table,
+            timing: Timing::Free,
+            stop,
+        };
         let mut forecast = horizon.forecast(&view).unwrap();
         let permanent = horizon.model.disks.len();
         let between = |slot: usize| {
@@ -184,14 +189,20 @@ mod tests {
         let overrides = Overrides { seed: Some(seed), ..Overrides::default() };
         let scenario = Scenario::parse(text, Path::new("x.toml"), overrides).unwrap();
         let list = SensorList::of(&scenario).unwrap();
-        let table = &SensorTable::new(&scenario, &list.nodes());
-        let settings = &Settings::of(&scenario).unwrap();
-        let setup = Setup { scenario: &scenario, settings, sensors: &list.nodes(), table, estimate: None };
-        let mut horizon = Horizon::new(&setup, 600, 0, None);
         let position = scenario.start();
+        let field = over(scenario, list.nodes());
+        let table = &field.table;
+        let mut horizon = Horizon::new(&field.setup(), 600, 0, None);
         let queues_bits = &list.queues_bits()[..];
         let stop = &Stop::default();
-        let view = View { slot: 1, position, queues_bits, estimate: None, table, timing: Timing::Free, stop };
+        let view = View {
+            slot: 1,
+            position,
+            belief: Believed::known(0, &table.sensors, queues_bits),
+            table,
+            timing: Timing::Free,
+            stop,
+        };
         let mut forecast = horizon.forecast(&view).unwrap();
         let begun = forecast.stops();
         let begun_bits = forecast.loss_bits;

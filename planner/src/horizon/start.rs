@@ -28,7 +28,7 @@ pub fn begin(model: &PlanningModel, forecast: &mut Forecast) {
         let Some(first) = (0..tour.len()).min_by(|a, b| away_m2(a).total_cmp(&away_m2(b))) else {
             continue;
         };
-        let rounds = 2 * forecast.window.slots as usize * model.table.resource_blocks;
+        let rounds = 2 * forecast.window.slots as usize * model.table.limits.blocks();
         forecast.load(model, tour.iter().cycle().skip(first).take(rounds).copied());
         offer(forecast);
         forecast.load(model, tour.iter().rev().cycle().skip(tour.len() - 1 - first).take(rounds).copied());
@@ -91,7 +91,7 @@ struct InRange {
 impl InRange {
     fn new(model: &PlanningModel, stop: u32) -> Self {
         let mut found = Self { members: Vec::new(), others: Vec::new() };
-        model.table.grid.visit(&model.disk(stop).centre, model.table.comm_radius_m, |node, d2_m2| {
+        model.table.sensors.grid.visit(&model.disk(stop).centre, model.table.limits.comm_radius_m, |node, d2_m2| {
             let is_member = model.disks[stop as usize].members.contains(&node.id);
             let list = if is_member { &mut found.members } else { &mut found.others };
             list.push(Candidate::new(model, node.id, d2_m2));
@@ -104,7 +104,7 @@ impl InRange {
         let Self { members, others } = self;
         let candidates = members.iter_mut().chain(others.iter_mut());
         candidates.for_each(|candidate| candidate.weigh(model, now - empty[candidate.sensor as usize]));
-        let free = model.table.resource_blocks - members.len();
+        let free = model.table.limits.blocks() - members.len();
         if others.len() > free && free > 0 {
             others.select_nth_unstable_by(free - 1, Candidate::order);
         }

@@ -24,13 +24,13 @@ pub struct Rejoined {
 
 /// An attempted change: `trace` replaces the legs `from..rest` of the old trace, and the rest is `shift` slots later.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Change {
-    pub(super) from: usize,
-    pub(super) trace: Trace,
-    pub(super) rest: usize,
-    pub(super) shift: i32,
+pub(crate) struct Change {
+    pub(crate) from: usize,
+    pub(crate) trace: Trace,
+    pub(crate) rest: usize,
+    pub(crate) shift: i32,
     /// The state from which on the rest is unchanged.
-    pub(super) rejoined: Option<Rejoined>,
+    pub(crate) rejoined: Option<Rejoined>,
 }
 
 /// A state before a leg: when each sensor would have been empty, and the loss until then [bit].
@@ -144,7 +144,7 @@ impl States {
     }
 
     /// Keeps the states that are still valid after `change`, which leaves `legs` legs.
-    pub(super) fn change(&mut self, change: &Change, legs: usize) {
+    pub(crate) fn change(&mut self, change: &Change, legs: usize) {
         // States keep their indices only if the number of legs has not changed.
         let rejoined = change.rejoined.filter(|_| change.from + change.trace.legs.len() == change.rest);
         let stride = self.stride;

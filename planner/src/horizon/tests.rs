@@ -3,28 +3,31 @@
 use std::path::Path;
 
 use proptest::prelude::*;
+use skysink_common::belief::Belief;
+use skysink_common::channel::ChannelModel;
 use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, Mode, SensorNode};
 use skysink_common::scenario::{Overrides, Scenario};
 
+use super::Horizon;
 use super::anneal::{Temperature, anneal};
-use super::bound::{by_throughput, by_visits, lower_bound};
 use super::flight::{Visit, serve};
 use super::forecast::{FRESH, Forecast, PlanningWindow};
 use super::model::{PlanningModel, SensorModel};
-use super::path_bound::PathBound;
 use super::service_disk::ServiceDisk;
 use super::start;
-use super::{Estimate, Horizon};
-use crate::sensor_table::SensorTable;
-use crate::settings::{Rates, Settings};
-use crate::strategies::{Setup, Timing, View};
+use crate::bound::paths::PathBound;
+use crate::settings::Rates;
+use crate::strategy::tests::over;
+use crate::strategy::{Setup, Timing, View};
 use skysink_common::random::{Purpose, Streams};
+use skysink_common::reported::ReportedQueues;
+use skysink_common::sensors::Sensors;
 use skysink_common::stop::Stop;
 
 /// SNs of gain −52 dB, B = 30 kbit, at `positions_m` [m] with their rates [bit/s], in an area of 400 m; d_c = 10 m,
 /// V τ = 30 m.
-pub(super) fn model_of(positions_m: &[([f64; 2], f64)], blocks: u32, width_hz: f64) -> PlanningModel {
+pub(crate) fn model_of(positions_m: &[([f64; 2], f64)], blocks: u32, width_hz: f64) -> PlanningModel {
     let text = format!(
         "name = 'x'\n[area]\nside_m = 400.0\n[link]\nbandwidth_hz = {width_hz:?}\nresource_blocks = {blocks}\n"
     );
@@ -37,11 +40,12 @@ pub(super) fn model_of(positions_m: &[([f64; 2], f64)], blocks: u32, width_hz: f
         capacity_bits: 30_000,
         ..SensorNode::default()
     };
-    PlanningModel::new(&scenario, &positions_m.iter().map(sensor).collect::<Vec<_>>())
+    let nodes: Vec<SensorNode> = positions_m.iter().map(sensor).collect();
+    PlanningModel::new(&scenario, &Sensors::of(&scenario, &nodes))
 }
 
 /// From (200, 200), with all queues at 10 kbit, to the mission's end after `slots`.
-pub(super) fn window_of(model: &PlanningModel, slots: i32) -> PlanningWindow {
+pub(crate) fn window_of(model: &PlanningModel, slots: i32) -> PlanningWindow {
     let empty = model.sensors.iter().map(|sensor| -10_000.0 / sensor.mean_bits).collect();
     PlanningWindow { start: Position::new(200.0, 200.0), empty, slots, beyond_slots: 0.0 }
 }
@@ -101,37 +105,6 @@ fn sensor_nodes_too_close_together_for_the_blocks_are_grouped() {
     assert!(model.disks[8..].iter().all(|stop| (stop.disk.radius_m - 5.5).abs() < 1e-9), "half of 9 m from 10 m");
 }
 
-#[test]
-fn the_bounds_count_visits_and_bits() {
-    // One visit a slot, three SNs that fill in 10 slots from empty, full at slot 0: unserved ones lose everything. Slot
-    // 1 costs 3, slot 2 two, slot 3 one, all of 3000 bit; then each can be served in time.
-    let sensors = [([200.0, 200.0], 3_000.0), ([201.0, 200.0], 3_000.0), ([202.0, 200.0], 3_000.0)];
-    let model = model_of(&sensors, 1, 5e6);
-    let full = PlanningWindow { empty: vec![-10.0; 3], ..window_of(&model, 8) };
-    assert_eq!(by_visits(&model, &full), 18_000.0);
-    // Full in 2 slots: of three with one visit a slot, one is late in every slot from the third on, and at first all.
-    let sensors = [200.0, 201.0, 202.0].map(|x_m| ([x_m, 200.0], 15_000.0));
-    let model = model_of(&sensors, 1, 5e6);
-    let empty = PlanningWindow { empty: vec![0.0; 3], ..window_of(&model, 10) };
-    assert_eq!(by_visits(&model, &empty), 8.0 * 15_000.0);
-    // 45 kbit a slot come in and 30 kbit go out, 450 − 90 − 300 = 60 kbit in ten slots.
-    assert_eq!(by_throughput(&model, &empty), 60_000.0);
-    assert_eq!(lower_bound(&model, &empty), 120_000.0);
-}
-
-#[test]
-fn the_paths_bound_how_many_are_served() {
-    // On a line, 50 m apart: 30 m from rim to rim, one slot. From the first to the third rim are 80 m, three slots, as
-    // each has to be met on the way; to the last 190 m, seven slots, of which cells of 5 m leave six.
-    let sensors = [100.0, 150.0, 200.0, 310.0].map(|x_m| ([x_m, 200.0], 500.0));
-    let paths = PathBound::new(&model_of(&sensors, 4, 5e6).table);
-    assert_eq!([0, 1, 2, 3, 4, 5, 6, 7, 8].map(|slots| paths.most(slots)), [0, 1, 2, 2, 3, 3, 3, 4, 4]);
-    // Side by side the blocks are the limit.
-    let sensors = [200.0, 201.0, 202.0].map(|x_m| ([x_m, 200.0], 500.0));
-    let paths = PathBound::new(&model_of(&sensors, 2, 5e6).table);
-    assert_eq!([1, 2].map(|slots| paths.most(slots)), [2, 3]);
-}
-
 /// All plans of up to `most` stops, by their least loss [bit].
 fn enumerated(model: &PlanningModel, planning: &PlanningWindow, most: usize) -> f64 {
     let mut forecast = Forecast::new(model, planning.clone());
@@ -159,7 +132,7 @@ fn annealing_loses_as_little_as_the_best_of_all_plans() {
         let model = model_of(&sensors, 2, 5e6);
         let planning = window_of(&model, 16);
         let least_bits = enumerated(&model, &planning, 6);
-        assert!(lower_bound(&model, &planning) <= least_bits, "seed {seed}");
+        assert!(planning.least_loss_bits(&model) <= least_bits, "seed {seed}");
         let mut forecast = Forecast::new(&model, planning);
         start::begin(&model, &mut forecast);
         let mut random = Streams::new(seed).stream(Purpose::Horizon, 1, 0);
@@ -246,7 +219,7 @@ proptest! {
     ) {
         let planning = window_of(&model, slots);
         let mut forecast = Forecast::new(&model, planning.clone());
-        let bound_bits = lower_bound(&model, &planning);
+        let bound_bits = planning.least_loss_bits(&model);
         prop_assert!(bound_bits <= forecast.loss_bits + 1e-6);
         forecast.load(&model, drawn.iter().map(|index| index.index(model.disks.len()) as u32));
         prop_assert!(bound_bits <= forecast.loss_bits + 1e-6);
@@ -352,7 +325,7 @@ fn capacities_with_a_free_altitude_are_those_of_one_altitude() {
                 bandwidth_hz = 5e3\ncomm_radius_m = 60.0\n";
     let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
     let sensor = SensorNode { x_m: 50.0, y_m: 50.0, sampling_bps: 1.0, capacity_bits: 30_000, ..SensorNode::default() };
-    let model = PlanningModel::new(&scenario, &[sensor]);
+    let model = PlanningModel::new(&scenario, &Sensors::of(&scenario, &[sensor]));
     let channel = model.table.channel;
     let climb = scenario.uav.climb().unwrap();
     let range_m = climb.max_altitude_m - climb.min_altitude_m;
@@ -390,8 +363,8 @@ proptest! {
         for group in groups {
             prop_assert!(group.members.len() <= blocks as usize && group.disk.radius_m >= 0.0);
             for &member in &group.members {
-                let away_m = (model.table.positions[member as usize] - group.disk.centre).norm();
-                prop_assert!(away_m <= model.table.comm_radius_m - group.disk.radius_m + 1e-9);
+                let away_m = (model.table.sensors.positions[member as usize] - group.disk.centre).norm();
+                prop_assert!(away_m <= model.table.limits.comm_radius_m - group.disk.radius_m + 1e-9);
             }
         }
     }
@@ -404,35 +377,29 @@ fn learnt_rates_replace_the_prior() {
     let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
     let sensor = |x_m: f64| SensorNode { x_m, y_m: 50.0, gain: 1e-5, capacity_bits: 30_000, ..SensorNode::default() };
     let sensors = [30.0, 60.0, 90.0].map(sensor); // what they sample is not looked at
-    let mut estimate = Estimate::new(&scenario, Rates::Learnt, &sensors);
-    let table = &SensorTable::new(&scenario, &sensors);
-    let settings = &Settings::of(&scenario).unwrap();
-    let setup = Setup { scenario: &scenario, settings, sensors: &sensors, table, estimate: Some(&estimate) };
+    let field = over(scenario.clone(), sensors.to_vec());
+    let table = &field.table;
+    let mut belief = Belief::new(&scenario, &table.sensors, Some(Rates::Learnt));
+    let setup = Setup { belief: &belief, ..field.setup() };
     let mut horizon = Horizon::new(&setup, 600, 0, None);
-    let believed = |horizon: &mut Horizon, estimate: &Estimate, slot: u64| {
+    let believed = |horizon: &mut Horizon, belief: &mut Belief, slot: u64| {
         let position = scenario.start();
-        let estimate = Some(estimate);
+        let belief = belief.at(slot - 1, &table.sensors, &[0; 3]);
         let stop = &Stop::default();
-        horizon.update_sensors(&View {
-            slot,
-            position,
-            queues_bits: &[0; 3],
-            estimate,
-            table,
-            timing: Timing::Free,
-            stop,
-        });
+        horizon.update_sensors(&View { slot, position, belief, table, timing: Timing::Free, stop });
         horizon.model.sensors.iter().map(|sensor| (sensor.mean_bits, sensor.fill_slots)).collect::<Vec<_>>()
     };
-    assert_eq!(believed(&mut horizon, &estimate, 1), [(100.0, 300.0); 3]);
+    assert_eq!(believed(&mut horizon, &mut belief, 1), [(100.0, 300.0); 3]);
     // SNs 0 and 2 are served in slots 1 and 12: in the 10 slots between them come 2 500 bit, and nothing.
     let mut flight = FlightReport::at([0.0, 0.0, 20.0], Mode::Serve);
     flight.served = 2;
     flight.links[0].sensor = 0;
     flight.links[1].sensor = 2;
-    estimate.observe(1, &flight, &[500, 0, 7]);
-    (2..12).for_each(|slot| estimate.observe(slot, &FlightReport::at([0.0, 0.0, 20.0], Mode::Serve), &[0; 3]));
-    estimate.record_before_contact(12, &[0, 2], &[3_000, 0, 7]);
-    estimate.observe(12, &flight, &[0, 0, 7]);
-    assert_eq!(believed(&mut horizon, &estimate, 13), [(250.0, 120.0), (100.0, 300.0), (1e-3, 3e7)]);
+    let unreported = ReportedQueues::default();
+    belief.advance(1, &flight, &unreported, &[500, 0, 7]);
+    let serving_nobody = FlightReport::at([0.0, 0.0, 20.0], Mode::Serve);
+    (2..12).for_each(|slot| belief.advance(slot, &serving_nobody, &unreported, &[0; 3]));
+    let reported = belief.reported(12, [0, 2], &[3_000, 0, 7]);
+    belief.advance(12, &flight, &reported, &[0, 0, 7]);
+    assert_eq!(believed(&mut horizon, &mut belief, 13), [(250.0, 120.0), (100.0, 300.0), (1e-3, 3e7)]);
 }

@@ -14,9 +14,10 @@
 //! needs least power in slow flight, so a high price makes the UAV fly slowly instead of hovering.
 
 use serde::{Deserialize, Serialize};
+use skysink_common::keys::Accepts;
 
 use super::queue_weight::QueueWeight;
-use super::{Registered, checked};
+use crate::strategy::{Registered, StrategyKeys};
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
@@ -24,54 +25,33 @@ pub const STRATEGY: Registered = Registered {
     about: "max-weight less a price for propulsion energy (Lyapunov optimisation)",
     is_stateless: true,
     has_path: false,
-    keys: Some(checked::<DriftPlusPenaltyKeys>),
+    keys: Some(StrategyKeys::of::<DriftPlusPenaltyKeys>()),
     make: |setup| {
         let keys: DriftPlusPenaltyKeys =
             setup.scenario.planner_keys("planner.drift-plus-penalty").expect("they were checked");
-        Box::new(QueueWeight::new(setup, keys.price_bits2_per_j.into()))
+        Box::new(QueueWeight::new(setup, keys.price_bits2_per_j))
     },
 };
 
-/// `[planner.drift-plus-penalty]`.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct DriftPlusPenaltyKeys {
-    /// Price of energy, V [bit²/J].
-    pub price_bits2_per_j: Price,
-}
-
-impl Default for DriftPlusPenaltyKeys {
-    fn default() -> Self {
-        Self { price_bits2_per_j: Price(3e5) }
-    }
-}
-
-/// A price [bit²/J], 0 to 10^18.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "f64", into = "f64")]
-pub struct Price(f64);
-
-impl TryFrom<f64> for Price {
-    type Error = &'static str;
-
-    fn try_from(price: f64) -> Result<Self, Self::Error> {
-        if (0.0..=1e18).contains(&price) { Ok(Self(price)) } else { Err("expected bit²/J, 0 to 1e18") }
-    }
-}
-
-impl From<Price> for f64 {
-    fn from(price: Price) -> Self {
-        price.0
+skysink_common::keys! {
+    /// `[planner.drift-plus-penalty]`.
+    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    pub struct DriftPlusPenaltyKeys {
+        /// Price of energy, `V` [bit²/J].
+        price_bits2_per_j: f64 = 3e5, Accepts::Number("bit²/J, 0 to 1e18", |price| (0.0..=1e18).contains(&price));
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use skysink_common::keys::Keys;
 
     #[test]
     fn a_price_that_is_none_is_refused() {
-        assert!([-1.0, 1.1e18, f64::NAN, f64::INFINITY].iter().all(|&price| Price::try_from(price).is_err()));
-        assert!([0.0, 1e18].iter().all(|&price| Price::try_from(price).is_ok()));
+        let is_refused = |price: f64| DriftPlusPenaltyKeys::KEYS[0].accepts.refusal(&price.into()).is_some();
+        assert!([-1.0, 1.1e18, f64::NAN, f64::INFINITY].into_iter().all(is_refused));
+        assert!(![0.0, 1e18].into_iter().any(is_refused));
     }
 }

@@ -18,10 +18,9 @@
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::distance_squared;
 
-use super::sampling::Sampling;
 use super::serving::Serving;
 use super::transit::toward;
-use super::{Decision, Registered, Setup, Strategy, View};
+use crate::strategy::{Decision, Registered, Setup, Strategy, View};
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
@@ -34,13 +33,12 @@ pub const STRATEGY: Registered = Registered {
 };
 
 struct Edf {
-    sampling: Sampling,
     serving: Serving,
 }
 
 impl Edf {
     fn new(setup: &Setup) -> Self {
-        Self { sampling: Sampling::new(setup), serving: Serving::new(setup) }
+        Self { serving: Serving::new(setup) }
     }
 }
 
@@ -50,31 +48,30 @@ impl Strategy for Edf {
     /// Straight toward the SN with the earliest deadline, until above it; ties go to the nearest, then to the lowest
     /// index. It is served as soon as it is in range, with the fullest of the others. `None` if no SN samples.
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
-        let first = least(view, |id| self.sampling.deadline_slots(view, id))?;
-        let waypoint = toward(view.table.reach_m, &view.ground(), view.table.position(first));
+        let first = least(view, |id| view.belief.deadline_slots(id))?;
+        let waypoint = toward(view.table.limits.reach_m, &view.ground(), view.table.sensors.position(first));
         Some(self.serving.serve_first(view, &waypoint, first))
     }
 }
 
 /// The SN of least `cost`, ties to the nearest and then to the lowest index; `None` if none has a cost.
-pub(super) fn least(view: &View, cost: impl Fn(u32) -> Option<f64>) -> Option<u32> {
+pub(crate) fn least(view: &View, cost: impl Fn(u32) -> Option<f64>) -> Option<u32> {
     let ground = view.ground();
-    let rated = |id| cost(id).map(|cost| (cost, distance_squared(view.table.position(id), &ground), id));
+    let rated = |id| cost(id).map(|cost| (cost, distance_squared(view.table.sensors.position(id), &ground), id));
     let cheaper = |a: &(f64, f64, u32), b: &(f64, f64, u32)| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1));
-    view.table.ids().filter_map(rated).min_by(cheaper).map(|(_, _, id)| id)
+    view.table.sensors.ids().filter_map(rated).min_by(cheaper).map(|(_, _, id)| id)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sensor_table::SensorTable;
-    use crate::settings::Settings;
-    use crate::strategies::tests::view;
+    use crate::mission_table::MissionTable;
+    use crate::strategy::tests::{over, view};
     use skysink_common::message::SensorNode;
     use skysink_common::scenario::{Overrides, Scenario};
 
     /// SNs at these positions [m] that sample so much [bit/s] into 1 000 bit.
-    fn edf(sensors: &[([f64; 2], f64)]) -> (SensorTable, Edf) {
+    fn edf(sensors: &[([f64; 2], f64)]) -> (MissionTable, Edf) {
         let scenario = Scenario::letter(Overrides::default()).unwrap();
         let node = |&([x_m, y_m], sampling_bps): &([f64; 2], f64)| SensorNode {
             x_m,
@@ -84,11 +81,9 @@ mod tests {
             capacity_bits: 1_000,
             ..SensorNode::default()
         };
-        let sensors: Vec<SensorNode> = sensors.iter().map(node).collect();
-        let table = SensorTable::new(&scenario, &sensors);
-        let settings = &Settings::of(&scenario).unwrap();
-        let edf = Edf::new(&Setup { scenario: &scenario, settings, sensors: &sensors, table: &table, estimate: None });
-        (table, edf)
+        let field = over(scenario, sensors.iter().map(node).collect());
+        let edf = Edf::new(&field.setup());
+        (field.table, edf)
     }
 
     fn waypoint(sensors: &[([f64; 2], f64)], queues_bits: &[u32]) -> Option<[f64; 2]> {

@@ -25,10 +25,10 @@ use skysink_common::geometry::{Position, RANGE_SLACK, distance_squared, within};
 use skysink_common::message::SolverOutcome;
 
 use crate::geometry::disks::{Disk, crossings, project};
-use crate::sensor_table::SensorTable;
+use crate::mission_table::MissionTable;
 use crate::strategies::nearby::{Spot, may_share, preselect};
 use crate::strategies::serving::Serving;
-use crate::strategies::{Decision, Registered, Setup, Strategy, View};
+use crate::strategy::{Decision, Registered, Setup, Strategy, View};
 use crate::waypoint::problem::Waypoint;
 
 /// The strategy in the registry.
@@ -50,7 +50,7 @@ struct Exact {
 
 impl Exact {
     fn new(setup: &Setup) -> Self {
-        let ids = Vec::with_capacity(setup.table.resource_blocks);
+        let ids = Vec::with_capacity(setup.table.limits.blocks());
         Self { search: ExactSearch::new(setup.table), serving: Serving::new(setup), ids }
     }
 }
@@ -61,7 +61,7 @@ impl Strategy for Exact {
     /// `None` if no sensor node can be served from within reach.
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         let Self { search, serving, ids } = self;
-        let centre = search.best_set(view.table, &view.ground(), view.queues_bits, ids)?;
+        let centre = search.best_set(view.table, &view.ground(), view.belief.queues_bits, ids)?;
         // The centre satisfies every constraint of sP2 up to the slack of decision D5. If the disks of the set have a
         // point in common only thanks to that slack, sP2* may find none, and the centre is the waypoint.
         let waypoint = serving
@@ -98,9 +98,9 @@ struct Schedule {
 impl ExactSearch {
     /// A search over the SNs of `table` that never allocates in a slot.
     #[must_use]
-    pub fn new(table: &SensorTable) -> Self {
-        let sensors = table.positions.len();
-        let empty = || Schedule { sum_bits: 0, ids: Vec::with_capacity(table.resource_blocks) };
+    pub fn new(table: &MissionTable) -> Self {
+        let sensors = table.sensors.positions.len();
+        let empty = || Schedule { sum_bits: 0, ids: Vec::with_capacity(table.limits.blocks()) };
         Self {
             nearby: Vec::with_capacity(sensors),
             around: Vec::with_capacity(sensors),
@@ -116,12 +116,12 @@ impl ExactSearch {
     /// the set within `d_c` of it (decision D5).
     pub fn best_set(
         &mut self,
-        table: &SensorTable,
+        table: &MissionTable,
         position: &Position,
         queues_bits: &[u32],
         ids: &mut Vec<u32>,
     ) -> Option<Position> {
-        preselect(&mut self.nearby, table, position, table.reach_m + table.comm_radius_m, queues_bits);
+        preselect(&mut self.nearby, table, position, table.limits.reach_m + table.limits.comm_radius_m, queues_bits);
         self.best.fill([].iter());
         self.centre = None;
         for index in 0..self.nearby.len() {
@@ -137,15 +137,15 @@ impl ExactSearch {
 
     /// Tries the points of the disk of i, and of its lenses with the disks of all less full SNs, that are nearest to
     /// the UAV.
-    fn search_around(&mut self, table: &SensorTable, position: &Position, i: &Spot) {
+    fn search_around(&mut self, table: &MissionTable, position: &Position, i: &Spot) {
         self.around.clear();
         self.around.extend(self.nearby.iter().filter(|other| may_share(table, i, other)));
-        let reach = Disk { centre: *position, radius_m: table.reach_m };
+        let reach = Disk { centre: *position, radius_m: table.limits.reach_m };
         let disk = disk_of(i, table);
         if let Some(centre) = project(position, &[reach, disk]) {
             self.try_centre(table, &centre);
         }
-        if table.resource_blocks < 2 {
+        if table.limits.blocks() < 2 {
             return;
         }
         let own = self.around.iter().position(|spot| spot.id == i.id).expect("an SN is where it is itself");
@@ -162,21 +162,21 @@ impl ExactSearch {
 
     /// Tries the nearer corner of the lens of two SNs, with disks enlarged by `slack`. If another point of the lens is
     /// nearer, it is the nearest point of one of the disks, which is tried separately.
-    fn try_corner(&mut self, table: &SensorTable, position: &Position, pair: [&Spot; 2], slack: f64) {
-        let radius_m = table.comm_radius_m * (1.0 + slack);
+    fn try_corner(&mut self, table: &MissionTable, position: &Position, pair: [&Spot; 2], slack: f64) {
+        let radius_m = table.limits.comm_radius_m * (1.0 + slack);
         let [a, b] = pair.map(|spot| Disk { centre: spot.position, radius_m });
         let [a, b] = crossings(&a, &b);
         let a_is_nearer = distance_squared(&a, position) <= distance_squared(&b, position);
         let corner = if a_is_nearer { a } else { b };
-        if within(&corner, position, table.reach_m) {
+        if within(&corner, position, table.limits.reach_m) {
             self.try_centre(table, &corner);
         }
     }
 
     /// Tries the n fullest queues in range of `centre`.
-    fn try_centre(&mut self, table: &SensorTable, centre: &Position) {
-        let in_range = |spot: &&Spot| within(&spot.position, centre, table.comm_radius_m);
-        self.trial.fill(self.around.iter().filter(in_range).take(table.resource_blocks));
+    fn try_centre(&mut self, table: &MissionTable, centre: &Position) {
+        let in_range = |spot: &&Spot| within(&spot.position, centre, table.limits.comm_radius_m);
+        self.trial.fill(self.around.iter().filter(in_range).take(table.limits.blocks()));
         if self.trial.beats(&self.best) {
             std::mem::swap(&mut self.best, &mut self.trial);
             self.best.ids.sort_unstable();
@@ -186,8 +186,8 @@ impl ExactSearch {
 }
 
 /// The disk from which an SN can be served.
-fn disk_of(spot: &Spot, table: &SensorTable) -> Disk {
-    Disk { centre: spot.position, radius_m: table.comm_radius_m }
+fn disk_of(spot: &Spot, table: &MissionTable) -> Disk {
+    Disk { centre: spot.position, radius_m: table.limits.comm_radius_m }
 }
 
 /// Two disks nearly touch if the distance of their centres is below `2 d_c` by less than this fraction.
@@ -198,8 +198,8 @@ const NEARLY_TOUCHING: f64 = 1e-6;
 /// If the circles nearly touch, the corners move with the square root of the slack: half the slack of decision D5 moves
 /// them by 10⁻⁴ m instead of 10⁻⁸ m. A third SN on the circle of radius `d_c` through the two can then be served from
 /// these corners, but not from the point where the circles touch: rounding puts it 10⁻⁶ m out of range there.
-fn slacks(i: &Spot, k: &Spot, table: &SensorTable) -> &'static [f64] {
-    let are_near = within(&i.position, &k.position, 2.0 * table.comm_radius_m * (1.0 - NEARLY_TOUCHING));
+fn slacks(i: &Spot, k: &Spot, table: &MissionTable) -> &'static [f64] {
+    let are_near = within(&i.position, &k.position, 2.0 * table.limits.comm_radius_m * (1.0 - NEARLY_TOUCHING));
     if are_near { &[0.0] } else { &[0.0, RANGE_SLACK / 2.0] }
 }
 
@@ -220,12 +220,12 @@ impl Schedule {
     fn could_beat<const M: usize>(
         &mut self,
         best: &Self,
-        table: &SensorTable,
+        table: &MissionTable,
         members: [&Spot; M],
         others: &[Spot],
     ) -> bool {
         self.fill(members.into_iter());
-        let mut blocks = (table.resource_blocks - M) as u64;
+        let mut blocks = (table.limits.blocks() - M) as u64;
         for other in others {
             // Queues are in descending order. A set of equal sum may still win by its ids (decision D7).
             if blocks == 0 || self.sum_bits + blocks * u64::from(other.queue_bits) < best.sum_bits {
@@ -256,17 +256,17 @@ impl Schedule {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sensor_table::tests::table_of;
+    use crate::mission_table::tests::table_of;
 
     /// The set found from the middle of the area, and from where.
-    fn search(table: &SensorTable, queues_bits: &[u32]) -> Option<(Position, Vec<u32>)> {
+    fn search(table: &MissionTable, queues_bits: &[u32]) -> Option<(Position, Vec<u32>)> {
         let mut ids = vec![77];
         let centre = ExactSearch::new(table).best_set(table, &Position::new(50.0, 50.0), queues_bits, &mut ids);
         assert_eq!(centre.is_none(), ids.is_empty());
         centre.map(|centre| (centre, ids))
     }
 
-    fn assert_found(table: &SensorTable, queues_bits: &[u32], centre: [f64; 2], ids: &[u32]) {
+    fn assert_found(table: &MissionTable, queues_bits: &[u32], centre: [f64; 2], ids: &[u32]) {
         let (from, found) = search(table, queues_bits).expect("somebody can be served");
         assert_eq!(found, ids, "from {from}");
         assert!((from - Position::from(centre)).norm() < 1e-9, "{from}");
@@ -321,7 +321,7 @@ mod tests {
     #[test]
     fn a_reach_smaller_than_range_leaves_what_is_in_range_of_all_of_it() {
         let mut table = table_of(&[[56.0, 50.0], [44.0, 50.0], [50.0, 62.0]]);
-        table.reach_m = 1.0;
+        table.limits.reach_m = 1.0;
         assert_found(&table, &[1, 1, 99], [50.0, 50.0], &[0, 1]);
     }
 
@@ -330,7 +330,7 @@ mod tests {
         // SN 0 is the partner of every anchor of Algorithm 1, more than 19.6 m from the others, and no circle of radius
         // 10 m has two of them in it as well. The other three are in range of (70, 50).
         let mut table = table_of(&[[50.0, 50.0], [69.8, 50.0], [68.0, 58.0], [68.0, 42.0]]);
-        table.resource_blocks = 3;
+        table.limits.resource_blocks = 3;
         assert_eq!(search(&table, &[100, 60, 60, 60]).unwrap().1, [1, 2, 3]);
         let mut ids = Vec::new();
         let reach = crate::strategies::algorithm_1::Reach::Wide;
@@ -353,7 +353,7 @@ mod tests {
         assert_eq!(search(&table, &[5, 6, 5, 6, 5, 5]).unwrap().1, [1, 4]);
         // Found after a set as full whose fullest queue is fuller, also where its bound is no higher.
         assert_eq!(search(&table, &[5, 0, 4, 6, 0, 5]).unwrap().1, [0, 5]);
-        table.resource_blocks = 2;
+        table.limits.resource_blocks = 2;
         assert_eq!(search(&table, &[5, 0, 4, 6, 0, 5]).unwrap().1, [0, 5]);
     }
 

@@ -7,8 +7,8 @@ use skysink_common::geometry::Position;
 
 use super::nearby::fullest_first;
 use super::serving::Serving;
-use super::{Decision, Registered, Strategy, View};
-use crate::sensor_table::SensorTable;
+use crate::mission_table::MissionTable;
+use crate::strategy::{Decision, Registered, Strategy, View};
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
@@ -26,15 +26,15 @@ impl Checkpoint for Gfs {}
 
 impl Strategy for Gfs {
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
-        let waypoint = greedy_waypoint(view.table, &view.ground(), view.queues_bits)?;
+        let waypoint = greedy_waypoint(view.table, &view.ground(), view.belief.queues_bits)?;
         Some(self.0.serve_fullest(view, &waypoint))
     }
 }
 
 /// The SN with the largest queue within `V τ`, ties to the lowest index (decision D7); `None` if there is none.
-fn greedy_waypoint(table: &SensorTable, position: &Position, queues_bits: &[u32]) -> Option<Position> {
+fn greedy_waypoint(table: &MissionTable, position: &Position, queues_bits: &[u32]) -> Option<Position> {
     let mut fullest: Option<(u64, Position)> = None;
-    table.grid.visit_within(position, table.reach_m, |node| {
+    table.sensors.grid.visit_within(position, table.limits.reach_m, |node| {
         let key = fullest_first(queues_bits[node.id as usize], node.id);
         if fullest.is_none_or(|(least, _)| key < least) {
             fullest = Some((key, node.position));
@@ -46,15 +46,15 @@ fn greedy_waypoint(table: &SensorTable, position: &Position, queues_bits: &[u32]
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sensor_table::tests::table_of;
+    use crate::mission_table::tests::table_of;
 
     #[test]
     fn greedy_flight_takes_the_fullest_queue_in_reach_and_the_lowest_index_of_equals() {
         let table = table_of(&[[50.0, 81.0], [50.0, 80.0], [20.0, 50.0], [60.0, 50.0]]);
         let position = Position::new(50.0, 50.0);
         // SN 0 is 31 m away, out of reach; SNs 1 and 2 exactly 30 m.
-        assert_eq!(greedy_waypoint(&table, &position, &[9, 7, 7, 6]), Some(table.positions[1]));
-        assert_eq!(greedy_waypoint(&table, &position, &[9, 7, 8, 6]), Some(table.positions[2]));
+        assert_eq!(greedy_waypoint(&table, &position, &[9, 7, 7, 6]), Some(table.sensors.positions[1]));
+        assert_eq!(greedy_waypoint(&table, &position, &[9, 7, 8, 6]), Some(table.sensors.positions[2]));
         assert_eq!(greedy_waypoint(&table, &Position::new(50.0, 0.0), &[9, 7, 7, 6]), None);
     }
 }

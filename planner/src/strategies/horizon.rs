@@ -10,17 +10,17 @@ use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, encode};
 use skysink_common::geometry::above;
+use skysink_common::keys::Accepts;
 use skysink_common::message::MAX_PATH_POINTS;
-use skysink_common::scenario::Count;
 
 use super::planned_flight::PlannedFlight;
 use super::rivals::{Rivals, Surveyed};
 use super::rollout::{Ahead, Effort, is_certain};
 use super::serving::Serving;
-use super::{Decision, Registered, Setup, Strategy, View, checked};
 use crate::horizon::forecast::{Forecast, PlanningWindow};
 use crate::horizon::long_search::{SearchOutcome, SearchProgress};
 use crate::horizon::{Horizon, planned_path};
+use crate::strategy::{Decision, Registered, Setup, Strategy, StrategyKeys, View};
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
@@ -28,48 +28,28 @@ pub const STRATEGY: Registered = Registered {
     about: "receding horizon: a plan over many slots, improved in every slot",
     is_stateless: false,
     has_path: true,
-    keys: Some(checked::<HorizonKeys>),
+    keys: Some(StrategyKeys::of::<HorizonKeys>()),
     make: |setup| {
         let keys: HorizonKeys = setup.scenario.planner_keys("planner.horizon").expect("they were checked");
-        let iterations = keys.iterations.get() as u32; // at most 10^9
-        Box::new(LookAhead::new(setup, MOST_SLOTS, iterations, keys.budget_ms.map(Duration::from)))
+        let budget = keys.budget_ms.map(|budget_ms| Duration::from_secs_f64(budget_ms / 1e3));
+        Box::new(LookAhead::new(setup, MOST_SLOTS, keys.iterations, budget))
     },
 };
 
-/// `[planner.horizon]`.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct HorizonKeys {
-    /// Search steps in each slot.
-    pub iterations: Count<0, 1_000_000_000>,
-    /// Time limit of a slot's search in paced runs; without effect elsewhere.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub budget_ms: Option<BudgetMs>,
-}
+/// Times for a search.
+const BUDGET_MS: Accepts =
+    Accepts::Number("milliseconds above 0, at most 3600000", |budget_ms| budget_ms > 0.0 && budget_ms <= 3.6e6);
 
-impl Default for HorizonKeys {
-    fn default() -> Self {
-        Self { iterations: Count::of::<6_000>(), budget_ms: None }
-    }
-}
-
-/// A time [ms] above 0, at most an hour.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "f64")]
-pub struct BudgetMs(f64);
-
-impl TryFrom<f64> for BudgetMs {
-    type Error = &'static str;
-
-    fn try_from(budget_ms: f64) -> Result<Self, Self::Error> {
-        let is_allowed = budget_ms > 0.0 && budget_ms <= 3.6e6;
-        if is_allowed { Ok(Self(budget_ms)) } else { Err("expected milliseconds above 0, at most 3600000") }
-    }
-}
-
-impl From<BudgetMs> for Duration {
-    fn from(budget: BudgetMs) -> Self {
-        Self::from_secs_f64(budget.0 / 1e3)
+skysink_common::keys! {
+    /// `[planner.horizon]`.
+    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    pub struct HorizonKeys {
+        /// Search steps in each slot.
+        iterations: u32 = 6000, Accepts::Whole(0, 1_000_000_000);
+        /// Time limit for the plan of a slot in paced runs [ms]. It has no effect in lock-step and in one process, where
+        /// results must not depend on a clock.
+        budget_ms: Option<f64>, BUDGET_MS;
     }
 }
 
@@ -87,7 +67,7 @@ const SURVEY_END: f64 = 0.3;
 const SEARCH_END: f64 = 0.7;
 
 /// The look-ahead strategy: a plan over many slots, and the other strategies as alternatives.
-pub(super) struct LookAhead {
+pub(crate) struct LookAhead {
     horizon: Horizon,
     rivals: Rivals,
     serving: Serving,

@@ -6,7 +6,7 @@ use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use super::nearby::fullest_first;
 use super::serving::Serving;
 use super::transit::toward;
-use super::{Decision, Registered, Setup, Strategy, View};
+use crate::strategy::{Decision, Registered, Setup, Strategy, View};
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
@@ -26,7 +26,7 @@ struct MaxAgeFirst {
 
 impl MaxAgeFirst {
     fn new(setup: &Setup) -> Self {
-        Self { last: vec![0; setup.sensors.len()], serving: Serving::new(setup) }
+        Self { last: vec![0; setup.table.sensors.count()], serving: Serving::new(setup) }
     }
 }
 
@@ -35,10 +35,11 @@ impl Strategy for MaxAgeFirst {
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         let Self { last, serving } = self;
         // Ties go to the fullest, then to the lowest index.
-        let oldest_first = |id: u32| (last[id as usize], fullest_first(view.queues_bits[id as usize], id));
+        let oldest_first = |id: u32| (last[id as usize], fullest_first(view.belief.queues_bits[id as usize], id));
         let ground = view.ground();
-        let oldest = view.table.ids().min_by_key(|&id| oldest_first(id));
-        let waypoint = oldest.map_or(ground, |oldest| toward(view.table.reach_m, &ground, view.table.position(oldest)));
+        let oldest = view.table.sensors.ids().min_by_key(|&id| oldest_first(id));
+        let waypoint = oldest
+            .map_or(ground, |oldest| toward(view.table.limits.reach_m, &ground, view.table.sensors.position(oldest)));
         let decision = serving.serve_by(view, &waypoint, oldest_first);
         let slot = u32::try_from(view.slot).unwrap_or(u32::MAX);
         decision.schedule.iter().for_each(|&id| last[id as usize] = slot);
@@ -61,7 +62,8 @@ impl Checkpoint for MaxAgeFirst {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{made, view};
+    use crate::strategies::tests::made;
+    use crate::strategy::tests::view;
 
     #[test]
     fn who_has_waited_longest_is_flown_to_and_served_first() {

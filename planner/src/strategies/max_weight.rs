@@ -14,8 +14,8 @@
 //! theorem does not carry over, because the feasible sets depend on earlier slots and buffers are finite. Like every
 //! one-slot policy it does not leave the SNs in reach for fuller ones farther away.
 
-use super::Registered;
 use super::queue_weight::QueueWeight;
+use crate::strategy::Registered;
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {

@@ -24,12 +24,12 @@
 use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::distance_squared;
+use skysink_common::keys::Accepts;
 
 use super::edf::least;
-use super::sampling::Sampling;
 use super::serving::Serving;
 use super::transit::toward;
-use super::{Decision, Registered, Setup, Strategy, View, checked};
+use crate::strategy::{Decision, Registered, Setup, Strategy, StrategyKeys, View};
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
@@ -37,62 +37,38 @@ pub const STRATEGY: Registered = Registered {
     about: "minimum weighted sum first: weighs deadline against flight time",
     is_stateless: true,
     has_path: false,
-    keys: Some(checked::<MesKeys>),
+    keys: Some(StrategyKeys::of::<MesKeys>()),
     make: |setup| {
         let keys: MesKeys = setup.scenario.planner_keys("planner.mes").expect("they were checked");
-        Box::new(Mes::new(setup, keys.deadline_weight.into()))
+        Box::new(Mes::new(setup, keys.deadline_weight))
     },
 };
 
-/// `[planner.mes]`.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct MesKeys {
-    /// Weight w of the deadline; the flight time has the rest, 1 − w.
-    pub deadline_weight: Weight,
-}
-
-impl Default for MesKeys {
-    fn default() -> Self {
-        Self { deadline_weight: Weight(0.1) }
-    }
-}
-
-/// A weight from 0 to 1.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "f64", into = "f64")]
-pub struct Weight(f64);
-
-impl TryFrom<f64> for Weight {
-    type Error = &'static str;
-
-    fn try_from(weight: f64) -> Result<Self, Self::Error> {
-        if (0.0..=1.0).contains(&weight) { Ok(Self(weight)) } else { Err("expected a weight from 0 to 1") }
-    }
-}
-
-impl From<Weight> for f64 {
-    fn from(weight: Weight) -> Self {
-        weight.0
+skysink_common::keys! {
+    /// `[planner.mes]`.
+    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    pub struct MesKeys {
+        /// Weight of the deadline, `w`; the flight time has the rest, 1 − w.
+        deadline_weight: f64 = 0.1, Accepts::Number("a weight from 0 to 1", |weight| (0.0..=1.0).contains(&weight));
     }
 }
 
 struct Mes {
     deadline_weight: f64,
-    sampling: Sampling,
     serving: Serving,
 }
 
 impl Mes {
     fn new(setup: &Setup, deadline_weight: f64) -> Self {
-        Self { deadline_weight, sampling: Sampling::new(setup), serving: Serving::new(setup) }
+        Self { deadline_weight, serving: Serving::new(setup) }
     }
 
     /// The weighted sum of SN `id` [slots]; `None` if it never samples.
     fn sum_slots(&self, view: &View, id: u32) -> Option<f64> {
-        let deadline_slots = self.sampling.deadline_slots(view, id)?;
-        let away_m = distance_squared(view.table.position(id), &view.ground()).sqrt();
-        let flight_slots = away_m / view.table.reach_m;
+        let deadline_slots = view.belief.deadline_slots(id)?;
+        let away_m = distance_squared(view.table.sensors.position(id), &view.ground()).sqrt();
+        let flight_slots = away_m / view.table.limits.reach_m;
         Some(self.deadline_weight * deadline_slots + (1.0 - self.deadline_weight) * flight_slots)
     }
 }
@@ -104,7 +80,7 @@ impl Strategy for Mes {
     /// index. It is served as soon as it is in range, with the fullest of the others. `None` if no SN samples.
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         let first = least(view, |id| self.sum_slots(view, id))?;
-        let waypoint = toward(view.table.reach_m, &view.ground(), view.table.position(first));
+        let waypoint = toward(view.table.limits.reach_m, &view.ground(), view.table.sensors.position(first));
         Some(self.serving.serve_first(view, &waypoint, first))
     }
 }
@@ -113,12 +89,13 @@ impl Strategy for Mes {
 mod tests {
     use super::super::edf;
     use super::*;
-    use crate::strategies::Strategy;
-    use crate::strategies::tests::{FieldFixture, field, view};
+    use crate::strategy::tests::{field, view};
+    use crate::strategy::{OwnedSetup, Strategy};
     use proptest::prelude::*;
+    use skysink_common::keys::Keys;
 
     /// The field of these SNs, x, y [m] and rate [bit/s], with buffers of 1 000 bit.
-    fn field_of(sensors: &[[f64; 3]]) -> FieldFixture {
+    fn field_of(sensors: &[[f64; 3]]) -> OwnedSetup {
         field(sensors.iter().map(|&[x_m, y_m, sampling_bps]| ([x_m, y_m], sampling_bps, 1_000)))
     }
 
@@ -151,8 +128,9 @@ mod tests {
 
     #[test]
     fn a_weight_outside_0_to_1_is_refused() {
-        assert!([-0.001, 1.001, f64::NAN, f64::INFINITY].iter().all(|&weight| Weight::try_from(weight).is_err()));
-        assert!([0.0, 1.0].iter().all(|&weight| Weight::try_from(weight).is_ok()));
+        let is_refused = |weight: f64| MesKeys::KEYS[0].accepts.refusal(&weight.into()).is_some();
+        assert!([-0.001, 1.001, f64::NAN, f64::INFINITY].into_iter().all(is_refused));
+        assert!(![0.0, 1.0].into_iter().any(is_refused));
     }
 
     proptest! {

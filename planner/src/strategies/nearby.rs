@@ -2,8 +2,8 @@
 
 use skysink_common::geometry::{Position, within};
 
-use crate::geometry::grid::PRESELECTION_MARGIN;
-use crate::sensor_table::SensorTable;
+use crate::mission_table::MissionTable;
+use skysink_common::sensors::grid::PRESELECTION_MARGIN;
 
 /// A candidate sensor node (SN) in a slot.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -25,27 +25,27 @@ pub(crate) fn fullest_first(queue_bits: u32, id: u32) -> u64 {
 /// that pass a test are the n fullest that do.
 pub(crate) fn preselect(
     spots: &mut Vec<Spot>,
-    table: &SensorTable,
+    table: &MissionTable,
     position: &Position,
     radius_m: f64,
     queues_bits: &[u32],
 ) {
     spots.clear();
-    table.grid.visit_within(position, radius_m * PRESELECTION_MARGIN, |node| {
+    table.sensors.grid.visit_within(position, radius_m * PRESELECTION_MARGIN, |node| {
         spots.push(Spot { position: node.position, queue_bits: queues_bits[node.id as usize], id: node.id });
     });
     spots.sort_unstable_by_key(|spot| fullest_first(spot.queue_bits, spot.id));
 }
 
 /// Whether one waypoint may have both SNs in range, or a thousandth more.
-pub(crate) fn may_share(table: &SensorTable, a: &Spot, b: &Spot) -> bool {
-    within(&a.position, &b.position, 2.0 * table.comm_radius_m * PRESELECTION_MARGIN)
+pub(crate) fn may_share(table: &MissionTable, a: &Spot, b: &Spot) -> bool {
+    within(&a.position, &b.position, 2.0 * table.limits.comm_radius_m * PRESELECTION_MARGIN)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sensor_table::tests::table_of;
+    use crate::mission_table::tests::table_of;
 
     #[test]
     fn candidates_come_fullest_first_and_equals_by_index() {

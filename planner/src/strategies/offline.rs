@@ -7,17 +7,15 @@ use std::ops::ControlFlow;
 
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
+use skysink_common::belief::Believed;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, encode};
 use skysink_common::error::InputError;
-use skysink_common::message::SensorNode;
-use skysink_common::scenario::{Count, Scenario};
+use skysink_common::keys::Accepts;
 use skysink_common::stop::Stop;
 
 use super::horizon::LookAhead;
-use super::{Decision, Registered, Setup, Strategy, Timing, View, checked};
 use crate::horizon::long_search::{SearchOutcome, SearchProgress};
-use crate::keys::Settings;
-use crate::sensor_table::SensorTable;
+use crate::strategy::{Decision, Registered, Setup, Strategy, StrategyKeys, Timing, View};
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
@@ -25,21 +23,20 @@ pub const STRATEGY: Registered = Registered {
     about: "open loop: one plan for the whole mission, made before take-off",
     is_stateless: false,
     has_path: true,
-    keys: Some(checked::<OfflineKeys>),
+    keys: Some(StrategyKeys::of::<OfflineKeys>()),
     make: |setup| Box::new(Offline::new(setup).expect("its keys were checked")),
 };
 
-/// `[planner.offline]`.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct OfflineKeys {
-    /// Search steps before the mission; the most take a month.
-    pub steps: Count<0, 1_000_000_000_000>,
-}
+/// Most search steps before the mission; they take a month.
+pub const MAX_STEPS: u64 = 1_000_000_000_000;
 
-impl Default for OfflineKeys {
-    fn default() -> Self {
-        Self { steps: Count::of::<1_000_000>() }
+skysink_common::keys! {
+    /// `[planner.offline]`.
+    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    pub struct OfflineKeys {
+        /// Search steps before slot 1; a million take about two seconds.
+        steps: u64 = 1000000, Accepts::Whole(0, MAX_STEPS);
     }
 }
 
@@ -57,19 +54,12 @@ pub struct Offline {
 
 impl Offline {
     /// The strategy before its search.
-    fn new(setup: &Setup) -> Result<Self, InputError> {
-        let OfflineKeys { steps } = setup.scenario.planner_keys("planner.offline")?;
-        Ok(Self { ahead: LookAhead::new(setup, MOST_SLOTS, 0, None), steps: steps.get(), is_planned: false })
-    }
-
-    /// The strategy before its search, of a mission whose queues are known.
     ///
     /// # Errors
-    /// If a value of `[planner]` is refused; never for a scenario that was resolved.
-    pub fn of(scenario: &Scenario, sensors: &[SensorNode]) -> Result<Self, InputError> {
-        let settings = &Settings::of(scenario)?;
-        let table = &SensorTable::new(scenario, sensors);
-        Self::new(&Setup { scenario, settings, sensors, table, estimate: None })
+    /// If a value of `[planner.offline]` is refused; never for a scenario that was resolved.
+    pub fn new(setup: &Setup) -> Result<Self, InputError> {
+        let OfflineKeys { steps } = setup.scenario.planner_keys("planner.offline")?;
+        Ok(Self { ahead: LookAhead::new(setup, MOST_SLOTS, 0, None), steps, is_planned: false })
     }
 
     /// Runs the search for a mission whose queues are known, `queues_bits` [bit] by id before slot 1; returns the
@@ -79,18 +69,24 @@ impl Offline {
     /// search. `stop` ends the rollouts before and after the search.
     ///
     /// # Errors
-    /// If a value of `[planner]` is refused; never for a scenario that was resolved.
+    /// As [`Self::new`].
     pub fn search(
-        scenario: &Scenario,
-        sensors: &[SensorNode],
+        setup: &Setup,
         queues_bits: &[u32],
         stop: &Stop,
         watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
     ) -> Result<Option<(Self, SearchOutcome)>, InputError> {
-        let table = &SensorTable::new(scenario, sensors);
-        let mut offline = Self::of(scenario, sensors)?;
+        let mut offline = Self::new(setup)?;
+        let Setup { scenario, table, .. } = *setup;
         let position = scenario.start();
-        let view = View { slot: 1, position, queues_bits, estimate: None, table, timing: Timing::Free, stop };
+        let view = View {
+            slot: 1,
+            position,
+            belief: Believed::known(0, &table.sensors, queues_bits),
+            table,
+            timing: Timing::Free,
+            stop,
+        };
         Ok(offline.prepare(&view, watch).map(|found| (offline, found)))
     }
 

@@ -1,18 +1,19 @@
 //! Flies a plan of the look-ahead slot by slot, without changes.
 
+use skysink_common::channel::ChannelModel;
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::Position;
 use skysink_common::message::SolverOutcome;
 
 use super::nearby::fullest_first;
 use super::serving::Serving;
-use super::{Decision, Strategy, View};
 use crate::horizon::forecast::Forecast;
 use crate::horizon::model::PlanningModel;
 use crate::horizon::{PlannedSlot, planned_slot};
+use crate::strategy::{Decision, Strategy, View};
 
 /// A plan that is flown from the slot `first` on.
-pub(super) struct PlannedFlight<'a> {
+pub(crate) struct PlannedFlight<'a> {
     pub model: &'a PlanningModel,
     pub forecast: &'a Forecast,
     pub first: u64,
@@ -27,18 +28,18 @@ impl Strategy for PlannedFlight<'_> {
         let slot = i32::try_from(view.slot - self.first + 1).ok()?;
         let next = planned_slot(self.model, self.forecast, slot, &view.ground())?;
         let (waypoint, outcome) = between_stops(self.serving, view, &next);
-        let key = |id: u32| (!next.ids.contains(&id), fullest_first(view.queues_bits[id as usize], id));
+        let key = |id: u32| (!next.ids.contains(&id), fullest_first(view.belief.queues_bits[id as usize], id));
         Some(Decision { outcome, ..self.serving.serve_by(view, &waypoint, key) })
     }
 }
 
-/// The waypoint of a planned slot. If links limit the collected bits, or may be out of line of sight, it is moved
+/// The waypoint of a planned slot. If links limit the collected bits, or depend on the elevation, it is moved
 /// toward the solution of sP2*, as far as the next stop stays in reach.
 fn between_stops(serving: &mut Serving, view: &View, next: &PlannedSlot) -> (Position, SolverOutcome) {
     let above = serving.above(view, &next.waypoint, &next.ids);
-    let queued_bits: u64 = next.ids.iter().map(|&id| u64::from(view.queues_bits[id as usize])).sum();
-    let expected_bits = view.table.expected_bits(&above, &next.ids, view.queues_bits);
-    if expected_bits == queued_bits && view.table.channel.line_of_sight().is_none() {
+    let queued_bits: u64 = next.ids.iter().map(|&id| u64::from(view.belief.queues_bits[id as usize])).sum();
+    let expected_bits = view.table.expected_bits(&above, &next.ids, view.belief.queues_bits);
+    if expected_bits == queued_bits && !view.table.channel.depends_on_elevation() {
         return (next.waypoint, SolverOutcome::Rule);
     }
     let Some(best) = serving.waypoint(view, &next.ids) else {
@@ -48,7 +49,7 @@ fn between_stops(serving: &mut Serving, view: &View, next: &PlannedSlot) -> (Pos
     let Some((next_stop, slots)) = next.next_stop else {
         return (best_ground, best.outcome);
     };
-    let reach_m = view.table.reach_m * f64::from(slots);
+    let reach_m = view.table.limits.reach_m * f64::from(slots);
     let fraction = fraction_within(&next.waypoint, &best_ground, &next_stop, reach_m);
     (next.waypoint + (best_ground - next.waypoint) * fraction, best.outcome)
 }

@@ -18,7 +18,7 @@
 use std::cmp::Reverse;
 
 use nalgebra::Point3;
-use skysink_common::channel::Uplink;
+use skysink_common::channel::{ChannelModel, Uplink};
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::{Position, above, within};
 use skysink_common::propulsion::power_w;
@@ -28,14 +28,14 @@ use super::exact::ExactSearch;
 use super::nearby::fullest_first;
 use super::serving::Serving;
 use super::transit::toward;
-use super::{Decision, Setup, Strategy, View};
 use crate::geometry::disks::{Disk, project};
+use crate::strategy::{Decision, Setup, Strategy, View};
 
 /// Most SNs that give candidate waypoints. It keeps the time of a slot linear, not quadratic, in the SNs near the UAV.
-pub(super) const MOST_NEARBY: usize = 64;
+pub(crate) const MOST_NEARBY: usize = 64;
 
 /// Both strategies: they differ in the price for energy only.
-pub(super) struct QueueWeight {
+pub(crate) struct QueueWeight {
     objective: Objective,
     exact: ExactSearch,
     serving: Serving,
@@ -58,7 +58,7 @@ struct Objective {
 impl QueueWeight {
     /// Constructs the strategy for a price of energy V [bit²/J], 0 or above.
     pub fn new(setup: &Setup, price_bits2_per_j: f64) -> Self {
-        let sensors = setup.table.positions.len();
+        let sensors = setup.table.sensors.positions.len();
         let objective = Objective {
             price_bits2_per_j,
             aircraft: setup.scenario.uav.propulsion,
@@ -70,17 +70,17 @@ impl QueueWeight {
             exact: ExactSearch::new(setup.table),
             serving: Serving::new(setup),
             nearby: Vec::with_capacity(sensors),
-            exact_ids: Vec::with_capacity(setup.table.resource_blocks),
+            exact_ids: Vec::with_capacity(setup.table.limits.blocks()),
         }
     }
 
     /// Finds the SNs that can be served from within reach, at most [`MOST_NEARBY`], and returns whether any holds data.
     fn find_nearby(&mut self, view: &View) -> bool {
         let Self { nearby, .. } = self;
-        let in_sight_m = view.table.reach_m + view.table.comm_radius_m;
-        let queue_bits = |id: u32| view.queues_bits[id as usize];
+        let in_sight_m = view.table.limits.reach_m + view.table.limits.comm_radius_m;
+        let queue_bits = |id: u32| view.belief.queues_bits[id as usize];
         nearby.clear();
-        view.table.grid.visit_within(&view.ground(), in_sight_m, |node| nearby.push(node.id));
+        view.table.sensors.grid.visit_within(&view.ground(), in_sight_m, |node| nearby.push(node.id));
         if nearby.len() > MOST_NEARBY {
             nearby.select_nth_unstable_by_key(MOST_NEARBY, |&id| fullest_first(queue_bits(id), id));
             nearby.truncate(MOST_NEARBY);
@@ -103,18 +103,18 @@ impl QueueWeight {
                 best = (value, candidate);
             }
         };
-        let reach = Disk { centre: ground, radius_m: table.reach_m };
+        let reach = Disk { centre: ground, radius_m: table.limits.reach_m };
         for &id in &*nearby {
-            let position = table.position(id);
-            offer(toward(table.reach_m, &ground, position));
-            let range = Disk { centre: *position, radius_m: table.comm_radius_m };
-            if !within(position, &ground, table.comm_radius_m)
+            let position = table.sensors.position(id);
+            offer(toward(table.limits.reach_m, &ground, position));
+            let range = Disk { centre: *position, radius_m: table.limits.comm_radius_m };
+            if !within(position, &ground, table.limits.comm_radius_m)
                 && let Some(nearest) = project(&ground, &[reach, range])
             {
                 offer(nearest);
             }
         }
-        if let Some(centre) = exact.best_set(table, &ground, view.queues_bits, exact_ids) {
+        if let Some(centre) = exact.best_set(table, &ground, view.belief.queues_bits, exact_ids) {
             offer(centre);
         }
         best.1
@@ -125,8 +125,8 @@ impl Objective {
     /// The term of SN `id` with the UAV at `uav` [bit²]: `Q_i min(Q_i, floor(r_i τ_c))`.
     fn term_bits2(view: &View, uav: &Point3<f64>, id: u32) -> u64 {
         let table = view.table;
-        let queue_bits = u64::from(view.queues_bits[id as usize]);
-        let uplink = Uplink::new(table.gains[id as usize], table.position(id), uav);
+        let queue_bits = u64::from(view.belief.queues_bits[id as usize]);
+        let uplink = Uplink::new(table.sensors.gains[id as usize], table.sensors.position(id), uav);
         // Both factors are below 2^32.
         queue_bits * table.channel.capacity_bits(table.channel.expected_rate_bps(&uplink)).min(queue_bits)
     }
@@ -152,12 +152,12 @@ impl Objective {
     fn best_value(&mut self, view: &View, uav: &Point3<f64>) -> f64 {
         let mut terms = std::mem::take(&mut self.terms);
         terms.clear();
-        view.table.grid.visit_within(&uav.xy(), view.table.comm_radius_m, |node| {
+        view.table.sensors.grid.visit_within(&uav.xy(), view.table.limits.comm_radius_m, |node| {
             terms.push((Reverse(Self::term_bits2(view, uav, node.id)), node.id));
         });
-        if terms.len() > view.table.resource_blocks {
-            terms.select_nth_unstable(view.table.resource_blocks);
-            terms.truncate(view.table.resource_blocks);
+        if terms.len() > view.table.limits.blocks() {
+            terms.select_nth_unstable(view.table.limits.blocks());
+            terms.truncate(view.table.limits.blocks());
         }
         let value = self.value(view, uav, terms.iter().map(|(Reverse(term), _)| *term));
         self.terms = terms;
@@ -191,14 +191,14 @@ impl Strategy for QueueWeight {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::strategies::Strategy;
-    use crate::strategies::tests::{FieldFixture, field, view};
+    use crate::strategy::tests::{field, view};
+    use crate::strategy::{OwnedSetup, Strategy};
     use proptest::prelude::*;
     use skysink_common::channel::Channel;
     use skysink_common::message::SolverOutcome;
 
     /// The field of SNs at these positions [m], with links of `bandwidth_hz`.
-    fn field_of(positions_m: &[[f64; 2]], bandwidth_hz: f64) -> FieldFixture {
+    fn field_of(positions_m: &[[f64; 2]], bandwidth_hz: f64) -> OwnedSetup {
         let mut field = field(positions_m.iter().map(|&position_m| (position_m, 100.0, 30_000)));
         let Channel::FreeSpace(model) = &mut field.table.channel else { panic!("the letter's channel is free space") };
         model.bandwidth_hz = bandwidth_hz;
@@ -207,7 +207,7 @@ mod tests {
     }
 
     /// The decision from (50, 50).
-    fn decided(field: &FieldFixture, price: f64, queues_bits: &[u32]) -> Option<Decision> {
+    fn decided(field: &OwnedSetup, price: f64, queues_bits: &[u32]) -> Option<Decision> {
         QueueWeight::new(&field.setup(), price).plan(&view(&field.table, 1, [50.0, 50.0], queues_bits))
     }
 
@@ -216,7 +216,7 @@ mod tests {
         // 300² = 90 000 against 3 · 150² = 67 500, though 450 bit are more than 300.
         let field = field_of(&[[50.0, 75.0], [25.0, 50.0], [25.0, 51.0], [25.0, 52.0]], 5e6);
         let decision = decided(&field, 0.0, &[300, 150, 150, 150]).unwrap();
-        assert_eq!((decision.waypoint.xy(), &decision.schedule[..]), (field.table.positions[0], &[0][..]));
+        assert_eq!((decision.waypoint.xy(), &decision.schedule[..]), (field.table.sensors.positions[0], &[0][..]));
         // 3 · 180² = 97 200.
         let decision = decided(&field, 0.0, &[300, 180, 180, 180]).unwrap();
         assert_eq!(decision.schedule[..], [1, 2, 3]);
@@ -224,12 +224,12 @@ mod tests {
 
     #[test]
     fn where_links_limit_it_the_queue_weighs_what_the_link_carries() {
-        // From straight above a link of 5 kHz carries 6 472 bit (see `sensor_table`), so that SN 0 is worth 20 000 · 6
+        // From straight above a link of 5 kHz carries 6 472 bit (see `mission_table`), so that SN 0 is worth 20 000 · 6
         // 472 = 1.29e8, and each of the pair, in range of one point and 10 m from it, at most 8 000 · 6 472 = 5.2e7,
         // both 1.04e8.
         let field = field_of(&[[50.0, 75.0], [25.0, 45.0], [25.0, 55.0]], 5e3);
         let decision = decided(&field, 0.0, &[20_000, 8_000, 8_000]).unwrap();
-        assert_eq!((decision.waypoint.xy(), &decision.schedule[..]), (field.table.positions[0], &[0][..]));
+        assert_eq!((decision.waypoint.xy(), &decision.schedule[..]), (field.table.sensors.positions[0], &[0][..]));
         // Above SN 1, 10 m from SN 2, they are worth 15 000 (6 472 + 6 311) = 1.92e8.
         let decision = decided(&field, 0.0, &[20_000, 15_000, 15_000]).unwrap();
         assert_eq!(decision.schedule[..], [1, 2]);
@@ -275,9 +275,9 @@ mod tests {
     /// The objective of all sets of at most n SNs in range of `ground`, by enumeration.
     fn best_by_enumeration(objective: &Objective, view: &View, ground: &Position) -> f64 {
         let uav = above(ground, view.position.z);
-        let in_range = |id: &u32| within(view.table.position(*id), ground, view.table.comm_radius_m);
-        let ids: Vec<u32> = view.table.ids().filter(in_range).collect();
-        let sets = (0u32..1 << ids.len()).filter(|set| set.count_ones() as usize <= view.table.resource_blocks);
+        let in_range = |id: &u32| within(view.table.sensors.position(*id), ground, view.table.limits.comm_radius_m);
+        let ids: Vec<u32> = view.table.sensors.ids().filter(in_range).collect();
+        let sets = (0u32..1 << ids.len()).filter(|set| set.count_ones() as usize <= view.table.limits.blocks());
         let value = |set: u32| {
             let members: Vec<u32> = (0..).zip(&ids).filter(|(bit, _)| set >> bit & 1 == 1).map(|(_, &id)| id).collect();
             objective.value_of(view, &uav, &members)
@@ -296,19 +296,19 @@ mod tests {
         ) {
             let (positions, queues_bits): (Vec<[f64; 2]>, Vec<u32>) = sensors.into_iter().unzip();
             let mut field = field_of(&positions, bandwidth_hz);
-            field.table.resource_blocks = blocks;
+            field.table.limits.resource_blocks = blocks as u32;
             field.scenario.link.resource_blocks = blocks;
             let mut strategy = QueueWeight::new(&field.setup(), price);
             let view = view(&field.table, 1, [50.0, 50.0], &queues_bits);
             let Some(decision) = strategy.plan(&view) else {
-                let reachable = |id: &u32| within(view.table.position(*id), &view.ground(), 40.0);
-                prop_assert!(!view.table.ids().filter(reachable).any(|id| queues_bits[id as usize] > 0));
+                let reachable = |id: &u32| within(view.table.sensors.position(*id), &view.ground(), 40.0);
+                prop_assert!(!view.table.sensors.ids().filter(reachable).any(|id| queues_bits[id as usize] > 0));
                 return Ok(());
             };
             let own = strategy.objective.value_of(&view, &decision.waypoint, &decision.schedule);
             let tolerance = 1e-9 * own.abs().max(1.0);
-            for id in view.table.ids().filter(|id| within(view.table.position(*id), &view.ground(), 30.0)) {
-                let other = best_by_enumeration(&strategy.objective, &view, view.table.position(id));
+            for id in view.table.sensors.ids().filter(|id| within(view.table.sensors.position(*id), &view.ground(), 30.0)) {
+                let other = best_by_enumeration(&strategy.objective, &view, view.table.sensors.position(id));
                 prop_assert!(own >= other - tolerance, "above SN {id}: {other} against {own}");
             }
             let hovering = best_by_enumeration(&strategy.objective, &view, &view.ground());
@@ -316,8 +316,8 @@ mod tests {
             prop_assert!(within(&decision.waypoint.xy(), &view.ground(), 30.0));
             if blocks == 1 && price == 0.0 && bandwidth_hz == 5e6 {
                 // One SN per slot and links that empty queues: the square of the fullest queue within 40 m.
-                let reachable = |id: &u32| within(view.table.position(*id), &view.ground(), 40.0);
-                let fullest = view.table.ids().filter(reachable).map(|id| queues_bits[id as usize]).max().unwrap();
+                let reachable = |id: &u32| within(view.table.sensors.position(*id), &view.ground(), 40.0);
+                let fullest = view.table.sensors.ids().filter(reachable).map(|id| queues_bits[id as usize]).max().unwrap();
                 prop_assert_eq!(own, f64::from(fullest) * f64::from(fullest));
             }
         }

@@ -8,8 +8,8 @@ use skysink_common::geometry::{Position, within};
 use skysink_common::random::{Purpose, Streams};
 
 use super::serving::Serving;
-use super::{Decision, Registered, Strategy, View};
-use crate::sensor_table::SensorTable;
+use crate::mission_table::MissionTable;
+use crate::strategy::{Decision, Registered, Strategy, View};
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
@@ -42,15 +42,17 @@ impl Strategy for Rfs {
 }
 
 /// Random flight: uniform on the disk of radius `V τ` about the UAV, intersected with the closed area, by rejection.
-fn random_waypoint(table: &SensorTable, streams: &Streams, slot: u64, position: &Position) -> Position {
+fn random_waypoint(table: &MissionTable, streams: &Streams, slot: u64, position: &Position) -> Position {
     let mut stream = streams.stream(Purpose::RandomFlight, slot, 0);
-    let bounds_m = |at_m: f64, extent_m: f64| ((at_m - table.reach_m).max(0.0), (at_m + table.reach_m).min(extent_m));
-    let (west_m, east_m) = bounds_m(position.x, table.area.width_m());
-    let (south_m, north_m) = bounds_m(position.y, table.area.height_m());
+    let bounds_m = |at_m: f64, extent_m: f64| {
+        ((at_m - table.limits.reach_m).max(0.0), (at_m + table.limits.reach_m).min(extent_m))
+    };
+    let (west_m, east_m) = bounds_m(position.x, table.limits.area().width_m());
+    let (south_m, north_m) = bounds_m(position.y, table.limits.area().height_m());
     for _ in 0..MAX_DRAWS {
         let [fraction_x, fraction_y] = stream.random::<[f64; 2]>();
         let drawn = Position::new(west_m + (east_m - west_m) * fraction_x, south_m + (north_m - south_m) * fraction_y);
-        if within(&drawn, position, table.reach_m) {
+        if within(&drawn, position, table.limits.reach_m) {
             return drawn;
         }
     }
@@ -60,7 +62,7 @@ fn random_waypoint(table: &SensorTable, streams: &Streams, slot: u64, position: 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sensor_table::tests::table_of;
+    use crate::mission_table::tests::table_of;
 
     #[test]
     fn random_waypoints_stay_in_reach_and_in_the_area() {
@@ -69,8 +71,8 @@ mod tests {
             let position = Position::from(corner);
             for slot in 1..=500 {
                 let waypoint = random_waypoint(&table, &Streams::new(seed), slot, &position);
-                assert!(within(&waypoint, &position, table.reach_m), "seed {seed}, slot {slot}: {waypoint}");
-                assert!(table.area.contains(&waypoint, 0.0), "seed {seed}, slot {slot}: {waypoint}");
+                assert!(within(&waypoint, &position, table.limits.reach_m), "seed {seed}, slot {slot}: {waypoint}");
+                assert!(table.limits.area().contains(&waypoint, 0.0), "seed {seed}, slot {slot}: {waypoint}");
             }
         }
     }

@@ -7,14 +7,10 @@
 use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::CheckpointError;
 use skysink_common::geometry::Position;
-use skysink_common::message::SensorNode;
-use skysink_common::scenario::Scenario;
 
 use super::rollout::{Ahead, Effort, RolledSlot, Rollout, is_certain};
 use super::serving::Serving;
-use super::{Decision, Registered, STRATEGIES, Setup, Strategy, View};
-use crate::keys::Settings;
-use crate::sensor_table::SensorTable;
+use crate::strategy::{Decision, OwnedSetup, Registered, Setup, Strategy, View};
 
 /// Flights that are offered to the search as initial plans.
 const OFFERED: usize = 3;
@@ -32,9 +28,9 @@ const COMPARED: f64 = 3.0;
 const LOSSLESS_PERIOD: f64 = 3.0;
 
 /// The candidates of a mission.
-pub(super) struct Rivals {
-    scenario: Scenario,
-    sensors: Vec<SensorNode>,
+pub(crate) struct Rivals {
+    /// What they are made of.
+    owned: OwnedSetup,
     /// Constructed on first use.
     made: Vec<Rival>,
     transit: Option<Serving>,
@@ -43,7 +39,7 @@ pub(super) struct Rivals {
 
 /// The state carried from slot to slot.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct RivalChoice {
+pub(crate) struct RivalChoice {
     /// Whether all were rolled out once.
     is_surveyed: bool,
     /// The followed strategy and its state; `None` while the look-ahead's own plan is flown.
@@ -63,13 +59,7 @@ struct Rival {
 
 impl Rivals {
     pub fn new(setup: &Setup) -> Self {
-        Self {
-            scenario: setup.scenario.clone(),
-            sensors: setup.sensors.to_vec(),
-            made: Vec::new(),
-            transit: None,
-            choice: RivalChoice::default(),
-        }
+        Self { owned: setup.to_owned(), made: Vec::new(), transit: None, choice: RivalChoice::default() }
     }
 
     /// Constructs the strategies that do not look ahead.
@@ -77,17 +67,14 @@ impl Rivals {
         if self.transit.is_some() {
             return;
         }
-        let settings = Settings::of(&self.scenario).expect("its keys were checked");
-        let table = SensorTable::new(&self.scenario, &self.sensors);
-        let Self { scenario, sensors, .. } = self;
-        let setup = Setup { scenario, settings: &settings, sensors, table: &table, estimate: None };
+        let setup = self.owned.setup();
         let rival = |registered: &'static Registered| {
             let strategy = (registered.make)(&setup);
             let mut fresh = Vec::new();
             strategy.save(&mut fresh);
             Rival { registered, strategy, fresh }
         };
-        self.made = STRATEGIES.into_iter().filter(|other| !other.has_path).map(rival).collect();
+        self.made = self.owned.strategies.iter().copied().filter(|other| !other.has_path).map(rival).collect();
         self.transit = Some(Serving::new(&setup));
     }
 
@@ -101,7 +88,7 @@ impl Rivals {
     /// # Errors
     /// If the followed strategy is not a candidate, or its state is impossible.
     pub fn restore(&mut self, choice: RivalChoice) -> Result<(), CheckpointError> {
-        CheckpointError::ensure(choice.turn < STRATEGIES.len(), "the turn of a strategy")?;
+        CheckpointError::ensure(choice.turn < self.owned.strategies.len(), "the turn of a strategy")?;
         if let Some((followed, state)) = &choice.followed {
             self.make();
             let rival = self.made.iter_mut().find(|rival| rival.registered == *followed);
@@ -127,9 +114,9 @@ impl Rivals {
     pub fn survey(&mut self, view: &View, ahead: &Ahead, is_over: &dyn Fn() -> bool) -> Vec<Surveyed> {
         self.make();
         self.choice.is_surveyed = true;
-        let Self { scenario, sensors, made, transit, .. } = self;
+        let Self { owned, made, transit, .. } = self;
         let futures = Effort::of(view, ahead.slots, SURVEYED_US).futures;
-        let rollout = Rollout::new(view, scenario, sensors, ahead, futures);
+        let rollout = Rollout::new(view, owned.scenario.seed, ahead, futures);
         let transit = transit.as_mut().expect("it was made");
         let mut surveyed: Vec<Surveyed> = Vec::new();
         for (rival, Rival { strategy, fresh, .. }) in made.iter_mut().enumerate() {
@@ -166,8 +153,8 @@ impl Rivals {
             Some(best) => vec![(best.rival, self.made[best.rival].fresh.clone())],
             None => self.candidates((compared_us / effort.cost_us - (COMPARED - 1.0)).max(1.0) as usize),
         };
-        let Self { scenario, sensors, made, transit, choice } = self;
-        let rollout = Rollout::new(view, scenario, sensors, ahead, effort.futures);
+        let Self { owned, made, transit, choice } = self;
+        let rollout = Rollout::new(view, owned.scenario.seed, ahead, effort.futures);
         let transit = transit.as_mut().expect("it was made");
         let Some(mut least_bits) = rollout.mean_loss_bits(own, |_| (), transit, f64::INFINITY, is_over, |_| ()) else {
             return;
@@ -237,7 +224,7 @@ fn compared_us(view: &View) -> f64 {
 }
 
 /// A strategy rolled out.
-pub(super) struct Surveyed {
+pub(crate) struct Surveyed {
     rival: usize,
     loss_bits: f64,
     /// Waypoint and schedule of each slot.
@@ -247,17 +234,17 @@ pub(super) struct Surveyed {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::strategies::{horizon, max_age_first};
+    use crate::strategies::{STRATEGIES, horizon, max_age_first};
     use skysink_common::checkpoint::encode;
-    use skysink_common::scenario::Overrides;
+    use skysink_common::message::SensorNode;
+    use skysink_common::scenario::{Overrides, Scenario};
 
     #[test]
     fn a_choice_of_another_mission_is_refused() {
         let scenario = Scenario::letter(Overrides::default()).unwrap();
-        let sensors = [SensorNode { x_m: 50.0, y_m: 50.0, gain: 1e-5, ..SensorNode::default() }; 2];
-        let table = &SensorTable::new(&scenario, &sensors);
-        let settings = &Settings::of(&scenario).unwrap();
-        let setup = Setup { scenario: &scenario, settings, sensors: &sensors, table, estimate: None };
+        let sensors = vec![SensorNode { x_m: 50.0, y_m: 50.0, gain: 1e-5, ..SensorNode::default() }; 2];
+        let owned = OwnedSetup::new(scenario, &sensors, STRATEGIES).unwrap();
+        let setup = owned.setup();
         let ages = |count: usize| {
             let mut state = Vec::new();
             encode(&vec![7u32; count], &mut state);

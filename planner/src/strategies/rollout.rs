@@ -4,27 +4,27 @@
 //! planner knows the channel, but not its draws. Sampling, overflow and upload are in whole bits, in the order of
 //! decision D1: with known channel, queues and rates the prediction is exact.
 
+use std::borrow::Cow;
+
 use arrayvec::ArrayVec;
 use nalgebra::Point3;
 use rand::{Rng, RngExt};
-use skysink_common::arrivals::bits_between;
-use skysink_common::channel::Uplink;
-use skysink_common::estimate::Estimate;
-use skysink_common::message::{FlightReport, LinkReport, MAX_SERVED, Mode, SensorNode};
+use skysink_common::channel::{ChannelModel, Uplink};
+use skysink_common::message::{FlightReport, LinkReport, MAX_SERVED, Mode};
+use skysink_common::queues::Queues;
 use skysink_common::random::{Purpose, Streams};
-use skysink_common::scenario::Scenario;
+use skysink_common::sampling::{Sampler, Sampling};
 
 use super::serving::Serving;
-use super::transit::transit_waypoint;
-use super::{Strategy, View};
+use super::transit::transit_decision;
 use crate::horizon::choice::late_slots;
+use crate::strategy::{Strategy, View};
 
 /// A simulation of the mission from the slot of a view on.
-pub(super) struct Rollout<'a> {
+pub(crate) struct Rollout<'a> {
     view: &'a View<'a>,
-    sensors: &'a [SensorNode],
-    /// Known or estimated bits sampled per slot, by SN.
-    mean_bits: Vec<f64>,
+    /// With known or estimated rates.
+    sampling: Cow<'a, Sampling>,
     /// The last simulated slot.
     last_slot: u64,
     /// Slots of the mission after it.
@@ -38,7 +38,7 @@ pub(super) struct Rollout<'a> {
 
 /// The window of a rollout.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Ahead {
+pub(crate) struct Ahead {
     /// Simulated slots, at least 1.
     pub slots: u64,
     /// Slots of the mission after them.
@@ -61,7 +61,7 @@ const MOST_US: f64 = 200_000.0;
 
 /// Number of samples and cost of a rollout.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Effort {
+pub(crate) struct Effort {
     /// Samples of links, queues and rates: as many as time allows; 1 if all are known.
     pub futures: u32,
     /// Estimated time of all samples [µs], by the SNs in reach; no clock is read.
@@ -74,13 +74,13 @@ impl Effort {
     /// Of a rollout over `slots` slots that may take `most_us` [µs] where there are several futures.
     pub fn of(view: &View, slots: u64, most_us: f64) -> Self {
         let table = view.table;
-        let count = table.positions.len() as f64;
-        let sight_m = table.reach_m + table.comm_radius_m;
-        let sight =
-            (std::f64::consts::PI * sight_m * sight_m / (table.area.width_m() * table.area.height_m())).min(1.0);
+        let count = table.sensors.positions.len() as f64;
+        let sight_m = table.limits.reach_m + table.limits.comm_radius_m;
+        let sight = (std::f64::consts::PI * sight_m * sight_m
+            / (table.limits.area().width_m() * table.limits.area().height_m()))
+        .min(1.0);
         let in_sight = count * sight;
-        let searching_us =
-            if table.channel.line_of_sight().is_some() { 40.0 * in_sight.min(1.0) } else { 0.1 * in_sight };
+        let searching_us = if table.channel.depends_on_elevation() { 40.0 * in_sight.min(1.0) } else { 0.1 * in_sight };
         let slot_us = 1.0 + count / 100.0 + searching_us;
         let future_us = slot_us * slots as f64;
         let futures = if is_certain(view) {
@@ -94,7 +94,7 @@ impl Effort {
 
 /// A slot of a flight.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct RolledSlot {
+pub(crate) struct RolledSlot {
     /// Where it ends [m].
     pub waypoint: Point3<f64>,
     /// The SNs that it serves.
@@ -102,25 +102,22 @@ pub(super) struct RolledSlot {
 }
 
 impl<'a> Rollout<'a> {
-    /// From the slot of `view` on.
-    pub fn new(
-        view: &'a View<'a>,
-        scenario: &Scenario,
-        sensors: &'a [SensorNode],
-        ahead: &Ahead,
-        futures: u32,
-    ) -> Self {
-        let mean_bits = |(id, sensor): (u32, &SensorNode)| {
-            view.estimate.map_or(sensor.sampling_bps * scenario.slot_s, |estimate| estimate.mean_bits(id))
+    /// From the slot of `view` on, with the random streams of `seed`.
+    pub fn new(view: &'a View<'a>, seed: u64, ahead: &Ahead, futures: u32) -> Self {
+        let sensors = &view.table.sensors;
+        let sampling = if view.belief.belief().is_estimated() {
+            let mean_bits = sensors.ids().map(|id| view.belief.mean_bits(id)).collect();
+            Cow::Owned(sensors.sampling.with_means(mean_bits))
+        } else {
+            Cow::Borrowed(&sensors.sampling)
         };
         Self {
             view,
-            sensors,
-            mean_bits: (0..).zip(sensors).map(mean_bits).collect(),
+            sampling,
             last_slot: view.slot.saturating_add(ahead.slots - 1),
             beyond_slots: ahead.beyond_slots,
             round_slots: ahead.round_slots,
-            streams: Streams::new(scenario.seed),
+            streams: Streams::new(seed),
             futures,
         }
     }
@@ -165,41 +162,29 @@ impl<'a> Rollout<'a> {
         let mut random = self.streams.stream(Purpose::Rollout, 0, future);
         let streams = Streams::new(random.next_u64());
         let mut world = self.draw_world(&mut random);
-        let mut estimate = self.view.estimate.cloned();
+        let mut belief = self.view.belief.belief().clone();
         let mut position = self.view.position;
         let mut lost_bits = 0.0;
         for slot in self.view.slot..=self.last_slot {
-            if let Some(estimate) = &mut estimate {
-                estimate.predict(slot.saturating_sub(1));
-            }
-            let estimated = estimate.as_ref();
-            let queues_bits = estimated.map_or(&world.queues_bits[..], Estimate::queues_bits);
-            let view = View { slot, position, queues_bits, estimate: estimated, ..*self.view };
-            let decision = strategy.plan(&view).unwrap_or_else(|| {
-                let waypoint = transit_waypoint(&table.positions, table.reach_m, &view.ground(), queues_bits);
-                transit.serve_fullest(&view, &waypoint)
-            });
+            let believed = belief.at(slot.saturating_sub(1), &table.sensors, world.queues.bits());
+            let view = View { slot, position, belief: believed, ..*self.view };
+            let decision = strategy.plan(&view).unwrap_or_else(|| transit_decision(transit, &view));
             position = decision.waypoint;
-            if let Some(estimate) = &mut estimate {
-                estimate.record_before_contact(slot, &decision.schedule, &world.queues_bits);
-            }
-            lost_bits += world.sample(slot, self.sensors) as f64;
+            let before = belief.reported(slot, decision.schedule.iter().copied(), world.queues.bits());
+            lost_bits += world.queues.sample(&world.sampling, slot) as f64;
             if lost_bits > most_bits || is_over() {
                 return None;
             }
             let mut report = FlightReport::at(position, Mode::Serve);
             for (&id, link) in decision.schedule.iter().zip(&mut report.links) {
-                let uplink = Uplink::new(table.gains[id as usize], table.position(id), &position);
+                let uplink = Uplink::new(table.sensors.gains[id as usize], table.sensors.position(id), &position);
                 let rate_bps = table.channel.draw(&uplink, &streams, slot, id).rate_bps;
                 let capacity_bits = table.channel.capacity_bits(rate_bps);
                 *link = LinkReport { sensor: id, rate_bps, capacity_bits, ..LinkReport::default() };
-                let queue_bits = &mut world.queues_bits[id as usize];
-                *queue_bits -= capacity_bits.min(u64::from(*queue_bits)) as u32;
+                world.queues.upload(id as usize, capacity_bits);
                 report.served += 1;
             }
-            if let Some(estimate) = &mut estimate {
-                estimate.observe(slot, &report, &world.queues_bits);
-            }
+            belief.advance(slot, &report, &before, world.queues.bits());
             watch(RolledSlot { waypoint: position, ids: decision.schedule });
         }
         lost_bits += self.beyond_bits(&world);
@@ -207,24 +192,30 @@ impl<'a> Rollout<'a> {
     }
 
     /// Queues and rates of a sample: known, or drawn from the estimate.
-    fn draw_world(&self, random: &mut impl Rng) -> World {
-        let mut world = World { queues_bits: self.view.queues_bits.to_vec(), mean_bits: self.mean_bits.clone() };
-        let Some(estimate) = self.view.estimate else {
-            return world;
-        };
-        for ((id, queue_bits), mean_bits) in (0..).zip(&mut world.queues_bits).zip(&mut world.mean_bits) {
-            let uncertain = estimate.uncertainty(self.view.slot.saturating_sub(1), id);
+    fn draw_world(&self, random: &mut impl Rng) -> World<'_> {
+        let View { belief, .. } = self.view;
+        if !belief.belief().is_estimated() {
+            let within = |(id, &queue_bits): (usize, &u32)| queue_bits.min(self.sampling.of(id).capacity_bits);
+            let queues_bits = belief.queues_bits.iter().enumerate().map(within).collect();
+            return World { queues: Queues::new(queues_bits), sampling: Cow::Borrowed(&self.sampling) };
+        }
+        let mut queues_bits = belief.queues_bits.to_vec();
+        let mut means_bits = Vec::with_capacity(queues_bits.len());
+        for (id, queue_bits) in (0..).zip(&mut queues_bits) {
+            let Sampler { mean_bits, capacity_bits } = self.sampling.of(id as usize);
+            let uncertain = belief.uncertainty(id);
             let [rate, initial] = random.random::<[f64; 2]>().map(|fraction| 2.0 * fraction - 1.0);
             if uncertain.rate == 0.0 && uncertain.initial_bits == 0.0 {
+                means_bits.push(mean_bits);
                 continue;
             }
             let drawn_bits = uncertain.unbounded_bits
                 + uncertain.since_contact_bits * uncertain.rate * rate
                 + uncertain.initial_bits * initial;
-            *queue_bits = drawn_bits.clamp(0.0, f64::from(estimate.capacity_bits(id))) as u32;
-            *mean_bits *= 1.0 + uncertain.rate * rate;
+            *queue_bits = drawn_bits.clamp(0.0, f64::from(capacity_bits)) as u32;
+            means_bits.push(mean_bits * (1.0 + uncertain.rate * rate));
         }
-        world
+        World { queues: Queues::new(queues_bits), sampling: Cow::Owned(self.sampling.with_means(means_bits)) }
     }
 
     /// Expected loss after the last simulated slot [bit].
@@ -232,38 +223,25 @@ impl<'a> Rollout<'a> {
         if self.beyond_slots == 0.0 {
             return 0.0;
         }
-        let late_bits = |((queue_bits, mean_bits), sensor): ((&u32, &f64), &SensorNode)| {
-            let left_slots = f64::from(sensor.capacity_bits - queue_bits) / mean_bits;
-            let late = if *mean_bits > 0.0 { late_slots(left_slots, self.round_slots) } else { 0.0 };
+        let late_bits = |(id, &queue_bits): (usize, &u32)| {
+            let Sampler { mean_bits, capacity_bits } = world.sampling.of(id);
+            let left_slots = f64::from(capacity_bits - queue_bits) / mean_bits;
+            let late = if mean_bits > 0.0 { late_slots(left_slots, self.round_slots) } else { 0.0 };
             late.min(self.beyond_slots) * mean_bits
         };
-        world.queues_bits.iter().zip(&world.mean_bits).zip(self.sensors).map(late_bits).sum()
+        world.queues.bits().iter().enumerate().map(late_bits).sum()
     }
 }
 
-/// Queues and rates of a sample, by SN.
-struct World {
-    queues_bits: Vec<u32>,
-    mean_bits: Vec<f64>,
-}
-
-impl World {
-    /// Samples at all SNs; returns the overflow [bit].
-    fn sample(&mut self, slot: u64, sensors: &[SensorNode]) -> u64 {
-        let mut lost_bits = 0;
-        for ((queue_bits, mean_bits), sensor) in self.queues_bits.iter_mut().zip(&self.mean_bits).zip(sensors) {
-            let all_bits = u64::from(*queue_bits) + bits_between(*mean_bits, slot.saturating_sub(1), slot);
-            let stored_bits = all_bits.min(u64::from(sensor.capacity_bits));
-            lost_bits += all_bits - stored_bits;
-            *queue_bits = stored_bits as u32;
-        }
-        lost_bits
-    }
+/// Queues and sampling of a sample.
+struct World<'a> {
+    queues: Queues,
+    sampling: Cow<'a, Sampling>,
 }
 
 /// Whether links, queues and rates are known.
-pub(super) fn is_certain(view: &View) -> bool {
-    view.estimate.is_none() && !view.table.channel.is_random()
+pub(crate) fn is_certain(view: &View) -> bool {
+    !view.belief.belief().is_estimated() && !view.table.channel.is_random()
 }
 
 #[cfg(test)]
@@ -271,15 +249,15 @@ mod tests {
     use super::*;
     use std::path::Path;
 
+    use skysink_common::belief::{Belief, Believed};
     use skysink_common::checkpoint::Checkpoint;
     use skysink_common::estimate::Rates;
-    use skysink_common::message::SolverOutcome;
-    use skysink_common::scenario::Overrides;
+    use skysink_common::message::{SensorNode, SolverOutcome};
+    use skysink_common::scenario::{Overrides, Scenario};
     use skysink_common::stop::Stop;
 
-    use crate::sensor_table::SensorTable;
-    use crate::settings::Settings;
-    use crate::strategies::{Decision, Registered, Setup, Timing};
+    use crate::strategy::tests::over;
+    use crate::strategy::{Decision, OwnedSetup, Registered, Timing};
     use crate::waypoint::problem::Waypoint;
 
     const NEVER: &dyn Fn() -> bool = &|| false;
@@ -289,26 +267,19 @@ mod tests {
     fn hovering(keys: &str, sampling_bps: f64, queue_bits: u32, [slots, beyond]: [u64; 2], futures: u32) -> f64 {
         let text = format!("name = 'x'\n{keys}");
         let scenario = Scenario::parse(&text, Path::new("x.toml"), Overrides::default()).unwrap();
-        let sensors = [SensorNode {
-            x_m: 50.0,
-            y_m: 50.0,
-            gain: 1e-5,
-            sampling_bps,
-            capacity_bits: 1_000,
-            ..SensorNode::default()
-        }];
-        let table = &SensorTable::new(&scenario, &sensors);
-        let settings = &Settings::of(&scenario).unwrap();
-        let setup = Setup { scenario: &scenario, settings, sensors: &sensors, table, estimate: None };
+        let node = SensorNode { x_m: 50.0, y_m: 50.0, gain: 1e-5, sampling_bps, ..SensorNode::default() };
+        let field = over(scenario, vec![SensorNode { capacity_bits: 1_000, ..node }]);
+        let OwnedSetup { scenario, table, .. } = &field;
+        let setup = field.setup();
         let is_learnt = keys.contains("learnt");
-        let estimate = is_learnt.then(|| Estimate::new(&scenario, Rates::Learnt, &sensors));
+        let mut belief = Belief::new(scenario, &table.sensors, is_learnt.then_some(Rates::Learnt));
         let position = scenario.start();
         let stop = &Stop::default();
-        let estimate = estimate.as_ref();
         let queues_bits = &[queue_bits];
-        let view = View { slot: 1, position, queues_bits, estimate, table, timing: Timing::Free, stop };
+        let belief = belief.at(0, &table.sensors, queues_bits);
+        let view = View { slot: 1, position, belief, table, timing: Timing::Free, stop };
         let ahead = Ahead { slots, beyond_slots: beyond as f64, round_slots: 10.0 };
-        let rollout = Rollout::new(&view, &scenario, &sensors, &ahead, futures);
+        let rollout = Rollout::new(&view, scenario.seed, &ahead, futures);
         let mut gfs = (Registered::find("gfs").unwrap().make)(&setup);
         rollout.mean_loss_bits(gfs.as_mut(), |_| (), &mut Serving::new(&setup), f64::INFINITY, NEVER, |_| ()).unwrap()
     }
@@ -367,7 +338,7 @@ mod tests {
 
     impl Strategy for Watching {
         fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
-            self.queues_bits.push(view.queues_bits[0]);
+            self.queues_bits.push(view.belief.queues_bits[0]);
             Some(Decision::serve(view, &Waypoint { point: view.position, outcome: SolverOutcome::Rule }, &[]))
         }
     }
@@ -376,17 +347,17 @@ mod tests {
     fn a_strategy_is_shown_the_queues_expected_at_the_end_of_the_slot_before() {
         let text = "name = 'x'\n[sensors]\ninitial_queue_mean_bits = 0.0\n[planner]\nknowledge = 'estimated'\n";
         let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
-        let sensors = [SensorNode { sampling_bps: 100.0, capacity_bits: 250, ..SensorNode::default() }];
-        let table = &SensorTable::new(&scenario, &sensors);
-        let settings = &Settings::of(&scenario).unwrap();
-        let estimate = &Estimate::new(&scenario, Rates::Known, &sensors);
-        let setup = Setup { scenario: &scenario, settings, sensors: &sensors, table, estimate: Some(estimate) };
+        let sensor = SensorNode { sampling_bps: 100.0, capacity_bits: 250, ..SensorNode::default() };
+        let field = over(scenario, vec![sensor]);
+        let OwnedSetup { scenario, table, .. } = &field;
+        let mut belief = Belief::new(scenario, &table.sensors, Some(Rates::Known));
+        let setup = field.setup();
         let position = scenario.start();
         let stop = &Stop::default();
-        let queues_bits = estimate.queues_bits();
-        let view = View { slot: 1, position, queues_bits, estimate: Some(estimate), table, timing: Timing::Free, stop };
+        let belief = belief.at(0, &table.sensors, &[0]);
+        let view = View { slot: 1, position, belief, table, timing: Timing::Free, stop };
         let ahead = Ahead { slots: 5, beyond_slots: 0.0, round_slots: 1.0 };
-        let rollout = Rollout::new(&view, &scenario, &sensors, &ahead, 1);
+        let rollout = Rollout::new(&view, scenario.seed, &ahead, 1);
         let mut watching = Watching::default();
         let lost_bits = rollout.fly(0, &mut watching, &mut Serving::new(&setup), f64::INFINITY, NEVER, |_| ());
         assert_eq!(watching.queues_bits, [0, 100, 200, 250, 250]);
@@ -396,16 +367,17 @@ mod tests {
     #[test]
     fn a_rollout_ends_as_soon_as_it_has_lost_too_much() {
         let scenario = Scenario::letter(Overrides::default()).unwrap();
-        let sensors =
-            [SensorNode { x_m: 0.0, y_m: 0.0, sampling_bps: 100.0, capacity_bits: 500, ..SensorNode::default() }];
-        let table = &SensorTable::new(&scenario, &sensors);
-        let settings = &Settings::of(&scenario).unwrap();
-        let setup = Setup { scenario: &scenario, settings, sensors: &sensors, table, estimate: None };
+        let sensor =
+            SensorNode { x_m: 0.0, y_m: 0.0, sampling_bps: 100.0, capacity_bits: 500, ..SensorNode::default() };
+        let field = over(scenario, vec![sensor]);
+        let OwnedSetup { scenario, table, .. } = &field;
+        let setup = field.setup();
         let position = scenario.start();
         let stop = &Stop::default();
-        let view = View { slot: 1, position, queues_bits: &[500], estimate: None, table, timing: Timing::Free, stop };
+        let belief = Believed::known(0, &table.sensors, &[500]);
+        let view = View { slot: 1, position, belief, table, timing: Timing::Free, stop };
         let ahead = Ahead { slots: 2, beyond_slots: 0.0, round_slots: 1.0 };
-        let rollout = Rollout::new(&view, &scenario, &sensors, &ahead, 1);
+        let rollout = Rollout::new(&view, scenario.seed, &ahead, 1);
         let mut gfs = (Registered::find("gfs").unwrap().make)(&setup);
         let mut lost = |most_bits, is_over: &dyn Fn() -> bool| {
             let mut watched = 0;

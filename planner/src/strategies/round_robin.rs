@@ -1,9 +1,9 @@
 //! `round-robin`: flies over one sensor node (SN) after the other, cyclically in the order of their ids.
 
-use super::Registered;
 use super::transit::toward;
 use super::turns::InTurn;
-use crate::sensor_table::SensorTable;
+use crate::mission_table::MissionTable;
+use crate::strategy::Registered;
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
@@ -15,14 +15,15 @@ pub const STRATEGY: Registered = Registered {
     make: |setup| {
         // Straight toward the SN whose turn it is, until above it.
         let waypoint =
-            |table: &SensorTable, position: &_, [current, _]: [&_; 2]| toward(table.reach_m, position, current);
-        Box::new(InTurn::new(setup, setup.table.ids().collect(), waypoint))
+            |table: &MissionTable, position: &_, [current, _]: [&_; 2]| toward(table.limits.reach_m, position, current);
+        Box::new(InTurn::new(setup, setup.table.sensors.ids().collect(), waypoint))
     },
 };
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{made, view};
+    use crate::strategies::tests::made;
+    use crate::strategy::tests::view;
 
     #[test]
     fn round_robin_flies_straight_over_each_in_turn() {

@@ -2,12 +2,14 @@
 
 use nalgebra::Point3;
 use skysink_common::geometry::Position;
+use skysink_common::limits::Limits;
 use skysink_common::message::SolverOutcome;
+use skysink_common::sensors::grid::Grid;
 
 use super::nearby::fullest_first;
-use super::{Decision, Setup, View};
-use crate::geometry::grid::Grid;
-use crate::sensor_table::SensorTable;
+use crate::keys::Settings;
+use crate::mission_table::MissionTable;
+use crate::strategy::{Decision, Setup, View};
 use crate::waypoint::Solver;
 use crate::waypoint::problem::Waypoint;
 
@@ -22,9 +24,9 @@ impl Serving {
     /// With the solver that the scenario chooses.
     #[must_use]
     pub fn new(setup: &Setup) -> Self {
-        let ids = Vec::with_capacity(setup.table.positions.len());
-        let iterations = setup.settings.sca_iterations.get() as u32; // at most 1000
-        Self { solver: Solver::new(setup.scenario, setup.table, setup.settings.waypoint_solver, iterations), ids }
+        let ids = Vec::with_capacity(setup.table.sensors.count());
+        let Settings { waypoint_solver, sca_iterations, .. } = *setup.settings;
+        Self { solver: Solver::new(setup.scenario, setup.table, waypoint_solver, sca_iterations), ids }
     }
 
     /// The best waypoint for the SNs `ids`, by sP2; `None` if no point in reach is in range of all of them.
@@ -39,20 +41,20 @@ impl Serving {
 
     /// The decision to fly to `ground`, clamped to the area, and serve the n fullest queues in range.
     pub fn serve_fullest(&mut self, view: &View, ground: &Position) -> Decision {
-        self.serve_by(view, ground, |id| fullest_first(view.queues_bits[id as usize], id))
+        self.serve_by(view, ground, |id| fullest_first(view.belief.queues_bits[id as usize], id))
     }
 
     /// As [`Self::serve_fullest`], with priority for SN `first`, if it is in range.
     pub fn serve_first(&mut self, view: &View, ground: &Position, first: u32) -> Decision {
-        self.serve_by(view, ground, |id| (id != first, fullest_first(view.queues_bits[id as usize], id)))
+        self.serve_by(view, ground, |id| (id != first, fullest_first(view.belief.queues_bits[id as usize], id)))
     }
 
     /// As [`Self::serve_fullest`], for the n SNs in range with the smallest `key`, which must be unique.
     pub fn serve_by<K: Ord>(&mut self, view: &View, ground: &Position, key: impl Fn(u32) -> K) -> Decision {
         let ground = view.table.clamp_to_area(ground);
         let Self { solver, ids } = self;
-        let SensorTable { grid, comm_radius_m, resource_blocks, .. } = view.table;
-        fill_in_range(grid, *comm_radius_m, *resource_blocks, &ground, key, ids);
+        let MissionTable { sensors, limits, .. } = view.table;
+        fill_in_range(&sensors.grid, limits, &ground, key, ids);
         let waypoint = solver.above(view.table, &ground, &view.position, ids);
         Decision { waypoint, schedule: ids.iter().copied().collect(), outcome: SolverOutcome::Rule, winner: None }
     }
@@ -73,32 +75,18 @@ impl Decision {
 
 /// Fills `ids` with the SNs of the n fullest queues within `d_c` of `ground`, ascending by id: of equals those with the
 /// lowest. `queues_bits` [bit] are by id.
-pub fn fill_fullest_in_range(
-    grid: &Grid,
-    comm_radius_m: f64,
-    resource_blocks: usize,
-    ground: &Position,
-    queues_bits: &[u32],
-    ids: &mut Vec<u32>,
-) {
-    let key = |id: u32| fullest_first(queues_bits[id as usize], id);
-    fill_in_range(grid, comm_radius_m, resource_blocks, ground, key, ids);
+pub fn fill_fullest_in_range(grid: &Grid, limits: &Limits, ground: &Position, queues_bits: &[u32], ids: &mut Vec<u32>) {
+    fill_in_range(grid, limits, ground, |id| fullest_first(queues_bits[id as usize], id), ids);
 }
 
 /// Fills `ids` with the n SNs within `d_c` of `ground` that have the smallest `key`, ascending by id.
-fn fill_in_range<K: Ord>(
-    grid: &Grid,
-    comm_radius_m: f64,
-    resource_blocks: usize,
-    ground: &Position,
-    key: impl Fn(u32) -> K,
-    ids: &mut Vec<u32>,
-) {
+fn fill_in_range<K: Ord>(grid: &Grid, limits: &Limits, ground: &Position, key: impl Fn(u32) -> K, ids: &mut Vec<u32>) {
     ids.clear();
-    grid.visit_within(ground, comm_radius_m, |node| ids.push(node.id));
-    if ids.len() > resource_blocks {
-        ids.select_nth_unstable_by_key(resource_blocks, |&id| key(id));
-        ids.truncate(resource_blocks);
+    grid.visit_within(ground, limits.comm_radius_m, |node| ids.push(node.id));
+    let blocks = limits.blocks();
+    if ids.len() > blocks {
+        ids.select_nth_unstable_by_key(blocks, |&id| key(id));
+        ids.truncate(blocks);
     }
     ids.sort_unstable();
 }
@@ -106,14 +94,13 @@ fn fill_in_range<K: Ord>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sensor_table::tests::table_of;
-    use crate::strategies::tests::{field, view};
+    use crate::mission_table::tests::table_of;
+    use crate::strategy::tests::{field, view};
 
     /// The n fullest queues in range.
-    fn fullest(table: &SensorTable, ground: [f64; 2], queues_bits: &[u32]) -> Vec<u32> {
+    fn fullest(table: &MissionTable, ground: [f64; 2], queues_bits: &[u32]) -> Vec<u32> {
         let mut ids = vec![77];
-        let SensorTable { grid, comm_radius_m, resource_blocks, .. } = table;
-        fill_fullest_in_range(grid, *comm_radius_m, *resource_blocks, &ground.into(), queues_bits, &mut ids);
+        fill_fullest_in_range(&table.sensors.grid, &table.limits, &ground.into(), queues_bits, &mut ids);
         ids
     }
 
@@ -144,8 +131,7 @@ mod tests {
         let queues_bits = [1, 5, 6, 7, 8, 9];
         let key = |id: u32| (![0, 5].contains(&id), fullest_first(queues_bits[id as usize], id));
         let mut ids = Vec::new();
-        let SensorTable { grid, comm_radius_m, resource_blocks, .. } = &table;
-        fill_in_range(grid, *comm_radius_m, *resource_blocks, &Position::new(50.0, 50.0), key, &mut ids);
+        fill_in_range(&table.sensors.grid, &table.limits, &Position::new(50.0, 50.0), key, &mut ids);
         assert_eq!(ids, [0, 2, 3, 4]);
     }
 }

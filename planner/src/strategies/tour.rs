@@ -5,11 +5,11 @@
 
 use skysink_common::geometry::Position;
 
-use super::Registered;
 use super::turns::InTurn;
 use crate::geometry::disks::{Disk, nearest_in_both, slots_between};
 use crate::geometry::tour::closed_tour;
-use crate::sensor_table::SensorTable;
+use crate::mission_table::MissionTable;
+use crate::strategy::Registered;
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
@@ -22,9 +22,9 @@ pub const STRATEGY: Registered = Registered {
 };
 
 /// A closed tour that starts at the SN nearest to `start`.
-fn order(table: &SensorTable, start: &Position) -> Vec<u32> {
-    let mut order = closed_tour(table.area, &table.positions);
-    let away_m2 = |&id: &u32| (table.position(id) - start).norm_squared();
+fn order(table: &MissionTable, start: &Position) -> Vec<u32> {
+    let mut order = closed_tour(table.limits.area(), &table.sensors.positions);
+    let away_m2 = |&id: &u32| (table.sensors.position(id) - start).norm_squared();
     let first = (0..order.len()).min_by(|&a, &b| away_m2(&order[a]).total_cmp(&away_m2(&order[b])));
     order.rotate_left(first.unwrap_or(0));
     order
@@ -32,10 +32,10 @@ fn order(table: &SensorTable, start: &Position) -> Vec<u32> {
 
 /// Where to fly from `position`: in as few slots as it takes to get in range of `current`, and to the point in range
 /// that is nearest to `next`.
-fn waypoint(table: &SensorTable, position: &Position, [current, next]: [&Position; 2]) -> Position {
-    let range = Disk { centre: *current, radius_m: table.comm_radius_m };
-    let slots = slots_between(position, &range, table.reach_m);
-    let reach = Disk { centre: *position, radius_m: table.reach_m * slots };
+fn waypoint(table: &MissionTable, position: &Position, [current, next]: [&Position; 2]) -> Position {
+    let range = Disk { centre: *current, radius_m: table.limits.comm_radius_m };
+    let slots = slots_between(position, &range, table.limits.reach_m);
+    let reach = Disk { centre: *position, radius_m: table.limits.reach_m * slots };
     let end = nearest_in_both(next, &reach, &range);
     position + (end - position) / slots
 }
@@ -43,13 +43,13 @@ fn waypoint(table: &SensorTable, position: &Position, [current, next]: [&Positio
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sensor_table::tests::table_of;
+    use crate::mission_table::tests::table_of;
 
     /// From `position`, toward SN 0 with the last SN after it.
     fn from(position: [f64; 2], positions_m: &[[f64; 2]]) -> Position {
         let table = table_of(positions_m);
-        let last = table.positions[table.positions.len() - 1];
-        waypoint(&table, &position.into(), [&table.positions[0], &last])
+        let last = table.sensors.positions[table.sensors.positions.len() - 1];
+        waypoint(&table, &position.into(), [&table.sensors.positions[0], &last])
     }
 
     #[test]

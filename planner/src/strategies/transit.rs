@@ -2,6 +2,17 @@
 
 use skysink_common::geometry::{Position, distance_squared, within};
 
+use super::serving::Serving;
+use crate::mission_table::MissionTable;
+use crate::strategy::{Decision, View};
+
+/// The decision of a slot that the strategy leaves to transit: it serves the fullest queues around the waypoint.
+pub fn transit_decision(serving: &mut Serving, view: &View) -> Decision {
+    let MissionTable { sensors, limits, .. } = view.table;
+    let waypoint = transit_waypoint(&sensors.positions, limits.reach_m, &view.ground(), view.belief.queues_bits);
+    serving.serve_fullest(view, &waypoint)
+}
+
 /// Transit (decision D8): straight, at full speed, toward the SN with the largest queue, stopping on it if it is
 /// nearer. `positions` and `queues_bits` [bit] are by id, `reach_m` is how far one slot reaches [m].
 ///
@@ -39,11 +50,10 @@ pub fn toward(reach_m: f64, position: &Position, goal: &Position) -> Position {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sensor_table::SensorTable;
-    use crate::sensor_table::tests::table_of;
+    use crate::mission_table::tests::table_of;
 
-    fn transit(table: &SensorTable, position: &Position, queues_bits: &[u32]) -> Position {
-        transit_waypoint(&table.positions, table.reach_m, position, queues_bits)
+    fn transit(table: &MissionTable, position: &Position, queues_bits: &[u32]) -> Position {
+        transit_waypoint(&table.sensors.positions, table.limits.reach_m, position, queues_bits)
     }
 
     #[test]
@@ -57,15 +67,15 @@ mod tests {
     #[test]
     fn transit_stops_on_a_nearer_goal() {
         let table = table_of(&[[50.1, 79.9]]);
-        assert_eq!(transit(&table, &Position::new(50.1, 50.0), &[8]), table.positions[0]);
-        assert_eq!(transit(&table, &table.positions[0], &[8]), table.positions[0]);
+        assert_eq!(transit(&table, &Position::new(50.1, 50.0), &[8]), table.sensors.positions[0]);
+        assert_eq!(transit(&table, &table.sensors.positions[0], &[8]), table.sensors.positions[0]);
     }
 
     #[test]
     fn transit_prefers_the_nearest_of_equals_and_then_the_lowest_index() {
         let table = table_of(&[[10.0, 50.0], [50.0, 71.0], [50.0, 30.0], [70.0, 50.0]]);
         let position = Position::new(50.0, 50.0);
-        assert_eq!(transit(&table, &position, &[5, 5, 5, 5]), table.positions[2]);
-        assert_eq!(transit(&table, &position, &[4, 5, 4, 4]), table.positions[1]);
+        assert_eq!(transit(&table, &position, &[5, 5, 5, 5]), table.sensors.positions[2]);
+        assert_eq!(transit(&table, &position, &[4, 5, 4, 4]), table.sensors.positions[1]);
     }
 }

@@ -5,14 +5,14 @@ use skysink_common::geometry::Position;
 
 use super::nearby::fullest_first;
 use super::serving::Serving;
-use super::{Decision, Setup, Strategy, View};
-use crate::sensor_table::SensorTable;
+use crate::mission_table::MissionTable;
+use crate::strategy::{Decision, Setup, Strategy, View};
 
 /// The waypoint from a position toward the current SN, `[0]`, given the next one, `[1]`.
-type Waypoint = fn(&SensorTable, &Position, [&Position; 2]) -> Position;
+type Waypoint = fn(&MissionTable, &Position, [&Position; 2]) -> Position;
 
 /// A strategy that serves SNs in a fixed order. A turn ends with the slot that serves its SN.
-pub(super) struct InTurn {
+pub(crate) struct InTurn {
     order: Vec<u32>,
     /// Index in `order` of the current SN.
     turn: usize,
@@ -45,9 +45,9 @@ impl Strategy for InTurn {
         let current = self.order.get(self.turn).copied();
         let waypoint = current.map_or(ground, |current| {
             let next = self.order[(self.turn + 1) % self.order.len()];
-            (self.waypoint)(view.table, &ground, [current, next].map(|id| view.table.position(id)))
+            (self.waypoint)(view.table, &ground, [current, next].map(|id| view.table.sensors.position(id)))
         });
-        let key = |id| (Some(id) != current, fullest_first(view.queues_bits[id as usize], id));
+        let key = |id| (Some(id) != current, fullest_first(view.belief.queues_bits[id as usize], id));
         let decision = self.serving.serve_by(view, &waypoint, key);
         self.advance(&decision.schedule);
         Some(decision)
@@ -69,7 +69,8 @@ impl Checkpoint for InTurn {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{made, view};
+    use crate::strategies::tests::made;
+    use crate::strategy::tests::view;
 
     #[test]
     fn a_slot_ends_the_turns_of_all_that_it_serves() {

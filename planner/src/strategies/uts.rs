@@ -4,7 +4,7 @@ use skysink_common::checkpoint::Checkpoint;
 
 use super::algorithm_1::{Reach, Search};
 use super::serving::Serving;
-use super::{Decision, Registered, Setup, Strategy, View};
+use crate::strategy::{Decision, Registered, Setup, Strategy, View};
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
@@ -17,7 +17,7 @@ pub const STRATEGY: Registered = Registered {
 };
 
 /// Algorithm 1 with anchors and circles in `reach`, and sP2.
-pub(super) struct Uts {
+pub(crate) struct Uts {
     reach: Reach,
     search: Search,
     serving: Serving,
@@ -27,8 +27,8 @@ pub(super) struct Uts {
 
 impl Uts {
     pub fn new(reach: Reach, setup: &Setup) -> Self {
-        let search = Search::with_room_for(setup.sensors.len());
-        Self { reach, search, serving: Serving::new(setup), ids: Vec::with_capacity(setup.table.resource_blocks) }
+        let search = Search::with_room_for(setup.table.sensors.count());
+        Self { reach, search, serving: Serving::new(setup), ids: Vec::with_capacity(setup.table.limits.blocks()) }
     }
 }
 
@@ -38,7 +38,7 @@ impl Strategy for Uts {
     /// `None` if there is no anchor in reach, or no point from which its set can be served.
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         let Self { reach, search, serving, ids } = self;
-        let winner = search.best_set(*reach, view.table, &view.ground(), view.queues_bits, ids)?;
+        let winner = search.best_set(*reach, view.table, &view.ground(), view.belief.queues_bits, ids)?;
         let waypoint = serving.waypoint(view, ids)?;
         Some(Decision { winner: Some(winner), ..Decision::serve(view, &waypoint, ids) })
     }

@@ -3,9 +3,9 @@
 //! Anchors are the sensor nodes within `V τ + d_c` of the UAV instead of `V τ − d_c`, and circles count only if their
 //! centre is in reach.
 
-use super::Registered;
 use super::algorithm_1::Reach;
 use super::uts::Uts;
+use crate::strategy::Registered;
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {

@@ -33,11 +33,10 @@ use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::geometry::distance_squared;
 
 use super::nearby::fullest_first;
-use super::sampling::Sampling;
 use super::serving::Serving;
 use super::transit::toward;
-use super::{Decision, Registered, Setup, Strategy, View};
 use crate::geometry::disks::{Disk, slots_between};
+use crate::strategy::{Decision, Registered, Setup, Strategy, View};
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
@@ -59,7 +58,7 @@ struct Whittle {
 
 impl Whittle {
     fn new(setup: &Setup) -> Self {
-        let ages = Ages { full_since: vec![0; setup.sensors.len()], sampling: Sampling::new(setup) };
+        let ages = Ages { full_since: vec![0; setup.table.sensors.count()] };
         Self { ages, serving: Serving::new(setup) }
     }
 }
@@ -68,15 +67,14 @@ impl Whittle {
 struct Ages {
     /// Slot in which each SN was first seen full, 0 if it is not full, by id.
     full_since: Vec<u32>,
-    sampling: Sampling,
 }
 
 impl Ages {
     /// Updates `full_since` at the beginning of the slot of `view`.
     fn update(&mut self, view: &View) {
         let slot = u32::try_from(view.slot).unwrap_or(u32::MAX);
-        for (id, since) in view.table.ids().zip(&mut self.full_since) {
-            let is_full = view.queues_bits[id as usize] >= self.sampling.capacity_bits(id);
+        for (id, since) in view.table.sensors.ids().zip(&mut self.full_since) {
+            let is_full = view.belief.queues_bits[id as usize] >= view.table.sensors.sampler(id).capacity_bits;
             *since = match *since {
                 _ if !is_full => 0,
                 0 => slot,
@@ -89,31 +87,33 @@ impl Ages {
     fn age_slots(&self, view: &View, id: u32, mean_bits: f64) -> f64 {
         let since = self.full_since[id as usize];
         let full_slots = if since == 0 { 0 } else { view.slot.saturating_sub(since.into()) };
-        f64::from(view.queues_bits[id as usize]) / mean_bits + full_slots as f64
+        f64::from(view.belief.queues_bits[id as usize]) / mean_bits + full_slots as f64
     }
 
     /// The index [bit] of serving SN `id` at the end of the `flight`-th slot from now; 0 if it never samples.
     fn index(&self, view: &View, id: u32, flight: f64) -> f64 {
-        self.sampling.mean_bits(view, id).map_or(0.0, |mean_bits| {
-            let age = (self.age_slots(view, id, mean_bits) + flight + WHOLE).floor();
-            overflow_index(mean_bits, self.sampling.capacity_bits(id).into(), age)
-        })
+        let mean_bits = view.belief.mean_bits(id);
+        if mean_bits == 0.0 {
+            return 0.0;
+        }
+        let age = (self.age_slots(view, id, mean_bits) + flight + WHOLE).floor();
+        overflow_index(mean_bits, view.table.sensors.sampler(id).capacity_bits.into(), age)
     }
 
     /// The SN to fly to; `None` if no SN samples.
     fn goal(&self, view: &View) -> Option<u32> {
         let ground = view.ground();
         let rated = |id: u32| {
-            let deadline_slots = self.sampling.deadline_slots(view, id)?;
-            let range = Disk { centre: *view.table.position(id), radius_m: view.table.comm_radius_m };
-            let flight = slots_between(&ground, &range, view.table.reach_m);
+            let deadline_slots = view.belief.deadline_slots(id)?;
+            let range = Disk { centre: *view.table.sensors.position(id), radius_m: view.table.limits.comm_radius_m };
+            let flight = slots_between(&ground, &range, view.table.limits.reach_m);
             let rating =
                 [-self.index(view, id, flight) / flight, deadline_slots, distance_squared(&range.centre, &ground)];
             Some((rating, id))
         };
         let before =
             |a: &[f64; 3], b: &[f64; 3]| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])).then(a[2].total_cmp(&b[2]));
-        view.table.ids().filter_map(rated).min_by(|a, b| before(&a.0, &b.0)).map(|(_, id)| id)
+        view.table.sensors.ids().filter_map(rated).min_by(|a, b| before(&a.0, &b.0)).map(|(_, id)| id)
     }
 }
 
@@ -136,10 +136,10 @@ impl Strategy for Whittle {
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         self.ages.update(view);
         let goal = self.ages.goal(view)?;
-        let waypoint = toward(view.table.reach_m, &view.ground(), view.table.position(goal));
+        let waypoint = toward(view.table.limits.reach_m, &view.ground(), view.table.sensors.position(goal));
         // For non-negative floats the order of the bit patterns is the order of the numbers.
         let index = |id: u32| self.ages.index(view, id, 1.0).to_bits();
-        let key = |id: u32| (Reverse(index(id)), fullest_first(view.queues_bits[id as usize], id));
+        let key = |id: u32| (Reverse(index(id)), fullest_first(view.belief.queues_bits[id as usize], id));
         Some(self.serving.serve_by(view, &waypoint, key))
     }
 }
@@ -160,8 +160,8 @@ impl Checkpoint for Whittle {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::strategies::Strategy;
-    use crate::strategies::tests::{FieldFixture, field, view};
+    use crate::strategy::tests::{field, view};
+    use crate::strategy::{OwnedSetup, Strategy};
     use proptest::prelude::*;
 
     /// What an SN has lost at this age [bit].
@@ -212,7 +212,7 @@ mod tests {
     }
 
     /// The field of these SNs, x, y [m] and rate [bit/s], with buffers of 1 000 bit.
-    fn field_of(sensors: &[[f64; 3]]) -> FieldFixture {
+    fn field_of(sensors: &[[f64; 3]]) -> OwnedSetup {
         field(sensors.iter().map(|&[x_m, y_m, sampling_bps]| ([x_m, y_m], sampling_bps, 1_000)))
     }
 

@@ -11,11 +11,13 @@ pub mod sca;
 
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
+use skysink_common::channel::ChannelModel;
 use skysink_common::geometry::{Position, above};
 use skysink_common::message::SolverOutcome;
 use skysink_common::scenario::Scenario;
+use strum::VariantNames;
 
-use crate::sensor_table::SensorTable;
+use crate::mission_table::MissionTable;
 use conic::ConicSolver;
 use problem::{Problem, RatedPoint, Waypoint};
 use sca::Contribution;
@@ -24,8 +26,9 @@ use sca::Contribution;
 const CONFIRMED: f64 = 1e-6;
 
 /// Solver of the waypoint problem sP2*.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, VariantNames)]
 #[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
 pub enum WaypointSolver {
     /// In free space the exact projection onto an intersection of disks; with probabilistic line of sight, ascent.
     Geometric,
@@ -47,12 +50,12 @@ pub struct Solver {
 impl Solver {
     /// The solver `choice` of a scenario over the SNs of `table`, with at most `iterations` expansions, 1 to 1000.
     #[must_use]
-    pub fn new(scenario: &Scenario, table: &SensorTable, choice: WaypointSolver, iterations: u32) -> Self {
+    pub fn new(scenario: &Scenario, table: &MissionTable, choice: WaypointSolver, iterations: u32) -> Self {
         let is_conic = choice == WaypointSolver::Clarabel;
         Self {
             scenario: scenario.clone(),
             problem: Problem::new(table),
-            starts: Vec::with_capacity(2 * table.resource_blocks + 2),
+            starts: Vec::with_capacity(2 * table.limits.blocks() + 2),
             iterations,
             conic: is_conic.then(ConicSolver::default),
         }
@@ -60,9 +63,9 @@ impl Solver {
 
     /// The waypoint from which the SNs `ids` are expected to send most, for the UAV at `uav`, `L_u(t−1)`; `None` if no
     /// point keeps every constraint.
-    pub fn solve(&mut self, table: &SensorTable, uav: &Point3<f64>, ids: &[u32]) -> Option<Waypoint> {
+    pub fn solve(&mut self, table: &MissionTable, uav: &Point3<f64>, ids: &[u32]) -> Option<Waypoint> {
         self.problem.pose(table, &uav.xy(), self.scenario.altitudes_m(uav.z), ids);
-        if table.channel.line_of_sight().is_none() {
+        if !table.channel.depends_on_elevation() {
             return plane::solve(&self.problem, self.conic.as_mut(), self.iterations);
         }
         ascent::fill_starts(&self.problem, &mut self.starts);
@@ -90,9 +93,9 @@ impl Solver {
 
     /// The point above `ground` with the highest expected rate of the SNs `ids`, at an altitude that the UAV at `uav`
     /// reaches in one slot; at the UAV's altitude if `ids` is empty.
-    pub fn above(&mut self, table: &SensorTable, ground: &Position, uav: &Point3<f64>, ids: &[u32]) -> Point3<f64> {
+    pub fn above(&mut self, table: &MissionTable, ground: &Position, uav: &Point3<f64>, ids: &[u32]) -> Point3<f64> {
         let altitudes_m = self.scenario.altitudes_m(uav.z);
-        let altitude_m = if ids.is_empty() || table.channel.line_of_sight().is_none() {
+        let altitude_m = if ids.is_empty() || !table.channel.depends_on_elevation() {
             uav.z.max(altitudes_m[0]).min(altitudes_m[1])
         } else {
             self.problem.pose(table, ground, altitudes_m, ids);
@@ -119,7 +122,8 @@ mod tests {
     use crate::geometry::disks::Disk;
     use crate::waypoint::problem::tests::{dense_urban, posed};
     use skysink_common::channel::LineOfSight;
-    use skysink_common::scenario::{LosCurve, Overrides};
+    use skysink_common::channel::LosCurve;
+    use skysink_common::scenario::Overrides;
 
     #[test]
     fn where_convex_steps_end_lower_the_end_of_the_ascent_alone_is_the_waypoint() {

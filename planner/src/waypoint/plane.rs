@@ -4,6 +4,7 @@
 //! intersection of disks: exactly by plane geometry, or as a second-order cone program.
 
 use nalgebra::Vector2;
+use skysink_common::channel::ChannelModel;
 use skysink_common::geometry::{Position, above, distance_squared};
 use skysink_common::message::SolverOutcome;
 
@@ -63,20 +64,22 @@ fn centroid(problem: &Problem, q0: &Position) -> Position {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sensor_table::SensorTable;
-    use crate::sensor_table::tests::table_of;
+    use std::sync::Arc;
+
+    use crate::mission_table::MissionTable;
+    use crate::mission_table::tests::table_of;
     use crate::waypoint::WaypointSolver;
     use proptest::prelude::*;
     use skysink_common::channel::{Channel, FreeSpace, Uplink};
 
     /// sP2 for all SNs of `table`, from `position` and the letter's altitude.
-    fn posed(table: &SensorTable, position: [f64; 2]) -> Problem {
+    fn posed(table: &MissionTable, position: [f64; 2]) -> Problem {
         posed_at(table, position, 20.0)
     }
 
-    fn posed_at(table: &SensorTable, position: [f64; 2], altitude_m: f64) -> Problem {
+    fn posed_at(table: &MissionTable, position: [f64; 2], altitude_m: f64) -> Problem {
         let mut problem = Problem::new(table);
-        problem.pose(table, &position.into(), [altitude_m; 2], &table.ids().collect::<Vec<_>>());
+        problem.pose(table, &position.into(), [altitude_m; 2], &table.sensors.ids().collect::<Vec<_>>());
         problem
     }
 
@@ -87,7 +90,7 @@ mod tests {
         }
     }
 
-    fn free_space(table: &SensorTable) -> FreeSpace {
+    fn free_space(table: &MissionTable) -> FreeSpace {
         let Channel::FreeSpace(model) = table.channel else { panic!("the letter's channel is free space") };
         model
     }
@@ -122,7 +125,7 @@ mod tests {
         // k = W log2(e), c_1 = k x / (x · 2x) = k/(2x) and c_2 = k 3x / (x · 4x) = 3k/(4x): weights 2 and 3.
         let mut field = table_of(&[[44.0, 50.0], [56.0, 50.0]]);
         let per_gain = free_space(&field).reference_snr(1.0);
-        field.gains = vec![436.0 / per_gain, 3.0 * 436.0 / per_gain];
+        Arc::make_mut(&mut field.sensors).gains = vec![436.0 / per_gain, 3.0 * 436.0 / per_gain];
         assert_waypoint(&posed(&field, [50.0, 50.0]), [(2.0 * 44.0 + 3.0 * 56.0) / 5.0, 50.0]);
     }
 
@@ -153,7 +156,7 @@ mod tests {
             let apart_m = 20.0 * (1.0 - 5e-10);
             let beside = [50.0 + apart_m * angle.cos(), 50.0 + apart_m * angle.sin()];
             let mut field = table_of(&[[50.0, 50.0], beside, [50.0, 55.0]]);
-            field.gains = vec![1e-9, 1e-7, 1e-8];
+            Arc::make_mut(&mut field.sensors).gains = vec![1e-9, 1e-7, 1e-8];
             let problem = posed(&field, [50.0, 50.0]);
             let [first, last] = [1, 9].map(|iterations| solved(&problem, WaypointSolver::Clarabel, iterations));
             if first.is_some_and(|first| first.outcome == SolverOutcome::Fallback) {
@@ -175,7 +178,7 @@ mod tests {
     #[test]
     fn links_that_carry_nothing_are_served_from_their_mean() {
         let mut field = table_of(&[[44.0, 50.0], [56.0, 50.0], [50.0, 53.0]]);
-        field.gains = vec![0.0; 3];
+        Arc::make_mut(&mut field.sensors).gains = vec![0.0; 3];
         assert_waypoint(&posed(&field, [50.0, 50.0]), [50.0, 51.0]);
     }
 
@@ -196,12 +199,13 @@ mod tests {
     const LOW_M: f64 = 5.0;
 
     /// Two to six SNs within 14 m of each other with gains [dB] that differ, over a link that is the bottleneck.
-    fn clusters() -> impl Strategy<Value = SensorTable> {
+    fn clusters() -> impl Strategy<Value = MissionTable> {
         let sensor = (45.0..55.0, 45.0..55.0, -90.0..-50.0);
         prop::collection::vec(sensor, 2..7).prop_map(|sensors| {
             let positions: Vec<[f64; 2]> = sensors.iter().map(|&(x_m, y_m, _)| [x_m, y_m]).collect();
             let mut field = table_of(&positions);
-            field.gains = sensors.iter().map(|&(.., gain_db)| 10f64.powf(gain_db / 10.0)).collect();
+            Arc::make_mut(&mut field.sensors).gains =
+                sensors.iter().map(|&(.., gain_db)| 10f64.powf(gain_db / 10.0)).collect();
             field
         })
     }
@@ -263,7 +267,7 @@ mod tests {
     #[test]
     fn re_expansion_ends_where_it_settles() {
         let mut field = table_of(&[[44.0, 50.0], [56.0, 50.0], [50.0, 53.0]]);
-        field.gains = vec![1e-9, 1e-6, 1e-7];
+        Arc::make_mut(&mut field.sensors).gains = vec![1e-9, 1e-6, 1e-7];
         let problem = posed_at(&field, [50.0, 50.0], LOW_M);
         let at = |iterations| solve(&problem, None, iterations).unwrap().point;
         assert!((at(1) - at(2)).norm() > 1e-3, "one more step still moves");

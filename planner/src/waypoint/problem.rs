@@ -5,12 +5,12 @@
 //! and [`crate::waypoint::sca`].
 
 use nalgebra::{Point3, Vector2, Vector3};
-use skysink_common::channel::{Channel, Uplink};
+use skysink_common::channel::{Channel, ChannelModel, Uplink};
 use skysink_common::geometry::{Position, above};
 use skysink_common::message::SolverOutcome;
 
 use crate::geometry::disks::{Disk, project};
-use crate::sensor_table::SensorTable;
+use crate::mission_table::MissionTable;
 
 /// Nearer than this [m] on the ground, the UAV is straight above an SN.
 const ABOVE_M: f64 = 1e-9;
@@ -63,8 +63,8 @@ impl RatedPoint {
 impl Problem {
     /// An empty problem over the SNs of `table` that never allocates for up to n of them.
     #[must_use]
-    pub fn new(table: &SensorTable) -> Self {
-        let served = table.resource_blocks;
+    pub fn new(table: &MissionTable) -> Self {
+        let served = table.limits.blocks();
         Self {
             channel: table.channel,
             disks: Vec::with_capacity(served + 1),
@@ -75,12 +75,14 @@ impl Problem {
 
     /// Poses sP2 for the SNs `ids` and the UAV above `ground`, `L_u(t−1)`: `‖q − L_u(t−1)‖ ≤ V τ` and `‖q − L_i‖ ≤ d_c`
     /// on the ground, at one of `altitudes_m` [m], the lowest and the highest.
-    pub fn pose(&mut self, table: &SensorTable, ground: &Position, altitudes_m: [f64; 2], ids: &[u32]) {
+    pub fn pose(&mut self, table: &MissionTable, ground: &Position, altitudes_m: [f64; 2], ids: &[u32]) {
         self.disks.clear();
-        self.disks.push(Disk { centre: *ground, radius_m: table.reach_m });
-        self.disks.extend(ids.iter().map(|&id| Disk { centre: *table.position(id), radius_m: table.comm_radius_m }));
+        self.disks.push(Disk { centre: *ground, radius_m: table.limits.reach_m });
+        self.disks.extend(
+            ids.iter().map(|&id| Disk { centre: *table.sensors.position(id), radius_m: table.limits.comm_radius_m }),
+        );
         self.gains.clear();
-        self.gains.extend(ids.iter().map(|&id| table.gains[id as usize]));
+        self.gains.extend(ids.iter().map(|&id| table.sensors.gains[id as usize]));
         self.altitudes_m = altitudes_m;
     }
 
@@ -199,7 +201,7 @@ pub(crate) mod tests {
     use super::*;
     use proptest::prelude::*;
     use skysink_common::channel::LineOfSight;
-    use skysink_common::scenario::LosCurve;
+    use skysink_common::channel::LosCurve;
 
     /// Dense urban surroundings, bandwidth 1 Hz, 0.1 W over −109 dBm: `γ = 0.1 · 1e−6/(1.259e−14 · 6.607) = 1.202e6`.
     pub(crate) fn dense_urban() -> LineOfSight {

@@ -28,9 +28,9 @@ use clarabel::algebra::CscMatrix;
 use clarabel::solver::SupportedConeT::{self, ExponentialConeT, NonnegativeConeT, SecondOrderConeT, ZeroConeT};
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus};
 use nalgebra::{Point3, Vector3};
-use skysink_common::channel::{Channel, LineOfSight};
+use skysink_common::channel::LosCurve;
+use skysink_common::channel::{ChannelModel, LineOfSight, Uplink};
 use skysink_common::geometry::{Position, distance_squared};
-use skysink_common::scenario::LosCurve;
 
 use crate::waypoint::conic;
 use crate::waypoint::problem::{Problem, RatedPoint};
@@ -75,14 +75,14 @@ pub enum Contribution {
 pub fn approximate(problem: &Problem, start: RatedPoint, iterations: u32) -> (RatedPoint, Contribution) {
     let mut at = start;
     let mut contribution = Contribution::Nothing;
-    let Channel::LineOfSight(link @ LineOfSight { curve: LosCurve::Sigmoid { a, b }, .. }) = problem.channel else {
+    let Some(link @ LineOfSight { curve: LosCurve::Sigmoid { a, b }, .. }) = problem.channel.line_of_sight() else {
         return (at, contribution);
     };
     if link.los_exponent > CONVEX_UP_TO {
         return (at, contribution);
     }
     for _ in 0..iterations {
-        let Some(proposal) = Program::at(problem, &link, &at.point, [a, b]).solve() else {
+        let Some(proposal) = Program::at(problem, link, &at.point, [*a, *b]).solve() else {
             break;
         };
         let next = as_far_as_it_rises(problem, at, &proposal);
@@ -200,7 +200,7 @@ impl Program {
         let probability = link.los_probability(d2_m2, z_m);
         let gain_bps = link.los_rate_bps(d2_m2, z_m) - link.nlos_rate_bps(d2_m2, z_m);
         self.linear[w] = probability * probability * gain_bps.max(0.0) * inverse_odds / scale_bps;
-        let fall = -link.slopes(d2_m2, z_m).by_distance2 * self.unit_m / scale_bps;
+        let fall = -link.slopes(&Uplink { gain: 1.0, d2_m2, z_m }).by_distance2 * self.unit_m / scale_bps;
         for (axis, offset_m) in Vector3::new(away.x, away.y, z_m).iter().enumerate() {
             self.quadratic[axis] += 2.0 * fall * self.unit_m;
             self.linear[axis] += 2.0 * fall * offset_m;

@@ -9,7 +9,7 @@ use crate::support::scenario_of;
 use line::Line;
 use random_mission::random_mission;
 use skysink_common::scenario::{Overrides, Scenario};
-use skysink_common::sensors::SensorList;
+use skysink_common::sensors::{SensorList, Sensors};
 use skysink_mission::Mission;
 use skysink_planner::bound::{MissionBound, mission_bound};
 
@@ -25,7 +25,7 @@ fn flown_bits(scenario: &Scenario, list: &SensorList) -> u64 {
 
 /// The bounds of a mission, as if no flight of it were known.
 fn bound_of(scenario: &Scenario, list: &SensorList) -> MissionBound {
-    mission_bound(scenario, &list.nodes(), &list.queues_bits(), u64::MAX)
+    mission_bound(scenario, &Sensors::of(scenario, &list.nodes()), &list.queues_bits(), u64::MAX)
 }
 
 /// Flies random missions by all of [`FLOWN`], and counts those in which the bound says something.
@@ -48,8 +48,9 @@ fn fly_random_missions(seeds: std::ops::RangeInclusive<u64>, ahead_every: u64) -
                 violated += 1;
             }
         }
-        let nodes = list.nodes();
-        let known = mission_bound(&scenario_of(&text, "gfs", seed), &nodes, &list.queues_bits(), least_bits);
+        let scenario = scenario_of(&text, "gfs", seed);
+        let sensors = Sensors::of(&scenario, &list.nodes());
+        let known = mission_bound(&scenario, &sensors, &list.queues_bits(), least_bits);
         assert_eq!(known, bound, "seed {seed}: a flight that is known changes no bound\n{text}");
         above_zero += u64::from(bound.loss_bits > 0);
         met += u64::from(bound.loss_bits > 0 && bound.loss_bits == least_bits);

@@ -7,14 +7,14 @@ use crate::support::{TestMission, scenario_of};
 use nalgebra::Point3;
 use proptest::prelude::{Strategy as Generator, *};
 use skysink_common::checkpoint::Checkpoint;
-use skysink_common::sensors::SensorList;
+use skysink_common::sensors::{SensorList, Sensors};
 use skysink_common::stop::Stop;
 use skysink_planner::Planner;
 use skysink_planner::bound::mission_bound;
-use skysink_planner::horizon::long_search::SearchOutcome;
-use skysink_planner::strategies::Timing;
-use skysink_planner::strategies::names;
+use skysink_planner::horizon::long_search::{SearchOutcome, SearchProgress};
 use skysink_planner::strategies::offline::Offline;
+use skysink_planner::strategies::{STRATEGIES, names};
+use skysink_planner::strategy::{OwnedSetup, Timing};
 
 /// The strategies that carry something from slot to slot.
 const REMEMBERING: [&str; 6] = ["tour", "round-robin", "max-age-first", "whittle", "horizon", "offline"];
@@ -269,7 +269,9 @@ fn an_offline_plan_loses_what_it_says_and_no_less_than_the_bound() {
         let nodes = list.nodes();
         let mut mission = TestMission::new(&scenario);
         let mut steps = Vec::new();
-        let found = Offline::search(&scenario, &nodes, &list.queues_bits(), &Stop::default(), &mut |progress| {
+        let setup = OwnedSetup::new(scenario.clone(), &nodes, STRATEGIES).unwrap();
+        let queues_bits = list.queues_bits();
+        let found = Offline::search(&setup.setup(), &queues_bits, &Stop::default(), &mut |progress| {
             steps.push(progress.steps);
             ControlFlow::Continue(())
         });
@@ -280,7 +282,8 @@ fn an_offline_plan_loses_what_it_says_and_no_less_than_the_bound() {
         mission.by_ref().take(200).for_each(drop);
         let lost_bits = mission.lost_bits() as f64;
         assert!((lost_bits - predicted_bits).abs() < 1e-3, "seed {seed}: {lost_bits} against {predicted_bits}");
-        let bound_bits = mission_bound(&scenario, &nodes, &list.queues_bits(), u64::MAX).loss_bits as f64;
+        let bound_bits =
+            mission_bound(&scenario, &Sensors::of(&scenario, &nodes), &list.queues_bits(), u64::MAX).loss_bits as f64;
         assert!(bound_bits > 0.0 && bound_bits <= lost_bits, "seed {seed}: {lost_bits} against {bound_bits}");
         let unprepared = TestMission::new(&scenario).loss_rate();
         assert_eq!(unprepared, lost_bits / (50.0 * 300.0 * 200.0), "seed {seed}: made in slot 1 instead");
@@ -294,18 +297,12 @@ fn a_search_that_is_broken_off_finds_nothing() {
     let text = "slots = 50\n[sensors]\ncount = 60\nsampling_bps = 5000.0\n[planner]\noffline.steps = 2000\n";
     let scenario = scenario_of(text, "offline", 1);
     let list = SensorList::of(&scenario).unwrap();
-    let nodes = list.nodes();
-    let broken_off =
-        Offline::search(
-            &scenario,
-            &nodes,
-            &list.queues_bits(),
-            &Stop::default(),
-            &mut |progress| match progress.steps {
-                1_001.. => ControlFlow::Break(()),
-                _ => ControlFlow::Continue(()),
-            },
-        );
+    let setup = OwnedSetup::new(scenario, &list.nodes(), STRATEGIES).unwrap();
+    let watch = &mut |progress: SearchProgress| match progress.steps {
+        1_001.. => ControlFlow::Break(()),
+        _ => ControlFlow::Continue(()),
+    };
+    let broken_off = Offline::search(&setup.setup(), &list.queues_bits(), &Stop::default(), watch);
     assert!(broken_off.unwrap().is_none());
 }
 

@@ -4,16 +4,16 @@ use std::cmp::Reverse;
 
 use proptest::prelude::*;
 use skysink_common::geometry::Position;
-use skysink_common::message::{NOBODY, SensorNode};
+use skysink_common::message::{Limits, NOBODY, SensorNode};
 use skysink_common::scenario::{Overrides, Scenario};
-use skysink_planner::sensor_table::SensorTable;
+use skysink_planner::mission_table::MissionTable;
 use skysink_planner::strategies::algorithm_1::{Reach, Search};
 use skysink_planner::strategies::exact::ExactSearch;
 
 /// A field, the UAV over it, and the queues [bit].
 #[derive(Debug, Clone)]
 struct Case {
-    table: SensorTable,
+    table: MissionTable,
     position: Position,
     queues_bits: Vec<u32>,
 }
@@ -29,8 +29,8 @@ impl Case {
 
     /// The SNs within `d_c` of `centre` but for `except`, fullest first, at most `count`.
     fn fullest_in_range(&self, centre: &Position, except: &[u32], count: usize) -> Vec<u32> {
-        let in_range = |&id: &u32| close(self.table.position(id), centre, self.table.comm_radius_m);
-        let mut ids: Vec<u32> = self.table.ids().filter(|id| !except.contains(id)).filter(in_range).collect();
+        let in_range = |&id: &u32| close(self.table.sensors.position(id), centre, self.table.limits.comm_radius_m);
+        let mut ids: Vec<u32> = self.table.sensors.ids().filter(|id| !except.contains(id)).filter(in_range).collect();
         ids.sort_by_key(|&id| (Reverse(self.queue(id)), id));
         ids.truncate(count);
         ids
@@ -42,8 +42,8 @@ impl Case {
         let centre = ExactSearch::new(&self.table).best_set(&self.table, &self.position, &self.queues_bits, &mut ids);
         assert_eq!(centre.is_none(), ids.is_empty());
         if let Some(centre) = centre {
-            assert!(close(&centre, &self.position, self.table.reach_m), "{centre} is out of reach");
-            let in_range = |&id: &u32| close(self.table.position(id), &centre, self.table.comm_radius_m);
+            assert!(close(&centre, &self.position, self.table.limits.reach_m), "{centre} is out of reach");
+            let in_range = |&id: &u32| close(self.table.sensors.position(id), &centre, self.table.limits.comm_radius_m);
             assert!(ids.iter().all(in_range), "{ids:?} from {centre}");
         }
         ids
@@ -65,13 +65,13 @@ fn cases(most: usize, low: u32, high: u32, reaches_m: impl Strategy<Value = f64>
     let queues = prop_oneof![0u32..3, 0u32..12, 0u32..30_000];
     let sensors = prop::collection::vec((coordinates(low, high), coordinates(low, high), queues), 1..=most);
     let place = (coordinates(low, high), coordinates(low, high));
-    let blocks = prop_oneof![1usize..6, Just(64)];
+    let blocks = prop_oneof![1u32..6, Just(64)];
     (sensors, place, reaches_m, blocks).prop_map(|(sensors, (x_m, y_m), reach_m, resource_blocks)| {
         let node = |&(x_m, y_m, _): &(f64, f64, u32)| SensorNode { x_m, y_m, gain: 1e-5, ..SensorNode::default() };
         let nodes: Vec<SensorNode> = sensors.iter().map(node).collect();
-        let letter = SensorTable::new(&Scenario::letter(Overrides::default()).unwrap(), &nodes);
+        let letter = MissionTable::of(&Scenario::letter(Overrides::default()).unwrap(), &nodes);
         Case {
-            table: SensorTable { reach_m, resource_blocks, ..letter },
+            table: MissionTable { limits: Limits { reach_m, resource_blocks, ..letter.limits }, ..letter },
             position: Position::new(x_m, y_m),
             queues_bits: sensors.into_iter().map(|(.., queue_bits)| queue_bits).collect(),
         }
@@ -80,20 +80,24 @@ fn cases(most: usize, low: u32, high: u32, reaches_m: impl Strategy<Value = f64>
 
 /// Algorithm 1 once more: the best of all (sum, anchor, set), over all SNs.
 fn algorithm_1(case: &Case, reach: Reach) -> Option<(u32, Vec<u32>)> {
-    let (table, d_c, n) = (&case.table, case.table.comm_radius_m, case.table.resource_blocks);
+    let (table, d_c, n) = (&case.table, case.table.limits.comm_radius_m, case.table.limits.blocks());
     let limit_m = match reach {
-        Reach::Letter if table.reach_m > d_c => table.reach_m - d_c,
-        Reach::Letter => table.reach_m,
-        Reach::Wide => table.reach_m + d_c,
+        Reach::Letter if table.limits.reach_m > d_c => table.limits.reach_m - d_c,
+        Reach::Letter => table.limits.reach_m,
+        Reach::Wide => table.limits.reach_m + d_c,
     };
     let mut best: Option<(u64, u32, Vec<u32>)> = None;
-    for i in table.ids().filter(|&i| close(table.position(i), &case.position, limit_m)) {
+    for i in table.sensors.ids().filter(|&i| close(table.sensors.position(i), &case.position, limit_m)) {
         let mut set = vec![i];
-        let mut partners: Vec<u32> =
-            table.ids().filter(|&j| j != i && close(table.position(j), table.position(i), 2.0 * d_c)).collect();
+        let mut partners: Vec<u32> = table
+            .sensors
+            .ids()
+            .filter(|&j| j != i && close(table.sensors.position(j), table.sensors.position(i), 2.0 * d_c))
+            .collect();
         partners.sort_by_key(|&j| (Reverse(case.queue(j)), j));
         if let Some(&k) = partners.first().filter(|_| n >= 2) {
-            let ([xi, yi], [xk, yk]) = (table.position(i).coords.into(), table.position(k).coords.into());
+            let ([xi, yi], [xk, yk]) =
+                (table.sensors.position(i).coords.into(), table.sensors.position(k).coords.into());
             let d = f64::hypot(xi - xk, yi - yk);
             let (ux, uy) = if d == 0.0 { (1.0, 0.0) } else { ((xi - xk) / d, (yi - yk) / d) };
             let (mx, my, v) = ((xi + xk) / 2.0, (yi + yk) / 2.0, (d_c * d_c - d * d / 4.0).abs().sqrt());
@@ -104,8 +108,9 @@ fn algorithm_1(case: &Case, reach: Reach) -> Option<(u32, Vec<u32>)> {
                 [xi - d_c * ux, yi - d_c * uy],
                 [mx, my],
             ];
-            centres
-                .retain(|&centre| reach == Reach::Letter || close(&centre.into(), &case.position, case.table.reach_m));
+            centres.retain(|&centre| {
+                reach == Reach::Letter || close(&centre.into(), &case.position, case.table.limits.reach_m)
+            });
             let others = centres.iter().map(|&centre| case.fullest_in_range(&centre.into(), &[i, k], n - 2));
             let others: Vec<Vec<u32>> = others.collect();
             let most = others.iter().map(|others| case.sum(others)).max();
@@ -130,8 +135,8 @@ fn algorithm_1(case: &Case, reach: Reach) -> Option<(u32, Vec<u32>)> {
 /// reach.
 fn coverable(case: &Case, ids: &[u32]) -> bool {
     let table = &case.table;
-    let place = |index: usize| table.position(ids[index]);
-    let alone = |index: usize| close(place(index), &case.position, table.reach_m + table.comm_radius_m);
+    let place = |index: usize| table.sensors.position(ids[index]);
+    let alone = |index: usize| close(place(index), &case.position, table.limits.reach_m + table.limits.comm_radius_m);
     let pair = |a: usize, b: usize| lens_in_reach(case, place(a), place(b));
     let triple = |a: usize, b: usize, c: usize| enclosing_radius_m([place(a), place(b), place(c)]) <= radius_m(case);
     (0..ids.len()).all(|a| alone(a) && (0..a).all(|b| pair(a, b)) && (0..a).all(|b| (0..b).all(|c| triple(a, b, c))))
@@ -140,7 +145,7 @@ fn coverable(case: &Case, ids: &[u32]) -> bool {
 /// Radius [m] of the disks whose common points are looked for: `d_c` and half the slack of decision D5, as in the
 /// search where two circles touch: there that slack moves their crossing by its root.
 fn radius_m(case: &Case) -> f64 {
-    case.table.comm_radius_m * (1.0 + 0.5e-9)
+    case.table.limits.comm_radius_m * (1.0 + 0.5e-9)
 }
 
 /// Radius [m] of the smallest circle around three points: half the longest side, or the circumradius of an acute
@@ -159,7 +164,7 @@ fn enclosing_radius_m([a, b, c]: [&Position; 3]) -> f64 {
 /// Whether the lens of the disks about `a` and `b` comes within reach.
 fn lens_in_reach(case: &Case, a: &Position, b: &Position) -> bool {
     let (d_c, apart_m, uav) = (radius_m(case), (a - b).norm(), &case.position);
-    if !close(a, b, 2.0 * case.table.comm_radius_m) {
+    if !close(a, b, 2.0 * case.table.limits.comm_radius_m) {
         return false;
     }
     let pulled = |centre: &Position| {
@@ -168,18 +173,19 @@ fn lens_in_reach(case: &Case, a: &Position, b: &Position) -> bool {
     };
     for (own, other) in [(a, b), (b, a)] {
         if close(&pulled(own), other, d_c) {
-            return close(&pulled(own), uav, case.table.reach_m);
+            return close(&pulled(own), uav, case.table.limits.reach_m);
         }
     }
     let across = nalgebra::Vector2::new(a.y - b.y, b.x - a.x) / apart_m;
     let offset = across * (d_c * d_c - apart_m * apart_m / 4.0).max(0.0).sqrt();
     let middle = nalgebra::center(a, b);
-    close(&(middle + offset), uav, case.table.reach_m) || close(&(middle - offset), uav, case.table.reach_m)
+    close(&(middle + offset), uav, case.table.limits.reach_m)
+        || close(&(middle - offset), uav, case.table.limits.reach_m)
 }
 
 /// sP1 by looking at every set of at most n SNs: the largest sum, then the smallest ids, free blocks above all.
 fn best_of_all_sets(case: &Case) -> Vec<u32> {
-    let (sensors, n) = (case.queues_bits.len(), case.table.resource_blocks);
+    let (sensors, n) = (case.queues_bits.len(), case.table.limits.blocks());
     let mut best = (Reverse(0), vec![NOBODY; sensors]);
     for members in 1u32..1 << sensors {
         let mut ids: Vec<u32> = (0..sensors as u32).filter(|id| members >> id & 1 == 1).collect();
@@ -196,13 +202,13 @@ fn best_of_all_sets(case: &Case) -> Vec<u32> {
 
 /// The largest sum of queues [bit] of n SNs in range of a point in reach, on a grid of `step_m` through the UAV.
 fn best_on_grid(case: &Case, step_m: f64) -> u64 {
-    let steps = (case.table.reach_m / step_m) as i32;
+    let steps = (case.table.limits.reach_m / step_m) as i32;
     let offsets = move || (-steps..=steps).map(move |step| f64::from(step) * step_m);
     let centres = offsets().flat_map(|east_m| {
         offsets().map(move |north_m| Position::new(case.position.x + east_m, case.position.y + north_m))
     });
-    let in_reach = centres.filter(|centre| close(centre, &case.position, case.table.reach_m));
-    let sum = |centre| case.sum(&case.fullest_in_range(&centre, &[], case.table.resource_blocks));
+    let in_reach = centres.filter(|centre| close(centre, &case.position, case.table.limits.reach_m));
+    let sum = |centre| case.sum(&case.fullest_in_range(&centre, &[], case.table.limits.blocks()));
     in_reach.map(sum).max().unwrap_or(0)
 }
 
@@ -217,7 +223,7 @@ fn reaches() -> impl Strategy<Value = f64> {
 fn three_sensor_nodes_on_a_circle_but_for_rounding_are_served_together() {
     let places_m = [[60.0, 60.0], [50.008_016_800_160_94, 50.0], [40.0, 60.0]];
     let nodes = places_m.map(|[x_m, y_m]| SensorNode { x_m, y_m, gain: 1e-5, ..SensorNode::default() });
-    let table = SensorTable::new(&Scenario::letter(Overrides::default()).unwrap(), &nodes);
+    let table = MissionTable::of(&Scenario::letter(Overrides::default()).unwrap(), &nodes);
     let position = Position::new(43.997_282_708_186_496, 40.0);
     let case = Case { table, position, queues_bits: vec![0; 3] };
     assert_eq!(case.exact(), [0, 1, 2]);
@@ -255,12 +261,12 @@ proptest! {
     /// the next of the grid is at most half a diagonal away.
     #[test]
     fn no_point_of_a_fine_grid_does_better_and_only_slivers_escape_it(case in cases(30, 20, 80, 1.0..25.0)) {
-        let step_m = case.table.comm_radius_m / 50.0;
+        let step_m = case.table.limits.comm_radius_m / 50.0;
         let half_diagonal_m = step_m * std::f64::consts::FRAC_1_SQRT_2;
         let on_grid = best_on_grid(&case, step_m);
         let mut smaller = case.clone();
-        smaller.table.comm_radius_m -= half_diagonal_m;
-        smaller.table.reach_m -= half_diagonal_m;
+        smaller.table.limits.comm_radius_m -= half_diagonal_m;
+        smaller.table.limits.reach_m -= half_diagonal_m;
         prop_assert!(on_grid <= case.sum(&case.exact()), "{on_grid}");
         prop_assert!(on_grid >= case.sum(&smaller.exact()), "{on_grid}");
     }

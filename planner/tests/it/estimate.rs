@@ -185,7 +185,7 @@ fn a_planner_that_sees_the_queues_saves_nothing_of_them() {
     let scenario = scenario_of("slots = 10\n", "uts", 1);
     let mut mission = TestMission::new(&scenario);
     mission.advance();
-    assert!(mission.planner().estimate().is_none() && mission.saved().is_empty());
+    assert!(!mission.planner().belief().is_estimated() && mission.saved().is_empty());
     let text = "slots = 10\n[planner]\nknowledge = 'estimated'\n";
     let mut believing = TestMission::new(&scenario_of(text, "uts", 1));
     believing.advance();

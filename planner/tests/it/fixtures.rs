@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use skysink_common::channel::{Channel, Uplink};
+use skysink_common::channel::{Channel, ChannelModel, Uplink};
 use skysink_common::geometry::{Position, above, distance_squared, within};
 use skysink_common::ledger::Ledger;
 use skysink_common::message::SensorNode;
@@ -44,13 +44,17 @@ fn slot_of(line: &str) -> Slot {
 fn sample(ledger: &mut Ledger, sensors: &[SensorNode], slot: u64, slot_s: f64) -> u64 {
     let sampled_bits =
         |sensor: &SensorNode, slots: u64| (sensor.sampling_bps * slot_s * slots as f64 + 1e-9).floor() as u64;
-    let arrival = |sensor| sampled_bits(sensor, slot) - sampled_bits(sensor, slot - 1);
-    (0..).zip(sensors).map(|(id, sensor)| ledger.sample(id..id + 1, std::iter::once(arrival(sensor)))).sum()
+    let arrival = |sensor: &SensorNode| sampled_bits(sensor, slot) - sampled_bits(sensor, slot - 1);
+    let before_bits = ledger.totals().sampled_bits;
+    let lost_bits = ledger.sample(slot);
+    let arrived_bits: u64 = sensors.iter().map(arrival).sum();
+    assert_eq!(ledger.totals().sampled_bits - before_bits, arrived_bits, "slot {slot}");
+    lost_bits
 }
 
 /// Uploads the SNs `ids` to the UAV at `waypoint` and returns what they deliver [bit]; each must be in range.
 fn upload(ledger: &mut Ledger, sensors: &[SensorNode], scenario: &Scenario, waypoint: &Position, ids: &[u32]) -> u64 {
-    let channel = Channel::of(scenario);
+    let channel = Channel::of(&scenario.link);
     let mut delivered_bits = 0;
     for &id in ids {
         let sensor = &sensors[id as usize];
@@ -72,7 +76,7 @@ fn replay(name: &str, strategy: &'static str, solver: WaypointSolver, tolerance_
     let scenario = change(scenario, |settings| settings.waypoint_solver = solver).unwrap();
     let list = SensorList::of(&scenario).unwrap();
     let sensors = list.nodes();
-    let mut ledger = Ledger::new(scenario.sensors.capacity_bits, list.queues_bits());
+    let mut ledger = Ledger::new(list.sampling(&scenario), list.queues_bits());
     let mut planner = Planner::new(&scenario, &sensors).unwrap();
     let mut position = scenario.start().xy();
     let expected = std::fs::read_to_string(folder.join(format!("expected_{strategy}.csv"))).unwrap();

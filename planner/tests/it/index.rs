@@ -1,14 +1,15 @@
 //! The plans do not depend on how the sensor nodes are looked up: by the grid or by a loop over all of them.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use proptest::prelude::{Strategy as Generator, *};
 use skysink_common::geometry::{Position, above};
 use skysink_common::message::SensorNode;
-use skysink_common::scenario::{Count, Overrides, Scenario};
+use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::sensors::Sensors;
+use skysink_common::sensors::grid::Grid;
 use skysink_planner::Planner;
-use skysink_planner::geometry::grid::Grid;
-use skysink_planner::sensor_table::SensorTable;
 use skysink_planner::strategies::names;
 use skysink_planner::strategies::offline::{self, OfflineKeys};
 
@@ -26,15 +27,16 @@ impl Case {
     fn scenario(&self, strategy: &'static str) -> Scenario {
         let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
         let mut scenario = Scenario::parse(&self.text, Path::new("case.toml"), overrides).unwrap();
-        offline::STRATEGY.set_keys(&mut scenario, OfflineKeys { steps: Count::clamped(500) });
+        offline::STRATEGY.set_keys(&mut scenario, OfflineKeys { steps: 500 });
         scenario
     }
 }
 
 /// A planner that tests every SN in every look around.
 fn undivided(scenario: &Scenario, sensors: &[SensorNode]) -> Planner {
-    let table = SensorTable::new(scenario, sensors);
-    Planner::over(scenario, sensors, SensorTable { grid: Grid::new(&table.positions, f64::INFINITY), ..table }).unwrap()
+    let sensors = Sensors::of(scenario, sensors);
+    let grid = Grid::new(&sensors.positions, f64::INFINITY);
+    Planner::over(scenario, Arc::new(Sensors { grid, ..sensors })).unwrap()
 }
 
 /// Shares of the side: anywhere, on the area's border, and on a lattice that is one of cells' borders, too.

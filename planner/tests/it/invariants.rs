@@ -5,12 +5,12 @@ use std::path::Path;
 
 use proptest::prelude::{Strategy as Generator, *};
 use proptest::test_runner::TestRunner;
-use skysink_common::arrivals::bits_between;
-use skysink_common::channel::{Channel, Uplink};
+use skysink_common::channel::{Channel, ChannelModel, Uplink};
 use skysink_common::geometry::{Position, above, within};
 use skysink_common::ledger::{Ledger, Totals};
 use skysink_common::message::{FlightReport, LinkReport, Mode, NOBODY, Plan, SensorNode, SolverOutcome};
 use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::sensors::Sensors;
 use skysink_planner::Planner;
 use skysink_planner::settings::{WaypointSolver, change};
 use skysink_planner::strategies::names;
@@ -127,8 +127,8 @@ fn place(case: &Case, id: u32) -> Position {
 fn flown(case: &Case) -> Result<Totals, TestCaseError> {
     let Case { scenario, sensors, slots } = case;
     let mut planner = Planner::new(scenario, sensors).unwrap();
-    let channel = Channel::of(scenario);
-    let mut ledger = Ledger::new(CAPACITY_BITS, slots[0].queues_bits.clone());
+    let channel = Channel::of(&scenario.link);
+    let mut ledger = Ledger::new(Sensors::of(scenario, sensors).sampling, slots[0].queues_bits.clone());
     let mut report = FlightReport::at([slots[0].position.x, slots[0].position.y, 20.0], Mode::Hold);
     for number in 1..=SLOTS {
         let position = report.position().xy();
@@ -149,8 +149,7 @@ fn flown(case: &Case) -> Result<Totals, TestCaseError> {
         prop_assert!(plan.expected_bits <= queued_bits, "slot {number}: {} bits", plan.expected_bits);
         prop_assert_eq!((plan.z_m, plan.plan_ns), (20.0, 0));
 
-        let sampled = sensors.iter().map(|node| bits_between(node.sampling_bps * scenario.slot_s, number - 1, number));
-        let _ = ledger.sample(0..sensors.len(), sampled);
+        let _ = ledger.sample(number);
         report = FlightReport::at([waypoint.x, waypoint.y, 20.0], Mode::Serve);
         report.served = plan.served;
         let before_bits = ledger.totals().delivered_bits;
@@ -163,7 +162,7 @@ fn flown(case: &Case) -> Result<Totals, TestCaseError> {
         let delivered_bits = ledger.totals().delivered_bits - before_bits;
         prop_assert!(delivered_bits >= plan.expected_bits, "slot {number}: {delivered_bits} bits");
     }
-    Ok(*ledger.totals())
+    Ok(ledger.totals())
 }
 
 #[test]

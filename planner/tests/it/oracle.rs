@@ -5,8 +5,8 @@ use std::path::Path;
 use nalgebra::{Point3, Vector2};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
-use skysink_common::channel::{Channel, LineOfSight};
-use skysink_common::geometry::{Position, above, distance_squared, within};
+use skysink_common::channel::{Channel, ChannelModel, LineOfSight, Uplink};
+use skysink_common::geometry::{Position, above, within};
 use skysink_common::message::{Plan, SensorNode, SolverOutcome};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_planner::Planner;
@@ -83,7 +83,7 @@ impl Setting {
 
 impl Case {
     fn link(&self) -> LineOfSight {
-        *Channel::of(&self.scenario).line_of_sight().unwrap()
+        *Channel::of(&self.scenario.link).line_of_sight().unwrap()
     }
 
     /// The plan that serves all SNs: their queues are as good as endless.
@@ -96,7 +96,7 @@ impl Case {
 
     fn rate_bps(&self, at: &Point3<f64>) -> f64 {
         let link = self.link();
-        self.sensors.iter().map(|sensor| link.expected_rate_bps(distance_squared(sensor, &at.xy()), at.z)).sum()
+        self.sensors.iter().map(|sensor| link.expected_rate_bps(&Uplink::new(1.0, sensor, at))).sum()
     }
 
     /// Panics unless the plan serves everybody within reach, range and climb.

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use skysink_common::error::InputError;
-use skysink_common::scenario::{Count, Overrides, Scenario};
+use skysink_common::scenario::{Overrides, Scenario};
 use skysink_planner::Planner;
 use skysink_planner::settings::{Knowledge, Rates, Settings, WaypointSolver, change, resolve};
 use skysink_planner::strategies::horizon::{self, HorizonKeys};
@@ -109,7 +109,7 @@ fn a_planner_is_made_of_checked_keys_only() {
     let learnt = change(city("").unwrap(), |settings| settings.rates = Rates::Learnt);
     assert!(learnt.unwrap_err().to_string().contains("planner.rates"));
     let mut longer = city("").unwrap();
-    let most = HorizonKeys { iterations: Count::clamped(u64::MAX), ..HorizonKeys::default() };
-    horizon::STRATEGY.set_keys(&mut longer, most);
-    assert_eq!(longer.planner_keys::<HorizonKeys>("planner.horizon").unwrap().iterations.get(), 1_000_000_000);
+    horizon::STRATEGY.set_keys(&mut longer, HorizonKeys { iterations: u32::MAX, budget_ms: None });
+    let refusal = longer.planner_keys::<HorizonKeys>("planner.horizon").unwrap_err().to_string();
+    assert!(refusal.ends_with("planner.horizon.iterations = 4294967295: expected 0 to 1000000000"), "{refusal}");
 }

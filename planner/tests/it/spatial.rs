@@ -5,10 +5,10 @@ use std::path::Path;
 use proptest::prelude::{Strategy as Generator, *};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
-use skysink_common::channel::{Channel, LineOfSight};
+use skysink_common::channel::{Channel, ChannelModel, LineOfSight, Uplink};
 use skysink_common::geometry::{Position, above, distance_squared, within};
 use skysink_common::message::{Mode, Plan, SensorNode, SolverOutcome};
-use skysink_common::scenario::{Count, Overrides, Scenario};
+use skysink_common::scenario::{Overrides, Scenario};
 use skysink_planner::Planner;
 use skysink_planner::settings::{WaypointSolver, change};
 use skysink_planner::strategies::names;
@@ -50,7 +50,7 @@ fn plan(scenario: &Scenario, places_m: &[[f64; 2]], altitude_m: f64) -> Plan {
 }
 
 fn link_of(scenario: &Scenario) -> LineOfSight {
-    *Channel::of(scenario).line_of_sight().unwrap()
+    *Channel::of(&scenario.link).line_of_sight().unwrap()
 }
 
 fn ground(plan: &Plan) -> Position {
@@ -106,7 +106,7 @@ fn at_the_letters_geometry_the_waypoint_is_that_of_free_space() {
     let overrides = Overrides { strategy: Some("exact"), ..Overrides::default() };
     let free = Scenario::parse(free_text, Path::new("free.toml"), overrides).unwrap();
     let settled = plan(&free, &places, 20.0);
-    let one_step = change(free, |settings| settings.sca_iterations = Count::of::<1>()).unwrap();
+    let one_step = change(free, |settings| settings.sca_iterations = 1).unwrap();
     let letter = plan(&one_step, &places, 20.0);
     for solver in SOLVERS {
         let at = |environment: &str, exponent: &str| {
@@ -155,7 +155,7 @@ fn the_baselines_choose_their_ground_by_rule_and_their_altitude_by_expected_rate
     assert_eq!((found.x_m, found.y_m, found.scheduled()), (100.0, 110.0, &[0, 1, 2, 3][..]));
     let rate_bps = |z_m| {
         [0.0, 2_500.0, 2_500.0, 2_500.0]
-            .map(|d2_m2| link_of(&scenario).expected_rate_bps(d2_m2, z_m))
+            .map(|d2_m2| link_of(&scenario).expected_rate_bps(&Uplink { gain: 1.0, d2_m2, z_m }))
             .iter()
             .sum::<f64>()
     };
@@ -267,7 +267,10 @@ fn place(case: &Case, id: u32) -> Position {
 /// Expected rate [bit/s] of a plan's schedule and ground position at another altitude.
 fn rate_bps(case: &Case, plan: &Plan, z_m: f64) -> f64 {
     let d2_m2 = |&id: &u32| distance_squared(&place(case, id), &ground(plan));
-    plan.scheduled().iter().map(|id| link_of(&case.scenario).expected_rate_bps(d2_m2(id), z_m)).sum()
+    plan.scheduled()
+        .iter()
+        .map(|id| link_of(&case.scenario).expected_rate_bps(&Uplink { gain: 1.0, d2_m2: d2_m2(id), z_m }))
+        .sum()
 }
 
 proptest! {
@@ -288,8 +291,9 @@ proptest! {
                 let place = place(&case, id);
                 prop_assert!(within(&place, &at, case.scenario.link.comm_radius_m), "slot {number}: SN {id}, {at}");
                 let link = link_of(&case.scenario);
-                let rate_bps = link.expected_rate_bps(distance_squared(&place, &at), plan.z_m);
-                let capacity_bits = Channel::of(&case.scenario).capacity_bits(rate_bps);
+                let d2_m2 = distance_squared(&place, &at);
+                let rate_bps = link.expected_rate_bps(&Uplink { gain: 1.0, d2_m2, z_m: plan.z_m });
+                let capacity_bits = Channel::of(&case.scenario.link).capacity_bits(rate_bps);
                 bits += capacity_bits.min(u64::from(queues_bits[id as usize]));
             }
             prop_assert_eq!(plan.expected_bits, bits);

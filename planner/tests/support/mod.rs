@@ -4,11 +4,13 @@
 use std::ops::{Deref, DerefMut};
 use std::path::Path;
 
+use skysink_common::belief::Belief;
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::estimate::Estimate;
-use skysink_common::message::{Plan, SensorNode};
+use skysink_common::message::{FlightReport, Plan, SensorNode};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
+use skysink_common::slot_record::UAV;
 use skysink_mission::Mission;
 use skysink_planner::Planner;
 
@@ -48,6 +50,16 @@ impl TestMission {
         Plan { plan_ns: 0, ..self.mission.plan() }
     }
 
+    /// The last flight.
+    pub fn last_flight(&self) -> &FlightReport {
+        self.plant().flight(UAV)
+    }
+
+    /// Queue lengths [bit], by id.
+    pub fn queues_bits(&self) -> &[u32] {
+        self.field().queues_bits()
+    }
+
     /// Plans and flies the next slot.
     pub fn advance(&mut self) -> Plan {
         let plan = self.plan();
@@ -56,7 +68,10 @@ impl TestMission {
     }
 
     pub fn estimate(&self) -> &Estimate {
-        self.planner().estimate().unwrap()
+        match self.planner().belief() {
+            Belief::Estimated(estimate) => estimate,
+            Belief::Known => panic!("the queues are known"),
+        }
     }
 
     /// Bits that SN `id` samples per slot.

@@ -1,6 +1,6 @@
-//! The ledger of a run, from its folder: every bit and every metre of every slot, whoever planned it.
+//! The ledger and the flight of a run, checked slot by slot from its folder, whichever planner it had.
 
-use skysink_common::channel::{Channel, Uplink};
+use skysink_common::channel::{Channel, ChannelModel, Uplink};
 use skysink_common::geometry::{Position, distance_squared, within};
 use skysink_common::scenario::Overrides;
 use skysink_common::sensors::SensorList;
@@ -30,13 +30,13 @@ fn line(text: &str) -> TraceLine {
     let bits = |i: usize| column[i].parse().unwrap();
     TraceLine {
         slot: bits(0),
-        position: Position::new(column[1].parse().unwrap(), column[2].parse().unwrap()),
-        scheduled: column[4].split_terminator(' ').map(|id| id.parse().unwrap()).collect(),
-        delivered_bits: bits(5),
-        lost_bits: bits(6),
-        queued_bits: bits(7),
-        mode: column[8].to_owned(),
-        refused: bits(9),
+        position: Position::new(column[2].parse().unwrap(), column[3].parse().unwrap()),
+        scheduled: column[5].split_terminator(' ').map(|id| id.parse().unwrap()).collect(),
+        delivered_bits: bits(6),
+        lost_bits: bits(7),
+        queued_bits: bits(8),
+        mode: column[9].to_owned(),
+        refused: bits(10),
     }
 }
 
@@ -47,7 +47,7 @@ pub fn audit(place: &Place) -> Vec<TraceLine> {
     let list = SensorList::of(&scenario).unwrap();
     let nodes = list.nodes();
     let sampled_bits = nodes.iter().map(|node| (node.sampling_bps * scenario.slot_s) as u64).sum::<u64>();
-    let channel = Channel::of(&scenario);
+    let channel = Channel::of(&scenario.link);
     let lines = trace(place);
     let mut queued_bits: u64 = list.queues_bits().iter().map(|&bits| u64::from(bits)).sum();
     let mut position = scenario.start().xy();
@@ -76,7 +76,7 @@ pub fn audit(place: &Place) -> Vec<TraceLine> {
     lines
 }
 
-/// What standard error says of refusals of a kind.
+/// The lines on standard error about refusals of a kind.
 pub fn said(stderr: &str, refusal: &str) -> Vec<String> {
     stderr.lines().filter(|line| line.contains("refused:") && line.contains(refusal)).map(str::to_owned).collect()
 }

@@ -1,4 +1,4 @@
-//! A program that opens the topics of a ring without asking for a place in it.
+//! A program that opens the topics of a ring without the lock of a role.
 
 use std::fmt::Debug;
 
@@ -45,7 +45,7 @@ impl Intruder {
         service.open().unwrap().subscriber_builder().buffer_size(1).create().unwrap()
     }
 
-    /// The same by the name of those that no writer waits for.
+    /// The same with the port name `observer`: no writer waits for it.
     pub fn observer<P: Debug + Copy + ZeroCopySend, H: Header>(&self, topic: &str) -> Subscriber<ipc::Service, P, H> {
         let service = self.0.service_builder(&Self::name(topic)).publish_subscribe::<P>().user_header::<H>();
         let name = "observer".try_into().unwrap();

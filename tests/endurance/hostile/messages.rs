@@ -1,4 +1,4 @@
-//! Plans that are none of their slot, of their run, or far too many.
+//! Plans of another slot or run, and floods of plans.
 
 use skysink_common::message::{Plan, SlotHeader};
 use skysink_ring::folder::RingFolder;
@@ -33,7 +33,7 @@ fn fly_disturbed(place: &Place, mut disturb: impl FnMut(&Rogue, &Turn) -> u64) -
     ended
 }
 
-/// The powers of ten up to `count`, as they are said.
+/// The powers of ten up to `count`: the refusals that are reported.
 fn said_so_far(count: u64) -> Vec<String> {
     let powers = (0..=count.ilog10()).map(|power| 10u64.pow(power));
     powers.map(|power| if power == 1 { String::new() } else { format!(" ({power} so far)") }).collect()
@@ -52,7 +52,7 @@ fn assert_said(ended: &Output, refusal: &str, count: u64) {
 }
 
 #[test]
-fn plans_of_slots_that_are_far_away_are_refused_from_the_first_slot_on() {
+fn plans_of_distant_slots_are_refused_from_the_first_slot_on() {
     let place = Place::new();
     let ended = fly_disturbed(&place, |rogue, turn| {
         for slot in [turn.slot + 3, turn.slot + 1000, u64::MAX / 2, u64::MAX] {
@@ -97,7 +97,7 @@ fn plans_of_another_mission_are_refused() {
 }
 
 #[test]
-fn a_flood_of_ten_thousand_plans_is_counted_to_the_last_one_and_said_five_times() {
+fn a_flood_of_ten_thousand_plans_is_counted_in_full_and_reported_five_times() {
     let place = Place::new();
     let ended = fly_disturbed(&place, |rogue, turn| {
         let flood = if turn.slot == 30 { 10_000 } else { 0 };
@@ -110,7 +110,7 @@ fn a_flood_of_ten_thousand_plans_is_counted_to_the_last_one_and_said_five_times(
 }
 
 #[test]
-fn what_a_header_says_of_restarts_flags_and_times_changes_nothing() {
+fn restart_counts_flags_and_times_in_headers_change_nothing() {
     let place = Place::new();
     let (run, mut rogue) = start_with_rogue(&place.flight("smoke"), LONG_S);
     while let Some(turn) = rogue.next() {
@@ -149,7 +149,7 @@ fn a_mission_of_another_ring_of_the_same_user_is_another_mission() {
 }
 
 #[test]
-fn a_planner_that_skips_a_slot_ends_a_run_in_lock_step_by_its_time_out() {
+fn a_skipped_slot_ends_a_lock_step_run_by_its_timeout() {
     let place = Place::new();
     let (run, mut rogue) = start_with_rogue(&place.flight("smoke"), SHORT_S);
     while let Some(turn) = rogue.next() {
@@ -170,7 +170,7 @@ fn a_planner_that_skips_a_slot_ends_a_run_in_lock_step_by_its_time_out() {
 }
 
 #[test]
-fn a_planner_that_skips_a_slot_of_a_paced_run_makes_the_uav_hold_in_it() {
+fn a_skipped_slot_of_a_paced_run_is_a_hold() {
     let place = Place::new();
     let (run, mut rogue) = start_with_rogue(&place.flight("smoke").set("slots", 12).pace("5x"), LONG_S);
     while let Some(turn) = rogue.next() {

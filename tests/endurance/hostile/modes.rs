@@ -1,4 +1,4 @@
-//! Who may open what belongs to a running ring.
+//! Access permissions of the files of a running ring.
 
 use std::fs;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
@@ -8,7 +8,7 @@ use super::rogue::{LONG_S, Rogue};
 use crate::support::Place;
 use crate::support::flight::RunningFlight;
 
-/// What is open to others, beside the owner.
+/// The permissions of others than the owner.
 const OTHERS: u32 = 0o077;
 
 fn mode(path: &Path) -> Option<u32> {
@@ -57,7 +57,7 @@ fn assert_private(rogue: &Rogue) {
 }
 
 #[test]
-fn what_belongs_to_a_running_ring_is_its_owners_alone_whatever_the_umask() {
+fn the_files_of_a_running_ring_are_private_to_its_owner_with_any_umask() {
     for umask in ["022", "000"] {
         let place = Place::new();
         let flight = place.flight("smoke").without_viewer().external("planner").timeout(LONG_S);

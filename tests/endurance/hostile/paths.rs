@@ -1,4 +1,4 @@
-//! Paths that lead nowhere, and what a viewer makes of them.
+//! Invalid paths, and what the viewer records of them.
 
 use iceoryx2::prelude::ipc;
 use skysink_common::message::{MAX_PATH_POINTS, PathPoint, SlotHeader};
@@ -15,7 +15,7 @@ const MISSION: &str = "it belongs to another run";
 const OLD: &str = "its writer has already sent that slot or a later one";
 const SECOND: &str = "another process is writing this topic already";
 
-/// A run with a viewer and without a planner, whose place the test takes.
+/// A run with a viewer and without a planner, whose role the test takes.
 fn start_with_viewer(place: &Place) -> (RunningFlight<'_>, Rogue) {
     let run = place.flight("smoke").external("planner").timeout(LONG_S).start();
     let rogue = Rogue::join(&run);
@@ -33,7 +33,7 @@ fn path(turn: &Turn, more: usize) -> Vec<PathPoint> {
     path
 }
 
-/// What is wrong with a path, by number; none with the first.
+/// Corrupts a path in the way of this number; 0 leaves it valid.
 fn spoilt(turn: &Turn, number: u64) -> Vec<PathPoint> {
     let mut path = path(turn, 3);
     match number {
@@ -49,14 +49,14 @@ fn spoilt(turn: &Turn, number: u64) -> Vec<PathPoint> {
     path
 }
 
-/// From this slot on the viewer is there: its writer serves no late joiners.
+/// The viewer has joined by this slot: the writer of paths serves no late joiners.
 const THERE: u64 = 3;
 
 /// Kinds of [`spoilt`].
 const KINDS: u64 = 8;
 
 #[test]
-fn paths_that_cannot_be_are_refused_one_by_one_and_the_run_goes_on() {
+fn invalid_paths_are_refused_one_by_one_and_the_run_continues() {
     let place = Place::new();
     let (run, mut rogue) = start_with_viewer(&place);
     let paths = writer(&rogue);
@@ -71,7 +71,7 @@ fn paths_that_cannot_be_are_refused_one_by_one_and_the_run_goes_on() {
     assert_eq!(slots(&recording, "/metrics/loss_rate"), (0..=60).collect());
     let good = |slot: &i64| slot % KINDS as i64 == 0;
     assert_eq!(drawn(&recording), (1..=60).filter(good).collect::<Vec<_>>());
-    // 51 refusals in 60 slots: the first is said, and the tenth.
+    // 51 refusals in 60 slots: the first and the tenth are reported.
     let lines = said(&ended.stderr, NOWHERE);
     assert_eq!(lines.len(), 2, "{ended:?}");
     assert_eq!(lines[0], format!("viewer: path(3) refused: {NOWHERE}"));
@@ -87,7 +87,7 @@ fn drawn(recording: &std::path::Path) -> Vec<i64> {
 }
 
 #[test]
-fn paths_of_another_run_slot_or_writer_are_refused_and_the_good_ones_drawn() {
+fn paths_of_another_run_slot_or_writer_are_refused_and_valid_ones_drawn() {
     let place = Place::new();
     let (run, mut rogue) = start_with_viewer(&place);
     let (paths, intruder) = (writer(&rogue), Intruder::join(&rogue.folder));
@@ -118,7 +118,7 @@ fn paths_of_another_run_slot_or_writer_are_refused_and_the_good_ones_drawn() {
 }
 
 #[test]
-fn a_reader_that_is_deaf_to_paths_does_not_hold_up_the_ring() {
+fn a_reader_that_takes_no_paths_does_not_block_the_ring() {
     let place = Place::new();
     let flight = place.flight("smoke").strategy("horizon").set("planner.horizon.iterations", 100);
     let run = flight.without_viewer().external("planner").timeout(SHORT_S).start();

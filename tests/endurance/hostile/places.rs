@@ -1,10 +1,9 @@
-//! Places in the ring that are taken, and rings of other versions.
+//! Roles that are taken, and rings of other versions.
 
 use iceoryx2::prelude::*;
 use skysink_common::message::{SensorNode, SensorsHeader};
-use skysink_common::pace::Pace;
 use skysink_ring::folder::RingFolder;
-use skysink_ring::wait::Waiting;
+use skysink_ring::terms::Terms;
 
 use super::rogue::{LONG_S, start_with_rogue};
 use crate::support::flight::{RING, executable};
@@ -12,7 +11,7 @@ use crate::support::scenarios::{self, SMOKE};
 use crate::support::{Place, output};
 
 #[test]
-fn a_second_process_for_a_place_is_refused_and_the_run_does_not_notice() {
+fn a_second_process_of_a_role_is_refused_and_the_run_is_undisturbed() {
     let place = Place::new();
     let (run, mut rogue) = start_with_rogue(&place.flight("smoke"), LONG_S);
     let folder = run.folder().display().to_string();
@@ -29,10 +28,10 @@ fn a_second_process_for_a_place_is_refused_and_the_run_does_not_notice() {
     place.assert_clean();
 }
 
-/// A ring whose first topic has these terms, and messages of other types.
+/// A ring whose first topic has these attributes, and messages of other types.
 fn ring_with_terms(terms: &[(&str, &str)]) -> (RingFolder, impl Sized) {
     skysink::worker::silence_iceoryx2();
-    let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false, None).unwrap();
+    let folder = RingFolder::create(Terms::default()).unwrap();
     let node = NodeBuilder::new().config(&folder.config().unwrap()).create::<ipc::Service>().unwrap();
     let name = ServiceName::new("skysink/sensors").unwrap();
     let mut attributes = AttributeSpecifier::new();

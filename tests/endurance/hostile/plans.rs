@@ -1,4 +1,4 @@
-//! Plans that ask for what cannot be.
+//! Infeasible plans.
 
 use skysink_common::geometry::Position;
 use skysink_common::message::{MAX_SERVED, Mode, NOBODY, Plan};
@@ -7,7 +7,7 @@ use super::audit::{audit, said};
 use super::rogue::{LONG_S, Rogue, Turn, start_with_rogue};
 use crate::support::Place;
 
-/// How a plan is spoilt: its name, what becomes of the good plan, and whether the waypoint is what is wrong.
+/// A corruption of plans: its name, the function that corrupts the valid plan, and its expected effect.
 type Nonsense = (&'static str, fn(&Rogue, &Turn) -> Plan, Wrong);
 
 #[derive(Clone, Copy)]
@@ -106,7 +106,7 @@ const NONSENSE: [Nonsense; 21] = [
 ];
 
 #[test]
-fn whatever_a_plan_asks_for_is_flown_as_far_as_it_can_be_and_the_rest_is_counted() {
+fn the_feasible_part_of_any_plan_is_flown_and_the_rest_is_counted() {
     let place = Place::new();
     let (run, mut rogue) = start_with_rogue(&place.flight("smoke"), LONG_S);
     let mut sent = Vec::new();

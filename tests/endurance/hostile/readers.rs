@@ -13,7 +13,7 @@ fn full(topic: &str) -> String {
     format!("topic {topic}: a reader has not taken its samples for 3.3 s: is one stopped, or the viewer too slow?")
 }
 
-/// Flies the smoke test; in slot 20 `intrude` makes a reader that is never heard of again.
+/// Flies the smoke test; in slot 20 `intrude` makes a reader that takes nothing.
 fn fly_with_deaf_reader<R>(place: &Place, options: &[&str], intrude: impl Fn(&Intruder) -> R) -> Output {
     let (run, mut rogue) = start_with_rogue(&place.flight("smoke").options(options), SHORT_S);
     let intruder = Intruder::join(&rogue.folder);
@@ -33,7 +33,7 @@ fn fly_with_deaf_reader<R>(place: &Place, options: &[&str], intrude: impl Fn(&In
     ended
 }
 
-/// Fails unless the run has ended early, with a whole folder.
+/// Fails unless the run has ended early, with a complete folder.
 fn assert_ended_early(place: &Place, ended: &Output) {
     assert_eq!(ended.code, Some(1), "{ended:?}");
     let flown = audit(place).len();
@@ -47,7 +47,7 @@ fn deaf_to_flights(intruder: &Intruder) -> Subscriber<ipc::Service, FlightReport
 }
 
 #[test]
-fn a_deaf_reader_ends_a_run_in_lock_step_by_its_time_out_where_nothing_is_started_again() {
+fn a_blocked_reader_ends_a_lock_step_run_without_restarts_by_its_timeout() {
     let place = Place::new();
     let ended = fly_with_deaf_reader(&place, &["--restart", "never"], deaf_to_flights);
     assert!(ended.stderr.contains(&full("flight")), "{ended:?}");
@@ -55,7 +55,7 @@ fn a_deaf_reader_ends_a_run_in_lock_step_by_its_time_out_where_nothing_is_starte
 }
 
 #[test]
-fn a_deaf_reader_costs_a_restart_of_the_writer_that_waits_for_it() {
+fn a_blocked_reader_costs_a_restart_of_the_writer_that_waits_for_it() {
     let place = Place::new();
     let ended = fly_with_deaf_reader(&place, &[], deaf_to_flights);
     assert_eq!(ended.code, Some(0), "{ended:?}");
@@ -65,7 +65,7 @@ fn a_deaf_reader_costs_a_restart_of_the_writer_that_waits_for_it() {
 }
 
 #[test]
-fn a_reader_that_is_deaf_to_the_launcher_ends_the_run_by_its_time_out() {
+fn a_reader_that_blocks_the_launcher_ends_the_run_by_its_timeout() {
     let place = Place::new();
     let ended = fly_with_deaf_reader(&place, &[], |intruder| intruder.reader::<Commit, SlotHeader>("commit"));
     assert!(ended.stderr.contains(&format!("skysink: {}", full("commit"))), "{ended:?}");
@@ -73,7 +73,7 @@ fn a_reader_that_is_deaf_to_the_launcher_ends_the_run_by_its_time_out() {
 }
 
 #[test]
-fn a_deaf_reader_is_left_behind_by_a_paced_run() {
+fn a_paced_run_does_not_wait_for_a_blocked_reader() {
     let place = Place::new();
     let (run, mut rogue) = start_with_rogue(&place.flight("smoke").pace("20x"), LONG_S);
     let intruder = Intruder::join(&rogue.folder);

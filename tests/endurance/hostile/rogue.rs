@@ -1,4 +1,4 @@
-//! A planner of the test's own in a ring of real processes: it knows the good plan of each slot, and may send others.
+//! A planner of the test in a ring of real processes: it has the valid plan of each slot, and may send others.
 
 use iceoryx2::prelude::ipc;
 use skysink::worker::silence_iceoryx2;
@@ -10,17 +10,17 @@ use skysink_ring::error::{NodeError, RingError};
 use skysink_ring::folder::RingFolder;
 use skysink_ring::reader::Reader;
 use skysink_ring::role::Role;
-use skysink_ring::topics::{RING_BUFFER, Ring};
+use skysink_ring::topics::Ring;
 use skysink_ring::wait::WaitContext;
 use skysink_ring::writer::Writer;
 
 use crate::support::flight::{FlightBuilder, RunningFlight};
 use crate::support::{scenarios, until};
 
-/// How long the processes of a run wait that is to end well [s].
+/// Timeout of the processes of a run that is to succeed [s].
 pub const LONG_S: &str = "60";
 
-/// The same of one that is to time out [s].
+/// Timeout of the processes of a run that is to time out [s].
 pub const SHORT_S: &str = "5";
 
 /// The planner.
@@ -29,7 +29,7 @@ pub struct Rogue {
     pub folder: RingFolder,
     pub ring: Ring<ipc::Service>,
     pub sensors: Vec<SensorNode>,
-    /// What came with them.
+    /// The limits, which came with the sensor nodes.
     pub limits: Limits,
     planner: Planner,
     wait: WaitContext,
@@ -42,9 +42,9 @@ pub struct Rogue {
 /// A slot that waits for its plan.
 pub struct Turn {
     pub slot: u64,
-    /// What the real planner would send.
+    /// The plan of the real planner.
     pub good: Plan,
-    /// Where the UAV is.
+    /// The position of the UAV.
     pub flight: FlightReport,
     /// What the topic `queues` said.
     pub queues_bits: Vec<u32>,
@@ -73,8 +73,9 @@ impl Rogue {
         let open = || Ring::<ipc::Service>::join(&folder, &scenario, Role::Planner, &stop).ok();
         let (ring, mut wait) = until("topics", open);
         let plans = ring.plan.writer().unwrap();
-        let mut nodes = ring.sensors.reader(RING_BUFFER).unwrap();
-        let (queues, flights) = (ring.queues.reader(RING_BUFFER).unwrap(), ring.flight.reader(RING_BUFFER).unwrap());
+        let mut nodes = ring.sensors.reader().unwrap();
+        let queues = ring.belief.as_ref().unwrap_or(&ring.queues).reader().unwrap();
+        let flights = ring.flight.reader().unwrap();
         let nodes = nodes.wait_for_next(&mut wait, 0).unwrap();
         let (sensors, limits) = (nodes.payload().to_vec(), nodes.user_header().limits);
         let planner = Planner::new(&scenario, &sensors).unwrap();
@@ -121,7 +122,7 @@ impl Rogue {
         self.plans.send(header, plan)
     }
 
-    /// Flies to the end with good plans; before each `disturb` may do what it likes.
+    /// Flies to the end with valid plans; before each it calls `disturb`.
     pub fn fly_to_end(&mut self, mut disturb: impl FnMut(&Self, &Turn)) {
         while let Some(turn) = self.next() {
             disturb(self, &turn);

@@ -1,15 +1,17 @@
 //! What an external planner receives: the limits, and the known part of estimated queues.
 
-use skysink_common::estimate::{Estimate, Rates};
+use skysink_common::belief::Belief;
+use skysink_common::estimate::Rates;
 use skysink_common::message::Limits;
+use skysink_common::reported::ReportedQueues;
+use skysink_common::sensors::Sensors;
 use skysink_ring::reader::SlotSample;
-use skysink_ring::topics::RING_BUFFER;
 
 use super::rogue::{LONG_S, start_with_rogue};
 use crate::support::Place;
 
 #[test]
-fn what_a_plan_has_to_keep_comes_with_the_sensor_nodes() {
+fn the_limits_of_plans_come_with_the_sensor_nodes() {
     let place = Place::new();
     let (run, mut rogue) = start_with_rogue(&place.flight("smoke"), LONG_S);
     assert_eq!(rogue.limits, Limits::of(&rogue.scenario));
@@ -26,9 +28,10 @@ fn an_external_planner_receives_what_the_uav_knows_and_the_recorder_the_true_que
     let place = Place::new();
     let flight = place.flight("smoke").set("planner.knowledge", "estimated");
     let (run, mut rogue) = start_with_rogue(&flight, LONG_S);
-    assert_eq!(rogue.ring.terms.estimated, Some(Rates::Known));
-    let mut truth = rogue.ring.truth.reader(RING_BUFFER).unwrap();
-    let mut known = Estimate::new(&rogue.scenario, Rates::Known, &rogue.sensors);
+    assert_eq!(rogue.ring.terms.belief, Some(Rates::Known));
+    let mut truth = rogue.ring.queues.reader().unwrap();
+    let sensors = Sensors::of(&rogue.scenario, &rogue.sensors);
+    let mut known = Belief::new(&rogue.scenario, &sensors, Some(Rates::Known));
     let mut differing = 0;
     while let Some(turn) = rogue.next() {
         let slot = turn.slot - 1;
@@ -38,8 +41,8 @@ fn an_external_planner_receives_what_the_uav_knows_and_the_recorder_the_true_que
             }
             std::thread::yield_now();
         };
-        known.observe(slot, &turn.flight, &true_queues);
-        assert_eq!(turn.queues_bits, known.predict(slot), "slot {slot}");
+        known.advance(slot, &turn.flight, &ReportedQueues::default(), &true_queues);
+        assert_eq!(turn.queues_bits, known.at(slot, &sensors, &true_queues).queues_bits, "slot {slot}");
         for link in turn.flight.served_links() {
             let sensor = link.sensor as usize;
             assert_eq!(turn.queues_bits[sensor], true_queues[sensor], "slot {slot}: it was served, and has told");

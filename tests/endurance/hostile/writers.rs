@@ -1,4 +1,4 @@
-//! Second writers of the ring's topics, which ask nobody for a place.
+//! Second writers of the ring's topics, without the lock of a role.
 
 use skysink_common::message::{Commit, FLAG_END, FlightReport, Mode, Plan, QueuesHeader, SlotHeader, Totals};
 
@@ -43,7 +43,7 @@ fn second_writers_on_every_topic_are_refused_and_change_nothing_up_to_the_last_s
     let ended = run.wait_for_success();
     audit(&place);
     place.assert_trace_as_simulated("run");
-    // In the last slot the real ones may have left before the recorder reads what was sent in vain.
+    // In the last slot the real ones may have ended before the recorder reads the refused samples.
     let refused = place.summary("run")["refused_messages"].as_u64().unwrap();
     assert!((sent - 6..=sent).contains(&refused), "{refused} of {sent}");
     let lines = said(&ended.stderr, SECOND);
@@ -81,7 +81,7 @@ fn a_second_planner_that_never_stops_writing_does_not_disturb_the_real_one() {
 }
 
 #[test]
-fn a_flood_that_was_there_before_the_planner_does_not_drown_it() {
+fn a_flood_before_the_planner_starts_does_not_stop_it() {
     let place = Place::new();
     let mut run = place.flight("smoke").without_viewer().external("planner").timeout(LONG_S).start();
     let intruder = Intruder::join(&open_folder(&run));
@@ -103,7 +103,7 @@ fn a_flood_that_was_there_before_the_planner_does_not_drown_it() {
 }
 
 #[test]
-fn with_one_place_of_each_topic_taken_killed_processes_still_come_back() {
+fn killed_processes_recover_while_one_publisher_of_each_topic_is_taken() {
     let place = Place::new();
     let long = place.flight("long");
     let (run, mut rogue) = start_with_rogue(&long, LONG_S);
@@ -127,7 +127,7 @@ fn with_one_place_of_each_topic_taken_killed_processes_still_come_back() {
 }
 
 #[test]
-fn a_process_that_finds_all_places_of_its_topic_taken_says_so() {
+fn a_process_reports_that_all_publishers_of_its_topic_are_taken() {
     let place = Place::new();
     let run = place.flight("smoke").without_viewer().external("planner").timeout(SHORT_S).start();
     let folder = open_folder(&run);

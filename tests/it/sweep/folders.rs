@@ -1,4 +1,4 @@
-//! Whose the folder of a sweep is.
+//! The owner of a sweep's folder.
 
 use std::fs;
 

@@ -1,4 +1,4 @@
-//! Sweeps in shards, and what they take.
+//! Sweeps in shards, and the estimate of `--plan`.
 
 use std::fs;
 
@@ -19,7 +19,7 @@ fn merged_shards_are_the_whole_sweep() {
     place.run_refused(&["merge", "empty", "--out", "early"], "no shard contains a mission");
     fs::copy(place.path("a/sweep.json"), place.path("empty/sweep.json")).unwrap(); // killed before its first mission
     place.run_refused(&["merge", "empty", "--out", "early"], "0 of 54 missions");
-    let says = "27 of 54 missions are present: run shards 2 of 2, for example by --array=2 and --shard auto/2, or pass --partial";
+    let says = "27 of 54 missions are present: run shards 2 of 2, for example by --array=2 and --shard $SLURM_ARRAY_TASK_ID/2, or pass --partial";
     place.run_refused(&["merge", "a", "--out", "early"], says);
     let part = place.run_ok(&["merge", "a", "empty", "--out", "part", "--partial"]);
     assert_eq!(lines(&place.path("part/results.csv")), 1 + 27);
@@ -92,7 +92,7 @@ fn any_number_of_shards_divides_any_sweep() {
     let some = arguments(&some);
     place.run_refused(
         &some.iter().map(String::as_str).collect::<Vec<_>>(),
-        "for example by --array=1,3-5 and --shard auto/7,",
+        "for example by --array=1,3-5 and --shard $SLURM_ARRAY_TASK_ID/7,",
     );
     let all = arguments(&folders);
     place.run_ok(&all.iter().map(String::as_str).collect::<Vec<_>>());
@@ -100,7 +100,7 @@ fn any_number_of_shards_divides_any_sweep() {
 }
 
 #[test]
-fn a_plan_says_what_a_sweep_takes_and_flies_nothing() {
+fn a_plan_estimates_the_sweep_and_flies_nothing() {
     let place = Place::new();
     write_sweep(&place, 5);
     let ended = place.run_ok(&["sweep", "sweep.toml", "--plan"]);

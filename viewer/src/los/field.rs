@@ -38,7 +38,7 @@ pub(crate) fn funnel_probability(link: &LineOfSight) -> f64 {
 }
 
 /// Slice and funnels of the scene.
-pub(super) struct Surroundings {
+pub(crate) struct Surroundings {
     slice_half_m: f32,
     shape: Funnel,
     most_funnels: usize,
@@ -49,7 +49,7 @@ pub(super) struct Surroundings {
 }
 
 impl Surroundings {
-    pub(super) fn open(
+    pub(crate) fn open(
         canvas: &Canvas,
         link: &LineOfSight,
         most_funnels: usize,
@@ -78,7 +78,7 @@ impl Surroundings {
     }
 
     /// Shows the slice around the UAV and a funnel above each served sensor node.
-    pub(super) fn log(
+    pub(crate) fn log(
         &mut self,
         canvas: &Canvas,
         link: &LineOfSight,
@@ -97,7 +97,7 @@ impl Surroundings {
     }
 
     /// Clears the slice and the funnels.
-    pub(super) fn clear(&mut self, canvas: &Canvas) -> RecordingStreamResult<()> {
+    pub(crate) fn clear(&mut self, canvas: &Canvas) -> RecordingStreamResult<()> {
         canvas.clear(SLICE)?;
         self.log_funnels(canvas, &[])
     }
@@ -178,7 +178,7 @@ impl Funnel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use skysink_common::scenario::LosCurve;
+    use skysink_common::channel::LosCurve;
 
     /// Dense urban surroundings.
     fn link() -> LineOfSight {

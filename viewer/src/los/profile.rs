@@ -7,7 +7,7 @@ use nalgebra::Point3;
 use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::LineStrips2D;
 use re_sdk_types::components::Radius;
-use skysink_common::channel::LineOfSight;
+use skysink_common::channel::{ChannelModel, LineOfSight, Uplink};
 use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::scenario::Scenario;
 
@@ -30,12 +30,12 @@ const HEIGHT: f64 = 100.0;
 const STEPS: u16 = 48;
 
 /// The picture of the scene.
-pub(super) struct Profile {
+pub(crate) struct Profile {
     range_m: [f64; 2],
 }
 
 impl Profile {
-    pub(super) fn open(canvas: &Canvas, scenario: &Scenario) -> RecordingStreamResult<Self> {
+    pub(crate) fn open(canvas: &Canvas, scenario: &Scenario) -> RecordingStreamResult<Self> {
         let range_m = range_m(scenario);
         let frame = LineStrips2D::new([
             vec![[0.0, 0.0], [0.0, HEIGHT as f32], [WIDTH as f32, HEIGHT as f32]],
@@ -62,7 +62,7 @@ impl Profile {
         Ok(Self { range_m })
     }
 
-    pub(super) fn log(
+    pub(crate) fn log(
         &self,
         canvas: &Canvas,
         link: &LineOfSight,
@@ -88,7 +88,7 @@ impl Profile {
         let curves = [
             curve(&|z_m| mean(&|d2_m2| link.los_probability(d2_m2, z_m))),
             curve(&|z_m| mean(&|d2_m2| link.los_rate_bps(d2_m2, z_m)) / unit_bps),
-            curve(&|z_m| mean(&|d2_m2| link.expected_rate_bps(d2_m2, z_m)) / unit_bps),
+            curve(&|z_m| mean(&|d2_m2| link.expected_rate_bps(&Uplink { gain: 1.0, d2_m2, z_m })) / unit_bps),
         ];
         canvas.show(CURVES, &LineStrips2D::update_fields().with_strips(curves))?;
         let at = (WIDTH * (uav.z - lowest_m) / (highest_m - lowest_m)) as f32;
@@ -96,7 +96,7 @@ impl Profile {
     }
 
     /// Clears the curves.
-    pub(super) fn clear(&self, canvas: &Canvas) -> RecordingStreamResult<()> {
+    pub(crate) fn clear(&self, canvas: &Canvas) -> RecordingStreamResult<()> {
         canvas.clear(CURVES)?;
         canvas.clear(FLOWN)
     }

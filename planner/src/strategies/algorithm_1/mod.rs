@@ -9,9 +9,10 @@ use std::cmp::Reverse;
 
 use skysink_common::geometry::{Position, within};
 
-use crate::sensor_table::SensorTable;
+use crate::mission_table::MissionTable;
 use crate::strategies::nearby::{Spot, may_share, preselect};
-use circles::{CIRCLES, circles};
+use crate::strategy::{CIRCLES, Pair, Winner};
+use circles::circles;
 
 /// The anchors and circles that Algorithm 1 considers reachable from `L_u(t−1)`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -26,17 +27,17 @@ pub enum Reach {
 
 impl Reach {
     /// How far an anchor may be from the UAV [m].
-    fn anchor_radius_m(self, table: &SensorTable) -> f64 {
+    fn anchor_radius_m(self, table: &MissionTable) -> f64 {
         match self {
-            Self::Letter if table.reach_m <= table.comm_radius_m => table.reach_m,
-            Self::Letter => table.reach_m - table.comm_radius_m,
-            Self::Wide => table.reach_m + table.comm_radius_m,
+            Self::Letter if table.limits.reach_m <= table.limits.comm_radius_m => table.limits.reach_m,
+            Self::Letter => table.limits.reach_m - table.limits.comm_radius_m,
+            Self::Wide => table.limits.reach_m + table.limits.comm_radius_m,
         }
     }
 
     /// Whether a circle about `centre` is a candidate for the UAV at `position`.
-    fn admits(self, table: &SensorTable, position: &Position, centre: &Position) -> bool {
-        self == Self::Letter || within(centre, position, table.reach_m)
+    fn admits(self, table: &MissionTable, position: &Position, centre: &Position) -> bool {
+        self == Self::Letter || within(centre, position, table.limits.reach_m)
     }
 }
 
@@ -45,26 +46,6 @@ impl Reach {
 pub struct Search {
     /// The SNs that can be in a set of this slot, fullest first: the first n that pass a test are the n fullest.
     nearby: Vec<Spot>,
-}
-
-/// Origin of the winning set.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Winner {
-    /// Anchor SN i.
-    pub anchor: u32,
-    /// Its partner and their circles; `None` if the set is the anchor alone.
-    pub pair: Option<Pair>,
-}
-
-/// An anchor's partner, and the circles about both.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Pair {
-    /// Partner SN k.
-    pub partner: u32,
-    /// Centres of C1 to C5; `None` where one is out of reach ([`Reach::Wide`]).
-    pub circles: [Option<Position>; CIRCLES],
-    /// Which circle won, from 0.
-    pub chosen: u32,
 }
 
 /// A candidate set: `Ω_opt(i)` of an anchor, without the SNs that its circle adds.
@@ -92,14 +73,14 @@ impl Search {
     pub fn best_set(
         &mut self,
         reach: Reach,
-        table: &SensorTable,
+        table: &MissionTable,
         position: &Position,
         queues_bits: &[u32],
         ids: &mut Vec<u32>,
     ) -> Option<Winner> {
         // Step 1: the anchors. Their partners, and everything within d_c of a circle's centre, are within 2 d_c of one.
         let anchor_radius_m = reach.anchor_radius_m(table);
-        preselect(&mut self.nearby, table, position, anchor_radius_m + 2.0 * table.comm_radius_m, queues_bits);
+        preselect(&mut self.nearby, table, position, anchor_radius_m + 2.0 * table.limits.comm_radius_m, queues_bits);
         let anchors = self.nearby.iter().filter(|spot| within(&spot.position, position, anchor_radius_m));
         let mut best = None;
         // Step 2: for each anchor.
@@ -113,7 +94,7 @@ impl Search {
                 continue;
             }
             // Step 4: the search region, covered by five circles.
-            let circles = circles(&anchor.position, &partner.position, table.comm_radius_m)
+            let circles = circles(&anchor.position, &partner.position, table.limits.comm_radius_m)
                 .map(|centre| reach.admits(table, position, &centre).then_some(centre));
             // Step 5: the circle with the largest queues.
             let set = self.fullest_circle(table, anchor, partner, circles);
@@ -126,18 +107,19 @@ impl Search {
     }
 
     /// The largest queue within `2 d_c` of `anchor`; none where only one SN can be served.
-    fn partner(&self, table: &SensorTable, anchor: &Spot) -> Option<&Spot> {
-        let in_range =
-            |spot: &&Spot| spot.id != anchor.id && within(&anchor.position, &spot.position, 2.0 * table.comm_radius_m);
-        self.nearby.iter().find(in_range).filter(|_| table.resource_blocks > 1)
+    fn partner(&self, table: &MissionTable, anchor: &Spot) -> Option<&Spot> {
+        let in_range = |spot: &&Spot| {
+            spot.id != anchor.id && within(&anchor.position, &spot.position, 2.0 * table.limits.comm_radius_m)
+        };
+        self.nearby.iter().find(in_range).filter(|_| table.limits.blocks() > 1)
     }
 
     /// Upper-bound test: whether the set of `anchor` and `partner` could beat the best so far. A circle has both in
     /// range, so each of the at most n−2 SNs that it adds may share a waypoint with either, and the fullest of those
     /// are counted. Most pairs fail, and need no circles.
-    fn could_win(&self, table: &SensorTable, anchor: &Spot, partner: &Spot, best: &Option<Candidate>) -> bool {
+    fn could_win(&self, table: &MissionTable, anchor: &Spot, partner: &Spot, best: &Option<Candidate>) -> bool {
         let mut sum_bits = sum_bits([anchor, partner].into_iter());
-        let mut blocks = table.resource_blocks as u64 - 2;
+        let mut blocks = table.limits.blocks() as u64 - 2;
         for spot in self.others(anchor.id, partner.id) {
             if blocks == 0 || !is_better(best, sum_bits + blocks * u64::from(spot.queue_bits), anchor.id) {
                 break;
@@ -153,7 +135,7 @@ impl Search {
     /// The set of the best of `circles`, the first of equals; `None` where no circle is left.
     fn fullest_circle(
         &self,
-        table: &SensorTable,
+        table: &MissionTable,
         anchor: &Spot,
         partner: &Spot,
         circles: [Option<Position>; CIRCLES],
@@ -170,13 +152,13 @@ impl Search {
     /// The n−2 largest queues in the circle about `centre` beside those of anchor and partner.
     fn in_circle(
         &self,
-        table: &SensorTable,
+        table: &MissionTable,
         anchor: u32,
         partner: u32,
         centre: &Position,
     ) -> impl Iterator<Item = &Spot> {
-        let is_in = move |spot: &&Spot| within(&spot.position, centre, table.comm_radius_m);
-        self.others(anchor, partner).filter(is_in).take(table.resource_blocks - 2)
+        let is_in = move |spot: &&Spot| within(&spot.position, centre, table.limits.comm_radius_m);
+        self.others(anchor, partner).filter(is_in).take(table.limits.blocks() - 2)
     }
 
     /// All SNs except anchor and partner, fullest first.
@@ -185,7 +167,7 @@ impl Search {
     }
 
     /// Fills `ids` with the winner's set, ascending.
-    fn collect(&self, table: &SensorTable, winner: &Winner, ids: &mut Vec<u32>) {
+    fn collect(&self, table: &MissionTable, winner: &Winner, ids: &mut Vec<u32>) {
         ids.clear();
         ids.push(winner.anchor);
         if let Some(pair) = &winner.pair {
@@ -225,22 +207,22 @@ impl Candidate {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sensor_table::tests::table_of;
+    use crate::mission_table::tests::table_of;
 
     /// The set found from the middle of the area, and how.
-    fn found(reach: Reach, table: &SensorTable, queues_bits: &[u32]) -> Option<(Winner, Vec<u32>)> {
+    fn found(reach: Reach, table: &MissionTable, queues_bits: &[u32]) -> Option<(Winner, Vec<u32>)> {
         let mut ids = Vec::new();
         let winner = Search::default().best_set(reach, table, &Position::new(50.0, 50.0), queues_bits, &mut ids)?;
         Some((winner, ids))
     }
 
     /// The letter's search.
-    fn search(table: &SensorTable, queues_bits: &[u32]) -> Option<(Winner, Vec<u32>)> {
+    fn search(table: &MissionTable, queues_bits: &[u32]) -> Option<(Winner, Vec<u32>)> {
         found(Reach::Letter, table, queues_bits)
     }
 
     /// The wide one.
-    fn search_wide(table: &SensorTable, queues_bits: &[u32]) -> Option<(Winner, Vec<u32>)> {
+    fn search_wide(table: &MissionTable, queues_bits: &[u32]) -> Option<(Winner, Vec<u32>)> {
         found(Reach::Wide, table, queues_bits)
     }
 
@@ -260,7 +242,7 @@ mod tests {
     fn no_more_than_the_resource_blocks_are_scheduled() {
         let mut table = table_of(&[[50.0, 50.0], [50.0, 51.0], [50.0, 52.0], [50.0, 53.0], [50.0, 54.0], [50.0, 55.0]]);
         for (resource_blocks, expected) in [(1, &[2][..]), (2, &[2, 5]), (3, &[2, 4, 5]), (64, &[0, 1, 2, 3, 4, 5])] {
-            table.resource_blocks = resource_blocks;
+            table.limits.resource_blocks = resource_blocks;
             assert_eq!(search(&table, &[1, 2, 9, 3, 7, 8]).unwrap().1, expected, "n = {resource_blocks}");
         }
     }
@@ -269,7 +251,7 @@ mod tests {
     fn an_anchor_without_a_partner_is_served_alone() {
         let mut table = table_of(&[[50.0, 50.0], [50.0, 70.1], [50.0, 52.0]]);
         assert_eq!(search(&table, &[0, 0, 0]).unwrap().1, [0, 2], "an empty queue is scheduled too");
-        table.resource_blocks = 1;
+        table.limits.resource_blocks = 1;
         let alone = (Winner { anchor: 2, pair: None }, vec![2]);
         assert_eq!(search(&table, &[3, 99, 7]), Some(alone));
     }
@@ -281,7 +263,7 @@ mod tests {
         assert_eq!(search(&table_of(&[[50.0, 70.1]]), &[1]), None);
         // V τ = 10 m = d_c: within V τ instead.
         let mut table = table_of(&[[50.0, 60.0], [50.0, 39.9]]);
-        table.reach_m = 10.0;
+        table.limits.reach_m = 10.0;
         assert_eq!(search(&table, &[1, 5]).unwrap().0.anchor, 0);
     }
 
@@ -303,7 +285,7 @@ mod tests {
         let beyond = [40.0 + apart_m / 2.0 * farther, 50.0 + offset_m * farther];
         // Anchors within 12 m of (30, 50): SNs 0, 3 and 4, which are too far away to meet SN 0.
         let mut table = table_of(&[[40.0, 50.0], [40.0 + apart_m, 50.0], beyond, [19.0, 50.0], [18.5, 50.0]]);
-        (table.reach_m, table.resource_blocks) = (22.0, 3);
+        (table.limits.reach_m, table.limits.resource_blocks) = (22.0, 3);
         let position = Position::new(30.0, 50.0);
         let mut ids = Vec::new();
         let winner = Search::default().best_set(Reach::Letter, &table, &position, &[5, 10, 500, 60, 40], &mut ids);
@@ -340,13 +322,13 @@ mod tests {
     fn with_little_reach_the_papers_set_can_be_worth_more_than_the_wide_one() {
         // V τ = 5 m: no circle about SNs 19 m apart is in reach. The letter does not ask; its set cannot be served.
         let mut table = table_of(&[[55.0, 50.0], [74.0, 50.0]]);
-        table.reach_m = 5.0;
+        table.limits.reach_m = 5.0;
         assert_eq!(search(&table, &[10, 100]).unwrap().1, [0, 1]);
         assert_eq!(search_wide(&table, &[10, 100]).unwrap().1, [0]);
         // V τ = 7 m: of the circles about SNs 0 and 1 only C3 at (56, 50) is in reach. SN 2 is not in it, but in C1 at
         // (58, 56). All three are in range of (56.3, 52), which is in reach: the letter's set can even be served.
         let mut table = table_of(&[[50.0, 50.0], [66.0, 50.0], [60.0, 59.2]]);
-        table.reach_m = 7.0;
+        table.limits.reach_m = 7.0;
         assert_eq!(search(&table, &[90, 80, 10]).unwrap().1, [0, 1, 2]);
         assert_eq!(search_wide(&table, &[90, 80, 10]).unwrap().1, [0, 1]);
     }

@@ -1,0 +1,174 @@
+//! What the UAV believes of the queues: their lengths and the sampling rates, known or estimated.
+//!
+//! How they are estimated is left to [`crate::estimate`].
+
+use crate::checkpoint::CheckpointError;
+use crate::estimate::{Estimate, Rates, SavedEstimate, Uncertainty};
+use crate::message::FlightReport;
+use crate::reported::ReportedQueues;
+use crate::scenario::Scenario;
+use crate::sensors::Sensors;
+
+/// The belief of a UAV, which advances by one slot after the other.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Belief {
+    /// It knows the queues and the rates. Nothing is stored.
+    Known,
+    /// It estimates the queues from its contacts.
+    Estimated(Box<Estimate>),
+}
+
+impl Belief {
+    /// That of a UAV that knows the queues.
+    pub const KNOWN: Self = Self::Known;
+
+    /// The belief before slot 1 over the SNs of a scenario. If the UAV has to estimate the queues, `estimated` is what
+    /// it knows of the rates.
+    #[must_use]
+    pub fn new(scenario: &Scenario, sensors: &Sensors, estimated: Option<Rates>) -> Self {
+        estimated.map_or(Self::Known, |rates| Self::Estimated(Box::new(Estimate::new(scenario, rates, sensors))))
+    }
+
+    /// Whether the queues are estimated.
+    #[must_use]
+    pub fn is_estimated(&self) -> bool {
+        matches!(self, Self::Estimated(_))
+    }
+
+    /// The queues that the SNs `ids` report if they are served in `slot`, of the queues `queues_bits` [bit] before it,
+    /// by id; nothing if they are known.
+    ///
+    /// # Panics
+    /// If an SN is unknown.
+    #[must_use]
+    pub fn reported(&self, slot: u64, ids: impl IntoIterator<Item = u32>, queues_bits: &[u32]) -> ReportedQueues {
+        match self {
+            Self::Known => ReportedQueues::default(),
+            Self::Estimated(_) => ReportedQueues::at(slot, ids, queues_bits),
+        }
+    }
+
+    /// Advances by `slot`: its flight, the queues [`Self::reported`] `before` it by at least the served SNs, and the
+    /// queues `after` it [bit], by id, of which only those of the served SNs are read.
+    ///
+    /// A slot that was taken in already, or before a later one, is ignored. Slots may be skipped; an estimate is then
+    /// older.
+    pub fn advance(&mut self, slot: u64, flight: &FlightReport, before: &ReportedQueues, after: &[u32]) {
+        if let Self::Estimated(estimate) = self {
+            estimate.advance(slot, flight, before, after);
+        }
+    }
+
+    /// Whether the rates are learnt.
+    #[must_use]
+    pub fn has_learnt_rates(&self) -> bool {
+        matches!(self, Self::Estimated(estimate) if estimate.has_learnt_rates())
+    }
+
+    /// Bits that SN `id` of `sensors` samples per slot.
+    ///
+    /// # Panics
+    /// If the SN is unknown.
+    #[inline]
+    #[must_use]
+    pub fn mean_bits(&self, sensors: &Sensors, id: u32) -> f64 {
+        match self {
+            Self::Known => sensors.sampler(id).mean_bits,
+            Self::Estimated(estimate) => estimate.mean_bits(id),
+        }
+    }
+
+    /// What is believed at the end of `slot`, at which the queues of `sensors` are `queues_bits` [bit], by id. Takes
+    /// O(N) for an estimate, and no time for known queues.
+    pub fn at<'a>(&'a mut self, slot: u64, sensors: &'a Sensors, queues_bits: &'a [u32]) -> Believed<'a> {
+        if let Self::Estimated(estimate) = &mut *self {
+            estimate.predict(slot);
+        }
+        let belief: &Self = self;
+        let queues_bits = match belief {
+            Self::Known => queues_bits,
+            Self::Estimated(estimate) => estimate.queues_bits(),
+        };
+        Believed { slot, sensors, queues_bits, belief }
+    }
+
+    /// The state for a checkpoint; `None` if the queues are known.
+    #[must_use]
+    pub fn saved(&self) -> Option<SavedEstimate> {
+        match self {
+            Self::Known => None,
+            Self::Estimated(estimate) => Some(estimate.saved()),
+        }
+    }
+
+    /// This belief in a state that was saved after `slot` of the same mission.
+    ///
+    /// # Errors
+    /// If the state is impossible, or of queues that are known here and estimated there, or the reverse.
+    pub fn restored(&self, slot: u64, saved: Option<SavedEstimate>) -> Result<Self, CheckpointError> {
+        match (self, saved) {
+            (Self::Known, None) => Ok(Self::Known),
+            (Self::Estimated(estimate), Some(saved)) => Ok(Self::Estimated(Box::new(estimate.restored(slot, saved)?))),
+            _ => CheckpointError::ensure(false, "the same knowledge of the queues").map(|()| Self::Known),
+        }
+    }
+}
+
+/// What the UAV believes at the end of a slot.
+#[derive(Debug, Clone, Copy)]
+pub struct Believed<'a> {
+    slot: u64,
+    sensors: &'a Sensors,
+    /// The queues [bit], by id.
+    pub queues_bits: &'a [u32],
+    belief: &'a Belief,
+}
+
+impl<'a> Believed<'a> {
+    /// The known queues `queues_bits` [bit] at the end of `slot`, by id.
+    #[must_use]
+    pub fn known(slot: u64, sensors: &'a Sensors, queues_bits: &'a [u32]) -> Self {
+        Self { slot, sensors, queues_bits, belief: &Belief::KNOWN }
+    }
+
+    /// The belief.
+    #[inline]
+    #[must_use]
+    pub fn belief(&self) -> &'a Belief {
+        self.belief
+    }
+
+    /// Bits that SN `id` samples per slot.
+    ///
+    /// # Panics
+    /// If the SN is unknown.
+    #[inline]
+    #[must_use]
+    pub fn mean_bits(&self, id: u32) -> f64 {
+        self.belief.mean_bits(self.sensors, id)
+    }
+
+    /// Slots until SN `id` overflows: the room in its buffer divided by its bits per slot; `None` if it does not
+    /// sample.
+    ///
+    /// # Panics
+    /// If the SN is unknown.
+    #[must_use]
+    pub fn deadline_slots(&self, id: u32) -> Option<f64> {
+        let room_bits = f64::from(self.sensors.sampler(id).capacity_bits) - f64::from(self.queues_bits[id as usize]);
+        let mean_bits = self.mean_bits(id);
+        (mean_bits > 0.0).then(|| room_bits / mean_bits)
+    }
+
+    /// How uncertain the queue and the rate of SN `id` are.
+    ///
+    /// # Panics
+    /// If the SN is unknown.
+    #[must_use]
+    pub fn uncertainty(&self, id: u32) -> Uncertainty {
+        match self.belief {
+            Belief::Known => Uncertainty::none(self.queues_bits[id as usize]),
+            Belief::Estimated(estimate) => estimate.uncertainty(self.slot, id),
+        }
+    }
+}

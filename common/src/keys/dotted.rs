@@ -1,0 +1,58 @@
+//! Dotted keys, such as `link.los.a`, in the tables of a scenario.
+
+use toml::{Table, Value};
+
+/// The dotted name of `key` in the table `table`, whose name is empty for the scenario itself.
+#[must_use]
+pub fn join(table: &str, key: &str) -> String {
+    if table.is_empty() { key.to_owned() } else { format!("{table}.{key}") }
+}
+
+/// The dotted name of `key` in the table of the dotted key `sibling`.
+#[must_use]
+pub fn beside(sibling: &str, key: &str) -> String {
+    join(sibling.rsplit_once('.').map_or("", |(table, _)| table), key)
+}
+
+/// Whether the dotted `key` lies in the table `table`.
+#[must_use]
+pub fn is_below(key: &str, table: &str) -> bool {
+    key.strip_prefix(table).is_some_and(|rest| rest.starts_with('.'))
+}
+
+/// The value of a dotted key.
+#[must_use]
+pub fn value<'a>(table: &'a Table, key: &str) -> Option<&'a Value> {
+    let mut names = key.split('.');
+    let first = table.get(names.next()?)?;
+    names.try_fold(first, |table, name| table.get(name))
+}
+
+/// Removes a dotted key, if present.
+pub fn remove(mut table: &mut Table, key: &str) {
+    let mut names: Vec<&str> = key.split('.').collect();
+    let last = names.pop().unwrap_or_default();
+    for name in names {
+        match table.get_mut(name) {
+            Some(Value::Table(inner)) => table = inner,
+            _ => return,
+        }
+    }
+    table.remove(last);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_key_is_found_and_removed_by_its_dotted_name() {
+        let mut table: Table = "a = 1\n[b]\nc = 2\nd = { e = 3 }".parse().unwrap();
+        assert_eq!(value(&table, "b.d.e"), Some(&Value::Integer(3)));
+        assert_eq!(value(&table, "a.c"), None);
+        for key in ["b.d.e", "a.c", "x.y", "b.c"] {
+            remove(&mut table, key);
+        }
+        assert_eq!(table, "a = 1\n[b]\nd = {}".parse().unwrap());
+    }
+}

@@ -1,0 +1,245 @@
+//! Scenario keys, each described once: its name, default, unit, range and meaning.
+//!
+//! [`keys!`](crate::keys!) declares the keys of a table. From this description are made the defaults ([`fill`]), the
+//! checks and their messages ([`read`]), the scenario of `skysink new`, and the page on scenario keys of the book.
+//! Rules between keys are left to [`crate::scenario`] and to the planner.
+
+pub mod dotted;
+mod interval;
+mod reader;
+mod setting;
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use toml::{Table, Value};
+
+pub use interval::Interval;
+pub use reader::{Source, fill, read};
+pub use setting::{Setting, SettingOrigin};
+
+/// A table of a scenario file, declared by [`keys!`](crate::keys!).
+pub trait Keys: Serialize + DeserializeOwned {
+    /// Its keys, in the order in which they are written.
+    const KEYS: &'static [Key];
+}
+
+/// The description of a key.
+#[derive(Debug, Clone, Copy)]
+pub struct Key {
+    /// Its name in its table.
+    pub name: &'static str,
+    /// Its meaning, with the unit in brackets.
+    pub words: &'static str,
+    /// Its default, as TOML; `None` if it is required, or may be absent.
+    pub default: Option<&'static str>,
+    /// Its values.
+    pub accepts: Accepts,
+    /// The condition for its default.
+    pub only: Option<Only>,
+}
+
+impl Key {
+    /// A key without a default.
+    #[must_use]
+    pub const fn new(name: &'static str, words: &'static str, accepts: Accepts) -> Self {
+        Self { name, words: words.trim_ascii(), default: None, accepts, only: None }
+    }
+
+    /// The same key with a default.
+    #[must_use]
+    pub const fn or(self, default: &'static str) -> Self {
+        Self { default: Some(default), ..self }
+    }
+
+    /// The same key under a condition.
+    #[must_use]
+    pub const fn only(self, only: Only) -> Self {
+        Self { only: Some(only), ..self }
+    }
+
+    /// Its default in `table`, which has the keys that are declared before it.
+    ///
+    /// # Panics
+    /// If the declared default is not TOML.
+    #[must_use]
+    pub fn default_in(&self, table: &Table) -> Option<Value> {
+        let default = self.default.filter(|_| self.only.is_none_or(|only| only.holds(table)))?;
+        Some(default.parse().expect("a declared default is TOML"))
+    }
+}
+
+/// A condition on another key of the same table. A key under this condition has its default only where it holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Only {
+    /// The other key.
+    pub key: &'static str,
+    /// Its value.
+    pub value: &'static str,
+    /// What is expected of the key where the condition does not hold; `None` if the key is accepted there, too.
+    pub expected: Option<&'static str>,
+}
+
+impl Only {
+    /// Whether `table` meets the condition.
+    #[must_use]
+    pub fn holds(&self, table: &Table) -> bool {
+        table.get(self.key).and_then(Value::as_str) == Some(self.value)
+    }
+}
+
+/// The values that a key accepts. Messages and the book describe them by the same words.
+#[derive(Debug, Clone, Copy)]
+pub enum Accepts {
+    /// Numbers by a test that is false for NaN.
+    Number(&'static str, fn(f64) -> bool),
+    /// An [`Interval`] of such numbers.
+    Interval(&'static str, fn(f64) -> bool),
+    /// Whole numbers, from the least to the greatest.
+    Whole(u64, u64),
+    /// Texts by a test.
+    Text(&'static str, fn(&str) -> bool),
+    /// The names of the variants of an enum.
+    OneOf(&'static [&'static str]),
+    /// A table with these keys.
+    TableOf(&'static [Key]),
+    /// A list of tables with these keys.
+    ListOf(&'static [Key]),
+    /// Values that a rule checks after all keys are read.
+    Rule(&'static str),
+}
+
+/// Numbers above 0.
+pub const POSITIVE: Accepts = Accepts::Number("a finite number above 0", |number| number > 0.0 && number.is_finite());
+
+/// Numbers from 0.
+pub const NOT_NEGATIVE: Accepts =
+    Accepts::Number("a finite number, 0 or above", |number| number >= 0.0 && number.is_finite());
+
+/// All numbers but infinities and NaN.
+pub const FINITE: Accepts = Accepts::Number("a finite number", f64::is_finite);
+
+/// Gains of links [dB].
+pub const LEVEL_DB: Accepts =
+    Accepts::Number("a level from -300 to 0 dB", |level_db| (-300.0..=0.0).contains(&level_db));
+
+impl Accepts {
+    /// The numbers that it accepts, and intervals of them.
+    #[must_use]
+    pub const fn or_interval(self) -> Self {
+        match self {
+            Self::Number(expected, is_accepted) => Self::Interval(expected, is_accepted),
+            other => other,
+        }
+    }
+
+    /// The keys of the table or tables.
+    #[must_use]
+    pub const fn inner(&self) -> Option<&'static [Key]> {
+        match self {
+            Self::TableOf(keys) | Self::ListOf(keys) => Some(keys),
+            _ => None,
+        }
+    }
+
+    /// What is expected, for messages and for the book.
+    #[must_use]
+    pub fn expected(&self) -> String {
+        match self {
+            Self::Number(expected, _)
+            | Self::Interval(expected, _)
+            | Self::Text(expected, _)
+            | Self::Rule(expected) => (*expected).to_owned(),
+            Self::Whole(least, greatest) => format!("{least} to {greatest}"),
+            Self::OneOf(names) => names.iter().map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(", "),
+            Self::TableOf(_) => "a table".to_owned(),
+            Self::ListOf(_) => "a list of tables".to_owned(),
+        }
+    }
+
+    /// What is expected instead of `value`; `None` if it is accepted, or is of a type that the reader refuses.
+    #[must_use]
+    pub fn refusal(&self, value: &Value) -> Option<String> {
+        match self {
+            Self::Number(_, is_accepted) => (!is_accepted(number(value)?)).then(|| self.expected()),
+            Self::Interval(expected, is_accepted) => {
+                let Some([lowest, highest]) = value.as_array().map(Vec::as_slice) else {
+                    return Self::Number(expected, *is_accepted).refusal(value);
+                };
+                let ends = [number(lowest)?, number(highest)?];
+                let is_refused = !ends.into_iter().all(is_accepted) || !ends.is_sorted();
+                is_refused.then(|| self.expected() + ", the lower first")
+            }
+            Self::Whole(least, greatest) => {
+                let whole = value.as_integer()?;
+                let is_accepted = u64::try_from(whole).is_ok_and(|whole| (*least..=*greatest).contains(&whole));
+                (!is_accepted).then(|| self.expected())
+            }
+            Self::Text(_, is_accepted) => value.as_str().filter(|text| !is_accepted(text)).map(|_| self.expected()),
+            Self::OneOf(_) | Self::TableOf(_) | Self::ListOf(_) | Self::Rule(_) => None,
+        }
+    }
+}
+
+/// The number, if it is one.
+fn number(value: &Value) -> Option<f64> {
+    value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64))
+}
+
+/// All keys below `keys`, the keys of the table `name`, by their dotted names. `name` is empty for the scenario itself.
+#[must_use]
+pub fn all(keys: &'static [Key], name: &str) -> Vec<(String, &'static Key)> {
+    let mut found = Vec::new();
+    for key in keys {
+        let name = dotted::join(name, key.name);
+        let inner = key.accepts.inner().map_or_else(Vec::new, |inner| all(inner, &name));
+        found.push((name, key));
+        found.extend(inner);
+    }
+    found
+}
+
+/// Declares a table of a scenario file: a struct, and the description of each of its fields as a key.
+///
+/// A key is its meaning, name, type, default and [`Accepts`], and, if it depends on another key, [`Only`]:
+///
+/// ```
+/// use serde::{Deserialize, Serialize};
+/// use skysink_common::keys::{Accepts::Whole, Keys, POSITIVE};
+///
+/// skysink_common::keys! {
+///     /// `[battery]`.
+///     #[derive(Debug, Serialize, Deserialize)]
+///     pub struct Battery {
+///         /// Energy of a full battery [Wh].
+///         capacity_wh: f64 = 90.0, POSITIVE;
+///         /// Number of cells in series.
+///         cells: Option<u32>, Whole(1, 12);
+///     }
+/// }
+///
+/// assert_eq!((Battery::KEYS[0].name, Battery::KEYS[0].default), ("capacity_wh", Some("90.0")));
+/// ```
+///
+/// The default is TOML. A key without one is required if its type is not an [`Option`]. A table that is always present
+/// has the default `{}`. Fields that are not keys follow in a block `also { }`.
+#[macro_export]
+macro_rules! keys {
+    ($(#[$attribute:meta])* pub struct $table:ident {
+        $($(#[doc = $words:literal])+ $name:ident: $type:ty $(= $default:expr)?, $accepts:expr $(, $only:expr)?;)*
+        $(also { $($others:tt)* })?
+    }) => {
+        $(#[$attribute])*
+        pub struct $table {
+            $($(#[doc = $words])+ pub $name: $type,)*
+            $($($others)*)?
+        }
+
+        impl $crate::keys::Keys for $table {
+            const KEYS: &'static [$crate::keys::Key] = &[$(
+                $crate::keys::Key::new(stringify!($name), concat!($($words),+), $accepts)
+                    $(.or(stringify!($default)))?
+                    $(.only($only))?
+            ),*];
+        }
+    };
+}

@@ -1,0 +1,147 @@
+//! Reads a table of a scenario: fills in defaults, checks ranges, and makes errors that name the file and the key.
+
+use std::fmt::Display;
+use std::path::Path;
+
+use serde::de::DeserializeOwned;
+use serde_path_to_error::Segment;
+use toml::{Table, Value};
+
+use super::dotted::{is_below, join};
+use super::setting::Setting;
+use super::{Accepts, Key, Keys};
+use crate::error::{InputError, quoted, suggestion};
+
+/// Origin of the values of a scenario, for messages.
+#[derive(Debug, Clone, Copy)]
+pub struct Source<'a> {
+    /// The file.
+    pub path: &'a Path,
+    /// The settings that replaced its values.
+    pub settings: &'a [Setting],
+}
+
+impl Source<'_> {
+    /// The error for the `value` of the dotted `key`.
+    #[must_use]
+    pub fn refusal(self, key: &str, value: &Value, expected: &str) -> InputError {
+        let value = match value {
+            Value::String(text) => format!("\"{}\"", quoted(text)),
+            other => quoted(&other.to_string()),
+        };
+        self.refuse(key, &format!("{} = {value}: ", quoted(key)), format_args!("expected {expected}"))
+    }
+
+    /// The error for `key`, whose value is described by `found`. It names the setting that the value comes from, or
+    /// else the file.
+    fn refuse(self, key: &str, found: &str, message: impl Display) -> InputError {
+        let is_from = |setting: &&Setting| key == setting.key || is_below(key, &setting.key);
+        match self.settings.iter().rfind(is_from) {
+            Some(setting) if key == setting.key => setting.refusal(message),
+            Some(setting) => setting.refusal(format_args!("{found}{message}")),
+            None => {
+                let settings = Setting::list(self.settings);
+                InputError::new("scenario", self.path, format_args!("{found}{message}{settings}"))
+            }
+        }
+    }
+}
+
+/// Fills in the defaults of `keys` that `table`, called `name`, and the tables in it lack, except those of the dotted
+/// names `displaced`.
+pub fn fill(keys: &[Key], name: &str, table: &mut Table, displaced: &[String]) {
+    for key in keys {
+        let name = join(name, key.name);
+        if !table.contains_key(key.name)
+            && !displaced.contains(&name)
+            && let Some(default) = key.default_in(table)
+        {
+            table.insert(key.name.to_owned(), default);
+        }
+        match (key.accepts, table.get_mut(key.name)) {
+            (Accepts::TableOf(keys), Some(Value::Table(inner))) => fill(keys, &name, inner, displaced),
+            (Accepts::ListOf(keys), Some(Value::Array(list))) => {
+                let tables = list.iter_mut().filter_map(Value::as_table_mut);
+                tables.for_each(|inner| fill(keys, &name, inner, displaced));
+            }
+            _ => {}
+        }
+    }
+}
+
+/// Checks the values of `keys` in `table`, called `name`, and in the tables in it.
+fn check(keys: &[Key], name: &str, table: &Table, source: Source) -> Result<(), InputError> {
+    for key in keys {
+        let Some(value) = table.get(key.name) else { continue };
+        let name = join(name, key.name);
+        if let Some(expected) = key.accepts.refusal(value) {
+            return Err(source.refusal(&name, value, &expected));
+        }
+        match (key.accepts, value) {
+            (Accepts::TableOf(keys), Value::Table(inner)) => check(keys, &name, inner, source)?,
+            (Accepts::ListOf(keys), Value::Array(list)) => {
+                let mut tables = list.iter().filter_map(Value::as_table);
+                tables.try_for_each(|inner| check(keys, &name, inner, source))?;
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+/// Reads `table`, which has all defaults, as a `T`. `name` is its dotted name in the scenario, empty for the scenario
+/// itself.
+///
+/// # Errors
+/// If a key is unknown or missing, or its value is out of range or of another type.
+pub fn read<T: Keys>(table: Table, name: &str, source: Source) -> Result<T, InputError> {
+    check(T::KEYS, name, &table, source)?;
+    deserialize(table, name, source)
+}
+
+/// The message of serde becomes one about a key of the scenario.
+fn deserialize<T: DeserializeOwned>(table: Table, name: &str, source: Source) -> Result<T, InputError> {
+    let table = Value::Table(table);
+    serde_path_to_error::deserialize(table.clone()).map_err(|error| {
+        let mut found = Some(&table);
+        let mut key = name.to_owned();
+        for segment in error.path() {
+            match segment {
+                Segment::Map { key: inner } => {
+                    key = join(&key, inner);
+                    found = found.and_then(|outer| outer.get(inner));
+                }
+                Segment::Seq { index } => {
+                    let inner = found.and_then(|outer| outer.get(*index));
+                    if let (Some(outer), Some(Value::Table(_))) = (found, inner) {
+                        return source.refusal(&key, outer, &format!("a table, [{key}]"));
+                    }
+                    found = inner;
+                }
+                Segment::Enum { .. } | Segment::Unknown => {}
+            }
+        }
+        let message = error.inner().message();
+        match (found.filter(|_| !key.is_empty()), message.rsplit_once("expected ")) {
+            (Some(value), Some((_, expected))) => {
+                let plain = match expected {
+                    "u32" | "u64" | "usize" if value.is_float() => "a whole number, without decimal point or exponent",
+                    "u32" | "u64" | "usize" => "a whole number",
+                    "f64" => "a number",
+                    "string only" => "a string",
+                    "fewer elements in array" => "two numbers",
+                    other => other,
+                };
+                source.refusal(&key, value, &(plain.to_owned() + &suggestion(message)))
+            }
+            _ => {
+                let location = if key.is_empty() { String::new() } else { format!("{key}: ") };
+                let message = match message.strip_prefix("missing field ") {
+                    Some(name) => format!("missing {name}: this key is required"),
+                    None => message.to_owned() + &suggestion(message),
+                };
+                source.refuse(&key, &location, message)
+            }
+        }
+    })
+}

@@ -1,0 +1,73 @@
+//! `[area]`: the area that is flown over.
+
+use serde::{Deserialize, Serialize};
+
+use crate::geometry::Position;
+use crate::keys::{Accepts, POSITIVE};
+
+crate::keys! {
+    /// `[area]`: the area `[0, width] × [0, height]`, closed.
+    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, expecting = "a table")]
+    pub struct Area {
+        /// Side of a square area [m], or `width_m` and `height_m`. The area is `[0, width] × [0, height]`, closed.
+        side_m: Option<f64> = 100.0, POSITIVE;
+        /// Extent in x, to the east [m]; with `height_m`.
+        width_m: Option<f64>, POSITIVE;
+        /// Extent in y, to the north [m]; with `width_m`.
+        height_m: Option<f64>, POSITIVE;
+        /// Geodetic latitude of the area's south-west corner on the WGS84 ellipsoid [°]; with `origin_lon_deg`. Both
+        /// are required by a sensor list with `lat_deg,lon_deg`.
+        origin_lat_deg: Option<f64>, Accepts::Number("a latitude, -90 to 90", |lat_deg| lat_deg.abs() <= 90.0);
+        /// Longitude of the same corner [°]; with `origin_lat_deg`.
+        origin_lon_deg: Option<f64>, Accepts::Number("a longitude, -180 to 180", |lon_deg| lon_deg.abs() <= 180.0);
+    }
+}
+
+impl Area {
+    /// An area without geodetic coordinates.
+    #[must_use]
+    pub const fn new(width_m: f64, height_m: f64) -> Self {
+        Self {
+            side_m: None,
+            width_m: Some(width_m),
+            height_m: Some(height_m),
+            origin_lat_deg: None,
+            origin_lon_deg: None,
+        }
+    }
+
+    /// Extent in x [m].
+    #[must_use]
+    pub fn width_m(&self) -> f64 {
+        self.width_m.or(self.side_m).unwrap_or(f64::NAN)
+    }
+
+    /// Extent in y [m].
+    #[must_use]
+    pub fn height_m(&self) -> f64 {
+        self.height_m.or(self.side_m).unwrap_or(f64::NAN)
+    }
+
+    /// Its south-west corner on the ellipsoid; `None` without geodetic coordinates.
+    #[must_use]
+    pub fn origin(&self) -> Option<Origin> {
+        Some(Origin { lat_deg: self.origin_lat_deg?, lon_deg: self.origin_lon_deg? })
+    }
+
+    /// Whether a position lies in the closed area, up to `slack_m` [m]; false for NaN.
+    #[must_use]
+    pub fn contains(&self, position: &Position, slack_m: f64) -> bool {
+        (-slack_m..=self.width_m() + slack_m).contains(&position.x)
+            && (-slack_m..=self.height_m() + slack_m).contains(&position.y)
+    }
+}
+
+/// The south-west corner of the area on the WGS84 ellipsoid, at altitude 0.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Origin {
+    /// Geodetic latitude [°], −90 to 90.
+    pub lat_deg: f64,
+    /// Longitude [°], −180 to 180.
+    pub lon_deg: f64,
+}

@@ -1,0 +1,157 @@
+//! The checked scenario: its keys and tables, and what follows from them.
+
+use std::path::{Path, PathBuf};
+
+use nalgebra::Point3;
+use serde::{Deserialize, Serialize};
+use toml::{Table, Value};
+
+use super::area::Area;
+use super::planner::PlannerKeys;
+use super::sensors::SensorKeys;
+use super::uav::UavKeys;
+use crate::channel::LinkBudget;
+use crate::error::InputError;
+use crate::keys::{self, Accepts, Keys, POSITIVE, Setting, Source};
+
+/// Largest seed: the largest integer of TOML.
+pub const MAX_SEED: u64 = i64::MAX as u64;
+
+/// Slots of the longest mission.
+const MAX_SLOTS: u64 = 1_000_000_000;
+
+/// Longest name of a mission [bytes]: names become folders, whose names end at 255 bytes.
+const MAX_NAME_BYTES: usize = 100;
+
+/// Names that folders can have.
+const NAME: Accepts = Accepts::Text("1 to 100 of A-Z a-z 0-9 . _ - (it becomes a folder)", |name| {
+    let is_allowed = |byte: u8| byte.is_ascii_alphanumeric() || b"._-".contains(&byte);
+    let is_dots = name.bytes().all(|byte| byte == b'.');
+    (1..=MAX_NAME_BYTES).contains(&name.len()) && name.bytes().all(is_allowed) && !is_dots
+});
+
+crate::keys! {
+    /// A checked scenario: the keys of its file with all defaults.
+    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, expecting = "a table")]
+    pub struct Scenario {
+        /// Name of the mission; required. It is part of the name of the run folder.
+        name: String, NAME;
+        /// Seed of every random number of the mission.
+        seed: u64 = 1, Accepts::Whole(0, MAX_SEED);
+        /// Number of slots, `T`.
+        slots: u64 = 600, Accepts::Whole(1, MAX_SLOTS);
+        /// Length of a slot, `τ` [s].
+        slot_s: f64 = 1.0, POSITIVE;
+        /// The area that is flown over.
+        area: Area = {}, Accepts::TableOf(Area::KEYS);
+        /// The sensor nodes.
+        sensors: SensorKeys = {}, Accepts::TableOf(SensorKeys::KEYS);
+        /// The vehicle.
+        uav: UavKeys = {}, Accepts::TableOf(UavKeys::KEYS);
+        /// The radio and the channel model.
+        link: LinkBudget = {}, Accepts::TableOf(LinkBudget::KEYS);
+        /// The strategy and its keys, which the planner checks.
+        planner: PlannerKeys = {}, Accepts::TableOf(PlannerKeys::KEYS);
+        also {
+            /// The file that it was read from, for messages.
+            #[serde(skip)]
+            pub path: PathBuf,
+            /// The settings that replaced values of the file, for messages.
+            #[serde(skip)]
+            pub settings: Vec<Setting>,
+        }
+    }
+}
+
+impl Scenario {
+    /// The origin of its values, for messages.
+    fn source(&self) -> Source<'_> {
+        Source { path: &self.path, settings: &self.settings }
+    }
+
+    /// The scenario as a TOML file with all keys.
+    ///
+    /// # Panics
+    /// Never: a scenario consists of tables of numbers and strings.
+    #[must_use]
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).expect("a scenario consists of tables of numbers and strings")
+    }
+
+    /// The scenario as a TOML file, with the sensor list in the file `list` of the same folder.
+    #[must_use]
+    pub fn to_toml_with_list(&self, list: &str) -> String {
+        let sensors = SensorKeys { count: None, file: Some(list.into()), ..self.sensors.clone() };
+        Self { sensors, ..self.clone() }.to_toml()
+    }
+
+    /// Hash (XXH3) of all keys except the origin of the sensor list, which is published on the topic `sensors`.
+    #[must_use]
+    pub fn hash(&self) -> u64 {
+        xxhash_rust::xxh3::xxh3_64(self.to_toml_with_list("").as_bytes())
+    }
+
+    /// The file of the sensor list; `None` if the list is drawn.
+    #[must_use]
+    pub fn sensor_file(&self) -> Option<PathBuf> {
+        self.sensors.file.as_ref().map(|file| self.path.parent().unwrap_or(Path::new("")).join(file))
+    }
+
+    /// Start of the UAV [m].
+    #[must_use]
+    pub fn start(&self) -> Point3<f64> {
+        let [x_m, y_m] = self.uav.start_m.unwrap_or([f64::NAN; 2]);
+        Point3::new(x_m, y_m, self.uav.altitude_m)
+    }
+
+    /// The lowest and the highest altitude that can be reached in one slot from `altitude_m` [m].
+    #[must_use]
+    pub fn altitudes_m(&self, altitude_m: f64) -> [f64; 2] {
+        self.uav.climb().map_or([altitude_m; 2], |climb| {
+            let step_m = climb.max_climb_mps * self.slot_s;
+            [(altitude_m - step_m).max(climb.min_altitude_m), (altitude_m + step_m).min(climb.max_altitude_m)]
+        })
+    }
+
+    /// Farthest flight in one slot, `V_max τ` [m].
+    #[must_use]
+    pub fn reach_m(&self) -> f64 {
+        self.uav.max_speed_mps * self.slot_s
+    }
+
+    /// Reads `[planner]` as a `T`, with all defaults: `table` is `"planner"`, or the dotted name of one of its tables, such as
+    /// `"planner.horizon"`. A missing table is read as an empty one.
+    ///
+    /// # Errors
+    /// If `T` refuses a key or its value; the error names it.
+    pub fn planner_keys<T: Keys>(&self, table: &str) -> Result<T, InputError> {
+        let mut keys = match table.strip_prefix("planner.").map(|name| self.planner.others.get(name)) {
+            Some(Some(Value::Table(keys))) => keys.clone(),
+            Some(Some(other)) => return Err(self.refusal(table, other, "a table")),
+            Some(None) => Table::new(),
+            None => Table::try_from(&self.planner).expect("it was read from TOML"),
+        };
+        keys::fill(T::KEYS, table, &mut keys, &[]);
+        keys::read(keys, table, self.source())
+    }
+
+    /// The same scenario with `keys` as `[planner]`, such as the checked keys with all defaults.
+    ///
+    /// # Errors
+    /// If `keys` have no strategy.
+    ///
+    /// # Panics
+    /// If `keys` cannot be written as TOML.
+    pub fn with_planner_keys(mut self, keys: &impl Serialize) -> Result<Self, InputError> {
+        let keys = Table::try_from(keys).expect("keys are plain tables of numbers and strings");
+        self.planner = keys::read(keys, "planner", self.source())?;
+        Ok(self)
+    }
+
+    /// The error for the `value` of `key`.
+    #[must_use]
+    pub fn refusal(&self, key: &str, value: &Value, expected: &str) -> InputError {
+        self.source().refusal(key, value, expected)
+    }
+}

@@ -1,0 +1,44 @@
+//! `[sensors]`: the sensor nodes (SNs), before their list is drawn or read.
+
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+
+use crate::keys::{Accepts, Interval, NOT_NEGATIVE};
+
+/// Most sensor nodes of a field.
+pub(crate) const MAX_SENSORS: u64 = 10_000_000;
+
+/// Most bits that one sensor node may sample in a mission: counted through `f64`, which is exact up to 2^53.
+pub(crate) const MAX_SAMPLED_BITS: f64 = 9.0e15;
+
+/// Most bits that all sensor nodes together may sample in a mission: the totals of the ledger are `u64`.
+pub(crate) const MAX_FIELD_BITS: f64 = 9.0e18;
+
+/// Numbers of bits that fit into a queue.
+const QUEUE_BITS: Accepts =
+    Accepts::Interval("0 to 4294967295 bits", |queue_bits| (0.0..=4_294_967_295.0).contains(&queue_bits));
+
+/// Paths.
+const PATH: Accepts = Accepts::Text("the path of a CSV file, relative to the scenario", |path| !path.is_empty());
+
+crate::keys! {
+    /// `[sensors]`: the sensor nodes, before their list is drawn or read.
+    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, expecting = "a table")]
+    pub struct SensorKeys {
+        /// Number of sensor nodes (SNs), or `file`. They are drawn uniformly over the area from the seed.
+        count: Option<u32> = 200, Accepts::Whole(1, MAX_SENSORS);
+        /// CSV file of the sensor list; instead of `count`.
+        file: Option<PathBuf>, PATH;
+        /// Buffer of each SN, `B` [bit]; overflow is lost.
+        capacity_bits: u32 = 30000, Accepts::Whole(1, u32::MAX as u64);
+        /// Sampling rate, `s` [bit/s]; from an interval each SN draws its own, uniformly. A column of the sensor list has
+        /// priority. At the highest rate an SN samples at most 9·10^15 bits in the mission, and all together at most
+        /// 9·10^18.
+        sampling_bps: Interval = 100.0, NOT_NEGATIVE.or_interval();
+        /// Mean of the Poisson queue before slot 1, `λ` [bit]; from an interval each SN draws its own mean, uniformly.
+        /// Draws are capped at the buffer. A column of the sensor list has priority.
+        initial_queue_mean_bits: Interval = 10000.0, QUEUE_BITS;
+    }
+}

@@ -1,0 +1,95 @@
+//! `[uav]`: the vehicle.
+
+use serde::{Deserialize, Serialize};
+use strum::VariantNames;
+
+use crate::keys::{Accepts, NOT_NEGATIVE, Only, POSITIVE};
+
+/// Keys of a free altitude.
+const FREE: Only = Only { key: "altitude", value: "free", expected: None };
+
+crate::keys! {
+    /// `[uav]`: the vehicle.
+    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, expecting = "a table")]
+    pub struct UavKeys {
+        /// Whether the altitude may change; `"free"` needs `link.model = "probabilistic-los"`.
+        altitude: AltitudeMode = "fixed", Accepts::OneOf(AltitudeMode::VARIANTS);
+        /// Altitude, `H` [m]; the initial one if it is free.
+        altitude_m: f64 = 20.0, POSITIVE;
+        /// Lowest altitude, `H_min` [m].
+        min_altitude_m: Option<f64> = 20.0, POSITIVE, FREE;
+        /// Highest altitude, `H_max` [m].
+        max_altitude_m: Option<f64> = 120.0, POSITIVE, FREE;
+        /// Fastest climb and descent, `V_z` [m/s]; `max_speed_mps` is the horizontal limit.
+        max_climb_mps: Option<f64> = 5.0, NOT_NEGATIVE, FREE;
+        /// Top speed, `V_max` [m/s]; the reach in a slot is `V_max τ`.
+        max_speed_mps: f64 = 30.0, POSITIVE;
+        /// Longest flight, `T_e` [s], at least `slots × slot_s`.
+        endurance_s: f64 = 600.0, POSITIVE;
+        /// Start, `[x, y]` [m]; the default is the centre of the area, and a checked scenario has the key.
+        start_m: Option<[f64; 2]>, Accepts::Rule("a position in the area");
+        /// Parameters of the propulsion power.
+        propulsion: Propulsion = {}, Accepts::TableOf(Propulsion::KEYS);
+    }
+}
+
+/// Limits of a free altitude.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Climb {
+    /// Lowest altitude `H_min` [m].
+    pub min_altitude_m: f64,
+    /// Highest altitude `H_max` [m].
+    pub max_altitude_m: f64,
+    /// Fastest climb and descent `V_z` [m/s].
+    pub max_climb_mps: f64,
+}
+
+impl UavKeys {
+    /// The limits of a free altitude; `None` if the altitude is fixed.
+    #[must_use]
+    pub fn climb(&self) -> Option<Climb> {
+        let climb = Climb {
+            min_altitude_m: self.min_altitude_m?,
+            max_altitude_m: self.max_altitude_m?,
+            max_climb_mps: self.max_climb_mps?,
+        };
+        (self.altitude == AltitudeMode::Free).then_some(climb)
+    }
+}
+
+crate::keys! {
+    /// `[uav.propulsion]`: a rotary-wing aircraft in the model of Zeng, Xu and Zhang, "Energy Minimization for Wireless
+    /// Communication With Rotary-Wing UAV", IEEE Trans. Wireless Commun. 18(4), 2019, with the values of its table I.
+    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, expecting = "a table")]
+    pub struct Propulsion {
+        /// Blade profile power in hovering, `P_0` [W].
+        blade_profile_w: f64 = 79.86, POSITIVE;
+        /// Induced power in hovering, `P_i` [W].
+        induced_w: f64 = 88.63, POSITIVE;
+        /// Speed of the rotor's blade tips, `U_tip` [m/s].
+        tip_speed_mps: f64 = 120.0, POSITIVE;
+        /// Mean rotor induced velocity in hovering, `v_0` [m/s].
+        hover_induced_mps: f64 = 4.03, POSITIVE;
+        /// Fuselage drag ratio, `d_0`.
+        drag_ratio: f64 = 0.6, NOT_NEGATIVE;
+        /// Air density, `ρ` [kg/m³].
+        air_density_kgpm3: f64 = 1.225, POSITIVE;
+        /// Rotor solidity, `s`.
+        rotor_solidity: f64 = 0.05, POSITIVE;
+        /// Rotor disc area, `A` [m²].
+        rotor_disc_m2: f64 = 0.503, POSITIVE;
+    }
+}
+
+/// Whether the UAV may change its altitude.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, VariantNames)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum AltitudeMode {
+    /// Constant altitude.
+    Fixed,
+    /// The UAV climbs and descends within a range.
+    Free,
+}

@@ -1,0 +1,181 @@
+//! The sensor list: drawn from the seed or read from a CSV file, and written back with all columns.
+//!
+//! The rows of a file are left to `rows`.
+
+use std::path::Path;
+
+use rand::RngExt;
+use rand_distr::{Distribution, Poisson};
+
+use super::rows;
+use crate::arrivals::mean_bits;
+use crate::channel::draw_gain_db;
+use crate::error::{InputError, read_text};
+use crate::geometry::Position;
+use crate::message::SensorNode;
+use crate::random::{Purpose, Streams};
+use crate::sampling::Sampling;
+use crate::scenario::{Interval, Scenario};
+use crate::units::ratio_of_db;
+
+/// One sensor node of the list.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sensor {
+    /// Position, `L_i`.
+    pub position: Position,
+    /// Queue before slot 1 [bit], at most the buffer.
+    pub queue_bits: u32,
+    /// Reference channel gain at 1 m, `α_i` [dB].
+    pub gain_db: f64,
+    /// Sampling rate `s_i` [bit/s].
+    pub sampling_bps: f64,
+}
+
+/// All sensor nodes of a mission, at least one; SN i is entry i.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SensorList {
+    sensors: Vec<Sensor>,
+    /// Buffer of each, `B` [bit].
+    capacity_bits: u32,
+}
+
+impl SensorList {
+    /// The sensor nodes of a scenario: drawn from its seed, or read from its file.
+    ///
+    /// # Errors
+    /// If the file cannot be read or has an invalid row.
+    pub fn of(scenario: &Scenario) -> Result<Self, InputError> {
+        let Some(path) = scenario.sensor_file() else {
+            let count = scenario.sensors.count.unwrap_or(0);
+            return Ok(Self::new((0..count).map(|id| draw(scenario, id)).collect(), scenario));
+        };
+        let text = read_text("sensor list", &path).map_err(|error| {
+            let source = path.with_file_name("SOURCE.md");
+            let key = "the file of sensors.file in";
+            let scenario = scenario.path.display();
+            let remedy =
+                if source.is_file() { format!("; {} says how to get it", source.display()) } else { String::new() };
+            InputError::new("sensor list", &path, format_args!("{} ({key} {scenario}){remedy}", error.message))
+        })?;
+        Self::parse(&text, &path, scenario)
+    }
+
+    /// Parses the text of the list `path`. Missing columns are drawn, or filled with the value of the scenario;
+    /// latitude and longitude are projected onto the area.
+    ///
+    /// # Errors
+    /// If a row is invalid, or there is none.
+    pub fn parse(text: &str, path: &Path, scenario: &Scenario) -> Result<Self, InputError> {
+        Self::parse_rows(text, path, scenario, |_, line| format!("line {line}"))
+    }
+
+    /// Parses a list that was converted from the file `path`. For errors, `locate` describes the origin of a row, given
+    /// its index and its line in the text.
+    ///
+    /// # Errors
+    /// If a row is invalid, or there is none.
+    pub fn parse_rows(
+        text: &str,
+        path: &Path,
+        scenario: &Scenario,
+        locate: impl Fn(usize, u64) -> String,
+    ) -> Result<Self, InputError> {
+        let refuse = |message| InputError::new("sensor list", path, message);
+        rows::read(text, scenario, locate).map(|sensors| Self::new(sensors, scenario)).map_err(refuse)
+    }
+
+    fn new(sensors: Vec<Sensor>, scenario: &Scenario) -> Self {
+        Self { sensors, capacity_bits: scenario.sensors.capacity_bits }
+    }
+
+    /// Hash (XXH3) of the list as a CSV file, seeded with the hash of its scenario.
+    #[must_use]
+    pub fn hash(&self, scenario_hash: u64) -> u64 {
+        xxhash_rust::xxh3::xxh3_64_with_seed(self.to_csv().as_bytes(), scenario_hash)
+    }
+
+    /// The list as a CSV file with all columns; floats round-trip exactly.
+    #[must_use]
+    pub fn to_csv(&self) -> String {
+        let mut text = rows::WRITTEN.join(",") + "\n";
+        for Sensor { position, queue_bits, gain_db, sampling_bps } in &self.sensors {
+            let line = format!("{},{},{queue_bits},{gain_db},{sampling_bps}\n", position.x, position.y);
+            text.push_str(&line);
+        }
+        text
+    }
+
+    /// The sensor nodes, by id.
+    #[must_use]
+    pub fn sensors(&self) -> &[Sensor] {
+        &self.sensors
+    }
+
+    /// The queues before slot 1 [bit], by id.
+    #[must_use]
+    pub fn queues_bits(&self) -> Vec<u32> {
+        self.sensors.iter().map(|sensor| sensor.queue_bits).collect()
+    }
+
+    /// The sampling of the sensor nodes in the slots of their scenario.
+    #[must_use]
+    pub fn sampling(&self, scenario: &Scenario) -> Sampling {
+        let mean_bits = self.sensors.iter().map(|sensor| mean_bits(sensor.sampling_bps, scenario.slot_s)).collect();
+        Sampling::new(mean_bits, vec![self.capacity_bits; self.sensors.len()])
+    }
+
+    /// The list as published on the topic `sensors`.
+    #[must_use]
+    pub fn nodes(&self) -> Vec<SensorNode> {
+        let node = |sensor: &Sensor| SensorNode {
+            x_m: sensor.position.x,
+            y_m: sensor.position.y,
+            gain: ratio_of_db(sensor.gain_db),
+            sampling_bps: sensor.sampling_bps,
+            capacity_bits: self.capacity_bits,
+            reserved: 0,
+        };
+        self.sensors.iter().map(node).collect()
+    }
+}
+
+/// Draws sensor node `id` from the seed.
+fn draw(scenario: &Scenario, id: u32) -> Sensor {
+    let mut stream = Streams::new(scenario.seed).stream(Purpose::Position, 0, id);
+    let x_m = stream.random::<f64>() * scenario.area.width_m();
+    let y_m = stream.random::<f64>() * scenario.area.height_m();
+    Sensor {
+        position: Position::new(x_m, y_m),
+        queue_bits: draw_queue_bits(scenario, id),
+        gain_db: draw_gain_db(scenario.link.gain_range_db(), &Streams::new(scenario.seed), 0, id),
+        sampling_bps: draw_sampling_bps(scenario, id),
+    }
+}
+
+/// Sampling rate [bit/s] of sensor node `id`.
+pub(super) fn draw_sampling_bps(scenario: &Scenario, id: u32) -> f64 {
+    draw_between(scenario, scenario.sensors.sampling_bps, Purpose::SamplingRate, id)
+}
+
+/// Draws a number for sensor node `id`, uniform in the interval.
+fn draw_between(scenario: &Scenario, interval: Interval, purpose: Purpose, id: u32) -> f64 {
+    let [lowest, highest] = interval.ends();
+    if lowest == highest {
+        return lowest;
+    }
+    let fraction: f64 = Streams::new(scenario.seed).stream(purpose, 0, id).random();
+    (lowest + (highest - lowest) * fraction).min(highest)
+}
+
+/// Initial queue [bit] of sensor node `id`: Poisson with a mean drawn for it, capped at the buffer.
+pub(super) fn draw_queue_bits(scenario: &Scenario, id: u32) -> u32 {
+    let mean_bits = draw_between(scenario, scenario.sensors.initial_queue_mean_bits, Purpose::InitialQueueMean, id);
+    if mean_bits == 0.0 {
+        return 0;
+    }
+    let mut stream = Streams::new(scenario.seed).stream(Purpose::InitialQueue, 0, id);
+    let drawn_bits: f64 = Poisson::new(mean_bits)
+        .expect("a mean in the scenario's range is finite, and above 0 here")
+        .sample(&mut stream);
+    drawn_bits.min(f64::from(scenario.sensors.capacity_bits)) as u32
+}

@@ -1,0 +1,180 @@
+//! The rows of a sensor list: its columns, and one checked sensor node per row.
+//!
+//! `list` draws the values of missing columns, and adds the file name to errors.
+
+use std::ops::RangeInclusive;
+
+use super::list::{Sensor, draw_queue_bits, draw_sampling_bps};
+use super::projection::Projection;
+use crate::channel::{Channel, ChannelModel, draw_gain_db};
+use crate::error::quoted;
+use crate::geometry::Position;
+use crate::random::Streams;
+use crate::scenario::{Area, MAX_FIELD_BITS, MAX_SAMPLED_BITS, MAX_SENSORS, Scenario};
+
+/// Columns in which a list is written, in this order.
+pub(super) const WRITTEN: [&str; 5] = ["x_m", "y_m", "queue_bits", "gain_db", "sampling_bps"];
+
+/// Columns that a list may have.
+const COLUMNS: [&str; 7] = ["x_m", "y_m", "lat_deg", "lon_deg", "queue_bits", "gain_db", "sampling_bps"];
+
+/// A projected position up to this far [m] outside the area is moved to its border, so that rounding does not exclude
+/// the meridian of the origin.
+const RIM_SLACK_M: f64 = 1e-6;
+
+/// Reads the text of a list; sensor node i is row i. The error names the row by `locate`, given its index and line, the
+/// value, and what was expected.
+pub(super) fn read(
+    text: &str,
+    scenario: &Scenario,
+    locate: impl Fn(usize, u64) -> String,
+) -> Result<Vec<Sensor>, String> {
+    let in_header = |message: String| format!("line 1: {message}");
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).from_reader(text.as_bytes());
+    let header = reader.headers().map_err(|error| in_header(error.to_string()))?.clone();
+    let table = Table::of(&header, scenario).map_err(in_header)?;
+    let mission_s = scenario.slot_s * scenario.slots as f64;
+    let mut sensors = Vec::new();
+    let mut field_bits = 0.0;
+    for row in reader.records() {
+        let at = |position: Option<&csv::Position>, message: String| {
+            format!("{}: {message}", locate(sensors.len(), line_of(text, position)))
+        };
+        let row = row.map_err(|error| at(error.position(), "expected UTF-8 text".to_owned()))?;
+        let line = row.position();
+        if row.len() != header.len() {
+            return Err(at(line, format!("{} fields: expected {}, as in the header", row.len(), header.len())));
+        }
+        if sensors.len() as u64 == MAX_SENSORS {
+            return Err(at(line, format!("more than {MAX_SENSORS} rows: expected at most {MAX_SENSORS} sensor nodes")));
+        }
+        let id = sensors.len() as u32;
+        let sensor = table.sensor(&row, id).map_err(|message| at(line, message))?;
+        field_bits += sensor.sampling_bps * mission_s;
+        if field_bits > MAX_FIELD_BITS {
+            let expected = "at most 9e18 bits over the mission from all sensor nodes";
+            return Err(at(line, format!("sampling_bps = {}: expected {expected}", sensor.sampling_bps)));
+        }
+        sensors.push(sensor);
+    }
+    if sensors.is_empty() {
+        return Err(in_header("no rows: expected at least one sensor node".to_owned()));
+    }
+    Ok(sensors)
+}
+
+/// The line of a record in `text`, from 1. The position of [`csv`] is that of the first empty line before the record.
+#[must_use]
+pub fn line_of(text: &str, position: Option<&csv::Position>) -> u64 {
+    let Some(position) = position else { return 0 };
+    let rest = text.as_bytes().get(position.byte() as usize..).unwrap_or_default();
+    let empty = rest.iter().take_while(|byte| b"\r\n".contains(byte)).filter(|&&byte| byte == b'\n').count();
+    position.line() + empty as u64
+}
+
+/// The columns of one list.
+struct Table<'a> {
+    scenario: &'a Scenario,
+    header: &'a csv::StringRecord,
+    /// `None` if positions are in metres from the south-west corner of the area.
+    projection: Option<Projection>,
+    /// Whether the column of gains counts.
+    has_own_gains: bool,
+}
+
+impl<'a> Table<'a> {
+    fn of(header: &'a csv::StringRecord, scenario: &'a Scenario) -> Result<Self, String> {
+        let names: Vec<&str> = header.iter().collect();
+        for (index, name) in names.iter().enumerate() {
+            if !COLUMNS.contains(name) {
+                return Err(format!("column `{}`: expected one of {}", quoted(name), COLUMNS.join(",")));
+            }
+            if names[..index].contains(name) {
+                return Err(format!("column `{}` twice: expected it once", quoted(name)));
+            }
+        }
+        let refuse = |expected: &str| format!("header `{}`: expected {expected}", quoted(&names.join(",")));
+        let projection = match ["x_m", "y_m", "lat_deg", "lon_deg"].map(|name| names.contains(&name)) {
+            [true, true, false, false] => None,
+            [false, false, true, true] => {
+                let expected = "area.origin_lat_deg and area.origin_lon_deg in the scenario";
+                Some(Projection::at(scenario.area.origin().ok_or_else(|| refuse(expected))?))
+            }
+            _ => {
+                let columns = "x_m,y_m or lat_deg,lon_deg, not both, and optionally queue_bits,gain_db,sampling_bps";
+                return Err(refuse(columns));
+            }
+        };
+        Ok(Self { scenario, header, projection, has_own_gains: Channel::of(&scenario.link).has_own_gains() })
+    }
+
+    /// Reads one row; the error names the column, the value and what was expected.
+    fn sensor(&self, row: &csv::StringRecord, id: u32) -> Result<Sensor, String> {
+        let scenario = self.scenario;
+        let position = self.position(row)?;
+        let capacity = f64::from(scenario.sensors.capacity_bits);
+        let is_queue = |value: f64| (0.0..=capacity).contains(&value) && value.fract() == 0.0;
+        let expected = format!("whole bits, 0 to the buffer's {capacity}");
+        let queue_bits = self.number(row, "queue_bits", &expected, is_queue)?;
+        let is_level = |value: f64| (-300.0..=0.0).contains(&value);
+        let gain_db = self.number(row, "gain_db", "a level from -300 to 0 dB", is_level)?;
+        let highest_bps = MAX_SAMPLED_BITS / (scenario.slot_s * scenario.slots as f64);
+        let is_rate = |value: f64| (0.0..=highest_bps).contains(&value);
+        let expected = "a finite rate, 0 or above, at most 9e15 bits over the mission";
+        let sampling_bps = self.number(row, "sampling_bps", expected, is_rate)?;
+        Ok(Sensor {
+            position,
+            queue_bits: queue_bits.map_or_else(|| draw_queue_bits(scenario, id), |bits| bits as u32),
+            // In a channel with one gain for all the column is ignored.
+            gain_db: gain_db
+                .filter(|_| self.has_own_gains)
+                .unwrap_or_else(|| draw_gain_db(scenario.link.gain_range_db(), &Streams::new(scenario.seed), 0, id)),
+            sampling_bps: sampling_bps.unwrap_or_else(|| draw_sampling_bps(scenario, id)),
+        })
+    }
+
+    fn position(&self, row: &csv::StringRecord) -> Result<Position, String> {
+        let area = self.scenario.area;
+        let coordinate = |column, expected: &str, range: RangeInclusive<f64>| {
+            let number = self.number(row, column, expected, |value| range.contains(&value))?;
+            Ok::<f64, String>(number.expect("the header has both columns"))
+        };
+        let Some(projection) = &self.projection else {
+            let within = |column, extent_m: f64| {
+                coordinate(column, &format!("a position in the area, 0 to {extent_m}"), 0.0..=extent_m)
+            };
+            return Ok(Position::new(within("x_m", area.width_m())?, within("y_m", area.height_m())?));
+        };
+        let lat_deg = coordinate("lat_deg", "a latitude, -90 to 90", -90.0..=90.0)?;
+        let lon_deg = coordinate("lon_deg", "a longitude, -180 to 180", -180.0..=180.0)?;
+        let projected = projection.project(lat_deg, lon_deg);
+        let located = clamp_to_area(area, projected);
+        located.map_err(|reason| format!("lat_deg = {lat_deg}, lon_deg = {lon_deg}: {reason}"))
+    }
+
+    /// The number of a row in `column`; `None` if the list has no such column.
+    fn number(
+        &self,
+        row: &csv::StringRecord,
+        column: &str,
+        expected: &str,
+        is_accepted: impl Fn(f64) -> bool,
+    ) -> Result<Option<f64>, String> {
+        let Some(index) = self.header.iter().position(|name| name == column) else { return Ok(None) };
+        let number = row[index].parse::<f64>().ok().filter(|&value| is_accepted(value));
+        number.map(Some).ok_or_else(|| format!("{column} = {}: expected {expected}", quoted(&row[index])))
+    }
+}
+
+/// The projected position, clamped to the area if it is at most [`RIM_SLACK_M`] outside; otherwise an error with the
+/// position and what was expected.
+fn clamp_to_area(area: Area, projected: Option<Position>) -> Result<Position, String> {
+    let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m(), area.height_m());
+    let Some(position) = projected else {
+        return Err(format!("on the far side of the Earth: expected {expected}"));
+    };
+    if area.contains(&position, RIM_SLACK_M) {
+        return Ok(Position::new(position.x.clamp(0.0, area.width_m()), position.y.clamp(0.0, area.height_m())));
+    }
+    Err(format!("{:.3} m east and {:.3} m north of the origin: expected {expected}", position.x, position.y))
+}

@@ -1,0 +1,39 @@
+//! What a slot of a mission leaves, by UAV.
+
+use smallvec::SmallVec;
+
+use crate::message::{FlightReport, PathPoint, Plan, QueuesHeader};
+
+/// The number of UAVs of a mission.
+pub const UAVS: usize = 1;
+
+/// The UAV of a mission, by its number.
+pub const UAV: usize = 0;
+
+/// One item for each UAV, in the order of their numbers. The item of a single UAV needs no allocation.
+pub type ByUav<T> = SmallVec<[T; 1]>;
+
+/// The plans of a slot; a UAV without one holds its position.
+pub type Plans = ByUav<Option<Plan>>;
+
+/// What a slot leaves: the plans, the flights, and the ledger after them.
+#[derive(Debug, Clone)]
+pub struct SlotRecord {
+    /// The plans. In a ring, a plan is also here if it came too late to be flown.
+    pub plans: Plans,
+    /// The planned paths, each with the waypoint of the slot first. Empty for a planner that does not look ahead, and in
+    /// a ring.
+    pub paths: ByUav<Vec<PathPoint>>,
+    /// The flights.
+    pub flights: ByUav<FlightReport>,
+    /// The ledger after the slot.
+    pub header: QueuesHeader,
+}
+
+impl SlotRecord {
+    /// The slot, from 1.
+    #[must_use]
+    pub fn slot(&self) -> u64 {
+        self.header.head.slot
+    }
+}

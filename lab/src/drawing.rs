@@ -1,0 +1,13 @@
+//! Charts with confidence bands ([`chart`]) and maps of trajectories, written as SVG, PDF and PNG.
+//!
+//! The same data give the same bytes: the output depends on no system font, clock or random number.
+
+mod axis;
+pub mod chart;
+pub(crate) mod curves;
+pub(crate) mod map;
+pub(crate) mod page;
+pub(crate) mod style;
+mod table;
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,171 @@
+//! Maps of trajectories and final queues: one panel per mission on one sheet, with a shared colour bar.
+
+use std::path::Path;
+
+use svg::node::element::{Circle, Group, Rectangle};
+
+use super::axis::{Axis, Panel};
+use super::page::{INK, Look, MARGIN, Page, SAMPLE, fitting, line, stroke, text};
+use super::style::shade;
+use crate::error::LabError;
+
+/// Font size of everything but the title [units].
+const EM: f64 = 24.0;
+/// Space [units] left of a panel (tick and axis labels) and right of it.
+const BESIDE: [f64; 2] = [110.0, 20.0];
+/// Space [units] above a panel (its title) and below it (tick and axis labels).
+const AROUND: [f64; 2] = [46.0, 84.0];
+/// Minimum width of a map with its labels [units].
+const NARROWEST: f64 = 400.0;
+/// Marker at the start, as relative SVG path data: a square.
+const START: &str = "m-12,-12h24v24h-24z";
+/// Marker at the end: a cross.
+const END: &str = "m-12,-12l24,24m0,-24l-24,24";
+/// Colour of a path.
+const PATH: &str = "#909090";
+
+/// A sensor of a map.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MapSensor {
+    /// Position: x, y [m].
+    pub position_m: [f64; 2],
+    /// The fraction that its colour shows, from 0 to 1.
+    pub fraction: f64,
+}
+
+/// The trajectory of one mission.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrajectoryMap {
+    /// Title above the panel.
+    pub title: String,
+    /// Extent of the area in x [m].
+    pub width_m: f64,
+    /// Extent of the area in y [m].
+    pub height_m: f64,
+    /// The sensors.
+    pub sensors: Vec<MapSensor>,
+    /// Position of the UAV at the start: x, y [m].
+    pub start_m: [f64; 2],
+    /// Position after each slot: x, y [m].
+    pub path_m: Vec<[f64; 2]>,
+}
+
+/// Maps side by side.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MapSheet {
+    /// Texts of the page.
+    pub look: Look,
+    /// The maps, row by row; at least one.
+    pub maps: Vec<TrajectoryMap>,
+    /// Label of the colour bar.
+    pub fraction_label: String,
+}
+
+impl MapSheet {
+    /// Writes `stem`.svg, `stem`.pdf and `stem`.png; the same sheet gives the same bytes.
+    ///
+    /// # Errors
+    /// If the embedded font lacks a character, or a file cannot be written.
+    pub fn draw(&self, stem: &Path) -> Result<(), LabError> {
+        let cells = self.maps.len() + 1; // the last cell is the legend
+        let width = self.look.width() - 2.0 * MARGIN;
+        let most = ((width / NARROWEST) as usize).clamp(1, 3);
+        let columns = if cells == 2 || cells == 4 { most.min(2) } else { most };
+        let cell_width = width / columns as f64;
+        let panel_width = cell_width - BESIDE[0] - BESIDE[1];
+        let aspect = self.maps.iter().map(TrajectoryMap::aspect).fold(0.0, f64::max).clamp(0.65, 1.5);
+        let room = [panel_width, panel_width * aspect];
+        let cell_height = room[1] + AROUND[0] + AROUND[1];
+        let corner = |cell: usize| {
+            let row = cell / columns;
+            let column = cell % columns;
+            [MARGIN + cell_width * column as f64 + BESIDE[0], self.look.top() + cell_height * row as f64 + AROUND[0]]
+        };
+        let mut page = Page::new(&self.look);
+        let highest = self.highest();
+        for (i, map) in self.maps.iter().enumerate() {
+            map.draw(&mut page, corner(i), room, highest);
+        }
+        self.draw_key(&mut page, corner(self.maps.len()), room[0], highest);
+        page.write(stem, self.look.top() + cell_height * cells.div_ceil(columns) as f64 - 0.5 * MARGIN)
+    }
+
+    /// Upper end of the colour bar: the first of 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1 that no fraction exceeds.
+    fn highest(&self) -> f64 {
+        let fractions = self.maps.iter().flat_map(|map| &map.sensors).map(|sensor| sensor.fraction);
+        let highest = fractions.fold(0.0, f64::max);
+        [0.01, 0.02, 0.05, 0.1, 0.2, 0.5].into_iter().find(|&end| highest <= end).unwrap_or(1.0)
+    }
+
+    /// Draws the colour bar and the markers in the cell after the last map.
+    fn draw_key(&self, page: &mut Page, [left, top]: [f64; 2], width: f64, highest: f64) {
+        const STEPS: u32 = 64;
+        page.add(text(&self.fraction_label, [left, top + EM], fitting(&self.fraction_label, EM, width), "start"));
+        for step in 0..STEPS {
+            // Each step extends to the end below the next one, so that antialiasing shows no seams.
+            let done = width * f64::from(step) / f64::from(STEPS);
+            let bar = Rectangle::new().set("x", left + done).set("width", width - done);
+            let colour = shade((f64::from(step) + 0.5) / f64::from(STEPS));
+            page.add(bar.set("y", top + 1.6 * EM).set("height", 1.4 * EM).set("fill", colour));
+        }
+        for part in [0.0, 0.5, 1.0] {
+            page.add(text(&(part * highest).to_string(), [left + part * width, top + 4.0 * EM], EM, "middle"));
+        }
+        let at = [SAMPLE / 2.0, 0.0];
+        let entries = [
+            (sign(at, START), "start"),
+            (sign(at, END), "end"),
+            (Group::new().add(stroke(line([[0.0, 0.0], [SAMPLE, 0.0]]), 2.0, PATH)), "path of the UAV"),
+            (Group::new().add(sensor(at, 0.5)), "sensor"),
+        ];
+        page.add_legend([left, top + 5.0 * EM], width, EM, &entries);
+    }
+}
+
+impl TrajectoryMap {
+    /// The range of the map in x and y [m]: the area, extended to all sensors and the path.
+    fn extent_m(&self) -> [[f64; 2]; 2] {
+        let positions = self.sensors.iter().map(|sensor| sensor.position_m).chain(self.path_m.iter().copied());
+        let area = [[0.0, self.width_m], [0.0, self.height_m]];
+        positions
+            .chain([self.start_m])
+            .fold(area, |[x_m, y_m], [x, y]| [[x_m[0].min(x), x_m[1].max(x)], [y_m[0].min(y), y_m[1].max(y)]])
+    }
+
+    /// Height over width of the map.
+    fn aspect(&self) -> f64 {
+        let [x_m, y_m] = self.extent_m();
+        (y_m[1] - y_m[0]) / (x_m[1] - x_m[0])
+    }
+
+    /// Draws the map to scale, centred horizontally at the top of `room` [units].
+    fn draw(&self, page: &mut Page, [left, top]: [f64; 2], room: [f64; 2], highest: f64) {
+        let [x_m, y_m] = self.extent_m();
+        let units_per_m = (room[0] / (x_m[1] - x_m[0])).min(room[1] / (y_m[1] - y_m[0]));
+        let size = [x_m, y_m].map(|[low, high]| (high - low) * units_per_m);
+        let corner = [left + (room[0] - size[0]) / 2.0, top];
+        let panel = Panel { corner, size, x: Axis::exact("x [m]", x_m), y: Axis::exact("y [m]", y_m), em: EM };
+        panel.draw_axes(page);
+        page.add(text(&self.title, [corner[0], top - 0.6 * EM], fitting(&self.title, 1.1 * EM, size[0]), "start"));
+
+        let at = |[x, y]: [f64; 2]| panel.at(x, y);
+        page.add(stroke(line([self.start_m].iter().chain(&self.path_m).copied().map(at)), 2.0, PATH));
+        for MapSensor { position_m, fraction } in &self.sensors {
+            page.add(sensor(at(*position_m), fraction / highest));
+        }
+        page.add(sign(at(self.start_m), START));
+        page.add(sign(at(*self.path_m.last().unwrap_or(&self.start_m)), END));
+    }
+}
+
+/// A disc with a dark edge, so that light ones are visible on white.
+fn sensor([x, y]: [f64; 2], fraction: f64) -> Circle {
+    let disc = Circle::new().set("cx", format!("{x:.1}")).set("cy", format!("{y:.1}")).set("r", 8);
+    disc.set("fill", shade(fraction)).set("stroke", INK)
+}
+
+/// A marker with a white outline.
+fn sign([x, y]: [f64; 2], data: &str) -> Group {
+    let data = format!("M{x:.1},{y:.1}{data}");
+    Group::new().add(stroke(&*data, 8.0, "white")).add(stroke(&*data, 4.0, INK))
+}

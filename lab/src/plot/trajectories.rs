@@ -1,0 +1,134 @@
+//! Maps of the trajectories of finished runs, side by side on one sheet.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use skysink_common::error::InputError;
+use skysink_common::slot_record::{ByUav, UAV};
+use skysink_common::stop::Stop;
+use skysink_mission::error::FileContext;
+use skysink_mission::replay::Replay;
+use skysink_mission::trace::RecordedSlot;
+
+use super::request::SheetOptions;
+use crate::drawing::map::{MapSensor, MapSheet, TrajectoryMap};
+use crate::error::LabError;
+
+/// The maximum number of runs whose names are part of the file name.
+const MOST_NAMES: usize = 3;
+
+/// The parameters of a sheet of maps.
+#[derive(Debug, Clone)]
+pub struct MapRequest {
+    /// The run folders, in the order of the maps; at least one.
+    pub runs: Vec<PathBuf>,
+    /// Title, footer, width and folder.
+    pub sheet: SheetOptions,
+}
+
+/// A sheet of maps that has been drawn.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct DrawnMaps {
+    /// The runs.
+    pub runs: Vec<MappedRun>,
+    /// The files of the sheet.
+    pub files: Vec<PathBuf>,
+}
+
+/// A run on a map.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct MappedRun {
+    /// Its folder.
+    pub run: PathBuf,
+    /// Name of the scenario.
+    pub scenario: String,
+    /// The strategy, or the label of an external planner.
+    pub strategy: String,
+    /// The seed.
+    pub seed: u64,
+    /// Slots flown.
+    pub slots: u64,
+    /// Data loss rate η.
+    pub loss_rate: f64,
+}
+
+/// Replays the runs and draws a map of each. Existing files of the same name are replaced.
+///
+/// # Errors
+/// If a folder is not that of a run that has ended, or was changed, a file cannot be written, or on a stop.
+///
+/// # Panics
+/// If there is no run.
+pub fn draw_maps(request: &MapRequest, stop: &Stop) -> Result<DrawnMaps, LabError> {
+    request.sheet.check()?;
+    let mapped = request.runs.iter().map(|run| map(run, stop)).collect::<Result<Vec<_>, _>>()?;
+    let (runs, mut maps): (Vec<_>, Vec<_>) = mapped.into_iter().unzip();
+    let strategies: BTreeSet<&str> = runs.iter().map(|run| run.strategy.as_str()).collect();
+    for (run, map) in runs.iter().zip(&mut maps) {
+        // Runs of one strategy are named by their folders.
+        let name = if strategies.len() == runs.len() { run.strategy.clone() } else { name_of(&run.run)? };
+        map.title = format!("{name}: η = {:.3}", run.loss_rate);
+    }
+    let missions: BTreeSet<String> = runs.iter().map(|run| format!("{}, seed {}", run.scenario, run.seed)).collect();
+    let missions: Vec<String> = missions.into_iter().collect();
+    let footer = format!("{} · skysink {}", missions.join("; "), env!("CARGO_PKG_VERSION"));
+    let look = request.sheet.look(footer, "");
+    let sheet = MapSheet { look, maps, fraction_label: "queue fill at the end".to_owned() };
+    let beside = || request.runs[0].parent().unwrap_or(Path::new("")).join("plots");
+    let folder = request.sheet.out.clone().unwrap_or_else(beside);
+    fs::create_dir_all(&folder).at(&folder)?;
+    let stem = folder.join(file_name(&request.runs)?);
+    sheet.draw(&stem)?;
+    let files = ["svg", "pdf", "png"].map(|extension| stem.with_added_extension(extension)).to_vec();
+    Ok(DrawnMaps { runs, files })
+}
+
+/// The flight of a run, and its map without a title.
+fn map(run: &Path, stop: &Stop) -> Result<(MappedRun, TrajectoryMap), LabError> {
+    let mut replay = Replay::open(run)?;
+    let mut flown: Vec<ByUav<RecordedSlot>> = Vec::new();
+    replay.drive(&mut [&mut flown], stop)?;
+    let scenario = replay.scenario();
+    let capacity_bits = f64::from(scenario.sensors.capacity_bits);
+    let nodes = replay.list().sensors().iter().zip(replay.plant().field().queues_bits());
+    let sensors = nodes.map(|(sensor, &queue_bits)| MapSensor {
+        position_m: sensor.position.coords.into(),
+        fraction: f64::from(queue_bits) / capacity_bits,
+    });
+    let map = TrajectoryMap {
+        title: String::new(),
+        width_m: scenario.area.width_m(),
+        height_m: scenario.area.height_m(),
+        sensors: sensors.collect(),
+        start_m: scenario.start().xy().coords.into(),
+        path_m: flown.iter().map(|slot| slot[UAV].position.xy().coords.into()).collect(),
+    };
+    let mapped = MappedRun {
+        run: run.to_owned(),
+        scenario: scenario.name.clone(),
+        strategy: replay.label().to_owned(),
+        seed: scenario.seed,
+        slots: map.path_m.len() as u64,
+        loss_rate: replay.summary().loss_rate,
+    };
+    Ok((mapped, map))
+}
+
+/// The file name without extension: the names of the first runs.
+fn file_name(runs: &[PathBuf]) -> Result<String, LabError> {
+    let names = runs.iter().take(MOST_NAMES).map(|run| name_of(run)).collect::<Result<Vec<_>, _>>()?;
+    let others = match runs.len().saturating_sub(MOST_NAMES) {
+        0 => String::new(),
+        others => format!("-and-{others}-more"),
+    };
+    Ok(format!("map-{}{others}", names.join("-")))
+}
+
+/// The name of a folder.
+fn name_of(run: &Path) -> Result<String, LabError> {
+    let whole = fs::canonicalize(run).at(run)?;
+    let name = whole.file_name().ok_or_else(|| InputError::new("run folder", run, "it has no name"))?;
+    Ok(name.to_string_lossy().into_owned())
+}

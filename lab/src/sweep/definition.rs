@@ -1,0 +1,80 @@
+//! The definition of a sweep: a grid of points, by strategy and seed.
+
+use serde::{Deserialize, Serialize};
+
+use super::shard::Shard;
+
+/// Everything that the results of a sweep depend on, as in `sweep.json`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Definition {
+    /// Hash of the other fields and of the scenarios.
+    pub identity: String,
+    /// Version of Skysink.
+    pub version: String,
+    /// Dotted names of the swept keys.
+    pub keys: Vec<String>,
+    /// The values of the keys, by point of the grid; the last key varies fastest.
+    pub points: Vec<Vec<toml::Value>>,
+    /// Names of the strategies, in the order of the results.
+    pub strategies: Vec<String>,
+    /// Seeds, ascending. All strategies use the same seeds and thus the same fields.
+    pub seeds: Vec<u64>,
+}
+
+impl Definition {
+    /// The number of fields: points of the grid times seeds.
+    #[must_use]
+    pub fn fields(&self) -> usize {
+        self.points.len() * self.seeds.len()
+    }
+
+    /// The number of missions: fields times strategies.
+    #[must_use]
+    pub fn mission_count(&self) -> usize {
+        self.fields() * self.strategies.len()
+    }
+
+    /// The missions of a shard, in the order of the results: those over every n-th field from the k-th, in the order of
+    /// points and seeds. Empty if k exceeds the number of fields.
+    pub fn missions(&self, shard: Shard) -> impl Iterator<Item = MissionKey> {
+        let indices = (0..self.mission_count()).filter(move |&index| self.shard_of(index, shard.n()) == shard.k());
+        indices.map(|index| {
+            let group = index / self.seeds.len();
+            let strategies = self.strategies.len();
+            let seed = self.seeds[index % self.seeds.len()];
+            MissionKey { point: group / strategies, strategy: group % strategies, seed }
+        })
+    }
+
+    /// The shard, of `n`, that contains the mission with this index in the results of the whole sweep.
+    pub(crate) fn shard_of(&self, index: usize, n: usize) -> usize {
+        let seeds = self.seeds.len();
+        let point = index / seeds / self.strategies.len();
+        (point * seeds + index % seeds) % n + 1
+    }
+
+    /// The index of a mission in the results of the whole sweep; `None` if it does not belong to the sweep.
+    #[must_use]
+    pub fn index(&self, MissionKey { point, strategy, seed }: MissionKey) -> Option<usize> {
+        let seed = self.seeds.binary_search(&seed).ok()?;
+        let exists = point < self.points.len() && strategy < self.strategies.len();
+        exists.then(|| (point * self.strategies.len() + strategy) * self.seeds.len() + seed)
+    }
+
+    /// Whether the sweep contains this mission.
+    #[must_use]
+    pub fn contains(&self, mission: MissionKey) -> bool {
+        self.index(mission).is_some()
+    }
+}
+
+/// One mission of a sweep. The order is that of the results.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct MissionKey {
+    /// Point of the grid.
+    pub point: usize,
+    /// Index of the strategy in the sweep's list.
+    pub strategy: usize,
+    /// The seed.
+    pub seed: u64,
+}

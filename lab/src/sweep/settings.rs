@@ -1,0 +1,204 @@
+//! The settings of a sweep, as in a sweep file, and their checks.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use skysink_common::error::{InputError, read_text};
+use skysink_common::scenario::{MAX_SEED, Overrides, Scenario};
+use skysink_planner::settings;
+use skysink_planner::strategies::expected;
+use skysink_planner::strategy::Registered;
+
+use super::definition::Definition;
+use crate::error::LabError;
+
+/// Maximum number of missions of a sweep.
+const MAX_MISSIONS: usize = 100_000_000;
+
+/// What a sweep is made of, unchecked.
+#[derive(Debug)]
+pub struct SweepSettings {
+    /// The base scenario.
+    pub base: SweepBase,
+    /// The swept keys with their values.
+    pub axes: toml::Table,
+    /// Names of the strategies, in the order of the results.
+    pub strategies: Vec<String>,
+    /// The seeds.
+    pub seeds: Vec<u64>,
+    /// The strategies outside the registry that `strategies` may name.
+    pub external: Vec<ExternalStrategy>,
+}
+
+/// A strategy outside the registry, whose missions the caller simulates.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ExternalStrategy {
+    /// Its name in the sweep file and in the results.
+    pub name: String,
+    /// Identifies its version, for example by its source.
+    pub version: String,
+}
+
+/// The base scenario of a sweep.
+#[derive(Debug)]
+pub struct SweepBase {
+    /// Its path; files that it names are relative to it.
+    pub path: PathBuf,
+    /// Its keys.
+    pub table: toml::Table,
+}
+
+/// A sweep file.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SweepFile {
+    scenario: PathBuf,
+    strategies: Vec<String>,
+    seeds: Seeds,
+    #[serde(default)]
+    axes: toml::Table,
+}
+
+/// `20` for 1 to 20, or a list.
+#[derive(Debug, Deserialize)]
+#[serde(untagged, expecting = "expected a number of seeds or a list of seeds")]
+enum Seeds {
+    Count(u64),
+    List(Vec<u64>),
+}
+
+impl SweepSettings {
+    /// Reads a sweep file. It may name strategies of the registry and `external` ones.
+    ///
+    /// # Errors
+    /// If the file, its scenario or the number of seeds is refused.
+    pub fn read(path: &Path, external: Vec<ExternalStrategy>) -> Result<Self, LabError> {
+        if path.is_dir() {
+            let what = "it is a folder: expected a sweep file, and the folder as --out";
+            return Err(InputError::new("sweep", path, what).into());
+        }
+        let text = read_text("sweep", path)?;
+        let is_scenario = text.parse::<toml::Table>().is_ok_and(|table| table.contains_key("name"));
+        if is_scenario {
+            let what = "it is a scenario: expected a sweep (use skysink simulate for this file)";
+            return Err(InputError::new("sweep", path, what).into());
+        }
+        let file: SweepFile = toml::from_str(&text).map_err(|error| InputError::toml("sweep", path, &text, &error))?;
+        let base_path = path.parent().unwrap_or(Path::new("")).join(&file.scenario);
+        Scenario::read(&base_path, Overrides::default()).and_then(settings::resolve)?;
+        let text = read_text("scenario", &base_path)?;
+        let table = text.parse().map_err(|error| InputError::toml("scenario", &base_path, &text, &error))?;
+        let base = SweepBase { path: base_path, table };
+        let seeds = match file.seeds {
+            Seeds::Count(count) if count > MAX_MISSIONS as u64 => {
+                let what = format!("seeds = {count}: expected at most {MAX_MISSIONS}");
+                return Err(InputError::new("sweep", path, what).into());
+            }
+            Seeds::Count(0) => {
+                let what = "seeds = 0: expected 1 or more, or a list of seeds";
+                return Err(InputError::new("sweep", path, what).into());
+            }
+            Seeds::Count(count) => (1..=count).collect(),
+            Seeds::List(list) => list,
+        };
+        Ok(Self { base, axes: file.axes, strategies: file.strategies, seeds, external })
+    }
+
+    /// The definition of the sweep, without its identity. `path` names the sweep in errors.
+    ///
+    /// # Errors
+    /// If the axes, strategies or seeds are refused.
+    pub fn define(&self, path: &Path) -> Result<Definition, InputError> {
+        let refuse = |key: &str, expected: &str| refusal(path, key, expected);
+        let names: Vec<&str> = self.strategies.iter().map(String::as_str).collect();
+        let is_external = |name: &&&str| self.external.iter().any(|strategy| strategy.name == **name);
+        let unknown = names.iter().find(|name| Registered::find(name).is_none() && !is_external(name));
+        if let Some(name) = unknown {
+            let is_python = name.starts_with("python:");
+            let by_python = "a built-in strategy; use skysink.sweep() of the Python package for Python strategies";
+            let expected = if is_python { by_python.to_owned() } else { expected(name) };
+            return Err(refuse(&format!("strategies = {names:?}: {name:?}"), &expected));
+        }
+        distinct(&names).map_err(|expected| refuse(&format!("strategies = {names:?}"), expected))?;
+        let ascending =
+            distinct(&self.seeds).map_err(|expected| refuse(&format!("seeds = {:?}", self.seeds), expected))?;
+        if let Some(seed) = ascending.last().filter(|&&seed| seed > MAX_SEED) {
+            return Err(refuse(&format!("seeds: {seed}"), &format!("at most {MAX_SEED}")));
+        }
+        let axes: Vec<(String, Vec<toml::Value>)> =
+            self.axes.iter().map(|(key, values)| axis(path, key, values)).collect::<Result<_, _>>()?;
+        let of_point = ascending.len().saturating_mul(self.strategies.len());
+        let missions = axes.iter().fold(of_point, |missions, (_, values)| missions.saturating_mul(values.len()));
+        if missions > MAX_MISSIONS {
+            return Err(refuse(&format!("axes make {missions} missions"), &format!("at most {MAX_MISSIONS}")));
+        }
+        Ok(Definition {
+            identity: String::new(),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            points: grid(&axes),
+            keys: axes.into_iter().map(|(key, _)| key).collect(),
+            strategies: self.strategies.clone(),
+            seeds: ascending.into_iter().collect(),
+        })
+    }
+}
+
+/// Checks the values of the key `key`.
+fn axis(path: &Path, key: &str, values: &toml::Value) -> Result<(String, Vec<toml::Value>), InputError> {
+    match values {
+        _ if key == "seed" => Err(refusal(path, "axes.seed", "the seeds under `seeds`")),
+        _ if key == "planner.strategy" => {
+            Err(refusal(path, "axes.\"planner.strategy\"", "the strategies under `strategies`"))
+        }
+        toml::Value::Array(values) if !values.is_empty() => {
+            let texts: Vec<String> = values.iter().map(ToString::to_string).collect();
+            let texts: Vec<&str> = texts.iter().map(String::as_str).collect();
+            match distinct(&texts) {
+                Ok(_) => Ok((key.to_owned(), values.clone())),
+                Err(expected) => Err(refusal(path, &format!("axes.\"{key}\" = [{}]", texts.join(", ")), expected)),
+            }
+        }
+        toml::Value::Table(_) => {
+            let (key, value) = innermost(key.to_owned(), values);
+            let expected = format!("the key in quotes: \"{key}\" = {value}");
+            Err(refusal(path, &format!("axes.{key} = {value}"), &expected))
+        }
+        _ => Err(refusal(path, &format!("axes.\"{key}\" = {values}"), "a list of one or more values")),
+    }
+}
+
+/// The error for a key of the sweep file.
+fn refusal(path: &Path, key: &str, expected: &str) -> InputError {
+    InputError::new("sweep", path, format!("{key}: expected {expected}"))
+}
+
+/// The values, ascending. The error is the expectation, if there is no value or a duplicate.
+fn distinct<T: Ord + Copy>(values: &[T]) -> Result<BTreeSet<T>, &'static str> {
+    let distinct: BTreeSet<T> = values.iter().copied().collect();
+    match distinct.len() {
+        0 => Err("one or more"),
+        count if count < values.len() => Err("each once"),
+        _ => Ok(distinct),
+    }
+}
+
+/// The first value in nested tables, with its dotted key.
+fn innermost(key: String, value: &toml::Value) -> (String, &toml::Value) {
+    match value.as_table().and_then(|table| table.iter().next()) {
+        Some((inner, value)) => innermost(format!("{key}.{inner}"), value),
+        None => (key, value),
+    }
+}
+
+/// All combinations of the values of the axes; the last axis varies fastest. Without axes, one point.
+fn grid(axes: &[(String, Vec<toml::Value>)]) -> Vec<Vec<toml::Value>> {
+    let mut points = vec![Vec::new()];
+    for (_, values) in axes {
+        let extend = |point: &Vec<toml::Value>| -> Vec<Vec<toml::Value>> {
+            values.iter().map(|value| [point.as_slice(), std::slice::from_ref(value)].concat()).collect()
+        };
+        points = points.iter().flat_map(extend).collect();
+    }
+    points
+}

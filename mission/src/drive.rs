@@ -1,0 +1,353 @@
+//! Driving a mission: a pilot plans its slots, the plant flies them, and observers take them in.
+
+use std::time::Instant;
+
+use nalgebra::Point3;
+use skysink_common::message::{PathPoint, Plan, QueuesHeader};
+use skysink_common::slot_record::{Plans, SlotRecord};
+use skysink_common::stop::{Stop, Stopped};
+use skysink_planner::Planner;
+
+use crate::error::MissionError;
+use crate::plant::Plant;
+use skysink_common::slot_record::UAV;
+
+/// Plans a mission's slots.
+pub trait Pilot {
+    /// The plans of the next slot, one for each UAV; `None` holds.
+    ///
+    /// # Errors
+    /// If it ends the mission here, or fails.
+    fn plans(&mut self, plant: &Plant) -> Result<Plans, Ended>;
+
+    /// The path that the last plan of the UAV number `uav` belongs to, with the waypoint of its slot first [m]; empty
+    /// for a pilot that plans one slot.
+    fn path(&self, _uav: usize) -> &[Point3<f64>] {
+        &[]
+    }
+}
+
+/// Takes in the slots of a mission, in order.
+pub trait Observer {
+    /// Takes in the plant where the mission begins.
+    ///
+    /// # Errors
+    /// Ends the mission.
+    fn begin(&mut self, _plant: &Plant) -> Result<(), MissionError> {
+        Ok(())
+    }
+
+    /// Takes in the next slot, and the plant after it.
+    ///
+    /// # Errors
+    /// Ends the mission.
+    fn slot(&mut self, record: &SlotRecord, plant: &Plant) -> Result<(), MissionError>;
+}
+
+/// Takes in the slots of a mission by their records alone, which is all that a ring of processes leaves. Each is also an
+/// [`Observer`].
+pub trait SlotSink {
+    /// Takes in the ledger where the mission begins.
+    fn start(&mut self, _header: &QueuesHeader) {}
+
+    /// Adds the next slot.
+    ///
+    /// # Errors
+    /// If the slot is impossible or cannot be written; the sink is then unchanged.
+    fn add(&mut self, record: &SlotRecord) -> Result<(), MissionError>;
+}
+
+impl<T: SlotSink> Observer for T {
+    fn begin(&mut self, plant: &Plant) -> Result<(), MissionError> {
+        self.start(&plant.header());
+        Ok(())
+    }
+
+    fn slot(&mut self, record: &SlotRecord, _plant: &Plant) -> Result<(), MissionError> {
+        self.add(record)
+    }
+}
+
+/// How a mission ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum End {
+    /// All slots are flown.
+    Complete,
+    /// The pilot has no more plans, as at the end of a trace.
+    OutOfPlans,
+    /// A stop was requested.
+    Stopped(Stopped),
+}
+
+impl End {
+    /// Fails if the mission was stopped.
+    ///
+    /// # Errors
+    /// [`Stopped`] with the signal.
+    pub fn unless_stopped(self) -> Result<(), Stopped> {
+        match self {
+            Self::Stopped(stopped) => Err(stopped),
+            Self::Complete | Self::OutOfPlans => Ok(()),
+        }
+    }
+}
+
+/// Why a slot was not flown.
+#[derive(Debug)]
+pub enum Ended {
+    /// The mission ends here.
+    At(End),
+    /// It has failed.
+    Failed(MissionError),
+}
+
+impl From<MissionError> for Ended {
+    fn from(error: MissionError) -> Self {
+        Self::Failed(error)
+    }
+}
+
+impl From<Stopped> for Ended {
+    fn from(stopped: Stopped) -> Self {
+        Self::At(End::Stopped(stopped))
+    }
+}
+
+/// Drives a mission from where the plant stands to its end, or until `stop`.
+///
+/// # Errors
+/// Those of the pilot and of the observers.
+pub fn drive(
+    plant: &mut Plant,
+    pilot: &mut dyn Pilot,
+    observers: &mut [&mut dyn Observer],
+    stop: &Stop,
+) -> Result<End, MissionError> {
+    for observer in &mut *observers {
+        observer.begin(plant)?;
+    }
+    loop {
+        let record = match step(plant, pilot, stop) {
+            Ok(record) => record,
+            Err(Ended::At(end)) => return Ok(end),
+            Err(Ended::Failed(error)) => return Err(error),
+        };
+        for observer in &mut *observers {
+            observer.slot(&record, plant)?;
+        }
+    }
+}
+
+/// Plans and flies the next slot: [`drive`] for callers that look at each slot themselves.
+///
+/// # Errors
+/// If the mission is over, stopped, or fails; the plant is then unchanged.
+pub fn step(plant: &mut Plant, pilot: &mut dyn Pilot, stop: &Stop) -> Result<SlotRecord, Ended> {
+    if plant.is_over() {
+        return Err(Ended::At(End::Complete));
+    }
+    stop.check()?;
+    let plans = pilot.plans(plant)?;
+    stop.check()?; // a search that was stopped may be incomplete
+    let mut record = plant.step(&plans);
+    for (uav, path) in record.paths.iter_mut().enumerate() {
+        path.extend(pilot.path(uav).iter().copied().map(PathPoint::from));
+    }
+    Ok(record)
+}
+
+/// Plans with the strategy of the scenario or another.
+impl Pilot for Planner {
+    fn plans(&mut self, plant: &Plant) -> Result<Plans, Ended> {
+        let begin = Instant::now();
+        let flight = plant.flight(UAV);
+        let queues_bits = plant.field().queues_bits();
+        self.observe(plant.slot(), flight, queues_bits);
+        let mut plan = Planner::step(self, plant.slot() + 1, flight.position(), queues_bits);
+        plan.plan_ns = elapsed_ns(begin);
+        Ok(Plans::from_buf([Some(plan)]))
+    }
+
+    fn path(&self, _uav: usize) -> &[Point3<f64>] {
+        let path = Planner::path(self);
+        if path.len() > 1 { path } else { &[] }
+    }
+}
+
+/// The time since `begin` [ns].
+#[must_use]
+pub fn elapsed_ns(begin: Instant) -> u64 {
+    u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX)
+}
+
+/// A pilot of one UAV whose plans are known before.
+#[derive(Debug)]
+pub struct Planned<I>(pub I);
+
+impl<I: Iterator<Item = Option<Plan>>> Pilot for Planned<I> {
+    fn plans(&mut self, _plant: &Plant) -> Result<Plans, Ended> {
+        self.0.next().map(|plan| Plans::from_buf([plan])).ok_or(Ended::At(End::OutOfPlans))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+    use std::sync::atomic::Ordering;
+
+    use super::*;
+    use crate::Mission;
+    use proptest::prelude::*;
+    use skysink_common::message::{HoldReason, Mode};
+    use skysink_common::scenario::{Overrides, Scenario};
+    use skysink_common::sensors::SensorList;
+    use skysink_planner::settings;
+
+    const SLOTS: u64 = 12;
+
+    fn scenario(strategy: &'static str, seed: u64) -> Scenario {
+        let text = format!("name = 'x'\nslots = {SLOTS}\n[sensors]\nsampling_bps = [50.0, 9000.0]\n");
+        let overrides = Overrides { strategy: Some(strategy), seed: Some(seed), ..Overrides::default() };
+        Scenario::parse(&text, Path::new("x.toml"), overrides).and_then(settings::resolve).unwrap()
+    }
+
+    fn world(strategy: &'static str, seed: u64) -> (Plant, Planner) {
+        let scenario = scenario(strategy, seed);
+        let list = SensorList::of(&scenario).unwrap();
+        (Plant::new(&scenario, &list), Planner::new(&scenario, &list.nodes()).unwrap())
+    }
+
+    /// Keeps what it was given: the slot where the mission began, and the records.
+    #[derive(Default)]
+    struct Kept {
+        begun_after: Option<u64>,
+        records: Vec<SlotRecord>,
+        /// Fails in this slot.
+        fails_in: Option<u64>,
+    }
+
+    impl Observer for Kept {
+        fn begin(&mut self, plant: &Plant) -> Result<(), MissionError> {
+            self.begun_after = Some(plant.slot());
+            Ok(())
+        }
+
+        fn slot(&mut self, record: &SlotRecord, plant: &Plant) -> Result<(), MissionError> {
+            assert_eq!((record.slot(), record.header), (plant.slot(), plant.header()));
+            if self.fails_in == Some(record.slot()) {
+                return Err(MissionError::Stopped(Stopped(99)));
+            }
+            self.records.push(record.clone());
+            Ok(())
+        }
+    }
+
+    /// Requests a stop after a slot.
+    struct StopAfter<'a>(u64, &'a Stop);
+
+    impl SlotSink for StopAfter<'_> {
+        fn add(&mut self, record: &SlotRecord) -> Result<(), MissionError> {
+            if record.slot() == self.0 {
+                self.1.flag().store(15, Ordering::Relaxed);
+            }
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn every_observer_takes_in_every_slot_in_order() {
+        let (mut plant, mut planner) = world("uts", 1);
+        let (mut first, mut second) = (Kept::default(), Kept::default());
+        let end = drive(&mut plant, &mut planner, &mut [&mut first, &mut second], &Stop::default());
+        assert_eq!(end.unwrap(), End::Complete);
+        for kept in [&first, &second] {
+            assert_eq!(kept.begun_after, Some(0));
+            assert!(kept.records.iter().map(SlotRecord::slot).eq(1..=SLOTS));
+        }
+    }
+
+    #[test]
+    fn a_mission_goes_on_where_the_plant_stands() {
+        let (mut plant, mut planner) = world("uts", 1);
+        for _ in 0..5 {
+            step(&mut plant, &mut planner, &Stop::default()).unwrap();
+        }
+        let mut kept = Kept::default();
+        drive(&mut plant, &mut planner, &mut [&mut kept], &Stop::default()).unwrap();
+        assert_eq!((kept.begun_after, kept.records.len() as u64), (Some(5), SLOTS - 5));
+        let ended = step(&mut plant, &mut planner, &Stop::default());
+        assert!(matches!(ended, Err(Ended::At(End::Complete))));
+    }
+
+    #[test]
+    fn a_stop_ends_the_mission_between_two_slots() {
+        let stop = Stop::default();
+        let (mut plant, mut planner) = world("uts", 1);
+        let mut kept = Kept::default();
+        let end = drive(&mut plant, &mut planner, &mut [&mut StopAfter(4, &stop), &mut kept], &stop).unwrap();
+        assert_eq!((end, plant.slot(), kept.records.len()), (End::Stopped(Stopped(15)), 4, 4));
+        assert!(end.unless_stopped().is_err() && End::Complete.unless_stopped().is_ok());
+    }
+
+    #[test]
+    fn a_stop_after_the_last_slot_comes_too_late() {
+        let stop = Stop::default();
+        let (mut plant, mut planner) = world("uts", 1);
+        let end = drive(&mut plant, &mut planner, &mut [&mut StopAfter(SLOTS, &stop)], &stop).unwrap();
+        assert_eq!(end, End::Complete);
+    }
+
+    #[test]
+    fn an_observer_that_fails_ends_the_mission() {
+        let (mut plant, mut planner) = world("uts", 1);
+        let mut failing = Kept { fails_in: Some(3), ..Kept::default() };
+        let mut later = Kept::default();
+        let end = drive(&mut plant, &mut planner, &mut [&mut failing, &mut later], &Stop::default());
+        assert!(matches!(end, Err(MissionError::Stopped(Stopped(99)))));
+        assert_eq!((plant.slot(), later.records.len()), (3, 2));
+    }
+
+    #[test]
+    fn known_plans_end_the_mission_with_their_last_and_none_holds() {
+        let (mut plant, _) = world("uts", 1);
+        let start = plant.flight(UAV).position();
+        let mut kept = Kept::default();
+        let mut pilot = Planned([None, Some(Plan::fly_to(start, Mode::Serve))].into_iter());
+        let end = drive(&mut plant, &mut pilot, &mut [&mut kept], &Stop::default()).unwrap();
+        assert_eq!((end, plant.slot()), (End::OutOfPlans, 2));
+        let holds = kept.records.iter().map(|record| record.flights[UAV].hold);
+        assert!(holds.eq([HoldReason::NoPlan as u32, HoldReason::None as u32]));
+    }
+
+    #[test]
+    fn only_a_strategy_that_looks_ahead_has_a_path() {
+        for (strategy, looks_ahead) in [("uts", false), ("horizon", true)] {
+            let (mut plant, mut planner) = world(strategy, 1);
+            let record = step(&mut plant, &mut planner, &Stop::default()).unwrap();
+            assert_eq!(record.paths[UAV].len() > 1, looks_ahead, "{strategy}");
+            assert_eq!(record.paths[UAV].is_empty(), !looks_ahead, "{strategy}");
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(20))]
+
+        #[test]
+        fn driving_a_mission_and_stepping_through_it_are_the_same(seed in 1u64..1_000) {
+            let scenario = scenario("gfs", seed);
+            let list = SensorList::of(&scenario).unwrap();
+            let mut kept = Kept::default();
+            let mut driven = Mission::new(&scenario, &list).unwrap();
+            driven.drive(&mut [&mut kept], &Stop::default()).unwrap();
+            let stepped: Vec<SlotRecord> = Mission::new(&scenario, &list).unwrap().collect();
+            let headers = |records: &[SlotRecord]| records.iter().map(|record| record.header).collect::<Vec<_>>();
+            prop_assert_eq!(headers(&kept.records), headers(&stepped));
+            prop_assert!(kept.records.iter().zip(&stepped).all(|(one, other)| one.flights == other.flights));
+            // The plans of the mission lead to it once more.
+            let mut again = Kept::default();
+            let mut pilot = Planned(stepped.iter().map(|record| record.plans[UAV]));
+            drive(&mut Plant::new(&scenario, &list), &mut pilot, &mut [&mut again], &Stop::default()).unwrap();
+            prop_assert_eq!(headers(&again.records), headers(&stepped));
+        }
+    }
+}

@@ -1,0 +1,290 @@
+//! Folders of results: a command knows the files that it writes into its folder, locks the folder while it does, and
+//! replaces or sets aside earlier results. It touches no other file.
+
+use std::fs::{self, File, TryLockError};
+use std::io;
+use std::os::unix::fs::OpenOptionsExt as _;
+use std::path::{Path, PathBuf};
+
+use tempfile::TempDir;
+
+use crate::error::{FileContext, MissionError};
+use crate::files::is_unfinished;
+
+/// Prefix of the temporary folder for results that are set aside.
+const ASIDE: &str = ".earlier-";
+
+/// What happens to earlier results in the folder of a command.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Earlier {
+    /// They stay, and the command is refused.
+    Kept,
+    /// The new ones replace them.
+    Replaced,
+}
+
+impl Earlier {
+    /// The meaning of the option `--force`.
+    #[must_use]
+    pub fn by_force(force: bool) -> Self {
+        if force { Self::Replaced } else { Self::Kept }
+    }
+}
+
+/// The files of a kind of folder.
+#[derive(Debug)]
+pub struct FolderLayout {
+    /// The file that a process locks before it changes anything in the folder.
+    pub lock: &'static str,
+    /// Whether a file of this name is a result. (Neither the lock nor unfinished files are asked about.)
+    pub is_result: fn(&str) -> bool,
+}
+
+/// The names of the files in a folder, but those set aside.
+#[derive(Debug, Default)]
+pub struct FolderContent {
+    /// Results.
+    pub results: Vec<String>,
+    /// Unfinished files of killed processes.
+    pub unfinished: Vec<String>,
+    /// Files of others.
+    pub foreign: Vec<String>,
+    /// The lock file, if it exists.
+    pub lock: Option<&'static str>,
+}
+
+impl FolderContent {
+    /// The lock file, if it exists, and the results.
+    pub fn own(&self) -> impl Iterator<Item = &str> {
+        self.lock.into_iter().chain(self.results.iter().map(String::as_str))
+    }
+
+    /// Whether the folder holds neither results nor files of others.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.results.is_empty() && self.foreign.is_empty()
+    }
+}
+
+impl FolderLayout {
+    /// What the folder `path` holds.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    pub fn content(&self, path: &Path) -> io::Result<FolderContent> {
+        let mut content = FolderContent::default();
+        for entry in fs::read_dir(path)? {
+            let name = entry?.file_name();
+            let text = name.to_string_lossy().into_owned();
+            if text == self.lock {
+                content.lock = Some(self.lock);
+            } else if is_unfinished(&name) {
+                content.unfinished.push(text);
+            } else if (self.is_result)(&text) {
+                content.results.push(text);
+            } else if !text.starts_with(ASIDE) {
+                content.foreign.push(text);
+            }
+        }
+        Ok(content)
+    }
+
+    /// Locks the folder `path` for writing, and creates the lock file if it does not exist. Returns `None` if another
+    /// process has locked it.
+    ///
+    /// # Errors
+    /// If the lock file cannot be opened, or is a link.
+    pub fn lock(&'static self, path: &Path) -> Result<Option<OutputFolder>, MissionError> {
+        let lock_path = path.join(self.lock);
+        let mut open = File::options();
+        open.read(true).write(true).create(true).truncate(false);
+        let lock = open.custom_flags(rustix::fs::OFlags::NOFOLLOW.bits().cast_signed()).open(&lock_path);
+        let lock = lock.at(&lock_path)?;
+        let locked = lock.try_lock();
+        OutputFolder { layout: self, path: path.to_owned(), lock }.when(locked)
+    }
+
+    /// Locks the folder `path` for reading, like [`FolderLayout::lock`]. The lock file must exist.
+    ///
+    /// # Errors
+    /// If the lock file cannot be opened.
+    pub fn lock_shared(&'static self, path: &Path) -> Result<Option<OutputFolder>, MissionError> {
+        let lock_path = path.join(self.lock);
+        let lock = File::open(&lock_path).at(&lock_path)?;
+        let locked = lock.try_lock_shared();
+        OutputFolder { layout: self, path: path.to_owned(), lock }.when(locked)
+    }
+}
+
+/// A folder of results, locked by this process until it is dropped.
+#[derive(Debug)]
+pub struct OutputFolder {
+    layout: &'static FolderLayout,
+    path: PathBuf,
+    lock: File,
+}
+
+impl OutputFolder {
+    /// The folder, if it is locked.
+    fn when(self, locked: Result<(), TryLockError>) -> Result<Option<Self>, MissionError> {
+        match locked {
+            Ok(()) => Ok(Some(self)),
+            Err(TryLockError::WouldBlock) => Ok(None),
+            Err(TryLockError::Error(error)) => Err(error).at(&self.path.join(self.layout.lock)),
+        }
+    }
+
+    /// The folder.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The lock file.
+    #[must_use]
+    pub fn lock_file(&self) -> &File {
+        &self.lock
+    }
+
+    /// What it holds now.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    pub fn content(&self) -> Result<FolderContent, MissionError> {
+        self.layout.content(&self.path).at(&self.path)
+    }
+
+    /// Removes the results, and what killed processes have left.
+    ///
+    /// # Errors
+    /// If a result cannot be removed.
+    pub fn remove_results(&self) -> Result<(), MissionError> {
+        for name in self.content()?.results {
+            let path = self.path.join(name);
+            fs::remove_file(&path).at(&path)?;
+        }
+        self.remove_unfinished()
+    }
+
+    /// Removes what killed processes have left.
+    ///
+    /// # Errors
+    /// If the folder cannot be read.
+    pub fn remove_unfinished(&self) -> Result<(), MissionError> {
+        for name in self.content()?.unfinished {
+            let _ = fs::remove_file(self.path.join(name)); // it may be a folder
+        }
+        Ok(())
+    }
+
+    /// Moves the results to a temporary folder in this one.
+    ///
+    /// # Errors
+    /// If one cannot be moved.
+    pub fn set_aside(&self) -> Result<SetAside<'_>, MissionError> {
+        let results = self.content()?.results;
+        self.remove_unfinished()?;
+        let aside = tempfile::Builder::new().prefix(ASIDE).tempdir_in(&self.path).at(&self.path)?;
+        for name in &results {
+            let path = self.path.join(name);
+            fs::rename(&path, aside.path().join(name)).at(&path)?;
+        }
+        Ok(SetAside { folder: self, results, aside })
+    }
+}
+
+/// Earlier results, until the new ones are complete. Dropping it removes them.
+#[derive(Debug)]
+pub struct SetAside<'a> {
+    folder: &'a OutputFolder,
+    results: Vec<String>,
+    aside: TempDir,
+}
+
+impl SetAside<'_> {
+    /// Replaces the incomplete new results by the earlier ones, if there were some.
+    ///
+    /// # Errors
+    /// If a file cannot be removed or moved.
+    pub fn restore(self) -> Result<(), MissionError> {
+        if self.results.is_empty() {
+            return Ok(());
+        }
+        self.folder.remove_results()?;
+        for name in &self.results {
+            let path = self.aside.path().join(name);
+            fs::rename(&path, self.folder.path.join(name)).at(&path)?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::fs::symlink;
+
+    use super::*;
+
+    static LAYOUT: FolderLayout = FolderLayout { lock: "lock", is_result: |name| name.ends_with(".csv") };
+
+    fn names(folder: &Path) -> Vec<String> {
+        let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        let mut names: Vec<_> = entries.collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn results_are_replaced_and_files_of_others_stay() {
+        let place = tempfile::tempdir().unwrap();
+        for name in ["a.csv", "notes.md", ".a.csv.x.new"] {
+            fs::write(place.path().join(name), name).unwrap();
+        }
+        let folder = LAYOUT.lock(place.path()).unwrap().unwrap();
+        let content = folder.content().unwrap();
+        assert!(content.lock.is_some() && !content.is_empty());
+        assert_eq!((content.results, content.foreign), (vec!["a.csv".to_owned()], vec!["notes.md".to_owned()]));
+        folder.remove_results().unwrap();
+        assert_eq!(names(place.path()), ["lock", "notes.md"]);
+    }
+
+    #[test]
+    fn results_that_are_set_aside_come_back_or_go() {
+        let place = tempfile::tempdir().unwrap();
+        let result = place.path().join("a.csv");
+        fs::write(&result, "earlier").unwrap();
+        let folder = LAYOUT.lock(place.path()).unwrap().unwrap();
+        let aside = folder.set_aside().unwrap();
+        assert!(folder.content().unwrap().is_empty());
+        fs::write(&result, "new").unwrap();
+        fs::write(place.path().join("b.csv"), "new").unwrap();
+        aside.restore().unwrap();
+        assert_eq!(
+            (fs::read_to_string(&result).unwrap(), names(place.path())),
+            ("earlier".into(), vec!["a.csv".to_owned(), "lock".to_owned()])
+        );
+        drop(folder.set_aside().unwrap());
+        assert_eq!(names(place.path()), ["lock"]);
+    }
+
+    #[test]
+    fn a_folder_has_one_writer_or_several_readers() {
+        let place = tempfile::tempdir().unwrap();
+        let writer = LAYOUT.lock(place.path()).unwrap();
+        assert!(writer.is_some());
+        assert!(LAYOUT.lock(place.path()).unwrap().is_none() && LAYOUT.lock_shared(place.path()).unwrap().is_none());
+        drop(writer);
+        let readers = [LAYOUT.lock_shared(place.path()), LAYOUT.lock_shared(place.path())];
+        assert!(readers.iter().all(|reader| matches!(reader, Ok(Some(_)))));
+        assert!(LAYOUT.lock(place.path()).unwrap().is_none());
+    }
+
+    #[test]
+    fn a_lock_that_became_a_link_is_not_opened() {
+        let place = tempfile::tempdir().unwrap();
+        let victim = place.path().join("victim");
+        fs::write(&victim, "mine").unwrap();
+        symlink(&victim, place.path().join("lock")).unwrap();
+        assert!(LAYOUT.lock(place.path()).is_err());
+    }
+}

@@ -1,0 +1,212 @@
+//! The plant: the field and the UAVs of a mission, by the same steps as the executables.
+
+use bytemuck::{cast_slice, pod_collect_to_vec};
+use serde::{Deserialize, Serialize};
+use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
+use skysink_common::estimate::Estimate;
+use skysink_common::message::{FLAG_END, FlightReport, Plan, QueuesHeader, SlotHeader};
+use skysink_common::scenario::Scenario;
+use skysink_common::sensors::SensorList;
+use skysink_common::slot_record::{ByUav, SlotRecord, UAV, UAVS};
+use skysink_field_sim::Field;
+use skysink_flight_sim::Flight;
+
+/// What planners control: the field and the UAVs of a mission. Clones are independent.
+#[derive(Debug, Clone)]
+pub struct Plant {
+    field: Field,
+    uavs: ByUav<Flight>,
+    slot: u64,
+    slots: u64,
+    flights: ByUav<FlightReport>,
+}
+
+impl Plant {
+    /// The field and the UAVs before slot 1.
+    #[must_use]
+    pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
+        let nodes = list.nodes();
+        let uavs: ByUav<Flight> = (0..UAVS).map(|_| Flight::new(scenario, &nodes)).collect();
+        let flights = uavs.iter().map(Flight::start).collect();
+        Self { field: Field::new(scenario, list), uavs, slot: 0, slots: scenario.slots, flights }
+    }
+
+    /// Also maintains the UAV's estimate of the queues, for external planners.
+    #[must_use]
+    pub fn with_estimate(mut self, estimate: Estimate) -> Self {
+        self.field = self.field.with_estimate(estimate);
+        self
+    }
+
+    /// The ledger after the last slot flown.
+    #[must_use]
+    pub fn header(&self) -> QueuesHeader {
+        let flags = if self.is_over() { FLAG_END } else { 0 };
+        self.field.header(SlotHeader { slot: self.slot, flags, ..SlotHeader::default() })
+    }
+
+    /// The last flown slot; 0 before the first.
+    #[must_use]
+    pub fn slot(&self) -> u64 {
+        self.slot
+    }
+
+    /// Whether all slots are flown.
+    #[must_use]
+    pub fn is_over(&self) -> bool {
+        self.slot == self.slots
+    }
+
+    /// The last flight of each UAV; before slot 1 the UAV at its start.
+    #[must_use]
+    pub fn flights(&self) -> &[FlightReport] {
+        &self.flights
+    }
+
+    /// The last flight of the UAV number `uav`; before slot 1 the UAV at its start.
+    ///
+    /// # Panics
+    /// If there is no such UAV.
+    #[must_use]
+    pub fn flight(&self, uav: usize) -> &FlightReport {
+        &self.flights[uav]
+    }
+
+    /// The field after the last slot.
+    #[must_use]
+    pub fn field(&self) -> &Field {
+        &self.field
+    }
+
+    /// The queues as known to the UAV after the last slot [bit], by sensor node: its estimate if it is maintained, else
+    /// the true queues.
+    #[must_use]
+    pub fn known_bits(&self) -> &[u32] {
+        self.field.estimated_bits().unwrap_or_else(|| self.field.queues_bits())
+    }
+
+    /// Flies the next slot by the plan of each UAV; a UAV without one holds its position.
+    ///
+    /// # Panics
+    /// If there is not one entry for each UAV.
+    pub fn step(&mut self, plans: &[Option<Plan>]) -> SlotRecord {
+        assert_eq!(plans.len(), self.uavs.len(), "expected a plan or none for each UAV");
+        self.slot += 1;
+        let uavs = self.uavs.iter_mut().zip(&mut self.flights).zip(plans);
+        for ((uav, flight), plan) in uavs {
+            *flight = uav.step(self.slot, plan.as_ref());
+        }
+        self.field.step(self.slot, &self.flights[UAV]).expect("flight-sim serves only known sensor nodes");
+        SlotRecord {
+            plans: plans.iter().copied().collect(),
+            paths: self.uavs.iter().map(|_| Vec::new()).collect(),
+            flights: self.flights.clone(),
+            header: self.header(),
+        }
+    }
+}
+
+/// The checkpoint of a plant.
+#[derive(Serialize, Deserialize)]
+struct SavedPlant {
+    slot: u64,
+    #[serde(with = "serde_bytes")]
+    flights: Vec<u8>,
+    #[serde(with = "serde_bytes")]
+    field: Vec<u8>,
+}
+
+impl Checkpoint for Plant {
+    fn save(&self, bytes: &mut Vec<u8>) {
+        let mut field = Vec::new();
+        self.field.save(&mut field);
+        encode(&SavedPlant { slot: self.slot, flights: cast_slice(&self.flights).to_vec(), field }, bytes);
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
+        let SavedPlant { slot, flights, field } = decode(bytes)?;
+        let is_whole = flights.len() == size_of_val(&self.flights[..]);
+        CheckpointError::ensure(is_whole && slot <= self.slots, "a slot and the flights of the mission")?;
+        let mut restored = self.field.clone();
+        restored.restore(&field)?;
+        CheckpointError::ensure(restored.slot() == slot, "a field after the same slot")?;
+        self.field = restored;
+        self.slot = slot;
+        self.flights.copy_from_slice(&pod_collect_to_vec::<u8, FlightReport>(&flights));
+        for (uav, flight) in self.uavs.iter_mut().zip(&self.flights) {
+            uav.restore(flight);
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Mission;
+    use skysink_common::estimate::Rates;
+    use skysink_common::message::Mode;
+    use skysink_common::scenario::Overrides;
+    use skysink_common::sensors::Sensors;
+    use skysink_common::slot_record::Plans;
+    use skysink_planner::settings;
+
+    /// A plant over a field with losses, and the plans of its slots.
+    fn plant(knowledge: Option<Rates>) -> (Plant, Vec<Plans>) {
+        let text = "name = 'x'\nslots = 40\n[sensors]\nsampling_bps = [50.0, 900.0]\n[uav]\nmax_speed_mps = 9.0\n";
+        let path = std::path::Path::new("x.toml");
+        let scenario = Scenario::parse(text, path, Overrides::default()).and_then(settings::resolve).unwrap();
+        let list = SensorList::of(&scenario).unwrap();
+        let plans = Mission::new(&scenario, &list).unwrap().map(|record| record.plans).collect();
+        let plant = Plant::new(&scenario, &list);
+        let estimate = knowledge.map(|rates| Estimate::new(&scenario, rates, &Sensors::of(&scenario, &list.nodes())));
+        (estimate.into_iter().fold(plant, Plant::with_estimate), plans)
+    }
+
+    fn saved(plant: &Plant) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        plant.save(&mut bytes);
+        bytes
+    }
+
+    #[test]
+    fn a_restored_plant_and_a_clone_continue_like_the_original() {
+        for knowledge in [None, Some(Rates::Learnt)] {
+            let (mut plant, plans) = plant(knowledge);
+            for plans in &plans[..25] {
+                plant.step(plans);
+            }
+            let mut clone = plant.clone();
+            let (mut restored, _) = self::plant(knowledge);
+            restored.restore(&saved(&plant)).unwrap();
+            for plans in &plans[25..] {
+                let record = plant.step(plans);
+                assert!(record.header.totals.lost_bits > 0, "nothing to compare");
+                for other in [&mut clone, &mut restored] {
+                    assert_eq!(other.step(plans).header, record.header);
+                    assert!(other.flights() == plant.flights());
+                    assert!(other.field().queues_bits() == plant.field().queues_bits());
+                    assert!(other.known_bits() == plant.known_bits());
+                }
+            }
+            assert!(plant.is_over() && restored.is_over());
+        }
+    }
+
+    #[test]
+    fn an_impossible_state_is_refused_and_changes_nothing() {
+        let (mut flown, plans) = plant(None);
+        flown.step(&plans[0]);
+        let bytes = saved(&flown);
+        let (mut plant, _) = plant(None);
+        for bytes in [&bytes[..bytes.len() - 1], &[], &[&bytes[..], &[0]].concat()] {
+            assert!(plant.restore(bytes).is_err());
+        }
+        let mut other_slot = bytes.clone();
+        other_slot[0] = 2; // not the slot of the field
+        assert!(plant.restore(&other_slot).is_err());
+        other_slot[0] = 41; // beyond the mission
+        assert!(plant.restore(&other_slot).is_err());
+        assert_eq!((plant.slot(), plant.flight(UAV).mode), (0, Mode::Hold as u32));
+    }
+}

@@ -1,0 +1,88 @@
+//! The constant data of a mission for planning: the sensor nodes, their channel and the limits of plans.
+
+use std::sync::Arc;
+
+use nalgebra::Point3;
+use skysink_common::channel::{Channel, ChannelModel, Uplink};
+use skysink_common::geometry::Position;
+use skysink_common::message::{Limits, SensorNode};
+use skysink_common::scenario::Scenario;
+use skysink_common::sensors::Sensors;
+
+/// The sensor nodes (SNs) and the constraints on a plan.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MissionTable {
+    /// The SNs.
+    pub sensors: Arc<Sensors>,
+    /// The channel of all uplinks.
+    pub channel: Channel,
+    /// The constraints on every plan.
+    pub limits: Limits,
+}
+
+impl MissionTable {
+    /// The table of a scenario with these SNs.
+    #[must_use]
+    pub fn new(scenario: &Scenario, sensors: Arc<Sensors>) -> Self {
+        Self { sensors, channel: Channel::of(&scenario.link), limits: Limits::of(scenario) }
+    }
+
+    /// The table of a scenario with the published SNs `nodes`.
+    #[must_use]
+    pub fn of(scenario: &Scenario, nodes: &[SensorNode]) -> Self {
+        Self::new(scenario, Arc::new(Sensors::of(scenario, nodes)))
+    }
+
+    /// Expected bits collected from the SNs `ids` with the UAV at `uav`: `Σ min(floor(r_i τ_c), B_i(t−1))`, with the
+    /// expected rates `r_i`.
+    #[must_use]
+    pub fn expected_bits(&self, uav: &Point3<f64>, ids: &[u32], queues_bits: &[u32]) -> u64 {
+        let uplink = |id: u32| Uplink::new(self.sensors.gains[id as usize], self.sensors.position(id), uav);
+        let capacity_bits = |id: u32| self.channel.capacity_bits(self.channel.expected_rate_bps(&uplink(id)));
+        ids.iter().map(|&id| capacity_bits(id).min(u64::from(queues_bits[id as usize]))).sum()
+    }
+
+    /// The point of the area nearest to `position`.
+    ///
+    /// The area is convex and contains the SNs and the UAV, so the result is nearer to each of them: a waypoint that
+    /// rounding put outside stays in range and in reach.
+    #[must_use]
+    pub fn clamp_to_area(&self, position: &Position) -> Position {
+        Position::new(position.x.clamp(0.0, self.limits.width_m), position.y.clamp(0.0, self.limits.height_m))
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use skysink_common::scenario::Overrides;
+
+    /// The paper's field (d_c = 10 m, V τ = 30 m, n = 4) of 100 m × 100 m with SNs of gain −52 dB at `positions_m` [m].
+    pub(crate) fn table_of(positions_m: &[[f64; 2]]) -> MissionTable {
+        let sensor = |&[x_m, y_m]: &[f64; 2]| SensorNode { x_m, y_m, gain: 10f64.powf(-5.2), ..SensorNode::default() };
+        let scenario = Scenario::letter(Overrides::default()).unwrap();
+        let nodes: Vec<SensorNode> = positions_m.iter().map(sensor).collect();
+        MissionTable::of(&scenario, &nodes)
+    }
+
+    #[test]
+    fn a_visit_is_expected_to_collect_the_queue_or_what_the_link_carries() {
+        let mut table = table_of(&[[50.0, 50.0], [50.0, 60.0]]);
+        let waypoint = Point3::new(50.0, 50.0, 20.0);
+        // The letter's links carry about 6 Mbit in a slot: both queues are emptied.
+        assert_eq!(table.expected_bits(&waypoint, &[0, 1], &[9_000, 12_000]), 21_000);
+        // W = 5 kHz, γ = 10^−5.2 · 0.05/10^−13 = 3.1548e6. SN 0: x = 400, 500 · log2(1 + 7886.98) = 500 · 12.94545 =
+        // 6472.7 bit; SN 1: x = 500, 500 · log2(1 + 6309.57) = 500 · 12.62357 = 6311.8 bit, but it holds only 100.
+        let Channel::FreeSpace(model) = &mut table.channel else { panic!("the letter's channel is free space") };
+        model.bandwidth_hz = 5e3;
+        assert_eq!(table.expected_bits(&waypoint, &[0, 1], &[9_000, 12_000]), 6_472 + 6_311);
+        assert_eq!(table.expected_bits(&waypoint, &[0, 1], &[9_000, 100]), 6_472 + 100);
+    }
+
+    #[test]
+    fn a_point_outside_the_area_moves_to_its_border() {
+        let table = table_of(&[[50.0, 50.0]]);
+        assert_eq!(table.clamp_to_area(&Position::new(-1e-9, 100.1)), Position::new(0.0, 100.0));
+        assert_eq!(table.clamp_to_area(&Position::new(3.0, 4.0)), Position::new(3.0, 4.0));
+    }
+}

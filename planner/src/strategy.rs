@@ -1,0 +1,264 @@
+//! What a strategy is: the trait, its input and output for a slot, and its entry in the registry.
+//!
+//! The strategies and their registry, [`crate::strategies`], are left to the modules above.
+
+use arrayvec::ArrayVec;
+use nalgebra::Point3;
+use serde::{Serialize, Serializer};
+use skysink_common::belief::{Belief, Believed};
+use skysink_common::checkpoint::Checkpoint;
+use skysink_common::error::InputError;
+use skysink_common::geometry::Position;
+use skysink_common::keys::{Key, Keys};
+use skysink_common::message::{FlightReport, MAX_SERVED, SensorNode, SolverOutcome};
+use skysink_common::scenario::Scenario;
+use skysink_common::stop::Stop;
+use toml::Table;
+
+use crate::keys::Settings;
+use crate::mission_table::MissionTable;
+
+/// A planning strategy: decides one slot from the state after the one before.
+///
+/// It reads no clock unless the mission is paced, draws random numbers only from [`skysink_common::random`], and saves
+/// all its state in its checkpoint.
+pub trait Strategy: Checkpoint {
+    /// The decision for the slot of `view`; `None` if no sensor node is in reach, which leaves the slot to transit
+    /// (decision D8).
+    fn plan(&mut self, view: &View<'_>) -> Option<Decision>;
+
+    /// Observes a flight, and what is believed after it.
+    fn observe(&mut self, _report: &FlightReport, _belief: &Believed<'_>) {}
+
+    /// The planned waypoints after the last decided one, from strategies that look ahead.
+    fn path(&self) -> &[Point3<f64>] {
+        &[]
+    }
+}
+
+/// The input of a strategy for a slot.
+#[derive(Debug, Clone, Copy)]
+pub struct View<'a> {
+    /// The slot to plan, t; the first is 1.
+    pub slot: u64,
+    /// Position of the UAV at its beginning, `L_u(t−1)` [m].
+    pub position: Point3<f64>,
+    /// What is believed at its beginning: known or estimated queues, `B_i(t−1)`, and rates.
+    pub belief: Believed<'a>,
+    /// The SNs and the limits of the UAV.
+    pub table: &'a MissionTable,
+    /// Whether a search may read a clock.
+    pub timing: Timing,
+    /// Ends long searches; the decision is then not flown.
+    pub stop: &'a Stop,
+}
+
+/// What paces a mission.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Timing {
+    /// The steps themselves: results do not depend on a clock.
+    Free,
+    /// A clock: late plans are void, and a search may end by time.
+    Paced,
+}
+
+impl View<'_> {
+    /// Horizontal position of the UAV.
+    #[must_use]
+    pub fn ground(&self) -> Position {
+        self.position.xy()
+    }
+}
+
+/// The decision of a strategy for a slot.
+#[derive(Debug, Clone)]
+pub struct Decision {
+    /// The waypoint [m].
+    pub waypoint: Point3<f64>,
+    /// The sensor nodes (SNs) to serve from there, ascending by id.
+    pub schedule: ArrayVec<u32, MAX_SERVED>,
+    /// How the waypoint was found.
+    pub outcome: SolverOutcome,
+    /// How Algorithm 1 found the schedule, for display.
+    pub winner: Option<Winner>,
+}
+
+/// Candidate circles of Algorithm 1 about one pair, C1 to C5.
+pub const CIRCLES: usize = 5;
+
+/// Origin of the set that Algorithm 1 finds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Winner {
+    /// Anchor SN i.
+    pub anchor: u32,
+    /// Its partner and their circles; `None` if the set is the anchor alone.
+    pub pair: Option<Pair>,
+}
+
+/// An anchor's partner, and the circles about both.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pair {
+    /// Partner SN k.
+    pub partner: u32,
+    /// Centres of C1 to C5; `None` where one is out of reach, in the wide search.
+    pub circles: [Option<Position>; CIRCLES],
+    /// Which circle won, from 0.
+    pub chosen: u32,
+}
+
+/// The input for the construction of a strategy.
+#[derive(Debug, Clone, Copy)]
+pub struct Setup<'a> {
+    /// The mission.
+    pub scenario: &'a Scenario,
+    /// The keys of its `[planner]` that apply to all strategies.
+    pub settings: &'a Settings,
+    /// The SNs and the limits of the UAV, as in every view.
+    pub table: &'a MissionTable,
+    /// The belief before any contact.
+    pub belief: &'a Belief,
+    /// All strategies, for one that compares itself with the others.
+    pub strategies: &'static [&'static Registered],
+}
+
+/// What a [`Setup`] with known queues refers to.
+#[derive(Debug, Clone)]
+pub struct OwnedSetup {
+    /// The mission.
+    pub scenario: Scenario,
+    /// The keys of its `[planner]` that apply to all strategies.
+    pub settings: Settings,
+    /// The SNs and the limits of the UAV.
+    pub table: MissionTable,
+    /// All strategies.
+    pub strategies: &'static [&'static Registered],
+}
+
+impl OwnedSetup {
+    /// The setup of a mission with these sensor nodes, by id, and these strategies to compare with.
+    ///
+    /// # Errors
+    /// If a value of `[planner]` is refused; never for a scenario that was resolved.
+    pub fn new(
+        scenario: Scenario,
+        nodes: &[SensorNode],
+        strategies: &'static [&'static Registered],
+    ) -> Result<Self, InputError> {
+        let settings = Settings::of(&scenario)?;
+        let table = MissionTable::of(&scenario, nodes);
+        Ok(Self { scenario, settings, table, strategies })
+    }
+
+    /// The input for the construction of a strategy.
+    #[must_use]
+    pub fn setup(&self) -> Setup<'_> {
+        let Self { scenario, settings, table, strategies } = self;
+        Setup { scenario, settings, table, belief: &Belief::KNOWN, strategies }
+    }
+}
+
+impl Setup<'_> {
+    /// A copy for a mission with known queues.
+    #[must_use]
+    pub fn to_owned(&self) -> OwnedSetup {
+        OwnedSetup {
+            scenario: self.scenario.clone(),
+            settings: *self.settings,
+            table: self.table.clone(),
+            strategies: self.strategies,
+        }
+    }
+}
+
+/// The keys of one strategy, a table of `[planner]`.
+#[derive(Debug, Clone, Copy)]
+pub struct StrategyKeys {
+    /// Their description.
+    pub keys: &'static [Key],
+    /// Checks the named table of a scenario, and fills in its defaults.
+    pub check: fn(&Scenario, &str) -> Result<Table, InputError>,
+}
+
+impl StrategyKeys {
+    /// The keys that `T` declares.
+    #[must_use]
+    pub const fn of<T: Keys>() -> Self {
+        Self { keys: T::KEYS, check: checked::<T> }
+    }
+}
+
+/// An entry of the registry. It is serialized as its name.
+#[derive(Debug, Clone, Copy)]
+pub struct Registered {
+    /// Its name in scenario files, folders and tables.
+    pub name: &'static str,
+    /// What it does, in a line.
+    pub about: &'static str,
+    /// Whether it keeps no state between slots.
+    pub is_stateless: bool,
+    /// Whether it plans beyond a slot ([`Strategy::path`]).
+    pub has_path: bool,
+    /// Its own keys, `[planner.<name>]`; `None` if it has none.
+    pub keys: Option<StrategyKeys>,
+    /// Constructs it, for a scenario with checked keys.
+    pub make: fn(&Setup<'_>) -> Box<dyn Strategy>,
+}
+
+impl Registered {
+    /// Replaces its own keys in a scenario.
+    pub fn set_keys(&self, scenario: &mut Scenario, keys: impl Serialize) {
+        let keys = Table::try_from(keys).expect("keys are numbers and strings");
+        scenario.planner.others.insert(self.name.to_owned(), keys.into());
+    }
+}
+
+impl PartialEq for Registered {
+    fn eq(&self, other: &Self) -> bool {
+        self.name == other.name
+    }
+}
+
+impl Serialize for Registered {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.name)
+    }
+}
+
+/// The table `table` of a scenario, read as the keys `T` of a strategy, with all defaults.
+fn checked<T: Keys>(scenario: &Scenario, table: &str) -> Result<Table, InputError> {
+    let keys: T = scenario.planner_keys(table)?;
+    Ok(Table::try_from(keys).expect("keys are numbers and strings"))
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use skysink_common::scenario::Overrides;
+    use std::sync::LazyLock;
+
+    /// What a strategy is made of before it flies over these SNs, with no other strategies.
+    pub(crate) fn over(scenario: Scenario, sensors: Vec<SensorNode>) -> OwnedSetup {
+        OwnedSetup::new(scenario, &sensors, &[]).unwrap()
+    }
+
+    /// SNs by position [m], rate [bit/s] and buffer [bit] in the letter's scenario.
+    pub(crate) fn field(sensors: impl Iterator<Item = ([f64; 2], f64, u32)>) -> OwnedSetup {
+        let node = |([x_m, y_m], sampling_bps, capacity_bits): ([f64; 2], f64, u32)| SensorNode {
+            x_m,
+            y_m,
+            sampling_bps,
+            capacity_bits,
+            gain: 10f64.powf(-5.2),
+            ..SensorNode::default()
+        };
+        over(Scenario::letter(Overrides::default()).unwrap(), sensors.map(node).collect())
+    }
+
+    /// What it sees from 20 m above `ground` [m].
+    pub(crate) fn view<'a>(table: &'a MissionTable, slot: u64, ground: [f64; 2], queues_bits: &'a [u32]) -> View<'a> {
+        let position = Point3::new(ground[0], ground[1], 20.0);
+        static STOP: LazyLock<Stop> = LazyLock::new(Stop::default);
+        let belief = Believed::known(slot - 1, &table.sensors, queues_bits);
+        View { slot, position, belief, table, timing: Timing::Free, stop: &STOP }
+    }
+}

@@ -1,0 +1,54 @@
+//! `skysink report`: prints the results of a finished run again.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use skysink_common::stop::Stop;
+use skysink_mission::record::RunFolder;
+use skysink_mission::recorded::checked_summary;
+use skysink_mission::sensor_results;
+
+use crate::error::Error;
+use crate::report::{print, print_run};
+
+/// Print the results of a run.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  skysink report runs/letter-uts-1
+  skysink report runs/letter-uts-1 --sensors   also per sensor node")]
+pub struct ReportCommand {
+    /// Run folder.
+    #[arg(value_name = "RUN")]
+    folder: PathBuf,
+    /// Write sensors_out.csv into the run folder: bits lost and delivered, service ages and service gaps of each
+    /// sensor node.
+    #[arg(long)]
+    sensors: bool,
+    /// Print summary.json instead of the table.
+    #[arg(long)]
+    json: bool,
+}
+
+impl ReportCommand {
+    /// Prints the results, and writes those of each sensor node.
+    ///
+    /// # Errors
+    /// If the folder is not that of a finished run, its trace was changed, a file cannot be written, or on a stop.
+    pub fn run(self, stop: &Stop) -> Result<(), Error> {
+        let folder = RunFolder::open_to_read(&self.folder)?;
+        let summary = checked_summary(&folder)?;
+        if self.json {
+            print(serde_json::to_string_pretty(&summary).expect("plain numbers and strings"))?;
+        } else {
+            print_run(&folder, &summary)?;
+        }
+        if self.sensors {
+            let file = sensor_results::write(&self.folder, stop)?;
+            if !self.json {
+                print(format_args!("Sensor nodes:    {}", file.display()))?;
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,92 @@
+//! `skysink sweep`: arguments and printed results.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use skysink_common::stop::Stop;
+use skysink_lab::sweep::estimate::{SweepEstimate, estimate};
+use skysink_lab::sweep::plan::Sweep;
+use skysink_lab::sweep::shard::Shard;
+use skysink_lab::sweep::{SweepTask, sweep};
+
+use crate::error::{Error, ended_early, flown_in};
+use crate::report::{TerminalProgress, print};
+
+/// Simulate a grid of scenarios with several strategies and seeds. Running the command again resumes the sweep.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  skysink sweep scenarios/sweeps/letter.toml
+  skysink sweep area.toml --out area-1 --shard 1/2    on one machine,
+  skysink sweep area.toml --out area-2 --shard 2/2    on another; then
+  skysink merge area-1 area-2 --out area              merges the two
+  skysink sweep area.toml --out area-$SLURM_ARRAY_TASK_ID \\
+    --shard $SLURM_ARRAY_TASK_ID/100                  in a job array")]
+pub struct SweepCommand {
+    /// Sweep file: scenario, strategies, seeds and axes, as in docs/src/sweep.md.
+    sweep: PathBuf,
+    /// Output folder; a sweep in it is resumed [default: runs/NAME, named like the sweep file].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Missions simulated in parallel [default: one per core].
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+    threads: usize,
+    /// Simulate only shard K of N; all strategies of one grid point and seed stay in one shard. In a job array K is its
+    /// index, from 1.
+    #[arg(long, value_name = "K/N", value_parser = parse_shard, default_value = "1/1")]
+    shard: Shard,
+    /// Print the number of missions and the estimated time, and simulate none.
+    #[arg(long, conflicts_with_all = ["out", "threads", "shard"])]
+    plan: bool,
+}
+
+impl SweepCommand {
+    /// Simulates the missions, or prints their number and estimated time.
+    ///
+    /// # Errors
+    /// If the sweep file or the output folder is refused, something cannot be written, or on a stop.
+    pub fn run(self, stop: &Stop) -> Result<(), Error> {
+        let plan = Sweep::read(&self.sweep, Vec::new())?;
+        if self.plan {
+            return print_plan(&plan, stop);
+        }
+        let Self { shard, threads, .. } = self;
+        let name = self.sweep.file_stem().unwrap_or(self.sweep.as_os_str());
+        let out = self.out.unwrap_or_else(|| Path::new("runs").join(name));
+        let task = SweepTask { out: &out, shard, threads };
+        let journal = sweep(&plan, task, stop, &TerminalProgress::of_missions());
+        let count = journal.map_err(|error| ended_early(error, &flown_in(&out)))?.count();
+        if count == 0 {
+            let fields = plan.definition.fields();
+            return print(format_args!("No missions: shard {shard} is beyond the {fields} fields"));
+        }
+        print(format_args!("{count} missions: {}", out.join("results.csv").display()))?;
+        if shard != Shard::WHOLE {
+            return print("Merge all shards: skysink merge SHARD... --out DIR");
+        }
+        print(format_args!("Means: {}", out.join("summary.csv").display()))?;
+        print(format_args!("Draw them: skysink plot {} --x KEY", out.display()))
+    }
+}
+
+/// Prints the size of a sweep and its estimated time.
+fn print_plan(sweep: &Sweep, stop: &Stop) -> Result<(), Error> {
+    let estimate = estimate(sweep, stop).map_err(|error| ended_early(error, "nothing was flown"))?;
+    let SweepEstimate { missions, cpu_s, mission_s } = &estimate;
+    let [points, seeds, fields] =
+        [sweep.definition.points.len(), sweep.definition.seeds.len(), sweep.definition.fields()];
+    print(format_args!("Points:    {points}, with {seeds} seeds: {fields} fields"))?;
+    print(format_args!("Missions:  {missions}, of {} strategies", mission_s.len()))?;
+    for (name, each_s) in mission_s {
+        print(format_args!("  {name:<20} {each_s:>12.4} s each"))?;
+    }
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    print(format_args!("CPU time:  about {cpu_s:.1} s, {:.1} s on {cores} cores", cpu_s / cores as f64))
+}
+
+/// Parses `K/N`.
+fn parse_shard(text: &str) -> Result<Shard, String> {
+    let shard = text.split_once('/').and_then(|(k, n)| Shard::new(k.parse().ok()?, n.parse().ok()?));
+    let expected = "expected k/n with k from 1 to n; in a job array k is its index, such as $SLURM_ARRAY_TASK_ID";
+    shard.ok_or_else(|| expected.to_owned())
+}

@@ -1,0 +1,141 @@
+//! The strategies or runs that are compared, each with its missions and the one that the recording shows.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use skysink_common::error::InputError;
+use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::stop::Stop;
+use skysink_lab::compare::Contender;
+use skysink_lab::sweep::plan::Sweep;
+use skysink_lab::sweep::settings::{SweepBase, SweepSettings};
+use skysink_lab::sweep::shard::Shard;
+use skysink_lab::sweep::{SweepTask, sweep};
+use skysink_planner::settings;
+use skysink_planner::strategy::Registered;
+use toml::Table;
+
+use crate::error::{Error, ended_early, flown_in};
+use crate::report::TerminalProgress;
+
+/// A contender, and its mission in the recording.
+#[cfg_attr(not(feature = "viewer"), expect(dead_code, reason = "only the recording simulates it"))]
+pub struct ShownContender {
+    /// The contender.
+    pub contender: Contender,
+    /// The seed of the mission in the recording.
+    pub seed: u64,
+    /// Where that mission comes from.
+    pub flight: FlightSource,
+}
+
+/// The source of the mission in the recording.
+#[cfg_attr(not(feature = "viewer"), expect(dead_code, reason = "only the recording simulates it"))]
+pub enum FlightSource {
+    /// Planned by the strategy of a scenario.
+    Planned(Box<Scenario>),
+    /// Replayed from a run folder.
+    Recorded(PathBuf),
+}
+
+/// Strategies over the fields of a scenario.
+#[derive(Debug)]
+pub struct ComparedStrategies {
+    /// The scenario file.
+    pub scenario: PathBuf,
+    /// Changes of its keys.
+    pub overrides: Overrides,
+    /// The strategies.
+    pub strategies: Vec<&'static Registered>,
+    /// Number of consecutive seeds, starting at the scenario's.
+    pub seeds: u64,
+}
+
+impl ComparedStrategies {
+    /// The sweep of the strategies over the scenario.
+    pub fn sweep(&self) -> Result<Sweep, Error> {
+        let path = &self.scenario;
+        let scenario = Scenario::read(path, self.overrides.clone()).and_then(settings::resolve)?;
+        let table = scenario.to_toml().parse::<Table>().expect("it was just written");
+        let base = SweepBase { path: path.clone(), table };
+        let seeds = (scenario.seed..).take(self.seeds as usize).collect();
+        let strategies = self.strategies.iter().map(|strategy| strategy.name.to_owned()).collect();
+        let settings = SweepSettings { base, axes: Table::new(), strategies, seeds, external: Vec::new() };
+        Ok(Sweep::new(path, settings)?)
+    }
+
+    /// Runs or resumes the sweep `plan` in the folder `out`.
+    pub fn contenders(&self, plan: &Sweep, out: &Path, stop: &Stop) -> Result<Vec<ShownContender>, Error> {
+        let task = SweepTask { out, shard: Shard::WHOLE, threads: 0 };
+        let journal = sweep(plan, task, stop, &TerminalProgress::of_missions());
+        let rows = journal.and_then(|journal| journal.all()).map_err(|error| ended_early(error, &flown_in(out)))?;
+        let contenders = Contender::of_sweep(&plan.definition, &rows);
+        let shown = |(contender, strategy): (Contender, &&'static Registered)| {
+            let overrides = Overrides { strategy: Some(strategy.name), ..self.overrides.clone() };
+            let scenario = Scenario::read(&self.scenario, overrides).and_then(settings::resolve)?;
+            Ok(ShownContender { contender, seed: scenario.seed, flight: FlightSource::Planned(Box::new(scenario)) })
+        };
+        contenders.into_iter().zip(&self.strategies).map(shown).collect()
+    }
+}
+
+/// Reads the runs in these folders.
+pub fn read_runs(folders: &[PathBuf], stop: &Stop) -> Result<Vec<ShownContender>, Error> {
+    for (index, folder) in folders.iter().enumerate() {
+        let same = |other: &PathBuf| fs::canonicalize(other).ok() == fs::canonicalize(folder).ok();
+        if folder.is_dir() && folders[..index].iter().any(same) {
+            return Err(InputError::new("run folder", folder, "it is given twice: expected each run once").into());
+        }
+    }
+    let shown = |folder: &PathBuf| -> Result<ShownContender, Error> {
+        let contender = Contender::of_run(folder, &label(folder, folders), stop)?;
+        let scenario = Scenario::read(&folder.join("scenario.toml"), Overrides::default())?;
+        Ok(ShownContender { contender, seed: scenario.seed, flight: FlightSource::Recorded(folder.clone()) })
+    };
+    folders.iter().map(shown).collect()
+}
+
+/// The name of a run folder, or its path if another folder has the same name.
+fn label(folder: &Path, folders: &[PathBuf]) -> String {
+    let same = folders.iter().filter(|other| name_of(other) == name_of(folder)).count();
+    if same > 1 { folder.display().to_string() } else { name_of(folder) }
+}
+
+/// The last component of a path; for a file, without its extension.
+pub fn name_of(path: &Path) -> String {
+    let name = if path.is_dir() { path.file_name() } else { path.file_stem() };
+    name.map_or_else(|| "run".to_owned(), |name| name.to_string_lossy().into_owned())
+}
+
+/// The keys in which the scenarios of the runs differ, with the value of each.
+pub fn differing_keys(folders: &[PathBuf]) -> Result<Vec<(String, Vec<String>)>, Error> {
+    let keys = |folder: &PathBuf| -> Result<Vec<(String, String)>, Error> {
+        let scenario = Scenario::read(&folder.join("scenario.toml"), Overrides::default())?;
+        let table = scenario.to_toml().parse::<Table>().expect("it was just written");
+        let mut keys = Vec::new();
+        flatten("", &table, &mut keys);
+        Ok(keys)
+    };
+    let all = folders.iter().map(keys).collect::<Result<Vec<_>, _>>()?;
+    let mut names: Vec<&String> = all.iter().flatten().map(|(key, _)| key).collect();
+    names.sort_unstable();
+    names.dedup();
+    let values = |name: &String| -> Vec<String> {
+        let find =
+            |keys: &Vec<(String, String)>| keys.iter().find(|(key, _)| key == name).map(|(_, value)| value.clone());
+        all.iter().map(|keys| find(keys).unwrap_or_else(|| "-".to_owned())).collect()
+    };
+    let pairs = names.into_iter().map(|name| (name.clone(), values(name)));
+    Ok(pairs.filter(|(_, values)| values.iter().any(|value| *value != values[0])).collect())
+}
+
+/// The values of a table under their dotted keys.
+fn flatten(prefix: &str, table: &Table, into: &mut Vec<(String, String)>) {
+    for (key, value) in table {
+        let key = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
+        match value {
+            toml::Value::Table(inner) => flatten(&key, inner, into),
+            value => into.push((key, value.to_string())),
+        }
+    }
+}

@@ -1,0 +1,116 @@
+//! Options that several commands share.
+
+use std::num::NonZeroU64;
+use std::path::PathBuf;
+
+use clap::Args;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use skysink_common::scenario::{Overrides, Scenario, Setting};
+use skysink_common::sensors::SensorList;
+use skysink_mission::MissionError;
+use skysink_mission::folder::Earlier;
+use skysink_mission::origin::RunMode;
+use skysink_mission::record::RunFolder;
+use skysink_planner::strategies::STRATEGIES;
+use skysink_planner::strategy::Registered;
+
+/// Options of every command that flies one mission.
+#[derive(Debug, Args)]
+pub struct MissionOptions {
+    /// Strategy [default: the scenario's].
+    #[arg(long, value_parser = strategy())]
+    strategy: Option<&'static str>,
+    #[command(flatten)]
+    changes: Changes,
+    /// The folder of the run.
+    #[command(flatten)]
+    pub folder: NewFolder,
+}
+
+impl MissionOptions {
+    /// The keys of the scenario that are overridden.
+    #[must_use]
+    pub fn overrides(&self) -> Overrides {
+        Overrides { strategy: self.strategy, ..self.changes.overrides() }
+    }
+}
+
+/// Options of every command that takes a scenario: changes of its keys.
+#[derive(Debug, Clone, Args)]
+pub struct Changes {
+    /// Random seed [default: the scenario's].
+    #[arg(long, value_parser = seed())]
+    seed: Option<u64>,
+    /// Override a scenario key, for example link.bandwidth_hz=5e3 (repeatable).
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    keys: Vec<Setting>,
+}
+
+impl Changes {
+    /// The keys of the scenario that are overridden.
+    #[must_use]
+    pub fn overrides(&self) -> Overrides {
+        Overrides { seed: self.seed, keys: self.keys.clone(), ..Overrides::default() }
+    }
+}
+
+/// The folder of a new run.
+#[derive(Debug, Args)]
+pub struct NewFolder {
+    /// Run folder [default: runs/NAME-STRATEGY-SEED].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Replace an existing run in the folder --out.
+    #[arg(long, requires = "out")]
+    force: bool,
+}
+
+impl NewFolder {
+    /// What happens to an earlier run in the folder.
+    #[must_use]
+    pub fn earlier(&self) -> Earlier {
+        Earlier::by_force(self.force)
+    }
+
+    /// Creates the folder.
+    ///
+    /// # Errors
+    /// As [`RunFolder::create`].
+    pub fn create(
+        &self,
+        scenario: &Scenario,
+        list: &SensorList,
+        run_mode: &RunMode,
+    ) -> Result<RunFolder, MissionError> {
+        RunFolder::create(self.out.as_deref(), self.earlier(), scenario, list, run_mode)
+    }
+}
+
+/// Options for the recording of a simulation.
+#[derive(Debug, Args)]
+pub struct RecordingOptions {
+    /// Write a recording for rerun, mission.rrd.
+    #[arg(long)]
+    record: bool,
+    /// Write a recording with every K-th slot only; events are always recorded.
+    #[arg(long, value_name = "K")]
+    record_every: Option<NonZeroU64>,
+}
+
+impl RecordingOptions {
+    /// K of the recording, which contains every K-th slot; `None` for no recording.
+    #[must_use]
+    pub fn every(&self) -> Option<NonZeroU64> {
+        self.record_every.or(self.record.then_some(NonZeroU64::MIN))
+    }
+}
+
+/// Parses the name of a strategy, as in scenario files.
+pub fn strategy() -> impl TypedValueParser<Value = &'static str> {
+    PossibleValuesParser::new(STRATEGIES.iter().map(|strategy| PossibleValue::new(strategy.name).help(strategy.about)))
+        .map(|name| Registered::find(&name).expect("one of the possible values").name)
+}
+
+fn seed() -> impl TypedValueParser<Value = u64> {
+    clap::value_parser!(u64).range(..=i64::MAX as u64)
+}

@@ -1,0 +1,41 @@
+//! The missions of this process in recordings for rerun.
+
+use skysink_common::message::{PathPoint, Plan};
+use skysink_common::slot_record::SlotRecord;
+use skysink_common::slot_record::UAV;
+use skysink_mission::drive::Observer;
+use skysink_mission::{MissionError, Plant};
+use skysink_viewer::{SceneError, SlotView};
+
+use crate::error::Error;
+
+/// Hands the views of all slots, from slot 0 on, to a recording. They contain no wall-clock times, so that equal
+/// missions give equal recordings.
+pub struct SlotViews<F>(pub F);
+
+impl<F: FnMut(&SlotView) -> Result<(), SceneError>> SlotViews<F> {
+    fn show(&mut self, plant: &Plant, plan: Option<&Plan>, path: &[PathPoint]) -> Result<(), MissionError> {
+        let header = plant.header();
+        let view = SlotView {
+            slot: plant.slot(),
+            queues_bits: plant.field().queues_bits(),
+            header: &header,
+            plan,
+            path,
+            flight: plant.flight(UAV),
+            slots_per_s: None,
+            plan_ms: None,
+        };
+        Ok((self.0)(&view).map_err(Error::from)?)
+    }
+}
+
+impl<F: FnMut(&SlotView) -> Result<(), SceneError>> Observer for SlotViews<F> {
+    fn begin(&mut self, plant: &Plant) -> Result<(), MissionError> {
+        self.show(plant, None, &[])
+    }
+
+    fn slot(&mut self, record: &SlotRecord, plant: &Plant) -> Result<(), MissionError> {
+        self.show(plant, record.plans[UAV].as_ref(), &record.paths[UAV])
+    }
+}
