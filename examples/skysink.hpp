@@ -140,8 +140,7 @@ struct Totals {
     uint64_t lost_bits;
     /// Queued now.
     uint64_t queued_bits;
-    /// `Σ_t Σ_i D_i(t) / (s_i τ)`: the loss in slots of sampling, for the paper's loss rate. 0 in a [`Ledger`], which
-    /// does not know the rates.
+    /// `Σ_t Σ_i D_i(t) / (s_i τ)`: the loss in slots of sampling, for the paper's loss rate.
     double lost_slots;
 };
 

@@ -260,7 +260,7 @@ impl Estimate {
                 && let Some(found_bits) = found_bits.map(|found_bits| found_bits.min(*capacity_bits))
             {
                 if contact.slot > 0 && contact.slot >= self.gapless_since {
-                    let gap = (slot - 1).saturating_sub(contact.slot);
+                    let gap = slot.saturating_sub(contact.slot).saturating_sub(1);
                     learnt.add(gap, contact.left_bits, found_bits, *capacity_bits);
                 }
                 // A link that leaves data carried its full capacity, so the bits sampled in this slot are known, too.

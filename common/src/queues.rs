@@ -67,11 +67,12 @@ impl Queues {
         let queues_bits = &mut Arc::make_mut(&mut self.bits)[sensors.clone()];
         match (&sampling.mean_bits, &sampling.capacity_bits) {
             (PerSensor::Equal(mean_bits), PerSensor::Equal(capacity_bits)) => {
-                let bits = bits_between(*mean_bits, slot - 1, slot);
+                let bits = bits_between(*mean_bits, slot.saturating_sub(1), slot);
                 vectorized(|| fill_equally(queues_bits, bits, *capacity_bits))
             }
             (PerSensor::Each(mean_bits), PerSensor::Equal(capacity_bits)) if sampling.is_quick(slot) => {
-                let bits = |&mean: &f64| quick_bits(mean, slot) - quick_bits(mean, slot - 1);
+                let before = slot.saturating_sub(1);
+                let bits = |&mean: &f64| quick_bits(mean, slot) - quick_bits(mean, before);
                 vectorized(|| fill(queues_bits, mean_bits[sensors].iter().map(bits), repeat(*capacity_bits)))
             }
             (_, capacity_bits) => {

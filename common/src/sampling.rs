@@ -112,7 +112,7 @@ impl Sampling {
 
     /// Bits sampled by each of the consecutive `sensors` in `slot`.
     pub(crate) fn arrivals(&self, sensors: Range<usize>, slot: u64) -> impl Iterator<Item = u64> {
-        sensors.map(move |sensor| bits_between(self.mean_bits.of(sensor), slot - 1, slot))
+        sensors.map(move |sensor| bits_between(self.mean_bits.of(sensor), slot.saturating_sub(1), slot))
     }
 
     /// Whether [`quick_bits`] counts the bits that any SN has sampled up to the end of `slot`.

@@ -62,7 +62,8 @@ pub(crate) fn chain_hashes(hash: u64, lines: &[u8]) -> u64 {
     lines.split_inclusive(|&byte| byte == b'\n').fold(hash, |hash, line| xxh3_64_with_seed(line, hash))
 }
 
-/// Writes one line of `slots.csv`: the slot of the UAV number `uav`. Floats round-trip exactly. The line holds no times of a clock.
+/// Writes one line of `slots.csv`: the slot of the UAV number `uav`. Floats round-trip exactly. The line holds no times
+/// of a clock.
 fn write_line(line: &mut String, uav: usize, flight: &FlightReport, header: &QueuesHeader) -> std::fmt::Result {
     write!(line, "{},{uav},{},{},{},", header.head.slot, flight.x_m, flight.y_m, flight.z_m)?;
     for (i, link) in flight.served_links().iter().enumerate() {

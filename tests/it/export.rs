@@ -183,13 +183,13 @@ fn parquet_holds_the_slots_with_the_bits_of_each_sensor_node_and_needs_no_origin
         let written: Vec<u32> = cells[5].split_whitespace().map(|id| id.parse().unwrap()).collect();
         assert_eq!(
             (slot.value(row).to_string(), x_m.value(row).to_string(), ids),
-            (cells[0].into(), cells[1].into(), written)
+            (cells[0].into(), cells[2].into(), written)
         );
         assert_eq!(
             (bits.iter().sum::<u64>(), delivered.value(row).to_string()),
-            (delivered.value(row), cells[5].into())
+            (delivered.value(row), cells[6].into())
         );
-        assert_eq!((bits.len(), mode.value(row)), (scheduled.value_length(row) as usize, cells[8]));
+        assert_eq!((bits.len(), mode.value(row)), (scheduled.value_length(row) as usize, cells[9]));
         served += bits.iter().filter(|&&bits| bits > 0).count();
     }
     assert!(served > 60, "{served}");

@@ -15,7 +15,7 @@ use super::ROOT;
 
 /// Where the types are defined; what a constant is made of comes first.
 const SOURCES: [&str; 5] = [
-    "common/src/scenario/link.rs",
+    "common/src/channel/mod.rs",
     "common/src/ledger.rs",
     "common/src/limits.rs",
     "common/src/message.rs",

@@ -19,7 +19,8 @@ pub static FORMAT: ExportFormat = ExportFormat {
 };
 
 fn write(run: &RecordedRun) -> Vec<u8> {
-    let lines = || run.slots.iter().flatten();
+    let lines: Vec<&RecordedSlot> = run.slots.iter().flatten().collect();
+    let lines = || lines.iter().copied();
     let whole = |of: fn(&RecordedSlot) -> u64| -> ArrayRef { Arc::new(UInt64Array::from_iter_values(lines().map(of))) };
     let small = |of: fn(&RecordedSlot) -> u32| -> ArrayRef { Arc::new(UInt32Array::from_iter_values(lines().map(of))) };
     let metres =
