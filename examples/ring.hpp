@@ -98,7 +98,8 @@ inline int plan_slots(const std::function<Plan(const View&)>& plan_slot) {
     const auto node = NodeBuilder().create<ServiceType::Ipc>().value();
     const auto topic = [&](const char* name) { return node.service_builder(ServiceName::create(name).value()); };
     const auto events = [&](const char* name) { return topic(name).event().open().value(); };
-    auto plan_topic = topic("skysink/plan").publish_subscribe<Plan>().user_header<SlotHeader>().open().value();
+    auto plan_topic =
+        topic("skysink/plan").publish_subscribe<bb::Slice<Plan>>().user_header<SlotHeader>().open().value();
     auto sensor_topic =
         topic("skysink/sensors").publish_subscribe<bb::Slice<SensorNode>>().user_header<SensorsHeader>().open().value();
     const auto open_queues = [&](const char* name) {
@@ -108,7 +109,7 @@ inline int plan_slots(const std::function<Plan(const View&)>& plan_slot) {
     const char* known_queues = open_queues("skysink/belief").has_value() ? "skysink/belief" : "skysink/queues";
     auto queue_topic = open_queues(known_queues).value();
     auto flight_topic =
-        topic("skysink/flight").publish_subscribe<FlightReport>().user_header<SlotHeader>().open().value();
+        topic("skysink/flight").publish_subscribe<bb::Slice<FlightReport>>().user_header<SlotHeader>().open().value();
     auto plans = plan_topic.publisher_builder().create().value();
     auto sensors = sensor_topic.subscriber_builder().create().value();
     auto queues = queue_topic.subscriber_builder().create().value();
@@ -133,7 +134,9 @@ inline int plan_slots(const std::function<Plan(const View&)>& plan_slot) {
             }
         }
         for (auto report = flights.receive().value(); report.has_value(); report = flights.receive().value()) {
-            reports.insert({ report->user_header().slot, report->payload() });
+            if (report->payload().number_of_elements() == 1) { // one for each UAV
+                reports.insert({ report->user_header().slot, report->payload()[0] });
+            }
         }
         if (!field.has_value()) {
             field = sensors.receive().value();
@@ -157,9 +160,9 @@ inline int plan_slots(const std::function<Plan(const View&)>& plan_slot) {
                                              state->payload(), report->second });
                 plan.plan_ns = now_ns() - begin;
                 next = head.slot + 1;
-                auto sample = plans.loan_uninit().value();
+                auto sample = plans.loan_slice_uninit(1).value(); // one for each UAV
                 sample.user_header_mut() = SlotHeader { head.mission, next, 0, 0, now_ns() };
-                send(sample.write_payload(std::move(plan))).value();
+                send(sample.write_from_fn([&](auto) { return plan; })).value();
                 planned.notify().value();
                 reports.erase(reports.begin(), std::next(report)); // no earlier one is asked for
             }

@@ -157,7 +157,7 @@ struct QueuesHeader {
     uint64_t lost_bits;
 };
 
-/// Payload of `plan`: the schedule and the waypoint of the slot.
+/// Payload element of `plan`: the schedule and the waypoint of a UAV in the slot.
 struct Plan {
     static constexpr const char* IOX2_TYPE_NAME = "skysink.Plan.v1";
     /// Waypoint at the end of the slot, east [m].
@@ -216,7 +216,7 @@ struct LinkReport {
     uint64_t capacity_bits;
 };
 
-/// Payload of `flight`: the position of the UAV after the slot, and the capacity of each of its links.
+/// Payload element of `flight`: the position of a UAV after the slot, and the capacity of each of its links.
 struct FlightReport {
     static constexpr const char* IOX2_TYPE_NAME = "skysink.FlightReport.v1";
     /// Position, east [m].

@@ -10,7 +10,6 @@ use nalgebra::Point3;
 use strum::{Display, EnumString, FromRepr, IntoStaticStr};
 
 use crate::channel::MAX_RESOURCE_BLOCKS;
-use crate::checkpoint::{Checkpoint, CheckpointError};
 use crate::geometry::{Position, RANGE_SLACK};
 pub use crate::ledger::Totals;
 pub use crate::limits::Limits;
@@ -121,7 +120,7 @@ pub enum SolverOutcome {
     Fallback,
 }
 
-/// Payload of `plan`: the schedule and the waypoint of the slot.
+/// Payload element of `plan`: the schedule and the waypoint of a UAV in the slot.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.Plan.v1"))]
@@ -231,7 +230,7 @@ pub enum HoldReason {
     Waypoint,
 }
 
-/// Payload of `flight`: the position of the UAV after the slot, and the capacity of each of its links.
+/// Payload element of `flight`: the position of a UAV after the slot, and the capacity of each of its links.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.FlightReport.v1"))]
@@ -252,19 +251,6 @@ pub struct FlightReport {
     pub served: u32,
     /// The served links, by ascending sensor node.
     pub links: [LinkReport; MAX_SERVED],
-}
-
-impl Checkpoint for FlightReport {
-    fn save(&self, bytes: &mut Vec<u8>) {
-        bytes.extend_from_slice(bytemuck::bytes_of(self));
-    }
-
-    fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        let report = bytemuck::try_pod_read_unaligned(bytes);
-        CheckpointError::ensure(report.is_ok(), "a report of a flight")?;
-        *self = report.unwrap_or(*self);
-        Ok(())
-    }
 }
 
 impl FlightReport {

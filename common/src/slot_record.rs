@@ -2,6 +2,7 @@
 
 use smallvec::SmallVec;
 
+use crate::checkpoint::{Checkpoint, CheckpointError};
 use crate::message::{FlightReport, PathPoint, Plan, QueuesHeader};
 
 /// The number of UAVs of a mission.
@@ -15,6 +16,18 @@ pub type ByUav<T> = SmallVec<[T; 1]>;
 
 /// The plans of a slot; a UAV without one holds its position.
 pub type Plans = ByUav<Option<Plan>>;
+
+impl Checkpoint for ByUav<FlightReport> {
+    fn save(&self, bytes: &mut Vec<u8>) {
+        bytes.extend_from_slice(bytemuck::cast_slice(self));
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
+        CheckpointError::ensure(bytes.len() == size_of_val(&self[..]), "a flight of each UAV")?;
+        bytemuck::cast_slice_mut(self).copy_from_slice(bytes);
+        Ok(())
+    }
+}
 
 /// What a slot leaves: the plans, the flights, and the ledger after them.
 #[derive(Debug, Clone)]

@@ -12,6 +12,7 @@ use skysink_common::queues::blocks;
 use skysink_common::reported::ReportedQueues;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
+use skysink_common::slot_record::UAV;
 
 /// The sensor field and its queues after a slot.
 #[derive(Debug, Clone, PartialEq)]
@@ -79,16 +80,16 @@ impl Field {
         self.estimate.as_ref().map(|estimate| estimate.queues_bits())
     }
 
-    /// Advances by `slot`, from 1: all sensor nodes sample, full ones lose the excess, and the served ones upload
+    /// Advances by `slot`, from 1: all sensor nodes sample, full ones lose the excess, and served ones upload
     /// `Thr_i = min(floor(r_i τ_c), q)` (UTS eq. 7 in the order of decision D1).
     ///
     /// # Errors
-    /// If the report serves an unknown sensor node; the field is then unchanged.
+    /// If a UAV serves an unknown sensor node; the field is then unchanged.
     ///
     /// # Panics
-    /// If `slot` is not the next slot.
-    pub fn step(&mut self, slot: u64, flight: &FlightReport) -> Result<SlotBits, FieldError> {
-        self.step_into(slot, flight, None)
+    /// If `slot` is not the next slot, or there is no flight to estimate from.
+    pub fn step(&mut self, slot: u64, flights: &[FlightReport]) -> Result<SlotBits, FieldError> {
+        self.step_into(slot, flights, None)
     }
 
     /// Advances by `slot` as [`Field::step`] does, and also writes the new queues [bit] to `queues_bits`, by sensor
@@ -98,23 +99,25 @@ impl Field {
     /// All of `queues_bits` is written, unless an error is returned.
     ///
     /// # Errors
-    /// If the report serves an unknown sensor node; the field is then unchanged.
+    /// If a UAV serves an unknown sensor node; the field is then unchanged.
     ///
     /// # Panics
-    /// If `slot` is not the next slot, or the length of `queues_bits` is not the number of sensor nodes.
+    /// If `slot` is not the next slot, there is no flight to estimate from, or the length of `queues_bits` is not the
+    /// number of sensor nodes.
     pub fn step_into(
         &mut self,
         slot: u64,
-        flight: &FlightReport,
+        flights: &[FlightReport],
         mut queues_bits: Option<&mut [MaybeUninit<u32>]>,
     ) -> Result<SlotBits, FieldError> {
         assert_eq!(slot, self.slot + 1, "expected the next slot");
         let count = self.queues_bits().len();
         assert!(queues_bits.as_ref().is_none_or(|copy| copy.len() == count), "expected one queue per sensor node");
-        if let Some(link) = flight.served_links().iter().find(|link| link.sensor as usize >= count) {
+        let links = || flights.iter().flat_map(FlightReport::served_links);
+        if let Some(link) = links().find(|link| link.sensor as usize >= count) {
             return Err(FieldError { slot, sensor: link.sensor, count });
         }
-        let served = flight.served_links().iter().map(|link| link.sensor);
+        let served = links().map(|link| link.sensor);
         let reported = self.estimate.is_some().then(|| ReportedQueues::at(slot, served, self.ledger.queues_bits()));
         self.slot = slot;
         self.slot_bits = SlotBits::default();
@@ -124,7 +127,7 @@ impl Field {
                 copy[sensors.clone()].write_copy_of_slice(&self.ledger.queues_bits()[sensors]);
             }
         }
-        for link in flight.served_links() {
+        for link in links() {
             let sensor = link.sensor as usize;
             self.slot_bits.delivered_bits += self.ledger.upload(sensor, link.capacity_bits);
             if let Some(copy) = &mut queues_bits {
@@ -132,7 +135,7 @@ impl Field {
             }
         }
         if let Some((estimate, reported)) = self.estimate.as_mut().zip(reported) {
-            estimate.advance(slot, flight, &reported, self.ledger.queues_bits());
+            estimate.advance(slot, &flights[UAV], &reported, self.ledger.queues_bits());
             estimate.predict(slot);
         }
         Ok(self.slot_bits)
@@ -249,11 +252,11 @@ mod tests {
         Field::new(&scenario, &list)
     }
 
-    fn serving(sensor: u32, capacity_bits: u64) -> FlightReport {
+    fn serving(sensor: u32, capacity_bits: u64) -> [FlightReport; 1] {
         let mut report = FlightReport::at([10.0, 10.0, 20.0], Mode::Serve);
         report.links[0] = LinkReport { sensor, capacity_bits, ..LinkReport::default() };
         report.served = 1;
-        report
+        [report]
     }
 
     #[test]

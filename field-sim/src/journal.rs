@@ -1,10 +1,12 @@
-//! The journal of field-sim: the flight of each slot, and periodically the state of the field.
+//! The journal of field-sim: the flights of each slot, and periodically the state of the field.
 //!
 //! The size of a state grows with the field, that of a flight does not, so the mean cost of a slot stays low.
 
 use bytemuck::Zeroable;
+use skysink_common::checkpoint::Checkpoint;
 use skysink_common::estimate::BYTES_PER_SENSOR;
 use skysink_common::message::FlightReport;
+use skysink_common::slot_record::{ByUav, UAVS};
 use skysink_ring::error::RingError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::journal::{Journal, Policy};
@@ -31,52 +33,52 @@ const STATE_BYTES: [usize; 2] = [1024, size_of::<u32>() + size_of::<u64>() + BYT
 /// If a file cannot be opened or read.
 pub fn journal(folder: &RingFolder, count: usize) -> Result<Journal, RingError> {
     let state_bytes = STATE_BYTES[0] + STATE_BYTES[1] * count;
-    let input_bytes = Some(size_of::<FlightReport>());
+    let input_bytes = Some(UAVS * size_of::<FlightReport>());
     let policy = Policy { state_every: STATE_EVERY, states: STATES, state_bytes, input_bytes };
     Journal::open(&folder.journal("field"), policy)
 }
 
-/// Saves the flight of the field's last slot, and periodically the field. Must be called before the queues are
+/// Saves the flights of the field's last slot, and periodically the field. Must be called before the queues are
 /// published.
 ///
 /// # Errors
 /// If a file cannot be written.
-pub fn save(journal: &mut Journal, flight: &FlightReport, field: &Field) -> Result<(), RingError> {
-    journal.save(field.slot(), bytemuck::bytes_of(flight), field)
+pub fn save(journal: &mut Journal, flights: &[FlightReport], field: &Field) -> Result<(), RingError> {
+    journal.save(field.slot(), bytemuck::cast_slice(flights), field)
 }
 
-/// Resumes `field` at the last saved slot but one, and returns the flight of the last. So the results of the last two
+/// Resumes `field` at the last saved slot but one, and returns the flights of the last. So the results of the last two
 /// slots are published again, which a peer may have missed. The state of `field` is written to an empty journal.
 ///
 /// # Errors
 /// If a file cannot be read or written.
-pub fn resume(journal: &mut Journal, field: &mut Field) -> Result<Option<FlightReport>, RingError> {
-    let flights = journal.inputs()?;
-    let Some(last) = flights.last() else {
-        save(journal, &FlightReport::zeroed(), field)?;
+pub fn resume(journal: &mut Journal, field: &mut Field) -> Result<Option<ByUav<FlightReport>>, RingError> {
+    let flown = journal.inputs()?;
+    let Some(last) = flown.last() else {
+        save(journal, &[FlightReport::zeroed(); UAVS], field)?;
         return Ok(None);
     };
     if journal.restore_before(last.slot, field)?.is_none() {
         journal.restore_before(u64::MAX, field)?;
     }
-    Ok(advance(field, &flights))
+    Ok(advance(field, &flown))
 }
 
-/// Advances the field by the flights after its slot except the last, which is returned.
-fn advance(field: &mut Field, flights: &[Record]) -> Option<FlightReport> {
-    let first = flights.partition_point(|record| record.slot <= field.slot());
-    let mut next: Option<FlightReport> = None;
-    for record in &flights[first..] {
-        if let Some(flight) = next.take()
-            && field.step(field.slot() + 1, &flight).is_err()
+/// Advances the field by the flights after its slot except those of the last, which are returned.
+fn advance(field: &mut Field, flown: &[Record]) -> Option<ByUav<FlightReport>> {
+    let first = flown.partition_point(|record| record.slot <= field.slot());
+    let mut next: Option<ByUav<FlightReport>> = None;
+    for record in &flown[first..] {
+        if let Some(flights) = next.take()
+            && field.step(field.slot() + 1, &flights).is_err()
         {
             break;
         }
-        let flight = bytemuck::try_pod_read_unaligned(&record.bytes).ok();
-        next = flight.filter(|_| record.slot == field.slot() + 1);
-        if next.is_none() {
+        let mut flights = ByUav::from_elem(FlightReport::zeroed(), UAVS);
+        if record.slot != field.slot() + 1 || flights.restore(&record.bytes).is_err() {
             break;
         }
+        next = Some(flights);
     }
     next
 }
@@ -84,7 +86,6 @@ fn advance(field: &mut Field, flights: &[Record]) -> Option<FlightReport> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use skysink_common::checkpoint::Checkpoint;
     use skysink_common::message::{LinkReport, Mode};
     use skysink_common::scenario::{Overrides, Scenario};
     use skysink_common::sensors::SensorList;
@@ -96,12 +97,12 @@ mod tests {
     }
 
     /// A flight that serves another SN in each slot.
-    fn flight(slot: u64) -> FlightReport {
+    fn flight(slot: u64) -> ByUav<FlightReport> {
         let mut report = FlightReport::at([50.0, 50.0, 20.0], Mode::Serve);
         let sensor = u32::try_from(slot * 7 % 200).unwrap();
         report.links[0] = LinkReport { sensor, capacity_bits: 5_000, ..LinkReport::default() };
         report.served = 1;
-        report
+        ByUav::from_elem(report, UAVS)
     }
 
     fn folder() -> RingFolder {
@@ -109,7 +110,7 @@ mod tests {
     }
 
     /// The journal, and what is resumed from it.
-    fn open(folder: &RingFolder, field: &mut Field) -> (Journal, Option<FlightReport>) {
+    fn open(folder: &RingFolder, field: &mut Field) -> (Journal, Option<ByUav<FlightReport>>) {
         let mut journal = journal(folder, field.queues_bits().len()).unwrap();
         let last = resume(&mut journal, field).unwrap();
         (journal, last)

@@ -8,6 +8,7 @@ use skysink_common::message::{FLAG_END, FLAG_REPEAT, Limits, QueuesHeader, Senso
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::{SensorList, Sensors};
+use skysink_common::slot_record::ByUav;
 use skysink_common::stop::Stop;
 use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
@@ -67,18 +68,18 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
             wait.sleep_until(clock.next_slot())?;
             ticks.send(ring.header(slot, 0), Tick { period_ns: clock.period_ns() })?;
         }
-        let flight = match saved.take() {
-            Some(flight) => flight,
+        let reports = match saved.take() {
+            Some(reports) => reports,
             None => match flights.wait_for_slot(&mut wait, slot)? {
-                Some(flight) => *flight.payload(),
+                Some(reports) => ByUav::from_slice(&reports),
                 None => return Err(NodeError::MissingSlot { topic: ring.flight.name(), slot }),
             },
         };
         let mut loaned = queues.loan(count)?;
-        field.step_into(slot, &flight, Some(loaned.elements()))?;
+        field.step_into(slot, &reports, Some(loaned.elements()))?;
         // Saved only after the last slot is committed: a restart before that publishes the last slot again, too.
         commits.wait_until(&mut wait, slot - 1)?;
-        save(&mut journal, &flight, &field)?;
+        save(&mut journal, &reports, &field)?;
         send_belief(&mut field, 0)?;
         // SAFETY: the step has not failed, so it has written every element.
         unsafe { loaned.send(header(&field, 0)) }?;

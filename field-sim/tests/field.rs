@@ -40,15 +40,15 @@ fn telling(sensors: [(u32, f64); 2]) -> Field {
     ))
 }
 
-fn serving_nobody() -> FlightReport {
-    FlightReport::at([10.0, 10.0, 20.0], Mode::Serve)
+fn serving_nobody() -> [FlightReport; 1] {
+    [FlightReport::at([10.0, 10.0, 20.0], Mode::Serve)]
 }
 
-fn serving_first(capacity_bits: u64) -> FlightReport {
-    let mut report = serving_nobody();
+fn serving_first(capacity_bits: u64) -> [FlightReport; 1] {
+    let [mut report] = serving_nobody();
     report.links[0] = LinkReport { capacity_bits, ..LinkReport::default() };
     report.served = 1;
-    report
+    [report]
 }
 
 fn saved(field: &Field) -> Vec<u8> {

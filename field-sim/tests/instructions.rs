@@ -22,7 +22,7 @@ fn advance(capacity_bits: u32, rate_bps: impl Fn(u32) -> f64) {
     let mut list = "x_m,y_m,queue_bits,sampling_bps,gain_db\n".to_owned();
     (0..10_000).for_each(|id| writeln!(list, "1,2,10000,{},-52", rate_bps(id)).unwrap());
     let mut field = Field::new(&scenario, &SensorList::parse(&list, Path::new("list.csv"), &scenario).unwrap());
-    let nobody = FlightReport::at([50.0, 50.0, 20.0], Mode::Hold);
+    let nobody = [FlightReport::at([50.0, 50.0, 20.0], Mode::Hold)];
     for slot in 1..=SLOTS {
         counted(|| field.step(slot, &nobody)).unwrap();
     }

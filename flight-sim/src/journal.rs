@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 
 use bytemuck::Zeroable;
 use skysink_common::message::FlightReport;
+use skysink_common::slot_record::{ByUav, UAVS};
 use skysink_ring::error::RingError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::journal::{Journal, Policy};
@@ -13,11 +14,11 @@ use skysink_ring::topics::FLIGHT_HISTORY;
 const POLICY: Policy = Policy {
     state_every: 1,
     states: FLIGHT_HISTORY as u64 + 1,
-    state_bytes: size_of::<FlightReport>(),
+    state_bytes: UAVS * size_of::<FlightReport>(),
     input_bytes: None,
 };
 
-/// The journal of flight-sim in the ring's folder. The state after a slot is its flight.
+/// The journal of flight-sim in the ring's folder. The state after a slot is the flights of its UAVs.
 ///
 /// # Errors
 /// If the file cannot be opened.
@@ -25,22 +26,22 @@ pub fn journal(folder: &RingFolder) -> Result<Journal, RingError> {
     Journal::open(&folder.journal("flights"), POLICY)
 }
 
-/// The last saved flights, as many as late joiners receive: consecutive slots, ascending.
+/// The flights of the last saved slots, as many as late joiners receive: consecutive, ascending.
 ///
 /// # Errors
 /// If the file cannot be read.
-pub fn restore(journal: &Journal) -> Result<Vec<(u64, FlightReport)>, RingError> {
-    let mut flights = VecDeque::new();
-    let mut flight = FlightReport::zeroed();
+pub fn restore(journal: &Journal) -> Result<Vec<(u64, ByUav<FlightReport>)>, RingError> {
+    let mut slots = VecDeque::new();
+    let mut flights = ByUav::from_elem(FlightReport::zeroed(), UAVS);
     let mut before = u64::MAX;
-    while flights.len() < FLIGHT_HISTORY
-        && let Some(slot) = journal.restore_before(before, &mut flight)?
-        && (flights.is_empty() || slot + 1 == before)
+    while slots.len() < FLIGHT_HISTORY
+        && let Some(slot) = journal.restore_before(before, &mut flights)?
+        && (slots.is_empty() || slot + 1 == before)
     {
-        flights.push_front((slot, flight));
+        slots.push_front((slot, flights.clone()));
         before = slot;
     }
-    Ok(flights.into())
+    Ok(slots.into())
 }
 
 #[cfg(test)]
@@ -59,11 +60,14 @@ mod tests {
         }
     }
 
+    fn flight(slot: u64) -> ByUav<FlightReport> {
+        ByUav::from_elem(FlightReport::at([slot as f64, 0.5, 20.0], Mode::Serve), UAVS)
+    }
+
     #[test]
     fn the_last_three_flights_are_restored_in_order() {
         let folder = RingFolder::create(Terms::default()).unwrap();
         let mut flights = journal(&folder).unwrap();
-        let flight = |slot: u64| FlightReport::at([slot as f64, 0.5, 20.0], Mode::Serve);
         assert_eq!(restore(&flights).unwrap(), []);
         flights.save(0, &[], &flight(0)).unwrap();
         assert_eq!(restore(&flights).unwrap(), [(0, flight(0))]);
@@ -81,7 +85,6 @@ mod tests {
     fn a_flight_that_is_cut_leaves_the_three_before_it() {
         let folder = RingFolder::create(Terms::default()).unwrap();
         let mut flights = journal(&folder).unwrap();
-        let flight = |slot: u64| FlightReport::at([slot as f64, 0.5, 20.0], Mode::Serve);
         (1..=5).for_each(|slot| flights.save(slot, &[], &flight(slot)).unwrap());
         flights.save(6, &[], &Cut).unwrap();
         assert_eq!(restore(&flights).unwrap(), [3, 4, 5].map(|slot| (slot, flight(slot))));

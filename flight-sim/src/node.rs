@@ -6,6 +6,7 @@ use iceoryx2::prelude::Service;
 use skysink_common::message::{FlightReport, HoldReason, Plan};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
+use skysink_common::slot_record::{ByUav, UAVS};
 use skysink_common::stop::Stop;
 use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
@@ -18,8 +19,8 @@ use crate::journal::{journal, restore};
 
 /// A recorded flight, which is flown again regardless of the plans received.
 pub struct RecordedFlight<'a> {
-    /// The plan for the recorded flight of a slot, from 1; `None` if the slot had no plan in time.
-    pub plan_of: &'a dyn Fn(u64) -> Option<Plan>,
+    /// The plan for the recorded flight of a UAV, by its number, in a slot, from 1; `None` if there was none in time.
+    pub plan_of: &'a dyn Fn(usize, u64) -> Option<Plan>,
     /// Shortest time between two slots.
     pub period: Option<Duration>,
 }
@@ -53,25 +54,25 @@ fn fly<S: Service + 'static>(
     recorded: Option<&RecordedFlight>,
 ) -> Result<(), NodeError> {
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::FlightSim, stop)?;
-    let flights = ring.flight.writer()?;
+    let flights = ring.flight.list_writer(UAVS)?;
     let mut plans = ring.plan.reader()?;
     let mut ticks = ring.tick.reader()?;
 
     let mut sensors = ring.sensors.reader()?;
     let nodes = sensors.wait_for_next(&mut wait, 0)?;
     let _sensors = ring.terms.link.is_none().then_some(sensors); // behind a link its repeats would pile up
-    let mut flight = Flight::new(scenario, nodes.payload());
+    let mut uavs: ByUav<_> = (0..UAVS).map(|_| Flight::new(scenario, nodes.payload())).collect();
     let mut journal = journal(folder)?;
     let mut flown = restore(&journal)?;
-    if let Some((_, report)) = flown.last() {
-        flight.restore(report);
+    if let Some((_, reports)) = flown.last() {
+        uavs.iter_mut().zip(reports).for_each(|(uav, report)| uav.restore(report));
     } else {
-        let start = flight.start();
+        let start: ByUav<_> = uavs.iter().map(Flight::start).collect();
         journal.save(0, &[], &start)?;
         flown.push((0, start));
     }
-    for (slot, report) in &flown {
-        flights.send(ring.header(*slot, 0), *report)?;
+    for (slot, reports) in &flown {
+        flights.send_list(ring.header(*slot, 0), reports)?;
     }
 
     let mut next = Instant::now();
@@ -83,25 +84,26 @@ fn fly<S: Service + 'static>(
                 plans.poll_slot(slot)?.available()
             }
         };
-        let report = match recorded {
-            None => flight.step(slot, plan.as_ref().map(|plan| plan.payload())),
-            Some(recorded) => {
-                wait.sleep_until(next)?;
-                next = Instant::now() + recorded.period.unwrap_or_default();
-                flight.step(slot, (recorded.plan_of)(slot).as_ref())
-            }
+        if let Some(recorded) = recorded {
+            wait.sleep_until(next)?;
+            next = Instant::now() + recorded.period.unwrap_or_default();
+        }
+        let fly = |(number, uav): (usize, &mut Flight)| match recorded {
+            None => uav.step(slot, plan.as_ref().map(|plans| &plans[number])),
+            Some(recorded) => uav.step(slot, (recorded.plan_of)(number, slot).as_ref()),
         };
+        let reports: ByUav<_> = uavs.iter_mut().enumerate().map(fly).collect();
         drop(plan);
         if recorded.is_none() {
-            count_refusals(&ring.refusals, slot, &report);
+            reports.iter().for_each(|report| count_refusals(&ring.refusals, slot, report));
         }
-        journal.save(slot, &[], &report)?; // before it is published
-        flights.send(ring.header(slot, 0), report)?;
+        journal.save(slot, &[], &reports)?; // before they are published
+        flights.send_list(ring.header(slot, 0), &reports)?;
     }
     ring.wait_for_commit(&mut wait, is_release, || Ok(()))
 }
 
-/// Counts the refusals of the slot's plan.
+/// Counts the refusals of a plan of the slot.
 fn count_refusals(refusals: &Refusals, slot: u64, report: &FlightReport) {
     if report.refused > 0 {
         let refusal = match HoldReason::from_repr(report.hold).unwrap_or_default() {

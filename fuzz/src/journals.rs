@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 
 use arbitrary::{Result, Unstructured};
 use skysink_common::message::FlightReport;
-use skysink_common::slot_record::UAV;
+use skysink_common::slot_record::{ByUav, UAVS};
 use skysink_field_sim::Field;
 use skysink_field_sim::journal as fields;
 use skysink_flight_sim::journal as flights;
@@ -23,14 +23,14 @@ const ENTRIES: u64 = 3;
 /// Slots flown by a field: the journal wraps around, and has states later than the first.
 const FLOWN_SLOTS: u64 = fields::SLOTS + 40;
 
-/// The first world from the beginning, and the flight of each slot.
-static FLOWN: LazyLock<Vec<(FlightReport, Field)>> = LazyLock::new(|| {
+/// The first world from the beginning, and the flights of each slot.
+static FLOWN: LazyLock<Vec<(ByUav<FlightReport>, Field)>> = LazyLock::new(|| {
     let mut scenario = WORLDS[0].scenario.clone();
     scenario.slots = FLOWN_SLOTS;
     let mut mission = Mission::new(&scenario, &WORLDS[0].list).expect("its keys were checked");
-    let mut flown = vec![(*mission.plant().flight(UAV), mission.field().clone())];
+    let mut flown = vec![(mission.plant().flights().clone(), mission.field().clone())];
     while let Some(record) = mission.next() {
-        flown.push((record.flights[UAV], mission.field().clone()));
+        flown.push((record.flights, mission.field().clone()));
     }
     flown
 });
@@ -71,17 +71,17 @@ pub fn flight_journal(u: &mut Unstructured) -> Result<()> {
     let mut saved = Vec::new();
     let mut slot = u64::from(u.arbitrary::<u32>()?);
     for _ in 0..u.arbitrary::<u8>()? % 7 {
-        let flight = report(u, 2)?;
-        journal.save(slot, &[], &flight).expect("the flight is written");
-        saved.push((slot, bytemuck::bytes_of(&flight).to_vec())); // a report may hold NaN
+        let flights = ByUav::from_elem(report(u, 2)?, UAVS);
+        journal.save(slot, &[], &flights).expect("the flight is written");
+        saved.push((slot, bytemuck::cast_slice(&flights).to_vec())); // a report may hold NaN
         slot += u64::from(u.arbitrary::<u8>()? % 4);
     }
     let is_corrupted = corrupt(&ring.journal("flights"), u)?;
     let restored = flights::restore(&journal).expect("the journal is read");
     assert!(restored.len() <= 3);
     assert!(restored.windows(2).all(|pair| pair[0].0 + 1 == pair[1].0), "{restored:?}");
-    for (slot, flight) in &restored {
-        let same = (*slot, bytemuck::bytes_of(flight).to_vec());
+    for (slot, flights) in &restored {
+        let same = (*slot, bytemuck::cast_slice::<_, u8>(flights).to_vec());
         assert!(saved.contains(&same), "restored a flight of slot {slot} that was not saved");
     }
     let has_last = restored.last().map(|(slot, _)| slot) == saved.last().map(|(slot, _)| slot);
@@ -95,8 +95,8 @@ pub fn field_journal(u: &mut Unstructured) -> Result<()> {
     let mut field = FLOWN[0].1.clone();
     let slots = u64::from(u.arbitrary::<u8>()?) * 3 % FLOWN_SLOTS;
     let (mut journal, _) = resumed(ring, &mut field);
-    for (flight, field) in FLOWN.iter().skip(1).take(slots as usize) {
-        fields::save(&mut journal, flight, field).expect("the slot is written");
+    for (flights, field) in FLOWN.iter().skip(1).take(slots as usize) {
+        fields::save(&mut journal, flights, field).expect("the slot is written");
     }
     let is_forged = u.arbitrary::<u8>()? % 2 == 1;
     if is_forged {
@@ -108,7 +108,7 @@ pub fn field_journal(u: &mut Unstructured) -> Result<()> {
     balanced(&field, WORLDS[0].scenario.sensors.capacity_bits);
     if !is_forged {
         assert!(field.slot() <= slots && field == FLOWN[field.slot() as usize].1, "{}", field.slot());
-        assert!(last.is_none_or(|last| last == FLOWN[field.slot() as usize + 1].0), "{last:?}");
+        assert!(last.as_ref().is_none_or(|last| *last == FLOWN[field.slot() as usize + 1].0), "{last:?}");
         let is_complete = (field.slot(), last.is_some()) == (slots.saturating_sub(1), slots > 0);
         assert!(is_corrupted || is_complete, "{} of {slots} slots", field.slot());
     }
@@ -116,7 +116,7 @@ pub fn field_journal(u: &mut Unstructured) -> Result<()> {
 }
 
 /// Opens the journal of a field, and resumes the field.
-fn resumed(ring: &RingFolder, field: &mut Field) -> (Journal, Option<FlightReport>) {
+fn resumed(ring: &RingFolder, field: &mut Field) -> (Journal, Option<ByUav<FlightReport>>) {
     let mut journal = fields::journal(ring, field.queues_bits().len()).expect("the journal opens");
     let last = fields::resume(&mut journal, field).expect("the journal is read");
     (journal, last)

@@ -37,10 +37,10 @@ fn step(field: &mut Field, flight: &FlightReport, capacity_bits: u32) {
     let slot = field.slot() + 1;
     let before = field.clone();
     let mut unserved = field.clone();
-    unserved.step(slot, &FlightReport::at([0.0, 0.0, 0.0], Mode::Hold)).expect("no SN is served");
+    unserved.step(slot, &[FlightReport::at([0.0, 0.0, 0.0], Mode::Hold)]).expect("no SN is served");
     let links = flight.served_links();
     let known = links.iter().all(|link| (link.sensor as usize) < field.queues_bits().len());
-    let Ok(bits) = field.step(slot, flight) else {
+    let Ok(bits) = field.step(slot, &[*flight]) else {
         assert!(!known, "a flight to known sensor nodes is refused");
         assert_eq!((field.queues_bits(), field.totals()), (before.queues_bits(), before.totals()));
         return;

@@ -106,7 +106,7 @@ fn advance(scenario: &Scenario, list: &SensorList) {
         encode(&(slot - 1), &mut state); // a state begins with its slot, and 0 takes one byte
         state.extend_from_slice(&saved[1..]);
         field.restore(&state).expect("the ledger of an untouched field balances");
-        field.step(slot, &FlightReport::at([0.0, 0.0, 0.0], Mode::Hold)).expect("no SN is served");
+        field.step(slot, &[FlightReport::at([0.0, 0.0, 0.0], Mode::Hold)]).expect("no SN is served");
         balanced(&field, scenario.sensors.capacity_bits);
     }
 }

@@ -1,13 +1,12 @@
 //! The plant: the field and the UAVs of a mission, by the same steps as the executables.
 
-use bytemuck::{cast_slice, pod_collect_to_vec};
 use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::estimate::Estimate;
 use skysink_common::message::{FLAG_END, FlightReport, Plan, QueuesHeader, SlotHeader};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
-use skysink_common::slot_record::{ByUav, SlotRecord, UAV, UAVS};
+use skysink_common::slot_record::{ByUav, SlotRecord, UAVS};
 use skysink_field_sim::Field;
 use skysink_flight_sim::Flight;
 
@@ -59,7 +58,7 @@ impl Plant {
 
     /// The last flight of each UAV; before slot 1 the UAV at its start.
     #[must_use]
-    pub fn flights(&self) -> &[FlightReport] {
+    pub fn flights(&self) -> &ByUav<FlightReport> {
         &self.flights
     }
 
@@ -96,7 +95,7 @@ impl Plant {
         for ((uav, flight), plan) in uavs {
             *flight = uav.step(self.slot, plan.as_ref());
         }
-        self.field.step(self.slot, &self.flights[UAV]).expect("flight-sim serves only known sensor nodes");
+        self.field.step(self.slot, &self.flights).expect("flight-sim serves only known sensor nodes");
         SlotRecord {
             plans: plans.iter().copied().collect(),
             paths: self.uavs.iter().map(|_| Vec::new()).collect(),
@@ -118,21 +117,24 @@ struct SavedPlant {
 
 impl Checkpoint for Plant {
     fn save(&self, bytes: &mut Vec<u8>) {
+        let mut flights = Vec::new();
         let mut field = Vec::new();
+        self.flights.save(&mut flights);
         self.field.save(&mut field);
-        encode(&SavedPlant { slot: self.slot, flights: cast_slice(&self.flights).to_vec(), field }, bytes);
+        encode(&SavedPlant { slot: self.slot, flights, field }, bytes);
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let SavedPlant { slot, flights, field } = decode(bytes)?;
-        let is_whole = flights.len() == size_of_val(&self.flights[..]);
-        CheckpointError::ensure(is_whole && slot <= self.slots, "a slot and the flights of the mission")?;
+        CheckpointError::ensure(slot <= self.slots, "a slot of the mission")?;
+        let mut flown = self.flights.clone();
+        flown.restore(&flights)?;
         let mut restored = self.field.clone();
         restored.restore(&field)?;
         CheckpointError::ensure(restored.slot() == slot, "a field after the same slot")?;
         self.field = restored;
         self.slot = slot;
-        self.flights.copy_from_slice(&pod_collect_to_vec::<u8, FlightReport>(&flights));
+        self.flights = flown;
         for (uav, flight) in self.uavs.iter_mut().zip(&self.flights) {
             uav.restore(flight);
         }
@@ -148,7 +150,7 @@ mod tests {
     use skysink_common::message::Mode;
     use skysink_common::scenario::Overrides;
     use skysink_common::sensors::Sensors;
-    use skysink_common::slot_record::Plans;
+    use skysink_common::slot_record::{Plans, UAV};
     use skysink_planner::settings;
 
     /// A plant over a field with losses, and the plans of its slots.

@@ -6,6 +6,7 @@ use iceoryx2::prelude::Service;
 use skysink_common::message::{FLAG_END, FlightReport, MAX_PATH_POINTS, PathPoint, Plan, SlotHeader};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
+use skysink_common::slot_record::{UAV, UAVS};
 use skysink_common::stop::Stop;
 use skysink_ring::error::{NodeError, RingError};
 use skysink_ring::folder::RingFolder;
@@ -96,7 +97,7 @@ fn run_with<S: Service + 'static>(
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::Planner, stop)?;
     // Before that of the plans, so that a process that has a plan finds the writer of its path.
     let paths = has_path.then(|| ring.path.list_writer(MAX_PATH_POINTS)).transpose()?;
-    let plans = ring.plan.writer()?;
+    let plans = ring.plan.list_writer(UAVS)?;
     let mut queues = ring.queues.reader()?; // the planner maintains its own estimate
     let mut flights = ring.flight.reader()?;
 
@@ -123,10 +124,10 @@ fn run_with<S: Service + 'static>(
                 let older = std::mem::replace(&mut state, newer);
                 let slot = older.user_header().head.slot;
                 if slot >= next
-                    && let SlotSample::Available(flight) = flights.poll_slot(slot)?
+                    && let SlotSample::Available(flights) = flights.poll_slot(slot)?
                 {
                     journaled.resume(slot + 1)?;
-                    journaled.planner.observe(slot, &flight, older.payload());
+                    journaled.planner.observe(slot, &flights[UAV], older.payload());
                 }
             }
         }
@@ -145,13 +146,13 @@ fn run_with<S: Service + 'static>(
         // sent before this process joined, and the ring has its plan.
         let Some(flight) = flights.wait_for_slot(&mut wait, slot)? else { continue };
         next = slot + 1;
-        let plan = journaled.plan(next, &flight, state.payload())?;
+        let plan = journaled.plan(next, &flight[UAV], state.payload())?;
         let path: Vec<_> = journaled.planner.path().iter().copied().map(PathPoint::from).collect();
         if let Some(paths) = paths.as_ref().filter(|_| path.len() > 1) {
             paths.send_list(ring.header(next, 0), &path)?; // before the plan, so that its readers have the path
         }
         flights.receive_all()?; // repeated flights must not fill the buffer
-        plans.send(ring.header(next, 0), plan)?;
+        plans.send_list(ring.header(next, 0), &[plan])?;
     }
     ring.wait_for_commit(&mut wait, is_release, || Ok(()))
 }

@@ -102,8 +102,8 @@ class Ring:
         terms = tomllib.loads((folder / "ring.toml").read_text())
         known_queues = "belief" if "belief" in terms else "queues"
         queues = Topic(self.node, known_queues, iox2.Slice[ctypes.c_uint32], QueuesHeader)
-        flights = Topic(self.node, "flight", FlightReport, SlotHeader)
-        plans = Topic(self.node, "plan", Plan, SlotHeader)
+        flights = Topic(self.node, "flight", iox2.Slice[FlightReport], SlotHeader)
+        plans = Topic(self.node, "plan", iox2.Slice[Plan], SlotHeader)
         self.commits = Topic(self.node, "commit", Commit, SlotHeader)
         self.plans = plans.samples.publisher_builder().create()
         self.plan_events = plans.events.notifier_builder().create()
@@ -153,8 +153,9 @@ class Ring:
         """Position of the UAV after ``slot`` [m]; None if the mission has advanced since."""
         while slot not in self.positions:
             while (sample := self.flights.receive()) is not None:
-                at = np.frombuffer(bytes(sample.payload().contents.words)[:24], dtype=np.float64)
-                self.positions[words(sample.user_header())[1]] = (float(at[0]), float(at[1]), float(at[2]))
+                if sample.header.number_of_elements == 1:  # one for each UAV
+                    at = np.frombuffer(bytes(sample.payload()[0].words)[:24], dtype=np.float64)
+                    self.positions[words(sample.user_header())[1]] = (float(at[0]), float(at[1]), float(at[2]))
                 sample.delete()
             if slot in self.positions:
                 break
@@ -187,10 +188,11 @@ class Ring:
 
     def send(self, mission: int, slot: int, plan: bytes) -> None:
         """Sends the plan of a slot."""
-        sample = self.plans.loan_uninit()
+        sample = self.plans.loan_slice_uninit(1)  # one for each UAV
         header = sample.user_header().contents.words
         header[0], header[1], header[2], header[3] = mission, slot, 0, time.monotonic_ns()
-        sample.write_payload(Plan.from_buffer_copy(plan)).send()
+        sample.payload()[0] = Plan.from_buffer_copy(plan)
+        sample.assume_init().send()
         self.plan_events.notify()
 
     def wait_for_release(self) -> None:

@@ -4,7 +4,9 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::identifiers::UniquePublisherId;
 use iceoryx2::prelude::*;
+use iceoryx2::sample::Sample;
 use skysink_common::message::{FLAG_END, FLAG_REPEAT, SlotHeader};
+use skysink_common::slot_record::UAVS;
 
 use crate::cleanup::remove_dead_nodes;
 use crate::refusals::Refusal;
@@ -35,21 +37,24 @@ pub(crate) enum Verdict {
 }
 
 impl Admission {
-    /// Decides on a sample of `publisher` on `topic`. `limit` is the last slot that the ring can have reached, if
-    /// known.
+    /// Decides on a sample of `topic`. `limit` is the last slot that the ring can have reached, if known.
     pub(crate) fn check<S: Service + 'static, P: Payload + ?Sized, H: Header>(
         &mut self,
         topic: &TopicShared<S, P, H>,
-        publisher: UniquePublisherId,
-        header: &SlotHeader,
+        sample: &Sample<S, P, H>,
         limit: Option<u64>,
     ) -> Verdict {
+        let publisher = sample.header().publisher_id();
+        let header = sample.user_header().head();
         let refuse = |refusal| {
             topic.refusals.add(topic.row.name, header.slot, refusal, 1);
             Verdict::Refused
         };
         if header.mission != topic.member.terms.mission {
             return refuse(Refusal::Mission);
+        }
+        if topic.row.is_by_uav && sample.header().number_of_elements() != UAVS as u64 {
+            return refuse(Refusal::Uavs);
         }
         if limit.is_some_and(|limit| header.slot > limit) {
             return refuse(Refusal::FarSlot);

@@ -195,8 +195,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
             *received += 1;
             let sample = P::receive(&self.subscriber).map_err(|error| self.topic.refuse("receive", &error))?;
             let Some(sample) = sample else { return Ok(true) };
-            let publisher = sample.header().publisher_id();
-            let verdict = self.admission.check(&self.topic, publisher, sample.user_header().head(), limit);
+            let verdict = self.admission.check(&self.topic, &sample, limit);
             self.settle(&verdict, sample.user_header().head());
             match verdict {
                 Verdict::Refused => {}

@@ -25,6 +25,9 @@ pub enum Refusal {
     /// Its length is not the number of sensor nodes.
     #[strum(to_string = "expected a queue for each SN")]
     Length,
+    /// It has not one element for each UAV.
+    #[strum(to_string = "expected an element for each UAV")]
+    Uavs,
     /// The waypoint of a plan is not finite, out of reach, or outside the area.
     #[strum(to_string = "waypoint not finite, out of reach, or outside the area: the UAV holds")]
     Waypoint,

@@ -57,6 +57,8 @@ pub(crate) struct TopicRow {
     /// Samples that a late joiner receives.
     pub(crate) history: usize,
     pub(crate) on_full: OnFullBuffer,
+    /// Whether a sample has one element for each UAV; readers refuse others.
+    pub(crate) is_by_uav: bool,
     /// Whether a slot may have several samples.
     pub(crate) has_several_per_slot: bool,
     /// Whether its notifications are the heartbeats of its writer, which notifies its readers while it waits, too. Each

@@ -94,6 +94,7 @@ const DEFAULT_ROW: TopicRow = TopicRow {
     buffer: VIEWER_BUFFER,
     history: 2, // slot 1 may be flown before the last process has read the state before it
     on_full: OnFullBuffer::BlockInLockStep,
+    is_by_uav: false,
     has_several_per_slot: false,
     is_heartbeat: false,
     is_linked: true,
@@ -140,17 +141,19 @@ topics! {
         on_full: OnFullBuffer::DropSample,
     }
 
-    /// The schedule and the waypoint of each slot.
-    plan: Topic<Plan, SlotHeader> {
+    /// The schedule and the waypoint of each UAV in each slot.
+    plan: Topic<[Plan], SlotHeader> {
         writer: Planner,
         readers: &[FlightSim, Viewer, Launcher],
+        is_by_uav: true,
         is_heartbeat: true,
     }
 
-    /// The position of the UAV after each slot, and the capacities of its links.
-    flight: Topic<FlightReport, SlotHeader> {
+    /// The position of each UAV after each slot, and the capacities of its links.
+    flight: Topic<[FlightReport], SlotHeader> {
         writer: FlightSim,
         readers: &[FieldSim, Planner, Viewer, Launcher],
+        is_by_uav: true,
         history: FLIGHT_HISTORY,
         is_heartbeat: true,
     }

@@ -43,7 +43,7 @@ fn row(sensors: u32, effort: BenchEffort) -> Result<FieldRow, Error> {
     let scenario = letter(sensors, "uts");
     let list = SensorList::of(&scenario)?;
     let mut field = Field::new(&scenario, &list);
-    let idle = FlightReport::at([50.0, 50.0, 20.0], Mode::Hold);
+    let idle = [FlightReport::at([50.0, 50.0, 20.0], Mode::Hold)];
     let mut message = vec![MaybeUninit::new(0); sensors as usize];
     let queues_bits = list.queues_bits();
     let mut copied_bits = queues_bits.clone();

@@ -7,7 +7,7 @@ use iceoryx2::prelude::{Service, ipc};
 use skysink_common::message::{FLAG_END, Mode, Plan};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
-use skysink_common::slot_record::{ByUav, UAV};
+use skysink_common::slot_record::{ByUav, UAVS};
 use skysink_common::stop::Stop;
 use skysink_flight_sim::node::RecordedFlight;
 use skysink_mission::MissionError;
@@ -51,7 +51,7 @@ pub fn flight_sim(
         return skysink_flight_sim::node::run::<ipc::Service>(scenario, folder, stop);
     };
     let slots = read_slots(run)?;
-    let plan_of = |slot: u64| slot_of(&slots, slot).and_then(|recorded| recorded[UAV].decision());
+    let plan_of = |uav: usize, slot: u64| slot_of(&slots, slot).and_then(|recorded| recorded[uav].decision());
     let recorded = RecordedFlight { plan_of: &plan_of, period: arguments.pace.period(scenario.slot_s) };
     skysink_flight_sim::node::replay::<ipc::Service>(scenario, folder, stop, &recorded)
 }
@@ -88,7 +88,7 @@ fn send_plans<S: Service + 'static>(
     slots: &[ByUav<RecordedSlot>],
 ) -> Result<(), NodeError> {
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::Planner, stop)?;
-    let plans = ring.plan.writer()?;
+    let plans = ring.plan.list_writer(UAVS)?;
     let mut queues = ring.queues.reader()?;
     let mut next = 0;
     loop {
@@ -102,9 +102,8 @@ fn send_plans<S: Service + 'static>(
         let Some(recorded) = slot_of(slots, head.slot.saturating_add(1)) else {
             return Err(NodeError::NotRecorded(head.slot));
         };
-        let recorded = &recorded[UAV];
-        next = recorded.slot;
-        let plan = recorded.decision().unwrap_or_else(|| Plan::fly_to(recorded.position, Mode::Hold));
-        plans.send(ring.header(next, 0), plan)?;
+        next = head.slot + 1;
+        let plan = |uav: &RecordedSlot| uav.decision().unwrap_or_else(|| Plan::fly_to(uav.position, Mode::Hold));
+        plans.send_list(ring.header(next, 0), &recorded.iter().map(plan).collect::<ByUav<_>>())?;
     }
 }

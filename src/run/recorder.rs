@@ -6,7 +6,7 @@ use iceoryx2::port::listener::Listener;
 use iceoryx2::prelude::Service;
 use skysink_common::message::{Commit, FLAG_END, FlightReport, Plan, QueuesHeader, SlotHeader, Tick};
 use skysink_common::pace::Pace;
-use skysink_common::slot_record::{ByUav, Plans, SlotRecord};
+use skysink_common::slot_record::{ByUav, SlotRecord, UAVS};
 use skysink_mission::drive::SlotSink;
 use skysink_mission::latency::SlotTimes;
 use skysink_mission::slot_log::SlotLog;
@@ -49,8 +49,8 @@ pub struct Recorder<'a, S: Service + 'static> {
     /// Notified with `queues`, the last message of a slot.
     listener: Listener<S>,
     queues: Reader<S, [u32], QueuesHeader>,
-    plans: Reader<S, Plan, SlotHeader>,
-    flights: Reader<S, FlightReport, SlotHeader>,
+    plans: Reader<S, [Plan], SlotHeader>,
+    flights: Reader<S, [FlightReport], SlotHeader>,
     ticks: Reader<S, Tick, SlotHeader>,
     ready: Reader<S, Ready, SlotHeader>,
     commits: Writer<S, Commit, SlotHeader>,
@@ -91,8 +91,8 @@ impl Expected {
 #[derive(Default)]
 struct SlotMessages {
     queues: Option<QueuesHeader>,
-    flight: Option<(SlotHeader, FlightReport)>,
-    plan: Option<(SlotHeader, Plan)>,
+    flight: Option<(SlotHeader, ByUav<FlightReport>)>,
+    plan: Option<(SlotHeader, ByUav<Plan>)>,
     /// In paced runs: when the slot began [ns].
     tick_ns: Option<u64>,
 }
@@ -149,7 +149,7 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         for slot in first + 1..=slots {
             self.supervise(tally, None, supervise)?;
             let plan_of = (self.ring.terms.pace == Pace::Max).then_some(slot);
-            let (header, (flight_head, flight)) = self.wait_for_slot(slot, plan_of, tally, supervise)?;
+            let (header, (flight_head, flights)) = self.wait_for_slot(slot, plan_of, tally, supervise)?;
             let plan = self.received.plan.take();
             let times = SlotTimes {
                 tick_ns: self.received.tick_ns.take(),
@@ -158,9 +158,9 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
                 queues_ns: header.head.sent_ns,
             };
             let record = SlotRecord {
-                plans: Plans::from_buf([plan.map(|(_, plan)| plan)]),
-                paths: ByUav::from_buf([Vec::new()]),
-                flights: ByUav::from_buf([flight]),
+                plans: (0..UAVS).map(|uav| plan.as_ref().map(|(_, plans)| plans[uav])).collect(),
+                paths: ByUav::from_elem(Vec::new(), UAVS),
+                flights,
                 header,
             };
             trace.add(&record)?;
@@ -190,7 +190,7 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         Ok(self.wait.sleep_until(Instant::now() + duration)?)
     }
 
-    /// Waits for the messages of `slot`, and returns its queues and its flight. In lock-step (`plan_of` is set), also
+    /// Waits for the messages of `slot`, and returns its queues and its flights. In lock-step (`plan_of` is set), also
     /// waits for the plan of the slot `plan_of` and for the viewer, which would otherwise miss messages. In paced runs,
     /// a plan may be late and a viewer may lag.
     fn wait_for_slot(
@@ -199,20 +199,19 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         plan_of: Option<u64>,
         tally: &mut Tally,
         supervise: &mut Supervise,
-    ) -> Result<(QueuesHeader, (SlotHeader, FlightReport)), Error> {
+    ) -> Result<(QueuesHeader, (SlotHeader, ByUav<FlightReport>)), Error> {
         let queues = Expected::on(&self.ring.queues, slot, false);
         let mut awaited = self.begin_wait(&queues)?;
         let mut is_reported = false; // an overdue process is reported and killed once
         loop {
             let missing = self.poll(slot, plan_of)?;
-            if let (None, SlotMessages { queues: Some(queues), flight: Some(flight), .. }) =
-                (missing, &mut self.received)
+            if missing.is_none()
+                && let Some(header) = self.received.queues
+                && let Some(flights) = self.received.flight.take()
             {
-                let messages = (*queues, *flight);
                 self.received.queues = None;
-                self.received.flight = None;
                 self.wait.end(awaited);
-                return Ok(messages);
+                return Ok((header, flights));
             }
             let missing = missing.unwrap_or(queues);
             if (missing.topic, missing.slot) != (awaited.topic, awaited.slot) {
@@ -249,13 +248,13 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
             *queues = self.queues.poll_slot(slot)?.available().map(|sample| *sample.user_header());
         }
         if flight.is_none() {
-            *flight =
-                self.flights.poll_slot(slot)?.available().map(|sample| (*sample.user_header(), *sample.payload()));
+            let found = self.flights.poll_slot(slot)?.available();
+            *flight = found.map(|sample| (*sample.user_header(), ByUav::from_slice(&sample)));
         }
         let plan_slot = plan_of.unwrap_or(slot);
         if plan.is_none() {
             let found = self.plans.poll_slot(plan_slot)?.available();
-            *plan = found.map(|sample| (*sample.user_header(), *sample.payload()));
+            *plan = found.map(|sample| (*sample.user_header(), ByUav::from_slice(&sample)));
         }
         if plan_of.is_none() && tick_ns.is_none() {
             *tick_ns = self.ticks.poll_slot(slot)?.available().map(|sample| sample.user_header().sent_ns);

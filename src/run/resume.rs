@@ -8,7 +8,7 @@ use skysink_common::message::Plan;
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::{SensorList, Sensors};
-use skysink_common::slot_record::{Plans, UAV};
+use skysink_common::slot_record::Plans;
 use skysink_common::stop::Stop;
 use skysink_field_sim::journal as fields;
 use skysink_flight_sim::journal as flights;
@@ -129,7 +129,7 @@ impl ResumedRun {
         let count = field.queues_bits().len();
         journal(ring_folder, count)?.save(slot, &[], &self.planner)?;
         fields::resume(&mut fields::journal(ring_folder, count)?, &mut field)?; // an empty journal starts with this state
-        flights::journal(ring_folder)?.save(slot, &[], self.plant.flight(UAV))?;
+        flights::journal(ring_folder)?.save(slot, &[], self.plant.flights())?;
         Ok(self.log)
     }
 }

@@ -116,7 +116,7 @@ fn spectate<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop
     let see = |slot| {
         let plan = plans.wait_for_slot(&mut wait, slot).unwrap().unwrap();
         let path = paths.poll_slot(slot).unwrap().available();
-        (*plan.payload(), path.map(|path| path.payload().to_vec()))
+        (plan[UAV], path.map(|path| path.payload().to_vec()))
     };
     (1..=scenario.slots).map(see).collect()
 }

@@ -21,8 +21,8 @@ fn the_topics_of_a_running_ring_are_shown_with_their_types_readers_and_rates() {
     for (name, payload, writer, readers) in [
         ("sensors", "[skysink.SensorNode.v1]", "field-sim", &["flight-sim", "planner"][..]),
         ("queues", "[u32]", "field-sim", &["planner", "skysink"]),
-        ("plan", "skysink.Plan.v1", "planner", &["flight-sim", "skysink"]),
-        ("flight", "skysink.FlightReport.v1", "flight-sim", &["field-sim", "planner", "skysink"]),
+        ("plan", "[skysink.Plan.v1]", "planner", &["flight-sim", "skysink"]),
+        ("flight", "[skysink.FlightReport.v1]", "flight-sim", &["field-sim", "planner", "skysink"]),
         ("commit", "skysink.Commit.v1", "skysink", &["field-sim"]),
     ] {
         let topic = topic(name);

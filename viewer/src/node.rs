@@ -13,6 +13,7 @@ use skysink_common::message::{
 };
 use skysink_common::pace::Pace;
 use skysink_common::scenario::{Area, Scenario};
+use skysink_common::slot_record::UAV;
 use skysink_common::stop::Stop;
 use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
@@ -108,8 +109,8 @@ struct Follower<'a, S: Service + 'static> {
     journal: Journal,
     scene: &'a mut Scene,
     paths: Reader<S, [PathPoint], SlotHeader>,
-    plans: Reader<S, Plan, SlotHeader>,
-    flights: Reader<S, FlightReport, SlotHeader>,
+    plans: Reader<S, [Plan], SlotHeader>,
+    flights: Reader<S, [FlightReport], SlotHeader>,
     queues: Reader<S, [u32], QueuesHeader>,
     health: Reader<S, Health, SlotHeader>,
     /// Number of slots whose path has been read.
@@ -197,7 +198,7 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
         let flight_limit = (self.ring.terms.pace != Pace::Max).then_some(LEFT_OVERS);
         let plan_limit = if self.is_ready { flight_limit } else { Some(LEFT_OVERS) };
         let flight = read(&mut self.flights, wait, slot, flight_limit)?;
-        let was_planned = flight.as_ref().is_some_and(|flight| flight.payload().hold != HoldReason::NoPlan as u32);
+        let was_planned = flight.as_ref().is_some_and(|flight| flight[UAV].hold != HoldReason::NoPlan as u32);
         let plan = if slot > 0 && was_planned { read(&mut self.plans, wait, slot, plan_limit)? } else { None };
 
         let missed_until = match flight {
@@ -211,7 +212,7 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
         }
         let Some(flight) = flight.filter(|_| slot >= expected) else { return Ok(()) };
         let path = self.path(wait, slot)?.filter(|_| plan.is_some());
-        let plan = plan.as_ref().map(|plan| plan.payload());
+        let plan = plan.as_ref().map(|plan| &plan[UAV]);
         let slots_per_s = self.slots_per_s(header.head);
         self.scene.log_slot(&SlotView {
             slot,
@@ -219,7 +220,7 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
             header,
             plan,
             path: path.as_ref().map_or(&[], |path| path.payload()),
-            flight: flight.payload(),
+            flight: &flight[UAV],
             slots_per_s,
             plan_ms: plan.map(|plan| plan.plan_ns as f64 / 1e6),
         })?;

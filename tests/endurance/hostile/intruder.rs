@@ -5,8 +5,9 @@ use std::fmt::Debug;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use skysink_ring::folder::RingFolder;
-use skysink_ring::sample::Header;
+use skysink_ring::sample::{Header, Payload};
 
 pub struct Intruder(Node<ipc::Service>);
 
@@ -16,50 +17,41 @@ impl Intruder {
         Self(node.signal_handling_mode(SignalHandlingMode::Disabled).create().unwrap())
     }
 
-    fn name(topic: &str) -> ServiceName {
-        ServiceName::new(&format!("skysink/{topic}")).unwrap()
+    fn topic<P: Payload + ?Sized, H: Header>(&self, topic: &str) -> PortFactory<ipc::Service, P, H> {
+        let name = ServiceName::new(&format!("skysink/{topic}")).unwrap();
+        P::service(self.0.service_builder(&name).publish_subscribe::<P>().user_header::<H>(), None).unwrap()
     }
 
     /// A writer that does not wait for readers.
-    pub fn writer<P: Debug + Copy + ZeroCopySend, H: Header>(&self, topic: &str) -> Publisher<ipc::Service, P, H> {
-        let service = self.0.service_builder(&Self::name(topic)).publish_subscribe::<P>().user_header::<H>();
-        let service = service.open().unwrap();
-        service.publisher_builder().backpressure_strategy(BackpressureStrategy::DiscardData).create().unwrap()
+    pub fn writer<P: Debug + Copy + ZeroCopySend + 'static, H: Header>(
+        &self,
+        topic: &str,
+    ) -> Publisher<ipc::Service, P, H> {
+        let service = self.topic::<P, H>(topic);
+        let writer = service.publisher_builder();
+        writer.backpressure_strategy(BackpressureStrategy::DiscardData).create().unwrap()
     }
 
     /// The same for lists of up to `len`.
-    pub fn list_writer<T: Debug + Copy + ZeroCopySend, H: Header>(
+    pub fn list_writer<T: Debug + Copy + ZeroCopySend + 'static, H: Header>(
         &self,
         topic: &str,
         len: usize,
     ) -> Publisher<ipc::Service, [T], H> {
-        let service = self.0.service_builder(&Self::name(topic)).publish_subscribe::<[T]>().user_header::<H>();
-        let service = service.open().unwrap();
+        let service = self.topic::<[T], H>(topic);
         let writer = service.publisher_builder().initial_max_slice_len(len);
         writer.backpressure_strategy(BackpressureStrategy::DiscardData).create().unwrap()
     }
 
     /// A reader with room for one sample, which it need not take.
-    pub fn reader<P: Debug + Copy + ZeroCopySend, H: Header>(&self, topic: &str) -> Subscriber<ipc::Service, P, H> {
-        let service = self.0.service_builder(&Self::name(topic)).publish_subscribe::<P>().user_header::<H>();
-        service.open().unwrap().subscriber_builder().buffer_size(1).create().unwrap()
+    pub fn reader<P: Payload + ?Sized, H: Header>(&self, topic: &str) -> Subscriber<ipc::Service, P, H> {
+        self.topic(topic).subscriber_builder().buffer_size(1).create().unwrap()
     }
 
     /// The same with the port name `observer`: no writer waits for it.
-    pub fn observer<P: Debug + Copy + ZeroCopySend, H: Header>(&self, topic: &str) -> Subscriber<ipc::Service, P, H> {
-        let service = self.0.service_builder(&Self::name(topic)).publish_subscribe::<P>().user_header::<H>();
+    pub fn observer<P: Payload + ?Sized, H: Header>(&self, topic: &str) -> Subscriber<ipc::Service, P, H> {
         let name = "observer".try_into().unwrap();
-        service.open().unwrap().subscriber_builder().name(&name).buffer_size(1).create().unwrap()
-    }
-
-    /// The same for lists.
-    #[cfg(feature = "viewer")]
-    pub fn list_reader<T: Debug + Copy + ZeroCopySend, H: Header>(
-        &self,
-        topic: &str,
-    ) -> Subscriber<ipc::Service, [T], H> {
-        let service = self.0.service_builder(&Self::name(topic)).publish_subscribe::<[T]>().user_header::<H>();
-        service.open().unwrap().subscriber_builder().buffer_size(1).create().unwrap()
+        self.topic(topic).subscriber_builder().name(&name).buffer_size(1).create().unwrap()
     }
 }
 

@@ -4,13 +4,14 @@ use skysink_common::message::{Plan, SlotHeader};
 use skysink_ring::folder::RingFolder;
 
 use super::audit::{audit, said, trace};
-use super::intruder::{Intruder, send};
+use super::intruder::{Intruder, send_list};
 use super::rogue::{LONG_S, Rogue, SHORT_S, Turn, start_with_rogue};
 use crate::support::{Output, Place, output, until};
 
 const OLD: &str = "its writer has already sent that slot or a later one";
 const FAR: &str = "its slot is too far ahead";
 const MISSION: &str = "it belongs to another run";
+const UAVS: &str = "expected an element for each UAV";
 const SECOND: &str = "another process is writing this topic already";
 
 /// A plan that would be seen in the trace.
@@ -82,6 +83,18 @@ fn the_first_plan_of_a_slot_counts() {
         again.into_iter().map(|header| rogue.send(header, nobody(turn))).count() as u64
     });
     assert_said(&ended, OLD, 59);
+}
+
+#[test]
+fn plans_for_no_uav_or_for_two_are_refused() {
+    let place = Place::new();
+    let ended = fly_disturbed(&place, |rogue, turn| {
+        for count in [0, 2] {
+            rogue.send_list(rogue.header(turn.slot), &vec![nobody(turn); count]);
+        }
+        2
+    });
+    assert_said(&ended, UAVS, 120);
 }
 
 #[test]
@@ -190,8 +203,8 @@ fn an_intruder_that_writes_before_the_planner_is_named_when_the_run_times_out() 
     let place = Place::new();
     let (run, mut rogue) = start_with_rogue(&place.flight("smoke"), SHORT_S);
     let turn = rogue.next().unwrap();
-    let intruder = Intruder::join(&rogue.folder).writer("plan");
-    send(&intruder, rogue.header(1), turn.good);
+    let intruder = Intruder::join(&rogue.folder).list_writer("plan", 1);
+    send_list(&intruder, rogue.header(1), &[turn.good]);
     until("flight of slot 1", || (!trace(&place).is_empty()).then_some(()));
     rogue.send(rogue.header(1), turn.good);
     let turn = rogue.next().unwrap();

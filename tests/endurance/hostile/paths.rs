@@ -123,7 +123,7 @@ fn a_reader_that_takes_no_paths_does_not_block_the_ring() {
     let flight = place.flight("smoke").strategy("horizon").set("planner.horizon.iterations", 100);
     let run = flight.without_viewer().external("planner").timeout(SHORT_S).start();
     let intruder = Intruder::join(&open_folder(&run));
-    let deaf = intruder.list_reader::<PathPoint, SlotHeader>("path");
+    let deaf = intruder.reader::<[PathPoint], SlotHeader>("path");
     let planner = run.worker_command("planner").spawn().unwrap();
     let first = until("path", || deaf.receive().unwrap()); // from now on the writer knows that it is there
     wait(planner).assert_success();

@@ -42,7 +42,7 @@ fn assert_ended_early(place: &Place, ended: &Output) {
     place.assert_clean();
 }
 
-fn deaf_to_flights(intruder: &Intruder) -> Subscriber<ipc::Service, FlightReport, SlotHeader> {
+fn deaf_to_flights(intruder: &Intruder) -> Subscriber<ipc::Service, [FlightReport], SlotHeader> {
     intruder.reader("flight")
 }
 
@@ -77,7 +77,7 @@ fn a_paced_run_does_not_wait_for_a_blocked_reader() {
     let place = Place::new();
     let (run, mut rogue) = start_with_rogue(&place.flight("smoke").pace("20x"), LONG_S);
     let intruder = Intruder::join(&rogue.folder);
-    let deaf = (deaf_to_flights(&intruder), intruder.reader::<Plan, SlotHeader>("plan"));
+    let deaf = (deaf_to_flights(&intruder), intruder.reader::<[Plan], SlotHeader>("plan"));
     rogue.fly_to_end(|_, _| {});
     run.wait_for_success();
     assert_eq!(audit(&place).len(), 60);
@@ -89,7 +89,7 @@ fn a_paced_run_does_not_wait_for_a_blocked_reader() {
 fn an_observer_that_takes_nothing_is_not_waited_for() {
     let place = Place::new();
     let ended = fly_with_deaf_reader(&place, &["--restart", "never"], |intruder| {
-        (intruder.observer::<FlightReport, SlotHeader>("flight"), intruder.observer::<Commit, SlotHeader>("commit"))
+        (intruder.observer::<[FlightReport], SlotHeader>("flight"), intruder.observer::<Commit, SlotHeader>("commit"))
     });
     assert_eq!(ended.code, Some(0), "{ended:?}");
     assert_eq!(place.summary("run")["restarts"], 0);

@@ -4,6 +4,7 @@ use iceoryx2::prelude::ipc;
 use skysink::worker::silence_iceoryx2;
 use skysink_common::message::{FLAG_END, FlightReport, Limits, Plan, QueuesHeader, SensorNode, SlotHeader};
 use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::slot_record::{UAV, UAVS};
 use skysink_common::stop::Stop;
 use skysink_planner::Planner;
 use skysink_ring::error::{NodeError, RingError};
@@ -33,9 +34,9 @@ pub struct Rogue {
     pub limits: Limits,
     planner: Planner,
     wait: WaitContext,
-    plans: Writer<ipc::Service, Plan, SlotHeader>,
+    plans: Writer<ipc::Service, [Plan], SlotHeader>,
     queues: Reader<ipc::Service, [u32], QueuesHeader>,
-    flights: Reader<ipc::Service, FlightReport, SlotHeader>,
+    flights: Reader<ipc::Service, [FlightReport], SlotHeader>,
     next: u64,
 }
 
@@ -72,7 +73,7 @@ impl Rogue {
         let stop = Stop::default();
         let open = || Ring::<ipc::Service>::join(&folder, &scenario, Role::Planner, &stop).ok();
         let (ring, mut wait) = until("topics", open);
-        let plans = ring.plan.writer().unwrap();
+        let plans = ring.plan.list_writer(2 * UAVS).unwrap();
         let mut nodes = ring.sensors.reader().unwrap();
         let queues = ring.belief.as_ref().unwrap_or(&ring.queues).reader().unwrap();
         let flights = ring.flight.reader().unwrap();
@@ -101,7 +102,7 @@ impl Rogue {
             self.next = slot + 1;
             // A paced run may have left this planner behind.
             let Some(flight) = self.flights.wait_for_slot(&mut self.wait, slot)? else { continue };
-            let flight = *flight.payload();
+            let flight = flight[UAV];
             let good = self.planner.step(slot + 1, flight.position(), state.payload());
             let queues_bits = state.payload().to_vec();
             return Ok(Some(Turn { slot: slot + 1, good, flight, queues_bits }));
@@ -117,9 +118,14 @@ impl Rogue {
         self.try_send(header, plan).unwrap();
     }
 
+    /// Sends plans for any number of UAVs.
+    pub fn send_list(&self, header: SlotHeader, plans: &[Plan]) {
+        self.plans.send_list(header, plans).unwrap();
+    }
+
     /// The same; fails if a reader does not take it.
     pub fn try_send(&self, header: SlotHeader, plan: Plan) -> Result<(), RingError> {
-        self.plans.send(header, plan)
+        self.plans.send_list(header, &[plan])
     }
 
     /// Flies to the end with valid plans; before each it calls `disturb`.

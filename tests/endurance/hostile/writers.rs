@@ -19,8 +19,8 @@ fn second_writers_on_every_topic_are_refused_and_change_nothing_up_to_the_last_s
     let place = Place::new();
     let (run, mut rogue) = start_with_rogue(&place.flight("smoke"), LONG_S);
     let intruder = Intruder::join(&rogue.folder);
-    let plans = intruder.writer::<Plan, SlotHeader>("plan");
-    let flights = intruder.writer::<FlightReport, SlotHeader>("flight");
+    let plans = intruder.list_writer::<Plan, SlotHeader>("plan", 2);
+    let flights = intruder.list_writer::<FlightReport, SlotHeader>("flight", 2);
     let queues = intruder.list_writer::<u32, QueuesHeader>("queues", 100);
     let commits = intruder.writer::<Commit, SlotHeader>("commit");
     let mut sent = 0;
@@ -32,10 +32,10 @@ fn second_writers_on_every_topic_are_refused_and_change_nothing_up_to_the_last_s
         let flight = FlightReport { served: 64, ..FlightReport::at([1.0, 1.0, 20.0], Mode::Serve) };
         let totals = Totals { delivered_bits: u64::MAX, ..Totals::default() };
         let forged = QueuesHeader { head, totals, delivered_bits: u64::MAX, lost_bits: 0 };
-        for length in [0, 40] {
-            send(&plans, head, forged_plan());
-            send(&flights, head, flight);
-            send_list(&queues, forged, &vec![u32::MAX; length]);
+        for uavs in 0..=2 {
+            send_list(&plans, head, &vec![forged_plan(); uavs]);
+            send_list(&flights, head, &vec![flight; uavs]);
+            send_list(&queues, forged, &vec![u32::MAX; 40 * uavs]);
             send(&commits, head, Commit { hash: 1 });
             sent += 3; // the recorder does not read its own commits
         }
@@ -45,7 +45,7 @@ fn second_writers_on_every_topic_are_refused_and_change_nothing_up_to_the_last_s
     place.assert_trace_as_simulated("run");
     // In the last slot the real ones may have ended before the recorder reads the refused samples.
     let refused = place.summary("run")["refused_messages"].as_u64().unwrap();
-    assert!((sent - 6..=sent).contains(&refused), "{refused} of {sent}");
+    assert!((sent - 9..=sent).contains(&refused), "{refused} of {sent}");
     let lines = said(&ended.stderr, SECOND);
     for first in ["flight-sim: ", "field-sim: "] {
         let first = lines.iter().find(|line| line.starts_with(first)).expect("a line of each process that refused");
@@ -63,12 +63,12 @@ fn a_second_planner_that_never_stops_writing_does_not_disturb_the_real_one() {
     let folder = open_folder(&run);
     run.until_slot(5);
     let intruder = Intruder::join(&folder);
-    let plans = intruder.writer::<Plan, SlotHeader>("plan");
+    let plans = intruder.list_writer::<Plan, SlotHeader>("plan", 2);
     until("end of the run", || {
         let slot = run.slots() as u64;
         for i in 0..256 {
             let header = SlotHeader { mission: folder.terms().mission, slot: slot + i % 3, ..SlotHeader::default() };
-            send(&plans, header, forged_plan());
+            send_list(&plans, header, &[forged_plan()]);
         }
         run.has_ended().then_some(())
     });
@@ -85,9 +85,9 @@ fn a_flood_before_the_planner_starts_does_not_stop_it() {
     let place = Place::new();
     let mut run = place.flight("smoke").without_viewer().external("planner").timeout(LONG_S).start();
     let intruder = Intruder::join(&open_folder(&run));
-    let plans = intruder.writer::<Plan, SlotHeader>("plan");
+    let plans = intruder.list_writer::<Plan, SlotHeader>("plan", 2);
     let other = SlotHeader { mission: 1, slot: 1, ..SlotHeader::default() };
-    let flood = || (0..100_000).for_each(|_| send(&plans, other, forged_plan()));
+    let flood = || (0..100_000).for_each(|_| send_list(&plans, other, &[forged_plan()]));
     flood();
     let planner = run.worker_command("planner").spawn().unwrap();
     until("end of the run", || {
@@ -109,8 +109,8 @@ fn killed_processes_recover_while_one_publisher_of_each_topic_is_taken() {
     let (run, mut rogue) = start_with_rogue(&long, LONG_S);
     let intruder = Intruder::join(&rogue.folder);
     let silent = (
-        intruder.writer::<Plan, SlotHeader>("plan"),
-        intruder.writer::<FlightReport, SlotHeader>("flight"),
+        intruder.list_writer::<Plan, SlotHeader>("plan", 2),
+        intruder.list_writer::<FlightReport, SlotHeader>("flight", 2),
         intruder.list_writer::<u32, QueuesHeader>("queues", 100),
     );
     rogue.fly_to_end(|_, turn| {
@@ -132,7 +132,7 @@ fn a_process_reports_that_all_publishers_of_its_topic_are_taken() {
     let run = place.flight("smoke").without_viewer().external("planner").timeout(SHORT_S).start();
     let folder = open_folder(&run);
     let intruders = [(); 2].map(|()| Intruder::join(&folder));
-    let writers = intruders.each_ref().map(|intruder| intruder.writer::<Plan, SlotHeader>("plan"));
+    let writers = intruders.each_ref().map(|intruder| intruder.list_writer::<Plan, SlotHeader>("plan", 2));
     let planner = output(run.worker_command("planner")).assert_code(1);
     assert!(
         planner
