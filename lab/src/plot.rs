@@ -6,9 +6,10 @@ mod selection;
 pub mod trajectories;
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use serde::Serialize;
+use skysink_common::error::InputError;
 use skysink_common::scenario::Setting;
 use skysink_mission::error::FileContext;
 use skysink_mission::files::write_whole;
@@ -20,7 +21,7 @@ use crate::error::LabError;
 use crate::metrics::Metric;
 use crate::sweep::folder::FlownSweep;
 use crate::sweep::results::{BEST_KNOWN, best_known, number, text};
-use request::{BoundCurves, PlotRequest};
+use request::{PlotRequest, SheetOptions};
 use selection::{SelectedCurve, Selection};
 
 /// A plot that has been drawn.
@@ -70,23 +71,24 @@ pub struct PlotPoint {
     pub texts: [String; 2],
 }
 
-/// Draws a figure and writes its numbers as tables. Existing files of the same name are replaced.
+/// Draws a figure of the sweep in the folder `sweep`, and writes its numbers as tables. Existing files of the same name
+/// are replaced.
 ///
 /// # Errors
 /// If the folder is not that of a sweep, the request does not fit the sweep, missions are missing, or a file cannot be
 /// written.
-pub fn plot(request: &PlotRequest) -> Result<DrawnPlot, LabError> {
+pub fn plot(sweep: &Path, request: &PlotRequest, sheet: &SheetOptions) -> Result<DrawnPlot, LabError> {
+    sheet.check()?;
     request.check_texts()?;
-    let flown = FlownSweep::read("sweep", &request.sweep)?;
-    let selection = Selection::new(request, &flown)?;
-    let chart = chart(request, &flown, &selection);
-    if request.y_scale == Scale::Log
-        && chart.series.iter().flat_map(|series| &series.points).all(|point| point.mean <= 0.0)
-    {
-        let message = format!("--log-y: {} is 0 in all missions: expected a linear axis", request.metric.name());
-        return Err(request.refuse(message));
+    let flown = FlownSweep::read("sweep", sweep)?;
+    let refuse = |message| InputError::new("sweep", sweep, message);
+    let selection = Selection::new(request, &flown).map_err(refuse)?;
+    let chart = chart(request, sheet, &flown, &selection);
+    if request.log_y && chart.series.iter().flat_map(|series| &series.points).all(|point| point.mean <= 0.0) {
+        let message = format!("--log-y: {} is 0 in all missions: expected a linear axis", request.metric().name());
+        return Err(refuse(message).into());
     }
-    let folder = request.sheet.out.clone().unwrap_or_else(|| request.sweep.join("plots"));
+    let folder = sheet.out.clone().unwrap_or_else(|| sweep.join("plots"));
     fs::create_dir_all(&folder).at(&folder)?;
     let stem = folder.join(name(request));
     chart.draw(&stem)?;
@@ -114,8 +116,8 @@ pub fn plot(request: &PlotRequest) -> Result<DrawnPlot, LabError> {
     let files = ["svg", "pdf", "png", "tex", "md"].map(|extension| stem.with_added_extension(extension));
     Ok(DrawnPlot {
         x: request.x.clone(),
-        metric: request.metric.name(),
-        difference_to: request.reference.clone(),
+        metric: request.metric().name(),
+        difference_to: request.difference_to.clone(),
         by: request.by.clone(),
         points: points.map(|(series, index)| point(series, index)).collect(),
         missing: selection.missing.clone(),
@@ -125,14 +127,14 @@ pub fn plot(request: &PlotRequest) -> Result<DrawnPlot, LabError> {
 }
 
 /// The chart of the selected missions.
-fn chart(request: &PlotRequest, flown: &FlownSweep, selection: &Selection) -> Chart {
-    let PlotRequest { metric, reference, .. } = request;
+fn chart(request: &PlotRequest, sheet: &SheetOptions, flown: &FlownSweep, selection: &Selection) -> Chart {
+    let metric = request.metric();
     let numbers: Option<Vec<f64>> = selection.xs.iter().map(number).collect();
     let x_words = if numbers.is_some() { Vec::new() } else { selection.xs.iter().map(text).collect() };
     let xs = numbers.unwrap_or_else(|| (0..selection.xs.len()).map(|index| index as f64).collect());
     let curve = |(place, curve): (usize, &SelectedCurve)| {
         let name = &flown.definition.strategies[curve.strategy];
-        let values = |&point: &usize| flown.values(point, curve.strategy, *metric);
+        let values = |&point: &usize| flown.values(point, curve.strategy, metric);
         CurveValues {
             label: curve.label.clone(),
             // The curves of a strategy must differ, too.
@@ -146,7 +148,7 @@ fn chart(request: &PlotRequest, flown: &FlownSweep, selection: &Selection) -> Ch
         curves.extend(bounds(request, flown, offline, &selection.curves[0].points));
     }
     let support = metric.support();
-    let (series, support, y_label) = match reference {
+    let (series, support, y_label) = match &request.difference_to {
         None => (curves.iter().map(|curve| curve.means(&xs, support)).collect(), support, metric.label()),
         Some(reference) => {
             let label = format!("{} − that of {reference}", metric.label());
@@ -158,13 +160,13 @@ fn chart(request: &PlotRequest, flown: &FlownSweep, selection: &Selection) -> Ch
     let conditions = request.conditions.iter().map(|Setting { key, value, .. }| format!(" · {key} = {}", text(value)));
     let description = format!(" · sweep {}{}", flown.definition.identity, conditions.collect::<String>());
     Chart {
-        look: request.sheet.look(footer, &description),
+        look: sheet.look(footer, &description),
         x_label: request.x_label.clone().unwrap_or_else(|| request.x.clone()),
         x_words,
         y_label: request.y_label.clone().unwrap_or(y_label),
         series,
         support,
-        y_scale: request.y_scale,
+        y_scale: if request.log_y { Scale::Log } else { Scale::Linear },
     }
 }
 
@@ -181,7 +183,7 @@ fn bounds(
     let is_expected = expected.iter().flat_map(|values| values.values()).all(|value| !value.is_nan());
     let best = points.iter().map(|point| least[point].clone()).collect();
     let curves = [
-        (BEST_KNOWN, request.reference.clone(), best),
+        (BEST_KNOWN, request.difference_to.clone(), best),
         ("lower bound", None, of(Metric::LossBound)),
         ("expected lower bound", None, expected),
     ];
@@ -196,17 +198,17 @@ fn bounds(
 
 /// The file name without extension: metric, key, the values of other keys, the key of the curves, and the reference.
 fn name(request: &PlotRequest) -> String {
-    let mut name = format!("{}-{}", request.metric.name(), request.x);
+    let mut name = format!("{}-{}", request.metric().name(), request.x);
     for Setting { key, value, .. } in &request.conditions {
         name += &format!("-{key}-{}", text(value));
     }
     if let Some(by) = &request.by {
         name += &format!("-by-{by}");
     }
-    if request.bounds == BoundCurves::Shown {
+    if request.bounds {
         name += "-bounds";
     }
-    if let Some(reference) = &request.reference {
+    if let Some(reference) = &request.difference_to {
         name += &format!("-difference-to-{reference}");
     }
     let is_plain = |character: char| character.is_alphanumeric() || "._-".contains(character);

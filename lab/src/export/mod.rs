@@ -19,12 +19,13 @@ use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use clap::Args;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use skysink_common::error::InputError;
 use skysink_common::scenario::{Origin, Scenario};
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
 use skysink_mission::files::write_all;
-use skysink_mission::folder::Earlier;
 use skysink_mission::replay::RecordedRun;
 
 use crate::LabError;
@@ -44,23 +45,30 @@ pub static FORMATS: [&ExportFormat; 8] = [
 ];
 
 /// Default for the maximum number of items of a vehicle mission. This is the limit of PX4; ArduPilot allows about 700.
-pub const MOST_ITEMS: usize = 500;
+pub const MOST_ITEMS: u32 = 500;
 
 /// The parameters of an export.
-#[derive(Debug)]
+#[derive(Debug, Args)]
 pub struct Export {
-    /// The run folder.
+    /// Folder of a finished run.
     pub run: PathBuf,
-    /// The format.
+    /// Format of the file.
+    #[arg(long, value_parser = format_parser())]
     pub format: &'static ExportFormat,
-    /// The south-west corner of the area, for scenarios without an origin.
+    /// Latitude and longitude of the south-west corner of the area [°]; required if the scenario does not set
+    /// area.origin_lat_deg and area.origin_lon_deg.
+    #[arg(long, value_name = "LAT,LON", value_parser = parse_origin, allow_hyphen_values = true)]
     pub origin: Option<Origin>,
-    /// The output file; `None` for the name of the run folder with the extension of the format.
+    /// Output file [default: RUN with the extension of the format].
+    #[arg(long, value_name = "PATH")]
     pub out: Option<PathBuf>,
-    /// Whether existing files are replaced.
-    pub earlier: Earlier,
-    /// Maximum number of items of a vehicle mission; `None` for [`MOST_ITEMS`].
-    pub most_items: Option<usize>,
+    /// Replace an existing file.
+    #[arg(long)]
+    pub force: bool,
+    /// Maximum number of items in a vehicle mission, including home; longer missions are split into several files
+    /// [default: 500].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(vehicle::MIN_ITEMS as i64..))]
+    pub most_items: Option<u32>,
 }
 
 /// The result of an export.
@@ -94,16 +102,16 @@ pub fn export(export: &Export, stop: &Stop) -> Result<Exported, LabError> {
         WriteFormat::Flight(write) => (counts, vec![write(&track()?)]),
         WriteFormat::Mission(write, note) => {
             let track = track()?;
-            let mission = vehicle::plan(&track, export.most_items.unwrap_or(MOST_ITEMS));
+            let mission = vehicle::plan(&track, export.most_items.unwrap_or(MOST_ITEMS) as usize);
             (mission.summary + note, mission.parts.iter().map(|part| write(&track, part)).collect())
         }
     };
     let out = out_file(export)?;
     let files = part_names(&out, texts.len());
-    files.iter().try_for_each(|file| check_out(file, export.earlier))?;
+    files.iter().try_for_each(|file| check_out(file, export))?;
     let other_parts = parts_of(&out).into_iter().filter(|part| !files.contains(part));
     for part in other_parts {
-        if export.earlier == Earlier::Kept {
+        if !export.force {
             let message = "it is a part of an earlier export: choose another --out, or pass --force to remove it";
             return Err(InputError::new("output file", &part, message).into());
         }
@@ -173,16 +181,33 @@ fn parts_of(out: &Path) -> Vec<PathBuf> {
 }
 
 /// Checks that the file can be created, and does not exist unless it may be replaced.
-fn check_out(file: &Path, earlier: Earlier) -> Result<(), InputError> {
+fn check_out(file: &Path, export: &Export) -> Result<(), InputError> {
     let refuse = |message: &str| Err(InputError::new("output file", file, message));
     let parent = file.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     match fs::symlink_metadata(file) {
         _ if file.file_name().is_none() => refuse("no name: expected a file"),
         _ if !parent.is_dir() => refuse("its folder does not exist: expected an existing folder"),
         Ok(found) if !found.is_file() => refuse("it is not a regular file: choose another --out"),
-        Ok(_) if earlier == Earlier::Kept => refuse("it exists: choose another --out, or pass --force to replace it"),
+        Ok(_) if !export.force => refuse("it exists: choose another --out, or pass --force to replace it"),
         _ => Ok(()),
     }
+}
+
+/// Parses the name of a format.
+fn format_parser() -> impl TypedValueParser<Value = &'static ExportFormat> {
+    PossibleValuesParser::new(FORMATS.map(|format| PossibleValue::new(format.name).help(format.about)))
+        .map(|name| FORMATS.into_iter().find(|format| format.name == name).expect("one of the possible values"))
+}
+
+/// Parses `LAT,LON` [°].
+fn parse_origin(text: &str) -> Result<Origin, String> {
+    let parts = text.split_once(',').and_then(|(lat, lon)| Some((lat.trim().parse().ok()?, lon.trim().parse().ok()?)));
+    parts
+        .map(|(lat_deg, lon_deg)| Origin { lat_deg, lon_deg })
+        .filter(|origin| (-90.0..=90.0).contains(&origin.lat_deg) && (-180.0..=180.0).contains(&origin.lon_deg))
+        .ok_or_else(|| {
+            "expected a latitude, -90 to 90, and a longitude, -180 to 180, such as 47.3977,8.5456".to_owned()
+        })
 }
 
 #[cfg(test)]

@@ -1,73 +1,68 @@
-//! What a plot of a sweep is to show.
+//! What a plot of a sweep is to show, as on the command line.
 
 use std::iter::zip;
 use std::path::PathBuf;
 
+use clap::Args;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use skysink_common::error::InputError;
 use skysink_common::scenario::Setting;
 
-use crate::drawing::chart::Scale;
 use crate::drawing::page::{Look, check_text};
-use crate::error::LabError;
 use crate::metrics::Metric;
 
-/// The parameters of a plot.
-#[derive(Debug, Clone)]
+/// Allowed width of the figure [mm].
+const WIDTHS_MM: std::ops::RangeInclusive<f64> = 50.0..=1000.0;
+
+/// The parameters of a plot of a sweep.
+#[derive(Debug, Clone, Args)]
 pub struct PlotRequest {
-    /// The folder of the sweep.
-    pub sweep: PathBuf,
-    /// The key on the x axis.
+    /// Key of the sweep on the x axis, for example area.side_m.
+    #[arg(long, value_name = "KEY", default_value = "", hide_default_value = true)]
     pub x: String,
-    /// The metric on the y axis.
-    pub metric: Metric,
-    /// The strategies, in the order of the legend; all of the sweep if empty.
+    /// Metric on the y axis [default: loss_rate].
+    #[arg(long, value_name = "METRIC", value_parser = metric_parser())]
+    pub y: Option<Metric>,
+    /// Strategies to draw, in this order, comma-separated [default: all of the sweep].
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub strategies: Vec<String>,
-    /// If set, there is a curve for each strategy and value of this key.
+    /// Draw a curve for each strategy and value of this key, for example uav.altitude.
+    #[arg(long, value_name = "KEY")]
     pub by: Option<String>,
-    /// If set, the plot shows the differences to this strategy, or with `by` to this value, paired by seed.
-    pub reference: Option<String>,
-    /// Whether the best known loss and the lower bounds of the loss are drawn.
-    pub bounds: BoundCurves,
-    /// Selects the missions with these values of other keys.
+    /// Draw the differences to this strategy, or with --by to this value, paired by seed.
+    #[arg(long, value_name = "STRATEGY")]
+    pub difference_to: Option<String>,
+    /// Draw the best known loss and the lower bounds of the loss, too, for a sweep with the strategy offline.
+    #[arg(long, conflicts_with = "by")]
+    pub bounds: bool,
+    /// Draw only missions with this value of another key, for example link.bandwidth_hz=5e3 (repeatable).
+    #[arg(long = "where", value_name = "KEY=VALUE")]
     pub conditions: Vec<Setting>,
-    /// Scale of the y axis; linear for differences.
-    pub y_scale: Scale,
-    /// Label of the x axis; `None` for the key.
+    /// Use a logarithmic y axis; means of 0 are drawn at its lower end.
+    #[arg(long, conflicts_with = "difference_to")]
+    pub log_y: bool,
+    /// Label of the x axis [default: the key].
+    #[arg(long, value_name = "TEXT")]
     pub x_label: Option<String>,
-    /// Label of the y axis; `None` for that of the metric.
+    /// Label of the y axis [default: that of the metric].
+    #[arg(long, value_name = "TEXT")]
     pub y_label: Option<String>,
-    /// Title, footer, width and folder.
-    pub sheet: SheetOptions,
-}
-
-/// Whether bounds are drawn.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum BoundCurves {
-    /// The strategies alone.
-    Hidden,
-    /// The best known loss and the lower bounds, too, from the missions of `offline`.
-    Shown,
-}
-
-/// Whether the footer with seeds, intervals and version is drawn.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Footer {
-    /// Only contained as metadata.
-    Hidden,
-    /// Drawn below the figure.
-    Shown,
 }
 
 /// How a page looks, and where its files go.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Args)]
 pub struct SheetOptions {
-    /// Title above the figure, or empty.
+    /// Title above the figure [default: none].
+    #[arg(long, value_name = "TEXT", default_value = "", hide_default_value = true)]
     pub title: String,
-    /// Whether seeds, intervals and version are shown below the figure.
-    pub footer: Footer,
-    /// Printed width [mm]; `None` for a screen.
+    /// Show seeds, intervals and version below the figure; the SVG always contains them as metadata.
+    #[arg(long)]
+    pub footer: bool,
+    /// Printed width, for example 88mm, 18cm, 3.5in or 252pt; text is then 8 pt [default: sized for a screen].
+    #[arg(long = "width", value_name = "WIDTH", value_parser = parse_width_mm)]
     pub width_mm: Option<f64>,
-    /// Output folder; `None` for the default one.
+    /// Output folder; existing files are replaced [default: SWEEPDIR/plots, or plots beside the first run].
+    #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
 }
 
@@ -75,7 +70,7 @@ impl SheetOptions {
     /// The look of the page; `description` follows `footer` in the metadata.
     pub(crate) fn look(&self, footer: String, description: &str) -> Look {
         let description = format!("{footer}{description}");
-        let footer = if self.footer == Footer::Shown { footer } else { String::new() };
+        let footer = if self.footer { footer } else { String::new() };
         Look { title: self.title.clone(), footer, description, width_mm: self.width_mm }
     }
 
@@ -86,18 +81,56 @@ impl SheetOptions {
 }
 
 impl PlotRequest {
-    /// Refuses texts with characters that the embedded font lacks.
+    /// The first option that is given.
+    #[must_use]
+    pub fn given(&self) -> Option<&'static str> {
+        let options = [
+            ("--x", !self.x.is_empty()),
+            ("--y", self.y.is_some()),
+            ("--strategies", !self.strategies.is_empty()),
+            ("--by", self.by.is_some()),
+            ("--difference-to", self.difference_to.is_some()),
+            ("--bounds", self.bounds),
+            ("--where", !self.conditions.is_empty()),
+            ("--log-y", self.log_y),
+            ("--x-label", self.x_label.is_some()),
+            ("--y-label", self.y_label.is_some()),
+        ];
+        options.into_iter().find(|(_, is_given)| *is_given).map(|(option, _)| option)
+    }
+
+    /// The metric on the y axis.
+    pub(crate) fn metric(&self) -> Metric {
+        self.y.unwrap_or(Metric::LossRate)
+    }
+
+    /// Refuses labels with characters that the embedded font lacks.
     pub(crate) fn check_texts(&self) -> Result<(), InputError> {
-        self.sheet.check()?;
         for (option, text) in zip(["--x-label", "--y-label"], [&self.x_label, &self.y_label]) {
             let text = text.as_deref().unwrap_or_default();
             check_text(text).map_err(|message| InputError::of_argument(option, text, message))?;
         }
         Ok(())
     }
+}
 
-    /// An error about the sweep.
-    pub(crate) fn refuse(&self, message: String) -> LabError {
-        InputError::new("sweep", &self.sweep, message).into()
-    }
+/// Parses the name of a metric.
+fn metric_parser() -> impl TypedValueParser<Value = Metric> {
+    PossibleValuesParser::new(Metric::all().map(|metric| PossibleValue::new(metric.name()).help(metric.label())))
+        .map(|name| Metric::all().find(|metric| metric.name() == name).expect("one of the possible values"))
+}
+
+/// Parses a length with its unit and returns it in [mm].
+fn parse_width_mm(text: &str) -> Result<f64, String> {
+    let number = text.trim_end_matches(|character: char| character.is_ascii_alphabetic());
+    let unit_mm = match &text[number.len()..] {
+        "mm" => 1.0,
+        "cm" => 10.0,
+        "in" => 25.4,
+        "pt" => 25.4 / 72.0,
+        _ => f64::NAN,
+    };
+    let width_mm = number.parse().map_or(f64::NAN, |number: f64| number * unit_mm);
+    let expected = "expected a width from 50mm to 1000mm, such as 88mm, 18cm, 3.5in or 252pt";
+    if WIDTHS_MM.contains(&width_mm) { Ok(width_mm) } else { Err(expected.to_owned()) }
 }

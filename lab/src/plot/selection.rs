@@ -7,8 +7,7 @@ use skysink_common::scenario::Setting;
 use skysink_planner::strategies::offline;
 use toml::Value;
 
-use super::request::{BoundCurves, PlotRequest};
-use crate::error::LabError;
+use super::request::PlotRequest;
 use crate::metrics::Metric;
 use crate::sweep::definition::Definition;
 use crate::sweep::folder::FlownSweep;
@@ -51,17 +50,17 @@ impl Selection {
     /// # Errors
     /// If the request does not fit the sweep, several points of the grid have the same value on the x axis, or no point
     /// has all its missions.
-    pub fn new(request: &PlotRequest, flown: &FlownSweep) -> Result<Self, LabError> {
+    pub fn new(request: &PlotRequest, flown: &FlownSweep) -> Result<Self, String> {
         let definition = &flown.definition;
-        let refuse = |message| request.refuse(message);
-        let strategies = strategies(request, definition).map_err(refuse)?;
-        let offline = offline_of(request, definition).map_err(refuse)?;
-        let mut groups = groups(request, definition).map_err(refuse)?;
-        let reference = reference(request, &groups).map_err(refuse)?;
+        let metric = request.metric();
+        let strategies = strategies(request, definition)?;
+        let offline = offline_of(request, definition)?;
+        let mut groups = groups(request, definition)?;
+        let reference = reference(request, &groups)?;
         // The best known loss is the least of all strategies.
         let needed = if offline.is_some() { (0..definition.strategies.len()).collect() } else { strategies.clone() };
         let is_whole = |place: usize| {
-            let count = |point, strategy| flown.values(point, strategy, request.metric).len();
+            let count = |point, strategy| flown.values(point, strategy, metric).len();
             let is_flown = |point| needed.iter().all(|&strategy| count(point, strategy) == definition.seeds.len());
             groups.iter().all(|(_, points)| is_flown(points[place].1))
         };
@@ -72,8 +71,7 @@ impl Selection {
         let xs: Vec<Value> = of_whole(true).cloned().collect();
         if xs.is_empty() {
             let flown = missing.unwrap_or_default();
-            let message = format!("{flown}: no complete value is left: run the rest first, or plot fewer strategies");
-            return Err(request.refuse(message));
+            return Err(format!("{flown}: no complete value is left: run the rest first, or plot fewer strategies"));
         }
         for (_, points) in &mut groups {
             let mut place = 0..;
@@ -86,7 +84,7 @@ impl Selection {
             };
             let reference = match &reference {
                 Some(value) => Some(label(&Some(value.clone()))),
-                None => request.reference.clone(),
+                None => request.difference_to.clone(),
             };
             let points = points.iter().map(|(_, point)| *point).collect();
             SelectedCurve { label: label(by), strategy, by: by.clone(), reference, points }
@@ -94,13 +92,11 @@ impl Selection {
         let curves: Vec<SelectedCurve> =
             strategies.iter().flat_map(|&strategy| groups.iter().map(move |group| curve(strategy, group))).collect();
         for SelectedCurve { strategy, points, .. } in &curves {
-            let has_none =
-                |&point: &usize| flown.values(point, *strategy, request.metric).values().any(|value| value.is_nan());
+            let has_none = |&point: &usize| flown.values(point, *strategy, metric).values().any(|value| value.is_nan());
             if points.iter().any(has_none) {
                 let name = &definition.strategies[*strategy];
-                let metric = request.metric.name();
                 let expected = "expected a metric of all plotted strategies, or other --strategies";
-                return Err(request.refuse(format!("--y {metric}: {name} has no value: {expected}")));
+                return Err(format!("--y {}: {name} has no value: {expected}", metric.name()));
             }
         }
         Ok(Self { xs, curves, offline, missing })
@@ -109,11 +105,11 @@ impl Selection {
 
 /// With bounds, the index of `offline` in the sweep.
 fn offline_of(request: &PlotRequest, definition: &Definition) -> Result<Option<usize>, String> {
-    if request.bounds == BoundCurves::Hidden {
+    if !request.bounds {
         return Ok(None);
     }
-    if request.metric != Metric::LossRate {
-        return Err(format!("--bounds: {} has none: expected --y loss_rate", request.metric.name()));
+    if request.metric() != Metric::LossRate {
+        return Err(format!("--bounds: {} has none: expected --y loss_rate", request.metric().name()));
     }
     let offline = definition.strategies.iter().position(|name| name == offline::STRATEGY.name);
     offline.map(Some).ok_or_else(|| "--bounds: expected a sweep with the strategy offline".to_owned())
@@ -135,7 +131,7 @@ fn groups(request: &PlotRequest, definition: &Definition) -> Result<Vec<CurveGro
 
 /// With `--by`, the value of its key that differences refer to, if they are drawn.
 fn reference(request: &PlotRequest, groups: &[CurveGroup]) -> Result<Option<Value>, String> {
-    let (Some(by), Some(reference)) = (&request.by, &request.reference) else { return Ok(None) };
+    let (Some(by), Some(reference)) = (&request.by, &request.difference_to) else { return Ok(None) };
     let values: Vec<&Value> = groups.iter().filter_map(|(value, _)| value.as_ref()).collect();
     let is_named = |value: &&&Value| {
         text(value) == *reference || number(value).is_some_and(|value| reference.parse() == Ok(value))
@@ -161,7 +157,7 @@ fn strategies(request: &PlotRequest, definition: &Definition) -> Result<Vec<usiz
         [] => (0..definition.strategies.len()).collect(),
         named => named.iter().map(|strategy| find("--strategies", strategy)).collect::<Result<Vec<_>, _>>()?,
     };
-    let reference = request.reference.as_ref().filter(|_| request.by.is_none());
+    let reference = request.difference_to.as_ref().filter(|_| request.by.is_none());
     chosen.extend(reference.map(|reference| find("--difference-to", reference)).transpose()?);
     let mut seen = Vec::new();
     chosen.retain(|strategy| {

@@ -19,15 +19,6 @@ use crate::error::LabError;
 /// The maximum number of runs whose names are part of the file name.
 const MOST_NAMES: usize = 3;
 
-/// The parameters of a sheet of maps.
-#[derive(Debug, Clone)]
-pub struct MapRequest {
-    /// The run folders, in the order of the maps; at least one.
-    pub runs: Vec<PathBuf>,
-    /// Title, footer, width and folder.
-    pub sheet: SheetOptions,
-}
-
 /// A sheet of maps that has been drawn.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct DrawnMaps {
@@ -54,16 +45,16 @@ pub struct MappedRun {
     pub loss_rate: f64,
 }
 
-/// Replays the runs and draws a map of each. Existing files of the same name are replaced.
+/// Replays the runs in these folders and draws a map of each, in their order. Existing files of the same name are replaced.
 ///
 /// # Errors
 /// If a folder is not that of a run that has ended, or was changed, a file cannot be written, or on a stop.
 ///
 /// # Panics
 /// If there is no run.
-pub fn draw_maps(request: &MapRequest, stop: &Stop) -> Result<DrawnMaps, LabError> {
-    request.sheet.check()?;
-    let mapped = request.runs.iter().map(|run| map(run, stop)).collect::<Result<Vec<_>, _>>()?;
+pub fn draw_maps(folders: &[PathBuf], sheet: &SheetOptions, stop: &Stop) -> Result<DrawnMaps, LabError> {
+    sheet.check()?;
+    let mapped = folders.iter().map(|run| map(run, stop)).collect::<Result<Vec<_>, _>>()?;
     let (runs, mut maps): (Vec<_>, Vec<_>) = mapped.into_iter().unzip();
     let strategies: BTreeSet<&str> = runs.iter().map(|run| run.strategy.as_str()).collect();
     for (run, map) in runs.iter().zip(&mut maps) {
@@ -74,13 +65,13 @@ pub fn draw_maps(request: &MapRequest, stop: &Stop) -> Result<DrawnMaps, LabErro
     let missions: BTreeSet<String> = runs.iter().map(|run| format!("{}, seed {}", run.scenario, run.seed)).collect();
     let missions: Vec<String> = missions.into_iter().collect();
     let footer = format!("{} · skysink {}", missions.join("; "), env!("CARGO_PKG_VERSION"));
-    let look = request.sheet.look(footer, "");
-    let sheet = MapSheet { look, maps, fraction_label: "queue fill at the end".to_owned() };
-    let beside = || request.runs[0].parent().unwrap_or(Path::new("")).join("plots");
-    let folder = request.sheet.out.clone().unwrap_or_else(beside);
+    let look = sheet.look(footer, "");
+    let drawn = MapSheet { look, maps, fraction_label: "queue fill at the end".to_owned() };
+    let beside = || folders[0].parent().unwrap_or(Path::new("")).join("plots");
+    let folder = sheet.out.clone().unwrap_or_else(beside);
     fs::create_dir_all(&folder).at(&folder)?;
-    let stem = folder.join(file_name(&request.runs)?);
-    sheet.draw(&stem)?;
+    let stem = folder.join(file_name(folders)?);
+    drawn.draw(&stem)?;
     let files = ["svg", "pdf", "png"].map(|extension| stem.with_added_extension(extension)).to_vec();
     Ok(DrawnMaps { runs, files })
 }
