@@ -71,10 +71,8 @@ enum MetricKind {
 
 /// A mission with all that its metrics are computed from.
 struct MeteredMission<'a> {
+    meter: &'a MissionMeter,
     summary: &'a Summary,
-    flown_m: f64,
-    energy_j: f64,
-    slot_s: f64,
     /// The ages since the last service [slots].
     service_ages: AgeCounts,
     /// The ages of the delivered data [slots].
@@ -116,20 +114,18 @@ impl Metric {
                 BITS.row("bits_per_waypoint", "bits delivered per waypoint", |m| m.summary.bits_per_waypoint)
             }
             Self::MeanServed => REAL.row("mean_served", "SNs served per slot", |m| m.summary.mean_served),
-            Self::FlownM => METRES.row("flown_m", "flown distance", |m| m.flown_m),
-            Self::EnergyJ => JOULES.row("energy_j", "propulsion energy", |m| m.energy_j),
-            Self::AoiMeanS => {
-                SECONDS.row("aoi_mean_s", "mean time since the last service", |m| m.service_ages.mean() * m.slot_s)
-            }
+            Self::FlownM => METRES.row("flown_m", "flown distance", |m| m.meter.flown_m),
+            Self::EnergyJ => JOULES.row("energy_j", "propulsion energy", |m| m.meter.energy_j),
+            Self::AoiMeanS => SECONDS
+                .row("aoi_mean_s", "mean time since the last service", |m| m.service_ages.mean() * m.meter.slot_s),
             Self::AoiP99S => SECONDS.row("aoi_p99_s", "99th percentile of the time since the last service", |m| {
-                m.service_ages.quantile(0.99) as f64 * m.slot_s
+                m.service_ages.quantile(0.99) as f64 * m.meter.slot_s
             }),
-            Self::DataAgeMeanS => {
-                SECONDS.row("data_age_mean_s", "mean age of the delivered data", |m| m.data_ages.mean() * m.slot_s)
-            }
+            Self::DataAgeMeanS => SECONDS
+                .row("data_age_mean_s", "mean age of the delivered data", |m| m.data_ages.mean() * m.meter.slot_s),
             Self::DataAgeP99S => {
                 SECONDS.row("data_age_p99_s", "99th percentile of the age of the delivered data", |m| {
-                    m.data_ages.quantile(0.99) as f64 * m.slot_s
+                    m.data_ages.quantile(0.99) as f64 * m.meter.slot_s
                 })
             }
             Self::Jain => FRACTION.row("jain", "Jain's fairness index", |m| jain(m.delivered_bits)),
@@ -181,9 +177,10 @@ impl Metric {
     }
 }
 
-/// Running sums of a mission, in addition to those of its summary.
-#[derive(Debug, Clone)]
-struct MissionSums {
+/// Computes the metrics of a mission, slot by slot.
+#[derive(Debug)]
+pub struct MissionMeter {
+    tally: Tally,
     slot_s: f64,
     aircraft: Propulsion,
     position: Point3<f64>,
@@ -194,10 +191,12 @@ struct MissionSums {
     data: DeliveredData,
 }
 
-impl MissionSums {
-    /// The sums before slot 1.
-    fn new(scenario: &Scenario, list: &SensorList) -> Self {
+impl MissionMeter {
+    /// The meter before slot 1.
+    #[must_use]
+    pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
         Self {
+            tally: Tally::new(scenario, list, &RunMode::default()),
             slot_s: scenario.slot_s,
             aircraft: scenario.uav.propulsion,
             position: scenario.start(),
@@ -207,6 +206,34 @@ impl MissionSums {
             service_ages: Ages::new(list.sensors().len()),
             data: DeliveredData::new(scenario, list),
         }
+    }
+
+    /// The figures of the summary so far.
+    #[must_use]
+    pub fn tally(&self) -> &Tally {
+        &self.tally
+    }
+
+    /// The metrics so far, with the plant after the last slot; `timing` instead of the planning times of the slots.
+    #[must_use]
+    pub fn values(&self, plant: &Plant, timing: Option<&RunTiming>, bounds: Option<LossBounds>) -> MetricValues {
+        let mut summary = self.tally.summary(Duration::ZERO, 0);
+        if let Some(timing) = timing {
+            timing.clone_into(&mut summary.timing);
+        }
+        self.values_of(&summary, plant.field().delivered_bits(), bounds)
+    }
+
+    /// The metrics of a mission with this summary; `delivered_bits` by sensor node.
+    fn values_of(&self, summary: &Summary, delivered_bits: &[u64], bounds: Option<LossBounds>) -> MetricValues {
+        let service_ages = self.service_ages.counts(self.slot, |_| true);
+        let data_ages = self.data.counts(self.slot);
+        let mission = MeteredMission { meter: self, summary, service_ages, data_ages, delivered_bits, bounds };
+        let mut values = [0.0; Metric::COUNT];
+        for (value, metric) in values.iter_mut().zip(Metric::all()) {
+            *value = (metric.row().of)(&mission);
+        }
+        values
     }
 
     /// Adds the flight of the next slot. `queues_bits` are the queues after the slot, `delivered_bits` the bits delivered
@@ -227,56 +254,6 @@ impl MissionSums {
             self.data.add(sensor, self.slot, delivered_bits[sensor], queues_bits[sensor].into());
         }
     }
-
-    /// The metrics of a mission with this summary; `delivered_bits` by sensor node.
-    fn values(&self, summary: &Summary, delivered_bits: &[u64], bounds: Option<LossBounds>) -> MetricValues {
-        let mission = MeteredMission {
-            summary,
-            flown_m: self.flown_m,
-            energy_j: self.energy_j,
-            slot_s: self.slot_s,
-            service_ages: self.service_ages.counts(self.slot, |_| true),
-            data_ages: self.data.counts(self.slot),
-            delivered_bits,
-            bounds,
-        };
-        let mut values = [0.0; Metric::COUNT];
-        for (value, metric) in values.iter_mut().zip(Metric::all()) {
-            *value = (metric.row().of)(&mission);
-        }
-        values
-    }
-}
-
-/// Computes the metrics of a mission, slot by slot.
-#[derive(Debug)]
-pub struct MissionMeter {
-    tally: Tally,
-    sums: MissionSums,
-}
-
-impl MissionMeter {
-    /// The meter before slot 1.
-    #[must_use]
-    pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
-        Self { tally: Tally::new(scenario, list, &RunMode::default()), sums: MissionSums::new(scenario, list) }
-    }
-
-    /// The figures of the summary so far.
-    #[must_use]
-    pub fn tally(&self) -> &Tally {
-        &self.tally
-    }
-
-    /// The metrics so far, with the plant after the last slot; `timing` instead of the planning times of the slots.
-    #[must_use]
-    pub fn values(&self, plant: &Plant, timing: Option<&RunTiming>, bounds: Option<LossBounds>) -> MetricValues {
-        let mut summary = self.tally.summary(Duration::ZERO, 0);
-        if let Some(timing) = timing {
-            timing.clone_into(&mut summary.timing);
-        }
-        self.sums.values(&summary, plant.field().delivered_bits(), bounds)
-    }
 }
 
 impl Observer for MissionMeter {
@@ -286,7 +263,7 @@ impl Observer for MissionMeter {
 
     fn slot(&mut self, record: &SlotRecord, plant: &Plant) -> Result<(), MissionError> {
         self.tally.add(record)?;
-        self.sums.add(&record.flights[UAV], plant.field().queues_bits(), plant.field().delivered_bits());
+        self.add(&record.flights[UAV], plant.field().queues_bits(), plant.field().delivered_bits());
         Ok(())
     }
 }
@@ -315,8 +292,8 @@ mod tests {
         report
     }
 
-    fn values<const N: usize>(sums: &MissionSums, metrics: [Metric; N]) -> [f64; N] {
-        let values = sums.values(&Summary::default(), &[], None);
+    fn values<const N: usize>(meter: &MissionMeter, metrics: [Metric; N]) -> [f64; N] {
+        let values = meter.values_of(&Summary::default(), &[], None);
         metrics.map(|metric| values[metric as usize])
     }
 
@@ -340,7 +317,7 @@ mod tests {
         let scenario = Scenario::parse(text, Path::new("a.toml"), Overrides::default()).unwrap();
         let list = "x_m,y_m,queue_bits,sampling_bps\n10,10,100,100\n";
         let list = SensorList::parse(list, Path::new("list.csv"), &scenario).unwrap();
-        let mut metrics = MissionSums::new(&scenario, &list);
+        let mut metrics = MissionMeter::new(&scenario, &list);
         // 200, 300, 400, 500 bits are there in slots 1 to 4; in slot 2 no bit is delivered, in slot 3 the initial 100
         // and the first 150 of those sampled, the last of them in slot 2.
         for (served, queue_bits, delivered_bits) in
@@ -356,7 +333,7 @@ mod tests {
     #[test]
     fn hovering_costs_energy_and_no_distance() {
         let scenario = Scenario::letter(Overrides::default()).unwrap();
-        let mut metrics = MissionSums::new(&scenario, &SensorList::of(&scenario).unwrap());
+        let mut metrics = MissionMeter::new(&scenario, &SensorList::of(&scenario).unwrap());
         metrics.add(&flight(50.0, &[]), &[], &[]);
         let [hover_m, hover_j] = values(&metrics, [Metric::FlownM, Metric::EnergyJ]);
         assert!((hover_j - 168.49).abs() < 1e-9);
