@@ -55,7 +55,7 @@ enum Command {
     Check(check::CheckCommand),
     New(new::NewCommand),
     Simulate(simulate::SimulateCommand),
-    Run(run::command::RunCommand),
+    Run(run::RunCommand),
     Join(join::JoinCommand),
     Replay(replay::ReplayCommand),
     Topics(topics::TopicsCommand),

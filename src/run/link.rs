@@ -14,6 +14,7 @@ use skysink_ring::topics::{LinkedServices, SCHEMA};
 use crate::error::Error;
 use crate::run::executables::is_command;
 use crate::run::process::{Invocation, Process};
+use crate::run::restart::{OF_LINK, Restart, Restarts};
 
 /// Link programs; the first one found in PATH is started. `skysink-link` is in the folder `link` of this repository,
 /// `iox2-link-tunnel-zenoh` is part of iceoryx2.
@@ -78,12 +79,13 @@ pub fn process(ring: &RingFolder, config: &Path, local: &[Role]) -> Result<Proce
     arguments.extend(all.into_iter().flat_map(|service| ["--allow".to_owned(), service]));
     arguments.extend(written_here.into_iter().flat_map(|service| ["--listener".to_owned(), service]));
     let is_unset = |(name, _): &(&str, &str)| std::env::var_os(name).is_none();
-    Ok(Process::link(Invocation {
+    let invocation = Invocation {
         program: program.into(),
         arguments: arguments.into_iter().map(Into::into).collect(),
         environment: ENVIRONMENT.into_iter().filter(is_unset).map(|(name, value)| (name, value.into())).collect(),
         folder: Some(ring.path().to_owned()),
         prefix: "link: ",
         ends_with_launcher: true,
-    }))
+    };
+    Ok(Process::new(None, invocation, Restarts::new(Restart::OnFailure, &OF_LINK)))
 }

@@ -14,7 +14,7 @@ use skysink_ring::role::Role;
 
 use crate::error::Error;
 use crate::report::TerminalProgress;
-use crate::run::restart::{OF_LINK, OF_WORKERS, Restart, Restarts};
+use crate::run::restart::{Restart, Restarts};
 
 /// Time between two polls of a process that is about to end.
 pub const POLL_EVERY: Duration = Duration::from_millis(5);
@@ -42,19 +42,11 @@ pub struct Invocation {
     pub ends_with_launcher: bool,
 }
 
-/// Who a process of a run is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Member {
-    /// A process of the ring.
-    Worker(Role),
-    /// The link to other hosts.
-    Link,
-}
-
 /// A process of a run, which may be started several times.
 #[derive(Debug)]
 pub struct Process {
-    member: Member,
+    /// `None` for the link to other hosts.
+    role: Option<Role>,
     invocation: Invocation,
     /// `None` before the start and after the end.
     child: Option<Child>,
@@ -76,20 +68,10 @@ pub enum ProcessChange {
 }
 
 impl Process {
-    /// The process of `role`, not started yet.
+    /// The process of `role`, or the link to other hosts, not started yet.
     #[must_use]
-    pub fn worker(role: Role, invocation: Invocation, policy: Restart) -> Self {
-        Self::new(Member::Worker(role), invocation, Restarts::new(policy, &OF_WORKERS))
-    }
-
-    /// A link to other hosts, not started yet.
-    #[must_use]
-    pub fn link(invocation: Invocation) -> Self {
-        Self::new(Member::Link, invocation, Restarts::new(Restart::OnFailure, &OF_LINK))
-    }
-
-    fn new(member: Member, invocation: Invocation, restarts: Restarts) -> Self {
-        Self { member, invocation, child: None, started: Instant::now(), messages: None, restarts, due: None }
+    pub fn new(role: Option<Role>, invocation: Invocation, restarts: Restarts) -> Self {
+        Self { role, invocation, child: None, started: Instant::now(), messages: None, restarts, due: None }
     }
 
     /// Starts or restarts the process.
@@ -211,12 +193,12 @@ impl Process {
     /// The error of a process that is not restarted, after its last output.
     fn end_error(&mut self, status: ExitStatus, slot: u64) -> Error {
         self.join_messages();
-        match self.member {
-            Member::Link => {
+        match self.role {
+            None => {
                 let program = self.invocation.program.display().to_string();
                 Error::LinkEnded { program, status: status.to_string() }
             }
-            Member::Worker(role) => {
+            Some(role) => {
                 let status = match status.signal() {
                     Some(signal) => format!("signal {signal}"),
                     None => format!("exit code {}", status.code().unwrap_or_default()),

@@ -2,7 +2,7 @@
 //!
 //! | process | started by | sign of life | restarted after its end | stopped |
 //! |---|---|---|---|---|
-//! | worker, planner of `--planner` | this launcher | the heartbeat of its lock file, a sample in time | by `--restart`, within [`OF_WORKERS`](crate::run::restart::OF_WORKERS) | TERM, KILL |
+//! | worker, planner of `--planner` | this launcher | the heartbeat of its lock file, a sample in time | by `--restart`, within [`OF_WORKERS`] | TERM, KILL |
 //! | link | this launcher | | always, within [`OF_LINK`](crate::run::restart::OF_LINK) | TERM, KILL, after the workers |
 //! | `--external` | the user, here or on another host | a writer of its topic, its notifications over the link | | with the ring |
 
@@ -24,7 +24,7 @@ use crate::report::TerminalProgress;
 use crate::run::external::ExternalProcess;
 use crate::run::heartbeat::Heartbeat;
 use crate::run::process::{Invocation, Process, ProcessChange, stop};
-use crate::run::restart::Restart;
+use crate::run::restart::{OF_WORKERS, Restart, Restarts};
 
 /// Time between two checks for dead external processes.
 const CLEAN_UP_EVERY: Duration = Duration::from_millis(500);
@@ -58,7 +58,8 @@ impl Worker {
     /// The process of `role`, not started yet.
     #[must_use]
     pub fn new(role: Role, invocation: Invocation, policy: Restart) -> Self {
-        Self { role, process: Process::worker(role, invocation, policy), heartbeat: Heartbeat::after(None) }
+        let process = Process::new(Some(role), invocation, Restarts::new(policy, &OF_WORKERS));
+        Self { role, process, heartbeat: Heartbeat::after(None) }
     }
 }
 
