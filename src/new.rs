@@ -34,6 +34,9 @@ const HEADER: &str = "\
 /// Column of the comments.
 const COMMENT_COLUMN: usize = 34;
 
+/// The key that names the sensor list.
+const LIST_LINE: &str = "file = \"sensors.csv\"              # a row for each; metres, or degrees about the origin\n";
+
 /// Examples of `skysink new`.
 #[cfg(feature = "lab")]
 const EXAMPLES: &str = "\
@@ -77,18 +80,16 @@ impl NewCommand {
     pub fn run(self, _: &Stop) -> Result<(), Error> {
         let folder = self.out.clone().unwrap_or_else(|| PathBuf::from(&self.name));
         let path = folder.join(format!("{}.toml", self.name));
-        scenario(&self.name, &NewField::drawn(), &path)?; // checks the name before the import
+        scenario(&self.name, None, &path)?; // checks the name before the import
         let field = self.field()?;
-        let text = text(&self.name, &field);
-        let checked = scenario(&self.name, &field, &path)?;
-        let sensors = match &field.list {
-            Some(list) => list.sensors(&checked)?,
-            None => SensorList::of(&checked)?,
-        };
-        let list = field.list.as_ref().map(|list| (folder.join(LIST), list.text.as_bytes()));
+        let field = field.as_ref();
+        let text = text(&self.name, field);
+        let checked = scenario(&self.name, field, &path)?;
+        let sensors = field.map_or_else(|| SensorList::of(&checked), |field| field.sensors(&checked))?;
+        let list = field.map(|field| (folder.join(LIST), field.list.as_bytes()));
         let files: Vec<_> = list.into_iter().chain([(path.clone(), text.as_bytes())]).collect();
         write_into(&folder, &files, Earlier::by_force(self.force))?;
-        field.notes.iter().try_for_each(print)?;
+        field.iter().flat_map(|field| &field.notes).try_for_each(print)?;
         let [width_m, height_m] = [checked.area.width_m(), checked.area.height_m()];
         let count = sensors.sensors().len();
         print(format_args!("{}: {count} sensor nodes in {width_m} m × {height_m} m", path.display()))?;
@@ -96,18 +97,18 @@ impl NewCommand {
     }
 
     #[cfg(feature = "lab")]
-    fn field(&self) -> Result<NewField, Error> {
-        self.sensors.as_deref().map_or_else(|| Ok(NewField::drawn()), |path| Ok(import::field(path)?))
+    fn field(&self) -> Result<Option<NewField>, Error> {
+        Ok(self.sensors.as_deref().map(import::field).transpose()?)
     }
 
     #[cfg(not(feature = "lab"))]
-    fn field(&self) -> Result<NewField, Error> {
-        Ok(NewField::drawn())
+    fn field(&self) -> Result<Option<NewField>, Error> {
+        Ok(None)
     }
 }
 
 /// The text of the scenario: every key that has a default beside the other defaults, with its meaning as a comment.
-fn text(name: &str, field: &NewField) -> String {
+fn text(name: &str, field: Option<&NewField>) -> String {
     let mut defaults = Table::new();
     keys::fill(Scenario::KEYS, "", &mut defaults, &[]);
     let mut text = format!("{HEADER}name = {}\n", Value::String(name.to_owned()));
@@ -118,12 +119,11 @@ fn text(name: &str, field: &NewField) -> String {
         };
         text += &format!("\n[{}]\n", key.name);
         for inner in inner {
-            let replaced = match (key.name, inner.name) {
-                ("area", "side_m") => field.area.clone(),
-                ("sensors", "count") => field.sensors.clone(),
-                _ => None,
-            };
-            text.extend(replaced.or_else(|| line(inner, defaults)));
+            match (key.name, inner.name, field) {
+                ("area", "side_m", Some(field)) => text += &format!("{}\n", field.area),
+                ("sensors", "count", Some(_)) => text += LIST_LINE,
+                _ => text.extend(line(inner, defaults)),
+            }
         }
     }
     text
@@ -139,7 +139,7 @@ fn line(key: &Key, table: &Table) -> Option<String> {
 }
 
 /// Checks the scenario that will be written to `path`.
-fn scenario(name: &str, field: &NewField, path: &Path) -> Result<Scenario, InputError> {
+fn scenario(name: &str, field: Option<&NewField>, path: &Path) -> Result<Scenario, InputError> {
     Scenario::parse(&text(name, field), path, Overrides::default()).and_then(settings::resolve)
 }
 
@@ -164,7 +164,7 @@ mod tests {
     #[test]
     fn a_new_scenario_equals_the_letter_except_for_its_name() {
         let path = Path::new("letter (built in)");
-        let mut new = scenario("letter", &NewField::drawn(), path).unwrap();
+        let mut new = scenario("letter", None, path).unwrap();
         let letter = Scenario::letter(Overrides::default()).and_then(settings::resolve).unwrap();
         new.path.clone_from(&letter.path);
         assert_eq!(new, letter);
@@ -172,13 +172,13 @@ mod tests {
 
     #[test]
     fn a_name_cannot_inject_toml() {
-        let refused = scenario("a\"\nseed = 7", &NewField::drawn(), Path::new("a.toml")).unwrap_err();
+        let refused = scenario("a\"\nseed = 7", None, Path::new("a.toml")).unwrap_err();
         assert!(refused.to_string().contains("expected 1 to 100 of"), "{refused}");
     }
 
     #[test]
     fn the_template_fits_into_a_terminal() {
-        for line in text("a", &NewField::drawn()).lines() {
+        for line in text("a", None).lines() {
             assert!(line.chars().count() <= 90, "{line}");
         }
     }

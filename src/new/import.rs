@@ -4,9 +4,10 @@ use std::path::Path;
 
 use skysink_common::error::InputError;
 use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::sensors::Sensor;
 use skysink_lab::import::{self, Frame, Imported};
 
-use super::field::{LIST, NewField, NewList};
+use super::field::{LIST, NewField};
 
 /// Margin between the sensor nodes and the border of the area [m].
 const MARGIN_M: f64 = 10.0;
@@ -24,45 +25,49 @@ const CORNERS_M: [f64; 4] = [MARGIN_M, 100.0, 1e3, 1e4];
 /// Imports the positions in the file `path`.
 pub fn field(path: &Path) -> Result<NewField, InputError> {
     let imported = import::read(path)?;
-    let (area, list) = match imported.frame {
-        Frame::Plane => plane(&imported, path),
-        Frame::Geodetic => geodetic(&imported, path)?,
+    let is_plane = imported.frame == Frame::Plane;
+    let shift = if is_plane { shift(&imported) } else { [0.0; 2] };
+    let mut field = NewField {
+        area: String::new(),
+        list: imported.to_csv(shift),
+        locations: imported.sensors.iter().map(|sensor| sensor.place.clone()).collect(),
+        source: path.to_owned(),
+        notes: imported.ignored.iter().map(|what| format!("ignored: {what}")).collect(),
     };
-    let sensors = format!("file = \"{LIST}\"              # a row for each; metres, or degrees about the origin\n");
-    let notes = imported.ignored.iter().map(|what| format!("ignored: {what}")).collect();
-    Ok(NewField { area: Some(area + "\n"), sensors: Some(sensors), list: Some(list), notes })
+    field.area = if is_plane { plane(&imported, shift) } else { geodetic(&imported, &field)? };
+    Ok(field)
 }
 
-/// The sensor list of the positions in the file `path`, translated by `shift` [m or °].
-fn list(imported: &Imported, shift: [f64; 2], path: &Path) -> NewList {
-    let locations = imported.sensors.iter().map(|sensor| sensor.place.clone()).collect();
-    NewList { text: imported.to_csv(shift), locations, source: path.to_owned() }
-}
-
-/// The area from the origin to beyond the last position. The positions are translated to the origin if some are
-/// negative, or if all are farther from it than their extent.
-fn plane(imported: &Imported, path: &Path) -> (String, NewList) {
+/// The translation of positions in a plane [m]: to the origin if some are negative, or if all are farther from it than
+/// their extent.
+fn shift(imported: &Imported) -> [f64; 2] {
     let [low, high] = imported.bounds();
-    let shift = [0, 1].map(|axis| {
+    [0, 1].map(|axis| {
         let is_far = low[axis] < 0.0 || low[axis] > (high[axis] - low[axis]).max(MARGIN_M);
         if is_far { MARGIN_M - low[axis] } else { 0.0 }
-    });
-    let [width_m, height_m] = [0, 1].map(|axis| (high[axis] + shift[axis] + MARGIN_M).ceil());
+    })
+}
+
+/// The area from the origin to beyond the last position.
+fn plane(imported: &Imported, shift: [f64; 2]) -> String {
+    let [_, high] = imported.bounds();
     let moved = if shift == [0.0; 2] {
         String::new()
     } else {
         format!("\n# Positions are translated by {} m and {} m.", shift[0], shift[1])
     };
-    (
-        format!("width_m = {width_m:?} # around the sensor nodes [m]\nheight_m = {height_m:?}{moved}"),
-        list(imported, shift, path),
-    )
+    sides([0, 1].map(|axis| high[axis] + shift[axis])) + &moved
+}
+
+/// The sides of an area that ends beyond these coordinates [m].
+fn sides(last_m: [f64; 2]) -> String {
+    let [width_m, height_m] = last_m.map(|coordinate_m| (coordinate_m + MARGIN_M).ceil());
+    format!("width_m = {width_m:?} # around the sensor nodes [m]\nheight_m = {height_m:?}")
 }
 
 /// The area north and east of a corner, in whose tangent plane all positions have positive coordinates.
-fn geodetic(imported: &Imported, path: &Path) -> Result<(String, NewList), InputError> {
+fn geodetic(imported: &Imported, field: &NewField) -> Result<String, InputError> {
     let [low_lat_deg, low_lon_deg] = imported.south_west();
-    let list = list(imported, [0.0; 2], path);
     let mut refused = None;
     for corner_m in CORNERS_M {
         let lat_deg = (low_lat_deg - corner_m / DEGREE_M).max(-90.0);
@@ -71,15 +76,12 @@ fn geodetic(imported: &Imported, path: &Path) -> Result<(String, NewList), Input
         let origin =
             format!("origin_lat_deg = {lat_deg:.7} # of its south-west corner, WGS84\norigin_lon_deg = {lon_deg:.7}");
         let vast = format!("name = \"vast\"\n[area]\nside_m = {VAST_M:?}\n{origin}\n[sensors]\nfile = \"{LIST}\"\n");
-        let found = Scenario::parse(&vast, path, Overrides::default()).and_then(|scenario| list.sensors(&scenario));
-        match found {
+        let vast = Scenario::parse(&vast, &field.source, Overrides::default());
+        match vast.and_then(|scenario| field.sensors(&scenario)) {
             Ok(found) => {
-                let last = |axis: fn(&skysink_common::sensors::Sensor) -> f64| {
-                    (found.sensors().iter().map(axis).fold(0.0, f64::max) + MARGIN_M).ceil()
-                };
-                let [width_m, height_m] = [last(|sensor| sensor.position.x), last(|sensor| sensor.position.y)];
-                let sides = format!("width_m = {width_m:?} # around the sensor nodes [m]\nheight_m = {height_m:?}");
-                return Ok((format!("{sides}\n{origin}"), list));
+                let last_m = |axis: fn(&Sensor) -> f64| found.sensors().iter().map(axis).fold(0.0, f64::max);
+                let sides = sides([last_m(|sensor| sensor.position.x), last_m(|sensor| sensor.position.y)]);
+                return Ok(format!("{sides}\n{origin}"));
             }
             Err(error) => refused = Some(error),
         }
