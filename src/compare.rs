@@ -75,7 +75,7 @@ impl CompareCommand {
             Compared::Runs(folders) => {
                 let shown = read_runs(&folders, stop)?;
                 let folder = folder::make_for_runs(&folders, self.out.as_deref())?;
-                self.write(&shown, &differing_keys(&folders)?, folder.path(), stop)
+                self.write(&shown, &differing_keys(&shown), folder.path(), stop)
             }
         }
     }

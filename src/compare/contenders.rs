@@ -23,19 +23,10 @@ use crate::report::TerminalProgress;
 pub struct ShownContender {
     /// The contender.
     pub contender: Contender,
-    /// The seed of the mission in the recording.
-    pub seed: u64,
-    /// Where that mission comes from.
-    pub flight: FlightSource,
-}
-
-/// The source of the mission in the recording.
-#[cfg_attr(not(feature = "viewer"), expect(dead_code, reason = "only the recording simulates it"))]
-pub enum FlightSource {
-    /// Planned by the strategy of a scenario.
-    Planned(Box<Scenario>),
-    /// Replayed from a run folder.
-    Recorded(PathBuf),
+    /// The scenario of the mission in the recording.
+    pub scenario: Scenario,
+    /// The folder of the run that is replayed; `None` for a mission that the strategy of the scenario plans.
+    pub run: Option<PathBuf>,
 }
 
 /// Strategies over the fields of a scenario.
@@ -73,7 +64,7 @@ impl ComparedStrategies {
         let shown = |(contender, strategy): (Contender, &&'static Registered)| {
             let overrides = Overrides { strategy: Some(strategy.name), ..self.overrides.clone() };
             let scenario = Scenario::read(&self.scenario, overrides).and_then(settings::resolve)?;
-            Ok(ShownContender { contender, seed: scenario.seed, flight: FlightSource::Planned(Box::new(scenario)) })
+            Ok(ShownContender { contender, scenario, run: None })
         };
         contenders.into_iter().zip(&self.strategies).map(shown).collect()
     }
@@ -89,8 +80,9 @@ pub fn read_runs(folders: &[PathBuf], stop: &Stop) -> Result<Vec<ShownContender>
     }
     let shown = |folder: &PathBuf| -> Result<ShownContender, Error> {
         let contender = Contender::of_run(folder, &label(folder, folders), stop)?;
-        let scenario = Scenario::read(&folder.join("scenario.toml"), Overrides::default())?;
-        Ok(ShownContender { contender, seed: scenario.seed, flight: FlightSource::Recorded(folder.clone()) })
+        let path = folder.join("scenario.toml");
+        let scenario = Scenario::read(&path, Overrides::default()).and_then(settings::resolve)?;
+        Ok(ShownContender { contender, scenario, run: Some(folder.clone()) })
     };
     folders.iter().map(shown).collect()
 }
@@ -107,16 +99,15 @@ pub fn name_of(path: &Path) -> String {
     name.map_or_else(|| "run".to_owned(), |name| name.to_string_lossy().into_owned())
 }
 
-/// The keys in which the scenarios of the runs differ, with the value of each.
-pub fn differing_keys(folders: &[PathBuf]) -> Result<Vec<(String, Vec<String>)>, Error> {
-    let keys = |folder: &PathBuf| -> Result<Vec<(String, String)>, Error> {
-        let scenario = Scenario::read(&folder.join("scenario.toml"), Overrides::default())?;
-        let table = scenario.to_toml().parse::<Table>().expect("it was just written");
+/// The keys in which the scenarios of the contenders differ, with the value of each.
+pub fn differing_keys(shown: &[ShownContender]) -> Vec<(String, Vec<String>)> {
+    let keys = |one: &ShownContender| {
+        let table = one.scenario.to_toml().parse::<Table>().expect("it was just written");
         let mut keys = Vec::new();
         flatten("", &table, &mut keys);
-        Ok(keys)
+        keys
     };
-    let all = folders.iter().map(keys).collect::<Result<Vec<_>, _>>()?;
+    let all: Vec<Vec<(String, String)>> = shown.iter().map(keys).collect();
     let mut names: Vec<&String> = all.iter().flatten().map(|(key, _)| key).collect();
     names.sort_unstable();
     names.dedup();
@@ -126,7 +117,7 @@ pub fn differing_keys(folders: &[PathBuf]) -> Result<Vec<(String, Vec<String>)>,
         all.iter().map(|keys| find(keys).unwrap_or_else(|| "-".to_owned())).collect()
     };
     let pairs = names.into_iter().map(|name| (name.clone(), values(name)));
-    Ok(pairs.filter(|(_, values)| values.iter().any(|value| *value != values[0])).collect())
+    pairs.filter(|(_, values)| values.iter().any(|value| *value != values[0])).collect()
 }
 
 /// The values of a table under their dotted keys.

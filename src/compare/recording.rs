@@ -12,7 +12,7 @@ use skysink_mission::files::UNFINISHED;
 use skysink_mission::{Mission, MissionError, Replay};
 use skysink_viewer::{self as viewer, Comparison, Sinks, SlotView};
 
-use super::contenders::{FlightSource, ShownContender};
+use super::contenders::ShownContender;
 use super::folder::RECORDING;
 use crate::error::Error;
 use crate::slot_views::SlotViews;
@@ -39,37 +39,24 @@ pub fn record(shown: &[ShownContender], path: &Path, stop: &Stop) -> Result<(), 
     let temporary = tempfile::Builder::new().prefix(".comparison.").suffix(UNFINISHED).tempdir_in(folder).at(folder)?;
     let unfinished = temporary.path().join(RECORDING);
     let mut missions = Vec::new();
-    let mut scenarios = Vec::new();
+    let mut nodes = Vec::new();
     for one in shown {
-        let (scenario, list, mission) = match &one.flight {
-            FlightSource::Planned(scenario) => {
-                let list = SensorList::of(scenario)?;
-                let mission = Mission::new(scenario, &list)?;
-                (scenario.as_ref().clone(), list, RecordedMission::Planned(Box::new(mission)))
-            }
-            FlightSource::Recorded(folder) => {
-                let replay = Replay::open(folder)?;
-                (replay.scenario().clone(), replay.list().clone(), RecordedMission::Replayed(Box::new(replay)))
-            }
-        };
-        scenarios.push((scenario, list.nodes()));
-        missions.push(mission);
+        let list = SensorList::of(&one.scenario)?;
+        missions.push(match &one.run {
+            None => RecordedMission::Planned(Box::new(Mission::new(&one.scenario, &list)?)),
+            Some(folder) => RecordedMission::Replayed(Box::new(Replay::open(folder)?)),
+        });
+        nodes.push(list.nodes());
     }
-    let titles: Vec<String> = shown.iter().map(title).collect();
-    let compared: Vec<viewer::ComparedMission> = shown
-        .iter()
-        .zip(&titles)
-        .zip(&scenarios)
-        .map(|((one, title), (scenario, sensors))| viewer::ComparedMission {
-            label: &one.contender.label,
-            title,
-            scenario,
-            sensors,
-        })
-        .collect();
+    let compared = shown.iter().zip(&nodes).map(|(one, sensors)| viewer::ComparedMission {
+        label: one.contender.label.clone(),
+        title: title(one),
+        scenario: &one.scenario,
+        sensors,
+    });
     let sinks = Sinks { save: Some(unfinished.clone()), ..Sinks::default() };
     let name = shown.iter().map(|one| one.contender.label.as_str()).collect::<Vec<_>>().join(" vs ");
-    let mut comparison = Comparison::open(&sinks, &name, &compared, &page(shown))?;
+    let mut comparison = Comparison::open(&sinks, &name, compared, &page(shown))?;
     for (index, mut mission) in missions.into_iter().enumerate() {
         mission.drive(&mut SlotViews(|view: &SlotView| comparison.log_slot(index, view)), stop)?;
     }
@@ -80,7 +67,7 @@ pub fn record(shown: &[ShownContender], path: &Path, stop: &Stop) -> Result<(), 
 
 /// The title of a scene.
 fn title(shown: &ShownContender) -> String {
-    let loss = shown.contender.value(shown.seed, Metric::LossRate);
+    let loss = shown.contender.value(shown.scenario.seed, Metric::LossRate);
     let loss = loss.map_or_else(String::new, |loss| format!(" · η {loss:.4}"));
     format!("{}{loss}", shown.contender.label)
 }
@@ -91,7 +78,7 @@ fn page(shown: &[ShownContender]) -> String {
     for one in shown {
         let value = |metric, factor, decimals: usize| {
             one.contender
-                .value(one.seed, metric)
+                .value(one.scenario.seed, metric)
                 .map_or_else(String::new, |value| format!("{:.decimals$}", value * factor))
         };
         page += &format!(

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use re_sdk::{ApplicationId, RecordingStreamResult};
 use re_sdk_types::archetypes::{Scalars, TextDocument};
-use re_sdk_types::blueprint::archetypes::PlotLegend;
+use re_sdk_types::blueprint::archetypes::{EyeControls3D, PlotLegend};
 use re_sdk_types::blueprint::components::{ContainerKind, Corner2D};
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::Scenario;
@@ -55,12 +55,12 @@ const PLOTS: [Plot; 3] = [
 ];
 
 /// A mission of a comparison.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct ComparedMission<'a> {
     /// Name of its curves, such as the strategy.
-    pub label: &'a str,
+    pub label: String,
     /// Title of its scene.
-    pub title: &'a str,
+    pub title: String,
     /// Its scenario.
     pub scenario: &'a Scenario,
     /// Its sensor nodes.
@@ -77,6 +77,8 @@ pub struct Comparison {
 /// The drawing state of a mission.
 struct Drawn {
     root: String,
+    title: String,
+    sizes: Sizes,
     picture: Picture,
     slot_s: f64,
 }
@@ -86,24 +88,29 @@ impl Comparison {
     ///
     /// # Errors
     /// If there is no sink, the file cannot be created, the port is in use, or rerun fails.
-    pub fn open(sinks: &Sinks, name: &str, missions: &[ComparedMission], page: &str) -> Result<Self, SceneError> {
+    pub fn open<'a>(
+        sinks: &Sinks,
+        name: &str,
+        missions: impl Iterator<Item = ComparedMission<'a>>,
+        page: &str,
+    ) -> Result<Self, SceneError> {
         let recording = Recording::open(sinks, &ApplicationId::new_or_unknown("skysink-compare"), name)?;
         let canvas = Canvas::whole(&recording.stream);
         canvas.log_static(PAGE, &TextDocument::from_markdown(page))?;
         let mut drawn = Vec::new();
-        for (number, mission) in missions.iter().enumerate() {
-            let root = root(number, mission.label);
+        for (number, mission) in missions.enumerate() {
+            let root = root(number, &mission.label);
             for plot in &PLOTS {
-                canvas.log_static(curve(plot, &root), &curve_style(mission.label, colour(number)))?;
+                canvas.log_static(curve(plot, &root), &curve_style(&mission.label, colour(number)))?;
             }
             let sizes = Sizes::of(mission.scenario, mission.sensors.len());
             let below = Canvas::below(&recording.stream, &root);
             let sensors = Arc::new(Sensors::of(mission.scenario, mission.sensors));
             let picture = Picture::open(below, mission.scenario, &sensors, &sizes, &recording)?;
-            drawn.push(Drawn { root, picture, slot_s: mission.scenario.slot_s });
+            drawn.push(Drawn { root, title: mission.title, sizes, picture, slot_s: mission.scenario.slot_s });
         }
         let comparison = Self { recording, canvas, missions: drawn };
-        comparison.arrange(missions)?;
+        comparison.arrange()?;
         Ok(comparison)
     }
 
@@ -115,7 +122,7 @@ impl Comparison {
     /// # Panics
     /// If the index is out of range.
     pub fn log_slot(&mut self, mission: usize, view: &SlotView) -> Result<(), SceneError> {
-        let Drawn { root, picture, slot_s } = &mut self.missions[mission];
+        let Drawn { root, picture, slot_s, .. } = &mut self.missions[mission];
         self.recording.set_slot(view.slot, *slot_s);
         picture.observe(view)?;
         let fill = picture.draw(view, 0)?;
@@ -135,18 +142,22 @@ impl Comparison {
     }
 
     /// Sends the layout: the scenes side by side, and the plots.
-    fn arrange(&self, missions: &[ComparedMission]) -> RecordingStreamResult<()> {
+    fn arrange(&self) -> RecordingStreamResult<()> {
         let mut layout = Blueprint::new(&self.recording)?;
         let mut fields = Vec::new();
         let mut tops = Vec::new();
         let mut paths = Vec::new();
-        for (drawn, mission) in self.missions.iter().zip(missions) {
-            fields.push((1.0, field(&mut layout, drawn, mission)?));
-            tops.push((1.0, top(&mut layout, drawn, mission)?));
-            paths.push((1.0, whole_path(&mut layout, drawn, mission)?));
+        for drawn in &self.missions {
+            let Drawn { title, sizes, slot_s, .. } = drawn;
+            let past = (uav::TRAIL, 15);
+            let field = drawn.add_view(&mut layout, &overview(sizes), past, [uav::TRACK, path::TRACK])?;
+            fields.push((1.0, field));
+            let past = (uav::TRACK, TRACK_SLOTS);
+            tops.push((1.0, drawn.add_view(&mut layout, &above(sizes), past, [uav::TRAIL, path::PATH])?));
+            paths.push((1.0, flown(&mut layout, title, &|entity| drawn.name_of(entity), sizes, *slot_s)?));
         }
         // Two columns would be too narrow for a perspective view of a field.
-        let fields_kind = if missions.len() == 2 { ContainerKind::Vertical } else { ContainerKind::Grid };
+        let fields_kind = if self.missions.len() == 2 { ContainerKind::Vertical } else { ContainerKind::Grid };
         let fields = layout.container(fields_kind, &fields)?;
         layout.name(fields, "Fields (3D)")?;
         let tops = layout.container(ContainerKind::Grid, &tops)?;
@@ -169,33 +180,28 @@ impl Comparison {
     }
 }
 
-/// The scene of a mission, seen from the south.
-fn field(layout: &mut Blueprint, drawn: &Drawn, mission: &ComparedMission) -> RecordingStreamResult<Tile> {
-    let below = |entity: &str| format!("{}/{entity}", drawn.root);
-    let hidden = [below(uav::TRACK), below(path::TRACK)].map(|entity| format!("- /{entity}/**"));
-    let contents = [&[select_all(&below(queues::WORLD))][..], &hidden].concat();
-    let view = layout.view(class::SCENE, mission.title, &below(queues::WORLD), &contents)?;
-    layout.show_past(view, &below(uav::TRAIL), Some(15), drawn.slot_s)?;
-    film(layout, view, &overview(&Sizes::of(mission.scenario, mission.sensors.len())))?;
-    Ok(view)
-}
+impl Drawn {
+    /// The full name of an entity.
+    fn name_of(&self, entity: &str) -> String {
+        format!("{}/{entity}", self.root)
+    }
 
-/// The scene of a mission, seen from above.
-fn top(layout: &mut Blueprint, drawn: &Drawn, mission: &ComparedMission) -> RecordingStreamResult<Tile> {
-    let below = |entity: &str| format!("{}/{entity}", drawn.root);
-    let hidden = [below(uav::TRAIL), below(path::PATH)].map(|entity| format!("- /{entity}/**"));
-    let contents = [&[select_all(&below(queues::WORLD))][..], &hidden].concat();
-    let view = layout.view(class::SCENE, mission.title, &below(queues::WORLD), &contents)?;
-    layout.show_past(view, &below(uav::TRACK), Some(TRACK_SLOTS), drawn.slot_s)?;
-    film(layout, view, &above(&Sizes::of(mission.scenario, mission.sensors.len())))?;
-    Ok(view)
-}
-
-/// The whole flown path of a mission, seen from above.
-fn whole_path(layout: &mut Blueprint, drawn: &Drawn, mission: &ComparedMission) -> RecordingStreamResult<Tile> {
-    let below = |entity: &str| format!("{}/{entity}", drawn.root);
-    let sizes = Sizes::of(mission.scenario, mission.sensors.len());
-    flown(layout, mission.title, &below, &sizes, drawn.slot_s)
+    /// Adds a view of the scene without the `hidden` entities. It shows the last `slots` slots of the path `trail`.
+    fn add_view(
+        &self,
+        layout: &mut Blueprint,
+        camera: &EyeControls3D,
+        (trail, slots): (&str, u32),
+        hidden: [&str; 2],
+    ) -> RecordingStreamResult<Tile> {
+        let world = self.name_of(queues::WORLD);
+        let hidden = hidden.map(|entity| format!("- /{}/**", self.name_of(entity)));
+        let contents = [&[select_all(&world)][..], &hidden].concat();
+        let view = layout.view(class::SCENE, &self.title, &world, &contents)?;
+        layout.show_past(view, &self.name_of(trail), Some(slots), self.slot_s)?;
+        film(layout, view, camera)?;
+        Ok(view)
+    }
 }
 
 /// The root entity of a mission: unique, without characters that need escaping.
