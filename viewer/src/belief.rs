@@ -18,7 +18,7 @@ use skysink_common::sensors::Sensors;
 use crate::canvas::Canvas;
 use crate::colour;
 use crate::history::SensorHistory;
-use crate::maps::{MapFrame, SensorMap};
+use crate::maps::{MapFrame, SteppedMap};
 use crate::rhythm::Rhythm;
 use crate::shapes::curve_style;
 use crate::steps::Steps;
@@ -40,11 +40,9 @@ pub(crate) struct BeliefMaps {
     sensors: Arc<Sensors>,
     /// Whether the estimate is valid, because the mission has been followed from its start.
     is_followed: bool,
-    steps: Steps,
-    error_steps: Steps,
-    believed: SensorMap,
-    truth: SensorMap,
-    error: SensorMap,
+    believed: SteppedMap,
+    truth: SteppedMap,
+    error: SteppedMap,
     rhythm: Rhythm,
 }
 
@@ -57,8 +55,6 @@ impl BeliefMaps {
         rates: Rates,
         frame: &MapFrame,
     ) -> RecordingStreamResult<Self> {
-        let steps = Steps::of_fill();
-        let error_steps = Steps::of_errors();
         let curves = [(MEAN_ERROR, "mean", colour::FILL_MEAN), (LARGEST_ERROR, "largest", colour::FULLEST)];
         for (entity, name, colour) in curves {
             canvas.log_static(entity, &curve_style(name, colour))?;
@@ -67,11 +63,9 @@ impl BeliefMaps {
             belief: Belief::new(scenario, sensors, Some(rates)),
             sensors: Arc::clone(sensors),
             is_followed: false,
-            believed: SensorMap::open(canvas, BELIEVED, frame, &steps)?,
-            truth: SensorMap::open(canvas, TRUE, frame, &steps)?,
-            error: SensorMap::open(canvas, ERROR, frame, &error_steps)?,
-            steps,
-            error_steps,
+            believed: SteppedMap::of_sensors(canvas, BELIEVED, frame, Steps::of_fill())?,
+            truth: SteppedMap::of_sensors(canvas, TRUE, frame, Steps::of_fill())?,
+            error: SteppedMap::of_sensors(canvas, ERROR, frame, Steps::of_errors())?,
             rhythm: Rhythm::of_sensors(sensors.count(), scenario.slots),
         })
     }
@@ -84,8 +78,8 @@ impl BeliefMaps {
         }
         let is_known = |id: &u32| (*id as usize) < queues_bits.len();
         let served = flight.served_links().iter().map(|link| link.sensor).filter(is_known);
-        let reported = match before.slot() {
-            Some(last) if last + 1 == slot => self.belief.reported(slot, served, before.queues_bits()),
+        let reported = match before.sums.slot {
+            Some(last) if last + 1 == slot => self.belief.reported(slot, served, &before.sums.queues_bits),
             _ => ReportedQueues::default(),
         };
         self.belief.advance(slot, flight, &reported, queues_bits);
@@ -112,13 +106,10 @@ impl BeliefMaps {
         canvas.append(MEAN_ERROR, &Scalars::single(mean))?;
         canvas.append(LARGEST_ERROR, &Scalars::single(errors().map(f64::abs).fold(0.0, f64::max)))?;
         if self.rhythm.is_due(slot) {
-            let percent = |bits: u32, capacity_bits: u32| 100.0 * fraction(f64::from(bits), capacity_bits);
-            let steps = &self.steps;
-            let believed = pairs().map(|((&believed_bits, _), capacity)| steps.step(percent(believed_bits, capacity)));
-            let truth = pairs().map(|((_, &queue_bits), capacity)| steps.step(percent(queue_bits, capacity)));
-            self.believed.show(canvas, believed)?;
-            self.truth.show(canvas, truth)?;
-            self.error.show(canvas, errors().map(|error| self.error_steps.step(100.0 * error)))?;
+            let percent = |bits: u32, capacity_bits: u32| Some(100.0 * fraction(f64::from(bits), capacity_bits));
+            self.believed.show_sensors(canvas, pairs().map(|((&bits, _), capacity)| percent(bits, capacity)))?;
+            self.truth.show_sensors(canvas, pairs().map(|((_, &bits), capacity)| percent(bits, capacity)))?;
+            self.error.show_sensors(canvas, errors().map(|error| Some(100.0 * error)))?;
         }
         Ok(())
     }

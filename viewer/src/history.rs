@@ -35,16 +35,18 @@ pub(crate) struct SensorHistory {
     /// Lost in the last slot, by SN [bit].
     lost_now_bits: Vec<u64>,
     pub(crate) grid: CoverageGrid,
-    sums: Sums,
+    pub(crate) sums: Sums,
 }
 
 /// The sums over all slots, which are saved.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Sums {
     /// The last slot; `None` before the first.
-    slot: Option<u64>,
-    queues_bits: Vec<u32>,
-    lost_bits: Vec<u64>,
+    pub(crate) slot: Option<u64>,
+    /// The queues after it, by SN [bit].
+    pub(crate) queues_bits: Vec<u32>,
+    /// Lost so far in the slots that were seen, by SN [bit].
+    pub(crate) lost_bits: Vec<u64>,
     /// By cell, the last slot in which it was in range, plus 1; 0 for never.
     in_range: Vec<u64>,
 }
@@ -87,11 +89,6 @@ impl SensorHistory {
         }
     }
 
-    /// Bits lost so far, by SN, in the slots that were seen.
-    pub(crate) fn lost_bits(&self) -> &[u64] {
-        &self.sums.lost_bits
-    }
-
     /// Whether each SN has lost data in the last slot.
     pub(crate) fn overflows(&self) -> impl Iterator<Item = bool> {
         self.lost_now_bits.iter().map(|&lost_bits| lost_bits > 0)
@@ -126,25 +123,10 @@ impl SensorHistory {
         self.sums.in_range.iter().map(move |&last| (last > 0).then(|| now - last))
     }
 
-    /// The last slot; `None` before the first.
-    pub(crate) fn slot(&self) -> Option<u64> {
-        self.sums.slot
-    }
-
-    /// The queues after it [bit].
-    pub(crate) fn queues_bits(&self) -> &[u32] {
-        &self.sums.queues_bits
-    }
-
     /// The fraction of the cells that have been in range.
     pub(crate) fn covered(&self) -> f64 {
         let seen = self.sums.in_range.iter().filter(|&&last| last > 0).count();
         seen as f64 / self.sums.in_range.len() as f64
-    }
-
-    /// The sums to save.
-    pub(crate) fn sums(&self) -> &Sums {
-        &self.sums
     }
 
     /// Restores the sums of the same mission.
@@ -217,14 +199,14 @@ mod tests {
     fn bits_that_do_not_fit_into_a_buffer_are_lost() {
         let mut history = history();
         history.add(0, &[950, 999, 1_000], MIDDLE);
-        assert_eq!(history.lost_bits(), [0, 0, 0]);
+        assert_eq!(history.sums.lost_bits, [0, 0, 0]);
         history.add(1, &[1_000, 1_000, 1_000], MIDDLE); // 950 + 100, 999 + 2
-        assert_eq!(history.lost_bits(), [50, 1, 0]);
+        assert_eq!(history.sums.lost_bits, [50, 1, 0]);
         history.add(2, &[0, 1_000, 1_000], MIDDLE); // 1 000 + 100 before the upload, 1 000 + 3
-        assert_eq!(history.lost_bits(), [150, 4, 0]);
+        assert_eq!(history.sums.lost_bits, [150, 4, 0]);
         assert_eq!(history.overflows().collect::<Vec<_>>(), [true, true, false]);
         history.add(3, &[100, 1_000, 1_000], MIDDLE); // 1 000 + 2
-        assert_eq!(history.lost_bits(), [150, 6, 0]);
+        assert_eq!(history.sums.lost_bits, [150, 6, 0]);
         assert_eq!(history.overflows().collect::<Vec<_>>(), [false, true, false]);
     }
 
@@ -233,9 +215,9 @@ mod tests {
         let mut history = history();
         history.add(0, &[1_000; 3], MIDDLE);
         history.add(5, &[1_000; 3], MIDDLE);
-        assert_eq!(history.lost_bits(), [0, 0, 0]);
+        assert_eq!(history.sums.lost_bits, [0, 0, 0]);
         history.add(6, &[1_000; 3], MIDDLE);
-        assert_eq!(history.lost_bits(), [100, 3, 0]); // floor(15.0) − floor(12.5)
+        assert_eq!(history.sums.lost_bits, [100, 3, 0]); // floor(15.0) − floor(12.5)
     }
 
     #[test]
@@ -286,12 +268,12 @@ mod tests {
         let mut begun = history();
         begun.add(7, &[1_000; 3], MIDDLE);
         let mut resumed = history();
-        resumed.restore(begun.sums().clone()).unwrap();
-        assert_eq!(resumed.sums(), begun.sums());
-        let other = Sums { lost_bits: vec![0; 2], ..begun.sums().clone() };
-        let later = Sums { slot: Some(6), ..begun.sums().clone() };
+        resumed.restore(begun.sums.clone()).unwrap();
+        assert_eq!(resumed.sums, begun.sums);
+        let other = Sums { lost_bits: vec![0; 2], ..begun.sums.clone() };
+        let later = Sums { slot: Some(6), ..begun.sums.clone() };
         assert!(resumed.restore(other).is_err() && resumed.restore(later).is_err());
         resumed.add(8, &[1_000; 3], MIDDLE);
-        assert_eq!(resumed.lost_bits(), [100, 3, 0]); // floor(20.0) − floor(17.5)
+        assert_eq!(resumed.sums.lost_bits, [100, 3, 0]); // floor(20.0) − floor(17.5)
     }
 }

@@ -156,8 +156,7 @@ fn four(layout: &mut Blueprint, name: &str, [a, b, c, d]: [Tile; 4]) -> Recordin
 
 /// A map of the entities below `root` and those that all maps share.
 fn map(layout: &mut Blueprint, name: &str, root: &str, sizes: &Sizes) -> RecordingStreamResult<Tile> {
-    let shown = [select_all(root), select_all(maps::AREA), select(maps::UAV)];
-    picture_of(layout, name, root, &shown, maps::bounds(sizes))
+    picture(layout, name, root, &[select_all(maps::AREA), select(maps::UAV)], maps::bounds(sizes))
 }
 
 /// Sets the camera and the background of a 3D view.
@@ -179,7 +178,7 @@ fn line_of_sight(layout: &mut Blueprint, sizes: &Sizes, slot_s: f64) -> Recordin
     let page = layout.view(class::TEXT, "What it shows", legend::LOS_PAGE, &[select(legend::LOS_PAGE)])?;
     let left = layout.container(ContainerKind::Vertical, &[(1.75, room), (1.0, page)])?;
 
-    let why = picture(layout, "Expected rate (green) by altitude", profile::PROFILE, profile::BOUNDS)?;
+    let why = picture(layout, "Expected rate (green) by altitude", profile::PROFILE, &[], profile::BOUNDS)?;
     let altitude = plot(layout, "Altitude [m]", &[los::ALTITUDE])?;
     lock_axis(layout, altitude, [-0.08, 1.1].map(|part| part * f64::from(sizes.highest_m)))?;
     let elevation = plot(layout, "Elevation of each served link [°]", &by_draw(los::ELEVATION))?;
@@ -263,7 +262,7 @@ fn beside(layout: &mut Blueprint, scenario: &Scenario, clock: WallClock) -> Reco
         None => "Colours: queue fill, link rate; more in the tab Legend",
         Some(_) => "Colours: queue fill, probability of sight; more in Legend",
     };
-    rows.push((0.7, picture(layout, colours, legend::SCALE, legend::SCALE_BOUNDS)?));
+    rows.push((0.7, picture(layout, colours, legend::SCALE, &[], legend::SCALE_BOUNDS)?));
     layout.container(ContainerKind::Vertical, &rows)
 }
 
@@ -288,20 +287,15 @@ pub(crate) fn lock_axis(layout: &Blueprint, plot: Tile, range: [f64; 2]) -> Reco
     layout.set(plot, &ScalarAxis::new().with_range(range).with_zoom_lock(true))
 }
 
-/// A 2D view of the entities below `root`, with these bounds in x and y.
-fn picture(layout: &mut Blueprint, name: &str, root: &str, bounds: [[f64; 2]; 2]) -> RecordingStreamResult<Tile> {
-    picture_of(layout, name, root, &[select_all(root)], bounds)
-}
-
-/// A 2D view of the entities that `shown` selects.
-fn picture_of(
+/// A 2D view of the entities below `root` and those that `others` selects, with these bounds in x and y.
+fn picture(
     layout: &mut Blueprint,
     name: &str,
     root: &str,
-    shown: &[String],
+    others: &[String],
     [x, y]: [[f64; 2]; 2],
 ) -> RecordingStreamResult<Tile> {
-    let view = layout.view(class::PICTURE, name, root, shown)?;
+    let view = layout.view(class::PICTURE, name, root, &[&[select_all(root)], others].concat())?;
     let bounds = re_sdk_types::datatypes::Range2D { x_range: x.into(), y_range: y.into() };
     layout.set(view, &VisualBounds2D::new(components::VisualBounds2D(bounds)))?;
     layout.set(view, &background())?;

@@ -30,16 +30,6 @@ pub const AXES: &str = "world/area/axes";
 /// Bounds of the view of the scales, in x and y (down).
 pub const SCALE_BOUNDS: [[f64; 2]; 2] = [[-24.0, 624.0], [-12.0, 58.0]];
 
-/// Draws the static scales and the area.
-pub(crate) fn log(
-    canvas: &Canvas,
-    sizes: &Sizes,
-    rates_bps: Option<&RangeInclusive<f64>>,
-) -> RecordingStreamResult<()> {
-    log_scales(canvas, rates_bps)?;
-    log_area(canvas, sizes)
-}
-
 /// Writes the pages of text; `estimated` says whether the UAV has to estimate the queues.
 pub(crate) fn log_pages(
     canvas: &Canvas,
@@ -102,7 +92,7 @@ fn los_page(scenario: &Scenario, link: &LineOfSight) -> String {
 
 /// Two colour scales: queue fill and overflow at the left; link rate, or the probability of line of sight, at the
 /// right.
-fn log_scales(canvas: &Canvas, rates_bps: Option<&RangeInclusive<f64>>) -> RecordingStreamResult<()> {
+pub(crate) fn log_scales(canvas: &Canvas, rates_bps: Option<&RangeInclusive<f64>>) -> RecordingStreamResult<()> {
     let per_cent = [0.0, 0.5, 1.0].map(|fraction| (fraction, format!("{:.0} %", 100.0 * fraction)));
     log_scale(canvas, "queue", 160, &colour::of_fill, per_cent.clone())?;
     canvas.log_static(format!("{SCALE}/overflow"), &Transform3D::from_translation([222.0, 0.0, 0.0]))?;
@@ -146,7 +136,7 @@ fn format_rate(rate_bps: f64) -> String {
 
 /// The ground, its frame, a grid, and the numbers at the axes. The ground is thick enough to hide the lower half of
 /// bars.
-fn log_area(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<()> {
+pub(crate) fn log_area(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<()> {
     let Sizes { width_m, depth_m, .. } = *sizes;
     let below_m = 0.01 * sizes.radius_m;
     let half_m = 0.5 * sizes.bar_m + below_m;

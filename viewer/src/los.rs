@@ -89,6 +89,9 @@ impl Los {
         self.log_links(canvas, flight.z_m, flight.served_links())?;
         let position = |link: &LinkReport| self.sensors.positions.get(link.sensor as usize).copied();
         let served: Vec<_> = flight.served_links().iter().filter_map(position).collect();
+        if served.is_empty() {
+            return self.clear(canvas);
+        }
         self.surroundings.log(canvas, &self.link, flight.position(), &served)?;
         self.profile.log(canvas, &self.link, flight.position(), &served)
     }
@@ -97,6 +100,11 @@ impl Los {
     pub(crate) fn log_missed(&mut self, canvas: &Canvas) -> RecordingStreamResult<()> {
         canvas.append(ALTITUDE, &Scalars::single(f64::NAN))?;
         self.log_links(canvas, 0.0, &[])?;
+        self.clear(canvas)
+    }
+
+    /// Clears what needs a served sensor node.
+    fn clear(&mut self, canvas: &Canvas) -> RecordingStreamResult<()> {
         self.surroundings.clear(canvas)?;
         self.profile.clear(canvas)
     }

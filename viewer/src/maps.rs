@@ -3,8 +3,7 @@
 
 use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::{Ellipses2D, LineStrips2D, Points2D, SegmentationImage, Transform3D};
-use re_sdk_types::components::ImageFormat;
-use re_sdk_types::components::Radius;
+use re_sdk_types::components::{ImageBuffer, ImageFormat, Radius};
 use re_sdk_types::datatypes::{ChannelDatatype, ColorModel};
 use skysink_common::geometry::Position;
 use skysink_common::scenario::Scenario;
@@ -80,7 +79,7 @@ impl MapFrame {
         let longer_m = self.longer_m();
         let x_m = self.sizes.width_m + 0.09 * longer_m;
         let y_m = |step: usize| (0.08 + 0.105 * step as f32) * longer_m;
-        let entries = steps.entries();
+        let entries = &steps.entries;
         let patches = Points2D::new((0..entries.len()).map(|step| [x_m, y_m(step)]))
             .with_colors(entries.iter().map(|entry| entry.colour))
             .with_radii([Radius::new_ui_points(6.0)]);
@@ -98,18 +97,30 @@ pub(crate) fn bounds(sizes: &Sizes) -> [[f64; 2]; 2] {
     [[-0.12 * longer_m, width_m + 0.52 * longer_m], [-0.05 * longer_m, depth_m.max(longer_m) + 0.1 * longer_m]]
 }
 
-/// A map with a point per SN, coloured by its step.
+/// A map of SNs or cells, coloured by the steps of a scale.
 #[derive(Debug)]
-pub(crate) struct SensorMap {
+pub(crate) struct SteppedMap {
     shown: String,
+    steps: Steps,
 }
 
-impl SensorMap {
-    /// Logs the static entities, with a legend of these steps.
-    pub(crate) fn open(canvas: &Canvas, map: &str, frame: &MapFrame, steps: &Steps) -> RecordingStreamResult<Self> {
-        frame.log_legend(canvas, map, steps)?;
+impl SteppedMap {
+    /// Logs the legend.
+    fn open(canvas: &Canvas, map: &str, frame: &MapFrame, steps: Steps) -> RecordingStreamResult<Self> {
+        frame.log_legend(canvas, map, &steps)?;
         let shown = format!("{map}/{SHOWN}");
         canvas.log_static(&shown, &steps.classes())?;
+        Ok(Self { shown, steps })
+    }
+
+    /// A map with a point per SN. Logs the static entities.
+    pub(crate) fn of_sensors(
+        canvas: &Canvas,
+        map: &str,
+        frame: &MapFrame,
+        steps: Steps,
+    ) -> RecordingStreamResult<Self> {
+        let map = Self::open(canvas, map, frame, steps)?;
         let size_ui = match frame.positions.len() {
             ..=500 => 4.0,
             501..=MAX_BARS => 2.2,
@@ -119,25 +130,52 @@ impl SensorMap {
             .with_radii([Radius::new_ui_points(size_ui)])
             .with_show_labels(false)
             .with_draw_order(30.0);
-        canvas.log_static(&shown, &points)?;
-        Ok(Self { shown })
+        canvas.log_static(&map.shown, &points)?;
+        Ok(map)
     }
 
-    /// Shows the SNs by these steps.
-    pub(crate) fn show(&self, canvas: &Canvas, steps: impl Iterator<Item = u16>) -> RecordingStreamResult<()> {
+    /// A map with a pixel per cell of the grid. Logs the static entities.
+    fn of_cells(
+        canvas: &Canvas,
+        map: &str,
+        frame: &MapFrame,
+        steps: Steps,
+        grid: CoverageGrid,
+    ) -> RecordingStreamResult<Self> {
+        let map = Self::open(canvas, map, frame, steps)?;
+        let size = [grid.columns, grid.rows].map(|cells| cells as u32);
+        let format = ImageFormat::from_color_model(size, ColorModel::L, ChannelDatatype::U8);
+        let image = SegmentationImage::update_fields().with_format(format).with_opacity(1.0).with_draw_order(-20.0);
+        canvas.log_static(&map.shown, &image)?;
+        canvas.log_static(&map.shown, &Transform3D::from_scale([grid.cell_m as f32; 3]))?;
+        Ok(map)
+    }
+
+    /// Shows the SNs by these values; `None` is the last step.
+    pub(crate) fn show_sensors(
+        &self,
+        canvas: &Canvas,
+        values: impl Iterator<Item = Option<f64>>,
+    ) -> RecordingStreamResult<()> {
+        let steps = values.map(|value| self.steps.step(value));
         canvas.show(&self.shown, &Points2D::update_fields().with_class_ids(steps))
+    }
+
+    /// Shows the cells by these values; `None` is the last step.
+    fn show_cells(&self, canvas: &Canvas, values: impl Iterator<Item = Option<f64>>) -> RecordingStreamResult<()> {
+        let pixels: Vec<u8> = values.map(|value| self.steps.step(value) as u8).collect();
+        canvas.show(&self.shown, &SegmentationImage::update_fields().with_buffer(ImageBuffer::from(pixels)))
     }
 }
 
 /// The maps of a mission.
 #[derive(Debug)]
 pub(crate) struct Maps {
-    loss: SensorMap,
-    loss_steps: Steps,
-    overflow: SensorMap,
-    overflow_steps: Steps,
-    coverage: Coverage,
+    loss: SteppedMap,
+    overflow: SteppedMap,
+    coverage: SteppedMap,
     depth_m: f64,
+    slot_s: f64,
     sensors_rhythm: Rhythm,
     coverage_rhythm: Rhythm,
 }
@@ -153,20 +191,19 @@ impl Maps {
         frame.log(canvas)?;
         let entry = |name: &str, colour| ScaleStep { name: name.to_owned(), colour };
         let most_kbit = history.most_sampled_bits(scenario.slots) / 1e3;
-        let loss_steps = Steps::of(most_kbit, "kbit", entry("nothing lost", colour::GRID), colour::of_loss);
+        let loss = Steps::of(most_kbit, "kbit", entry("nothing lost", colour::GRID), colour::of_loss);
         let urgency = |fraction: f64| colour::of_fill(0.85 * (1.0 - fraction));
-        let overflow_steps = Steps::of(history.longest_fill_s(), "s", entry("full", colour::of_fill(1.0)), urgency)
+        let overflow = Steps::of(history.longest_fill_s(), "s", entry("full", colour::of_fill(1.0)), urgency)
             .with_last(entry("loses data", colour::LOSS));
         let mission_s = scenario.slots as f64 * scenario.slot_s;
-        let coverage_steps = Steps::of(mission_s, "s ago", entry("in range", colour::COVERAGE), colour::of_age)
+        let coverage = Steps::of(mission_s, "s ago", entry("in range", colour::COVERAGE), colour::of_age)
             .with_last(entry("never", colour::GROUND));
         Ok(Self {
-            loss: SensorMap::open(canvas, LOSS, frame, &loss_steps)?,
-            loss_steps,
-            overflow: SensorMap::open(canvas, OVERFLOW, frame, &overflow_steps)?,
-            overflow_steps,
-            coverage: Coverage::open(canvas, frame, coverage_steps, history.grid, scenario.slot_s)?,
+            loss: SteppedMap::of_sensors(canvas, LOSS, frame, loss)?,
+            overflow: SteppedMap::of_sensors(canvas, OVERFLOW, frame, overflow)?,
+            coverage: SteppedMap::of_cells(canvas, COVERAGE, frame, coverage, history.grid)?,
             depth_m: scenario.area.height_m(),
+            slot_s: scenario.slot_s,
             sensors_rhythm: Rhythm::of_sensors(frame.positions.len(), scenario.slots),
             coverage_rhythm: Rhythm::every(EVERY, scenario.slots),
         })
@@ -183,53 +220,16 @@ impl Maps {
         let centre = [uav.x as f32, (self.depth_m - uav.y) as f32];
         canvas.show(UAV, &Ellipses2D::update_fields().with_centers([centre]))?;
         if self.sensors_rhythm.is_due(slot) {
-            let steps = &self.loss_steps;
-            self.loss.show(canvas, history.lost_bits().iter().map(|&lost_bits| steps.step(lost_bits as f64 / 1e3)))?;
-            let steps = &self.overflow_steps;
-            let step = |(overflow_s, overflows)| if overflows { steps.last() } else { steps.step(overflow_s) };
-            self.overflow.show(canvas, history.overflow_s().zip(history.overflows()).map(step))?;
+            let lost_kbit = history.sums.lost_bits.iter().map(|&lost_bits| Some(lost_bits as f64 / 1e3));
+            self.loss.show_sensors(canvas, lost_kbit)?;
+            let left_s = history.overflow_s().zip(history.overflows());
+            let left_s = left_s.map(|(overflow_s, overflows)| (!overflows).then_some(overflow_s));
+            self.overflow.show_sensors(canvas, left_s)?;
         }
         if self.coverage_rhythm.is_due(slot) {
-            self.coverage.show(canvas, history)?;
+            let ages_s = history.ages().map(|age| age.map(|slots| slots as f64 * self.slot_s));
+            self.coverage.show_cells(canvas, ages_s)?;
         }
         Ok(())
-    }
-}
-
-/// The coverage as an image with one pixel per cell.
-#[derive(Debug)]
-struct Coverage {
-    shown: String,
-    steps: Steps,
-    slot_s: f64,
-}
-
-impl Coverage {
-    fn open(
-        canvas: &Canvas,
-        frame: &MapFrame,
-        steps: Steps,
-        grid: CoverageGrid,
-        slot_s: f64,
-    ) -> RecordingStreamResult<Self> {
-        frame.log_legend(canvas, COVERAGE, &steps)?;
-        let shown = format!("{COVERAGE}/{SHOWN}");
-        canvas.log_static(&shown, &steps.classes())?;
-        let size = [grid.columns, grid.rows].map(|cells| cells as u32);
-        let format = ImageFormat::from_color_model(size, ColorModel::L, ChannelDatatype::U8);
-        let image = SegmentationImage::update_fields().with_format(format).with_opacity(1.0).with_draw_order(-20.0);
-        canvas.log_static(&shown, &image)?;
-        canvas.log_static(&shown, &Transform3D::from_scale([grid.cell_m as f32; 3]))?;
-        Ok(Self { shown, steps, slot_s })
-    }
-
-    fn show(&self, canvas: &Canvas, history: &SensorHistory) -> RecordingStreamResult<()> {
-        let Self { shown, steps, slot_s } = self;
-        let step = |age: Option<u64>| age.map_or(steps.last(), |slots| steps.step(slots as f64 * slot_s));
-        let pixels: Vec<u8> = history.ages().map(|age| step(age) as u8).collect();
-        canvas.show(
-            shown,
-            &SegmentationImage::update_fields().with_buffer(re_sdk_types::components::ImageBuffer::from(pixels)),
-        )
     }
 }

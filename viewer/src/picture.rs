@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use re_sdk_types::archetypes::TextDocument;
-use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::estimate::{BYTES_PER_SENSOR, Rates, SavedEstimate};
 use skysink_common::geometry::Position;
@@ -23,7 +22,7 @@ use crate::queues::{Fill, QueueShapes};
 use crate::recording::{Recording, SceneError};
 use crate::sizes::Sizes;
 use crate::slot::SlotView;
-use crate::status::MissionStatus;
+use crate::status::status;
 use crate::uav::UavShape;
 use crate::{curves, events, legend};
 
@@ -40,20 +39,6 @@ pub(crate) struct Picture {
     history: SensorHistory,
     maps: Option<Maps>,
     belief: Option<BeliefMaps>,
-}
-
-/// The saved state.
-#[derive(Debug, Deserialize)]
-struct State {
-    sums: Sums,
-    belief: Option<SavedEstimate>,
-}
-
-/// The state to save, borrowed.
-#[derive(Debug, Serialize)]
-struct StateRef<'a> {
-    sums: &'a Sums,
-    belief: Option<SavedEstimate>,
 }
 
 /// Maximum size of the estimate without its sensor nodes [byte].
@@ -81,7 +66,8 @@ impl Picture {
         let los = Los::open(&canvas, scenario, sensors, sizes, part)?;
         let events = Events::open(&canvas, recording)?;
         curves::open(&canvas)?;
-        legend::log(&canvas, sizes, links.rates_bps.as_ref())?;
+        legend::log_scales(&canvas, links.rates_bps.as_ref())?;
+        legend::log_area(&canvas, sizes)?;
         let history = SensorHistory::new(scenario, sensors);
         let curves = Curves::new(scenario.slots);
         Ok(Self { canvas, queues, uav, path, links, los, events, curves, history, maps: None, belief: None })
@@ -143,8 +129,7 @@ impl Picture {
         if let Some(los) = &mut self.los {
             los.log_slot(canvas, view.flight)?;
         }
-        let status = MissionStatus::of(view, &self.history).to_string();
-        canvas.show(events::STATUS, &TextDocument::from_markdown(status))?;
+        canvas.show(events::STATUS, &TextDocument::from_markdown(status(view, &self.history)))?;
         self.curves.log_slot(canvas, view, fill, missed_slots)?;
         Ok(fill)
     }
@@ -164,19 +149,17 @@ impl Picture {
 }
 
 impl Checkpoint for Picture {
+    /// Saves the sums and the estimate, if there is one.
     fn save(&self, bytes: &mut Vec<u8>) {
-        encode(
-            &StateRef { sums: self.history.sums(), belief: self.belief.as_ref().and_then(BeliefMaps::saved) },
-            bytes,
-        );
+        encode(&(&self.history.sums, self.belief.as_ref().and_then(BeliefMaps::saved)), bytes);
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        let State { sums, belief } = decode(bytes)?;
+        let (sums, belief): (Sums, Option<SavedEstimate>) = decode(bytes)?;
         CheckpointError::ensure(belief.is_none() || self.belief.is_some(), "a belief only where queues are estimated")?;
         let mut history = self.history.clone();
         history.restore(sums)?;
-        if let (Some(known), Some(saved), Some(slot)) = (&mut self.belief, belief, history.slot()) {
+        if let (Some(known), Some(saved), Some(slot)) = (&mut self.belief, belief, history.sums.slot) {
             known.restore(slot, saved)?;
         }
         self.history = history;

@@ -102,7 +102,7 @@ impl QueueShapes {
         let colours: Vec<_> = levels.iter().zip(history.overflows()).map(colour).collect();
         if let Some(bars) = &self.bars {
             canvas.show(BARS, &bars.at(&levels).with_class_ids(colours.iter().copied()))?;
-            canvas.show(LOST, &bars.marks(history.lost_bits()))?;
+            canvas.show(LOST, &bars.marks(&history.sums.lost_bits))?;
         }
         if self.has_points {
             canvas.show(POINTS, &Points3D::update_fields().with_class_ids(colours))?;

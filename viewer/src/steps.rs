@@ -9,7 +9,8 @@ use crate::colour::{self, Rgb};
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Steps {
     edges: Vec<f64>,
-    entries: Vec<ScaleStep>,
+    /// All steps, for a legend.
+    pub(crate) entries: Vec<ScaleStep>,
 }
 
 /// Name and colour of a step.
@@ -64,19 +65,10 @@ impl Steps {
         self
     }
 
-    /// The step of a value.
-    pub(crate) fn step(&self, value: f64) -> u16 {
-        self.edges.partition_point(|&edge| edge < value) as u16
-    }
-
-    /// The last step.
-    pub(crate) fn last(&self) -> u16 {
-        (self.entries.len() - 1) as u16
-    }
-
-    /// All steps, for a legend.
-    pub(crate) fn entries(&self) -> &[ScaleStep] {
-        &self.entries
+    /// The step of a value; without one, the last.
+    pub(crate) fn step(&self, value: Option<f64>) -> u16 {
+        let last = self.entries.len() - 1;
+        value.map_or(last, |value| self.edges.partition_point(|&edge| edge < value)) as u16
     }
 
     /// The steps as rerun classes, so that entities refer to a step by its number. rerun shows the name on hover.
@@ -124,16 +116,16 @@ mod tests {
     #[test]
     fn a_value_is_in_the_step_with_its_range() {
         let steps = steps(300.0);
-        let name = |value: f64| steps.entries()[usize::from(steps.step(value))].name.clone();
+        let name = |value: f64| steps.entries[usize::from(steps.step(Some(value)))].name.clone();
         assert_eq!([0.0, 0.1, 5.0, 5.1, 200.0].map(name), ["now", "0 to 5 s", "0 to 5 s", "5 to 10 s", "100 to 200 s"]);
         assert_eq!([201.0, f64::INFINITY].map(name), ["over 200 s", "over 200 s"]);
-        assert_eq!(steps.last(), 7);
+        assert_eq!(steps.step(None), 7);
     }
 
     #[test]
     fn only_a_full_buffer_is_labelled_full() {
         let steps = Steps::of_fill();
-        let name = |percent| steps.entries()[usize::from(steps.step(percent))].name.clone();
+        let name = |percent| steps.entries[usize::from(steps.step(Some(percent)))].name.clone();
         assert_eq!(
             [0.0, 0.1, 20.0, 99.99, 100.0].map(name),
             ["empty", "0 to 20 %", "0 to 20 %", "80 to 100 %", "full"]
@@ -143,7 +135,7 @@ mod tests {
     #[test]
     fn an_error_of_less_than_one_per_cent_is_white() {
         let steps = Steps::of_errors();
-        let shown = |error| &steps.entries()[usize::from(steps.step(error))];
+        let shown = |error| &steps.entries[usize::from(steps.step(Some(error)))];
         assert_eq!(shown(0.5).colour, colour::of_error(0.0));
         assert_eq!((shown(-60.0).name.as_str(), shown(3.0).name.as_str()), ("below −50 %", "+1 to +5 %"));
         assert_eq!(shown(-3.0).name, "−5 to −1 %");

@@ -77,7 +77,7 @@ impl Surroundings {
         Ok(Self { slice_half_m, shape, most_funnels, funnels: 0, visible })
     }
 
-    /// Shows the slice around the UAV and a funnel above each served sensor node.
+    /// Shows the slice around the UAV and a funnel above each served sensor node; at least one.
     pub(crate) fn log(
         &mut self,
         canvas: &Canvas,
@@ -85,9 +85,6 @@ impl Surroundings {
         uav: Point3<f64>,
         served: &[Position],
     ) -> RecordingStreamResult<()> {
-        if served.is_empty() {
-            return self.clear(canvas);
-        }
         let [x_m, y_m, z_m] = drawn(uav);
         let slice = GridMap::update_fields()
             .with_data(slice(link, uav, f64::from(self.slice_half_m), served))

@@ -62,6 +62,7 @@ impl Profile {
         Ok(Self { range_m })
     }
 
+    /// Shows the curves of the served sensor nodes; at least one.
     pub(crate) fn log(
         &self,
         canvas: &Canvas,
@@ -69,9 +70,6 @@ impl Profile {
         uav: Point3<f64>,
         served: &[Position],
     ) -> RecordingStreamResult<()> {
-        if served.is_empty() {
-            return self.clear(canvas);
-        }
         let distances2_m2: Vec<_> = served.iter().map(|sensor| distance_squared(&uav.xy(), sensor)).collect();
         let mean = |value: &dyn Fn(f64) -> f64| {
             distances2_m2.iter().map(|&d2_m2| value(d2_m2)).sum::<f64>() / distances2_m2.len() as f64
