@@ -21,7 +21,7 @@ pub fn serve(content: &PageContent, address: SocketAddr, stop: &Stop) -> Result<
     let server = Server::start(address, page(content)).map_err(|error| {
         Error::Usage(format!("{address}: {error}: expected a free --port, and a --bind of this machine"))
     })?;
-    let address = server.address();
+    let address = server.address;
     let port = address.port();
     for recording in &content.recordings {
         print(format_args!("Recording:  {}", recording.display()))?;

@@ -16,7 +16,8 @@ const THREADS: usize = 8;
 /// A server for a page, which runs until the process ends.
 #[derive(Debug)]
 pub struct Server {
-    address: SocketAddr,
+    /// The address that the server listens on.
+    pub address: SocketAddr,
     failures: Mutex<Receiver<io::Error>>,
 }
 
@@ -50,12 +51,6 @@ impl Server {
     /// The error that has stopped a thread from accepting connections, if any.
     pub fn failure(&self) -> Option<io::Error> {
         self.failures.lock().unwrap_or_else(PoisonError::into_inner).try_recv().ok()
-    }
-
-    /// The address that the server listens on.
-    #[must_use]
-    pub fn address(&self) -> SocketAddr {
-        self.address
     }
 }
 

@@ -64,7 +64,8 @@ pub struct SweepJournal {
     path: PathBuf,
     file: File,
     seed: u64,
-    definition: Definition,
+    /// The sweep.
+    pub(crate) definition: Definition,
     /// The offset of each mission's line, in the order of the results, or [`NOT_FLOWN`].
     begins: Vec<u64>,
     end: u64,
@@ -90,12 +91,6 @@ impl SweepJournal {
         }
         file.set_len(end).at(path)?;
         Ok(Self { path: path.to_owned(), file, seed, definition: definition.clone(), begins, end })
-    }
-
-    /// The sweep.
-    #[must_use]
-    pub fn definition(&self) -> &Definition {
-        &self.definition
     }
 
     /// Whether the journal contains this mission.

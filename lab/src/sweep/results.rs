@@ -43,7 +43,7 @@ fn write_missions(
     part: usize,
     stop: &Stop,
 ) -> Result<(), LabError> {
-    let definition = journal.definition();
+    let definition = &journal.definition;
     let path = folder.join("results.parquet");
     let begun = BufWriter::new(write_unfinished(&path, b"").at(&path)?);
     let mut parquet = ParquetFile::begin(begun, &mission_columns(definition, &[])).at(&path)?;
@@ -126,7 +126,7 @@ fn swept(definition: &Definition, rows: &[MissionRow], place: usize) -> ArrayRef
 /// The summary, with one row per point, strategy and metric: mean, standard deviation and confidence interval over the
 /// seeds. If the sweep contains `offline`, the best known loss of each point follows.
 fn summary_csv(journal: &SweepJournal, metrics: &[Metric], stop: &Stop) -> Result<Vec<u8>, LabError> {
-    let definition = journal.definition();
+    let definition = &journal.definition;
     let names = ["strategy", "metric", "n", "mean", "standard_deviation", "ci95_low", "ci95_high"];
     let line = |point: usize, strategy: &str, metric: Metric, interval: MeanInterval| {
         let MeanInterval { n, mean, deviation, limits } = interval;
