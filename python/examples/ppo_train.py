@@ -73,6 +73,12 @@ class Targets(gymnasium.vector.VectorWrapper):
         return self.seen, *rest
 
 
+def observed(model: Model, inputs: dict[str, Any]) -> tuple[dict[str, jax.Array], jax.Array]:
+    """The observation in a model's inputs, and the features of each SN."""
+    observation = unflatten_tensorized_space(model.observation_space, inputs["observations"])
+    return observation, features(observation["positions"], observation["queues"], observation["uav"], jnp)
+
+
 class Policy(CategoricalMixin, Model):
     """The policy of ppo_fly.py in JAX: the scores are the logits of a categorical distribution."""
 
@@ -82,8 +88,7 @@ class Policy(CategoricalMixin, Model):
 
     @nn.compact
     def __call__(self, inputs: dict[str, Any], role: str) -> tuple[jax.Array, dict[str, Any]]:
-        observation = unflatten_tensorized_space(self.observation_space, inputs["observations"])
-        seen = features(observation["positions"], observation["queues"], observation["uav"], jnp)
+        _, seen = observed(self, inputs)
         each = nn.tanh(nn.Dense(HIDDEN)(seen))
         mean = nn.tanh(nn.Dense(HIDDEN)(each)).mean(-2, keepdims=True)
         both = nn.tanh(nn.Dense(HIDDEN)(jnp.concatenate([each, jnp.broadcast_to(mean, each.shape)], -1)))
@@ -100,8 +105,7 @@ class Value(DeterministicMixin, Model):
 
     @nn.compact
     def __call__(self, inputs: dict[str, Any], role: str) -> tuple[jax.Array, dict[str, Any]]:
-        observation = unflatten_tensorized_space(self.observation_space, inputs["observations"])
-        seen = features(observation["positions"], observation["queues"], observation["uav"], jnp)
+        observation, seen = observed(self, inputs)
         mean = nn.tanh(nn.Dense(HIDDEN)(nn.tanh(nn.Dense(HIDDEN)(seen)))).mean(-2)
         whole = nn.tanh(nn.Dense(HIDDEN)(jnp.concatenate([mean, observation["uav"], observation["slot"]], -1)))
         return nn.Dense(1)(whole), {}
