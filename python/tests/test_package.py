@@ -16,17 +16,17 @@ PYTHON = Path(__file__).resolve().parents[1]
 
 
 def tool(*arguments: str, cwd: Path = PYTHON) -> None:
-    """Runs a module of the interpreter, which must accept everything."""
-    result = subprocess.run([sys.executable, "-m", *arguments], cwd=cwd, capture_output=True, text=True, timeout=600)
+    """Runs a program with the installed package, not its sources, which must accept everything."""
+    result = subprocess.run([sys.executable, "-P", *arguments], cwd=cwd, capture_output=True, text=True, timeout=600)
     assert result.returncode == 0, result.stdout + result.stderr
 
 
 def test_the_stubs_are_those_of_the_module(tmp_path: Path) -> None:
-    tool("mypy.stubtest", "skysink._skysink", "--concise", cwd=tmp_path)
+    tool("-m", "mypy.stubtest", "skysink._skysink", "--concise", cwd=tmp_path)
 
 
 def test_the_types_are_sound() -> None:
-    tool("mypy", "skysink", "tests", "examples", "--exclude", "ppo_train")  # which needs JAX
+    tool("-m", "mypy", "skysink", "tests", "examples", "--exclude", "ppo_train")  # which needs JAX
 
 
 def test_the_documentation_of_the_package_is_true() -> None:
@@ -35,7 +35,7 @@ def test_the_documentation_of_the_package_is_true() -> None:
 
 
 def test_the_stub_and_the_reference_have_the_docstrings_of_the_module() -> None:
-    tool("reference", "--check")
+    tool("reference.py", "--check")
 
 
 @pytest.mark.parametrize("name", skysink.__all__)
