@@ -36,6 +36,7 @@ from skysink.flight import scenario_of
 
 ID = "skysink/DataCollection-v0"
 OBSERVED = ("uav", "queues", "slot")
+OBSERVABLE = (*OBSERVED, "positions")
 
 Observation = dict[str, NDArray[np.float32]]
 Action = NDArray[np.float32]
@@ -55,22 +56,31 @@ def register() -> None:
         )
 
 
-def _spaces(field: Field, observation: Sequence[str]) -> tuple[Any, Any]:
-    count = len(field)
-    shapes = {"uav": (3,), "queues": (count,), "slot": (1,), "positions": (count, 2)}
-    unknown = [name for name in observation if name not in shapes]
-    if unknown or not set(OBSERVED) <= set(observation):
-        raise InputError(f"observation={tuple(observation)}: expected {OBSERVED}, and optionally positions")
-    observed = [name for name in shapes if name in observation]
-    boxes: dict[str, spaces.Space[Any]] = {name: spaces.Box(0.0, 1.0, shapes[name], np.float32) for name in observed}
-    axes = 3 if field.climb_m > 0 else 2
-    return spaces.Dict(boxes), spaces.Box(-1.0, 1.0, (axes,), np.float32)
-
-
-class Copyable:
-    """Clone, copy and pickle support for environments."""
+class NativeEnvironment:
+    """What the environments have in common: their arguments, and clones, copies and pickles of their native core."""
 
     _core: Any
+
+    def _begin(
+        self,
+        scenario: Scenario | str | PathLike[str] | None,
+        fields: int | None,
+        observation: Sequence[str],
+    ) -> tuple[spaces.Space[Any], spaces.Space[Any]]:
+        """Makes the core, and returns the spaces of observations and actions of one environment."""
+        self.scenario = Scenario.letter() if scenario is None else scenario_of(scenario)
+        self.fields = fields
+        self._positions = "positions" in observation
+        self._core = self._new_core()
+        field: Field = self._core.field
+        count = len(field)
+        shapes = {"uav": (3,), "queues": (count,), "slot": (1,), "positions": (count, 2)}
+        if not set(OBSERVED) <= set(observation) <= set(OBSERVABLE):
+            raise InputError(f"observation={tuple(observation)}: expected {OBSERVED}, and optionally positions")
+        observed = [name for name in OBSERVABLE if name in observation]
+        boxes: dict[str, spaces.Space[Any]] = {name: spaces.Box(0.0, 1.0, shapes[name], np.float32) for name in observed}
+        axes = 3 if field.climb_m > 0 else 2
+        return spaces.Dict(boxes), spaces.Box(-1.0, 1.0, (axes,), np.float32)
 
     def _new_core(self) -> Any:
         """A new core with the arguments of the environment."""
@@ -103,7 +113,7 @@ class Copyable:
         self._core.restore(state["_core"])
 
 
-class DataCollectionEnv(Copyable, gymnasium.Env[Observation, Action]):
+class DataCollectionEnv(NativeEnvironment, gymnasium.Env[Observation, Action]):
     """An environment for one mission. See the module for spaces, reward and seeds.
 
     ``scenario`` is a :class:`skysink.Scenario` or a file, by default the paper's; ``fields`` is the number of fields;
@@ -120,12 +130,8 @@ class DataCollectionEnv(Copyable, gymnasium.Env[Observation, Action]):
         observation: Sequence[str] = OBSERVED,
         render_mode: None = None,
     ) -> None:
-        self.scenario = Scenario.letter() if scenario is None else scenario_of(scenario)
-        self.fields = fields
         self.render_mode = render_mode
-        self._positions = "positions" in observation
-        self._core = EnvironmentCore(self.scenario, fields, self._positions)
-        self.observation_space, self.action_space = _spaces(self._core.field, observation)
+        self.observation_space, self.action_space = self._begin(scenario, fields, observation)
         self._is_new = True
 
     def reset(
@@ -135,11 +141,12 @@ class DataCollectionEnv(Copyable, gymnasium.Env[Observation, Action]):
         super().reset(seed=seed)
         following = self._core.number if self._is_new else self._core.number + 1
         self._is_new = False
-        return self._core.reset(following if seed is None else int(seed))
+        observation = self._core.reset(following if seed is None else int(seed))
+        return observation, {"seed": self._core.seed}
 
     def step(self, action: Action) -> Step:
         """Flies one slot; ``info`` contains its ``lost_bits`` and ``delivered_bits``."""
-        return self._core.step(action)
+        return self._core.step(np.asarray(action, np.float32))
 
     def fly(self, decision: Decision, *, transit: bool = False) -> Step:
         """Flies one slot with an exact waypoint [m] and schedule, like a strategy."""
@@ -168,7 +175,7 @@ class DataCollectionEnv(Copyable, gymnasium.Env[Observation, Action]):
         return EnvironmentCore(self.scenario, self.fields, self._positions)
 
 
-class DataCollectionVectorEnv(Copyable, VectorEnv[Observation, Action, NDArray[Any]]):
+class DataCollectionVectorEnv(NativeEnvironment, VectorEnv[Observation, Action, NDArray[Any]]):
     """An environment for many missions in parallel. See the module for spaces, reward and seeds.
 
     Autoreset is ``NEXT_STEP``: the step after a truncation begins the next episode, with reward 0.
@@ -185,13 +192,10 @@ class DataCollectionVectorEnv(Copyable, VectorEnv[Observation, Action, NDArray[A
         observation: Sequence[str] = OBSERVED,
         render_mode: None = None,
     ) -> None:
-        self.scenario = Scenario.letter() if scenario is None else scenario_of(scenario)
-        self.fields = fields
         self.num_envs = num_envs
         self.render_mode = render_mode
-        self._positions = "positions" in observation
-        self._core = VectorCore(self.scenario, num_envs, fields, self._positions)
-        self.single_observation_space, self.single_action_space = _spaces(self._core.field, observation)
+        single = self._begin(scenario, fields, observation)
+        self.single_observation_space, self.single_action_space = single
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._has_begun = [False] * num_envs
@@ -220,7 +224,10 @@ class DataCollectionVectorEnv(Copyable, VectorEnv[Observation, Action, NDArray[A
         self, actions: Action
     ) -> tuple[Observation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Flies one slot of each mission; ``actions`` is float32 [num_envs, 2 or 3]."""
-        return self._core.step(np.asarray(actions, np.float32))
+        observation, rewards, truncated, lost_bits, delivered_bits = self._core.step(np.asarray(actions, np.float32))
+        info: dict[str, Any] = {"lost_bits": lost_bits, "delivered_bits": delivered_bits}
+        info |= {f"_{name}": np.ones(self.num_envs, np.bool_) for name in info}
+        return observation, rewards, np.zeros(self.num_envs, np.bool_), truncated, info
 
     def _new_core(self) -> VectorCore:
         return VectorCore(self.scenario, self.num_envs, self.fields, self._positions)

@@ -2,18 +2,15 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use numpy::ndarray::{Array1, Array2, Array3};
-use numpy::{IntoPyArray, PyReadonlyArray2};
-use pyo3::intern;
+use numpy::ndarray::IxDyn;
+use numpy::{PyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
-use pyo3::types::{PyBytes, PyDict, PyTuple};
+use pyo3::types::PyDict;
 use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
-use skysink_common::checkpoint::Checkpoint;
 
-use crate::environment::first_episode;
-use crate::episode::{Episode, Outcome};
-use crate::errors::{of_checkpoint, refused};
+use crate::episode::{Episode, Observations, Outcome};
+use crate::errors::refused;
 use crate::field::PyField;
 use crate::scenario::PyScenario;
 
@@ -38,37 +35,34 @@ fn pool() -> PyResult<Arc<ThreadPool>> {
     }
 }
 
-/// The observations of all episodes.
-struct Observed {
-    uav: Array2<f32>,
-    queues: Array2<f32>,
-    slot: Array2<f32>,
-}
+/// Observation, rewards, whether the episodes are over, lost bits, delivered bits.
+type Steps<'py> = (
+    Bound<'py, PyDict>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<bool>>,
+    Bound<'py, PyArray1<u64>>,
+    Bound<'py, PyArray1<u64>>,
+);
 
 /// The environments without their spaces.
 #[pyclass(name = "VectorCore", module = "skysink")]
+#[derive(Clone)]
 pub struct PyVectorCore {
     episodes: Vec<Episode>,
-    positions: bool,
 }
 
 impl PyVectorCore {
-    /// Calls `work` with every episode and its entry of `entries`, then observes the episode.
-    fn each<T: Send>(
+    /// Calls `work` with every episode and its entry of `entries`, and observes the episodes.
+    fn each<'py, T: Send>(
         &mut self,
+        py: Python<'py>,
         entries: impl IndexedParallelIterator<Item = T>,
         work: impl Fn(&mut Episode, T) -> PyResult<()> + Sync,
-    ) -> PyResult<Observed> {
-        let count = self.episodes.len();
+    ) -> PyResult<Bound<'py, PyDict>> {
         let sensors = self.episodes[0].field.count();
-        let mut observed = Observed {
-            uav: Array2::zeros((count, 3)),
-            queues: Array2::zeros((count, sensors)),
-            slot: Array2::zeros((count, 1)),
-        };
-        let slices = [&mut observed.uav, &mut observed.queues, &mut observed.slot];
-        let [uav, queues, slot] = slices.map(|array| array.as_slice_mut().expect("the array is contiguous"));
-        let rows = uav.par_chunks_mut(3).zip(queues.par_chunks_mut(sensors)).zip(slot.par_iter_mut());
+        let mut observed = Observations::new(self.episodes.len(), sensors);
+        let Observations { uav, queues, slot, .. } = &mut observed;
+        let rows = uav.par_chunks_mut(3).zip(queues.par_chunks_mut(sensors)).zip(slot);
         let all = self.episodes.par_iter_mut().zip(entries).zip(rows).with_min_len(BATCH);
         let fly = || {
             all.try_for_each(|((episode, entry), ((uav, queues), slot))| {
@@ -77,23 +71,8 @@ impl PyVectorCore {
                 PyResult::Ok(())
             })
         };
-        pool()?.install(fly)?;
-        Ok(observed)
-    }
-
-    fn observation<'py>(&self, py: Python<'py>, observed: Observed) -> PyResult<Bound<'py, PyDict>> {
-        let observation = PyDict::new(py);
-        observation.set_item(intern!(py, "uav"), observed.uav.into_pyarray(py))?;
-        observation.set_item(intern!(py, "queues"), observed.queues.into_pyarray(py))?;
-        observation.set_item(intern!(py, "slot"), observed.slot.into_pyarray(py))?;
-        if self.positions {
-            let sensors = self.episodes[0].field.count();
-            let mut positions = Array3::zeros((self.episodes.len(), sensors, 2));
-            let rows = positions.as_slice_mut().expect("the array is contiguous").chunks_exact_mut(2 * sensors);
-            rows.zip(&self.episodes).for_each(|(row, episode)| episode.observe_positions(row));
-            observation.set_item(intern!(py, "positions"), positions.into_pyarray(py))?;
-        }
-        Ok(observation)
+        py.detach(|| pool()?.install(fly))?;
+        observed.into_dict(py, &self.episodes, |shape| IxDyn(&[&[self.episodes.len()], shape].concat()))
     }
 }
 
@@ -105,11 +84,11 @@ impl PyVectorCore {
         if !(1..=MAX_ENVIRONMENTS).contains(&count) {
             return Err(refused(format!("num_envs = {count}: expected 1 to {MAX_ENVIRONMENTS}")));
         }
-        let mut episodes = vec![first_episode(scenario, fields)?; count];
+        let mut episodes = vec![Episode::first(scenario.get(), fields, positions)?; count];
         for (episode, number) in episodes.iter_mut().zip(0..) {
             episode.begin(episode.number() + number)?;
         }
-        Ok(Self { episodes, positions })
+        Ok(Self { episodes })
     }
 
     #[getter]
@@ -124,99 +103,66 @@ impl PyVectorCore {
 
     #[getter]
     fn field(&self) -> PyField {
-        PyField(Arc::clone(&self.episodes[0].field))
+        PyField::new(Arc::clone(&self.episodes[0].field))
     }
 
-    /// Begins the episodes with these numbers, where `mask` is true or `None`.
-    fn reset<'py>(
-        &mut self,
-        py: Python<'py>,
-        numbers: Vec<u64>,
-        mask: Option<Vec<bool>>,
-    ) -> PyResult<Bound<'py, PyDict>> {
-        let mask = mask.unwrap_or_else(|| vec![true; self.episodes.len()]);
-        if [numbers.len(), mask.len()] != [self.episodes.len(); 2] {
-            let [seeds, mask, count] = [numbers.len(), mask.len(), self.episodes.len()];
+    /// Begins the episodes with these numbers, where `mask` is true.
+    fn reset<'py>(&mut self, py: Python<'py>, numbers: Vec<u64>, mask: Vec<bool>) -> PyResult<Bound<'py, PyDict>> {
+        let count = self.episodes.len();
+        if [numbers.len(), mask.len()] != [count; 2] {
+            let [seeds, mask] = [numbers.len(), mask.len()];
             return Err(refused(format!("{seeds} seeds, reset_mask of {mask}: expected {count} of each")));
         }
         self.episodes[0].check(&numbers)?;
-        let observed = py.detach(|| {
-            self.each(
-                numbers.into_par_iter().zip(mask),
-                |episode, (number, is_reset)| {
-                    if is_reset { episode.begin(number) } else { Ok(()) }
-                },
-            )
-        })?;
-        self.observation(py, observed)
-    }
-
-    /// Flies one slot of every episode. An episode that is over is replaced by the next one of its environment instead.
-    fn step<'py>(&mut self, py: Python<'py>, actions: PyReadonlyArray2<'py, f32>) -> PyResult<Bound<'py, PyTuple>> {
-        let count = self.episodes.len();
-        let axes = self.episodes[0].axes();
-        let actions = actions.as_array().to_owned(); // the caller may change the array
-        if actions.dim() != (count, axes) || actions.iter().any(|component| !component.is_finite()) {
-            return Err(refused(format!("actions of shape {:?}: expected ({count}, {axes}), finite", actions.dim())));
-        }
-        let actions = actions.as_standard_layout();
-        let actions = actions.as_slice().expect("in the standard layout");
-        let still = Outcome { reward: 0.0, delivered_bits: 0, lost_bits: 0, is_over: false };
-        let mut outcomes = vec![still; count];
-        let observed = py.detach(|| {
-            self.each(actions.par_chunks(axes).zip(&mut outcomes), |episode, (action, outcome)| {
-                if episode.plant.is_over() {
-                    return episode.begin(episode.number() + count as u64);
-                }
-                let mut components = [0.0; 3];
-                components.iter_mut().zip(action).for_each(|(component, &value)| *component = value.into());
-                let plan = episode.plan(&components[..axes]);
-                *outcome = episode.fly(&plan);
-                Ok(())
-            })
-        })?;
-        let rewards: Array1<f64> = outcomes.iter().map(|outcome| outcome.reward).collect();
-        let truncated: Array1<bool> = outcomes.iter().map(|outcome| outcome.is_over).collect();
-        let lost_bits: Array1<u64> = outcomes.iter().map(|outcome| outcome.lost_bits).collect();
-        let delivered_bits: Array1<u64> = outcomes.iter().map(|outcome| outcome.delivered_bits).collect();
-        let all_true = Array1::from_elem(count, true);
-        let information = PyDict::new(py);
-        for (name, values) in [("lost_bits", lost_bits), ("delivered_bits", delivered_bits)] {
-            information.set_item(name, values.into_pyarray(py))?;
-            information.set_item(format!("_{name}"), all_true.clone().into_pyarray(py))?;
-        }
-        let terminated = Array1::from_elem(count, false);
-        let observation = self.observation(py, observed)?;
-        PyTuple::new(
+        self.each(
             py,
-            [
-                observation.into_any(),
-                rewards.into_pyarray(py).into_any(),
-                terminated.into_pyarray(py).into_any(),
-                truncated.into_pyarray(py).into_any(),
-                information.into_any(),
-            ],
+            numbers.into_par_iter().zip(mask),
+            |episode, (number, is_reset)| {
+                if is_reset { episode.begin(number) } else { Ok(()) }
+            },
         )
     }
 
-    fn clone(&self) -> Self {
-        Self { episodes: self.episodes.clone(), positions: self.positions }
+    /// Flies one slot of every episode. An episode that is over is replaced by the next one of its environment instead.
+    fn step<'py>(&mut self, py: Python<'py>, actions: PyReadonlyArray2<'py, f32>) -> PyResult<Steps<'py>> {
+        let count = self.episodes.len();
+        let axes = self.episodes[0].axes();
+        let actions = actions.as_array();
+        if actions.dim() != (count, axes) || actions.iter().any(|component| !component.is_finite()) {
+            return Err(refused(format!("actions of shape {:?}: expected ({count}, {axes}), finite", actions.dim())));
+        }
+        let components: Vec<f32> = actions.iter().copied().collect(); // the caller may change the array
+        let mut outcomes = vec![Outcome::default(); count];
+        let entries = components.par_chunks(axes).zip(&mut outcomes);
+        let observation = self.each(py, entries, |episode, (action, outcome)| {
+            if episode.plant.is_over() {
+                return episode.begin(episode.number() + count as u64);
+            }
+            let plan = episode.plan(action);
+            *outcome = episode.fly(&plan);
+            Ok(())
+        })?;
+        Ok((
+            observation,
+            PyArray1::from_iter(py, outcomes.iter().map(|outcome| outcome.reward)),
+            PyArray1::from_iter(py, outcomes.iter().map(|outcome| outcome.is_over)),
+            PyArray1::from_iter(py, outcomes.iter().map(|outcome| outcome.lost_bits)),
+            PyArray1::from_iter(py, outcomes.iter().map(|outcome| outcome.delivered_bits)),
+        ))
     }
 
-    fn save<'py>(&self, py: Python<'py>) -> Vec<Bound<'py, PyBytes>> {
-        let saved = |episode: &Episode| {
-            let mut bytes = Vec::new();
-            episode.save(&mut bytes);
-            PyBytes::new(py, &bytes)
-        };
-        self.episodes.iter().map(saved).collect()
+    fn clone(&self) -> Self {
+        Clone::clone(self)
+    }
+
+    fn save(&self) -> Vec<Vec<u8>> {
+        self.episodes.iter().map(Episode::save).collect()
     }
 
     fn restore(&mut self, saved: Vec<Vec<u8>>) -> PyResult<()> {
         if saved.len() != self.episodes.len() {
             return Err(refused(format!("{} episodes: expected {}", saved.len(), self.episodes.len())));
         }
-        let mut pairs = self.episodes.iter_mut().zip(saved);
-        pairs.try_for_each(|(episode, bytes)| episode.restore(&bytes).map_err(of_checkpoint))
+        self.episodes.iter_mut().zip(saved).try_for_each(|(episode, bytes)| episode.restore(&bytes))
     }
 }

@@ -2,13 +2,16 @@
 
 use std::sync::Arc;
 
-use nalgebra::Point3;
+use numpy::IntoPyArray;
+use numpy::ndarray::{ArrayD, IxDyn};
+use pyo3::intern;
 use pyo3::prelude::*;
-use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
+use pyo3::types::{PyDict, PyString};
+use skysink_common::checkpoint::{Checkpoint as _, decode, encode};
 use skysink_common::error::InputError;
 use skysink_common::estimate::Estimate;
 use skysink_common::geometry::{Position, above};
-use skysink_common::message::{Mode, Plan, QueuesHeader};
+use skysink_common::message::{Mode, Plan};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::{SensorList, Sensors};
 use skysink_common::slot_record::UAV;
@@ -16,7 +19,8 @@ use skysink_mission::Plant;
 use skysink_planner::settings;
 
 use crate::errors::refused;
-use crate::field::{FieldData, PyField};
+use crate::field::FieldData;
+use crate::scenario::PyScenario;
 
 /// The field and the UAV of a scenario, with the estimate of the UAV if it does not observe the
 /// queues.
@@ -28,36 +32,48 @@ pub fn plant(scenario: &Scenario, list: &SensorList) -> PyResult<Plant> {
     })
 }
 
-/// The fields of the episodes.
-#[derive(Clone)]
-pub struct Fields {
+/// What the episodes of an environment have in common.
+struct Course {
     /// The scenario; its seed is that of the first field.
-    pub scenario: Scenario,
+    scenario: Scenario,
     /// The number of fields; `None` for unlimited.
-    pub count: Option<u64>,
+    fields: Option<u64>,
+    /// Whether the positions of the sensor nodes are observed.
+    observes_positions: bool,
 }
 
-impl Fields {
+impl Course {
     /// The seed of the episode with this number.
     fn seed(&self, number: u64) -> u64 {
-        self.count.map_or(number, |count| self.scenario.seed + number % count)
+        self.fields.map_or(number, |count| self.scenario.seed + number % count)
+    }
+
+    /// The mission of the episode with this number.
+    fn scenario(&self, number: u64) -> PyResult<Scenario> {
+        let mut scenario = self.scenario.clone();
+        scenario.seed = self.seed(number);
+        if i64::try_from(scenario.seed).is_err() {
+            let message = format!("{}: expected 0 to {}", scenario.seed, i64::MAX);
+            return Err(refused(InputError::of_argument("seed", &scenario.seed.to_string(), message)));
+        }
+        Ok(scenario)
     }
 }
 
 /// A running episode.
 #[derive(Clone)]
 pub struct Episode {
-    fields: Arc<Fields>,
+    course: Arc<Course>,
     number: u64,
     pub list: Arc<SensorList>,
     pub field: Arc<FieldData>,
     pub plant: Plant,
-    header: QueuesHeader,
-    ids: Vec<u32>,
+    /// Positions of the sensor nodes, x and y alternating, as fractions of the area; empty if they are not observed.
+    positions: Arc<[f32]>,
 }
 
 /// The result of one slot of an episode.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 pub struct Outcome {
     /// Minus the fraction of the sampled bits that was lost; 0 if nothing was sampled.
     pub reward: f64,
@@ -67,38 +83,44 @@ pub struct Outcome {
     pub is_over: bool,
 }
 
-/// The saved state of an episode.
-#[derive(serde::Serialize, serde::Deserialize)]
-struct SavedEpisode {
-    number: u64,
-    plant: Vec<u8>,
-}
-
 impl Episode {
+    /// The first episode of an environment over `fields` fields.
+    pub fn first(scenario: &PyScenario, fields: Option<u64>, observes_positions: bool) -> PyResult<Self> {
+        let scenario = scenario.scenario.clone();
+        if fields == Some(0) {
+            return Err(refused("fields = 0: expected 1 or more, or None"));
+        }
+        if fields.is_some_and(|count| scenario.seed.checked_add(count).is_none_or(|end| i64::try_from(end).is_err())) {
+            return Err(refused(format!("fields = {}: expected fewer", fields.unwrap_or(0))));
+        }
+        let number = if fields.is_some() { 0 } else { scenario.seed };
+        Self::new(Arc::new(Course { scenario, fields, observes_positions }), number)
+    }
+
     /// The episode with this number, before its first slot.
-    pub fn new(fields: Arc<Fields>, number: u64) -> PyResult<Self> {
-        let scenario = seeded(&fields, number)?;
+    fn new(course: Arc<Course>, number: u64) -> PyResult<Self> {
+        let scenario = course.scenario(number)?;
         let list = SensorList::of(&scenario).map_err(refused)?;
         let plant = plant(&scenario, &list)?;
-        let PyField(field) = PyField::of(&scenario, &list);
-        Ok(Self { fields, number, header: plant.header(), plant, field, list: Arc::new(list), ids: Vec::new() })
+        let field = Arc::new(FieldData::of(&scenario, &list));
+        let positions = if course.observes_positions { field.position_fractions().collect() } else { Arc::default() };
+        Ok(Self { course, number, list: Arc::new(list), field, plant, positions })
     }
 
     /// The episode with this number. It reuses the sensor nodes if they are the same.
     pub fn begin(&mut self, number: u64) -> PyResult<()> {
-        if self.fields.seed(number) != self.seed() {
-            *self = Self::new(Arc::clone(&self.fields), number)?;
+        if self.course.seed(number) != self.seed() {
+            *self = Self::new(Arc::clone(&self.course), number)?;
             return Ok(());
         }
+        self.plant = plant(&self.course.scenario(number)?, &self.list)?;
         self.number = number;
-        self.plant = plant(&seeded(&self.fields, number)?, &self.list)?;
-        self.header = self.plant.header();
         Ok(())
     }
 
     /// Checks that all numbers have a seed.
     pub fn check(&self, numbers: &[u64]) -> PyResult<()> {
-        numbers.iter().try_for_each(|&number| seeded(&self.fields, number).map(|_| ()))
+        numbers.iter().try_for_each(|&number| self.course.scenario(number).map(|_| ()))
     }
 
     /// Its number. In a vector of n, environment i has the numbers i, i + n, i + 2n and so on, plus that of the first.
@@ -108,12 +130,12 @@ impl Episode {
 
     /// Its Skysink seed.
     pub fn seed(&self) -> u64 {
-        self.fields.seed(self.number)
+        self.course.seed(self.number)
     }
 
     /// Its mission.
     pub fn scenario(&self) -> PyResult<Scenario> {
-        seeded(&self.fields, self.number)
+        self.course.scenario(self.number)
     }
 
     /// Number of coordinates of an action: 3 if the altitude is free, else 2.
@@ -122,44 +144,32 @@ impl Episode {
     }
 
     /// The plan of an action: a displacement as a fraction of the reach of a slot. Serves the fullest queues in range.
-    pub fn plan(&mut self, action: &[f64]) -> Plan {
+    pub fn plan(&self, action: &[f32]) -> Plan {
         let limits = self.field.limits;
         let uav = self.plant.flight(UAV).position();
-        let step = Position::new(action[0], action[1]).coords;
+        let step = Position::new(action[0].into(), action[1].into()).coords;
         let step = step / step.norm().max(1.0) * limits.reach_m;
-        let z_m = action.get(2).map_or(uav.z, |climb| {
-            let climb_m = climb.clamp(-1.0, 1.0) * limits.climb_m;
+        let z_m = action.get(2).map_or(uav.z, |&climb| {
+            let climb_m = f64::from(climb).clamp(-1.0, 1.0) * limits.climb_m;
             (uav.z + climb_m).clamp(limits.min_altitude_m, limits.max_altitude_m)
         });
         let ground = self.field.clamp_to_area(uav.xy() + step);
-        self.plan_to(above(&ground, z_m), None, Mode::Serve)
-    }
-
-    /// The plan to fly to a waypoint [m] and serve these SNs, or the fullest in range.
-    pub fn plan_to(&mut self, waypoint: Point3<f64>, serve: Option<&[u32]>, mode: Mode) -> Plan {
-        let Self { plant, field, ids, .. } = self;
-        match serve {
-            Some(serve) => serve.clone_into(ids),
-            None => field.fill_fullest(&waypoint.xy(), plant.known_bits(), ids),
-        }
-        let mut plan = Plan::fly_to(waypoint, mode);
-        plan.schedule(ids);
-        plan
+        self.field.plan(above(&ground, z_m), None, self.plant.known_bits(), Mode::Serve)
     }
 
     /// Flies the next slot.
     pub fn fly(&mut self, plan: &Plan) -> Outcome {
-        let before_bits = self.header.totals.sampled_bits;
-        self.header = self.plant.step(&[Some(*plan)]).header;
-        let QueuesHeader { totals, delivered_bits, lost_bits, .. } = self.header;
-        let sampled_bits = totals.sampled_bits - before_bits;
-        let reward = if sampled_bits > 0 { -(lost_bits as f64 / sampled_bits as f64) } else { 0.0 };
-        Outcome { reward, delivered_bits, lost_bits, is_over: self.plant.is_over() }
+        let before_bits = self.plant.header().totals.sampled_bits;
+        let header = self.plant.step(&[Some(*plan)]).header;
+        let sampled_bits = header.totals.sampled_bits - before_bits;
+        let reward = if sampled_bits > 0 { -(header.lost_bits as f64 / sampled_bits as f64) } else { 0.0 };
+        let is_over = self.plant.is_over();
+        Outcome { reward, delivered_bits: header.delivered_bits, lost_bits: header.lost_bits, is_over }
     }
 
     /// Writes the observation: the UAV's position relative to area and altitudes, the queues as fractions of the
     /// buffers, and the slot as a fraction of the mission.
-    pub fn observe(&mut self, uav: &mut [f32], queues: &mut [f32], slot: &mut f32) {
+    pub fn observe(&self, uav: &mut [f32], queues: &mut [f32], slot: &mut f32) {
         let limits = self.field.limits;
         let position = self.plant.flight(UAV).position();
         let climb_range_m = limits.max_altitude_m - limits.min_altitude_m;
@@ -172,39 +182,62 @@ impl Episode {
         pairs.for_each(|(queue, &bits)| *queue = bits as f32 / capacity_bits);
     }
 
-    /// Writes the positions of the sensor nodes, x and y alternating, as fractions of the area.
-    pub fn observe_positions(&self, positions: &mut [f32]) {
-        let area_m = [self.field.limits.width_m, self.field.limits.height_m];
-        for (pair, position) in positions.chunks_exact_mut(2).zip(&self.field.sensors.positions) {
-            pair.iter_mut().zip([0, 1]).for_each(|(fraction, axis)| *fraction = (position[axis] / area_m[axis]) as f32);
-        }
-    }
-}
-
-impl Checkpoint for Episode {
-    fn save(&self, bytes: &mut Vec<u8>) {
+    /// Its state as bytes.
+    pub fn save(&self) -> Vec<u8> {
         let mut plant = Vec::new();
         self.plant.save(&mut plant);
-        encode(&SavedEpisode { number: self.number, plant }, bytes);
+        let mut bytes = Vec::new();
+        encode(&(self.number, plant), &mut bytes);
+        bytes
     }
 
-    fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        let SavedEpisode { number, plant } = decode(bytes)?;
+    /// Restores a state that [`Episode::save`] returned for the same environment. Refuses any other.
+    pub fn restore(&mut self, bytes: &[u8]) -> PyResult<()> {
+        let (number, plant): (u64, Vec<u8>) = decode(bytes).map_err(refused)?;
         let mut episode = self.clone();
-        CheckpointError::ensure(episode.begin(number).is_ok(), "a field that can be made")?;
-        episode.plant.restore(&plant)?;
-        episode.header = episode.plant.header();
+        episode.begin(number)?;
+        episode.plant.restore(&plant).map_err(refused)?;
         *self = episode;
         Ok(())
     }
 }
 
-fn seeded(fields: &Fields, number: u64) -> PyResult<Scenario> {
-    let mut scenario = fields.scenario.clone();
-    scenario.seed = fields.seed(number);
-    if i64::try_from(scenario.seed).is_err() {
-        let message = format!("{}: expected 0 to {}", scenario.seed, i64::MAX);
-        return Err(refused(InputError::of_argument("seed", &scenario.seed.to_string(), message)));
+/// The observations of episodes, one after another.
+pub struct Observations {
+    /// Sensor nodes of each.
+    sensors: usize,
+    pub uav: Vec<f32>,
+    pub queues: Vec<f32>,
+    pub slot: Vec<f32>,
+}
+
+impl Observations {
+    /// Room for those of `count` episodes of `sensors` sensor nodes.
+    pub fn new(count: usize, sensors: usize) -> Self {
+        Self { sensors, uav: vec![0.0; 3 * count], queues: vec![0.0; sensors * count], slot: vec![0.0; count] }
     }
-    Ok(scenario)
+
+    /// As a dictionary of arrays, with the positions of `episodes` if they are observed. `shape` makes the shape of an
+    /// array from that of a single episode.
+    pub fn into_dict<'py>(
+        self,
+        py: Python<'py>,
+        episodes: &[Episode],
+        shape: impl Fn(&[usize]) -> IxDyn,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let Self { sensors, uav, queues, slot } = self;
+        let observation = PyDict::new(py);
+        let set = |name: &Bound<'py, PyString>, values: Vec<f32>, shape_of_one: &[usize]| {
+            let array = ArrayD::from_shape_vec(shape(shape_of_one), values);
+            observation.set_item(name, array.expect("as many values as the shape has").into_pyarray(py))
+        };
+        set(intern!(py, "uav"), uav, &[3])?;
+        set(intern!(py, "queues"), queues, &[sensors])?;
+        set(intern!(py, "slot"), slot, &[1])?;
+        if episodes[0].course.observes_positions {
+            let positions: Vec<&[f32]> = episodes.iter().map(|episode| &episode.positions[..]).collect();
+            set(intern!(py, "positions"), positions.concat(), &[sensors, 2])?;
+        }
+        Ok(observation)
+    }
 }

@@ -3,7 +3,6 @@
 use pyo3::PyErr;
 use pyo3::create_exception;
 use pyo3::exceptions::{PyKeyboardInterrupt, PyOSError, PyRuntimeError, PyValueError};
-use skysink_common::checkpoint::CheckpointError;
 use skysink_lab::LabError;
 use skysink_mission::MissionError;
 
@@ -33,20 +32,10 @@ pub fn of_mission(error: MissionError) -> PyErr {
     }
 }
 
-/// The error of a mission that Python code has ended.
-pub fn failed(error: PyErr) -> MissionError {
-    MissionError::Foreign(Box::new(error))
-}
-
 /// The error of a sweep.
 pub fn of_lab(error: LabError) -> PyErr {
     match error {
         LabError::Mission(error) => of_mission(error),
         LabError::Drawing(_) => PyRuntimeError::new_err(error.to_string()),
     }
-}
-
-/// The error of a state that cannot be restored.
-pub fn of_checkpoint(error: CheckpointError) -> PyErr {
-    refused(error)
 }

@@ -6,15 +6,15 @@ use nalgebra::Point3;
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, ToPyArray};
 use pyo3::prelude::*;
-use pyo3::types::PyBytes;
-use skysink_common::geometry::Position;
-use skysink_common::message::{Limits, SensorNode};
+use skysink_common::geometry::{Position, above};
+use skysink_common::message::{Limits, Mode, Plan, SensorNode};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::{SensorList, Sensors};
 use skysink_planner::strategies::serving::fill_fullest_in_range;
 use skysink_planner::strategies::transit::{toward, transit_waypoint};
 
 use crate::errors::refused;
+use crate::values::Reduced;
 
 /// The sensor nodes of a mission and the limits of its plans.
 pub struct FieldData {
@@ -27,8 +27,13 @@ pub struct FieldData {
 }
 
 impl FieldData {
+    /// The field of a scenario.
+    pub fn of(scenario: &Scenario, list: &SensorList) -> Self {
+        Self::new(Limits::of(scenario), list.nodes())
+    }
+
     /// The field with these limits and sensor nodes.
-    pub fn new(limits: Limits, nodes: Vec<SensorNode>) -> Self {
+    fn new(limits: Limits, nodes: Vec<SensorNode>) -> Self {
         Self { sensors: Sensors::new(&limits, &nodes), limits, nodes }
     }
 
@@ -50,14 +55,33 @@ impl FieldData {
         self.nodes.first().map_or(0, |node| node.capacity_bits)
     }
 
-    /// Fills `ids` with the n fullest queues within `d_c` of `ground`.
-    pub fn fill_fullest(&self, ground: &Position, queues_bits: &[u32], ids: &mut Vec<u32>) {
-        fill_fullest_in_range(&self.sensors.grid, &self.limits, ground, queues_bits, ids);
+    /// Positions of the sensor nodes, x and y alternating, as fractions of the area.
+    pub fn position_fractions(&self) -> impl Iterator<Item = f32> {
+        let fractions = |position: &Position| [position.x / self.limits.width_m, position.y / self.limits.height_m];
+        self.sensors.positions.iter().flat_map(fractions).map(|fraction| fraction as f32)
     }
 
-    /// The waypoint of the transit rule (decision D8).
-    pub fn transit(&self, uav: &Point3<f64>, queues_bits: &[u32]) -> Position {
-        transit_waypoint(&self.sensors.positions, self.limits.reach_m, &uav.xy(), queues_bits)
+    /// The plan to fly to `waypoint` [m] and serve these SNs, or the fullest in range.
+    pub fn plan(&self, waypoint: Point3<f64>, serve: Option<&[u32]>, queues_bits: &[u32], mode: Mode) -> Plan {
+        let mut plan = Plan::fly_to(waypoint, mode);
+        match serve {
+            Some(ids) => plan.schedule(ids),
+            None => plan.schedule(&self.fullest(&waypoint.xy(), queues_bits)),
+        }
+        plan
+    }
+
+    /// The plan of the transit rule (decision D8).
+    pub fn transit(&self, uav: Point3<f64>, queues_bits: &[u32]) -> Plan {
+        let ground = transit_waypoint(&self.sensors.positions, self.limits.reach_m, &uav.xy(), queues_bits);
+        self.plan(above(&self.clamp_to_area(ground), uav.z), None, queues_bits, Mode::Transit)
+    }
+
+    /// The n fullest queues within `d_c` of `ground`.
+    fn fullest(&self, ground: &Position, queues_bits: &[u32]) -> Vec<u32> {
+        let mut ids = Vec::new();
+        fill_fullest_in_range(&self.sensors.grid, &self.limits, ground, queues_bits, &mut ids);
+        ids
     }
 
     /// The point of the area nearest to `ground`.
@@ -66,21 +90,65 @@ impl FieldData {
     }
 }
 
-/// Limits and sensor nodes in the layout of the messages of the ring.
-type Messages<'py> = (Bound<'py, PyBytes>, Bound<'py, PyBytes>);
-
 /// The constant data of a mission: sensor nodes (SNs) and limits. ``len`` is N.
 #[pyclass(name = "Field", module = "skysink", frozen)]
-pub struct PyField(pub Arc<FieldData>);
+pub struct PyField {
+    /// The data, shared with the missions over this field.
+    pub data: Arc<FieldData>,
+    /// Buffer B of each SN [bit].
+    #[pyo3(get)]
+    capacity_bits: u32,
+    /// Width and height of the area [m].
+    #[pyo3(get)]
+    area_m: (f64, f64),
+    /// Maximum horizontal distance flown in a slot, V_max tau [m].
+    #[pyo3(get)]
+    reach_m: f64,
+    /// Maximum horizontal distance for serving an SN, d_c [m].
+    #[pyo3(get)]
+    comm_radius_m: f64,
+    /// Maximum number of SNs served in a slot, n.
+    #[pyo3(get)]
+    resource_blocks: u32,
+    /// Minimum and maximum altitude [m]; equal if the altitude is fixed.
+    #[pyo3(get)]
+    altitudes_m: (f64, f64),
+    /// Maximum climb or descent in a slot [m]; 0 if the altitude is fixed.
+    #[pyo3(get)]
+    climb_m: f64,
+    /// Number of slots of the mission, T.
+    #[pyo3(get)]
+    slots: u64,
+    /// Duration of a slot, tau [s].
+    #[pyo3(get)]
+    slot_s: f64,
+    /// Communication time in a slot, tau_c [s].
+    #[pyo3(get)]
+    comm_s: f64,
+}
 
 impl PyField {
-    /// The field of a scenario.
-    pub fn of(scenario: &Scenario, list: &SensorList) -> Self {
-        Self(Arc::new(FieldData::new(Limits::of(scenario), list.nodes())))
+    /// The field with these data.
+    pub fn new(data: Arc<FieldData>) -> Self {
+        let limits = data.limits;
+        Self {
+            capacity_bits: data.capacity_bits(),
+            area_m: (limits.width_m, limits.height_m),
+            reach_m: limits.reach_m,
+            comm_radius_m: limits.comm_radius_m,
+            resource_blocks: limits.resource_blocks,
+            altitudes_m: (limits.min_altitude_m, limits.max_altitude_m),
+            climb_m: limits.climb_m,
+            slots: limits.slots,
+            slot_s: limits.slot_s,
+            comm_s: limits.comm_s,
+            data,
+        }
     }
 
-    fn column<'py>(&self, py: Python<'py>, of: impl Fn(&SensorNode) -> f64) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        read_only(self.0.nodes.iter().map(of).collect::<Vec<f64>>().into_pyarray(py))
+    /// The field of a scenario.
+    pub fn of(scenario: &Scenario, list: &SensorList) -> Self {
+        Self::new(Arc::new(FieldData::of(scenario, list)))
     }
 }
 
@@ -110,11 +178,11 @@ pub fn coordinates(point: &Bound<'_, PyAny>) -> PyResult<Vec<f64>> {
 #[pymethods]
 impl PyField {
     /// For pickle and copy.
-    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, Messages<'py>)> {
-        let field = &slf.get().0;
-        let message = |bytes| PyBytes::new(slf.py(), bytes);
-        let messages = (message(bytemuck::bytes_of(&field.limits)), message(bytemuck::cast_slice(&field.nodes)));
-        Ok((slf.get_type().getattr("_from_messages")?, messages))
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py, (Vec<u8>, Vec<u8>)>> {
+        let field = &slf.get().data;
+        let limits = bytemuck::bytes_of(&field.limits).to_vec();
+        let nodes = bytemuck::cast_slice(&field.nodes).to_vec();
+        Ok((slf.get_type().getattr("_from_messages")?, (limits, nodes)))
     }
 
     /// Creates a field from limits and sensor nodes in the layout of the messages of the ring.
@@ -122,17 +190,17 @@ impl PyField {
     fn _from_messages(limits: &[u8], nodes: &[u8]) -> PyResult<Self> {
         let refuse = |_| refused("messages of another version: use the package of the running Skysink");
         let limits = bytemuck::try_pod_read_unaligned(limits).map_err(refuse)?;
-        Ok(Self(Arc::new(FieldData::new(limits, bytemuck::pod_collect_to_vec(nodes)))))
+        Ok(Self::new(Arc::new(FieldData::new(limits, bytemuck::pod_collect_to_vec(nodes)))))
     }
 
     fn __len__(&self) -> usize {
-        self.0.count()
+        self.data.count()
     }
 
     /// Positions of the SNs, east and north [m], [N, 2]. Every access creates a new array.
     #[getter]
     fn positions_m<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let positions = &self.0.sensors.positions;
+        let positions = &self.data.sensors.positions;
         let array = Array2::from_shape_fn((positions.len(), 2), |(sensor, axis)| positions[sensor][axis]);
         read_only(array.into_pyarray(py))
     }
@@ -140,73 +208,13 @@ impl PyField {
     /// Reference channel gain at 1 m, a linear ratio, [N].
     #[getter]
     fn gains<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        self.column(py, |node| node.gain)
+        read_only(PyArray1::from_slice(py, &self.data.sensors.gains))
     }
 
     /// Sampling rates [bit/s], [N].
     #[getter]
     fn sampling_bps<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        self.column(py, |node| node.sampling_bps)
-    }
-
-    /// Buffer B of each SN [bit].
-    #[getter]
-    fn capacity_bits(&self) -> u32 {
-        self.0.capacity_bits()
-    }
-
-    /// Width and height of the area [m].
-    #[getter]
-    fn area_m(&self) -> (f64, f64) {
-        (self.0.limits.width_m, self.0.limits.height_m)
-    }
-
-    /// Maximum horizontal distance flown in a slot, V_max tau [m].
-    #[getter]
-    fn reach_m(&self) -> f64 {
-        self.0.limits.reach_m
-    }
-
-    /// Maximum horizontal distance for serving an SN, d_c [m].
-    #[getter]
-    fn comm_radius_m(&self) -> f64 {
-        self.0.limits.comm_radius_m
-    }
-
-    /// Maximum number of SNs served in a slot, n.
-    #[getter]
-    fn resource_blocks(&self) -> u32 {
-        self.0.limits.resource_blocks
-    }
-
-    /// Minimum and maximum altitude [m]; equal if the altitude is fixed.
-    #[getter]
-    fn altitudes_m(&self) -> (f64, f64) {
-        (self.0.limits.min_altitude_m, self.0.limits.max_altitude_m)
-    }
-
-    /// Maximum climb or descent in a slot [m]; 0 if the altitude is fixed.
-    #[getter]
-    fn climb_m(&self) -> f64 {
-        self.0.limits.climb_m
-    }
-
-    /// Number of slots of the mission, T.
-    #[getter]
-    fn slots(&self) -> u64 {
-        self.0.limits.slots
-    }
-
-    /// Duration of a slot, tau [s].
-    #[getter]
-    fn slot_s(&self) -> f64 {
-        self.0.limits.slot_s
-    }
-
-    /// Communication time in a slot, tau_c [s].
-    #[getter]
-    fn comm_s(&self) -> f64 {
-        self.0.limits.comm_s
+        read_only(PyArray1::from_iter(py, self.data.nodes.iter().map(|node| node.sampling_bps)))
     }
 
     /// Ids of the SNs within ``radius_m`` [m] of ``point`` on the ground, ascending; tolerance as in decision D5.
@@ -217,7 +225,7 @@ impl PyField {
         radius_m: f64,
     ) -> PyResult<Bound<'py, PyArray1<u32>>> {
         let mut ids = Vec::new();
-        self.0.sensors.grid.visit_within(&ground(point)?, radius_m, |node| ids.push(node.id));
+        self.data.sensors.grid.visit_within(&ground(point)?, radius_m, |node| ids.push(node.id));
         ids.sort_unstable();
         Ok(ids.into_pyarray(py))
     }
@@ -229,10 +237,8 @@ impl PyField {
         point: &Bound<'py, PyAny>,
         queues_bits: PyReadonlyArray1<'py, u32>,
     ) -> PyResult<Bound<'py, PyArray1<u32>>> {
-        let mut ids = Vec::new();
-        self.0.check(queues_bits.len()?)?;
-        self.0.fill_fullest(&ground(point)?, queues_bits.as_slice()?, &mut ids);
-        Ok(ids.into_pyarray(py))
+        self.data.check(queues_bits.len()?)?;
+        Ok(self.data.fullest(&ground(point)?, queues_bits.as_slice()?).into_pyarray(py))
     }
 
     /// The point that one slot at full speed reaches from ``from_`` toward ``to``, at most ``to`` [m], [2].
@@ -242,16 +248,16 @@ impl PyField {
         from: &Bound<'py, PyAny>,
         to: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let point = toward(self.0.limits.reach_m, &ground(from)?, &ground(to)?);
+        let point = toward(self.data.limits.reach_m, &ground(from)?, &ground(to)?);
         Ok([point.x, point.y].to_pyarray(py))
     }
 
     fn __repr__(&self) -> String {
-        let Limits { width_m, height_m, reach_m, comm_radius_m, resource_blocks, .. } = self.0.limits;
+        let Self { area_m: (width_m, height_m), reach_m, comm_radius_m, resource_blocks, .. } = self;
         format!(
             "Field({} sensor nodes over {width_m} m x {height_m} m, reach_m={reach_m}, comm_radius_m={comm_radius_m}, \
              resource_blocks={resource_blocks})",
-            self.0.count()
+            self.data.count()
         )
     }
 }

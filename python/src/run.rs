@@ -2,10 +2,11 @@
 
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use arrow_array::{ArrayRef, Float64Array, Int64Array, StringArray, UInt32Array};
-use numpy::PyArray2;
+use numpy::ndarray::Array2;
+use numpy::{IntoPyArray, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use skysink_common::message::Plan;
@@ -27,10 +28,11 @@ use crate::field::PyField;
 use crate::scenario::PyScenario;
 use crate::signals::interruptible;
 use crate::table::{PyTable, id_lists};
-use crate::values::json;
+use crate::values::{Reduced, json};
 
 /// Records a mission in memory.
 pub struct RunRecorder {
+    begin: Instant,
     slots: Vec<ByUav<RecordedSlot>>,
     hash: TraceHash,
     meter: MissionMeter,
@@ -39,19 +41,13 @@ pub struct RunRecorder {
 impl RunRecorder {
     /// The mission before slot 1.
     pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
-        Self { slots: Vec::new(), hash: TraceHash::default(), meter: MissionMeter::new(scenario, list) }
+        let meter = MissionMeter::new(scenario, list);
+        Self { begin: Instant::now(), slots: Vec::new(), hash: TraceHash::default(), meter }
     }
 
-    /// Finishes the mission, which took `wall` and left `plant`.
-    pub fn end(
-        self,
-        scenario: PyScenario,
-        list: SensorList,
-        plant: &Plant,
-        wall: Duration,
-        label: Option<String>,
-    ) -> PyRun {
-        let mut summary = self.meter.tally().summary(wall, self.hash.value());
+    /// Finishes the mission, which left `plant`. Its wall time counts from the creation of the recorder.
+    pub fn end(self, scenario: PyScenario, list: SensorList, plant: &Plant, label: Option<String>) -> PyRun {
+        let mut summary = self.meter.tally().summary(self.begin.elapsed(), self.hash.value());
         if let Some(label) = &label {
             label.clone_into(&mut summary.strategy);
         }
@@ -74,33 +70,17 @@ impl Observer for RunRecorder {
     }
 }
 
-/// The queue of every SN before slot 1 and after each slot [bit].
-struct QueueRows(Vec<u32>);
+/// Calls a function with each slot.
+struct EachSlot<F>(F);
 
-impl Observer for QueueRows {
-    fn begin(&mut self, plant: &Plant) -> Result<(), MissionError> {
-        self.0.extend_from_slice(plant.field().queues_bits());
-        Ok(())
-    }
-
-    fn slot(&mut self, _record: &SlotRecord, plant: &Plant) -> Result<(), MissionError> {
-        self.begin(plant)
+impl<F: FnMut(&SlotRecord, &Plant) -> Result<(), MissionError>> Observer for EachSlot<F> {
+    fn slot(&mut self, record: &SlotRecord, plant: &Plant) -> Result<(), MissionError> {
+        (self.0)(record, plant)
     }
 }
 
-/// The lines of `slots.csv` without the header.
-#[derive(Default)]
-struct TraceText {
-    text: String,
-    lines: TraceHash,
-}
-
-impl SlotSink for TraceText {
-    fn add(&mut self, record: &SlotRecord) -> Result<(), MissionError> {
-        self.text.push_str(self.lines.write(&record.flights, &record.header)?);
-        Ok(())
-    }
-}
+/// The scenario, the label, the lines of the trace and the summary of a run.
+type SavedRun = (PyScenario, Option<String>, String, String);
 
 /// A finished mission. ``len`` is its number of slots.
 #[pyclass(name = "Run", module = "skysink", frozen)]
@@ -143,11 +123,10 @@ impl PyRun {
         plans: impl Iterator<Item = Option<Plan>>,
         label: Option<String>,
     ) -> Result<Self, MissionError> {
-        let begin = Instant::now();
         let mut plant = Plant::new(&scenario.scenario, &list);
         let mut recorder = RunRecorder::new(&scenario.scenario, &list);
         drive(&mut plant, &mut Planned(plans), &mut [&mut recorder], &Stop::default())?;
-        Ok(recorder.end(scenario, list, &plant, begin.elapsed(), label).untimed())
+        Ok(recorder.end(scenario, list, &plant, label).untimed())
     }
 
     /// Without planning times.
@@ -171,7 +150,7 @@ impl PyRun {
         let (replay, recorder) = interruptible(py, read)?.map_err(of_mission)?;
         let scenario = PyScenario::on_record(replay.scenario())?;
         let label = Some(replay.label().to_owned()).filter(|label| *label != scenario.scenario.planner.strategy);
-        let run = recorder.end(scenario, replay.list().clone(), replay.plant(), Duration::ZERO, label).untimed();
+        let run = recorder.end(scenario, replay.list().clone(), replay.plant(), label).untimed();
         Ok(PyRun { summary: replay.summary().clone(), ..run })
     }
 
@@ -213,7 +192,7 @@ impl PyRun {
     /// One row per slot and UAV with the columns of ``slots.csv``; ``scheduled`` contains lists of ids.
     #[getter]
     fn slots(&self) -> PyResult<PyTable> {
-        let modes = self.lines().map(|slot| <&str>::from(slot.mode));
+        let modes = self.lines().map(|slot| Some(<&str>::from(slot.mode)));
         let refused = self.lines().map(|slot| slot.refused);
         PyTable::new(vec![
             ("slot", self.counts(|slot| slot.slot)),
@@ -225,7 +204,7 @@ impl PyRun {
             ("delivered_bits", self.counts(|slot| slot.delivered_bits)),
             ("lost_bits", self.counts(|slot| slot.lost_bits)),
             ("queued_bits", self.counts(|slot| slot.queued_bits)),
-            ("mode", Arc::new(StringArray::from_iter_values(modes))),
+            ("mode", Arc::new(StringArray::from_iter(modes))),
             ("refused", Arc::new(UInt32Array::from_iter_values(refused))),
         ])
     }
@@ -236,10 +215,14 @@ impl PyRun {
     #[getter]
     fn queues<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<u32>>> {
         let shape = (self.slots.len() + 1, self.list.sensors().len());
-        let mut rows = QueueRows(Vec::with_capacity(shape.0 * shape.1));
-        py.detach(|| self.fly_again(&mut rows)).map_err(of_mission)?;
-        let array = numpy::ndarray::Array2::from_shape_vec(shape, rows.0).expect("a row for each slot");
-        Ok(PyArray2::from_owned_array(py, array))
+        let mut rows = Vec::with_capacity(shape.0 * shape.1);
+        rows.extend(self.list.queues_bits());
+        let mut add_row = EachSlot(|_: &SlotRecord, plant: &Plant| {
+            rows.extend_from_slice(plant.field().queues_bits());
+            Ok(())
+        });
+        py.detach(|| self.fly_again(&mut add_row)).map_err(of_mission)?;
+        Ok(Array2::from_shape_vec(shape, rows).expect("a row for each slot").into_pyarray(py))
     }
 
     /// Writes a run folder like ``skysink simulate``, and returns its path. ``force`` replaces an existing run.
@@ -271,15 +254,17 @@ impl PyRun {
     }
 
     /// For pickle and copy.
-    #[allow(clippy::type_complexity)]
-    fn __reduce__<'py>(
-        slf: &Bound<'py, Self>,
-    ) -> PyResult<(Bound<'py, PyAny>, (PyScenario, Option<String>, String, String))> {
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py, SavedRun>> {
         let run = slf.get();
-        let mut trace = TraceText::default();
-        slf.py().detach(|| run.fly_again(&mut trace)).map_err(of_mission)?;
+        let mut trace = String::new();
+        let mut lines = TraceHash::default();
+        let mut add_lines = EachSlot(|record: &SlotRecord, _: &Plant| {
+            trace.push_str(lines.write(&record.flights, &record.header)?);
+            Ok(())
+        });
+        slf.py().detach(|| run.fly_again(&mut add_lines)).map_err(of_mission)?;
         let summary = serde_json::to_string(&run.summary).expect("plain numbers and strings");
-        Ok((slf.get_type().getattr("_restore")?, (run.scenario.clone(), run.label.clone(), trace.text, summary)))
+        Ok((slf.get_type().getattr("_restore")?, (run.scenario.clone(), run.label.clone(), trace, summary)))
     }
 
     #[staticmethod]

@@ -15,7 +15,7 @@ use toml::{Table, Value};
 use crate::errors::refused;
 use crate::field::PyField;
 use crate::table::PyTable;
-use crate::values::{to_python, to_toml};
+use crate::values::{Reduced, json, to_toml};
 
 /// A validated scenario: mission, sensor field, channel and strategy.
 ///
@@ -57,7 +57,8 @@ impl PyScenario {
         SensorList::of(&self.scenario).map_err(refused)
     }
 
-    fn table(&self) -> Table {
+    /// All its keys, with defaults.
+    pub fn table(&self) -> Table {
         self.scenario.to_toml().parse().expect("it has just been written")
     }
 }
@@ -121,12 +122,12 @@ impl PyScenario {
             value =
                 value.get(part).ok_or_else(|| PyKeyError::new_err(format!("{key}: expected a key of a scenario")))?;
         }
-        to_python(py, value)
+        json(py, value)
     }
 
     /// All keys, including defaults.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        to_python(py, &Value::Table(self.table()))
+        json(py, &self.table())
     }
 
     /// All keys, including defaults, as the text of a scenario file.
@@ -156,7 +157,7 @@ impl PyScenario {
     }
 
     /// For pickle and copy: the text and the path.
-    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, (String, PathBuf))> {
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py, (String, PathBuf)>> {
         let this = slf.get();
         Ok((slf.get_type().getattr("parse")?, (this.text.clone(), this.scenario.path.clone())))
     }

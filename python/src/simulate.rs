@@ -1,7 +1,6 @@
 //! `skysink.simulate`: simulates a mission with a built-in or a Python strategy.
 
 use std::cell::Cell;
-use std::time::Instant;
 
 use pyo3::exceptions::PyRecursionError;
 use pyo3::prelude::*;
@@ -17,10 +16,13 @@ use skysink_planner::strategy::Registered;
 use crate::episode::plant;
 use crate::errors::{of_mission, refused};
 use crate::field::PyField;
-use crate::pilot::{PythonPilot, PythonPlanner};
+use crate::pilot::PyPlanMaker;
 use crate::run::{PyRun, RunRecorder};
 use crate::scenario::PyScenario;
 use crate::signals::interruptible;
+
+/// Maximum number of missions in each other, limited by the stack.
+const MAX_DEPTH: u32 = 10;
 
 /// Simulates a mission in this process, with a built-in strategy, given by name, or a Python strategy.
 #[pyfunction]
@@ -38,10 +40,13 @@ pub fn simulate(
     let planner = name.as_ref().map(|name| ("planner.strategy".to_owned(), name.as_str().into()));
     let scenario = scenario.get().with(seed.into_iter().chain(planner))?;
     let list = scenario.list()?;
-    match strategy.filter(|_| name.is_none()) {
-        Some(strategy) => by_python(py, scenario, list, strategy, label),
-        None => interruptible(py, |stop| by_registry(scenario, list, stop))?.map_err(of_mission),
-    }
+    let Some(strategy) = strategy.filter(|_| name.is_none()) else {
+        return interruptible(py, |stop| by_registry(scenario, list, stop))?.map_err(of_mission);
+    };
+    let label = label.map_or_else(|| strategy.get_type().name().map(|name| name.to_string()), Ok)?;
+    let mut recorder = RunRecorder::new(&scenario.scenario, &list);
+    let plant = drive_python(py, &scenario.scenario, &list, strategy.clone().unbind(), &mut recorder)?;
+    Ok(recorder.end(scenario, list, &plant, Some(label)))
 }
 
 /// Checks the label of a mission.
@@ -57,57 +62,8 @@ pub fn checked_label(text: &str) -> PyResult<String> {
 fn by_registry(scenario: PyScenario, list: SensorList, stop: &Stop) -> Result<PyRun, MissionError> {
     let mut mission = Mission::new(&scenario.scenario, &list)?;
     let mut recorder = RunRecorder::new(&scenario.scenario, &list);
-    let begin = Instant::now();
     mission.drive(&mut [&mut recorder], stop)?.unless_stopped()?;
-    Ok(recorder.end(scenario, list, mission.plant(), begin.elapsed(), None))
-}
-
-/// Counts nested missions: a strategy may simulate missions.
-struct Depth;
-
-impl Depth {
-    /// Maximum depth, limited by the stack.
-    const MOST: u32 = 10;
-
-    /// The depth on this thread.
-    fn on_thread(change: impl FnOnce(u32) -> u32) -> u32 {
-        thread_local!(static DEPTH: Cell<u32> = const { Cell::new(0) });
-        DEPTH.with(|depth| {
-            depth.set(change(depth.get()));
-            depth.get()
-        })
-    }
-
-    fn enter() -> PyResult<Self> {
-        let depth = Self::on_thread(|depth| depth + 1);
-        let entered = Self; // counts down when it is dropped
-        if depth > Self::MOST {
-            return Err(PyRecursionError::new_err("nested missions: expected a depth of at most ten"));
-        }
-        Ok(entered)
-    }
-}
-
-impl Drop for Depth {
-    fn drop(&mut self) {
-        Self::on_thread(|depth| depth - 1);
-    }
-}
-
-fn by_python(
-    py: Python<'_>,
-    scenario: PyScenario,
-    list: SensorList,
-    strategy: &Bound<'_, PyAny>,
-    label: Option<String>,
-) -> PyResult<PyRun> {
-    let _depth = Depth::enter()?;
-    let mut recorder = RunRecorder::new(&scenario.scenario, &list);
-    let begin = Instant::now();
-    let plant = drive_python(py, &scenario.scenario, &list, strategy.clone().unbind(), &mut recorder)?;
-    let wall = begin.elapsed();
-    let label = label.map_or_else(|| strategy.get_type().name().map(|name| name.to_string()), Ok)?;
-    Ok(recorder.end(scenario, list, &plant, wall, Some(label)))
+    Ok(recorder.end(scenario, list, mission.plant(), None))
 }
 
 /// Drives a mission with a Python strategy, and returns the plant after it.
@@ -119,7 +75,22 @@ pub fn drive_python(
     observer: &mut dyn Observer,
 ) -> PyResult<Plant> {
     let mut plant = plant(scenario, list)?;
-    let mut pilot = PythonPilot { py, planner: PythonPlanner::new(py, strategy, PyField::of(scenario, list))? };
-    drive(&mut plant, &mut pilot, &mut [observer], &Stop::default()).map_err(of_mission)?;
+    nested(|| {
+        let mut pilot = PyPlanMaker::new(py, strategy, Py::new(py, PyField::of(scenario, list))?)?;
+        drive(&mut plant, &mut pilot, &mut [observer], &Stop::default()).map_err(of_mission)
+    })?;
     Ok(plant)
+}
+
+/// Runs `work`, in which a strategy may simulate missions of its own. Refuses more than [`MAX_DEPTH`] in each other.
+fn nested<T>(work: impl FnOnce() -> PyResult<T>) -> PyResult<T> {
+    thread_local!(static DEPTH: Cell<u32> = const { Cell::new(0) });
+    let depth = DEPTH.get();
+    if depth == MAX_DEPTH {
+        return Err(PyRecursionError::new_err("nested missions: expected a depth of at most ten"));
+    }
+    DEPTH.set(depth + 1);
+    let result = work();
+    DEPTH.set(depth);
+    result
 }

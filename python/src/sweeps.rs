@@ -3,7 +3,6 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use arrow_array::RecordBatch;
 use pyo3::prelude::*;
 use skysink_common::sensors::SensorList;
 use skysink_lab::compare::{Contender, standings as of_contenders};
@@ -35,6 +34,10 @@ fn key((point, strategy, seed): Key) -> MissionKey {
     MissionKey { point, strategy, seed }
 }
 
+fn of_keys(keys: impl Iterator<Item = MissionKey>) -> Vec<Key> {
+    keys.map(|MissionKey { point, strategy, seed }| (point, strategy, seed)).collect()
+}
+
 fn row((mission, values): Row) -> PyResult<MissionRow> {
     let values = MetricValues::try_from(values).map_err(|_| refused("metrics of another version of Skysink"))?;
     Ok(MissionRow { key: key(mission), values })
@@ -64,9 +67,8 @@ impl PySweepPlan {
         seeds: Vec<u64>,
         external: Vec<(String, String)>,
     ) -> PyResult<Self> {
-        let scenario = &scenario.get().scenario;
-        let table = scenario.to_toml().parse::<Table>().expect("it has just been written");
-        let base = SweepBase { path: scenario.path.clone(), table };
+        let scenario = scenario.get();
+        let base = SweepBase { path: scenario.scenario.path.clone(), table: scenario.table() };
         let settings =
             SweepSettings { base, axes: Table::new(), strategies: names, seeds, external: strategies(external) };
         let sweep = Sweep::new(Path::new("comparison"), settings);
@@ -80,8 +82,7 @@ impl PySweepPlan {
 
     #[getter]
     fn missions(&self) -> Vec<Key> {
-        let missions = self.0.definition.missions(Shard::WHOLE);
-        missions.map(|MissionKey { point, strategy, seed }| (point, strategy, seed)).collect()
+        of_keys(self.0.definition.missions(Shard::WHOLE))
     }
 
     /// Opens and locks the folder of the sweep.
@@ -125,7 +126,7 @@ impl PySweepPlan {
     fn table(&self, journal: &SweepJournal) -> PyResult<PyTable> {
         let rows = journal.rows().collect::<Result<Vec<_>, _>>().map_err(of_lab)?;
         let columns = mission_columns(&self.0.definition, &rows);
-        RecordBatch::try_from_iter(columns).map(PyTable::of).map_err(refused)
+        PyTable::new(columns)
     }
 
     fn fly_python(&self, py: Python<'_>, key: MissionKey, strategy: Py<PyAny>) -> PyResult<MissionRow> {
@@ -145,8 +146,7 @@ pub struct PySweepRecord(Option<SweepRecord>);
 impl PySweepRecord {
     #[getter]
     fn missing(&self) -> Vec<Key> {
-        let missing = self.0.iter().flat_map(SweepRecord::missing);
-        missing.map(|MissionKey { point, strategy, seed }| (point, strategy, seed)).collect()
+        of_keys(self.0.iter().flat_map(SweepRecord::missing))
     }
 
     /// Adds a mission. When this returns, it survives a crash of the process.

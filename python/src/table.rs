@@ -14,10 +14,11 @@ use numpy::ndarray::ArrayView1;
 use numpy::{Element, PyArray1};
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
-use pyo3::types::{PyBytes, PyCapsule, PyList};
+use pyo3::types::{PyCapsule, PyList};
 
 use crate::errors::refused;
 use crate::field::read_only;
+use crate::values::Reduced;
 
 /// The name of the capsule in Arrow's interface.
 const STREAM: &CStr = c"arrow_array_stream";
@@ -33,11 +34,6 @@ impl PyTable {
     /// The table of these columns, all of one length.
     pub fn new(columns: Vec<(&str, ArrayRef)>) -> PyResult<Self> {
         RecordBatch::try_from_iter(columns).map(Self).map_err(refused)
-    }
-
-    /// The table of these rows.
-    pub fn of(rows: RecordBatch) -> Self {
-        Self(rows)
     }
 }
 
@@ -86,12 +82,12 @@ impl PyTable {
     }
 
     /// For pickle and copy: as Arrow's IPC stream.
-    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py, (Vec<u8>,)>> {
         let rows = &slf.get().0;
         let mut writer = StreamWriter::try_new(Vec::new(), &rows.schema()).map_err(refused)?;
         writer.write(rows).map_err(refused)?;
         let bytes = writer.into_inner().map_err(refused)?;
-        Ok((slf.get_type().getattr("_restore")?, (PyBytes::new(slf.py(), &bytes),)))
+        Ok((slf.get_type().getattr("_restore")?, (bytes,)))
     }
 
     #[staticmethod]

@@ -1,12 +1,15 @@
-//! Converts Python values to values of a scenario file, and back.
+//! Converts Python values to values of a scenario file, and results to Python values.
 
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
-use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyString};
+use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyString};
 use toml::Value;
 
 /// Maximum depth of nested lists and tables; no key has more.
 const MAX_DEPTH: usize = 8;
+
+/// What `__reduce__` returns, for pickle and copy: the function that creates the value, and its arguments.
+pub type Reduced<'py, T> = (Bound<'py, PyAny>, T);
 
 /// A value of a scenario: a number, text, or a list or table of them.
 ///
@@ -41,31 +44,6 @@ fn nested(value: &Bound<'_, PyAny>, depth: usize) -> PyResult<Value> {
     }
     let elements = value.try_iter().map_err(|_| wrong())?;
     Ok(Value::Array(elements.map(|element| inner(&element?)).collect::<PyResult<_>>()?))
-}
-
-/// The same for Python.
-///
-/// # Errors
-/// Those of the interpreter.
-pub fn to_python<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>> {
-    Ok(match value {
-        Value::String(text) => PyString::new(py, text).into_any(),
-        Value::Integer(number) => number.into_pyobject(py)?.into_any(),
-        Value::Float(number) => number.into_pyobject(py)?.into_any(),
-        Value::Boolean(value) => PyBool::new(py, *value).to_owned().into_any(),
-        Value::Datetime(time) => PyString::new(py, &time.to_string()).into_any(),
-        Value::Array(values) => {
-            let values = values.iter().map(|value| to_python(py, value)).collect::<PyResult<Vec<_>>>()?;
-            PyList::new(py, values)?.into_any()
-        }
-        Value::Table(table) => {
-            let dict = PyDict::new(py);
-            for (key, value) in table {
-                dict.set_item(key, to_python(py, value)?)?;
-            }
-            dict.into_any()
-        }
-    })
 }
 
 /// What serializes as JSON, as Python's dictionaries, lists and numbers.
