@@ -15,10 +15,7 @@ use indicatif::{HumanCount, ProgressBar, ProgressState, ProgressStyle};
 use serde::Serialize;
 use skysink_common::pace::Pace;
 #[cfg(feature = "lab")]
-use skysink_lab::{
-    optimize::{BestKnown, SearchEnd},
-    progress::LabProgress,
-};
+use skysink_lab::progress::LabProgress;
 use skysink_mission::latency::Spread;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::{Summary, Tally};
@@ -140,55 +137,6 @@ impl OutputForm {
     }
 }
 
-/// Prints the result of a search: the lower bound, the best known loss rate, and that of every strategy.
-///
-/// # Errors
-/// As [`print`].
-#[cfg(feature = "lab")]
-pub fn print_optimum(found: &BestKnown) -> Result<(), Error> {
-    let optimum = &found.optimum;
-    let best = optimum.best_known;
-    let mut table = table();
-    table.set_header(["", "η", "relative to best"]);
-    let ratio = |loss_rate: f64| match loss_rate / best.loss_rate {
-        ratio if ratio.is_finite() => format!("{ratio:.3}"),
-        _ => String::new(),
-    };
-    let mut row = |name: &str, loss_rate: f64| {
-        table.add_row([name.to_owned(), format!("{loss_rate:.6}"), ratio(loss_rate)]);
-    };
-    row("lower bound", optimum.loss_bound);
-    if let Some(expected) = optimum.expected_loss_bound {
-        row("expected lower bound", expected);
-    }
-    row("best known", best.loss_rate);
-    for standing in &optimum.strategies {
-        row(standing.strategy, standing.loss_rate);
-    }
-    print(with_numbers_right(table))?;
-    let done = HumanCount(optimum.steps_done);
-    let budget = HumanCount(optimum.steps);
-    let took = format!("{:.2} s", found.took.as_secs_f64());
-    let searched = match optimum.search_end {
-        SearchEnd::AllSteps => format!("Searched {done} steps in {took}, the whole budget."),
-        SearchEnd::Optimal => {
-            let reason = match optimum.loss_bound {
-                0.0 => "the plan loses nothing",
-                _ => "the best known flight reaches the lower bound",
-            };
-            format!("Searched {done} of up to {budget} steps in {took}: {reason}, so it is optimal.")
-        }
-        SearchEnd::ModelOptimal => {
-            let reason = "the plan is optimal in the search model (fractional bits, expected rates)";
-            format!("Searched {done} of up to {budget} steps in {took}: {reason}.")
-        }
-        SearchEnd::NothingInReach => {
-            "Nothing to search: no sensor node that can lose data can be reached in time.".to_owned()
-        }
-    };
-    print(format_args!("{searched} Repeat the search with --steps {}.", optimum.steps))
-}
-
 /// Prints the results of a run, its folder, and how to open the recording.
 ///
 /// # Errors
@@ -246,7 +194,7 @@ pub fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Error> {
     for (name, value) in rows {
         table.add_row([name, &value]);
     }
-    print(with_numbers_right(table))?;
+    print(with_numbers_from(1, table))?;
     print(format_args!("Run folder:      {}", folder.path().display()))?;
     if let Some(recording) = folder.recording_pattern() {
         let mut label = "Open recording:";
@@ -273,12 +221,6 @@ pub fn table() -> Table {
     table.load_style(presets::UTF8_BORDERS_ONLY);
     table.set_content_arrangement(ContentArrangement::Dynamic).set_width(TERMINAL_WIDTH);
     table
-}
-
-/// Aligns every column but the first to the right, and keeps its numbers on one line.
-#[must_use]
-pub fn with_numbers_right(table: Table) -> Table {
-    with_numbers_from(1, table)
 }
 
 /// Aligns the columns from index `first` on to the right, and keeps their numbers on one line.

@@ -7,6 +7,7 @@ use std::ops::ControlFlow;
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
+use clap::Args;
 use serde::Serialize;
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::error::InputError;
@@ -29,13 +30,18 @@ const TRIAL_STEPS: u64 = 100_000;
 /// Minimum duration of the trial in the computation of the speed.
 const MIN_TRIAL: Duration = Duration::from_millis(1);
 
+/// Maximum search time [s].
+const MAX_BUDGET_S: f64 = 1e6;
+
 /// The budget of the search.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Budget {
-    /// Search steps; the result is the same on every machine.
-    Steps(u64),
-    /// Time, converted to steps by a trial.
-    Time(Duration),
+#[derive(Debug, Clone, Copy, PartialEq, Args)]
+pub struct Budget {
+    /// Search time in seconds, or with a unit, for example 500ms, 60s, 5m or 1h.
+    #[arg(long = "budget", value_name = "TIME", default_value = "10s", value_parser = parse_time)]
+    pub time: Duration,
+    /// Number of search steps; replaces --budget.
+    #[arg(long, value_name = "N", conflicts_with = "time", value_parser = clap::value_parser!(u64).range(..=MAX_STEPS))]
+    pub steps: Option<u64>,
 }
 
 /// The result of the search, and the best known flight.
@@ -148,10 +154,7 @@ pub fn optimize(
     let others = || scenarios.iter().filter(|scenario| !is_offline(scenario));
     let offline = scenarios.iter().find(is_offline).expect("the mission with every strategy");
     let list = SensorList::of(offline)?;
-    let steps = match budget {
-        Budget::Steps(steps) => steps,
-        Budget::Time(time) => steps_in(time, offline, &list, stop)?,
-    };
+    let steps = budget.steps.map_or_else(|| steps_in(budget.time, offline, &list, stop), Ok)?;
     let offline = with_search(offline, steps)?;
     let fly_others = || others().map(|scenario| standing(scenario, None, &list, stop)).collect();
     let (searched, took, flown) = std::thread::scope(|scope| {
@@ -277,4 +280,20 @@ fn loss_rate(lost_bits: f64, scenario: &Scenario, list: &SensorList) -> f64 {
     let sampled_bps: f64 = list.sensors().iter().map(|sensor| sensor.sampling_bps).sum();
     let sampled_bits = sampled_bps * scenario.slot_s * scenario.slots as f64;
     if sampled_bits > 0.0 { lost_bits / sampled_bits } else { 0.0 }
+}
+
+/// Parses a time with its unit; without a unit, in seconds.
+fn parse_time(text: &str) -> Result<Duration, String> {
+    let digits = text.trim_end_matches(|character: char| character.is_ascii_alphabetic());
+    let unit_s = match &text[digits.len()..] {
+        "ms" => 1e-3,
+        "" | "s" => 1.0,
+        "m" => 60.0,
+        "h" => 3600.0,
+        _ => f64::NAN,
+    };
+    let seconds = digits.parse().map_or(f64::NAN, |number: f64| number * unit_s);
+    let is_allowed = seconds > 0.0 && seconds <= MAX_BUDGET_S;
+    let expected = "expected a time above 0, such as 500ms, 60s, 5m or 1h, at most 1000000s; steps are --steps N";
+    if is_allowed { Ok(Duration::from_secs_f64(seconds)) } else { Err(expected.to_owned()) }
 }

@@ -1,10 +1,8 @@
 //! `skysink merge`: arguments and printed results.
 
-use std::path::PathBuf;
-
 use clap::Args;
 use skysink_common::stop::Stop;
-use skysink_lab::sweep::merge::{Completeness, merge};
+use skysink_lab::sweep::merge::{Merge, merge};
 
 use crate::error::{Error, ended_early};
 use crate::report::print;
@@ -16,15 +14,8 @@ Examples:
   skysink merge area-1 area-2 --out area
   skysink merge area-shards/* --out area --partial    before all shards are done")]
 pub struct MergeCommand {
-    /// Output folders of the shards.
-    #[arg(required = true)]
-    shards: Vec<PathBuf>,
-    /// Output folder.
-    #[arg(long, value_name = "DIR")]
-    out: PathBuf,
-    /// Accept missing missions.
-    #[arg(long)]
-    partial: bool,
+    #[command(flatten)]
+    request: Merge,
 }
 
 impl MergeCommand {
@@ -33,9 +24,8 @@ impl MergeCommand {
     /// # Errors
     /// If a shard is refused or missing, something cannot be written, or on a stop.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
-        let Self { shards, out, partial } = self;
-        let completeness = if partial { Completeness::Partial } else { Completeness::Whole };
-        let merged = merge(&shards, &out, completeness, stop);
+        let Merge { out, .. } = &self.request;
+        let merged = merge(&self.request, stop);
         let merged = merged.map_err(|error| ended_early(error, "the shards are unchanged"))?;
         print(format_args!("{} missions: {}", merged.journal.count(), out.join("results.csv").display()))?;
         match merged.missing {

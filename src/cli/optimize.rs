@@ -1,21 +1,20 @@
-//! `skysink optimize`: arguments.
+//! `skysink optimize`: arguments and printed results.
 
 use std::path::PathBuf;
-use std::time::Duration;
 
 use clap::Args;
+use indicatif::HumanCount;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
-use skysink_lab::optimize::{Budget, optimize};
+use skysink_lab::optimize::{BestKnown, Budget, SearchEnd, optimize};
 use skysink_mission::record::RunFolder;
 use skysink_planner::settings;
 use skysink_planner::strategies::STRATEGIES;
-use skysink_planner::strategies::offline::MAX_STEPS;
 use skysink_planner::strategy::Registered;
 
 use crate::error::{Error, ended_early};
 use crate::options::{Changes, NewFolder, RecordingOptions};
-use crate::report::{OutputForm, TerminalProgress, print_optimum, print_run};
+use crate::report::{OutputForm, TerminalProgress, print, print_run, table, with_numbers_from};
 use crate::simulate::{Simulation, simulate};
 
 /// Search for the flight with the least data loss and compare all strategies with it.
@@ -31,12 +30,8 @@ flight on every machine; --budget is converted to steps by a short trial.")]
 pub struct OptimizeCommand {
     /// Scenario file.
     scenario: PathBuf,
-    /// Search time in seconds, or with a unit, for example 500ms, 60s, 5m or 1h.
-    #[arg(long, value_name = "TIME", default_value = "10s", value_parser = parse_time)]
-    budget: Duration,
-    /// Number of search steps; replaces --budget.
-    #[arg(long, value_name = "N", conflicts_with = "budget", value_parser = clap::value_parser!(u64).range(..=MAX_STEPS))]
-    steps: Option<u64>,
+    #[command(flatten)]
+    budget: Budget,
     #[command(flatten)]
     changes: Changes,
     #[command(flatten)]
@@ -58,9 +53,8 @@ impl OptimizeCommand {
             Scenario::read(&self.scenario, overrides).and_then(settings::resolve)
         };
         let scenarios = STRATEGIES.iter().copied().map(scenario_of).collect::<Result<Vec<_>, _>>()?;
-        let Self { budget, steps, folder, recording, form, .. } = self;
+        let Self { budget, folder, recording, form, .. } = self;
         RunFolder::check(folder.out.as_deref(), folder.earlier())?;
-        let budget = steps.map_or(Budget::Time(budget), Budget::Steps);
         let found = optimize(&scenarios, budget, stop, &TerminalProgress::of_steps());
         let left = "nothing was written; run the command again, with a smaller --budget to end earlier";
         let found = found.map_err(|error| ended_early(error, left))?;
@@ -74,21 +68,47 @@ impl OptimizeCommand {
     }
 }
 
-/// Maximum search time [s].
-const MAX_BUDGET_S: f64 = 1e6;
-
-/// Parses a time with its unit; without a unit, in seconds.
-fn parse_time(text: &str) -> Result<Duration, String> {
-    let digits = text.trim_end_matches(|character: char| character.is_ascii_alphabetic());
-    let unit_s = match &text[digits.len()..] {
-        "ms" => 1e-3,
-        "" | "s" => 1.0,
-        "m" => 60.0,
-        "h" => 3600.0,
-        _ => f64::NAN,
+/// Prints the result of a search: the lower bound, the best known loss rate, and that of every strategy.
+fn print_optimum(found: &BestKnown) -> Result<(), Error> {
+    let optimum = &found.optimum;
+    let best = optimum.best_known;
+    let mut table = table();
+    table.set_header(["", "η", "relative to best"]);
+    let ratio = |loss_rate: f64| match loss_rate / best.loss_rate {
+        ratio if ratio.is_finite() => format!("{ratio:.3}"),
+        _ => String::new(),
     };
-    let seconds = digits.parse().map_or(f64::NAN, |number: f64| number * unit_s);
-    let is_allowed = seconds > 0.0 && seconds <= MAX_BUDGET_S;
-    let expected = "expected a time above 0, such as 500ms, 60s, 5m or 1h, at most 1000000s; steps are --steps N";
-    if is_allowed { Ok(Duration::from_secs_f64(seconds)) } else { Err(expected.to_owned()) }
+    let mut row = |name: &str, loss_rate: f64| {
+        table.add_row([name.to_owned(), format!("{loss_rate:.6}"), ratio(loss_rate)]);
+    };
+    row("lower bound", optimum.loss_bound);
+    if let Some(expected) = optimum.expected_loss_bound {
+        row("expected lower bound", expected);
+    }
+    row("best known", best.loss_rate);
+    for standing in &optimum.strategies {
+        row(standing.strategy, standing.loss_rate);
+    }
+    print(with_numbers_from(1, table))?;
+    let done = HumanCount(optimum.steps_done);
+    let budget = HumanCount(optimum.steps);
+    let took = format!("{:.2} s", found.took.as_secs_f64());
+    let searched = match optimum.search_end {
+        SearchEnd::AllSteps => format!("Searched {done} steps in {took}, the whole budget."),
+        SearchEnd::Optimal => {
+            let reason = match optimum.loss_bound {
+                0.0 => "the plan loses nothing",
+                _ => "the best known flight reaches the lower bound",
+            };
+            format!("Searched {done} of up to {budget} steps in {took}: {reason}, so it is optimal.")
+        }
+        SearchEnd::ModelOptimal => {
+            let reason = "the plan is optimal in the search model (fractional bits, expected rates)";
+            format!("Searched {done} of up to {budget} steps in {took}: {reason}.")
+        }
+        SearchEnd::NothingInReach => {
+            "Nothing to search: no sensor node that can lose data can be reached in time.".to_owned()
+        }
+    };
+    print(format_args!("{searched} Repeat the search with --steps {}.", optimum.steps))
 }

@@ -11,7 +11,7 @@ use skysink_mission::record::is_run_folder;
 use skysink_ring::role::Role;
 
 use crate::error::Error;
-use crate::report::{print, table, with_numbers_right};
+use crate::report::{print, table, with_numbers_from};
 
 /// Plot a metric of a sweep against one of its keys, with confidence intervals and tables, or map trajectories.
 #[derive(Debug, Args)]
@@ -94,7 +94,7 @@ fn print_points(drawn: &DrawnPlot) -> Result<(), Error> {
         table.add_row([shown, &point.label, value, &point.n.to_string()]);
         last = x;
     }
-    print(with_numbers_right(table))?;
+    print(with_numbers_from(1, table))?;
     drawn.files.iter().try_for_each(|file| print(file.display()))
 }
 
@@ -106,6 +106,6 @@ fn print_runs(drawn: &DrawnMaps) -> Result<(), Error> {
         let name = run.run.display().to_string();
         table.add_row([name, run.strategy.clone(), format!("{:.4}", run.loss_rate), run.slots.to_string()]);
     }
-    print(with_numbers_right(table))?;
+    print(with_numbers_from(1, table))?;
     drawn.files.iter().try_for_each(|file| print(file.display()))
 }

@@ -4,7 +4,7 @@ use skysink_lab::compare::{Contender, MetricStanding};
 use skysink_lab::metrics::Metric;
 
 use crate::error::Error;
-use crate::report::{print, table, with_numbers_right};
+use crate::report::{print, table, with_numbers_from};
 
 /// A column: its heading, and one cell per contender.
 struct Column {
@@ -72,7 +72,7 @@ fn rows(labels: &[&str], columns: &[Column]) -> comfy_table::Table {
     for (row, label) in labels.iter().enumerate() {
         table.add_row([*label].into_iter().chain(columns.iter().map(|column| column.cells[row].as_str())));
     }
-    with_numbers_right(table)
+    with_numbers_from(1, table)
 }
 
 fn interval([low, high]: [f64; 2]) -> Option<String> {

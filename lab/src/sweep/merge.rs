@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use clap::Args;
 use skysink_common::error::InputError;
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
@@ -16,13 +17,18 @@ use super::shard::Shard;
 use crate::error::LabError;
 use crate::metrics::Metric;
 
-/// Whether missions may be missing.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Completeness {
-    /// Missing missions are an error.
-    Whole,
-    /// Missing missions are accepted.
-    Partial,
+/// The parameters of a merge.
+#[derive(Debug, Args)]
+pub struct Merge {
+    /// Output folders of the shards.
+    #[arg(required = true)]
+    pub shards: Vec<PathBuf>,
+    /// Output folder.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Accept missing missions.
+    #[arg(long)]
+    pub partial: bool,
 }
 
 /// A merged sweep.
@@ -34,15 +40,15 @@ pub struct Merged {
     pub missing: Option<String>,
 }
 
-/// Merges the shards of a sweep into `out`.
+/// Merges the shards of a sweep.
 ///
 /// # Errors
-/// If the shards belong to different sweeps or contradict each other, if missions are missing without
-/// [`Completeness::Partial`], or on a stop.
+/// If the shards belong to different sweeps or contradict each other, if missions are missing and it is not partial, or
+/// on a stop.
 ///
 /// # Panics
-/// If `shards` is empty.
-pub fn merge(shards: &[PathBuf], out: &Path, completeness: Completeness, stop: &Stop) -> Result<Merged, LabError> {
+/// If there are no shards.
+pub fn merge(Merge { shards, out, partial }: &Merge, stop: &Stop) -> Result<Merged, LabError> {
     let mut folders = BTreeSet::new();
     let mut first: Option<Shards> = None;
     for path in shards {
@@ -63,7 +69,7 @@ pub fn merge(shards: &[PathBuf], out: &Path, completeness: Completeness, stop: &
         return Err(InputError::new("shard", &shards[0], "no shard contains a mission: run them first").into());
     };
     let missing = found.missing();
-    if let (Completeness::Whole, Some(missing)) = (completeness, &missing) {
+    if let (false, Some(missing)) = (partial, &missing) {
         return Err(InputError::new("sweep folder", out, format_args!("{missing}, or pass --partial")).into());
     }
     let mut record = SweepRecord::of(Manifest { shard: Shard::WHOLE, definition: found.definition.clone() }, out)?;
