@@ -5,7 +5,7 @@ use super::xml;
 
 /// Reads the text of a file.
 pub fn read(text: &str) -> Result<Imported, String> {
-    xml::check(text, "GPX", None)?;
+    xml::check(text, "GPX")?;
     let file = ::gpx::read(text.as_bytes()).map_err(|error| format!("{}: expected a GPX file", with_causes(&error)))?;
     let points = file.waypoints.iter().map(|waypoint| [waypoint.point().y(), waypoint.point().x()]).collect();
     Imported::geodetic(FoundPoints { points, ignored: file.tracks.len() + file.routes.len() })

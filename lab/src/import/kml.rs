@@ -2,63 +2,18 @@
 
 use ::kml::types::Geometry;
 use ::kml::{Kml, KmlReader};
-use quick_xml::Reader;
-use quick_xml::events::Event;
 
 use super::imported::{FoundPoints, Imported, with_causes};
 use super::xml;
 
-/// Elements with a position that are not points.
-const NO_POINTS: [&[u8]; 11] = [
-    b"LineString",
-    b"LinearRing",
-    b"Polygon",
-    b"Model",
-    b"Track",
-    b"MultiTrack",
-    b"Tour",
-    b"NetworkLink",
-    b"GroundOverlay",
-    b"PhotoOverlay",
-    b"ScreenOverlay",
-];
-
 /// Reads the text of a file.
 pub fn read(text: &str) -> Result<Imported, String> {
     let refuse = |error: ::kml::Error| format!("{}: expected a KML file", with_causes(&error));
-    xml::check(text, "KML", Some("Point"))?;
+    let ignored = xml::check(text, "KML")?;
     let file: Kml<f64> = KmlReader::from_string(text).read().map_err(refuse)?;
-    let mut found = FoundPoints { points: Vec::new(), ignored: items_without_point(text)? };
+    let mut found = FoundPoints { points: Vec::new(), ignored };
     found.add_element(&file);
     Imported::geodetic(found)
-}
-
-/// The number of items without a point: lines and the like, and empty placemarks. The KML reader omits some of them.
-fn items_without_point(text: &str) -> Result<usize, String> {
-    let mut reader = Reader::from_str(text);
-    let mut open: Vec<(Vec<u8>, bool)> = Vec::new(); // name, and whether it contains an item with a position
-    let mut items = 0;
-    loop {
-        let event = reader.read_event().map_err(|error| format!("{error}: expected a KML file"))?;
-        if let Event::Start(element) | Event::Empty(element) = &event {
-            let name = element.local_name().as_ref().to_vec();
-            let is_item = NO_POINTS.contains(&&name[..]);
-            let is_within_item = open.iter().any(|(above, _)| NO_POINTS.contains(&&above[..]));
-            items += usize::from(is_item && !is_within_item);
-            if is_item || name == b"Point" {
-                open.iter_mut().for_each(|(_, has_place)| *has_place = true);
-            }
-            open.push((name, false));
-        }
-        match event {
-            Event::Empty(_) | Event::End(_) => {
-                let is_empty_placemark = |(name, has_place): (Vec<u8>, bool)| name == b"Placemark" && !has_place;
-                items += usize::from(open.pop().is_some_and(is_empty_placemark));
-            }
-            Event::Eof => return Ok(items),
-            _ => {}
-        }
-    }
 }
 
 impl FoundPoints {

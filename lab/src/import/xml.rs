@@ -1,4 +1,5 @@
-//! Checks that the readers of KML and GPX lack: they hang on truncated files or accept them, and have no depth limit.
+//! Checks that the readers of KML and GPX lack: they hang on truncated files or accept them, have no depth limit, and
+//! omit some items without a point.
 
 use quick_xml::Reader;
 use quick_xml::events::Event;
@@ -6,29 +7,64 @@ use quick_xml::events::Event;
 /// Maximum depth of nested elements.
 const MOST_NESTED: usize = 200;
 
-/// Refuses incomplete XML, elements that are nested too deep, and elements `point` without text. `format` is the
-/// expected format.
-pub fn check(text: &str, format: &str, point: Option<&str>) -> Result<(), String> {
+/// Elements of KML with a position that are not points.
+const NO_POINTS: [&[u8]; 11] = [
+    b"LineString",
+    b"LinearRing",
+    b"Polygon",
+    b"Model",
+    b"Track",
+    b"MultiTrack",
+    b"Tour",
+    b"NetworkLink",
+    b"GroundOverlay",
+    b"PhotoOverlay",
+    b"ScreenOverlay",
+];
+
+/// An element whose end has not been read.
+struct OpenElement {
+    name: Vec<u8>,
+    has_text: bool,
+    /// Whether it contains an item with a position.
+    has_place: bool,
+}
+
+/// Refuses incomplete XML, elements that are nested too deep, and points of KML without coordinates. `format` is the
+/// expected format. Returns the number of items of KML without a point: lines and the like, and empty placemarks.
+pub fn check(text: &str, format: &str) -> Result<usize, String> {
     let mut reader = Reader::from_str(text);
-    let mut open: Vec<(Vec<u8>, bool)> = Vec::new(); // name, and whether it contains text
-    let is_point = |name: &[u8]| point.is_some_and(|point| point.as_bytes() == name);
-    let refuse = || Err(format!("{} without coordinates: expected a position", point.unwrap_or_default()));
+    let mut open: Vec<OpenElement> = Vec::new();
+    let mut items = 0;
     loop {
-        match reader.read_event().map_err(|error| format!("{error}: expected a {format} file"))? {
-            Event::Start(begin) => open.push((begin.local_name().as_ref().to_vec(), false)),
-            Event::Empty(element) if is_point(element.local_name().as_ref()) => return refuse(),
-            Event::Text(text) if !text.trim_ascii().is_empty() => {
-                open.iter_mut().for_each(|(_, has_text)| *has_text = true);
+        let event = reader.read_event().map_err(|error| format!("{error}: expected a {format} file"))?;
+        match &event {
+            Event::Start(element) | Event::Empty(element) => {
+                let name = element.local_name().as_ref().to_vec();
+                let is_item = NO_POINTS.contains(&&name[..]);
+                let is_within_item = open.iter().any(|above| NO_POINTS.contains(&&above.name[..]));
+                items += usize::from(is_item && !is_within_item);
+                if is_item || name == b"Point" {
+                    open.iter_mut().for_each(|above| above.has_place = true);
+                }
+                open.push(OpenElement { name, has_text: false, has_place: false });
             }
-            Event::End(_) => match open.pop() {
-                Some((name, false)) if is_point(&name) => return refuse(),
-                _ => {}
-            },
+            Event::Text(text) if !text.trim_ascii().is_empty() => {
+                open.iter_mut().for_each(|above| above.has_text = true);
+            }
             Event::Eof if !open.is_empty() => {
                 return Err(format!("it ends within an element: expected a complete {format} file"));
             }
-            Event::Eof => return Ok(()),
+            Event::Eof => return Ok(items),
             _ => {}
+        }
+        if let Event::Empty(_) | Event::End(_) = event
+            && let Some(OpenElement { name, has_text, has_place }) = open.pop()
+        {
+            if name == b"Point" && !has_text && format == "KML" {
+                return Err("Point without coordinates: expected a position".to_owned());
+            }
+            items += usize::from(name == b"Placemark" && !has_place);
         }
         if open.len() > MOST_NESTED {
             return Err(format!("elements nested deeper than {MOST_NESTED}: expected fewer"));
