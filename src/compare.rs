@@ -52,32 +52,49 @@ pub struct CompareCommand {
     json: bool,
 }
 
-/// The strategies or runs to compare.
-enum Compared {
-    Strategies(ComparedStrategies),
-    /// The folders of finished runs.
-    Runs(Vec<PathBuf>),
-}
-
 impl CompareCommand {
     /// Simulates missing missions, prints the standings, and writes a recording.
     ///
     /// # Errors
     /// If an input is refused, a file cannot be written, or on a stop.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
-        match self.compared()? {
-            Compared::Strategies(compared) => {
-                let sweep = compared.sweep()?;
-                let out = self.out.clone().unwrap_or_else(|| folder::of_strategies(&sweep, &compared.scenario));
-                let shown = compared.contenders(&sweep, &out, stop)?;
-                self.write(&shown, &[], &out, stop)
-            }
-            Compared::Runs(folders) => {
-                let shown = read_runs(&folders, stop)?;
-                let folder = folder::make_for_runs(&folders, self.out.as_deref())?;
-                self.write(&shown, &differing_keys(&shown), folder.path(), stop)
-            }
+        if self.what[0].is_dir() { self.compare_runs(stop) } else { self.compare_strategies(stop) }
+    }
+
+    /// Compares finished runs.
+    fn compare_runs(&self, stop: &Stop) -> Result<(), Error> {
+        if self.seeds.is_some() || self.changes.overrides() != Overrides::default() {
+            let message =
+                "--seeds, --seed, --set: expected none of them with run folders, whose missions are already flown";
+            return Err(Error::Usage(message.to_owned()));
         }
+        if self.what.len() < 2 {
+            let message = format!("{}: expected the folders of two runs or more", self.what[0].display());
+            return Err(Error::Usage(message));
+        }
+        let shown = read_runs(&self.what, stop)?;
+        let folder = folder::make_for_runs(&self.what, self.out.as_deref())?;
+        self.write(&shown, &differing_keys(&shown), folder.path(), stop)
+    }
+
+    /// Compares strategies over the fields of a scenario.
+    fn compare_strategies(&self, stop: &Stop) -> Result<(), Error> {
+        let strategies = self.what[1..].iter().map(|name| find_strategy(name)).collect::<Result<Vec<_>, _>>()?;
+        if strategies.len() < 2 {
+            let expected = "expected a scenario file with two strategies or more behind it, or folders of runs";
+            let message = format!("{}: {expected}", self.what[0].display());
+            return Err(Error::Usage(message));
+        }
+        let compared = ComparedStrategies {
+            scenario: self.what[0].clone(),
+            overrides: self.changes.overrides(),
+            strategies,
+            seeds: self.seeds.unwrap_or(SEEDS),
+        };
+        let sweep = compared.sweep()?;
+        let out = self.out.clone().unwrap_or_else(|| folder::of_strategies(&sweep, &compared.scenario));
+        let shown = compared.contenders(&sweep, &out, stop)?;
+        self.write(&shown, &[], &out, stop)
     }
 
     /// Writes the standings and the recording into the folder `out`, and prints the keys that differ and the standings.
@@ -109,33 +126,6 @@ impl CompareCommand {
             print(format_args!("Open recording:  skysink view {}", out.join(RECORDING).display()))?;
         }
         Ok(())
-    }
-
-    /// The strategies or runs that the arguments name.
-    fn compared(&self) -> Result<Compared, Error> {
-        let overrides = self.changes.overrides();
-        if self.what[0].is_dir() {
-            if self.seeds.is_some() || overrides != Overrides::default() {
-                let message =
-                    "--seeds, --seed, --set: expected none of them with run folders, whose missions are already flown";
-                return Err(Error::Usage(message.to_owned()));
-            }
-            if self.what.len() < 2 {
-                let message = format!("{}: expected the folders of two runs or more", self.what[0].display());
-                return Err(Error::Usage(message));
-            }
-            Ok(Compared::Runs(self.what.clone()))
-        } else {
-            let strategies = self.what[1..].iter().map(|name| find_strategy(name)).collect::<Result<Vec<_>, _>>()?;
-            if strategies.len() < 2 {
-                let expected = "expected a scenario file with two strategies or more behind it, or folders of runs";
-                let message = format!("{}: {expected}", self.what[0].display());
-                return Err(Error::Usage(message));
-            }
-            let seeds = self.seeds.unwrap_or(SEEDS);
-            let scenario = self.what[0].clone();
-            Ok(Compared::Strategies(ComparedStrategies { scenario, overrides, strategies, seeds }))
-        }
     }
 }
 

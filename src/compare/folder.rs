@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use serde::{Deserialize, Serialize};
+use serde_json::json;
 use skysink_common::error::InputError;
 use skysink_lab::sweep::plan::Sweep;
 use skysink_mission::error::FileContext;
@@ -20,7 +20,7 @@ pub const STANDINGS: &str = "comparison.json";
 /// File name of the recording.
 pub const RECORDING: &str = "comparison.rrd";
 
-/// Lists the compared runs. For strategies, `sweep.json` is the manifest.
+/// Lists the compared runs by their absolute paths. For strategies, `sweep.json` is the manifest.
 const MANIFEST: &str = "runs.json";
 
 /// The files of a comparison of runs.
@@ -29,23 +29,6 @@ static LAYOUT: FolderLayout =
 
 /// Maximum length of the names in the folder name [characters].
 const MAX_NAME: usize = 120;
-
-/// The absolute paths of the compared runs.
-#[derive(Debug, PartialEq, Serialize, Deserialize)]
-struct ComparedRuns {
-    runs: Vec<String>,
-}
-
-impl ComparedRuns {
-    fn of(folders: &[PathBuf]) -> Result<Self, Error> {
-        let absolute = |folder: &PathBuf| Ok(fs::canonicalize(folder).at(folder)?.to_string_lossy().into_owned());
-        Ok(Self { runs: folders.iter().map(absolute).collect::<Result<_, Error>>()? })
-    }
-
-    fn to_json(&self) -> String {
-        serde_json::to_string_pretty(self).expect("plain strings") + "\n"
-    }
-}
 
 /// The default folder for a comparison of strategies.
 pub fn of_strategies(sweep: &Sweep, scenario: &Path) -> PathBuf {
@@ -61,7 +44,9 @@ pub fn of_strategies(sweep: &Sweep, scenario: &Path) -> PathBuf {
 /// # Errors
 /// If the folder contains other files, is in use by another process, or cannot be created.
 pub fn make_for_runs(runs: &[PathBuf], out: Option<&Path>) -> Result<OutputFolder, Error> {
-    let text = ComparedRuns::of(runs)?.to_json();
+    let absolute = |run: &PathBuf| Ok(fs::canonicalize(run).at(run)?.to_string_lossy().into_owned());
+    let absolute = runs.iter().map(absolute).collect::<Result<Vec<_>, Error>>()?;
+    let text = format!("{:#}\n", json!({ "runs": absolute }));
     let identity = format!("{:016x}", xxh3_64(text.as_bytes()));
     let default = || default_folder(&runs.iter().map(|run| name_of(run)).collect::<Vec<_>>(), &identity);
     let out = out.map_or_else(default, Path::to_owned);
