@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use skysink_common::stop::Stop;
-use skysink_lab::sweep::estimate::{SweepEstimate, estimate};
+use skysink_lab::sweep::estimate::estimate;
 use skysink_lab::sweep::plan::Sweep;
 use skysink_lab::sweep::shard::Shard;
 use skysink_lab::sweep::{SweepTask, sweep};
@@ -71,15 +71,15 @@ impl SweepCommand {
 
 /// Prints the size of a sweep and its estimated time.
 fn print_plan(sweep: &Sweep, stop: &Stop) -> Result<(), Error> {
-    let estimate = estimate(sweep, stop).map_err(|error| ended_early(error, "nothing was flown"))?;
-    let SweepEstimate { missions, cpu_s, mission_s } = &estimate;
-    let [points, seeds, fields] =
-        [sweep.definition.points.len(), sweep.definition.seeds.len(), sweep.definition.fields()];
+    let mission_s = estimate(sweep, stop).map_err(|error| ended_early(error, "nothing was flown"))?;
+    let definition = &sweep.definition;
+    let [points, seeds, fields] = [definition.points.len(), definition.seeds.len(), definition.fields()];
     print(format_args!("Points:    {points}, with {seeds} seeds: {fields} fields"))?;
-    print(format_args!("Missions:  {missions}, of {} strategies", mission_s.len()))?;
-    for (name, each_s) in mission_s {
+    print(format_args!("Missions:  {}, of {} strategies", definition.mission_count(), mission_s.len()))?;
+    for (name, each_s) in definition.strategies.iter().zip(&mission_s) {
         print(format_args!("  {name:<20} {each_s:>12.4} s each"))?;
     }
+    let cpu_s: f64 = mission_s.iter().map(|each_s| each_s * fields as f64).sum();
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     print(format_args!("CPU time:  about {cpu_s:.1} s, {:.1} s on {cores} cores", cpu_s / cores as f64))
 }

@@ -60,12 +60,6 @@ impl Definition {
         let exists = point < self.points.len() && strategy < self.strategies.len();
         exists.then(|| (point * self.strategies.len() + strategy) * self.seeds.len() + seed)
     }
-
-    /// Whether the sweep contains this mission.
-    #[must_use]
-    pub fn contains(&self, mission: MissionKey) -> bool {
-        self.index(mission).is_some()
-    }
 }
 
 /// One mission of a sweep. The order is that of the results.

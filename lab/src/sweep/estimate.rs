@@ -13,33 +13,21 @@ use crate::error::LabError;
 /// Duration of a trial, after its first slot.
 const TRIAL: Duration = Duration::from_secs(1);
 
-/// The estimated duration of a sweep.
-#[derive(Debug, Clone, PartialEq)]
-pub struct SweepEstimate {
-    /// Number of missions.
-    pub missions: usize,
-    /// CPU time of all missions [s].
-    pub cpu_s: f64,
-    /// Names of the strategies, each with the mean duration of its missions [s].
-    pub mission_s: Vec<(String, f64)>,
-}
-
-/// Estimates the duration by trials at the first and the last point of the sweep. A trial simulates the first slot, in
-/// which a strategy may do a long search, and then further slots for at most `TRIAL`.
+/// Estimates the mean duration of the missions of each strategy [s], by trials at the first and the last point of the
+/// sweep. A trial simulates the first slot, in which a strategy may do a long search, and then further slots for at most
+/// `TRIAL`.
 ///
 /// # Errors
 /// If a mission is refused, or on a stop.
-pub fn estimate(sweep: &Sweep, stop: &Stop) -> Result<SweepEstimate, LabError> {
+pub fn estimate(sweep: &Sweep, stop: &Stop) -> Result<Vec<f64>, LabError> {
     let definition = &sweep.definition;
-    let mut mission_s = Vec::new();
-    for (strategy, name) in definition.strategies.iter().enumerate() {
+    let mean_s = |strategy: usize| {
         let trial = |point: usize| trial(sweep, MissionKey { point, strategy, seed: definition.seeds[0] }, stop);
         let last = definition.points.len() - 1;
         let first_s = trial(0)?;
-        mission_s.push((name.clone(), if last == 0 { first_s } else { (first_s + trial(last)?) / 2.0 }));
-    }
-    let cpu_s = mission_s.iter().map(|(_, each_s)| each_s * definition.fields() as f64).sum();
-    Ok(SweepEstimate { missions: definition.mission_count(), cpu_s, mission_s })
+        Ok(if last == 0 { first_s } else { (first_s + trial(last)?) / 2.0 })
+    };
+    (0..definition.strategies.len()).map(mean_s).collect()
 }
 
 /// The estimated duration of a mission [s].

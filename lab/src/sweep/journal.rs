@@ -200,9 +200,8 @@ impl Iterator for JournalLines<'_> {
             None if line.len() < MAX_LINE => return None,
             None => Err(format!("expected at most {MAX_LINE} bytes")),
         };
-        let row = row.and_then(|row| match self.definition.contains(row.key) {
-            true => Ok(row),
-            false => Err("expected a mission of the sweep".to_owned()),
+        let row = row.and_then(|row| {
+            self.definition.index(row.key).map(|_| row).ok_or_else(|| "expected a mission of the sweep".to_owned())
         });
         let quoted = String::from_utf8_lossy(&line);
         let refuse = |message| InputError::line("sweep journal", self.path, self.number, &quoted, message).into();

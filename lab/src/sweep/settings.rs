@@ -74,15 +74,14 @@ impl SweepSettings {
     /// # Errors
     /// If the file, its scenario or the number of seeds is refused.
     pub fn read(path: &Path, external: Vec<ExternalStrategy>) -> Result<Self, LabError> {
+        let refuse = |what: &str| Err(InputError::new("sweep", path, what).into());
         if path.is_dir() {
-            let what = "it is a folder: expected a sweep file, and the folder as --out";
-            return Err(InputError::new("sweep", path, what).into());
+            return refuse("it is a folder: expected a sweep file, and the folder as --out");
         }
         let text = read_text("sweep", path)?;
         let is_scenario = text.parse::<toml::Table>().is_ok_and(|table| table.contains_key("name"));
         if is_scenario {
-            let what = "it is a scenario: expected a sweep (use skysink simulate for this file)";
-            return Err(InputError::new("sweep", path, what).into());
+            return refuse("it is a scenario: expected a sweep (use skysink simulate for this file)");
         }
         let file: SweepFile = toml::from_str(&text).map_err(|error| InputError::toml("sweep", path, &text, &error))?;
         let base_path = path.parent().unwrap_or(Path::new("")).join(&file.scenario);
@@ -92,13 +91,9 @@ impl SweepSettings {
         let base = SweepBase { path: base_path, table };
         let seeds = match file.seeds {
             Seeds::Count(count) if count > MAX_MISSIONS as u64 => {
-                let what = format!("seeds = {count}: expected at most {MAX_MISSIONS}");
-                return Err(InputError::new("sweep", path, what).into());
+                return refuse(&format!("seeds = {count}: expected at most {MAX_MISSIONS}"));
             }
-            Seeds::Count(0) => {
-                let what = "seeds = 0: expected 1 or more, or a list of seeds";
-                return Err(InputError::new("sweep", path, what).into());
-            }
+            Seeds::Count(0) => return refuse("seeds = 0: expected 1 or more, or a list of seeds"),
             Seeds::Count(count) => (1..=count).collect(),
             Seeds::List(list) => list,
         };
