@@ -65,11 +65,7 @@ fn numbered(first: &Path, number: u32) -> PathBuf {
     }
     let mut name = first.file_stem().unwrap_or_default().to_owned();
     name.push(format!("-{number}"));
-    if let Some(extension) = first.extension() {
-        name.push(".");
-        name.push(extension);
-    }
-    first.with_file_name(name)
+    first.with_file_name(name).with_added_extension(first.extension().unwrap_or_default())
 }
 
 /// Whether a file ends with the footer of a closed recording.

@@ -87,17 +87,17 @@ pub struct Exported {
 pub fn export(export: &Export, stop: &Stop) -> Result<Exported, LabError> {
     let run = RecordedRun::read(&export.run, stop)?;
     let track = || Ok::<_, LabError>(GeodeticTrack::new(&run, origin(&run.scenario, export.origin)?)?);
+    let refuse = |option: &str, what: &str| {
+        let message = format_args!("{option}: {} has no {what}: omit this option", export.format.name);
+        Err(InputError::new("run folder", &export.run, message).into())
+    };
     let has_items = matches!(export.format.write, WriteFormat::Mission(..));
     if export.most_items.is_some() && !has_items {
-        let message = format_args!("--most-items: {} has no mission items: omit this option", export.format.name);
-        return Err(InputError::new("run folder", &export.run, message).into());
+        return refuse("--most-items", "mission items");
     }
     let counts = format!("{} slots, {} sensor nodes → 1 file", run.slots.len(), run.list.sensors().len());
     let (summary, texts) = match export.format.write {
-        WriteFormat::Slots(_) if export.origin.is_some() => {
-            let message = format_args!("--origin: {} has no coordinates: omit this option", export.format.name);
-            return Err(InputError::new("run folder", &export.run, message).into());
-        }
+        WriteFormat::Slots(_) if export.origin.is_some() => return refuse("--origin", "coordinates"),
         WriteFormat::Slots(write) => (counts, vec![write(&run)]),
         WriteFormat::Flight(write) => (counts, vec![write(&track()?)]),
         WriteFormat::Mission(write, note) => {
@@ -141,11 +141,9 @@ fn out_file(export: &Export) -> Result<PathBuf, InputError> {
     }
     let run = &export.run;
     let whole = if run.file_name().is_some() { Ok(run.clone()) } else { fs::canonicalize(run) };
-    let named = whole.ok().and_then(|whole| Some((whole.clone(), whole.file_name()?.to_owned())));
-    let (whole, mut name) = named.ok_or_else(|| InputError::new("run folder", run, "no name: expected --out PATH"))?;
-    name.push(".");
-    name.push(export.format.extension);
-    Ok(whole.with_file_name(name))
+    let named = whole.ok().filter(|whole| whole.file_name().is_some());
+    let named = named.ok_or_else(|| InputError::new("run folder", run, "no name: expected --out PATH"))?;
+    Ok(named.with_added_extension(export.format.extension))
 }
 
 /// The file names of the parts: the given name for a single part, else `NAME-part-1-of-3.EXT` and so on.
@@ -156,11 +154,7 @@ fn part_names(file: &Path, count: usize) -> Vec<PathBuf> {
     let name = |part: usize| {
         let mut name: OsString = file.file_stem().unwrap_or_default().to_owned();
         name.push(format!("-part-{part}-of-{count}"));
-        if let Some(extension) = file.extension() {
-            name.push(".");
-            name.push(extension);
-        }
-        file.with_file_name(name)
+        file.with_file_name(name).with_added_extension(file.extension().unwrap_or_default())
     };
     (1..=count).map(name).collect()
 }

@@ -117,7 +117,9 @@ fn offline_of(request: &PlotRequest, definition: &Definition) -> Result<Option<u
 
 /// The selected points by the values of the key of `--by`; one group without it.
 fn groups(request: &PlotRequest, definition: &Definition) -> Result<Vec<CurveGroup>, String> {
-    let Some(by) = &request.by else { return Ok(vec![(None, points(request, None, definition)?)]) };
+    let conditions: Vec<(&str, &Value)> =
+        request.conditions.iter().map(|Setting { key, value, .. }| (key.as_str(), value)).collect();
+    let Some(by) = &request.by else { return Ok(vec![(None, points(&request.x, &conditions, definition)?)]) };
     let place = key(by, "--by", definition)?;
     if *by == request.x {
         return Err(format!("--by {by}: it is the key of the x axis: expected another"));
@@ -125,7 +127,10 @@ fn groups(request: &PlotRequest, definition: &Definition) -> Result<Vec<CurveGro
     if request.conditions.iter().any(|condition| condition.key == *by) {
         return Err(format!("--where {by}: it has a curve for each value: expected another key"));
     }
-    let group = |value: &Value| Ok((Some(value.clone()), points(request, Some((place, value)), definition)?));
+    let group = |value: &Value| {
+        let conditions = [&conditions[..], &[(by, value)]].concat();
+        Ok((Some(value.clone()), points(&request.x, &conditions, definition)?))
+    };
     values(definition, place).into_iter().map(group).collect()
 }
 
@@ -169,17 +174,11 @@ fn strategies(request: &PlotRequest, definition: &Definition) -> Result<Vec<usiz
     Ok(chosen)
 }
 
-/// The selected points of the grid, with their values on the x axis. `by` is a key, by its index, with its value.
-fn points(
-    request: &PlotRequest,
-    by: Option<(usize, &Value)>,
-    definition: &Definition,
-) -> Result<Vec<(Value, usize)>, String> {
-    let x = key(&request.x, "--x", definition)?;
-    let is_by = |place: usize| by.is_some_and(|(by, _)| by == place);
-    let mut fixed: Vec<Option<&Value>> =
-        (0..definition.keys.len()).map(|place| by.filter(|_| is_by(place)).map(|(_, value)| value)).collect();
-    for Setting { key: name, value, .. } in &request.conditions {
+/// The points of the grid on which keys have these values, with the value of the key `x` of each.
+fn points(x: &str, conditions: &[(&str, &Value)], definition: &Definition) -> Result<Vec<(Value, usize)>, String> {
+    let x = key(x, "--x", definition)?;
+    let mut fixed: Vec<Option<&Value>> = vec![None; definition.keys.len()];
+    for &(name, value) in conditions {
         let place = key(name, "--where", definition)?;
         let existing = values(definition, place);
         if place == x {
