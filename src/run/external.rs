@@ -18,16 +18,11 @@ pub struct ExternalProcess<S: Service> {
     pub role: Role,
     /// Whether it runs on this host.
     is_local: bool,
-    /// Its heartbeat over the link, if the ring has one.
-    remote: Option<RemoteHeartbeat<S>>,
-}
-
-/// The heartbeat of a process that may be on another host. The link forwards the events that the process sends while it
-/// waits.
-#[derive(Debug)]
-struct RemoteHeartbeat<S: Service> {
-    listener: Listener<S>,
+    /// The events that the process sends while it waits, which the link forwards; `None` if the ring has no link.
+    listener: Option<Listener<S>>,
+    /// The last event.
     heard: Option<SystemTime>,
+    /// Its heartbeat over the link.
     heartbeat: Heartbeat,
 }
 
@@ -38,27 +33,35 @@ impl<S: Service + 'static> ExternalProcess<S> {
     /// If the listener for its events cannot be created.
     pub fn new(ring: &Ring<S>, role: Role) -> Result<Self, RingError> {
         let listener = ring.terms.link.map(|_| ring.heartbeat_listener(role)).transpose()?;
-        let remote =
-            listener.map(|listener| RemoteHeartbeat { listener, heard: None, heartbeat: Heartbeat::after(None) });
-        Ok(Self { role, is_local: false, remote })
+        Ok(Self { role, is_local: false, listener, heard: None, heartbeat: Heartbeat::after(None) })
     }
 
     /// Checks whether the process is present; returns the change since the last poll.
     pub fn poll(&mut self, ring: &Ring<S>, now: Instant) -> Option<ProcessEvent> {
         let was_local = std::mem::replace(&mut self.is_local, ring.has_process(self.role));
-        let heard = self.remote.as_mut().and_then(|remote| remote.poll(now));
+        let heard = self.listen(now);
         match (was_local, self.is_local) {
             (false, true) => Some(ProcessEvent::Joined),
             (true, false) => {
-                if let Some(remote) = &mut self.remote {
-                    remote.heard = None;
-                    remote.heartbeat = Heartbeat::after(None);
-                }
+                self.heard = None;
+                self.heartbeat = Heartbeat::after(None);
                 Some(ProcessEvent::Missing)
             }
             (true, true) => None,
             (false, false) => heard,
         }
+    }
+
+    /// Takes the events that have arrived over the link; returns the change since the last poll.
+    fn listen(&mut self, now: Instant) -> Option<ProcessEvent> {
+        let mut events = 0;
+        let _ = self.listener.as_ref()?.try_wait(|_| events += 1); // an error counts as silence
+        let is_first = events > 0 && self.heard.is_none();
+        if events > 0 {
+            self.heard = Some(SystemTime::now());
+        }
+        let event = self.heartbeat.update(self.heard, now);
+        if is_first { Some(ProcessEvent::Joined) } else { event }
     }
 
     /// Whether the process is known to run, on this host or on another.
@@ -70,31 +73,16 @@ impl<S: Service + 'static> ExternalProcess<S> {
     /// Whether the process sends heartbeats from another host.
     #[must_use]
     pub fn is_heard(&self) -> bool {
-        self.remote
-            .as_ref()
-            .is_some_and(|remote| remote.heard.is_some() && !remote.heartbeat.is_silent_for(SILENT_AFTER))
+        self.heard.is_some() && !self.heartbeat.is_silent_for(SILENT_AFTER)
     }
 
     /// Whether the process has sent no heartbeat over the link for `limit`, or none since `begin`.
     #[must_use]
     pub fn is_silent_for(&self, begin: Instant, limit: Duration) -> bool {
-        self.remote.as_ref().is_some_and(|remote| match remote.heard {
-            Some(_) => remote.heartbeat.is_silent_for(limit),
-            None => begin.elapsed() >= limit,
-        })
-    }
-}
-
-impl<S: Service> RemoteHeartbeat<S> {
-    /// Takes the events that have arrived; returns the change since the last poll.
-    fn poll(&mut self, now: Instant) -> Option<ProcessEvent> {
-        let mut events = 0;
-        let _ = self.listener.try_wait(|_| events += 1); // an error counts as silence
-        let is_first = events > 0 && self.heard.is_none();
-        if events > 0 {
-            self.heard = Some(SystemTime::now());
-        }
-        let event = self.heartbeat.update(self.heard, now);
-        if is_first { Some(ProcessEvent::Joined) } else { event }
+        self.listener.is_some()
+            && match self.heard {
+                Some(_) => self.heartbeat.is_silent_for(limit),
+                None => begin.elapsed() >= limit,
+            }
     }
 }
