@@ -2,12 +2,13 @@
 
 mod field;
 mod hop;
-mod machine;
 mod mission;
 mod planner;
 mod ring;
 mod setting;
 mod table;
+
+use std::fs;
 
 use clap::{Args, ValueEnum};
 use serde::Serialize;
@@ -53,7 +54,7 @@ pub enum BenchPart {
 #[derive(Debug, Default, Serialize)]
 struct Report {
     version: &'static str,
-    machine: machine::Machine,
+    machine: Machine,
     planner: Option<Vec<planner::PlanRow>>,
     field: Option<Vec<field::FieldRow>>,
     mission: Option<mission::MissionSpeeds>,
@@ -64,7 +65,7 @@ impl BenchCommand {
     /// Measures the parts, all if none is named, and prints the report.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         let effort = if self.quick { BenchEffort::Quick } else { BenchEffort::Full };
-        let machine = machine::Machine::this();
+        let machine = Machine::this();
         let mut report = Report { version: env!("CARGO_PKG_VERSION"), machine, ..Report::default() };
         let is_wanted = |part: &&BenchPart| self.only.is_empty() || self.only.contains(part);
         for part in BenchPart::value_variants().iter().filter(is_wanted) {
@@ -81,4 +82,41 @@ impl BenchCommand {
             print(table::of(&report))
         }
     }
+}
+
+/// What a measurement depends on besides the program.
+#[derive(Debug, Default, Serialize)]
+struct Machine {
+    /// Model of the processor.
+    cpu: String,
+    /// Cores that this process may use.
+    cores: usize,
+    /// The compiler.
+    rustc: &'static str,
+    /// How it was built: `release` or `debug`.
+    build: &'static str,
+    /// Load average over the last minute, before the first measurement: what else runs here.
+    load_average: f64,
+}
+
+impl Machine {
+    /// This machine; what the system does not tell is empty or 0.
+    fn this() -> Self {
+        let read = |path| fs::read_to_string(path).unwrap_or_default();
+        let processor = read("/proc/cpuinfo");
+        let model = processor.lines().find_map(|line| line.strip_prefix("model name")).unwrap_or_default();
+        let load = read("/proc/loadavg");
+        Self {
+            cpu: model.trim_start_matches([' ', '\t', ':']).to_owned(),
+            cores: cores(),
+            rustc: env!("SKYSINK_RUSTC"),
+            build: if cfg!(debug_assertions) { "debug" } else { "release" },
+            load_average: load.split(' ').next().and_then(|minute| minute.parse().ok()).unwrap_or(0.0),
+        }
+    }
+}
+
+/// Cores that this process may use.
+pub fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
 }

@@ -11,7 +11,6 @@ use skysink_lab::sweep::shard::Shard;
 use skysink_lab::sweep::{self, SweepTask};
 use skysink_planner::strategies::uts;
 
-use super::machine;
 use super::setting::{BenchEffort, letter_text, median_by, temporary_folder};
 use crate::error::Error;
 
@@ -31,7 +30,7 @@ pub struct MissionSpeeds {
 
 /// Flies missions, on one thread and on all cores in turns.
 pub fn measure(effort: BenchEffort, stop: &Stop) -> Result<MissionSpeeds, Error> {
-    let cores = machine::cores();
+    let cores = super::cores();
     let mut one = Vec::new();
     let mut all = Vec::new();
     for _ in 0..effort.choose(5, 1) {
