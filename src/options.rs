@@ -5,12 +5,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use skysink_common::scenario::{Overrides, Scenario, Setting};
-use skysink_common::sensors::SensorList;
-use skysink_mission::MissionError;
+use skysink_common::scenario::{Overrides, Setting};
 use skysink_mission::folder::Earlier;
-use skysink_mission::origin::RunMode;
-use skysink_mission::record::RunFolder;
 use skysink_planner::strategies::STRATEGIES;
 use skysink_planner::strategy::Registered;
 
@@ -70,19 +66,6 @@ impl NewFolder {
     #[must_use]
     pub fn earlier(&self) -> Earlier {
         Earlier::by_force(self.force)
-    }
-
-    /// Creates the folder.
-    ///
-    /// # Errors
-    /// As [`RunFolder::create`].
-    pub fn create(
-        &self,
-        scenario: &Scenario,
-        list: &SensorList,
-        run_mode: &RunMode,
-    ) -> Result<RunFolder, MissionError> {
-        RunFolder::create(self.out.as_deref(), self.earlier(), scenario, list, run_mode)
     }
 }
 

@@ -86,7 +86,8 @@ pub fn simulate(
 ) -> Result<(RunFolder, Summary), Error> {
     let scenario = &simulation.scenario;
     let run_mode = RunMode::default();
-    let folder = simulation.folder.create(scenario, list, &run_mode)?;
+    let NewFolder { out, .. } = &simulation.folder;
+    let folder = RunFolder::create(out.as_deref(), simulation.folder.earlier(), scenario, list, &run_mode)?;
     #[cfg(not(feature = "viewer"))]
     if simulation.record.is_some() {
         return Err(Error::NoViewer);

@@ -43,14 +43,13 @@ pub fn terms(scenario: &Scenario) -> Result<LinkTerms, InputError> {
 }
 
 /// The installed link program.
-fn find_program() -> Option<&'static str> {
-    PROGRAMS.into_iter().find(|program| is_command(program))
-}
-
-fn missing_program() -> Error {
-    let [ours, theirs] = PROGRAMS;
-    let message = format!("--link: neither {ours} nor {theirs} is in the PATH: `cargo install --locked --path link`");
-    Error::Usage(message)
+fn find_program() -> Result<&'static str, Error> {
+    PROGRAMS.into_iter().find(|program| is_command(program)).ok_or_else(|| {
+        let [ours, theirs] = PROGRAMS;
+        Error::Usage(format!(
+            "--link: neither {ours} nor {theirs} is in the PATH: `cargo install --locked --path link`"
+        ))
+    })
 }
 
 /// Checks that the configuration file exists and a link program is installed.
@@ -62,7 +61,7 @@ pub fn check(config: &Path) -> Result<(), Error> {
         let config = config.display();
         return Err(Error::Usage(format!("--link {config}: expected a zenoh configuration file, such as link.json5")));
     }
-    find_program().map(drop).ok_or_else(missing_program)
+    find_program().map(drop)
 }
 
 /// The link of `ring` with the zenoh configuration file `config`, not started yet. `local` are the roles of the
@@ -71,7 +70,7 @@ pub fn check(config: &Path) -> Result<(), Error> {
 /// # Errors
 /// If no link program is installed, or the path of the file is unknown.
 pub fn process(ring: &RingFolder, config: &Path, local: &[Role]) -> Result<Process, Error> {
-    let program = find_program().ok_or_else(missing_program)?;
+    let program = find_program()?;
     let config = std::path::absolute(config).at(config)?;
     let LinkedServices { all, written_here } = LinkedServices::of(&ring.terms(), local);
     let mut arguments = vec!["--zenoh-config".to_owned(), config.display().to_string()];

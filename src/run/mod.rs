@@ -25,7 +25,7 @@ use skysink_mission::summary::{Summary, Tally};
 use skysink_planner::settings;
 
 use crate::error::Error;
-use crate::options::MissionOptions;
+use crate::options::{MissionOptions, NewFolder};
 use crate::report::{OutputForm, print_run};
 use options::{Launch, RunOptions};
 use resume::resume;
@@ -77,7 +77,11 @@ impl RunCommand {
         let list = SensorList::of(scenario)?;
         options.check(&list)?;
         let folder = match &self.resume {
-            None => self.mission.folder.create(scenario, &list, &options.run_mode(None))?,
+            None => {
+                let NewFolder { out, .. } = &self.mission.folder;
+                let earlier = self.mission.folder.earlier();
+                RunFolder::create(out.as_deref(), earlier, scenario, &list, &options.run_mode(None))?
+            }
             Some(path) => RunFolder::reopen(path)?,
         };
         let mode = options.run_mode(Some(folder.run_mode()));
