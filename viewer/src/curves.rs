@@ -49,13 +49,6 @@ pub(crate) fn loss_rate(totals: &Totals) -> f64 {
     if totals.sampled_bits == 0 { 0.0 } else { totals.lost_bits as f64 / totals.sampled_bits as f64 }
 }
 
-/// Logs names and colours.
-pub(crate) fn open(canvas: &Canvas) -> RecordingStreamResult<()> {
-    CURVES.iter().try_for_each(|(entity, name, colour, _)| canvas.log_static(*entity, &curve_style(name, *colour)))?;
-    let steps = SeriesLines::update_fields().with_interpolation_mode(InterpolationMode::StepAfter);
-    canvas.log_static(MISSED, &steps) // whatever slots have points
-}
-
 /// Curves that rarely change.
 const RARE: [&str; 2] = [LOSS_MARK, MISSED];
 
@@ -71,9 +64,14 @@ pub(crate) struct Curves {
 }
 
 impl Curves {
-    /// The curves of a mission with this number of slots.
-    pub(crate) fn new(slots: u64) -> Self {
-        Self { missed_slots: None, rare: Rhythm::every(RARE_EVERY, slots) }
+    /// Logs names and colours of the curves of a mission with this number of slots.
+    pub(crate) fn open(canvas: &Canvas, slots: u64) -> RecordingStreamResult<Self> {
+        for (entity, name, colour, _) in CURVES {
+            canvas.log_static(entity, &curve_style(name, colour))?;
+        }
+        let steps = SeriesLines::update_fields().with_interpolation_mode(InterpolationMode::StepAfter);
+        canvas.log_static(MISSED, &steps)?; // whatever slots have points
+        Ok(Self { missed_slots: None, rare: Rhythm::every(RARE_EVERY, slots) })
     }
 
     /// Logs one point per curve.

@@ -24,11 +24,11 @@ use crate::sizes::Sizes;
 use crate::slot::SlotView;
 use crate::status::status;
 use crate::uav::UavShape;
-use crate::{curves, events, legend};
+use crate::{events, legend};
 
 /// The drawing state of a mission.
 pub(crate) struct Picture {
-    canvas: Canvas,
+    pub(crate) canvas: Canvas,
     queues: QueueShapes,
     uav: UavShape,
     path: Path,
@@ -65,11 +65,10 @@ impl Picture {
         let links = Links::open(&canvas, scenario, sensors, sizes)?;
         let los = Los::open(&canvas, scenario, sensors, sizes, part)?;
         let events = Events::open(&canvas, recording)?;
-        curves::open(&canvas)?;
+        let curves = Curves::open(&canvas, scenario.slots)?;
         legend::log_scales(&canvas, links.rates_bps.as_ref())?;
         legend::log_area(&canvas, sizes)?;
         let history = SensorHistory::new(scenario, sensors);
-        let curves = Curves::new(scenario.slots);
         Ok(Self { canvas, queues, uav, path, links, los, events, curves, history, maps: None, belief: None })
     }
 

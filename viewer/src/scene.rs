@@ -32,7 +32,6 @@ fn application(scenario: &Scenario) -> ApplicationId {
 /// The recording of a mission.
 pub struct Scene {
     recording: Recording,
-    canvas: Canvas,
     scenario: Scenario,
     picture: Picture,
     /// Decides which slots are drawn.
@@ -59,17 +58,15 @@ impl Scene {
         estimated: Option<Rates>,
     ) -> Result<Self, SceneError> {
         let recording = Recording::open(sinks, &application(scenario), run_name)?;
-        let canvas = Canvas::whole(&recording.stream);
         let sensors = &Arc::new(Sensors::of(scenario, nodes));
         let sizes = Sizes::of(scenario, nodes.len());
         layout::send(&recording, &sizes, scenario, clock, estimated)?;
-        let picture = Picture::open(canvas.clone(), scenario, sensors, &sizes, &recording)?;
+        let picture = Picture::open(Canvas::whole(&recording.stream), scenario, sensors, &sizes, &recording)?;
         let picture = picture.with_maps(scenario, sensors, &sizes, estimated)?;
         legend::log_facts(&recording.stream, scenario, nodes.len())?;
         let rhythm = Rhythm::every(recording.every.get(), scenario.slots);
         let scene = Self {
             recording,
-            canvas,
             scenario: scenario.clone(),
             picture,
             rhythm,
@@ -131,7 +128,7 @@ impl Scene {
     /// If rerun fails.
     pub fn log_event(&self, slot: u64, level: &'static str, text: &str) -> Result<(), SceneError> {
         self.recording.set_slot(slot, self.scenario.slot_s);
-        Ok(events::write(&self.canvas, level, text)?)
+        Ok(events::write(&self.picture.canvas, level, text)?)
     }
 
     /// Adds the mission's totals to the event log and ends the recording.

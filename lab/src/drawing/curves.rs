@@ -22,28 +22,26 @@ pub struct CurveValues {
 impl CurveValues {
     /// The curve of the means at the points `xs`.
     pub fn means(&self, xs: &[f64], support: Support) -> Series {
-        let values = self.points.iter().map(|values| values.values().copied().collect());
-        self.curve(xs, values.collect(), support)
+        self.curve(xs, support, |place| self.points[place].values().copied().collect())
     }
 
     /// The curve of the mean differences to `reference` over common fields. That of the reference itself is 0 without
     /// an interval.
     fn differences(&self, reference: &Self, xs: &[f64], support: Support) -> Series {
-        let pairs = self.points.iter().zip(&reference.points);
-        let differences = pairs.map(|(values, reference)| paired_differences(values, reference)).collect();
-        let mut series = self.curve(xs, differences, support.of_difference());
+        let differences = |place: usize| paired_differences(&self.points[place], &reference.points[place]);
+        let mut series = self.curve(xs, support.of_difference(), differences);
         if self.label == reference.label {
             series.points.iter_mut().for_each(|point| point.limits = None);
         }
         series
     }
 
-    fn curve(&self, xs: &[f64], values: Vec<Vec<f64>>, support: Support) -> Series {
-        let point = |(&x, values): (&f64, Vec<f64>)| {
-            let MeanInterval { n, mean, limits, .. } = MeanInterval::of(&values, support);
+    fn curve(&self, xs: &[f64], support: Support, values: impl Fn(usize) -> Vec<f64>) -> Series {
+        let point = |(place, &x): (usize, &f64)| {
+            let MeanInterval { n, mean, limits, .. } = MeanInterval::of(&values(place), support);
             CurvePoint { x, n, mean, limits }
         };
-        Series { label: self.label.clone(), style: self.style, points: xs.iter().zip(values).map(point).collect() }
+        Series { label: self.label.clone(), style: self.style, points: xs.iter().enumerate().map(point).collect() }
     }
 }
 
