@@ -146,7 +146,7 @@ class DataCollectionEnv(NativeEnvironment, gymnasium.Env[Observation, Action]):
 
     def step(self, action: Action) -> Step:
         """Flies one slot; ``info`` contains its ``lost_bits`` and ``delivered_bits``."""
-        return self._core.step(np.asarray(action, np.float32))
+        return self._core.step(action)
 
     def fly(self, decision: Decision, *, transit: bool = False) -> Step:
         """Flies one slot with an exact waypoint [m] and schedule, like a strategy."""

@@ -2,7 +2,6 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use numpy::ndarray::IxDyn;
 use numpy::{PyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -72,7 +71,7 @@ impl PyVectorCore {
             })
         };
         py.detach(|| pool()?.install(fly))?;
-        observed.into_dict(py, &self.episodes, |shape| IxDyn(&[&[self.episodes.len()], shape].concat()))
+        observed.into_dict(py, &self.episodes, Some(self.episodes.len()))
     }
 }
 

@@ -3,8 +3,7 @@
 use std::slice;
 use std::sync::Arc;
 
-use numpy::ndarray::IxDyn;
-use numpy::{PyArray1, PyReadonlyArray1};
+use numpy::{AllowTypeChange, PyArray1, PyArrayLike1};
 use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -37,7 +36,7 @@ impl PyEnvironmentCore {
         let Self { episode, .. } = self;
         let mut observed = Observations::new(1, episode.field.count());
         episode.observe(&mut observed.uav, &mut observed.queues, &mut observed.slot[0]);
-        observed.into_dict(py, slice::from_ref(episode), IxDyn)
+        observed.into_dict(py, slice::from_ref(episode), None)
     }
 
     fn fly_plan<'py>(&mut self, py: Python<'py>, plan: Plan) -> PyResult<Step<'py>> {
@@ -93,7 +92,7 @@ impl PyEnvironmentCore {
         self.observation(py)
     }
 
-    fn step<'py>(&mut self, py: Python<'py>, action: PyReadonlyArray1<'py, f32>) -> PyResult<Step<'py>> {
+    fn step<'py>(&mut self, py: Python<'py>, action: PyArrayLike1<'py, f32, AllowTypeChange>) -> PyResult<Step<'py>> {
         let axes = self.episode.axes();
         let components = action.as_array().to_vec();
         if components.len() != axes || components.iter().any(|component| !component.is_finite()) {

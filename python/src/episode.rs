@@ -2,8 +2,7 @@
 
 use std::sync::Arc;
 
-use numpy::IntoPyArray;
-use numpy::ndarray::{ArrayD, IxDyn};
+use numpy::{IntoPyArray, PyArray1, PyArrayMethods as _};
 use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
@@ -202,6 +201,9 @@ impl Episode {
     }
 }
 
+/// So many numbers are copied.
+const FEW: usize = 1000;
+
 /// The observations of episodes, one after another.
 pub struct Observations {
     /// Sensor nodes of each.
@@ -217,19 +219,26 @@ impl Observations {
         Self { sensors, uav: vec![0.0; 3 * count], queues: vec![0.0; sensors * count], slot: vec![0.0; count] }
     }
 
-    /// As a dictionary of arrays, with the positions of `episodes` if they are observed. `shape` makes the shape of an
-    /// array from that of a single episode.
+    /// As a dictionary of arrays, with the positions of `episodes` if they are observed. `count` is the first dimension
+    /// of the arrays of a vector; those of a single environment have none.
     pub fn into_dict<'py>(
         self,
         py: Python<'py>,
         episodes: &[Episode],
-        shape: impl Fn(&[usize]) -> IxDyn,
+        count: Option<usize>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let Self { sensors, uav, queues, slot } = self;
         let observation = PyDict::new(py);
-        let set = |name: &Bound<'py, PyString>, values: Vec<f32>, shape_of_one: &[usize]| {
-            let array = ArrayD::from_shape_vec(shape(shape_of_one), values);
-            observation.set_item(name, array.expect("as many values as the shape has").into_pyarray(py))
+        let set = |name: &Bound<'py, PyString>, values: Vec<f32>, shape: &[usize]| {
+            let array = match values.len() {
+                ..FEW => PyArray1::from_slice(py, &values), // NumPy copies them faster than it takes over a vector
+                _ => values.into_pyarray(py),
+            };
+            if count.is_none() && shape.len() == 1 {
+                return observation.set_item(name, array);
+            }
+            let shape: Vec<usize> = count.into_iter().chain(shape.iter().copied()).collect();
+            observation.set_item(name, array.reshape(shape)?)
         };
         set(intern!(py, "uav"), uav, &[3])?;
         set(intern!(py, "queues"), queues, &[sensors])?;

@@ -7,7 +7,7 @@ use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, ToPyArray};
 use pyo3::prelude::*;
 use skysink_common::geometry::{Position, above};
-use skysink_common::message::{Limits, Mode, Plan, SensorNode};
+use skysink_common::message::{Limits, MAX_SERVED, Mode, Plan, SensorNode};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::{SensorList, Sensors};
 use skysink_planner::strategies::serving::fill_fullest_in_range;
@@ -79,7 +79,7 @@ impl FieldData {
 
     /// The n fullest queues within `d_c` of `ground`.
     fn fullest(&self, ground: &Position, queues_bits: &[u32]) -> Vec<u32> {
-        let mut ids = Vec::new();
+        let mut ids = Vec::with_capacity(MAX_SERVED);
         fill_fullest_in_range(&self.sensors.grid, &self.limits, ground, queues_bits, &mut ids);
         ids
     }
