@@ -36,6 +36,22 @@ pub trait Strategy: Checkpoint {
     }
 }
 
+/// A strategy without state, which decides each slot by the rule `decide`, as [`Strategy::plan`] does.
+#[must_use]
+pub fn rule(decide: impl FnMut(&View<'_>) -> Option<Decision> + 'static) -> Box<dyn Strategy> {
+    Box::new(Rule(decide))
+}
+
+struct Rule<F>(F);
+
+impl<F> Checkpoint for Rule<F> {}
+
+impl<F: FnMut(&View<'_>) -> Option<Decision>> Strategy for Rule<F> {
+    fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
+        (self.0)(view)
+    }
+}
+
 /// The input of a strategy for a slot.
 #[derive(Debug, Clone, Copy)]
 pub struct View<'a> {
@@ -179,14 +195,6 @@ pub struct StrategyKeys {
     pub check: fn(&Scenario, &str) -> Result<Table, InputError>,
 }
 
-impl StrategyKeys {
-    /// The keys that `T` declares.
-    #[must_use]
-    pub const fn of<T: Keys>() -> Self {
-        Self { keys: T::KEYS, check: checked::<T> }
-    }
-}
-
 /// An entry of the registry. It is serialized as its name.
 #[derive(Debug, Clone, Copy)]
 pub struct Registered {
@@ -205,6 +213,30 @@ pub struct Registered {
 }
 
 impl Registered {
+    /// A strategy without state, path and keys of its own.
+    #[must_use]
+    pub const fn new(name: &'static str, about: &'static str, make: fn(&Setup<'_>) -> Box<dyn Strategy>) -> Self {
+        Self { name, about, is_stateless: true, has_path: false, keys: None, make }
+    }
+
+    /// The same with state between slots.
+    #[must_use]
+    pub const fn with_state(self) -> Self {
+        Self { is_stateless: false, ..self }
+    }
+
+    /// The same with plans beyond a slot.
+    #[must_use]
+    pub const fn with_path(self) -> Self {
+        Self { has_path: true, ..self }
+    }
+
+    /// The same with the keys that `T` declares.
+    #[must_use]
+    pub const fn with_keys<T: Keys>(self) -> Self {
+        Self { keys: Some(StrategyKeys { keys: T::KEYS, check: checked::<T> }), ..self }
+    }
+
     /// Replaces its own keys in a scenario.
     pub fn set_keys(&self, scenario: &mut Scenario, keys: impl Serialize) {
         let keys = Table::try_from(keys).expect("keys are numbers and strings");

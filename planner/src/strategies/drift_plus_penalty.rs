@@ -17,21 +17,19 @@ use serde::{Deserialize, Serialize};
 use skysink_common::keys::Accepts;
 
 use super::queue_weight::QueueWeight;
-use crate::strategy::{Registered, StrategyKeys};
+use crate::strategy::Registered;
 
 /// The strategy in the registry.
-pub const STRATEGY: Registered = Registered {
-    name: "drift-plus-penalty",
-    about: "max-weight less a price for propulsion energy (Lyapunov optimisation)",
-    is_stateless: true,
-    has_path: false,
-    keys: Some(StrategyKeys::of::<DriftPlusPenaltyKeys>()),
-    make: |setup| {
+pub const STRATEGY: Registered = Registered::new(
+    "drift-plus-penalty",
+    "max-weight less a price for propulsion energy (Lyapunov optimisation)",
+    |setup| {
         let keys: DriftPlusPenaltyKeys =
             setup.scenario.planner_keys("planner.drift-plus-penalty").expect("they were checked");
         Box::new(QueueWeight::new(setup, keys.price_bits2_per_j))
     },
-};
+)
+.with_keys::<DriftPlusPenaltyKeys>();
 
 skysink_common::keys! {
     /// `[planner.drift-plus-penalty]`.

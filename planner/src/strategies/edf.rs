@@ -15,51 +15,31 @@
 //!   choice changes only if a nearer SN becomes full as well, or if the SN was served from a distance.
 //! - The mobile element serves only the node that it visits; the UAV serves up to n SNs per slot.
 
-use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::distance_squared;
 
 use super::serving::Serving;
 use super::transit::toward;
-use crate::strategy::{Decision, Registered, Setup, Strategy, View};
+use crate::strategy::{Registered, Setup, Strategy, View, rule};
 
 /// The strategy in the registry.
-pub const STRATEGY: Registered = Registered {
-    name: "edf",
-    about: "earliest deadline first: fly to the sensor node that overflows soonest",
-    is_stateless: true,
-    has_path: false,
-    keys: None,
-    make: |setup| Box::new(Edf::new(setup)),
-};
+pub const STRATEGY: Registered =
+    Registered::new("edf", "earliest deadline first: fly to the sensor node that overflows soonest", |setup| {
+        toward_least(setup, |view, id| view.belief.deadline_slots(id))
+    });
 
-struct Edf {
-    serving: Serving,
-}
-
-impl Edf {
-    fn new(setup: &Setup) -> Self {
-        Self { serving: Serving::new(setup) }
-    }
-}
-
-impl Checkpoint for Edf {}
-
-impl Strategy for Edf {
-    /// Straight toward the SN with the earliest deadline, until above it; ties go to the nearest, then to the lowest
-    /// index. It is served as soon as it is in range, with the fullest of the others. `None` if no SN samples.
-    fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
-        let first = least(view, |id| view.belief.deadline_slots(id))?;
-        let waypoint = toward(view.table.limits.reach_m, &view.ground(), view.table.sensors.position(first));
-        Some(self.serving.serve_first(view, &waypoint, first))
-    }
-}
-
-/// The SN of least `cost`, ties to the nearest and then to the lowest index; `None` if none has a cost.
-pub(crate) fn least(view: &View, cost: impl Fn(u32) -> Option<f64>) -> Option<u32> {
-    let ground = view.ground();
-    let rated = |id| cost(id).map(|cost| (cost, distance_squared(view.table.sensors.position(id), &ground), id));
-    let cheaper = |a: &(f64, f64, u32), b: &(f64, f64, u32)| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1));
-    view.table.sensors.ids().filter_map(rated).min_by(cheaper).map(|(_, _, id)| id)
+/// Straight toward the SN of least `cost`, until above it; ties go to the nearest, then to the lowest index. It is
+/// served as soon as it is in range, with the fullest of the others. No decision if none has a cost.
+pub(crate) fn toward_least(setup: &Setup, cost: impl Fn(&View<'_>, u32) -> Option<f64> + 'static) -> Box<dyn Strategy> {
+    let mut serving = Serving::new(setup);
+    rule(move |view| {
+        let ground = view.ground();
+        let away_m2 = |id: u32| distance_squared(view.table.sensors.position(id), &ground);
+        let rated = |id| cost(view, id).map(|cost| (cost, away_m2(id), id));
+        let cheaper = |a: &(f64, f64, u32), b: &(f64, f64, u32)| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1));
+        let (.., first) = view.table.sensors.ids().filter_map(rated).min_by(cheaper)?;
+        let waypoint = toward(view.table.limits.reach_m, &ground, view.table.sensors.position(first));
+        Some(serving.serve_first(view, &waypoint, first))
+    })
 }
 
 #[cfg(test)]
@@ -71,7 +51,7 @@ mod tests {
     use skysink_common::scenario::{Overrides, Scenario};
 
     /// SNs at these positions [m] that sample so much [bit/s] into 1 000 bit.
-    fn edf(sensors: &[([f64; 2], f64)]) -> (MissionTable, Edf) {
+    fn edf(sensors: &[([f64; 2], f64)]) -> (MissionTable, Box<dyn Strategy>) {
         let scenario = Scenario::letter(Overrides::default()).unwrap();
         let node = |&([x_m, y_m], sampling_bps): &([f64; 2], f64)| SensorNode {
             x_m,
@@ -82,7 +62,7 @@ mod tests {
             ..SensorNode::default()
         };
         let field = over(scenario, sensors.iter().map(node).collect());
-        let edf = Edf::new(&field.setup());
+        let edf = (STRATEGY.make)(&field.setup());
         (field.table, edf)
     }
 

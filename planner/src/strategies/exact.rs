@@ -20,7 +20,6 @@
 //!    their ids are not higher. So the n fullest neighbours of an SN, or of two, bound every set with that SN, or both,
 //!    from above. The search skips what this bound excludes.
 
-use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::{Position, RANGE_SLACK, distance_squared, within};
 use skysink_common::message::SolverOutcome;
 
@@ -28,48 +27,26 @@ use crate::geometry::disks::{Disk, crossings, project};
 use crate::mission_table::MissionTable;
 use crate::strategies::nearby::{Spot, may_share, preselect};
 use crate::strategies::serving::Serving;
-use crate::strategy::{Decision, Registered, Setup, Strategy, View};
+use crate::strategy::{Decision, Registered, rule};
 use crate::waypoint::problem::Waypoint;
 
 /// The strategy in the registry.
-pub const STRATEGY: Registered = Registered {
-    name: "exact",
-    about: "sP1 solved exactly instead of by Algorithm 1, then sP2",
-    is_stateless: true,
-    has_path: false,
-    keys: None,
-    make: |setup| Box::new(Exact::new(setup)),
-};
-
-struct Exact {
-    search: ExactSearch,
-    serving: Serving,
-    /// The schedule, working memory.
-    ids: Vec<u32>,
-}
-
-impl Exact {
-    fn new(setup: &Setup) -> Self {
-        let ids = Vec::with_capacity(setup.table.limits.blocks());
-        Self { search: ExactSearch::new(setup.table), serving: Serving::new(setup), ids }
-    }
-}
-
-impl Checkpoint for Exact {}
-
-impl Strategy for Exact {
-    /// `None` if no sensor node can be served from within reach.
-    fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
-        let Self { search, serving, ids } = self;
-        let centre = search.best_set(view.table, &view.ground(), view.belief.queues_bits, ids)?;
-        // The centre satisfies every constraint of sP2 up to the slack of decision D5. If the disks of the set have a
-        // point in common only thanks to that slack, sP2* may find none, and the centre is the waypoint.
-        let waypoint = serving
-            .waypoint(view, ids)
-            .unwrap_or_else(|| Waypoint { point: serving.above(view, &centre, ids), outcome: SolverOutcome::Fallback });
-        Some(Decision::serve(view, &waypoint, ids))
-    }
-}
+pub const STRATEGY: Registered =
+    Registered::new("exact", "sP1 solved exactly instead of by Algorithm 1, then sP2", |setup| {
+        let mut search = ExactSearch::new(setup.table);
+        let mut serving = Serving::new(setup);
+        let mut ids = Vec::with_capacity(setup.table.limits.blocks());
+        rule(move |view| {
+            let centre = search.best_set(view.table, &view.ground(), view.belief.queues_bits, &mut ids)?;
+            // The centre satisfies every constraint of sP2 up to the slack of decision D5. If the disks of the set have
+            // a point in common only thanks to that slack, sP2* may find none, and the centre is the waypoint.
+            let waypoint = serving.waypoint(view, &ids).unwrap_or_else(|| Waypoint {
+                point: serving.above(view, &centre, &ids),
+                outcome: SolverOutcome::Fallback,
+            });
+            Some(Decision::serve(view, &waypoint, &ids))
+        })
+    });
 
 /// The search, with its working memory.
 #[derive(Debug, Clone)]

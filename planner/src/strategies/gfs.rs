@@ -2,34 +2,21 @@
 //!
 //! The waypoint is the sensor node with the fullest queue in reach; the n fullest queues in range of it are served.
 
-use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::Position;
 
 use super::nearby::fullest_first;
 use super::serving::Serving;
 use crate::mission_table::MissionTable;
-use crate::strategy::{Decision, Registered, Strategy, View};
+use crate::strategy::{Registered, rule};
 
 /// The strategy in the registry.
-pub const STRATEGY: Registered = Registered {
-    name: "gfs",
-    about: "greedy flight to the fullest queue in reach",
-    is_stateless: true,
-    has_path: false,
-    keys: None,
-    make: |setup| Box::new(Gfs(Serving::new(setup))),
-};
-
-struct Gfs(Serving);
-
-impl Checkpoint for Gfs {}
-
-impl Strategy for Gfs {
-    fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
+pub const STRATEGY: Registered = Registered::new("gfs", "greedy flight to the fullest queue in reach", |setup| {
+    let mut serving = Serving::new(setup);
+    rule(move |view| {
         let waypoint = greedy_waypoint(view.table, &view.ground(), view.belief.queues_bits)?;
-        Some(self.0.serve_fullest(view, &waypoint))
-    }
-}
+        Some(serving.serve_fullest(view, &waypoint))
+    })
+});
 
 /// The SN with the largest queue within `V τ`, ties to the lowest index (decision D7); `None` if there is none.
 fn greedy_waypoint(table: &MissionTable, position: &Position, queues_bits: &[u32]) -> Option<Position> {

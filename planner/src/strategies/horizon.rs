@@ -20,21 +20,18 @@ use super::serving::Serving;
 use crate::horizon::forecast::{Forecast, PlanningWindow};
 use crate::horizon::long_search::{SearchOutcome, SearchProgress};
 use crate::horizon::{Horizon, planned_path};
-use crate::strategy::{Decision, Registered, Setup, Strategy, StrategyKeys, View};
+use crate::strategy::{Decision, Registered, Setup, Strategy, View};
 
 /// The strategy in the registry.
-pub const STRATEGY: Registered = Registered {
-    name: "horizon",
-    about: "receding horizon: a plan over many slots, improved in every slot",
-    is_stateless: false,
-    has_path: true,
-    keys: Some(StrategyKeys::of::<HorizonKeys>()),
-    make: |setup| {
+pub const STRATEGY: Registered =
+    Registered::new("horizon", "receding horizon: a plan over many slots, improved in every slot", |setup| {
         let keys: HorizonKeys = setup.scenario.planner_keys("planner.horizon").expect("they were checked");
         let budget = keys.budget_ms.map(|budget_ms| Duration::from_secs_f64(budget_ms / 1e3));
         Box::new(LookAhead::new(setup, MOST_SLOTS, keys.iterations, budget))
-    },
-};
+    })
+    .with_state()
+    .with_path()
+    .with_keys::<HorizonKeys>();
 
 /// Times for a search.
 const BUDGET_MS: Accepts =

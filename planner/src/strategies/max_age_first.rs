@@ -9,14 +9,11 @@ use super::transit::toward;
 use crate::strategy::{Decision, Registered, Setup, Strategy, View};
 
 /// The strategy in the registry.
-pub const STRATEGY: Registered = Registered {
-    name: "max-age-first",
-    about: "maximum age first: fly to the sensor node served longest ago",
-    is_stateless: false,
-    has_path: false,
-    keys: None,
-    make: |setup| Box::new(MaxAgeFirst::new(setup)),
-};
+pub const STRATEGY: Registered =
+    Registered::new("max-age-first", "maximum age first: fly to the sensor node served longest ago", |setup| {
+        Box::new(MaxAgeFirst::new(setup))
+    })
+    .with_state();
 
 struct MaxAgeFirst {
     /// Slot in which each SN was scheduled last, 0 before the first, by id.

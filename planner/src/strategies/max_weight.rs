@@ -18,11 +18,7 @@ use super::queue_weight::QueueWeight;
 use crate::strategy::Registered;
 
 /// The strategy in the registry.
-pub const STRATEGY: Registered = Registered {
-    name: "max-weight",
-    about: "max-weight: maximises the sum of queue times service in the slot",
-    is_stateless: true,
-    has_path: false,
-    keys: None,
-    make: |setup| Box::new(QueueWeight::new(setup, 0.0)),
-};
+pub const STRATEGY: Registered =
+    Registered::new("max-weight", "max-weight: maximises the sum of queue times service in the slot", |setup| {
+        Box::new(QueueWeight::new(setup, 0.0))
+    });

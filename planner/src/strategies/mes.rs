@@ -22,27 +22,19 @@
 //! [`edf`]: super::edf
 
 use serde::{Deserialize, Serialize};
-use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::distance_squared;
 use skysink_common::keys::Accepts;
 
-use super::edf::least;
-use super::serving::Serving;
-use super::transit::toward;
-use crate::strategy::{Decision, Registered, Setup, Strategy, StrategyKeys, View};
+use super::edf::toward_least;
+use crate::strategy::{Registered, Setup, Strategy};
 
 /// The strategy in the registry.
-pub const STRATEGY: Registered = Registered {
-    name: "mes",
-    about: "minimum weighted sum first: weighs deadline against flight time",
-    is_stateless: true,
-    has_path: false,
-    keys: Some(StrategyKeys::of::<MesKeys>()),
-    make: |setup| {
+pub const STRATEGY: Registered =
+    Registered::new("mes", "minimum weighted sum first: weighs deadline against flight time", |setup| {
         let keys: MesKeys = setup.scenario.planner_keys("planner.mes").expect("they were checked");
-        Box::new(Mes::new(setup, keys.deadline_weight))
-    },
-};
+        mes(setup, keys.deadline_weight)
+    })
+    .with_keys::<MesKeys>();
 
 skysink_common::keys! {
     /// `[planner.mes]`.
@@ -54,43 +46,22 @@ skysink_common::keys! {
     }
 }
 
-struct Mes {
-    deadline_weight: f64,
-    serving: Serving,
-}
-
-impl Mes {
-    fn new(setup: &Setup, deadline_weight: f64) -> Self {
-        Self { deadline_weight, serving: Serving::new(setup) }
-    }
-
-    /// The weighted sum of SN `id` [slots]; `None` if it never samples.
-    fn sum_slots(&self, view: &View, id: u32) -> Option<f64> {
+/// Toward the SN with the least weighted sum. No decision if no SN samples.
+fn mes(setup: &Setup, deadline_weight: f64) -> Box<dyn Strategy> {
+    toward_least(setup, move |view, id| {
         let deadline_slots = view.belief.deadline_slots(id)?;
         let away_m = distance_squared(view.table.sensors.position(id), &view.ground()).sqrt();
         let flight_slots = away_m / view.table.limits.reach_m;
-        Some(self.deadline_weight * deadline_slots + (1.0 - self.deadline_weight) * flight_slots)
-    }
-}
-
-impl Checkpoint for Mes {}
-
-impl Strategy for Mes {
-    /// Straight toward the SN with the least weighted sum, until above it; ties go to the nearest, then to the lowest
-    /// index. It is served as soon as it is in range, with the fullest of the others. `None` if no SN samples.
-    fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
-        let first = least(view, |id| self.sum_slots(view, id))?;
-        let waypoint = toward(view.table.limits.reach_m, &view.ground(), view.table.sensors.position(first));
-        Some(self.serving.serve_first(view, &waypoint, first))
-    }
+        Some(deadline_weight * deadline_slots + (1.0 - deadline_weight) * flight_slots)
+    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::edf;
     use super::*;
+    use crate::strategy::OwnedSetup;
     use crate::strategy::tests::{field, view};
-    use crate::strategy::{OwnedSetup, Strategy};
     use proptest::prelude::*;
     use skysink_common::keys::Keys;
 
@@ -102,8 +73,9 @@ mod tests {
     /// Where it flies from (50, 50).
     fn waypoint(weight: f64, sensors: &[[f64; 3]], queues_bits: &[u32]) -> Option<[f64; 2]> {
         let field = field_of(sensors);
-        let mut mes = Mes::new(&field.setup(), weight);
-        mes.plan(&view(&field.table, 1, [50.0, 50.0], queues_bits)).map(|decision| decision.waypoint.xy().into())
+        mes(&field.setup(), weight)
+            .plan(&view(&field.table, 1, [50.0, 50.0], queues_bits))
+            .map(|decision| decision.waypoint.xy().into())
     }
 
     #[test]
@@ -141,7 +113,7 @@ mod tests {
             let (sensors, queues_bits): (Vec<[f64; 3]>, Vec<u32>) = sensors.into_iter().unzip();
             let field = field_of(&sensors);
             let view = view(&field.table, 1, [50.0, 50.0], &queues_bits);
-            let decided = Mes::new(&field.setup(), 1.0).plan(&view);
+            let decided = mes(&field.setup(), 1.0).plan(&view);
             let by_edf = (edf::STRATEGY.make)(&field.setup()).plan(&view);
             prop_assert_eq!(format!("{decided:?}"), format!("{by_edf:?}"));
         }

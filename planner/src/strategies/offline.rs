@@ -15,17 +15,16 @@ use skysink_common::stop::Stop;
 
 use super::horizon::LookAhead;
 use crate::horizon::long_search::{SearchOutcome, SearchProgress};
-use crate::strategy::{Decision, Registered, Setup, Strategy, StrategyKeys, Timing, View};
+use crate::strategy::{Decision, Registered, Setup, Strategy, Timing, View};
 
 /// The strategy in the registry.
-pub const STRATEGY: Registered = Registered {
-    name: "offline",
-    about: "open loop: one plan for the whole mission, made before take-off",
-    is_stateless: false,
-    has_path: true,
-    keys: Some(StrategyKeys::of::<OfflineKeys>()),
-    make: |setup| Box::new(Offline::new(setup).expect("its keys were checked")),
-};
+pub const STRATEGY: Registered =
+    Registered::new("offline", "open loop: one plan for the whole mission, made before take-off", |setup| {
+        Box::new(Offline::new(setup).expect("its keys were checked"))
+    })
+    .with_state()
+    .with_path()
+    .with_keys::<OfflineKeys>();
 
 /// Most search steps before the mission; they take a month.
 pub const MAX_STEPS: u64 = 1_000_000_000_000;

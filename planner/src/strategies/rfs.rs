@@ -3,43 +3,28 @@
 //! The waypoint is uniform on the points in reach within the area; the n fullest queues in range of it are served.
 
 use rand::RngExt;
-use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::{Position, within};
 use skysink_common::random::{Purpose, Streams};
 
 use super::serving::Serving;
 use crate::mission_table::MissionTable;
-use crate::strategy::{Decision, Registered, Strategy, View};
+use crate::strategy::{Registered, rule};
 
 /// The strategy in the registry.
-pub const STRATEGY: Registered = Registered {
-    name: "rfs",
-    about: "random flight; serves the fullest queues in range",
-    is_stateless: true,
-    has_path: false,
-    keys: None,
-    make: |setup| Box::new(Rfs { streams: Streams::new(setup.scenario.seed), serving: Serving::new(setup) }),
-};
+pub const STRATEGY: Registered = Registered::new("rfs", "random flight; serves the fullest queues in range", |setup| {
+    let streams = Streams::new(setup.scenario.seed);
+    let mut serving = Serving::new(setup);
+    rule(move |view| {
+        let waypoint = random_waypoint(view.table, &streams, view.slot, &view.ground());
+        Some(serving.serve_fullest(view, &waypoint))
+    })
+});
 
 /// Most draws of a random waypoint, after which the UAV holds its position.
 ///
 /// At least a fraction of π/4 of the drawn points is in reach, unless the position is outside the area or NaN.
 /// flight-sim reports no such position; the limit only guarantees termination.
 const MAX_DRAWS: u32 = 1_000;
-
-struct Rfs {
-    streams: Streams,
-    serving: Serving,
-}
-
-impl Checkpoint for Rfs {}
-
-impl Strategy for Rfs {
-    fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
-        let waypoint = random_waypoint(view.table, &self.streams, view.slot, &view.ground());
-        Some(self.serving.serve_fullest(view, &waypoint))
-    }
-}
 
 /// Random flight: uniform on the disk of radius `V τ` about the UAV, intersected with the closed area, by rejection.
 fn random_waypoint(table: &MissionTable, streams: &Streams, slot: u64, position: &Position) -> Position {

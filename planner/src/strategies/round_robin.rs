@@ -6,19 +6,14 @@ use crate::mission_table::MissionTable;
 use crate::strategy::Registered;
 
 /// The strategy in the registry.
-pub const STRATEGY: Registered = Registered {
-    name: "round-robin",
-    about: "round robin: over one sensor node after the other, by id",
-    is_stateless: false,
-    has_path: false,
-    keys: None,
-    make: |setup| {
+pub const STRATEGY: Registered =
+    Registered::new("round-robin", "round robin: over one sensor node after the other, by id", |setup| {
         // Straight toward the SN whose turn it is, until above it.
         let waypoint =
             |table: &MissionTable, position: &_, [current, _]: [&_; 2]| toward(table.limits.reach_m, position, current);
         Box::new(InTurn::new(setup, setup.table.sensors.ids().collect(), waypoint))
-    },
-};
+    })
+    .with_state();
 
 #[cfg(test)]
 mod tests {

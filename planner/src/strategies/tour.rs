@@ -12,14 +12,11 @@ use crate::mission_table::MissionTable;
 use crate::strategy::Registered;
 
 /// The strategy in the registry.
-pub const STRATEGY: Registered = Registered {
-    name: "tour",
-    about: "a travelling salesman tour over all sensor nodes, flown repeatedly",
-    is_stateless: false,
-    has_path: false,
-    keys: None,
-    make: |setup| Box::new(InTurn::new(setup, order(setup.table, &setup.scenario.start().xy()), waypoint)),
-};
+pub const STRATEGY: Registered =
+    Registered::new("tour", "a travelling salesman tour over all sensor nodes, flown repeatedly", |setup| {
+        Box::new(InTurn::new(setup, order(setup.table, &setup.scenario.start().xy()), waypoint))
+    })
+    .with_state();
 
 /// A closed tour that starts at the SN nearest to `start`.
 fn order(table: &MissionTable, start: &Position) -> Vec<u32> {

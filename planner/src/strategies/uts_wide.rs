@@ -4,15 +4,11 @@
 //! centre is in reach.
 
 use super::algorithm_1::Reach;
-use super::uts::Uts;
+use super::uts::uts;
 use crate::strategy::Registered;
 
 /// The strategy in the registry.
-pub const STRATEGY: Registered = Registered {
-    name: "uts-wide",
-    about: "uts with all sensor nodes that can be served as anchors of Algorithm 1",
-    is_stateless: true,
-    has_path: false,
-    keys: None,
-    make: |setup| Box::new(Uts::new(Reach::Wide, setup)),
-};
+pub const STRATEGY: Registered =
+    Registered::new("uts-wide", "uts with all sensor nodes that can be served as anchors of Algorithm 1", |setup| {
+        uts(Reach::Wide, setup)
+    });

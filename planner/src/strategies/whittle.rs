@@ -39,14 +39,11 @@ use crate::geometry::disks::{Disk, slots_between};
 use crate::strategy::{Decision, Registered, Setup, Strategy, View};
 
 /// The strategy in the registry.
-pub const STRATEGY: Registered = Registered {
-    name: "whittle",
-    about: "Whittle index of age: fly to the largest index per slot of flight",
-    is_stateless: false,
-    has_path: false,
-    keys: None,
-    make: |setup| Box::new(Whittle::new(setup)),
-};
+pub const STRATEGY: Registered =
+    Registered::new("whittle", "Whittle index of age: fly to the largest index per slot of flight", |setup| {
+        Box::new(Whittle::new(setup))
+    })
+    .with_state();
 
 /// Tolerance [slots] when an age is rounded down: rounding errors must not lose a slot.
 const WHOLE: f64 = 1e-9;
