@@ -47,8 +47,7 @@ pub fn records(u: &mut Unstructured) -> Result<()> {
         let length = usize::from(u.arbitrary::<u16>()?) % (room + 1);
         let mut record = bytes(u, length.min(64))?.to_vec();
         record.resize(length, u.arbitrary()?);
-        let (head, tail) = record.split_at(length / 3);
-        records.write(slot, &[head, tail]).expect("the record is written");
+        records.write(slot, &record).expect("the record is written");
         written.push(Record { slot, bytes: record });
     }
     let is_corrupted = corrupt(&path, u)?;
@@ -59,7 +58,7 @@ pub fn records(u: &mut Unstructured) -> Result<()> {
     let is_last = |record: &Record| last.get(&(record.slot % ENTRIES)) == Some(&record);
     assert!(is_corrupted || found.len() == last.len() && found.iter().all(is_last), "{found:?}");
     let record = Record { slot: u64::MAX, bytes: b"last".to_vec() };
-    records.write(record.slot, &[&record.bytes]).expect("the record is written");
+    records.write(record.slot, &record.bytes).expect("the record is written");
     assert_eq!(records.read().expect("the file is read").pop(), Some(record));
     Ok(())
 }
@@ -132,9 +131,9 @@ fn forge(ring: &RingFolder, u: &mut Unstructured) -> Result<()> {
     for next in 0..u64::from(u.arbitrary::<u8>()? % 5) {
         let slot = slot.wrapping_add(next);
         let flight = report(u, 2)?;
-        inputs.write(slot, &[bytemuck::bytes_of(&flight)]).expect("the flight is written");
+        inputs.write(slot, bytemuck::bytes_of(&flight)).expect("the flight is written");
         if u.arbitrary::<u8>()? % 2 == 0 {
-            states.write(slot, &[bytes(u, 200)?]).expect("the state is written");
+            states.write(slot, bytes(u, 200)?).expect("the state is written");
         }
     }
     Ok(())

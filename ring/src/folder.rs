@@ -11,9 +11,8 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use iceoryx2::prelude::{BackpressureStrategy, Config, FilePath, SemanticString};
+use iceoryx2::prelude::{Config, FilePath, SemanticString};
 use rand::RngExt;
-use serde::Serialize;
 
 use crate::error::RingError;
 use crate::terms::Terms;
@@ -22,33 +21,9 @@ use crate::wait::PAUSE;
 /// The shared memory of iceoryx2 on Linux.
 pub const SHARED_MEMORY: &str = "/dev/shm";
 
-/// The keys of `iceoryx2.toml` that a run sets.
-#[derive(Serialize)]
-struct Domain {
-    global: Global,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    defaults: Option<Defaults>,
-}
-
-/// Defaults of ports, such as those of a link.
-#[derive(Serialize)]
-#[serde(rename_all = "kebab-case")]
-struct Defaults {
-    publish_subscribe: PortDefaults,
-}
-
-#[derive(Serialize)]
-#[serde(rename_all = "kebab-case")]
-struct PortDefaults {
-    backpressure_strategy: BackpressureStrategy,
-}
-
-#[derive(Serialize)]
-#[serde(rename_all = "kebab-case")]
-struct Global {
-    root_path: String,
-    prefix: String,
-}
+/// Defaults of ports in `iceoryx2.toml`, such as those of a link, which never waits for a reader: missed samples are
+/// repeated.
+const LINK_DEFAULTS: &str = "\n[defaults.publish-subscribe]\nbackpressure-strategy = \"DiscardData\"\n";
 
 /// The folder of a ring. That of the launcher is removed with its contents on drop.
 #[derive(Debug)]
@@ -206,11 +181,11 @@ impl RingFolder {
     /// Writes the files that the other processes read.
     fn write_terms(&self) -> io::Result<()> {
         let path = self.path.to_str().ok_or(io::ErrorKind::InvalidFilename)?;
-        let global = Global { root_path: format!("{path}/"), prefix: self.prefix() };
-        // A link never waits for a reader: missed samples are repeated.
-        let ports = PortDefaults { backpressure_strategy: BackpressureStrategy::DiscardData };
-        let defaults = self.terms.link.map(|_| Defaults { publish_subscribe: ports });
-        let domain = toml::to_string(&Domain { global, defaults }).expect("plain keys and values");
+        let [root_path, prefix] = [format!("{path}/"), self.prefix()].map(toml::Value::from);
+        let mut domain = format!("[global]\nroot-path = {root_path}\nprefix = {prefix}\n");
+        if self.terms.link.is_some() {
+            domain.push_str(LINK_DEFAULTS);
+        }
         write_private(&self.path.join(DOMAIN), &domain)?;
         let terms = toml::to_string(&self.terms).expect("plain keys and values");
         write_private(&self.path.join(TERMS), &terms)
@@ -302,21 +277,25 @@ pub fn record_path(ring: &Path) -> Option<PathBuf> {
 /// The folders of this user's rings whose launchers are running.
 #[must_use]
 pub fn running_rings() -> Vec<PathBuf> {
-    let entries = fs::read_dir(home()).into_iter().flatten().flatten().map(|entry| entry.path());
-    let locks = entries.filter(|path| path.extension().is_some_and(|extension| extension == "lock"));
-    let is_held = |path: &PathBuf| {
-        File::open(path).is_ok_and(|lock| matches!(lock.try_lock_shared(), Err(TryLockError::WouldBlock)))
-    };
-    locks.filter(is_held).map(|path| path.with_extension("")).collect()
+    files_with("lock", &home()).filter(is_held).map(|path| path.with_extension("")).collect()
+}
+
+/// The files in `folder` with this extension.
+fn files_with(extension: &'static str, folder: &Path) -> impl Iterator<Item = PathBuf> {
+    let files = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    files.filter(move |path| path.extension().is_some_and(|found| found == extension))
+}
+
+/// Whether a process has locked the file `path`.
+fn is_held(path: &PathBuf) -> bool {
+    File::open(path).is_ok_and(|lock| matches!(lock.try_lock_shared(), Err(TryLockError::WouldBlock)))
 }
 
 /// Removes the rings of this user whose launchers are dead. Waits up to `timeout` for their other processes to end, and
 /// leaves the rings of those that do not.
 pub fn clear_abandoned(timeout: Duration) {
     let begin = Instant::now();
-    let Ok(entries) = fs::read_dir(home()) else { return };
-    for path in entries.flatten().map(|entry| entry.path()).filter(|path| path.extension().is_some_and(|e| e == "lock"))
-    {
+    for path in files_with("lock", &home()) {
         let Ok(lock) = File::open(&path) else { continue };
         if lock.try_lock_shared().is_err() {
             continue; // a shared lock, because the processes of the ring test it, too
@@ -333,9 +312,7 @@ pub fn clear_abandoned(timeout: Duration) {
 
 /// Whether a process has a role in the ring.
 fn has_processes(folder: &Path) -> bool {
-    let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-    let mut locks = entries.filter(|path| path.extension().is_some_and(|extension| extension == "seat"));
-    locks.any(|lock| File::open(lock).is_ok_and(|lock| matches!(lock.try_lock_shared(), Err(TryLockError::WouldBlock))))
+    files_with("seat", folder).any(|lock| is_held(&lock))
 }
 
 /// Attempts to remove a ring's folder.
@@ -368,6 +345,7 @@ mod tests {
     use super::*;
 
     use crate::terms::LinkTerms;
+    use iceoryx2::prelude::BackpressureStrategy;
     use skysink_common::estimate::Rates;
 
     const LINK: Option<LinkTerms> = Some(LinkTerms { version: 5, scenario: u64::MAX });

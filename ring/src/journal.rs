@@ -63,7 +63,7 @@ impl Journal {
     /// If the input or the state is longer than the policy says.
     pub fn save(&mut self, slot: u64, input: &[u8], state: &dyn Checkpoint) -> Result<(), RingError> {
         if let Some(inputs) = &self.inputs {
-            inputs.write(slot, &[input])?;
+            inputs.write(slot, input)?;
         }
         if !self.is_state_due(slot) {
             return Ok(());
@@ -71,7 +71,7 @@ impl Journal {
         self.buffer.clear();
         state.save(&mut self.buffer);
         if !self.buffer.is_empty() {
-            self.states.write(slot, &[&self.buffer])?;
+            self.states.write(slot, &self.buffer)?;
             self.last_state = Some(slot);
         }
         Ok(())

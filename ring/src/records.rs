@@ -4,11 +4,10 @@
 //! machine ends the ring, too. The content of a record is left to the caller.
 
 use std::fs::{File, OpenOptions};
-use std::io::{self, IoSlice};
+use std::io;
 use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
-use rustix::io::{Errno, pwritev};
 use xxhash_rust::xxh3::Xxh3;
 
 use crate::error::RingError;
@@ -54,42 +53,22 @@ impl Records {
         Ok(Self { file, path: path.to_owned(), entries, every, max_bytes })
     }
 
-    /// Writes the record of `slot`: the concatenated `parts`.
+    /// Writes the record of `slot`, usually by one system call.
     ///
     /// # Errors
     /// If the file cannot be written, for example because the disk is full.
     ///
     /// # Panics
     /// If the record is longer than `max_bytes`.
-    pub fn write(&self, slot: u64, parts: &[&[u8]]) -> Result<(), RingError> {
-        let length: usize = parts.iter().map(|part| part.len()).sum();
+    pub fn write(&self, slot: u64, bytes: &[u8]) -> Result<(), RingError> {
+        let length = bytes.len();
         assert!(length <= self.max_bytes, "a record of {length} bytes: expected at most {}", self.max_bytes);
-        let mut hash = begin_hash(slot, length as u64);
-        parts.iter().for_each(|part| hash.update(part));
-        let mut head = [0; HEAD];
-        for (bytes, number) in head.as_chunks_mut().0.iter_mut().zip([slot, length as u64, hash.digest()]) {
-            *bytes = number.to_le_bytes();
+        let mut record = Vec::with_capacity(HEAD + length);
+        for number in [slot, length as u64, hash(slot, bytes)] {
+            record.extend_from_slice(&number.to_le_bytes());
         }
-        self.write_at(self.start(self.entry(slot)), &head, parts).map_err(|source| self.refuse(source))
-    }
-
-    /// Writes head and parts at `offset`, usually by one system call.
-    fn write_at(&self, mut offset: u64, head: &[u8], parts: &[&[u8]]) -> io::Result<()> {
-        let mut slices: Vec<IoSlice> = [head].iter().chain(parts).map(|part| IoSlice::new(part)).collect();
-        let mut slices = &mut slices[..];
-        IoSlice::advance_slices(&mut slices, 0); // skips parts that are empty
-        while !slices.is_empty() {
-            match pwritev(&self.file, slices, offset) {
-                Ok(0) => return Err(io::ErrorKind::WriteZero.into()),
-                Ok(written) => {
-                    offset += written as u64;
-                    IoSlice::advance_slices(&mut slices, written);
-                }
-                Err(Errno::INTR) => {}
-                Err(error) => return Err(error.into()),
-            }
-        }
-        Ok(())
+        record.extend_from_slice(bytes);
+        self.file.write_all_at(&record, self.start(self.entry(slot))).map_err(|source| self.refuse(source))
     }
 
     /// All valid records, ascending by slot. Anything else in the file is ignored.
@@ -109,15 +88,13 @@ impl Records {
         let start = self.start(entry);
         let Some(head) = self.read_at(start, HEAD)? else { return Ok(None) };
         let number = |i: usize| u64::from_le_bytes(head[8 * i..8 * i + 8].try_into().expect("eight bytes"));
-        let [slot, length, hash] = [0, 1, 2].map(number);
+        let [slot, length, expected] = [0, 1, 2].map(number);
         if self.entry(slot) != entry || length > self.max_bytes as u64 {
             return Ok(None);
         }
         let length = usize::try_from(length).expect("at most `max_bytes`");
         let Some(bytes) = self.read_at(start + HEAD as u64, length)? else { return Ok(None) };
-        let mut hasher = begin_hash(slot, length as u64);
-        hasher.update(&bytes);
-        Ok((hasher.digest() == hash).then_some(Record { slot, bytes }))
+        Ok((hash(slot, &bytes) == expected).then_some(Record { slot, bytes }))
     }
 
     /// Reads `length` bytes; `None` if the file ends before.
@@ -145,11 +122,12 @@ impl Records {
     }
 }
 
-fn begin_hash(slot: u64, length: u64) -> Xxh3 {
+fn hash(slot: u64, bytes: &[u8]) -> u64 {
     let mut hash = Xxh3::new();
     hash.update(&slot.to_le_bytes());
-    hash.update(&length.to_le_bytes());
-    hash
+    hash.update(&(bytes.len() as u64).to_le_bytes());
+    hash.update(bytes);
+    hash.digest()
 }
 
 #[cfg(test)]
@@ -171,7 +149,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(records(&folder).read().unwrap(), []);
         for slot in 0..=7u64 {
-            records(&folder).write(slot, &[b"slot ", slot.to_string().as_bytes()]).unwrap();
+            records(&folder).write(slot, format!("slot {slot}").as_bytes()).unwrap();
         }
         assert_eq!(slots(&records(&folder)), [5, 6, 7]);
         assert_eq!(records(&folder).read().unwrap()[2].bytes, b"slot 7");
@@ -182,7 +160,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let records = Records::open(&folder.path().join("journal"), 3, 1, 4096).unwrap();
         for slot in [3, 2, 1] {
-            records.write(slot, &[&[slot as u8; 4096]]).unwrap();
+            records.write(slot, &[slot as u8; 4096]).unwrap();
         }
         assert_eq!(slots(&records), [1, 2, 3]);
     }
@@ -191,7 +169,7 @@ mod tests {
     fn a_record_counts_only_in_its_own_place_and_for_its_own_slot() {
         let folder = tempfile::tempdir().unwrap();
         let records = records(&folder);
-        (1..=3).for_each(|slot| records.write(slot, &[b"state"]).unwrap());
+        (1..=3).for_each(|slot| records.write(slot, b"state").unwrap());
         let fewer = Records::open(&folder.path().join("journal"), 2, 1, 5000).unwrap();
         assert_eq!(slots(&fewer), [1], "slot 3 lies where slots 0, 2, 4 would");
         records.file.write_all_at(&[4], records.start(records.entry(4))).unwrap(); // slot 1, said to be slot 4
@@ -209,7 +187,7 @@ mod tests {
     #[should_panic(expected = "a record of 5001 bytes")]
     fn a_record_that_is_too_long_is_refused() {
         let folder = tempfile::tempdir().unwrap();
-        let _ = records(&folder).write(1, &[&[0; 5001]]);
+        let _ = records(&folder).write(1, &[0; 5001]);
     }
 
     #[test]
@@ -225,11 +203,11 @@ mod tests {
             let folder = tempfile::tempdir().unwrap();
             let records = records(&folder);
             for slot in 1..=3u64 {
-                records.write(slot, &[&[7; 4000]]).unwrap();
+                records.write(slot, &[7; 4000]).unwrap();
             }
             let start = records.start(records.entry(4)); // where slot 1 was
             let before = records.read_at(start, HEAD + 4000).unwrap().unwrap();
-            records.write(4, &[&[new; 1500], &[], &[new; 2500]]).unwrap();
+            records.write(4, &[new; 4000]).unwrap();
             records.file.write_all_at(&before[cut..], start + cut as u64).unwrap();
             let expected: &[u64] = match cut {
                 0 => &[1, 2, 3],

@@ -20,35 +20,26 @@ pub trait Header: Debug + Default + Copy + ZeroCopySend + 'static {
     fn head_mut(&mut self) -> &mut SlotHeader;
 }
 
-impl Header for SlotHeader {
-    fn head(&self) -> &SlotHeader {
-        self
-    }
+/// Implements [`Header`] for a header, given where its [`SlotHeader`] is.
+macro_rules! header {
+    ($header:ty, $this:ident => $head:expr) => {
+        impl Header for $header {
+            fn head(&self) -> &SlotHeader {
+                let $this = self;
+                &$head
+            }
 
-    fn head_mut(&mut self) -> &mut SlotHeader {
-        self
-    }
+            fn head_mut(&mut self) -> &mut SlotHeader {
+                let $this = self;
+                &mut $head
+            }
+        }
+    };
 }
 
-impl Header for QueuesHeader {
-    fn head(&self) -> &SlotHeader {
-        &self.head
-    }
-
-    fn head_mut(&mut self) -> &mut SlotHeader {
-        &mut self.head
-    }
-}
-
-impl Header for SensorsHeader {
-    fn head(&self) -> &SlotHeader {
-        &self.head
-    }
-
-    fn head_mut(&mut self) -> &mut SlotHeader {
-        &mut self.head
-    }
-}
+header!(SlotHeader, header => *header);
+header!(QueuesHeader, header => header.head);
+header!(SensorsHeader, header => header.head);
 
 /// One message or a list of messages, which are separate types with the same methods in iceoryx2.
 pub trait Payload: IceoryxSend + Debug + 'static {

@@ -9,7 +9,6 @@ use std::time::{Duration, Instant};
 use iceoryx2::identifiers::UniqueNodeId;
 use iceoryx2::node::NodeView as _;
 use iceoryx2::port::listener::Listener;
-use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::service::static_config::message_type_details::{TypeDetail, TypeVariant};
 use serde::Serialize;
@@ -47,6 +46,9 @@ pub struct TopicState {
     pub is_once_a_slot: bool,
 }
 
+/// Receives the pending samples of a topic; returns the header of the newest sample so far.
+type Observer<'a> = Box<dyn FnMut() -> Result<Option<SlotHeader>, RingError> + 'a>;
+
 /// A topic of any payload.
 pub(crate) trait AnyTopic<S: Service> {
     fn row(&self) -> &TopicRow;
@@ -57,26 +59,11 @@ pub(crate) trait AnyTopic<S: Service> {
     /// A listener to its notifications.
     fn listener(&self) -> Result<Listener<S>, RingError>;
 
-    /// Its observer.
-    fn observer(&self) -> Box<dyn ObserveTopic + '_>;
-}
-
-/// A topic under observation.
-pub(crate) trait ObserveTopic {
     /// The state of the topic without its samples. `name` returns the name of a process.
     fn state(&self, name: &dyn Fn(&UniqueNodeId) -> String) -> TopicState;
 
-    /// Attaches a reader.
-    fn attach(&mut self) -> Result<(), RingError>;
-
-    /// Receives pending samples; returns the header of the newest sample so far.
-    fn receive(&mut self) -> Result<Option<SlotHeader>, RingError>;
-}
-
-struct ObservedTopic<'a, S: Service + 'static, P: Payload + ?Sized, H: Header> {
-    topic: &'a Topic<S, P, H>,
-    subscriber: Option<Subscriber<S, P, H>>,
-    newest: Option<SlotHeader>,
+    /// Attaches an observer.
+    fn observe(&self) -> Result<Observer<'_>, RingError>;
 }
 
 impl<S: Service + 'static, P: Payload + ?Sized, H: Header> AnyTopic<S> for Topic<S, P, H> {
@@ -89,26 +76,14 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> AnyTopic<S> for Topic
     }
 
     fn listener(&self) -> Result<Listener<S>, RingError> {
-        self.0.listener()
+        self.listener()
     }
 
-    fn observer(&self) -> Box<dyn ObserveTopic + '_> {
-        Box::new(ObservedTopic { topic: self, subscriber: None, newest: None })
-    }
-}
-
-impl<S: Service + 'static, P: Payload + ?Sized, H: Header> ObserveTopic for ObservedTopic<'_, S, P, H> {
     fn state(&self, name: &dyn Fn(&UniqueNodeId) -> String) -> TopicState {
-        let shared = &self.topic.0;
+        let shared = &self.0;
         let types = shared.data.static_config().message_type_details();
-        let mut writers = Vec::new();
         let mut readers = Vec::new();
-        let ports = shared.data.dynamic_config();
-        ports.list_publishers(|port| {
-            writers.push(name(&port.node_id));
-            CallbackProgression::Continue
-        });
-        ports.list_subscribers(|port| {
+        shared.data.dynamic_config().list_subscribers(|port| {
             readers.push(name(&port.node_id));
             CallbackProgression::Continue
         });
@@ -117,7 +92,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> ObserveTopic for Obse
             service: shared.row.service(),
             payload: type_name(&types.payload),
             header: type_name(&types.user_header),
-            writers,
+            writers: self.writers().iter().map(name).collect(),
             readers,
             slot: None,
             sent_ns: None,
@@ -125,28 +100,24 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> ObserveTopic for Obse
         }
     }
 
-    fn attach(&mut self) -> Result<(), RingError> {
-        let shared = &self.topic.0;
+    fn observe(&self) -> Result<Observer<'_>, RingError> {
+        let shared = &self.0;
         let name = OBSERVER.try_into().map_err(|error| shared.refuse("name a reader", &error))?;
         let builder = shared.data.subscriber_builder().name(&name);
         let builder = builder.history_request(shared.row.history).buffer_size(shared.row.buffer);
-        self.subscriber = Some(builder.create().map_err(|error| shared.refuse("read", &error))?);
-        Ok(())
-    }
-
-    fn receive(&mut self) -> Result<Option<SlotHeader>, RingError> {
-        let Some(subscriber) = &self.subscriber else { return Ok(self.newest) };
-        let mut received = 0;
-        while received < self.topic.0.row.buffer
-            && let Some(sample) = P::receive(subscriber).map_err(|error| self.topic.0.refuse("receive", &error))?
-        {
-            received += 1;
-            let head = *sample.user_header().head();
-            if self.newest.is_none_or(|newest| head.slot >= newest.slot) {
-                self.newest = Some(head);
+        let subscriber = builder.create().map_err(|error| shared.refuse("read", &error))?;
+        let mut newest: Option<SlotHeader> = None;
+        Ok(Box::new(move || {
+            for _ in 0..shared.row.buffer {
+                let sample = P::receive(&subscriber).map_err(|error| shared.refuse("receive", &error))?;
+                let Some(sample) = sample else { break };
+                let head = *sample.user_header().head();
+                if newest.is_none_or(|newest| head.slot >= newest.slot) {
+                    newest = Some(head);
+                }
             }
-        }
-        Ok(self.newest)
+            Ok(newest)
+        }))
     }
 }
 
@@ -155,16 +126,15 @@ pub(crate) fn observe_all<S: Service>(
     topics: &[&dyn AnyTopic<S>],
     node: &Node<S>,
 ) -> Result<Vec<TopicState>, RingError> {
-    let mut observers: Vec<_> = topics.iter().map(|topic| topic.observer()).collect();
     let names = node_names(node);
     let name = |id: &UniqueNodeId| names.get(&id.value()).cloned().unwrap_or_else(|| "?".to_owned());
-    let mut states: Vec<TopicState> = observers.iter().map(|observer| observer.state(&name)).collect();
-    observers.iter_mut().try_for_each(|observer| observer.attach())?;
+    let mut states: Vec<TopicState> = topics.iter().map(|topic| topic.state(&name)).collect();
+    let mut observers = topics.iter().map(|topic| topic.observe()).collect::<Result<Vec<_>, _>>()?;
     let begin = Instant::now();
     loop {
         let is_over = begin.elapsed() >= OBSERVATION;
         for (observer, state) in observers.iter_mut().zip(&mut states) {
-            let newest = observer.receive()?;
+            let newest = observer()?;
             state.slot = newest.map(|head| head.slot);
             state.sent_ns = newest.map(|head| head.sent_ns);
         }
