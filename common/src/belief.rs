@@ -19,9 +19,6 @@ pub enum Belief {
 }
 
 impl Belief {
-    /// That of a UAV that knows the queues.
-    pub const KNOWN: Self = Self::Known;
-
     /// The belief before slot 1 over the SNs of a scenario. If the UAV has to estimate the queues, `estimated` is what
     /// it knows of the rates.
     #[must_use]
@@ -121,21 +118,15 @@ pub struct Believed<'a> {
     sensors: &'a Sensors,
     /// The queues [bit], by id.
     pub queues_bits: &'a [u32],
-    belief: &'a Belief,
+    /// The belief.
+    pub belief: &'a Belief,
 }
 
 impl<'a> Believed<'a> {
     /// The known queues `queues_bits` [bit] at the end of `slot`, by id.
     #[must_use]
     pub fn known(slot: u64, sensors: &'a Sensors, queues_bits: &'a [u32]) -> Self {
-        Self { slot, sensors, queues_bits, belief: &Belief::KNOWN }
-    }
-
-    /// The belief.
-    #[inline]
-    #[must_use]
-    pub fn belief(&self) -> &'a Belief {
-        self.belief
+        Self { slot, sensors, queues_bits, belief: &Belief::Known }
     }
 
     /// Bits that SN `id` samples per slot.

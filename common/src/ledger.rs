@@ -11,9 +11,9 @@ use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 use serde::{Deserialize, Serialize};
 
-use crate::arrivals::sampled_bits;
+use crate::arrivals::{quick_bits, sampled_bits};
 use crate::queues::{Queues, Sampled, blocks};
-use crate::sampling::{PerSensor, Sampling, quick_bits};
+use crate::sampling::{PerSensor, Sampling};
 use crate::simd::{BLOCK, vectorized};
 
 /// Bits of the whole field since the mission's start.

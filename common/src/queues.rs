@@ -6,8 +6,8 @@ use std::iter::repeat;
 use std::ops::Range;
 use std::sync::Arc;
 
-use crate::arrivals::{bits_between, sampled_bits};
-use crate::sampling::{PerSensor, Sampler, Sampling, quick_bits};
+use crate::arrivals::{bits_between, quick_bits, sampled_bits};
+use crate::sampling::{PerSensor, Sampler, Sampling};
 use crate::simd::{BLOCK, vectorized};
 
 /// Queue lengths `B_i` [bit], by id.
@@ -65,19 +65,19 @@ impl Queues {
     /// If `sensors` reaches beyond the field.
     pub fn sample_block(&mut self, sensors: Range<usize>, sampling: &Sampling, slot: u64) -> Sampled {
         let queues_bits = &mut Arc::make_mut(&mut self.bits)[sensors.clone()];
+        let before = slot.saturating_sub(1);
         match (&sampling.mean_bits, &sampling.capacity_bits) {
             (PerSensor::Equal(mean_bits), PerSensor::Equal(capacity_bits)) => {
-                let bits = bits_between(*mean_bits, slot.saturating_sub(1), slot);
+                let bits = bits_between(*mean_bits, before, slot);
                 vectorized(|| fill_equally(queues_bits, bits, *capacity_bits))
             }
             (PerSensor::Each(mean_bits), PerSensor::Equal(capacity_bits)) if sampling.is_quick(slot) => {
-                let before = slot.saturating_sub(1);
                 let bits = |&mean: &f64| quick_bits(mean, slot) - quick_bits(mean, before);
                 vectorized(|| fill(queues_bits, mean_bits[sensors].iter().map(bits), repeat(*capacity_bits)))
             }
-            (_, capacity_bits) => {
-                let capacities_bits = sensors.clone().map(|sensor| capacity_bits.of(sensor));
-                fill(queues_bits, sampling.arrivals(sensors, slot), capacities_bits)
+            (mean_bits, capacity_bits) => {
+                let bits = sensors.clone().map(|sensor| bits_between(mean_bits.of(sensor), before, slot));
+                fill(queues_bits, bits, sensors.map(|sensor| capacity_bits.of(sensor)))
             }
         }
     }

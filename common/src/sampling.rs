@@ -1,8 +1,6 @@
 //! What the sensor nodes (SNs) of a field sample in a slot, and how much they store.
 
-use std::ops::Range;
-
-use crate::arrivals::{bits_between, is_quick, quick_integer, sampled, sampled_bits};
+use crate::arrivals::{is_quick, sampled_bits};
 
 /// A property of the SNs of a field.
 #[derive(Debug, Clone, PartialEq)]
@@ -110,21 +108,10 @@ impl Sampling {
         sampled_bits(self.mean_bits.of(sensor), slot)
     }
 
-    /// Bits sampled by each of the consecutive `sensors` in `slot`.
-    pub(crate) fn arrivals(&self, sensors: Range<usize>, slot: u64) -> impl Iterator<Item = u64> {
-        sensors.map(move |sensor| bits_between(self.mean_bits.of(sensor), slot.saturating_sub(1), slot))
-    }
-
-    /// Whether [`quick_bits`] counts the bits that any SN has sampled up to the end of `slot`.
+    /// Whether [`quick_bits`](crate::arrivals::quick_bits) counts the bits that any SN has sampled up to the end of `slot`.
     pub(crate) fn is_quick(&self, slot: u64) -> bool {
-        is_quick(sampled(self.highest_mean_bits, slot))
+        is_quick(self.highest_mean_bits, slot)
     }
-}
-
-/// [`sampled_bits`], converted so that it vectorizes.
-#[inline(always)]
-pub(crate) fn quick_bits(mean_bits: f64, slot: u64) -> u64 {
-    quick_integer(sampled(mean_bits, slot))
 }
 
 #[cfg(test)]

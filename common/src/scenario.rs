@@ -1,13 +1,11 @@
 //! The scenario: the mission, its field, channel and strategy.
 //!
-//! A [`Scenario`] is valid by construction. It is read from TOML: a file for each table declares its keys, `forms`
-//! handles alternative keys, and `rules` checks what holds between keys. [`Scenario::to_toml`] writes it back with all
+//! A [`Scenario`] is valid by construction. It is read from TOML: a file for each table declares its keys, and
+//! `rules` handles alternative keys and checks what holds between keys. [`Scenario::to_toml`] writes it back with all
 //! defaults. Sensor lists are read by [`crate::sensors`], `[planner]` by the planner.
 
 mod area;
-mod forms;
 mod mission;
-mod planner;
 mod rules;
 mod sensors;
 mod uav;
@@ -18,8 +16,7 @@ use toml::{Table, Value};
 
 pub use crate::keys::{Interval, Setting, SettingOrigin};
 pub use area::{Area, Origin};
-pub use mission::{MAX_SEED, Scenario};
-pub use planner::PlannerKeys;
+pub use mission::{MAX_SEED, PlannerKeys, Scenario};
 pub use sensors::SensorKeys;
 pub(crate) use sensors::{MAX_FIELD_BITS, MAX_SAMPLED_BITS, MAX_SENSORS};
 pub use uav::{AltitudeMode, Climb, Propulsion, UavKeys};
@@ -66,7 +63,7 @@ impl Scenario {
     /// # Errors
     /// If a part of a key exists, but is not a table.
     pub fn apply(settings: &[Setting], table: &mut Table) -> Result<(), InputError> {
-        let displaced = settings.iter().flat_map(|setting| forms::displaced(&setting.key, &setting.value));
+        let displaced = settings.iter().flat_map(|setting| rules::displaced(&setting.key, &setting.value));
         displaced.for_each(|key| dotted::remove(table, &key));
         settings.iter().try_for_each(|setting| setting.apply(table))
     }
@@ -88,7 +85,7 @@ impl Scenario {
                 table.insert(key.to_owned(), Value::Integer(i64::try_from(number).unwrap_or(-1)));
             }
         }
-        let displaced = forms::displaced_in(&table);
+        let displaced = rules::displaced_in(&table);
         keys::fill(Self::KEYS, "", &mut table, &displaced);
         let mut scenario: Self = keys::read(table.clone(), "", Source { path, settings: &overrides.keys })?;
         path.clone_into(&mut scenario.path);

@@ -109,18 +109,8 @@ impl RecordedSlot {
     /// The slot of each UAV, as its line has it.
     #[must_use]
     pub fn by_uav(record: &SlotRecord) -> ByUav<Self> {
-        (0..record.flights.len()).map(|uav| Self::of(record, uav)).collect()
-    }
-
-    /// The slot of the UAV number `uav`, as its line has it.
-    ///
-    /// # Panics
-    /// If there is no such UAV.
-    #[must_use]
-    pub fn of(record: &SlotRecord, uav: usize) -> Self {
-        let flight = &record.flights[uav];
         let QueuesHeader { delivered_bits, lost_bits, totals, .. } = record.header;
-        Self {
+        let recorded = |(uav, flight): (usize, &FlightReport)| Self {
             slot: record.slot(),
             uav,
             position: flight.position(),
@@ -130,7 +120,8 @@ impl RecordedSlot {
             queued_bits: totals.queued_bits,
             mode: Mode::from_repr(flight.mode).unwrap_or_default(),
             refused: flight.refused,
-        }
+        };
+        record.flights.iter().enumerate().map(recorded).collect()
     }
 
     /// Parses a line of `slots.csv`, with its newline; `None` if it is malformed.

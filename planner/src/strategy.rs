@@ -169,7 +169,7 @@ impl OwnedSetup {
     #[must_use]
     pub fn setup(&self) -> Setup<'_> {
         let Self { scenario, settings, table, strategies } = self;
-        Setup { scenario, settings, table, belief: &Belief::KNOWN, strategies }
+        Setup { scenario, settings, table, belief: &Belief::Known, strategies }
     }
 }
 

@@ -6,8 +6,8 @@ use rand::RngExt;
 use serde::{Deserialize, Serialize};
 use strum::VariantNames;
 
-use super::model::{ChannelModel, Draw, Radio, Slopes, Uplink};
-use crate::keys::{Interval, Only};
+use super::model::{ChannelModel, Draw, Slopes, Uplink};
+use crate::keys::Only;
 use crate::random::{Purpose, Streams};
 use crate::units::ratio_of_db;
 
@@ -48,14 +48,6 @@ pub struct FreeSpace {
 }
 
 impl FreeSpace {
-    /// The channel with this radio, whose gain may be redrawn from the interval `gain_db` [dB].
-    #[must_use]
-    pub fn new(radio: Radio, gain: GainMode, gain_db: Interval) -> Self {
-        let Radio { bandwidth_hz, tx_power_w, noise_w, comm_s } = radio;
-        let redrawn_db = (gain == GainMode::PerSlot).then_some(gain_db.ends());
-        Self { bandwidth_hz, tx_power_w, noise_w, comm_s, redrawn_db }
-    }
-
     /// Signal-to-noise ratio at 1 m, `γ = α p / σ²`, of a reference gain `α` (linear).
     #[must_use]
     pub fn reference_snr(&self, gain: f64) -> f64 {

@@ -9,11 +9,10 @@ use rand::RngExt;
 use serde::{Deserialize, Serialize};
 use strum::VariantNames;
 
-use super::model::{ChannelModel, Draw, Radio, Slopes, Uplink};
+use super::model::{ChannelModel, Draw, Slopes, Uplink};
 use crate::geometry::elevation_deg;
 use crate::keys::{Accepts, FINITE, Key, Only, POSITIVE};
 use crate::random::{Purpose, Streams};
-use crate::units::ratio_of_db;
 
 /// Keys of the model `probabilistic-los`.
 pub(crate) const ONLY: Only =
@@ -93,17 +92,6 @@ impl Environment {
     }
 }
 
-/// Levels of the channel.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LosLevels {
-    /// Gain at 1 m, `β0` [dB].
-    pub reference_gain_db: f64,
-    /// Additional gain out of line of sight, `μ` [dB].
-    pub nlos_extra_db: f64,
-    /// SNR gap of a real modem, `Γ` [dB].
-    pub snr_gap_db: f64,
-}
-
 /// The parameters of a probabilistic line-of-sight uplink.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LineOfSight {
@@ -124,16 +112,6 @@ pub struct LineOfSight {
 }
 
 impl LineOfSight {
-    /// The channel with this radio, and the path loss exponents in line of sight and out of it.
-    #[must_use]
-    pub fn new(radio: Radio, curve: LosCurve, levels: LosLevels, [los_exponent, nlos_exponent]: [f64; 2]) -> Self {
-        let Radio { bandwidth_hz, tx_power_w, noise_w, comm_s } = radio;
-        let LosLevels { reference_gain_db, nlos_extra_db, snr_gap_db } = levels;
-        let los_snr = tx_power_w * ratio_of_db(reference_gain_db) / (noise_w * ratio_of_db(snr_gap_db));
-        let nlos_snr = ratio_of_db(nlos_extra_db) * los_snr;
-        Self { bandwidth_hz, comm_s, curve, los_snr, nlos_snr, los_exponent, nlos_exponent }
-    }
-
     /// Probability of line of sight, `P_L`.
     #[must_use]
     pub fn los_probability(&self, d2_m2: f64, z_m: f64) -> f64 {

@@ -15,12 +15,12 @@ use serde::{Deserialize, Serialize};
 use strum::VariantNames;
 
 pub use free_space::{FreeSpace, GainMode, draw_gain_db};
-pub use line_of_sight::{Environment, LineOfSight, LosCurve, LosLevels};
-pub use model::{ChannelModel, Draw, Radio, Slopes, Uplink};
+pub use line_of_sight::{Environment, LineOfSight, LosCurve};
+pub use model::{ChannelModel, Draw, Slopes, Uplink};
 
 use crate::keys::{Accepts, Interval, LEVEL_DB, POSITIVE};
 use crate::random::Streams;
-use crate::units::watts_of_dbm;
+use crate::units::{ratio_of_db, watts_of_dbm};
 
 /// Most resource blocks of a UAV, and so most served sensor nodes in a message.
 pub const MAX_RESOURCE_BLOCKS: usize = 64;
@@ -128,23 +128,24 @@ impl LinkBudget {
         self.gain_db.map_or([self.reference_gain_db.unwrap_or_default(); 2], Interval::ends)
     }
 
-    /// The properties of the radio that all models use.
-    fn radio(&self) -> Radio {
-        let Self { bandwidth_hz, tx_power_w, comm_s, .. } = *self;
-        Radio { bandwidth_hz, tx_power_w, noise_w: self.noise_w(), comm_s }
-    }
-
     fn free_space(&self) -> Option<FreeSpace> {
-        Some(FreeSpace::new(self.radio(), self.gain?, self.gain_db?))
+        let Self { bandwidth_hz, tx_power_w, comm_s, .. } = *self;
+        let redrawn_db = (self.gain? == GainMode::PerSlot).then_some(self.gain_db?.ends());
+        Some(FreeSpace { bandwidth_hz, tx_power_w, noise_w: self.noise_w(), comm_s, redrawn_db })
     }
 
     fn line_of_sight(&self) -> Option<LineOfSight> {
-        let curve = self.los.or_else(|| self.environment.map(Environment::curve))?;
-        let levels = LosLevels {
-            reference_gain_db: self.reference_gain_db?,
-            nlos_extra_db: self.nlos_extra_db?,
-            snr_gap_db: self.snr_gap_db?,
-        };
-        Some(LineOfSight::new(self.radio(), curve, levels, [self.los_exponent?, self.nlos_exponent?]))
+        let Self { bandwidth_hz, tx_power_w, comm_s, .. } = *self;
+        let noise_w = self.noise_w();
+        let los_snr = tx_power_w * ratio_of_db(self.reference_gain_db?) / (noise_w * ratio_of_db(self.snr_gap_db?));
+        Some(LineOfSight {
+            bandwidth_hz,
+            comm_s,
+            curve: self.los.or_else(|| self.environment.map(Environment::curve))?,
+            los_snr,
+            nlos_snr: ratio_of_db(self.nlos_extra_db?) * los_snr,
+            los_exponent: self.los_exponent?,
+            nlos_exponent: self.nlos_exponent?,
+        })
     }
 }

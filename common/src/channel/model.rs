@@ -8,19 +8,6 @@ use nalgebra::Point3;
 use crate::geometry::{Position, distance_squared, elevation_deg};
 use crate::random::Streams;
 
-/// The properties of the radio that all models use.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Radio {
-    /// Bandwidth of a resource block, `W` [Hz].
-    pub bandwidth_hz: f64,
-    /// Transmission power of a sensor node, `p` [W].
-    pub tx_power_w: f64,
-    /// Noise power, `σ²` [W].
-    pub noise_w: f64,
-    /// Time for communication in a slot, `τ_c` [s].
-    pub comm_s: f64,
-}
-
 /// One uplink: the gain of the sensor node, and the position of the UAV relative to it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Uplink {

@@ -3,6 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
+use strum::{Display, IntoStaticStr};
 use toml::{Table, Value};
 
 use crate::error::{InputError, quoted};
@@ -10,14 +11,17 @@ use crate::error::{InputError, quoted};
 /// Longest accepted key [bytes].
 const MAX_KEY_BYTES: usize = 200;
 
-/// Origin of a setting.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// Origin of a setting, by its name in messages.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Display, IntoStaticStr)]
 pub enum SettingOrigin {
     /// The option `--set`.
+    #[strum(serialize = "--set")]
     Option,
     /// An axis of a sweep.
+    #[strum(serialize = "axis")]
     Axis,
     /// A program that replaces keys of a scenario.
+    #[strum(serialize = "replace")]
     Replacement,
 }
 
@@ -53,22 +57,12 @@ impl Setting {
 
     /// The error for this setting.
     pub fn refusal(&self, message: impl fmt::Display) -> InputError {
-        InputError::of_argument(self.origin_name(), &self.to_string(), message)
-    }
-
-    /// Its origin, as named in messages.
-    fn origin_name(&self) -> &'static str {
-        match self.origin {
-            SettingOrigin::Option => "--set",
-            SettingOrigin::Axis => "axis",
-            SettingOrigin::Replacement => "replace",
-        }
+        InputError::of_argument(self.origin.into(), &self.to_string(), message)
     }
 
     /// The settings as an addition to the error for another key, which they may have caused; empty without settings.
     pub fn list(settings: &[Self]) -> String {
-        let texts: Vec<String> =
-            settings.iter().map(|setting| format!("{} {setting}", setting.origin_name())).collect();
+        let texts: Vec<String> = settings.iter().map(|setting| format!("{} {setting}", setting.origin)).collect();
         if texts.is_empty() { String::new() } else { format!(" (with {})", texts.join(" ")) }
     }
 }

@@ -7,7 +7,6 @@ use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
 use super::area::Area;
-use super::planner::PlannerKeys;
 use super::sensors::SensorKeys;
 use super::uav::UavKeys;
 use crate::channel::LinkBudget;
@@ -60,6 +59,22 @@ crate::keys! {
             /// The settings that replaced values of the file, for messages.
             #[serde(skip)]
             pub settings: Vec<Setting>,
+        }
+    }
+}
+
+crate::keys! {
+    /// `[planner]`. The planner reads it with [`Scenario::planner_keys`](super::Scenario::planner_keys) and writes it
+    /// back with all defaults by [`Scenario::with_planner_keys`](super::Scenario::with_planner_keys).
+    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+    #[serde(expecting = "a table")]
+    pub struct PlannerKeys {
+        /// Strategy, one of those in `skysink simulate --help`.
+        strategy: String = "uts", Accepts::Rule("the name of a strategy");
+        also {
+            /// Every other key.
+            #[serde(flatten)]
+            pub others: Table,
         }
     }
 }

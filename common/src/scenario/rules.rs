@@ -1,14 +1,18 @@
-//! The rules between the keys of a scenario.
+//! The rules between the keys of a scenario, and its alternative forms: groups of keys for the same quantity, of which a
+//! scenario has one.
+//!
+//! The defaults of a form are not filled in beside the other form. A setting in one form removes the other form of the
+//! file.
 
 use toml::{Table, Value};
 
-use super::forms::{Conditional, FORMS, conditional};
 use super::mission::Scenario;
 use super::sensors::{MAX_FIELD_BITS, MAX_SAMPLED_BITS};
 use super::uav::Climb;
 use crate::channel::{Channel, ChannelModel, LosCurve};
 use crate::error::InputError;
-use crate::keys::dotted::value;
+use crate::keys::dotted::{beside, is_below, value};
+use crate::keys::{self, Keys, Only};
 
 /// Checks the rules between the keys of `scenario`, which was read from `file`.
 pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError> {
@@ -60,4 +64,109 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
     }
     let expected = format!("at most the slot's {} s", scenario.slot_s);
     rule(link.comm_s <= scenario.slot_s, "link.comm_s", &expected)
+}
+
+/// Two alternative forms: the keys of each, and what is expected if both are present.
+struct Forms {
+    forms: [&'static [&'static str]; 2],
+    expected: &'static str,
+}
+
+/// All alternatives.
+const FORMS: [Forms; 4] = [
+    Forms {
+        forms: [&["area.side_m"], &["area.width_m", "area.height_m"]],
+        expected: "either side_m, or width_m and height_m",
+    },
+    Forms { forms: [&["sensors.count"], &["sensors.file"]], expected: "either count or file, not both" },
+    Forms { forms: [&["link.environment"], &["link.los"]], expected: "either environment or los, not both" },
+    Forms {
+        forms: [&["link.los.a", "link.los.b"], &["link.los.b1", "link.los.b2", "link.los.b3", "link.los.b4"]],
+        expected: "either a and b, or b1 to b4",
+    },
+];
+
+/// A key that is refused unless another key of its table has a value.
+struct Conditional {
+    /// Its dotted name.
+    key: String,
+    /// The dotted name of the other key.
+    other: String,
+    /// The value of the other key.
+    value: &'static str,
+    /// What is expected if the other key has another value.
+    expected: &'static str,
+}
+
+/// All keys that are refused unless another key has a value.
+fn conditional() -> impl Iterator<Item = Conditional> {
+    keys::all(Scenario::KEYS, "").into_iter().filter_map(|(name, key)| {
+        let Only { key: other, value, expected } = key.only?;
+        let other = beside(&name, other);
+        Some(Conditional { key: name, other, value, expected: expected? })
+    })
+}
+
+/// The keys of the other form, which must not be present beside `key` with this value.
+pub(crate) fn displaced(key: &str, value: &Value) -> Vec<String> {
+    let is_in = |form: &[&str]| form.iter().any(|own| *own == key || is_below(key, own));
+    let of_other_form = FORMS.iter().flat_map(|forms| match forms.forms.map(is_in) {
+        [true, false] => forms.forms[1],
+        [false, true] => forms.forms[0],
+        _ => &[],
+    });
+    let is_displaced =
+        |other: &Conditional| other.other == key && value.as_str().is_some_and(|value| value != other.value);
+    let of_other_value = conditional().filter(is_displaced).map(|other| other.key);
+    of_other_form.map(|&other| other.to_owned()).chain(of_other_value).collect()
+}
+
+/// The keys of other forms than those in `file`, whose defaults are not filled in.
+pub(crate) fn displaced_in(file: &Table) -> Vec<String> {
+    let keys = FORMS.iter().flat_map(|forms| forms.forms).flatten();
+    let given = keys.filter_map(|key| Some((key, value(file, key)?)));
+    given.flat_map(|(key, value)| displaced(key, value)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_form_displaces_the_other_and_nothing_else() {
+        let of = |key: &str, value: &str| displaced(key, &Value::String(value.to_owned()));
+        assert_eq!(of("area.height_m", ""), ["area.side_m"]);
+        assert_eq!(of("area.side_m", ""), ["area.width_m", "area.height_m"]);
+        assert_eq!(of("sensors.file", ""), ["sensors.count"]);
+        assert_eq!(of("link.los", ""), ["link.environment"]);
+        assert_eq!(
+            of("link.los.b", ""),
+            ["link.environment", "link.los.b1", "link.los.b2", "link.los.b3", "link.los.b4"]
+        );
+        assert_eq!(of("link.model", "probabilistic-los"), ["link.gain_db", "link.gain"]);
+        let line_of_sight = [
+            "link.environment",
+            "link.los",
+            "link.reference_gain_db",
+            "link.los_exponent",
+            "link.nlos_exponent",
+            "link.nlos_extra_db",
+            "link.snr_gap_db",
+        ];
+        assert_eq!(of("link.model", "free-space"), line_of_sight);
+        for key in ["area", "area.origin_lat_deg", "link.los_exponent", "slots"] {
+            assert_eq!(of(key, "free-space"), [""; 0], "{key}");
+        }
+    }
+
+    #[test]
+    fn a_setting_removes_the_other_form_of_the_file_but_not_another_setting() {
+        let file = "[area]\nside_m = 9.0\n[sensors]\ncount = 3\n";
+        let mut table: Table = file.parse().unwrap();
+        let settings = ["area.width_m=5.0", "area.height_m=6.0", "sensors.count=4", "sensors.file=a.csv"]
+            .map(|text| text.parse().unwrap());
+        Scenario::apply(&settings, &mut table).unwrap();
+        let expected = "[area]\nwidth_m = 5.0\nheight_m = 6.0\n[sensors]\ncount = 4\nfile = \"a.csv\"\n";
+        assert_eq!(table, expected.parse().unwrap());
+    }
 }

@@ -9,7 +9,6 @@
 //! | [`window`] | bound within the model of the look-ahead, with real-valued queues and expected rates |
 
 pub mod field_bits;
-mod largest;
 pub mod links;
 pub mod paths;
 pub mod throughput;

@@ -2,8 +2,10 @@
 //!
 //! The capacities of links are ignored: a visit is assumed to empty the queue.
 
+use std::cmp::Ordering;
+use std::iter::Sum;
+
 use super::field_bits::FieldBits;
-use super::largest::without_largest;
 
 /// Most gaps between visits that are compared.
 const GAPS: u64 = 8;
@@ -60,6 +62,21 @@ fn gaps(field: &FieldBits) -> Vec<u64> {
     let most = (MOST_LOSSES / losses).clamp(1, GAPS);
     let stride = gaps.len().div_ceil(most as usize).max(1);
     gaps.into_iter().step_by(stride).collect()
+}
+
+/// The sum of `values` without the `count` largest.
+pub(crate) fn without_largest<T: Copy + Default + Sum<T>>(
+    values: &mut [T],
+    count: usize,
+    compare: impl Fn(&T, &T) -> Ordering,
+) -> T {
+    if count >= values.len() {
+        return T::default();
+    }
+    if count > 0 {
+        values.select_nth_unstable_by(count - 1, |a, b| compare(b, a));
+    }
+    values[count..].iter().copied().sum()
 }
 
 #[cfg(test)]

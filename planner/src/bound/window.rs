@@ -1,7 +1,7 @@
 //! Lower bounds on the predicted loss of any plan over a planning window: with real-valued queues, and random channels
 //! at their expected rates. Computed in every slot.
 
-use super::largest::without_largest;
+use super::visits::without_largest;
 
 /// Gaps between visits that are compared.
 const GAPS: usize = 8;

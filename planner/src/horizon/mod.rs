@@ -6,16 +6,15 @@
 //! | module | contents |
 //! |---|---|
 //! | [`model`] | the sensor nodes that can lose data, in slots instead of bits |
-//! | [`service_disk`], [`groups`] | the stops of a plan |
+//! | [`groups`] | the stops of a plan |
 //! | [`flight`], [`choice`] | the flight to a stop, and the sensor nodes served on the way |
 //! | [`forecast`], [`states`] | the predicted loss of a plan, or of a change |
 //! | [`start`], [`even_tour`], [`offered`] | initial plans |
-//! | [`anneal`], [`draw`] | the search |
+//! | [`anneal`] | the search |
 //! | [`long_search`] | the search before the mission, of `offline` |
 
 pub mod anneal;
 pub mod choice;
-pub mod draw;
 pub mod even_tour;
 pub mod flight;
 pub mod forecast;
@@ -23,7 +22,6 @@ pub mod groups;
 pub mod long_search;
 pub mod model;
 pub mod offered;
-pub mod service_disk;
 pub mod start;
 pub mod states;
 #[cfg(test)]
@@ -44,8 +42,8 @@ use crate::strategy::{Setup, Timing, View};
 use anneal::Temperature;
 use flight::Trace;
 use forecast::{Forecast, PlanningWindow};
+use groups::ServiceDisk;
 use model::PlanningModel;
-use service_disk::ServiceDisk;
 
 /// Lower limit on the estimated bits per slot of an SN: one that does not sample cannot be distinguished from one that
 /// rarely does.
@@ -152,7 +150,7 @@ impl Horizon {
     /// Updates the model with the estimate at the beginning of the slot: learnt rates, and the uncertainty of the
     /// queues.
     fn update_sensors(&mut self, view: &View) {
-        let belief = view.belief.belief();
+        let belief = view.belief.belief;
         if !belief.is_estimated() {
             return;
         }

@@ -10,8 +10,7 @@ use skysink_common::sensors::Sensors;
 use skysink_common::sensors::grid::Grid;
 
 use super::even_tour::even_out;
-use super::groups;
-use super::service_disk::ServiceDisk;
+use super::groups::{self, ServiceDisk};
 use crate::geometry::disks::Disk;
 use crate::geometry::tour::closed_tour;
 use crate::mission_table::MissionTable;

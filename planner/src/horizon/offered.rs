@@ -3,7 +3,7 @@
 use skysink_common::geometry::Position;
 
 use super::forecast::Forecast;
-use super::service_disk::ServiceDisk;
+use super::groups::ServiceDisk;
 use super::{Horizon, Search, start};
 use crate::strategy::View;
 

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::CheckpointError;
 use skysink_common::geometry::Position;
 
-use super::rollout::{Ahead, Effort, RolledSlot, Rollout, is_certain};
+use super::rollout::{Ahead, Effort, Rollout, is_certain};
 use super::serving::Serving;
 use crate::strategy::{Decision, OwnedSetup, Registered, Setup, Strategy, View};
 
@@ -122,7 +122,7 @@ impl Rivals {
         for (rival, Rival { strategy, fresh, .. }) in made.iter_mut().enumerate() {
             let reset = |strategy: &mut dyn Strategy| strategy.restore(fresh).expect("a state of its own");
             let mut flight = Vec::new();
-            let watch = |slot: RolledSlot| flight.push((slot.waypoint.xy(), slot.ids.to_vec()));
+            let watch = |slot: &Decision| flight.push((slot.waypoint.xy(), slot.schedule.to_vec()));
             let most_bits = surveyed.get(OFFERED - 1).map_or(f64::INFINITY, |last| last.loss_bits);
             let strategy = strategy.as_mut();
             if let Some(loss_bits) = rollout.mean_loss_bits(strategy, reset, transit, most_bits, is_over, watch) {

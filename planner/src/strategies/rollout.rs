@@ -6,11 +6,9 @@
 
 use std::borrow::Cow;
 
-use arrayvec::ArrayVec;
-use nalgebra::Point3;
 use rand::{Rng, RngExt};
 use skysink_common::channel::{ChannelModel, Uplink};
-use skysink_common::message::{FlightReport, LinkReport, MAX_SERVED, Mode};
+use skysink_common::message::{FlightReport, LinkReport, Mode};
 use skysink_common::queues::Queues;
 use skysink_common::random::{Purpose, Streams};
 use skysink_common::sampling::{Sampler, Sampling};
@@ -18,19 +16,14 @@ use skysink_common::sampling::{Sampler, Sampling};
 use super::serving::Serving;
 use super::transit::transit_decision;
 use crate::horizon::choice::late_slots;
-use crate::strategy::{Strategy, View};
+use crate::strategy::{Decision, Strategy, View};
 
 /// A simulation of the mission from the slot of a view on.
 pub(crate) struct Rollout<'a> {
     view: &'a View<'a>,
     /// With known or estimated rates.
     sampling: Cow<'a, Sampling>,
-    /// The last simulated slot.
-    last_slot: u64,
-    /// Slots of the mission after it.
-    beyond_slots: f64,
-    /// Expected slots to the next visit of an SN.
-    round_slots: f64,
+    ahead: Ahead,
     streams: Streams,
     /// Number of random samples; 1 if all is known.
     pub futures: u32,
@@ -92,34 +85,17 @@ impl Effort {
     }
 }
 
-/// A slot of a flight.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct RolledSlot {
-    /// Where it ends [m].
-    pub waypoint: Point3<f64>,
-    /// The SNs that it serves.
-    pub ids: ArrayVec<u32, MAX_SERVED>,
-}
-
 impl<'a> Rollout<'a> {
     /// From the slot of `view` on, with the random streams of `seed`.
     pub fn new(view: &'a View<'a>, seed: u64, ahead: &Ahead, futures: u32) -> Self {
         let sensors = &view.table.sensors;
-        let sampling = if view.belief.belief().is_estimated() {
+        let sampling = if view.belief.belief.is_estimated() {
             let mean_bits = sensors.ids().map(|id| view.belief.mean_bits(id)).collect();
             Cow::Owned(sensors.sampling.with_means(mean_bits))
         } else {
             Cow::Borrowed(&sensors.sampling)
         };
-        Self {
-            view,
-            sampling,
-            last_slot: view.slot.saturating_add(ahead.slots - 1),
-            beyond_slots: ahead.beyond_slots,
-            round_slots: ahead.round_slots,
-            streams: Streams::new(seed),
-            futures,
-        }
+        Self { view, sampling, ahead: *ahead, streams: Streams::new(seed), futures }
     }
 
     /// Mean loss [bit] of `strategy` over all samples; `reset` restores its state before each. `None` as soon as the
@@ -131,13 +107,13 @@ impl<'a> Rollout<'a> {
         transit: &mut Serving,
         most_bits: f64,
         is_over: &dyn Fn() -> bool,
-        mut watch: impl FnMut(RolledSlot),
+        mut watch: impl FnMut(&Decision),
     ) -> Option<f64> {
         let most_bits = most_bits * f64::from(self.futures);
         let mut lost_bits = 0.0;
         for future in 0..self.futures {
             reset(strategy);
-            let watch = |slot| {
+            let watch = |slot: &Decision| {
                 if future == 0 {
                     watch(slot);
                 }
@@ -156,16 +132,16 @@ impl<'a> Rollout<'a> {
         transit: &mut Serving,
         most_bits: f64,
         is_over: &dyn Fn() -> bool,
-        mut watch: impl FnMut(RolledSlot),
+        mut watch: impl FnMut(&Decision),
     ) -> Option<f64> {
         let table = self.view.table;
         let mut random = self.streams.stream(Purpose::Rollout, 0, future);
         let streams = Streams::new(random.next_u64());
         let mut world = self.draw_world(&mut random);
-        let mut belief = self.view.belief.belief().clone();
+        let mut belief = self.view.belief.belief.clone();
         let mut position = self.view.position;
         let mut lost_bits = 0.0;
-        for slot in self.view.slot..=self.last_slot {
+        for slot in self.view.slot..=self.view.slot.saturating_add(self.ahead.slots - 1) {
             let believed = belief.at(slot.saturating_sub(1), &table.sensors, world.queues.bits());
             let view = View { slot, position, belief: believed, ..*self.view };
             let decision = strategy.plan(&view).unwrap_or_else(|| transit_decision(transit, &view));
@@ -185,7 +161,7 @@ impl<'a> Rollout<'a> {
                 report.served += 1;
             }
             belief.advance(slot, &report, &before, world.queues.bits());
-            watch(RolledSlot { waypoint: position, ids: decision.schedule });
+            watch(&decision);
         }
         lost_bits += self.beyond_bits(&world);
         (lost_bits <= most_bits).then_some(lost_bits)
@@ -194,7 +170,7 @@ impl<'a> Rollout<'a> {
     /// Queues and rates of a sample: known, or drawn from the estimate.
     fn draw_world(&self, random: &mut impl Rng) -> World<'_> {
         let View { belief, .. } = self.view;
-        if !belief.belief().is_estimated() {
+        if !belief.belief.is_estimated() {
             let within = |(id, &queue_bits): (usize, &u32)| queue_bits.min(self.sampling.of(id).capacity_bits);
             let queues_bits = belief.queues_bits.iter().enumerate().map(within).collect();
             return World { queues: Queues::new(queues_bits), sampling: Cow::Borrowed(&self.sampling) };
@@ -220,14 +196,15 @@ impl<'a> Rollout<'a> {
 
     /// Expected loss after the last simulated slot [bit].
     fn beyond_bits(&self, world: &World) -> f64 {
-        if self.beyond_slots == 0.0 {
+        let Ahead { beyond_slots, round_slots, .. } = self.ahead;
+        if beyond_slots == 0.0 {
             return 0.0;
         }
         let late_bits = |(id, &queue_bits): (usize, &u32)| {
             let Sampler { mean_bits, capacity_bits } = world.sampling.of(id);
             let left_slots = f64::from(capacity_bits - queue_bits) / mean_bits;
-            let late = if mean_bits > 0.0 { late_slots(left_slots, self.round_slots) } else { 0.0 };
-            late.min(self.beyond_slots) * mean_bits
+            let late = if mean_bits > 0.0 { late_slots(left_slots, round_slots) } else { 0.0 };
+            late.min(beyond_slots) * mean_bits
         };
         world.queues.bits().iter().enumerate().map(late_bits).sum()
     }
@@ -241,7 +218,7 @@ struct World<'a> {
 
 /// Whether links, queues and rates are known.
 pub(crate) fn is_certain(view: &View) -> bool {
-    !view.belief.belief().is_estimated() && !view.table.channel.is_random()
+    !view.belief.belief.is_estimated() && !view.table.channel.is_random()
 }
 
 #[cfg(test)]
@@ -257,7 +234,7 @@ mod tests {
     use skysink_common::stop::Stop;
 
     use crate::strategy::tests::over;
-    use crate::strategy::{Decision, OwnedSetup, Registered, Timing};
+    use crate::strategy::{OwnedSetup, Registered, Timing};
     use crate::waypoint::problem::Waypoint;
 
     const NEVER: &dyn Fn() -> bool = &|| false;

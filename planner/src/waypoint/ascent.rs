@@ -57,7 +57,7 @@ pub fn fill_starts(problem: &Problem, starts: &mut Vec<RatedPoint>) {
         let Some(ground) = project(&ground, &problem.disks) else {
             return starts.clear();
         };
-        starts.push(problem.best_level(&ground, levels).1);
+        starts.push(problem.best_level(&ground, levels));
     }
     starts.sort_unstable_by(|a, b| {
         let by_position = a.point.iter().zip(b.point.iter()).map(|(a, b)| a.total_cmp(b));

@@ -180,13 +180,11 @@ impl Problem {
         best
     }
 
-    /// The best of the altitudes above `ground` that divide the range into `levels` parts, the lowest of equals, and
-    /// its number from 0.
-    pub(crate) fn best_level(&self, ground: &Position, levels: u32) -> (u32, RatedPoint) {
+    /// The best of the altitudes above `ground` that divide the range into `levels` parts, the lowest of equals.
+    pub(crate) fn best_level(&self, ground: &Position, levels: u32) -> RatedPoint {
         let altitude_m = |level: u32| self.altitude_m(f64::from(level) / f64::from(levels.max(1)));
-        let rated = (0..=levels).map(|level| (level, self.rated(above(ground, altitude_m(level)))));
-        let best = rated.reduce(|best, next| if next.1.rate_bps > best.1.rate_bps { next } else { best });
-        best.expect("at least one level")
+        let rated = (0..=levels).map(|level| self.rated(above(ground, altitude_m(level))));
+        rated.reduce(RatedPoint::or_better).expect("at least one level")
     }
 
     /// The altitude [m] at `fraction` of the range, 0 for the lowest; at 0 and 1 its ends, to the bit.
