@@ -65,9 +65,10 @@ impl RunFolder {
             Some(out) => {
                 Self::check(Some(out), earlier)?;
                 out.parent().map_or(Ok(()), fs::create_dir_all).map_err(|error| cannot_make(out, error))?;
-                match fs::create_dir(out) {
-                    Err(error) if error.kind() == io::ErrorKind::AlreadyExists && may_hold_run(out, earlier) => {}
-                    made => made.map_err(|error| cannot_make(out, error))?, // another process may have created it
+                let made = fs::create_dir(out);
+                let exists = made.as_ref().is_err_and(|error| error.kind() == io::ErrorKind::AlreadyExists);
+                if !exists || earlier == Earlier::Kept && !is_empty(out) {
+                    made.map_err(|error| cannot_make(out, error))?; // another process may have created it
                 }
                 out.to_owned()
             }
@@ -256,11 +257,6 @@ fn require(path: &Path) -> Result<(), MissionError> {
 fn locked(folder: &Path) -> MissionError {
     let message = "a run is writing it: end that run first, or choose another folder";
     InputError::new("trace", &folder.join(TRACE), message).into()
-}
-
-/// Whether a folder that another process may just have created can take a run.
-fn may_hold_run(out: &Path, earlier: Earlier) -> bool {
-    earlier == Earlier::Replaced || is_empty(out)
 }
 
 /// The refusal of an output folder.

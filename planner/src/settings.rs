@@ -3,7 +3,6 @@
 //! Keys of all strategies are declared in [`crate::keys`], those of one strategy in its file in [`crate::strategies`].
 
 use skysink_common::error::InputError;
-use skysink_common::keys::{Key, Keys, all};
 use skysink_common::scenario::Scenario;
 use toml::Table;
 
@@ -19,15 +18,6 @@ const MOVED: [(&str, &str); 3] = [
     ("horizon_budget_ms", "planner.horizon.budget_ms"),
     ("offline_steps", "planner.offline.steps"),
 ];
-
-/// All keys of `[planner]` except the name of the strategy, by their dotted names.
-#[must_use]
-pub fn all_keys() -> Vec<(String, &'static Key)> {
-    let own =
-        STRATEGIES.iter().filter_map(|strategy| Some((format!("planner.{}", strategy.name), strategy.keys?.keys)));
-    let tables = std::iter::once(("planner".to_owned(), Settings::KEYS)).chain(own);
-    tables.flat_map(|(table, keys)| all(keys, &table)).collect()
-}
 
 /// Checks `[planner]` of a scenario, and fills in its defaults.
 ///

@@ -42,7 +42,8 @@ pub fn rule(decide: impl FnMut(&View<'_>) -> Option<Decision> + 'static) -> Box<
     Box::new(Rule(decide))
 }
 
-struct Rule<F>(F);
+/// The strategy of [`rule`].
+pub(crate) struct Rule<F>(pub F);
 
 impl<F> Checkpoint for Rule<F> {}
 

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 
 use skysink_common::keys::{Accepts, Key, Keys, all};
 use skysink_common::scenario::Scenario;
-use skysink_planner::settings;
+use skysink_planner::settings::Settings;
+use skysink_planner::strategies::STRATEGIES;
 
 /// How to write the generated files anew.
 const COMMAND: &str = "cargo test --workspace --test it write_the_scenario_keys -- --ignored";
@@ -50,7 +51,10 @@ fn write_the_scenario_keys() {
 
 /// All keys, by their dotted names.
 fn keys() -> impl Iterator<Item = (String, &'static Key)> {
-    all(Scenario::KEYS, "").into_iter().chain(settings::all_keys())
+    let own =
+        STRATEGIES.iter().filter_map(|strategy| Some((format!("planner.{}", strategy.name), strategy.keys?.keys)));
+    let tables = [(String::new(), Scenario::KEYS), ("planner".to_owned(), Settings::KEYS)];
+    tables.into_iter().chain(own).flat_map(|(table, keys)| all(keys, &table))
 }
 
 /// The page of the book.
@@ -124,7 +128,6 @@ fn tokens() -> String {
     let quoted = |token: &str| format!("\"{}\"\n", token.replace('"', "\\\"").replace('\n', "\\x0a"));
     let token = |(name, key): (String, &Key)| match key.accepts {
         Accepts::TableOf(_) => quoted(&format!("[{name}]\n")),
-        Accepts::ListOf(_) => quoted(&format!("[[{name}]]\n")),
         Accepts::OneOf(values) => values.iter().map(|value| quoted(&format!("{} = \"{value}\"\n", key.name))).collect(),
         _ => quoted(&format!("{} = ", key.name)),
     };

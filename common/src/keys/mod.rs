@@ -102,8 +102,6 @@ pub enum Accepts {
     OneOf(&'static [&'static str]),
     /// A table with these keys.
     TableOf(&'static [Key]),
-    /// A list of tables with these keys.
-    ListOf(&'static [Key]),
     /// Values that a rule checks after all keys are read.
     Rule(&'static str),
 }
@@ -132,11 +130,11 @@ impl Accepts {
         }
     }
 
-    /// The keys of the table or tables.
+    /// The keys of the table.
     #[must_use]
     pub const fn inner(&self) -> Option<&'static [Key]> {
         match self {
-            Self::TableOf(keys) | Self::ListOf(keys) => Some(keys),
+            Self::TableOf(keys) => Some(keys),
             _ => None,
         }
     }
@@ -152,7 +150,6 @@ impl Accepts {
             Self::Whole(least, greatest) => format!("{least} to {greatest}"),
             Self::OneOf(names) => names.iter().map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(", "),
             Self::TableOf(_) => "a table".to_owned(),
-            Self::ListOf(_) => "a list of tables".to_owned(),
         }
     }
 
@@ -175,7 +172,7 @@ impl Accepts {
                 (!is_accepted).then(|| self.expected())
             }
             Self::Text(_, is_accepted) => value.as_str().filter(|text| !is_accepted(text)).map(|_| self.expected()),
-            Self::OneOf(_) | Self::TableOf(_) | Self::ListOf(_) | Self::Rule(_) => None,
+            Self::OneOf(_) | Self::TableOf(_) | Self::Rule(_) => None,
         }
     }
 }

@@ -9,7 +9,7 @@ use toml::{Table, Value};
 
 use super::dotted::{is_below, join};
 use super::setting::Setting;
-use super::{Accepts, Key, Keys};
+use super::{Key, Keys};
 use crate::error::{InputError, quoted, suggestion};
 
 /// Origin of the values of a scenario, for messages.
@@ -58,13 +58,8 @@ pub fn fill(keys: &[Key], name: &str, table: &mut Table, displaced: &[String]) {
         {
             table.insert(key.name.to_owned(), default);
         }
-        match (key.accepts, table.get_mut(key.name)) {
-            (Accepts::TableOf(keys), Some(Value::Table(inner))) => fill(keys, &name, inner, displaced),
-            (Accepts::ListOf(keys), Some(Value::Array(list))) => {
-                let tables = list.iter_mut().filter_map(Value::as_table_mut);
-                tables.for_each(|inner| fill(keys, &name, inner, displaced));
-            }
-            _ => {}
+        if let (Some(keys), Some(Value::Table(inner))) = (key.accepts.inner(), table.get_mut(key.name)) {
+            fill(keys, &name, inner, displaced);
         }
     }
 }
@@ -77,13 +72,8 @@ fn check(keys: &[Key], name: &str, table: &Table, source: Source) -> Result<(), 
         if let Some(expected) = key.accepts.refusal(value) {
             return Err(source.refusal(&name, value, &expected));
         }
-        match (key.accepts, value) {
-            (Accepts::TableOf(keys), Value::Table(inner)) => check(keys, &name, inner, source)?,
-            (Accepts::ListOf(keys), Value::Array(list)) => {
-                let mut tables = list.iter().filter_map(Value::as_table);
-                tables.try_for_each(|inner| check(keys, &name, inner, source))?;
-            }
-            _ => {}
+        if let (Some(keys), Value::Table(inner)) = (key.accepts.inner(), value) {
+            check(keys, &name, inner, source)?;
         }
     }
     Ok(())

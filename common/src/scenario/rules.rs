@@ -56,8 +56,11 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
         rule(is_in_range, "uav.altitude_m", &format!("a start from {min_altitude_m} to {max_altitude_m} m"))?;
     }
 
-    for Conditional { key, other, value: of, expected } in conditional() {
-        rule(value(&other).and_then(Value::as_str) == Some(of), &key, expected)?;
+    for (key, only) in conditional() {
+        let holds = value(&beside(&key, only.key)).and_then(Value::as_str) == Some(only.value);
+        if let Some(expected) = only.expected {
+            rule(holds, &key, expected)?;
+        }
     }
     if let Some(LosCurve::Logistic { b3, b4, .. }) = link.los {
         rule((b3 + b4 - 1.0).abs() < 1e-9, "link.los.b3", "1 − b4, so that the probability ends at 1")?;
@@ -86,25 +89,9 @@ const FORMS: [Forms; 4] = [
     },
 ];
 
-/// A key that is refused unless another key of its table has a value.
-struct Conditional {
-    /// Its dotted name.
-    key: String,
-    /// The dotted name of the other key.
-    other: String,
-    /// The value of the other key.
-    value: &'static str,
-    /// What is expected if the other key has another value.
-    expected: &'static str,
-}
-
-/// All keys that are refused unless another key has a value.
-fn conditional() -> impl Iterator<Item = Conditional> {
-    keys::all(Scenario::KEYS, "").into_iter().filter_map(|(name, key)| {
-        let Only { key: other, value, expected } = key.only?;
-        let other = beside(&name, other);
-        Some(Conditional { key: name, other, value, expected: expected? })
-    })
+/// All keys that are refused unless another key of their table has a value, by their dotted names.
+fn conditional() -> impl Iterator<Item = (String, Only)> {
+    keys::all(Scenario::KEYS, "").into_iter().filter_map(|(name, key)| Some((name, key.only?)))
 }
 
 /// The keys of the other form, which must not be present beside `key` with this value.
@@ -115,9 +102,12 @@ pub(crate) fn displaced(key: &str, value: &Value) -> Vec<String> {
         [false, true] => forms.forms[0],
         _ => &[],
     });
-    let is_displaced =
-        |other: &Conditional| other.other == key && value.as_str().is_some_and(|value| value != other.value);
-    let of_other_value = conditional().filter(is_displaced).map(|other| other.key);
+    let is_displaced = |(name, only): &(String, Only)| {
+        only.expected.is_some()
+            && beside(name, only.key) == key
+            && value.as_str().is_some_and(|value| value != only.value)
+    };
+    let of_other_value = conditional().filter(is_displaced).map(|(name, _)| name);
     of_other_form.map(|&other| other.to_owned()).chain(of_other_value).collect()
 }
 

@@ -85,15 +85,13 @@ skysink_common::keys! {
         mode: String = "swap", Accepts::OneOf(&["swap", "plug"]);
         /// Power of the charger [W].
         charger_w: Option<f64> = 90.0, POSITIVE, Only { key: "mode", value: "plug", expected: None };
-        /// Its pads.
-        pads: Vec<Pad> = [], Accepts::ListOf(Pad::KEYS);
         /// The pad that is kept free.
         spare: Option<Pad>, Accepts::TableOf(Pad::KEYS);
     }
 }
 
 skysink_common::keys! {
-    /// An element of a list.
+    /// A table in the table.
     #[derive(Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields)]
     pub struct Pad {
@@ -111,19 +109,18 @@ fn base(text: &str) -> Result<Base, InputError> {
 }
 
 #[test]
-fn defaults_are_filled_into_tables_and_lists_that_are_present() {
-    let empty = Base { mode: "swap".to_owned(), charger_w: None, pads: Vec::new(), spare: None };
+fn defaults_are_filled_into_tables_that_are_present() {
+    let empty = Base { mode: "swap".to_owned(), charger_w: None, spare: None };
     assert_eq!(base("").unwrap(), empty);
     assert_eq!(base("mode = 'plug'").unwrap(), Base { mode: "plug".to_owned(), charger_w: Some(90.0), ..empty });
-    let full = base("[[pads]]\nnumber = 1\n[[pads]]\nnumber = 2\nwidth_m = 3.0\n[spare]\nnumber = 3\n").unwrap();
-    let widths = full.pads.iter().chain(&full.spare).map(|pad| pad.width_m);
-    assert_eq!(widths.collect::<Vec<_>>(), [2.0, 3.0, 2.0]);
+    let width_m = |text: &str| base(text).unwrap().spare.unwrap().width_m;
+    assert_eq!([width_m("[spare]\nnumber = 3\n"), width_m("[spare]\nnumber = 2\nwidth_m = 3.0\n")], [2.0, 3.0]);
 }
 
 #[test]
-fn keys_of_tables_and_lists_are_refused_by_their_dotted_names() {
+fn keys_of_tables_are_refused_by_their_dotted_names() {
     let cases = [
-        ("[[pads]]\nnumber = 1\n[[pads]]\nnumber = 12\n", "base.pads.number = 12: expected 1 to 9"),
+        ("[spare]\nnumber = 12\n", "base.spare.number = 12: expected 1 to 9"),
         ("[spare]\nnumber = 1\nwidth_m = 0.0\n", "base.spare.width_m = 0.0: expected a finite number above 0"),
         ("[[spare]]\nnumber = 12\n", "base.spare = [{ number = 12 }]: expected a table, [base.spare]"),
         ("[spare]\nwidth_m = 1.0\n", "base.spare: missing `number`: this key is required"),

@@ -9,13 +9,12 @@
 //! | [`groups`] | the stops of a plan |
 //! | [`flight`], [`choice`] | the flight to a stop, and the sensor nodes served on the way |
 //! | [`forecast`], [`states`] | the predicted loss of a plan, or of a change |
-//! | [`start`], [`even_tour`], [`offered`] | initial plans |
+//! | [`start`], [`offered`] | initial plans |
 //! | [`anneal`] | the search |
 //! | [`long_search`] | the search before the mission, of `offline` |
 
 pub mod anneal;
 pub mod choice;
-pub mod even_tour;
 pub mod flight;
 pub mod forecast;
 pub mod groups;

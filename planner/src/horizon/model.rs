@@ -9,10 +9,9 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 use skysink_common::sensors::grid::Grid;
 
-use super::even_tour::even_out;
 use super::groups::{self, ServiceDisk};
 use crate::geometry::disks::Disk;
-use crate::geometry::tour::closed_tour;
+use crate::geometry::tour::{closed_tour, even_out};
 use crate::mission_table::MissionTable;
 
 /// Entries of the capacity table where the rate depends on the elevation, over `d²` from 0 to `d_c²`.

@@ -13,7 +13,7 @@ use skysink_common::geometry::above;
 use skysink_common::keys::Accepts;
 use skysink_common::message::MAX_PATH_POINTS;
 
-use super::planned_flight::PlannedFlight;
+use super::planned_flight::planned_flight;
 use super::rivals::{Rivals, Surveyed};
 use super::rollout::{Ahead, Effort, is_certain};
 use super::serving::Serving;
@@ -108,14 +108,11 @@ impl LookAhead {
         self.decide(view, &forecast)
     }
 
-    /// Whether the plan is known to be optimal: its loss equals the lower bound, and links and queues are certain.
-    fn is_settled(&self, view: &View, forecast: &Forecast) -> bool {
-        is_certain(view) && self.horizon.is_optimal(forecast)
-    }
-
-    /// Whether rollouts are affordable, which they are not in missions of too many SNs and slots.
-    fn is_affordable(&self, view: &View, forecast: &Forecast) -> bool {
-        Effort::of(view, self.ahead(forecast).slots, 0.0).is_affordable
+    /// Whether strategies are rolled out: not if the plan is known to be optimal, because its loss equals the lower
+    /// bound, and links and queues are certain; nor in missions of too many SNs and slots.
+    fn has_rollouts(&self, view: &View, forecast: &Forecast) -> bool {
+        let is_settled = is_certain(view) && self.horizon.is_optimal(forecast);
+        !is_settled && Effort::of(view, self.ahead(forecast).slots, 0.0).is_affordable
     }
 
     fn ahead(&self, forecast: &Forecast) -> Ahead {
@@ -132,7 +129,7 @@ impl LookAhead {
         steps: u32,
         is_over: &dyn Fn() -> bool,
     ) -> Option<Surveyed> {
-        if self.is_settled(view, forecast) || !self.is_affordable(view, forecast) {
+        if !self.has_rollouts(view, forecast) {
             return None;
         }
         let surveyed = self.rivals.survey(view, &self.ahead(forecast), is_over);
@@ -143,14 +140,14 @@ impl LookAhead {
 
     /// Chooses between the plan and the other strategies; `surveyed` is the best of them after a survey.
     fn compare(&mut self, view: &View, forecast: &Forecast, surveyed: Option<&Surveyed>, is_over: &dyn Fn() -> bool) {
-        if self.is_settled(view, forecast) || !self.is_affordable(view, forecast) {
+        if !self.has_rollouts(view, forecast) {
             self.rivals.leave();
             return;
         }
         let ahead = self.ahead(forecast);
         if surveyed.is_some() || self.rivals.is_due(view, &ahead) {
             let Self { horizon, rivals, serving, .. } = self;
-            let mut own = PlannedFlight { model: horizon.model(), forecast, first: view.slot, serving };
+            let mut own = planned_flight(horizon.model(), forecast, view.slot, serving);
             rivals.choose(view, &ahead, &mut own, surveyed, is_over);
         }
     }
@@ -163,7 +160,7 @@ impl LookAhead {
             return self.rivals.plan(view);
         }
         let Self { horizon, serving, .. } = self;
-        let mut own = PlannedFlight { model: horizon.model(), forecast, first: view.slot, serving };
+        let mut own = planned_flight(horizon.model(), forecast, view.slot, serving);
         let decision = own.plan(view)?;
         self.path.extend(planned_path(forecast).iter().map(|point| above(point, decision.waypoint.z)));
         Some(decision)

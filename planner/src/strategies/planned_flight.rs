@@ -1,7 +1,6 @@
 //! Flies a plan of the look-ahead slot by slot, without changes.
 
 use skysink_common::channel::ChannelModel;
-use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::Position;
 use skysink_common::message::SolverOutcome;
 
@@ -10,27 +9,22 @@ use super::serving::Serving;
 use crate::horizon::forecast::Forecast;
 use crate::horizon::model::PlanningModel;
 use crate::horizon::{PlannedSlot, planned_slot};
-use crate::strategy::{Decision, Strategy, View};
+use crate::strategy::{Decision, Rule, Strategy, View};
 
-/// A plan that is flown from the slot `first` on.
-pub(crate) struct PlannedFlight<'a> {
-    pub model: &'a PlanningModel,
-    pub forecast: &'a Forecast,
-    pub first: u64,
-    pub serving: &'a mut Serving,
-}
-
-impl Checkpoint for PlannedFlight<'_> {}
-
-impl Strategy for PlannedFlight<'_> {
-    /// `None` after the last stop.
-    fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
-        let slot = i32::try_from(view.slot - self.first + 1).ok()?;
-        let next = planned_slot(self.model, self.forecast, slot, &view.ground())?;
-        let (waypoint, outcome) = between_stops(self.serving, view, &next);
+/// Flies the plan of `forecast` from the slot `first` on. No decision after the last stop.
+pub(crate) fn planned_flight<'a>(
+    model: &'a PlanningModel,
+    forecast: &'a Forecast,
+    first: u64,
+    serving: &'a mut Serving,
+) -> impl Strategy + 'a {
+    Rule(move |view: &View<'_>| {
+        let slot = i32::try_from(view.slot - first + 1).ok()?;
+        let next = planned_slot(model, forecast, slot, &view.ground())?;
+        let (waypoint, outcome) = between_stops(serving, view, &next);
         let key = |id: u32| (!next.ids.contains(&id), fullest_first(view.belief.queues_bits[id as usize], id));
-        Some(Decision { outcome, ..self.serving.serve_by(view, &waypoint, key) })
-    }
+        Some(Decision { outcome, ..serving.serve_by(view, &waypoint, key) })
+    })
 }
 
 /// The waypoint of a planned slot. If links limit the collected bits, or depend on the elevation, it is moved

@@ -120,12 +120,11 @@ impl Rivals {
         let transit = transit.as_mut().expect("it was made");
         let mut surveyed: Vec<Surveyed> = Vec::new();
         for (rival, Rival { strategy, fresh, .. }) in made.iter_mut().enumerate() {
-            let reset = |strategy: &mut dyn Strategy| strategy.restore(fresh).expect("a state of its own");
             let mut flight = Vec::new();
             let watch = |slot: &Decision| flight.push((slot.waypoint.xy(), slot.schedule.to_vec()));
             let most_bits = surveyed.get(OFFERED - 1).map_or(f64::INFINITY, |last| last.loss_bits);
             let strategy = strategy.as_mut();
-            if let Some(loss_bits) = rollout.mean_loss_bits(strategy, reset, transit, most_bits, is_over, watch) {
+            if let Some(loss_bits) = rollout.mean_loss_bits(strategy, Some(fresh), transit, most_bits, is_over, watch) {
                 surveyed.push(Surveyed { rival, loss_bits, flight });
                 surveyed.sort_by(|a, b| a.loss_bits.total_cmp(&b.loss_bits));
                 surveyed.truncate(OFFERED);
@@ -156,7 +155,7 @@ impl Rivals {
         let Self { owned, made, transit, choice } = self;
         let rollout = Rollout::new(view, owned.scenario.seed, ahead, effort.futures);
         let transit = transit.as_mut().expect("it was made");
-        let Some(mut least_bits) = rollout.mean_loss_bits(own, |_| (), transit, f64::INFINITY, is_over, |_| ()) else {
+        let Some(mut least_bits) = rollout.mean_loss_bits(own, None, transit, f64::INFINITY, is_over, |_| ()) else {
             return;
         };
         let mut best = None;
@@ -165,9 +164,9 @@ impl Rivals {
             if least_bits == 0.0 {
                 break;
             }
-            let reset = |strategy: &mut dyn Strategy| strategy.restore(&state).expect("a state of its own");
             let strategy = made[rival].strategy.as_mut();
-            if let Some(loss_bits) = rollout.mean_loss_bits(strategy, reset, transit, least_bits, is_over, |_| ())
+            if let Some(loss_bits) =
+                rollout.mean_loss_bits(strategy, Some(&state), transit, least_bits, is_over, |_| ())
                 && loss_bits < least_bits
             {
                 least_bits = loss_bits;

@@ -98,12 +98,12 @@ impl<'a> Rollout<'a> {
         Self { view, sampling, ahead: *ahead, streams: Streams::new(seed), futures }
     }
 
-    /// Mean loss [bit] of `strategy` over all samples; `reset` restores its state before each. `None` as soon as the
+    /// Mean loss [bit] of `strategy` over all samples; its `state` is restored before each, unless it has none. `None` as soon as the
     /// mean exceeds `most_bits`, or once `is_over`. `watch` is called with each slot of the first sample.
     pub fn mean_loss_bits(
         &self,
         strategy: &mut dyn Strategy,
-        reset: impl Fn(&mut dyn Strategy),
+        state: Option<&[u8]>,
         transit: &mut Serving,
         most_bits: f64,
         is_over: &dyn Fn() -> bool,
@@ -112,7 +112,9 @@ impl<'a> Rollout<'a> {
         let most_bits = most_bits * f64::from(self.futures);
         let mut lost_bits = 0.0;
         for future in 0..self.futures {
-            reset(strategy);
+            if let Some(state) = state {
+                strategy.restore(state).expect("a state of its own");
+            }
             let watch = |slot: &Decision| {
                 if future == 0 {
                     watch(slot);
@@ -258,7 +260,7 @@ mod tests {
         let ahead = Ahead { slots, beyond_slots: beyond as f64, round_slots: 10.0 };
         let rollout = Rollout::new(&view, scenario.seed, &ahead, futures);
         let mut gfs = (Registered::find("gfs").unwrap().make)(&setup);
-        rollout.mean_loss_bits(gfs.as_mut(), |_| (), &mut Serving::new(&setup), f64::INFINITY, NEVER, |_| ()).unwrap()
+        rollout.mean_loss_bits(gfs.as_mut(), None, &mut Serving::new(&setup), f64::INFINITY, NEVER, |_| ()).unwrap()
     }
 
     #[test]
