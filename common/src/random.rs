@@ -3,7 +3,7 @@
 //! The generator is ChaCha8 with these four numbers as its key. The order of calls, threads, processes and restarts
 //! cannot change a draw.
 
-use rand::SeedableRng;
+use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 /// Purpose of a stream. The numbers are part of the results: never change or reuse one.
@@ -55,6 +55,20 @@ impl Streams {
         }
         ChaCha8Rng::from_seed(key)
     }
+}
+
+/// A random number below `count`, which is at least 1 and below 2^32, from one 32-bit word of the stream.
+#[inline]
+#[must_use]
+pub fn below(random: &mut ChaCha8Rng, count: usize) -> usize {
+    ((u64::from(random.next_u32()) * count as u64) >> 32) as usize
+}
+
+/// A random fraction in (0, 1], from one word as well.
+#[inline]
+#[must_use]
+pub fn fraction(random: &mut ChaCha8Rng) -> f64 {
+    (f64::from(random.next_u32()) + 1.0) / 4_294_967_296.0
 }
 
 #[cfg(test)]

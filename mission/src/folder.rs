@@ -121,7 +121,8 @@ impl FolderLayout {
 pub struct OutputFolder {
     layout: &'static FolderLayout,
     path: PathBuf,
-    lock: File,
+    /// The lock file.
+    pub(crate) lock: File,
 }
 
 impl OutputFolder {
@@ -138,12 +139,6 @@ impl OutputFolder {
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
-    }
-
-    /// The lock file.
-    #[must_use]
-    pub fn lock_file(&self) -> &File {
-        &self.lock
     }
 
     /// What it holds now.

@@ -76,7 +76,7 @@ impl RunFolder {
         };
         let folder = LAYOUT.lock(&path)?.ok_or_else(|| locked(&path))?;
         folder.remove_results()?;
-        folder.lock_file().set_len(0).at(&path.join(TRACE))?;
+        folder.lock.set_len(0).at(&path.join(TRACE))?;
         let folder = Self { folder, mode: mode.clone(), in_a_ring: mode.pace.is_some() };
         let scenario = scenario.to_toml_with_list("sensors.csv");
         let sensors = list.to_csv();
@@ -188,7 +188,7 @@ impl RunFolder {
     /// # Errors
     /// If it does not begin with the header of a trace.
     pub fn reopen_slot_log(&self) -> Result<(SlotLog, BufReader<File>), MissionError> {
-        let file = self.folder.lock_file().try_clone().at(&self.slots())?;
+        let file = self.folder.lock.try_clone().at(&self.slots())?;
         SlotLog::open(self.path(), self.slots(), file, self.in_a_ring)
     }
 

@@ -5,6 +5,7 @@ use std::ops::Range;
 
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
+use skysink_common::random::{below, fraction};
 
 use super::flight::Leg;
 use super::forecast::{FRESH, Forecast};
@@ -184,20 +185,6 @@ impl Proposal<'_> {
         self.keep(first..first + 1);
         Some(first..second + 1)
     }
-}
-
-/// A random number below `count`, which is at least 1 and below 2^32, from one 32-bit word of the stream.
-#[inline]
-#[must_use]
-pub(super) fn below(random: &mut ChaCha8Rng, count: usize) -> usize {
-    ((u64::from(random.next_u32()) * count as u64) >> 32) as usize
-}
-
-/// A random fraction in (0, 1], from one word as well.
-#[inline]
-#[must_use]
-pub(super) fn fraction(random: &mut ChaCha8Rng) -> f64 {
-    (f64::from(random.next_u32()) + 1.0) / 4_294_967_296.0
 }
 
 #[cfg(test)]

@@ -6,9 +6,8 @@
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use skysink_common::geometry::{Position, distance_squared};
-use skysink_common::random::{Purpose, Streams};
+use skysink_common::random::{Purpose, Streams, below, fraction};
 
-use super::anneal::{below, fraction};
 use crate::geometry::circle::Circle;
 use crate::geometry::disks::Disk;
 use crate::mission_table::MissionTable;

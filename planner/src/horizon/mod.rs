@@ -72,14 +72,15 @@ const NEAR_FRACTION: f64 = 0.02;
 /// The look-ahead of a mission: its parameters, and the plan carried from slot to slot.
 #[derive(Debug, Clone)]
 pub struct Horizon {
-    model: PlanningModel,
+    /// The sensors and their stops.
+    pub(crate) model: PlanningModel,
     streams: Streams,
     /// Slots of the mission.
     slots: u64,
     /// Most slots of a planning window.
     max_slots: u64,
     /// Search steps in each slot.
-    iterations: u32,
+    pub(crate) iterations: u32,
     /// Longest search in a paced mission.
     budget: Option<Duration>,
     /// The remaining stops, as disks of the model.
@@ -210,22 +211,10 @@ impl Horizon {
         self.carried = forecast.stops();
     }
 
-    /// Search steps in each slot.
-    #[must_use]
-    pub fn iterations(&self) -> u32 {
-        self.iterations
-    }
-
     /// Longest planning time for the slot of `view`; `None` if the mission is not paced.
     #[must_use]
     pub fn budget(&self, view: &View) -> Option<Duration> {
         self.budget.filter(|_| view.timing == Timing::Paced)
-    }
-
-    /// The sensors and their stops.
-    #[must_use]
-    pub fn model(&self) -> &PlanningModel {
-        &self.model
     }
 
     /// The planning window that starts at the slot of `view`.

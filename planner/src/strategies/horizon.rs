@@ -117,7 +117,7 @@ impl LookAhead {
 
     fn ahead(&self, forecast: &Forecast) -> Ahead {
         let PlanningWindow { slots, beyond_slots, .. } = forecast.window;
-        Ahead { slots: slots as u64, beyond_slots, round_slots: self.horizon.model().round_slots }
+        Ahead { slots: slots as u64, beyond_slots, round_slots: self.horizon.model.round_slots }
     }
 
     /// Rolls out the other strategies, offers the best flights as initial plans, which are compared after searches of
@@ -141,13 +141,13 @@ impl LookAhead {
     /// Chooses between the plan and the other strategies; `surveyed` is the best of them after a survey.
     fn compare(&mut self, view: &View, forecast: &Forecast, surveyed: Option<&Surveyed>, is_over: &dyn Fn() -> bool) {
         if !self.has_rollouts(view, forecast) {
-            self.rivals.leave();
+            self.rivals.choice.followed = None;
             return;
         }
         let ahead = self.ahead(forecast);
         if surveyed.is_some() || self.rivals.is_due(view, &ahead) {
             let Self { horizon, rivals, serving, .. } = self;
-            let mut own = planned_flight(horizon.model(), forecast, view.slot, serving);
+            let mut own = planned_flight(&horizon.model, forecast, view.slot, serving);
             rivals.choose(view, &ahead, &mut own, surveyed, is_over);
         }
     }
@@ -155,12 +155,12 @@ impl LookAhead {
     /// The first slot of the plan, or the decision of the followed strategy.
     fn decide(&mut self, view: &View, forecast: &Forecast) -> Option<Decision> {
         self.path.clear();
-        if self.rivals.is_following() {
+        if self.rivals.choice.followed.is_some() {
             self.horizon.carry_all(forecast);
             return self.rivals.plan(view);
         }
         let Self { horizon, serving, .. } = self;
-        let mut own = planned_flight(horizon.model(), forecast, view.slot, serving);
+        let mut own = planned_flight(&horizon.model, forecast, view.slot, serving);
         let decision = own.plan(view)?;
         self.path.extend(planned_path(forecast).iter().map(|point| above(point, decision.waypoint.z)));
         Some(decision)
@@ -178,8 +178,8 @@ impl Strategy for LookAhead {
             move || view.stop.requested().is_some() || budget.is_some_and(is_late)
         };
         let mut forecast = self.horizon.forecast(view)?;
-        let steps = self.horizon.iterations();
-        let surveyed = if self.rivals.is_surveyed() {
+        let steps = self.horizon.iterations;
+        let surveyed = if self.rivals.choice.is_surveyed {
             None
         } else {
             self.survey(view, &mut forecast, steps, &is_over_at(SURVEY_END))
@@ -196,7 +196,7 @@ impl Strategy for LookAhead {
 
 impl Checkpoint for LookAhead {
     fn save(&self, bytes: &mut Vec<u8>) {
-        encode(self.rivals.choice(), bytes);
+        encode(&self.rivals.choice, bytes);
         self.horizon.save(bytes);
     }
 

@@ -34,16 +34,17 @@ pub(crate) struct Rivals {
     /// Constructed on first use.
     made: Vec<Rival>,
     transit: Option<Serving>,
-    choice: RivalChoice,
+    /// The state for a checkpoint.
+    pub choice: RivalChoice,
 }
 
 /// The state carried from slot to slot.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct RivalChoice {
     /// Whether all were rolled out once.
-    is_surveyed: bool,
+    pub is_surveyed: bool,
     /// The followed strategy and its state; `None` while the look-ahead's own plan is flown.
-    followed: Option<(&'static Registered, Vec<u8>)>,
+    pub followed: Option<(&'static Registered, Vec<u8>)>,
     /// Whether the plan lost nothing when it was last compared.
     is_lossless: bool,
     /// Index of the last candidate that was rolled out, below the number of strategies.
@@ -78,11 +79,6 @@ impl Rivals {
         self.transit = Some(Serving::new(&setup));
     }
 
-    /// The state for a checkpoint.
-    pub fn choice(&self) -> &RivalChoice {
-        &self.choice
-    }
-
     /// Restores a saved state.
     ///
     /// # Errors
@@ -97,16 +93,6 @@ impl Rivals {
         }
         self.choice = choice;
         Ok(())
-    }
-
-    /// Stops following a strategy.
-    pub fn leave(&mut self) {
-        self.choice.followed = None;
-    }
-
-    /// Whether all were rolled out once.
-    pub fn is_surveyed(&self) -> bool {
-        self.choice.is_surveyed
     }
 
     /// Rolls out all candidates over `ahead`; returns the best few, best first, with their flights in one sample, as
@@ -200,11 +186,6 @@ impl Rivals {
         view.slot.is_multiple_of(period_slots as u64)
     }
 
-    /// Whether a candidate is followed.
-    pub fn is_following(&self) -> bool {
-        self.choice.followed.is_some()
-    }
-
     /// The decision of the followed strategy.
     pub fn plan(&mut self, view: &View) -> Option<Decision> {
         let (followed, state) = self.choice.followed.as_mut()?;
@@ -257,12 +238,10 @@ mod tests {
         ] {
             let mut rivals = Rivals::new(&setup);
             assert!(rivals.restore(choice).is_err());
-            assert_eq!(*rivals.choice(), RivalChoice::default());
+            assert_eq!(rivals.choice, RivalChoice::default());
         }
         let mut rivals = Rivals::new(&setup);
         rivals.restore(follow(&max_age_first::STRATEGY, ages(2))).unwrap();
-        assert!(rivals.is_following());
-        rivals.leave();
-        assert_eq!(*rivals.choice(), RivalChoice::default());
+        assert!(rivals.choice.followed.is_some());
     }
 }
