@@ -43,20 +43,17 @@ header!(SensorsHeader, header => header.head);
 
 /// One message or a list of messages, which are separate types with the same methods in iceoryx2.
 pub trait Payload: IceoryxSend + Debug + 'static {
-    /// A copy outside shared memory.
-    type Copied: Debug + Default;
+    /// A message.
+    type Message: Debug + Copy;
 
-    /// Overwrites `copied` with a copy of the payload.
-    fn copy_to(&self, copied: &mut Self::Copied);
-
-    /// Sends a copy.
+    /// Sends a copy of `messages`, of which there is one unless the payload is a list.
     ///
     /// # Errors
     /// That of iceoryx2.
     fn send<S: Service, H: Header>(
         publisher: &Publisher<S, Self, H>,
         header: H,
-        copied: &Self::Copied,
+        messages: &[Self::Message],
     ) -> Result<(), SendError>;
 
     /// Creates a topic's service with the attributes `terms`, or opens it if there are none.
@@ -77,11 +74,21 @@ pub trait Payload: IceoryxSend + Debug + 'static {
     ) -> Result<Option<Sample<S, Self, H>>, ReceiveError>;
 }
 
-/// Implements [`Payload`] for a message or a list.
+/// Implements [`Payload`] for a message or a list, given how a sample of `messages` is made.
 macro_rules! payload {
-    ($payload:ty { $($own:tt)* }) => {
+    ($payload:ty, $publisher:ident, $messages:ident => $sample:expr) => {
         impl<T: Debug + Copy + ZeroCopySend + 'static> Payload for $payload {
-            $($own)*
+            type Message = T;
+
+            fn send<S: Service, H: Header>(
+                $publisher: &Publisher<S, Self, H>,
+                header: H,
+                $messages: &[T],
+            ) -> Result<(), SendError> {
+                let mut sample = $sample;
+                *sample.user_header_mut() = header;
+                sample.send().map(drop)
+            }
 
             fn service<S: Service, H: Header>(
                 builder: Builder<Self, H, S>,
@@ -102,39 +109,5 @@ macro_rules! payload {
     };
 }
 
-payload!(T {
-    type Copied = Option<T>;
-
-    fn copy_to(&self, copied: &mut Self::Copied) {
-        *copied = Some(*self);
-    }
-
-    fn send<S: Service, H: Header>(
-        publisher: &Publisher<S, Self, H>,
-        header: H,
-        copied: &Self::Copied,
-    ) -> Result<(), SendError> {
-        let Some(message) = copied else { return Ok(()) };
-        let mut sample = publisher.loan_uninit()?;
-        *sample.user_header_mut() = header;
-        sample.write_payload(*message).send().map(drop)
-    }
-});
-payload!([T] {
-    type Copied = Vec<T>;
-
-    fn copy_to(&self, copied: &mut Self::Copied) {
-        copied.clear();
-        copied.extend_from_slice(self);
-    }
-
-    fn send<S: Service, H: Header>(
-        publisher: &Publisher<S, Self, H>,
-        header: H,
-        copied: &Self::Copied,
-    ) -> Result<(), SendError> {
-        let mut sample = publisher.loan_slice_uninit(copied.len())?;
-        *sample.user_header_mut() = header;
-        sample.write_from_slice(copied).send().map(drop)
-    }
-});
+payload!(T, publisher, messages => publisher.loan_uninit()?.write_payload(messages[0]));
+payload!([T], publisher, messages => publisher.loan_slice_uninit(messages.len())?.write_from_slice(messages));

@@ -42,7 +42,7 @@ struct Ports<S: Service + 'static, P: Payload + ?Sized, H: Header> {
 /// The last samples of a writer, to be sent again.
 #[derive(Debug)]
 struct Repeats<P: Payload + ?Sized, H: Header> {
-    samples: VecDeque<(H, P::Copied)>,
+    samples: VecDeque<(H, Vec<P::Message>)>,
     /// Most samples.
     depth: usize,
     /// Time without a new sample after which they are repeated.
@@ -62,13 +62,14 @@ impl<P: Payload + ?Sized, H: Header> Repeats<P, H> {
         Self { samples, depth, after: REPEAT_AFTER, last_sent: Instant::now() }
     }
 
-    fn store(&mut self, header: H, payload: &P) {
+    fn store(&mut self, header: H, messages: &[P::Message]) {
         let is_full = self.samples.len() >= self.depth;
         let oldest = if is_full { self.samples.pop_front() } else { None };
         let mut copied = oldest.map(|(_, copied)| copied).unwrap_or_default();
-        payload.copy_to(&mut copied);
+        copied.clear();
+        copied.extend_from_slice(messages);
         self.samples.push_back((header, copied));
-        self.after = REPEAT_AFTER + REPEAT_LATER_PER_MB.mul_f64(size_of_val(payload) as f64 / 1e6);
+        self.after = REPEAT_AFTER + REPEAT_LATER_PER_MB.mul_f64(size_of_val(messages) as f64 / 1e6);
         self.last_sent = Instant::now();
     }
 }
@@ -134,10 +135,17 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Ports<S, P, H> {
     }
 
     /// Stores a sample for repeats, if a link may lose it.
-    fn store(&self, header: H, payload: &P) {
+    fn store(&self, header: H, messages: &[P::Message]) {
         if let Some(repeats) = &self.repeats {
-            repeats.borrow_mut().store(header, payload);
+            repeats.borrow_mut().store(header, messages);
         }
+    }
+
+    /// Sends a copy of `messages`, and notifies the readers.
+    fn send(&self, header: H, messages: &[P::Message]) -> Result<(), RingError> {
+        self.store(header, messages);
+        P::send(&self.publisher, header, messages).map_err(|error| self.send_error(error))?;
+        self.notify()
     }
 
     /// Sends the last samples again if nothing was sent for long: a link may have lost them, and then the processes
@@ -170,13 +178,7 @@ impl<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static, H: Header> 
     /// # Errors
     /// If a reader does not take it in time, or iceoryx2 fails.
     pub fn send(&self, header: H, message: P) -> Result<(), RingError> {
-        let ports = &self.0;
-        let loaned = ports.publisher.loan_uninit();
-        let mut sample = loaned.map_err(|error| ports.topic.refuse("loan a sample", &error))?;
-        *sample.user_header_mut() = header;
-        ports.store(header, &message);
-        sample.write_payload(message).send().map_err(|error| ports.send_error(error))?;
-        ports.notify()
+        self.0.send(header, &[message])
     }
 }
 
@@ -186,10 +188,7 @@ impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> 
     /// # Errors
     /// If a reader does not take it in time, or iceoryx2 fails.
     pub fn send_list(&self, header: H, list: &[T]) -> Result<(), RingError> {
-        let mut loaned = self.loan(list.len())?;
-        loaned.elements().write_copy_of_slice(list);
-        // SAFETY: every element was just written.
-        unsafe { loaned.send(header) }
+        self.0.send(header, list)
     }
 
     /// Loans a list of `len` elements in shared memory. A writer has one loan at a time.
