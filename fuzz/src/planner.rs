@@ -55,7 +55,7 @@ pub fn checkpoint(u: &mut Unstructured) -> Result<()> {
     let mut mission = Mission::new(&scenario, list).expect("its keys were checked");
     mission.by_ref().take(FLOWN_SLOTS as usize).for_each(drop);
     let here = *mission.plant().flight(UAV);
-    let planner = mission.planner_mut();
+    let planner = &mut mission.planner;
     let original = saved(planner);
     let path = file("checkpoint", &original);
     corrupt(&path, u)?;

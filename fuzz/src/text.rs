@@ -91,8 +91,8 @@ fn fly(scenario: &Scenario, list: &SensorList) {
         let flight = flown.flights[UAV];
         assert_eq!((flight.hold, flight.refused), (HoldReason::None as u32, 0), "{:?}", flown.plans);
         assert_ne!(flight.mode, Mode::Hold as u32);
-        assert_eq!(flown.header.totals, mission.field().totals());
-        balanced(mission.field(), scenario.sensors.capacity_bits);
+        assert_eq!(flown.header.totals, mission.plant().field().totals());
+        balanced(mission.plant().field(), scenario.sensors.capacity_bits);
     }
 }
 

@@ -4,13 +4,12 @@ use std::time::Instant;
 
 use nalgebra::Point3;
 use skysink_common::message::{PathPoint, Plan, QueuesHeader};
-use skysink_common::slot_record::{Plans, SlotRecord};
+use skysink_common::slot_record::{Plans, SlotRecord, UAV};
 use skysink_common::stop::{Stop, Stopped};
 use skysink_planner::Planner;
 
 use crate::error::MissionError;
 use crate::plant::Plant;
-use skysink_common::slot_record::UAV;
 
 /// Plans a mission's slots.
 pub trait Pilot {

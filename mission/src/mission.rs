@@ -6,7 +6,6 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::SlotRecord;
 use skysink_common::stop::Stop;
-use skysink_field_sim::Field;
 use skysink_planner::Planner;
 use skysink_planner::strategy::Strategy;
 
@@ -17,7 +16,8 @@ use crate::plant::Plant;
 /// A mission, as an iterator over its slots.
 pub struct Mission {
     plant: Plant,
-    planner: Planner,
+    /// The planner after the last slot.
+    pub planner: Planner,
 }
 
 impl Mission {
@@ -48,27 +48,10 @@ impl Mission {
         &self.plant
     }
 
-    /// The planner after the last slot.
-    #[must_use]
-    pub fn planner(&self) -> &Planner {
-        &self.planner
-    }
-
-    /// Mutable access to the planner, to restore a checkpoint or to set its timing.
-    pub fn planner_mut(&mut self) -> &mut Planner {
-        &mut self.planner
-    }
-
     /// The ledger after the last slot.
     #[must_use]
     pub fn header(&self) -> QueuesHeader {
         self.plant.header()
-    }
-
-    /// The field after the last slot.
-    #[must_use]
-    pub fn field(&self) -> &Field {
-        self.plant.field()
     }
 
     /// The last flown slot; 0 before the first.

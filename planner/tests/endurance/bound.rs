@@ -20,7 +20,7 @@ const FLOWN: [&str; 8] = ["gfs", "rfs", "uts-wide", "exact", "tour", "max-age-fi
 fn flown_bits(scenario: &Scenario, list: &SensorList) -> u64 {
     let mut mission = Mission::new(scenario, list).unwrap();
     mission.by_ref().for_each(drop);
-    mission.field().totals().lost_bits
+    mission.plant().field().totals().lost_bits
 }
 
 /// The bounds of a mission, as if no flight of it were known.

@@ -60,17 +60,17 @@ proptest! {
         for slot in 1..=scenario.slots {
             let plan = mission.advance();
             prop_assert_eq!(mission.last_flight().refused, 0, "slot {}: {:?}", slot, plan);
-            let path = mission.planner().path();
+            let path = mission.planner.path();
             let waypoint = Point3::new(plan.x_m, plan.y_m, plan.z_m);
             prop_assert!((1..=64).contains(&path.len()) && path[0] == waypoint, "{:?}", path);
             prop_assert_eq!(format!("{plan:?}"), format!("{:?}", restarted.advance()));
             if slot == restart {
                 restarted.restart();
-                prop_assert_eq!(restarted.planner().slot(), slot);
+                prop_assert_eq!(restarted.planner.slot(), slot);
             }
             prop_assert_eq!(mission.saved(), restarted.saved());
         }
-        prop_assert!(mission.field().totals().is_balanced());
+        prop_assert!(mission.plant().field().totals().is_balanced());
     }
 }
 
@@ -83,14 +83,14 @@ fn a_checkpoint_that_is_cut_or_of_another_strategy_is_refused_and_changes_nothin
         mission.advance();
         let saved = mission.saved();
         for length in 0..saved.len() {
-            assert!(mission.planner_mut().restore(&saved[..length]).is_err(), "{strategy:?}: cut after {length}");
+            assert!(mission.planner.restore(&saved[..length]).is_err(), "{strategy:?}: cut after {length}");
         }
-        assert!(mission.planner_mut().restore(&[&saved[..], &[0]].concat()).is_err(), "{strategy:?}: too long");
+        assert!(mission.planner.restore(&[&saved[..], &[0]].concat()).is_err(), "{strategy:?}: too long");
         assert_eq!(mission.saved(), saved);
         let mut other = TestMission::new(&scenario_of("slots = 10\n", "uts", 1));
         other.advance();
         assert!(other.saved().is_empty());
-        assert!(other.planner_mut().restore(&saved).is_err(), "{strategy:?}: another strategy");
+        assert!(other.planner.restore(&saved).is_err(), "{strategy:?}: another strategy");
     }
 }
 
@@ -118,7 +118,7 @@ fn a_limit_in_time_ends_a_search_and_none_or_a_long_one_changes_nothing() {
     let fly = |steps: u32, budget: &str, timing| {
         let keys = format!("{text}[planner]\nhorizon.iterations = {steps}\n{budget}\n");
         let mut mission = TestMission::new(&scenario_of(&keys, "horizon", 1));
-        mission.planner_mut().set_timing(timing);
+        mission.planner.set_timing(timing);
         (1..=40)
             .map(|slot| {
                 let plan = mission.advance();
@@ -143,7 +143,7 @@ fn a_planner_that_starts_in_mid_mission_plans_from_what_it_finds() {
     let mut mission = TestMission::new(&scenario);
     mission.by_ref().take(100).for_each(drop);
     let list = SensorList::of(&scenario).unwrap();
-    *mission.planner_mut() = Planner::new(&scenario, &list.nodes()).unwrap();
+    mission.planner = Planner::new(&scenario, &list.nodes()).unwrap();
     (101..=200).for_each(|slot| {
         mission.advance();
         assert_eq!(mission.last_flight().refused, 0, "slot {slot}");
@@ -277,7 +277,7 @@ fn an_offline_plan_loses_what_it_says_and_no_less_than_the_bound() {
         });
         let (offline, SearchOutcome { loss_bits: predicted_bits, steps: done, is_optimal }) = found.unwrap().unwrap();
         assert_eq!((done, is_optimal), (20_000, false), "seed {seed}");
-        *mission.planner_mut() = Planner::with_strategy(&scenario, &nodes, Box::new(offline)).unwrap();
+        mission.planner = Planner::with_strategy(&scenario, &nodes, Box::new(offline)).unwrap();
         assert!(steps.len() > 100 && steps.is_sorted() && steps[0] == 0, "{steps:?}");
         mission.by_ref().take(200).for_each(drop);
         let lost_bits = mission.lost_bits() as f64;

@@ -84,7 +84,7 @@ proptest! {
             }
             let flight = *mission.last_flight();
             let queues_bits = mission.queues_bits().to_vec();
-            mission.planner_mut().observe(slot, &flight, &queues_bits);
+            mission.planner.observe(slot, &flight, &queues_bits);
             for (id, &(_, told)) in (0..).zip(&contacts) {
                 let (believed_bits, true_bits) = (mission.estimate().mean_bits(id), mission.mean_bits(id));
                 let off_bits = believed_bits - true_bits;
@@ -185,12 +185,12 @@ fn a_planner_that_sees_the_queues_saves_nothing_of_them() {
     let scenario = scenario_of("slots = 10\n", "uts", 1);
     let mut mission = TestMission::new(&scenario);
     mission.advance();
-    assert!(!mission.planner().belief().is_estimated() && mission.saved().is_empty());
+    assert!(!mission.planner.belief().is_estimated() && mission.saved().is_empty());
     let text = "slots = 10\n[planner]\nknowledge = 'estimated'\n";
     let mut believing = TestMission::new(&scenario_of(text, "uts", 1));
     believing.advance();
-    assert!(mission.planner_mut().restore(&believing.saved()).is_err());
-    assert!(believing.planner_mut().restore(&[]).is_err());
+    assert!(mission.planner.restore(&believing.saved()).is_err());
+    assert!(believing.planner.restore(&[]).is_err());
 }
 
 #[test]
@@ -199,8 +199,8 @@ fn what_a_planner_of_another_strategy_has_saved_is_refused() {
     let [mut uts, mut gfs, mut again] =
         ["uts", "gfs", "uts"].map(|strategy| TestMission::new(&scenario_of(text, strategy, 1)));
     uts.advance();
-    assert!(gfs.planner_mut().restore(&uts.saved()).is_err());
-    assert!(again.planner_mut().restore(&uts.saved()).is_ok());
+    assert!(gfs.planner.restore(&uts.saved()).is_err());
+    assert!(again.planner.restore(&uts.saved()).is_ok());
 }
 
 #[test]
@@ -212,7 +212,7 @@ fn a_planner_that_is_not_sure_of_the_queues_comes_early_enough() {
         // a mission takes a second
         let mut mission = TestMission::new(&scenario_of(text, "horizon", seed));
         mission.by_ref().take(300).for_each(drop);
-        let totals = mission.field().totals();
+        let totals = mission.plant().field().totals();
         let loss_rate = totals.lost_bits as f64 / totals.sampled_bits as f64;
         assert!(loss_rate < 1e-4, "seed {seed}: {loss_rate}; some fill within 70 slots");
     }

@@ -57,7 +57,7 @@ impl TestMission {
 
     /// Queue lengths [bit], by id.
     pub fn queues_bits(&self) -> &[u32] {
-        self.field().queues_bits()
+        self.plant().field().queues_bits()
     }
 
     /// Plans and flies the next slot.
@@ -68,7 +68,7 @@ impl TestMission {
     }
 
     pub fn estimate(&self) -> &Estimate {
-        match self.planner().belief() {
+        match self.planner.belief() {
             Belief::Estimated(estimate) => estimate,
             Belief::Known => panic!("the queues are known"),
         }
@@ -82,20 +82,20 @@ impl TestMission {
     /// The checkpoint of the planner.
     pub fn saved(&self) -> Vec<u8> {
         let mut bytes = Vec::new();
-        self.planner().save(&mut bytes);
+        self.planner.save(&mut bytes);
         bytes
     }
 
     /// A planner that knows only what the one before it has saved.
     pub fn restart(&mut self) {
         let saved = self.saved();
-        *self.planner_mut() = Planner::new(&self.scenario, &self.nodes).unwrap();
-        self.planner_mut().restore(&saved).unwrap();
+        self.planner = Planner::new(&self.scenario, &self.nodes).unwrap();
+        self.planner.restore(&saved).unwrap();
     }
 
     /// Bits lost so far.
     pub fn lost_bits(&self) -> u64 {
-        self.field().totals().lost_bits
+        self.plant().field().totals().lost_bits
     }
 
     /// Loss rate of the whole mission (decision D3).
