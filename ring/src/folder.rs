@@ -171,15 +171,10 @@ impl RingFolder {
         write().map_err(|error| RingError::folder(&self.path, error))
     }
 
-    /// Creates the folder and its files.
+    /// Creates the folder, and writes the files that the other processes read.
     fn create_files(&self) -> io::Result<()> {
         DirBuilder::new().mode(0o700).create(&self.path)?;
         DirBuilder::new().mode(0o700).create(self.path.join("config"))?;
-        self.write_terms()
-    }
-
-    /// Writes the files that the other processes read.
-    fn write_terms(&self) -> io::Result<()> {
         let path = self.path.to_str().ok_or(io::ErrorKind::InvalidFilename)?;
         let [root_path, prefix] = [format!("{path}/"), self.prefix()].map(toml::Value::from);
         let mut domain = format!("[global]\nroot-path = {root_path}\nprefix = {prefix}\n");

@@ -80,11 +80,6 @@ impl TopicRow {
     pub(crate) fn service_name(&self) -> Result<ServiceName, RingError> {
         ServiceName::new(&self.service()).map_err(|error| RingError::topic(self.name, "name it", &error))
     }
-
-    /// Whether only the viewer reads it.
-    fn is_only_viewed(&self) -> bool {
-        self.readers == [Role::Viewer]
-    }
 }
 
 /// What a writer does if the buffer of a reader is full.
@@ -160,7 +155,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
             None => events.open().map_err(|error| refuse(&error))?,
         };
         // No other process logs refusals of a topic that only the viewer reads.
-        let refusals = if row.is_only_viewed() { Refusals::new(member.role) } else { member.refusals.clone() };
+        let refusals = if row.readers == [Role::Viewer] { Refusals::new(member.role) } else { member.refusals.clone() };
         let config = node.config().clone();
         Ok(Self(Rc::new(TopicShared { row, config, data, event, member: member.clone(), refusals })))
     }

@@ -18,7 +18,7 @@ const MOST_DRAWS: u64 = 20_000_000;
 /// The best links of a mission.
 #[derive(Debug, Clone)]
 pub struct BestLinks {
-    channel: Channel,
+    pub(crate) channel: Channel,
     streams: Streams,
     /// Sensor nodes (SNs) by their ids, with their gains.
     sensors: Vec<(u32, f64)>,
@@ -45,12 +45,6 @@ impl BestLinks {
             lowest_m: climb.map_or(scenario.uav.altitude_m, |climb| climb.min_altitude_m),
             are_drawn: draws <= MOST_DRAWS,
         }
-    }
-
-    /// Whether the channel changes by random draws.
-    #[must_use]
-    pub fn are_random(&self) -> bool {
-        self.channel.is_random()
     }
 
     /// Whole bits that the link of the SN at `index` carries in `slot` at most.

@@ -17,6 +17,7 @@ pub mod window;
 
 use std::sync::Arc;
 
+use skysink_common::channel::ChannelModel;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 use skysink_common::sensors::grid::Grid;
@@ -45,7 +46,8 @@ pub fn mission_bound(scenario: &Scenario, sensors: &Sensors, queues_bits: &[u32]
     let links = BestLinks::new(scenario, sensors);
     let carried_bits = throughput::by_throughput(&field, |slot, sensor| links.best_bits(slot, sensor));
     let expected_bits = links
-        .are_random()
+        .channel
+        .is_random()
         .then(|| throughput::by_expected_throughput(&field, links.expected_bits(field.capacity_bits())));
     // The bound by visits is at most `known_bits`, so it cannot raise bounds that have reached it.
     let lower_bits = expected_bits.map_or(carried_bits, |bits| carried_bits.min(bits as u64));

@@ -84,7 +84,7 @@ pub struct Horizon {
     /// Longest search in a paced mission.
     budget: Option<Duration>,
     /// The remaining stops, as disks of the model.
-    carried: Vec<u32>,
+    pub(crate) carried: Vec<u32>,
     /// Temperature of the next search, 0 to 1: the loss accepted with probability 1/e, as a fraction of the mean loss
     /// per stop beyond the bound.
     temperature: f64,
@@ -204,11 +204,6 @@ impl Horizon {
         self.improve(Search { slot: view.slot, round: 0, steps: self.iterations }, forecast, is_over);
         self.carried.clear();
         self.carried.extend(forecast.trace.legs.iter().filter(|leg| leg.end > 1).map(|leg| leg.stop));
-    }
-
-    /// Carries the whole plan, because another strategy flies the next slot.
-    pub fn carry_all(&mut self, forecast: &Forecast) {
-        self.carried = forecast.stops();
     }
 
     /// Longest planning time for the slot of `view`; `None` if the mission is not paced.

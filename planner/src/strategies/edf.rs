@@ -17,6 +17,7 @@
 
 use skysink_common::geometry::distance_squared;
 
+use super::nearby::fullest_first;
 use super::serving::Serving;
 use super::transit::toward;
 use crate::strategy::{Registered, Setup, Strategy, View, rule};
@@ -32,14 +33,19 @@ pub const STRATEGY: Registered =
 pub(crate) fn toward_least(setup: &Setup, cost: impl Fn(&View<'_>, u32) -> Option<f64> + 'static) -> Box<dyn Strategy> {
     let mut serving = Serving::new(setup);
     rule(move |view| {
-        let ground = view.ground();
-        let away_m2 = |id: u32| distance_squared(view.table.sensors.position(id), &ground);
-        let rated = |id| cost(view, id).map(|cost| (cost, away_m2(id), id));
-        let cheaper = |a: &(f64, f64, u32), b: &(f64, f64, u32)| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1));
-        let (.., first) = view.table.sensors.ids().filter_map(rated).min_by(cheaper)?;
-        let waypoint = toward(view.table.limits.reach_m, &ground, view.table.sensors.position(first));
-        Some(serving.serve_first(view, &waypoint, first))
+        let first = least(view, |id| cost(view, id))?;
+        let waypoint = toward(view.table.limits.reach_m, &view.ground(), view.table.sensors.position(first));
+        let key = |id| (id != first, fullest_first(view.belief.queues_bits[id as usize], id));
+        Some(serving.serve_by(view, &waypoint, key))
     })
+}
+
+/// The SN of least `cost`, ties to the nearest and then to the lowest index; `None` if none has a cost.
+fn least(view: &View, cost: impl Fn(u32) -> Option<f64>) -> Option<u32> {
+    let ground = view.ground();
+    let rated = |id| cost(id).map(|cost| (cost, distance_squared(view.table.sensors.position(id), &ground), id));
+    let cheaper = |a: &(f64, f64, u32), b: &(f64, f64, u32)| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1));
+    view.table.sensors.ids().filter_map(rated).min_by(cheaper).map(|(_, _, id)| id)
 }
 
 #[cfg(test)]

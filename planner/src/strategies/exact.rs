@@ -118,7 +118,7 @@ impl ExactSearch {
         self.around.clear();
         self.around.extend(self.nearby.iter().filter(|other| may_share(table, i, other)));
         let reach = Disk { centre: *position, radius_m: table.limits.reach_m };
-        let disk = disk_of(i, table);
+        let disk = Disk { centre: i.position, radius_m: table.limits.comm_radius_m };
         if let Some(centre) = project(position, &[reach, disk]) {
             self.try_centre(table, &centre);
         }
@@ -160,11 +160,6 @@ impl ExactSearch {
             self.centre = Some(*centre);
         }
     }
-}
-
-/// The disk from which an SN can be served.
-fn disk_of(spot: &Spot, table: &MissionTable) -> Disk {
-    Disk { centre: spot.position, radius_m: table.limits.comm_radius_m }
 }
 
 /// Two disks nearly touch if the distance of their centres is below `2 d_c` by less than this fraction.

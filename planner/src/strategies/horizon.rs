@@ -156,7 +156,7 @@ impl LookAhead {
     fn decide(&mut self, view: &View, forecast: &Forecast) -> Option<Decision> {
         self.path.clear();
         if self.rivals.choice.followed.is_some() {
-            self.horizon.carry_all(forecast);
+            self.horizon.carried = forecast.stops(); // all of them, because another strategy flies the next slot
             return self.rivals.plan(view);
         }
         let Self { horizon, serving, .. } = self;

@@ -44,11 +44,6 @@ impl Serving {
         self.serve_by(view, ground, |id| fullest_first(view.belief.queues_bits[id as usize], id))
     }
 
-    /// As [`Self::serve_fullest`], with priority for SN `first`, if it is in range.
-    pub fn serve_first(&mut self, view: &View, ground: &Position, first: u32) -> Decision {
-        self.serve_by(view, ground, |id| (id != first, fullest_first(view.belief.queues_bits[id as usize], id)))
-    }
-
     /// As [`Self::serve_fullest`], for the n SNs in range with the smallest `key`, which must be unique.
     pub fn serve_by<K: Ord>(&mut self, view: &View, ground: &Position, key: impl Fn(u32) -> K) -> Decision {
         let ground = view.table.clamp_to_area(ground);
