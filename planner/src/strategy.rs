@@ -39,15 +39,15 @@ pub trait Strategy: Checkpoint {
 /// A strategy without state, which decides each slot by the rule `decide`, as [`Strategy::plan`] does.
 #[must_use]
 pub fn rule(decide: impl FnMut(&View<'_>) -> Option<Decision> + 'static) -> Box<dyn Strategy> {
-    Box::new(Rule(decide))
+    Box::new(ByRule(decide))
 }
 
 /// The strategy of [`rule`].
-pub(crate) struct Rule<F>(pub F);
+pub(crate) struct ByRule<F>(pub F);
 
-impl<F> Checkpoint for Rule<F> {}
+impl<F> Checkpoint for ByRule<F> {}
 
-impl<F: FnMut(&View<'_>) -> Option<Decision>> Strategy for Rule<F> {
+impl<F: FnMut(&View<'_>) -> Option<Decision>> Strategy for ByRule<F> {
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         (self.0)(view)
     }

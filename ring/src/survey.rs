@@ -47,7 +47,7 @@ pub struct TopicState {
 }
 
 /// Receives the pending samples of a topic; returns the header of the newest sample so far.
-type Observer<'a> = Box<dyn FnMut() -> Result<Option<SlotHeader>, RingError> + 'a>;
+type ReceiveNewest<'a> = Box<dyn FnMut() -> Result<Option<SlotHeader>, RingError> + 'a>;
 
 /// A topic of any payload.
 pub(crate) trait AnyTopic<S: Service> {
@@ -63,7 +63,7 @@ pub(crate) trait AnyTopic<S: Service> {
     fn state(&self, name: &dyn Fn(&UniqueNodeId) -> String) -> TopicState;
 
     /// Attaches an observer.
-    fn observe(&self) -> Result<Observer<'_>, RingError>;
+    fn observe(&self) -> Result<ReceiveNewest<'_>, RingError>;
 }
 
 impl<S: Service + 'static, P: Payload + ?Sized, H: Header> AnyTopic<S> for Topic<S, P, H> {
@@ -100,7 +100,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> AnyTopic<S> for Topic
         }
     }
 
-    fn observe(&self) -> Result<Observer<'_>, RingError> {
+    fn observe(&self) -> Result<ReceiveNewest<'_>, RingError> {
         let shared = &self.0;
         let name = OBSERVER.try_into().map_err(|error| shared.refuse("name a reader", &error))?;
         let builder = shared.data.subscriber_builder().name(&name);

@@ -9,7 +9,7 @@ use super::serving::Serving;
 use crate::horizon::forecast::Forecast;
 use crate::horizon::model::PlanningModel;
 use crate::horizon::{PlannedSlot, planned_slot};
-use crate::strategy::{Decision, Rule, Strategy, View};
+use crate::strategy::{ByRule, Decision, Strategy, View};
 
 /// Flies the plan of `forecast` from the slot `first` on. No decision after the last stop.
 pub(crate) fn planned_flight<'a>(
@@ -18,7 +18,7 @@ pub(crate) fn planned_flight<'a>(
     first: u64,
     serving: &'a mut Serving,
 ) -> impl Strategy + 'a {
-    Rule(move |view: &View<'_>| {
+    ByRule(move |view: &View<'_>| {
         let slot = i32::try_from(view.slot - first + 1).ok()?;
         let next = planned_slot(model, forecast, slot, &view.ground())?;
         let (waypoint, outcome) = between_stops(serving, view, &next);
