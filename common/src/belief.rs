@@ -144,6 +144,7 @@ impl<'a> Believed<'a> {
     ///
     /// # Panics
     /// If the SN is unknown.
+    #[inline]
     #[must_use]
     pub fn deadline_slots(&self, id: u32) -> Option<f64> {
         let room_bits = f64::from(self.sensors.sampler(id).capacity_bits) - f64::from(self.queues_bits[id as usize]);

@@ -1,6 +1,6 @@
 //! What a slot of a mission leaves, by UAV.
 
-use smallvec::SmallVec;
+use smallvec::{SmallVec, smallvec};
 
 use crate::checkpoint::{Checkpoint, CheckpointError};
 use crate::message::{FlightReport, PathPoint, Plan, QueuesHeader};
@@ -44,6 +44,13 @@ pub struct SlotRecord {
 }
 
 impl SlotRecord {
+    /// The record of flights without plans.
+    #[must_use]
+    pub fn unplanned(flights: ByUav<FlightReport>, header: QueuesHeader) -> Self {
+        let uavs = flights.len();
+        Self { plans: smallvec![None; uavs], paths: smallvec![Vec::new(); uavs], flights, header }
+    }
+
     /// The slot, from 1.
     #[must_use]
     pub fn slot(&self) -> u64 {

@@ -126,13 +126,13 @@ pub fn drive(
         observer.begin(plant)?;
     }
     loop {
-        let record = match step(plant, pilot, stop) {
-            Ok(record) => record,
+        match step(plant, pilot, stop) {
+            Ok(()) => {}
             Err(Ended::At(end)) => return Ok(end),
             Err(Ended::Failed(error)) => return Err(error),
-        };
+        }
         for observer in &mut *observers {
-            observer.slot(&record, plant)?;
+            observer.slot(plant.record(), plant)?;
         }
     }
 }
@@ -141,18 +141,18 @@ pub fn drive(
 ///
 /// # Errors
 /// If the mission is over, stopped, or fails; the plant is then unchanged.
-pub fn step(plant: &mut Plant, pilot: &mut dyn Pilot, stop: &Stop) -> Result<SlotRecord, Ended> {
+pub fn step(plant: &mut Plant, pilot: &mut dyn Pilot, stop: &Stop) -> Result<(), Ended> {
     if plant.is_over() {
         return Err(Ended::At(End::Complete));
     }
     stop.check()?;
     let plans = pilot.plans(plant)?;
     stop.check()?; // a search that was stopped may be incomplete
-    let mut record = plant.step(&plans);
-    for (uav, path) in record.paths.iter_mut().enumerate() {
-        path.extend(pilot.path(uav).iter().copied().map(PathPoint::from));
+    plant.step(&plans);
+    for uav in 0..plans.len() {
+        plant.add_path(uav, pilot.path(uav).iter().copied().map(PathPoint::from));
     }
-    Ok(record)
+    Ok(())
 }
 
 /// Plans with the strategy of the scenario or another.
@@ -322,7 +322,8 @@ mod tests {
     fn only_a_strategy_that_looks_ahead_has_a_path() {
         for (strategy, looks_ahead) in [("uts", false), ("horizon", true)] {
             let (mut plant, mut planner) = world(strategy, 1);
-            let record = step(&mut plant, &mut planner, &Stop::default()).unwrap();
+            step(&mut plant, &mut planner, &Stop::default()).unwrap();
+            let record = plant.record();
             assert_eq!(record.paths[UAV].len() > 1, looks_ahead, "{strategy}");
             assert_eq!(record.paths[UAV].is_empty(), !looks_ahead, "{strategy}");
         }

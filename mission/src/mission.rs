@@ -84,7 +84,7 @@ impl Mission {
     }
 
     /// Flies the next slot of the only UAV by any `plan`, or holds without one.
-    pub fn fly(&mut self, plan: Option<&Plan>) -> SlotRecord {
+    pub fn fly(&mut self, plan: Option<&Plan>) -> &SlotRecord {
         self.plant.step(&[plan.copied()])
     }
 }
@@ -95,6 +95,7 @@ impl Iterator for Mission {
     /// Plans and flies the next slot; `None` after the last, and once a stop is requested.
     fn next(&mut self) -> Option<SlotRecord> {
         let stop = self.planner.stop().clone();
-        step(&mut self.plant, &mut self.planner, &stop).ok()
+        step(&mut self.plant, &mut self.planner, &stop).ok()?;
+        Some(self.plant.record().clone())
     }
 }

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::estimate::Estimate;
-use skysink_common::message::{FLAG_END, FlightReport, Plan, QueuesHeader, SlotHeader};
+use skysink_common::message::{FLAG_END, FlightReport, PathPoint, Plan, QueuesHeader, SlotHeader};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{ByUav, SlotRecord, UAVS};
@@ -15,9 +15,9 @@ use skysink_flight_sim::Flight;
 pub struct Plant {
     field: Field,
     uavs: ByUav<Flight>,
-    slot: u64,
     slots: u64,
-    flights: ByUav<FlightReport>,
+    /// The last slot. It is not passed on by value: flight reports are large.
+    record: SlotRecord,
 }
 
 impl Plant {
@@ -26,8 +26,10 @@ impl Plant {
     pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
         let nodes = list.nodes();
         let uavs: ByUav<Flight> = (0..UAVS).map(|_| Flight::new(scenario, &nodes)).collect();
-        let flights = uavs.iter().map(Flight::start).collect();
-        Self { field: Field::new(scenario, list), uavs, slot: 0, slots: scenario.slots, flights }
+        let field = Field::new(scenario, list);
+        let header = field.header(slot_header(0, scenario.slots));
+        let record = SlotRecord::unplanned(uavs.iter().map(Flight::start).collect(), header);
+        Self { field, uavs, slots: scenario.slots, record }
     }
 
     /// Also maintains the UAV's estimate of the queues, for external planners.
@@ -37,29 +39,34 @@ impl Plant {
         self
     }
 
+    /// What the last slot left; before slot 1 no plans, and the UAVs at their starts.
+    #[must_use]
+    pub fn record(&self) -> &SlotRecord {
+        &self.record
+    }
+
     /// The ledger after the last slot flown.
     #[must_use]
     pub fn header(&self) -> QueuesHeader {
-        let flags = if self.is_over() { FLAG_END } else { 0 };
-        self.field.header(SlotHeader { slot: self.slot, flags, ..SlotHeader::default() })
+        self.record.header
     }
 
     /// The last flown slot; 0 before the first.
     #[must_use]
     pub fn slot(&self) -> u64 {
-        self.slot
+        self.record.slot()
     }
 
     /// Whether all slots are flown.
     #[must_use]
     pub fn is_over(&self) -> bool {
-        self.slot == self.slots
+        self.slot() == self.slots
     }
 
     /// The last flight of each UAV; before slot 1 the UAV at its start.
     #[must_use]
     pub fn flights(&self) -> &ByUav<FlightReport> {
-        &self.flights
+        &self.record.flights
     }
 
     /// The last flight of the UAV number `uav`; before slot 1 the UAV at its start.
@@ -68,7 +75,7 @@ impl Plant {
     /// If there is no such UAV.
     #[must_use]
     pub fn flight(&self, uav: usize) -> &FlightReport {
-        &self.flights[uav]
+        &self.record.flights[uav]
     }
 
     /// The field after the last slot.
@@ -84,25 +91,33 @@ impl Plant {
         self.field.estimated_bits().unwrap_or_else(|| self.field.queues_bits())
     }
 
-    /// Flies the next slot by the plan of each UAV; a UAV without one holds its position.
+    /// Flies the next slot by the plan of each UAV; a UAV without one holds its position. The paths of the record are
+    /// empty.
     ///
     /// # Panics
     /// If there is not one entry for each UAV.
-    pub fn step(&mut self, plans: &[Option<Plan>]) -> SlotRecord {
-        assert_eq!(plans.len(), self.uavs.len(), "expected a plan or none for each UAV");
-        self.slot += 1;
-        let uavs = self.uavs.iter_mut().zip(&mut self.flights).zip(plans);
-        for ((uav, flight), plan) in uavs {
-            *flight = uav.step(self.slot, plan.as_ref());
+    pub fn step(&mut self, plans: &[Option<Plan>]) -> &SlotRecord {
+        let slot = self.slot() + 1;
+        let record = &mut self.record;
+        record.plans.copy_from_slice(plans);
+        record.paths.iter_mut().for_each(Vec::clear);
+        for ((uav, flight), plan) in self.uavs.iter_mut().zip(&mut record.flights).zip(plans) {
+            *flight = uav.step(slot, plan.as_ref());
         }
-        self.field.step(self.slot, &self.flights).expect("flight-sim serves only known sensor nodes");
-        SlotRecord {
-            plans: plans.iter().copied().collect(),
-            paths: self.uavs.iter().map(|_| Vec::new()).collect(),
-            flights: self.flights.clone(),
-            header: self.header(),
-        }
+        self.field.step(slot, &record.flights).expect("flight-sim serves only known sensor nodes");
+        record.header = self.field.header(slot_header(slot, self.slots));
+        record
     }
+
+    /// Adds the path that the last plan of the UAV number `uav` belongs to, for the observers.
+    pub(crate) fn add_path(&mut self, uav: usize, path: impl Iterator<Item = PathPoint>) {
+        self.record.paths[uav].extend(path);
+    }
+}
+
+/// The header of a slot of a mission of `slots` slots.
+fn slot_header(slot: u64, slots: u64) -> SlotHeader {
+    SlotHeader { slot, flags: if slot == slots { FLAG_END } else { 0 }, ..SlotHeader::default() }
 }
 
 /// The checkpoint of a plant.
@@ -119,25 +134,25 @@ impl Checkpoint for Plant {
     fn save(&self, bytes: &mut Vec<u8>) {
         let mut flights = Vec::new();
         let mut field = Vec::new();
-        self.flights.save(&mut flights);
+        self.record.flights.save(&mut flights);
         self.field.save(&mut field);
-        encode(&SavedPlant { slot: self.slot, flights, field }, bytes);
+        encode(&SavedPlant { slot: self.slot(), flights, field }, bytes);
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let SavedPlant { slot, flights, field } = decode(bytes)?;
         CheckpointError::ensure(slot <= self.slots, "a slot of the mission")?;
-        let mut flown = self.flights.clone();
+        let mut flown = self.record.flights.clone();
         flown.restore(&flights)?;
         let mut restored = self.field.clone();
         restored.restore(&field)?;
         CheckpointError::ensure(restored.slot() == slot, "a field after the same slot")?;
-        self.field = restored;
-        self.slot = slot;
-        self.flights = flown;
-        for (uav, flight) in self.uavs.iter_mut().zip(&self.flights) {
+        for (uav, flight) in self.uavs.iter_mut().zip(&flown) {
             uav.restore(flight);
         }
+        let header = restored.header(slot_header(slot, self.slots));
+        self.field = restored;
+        self.record = SlotRecord::unplanned(flown, header);
         Ok(())
     }
 }
@@ -182,7 +197,8 @@ mod tests {
             let (mut restored, _) = self::plant(knowledge);
             restored.restore(&saved(&plant)).unwrap();
             for plans in &plans[25..] {
-                let record = plant.step(plans);
+                plant.step(plans);
+                let record = plant.record();
                 assert!(record.header.totals.lost_bits > 0, "nothing to compare");
                 for other in [&mut clone, &mut restored] {
                     assert_eq!(other.step(plans).header, record.header);

@@ -131,8 +131,8 @@ fn slots_without_a_plan_in_time_are_held_again_and_counted_as_undecided() {
     for slot in 1..=scenario.slots {
         let plan = mission.plan();
         let record = mission.fly((slot % 7 != 3).then_some(&plan));
-        log.add(&record).unwrap();
-        tally.add(&record).unwrap();
+        log.add(record).unwrap();
+        tally.add(record).unwrap();
     }
     folder.write_json("summary.json", &tally.summary(Duration::ZERO, log.hash())).unwrap();
     drop((folder, log));

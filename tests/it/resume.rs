@@ -39,7 +39,7 @@ fn record(scenario: &Scenario, list: &SensorList, out: &Path, plans_by: PlansBy,
     let mut mission = Mission::new(scenario, list).unwrap();
     for slot in 1..=SLOTS {
         let own = mission.plan();
-        log.add(&mission.fly(substitute(slot, own).as_ref())).unwrap();
+        log.add(mission.fly(substitute(slot, own).as_ref())).unwrap();
     }
     folder
 }
