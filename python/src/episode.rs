@@ -201,7 +201,7 @@ impl Episode {
     }
 }
 
-/// So many numbers are copied.
+/// Numbers below which NumPy copies an array faster than it takes over a vector.
 const FEW: usize = 1000;
 
 /// The observations of episodes, one after another.
@@ -231,7 +231,7 @@ impl Observations {
         let observation = PyDict::new(py);
         let set = |name: &Bound<'py, PyString>, values: Vec<f32>, shape: &[usize]| {
             let array = match values.len() {
-                ..FEW => PyArray1::from_slice(py, &values), // NumPy copies them faster than it takes over a vector
+                ..FEW => PyArray1::from_slice(py, &values),
                 _ => values.into_pyarray(py),
             };
             if count.is_none() && shape.len() == 1 {
