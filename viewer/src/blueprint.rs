@@ -100,9 +100,16 @@ impl Blueprint {
         Ok(tile)
     }
 
-    /// Names a container, for its tab.
-    pub(crate) fn name(&self, container: Tile, name: &str) -> RecordingStreamResult<()> {
-        self.recorder.log(container.path(), &ContainerBlueprint::update_fields().with_display_name(name))
+    /// Adds a container with a name, which its tab shows.
+    pub(crate) fn tab(
+        &mut self,
+        kind: ContainerKind,
+        name: &str,
+        tiles: &[(f32, Tile)],
+    ) -> RecordingStreamResult<Tile> {
+        let tile = self.container(kind, tiles)?;
+        self.recorder.log(tile.path(), &ContainerBlueprint::update_fields().with_display_name(name))?;
+        Ok(tile)
     }
 
     /// Sets a property of a view.

@@ -158,12 +158,9 @@ impl Comparison {
         }
         // Two columns would be too narrow for a perspective view of a field.
         let fields_kind = if self.missions.len() == 2 { ContainerKind::Vertical } else { ContainerKind::Grid };
-        let fields = layout.container(fields_kind, &fields)?;
-        layout.name(fields, "Fields (3D)")?;
-        let tops = layout.container(ContainerKind::Grid, &tops)?;
-        layout.name(tops, "Top views")?;
-        let paths = layout.container(ContainerKind::Grid, &paths)?;
-        layout.name(paths, "Whole paths")?;
+        let fields = layout.tab(fields_kind, "Fields (3D)", &fields)?;
+        let tops = layout.tab(ContainerKind::Grid, "Top views", &tops)?;
+        let paths = layout.tab(ContainerKind::Grid, "Whole paths", &paths)?;
         let scenes = layout.container(ContainerKind::Tabs, &[(1.0, fields), (1.0, tops), (1.0, paths)])?;
         let mut rows = vec![(1.0, layout.view(class::TEXT, "Comparison", PAGE, &[select(PAGE)])?)];
         for plot in &PLOTS {

@@ -149,9 +149,7 @@ fn beliefs(layout: &mut Blueprint, sizes: &Sizes) -> RecordingStreamResult<Tile>
 fn four(layout: &mut Blueprint, name: &str, [a, b, c, d]: [Tile; 4]) -> RecordingStreamResult<Tile> {
     let above = layout.container(ContainerKind::Horizontal, &[(1.0, a), (1.0, b)])?;
     let below = layout.container(ContainerKind::Horizontal, &[(1.0, c), (1.0, d)])?;
-    let tab = layout.container(ContainerKind::Vertical, &[(1.0, above), (1.0, below)])?;
-    layout.name(tab, name)?;
-    Ok(tab)
+    layout.tab(ContainerKind::Vertical, name, &[(1.0, above), (1.0, below)])
 }
 
 /// A map of the entities below `root` and those that all maps share.
@@ -187,9 +185,7 @@ fn line_of_sight(layout: &mut Blueprint, sizes: &Sizes, slot_s: f64) -> Recordin
     lock_axis(layout, probability, [-0.05, 1.1])?;
     let right = [(1.3, why), (1.0, altitude), (1.0, elevation), (1.0, probability)];
     let right = layout.container(ContainerKind::Vertical, &right)?;
-    let tab = layout.container(ContainerKind::Horizontal, &[(1.9, left), (1.0, right)])?;
-    layout.name(tab, "Line of sight")?;
-    Ok(tab)
+    layout.tab(ContainerKind::Horizontal, "Line of sight", &[(1.9, left), (1.0, right)])
 }
 
 /// The curves of the served links below a root, by line of sight.
