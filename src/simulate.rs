@@ -5,12 +5,11 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use clap::Args;
+use skysink_common::message::QueuesHeader;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
-use skysink_common::stop::Stop;
-
-use skysink_common::message::QueuesHeader;
 use skysink_common::slot_record::SlotRecord;
+use skysink_common::stop::Stop;
 use skysink_mission::drive::{Observer, SlotSink};
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;

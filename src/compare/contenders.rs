@@ -1,5 +1,6 @@
 //! The strategies or runs that are compared, each with its missions and the one that the recording shows.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -108,9 +109,7 @@ pub fn differing_keys(shown: &[ShownContender]) -> Vec<(String, Vec<String>)> {
         keys
     };
     let all: Vec<Vec<(String, String)>> = shown.iter().map(keys).collect();
-    let mut names: Vec<&String> = all.iter().flatten().map(|(key, _)| key).collect();
-    names.sort_unstable();
-    names.dedup();
+    let names: BTreeSet<&String> = all.iter().flatten().map(|(key, _)| key).collect();
     let values = |name: &String| -> Vec<String> {
         let find =
             |keys: &Vec<(String, String)>| keys.iter().find(|(key, _)| key == name).map(|(_, value)| value.clone());

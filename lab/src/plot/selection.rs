@@ -1,5 +1,6 @@
 //! Selects the missions of a sweep that a plot shows, and checks that none is missing.
 
+use std::collections::BTreeSet;
 use std::iter::zip;
 
 use skysink_common::error::did_you_mean;
@@ -164,13 +165,8 @@ fn strategies(request: &PlotRequest, definition: &Definition) -> Result<Vec<usiz
     };
     let reference = request.difference_to.as_ref().filter(|_| request.by.is_none());
     chosen.extend(reference.map(|reference| find("--difference-to", reference)).transpose()?);
-    let mut seen = Vec::new();
-    chosen.retain(|strategy| {
-        !seen.contains(strategy) && {
-            seen.push(*strategy);
-            true
-        }
-    });
+    let mut seen = BTreeSet::new();
+    chosen.retain(|strategy| seen.insert(*strategy));
     Ok(chosen)
 }
 
@@ -242,10 +238,7 @@ fn is_same(one: &Value, other: &Value) -> bool {
         (Value::Array(one), Value::Array(other)) => {
             one.len() == other.len() && zip(one, other).all(|(one, other)| is_same(one, other))
         }
-        _ => match (number(one), number(other)) {
-            (Some(one), Some(other)) => one == other,
-            _ => one == other,
-        },
+        _ => number(one).zip(number(other)).map_or_else(|| one == other, |(one, other)| one == other),
     }
 }
 
