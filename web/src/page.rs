@@ -173,9 +173,8 @@ fn free_path(files: &BTreeMap<String, Content>, recording: &Path) -> String {
 
 /// Replaces all characters with a meaning in URLs, HTML or scripts; the result is no relative path.
 fn plain(text: &str) -> String {
-    let is_plain = |character: &char| character.is_ascii_alphanumeric() || "-_. ".contains(*character);
+    let is_plain = |character: &char| character.is_ascii_alphanumeric() || "-_.".contains(*character);
     let text: String = text.chars().map(|character| if is_plain(&character) { character } else { '-' }).collect();
-    let text = text.replace(' ', "-");
     if text.starts_with('.') { text.replacen('.', "-", 1) } else { text }
 }
 
