@@ -37,7 +37,8 @@ impl Definition {
     /// The missions of a shard, in the order of the results: those over every n-th field from the k-th, in the order of
     /// points and seeds. Empty if k exceeds the number of fields.
     pub fn missions(&self, shard: Shard) -> impl Iterator<Item = MissionKey> {
-        let indices = (0..self.mission_count()).filter(move |&index| self.shard_of(index, shard.n()) == shard.k());
+        let (k, n) = shard.into();
+        let indices = (0..self.mission_count()).filter(move |&index| self.shard_of(index, n) == k);
         indices.map(|index| {
             let group = index / self.seeds.len();
             let strategies = self.strategies.len();

@@ -62,7 +62,8 @@ pub fn merge(Merge { shards, out, partial }: &Merge, stop: &Stop) -> Result<Merg
         if found.definition != definition {
             return Err(refuse("it belongs to another sweep than the first").into());
         }
-        found.n = found.n.max(shard.n());
+        let (_, n) = shard.into();
+        found.n = found.n.max(n);
         found.add(path, stop)?;
     }
     let Some(found) = first else {

@@ -21,18 +21,6 @@ impl Shard {
     pub fn new(k: usize, n: usize) -> Option<Self> {
         (1..=n).contains(&k).then_some(Self { k, n })
     }
-
-    /// The index of the shard, from 1.
-    #[must_use]
-    pub fn k(self) -> usize {
-        self.k
-    }
-
-    /// The number of shards.
-    #[must_use]
-    pub fn n(self) -> usize {
-        self.n
-    }
 }
 
 impl TryFrom<(usize, usize)> for Shard {
