@@ -57,7 +57,7 @@ enum class HoldReason : uint32_t {
     Waypoint,
 };
 
-/// User header of every sample; that of `sensors` and `queues` begins with it.
+/// User header of every sample; those of `sensors`, `belief` and `queues` begin with it.
 struct SlotHeader {
     static constexpr const char* IOX2_TYPE_NAME = "skysink.SlotHeader.v1";
     /// The run that the sample belongs to.
@@ -144,7 +144,7 @@ struct Totals {
     double lost_slots;
 };
 
-/// User header of `queues`.
+/// User header of `queues`, and of `belief`, there without totals.
 struct QueuesHeader {
     static constexpr const char* IOX2_TYPE_NAME = "skysink.QueuesHeader.v1";
     /// Mission and slot.

@@ -16,11 +16,12 @@ pub struct SlotViews<F>(pub F);
 impl<F: FnMut(&SlotView) -> Result<(), SceneError>> SlotViews<F> {
     fn show(&mut self, plant: &Plant, plan: Option<&Plan>, path: &[PathPoint]) -> Result<(), MissionError> {
         let header = plant.header();
+        let plan = plan.map(|plan| Plan { plan_ns: 0, ..*plan });
         let view = SlotView {
             slot: plant.slot(),
             queues_bits: plant.field().queues_bits(),
             header: &header,
-            plan,
+            plan: plan.as_ref(),
             path,
             flight: plant.flight(UAV),
             slots_per_s: None,

@@ -31,7 +31,7 @@ pub const FLAG_END: u32 = 1;
 /// have.
 pub const FLAG_REPEAT: u32 = 2;
 
-/// User header of every sample; that of `sensors` and `queues` begins with it.
+/// User header of every sample; those of `sensors`, `belief` and `queues` begin with it.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.SlotHeader.v1"))]
@@ -48,7 +48,7 @@ pub struct SlotHeader {
     pub sent_ns: u64,
 }
 
-/// User header of `queues`.
+/// User header of `queues`, and of `belief`, there without totals.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 #[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.QueuesHeader.v1"))]

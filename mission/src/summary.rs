@@ -135,18 +135,20 @@ impl Tally {
             timing: RunTiming { pace: mode.pace, ..RunTiming::default() },
             ..Summary::default()
         };
-        let sampling = list.sampling(scenario);
         Self {
             summary,
-            mean_bits: (0..list.sensors().len()).map(|id| sampling.of(id).mean_bits).sum(),
+            mean_bits: list.slot_bits(scenario),
             served: 0,
             plan_ns: histogram(),
             latency: mode.pace.map(|pace| Latency::new(pace, scenario.slot_s)),
         }
     }
 
-    /// Marks the slots added so far as recorded by an earlier run that is now resumed.
+    /// Marks the slots added so far as recorded by an earlier run that is now resumed. Figures of the solver and of planning
+    /// times are those of the slots after them.
     pub fn resume(&mut self) {
+        self.summary.solver_fallbacks = 0;
+        self.plan_ns.reset();
         self.summary.resumed_after = Some(self.summary.slots);
     }
 
@@ -233,13 +235,13 @@ impl SlotSink for Tally {
         self.summary.totals = header.totals;
     }
 
-    /// Adds a slot. A plan without a planning time was not made now, but repeated from a trace.
+    /// Adds a slot.
     fn add(&mut self, record: &SlotRecord) -> Result<(), MissionError> {
         self.summary.totals = record.header.totals;
         self.summary.slots += 1;
         for (plan, flight) in record.plans.iter().zip(&record.flights) {
             self.add_flight(flight);
-            if let Some(plan) = plan.as_ref().filter(|plan| plan.plan_ns > 0 && !is_late(flight)) {
+            if let Some(plan) = plan.as_ref().filter(|_| !is_late(flight)) {
                 self.summary.solver_fallbacks += u64::from(plan.solver == SolverOutcome::Fallback as u32);
                 self.plan_ns.saturating_record(plan.plan_ns);
             }

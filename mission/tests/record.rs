@@ -6,7 +6,7 @@ use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use skysink_common::message::{FlightReport, Mode, QueuesHeader, SlotHeader, Totals};
+use skysink_common::message::{FlightReport, Mode, QueuesHeader, SlotHeader, SolverOutcome, Totals};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
@@ -268,4 +268,21 @@ fn a_trace_that_is_a_link_to_another_file_is_not_written() {
     symlink(&victim, case.file("slots.csv")).unwrap();
     assert!(case.create(None, true).is_err());
     assert_eq!(fs::read(&victim).unwrap(), b"mine");
+}
+
+#[test]
+fn solver_fallbacks_count_without_a_planning_time_but_not_those_of_a_resumed_run() {
+    let case = Case::new();
+    let mut tally = Tally::new(&case.scenario, &case.list, &RunMode::default());
+    let mut records: Vec<SlotRecord> = case.mission().collect();
+    for plan in records.iter_mut().flat_map(|record| record.plans.iter_mut().flatten()) {
+        plan.solver = SolverOutcome::Fallback as u32;
+        plan.plan_ns = 0; // an external planner may not measure it
+    }
+    let fallbacks = |tally: &Tally| tally.summary(Duration::ZERO, 0).solver_fallbacks;
+    records[..3].iter().for_each(|record| tally.add(record).unwrap());
+    assert_eq!(fallbacks(&tally), 3);
+    tally.resume();
+    records[3..5].iter().for_each(|record| tally.add(record).unwrap());
+    assert_eq!(fallbacks(&tally), 2);
 }

@@ -13,7 +13,7 @@
 //! | [`waypoint`] | sP2, the waypoint of a schedule, in the plane and in three dimensions |
 //! | [`horizon`] | the look-ahead over many slots |
 //! | [`bound`] | lower bounds on the loss of a mission |
-//! | [`geometry`] | disks, grids and tours |
+//! | [`geometry`] | disks and tours |
 //! | [`node`] | the planner as a process of the ring |
 
 pub mod bound;

@@ -99,7 +99,7 @@ impl Pilot for Repeating {
         let is_repeatable = self.is_repeatable;
         let plan = |(recorded, planned): (&RecordedSlot, Option<Plan>)| {
             let plan = planned.filter(|_| is_repeatable).unwrap_or_else(|| recorded.plan());
-            (!recorded.is_missed()).then_some(Plan { plan_ns: 0, ..plan }) // the run has measured it
+            (!recorded.is_missed()).then_some(plan)
         };
         Ok(recorded.iter().zip(planned).map(plan).collect())
     }

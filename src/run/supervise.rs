@@ -174,10 +174,10 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
         let now = Instant::now();
         let mut events = Vec::new();
         for Worker { role, process, heartbeat } in workers {
-            let beat = || last_heartbeat(folder.path(), *role);
+            let beat = last_heartbeat(folder.path(), *role); // before a restart: that of the predecessor
             match process.advance(slot.min(*last_slot), progress, is_expected)? {
                 Some(ProcessChange::Restarted(count)) => {
-                    *heartbeat = Heartbeat::after(beat());
+                    *heartbeat = Heartbeat::after(beat);
                     events.push((*role, ProcessEvent::Restarted(count)));
                 }
                 Some(ProcessChange::Ended(status)) if is_expected(status) => {}
@@ -186,7 +186,7 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
                     events.push((*role, status.signal().map_or(exited, ProcessEvent::Killed)));
                 }
                 None if process.is_running() => {
-                    events.extend(heartbeat.update(beat(), now).map(|event| (*role, event)));
+                    events.extend(heartbeat.update(beat, now).map(|event| (*role, event)));
                     let overdue = overdue.filter(|overdue| overdue.from == *role);
                     events.extend(overdue.map(|overdue| (*role, overdue.event())));
                     let is_silent = heartbeat.is_silent_for(ring.terms.silence_limit()) && !is_last_slot;

@@ -124,6 +124,13 @@ impl SensorList {
         Sampling::new(mean_bits, vec![self.capacity_bits; self.sensors.len()])
     }
 
+    /// Mean bits that all sensor nodes sample in a slot, `Σ s_i τ`.
+    #[must_use]
+    pub fn slot_bits(&self, scenario: &Scenario) -> f64 {
+        let sampling = self.sampling(scenario);
+        (0..self.sensors.len()).map(|id| sampling.of(id).mean_bits).sum()
+    }
+
     /// The list as published on the topic `sensors`.
     #[must_use]
     pub fn nodes(&self) -> Vec<SensorNode> {

@@ -54,8 +54,7 @@ fn fly(files: &RandomMission, strategy: &'static str, steps: u64) -> f64 {
     let list = SensorList::parse(&files.sensors, Path::new("sensors.csv"), &scenario).expect("a sensor list");
     let mission = Mission::new(&scenario, &list).expect("it was resolved");
     let lost_bits = mission.last().map_or(0, |flown| flown.header.totals.lost_bits);
-    let sampled_bps: f64 = list.sensors().iter().map(|sensor| sensor.sampling_bps).sum();
-    lost_bits as f64 / (sampled_bps * scenario.slot_s * scenario.slots as f64)
+    lost_bits as f64 / (list.slot_bits(&scenario) * scenario.slots as f64)
 }
 
 fn compare(number: u64, draws: u64, steps: u64) -> Outcome {
