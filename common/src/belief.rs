@@ -147,8 +147,12 @@ impl<'a> Believed<'a> {
     #[inline]
     #[must_use]
     pub fn deadline_slots(&self, id: u32) -> Option<f64> {
-        let room_bits = f64::from(self.sensors.sampler(id).capacity_bits) - f64::from(self.queues_bits[id as usize]);
-        let mean_bits = self.mean_bits(id);
+        let sampler = self.sensors.sampler(id);
+        let room_bits = f64::from(sampler.capacity_bits) - f64::from(self.queues_bits[id as usize]);
+        let mean_bits = match self.belief {
+            Belief::Known => sampler.mean_bits,
+            Belief::Estimated(estimate) => estimate.mean_bits(id),
+        };
         (mean_bits > 0.0).then(|| room_bits / mean_bits)
     }
 

@@ -158,19 +158,24 @@ pub fn step(plant: &mut Plant, pilot: &mut dyn Pilot, stop: &Stop) -> Result<(),
 /// Plans with the strategy of the scenario or another.
 impl Pilot for Planner {
     fn plans(&mut self, plant: &Plant) -> Result<Plans, Ended> {
-        let begin = Instant::now();
-        let flight = plant.flight(UAV);
-        let queues_bits = plant.field().queues_bits();
-        self.observe(plant.slot(), flight, queues_bits);
-        let mut plan = Planner::step(self, plant.slot() + 1, flight.position(), queues_bits);
-        plan.plan_ns = elapsed_ns(begin);
-        Ok(Plans::from_buf([Some(plan)]))
+        Ok(Plans::from_buf([Some(plan_next(self, plant))]))
     }
 
     fn path(&self, _uav: usize) -> &[Point3<f64>] {
         let path = Planner::path(self);
         if path.len() > 1 { path } else { &[] }
     }
+}
+
+/// Observes the last slot, and plans the next one of the only UAV.
+pub(crate) fn plan_next(planner: &mut Planner, plant: &Plant) -> Plan {
+    let begin = Instant::now();
+    let flight = plant.flight(UAV);
+    let queues_bits = plant.field().queues_bits();
+    planner.observe(plant.slot(), flight, queues_bits);
+    let mut plan = planner.step(plant.slot() + 1, flight.position(), queues_bits);
+    plan.plan_ns = elapsed_ns(begin);
+    plan
 }
 
 /// The time since `begin` [ns].

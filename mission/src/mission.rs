@@ -9,7 +9,7 @@ use skysink_common::stop::Stop;
 use skysink_planner::Planner;
 use skysink_planner::strategy::Strategy;
 
-use crate::drive::{End, Observer, Pilot, drive, step};
+use crate::drive::{End, Observer, drive, plan_next, step};
 use crate::error::MissionError;
 use crate::plant::Plant;
 
@@ -75,12 +75,8 @@ impl Mission {
     }
 
     /// Plans the next slot of the only UAV. Must be called once, before [`Mission::fly`].
-    ///
-    /// # Panics
-    /// Never: a planner has a plan for every slot.
     pub fn plan(&mut self) -> Plan {
-        let plans = self.planner.plans(&self.plant).ok();
-        plans.and_then(|plans| plans[0]).expect("a planner has a plan for every slot")
+        plan_next(&mut self.planner, &self.plant)
     }
 
     /// Flies the next slot of the only UAV by any `plan`, or holds without one.
