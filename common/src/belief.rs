@@ -7,7 +7,7 @@ use crate::estimate::{Estimate, Rates, SavedEstimate, Uncertainty};
 use crate::message::FlightReport;
 use crate::reported::ReportedQueues;
 use crate::scenario::Scenario;
-use crate::sensors::Sensors;
+use crate::sensors::{SensorList, Sensors};
 
 /// The belief of a UAV, which advances by one slot after the other.
 #[derive(Debug, Clone, PartialEq)]
@@ -24,6 +24,13 @@ impl Belief {
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &Sensors, estimated: Option<Rates>) -> Self {
         estimated.map_or(Self::Known, |rates| Self::Estimated(Box::new(Estimate::new(scenario, rates, sensors))))
+    }
+
+    /// The same over the SNs of a list.
+    #[must_use]
+    pub fn of(scenario: &Scenario, list: &SensorList, estimated: Option<Rates>) -> Self {
+        let over_list = |rates| Self::new(scenario, &Sensors::of(scenario, &list.nodes()), Some(rates));
+        estimated.map_or(Self::Known, over_list)
     }
 
     /// Whether the queues are estimated.
@@ -75,18 +82,27 @@ impl Belief {
         }
     }
 
-    /// What is believed at the end of `slot`, at which the queues of `sensors` are `queues_bits` [bit], by id. Takes
-    /// O(N) for an estimate, and no time for known queues.
-    pub fn at<'a>(&'a mut self, slot: u64, sensors: &'a Sensors, queues_bits: &'a [u32]) -> Believed<'a> {
-        if let Self::Estimated(estimate) = &mut *self {
+    /// Estimates the queues at the end of `slot`. Takes O(N) for an estimate, and no time for known queues.
+    pub fn predict(&mut self, slot: u64) {
+        if let Self::Estimated(estimate) = self {
             estimate.predict(slot);
         }
-        let belief: &Self = self;
-        let queues_bits = match belief {
+    }
+
+    /// The queues [bit] by id: as of the last [`Self::predict`], or `queues_bits` if they are known.
+    #[must_use]
+    pub fn queues_bits<'a>(&'a self, queues_bits: &'a [u32]) -> &'a [u32] {
+        match self {
             Self::Known => queues_bits,
             Self::Estimated(estimate) => estimate.queues_bits(),
-        };
-        Believed { slot, sensors, queues_bits, belief }
+        }
+    }
+
+    /// What is believed at the end of `slot`, at which the queues of `sensors` are `queues_bits` [bit], by id. Takes
+    /// time as [`Self::predict`].
+    pub fn at<'a>(&'a mut self, slot: u64, sensors: &'a Sensors, queues_bits: &'a [u32]) -> Believed<'a> {
+        self.predict(slot);
+        Believed { slot, sensors, queues_bits: self.queues_bits(queues_bits), belief: self }
     }
 
     /// The state for a checkpoint; `None` if the queues are known.

@@ -4,12 +4,12 @@ use std::mem::MaybeUninit;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
+use skysink_common::belief::Belief;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
-use skysink_common::estimate::{Estimate, SavedEstimate};
+use skysink_common::estimate::SavedEstimate;
 use skysink_common::ledger::{Ledger, Totals};
 use skysink_common::message::{FlightReport, QueuesHeader, SlotHeader};
 use skysink_common::queues::blocks;
-use skysink_common::reported::ReportedQueues;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::UAV;
@@ -22,8 +22,8 @@ pub struct Field {
     slots: u64,
     slot: u64,
     slot_bits: SlotBits,
-    /// The UAV's estimate of the queues, for external planners.
-    estimate: Option<Box<Estimate>>,
+    /// What the UAV believes, for external planners.
+    belief: Belief,
 }
 
 /// Bits delivered and lost in one slot.
@@ -56,28 +56,28 @@ impl Field {
             slots: scenario.slots,
             slot: 0,
             slot_bits: SlotBits::default(),
-            estimate: None,
+            belief: Belief::Known,
         }
     }
 
-    /// Also maintains the UAV's estimate of the queues, from slot 1 on.
+    /// The same with what the UAV believes before slot 1, instead of known queues.
     #[must_use]
-    pub fn with_estimate(mut self, mut estimate: Estimate) -> Self {
-        estimate.predict(self.slot);
-        self.estimate = Some(Box::new(estimate));
+    pub fn with_belief(mut self, belief: Belief) -> Self {
+        self.belief = belief;
+        self.belief.predict(self.slot);
         self
     }
 
-    /// Whether the UAV's estimate is maintained.
+    /// What the UAV believes after the slot.
     #[must_use]
-    pub fn has_estimate(&self) -> bool {
-        self.estimate.is_some()
+    pub fn belief(&self) -> &Belief {
+        &self.belief
     }
 
-    /// The UAV's estimate of the queues after the slot [bit], by sensor node; `None` if it is not maintained.
+    /// The queues after the slot as the UAV believes them to be [bit], by sensor node.
     #[must_use]
-    pub fn estimated_bits(&self) -> Option<&[u32]> {
-        self.estimate.as_ref().map(|estimate| estimate.queues_bits())
+    pub fn believed_bits(&self) -> &[u32] {
+        self.belief.queues_bits(self.queues_bits())
     }
 
     /// Advances by `slot`, from 1: all sensor nodes sample, full ones lose the excess, and served ones upload
@@ -87,7 +87,7 @@ impl Field {
     /// If a UAV serves an unknown sensor node; the field is then unchanged.
     ///
     /// # Panics
-    /// If `slot` is not the next slot, or there is no flight to estimate from.
+    /// If `slot` is not the next slot, or there is no flight.
     pub fn step(&mut self, slot: u64, flights: &[FlightReport]) -> Result<SlotBits, FieldError> {
         self.step_into(slot, flights, None)
     }
@@ -102,8 +102,8 @@ impl Field {
     /// If a UAV serves an unknown sensor node; the field is then unchanged.
     ///
     /// # Panics
-    /// If `slot` is not the next slot, there is no flight to estimate from, or the length of `queues_bits` is not the
-    /// number of sensor nodes.
+    /// If `slot` is not the next slot, there is no flight, or the length of `queues_bits` is not the number of sensor
+    /// nodes.
     pub fn step_into(
         &mut self,
         slot: u64,
@@ -117,8 +117,7 @@ impl Field {
         if let Some(link) = links().find(|link| link.sensor as usize >= count) {
             return Err(FieldError { slot, sensor: link.sensor, count });
         }
-        let served = links().map(|link| link.sensor);
-        let reported = self.estimate.is_some().then(|| ReportedQueues::at(slot, served, self.ledger.queues_bits()));
+        let reported = self.belief.reported(slot, links().map(|link| link.sensor), self.ledger.queues_bits());
         self.slot = slot;
         self.slot_bits = SlotBits::default();
         for sensors in blocks(count) {
@@ -134,10 +133,8 @@ impl Field {
                 copy[sensor].write(self.ledger.queues_bits()[sensor]);
             }
         }
-        if let Some((estimate, reported)) = self.estimate.as_mut().zip(reported) {
-            estimate.advance(slot, &flights[UAV], &reported, self.ledger.queues_bits());
-            estimate.predict(slot);
-        }
+        self.belief.advance(slot, &flights[UAV], &reported, self.ledger.queues_bits());
+        self.belief.predict(slot);
         Ok(self.slot_bits)
     }
 
@@ -211,27 +208,22 @@ impl Checkpoint for Field {
     fn save(&self, bytes: &mut Vec<u8>) {
         let queues_bits = bytemuck::cast_slice(self.queues_bits()).to_vec();
         let delivered_bits = bytemuck::cast_slice(self.delivered_bits()).to_vec();
-        let estimate = self.estimate.as_ref().map(|estimate| estimate.saved());
+        let estimate = self.belief.saved();
         let Self { slot, slot_bits, .. } = *self;
         encode(&State { slot, slot_bits, queues_bits, delivered_bits, estimate }, bytes);
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let State { slot, slot_bits, queues_bits, delivered_bits, estimate } = decode(bytes)?;
-        let is_same_kind = estimate.is_some() == self.estimate.is_some();
-        CheckpointError::ensure(is_same_kind, "an estimate of the queues in both fields or in none")?;
-        let estimate =
-            self.estimate.as_ref().zip(estimate).map(|(own, saved)| own.restored(slot, saved)).transpose()?;
+        let mut belief = self.belief.restored(slot, estimate)?;
         let queues_bits: Vec<u32> = bytemuck::pod_collect_to_vec(&queues_bits);
         let delivered_bits: Vec<u64> = bytemuck::pod_collect_to_vec(&delivered_bits);
         let is_possible = slot <= self.slots && self.ledger.restore(slot, &queues_bits, &delivered_bits);
         CheckpointError::ensure(is_possible, "a possible state of this field")?;
         self.slot = slot;
         self.slot_bits = slot_bits;
-        self.estimate = estimate.map(Box::new);
-        if let Some(estimate) = &mut self.estimate {
-            estimate.predict(slot);
-        }
+        belief.predict(slot);
+        self.belief = belief;
         Ok(())
     }
 }

@@ -3,11 +3,11 @@
 use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::Service;
-use skysink_common::estimate::Estimate;
+use skysink_common::belief::Belief;
 use skysink_common::message::{FLAG_END, FLAG_REPEAT, Limits, QueuesHeader, SensorsHeader, Tick};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
-use skysink_common::sensors::{SensorList, Sensors};
+use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::ByUav;
 use skysink_common::stop::Stop;
 use skysink_ring::error::NodeError;
@@ -41,10 +41,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     let mut commits = ring.commit.reader()?;
     let mut clock = ring.terms.pace.period(scenario.slot_s).map(Clock::new);
 
-    let mut field = Field::new(scenario, &list);
-    if let Some(rates) = ring.terms.belief {
-        field = field.with_estimate(Estimate::new(scenario, rates, &Sensors::of(scenario, &list.nodes())));
-    }
+    let mut field = Field::new(scenario, &list).with_belief(Belief::of(scenario, &list, ring.terms.belief));
     let mut journal = journal(folder, count)?;
     let mut saved = resume(&mut journal, &mut field)?;
     let header = |field: &Field, flags: u32| {
@@ -52,12 +49,12 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         field.header(ring.header(field.slot(), end | flags))
     };
     sensors.send_list(SensorsHeader { head: ring.header(0, 0), limits: Limits::of(scenario) }, &list.nodes())?;
-    let send_belief = |field: &mut Field, flags: u32| {
+    let send_belief = |field: &Field, flags: u32| {
         let Some(beliefs) = &beliefs else { return Ok(()) };
         let without_totals = QueuesHeader { head: header(field, flags).head, ..QueuesHeader::default() };
-        beliefs.send_list(without_totals, field.estimated_bits().unwrap_or_default())
+        beliefs.send_list(without_totals, field.believed_bits())
     };
-    send_belief(&mut field, 0)?;
+    send_belief(&field, 0)?;
     queues.send_list(header(&field, 0), field.queues_bits())?;
 
     for slot in field.slot() + 1..=scenario.slots {
@@ -80,7 +77,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         // Saved only after the last slot is committed: a restart before that publishes the last slot again, too.
         commits.wait_until(&mut wait, slot - 1)?;
         save(&mut journal, &reports, &field)?;
-        send_belief(&mut field, 0)?;
+        send_belief(&field, 0)?;
         // SAFETY: the step has not failed, so it has written every element.
         unsafe { loaned.send(header(&field, 0)) }?;
     }
@@ -88,7 +85,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         Pace::Max => Ok(()),
         // The buffer of a reader that lags may have been full.
         Pace::Factor(_) => {
-            send_belief(&mut field, FLAG_REPEAT)?;
+            send_belief(&field, FLAG_REPEAT)?;
             queues.send_list(header(&field, FLAG_REPEAT), field.queues_bits())
         }
     })

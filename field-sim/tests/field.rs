@@ -2,11 +2,12 @@
 
 use std::path::Path;
 
+use skysink_common::belief::Belief;
 use skysink_common::checkpoint::Checkpoint;
-use skysink_common::estimate::{Estimate, Rates};
+use skysink_common::estimate::Rates;
 use skysink_common::message::{FlightReport, LinkReport, Mode};
 use skysink_common::scenario::{Overrides, Scenario};
-use skysink_common::sensors::{SensorList, Sensors};
+use skysink_common::sensors::SensorList;
 use skysink_field_sim::{Field, SlotBits};
 
 /// A scenario of `slots` slots of `slot_s` [s].
@@ -33,11 +34,7 @@ fn field(sensors: [(u32, f64); 2]) -> Field {
 fn telling(sensors: [(u32, f64); 2]) -> Field {
     let scenario = scenario(600, 1.0);
     let list = list(&scenario, sensors);
-    Field::new(&scenario, &list).with_estimate(Estimate::new(
-        &scenario,
-        Rates::Learnt,
-        &Sensors::of(&scenario, &list.nodes()),
-    ))
+    Field::new(&scenario, &list).with_belief(Belief::of(&scenario, &list, Some(Rates::Learnt)))
 }
 
 fn serving_nobody() -> [FlightReport; 1] {
@@ -61,12 +58,12 @@ fn saved(field: &Field) -> Vec<u8> {
 fn the_uav_is_told_what_it_left_and_learns_the_rate_from_what_it_finds() {
     let mut field = telling([(10_000, 700.0), (0, 100.0)]);
     field.step(1, &serving_first(6_000)).unwrap();
-    assert_eq!(field.estimated_bits().unwrap()[0], 4_700, "10 000 + 700 − 6 000");
+    assert_eq!(field.believed_bits()[0], 4_700, "10 000 + 700 − 6 000");
     field.step(2, &serving_nobody()).unwrap();
     field.step(3, &serving_first(60_000)).unwrap();
-    assert_eq!(field.estimated_bits().unwrap()[0], 0);
+    assert_eq!(field.believed_bits()[0], 0);
     field.step(4, &serving_nobody()).unwrap();
-    assert_eq!(field.estimated_bits().unwrap()[0], 700, "5 400 were found when slot 3 began: 700 in slot 2");
+    assert_eq!(field.believed_bits()[0], 700, "5 400 were found when slot 3 began: 700 in slot 2");
 }
 
 #[test]

@@ -1,8 +1,8 @@
 //! The plant: the field and the UAVs of a mission, by the same steps as the executables.
 
 use serde::{Deserialize, Serialize};
+use skysink_common::belief::Belief;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
-use skysink_common::estimate::Estimate;
 use skysink_common::message::{FLAG_END, FlightReport, PathPoint, Plan, QueuesHeader, SlotHeader};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
@@ -32,11 +32,10 @@ impl Plant {
         Self { field, uavs, slots: scenario.slots, record }
     }
 
-    /// Also maintains the UAV's estimate of the queues, for external planners.
+    /// The same with what the UAV believes before slot 1, for external planners, instead of known queues.
     #[must_use]
-    pub fn with_estimate(mut self, estimate: Estimate) -> Self {
-        self.field = self.field.with_estimate(estimate);
-        self
+    pub fn with_belief(self, belief: Belief) -> Self {
+        Self { field: self.field.with_belief(belief), ..self }
     }
 
     /// What the last slot left; before slot 1 no plans, and the UAVs at their starts.
@@ -82,13 +81,6 @@ impl Plant {
     #[must_use]
     pub fn field(&self) -> &Field {
         &self.field
-    }
-
-    /// The queues as known to the UAV after the last slot [bit], by sensor node: its estimate if it is maintained, else
-    /// the true queues.
-    #[must_use]
-    pub fn known_bits(&self) -> &[u32] {
-        self.field.estimated_bits().unwrap_or_else(|| self.field.queues_bits())
     }
 
     /// Flies the next slot by the plan of each UAV; a UAV without one holds its position. The paths of the record are
@@ -164,7 +156,6 @@ mod tests {
     use skysink_common::estimate::Rates;
     use skysink_common::message::Mode;
     use skysink_common::scenario::Overrides;
-    use skysink_common::sensors::Sensors;
     use skysink_common::slot_record::{Plans, UAV};
     use skysink_planner::settings;
 
@@ -175,9 +166,7 @@ mod tests {
         let scenario = Scenario::parse(text, path, Overrides::default()).and_then(settings::resolve).unwrap();
         let list = SensorList::of(&scenario).unwrap();
         let plans = Mission::new(&scenario, &list).unwrap().map(|record| record.plans).collect();
-        let plant = Plant::new(&scenario, &list);
-        let estimate = knowledge.map(|rates| Estimate::new(&scenario, rates, &Sensors::of(&scenario, &list.nodes())));
-        (estimate.into_iter().fold(plant, Plant::with_estimate), plans)
+        (Plant::new(&scenario, &list).with_belief(Belief::of(&scenario, &list, knowledge)), plans)
     }
 
     fn saved(plant: &Plant) -> Vec<u8> {
@@ -204,7 +193,7 @@ mod tests {
                     assert_eq!(other.step(plans).header, record.header);
                     assert!(other.flights() == plant.flights());
                     assert!(other.field().queues_bits() == plant.field().queues_bits());
-                    assert!(other.known_bits() == plant.known_bits());
+                    assert!(other.field().believed_bits() == plant.field().believed_bits());
                 }
             }
             assert!(plant.is_over() && restored.is_over());

@@ -127,7 +127,7 @@ impl Planner {
     /// the estimate older.
     pub fn observe(&mut self, slot: u64, flight: &FlightReport, queues_bits: &[u32]) {
         self.belief.advance(slot, flight, &self.reported, queues_bits);
-        self.strategy.observe(flight, &self.belief.at(slot, &self.table.sensors, queues_bits));
+        self.strategy.observe(flight, &self.belief);
     }
 
     /// Plans `slot` from the position of the UAV, `L_u(t−1)` [m], and the queues `B_i(t−1)` [bit], by id. If the queues

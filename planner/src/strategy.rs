@@ -28,7 +28,7 @@ pub trait Strategy: Checkpoint {
     fn plan(&mut self, view: &View<'_>) -> Option<Decision>;
 
     /// Observes a flight, and what is believed after it.
-    fn observe(&mut self, _report: &FlightReport, _belief: &Believed<'_>) {}
+    fn observe(&mut self, _report: &FlightReport, _belief: &Belief) {}
 
     /// The planned waypoints after the last decided one, from strategies that look ahead.
     fn path(&self) -> &[Point3<f64>] {

@@ -83,7 +83,7 @@ impl PyEnvironmentCore {
 
     #[getter]
     fn queues_bits<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
-        PyArray1::from_slice(py, self.episode.plant.known_bits())
+        PyArray1::from_slice(py, self.episode.plant.field().believed_bits())
     }
 
     fn reset<'py>(&mut self, py: Python<'py>, number: u64) -> PyResult<Bound<'py, PyDict>> {
@@ -106,7 +106,7 @@ impl PyEnvironmentCore {
     fn fly<'py>(&mut self, py: Python<'py>, decision: &Bound<'py, PyDecision>, transit: bool) -> PyResult<Step<'py>> {
         let Episode { field, plant, .. } = &self.episode;
         let mode = if transit { Mode::Transit } else { Mode::Serve };
-        let plan = decision.get().plan(field, plant.flight(UAV).position(), plant.known_bits(), mode);
+        let plan = decision.get().plan(field, plant.flight(UAV).position(), plant.field().believed_bits(), mode);
         self.fly_plan(py, plan)
     }
 

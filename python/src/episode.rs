@@ -6,13 +6,13 @@ use numpy::{IntoPyArray, PyArray1, PyArrayMethods as _};
 use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
+use skysink_common::belief::Belief;
 use skysink_common::checkpoint::{Checkpoint as _, decode, encode};
 use skysink_common::error::InputError;
-use skysink_common::estimate::Estimate;
 use skysink_common::geometry::{Position, above};
 use skysink_common::message::{Mode, Plan};
 use skysink_common::scenario::Scenario;
-use skysink_common::sensors::{SensorList, Sensors};
+use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::UAV;
 use skysink_mission::Plant;
 use skysink_planner::settings;
@@ -21,14 +21,10 @@ use crate::errors::refused;
 use crate::field::FieldData;
 use crate::scenario::PyScenario;
 
-/// The field and the UAV of a scenario, with the estimate of the UAV if it does not observe the
-/// queues.
+/// The field and the UAV of a scenario, with what the UAV believes of the queues.
 pub fn plant(scenario: &Scenario, list: &SensorList) -> PyResult<Plant> {
-    let plant = Plant::new(scenario, list);
-    Ok(match settings::estimated(scenario).map_err(refused)? {
-        Some(rates) => plant.with_estimate(Estimate::new(scenario, rates, &Sensors::of(scenario, &list.nodes()))),
-        None => plant,
-    })
+    let estimated = settings::estimated(scenario).map_err(refused)?;
+    Ok(Plant::new(scenario, list).with_belief(Belief::of(scenario, list, estimated)))
 }
 
 /// What the episodes of an environment have in common.
@@ -153,7 +149,7 @@ impl Episode {
             (uav.z + climb_m).clamp(limits.min_altitude_m, limits.max_altitude_m)
         });
         let ground = self.field.clamp_to_area(uav.xy() + step);
-        self.field.plan(above(&ground, z_m), None, self.plant.known_bits(), Mode::Serve)
+        self.field.plan(above(&ground, z_m), None, self.plant.field().believed_bits(), Mode::Serve)
     }
 
     /// Flies the next slot.
@@ -177,7 +173,7 @@ impl Episode {
         uav.iter_mut().zip(fractions).for_each(|(uav, fraction)| *uav = fraction.clamp(0.0, 1.0) as f32);
         *slot = (self.plant.slot() as f64 / limits.slots as f64) as f32;
         let capacity_bits = self.field.capacity_bits() as f32;
-        let pairs = queues.iter_mut().zip(self.plant.known_bits());
+        let pairs = queues.iter_mut().zip(self.plant.field().believed_bits());
         pairs.for_each(|(queue, &bits)| *queue = bits as f32 / capacity_bits);
     }
 

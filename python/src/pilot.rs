@@ -154,8 +154,8 @@ impl PyPlanMaker {
     /// gets the estimate.
     fn plan_next(&self, py: Python<'_>, plant: &Plant) -> PyResult<Plan> {
         py.check_signals()?;
-        let queues_bits = if plant.field().has_estimate() {
-            plant.known_bits().to_pyarray(py)
+        let queues_bits = if plant.field().belief().is_estimated() {
+            plant.field().believed_bits().to_pyarray(py)
         } else {
             held(py, plant.field().shared_queues_bits())?
         };

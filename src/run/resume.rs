@@ -2,12 +2,13 @@
 //!
 //! The state after the last recorded slot becomes the checkpoints from which the processes of a new ring resume.
 
+use skysink_common::belief::Belief;
 use skysink_common::error::InputError;
-use skysink_common::estimate::{Estimate, Rates};
+use skysink_common::estimate::Rates;
 use skysink_common::message::Plan;
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
-use skysink_common::sensors::{SensorList, Sensors};
+use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::Plans;
 use skysink_common::stop::Stop;
 use skysink_field_sim::journal as fields;
@@ -54,10 +55,8 @@ pub fn resume(
 ) -> Result<ResumedRun, Error> {
     let trace = Recorded::open(folder, scenario.slots)?;
     let HorizonKeys { budget_ms, .. } = scenario.planner_keys("planner.horizon")?;
-    let mut plant = Plant::new(scenario, list);
-    if let Some(rates) = estimated_rates(scenario, folder.run_mode())? {
-        plant = plant.with_estimate(Estimate::new(scenario, rates, &Sensors::of(scenario, &list.nodes())));
-    }
+    let belief = Belief::of(scenario, list, estimated_rates(scenario, folder.run_mode())?);
+    let mut plant = Plant::new(scenario, list).with_belief(belief);
     let mut planner = Planner::new(scenario, &list.nodes())?;
     planner.set_stop(stop);
     let is_ours = folder.run_mode().external_planner.is_none();
