@@ -17,7 +17,7 @@ use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
 use skysink_mission::files::write_whole;
-use skysink_mission::folder::{FolderLayout, OutputFolder};
+use skysink_mission::folder::FolderLayout;
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::{RunFolder, is_recording};
 use skysink_mission::replay::RecordedRun;
@@ -42,6 +42,7 @@ const OUTCOME: &str = "replay.json";
 static LAYOUT: FolderLayout = FolderLayout {
     lock: "lock",
     is_result: |name| ["scenario.toml", "sensors.csv", PLANS, OUTCOME].contains(&name) || is_recording(name),
+    temporary: &[],
 };
 
 /// Help of `--pace` for a replay, in which no deadline is missed.
@@ -115,7 +116,11 @@ impl ReplayCommand {
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         self.check()?;
         let replay = ReplayedRun::read(&self, stop)?;
-        let folder = self.prepare(&self.output_folder()?)?;
+        let out = self.output_folder()?;
+        let refuse = |message: &str| InputError::new("output folder", &out, message);
+        let cannot_create = |error| refuse(&format!("{error}: expected the name of a folder")).into();
+        let message = "another replay is writing it: stop that one, or choose another --out";
+        let folder = LAYOUT.open(&out, cannot_create, || self.check_folder(&out))?.ok_or_else(|| refuse(message))?;
         let earlier = folder.set_aside()?;
         let written = replay.write(folder.path(), stop);
         if written.is_err() {
@@ -154,17 +159,6 @@ impl ReplayCommand {
             return Err(InputError::new("output folder", &out, message).into());
         }
         Ok(out)
-    }
-
-    /// Creates and locks the folder `out`.
-    fn prepare(&self, out: &Path) -> Result<OutputFolder, Error> {
-        let refuse = |message: &str| InputError::new("output folder", out, message);
-        fs::create_dir_all(out).map_err(|error| refuse(&format!("{error}: expected the name of a folder")))?;
-        self.check_folder(out)?; // before the lock file is created
-        let message = "another replay is writing it: stop that one, or choose another --out";
-        let folder = LAYOUT.lock(out)?.ok_or_else(|| refuse(message))?;
-        self.check_folder(out)?;
-        Ok(folder)
     }
 
     /// Refuses a folder that holds a replay, without `--force`, or files of others.

@@ -1,6 +1,5 @@
 //! Files that are written whole or not at all, under a temporary name first.
 
-use std::ffi::OsStr;
 use std::fs::File;
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
@@ -50,11 +49,11 @@ pub fn write_unfinished(path: &Path, bytes: &[u8]) -> io::Result<NamedTempFile> 
     Ok(file)
 }
 
-/// Whether this is the name of an unfinished file, such as a killed process leaves.
-#[must_use]
-pub fn is_unfinished(name: &OsStr) -> bool {
-    let name = name.as_encoded_bytes();
-    name.starts_with(b".") && name.ends_with(UNFINISHED.as_bytes())
+/// Whether this is the name of an unfinished file, such as a killed process leaves: `.NAME.new` or `.NAME.*.new`, where
+/// `is_own` holds for NAME.
+pub fn is_unfinished(name: &str, is_own: impl Fn(&str) -> bool) -> bool {
+    let name = name.strip_prefix('.').and_then(|name| name.strip_suffix(UNFINISHED));
+    name.is_some_and(|name| is_own(name) || name.rsplit_once('.').is_some_and(|(name, _)| is_own(name)))
 }
 
 #[cfg(test)]
@@ -98,7 +97,11 @@ mod tests {
     fn an_unfinished_file_is_recognised_by_its_name() {
         let folder = tempfile::tempdir().unwrap();
         let begun = write_unfinished(&folder.path().join("sweep.json"), b"{").unwrap();
-        assert!(is_unfinished(begun.path().file_name().unwrap()));
-        assert!(!is_unfinished(OsStr::new("sweep.json")) && !is_unfinished(OsStr::new("a.new")));
+        let is_ours = |name: &str| is_unfinished(name, |name| name == "sweep.json");
+        assert!(is_ours(begun.path().file_name().unwrap().to_str().unwrap()) && is_ours(".sweep.json.new"));
+        for other in ["sweep.json", "sweep.json.a1.new", ".a.new", ".notes.md.a1.new", ".sweep.json.a1.b2.new", ".new"]
+        {
+            assert!(!is_ours(other), "{other}");
+        }
     }
 }

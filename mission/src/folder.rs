@@ -38,6 +38,8 @@ pub struct FolderLayout {
     pub lock: &'static str,
     /// Whether a file of this name is a result. (Neither the lock nor unfinished files are asked about.)
     pub is_result: fn(&str) -> bool,
+    /// Names, besides those of the results, with which unfinished files and folders begin.
+    pub temporary: &'static [&'static str],
 }
 
 /// The names of the files in a folder, but those set aside.
@@ -45,7 +47,7 @@ pub struct FolderLayout {
 pub struct FolderContent {
     /// Results.
     pub results: Vec<String>,
-    /// Unfinished files of killed processes.
+    /// Unfinished files and folders of killed processes.
     pub unfinished: Vec<String>,
     /// Files of others.
     pub foreign: Vec<String>,
@@ -74,19 +76,37 @@ impl FolderLayout {
     pub fn content(&self, path: &Path) -> io::Result<FolderContent> {
         let mut content = FolderContent::default();
         for entry in fs::read_dir(path)? {
-            let name = entry?.file_name();
-            let text = name.to_string_lossy().into_owned();
-            if text == self.lock {
+            let name = entry?.file_name().to_string_lossy().into_owned();
+            if name == self.lock {
                 content.lock = Some(self.lock);
-            } else if is_unfinished(&name) {
-                content.unfinished.push(text);
-            } else if (self.is_result)(&text) {
-                content.results.push(text);
-            } else if !text.starts_with(ASIDE) {
-                content.foreign.push(text);
+            } else if is_unfinished(&name, |name| (self.is_result)(name) || self.temporary.contains(&name)) {
+                content.unfinished.push(name);
+            } else if (self.is_result)(&name) {
+                content.results.push(name);
+            } else if !name.starts_with(ASIDE) {
+                content.foreign.push(name);
             }
         }
         Ok(content)
+    }
+
+    /// Creates the folder `path` if it does not exist, locks it like [`FolderLayout::lock`], and removes what killed
+    /// processes have left. `check` refuses what it holds: before the lock file is created, and again under the lock.
+    ///
+    /// # Errors
+    /// That of `cannot_create` or `check`, or if the folder cannot be locked.
+    pub fn open<E: From<MissionError>>(
+        &'static self,
+        path: &Path,
+        cannot_create: impl FnOnce(io::Error) -> E,
+        check: impl Fn() -> Result<(), E>,
+    ) -> Result<Option<OutputFolder>, E> {
+        fs::create_dir_all(path).map_err(cannot_create)?;
+        check()?;
+        let Some(folder) = self.lock(path)? else { return Ok(None) };
+        check()?;
+        folder.remove_unfinished()?;
+        Ok(Some(folder))
     }
 
     /// Locks the folder `path` for writing, and creates the lock file if it does not exist. Returns `None` if another
@@ -167,7 +187,8 @@ impl OutputFolder {
     /// If the folder cannot be read.
     pub fn remove_unfinished(&self) -> Result<(), MissionError> {
         for name in self.content()?.unfinished {
-            let _ = fs::remove_file(self.path.join(name)); // it may be a folder
+            let path = self.path.join(name);
+            let _ = fs::remove_file(&path).or_else(|_| fs::remove_dir_all(&path));
         }
         Ok(())
     }
@@ -178,7 +199,6 @@ impl OutputFolder {
     /// If one cannot be moved.
     pub fn set_aside(&self) -> Result<SetAside<'_>, MissionError> {
         let results = self.content()?.results;
-        self.remove_unfinished()?;
         let aside = tempfile::Builder::new().prefix(ASIDE).tempdir_in(&self.path).at(&self.path)?;
         for name in &results {
             let path = self.path.join(name);
@@ -220,7 +240,15 @@ mod tests {
 
     use super::*;
 
-    static LAYOUT: FolderLayout = FolderLayout { lock: "lock", is_result: |name| name.ends_with(".csv") };
+    static LAYOUT: FolderLayout =
+        FolderLayout { lock: "lock", is_result: |name| name.ends_with(".csv"), temporary: &["film"] };
+
+    /// Opens a folder that `check` accepts.
+    fn open(path: &Path, check: impl Fn() -> bool) -> Result<OutputFolder, MissionError> {
+        let error = |source| MissionError::File { path: path.to_owned(), source };
+        let check = || if check() { Ok(()) } else { Err(error(io::ErrorKind::InvalidInput.into())) };
+        LAYOUT.open(path, error, check).map(Option::unwrap)
+    }
 
     fn names(folder: &Path) -> Vec<String> {
         let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
@@ -232,15 +260,45 @@ mod tests {
     #[test]
     fn results_are_replaced_and_files_of_others_stay() {
         let place = tempfile::tempdir().unwrap();
-        for name in ["a.csv", "notes.md", ".a.csv.x.new"] {
+        for name in ["a.csv", "notes.md", ".a.csv.x.new", ".notes.md.x.new"] {
             fs::write(place.path().join(name), name).unwrap();
         }
         let folder = LAYOUT.lock(place.path()).unwrap().unwrap();
         let content = folder.content().unwrap();
         assert!(content.lock.is_some() && !content.is_empty());
-        assert_eq!((content.results, content.foreign), (vec!["a.csv".to_owned()], vec!["notes.md".to_owned()]));
+        assert_eq!((content.results, content.unfinished), (vec!["a.csv".to_owned()], vec![".a.csv.x.new".to_owned()]));
         folder.remove_results().unwrap();
-        assert_eq!(names(place.path()), ["lock", "notes.md"]);
+        assert_eq!(names(place.path()), [".notes.md.x.new", "lock", "notes.md"]);
+    }
+
+    #[test]
+    fn unfinished_files_and_folders_are_removed_but_not_where_a_link_leads() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("out");
+        for folder in [".film.x.new", ".other.x.new", "mine"] {
+            fs::create_dir_all(path.join(folder)).unwrap();
+            fs::write(path.join(folder).join("a.rrd"), "half").unwrap();
+        }
+        symlink(path.join("mine"), path.join(".film.y.new")).unwrap();
+        fs::write(path.join(".a.csv.x.new"), "half").unwrap();
+        open(&path, || true).unwrap();
+        assert_eq!(names(&path), [".other.x.new", "lock", "mine"]);
+        assert_eq!(names(&path.join("mine")), ["a.rrd"]);
+    }
+
+    #[test]
+    fn a_folder_is_checked_before_and_after_it_is_locked() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("deep/out");
+        assert!(open(&path, || false).is_err());
+        assert!(names(&path).is_empty());
+        let arrives_late = || {
+            let is_empty = LAYOUT.content(&path).unwrap().is_empty();
+            fs::write(path.join("a.csv"), "of another").unwrap();
+            is_empty
+        };
+        assert!(open(&path, arrives_late).is_err());
+        assert_eq!(names(&path), ["a.csv", "lock"]);
     }
 
     #[test]
@@ -248,7 +306,7 @@ mod tests {
         let place = tempfile::tempdir().unwrap();
         let result = place.path().join("a.csv");
         fs::write(&result, "earlier").unwrap();
-        let folder = LAYOUT.lock(place.path()).unwrap().unwrap();
+        let folder = open(place.path(), || true).unwrap();
         let aside = folder.set_aside().unwrap();
         assert!(folder.content().unwrap().is_empty());
         fs::write(&result, "new").unwrap();

@@ -2,7 +2,7 @@
 //!
 //! A process locks `slots.csv` before it changes anything in the folder.
 
-use std::fs::{self, File};
+use std::fs::{self, DirEntry, File};
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
 
@@ -30,7 +30,7 @@ const FILES: [&str; 7] =
 
 /// The files of a run.
 static LAYOUT: FolderLayout =
-    FolderLayout { lock: TRACE, is_result: |name| FILES.contains(&name) || is_recording(name) };
+    FolderLayout { lock: TRACE, is_result: |name| FILES.contains(&name) || is_recording(name), temporary: &[] };
 
 /// Whether `folder` holds a run.
 #[must_use]
@@ -61,20 +61,10 @@ impl RunFolder {
         list: &SensorList,
         mode: &RunMode,
     ) -> Result<Self, MissionError> {
-        let path = match out {
-            Some(out) => {
-                Self::check(Some(out), earlier)?;
-                out.parent().map_or(Ok(()), fs::create_dir_all).map_err(|error| cannot_make(out, error))?;
-                let made = fs::create_dir(out);
-                let exists = made.as_ref().is_err_and(|error| error.kind() == io::ErrorKind::AlreadyExists);
-                if !exists || earlier == Earlier::Kept && !is_empty(out) {
-                    made.map_err(|error| cannot_make(out, error))?; // another process may have created it
-                }
-                out.to_owned()
-            }
-            None => make_default(scenario, mode)?,
-        };
-        let folder = LAYOUT.lock(&path)?.ok_or_else(|| locked(&path))?;
+        Self::check(out, earlier)?;
+        let path = out.map_or_else(|| make_default(scenario, mode), |out| Ok(out.to_owned()))?;
+        let check = || Self::check(Some(&path), earlier);
+        let folder = LAYOUT.open(&path, |error| cannot_make(&path, error), check)?.ok_or_else(|| locked(&path))?;
         folder.remove_results()?;
         folder.lock.set_len(0).at(&path.join(TRACE))?;
         let folder = Self { folder, mode: mode.clone(), in_a_ring: mode.pace.is_some() };
@@ -273,13 +263,15 @@ fn cannot_make(out: &Path, error: io::Error) -> MissionError {
     }
 }
 
-/// Whether `path` is a regular file, not a link.
+/// Whether `path` is a regular file, not a link, or was removed since.
 fn is_plain_file(path: &Path) -> bool {
-    fs::symlink_metadata(path).is_ok_and(|file| file.is_file())
+    !fs::symlink_metadata(path).is_ok_and(|file| !file.is_file())
 }
 
+/// Whether a folder holds nothing but the lock of a run that has not begun.
 fn is_empty(folder: &Path) -> bool {
-    fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none())
+    let is_lock = |file: DirEntry| file.file_name() == TRACE && file.metadata().is_ok_and(|file| file.len() == 0);
+    fs::read_dir(folder).is_ok_and(|mut entries| entries.all(|entry| entry.is_ok_and(is_lock)))
 }
 
 /// Whether a file of this name is one of the recording: `mission.rrd`, `mission-2.rrd` ...

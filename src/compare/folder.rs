@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use serde_json::json;
 use skysink_common::error::InputError;
 use skysink_lab::sweep::plan::Sweep;
+use skysink_mission::MissionError;
 use skysink_mission::error::FileContext;
 use skysink_mission::files::write_whole;
 use skysink_mission::folder::{FolderLayout, OutputFolder};
@@ -24,8 +25,11 @@ pub const RECORDING: &str = "comparison.rrd";
 const MANIFEST: &str = "runs.json";
 
 /// The files of a comparison of runs.
-static LAYOUT: FolderLayout =
-    FolderLayout { lock: "lock", is_result: |name| [MANIFEST, STANDINGS, RECORDING].contains(&name) };
+static LAYOUT: FolderLayout = FolderLayout {
+    lock: "lock",
+    is_result: |name| [MANIFEST, STANDINGS, RECORDING].contains(&name),
+    temporary: &["comparison"],
+};
 
 /// Maximum length of the names in the folder name [characters].
 const MAX_NAME: usize = 120;
@@ -54,7 +58,7 @@ pub fn make_for_runs(runs: &[PathBuf], out: Option<&Path>) -> Result<OutputFolde
     if !out.is_dir() && fs::symlink_metadata(&out).is_ok() {
         return Err(refuse("it is no folder: choose another --out"));
     }
-    fs::create_dir_all(&out).at(&out)?;
+    let cannot_create = |source| MissionError::File { path: out.clone(), source }.into();
     let check = || -> Result<(), Error> {
         let content = LAYOUT.content(&out).at(&out)?;
         if !content.foreign.is_empty() {
@@ -65,9 +69,8 @@ pub fn make_for_runs(runs: &[PathBuf], out: Option<&Path>) -> Result<OutputFolde
         }
         Ok(())
     };
-    check()?;
-    let folder = LAYOUT.lock(&out)?.ok_or_else(|| refuse("another comparison is writing it: choose another --out"))?;
-    check()?;
+    let message = "another comparison is writing it: choose another --out";
+    let folder = LAYOUT.open(&out, cannot_create, check)?.ok_or_else(|| refuse(message))?;
     folder.remove_results()?; // a run may have changed since
     write_whole(&out.join(MANIFEST), text.as_bytes())?;
     Ok(folder)

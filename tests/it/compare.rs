@@ -121,7 +121,11 @@ fn runs_of_the_same_names_in_other_folders_are_another_comparison() {
     assert_eq!(folder(&["./one/../one/uts", "one/gfs/"]), first);
     // Nor does it replace one in the folder of --out; the same comparison does.
     assert_eq!(folder(&["one/uts", "one/gfs", "--out", "both"]), "both/comparison.json");
+    let killed = place.path("both/.comparison.a1b2c3.new");
+    std::fs::create_dir(&killed).unwrap();
+    place.write("both/.comparison.a1b2c3.new/comparison.rrd", "half");
     assert_eq!(folder(&["one/uts", "one/gfs", "--out", "both"]), "both/comparison.json");
+    assert!(!killed.exists());
     for other in [["other/uts", "other/gfs"], ["one/gfs", "one/uts"]] {
         place.run_refused(
             &["compare", other[0], other[1], "--out", "both", "--no-record"],

@@ -65,9 +65,13 @@ fn only_a_run_is_replaced() {
     assert_eq!(place.read("mine/scenario.toml"), "name = \"mine\"\n");
     fs::create_dir(place.path("empty")).unwrap();
     place.flight("smoke").out("empty").force().simulate();
-    place.write("empty/notes.md", "kept");
+    for name in ["notes.md", ".notes.md.a1b2c3.new"] {
+        place.write(&format!("empty/{name}"), "kept");
+    }
+    place.write("empty/.summary.json.a1b2c3.new", "{");
     place.flight("smoke").out("empty").force().simulate();
-    assert_eq!(place.read("empty/notes.md"), "kept");
+    assert_eq!(place.read("empty/notes.md") + &place.read("empty/.notes.md.a1b2c3.new"), "keptkept");
+    assert!(!place.path("empty/.summary.json.a1b2c3.new").exists());
 }
 
 /// One change of a file: a bit, a digit, a cut, a byte less or more, a line twice or not at all.

@@ -28,7 +28,11 @@ pub const JOURNAL: &str = "journal.csv";
 const MANIFEST: &str = "sweep.json";
 
 /// The files of a sweep that has begun; the others follow the manifest.
-static LAYOUT: FolderLayout = FolderLayout { lock: "lock", is_result: |name| name == MANIFEST };
+static LAYOUT: FolderLayout = FolderLayout {
+    lock: "lock",
+    is_result: |name| name == MANIFEST,
+    temporary: &["results.csv", "results.parquet", "summary.csv", "timings.csv"],
+};
 
 /// The content of `sweep.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -58,9 +62,20 @@ impl SweepRecord {
     }
 
     /// Creates or opens the folder with this manifest.
-    pub(crate) fn of(manifest: Manifest, folder: &Path) -> Result<Self, LabError> {
-        let folder = lock_folder(folder, &manifest)?;
-        let journal = SweepJournal::open(&folder.path().join(JOURNAL), &manifest.definition)?;
+    pub(crate) fn of(manifest: Manifest, path: &Path) -> Result<Self, LabError> {
+        let refuse = |message| InputError::new("sweep folder", path, message);
+        if path.exists() && !path.is_dir() {
+            return Err(refuse("it is a file: choose another --out").into());
+        }
+        let cannot_create = |source| MissionError::File { path: path.to_owned(), source }.into();
+        let folder = LAYOUT.open(path, cannot_create, || check(path, &manifest))?;
+        let message = "another process is running this sweep: stop it, or choose another --out";
+        let folder = folder.ok_or_else(|| refuse(message))?;
+        if !path.join(MANIFEST).exists() {
+            let text = serde_json::to_string_pretty(&manifest).expect("plain values") + "\n";
+            write_whole(&path.join(MANIFEST), text.as_bytes())?;
+        }
+        let journal = SweepJournal::open(&path.join(JOURNAL), &manifest.definition)?;
         Ok(Self { folder, manifest, journal })
     }
 
@@ -97,29 +112,8 @@ impl SweepRecord {
     }
 }
 
-/// Creates or opens the folder of a sweep, and locks it.
-///
-/// # Errors
-/// As [`SweepRecord::open`].
-fn lock_folder(path: &Path, manifest: &Manifest) -> Result<OutputFolder, LabError> {
-    let refuse = |message| InputError::new("sweep folder", path, message);
-    if path.exists() && !path.is_dir() {
-        return Err(refuse("it is a file: choose another --out").into());
-    }
-    fs::create_dir_all(path).at(path)?;
-    is_begun(path, manifest)?; // refuses the folder before the lock file is created
-    let message = "another process is running this sweep: stop it, or choose another --out";
-    let folder = LAYOUT.lock(path)?.ok_or_else(|| refuse(message))?;
-    folder.remove_unfinished()?;
-    if !is_begun(path, manifest)? {
-        let text = serde_json::to_string_pretty(manifest).expect("plain values") + "\n";
-        write_whole(&path.join(MANIFEST), text.as_bytes())?;
-    }
-    Ok(folder)
-}
-
-/// Whether the folder contains this sweep. Fails if it contains another sweep or other files.
-fn is_begun(path: &Path, manifest: &Manifest) -> Result<bool, LabError> {
+/// Refuses a folder that contains another sweep or other files.
+fn check(path: &Path, manifest: &Manifest) -> Result<(), LabError> {
     let refuse = |message| InputError::new("sweep folder", path, message);
     let file = path.join(MANIFEST);
     match fs::read(&file) {
@@ -127,20 +121,17 @@ fn is_begun(path: &Path, manifest: &Manifest) -> Result<bool, LabError> {
             let held: Manifest = serde_json::from_slice(&text)
                 .map_err(|_| refuse("its sweep.json is invalid: delete the folder, or choose another --out"))?;
             if held.definition == manifest.definition && held.shard != manifest.shard {
-                let Manifest { shard, .. } = held;
-                let message = format_args!("it contains shard {shard} of this sweep: choose another --out");
+                let message = format_args!("it contains shard {} of this sweep: choose another --out", held.shard);
                 return Err(InputError::new("sweep folder", path, message).into());
             }
             if held != *manifest {
                 return Err(refuse("its sweep.json describes another sweep: choose another --out").into());
             }
-            Ok(true)
+            Ok(())
         }
         Err(error) if error.kind() == ErrorKind::NotFound => {
-            if !LAYOUT.content(path).at(path)?.is_empty() {
-                return Err(refuse("it contains other files: choose another --out").into());
-            }
-            Ok(false)
+            let is_empty = LAYOUT.content(path).at(path)?.is_empty();
+            if is_empty { Ok(()) } else { Err(refuse("it contains other files: choose another --out").into()) }
         }
         Err(source) => Err(MissionError::File { path: file, source }.into()),
     }
