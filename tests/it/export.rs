@@ -1,5 +1,9 @@
 //! `skysink export`: refusals, and agreement of the exported flight with the run.
 
+use std::fs::File;
+use std::thread;
+use std::time::Duration;
+
 use crate::support::Place;
 use arrow_array::cast::AsArray;
 use arrow_array::types::{Float64Type, UInt32Type, UInt64Type};
@@ -46,6 +50,20 @@ fn bad_input_is_refused_in_one_line_and_nothing_is_written() {
     refused(&place, &with(&["--origin", ORIGIN, "--out", "no/a.kml"]), "its folder does not exist");
     refused(&place, &["export", "run", "--format", "qgc-plan", "--most-items", "4"], "4 is not in 5..");
     assert_eq!(files(&place), ["run", "smoke.toml"]);
+}
+
+#[test]
+fn an_export_waits_for_another_one_into_the_same_folder() {
+    let place = Place::new();
+    place.flight("smoke").simulate();
+    let folder = File::open(place.path("")).unwrap();
+    folder.lock().unwrap();
+    let mut export = place.skysink(&["export", "run", "--format", "kml", "--origin", ORIGIN]).spawn().unwrap();
+    thread::sleep(Duration::from_millis(300));
+    assert_eq!((export.try_wait().unwrap(), files(&place)), (None, vec!["run".to_owned(), "smoke.toml".to_owned()]));
+    folder.unlock().unwrap();
+    assert!(export.wait().unwrap().success());
+    assert_eq!(files(&place), ["run", "run.kml", "smoke.toml"]);
 }
 
 #[test]
@@ -164,7 +182,7 @@ fn parquet_holds_the_slots_with_the_bits_of_each_sensor_node_and_needs_no_origin
     place.flight("smoke").strategy("gfs").simulate();
     refused(&place, &["export", "run", "--format", "parquet", "--origin", ORIGIN], "parquet has no coordinates");
     place.run_ok(&["export", "run", "--format", "parquet"]);
-    let file = std::fs::File::open(place.path("run.parquet")).unwrap();
+    let file = File::open(place.path("run.parquet")).unwrap();
     let reader = ParquetRecordBatchReaderBuilder::try_new(file).unwrap().build().unwrap();
     let batches: Vec<_> = reader.map(Result::unwrap).collect();
     let [batch] = &batches[..] else { panic!("{} batches", batches.len()) };

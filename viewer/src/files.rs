@@ -118,8 +118,9 @@ pub fn complete(first: &Path) -> Result<(), EncodeError> {
 fn rewrite(path: &Path) -> Result<(), EncodeError> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let messages = DecoderApp::decode_lazy(BufReader::new(File::open(path)?)).map_while(Result::ok);
+    let prefix = format!(".{}.", path.file_name().unwrap_or_default().to_string_lossy());
     let mut builder = tempfile::Builder::new();
-    let new = builder.prefix(".").suffix(".new").permissions(Permissions::from_mode(0o666)).tempfile_in(folder)?;
+    let new = builder.prefix(&prefix).suffix(".new").permissions(Permissions::from_mode(0o666)).tempfile_in(folder)?;
     let write = BufWriter::new(new);
     let mut encoder = Encoder::new_eager(CrateVersion::LOCAL, EncodingOptions::PROTOBUF_COMPRESSED, write)?;
     messages.into_iter().try_for_each(|message| encoder.append(&message).map(drop))?;

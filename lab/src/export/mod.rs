@@ -16,7 +16,7 @@ pub mod vehicle;
 mod waypoints;
 
 use std::ffi::OsString;
-use std::fs;
+use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -107,6 +107,9 @@ pub fn export(export: &Export, stop: &Stop) -> Result<Exported, LabError> {
         }
     };
     let out = out_file(export)?;
+    let folder = Some(folder_of(&out)).filter(|folder| folder.is_dir()).and_then(|folder| File::open(folder).ok());
+    // Two exports to one file do not mix their parts. The lock ends with the handle.
+    folder.as_ref().map_or(Ok(()), File::lock).at(&out)?;
     let files = part_names(&out, texts.len());
     files.iter().try_for_each(|file| check_out(file, export))?;
     let other_parts = parts_of(&out).into_iter().filter(|part| !files.contains(part));
@@ -159,12 +162,16 @@ fn part_names(file: &Path, count: usize) -> Vec<PathBuf> {
     (1..=count).map(name).collect()
 }
 
+/// The folder of a file.
+fn folder_of(file: &Path) -> &Path {
+    file.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
 /// The existing parts of the file `out`, of any number of parts.
 fn parts_of(out: &Path) -> Vec<PathBuf> {
-    let parent = out.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let begin = format!("{}-part-", out.file_stem().unwrap_or_default().to_string_lossy());
     let entries =
-        fs::read_dir(parent).into_iter().flatten().flatten().map(|entry| out.with_file_name(entry.file_name()));
+        fs::read_dir(folder_of(out)).into_iter().flatten().flatten().map(|entry| out.with_file_name(entry.file_name()));
     let is_part = |path: &PathBuf| {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         let numbers = stem.strip_prefix(&begin).and_then(|rest| rest.split_once("-of-"));
@@ -177,10 +184,9 @@ fn parts_of(out: &Path) -> Vec<PathBuf> {
 /// Checks that the file can be created, and does not exist unless it may be replaced.
 fn check_out(file: &Path, export: &Export) -> Result<(), InputError> {
     let refuse = |message: &str| Err(InputError::new("output file", file, message));
-    let parent = file.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     match fs::symlink_metadata(file) {
         _ if file.file_name().is_none() => refuse("no name: expected a file"),
-        _ if !parent.is_dir() => refuse("its folder does not exist: expected an existing folder"),
+        _ if !folder_of(file).is_dir() => refuse("its folder does not exist: expected an existing folder"),
         Ok(found) if !found.is_file() => refuse("it is not a regular file: choose another --out"),
         Ok(_) if !export.force => refuse("it exists: choose another --out, or pass --force to replace it"),
         _ => Ok(()),
