@@ -62,7 +62,7 @@ fn what_cannot_be_resumed_is_refused() {
     damage("\n3,", "\n4,");
     refused(&["slots.csv: line 4: `4,", "`: slot 4: expected slot 3 of 9000"]);
     damage(",serve,0\n", ",serve,zero\n");
-    refused(&["slots.csv: line 3: `2,", ",serve,z...`: expected a slot as skysink run writes it"]);
+    refused(&["slots.csv: line 3: `2,", ",serve...`: expected a slot as skysink run writes it"]);
     let third = trace.lines().nth(2).unwrap();
     let mut columns: Vec<_> = third.split(',').collect();
     columns[8] = "1"; // bits queued
