@@ -160,7 +160,7 @@ impl<'a> Believed<'a> {
     ///
     /// # Panics
     /// If the SN is unknown.
-    #[inline(always)] // once for each SN in every slot of `edf` and `mes`
+    #[inline]
     #[must_use]
     pub fn deadline_slots(&self, id: u32) -> Option<f64> {
         let sampler = self.sensors.sampler(id);
