@@ -2,6 +2,8 @@
 # Simulates the sweeps of scenarios/sweeps and the missions behind the paper's figures, and draws them. Pictures of the
 # book are copied to docs/src. All parts take hours; running the script again resumes the sweeps.
 #
+# `area` and `rate` include the sweeps of the strategies that look ahead, which take most of the time.
+#
 # Usage: docs/figures.sh [PART...]     area rate time planning sparse knowledge altitude maps example (default: all)
 #
 # Sweeps, runs and pictures are in runs/figures; `skysink` is the one in PATH.

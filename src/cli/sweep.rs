@@ -35,7 +35,7 @@ pub struct SweepCommand {
     /// index, from 1.
     #[arg(long, value_name = "K/N", value_parser = parse_shard, default_value = "1/1")]
     shard: Shard,
-    /// Print the number of missions and the estimated time, and simulate none.
+    /// Print the number of missions and the estimated time, and simulate none; takes no other option.
     #[arg(long, conflicts_with_all = ["out", "threads", "shard"])]
     plan: bool,
 }

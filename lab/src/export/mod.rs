@@ -65,8 +65,8 @@ pub struct Export {
     /// Replace an existing file.
     #[arg(long)]
     pub force: bool,
-    /// Maximum number of items in a vehicle mission, including home; longer missions are split into several files
-    /// [default: 500].
+    /// Maximum number of items in a vehicle mission, including home; at least 5; longer missions are split into several
+    /// files [default: 500].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(vehicle::MIN_ITEMS as i64..))]
     pub most_items: Option<u32>,
 }
