@@ -15,6 +15,7 @@ pub mod ledger;
 pub mod limits;
 pub mod message;
 pub mod pace;
+pub mod possible;
 pub mod propulsion;
 pub mod queues;
 pub mod random;

@@ -10,10 +10,8 @@ use nalgebra::Point3;
 use strum::{Display, EnumString, FromRepr, IntoStaticStr};
 
 use crate::channel::MAX_RESOURCE_BLOCKS;
-use crate::geometry::{Position, RANGE_SLACK};
 pub use crate::ledger::Totals;
 pub use crate::limits::Limits;
-use crate::scenario::Area;
 
 /// Most sensor nodes in one plan.
 pub const MAX_SERVED: usize = MAX_RESOURCE_BLOCKS;
@@ -293,16 +291,6 @@ impl From<Point3<f64>> for PathPoint {
     }
 }
 
-/// Whether these are 1 to [`MAX_PATH_POINTS`] points over the area, with altitudes that are finite in single precision,
-/// in which they are drawn.
-#[must_use]
-pub fn is_possible_path(points: &[PathPoint], area: &Area) -> bool {
-    let border_m = RANGE_SLACK * area.width_m().max(area.height_m());
-    let is_over_area = |point: &PathPoint| area.contains(&Position::new(point.x_m, point.y_m), border_m);
-    (1..=MAX_PATH_POINTS).contains(&points.len())
-        && points.iter().all(|point| is_over_area(point) && (point.z_m as f32).is_finite())
-}
-
 /// Payload of `commit`: the slot in the sample's header is in `slots.csv`.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -361,46 +349,9 @@ mod tests {
         assert_eq!(Mode::default(), Mode::Hold, "for an unknown number");
     }
 
-    const AREA: Area = Area::new(100.0, 50.0);
-
     #[test]
     fn a_point_of_a_path_has_the_coordinates_of_its_position() {
         let point = PathPoint::from(Point3::new(1.0, 2.0, 3.0));
         assert_eq!((point.x_m, point.y_m, point.z_m), (1.0, 2.0, 3.0));
-    }
-
-    #[test]
-    fn one_to_sixty_four_points_are_a_path() {
-        for (count, is_possible) in [(0, false), (1, true), (64, true), (65, false), (100_000, false)] {
-            assert_eq!(is_possible_path(&vec![PathPoint::default(); count], &AREA), is_possible, "{count} points");
-        }
-    }
-
-    #[test]
-    fn a_path_with_one_impossible_point_is_refused() {
-        let good = [100.0, 50.0, 20.0];
-        assert!(
-            is_possible_path(&[PathPoint::from(Point3::from(good)), Point3::new(0.0, 0.0, 1e9).into()], &AREA),
-            "the rim is part of the area"
-        );
-        for (axis, value) in [
-            (0, f64::NAN),
-            (1, f64::NAN),
-            (2, f64::NAN),
-            (0, f64::INFINITY),
-            (1, f64::NEG_INFINITY),
-            (2, f64::INFINITY),
-            (2, -1e300),
-            (0, 100.1),
-            (1, 50.1),
-            (0, -0.1),
-        ] {
-            let mut bad = good;
-            bad[axis] = value;
-            assert!(
-                !is_possible_path(&[PathPoint::from(Point3::from(good)), Point3::from(bad).into()], &AREA),
-                "{bad:?}"
-            );
-        }
     }
 }

@@ -6,7 +6,8 @@ use arbitrary::{Result, Unstructured};
 use bytemuck::Zeroable;
 use skysink_common::geometry::{Position, within};
 use skysink_common::message::{FlightReport, HoldReason, LinkReport, Mode};
-use skysink_common::message::{PathPoint, Plan, is_possible_path};
+use skysink_common::message::{PathPoint, Plan};
+use skysink_common::possible::{Message as _, is_possible_path};
 use skysink_field_sim::Field;
 use skysink_flight_sim::Flight;
 use skysink_ring::health::Health;
@@ -95,6 +96,7 @@ fn flown(World { scenario, list }: &World, before: &FlightReport, told: Option<&
     assert!(area.contains(&here, rounding_m), "{report:?}");
     let [lowest_m, highest_m] = scenario.altitudes_m(before.z_m);
     assert!((lowest_m..=highest_m).contains(&report.z_m), "{lowest_m} to {highest_m}: {report:?}");
+    assert!(FlightReport::are_possible(&[*report]), "{report:?}");
     let links = report.served_links();
     assert!(links.len() <= scenario.link.resource_blocks && links.len() == report.served as usize);
     assert!(links.is_sorted_by(|a, b| a.sensor < b.sensor), "{links:?}");

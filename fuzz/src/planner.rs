@@ -3,7 +3,8 @@
 use arbitrary::{Result, Unstructured};
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::{Position, above};
-use skysink_common::message::{FlightReport, Mode, PathPoint, Plan, SensorNode, is_possible_path};
+use skysink_common::message::{FlightReport, Mode, PathPoint, Plan, SensorNode};
+use skysink_common::possible::is_possible_path;
 use skysink_common::scenario::Scenario;
 use skysink_common::slot_record::UAV;
 use skysink_flight_sim::Flight;

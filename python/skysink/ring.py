@@ -155,7 +155,8 @@ class Ring:
             while (sample := self.flights.receive()) is not None:
                 if sample.header.number_of_elements == 1:  # one for each UAV
                     at = np.frombuffer(bytes(sample.payload()[0].words)[:24], dtype=np.float64)
-                    self.positions[words(sample.user_header())[1]] = (float(at[0]), float(at[1]), float(at[2]))
+                    if np.isfinite(at).all():  # the processes of the ring report others
+                        self.positions[words(sample.user_header())[1]] = (float(at[0]), float(at[1]), float(at[2]))
                 sample.delete()
             if slot in self.positions:
                 break

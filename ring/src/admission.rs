@@ -6,6 +6,7 @@ use iceoryx2::identifiers::UniquePublisherId;
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
 use skysink_common::message::{FLAG_END, FLAG_REPEAT, SlotHeader};
+use skysink_common::possible::Message as _;
 use skysink_common::slot_record::UAVS;
 
 use crate::cleanup::remove_dead_nodes;
@@ -37,7 +38,7 @@ pub(crate) enum Verdict {
 }
 
 impl Admission {
-    /// Decides on a sample of `topic`. `limit` is the last slot that the ring can have reached, if known.
+    /// Decides on a sample of `topic`. A refused sample of the admitted writer may be sent again, corrected. `limit` is the last slot that the ring can have reached, if known.
     pub(crate) fn check<S: Service + 'static, P: Payload + ?Sized, H: Header>(
         &mut self,
         topic: &TopicShared<S, P, H>,
@@ -60,11 +61,14 @@ impl Admission {
             return refuse(Refusal::FarSlot);
         }
         let order = order(header);
+        let is_possible = H::are_possible(std::slice::from_ref(sample.user_header()))
+            && P::Message::are_possible(P::messages(sample));
         let is_linked = topic.member.terms.link.is_some();
         match &mut self.writer {
             // Behind a link, a restarted process has the writer of its predecessor, and a restarted link sends samples
             // again.
             Some((writer, _)) if is_linked && *writer == publisher && header.epoch > self.epoch => {}
+            Some((writer, _)) if *writer == publisher && !is_possible => return refuse(Refusal::Numbers),
             Some((writer, last)) if *writer == publisher => {
                 if order < *last || order == *last && !topic.row.has_several_per_slot {
                     let is_repeated = is_linked || header.flags & FLAG_REPEAT != 0;
@@ -87,6 +91,9 @@ impl Admission {
                 }
             }
             None => {}
+        }
+        if !is_possible {
+            return refuse(Refusal::Numbers);
         }
         self.writer = Some((publisher, order));
         self.epoch = header.epoch;

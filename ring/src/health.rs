@@ -3,6 +3,7 @@
 use std::fmt;
 
 use iceoryx2::prelude::ZeroCopySend;
+use skysink_common::possible::Message;
 
 use crate::role::Role;
 
@@ -52,6 +53,9 @@ pub struct Ready {
     /// Restart count of the process.
     pub restarts: u32,
 }
+
+impl Message for Health {}
+impl Message for Ready {}
 
 impl Health {
     /// The message for an event of the process `role`.

@@ -28,6 +28,9 @@ pub enum Refusal {
     /// It has not one element for each UAV.
     #[strum(to_string = "expected an element for each UAV")]
     Uavs,
+    /// It has an impossible number.
+    #[strum(to_string = "expected finite numbers, and links by ascending SN, none in a hold")]
+    Numbers,
     /// The waypoint of a plan is not finite, out of reach, or outside the area.
     #[strum(to_string = "waypoint not finite, out of reach, or outside the area: the UAV holds")]
     Waypoint,

@@ -10,9 +10,10 @@ use iceoryx2::sample::Sample;
 use iceoryx2::service::builder::publish_subscribe::Builder;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use skysink_common::message::{QueuesHeader, SensorsHeader, SlotHeader};
+use skysink_common::possible::Message;
 
 /// User header of a sample of any topic.
-pub trait Header: Debug + Default + Copy + ZeroCopySend + 'static {
+pub trait Header: Message + Debug + Default + Copy + ZeroCopySend + 'static {
     /// Mission, slot and flags.
     fn head(&self) -> &SlotHeader;
 
@@ -44,7 +45,10 @@ header!(SensorsHeader, header => header.head);
 /// One message or a list of messages, which are separate types with the same methods in iceoryx2.
 pub trait Payload: IceoryxSend + Debug + 'static {
     /// A message.
-    type Message: Debug + Copy;
+    type Message: Message + Debug + Copy;
+
+    /// The messages of a sample, of which there is one unless the payload is a list.
+    fn messages<S: Service, H: Header>(sample: &Sample<S, Self, H>) -> &[Self::Message];
 
     /// Sends a copy of `messages`, of which there is one unless the payload is a list.
     ///
@@ -74,11 +78,15 @@ pub trait Payload: IceoryxSend + Debug + 'static {
     ) -> Result<Option<Sample<S, Self, H>>, ReceiveError>;
 }
 
-/// Implements [`Payload`] for a message or a list, given how a sample of `messages` is made.
+/// Implements [`Payload`] for a message or a list, given its slice and how a sample of `messages` is made.
 macro_rules! payload {
-    ($payload:ty, $publisher:ident, $messages:ident => $sample:expr) => {
-        impl<T: Debug + Copy + ZeroCopySend + 'static> Payload for $payload {
+    ($payload:ty, $slice:expr, $publisher:ident, $messages:ident => $sample:expr) => {
+        impl<T: Message + Debug + Copy + ZeroCopySend + 'static> Payload for $payload {
             type Message = T;
+
+            fn messages<S: Service, H: Header>(sample: &Sample<S, Self, H>) -> &[T] {
+                $slice(sample.payload())
+            }
 
             fn send<S: Service, H: Header>(
                 $publisher: &Publisher<S, Self, H>,
@@ -109,5 +117,5 @@ macro_rules! payload {
     };
 }
 
-payload!(T, publisher, messages => publisher.loan_uninit()?.write_payload(messages[0]));
-payload!([T], publisher, messages => publisher.loan_slice_uninit(messages.len())?.write_from_slice(messages));
+payload!(T, std::slice::from_ref, publisher, messages => publisher.loan_uninit()?.write_payload(messages[0]));
+payload!([T], std::convert::identity, publisher, messages => publisher.loan_slice_uninit(messages.len())?.write_from_slice(messages));

@@ -17,6 +17,7 @@ use iceoryx2::prelude::*;
 use iceoryx2::sample_mut_uninit::SampleMutUninit;
 use iceoryx2::service::port_factory::publisher::PortFactoryPublisher;
 use skysink_common::message::FLAG_REPEAT;
+use skysink_common::possible::Message;
 
 use crate::error::RingError;
 use crate::sample::{Header, Payload};
@@ -77,7 +78,7 @@ impl<P: Payload + ?Sized, H: Header> Repeats<P, H> {
 /// The action in the error for a topic with its maximum of writers.
 const WRITE: &str = "write (if all places are taken, end the other program)";
 
-impl<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static, H: Header> Topic<S, P, H> {
+impl<S: Service + 'static, P: Message + Debug + Copy + ZeroCopySend + 'static, H: Header> Topic<S, P, H> {
     /// A writer of single messages.
     ///
     /// # Errors
@@ -87,7 +88,7 @@ impl<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static, H: Header> 
     }
 }
 
-impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> Topic<S, [T], H> {
+impl<S: Service + 'static, T: Message + Debug + Copy + ZeroCopySend + 'static, H: Header> Topic<S, [T], H> {
     /// A writer of lists of at most `len` elements.
     ///
     /// # Errors
@@ -172,7 +173,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Ports<S, P, H> {
     }
 }
 
-impl<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static, H: Header> Writer<S, P, H> {
+impl<S: Service + 'static, P: Message + Debug + Copy + ZeroCopySend + 'static, H: Header> Writer<S, P, H> {
     /// Sends one message, and notifies the readers.
     ///
     /// # Errors
@@ -182,7 +183,7 @@ impl<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static, H: Header> 
     }
 }
 
-impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> Writer<S, [T], H> {
+impl<S: Service + 'static, T: Message + Debug + Copy + ZeroCopySend + 'static, H: Header> Writer<S, [T], H> {
     /// Sends a list, and notifies the readers.
     ///
     /// # Errors
@@ -203,12 +204,12 @@ impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> 
 }
 
 /// A loaned, uninitialised list sample. Dropping it discards it.
-pub struct LoanedList<'a, S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> {
+pub struct LoanedList<'a, S: Service + 'static, T: Message + Debug + Copy + ZeroCopySend + 'static, H: Header> {
     writer: &'a Writer<S, [T], H>,
     sample: SampleMutUninit<S, [MaybeUninit<T>], H>,
 }
 
-impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> LoanedList<'_, S, T, H> {
+impl<S: Service + 'static, T: Message + Debug + Copy + ZeroCopySend + 'static, H: Header> LoanedList<'_, S, T, H> {
     /// The elements to be written.
     pub fn elements(&mut self) -> &mut [MaybeUninit<T>] {
         self.sample.payload_mut()

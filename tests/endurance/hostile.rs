@@ -1,6 +1,7 @@
 //! Peers that send invalid samples, write the topics of others, or do not read: none of them changes a run.
 
 mod audit;
+mod flights;
 mod intruder;
 mod messages;
 mod modes;

@@ -8,10 +8,9 @@ use iceoryx2::sample::Sample;
 use re_sdk_types::components::TextLogLevel;
 use skysink_common::error::InputError;
 use skysink_common::estimate::Rates;
-use skysink_common::message::{
-    FLAG_END, FlightReport, HoldReason, PathPoint, Plan, QueuesHeader, SlotHeader, is_possible_path,
-};
+use skysink_common::message::{FLAG_END, FlightReport, HoldReason, PathPoint, Plan, QueuesHeader, SlotHeader};
 use skysink_common::pace::Pace;
+use skysink_common::possible::is_possible_path;
 use skysink_common::scenario::{Area, Scenario};
 use skysink_common::slot_record::UAV;
 use skysink_common::stop::Stop;

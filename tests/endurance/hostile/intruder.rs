@@ -6,6 +6,7 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+use skysink_common::possible::Message;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::sample::{Header, Payload};
 
@@ -23,7 +24,7 @@ impl Intruder {
     }
 
     /// A writer that does not wait for readers.
-    pub fn writer<P: Debug + Copy + ZeroCopySend + 'static, H: Header>(
+    pub fn writer<P: Message + Debug + Copy + ZeroCopySend + 'static, H: Header>(
         &self,
         topic: &str,
     ) -> Publisher<ipc::Service, P, H> {
@@ -33,7 +34,7 @@ impl Intruder {
     }
 
     /// The same for lists of up to `len`.
-    pub fn list_writer<T: Debug + Copy + ZeroCopySend + 'static, H: Header>(
+    pub fn list_writer<T: Message + Debug + Copy + ZeroCopySend + 'static, H: Header>(
         &self,
         topic: &str,
         len: usize,

@@ -1,0 +1,181 @@
+//! Which messages of the ring are possible. Every process refuses the others, before it computes with them.
+
+use crate::geometry::{Position, RANGE_SLACK};
+use crate::message::{
+    Commit, FlightReport, MAX_PATH_POINTS, MAX_SERVED, Mode, PathPoint, Plan, QueuesHeader, SensorNode, SensorsHeader,
+    SlotHeader, Tick,
+};
+use crate::scenario::Area;
+
+/// A message of the ring, or the header of one.
+pub trait Message: Sized {
+    /// Whether a process can compute with these messages. Any numbers are possible where the reader itself checks them,
+    /// as flight-sim does with a plan and the viewer with a path.
+    #[must_use]
+    fn are_possible(_: &[Self]) -> bool {
+        true
+    }
+}
+
+impl Message for u32 {}
+impl Message for Commit {}
+impl Message for PathPoint {}
+impl Message for Plan {}
+impl Message for SensorsHeader {}
+impl Message for SlotHeader {}
+impl Message for Tick {}
+
+impl Message for FlightReport {
+    /// Positions and links have finite numbers. The links are at most [`MAX_SERVED`], by ascending sensor node, and none
+    /// if the UAV holds: a trace with others could not be flown again. A position outside the area is possible, because
+    /// a real vehicle may have been there.
+    fn are_possible(flights: &[Self]) -> bool {
+        flights.iter().all(|flight| {
+            let links = flight.served_links();
+            let numbers = links.iter().flat_map(|link| [link.distance_m, link.elevation_deg, link.rate_bps]);
+            let is_hold = Mode::from_repr(flight.mode).unwrap_or_default() == Mode::Hold;
+            are_finite([flight.x_m, flight.y_m, flight.z_m].into_iter().chain(numbers))
+                && links.is_sorted_by(|before, after| before.sensor < after.sensor)
+                && flight.served as usize <= if is_hold { 0 } else { MAX_SERVED }
+        })
+    }
+}
+
+impl Message for SensorNode {
+    /// Finite positions, gains and rates; neither gains nor rates are below 0.
+    fn are_possible(nodes: &[Self]) -> bool {
+        nodes.iter().all(|node| {
+            are_finite([node.x_m, node.y_m, node.gain, node.sampling_bps])
+                && node.gain >= 0.0
+                && node.sampling_bps >= 0.0
+        })
+    }
+}
+
+impl Message for QueuesHeader {
+    /// Totals whose fraction of lost slots is finite and not below 0. The recorder checks that the bits balance.
+    fn are_possible(headers: &[Self]) -> bool {
+        headers.iter().all(|header| header.totals.lost_slots.is_finite() && header.totals.lost_slots >= 0.0)
+    }
+}
+
+/// Whether these numbers are finite in single precision, in which they are drawn.
+fn are_finite(numbers: impl IntoIterator<Item = f64>) -> bool {
+    numbers.into_iter().all(|number| (number as f32).is_finite())
+}
+
+/// Whether these are 1 to [`MAX_PATH_POINTS`] points over the area, with altitudes that are finite in single precision,
+/// in which they are drawn.
+#[must_use]
+pub fn is_possible_path(points: &[PathPoint], area: &Area) -> bool {
+    let border_m = RANGE_SLACK * area.width_m().max(area.height_m());
+    let is_over_area = |point: &PathPoint| area.contains(&Position::new(point.x_m, point.y_m), border_m);
+    (1..=MAX_PATH_POINTS).contains(&points.len())
+        && points.iter().all(|point| is_over_area(point) && are_finite([point.z_m]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ledger::Totals;
+    use crate::message::LinkReport;
+    use nalgebra::Point3;
+
+    /// A flight that serves the SNs 3 and 7.
+    fn flight() -> FlightReport {
+        let mut flight = FlightReport::at([50.0, 20.0, 30.0], Mode::Serve);
+        flight.served = 2;
+        for (link, sensor) in flight.links.iter_mut().zip([3, 7]) {
+            *link = LinkReport { sensor, rate_bps: 1e6, ..LinkReport::default() };
+        }
+        flight
+    }
+
+    #[test]
+    fn a_flight_with_one_impossible_number_is_refused() {
+        let spoil: [fn(&mut FlightReport); 12] = [
+            |flight| flight.x_m = f64::NAN,
+            |flight| flight.y_m = f64::NEG_INFINITY,
+            |flight| flight.z_m = 1e300,
+            |flight| flight.links[1].rate_bps = f64::NAN,
+            |flight| flight.links[0].distance_m = f64::INFINITY,
+            |flight| flight.links[0].elevation_deg = f64::NAN,
+            |flight| flight.links[1].sensor = 3,
+            |flight| flight.links[1].sensor = 2,
+            |flight| flight.served = 3,
+            |flight| flight.served = u32::MAX,
+            |flight| flight.mode = Mode::Hold as u32,
+            |flight| flight.mode = 77,
+        ];
+        for (number, spoil) in spoil.into_iter().enumerate() {
+            let mut spoilt = flight();
+            spoil(&mut spoilt);
+            assert!(!FlightReport::are_possible(&[flight(), spoilt]), "{number}");
+        }
+    }
+
+    #[test]
+    fn what_a_flight_does_not_use_may_be_anything() {
+        let mut flight = flight();
+        assert!(FlightReport::are_possible(&[flight]));
+        flight.links[2] = LinkReport { sensor: 0, rate_bps: f64::NAN, ..LinkReport::default() };
+        assert!(FlightReport::are_possible(&[flight]), "two links count");
+        assert!(FlightReport::are_possible(&[FlightReport::at([-5.0, 1e6, 0.0], Mode::Hold)]), "outside the area");
+    }
+
+    #[test]
+    fn sensor_nodes_and_totals_with_an_impossible_number_are_refused() {
+        let node = SensorNode { gain: 1e-5, sampling_bps: 100.0, ..SensorNode::default() };
+        assert!(SensorNode::are_possible(&[node]));
+        for spoilt in [
+            SensorNode { x_m: f64::NAN, ..node },
+            SensorNode { y_m: 1e39, ..node },
+            SensorNode { gain: -1.0, ..node },
+            SensorNode { sampling_bps: f64::NAN, ..node },
+        ] {
+            assert!(!SensorNode::are_possible(&[node, spoilt]), "{spoilt:?}");
+        }
+        for (lost_slots, is_possible) in [(0.0, true), (2.5, true), (-0.1, false), (f64::NAN, false)] {
+            let totals = Totals { lost_slots, ..Totals::default() };
+            let header = QueuesHeader { totals, ..QueuesHeader::default() };
+            assert_eq!(QueuesHeader::are_possible(&[header]), is_possible, "{lost_slots}");
+        }
+    }
+
+    const AREA: Area = Area::new(100.0, 50.0);
+
+    #[test]
+    fn one_to_sixty_four_points_are_a_path() {
+        for (count, is_possible) in [(0, false), (1, true), (64, true), (65, false), (100_000, false)] {
+            assert_eq!(is_possible_path(&vec![PathPoint::default(); count], &AREA), is_possible, "{count} points");
+        }
+    }
+
+    #[test]
+    fn a_path_with_one_impossible_point_is_refused() {
+        let good = [100.0, 50.0, 20.0];
+        assert!(
+            is_possible_path(&[PathPoint::from(Point3::from(good)), Point3::new(0.0, 0.0, 1e9).into()], &AREA),
+            "the rim is part of the area"
+        );
+        for (axis, value) in [
+            (0, f64::NAN),
+            (1, f64::NAN),
+            (2, f64::NAN),
+            (0, f64::INFINITY),
+            (1, f64::NEG_INFINITY),
+            (2, f64::INFINITY),
+            (2, -1e300),
+            (0, 100.1),
+            (1, 50.1),
+            (0, -0.1),
+        ] {
+            let mut bad = good;
+            bad[axis] = value;
+            assert!(
+                !is_possible_path(&[PathPoint::from(Point3::from(good)), Point3::from(bad).into()], &AREA),
+                "{bad:?}"
+            );
+        }
+    }
+}
