@@ -165,6 +165,24 @@ def test_in_a_paced_ring_it_plans_for_the_newest_queues(place: Path) -> None:
     assert timing["plan_p50_us"] > 1.0
 
 
+def test_one_that_hangs_in_a_paced_ring_is_reported_killed_and_started_again(place: Path) -> None:
+    hang = """def plan(self, view):
+        import pathlib, time
+        if view.slot >= 20 and not pathlib.Path("hung").exists():
+            pathlib.Path("hung").touch()
+            time.sleep(1000)"""
+    (place / "hangs.py").write_text(MINE.replace("def plan(self, view):", hang))
+    paced = ["--pace", "realtime", "--set", "slots=100", "--timeout", "3"]
+    planner = ["--planner", f"{sys.executable} hangs.py"]
+    run("run", "long.toml", "--no-viewer", *paced, *planner, "--out", "run", cwd=place)
+    summary = json.loads((place / "run" / "summary.json").read_text())
+    events = [event["event"] for event in summary["events"] if event["process"] == "planner"]
+    for event in ("has sent no sample for 1.", "has sent no plan in time for", "was killed", "was restarted", "recovered"):
+        assert any(found.startswith(event) for found in events), (event, events)
+    trace = (place / "run" / "slots.csv").read_text().splitlines()
+    assert all(",hold," not in line for line in trace[-5:]), "it plans again"
+
+
 def test_it_ends_with_its_launcher(place: Path) -> None:
     long = ["run", "long.toml", "--set", "slots=100000", "--no-viewer"]
     process = begin(place, *long, "--external", "planner", "--out", "run")

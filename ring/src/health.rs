@@ -20,12 +20,17 @@ pub enum ProcessEvent {
     Silent(i32),
     /// Sends heartbeats again, after this time [ms] without one.
     Recovered(i32),
-    /// Has not sent the sample that the others wait for, for this time [ms].
+    /// Has not sent the sample that the others wait for, or in a paced run its plan, for this time [ms].
     Overdue(i32),
-    /// An external process, one that the launcher did not start, no longer writes its topic. The run waits for another.
-    Missing,
+    /// An external process, one that the launcher did not start, no longer writes its topic.
+    Missing {
+        /// Whether the run waits for another one. A paced run continues without planner or viewer.
+        is_awaited: bool,
+    },
     /// An external process, one that the launcher did not start, writes its topic.
     Joined,
+    /// Has sent no plan in time for this number of slots in a row, in which the UAV held its position.
+    Held(i32),
 }
 
 /// Payload of `health`; the sample's slot is the one under way.
@@ -35,9 +40,10 @@ pub enum ProcessEvent {
 pub struct Health {
     /// The process: 0 field-sim, 1 flight-sim, 2 planner, 3 viewer, 4 the launcher.
     pub process: u32,
-    /// 0 killed, 1 exited, 2 restarted, 3 silent, 4 recovered, 5 overdue, 6 missing, 7 joined.
+    /// 0 killed, 1 exited, 2 restarted, 3 silent, 4 recovered, 5 overdue, 6 missing, 7 joined, 8 held.
     pub event: u32,
-    /// The signal, the exit code, the number of restarts, or the time [ms]; 0 for missing and joined.
+    /// The signal, the exit code, the number of restarts or held slots, or the time [ms]; of a missing process 0 if the
+    /// run waits for it, else 1; 0 for joined.
     pub detail: i32,
     /// Zero.
     pub reserved: u32,
@@ -68,8 +74,9 @@ impl Health {
             ProcessEvent::Silent(ms) => (3, ms),
             ProcessEvent::Recovered(ms) => (4, ms),
             ProcessEvent::Overdue(ms) => (5, ms),
-            ProcessEvent::Missing => (6, 0),
+            ProcessEvent::Missing { is_awaited } => (6, i32::from(!is_awaited)),
             ProcessEvent::Joined => (7, 0),
+            ProcessEvent::Held(slots) => (8, slots),
         };
         Self { process: role as u32, event, detail, reserved: 0 }
     }
@@ -84,8 +91,9 @@ impl Health {
             3 => ProcessEvent::Silent(self.detail),
             4 => ProcessEvent::Recovered(self.detail),
             5 => ProcessEvent::Overdue(self.detail),
-            6 => ProcessEvent::Missing,
+            6 => ProcessEvent::Missing { is_awaited: self.detail == 0 },
             7 => ProcessEvent::Joined,
+            8 => ProcessEvent::Held(self.detail),
             _ => return None,
         };
         (self.detail >= 0).then_some((Role::from_repr(self.process)?, event))
@@ -110,8 +118,14 @@ impl fmt::Display for ProcessEvent {
             Self::Silent(ms) => write!(formatter, "has sent no heartbeat for {:.1} s", seconds(ms)),
             Self::Recovered(ms) => write!(formatter, "recovered after {:.1} s", seconds(ms)),
             Self::Overdue(ms) => write!(formatter, "has sent no sample for {:.1} s", seconds(ms)),
-            Self::Missing => write!(formatter, "is missing: the run waits for it to be started again"),
+            Self::Missing { is_awaited: true } => {
+                write!(formatter, "is missing: the run waits for it to be started again")
+            }
+            Self::Missing { is_awaited: false } => {
+                write!(formatter, "is missing: the run continues without it until it is started again")
+            }
             Self::Joined => write!(formatter, "joined"),
+            Self::Held(slots) => write!(formatter, "has sent no plan in time for {slots} slots in a row: the UAV held"),
         }
     }
 }
@@ -129,8 +143,10 @@ mod tests {
             ProcessEvent::Silent(1_500),
             ProcessEvent::Recovered(i32::MAX),
             ProcessEvent::Overdue(22_500),
-            ProcessEvent::Missing,
+            ProcessEvent::Missing { is_awaited: true },
+            ProcessEvent::Missing { is_awaited: false },
             ProcessEvent::Joined,
+            ProcessEvent::Held(12),
         ];
         for (number, event) in (0..).zip(events) {
             let role = Role::from_repr(number % 5).unwrap();
@@ -142,7 +158,7 @@ mod tests {
     #[test]
     fn unknown_numbers_decode_to_none() {
         assert_eq!(Health { process: 5, ..Health::default() }.decode(), None);
-        assert_eq!(Health { event: 8, ..Health::default() }.decode(), None);
+        assert_eq!(Health { event: 9, ..Health::default() }.decode(), None);
         assert_eq!(Health { detail: -1, ..Health::default() }.decode(), None);
         assert_eq!(size_of::<Health>(), 16);
     }

@@ -39,6 +39,8 @@ pub struct Reader<S: Service + 'static, P: Payload + ?Sized, H: Header> {
     early: VecDeque<Sample<S, P, H>>,
     /// The order of the last sample that was taken or dropped.
     taken: Option<u64>,
+    /// The latest slot of an admitted sample; `None` before the first.
+    newest: Option<u64>,
     /// Whether no sample older than those in `early` will come. Behind a link, a new reader may begin in the middle of
     /// the samples that a writer repeats: it waits until one comes twice, or a new one.
     is_settled: bool,
@@ -66,6 +68,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
             listener: None,
             early: VecDeque::with_capacity(MAX_EARLY),
             taken: None,
+            newest: None,
             admission: Admission::default(),
             reached: None,
         })
@@ -197,6 +200,9 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
             let Some(sample) = sample else { return Ok(true) };
             let verdict = self.admission.check(&self.topic, &sample, limit);
             self.settle(&verdict, sample.user_header().head());
+            if !matches!(verdict, Verdict::Refused) {
+                self.newest = self.newest.max(Some(sample.user_header().head().slot));
+            }
             match verdict {
                 Verdict::Refused => {}
                 Verdict::Next => self.early.push_back(sample),
@@ -232,6 +238,12 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
         let sample = self.early.pop_front()?;
         self.taken = Some(order(sample.user_header().head()));
         Some(sample)
+    }
+
+    /// The latest slot of which a sample was received, also if it came too late; `None` before the first.
+    #[must_use]
+    pub fn newest_slot(&self) -> Option<u64> {
+        self.newest
     }
 
     /// Counts the refusal of an admitted sample of `slot` because of its content.

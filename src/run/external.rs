@@ -4,6 +4,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use iceoryx2::port::listener::Listener;
 use iceoryx2::prelude::Service;
+use skysink_common::pace::Pace;
 use skysink_ring::error::RingError;
 use skysink_ring::health::ProcessEvent;
 use skysink_ring::role::Role;
@@ -36,8 +37,9 @@ impl<S: Service + 'static> ExternalProcess<S> {
         Ok(Self { role, is_local: false, listener, heard: None, heartbeat: Heartbeat::after(None) })
     }
 
-    /// Checks whether the process is present; returns the change since the last poll.
-    pub fn poll(&mut self, ring: &Ring<S>, now: Instant) -> Option<ProcessEvent> {
+    /// Checks whether the process is present; returns the change since the last poll. `is_begun` says whether a slot was
+    /// flown: a paced run, too, waits for the first plan.
+    pub fn poll(&mut self, ring: &Ring<S>, is_begun: bool, now: Instant) -> Option<ProcessEvent> {
         let was_local = std::mem::replace(&mut self.is_local, ring.has_process(self.role));
         let heard = self.listen(now);
         match (was_local, self.is_local) {
@@ -45,7 +47,8 @@ impl<S: Service + 'static> ExternalProcess<S> {
             (true, false) => {
                 self.heard = None;
                 self.heartbeat = Heartbeat::after(None);
-                Some(ProcessEvent::Missing)
+                let is_spared = ring.terms.pace != Pace::Max && matches!(self.role, Role::Planner | Role::Viewer);
+                Some(ProcessEvent::Missing { is_awaited: !(is_begun && is_spared) })
             }
             (true, true) => None,
             (false, false) => heard,

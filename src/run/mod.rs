@@ -6,6 +6,7 @@ pub mod heartbeat;
 pub mod limits;
 pub mod link;
 pub mod options;
+pub mod plan_watch;
 pub mod process;
 pub mod recorder;
 pub mod restart;

@@ -4,15 +4,16 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::port::listener::Listener;
 use iceoryx2::prelude::Service;
-use skysink_common::message::{Commit, FLAG_END, FlightReport, Plan, QueuesHeader, SlotHeader, Tick};
+use skysink_common::message::{Commit, FLAG_END, FlightReport, HoldReason, Plan, QueuesHeader, SlotHeader, Tick};
 use skysink_common::pace::Pace;
-use skysink_common::slot_record::{ByUav, SlotRecord, UAVS};
+use skysink_common::scenario::Scenario;
+use skysink_common::slot_record::{ByUav, SlotRecord, UAV, UAVS};
 use skysink_mission::drive::SlotSink;
 use skysink_mission::latency::SlotTimes;
 use skysink_mission::slot_log::SlotLog;
 use skysink_mission::summary::Tally;
 use skysink_ring::error::RingError;
-use skysink_ring::health::Ready;
+use skysink_ring::health::{ProcessEvent, Ready};
 use skysink_ring::reader::Reader;
 use skysink_ring::role::Role;
 use skysink_ring::sample::{Header, Payload};
@@ -22,7 +23,8 @@ use skysink_ring::wait::{Awaited, WaitContext};
 use skysink_ring::writer::Writer;
 
 use crate::error::Error;
-use crate::run::supervise::OverdueSample;
+use crate::run::plan_watch::PlanWatch;
+use crate::run::supervise::SampleEvent;
 
 /// Time between two polls of the processes.
 const SUPERVISE_EVERY: Duration = Duration::from_millis(10);
@@ -61,6 +63,8 @@ pub struct Recorder<'a, S: Service + 'static> {
     /// Restart count of the newest viewer that is ready.
     ready_viewer: Option<u32>,
     supervised: Instant,
+    /// The plans, in a paced run that has begun.
+    plan_watch: Option<PlanWatch>,
 }
 
 /// How long the recorder waits for a message from processes that the launcher does not start.
@@ -99,7 +103,7 @@ struct SlotMessages {
 
 /// Callback that supervises the processes of the run; an error ends the run. Returns the restart count of the current
 /// viewer.
-pub type Supervise<'a> = dyn FnMut(&mut Tally, Option<OverdueSample>) -> Result<u32, Error> + 'a;
+pub type Supervise<'a> = dyn FnMut(&mut Tally, Option<SampleEvent>) -> Result<u32, Error> + 'a;
 
 impl<'a, S: Service + 'static> Recorder<'a, S> {
     /// Connects to the ring. Call it before any other process is started.
@@ -122,17 +126,18 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
             viewer: 0,
             ready_viewer: None,
             supervised: Instant::now(),
+            plan_watch: None,
         })
     }
 
-    /// Records all slots after those of the tally, up to `slots`, into the trace and the tally, and returns the wall time
+    /// Records all slots of `scenario` after those of the tally into the trace and the tally, and returns the wall time
     /// from the first to the last. Calls `supervise` periodically.
     ///
     /// # Errors
     /// Those of `supervise` and of the trace; if a peer is missing or wrong, the ring is broken, or on a stop.
     pub fn record(
         &mut self,
-        slots: u64,
+        scenario: &Scenario,
         trace: &mut dyn RingTrace,
         tally: &mut Tally,
         supervise: &mut Supervise,
@@ -146,8 +151,12 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         }
         self.commit(first, trace.hash())?;
         let begin = Instant::now();
-        for slot in first + 1..=slots {
-            self.supervise(tally, None, supervise)?;
+        let limit = self.ring.terms.overdue_limit();
+        let period = self.ring.terms.pace.period(scenario.slot_s);
+        self.plan_watch = period.map(|period| PlanWatch::new(period, limit, scenario.slots, begin));
+        let mut event = None;
+        for slot in first + 1..=scenario.slots {
+            self.supervise(tally, event, supervise)?;
             let plan_of = (self.ring.terms.pace == Pace::Max).then_some(slot);
             let (header, (flight_head, flights)) = self.wait_for_slot(slot, plan_of, tally, supervise)?;
             let plan = self.received.plan.take();
@@ -170,6 +179,8 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
             }
             tally.set_refused_messages(self.ring.refusals.total());
             self.commit(slot, trace.hash())?;
+            let is_held = record.flights[UAV].hold == HoldReason::NoPlan as u32;
+            event = self.plan_watch.as_mut().and_then(|watch| watch.count(is_held, Instant::now()));
         }
         Ok(begin.elapsed())
     }
@@ -222,8 +233,11 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
             let waited = awaited.waited.elapsed();
             let is_overdue = !is_reported && waited >= self.ring.terms.overdue_limit();
             is_reported |= is_overdue;
-            let overdue = OverdueSample { from: missing.from, waited };
-            self.supervise(tally, Some(overdue).filter(|_| is_overdue), supervise)?;
+            let ms = i32::try_from(waited.as_millis()).unwrap_or(i32::MAX);
+            let overdue = SampleEvent { from: missing.from, event: ProcessEvent::Overdue(ms), is_hung: true };
+            let newest = self.plans.newest_slot();
+            let plans = self.plan_watch.as_mut().and_then(|watch| watch.poll(newest, Instant::now()));
+            self.supervise(tally, Some(overdue).filter(|_| is_overdue).or(plans), supervise)?;
             if waited >= STALL {
                 self.ring.remove_dead_nodes();
             }
@@ -290,16 +304,16 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         Ok(self.ready_viewer >= Some(self.viewer))
     }
 
-    /// Supervises the processes if a message is overdue or [`SUPERVISE_EVERY`] has passed.
+    /// Supervises the processes if samples show an event or [`SUPERVISE_EVERY`] has passed.
     fn supervise(
         &mut self,
         tally: &mut Tally,
-        overdue: Option<OverdueSample>,
+        sample: Option<SampleEvent>,
         supervise: &mut Supervise,
     ) -> Result<(), Error> {
-        if overdue.is_some() || self.supervised.elapsed() >= SUPERVISE_EVERY {
+        if sample.is_some() || self.supervised.elapsed() >= SUPERVISE_EVERY {
             self.supervised = Instant::now();
-            self.viewer = supervise(tally, overdue)?;
+            self.viewer = supervise(tally, sample)?;
         }
         Ok(())
     }

@@ -120,8 +120,7 @@ impl RingMission<'_> {
             link: self.link()?,
             last_slot: scenario.slots,
         })?;
-        let recorded =
-            recorder.record(scenario.slots, log, tally, &mut |tally, overdue| workers.supervise(tally, overdue));
+        let recorded = recorder.record(scenario, log, tally, &mut |tally, sample| workers.supervise(tally, sample));
         let ended = match recorded {
             Ok(wall) => self.wait_for_end(&mut recorder, &mut workers, tally, log.hash()).map(|()| wall),
             Err(error) => Err(match workers.supervise(tally, None) {

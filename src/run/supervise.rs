@@ -2,9 +2,9 @@
 //!
 //! | process | started by | sign of life | restarted after its end | stopped |
 //! |---|---|---|---|---|
-//! | worker, planner of `--planner` | this launcher | the heartbeat of its lock file, a sample in time | by `--restart`, within [`OF_WORKERS`] | TERM, KILL |
+//! | worker, planner of `--planner` | this launcher | the heartbeat of its lock file, if it has one; a sample in time | by `--restart`, within [`OF_WORKERS`] | TERM, KILL |
 //! | link | this launcher | | always, within [`OF_LINK`](crate::run::restart::OF_LINK) | TERM, KILL, after the workers |
-//! | `--external` | the user, here or on another host | a writer of its topic, its notifications over the link | | with the ring |
+//! | `--external` | the user, here or on another host | a writer of its topic, its notifications over the link, a sample in time | | with the ring |
 
 use std::os::unix::process::ExitStatusExt;
 use std::process::ExitStatus;
@@ -71,18 +71,23 @@ pub struct Workers<'a, S: Service + 'static> {
     health: Writer<S, Health, SlotHeader>,
     begin: Instant,
     is_released: bool,
+    /// The first slot; `None` before the first poll.
+    first_slot: Option<u64>,
     /// Restart count of the current viewer, or of the next one if there is none.
     viewer: u32,
 }
 
-/// A sample that is late: who should have sent it, and how long it has been awaited.
+/// What the samples of a process show.
 #[derive(Debug, Clone, Copy)]
-pub struct OverdueSample {
+pub struct SampleEvent {
     /// The sender.
     pub from: Role,
-    /// Time waited.
-    pub waited: Duration,
+    /// The event.
+    pub event: ProcessEvent,
+    /// Whether the process is hung, and must be restarted.
+    pub is_hung: bool,
 }
+
 impl<'a, S: Service + 'static> Workers<'a, S> {
     /// Starts the link and the workers.
     ///
@@ -93,7 +98,8 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
         let external = run.external.iter().map(|&role| ExternalProcess::new(run.ring, role));
         let external = external.collect::<Result<_, _>>()?;
         let begin = Instant::now();
-        let mut workers = Self { run, external, cleaned_up: begin, health, begin, is_released: false, viewer: 0 };
+        let mut workers =
+            Self { run, external, cleaned_up: begin, health, begin, is_released: false, first_slot: None, viewer: 0 };
         let Supervision { folder, progress, workers: started, link, .. } = &mut workers.run;
         if let Some(link) = link {
             link.start(progress)?;
@@ -110,10 +116,10 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
     ///
     /// # Errors
     /// As [`Workers::watch`].
-    pub fn supervise(&mut self, tally: &mut Tally, overdue: Option<OverdueSample>) -> Result<u32, Error> {
+    pub fn supervise(&mut self, tally: &mut Tally, sample: Option<SampleEvent>) -> Result<u32, Error> {
         self.run.progress.show_run(tally, self.run.last_slot);
         let slot = tally.last_slot() + 1;
-        for (role, event) in self.watch(slot, overdue)? {
+        for (role, event) in self.watch(slot, sample)? {
             let at_s = self.begin.elapsed().as_secs_f64();
             let is_restart = matches!(event, ProcessEvent::Restarted(_));
             tally.add_event(Event { slot, at_s, process: role.name().into(), event: event.to_string() }, is_restart);
@@ -125,10 +131,11 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
     ///
     /// # Errors
     /// [`Error::WorkerEnded`] or [`Error::LinkEnded`] if a process has ended and is not restarted.
-    pub fn watch(&mut self, slot: u64, overdue: Option<OverdueSample>) -> Result<Vec<(Role, ProcessEvent)>, Error> {
+    pub fn watch(&mut self, slot: u64, sample: Option<SampleEvent>) -> Result<Vec<(Role, ProcessEvent)>, Error> {
         self.poll_link(slot)?;
-        let mut events = self.poll_workers(slot, overdue)?;
-        events.extend(self.poll_external(slot, overdue));
+        let mut events = self.poll_workers(slot, sample.filter(|sample| sample.is_hung).map(|sample| sample.from))?;
+        events.extend(self.poll_external(slot));
+        events.extend(sample.filter(|sample| self.is_told(sample)).map(|sample| (sample.from, sample.event)));
         let Supervision { ring, folder, progress, .. } = self.run;
         let taken = start_count(folder.path(), Role::Viewer);
         self.viewer = self.viewer.max(taken.saturating_sub(1));
@@ -167,7 +174,7 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
     }
 
     /// Polls the workers: detects ended ones, restarts those that are due, kills hung ones. Returns the changes.
-    fn poll_workers(&mut self, slot: u64, overdue: Option<OverdueSample>) -> Result<Vec<(Role, ProcessEvent)>, Error> {
+    fn poll_workers(&mut self, slot: u64, hung: Option<Role>) -> Result<Vec<(Role, ProcessEvent)>, Error> {
         let Supervision { ring, folder, progress, workers, last_slot, .. } = &mut self.run;
         let is_last_slot = slot >= *last_slot;
         let is_expected = |status: ExitStatus| self.is_released || status.success() && is_last_slot;
@@ -187,10 +194,8 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
                 }
                 None if process.is_running() => {
                     events.extend(heartbeat.update(beat, now).map(|event| (*role, event)));
-                    let overdue = overdue.filter(|overdue| overdue.from == *role);
-                    events.extend(overdue.map(|overdue| (*role, overdue.event())));
                     let is_silent = heartbeat.is_silent_for(ring.terms.silence_limit()) && !is_last_slot;
-                    if is_silent || overdue.is_some() {
+                    if is_silent || hung == Some(*role) {
                         process.kill_hung();
                     }
                 }
@@ -212,19 +217,24 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
         self.external.iter().any(|external| external.is_silent_for(self.begin, limit))
     }
 
-    /// Polls the external processes: which joined, recovered, or are silent, overdue or missing. Returns the changes.
-    fn poll_external(&mut self, slot: u64, overdue: Option<OverdueSample>) -> Vec<(Role, ProcessEvent)> {
+    /// Whether an event is more than a missing process already means.
+    fn is_told(&self, sample: &SampleEvent) -> bool {
+        let is_absent = |external: &ExternalProcess<S>| external.role == sample.from && !external.is_present();
+        matches!(sample.event, ProcessEvent::Held(_)) || !self.external.iter().any(is_absent)
+    }
+
+    /// Polls the external processes: which joined, recovered, or are silent or missing. Returns the changes.
+    fn poll_external(&mut self, slot: u64) -> Vec<(Role, ProcessEvent)> {
         let ring = self.run.ring;
         let now = Instant::now();
         if !self.external.is_empty() && self.cleaned_up.elapsed() >= CLEAN_UP_EVERY {
             self.cleaned_up = now;
             ring.remove_dead_nodes(); // a dead writer stays attached until then
         }
+        let is_begun = slot > *self.first_slot.get_or_insert(slot);
         let mut events = Vec::new();
         for external in &mut self.external {
-            events.extend(external.poll(ring, now).map(|event| (external.role, event)));
-            let overdue = overdue.filter(|overdue| overdue.from == external.role && external.is_present());
-            events.extend(overdue.map(|overdue| (external.role, overdue.event())));
+            events.extend(external.poll(ring, is_begun, now).map(|event| (external.role, event)));
         }
         if self.is_released || slot >= self.run.last_slot {
             events.clear(); // a regular end
@@ -237,11 +247,5 @@ impl<S: Service + 'static> Drop for Workers<'_, S> {
     fn drop(&mut self) {
         stop(self.run.workers.iter_mut().map(|worker| &mut worker.process));
         stop(&mut self.run.link); // after those that it connects
-    }
-}
-
-impl OverdueSample {
-    fn event(self) -> ProcessEvent {
-        ProcessEvent::Overdue(i32::try_from(self.waited.as_millis()).unwrap_or(i32::MAX))
     }
 }

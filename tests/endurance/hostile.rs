@@ -2,6 +2,7 @@
 
 mod audit;
 mod flights;
+mod hung;
 mod intruder;
 mod messages;
 mod modes;

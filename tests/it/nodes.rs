@@ -88,7 +88,7 @@ fn fly_in_threads<S: Service + 'static>(
             let (stop, path) = (stop.clone(), ring_folder.path());
             scope.spawn(move || nodes[node](scenario, &RingFolder::open(path)?, &stop))
         });
-        recorder.record(scenario.slots, &mut log, &mut tally, &mut |_, _| Ok(0)).unwrap();
+        recorder.record(scenario, &mut log, &mut tally, &mut |_, _| Ok(0)).unwrap();
         recorder.release(scenario.slots, log.hash()).unwrap();
         while threads.iter().any(|thread| !thread.is_finished()) {
             recorder.pause(Duration::from_millis(1)).unwrap(); // serves those that ask late
@@ -185,7 +185,7 @@ fn a_recorder_without_a_ring_names_the_role_that_should_have_started() {
         let mut recorder = Recorder::new(&ring, wait, ExternalTimeout::default()).unwrap();
         let (mut log, mut tally) = (folder.slot_log().unwrap(), Tally::new(&scenario, &list, &RunMode::default()));
         let mut overdue = Vec::new();
-        let recorded = recorder.record(scenario.slots, &mut log, &mut tally, &mut |_, late| {
+        let recorded = recorder.record(&scenario, &mut log, &mut tally, &mut |_, late| {
             overdue.extend(late.map(|late| late.from));
             Ok(0)
         });

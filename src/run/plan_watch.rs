@@ -1,0 +1,165 @@
+//! The plans of a paced run, in which no process waits for them: notices a planner that sends none, and slots in which
+//! the UAV holds because there is no plan.
+
+use std::time::{Duration, Instant};
+
+use skysink_ring::health::ProcessEvent;
+use skysink_ring::role::Role;
+use skysink_ring::wait::Stopwatch;
+
+use crate::run::heartbeat::SILENT_AFTER;
+use crate::run::supervise::SampleEvent;
+
+/// The plans of a paced run.
+#[derive(Debug)]
+pub struct PlanWatch {
+    /// Without a plan for this long, the planner is reported: a second after its next plan was due.
+    report_after: Duration,
+    /// Without a plan for each multiple of this, the planner is hung.
+    limit: Duration,
+    /// The last slot of the mission, after which there is no plan.
+    last_slot: u64,
+    /// The slot of the newest plan.
+    newest: Option<u64>,
+    /// Time since it has come.
+    since: Stopwatch,
+    is_reported: bool,
+    /// When the planner is hung for the next time.
+    hung_after: Duration,
+    /// Number of slots held in a row.
+    held: i32,
+    /// Time since the first of them.
+    held_for: Stopwatch,
+    /// When they are reported for the next time.
+    report_held_after: Duration,
+}
+
+impl PlanWatch {
+    /// The plans of a run with slots every `period` of wall time, up to `last_slot`. After `limit` without a plan the
+    /// planner is hung.
+    #[must_use]
+    pub fn new(period: Duration, limit: Duration, last_slot: u64, now: Instant) -> Self {
+        Self {
+            report_after: SILENT_AFTER.saturating_add(period),
+            limit,
+            last_slot,
+            newest: None,
+            since: Stopwatch::start(now),
+            is_reported: false,
+            hung_after: limit,
+            held: 0,
+            held_for: Stopwatch::start(now),
+            report_held_after: SILENT_AFTER,
+        }
+    }
+
+    /// Takes in the slot of the newest plan; returns a change of the planner.
+    pub fn poll(&mut self, newest: Option<u64>, now: Instant) -> Option<SampleEvent> {
+        self.held_for.advance(now);
+        let waited = self.since.advance(now);
+        let ms = i32::try_from(waited.as_millis()).unwrap_or(i32::MAX);
+        if newest > self.newest {
+            self.newest = newest;
+            self.since = Stopwatch::start(now);
+            self.hung_after = self.limit;
+            return std::mem::take(&mut self.is_reported).then_some(event(ProcessEvent::Recovered(ms), false));
+        }
+        let is_hung = waited >= self.hung_after;
+        let is_overdue = is_hung || !self.is_reported && waited >= self.report_after;
+        if !is_overdue || newest >= Some(self.last_slot) {
+            return None;
+        }
+        self.is_reported = true;
+        if is_hung {
+            self.hung_after = waited.saturating_add(self.limit);
+        }
+        Some(event(ProcessEvent::Overdue(ms), is_hung))
+    }
+
+    /// Counts a slot in which the UAV held for want of a plan, or not. Held slots in a row are reported after 1, 10, 100
+    /// seconds, and so on.
+    pub fn count(&mut self, is_held: bool, now: Instant) -> Option<SampleEvent> {
+        if !is_held {
+            self.held = 0;
+            return None;
+        }
+        if self.held == 0 {
+            self.held_for = Stopwatch::start(now);
+            self.report_held_after = SILENT_AFTER;
+        }
+        self.held = self.held.saturating_add(1);
+        if self.held_for.advance(now) < self.report_held_after {
+            return None;
+        }
+        self.report_held_after = self.report_held_after.saturating_mul(10);
+        Some(event(ProcessEvent::Held(self.held), false))
+    }
+}
+
+/// An event of the planner.
+fn event(event: ProcessEvent, is_hung: bool) -> SampleEvent {
+    SampleEvent { from: Role::Planner, event, is_hung }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SLOT: Duration = Duration::from_millis(500);
+    const LIMIT: Duration = Duration::from_secs(20);
+
+    /// The events in polls every 100 ms over `times` [ms] with the newest plan for slot `newest`, and when they came.
+    fn poll(
+        watch: &mut PlanWatch,
+        start: Instant,
+        times: std::ops::Range<u64>,
+        newest: u64,
+    ) -> Vec<(u64, ProcessEvent, bool)> {
+        let poll = |ms: u64| {
+            let event = watch.poll(Some(newest), start + Duration::from_millis(ms))?;
+            Some((ms, event.event, event.is_hung))
+        };
+        times.step_by(100).filter_map(poll).collect()
+    }
+
+    #[test]
+    fn a_planner_without_a_plan_is_reported_once_and_hung_again_and_again() {
+        let start = Instant::now();
+        let mut watch = PlanWatch::new(SLOT, LIMIT, 1_000, start);
+        let overdue = |ms: u64, is_hung| (ms, ProcessEvent::Overdue(ms as i32), is_hung);
+        assert_eq!(poll(&mut watch, start, 0..1_500, 1), []);
+        let events = poll(&mut watch, start, 1_500..45_000, 1);
+        assert_eq!(events, [overdue(1_500, false), overdue(20_000, true), overdue(40_000, true)]);
+        assert_eq!(poll(&mut watch, start, 45_000..46_000, 90), [(45_000, ProcessEvent::Recovered(45_000), false)]);
+        assert_eq!(poll(&mut watch, start, 46_000..46_500, 91), []);
+        assert_eq!(poll(&mut watch, start, 46_500..60_000, 91), [(47_500, ProcessEvent::Overdue(1_500), false)]);
+    }
+
+    #[test]
+    fn after_the_plan_of_the_last_slot_none_is_awaited() {
+        let start = Instant::now();
+        let mut watch = PlanWatch::new(SLOT, LIMIT, 7, start);
+        assert_eq!(poll(&mut watch, start, 0..60_000, 7), []);
+    }
+
+    #[test]
+    fn held_slots_in_a_row_are_reported_ever_more_rarely() {
+        let start = Instant::now();
+        let mut watch = PlanWatch::new(SLOT, LIMIT, 1_000, start);
+        let mut slots = |slots: std::ops::Range<u64>, is_held| {
+            let mut events = Vec::new();
+            for ms in slots.step_by(100) {
+                let now = start + Duration::from_millis(ms);
+                let _ = watch.poll(Some(ms), now); // there are plans, but late ones
+                let slot = (ms % 500 == 0).then(|| watch.count(is_held, now)).flatten();
+                events.extend(slot.map(|event| (ms, event.event)));
+            }
+            events
+        };
+        let held = |ms, slots| (ms, ProcessEvent::Held(slots));
+        assert_eq!(slots(0..1_000, true), []);
+        assert_eq!(slots(1_000..60_000, true), [held(1_000, 3), held(10_000, 21)]);
+        assert_eq!(slots(60_000..61_000, false), []);
+        assert_eq!(slots(61_000..63_000, true), [held(62_000, 3)]);
+    }
+}
