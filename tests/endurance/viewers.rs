@@ -7,7 +7,7 @@ use std::path::Path;
 use rustix::process::Signal;
 
 use crate::support::flight::RunningFlight;
-use crate::support::{Place, output, recordings, rows, slots, until};
+use crate::support::{Place, output, recordings, rows, slots, until, verify, verify_all};
 use crate::{events, longer};
 
 /// An entity that is recorded in every slot.
@@ -59,6 +59,9 @@ fn a_killed_viewer_is_restarted_and_continues_its_recording_in_other_files() {
     assert_eq!(recordings(&place.path("run")).len(), 3);
     let [first, second, third] =
         ["mission.rrd", "mission-2.rrd", "mission-3.rrd"].map(|file| place.path("run").join(file));
+    for file in [&first, &second, &third] {
+        verify(file);
+    }
     let mut last = assert_whole_from(0, &first);
     for file in [second, third] {
         let missed = missed_before(&file);
@@ -82,6 +85,7 @@ fn in_lock_step_the_ring_waits_for_a_restarted_viewer() {
     run.kill("viewer");
     run.wait_for_success();
     place.assert_trace_as_simulated("run");
+    recordings(&place.path("run")).iter().for_each(|file| drop(verify(file)));
     let summary = place.summary("run");
     let is_kill = |event: &&serde_json::Value| event["event"] == "was killed by signal 9";
     let killed = summary["events"].as_array().unwrap().iter().find(is_kill).unwrap()["slot"].as_i64().unwrap();
@@ -126,5 +130,27 @@ fn a_stopped_viewer_causes_no_other_restart() {
     let events = events(&place);
     assert!(events.iter().any(|(_, event)| event == "was killed by signal 9"), "{events:?}");
     assert!(events.iter().all(|(process, _)| process == "viewer"), "{events:?}");
+    place.assert_clean();
+}
+
+#[test]
+fn a_viewer_killed_as_soon_as_its_file_has_begun_leaves_a_whole_one() {
+    let place = Place::new();
+    place.flight("smoke").out("recorded").options(&["--record"]).simulate();
+    let undisturbed = verify(&place.path("recorded/mission.rrd"));
+    for _ in 0..8 {
+        let run = place.flight("smoke").force().start();
+        let length = || std::fs::metadata(run.path("mission.rrd")).map_or(0, |file| file.len());
+        let worker = run.worker("viewer");
+        while length() == 0 {
+            std::hint::spin_loop(); // to be no later than the first bytes
+        }
+        let _ = rustix::process::kill_process(worker, Signal::KILL);
+        run.wait_for_success();
+        place.assert_trace_as_simulated("run");
+        verify_all(&place.path("run"), &undisturbed);
+        let is_hidden = |file: std::fs::DirEntry| file.file_name().to_string_lossy().starts_with('.');
+        assert!(!std::fs::read_dir(place.path("run")).unwrap().any(|file| is_hidden(file.unwrap())));
+    }
     place.assert_clean();
 }

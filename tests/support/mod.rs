@@ -1,12 +1,13 @@
 //! Shared by the tests of the executables: a temporary folder for each, and time limits for waiting.
-#![allow(dead_code)] // each test program uses its part
+#![allow(dead_code, unused_imports)] // each test program uses its part
 
 pub mod flight;
+mod recordings;
 pub mod scenarios;
 
 use std::borrow::BorrowMut;
-use std::collections::{BTreeMap, BTreeSet};
-use std::fs::{self, File};
+use std::collections::BTreeMap;
+use std::fs;
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -14,6 +15,7 @@ use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use flight::FlightBuilder;
+pub use recordings::*;
 use rustix::process::{Pid, Signal, kill_process};
 use skysink_ring::health::ProcessEvent;
 use wait_timeout::ChildExt;
@@ -364,44 +366,4 @@ pub fn csv_rows(text: &str) -> Vec<BTreeMap<String, String>> {
     let mut lines = text.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());
     let header = lines.next().unwrap();
     lines.map(|line| header.iter().cloned().zip(line).collect()).collect()
-}
-
-/// The slots in which a recording holds the entity.
-pub fn slots(recording: &Path, entity: &str) -> BTreeSet<i64> {
-    rows(recording, entity).into_keys().collect()
-}
-
-/// The files of a run's recording, in no order.
-pub fn recordings(run: &Path) -> Vec<PathBuf> {
-    let paths = fs::read_dir(run).unwrap().map(|entry| entry.unwrap().path());
-    paths.filter(|path| path.extension().is_some_and(|extension| extension == "rrd")).collect()
-}
-
-/// The slots in which any of these files holds the entity.
-pub fn slots_of_all(recordings: &[PathBuf], entity: &str) -> BTreeSet<i64> {
-    recordings.iter().flat_map(|recording| slots(recording, entity)).collect()
-}
-
-/// The components of the entity in each slot of a recording, as text.
-pub fn rows(recording: &Path, entity: &str) -> BTreeMap<i64, String> {
-    let mut config = re_chunk_store::ChunkStoreConfig::DEFAULT;
-    config.enable_changelog = false;
-    let stores = re_chunk_store::ChunkStore::from_rrd_reader(&config, &mut File::open(recording).unwrap()).unwrap();
-    let timeline = re_sdk::TimelineName::try_new("slot").unwrap();
-    let mut rows = BTreeMap::<_, String>::new();
-    for (_, store) in stores.into_iter().filter(|(id, _)| id.is_recording()) {
-        for chunk in
-            store.iter_physical_chunks().filter(|chunk| chunk.entity_path() == &re_sdk::EntityPath::from(entity))
-        {
-            let Some(times) = chunk.timelines().get(&timeline) else { continue };
-            for (row, &slot) in times.times_raw().iter().enumerate() {
-                let values = rows.entry(slot).or_default();
-                for component in chunk.components_identifiers() {
-                    let column = chunk.components().get_array(component).unwrap();
-                    values.push_str(&format!("{component}: {:?}\n", column.value(row)));
-                }
-            }
-        }
-    }
-    rows
 }

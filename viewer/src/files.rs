@@ -3,15 +3,20 @@
 //! `mission.rrd`, `mission-2.rrd`, `mission-3.rrd` and so on share one recording id, so that rerun opens them as one
 //! recording. Each contains the styles and the layout, and can be opened alone.
 
+use std::borrow::Cow;
 use std::fs::{self, File, Permissions, TryLockError};
-use std::io::{self, BufReader, BufWriter, Read as _, Seek as _, SeekFrom};
+use std::io::{self, BufReader, BufWriter, Read as _, Seek as _, SeekFrom, Write as _};
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 
 use re_build_info::CrateVersion;
 use re_log_encoding::rrd::{Decodable as _, EncodingOptions, RRD_FOURCC, StreamFooter};
 use re_log_encoding::{DecoderApp, EncodeError, Encoder};
+use re_log_types::LogMsg;
 use re_sdk::ApplicationId;
+use tempfile::NamedTempFile;
+
+use crate::rrd_file::ends_batch;
 
 /// Whether a file is the first of its recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -104,6 +109,7 @@ fn lock(path: &Path) -> io::Result<File> {
 pub fn complete(first: &Path) -> Result<(), EncodeError> {
     let files = (1..).map(|number| numbered(first, number)).take_while(|path| path.exists());
     for path in files {
+        remove_unfinished(&path)?;
         if is_recording(&path)
             && !has_footer(&path)?
             && let Ok(_lock) = lock(&path)
@@ -114,20 +120,72 @@ pub fn complete(first: &Path) -> Result<(), EncodeError> {
     Ok(())
 }
 
-/// Replaces a recording by a copy with all its complete messages and a footer.
+/// Replaces a recording by a copy with all its complete batches and a footer: so all entities end with the same slot. If
+/// no batch is complete, Skysink has not written the file, and the copy has all complete messages.
 fn rewrite(path: &Path) -> Result<(), EncodeError> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let messages = DecoderApp::decode_lazy(BufReader::new(File::open(path)?)).map_while(Result::ok);
-    let prefix = format!(".{}.", path.file_name().unwrap_or_default().to_string_lossy());
-    let mut builder = tempfile::Builder::new();
-    let new = builder.prefix(&prefix).suffix(".new").permissions(Permissions::from_mode(0o666)).tempfile_in(folder)?;
-    let write = BufWriter::new(new);
+    let write = BufWriter::new(unfinished(path)?);
     let mut encoder = Encoder::new_eager(CrateVersion::LOCAL, EncodingOptions::PROTOBUF_COMPRESSED, write)?;
-    messages.into_iter().try_for_each(|message| encoder.append(&message).map(drop))?;
+    let mut batch: Vec<LogMsg> = Vec::new();
+    let mut has_batches = false;
+    for message in messages {
+        batch.push(message);
+        if batch.last().is_some_and(ends_batch) {
+            has_batches = true;
+            batch.drain(..).try_for_each(|message| encoder.append(&message).map(drop))?;
+        }
+    }
+    if !has_batches {
+        batch.iter().try_for_each(|message| encoder.append(message).map(drop))?;
+    }
     encoder.finish()?;
     let new = encoder.into_inner()?.into_inner().map_err(io::IntoInnerError::into_error)?;
     new.persist(path).map_err(io::Error::from)?;
     Ok(())
+}
+
+/// A new file beside `path`, `.NAME.*.new`.
+fn unfinished(path: &Path) -> io::Result<NamedTempFile> {
+    let permissions = Permissions::from_mode(0o666); // less the umask
+    tempfile::Builder::new()
+        .prefix(&format!(".{}.", name(path)))
+        .suffix(".new")
+        .permissions(permissions)
+        .tempfile_in(folder(path))
+}
+
+/// Removes the files of [`unfinished`] that killed processes have left, which are not locked.
+fn remove_unfinished(path: &Path) -> io::Result<()> {
+    let prefix = format!(".{}.", name(path));
+    for entry in fs::read_dir(folder(path))?.flatten() {
+        let found = entry.file_name();
+        let is_own = found.to_string_lossy().strip_prefix(&prefix).is_some_and(|rest| rest.ends_with(".new"));
+        if is_own && entry.file_type()?.is_file() && lock(&entry.path()).is_ok() {
+            fs::remove_file(entry.path())?;
+        }
+    }
+    Ok(())
+}
+
+/// Writes the beginning of a recording under another name, and renames it: no other process ever finds a part of it, and
+/// a killed one leaves none. The file is locked.
+///
+/// # Errors
+/// The system's.
+pub(crate) fn begin_file(path: &Path, bytes: &[u8]) -> io::Result<File> {
+    let path = path.canonicalize()?; // of a link, its target
+    let mut new = unfinished(&path)?;
+    let _ = new.as_file().try_lock(); // a file system may have no locks
+    new.write_all(bytes)?;
+    new.persist(&path).map_err(io::Error::from)
+}
+
+fn folder(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+fn name(path: &Path) -> Cow<'_, str> {
+    path.file_name().unwrap_or_default().to_string_lossy()
 }
 
 /// Id of the recording of `application` in a file, from its first messages; `None` if there is no such recording.

@@ -19,7 +19,7 @@ pub const SLOT: &str = "slot";
 /// The timeline of simulated seconds.
 pub const SIM_TIME: &str = "sim_time";
 
-/// Maximum time between two batches of a file, which is what a killed process loses at most.
+/// Time between two batches of a file, with the slot in which it ends: what a killed process loses at most.
 const FILE_TICK: Duration = Duration::from_secs(10);
 
 /// Minimum time between two batches, and minimum number of slots of a batch that is sent before [`FILE_TICK`]. Each
@@ -29,8 +29,8 @@ const MIN_TICK: Duration = Duration::from_secs(1);
 /// See [`MIN_TICK`].
 const MIN_SLOTS: u32 = 64;
 
-/// A batch of this size is sent immediately. rerun's own batching does not respect slots: after a kill, entities would
-/// end with different slots.
+/// A batch of this size is sent immediately. rerun's own batching does not respect slots and is not used: after a kill,
+/// entities would end with different slots.
 const BATCH_BYTES: usize = 32 << 20;
 
 /// Approximate size of a slot [byte]: a constant, and per sensor node.
@@ -161,14 +161,13 @@ impl Recording {
         let begun = file.as_ref().and_then(|(next, _)| next.recording_id.as_deref());
         let part = if begun.is_some() { Part::Later } else { Part::First };
         let name = begun.unwrap_or(name).to_owned();
-        let flush_tick = if live.is_some() { MIN_TICK } else { FILE_TICK };
         let every = sinks.every.unwrap_or(NonZeroU64::MIN);
         let stream = RecordingStreamBuilder::new(application.clone())
             .recording_id(name.as_str())
             .send_properties(false) // they would contain the wall-clock time
             .enabled(true) // regardless of the environment variable RERUN
             .batcher_config(ChunkBatcherConfig {
-                flush_tick,
+                flush_tick: Duration::MAX,
                 flush_num_bytes: u64::MAX,
                 flush_num_rows: u64::MAX,
                 ..ChunkBatcherConfig::default()
@@ -207,11 +206,13 @@ impl Recording {
         let [base, each] = SLOT_BYTES;
         self.slots += 1;
         self.bytes += base + each * sensors;
+        let elapsed = self.sent.elapsed();
         let is_timely = match self.port {
-            Some(_) => self.sent.elapsed() >= LIVE_TICK,
-            None => self.slots >= MIN_SLOTS && self.sent.elapsed() >= MIN_TICK,
+            Some(_) => elapsed >= LIVE_TICK,
+            None => elapsed >= FILE_TICK || self.slots >= MIN_SLOTS && elapsed >= MIN_TICK,
         };
         if is_timely || self.bytes >= BATCH_BYTES || !self.is_begun {
+            self.begin_batch();
             self.is_begun = true;
             self.sent = Instant::now();
             self.slots = 0;
@@ -220,11 +221,22 @@ impl Recording {
         }
     }
 
+    /// Begins to send a batch to the file: ends it with the name of the recording. The first one already has it.
+    fn begin_batch(&self) {
+        if let Some((_, file)) = &self.file {
+            file.begin_batch(FLUSH_LIMIT);
+            if self.is_begun {
+                let _ = self.stream.send_recording_name(self.name.as_str());
+            }
+        }
+    }
+
     /// Writes the last batch and the footer of the file.
     ///
     /// # Errors
     /// If data could not be written, now or earlier.
     pub(crate) fn close(self) -> Result<(), SceneError> {
+        self.begin_batch();
         let flushed = self.stream.flush_with_timeout(FLUSH_LIMIT);
         drop(self.stream);
         let finished = flushed.and_then(|()| self.file.as_ref().map_or(Ok(()), |(_, file)| file.finish()));

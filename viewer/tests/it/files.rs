@@ -15,7 +15,7 @@ use skysink_common::estimate::Rates;
 use skysink_common::message::{LinkReport, PathPoint};
 use skysink_common::scenario::Scenario;
 use skysink_viewer::los::field;
-use skysink_viewer::{Scene, Sinks, WallClock, curves, events, links, path, uav};
+use skysink_viewer::{Scene, Sinks, WallClock, complete, curves, events, has_footer, links, path, queues, uav};
 
 const SENSORS: u32 = 30;
 
@@ -217,6 +217,55 @@ fn a_file_without_a_recording_of_this_application_is_not_changed() {
         assert!(fs::read(&first).unwrap() == content);
         fs::remove_file(first.with_file_name("first-2.rrd")).unwrap();
     }
+}
+
+#[test]
+fn a_file_cut_in_a_batch_is_completed_to_the_end_of_the_batch_before() {
+    let (_folder, first) = place();
+    let sinks = Sinks { save: Some(first.clone()), live: Some(0), ..Sinks::default() }; // batches in quick succession
+    let mut scene = Scene::open(&sinks, &letter(), &sensors(SENSORS), "x", WallClock::Unmeasured, None).unwrap();
+    let mut ends = BTreeSet::new();
+    for slot in plain(0..=60) {
+        scene.log_slot(&slot.view()).unwrap();
+        std::thread::sleep(std::time::Duration::from_millis(10)); // batches are timed
+        ends.insert(fs::metadata(&first).unwrap().len());
+    }
+    scene.close().unwrap();
+    ends.remove(&0);
+    assert!(ends.len() > 2, "{ends:?}");
+    let whole = Found::read(&first);
+    let entities: Vec<_> = [uav::UAV, curves::LOSS, queues::BARS].into();
+    assert!(entities.iter().all(|entity| whole.slots_of(entity) == (0..=60).collect()));
+    let bytes = fs::read(&first).unwrap();
+    let begun = usize::try_from(*ends.first().unwrap()).unwrap();
+    let mut lengths = BTreeSet::new();
+    for cut in (begun..bytes.len()).step_by((bytes.len() - begun) / 40) {
+        fs::write(&first, &bytes[..cut]).unwrap();
+        complete(&first).unwrap();
+        assert!(has_footer(&first).unwrap());
+        assert_eq!(recording(&first), "x");
+        let found = Found::read(&first);
+        let slots = found.slots_of(entities[0]);
+        assert!(entities.iter().all(|entity| found.slots_of(entity) == slots), "cut at {cut}");
+        assert_eq!(slots, (0..slots.len() as i64).collect());
+        lengths.insert(slots.len());
+    }
+    assert!(lengths.len() > 2, "{lengths:?}");
+}
+
+#[test]
+fn what_a_viewer_killed_at_its_beginning_has_left_is_removed() {
+    let (folder, first) = place();
+    write(&first, &letter(), "x", plain(0..=1));
+    let path = |name: &str| folder.path().join(name);
+    for name in [".mission.rrd.a1.new", ".mission.rrd.b2.new", ".notes.md.a1.new"] {
+        fs::write(path(name), "half").unwrap();
+    }
+    let begun = fs::File::open(path(".mission.rrd.b2.new")).unwrap();
+    begun.lock().unwrap(); // by a viewer that is about to rename it
+    complete(&first).unwrap();
+    assert!(!path(".mission.rrd.a1.new").exists());
+    assert!(path(".mission.rrd.b2.new").exists() && path(".notes.md.a1.new").exists());
 }
 
 #[test]
