@@ -12,6 +12,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rustix::process::{Signal, kill_process};
 
+use crate::support::flight::FlightBuilder;
 use crate::support::{Output, Place, family, pid, wait};
 
 /// Time between two polls of a mission.
@@ -44,14 +45,14 @@ impl Kill {
     }
 }
 
-/// The launcher of the mission into `run`, or of the rest of it if some slots are on record.
-fn launcher(place: &Place) -> Command {
+/// The launcher of `flight` into `run`, or of the rest of it if some slots are on record.
+pub fn launcher_of(place: &Place, flight: &FlightBuilder) -> Command {
     if place.path("run/slots.csv").exists() && place.trace("run").lines().count() > 1 {
         let viewer: &[&str] = if cfg!(feature = "viewer") { &[] } else { &["--no-viewer"] };
         return place.skysink(&[&["run", "--resume", "run"], viewer].concat());
     }
     let _ = fs::remove_dir_all(place.path("run")); // left by a launcher that was killed before slot 1
-    place.flight("long").set("slots", 2000).launcher()
+    flight.launcher()
 }
 
 /// Kills processes of a mission until it ends or its launcher is killed, and counts the kills by process.
@@ -84,15 +85,22 @@ fn disturb(
 /// Flies missions, each with at most `kills` kills, and returns the number of kills.
 fn kill_anywhere(missions: u64, kills: u32, seed: u64) -> u64 {
     let place = Place::new();
-    place.flight("long").set("slots", 2000).out("undisturbed").simulate();
+    let flight = place.flight("long").set("slots", 2000);
+    flight.out("undisturbed").simulate();
     let bytes = place.trace("undisturbed").len() as u64;
+    #[cfg(feature = "viewer")]
+    let undisturbed = {
+        place.flight("long").set("slots", 20).out("recorded").options(&["--record"]).simulate();
+        crate::support::verify(&place.path("recorded/mission.rrd"))
+    };
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut killed = BTreeMap::new();
     for _ in 0..missions {
         let mut kills: Vec<_> = (0..kills).map(|_| Kill::draw(bytes, &mut random)).collect();
         kills.sort_by_key(|kill| Reverse(kill.bytes));
         loop {
-            let ended = disturb(&place, launcher(&place).spawn().unwrap(), &mut kills, &mut random, &mut killed);
+            let ended =
+                disturb(&place, launcher_of(&place, &flight).spawn().unwrap(), &mut kills, &mut random, &mut killed);
             if ended.code == Some(0) {
                 break;
             }
@@ -100,9 +108,13 @@ fn kill_anywhere(missions: u64, kills: u32, seed: u64) -> u64 {
         }
         place.assert_same_trace("undisturbed", "run");
         #[cfg(feature = "viewer")]
-        for recording in crate::support::recordings(&place.path("run")) {
-            // The viewer of a killed launcher may take a moment to end.
-            crate::support::until("footer", || skysink_viewer::has_footer(&recording).unwrap_or(false).then_some(()));
+        {
+            for recording in crate::support::recordings(&place.path("run")) {
+                // The viewer of a killed launcher may take a moment to end.
+                let is_whole = || skysink_viewer::has_footer(&recording).unwrap_or(false).then_some(());
+                crate::support::until("footer", is_whole);
+            }
+            crate::support::verify_all(&place.path("run"), &undisturbed);
         }
         place.assert_clean();
         fs::remove_dir_all(place.path("run")).unwrap();

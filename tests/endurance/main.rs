@@ -2,6 +2,7 @@
 //! paper's figures, and large fields.
 
 mod anywhere;
+mod crashes;
 mod figures;
 mod hostile;
 mod kills;
@@ -12,6 +13,7 @@ mod silence;
 mod soaks;
 #[path = "../support/mod.rs"]
 mod support;
+mod tracer;
 #[cfg(feature = "viewer")]
 mod viewers;
 
