@@ -1,5 +1,5 @@
-//! Every crash point: a mission of 20 slots in which a process is killed before its k-th system call, for every k, every
-//! process and the launcher, which is then resumed; and two of them in one mission. Each mission ends with the trace of
+//! Every crash point: a mission of 20 slots in which a process is killed before its k-th system call, for every k,
+//! every process and the launcher, which is then resumed; and two of them in one mission. Each mission ends with the trace of
 //! the undisturbed one and with a recording that verifies, and leaves neither files nor shared memory behind.
 
 use std::collections::BTreeMap;
