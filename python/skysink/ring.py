@@ -127,7 +127,8 @@ class Ring:
             self.plans.update_connections()
             self.plan_events.notify()
             self.check_launcher()
-        if result in (iox2.WaitSetRunResult.TerminationRequest, iox2.WaitSetRunResult.Interrupt):
+        # The wait after a termination signal says so; `Interrupt` may also be a SIGCONT.
+        if result == iox2.WaitSetRunResult.TerminationRequest:
             raise SystemExit(0)
         for listener in self.listeners:
             while list(listener.try_wait()):

@@ -184,6 +184,18 @@ def test_one_that_hangs_in_a_paced_ring_is_reported_killed_and_started_again(pla
     assert all(",hold," not in line for line in trace[-5:]), "it plans again"
 
 
+def test_one_that_was_stopped_continues(place: Path) -> None:
+    paced = ["--pace", "realtime", "--set", "slots=50", "--planner", f"{sys.executable} mine.py"]
+    process = begin(place, "run", "long.toml", "--no-viewer", *paced, "--out", "run")
+    until("flight", process, lambda: slots(place) > 20)
+    for sent in (signal.SIGSTOP, signal.SIGCONT):
+        for planner in children(process, "mine.py"):
+            os.kill(planner, sent)
+        time.sleep(0.3)
+    assert end(process) == 0, (place / "said").read_text()
+    assert json.loads((place / "run" / "summary.json").read_text())["restarts"] == 0
+
+
 def test_it_ends_with_its_launcher(place: Path) -> None:
     long = ["run", "long.toml", "--set", "slots=100000", "--no-viewer"]
     process = begin(place, *long, "--external", "planner", "--out", "run")
