@@ -39,30 +39,9 @@ struct Process {
     calls: u64,
 }
 
-/// What is done with the processes.
-pub enum Plan<'a> {
-    /// The system calls of all are counted.
-    Count,
-    /// These are killed.
-    Kill(&'a [CrashPoint]),
-}
-
-impl Plan<'_> {
-    fn follows(&self, name: &str) -> bool {
-        match self {
-            Plan::Count => true,
-            Plan::Kill(points) => points.iter().any(|point| point.process == name),
-        }
-    }
-
-    fn kills_at(&self, process: &Process) -> Option<CrashPoint> {
-        let Plan::Kill(points) = self else { return None };
-        points.iter().find(|point| point.process == process.name && point.call == process.calls).cloned()
-    }
-}
-
-/// Runs a launcher until it and all of its descendants have ended.
-pub fn trace(mut command: Command, plan: &Plan) -> Traced {
+/// Runs a launcher until it and all of its descendants have ended. Of the processes of `points` the system calls are
+/// counted, and they are killed at these points.
+pub fn trace(mut command: Command, points: &[CrashPoint]) -> Traced {
     let stderr = tempfile::NamedTempFile::new().unwrap();
     command.stdout(Stdio::null()).stderr(stderr.reopen().unwrap());
     // SAFETY: the closure makes one system call; it neither allocates nor locks.
@@ -76,7 +55,7 @@ pub fn trace(mut command: Command, plan: &Plan) -> Traced {
             watched.lock().unwrap().values().for_each(|&process| kill(process));
         }
     });
-    let mut tracer = Tracer { plan, running, followed: BTreeMap::new(), seen: BTreeSet::new(), killed: Vec::new() };
+    let mut tracer = Tracer { points, running, followed: BTreeMap::new(), seen: BTreeSet::new(), killed: Vec::new() };
     let status = tracer.follow(launcher);
     Traced {
         code: libc::WIFEXITED(status).then(|| libc::WEXITSTATUS(status)),
@@ -88,7 +67,7 @@ pub fn trace(mut command: Command, plan: &Plan) -> Traced {
 }
 
 struct Tracer<'a> {
-    plan: &'a Plan<'a>,
+    points: &'a [CrashPoint],
     /// The process of every thread that has stopped once and has not ended.
     running: Arc<Mutex<BTreeMap<pid_t, pid_t>>>,
     /// The followed processes, by id.
@@ -156,12 +135,12 @@ impl Tracer<'_> {
         let _ = request(resume, thread, 0, delivered as usize); // it may have been killed
     }
 
-    /// Follows a process after its exec, if it is the first of its name and in the plan.
+    /// Follows a process after its exec, if it is the first of its name and of one of the points.
     fn begin(&mut self, process: pid_t) {
         self.followed.remove(&process);
         let Ok(name) = fs::read_to_string(format!("/proc/{process}/comm")) else { return };
         let name = name.trim().to_owned();
-        if self.seen.insert(name.clone()) && self.plan.follows(&name) {
+        if self.seen.insert(name.clone()) && self.points.iter().any(|point| point.process == name) {
             self.followed.insert(process, Process { name, calls: 0 });
         }
     }
@@ -178,9 +157,10 @@ impl Tracer<'_> {
         }
         let Some(process) = self.followed.get_mut(&id) else { return };
         process.calls += 1;
-        if let Some(point) = self.plan.kills_at(process) {
+        let is_here = |point: &&CrashPoint| point.process == process.name && point.call == process.calls;
+        if let Some(point) = self.points.iter().find(is_here) {
             kill(id);
-            self.killed.push(point);
+            self.killed.push(point.clone());
         }
     }
 }
