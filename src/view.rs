@@ -31,7 +31,8 @@ Examples:
   skysink view comparison/comparison.rrd
   skysink view --live                   a running mission of skysink run --live
 
-The page loads nothing from other hosts. For a browser on another machine, the
+The printed address contains a secret, so that no other user can read the
+recordings. The page loads nothing from other hosts. For a browser on another machine, the
 command prints the ssh command that forwards the port.")]
 pub struct ViewCommand {
     /// Run folders or recordings (.rrd) [default: the newest in runs/].
@@ -40,7 +41,7 @@ pub struct ViewCommand {
     /// Show the running mission that skysink run --live serves on PORT or 9876.
     #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true, default_missing_value = "9876")]
     live: Option<u16>,
-    /// Address to listen on; anyone who can connect to it can read the recordings.
+    /// Address to listen on. Whoever knows the printed address can read the recordings; the connection is not encrypted.
     #[arg(long, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
     bind: IpAddr,
     /// Port to listen on; 0 selects a free port.

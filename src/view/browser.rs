@@ -5,8 +5,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use skysink_common::stop::Stop;
-use skysink_ring::role::Role;
-use skysink_web::{PageError, Server, WebPage};
+use skysink_web::{PageError, Server, Site, WebPage};
 
 use super::content::PageContent;
 use crate::error::Error;
@@ -17,8 +16,9 @@ const PAUSE: Duration = Duration::from_millis(50);
 
 /// Serves the page until a stop, and prints its address.
 pub fn serve(content: &PageContent, address: SocketAddr, stop: &Stop) -> Result<(), Error> {
-    exit_on_panic();
-    let server = Server::start(address, page(content)).map_err(|error| {
+    let site = Site::new(page(content)).map_err(|error| Error::NotServed(error.to_string()))?;
+    let path = site.path();
+    let server = Server::start(address, site).map_err(|error| {
         Error::Usage(format!("{address}: {error}: expected a free --port, and a --bind of this machine"))
     })?;
     let address = server.address;
@@ -31,9 +31,11 @@ pub fn serve(content: &PageContent, address: SocketAddr, stop: &Stop) -> Result<
     }
     match address.ip() {
         ip if ip.is_unspecified() => {
-            print(format_args!("Address:    http://HOST:{port}/, with the name of this machine"))?;
+            print(format_args!(
+                "Address:    http://HOST:{port}{path}, with the name or an IP address of this machine"
+            ))?;
         }
-        _ => print(format_args!("Address:    http://{address}/"))?,
+        _ => print(format_args!("Address:    http://{address}{path}"))?,
     }
     if address.ip().is_loopback() {
         let tunnel = |port: u16| format!(" -L {port}:{}", SocketAddr::new(address.ip(), port));
@@ -48,16 +50,6 @@ pub fn serve(content: &PageContent, address: SocketAddr, stop: &Stop) -> Result<
         std::thread::sleep(PAUSE);
     }
     Ok(stop.check()?)
-}
-
-/// Exits if a thread of the server panics, because the server would no longer answer. tiny_http panics if accepting a
-/// connection uses the last file descriptor.
-fn exit_on_panic() {
-    std::panic::set_hook(Box::new(|panic| {
-        let error = Error::NotServed(panic.payload_as_str().unwrap_or_default().to_owned());
-        Role::Launcher.log(&error);
-        std::process::exit(i32::from(error.exit_code()));
-    }));
 }
 
 /// Writes the page into a folder, and prints how to open it.

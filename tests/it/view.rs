@@ -1,4 +1,4 @@
-//! Recordings in a browser: served files, the parts of a page, and refusals.
+//! Recordings in a browser: served files, who may read them, the parts of a page, and refusals.
 use crate::support;
 use std::collections::BTreeMap;
 use std::fs;
@@ -27,11 +27,57 @@ impl Answer {
     }
 }
 
-/// Asks the server on `port`, and reads all that it answers.
-fn ask(port: u16, method: &str, path: &str) -> Answer {
-    let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
-    stream.set_read_timeout(Some(support::WATCHDOG)).unwrap();
-    write!(stream, "{method} {path} HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n").unwrap();
+/// A running `skysink view`.
+struct View {
+    child: Child,
+    /// Its output until it serves.
+    said: String,
+    port: u16,
+    /// The path of the page, without its last `/`.
+    path: String,
+}
+
+impl View {
+    /// `skysink view` with these arguments on a free port.
+    fn start(place: &Place, arguments: &[&str]) -> Self {
+        Self::of(place.skysink(&[&["view", "--port", "0"], arguments].concat()).spawn().unwrap())
+    }
+
+    /// A process that becomes `skysink view`.
+    fn of(mut child: Child) -> Self {
+        let said = address_said(&mut child);
+        let (_, address) = said.split_once("http://127.0.0.1:").expect("an address");
+        let (port, path) = address.lines().next().unwrap().split_once('/').unwrap();
+        let [port, path] = [port.to_owned(), format!("/{}", path.trim_end_matches('/'))];
+        Self { child, port: port.parse().unwrap(), path, said }
+    }
+
+    /// Asks for a path of the page.
+    fn ask(&self, method: &str, path: &str) -> Answer {
+        self.ask_with(&format!("{method} {}{path} HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n", self.path))
+    }
+
+    /// Sends a request, and reads all that the server answers.
+    fn ask_with(&self, request: &str) -> Answer {
+        let mut stream = self.connect();
+        stream.write_all(request.as_bytes()).unwrap();
+        read(stream)
+    }
+
+    fn connect(&self) -> TcpStream {
+        let stream = TcpStream::connect(("127.0.0.1", self.port)).unwrap();
+        stream.set_read_timeout(Some(support::WATCHDOG)).unwrap();
+        stream
+    }
+
+    /// Stops it with Ctrl-C.
+    fn stop(self) {
+        assert_eq!(stop(self.child), Some(130));
+    }
+}
+
+/// Reads an answer until the server closes the connection.
+fn read(mut stream: TcpStream) -> Answer {
     let mut bytes = Vec::new();
     stream.read_to_end(&mut bytes).unwrap();
     let head_end = bytes.windows(4).position(|window| window == b"\r\n\r\n").expect("a head");
@@ -56,15 +102,6 @@ fn address_said(child: &mut Child) -> String {
     said
 }
 
-/// `skysink view` with these arguments on a free port, its first output, and the port.
-fn view(place: &Place, arguments: &[&str]) -> (Child, String, u16) {
-    let mut child = place.skysink(&[&["view", "--port", "0"], arguments].concat()).spawn().unwrap();
-    let said = address_said(&mut child);
-    let (_, address) = said.split_once("http://127.0.0.1:").expect("an address");
-    let port = address.split_once('/').unwrap().0.parse().unwrap();
-    (child, said, port)
-}
-
 fn stop(child: Child) -> Option<i32> {
     signal_and_wait(Signal::INT, child).code
 }
@@ -78,30 +115,32 @@ fn recorded(place: &Place, out: &str) {
 fn the_page_its_viewer_and_the_recording_are_served_and_nothing_else() {
     let place = Place::new();
     recorded(&place, "run");
-    let (child, said, port) = view(&place, &["run"]);
+    let view = View::start(&place, &["run"]);
+    let (said, port) = (&view.said, view.port);
     assert!(said.contains("run/mission.rrd") && said.contains(&format!("ssh -C -L {port}:127.0.0.1:{port} HOST")));
 
-    let index = ask(port, "GET", "/");
+    let index = view.ask("GET", "/");
     assert_eq!((index.status, index.header("content-type")), (200, "text/html; charset=utf-8"));
     assert!(index.text().contains("const recordings = [\"run/mission.rrd\"]"), "{}", index.text());
     assert!(index.text().contains("connect-src 'self' data: blob:\""), "nothing is fetched elsewhere");
-    assert_eq!(ask(port, "GET", "/index.html?renderer=webgl").body, index.body);
+    assert_eq!(view.ask("GET", "/index.html?renderer=webgl").body, index.body);
 
-    let wasm = ask(port, "GET", "/re_viewer_bg.wasm");
+    let wasm = view.ask("GET", "/re_viewer_bg.wasm");
     assert_eq!((wasm.status, wasm.header("content-type")), (200, "application/wasm"));
     assert!(wasm.body.starts_with(b"\0asm"));
     assert_eq!(wasm.header("content-length"), wasm.body.len().to_string());
-    let script = ask(port, "GET", "/re_viewer.js");
+    let script = view.ask("GET", "/re_viewer.js");
     assert_eq!((script.status, script.header("content-type")), (200, "text/javascript; charset=utf-8"));
 
-    let recording = ask(port, "GET", "/run/mission.rrd");
+    let recording = view.ask("GET", "/run/mission.rrd");
     let file = fs::read(place.path("run/mission.rrd")).unwrap();
     assert_eq!(recording.header("content-length"), file.len().to_string());
     assert!(recording.body == file, "another recording");
-    let head = ask(port, "HEAD", "/run/mission.rrd");
+    let head = view.ask("HEAD", "/run/mission.rrd");
     assert_eq!((head.header("content-length"), head.body.len()), (file.len().to_string().as_str(), 0));
 
     for path in [
+        "//",
         "/nothing",
         "/run/",
         "/run/slots.csv",
@@ -113,15 +152,15 @@ fn the_page_its_viewer_and_the_recording_are_served_and_nothing_else() {
         "//etc/passwd",
         "/run\\mission.rrd",
     ] {
-        assert_eq!(ask(port, "GET", path).status, 404, "{path}");
+        assert_eq!(view.ask("GET", path).status, 404, "{path}");
     }
-    assert_eq!(ask(port, "POST", "/").status, 405);
+    assert_eq!(view.ask("POST", "/").status, 405);
 
     fs::write(place.path("run/mission.rrd"), &file[..1000]).unwrap();
-    assert_eq!(ask(port, "GET", "/run/mission.rrd").body.len(), 1000, "as the file is now");
+    assert_eq!(view.ask("GET", "/run/mission.rrd").body.len(), 1000, "as the file is now");
     fs::remove_file(place.path("run/mission.rrd")).unwrap();
-    assert_eq!(ask(port, "GET", "/run/mission.rrd").status, 404);
-    assert_eq!(stop(child), Some(130));
+    assert_eq!(view.ask("GET", "/run/mission.rrd").status, 404);
+    view.stop();
 }
 
 #[test]
@@ -132,12 +171,12 @@ fn several_recordings_are_shown_on_one_page_and_without_a_name_the_newest() {
     }
     let old = std::time::SystemTime::now() - std::time::Duration::from_secs(60);
     fs::File::open(place.path("runs/second/mission.rrd")).unwrap().set_modified(old).unwrap();
-    let (child, _, port) = view(&place, &[]);
-    assert!(ask(port, "GET", "/").text().contains("[\"first/mission.rrd\"]"));
-    assert_eq!(stop(child), Some(130));
-    let (child, _, port) = view(&place, &["runs/second/mission.rrd", "runs/first"]);
-    assert!(ask(port, "GET", "/").text().contains("[\"second/mission.rrd\", \"first/mission.rrd\"]"));
-    assert_eq!(stop(child), Some(130));
+    let view = View::start(&place, &[]);
+    assert!(view.ask("GET", "/").text().contains("[\"first/mission.rrd\"]"));
+    view.stop();
+    let view = View::start(&place, &["runs/second/mission.rrd", "runs/first"]);
+    assert!(view.ask("GET", "/").text().contains("[\"second/mission.rrd\", \"first/mission.rrd\"]"));
+    view.stop();
 }
 
 #[test]
@@ -187,12 +226,14 @@ fn a_running_mission_is_shown_from_its_port() {
     let place = Place::new();
     let (run, free) = run_live(&place);
     let live = format!("--live={free}");
-    let (child, said, port) = view(&place, &[&live]);
+    let view = View::start(&place, &[&live]);
+    let (said, port) = (&view.said, view.port);
     assert!(said.contains(&format!("-L {port}:127.0.0.1:{port} -L {free}:127.0.0.1:{free} HOST")), "{said}");
-    let index = ask(port, "GET", "/");
+    let index = view.ask("GET", "/");
     assert!(index.text().contains(&format!("const livePort = {free};")), "{}", index.text());
     assert!(index.text().contains(&format!("blob: http://127.0.0.1:{free} http://localhost:{free}\"")));
-    assert_eq!((stop(child), stop(run)), (Some(130), Some(130)));
+    view.stop();
+    assert_eq!(stop(run), Some(130));
     place.assert_clean();
 }
 
@@ -218,24 +259,78 @@ fn a_page_is_a_folder_that_any_server_can_serve() {
 }
 
 #[test]
-fn a_server_that_can_accept_no_more_connections_ends_with_an_error() {
+fn only_who_knows_the_address_reads_a_recording_and_no_page_under_another_name() {
     let place = Place::new();
     recorded(&place, "run");
-    for files in [40, 41] {
-        // A connection takes two: the limit is met by the first of one, or by its second.
-        let script = format!("ulimit -n {files} && exec \"$0\" view --port 0 run");
-        let skysink = env!("CARGO_BIN_EXE_skysink");
-        let mut child = place.command("sh", &["-c", &script, skysink]).spawn().unwrap();
-        let said = address_said(&mut child);
-        let (_, address) = said.split_once("http://").unwrap();
-        let address = address.split_once('/').unwrap().0;
-        let connections: Vec<_> = (0..files).map_while(|_| TcpStream::connect(address).ok()).collect();
-        let ended = wait(child);
-        assert_eq!((ended.code, ended.stderr.lines().count()), (Some(1), 1), "{ended:?}");
-        assert!(
-            ended.stderr.contains("the web server failed") && ended.stderr.contains("Too many open files"),
-            "{ended:?}"
-        );
-        drop(connections);
+    let view = View::start(&place, &["run"]);
+    let ask = |path: &str, host: &str| {
+        let request = format!("GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n");
+        view.ask_with(&request).status
+    };
+    let recording = format!("{}/run/mission.rrd", view.path);
+    for host in ["localhost:9090", "127.0.0.1", "[::1]:80"] {
+        assert_eq!(ask(&recording, host), 200, "{host}");
     }
+    assert_eq!(ask(&recording, "attacker.example"), 403);
+    for path in ["/", "/run/mission.rrd", "/00000000000000000000000000000000/run/mission.rrd"] {
+        assert_eq!(ask(path, "localhost"), 403, "{path}");
+    }
+    let other = View::start(&place, &["run"]);
+    assert_ne!(other.path, view.path);
+    assert_eq!(view.ask("GET", "/").header("referrer-policy"), "no-referrer");
+    other.stop();
+    view.stop();
+}
+
+#[test]
+fn odd_requests_and_replaced_recordings_neither_end_nor_block_the_server() {
+    let place = Place::new();
+    recorded(&place, "run");
+    let recording = place.path("run/mission.rrd");
+    let view = View::start(&place, &["run"]);
+    let head = format!("GET {}/ HTTP/1.1\r\nHost: localhost\r\n", view.path);
+    let length = |length: &str| view.ask_with(&format!("{head}Connection: close\r\nContent-Length: {length}\r\n\r\n"));
+    assert_eq!(length("9223372036854775808").status, 200);
+    assert_eq!(length("18446744073709551615").status, 431);
+
+    let mut endless = view.connect();
+    endless.write_all(head.as_bytes()).unwrap();
+    let sent = (0..1000).take_while(|_| endless.write_all(&[b'a'; 1 << 16]).is_ok()).count();
+    assert!(sent < 1000, "a header line of 64 MB was taken");
+
+    let whole = fs::metadata(&recording).unwrap().len();
+    let large = whole.max(64 << 20);
+    fs::File::options().write(true).open(&recording).unwrap().set_len(large).unwrap(); // more than the sockets buffer
+    let mut cut = view.connect();
+    write!(cut, "GET {}/run/mission.rrd HTTP/1.1\r\nHost: localhost\r\n\r\n", view.path).unwrap();
+    cut.read_exact(&mut [0; 1]).unwrap();
+    fs::File::options().write(true).open(&recording).unwrap().set_len(whole).unwrap();
+    let received = std::io::copy(&mut cut, &mut std::io::sink());
+    assert!(received.is_ok_and(|bytes| bytes < large), "the connection ends with the file");
+
+    fs::write(place.path("secret"), "secret").unwrap();
+    fs::remove_file(&recording).unwrap();
+    std::os::unix::fs::symlink(place.path("secret"), &recording).unwrap();
+    assert_eq!(view.ask("GET", "/run/mission.rrd").status, 404, "a link");
+    fs::remove_file(&recording).unwrap();
+    assert!(place.command("mkfifo", &["run/mission.rrd"]).status().unwrap().success());
+    for _ in 0..16 {
+        assert_eq!(view.ask("GET", "/run/mission.rrd").status, 404, "a pipe");
+    }
+    let page = place.run(&["page", "run/mission.rrd", "page"]);
+    assert_eq!(page.code, Some(2), "{page:?}");
+    assert_eq!(view.ask("GET", "/").status, 200);
+    view.stop();
+}
+
+#[test]
+fn a_server_without_free_file_descriptors_answers_when_idle_connections_have_ended() {
+    let place = Place::new();
+    recorded(&place, "run");
+    let script = "ulimit -n 40 && exec \"$0\" view --port 0 run";
+    let view = View::of(place.command("sh", &["-c", script, env!("CARGO_BIN_EXE_skysink")]).spawn().unwrap());
+    let idle: Vec<_> = (0..40).map(|_| view.connect()).collect();
+    assert_eq!(view.ask("GET", "/").status, 200);
+    drop(idle);
+    view.stop();
 }

@@ -3,8 +3,11 @@
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::{self, Read as _};
+use std::os::fd::AsRawFd as _;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
+
+use rustix::fs::{Mode, OFlags};
 
 /// The index with its placeholders.
 const INDEX: &str = include_str!("index.html");
@@ -39,7 +42,7 @@ pub(crate) enum Content {
     Text(String),
     /// Embedded in the executable, the same for every page.
     Embedded(&'static [u8]),
-    /// A recording. It is read on every request, because it may still be growing.
+    /// A recording, by its path without links. It is read on every request, because it may still be growing.
     File(PathBuf),
 }
 
@@ -77,7 +80,8 @@ impl WebPage {
         let mut paths = Vec::new();
         for recording in recordings {
             let path = free_path(&files, recording);
-            files.insert(path.clone(), Content::File(recording.clone()));
+            let resolved = fs::canonicalize(recording).unwrap_or_else(|_| recording.clone());
+            files.insert(path.clone(), Content::File(resolved));
             paths.push(format!("\"{path}\""));
         }
         let hosts = |port| format!(" http://127.0.0.1:{port} http://localhost:{port}");
@@ -148,9 +152,26 @@ impl WebPage {
     }
 }
 
-/// Copies a file until `is_stopped` returns true.
+/// Opens a recording by its path without links, and nothing else that has taken its place: a link, a folder, or a pipe,
+/// which would block.
+pub(crate) fn open(path: &Path) -> io::Result<File> {
+    let flags = OFlags::RDONLY | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
+    let file = match rustix::fs::open(path, flags, Mode::empty()) {
+        Ok(descriptor) => File::from(descriptor),
+        Err(rustix::io::Errno::LOOP) => return Err(replaced()),
+        Err(error) => return Err(error.into()),
+    };
+    let opened = fs::read_link(format!("/proc/self/fd/{}", file.as_raw_fd()))?;
+    if file.metadata()?.is_file() && opened == path { Ok(file) } else { Err(replaced()) }
+}
+
+fn replaced() -> io::Error {
+    io::Error::new(io::ErrorKind::NotFound, "expected the recording, not what has taken its place")
+}
+
+/// Copies a recording until `is_stopped` returns true.
 fn copy(source: &Path, path: &Path, is_stopped: &dyn Fn() -> bool) -> io::Result<()> {
-    let mut source = File::open(source)?;
+    let mut source = open(source)?;
     let mut file = File::create(path)?;
     while !is_stopped() && io::copy(&mut (&mut source).take(PART_BYTES), &mut file)? > 0 {}
     Ok(())

@@ -1,89 +1,145 @@
-//! Serves the files of a page over HTTP, and no other files.
+//! Serves a site over HTTP/1.1.
+//!
+//! hyper bounds what a client can make the server hold: [`MAX_HEAD_BYTES`] for [`PATIENCE`], and no body.
 
-use std::fs::File;
-use std::io::{self, Read};
+use std::convert::Infallible;
+use std::io;
 use std::net::{SocketAddr, TcpListener};
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, channel};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
-use tiny_http::{Header, Method, Request, Response};
+use hyper::Request;
+use hyper::body::Incoming;
+use hyper::server::conn::http1;
+use hyper::service::service_fn;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWrite, AsyncWriteExt as _};
+use tokio::runtime;
+use tokio::task::JoinSet;
 
-use crate::page::{Content, WebPage};
+use crate::site::Site;
 
-/// Number of threads, each of which answers one request at a time. Up to seven slow clients do not block others.
-const THREADS: usize = 8;
+/// Number of threads, so that a slow disk under one recording does not block the others.
+const THREADS: usize = 4;
 
-/// A server for a page, which runs until the process ends.
+/// Largest head of a request [bytes].
+const MAX_HEAD_BYTES: usize = 1 << 16;
+
+/// Time for the head of the next request, after which a connection is closed.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// A server for a site, which runs until the process ends.
 #[derive(Debug)]
 pub struct Server {
     /// The address that the server listens on.
     pub address: SocketAddr,
-    failures: Mutex<Receiver<io::Error>>,
+    failures: Receiver<io::Error>,
 }
 
 impl Server {
-    /// Starts to serve `page` on `address`; port 0 selects a free port.
+    /// Starts to serve `site` on `address`; port 0 selects a free port.
     ///
     /// # Errors
     /// If the address is in use, or does not belong to this machine.
-    pub fn start(address: SocketAddr, page: WebPage) -> io::Result<Self> {
+    pub fn start(address: SocketAddr, site: Site) -> io::Result<Self> {
         let listener = TcpListener::bind(address)?;
+        listener.set_nonblocking(true)?;
         let address = listener.local_addr()?;
-        let http = tiny_http::Server::from_listener(listener, None).map_err(io::Error::other)?;
-        let shared = Arc::new((http, page));
+        let runtime = runtime::Builder::new_multi_thread().worker_threads(THREADS).enable_all().build()?;
         let (failed, failures) = channel();
-        for _ in 0..THREADS {
-            let shared = Arc::clone(&shared);
-            let failed = failed.clone();
-            std::thread::spawn(move || {
-                let (http, page) = &*shared;
-                loop {
-                    match http.recv() {
-                        Ok(request) => drop(answer(page, request)), // an error means that the browser has disconnected
-                        Err(error) => return drop(failed.send(error)),
-                    }
-                }
-            });
-        }
-        Ok(Self { address, failures: Mutex::new(failures) })
+        std::thread::spawn(move || failed.send(runtime.block_on(accept(listener, site.into()))));
+        Ok(Self { address, failures })
     }
 
-    /// The error that has stopped a thread from accepting connections, if any.
+    /// The error that has stopped the server from accepting connections, if any.
     pub fn failure(&self) -> Option<io::Error> {
-        self.failures.lock().unwrap_or_else(PoisonError::into_inner).try_recv().ok()
+        self.failures.try_recv().ok()
     }
 }
 
-/// Answers a request.
-fn answer(page: &WebPage, request: Request) -> io::Result<()> {
-    if !matches!(request.method(), Method::Get | Method::Head) {
-        return request.respond(Response::from_string("expected GET or HEAD\n").with_status_code(405));
-    }
-    let path = request.url().split(['?', '#']).next().unwrap_or_default();
-    let found = page.find(path).and_then(|(content, kind)| Some((open(content).ok()?, kind)));
-    let Some(((reader, length), kind)) = found else {
-        return request.respond(Response::from_string("not found\n").with_status_code(404));
+/// Accepts connections, and returns the error that prevents it.
+async fn accept(listener: TcpListener, site: Arc<Site>) -> io::Error {
+    let listener = match tokio::net::TcpListener::from_std(listener) {
+        Ok(listener) => listener,
+        Err(error) => return error,
     };
-    let header = |name: &str, value: &str| Header::from_bytes(name, value).expect("plain letters");
-    let headers = vec![
-        header("Content-Type", kind),
-        header("X-Content-Type-Options", "nosniff"),
-        header("Cross-Origin-Resource-Policy", "same-origin"),
-        header("Cache-Control", "no-cache"), // a recording may grow, and another page may use the port later
-    ];
-    let response = Response::new(200.into(), headers, reader, usize::try_from(length).ok(), None);
-    request.respond(response.with_chunked_threshold(usize::MAX)) // with a length, the browser can show the progress
+    let mut connections = JoinSet::new();
+    loop {
+        while connections.try_join_next().is_some() {}
+        match listener.accept().await {
+            Ok((stream, _)) => drop(connections.spawn(connection(stream, Arc::clone(&site)))),
+            Err(error) if error.kind() == io::ErrorKind::ConnectionAborted => {}
+            // Without a free file descriptor: the end of a connection frees one.
+            Err(error) => {
+                if connections.join_next().await.is_none() {
+                    return error;
+                }
+            }
+        }
+    }
 }
 
-/// A reader for a file, and its length. A growing file is read up to its length at this moment.
-fn open(content: &Content) -> io::Result<(Box<dyn Read + Send + '_>, u64)> {
-    Ok(match content {
-        Content::Text(text) => (Box::new(text.as_bytes()), text.len() as u64),
-        Content::Embedded(bytes) => (Box::new(*bytes), bytes.len() as u64),
-        Content::File(path) => {
-            let file = File::open(path)?;
-            let length = file.metadata()?.len();
-            (Box::new(file.take(length)), length)
-        }
+/// Answers the requests of a connection until either side closes it.
+async fn connection(stream: impl AsyncRead + AsyncWrite + Unpin, site: Arc<Site>) {
+    let service = service_fn(|request: Request<Incoming>| {
+        let answer = site.answer(&request);
+        async move { Ok::<_, Infallible>(answer) }
+    });
+    let mut http = http1::Builder::new();
+    http.timer(TokioTimer::new()).header_read_timeout(PATIENCE).max_buf_size(MAX_HEAD_BYTES).half_close(true);
+    let _ = http.serve_connection(TokioIo::new(stream), service).await; // an error means that the client has gone
+}
+
+/// The first `limit` bytes that a client receives which sends `bytes` and no more: for tests and fuzzing.
+///
+/// # Errors
+/// If the system has no resources for a connection.
+pub fn converse(site: &Arc<Site>, bytes: &[u8], limit: u64) -> io::Result<Vec<u8>> {
+    runtime::Builder::new_current_thread().enable_time().build()?.block_on(async {
+        let (mut client, server) = tokio::io::duplex(bytes.len().max(MAX_HEAD_BYTES));
+        client.write_all(bytes).await?;
+        client.shutdown().await?;
+        tokio::spawn(connection(server, Arc::clone(site)));
+        let mut received = Vec::new();
+        client.take(limit).read_to_end(&mut received).await?;
+        Ok(received)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::page::WebPage;
+
+    #[test]
+    fn odd_requests_are_answered_or_refused_and_hold_nothing() {
+        let site = Arc::new(Site::with_token(WebPage::new("x", &[], None), "0badcafe"));
+        let page = "GET /0badcafe/ HTTP/1.1\r\nHost: localhost\r\n";
+        let endless = format!("{page}X: {}", "a".repeat(2 * MAX_HEAD_BYTES));
+        let many = format!("{page}{}\r\n", "X: y\r\n".repeat(1000));
+        let twice = format!("{page}\r\n{page}\r\n");
+        for (request, statuses) in [
+            (format!("{page}Content-Length: 9223372036854775808\r\n\r\n").as_str(), &["200"][..]),
+            (&format!("{page}Content-Length: 1000000000000\r\n\r\n"), &["200"]),
+            (&format!("{page}Content-Length: 18446744073709551615\r\n\r\n"), &["431"]),
+            (&format!("{page}Content-Length: -1\r\n\r\n"), &["400"]),
+            (&format!("{page}Transfer-Encoding: chunked\r\n\r\nFFFFFFFFFFFFFFFFFF\r\n"), &["200"]),
+            (&format!("{page}Expect: 100-continue\r\nContent-Length: 100000000000\r\n\r\n"), &["200"]),
+            (&format!("{page}Connection: upgrade\r\nUpgrade: websocket\r\n\r\n"), &["200"]),
+            (&twice, &["200", "200"]),
+            (&endless, &["431"]),
+            (&many, &["431"]),
+            (page, &[]),
+            ("GET / HTTP/1.1\r\n\r\n", &["403"]),
+            ("GET /0badcafe/ HTTP/1.0\r\n\r\n", &["403"]),
+            ("GET /\0 HTTP/1.1\r\n\r\n", &["400"]),
+            ("GET\r\n\r\n", &["400"]),
+            ("OPTIONS * HTTP/1.1\r\nHost: a\r\n\r\n", &["405"]),
+        ] {
+            let received = String::from_utf8(converse(&site, request.as_bytes(), 1 << 20).unwrap()).unwrap();
+            let answered: Vec<_> = received.split("HTTP/1.").skip(1).map(|answer| &answer[2..5]).collect();
+            assert_eq!(answered, statuses, "{:.200}", request);
+        }
+    }
 }
