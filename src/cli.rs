@@ -123,7 +123,7 @@ pub fn execute(arguments: Vec<OsString>) -> u8 {
     exit_on_second_signal();
     let cli: Cli = match usage::parse(arguments) {
         Ok(cli) => cli,
-        Err(message) => return print_usage_error(&message),
+        Err(message) => return usage::print(Role::Launcher, message),
     };
     match cli.command.run(&stop) {
         Ok(()) => 0,
@@ -132,18 +132,5 @@ pub fn execute(arguments: Vec<OsString>) -> u8 {
             Role::Launcher.log(&error);
             error.exit_code()
         }
-    }
-}
-
-/// Prints the requested help, or what is wrong with the arguments, and returns the exit code.
-fn print_usage_error(message: &clap::Error) -> u8 {
-    let printed =
-        message.print().or_else(|error| if error.kind() == ErrorKind::BrokenPipe { Ok(()) } else { Err(error) });
-    match printed {
-        Err(error) if !message.use_stderr() => {
-            Role::Launcher.log(Error::Output(error));
-            1
-        }
-        _ => u8::try_from(message.exit_code()).unwrap_or(2),
     }
 }

@@ -14,6 +14,7 @@ use indicatif::HumanDuration;
 use indicatif::{HumanCount, ProgressBar, ProgressState, ProgressStyle};
 use serde::Serialize;
 use skysink_common::pace::Pace;
+use skysink_common::terminal::printable;
 #[cfg(feature = "lab")]
 use skysink_lab::progress::LabProgress;
 use skysink_mission::latency::Spread;
@@ -108,12 +109,12 @@ fn style(template: &str) -> ProgressStyle {
     ProgressStyle::with_template(template).expect("a valid template")
 }
 
-/// Writes a line to standard output.
+/// Writes a line, or several, to standard output, with control characters escaped.
 ///
 /// # Errors
 /// If standard output is closed or cannot be written.
 pub fn print(line: impl fmt::Display) -> Result<(), Error> {
-    writeln!(std::io::stdout(), "{line}").map_err(Error::Output)
+    writeln!(std::io::stdout(), "{}", printable(&line.to_string())).map_err(Error::Output)
 }
 
 /// How results are printed.

@@ -1,14 +1,25 @@
 //! Parses the command line of an executable, with help and usage that fit into 80 columns.
 
 use std::ffi::OsString;
+use std::io::{self, ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
 
+use clap::error::{ContextKind, ContextValue};
 use clap::{Command, Error, Parser};
+use skysink_common::terminal::{one_line, printable};
+use skysink_ring::role::Role;
 
+use crate::error::Error as SkysinkError;
 use crate::report::TERMINAL_WIDTH;
 
 /// Maximum width of help and usage [columns].
 const COLUMNS: usize = TERMINAL_WIDTH as usize;
+
+/// Most characters of an argument in a refusal.
+const MAX_QUOTED: usize = 200;
+
+/// Most characters of a line of a refusal.
+const MAX_LINE: usize = 600;
 
 /// What clap writes before a usage line.
 const HEADING: &str = "Usage: ";
@@ -24,6 +35,39 @@ pub fn parse<C: Parser>(arguments: impl IntoIterator<Item = OsString>) -> Result
     let mut command = with_wrapped_usage(C::command().bin_name(name.into_owned()));
     let matches = command.try_get_matches_from_mut(arguments)?;
     C::from_arg_matches(&matches).map_err(|error| error.format(&mut command))
+}
+
+/// Prints the requested help, or what is wrong with the arguments of the program `role`, and returns the exit code.
+pub fn print(role: Role, message: Error) -> u8 {
+    let code = u8::try_from(message.exit_code()).unwrap_or(2);
+    if message.use_stderr() {
+        let _ = io::stderr().write_all(refusal(message).as_bytes());
+        return code;
+    }
+    match message.print() {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => {
+            role.log(SkysinkError::Output(error));
+            1
+        }
+        _ => code,
+    }
+}
+
+/// What is wrong with the arguments. They are quoted like other input: they may be long, and hold control characters.
+fn refusal(mut message: Error) -> String {
+    let quote = |text: &String| one_line(text, MAX_QUOTED);
+    let quotes = message.context().filter_map(|(kind, value)| match value {
+        ContextValue::String(text) => Some((kind, ContextValue::String(quote(text)))),
+        ContextValue::Strings(texts) => Some((kind, ContextValue::Strings(texts.iter().map(quote).collect()))),
+        _ => None,
+    });
+    for (kind, quoted) in quotes.collect::<Vec<_>>() {
+        if message.insert(kind, quoted.clone()) != Some(quoted) {
+            message.remove(ContextKind::Suggested); // it repeats the argument as it is
+        }
+    }
+    let text = message.render().to_string();
+    printable(&text).lines().map(|line| one_line(line, MAX_LINE) + "\n").collect()
 }
 
 /// The command and its subcommands with wrapped usage lines, which clap also prints in errors.
@@ -82,6 +126,19 @@ fn parts(usage: &str) -> Vec<&str> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_refused_argument_is_quoted() {
+        let command = || Command::new("fly").arg(clap::arg!(--seed <SEED>).value_parser(clap::value_parser!(u8)));
+        let long = "x".repeat(100_000);
+        for argument in
+            [&format!("--seed={long}"), &format!("--{long}"), &long, "--seed=\x1b[2J\u{202e}", "-\x07", "\n\n"]
+        {
+            let said = refusal(command().try_get_matches_from(["fly", argument]).unwrap_err());
+            assert!(said.starts_with("error: ") && said.len() < 1500, "{said}");
+            assert!(said.lines().count() < 10 && printable(&said) == said, "{said:?}");
+        }
+    }
 
     #[test]
     fn a_long_usage_is_wrapped_between_its_parts() {

@@ -49,7 +49,10 @@ pub fn run<A: Args>(
     arguments: Vec<OsString>,
     node: impl FnOnce(&Scenario, &RingFolder, &Stop, &A) -> Result<(), NodeError>,
 ) -> u8 {
-    let Cli { ring, additional } = usage::parse(arguments).unwrap_or_else(|message| message.exit());
+    let Cli { ring, additional } = match usage::parse(arguments) {
+        Ok(cli) => cli,
+        Err(message) => return usage::print(role, message),
+    };
     let stop = stop_on_signals();
     let result = join(&ring).and_then(|(scenario, folder)| node(&scenario, &folder, &stop, &additional));
     exit_code(role, result)

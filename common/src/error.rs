@@ -4,6 +4,8 @@ use std::fmt::Display;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use crate::terminal::one_line;
+
 /// Most characters of a line or a value that are quoted.
 const MAX_QUOTED: usize = 80;
 
@@ -19,7 +21,7 @@ const MIN_SIMILARITY: f64 = 0.8;
 /// A refused file, folder or option. The display is one line with its name, the key or line, the value, and what was
 /// expected.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{what} {}: {message}", one_line(path))]
+#[error("{what} {}: {message}", one_line(&path.to_string_lossy(), MAX_PATH))]
 pub struct InputError {
     /// Kind of input, such as `scenario`.
     pub what: &'static str,
@@ -33,7 +35,7 @@ impl InputError {
     /// Refuses `path`. Control characters in the message are escaped, and the middle of a long message is left out.
     #[must_use]
     pub fn new(what: &'static str, path: &Path, message: impl Display) -> Self {
-        Self { what, path: path.to_owned(), message: shortened(&escaped(&message.to_string()), MAX_MESSAGE) }
+        Self { what, path: path.to_owned(), message: one_line(&message.to_string(), MAX_MESSAGE) }
     }
 
     /// Refuses the `argument` of the option `what`.
@@ -94,31 +96,7 @@ pub fn quoted(text: &str) -> String {
     let text = text.trim();
     let end = text.char_indices().nth(MAX_QUOTED).map_or(text.len(), |(end, _)| end);
     let dots = if end < text.len() { "..." } else { "" };
-    escaped(&text[..end]) + dots
-}
-
-/// The text with its control characters escaped, which a terminal would interpret.
-fn escaped(text: &str) -> String {
-    let mut escaped = String::with_capacity(text.len());
-    for character in text.chars() {
-        if character.is_control() {
-            escaped.extend(character.escape_default());
-        } else {
-            escaped.push(character);
-        }
-    }
-    escaped
-}
-
-/// The text, or only its beginning and its end if it has more than `limit` characters.
-fn shortened(text: &str, limit: usize) -> String {
-    let count = text.chars().count();
-    if count <= limit {
-        return text.to_owned();
-    }
-    let beginning: String = text.chars().take(limit / 2).collect();
-    let end: String = text.chars().skip(count - limit / 2).collect();
-    format!("{beginning} ... {end}")
+    one_line(&text[..end], usize::MAX) + dots
 }
 
 /// A hint for a message of serde about an unknown name: the expected name most similar to it, or an empty text.
@@ -129,11 +107,6 @@ pub fn suggestion(message: &str) -> String {
     meant.map_or_else(String::new, |meant| format!("; did you mean `{meant}`?"))
 }
 
-/// A path on one line, control characters escaped.
-fn one_line(path: &Path) -> String {
-    shortened(&escaped(&path.display().to_string()), MAX_PATH)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -142,7 +115,7 @@ mod tests {
     fn a_refused_text_is_cut_and_its_control_characters_are_escaped() {
         let error =
             InputError::line("scenario", Path::new("a\nb"), 1, &format!("\x1b[31m{}", "x".repeat(1 << 20)), "no");
-        assert_eq!(error.to_string(), format!("scenario a\\nb: line 1: `\\u{{1b}}[31m{}...`: no", "x".repeat(75)));
+        assert_eq!(error.to_string(), format!("scenario a\\nb: line 1: `\\u001b[31m{}...`: no", "x".repeat(75)));
         let error =
             InputError::new("scenario", Path::new("a"), "x".repeat(1 << 20) + ": expected a number").to_string();
         assert!(error.len() < 700 && error.ends_with("x: expected a number"), "{error}");

@@ -26,4 +26,5 @@ pub mod sensors;
 pub mod simd;
 pub mod slot_record;
 pub mod stop;
+pub mod terminal;
 pub mod units;

@@ -11,9 +11,13 @@ use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
 use rustix::fs::{Timespec, Timestamps, UTIME_NOW, futimens};
+use skysink_common::terminal::one_line;
 use strum::{EnumString, FromRepr, IntoStaticStr};
 
 use crate::error::RingError;
+
+/// Most characters of a line of the log.
+const MAX_LINE: usize = 4000;
 
 /// A process of the ring, by its number in messages and the name of its executable.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, EnumString, FromRepr, IntoStaticStr)]
@@ -41,9 +45,10 @@ impl Role {
         matches!(self, Self::FieldSim | Self::FlightSim | Self::Launcher)
     }
 
-    /// Writes a line to standard error, in the name of the process. Errors are ignored.
+    /// Writes a line to standard error, in the name of the process: control characters are escaped, and the middle of
+    /// a long line is left out. Errors are ignored.
     pub fn log(self, line: impl Display) {
-        let _ = writeln!(io::stderr(), "{}: {line}", self.name());
+        let _ = writeln!(io::stderr(), "{}: {}", self.name(), one_line(&line.to_string(), MAX_LINE));
     }
 
     /// The name of the executable.

@@ -37,7 +37,10 @@ struct Cli {
 }
 
 fn main() -> ExitCode {
-    let cli: Cli = usage::parse(std::env::args_os()).unwrap_or_else(|message| message.exit());
+    let cli: Cli = match usage::parse(std::env::args_os()) {
+        Ok(cli) => cli,
+        Err(message) => return usage::print(Role::Viewer, message).into(),
+    };
     // Without a subscriber, warnings of rerun would be lost.
     tracing_subscriber::fmt()
         .with_max_level(tracing_subscriber::filter::LevelFilter::WARN)

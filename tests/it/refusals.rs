@@ -1,6 +1,7 @@
 //! Refusals of the command line: invalid scenarios, sensor lists and files, each in one line.
 
 use crate::support::Place;
+use crate::support::scenarios::SMOKE;
 
 /// Simulates a scenario with this text, which must be refused with one line that holds all of `says`, and leave
 /// nothing.
@@ -168,7 +169,7 @@ fn a_quoted_value_is_shortened_and_its_control_characters_are_escaped() {
     place.write("sensors.csv", "x_m,y_m\n1,\x1b[31m\x07red\n");
     place.write("red.toml", "name = \"x\"\n[sensors]\nfile = \"sensors.csv\"\n");
     let ended = place.run(&["check", "red.toml"]);
-    ended.assert_one_line(&["line 2: y_m = \\u{1b}[31m\\u{7}red: expected a position"]);
+    ended.assert_one_line(&["line 2: y_m = \\u001b[31m\\u0007red: expected a position"]);
 }
 
 #[test]
@@ -185,4 +186,40 @@ fn a_refusal_suggests_the_probable_name() {
     let place = Place::new();
     let ended = place.run(&["check", concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/meuse/meuse.toml")]);
     ended.assert_one_line(&["sensors.csv", "sensors.file", "SOURCE.md says how to get it"]);
+}
+
+#[test]
+fn nothing_that_a_terminal_would_execute_is_printed_and_nothing_long() {
+    let place = Place::new();
+    let folder = "run\u{1b}]0;title\u{7}\u{202e}";
+    let is_shown = |character: char| character == '\n' || !character.is_control() && character != '\u{202e}';
+    place.run_ok(&["simulate", SMOKE, "--out", folder]);
+    for (arguments, escaped) in [
+        (&["report", folder][..], "run\\u001b]0;title\\u0007\\u202e"),
+        (&["report", folder, "--json"], "\"smoke\""),
+        (&["report", "\u{1b}c"], "\\u001bc"),
+        (&["compare", folder, "a\u{9b}1m"], "a\\u009b1m"),
+        (&["check", SMOKE, "--seed", "\u{1b}[2J"], "\\u001b[2J"),
+        (&["simulate", SMOKE, "--strategy", "\u{202e}uts"], "\\u202euts"),
+        (&["check", SMOKE, "--set", "a\u{7}=1"], "a\\u0007"),
+        (&["check", SMOKE, "--\u{7}"], "--\\u0007"),
+        (&["\u{1b}[31m"], "\\u001b[31m"),
+    ] {
+        let ended = place.run(arguments);
+        let said = ended.stdout.clone() + &ended.stderr;
+        assert!(said.chars().all(is_shown) && said.contains(escaped), "{arguments:?}: {said:?}");
+    }
+    let long = "x".repeat(100_000);
+    let long_set = format!("{long}=1");
+    for arguments in [
+        &["check", SMOKE, "--seed", &long][..],
+        &["simulate", SMOKE, "--strategy", &long],
+        &["check", SMOKE, "--set", &long_set],
+        &["check", &long],
+        &["run", &long],
+        &[&long],
+    ] {
+        let ended = place.run(arguments);
+        assert!(ended.code == Some(2) && ended.stderr.len() < 3000, "{:.500}", ended.stderr);
+    }
 }
