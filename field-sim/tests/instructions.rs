@@ -28,7 +28,7 @@ fn advance(capacity_bits: u32, rate_bps: impl Fn(u32) -> f64) {
     }
 }
 
-fn main() {
+fn main() -> std::process::ExitCode {
     let cases = [
         Case { name: "field, one rate, N = 10^4", steps: SLOTS, work: || advance(30_000, |_| 100.0) },
         Case { name: "field, all full, N = 10^4", steps: SLOTS, work: || advance(10_000, |_| 100.0) },
@@ -38,5 +38,5 @@ fn main() {
             work: || advance(30_000, |id| 100.0 + f64::from(id % 100) / 10.0),
         },
     ];
-    instructions::main(&cases, &Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/instructions.txt"));
+    instructions::main(&cases, &Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/instructions.txt"))
 }

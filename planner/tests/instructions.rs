@@ -48,7 +48,7 @@ fn waypoints() {
     }
 }
 
-fn main() {
+fn main() -> std::process::ExitCode {
     let cases = [
         Case { name: "uts, N = 200", steps: SLOTS, work: || fly("uts", 200) },
         Case { name: "uts, N = 10^4", steps: SLOTS, work: || fly("uts", 10_000) },
@@ -56,5 +56,5 @@ fn main() {
         Case { name: "gfs, N = 200", steps: SLOTS, work: || fly("gfs", 200) },
         Case { name: "geometric waypoint", steps: WAYPOINTS, work: waypoints },
     ];
-    instructions::main(&cases, &Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/instructions.txt"));
+    instructions::main(&cases, &Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/instructions.txt"))
 }

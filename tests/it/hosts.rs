@@ -1,14 +1,10 @@
-//! The ring across hosts: refusals before the start, and missions over three hosts, which are network namespaces.
-//!
-//! The missions need root, `ip netns`, and a link in the PATH (`cargo install --locked --path link`); without them they
-//! say so and pass.
+//! The ring across hosts: refusals before the start. The missions are in `tests/machine/hosts.rs`.
 
 use std::env;
 use std::ffi::OsString;
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
-use std::process::{Command, Stdio};
 
 use crate::support::scenarios::{self, SMOKE};
 use crate::support::{Output, Place, output};
@@ -16,74 +12,10 @@ use skysink::run::link;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_ring::topics::SCHEMA;
 
-const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/hosts/three_hosts.sh");
-const LONG: &str = "name = 'long'\nslots = 400\nuav.endurance_s = 1e6\n";
-
 /// The PATH with `folder` in front.
 fn path_with(folder: &Path) -> OsString {
     let rest = env::var_os("PATH").unwrap_or_default();
     env::join_paths([folder.to_owned()].into_iter().chain(env::split_paths(&rest))).unwrap()
-}
-
-/// The reason why this machine cannot have the hosts, if any.
-fn missing() -> Option<&'static str> {
-    let works = |program: &str, arguments: &[&str]| {
-        Command::new(program)
-            .args(arguments)
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .status()
-            .is_ok_and(|status| status.success())
-    };
-    let name = format!("skytest{}", std::process::id());
-    if !rustix::process::getuid().is_root() {
-        return Some("not root");
-    }
-    if !["skysink-link", "iox2-link-tunnel-zenoh"].iter().any(|link| works(link, &["--help"])) {
-        return Some("no skysink-link in the PATH");
-    }
-    if !works("ip", &["netns", "add", &name]) {
-        return Some("no network namespaces");
-    }
-    works("ip", &["netns", "del", &name]);
-    None
-}
-
-/// Flies `scenario` over three hosts with these arguments; `None` if this machine cannot have them.
-fn fly(scenario: &str, arguments: &[&str]) -> Option<Output> {
-    if let Some(missing) = missing() {
-        eprintln!("skipped: {missing}");
-        return None;
-    }
-    let place = Place::new();
-    let file = place.write("long.toml", scenario);
-    let executables = Path::new(env!("CARGO_BIN_EXE_skysink")).parent().unwrap();
-    let arguments = [&[file.to_str().unwrap()], arguments].concat();
-    let ended = output(place.command(SCRIPT, &arguments).env("PATH", path_with(executables)));
-    Some(ended)
-}
-
-#[test]
-fn a_disconnected_host_is_reported_and_waited_for_and_the_trace_is_that_of_one_process() {
-    for host in ["a", "b", "c"] {
-        let Some(ended) = fly(LONG, &["--cut", host, "4"]) else { return };
-        assert_eq!(ended.code, Some(0), "host {host}: {ended:?}");
-        assert!(ended.stdout.contains("the trace is that of one process"), "host {host}: {ended:?}");
-        let said = |text: &str| ended.stderr.lines().chain(ended.stdout.lines()).any(|line| line.contains(text));
-        let cut = if host == "c" { "flight-sim" } else { "planner" };
-        assert!(said(&format!("{cut} has sent no heartbeat for 1.0 s")), "host {host}: {ended:?}");
-        assert!(said(&format!("{cut} recovered after ")), "host {host}: {ended:?}");
-        assert!(ended.stdout.contains("messages refused"), "{ended:?}");
-    }
-}
-
-#[test]
-fn a_paced_run_continues_without_the_planners_host_and_counts_missed_slots() {
-    let Some(ended) = fly(LONG, &["--cut", "b", "3", "--pace", "20x"]) else { return };
-    assert_eq!(ended.code, Some(3), "a trace with misses is another one: {ended:?}");
-    let missed = ended.stdout.lines().find(|line| line.contains("deadlines missed")).unwrap();
-    let missed: u64 = missed.split_whitespace().find_map(|word| word.parse().ok()).unwrap();
-    assert!(missed >= 40, "{missed} slots of 0.05 s in 3 s: {ended:?}");
 }
 
 /// A folder with a link that exits at once, and a copy of a ring's `ring.toml`.

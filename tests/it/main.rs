@@ -16,7 +16,6 @@ mod help;
 mod hosts;
 mod imports;
 mod keys;
-mod medium;
 mod names;
 mod new;
 mod nodes;

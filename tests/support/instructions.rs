@@ -2,16 +2,19 @@
 //! machine does.
 //!
 //! A test program made with this, without the usual harness, calls itself under `valgrind --tool=callgrind` once per
-//! case and counts inside [`counted`] only. Without valgrind it says so in a line, and passes.
+//! case and counts inside [`counted`] only. Without valgrind its tests are ignored.
 //!
 //! Limits are kept in a text file, one line per case, for both profiles: `cargo test` builds with little optimisation,
 //! which shows a step that does more work; `cargo test --release` shows code that is compiled worse. They hold for the
 //! compiler that the file names; another one is allowed twice as many.
 
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::{Command, ExitCode, Stdio};
+
+use libtest_mimic::{Arguments, Completion, Failed, Trial};
 
 /// What is counted.
+#[derive(Clone, Copy)]
 pub struct Case {
     /// Its name in the file of limits.
     pub name: &'static str,
@@ -36,43 +39,49 @@ pub fn counted<R>(step: impl FnOnce() -> R) -> R {
 /// The program: checks all cases, or with `--refresh` writes the limits of this profile anew.
 ///
 /// # Panics
-/// If a case takes more instructions than its limit.
-pub fn main(cases: &[Case], limits: &Path) {
+/// If the limits cannot be read or written.
+pub fn main(cases: &[Case], limits: &Path) -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     if let [flag, name] = &arguments[..]
         && flag == "--count"
     {
-        return (cases.iter().find(|case| case.name == name).expect("a case of that name").work)();
+        (cases.iter().find(|case| case.name == name).expect("a case of that name").work)();
+        return ExitCode::SUCCESS;
     }
-    if !cfg!(target_arch = "x86_64") {
-        return println!("instructions are not counted: the limits are for x86-64");
-    }
-    if !Command::new("valgrind").arg("--version").stdout(Stdio::null()).status().is_ok_and(|status| status.success()) {
-        return println!("instructions are not counted: valgrind is not installed");
-    }
-    let per_step: Vec<u64> = cases.iter().map(count).collect();
     let text = std::fs::read_to_string(limits).expect("the limits lie beside the test");
     if arguments == ["--refresh"] {
-        let limits_of = |count: &u64| count * (100 + HEAD_ROOM_PERCENT) / 100;
-        let refreshed = refreshed(&text, cases, &per_step.iter().map(limits_of).collect::<Vec<_>>());
-        return std::fs::write(limits, refreshed).expect("the limits can be written");
+        let limits_of = |case: &Case| count(case) * (100 + HEAD_ROOM_PERCENT) / 100;
+        let refreshed = refreshed(&text, cases, &cases.iter().map(limits_of).collect::<Vec<_>>());
+        std::fs::write(limits, refreshed).expect("the limits can be written");
+        return ExitCode::SUCCESS;
     }
     let factor = if text.contains(&format!("compiler {}\n", compiler())) { 1 } else { 2 };
-    let mut broken = Vec::new();
-    for (case, count) in cases.iter().zip(per_step) {
+    let trial = |case: &Case| {
         let limit = factor * limit(&text, case.name).expect("a limit for every case");
-        println!("{:32} {count:8} instructions per step, limit {limit}", case.name);
-        if count > limit {
-            broken.push(case.name);
-        }
+        let case = *case;
+        Trial::ignorable_test(case.name, move || check(&case, limit))
+    };
+    libtest_mimic::run(&Arguments::from_args(), cases.iter().map(trial).collect()).exit_code()
+}
+
+/// Fails if a step of the case takes more instructions than the limit.
+fn check(case: &Case, limit: u64) -> Result<Completion, Failed> {
+    if !cfg!(target_arch = "x86_64") {
+        return Ok(Completion::ignored_with("the limits are for x86-64"));
     }
-    assert!(broken.is_empty(), "more instructions than {} allows: {}", limits.display(), broken.join(", "));
+    if !Command::new("valgrind").arg("--version").stdout(Stdio::null()).status().is_ok_and(|status| status.success()) {
+        return Ok(Completion::ignored_with("needs valgrind: apt install valgrind"));
+    }
+    match count(case) {
+        count if count > limit => Err(format!("{count} instructions per step: expected at most {limit}").into()),
+        _ => Ok(Completion::Completed),
+    }
 }
 
 /// Instructions per step of a case.
 fn count(case: &Case) -> u64 {
     let program = std::env::current_exe().expect("a program knows its file");
-    let counts = program.with_extension(format!("{}.callgrind", std::process::id()));
+    let counts = program.with_extension(format!("{}.{}.callgrind", std::process::id(), case.name));
     let valgrind = Command::new("valgrind")
         .args(["--tool=callgrind", "--collect-atstart=no", "--toggle-collect=*instructions*counted*"])
         .arg(format!("--callgrind-out-file={}", counts.display()))
