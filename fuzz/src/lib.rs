@@ -7,6 +7,7 @@ mod journals;
 mod messages;
 mod planner;
 mod text;
+mod web;
 mod world;
 
 use arbitrary::{Result, Unstructured};
@@ -15,12 +16,13 @@ use arbitrary::{Result, Unstructured};
 pub type Check = fn(&[u8]);
 
 /// The fuzz targets, with the names of their corpora.
-pub const TARGETS: [(&str, Check); 14] = [
+pub const TARGETS: [(&str, Check); 15] = [
     ("scenario", text::scenario),
     ("sensors", text::sensors),
     ("mission", text::mission),
     ("trace", text::trace),
     ("sweep_journal", text::sweep_journal),
+    ("http_request", web::request),
     ("journal", |input| numbers(input, journals::records)),
     ("field_journal", |input| numbers(input, journals::field_journal)),
     ("flight_journal", |input| numbers(input, journals::flight_journal)),
@@ -33,7 +35,7 @@ pub const TARGETS: [(&str, Check); 14] = [
 ];
 
 /// Number of targets that read text; they come first.
-pub const TEXTS: usize = 5;
+pub const TEXTS: usize = 6;
 
 /// Runs a check that reads numbers from the input.
 fn numbers(input: &[u8], check: fn(&mut Unstructured) -> Result<()>) {
