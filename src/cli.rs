@@ -23,6 +23,7 @@ use skysink_ring::role::Role;
 use skysink_ring::wait::{exit_on_second_signal, stop_on_signals};
 
 use crate::error::Error;
+use crate::usage::VERSION;
 #[cfg(feature = "lab")]
 use crate::{bench, compare};
 use crate::{check, join, new, replay, run, simulate, topics, usage, view, worker};
@@ -31,7 +32,7 @@ use crate::{check, join, new, replay, run, simulate, topics, usage, view, worker
 #[derive(Debug, Parser)]
 #[command(
     name = "skysink",
-    version,
+    version = VERSION,
     arg_required_else_help = true,
     after_help = "\
 Examples:

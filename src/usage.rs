@@ -6,11 +6,18 @@ use std::path::{Path, PathBuf};
 
 use clap::error::{ContextKind, ContextValue};
 use clap::{Command, Error, Parser};
+use skysink_common::build;
 use skysink_common::terminal::{one_line, printable};
 use skysink_ring::role::Role;
 
 use crate::error::Error as SkysinkError;
 use crate::report::TERMINAL_WIDTH;
+
+/// What the executables are built from: commit, compiler and target.
+pub const BUILD: &str = env!("SKYSINK_BUILD");
+
+/// Version of the executables, with [`BUILD`].
+pub const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("SKYSINK_BUILD"), ")");
 
 /// Maximum width of help and usage [columns].
 const COLUMNS: usize = TERMINAL_WIDTH as usize;
@@ -24,11 +31,12 @@ const MAX_LINE: usize = 600;
 /// What clap writes before a usage line.
 const HEADING: &str = "Usage: ";
 
-/// Parses a command line, program name first.
+/// Parses a command line, program name first, and notes [`BUILD`] for the results of this process.
 ///
 /// # Errors
 /// If an argument is refused, or help is requested.
 pub fn parse<C: Parser>(arguments: impl IntoIterator<Item = OsString>) -> Result<C, Error> {
+    build::identify(BUILD);
     let arguments: Vec<OsString> = arguments.into_iter().collect();
     let called = arguments.first().map(PathBuf::from);
     let name = called.as_deref().and_then(Path::file_name).unwrap_or_default().to_string_lossy();

@@ -15,7 +15,7 @@ use skysink_ring::folder::RingFolder;
 use skysink_ring::role::Role;
 use skysink_ring::wait::stop_on_signals;
 
-use crate::usage;
+use crate::usage::{self, VERSION};
 
 /// The arguments of every process of a ring.
 #[derive(Debug, Args)]
@@ -30,7 +30,7 @@ pub struct RingArguments {
 
 /// One of the processes of the ring; skysink run starts and supervises it.
 #[derive(Debug, Parser)]
-#[command(version)]
+#[command(version = VERSION)]
 struct Cli<A: Args> {
     #[command(flatten)]
     ring: RingArguments,

@@ -5,6 +5,7 @@
 
 pub mod arrivals;
 pub mod belief;
+pub mod build;
 pub mod channel;
 pub mod checkpoint;
 pub mod error;

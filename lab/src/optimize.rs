@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use serde::Serialize;
+use skysink_common::build::VERSION;
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::error::InputError;
 use skysink_common::scenario::Scenario;
@@ -188,7 +189,7 @@ pub fn optimize(
         expected_loss_bound,
         best_known: best,
         strategies: standings,
-        version: env!("CARGO_PKG_VERSION"),
+        version: VERSION,
     };
     Ok(BestKnown { optimum, scenario, list, took, plan })
 }

@@ -9,6 +9,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
+use skysink_common::build::commit_of;
 use skysink_common::error::InputError;
 use skysink_common::scenario::Setting;
 use skysink_mission::error::FileContext;
@@ -156,9 +157,14 @@ fn chart(request: &PlotRequest, sheet: &SheetOptions, flown: &FlownSweep, select
         }
     };
     let seeds = seeds(&flown.definition.seeds);
-    let footer = format!("{seeds} · bands: 95 % CI of the mean · skysink {}", flown.definition.version);
+    let footer = format!(
+        "{seeds} · bands: 95 % CI of the mean · skysink {} ({})",
+        flown.definition.version,
+        commit_of(&flown.build)
+    );
     let conditions = request.conditions.iter().map(|Setting { key, value, .. }| format!(" · {key} = {}", text(value)));
-    let description = format!(" · sweep {}{}", flown.definition.identity, conditions.collect::<String>());
+    let conditions = conditions.collect::<String>();
+    let description = format!(" · sweep {}{conditions} · built from {}", flown.definition.identity, flown.build);
     Chart {
         look: sheet.look(footer, &description),
         x_label: request.x_label.clone().unwrap_or_else(|| request.x.clone()),

@@ -4,6 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
+use skysink_common::build::{VERSION, build};
 use skysink_common::error::InputError;
 use skysink_common::pace::Pace;
 use xxhash_rust::xxh3::xxh3_64;
@@ -28,6 +29,8 @@ pub struct RunMode {
 #[serde(deny_unknown_fields)]
 struct Origin {
     version: String,
+    #[serde(default)] // runs of older builds have none
+    build: String,
     pace: Option<Pace>,
     #[serde(rename = "outside_planner")]
     external_planner: Option<String>,
@@ -40,7 +43,8 @@ struct Origin {
 /// The text of `run.toml`.
 pub(crate) fn write(mode: &RunMode, scenario: &str, sensors: &str) -> String {
     let origin = Origin {
-        version: env!("CARGO_PKG_VERSION").to_owned(),
+        version: VERSION.to_owned(),
+        build: build().to_owned(),
         pace: mode.pace,
         external_planner: mode.external_planner.clone(),
         scenario: hash(scenario.as_bytes()),
@@ -64,7 +68,7 @@ pub(crate) fn read(folder: &Path) -> Result<RunMode, InputError> {
         return Err(changed(FILE));
     }
     let origin: Origin = toml::from_str(origin).map_err(|error| {
-        let message = format!("{}: expected the run.toml of Skysink {}", error.message(), env!("CARGO_PKG_VERSION"));
+        let message = format!("{}: expected the run.toml of Skysink {}", error.message(), VERSION);
         refuse(FILE, &message)
     })?;
     for (name, expected) in [("scenario.toml", origin.scenario), ("sensors.csv", origin.sensors)] {

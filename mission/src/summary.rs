@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
+use skysink_common::build::{VERSION, build};
 use skysink_common::message::{FlightReport, HoldReason, Mode, QueuesHeader, SolverOutcome, Totals};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
@@ -80,6 +81,9 @@ pub struct Summary {
     pub complete: bool,
     /// Version of Skysink.
     pub version: Cow<'static, str>,
+    /// Commit, compiler and target of the program that has written it.
+    #[serde(default)] // runs of older builds have none
+    pub build: Cow<'static, str>,
     /// Wall-clock figures; not reproducible.
     pub timing: RunTiming,
 }
@@ -131,7 +135,8 @@ impl Tally {
             seed: scenario.seed,
             planned_slots: scenario.slots,
             sensors: list.sensors().len(),
-            version: env!("CARGO_PKG_VERSION").into(),
+            version: VERSION.into(),
+            build: build().into(),
             timing: RunTiming { pace: mode.pace, ..RunTiming::default() },
             ..Summary::default()
         };

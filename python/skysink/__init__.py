@@ -10,7 +10,7 @@ Names end with their units: ``_m``, ``_s``, ``_bits``, ``_bps``. Results equal t
 
 from contextlib import suppress
 
-from skysink._skysink import STRATEGIES, Decision, Field, InputError, Run, Scenario, Table, View, __version__
+from skysink._skysink import STRATEGIES, Decision, Field, InputError, Run, Scenario, Table, View, __build__, __version__
 from skysink.flight import compare, simulate
 from skysink.strategy import Strategy
 from skysink.sweeps import sweep
@@ -30,6 +30,7 @@ __all__ = [
     "Strategy",
     "Table",
     "View",
+    "__build__",
     "__version__",
     "compare",
     "simulate",

@@ -24,12 +24,14 @@ __all__ = [
     "Table",
     "VectorCore",
     "View",
+    "__build__",
     "__version__",
     "run_program",
     "simulate",
 ]
 
 __version__: Final[str]
+__build__: Final[str]
 STRATEGIES: Final[list[str]]
 """Names of the built-in strategies."""
 

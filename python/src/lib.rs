@@ -50,7 +50,9 @@ mod _skysink {
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         // Initialise NumPy's interface on import, not on first use.
         let _ = numpy::PyArray1::<u32>::zeros(module.py(), 0, false);
-        module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+        module.add("__version__", skysink_common::build::VERSION)?;
+        skysink_common::build::identify(skysink::usage::BUILD);
+        module.add("__build__", skysink::usage::BUILD)?;
         module.add("STRATEGIES", skysink_planner::strategies::names())
     }
 }

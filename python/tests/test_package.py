@@ -40,7 +40,7 @@ def test_the_stub_and_the_reference_have_the_docstrings_of_the_module() -> None:
 
 @pytest.mark.parametrize("name", skysink.__all__)
 def test_every_public_name_is_documented(name: str) -> None:
-    assert inspect.getdoc(getattr(skysink, name)) or name in {"STRATEGIES", "__version__"}
+    assert inspect.getdoc(getattr(skysink, name)) or name in {"STRATEGIES", "__build__", "__version__"}
 
 
 def test_the_notebook_runs(tmp_path: Path) -> None:

@@ -144,6 +144,6 @@ def test_other_threads_go_on_while_a_mission_flies() -> None:
 
 
 def test_the_command_line_of_the_package_is_that_of_skysink(tmp_path: Path) -> None:
-    assert run("--version", cwd=tmp_path).stdout == f"skysink {skysink.__version__}\n"
+    assert run("--version", cwd=tmp_path).stdout == f"skysink {skysink.__version__} ({skysink.__build__})\n"
     refused = run("simulate", "missing.toml", cwd=tmp_path, code=2)
     assert "missing.toml" in refused.stderr

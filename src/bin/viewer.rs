@@ -17,7 +17,7 @@ use skysink_viewer::node::{ViewerOptions, run};
 
 /// The viewer process of the ring: records a run for rerun; skysink run starts and supervises it.
 #[derive(Debug, Parser)]
-#[command(version)]
+#[command(version = usage::VERSION)]
 #[group(id = "sinks", required = true, multiple = true, args = ["save", "live"])]
 struct Cli {
     #[command(flatten)]

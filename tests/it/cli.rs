@@ -98,6 +98,27 @@ fn a_summary_holds_what_outside_programs_rely_on() {
 }
 
 #[test]
+fn results_name_the_commit_the_compiler_and_the_target_of_the_program() {
+    let place = Place::new();
+    place.flight("smoke").simulate();
+    let said = place.run_ok(&["--version"]).stdout;
+    let prefix = concat!("skysink ", env!("CARGO_PKG_VERSION"), " (");
+    let build = said.strip_prefix(prefix).and_then(|said| said.strip_suffix(")\n")).unwrap_or_else(|| panic!("{said}"));
+    assert_eq!(place.summary("run")["build"], build);
+    assert!(place.read("run/run.toml").contains(&format!("build = \"{build}\"\n")), "{build}");
+    assert!(build.contains(", rustc ") && build.contains(std::env::consts::ARCH), "{build}");
+
+    let root = env!("CARGO_MANIFEST_DIR");
+    let git = |what: &str| {
+        let said = place.command("git", &["-C", root, "rev-parse", what]).output().map(|output| output.stdout);
+        String::from_utf8_lossy(&said.unwrap_or_default()).trim().to_owned()
+    };
+    let is_checkout = std::fs::canonicalize(git("--show-toplevel")).is_ok_and(|folder| folder == *root);
+    let commit = if is_checkout { git("HEAD")[..12].to_owned() } else { "no commit,".to_owned() };
+    assert!(build.contains(&commit), "{build}: expected {commit}");
+}
+
+#[test]
 fn every_slot_of_a_trace_balances() {
     let place = Place::new();
     for strategy in ["uts", "gfs", "rfs"] {

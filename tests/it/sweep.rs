@@ -59,6 +59,26 @@ fn results_do_not_depend_on_the_number_of_threads() {
 }
 
 #[test]
+fn a_sweep_names_the_build_that_has_begun_it_and_another_build_of_the_version_continues_it() {
+    let place = Place::new();
+    write_sweep(&place, 2);
+    place.run_ok(&["sweep", "sweep.toml", "--out", "sweep"]);
+    let (manifest, said) = (place.read("sweep/sweep.json"), place.run_ok(&["--version"]).stdout);
+    let build = serde_json::from_str::<serde_json::Value>(&manifest).unwrap()["build"].as_str().unwrap().to_owned();
+    assert!(said.contains(&format!("({build})")), "{build}, not {said}");
+    let other = manifest.replace(&build, "0123456789ab-dirty, another compiler");
+    place.write("sweep/sweep.json", &other);
+    place.run_ok(&["sweep", "sweep.toml", "--out", "sweep"]);
+    assert_eq!(place.read("sweep/sweep.json"), other);
+    place.run_ok(&["plot", "sweep", "--x", "area.side_m", "--where", "link.gain=static", "--out", "plots"]);
+    let is_named = |file: fs::DirEntry| {
+        let drawn = fs::read_to_string(file.path()).unwrap_or_default();
+        drawn.contains("(0123456789ab-dirty)") && drawn.contains("built from 0123456789ab-dirty, another compiler")
+    };
+    assert!(fs::read_dir(place.path("plots")).unwrap().flatten().any(is_named), "no figure names the build");
+}
+
+#[test]
 fn a_row_is_the_mission_that_simulate_flies() {
     let place = Place::new();
     write_sweep(&place, 2);

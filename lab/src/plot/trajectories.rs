@@ -5,6 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
+use skysink_common::build::{VERSION, build, commit_of};
 use skysink_common::error::InputError;
 use skysink_common::slot_record::{ByUav, UAV};
 use skysink_common::stop::Stop;
@@ -64,8 +65,8 @@ pub fn draw_maps(folders: &[PathBuf], sheet: &SheetOptions, stop: &Stop) -> Resu
     }
     let missions: BTreeSet<String> = runs.iter().map(|run| format!("{}, seed {}", run.scenario, run.seed)).collect();
     let missions: Vec<String> = missions.into_iter().collect();
-    let footer = format!("{} · skysink {}", missions.join("; "), env!("CARGO_PKG_VERSION"));
-    let look = sheet.look(footer, "");
+    let footer = format!("{} · skysink {VERSION} ({})", missions.join("; "), commit_of(build()));
+    let look = sheet.look(footer, &format!(" · built from {}", build()));
     let drawn = MapSheet { look, maps, fraction_label: "queue fill at the end".to_owned() };
     let beside = || folders[0].parent().unwrap_or(Path::new("")).join("plots");
     let folder = sheet.out.clone().unwrap_or_else(beside);

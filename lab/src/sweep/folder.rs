@@ -6,6 +6,7 @@ use std::io::ErrorKind;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
+use skysink_common::build::{VERSION, build};
 use skysink_common::error::InputError;
 use skysink_common::stop::Stop;
 use skysink_mission::MissionError;
@@ -35,10 +36,13 @@ static LAYOUT: FolderLayout = FolderLayout {
 };
 
 /// The content of `sweep.json`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Manifest {
     /// The shard in the folder.
     pub shard: Shard,
+    /// Commit, compiler and target of the program that has begun it.
+    #[serde(default)] // folders of older builds have none
+    pub build: String,
     /// The sweep.
     #[serde(flatten)]
     pub definition: Definition,
@@ -58,7 +62,7 @@ impl SweepRecord {
     /// # Errors
     /// If the folder contains another sweep or other files, cannot be created, or is in use by another process.
     pub fn open(sweep: &Sweep, folder: &Path, shard: Shard) -> Result<Self, LabError> {
-        Self::of(Manifest { shard, definition: sweep.definition.clone() }, folder)
+        Self::of(Manifest { shard, build: build().to_owned(), definition: sweep.definition.clone() }, folder)
     }
 
     /// Creates or opens the folder with this manifest.
@@ -124,7 +128,7 @@ fn check(path: &Path, manifest: &Manifest) -> Result<(), LabError> {
                 let message = format_args!("it contains shard {} of this sweep: choose another --out", held.shard);
                 return Err(InputError::new("sweep folder", path, message).into());
             }
-            if held != *manifest {
+            if held.definition != manifest.definition {
                 return Err(refuse("its sweep.json describes another sweep: choose another --out").into());
             }
             Ok(())
@@ -154,9 +158,10 @@ pub fn manifest(what: &'static str, path: &Path) -> Result<Option<Manifest>, Lab
         refuse(format!("{MANIFEST}: {error}: expected that of a sweep: delete the folder and run the {what} again"))
     })?;
     let version = &manifest.definition.version;
-    if version != env!("CARGO_PKG_VERSION") {
-        let expected = concat!("expected ", env!("CARGO_PKG_VERSION"), ": run the");
-        return Err(refuse(format!("it was written by Skysink {version}: {expected} {what} again")).into());
+    if version != VERSION {
+        return Err(
+            refuse(format!("it was written by Skysink {version}: expected {VERSION}: run the {what} again")).into()
+        );
     }
     Ok(Some(manifest))
 }
@@ -166,6 +171,8 @@ pub fn manifest(what: &'static str, path: &Path) -> Result<Option<Manifest>, Lab
 pub struct FlownSweep {
     /// The sweep.
     pub definition: Definition,
+    /// Commit, compiler and target of the program that has begun it.
+    pub build: String,
     /// Its finished missions.
     pub rows: MissionRows,
 }
@@ -178,13 +185,13 @@ impl FlownSweep {
     pub fn read(what: &'static str, path: &Path) -> Result<Self, LabError> {
         let refuse =
             |missing: &str| InputError::new(what, path, format_args!("it has no {missing}: run the {what} first"));
-        let Manifest { definition, .. } = manifest(what, path)?.ok_or_else(|| refuse(MANIFEST))?;
+        let Manifest { definition, build, .. } = manifest(what, path)?.ok_or_else(|| refuse(MANIFEST))?;
         let journal = path.join(JOURNAL);
         if !journal.is_file() {
             return Err(refuse(JOURNAL).into());
         }
         let rows = journal::read(&journal, &definition)?;
-        Ok(Self { definition, rows })
+        Ok(Self { definition, build, rows })
     }
 
     /// A metric of the missions of a point and a strategy, by seed; NaN if a mission has no value.

@@ -5,6 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use skysink_common::build::build;
 use skysink_common::error::InputError;
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
@@ -57,7 +58,7 @@ pub fn merge(Merge { shards, out, partial }: &Merge, stop: &Stop) -> Result<Merg
         if !folders.insert(fs::canonicalize(path).at(path)?) {
             return Err(refuse("it is given twice: expected each shard once").into());
         }
-        let Some(Manifest { definition, shard }) = manifest else { continue };
+        let Some(Manifest { definition, shard, .. }) = manifest else { continue };
         let found = first.get_or_insert_with(|| Shards::of(definition.clone()));
         if found.definition != definition {
             return Err(refuse("it belongs to another sweep than the first").into());
@@ -73,7 +74,8 @@ pub fn merge(Merge { shards, out, partial }: &Merge, stop: &Stop) -> Result<Merg
     if let (false, Some(missing)) = (partial, &missing) {
         return Err(InputError::new("sweep folder", out, format_args!("{missing}, or pass --partial")).into());
     }
-    let mut record = SweepRecord::of(Manifest { shard: Shard::WHOLE, definition: found.definition.clone() }, out)?;
+    let manifest = Manifest { shard: Shard::WHOLE, build: build().to_owned(), definition: found.definition.clone() };
+    let mut record = SweepRecord::of(manifest, out)?;
     for journal in &found.journals {
         for row in JournalLines::open(journal, &found.definition, found.seed)? {
             stop.check()?;

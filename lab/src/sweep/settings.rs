@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
+use skysink_common::build::VERSION;
 use skysink_common::error::{InputError, read_text};
 use skysink_common::scenario::{MAX_SEED, Overrides, Scenario};
 use skysink_planner::settings;
@@ -130,7 +131,7 @@ impl SweepSettings {
         }
         Ok(Definition {
             identity: String::new(),
-            version: env!("CARGO_PKG_VERSION").to_owned(),
+            version: VERSION.to_owned(),
             points: grid(&axes),
             keys: axes.into_iter().map(|(key, _)| key).collect(),
             strategies: self.strategies.clone(),
