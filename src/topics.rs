@@ -9,7 +9,8 @@ use iceoryx2::prelude::ipc;
 use serde::Serialize;
 use skysink_common::error::InputError;
 use skysink_common::stop::Stop;
-use skysink_ring::folder::{RingFolder, record_path, running_rings};
+use skysink_ring::folder::{RingFolder, record_path};
+use skysink_ring::home::running_rings;
 use skysink_ring::survey::TopicState;
 use skysink_ring::topics::Ring;
 

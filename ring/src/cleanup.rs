@@ -9,13 +9,14 @@ use std::fs;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
-use std::thread::JoinHandle;
+use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use iceoryx2::node::NodeView;
 use iceoryx2::prelude::{CallbackProgression, Config, Node, NodeState, SemanticString, Service};
 
-use crate::folder::{RingFolder, SHARED_MEMORY};
+use crate::folder::RingFolder;
+use crate::home::SHARED_MEMORY;
 
 /// Removes the resources of dead processes, whose buffers would block a writer for ever.
 pub fn remove_dead_nodes<S: Service>(config: &Config) {
@@ -83,7 +84,7 @@ impl Janitor {
     pub fn start(folder: &RingFolder) -> Self {
         let (end, ended) = channel();
         let prefix = folder.prefix();
-        let thread = std::thread::spawn(move || {
+        let thread = thread::spawn(move || {
             let mut unfinished = BTreeMap::new();
             while let Err(RecvTimeoutError::Timeout) = ended.recv_timeout(SCAN_PERIOD) {
                 unfinished = remove_abandoned(Path::new(SHARED_MEMORY), &prefix, &unfinished);

@@ -1,25 +1,22 @@
 //! The folder of a ring: created by the launcher, opened by the other processes, and removed with its contents.
 //!
 //! The launcher holds a lock file beside it. With it the processes detect its death, and the next launcher removes the
-//! folder.
+//! folder. The lock file is created before the folder and removed after it.
 
 use std::fmt::Debug;
-use std::fs::{self, DirBuilder, File, OpenOptions, TryLockError};
+use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io::{self, Write as _};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
-use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use iceoryx2::prelude::{Config, FilePath, SemanticString};
 use rand::RngExt;
 
 use crate::error::RingError;
+use crate::home::{SHARED_MEMORY, clear_abandoned, home, lock_path, prefix, remove};
+use crate::role::is_at;
 use crate::terms::Terms;
-use crate::wait::PAUSE;
-
-/// The shared memory of iceoryx2 on Linux.
-pub const SHARED_MEMORY: &str = "/dev/shm";
 
 /// Defaults of ports in `iceoryx2.toml`, such as those of a link, which never waits for a reader: missed samples are
 /// repeated.
@@ -195,23 +192,6 @@ impl Drop for RingFolder {
     }
 }
 
-/// The parent folder of this user's rings: in the folder for temporary files, or in `/tmp` if iceoryx2 does not accept
-/// that path.
-#[must_use]
-pub fn home() -> PathBuf {
-    let user = format!("skysink-{}", rustix::process::getuid().as_raw());
-    let home = std::env::temp_dir().join(&user);
-    if std::env::temp_dir().is_dir() && is_usable(&home.join("12345678")) { home } else { Path::new("/tmp").join(user) }
-}
-
-/// Whether `path` can be a ring's folder: iceoryx2 accepts no quotes and other special characters, and creates UNIX
-/// sockets there, whose paths are limited to 108 bytes.
-fn is_usable(path: &Path) -> bool {
-    path.is_absolute()
-        && path.to_str().is_some_and(|path| path.len() <= 48)
-        && FilePath::new(path.as_os_str().as_encoded_bytes()).is_ok()
-}
-
 /// The iceoryx2 configuration of the run, in the ring's folder.
 const DOMAIN: &str = "config/iceoryx2.toml";
 
@@ -232,16 +212,6 @@ fn prepare_home() -> Result<PathBuf, RingError> {
     Ok(home)
 }
 
-fn lock_path(folder: &Path) -> PathBuf {
-    folder.with_extension("lock")
-}
-
-/// Beginning of the names of a ring's shared-memory files.
-fn prefix(folder: &Path) -> String {
-    let name = folder.file_name().map_or_else(Default::default, |name| name.to_string_lossy());
-    format!("sky{name}_")
-}
-
 /// Writes a new file, readable by the owner alone.
 fn write_private(path: &Path, text: &str) -> io::Result<()> {
     OpenOptions::new().write(true).create_new(true).mode(0o600).open(path)?.write_all(text.as_bytes())
@@ -256,8 +226,7 @@ fn lock_new(path: &Path) -> io::Result<Option<File>> {
     if lock.try_lock().is_err() {
         return Ok(None);
     }
-    let is_same = fs::metadata(path).is_ok_and(|named| lock.metadata().is_ok_and(|held| held.ino() == named.ino()));
-    Ok(is_same.then_some(lock))
+    Ok(is_at(&lock, path).then_some(lock))
 }
 
 /// The file with the path of the run folder.
@@ -267,72 +236,6 @@ const RECORD: &str = "record";
 #[must_use]
 pub fn record_path(ring: &Path) -> Option<PathBuf> {
     fs::read_to_string(ring.join(RECORD)).ok().map(PathBuf::from)
-}
-
-/// The folders of this user's rings whose launchers are running.
-#[must_use]
-pub fn running_rings() -> Vec<PathBuf> {
-    files_with("lock", &home()).filter(is_held).map(|path| path.with_extension("")).collect()
-}
-
-/// The files in `folder` with this extension.
-fn files_with(extension: &'static str, folder: &Path) -> impl Iterator<Item = PathBuf> {
-    let files = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-    files.filter(move |path| path.extension().is_some_and(|found| found == extension))
-}
-
-/// Whether a process has locked the file `path`.
-fn is_held(path: &PathBuf) -> bool {
-    File::open(path).is_ok_and(|lock| matches!(lock.try_lock_shared(), Err(TryLockError::WouldBlock)))
-}
-
-/// Removes the rings of this user whose launchers are dead. Waits up to `timeout` for their other processes to end, and
-/// leaves the rings of those that do not.
-pub fn clear_abandoned(timeout: Duration) {
-    let begin = Instant::now();
-    for path in files_with("lock", &home()) {
-        let Ok(lock) = File::open(&path) else { continue };
-        if lock.try_lock_shared().is_err() {
-            continue; // a shared lock, because the processes of the ring test it, too
-        }
-        let folder = path.with_extension("");
-        while has_processes(&folder) && begin.elapsed() < timeout {
-            std::thread::sleep(PAUSE);
-        }
-        if !has_processes(&folder) {
-            remove(&folder);
-        }
-    }
-}
-
-/// Whether a process has a role in the ring.
-fn has_processes(folder: &Path) -> bool {
-    files_with("seat", folder).any(|lock| is_held(&lock))
-}
-
-/// Attempts to remove a ring's folder.
-const REMOVALS: u32 = 100;
-
-/// Between two attempts.
-const REMOVAL_PAUSE: Duration = Duration::from_millis(10);
-
-/// Removes the shared memory, the folder and the lock of a ring, as far as they exist.
-fn remove(folder: &Path) {
-    let prefix = prefix(folder);
-    for entry in fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten() {
-        if entry.file_name().to_string_lossy().starts_with(&prefix) {
-            let _ = fs::remove_file(entry.path());
-        }
-    }
-    // An attempt fails if another process removes files at the same time.
-    let is_gone = || fs::remove_dir_all(folder).is_ok() || !folder.exists();
-    for _ in 0..REMOVALS {
-        if is_gone() {
-            let _ = fs::remove_file(lock_path(folder)); // else the next launcher tries again
-            return;
-        }
-        thread::sleep(REMOVAL_PAUSE);
-    }
 }
 
 #[cfg(test)]
@@ -374,18 +277,6 @@ mod tests {
         let joined = RingFolder::join(&copy).unwrap();
         assert_eq!(joined.terms(), terms);
         assert!(RingFolder::join(&copy).is_err());
-    }
-
-    #[test]
-    fn an_abandoned_ring_is_removed_once_its_processes_have_ended() {
-        let mut folder = new(None);
-        folder.lock = None; // as if the launcher had died
-        let lock = crate::role::RoleLock::acquire(folder.path(), crate::role::Role::Planner).unwrap();
-        clear_abandoned(Duration::ZERO);
-        assert!(folder.path().exists());
-        drop(lock);
-        clear_abandoned(Duration::ZERO);
-        assert!(!folder.path().exists());
     }
 
     #[test]

@@ -8,6 +8,7 @@
 //! | [`role`] | the roles of the processes, and their locks |
 //! | [`wait`] | waiting for samples, stops and timeouts |
 //! | [`terms`] | the parameters of a run, common to its processes |
+//! | [`home`] | the folder of a user's rings, and the removal of abandoned ones |
 //! | [`folder`] | the folder of a ring |
 //! | [`health`], [`refusals`] | events of processes; refused samples |
 //! | [`cleanup`] | removal of the resources of killed processes |
@@ -23,6 +24,7 @@ pub mod cleanup;
 pub mod error;
 pub mod folder;
 pub mod health;
+pub mod home;
 pub mod join;
 pub mod journal;
 pub mod reader;

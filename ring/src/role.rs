@@ -3,16 +3,16 @@
 //! The file counts the starts of the process, and its time of modification is the last heartbeat.
 
 use std::fmt::Display;
-use std::fs::{File, OpenOptions, TryLockError};
+use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Write as _};
-use std::os::unix::fs::{FileExt, OpenOptionsExt};
+use std::os::unix::fs::{FileExt, MetadataExt as _, OpenOptionsExt};
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
 use rustix::fs::{Timespec, Timestamps, UTIME_NOW, futimens};
 use skysink_common::terminal::one_line;
-use strum::{EnumString, FromRepr, IntoStaticStr};
+use strum::{EnumString, FromRepr, IntoStaticStr, VariantArray};
 
 use crate::error::RingError;
 
@@ -20,7 +20,7 @@ use crate::error::RingError;
 const MAX_LINE: usize = 4000;
 
 /// A process of the ring, by its number in messages and the name of its executable.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, EnumString, FromRepr, IntoStaticStr)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, EnumString, FromRepr, IntoStaticStr, VariantArray)]
 #[strum(serialize_all = "kebab-case")]
 #[repr(u32)]
 pub enum Role {
@@ -77,11 +77,10 @@ impl RoleLock {
     /// If another process has locked it, or the file cannot be written.
     pub(crate) fn acquire(folder: &Path, role: Role) -> Result<Self, RingError> {
         let io = |error: io::Error| RingError::folder(folder, format_args!("{}: {error}", file_name(role)));
-        let mut open = OpenOptions::new();
-        let open = open.read(true).write(true).create(true).truncate(false).mode(0o600);
-        let file = open.open(folder.join(file_name(role))).map_err(io)?;
+        let file = open(folder, role).map_err(io)?;
         match file.try_lock() {
-            Ok(()) => {}
+            Ok(()) if is_at(&file, &folder.join(file_name(role))) => {}
+            Ok(()) => return Err(RingError::folder(folder, "it was removed: the run has ended")),
             Err(TryLockError::WouldBlock) => {
                 let message = format_args!("there is a {} already: end it first", role.name());
                 return Err(RingError::folder(folder, message));
@@ -105,11 +104,29 @@ impl RoleLock {
     }
 }
 
+/// Whether `path` still leads to the open `file`.
+pub(crate) fn is_at(file: &File, path: &Path) -> bool {
+    fs::metadata(path).is_ok_and(|named| file.metadata().is_ok_and(|held| held.ino() == named.ino()))
+}
+
+/// Opens the lock file of `role`.
+fn open(folder: &Path, role: Role) -> io::Result<File> {
+    let mut open = OpenOptions::new();
+    let open = open.read(true).write(true).create(true).truncate(false).mode(0o600);
+    open.open(folder.join(file_name(role)))
+}
+
+/// Locks the files of all roles, so that no process can join while the folder is removed; `None` if a process has one.
+pub(crate) fn lock_all(folder: &Path) -> Option<Vec<File>> {
+    let files = Role::VARIANTS.iter().filter_map(|&role| open(folder, role).ok()); // nobody can open the others, either
+    files.map(|file| file.try_lock().is_ok().then_some(file)).collect()
+}
+
 /// Time of the last heartbeat of `role`, by the clock of the file system; `None` if the process was never started. Only
 /// changes are meaningful, because that clock may be set.
 #[must_use]
 pub fn last_heartbeat(folder: &Path, role: Role) -> Option<SystemTime> {
-    std::fs::metadata(folder.join(file_name(role))).and_then(|file| file.modified()).ok()
+    fs::metadata(folder.join(file_name(role))).and_then(|file| file.modified()).ok()
 }
 
 /// Number of starts of the process `role`.
