@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use iceoryx2::port::listener::Listener;
 use iceoryx2::prelude::Service;
 use serde::{Deserialize, Serialize};
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::iterator::Signals;
 use skysink_common::stop::Stop;
 use strum::{Display, EnumString, VariantArray, VariantNames};
@@ -93,12 +93,14 @@ impl Waiting {
     }
 }
 
-/// A [`Stop`] that SIGINT and SIGTERM request.
+/// A [`Stop`] that SIGINT and SIGTERM request. From here on, a write beyond the limit `ulimit -f` is an error instead of
+/// the end of the process without a word.
 ///
 /// # Panics
 /// If the signal handlers cannot be installed.
 #[must_use]
 pub fn stop_on_signals() -> Stop {
+    signal_hook::flag::register(SIGXFSZ, Arc::default()).expect("a catchable signal");
     let stop = Stop::default();
     for signal in [SIGINT, SIGTERM] {
         let number = usize::try_from(signal).expect("signals are positive");

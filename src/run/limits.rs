@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use rustix::fs::{Access, StatVfs, access, statvfs};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use skysink_common::sensors::SensorList;
-use skysink_ring::folder::{SHARED_MEMORY, home};
+use skysink_ring::home::{SHARED_MEMORY, home};
 use skysink_ring::topics::VIEWER_BUFFER;
 
 use crate::error::Error;
@@ -15,11 +15,15 @@ const MIB: u64 = 1 << 20;
 /// Maximum number of open files of a process of the ring, including connections to restarted peers.
 const FILES: u64 = 256;
 
+/// The largest file in shared memory without what it has for each sensor node [byte].
+const LARGEST_SHARED: u64 = 2 * MIB;
+
 /// Disk space for checkpoints, and inodes for sockets and files, in the ring folder.
 const RING_BYTES: u64 = 16 * MIB;
 const RING_INODES: u64 = 256;
 
-/// Checks that the machine has enough open files, shared memory, and disk space for a run over these sensor nodes.
+/// Checks that the machine has enough open files, shared memory, and disk space for a run over these sensor nodes, and
+/// allows files that are large enough.
 ///
 /// # Errors
 /// [`Error::Insufficient`].
@@ -33,6 +37,7 @@ pub fn check(list: &SensorList, viewer: bool) -> Result<(), Error> {
     } else {
         "make it larger (docker: --shm-size)"
     };
+    check_file_size(getrlimit(Resource::Fsize).current, LARGEST_SHARED + bytes_per_sensor * sensors)?;
     check_space(Path::new(SHARED_MEMORY), 8 * MIB + bytes_per_sensor * sensors, 0, remedy)?;
     let state_bytes = 100 * sensors;
     check_space(&existing(home()), RING_BYTES + state_bytes, RING_INODES, "free some, or set TMPDIR to another folder")
@@ -54,6 +59,19 @@ fn check_files() -> Result<(), Error> {
         expected: FILES.to_string(),
         remedy: "raise ulimit -n",
     })
+}
+
+/// Checks that a file may have this many bytes.
+fn check_file_size(limit: Option<u64>, bytes: u64) -> Result<(), Error> {
+    match limit.filter(|limit| *limit < bytes) {
+        None => Ok(()),
+        Some(limit) => Err(Error::Insufficient {
+            what: "size of a file in shared memory".to_owned(),
+            found: format!("at most {limit} bytes"),
+            expected: bytes.to_string(),
+            remedy: "raise ulimit -f",
+        }),
+    }
 }
 
 /// Checks that `folder` is writable and has this many free bytes and inodes.
@@ -90,6 +108,14 @@ mod tests {
         let error = check_space(Path::new("/nowhere"), 1, 0, "free some").unwrap_err().to_string();
         assert!(error.contains("/nowhere: No such file"), "{error}");
         assert!(check_space(Path::new("/dev/shm"), 1, 0, "free some").is_ok());
+    }
+
+    #[test]
+    fn a_limit_of_the_size_of_files_is_refused_before_it_ends_a_process() {
+        let error = check_file_size(Some(1_000), LARGEST_SHARED).unwrap_err().to_string();
+        assert!(error.ends_with("at most 1000 bytes: expected 2097152: raise ulimit -f"), "{error}");
+        assert!(check_file_size(Some(LARGEST_SHARED), LARGEST_SHARED).is_ok());
+        assert!(check_file_size(None, LARGEST_SHARED).is_ok());
     }
 
     #[test]

@@ -106,3 +106,18 @@ pub fn a_shared_memory_that_is_too_small_is_refused_before_anything_is_written()
     place.assert_clean();
     Ok(())
 }
+
+#[test]
+fn a_file_that_may_not_grow_further_ends_a_run_with_a_line() {
+    let place = Place::new();
+    place.scenario("long");
+    let script = format!("ulimit -f 60; exec {SKYSINK} simulate long.toml --set slots=200000 --out run");
+    let ended = wait(place.command("sh", &["-c", &script]).spawn().unwrap());
+    assert_said(&ended, &["run/slots.csv: File too large"]);
+    assert_eq!(ended.stderr.lines().count(), 1, "{ended:?}");
+    assert!(place.trace("run").ends_with('\n') && place.trace("run").lines().count() > 100);
+    let script = format!("ulimit -f 200; exec {SKYSINK} run long.toml --no-viewer --out ring");
+    let ended = wait(place.command("sh", &["-c", &script]).spawn().unwrap()).assert_code(1);
+    ended.assert_one_line(&["skysink: size of a file in shared memory: at most ", "raise ulimit -f"]);
+    place.assert_clean();
+}
