@@ -2,6 +2,11 @@
 //!
 //! The state after the last recorded slot becomes the checkpoints from which the processes of a new ring resume.
 
+use std::fs;
+use std::path::Path;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::time::Duration;
+
 use skysink_common::belief::Belief;
 use skysink_common::error::InputError;
 use skysink_common::estimate::Rates;
@@ -9,25 +14,30 @@ use skysink_common::message::Plan;
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
-use skysink_common::slot_record::Plans;
+use skysink_common::slot_record::{Plans, UAVS};
 use skysink_common::stop::Stop;
 use skysink_field_sim::journal as fields;
 use skysink_flight_sim::journal as flights;
 use skysink_mission::drive::{End, Ended, Pilot};
+use skysink_mission::error::FileContext;
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::recorded::Recorded;
 use skysink_mission::slot_log::SlotLog;
 use skysink_mission::summary::Tally;
 use skysink_mission::trace::RecordedSlot;
-use skysink_mission::{Plant, drive};
+use skysink_mission::{MissionError, Plant, drive};
 use skysink_planner::Planner;
 use skysink_planner::node::journal;
 use skysink_planner::settings;
 use skysink_planner::strategies::horizon::HorizonKeys;
 use skysink_ring::folder::RingFolder;
+use skysink_ring::role::Role;
 
 use crate::error::Error;
+
+/// Time after which the command says what takes so long.
+const PATIENCE: Duration = Duration::from_secs(2);
 
 /// The state of an interrupted run after its last recorded slot.
 pub struct ResumedRun {
@@ -42,7 +52,7 @@ pub struct ResumedRun {
 ///
 /// Most plans are computed again. These are taken from the trace, because they cannot be reproduced: slots without a
 /// plan in time, plans of an external planner, plans of a search with a time limit, and, for a planner with state, all
-/// plans after a late one.
+/// plans after a late one. A complete run is not planned further once no plan is used.
 ///
 /// # Errors
 /// If another process is writing the folder, or a line differs from the simulation.
@@ -53,6 +63,8 @@ pub fn resume(
     tally: &mut Tally,
     stop: &Stop,
 ) -> Result<ResumedRun, Error> {
+    let (_patience, ended) = channel::<()>(); // hung up when this function returns
+    std::thread::spawn(move || say_if_long(&ended));
     let trace = Recorded::open(folder, scenario.slots)?;
     let HorizonKeys { budget_ms, .. } = scenario.planner_keys("planner.horizon")?;
     let belief = Belief::of(scenario, list, estimated_rates(scenario, folder.run_mode())?);
@@ -61,7 +73,8 @@ pub fn resume(
     planner.set_stop(stop);
     let is_ours = folder.run_mode().external_planner.is_none();
     let has_free_budget = budget_ms.is_none() || !trace.log().was_in_a_ring();
-    let mut pilot = Repeating { trace, planner, is_repeatable: is_ours && has_free_budget };
+    let is_continued = count_lines(&folder.slots())? <= scenario.slots * UAVS as u64;
+    let mut pilot = Repeating { trace, planner, is_repeatable: is_ours && has_free_budget, is_continued };
     drive(&mut plant, &mut pilot, &mut [&mut *tally], stop)?.unless_stopped()?;
     pilot.trace.finish(&plant)?;
     let Repeating { trace, planner, .. } = pilot;
@@ -86,12 +99,15 @@ struct Repeating {
     planner: Planner,
     /// Whether the next plan is that of the planner.
     is_repeatable: bool,
+    /// Whether slots are missing, for which the planner needs its state.
+    is_continued: bool,
 }
 
 impl Pilot for Repeating {
     fn plans(&mut self, plant: &Plant) -> Result<Plans, Ended> {
         let recorded = self.trace.next_slot(plant)?.ok_or(Ended::At(End::OutOfPlans))?;
-        let planned = self.planner.plans(plant)?; // always, for the state of the planner
+        let is_planned = self.is_repeatable || self.is_continued;
+        let planned = if is_planned { self.planner.plans(plant)? } else { recorded.iter().map(|_| None).collect() };
         if recorded.iter().any(RecordedSlot::is_missed) {
             self.is_repeatable &= !self.planner.has_state();
         }
@@ -102,6 +118,19 @@ impl Pilot for Repeating {
         };
         Ok(recorded.iter().zip(planned).map(plan).collect())
     }
+}
+
+/// Says why the command is silent, unless it has `ended` soon.
+fn say_if_long(ended: &Receiver<()>) {
+    if let Err(RecvTimeoutError::Timeout) = ended.recv_timeout(PATIENCE) {
+        Role::Launcher.log("resuming: simulating the recorded slots again, to check each and to go on after the last");
+    }
+}
+
+/// Number of complete lines of the trace `path`, with its header.
+fn count_lines(path: &Path) -> Result<u64, MissionError> {
+    let text = fs::read(path).at(path)?;
+    Ok(text.iter().filter(|&&byte| byte == b'\n').count() as u64)
 }
 
 /// How an external planner knows the sampling rates if the queues are estimated; `None` if it gets the true queues.

@@ -5,17 +5,19 @@ use std::path::{Path, PathBuf};
 use skysink::run::resume::resume;
 use skysink_common::message::Plan;
 use skysink_common::pace::Pace;
-use skysink_common::scenario::Scenario;
+use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
-use skysink_mission::Mission;
 use skysink_mission::drive::SlotSink;
 use skysink_mission::folder::Earlier;
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
+use skysink_mission::{Mission, Plant};
+use skysink_planner::settings;
 
-use crate::support::scenarios;
+use crate::support::{Place, pid, scenarios, until, wait};
+use rustix::process::{Signal, kill_process};
 
 /// Recorded slots.
 const SLOTS: u64 = 30;
@@ -92,4 +94,51 @@ fn after_a_hold_a_planner_with_a_state_may_have_planned_differently() {
     let late_and_nudged = |slot, own| if slot == 5 { None } else { nudged(slot, own) };
     assert_eq!(resumed("tour", PlansBy::Planner, late_and_nudged), Ok(SLOTS));
     assert!(resumed("uts", PlansBy::Planner, late_and_nudged).is_err(), "uts plans each slot by itself");
+}
+
+/// Records so many slots without a plan in time, paced, in the folder `out`, of a planner whose search takes hours.
+fn record_holds(out: &Path, slots: u64) -> (Scenario, SensorList, RunFolder) {
+    let text = format!("{}[planner.horizon]\niterations = 1000000000\n", scenarios::text("smoke"));
+    let overrides = Overrides { strategy: Some("horizon"), ..Overrides::default() };
+    let scenario = Scenario::parse(&text, Path::new("smoke.toml"), overrides).and_then(settings::resolve).unwrap();
+    let list = SensorList::of(&scenario).unwrap();
+    let run_mode = RunMode { pace: "10x".parse().ok(), external_planner: Some("mine".to_owned()) };
+    let folder = RunFolder::create(Some(out), Earlier::Kept, &scenario, &list, &run_mode).unwrap();
+    let mut log = folder.slot_log().unwrap();
+    let mut plant = Plant::new(&scenario, &list);
+    for _ in 0..slots {
+        log.add(plant.step(&[None])).unwrap();
+    }
+    (scenario, list, folder)
+}
+
+#[test]
+fn a_complete_run_is_not_planned_again_where_no_plan_is_used() {
+    let place = tempfile::tempdir().unwrap();
+    let (scenario, list, folder) = record_holds(&place.path().join("run"), scenarios::smoke("uts").slots);
+    let mut tally = Tally::new(&scenario, &list, folder.run_mode());
+    let stop = Stop::default();
+    let flag = stop.flag();
+    std::thread::spawn(move || {
+        std::thread::sleep(std::time::Duration::from_secs(60));
+        flag.store(2, std::sync::atomic::Ordering::Relaxed); // ends the search
+    });
+    let resumed = resume(&folder, &scenario, &list, &mut tally, &stop);
+    assert!(resumed.is_ok(), "{:?}", resumed.err());
+    assert_eq!((tally.last_slot(), tally.missed_deadlines()), (scenario.slots, scenario.slots));
+}
+
+#[test]
+fn a_long_resumption_says_what_it_does() {
+    let place = Place::new();
+    record_holds(&place.path("run"), SLOTS);
+    let stderr = place.path("stderr");
+    let mut command = place.skysink(&["run", "--resume", "run", "--no-viewer", "--external", "planner"]);
+    let child = command.stderr(std::fs::File::create(&stderr).unwrap()).spawn().unwrap();
+    let said = || std::fs::read_to_string(&stderr).unwrap();
+    until("a line", || said().contains("simulating the recorded slots again").then_some(()));
+    kill_process(pid(&child), Signal::INT).unwrap();
+    wait(child).assert_code(130);
+    assert_eq!(said().lines().count(), 2, "{}", said());
+    place.assert_clean();
 }
