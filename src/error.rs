@@ -7,6 +7,7 @@ use std::process::ExitStatus;
 
 use skysink_common::error::InputError;
 use skysink_common::stop::Stopped;
+use skysink_common::written_file::FileChange;
 use skysink_mission::MissionError;
 use skysink_mission::record::RunFolder;
 use skysink_ring::error::{NodeError, RingError};
@@ -164,13 +165,17 @@ impl Error {
     /// with the additional options `options`.
     #[must_use]
     pub fn ended_early(self, folder: &RunFolder, slots: u64, options: &str) -> Self {
-        let left = match slots {
-            0 => "nothing was flown".to_owned(),
-            slots => {
-                let folder = folder.path().to_string_lossy();
-                let folder = shlex::try_quote(&folder).unwrap_or(Cow::Borrowed(&folder));
-                format!("the run is recorded up to slot {slots}; `skysink run --resume {folder}{options}` continues it")
+        let path = folder.path().to_string_lossy();
+        let path = shlex::try_quote(&path).unwrap_or(Cow::Borrowed(&path));
+        let left = match (slots, &self) {
+            (0, _) => "nothing was flown".to_owned(),
+            (_, Self::Mission(MissionError::File { source, .. })) if FileChange::is_cause_of(source) => {
+                format!(
+                    "the run was flown up to slot {slots}; if the file can be restored, `skysink run --resume \
+                     {path}{options}` continues it"
+                )
             }
+            _ => format!("the run is recorded up to slot {slots}; `skysink run --resume {path}{options}` continues it"),
         };
         Self::EndedEarly { cause: Box::new(self), left }
     }

@@ -10,6 +10,7 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::SlotRecord;
 use skysink_common::stop::Stop;
+use skysink_common::written_file::Extent;
 use skysink_mission::drive::{Observer, SlotSink};
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
@@ -76,7 +77,7 @@ pub struct Simulation {
 /// complete up to the last slot.
 ///
 /// # Errors
-/// If something cannot be written, or on a stop.
+/// If something cannot be written, another process changes the folder, or on a stop.
 pub fn simulate(
     simulation: &Simulation,
     list: &SensorList,
@@ -113,7 +114,8 @@ pub fn simulate(
     #[cfg(feature = "viewer")]
     recording.map_or(Ok(()), Scene::close)?;
     let summary = tally.summary(wall, log.hash());
-    folder.write_json("summary.json", &summary)?;
+    log.compare(Extent::Full)?;
+    folder.write_summary(&summary)?;
     match end.unless_stopped() {
         Err(stopped) => Err(Error::from(stopped).ended_early(&folder, summary.slots, "")),
         Ok(()) => Ok((folder, summary)),

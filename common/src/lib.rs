@@ -1,5 +1,5 @@
-//! The model: the scenario, the sensor list, the queue ledger, the channel, counted random streams, and the messages of
-//! the ring.
+//! The model: the scenario, the sensor list, the queue ledger, the channel, counted random streams, the messages of the
+//! ring, and written files that are compared with what is there.
 //!
 //! Scheduling, flight and bookkeeping are left to the crates that depend on this one.
 
@@ -29,3 +29,4 @@ pub mod slot_record;
 pub mod stop;
 pub mod terminal;
 pub mod units;
+pub mod written_file;

@@ -117,7 +117,7 @@ impl FolderLayout {
     pub fn lock(&'static self, path: &Path) -> Result<Option<OutputFolder>, MissionError> {
         let lock_path = path.join(self.lock);
         let mut open = File::options();
-        open.read(true).write(true).create(true).truncate(false);
+        open.read(true).append(true).create(true);
         let lock = open.custom_flags(rustix::fs::OFlags::NOFOLLOW.bits().cast_signed()).open(&lock_path);
         let lock = lock.at(&lock_path)?;
         let locked = lock.try_lock();

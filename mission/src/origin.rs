@@ -12,6 +12,9 @@ use xxhash_rust::xxh3::xxh3_64;
 /// Name of the file.
 pub(crate) const FILE: &str = "run.toml";
 
+/// The files from which a run is flown, which do not change.
+pub(crate) const INPUTS: [&str; 3] = ["scenario.toml", "sensors.csv", FILE];
+
 /// Beginning of its last line, which holds the hash of the lines before it.
 const CHECK: &str = "check = ";
 
@@ -79,7 +82,8 @@ pub(crate) fn read(folder: &Path) -> Result<RunMode, InputError> {
     Ok(RunMode { pace: origin.pace, external_planner: origin.external_planner })
 }
 
-fn hash(bytes: &[u8]) -> String {
+/// XXH3 of bytes, as 16 hexadecimal digits.
+pub(crate) fn hash(bytes: &[u8]) -> String {
     format!("{:016x}", xxh3_64(bytes))
 }
 
@@ -108,7 +112,7 @@ mod tests {
 
     #[test]
     fn a_changed_byte_of_any_file_is_refused_and_named() {
-        for name in ["scenario.toml", "sensors.csv", FILE] {
+        for name in INPUTS {
             let folder = folder(&RunMode::default());
             let path = folder.path().join(name);
             let whole = fs::read(&path).unwrap();

@@ -14,19 +14,24 @@ use skysink_common::sensors::SensorList;
 use crate::error::{FileContext, MissionError};
 use crate::files::write_whole;
 use crate::folder::{Earlier, FolderLayout, OutputFolder};
-use crate::origin::{self, RunMode};
+use crate::origin::{self, RunMode, hash};
 use crate::slot_log::{CHECK, SlotLog};
 use crate::summary::Summary;
 
 /// The results of each sensor node.
 pub(crate) const SENSOR_RESULTS: &str = "sensors_out.csv";
 
+/// The figures of the run.
+const SUMMARY: &str = "summary.json";
+
+/// In the summary, between the lines with the figures and their check value.
+const CHECK_KEY: &str = ",\n  \"check\": ";
+
 /// The trace, which identifies a run folder.
 const TRACE: &str = "slots.csv";
 
 /// The other files of a run, except its recordings.
-const FILES: [&str; 7] =
-    [origin::FILE, "scenario.toml", "sensors.csv", CHECK, "summary.json", "optimum.json", SENSOR_RESULTS];
+const FILES: [&str; 7] = [origin::FILE, "scenario.toml", "sensors.csv", CHECK, SUMMARY, "optimum.json", SENSOR_RESULTS];
 
 /// The files of a run.
 static LAYOUT: FolderLayout =
@@ -179,14 +184,13 @@ impl RunFolder {
     /// If it does not begin with the header of a trace.
     pub fn reopen_slot_log(&self) -> Result<(SlotLog, BufReader<File>), MissionError> {
         let file = self.folder.lock.try_clone().at(&self.slots())?;
-        SlotLog::open(self.path(), self.slots(), file, self.in_a_ring)
+        SlotLog::open(&self.slots(), file, self.in_a_ring)
     }
 
-    /// Whether `summary.json` says that all slots were flown.
+    /// Whether an unchanged `summary.json` says that all slots were flown.
     #[must_use]
     pub fn is_complete(&self) -> bool {
-        let text = fs::read(self.path().join("summary.json")).unwrap_or_default();
-        serde_json::from_slice(&text).is_ok_and(|summary: serde_json::Value| summary["complete"] == true)
+        self.summary().is_ok_and(|summary| summary.complete)
     }
 
     /// Removes the results of each SN, if present.
@@ -201,17 +205,32 @@ impl RunFolder {
         }
     }
 
-    /// The summary of the run.
+    /// The summary of the run, as it was written.
     ///
     /// # Errors
-    /// If the run has not ended, or the summary was written by another version.
+    /// If the run has not ended, or the summary was changed or written by another version.
     pub fn summary(&self) -> Result<Summary, MissionError> {
-        let path = self.path().join("summary.json");
+        let path = self.path().join(SUMMARY);
         let refuse = |message: String| InputError::new("summary", &path, message);
         let text =
             fs::read(&path).map_err(|error| refuse(format!("{error}: expected the folder of a run that has ended")))?;
+        let summary = std::str::from_utf8(&text).ok().and_then(|text| text.rsplit_once(CHECK_KEY));
+        if summary.is_none_or(|(summary, check)| check != check_value(summary)) {
+            let remedy = "skysink run --resume RUN writes that of a complete run again, without times and events";
+            return Err(refuse(format!("it was modified, or written by an earlier version ({remedy})")).into());
+        }
         let summary = serde_json::from_slice(&text);
         Ok(summary.map_err(|error| refuse(format!("{error}: expected a summary.json of this version")))?)
+    }
+
+    /// Writes `summary.json`, with a check value of the lines before it.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn write_summary(&self, summary: &Summary) -> Result<(), MissionError> {
+        let text = serde_json::to_string_pretty(summary).expect("plain numbers and strings");
+        let lines = text.strip_suffix("\n}").expect("an object with keys");
+        self.write(SUMMARY, &[lines, CHECK_KEY, &check_value(lines)].concat())
     }
 
     /// Writes `value` to the JSON file `name`, whole or not at all.
@@ -226,6 +245,11 @@ impl RunFolder {
     fn write(&self, name: &str, text: &str) -> Result<(), MissionError> {
         write_whole(&self.path().join(name), text.as_bytes())
     }
+}
+
+/// The end of a summary with these lines: their hash.
+fn check_value(lines: &str) -> String {
+    format!("\"{}\"\n}}\n", hash(lines.as_bytes()))
 }
 
 /// Refuses a path that is not a run folder, or in which a file of a run is something else than a file.

@@ -14,7 +14,7 @@ use crate::plant::Plant;
 use crate::record::RunFolder;
 use crate::slot_log::SlotLog;
 use crate::summary::Summary;
-use crate::trace::{RecordedSlot, chain_hashes};
+use crate::trace::RecordedSlot;
 
 /// The lines of a trace, slot by slot.
 #[derive(Debug)]
@@ -76,17 +76,6 @@ impl RecordedLines {
         Ok(recorded)
     }
 
-    /// Refuses a trace whose hash of all lines, `hash`, is not that of `summary`.
-    fn check_end(&self, hash: u64, summary: &Summary) -> Result<(), MissionError> {
-        let found = format!("{} slots of hash {hash:016x}", self.slot);
-        let expected = format!("{} slots of hash {}", summary.slots, summary.trace_hash);
-        if found == expected {
-            return Ok(());
-        }
-        let message = format_args!("{found}: expected {expected}, as in summary.json");
-        Err(InputError::new("trace", &self.path, message).into())
-    }
-
     /// The lines of the last slot, each with its newline.
     #[must_use]
     pub fn lines(&self) -> &[u8] {
@@ -123,22 +112,6 @@ pub fn recorded_slots(path: &Path) -> Result<Vec<ByUav<RecordedSlot>>, MissionEr
 #[must_use]
 pub fn slot_of(slots: &[ByUav<RecordedSlot>], slot: u64) -> Option<&ByUav<RecordedSlot>> {
     slots.get(usize::try_from(slot).ok()?.checked_sub(1)?)
-}
-
-/// The summary of a run that has ended, after a check that it matches the trace, without a replay.
-///
-/// # Errors
-/// If the run has not ended, or its trace was changed.
-pub fn checked_summary(folder: &RunFolder) -> Result<Summary, MissionError> {
-    let summary = folder.summary()?;
-    let (_, reader) = folder.reopen_slot_log()?;
-    let mut lines = RecordedLines::new(folder, reader, summary.planned_slots);
-    let mut hash = 0;
-    while lines.next_slot()?.is_some() {
-        hash = chain_hashes(hash, lines.lines());
-    }
-    lines.check_end(hash, &summary)?;
-    Ok(summary)
 }
 
 /// A pilot that flies a trace again, and checks that the mission leads to each of its lines.
@@ -184,7 +157,13 @@ impl Recorded {
 
     /// Refuses a trace whose slots are not those of `summary`.
     pub(crate) fn check_end(&self, summary: &Summary) -> Result<(), MissionError> {
-        self.lines.check_end(self.log.hash(), summary)
+        let found = format!("{} slots of hash {:016x}", self.lines.slot, self.log.hash());
+        let expected = format!("{} slots of hash {}", summary.slots, summary.trace_hash);
+        if found == expected {
+            return Ok(());
+        }
+        let message = format_args!("{found}: expected {expected}, as in summary.json");
+        Err(InputError::new("trace", &self.lines.path, message).into())
     }
 
     /// The trace so far.

@@ -2,6 +2,7 @@
 //! hold, such as the queues, and verifies every line.
 
 use std::path::Path;
+use std::time::Duration;
 
 use skysink_common::error::InputError;
 use skysink_common::scenario::{Overrides, Scenario};
@@ -15,7 +16,7 @@ use crate::error::MissionError;
 use crate::plant::Plant;
 use crate::record::RunFolder;
 use crate::recorded::Recorded;
-use crate::summary::Summary;
+use crate::summary::{Summary, Tally};
 use crate::trace::RecordedSlot;
 
 /// A recorded mission that is flown again.
@@ -25,6 +26,7 @@ pub struct Replay {
     label: String,
     plant: Plant,
     trace: Recorded,
+    tally: Tally,
     summary: Summary,
 }
 
@@ -40,7 +42,8 @@ impl Replay {
         let list = SensorList::of(&scenario)?;
         let trace = Recorded::open(&folder, scenario.slots)?;
         let label = folder.run_mode().external_planner.as_ref().unwrap_or(&scenario.planner.strategy).clone();
-        Ok(Self { plant: Plant::new(&scenario, &list), scenario, list, label, trace, summary })
+        let tally = Tally::new(&scenario, &list, folder.run_mode());
+        Ok(Self { plant: Plant::new(&scenario, &list), scenario, list, label, trace, tally, summary })
     }
 
     /// The scenario as flown.
@@ -61,7 +64,7 @@ impl Replay {
         &self.label
     }
 
-    /// The summary of the run.
+    /// The summary of the run. Once all slots are flown again, it has the figures that they lead to.
     #[must_use]
     pub fn summary(&self) -> &Summary {
         &self.summary
@@ -79,9 +82,13 @@ impl Replay {
     /// If the trace cannot be read, the mission does not lead to it, or it does not match the summary; those of the
     /// observers; or on a stop.
     pub fn drive(&mut self, observers: &mut [&mut dyn Observer], stop: &Stop) -> Result<(), MissionError> {
-        drive(&mut self.plant, &mut self.trace, observers, stop)?.unless_stopped()?;
+        let observers = observers.iter_mut().map(|observer| &mut **observer as &mut dyn Observer);
+        let mut observers: Vec<&mut dyn Observer> = observers.chain([&mut self.tally as &mut dyn Observer]).collect();
+        drive(&mut self.plant, &mut self.trace, &mut observers, stop)?.unless_stopped()?;
         self.trace.finish(&self.plant)?;
-        self.trace.check_end(&self.summary)
+        self.trace.check_end(&self.summary)?;
+        self.summary.recompute(self.tally.summary(Duration::ZERO, self.trace.log().hash()));
+        Ok(())
     }
 }
 

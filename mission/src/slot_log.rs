@@ -1,32 +1,41 @@
-//! Writing of the trace `slots.csv`, line by line, and of its check file.
+//! Writing of the trace `slots.csv`, line by line, and of its check file. Meanwhile nobody else may change them, or the
+//! other files of the run.
 
 use std::fs::{File, OpenOptions};
-use std::io::{self, BufRead as _, BufReader, Seek as _, SeekFrom, Write as _};
+use std::io::{self, BufRead as _, BufReader, Seek as _};
 use std::os::unix::fs::FileExt as _;
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 use skysink_common::error::InputError;
 use skysink_common::message::{FlightReport, QueuesHeader};
 use skysink_common::slot_record::SlotRecord;
+use skysink_common::written_file::{ExpectedFile, Extent, WrittenFile};
 
 use crate::drive::SlotSink;
 use crate::error::{FileContext, MissionError};
+use crate::origin::INPUTS;
 use crate::trace::{SLOT_COLUMNS, TraceHash};
 
 /// The file of [`Check`].
 pub(crate) const CHECK: &str = "slots.check";
 
+/// Minimum time between two comparisons of the files of a run with what was written.
+const COMPARE_EVERY: Duration = Duration::from_secs(1);
+
 /// The trace `slots.csv` of a run. Each line is written when its slot is recorded, so that a kill loses no recorded
 /// slot.
 #[derive(Debug)]
 pub struct SlotLog {
-    path: PathBuf,
-    file: File,
-    /// Bytes of complete lines.
-    length: u64,
+    /// The complete lines.
+    file: WrittenFile,
     trace: TraceHash,
     /// Present if the slots are flown in a ring.
     check: Option<Check>,
+    /// The files from which the run is flown; empty before slots are written.
+    inputs: Vec<ExpectedFile>,
+    /// Time of the last comparison of all files.
+    compared: Instant,
 }
 
 /// The check file of a trace: the last recorded slot and the hash of all lines up to it, 16 bytes, written in each slot
@@ -35,7 +44,7 @@ pub struct SlotLog {
 struct Check {
     path: PathBuf,
     /// `None` before the first slot.
-    file: Option<File>,
+    file: Option<WrittenFile>,
     /// Slot and hash that an earlier process has written.
     before: Option<(u64, u64)>,
     /// The last repeated slot.
@@ -50,46 +59,46 @@ impl Check {
             file => Some(file.at(&path)?),
         };
         let mut bytes = [0; 16];
-        let is_whole = file.as_ref().is_some_and(|file| file.read_exact_at(&mut bytes, 0).is_ok());
+        let is_whole = |file: &File| file.metadata().is_ok_and(|file| file.len() == 16);
+        let file = file.filter(|file| is_whole(file) && file.read_exact_at(&mut bytes, 0).is_ok());
         let number = u128::from_le_bytes(bytes);
-        let before = is_whole.then_some(((number & u128::from(u64::MAX)) as u64, (number >> 64) as u64));
+        let before = file.is_some().then_some(((number & u128::from(u64::MAX)) as u64, (number >> 64) as u64));
+        let mut file = file.map(|file| WrittenFile::new(&path, file));
+        file.iter_mut().for_each(|file| file.add_known(&bytes));
         Ok(Self { path, file, before, repeated: 0 })
     }
 
     fn write(&mut self, slot: u64, hash: u64) -> Result<(), MissionError> {
-        let file = match &self.file {
+        let file = match &mut self.file {
             Some(file) => file,
-            None => self.file.insert(File::create(&self.path).at(&self.path)?),
+            None => self.file.insert(WrittenFile::new(&self.path, File::create(&self.path).at(&self.path)?)),
         };
         let number = u128::from(slot) | u128::from(hash) << 64;
-        file.write_all_at(&number.to_le_bytes(), 0).at(&self.path)
+        file.overwrite(&number.to_le_bytes()).at(&self.path)
     }
 }
 
 impl SlotLog {
-    /// Opens the trace `path` in `folder`, which is the locked `file`, to read and resume it. In a ring each slot is
-    /// checked.
-    pub(crate) fn open(
-        folder: &Path,
-        path: PathBuf,
-        file: File,
-        in_a_ring: bool,
-    ) -> Result<(Self, BufReader<File>), MissionError> {
-        let mut reader = BufReader::new(file.try_clone().at(&path)?);
-        reader.rewind().at(&path)?;
+    /// Opens the trace `path`, which is the locked `file`, to read and resume it. In a ring each slot is checked.
+    pub(crate) fn open(path: &Path, file: File, in_a_ring: bool) -> Result<(Self, BufReader<File>), MissionError> {
+        let mut reader = BufReader::new(file.try_clone().at(path)?);
+        reader.rewind().at(path)?;
         let mut header = Vec::new();
-        reader.read_until(b'\n', &mut header).at(&path)?;
+        reader.read_until(b'\n', &mut header).at(path)?;
         if !SLOT_COLUMNS.as_bytes().starts_with(&header) {
             let found = String::from_utf8_lossy(&header);
             let expected = SLOT_COLUMNS.trim_end();
             let remedy = "the run of an earlier version is flown again by skysink simulate RUN/scenario.toml";
             let message = format_args!("expected {expected} ({remedy})");
-            return Err(InputError::line("trace", &path, 1, &found, message).into());
+            return Err(InputError::line("trace", path, 1, &found, message).into());
         }
-        // With a cut header, no slot was recorded.
-        let length = if header.len() == SLOT_COLUMNS.len() { header.len() as u64 } else { 0 };
-        let check = in_a_ring.then(|| Check::open(folder)).transpose()?;
-        Ok((Self { length, path, file, trace: TraceHash::default(), check }, reader))
+        let mut file = WrittenFile::new(path, file);
+        if header.len() == SLOT_COLUMNS.len() {
+            file.add_known(&header); // with a cut header, no slot was recorded
+        }
+        let check = in_a_ring.then(|| Check::open(folder_of(path))).transpose()?;
+        let log = Self { file, trace: TraceHash::default(), check, inputs: Vec::new(), compared: Instant::now() };
+        Ok((log, reader))
     }
 
     /// Repeats the recorded lines of a slot. Returns whether they are those of the flights, and all lines so far are
@@ -104,7 +113,7 @@ impl SlotLog {
         header: &QueuesHeader,
     ) -> Result<bool, MissionError> {
         let is_same = self.trace.write(flights, header)?.as_bytes() == lines;
-        self.length += lines.len() as u64;
+        self.file.add_known(lines);
         self.trace.chain();
         let Some(check) = &mut self.check else { return Ok(is_same) };
         check.repeated = header.head.slot;
@@ -132,21 +141,33 @@ impl SlotLog {
         check.is_some_and(|check| check.before.is_some_and(|(slot, _)| slot + 1 >= check.repeated))
     }
 
-    /// Truncates the trace after the last repeated line, to resume it there.
+    /// Truncates the trace after the last repeated line, to resume it there. From here on, changes of the run's files by
+    /// others end the run.
     ///
     /// # Errors
-    /// If the file cannot be changed.
+    /// If a file cannot be changed or read.
     pub fn resume(&mut self) -> Result<(), MissionError> {
-        let mut cut = || {
-            self.file.set_len(self.length)?;
-            self.file.seek(SeekFrom::End(0))?;
-            if self.length == 0 {
-                self.file.write_all(SLOT_COLUMNS.as_bytes())?;
-                self.length = SLOT_COLUMNS.len() as u64;
-            }
-            Ok(())
-        };
-        cut().at(&self.path)
+        let path = self.file.path().to_owned();
+        self.file.cut().at(&path)?;
+        if self.file.length() == 0 {
+            self.file.append(SLOT_COLUMNS.as_bytes()).at(&path)?;
+        }
+        let inputs = INPUTS.map(|name| folder_of(&path).join(name));
+        self.inputs = inputs.iter().map(|path| ExpectedFile::read(path).at(path)).collect::<Result<_, _>>()?;
+        Ok(())
+    }
+
+    /// Compares the files of the run with what was written: the trace, its check file, and those from which the run is
+    /// flown.
+    ///
+    /// # Errors
+    /// If one was changed by another process, or cannot be read.
+    pub fn compare(&self, extent: Extent) -> Result<(), MissionError> {
+        let check = self.check.as_ref().and_then(|check| check.file.as_ref());
+        for file in [&self.file].into_iter().chain(check) {
+            file.compare(extent).at(file.path())?;
+        }
+        self.inputs.iter().try_for_each(|file| file.compare(extent).at(file.path()))
     }
 
     /// Chained hash of all lines so far.
@@ -160,19 +181,23 @@ impl SlotSink for SlotLog {
     /// Writes the lines of a slot.
     ///
     /// # Errors
-    /// If the ledger does not balance, or the lines cannot be written; the trace is then unchanged.
+    /// If the ledger does not balance, the lines cannot be written, or another process has changed a file of the run;
+    /// the trace is then unchanged.
     fn add(&mut self, record: &SlotRecord) -> Result<(), MissionError> {
-        let lines = self.trace.write(&record.flights, &record.header)?;
-        let written = self.file.write_all(lines.as_bytes());
-        if written.is_err() {
-            let cut = self.file.set_len(self.length).and_then(|()| self.file.seek(SeekFrom::Start(self.length)));
-            let _ = cut; // a resumed run cuts an incomplete line, too
+        if self.compared.elapsed() >= COMPARE_EVERY {
+            self.compare(Extent::Quick)?;
+            self.compared = Instant::now();
         }
-        written.at(&self.path)?;
-        self.length += lines.len() as u64;
+        let lines = self.trace.write(&record.flights, &record.header)?;
+        self.file.append(lines.as_bytes()).at(self.file.path())?;
         self.trace.chain();
         self.check.as_mut().map_or(Ok(()), |check| check.write(record.slot(), self.trace.value()))
     }
+}
+
+/// The run folder of the trace `path`.
+fn folder_of(path: &Path) -> &Path {
+    path.parent().unwrap_or(Path::new("."))
 }
 
 #[cfg(test)]
@@ -184,9 +209,10 @@ mod tests {
 
     #[test]
     fn a_line_that_cannot_be_written_is_not_in_the_hash() {
-        let path = PathBuf::from("/dev/full");
-        let file = File::options().write(true).open(&path).unwrap();
-        let mut log = SlotLog { path, file, length: 0, trace: TraceHash::default(), check: None };
+        let path = Path::new("/dev/full");
+        let file = WrittenFile::new(path, File::options().write(true).open(path).unwrap());
+        let trace = TraceHash::default();
+        let mut log = SlotLog { file, trace, check: None, inputs: Vec::new(), compared: Instant::now() };
         let record = SlotRecord {
             plans: Plans::from_buf([None]),
             paths: ByUav::new(),
@@ -195,6 +221,6 @@ mod tests {
         };
         let error = log.add(&record).unwrap_err();
         assert!(error.to_string().contains("/dev/full"), "{error}");
-        assert_eq!((log.hash(), log.length), (0, 0));
+        assert_eq!((log.hash(), log.file.length()), (0, 0));
     }
 }

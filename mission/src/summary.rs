@@ -88,6 +88,26 @@ pub struct Summary {
     pub timing: RunTiming,
 }
 
+impl Summary {
+    /// Replaces the figures that follow from the scenario and the trace by those of `again`, which has flown the trace
+    /// again.
+    pub(crate) fn recompute(&mut self, again: Self) {
+        let run = std::mem::take(self);
+        *self = Self {
+            // What only the run could know, or decides which figures it has.
+            solver_fallbacks: run.solver_fallbacks,
+            refused_messages: run.refused_messages,
+            restarts: run.restarts,
+            events: run.events,
+            resumed_after: run.resumed_after,
+            complete: run.complete,
+            version: run.version,
+            timing: run.timing,
+            ..again
+        };
+    }
+}
+
 /// The wall-clock figures of a run.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct RunTiming {

@@ -58,7 +58,7 @@ impl SlotSink for TraceHash {
 }
 
 /// The hash of a trace after more lines, each with its newline; 0 before the first line.
-pub(crate) fn chain_hashes(hash: u64, lines: &[u8]) -> u64 {
+fn chain_hashes(hash: u64, lines: &[u8]) -> u64 {
     lines.split_inclusive(|&byte| byte == b'\n').fold(hash, |hash, line| xxh3_64_with_seed(line, hash))
 }
 

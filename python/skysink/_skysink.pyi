@@ -234,7 +234,7 @@ class Run:
     def strategy(self) -> str: ...
     @property
     def summary(self) -> dict[str, Any]:
-        """The content of ``summary.json``."""
+        """The content of ``summary.json`` without its check value."""
 
     @property
     def metrics(self) -> dict[str, float]:

@@ -14,6 +14,7 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{ByUav, SlotRecord, UAV};
 use skysink_common::stop::Stop;
+use skysink_common::written_file::Extent;
 use skysink_lab::metrics::{Metric, MissionMeter};
 use skysink_mission::drive::{Observer, Planned, SlotSink};
 use skysink_mission::folder::Earlier;
@@ -165,7 +166,7 @@ impl PyRun {
         &self.summary.strategy
     }
 
-    /// The content of ``summary.json``.
+    /// The content of ``summary.json`` without its check value.
     #[getter]
     fn summary<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         json(py, &self.summary)
@@ -241,7 +242,8 @@ impl PyRun {
             )?;
             let mut log = folder.slot_log()?;
             self.fly_again(&mut log)?;
-            folder.write_json("summary.json", &self.summary)?;
+            log.compare(Extent::Full)?;
+            folder.write_summary(&self.summary)?;
             Ok(folder.path().to_owned())
         };
         py.detach(write).map_err(of_mission)

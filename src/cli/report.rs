@@ -1,17 +1,16 @@
-//! `skysink report`: prints the results of a finished run again.
+//! `skysink report`: prints the results of a finished run again, as its trace leads to them.
 
 use std::path::PathBuf;
 
 use clap::Args;
 use skysink_common::stop::Stop;
 use skysink_mission::record::RunFolder;
-use skysink_mission::recorded::checked_summary;
-use skysink_mission::sensor_results;
+use skysink_mission::{Replay, sensor_results};
 
 use crate::error::Error;
 use crate::report::{print, print_run};
 
-/// Print the results of a run.
+/// Print the results of a run, simulated again from its trace.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -25,7 +24,7 @@ pub struct ReportCommand {
     /// sensor node.
     #[arg(long)]
     sensors: bool,
-    /// Print summary.json instead of the table.
+    /// Print summary.json, without its check value, instead of the table.
     #[arg(long)]
     json: bool,
 }
@@ -34,14 +33,16 @@ impl ReportCommand {
     /// Prints the results, and writes those of each sensor node.
     ///
     /// # Errors
-    /// If the folder is not that of a finished run, its trace was changed, a file cannot be written, or on a stop.
+    /// If the folder is not that of a finished run or was changed, a file cannot be written, or on a stop.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         let folder = RunFolder::open_to_read(&self.folder)?;
-        let summary = checked_summary(&folder)?;
+        let mut replay = Replay::open(&self.folder)?;
+        replay.drive(&mut [], stop)?;
+        let summary = replay.summary();
         if self.json {
-            print(serde_json::to_string_pretty(&summary).expect("plain numbers and strings"))?;
+            print(serde_json::to_string_pretty(summary).expect("plain numbers and strings"))?;
         } else {
-            print_run(&folder, &summary)?;
+            print_run(&folder, summary)?;
         }
         if self.sensors {
             let file = sensor_results::write(&self.folder, stop)?;

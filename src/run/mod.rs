@@ -21,6 +21,7 @@ use clap::Args;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
+use skysink_common::written_file::Extent;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::{Summary, Tally};
 use skysink_planner::settings;
@@ -60,7 +61,7 @@ impl RunCommand {
     ///
     /// # Errors
     /// If this build has no viewer, the scenario or the sensor list is refused, a process ends and is not restarted or
-    /// does not answer, a file cannot be written, or on a stop.
+    /// does not answer, a file cannot be written or is changed by another process, or on a stop.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         let scenario = match (&self.resume, &self.scenario) {
             (Some(folder), _) => Scenario::read(&folder.join("scenario.toml"), Overrides::default()),
@@ -109,10 +110,11 @@ impl RunCommand {
         let mission = RingMission { scenario, options, launch: &launch, ring: &ring, stop };
         let begin = Instant::now();
         let recorded = mission.record(&mut log, &mut tally);
+        let recorded = recorded.and_then(|wall| Ok(log.compare(Extent::Full).map(|()| wall)?));
         let wall = *recorded.as_ref().unwrap_or(&begin.elapsed());
         let mut summary = tally.summary(wall, log.hash());
         summary.complete &= recorded.is_ok();
-        let written = folder.write_json("summary.json", &summary);
+        let written = folder.write_summary(&summary);
         if let Err(cause) = recorded {
             return Err(cause.ended_early(&folder, summary.slots, &options.resume_options())); // the first error
         }
@@ -124,7 +126,7 @@ impl RunCommand {
 /// Completes the folder of a run whose slots are all there.
 fn complete(folder: RunFolder, summary: Summary) -> Result<(RunFolder, Summary), Error> {
     if !folder.is_complete() {
-        folder.write_json("summary.json", &summary)?; // the only missing file
+        folder.write_summary(&summary)?; // the only missing file
     }
     clean_up(&folder.recording());
     Ok((folder, summary))

@@ -81,12 +81,12 @@ fn spoil(bytes: &[u8], random: &mut ChaCha8Rng) -> Vec<u8> {
     let lines: Vec<_> = bytes.split_inclusive(|&byte| byte == b'\n').map(<[u8]>::to_vec).collect();
     let line = random.random_range(0..lines.len());
     match random.random_range(0..7) {
-        0 => bytes[at] ^= 1 << random.random_range(0..8),
-        1 => {
+        1 if bytes.iter().any(u8::is_ascii_digit) => {
             let digits: Vec<_> = (0..bytes.len()).filter(|&at| bytes[at].is_ascii_digit()).collect();
             let digit = &mut bytes[digits[random.random_range(0..digits.len())]];
             *digit = b'0' + (*digit - b'0' + random.random_range(1..10)) % 10;
         }
+        0 | 1 => bytes[at] ^= 1 << random.random_range(0..8),
         2 => bytes.truncate(at),
         3 => drop(bytes.remove(at)),
         4 => bytes.insert(at, b"0123456789.,-\n e\0\xff"[random.random_range(0..18)]),
@@ -192,4 +192,96 @@ fn a_truncated_paced_run_is_not_flown_differently() {
     fs::write(place.path("run/slots.check"), check).unwrap();
     place.resume("run");
     assert!(place.trace("run").starts_with(trace.rsplit_once('\n').unwrap().0));
+}
+
+/// Changes a file of a finished run: each command that reads it is refused, or says what it says of the run as it was.
+fn spoil_finished_runs(rounds: usize, seed: u64) {
+    let place = Place::new();
+    place.flight("smoke").strategy("gfs").without_viewer().out("whole").run();
+    place.flight("smoke").out("other").simulate();
+    let names =
+        ["scenario.toml", "sensors.csv", "slots.csv", "run.toml", "summary.json", "summary.json", "slots.check"];
+    let commands = [
+        ("", &["report", "run"][..]),
+        ("", &["report", "run", "--json"]),
+        ("run/sensors_out.csv", &["report", "run", "--sensors"]),
+        ("", &["compare", "run", "other", "--no-record", "--json", "--out", "made"]),
+        ("made", &["export", "run", "--format", "kml", "--origin", "1,2", "--out", "made"]),
+        ("made/plans.csv", &["replay", "run", "--no-viewer", "--out", "made"]),
+    ];
+    let begin = || {
+        for folder in ["run", "made"] {
+            let path = place.path(folder);
+            let _ = fs::remove_dir_all(&path).or_else(|_| fs::remove_file(&path));
+        }
+        fs::create_dir(place.path("run")).unwrap();
+        for name in names {
+            fs::copy(place.path(&format!("whole/{name}")), place.path(&format!("run/{name}"))).unwrap();
+        }
+    };
+    let outcome = |made: &str, command: &[&str]| {
+        let ended = place.run(command);
+        let written = if made.is_empty() { None } else { fs::read(place.path(made)).ok() };
+        (ended, written)
+    };
+    let expected = commands.map(|(made, command)| {
+        begin();
+        let (ended, written) = outcome(made, command);
+        assert_eq!((ended.code, written.is_some()), (Some(0), !made.is_empty()), "{command:?}: {ended:?}");
+        (ended.stdout, written)
+    });
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut refused = 0;
+    for round in 0..rounds {
+        begin();
+        let name = names[random.random_range(0..names.len())];
+        let path = place.path(&format!("run/{name}"));
+        let spoilt = spoil(&fs::read(&path).unwrap(), &mut random);
+        fs::write(&path, &spoilt).unwrap();
+        let which = random.random_range(0..commands.len());
+        let (made, command) = commands[which];
+        let (ended, written) = outcome(made, command);
+        let case = format!("seed {seed}, round {round}, {name}, {command:?}: {ended:?}");
+        if ended.code == Some(0) {
+            assert!((&ended.stdout, &written) == (&expected[which].0, &expected[which].1), "other figures: {case}");
+            continue;
+        }
+        refused += 1;
+        assert_eq!((ended.code, ended.stdout.as_str(), written), (Some(2), "", None), "{case}");
+        assert_eq!(ended.stderr.lines().count(), 1, "{case}");
+    }
+    assert!(refused > rounds / 2, "{refused} of {rounds}");
+    println!("{refused} of {rounds} refused, the others with the same figures");
+    place.assert_clean();
+}
+
+#[test]
+fn a_corrupted_finished_run_is_refused_or_has_the_same_figures() {
+    spoil_finished_runs(60, 4);
+}
+
+#[test]
+#[ignore = "takes a minute"]
+fn three_hundred_spoilt_finished_runs_are_refused_or_have_the_same_figures() {
+    spoil_finished_runs(300, 5);
+}
+
+#[test]
+fn a_modified_summary_is_not_printed_and_a_resumption_writes_it_again() {
+    let place = Place::new();
+    place.flight("smoke").simulate();
+    let whole = place.summary("run");
+    let text = place.read("run/summary.json");
+    let loss = text.lines().find(|line| line.contains("loss_rate")).unwrap();
+    place.write("run/summary.json", &text.replacen(loss, "  \"loss_rate\": 0.001,", 1));
+    for arguments in [&["report", "run"][..], &["report", "run", "--json"], &["export", "run", "--format", "csv"]] {
+        place
+            .run_refused(arguments, "run/summary.json: it was modified, or written by an earlier version (skysink run");
+    }
+    place.resume("run");
+    let again = place.summary("run");
+    for key in ["loss_rate", "eta_letter", "delivered_bits", "mean_served", "trace_hash", "complete"] {
+        assert_eq!(again[key], whole[key], "{key}");
+    }
+    place.run_ok(&["report", "run"]);
 }

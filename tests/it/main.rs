@@ -1,6 +1,7 @@
 //! The executables, as a user runs them.
 
 mod bench;
+mod changes;
 mod check;
 mod cli;
 #[cfg(feature = "lab")]

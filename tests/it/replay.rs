@@ -134,7 +134,7 @@ fn slots_without_a_plan_in_time_are_held_again_and_counted_as_undecided() {
         log.add(record).unwrap();
         tally.add(record).unwrap();
     }
-    folder.write_json("summary.json", &tally.summary(Duration::ZERO, log.hash())).unwrap();
+    folder.write_summary(&tally.summary(Duration::ZERO, log.hash())).unwrap();
     drop((folder, log));
     place.run_ok(&["replay", "run", "--no-viewer"]);
     let outcome = outcome(&place, "run-replay");

@@ -168,7 +168,7 @@ impl Place {
     /// The rings of this place, by the name of their folder.
     pub fn rings(&self) -> Vec<String> {
         let entries = fs::read_dir(self.rings_folder()).into_iter().flatten().flatten();
-        entries.map(|entry| entry.file_name().into_string().unwrap()).filter(|name| !name.ends_with(".lock")).collect()
+        entries.map(|entry| entry.file_name().into_string().unwrap()).filter(|name| !name.contains('.')).collect()
     }
 
     /// The file that makes the folder of this name a ring.
@@ -238,9 +238,11 @@ impl Place {
         self.assert_same_trace(&simulated, run);
     }
 
-    /// The figures of a run.
+    /// The figures of a run, without their check value.
     pub fn summary(&self, run: &str) -> serde_json::Value {
-        serde_json::from_str(&self.read(&format!("{run}/summary.json"))).unwrap()
+        let mut summary: serde_json::Value = serde_json::from_str(&self.read(&format!("{run}/summary.json"))).unwrap();
+        summary.as_object_mut().unwrap().remove("check").unwrap();
+        summary
     }
 
     /// The same without values that depend on the wall clock: times, and events of processes without a heartbeat.

@@ -29,13 +29,15 @@ use crate::journal::resume;
 use crate::{Scene, SceneError, Sinks, SlotView, WallClock};
 
 impl From<SceneError> for NodeError {
-    /// A file that cannot be created is bad input, because a restart would fail, too.
+    /// A file that cannot be created is bad input, because a restart would fail, too. So is one that another process
+    /// has changed, because a restarted viewer could not write the lost slots again.
     fn from(error: SceneError) -> Self {
         match error {
             SceneError::File { path, source } => {
                 let message = format_args!("{source}: expected a path where a file can be created");
                 Self::Input(InputError::new("recording", &path, message))
             }
+            SceneError::Changed { path, source } => Self::Input(InputError::new("recording", &path, source)),
             error => Self::Recording(Box::new(error)),
         }
     }

@@ -5,10 +5,12 @@ use std::num::NonZeroU64;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+use re_log_encoding::EncodeError;
 use re_sdk::grpc_server::GrpcServerSink;
 use re_sdk::log::ChunkBatcherConfig;
 use re_sdk::sink::{LogSink, SinkFlushError};
 use re_sdk::{ApplicationId, RecordingStream, RecordingStreamBuilder, RecordingStreamError};
+use skysink_common::written_file::FileChange;
 
 use crate::files::{NextFile, Part};
 use crate::rrd_file::RrdFile;
@@ -93,8 +95,16 @@ pub enum SceneError {
     /// rerun has failed.
     #[error("recording: {0}")]
     Stream(#[from] RecordingStreamError),
+    /// Another process has changed the file.
+    #[error("recording {}: {source}: skysink replay RUN makes a new one", path.display())]
+    Changed {
+        /// The file.
+        path: PathBuf,
+        /// The change.
+        source: std::io::Error,
+    },
     /// The end of the recording could not be written.
-    #[error("recording{}: {source}: its end is missing: check the free disk space", at(path))]
+    #[error("recording{}: {source}: its end is missing: check the free disk space and ulimit -f", at(path))]
     Unfinished {
         /// The file, if there is one.
         path: Option<PathBuf>,
@@ -234,13 +244,18 @@ impl Recording {
     /// Writes the last batch and the footer of the file.
     ///
     /// # Errors
-    /// If data could not be written, now or earlier.
+    /// If data could not be written, now or earlier, or another process has changed the file.
     pub(crate) fn close(self) -> Result<(), SceneError> {
         self.begin_batch();
         let flushed = self.stream.flush_with_timeout(FLUSH_LIMIT);
         drop(self.stream);
-        let finished = flushed.and_then(|()| self.file.as_ref().map_or(Ok(()), |(_, file)| file.finish()));
-        finished.map_err(|source| SceneError::Unfinished { path: self.file.map(|(next, _)| next.path), source })
+        let path = self.file.as_ref().map(|(next, _)| next.path.clone());
+        flushed.map_err(|source| SceneError::Unfinished { path: path.clone(), source })?;
+        let Some((NextFile { path, .. }, file)) = self.file else { return Ok(()) };
+        file.finish().map_err(|error| match error {
+            EncodeError::Write(source) if FileChange::is_cause_of(&source) => SceneError::Changed { path, source },
+            error => SceneError::Unfinished { path: Some(path), source: SinkFlushError::failed(error.to_string()) },
+        })
     }
 }
 

@@ -16,6 +16,7 @@ use re_build_info::CrateVersion;
 use re_log_encoding::{EncodeError, Encoder, EncodingOptions};
 use re_log_types::{EntityPath, LogMsg};
 use re_sdk::sink::{LogSink, SinkFlushError};
+use skysink_common::written_file::{Extent, FileChange, WrittenFile};
 
 use crate::files::begin_file;
 
@@ -30,24 +31,23 @@ struct Shared {
 }
 
 struct Encoding {
-    encoder: Encoder<Batches>,
+    /// `None` after the end.
+    encoder: Option<Encoder<Batches>>,
     /// The message that ends the next batch.
     end: Option<LogMsg>,
     /// Number of batches that were begun, and written.
     begun: u64,
     written: u64,
     /// The first error. Nothing is written after it, so that what precedes it can be read.
-    error: Option<String>,
+    error: Option<EncodeError>,
 }
 
 impl Encoding {
     fn attempt<T>(&mut self, action: impl FnOnce(&mut Encoder<Batches>) -> Result<T, EncodeError>) {
-        if self.error.is_some() {
-            return;
-        }
-        if let Err(error) = action(&mut self.encoder) {
-            self.error = Some(error.to_string());
-            self.encoder.do_not_emit_footer();
+        let Some(encoder) = self.encoder.as_mut().filter(|_| self.error.is_none()) else { return };
+        if let Err(error) = action(encoder) {
+            self.error = Some(error);
+            encoder.do_not_emit_footer();
         }
     }
 }
@@ -64,11 +64,9 @@ pub(crate) fn ends_batch(message: &LogMsg) -> bool {
 struct Batches {
     path: PathBuf,
     /// `None` before the first batch.
-    file: Option<File>,
+    file: Option<WrittenFile>,
     /// The bytes of the next batch.
     batch: Vec<u8>,
-    /// The bytes of those before.
-    length: u64,
 }
 
 impl Write for Batches {
@@ -81,10 +79,16 @@ impl Write for Batches {
         let batch = std::mem::take(&mut self.batch); // a failed batch is not written again
         match &mut self.file {
             _ if batch.is_empty() => {}
-            None => self.file = Some(begin_file(&self.path, &batch)?),
-            Some(file) => file.write_all(&batch).inspect_err(|_| drop(file.set_len(self.length)))?,
+            None => {
+                let file = begin_file(&self.path, &batch).map_err(|error| match error.kind() {
+                    io::ErrorKind::NotFound => FileChange::Missing.into(), // it was created before
+                    _ => error,
+                })?;
+                let file = self.file.insert(WrittenFile::new(&self.path.canonicalize()?, file)); // of a link, its target
+                file.add_known(&batch);
+            }
+            Some(file) => file.append(&batch)?,
         }
-        self.length += batch.len() as u64;
         Ok(())
     }
 }
@@ -97,18 +101,14 @@ impl RrdFile {
     pub(crate) fn create(path: &Path) -> io::Result<Self> {
         let file = File::options().append(true).create(true).open(path)?;
         let is_replaced = file.metadata()?.is_file(); // a pipe or a device is not
-        Self::new(Batches {
-            path: path.to_owned(),
-            file: Some(file).filter(|_| !is_replaced),
-            batch: Vec::new(),
-            length: 0,
-        })
+        let file = (!is_replaced).then(|| WrittenFile::new(path, file));
+        Self::new(Batches { path: path.to_owned(), file, batch: Vec::new() })
     }
 
     fn new(batches: Batches) -> io::Result<Self> {
         let encoder = Encoder::new_eager(CrateVersion::LOCAL, EncodingOptions::PROTOBUF_COMPRESSED, batches);
         let encoder = encoder.map_err(io::Error::other)?;
-        let encoding = Mutex::new(Encoding { encoder, end: None, begun: 0, written: 0, error: None });
+        let encoding = Mutex::new(Encoding { encoder: Some(encoder), end: None, begun: 0, written: 0, error: None });
         Ok(Self(Arc::new(Shared { encoding, written: Condvar::new() })))
     }
 
@@ -119,15 +119,22 @@ impl RrdFile {
         waited.unwrap_or_else(PoisonError::into_inner).0.begun += 1;
     }
 
-    /// Writes the footer.
+    /// Writes the footer, and compares the file with what was written.
     ///
     /// # Errors
-    /// The first error since the file was created.
-    pub(crate) fn finish(&self) -> Result<(), SinkFlushError> {
+    /// The first error since the file was created, or [`FileChange`](skysink_common::written_file::FileChange).
+    pub(crate) fn finish(&self) -> Result<(), EncodeError> {
         let mut encoding = self.lock();
         encoding.attempt(Encoder::finish);
         encoding.attempt(Encoder::flush_blocking);
-        encoding.error.as_ref().map_or(Ok(()), |error| Err(SinkFlushError::failed(error)))
+        match (encoding.error.take(), encoding.encoder.take()) {
+            (Some(error), _) => Err(error),
+            (None, Some(encoder)) => {
+                let written = encoder.into_inner()?.file;
+                Ok(written.map_or(Ok(()), |file| file.compare(Extent::Full))?)
+            }
+            (None, None) => Ok(()),
+        }
     }
 
     fn lock(&self) -> MutexGuard<'_, Encoding> {
@@ -165,6 +172,7 @@ impl LogSink for RrdFile {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
     use std::os::fd::OwnedFd;
 
     use re_log_types::{BlueprintActivationCommand, StoreId, StoreKind};
@@ -179,14 +187,49 @@ mod tests {
     #[test]
     fn the_first_error_ends_the_file_and_is_that_of_its_end() {
         let (reader, writer) = io::pipe().unwrap();
-        let file = Some(File::from(OwnedFd::from(writer)));
-        let file = RrdFile::new(Batches { path: PathBuf::new(), file, batch: Vec::new(), length: 0 }).unwrap();
+        let file = Some(WrittenFile::new(Path::new("pipe"), File::from(OwnedFd::from(writer))));
+        let file = RrdFile::new(Batches { path: PathBuf::new(), file, batch: Vec::new() }).unwrap();
         drop(reader); // every write fails from here on
         file.send(message());
         assert!(file.flush_blocking(Duration::ZERO).is_ok());
         file.send(message());
         let error = file.finish().unwrap_err().to_string();
         assert!(error.contains("Broken pipe"), "{error}");
+    }
+
+    #[test]
+    fn a_file_that_another_process_has_changed_is_noticed_at_its_end() {
+        let changes: [fn(&Path); 3] = [
+            |path| fs::remove_file(path).unwrap(),
+            |path| File::options().write(true).open(path).unwrap().set_len(10).unwrap(),
+            |path| fs::write(path, fs::read(path).unwrap().to_ascii_lowercase()).unwrap(),
+        ];
+        for (change, is_begun) in changes.iter().zip([true; 3]).chain([(&changes[0], false)]) {
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("mission.rrd");
+            let file = RrdFile::create(&path).unwrap();
+            file.send(message());
+            if is_begun {
+                file.flush_blocking(Duration::ZERO).unwrap();
+            }
+            change(&path);
+            file.send(message());
+            let error = file.finish().unwrap_err();
+            assert!(matches!(&error, EncodeError::Write(error) if FileChange::is_cause_of(error)), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_pipe_and_the_target_of_a_link_are_written_too() {
+        let folder = tempfile::tempdir().unwrap();
+        let link = folder.path().join("link.rrd");
+        std::os::unix::fs::symlink("target.rrd", &link).unwrap();
+        for path in [&link, Path::new("/dev/null")] {
+            let file = RrdFile::create(path).unwrap();
+            file.send(message());
+            file.finish().unwrap();
+        }
+        assert!(crate::has_footer(&folder.path().join("target.rrd")).unwrap());
     }
 
     #[test]
