@@ -12,11 +12,9 @@ use std::path::{Path, PathBuf};
 use re_build_info::CrateVersion;
 use re_log_encoding::rrd::{Decodable as _, EncodingOptions, RRD_FOURCC, StreamFooter};
 use re_log_encoding::{DecoderApp, EncodeError, Encoder};
-use re_log_types::LogMsg;
+use re_log_types::{EntityPath, LogMsg};
 use re_sdk::ApplicationId;
 use tempfile::NamedTempFile;
-
-use crate::rrd_file::ends_batch;
 
 /// Whether a file is the first of its recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -118,6 +116,14 @@ pub fn complete(first: &Path) -> Result<(), EncodeError> {
         }
     }
     Ok(())
+}
+
+/// Whether a message ends a batch: it names the recording, as a static property, which changes nothing.
+pub(crate) fn ends_batch(message: &LogMsg) -> bool {
+    let LogMsg::ArrowMsg(store, message) = message else { return false };
+    let schema = message.batch.schema();
+    let entity = schema.metadata().get("rerun:entity_path");
+    store.is_recording() && entity.is_some_and(|entity| *entity == EntityPath::properties().to_string())
 }
 
 /// Replaces a recording by a copy with all its complete batches and a footer: so all entities end with the same slot. If

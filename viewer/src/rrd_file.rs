@@ -14,11 +14,11 @@ use std::time::Duration;
 
 use re_build_info::CrateVersion;
 use re_log_encoding::{EncodeError, Encoder, EncodingOptions};
-use re_log_types::{EntityPath, LogMsg};
+use re_log_types::LogMsg;
 use re_sdk::sink::{LogSink, SinkFlushError};
 use skysink_common::written_file::{Extent, FileChange, WrittenFile};
 
-use crate::files::begin_file;
+use crate::files::{begin_file, ends_batch};
 
 /// An open file; clones share it.
 #[derive(Clone)]
@@ -50,14 +50,6 @@ impl Encoding {
             encoder.do_not_emit_footer();
         }
     }
-}
-
-/// Whether a message ends a batch: it names the recording, as a static property, which changes nothing.
-pub(crate) fn ends_batch(message: &LogMsg) -> bool {
-    let LogMsg::ArrowMsg(store, message) = message else { return false };
-    let schema = message.batch.schema();
-    let entity = schema.metadata().get("rerun:entity_path");
-    store.is_recording() && entity.is_some_and(|entity| *entity == EntityPath::properties().to_string())
 }
 
 /// A file to which a batch is written when it is flushed.
