@@ -265,9 +265,10 @@ struct Health {
     static constexpr const char* IOX2_TYPE_NAME = "skysink.Health.v1";
     /// The process: 0 field-sim, 1 flight-sim, 2 planner, 3 viewer, 4 the launcher.
     uint32_t process;
-    /// 0 killed, 1 exited, 2 restarted, 3 silent, 4 recovered, 5 overdue, 6 missing, 7 joined.
+    /// 0 killed, 1 exited, 2 restarted, 3 silent, 4 recovered, 5 overdue, 6 missing, 7 joined, 8 held.
     uint32_t event;
-    /// The signal, the exit code, the number of restarts, or the time [ms]; 0 for missing and joined.
+    /// The signal, the exit code, the number of restarts or held slots, or the time [ms]; of a missing process 0 if the
+    /// run waits for it, else 1; 0 for joined.
     int32_t detail;
     /// Zero.
     uint32_t reserved;
