@@ -1,6 +1,6 @@
 //! Serves a site over HTTP/1.1.
 //!
-//! hyper bounds what a client can make the server hold: [`MAX_HEAD_BYTES`] for [`PATIENCE`], and no body.
+//! hyper bounds what a client can make the server hold: `MAX_HEAD_BYTES` for `PATIENCE`, and no body.
 
 use std::convert::Infallible;
 use std::io;
