@@ -2,9 +2,11 @@
 //!
 //! How they are estimated is left to [`crate::estimate`].
 
+use std::sync::Arc;
+
 use crate::checkpoint::CheckpointError;
 use crate::estimate::{Estimate, Rates, SavedEstimate, Uncertainty};
-use crate::message::FlightReport;
+use crate::message::{FlightReport, SensorNode};
 use crate::reported::ReportedQueues;
 use crate::scenario::Scenario;
 use crate::sensors::{SensorList, Sensors};
@@ -67,6 +69,36 @@ impl Belief {
     #[must_use]
     pub fn has_learnt_rates(&self) -> bool {
         matches!(self, Self::Estimated(estimate) if estimate.has_learnt_rates())
+    }
+
+    /// The learnt rates of all SNs [bit/s], by id, in slots of `slot_s` [s]; `None` if the rates are known.
+    pub fn learnt_bps(&self, slot_s: f64) -> Option<impl Iterator<Item = f64>> {
+        match self {
+            Self::Estimated(estimate) if estimate.has_learnt_rates() => {
+                Some(estimate.means_bits().map(move |mean_bits| mean_bits / slot_s))
+            }
+            _ => None,
+        }
+    }
+
+    /// The SNs `nodes` as the UAV knows them: with the learnt rates instead of the true ones, if it has to learn them.
+    #[must_use]
+    pub fn known_nodes(&self, mut nodes: Vec<SensorNode>, slot_s: f64) -> Vec<SensorNode> {
+        let learnt_bps = self.learnt_bps(slot_s).into_iter().flatten();
+        nodes.iter_mut().zip(learnt_bps).for_each(|(node, learnt_bps)| node.sampling_bps = learnt_bps);
+        nodes
+    }
+
+    /// The same of `sensors`.
+    #[must_use]
+    pub fn known_sensors(&self, sensors: Arc<Sensors>) -> Arc<Sensors> {
+        match self {
+            Self::Estimated(estimate) if estimate.has_learnt_rates() => {
+                let sampling = sensors.sampling.with_means(estimate.means_bits().collect());
+                Arc::new(Sensors { sampling, ..Sensors::clone(&sensors) })
+            }
+            _ => sensors,
+        }
     }
 
     /// Bits that SN `id` of `sensors` samples per slot.
@@ -181,6 +213,34 @@ impl<'a> Believed<'a> {
         match self.belief {
             Belief::Known => Uncertainty::none(self.queues_bits[id as usize]),
             Belief::Estimated(estimate) => estimate.uncertainty(self.slot, id),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::Overrides;
+    use std::path::Path;
+
+    #[test]
+    fn of_learnt_rates_the_uav_knows_the_mean_before_contacts_and_of_known_ones_the_truth() {
+        let text = "name = 'x'\nslot_s = 0.5\n[sensors]\nsampling_bps = [50.0, 150.0]\n";
+        let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
+        let node = |sampling_bps| SensorNode { sampling_bps, capacity_bits: 1_000, ..SensorNode::default() };
+        let nodes = [60.0, 140.0, 0.0].map(node).to_vec();
+        let sensors = Arc::new(Sensors::of(&scenario, &nodes));
+        for (estimated, known_bps) in
+            [(None, [60.0, 140.0, 0.0]), (Some(Rates::Known), [60.0, 140.0, 0.0]), (Some(Rates::Learnt), [100.0; 3])]
+        {
+            let belief = Belief::new(&scenario, &sensors, estimated);
+            let known = belief.known_nodes(nodes.clone(), scenario.slot_s);
+            assert_eq!(known, known_bps.map(node), "{estimated:?}");
+            let known = belief.known_sensors(Arc::clone(&sensors));
+            assert_eq!([0, 1, 2].map(|id| known.sampler(id).mean_bits / scenario.slot_s), known_bps);
+            assert_eq!(known.sampler(1).capacity_bits, 1_000);
+            let is_learnt = estimated == Some(Rates::Learnt);
+            assert_eq!(belief.learnt_bps(scenario.slot_s).map(Vec::from_iter), is_learnt.then(|| vec![100.0; 3]));
         }
     }
 }

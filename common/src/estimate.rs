@@ -204,6 +204,11 @@ impl Estimate {
         self.sensors[id as usize].mean_bits()
     }
 
+    /// The same of all SNs, by id.
+    pub fn means_bits(&self) -> impl Iterator<Item = f64> {
+        self.sensors.iter().map(SensorEstimate::mean_bits)
+    }
+
     /// Uncertainty of the estimate of SN `id` at the end of `slot`.
     #[must_use]
     pub fn uncertainty(&self, slot: u64, id: u32) -> Uncertainty {

@@ -25,6 +25,13 @@ impl Message for SensorsHeader {}
 impl Message for SlotHeader {}
 impl Message for Tick {}
 
+impl Message for f64 {
+    /// Rates that are finite and not below 0.
+    fn are_possible(rates_bps: &[Self]) -> bool {
+        are_finite(rates_bps.iter().copied()) && rates_bps.iter().all(|&rate_bps| rate_bps >= 0.0)
+    }
+}
+
 impl Message for FlightReport {
     /// Positions and links have finite numbers. The links are at most [`MAX_SERVED`], by ascending sensor node, and
     /// none if the UAV holds: a trace with others could not be flown again. A position outside the area is possible, because
@@ -121,6 +128,12 @@ mod tests {
         flight.links[2] = LinkReport { sensor: 0, rate_bps: f64::NAN, ..LinkReport::default() };
         assert!(FlightReport::are_possible(&[flight]), "two links count");
         assert!(FlightReport::are_possible(&[FlightReport::at([-5.0, 1e6, 0.0], Mode::Hold)]), "outside the area");
+    }
+
+    #[test]
+    fn rates_are_numbers_from_0_on() {
+        assert!(f64::are_possible(&[0.0, 175.0]));
+        assert!([-0.1, f64::NAN, f64::INFINITY].iter().all(|&bps| !f64::are_possible(&[1.0, bps])));
     }
 
     #[test]

@@ -36,23 +36,29 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     let sensors = ring.sensors.list_writer(count)?;
     let queues = ring.queues.list_writer(count)?;
     let beliefs = ring.belief.as_ref().map(|belief| belief.list_writer(count)).transpose()?;
+    let rates = ring.rates.as_ref().map(|rates| rates.list_writer(count)).transpose()?;
     let ticks = ring.tick.writer()?;
     let mut flights = ring.flight.reader()?;
     let mut commits = ring.commit.reader()?;
     let mut clock = ring.terms.pace.period(scenario.slot_s).map(Clock::new);
 
-    let mut field = Field::new(scenario, &list).with_belief(Belief::of(scenario, &list, ring.terms.belief));
+    let belief = Belief::of(scenario, &list, ring.terms.belief);
+    let known = belief.known_nodes(list.nodes(), scenario.slot_s);
+    let mut field = Field::new(scenario, &list).with_belief(belief);
     let mut journal = journal(folder, count)?;
     let mut saved = resume(&mut journal, &mut field)?;
     let header = |field: &Field, flags: u32| {
         let end = if field.slot() == scenario.slots { FLAG_END } else { 0 };
         field.header(ring.header(field.slot(), end | flags))
     };
-    sensors.send_list(SensorsHeader { head: ring.header(0, 0), limits: Limits::of(scenario) }, &list.nodes())?;
+    sensors.send_list(SensorsHeader { head: ring.header(0, 0), limits: Limits::of(scenario) }, &known)?;
     let send_belief = |field: &Field, flags: u32| {
         let Some(beliefs) = &beliefs else { return Ok(()) };
-        let without_totals = QueuesHeader { head: header(field, flags).head, ..QueuesHeader::default() };
-        beliefs.send_list(without_totals, field.believed_bits())
+        let head = header(field, flags).head;
+        if let (Some(rates), Some(learnt_bps)) = (&rates, field.belief().learnt_bps(scenario.slot_s)) {
+            rates.send_list(head, &learnt_bps.collect::<Vec<_>>())?;
+        }
+        beliefs.send_list(QueuesHeader { head, ..QueuesHeader::default() }, field.believed_bits())
     };
     send_belief(&field, 0)?;
     queues.send_list(header(&field, 0), field.queues_bits())?;

@@ -89,7 +89,7 @@ impl Planner {
     ) -> Result<Self, InputError> {
         let settings = settings::check(scenario)?;
         let belief = Belief::new(scenario, &sensors, settings.estimated());
-        let table = MissionTable::new(scenario, sensors);
+        let table = MissionTable::new(scenario, belief.known_sensors(sensors));
         let setup = Setup { scenario, settings: &settings, table: &table, belief: &belief, strategies: STRATEGIES };
         Ok(Self {
             strategy: make(&setup),

@@ -84,7 +84,7 @@ class Scenario:
         """The sensor nodes by id, with ``x_m``, ``y_m``, ``queue_bits``, ``gain_db`` and ``sampling_bps``."""
 
     def field(self) -> Field:
-        """The sensor nodes and the limits of plans."""
+        """The sensor nodes, with their true sampling rates, and the limits of plans."""
 
     def __eq__(self, other: object, /) -> bool: ...
     def __hash__(self) -> int: ...
@@ -104,7 +104,7 @@ class Field:
 
     @property
     def sampling_bps(self) -> NDArray[np.float64]:
-        """Sampling rates [bit/s], [N]."""
+        """Sampling rates [bit/s], [N]. In a mission where they are learnt, all are the scenario's mean."""
 
     @property
     def capacity_bits(self) -> int:
@@ -178,6 +178,10 @@ class View:
         The array shares memory with the field. In ``simulate`` and sweeps, a stored array does not change. In a ring,
         it is valid only during ``plan``; copy it to store it. It is unsigned: use ``astype(np.int64)`` for differences.
         """
+
+    @property
+    def sampling_bps(self) -> NDArray[np.float64]:
+        """Sampling rates as known at the start of the slot, true or learnt [bit/s], [N], read-only."""
 
     @property
     def field(self) -> Field:
@@ -291,6 +295,8 @@ class EnvironmentCore:
     def uav(self) -> tuple[float, float, float]: ...
     @property
     def queues_bits(self) -> NDArray[np.uint32]: ...
+    @property
+    def sampling_bps(self) -> NDArray[np.float64]: ...
     def reset(self, number: int) -> _Observation: ...
     def step(self, action: ArrayLike) -> _Step: ...
     def fly(self, decision: Decision, transit: bool = False) -> _Step: ...
@@ -317,7 +323,13 @@ class VectorCore:
 @final
 class PlanMaker:
     def __new__(cls, strategy: Strategy, field: Field) -> Self: ...
-    def plan(self, slot: int, uav: tuple[float, float, float], queues_bits: NDArray[np.uint32]) -> bytes: ...
+    def plan(
+        self,
+        slot: int,
+        uav: tuple[float, float, float],
+        queues_bits: NDArray[np.uint32],
+        learnt_bps: NDArray[np.float64] | None = None,
+    ) -> bytes: ...
 
 @final
 class SweepPlan:

@@ -167,6 +167,11 @@ class DataCollectionEnv(NativeEnvironment, gymnasium.Env[Observation, Action]):
         """The queues, true or estimated, uint32 [N], as a copy."""
         return self._core.queues_bits
 
+    @property
+    def sampling_bps(self) -> NDArray[np.float64]:
+        """The sampling rates, true or learnt [bit/s], float64 [N], as a copy."""
+        return self._core.sampling_bps
+
     def run(self, label: str = "environment") -> Run:
         """The episode so far as a run, which can be saved, shown or compared."""
         return self._core.run(label)

@@ -82,10 +82,10 @@ def words(pointer: Any) -> tuple[int, int, int]:
     return header[0], header[1], header[2] >> 32
 
 
-def view(sample: Any, count: int) -> NDArray[np.uint32]:
-    """The queues of a sample, without a copy."""
-    memory = memoryview((ctypes.c_char * (4 * count)).from_address(sample.payload_ptr))
-    return np.frombuffer(memory.toreadonly(), dtype=np.uint32)
+def view(sample: Any, count: int, dtype: Any = np.uint32) -> NDArray[Any]:
+    """The numbers of a sample, one for each SN, without a copy."""
+    memory = memoryview((ctypes.c_char * (np.dtype(dtype).itemsize * count)).from_address(sample.payload_ptr))
+    return np.frombuffer(memory.toreadonly(), dtype=dtype)
 
 
 class Ring:
@@ -102,6 +102,9 @@ class Ring:
         terms = tomllib.loads((folder / "ring.toml").read_text())
         known_queues = "belief" if "belief" in terms else "queues"
         queues = Topic(self.node, known_queues, iox2.Slice[ctypes.c_uint32], QueuesHeader)
+        rates = None
+        if terms.get("belief") == "learnt":
+            rates = Topic(self.node, "rates", iox2.Slice[ctypes.c_double], SlotHeader)
         flights = Topic(self.node, "flight", iox2.Slice[FlightReport], SlotHeader)
         plans = Topic(self.node, "plan", iox2.Slice[Plan], SlotHeader)
         self.commits = Topic(self.node, "commit", Commit, SlotHeader)
@@ -109,11 +112,13 @@ class Ring:
         self.plan_events = plans.events.notifier_builder().create()
         self.sensors, self.queues = sensors.reader(), queues.reader()
         self.flights = flights.reader()
-        woken_by = (sensors, queues, flights, self.commits)
+        self.rates = rates.reader() if rates else None
+        woken_by = (sensors, queues, flights, self.commits, *([rates] if rates else []))
         self.listeners = [topic.events.listener_builder().create() for topic in woken_by]
         self.wait_set = iox2.WaitSetBuilder.new().create(iox2.ServiceType.Ipc)
         self.guards = [self.wait_set.attach_notification(listener) for listener in self.listeners]
         self.positions: dict[int, tuple[float, float, float]] = {}
+        self.learnt: tuple[int, NDArray[np.float64] | None] = (-1, None)
         self.connected = time.monotonic()
         self.is_paced = terms["pace"] != "max"
         self.launcher = folder.with_suffix(".lock").open()
@@ -167,6 +172,21 @@ class Ring:
         for old in [earlier for earlier in self.positions if earlier < slot]:
             del self.positions[old]
         return self.positions[slot]
+
+    def learnt_bps(self, slot: int, count: int) -> NDArray[np.float64] | None:
+        """The rates learnt by the end of ``slot`` [bit/s], or in a paced ring the newest there are; None if known."""
+        while self.rates is not None and self.learnt[0] < slot:
+            sample = self.rates.receive()
+            if sample is None and self.is_paced and self.learnt[0] >= 0:
+                break  # that of the slot did not fit into the buffer
+            if sample is None:
+                self.wait()
+                continue
+            learnt = view(sample, count, np.float64).copy()
+            learnt.setflags(write=False)
+            self.learnt = (words(sample.user_header())[1], learnt)
+            sample.delete()
+        return self.learnt[1]
 
     def states(self) -> Iterator[Any]:
         """Yields each sample of the queues once, up to that of the last slot.
@@ -275,5 +295,6 @@ def planner(strategy: Strategy | type[Strategy], ring: str | PathLike[str] | Non
             continue
         states.resume(slot + 1, flown)
         states.save(slot + 1, flown)
-        joined.send(mission, slot + 1, maker.plan(slot + 1, position, view(sample, len(field))))
+        learnt_bps = joined.learnt_bps(slot, len(field))
+        joined.send(mission, slot + 1, maker.plan(slot + 1, position, view(sample, len(field)), learnt_bps))
     joined.wait_for_release()

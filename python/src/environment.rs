@@ -14,7 +14,7 @@ use skysink_common::slot_record::UAV;
 use crate::episode::{Episode, Observations, Outcome};
 use crate::errors::{of_mission, refused};
 use crate::field::PyField;
-use crate::pilot::PyDecision;
+use crate::pilot::{PyDecision, believed_bps};
 use crate::run::PyRun;
 use crate::scenario::PyScenario;
 use crate::simulate::checked_label;
@@ -84,6 +84,11 @@ impl PyEnvironmentCore {
     #[getter]
     fn queues_bits<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
         PyArray1::from_slice(py, self.episode.plant.field().believed_bits())
+    }
+
+    #[getter]
+    fn sampling_bps<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        believed_bps(py, &self.episode.plant, &self.episode.field)
     }
 
     fn reset<'py>(&mut self, py: Python<'py>, number: u64) -> PyResult<Bound<'py, PyDict>> {

@@ -97,7 +97,7 @@ impl Episode {
         let scenario = course.scenario(number)?;
         let list = SensorList::of(&scenario).map_err(refused)?;
         let plant = plant(&scenario, &list)?;
-        let field = Arc::new(FieldData::of(&scenario, &list));
+        let field = Arc::new(FieldData::of(&scenario, &list, plant.field().belief()));
         let positions = if course.observes_positions { field.position_fractions().collect() } else { Arc::default() };
         Ok(Self { course, number, list: Arc::new(list), field, plant, positions })
     }

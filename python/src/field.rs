@@ -6,6 +6,7 @@ use nalgebra::Point3;
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, ToPyArray};
 use pyo3::prelude::*;
+use skysink_common::belief::Belief;
 use skysink_common::geometry::{Position, above};
 use skysink_common::message::{Limits, MAX_SERVED, Mode, Plan, SensorNode};
 use skysink_common::scenario::Scenario;
@@ -27,9 +28,9 @@ pub struct FieldData {
 }
 
 impl FieldData {
-    /// The field of a scenario.
-    pub fn of(scenario: &Scenario, list: &SensorList) -> Self {
-        Self::new(Limits::of(scenario), list.nodes())
+    /// The field of a scenario as the UAV knows it by `belief`.
+    pub fn of(scenario: &Scenario, list: &SensorList, belief: &Belief) -> Self {
+        Self::new(Limits::of(scenario), belief.known_nodes(list.nodes(), scenario.slot_s))
     }
 
     /// The field with these limits and sensor nodes.
@@ -53,6 +54,11 @@ impl FieldData {
     /// Buffer of every sensor node [bit].
     pub fn capacity_bits(&self) -> u32 {
         self.nodes.first().map_or(0, |node| node.capacity_bits)
+    }
+
+    /// Sampling rates of the sensor nodes [bit/s], as the UAV knows them before slot 1, read-only.
+    pub fn sampling_bps<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        read_only(PyArray1::from_iter(py, self.nodes.iter().map(|node| node.sampling_bps)))
     }
 
     /// Positions of the sensor nodes, x and y alternating, as fractions of the area.
@@ -146,9 +152,9 @@ impl PyField {
         }
     }
 
-    /// The field of a scenario.
-    pub fn of(scenario: &Scenario, list: &SensorList) -> Self {
-        Self::new(Arc::new(FieldData::of(scenario, list)))
+    /// The field of a scenario as the UAV knows it by `belief`.
+    pub fn of(scenario: &Scenario, list: &SensorList, belief: &Belief) -> Self {
+        Self::new(Arc::new(FieldData::of(scenario, list, belief)))
     }
 }
 
@@ -211,10 +217,10 @@ impl PyField {
         read_only(PyArray1::from_slice(py, &self.data.sensors.gains))
     }
 
-    /// Sampling rates [bit/s], [N].
+    /// Sampling rates [bit/s], [N]. In a mission where they are learnt, all are the scenario's mean.
     #[getter]
     fn sampling_bps<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        read_only(PyArray1::from_iter(py, self.data.nodes.iter().map(|node| node.sampling_bps)))
+        self.data.sampling_bps(py)
     }
 
     /// Ids of the SNs within ``radius_m`` [m] of ``point`` on the ground, ascending; tolerance as in decision D5.

@@ -34,6 +34,8 @@ pub struct PyView {
     /// The array shares memory with the field. In ``simulate`` and sweeps, a stored array does not change. In a ring,
     /// it is valid only during ``plan``; copy it to store it. It is unsigned: use ``astype(np.int64)`` for differences.
     queues_bits: Py<PyArray1<u32>>,
+    /// Sampling rates as known at the start of the slot, true or learnt [bit/s], [N], read-only.
+    sampling_bps: Py<PyArray1<f64>>,
     /// What stays the same.
     field: Py<PyField>,
 }
@@ -95,6 +97,8 @@ impl PyDecision {
 pub struct PyPlanMaker {
     strategy: Py<PyAny>,
     field: Py<PyField>,
+    /// The rates before slot 1, which stay unless they are learnt.
+    sampling_bps: Py<PyArray1<f64>>,
 }
 
 #[pymethods]
@@ -103,38 +107,48 @@ impl PyPlanMaker {
     #[new]
     pub fn new(py: Python<'_>, strategy: Py<PyAny>, field: Py<PyField>) -> PyResult<Self> {
         strategy.call_method1(py, "begin", (&field,))?;
-        Ok(Self { strategy, field })
+        let sampling_bps = field.get().data.sampling_bps(py)?.unbind();
+        Ok(Self { strategy, field, sampling_bps })
     }
 
-    /// The message of the plan for `slot`, from the position of the flight before it [m] and the queues [bit].
+    /// The message of the plan for `slot`, from the position of the flight before it [m], the queues [bit], and the
+    /// learnt rates [bit/s] or None.
+    #[pyo3(signature = (slot, uav, queues_bits, learnt_bps = None))]
     fn plan(
         &self,
         py: Python<'_>,
         slot: u64,
         uav: [f64; 3],
         queues_bits: &Bound<'_, PyArray1<u32>>,
+        learnt_bps: Option<Bound<'_, PyArray1<f64>>>,
     ) -> PyResult<Vec<u8>> {
-        self.field.get().data.check(queues_bits.len()?)?;
-        let plan = self.timed_plan(py, slot, Point3::from(uav), queues_bits)?;
+        let field = &self.field.get().data;
+        field.check(queues_bits.len()?)?;
+        learnt_bps.as_ref().map_or(Ok(()), |learnt_bps| field.check(learnt_bps.len()?))?;
+        let plan = self.timed_plan(py, slot, Point3::from(uav), queues_bits, learnt_bps)?;
         Ok(bytemuck::bytes_of(&plan).to_vec())
     }
 }
 
 impl PyPlanMaker {
-    /// The plan of a slot, from the position of the UAV and the queues [bit], with the time that it took.
+    /// The plan of a slot, from the position of the UAV, the queues [bit] and the learnt rates [bit/s], with the time
+    /// that it took.
     fn timed_plan(
         &self,
         py: Python<'_>,
         slot: u64,
         uav: Point3<f64>,
         queues_bits: &Bound<'_, PyArray1<u32>>,
+        learnt_bps: Option<Bound<'_, PyArray1<f64>>>,
     ) -> PyResult<Plan> {
         let begin = Instant::now();
+        // A new array object, whose shape the strategy may change; the memory is shared.
+        let known_bps = || PyResult::Ok(self.sampling_bps.bind(py).call_method0(intern!(py, "view"))?.cast_into()?);
         let view = PyView {
             slot,
             uav: read_only([uav.x, uav.y, uav.z].to_pyarray(py))?.unbind(),
-            // A new array object, whose shape the strategy may change; the memory is shared.
             queues_bits: queues_bits.call_method0(intern!(py, "view"))?.cast_into()?.unbind(),
+            sampling_bps: learnt_bps.map_or_else(known_bps, Ok)?.unbind(),
             field: self.field.clone_ref(py),
         };
         let decided = self.strategy.call_method1(py, "plan", (view,))?;
@@ -159,7 +173,9 @@ impl PyPlanMaker {
         } else {
             held(py, plant.field().shared_queues_bits())?
         };
-        self.timed_plan(py, plant.slot() + 1, plant.flight(UAV).position(), &read_only(queues_bits)?)
+        let has_learnt_rates = plant.field().belief().has_learnt_rates();
+        let learnt_bps = has_learnt_rates.then(|| believed_bps(py, plant, &self.field.get().data)).transpose()?;
+        self.timed_plan(py, plant.slot() + 1, plant.flight(UAV).position(), &read_only(queues_bits)?, learnt_bps)
     }
 }
 
@@ -169,6 +185,14 @@ impl Pilot for PyPlanMaker {
             Python::attach(|py| self.plan_next(py, plant).map_err(|error| in_slot(py, plant.slot() + 1, error)));
         let plan = planned.map_err(|error| MissionError::Foreign(Box::new(error)))?;
         Ok(Plans::from_buf([Some(plan)]))
+    }
+}
+
+/// The sampling rates that the UAV of `plant` believes in over `field` [bit/s].
+pub fn believed_bps<'py>(py: Python<'py>, plant: &Plant, field: &FieldData) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    match plant.field().belief().learnt_bps(field.limits.slot_s) {
+        Some(learnt_bps) => read_only(PyArray1::from_iter(py, learnt_bps)),
+        None => field.sampling_bps(py),
     }
 }
 

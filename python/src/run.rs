@@ -9,6 +9,7 @@ use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use skysink_common::belief::Belief;
 use skysink_common::message::Plan;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
@@ -187,7 +188,7 @@ impl PyRun {
 
     #[getter]
     fn field(&self) -> PyField {
-        PyField::of(&self.scenario.scenario, &self.list)
+        PyField::of(&self.scenario.scenario, &self.list, &Belief::Known)
     }
 
     /// One row per slot and UAV with the columns of ``slots.csv``; ``scheduled`` contains lists of ids.

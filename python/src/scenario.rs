@@ -6,6 +6,7 @@ use std::sync::Arc;
 use arrow_array::{ArrayRef, Float64Array, UInt32Array};
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
+use skysink_common::belief::Belief;
 use skysink_common::error::read_text;
 use skysink_common::scenario::{LETTER, Overrides, Scenario, Setting, SettingOrigin};
 use skysink_common::sensors::{Sensor, SensorList};
@@ -151,9 +152,9 @@ impl PyScenario {
         ])
     }
 
-    /// The sensor nodes and the limits of plans.
+    /// The sensor nodes, with their true sampling rates, and the limits of plans.
     fn field(&self) -> PyResult<PyField> {
-        Ok(PyField::of(&self.scenario, &self.list()?))
+        Ok(PyField::of(&self.scenario, &self.list()?, &Belief::Known))
     }
 
     /// For pickle and copy: the text and the path.

@@ -76,7 +76,8 @@ pub fn drive_python(
 ) -> PyResult<Plant> {
     let mut plant = plant(scenario, list)?;
     nested(|| {
-        let mut pilot = PyPlanMaker::new(py, strategy, Py::new(py, PyField::of(scenario, list))?)?;
+        let field = PyField::of(scenario, list, plant.field().belief());
+        let mut pilot = PyPlanMaker::new(py, strategy, Py::new(py, field)?)?;
         drive(&mut plant, &mut pilot, &mut [observer], &Stop::default()).map_err(of_mission)
     })?;
     Ok(plant)

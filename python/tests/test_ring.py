@@ -17,6 +17,8 @@ from pathlib import Path
 import pytest
 from conftest import GFS, ROOT, run, same_files
 
+import skysink
+
 LONG = """
 name = "long"
 slots = 1500
@@ -55,6 +57,27 @@ if __name__ == "__main__":
     skysink.ring.planner(Counting)
 """
 
+LEARNING = """
+import skysink
+
+class Learning(skysink.Strategy):
+    '''Flies to the queue that will be longest, and refuses to know more than the mean of the rates before slot 1.'''
+
+    def begin(self, field):
+        assert set(field.sampling_bps) == {175.0}
+
+    def plan(self, view):
+        reachable = view.field.within(view.uav, view.field.reach_m)
+        if not len(reachable):
+            return None
+        soon = view.queues_bits + 20 * view.sampling_bps
+        return skysink.Decision(view.field.positions_m[reachable[soon[reachable].argmax()]])
+
+if __name__ == "__main__":
+    import skysink.ring
+    skysink.ring.planner(Learning())
+"""
+
 TIMEOUT_S = 240.0
 
 
@@ -66,6 +89,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     (tmp_path / "long.toml").write_text(LONG)
     (tmp_path / "mine.py").write_text(MINE)
     (tmp_path / "counting.py").write_text(COUNTING)
+    (tmp_path / "learning.py").write_text(LEARNING)
     yield tmp_path
     left = [ring for home in rings.glob("skysink-*") for ring in home.iterdir() if ring.is_dir()]
     shutil.rmtree(rings)
@@ -116,6 +140,17 @@ def test_a_strategy_in_python_has_the_bytes_of_the_same_in_rust(place: Path, kno
     run("run", scenario, *chosen, "--no-viewer", "--out", "run", *planner, "--label", "mine", cwd=place)
     same_files(place / "alone", place / "run", ["slots.csv", "sensors.csv", "scenario.toml"])
     assert json.loads((place / "run" / "summary.json").read_text())["strategy"] == "mine"
+
+
+def test_it_learns_the_rates_that_it_learns_in_one_process(place: Path) -> None:
+    learnt = {"planner.knowledge": "estimated", "planner.rates": "learnt", "sensors.sampling_bps": [50.0, 300.0]}
+    smoke = skysink.Scenario.load(ROOT / "scenarios" / "smoke.toml").replace(learnt)
+    (place / "learnt.toml").write_text(smoke.to_toml())
+    alone = skysink.simulate(smoke, f"python:{place / 'learning.py'}:Learning")
+    alone.save(place / "alone")
+    planner = ["--planner", f"{sys.executable} learning.py"]
+    run("run", "learnt.toml", "--no-viewer", "--out", "run", *planner, cwd=place)
+    same_files(place / "alone", place / "run", ["slots.csv", "sensors.csv"])
 
 
 @pytest.mark.parametrize(

@@ -64,6 +64,12 @@ impl Terms {
         self.belief.is_some()
     }
 
+    /// Whether the run has the topic `rates`.
+    #[must_use]
+    pub fn has_learnt_rates(&self) -> bool {
+        self.belief == Some(Rates::Learnt)
+    }
+
     /// Reads `ring.toml`; the error says what is wrong.
     pub(crate) fn read(file: &Path) -> Result<Self, String> {
         let expected = "expected the folder of a ring, as skysink run prints it, or a copy of the ring.toml in it";

@@ -25,7 +25,7 @@ use crate::topic::{OnFullBuffer, Opening, Participant, Topic, TopicRow};
 use crate::wait::{PAUSE, WaitContext};
 
 /// Version of the messages and their semantics; processes of different versions refuse each other.
-pub const SCHEMA: u32 = 6;
+pub const SCHEMA: u32 = 7;
 
 /// Buffer of the viewer and of the recorder [samples].
 pub const VIEWER_BUFFER: usize = 64;
@@ -104,11 +104,18 @@ const DEFAULT_ROW: TopicRow = TopicRow {
 use Role::{FieldSim, FlightSim, Launcher, Planner, Viewer};
 
 topics! {
-    /// All sensor nodes, once; the mission's limits in the header.
+    /// All sensor nodes, once, with the rates that the planner knows before slot 1; the mission's limits in the header.
     sensors: Topic<[SensorNode], SensorsHeader> {
         writer: FieldSim,
         readers: &[FlightSim, Planner, Viewer],
         buffer: RING_BUFFER,
+    }
+
+    /// The rates that the UAV has learnt after each slot [bit/s], for an external planner. Sent before `belief`.
+    rates: OptionalTopic<[f64], SlotHeader> {
+        writer: FieldSim,
+        readers: &[Planner],
+        exists: Terms::has_learnt_rates,
     }
 
     /// The UAV's belief of the queues after each slot [bit], for an external planner; without totals. Sent before
@@ -373,6 +380,8 @@ mod tests {
         let has_belief = |role| LinkedServices::of(&estimated, &[role]).all.contains(&"skysink/belief".to_owned());
         assert!(has_belief(Planner) && !has_belief(Viewer));
         assert!(!services(&Terms::default()).contains(&"skysink/belief".to_owned()));
+        let has_rates = |belief| services(&Terms { belief, ..Terms::default() }).contains(&"skysink/rates".to_owned());
+        assert!(has_rates(Some(Rates::Learnt)) && !has_rates(Some(Rates::Known)) && !has_rates(None));
     }
 
     #[test]

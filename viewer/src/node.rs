@@ -12,6 +12,7 @@ use skysink_common::message::{FLAG_END, FlightReport, HoldReason, PathPoint, Pla
 use skysink_common::pace::Pace;
 use skysink_common::possible::is_possible_path;
 use skysink_common::scenario::{Area, Scenario};
+use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::UAV;
 use skysink_common::stop::Stop;
 use skysink_ring::error::NodeError;
@@ -83,14 +84,18 @@ pub fn run<S: Service + 'static>(
     let mut sensors = ring.sensors.reader()?;
     let nodes = sensors.wait_for_next(&mut wait, 0)?;
     let _sensors = ring.terms.link.is_none().then_some(sensors); // over a link, repeated samples would accumulate
+    let nodes = if ring.terms.has_learnt_rates() {
+        SensorList::of(scenario)?.nodes() // the topic has what an external planner knows of their rates
+    } else {
+        nodes.payload().to_vec()
+    };
     let mut shown = scenario.clone();
     if let Some(label) = &options.label {
         label.clone_into(&mut shown.planner.strategy);
     }
     let name = run_name(&shown, ring.terms.mission);
-    let mut scene =
-        Scene::open(&options.sinks, &shown, nodes.payload(), &name, WallClock::Measured, options.estimated)?;
-    let journal = resume(folder, Scene::state_room(nodes.payload().len()), &mut scene)?;
+    let mut scene = Scene::open(&options.sinks, &shown, &nodes, &name, WallClock::Measured, options.estimated)?;
+    let journal = resume(folder, Scene::state_room(nodes.len()), &mut scene)?;
     if let Some(port) = scene.port() {
         let address = format!("rerun+http://127.0.0.1:{port}/proxy");
         Role::Viewer.log(format_args!("live at {address}: open it by `rerun {address}`"));
