@@ -248,7 +248,7 @@ impl<'a> ReplayedRun<'a> {
             label: Some(recorded.strategy.clone()),
             recorded: Some(RecordedRing { run: command.run.clone(), pace, plans: *plans }),
         };
-        let run_mode = RunMode { pace: Some(Pace::Max), external_planner: external.clone() };
+        let run_mode = RunMode { pace: Some(Pace::Max), external_planner: external.clone(), ..RunMode::default() };
         let ring = make_ring(scenario, &command.options, &run_mode, pace)?;
         let mut replayed = Replayed::new(scenario, recorded, &out.join(PLANS))?;
         let mut tally = Tally::new(scenario, &recorded.list, &RunMode::default());

@@ -65,6 +65,25 @@ impl Flight {
         report
     }
 
+    /// Repeats `slot` as another flight-sim has reported it: the waypoint of `report` is the position, wherever it lies,
+    /// and its mode, refusals and schedule are those flown. The links are those of the scenario's channel.
+    #[must_use]
+    pub fn repeat(&mut self, slot: u64, report: &Plan) -> FlightReport {
+        self.vehicle.position = report.waypoint();
+        let mut repeated = self.report(Mode::from_repr(report.mode).unwrap_or_default());
+        let known = report.scheduled().iter().filter(|&&sensor| (sensor as usize) < self.positions.len());
+        for (link, &sensor) in repeated.links.iter_mut().zip(known) {
+            *link = self.link_report(slot, sensor);
+            repeated.served += 1;
+        }
+        repeated.refused = report.served - repeated.served;
+        if repeated.mode == Mode::Hold as u32 {
+            let reason = if repeated.refused > 0 { HoldReason::Waypoint } else { HoldReason::NoPlan };
+            repeated.hold = reason as u32;
+        }
+        repeated
+    }
+
     /// Fills in the links of the scheduled sensor nodes that can be served.
     fn serve(&self, slot: u64, plan: &Plan, report: &mut FlightReport) {
         let scheduled = plan.scheduled();
@@ -128,6 +147,23 @@ mod tests {
 
     fn served(report: &FlightReport) -> Vec<u32> {
         report.served_links().iter().map(|link| link.sensor).collect()
+    }
+
+    #[test]
+    fn a_reported_flight_is_repeated_wherever_it_leads() {
+        let mut flight = flight();
+        let mut report = Plan::fly_to([-3.0, 50.5, 21.0], Mode::Hold);
+        report.schedule(&[3, 0]);
+        report.served += 2; // refused
+        let repeated = flight.repeat(1, &report);
+        assert_eq!((repeated.position(), served(&repeated)), (report.waypoint(), vec![3, 0]));
+        assert_eq!(
+            (repeated.mode, repeated.refused, repeated.hold),
+            (Mode::Hold as u32, 2, HoldReason::Waypoint as u32)
+        );
+        assert!((repeated.links[0].distance_m - 63.0).abs() < 0.01, "from where the UAV was: {repeated:?}");
+        let next = flight.step(2, Some(&plan(&[0])));
+        assert_eq!((next.mode, next.x_m), (Mode::Hold as u32, -3.0), "53 m are beyond the reach of a slot");
     }
 
     #[test]

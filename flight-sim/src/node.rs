@@ -21,6 +21,8 @@ use crate::journal::{journal, restore};
 pub struct RecordedFlight<'a> {
     /// The plan for the recorded flight of a UAV, by its number, in a slot, from 1; `None` if there was none in time.
     pub plan_of: &'a dyn Fn(usize, u64) -> Option<Plan>,
+    /// Whether the plans are the flights that another flight-sim has reported, as [`Flight::repeat`] takes them.
+    pub are_reports: bool,
     /// Shortest time between two slots.
     pub period: Option<Duration>,
 }
@@ -90,7 +92,10 @@ fn fly<S: Service + 'static>(
         }
         let fly = |(number, uav): (usize, &mut Flight)| match recorded {
             None => uav.step(slot, plan.as_ref().map(|plans| &plans[number])),
-            Some(recorded) => uav.step(slot, (recorded.plan_of)(number, slot).as_ref()),
+            Some(recorded) => match (recorded.plan_of)(number, slot) {
+                Some(report) if recorded.are_reports => uav.repeat(slot, &report),
+                plan => uav.step(slot, plan.as_ref()),
+            },
         };
         let reports: ByUav<_> = uavs.iter_mut().enumerate().map(fly).collect();
         drop(plan);

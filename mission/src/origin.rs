@@ -6,8 +6,11 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use skysink_common::build::{VERSION, build};
 use skysink_common::error::InputError;
+use skysink_common::message::Plan;
 use skysink_common::pace::Pace;
 use xxhash_rust::xxh3::xxh3_64;
+
+use crate::trace::RecordedSlot;
 
 /// Name of the file.
 pub(crate) const FILE: &str = "run.toml";
@@ -19,12 +22,44 @@ pub(crate) const INPUTS: [&str; 3] = ["scenario.toml", "sensors.csv", FILE];
 const CHECK: &str = "check = ";
 
 /// How a mission is flown.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct RunMode {
     /// The pace of the ring; `None` in one process.
     pub pace: Option<Pace>,
-    /// Label of an external planner; `None` if the scenario's strategy plans.
+    /// Label of an external planner or of a strategy in Python; `None` if the scenario's strategy plans.
     pub external_planner: Option<String>,
+    /// The roles whose processes the launcher has not started, or that a command of the user fills, by name.
+    pub external: Vec<String>,
+    /// The source of the strategy in Python that flies.
+    pub sources: Vec<SourceFile>,
+}
+
+/// A file of a strategy's source code, as in the run folder.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SourceFile {
+    /// `strategy.py`, or `strategy.NAME.py` for a module NAME that it imports.
+    pub name: String,
+    /// Its content.
+    pub bytes: Vec<u8>,
+}
+
+impl RunMode {
+    /// Whether the flights were reported by an external flight-sim, such as a bridge to a vehicle.
+    #[must_use]
+    pub fn has_reported_flights(&self) -> bool {
+        self.external.iter().any(|role| role == "flight-sim")
+    }
+
+    /// The plan that repeats a recorded slot; `None` if there was none in time.
+    #[must_use]
+    pub fn plan_of(&self, slot: &RecordedSlot) -> Option<Plan> {
+        if self.has_reported_flights() { Some(slot.report()) } else { slot.decision() }
+    }
+}
+
+/// Whether a file of this name holds the source of a strategy.
+pub(crate) fn is_source(name: &str) -> bool {
+    name.strip_prefix("strategy.").is_some_and(|rest| rest == "py" || rest.ends_with(".py"))
 }
 
 /// The content of `run.toml`.
@@ -37,6 +72,11 @@ struct Origin {
     pace: Option<Pace>,
     #[serde(rename = "outside_planner")]
     external_planner: Option<String>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    external: Vec<String>,
+    /// Names of the source files, and XXH3 of their bytes.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    sources: Vec<(String, String)>,
     /// XXH3 of the bytes of `scenario.toml`.
     scenario: String,
     /// XXH3 of the bytes of `sensors.csv`.
@@ -50,6 +90,8 @@ pub(crate) fn write(mode: &RunMode, scenario: &str, sensors: &str) -> String {
         build: build().to_owned(),
         pace: mode.pace,
         external_planner: mode.external_planner.clone(),
+        external: mode.external.clone(),
+        sources: mode.sources.iter().map(|source| (source.name.clone(), hash(&source.bytes))).collect(),
         scenario: hash(scenario.as_bytes()),
         sensors: hash(sensors.as_bytes()),
     };
@@ -58,7 +100,7 @@ pub(crate) fn write(mode: &RunMode, scenario: &str, sensors: &str) -> String {
     format!("{text}{CHECK}\"{check}\"\n")
 }
 
-/// Reads `run.toml` in `folder`, and compares the scenario and the sensor list with it.
+/// Reads `run.toml` in `folder`, and compares the scenario, the sensor list and the sources with it.
 pub(crate) fn read(folder: &Path) -> Result<RunMode, InputError> {
     let refuse = |name: &str, message: &str| InputError::new("run folder", &folder.join(name), message);
     let bytes = |name: &str| fs::read(folder.join(name)).map_err(|error| refuse(name, &error.to_string()));
@@ -79,7 +121,16 @@ pub(crate) fn read(folder: &Path) -> Result<RunMode, InputError> {
             return Err(changed(name));
         }
     }
-    Ok(RunMode { pace: origin.pace, external_planner: origin.external_planner })
+    let source = |(name, expected): (String, String)| {
+        let bytes = bytes(&name)?;
+        if !is_source(&name) || hash(&bytes) != expected {
+            return Err(changed(&name));
+        }
+        Ok(SourceFile { name, bytes })
+    };
+    let sources = origin.sources.into_iter().map(source).collect::<Result<_, _>>()?;
+    let Origin { pace, external_planner, external, .. } = origin;
+    Ok(RunMode { pace, external_planner, external, sources })
 }
 
 /// XXH3 of bytes, as 16 hexadecimal digits.
@@ -96,24 +147,54 @@ mod tests {
         for (name, text) in [("scenario.toml", "a"), ("sensors.csv", "b"), (FILE, &write(mode, "a", "b")[..])] {
             fs::write(folder.path().join(name), text).unwrap();
         }
+        for SourceFile { name, bytes } in &mode.sources {
+            fs::write(folder.path().join(name), bytes).unwrap();
+        }
         folder
+    }
+
+    /// A run of a strategy in Python with a module beside it.
+    fn in_python() -> RunMode {
+        let source = |name: &str| SourceFile { name: name.to_owned(), bytes: format!("# {name}").into() };
+        RunMode {
+            external_planner: Some("GFS".to_owned()),
+            external: vec!["planner".to_owned()],
+            sources: ["strategy.py", "strategy.near.py"].map(source).to_vec(),
+            ..RunMode::default()
+        }
     }
 
     #[test]
     fn a_written_file_is_read_back() {
-        let modes = [
-            RunMode::default(),
-            RunMode { pace: Some("10x".parse().unwrap()), external_planner: Some("mine \"1\"".to_owned()) },
-        ];
-        for mode in modes {
+        let paced = RunMode {
+            pace: Some("10x".parse().unwrap()),
+            external_planner: Some("mine \"1\"".to_owned()),
+            external: vec!["planner".to_owned(), "flight-sim".to_owned()],
+            ..RunMode::default()
+        };
+        assert_eq!([&paced, &in_python()].map(RunMode::has_reported_flights), [true, false]);
+        for mode in [RunMode::default(), paced, in_python()] {
             assert_eq!(read(folder(&mode).path()).unwrap(), mode);
         }
     }
 
     #[test]
+    fn only_names_of_sources_are_taken_for_sources() {
+        let names = ["strategy.py", "strategy.near.py", "strategy.", "strategypy", "mine.py", "strategy.toml"];
+        assert_eq!(names.map(is_source), [true, true, false, false, false, false]);
+        let mut mode = in_python();
+        mode.sources[1].name = "../near.py".to_owned();
+        let inner = tempfile::tempdir().unwrap();
+        let path = inner.path().join("run");
+        fs::rename(folder(&mode).keep(), &path).unwrap();
+        fs::write(inner.path().join("near.py"), &mode.sources[1].bytes).unwrap();
+        assert!(read(&path).unwrap_err().to_string().contains("was modified"));
+    }
+
+    #[test]
     fn a_changed_byte_of_any_file_is_refused_and_named() {
-        for name in INPUTS {
-            let folder = folder(&RunMode::default());
+        for name in INPUTS.into_iter().chain(["strategy.py", "strategy.near.py"]) {
+            let folder = folder(&in_python());
             let path = folder.path().join(name);
             let whole = fs::read(&path).unwrap();
             for at in 0..whole.len() {

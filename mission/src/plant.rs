@@ -16,6 +16,8 @@ pub struct Plant {
     field: Field,
     uavs: ByUav<Flight>,
     slots: u64,
+    /// Whether plans are the flights that another flight-sim has reported.
+    repeats_reports: bool,
     /// The last slot. It is not passed on by value: flight reports are large.
     record: SlotRecord,
 }
@@ -29,7 +31,13 @@ impl Plant {
         let field = Field::new(scenario, list);
         let header = field.header(slot_header(0, scenario.slots));
         let record = SlotRecord::unplanned(uavs.iter().map(Flight::start).collect(), header);
-        Self { field, uavs, slots: scenario.slots, record }
+        Self { field, uavs, slots: scenario.slots, repeats_reports: false, record }
+    }
+
+    /// The same for the flights that another flight-sim has reported: each plan is one, as [`Flight::repeat`] takes it.
+    #[must_use]
+    pub fn repeating_reports(self, repeats_reports: bool) -> Self {
+        Self { repeats_reports, ..self }
     }
 
     /// The same with what the UAV believes before slot 1, for external planners, instead of known queues.
@@ -94,7 +102,10 @@ impl Plant {
         record.plans.copy_from_slice(plans);
         record.paths.iter_mut().for_each(Vec::clear);
         for ((uav, flight), plan) in self.uavs.iter_mut().zip(&mut record.flights).zip(plans) {
-            *flight = uav.step(slot, plan.as_ref());
+            *flight = match plan {
+                Some(report) if self.repeats_reports => uav.repeat(slot, report),
+                plan => uav.step(slot, plan.as_ref()),
+            };
         }
         self.field.step(slot, &record.flights).expect("flight-sim serves only known sensor nodes");
         record.header = self.field.header(slot_header(slot, self.slots));

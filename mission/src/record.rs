@@ -14,7 +14,7 @@ use skysink_common::sensors::SensorList;
 use crate::error::{FileContext, MissionError};
 use crate::files::write_whole;
 use crate::folder::{Earlier, FolderLayout, OutputFolder};
-use crate::origin::{self, RunMode, hash};
+use crate::origin::{self, RunMode, SourceFile, hash};
 use crate::slot_log::{CHECK, SlotLog};
 use crate::summary::Summary;
 
@@ -35,7 +35,12 @@ const FILES: [&str; 7] = [origin::FILE, "scenario.toml", "sensors.csv", CHECK, S
 
 /// The files of a run.
 static LAYOUT: FolderLayout =
-    FolderLayout { lock: TRACE, is_result: |name| FILES.contains(&name) || is_recording(name), temporary: &[] };
+    FolderLayout { lock: TRACE, is_result: |name| FILES.contains(&name) || is_own(name), temporary: &[] };
+
+/// Whether a file of this name is one of a run whose number differs from run to run.
+fn is_own(name: &str) -> bool {
+    is_recording(name) || origin::is_source(name)
+}
 
 /// Whether `folder` holds a run.
 #[must_use]
@@ -77,6 +82,9 @@ impl RunFolder {
         let sensors = list.to_csv();
         folder.write("scenario.toml", &scenario)?;
         folder.write("sensors.csv", &sensors)?;
+        for SourceFile { name, bytes } in &mode.sources {
+            write_whole(&folder.path().join(name), bytes)?;
+        }
         folder.write(origin::FILE, &origin::write(mode, &scenario, &sensors))?;
         Ok(folder)
     }
@@ -140,6 +148,19 @@ impl RunFolder {
     #[must_use]
     pub fn run_mode(&self) -> &RunMode {
         &self.mode
+    }
+
+    /// Changes the roles of external processes, by name, in `run.toml`, too.
+    ///
+    /// # Errors
+    /// If a file cannot be read or written.
+    pub fn set_external(&mut self, external: &[String]) -> Result<(), MissionError> {
+        if self.mode.external != external {
+            external.clone_into(&mut self.mode.external);
+            let read = |name: &str| fs::read_to_string(self.path().join(name)).at(&self.path().join(name));
+            self.write(origin::FILE, &origin::write(&self.mode, &read("scenario.toml")?, &read("sensors.csv")?))?;
+        }
+        Ok(())
     }
 
     /// Starts `slots.csv`.

@@ -2,7 +2,7 @@
 
 use std::fs::File;
 use std::io::{BufRead as _, BufReader};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use skysink_common::error::InputError;
 use skysink_common::scenario::{Overrides, Scenario};
@@ -10,6 +10,7 @@ use skysink_common::slot_record::{ByUav, Plans, UAVS};
 
 use crate::drive::{End, Ended, Pilot};
 use crate::error::{FileContext, MissionError};
+use crate::origin::RunMode;
 use crate::plant::Plant;
 use crate::record::RunFolder;
 use crate::slot_log::SlotLog;
@@ -89,22 +90,24 @@ impl RecordedLines {
         InputError::line("trace", &self.path, self.number, &line, what).into()
     }
 
-    /// The error for a line that the mission does not reproduce.
+    /// The error for a line that the mission, flown like `mode`, does not reproduce.
     #[must_use]
-    pub fn changed(&self) -> MissionError {
-        self.refuse("it differs from the simulation of the scenario: it or an earlier line was modified")
+    pub fn changed(&self, mode: &RunMode) -> MissionError {
+        let or_another =
+            if mode.has_reported_flights() { ", or the external flight-sim had another channel" } else { "" };
+        let what = "it differs from the simulation of the scenario: it or an earlier line was modified";
+        self.refuse(&format!("{what}{or_another}"))
     }
 }
 
 /// All recorded slots of each UAV in the folder of a run that has ended, without a replay.
 ///
 /// # Errors
-/// If `path` is not a run folder, its scenario or sensor list was changed, or a line is not that of its slot.
-pub fn recorded_slots(path: &Path) -> Result<Vec<ByUav<RecordedSlot>>, MissionError> {
-    let folder = RunFolder::open_to_read(path)?;
+/// If the scenario is refused, or a line is not that of its slot.
+pub fn recorded_slots(folder: &RunFolder) -> Result<Vec<ByUav<RecordedSlot>>, MissionError> {
     let scenario = Scenario::read(&folder.scenario(), Overrides::default())?;
     let (_, reader) = folder.reopen_slot_log()?;
-    let mut lines = RecordedLines::new(&folder, reader, scenario.slots);
+    let mut lines = RecordedLines::new(folder, reader, scenario.slots);
     std::iter::from_fn(|| lines.next_slot().transpose()).collect()
 }
 
@@ -119,6 +122,8 @@ pub fn slot_of(slots: &[ByUav<RecordedSlot>], slot: u64) -> Option<&ByUav<Record
 pub struct Recorded {
     lines: RecordedLines,
     log: SlotLog,
+    /// How the run was flown.
+    mode: RunMode,
     /// The last slot that was compared with its line.
     compared: u64,
 }
@@ -130,7 +135,8 @@ impl Recorded {
     /// If it does not begin with the header of a trace.
     pub fn open(folder: &RunFolder, slots: u64) -> Result<Self, MissionError> {
         let (log, reader) = folder.reopen_slot_log()?;
-        Ok(Self { lines: RecordedLines::new(folder, reader, slots), log, compared: 0 })
+        let mode = folder.run_mode().clone();
+        Ok(Self { lines: RecordedLines::new(folder, reader, slots), log, mode, compared: 0 })
     }
 
     /// Compares the last flown slot with its lines, and reads the next ones; `None` after the last complete slot.
@@ -141,7 +147,7 @@ impl Recorded {
         if plant.slot() > self.compared {
             self.compared = plant.slot();
             if !self.log.repeat(self.lines.lines(), plant.flights(), &plant.header())? {
-                return Err(self.lines.changed());
+                return Err(self.lines.changed(&self.mode));
             }
         }
         self.lines.next_slot()
@@ -182,6 +188,6 @@ impl Recorded {
 impl Pilot for Recorded {
     fn plans(&mut self, plant: &Plant) -> Result<Plans, Ended> {
         let recorded = self.next_slot(plant)?.ok_or(Ended::At(End::OutOfPlans))?;
-        Ok(recorded.iter().map(RecordedSlot::decision).collect())
+        Ok(recorded.iter().map(|slot| self.mode.plan_of(slot)).collect())
     }
 }

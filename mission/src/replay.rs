@@ -13,6 +13,7 @@ use skysink_planner::settings;
 
 use crate::drive::{Observer, drive};
 use crate::error::MissionError;
+use crate::origin::RunMode;
 use crate::plant::Plant;
 use crate::record::RunFolder;
 use crate::recorded::Recorded;
@@ -24,6 +25,7 @@ pub struct Replay {
     scenario: Scenario,
     list: SensorList,
     label: String,
+    run_mode: RunMode,
     plant: Plant,
     trace: Recorded,
     tally: Tally,
@@ -42,8 +44,10 @@ impl Replay {
         let list = SensorList::of(&scenario)?;
         let trace = Recorded::open(&folder, scenario.slots)?;
         let label = folder.run_mode().external_planner.as_ref().unwrap_or(&scenario.planner.strategy).clone();
-        let tally = Tally::new(&scenario, &list, folder.run_mode());
-        Ok(Self { plant: Plant::new(&scenario, &list), scenario, list, label, trace, tally, summary })
+        let run_mode = folder.run_mode().clone();
+        let plant = Plant::new(&scenario, &list).repeating_reports(run_mode.has_reported_flights());
+        let tally = Tally::new(&scenario, &list, &run_mode);
+        Ok(Self { plant, run_mode, scenario, list, label, trace, tally, summary })
     }
 
     /// The scenario as flown.
@@ -62,6 +66,12 @@ impl Replay {
     #[must_use]
     pub fn label(&self) -> &str {
         &self.label
+    }
+
+    /// How the run was flown.
+    #[must_use]
+    pub fn run_mode(&self) -> &RunMode {
+        &self.run_mode
     }
 
     /// The summary of the run. Once all slots are flown again, it has the figures that they lead to.

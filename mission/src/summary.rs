@@ -40,6 +40,9 @@ pub struct Summary {
     pub name: String,
     /// Strategy, or the label of an external planner.
     pub strategy: String,
+    /// Roles of external processes; a strategy in Python is an external planner.
+    #[serde(default)] // runs of older builds do not say
+    pub external: Vec<String>,
     /// Seed.
     pub seed: u64,
     /// Slots flown.
@@ -152,6 +155,7 @@ impl Tally {
         let summary = Summary {
             name: scenario.name.clone(),
             strategy: mode.external_planner.as_ref().unwrap_or(&scenario.planner.strategy).clone(),
+            external: mode.external.clone(),
             seed: scenario.seed,
             planned_slots: scenario.slots,
             sensors: list.sensors().len(),

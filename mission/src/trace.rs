@@ -5,6 +5,8 @@ use std::fmt::Write as _;
 use nalgebra::Point3;
 use skysink_common::message::{FlightReport, Mode, Plan, QueuesHeader};
 use skysink_common::slot_record::{ByUav, SlotRecord};
+#[cfg(doc)]
+use skysink_flight_sim::Flight;
 use xxhash_rust::xxh3::xxh3_64_with_seed;
 
 use crate::drive::SlotSink;
@@ -161,11 +163,16 @@ impl RecordedSlot {
     /// A plan that leads to the recorded flight, with as many refused requests as recorded.
     #[must_use]
     pub fn plan(&self) -> Plan {
-        let mut plan = Plan::fly_to(self.position, self.mode);
-        if self.mode == Mode::Hold {
-            plan.x_m = f64::NAN; // the refused waypoint
-            return plan;
+        match self.mode {
+            Mode::Hold => Plan { x_m: f64::NAN, ..Plan::fly_to(self.position, self.mode) }, // the refused waypoint
+            Mode::Serve | Mode::Transit => self.report(),
         }
+    }
+
+    /// The recorded flight in the form of a plan, as [`Flight::repeat`] takes it.
+    #[must_use]
+    pub fn report(&self) -> Plan {
+        let mut plan = Plan::fly_to(self.position, self.mode);
         plan.schedule(&self.scheduled[..self.scheduled.len().min(plan.ids.len())]);
         plan.served = plan.served.saturating_add(self.refused); // the ids after the schedule are `NOBODY`
         plan

@@ -56,7 +56,7 @@ impl Case {
     }
 
     fn create(&self, pace: Option<Pace>, force: bool) -> Result<RunFolder, String> {
-        let run_mode = RunMode { pace, external_planner: None };
+        let run_mode = RunMode { pace, ..RunMode::default() };
         let folder =
             RunFolder::create(Some(&self.out()), Earlier::by_force(force), &self.scenario, &self.list, &run_mode);
         folder.map_err(|error| error.to_string())

@@ -7,7 +7,7 @@ use skysink_common::scenario::Scenario;
 use toml::Table;
 
 pub use crate::keys::{Knowledge, Settings};
-use crate::strategies::{STRATEGIES, one_of};
+use crate::strategies::{PYTHON, STRATEGIES, one_of};
 use crate::strategy::{Registered, StrategyKeys};
 pub use crate::waypoint::WaypointSolver;
 pub use skysink_common::estimate::Rates;
@@ -60,7 +60,8 @@ pub fn estimated(scenario: &Scenario) -> Result<Option<Rates>, InputError> {
 /// All keys of `[planner]`, with defaults.
 fn every_key(scenario: &Scenario, settings: &Settings) -> Result<Table, InputError> {
     let mut keys = Table::new();
-    keys.insert("strategy".to_owned(), Registered::of(scenario)?.name.into());
+    let strategy = Some(scenario.planner.strategy.as_str()).filter(|name| name.starts_with(PYTHON));
+    keys.insert("strategy".to_owned(), strategy.map_or_else(|| Ok(Registered::of(scenario)?.name), Ok)?.into());
     keys.extend(Table::try_from(settings).expect("keys are numbers and strings"));
     for strategy in STRATEGIES {
         if let Some(StrategyKeys { check, .. }) = strategy.keys {

@@ -70,7 +70,15 @@ class Scenario:
         """Number of slots of the mission, T."""
 
     @property
-    def strategy(self) -> str: ...
+    def path(self) -> Path:
+        """The file, or what stands for it in errors. Files that the scenario names are relative to its folder."""
+
+    @property
+    def strategy(self) -> str:
+        """The strategy: a built-in one, ``"python:FILE:CLASS"``, or in a saved run ``"python:NAME"`` for an object that
+        only its program has.
+        """
+
     def __getitem__(self, key: str, /) -> Any:
         """The value of a dotted key, or a table as a dictionary."""
 
@@ -230,6 +238,10 @@ class Run:
     def load(folder: str | PathLike[str]) -> Run:
         """Loads a run folder and checks every slot by simulation. Raises :class:`InputError` if it is invalid."""
 
+    @staticmethod
+    def _check(folder: str | PathLike[str]) -> None:
+        """Refuses a run folder whose scenario, sensor list or source files were changed."""
+
     @property
     def loss_rate(self) -> float:
         """Data loss rate: lost bits as a fraction of the sampled bits."""
@@ -272,7 +284,12 @@ class Run:
     def __len__(self) -> int: ...
 
 def simulate(
-    scenario: Scenario, strategy: Strategy | str | None = None, *, seed: int | None = None, label: str | None = None
+    scenario: Scenario,
+    strategy: Strategy | str | None = None,
+    *,
+    seed: int | None = None,
+    label: str | None = None,
+    origin: tuple[str, Sequence[tuple[str, bytes]]] | None = None,
 ) -> Run: ...
 def run_program(name: str, arguments: Sequence[str], interpreter: Sequence[str]) -> int: ...
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from skysink import _skysink
 from skysink._skysink import Run, Scenario
-from skysink.strategy import PythonStrategy, Strategy, labelled, make, named
+from skysink.strategy import PREFIX, PythonStrategy, Strategy, labelled, named, origin
 from skysink.sweeps import ComparisonSource, fly_all, load
 
 
@@ -28,14 +28,27 @@ def simulate(
     """Simulates a mission in this process and returns it.
 
     ``strategy`` is the name of a built-in strategy (:data:`skysink.STRATEGIES`), a Python strategy, or
-    ``"python:FILE:CLASS"``; by default the scenario's. ``seed`` overrides the scenario's. ``label`` is the name of a
-    Python strategy in the results, by default that of its class. Built-in strategies release the interpreter lock.
+    ``"python:FILE:CLASS"``; by default the scenario's, whose FILE is relative to its folder. ``seed`` overrides the
+    scenario's. ``label`` is the name of a Python strategy in the results, by default that of its class. Built-in
+    strategies release the interpreter lock.
+
+    ``run.scenario`` names what flew, and :meth:`skysink.Run.save` writes the source of a Python strategy into the
+    folder, as ``strategy.py``. The saved ``scenario.toml`` flies the same again, if the strategy was given as
+    ``"python:FILE:CLASS"``; an object may have parameters that no file holds, so its mission is refused.
 
     Raises :class:`skysink.InputError` for bad input. Exceptions of a Python strategy are propagated with a note that
     names the slot.
     """
-    flown = None if strategy is None else make(strategy)
-    return _skysink.simulate(scenario_of(scenario), flown, seed=seed, label=label)
+    base = scenario_of(scenario)
+    if strategy is None and base.strategy.startswith(PREFIX) and (base.path.parent / "run.toml").is_file():
+        Run._check(base.path.parent)
+    if strategy is None or isinstance(strategy, str):
+        found = named(strategy or base.strategy, None if strategy else base.path.parent)
+        if isinstance(found, str):
+            return _skysink.simulate(base, found, seed=seed, label=label)
+        return _skysink.simulate(base, found.make(), seed=seed, label=label, origin=(str(found.spec), found.sources))
+    flown = strategy if isinstance(strategy, Strategy) else strategy()
+    return _skysink.simulate(base, flown, seed=seed, label=label, origin=origin(flown))
 
 
 def compare(

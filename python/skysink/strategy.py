@@ -7,13 +7,21 @@ import importlib.util
 import inspect
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec
 from pathlib import Path
 
 from skysink._skysink import STRATEGIES, Decision, Field, InputError, View
 
 PREFIX = "python:"
+
+MAIN = "strategy.py"
+"""A strategy's file in the folder of a run. ``strategy.NAME.py`` is a module beside it."""
+
+Sources = Sequence[tuple[str, bytes]]
+"""Source files: names in the folder of a run, and contents."""
 
 _FOLDERS: set[str] = set()
 """Folders from which strategies have been loaded."""
@@ -58,6 +66,9 @@ class PythonStrategy:
     spec: str | Callable[[], Strategy]
     """How a worker creates it: file and class, or a picklable factory."""
 
+    sources: Sources = ()
+    """Its source files, as in the folder of a run."""
+
 
 def named(strategy: str | type[Strategy] | Callable[[], Strategy], folder: Path | None = None) -> str | PythonStrategy:
     """Resolves a strategy: returns the name of a built-in one, or a Python strategy.
@@ -73,13 +84,16 @@ def named(strategy: str | type[Strategy] | Callable[[], Strategy], folder: Path 
         return strategy
     file, _, name = strategy.removeprefix(PREFIX).rpartition(":")
     path = (folder or Path.cwd()) / file
-    if not file or not path.is_file():
+    if not file:
+        flown_by = f"an object of the program that flew it, as in simulate(scenario, {name}())"
+        raise InputError(f"strategy {strategy}: expected {flown_by}, or {PREFIX}FILE:CLASS")
+    if not path.is_file():
         raise InputError(f"strategy {strategy}: expected {PREFIX}FILE:CLASS, and the file {path}")
-    module, version = _load(path)
+    module, version, sources = _load(path)
     found = getattr(module, name, None)
     if not (inspect.isclass(found) and issubclass(found, Strategy)):
         raise InputError(f"strategy {strategy}: expected a subclass of skysink.Strategy called {name} in {path}")
-    return PythonStrategy(strategy, found, version, f"{PREFIX}{path.absolute()}:{name}")
+    return PythonStrategy(strategy, found, version, f"{PREFIX}{path.absolute()}:{name}", sources)
 
 
 def labelled(label: str, strategy: str | Callable[[], Strategy]) -> str | PythonStrategy:
@@ -91,7 +105,7 @@ def labelled(label: str, strategy: str | Callable[[], Strategy]) -> str | Python
         return found
     if label in STRATEGIES:
         raise InputError(f"Python strategy as {label}: it is the name of a built-in strategy: expected another name")
-    return PythonStrategy(label, found.make, found.version, found.spec)
+    return PythonStrategy(label, found.make, found.version, found.spec, found.sources)
 
 
 def make(strategy: Strategy | type[Strategy] | str) -> str | Strategy:
@@ -102,8 +116,33 @@ def make(strategy: Strategy | type[Strategy] | str) -> str | Strategy:
     return found if isinstance(found, str) else found.make()
 
 
-def _load(path: Path) -> tuple[object, str]:
-    """Loads the module in a file, which may import its neighbours. Returns it with the hash of all these files."""
+def origin(strategy: Strategy) -> tuple[str, Sources]:
+    """The name of a strategy that is an object, in the scenario of its run, and the file of its class."""
+    kind = type(strategy)
+    try:
+        source = Path(inspect.getsourcefile(kind) or "")
+        text = source.read_bytes() if source.is_file() else inspect.getsource(kind).encode()
+    except (OSError, TypeError):  # typed into an interpreter
+        return f"{PREFIX}{kind.__name__}", ()
+    return f"{PREFIX}{kind.__name__}", ((MAIN, text),)
+
+
+class SavedModules(MetaPathFinder):
+    """Finds the modules beside a strategy in the folder of a run."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def find_spec(self, name: str, path: object = None, target: object = None) -> ModuleSpec | None:
+        """The module in ``strategy.NAME.py``, if there is that file."""
+        file = self.folder / f"strategy.{name}.py"
+        return importlib.util.spec_from_file_location(name, file) if file.is_file() else None
+
+
+def _load(path: Path) -> tuple[object, str, Sources]:
+    """Loads the module in a file, which may import its neighbours. Returns it with the hash of all these files, and the
+    files.
+    """
     name = f"skysink_strategy_{hashlib.sha256(str(path).encode()).hexdigest()[:16]}"
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None:
@@ -114,18 +153,23 @@ def _load(path: Path) -> tuple[object, str]:
         del sys.modules[neighbour]  # it may have changed, or be another module of the same name
     module = sys.modules[name] = importlib.util.module_from_spec(spec)
     sys.path.insert(0, folder)
+    saved = SavedModules(path.parent)
+    if path.name == MAIN:
+        sys.meta_path.insert(0, saved)
     writes_bytecode = not sys.dont_write_bytecode
     sys.dont_write_bytecode = True  # cached bytecode may be older than the file
     try:
         exec(compile(path.read_bytes(), path, "exec"), module.__dict__)
     finally:
         sys.path.remove(folder)
+        if path.name == MAIN:
+            sys.meta_path.remove(saved)
         sys.dont_write_bytecode = not writes_bytecode
-    files = sorted(str(loaded.__file__) for loaded in sys.modules.values() if _is_in(folder, loaded))
-    version = hashlib.sha256()
-    for file in files:
-        version.update(Path(file).read_bytes())
-    return module, version.hexdigest()
+    files = {str(loaded.__file__): other for other, loaded in sys.modules.items() if _is_in(folder, loaded)}
+    contents = {file: Path(file).read_bytes() for file in sorted(files)}
+    version = hashlib.sha256(b"".join(contents.values())).hexdigest()
+    neighbours = [(f"strategy.{files[file]}.py", text) for file, text in contents.items() if files[file] != name]
+    return module, version, ((MAIN, path.read_bytes()), *neighbours)
 
 
 def _is_in(folder: str, module: object) -> bool:
@@ -141,4 +185,4 @@ def _source(strategy: object) -> str:
         return ""
 
 
-__all__ = ["PREFIX", "STRATEGIES", "PythonStrategy", "Strategy", "labelled", "make", "named"]
+__all__ = ["PREFIX", "STRATEGIES", "PythonStrategy", "Sources", "Strategy", "labelled", "make", "named", "origin"]

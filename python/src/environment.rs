@@ -10,12 +10,13 @@ use pyo3::types::PyDict;
 use skysink_common::message::{Mode, Plan};
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::UAV;
+use skysink_planner::strategies::PYTHON;
 
 use crate::episode::{Episode, Observations, Outcome};
 use crate::errors::{of_mission, refused};
 use crate::field::PyField;
 use crate::pilot::{PyDecision, believed_bps};
-use crate::run::PyRun;
+use crate::run::{PyRun, python_mode};
 use crate::scenario::PyScenario;
 use crate::simulate::checked_label;
 
@@ -133,9 +134,10 @@ impl PyEnvironmentCore {
     }
 
     fn run(&self, label: &str) -> PyResult<PyRun> {
-        let scenario = PyScenario::on_record(&self.episode.scenario()?)?;
+        let label = checked_label(label)?;
+        let scenario = PyScenario::on_record(&self.episode.scenario()?)?.flown_by(&format!("{PYTHON}{label}"))?;
         let plans = self.plans.iter().map(|plan| Some(**plan));
-        let label = Some(checked_label(label)?);
-        PyRun::of_plans(scenario, SensorList::clone(&self.episode.list), plans, label).map_err(of_mission)
+        let list = SensorList::clone(&self.episode.list);
+        PyRun::of_plans(scenario, list, plans, python_mode(label, Vec::new())).map_err(of_mission)
     }
 }

@@ -19,11 +19,12 @@ use skysink_common::written_file::Extent;
 use skysink_lab::metrics::{Metric, MissionMeter};
 use skysink_mission::drive::{Observer, Planned, SlotSink};
 use skysink_mission::folder::Earlier;
-use skysink_mission::origin::RunMode;
+use skysink_mission::origin::{RunMode, SourceFile};
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Summary;
 use skysink_mission::trace::{RecordedSlot, TraceHash};
 use skysink_mission::{MissionError, Plant, Replay, drive};
+use skysink_planner::strategies::PYTHON;
 
 use crate::errors::{of_mission, refused};
 use crate::field::PyField;
@@ -48,15 +49,16 @@ impl RunRecorder {
     }
 
     /// Finishes the mission, which left `plant`. Its wall time counts from the creation of the recorder.
-    pub fn end(self, scenario: PyScenario, list: SensorList, plant: &Plant, label: Option<String>) -> PyRun {
+    pub fn end(self, scenario: PyScenario, list: SensorList, plant: &Plant, mode: RunMode) -> PyRun {
         let mut summary = self.meter.tally().summary(self.begin.elapsed(), self.hash.value());
-        if let Some(label) = &label {
+        if let Some(label) = &mode.external_planner {
             label.clone_into(&mut summary.strategy);
         }
+        mode.external.clone_into(&mut summary.external);
         let values = self.meter.values(plant, None, None);
         let metrics = Metric::all().map(|metric| (metric, values[metric as usize]));
         let metrics = metrics.filter(|(_, value)| !value.is_nan()).collect();
-        PyRun { scenario, list, label, slots: self.slots, summary, metrics }
+        PyRun { scenario, list, mode, slots: self.slots, summary, metrics }
     }
 }
 
@@ -81,16 +83,25 @@ impl<F: FnMut(&SlotRecord, &Plant) -> Result<(), MissionError>> Observer for Eac
     }
 }
 
-/// The scenario, the label, the lines of the trace and the summary of a run.
-type SavedRun = (PyScenario, Option<String>, String, String);
+/// The scenario, the mode, the lines of the trace and the summary of a run.
+type SavedRun = (PyScenario, String, String, String);
+
+/// The source files of a strategy: name in a run folder, and content.
+pub type Sources = Vec<(String, Vec<u8>)>;
+
+/// How a strategy in Python is flown under this label.
+pub fn python_mode(label: String, sources: Sources) -> RunMode {
+    let sources = sources.into_iter().map(|(name, bytes)| SourceFile { name, bytes }).collect();
+    RunMode { external_planner: Some(label), external: vec!["planner".to_owned()], sources, ..RunMode::default() }
+}
 
 /// A finished mission. ``len`` is its number of slots.
 #[pyclass(name = "Run", module = "skysink", frozen)]
 pub struct PyRun {
     scenario: PyScenario,
     list: SensorList,
-    /// The name of the planner, if it is not a built-in strategy.
-    label: Option<String>,
+    /// Who planned and flew.
+    mode: RunMode,
     slots: Vec<ByUav<RecordedSlot>>,
     summary: Summary,
     metrics: Vec<(Metric, f64)>,
@@ -99,8 +110,9 @@ pub struct PyRun {
 impl PyRun {
     /// Simulates the mission with its plans.
     fn fly_again(&self, observer: &mut dyn Observer) -> Result<(), MissionError> {
-        let mut pilot = Planned(self.slots.iter().map(|slot| slot[UAV].decision()));
-        let mut plant = Plant::new(&self.scenario.scenario, &self.list);
+        let plan = plan_of(&self.mode);
+        let mut pilot = Planned(self.slots.iter().map(|slot| plan(&slot[UAV])));
+        let mut plant = plant_of(&self.scenario.scenario, &self.list, &self.mode);
         drive(&mut plant, &mut pilot, &mut [observer], &Stop::default()).map(drop)
     }
 
@@ -123,12 +135,23 @@ impl PyRun {
         scenario: PyScenario,
         list: SensorList,
         plans: impl Iterator<Item = Option<Plan>>,
-        label: Option<String>,
+        mode: RunMode,
     ) -> Result<Self, MissionError> {
-        let mut plant = Plant::new(&scenario.scenario, &list);
+        let mut plant = plant_of(&scenario.scenario, &list, &mode);
         let mut recorder = RunRecorder::new(&scenario.scenario, &list);
         drive(&mut plant, &mut Planned(plans), &mut [&mut recorder], &Stop::default())?;
-        Ok(recorder.end(scenario, list, &plant, label).untimed())
+        Ok(recorder.end(scenario, list, &plant, mode).untimed())
+    }
+
+    /// The scenario as in a run folder, which has the source of a strategy in Python in a file of its own.
+    fn scenario_of_folder(&self) -> Scenario {
+        let mut scenario = self.scenario.scenario.clone();
+        let strategy = &mut scenario.planner.strategy;
+        let class = strategy.strip_prefix(PYTHON).and_then(|file| file.rsplit_once(':')).map(|(_, class)| class);
+        if let (Some(class), Some(source)) = (class, self.mode.sources.first()) {
+            *strategy = format!("{PYTHON}{}:{class}", source.name);
+        }
+        scenario
     }
 
     /// Without planning times.
@@ -136,6 +159,17 @@ impl PyRun {
         self.metrics.retain(|(metric, _)| !metric.is_timing());
         self
     }
+}
+
+/// The plant of a mission flown like `mode`.
+fn plant_of(scenario: &Scenario, list: &SensorList, mode: &RunMode) -> Plant {
+    Plant::new(scenario, list).repeating_reports(mode.has_reported_flights())
+}
+
+/// The plan for a recorded slot of a mission flown like `mode`.
+fn plan_of(mode: &RunMode) -> impl Fn(&RecordedSlot) -> Option<Plan> + use<> {
+    let are_reports = mode.has_reported_flights();
+    move |slot| if are_reports { Some(slot.report()) } else { slot.decision() }
 }
 
 #[pymethods]
@@ -151,9 +185,15 @@ impl PyRun {
         };
         let (replay, recorder) = interruptible(py, read)?.map_err(of_mission)?;
         let scenario = PyScenario::on_record(replay.scenario())?;
-        let label = Some(replay.label().to_owned()).filter(|label| *label != scenario.scenario.planner.strategy);
-        let run = recorder.end(scenario, replay.list().clone(), replay.plant(), label).untimed();
+        let mode = RunMode { pace: None, ..replay.run_mode().clone() };
+        let run = recorder.end(scenario, replay.list().clone(), replay.plant(), mode).untimed();
         Ok(PyRun { summary: replay.summary().clone(), ..run })
+    }
+
+    /// Refuses a run folder whose scenario, sensor list or source files were changed.
+    #[staticmethod]
+    fn _check(folder: PathBuf) -> PyResult<()> {
+        RunFolder::open_to_read(&folder).map(drop).map_err(of_mission)
     }
 
     /// Data loss rate: lost bits as a fraction of the sampled bits.
@@ -233,14 +273,9 @@ impl PyRun {
     #[pyo3(signature = (folder, force = false))]
     fn save(&self, py: Python<'_>, folder: PathBuf, force: bool) -> PyResult<PathBuf> {
         let write = || -> Result<PathBuf, MissionError> {
-            let run_mode = RunMode { external_planner: self.label.clone(), ..RunMode::default() };
-            let folder = RunFolder::create(
-                Some(&folder),
-                Earlier::by_force(force),
-                &self.scenario.scenario,
-                &self.list,
-                &run_mode,
-            )?;
+            let earlier = Earlier::by_force(force);
+            let scenario = self.scenario_of_folder();
+            let folder = RunFolder::create(Some(&folder), earlier, &scenario, &self.list, &self.mode)?;
             let mut log = folder.slot_log()?;
             self.fly_again(&mut log)?;
             log.compare(Extent::Full)?;
@@ -267,18 +302,20 @@ impl PyRun {
         });
         slf.py().detach(|| run.fly_again(&mut add_lines)).map_err(of_mission)?;
         let summary = serde_json::to_string(&run.summary).expect("plain numbers and strings");
-        Ok((slf.get_type().getattr("_restore")?, (run.scenario.clone(), run.label.clone(), trace, summary)))
+        let mode = serde_json::to_string(&run.mode).expect("plain numbers and strings");
+        Ok((slf.get_type().getattr("_restore")?, (run.scenario.clone(), mode, trace, summary)))
     }
 
     #[staticmethod]
-    fn _restore(scenario: &Bound<'_, PyScenario>, label: Option<String>, trace: &str, summary: &str) -> PyResult<Self> {
+    fn _restore(scenario: &Bound<'_, PyScenario>, mode: &str, trace: &str, summary: &str) -> PyResult<Self> {
+        let mode = serde_json::from_str(mode).map_err(refused)?;
         let scenario = scenario.get().clone();
         let list = scenario.list()?;
         let slots: Option<Vec<RecordedSlot>> =
             trace.split_inclusive('\n').map(|line| RecordedSlot::parse(line.as_bytes())).collect();
         let slots = slots.ok_or_else(|| refused("trace: expected that of a run"))?;
-        let plans = slots.iter().map(RecordedSlot::decision);
-        let run = Self::of_plans(scenario, list, plans, label).map_err(of_mission)?;
+        let plans = slots.iter().map(plan_of(&mode));
+        let run = Self::of_plans(scenario, list, plans, mode).map_err(of_mission)?;
         Ok(Self { summary: serde_json::from_str(summary).map_err(refused)?, ..run })
     }
 

@@ -48,6 +48,11 @@ impl PyScenario {
         Ok(Self { text: toml::to_string(&table).expect("it has just been parsed"), ..changed })
     }
 
+    /// A copy with another strategy.
+    pub fn flown_by(&self, strategy: &str) -> PyResult<Self> {
+        self.with([("planner.strategy".to_owned(), strategy.into())])
+    }
+
     /// A scenario from a run folder.
     pub fn on_record(scenario: &Scenario) -> PyResult<Self> {
         Self::new(scenario.to_toml(), &scenario.path, Vec::new())
@@ -111,6 +116,14 @@ impl PyScenario {
         self.scenario.slots
     }
 
+    /// The file, or what stands for it in errors. Files that the scenario names are relative to its folder.
+    #[getter]
+    fn path(&self) -> PathBuf {
+        self.scenario.path.clone()
+    }
+
+    /// The strategy: a built-in one, ``"python:FILE:CLASS"``, or in a saved run ``"python:NAME"`` for an object that
+    /// only its program has.
     #[getter]
     fn strategy(&self) -> &str {
         &self.scenario.planner.strategy

@@ -10,29 +10,33 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::drive::Observer;
+use skysink_mission::origin::RunMode;
 use skysink_mission::{Mission, MissionError, Plant, drive};
+use skysink_planner::strategies::PYTHON;
 use skysink_planner::strategy::Registered;
 
 use crate::episode::plant;
 use crate::errors::{of_mission, refused};
 use crate::field::PyField;
 use crate::pilot::PyPlanMaker;
-use crate::run::{PyRun, RunRecorder};
+use crate::run::{PyRun, RunRecorder, Sources, python_mode};
 use crate::scenario::PyScenario;
 use crate::signals::interruptible;
 
 /// Maximum number of missions in each other, limited by the stack.
 const MAX_DEPTH: u32 = 10;
 
-/// Simulates a mission in this process, with a built-in strategy, given by name, or a Python strategy.
+/// Simulates a mission in this process, with a built-in strategy, given by name, or a Python strategy, of which `origin`
+/// is the name in the scenario and the source files.
 #[pyfunction]
-#[pyo3(signature = (scenario, strategy = None, *, seed = None, label = None))]
+#[pyo3(signature = (scenario, strategy = None, *, seed = None, label = None, origin = None))]
 pub fn simulate(
     py: Python<'_>,
     scenario: &Bound<'_, PyScenario>,
     strategy: Option<&Bound<'_, PyAny>>,
     seed: Option<i64>,
     label: Option<String>,
+    origin: Option<(String, Sources)>,
 ) -> PyResult<PyRun> {
     let name = strategy.and_then(|strategy| strategy.cast::<PyString>().ok()).map(|name| name.to_string());
     let seed = seed.map(|seed| ("seed".to_owned(), seed.into()));
@@ -43,10 +47,12 @@ pub fn simulate(
     let Some(strategy) = strategy.filter(|_| name.is_none()) else {
         return interruptible(py, |stop| by_registry(scenario, list, stop))?.map_err(of_mission);
     };
-    let label = label.map_or_else(|| strategy.get_type().name().map(|name| name.to_string()), Ok)?;
+    let class = strategy.get_type().name()?.to_string();
+    let (name, sources) = origin.unwrap_or_else(|| (format!("{PYTHON}{class}"), Vec::new()));
+    let scenario = scenario.flown_by(&name)?;
     let mut recorder = RunRecorder::new(&scenario.scenario, &list);
     let plant = drive_python(py, &scenario.scenario, &list, strategy.clone().unbind(), &mut recorder)?;
-    Ok(recorder.end(scenario, list, &plant, Some(label)))
+    Ok(recorder.end(scenario, list, &plant, python_mode(label.unwrap_or(class), sources)))
 }
 
 /// Checks the label of a mission.
@@ -63,7 +69,7 @@ fn by_registry(scenario: PyScenario, list: SensorList, stop: &Stop) -> Result<Py
     let mut mission = Mission::new(&scenario.scenario, &list)?;
     let mut recorder = RunRecorder::new(&scenario.scenario, &list);
     mission.drive(&mut [&mut recorder], stop)?.unless_stopped()?;
-    Ok(recorder.end(scenario, list, mission.plant(), None))
+    Ok(recorder.end(scenario, list, mission.plant(), RunMode::default()))
 }
 
 /// Drives a mission with a Python strategy, and returns the plant after it.

@@ -1,6 +1,6 @@
 //! The entry points of flight-sim and planner, which can also replay a recorded run.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 use iceoryx2::prelude::{Service, ipc};
@@ -11,6 +11,7 @@ use skysink_common::slot_record::{ByUav, UAVS};
 use skysink_common::stop::Stop;
 use skysink_flight_sim::node::RecordedFlight;
 use skysink_mission::MissionError;
+use skysink_mission::record::RunFolder;
 use skysink_mission::recorded::{recorded_slots, slot_of};
 use skysink_mission::trace::RecordedSlot;
 use skysink_ring::error::NodeError;
@@ -50,9 +51,12 @@ pub fn flight_sim(
     let Some(run) = &arguments.replay else {
         return skysink_flight_sim::node::run::<ipc::Service>(scenario, folder, stop);
     };
-    let slots = read_slots(run)?;
-    let plan_of = |uav: usize, slot: u64| slot_of(&slots, slot).and_then(|recorded| recorded[uav].decision());
-    let recorded = RecordedFlight { plan_of: &plan_of, period: arguments.pace.period(scenario.slot_s) };
+    let folder_of_run = RunFolder::open_to_read(run).map_err(of_run)?;
+    let slots = recorded_slots(&folder_of_run).map_err(of_run)?;
+    let mode = folder_of_run.run_mode();
+    let plan_of = |uav: usize, slot: u64| slot_of(&slots, slot).and_then(|recorded| mode.plan_of(&recorded[uav]));
+    let period = arguments.pace.period(scenario.slot_s);
+    let recorded = RecordedFlight { plan_of: &plan_of, are_reports: mode.has_reported_flights(), period };
     skysink_flight_sim::node::replay::<ipc::Service>(scenario, folder, stop, &recorded)
 }
 
@@ -69,16 +73,19 @@ pub fn planner(
 ) -> Result<(), NodeError> {
     match &arguments.replay {
         None => skysink_planner::node::run::<ipc::Service>(scenario, folder, stop),
-        Some(run) => send_plans::<ipc::Service>(scenario, folder, stop, &read_slots(run)?),
+        Some(run) => {
+            let slots = RunFolder::open_to_read(run).and_then(|run| recorded_slots(&run)).map_err(of_run)?;
+            send_plans::<ipc::Service>(scenario, folder, stop, &slots)
+        }
     }
 }
 
-/// Reads the slots of the run in this folder.
-fn read_slots(run: &Path) -> Result<Vec<ByUav<RecordedSlot>>, NodeError> {
-    recorded_slots(run).map_err(|error| match error {
+/// The error of a run that cannot be read.
+fn of_run(error: MissionError) -> NodeError {
+    match error {
         MissionError::Input(error) => error.into(),
         error => NodeError::Recording(Box::new(error)),
-    })
+    }
 }
 
 fn send_plans<S: Service + 'static>(

@@ -25,6 +25,7 @@ use skysink_common::written_file::Extent;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::{Summary, Tally};
 use skysink_planner::settings;
+use skysink_planner::strategy::Registered;
 
 use crate::error::Error;
 use crate::options::{MissionOptions, NewFolder};
@@ -78,8 +79,11 @@ impl RunCommand {
         let options = &self.options;
         let list = SensorList::of(scenario)?;
         options.check(&list)?;
-        let folder = match &self.resume {
+        let mut folder = match &self.resume {
             None => {
+                if !options.has_external_planner() {
+                    Registered::of(scenario)?;
+                }
                 let NewFolder { out, .. } = &self.mission.folder;
                 let earlier = self.mission.folder.earlier();
                 RunFolder::create(out.as_deref(), earlier, scenario, &list, &options.run_mode(None))?
@@ -98,6 +102,7 @@ impl RunCommand {
             let summary = tally.summary(Duration::ZERO, hash);
             return complete(folder, summary);
         }
+        folder.set_external(&mode.external)?;
         let ring = make_ring(scenario, options, &mode, mode.pace.unwrap_or_default())?;
         let mut log = match resumed {
             None => folder.slot_log()?,

@@ -182,7 +182,21 @@ impl RunOptions {
             external_planner: before
                 .external_planner
                 .or_else(|| self.has_external_planner().then(|| self.label_or_default())),
+            external: self.external_roles(before.external),
+            sources: before.sources,
         }
+    }
+
+    /// The names of the roles with external processes, and those that had one `before`, each once.
+    fn external_roles(&self, before: Vec<String>) -> Vec<String> {
+        let planner = self.planner.is_some().then_some(Role::Planner);
+        let mut roles = before;
+        for role in self.external.iter().copied().chain(planner).map(Role::name) {
+            if !roles.iter().any(|other| other == role) {
+                roles.push(role.to_owned());
+            }
+        }
+        roles
     }
 
     /// Whether the process of `role` may be on another host, with its checkpoints.

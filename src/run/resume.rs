@@ -31,6 +31,7 @@ use skysink_planner::Planner;
 use skysink_planner::node::journal;
 use skysink_planner::settings;
 use skysink_planner::strategies::horizon::HorizonKeys;
+use skysink_planner::strategy::Registered;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::role::Role;
 
@@ -44,7 +45,8 @@ pub struct ResumedRun {
     /// The trace, to be continued.
     pub log: SlotLog,
     plant: Plant,
-    planner: Planner,
+    /// `None` if only an external planner has the strategy.
+    planner: Option<Planner>,
 }
 
 /// Simulates the recorded slots of `folder` and adds them to `tally`. An incomplete last line is dropped, and its slot
@@ -52,7 +54,8 @@ pub struct ResumedRun {
 ///
 /// Most plans are computed again. These are taken from the trace, because they cannot be reproduced: slots without a
 /// plan in time, plans of an external planner, plans of a search with a time limit, and, for a planner with state, all
-/// plans after a late one. A complete run is not planned further once no plan is used.
+/// plans after a late one. So are the flights that an external flight-sim has reported. A complete run is not planned
+/// further once no plan is used.
 ///
 /// # Errors
 /// If another process is writing the folder, or a line differs from the simulation.
@@ -68,19 +71,22 @@ pub fn resume(
     let trace = Recorded::open(folder, scenario.slots)?;
     let HorizonKeys { budget_ms, .. } = scenario.planner_keys("planner.horizon")?;
     let belief = Belief::of(scenario, list, estimated_rates(scenario, folder.run_mode())?);
-    let mut plant = Plant::new(scenario, list).with_belief(belief);
-    let mut planner = Planner::new(scenario, &list.nodes())?;
-    planner.set_stop(stop);
+    let are_reports = folder.run_mode().has_reported_flights();
+    let mut plant = Plant::new(scenario, list).with_belief(belief).repeating_reports(are_reports);
     let is_ours = folder.run_mode().external_planner.is_none();
+    let has_planner = is_ours || Registered::of(scenario).is_ok();
+    let mut planner = has_planner.then(|| Planner::new(scenario, &list.nodes())).transpose()?;
+    planner.iter_mut().for_each(|planner| planner.set_stop(stop));
     let has_free_budget = budget_ms.is_none() || !trace.log().was_in_a_ring();
     let is_continued = count_lines(&folder.slots())? <= scenario.slots * UAVS as u64;
-    let mut pilot = Repeating { trace, planner, is_repeatable: is_ours && has_free_budget, is_continued };
+    let is_repeatable = is_ours && has_free_budget;
+    let mut pilot = Repeating { trace, planner, are_reports, is_repeatable, is_continued };
     drive(&mut plant, &mut pilot, &mut [&mut *tally], stop)?.unless_stopped()?;
     pilot.trace.finish(&plant)?;
     let Repeating { trace, planner, .. } = pilot;
     let log = trace.into_log();
     let is_lockstep = folder.run_mode().pace.is_none_or(|pace| pace == Pace::Max);
-    let is_repeatable = is_lockstep && folder.run_mode().external_planner.is_none();
+    let is_repeatable = is_lockstep && is_ours && !are_reports;
     if let Some(last) = log.last_checked().filter(|last| *last > tally.last_slot() && !is_repeatable) {
         let message = format_args!("lines up to slot {last} are missing, and these slots cannot be repeated");
         return Err(InputError::new("trace", &folder.slots(), message).into());
@@ -96,7 +102,9 @@ pub fn resume(
 /// Plans the slots of a trace again, and takes from the trace what cannot be repeated.
 struct Repeating {
     trace: Recorded,
-    planner: Planner,
+    planner: Option<Planner>,
+    /// Whether an external flight-sim has reported the flights.
+    are_reports: bool,
     /// Whether the next plan is that of the planner.
     is_repeatable: bool,
     /// Whether slots are missing, for which the planner needs its state.
@@ -107,9 +115,15 @@ impl Pilot for Repeating {
     fn plans(&mut self, plant: &Plant) -> Result<Plans, Ended> {
         let recorded = self.trace.next_slot(plant)?.ok_or(Ended::At(End::OutOfPlans))?;
         let is_planned = self.is_repeatable || self.is_continued;
-        let planned = if is_planned { self.planner.plans(plant)? } else { recorded.iter().map(|_| None).collect() };
+        let planned = match self.planner.as_mut().filter(|_| is_planned) {
+            Some(planner) => planner.plans(plant)?,
+            None => recorded.iter().map(|_| None).collect(),
+        };
         if recorded.iter().any(RecordedSlot::is_missed) {
-            self.is_repeatable &= !self.planner.has_state();
+            self.is_repeatable &= !self.planner.as_ref().is_some_and(Planner::has_state);
+        }
+        if self.are_reports {
+            return Ok(recorded.iter().map(|slot| Some(slot.report())).collect());
         }
         let is_repeatable = self.is_repeatable;
         let plan = |(recorded, planned): (&RecordedSlot, Option<Plan>)| {
@@ -155,7 +169,9 @@ impl ResumedRun {
         }
         let mut field = self.plant.field().clone();
         let count = field.queues_bits().len();
-        journal(ring_folder, count)?.save(slot, &[], &self.planner)?;
+        if let Some(planner) = &self.planner {
+            journal(ring_folder, count)?.save(slot, &[], planner)?;
+        }
         fields::resume(&mut fields::journal(ring_folder, count)?, &mut field)?; // an empty journal starts with this state
         flights::journal(ring_folder)?.save(slot, &[], self.plant.flights())?;
         Ok(self.log)

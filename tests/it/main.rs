@@ -35,5 +35,6 @@ mod support;
 #[cfg(feature = "lab")]
 mod sweep;
 mod topics;
+mod vehicle;
 #[cfg(feature = "viewer")]
 mod view;

@@ -122,7 +122,7 @@ fn an_external_planner_is_evaluated_and_its_own_run_replayed_by_its_recorded_dec
 fn slots_without_a_plan_in_time_are_held_again_and_counted_as_undecided() {
     let place = Place::new();
     let (scenario, list) = scenarios::smoke_with_sensors("uts");
-    let run_mode = RunMode { pace: Some("10x".parse().unwrap()), external_planner: None };
+    let run_mode = RunMode { pace: Some("10x".parse().unwrap()), ..RunMode::default() };
     let folder = RunFolder::create(Some(&place.path("run")), Earlier::Kept, &scenario, &list, &run_mode).unwrap();
     let mut log = folder.slot_log().unwrap();
     let mut mission = Mission::new(&scenario, &list).unwrap();

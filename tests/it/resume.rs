@@ -35,7 +35,7 @@ type Substitute = fn(slot: u64, own: Plan) -> Option<Plan>;
 /// Records the first slots in `out`, flown by the plans of `substitute`.
 fn record(scenario: &Scenario, list: &SensorList, out: &Path, plans_by: PlansBy, substitute: Substitute) -> RunFolder {
     let external_planner = (plans_by == PlansBy::External).then(|| "external".to_owned());
-    let run_mode = RunMode { pace: Some(Pace::Max), external_planner };
+    let run_mode = RunMode { pace: Some(Pace::Max), external_planner, ..RunMode::default() };
     let folder = RunFolder::create(Some(out), Earlier::Kept, scenario, list, &run_mode).unwrap();
     let mut log = folder.slot_log().unwrap();
     let mut mission = Mission::new(scenario, list).unwrap();

@@ -8,7 +8,7 @@ use skysink_common::build::VERSION;
 use skysink_common::error::{InputError, read_text};
 use skysink_common::scenario::{MAX_SEED, Overrides, Scenario};
 use skysink_planner::settings;
-use skysink_planner::strategies::expected;
+use skysink_planner::strategies::{PYTHON, expected};
 use skysink_planner::strategy::Registered;
 
 use super::definition::Definition;
@@ -111,7 +111,7 @@ impl SweepSettings {
         let is_external = |name: &&&str| self.external.iter().any(|strategy| strategy.name == **name);
         let unknown = names.iter().find(|name| Registered::find(name).is_none() && !is_external(name));
         if let Some(name) = unknown {
-            let is_python = name.starts_with("python:");
+            let is_python = name.starts_with(PYTHON);
             let by_python = "a built-in strategy; use skysink.sweep() of the Python package for Python strategies";
             let expected = if is_python { by_python.to_owned() } else { expected(name) };
             return Err(refuse(&format!("strategies = {names:?}: {name:?}"), &expected));

@@ -56,6 +56,9 @@ pub static STRATEGIES: &[&Registered] = &[
     &offline::STRATEGY,
 ];
 
+/// Prefix of the names of strategies in Python, which only the Python package can fly.
+pub const PYTHON: &str = "python:";
+
 /// The names of all strategies.
 #[must_use]
 pub fn names() -> Vec<&'static str> {
@@ -81,7 +84,9 @@ impl Registered {
     /// If none has the name that the scenario gives.
     pub fn of(scenario: &Scenario) -> Result<&'static Self, InputError> {
         let name = scenario.planner.strategy.as_str();
-        Self::find(name).ok_or_else(|| scenario.refusal("planner.strategy", &name.into(), &expected(name)))
+        let by_python = "a built-in strategy; this one is flown by skysink.simulate() of the Python package only";
+        let expected = || if name.starts_with(PYTHON) { by_python.to_owned() } else { expected(name) };
+        Self::find(name).ok_or_else(|| scenario.refusal("planner.strategy", &name.into(), &expected()))
     }
 }
 
