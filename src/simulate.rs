@@ -55,7 +55,7 @@ impl SimulateCommand {
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         let scenario = Scenario::read(&self.scenario, self.options.overrides()).and_then(settings::resolve)?;
         let list = SensorList::of(&scenario)?;
-        let mission = Mission::new(&scenario, &list)?;
+        let mission = Mission::until(&scenario, &list, stop)?;
         let simulation = Simulation { scenario, folder: self.options.folder, record: self.recording.every() };
         let (folder, summary) = simulate(&simulation, &list, mission, stop)?;
         self.form.print(&summary, || print_run(&folder, &summary))

@@ -233,7 +233,8 @@ fn search(
     stop: &Stop,
     on_progress: OnProgress,
 ) -> Result<SearchResult, LabError> {
-    let setup = OwnedSetup::new(offline.clone(), &list.nodes(), STRATEGIES)?;
+    let mut setup = OwnedSetup::new(offline.clone(), &list.nodes(), STRATEGIES)?;
+    setup.stop = stop.clone();
     let mut stopped = Ok(());
     let found = Offline::search(&setup.setup(), &list.queues_bits(), stop, &mut |search| {
         let loss_rate = Some(loss_rate(search.loss_bits, offline, list));

@@ -110,7 +110,7 @@ fn move_first_of_each_strategy_to_front(missions: &mut [MissionKey]) {
 pub fn fly(sweep: &Sweep, key: MissionKey, stop: &Stop) -> Result<MissionRow, LabError> {
     let scenario = sweep.scenario(key)?;
     let list = SensorList::of(&scenario)?;
-    let mut mission = Mission::new(&scenario, &list)?;
+    let mut mission = Mission::until(&scenario, &list, stop)?;
     let mut meter = MissionMeter::new(&scenario, &list);
     mission.drive(&mut [&mut meter], stop)?.unless_stopped()?;
     let is_bounded = scenario.planner.strategy == offline::STRATEGY.name;

@@ -26,7 +26,15 @@ impl Mission {
     /// # Errors
     /// If `[planner]` of the scenario is refused; never for one that [`skysink_planner::settings::resolve`] returned.
     pub fn new(scenario: &Scenario, list: &SensorList) -> Result<Self, InputError> {
-        Ok(Self { planner: Planner::new(scenario, &list.nodes())?, plant: Plant::new(scenario, list) })
+        Self::until(scenario, list, &Stop::default())
+    }
+
+    /// The same; `stop` ends its long preparations, after which it flies nothing, and the iterator.
+    ///
+    /// # Errors
+    /// As [`Mission::new`].
+    pub fn until(scenario: &Scenario, list: &SensorList, stop: &Stop) -> Result<Self, InputError> {
+        Ok(Self { planner: Planner::until(scenario, &list.nodes(), stop)?, plant: Plant::new(scenario, list) })
     }
 
     /// The mission before slot 1, planned by `strategy` instead of the scenario's.
@@ -58,11 +66,6 @@ impl Mission {
     #[must_use]
     pub fn slot(&self) -> u64 {
         self.plant.slot()
-    }
-
-    /// Ends the iterator early, between two slots or in a search, once `stop` is requested.
-    pub fn set_stop(&mut self, stop: &Stop) {
-        self.planner.set_stop(stop);
     }
 
     /// Drives the mission to its end, or until `stop`, which also ends a search.

@@ -106,7 +106,7 @@ fn run_with<S: Service + 'static>(
     let _sensors = ring.terms.link.is_none().then_some(sensors); // behind a link its repeats would pile up
     let mut planner = match own {
         Some(strategy) => Planner::with_strategy(scenario, nodes.payload(), strategy)?,
-        None => Planner::new(scenario, nodes.payload())?,
+        None => Planner::until(scenario, nodes.payload(), stop)?,
     };
     planner.set_stop(stop);
     let is_paced = ring.terms.pace != Pace::Max;

@@ -59,7 +59,15 @@ impl Planner {
     /// # Errors
     /// If `[planner]` of the scenario is refused; never for one that [`settings::resolve`] returned.
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Result<Self, InputError> {
-        Self::over(scenario, Arc::new(Sensors::of(scenario, sensors)))
+        Self::until(scenario, sensors, &Stop::default())
+    }
+
+    /// The same; `stop` ends long preparations and searches. A plan made after the request must not be flown.
+    ///
+    /// # Errors
+    /// As [`Planner::new`].
+    pub fn until(scenario: &Scenario, sensors: &[SensorNode], stop: &Stop) -> Result<Self, InputError> {
+        Self::build(scenario, Arc::new(Sensors::of(scenario, sensors)), Registered::of(scenario)?.make, stop)
     }
 
     /// The planner of a scenario with these sensor nodes, whatever the cells of their grid.
@@ -67,7 +75,7 @@ impl Planner {
     /// # Errors
     /// As [`Planner::new`].
     pub fn over(scenario: &Scenario, sensors: Arc<Sensors>) -> Result<Self, InputError> {
-        Self::build(scenario, sensors, Registered::of(scenario)?.make)
+        Self::build(scenario, sensors, Registered::of(scenario)?.make, &Stop::default())
     }
 
     /// The planner with `strategy` instead of the scenario's.
@@ -79,18 +87,20 @@ impl Planner {
         sensors: &[SensorNode],
         strategy: Box<dyn Strategy>,
     ) -> Result<Self, InputError> {
-        Self::build(scenario, Arc::new(Sensors::of(scenario, sensors)), |_| strategy)
+        Self::build(scenario, Arc::new(Sensors::of(scenario, sensors)), |_| strategy, &Stop::default())
     }
 
     fn build(
         scenario: &Scenario,
         sensors: Arc<Sensors>,
         make: impl FnOnce(&Setup) -> Box<dyn Strategy>,
+        stop: &Stop,
     ) -> Result<Self, InputError> {
         let settings = settings::check(scenario)?;
         let belief = Belief::new(scenario, &sensors, settings.estimated());
         let table = MissionTable::new(scenario, belief.known_sensors(sensors));
-        let setup = Setup { scenario, settings: &settings, table: &table, belief: &belief, strategies: STRATEGIES };
+        let strategies = STRATEGIES;
+        let setup = Setup { scenario, settings: &settings, table: &table, belief: &belief, strategies, stop };
         Ok(Self {
             strategy: make(&setup),
             transit: Serving::new(&setup),
@@ -98,7 +108,7 @@ impl Planner {
             belief,
             reported: ReportedQueues::default(),
             timing: Timing::Free,
-            stop: Stop::default(),
+            stop: stop.clone(),
             slot: 0,
             path: Vec::with_capacity(MAX_PATH_POINTS),
             table,

@@ -136,6 +136,8 @@ pub struct Setup<'a> {
     pub belief: &'a Belief,
     /// All strategies, for one that compares itself with the others.
     pub strategies: &'static [&'static Registered],
+    /// Ends long preparations; the strategy is then not flown.
+    pub stop: &'a Stop,
 }
 
 /// What a [`Setup`] with known queues refers to.
@@ -149,6 +151,8 @@ pub struct OwnedSetup {
     pub table: MissionTable,
     /// All strategies.
     pub strategies: &'static [&'static Registered],
+    /// Ends long preparations.
+    pub stop: Stop,
 }
 
 impl OwnedSetup {
@@ -163,14 +167,14 @@ impl OwnedSetup {
     ) -> Result<Self, InputError> {
         let settings = Settings::of(&scenario)?;
         let table = MissionTable::of(&scenario, nodes);
-        Ok(Self { scenario, settings, table, strategies })
+        Ok(Self { scenario, settings, table, strategies, stop: Stop::default() })
     }
 
     /// The input for the construction of a strategy.
     #[must_use]
     pub fn setup(&self) -> Setup<'_> {
-        let Self { scenario, settings, table, strategies } = self;
-        Setup { scenario, settings, table, belief: &Belief::Known, strategies }
+        let Self { scenario, settings, table, strategies, stop } = self;
+        Setup { scenario, settings, table, belief: &Belief::Known, strategies, stop }
     }
 }
 
@@ -183,6 +187,7 @@ impl Setup<'_> {
             settings: *self.settings,
             table: self.table.clone(),
             strategies: self.strategies,
+            stop: self.stop.clone(),
         }
     }
 }

@@ -66,7 +66,7 @@ pub fn checked_label(text: &str) -> PyResult<String> {
 }
 
 fn by_registry(scenario: PyScenario, list: SensorList, stop: &Stop) -> Result<PyRun, MissionError> {
-    let mut mission = Mission::new(&scenario.scenario, &list)?;
+    let mut mission = Mission::until(&scenario.scenario, &list, stop)?;
     let mut recorder = RunRecorder::new(&scenario.scenario, &list);
     mission.drive(&mut [&mut recorder], stop)?.unless_stopped()?;
     Ok(recorder.end(scenario, list, mission.plant(), RunMode::default()))

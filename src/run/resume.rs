@@ -75,8 +75,7 @@ pub fn resume(
     let mut plant = Plant::new(scenario, list).with_belief(belief).repeating_reports(are_reports);
     let is_ours = folder.run_mode().external_planner.is_none();
     let has_planner = is_ours || Registered::of(scenario).is_ok();
-    let mut planner = has_planner.then(|| Planner::new(scenario, &list.nodes())).transpose()?;
-    planner.iter_mut().for_each(|planner| planner.set_stop(stop));
+    let planner = has_planner.then(|| Planner::until(scenario, &list.nodes(), stop)).transpose()?;
     let has_free_budget = budget_ms.is_none() || !trace.log().was_in_a_ring();
     let is_continued = count_lines(&folder.slots())? <= scenario.slots * UAVS as u64;
     let is_repeatable = is_ours && has_free_budget;

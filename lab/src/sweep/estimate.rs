@@ -34,8 +34,7 @@ pub fn estimate(sweep: &Sweep, stop: &Stop) -> Result<Vec<f64>, LabError> {
 fn trial(sweep: &Sweep, key: MissionKey, stop: &Stop) -> Result<f64, LabError> {
     let begin = Instant::now();
     let scenario = sweep.scenario(key)?;
-    let mut mission = Mission::new(&scenario, &SensorList::of(&scenario)?)?;
-    mission.set_stop(stop);
+    let mut mission = Mission::until(&scenario, &SensorList::of(&scenario)?, stop)?;
     mission.next();
     let first = begin.elapsed();
     while begin.elapsed() < first + TRIAL && mission.next().is_some() {}

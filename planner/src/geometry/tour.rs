@@ -2,8 +2,8 @@
 
 use skysink_common::geometry::Position;
 use skysink_common::scenario::Area;
-
 use skysink_common::sensors::grid::Grid;
+use skysink_common::stop::Stop;
 
 /// Neighbours that a point may be joined to.
 const NEIGHBOURS: usize = 10;
@@ -29,12 +29,13 @@ const FEW: usize = 8;
 /// Excess below this [slots] is rounding.
 const LEAST_EXCESS: f64 = 1e-9;
 
-/// Indices of `points`, all in `area`, in the order of a short closed tour that begins with index 0.
+/// Indices of `points`, all in `area`, in the order of a short closed tour that begins with index 0. `stop` ends the
+/// search for a shorter one.
 #[must_use]
-pub fn closed_tour(area: Area, points: &[Position]) -> Vec<u32> {
+pub fn closed_tour(area: Area, points: &[Position], stop: &Stop) -> Vec<u32> {
     let mut tour = Tour::nearest_neighbour(area, points);
     if points.len() <= MOST_IMPROVED {
-        tour.improve();
+        tour.improve(stop);
     }
     let first = tour.order.iter().position(|&point| point == 0).unwrap_or(0);
     tour.order.rotate_left(first);
@@ -80,13 +81,16 @@ impl<'a> Tour<'a> {
         self.order[position % self.order.len()]
     }
 
-    fn improve(&mut self) {
+    fn improve(&mut self, stop: &Stop) {
         if self.order.len() < 4 {
             return;
         }
         for _ in 0..MOST_SWEEPS {
             let mut improved = false;
             for point in 0..self.order.len() as u32 {
+                if stop.requested().is_some() {
+                    return;
+                }
                 while self.two_opt(point) || self.or_opt(point) {
                     improved = true;
                 }
@@ -206,14 +210,14 @@ fn nearest_unvisited(grid: &Grid, points: &[Position], at: u32, is_unvisited: im
 
 /// Repairs a closed tour in which few legs are longer than a slot, by 2-opt: a long leg costs an additional slot per
 /// round. Reverses parts of `tour` until no reversal reduces the total excess. `excess` is the time beyond one slot [slots] of
-/// the leg between two stops, and symmetric.
-pub fn even_out(tour: &mut [u32], excess: impl Fn(u32, u32) -> f64) {
+/// the leg between two stops, and symmetric. `stop` ends the search.
+pub fn even_out(tour: &mut [u32], excess: impl Fn(u32, u32) -> f64, stop: &Stop) {
     let count = tour.len();
     // Each exchange reduces the excess; far fewer are found.
     for _ in 0..count {
         let leg = |index: usize| excess(tour[index], tour[(index + 1) % count]);
         let long: Vec<usize> = (0..count).filter(|&index| leg(index) > LEAST_EXCESS).collect();
-        if long.len() * FEW > count {
+        if long.len() * FEW > count || stop.requested().is_some() {
             return;
         }
         let mut best: Option<(f64, usize, usize)> = None;
@@ -257,18 +261,22 @@ mod tests {
             .collect();
         // Twenty sides of a regular polygon: 20 · 2 · 40 · sin(π/20) = 250.29 m.
         let expected_m = 1600.0 * (std::f64::consts::PI / 20.0).sin();
-        assert!((length_m(&points, &closed_tour(AREA, &points)) - expected_m).abs() < 1e-9);
+        assert!((length_m(&points, &closed_tour(AREA, &points, &Stop::default())) - expected_m).abs() < 1e-9);
     }
 
     #[test]
     fn few_and_coincident_points_have_a_tour() {
         let point = Position::new(3.0, 4.0);
-        assert_eq!(closed_tour(AREA, &[]), [0; 0]);
-        assert_eq!(closed_tour(AREA, &[point]), [0]);
-        assert_eq!(closed_tour(AREA, &[point; 30]).len(), 30);
+        assert_eq!(closed_tour(AREA, &[], &Stop::default()), [0; 0]);
+        assert_eq!(closed_tour(AREA, &[point], &Stop::default()), [0]);
+        assert_eq!(closed_tour(AREA, &[point; 30], &Stop::default()).len(), 30);
         for side_m in [5e-324, 1e-300] {
             let corners = [Position::origin(), Position::new(side_m, side_m)].repeat(15);
-            assert_eq!(closed_tour(Area::new(side_m, side_m), &corners).len(), 30, "an area of 0 m², rounded");
+            assert_eq!(
+                closed_tour(Area::new(side_m, side_m), &corners, &Stop::default()).len(),
+                30,
+                "an area of 0 m², rounded"
+            );
         }
     }
 
@@ -276,7 +284,7 @@ mod tests {
         #[test]
         fn a_tour_passes_every_point_once(coordinates in prop::collection::vec((0.0..100.0, 0.0..100.0), 1..80)) {
             let points: Vec<Position> = coordinates.into_iter().map(|(x_m, y_m)| Position::new(x_m, y_m)).collect();
-            let mut tour = closed_tour(AREA, &points);
+            let mut tour = closed_tour(AREA, &points, &Stop::default());
             prop_assert_eq!(tour[0], 0);
             tour.sort_unstable();
             prop_assert!((0..points.len() as u32).eq(tour));
@@ -303,7 +311,7 @@ mod tests {
         let mut coordinate_m = || random.random::<f64>() * 100.0;
         let mut excess = |_| {
             let points: Vec<Position> = (0..7).map(|_| Position::new(coordinate_m(), coordinate_m())).collect();
-            length_m(&points, &closed_tour(AREA, &points)) / shortest_m(&points) - 1.0
+            length_m(&points, &closed_tour(AREA, &points, &Stop::default())) / shortest_m(&points) - 1.0
         };
         let excesses: Vec<f64> = (0..300).map(&mut excess).collect();
         let mean = excesses.iter().sum::<f64>() / 300.0;
@@ -321,7 +329,7 @@ mod tests {
     fn two_legs_that_are_too_long_are_exchanged_for_two_of_a_slot() {
         // 4 to 9 and 5 to 10 are five slots each.
         let mut tour = [0, 1, 2, 3, 4, 9, 8, 7, 6, 5, 10, 11, 12, 13, 14, 15];
-        even_out(&mut tour, ring);
+        even_out(&mut tour, ring, &Stop::default());
         let sum: f64 = (0..16).map(|index| ring(tour[index], tour[(index + 1) % 16])).sum();
         assert_eq!(sum, 0.0, "{tour:?}");
         tour.sort_unstable();
@@ -332,18 +340,18 @@ mod tests {
     fn a_tour_with_many_long_legs_is_not_changed() {
         let mut tour = [0, 2, 4, 6, 8, 10, 12, 14, 1, 3, 5, 7, 9, 11, 13, 15];
         let before = tour;
-        even_out(&mut tour, ring);
+        even_out(&mut tour, ring, &Stop::default());
         assert_eq!(tour, before);
     }
 
     #[test]
     fn a_tour_of_short_legs_and_one_of_few_stops_stay_as_they_are() {
         let mut tour = [3, 1, 2, 0];
-        even_out(&mut tour, |_, _| 0.0);
+        even_out(&mut tour, |_, _| 0.0, &Stop::default());
         assert_eq!(tour, [3, 1, 2, 0]);
         let mut pair = [0, 1];
-        even_out(&mut pair, |_, _| 5.0);
+        even_out(&mut pair, |_, _| 5.0, &Stop::default());
         assert_eq!(pair, [0, 1]);
-        even_out(&mut [], |_, _| 5.0);
+        even_out(&mut [], |_, _| 5.0, &Stop::default());
     }
 }

@@ -21,7 +21,7 @@ const LONGEST_REVERSED: usize = 150;
 const FAR_SLOTS: f64 = 60.0;
 
 /// Steps between two checks whether a search is over.
-const CHECK_STEPS: u32 = 64;
+const CHECK_STEPS: u32 = 8;
 
 /// The temperature of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -228,6 +228,6 @@ mod tests {
         assert_eq!(steps_until(1_000, || true).count(), 0);
         let done = Cell::new(0);
         let late = steps_until(1_000, || done.get() > 0).inspect(|_| done.set(done.get() + 1));
-        assert_eq!(late.count(), 64);
+        assert_eq!(late.count(), CHECK_STEPS as usize);
     }
 }

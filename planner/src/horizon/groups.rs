@@ -7,6 +7,7 @@ use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::random::{Purpose, Streams, below, fraction};
+use skysink_common::stop::Stop;
 
 use crate::geometry::circle::Circle;
 use crate::geometry::disks::Disk;
@@ -23,6 +24,9 @@ const MOST_STEPS: u64 = 4_000_000;
 
 /// Energy of a group whose radius is twice the allowed one; a full group has −1.
 const EXCESS: f64 = 4.0;
+
+/// Steps between two checks for a stop.
+const CHECK_STEPS: u64 = 1024;
 
 /// Temperature at the start and at the end, in energies of a full group.
 const TEMPERATURES: [f64; 2] = [0.3, 0.015];
@@ -79,8 +83,9 @@ struct Partition<'a> {
     points: Vec<Position>,
 }
 
-/// A partition of all sensors of `table` into groups that can be served together; empty if no two sensors can.
-pub(crate) fn cover(table: &MissionTable, seed: u64) -> Vec<ServiceDisk> {
+/// A partition of all sensors of `table` into groups that can be served together; empty if no two sensors can, and after
+/// `stop`.
+pub(crate) fn cover(table: &MissionTable, seed: u64, stop: &Stop) -> Vec<ServiceDisk> {
     let neighbours: Vec<Vec<u32>> = table.sensors.ids().map(|sensor| near(table, sensor)).collect();
     if table.limits.blocks() < 2 || neighbours.iter().all(Vec::is_empty) {
         return Vec::new();
@@ -91,8 +96,11 @@ pub(crate) fn cover(table: &MissionTable, seed: u64) -> Vec<ServiceDisk> {
         home: (0..table.sensors.positions.len()).collect(),
         points: Vec::new(),
     };
-    partition.anneal(&neighbours, &mut Streams::new(seed).stream(Purpose::Groups, 0, 0));
-    partition.split();
+    partition.anneal(&neighbours, &mut Streams::new(seed).stream(Purpose::Groups, 0, 0), stop);
+    partition.split(stop);
+    if stop.requested().is_some() {
+        return Vec::new();
+    }
     partition.groups.into_iter().map(|members| ServiceDisk::around(table, members)).collect()
 }
 
@@ -124,7 +132,7 @@ impl Partition<'_> {
         EXCESS * excess - full * full
     }
 
-    fn anneal(&mut self, neighbours: &[Vec<u32>], random: &mut ChaCha8Rng) {
+    fn anneal(&mut self, neighbours: &[Vec<u32>], random: &mut ChaCha8Rng, stop: &Stop) {
         let count = self.home.len();
         let most = self.table.limits.blocks();
         let steps = (STEPS * count as u64).min(MOST_STEPS);
@@ -136,6 +144,9 @@ impl Partition<'_> {
         let mut best_groups = self.groups.clone();
         let mut changed: [Vec<u32>; 2] = [Vec::new(), Vec::new()];
         for step in 0..steps {
+            if step.is_multiple_of(CHECK_STEPS) && stop.requested().is_some() {
+                break;
+            }
             let temperature = TEMPERATURES[0] * (TEMPERATURES[1] / TEMPERATURES[0]).powf(step as f64 / steps as f64);
             let sensor = below(random, count) as u32;
             let near = &neighbours[sensor as usize];
@@ -181,11 +192,11 @@ impl Partition<'_> {
 
     /// Splits groups that are too wide: removes the member without which the circle is smallest, until the rest fits. A
     /// removed sensor joins the first group in which it fits, or becomes a group of its own.
-    fn split(&mut self) {
+    fn split(&mut self, stop: &Stop) {
         let mut removed: Vec<u32> = Vec::new();
         let mut groups = std::mem::take(&mut self.groups);
         for group in &mut groups {
-            while self.is_too_wide(group) {
+            while stop.requested().is_none() && self.is_too_wide(group) {
                 let without = |index: usize| [&group[..index], &group[index + 1..]].concat();
                 let radii_m: Vec<f64> = (0..group.len()).map(|index| self.radius_m(&without(index))).collect();
                 let worst = (0..group.len()).min_by(|&a, &b| radii_m[a].total_cmp(&radii_m[b]));
@@ -194,6 +205,9 @@ impl Partition<'_> {
         }
         groups.retain(|group| !group.is_empty());
         for sensor in removed {
+            if stop.requested().is_some() {
+                return;
+            }
             let fits = |group: &Vec<u32>| {
                 group.len() < self.table.limits.blocks() && !self.is_too_wide(&[&group[..], &[sensor]].concat())
             };
@@ -204,5 +218,36 @@ impl Partition<'_> {
         }
         groups.iter_mut().for_each(|group| group.sort_unstable());
         self.groups = groups;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::Ordering;
+
+    use super::*;
+    use crate::geometry::tour::closed_tour;
+    use crate::horizon::tests::model_of;
+
+    #[test]
+    fn a_stop_ends_the_search_for_groups_and_tours() {
+        let sensors: Vec<_> =
+            (0..40).map(|i| ([150.0 + f64::from(i * 7 % 40), 150.0 + f64::from(i * 13 % 40)], 500.0)).collect();
+        let stop = Stop::default();
+        let mut model = model_of(&sensors, 4, 5e6);
+        assert!(model.disks.len() > 40, "there are groups");
+        let tours = model.tours.len();
+        stop.flag().store(2, Ordering::Relaxed);
+        model.disks.truncate(40);
+        model.group(1, &stop);
+        assert_eq!((model.disks.len(), model.tours.len()), (40, tours));
+        let positions = &model.table.sensors.positions;
+        let length_m = |tour: &[u32]| -> f64 {
+            let ends = tour.iter().zip(tour.iter().cycle().skip(1));
+            ends.map(|(&a, &b)| (positions[a as usize] - positions[b as usize]).norm()).sum()
+        };
+        let area = model.table.limits.area();
+        let begun = closed_tour(area, positions, &stop);
+        assert!(length_m(&begun) > length_m(&closed_tour(area, positions, &Stop::default())), "it is not improved");
     }
 }

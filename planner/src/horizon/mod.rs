@@ -123,17 +123,18 @@ impl Horizon {
     /// The look-ahead before slot 1, over at most `max_slots` slots, with `iterations` search steps in each slot. In a
     /// paced mission a search ends at `budget` after the beginning of planning.
     ///
-    /// If sampling rates are learnt, all SNs can lose data, at their estimated rates.
+    /// If sampling rates are learnt, all SNs can lose data, at their estimated rates. The setup's stop ends the search
+    /// for groups and tours.
     #[must_use]
     pub fn new(setup: &Setup, max_slots: u64, iterations: u32, budget: Option<Duration>) -> Self {
-        let Setup { scenario, belief, .. } = *setup;
+        let Setup { scenario, belief, stop, .. } = *setup;
         let sensors = &setup.table.sensors;
         let model = if belief.has_learnt_rates() {
             let mean_bits = sensors.ids().map(|id| least_mean_bits(belief.mean_bits(sensors, id))).collect();
             let sampling = sensors.sampling.with_means(mean_bits);
-            PlanningModel::new(scenario, &Sensors { sampling, ..Sensors::clone(sensors) })
+            PlanningModel::new(scenario, &Sensors { sampling, ..Sensors::clone(sensors) }, stop)
         } else {
-            PlanningModel::new(scenario, sensors)
+            PlanningModel::new(scenario, sensors, stop)
         };
         Self {
             model,

@@ -8,6 +8,7 @@ use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 use skysink_common::sensors::grid::Grid;
+use skysink_common::stop::Stop;
 
 use super::groups::{self, ServiceDisk};
 use crate::geometry::disks::Disk;
@@ -124,9 +125,10 @@ pub struct PlanningModel {
 }
 
 impl PlanningModel {
-    /// The model of a scenario with these SNs; with groups if resource blocks or time are scarce.
+    /// The model of a scenario with these SNs; with groups if resource blocks or time are scarce. After `stop` it is made
+    /// without search, and must not be flown.
     #[must_use]
-    pub fn new(scenario: &Scenario, sensors: &Sensors) -> Self {
+    pub fn new(scenario: &Scenario, sensors: &Sensors, stop: &Stop) -> Self {
         let ids: Vec<u32> = sensors.sampling_ids().collect();
         let grid = |positions: &[Position]| Grid::over(scenario.area, positions, scenario.link.comm_radius_m);
         let table = MissionTable::new(scenario, Arc::new(sensors.subset(&ids, grid)));
@@ -135,7 +137,7 @@ impl PlanningModel {
         let mut model = Self {
             altitude_m: scenario.uav.altitude_m,
             capacities_bits,
-            tours: vec![closed_tour(table.limits.area(), &table.sensors.positions)],
+            tours: vec![closed_tour(table.limits.area(), &table.sensors.positions, stop)],
             table,
             sensors: Vec::new(),
             ids,
@@ -147,7 +149,7 @@ impl PlanningModel {
         };
         model.table.sensors.ids().for_each(|index| model.add_sensor(index));
         if model.is_scarce() {
-            model.group(scenario.seed);
+            model.group(scenario.seed, stop);
         }
         let tours_slots = model.tours.iter().map(|tour| model.slots_of(tour));
         model.round_slots = tours_slots.fold(f64::INFINITY, f64::min).max(1.0);
@@ -196,9 +198,9 @@ impl PlanningModel {
     /// Adds the groups of a partition of the field, with random numbers of `seed`, and for every size a tour over the
     /// groups of at least that size, if it skips few sensors: without a partition into full groups, skipping some may
     /// lose less.
-    pub(crate) fn group(&mut self, seed: u64) {
+    pub(crate) fn group(&mut self, seed: u64, stop: &Stop) {
         let first = self.disks.len();
-        self.disks.extend(groups::cover(&self.table, seed));
+        self.disks.extend(groups::cover(&self.table, seed, stop));
         let size = |group: u32| self.disks[group as usize].members.len();
         let groups = first as u32..self.disks.len() as u32;
         let mut sizes: Vec<usize> = groups.clone().map(size).collect();
@@ -211,14 +213,15 @@ impl PlanningModel {
                 continue;
             }
             let centres: Vec<Position> = large.iter().map(|&group| self.disk(group).centre).collect();
-            let order = closed_tour(self.table.limits.area(), &centres);
+            let order = closed_tour(self.table.limits.area(), &centres, stop);
             let mut tour: Vec<u32> = order.into_iter().map(|index| large[index as usize]).collect();
-            even_out(&mut tour, |from, to| {
+            let excess = |from, to| {
                 let from = self.disk(from);
                 let to = self.disk(to);
                 let away_m = distance_squared(&from.centre, &to.centre).sqrt() - (from.radius_m + to.radius_m) / 2.0;
                 (away_m / self.table.limits.reach_m - 1.0).max(0.0)
-            });
+            };
+            even_out(&mut tour, excess, stop);
             self.tours.push(tour);
         }
     }

@@ -41,7 +41,7 @@ pub(crate) fn model_of(positions_m: &[([f64; 2], f64)], blocks: u32, width_hz: f
         ..SensorNode::default()
     };
     let nodes: Vec<SensorNode> = positions_m.iter().map(sensor).collect();
-    PlanningModel::new(&scenario, &Sensors::of(&scenario, &nodes))
+    PlanningModel::new(&scenario, &Sensors::of(&scenario, &nodes), &Stop::default())
 }
 
 /// From (200, 200), with all queues at 10 kbit, to the mission's end after `slots`.
@@ -325,7 +325,7 @@ fn capacities_with_a_free_altitude_are_those_of_one_altitude() {
                 bandwidth_hz = 5e3\ncomm_radius_m = 60.0\n";
     let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
     let sensor = SensorNode { x_m: 50.0, y_m: 50.0, sampling_bps: 1.0, capacity_bits: 30_000, ..SensorNode::default() };
-    let model = PlanningModel::new(&scenario, &Sensors::of(&scenario, &[sensor]));
+    let model = PlanningModel::new(&scenario, &Sensors::of(&scenario, &[sensor]), &Stop::default());
     let channel = model.table.channel;
     let climb = scenario.uav.climb().unwrap();
     let range_m = climb.max_altitude_m - climb.min_altitude_m;
@@ -355,7 +355,7 @@ proptest! {
     ) {
         let mut model = model_of(&sensors, blocks, 5e6);
         model.disks.truncate(sensors.len());
-        model.group(1);
+        model.group(1, &Stop::default());
         let groups = &model.disks[sensors.len()..];
         let mut members: Vec<u32> = groups.iter().flat_map(|group| group.members.iter().copied()).collect();
         members.sort_unstable();

@@ -4,6 +4,7 @@
 //! disk of radius `d_c` about the SNs, instead of over the SNs.
 
 use skysink_common::geometry::Position;
+use skysink_common::stop::Stop;
 
 use super::turns::InTurn;
 use crate::geometry::disks::{Disk, nearest_in_both, slots_between};
@@ -14,13 +15,13 @@ use crate::strategy::Registered;
 /// The strategy in the registry.
 pub const STRATEGY: Registered =
     Registered::new("tour", "a travelling salesman tour over all sensor nodes, flown repeatedly", |setup| {
-        Box::new(InTurn::new(setup, order(setup.table, &setup.scenario.start().xy()), waypoint))
+        Box::new(InTurn::new(setup, order(setup.table, &setup.scenario.start().xy(), setup.stop), waypoint))
     })
     .with_state();
 
 /// A closed tour that starts at the SN nearest to `start`.
-fn order(table: &MissionTable, start: &Position) -> Vec<u32> {
-    let mut order = closed_tour(table.limits.area(), &table.sensors.positions);
+fn order(table: &MissionTable, start: &Position, stop: &Stop) -> Vec<u32> {
+    let mut order = closed_tour(table.limits.area(), &table.sensors.positions, stop);
     let away_m2 = |&id: &u32| (table.sensors.position(id) - start).norm_squared();
     let first = (0..order.len()).min_by(|&a, &b| away_m2(&order[a]).total_cmp(&away_m2(&order[b])));
     order.rotate_left(first.unwrap_or(0));
@@ -52,7 +53,7 @@ mod tests {
     #[test]
     fn a_tour_begins_with_the_sensor_node_nearest_to_the_start() {
         let table = table_of(&[[90.0, 90.0], [50.0, 80.0]]);
-        assert_eq!(order(&table, &Position::new(50.0, 50.0)), [1, 0]);
+        assert_eq!(order(&table, &Position::new(50.0, 50.0), &Stop::default()), [1, 0]);
     }
 
     #[test]
