@@ -13,5 +13,6 @@ pub mod plot;
 pub mod progress;
 mod statistics;
 pub mod sweep;
+pub mod tables;
 
 pub use error::LabError;

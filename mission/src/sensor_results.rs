@@ -61,7 +61,59 @@ fn sum(ages: &Range<u64>) -> u64 {
 
 /// The sums of all SNs of a mission.
 #[derive(Debug)]
-struct SensorTally(Vec<SensorSums>);
+pub struct SensorTally(Vec<SensorSums>);
+
+/// The results of one SN, as in a line of the file.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SensorResult {
+    /// Bits that it has sampled.
+    pub sampled_bits: u64,
+    /// Bits that it has uploaded.
+    pub delivered_bits: u64,
+    /// Bits that it has lost.
+    pub lost_bits: u64,
+    /// Its queue at the end [bit].
+    pub queued_bits: u32,
+    /// Lost bits as a fraction of the sampled bits; 0 where nothing is sampled.
+    pub loss_rate: f64,
+    /// Slots in which it was served.
+    pub served_slots: u64,
+    /// Mean time since its last service, over the slots [s].
+    pub mean_age_s: f64,
+    /// Longest time without service [s].
+    pub longest_gap_s: f64,
+    /// The first slot in which it lost data.
+    pub first_loss_slot: Option<u64>,
+}
+
+impl SensorTally {
+    /// The sums of `count` SNs before slot 1.
+    #[must_use]
+    pub fn new(count: usize) -> Self {
+        Self(vec![SensorSums::NONE; count])
+    }
+
+    /// The results of the SNs, by id, of a mission with slots of `slot_s` [s] that left `plant`.
+    pub fn results(&self, plant: &Plant, slot_s: f64) -> impl Iterator<Item = SensorResult> {
+        let slots = plant.slot();
+        let field = plant.field();
+        self.0.iter().enumerate().map(move |(id, sums)| {
+            let [ages, longest_gap] = sums.totals_after(slots);
+            let sampled_bits = field.sampled_bits(id);
+            SensorResult {
+                sampled_bits,
+                delivered_bits: field.delivered_bits()[id],
+                lost_bits: sums.lost_bits,
+                queued_bits: field.queues_bits()[id],
+                loss_rate: if sampled_bits == 0 { 0.0 } else { sums.lost_bits as f64 / sampled_bits as f64 },
+                served_slots: sums.served_slots,
+                mean_age_s: if slots == 0 { 0.0 } else { ages as f64 / slots as f64 * slot_s },
+                longest_gap_s: longest_gap as f64 * slot_s,
+                first_loss_slot: sums.first_loss,
+            }
+        })
+    }
+}
 
 impl Observer for SensorTally {
     fn slot(&mut self, record: &SlotRecord, plant: &Plant) -> Result<(), MissionError> {
@@ -85,35 +137,26 @@ impl Observer for SensorTally {
 /// If `folder` is not a run folder or was changed, the file cannot be written, or on a stop.
 pub fn write(folder: &Path, stop: &Stop) -> Result<PathBuf, MissionError> {
     let mut replay = Replay::open(folder)?;
-    let mut tally = SensorTally(vec![SensorSums::NONE; replay.list().sensors().len()]);
+    let mut tally = SensorTally::new(replay.list().sensors().len());
     replay.drive(&mut [&mut tally], stop)?;
     let path = folder.join(SENSOR_RESULTS);
-    write_whole(&path, csv(&replay, tally).as_bytes())?;
+    write_whole(&path, csv(&replay, &tally).as_bytes())?;
     Ok(path)
 }
 
 /// The file's text.
-fn csv(replay: &Replay, tally: SensorTally) -> String {
-    let slots = replay.plant().slot();
-    let slot_s = replay.scenario().slot_s;
-    let field = replay.plant().field();
+fn csv(replay: &Replay, tally: &SensorTally) -> String {
     let mut text = COLUMNS.to_owned();
-    for (id, sums) in tally.0.into_iter().enumerate() {
-        let [ages, longest_gap] = sums.totals_after(slots);
-        let node = &replay.list().sensors()[id];
-        let delivered_bits = field.delivered_bits()[id];
-        let queued_bits = field.queues_bits()[id];
-        let sampled_bits = field.sampled_bits(id);
-        let lost_bits = sums.lost_bits;
-        let loss_rate = if sampled_bits == 0 { 0.0 } else { lost_bits as f64 / sampled_bits as f64 };
-        let mean_age_s = if slots == 0 { 0.0 } else { ages as f64 / slots as f64 * slot_s };
-        let longest_gap_s = longest_gap as f64 * slot_s;
-        let first_loss = sums.first_loss.map_or_else(String::new, |slot| slot.to_string());
+    let results = tally.results(replay.plant(), replay.scenario().slot_s);
+    for ((id, sensor), result) in replay.list().sensors().iter().enumerate().zip(results) {
+        let SensorResult { sampled_bits, delivered_bits, lost_bits, queued_bits, loss_rate, .. } = result;
+        let SensorResult { served_slots, mean_age_s, longest_gap_s, first_loss_slot, .. } = result;
+        let first_loss_slot = first_loss_slot.map_or_else(String::new, |slot| slot.to_string());
         writeln!(
             text,
-            "{id},{},{},{sampled_bits},{delivered_bits},{lost_bits},{queued_bits},{loss_rate},{},{mean_age_s},\
-             {longest_gap_s},{first_loss}",
-            node.position.x, node.position.y, sums.served_slots
+            "{id},{},{},{sampled_bits},{delivered_bits},{lost_bits},{queued_bits},{loss_rate},{served_slots},\
+             {mean_age_s},{longest_gap_s},{first_loss_slot}",
+            sensor.position.x, sensor.position.y
         )
         .expect("a string takes everything");
     }

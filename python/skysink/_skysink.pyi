@@ -247,7 +247,11 @@ class Run:
         """Data loss rate: lost bits as a fraction of the sampled bits."""
 
     @property
-    def strategy(self) -> str: ...
+    def strategy(self) -> str:
+        """The name of the strategy in the results: a built-in one, or the label of a Python strategy or an external
+        planner.
+        """
+
     @property
     def summary(self) -> dict[str, Any]:
         """The content of ``summary.json`` without its check value."""
@@ -257,12 +261,20 @@ class Run:
         """All metrics, as in the results of a sweep (``docs/src/metrics.md``)."""
 
     @property
-    def scenario(self) -> Scenario: ...
+    def scenario(self) -> Scenario:
+        """The scenario as flown; its ``planner.strategy`` names what flew."""
+
     @property
-    def field(self) -> Field: ...
+    def field(self) -> Field:
+        """The sensor nodes, with their true sampling rates, and the limits of plans."""
+
     @property
     def slots(self) -> Table:
         """One row per slot and UAV with the columns of ``slots.csv``; ``scheduled`` contains lists of ids."""
+
+    @property
+    def sensors(self) -> Table:
+        """One row per SN with the columns of ``sensors_out.csv``. Every access simulates the run."""
 
     @property
     def queues(self) -> NDArray[np.uint32]:
@@ -363,6 +375,7 @@ class SweepPlan:
     def open(self, out: str | PathLike[str]) -> SweepRecord: ...
     def fly(self, missions: Sequence[_Key], strategies: Mapping[str, Callable[[], Strategy]]) -> list[_Row]: ...
     def fly_all(self, out: str | PathLike[str], threads: int) -> Table: ...
+    def rows(self, all: Sequence[_Row]) -> Table: ...
     def standings(self, all: Sequence[_Row]) -> Any: ...
     def finish(self, record: SweepRecord) -> Table: ...
 

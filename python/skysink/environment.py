@@ -10,7 +10,8 @@ maximum distance, V_max tau, and of the maximum climb. A displacement longer tha
 outside the area is moved to its border. The n fullest queues within d_c are served.
 
 Reward: minus the fraction of the bits sampled in the slot that was lost. An episode is truncated after the mission's
-last slot; it never terminates.
+last slot; it never terminates. The mean reward is minus the loss rate only if the field samples equally many bits in
+every slot, as with whole bits per slot. Otherwise, and for one figure over episodes, add up ``lost_bits``.
 
 Seeds are Skysink seeds: ``reset(seed=s)`` uses the field of the scenario with seed s. Without a seed, the next
 episode has the next seed: first the scenario's, then one more each (``num_envs`` more in a vector). With ``fields=k``,
@@ -68,6 +69,9 @@ class NativeEnvironment:
         observation: Sequence[str],
     ) -> tuple[spaces.Space[Any], spaces.Space[Any]]:
         """Makes the core, and returns the spaces of observations and actions of one environment."""
+        if isinstance(scenario, Sequence) and not isinstance(scenario, str):
+            several = "gymnasium.vector.SyncVectorEnv with an environment for each"
+            raise InputError(f"scenario = {scenario!r}: expected one for all environments; for several, {several}")
         self.scenario = Scenario.letter() if scenario is None else scenario_of(scenario)
         self.fields = fields
         self._positions = "positions" in observation
@@ -113,6 +117,14 @@ class NativeEnvironment:
         self._core.restore(state["_core"])
 
 
+def check_options(options: dict[str, Any] | None, *possible: str) -> None:
+    """Refuses other options of ``reset`` than these."""
+    unknown = [name for name in options or {} if name not in possible]
+    if unknown:
+        expected = f"expected {' or '.join(possible) or 'none'}"
+        raise InputError(f"options = {unknown}: {expected}; the scenario is an argument of the environment, made anew")
+
+
 class DataCollectionEnv(NativeEnvironment, gymnasium.Env[Observation, Action]):
     """An environment for one mission. See the module for spaces, reward and seeds.
 
@@ -137,7 +149,8 @@ class DataCollectionEnv(NativeEnvironment, gymnasium.Env[Observation, Action]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begins an episode; ``info["seed"]`` is its Skysink seed."""
+        """Begins an episode; ``info["seed"]`` is its Skysink seed. There are no ``options``."""
+        check_options(options)
         super().reset(seed=seed)
         following = self._core.number if self._is_new else self._core.number + 1
         self._is_new = False
@@ -209,6 +222,7 @@ class DataCollectionVectorEnv(NativeEnvironment, VectorEnv[Observation, Action, 
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Begins all episodes, or those selected by ``options["reset_mask"]``, bool [num_envs]."""
+        check_options(options, "reset_mask")
         first = None if seed is None or isinstance(seed, Sequence) else int(seed)
         super().reset(seed=first)
         mask = (options or {}).get("reset_mask")

@@ -8,14 +8,34 @@ from os import PathLike
 from typing import Any
 
 from skysink import _skysink
-from skysink._skysink import Run, Scenario
+from skysink._skysink import InputError, Run, Scenario, Table
 from skysink.strategy import PREFIX, PythonStrategy, Strategy, labelled, named, origin
 from skysink.sweeps import ComparisonSource, fly_all, load
 
 
+class Comparison(list[dict[str, Any]]):
+    """The result of :func:`skysink.compare`: a list with an entry per strategy and metric.
+
+    ``missions`` is a table with a row per strategy and seed, with all metrics.
+    """
+
+    missions: Table
+
+    @classmethod
+    def of(cls, entries: list[dict[str, Any]], missions: Table) -> Comparison:
+        """The comparison with these entries and missions."""
+        comparison = cls(entries)
+        comparison.missions = missions
+        return comparison
+
+
 def scenario_of(scenario: Scenario | str | PathLike[str]) -> Scenario:
     """Returns the scenario, or loads it from a file."""
-    return scenario if isinstance(scenario, Scenario) else Scenario.load(scenario)
+    if isinstance(scenario, Scenario):
+        return scenario
+    if not isinstance(scenario, str | PathLike):
+        raise InputError(f"scenario = {scenario!r}: expected a skysink.Scenario or the path of its file")
+    return Scenario.load(scenario)
 
 
 def simulate(
@@ -57,15 +77,16 @@ def compare(
     *,
     seeds: int | Sequence[int] = 20,
     executor: Executor | Any | None = None,
-) -> list[dict[str, Any]]:
-    """Compares strategies over the same fields. Returns an entry per strategy and metric.
+) -> Comparison:
+    """Compares strategies over the same fields. Returns an entry per strategy and metric, and a row per mission.
 
     A mapping labels the strategies and may contain factories: ``{"uts": "uts", "near": lambda: Mine(2.0)}``.
 
     ``seeds`` is the number of missions per strategy, with consecutive seeds starting at the scenario's, or a list of
     seeds. An entry has ``label``, ``metric`` (as in ``docs/src/metrics.md``), ``n``, ``mean``, ``ci95`` (limits of the
     95 % confidence interval), and ``difference`` and ``difference_ci95`` relative to the first strategy, paired by
-    seed. ``pandas.DataFrame`` accepts the list. ``executor`` as in :func:`skysink.sweep`.
+    seed. ``pandas.DataFrame`` accepts the list. Its attribute ``missions`` is a table with a row per strategy and seed.
+    ``executor`` as in :func:`skysink.sweep`.
     """
     base = scenario_of(scenario)
     if isinstance(strategies, Mapping):
@@ -82,5 +103,5 @@ def compare(
         specs=tuple((strategy.name, strategy.spec) for strategy in in_python),
     )
     plan, makers = load(source)
-    standings: list[dict[str, Any]] = plan.standings(list(fly_all(plan, makers, plan.missions, source, executor)))
-    return standings
+    rows = list(fly_all(plan, makers, plan.missions, source, executor))
+    return Comparison.of(plan.standings(rows), plan.rows(rows))

@@ -1,10 +1,8 @@
 //! `skysink.Run`: a finished mission and its results.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::Instant;
 
-use arrow_array::{ArrayRef, Float64Array, Int64Array, StringArray, UInt32Array};
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2};
 use pyo3::prelude::*;
@@ -17,10 +15,12 @@ use skysink_common::slot_record::{ByUav, SlotRecord, UAV};
 use skysink_common::stop::Stop;
 use skysink_common::written_file::Extent;
 use skysink_lab::metrics::{Metric, MissionMeter};
+use skysink_lab::tables::{sensor_columns, slot_columns};
 use skysink_mission::drive::{Observer, Planned, SlotSink};
 use skysink_mission::folder::Earlier;
 use skysink_mission::origin::{RunMode, SourceFile};
 use skysink_mission::record::RunFolder;
+use skysink_mission::sensor_results::{SensorResult, SensorTally};
 use skysink_mission::summary::Summary;
 use skysink_mission::trace::{RecordedSlot, TraceHash};
 use skysink_mission::{MissionError, Plant, Replay, drive};
@@ -30,7 +30,7 @@ use crate::errors::{of_mission, refused};
 use crate::field::PyField;
 use crate::scenario::PyScenario;
 use crate::signals::interruptible;
-use crate::table::{PyTable, id_lists};
+use crate::table::PyTable;
 use crate::values::{Reduced, json};
 
 /// Records a mission in memory.
@@ -108,26 +108,12 @@ pub struct PyRun {
 }
 
 impl PyRun {
-    /// Simulates the mission with its plans.
-    fn fly_again(&self, observer: &mut dyn Observer) -> Result<(), MissionError> {
-        let plan = plan_of(&self.mode);
-        let mut pilot = Planned(self.slots.iter().map(|slot| plan(&slot[UAV])));
+    /// Simulates the mission with its plans, and returns the plant after it.
+    fn fly_again(&self, observer: &mut dyn Observer) -> Result<Plant, MissionError> {
+        let mut pilot = Planned(self.slots.iter().map(|slot| self.mode.plan_of(&slot[UAV])));
         let mut plant = plant_of(&self.scenario.scenario, &self.list, &self.mode);
-        drive(&mut plant, &mut pilot, &mut [observer], &Stop::default()).map(drop)
-    }
-
-    /// The lines of the trace.
-    fn lines(&self) -> impl Iterator<Item = &RecordedSlot> {
-        self.slots.iter().flatten()
-    }
-
-    fn numbers(&self, of: impl Fn(&RecordedSlot) -> f64) -> ArrayRef {
-        Arc::new(Float64Array::from_iter_values(self.lines().map(of)))
-    }
-
-    /// Signed, so that differences are correct. No count of a mission exceeds 2^63.
-    fn counts(&self, of: impl Fn(&RecordedSlot) -> u64) -> ArrayRef {
-        Arc::new(Int64Array::from_iter_values(self.lines().map(|slot| of(slot) as i64)))
+        drive(&mut plant, &mut pilot, &mut [observer], &Stop::default())?;
+        Ok(plant)
     }
 
     /// The mission flown by these plans, without planning times.
@@ -166,12 +152,6 @@ fn plant_of(scenario: &Scenario, list: &SensorList, mode: &RunMode) -> Plant {
     Plant::new(scenario, list).repeating_reports(mode.has_reported_flights())
 }
 
-/// The plan for a recorded slot of a mission flown like `mode`.
-fn plan_of(mode: &RunMode) -> impl Fn(&RecordedSlot) -> Option<Plan> + use<> {
-    let are_reports = mode.has_reported_flights();
-    move |slot| if are_reports { Some(slot.report()) } else { slot.decision() }
-}
-
 #[pymethods]
 impl PyRun {
     /// Loads a run folder and checks every slot by simulation. Raises :class:`InputError` if it is invalid.
@@ -202,6 +182,7 @@ impl PyRun {
         self.summary.loss_rate
     }
 
+    /// The name of the strategy in the results: a built-in one, or the label of a Python strategy or an external planner.
     #[getter]
     fn strategy(&self) -> &str {
         &self.summary.strategy
@@ -221,11 +202,13 @@ impl PyRun {
         Ok(metrics)
     }
 
+    /// The scenario as flown; its ``planner.strategy`` names what flew.
     #[getter]
     fn scenario(&self) -> PyScenario {
         self.scenario.clone()
     }
 
+    /// The sensor nodes, with their true sampling rates, and the limits of plans.
     #[getter]
     fn field(&self) -> PyField {
         PyField::of(&self.scenario.scenario, &self.list, &Belief::Known)
@@ -234,21 +217,16 @@ impl PyRun {
     /// One row per slot and UAV with the columns of ``slots.csv``; ``scheduled`` contains lists of ids.
     #[getter]
     fn slots(&self) -> PyResult<PyTable> {
-        let modes = self.lines().map(|slot| Some(<&str>::from(slot.mode)));
-        let refused = self.lines().map(|slot| slot.refused);
-        PyTable::new(vec![
-            ("slot", self.counts(|slot| slot.slot)),
-            ("uav", self.counts(|slot| slot.uav as u64)),
-            ("x_m", self.numbers(|slot| slot.position.x)),
-            ("y_m", self.numbers(|slot| slot.position.y)),
-            ("z_m", self.numbers(|slot| slot.position.z)),
-            ("scheduled", id_lists(self.lines().map(|slot| &slot.scheduled[..]))),
-            ("delivered_bits", self.counts(|slot| slot.delivered_bits)),
-            ("lost_bits", self.counts(|slot| slot.lost_bits)),
-            ("queued_bits", self.counts(|slot| slot.queued_bits)),
-            ("mode", Arc::new(StringArray::from_iter(modes))),
-            ("refused", Arc::new(UInt32Array::from_iter_values(refused))),
-        ])
+        PyTable::new(slot_columns(&self.slots.iter().flatten().collect::<Vec<_>>()))
+    }
+
+    /// One row per SN with the columns of ``sensors_out.csv``. Every access simulates the run.
+    #[getter]
+    fn sensors(&self, py: Python<'_>) -> PyResult<PyTable> {
+        let mut tally = SensorTally::new(self.list.sensors().len());
+        let plant = py.detach(|| self.fly_again(&mut tally)).map_err(of_mission)?;
+        let results: Vec<SensorResult> = tally.results(&plant, self.scenario.scenario.slot_s).collect();
+        PyTable::new(sensor_columns(&self.list, &results))
     }
 
     /// The queue of every SN before slot 1 and after each slot [bit], [slots + 1, N]. Every access simulates the run.
@@ -308,14 +286,14 @@ impl PyRun {
 
     #[staticmethod]
     fn _restore(scenario: &Bound<'_, PyScenario>, mode: &str, trace: &str, summary: &str) -> PyResult<Self> {
-        let mode = serde_json::from_str(mode).map_err(refused)?;
+        let mode: RunMode = serde_json::from_str(mode).map_err(refused)?;
         let scenario = scenario.get().clone();
         let list = scenario.list()?;
         let slots: Option<Vec<RecordedSlot>> =
             trace.split_inclusive('\n').map(|line| RecordedSlot::parse(line.as_bytes())).collect();
         let slots = slots.ok_or_else(|| refused("trace: expected that of a run"))?;
-        let plans = slots.iter().map(plan_of(&mode));
-        let run = Self::of_plans(scenario, list, plans, mode).map_err(of_mission)?;
+        let plans = slots.iter().map(|slot| mode.plan_of(slot));
+        let run = Self::of_plans(scenario, list, plans, mode.clone()).map_err(of_mission)?;
         Ok(Self { summary: serde_json::from_str(summary).map_err(refused)?, ..run })
     }
 

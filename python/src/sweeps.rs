@@ -110,6 +110,12 @@ impl PySweepPlan {
         self.table(&journal.map_err(of_lab)?)
     }
 
+    /// A row per mission.
+    fn rows(&self, all: Vec<Row>) -> PyResult<PyTable> {
+        let rows: Vec<MissionRow> = rows(all)?.into_values().collect();
+        PyTable::new(mission_columns(&self.0.definition, &rows))
+    }
+
     /// All metrics of the strategies of a comparison.
     fn standings<'py>(&self, py: Python<'py>, all: Vec<Row>) -> PyResult<Bound<'py, PyAny>> {
         json(py, &of_contenders(&Contender::of_sweep(&self.0.definition, &rows(all)?)))

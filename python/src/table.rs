@@ -1,12 +1,11 @@
 //! `skysink.Table`: columns that other libraries import without a copy, by Arrow's C data interface.
 
 use std::ffi::CStr;
-use std::sync::Arc;
 
 use arrow_array::cast::AsArray;
 use arrow_array::ffi_stream::FFI_ArrowArrayStream;
 use arrow_array::types::{Float64Type, Int64Type, UInt32Type, UInt64Type};
-use arrow_array::{Array, ArrayRef, ArrowPrimitiveType, ListArray, PrimitiveArray, RecordBatch, RecordBatchIterator};
+use arrow_array::{Array, ArrayRef, ArrowPrimitiveType, PrimitiveArray, RecordBatch, RecordBatchIterator};
 use arrow_ipc::reader::StreamReader;
 use arrow_ipc::writer::StreamWriter;
 use arrow_schema::DataType;
@@ -122,10 +121,4 @@ where
     // SAFETY: the memory belongs to the record batch of `table`, which the array keeps alive and which never changes.
     let array = unsafe { PyArray1::borrow_from_array(&values, table.clone().into_any()) };
     read_only(array.into_any())
-}
-
-/// A column of lists of ids.
-pub fn id_lists<'a>(lists: impl Iterator<Item = &'a [u32]>) -> ArrayRef {
-    let lists = lists.map(|ids| Some(ids.iter().map(|&id| Some(id))));
-    Arc::new(ListArray::from_iter_primitive::<UInt32Type, _, _>(lists))
 }

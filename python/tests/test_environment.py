@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -195,3 +196,36 @@ def test_wrappers_of_gymnasium_work(smoke: skysink.Scenario) -> None:
         *_, info = envs.step(envs.action_space.sample())
         returns += [info["episode"]["r"]] if "episode" in info else []
     assert len(returns) == 1 and (returns[0] <= 0).all()
+
+
+def test_another_scenario_in_reset_is_refused(smoke: skysink.Scenario) -> None:
+    options = {"scenario": smoke}
+    with pytest.raises(skysink.InputError, match=r"options = \['scenario'\]: expected none; the scenario is an argument"):
+        DataCollectionEnv(smoke).reset(options=options)
+    with pytest.raises(skysink.InputError, match=r"options = \['scenario'\]: expected reset_mask; the scenario is"):
+        DataCollectionVectorEnv(2, smoke).reset(options=options)
+
+
+def test_several_scenarios_of_a_vector_are_refused_and_work_as_the_message_says(smoke: skysink.Scenario) -> None:
+    scenarios = [smoke, smoke.replace({"sensors.sampling_bps": 300.0})]
+    with pytest.raises(skysink.InputError, match=r"expected one for all environments; .*SyncVectorEnv"):
+        gymnasium.make_vec(ID, num_envs=2, scenario=scenarios)
+    with pytest.raises(skysink.InputError, match=r"expected a skysink\.Scenario or the path of its file"):
+        gymnasium.make(ID, scenario=7)
+    envs = gymnasium.vector.SyncVectorEnv([partial(gymnasium.make, ID, scenario=one) for one in scenarios])
+    envs.reset(seed=1)
+    lost = np.sum([envs.step(envs.action_space.sample())[1] for _ in range(60)], axis=0)
+    assert lost[1] < lost[0], "more is sampled in the second"
+
+
+@pytest.mark.parametrize(("bps", "is_equal"), [(100.0, True), ([50.0, 300.0], False)])
+def test_the_mean_reward_is_minus_the_loss_rate_only_for_equal_samples(
+    smoke: skysink.Scenario, bps: Any, is_equal: bool
+) -> None:
+    env = DataCollectionEnv(smoke.replace({"sensors.sampling_bps": bps}))
+    env.action_space.seed(1)
+    env.reset()
+    rewards = [env.step(env.action_space.sample())[1] for _ in range(60)]
+    flown = env.run()
+    assert flown.loss_rate > 0.01
+    assert (abs(flown.loss_rate + np.mean(rewards)) < 1e-12) == is_equal

@@ -71,6 +71,18 @@ def test_every_bit_of_the_queues_is_accounted_for(smoke: skysink.Scenario) -> No
     assert flown.loss_rate == flown.metrics["loss_rate"] == slots["lost_bits"].sum() / sampled.sum()
 
 
+def test_the_results_of_each_sensor_node_are_those_of_the_report(tmp_path: Path, smoke: skysink.Scenario) -> None:
+    flown = skysink.simulate(smoke.replace({"sensors.sampling_bps": [0.0, 900.0]}), "uts")
+    flown.save(tmp_path / "run")
+    run("report", "run", "--sensors", cwd=tmp_path)
+    sensors = polars.DataFrame(flown.sensors)
+    reported = polars.read_csv(tmp_path / "run" / "sensors_out.csv")
+    assert sensors.columns == reported.columns and len(sensors) == 40
+    for name in sensors.columns:
+        assert sensors[name].cast(polars.Float64).equals(reported[name].cast(polars.Float64)), name
+    assert sensors["first_loss_slot"].null_count() > 0 < sensors["lost_bits"].sum() == flown.summary["lost_bits"]
+
+
 def test_columns_are_shared_with_other_libraries_and_not_copied(smoke: skysink.Scenario) -> None:
     slots = skysink.simulate(smoke, "uts").slots
     mine = slots["x_m"]

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import multiprocessing
+import pickle
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars
 import pytest
 from conftest import GFS, ROOT
 
@@ -122,6 +124,20 @@ def test_a_comparison_is_that_of_the_command_line(smoke: skysink.Scenario, gfs: 
         assert losses[label]["mean"] == losses["gfs"]["mean"]
         assert losses[label]["difference"] == 0.0
     assert losses["uts"]["n"] == 4 and losses["uts"]["difference"] != 0.0
+
+
+def test_a_comparison_has_a_row_for_each_mission(smoke: skysink.Scenario) -> None:
+    compared = skysink.compare(smoke, ["gfs", made(), "uts"], seeds=[4, 2])
+    missions = compared.missions.to_polars()
+    assert missions["strategy"].to_list() == ["gfs", "gfs", "GFS", "GFS", "uts", "uts"]
+    assert missions["seed"].to_list() == [2, 4] * 3
+    for (strategy, seed), rows in missions.group_by("strategy", "seed"):
+        alone = skysink.simulate(smoke, "gfs" if strategy == "GFS" else str(strategy), seed=int(seed))
+        assert rows["loss_rate"].item() == alone.loss_rate
+    means = {entry["label"]: entry["mean"] for entry in compared if entry["metric"] == "loss_rate"}
+    assert means["uts"] == missions.filter(polars.col("strategy") == "uts")["loss_rate"].mean()
+    again = pickle.loads(pickle.dumps(compared))
+    assert again == compared and len(again.missions) == 6
 
 
 def test_strategies_with_parameters_have_names_of_their_own(smoke: skysink.Scenario) -> None:
