@@ -19,6 +19,25 @@ pub fn power_w(aircraft: &Propulsion, speed_mps: f64) -> f64 {
     blade_w + induced_w + 0.5 * drag * v2 * speed_mps
 }
 
+/// The speed of least propulsion power [m/s], from 0 to `max_speed_mps`.
+///
+/// The power is convex in `V²`: the profile power is linear in it, and the drag `∝ (V²)^(3/2)` and the induced power
+/// `P_i exp(−½ asinh(V²/(2 v_0²)))` are convex. So it falls up to one speed and rises beyond it.
+#[must_use]
+pub fn least_power_mps(aircraft: &Propulsion, max_speed_mps: f64) -> f64 {
+    let mut low_mps = 0.0;
+    let mut high_mps = max_speed_mps;
+    for _ in 0..100 {
+        let third_mps = (high_mps - low_mps) / 3.0;
+        if power_w(aircraft, low_mps + third_mps) <= power_w(aircraft, high_mps - third_mps) {
+            high_mps -= third_mps;
+        } else {
+            low_mps += third_mps;
+        }
+    }
+    low_mps
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -46,5 +65,20 @@ mod tests {
         let power = |speed_mps| power_w(&aircraft(), speed_mps);
         assert!(power(10.0) < power(0.0) && power(30.0) > power(0.0));
         assert!(power(1e4).is_finite());
+    }
+
+    #[test]
+    fn no_speed_costs_less_than_that_of_least_power() {
+        let slow_rotor = Propulsion { induced_w: 1.0, tip_speed_mps: 2.0, ..aircraft() };
+        for (aircraft, max_speed_mps, expected_mps) in
+            [(aircraft(), 30.0, 10.2), (aircraft(), 5.0, 5.0), (slow_rotor, 30.0, 0.0)]
+        {
+            let least_mps = least_power_mps(&aircraft, max_speed_mps);
+            assert!((least_mps - expected_mps).abs() < 0.05, "{least_mps}");
+            for step in 0..=3_000 {
+                let speed_mps = max_speed_mps * f64::from(step) / 3e3;
+                assert!(power_w(&aircraft, speed_mps) >= power_w(&aircraft, least_mps) - 1e-9, "{speed_mps}");
+            }
+        }
     }
 }

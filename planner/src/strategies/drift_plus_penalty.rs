@@ -11,12 +11,13 @@
 //! (Known from summaries of the method; the book was not read for this.)
 //!
 //! The bounds do not carry over to a UAV, for the reasons given in [`max-weight`](super::max_weight). A rotary wing
-//! needs least power in slow flight, so a high price makes the UAV fly slowly instead of hovering.
+//! needs least power in slow flight, so a high price makes the UAV fly slowly instead of hovering, toward the fullest
+//! queue that it can serve in a slot where nothing else decides.
 
 use serde::{Deserialize, Serialize};
 use skysink_common::keys::Accepts;
 
-use super::queue_weight::QueueWeight;
+use super::queue_weight::{QueueWeight, Service};
 use crate::strategy::Registered;
 
 /// The strategy in the registry.
@@ -26,7 +27,7 @@ pub const STRATEGY: Registered = Registered::new(
     |setup| {
         let keys: DriftPlusPenaltyKeys =
             setup.scenario.planner_keys("planner.drift-plus-penalty").expect("they were checked");
-        Box::new(QueueWeight::new(setup, keys.price_bits2_per_j))
+        Box::new(QueueWeight::new(setup, keys.price_bits2_per_j, Service::Upload))
     },
 )
 .with_keys::<DriftPlusPenaltyKeys>();

@@ -1,29 +1,38 @@
 //! The search of `max-weight` and `drift-plus-penalty`: maximises queue-weighted service less a price for energy.
 //!
-//! The objective is `Σ Q_i min(Q_i, floor(r_i τ_c)) − V E` over candidate waypoints and all sets of at most n sensor
-//! nodes (SNs) in range of them. `Q_i = B_i(t−1)` is the known or estimated queue [bit], `r_i` the (expected) rate from
-//! the waypoint, and `E = P(v) τ` the propulsion energy [J] of a slot at the speed v that it takes to get there, with
-//! `P` of [`skysink_common::propulsion`]. For a given waypoint the best set is found exactly: the n largest terms.
+//! The objective is `Σ Q_i b_i − V E` over candidate waypoints and all sets of at most n sensor nodes (SNs) in range of
+//! them. `Q_i = B_i(t−1)` is the known or estimated queue [bit], `E = P(v) τ` the propulsion energy [J] of a slot at the
+//! speed v that it takes to get there, with `P` of [`skysink_common::propulsion`], and `b_i` the [`Service`], of the
+//! (expected) rate `r_i` from the waypoint. For a given waypoint the best set is found exactly: the n largest terms.
 //!
-//! The candidate waypoints:
+//! Without a price, and with the upload as the service, the candidate waypoints are:
 //! - the position of the UAV;
 //! - for every SN that can be served from within reach, the point in reach nearest to the SN (above it, if that is in
 //!   reach) and the point in range of the SN nearest to the UAV;
 //! - the centre of the set of [`exact`](super::exact).
 //!
-//! If more than [`MOST_NEARBY`] SNs can be served from within reach, only the fullest of them give candidates. With a
-//! free altitude, candidates are compared at the UAV's altitude; the best then gets the altitude that serves its set
-//! best, as in `gfs`. The solution of sP2 for that set replaces it if its objective is higher.
+//! With a free altitude, these are compared at the UAV's altitude; the best then gets the altitude that serves its set
+//! best, as in `gfs`. The solution of sP2 for that set replaces it if its objective is higher. A set of other points may
+//! be better still.
+//!
+//! Otherwise the candidates are those of [`peaks`], which include the maximum of the objective where links empty the
+//! queues, and searches from the best of them where they do not.
+//!
+//! If more than [`MOST_NEARBY`] SNs can be served from within reach, only the fullest of them give candidates.
+
+mod objective;
+mod peaks;
 
 use std::cmp::Reverse;
 
-use nalgebra::Point3;
-use skysink_common::channel::{ChannelModel, Uplink};
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::{Position, above, within};
-use skysink_common::propulsion::power_w;
-use skysink_common::scenario::Propulsion;
+use skysink_common::message::SolverOutcome;
+use skysink_common::propulsion::least_power_mps;
 
+use self::objective::Objective;
+pub(crate) use self::objective::Service;
+use self::peaks::Best;
 use super::exact::ExactSearch;
 use super::nearby::fullest_first;
 use super::serving::Serving;
@@ -34,7 +43,7 @@ use crate::strategy::{Decision, Setup, Strategy, View};
 /// Most SNs that give candidate waypoints. It keeps the time of a slot linear, not quadratic, in the SNs near the UAV.
 pub(crate) const MOST_NEARBY: usize = 64;
 
-/// Both strategies: they differ in the price for energy only.
+/// Both strategies: they differ in service and price only.
 pub(crate) struct QueueWeight {
     objective: Objective,
     exact: ExactSearch,
@@ -43,25 +52,19 @@ pub(crate) struct QueueWeight {
     nearby: Vec<u32>,
     /// The set of the exact search.
     exact_ids: Vec<u32>,
-}
-
-/// The objective.
-struct Objective {
-    /// Price of energy, V [bit²/J].
-    price_bits2_per_j: f64,
-    aircraft: Propulsion,
-    slot_s: f64,
-    /// The terms of the SNs in range [bit²], with their ids; working memory.
-    terms: Vec<(Reverse<u64>, u32)>,
+    /// Distance of least propulsion energy in a slot [m].
+    slow_m: f64,
 }
 
 impl QueueWeight {
     /// Constructs the strategy for a price of energy V [bit²/J], 0 or above.
-    pub fn new(setup: &Setup, price_bits2_per_j: f64) -> Self {
+    pub fn new(setup: &Setup, price_bits2_per_j: f64, service: Service) -> Self {
         let sensors = setup.table.sensors.positions.len();
+        let uav = &setup.scenario.uav;
         let objective = Objective {
             price_bits2_per_j,
-            aircraft: setup.scenario.uav.propulsion,
+            service,
+            aircraft: uav.propulsion,
             slot_s: setup.scenario.slot_s,
             terms: Vec::with_capacity(sensors),
         };
@@ -71,6 +74,7 @@ impl QueueWeight {
             serving: Serving::new(setup),
             nearby: Vec::with_capacity(sensors),
             exact_ids: Vec::with_capacity(setup.table.limits.blocks()),
+            slow_m: least_power_mps(&uav.propulsion, uav.max_speed_mps) * setup.scenario.slot_s,
         }
     }
 
@@ -119,49 +123,33 @@ impl QueueWeight {
         }
         best.1
     }
-}
 
-impl Objective {
-    /// The term of SN `id` with the UAV at `uav` [bit²]: `Q_i min(Q_i, floor(r_i τ_c))`.
-    fn term_bits2(view: &View, uav: &Point3<f64>, id: u32) -> u64 {
+    /// The decision for the best candidate of [`peaks`], or the end of a search from the best of them.
+    fn peak(&mut self, view: &View) -> Decision {
+        self.nearby.sort_unstable_by_key(|&id| fullest_first(view.belief.queues_bits[id as usize], id));
+        let Self { objective, exact, nearby, exact_ids, slow_m, .. } = self;
+        let ground = view.ground();
         let table = view.table;
-        let queue_bits = u64::from(view.belief.queues_bits[id as usize]);
-        let uplink = Uplink::new(table.sensors.gains[id as usize], table.sensors.position(id), uav);
-        // Both factors are below 2^32.
-        queue_bits * table.channel.capacity_bits(table.channel.expected_rate_bps(&uplink)).min(queue_bits)
-    }
-
-    /// The energy [J] of flying to `uav` in the slot.
-    fn energy_j(&self, view: &View, uav: &Point3<f64>) -> f64 {
-        power_w(&self.aircraft, (uav - view.position).norm() / self.slot_s) * self.slot_s
-    }
-
-    /// The objective [bit²] at `uav`, with the SNs that contribute `terms_bits2`.
-    fn value(&self, view: &View, uav: &Point3<f64>, terms_bits2: impl Iterator<Item = u64>) -> f64 {
-        let sum_bits2: u128 = terms_bits2.map(u128::from).sum();
-        let price = if self.price_bits2_per_j > 0.0 { self.price_bits2_per_j * self.energy_j(view, uav) } else { 0.0 };
-        sum_bits2 as f64 - price
-    }
-
-    /// The objective [bit²] at `uav` with the SNs `ids`.
-    fn value_of(&self, view: &View, uav: &Point3<f64>, ids: &[u32]) -> f64 {
-        self.value(view, uav, ids.iter().map(|&id| Self::term_bits2(view, uav, id)))
-    }
-
-    /// The objective [bit²] at `uav` with the best set of SNs in range.
-    fn best_value(&mut self, view: &View, uav: &Point3<f64>) -> f64 {
-        let mut terms = std::mem::take(&mut self.terms);
-        terms.clear();
-        view.table.sensors.grid.visit_within(&uav.xy(), view.table.limits.comm_radius_m, |node| {
-            terms.push((Reverse(Self::term_bits2(view, uav, node.id)), node.id));
-        });
-        if terms.len() > view.table.limits.blocks() {
-            terms.select_nth_unstable(view.table.limits.blocks());
-            terms.truncate(view.table.limits.blocks());
+        let mut best = Best::default();
+        let mut offer = |candidate: Position| {
+            let candidate = table.clamp_to_area(&candidate);
+            if within(&candidate, &ground, table.limits.reach_m) {
+                let point = above(&candidate, view.position.z);
+                best.offer((objective.best_value(view, &point), point));
+            }
+        };
+        peaks::visit(view, *slow_m, nearby, &mut offer);
+        if let Some(centre) = exact.best_set(table, &ground, view.belief.queues_bits, exact_ids) {
+            offer(centre);
         }
-        let value = self.value(view, uav, terms.iter().map(|(Reverse(term), _)| *term));
-        self.terms = terms;
-        value
+        let peak = if objective.is_level(view, nearby) {
+            best.first()
+        } else {
+            best.climbed(view, |point| objective.best_value(view, point))
+        };
+        let waypoint = peak.map_or(view.position, |(_, point)| point);
+        let schedule = objective.best_set(view, &waypoint);
+        Decision { waypoint, schedule, outcome: SolverOutcome::Rule, winner: None }
     }
 }
 
@@ -173,9 +161,12 @@ impl Strategy for QueueWeight {
         if !self.find_nearby(view) {
             return None;
         }
+        if !self.objective.is_plain() {
+            return Some(self.peak(view));
+        }
         let ground = self.best_ground(view);
         let uav = above(&ground, view.position.z);
-        let key = |id: u32| (Reverse(Objective::term_bits2(view, &uav, id)), id);
+        let key = |id: u32| (Reverse(self.objective.term_bits2(view, &uav, id)), id);
         let decision = self.serving.serve_by(view, &ground, key);
         if decision.schedule.is_empty() {
             return Some(decision);
@@ -208,7 +199,7 @@ mod tests {
 
     /// The decision from (50, 50).
     fn decided(field: &OwnedSetup, price: f64, queues_bits: &[u32]) -> Option<Decision> {
-        QueueWeight::new(&field.setup(), price).plan(&view(&field.table, 1, [50.0, 50.0], queues_bits))
+        QueueWeight::new(&field.setup(), price, Service::Upload).plan(&view(&field.table, 1, [50.0, 50.0], queues_bits))
     }
 
     #[test]
@@ -244,13 +235,42 @@ mod tests {
         let waypoint = |price, queue_bits| decided(&field, price, &[queue_bits]).unwrap().waypoint.y;
         assert_eq!(waypoint(0.0, 1_000), 75.0, "of equals the first: above it");
         assert!((waypoint(1.0, 1_000) - 65.0).abs() < 1e-9, "in range it is worth the same, for 110 J less");
-        assert!((waypoint(1e9, 1_000) - 65.0).abs() < 1e-9, "and less than to hover");
-        // SN 0 below, SN 1 40 m away: 30 m/s to it cost 94.834 + 11.904 + 249.551 = 356.29 W, 187.80 J more than to
-        // hover, for 1 000² − 500² = 750 000 bit² more: worth it up to V = 750 000 / 187.80 = 3 993.6.
+        // 10.213 m/s, which cost least, take 126.007 W, 12.540 J less: 1 000² bit² are worth it up to V = 79 745.
+        assert!((waypoint(7.97e4, 1_000) - 65.0).abs() < 1e-9);
+        assert!((waypoint(7.98e4, 1_000) - 60.213).abs() < 1e-3, "dearer, it flies slowly");
+        // SN 0 below, SN 1 40 m away: 30 m/s to it cost 94.834 + 11.904 + 249.551 = 356.289 W, 230.255 J more than 10
+        // m/s to the rim of SN 0's range, for 1 000² − 500² = 750 000 bit² more: worth it up to V = 750 000 / 230.255 =
+        // 3 257.3.
         let field = field_of(&[[50.0, 50.0], [50.0, 90.0]], 5e6);
         let schedule = |price| decided(&field, price, &[500, 1_000]).unwrap().schedule.to_vec();
-        assert_eq!(schedule(3_993.0), [1]);
-        assert_eq!(schedule(3_994.0), [0]);
+        assert_eq!(schedule(3_257.0), [1]);
+        assert_eq!(schedule(3_258.0), [0]);
+    }
+
+    #[test]
+    fn at_a_high_price_it_flies_at_the_speed_of_least_power_toward_the_fullest_and_past_it() {
+        // 10.213 m/s cost 126.007 W, and nothing costs less.
+        let field = field_of(&[[50.0, 20.0], [50.0, 80.0], [50.0, 54.0]], 5e6);
+        let far = decided(&field, 1e9, &[7, 9, 0]).unwrap();
+        assert!((far.waypoint.y - 60.213).abs() < 1e-3 && far.waypoint.x == 50.0, "{far:?}");
+        assert_eq!(far.schedule[..], [2], "an empty queue in range");
+        // SN 2, 4 m away, is still in range 6.213 m beyond it.
+        let near = decided(&field, 1e9, &[7, 0, 8]).unwrap();
+        assert!(((near.waypoint.xy() - Position::new(50.0, 50.0)).norm() - 10.213).abs() < 1e-3, "{near:?}");
+        assert_eq!(near.schedule[..], [2]);
+    }
+
+    #[test]
+    fn by_the_capacity_a_queue_weighs_what_the_link_carries_whatever_it_holds() {
+        // A link carries about 6.7e6 bit from wherever it is in range: two of 60 bit outweigh one of 100.
+        let field = field_of(&[[50.0, 75.0], [25.0, 50.0], [25.0, 52.0]], 5e6);
+        let queues_bits = [100, 60, 60];
+        let schedule = |service| {
+            let mut strategy = QueueWeight::new(&field.setup(), 0.0, service);
+            strategy.plan(&view(&field.table, 1, [50.0, 50.0], &queues_bits)).unwrap().schedule.to_vec()
+        };
+        assert_eq!(schedule(Service::Upload), [0]);
+        assert_eq!(schedule(Service::Capacity), [1, 2]);
     }
 
     #[test]
@@ -265,7 +285,7 @@ mod tests {
     fn more_sensor_nodes_than_are_compared_lose_the_emptiest() {
         let positions: Vec<[f64; 2]> = (0..MOST_NEARBY + 50).map(|id| [40.0 + 0.05 * id as f64, 50.0]).collect();
         let field = field_of(&positions, 5e6);
-        let mut strategy = QueueWeight::new(&field.setup(), 0.0);
+        let mut strategy = QueueWeight::new(&field.setup(), 0.0, Service::Upload);
         let queues_bits: Vec<u32> = (0..positions.len() as u32).map(|id| id % 300).collect();
         assert!(strategy.find_nearby(&view(&field.table, 1, [50.0, 50.0], &queues_bits)));
         assert_eq!(strategy.nearby.len(), MOST_NEARBY);
@@ -298,7 +318,7 @@ mod tests {
             let mut field = field_of(&positions, bandwidth_hz);
             field.table.limits.resource_blocks = blocks as u32;
             field.scenario.link.resource_blocks = blocks;
-            let mut strategy = QueueWeight::new(&field.setup(), price);
+            let mut strategy = QueueWeight::new(&field.setup(), price, Service::Upload);
             let view = view(&field.table, 1, [50.0, 50.0], &queues_bits);
             let Some(decision) = strategy.plan(&view) else {
                 let reachable = |id: &u32| within(view.table.sensors.position(*id), &view.ground(), 40.0);

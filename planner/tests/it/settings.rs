@@ -22,7 +22,7 @@ fn every_default_is_the_letters_value_and_visible() {
     assert_eq!((settings.knowledge, settings.rates), (Knowledge::Oracle, Rates::Known));
     assert_eq!(settings, Settings::of(&city("").unwrap()).unwrap());
     let keys = "[planner]\nstrategy = \"uts\"\nsca_iterations = 1\nwaypoint_solver = \"geometric\"\nknowledge = \"oracle\"\n\
-                rates = \"known\"\n\n[planner.mes]\ndeadline_weight = 0.1\n\n[planner.drift-plus-penalty]\n\
+                rates = \"known\"\n\n[planner.mes]\ndeadline_weight = 0.1\n\n[planner.max-weight]\nservice = \"upload\"\n\n[planner.drift-plus-penalty]\n\
                 price_bits2_per_j = 300000.0\n\n[planner.horizon]\niterations = 6000\n\n[planner.offline]\nsteps = 1000000\n";
     assert!(scenario.to_toml().ends_with(keys), "{}", scenario.to_toml());
 }
@@ -78,6 +78,7 @@ fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
             "drift-plus-penalty.price_bits2_per_j = -1.0",
             "planner.drift-plus-penalty.price_bits2_per_j = -1.0: expected bit²/J, 0 to 1e18",
         ),
+        ("max-weight.service = \"rate\"", "planner.max-weight.service = \"rate\": expected `upload` or `capacity`"),
         ("drift-plus-penalty = 1", "planner.drift-plus-penalty = 1: expected a table"),
         ("waypoint_solver = 3", "planner.waypoint_solver = 3: expected a string"),
     ];
