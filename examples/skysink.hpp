@@ -29,12 +29,14 @@ constexpr static const uint32_t FLAG_REPEAT = 2;
 
 /// Mode of the UAV in a slot, by its number in messages and its name in `slots.csv`; an unknown number is a hold.
 enum class Mode : uint32_t {
-    /// Flies to the strategy's own waypoint and serves there.
+    /// Flies to the strategy's own waypoint and serves there. A plan may say so whether it serves or not.
     Serve,
     /// Flies straight toward the fullest queue, because the strategy finds no sensor node in reach.
     Transit,
     /// Holds its position and serves no sensor node.
     Hold,
+    /// Flies to the strategy's own waypoint and serves no sensor node there.
+    Fly,
 };
 
 /// How the waypoint was found, by its number in messages; an unknown one, from an external planner, is its own rule.

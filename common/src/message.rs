@@ -96,13 +96,15 @@ pub struct SensorNode {
 #[strum(serialize_all = "lowercase")]
 #[repr(u32)]
 pub enum Mode {
-    /// Flies to the strategy's own waypoint and serves there.
+    /// Flies to the strategy's own waypoint and serves there. A plan may say so whether it serves or not.
     Serve,
     /// Flies straight toward the fullest queue, because the strategy finds no sensor node in reach.
     Transit,
     /// Holds its position and serves no sensor node.
     #[default]
     Hold,
+    /// Flies to the strategy's own waypoint and serves no sensor node there.
+    Fly,
 }
 
 /// How the waypoint was found, by its number in messages; an unknown one, from an external planner, is its own rule.
@@ -342,7 +344,9 @@ mod tests {
     #[test]
     fn modes_have_numbers_and_names() {
         assert_eq!(Mode::from_repr(77), None);
-        for (code, name, mode) in [(0, "serve", Mode::Serve), (1, "transit", Mode::Transit), (2, "hold", Mode::Hold)] {
+        for (code, name, mode) in
+            [(0, "serve", Mode::Serve), (1, "transit", Mode::Transit), (2, "hold", Mode::Hold), (3, "fly", Mode::Fly)]
+        {
             assert_eq!((Mode::from_repr(code), mode as u32), (Some(mode), code));
             assert_eq!((name.parse(), mode.to_string()), (Ok(mode), name.to_owned()));
         }

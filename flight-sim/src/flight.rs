@@ -57,11 +57,13 @@ impl Flight {
         if !self.vehicle.fly_to(plan.waypoint()) {
             return FlightReport { hold: HoldReason::Waypoint as u32, refused: 1, ..self.report(Mode::Hold) };
         }
-        let mut report = self.report(match Mode::from_repr(plan.mode).unwrap_or_default() {
-            Mode::Transit => Mode::Transit,
-            Mode::Serve | Mode::Hold => Mode::Serve,
-        });
+        let mut report = self.report(Mode::Fly);
         self.serve(slot, plan, &mut report);
+        if plan.mode == Mode::Transit as u32 {
+            report.mode = Mode::Transit as u32;
+        } else if report.served > 0 {
+            report.mode = Mode::Serve as u32;
+        }
         report
     }
 
@@ -187,6 +189,18 @@ mod tests {
         plan.served = 1000;
         let report = flight().step(1, Some(&plan));
         assert_eq!((served(&report), report.refused), (vec![0, 1], 998));
+    }
+
+    #[test]
+    fn the_mode_says_whether_anybody_is_served() {
+        let mode = |ids: &[u32], mode| {
+            let report = flight().step(1, Some(&Plan { mode, ..plan(ids) }));
+            Mode::from_repr(report.mode).unwrap()
+        };
+        for planned in [Mode::Serve, Mode::Fly, Mode::Hold].map(|mode| mode as u32).into_iter().chain([77]) {
+            assert_eq!([&[0][..], &[], &[3]].map(|ids| mode(ids, planned)), [Mode::Serve, Mode::Fly, Mode::Fly]);
+        }
+        assert_eq!([&[0][..], &[]].map(|ids| mode(ids, Mode::Transit as u32)), [Mode::Transit; 2], "decision D8");
     }
 
     #[test]

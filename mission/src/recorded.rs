@@ -5,6 +5,7 @@ use std::io::{BufRead as _, BufReader};
 use std::path::PathBuf;
 
 use skysink_common::error::InputError;
+use skysink_common::message::Mode;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::slot_record::{ByUav, Plans, UAVS};
 
@@ -70,6 +71,12 @@ impl RecordedLines {
         }
         if recorded.slot != slot {
             return Err(self.refuse(&format!("slot {}: expected slot {slot} of {slots}", recorded.slot)));
+        }
+        if recorded.mode == Mode::Serve && recorded.scheduled.is_empty() {
+            return Err(self.refuse(
+                "mode serve without a sensor node: expected fly (an earlier version wrote serve; a new run of \
+                 scenario.toml flies the same)",
+            ));
         }
         if recorded.uav != uav {
             return Err(self.refuse(&format!("uav {}: expected {uav}", recorded.uav)));

@@ -189,7 +189,7 @@ impl Tally {
         match Mode::from_repr(flight.mode).unwrap_or_default() {
             Mode::Hold => summary.held_slots += 1,
             Mode::Transit => summary.transit_slots += 1,
-            Mode::Serve => {}
+            Mode::Serve | Mode::Fly => {}
         }
         summary.timing.missed_deadlines += u64::from(is_late(flight));
     }

@@ -138,6 +138,7 @@ fn colour_of(mode: Mode) -> Rgb {
         Mode::Serve => colour::DELIVERY,
         Mode::Transit => colour::TRANSIT,
         Mode::Hold => colour::HOLD,
+        Mode::Fly => colour::FLY,
     }
 }
 
@@ -146,7 +147,8 @@ fn height(mode: Mode) -> f64 {
     match mode {
         Mode::Hold => 1.0,
         Mode::Transit => 2.0,
-        Mode::Serve => 3.0,
+        Mode::Fly => 3.0,
+        Mode::Serve => 4.0,
     }
 }
 

@@ -43,12 +43,12 @@ pub(crate) fn send(
 /// The UAV's state over time: a state lane, or a plot for a live viewer on the port `live`, which follows the mission.
 fn lane(layout: &mut Blueprint, live: Option<u16>) -> RecordingStreamResult<Tile> {
     if live.is_none() {
-        return layout.view(class::STATES, "UAV: serve, transit, hold", "", &[select(events::LANE)]);
+        return layout.view(class::STATES, "UAV: serve, fly, transit, hold", "", &[select(events::LANE)]);
     }
-    let name = "UAV: 3 serve (green), 2 transit (lavender), 1 hold (white), 0 gap (grey)";
+    let name = "UAV: 4 serve (green), 3 fly (blue), 2 transit (lavender), 1 hold (white), 0 gap (grey)";
     let states =
         plot(layout, name, &events::states().map(|name| format!("{}/{name}", events::STATES)).collect::<Vec<_>>())?;
-    lock_axis(layout, states, [-0.6, 3.6])?;
+    lock_axis(layout, states, [-0.6, 4.6])?;
     Ok(states)
 }
 

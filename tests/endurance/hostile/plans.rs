@@ -125,11 +125,16 @@ fn the_feasible_part_of_any_plan_is_flown_and_the_rest_is_counted() {
         let wrong = nonsense.map_or(Wrong::Nothing, |(_, _, wrong)| *wrong);
         kinds += usize::from(nonsense.is_some());
         let what = nonsense.map(|(name, ..)| name);
-        let mode = if turn.good.mode == Mode::Transit as u32 { "transit" } else { "serve" };
-        let (mode, count, served) = match wrong {
-            Wrong::Waypoint => ("hold", 1, 0),
-            Wrong::Sensors(expected) => (mode, expected(&turn.good).0, expected(&turn.good).1.min(good.len())),
-            Wrong::Nothing => (mode, 0, good.len()),
+        let (count, served) = match wrong {
+            Wrong::Waypoint => (1, 0),
+            Wrong::Sensors(expected) => (expected(&turn.good).0, expected(&turn.good).1.min(good.len())),
+            Wrong::Nothing => (0, good.len()),
+        };
+        let mode = match wrong {
+            Wrong::Waypoint => "hold",
+            _ if turn.good.mode == Mode::Transit as u32 => "transit",
+            _ if served == 0 => "fly",
+            _ => "serve",
         };
         assert_eq!((line.mode.as_str(), line.refused), (mode, count), "{what:?}: {line:?}");
         assert_eq!(line.scheduled, good[..served], "{what:?}: {line:?}");

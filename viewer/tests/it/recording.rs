@@ -309,7 +309,7 @@ fn states_are_points_of_a_plot_while_a_mission_is_watched() {
             ["serve", events::GAP].map(|name| found.curve(&format!("{}/{name}", events::STATES)))
         })
     };
-    assert_eq!(states(Some(0)), [[(1, 3.0), (2, 3.0), (6, 3.0)].into(), [(3, 0.0)].into()]);
+    assert_eq!(states(Some(0)), [[(1, 4.0), (2, 4.0), (6, 4.0)].into(), [(3, 0.0)].into()]);
     assert_eq!(states(None), [[].into(), [].into()], "a file has the lane");
 }
 
