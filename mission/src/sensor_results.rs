@@ -18,7 +18,7 @@ use crate::replay::Replay;
 
 /// Its header.
 const COLUMNS: &str = "sensor,x_m,y_m,sampled_bits,delivered_bits,lost_bits,queued_bits,loss_rate,served_slots,\
-                       mean_age_s,longest_gap_s,first_loss_slot\n";
+                       mean_age_s,longest_gap_s,first_loss_slot";
 
 /// Running sums of one SN.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -146,19 +146,22 @@ pub fn write(folder: &Path, stop: &Stop) -> Result<PathBuf, MissionError> {
 
 /// The file's text.
 fn csv(replay: &Replay, tally: &SensorTally) -> String {
+    let list = replay.list();
     let mut text = COLUMNS.to_owned();
+    list.end_line(&mut text, "name");
     let results = tally.results(replay.plant(), replay.scenario().slot_s);
-    for ((id, sensor), result) in replay.list().sensors().iter().enumerate().zip(results) {
+    for ((id, sensor), result) in list.sensors().iter().enumerate().zip(results) {
         let SensorResult { sampled_bits, delivered_bits, lost_bits, queued_bits, loss_rate, .. } = result;
         let SensorResult { served_slots, mean_age_s, longest_gap_s, first_loss_slot, .. } = result;
         let first_loss_slot = first_loss_slot.map_or_else(String::new, |slot| slot.to_string());
-        writeln!(
+        write!(
             text,
             "{id},{},{},{sampled_bits},{delivered_bits},{lost_bits},{queued_bits},{loss_rate},{served_slots},\
              {mean_age_s},{longest_gap_s},{first_loss_slot}",
             sensor.position.x, sensor.position.y
         )
         .expect("a string takes everything");
+        list.end_line(&mut text, list.name(id).unwrap_or_default());
     }
     text
 }

@@ -44,7 +44,7 @@ mod imports {
     use super::*;
 
     const POINTS: &[(&str, &str)] = &[
-        ("a.csv", "Name,Longitude,LAT\na,13.40,52.50\nb,13.41,52.51\n"),
+        ("a.csv", "Colour,Longitude,LAT\na,13.40,52.50\nb,13.41,52.51\n"),
         ("a.geojson", "\u{feff}{\"type\":\"MultiPoint\",\"coordinates\":[[13.40,52.50],[13.41,52.51]]}"),
         (
             "a.gpx",
@@ -73,6 +73,55 @@ mod imports {
             assert!((side("width_m") - 699.0).abs() < 5.0 && (side("height_m") - 1133.0).abs() < 5.0, "{checked}");
             place.flight("city/city").force().simulate();
         }
+    }
+
+    #[test]
+    fn rates_and_names_of_every_format_come_through_to_results_and_exports() {
+        let place = Place::new();
+        let feature = |name: &str, rate: &str, lon: &str| {
+            format!(
+                "{{\"type\":\"Feature\",\"properties\":{{\"name\":\"{name}\",\"rate\":{rate},\"owner\":1}},\
+                 \"geometry\":{{\"type\":\"Point\",\"coordinates\":[{lon},52.50,80]}}}}"
+            )
+        };
+        let placemark = |name: &str, rate: &str, lon: &str| {
+            format!(
+                "<Placemark><name>{name}</name><ExtendedData><Data name=\"rate\"><value>{rate}</value></Data>\
+                 </ExtendedData><Point><coordinates>{lon},52.50</coordinates></Point></Placemark>"
+            )
+        };
+        let features = [feature("soil-07", "50", "13.40"), feature("soil, dry", "25.5", "13.401")].join(",");
+        let placemarks = [placemark("soil-07", "50", "13.40"), placemark("soil, dry", "25.5", "13.401")].concat();
+        place.write("a.geojson", &format!("{{\"type\":\"FeatureCollection\",\"features\":[{features}]}}"));
+        place.write("a.kml", &format!("<kml><Document>{placemarks}</Document></kml>"));
+        place.write("a.csv", "name,rate,lat,lon\nsoil-07,50,52.50,13.40\n\"soil, dry\",25.5,52.50,13.401\n");
+        for file in ["a.csv", "a.kml", "a.geojson"] {
+            let printed = place.run_ok(&["new", "city", "--sensors", file, "--force"]).stdout;
+            let ignored = printed.lines().filter(|line| line.starts_with("ignored: ")).collect::<Vec<_>>();
+            let expected: &[&str] = if file == "a.geojson" {
+                &["ignored: altitudes of 2 points (sensor nodes stand on the ground)", "ignored: properties owner"]
+            } else {
+                &[]
+            };
+            assert_eq!(ignored, expected, "{file}");
+            let list = "lat_deg,lon_deg,sampling_bps,name\n52.5,13.4,50,soil-07\n52.5,13.401,25.5,\"soil, dry\"\n";
+            assert_eq!(place.read("city/sensors.csv"), list, "{file}");
+        }
+        place.flight("city/city").strategy("tour").set("slots", "40").out("run").simulate();
+        place.run_ok(&["report", "run", "--sensors"]);
+        let results = place.read("run/sensors_out.csv");
+        let names: Vec<&str> = results.lines().map(|line| line.splitn(13, ',').nth(12).unwrap()).collect();
+        assert_eq!(names, ["name", "soil-07", "\"soil, dry\""]);
+        for format in ["kml", "gpx", "geojson"] {
+            place.run_ok(&["export", "run", "--format", format]);
+            let text = place.read(&format!("run.{format}"));
+            assert!(
+                text.contains("soil-07") && text.contains("soil, dry") && !text.contains("SN 0"),
+                "{format}: {text}"
+            );
+        }
+        place.flight("city/city").out("again").simulate();
+        place.run_ok(&["compare", "run", "again", "--no-record"]);
     }
 
     #[test]

@@ -7,7 +7,7 @@ use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::estimate::{BYTES_PER_SENSOR, Rates, SavedEstimate};
 use skysink_common::geometry::Position;
 use skysink_common::scenario::Scenario;
-use skysink_common::sensors::Sensors;
+use skysink_common::sensors::{SensorList, Sensors};
 
 use crate::belief::BeliefMaps;
 use crate::canvas::Canvas;
@@ -39,6 +39,8 @@ pub(crate) struct Picture {
     history: SensorHistory,
     maps: Option<Maps>,
     belief: Option<BeliefMaps>,
+    /// Names of the sensor nodes; empty without names.
+    names: Vec<String>,
 }
 
 /// Maximum size of the estimate without its sensor nodes [byte].
@@ -59,7 +61,8 @@ impl Picture {
         recording: &Recording,
     ) -> Result<Self, SceneError> {
         let part = recording.part;
-        let queues = QueueShapes::open(&canvas, sensors, sizes)?;
+        let names = SensorList::names_of(scenario);
+        let queues = QueueShapes::open(&canvas, sensors, sizes, &names)?;
         let uav = UavShape::open(&canvas, sizes)?;
         let path = Path::open(&canvas, sizes, part)?;
         let links = Links::open(&canvas, scenario, sensors, sizes)?;
@@ -69,7 +72,7 @@ impl Picture {
         legend::log_scales(&canvas, links.rates_bps.as_ref())?;
         legend::log_area(&canvas, sizes)?;
         let history = SensorHistory::new(scenario, sensors);
-        Ok(Self { canvas, queues, uav, path, links, los, events, curves, history, maps: None, belief: None })
+        Ok(Self { canvas, queues, uav, path, links, los, events, curves, history, maps: None, belief: None, names })
     }
 
     /// Adds maps and the legend to the scene. `estimated` is how the UAV knows the rates if it has to estimate the
@@ -128,7 +131,7 @@ impl Picture {
         if let Some(los) = &mut self.los {
             los.log_slot(canvas, view.flight)?;
         }
-        canvas.show(events::STATUS, &TextDocument::from_markdown(status(view, &self.history)))?;
+        canvas.show(events::STATUS, &TextDocument::from_markdown(status(view, &self.history, &self.names)))?;
         self.curves.log_slot(canvas, view, fill, missed_slots)?;
         Ok(fill)
     }

@@ -24,6 +24,9 @@ pub const BARS: &str = "world/queues";
 /// Marks above the sensor nodes that have lost data, where there are bars.
 pub const LOST: &str = "world/lost";
 
+/// Most sensor nodes whose names are always shown; those of more are shown where the pointer is.
+const MOST_NAMES: usize = 30;
+
 /// Number of levels of the queue scale above empty, 5 % each. More levels look the same and compress worse.
 const FULL_LEVEL: u16 = 20;
 /// The level of a sensor node that has lost data in the slot.
@@ -54,8 +57,14 @@ struct Bars {
 }
 
 impl QueueShapes {
-    /// Places the sensor nodes and names the levels of the queue scale.
-    pub(crate) fn open(canvas: &Canvas, sensors: &Arc<Sensors>, sizes: &Sizes) -> RecordingStreamResult<Self> {
+    /// Places the sensor nodes, labels them with `names`, if there are some, and names the levels of the queue scale.
+    pub(crate) fn open(
+        canvas: &Canvas,
+        sensors: &Arc<Sensors>,
+        sizes: &Sizes,
+        names: &[String],
+    ) -> RecordingStreamResult<Self> {
+        let shows_names = (1..=MOST_NAMES).contains(&names.len());
         canvas.log_static(WORLD, &AnnotationContext::new((0..=OVERFLOW_LEVEL).map(describe)))?;
         let feet_m: Vec<_> = sensors.positions.iter().map(|foot| [foot.x as f32, foot.y as f32]).collect();
         let has_bars = sensors.count() <= MAX_BARS;
@@ -63,7 +72,8 @@ impl QueueShapes {
         if has_points {
             let points = Points3D::new(feet_m.iter().map(|&[x_m, y_m]| [x_m, y_m, 0.0]))
                 .with_radii([Radius::new_ui_points(sizes.point_ui)])
-                .with_show_labels(false);
+                .with_show_labels(!has_bars && shows_names);
+            let points = if names.is_empty() { points } else { points.with_labels(names.iter().map(String::as_str)) };
             canvas.log_static(POINTS, &points)?;
         }
         if !has_bars {
@@ -73,7 +83,8 @@ impl QueueShapes {
         let style = Boxes3D::update_fields()
             .with_centers(feet_m.iter().map(|&[x_m, y_m]| [x_m, y_m, 0.0]))
             .with_fill_mode(FillMode::Solid)
-            .with_show_labels(false);
+            .with_show_labels(shows_names);
+        let style = if names.is_empty() { style } else { style.with_labels(names.iter().map(String::as_str)) };
         canvas.log_static(BARS, &style)?;
         let marks = Points3D::update_fields().with_colors([colour::LOSS]).with_radii([Radius::new_ui_points(2.5)]);
         canvas.log_static(LOST, &marks)?;

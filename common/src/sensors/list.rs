@@ -35,6 +35,8 @@ pub struct Sensor {
 #[derive(Debug, Clone, PartialEq)]
 pub struct SensorList {
     sensors: Vec<Sensor>,
+    /// The name of each; empty if none has one.
+    names: Vec<String>,
     /// Buffer of each, `B` [bit].
     capacity_bits: u32,
 }
@@ -47,7 +49,8 @@ impl SensorList {
     pub fn of(scenario: &Scenario) -> Result<Self, InputError> {
         let Some(path) = scenario.sensor_file() else {
             let count = scenario.sensors.count.unwrap_or(0);
-            return Ok(Self::new((0..count).map(|id| draw(scenario, id)).collect(), scenario));
+            let sensors = (0..count).map(|id| draw(scenario, id)).collect();
+            return Ok(Self::new((sensors, Vec::new()), scenario));
         };
         let text = read_text("sensor list", &path).map_err(|error| {
             let source = path.with_file_name("SOURCE.md");
@@ -84,8 +87,11 @@ impl SensorList {
         rows::read(text, scenario, locate).map(|sensors| Self::new(sensors, scenario)).map_err(refuse)
     }
 
-    fn new(sensors: Vec<Sensor>, scenario: &Scenario) -> Self {
-        Self { sensors, capacity_bits: scenario.sensors.capacity_bits }
+    fn new((sensors, mut names): (Vec<Sensor>, Vec<String>), scenario: &Scenario) -> Self {
+        if names.iter().all(String::is_empty) {
+            names.clear();
+        }
+        Self { sensors, names, capacity_bits: scenario.sensors.capacity_bits }
     }
 
     /// Hash (XXH3) of the list as a CSV file, seeded with the hash of its scenario.
@@ -94,15 +100,44 @@ impl SensorList {
         xxhash_rust::xxh3::xxh3_64_with_seed(self.to_csv().as_bytes(), scenario_hash)
     }
 
-    /// The list as a CSV file with all columns; floats round-trip exactly.
+    /// The list as a CSV file with all columns, that of names if there are some; floats round-trip exactly.
     #[must_use]
     pub fn to_csv(&self) -> String {
-        let mut text = rows::WRITTEN.join(",") + "\n";
-        for Sensor { position, queue_bits, gain_db, sampling_bps } in &self.sensors {
-            let line = format!("{},{},{queue_bits},{gain_db},{sampling_bps}\n", position.x, position.y);
-            text.push_str(&line);
+        let mut text = rows::WRITTEN.join(",");
+        self.end_line(&mut text, rows::NAME);
+        for (id, Sensor { position, queue_bits, gain_db, sampling_bps }) in self.sensors.iter().enumerate() {
+            text.push_str(&format!("{},{},{queue_bits},{gain_db},{sampling_bps}", position.x, position.y));
+            self.end_line(&mut text, self.name(id).unwrap_or_default());
         }
         text
+    }
+
+    /// Ends a line of a CSV file about sensor nodes, with `name` as its last cell if there are names.
+    pub fn end_line(&self, text: &mut String, name: &str) {
+        if !self.names.is_empty() {
+            let needs_quotes = name.contains([',', '"']);
+            let name = if needs_quotes { format!("\"{}\"", name.replace('"', "\"\"")) } else { name.to_owned() };
+            text.push_str(&format!(",{name}"));
+        }
+        text.push('\n');
+    }
+
+    /// The names in the list of a scenario, by id; none if the list has none, or cannot be read.
+    #[must_use]
+    pub fn names_of(scenario: &Scenario) -> Vec<String> {
+        scenario.sensor_file().and_then(|_| Self::of(scenario).ok()).map_or_else(Vec::new, |list| list.names)
+    }
+
+    /// The name of sensor node `id`; `None` if it has none.
+    #[must_use]
+    pub fn name(&self, id: usize) -> Option<&str> {
+        self.names.get(id).map(String::as_str).filter(|name| !name.is_empty())
+    }
+
+    /// The name of sensor node `id`, or `SN id` if it has none.
+    #[must_use]
+    pub fn label(&self, id: usize) -> String {
+        self.name(id).map_or_else(|| format!("SN {id}"), str::to_owned)
     }
 
     /// The sensor nodes, by id.

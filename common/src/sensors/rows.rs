@@ -16,25 +16,33 @@ use crate::scenario::{Area, MAX_FIELD_BITS, MAX_SAMPLED_BITS, MAX_SENSORS, Scena
 pub(super) const WRITTEN: [&str; 5] = ["x_m", "y_m", "queue_bits", "gain_db", "sampling_bps"];
 
 /// Columns that a list may have.
-const COLUMNS: [&str; 7] = ["x_m", "y_m", "lat_deg", "lon_deg", "queue_bits", "gain_db", "sampling_bps"];
+const COLUMNS: [&str; 8] = ["x_m", "y_m", "lat_deg", "lon_deg", "queue_bits", "gain_db", "sampling_bps", NAME];
+
+/// The column of names, which is written if a sensor node has one.
+pub(super) const NAME: &str = "name";
+
+/// Most characters of a name.
+const MOST_CHARACTERS: usize = 100;
 
 /// A projected position up to this far [m] outside the area is moved to its border, so that rounding does not exclude
 /// the meridian of the origin.
 const RIM_SLACK_M: f64 = 1e-6;
 
-/// Reads the text of a list; sensor node i is row i. The error names the row by `locate`, given its index and line, the
+/// Reads the text of a list; sensor node i is row i. Returns the sensor nodes and their names, which are empty if there
+/// is no column of names. The error names the row by `locate`, given its index and line, the
 /// value, and what was expected.
 pub(super) fn read(
     text: &str,
     scenario: &Scenario,
     locate: impl Fn(usize, u64) -> String,
-) -> Result<Vec<Sensor>, String> {
+) -> Result<(Vec<Sensor>, Vec<String>), String> {
     let in_header = |message: String| format!("line 1: {message}");
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).from_reader(text.as_bytes());
     let header = reader.headers().map_err(|error| in_header(error.to_string()))?.clone();
     let table = Table::of(&header, scenario).map_err(in_header)?;
     let mission_s = scenario.slot_s * scenario.slots as f64;
     let mut sensors = Vec::new();
+    let mut names = Vec::new();
     let mut field_bits = 0.0;
     for row in reader.records() {
         let at = |position: Option<&csv::Position>, message: String| {
@@ -55,12 +63,13 @@ pub(super) fn read(
             let expected = "at most 9e18 bits over the mission from all sensor nodes";
             return Err(at(line, format!("sampling_bps = {}: expected {expected}", sensor.sampling_bps)));
         }
+        names.extend(table.name(&row).map_err(|message| at(line, message))?);
         sensors.push(sensor);
     }
     if sensors.is_empty() {
         return Err(in_header("no rows: expected at least one sensor node".to_owned()));
     }
-    Ok(sensors)
+    Ok((sensors, names))
 }
 
 /// The line of a record in `text`, from 1. The position of [`csv`] is that of the first empty line before the record.
@@ -101,7 +110,8 @@ impl<'a> Table<'a> {
                 Some(Projection::at(scenario.area.origin().ok_or_else(|| refuse(expected))?))
             }
             _ => {
-                let columns = "x_m,y_m or lat_deg,lon_deg, not both, and optionally queue_bits,gain_db,sampling_bps";
+                let columns =
+                    "x_m,y_m or lat_deg,lon_deg, not both, and optionally queue_bits,gain_db,sampling_bps,name";
                 return Err(refuse(columns));
             }
         };
@@ -131,6 +141,17 @@ impl<'a> Table<'a> {
                 .unwrap_or_else(|| draw_gain_db(scenario.link.gain_range_db(), &Streams::new(scenario.seed), 0, id)),
             sampling_bps: sampling_bps.unwrap_or_else(|| draw_sampling_bps(scenario, id)),
         })
+    }
+
+    /// The name in a row, which may be empty; `None` if the list has no column of names.
+    fn name(&self, row: &csv::StringRecord) -> Result<Option<String>, String> {
+        let Some(index) = self.header.iter().position(|name| name == NAME) else { return Ok(None) };
+        let name = &row[index];
+        let is_accepted = name.chars().count() <= MOST_CHARACTERS && !name.chars().any(char::is_control);
+        let expected = format!("at most {MOST_CHARACTERS} characters, on one line");
+        is_accepted
+            .then(|| Some(name.to_owned()))
+            .ok_or_else(|| format!("name = {}: expected {expected}", quoted(name)))
     }
 
     fn position(&self, row: &csv::StringRecord) -> Result<Position, String> {

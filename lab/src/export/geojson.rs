@@ -28,11 +28,10 @@ pub(crate) fn collection(track: &GeodeticTrack<'_>) -> String {
             json!({ "kind": "service", "slot": slot, "time_s": point.time_s, "scheduled": point.served() });
         feature(Geometry::new_point(in_the_air(point)), properties)
     });
-    let sensors = track
-        .sensors
-        .iter()
-        .enumerate()
-        .map(|(id, place)| feature(Geometry::new_point(ground(place)), json!({ "kind": "sensor node", "id": id })));
+    let sensors = track.sensors.iter().enumerate().map(|(id, place)| {
+        let name = track.run.list.label(id);
+        feature(Geometry::new_point(ground(place)), json!({ "kind": "sensor node", "id": id, "name": name }))
+    });
     let features = [area, flight].into_iter().chain(services).chain(sensors).collect();
     FeatureCollection { bbox: None, features, foreign_members: None }.to_string() + "\n"
 }

@@ -20,10 +20,10 @@ pub static FORMAT: ExportFormat = ExportFormat {
 fn write(track: &GeodeticTrack<'_>) -> Vec<u8> {
     let sensor = |(id, place): (usize, &GeodeticPosition)| {
         let mut sensor = at(place);
-        sensor.name = Some(format!("SN {id}"));
+        sensor.name = Some(track.run.list.label(id));
         sensor
     };
-    let segment = TrackSegment { points: track.points.iter().map(point).collect() };
+    let segment = TrackSegment { points: track.points.iter().map(|point| waypoint(track, point)).collect() };
     let gpx = Gpx {
         version: GpxVersion::Gpx11,
         creator: Some(format!("skysink {}", env!("CARGO_PKG_VERSION"))),
@@ -37,13 +37,13 @@ fn write(track: &GeodeticTrack<'_>) -> Vec<u8> {
     text
 }
 
-fn point(point: &TrackPoint<'_>) -> Waypoint {
+fn waypoint(track: &GeodeticTrack<'_>, point: &TrackPoint<'_>) -> Waypoint {
     let mut waypoint = at(&point.place);
     waypoint.elevation = Some(point.position.z);
     // GPX has no dates after the year 9999.
     let since = Duration::checked_seconds_f64(point.time_s);
     waypoint.time = since.and_then(|since| OffsetDateTime::UNIX_EPOCH.checked_add(since)).map(Into::into);
-    waypoint.comment = Some(point.served_text()).filter(|text| !text.is_empty()).map(|text| format!("SN {text}"));
+    waypoint.comment = Some(track.served_labels(point)).filter(|text| !text.is_empty());
     waypoint
 }
 

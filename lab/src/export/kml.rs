@@ -27,12 +27,11 @@ fn write(track: &GeodeticTrack<'_>) -> Vec<u8> {
     let services = track.services().map(|(point, slot)| {
         let altitude_mode = AltitudeMode::RelativeToGround;
         let geometry = Geometry::Point(Point { altitude_mode, ..Point::from(in_the_air(point)) });
-        placemark(format!("slot {slot}"), format!("SN {}, {} s", point.served_text(), point.time_s), geometry)
+        placemark(format!("slot {slot}"), format!("{}, {} s", track.served_labels(point), point.time_s), geometry)
     });
-    let sensors =
-        track.sensors.iter().enumerate().map(|(id, place)| {
-            placemark(format!("SN {id}"), String::new(), Geometry::Point(Point::from(ground(place))))
-        });
+    let sensors = track.sensors.iter().enumerate().map(|(id, place)| {
+        placemark(track.run.list.label(id), String::new(), Geometry::Point(Point::from(ground(place))))
+    });
     let elements = vec![
         placemark("area".to_owned(), String::new(), area),
         placemark("flight".to_owned(), track.name(), flight),

@@ -88,6 +88,17 @@ impl<'a> GeodeticTrack<'a> {
         })
     }
 
+    /// The names of the sensor nodes that are served from a point: `soil-07, soil-12`, or `SN 7 12` without names.
+    #[must_use]
+    pub fn served_labels(&self, point: &TrackPoint<'_>) -> String {
+        let list = &self.run.list;
+        let ids = point.served();
+        if ids.is_empty() || ids.iter().all(|&id| list.name(id as usize).is_none()) {
+            return if ids.is_empty() { String::new() } else { format!("SN {}", point.served_text()) };
+        }
+        ids.iter().map(|&id| list.label(id as usize)).collect::<Vec<_>>().join(", ")
+    }
+
     /// Scenario, strategy and seed.
     #[must_use]
     pub fn name(&self) -> String {

@@ -4,17 +4,18 @@ use ::csv::{ReaderBuilder, StringRecord, Trim};
 use skysink_common::error::quoted;
 use skysink_common::sensors::line_of;
 
-use super::imported::{Frame, Imported, ImportedSensor, check_geodetic};
+use super::imported::{Frame, Imported, ImportedSensor, NAME, OTHERS, check_geodetic};
 
 /// The names of the columns in lower case: first the name in a sensor list, then its aliases.
-const COLUMNS: [&[&str]; 7] = [
+const COLUMNS: [&[&str]; 8] = [
     &["x_m", "x", "east", "easting"],
     &["y_m", "y", "north", "northing"],
     &["lat_deg", "lat", "latitude"],
     &["lon_deg", "lon", "lng", "long", "longitude"],
-    &["queue_bits", "queue"],
-    &["gain_db", "gain"],
-    &["sampling_bps", "sampling_rate", "sampling", "rate_bps", "rate"],
+    OTHERS[0],
+    OTHERS[1],
+    OTHERS[2],
+    OTHERS[3],
 ];
 
 /// The number of [`COLUMNS`] with coordinates, which come first.
@@ -95,8 +96,10 @@ impl Columns {
         if self.frame == Frame::Geodetic {
             check_geodetic(position)?;
         }
-        let other =
-            |&(name, place): &(&str, usize)| number(row, &(name.to_owned(), place)).map(|value| value.to_string());
+        let other = |&(name, place): &(&str, usize)| match name {
+            NAME => Ok(row.get(place).unwrap_or_default().to_owned()),
+            _ => number(row, &(name.to_owned(), place)).map(|value| value.to_string()),
+        };
         let others = self.others.iter().map(other).collect::<Result<_, _>>()?;
         Ok(ImportedSensor { place, position, others })
     }
@@ -116,11 +119,11 @@ mod tests {
     #[test]
     fn columns_are_found_by_name_in_any_order() {
         let imported = read("Name,Longitude,LAT,rate,colour\na,-87.6,41.9,50,red\nb,-87.5,41.8,60,\n").unwrap();
-        assert_eq!((imported.frame, imported.others), (Frame::Geodetic, vec!["sampling_bps"]));
+        assert_eq!((imported.frame, imported.others), (Frame::Geodetic, vec!["sampling_bps", "name"]));
         let place = "line 3".to_owned();
-        let second = ImportedSensor { place, position: [41.8, -87.5], others: vec!["60".to_owned()] };
+        let second = ImportedSensor { place, position: [41.8, -87.5], others: vec!["60".to_owned(), "b".to_owned()] };
         assert_eq!(imported.sensors[1], second);
-        assert_eq!(imported.ignored, ["column Name", "column colour"]);
+        assert_eq!(imported.ignored, ["column colour"]);
         let plane = read("y;x\n1;2\n").unwrap();
         assert_eq!((plane.frame, plane.sensors[0].position), (Frame::Plane, [2.0, 1.0]));
     }

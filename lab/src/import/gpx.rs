@@ -1,14 +1,22 @@
 //! GPX: imports the waypoints; ignores tracks and routes.
 
-use super::imported::{FoundPoints, Imported, with_causes};
+use super::imported::{FoundPoint, FoundPoints, Imported, NAME, with_causes};
 use super::xml;
 
 /// Reads the text of a file.
 pub fn read(text: &str) -> Result<Imported, String> {
     xml::check(text, "GPX")?;
     let file = ::gpx::read(text.as_bytes()).map_err(|error| format!("{}: expected a GPX file", with_causes(&error)))?;
-    let points = file.waypoints.iter().map(|waypoint| [waypoint.point().y(), waypoint.point().x()]).collect();
-    Imported::geodetic(FoundPoints { points, ignored: file.tracks.len() + file.routes.len() })
+    let points = file.waypoints.iter().map(|waypoint| {
+        let texts = [(NAME, &waypoint.name), ("comment", &waypoint.comment), ("description", &waypoint.description)];
+        let property = |(name, text): (&str, &Option<String>)| Some((name.to_owned(), text.clone()?));
+        FoundPoint {
+            position: [waypoint.point().y(), waypoint.point().x()],
+            altitude: waypoint.elevation.unwrap_or_default(),
+            properties: texts.into_iter().filter_map(property).collect(),
+        }
+    });
+    Imported::geodetic(FoundPoints { points: points.collect(), ignored: file.tracks.len() + file.routes.len() })
 }
 
 #[cfg(test)]
@@ -25,6 +33,7 @@ mod tests {
         let points: Vec<[f64; 2]> = imported.sensors.iter().map(|sensor| sensor.position).collect();
         assert_eq!(points, [[51.5, -0.1], [51.6, 0.2]]);
         assert_eq!(imported.ignored.len(), 1, "a track");
+        assert_eq!(imported.to_csv([0.0; 2]), "lat_deg,lon_deg,name\n51.5,-0.1,a\n51.6,0.2,\n");
     }
 
     #[test]

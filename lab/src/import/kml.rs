@@ -1,9 +1,9 @@
 //! KML: imports the points of placemarks, at any depth of folders.
 
-use ::kml::types::Geometry;
+use ::kml::types::{Geometry, Placemark, Point};
 use ::kml::{Kml, KmlReader};
 
-use super::imported::{FoundPoints, Imported, with_causes};
+use super::imported::{FoundPoint, FoundPoints, Imported, NAME, with_causes};
 use super::xml;
 
 /// Reads the text of a file.
@@ -16,21 +16,47 @@ pub fn read(text: &str) -> Result<Imported, String> {
     Imported::geodetic(found)
 }
 
+/// Name, description and extended data of a placemark.
+fn properties(placemark: &Placemark<f64>) -> Vec<(String, String)> {
+    let texts = [(NAME, &placemark.name), ("description", &placemark.description)];
+    let mut properties: Vec<(String, String)> =
+        texts.into_iter().filter_map(|(name, text)| Some((name.to_owned(), text.clone()?))).collect();
+    let extended = placemark.children.iter().filter(|child| child.name == "ExtendedData");
+    for data in extended.flat_map(|extended| &extended.children) {
+        let fields = if data.name == "SchemaData" { &data.children[..] } else { std::slice::from_ref(data) };
+        for field in fields {
+            let value = field.children.iter().find(|child| child.name == "value").unwrap_or(field);
+            let name = field.attrs.get("name").filter(|name| *name != NAME || placemark.name.is_none());
+            properties.extend(name.zip(value.content.as_ref()).map(|(name, value)| (name.clone(), value.clone())));
+        }
+    }
+    properties
+}
+
 impl FoundPoints {
     fn add_element(&mut self, element: &Kml<f64>) {
         match element {
             Kml::KmlDocument(document) => document.elements.iter().for_each(|inner| self.add_element(inner)),
             Kml::Document { elements, .. } => elements.iter().for_each(|inner| self.add_element(inner)),
             Kml::Folder(folder) => folder.elements.iter().for_each(|inner| self.add_element(inner)),
-            Kml::Placemark(placemark) => placemark.geometry.iter().for_each(|geometry| self.add_kml(geometry)),
+            Kml::Placemark(placemark) => {
+                let properties = properties(placemark);
+                placemark.geometry.iter().for_each(|geometry| self.add_kml(geometry, &properties));
+            }
             _ => {} // styles, schemas and the like have no position
         }
     }
 
-    fn add_kml(&mut self, geometry: &Geometry<f64>) {
+    fn add_kml(&mut self, geometry: &Geometry<f64>, properties: &[(String, String)]) {
         match geometry {
-            Geometry::Point(point) => self.points.push([point.coord.y, point.coord.x]),
-            Geometry::MultiGeometry(several) => several.geometries.iter().for_each(|inner| self.add_kml(inner)),
+            Geometry::Point(Point { coord, .. }) => self.points.push(FoundPoint {
+                position: [coord.y, coord.x],
+                altitude: coord.z.unwrap_or_default(),
+                properties: properties.to_vec(),
+            }),
+            Geometry::MultiGeometry(several) => {
+                several.geometries.iter().for_each(|inner| self.add_kml(inner, properties));
+            }
             _ => {}
         }
     }
@@ -47,8 +73,19 @@ mod tests {
     #[test]
     fn placemarks_are_points() {
         let imported = read(FILE).unwrap();
-        assert_eq!((imported.sensors.len(), imported.ignored.len()), (1, 1));
+        assert_eq!((imported.sensors.len(), imported.ignored.len()), (1, 2));
+        assert!(imported.ignored[1].starts_with("altitudes of 1 points"), "{:?}", imported.ignored);
+        assert_eq!(imported.to_csv([0.0; 2]), "lat_deg,lon_deg,name\n52.5,13.4,a\n");
         assert_eq!(imported.sensors[0].position, [52.5, 13.4]);
+    }
+
+    #[test]
+    fn extended_data_of_placemarks_are_found() {
+        let data = "<ExtendedData><Data name=\"rate\"><value>250</value></Data><SchemaData schemaUrl=\"#a\">\
+                    <SimpleData name=\"owner\">us</SimpleData></SchemaData></ExtendedData>";
+        let imported = read(&FILE.replace("<name>a</name>", &format!("<name>soil-07</name>{data}"))).unwrap();
+        assert_eq!(imported.to_csv([0.0; 2]), "lat_deg,lon_deg,sampling_bps,name\n52.5,13.4,250,soil-07\n");
+        assert!(imported.ignored.contains(&"properties owner".to_owned()), "{:?}", imported.ignored);
     }
 
     #[test]
@@ -59,7 +96,13 @@ mod tests {
         let text = FILE.replace("<Folder>", &format!("<Folder>{inner}"));
         let imported = read(&text).unwrap();
         assert_eq!(imported.sensors.len(), 1);
-        assert_eq!(imported.ignored, ["7 lines, polygons or other items without a point"]);
+        assert_eq!(
+            imported.ignored,
+            [
+                "7 lines, polygons or other items without a point",
+                "altitudes of 1 points (sensor nodes stand on the ground)"
+            ]
+        );
     }
 
     #[test]
