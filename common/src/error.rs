@@ -99,12 +99,31 @@ pub fn quoted(text: &str) -> String {
     one_line(&text[..end], usize::MAX) + dots
 }
 
-/// A hint for a message of serde about an unknown name: the expected name most similar to it, or an empty text.
+/// A hint for a message of serde about an unknown name: where the way around is described if it is of something that is
+/// not modelled, or else the expected name most similar to it, or an empty text.
 #[must_use]
 pub fn suggestion(message: &str) -> String {
     let mut names = message.split('`').skip(1).step_by(2);
-    let meant = names.next().filter(|_| message.starts_with("unknown")).and_then(|name| did_you_mean(name, names));
-    meant.map_or_else(String::new, |meant| format!("; did you mean `{meant}`?"))
+    let Some(name) = names.next().filter(|_| message.starts_with("unknown")) else { return String::new() };
+    if let Some(heading) = not_modelled(name) {
+        return format!("; it is not modelled, see docs/src/not-modelled.md#{heading}");
+    }
+    did_you_mean(name, names).map_or_else(String::new, |meant| format!("; did you mean `{meant}`?"))
+}
+
+/// Words of keys for what is not modelled, under the headings of `docs/src/not-modelled.md`.
+const NOT_MODELLED: [(&str, &[&str]); 5] = [
+    ("arrivals", &["arrival", "arrivals", "burst", "bursts", "poisson", "traffic"]),
+    ("battery", &["battery", "batteries", "energy", "charge", "charging", "recharge"]),
+    ("no-fly-zones", &["fly", "nofly", "zone", "zones", "geofence", "obstacle", "obstacles", "terrain"]),
+    ("wind", &["wind", "gust", "gusts", "weather"]),
+    ("several-uavs", &["uavs", "fleet", "drones"]),
+];
+
+/// The heading of what is not modelled, if the key `name` is for it.
+fn not_modelled(name: &str) -> Option<&'static str> {
+    let is_of = |words: &[&str]| name.split(['_', '-']).any(|word| words.contains(&word));
+    NOT_MODELLED.iter().find(|(_, words)| is_of(words)).map(|(heading, _)| *heading)
 }
 
 #[cfg(test)]
@@ -119,6 +138,26 @@ mod tests {
         let error =
             InputError::new("scenario", Path::new("a"), "x".repeat(1 << 20) + ": expected a number").to_string();
         assert!(error.len() < 700 && error.ends_with("x: expected a number"), "{error}");
+    }
+
+    #[test]
+    fn a_key_for_what_is_not_modelled_leads_to_the_way_around() {
+        let page = include_str!("../../docs/src/not-modelled.md");
+        let unknown = |name: &str| suggestion(&format!("unknown field `{name}`, expected `slots` or `width_m`"));
+        for (name, heading) in [
+            ("arrivals", "## Arrivals"),
+            ("battery_wh", "## Battery"),
+            ("no_fly", "## No-fly zones"),
+            ("wind", "## Wind"),
+            ("uavs", "## Several UAVs"),
+        ] {
+            let anchor = heading[3..].to_lowercase().replace(' ', "-");
+            assert_eq!(unknown(name), format!("; it is not modelled, see docs/src/not-modelled.md#{anchor}"));
+            assert!(page.lines().any(|line| line == heading), "{heading}");
+        }
+        assert_eq!(unknown("window"), "");
+        assert_eq!(unknown("slot"), "; did you mean `slots`?");
+        assert_eq!(suggestion("missing field `wind`"), "");
     }
 
     #[test]
