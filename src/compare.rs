@@ -12,13 +12,14 @@ use clap::Args;
 use skysink_common::scenario::Overrides;
 use skysink_common::stop::Stop;
 use skysink_lab::compare::{Contender, standings};
+use skysink_lab::metrics::Metric;
 use skysink_mission::files::write_whole;
 use skysink_planner::strategies::names;
 use skysink_planner::strategy::Registered;
 
 use crate::error::Error;
 use crate::options::Changes;
-use crate::report::print;
+use crate::report::{print, warn_of_few};
 use contenders::{ComparedStrategies, ShownContender, differing_keys, read_runs};
 use folder::{RECORDING, STANDINGS};
 
@@ -47,6 +48,9 @@ pub struct CompareCommand {
     /// Do not write a recording.
     #[arg(long)]
     no_record: bool,
+    /// Show p-values of the differences, adjusted for their number by Holm's method, instead of their intervals.
+    #[arg(long)]
+    holm: bool,
     /// Print all metrics as JSON instead of the table.
     #[arg(long)]
     json: bool,
@@ -114,13 +118,16 @@ impl CompareCommand {
         if is_recorded {
             recording::record(shown, &out.join(RECORDING), stop)?;
         }
+        let loss_rates = standings.iter().filter(|standing| standing.metric == Metric::LossRate.name());
+        let few = loss_rates.filter(|standing| standing.n > 1 && standing.concentration.is_few());
+        warn_of_few(few.map(|standing| (standing.label.clone(), standing.concentration)));
         if self.json {
             return print(text);
         }
         for (key, values) in differing {
             print(format_args!("{key}: {}", values.join(" | ")))?;
         }
-        standings::print_tables(&contenders, &standings)?;
+        standings::print_tables(&contenders, &standings, self.holm)?;
         print(format_args!("All metrics:     {}", out.join(STANDINGS).display()))?;
         if is_recorded {
             print(format_args!("Open recording:  skysink view {}", out.join(RECORDING).display()))?;

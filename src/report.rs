@@ -17,9 +17,13 @@ use skysink_common::pace::Pace;
 use skysink_common::terminal::printable;
 #[cfg(feature = "lab")]
 use skysink_lab::progress::LabProgress;
+#[cfg(feature = "lab")]
+use skysink_lab::statistics::Concentration;
 use skysink_mission::latency::Spread;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::{Summary, Tally};
+#[cfg(feature = "lab")]
+use skysink_ring::role::Role;
 
 use crate::error::{Error, RERUN};
 
@@ -207,6 +211,33 @@ pub fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Error> {
         print(format_args!("                 (install rerun with pip install rerun-sdk=={RERUN})"))?;
     }
     Ok(())
+}
+
+/// Most means that a warning names.
+#[cfg(feature = "lab")]
+const NAMED: usize = 4;
+
+/// Warns of means of η, each with its name, that few fields determine.
+#[cfg(feature = "lab")]
+pub fn warn_of_few(few: impl Iterator<Item = (String, Concentration)>) {
+    let mut few: Vec<String> = few
+        .map(|(name, Concentration { nonzero, largest_fraction })| match nonzero {
+            0 => format!("{name} (no field loses data)"),
+            1 => format!("{name} (1 field loses data)"),
+            _ => format!("{name} ({nonzero} fields lose data, one {:.0} % of the sum)", 100.0 * largest_fraction),
+        })
+        .collect();
+    if few.is_empty() {
+        return;
+    }
+    let more = few.len().saturating_sub(NAMED);
+    few.truncate(NAMED);
+    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+    Role::Launcher.log(format_args!(
+        "warning: few fields decide the mean η of {}{more}: the interval covers it less often than 95 %; simulate more \
+         seeds (docs/src/metrics.md)",
+        few.join(", ")
+    ));
 }
 
 /// Maximum width of help, usage and tables [columns].

@@ -11,7 +11,7 @@ use strum::VariantArray;
 
 use crate::error::LabError;
 use crate::metrics::{Metric, MetricValues, MissionMeter};
-use crate::statistics::{MeanInterval, paired_differences};
+use crate::statistics::{Concentration, MeanInterval, holm, paired_differences};
 use crate::sweep::definition::Definition;
 use crate::sweep::journal::{MissionRows, missions_of};
 
@@ -40,6 +40,13 @@ pub struct MetricStanding {
     pub difference: Option<f64>,
     /// Limits of the 95 % confidence interval of the difference.
     pub difference_ci95: Option<[f64; 2]>,
+    /// The p-value of the paired test that the difference is 0.
+    pub difference_p: Option<f64>,
+    /// The same, adjusted for the number of differences of this metric by Holm's method.
+    pub difference_p_holm: Option<f64>,
+    /// By how few missions the mean is determined.
+    #[serde(flatten)]
+    pub concentration: Concentration,
 }
 
 impl Contender {
@@ -98,6 +105,9 @@ impl Contender {
             ci95: mean.limits,
             difference: difference.map(|difference| difference.mean),
             difference_ci95: difference.and_then(|difference| difference.limits),
+            difference_p: difference.and_then(|difference| difference.p_of_zero(metric.support().of_difference())),
+            difference_p_holm: None,
+            concentration: Concentration::of(numbers.into_iter()),
         })
     }
 }
@@ -109,7 +119,17 @@ pub fn standings(contenders: &[Contender]) -> Vec<MetricStanding> {
         let reference = contenders.first().filter(|_| index > 0);
         Metric::VARIANTS.iter().filter_map(|&metric| contender.standing(metric, reference)).collect::<Vec<_>>()
     };
-    contenders.iter().enumerate().flat_map(of_contender).collect()
+    let mut standings: Vec<MetricStanding> = contenders.iter().enumerate().flat_map(of_contender).collect();
+    for metric in Metric::all() {
+        let is_tested = |standing: &&mut MetricStanding| standing.metric == metric.name();
+        let tested = standings.iter_mut().filter(is_tested).filter(|standing| standing.difference_p.is_some());
+        let tested: Vec<&mut MetricStanding> = tested.collect();
+        let p_values: Vec<f64> = tested.iter().filter_map(|standing| standing.difference_p).collect();
+        for (standing, p) in tested.into_iter().zip(holm(&p_values)) {
+            standing.difference_p_holm = Some(p);
+        }
+    }
+    standings
 }
 
 #[cfg(test)]
@@ -135,6 +155,22 @@ mod tests {
         assert_eq!((standing.n, standing.metric), (3, "loss_rate"));
         assert!((standing.difference.unwrap() + 0.15).abs() < 1e-12); // (−0.1 − 0.2) / 2
         assert!(standing.difference_ci95.is_some());
+        // t = −0.15/0.05 on the logit scale with 1 degree of freedom: atanh(0.15) (1 − 0.15²)/0.05 = 2.954796
+        assert!((standing.difference_p.unwrap() - 0.207_750).abs() < 1e-6, "{standing:?}");
+        assert_eq!(standing.concentration.nonzero, 2);
+    }
+
+    #[test]
+    fn p_values_are_adjusted_for_the_number_of_differences_of_the_metric() {
+        let first = contender("uts", &[(1, 0.5), (2, 0.7), (3, 0.9)]);
+        let near = contender("gfs", &[(1, 0.5), (2, 0.6), (3, 0.8)]);
+        let far = contender("rfs", &[(1, 0.1), (2, 0.3), (3, 0.4)]);
+        let all = standings(&[first, near, far]);
+        let of = |label| all.iter().find(|one| one.label == label && one.metric == "loss_rate").unwrap();
+        let [none, near, far] = ["uts", "gfs", "rfs"].map(of);
+        assert_eq!((none.difference_p, none.difference_p_holm), (None, None));
+        assert_eq!(far.difference_p_holm, far.difference_p.map(|p| 2.0 * p));
+        assert_eq!(near.difference_p_holm, near.difference_p, "it is the greater of two");
     }
 
     #[test]

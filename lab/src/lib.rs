@@ -11,8 +11,9 @@ pub mod optimize;
 mod parquet_file;
 pub mod plot;
 pub mod progress;
-mod statistics;
+pub mod statistics;
 pub mod sweep;
 pub mod tables;
+mod trapped;
 
 pub use error::LabError;

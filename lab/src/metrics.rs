@@ -18,6 +18,7 @@ use strum::{EnumCount, VariantArray};
 
 use crate::optimize::LossBounds;
 use crate::statistics::Support;
+use crate::trapped::Stay;
 
 /// A metric, which is a column of the results; defined in `docs/src/metrics.md`. A new one is a variant and its row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, EnumCount, VariantArray)]
@@ -35,6 +36,7 @@ pub enum Metric {
     DataAgeMeanS,
     DataAgeP99S,
     Jain,
+    Trapped,
     LossBound,
     ExpectedLossBound,
     PlanP50Us,
@@ -84,10 +86,15 @@ struct MeteredMission<'a> {
 }
 
 /// What the rows of real numbers, of fractions, and of wall-clock times have in common.
-const REAL: MetricRow =
-    MetricRow { name: "", words: "", unit: "", support: Support::Real, kind: MetricKind::Real, of: |_| f64::NAN };
+const REAL: MetricRow = MetricRow {
+    name: "",
+    words: "",
+    unit: "",
+    support: Support::NonNegative,
+    kind: MetricKind::Real,
+    of: |_| f64::NAN,
+};
 const FRACTION: MetricRow = MetricRow { support: Support::Fraction, ..REAL };
-const NON_NEGATIVE: MetricRow = MetricRow { support: Support::NonNegative, ..REAL };
 const BITS: MetricRow = MetricRow { unit: "bit", ..REAL };
 const BIT_COUNT: MetricRow = MetricRow { kind: MetricKind::Count, ..BITS };
 const METRES: MetricRow = MetricRow { unit: "m", ..REAL };
@@ -106,7 +113,7 @@ impl Metric {
     fn row(self) -> MetricRow {
         match self {
             Self::LossRate => FRACTION.row("loss_rate", "data loss rate η", |m| m.summary.loss_rate),
-            Self::EtaLetter => NON_NEGATIVE.row("eta_letter", "η as in the paper", |m| m.summary.eta_letter),
+            Self::EtaLetter => REAL.row("eta_letter", "η as in the paper", |m| m.summary.eta_letter),
             Self::DeliveredBits => BIT_COUNT.row("delivered_bits", "bits delivered", |m| {
                 m.summary.totals.delivered_bits as f64 // exact below 2^53
             }),
@@ -129,6 +136,8 @@ impl Metric {
                 })
             }
             Self::Jain => FRACTION.row("jain", "Jain's fairness index", |m| jain(m.delivered_bits)),
+            Self::Trapped => FRACTION
+                .row("trapped", "fraction of trapped fields", |m| f64::from(u8::from(m.meter.stay.is_trapped()))),
             Self::LossBound => FRACTION.row("loss_bound", "lower bound of the data loss rate", |m| {
                 m.bounds.map_or(f64::NAN, |bounds| bounds.loss_bound)
             }),
@@ -189,6 +198,7 @@ pub struct MissionMeter {
     slot: u64,
     service_ages: Ages,
     data: DeliveredData,
+    stay: Stay,
 }
 
 impl MissionMeter {
@@ -205,6 +215,7 @@ impl MissionMeter {
             slot: 0,
             service_ages: Ages::new(list.sensors().len()),
             data: DeliveredData::new(scenario, list),
+            stay: Stay::new(scenario, list),
         }
     }
 
@@ -246,6 +257,7 @@ impl MissionMeter {
         let position = flight.position();
         let step_m = (position - self.position).norm();
         self.position = position;
+        self.stay.add(self.slot, position.xy());
         self.flown_m += step_m;
         self.energy_j += power_w(&self.aircraft, step_m / self.slot_s) * self.slot_s;
         for link in flight.served_links() {

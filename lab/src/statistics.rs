@@ -1,7 +1,9 @@
 //! Means of repeated missions and of paired differences, with confidence intervals.
 
 use std::collections::BTreeMap;
+use std::iter::zip;
 
+use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// The range of a quantity and of its mean.
@@ -27,15 +29,20 @@ impl Support {
         }
     }
 
-    /// The confidence limits of the mean for a half-width (t quantile times standard error) on the linear scale. Delta
-    /// method: `g⁻¹(g(mean) ± g′(mean) half_width)`, where g is the identity, the logarithm, or the logit on the range.
-    fn limits(self, mean: f64, half_width: f64) -> [f64; 2] {
-        let [low, high] = match self {
+    /// Its least and its greatest value.
+    fn ends(self) -> [f64; 2] {
+        match self {
             Self::Real => [f64::NEG_INFINITY, f64::INFINITY],
             Self::NonNegative => [0.0, f64::INFINITY],
             Self::Fraction => [0.0, 1.0],
             Self::FractionDifference => [-1.0, 1.0],
-        };
+        }
+    }
+
+    /// The confidence limits of the mean for a half-width (t quantile times standard error) on the linear scale. Delta
+    /// method: `g⁻¹(g(mean) ± g′(mean) half_width)`, where g is the identity, the logarithm, or the logit on the range.
+    fn limits(self, mean: f64, half_width: f64) -> [f64; 2] {
+        let [low, high] = self.ends();
         let below = mean - low;
         let above = high - mean;
         if half_width == 0.0 || below <= 0.0 || above <= 0.0 {
@@ -98,7 +105,90 @@ impl MeanInterval {
         let limits = support.limits(mean, t * deviation / (n as f64).sqrt());
         Self { n, mean, deviation: Some(deviation), limits: Some(limits) }
     }
+
+    /// The p-value of the two-sided test that a mean difference is 0, the paired t test on the scale of the interval of
+    /// `support`: it is below 0.05 where 0 lies outside the interval. `None` for a single value.
+    #[must_use]
+    pub fn p_of_zero(&self, support: Support) -> Option<f64> {
+        let error = self.deviation? / (self.n as f64).sqrt();
+        let statistic = match support {
+            Support::FractionDifference => self.mean.atanh() * (1.0 - self.mean * self.mean),
+            Support::Real | Support::NonNegative | Support::Fraction => self.mean,
+        } / error;
+        if error == 0.0 {
+            return Some(f64::from(u8::from(self.mean == 0.0)));
+        }
+        let t = StudentsT::new(0.0, 1.0, (self.n - 1) as f64).expect("a positive degree of freedom");
+        Some(2.0 * t.cdf(-statistic.abs()))
+    }
 }
+
+/// The p-values of several tests, adjusted by Holm's method: if none of the tested differences exists, one below 0.05
+/// occurs in at most 5 % of all cases (S. Holm, "A Simple Sequentially Rejective Multiple Test Procedure", Scandinavian
+/// Journal of Statistics 6(2), 1979).
+#[must_use]
+pub fn holm(p_values: &[f64]) -> Vec<f64> {
+    let mut order: Vec<usize> = (0..p_values.len()).collect();
+    order.sort_by(|&one, &other| p_values[one].total_cmp(&p_values[other]));
+    let mut adjusted = vec![0.0; p_values.len()];
+    let mut greatest: f64 = 0.0;
+    for (rank, &index) in order.iter().enumerate() {
+        greatest = greatest.max(p_values[index] * (p_values.len() - rank) as f64).min(1.0);
+        adjusted[index] = greatest;
+    }
+    adjusted
+}
+
+/// Fewest fields with a loss, and largest fraction of the sum in one field, for which an interval is trusted.
+const FEWEST: usize = 5;
+const LARGEST: f64 = 0.2;
+
+/// By how few of its values, none negative, a mean is determined.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Concentration {
+    /// Number of values that are not 0.
+    pub nonzero: usize,
+    /// Fraction of the sum that the largest value has; 0 if all values are 0.
+    pub largest_fraction: f64,
+}
+
+impl Concentration {
+    /// That of these values.
+    #[must_use]
+    pub fn of(values: impl Iterator<Item = f64>) -> Self {
+        let mut sum = 0.0;
+        let mut most: f64 = 0.0;
+        let mut nonzero = 0;
+        for value in values {
+            sum += value;
+            most = most.max(value);
+            nonzero += usize::from(value != 0.0);
+        }
+        Self { nonzero, largest_fraction: if sum > 0.0 { most / sum } else { 0.0 } }
+    }
+
+    /// Whether the interval of the mean covers it less often than it says: fewer than 5 values are not 0, or one has
+    /// more than 20 % of the sum.
+    #[must_use]
+    pub fn is_few(&self) -> bool {
+        self.nonzero < FEWEST || self.largest_fraction > LARGEST
+    }
+}
+
+/// The limits of an interval in brackets, with as many decimals as it takes to tell each of them from 0, at least
+/// `decimals`.
+#[must_use]
+pub fn limits_text(limits: [f64; 2], decimals: usize) -> String {
+    let limits = limits.map(|limit| limit + 0.0); // no sign for −0
+    let is_told = |text: &String, limit: f64| limit == 0.0 || text.bytes().any(|byte| (b'1'..=b'9').contains(&byte));
+    let texts = (decimals..=decimals + MORE_DECIMALS).map(|decimals| limits.map(|limit| format!("{limit:.decimals$}")));
+    let mut told = texts.filter(|texts| zip(texts, limits).all(|(text, limit)| is_told(text, limit)));
+    let [low, high] = told.next().unwrap_or_else(|| limits.map(|limit| format!("{limit:.1e}")));
+    format!("[{low}, {high}]")
+}
+
+/// Most decimals that are added before limits are written with exponents.
+const MORE_DECIMALS: usize = 5;
 
 /// `values − reference` for each common seed, ascending.
 #[must_use]
@@ -169,6 +259,49 @@ mod tests {
         let values = BTreeMap::from([(1, 0.5), (2, 0.25), (4, 1.0)]);
         let reference = BTreeMap::from([(2, 0.125), (3, 0.0), (4, 0.25)]);
         assert_eq!(paired_differences(&values, &reference), [0.125, 0.75]);
+    }
+
+    #[test]
+    fn the_test_of_a_difference_is_the_paired_t_test_on_the_scale_of_its_interval() {
+        // 1, 2, 3, 4: t = 2.5/0.645497 = 3.872983 with 3 degrees of freedom, p = 0.030466
+        let p = |values: &[f64], support| MeanInterval::of(values, support).p_of_zero(support).unwrap();
+        assert!((p(&[1.0, 2.0, 3.0, 4.0], Support::Real) - 0.030_466).abs() < 1e-6);
+        assert_eq!(MeanInterval::of(&[0.7], Support::Real).p_of_zero(Support::Real), None);
+        assert_eq!([p(&[0.0; 3], Support::Real), p(&[0.5; 3], Support::Real)], [1.0, 0.0]);
+        for support in [Support::Real, Support::FractionDifference] {
+            for values in samples(|uniform| uniform() - 0.3, 6, 300) {
+                let [low, high] = limits(&values, support);
+                assert_eq!(p(&values, support) < 0.05, !(low..=high).contains(&0.0), "{values:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn holm_multiplies_the_smallest_p_value_by_the_number_of_tests_and_keeps_the_order() {
+        // 0.01 · 4, 0.02 · 3, 0.03 · 2, which is not below the one before, 0.9 · 1
+        let adjusted = holm(&[0.03, 0.01, 0.9, 0.02]);
+        zip(adjusted, [0.06, 0.04, 0.9, 0.06]).for_each(|(one, other)| assert!((one - other).abs() < 1e-12));
+        assert_eq!(holm(&[0.5, 0.6]), [1.0, 1.0]);
+        assert!(holm(&[]).is_empty());
+    }
+
+    #[test]
+    fn a_mean_of_few_values_is_told() {
+        let few = |values: &[f64]| Concentration::of(values.iter().copied());
+        assert_eq!(few(&[0.0; 9]), Concentration { nonzero: 0, largest_fraction: 0.0 });
+        assert_eq!(few(&[0.0, 0.25, 0.75]), Concentration { nonzero: 2, largest_fraction: 0.75 });
+        assert!(few(&[1.0; 4]).is_few() && !few(&[1.0; 5]).is_few(), "fewer than 5");
+        assert!(!few(&[1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.5]).is_few(), "1.5 of 7.5 are 20 %");
+        assert!(few(&[1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.6]).is_few());
+    }
+
+    #[test]
+    fn limits_have_the_decimals_that_tell_them_from_0() {
+        assert_eq!(limits_text([0.0, 0.0123], 3), "[0.000, 0.012]");
+        assert_eq!(limits_text([0.000_04, 0.0123], 3), "[0.00004, 0.01230]");
+        assert_eq!(limits_text([-0.000_4, 0.5], 3), "[-0.0004, 0.5000]");
+        assert_eq!(limits_text([3.2e-12, 0.5], 3), "[3.2e-12, 5.0e-1]");
+        assert_eq!(limits_text([-133.25, 2.0], 0), "[-133, 2]");
     }
 
     /// Samples of a population, each from a stream of its own.

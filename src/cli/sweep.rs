@@ -6,11 +6,12 @@ use clap::Args;
 use skysink_common::stop::Stop;
 use skysink_lab::sweep::estimate::estimate;
 use skysink_lab::sweep::plan::Sweep;
+use skysink_lab::sweep::results::few;
 use skysink_lab::sweep::shard::Shard;
 use skysink_lab::sweep::{SweepTask, sweep};
 
 use crate::error::{Error, ended_early, flown_in};
-use crate::report::{TerminalProgress, print};
+use crate::report::{TerminalProgress, print, warn_of_few};
 
 /// Simulate a grid of scenarios with several strategies and seeds. Running the command again resumes the sweep.
 #[derive(Debug, Args)]
@@ -55,7 +56,8 @@ impl SweepCommand {
         let out = self.out.unwrap_or_else(|| Path::new("runs").join(name));
         let task = SweepTask { out: &out, shard, threads };
         let journal = sweep(&plan, task, stop, &TerminalProgress::of_missions());
-        let count = journal.map_err(|error| ended_early(error, &flown_in(&out)))?.count();
+        let journal = journal.map_err(|error| ended_early(error, &flown_in(&out)))?;
+        let count = journal.count();
         if count == 0 {
             let fields = plan.definition.fields();
             return print(format_args!("No missions: shard {shard} is beyond the {fields} fields"));
@@ -65,6 +67,7 @@ impl SweepCommand {
             return print("Merge all shards: skysink merge SHARD... --out DIR");
         }
         print(format_args!("Means: {}", out.join("summary.csv").display()))?;
+        warn_of_few(few(&journal)?.into_iter());
         print(format_args!("Draw them: skysink plot {} --x KEY", out.display()))
     }
 }

@@ -2,6 +2,7 @@
 
 use skysink_lab::compare::{Contender, MetricStanding};
 use skysink_lab::metrics::Metric;
+use skysink_lab::statistics::limits_text;
 
 use crate::error::Error;
 use crate::report::{print, table, with_numbers_from};
@@ -34,7 +35,9 @@ const OTHERS: [ShownMetric; 7] = [
 const MAX_CHARACTERS: usize = 7;
 
 /// Prints η with its 95 % confidence interval and the differences to the first contender, then the other metrics.
-pub fn print_tables(contenders: &[Contender], standings: &[MetricStanding]) -> Result<(), Error> {
+///
+/// With `holm` each difference has its adjusted p-value instead of its interval.
+pub fn print_tables(contenders: &[Contender], standings: &[MetricStanding], holm: bool) -> Result<(), Error> {
     let find = |contender: &Contender, metric: Metric| {
         standings.iter().find(|standing| standing.label == contender.label && standing.metric == metric.name())
     };
@@ -44,10 +47,18 @@ pub fn print_tables(contenders: &[Contender], standings: &[MetricStanding]) -> R
     };
     let loss = |contender: &Contender| find(contender, Metric::LossRate);
     let losses = [
-        column("data loss\nrate η", &|contender| Some(format!("{:.4}", loss(contender)?.mean))),
-        column("95 %\ninterval", &|contender| interval(loss(contender)?.ci95?)),
-        column("difference\nto the first", &|contender| Some(format!("{:+.4}", loss(contender)?.difference?))),
-        column("95 %\ninterval", &|contender| interval(loss(contender)?.difference_ci95?)),
+        column("loss\nrate η", &|contender| Some(format!("{:.4}", loss(contender)?.mean))),
+        column("95 %\ninterval", &|contender| Some(limits_text(loss(contender)?.ci95?, 3))),
+        column("trap\nped", &|contender| {
+            let trapped = find(contender, Metric::Trapped)?;
+            (trapped.n > 1).then(|| format!("{:.0}%", 100.0 * trapped.mean))
+        }),
+        column("vs. the\nfirst", &|contender| Some(format!("{:+.4}", loss(contender)?.difference?))),
+        column(if holm { "p\n(Holm)" } else { "95 %\ninterval" }, &|contender| {
+            let loss = loss(contender)?;
+            let p = || loss.difference_p_holm.map(|p| if p < 0.001 { "< 0.001".to_owned() } else { format!("{p:.3}") });
+            if holm { p() } else { Some(limits_text(loss.difference_ci95?, 3)) }
+        }),
     ];
     let other = |shown: &ShownMetric| {
         column(shown.heading, &|contender| {
@@ -58,7 +69,10 @@ pub fn print_tables(contenders: &[Contender], standings: &[MetricStanding]) -> R
     print(rows(&labels, &losses))?;
     print(rows(&labels, &OTHERS.each_ref().map(other)))?;
     match contenders.iter().filter_map(loss).map(|standing| standing.n).max() {
-        Some(missions) if missions > 1 => print(format_args!("{missions} missions each; differences paired by seed.")),
+        Some(missions) if missions > 1 => {
+            let family = if holm { ", p-values for all of them together" } else { "" };
+            print(format_args!("{missions} missions each; differences paired by seed{family}."))
+        }
         _ => Ok(()),
     }
 }
@@ -73,10 +87,6 @@ fn rows(labels: &[&str], columns: &[Column]) -> comfy_table::Table {
         table.add_row([*label].into_iter().chain(columns.iter().map(|column| column.cells[row].as_str())));
     }
     with_numbers_from(1, table)
-}
-
-fn interval([low, high]: [f64; 2]) -> Option<String> {
-    Some(format!("[{low:.3}, {high:.3}]"))
 }
 
 /// Formats a number with `decimals` decimals, or fewer if it is too long.

@@ -56,6 +56,26 @@ fn strategies_are_compared_over_the_same_seeds() {
 }
 
 #[test]
+fn few_fields_are_warned_of_and_p_values_are_adjusted_for_their_number() {
+    let place = with_small();
+    let what = ["compare", "small.toml", "uts", "gfs", "rfs", "--seeds", "3", "--no-record", "--out", "all"];
+    let ended = place.run_ok(&[&what[..], &["--holm"]].concat());
+    assert!(ended.stderr.contains("warning: few fields decide the mean η of uts ("), "{ended:?}");
+    assert!(ended.stdout.contains("(Holm)") && ended.stdout.contains("p-values for all of them together"), "{ended:?}");
+    let all = compared(&place, &what[1..]);
+    let rfs = standing(&all, "rfs", "loss_rate");
+    let gfs = standing(&all, "gfs", "loss_rate");
+    let p = |one: &Value, key: &str| one[key].as_f64().unwrap();
+    let least = p(gfs, "difference_p").min(p(rfs, "difference_p"));
+    let least_adjusted = p(gfs, "difference_p_holm").min(p(rfs, "difference_p_holm"));
+    assert!((least_adjusted - (2.0 * least).min(1.0)).abs() < 1e-12, "{gfs} {rfs}");
+    let ci = rfs["difference_ci95"].as_array().unwrap().iter().map(|limit| limit.as_f64().unwrap()).collect::<Vec<_>>();
+    assert_eq!(p(rfs, "difference_p") < 0.05, ci[0] > 0.0 || ci[1] < 0.0, "{rfs}");
+    assert!(rfs["nonzero"].as_u64().unwrap() <= 3 && p(rfs, "largest_fraction") <= 1.0, "{rfs}");
+    assert_eq!(standing(&all, "uts", "trapped")["n"], 3);
+}
+
+#[test]
 fn compared_runs_have_the_figures_of_their_summaries_and_differing_keys_come_first() {
     let place = with_small();
     for (strategy, bandwidth) in [("uts", "5e6"), ("gfs", "5e3")] {

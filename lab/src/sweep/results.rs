@@ -18,7 +18,7 @@ use super::journal::{MissionRow, SweepJournal};
 use crate::error::LabError;
 use crate::metrics::Metric;
 use crate::parquet_file::{ParquetFile, ROWS_PER_GROUP};
-use crate::statistics::MeanInterval;
+use crate::statistics::{Concentration, MeanInterval};
 
 /// The name of the minimum loss over all strategies, per field, in the summary.
 pub const BEST_KNOWN: &str = "best-known";
@@ -161,6 +161,40 @@ fn summary_csv(journal: &SweepJournal, metrics: &[Metric], stop: &Stop) -> Resul
         writer.write_record(line).expect("memory takes everything, and all lines are of one length");
     }
     Ok(writer.into_inner().expect("memory takes everything"))
+}
+
+/// The means of η that few fields determine, by strategy and point; none for a single seed.
+///
+/// # Errors
+/// If the journal cannot be read.
+pub fn few(journal: &SweepJournal) -> Result<Vec<(String, Concentration)>, LabError> {
+    let definition = &journal.definition;
+    let mut few = Vec::new();
+    if definition.seeds.len() < 2 {
+        return Ok(few);
+    }
+    for point in 0..definition.points.len() {
+        for (strategy, name) in definition.strategies.iter().enumerate() {
+            let losses = journal.rows_of(point, strategy).map(|row| Ok(row?[Metric::LossRate]));
+            let losses = losses.collect::<Result<Vec<f64>, LabError>>()?;
+            let concentration = Concentration::of(losses.iter().copied());
+            if losses.len() > 1 && concentration.is_few() {
+                few.push((named(definition, name, point), concentration));
+            }
+        }
+    }
+    Ok(few)
+}
+
+/// A strategy at a point, for messages: only keys that vary are named.
+#[must_use]
+pub fn named(definition: &Definition, strategy: &str, point: usize) -> String {
+    let point = &definition.points[point];
+    let varies = |place: &usize| definition.points.iter().any(|other| other[*place] != point[*place]);
+    let places = (0..point.len()).filter(varies);
+    let values: Vec<String> =
+        places.map(|place| format!("{} = {}", definition.keys[place], text(&point[place]))).collect();
+    if values.is_empty() { strategy.to_owned() } else { format!("{strategy} at {}", values.join(", ")) }
 }
 
 /// The mean of each metric over the missions of a point and a strategy; `None` if a mission has no value, or there is
