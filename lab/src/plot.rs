@@ -17,13 +17,17 @@ use skysink_mission::files::write_whole;
 
 use crate::drawing::chart::{Chart, Scale, Series};
 use crate::drawing::curves::{self, CurveValues};
-use crate::drawing::style::{BEST_KNOWN_STYLE, style_of};
+use crate::drawing::style::{BEST_KNOWN_STYLE, FIRST_STYLE, styles_of};
 use crate::error::LabError;
 use crate::metrics::Metric;
+use crate::statistics::Concentration;
 use crate::sweep::folder::FlownSweep;
-use crate::sweep::results::{BEST_KNOWN, best_known, number, text};
+use crate::sweep::results::{BEST_KNOWN, best_known, named, number, text};
 use request::{PlotRequest, SheetOptions};
 use selection::{SelectedCurve, Selection};
+
+/// Millimetres per point.
+const MM_PER_PT: f64 = 25.4 / 72.0;
 
 /// A plot that has been drawn.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -41,6 +45,9 @@ pub struct DrawnPlot {
     pub points: Vec<PlotPoint>,
     /// A note on missing missions of the sweep.
     pub missing: Option<String>,
+    /// The means of η that few fields determine, by their curves and points.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub few: Vec<(String, Concentration)>,
     /// Figure and tables.
     pub files: Vec<PathBuf>,
     /// Describes the texts of the points.
@@ -95,7 +102,8 @@ pub fn plot(sweep: &Path, request: &PlotRequest, sheet: &SheetOptions) -> Result
     chart.draw(&stem)?;
     let table = chart.table();
     write_whole(&stem.with_added_extension("md"), table.markdown().trim_start().as_bytes())?;
-    write_whole(&stem.with_added_extension("tex"), table.latex(&chart.look.description).as_bytes())?;
+    let latex = table.latex(&chart.look.description, chart.look.width_mm.map(|width_mm| width_mm / MM_PER_PT));
+    write_whole(&stem.with_added_extension("tex"), latex.as_bytes())?;
     let point = |series: &Series, index: usize| {
         let point = series.points[index];
         let x = &selection.xs[index];
@@ -122,9 +130,28 @@ pub fn plot(sweep: &Path, request: &PlotRequest, sheet: &SheetOptions) -> Result
         by: request.by.clone(),
         points: points.map(|(series, index)| point(series, index)).collect(),
         missing: selection.missing.clone(),
+        few: few(request, &flown, &selection),
         files: files.to_vec(),
         about: table.about,
     })
+}
+
+/// The means of η in the figure that few fields determine; none of other metrics, of differences and of single seeds.
+fn few(request: &PlotRequest, flown: &FlownSweep, selection: &Selection) -> Vec<(String, Concentration)> {
+    let definition = &flown.definition;
+    if request.metric() != Metric::LossRate || request.difference_to.is_some() || definition.seeds.len() < 2 {
+        return Vec::new();
+    }
+    let of_curve = |curve: &SelectedCurve| {
+        let name = &definition.strategies[curve.strategy];
+        let strategy = curve.strategy;
+        let of_point = |&point: &usize| {
+            let values = flown.values(point, strategy, Metric::LossRate);
+            (named(definition, name, point), Concentration::of(values.into_values()))
+        };
+        curve.points.iter().map(of_point).filter(|(_, concentration)| concentration.is_few()).collect::<Vec<_>>()
+    };
+    selection.curves.iter().flat_map(of_curve).collect()
 }
 
 /// The chart of the selected missions.
@@ -133,25 +160,27 @@ fn chart(request: &PlotRequest, sheet: &SheetOptions, flown: &FlownSweep, select
     let numbers: Option<Vec<f64>> = selection.xs.iter().map(number).collect();
     let x_words = if numbers.is_some() { Vec::new() } else { selection.xs.iter().map(text).collect() };
     let xs = numbers.unwrap_or_else(|| (0..selection.xs.len()).map(|index| index as f64).collect());
+    let styles = styles_of(&flown.definition.strategies);
     let curve = |(place, curve): (usize, &SelectedCurve)| {
-        let name = &flown.definition.strategies[curve.strategy];
         let values = |&point: &usize| flown.values(point, curve.strategy, metric);
         CurveValues {
             label: curve.label.clone(),
             // The curves of a strategy must differ, too.
-            style: if request.by.is_none() { style_of(name, curve.strategy) } else { place },
+            style: if request.by.is_none() { styles[curve.strategy] } else { FIRST_STYLE + place },
             reference: curve.reference.clone(),
             points: curve.points.iter().map(values).collect(),
         }
     };
     let mut curves: Vec<CurveValues> = selection.curves.iter().enumerate().map(curve).collect();
     if let Some(offline) = selection.offline {
-        curves.extend(bounds(request, flown, offline, &selection.curves[0].points));
+        curves.extend(bounds(selection.curves[0].reference.clone(), flown, offline, &selection.curves[0].points));
     }
     let support = metric.support();
     let (series, support, y_label) = match &request.difference_to {
         None => (curves.iter().map(|curve| curve.means(&xs, support)).collect(), support, metric.label()),
         Some(reference) => {
+            let named = selection.curves.iter().find(|curve| curve.reference.as_ref() == Some(&curve.label));
+            let reference = named.filter(|_| request.by.is_none()).map_or(reference, |curve| &curve.label);
             let label = format!("{} − that of {reference}", metric.label());
             (curves::differences(&curves, &xs, support), support.of_difference(), label)
         }
@@ -176,9 +205,9 @@ fn chart(request: &PlotRequest, sheet: &SheetOptions, flown: &FlownSweep, select
     }
 }
 
-/// The best known loss at each of the `points`, its lower bound, and, if the channel is random, that of the expected loss.
+/// The best known loss at each of the `points`, as a difference to `reference` if there is one, its lower bound, and, if the channel is random, that of the expected loss.
 fn bounds(
-    request: &PlotRequest,
+    reference: Option<String>,
     flown: &FlownSweep,
     offline: usize,
     points: &[usize],
@@ -189,7 +218,7 @@ fn bounds(
     let is_expected = expected.iter().flat_map(|values| values.values()).all(|value| !value.is_nan());
     let best = points.iter().map(|point| least[point].clone()).collect();
     let curves = [
-        (BEST_KNOWN, request.difference_to.clone(), best),
+        (BEST_KNOWN, reference, best),
         ("lower bound", None, of(Metric::LossBound)),
         ("expected lower bound", None, expected),
     ];

@@ -11,7 +11,7 @@ use skysink_mission::record::is_run_folder;
 use skysink_ring::role::Role;
 
 use crate::error::Error;
-use crate::report::{print, table, with_numbers_from};
+use crate::report::{print, table, warn_of_few, with_numbers_from};
 
 /// Plot a metric of a sweep against one of its keys, with confidence intervals and tables, or map trajectories.
 #[derive(Debug, Args)]
@@ -59,6 +59,7 @@ impl PlotCommand {
             return Err(Error::Usage(format!("{}: {expected}", sweep.display())));
         }
         let drawn = plot(&sweep, &self.request, &self.sheet)?;
+        warn_of_few(drawn.few.iter().cloned());
         if self.json {
             return print(serde_json::to_string_pretty(&drawn).expect("plain numbers and strings"));
         }

@@ -69,7 +69,8 @@ impl Chart {
         self.check()?;
         let mut page = Page::new(&self.look);
         let width = self.look.width();
-        let styled = || self.series.iter().map(|series| (series, SeriesStyle::of(series.style)));
+        let is_print = self.look.width_mm.is_some();
+        let styled = || self.series.iter().map(|series| (series, SeriesStyle::of(series.style, is_print)));
         let entries: Vec<_> = styled().map(|(series, style)| (style.sample(), series.label.as_str())).collect();
         let top = page.add_legend([MARGIN, self.look.top()], width - 2.0 * MARGIN, EM, &entries) + 10.0;
         let below = 3.0 * EM;
@@ -156,7 +157,7 @@ impl Series {
             }
             let edge = line(side(0).chain(side(1).rev())) + "z";
             let width = if run.len() == 1 { 6.0 } else { 1.0 };
-            page.add(stroke(edge, width, style.colour).set("fill", style.colour).set("fill-opacity", 0.16));
+            page.add(stroke(edge, width, &style.colour).set("fill", &*style.colour).set("fill-opacity", 0.16));
         }
     }
 }

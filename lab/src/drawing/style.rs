@@ -1,7 +1,10 @@
 //! The styles of the series of a chart, distinguishable with and without colour.
 
+use std::borrow::Cow;
+
 use skysink_planner::strategies::{
-    STRATEGIES, exact, gfs, horizon, max_age_first, rfs, round_robin, tour, uts, uts_wide,
+    drift_plus_penalty, edf, exact, gfs, horizon, max_age_first, max_weight, mes, offline, rfs, round_robin, tour, uts,
+    uts_wide, whittle,
 };
 use skysink_planner::strategy::Registered;
 use svg::node::element::{Group, Path};
@@ -9,22 +12,28 @@ use svg::node::element::{Group, Path};
 use super::page::{SAMPLE, line, stroke};
 
 /// The style of a series.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct SeriesStyle {
     /// From the palette of Okabe and Ito, which is suited for colour-blind readers. The colours also differ in
     /// lightness.
-    pub colour: &'static str,
+    pub colour: Cow<'static, str>,
     /// Width [units] of the line. Later series are thinner, so that they do not hide earlier ones.
     width: f64,
     /// Lengths [units] of dash, gap, dash, gap ..., or [`SOLID`].
     dashes: &'static str,
     /// Marker at every point, as relative SVG path data. Markers have different sizes and are open or small, so that
     /// all are visible where curves coincide.
-    pub marker: &'static str,
+    pub marker: Cow<'static, str>,
+    /// Size of lines and markers, relative to that on a screen.
+    scale: f64,
 }
 
-/// The styles of [`STYLED`], of the best known loss, and of the lower bound.
-static SERIES: [SeriesStyle; 11] = [
+/// The styles of the best known loss and of its lower bounds.
+static BOUNDS: [SeriesStyle; 3] =
+    [series("#662255", 2.0, SOLID, ""), series("#555555", 3.0, "3 6", ""), series("#8C8C8C", 3.0, "12 4", "")];
+
+/// The styles of [`STYLED`], and of the first strategies that are not in the registry.
+static SERIES: [SeriesStyle; 18] = [
     series("#E69F00", 6.0, SOLID, "m-9,0a9,9 0 1,0 18,0a9,9 0 1,0 -18,0z"), // circle
     series("#009E73", 5.0, "30 14", "m-15.5,-15.5h31v31h-31z"),             // square
     series("#0072B2", 3.5, SOLID, "m0,-26l22.5,39h-45z"),                   // triangle
@@ -34,12 +43,19 @@ static SERIES: [SeriesStyle; 11] = [
     series("#999999", 4.0, "10 6", "m-13,0h26m-13,-13v26"),                 // plus
     series("#B8A400", 4.0, "18 6", "m0,20l17.3,-30h-34.6z"),                // nabla
     series("#CC79A7", 6.0, SOLID, "m0,-17v34m-14.7,-25.5l29.4,17m0,-17l-29.4,17"), // star
-    series("#662255", 2.0, SOLID, ""),
-    series("#555555", 3.0, "3 6", ""),
+    series("#332288", 4.0, "24 6 6 6", "m-7,-18h14v36h-14z"),               // upright bar
+    series("#88CCEE", 4.0, SOLID, "m-18,-7h36v14h-36z"),                    // lying bar
+    series("#117733", 4.0, "8 8", "m-15,-9h30l-15,24z"),                    // wedge
+    series("#882255", 4.0, "16 4 4 4 4 4", "m-14,-14h28l-28,28h28z"),       // hourglass
+    series("#AA4499", 4.0, "26 10", "m-16,0h32m-24,-14v28m16,-28v28"),      // hash
+    series("#44AA99", 4.0, SOLID, "m-16,8l16,-16l16,16"),                   // roof
+    series("#EE3377", 5.0, "14 8", "m-16,-8l16,16l16,-16"),                 // valley
+    series("#663300", 4.0, SOLID, "m-12,0a12,12 0 1,0 24,0a12,12 0 1,0 -24,0m0,0h24"), // circle with a bar
+    series("#99B300", 4.0, "4 4 12 4", "m-14,-8h28m-28,16h28"),             // two bars
 ];
 
 /// The strategies with the first styles, in their order.
-const STYLED: [&Registered; 9] = [
+const STYLED: [&Registered; 15] = [
     &rfs::STRATEGY,
     &gfs::STRATEGY,
     &uts::STRATEGY,
@@ -49,43 +65,68 @@ const STYLED: [&Registered; 9] = [
     &round_robin::STRATEGY,
     &max_age_first::STRATEGY,
     &horizon::STRATEGY,
+    &edf::STRATEGY,
+    &mes::STRATEGY,
+    &max_weight::STRATEGY,
+    &drift_plus_penalty::STRATEGY,
+    &whittle::STRATEGY,
+    &offline::STRATEGY,
 ];
 
 /// The index of the style of the best known loss. Those of the bounds follow.
-pub const BEST_KNOWN_STYLE: usize = STYLED.len();
+pub const BEST_KNOWN_STYLE: usize = 0;
 
-/// The index of the style for a strategy's curve, the same in all charts; `place` is that of the strategy in the sweep,
-/// for one that is not in the registry.
-pub fn style_of(name: &str, place: usize) -> usize {
-    let is_named = |strategy: &&Registered| strategy.name == name;
-    let unstyled = || STRATEGIES.iter().position(is_named).unwrap_or(STRATEGIES.len() + place);
-    STYLED.iter().position(is_named).unwrap_or_else(|| SERIES.len() + unstyled())
+/// The index of the first style of curves that are not strategies of the registry.
+pub const FIRST_STYLE: usize = BOUNDS.len();
+
+/// The indices of the styles for the curves of these strategies: that of a strategy of the registry is the same in all
+/// charts, the others get those after it, in their order.
+pub fn styles_of(names: &[String]) -> Vec<usize> {
+    let mut others = STYLED.len()..;
+    let place = |name: &String| STYLED.iter().position(|strategy| strategy.name == name);
+    let style = |name| FIRST_STYLE + place(name).or_else(|| others.next()).expect("there is no last one");
+    names.iter().map(style).collect()
 }
 
 /// No dashes.
 const SOLID: &str = "none";
 
-/// The number of styles with a marker, which come first in [`SERIES`].
-const MARKED: usize = 9;
+/// Size of markers and widths of lines in print, relative to those on a screen.
+const IN_PRINT: f64 = 0.55;
 
 const fn series(colour: &'static str, width: f64, dashes: &'static str, marker: &'static str) -> SeriesStyle {
-    SeriesStyle { colour, width, dashes, marker }
+    SeriesStyle { colour: Cow::Borrowed(colour), width, dashes, marker: Cow::Borrowed(marker), scale: 1.0 }
 }
 
 impl SeriesStyle {
-    /// The style of the series with this index. After the last of [`SERIES`], colours and lines repeat with other
-    /// markers.
-    pub fn of(index: usize) -> Self {
-        let style = SERIES[index % SERIES.len()];
-        match index / SERIES.len() {
-            0 => style,
-            repetition => Self { marker: SERIES[(index + 2 * repetition) % MARKED].marker, ..style },
-        }
+    /// The style of the series with this index, for print or for a screen. No two indices have the same colour or the
+    /// same marker, except those of the bounds, which have none.
+    pub fn of(index: usize, is_print: bool) -> Self {
+        let style = match index.checked_sub(FIRST_STYLE) {
+            None => BOUNDS[index].clone(),
+            Some(place) => SERIES.get(place).cloned().unwrap_or_else(|| Self::made(place - SERIES.len())),
+        };
+        Self { scale: if is_print { IN_PRINT } else { 1.0 }, ..style }
+    }
+
+    /// A style after the last of [`SERIES`]: a hue of its own, and a polygon with a corner more.
+    fn made(number: usize) -> Self {
+        let hue = (137.508 * number as f64).rem_euclid(360.0); // the golden angle
+        let sides = number + 5;
+        // Each side turns by the same angle.
+        let side = |side: usize| {
+            let angle = std::f64::consts::TAU * (side as f64 + 0.5) / sides as f64;
+            let length = 30.0 * (std::f64::consts::PI / sides as f64).sin();
+            format!("l{:.2},{:.2}", length * angle.cos(), length * angle.sin())
+        };
+        let sides: String = (0..sides).map(side).collect();
+        let colour = format!("hsl({hue:.1}, 70%, {}%)", 30 + 12 * (number % 3));
+        Self { colour: colour.into(), marker: format!("m0,-15{sides}z").into(), ..series("", 3.0, SOLID, "") }
     }
 
     /// The line through these points [units].
     pub fn curve(&self, points: &[[f64; 2]]) -> Path {
-        stroke(line(points.iter().copied()), self.width, self.colour).set("stroke-dasharray", self.dashes)
+        stroke(line(points.iter().copied()), self.scale * self.width, &self.colour).set("stroke-dasharray", self.dashes)
     }
 
     /// A line with a marker, for the legend.
@@ -96,8 +137,9 @@ impl SeriesStyle {
 
     /// The markers at these points [units].
     pub fn markers(&self, points: &[[f64; 2]]) -> Path {
-        let marker = |[x, y]: &[f64; 2]| format!("M{x:.1},{y:.1}{}", self.marker);
-        stroke(points.iter().map(marker).collect::<String>(), 3.0, self.colour)
+        let marker = |[x, y]: &[f64; 2]| format!("M{:.1},{:.1}{}", x / self.scale, y / self.scale, self.marker);
+        let markers = stroke(points.iter().map(marker).collect::<String>(), 3.0, &self.colour);
+        if self.scale == 1.0 { markers } else { markers.set("transform", format!("scale({})", self.scale)) }
     }
 }
 

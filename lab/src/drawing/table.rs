@@ -1,7 +1,7 @@
 //! The numbers of a figure as a table, in Markdown and for LaTeX.
 
 use super::chart::{Chart, CurvePoint};
-use crate::statistics::Support;
+use crate::statistics::{Support, limits_text};
 
 /// The numbers of a figure.
 #[derive(Debug, Clone, PartialEq)]
@@ -52,6 +52,14 @@ impl CurvePoint {
             _ if is_small => 6,
             _ => 4,
         };
+        // A symmetric interval must show whether it contains 0.
+        let half = limits.filter(|_| support == Support::Real).map(|[_, high]| high - mean);
+        let is_told = |digits: &usize| {
+            half.is_none_or(|half| {
+                half == mean.abs() || format!("{half:.digits$}") != format!("{:.digits$}", mean.abs())
+            })
+        };
+        let digits = (digits..digits + 6).find(is_told).unwrap_or(digits);
         let number = |value: f64| {
             let text = format!("{value:.digits$}");
             // No sign for −0.0000.
@@ -60,10 +68,10 @@ impl CurvePoint {
                 .unwrap_or(&text)
                 .to_owned()
         };
-        match limits {
-            None => number(*mean),
-            Some([_, high]) if support == Support::Real => format!("{} ± {}", number(*mean), number(high - mean)),
-            Some([low, high]) => format!("{} [{}, {}]", number(*mean), number(*low), number(*high)),
+        match (half, limits) {
+            (_, None) => number(*mean),
+            (Some(half), _) => format!("{} ± {}", number(*mean), number(half)),
+            (None, Some(limits)) => format!("{} {}", number(*mean), limits_text(*limits, digits)),
         }
     }
 }
@@ -84,9 +92,13 @@ impl NumberTable {
             + &self.rows.iter().map(line).collect::<String>()
     }
 
-    /// The table for LaTeX with the package booktabs, after its title and `about` as a comment.
+    /// The table for LaTeX with the package booktabs, after its title and `about` as a comment. If it is wider than
+    /// `room_pt` [pt], each cell has a line of its own.
     #[must_use]
-    pub fn latex(&self, about: &str) -> String {
+    pub fn latex(&self, about: &str, room_pt: Option<f64>) -> String {
+        if room_pt.is_some_and(|room_pt| self.width_pt() > room_pt) {
+            return self.narrow().latex(about, None);
+        }
         let line = |cells: &Vec<String>| {
             let cells: Vec<String> = cells.iter().map(|cell| latex_cell(cell)).collect();
             format!("  {} \\\\\n", cells.join(" & "))
@@ -95,8 +107,37 @@ impl NumberTable {
         let comments: String = title.map(|text| format!("% {text}\n")).collect();
         let columns = "r".repeat(self.head.len());
         let rows: String = self.rows.iter().map(line).collect();
-        format!("{comments}\\begin{{tabular}}{{{columns}}}\n  \\toprule\n{}  \\midrule\n{rows}", line(&self.head))
+        let has_head = self.head.iter().any(|cell| !cell.is_empty());
+        let head = if has_head { line(&self.head) + "  \\midrule\n" } else { String::new() };
+        format!("{comments}\\begin{{tabular}}{{{columns}}}\n  \\toprule\n{head}{rows}")
             + "  \\bottomrule\n\\end{tabular}\n"
+    }
+}
+
+/// Approximate width of a character of 8 pt, and of the space between two columns [pt].
+const CHARACTER_PT: f64 = 4.25;
+const GAP_PT: f64 = 12.0;
+
+impl NumberTable {
+    /// Approximate width of the table in print [pt].
+    fn width_pt(&self) -> f64 {
+        let width = |column: usize| {
+            let cells = self.rows.iter().chain([&self.head]).map(|row| row[column].chars().count());
+            cells.max().unwrap_or(0) as f64 * CHARACTER_PT
+        };
+        (0..self.head.len()).map(width).sum::<f64>() + GAP_PT * self.head.len() as f64
+    }
+
+    /// The same with a line for each cell, below the x value of its first.
+    fn narrow(&self) -> Self {
+        let cells = |row: &Vec<String>| -> Vec<Vec<String>> {
+            let x = |index: usize| if index == 0 { row[0].clone() } else { String::new() };
+            let cells = self.head[1..].iter().zip(&row[1..]).enumerate();
+            cells.map(|(index, (label, cell))| vec![x(index), label.clone(), cell.clone()]).collect()
+        };
+        let about = format!("{}; {}", self.head[0], self.about);
+        let head = ["", "", ""].map(str::to_owned).to_vec();
+        Self { title: self.title.clone(), about, head, rows: self.rows.iter().flat_map(cells).collect() }
     }
 }
 
@@ -146,6 +187,27 @@ mod tests {
   \bottomrule
 \end{tabular}
 ";
-        assert_eq!(table.latex("seeds 1 to 3"), expected);
+        assert_eq!(table.latex("seeds 1 to 3", None), expected);
+        assert_eq!(table.latex("seeds 1 to 3", Some(250.0)), expected);
+    }
+
+    #[test]
+    fn a_table_that_is_too_wide_for_a_column_has_a_line_for_each_cell() {
+        let cells = |cells: &[&str]| cells.iter().map(|cell| (*cell).to_owned()).collect::<Vec<_>>();
+        let interval = "0.0163 [0.0151, 0.0175]";
+        let table = NumberTable {
+            title: String::new(),
+            about: "η".to_owned(),
+            head: cells(&["side [m]", "uts", "gfs", "rfs"]),
+            rows: vec![cells(&["100", interval, interval, interval]), cells(&["200", interval, interval, interval])],
+        };
+        assert!(table.latex("", Some(500.0)).contains("side {[}m] & uts & gfs & rfs"));
+        let narrow = table.latex("", Some(250.0));
+        let lines: Vec<&str> = narrow.lines().filter(|line| line.contains('&')).collect();
+        assert_eq!(lines.len(), 6, "{narrow}");
+        assert_eq!(lines[0], "  100 & uts & 0.0163 {[}0.0151, 0.0175] \\\\");
+        assert_eq!(lines[1], "   & gfs & 0.0163 {[}0.0151, 0.0175] \\\\");
+        assert!(narrow.starts_with("% side [m]; η\n"), "{narrow}");
+        assert!(table.narrow().width_pt() < 250.0);
     }
 }

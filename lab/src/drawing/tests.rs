@@ -117,6 +117,10 @@ fn a_table_shows_symmetric_and_bounded_intervals() {
     assert!(fractions.ends_with("| 1 | 0.2500 [0.1250, 0.5000] |\n| 2 | 0.0000 [-0.0010, 0.0010] |\n| 3 | 0.5000 |\n"));
     let small = chart(vec![series("uts", &[(1.0, 0.000_014, 0.000_01)])]).table().markdown();
     assert!(small.ends_with("| 1 | 0.000014 [0.000004, 0.000024] |\n"), "{small}");
+    // 12.3 ± 12.3 would not say whether it contains 0.
+    let near =
+        Chart { support: Support::Real, ..chart(vec![series("uts", &[(1.0, 12.34, 12.31)])]) }.table().markdown();
+    assert!(near.ends_with("| 1 | 12.34 ± 12.31 |\n"), "{near}");
     let bits =
         Chart { support: Support::Real, ..chart(vec![series("uts", &[(1.0, 21_076.4, 55.2)])]) }.table().markdown();
     assert!(bits.contains("mean ± half of the 95 % CI\n") && bits.ends_with("| 1 | 21076 ± 55 |\n"), "{bits}");
@@ -188,8 +192,33 @@ fn any_number_of_curves_is_distinguishable() {
     let chart = chart(curves);
     let (svg, _) = files(|stem| chart.draw(stem));
     assert!(svg.contains(">\ncurve 39\n</text>"));
-    let looks: Vec<_> = (0..40).map(style::SeriesStyle::of).map(|style| (style.colour, style.marker)).collect();
-    assert!((0..looks.len()).all(|i| !looks[..i].contains(&looks[i])), "{looks:?}");
+    let first = style::FIRST_STYLE;
+    let styles: Vec<_> = (first..first + 40).map(|index| style::SeriesStyle::of(index, false)).collect();
+    for (index, style) in styles.iter().enumerate() {
+        assert!(styles[..index].iter().all(|other| other.colour != style.colour && other.marker != style.marker));
+    }
+}
+
+#[test]
+fn a_strategy_has_the_same_style_in_every_chart_and_no_two_have_one() {
+    let names = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>();
+    let all: Vec<String> = skysink_planner::strategies::names().into_iter().map(str::to_owned).collect();
+    let styles = style::styles_of(&[&all[..], &names(&["python:a.py:A", "python:b.py:B"])].concat());
+    assert!((0..styles.len()).all(|index| !styles[..index].contains(&styles[index])), "{styles:?}");
+    assert_eq!(
+        style::styles_of(&names(&["python:a.py:A", "whittle"]))[1],
+        styles[all.iter().position(|name| name == "whittle").unwrap()]
+    );
+}
+
+#[test]
+fn markers_and_lines_are_smaller_in_print() {
+    let print = |width_mm| {
+        let mut chart = chart(vec![series("uts", &[(1.0, 0.1, 0.0), (2.0, 0.2, 0.0)])]);
+        chart.look.width_mm = width_mm;
+        files(|stem| chart.draw(stem)).0
+    };
+    assert!(print(Some(88.0)).contains("scale(0.55)") && !print(None).contains("scale("));
 }
 
 #[test]

@@ -41,6 +41,10 @@ pub struct PlotRequest {
     /// Use a logarithmic y axis; means of 0 are drawn at its lower end.
     #[arg(long, conflicts_with = "difference_to")]
     pub log_y: bool,
+    /// Label of a strategy in the figure, for example python:mine.py:Mine=ours (repeatable) [default: its name; the class of
+    /// a Python strategy].
+    #[arg(long = "label", value_name = "STRATEGY=TEXT", value_parser = parse_label)]
+    pub labels: Vec<(String, String)>,
     /// Label of the x axis [default: the key].
     #[arg(long, value_name = "TEXT")]
     pub x_label: Option<String>,
@@ -93,6 +97,7 @@ impl PlotRequest {
             ("--bounds", self.bounds),
             ("--where", !self.conditions.is_empty()),
             ("--log-y", self.log_y),
+            ("--label", !self.labels.is_empty()),
             ("--x-label", self.x_label.is_some()),
             ("--y-label", self.y_label.is_some()),
         ];
@@ -110,6 +115,9 @@ impl PlotRequest {
             let text = text.as_deref().unwrap_or_default();
             check_text(text).map_err(|message| InputError::of_argument(option, text, message))?;
         }
+        for (_, text) in &self.labels {
+            check_text(text).map_err(|message| InputError::of_argument("--label", text, message))?;
+        }
         Ok(())
     }
 }
@@ -118,6 +126,13 @@ impl PlotRequest {
 fn metric_parser() -> impl TypedValueParser<Value = Metric> {
     PossibleValuesParser::new(Metric::all().map(|metric| PossibleValue::new(metric.name()).help(metric.label())))
         .map(|name| Metric::all().find(|metric| metric.name() == name).expect("one of the possible values"))
+}
+
+/// Parses `STRATEGY=TEXT`.
+fn parse_label(text: &str) -> Result<(String, String), String> {
+    let pair = text.rsplit_once('=').filter(|(name, label)| !name.is_empty() && !label.trim().is_empty());
+    let pair = pair.map(|(name, label)| (name.to_owned(), label.trim().to_owned()));
+    pair.ok_or_else(|| "expected a strategy and its label, such as uts=UTS".to_owned())
 }
 
 /// Parses a length with its unit and returns it in [mm].

@@ -54,7 +54,8 @@ impl Selection {
     pub fn new(request: &PlotRequest, flown: &FlownSweep) -> Result<Self, String> {
         let definition = &flown.definition;
         let metric = request.metric();
-        let strategies = strategies(request, definition)?;
+        let names = labels(request, definition)?;
+        let strategies = strategies(request, definition, &names)?;
         let offline = offline_of(request, definition)?;
         let mut groups = groups(request, definition)?;
         let reference = reference(request, &groups)?;
@@ -80,12 +81,13 @@ impl Selection {
         }
         let curve = |strategy: usize, (by, points): &CurveGroup| {
             let label = |by: &Option<Value>| {
-                let name = definition.strategies[strategy].clone();
+                let name = &names[strategy];
                 by.as_ref().map_or(name.clone(), |value| format!("{name}, {}", text(value)))
             };
-            let reference = match &reference {
-                Some(value) => Some(label(&Some(value.clone()))),
-                None => request.difference_to.clone(),
+            let reference = match (&reference, &request.difference_to) {
+                (Some(value), _) => Some(label(&Some(value.clone()))),
+                (None, Some(named)) => place(named, definition, &names).map(|strategy| names[strategy].clone()),
+                (None, None) => None,
             };
             let points = points.iter().map(|(_, point)| *point).collect();
             SelectedCurve { label: label(by), strategy, by: by.clone(), reference, points }
@@ -148,8 +150,38 @@ fn reference(request: &PlotRequest, groups: &[CurveGroup]) -> Result<Option<Valu
     })
 }
 
+/// The place of a strategy in the sweep, by its name or its label.
+fn place(named: &str, definition: &Definition, labels: &[String]) -> Option<usize> {
+    let by_name = definition.strategies.iter().position(|name| name == named);
+    by_name.or_else(|| labels.iter().position(|label| label == named))
+}
+
+/// The labels of all strategies of the sweep, no two the same: those of the request, the class of a Python strategy, or
+/// the name.
+fn labels(request: &PlotRequest, definition: &Definition) -> Result<Vec<String>, String> {
+    let names = &definition.strategies;
+    let short =
+        |name: &String| name.strip_prefix("python:").and_then(|rest| rest.rsplit(':').next()).map(str::to_owned);
+    let mut labels: Vec<String> = names.iter().map(|name| short(name).unwrap_or_else(|| name.clone())).collect();
+    for index in 0..names.len() {
+        let is_again = (0..names.len()).any(|other| other != index && short(&names[other]) == short(&names[index]));
+        if is_again || names.contains(&labels[index]) {
+            labels[index].clone_from(&names[index]);
+        }
+    }
+    for (named, label) in &request.labels {
+        let expected = || format!("--label {named}: expected a strategy of the sweep: {}", names.join(", "));
+        let index = place(named, definition, &labels).ok_or_else(expected)?;
+        labels[index].clone_from(label);
+    }
+    let again = (0..labels.len()).find(|&index| labels[..index].contains(&labels[index]));
+    again.map_or(Ok(labels.clone()), |index| {
+        Err(format!("--label: two strategies are called {}: expected another label", labels[index]))
+    })
+}
+
 /// The indices of the selected strategies, including the reference, without duplicates.
-fn strategies(request: &PlotRequest, definition: &Definition) -> Result<Vec<usize>, String> {
+fn strategies(request: &PlotRequest, definition: &Definition, labels: &[String]) -> Result<Vec<usize>, String> {
     let find = |option: &str, strategy: &String| {
         let names = &definition.strategies;
         let expected = || {
@@ -157,7 +189,7 @@ fn strategies(request: &PlotRequest, definition: &Definition) -> Result<Vec<usiz
             let hint = meant.map(|meant| format!("; did you mean `{meant}`?")).unwrap_or_default();
             format!("{option} {strategy}: expected a strategy of the sweep: {}{hint}", names.join(", "))
         };
-        names.iter().position(|name| name == strategy).ok_or_else(expected)
+        place(strategy, definition, labels).ok_or_else(expected)
     };
     let mut chosen = match &request.strategies[..] {
         [] => (0..definition.strategies.len()).collect(),
