@@ -1,7 +1,6 @@
 //! Means of repeated missions and of paired differences, with confidence intervals.
 
 use std::collections::BTreeMap;
-use std::iter::zip;
 
 use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, StudentsT};
@@ -175,15 +174,23 @@ impl Concentration {
     }
 }
 
+/// The fewest decimals, at least `decimals`, that tell each of the limits of an interval from 0; `None` if they are many.
+#[must_use]
+pub fn told_decimals(limits: [f64; 2], decimals: usize) -> Option<usize> {
+    let is_told = |text: &str| text.bytes().any(|byte| (b'1'..=b'9').contains(&byte));
+    let mut enough = decimals..=decimals + MORE_DECIMALS;
+    enough.find(|&decimals| limits.iter().all(|&limit| limit == 0.0 || is_told(&format!("{limit:.decimals$}"))))
+}
+
 /// The limits of an interval in brackets, with as many decimals as it takes to tell each of them from 0, at least
 /// `decimals`.
 #[must_use]
 pub fn limits_text(limits: [f64; 2], decimals: usize) -> String {
-    let limits = limits.map(|limit| limit + 0.0); // no sign for −0
-    let is_told = |text: &String, limit: f64| limit == 0.0 || text.bytes().any(|byte| (b'1'..=b'9').contains(&byte));
-    let texts = (decimals..=decimals + MORE_DECIMALS).map(|decimals| limits.map(|limit| format!("{limit:.decimals$}")));
-    let mut told = texts.filter(|texts| zip(texts, limits).all(|(text, limit)| is_told(text, limit)));
-    let [low, high] = told.next().unwrap_or_else(|| limits.map(|limit| format!("{limit:.1e}")));
+    let text = |limit: f64| match told_decimals(limits, decimals) {
+        Some(decimals) => format!("{:.decimals$}", limit + 0.0), // no sign for −0
+        None => format!("{limit:.1e}"),
+    };
+    let [low, high] = limits.map(text);
     format!("[{low}, {high}]")
 }
 
@@ -201,6 +208,7 @@ mod tests {
     use super::*;
     use rand::RngExt;
     use skysink_common::random::{Purpose, Streams};
+    use std::iter::zip;
 
     fn limits(values: &[f64], support: Support) -> [f64; 2] {
         MeanInterval::of(values, support).limits.unwrap()

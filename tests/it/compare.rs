@@ -58,8 +58,8 @@ fn strategies_are_compared_over_the_same_seeds() {
 #[test]
 fn few_fields_are_warned_of_and_p_values_are_adjusted_for_their_number() {
     let place = with_small();
-    let what = ["compare", "small.toml", "uts", "gfs", "rfs", "--seeds", "3", "--no-record", "--out", "all"];
-    let ended = place.run_ok(&[&what[..], &["--holm"]].concat());
+    let what = ["compare", "small.toml", "uts", "gfs", "rfs", "--seeds", "3", "--out", "all"];
+    let ended = place.run_ok(&[&what[..], &["--holm", "--no-record"]].concat());
     assert!(ended.stderr.contains("warning: few fields decide the mean η of uts ("), "{ended:?}");
     assert!(ended.stdout.contains("(Holm)") && ended.stdout.contains("p-values for all of them together"), "{ended:?}");
     let all = compared(&place, &what[1..]);

@@ -65,7 +65,7 @@ fn a_figure_and_its_tables_hold_the_numbers_of_the_summary() {
     let printed = place.run_ok(&[&["plot", "flown"], &request[..]].concat()).stdout;
     assert!(before == bytes(), "the same again");
     assert!(
-        printed.contains(&format!("{stem}.pdf")) && printed.contains("per-slot") && printed.contains(" ± "),
+        printed.contains(&format!("{stem}.pdf")) && printed.contains("per-slot") && printed.contains(" ["),
         "{printed}"
     );
 }

@@ -1,7 +1,7 @@
 //! The numbers of a figure as a table, in Markdown and for LaTeX.
 
 use super::chart::{Chart, CurvePoint};
-use crate::statistics::{Support, limits_text};
+use crate::statistics::{Support, limits_text, told_decimals};
 
 /// The numbers of a figure.
 #[derive(Debug, Clone, PartialEq)]
@@ -60,6 +60,7 @@ impl CurvePoint {
             })
         };
         let digits = (digits..digits + 6).find(is_told).unwrap_or(digits);
+        let digits = limits.and_then(|limits| told_decimals(limits, digits)).unwrap_or(digits);
         let number = |value: f64| {
             let text = format!("{value:.digits$}");
             // No sign for −0.0000.
