@@ -14,7 +14,7 @@
 //! [`least_power_mps`]: skysink_common::propulsion::least_power_mps
 
 use arrayvec::ArrayVec;
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, Vector2, Vector3};
 use skysink_common::geometry::{Position, above, within};
 
 use crate::geometry::disks::{Disk, crossings, project};
@@ -39,6 +39,9 @@ const DIRECTIONS: u32 = 8;
 
 /// Turn of the directions from step to step [rad], the golden angle: along the edge of a range only few directions rise.
 const TURN: f64 = 2.399_963_229_728_653;
+
+/// Directions without an SN to fly toward or past.
+const COMPASS: [[f64; 2]; 4] = [[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]];
 
 /// A point with its objective [bit²].
 pub(super) type Valued = (f64, Point3<f64>);
@@ -90,7 +93,7 @@ pub(super) fn visit(view: &View, slow_m: f64, ids: &[u32], mut visit: impl FnMut
         visit(toward(slow_m, &ground, sensors.position(id)));
     }
     visit(ground);
-    for [x, y] in [[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]] {
+    for [x, y] in COMPASS {
         visit(Position::new(ground.x + slow_m * x, ground.y + slow_m * y));
         visit(Position::new((1.0 + x + y) / 2.0 * limits.width_m, (1.0 + x - y) / 2.0 * limits.height_m)); // corners
     }
@@ -99,7 +102,10 @@ pub(super) fn visit(view: &View, slow_m: f64, ids: &[u32], mut visit: impl FnMut
         let range = Disk { centre: *sensors.position(id), radius_m: limits.comm_radius_m };
         visit(toward(limits.reach_m, &ground, &range.centre));
         project(&ground, &[reach, range]).into_iter().for_each(&mut visit);
-        visit(range.centre + (range.centre - ground).normalize() * range.radius_m); // NaN above the SN
+        match (range.centre - ground).try_normalize(0.0) {
+            Some(direction) => visit(range.centre + direction * range.radius_m),
+            None => COMPASS.iter().for_each(|direction| visit(ground + Vector2::from(*direction) * range.radius_m)),
+        }
         crossings(&slow, &range).into_iter().for_each(&mut visit);
         visit_borders(view.table, &range, &mut visit);
         for other in ids[..index].iter().map(|&other| sensors.position(other)) {
@@ -193,7 +199,7 @@ mod tests {
 
     fn fields() -> impl Generator<Value = (OwnedSetup, Vec<u32>, [f64; 2], f64)> {
         let sensors = prop::collection::vec(([10.0..90.0, 10.0..90.0], 0u32..9_000), 1..10);
-        let uav = prop_oneof![Just([50.0, 50.0]), [0.0..100.0, 0.0..100.0], Just([0.0, 100.0])];
+        let uav = prop_oneof![Just(None), [0.0..100.0, 0.0..100.0].prop_map(Some), Just(Some([0.0, 100.0]))];
         (sensors, 1usize..5, 1.0..9.0, uav, prop_oneof![Just(5e6), Just(4e3)]).prop_map(
             |(sensors, blocks, price_log, uav, bandwidth_hz)| {
                 let (positions, queues_bits): (Vec<[f64; 2]>, Vec<u32>) = sensors.into_iter().unzip();
@@ -202,7 +208,8 @@ mod tests {
                 model.bandwidth_hz = bandwidth_hz;
                 field.table.limits.resource_blocks = blocks as u32;
                 field.scenario.link.resource_blocks = blocks;
-                (field, queues_bits, uav, 10f64.powf(price_log))
+                let above_the_first: [f64; 2] = field.table.sensors.positions[0].into();
+                (field, queues_bits, uav.unwrap_or(above_the_first), 10f64.powf(price_log))
             },
         )
     }
