@@ -165,7 +165,7 @@ impl RecordedSlot {
     pub fn plan(&self) -> Plan {
         match self.mode {
             Mode::Hold => Plan { x_m: f64::NAN, ..Plan::fly_to(self.position, self.mode) }, // the refused waypoint
-            Mode::Serve | Mode::Transit => self.report(),
+            Mode::Serve | Mode::Transit | Mode::Fly => self.report(),
         }
     }
 

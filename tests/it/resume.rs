@@ -102,7 +102,8 @@ fn record_holds(out: &Path, slots: u64) -> (Scenario, SensorList, RunFolder) {
     let overrides = Overrides { strategy: Some("horizon"), ..Overrides::default() };
     let scenario = Scenario::parse(&text, Path::new("smoke.toml"), overrides).and_then(settings::resolve).unwrap();
     let list = SensorList::of(&scenario).unwrap();
-    let run_mode = RunMode { pace: "10x".parse().ok(), external_planner: Some("mine".to_owned()) };
+    let run_mode =
+        RunMode { pace: "10x".parse().ok(), external_planner: Some("mine".to_owned()), ..RunMode::default() };
     let folder = RunFolder::create(Some(out), Earlier::Kept, &scenario, &list, &run_mode).unwrap();
     let mut log = folder.slot_log().unwrap();
     let mut plant = Plant::new(&scenario, &list);
