@@ -1,9 +1,13 @@
 //! Every crash point: a mission of 20 slots in which a process is killed before its k-th system call, for every k,
-//! every process and the launcher, which is then resumed; and two of them in one mission. Each mission ends with the trace of
-//! the undisturbed one and with a recording that verifies, and leaves neither files nor shared memory behind.
+//! every process and the launcher, which is then resumed; and two of them in one mission. Each mission ends with the
+//! trace of the undisturbed one and with a recording that verifies, and leaves neither files nor shared memory behind.
+//!
+//! A second actor does not kill but deletes, cuts or replaces a file of the run there.
 
 use std::collections::BTreeMap;
-use std::fs;
+use std::fs::{self, File};
+use std::os::unix::fs::FileExt as _;
+use std::path::Path;
 use std::thread::available_parallelism;
 
 use rand::{RngExt, SeedableRng};
@@ -12,9 +16,12 @@ use rand_chacha::ChaCha8Rng;
 use crate::anywhere::launcher_of;
 use crate::support::flight::{FlightBuilder, RING};
 use crate::support::{Place, output};
-use crate::tracer::{CrashPoint, trace};
+use crate::tracer::{CrashPoint, kill_at, trace};
 
 const LAUNCHER: &str = "skysink";
+
+/// Slots of the mission.
+const SLOTS: usize = 20;
 
 /// A place with the undisturbed mission.
 struct Missions {
@@ -40,7 +47,7 @@ impl Missions {
     }
 
     fn flight(place: &Place) -> FlightBuilder<'_> {
-        place.flight("smoke").set("slots", 20)
+        place.flight("smoke").set("slots", SLOTS)
     }
 
     /// The system calls of each process, each in a mission of its own, because a followed process makes the others wait.
@@ -49,7 +56,7 @@ impl Missions {
         let processes = RING.into_iter().chain(viewer).chain([LAUNCHER]);
         let calls = processes.flat_map(|process| {
             let never = [CrashPoint { process: process.to_owned(), call: u64::MAX }];
-            let traced = trace(Self::flight(&self.place).launcher(), &never);
+            let traced = kill_at(Self::flight(&self.place).launcher(), &never);
             assert_eq!(traced.code, Some(0), "{traced:?}");
             self.check(&never);
             traced.calls
@@ -59,8 +66,8 @@ impl Missions {
 
     /// Flies a mission in which processes are killed at these points; returns the number of kills.
     fn fly(&self, points: &[CrashPoint]) -> usize {
-        let traced = trace(Self::flight(&self.place).launcher(), points);
-        if traced.killed.iter().any(|point| point.process == LAUNCHER) {
+        let traced = kill_at(Self::flight(&self.place).launcher(), points);
+        if traced.reached.iter().any(|point| point.process == LAUNCHER) {
             assert_eq!(traced.signal, Some(9), "{traced:?}");
             let resumed = output(launcher_of(&self.place, &Self::flight(&self.place)));
             assert_eq!(resumed.code, Some(0), "{points:?}: {resumed:?}, after {}", traced.stderr);
@@ -68,7 +75,7 @@ impl Missions {
             assert_eq!(traced.code, Some(0), "{points:?}: {traced:?}");
         }
         self.check(points);
-        traced.killed.len()
+        traced.reached.len()
     }
 
     /// Checks what a mission has left, and removes it.
@@ -84,6 +91,60 @@ impl Missions {
         assert!(hidden.is_empty(), "{points:?}: {hidden:?}");
         self.place.assert_clean();
         fs::remove_dir_all(self.place.path("run")).unwrap();
+    }
+}
+
+/// What a second actor does to a file.
+#[derive(Debug, Clone, Copy)]
+enum Change {
+    Delete,
+    Cut,
+    Overwrite,
+    Replace,
+}
+
+impl Change {
+    const ALL: [Self; 4] = [Self::Delete, Self::Cut, Self::Overwrite, Self::Replace];
+
+    /// Changes the file, if it is there.
+    fn apply(self, path: &Path) -> std::io::Result<()> {
+        let other = path.with_extension("other");
+        match self {
+            Self::Delete => fs::remove_file(path),
+            Self::Cut => File::options().write(true).open(path)?.set_len(fs::metadata(path)?.len() / 2),
+            Self::Overwrite => File::options().write(true).open(path)?.write_all_at(b"#", 1),
+            Self::Replace => fs::copy(path, &other).and_then(|_| fs::rename(other, path)),
+        }
+    }
+}
+
+impl Missions {
+    /// Flies a mission in which a file of the run is changed at `point`; returns whether it was there and was changed.
+    /// Before its last slot is on record, the mission either ends with the file that it would have written, or says
+    /// which file was changed.
+    fn fly_changed(&self, point: &CrashPoint, name: &str, change: Change) -> bool {
+        let path = self.place.path("run").join(name);
+        let mut changed_after = None;
+        let traced = trace(Self::flight(&self.place).launcher(), std::slice::from_ref(point), |_| {
+            let slots = fs::read_to_string(self.place.path("run/slots.csv")).map_or(0, |trace| trace.lines().count());
+            changed_after = change.apply(&path).is_ok().then_some(slots.saturating_sub(1));
+        });
+        let context = format!("{name}, {change:?} at {point:?} after slot {changed_after:?}: {traced:?}");
+        let is_late = changed_after == Some(SLOTS);
+        if traced.code == Some(0) && !is_late {
+            assert_eq!(self.place.trace("run"), self.place.trace("undisturbed"), "{context}");
+            for given in ["scenario.toml", "sensors.csv"] {
+                let read = |run: &str| fs::read(self.place.path(run).join(given)).unwrap();
+                assert_eq!(read("run"), read("undisturbed"), "{context}");
+            }
+            self.place.run_ok(&["report", "run"]);
+        } else if traced.code != Some(0) {
+            assert_eq!(traced.code.is_some_and(|code| [1, 2].contains(&code)), changed_after.is_some(), "{context}");
+            assert!(traced.stderr.contains(name), "{context}");
+        }
+        self.place.assert_clean();
+        let _ = fs::remove_dir_all(self.place.path("run"));
+        changed_after.is_some()
     }
 }
 
@@ -133,6 +194,21 @@ fn sample(singles: usize, pair_count: usize) {
 #[test]
 fn a_process_may_die_before_any_of_its_system_calls() {
     sample(120, 24);
+}
+
+#[test]
+fn a_file_may_change_before_any_system_call() {
+    let missions = Missions::new();
+    let calls = missions.calls();
+    let total: u64 = calls.values().sum();
+    let files = ["slots.csv", "slots.check", "scenario.toml", "sensors.csv", "run.toml", "mission.rrd"];
+    let files = &files[..if cfg!(feature = "viewer") { 6 } else { 5 }];
+    let cases = files.iter().flat_map(|name| Change::ALL.map(|change| (*name, change)));
+    let points = every(&calls, total as usize / 72);
+    let changed =
+        points.iter().zip(cases.cycle()).filter(|([point], (name, change))| missions.fly_changed(point, name, *change));
+    let changed = changed.count();
+    assert!(changed * 2 >= points.len(), "{changed} changes at {} points", points.len());
 }
 
 #[test]

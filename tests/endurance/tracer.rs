@@ -1,5 +1,5 @@
-//! Follows the system calls of a launcher and of its workers, and kills a process just before one of them. It uses
-//! ptrace, and so needs no other program.
+//! Follows the system calls of a launcher and of its workers, and kills a process, or does something else, just before
+//! one of them. It uses ptrace, and so needs no other program.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -12,8 +12,8 @@ use libc::{c_int, pid_t};
 
 use crate::support::WATCHDOG;
 
-/// A process is killed before its `call`-th system call, by the count of all its threads. Only the first process of this
-/// name is: the next one is started instead of it.
+/// The `call`-th system call of a process, by the count of all its threads. Only the first process of this name has it:
+/// the next one is started instead of it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct CrashPoint {
     pub process: String,
@@ -28,8 +28,8 @@ pub struct Traced {
     pub stderr: String,
     /// The system calls of the first process of each name that was followed.
     pub calls: BTreeMap<String, u64>,
-    /// The points at which a process was killed.
-    pub killed: Vec<CrashPoint>,
+    /// The points that were reached.
+    pub reached: Vec<CrashPoint>,
 }
 
 /// A process that is followed.
@@ -41,7 +41,12 @@ struct Process {
 
 /// Runs a launcher until it and all of its descendants have ended. Of the processes of `points` the system calls are
 /// counted, and they are killed at these points.
-pub fn trace(mut command: Command, points: &[CrashPoint]) -> Traced {
+pub fn kill_at(command: Command, points: &[CrashPoint]) -> Traced {
+    trace(command, points, kill)
+}
+
+/// As [`kill_at`], but calls `act` with the id of the process, which waits.
+pub fn trace(mut command: Command, points: &[CrashPoint], act: impl FnMut(pid_t)) -> Traced {
     let stderr = tempfile::NamedTempFile::new().unwrap();
     command.stdout(Stdio::null()).stderr(stderr.reopen().unwrap());
     // SAFETY: the closure makes one system call; it neither allocates nor locks.
@@ -55,29 +60,31 @@ pub fn trace(mut command: Command, points: &[CrashPoint]) -> Traced {
             watched.lock().unwrap().values().for_each(|&process| kill(process));
         }
     });
-    let mut tracer = Tracer { points, running, followed: BTreeMap::new(), seen: BTreeSet::new(), killed: Vec::new() };
+    let mut tracer =
+        Tracer { points, act, running, followed: BTreeMap::new(), seen: BTreeSet::new(), reached: Vec::new() };
     let status = tracer.follow(launcher);
     Traced {
         code: libc::WIFEXITED(status).then(|| libc::WEXITSTATUS(status)),
         signal: libc::WIFSIGNALED(status).then(|| libc::WTERMSIG(status)),
         stderr: fs::read_to_string(stderr.path()).unwrap(),
         calls: tracer.followed.into_values().map(|process| (process.name, process.calls)).collect(),
-        killed: tracer.killed,
+        reached: tracer.reached,
     }
 }
 
-struct Tracer<'a> {
+struct Tracer<'a, A> {
     points: &'a [CrashPoint],
+    act: A,
     /// The process of every thread that has stopped once and has not ended.
     running: Arc<Mutex<BTreeMap<pid_t, pid_t>>>,
     /// The followed processes, by id.
     followed: BTreeMap<pid_t, Process>,
     /// The names of processes so far.
     seen: BTreeSet<String>,
-    killed: Vec<CrashPoint>,
+    reached: Vec<CrashPoint>,
 }
 
-impl Tracer<'_> {
+impl<A: FnMut(pid_t)> Tracer<'_, A> {
     /// Serves the stops of all threads until the last one has ended; returns the status of the launcher.
     fn follow(&mut self, launcher: pid_t) -> c_int {
         let mut ended = 0;
@@ -145,7 +152,7 @@ impl Tracer<'_> {
         }
     }
 
-    /// Counts a system call of a thread that is about to begin, and kills the process if it is time to.
+    /// Counts a system call of a thread that is about to begin, and acts if it is time to.
     fn count(&mut self, thread: pid_t, id: pid_t) {
         // SAFETY: all its members are numbers.
         let mut info: libc::ptrace_syscall_info = unsafe { std::mem::zeroed() };
@@ -159,8 +166,8 @@ impl Tracer<'_> {
         process.calls += 1;
         let is_here = |point: &&CrashPoint| point.process == process.name && point.call == process.calls;
         if let Some(point) = self.points.iter().find(is_here) {
-            kill(id);
-            self.killed.push(point.clone());
+            (self.act)(id);
+            self.reached.push(point.clone());
         }
     }
 }

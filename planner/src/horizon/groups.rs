@@ -235,10 +235,12 @@ mod tests {
             (0..40).map(|i| ([150.0 + f64::from(i * 7 % 40), 150.0 + f64::from(i * 13 % 40)], 500.0)).collect();
         let stop = Stop::default();
         let mut model = model_of(&sensors, 4, 5e6);
-        assert!(model.disks.len() > 40, "there are groups");
         let tours = model.tours.len();
+        model.group(1, &stop);
+        assert!(model.disks.len() > 40 && model.tours.len() > tours, "there are groups");
         stop.flag().store(2, Ordering::Relaxed);
         model.disks.truncate(40);
+        model.tours.truncate(tours);
         model.group(1, &stop);
         assert_eq!((model.disks.len(), model.tours.len()), (40, tours));
         let positions = &model.table.sensors.positions;
