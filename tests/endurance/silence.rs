@@ -43,6 +43,21 @@ fn a_process_that_stays_silent_is_replaced() {
 }
 
 #[test]
+fn a_process_that_hangs_in_a_paced_run_is_named_and_replaced_alone() {
+    for role in ["flight-sim", "field-sim"] {
+        let place = Place::new();
+        let run = place.flight("smoke").without_viewer().pace("10x").timeout("4").start();
+        run.until_slot(10);
+        run.signal_worker(role, Signal::STOP);
+        run.wait_for_success();
+        let events = events(&place);
+        assert!(events.iter().all(|(process, event)| process == role || event.contains("the UAV held")), "{events:?}");
+        assert!(events.iter().any(|(_, event)| event == "was restarted (restart 1)"), "{events:?}");
+        place.assert_clean();
+    }
+}
+
+#[test]
 fn a_suspended_machine_continues_to_a_complete_mission() {
     let place = Place::new();
     let run = longer(&place).without_viewer().timeout("6").start();
