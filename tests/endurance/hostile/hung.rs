@@ -6,7 +6,7 @@ use super::audit::audit;
 use super::intruder::{Intruder, send_list};
 use super::rogue::{LONG_S, open_folder, start_with_rogue};
 use crate::events;
-use crate::support::Place;
+use crate::support::{Place, until};
 
 /// Fails unless the planner has an event that starts so and one that ends so.
 fn assert_event(place: &Place, start: &str, end: &str) {
@@ -49,9 +49,12 @@ fn a_planner_command_that_hangs_in_a_paced_run_is_killed_and_started_again() {
     let intruder = Intruder::join(&folder);
     let plans = intruder.list_writer::<Plan, SlotHeader>("plan", 1);
     for slot in 1..=5 {
-        run.until_slot(slot - 1);
         let header = SlotHeader { mission: folder.terms().mission, slot: slot as u64, ..SlotHeader::default() };
-        send_list(&plans, header, &[Plan::fly_to([30.0, 30.0, 20.0], Mode::Serve)]);
+        // Again and again: before the first slot, its readers may not be there yet.
+        until("slot", || {
+            send_list(&plans, header, &[Plan::fly_to([30.0, 30.0, 20.0], Mode::Serve)]);
+            (run.slots() >= slot).then_some(())
+        });
     }
     run.until_printed("planner has sent no sample for 1.");
     run.until_printed("planner was restarted (restart 1)");
