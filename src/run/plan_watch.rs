@@ -13,21 +13,23 @@ use crate::run::supervise::SampleEvent;
 /// The plans of a paced run.
 #[derive(Debug)]
 pub struct PlanWatch {
-    /// Without a plan for this long, the planner is reported: a second after its next plan was due.
+    /// Without a plan that it can make for this long, the planner is reported: a second after its next plan was due.
     report_after: Duration,
-    /// Without a plan for each multiple of this, the planner is hung.
+    /// Without one for each multiple of this, the planner is hung.
     limit: Duration,
     /// The last slot of the mission, after which there is no plan.
     last_slot: u64,
     /// The slot of the newest plan.
     newest: Option<u64>,
-    /// Time since it has come.
+    /// Time since it has come, or since there are newer queues to plan for.
     since: Stopwatch,
     is_reported: bool,
     /// When the planner is hung for the next time.
     hung_after: Duration,
     /// Number of slots held in a row.
     held: i32,
+    /// How many of them were reported.
+    held_reported: i32,
     /// Time since the first of them.
     held_for: Stopwatch,
     /// When they are reported for the next time.
@@ -48,21 +50,25 @@ impl PlanWatch {
             is_reported: false,
             hung_after: limit,
             held: 0,
+            held_reported: 0,
             held_for: Stopwatch::start(now),
             report_held_after: SILENT_AFTER,
         }
     }
 
-    /// Takes in the slot of the newest plan; returns a change of the planner.
-    pub fn poll(&mut self, newest: Option<u64>, now: Instant) -> Option<SampleEvent> {
+    /// Takes in the slots of the newest plan and of the newest queues; returns a change of the planner. Before there
+    /// are queues after those of its newest plan, the planner has nothing to plan for: another process may be silent.
+    pub fn poll(&mut self, newest: Option<u64>, queues: Option<u64>, now: Instant) -> Option<SampleEvent> {
         self.held_for.advance(now);
         let waited = self.since.advance(now);
         let ms = i32::try_from(waited.as_millis()).unwrap_or(i32::MAX);
-        if newest > self.newest {
+        let is_new = newest > self.newest;
+        if is_new || queues < newest {
             self.newest = newest;
             self.since = Stopwatch::start(now);
             self.hung_after = self.limit;
-            return std::mem::take(&mut self.is_reported).then_some(event(ProcessEvent::Recovered(ms), false));
+            let has_recovered = is_new && std::mem::take(&mut self.is_reported);
+            return has_recovered.then_some(event(ProcessEvent::Recovered(ms), false));
         }
         let is_hung = waited >= self.hung_after;
         let is_overdue = is_hung || !self.is_reported && waited >= self.report_after;
@@ -81,6 +87,7 @@ impl PlanWatch {
     pub fn count(&mut self, is_held: bool, now: Instant) -> Option<SampleEvent> {
         if !is_held {
             self.held = 0;
+            self.held_reported = 0;
             return None;
         }
         if self.held == 0 {
@@ -92,7 +99,14 @@ impl PlanWatch {
             return None;
         }
         self.report_held_after = self.report_held_after.saturating_mul(10);
+        self.held_reported = self.held;
         Some(event(ProcessEvent::Held(self.held), false))
+    }
+
+    /// Reports the slots held in a row up to the end of the mission, unless that is done.
+    #[must_use]
+    pub fn end(&self) -> Option<SampleEvent> {
+        (self.held > 1 && self.held > self.held_reported).then(|| event(ProcessEvent::Held(self.held), false))
     }
 }
 
@@ -108,7 +122,8 @@ mod tests {
     const SLOT: Duration = Duration::from_millis(500);
     const LIMIT: Duration = Duration::from_secs(20);
 
-    /// The events in polls every 100 ms over `times` [ms] with the newest plan for slot `newest`, and when they came.
+    /// The events in polls every 100 ms over `times` [ms] with the newest plan for slot `newest` and queues after it,
+    /// and when they came.
     fn poll(
         watch: &mut PlanWatch,
         start: Instant,
@@ -116,7 +131,7 @@ mod tests {
         newest: u64,
     ) -> Vec<(u64, ProcessEvent, bool)> {
         let poll = |ms: u64| {
-            let event = watch.poll(Some(newest), start + Duration::from_millis(ms))?;
+            let event = watch.poll(Some(newest), Some(newest), start + Duration::from_millis(ms))?;
             Some((ms, event.event, event.is_hung))
         };
         times.step_by(100).filter_map(poll).collect()
@@ -143,6 +158,30 @@ mod tests {
     }
 
     #[test]
+    fn a_planner_is_awaited_only_from_the_queues_on_that_it_plans_for() {
+        let start = Instant::now();
+        let mut watch = PlanWatch::new(SLOT, LIMIT, 1_000, start);
+        let mut idle = |ms: u64| watch.poll(Some(8), Some(7), start + Duration::from_millis(ms));
+        assert!((0..60_000).step_by(100).all(|ms| idle(ms).is_none()), "another process is silent");
+        let events = poll(&mut watch, start, 60_000..62_000, 8);
+        assert_eq!(events, [(61_400, ProcessEvent::Overdue(1_500), false)]);
+    }
+
+    #[test]
+    fn held_slots_up_to_the_end_are_reported_once() {
+        let start = Instant::now();
+        let mut watch = PlanWatch::new(SLOT, LIMIT, 1_000, start);
+        let held = |watch: &mut PlanWatch, ms: u64| watch.count(true, start + Duration::from_millis(ms));
+        assert!(held(&mut watch, 0).is_none() && watch.end().is_none(), "one is not in a row");
+        assert!(held(&mut watch, 500).is_none());
+        assert_eq!(watch.end().map(|event| event.event), Some(ProcessEvent::Held(2)));
+        assert!(held(&mut watch, 1_000).is_some() && watch.end().is_none(), "that was reported");
+        assert!(held(&mut watch, 1_500).is_none());
+        assert_eq!(watch.end().map(|event| event.event), Some(ProcessEvent::Held(4)));
+        assert!(watch.count(false, start).is_none() && watch.end().is_none());
+    }
+
+    #[test]
     fn held_slots_in_a_row_are_reported_ever_more_rarely() {
         let start = Instant::now();
         let mut watch = PlanWatch::new(SLOT, LIMIT, 1_000, start);
@@ -150,7 +189,7 @@ mod tests {
             let mut events = Vec::new();
             for ms in slots.step_by(100) {
                 let now = start + Duration::from_millis(ms);
-                let _ = watch.poll(Some(ms), now); // there are plans, but late ones
+                let _ = watch.poll(Some(ms), Some(ms), now); // there are plans, but late ones
                 let slot = (ms % 500 == 0).then(|| watch.count(is_held, now)).flatten();
                 events.extend(slot.map(|event| (ms, event.event)));
             }

@@ -154,9 +154,8 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         let limit = self.ring.terms.overdue_limit();
         let period = self.ring.terms.pace.period(scenario.slot_s);
         self.plan_watch = period.map(|period| PlanWatch::new(period, limit, scenario.slots, begin));
-        let mut event = None;
         for slot in first + 1..=scenario.slots {
-            self.supervise(tally, event, supervise)?;
+            self.supervise(tally, None, supervise)?;
             let plan_of = (self.ring.terms.pace == Pace::Max).then_some(slot);
             let (header, (flight_head, flights)) = self.wait_for_slot(slot, plan_of, tally, supervise)?;
             let plan = self.received.plan.take();
@@ -180,9 +179,15 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
             tally.set_refused_messages(self.ring.refusals.total());
             self.commit(slot, trace.hash())?;
             let is_held = record.flights[UAV].hold == HoldReason::NoPlan as u32;
-            event = self.plan_watch.as_mut().and_then(|watch| watch.count(is_held, Instant::now()));
+            if let Some(event) = self.plan_watch.as_mut().and_then(|watch| watch.count(is_held, Instant::now())) {
+                self.supervise(tally, Some(event), supervise)?;
+            }
         }
-        Ok(begin.elapsed())
+        let wall = begin.elapsed();
+        if let Some(event) = self.plan_watch.as_ref().and_then(PlanWatch::end) {
+            self.supervise(tally, Some(event), supervise)?;
+        }
+        Ok(wall)
     }
 
     /// Sends the final commit, after which the processes end. Until then, they serve restarted peers.
@@ -235,9 +240,12 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
             is_reported |= is_overdue;
             let ms = i32::try_from(waited.as_millis()).unwrap_or(i32::MAX);
             let overdue = SampleEvent { from: missing.from, event: ProcessEvent::Overdue(ms), is_hung: true };
-            let newest = self.plans.newest_slot();
-            let plans = self.plan_watch.as_mut().and_then(|watch| watch.poll(newest, Instant::now()));
-            self.supervise(tally, Some(overdue).filter(|_| is_overdue).or(plans), supervise)?;
+            let [plan, queues] = [self.plans.newest_slot(), self.queues.newest_slot()];
+            let plans = self.plan_watch.as_mut().and_then(|watch| watch.poll(plan, queues, Instant::now()));
+            for event in [Some(overdue).filter(|_| is_overdue), plans].into_iter().flatten() {
+                self.supervise(tally, Some(event), supervise)?;
+            }
+            self.supervise(tally, None, supervise)?;
             if waited >= STALL {
                 self.ring.remove_dead_nodes();
             }

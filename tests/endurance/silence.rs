@@ -43,18 +43,37 @@ fn a_process_that_stays_silent_is_replaced() {
 }
 
 #[test]
-fn a_process_that_hangs_in_a_paced_run_is_named_and_replaced_alone() {
-    for role in ["flight-sim", "field-sim"] {
+fn in_a_paced_run_only_the_process_that_is_stopped_is_named_and_replaced() {
+    for role in RING {
         let place = Place::new();
-        let run = place.flight("smoke").without_viewer().pace("10x").timeout("4").start();
+        let run = place.flight("paced").without_viewer().pace("10x").timeout("3").start();
         run.until_slot(10);
         run.signal_worker(role, Signal::STOP);
         run.wait_for_success();
         let events = events(&place);
-        assert!(events.iter().all(|(process, event)| process == role || event.contains("the UAV held")), "{events:?}");
-        assert!(events.iter().any(|(_, event)| event == "was restarted (restart 1)"), "{events:?}");
+        assert!(events.iter().all(|(process, _)| process == role), "{role}: {events:?}");
+        let has = |what: &str| events.iter().any(|(_, event)| event.starts_with(what));
+        assert!(has("has sent no heartbeat for 1.") && has("was killed by signal 9"), "{role}: {events:?}");
+        assert_eq!(has("has sent no sample for 1."), role == "planner", "{role}: {events:?}");
+        assert_eq!(place.summary("run")["restarts"], 1, "{role}: {events:?}");
         place.assert_clean();
     }
+}
+
+#[test]
+fn slots_that_are_held_up_to_the_end_are_all_named() {
+    let place = Place::new();
+    let run = place.flight("paced").without_viewer().pace("20x").start();
+    run.until_slot(60);
+    run.signal_worker("planner", Signal::STOP); // for less than its timeout
+    run.wait_for_success();
+    let trace = place.trace("run");
+    let held = trace.lines().rev().take_while(|line| line.contains(",hold,")).count();
+    assert!(held > 60, "{held}");
+    let named = events(&place).into_iter().filter(|(_, event)| event.contains("slots in a row")).next_back();
+    let last = format!("has sent no plan in time for {held} slots in a row: the UAV held");
+    assert_eq!(named, Some(("planner".to_owned(), last)));
+    place.assert_clean();
 }
 
 #[test]
