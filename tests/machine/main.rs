@@ -29,6 +29,7 @@ fn main() -> ExitCode {
         medium::a_folder_that_cannot_be_written_is_named,
         medium::a_folder_for_rings_that_belongs_to_another_user_is_refused,
         medium::a_shared_memory_that_is_too_small_is_refused_before_anything_is_written,
+        medium::a_file_that_may_not_grow_further_ends_a_run_with_a_line,
     ];
     libtest_mimic::run(&Arguments::from_args(), trials).exit_code()
 }

@@ -107,8 +107,7 @@ pub fn a_shared_memory_that_is_too_small_is_refused_before_anything_is_written()
     Ok(())
 }
 
-#[test]
-fn a_file_that_may_not_grow_further_ends_a_run_with_a_line() {
+pub fn a_file_that_may_not_grow_further_ends_a_run_with_a_line() -> Result<(), Missing> {
     let place = Place::new();
     place.scenario("long");
     let script = format!("ulimit -f 60; exec {SKYSINK} simulate long.toml --set slots=200000 --out run");
@@ -120,4 +119,5 @@ fn a_file_that_may_not_grow_further_ends_a_run_with_a_line() {
     let ended = wait(place.command("sh", &["-c", &script]).spawn().unwrap()).assert_code(1);
     ended.assert_one_line(&["skysink: size of a file in shared memory: at most ", "raise ulimit -f"]);
     place.assert_clean();
+    Ok(())
 }
