@@ -13,8 +13,11 @@ use re_build_info::CrateVersion;
 use re_log_encoding::rrd::{Decodable as _, EncodingOptions, RRD_FOURCC, StreamFooter};
 use re_log_encoding::{DecoderApp, EncodeError, Encoder};
 use re_log_types::{EntityPath, LogMsg};
-use re_sdk::ApplicationId;
+use re_sdk::log::Chunk;
+use re_sdk::{ApplicationId, TimelineName};
 use tempfile::NamedTempFile;
+
+use crate::recording::SLOT;
 
 /// Whether a file is the first of its recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -126,21 +129,36 @@ pub(crate) fn ends_batch(message: &LogMsg) -> bool {
     store.is_recording() && entity.is_some_and(|entity| *entity == EntityPath::properties().to_string())
 }
 
-/// Replaces a recording by a copy with all its complete batches and a footer: so all entities end with the same slot. If
-/// no batch is complete, Skysink has not written the file, and the copy has all complete messages.
+/// The slots of the rows of a message; none for static data.
+fn slots_of(message: &LogMsg) -> Vec<i64> {
+    let LogMsg::ArrowMsg(store, message) = message else { return Vec::new() };
+    let chunk = Chunk::from_arrow_msg(message).ok().filter(|_| store.is_recording());
+    let slots = chunk.as_ref().and_then(|chunk| chunk.timelines().get(&TimelineName::from_static_str(SLOT)));
+    slots.map_or_else(Vec::new, |slots| slots.times_raw().to_vec())
+}
+
+/// Replaces a recording by a copy with all its complete batches and a footer: so all entities end with the same slot.
+/// The copy of a file without batches has all complete messages. Such a file has the name of its recording only once,
+/// amid the messages of its first slots; earlier versions wrote it so.
 fn rewrite(path: &Path) -> Result<(), EncodeError> {
     let messages = DecoderApp::decode_lazy(BufReader::new(File::open(path)?)).map_while(Result::ok);
     let write = BufWriter::new(unfinished(path)?);
     let mut encoder = Encoder::new_eager(CrateVersion::LOCAL, EncodingOptions::PROTOBUF_COMPRESSED, write)?;
     let mut batch: Vec<LogMsg> = Vec::new();
-    let mut has_batches = false;
+    let mut ends = 0;
+    let mut first_batch = None; // its last slot
     for message in messages {
         batch.push(message);
         if batch.last().is_some_and(ends_batch) {
-            has_batches = true;
+            ends += 1;
+            if ends == 1 {
+                first_batch = batch.iter().flat_map(slots_of).max();
+            }
             batch.drain(..).try_for_each(|message| encoder.append(&message).map(drop))?;
         }
     }
+    let is_after_first = || batch.iter().flat_map(slots_of).min() > first_batch;
+    let has_batches = ends > 1 || ends == 1 && first_batch.is_some() && is_after_first();
     if !has_batches {
         batch.iter().try_for_each(|message| encoder.append(message).map(drop))?;
     }

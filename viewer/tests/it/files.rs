@@ -7,9 +7,13 @@ use std::io::BufReader;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
-use crate::chunks::recording;
+use crate::chunks::{Chunks, recording};
 use crate::support::{Found, Slot, files, letter, sensors, town};
-use re_log_encoding::DecoderApp;
+use re_build_info::CrateVersion;
+use re_log_encoding::rrd::EncodingOptions;
+use re_log_encoding::{DecoderApp, Encoder};
+use re_sdk::EntityPath;
+use re_sdk::log::{Chunk, LogMsg};
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::estimate::Rates;
 use skysink_common::message::{LinkReport, PathPoint};
@@ -238,6 +242,15 @@ fn a_file_cut_in_a_batch_is_completed_to_the_end_of_the_batch_before() {
     assert!(entities.iter().all(|entity| whole.slots_of(entity) == (0..=60).collect()));
     let bytes = fs::read(&first).unwrap();
     let begun = usize::try_from(*ends.first().unwrap()).unwrap();
+    let mut written = Vec::new(); // slots that all entities have up to the ends of batches
+    for end in ends {
+        let end = usize::try_from(end).unwrap();
+        fs::write(&first, &bytes[..end]).unwrap();
+        let timed = Chunks::of(&first).timed;
+        let slots_of =
+            |of: &&str| timed.values().filter(|(entity, _)| entity == of).map(|(_, slots)| slots.len()).sum();
+        written.push((end, entities.iter().map(slots_of).min().unwrap()));
+    }
     let mut lengths = BTreeSet::new();
     for cut in (begun..bytes.len()).step_by((bytes.len() - begun) / 40) {
         fs::write(&first, &bytes[..cut]).unwrap();
@@ -248,9 +261,46 @@ fn a_file_cut_in_a_batch_is_completed_to_the_end_of_the_batch_before() {
         let slots = found.slots_of(entities[0]);
         assert!(entities.iter().all(|entity| found.slots_of(entity) == slots), "cut at {cut}");
         assert_eq!(slots, (0..slots.len() as i64).collect());
+        let (_, complete): &(_, usize) = written.iter().rfind(|(end, _)| *end <= cut).unwrap();
+        assert!(slots.len() >= *complete, "cut at {cut}: {} of {complete} written slots", slots.len());
         lengths.insert(slots.len());
     }
     assert!(lengths.len() > 2, "{lengths:?}");
+}
+
+/// Whether a message names the recording.
+fn is_name(message: &LogMsg) -> bool {
+    let LogMsg::ArrowMsg(store, message) = message else { return false };
+    store.is_recording() && *Chunk::from_arrow_msg(message).unwrap().entity_path() == EntityPath::properties()
+}
+
+#[test]
+fn a_recording_of_an_earlier_version_that_names_it_once_keeps_all_its_slots() {
+    let (_folder, first) = place();
+    write(&first, &letter(), "x", plain(0..=60));
+    let whole = Found::read(&first);
+    let reader = BufReader::new(fs::File::open(&first).unwrap());
+    let (names, rest): (Vec<_>, Vec<_>) = DecoderApp::decode_lazy(reader).map(Result::unwrap).partition(is_name);
+    assert!(names.len() > 1, "each batch ends with the name");
+    let is_drawn = |message: &LogMsg| matches!(message, LogMsg::ArrowMsg(store, _) if store.is_recording());
+    let begin = rest.iter().position(is_drawn).unwrap();
+    for at in [begin, begin + 5] {
+        let mut messages = rest.clone();
+        messages.insert(at, names[0].clone());
+        let mut encoder =
+            Encoder::new_eager(CrateVersion::LOCAL, EncodingOptions::PROTOBUF_COMPRESSED, Vec::new()).unwrap();
+        for message in &messages {
+            encoder.append(message).unwrap();
+        }
+        encoder.do_not_emit_footer();
+        encoder.flush_blocking().unwrap();
+        fs::write(&first, encoder.into_inner().unwrap()).unwrap();
+        complete(&first).unwrap();
+        assert!(has_footer(&first).unwrap());
+        for entity in [uav::UAV, curves::LOSS, queues::BARS] {
+            assert_eq!(Found::read(&first).slots_of(entity), whole.slots_of(entity), "{entity}");
+        }
+    }
 }
 
 #[test]
