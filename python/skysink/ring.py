@@ -14,8 +14,9 @@ import os
 import sys
 import time
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -63,6 +64,21 @@ FlightReport = message("FlightReport", 2600)
 Commit = message("Commit", 8)
 
 
+NODE = np.dtype([("numbers", "<f8", 4), ("capacity_bits", "<u4"), ("reserved", "<u4")])
+"""A `SensorNode`: position, gain and rate, and its buffer."""
+
+LINK = np.dtype([("sensor", "<u4"), ("line_of_sight", "<u4"), ("numbers", "<f8", 3), ("capacity_bits", "<u8")])
+"""A link of a `FlightReport`."""
+
+FLIGHT = np.dtype(
+    [("at_m", "<f8", 3), *((name, "<u4") for name in ("mode", "hold", "refused", "served")), ("links", LINK, 64)]
+)
+"""A `FlightReport`."""
+
+SERVING = (0, 1, 3)
+"""Modes in which SNs may be served: all but a hold."""
+
+
 class Topic:
     """A topic: its samples and its notifications."""
 
@@ -86,6 +102,58 @@ def view(sample: Any, count: int, dtype: Any = np.uint32) -> NDArray[Any]:
     """The numbers of a sample, one for each SN, without a copy."""
     memory = memoryview((ctypes.c_char * (np.dtype(dtype).itemsize * count)).from_address(sample.payload_ptr))
     return np.frombuffer(memory.toreadonly(), dtype=dtype)
+
+
+def are_finite(numbers: NDArray[Any]) -> bool:
+    """Whether these numbers are finite in single precision, in which they are drawn."""
+    with np.errstate(over="ignore"):
+        return bool(np.isfinite(numbers.astype(np.float32)).all())
+
+
+def possible_nodes(sample: Any) -> bool:
+    """Whether a sample has SNs with finite positions, gains and rates, none of the latter below 0."""
+    numbers = view(sample, sample.header.number_of_elements, NODE)["numbers"]
+    return are_finite(numbers) and bool((numbers[:, 2:] >= 0.0).all())
+
+
+def possible_queues(sample: Any, count: int) -> bool:
+    """Whether a sample has the queue of each SN, and a possible ledger."""
+    lost_slots = np.frombuffer(bytes(sample.user_header().contents)[72:80], dtype=np.float64)
+    return sample.header.number_of_elements == count and are_finite(lost_slots) and lost_slots[0] >= 0.0
+
+
+def possible_rates(sample: Any, count: int) -> bool:
+    """Whether a sample has a rate for each SN, finite and not below 0."""
+    if sample.header.number_of_elements != count:
+        return False
+    rates_bps = view(sample, count, np.float64)
+    return are_finite(rates_bps) and bool((rates_bps >= 0.0).all())
+
+
+def possible_flight(sample: Any) -> bool:
+    """Whether a sample has the flight of one UAV, with finite numbers, and links by ascending SN, none in a hold."""
+    if sample.header.number_of_elements != 1:
+        return False
+    flight = view(sample, 1, FLIGHT)[0]
+    most = len(flight["links"]) if flight["mode"] in SERVING else 0
+    links = flight["links"][: flight["served"]]
+    numbers = np.concatenate([flight["at_m"], links["numbers"].ravel()])
+    is_ascending = (np.diff(links["sensor"].astype(np.int64)) > 0).all()
+    return are_finite(numbers) and flight["served"] <= most and bool(is_ascending)
+
+
+def receive(reader: Any, topic: str, is_possible: Callable[[Any], bool], refused: set[str]) -> Any:
+    """The next possible sample of a topic; None if there is none. Names the first impossible one of each topic."""
+    while (sample := reader.receive()) is not None:
+        if is_possible(sample):
+            return sample
+        if topic not in refused:
+            refused.add(topic)
+            slot = words(sample.user_header())[1]
+            what = "a number for each SN or UAV, finite, not below 0, and links by ascending SN, none in a hold"
+            print(f"planner: {topic}({slot}) refused: expected {what}", file=sys.stderr)
+        sample.delete()
+    return None
 
 
 class Ring:
@@ -117,6 +185,8 @@ class Ring:
         self.listeners = [topic.events.listener_builder().create() for topic in woken_by]
         self.wait_set = iox2.WaitSetBuilder.new().create(iox2.ServiceType.Ipc)
         self.guards = [self.wait_set.attach_notification(listener) for listener in self.listeners]
+        self.count = 0
+        self.refused: set[str] = set()
         self.positions: dict[int, tuple[float, float, float]] = {}
         self.learnt: tuple[int, NDArray[np.float64] | None] = (-1, None)
         self.connected = time.monotonic()
@@ -149,8 +219,9 @@ class Ring:
 
     def field(self) -> Field:
         """Waits for the sensor nodes and the limits."""
-        while (sample := self.sensors.receive()) is None:
+        while (sample := receive(self.sensors, "sensors", possible_nodes, self.refused)) is None:
             self.wait()
+        self.count = sample.header.number_of_elements
         limits = bytes(sample.user_header().contents)[32:]
         nodes = ctypes.string_at(sample.payload_ptr, 40 * sample.header.number_of_elements)
         return Field._from_messages(limits, nodes)
@@ -158,11 +229,9 @@ class Ring:
     def position(self, slot: int) -> tuple[float, float, float] | None:
         """Position of the UAV after ``slot`` [m]; None if the mission has advanced since."""
         while slot not in self.positions:
-            while (sample := self.flights.receive()) is not None:
-                if sample.header.number_of_elements == 1:  # one for each UAV
-                    at = np.frombuffer(bytes(sample.payload()[0].words)[:24], dtype=np.float64)
-                    if np.isfinite(at).all():  # the processes of the ring report others
-                        self.positions[words(sample.user_header())[1]] = (float(at[0]), float(at[1]), float(at[2]))
+            while (sample := receive(self.flights, "flight", possible_flight, self.refused)) is not None:
+                x_m, y_m, z_m = view(sample, 1, FLIGHT)[0]["at_m"].tolist()
+                self.positions[words(sample.user_header())[1]] = (x_m, y_m, z_m)
                 sample.delete()
             if slot in self.positions:
                 break
@@ -173,20 +242,25 @@ class Ring:
             del self.positions[old]
         return self.positions[slot]
 
-    def learnt_bps(self, slot: int, count: int) -> NDArray[np.float64] | None:
+    def learnt_bps(self, slot: int) -> NDArray[np.float64] | None:
         """The rates learnt by the end of ``slot`` [bit/s], or in a paced ring the newest there are; None if known."""
         while self.rates is not None and self.learnt[0] < slot:
-            sample = self.rates.receive()
+            is_possible = partial(possible_rates, count=self.count)
+            sample = receive(self.rates, "rates", is_possible, self.refused)
             if sample is None and self.is_paced and self.learnt[0] >= 0:
                 break  # that of the slot did not fit into the buffer
             if sample is None:
                 self.wait()
                 continue
-            learnt = view(sample, count, np.float64).copy()
+            learnt = view(sample, self.count, np.float64).copy()
             learnt.setflags(write=False)
             self.learnt = (words(sample.user_header())[1], learnt)
             sample.delete()
         return self.learnt[1]
+
+    def next_queues(self) -> Any:
+        """The next sample of the queues; None if there is none."""
+        return receive(self.queues, "queues", partial(possible_queues, count=self.count), self.refused)
 
     def states(self) -> Iterator[Any]:
         """Yields each sample of the queues once, up to that of the last slot.
@@ -195,8 +269,8 @@ class Ring:
         """
         last = -1
         while True:
-            while (sample := self.queues.receive()) is not None:
-                while self.is_paced and (newer := self.queues.receive()) is not None:
+            while (sample := self.next_queues()) is not None:
+                while self.is_paced and (newer := self.next_queues()) is not None:
                     sample.delete()
                     sample = newer
                 _, slot, flags = words(sample.user_header())
@@ -295,6 +369,6 @@ def planner(strategy: Strategy | type[Strategy], ring: str | PathLike[str] | Non
             continue
         states.resume(slot + 1, flown)
         states.save(slot + 1, flown)
-        learnt_bps = joined.learnt_bps(slot, len(field))
+        learnt_bps = joined.learnt_bps(slot)
         joined.send(mission, slot + 1, maker.plan(slot + 1, position, view(sample, len(field)), learnt_bps))
     joined.wait_for_release()

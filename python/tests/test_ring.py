@@ -13,11 +13,15 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 from conftest import GFS, ROOT, run, same_files
 
 import skysink
+from skysink import ring
 
 LONG = """
 name = "long"
@@ -267,3 +271,76 @@ def test_a_folder_that_is_no_ring_is_refused(place: Path) -> None:
     result = subprocess.run(words, cwd=place, capture_output=True, text=True, timeout=60, env=no_ring)
     assert result.returncode != 0
     assert "expected the folder of a running ring" in result.stderr
+
+
+class Sent:
+    """A sample that holds these numbers, in slot 7 of a mission."""
+
+    def __init__(self, payload: np.ndarray, lost_slots: float = 0.0) -> None:
+        self.payload = payload
+        self.payload_ptr = payload.ctypes.data
+        self.header = SimpleNamespace(number_of_elements=len(payload))
+        self.head = ring.QueuesHeader()
+        self.head.words[1] = 7
+        self.head.words[9] = int(np.float64(lost_slots).view(np.uint64))
+        self.is_deleted = False
+
+    def user_header(self) -> Any:
+        """The header, as through a pointer."""
+        return SimpleNamespace(contents=self.head)
+
+    def delete(self) -> None:
+        """Is not there any more."""
+        self.is_deleted = True
+
+
+def flight_of(**spoilt: Any) -> Sent:
+    """A flight that serves the SNs 3 and 7, but for what is spoilt."""
+    flight = np.zeros(1, ring.FLIGHT)
+    assert flight.dtype.itemsize == 2600
+    flight["at_m"], flight["served"] = (50.0, 20.0, 30.0), 2
+    flight["links"]["sensor"][0, :2] = spoilt.pop("sensors", (3, 7))
+    flight["links"]["numbers"][0, :3, 2] = spoilt.pop("rates", (1e6, 1e6, np.nan))  # the third link does not count
+    for name, value in spoilt.items():
+        flight[name] = value
+    return Sent(flight)
+
+
+def test_every_sample_is_checked_as_the_processes_in_rust_do(capsys: pytest.CaptureFixture[str]) -> None:
+    assert ring.possible_flight(flight_of())
+    assert ring.possible_flight(flight_of(mode=2, served=0)), "a hold"
+    assert not ring.possible_flight(Sent(np.zeros(2, ring.FLIGHT))), "one for each UAV"
+    for spoilt in (
+        {"at_m": (np.nan, 0.0, 0.0)},
+        {"at_m": (0.0, 0.0, 1e300)},
+        {"rates": (1e6, np.nan, 0.0)},
+        {"sensors": (3, 3)},
+        {"sensors": (7, 3)},
+        {"served": 65},
+        {"mode": 2},
+        {"mode": 77},
+    ):
+        assert not ring.possible_flight(flight_of(**spoilt)), spoilt
+    queues = np.zeros(3, np.uint32)
+    assert ring.possible_queues(Sent(queues), 3)
+    assert not ring.possible_queues(Sent(queues), 4)
+    assert not any(ring.possible_queues(Sent(queues, lost), 3) for lost in (np.nan, -1.0))
+    nodes = np.zeros(2, ring.NODE)
+    assert nodes.dtype.itemsize == 40
+    assert ring.possible_nodes(Sent(nodes))
+    for column, value in ((0, np.inf), (2, -1.0), (3, np.nan)):
+        nodes["numbers"][:] = 1.0
+        nodes["numbers"][1, column] = value
+        assert not ring.possible_nodes(Sent(nodes)), column
+
+    rates = [np.array(bps) for bps in ([1.0], [1.0, -1.0], [1.0, np.nan], [0.0, 175.0])]
+    samples = [Sent(bps) for bps in rates]
+    waiting = iter(samples)
+    reader = SimpleNamespace(receive=lambda: next(waiting, None))
+    refused: set[str] = set()
+    found = ring.receive(reader, "rates", lambda sample: ring.possible_rates(sample, 2), refused)
+    assert found is samples[3], "a short, a negative and an impossible one are refused"
+    assert [sample.is_deleted for sample in samples] == [True, True, True, False]
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert said.startswith("planner: rates(7) refused: expected a number for each SN")
