@@ -59,7 +59,16 @@ impl RunMode {
 
 /// Whether a file of this name holds the source of a strategy.
 pub(crate) fn is_source(name: &str) -> bool {
-    name.strip_prefix("strategy.").is_some_and(|rest| rest == "py" || rest.ends_with(".py"))
+    let rest = name.strip_prefix("strategy.").filter(|rest| !rest.contains('/'));
+    rest.is_some_and(|rest| rest == "py" || rest.ends_with(".py"))
+}
+
+/// The names of the sources that the run in `folder` has written, as its `run.toml` lists them.
+pub(crate) fn source_names(folder: &Path) -> Vec<String> {
+    let text = fs::read_to_string(folder.join(FILE)).unwrap_or_default();
+    let origin = text.rsplit_once(CHECK).and_then(|(origin, _)| toml::from_str::<Origin>(origin).ok());
+    let names = origin.into_iter().flat_map(|origin| origin.sources).map(|(name, _)| name);
+    names.filter(|name| is_source(name)).collect()
 }
 
 /// The content of `run.toml`.
@@ -180,8 +189,9 @@ mod tests {
 
     #[test]
     fn only_names_of_sources_are_taken_for_sources() {
-        let names = ["strategy.py", "strategy.near.py", "strategy.", "strategypy", "mine.py", "strategy.toml"];
-        assert_eq!(names.map(is_source), [true, true, false, false, false, false]);
+        assert!(["strategy.py", "strategy.near.py"].into_iter().all(is_source));
+        let others = ["strategy.", "strategypy", "mine.py", "strategy.toml", "strategy./../a.py"];
+        assert!(!others.into_iter().any(is_source));
         let mut mode = in_python();
         mode.sources[1].name = "../near.py".to_owned();
         let inner = tempfile::tempdir().unwrap();
