@@ -10,7 +10,6 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::SlotRecord;
 use skysink_common::stop::Stop;
-use skysink_common::written_file::Extent;
 use skysink_mission::drive::{Observer, SlotSink};
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
@@ -107,17 +106,18 @@ pub fn simulate(
     observers.extend(views.as_mut().map(|views| views as &mut dyn Observer));
 
     let begin = Instant::now();
-    let end = mission.drive(&mut observers, stop)?;
+    let driven = mission.drive(&mut observers, stop);
     let wall = begin.elapsed();
     let ShownTally { tally, progress, .. } = shown;
     drop(progress);
+    let flown = driven.map_err(Error::from).and_then(|end| Ok(end.unless_stopped()?));
     #[cfg(feature = "viewer")]
-    recording.map_or(Ok(()), Scene::close)?;
-    let summary = tally.summary(wall, log.hash());
-    log.compare(Extent::Full)?;
-    folder.write_summary(&summary)?;
-    match end.unless_stopped() {
-        Err(stopped) => Err(Error::from(stopped).ended_early(&folder, summary.slots, "")),
+    let flown = flown.and(recording.map_or(Ok(()), Scene::close).map_err(Error::from));
+    let mut summary = tally.summary(wall, log.hash());
+    summary.complete &= flown.is_ok();
+    let written = folder.finish(&log, &mut summary).map_err(Error::from);
+    match flown.and(written) {
+        Err(first) => Err(first.ended_early(&folder, summary.slots, "")),
         Ok(()) => Ok((folder, summary)),
     }
 }

@@ -10,6 +10,7 @@ use serde::Serialize;
 use skysink_common::error::InputError;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
+use skysink_common::written_file::Extent;
 
 use crate::error::{FileContext, MissionError};
 use crate::files::write_whole;
@@ -34,13 +35,11 @@ const TRACE: &str = "slots.csv";
 const FILES: [&str; 7] = [origin::FILE, "scenario.toml", "sensors.csv", CHECK, SUMMARY, "optimum.json", SENSOR_RESULTS];
 
 /// The files of a run.
-static LAYOUT: FolderLayout =
-    FolderLayout { lock: TRACE, is_result: |name| FILES.contains(&name) || is_own(name), temporary: &[] };
-
-/// Whether a file of this name is one of a run whose number differs from run to run.
-fn is_own(name: &str) -> bool {
-    is_recording(name) || origin::is_source(name)
-}
+static LAYOUT: FolderLayout = FolderLayout {
+    lock: TRACE,
+    is_result: |name| FILES.contains(&name) || is_recording(name),
+    temporary: &["strategy.py"],
+};
 
 /// Whether `folder` holds a run.
 #[must_use]
@@ -75,6 +74,16 @@ impl RunFolder {
         let path = out.map_or_else(|| make_default(scenario, mode), |out| Ok(out.to_owned()))?;
         let check = || Self::check(Some(&path), earlier);
         let folder = LAYOUT.open(&path, |error| cannot_make(&path, error), check)?.ok_or_else(|| locked(&path))?;
+        let earlier_sources = origin::source_names(&path);
+        let is_foreign = |source: &&SourceFile| {
+            !earlier_sources.contains(&source.name) && fs::symlink_metadata(path.join(&source.name)).is_ok()
+        };
+        if let Some(source) = mode.sources.iter().find(is_foreign) {
+            return Err(refuse(&path.join(&source.name), "expected a file of a run: --force replaces nothing else"));
+        }
+        for source in earlier_sources {
+            remove_if_present(&path.join(source))?;
+        }
         folder.remove_results()?;
         folder.lock.set_len(0).at(&path.join(TRACE))?;
         let folder = Self { folder, mode: mode.clone(), in_a_ring: mode.pace.is_some() };
@@ -219,11 +228,7 @@ impl RunFolder {
     /// # Errors
     /// If the file cannot be removed.
     pub fn remove_sensor_results(&self) -> Result<(), MissionError> {
-        let path = self.path().join(SENSOR_RESULTS);
-        match fs::remove_file(&path) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
-            removed => removed.at(&path),
-        }
+        remove_if_present(&self.path().join(SENSOR_RESULTS))
     }
 
     /// The summary of the run, as it was written.
@@ -242,6 +247,17 @@ impl RunFolder {
         }
         let summary = serde_json::from_slice(&text);
         Ok(summary.map_err(|error| refuse(format!("{error}: expected a summary.json of this version")))?)
+    }
+
+    /// Ends a run: compares its files with what was written, and writes `summary.json`; it says that the run is not
+    /// complete if they differ.
+    ///
+    /// # Errors
+    /// If a file was changed by another process, or one cannot be read or written.
+    pub fn finish(&self, log: &SlotLog, summary: &mut Summary) -> Result<(), MissionError> {
+        let compared = log.compare(Extent::Full);
+        summary.complete &= compared.is_ok();
+        compared.and(self.write_summary(summary))
     }
 
     /// Writes `summary.json`, with a check value of the lines before it.
@@ -265,6 +281,14 @@ impl RunFolder {
 
     fn write(&self, name: &str, text: &str) -> Result<(), MissionError> {
         write_whole(&self.path().join(name), text.as_bytes())
+    }
+}
+
+/// Removes a file, if there is one.
+fn remove_if_present(path: &Path) -> Result<(), MissionError> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        removed => removed.at(path),
     }
 }
 

@@ -13,7 +13,6 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{ByUav, SlotRecord, UAV};
 use skysink_common::stop::Stop;
-use skysink_common::written_file::Extent;
 use skysink_lab::metrics::{Metric, MissionMeter};
 use skysink_lab::tables::{sensor_columns, slot_columns};
 use skysink_mission::drive::{Observer, Planned, SlotSink};
@@ -256,8 +255,7 @@ impl PyRun {
             let folder = RunFolder::create(Some(&folder), earlier, &scenario, &self.list, &self.mode)?;
             let mut log = folder.slot_log()?;
             self.fly_again(&mut log)?;
-            log.compare(Extent::Full)?;
-            folder.write_summary(&self.summary)?;
+            folder.finish(&log, &mut self.summary.clone())?;
             Ok(folder.path().to_owned())
         };
         py.detach(write).map_err(of_mission)

@@ -21,7 +21,6 @@ use clap::Args;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
-use skysink_common::written_file::Extent;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::{Summary, Tally};
 use skysink_planner::settings;
@@ -115,16 +114,14 @@ impl RunCommand {
         let mission = RingMission { scenario, options, launch: &launch, ring: &ring, stop };
         let begin = Instant::now();
         let recorded = mission.record(&mut log, &mut tally);
-        let recorded = recorded.and_then(|wall| Ok(log.compare(Extent::Full).map(|()| wall)?));
         let wall = *recorded.as_ref().unwrap_or(&begin.elapsed());
         let mut summary = tally.summary(wall, log.hash());
         summary.complete &= recorded.is_ok();
-        let written = folder.write_summary(&summary);
-        if let Err(cause) = recorded {
-            return Err(cause.ended_early(&folder, summary.slots, &options.resume_options())); // the first error
+        let written = folder.finish(&log, &mut summary).map_err(Error::from);
+        match recorded.and(written) {
+            Err(first) => Err(first.ended_early(&folder, summary.slots, &options.resume_options())),
+            Ok(()) => Ok((folder, summary)),
         }
-        written?;
-        Ok((folder, summary))
     }
 }
 

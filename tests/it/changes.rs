@@ -63,7 +63,8 @@ fn a_trace_that_is_deleted_or_cut_under_a_simulation_ends_it() {
         let trace = place.path("run/slots.csv");
         until("slots", || (lines(&trace) > 20).then_some(()));
         change(&trace);
-        wait(child).assert_code(1).assert_one_line(&["skysink: run/slots.csv: ", says]);
+        wait(child).assert_code(1).assert_one_line(&["skysink: run/slots.csv: ", says, "`skysink run --resume run`"]);
+        assert_eq!(place.summary("run")["complete"], false);
         let _ = fs::remove_dir_all(place.path("run"));
     }
 }
