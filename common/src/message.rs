@@ -267,6 +267,17 @@ impl FlightReport {
         &self.links[..(self.served as usize).min(MAX_SERVED)]
     }
 
+    /// The mode flown. [`Mode::Serve`] and [`Mode::Fly`] follow from what was served, whichever of the two a foreign
+    /// flight-sim has reported.
+    #[must_use]
+    pub fn flown_mode(&self) -> Mode {
+        match Mode::from_repr(self.mode).unwrap_or_default() {
+            Mode::Serve | Mode::Fly if self.served > 0 => Mode::Serve,
+            Mode::Serve | Mode::Fly => Mode::Fly,
+            other => other,
+        }
+    }
+
     /// Position of the UAV at the end of the slot, `L_u(t)` [m].
     #[must_use]
     pub fn position(&self) -> Point3<f64> {
@@ -351,6 +362,15 @@ mod tests {
             assert_eq!((name.parse(), mode.to_string()), (Ok(mode), name.to_owned()));
         }
         assert_eq!(Mode::default(), Mode::Hold, "for an unknown number");
+    }
+
+    #[test]
+    fn a_flight_serves_if_it_has_links_whatever_it_says() {
+        let flown = |mode: u32, served| FlightReport { mode, served, ..FlightReport::zeroed() }.flown_mode();
+        let modes = [Mode::Serve, Mode::Transit, Mode::Hold, Mode::Fly].map(|mode| mode as u32);
+        assert_eq!(modes.map(|mode| flown(mode, 0)), [Mode::Fly, Mode::Transit, Mode::Hold, Mode::Fly]);
+        assert_eq!(modes.map(|mode| flown(mode, 2)), [Mode::Serve, Mode::Transit, Mode::Hold, Mode::Serve]);
+        assert_eq!(flown(77, 0), Mode::Hold);
     }
 
     #[test]

@@ -40,7 +40,7 @@ impl Message for FlightReport {
         flights.iter().all(|flight| {
             let links = flight.served_links();
             let numbers = links.iter().flat_map(|link| [link.distance_m, link.elevation_deg, link.rate_bps]);
-            let is_hold = Mode::from_repr(flight.mode).unwrap_or_default() == Mode::Hold;
+            let is_hold = flight.flown_mode() == Mode::Hold;
             are_finite([flight.x_m, flight.y_m, flight.z_m].into_iter().chain(numbers))
                 && links.is_sorted_by(|before, after| before.sensor < after.sensor)
                 && flight.served as usize <= if is_hold { 0 } else { MAX_SERVED }

@@ -7,15 +7,15 @@ use std::path::PathBuf;
 use skysink_common::error::InputError;
 use skysink_common::message::Mode;
 use skysink_common::scenario::{Overrides, Scenario};
-use skysink_common::slot_record::{ByUav, Plans, UAVS};
+use skysink_common::slot_record::{ByUav, Plans, UAV, UAVS};
 
-use crate::drive::{End, Ended, Pilot};
+use crate::drive::{End, Ended, Pilot, SlotSink as _};
 use crate::error::{FileContext, MissionError};
 use crate::origin::RunMode;
 use crate::plant::Plant;
 use crate::record::RunFolder;
 use crate::slot_log::SlotLog;
-use crate::summary::Summary;
+use crate::summary::{Summary, Tally};
 use crate::trace::RecordedSlot;
 
 /// The lines of a trace, slot by slot.
@@ -166,6 +166,29 @@ impl Recorded {
     /// As [`Recorded::next_slot`].
     pub fn finish(&mut self, plant: &Plant) -> Result<(), MissionError> {
         self.next_slot(plant).map(drop)
+    }
+
+    /// Adds the next slot to `tally` with the bits of its lines, instead of those of links that the trace does not
+    /// hold; false after the last complete slot. `plant` gives the bits sampled.
+    pub(crate) fn add_next(&mut self, plant: &mut Plant, tally: &mut Tally) -> Result<bool, MissionError> {
+        let Some(slots) = self.lines.next_slot()? else { return Ok(false) };
+        let before = tally.totals();
+        let plans: Plans = slots.iter().map(|slot| self.mode.plan_of(slot)).collect();
+        let mut record = plant.step(&plans).clone();
+        let RecordedSlot { delivered_bits, lost_bits, queued_bits, .. } = slots[UAV];
+        let totals = &mut record.header.totals;
+        totals.delivered_bits = before.delivered_bits.saturating_add(delivered_bits);
+        totals.lost_bits = before.lost_bits.saturating_add(lost_bits);
+        totals.queued_bits = queued_bits;
+        record.header.delivered_bits = delivered_bits;
+        record.header.lost_bits = lost_bits;
+        let is_balanced = record.header.totals.is_balanced();
+        if !is_balanced || !self.log.repeat(self.lines.lines(), &record.flights, &record.header)? {
+            let what = "it differs from the ledger of the scenario: it or an earlier line was modified";
+            return Err(self.lines.refuse(what));
+        }
+        tally.add(&record)?;
+        Ok(true)
     }
 
     /// Refuses a trace whose slots are not those of `summary`.

@@ -6,7 +6,6 @@ use std::path::{Path, PathBuf};
 
 use skysink_common::message::FlightReport;
 use skysink_common::slot_record::SlotRecord;
-use skysink_common::stop::Stop;
 
 use crate::ages::AgeRun;
 use crate::drive::Observer;
@@ -131,16 +130,14 @@ impl Observer for SensorTally {
     }
 }
 
-/// Flies the run in `folder` again, and writes the results of each SN to the folder. Returns the path of the file.
+/// Writes the results of each SN to the folder of a run that was flown again, with `tally` as an observer. Returns the
+/// path of the file.
 ///
 /// # Errors
-/// If `folder` is not a run folder or was changed, the file cannot be written, or on a stop.
-pub fn write(folder: &Path, stop: &Stop) -> Result<PathBuf, MissionError> {
-    let mut replay = Replay::open(folder)?;
-    let mut tally = SensorTally::new(replay.list().sensors().len());
-    replay.drive(&mut [&mut tally], stop)?;
+/// If the file cannot be written.
+pub fn write(folder: &Path, replay: &Replay, tally: &SensorTally) -> Result<PathBuf, MissionError> {
     let path = folder.join(SENSOR_RESULTS);
-    write_whole(&path, csv(&replay, &tally).as_bytes())?;
+    write_whole(&path, csv(replay, tally).as_bytes())?;
     Ok(path)
 }
 

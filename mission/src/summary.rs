@@ -105,6 +105,7 @@ impl Summary {
             resumed_after: run.resumed_after,
             complete: run.complete,
             version: run.version,
+            build: run.build,
             timing: run.timing,
             ..again
         };
@@ -186,7 +187,7 @@ impl Tally {
         self.served += u64::from(flight.served);
         let summary = &mut self.summary;
         summary.refused += u64::from(flight.refused);
-        match Mode::from_repr(flight.mode).unwrap_or_default() {
+        match flight.flown_mode() {
             Mode::Hold => summary.held_slots += 1,
             Mode::Transit => summary.transit_slots += 1,
             Mode::Serve | Mode::Fly => {}
@@ -218,6 +219,11 @@ impl Tally {
     #[must_use]
     pub fn last_slot(&self) -> u64 {
         self.summary.slots
+    }
+
+    /// The ledger so far.
+    pub(crate) fn totals(&self) -> Totals {
+        self.summary.totals
     }
 
     /// Slots whose plan had not arrived when they began.

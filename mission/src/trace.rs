@@ -73,7 +73,7 @@ fn write_line(line: &mut String, uav: usize, flight: &FlightReport, header: &Que
         write!(line, "{separator}{}", link.sensor)?;
     }
     let QueuesHeader { delivered_bits, lost_bits, totals, .. } = header;
-    let mode = Mode::from_repr(flight.mode).unwrap_or_default();
+    let mode = flight.flown_mode();
     writeln!(line, ",{delivered_bits},{lost_bits},{},{mode},{}", totals.queued_bits, flight.refused)
 }
 
@@ -120,7 +120,7 @@ impl RecordedSlot {
             delivered_bits,
             lost_bits,
             queued_bits: totals.queued_bits,
-            mode: Mode::from_repr(flight.mode).unwrap_or_default(),
+            mode: flight.flown_mode(),
             refused: flight.refused,
         };
         record.flights.iter().enumerate().map(recorded).collect()

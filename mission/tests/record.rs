@@ -15,7 +15,7 @@ use skysink_common::stop::Stop;
 use skysink_common::written_file::{Extent, FileChange};
 use skysink_mission::drive::SlotSink;
 use skysink_mission::folder::Earlier;
-use skysink_mission::origin::RunMode;
+use skysink_mission::origin::{RunMode, SourceFile};
 use skysink_mission::record::RunFolder;
 use skysink_mission::recorded::RecordedLines;
 use skysink_mission::slot_log::SlotLog;
@@ -225,11 +225,34 @@ fn figures_come_from_the_trace_and_only_what_it_does_not_hold_from_the_summary()
     let case = Case::new().flown(None, SLOTS);
     let folder = RunFolder::reopen(&case.out()).unwrap();
     let written = folder.summary().unwrap();
-    let measured = Summary { restarts: 3, solver_fallbacks: 2, ..written.clone() };
+    let (version, build) = ("0.0.1".into(), "of the program that flew".into());
+    let measured = Summary { restarts: 3, solver_fallbacks: 2, version, build, ..written.clone() };
     let forged = Summary { loss_rate: 0.5, held_slots: 7, totals: Totals::default(), ..measured.clone() };
     folder.write_summary(&forged).unwrap(); // with a valid check value
     drop(folder);
     assert_eq!(case.replayed(), Ok(json(&measured)));
+}
+
+#[test]
+fn force_removes_the_sources_that_a_run_has_written_and_no_others() {
+    let case = Case::new();
+    let create = |names: &[&str]| {
+        let source = |name: &&str| SourceFile { name: (*name).to_owned(), bytes: name.as_bytes().to_vec() };
+        let mode = RunMode { sources: names.iter().map(source).collect(), ..RunMode::default() };
+        let made = RunFolder::create(Some(&case.out()), Earlier::Replaced, &case.scenario, &case.list, &mode);
+        made.map(drop).map_err(|error| error.to_string())
+    };
+    create(&["strategy.py", "strategy.near.py"]).unwrap();
+    fs::write(case.file("strategy.mine.py"), "mine").unwrap();
+    create(&["strategy.py"]).unwrap();
+    assert!(!case.file("strategy.near.py").exists() && case.file("strategy.py").exists());
+    assert_eq!(fs::read_to_string(case.file("strategy.mine.py")).unwrap(), "mine");
+    let refusal = create(&["strategy.mine.py"]).unwrap_err();
+    assert!(refusal.contains("strategy.mine.py: expected a file of a run"), "{refusal}");
+    assert!(case.file("strategy.py").exists() && case.file("run.toml").exists(), "nothing was removed");
+    assert_eq!(fs::read_to_string(case.file("strategy.mine.py")).unwrap(), "mine");
+    create(&[]).unwrap();
+    assert!(!case.file("strategy.py").exists() && case.file("strategy.mine.py").exists());
 }
 
 /// Changes a file of a run.

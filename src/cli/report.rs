@@ -4,8 +4,9 @@ use std::path::PathBuf;
 
 use clap::Args;
 use skysink_common::stop::Stop;
+use skysink_mission::Replay;
 use skysink_mission::record::RunFolder;
-use skysink_mission::{Replay, sensor_results};
+use skysink_mission::sensor_results::{self, SensorTally};
 
 use crate::error::Error;
 use crate::report::{print, print_run};
@@ -37,15 +38,19 @@ impl ReportCommand {
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         let folder = RunFolder::open_to_read(&self.folder)?;
         let mut replay = Replay::open(&self.folder)?;
-        replay.drive(&mut [], stop)?;
+        let mut sensors = self.sensors.then(|| SensorTally::new(replay.list().sensors().len()));
+        match &mut sensors {
+            Some(sensors) => replay.drive(&mut [sensors], stop)?,
+            None => replay.add_up(stop)?,
+        }
         let summary = replay.summary();
         if self.json {
             print(serde_json::to_string_pretty(summary).expect("plain numbers and strings"))?;
         } else {
             print_run(&folder, summary)?;
         }
-        if self.sensors {
-            let file = sensor_results::write(&self.folder, stop)?;
+        if let Some(sensors) = sensors {
+            let file = sensor_results::write(&self.folder, &replay, &sensors)?;
             if !self.json {
                 print(format_args!("Sensor nodes:    {}", file.display()))?;
             }

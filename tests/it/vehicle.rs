@@ -6,11 +6,13 @@ use std::thread;
 
 use iceoryx2::prelude::ipc;
 use skysink::worker::silence_iceoryx2;
-use skysink_common::message::Plan;
+use skysink_common::message::{Mode, Plan, Totals};
 use skysink_common::scenario::Overrides;
 use skysink_common::slot_record::UAV;
 use skysink_common::stop::Stop;
 use skysink_flight_sim::Flight;
+use skysink_mission::record::RunFolder;
+use skysink_mission::summary::Summary;
 use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::role::Role;
@@ -19,8 +21,9 @@ use skysink_ring::topics::{Ring, is_release};
 use crate::support::flight::RunningFlight;
 use crate::support::{Place, scenarios, until};
 
-/// Flies the plans of a ring as a vehicle in wind: it comes to rest elsewhere, at times outside the area.
-fn fly_in_wind(run: &RunningFlight) -> Result<(), NodeError> {
+/// Flies the plans of a ring as a vehicle in wind: it comes to rest elsewhere, at times outside the area. It always says
+/// that it serves, also in one slot in seven, in which it does not. Its links have `1 / slower` of the capacity.
+fn fly_in_wind(run: &RunningFlight, slower: u64) -> Result<(), NodeError> {
     silence_iceoryx2();
     run.until_topics();
     let folder = until("terms of the ring", || RingFolder::open(&run.folder()).ok());
@@ -38,18 +41,21 @@ fn fly_in_wind(run: &RunningFlight) -> Result<(), NodeError> {
         let plan = planned[UAV];
         let gust_m = 0.37 * (slot % 5) as f64;
         let x_m = if slot % 6 == 0 { -0.25 } else { plan.x_m + gust_m };
-        let reported = flight.repeat(slot, &Plan { x_m, y_m: plan.y_m - gust_m, z_m: 20.0 + gust_m, ..plan });
+        let mut reported = flight.repeat(slot, &Plan { x_m, y_m: plan.y_m - gust_m, z_m: 20.0 + gust_m, ..plan });
         drop(planned);
+        reported.mode = Mode::Serve as u32;
+        reported.served *= u32::from(slot % 7 > 0);
+        reported.links.iter_mut().for_each(|link| link.capacity_bits /= slower);
         flights.send_list(ring.header(slot, 0), &[reported])?;
     }
     ring.wait_for_commit(&mut wait, is_release, || Ok(()))
 }
 
-/// A complete run of a vehicle in wind, in `run`.
-fn flown(place: &Place) {
+/// A complete run of a vehicle in wind with slower links, in `run`.
+fn flown(place: &Place, slower: u64) {
     let run = place.flight("smoke").without_viewer().external("flight-sim").start();
     thread::scope(|scope| {
-        let vehicle = scope.spawn(|| fly_in_wind(&run));
+        let vehicle = scope.spawn(|| fly_in_wind(&run, slower));
         vehicle.join().unwrap().unwrap();
     });
     run.wait_for_success();
@@ -58,12 +64,14 @@ fn flown(place: &Place) {
 #[test]
 fn a_run_of_a_foreign_vehicle_is_named_as_such_and_read_by_every_command() {
     let place = Place::new();
-    flown(&place);
+    flown(&place, 1);
     let summary = place.summary("run");
     assert_eq!((&summary["external"], &summary["complete"]), (&serde_json::json!(["flight-sim"]), &true.into()));
     assert!(place.read("run/run.toml").contains("external = [\"flight-sim\"]"));
     let outside = place.trace("run").lines().filter(|line| line.contains(",-0.25,")).count();
     assert_eq!(outside, 10, "one slot in six");
+    let idle = place.trace("run").lines().filter(|line| line.contains(",,") && line.contains(",fly,")).count();
+    assert_eq!(idle, 8, "one slot in seven");
 
     place.run_ok(&["report", "run", "--sensors"]);
     place.run_ok(&["export", "run", "--format", "csv", "--out", "run.csv", "--origin", "47,8"]);
@@ -86,11 +94,48 @@ fn a_run_of_a_foreign_vehicle_is_named_as_such_and_read_by_every_command() {
 }
 
 #[test]
+fn the_results_of_a_vehicle_with_another_channel_are_those_of_its_trace() {
+    let place = Place::new();
+    flown(&place, 1000);
+    let summary = place.summary("run");
+    assert!(summary["delivered_bits"].as_u64() > Some(0), "{summary}");
+    let reported =
+        || -> serde_json::Value { serde_json::from_str(&place.run_ok(&["report", "run", "--json"]).stdout).unwrap() };
+    assert_eq!(reported(), summary);
+    place.run_refused(&["report", "run", "--sensors"], "the external flight-sim had another channel");
+
+    let folder = RunFolder::reopen(&place.path("run")).unwrap();
+    let written = folder.summary().unwrap();
+    let totals = Totals { delivered_bits: 1, lost_bits: 2, ..written.totals };
+    let forged = Summary { loss_rate: 0.5, held_slots: 7, mean_served: 9.0, totals, ..written };
+    folder.write_summary(&forged).unwrap(); // with a valid check value
+    drop(folder);
+    assert_eq!(reported(), summary);
+    let text = place.read("run/summary.json");
+    place.write("run/summary.json", &text.replacen("\"restarts\": 0", "\"restarts\": 1", 1));
+    place.run_refused(&["report", "run"], "summary.json: it was modified");
+    place.write("run/summary.json", &text);
+
+    let trace = place.trace("run");
+    let line = trace.lines().nth(30).unwrap();
+    let columns: Vec<&str> = line.split(',').collect();
+    let more = |column: usize| (columns[column].parse::<u64>().unwrap() + 1).to_string();
+    for (changed, says) in [
+        ([&columns[..6], &[&more(6)], &columns[7..]].concat(), "line 31: "), // a bit that was not sampled
+        ([&columns[..4], &["0,9"], &columns[6..]].concat(), "slots of hash"),
+    ] {
+        place.write("run/slots.csv", &trace.replacen(line, &changed.join(","), 1));
+        place.run_refused(&["report", "run"], says);
+    }
+    place.assert_clean();
+}
+
+#[test]
 fn a_run_of_a_foreign_vehicle_is_resumed_by_skysinks() {
     let place = Place::new();
     let run = place.flight("long").without_viewer().external("flight-sim").start();
     thread::scope(|scope| {
-        let vehicle = scope.spawn(|| fly_in_wind(&run));
+        let vehicle = scope.spawn(|| fly_in_wind(&run, 1));
         run.until_slot(100);
         run.signal_launcher(rustix::process::Signal::TERM);
         assert!(vehicle.join().unwrap().is_err(), "the launcher has ended");

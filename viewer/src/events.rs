@@ -74,7 +74,7 @@ impl Events {
         let flight = view.flight;
         self.log_due(canvas)?;
         if view.slot > 0 {
-            let mode = Mode::from_repr(flight.mode).unwrap_or_default();
+            let mode = flight.flown_mode();
             self.enter(canvas, mode.into())?;
             if self.is_live {
                 let name: &'static str = mode.into();
