@@ -9,10 +9,13 @@ mod standings;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use skysink_common::error::InputError;
 use skysink_common::scenario::Overrides;
 use skysink_common::stop::Stop;
 use skysink_lab::compare::{Contender, standings};
 use skysink_lab::metrics::Metric;
+use skysink_lab::sweep::plan::Sweep;
+use skysink_lab::sweep::settings::{Seeds, SweepChanges};
 use skysink_mission::files::write_whole;
 use skysink_planner::strategies::names;
 use skysink_planner::strategy::Registered;
@@ -20,8 +23,8 @@ use skysink_planner::strategy::Registered;
 use crate::error::Error;
 use crate::options::Changes;
 use crate::report::{print, warn_of_few};
-use contenders::{ComparedStrategies, ShownContender, differing_keys, read_runs};
-use folder::{RECORDING, STANDINGS};
+use contenders::{ComparedStrategies, ShownContender, differing_keys, fly_contenders, read_runs};
+use folder::{RECORDING, STANDINGS, compared_runs};
 
 /// Default number of missions per strategy.
 const SEEDS: u64 = 20;
@@ -32,17 +35,20 @@ const SEEDS: u64 = 20;
 Examples:
   skysink compare scenarios/sparse.toml uts horizon
   skysink compare scenarios/letter.toml gfs uts exact --seeds 100 --no-record
-  skysink compare runs/letter-uts-1 runs/letter-gfs-1")]
+  skysink compare runs/letter-uts-1 runs/letter-gfs-1
+  skysink compare runs/compare-sparse-uts-horizon-20-1234abcd --out again")]
 pub struct CompareCommand {
-    /// A scenario file followed by two or more strategies, or two or more run folders.
-    #[arg(required = true, num_args = 1.., value_name = "SCENARIO STRATEGY | RUN")]
+    /// A scenario file followed by two or more strategies, or two or more run folders, or the folder of a comparison,
+    /// which is repeated.
+    #[arg(required = true, num_args = 1.., value_name = "SCENARIO STRATEGY | RUN | COMPARISON")]
     what: Vec<PathBuf>,
     /// Missions per strategy, with consecutive seeds starting at the scenario's [default: 20].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     seeds: Option<u64>,
     #[command(flatten)]
     changes: Changes,
-    /// Output folder [default: runs/compare-NAMES-IDENTITY].
+    /// Output folder; a comparison in it is resumed, or extended by seeds and strategies [default:
+    /// runs/compare-NAMES-IDENTITY, or COMPARISON].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Do not write a recording.
@@ -62,22 +68,50 @@ impl CompareCommand {
     /// # Errors
     /// If an input is refused, a file cannot be written, or on a stop.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
-        if self.what[0].is_dir() { self.compare_runs(stop) } else { self.compare_strategies(stop) }
+        match &self.what[..] {
+            [folder] if folder.is_dir() => self.repeat(folder, stop),
+            [folder, ..] if folder.is_dir() => self.compare_runs(&self.what, self.out.as_deref(), stop),
+            _ => self.compare_strategies(stop),
+        }
+    }
+
+    /// Repeats the comparison in a folder, there or in the output folder, or extends it by seeds.
+    fn repeat(&self, folder: &Path, stop: &Stop) -> Result<(), Error> {
+        let out = self.out.as_deref().unwrap_or(folder);
+        if let Some(runs) = compared_runs(folder)? {
+            return self.compare_runs(&runs, Some(out), stop);
+        }
+        if !folder.join("sweep.json").is_file() {
+            let message = format!("{}: expected the folders of two runs or more, or of a comparison", folder.display());
+            return Err(Error::Usage(message));
+        }
+        if self.changes.overrides() != Overrides::default() {
+            let message =
+                "--seed, --set: expected none of them with the folder of a comparison, which has its scenario";
+            return Err(Error::Usage(message.to_owned()));
+        }
+        let read = |changes| Sweep::read(folder, Vec::new(), changes);
+        let mut sweep = read(SweepChanges::default())?;
+        if sweep.definition.points.len() > 1 {
+            let message = "it is a sweep of several points: expected the folder of a comparison, of one scenario";
+            return Err(InputError::new("comparison", folder, message).into());
+        }
+        if let Some(count) = self.seeds {
+            let seeds = (sweep.definition.seeds[0]..).take(count as usize).collect();
+            sweep = read(SweepChanges { seeds: Some(Seeds::List(seeds)), ..SweepChanges::default() })?;
+        }
+        self.write(&fly_contenders(&sweep, out, stop)?, &[], out, stop)
     }
 
     /// Compares finished runs.
-    fn compare_runs(&self, stop: &Stop) -> Result<(), Error> {
+    fn compare_runs(&self, runs: &[PathBuf], out: Option<&Path>, stop: &Stop) -> Result<(), Error> {
         if self.seeds.is_some() || self.changes.overrides() != Overrides::default() {
             let message =
                 "--seeds, --seed, --set: expected none of them with run folders, whose missions are already flown";
             return Err(Error::Usage(message.to_owned()));
         }
-        if self.what.len() < 2 {
-            let message = format!("{}: expected the folders of two runs or more", self.what[0].display());
-            return Err(Error::Usage(message));
-        }
-        let shown = read_runs(&self.what, stop)?;
-        let folder = folder::make_for_runs(&self.what, self.out.as_deref())?;
+        let shown = read_runs(runs, stop)?;
+        let folder = folder::make_for_runs(runs, out)?;
         self.write(&shown, &differing_keys(&shown), folder.path(), stop)
     }
 
@@ -97,8 +131,7 @@ impl CompareCommand {
         };
         let sweep = compared.sweep()?;
         let out = self.out.clone().unwrap_or_else(|| folder::of_strategies(&sweep, &compared.scenario));
-        let shown = compared.contenders(&sweep, &out, stop)?;
-        self.write(&shown, &[], &out, stop)
+        self.write(&fly_contenders(&sweep, &out, stop)?, &[], &out, stop)
     }
 
     /// Writes the standings and the recording into the folder `out`, and prints the keys that differ and the standings.

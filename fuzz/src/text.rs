@@ -1,5 +1,6 @@
 //! Texts that people write, and texts that a run or a sweep resumes from.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use skysink::Error;
@@ -13,7 +14,7 @@ use skysink_common::slot_record::UAV;
 use skysink_common::stop::Stop;
 use skysink_field_sim::Field;
 use skysink_lab::sweep::definition::Definition;
-use skysink_lab::sweep::journal::{MissionRows, SweepJournal, check_seed, checked_line, read};
+use skysink_lab::sweep::journal::{CheckSeeds, MissionRows, SweepJournal, checked_line, read};
 use skysink_mission::Mission;
 use skysink_mission::folder::Earlier;
 use skysink_mission::origin::RunMode;
@@ -143,8 +144,8 @@ fn resumed(bytes: &[u8]) -> Result<u64, Error> {
 
 /// A journal is refused in one line, or both ways to read it agree; also if each line gets the sweep's checksum.
 pub fn sweep_journal(bytes: &[u8]) {
-    let seed = check_seed(&sweep());
-    let lines = bytes.split(|&byte| byte == b'\n').map(|line| checked_line(line, seed));
+    let seeds = CheckSeeds::of(&sweep());
+    let lines = bytes.split(|&byte| byte == b'\n').map(|line| checked_line(line, &seeds));
     read_and_opened(bytes);
     read_and_opened(&lines.collect::<Vec<_>>().concat());
 }
@@ -177,10 +178,12 @@ fn read_and_opened(bytes: &[u8]) {
 fn sweep() -> Definition {
     Definition {
         identity: String::new(),
+        grid: String::new(),
         version: String::new(),
         keys: vec!["slots".to_owned()],
         points: (1..=4).map(|slots| vec![slots.into()]).collect(),
         strategies: names().into_iter().map(str::to_owned).collect(),
+        sources: BTreeMap::new(),
         seeds: (0..10).collect(),
     }
 }

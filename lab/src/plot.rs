@@ -186,14 +186,13 @@ fn chart(request: &PlotRequest, sheet: &SheetOptions, flown: &FlownSweep, select
         }
     };
     let seeds = seeds(&flown.definition.seeds);
-    let footer = format!(
-        "{seeds} · bands: 95 % CI of the mean · skysink {} ({})",
-        flown.definition.version,
-        commit_of(&flown.build)
-    );
+    let commits: Vec<&str> = flown.builds.iter().map(|build| commit_of(build)).collect();
+    let footer =
+        format!("{seeds} · bands: 95 % CI of the mean · skysink {} ({})", flown.definition.version, commits.join(", "));
     let conditions = request.conditions.iter().map(|Setting { key, value, .. }| format!(" · {key} = {}", text(value)));
     let conditions = conditions.collect::<String>();
-    let description = format!(" · sweep {}{conditions} · built from {}", flown.definition.identity, flown.build);
+    let description =
+        format!(" · sweep {}{conditions} · built from {}", flown.definition.identity, flown.builds.join("; "));
     Chart {
         look: sheet.look(footer, &description),
         x_label: request.x_label.clone().unwrap_or_else(|| request.x.clone()),

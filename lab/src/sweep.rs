@@ -8,6 +8,7 @@ pub mod journal;
 pub mod merge;
 pub mod plan;
 pub mod results;
+pub mod saved;
 pub mod settings;
 pub mod shard;
 

@@ -58,7 +58,8 @@ impl RunMode {
 }
 
 /// Whether a file of this name holds the source of a strategy.
-pub(crate) fn is_source(name: &str) -> bool {
+#[must_use]
+pub fn is_source(name: &str) -> bool {
     let rest = name.strip_prefix("strategy.").filter(|rest| !rest.contains('/'));
     rest.is_some_and(|rest| rest == "py" || rest.ends_with(".py"))
 }
@@ -104,36 +105,61 @@ pub(crate) fn write(mode: &RunMode, scenario: &str, sensors: &str) -> String {
         scenario: hash(scenario.as_bytes()),
         sensors: hash(sensors.as_bytes()),
     };
-    let text = toml::to_string(&origin).expect("plain keys and values");
+    text_of(&origin)
+}
+
+/// The text of the `run.toml` in `folder` with other external roles. Its build stays that of the program that has begun
+/// the run.
+pub(crate) fn with_external(folder: &Path, external: &[String]) -> Result<String, InputError> {
+    Ok(text_of(&Origin { external: external.to_vec(), ..read_origin(folder)? }))
+}
+
+/// The text of `run.toml`.
+fn text_of(origin: &Origin) -> String {
+    let text = toml::to_string(origin).expect("plain keys and values");
     let check = hash(text.as_bytes());
     format!("{text}{CHECK}\"{check}\"\n")
 }
 
+/// The refusal of a file in `folder`.
+fn refuse(folder: &Path, name: &str, message: &str) -> InputError {
+    InputError::new("run folder", &folder.join(name), message)
+}
+
+fn changed(folder: &Path, name: &str) -> InputError {
+    refuse(folder, name, "it was modified after the start of the run: restore it, or start a new run")
+}
+
+fn bytes(folder: &Path, name: &str) -> Result<Vec<u8>, InputError> {
+    fs::read(folder.join(name)).map_err(|error| refuse(folder, name, &error.to_string()))
+}
+
+/// Reads `run.toml` in `folder`.
+fn read_origin(folder: &Path) -> Result<Origin, InputError> {
+    let changed = || changed(folder, FILE);
+    let text = String::from_utf8(bytes(folder, FILE)?).map_err(|_| changed())?;
+    let (origin, check) = text.rfind(CHECK).map(|at| text.split_at(at)).ok_or_else(changed)?;
+    if check != format!("{CHECK}\"{}\"\n", hash(origin.as_bytes())) {
+        return Err(changed());
+    }
+    toml::from_str(origin).map_err(|error| {
+        let message = format!("{}: expected the run.toml of Skysink {}", error.message(), VERSION);
+        refuse(folder, FILE, &message)
+    })
+}
+
 /// Reads `run.toml` in `folder`, and compares the scenario, the sensor list and the sources with it.
 pub(crate) fn read(folder: &Path) -> Result<RunMode, InputError> {
-    let refuse = |name: &str, message: &str| InputError::new("run folder", &folder.join(name), message);
-    let bytes = |name: &str| fs::read(folder.join(name)).map_err(|error| refuse(name, &error.to_string()));
-    let changed =
-        |name: &str| refuse(name, "it was modified after the start of the run: restore it, or start a new run");
-
-    let text = String::from_utf8(bytes(FILE)?).map_err(|_| changed(FILE))?;
-    let (origin, check) = text.rfind(CHECK).map(|at| text.split_at(at)).ok_or_else(|| changed(FILE))?;
-    if check != format!("{CHECK}\"{}\"\n", hash(origin.as_bytes())) {
-        return Err(changed(FILE));
-    }
-    let origin: Origin = toml::from_str(origin).map_err(|error| {
-        let message = format!("{}: expected the run.toml of Skysink {}", error.message(), VERSION);
-        refuse(FILE, &message)
-    })?;
+    let origin = read_origin(folder)?;
     for (name, expected) in [("scenario.toml", origin.scenario), ("sensors.csv", origin.sensors)] {
-        if hash(&bytes(name)?) != expected {
-            return Err(changed(name));
+        if hash(&bytes(folder, name)?) != expected {
+            return Err(changed(folder, name));
         }
     }
     let source = |(name, expected): (String, String)| {
-        let bytes = bytes(&name)?;
+        let bytes = bytes(folder, &name)?;
         if !is_source(&name) || hash(&bytes) != expected {
-            return Err(changed(&name));
+            return Err(changed(folder, &name));
         }
         Ok(SourceFile { name, bytes })
     };
@@ -185,6 +211,18 @@ mod tests {
         for mode in [RunMode::default(), paced, in_python()] {
             assert_eq!(read(folder(&mode).path()).unwrap(), mode);
         }
+    }
+
+    #[test]
+    fn other_external_roles_keep_the_build_that_has_begun_the_run() {
+        let folder = folder(&in_python());
+        let begun =
+            Origin { build: "0123456789ab, another compiler".to_owned(), ..read_origin(folder.path()).unwrap() };
+        fs::write(folder.path().join(FILE), text_of(&begun)).unwrap();
+        let external = ["planner".to_owned(), "flight-sim".to_owned()];
+        fs::write(folder.path().join(FILE), with_external(folder.path(), &external).unwrap()).unwrap();
+        assert_eq!(read_origin(folder.path()).unwrap().build, begun.build);
+        assert_eq!(read(folder.path()).unwrap(), RunMode { external: external.to_vec(), ..in_python() });
     }
 
     #[test]

@@ -159,15 +159,14 @@ impl RunFolder {
         &self.mode
     }
 
-    /// Changes the roles of external processes, by name, in `run.toml`, too.
+    /// Changes the roles of external processes, by name, in `run.toml`, too. Its build stays.
     ///
     /// # Errors
     /// If a file cannot be read or written.
     pub fn set_external(&mut self, external: &[String]) -> Result<(), MissionError> {
         if self.mode.external != external {
+            self.write(origin::FILE, &origin::with_external(self.path(), external)?)?;
             external.clone_into(&mut self.mode.external);
-            let read = |name: &str| fs::read_to_string(self.path().join(name)).at(&self.path().join(name));
-            self.write(origin::FILE, &origin::write(&self.mode, &read("scenario.toml")?, &read("sensors.csv")?))?;
         }
         Ok(())
     }

@@ -310,6 +310,7 @@ _Step = tuple[_Observation, float, bool, bool, dict[str, Any]]
 _Steps = tuple[_Observation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.uint64], NDArray[np.uint64]]
 _Key = tuple[int, int, int]
 _Row = tuple[_Key, list[float]]
+_External = tuple[str, str, Sequence[tuple[str, bytes]]]
 
 @final
 class EnvironmentCore:
@@ -363,10 +364,10 @@ class PlanMaker:
 @final
 class SweepPlan:
     @staticmethod
-    def read(path: str | PathLike[str], external: Sequence[tuple[str, str]]) -> SweepPlan: ...
+    def read(path: str | PathLike[str], external: Sequence[_External]) -> SweepPlan: ...
     @staticmethod
     def compare(
-        scenario: Scenario, names: Sequence[str], seeds: Sequence[int], external: Sequence[tuple[str, str]]
+        scenario: Scenario, names: Sequence[str], seeds: Sequence[int], external: Sequence[_External]
     ) -> SweepPlan: ...
     @property
     def identity(self) -> str: ...

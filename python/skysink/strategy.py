@@ -167,7 +167,7 @@ def _load(path: Path) -> tuple[object, str, Sources]:
         sys.dont_write_bytecode = not writes_bytecode
     files = {str(loaded.__file__): other for other, loaded in sys.modules.items() if _is_in(folder, loaded)}
     contents = {file: Path(file).read_bytes() for file in sorted(files)}
-    version = hashlib.sha256(b"".join(contents.values())).hexdigest()
+    version = hashlib.sha256(b"".join(sorted(hashlib.sha256(text).digest() for text in contents.values()))).hexdigest()
     neighbours = [(f"strategy.{files[file]}.py", text) for file, text in contents.items() if files[file] != name]
     return module, version, ((MAIN, path.read_bytes()), *neighbours)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
@@ -12,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from skysink._skysink import InputError, Scenario, SweepPlan, Table
-from skysink.strategy import PREFIX, PythonStrategy, Strategy, named
+from skysink.strategy import MAIN, PREFIX, PythonStrategy, Strategy, named
 
 Key = tuple[int, int, int]
 """A mission: point of the grid, index of the strategy, seed."""
@@ -33,7 +34,7 @@ TASKS = 64
 
 @dataclass(frozen=True)
 class FileSource:
-    """A sweep by its file, which every worker reads."""
+    """A sweep by its file or folder, which every worker reads."""
 
     path: str
 
@@ -61,20 +62,23 @@ def sweep(
 ) -> Table:
     """Runs a sweep file and returns its results, one row per mission. The folder equals that of ``skysink sweep``.
 
-    ``out`` is the folder, by default ``runs/<name of the file>``. Without an ``executor``, missions run in this
+    ``file`` may be the folder of a sweep, which is repeated: its Python strategies are those saved there.
+
+    ``out`` is the folder, by default ``runs/<name of the file>``, or the folder ``file``. Without an ``executor``, missions run in this
     process on ``threads`` threads (0: one per core); Python strategies (``"python:FILE:CLASS"``, the file relative
     to the sweep file) run one mission at a time. An ``executor`` is an object with ``submit(function, *arguments)`` that
     returns a ``concurrent.futures.Future``; its workers need this package and the same file system.
 
     Every mission is written as soon as it is finished. After an interruption, or if workers died and the executor
-    gave up, calling ``sweep`` again continues. Raises :class:`skysink.InputError` for a bad file or folder.
+    gave up, calling ``sweep`` again continues. More seeds, or more strategies behind those of the sweep in the folder,
+    extend it. Raises :class:`skysink.InputError` for a bad file or folder.
     """
     if not 0 <= threads <= MAX_THREADS:
         raise InputError(f"threads = {threads}: expected 0 to {MAX_THREADS}")
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise InputError(f"executor {executor!r}: expected an object with submit, such as a ProcessPoolExecutor")
     path = Path(file).absolute()
-    folder = Path("runs") / path.stem if out is None else Path(out)
+    folder = Path(out) if out is not None else path if path.is_dir() else Path("runs") / path.stem
     source = FileSource(str(path))
     plan, makers = load(source)
     if executor is None and not makers:
@@ -91,17 +95,25 @@ def sweep(
 def load(source: Source) -> tuple[SweepPlan, Makers]:
     """Loads the sweep of a source. Raises :class:`skysink.InputError` if it is refused."""
     if isinstance(source, ComparisonSource):
-        plan = SweepPlan.compare(source.scenario, source.names, source.seeds, source.versions)
+        plan = SweepPlan.compare(source.scenario, source.names, source.seeds, [(*each, ()) for each in source.versions])
         return plan, {name: maker(spec) for name, spec in source.specs}
+    path = Path(source.path)
     try:
-        names = tomllib.loads(Path(source.path).read_text()).get("strategies", [])
-    except (OSError, ValueError):
+        held = json.loads((path / "sweep.json").read_text()) if path.is_dir() else tomllib.loads(path.read_text())
+        names = [(index, name) for index, name in enumerate(held.get("strategies", [])) if isinstance(name, str)]
+    except (OSError, ValueError, AttributeError):
         names = []  # refused below, with the reason
-    folder = Path(source.path).parent
-    in_python = [named(name, folder) for name in names if isinstance(name, str) and name.startswith(PREFIX)]
-    found = [strategy for strategy in in_python if isinstance(strategy, PythonStrategy)]
-    plan = SweepPlan.read(source.path, [(strategy.name, strategy.version) for strategy in found])
-    return plan, {strategy.name: strategy.make for strategy in found}
+    in_python = {name: in_file(path, index, name) for index, name in names if name.startswith(PREFIX)}
+    found = {name: strategy for name, strategy in in_python.items() if isinstance(strategy, PythonStrategy)}
+    external = [(name, strategy.version, strategy.sources) for name, strategy in found.items()]
+    return SweepPlan.read(source.path, external), {name: strategy.make for name, strategy in found.items()}
+
+
+def in_file(path: Path, index: int, name: str) -> str | PythonStrategy:
+    """The Python strategy of this place and name in a sweep file, or in the folder of a sweep."""
+    if path.is_dir():
+        return named(f"{PREFIX}strategy-{index}/{MAIN}:{name.rpartition(':')[2]}", path)
+    return named(name, path.parent)
 
 
 def maker(spec: str | Callable[[], Strategy]) -> Callable[[], Strategy]:

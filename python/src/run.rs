@@ -88,9 +88,14 @@ type SavedRun = (PyScenario, String, String, String);
 /// The source files of a strategy: name in a run folder, and content.
 pub type Sources = Vec<(String, Vec<u8>)>;
 
+/// The source files, as in the folder of a run.
+pub fn source_files(sources: Sources) -> Vec<SourceFile> {
+    sources.into_iter().map(|(name, bytes)| SourceFile { name, bytes }).collect()
+}
+
 /// How a strategy in Python is flown under this label.
 pub fn python_mode(label: String, sources: Sources) -> RunMode {
-    let sources = sources.into_iter().map(|(name, bytes)| SourceFile { name, bytes }).collect();
+    let sources = source_files(sources);
     RunMode { external_planner: Some(label), external: vec!["planner".to_owned()], sources, ..RunMode::default() }
 }
 

@@ -12,12 +12,13 @@ use skysink_lab::sweep::folder::SweepRecord;
 use skysink_lab::sweep::journal::{MissionRow, MissionRows, SweepJournal};
 use skysink_lab::sweep::plan::Sweep;
 use skysink_lab::sweep::results::mission_columns;
-use skysink_lab::sweep::settings::{ExternalStrategy, SweepBase, SweepSettings};
+use skysink_lab::sweep::settings::{ExternalStrategy, SweepBase, SweepChanges, SweepSettings};
 use skysink_lab::sweep::shard::Shard;
 use skysink_lab::sweep::{self, SweepTask};
 use toml::Table;
 
 use crate::errors::{of_lab, refused};
+use crate::run::{Sources, source_files};
 use crate::scenario::PyScenario;
 use crate::signals::interruptible;
 use crate::simulate::drive_python;
@@ -26,6 +27,9 @@ use crate::values::json;
 
 /// Point, index of the strategy, seed.
 type Key = (usize, usize, u64);
+
+/// Name, version and source files of a strategy in Python.
+type External = (String, String, Sources);
 
 /// A mission with its metrics, as it goes between processes.
 type Row = (Key, Vec<f64>);
@@ -53,10 +57,10 @@ pub struct PySweepPlan(Sweep);
 
 #[pymethods]
 impl PySweepPlan {
-    /// Reads a sweep file; `external` are the names and versions of its Python strategies.
+    /// Reads a sweep file or the folder of a sweep; `external` are its Python strategies.
     #[staticmethod]
-    fn read(path: PathBuf, external: Vec<(String, String)>) -> PyResult<Self> {
-        Sweep::read(&path, strategies(external)).map(Self).map_err(of_lab)
+    fn read(path: PathBuf, external: Vec<External>) -> PyResult<Self> {
+        Sweep::read(&path, strategies(external), SweepChanges::default()).map(Self).map_err(of_lab)
     }
 
     /// The sweep of strategies over one scenario.
@@ -65,7 +69,7 @@ impl PySweepPlan {
         scenario: &Bound<'_, PyScenario>,
         names: Vec<String>,
         seeds: Vec<u64>,
-        external: Vec<(String, String)>,
+        external: Vec<External>,
     ) -> PyResult<Self> {
         let scenario = scenario.get();
         let base = SweepBase { path: scenario.scenario.path.clone(), table: scenario.table() };
@@ -168,6 +172,7 @@ impl PySweepRecord {
     }
 }
 
-fn strategies(external: Vec<(String, String)>) -> Vec<ExternalStrategy> {
-    external.into_iter().map(|(name, version)| ExternalStrategy { name, version }).collect()
+fn strategies(external: Vec<External>) -> Vec<ExternalStrategy> {
+    let strategy = |(name, version, sources)| ExternalStrategy { name, version, sources: source_files(sources) };
+    external.into_iter().map(strategy).collect()
 }

@@ -28,6 +28,9 @@ impl MergeCommand {
         let merged = merge(&self.request, stop);
         let merged = merged.map_err(|error| ended_early(error, "the shards are unchanged"))?;
         print(format_args!("{} missions: {}", merged.journal.count(), out.join("results.csv").display()))?;
+        if let [_, _, ..] = &merged.builds[..] {
+            print(format_args!("Builds of the shards: {}", merged.builds.join("; ")))?;
+        }
         match merged.missing {
             Some(missing) => print(format_args!("Not all: {missing}")),
             None => print(format_args!("Draw them: skysink plot {} --x KEY", out.display())),

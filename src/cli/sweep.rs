@@ -5,38 +5,52 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use skysink_common::stop::Stop;
 use skysink_lab::sweep::estimate::estimate;
+use skysink_lab::sweep::folder::manifest;
 use skysink_lab::sweep::plan::Sweep;
 use skysink_lab::sweep::results::few;
+use skysink_lab::sweep::settings::{Seeds, SweepChanges};
 use skysink_lab::sweep::shard::Shard;
 use skysink_lab::sweep::{SweepTask, sweep};
 
 use crate::error::{Error, ended_early, flown_in};
 use crate::report::{TerminalProgress, print, warn_of_few};
 
-/// Simulate a grid of scenarios with several strategies and seeds. Running the command again resumes the sweep.
+/// Simulate a grid of scenarios with several strategies and seeds. Running the command again resumes the sweep, or
+/// extends it by more seeds and strategies.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   skysink sweep scenarios/sweeps/letter.toml
+  skysink sweep scenarios/sweeps/letter.toml --seeds 300    flies what is missing
+  skysink sweep runs/letter --out again               repeats the sweep in a folder
   skysink sweep area.toml --out area-1 --shard 1/2    on one machine,
   skysink sweep area.toml --out area-2 --shard 2/2    on another; then
   skysink merge area-1 area-2 --out area              merges the two
   skysink sweep area.toml --out area-$SLURM_ARRAY_TASK_ID \\
     --shard $SLURM_ARRAY_TASK_ID/100                  in a job array")]
 pub struct SweepCommand {
-    /// Sweep file: scenario, strategies, seeds and axes, as in docs/src/sweep.md.
+    /// Sweep file: scenario, strategies, seeds and axes, as in docs/src/sweep.md. Or the folder of a sweep, which is
+    /// repeated.
+    #[arg(value_name = "SWEEP")]
     sweep: PathBuf,
-    /// Output folder; a sweep in it is resumed [default: runs/NAME, named like the sweep file].
+    /// Strategies in place of the file's; to extend a sweep, its own come first.
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    strategies: Option<Vec<String>>,
+    /// Seeds in place of the file's: 1 to N, or a list.
+    #[arg(long, value_name = "N | SEED,...", value_delimiter = ',')]
+    seeds: Option<Vec<u64>>,
+    /// Output folder; a sweep in it is resumed or extended [default: runs/NAME, named like the sweep file, or the
+    /// folder SWEEP].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Missions simulated in parallel [default: one per core].
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     threads: usize,
     /// Simulate only shard K of N; all strategies of one grid point and seed stay in one shard. In a job array K is its
-    /// index, from 1.
-    #[arg(long, value_name = "K/N", value_parser = parse_shard, default_value = "1/1")]
-    shard: Shard,
-    /// Print the number of missions and the estimated time, and simulate none; takes no other option.
+    /// index, from 1. [default: all; with a folder SWEEP and no --out, its own]
+    #[arg(long, value_name = "K/N", value_parser = parse_shard)]
+    shard: Option<Shard>,
+    /// Print the number of missions and the estimated time, and simulate none.
     #[arg(long, conflicts_with_all = ["out", "threads", "shard"])]
     plan: bool,
 }
@@ -47,13 +61,20 @@ impl SweepCommand {
     /// # Errors
     /// If the sweep file or the output folder is refused, something cannot be written, or on a stop.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
-        let plan = Sweep::read(&self.sweep, Vec::new())?;
+        let seeds =
+            self.seeds.map(|seeds| if let [count] = seeds[..] { Seeds::Count(count) } else { Seeds::List(seeds) });
+        let plan = Sweep::read(&self.sweep, Vec::new(), SweepChanges { strategies: self.strategies, seeds })?;
         if self.plan {
             return print_plan(&plan, stop);
         }
-        let Self { shard, threads, .. } = self;
-        let name = self.sweep.file_stem().unwrap_or(self.sweep.as_os_str());
-        let out = self.out.unwrap_or_else(|| Path::new("runs").join(name));
+        let threads = self.threads;
+        let is_in_place = self.sweep.is_dir() && self.out.is_none();
+        let own = if is_in_place { manifest("sweep", &self.sweep)?.map(|manifest| manifest.shard) } else { None };
+        let shard = self.shard.or(own).unwrap_or(Shard::WHOLE);
+        let out = self.out.unwrap_or_else(|| {
+            let name = self.sweep.file_stem().unwrap_or(self.sweep.as_os_str());
+            if is_in_place { self.sweep.clone() } else { Path::new("runs").join(name) }
+        });
         let task = SweepTask { out: &out, shard, threads };
         let journal = sweep(&plan, task, stop, &TerminalProgress::of_missions());
         let journal = journal.map_err(|error| ended_early(error, &flown_in(&out)))?;

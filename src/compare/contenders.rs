@@ -8,6 +8,7 @@ use skysink_common::error::InputError;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
 use skysink_lab::compare::Contender;
+use skysink_lab::sweep::definition::MissionKey;
 use skysink_lab::sweep::plan::Sweep;
 use skysink_lab::sweep::settings::{SweepBase, SweepSettings};
 use skysink_lab::sweep::shard::Shard;
@@ -55,20 +56,19 @@ impl ComparedStrategies {
         let settings = SweepSettings { base, axes: Table::new(), strategies, seeds, external: Vec::new() };
         Ok(Sweep::new(path, settings)?)
     }
+}
 
-    /// Runs or resumes the sweep `plan` in the folder `out`.
-    pub fn contenders(&self, plan: &Sweep, out: &Path, stop: &Stop) -> Result<Vec<ShownContender>, Error> {
-        let task = SweepTask { out, shard: Shard::WHOLE, threads: 0 };
-        let journal = sweep(plan, task, stop, &TerminalProgress::of_missions());
-        let rows = journal.and_then(|journal| journal.all()).map_err(|error| ended_early(error, &flown_in(out)))?;
-        let contenders = Contender::of_sweep(&plan.definition, &rows);
-        let shown = |(contender, strategy): (Contender, &&'static Registered)| {
-            let overrides = Overrides { strategy: Some(strategy.name), ..self.overrides.clone() };
-            let scenario = Scenario::read(&self.scenario, overrides).and_then(settings::resolve)?;
-            Ok(ShownContender { contender, scenario, run: None })
-        };
-        contenders.into_iter().zip(&self.strategies).map(shown).collect()
-    }
+/// Runs or resumes the sweep `plan` over one scenario in the folder `out`.
+pub fn fly_contenders(plan: &Sweep, out: &Path, stop: &Stop) -> Result<Vec<ShownContender>, Error> {
+    let task = SweepTask { out, shard: Shard::WHOLE, threads: 0 };
+    let journal = sweep(plan, task, stop, &TerminalProgress::of_missions());
+    let rows = journal.and_then(|journal| journal.all()).map_err(|error| ended_early(error, &flown_in(out)))?;
+    let contenders = Contender::of_sweep(&plan.definition, &rows);
+    let shown = |(strategy, contender): (usize, Contender)| {
+        let scenario = plan.scenario(MissionKey { point: 0, strategy, seed: plan.definition.seeds[0] })?;
+        Ok(ShownContender { contender, scenario, run: None })
+    };
+    contenders.into_iter().enumerate().map(shown).collect()
 }
 
 /// Reads the runs in these folders.

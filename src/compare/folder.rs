@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use serde::{Deserialize, Serialize};
 use serde_json::json;
 use skysink_common::error::InputError;
 use skysink_lab::sweep::plan::Sweep;
@@ -24,15 +25,44 @@ pub const RECORDING: &str = "comparison.rrd";
 /// Lists the compared runs by their absolute paths. For strategies, `sweep.json` is the manifest.
 const MANIFEST: &str = "runs.json";
 
+/// Its content.
+#[derive(Debug, Serialize, Deserialize)]
+struct Manifest {
+    runs: Vec<PathBuf>,
+}
+
 /// The files of a comparison of runs.
 static LAYOUT: FolderLayout = FolderLayout {
     lock: "lock",
-    is_result: |name| [MANIFEST, STANDINGS, RECORDING].contains(&name),
+    is_result: |name| [MANIFEST, STANDINGS, RECORDING].contains(&name) || is_scenario(name),
     temporary: &["comparison"],
 };
 
 /// Maximum length of the names in the folder name [characters].
 const MAX_NAME: usize = 120;
+
+/// Whether a file of this name is the scenario of a compared run: `scenario-1.toml`, `scenario-2.toml` ...
+fn is_scenario(name: &str) -> bool {
+    let number = name.strip_prefix("scenario-").and_then(|rest| rest.strip_suffix(".toml"));
+    number.is_some_and(|number| number.parse::<usize>().is_ok())
+}
+
+/// The runs that the comparison in `folder` compares; `None` if it is none of runs.
+///
+/// # Errors
+/// If its `runs.json` is not that of a comparison.
+pub fn compared_runs(folder: &Path) -> Result<Option<Vec<PathBuf>>, Error> {
+    let Ok(text) = fs::read(folder.join(MANIFEST)) else { return Ok(None) };
+    let refuse = |error| {
+        InputError::new(
+            "comparison",
+            folder,
+            format_args!("{MANIFEST}: {error}: expected that of a comparison of runs"),
+        )
+    };
+    let Manifest { runs } = serde_json::from_slice(&text).map_err(refuse)?;
+    Ok(Some(runs))
+}
 
 /// The default folder for a comparison of strategies.
 pub fn of_strategies(sweep: &Sweep, scenario: &Path) -> PathBuf {
@@ -48,9 +78,8 @@ pub fn of_strategies(sweep: &Sweep, scenario: &Path) -> PathBuf {
 /// # Errors
 /// If the folder contains other files, is in use by another process, or cannot be created.
 pub fn make_for_runs(runs: &[PathBuf], out: Option<&Path>) -> Result<OutputFolder, Error> {
-    let absolute = |run: &PathBuf| Ok(fs::canonicalize(run).at(run)?.to_string_lossy().into_owned());
-    let absolute = runs.iter().map(absolute).collect::<Result<Vec<_>, Error>>()?;
-    let text = format!("{:#}\n", json!({ "runs": absolute }));
+    let absolute = runs.iter().map(|run| Ok(fs::canonicalize(run).at(run)?)).collect::<Result<_, Error>>()?;
+    let text = format!("{:#}\n", json!(Manifest { runs: absolute }));
     let identity = format!("{:016x}", xxh3_64(text.as_bytes()));
     let default = || default_folder(&runs.iter().map(|run| name_of(run)).collect::<Vec<_>>(), &identity);
     let out = out.map_or_else(default, Path::to_owned);
@@ -73,6 +102,10 @@ pub fn make_for_runs(runs: &[PathBuf], out: Option<&Path>) -> Result<OutputFolde
     let folder = LAYOUT.open(&out, cannot_create, check)?.ok_or_else(|| refuse(message))?;
     folder.remove_results()?; // a run may have changed since
     write_whole(&out.join(MANIFEST), text.as_bytes())?;
+    for (index, run) in runs.iter().enumerate() {
+        let scenario = run.join("scenario.toml");
+        write_whole(&out.join(format!("scenario-{}.toml", index + 1)), &fs::read(&scenario).at(&scenario)?)?;
+    }
     Ok(folder)
 }
 

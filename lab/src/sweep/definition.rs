@@ -1,5 +1,7 @@
 //! The definition of a sweep: a grid of points, by strategy and seed.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
 use super::shard::Shard;
@@ -7,8 +9,11 @@ use super::shard::Shard;
 /// Everything that the results of a sweep depend on, as in `sweep.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Definition {
-    /// Hash of the other fields and of the scenarios.
+    /// Hash of the other fields.
     pub identity: String,
+    /// Hash of what all missions have in common: the version, the keys and points, and the scenario and sensor list of
+    /// each point. It stays when the sweep is extended.
+    pub grid: String,
     /// Version of Skysink.
     pub version: String,
     /// Dotted names of the swept keys.
@@ -17,6 +22,9 @@ pub struct Definition {
     pub points: Vec<Vec<toml::Value>>,
     /// Names of the strategies, in the order of the results.
     pub strategies: Vec<String>,
+    /// Hash of the source of each strategy in Python, by its name.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub sources: BTreeMap<String, String>,
     /// Seeds, ascending. All strategies use the same seeds and thus the same fields.
     pub seeds: Vec<u64>,
 }
@@ -32,6 +40,42 @@ impl Definition {
     #[must_use]
     pub fn mission_count(&self) -> usize {
         self.fields() * self.strategies.len()
+    }
+
+    /// The keys with their values, of which the points are all combinations.
+    #[must_use]
+    pub fn axes(&self) -> toml::Table {
+        let axis = |(place, key): (usize, &String)| {
+            let mut values: Vec<toml::Value> = Vec::new();
+            for value in self.points.iter().map(|point| &point[place]) {
+                if !values.contains(value) {
+                    values.push(value.clone());
+                }
+            }
+            (key.clone(), values.into())
+        };
+        self.keys.iter().enumerate().map(axis).collect()
+    }
+
+    /// What this sweep has and `larger` has not; `None` if `larger` is this sweep, or this one with more seeds and with
+    /// more strategies behind its own.
+    #[must_use]
+    pub fn lacking_in(&self, larger: &Self) -> Option<String> {
+        let is_changed = |(name, source): &(&String, &String)| larger.sources.get(*name) != Some(*source);
+        if self.keys != larger.keys {
+            Some(format!("axes {:?}", self.keys))
+        } else if self.points != larger.points {
+            Some("other values of the axes".to_owned())
+        } else if self.grid != larger.grid {
+            Some("another scenario, sensor list or version of Skysink".to_owned())
+        } else if !larger.strategies.starts_with(&self.strategies) {
+            Some(format!("strategies {:?}: expected them first", self.strategies))
+        } else if let Some((name, _)) = self.sources.iter().find(is_changed) {
+            Some(format!("another source of {name}"))
+        } else {
+            let seed = self.seeds.iter().find(|seed| larger.seeds.binary_search(seed).is_err());
+            seed.map(|seed| format!("seed {seed}"))
+        }
     }
 
     /// The missions of a shard, in the order of the results: those over every n-th field from the k-th, in the order of

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::ErrorKind;
+use std::mem;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
@@ -18,6 +19,7 @@ use super::definition::{Definition, MissionKey};
 use super::journal::{self, MissionRow, MissionRows, SweepJournal, missions_of};
 use super::plan::Sweep;
 use super::results;
+use super::saved::{SCENARIO, SENSORS, SWEEP, SavedFile};
 use super::shard::Shard;
 use crate::error::LabError;
 use crate::metrics::Metric;
@@ -32,17 +34,19 @@ const MANIFEST: &str = "sweep.json";
 static LAYOUT: FolderLayout = FolderLayout {
     lock: "lock",
     is_result: |name| name == MANIFEST,
-    temporary: &["results.csv", "results.parquet", "summary.csv", "timings.csv"],
+    temporary: &[RESULTS[0], RESULTS[1], RESULTS[2], RESULTS[3], SCENARIO, SENSORS, SWEEP],
 };
 
+/// The files that are written when all missions are flown.
+const RESULTS: [&str; 4] = ["results.csv", "results.parquet", "summary.csv", "timings.csv"];
+
 /// The content of `sweep.json`.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
     /// The shard in the folder.
     pub shard: Shard,
-    /// Commit, compiler and target of the program that has begun it.
-    #[serde(default)] // folders of older builds have none
-    pub build: String,
+    /// Commit, compiler and target of each program that flew missions of it, in order.
+    pub builds: Vec<String>,
     /// The sweep.
     #[serde(flatten)]
     pub definition: Definition,
@@ -57,30 +61,53 @@ pub struct SweepRecord {
 }
 
 impl SweepRecord {
-    /// Creates or opens the folder of a shard of a sweep.
+    /// Creates or opens the folder of a shard of a sweep. A sweep in it is extended if it has fewer seeds or strategies.
     ///
     /// # Errors
     /// If the folder contains another sweep or other files, cannot be created, or is in use by another process.
     pub fn open(sweep: &Sweep, folder: &Path, shard: Shard) -> Result<Self, LabError> {
-        Self::of(Manifest { shard, build: build().to_owned(), definition: sweep.definition.clone() }, folder)
+        let manifest = Manifest { shard, builds: vec![build().to_owned()], definition: sweep.definition.clone() };
+        Self::of(manifest, &sweep.files()?, folder)
     }
 
-    /// Creates or opens the folder with this manifest.
-    pub(crate) fn of(manifest: Manifest, path: &Path) -> Result<Self, LabError> {
+    /// Creates or opens the folder with this manifest and these files. The builds are added if missions are missing.
+    pub(crate) fn of(manifest: Manifest, files: &[SavedFile], path: &Path) -> Result<Self, LabError> {
         let refuse = |message| InputError::new("sweep folder", path, message);
         if path.exists() && !path.is_dir() {
             return Err(refuse("it is a file: choose another --out").into());
         }
         let cannot_create = |source| MissionError::File { path: path.to_owned(), source }.into();
-        let folder = LAYOUT.open(path, cannot_create, || check(path, &manifest))?;
+        let folder = LAYOUT.open(path, cannot_create, || check(path, &manifest).map(drop))?;
         let message = "another process is running this sweep: stop it, or choose another --out";
         let folder = folder.ok_or_else(|| refuse(message))?;
-        if !path.join(MANIFEST).exists() {
-            let text = serde_json::to_string_pretty(&manifest).expect("plain values") + "\n";
-            write_whole(&path.join(MANIFEST), text.as_bytes())?;
+        let held = check(path, &manifest)?;
+        match &held {
+            None => write_manifest(path, &manifest)?,
+            Some(held) if held.definition != manifest.definition => remove_results(path)?,
+            Some(_) => {}
+        }
+        for (name, bytes) in files {
+            let file = path.join(name);
+            if !fs::read(&file).is_ok_and(|found| found == *bytes) {
+                fs::create_dir_all(file.parent().unwrap_or(path)).at(&file)?;
+                write_whole(&file, bytes)?;
+            }
         }
         let journal = SweepJournal::open(&path.join(JOURNAL), &manifest.definition)?;
-        Ok(Self { folder, manifest, journal })
+        let mut record = Self { folder, manifest, journal };
+        if let Some(held) = held {
+            record.continue_from(&held)?;
+        }
+        Ok(record)
+    }
+
+    /// Adds the builds to those of the manifest `held`, if missions are missing.
+    fn continue_from(&mut self, held: &Manifest) -> Result<(), LabError> {
+        let builds = mem::replace(&mut self.manifest.builds, held.builds.clone());
+        if self.missing().next().is_some() {
+            add_builds(&mut self.manifest.builds, builds);
+        }
+        if self.manifest == *held { Ok(()) } else { write_manifest(self.folder.path(), &self.manifest) }
     }
 
     /// The missions that are not in the journal, in the order of the results.
@@ -116,26 +143,54 @@ impl SweepRecord {
     }
 }
 
-/// Refuses a folder that contains another sweep or other files.
-fn check(path: &Path, manifest: &Manifest) -> Result<(), LabError> {
+/// Adds the builds that are not among them.
+pub(crate) fn add_builds(to: &mut Vec<String>, builds: Vec<String>) {
+    for build in builds {
+        if !to.contains(&build) {
+            to.push(build);
+        }
+    }
+}
+
+fn write_manifest(folder: &Path, manifest: &Manifest) -> Result<(), LabError> {
+    let text = serde_json::to_string_pretty(manifest).expect("plain values") + "\n";
+    Ok(write_whole(&folder.join(MANIFEST), text.as_bytes())?)
+}
+
+/// Removes the results of a sweep that is extended.
+fn remove_results(folder: &Path) -> Result<(), LabError> {
+    for file in RESULTS.map(|name| folder.join(name)) {
+        match fs::remove_file(&file) {
+            Err(error) if error.kind() != ErrorKind::NotFound => Err(error).at(&file)?,
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+/// Refuses a folder that contains other files, or a sweep that `manifest` does not continue or extend. Returns the
+/// manifest in the folder.
+fn check(path: &Path, manifest: &Manifest) -> Result<Option<Manifest>, LabError> {
     let refuse = |message| InputError::new("sweep folder", path, message);
     let file = path.join(MANIFEST);
     match fs::read(&file) {
         Ok(text) => {
             let held: Manifest = serde_json::from_slice(&text)
                 .map_err(|_| refuse("its sweep.json is invalid: delete the folder, or choose another --out"))?;
-            if held.definition == manifest.definition && held.shard != manifest.shard {
+            if let Some(lacking) = held.definition.lacking_in(&manifest.definition) {
+                let message =
+                    format_args!("its sweep.json describes another sweep, with {lacking}: choose another --out");
+                return Err(InputError::new("sweep folder", path, message).into());
+            }
+            if held.shard != manifest.shard {
                 let message = format_args!("it contains shard {} of this sweep: choose another --out", held.shard);
                 return Err(InputError::new("sweep folder", path, message).into());
             }
-            if held.definition != manifest.definition {
-                return Err(refuse("its sweep.json describes another sweep: choose another --out").into());
-            }
-            Ok(())
+            Ok(Some(held))
         }
         Err(error) if error.kind() == ErrorKind::NotFound => {
             let is_empty = LAYOUT.content(path).at(path)?.is_empty();
-            if is_empty { Ok(()) } else { Err(refuse("it contains other files: choose another --out").into()) }
+            if is_empty { Ok(None) } else { Err(refuse("it contains other files: choose another --out").into()) }
         }
         Err(source) => Err(MissionError::File { path: file, source }.into()),
     }
@@ -171,8 +226,8 @@ pub fn manifest(what: &'static str, path: &Path) -> Result<Option<Manifest>, Lab
 pub struct FlownSweep {
     /// The sweep.
     pub definition: Definition,
-    /// Commit, compiler and target of the program that has begun it.
-    pub build: String,
+    /// Commit, compiler and target of each program that flew missions of it, in order.
+    pub builds: Vec<String>,
     /// Its finished missions.
     pub rows: MissionRows,
 }
@@ -185,13 +240,13 @@ impl FlownSweep {
     pub fn read(what: &'static str, path: &Path) -> Result<Self, LabError> {
         let refuse =
             |missing: &str| InputError::new(what, path, format_args!("it has no {missing}: run the {what} first"));
-        let Manifest { definition, build, .. } = manifest(what, path)?.ok_or_else(|| refuse(MANIFEST))?;
+        let Manifest { definition, builds, .. } = manifest(what, path)?.ok_or_else(|| refuse(MANIFEST))?;
         let journal = path.join(JOURNAL);
         if !journal.is_file() {
             return Err(refuse(JOURNAL).into());
         }
         let rows = journal::read(&journal, &definition)?;
-        Ok(Self { definition, build, rows })
+        Ok(Self { definition, builds, rows })
     }
 
     /// A metric of the missions of a point and a strategy, by seed; NaN if a mission has no value.

@@ -1,7 +1,7 @@
 //! The journal of a sweep: one line per finished mission, so that an interrupted sweep can be resumed.
 //!
-//! Each line ends with a hash of its bytes, seeded by the sweep, so that changed lines and lines of other sweeps are
-//! detected.
+//! Each line ends with a hash of its bytes, seeded by what its mission depends on, so that changed lines and lines of
+//! other sweeps are detected, and those of a sweep that is extended stay.
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
@@ -63,7 +63,7 @@ const _: () = assert!((4 + Metric::VARIANTS.len()) * MAX_NUMBER <= MAX_LINE);
 pub struct SweepJournal {
     path: PathBuf,
     file: File,
-    seed: u64,
+    seeds: CheckSeeds,
     /// The sweep.
     pub(crate) definition: Definition,
     /// The offset of each mission's line, in the order of the results, or [`NOT_FLOWN`].
@@ -81,16 +81,16 @@ impl SweepJournal {
             return Err(InputError::new("sweep journal", path, "expected a regular file").into());
         }
         let file = OpenOptions::new().read(true).append(true).create(true).open(path).at(path)?;
-        let seed = check_seed(definition);
+        let seeds = CheckSeeds::of(definition);
         let mut begins = vec![NOT_FLOWN; definition.mission_count()];
-        let mut lines = JournalLines::open(path, definition, seed)?;
+        let mut lines = JournalLines::open(path, definition, &seeds)?;
         let mut end = 0;
         while let Some(row) = lines.next() {
             begins[definition.index(row?.key).expect("lines of other missions are refused")] = end;
             end = lines.end;
         }
         file.set_len(end).at(path)?;
-        Ok(Self { path: path.to_owned(), file, seed, definition: definition.clone(), begins, end })
+        Ok(Self { path: path.to_owned(), file, seeds, definition: definition.clone(), begins, end })
     }
 
     /// Whether the journal contains this mission.
@@ -114,7 +114,7 @@ impl SweepJournal {
             let message = format_args!("{:?}: expected a mission of the sweep", row.key);
             return Err(InputError::new("sweep journal", &self.path, message).into());
         };
-        let line = line(row, self.seed);
+        let line = line(row, &self.seeds);
         if let Err(error) = self.file.write_all(&line) {
             self.file.set_len(self.end).at(&self.path)?; // the next mission starts on a new line
             return Err(error).at(&self.path)?;
@@ -157,7 +157,7 @@ impl SweepJournal {
         let count = self.file.read_at(&mut text, begin).at(&self.path)?;
         let line = text[..count].split(|&byte| byte == b'\n').next().unwrap_or_default();
         let refuse = |message| InputError::new("sweep journal", &self.path, format_args!("byte {begin}: {message}"));
-        Ok(mission(line, self.seed).map_err(refuse)?)
+        Ok(mission(line, &self.seeds).map_err(refuse)?)
     }
 }
 
@@ -166,7 +166,7 @@ impl SweepJournal {
 pub struct JournalLines<'a> {
     path: &'a Path,
     definition: &'a Definition,
-    seed: u64,
+    seeds: &'a CheckSeeds,
     reader: BufReader<File>,
     number: usize,
     /// The offset after the last line that was read.
@@ -174,13 +174,13 @@ pub struct JournalLines<'a> {
 }
 
 impl<'a> JournalLines<'a> {
-    /// Opens the journal of this sweep; `seed` is its [`check_seed`].
+    /// Opens the journal of this sweep; `seeds` are its own.
     ///
     /// # Errors
     /// If the file cannot be opened.
-    pub fn open(path: &'a Path, definition: &'a Definition, seed: u64) -> Result<Self, LabError> {
+    pub fn open(path: &'a Path, definition: &'a Definition, seeds: &'a CheckSeeds) -> Result<Self, LabError> {
         let reader = BufReader::new(File::open(path).at(path)?);
-        Ok(Self { path, definition, seed, reader, number: 0, end: 0 })
+        Ok(Self { path, definition, seeds, reader, number: 0, end: 0 })
     }
 }
 
@@ -196,7 +196,7 @@ impl Iterator for JournalLines<'_> {
         self.number += 1;
         self.end += line.len() as u64;
         let row = match line.strip_suffix(b"\n") {
-            Some(text) => mission(text, self.seed),
+            Some(text) => mission(text, self.seeds),
             None if line.len() < MAX_LINE => return None,
             None => Err(format!("expected at most {MAX_LINE} bytes")),
         };
@@ -214,41 +214,57 @@ impl Iterator for JournalLines<'_> {
 /// # Errors
 /// If the journal cannot be read, or belongs to another sweep.
 pub fn read(path: &Path, definition: &Definition) -> Result<MissionRows, LabError> {
-    JournalLines::open(path, definition, check_seed(definition))?.map(|row| row.map(|row| (row.key, row))).collect()
+    let seeds = CheckSeeds::of(definition);
+    JournalLines::open(path, definition, &seeds)?.map(|row| row.map(|row| (row.key, row))).collect()
 }
 
-/// The seed of the hashes in the journal of a sweep.
-///
-/// # Panics
-/// Never: a definition is plain values.
-#[must_use]
-pub fn check_seed(definition: &Definition) -> u64 {
-    xxh3_64(serde_json::to_string(definition).expect("plain values").as_bytes())
+/// The seeds of the hashes in the journal of a sweep. That of a line depends on the sweep's grid and on the name and
+/// the source of the line's strategy.
+#[derive(Debug)]
+pub struct CheckSeeds(Vec<u64>);
+
+impl CheckSeeds {
+    /// Those of this sweep, and one for lines of no strategy of it.
+    #[must_use]
+    pub fn of(definition: &Definition) -> Self {
+        let seed = |name: &str| {
+            let source = definition.sources.get(name).map_or("", String::as_str);
+            xxh3_64([&definition.grid, name, source].join("\n").as_bytes())
+        };
+        Self(definition.strategies.iter().map(String::as_str).chain([""]).map(seed).collect())
+    }
+
+    /// That of the line with the numbers `text`, which begin with the point and the strategy.
+    fn seed(&self, text: &[u8]) -> u64 {
+        let strategy = text.split(|&byte| byte == b',').nth(1).and_then(|number| str::from_utf8(number).ok());
+        let last = self.0.len() - 1;
+        self.0[strategy.and_then(|number| number.parse().ok()).map_or(last, |index: usize| index.min(last))]
+    }
 }
 
 /// The line of a mission.
-fn line(row: &MissionRow, seed: u64) -> Vec<u8> {
+fn line(row: &MissionRow, seeds: &CheckSeeds) -> Vec<u8> {
     let mut writer = csv::WriterBuilder::new().has_headers(false).from_writer(Vec::new());
     writer.serialize(row).expect("plain numbers");
     let text = writer.into_inner().expect("memory takes everything");
-    checked_line(text.trim_ascii_end(), seed)
+    checked_line(text.trim_ascii_end(), seeds)
 }
 
 /// The journal line with the numbers `text` and their hash.
 #[must_use]
-pub fn checked_line(text: &[u8], seed: u64) -> Vec<u8> {
-    [text, b",", check(text, seed).as_bytes(), b"\n"].concat()
+pub fn checked_line(text: &[u8], seeds: &CheckSeeds) -> Vec<u8> {
+    [text, b",", check(text, seeds).as_bytes(), b"\n"].concat()
 }
 
 /// The hash at the end of the line with the numbers `text`.
-fn check(text: &[u8], seed: u64) -> String {
-    format!("{:016x}", xxh3_64_with_seed(text, seed))
+fn check(text: &[u8], seeds: &CheckSeeds) -> String {
+    format!("{:016x}", xxh3_64_with_seed(text, seeds.seed(text)))
 }
 
 /// Parses and checks a line.
-fn mission(line: &[u8], seed: u64) -> Result<MissionRow, String> {
+fn mission(line: &[u8], seeds: &CheckSeeds) -> Result<MissionRow, String> {
     let (text, found) = line.split_at(line.iter().rposition(|&byte| byte == b',').unwrap_or(0));
-    let expected = check(text, seed);
+    let expected = check(text, seeds);
     if found.strip_prefix(b",") != Some(expected.as_bytes()) {
         let remedy = "delete the line, and `skysink sweep` runs its mission again";
         return Err(format!("expected the checksum {expected}: the line or sweep.json was modified: {remedy}"));
@@ -265,11 +281,13 @@ mod tests {
 
     fn definition(identity: &str) -> Definition {
         Definition {
-            identity: identity.to_owned(),
+            identity: String::new(),
+            grid: identity.to_owned(),
             version: "1".to_owned(),
             keys: Vec::new(),
             points: vec![Vec::new()],
             strategies: vec![STRATEGIES[0].name.to_owned()],
+            sources: BTreeMap::new(),
             seeds: vec![1, 2],
         }
     }
@@ -323,7 +341,7 @@ mod tests {
             let foreign = row(point, strategy, seed);
             let mut journal = SweepJournal::open(&path, &definition("a")).unwrap();
             assert!(journal.add(&foreign).unwrap_err().to_string().ends_with("expected a mission of the sweep"));
-            let text = [std::fs::read(&path).unwrap(), line(&foreign, check_seed(&definition("a")))].concat();
+            let text = [std::fs::read(&path).unwrap(), line(&foreign, &CheckSeeds::of(&definition("a")))].concat();
             write_whole(&path, &text).unwrap();
             let refusal = read(&path, &definition("a")).unwrap_err().to_string();
             assert!(refusal.contains("line 2: ") && refusal.ends_with("expected a mission of the sweep"), "{refusal}");

@@ -5,15 +5,17 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use skysink_common::build::build;
 use skysink_common::error::InputError;
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
 use xxhash_rust::xxh3::Xxh3;
 
 use super::definition::Definition;
-use super::folder::{JOURNAL, Manifest, SweepRecord, manifest};
-use super::journal::{JournalLines, MissionRow, SweepJournal, check_seed};
+use super::folder::{JOURNAL, Manifest, SweepRecord, add_builds, manifest};
+use super::journal::{CheckSeeds, JournalLines, MissionRow, SweepJournal};
+use super::plan::Sweep;
+use super::saved::{SCENARIO, external};
+use super::settings::SweepChanges;
 use super::shard::Shard;
 use crate::error::LabError;
 use crate::metrics::Metric;
@@ -39,6 +41,8 @@ pub struct Merged {
     pub journal: SweepJournal,
     /// For a partial merge: the number of missions, and the shards to run.
     pub missing: Option<String>,
+    /// Commit, compiler and target of each program that flew a shard.
+    pub builds: Vec<String>,
 }
 
 /// Merges the shards of a sweep.
@@ -58,7 +62,7 @@ pub fn merge(Merge { shards, out, partial }: &Merge, stop: &Stop) -> Result<Merg
         if !folders.insert(fs::canonicalize(path).at(path)?) {
             return Err(refuse("it is given twice: expected each shard once").into());
         }
-        let Some(Manifest { definition, shard, .. }) = manifest else { continue };
+        let Some(Manifest { definition, shard, builds }) = manifest else { continue };
         let found = first.get_or_insert_with(|| Shards::of(definition.clone()));
         if found.definition != definition {
             return Err(refuse("it belongs to another sweep than the first").into());
@@ -66,6 +70,7 @@ pub fn merge(Merge { shards, out, partial }: &Merge, stop: &Stop) -> Result<Merg
         let (_, n) = shard.into();
         found.n = found.n.max(n);
         found.add(path, stop)?;
+        add_builds(&mut found.builds, builds);
     }
     let Some(found) = first else {
         return Err(InputError::new("shard", &shards[0], "no shard contains a mission: run them first").into());
@@ -74,21 +79,28 @@ pub fn merge(Merge { shards, out, partial }: &Merge, stop: &Stop) -> Result<Merg
     if let (false, Some(missing)) = (partial, &missing) {
         return Err(InputError::new("sweep folder", out, format_args!("{missing}, or pass --partial")).into());
     }
-    let manifest = Manifest { shard: Shard::WHOLE, build: build().to_owned(), definition: found.definition.clone() };
-    let mut record = SweepRecord::of(manifest, out)?;
+    let files = match shards.iter().find(|shard| shard.join(SCENARIO).exists()) {
+        Some(shard) => Sweep::read(shard, external(shard, &found.definition)?, SweepChanges::default())?.files()?,
+        None => Vec::new(), // all were killed before they wrote it
+    };
+    let Shards { definition, builds, .. } = &found;
+    let manifest = Manifest { shard: Shard::WHOLE, builds: builds.clone(), definition: definition.clone() };
+    let mut record = SweepRecord::of(manifest, &files, out)?;
     for journal in &found.journals {
-        for row in JournalLines::open(journal, &found.definition, found.seed)? {
+        for row in JournalLines::open(journal, definition, &found.seeds)? {
             stop.check()?;
             record.add(&row?)?;
         }
     }
-    Ok(Merged { journal: record.write(stop)?, missing })
+    Ok(Merged { journal: record.write(stop)?, missing, builds: found.builds })
 }
 
 /// The missions in the shards of a sweep.
 struct Shards {
     definition: Definition,
-    seed: u64,
+    seeds: CheckSeeds,
+    /// The builds of all shards, in order.
+    builds: Vec<String>,
     /// The largest number of shards in the manifests.
     n: usize,
     journals: Vec<PathBuf>,
@@ -99,7 +111,7 @@ struct Shards {
 impl Shards {
     fn of(definition: Definition) -> Self {
         let hashes = vec![0; definition.mission_count()];
-        Self { seed: check_seed(&definition), definition, n: 1, journals: Vec::new(), hashes }
+        Self { seeds: CheckSeeds::of(&definition), builds: Vec::new(), definition, n: 1, journals: Vec::new(), hashes }
     }
 
     /// Adds the missions in the journal of a folder, if it has one.
@@ -108,7 +120,7 @@ impl Shards {
         if !journal.is_file() {
             return Ok(());
         }
-        for row in JournalLines::open(&journal, &self.definition, self.seed)? {
+        for row in JournalLines::open(&journal, &self.definition, &self.seeds)? {
             stop.check()?;
             let row = row?;
             let index = self.definition.index(row.key).expect("lines of other missions are refused");

@@ -8,11 +8,14 @@ use skysink_common::error::InputError;
 use skysink_common::scenario::{Overrides, Scenario, Setting, SettingOrigin};
 use skysink_common::sensors::SensorList;
 use skysink_planner::settings;
+use skysink_planner::strategies::STRATEGIES;
 use skysink_planner::strategy::Registered;
-use xxhash_rust::xxh3::Xxh3;
+use toml::Table;
+use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 
 use super::definition::{Definition, MissionKey};
-use super::settings::{ExternalStrategy, SweepBase, SweepSettings};
+use super::saved;
+use super::settings::{ExternalStrategy, SweepBase, SweepChanges, SweepSettings};
 use crate::error::LabError;
 
 /// A sweep with its scenarios.
@@ -20,20 +23,36 @@ use crate::error::LabError;
 pub struct Sweep {
     /// The definition.
     pub definition: Definition,
-    base: SweepBase,
-    external: Vec<ExternalStrategy>,
+    pub(crate) base: SweepBase,
+    pub(crate) external: Vec<ExternalStrategy>,
     /// Cache of the latest scenario, because the next mission usually differs only in its seed.
     latest: Mutex<Option<(MissionKey, Scenario)>>,
 }
 
 impl Sweep {
-    /// Reads a sweep file and checks every point of its grid. The file may name strategies of the registry and
-    /// `external` ones.
+    /// Reads a sweep file, or the sweep in a folder, and checks every point of its grid. It may name strategies of the
+    /// registry and `external` ones.
     ///
     /// # Errors
-    /// If the file, its scenario, a strategy or a point is refused.
-    pub fn read(path: &Path, external: Vec<ExternalStrategy>) -> Result<Self, LabError> {
-        Self::new(path, SweepSettings::read(path, external)?)
+    /// If the file, its scenario, a strategy or a point is refused, or what the folder holds of the sweep was modified.
+    pub fn read(path: &Path, external: Vec<ExternalStrategy>, changes: SweepChanges) -> Result<Self, LabError> {
+        if !path.is_dir() {
+            return Self::new(path, SweepSettings::read(path, external)?.with(path, changes)?);
+        }
+        let (settings, definition) = saved::read(path, external)?;
+        let sweep = Self::new(path, settings)?;
+        if sweep.definition != definition {
+            let message = "its scenario.toml, sensors.csv, sweep.json or the source of a strategy was modified: restore \
+                           it, or fly another sweep: skysink sweep FILE --out DIR";
+            return Err(InputError::new("sweep", path, message).into());
+        }
+        if changes.strategies.is_none() && changes.seeds.is_none() {
+            return Ok(sweep);
+        }
+        let Definition { strategies, seeds, .. } = definition;
+        let Self { base, external, .. } = sweep;
+        let settings = SweepSettings { base, axes: sweep.definition.axes(), strategies, seeds, external };
+        Self::new(path, settings.with(path, changes)?)
     }
 
     /// Checks a sweep and every point of its grid. `path` names the sweep in errors.
@@ -44,7 +63,9 @@ impl Sweep {
         let definition = settings.define(path)?;
         let SweepSettings { base, external, .. } = settings;
         let mut sweep = Self { definition, base, external, latest: Mutex::default() };
-        sweep.definition.identity = sweep.identity(path)?;
+        sweep.definition.grid = sweep.grid(path)?;
+        let description = serde_json::to_string(&sweep.definition).expect("plain values");
+        sweep.definition.identity = format!("{:016x}", xxh3_64(description.as_bytes()));
         Ok(sweep)
     }
 
@@ -63,22 +84,33 @@ impl Sweep {
             {
                 Scenario { seed: mission.seed, ..scenario }
             }
-            _ => self.read_scenario(mission)?,
+            // For an external strategy, the scenario's own is not used.
+            _ => {
+                let strategy = self.strategy(mission).map(|strategy| strategy.name);
+                self.read_scenario(&self.base.table, mission.point, mission.seed, strategy)?
+            }
         };
         *latest = Some((mission, scenario.clone()));
         Ok(scenario)
     }
 
-    fn read_scenario(&self, mission: MissionKey) -> Result<Scenario, LabError> {
-        let text = toml::to_string(&self.base.table).expect("a table that was read can be written");
-        let overrides = Overrides {
-            seed: Some(mission.seed),
-            // For an external strategy, the scenario's own is not used.
-            strategy: self.strategy(mission).map(|strategy| strategy.name),
-            slots: None,
-            keys: zip(&self.definition.keys, &self.definition.points[mission.point]).map(setting).collect(),
-        };
-        Ok(Scenario::parse(&text, &self.base.path, overrides).and_then(settings::resolve)?)
+    /// The scenario of a point over the base scenario `base`.
+    fn read_scenario(
+        &self,
+        base: &Table,
+        point: usize,
+        seed: u64,
+        strategy: Option<&'static str>,
+    ) -> Result<Scenario, InputError> {
+        let text = toml::to_string(base).expect("a table that was read can be written");
+        let keys = zip(&self.definition.keys, &self.definition.points[point]).map(setting).collect();
+        let overrides = Overrides { seed: Some(seed), strategy, slots: None, keys };
+        Scenario::parse(&text, &self.base.path, overrides).and_then(settings::resolve)
+    }
+
+    /// The scenario of a point, with a seed and a strategy that are the same for all sweeps.
+    pub(crate) fn scenario_of_grid(&self, base: &Table, point: usize) -> Result<Scenario, InputError> {
+        self.read_scenario(base, point, 0, Some(STRATEGIES[0].name))
     }
 
     /// The strategy of a mission; `None` if it is external.
@@ -90,19 +122,19 @@ impl Sweep {
         Registered::find(&self.definition.strategies[mission.strategy])
     }
 
-    /// Hash of everything that the results depend on. Checks every point of the grid.
-    fn identity(&self, path: &Path) -> Result<String, LabError> {
+    /// The hash [`Definition::grid`]. Checks every point.
+    fn grid(&self, path: &Path) -> Result<String, LabError> {
         let mut hash = Xxh3::new();
-        let description = serde_json::to_string(&self.definition).expect("plain values");
-        hash.update(description.as_bytes());
-        self.external.iter().for_each(|strategy| hash.update(strategy.version.as_bytes()));
-        for point in 0..self.definition.points.len() {
-            let mission = MissionKey { point, strategy: 0, seed: self.definition.seeds[0] };
+        let Definition { version, keys, points, .. } = &self.definition;
+        hash.update(serde_json::to_string(&(version, keys, points)).expect("plain values").as_bytes());
+        for point in 0..points.len() {
             let refuse = |error| InputError::new("sweep", path, format!("at {}: {error}", self.name(point)));
-            let scenario = self.scenario(mission).map_err(refuse)?;
-            hash.update(scenario.to_toml().as_bytes());
+            let scenario = self.scenario_of_grid(&self.base.table, point).map_err(refuse)?;
             if scenario.sensors.file.is_some() {
+                hash.update(scenario.to_toml_with_list("").as_bytes());
                 hash.update(SensorList::of(&scenario)?.to_csv().as_bytes());
+            } else {
+                hash.update(scenario.to_toml().as_bytes());
             }
         }
         Ok(format!("{:016x}", hash.digest()))
@@ -128,7 +160,11 @@ mod tests {
     fn sweep(strategies: &[&str], version: &str) -> Result<Sweep, LabError> {
         let base = SweepBase { path: "letter.toml".into(), table: LETTER.parse().unwrap() };
         let names = strategies.iter().map(|&name| name.to_owned()).collect();
-        let external = vec![ExternalStrategy { name: "python:mine.py:Mine".to_owned(), version: version.to_owned() }];
+        let external = vec![ExternalStrategy {
+            name: "python:mine.py:Mine".to_owned(),
+            version: version.to_owned(),
+            sources: Vec::new(),
+        }];
         let settings = SweepSettings { base, axes: toml::Table::new(), strategies: names, seeds: vec![1, 2], external };
         Sweep::new(Path::new("x"), settings)
     }
@@ -137,7 +173,8 @@ mod tests {
     fn every_sweep_of_the_repository_is_accepted() {
         let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../scenarios/sweeps"));
         let files = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
-        let sweeps: Vec<Sweep> = files.map(|file| Sweep::read(&file, Vec::new()).unwrap()).collect();
+        let sweeps: Vec<Sweep> =
+            files.map(|file| Sweep::read(&file, Vec::new(), SweepChanges::default()).unwrap()).collect();
         assert!(sweeps.len() > 10, "{}", sweeps.len());
     }
 

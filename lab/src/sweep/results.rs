@@ -274,10 +274,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let definition = Definition {
             identity: "a".to_owned(),
+            grid: "b".to_owned(),
             version: "1".to_owned(),
             keys: vec!["slots".to_owned()],
             points: vec![vec![60.into()]],
             strategies: vec!["uts".to_owned()],
+            sources: BTreeMap::new(),
             seeds: (0..seeds).collect(),
         };
         let mut journal = SweepJournal::open(&folder.path().join("journal.csv"), &definition).unwrap();

@@ -3,10 +3,11 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use skysink_common::build::VERSION;
 use skysink_common::error::{InputError, read_text};
 use skysink_common::scenario::{MAX_SEED, Overrides, Scenario};
+use skysink_mission::origin::SourceFile;
 use skysink_planner::settings;
 use skysink_planner::strategies::{PYTHON, expected};
 use skysink_planner::strategy::Registered;
@@ -39,6 +40,17 @@ pub struct ExternalStrategy {
     pub name: String,
     /// Identifies its version, for example by its source.
     pub version: String,
+    /// Its source files, as in the folder of a run.
+    pub sources: Vec<SourceFile>,
+}
+
+/// Changes of a sweep from the command line.
+#[derive(Debug, Default)]
+pub struct SweepChanges {
+    /// Replaces the strategies.
+    pub strategies: Option<Vec<String>>,
+    /// Replaces the seeds.
+    pub seeds: Option<Seeds>,
 }
 
 /// The base scenario of a sweep.
@@ -50,23 +62,52 @@ pub struct SweepBase {
     pub table: toml::Table,
 }
 
+impl SweepBase {
+    /// Reads and checks a scenario file.
+    ///
+    /// # Errors
+    /// If it is refused.
+    pub fn read(path: PathBuf) -> Result<Self, InputError> {
+        Scenario::read(&path, Overrides::default()).and_then(settings::resolve)?;
+        let text = read_text("scenario", &path)?;
+        let table = text.parse().map_err(|error| InputError::toml("scenario", &path, &text, &error))?;
+        Ok(Self { path, table })
+    }
+}
+
 /// A sweep file.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct SweepFile {
-    scenario: PathBuf,
-    strategies: Vec<String>,
-    seeds: Seeds,
+pub(crate) struct SweepFile {
+    pub(crate) scenario: PathBuf,
+    pub(crate) strategies: Vec<String>,
+    pub(crate) seeds: Seeds,
     #[serde(default)]
-    axes: toml::Table,
+    pub(crate) axes: toml::Table,
 }
 
 /// `20` for 1 to 20, or a list.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(untagged, expecting = "expected a number of seeds or a list of seeds")]
-enum Seeds {
+pub enum Seeds {
+    /// 1 to this number.
     Count(u64),
+    /// These.
     List(Vec<u64>),
+}
+
+impl Seeds {
+    /// All of them. `path` names the sweep in errors.
+    fn list(self, path: &Path) -> Result<Vec<u64>, InputError> {
+        match self {
+            Self::Count(count) if count > MAX_MISSIONS as u64 => {
+                Err(refusal(path, &format!("seeds = {count}"), &format!("at most {MAX_MISSIONS}")))
+            }
+            Self::Count(0) => Err(refusal(path, "seeds = 0", "1 or more, or a list of seeds")),
+            Self::Count(count) => Ok((1..=count).collect()),
+            Self::List(list) => Ok(list),
+        }
+    }
 }
 
 impl SweepSettings {
@@ -76,9 +117,6 @@ impl SweepSettings {
     /// If the file, its scenario or the number of seeds is refused.
     pub fn read(path: &Path, external: Vec<ExternalStrategy>) -> Result<Self, LabError> {
         let refuse = |what: &str| Err(InputError::new("sweep", path, what).into());
-        if path.is_dir() {
-            return refuse("it is a folder: expected a sweep file, and the folder as --out");
-        }
         let text = read_text("sweep", path)?;
         let is_scenario = text.parse::<toml::Table>().is_ok_and(|table| table.contains_key("name"));
         if is_scenario {
@@ -86,19 +124,18 @@ impl SweepSettings {
         }
         let file: SweepFile = toml::from_str(&text).map_err(|error| InputError::toml("sweep", path, &text, &error))?;
         let base_path = path.parent().unwrap_or(Path::new("")).join(&file.scenario);
-        Scenario::read(&base_path, Overrides::default()).and_then(settings::resolve)?;
-        let text = read_text("scenario", &base_path)?;
-        let table = text.parse().map_err(|error| InputError::toml("scenario", &base_path, &text, &error))?;
-        let base = SweepBase { path: base_path, table };
-        let seeds = match file.seeds {
-            Seeds::Count(count) if count > MAX_MISSIONS as u64 => {
-                return refuse(&format!("seeds = {count}: expected at most {MAX_MISSIONS}"));
-            }
-            Seeds::Count(0) => return refuse("seeds = 0: expected 1 or more, or a list of seeds"),
-            Seeds::Count(count) => (1..=count).collect(),
-            Seeds::List(list) => list,
-        };
+        let base = SweepBase::read(base_path)?;
+        let seeds = file.seeds.list(path)?;
         Ok(Self { base, axes: file.axes, strategies: file.strategies, seeds, external })
+    }
+
+    /// The sweep with these changes. `path` names it in errors.
+    ///
+    /// # Errors
+    /// If the number of seeds is refused.
+    pub(crate) fn with(self, path: &Path, changes: SweepChanges) -> Result<Self, InputError> {
+        let seeds = changes.seeds.map_or(Ok(self.seeds), |seeds| seeds.list(path))?;
+        Ok(Self { strategies: changes.strategies.unwrap_or(self.strategies), seeds, ..self })
     }
 
     /// The definition of the sweep, without its identity. `path` names the sweep in errors.
@@ -129,12 +166,17 @@ impl SweepSettings {
         if missions > MAX_MISSIONS {
             return Err(refuse(&format!("axes make {missions} missions"), &format!("at most {MAX_MISSIONS}")));
         }
+        let is_flown = |strategy: &&ExternalStrategy| self.strategies.contains(&strategy.name);
+        let flown = self.external.iter().filter(is_flown);
+        let sources = flown.map(|strategy| (strategy.name.clone(), strategy.version.clone()));
         Ok(Definition {
             identity: String::new(),
+            grid: String::new(),
             version: VERSION.to_owned(),
             points: grid(&axes),
             keys: axes.into_iter().map(|(key, _)| key).collect(),
             strategies: self.strategies.clone(),
+            sources: sources.collect(),
             seeds: ascending.into_iter().collect(),
         })
     }
