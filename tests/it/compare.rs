@@ -231,10 +231,50 @@ fn what_cannot_be_compared_is_refused() {
         (["a", "b", "--seeds=5"], "--seeds"),
         (["small.toml", "uts", "--no-record"], "two strategies or more"),
         (["small.toml", "--seeds=2", "--no-record"], "two strategies or more"),
-        (["a", "--json", "--no-record"], "expected the folders of two runs or more"),
+        (["a", "--json", "--no-record"], "expected the folders of two runs or more, or of a comparison"),
     ] {
         place.run_refused(&[&["compare"], &arguments[..]].concat(), says);
     }
+}
+
+#[test]
+fn a_folder_alone_repeats_its_comparison_and_is_extended() {
+    let place = with_small();
+    let what = ["small.toml", "uts", "gfs", "--set", "slots=60", "--seeds"];
+    let first = compared(&place, &[&what[..], &["2", "--out", "first"]].concat());
+    let larger = compared(&place, &[&what[..], &["4", "--out", "larger"]].concat());
+    std::fs::remove_file(place.path("small.toml")).unwrap();
+    let without_times = |all: &Value| -> Vec<Value> {
+        let is_time = |one: &Value| one["metric"].as_str().unwrap().ends_with("_us");
+        all.as_array().unwrap().iter().filter(|one| !is_time(one)).cloned().collect()
+    };
+    assert_eq!(without_times(&compared(&place, &["first", "--out", "again"])), without_times(&first));
+    assert_eq!(place.read("again/results.csv"), place.read("first/results.csv"));
+    assert_eq!(without_times(&compared(&place, &["first", "--seeds", "4"])), without_times(&larger));
+    assert_eq!(place.read("first/results.csv"), place.read("larger/results.csv"));
+    place.run_refused(&["compare", "first", "--set=slots=5"], "--seed, --set: expected none of them");
+    place.run_refused(&["compare", "first", "--seeds=3"], "another sweep, with seed 6");
+    place.scenario("smoke");
+    let text = "scenario = \"smoke.toml\"\nstrategies = [\"uts\", \"gfs\"]\nseeds = 1\n[axes]\nslots = [5, 6]\n";
+    place.write("sweep.toml", text);
+    place.run_ok(&["sweep", "sweep.toml", "--out", "swept"]);
+    place.run_refused(&["compare", "swept"], "it is a sweep of several points");
+}
+
+#[test]
+fn a_comparison_of_runs_holds_their_scenarios_and_is_repeated() {
+    let place = with_two_runs();
+    let first = compared(&place, &["a", "b", "--out", "both"]);
+    for (number, run) in [("1", "a"), ("2", "b")] {
+        let [ours, theirs] = [format!("both/scenario-{number}.toml"), format!("{run}/scenario.toml")];
+        assert_eq!(place.read(&ours), place.read(&theirs));
+    }
+    assert_eq!(compared(&place, &["both"]), first);
+    assert_eq!(compared(&place, &["both", "--out", "again"]), first);
+    std::fs::remove_dir_all(place.path("b")).unwrap();
+    place.run_refused(&["compare", "both"], "/b: ");
+    place.write("both/runs.json", "{}");
+    place.run_refused(&["compare", "both"], "comparison both: runs.json: ");
 }
 
 #[cfg(feature = "viewer")]

@@ -196,6 +196,17 @@ mod tests {
     }
 
     #[test]
+    fn strategies_are_added_behind_the_others_and_their_sources_stay() {
+        let definition = |strategies: &[&str], version: &str| sweep(strategies, version).unwrap().definition;
+        let mine = "python:mine.py:Mine";
+        let small = definition(&["uts", mine], "1");
+        assert_eq!(small.lacking_in(&definition(&["uts", mine, "gfs"], "1")), None);
+        let lacking = |strategies: &[&str], version: &str| small.lacking_in(&definition(strategies, version)).unwrap();
+        assert!(lacking(&[mine, "uts"], "1").contains("expected them first"));
+        assert_eq!(lacking(&["uts", mine], "2"), "another source of python:mine.py:Mine");
+    }
+
+    #[test]
     fn an_unknown_strategy_is_refused() {
         for (name, expected) in [("utz", "did you mean `uts`?"), ("python:other.py:X", "skysink.sweep()")] {
             let refusal = sweep(&["uts", name], "1").unwrap_err().to_string();

@@ -10,11 +10,11 @@ use crate::support::{Place, lines, signal_and_wait};
 #[test]
 fn a_folder_of_another_sweep_is_refused() {
     let place = Place::new();
-    write_sweep(&place, 1);
+    write_sweep(&place, 2);
     place.run_ok(&["sweep", "sweep.toml", "--out", "out"]);
     let before = place.read("out/results.csv");
-    write_sweep(&place, 2);
-    place.run_refused(&["sweep", "sweep.toml", "--out", "out"], "another sweep");
+    write_sweep(&place, 1);
+    place.run_refused(&["sweep", "sweep.toml", "--out", "out"], "another sweep, with seed 2: choose another --out");
     assert_eq!(place.read("out/results.csv"), before);
     fs::create_dir(place.path("mine")).unwrap();
     place.write("mine/notes.txt", "mine");
