@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import shutil
 import signal
 import types
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
@@ -162,6 +163,50 @@ def test_a_sweep_whose_strategy_was_changed_is_another_one(tmp_path: Path, gfs: 
     gfs.write_text(gfs.read_text() + "\n# changed\n")
     with pytest.raises(skysink.InputError, match="another sweep"):
         skysink.sweep(tmp_path / "sweep.toml", tmp_path / "mine")
+
+
+def test_a_folder_alone_repeats_a_sweep_of_strategies_in_python(tmp_path: Path, gfs: Path) -> None:
+    near, far = tmp_path / "near", tmp_path / "far"
+    for folder, factor in [(near, 0.5), (far, 1.0)]:
+        folder.mkdir()
+        text = gfs.read_text().replace("view.field.reach_m)", "view.field.reach_m * factor())")
+        (folder / "mine.py").write_text(f"from rule import factor\n{text}")
+        (folder / "rule.py").write_text(f"def factor():\n    return {factor}\n")
+    names = '["gfs", "python:near/mine.py:GFS", "python:far/mine.py:GFS"]'
+    text = SWEEP.replace('["uts", "gfs"]', names).replace("seeds = 30", "seeds = [2, 3]")
+    (tmp_path / "sweep.toml").write_text(text)
+    skysink.sweep(tmp_path / "sweep.toml", tmp_path / "first")
+    shutil.rmtree(near)
+    shutil.rmtree(far)
+    (tmp_path / "sweep.toml").unlink()
+    gfs.unlink()
+    saved = sorted(str(file.relative_to(tmp_path / "first")) for file in (tmp_path / "first").glob("strategy-*/*"))
+    assert saved == [f"strategy-{index}/{name}" for index in (1, 2) for name in ("strategy.py", "strategy.rule.py")]
+    results = polars.DataFrame(skysink.sweep(tmp_path / "first", tmp_path / "second"))
+    with ProcessPoolExecutor(2, context()) as workers:
+        skysink.sweep(tmp_path / "first", tmp_path / "third", executor=workers)
+    skysink.sweep(tmp_path / "second")  # complete
+    for other in ("second", "third"):
+        same_files(tmp_path / "first", tmp_path / other, [*FILES, "sweep.json", "sweep.toml", "scenario.toml", *saved])
+    losses = {name: list(part["loss_rate"]) for (name,), part in results.group_by("strategy")}
+    assert losses["python:far/mine.py:GFS"] == losses["gfs"] != losses["python:near/mine.py:GFS"]
+    assert "skysink.sweep()" in run("sweep", "first", "--out", "fourth", cwd=tmp_path, code=2).stderr
+    run("merge", "first", "--out", "merged", cwd=tmp_path)
+    same_files(tmp_path / "first", tmp_path / "merged", [*FILES, *saved])
+    rule = tmp_path / "first" / "strategy-2" / "strategy.rule.py"
+    rule.write_text(rule.read_text().replace("1.0", "0.9"))
+    with pytest.raises(skysink.InputError, match="the source of a strategy was modified"):
+        skysink.sweep(tmp_path / "first", tmp_path / "fourth")
+
+
+def test_a_strategy_in_python_extends_a_sweep(by_command: Path, tmp_path: Path, gfs: Path) -> None:
+    text = SWEEP.replace('["uts", "gfs"]', '["uts", "gfs", "python:mine.py:GFS"]')
+    (tmp_path / "larger.toml").write_text(text)
+    skysink.sweep(tmp_path / "larger.toml", tmp_path / "whole")
+    flown = (by_command / "journal.csv").read_bytes()
+    skysink.sweep(tmp_path / "larger.toml", by_command)
+    assert (by_command / "journal.csv").read_bytes().startswith(flown)
+    same_files(tmp_path / "whole", by_command, FILES)
 
 
 @pytest.mark.parametrize("text", ["", "seeds = 3", "not toml", SWEEP.replace("uts", "python:none.py:X")])
