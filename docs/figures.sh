@@ -14,7 +14,6 @@ all=(area rate time planning sparse knowledge altitude maps example)
 
 side="side of the area [m]"
 one_slot=rfs,gfs,uts,uts-wide,exact
-no_offline=rfs,gfs,uts,uts-wide,exact,tour,round-robin,max-age-first,horizon
 planned=tour,round-robin,max-age-first,horizon # 20 fields are too few for the others, which may be trapped
 
 # sweep NAME OPTION...: simulates scenarios/sweeps/NAME.toml.
@@ -45,9 +44,9 @@ draw_area() {
     book loss-area
     sweep loss-area-ahead
     radios loss-area-ahead loss-area-ahead "Data loss against the area" --x area.side_m --x-label "$side" \
-        --strategies $no_offline --bounds
-    radios loss-area-difference loss-area-ahead "Data loss against the area, difference by field" --x area.side_m \
-        --x-label "$side" --strategies $no_offline --bounds --difference-to uts
+        --strategies $planned --bounds
+    radios loss-area-difference loss-area "Data loss against the area, difference by field" --x area.side_m \
+        --x-label "$side" --difference-to uts
 }
 
 draw_rate() {
@@ -56,9 +55,9 @@ draw_rate() {
     radios loss-rate loss-rate "Data loss against the sampling rate" "${axis[@]}"
     sweep loss-rate-ahead
     radios loss-rate-ahead loss-rate-ahead "Data loss against the sampling rate" "${axis[@]}" \
-        --strategies $no_offline --bounds
-    radios loss-rate-difference loss-rate-ahead "Data loss against the sampling rate, difference by field" \
-        "${axis[@]}" --strategies $no_offline --bounds --difference-to uts
+        --strategies $planned --bounds
+    radios loss-rate-difference loss-rate "Data loss against the sampling rate, difference by field" \
+        "${axis[@]}" --difference-to uts
 }
 
 draw_time() {
@@ -77,10 +76,13 @@ draw_planning() {
 
 draw_sparse() {
     sweep loss-sparse
-    plot loss-sparse loss-sparse --title "Data loss in sparse fields · W = 5 MHz, the paper's" --x area.side_m \
-        --x-label "$side" --strategies $planned --bounds
     plot loss-sparse-difference loss-sparse --title "Data loss in sparse fields, difference by field" --x area.side_m \
-        --x-label "$side" --strategies $no_offline --bounds --difference-to tour
+        --x-label "$side" --difference-to tour
+    sweep loss-sparse-ahead
+    plot loss-sparse loss-sparse-ahead --title "Data loss in sparse fields · W = 5 MHz, the paper's" --x area.side_m \
+        --x-label "$side" --strategies $planned --bounds
+    plot loss-sparse-ahead-difference loss-sparse-ahead --title "Data loss in sparse fields, difference by field" \
+        --x area.side_m --x-label "$side" --strategies $planned --bounds --difference-to tour
     book loss-sparse
 }
 

@@ -1,6 +1,6 @@
 //! The definition of a sweep: a grid of points, by strategy and seed.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 
 use serde::{Deserialize, Serialize};
 
@@ -46,13 +46,9 @@ impl Definition {
     #[must_use]
     pub fn axes(&self) -> toml::Table {
         let axis = |(place, key): (usize, &String)| {
-            let mut values: Vec<toml::Value> = Vec::new();
-            for value in self.points.iter().map(|point| &point[place]) {
-                if !values.contains(value) {
-                    values.push(value.clone());
-                }
-            }
-            (key.clone(), values.into())
+            let mut seen = HashSet::new();
+            let values = self.points.iter().map(|point| &point[place]);
+            (key.clone(), values.filter(|value| seen.insert(value.to_string())).cloned().collect::<Vec<_>>().into())
         };
         self.keys.iter().enumerate().map(axis).collect()
     }

@@ -11,6 +11,7 @@ use skysink_mission::origin::{SourceFile, is_source};
 use skysink_planner::settings;
 use skysink_planner::strategies::PYTHON;
 use toml::Table;
+use xxhash_rust::xxh3::xxh3_64;
 
 use super::definition::Definition;
 use super::folder::{Manifest, manifest};
@@ -140,9 +141,9 @@ impl Sweep {
         Ok([full, without_start].into_iter().find(|base| self.points(base) == points).unwrap_or_else(|| given.clone()))
     }
 
-    /// The scenario of each point over this base, whatever the seed and the strategy; `None` if one is refused.
-    fn points(&self, base: &Table) -> Option<Vec<String>> {
+    /// A hash of the scenario of each point over this base; `None` if one is refused.
+    fn points(&self, base: &Table) -> Option<Vec<u64>> {
         let points = 0..self.definition.points.len();
-        points.map(|point| Some(self.scenario_of_grid(base, point).ok()?.to_toml())).collect()
+        points.map(|point| Some(xxh3_64(self.scenario_of_grid(base, point).ok()?.to_toml().as_bytes()))).collect()
     }
 }
