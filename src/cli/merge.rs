@@ -29,7 +29,8 @@ impl MergeCommand {
         let merged = merged.map_err(|error| ended_early(error, "the shards are unchanged"))?;
         print(format_args!("{} missions: {}", merged.journal.count(), out.join("results.csv").display()))?;
         if let [_, _, ..] = &merged.builds[..] {
-            print(format_args!("Builds of the shards: {}", merged.builds.join("; ")))?;
+            let count = merged.builds.len();
+            print(format_args!("The shards were flown by {count} builds: {}", merged.builds.join("; ")))?;
         }
         match merged.missing {
             Some(missing) => print(format_args!("Not all: {missing}")),

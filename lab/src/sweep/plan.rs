@@ -176,6 +176,12 @@ mod tests {
         let sweeps: Vec<Sweep> =
             files.map(|file| Sweep::read(&file, Vec::new(), SweepChanges::default()).unwrap()).collect();
         assert!(sweeps.len() > 10, "{}", sweeps.len());
+        for sweep in sweeps {
+            let files = sweep.files().unwrap();
+            let (_, scenario) = files.iter().find(|(name, _)| name == Path::new(saved::SCENARIO)).unwrap();
+            let scenario: Table = str::from_utf8(scenario).unwrap().parse().unwrap();
+            assert!(scenario["planner"].get("horizon").is_some(), "the keys of {} are not all there", sweep.name(0));
+        }
     }
 
     #[test]
