@@ -175,8 +175,8 @@ fn check(path: &Path, manifest: &Manifest) -> Result<Option<Manifest>, LabError>
     let file = path.join(MANIFEST);
     match fs::read(&file) {
         Ok(text) => {
-            let held: Manifest = serde_json::from_slice(&text)
-                .map_err(|_| refuse("its sweep.json is invalid, or an earlier version wrote it: delete the folder, or choose another --out"))?;
+            let invalid = "its sweep.json is invalid, or an earlier version wrote it: choose another --out";
+            let held: Manifest = serde_json::from_slice(&text).map_err(|_| refuse(invalid))?;
             if let Some(lacking) = held.definition.lacking_in(&manifest.definition) {
                 let message =
                     format_args!("its sweep.json describes another sweep, with {lacking}: choose another --out");

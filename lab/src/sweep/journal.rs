@@ -335,6 +335,20 @@ mod tests {
     }
 
     #[test]
+    fn lines_stay_when_the_sweep_is_extended_and_belong_to_their_strategy() {
+        let (_folder, path) = journal(&[row(0, 0, 1), row(0, 0, 2)]);
+        let mut other = definition("a");
+        other.seeds.push(3);
+        other.strategies.push(STRATEGIES[1].name.to_owned());
+        assert_eq!(read(&path, &other).unwrap().len(), 2);
+        other.strategies.swap(0, 1);
+        assert!(read(&path, &other).unwrap_err().to_string().contains("expected the checksum"));
+        let mut changed = definition("a");
+        changed.sources.insert(changed.strategies[0].clone(), "1".to_owned());
+        assert!(read(&path, &changed).unwrap_err().to_string().contains("expected the checksum"));
+    }
+
+    #[test]
     fn a_mission_of_another_sweep_is_refused() {
         for (point, strategy, seed) in [(1, 0, 1), (0, 1, 1), (0, 0, 3), (usize::MAX, usize::MAX, 1)] {
             let (_folder, path) = journal(&[row(0, 0, 1)]);
