@@ -5,10 +5,11 @@ pub mod definition;
 pub mod estimate;
 pub mod folder;
 pub mod journal;
+pub mod manifest;
 pub mod merge;
 pub mod plan;
 pub mod results;
-pub mod saved;
+mod saved;
 pub mod settings;
 pub mod shard;
 

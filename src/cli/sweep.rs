@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use skysink_common::stop::Stop;
 use skysink_lab::sweep::estimate::estimate;
-use skysink_lab::sweep::folder::manifest;
+use skysink_lab::sweep::manifest::Manifest;
 use skysink_lab::sweep::plan::Sweep;
 use skysink_lab::sweep::results::few;
 use skysink_lab::sweep::settings::{Seeds, SweepChanges};
@@ -69,7 +69,7 @@ impl SweepCommand {
         }
         let threads = self.threads;
         let is_in_place = self.sweep.is_dir() && self.out.is_none();
-        let own = if is_in_place { manifest("sweep", &self.sweep)?.map(|manifest| manifest.shard) } else { None };
+        let own = if is_in_place { Manifest::read("sweep", &self.sweep)?.map(|manifest| manifest.shard) } else { None };
         let shard = self.shard.or(own).unwrap_or(Shard::WHOLE);
         let out = self.out.unwrap_or_else(|| {
             let name = self.sweep.file_stem().unwrap_or(self.sweep.as_os_str());

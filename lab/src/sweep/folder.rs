@@ -1,4 +1,4 @@
-//! The folder of a sweep: its manifest, its lock, and its journal.
+//! The folder of a sweep: its lock, and its journal.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -6,51 +6,26 @@ use std::io::ErrorKind;
 use std::mem;
 use std::path::Path;
 
-use serde::{Deserialize, Serialize};
-use skysink_common::build::{VERSION, build};
+use skysink_common::build::build;
 use skysink_common::error::InputError;
 use skysink_common::stop::Stop;
 use skysink_mission::MissionError;
 use skysink_mission::error::FileContext;
 use skysink_mission::files::write_whole;
-use skysink_mission::folder::{FolderLayout, OutputFolder};
+use skysink_mission::folder::OutputFolder;
 
 use super::definition::{Definition, MissionKey};
 use super::journal::{self, MissionRow, MissionRows, SweepJournal, missions_of};
+use super::manifest::{LAYOUT, MANIFEST, Manifest, RESULTS, add_builds};
 use super::plan::Sweep;
 use super::results;
-use super::saved::{SCENARIO, SENSORS, SWEEP, SavedFile};
+use super::saved::SavedFile;
 use super::shard::Shard;
 use crate::error::LabError;
 use crate::metrics::Metric;
 
 /// File name of the journal.
 pub const JOURNAL: &str = "journal.csv";
-
-/// File name of the manifest.
-const MANIFEST: &str = "sweep.json";
-
-/// The files of a sweep that has begun; the others follow the manifest.
-static LAYOUT: FolderLayout = FolderLayout {
-    lock: "lock",
-    is_result: |name| name == MANIFEST,
-    temporary: &[RESULTS[0], RESULTS[1], RESULTS[2], RESULTS[3], SCENARIO, SENSORS, SWEEP],
-};
-
-/// The files that are written when all missions are flown.
-const RESULTS: [&str; 4] = ["results.csv", "results.parquet", "summary.csv", "timings.csv"];
-
-/// The content of `sweep.json`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Manifest {
-    /// The shard in the folder.
-    pub shard: Shard,
-    /// Commit, compiler and target of each program that flew missions of it, in order.
-    pub builds: Vec<String>,
-    /// The sweep.
-    #[serde(flatten)]
-    pub definition: Definition,
-}
 
 /// The folder of a running sweep, locked by this process.
 #[derive(Debug)]
@@ -82,7 +57,7 @@ impl SweepRecord {
         let folder = folder.ok_or_else(|| refuse(message))?;
         let held = check(path, &manifest)?;
         match &held {
-            None => write_manifest(path, &manifest)?,
+            None => manifest.write(path)?,
             Some(held) if held.definition != manifest.definition => remove_results(path)?,
             Some(_) => {}
         }
@@ -107,7 +82,7 @@ impl SweepRecord {
         if self.missing().next().is_some() {
             add_builds(&mut self.manifest.builds, builds);
         }
-        if self.manifest == *held { Ok(()) } else { write_manifest(self.folder.path(), &self.manifest) }
+        if self.manifest == *held { Ok(()) } else { self.manifest.write(self.folder.path()) }
     }
 
     /// The missions that are not in the journal, in the order of the results.
@@ -141,20 +116,6 @@ impl SweepRecord {
         results::write(self.folder.path(), &self.journal, stop)?;
         Ok(self.journal)
     }
-}
-
-/// Adds the builds that are not among them.
-pub(crate) fn add_builds(to: &mut Vec<String>, builds: Vec<String>) {
-    for build in builds {
-        if !to.contains(&build) {
-            to.push(build);
-        }
-    }
-}
-
-fn write_manifest(folder: &Path, manifest: &Manifest) -> Result<(), LabError> {
-    let text = serde_json::to_string_pretty(manifest).expect("plain values") + "\n";
-    Ok(write_whole(&folder.join(MANIFEST), text.as_bytes())?)
 }
 
 /// Removes the results of a sweep that is extended.
@@ -196,31 +157,6 @@ fn check(path: &Path, manifest: &Manifest) -> Result<Option<Manifest>, LabError>
     }
 }
 
-/// Reads the manifest of the folder `path`; `None` if the sweep has not begun. `what` names the folder in errors.
-///
-/// # Errors
-/// If the folder is not that of a sweep, or was written by another version.
-pub fn manifest(what: &'static str, path: &Path) -> Result<Option<Manifest>, LabError> {
-    let refuse = |message: String| InputError::new(what, path, message);
-    if path.is_file() {
-        return Err(refuse("it is a file: expected the folder of a sweep".to_owned()).into());
-    }
-    let text = match fs::read(path.join(MANIFEST)) {
-        Err(_) if path.is_dir() && LAYOUT.content(path).at(path)?.is_empty() => return Ok(None),
-        text => text.map_err(|error| refuse(format!("{MANIFEST}: {error}: expected the folder of a sweep")))?,
-    };
-    let manifest: Manifest = serde_json::from_slice(&text).map_err(|error| {
-        refuse(format!("{MANIFEST}: {error}: expected that of a sweep: delete the folder and run the {what} again"))
-    })?;
-    let version = &manifest.definition.version;
-    if version != VERSION {
-        return Err(
-            refuse(format!("it was written by Skysink {version}: expected {VERSION}: run the {what} again")).into()
-        );
-    }
-    Ok(Some(manifest))
-}
-
 /// The finished missions of a sweep.
 #[derive(Debug, Clone)]
 pub struct FlownSweep {
@@ -240,7 +176,7 @@ impl FlownSweep {
     pub fn read(what: &'static str, path: &Path) -> Result<Self, LabError> {
         let refuse =
             |missing: &str| InputError::new(what, path, format_args!("it has no {missing}: run the {what} first"));
-        let Manifest { definition, builds, .. } = manifest(what, path)?.ok_or_else(|| refuse(MANIFEST))?;
+        let Manifest { definition, builds, .. } = Manifest::read(what, path)?.ok_or_else(|| refuse(MANIFEST))?;
         let journal = path.join(JOURNAL);
         if !journal.is_file() {
             return Err(refuse(JOURNAL).into());

@@ -11,10 +11,11 @@ use skysink_mission::error::FileContext;
 use xxhash_rust::xxh3::Xxh3;
 
 use super::definition::Definition;
-use super::folder::{JOURNAL, Manifest, SweepRecord, add_builds, manifest};
+use super::folder::{JOURNAL, SweepRecord};
 use super::journal::{CheckSeeds, JournalLines, MissionRow, SweepJournal};
+use super::manifest::{Manifest, SCENARIO, add_builds};
 use super::plan::Sweep;
-use super::saved::{SCENARIO, external};
+use super::saved::external;
 use super::settings::SweepChanges;
 use super::shard::Shard;
 use crate::error::LabError;
@@ -58,7 +59,7 @@ pub fn merge(Merge { shards, out, partial }: &Merge, stop: &Stop) -> Result<Merg
     let mut first: Option<Shards> = None;
     for path in shards {
         let refuse = |message: &str| InputError::new("shard", path, message);
-        let manifest = manifest("shard", path)?;
+        let manifest = Manifest::read("shard", path)?;
         if !folders.insert(fs::canonicalize(path).at(path)?) {
             return Err(refuse("it is given twice: expected each shard once").into());
         }

@@ -178,7 +178,7 @@ mod tests {
         assert!(sweeps.len() > 10, "{}", sweeps.len());
         for sweep in sweeps {
             let files = sweep.files().unwrap();
-            let (_, scenario) = files.iter().find(|(name, _)| name == Path::new(saved::SCENARIO)).unwrap();
+            let (_, scenario) = files.iter().find(|(name, _)| name == Path::new("scenario.toml")).unwrap();
             let scenario: Table = str::from_utf8(scenario).unwrap().parse().unwrap();
             assert!(scenario["planner"].get("horizon").is_some(), "the keys of {} are not all there", sweep.name(0));
         }

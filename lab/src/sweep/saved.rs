@@ -14,19 +14,10 @@ use toml::Table;
 use xxhash_rust::xxh3::xxh3_64;
 
 use super::definition::Definition;
-use super::folder::{Manifest, manifest};
+use super::manifest::{Manifest, SCENARIO, SENSORS, SWEEP};
 use super::plan::Sweep;
 use super::settings::{ExternalStrategy, Seeds, SweepBase, SweepFile, SweepSettings};
 use crate::error::LabError;
-
-/// File name of the base scenario.
-pub const SCENARIO: &str = "scenario.toml";
-
-/// File name of its sensor list.
-pub(crate) const SENSORS: &str = "sensors.csv";
-
-/// File name of the sweep as a sweep file.
-pub(crate) const SWEEP: &str = "sweep.toml";
 
 /// A file with its path in the folder of a sweep.
 pub(crate) type SavedFile = (PathBuf, Vec<u8>);
@@ -43,7 +34,7 @@ pub(crate) fn read(path: &Path, external: Vec<ExternalStrategy>) -> Result<(Swee
                        expected a sweep file, and the folder as --out";
         return Err(refuse(message.to_owned()).into());
     }
-    let Some(Manifest { definition, .. }) = manifest("sweep", path)? else {
+    let Some(Manifest { definition, .. }) = Manifest::read("sweep", path)? else {
         return Err(refuse("it has no sweep.json: expected the folder of a sweep".to_owned()).into());
     };
     if fs::read(path.join(SWEEP)).is_ok_and(|text| text != sweep_file(&definition).as_bytes()) {

@@ -3,8 +3,8 @@
 use std::fs;
 
 use skysink_lab::metrics::Metric;
-use skysink_lab::sweep::folder::Manifest;
 use skysink_lab::sweep::journal::SweepJournal;
+use skysink_lab::sweep::manifest::Manifest;
 
 use super::{assert_equal, write_sweep};
 use crate::support::{Place, lines};

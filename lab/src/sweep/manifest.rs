@@ -1,0 +1,92 @@
+//! The manifest of a sweep's folder, and the names of the files.
+
+use std::fs;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use skysink_common::build::VERSION;
+use skysink_common::error::InputError;
+use skysink_mission::error::FileContext;
+use skysink_mission::files::write_whole;
+use skysink_mission::folder::FolderLayout;
+
+use super::definition::Definition;
+use super::shard::Shard;
+use crate::error::LabError;
+
+/// File name of the base scenario.
+pub(crate) const SCENARIO: &str = "scenario.toml";
+
+/// File name of its sensor list.
+pub(crate) const SENSORS: &str = "sensors.csv";
+
+/// File name of the sweep as a sweep file.
+pub(crate) const SWEEP: &str = "sweep.toml";
+
+/// File name of the manifest.
+pub(crate) const MANIFEST: &str = "sweep.json";
+
+/// The files of a sweep that has begun; the others follow the manifest.
+pub(crate) static LAYOUT: FolderLayout = FolderLayout {
+    lock: "lock",
+    is_result: |name| name == MANIFEST,
+    temporary: &[RESULTS[0], RESULTS[1], RESULTS[2], RESULTS[3], SCENARIO, SENSORS, SWEEP],
+};
+
+/// The files that are written when all missions are flown.
+pub(crate) const RESULTS: [&str; 4] = ["results.csv", "results.parquet", "summary.csv", "timings.csv"];
+
+/// The content of `sweep.json`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Manifest {
+    /// The shard in the folder.
+    pub shard: Shard,
+    /// Commit, compiler and target of each program that flew missions of it, in order.
+    pub builds: Vec<String>,
+    /// The sweep.
+    #[serde(flatten)]
+    pub definition: Definition,
+}
+
+impl Manifest {
+    /// Reads the manifest of the folder `path`; `None` if the sweep has not begun. `what` names the folder in errors.
+    ///
+    /// # Errors
+    /// If the folder is not that of a sweep, or was written by another version.
+    pub fn read(what: &'static str, path: &Path) -> Result<Option<Self>, LabError> {
+        let refuse = |message: String| InputError::new(what, path, message);
+        if path.is_file() {
+            return Err(refuse("it is a file: expected the folder of a sweep".to_owned()).into());
+        }
+        let text = match fs::read(path.join(MANIFEST)) {
+            Err(_) if path.is_dir() && LAYOUT.content(path).at(path)?.is_empty() => return Ok(None),
+            text => text.map_err(|error| refuse(format!("{MANIFEST}: {error}: expected the folder of a sweep")))?,
+        };
+        let manifest: Self = serde_json::from_slice(&text).map_err(|error| {
+            refuse(format!("{MANIFEST}: {error}: expected that of a sweep: delete the folder and run the {what} again"))
+        })?;
+        let version = &manifest.definition.version;
+        if version != VERSION {
+            return Err(refuse(format!(
+                "it was written by Skysink {version}: expected {VERSION}: run the {what} again"
+            ))
+            .into());
+        }
+        Ok(Some(manifest))
+    }
+
+    /// Writes it into the folder.
+    pub(crate) fn write(&self, folder: &Path) -> Result<(), LabError> {
+        let text = serde_json::to_string_pretty(self).expect("plain values") + "\n";
+        Ok(write_whole(&folder.join(MANIFEST), text.as_bytes())?)
+    }
+}
+
+/// Adds the builds that are not among them.
+pub(crate) fn add_builds(to: &mut Vec<String>, builds: Vec<String>) {
+    for build in builds {
+        if !to.contains(&build) {
+            to.push(build);
+        }
+    }
+}
