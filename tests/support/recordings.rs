@@ -106,7 +106,8 @@ pub fn verify_all(run: &Path, undisturbed: &EntitySlots) {
         for (entity, slots) in found.iter().filter(|(entity, _)| is_in_every_slot(entity)) {
             ends.entry(slots.last()).or_default().push(entity);
         }
-        let last = found.iter().filter(|(entity, _)| *entity != "/log/events").filter_map(|(_, slots)| slots.last()).max();
+        let last =
+            found.iter().filter(|(entity, _)| *entity != "/log/events").filter_map(|(_, slots)| slots.last()).max();
         assert!(ends.keys().all(|&end| end == last), "{}: its entities end with {ends:?}", recording.display());
         assert_eq!(ends.is_empty(), last.is_none(), "{}: nothing is in every slot", recording.display());
     }
