@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import closing
 from os import PathLike
 from typing import Any
 
@@ -76,6 +77,7 @@ def compare(
     strategies: Sequence[str | type[Strategy] | Callable[[], Strategy]] | Mapping[str, Callable[[], Strategy] | str],
     *,
     seeds: int | Sequence[int] = 20,
+    out: str | PathLike[str] | None = None,
     executor: Executor | Any | None = None,
 ) -> Comparison:
     """Compares strategies over the same fields. Returns an entry per strategy and metric, and a row per mission.
@@ -86,7 +88,8 @@ def compare(
     seeds. An entry has ``label``, ``metric`` (as in ``docs/src/metrics.md``), ``n``, ``mean``, ``ci95`` (limits of the
     95 % confidence interval), and ``difference`` and ``difference_ci95`` relative to the first strategy, paired by
     seed. ``pandas.DataFrame`` accepts the list. Its attribute ``missions`` is a table with a row per strategy and seed.
-    ``executor`` as in :func:`skysink.sweep`.
+    ``out`` is a folder as of ``skysink compare``: a comparison in it is resumed, or extended by seeds and strategies.
+    It holds the scenario and the sources of Python strategies. ``executor`` as in :func:`skysink.sweep`.
     """
     base = scenario_of(scenario)
     if isinstance(strategies, Mapping):
@@ -99,9 +102,14 @@ def compare(
         scenario=base,
         names=tuple(strategy if isinstance(strategy, str) else strategy.name for strategy in found),
         seeds=tuple(chosen),
-        versions=tuple((strategy.name, strategy.version) for strategy in in_python),
+        external=tuple((strategy.name, strategy.version, strategy.sources) for strategy in in_python),
         specs=tuple((strategy.name, strategy.spec) for strategy in in_python),
     )
     plan, makers = load(source)
-    rows = list(fly_all(plan, makers, plan.missions, source, executor))
-    return Comparison.of(plan.standings(rows), plan.rows(rows))
+    if out is None:
+        rows = list(fly_all(plan, makers, plan.missions, source, executor))
+        return Comparison.of(plan.standings(rows), plan.rows(rows))
+    with closing(plan.open(out)) as record:
+        for row in fly_all(plan, makers, record.missing, source, executor):
+            record.add(row)
+        return Comparison.of(*plan.finish_comparison(record, out))

@@ -6,6 +6,7 @@ import json
 import tomllib
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
+from contextlib import closing
 from dataclasses import dataclass
 from functools import lru_cache
 from os import PathLike, cpu_count
@@ -13,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from skysink._skysink import InputError, Scenario, SweepPlan, Table
-from skysink.strategy import MAIN, PREFIX, PythonStrategy, Strategy, named
+from skysink.strategy import MAIN, PREFIX, PythonStrategy, Sources, Strategy, named
 
 Key = tuple[int, int, int]
 """A mission: point of the grid, index of the strategy, seed."""
@@ -46,7 +47,7 @@ class ComparisonSource:
     scenario: Scenario
     names: tuple[str, ...]
     seeds: tuple[int, ...]
-    versions: tuple[tuple[str, str], ...]
+    external: tuple[tuple[str, str, Sources], ...]
     specs: tuple[tuple[str, str | Callable[[], Strategy]], ...]
 
 
@@ -83,19 +84,16 @@ def sweep(
     plan, makers = load(source)
     if executor is None and not makers:
         return plan.fly_all(folder, threads)
-    record = plan.open(folder)
-    try:
+    with closing(plan.open(folder)) as record:
         for row in fly_all(plan, makers, record.missing, source, executor):
             record.add(row)
         return plan.finish(record)
-    finally:
-        record.close()
 
 
 def load(source: Source) -> tuple[SweepPlan, Makers]:
     """Loads the sweep of a source. Raises :class:`skysink.InputError` if it is refused."""
     if isinstance(source, ComparisonSource):
-        plan = SweepPlan.compare(source.scenario, source.names, source.seeds, [(*each, ()) for each in source.versions])
+        plan = SweepPlan.compare(source.scenario, source.names, source.seeds, source.external)
         return plan, {name: maker(spec) for name, spec in source.specs}
     path = Path(source.path)
     try:

@@ -15,9 +15,10 @@ use skysink_lab::sweep::results::mission_columns;
 use skysink_lab::sweep::settings::{ExternalStrategy, SweepBase, SweepChanges, SweepSettings};
 use skysink_lab::sweep::shard::Shard;
 use skysink_lab::sweep::{self, SweepTask};
+use skysink_mission::files::write_whole;
 use toml::Table;
 
-use crate::errors::{of_lab, refused};
+use crate::errors::{of_lab, of_mission, refused};
 use crate::run::{Sources, source_files};
 use crate::scenario::PyScenario;
 use crate::signals::interruptible;
@@ -127,9 +128,29 @@ impl PySweepPlan {
 
     /// Writes the results into the folder of `record`, and returns them.
     fn finish(&self, py: Python<'_>, record: &Bound<'_, PySweepRecord>) -> PyResult<PyTable> {
-        let record = record.borrow_mut().0.take().ok_or_else(|| refused("the sweep is finished"))?;
-        self.table(&interruptible(py, |stop| record.finish(stop))?.map_err(of_lab)?)
+        self.table(&finish(py, record)?)
     }
+
+    /// The same for a comparison in the folder `out`, with its standings, which it writes, too.
+    fn finish_comparison<'py>(
+        &self,
+        py: Python<'py>,
+        record: &Bound<'_, PySweepRecord>,
+        out: PathBuf,
+    ) -> PyResult<(Bound<'py, PyAny>, PyTable)> {
+        let journal = finish(py, record)?;
+        let contenders = Contender::of_sweep(&self.0.definition, &journal.all().map_err(of_lab)?);
+        let standings = of_contenders(&contenders);
+        let text = serde_json::to_string_pretty(&standings).expect("plain numbers and strings");
+        write_whole(&out.join("comparison.json"), (text + "\n").as_bytes()).map_err(of_mission)?;
+        Ok((json(py, &standings)?, self.table(&journal)?))
+    }
+}
+
+/// Writes the results into the folder of `record`.
+fn finish(py: Python<'_>, record: &Bound<'_, PySweepRecord>) -> PyResult<SweepJournal> {
+    let record = record.borrow_mut().0.take().ok_or_else(|| refused("the sweep is finished"))?;
+    interruptible(py, |stop| record.finish(stop))?.map_err(of_lab)
 }
 
 impl PySweepPlan {

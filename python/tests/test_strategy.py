@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 import pickle
 from concurrent.futures import ProcessPoolExecutor
@@ -138,6 +139,19 @@ def test_a_comparison_has_a_row_for_each_mission(smoke: skysink.Scenario) -> Non
     assert means["uts"] == missions.filter(polars.col("strategy") == "uts")["loss_rate"].mean()
     again = pickle.loads(pickle.dumps(compared))
     assert again == compared and len(again.missions) == 6
+
+
+def test_a_comparison_in_a_folder_is_resumed_and_extended(smoke: skysink.Scenario, tmp_path: Path) -> None:
+    out = tmp_path / "both"
+    first = skysink.compare(smoke, ["gfs", made()], seeds=2, out=out)
+    assert json.loads((out / "comparison.json").read_text()) == list(first)
+    assert first.missions.to_polars().equals(skysink.compare(smoke, ["gfs", made()], seeds=2, out=out).missions.to_polars())
+    more = skysink.compare(smoke, ["gfs", made(), "uts"], seeds=3, out=out)
+    whole = skysink.compare(smoke, ["gfs", made(), "uts"], seeds=3)
+    losses = [[entry for entry in each if entry["metric"] == "loss_rate"] for each in (more, whole)]
+    assert losses[0] == losses[1] and len(more.missions) == 9
+    with pytest.raises(skysink.InputError, match="seeds"):
+        skysink.compare(smoke, ["gfs", made()], seeds=1, out=out)
 
 
 def test_strategies_with_parameters_have_names_of_their_own(smoke: skysink.Scenario) -> None:

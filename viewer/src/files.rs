@@ -89,10 +89,11 @@ pub fn has_footer(path: &Path) -> io::Result<bool> {
     Ok(StreamFooter::from_rrd_bytes(&end).is_ok())
 }
 
-/// Whether a file starts like a recording. Other files must not be changed.
+/// Whether a file starts like a recording, or is that of a viewer that was killed before its first batch, which is empty.
+/// Other files must not be changed.
 fn is_recording(path: &Path) -> bool {
-    let mut begin = [0; 4];
-    File::open(path).and_then(|mut file| file.read_exact(&mut begin)).is_ok() && begin == RRD_FOURCC
+    let begins = |file: File| file.take(RRD_FOURCC.len() as u64).bytes().collect::<io::Result<Vec<_>>>();
+    File::open(path).and_then(begins).is_ok_and(|begin| begin.is_empty() || begin == RRD_FOURCC)
 }
 
 /// Locks the file of a recording. Its writer holds the lock until it ends.

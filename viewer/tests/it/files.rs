@@ -319,6 +319,20 @@ fn what_a_viewer_killed_at_its_beginning_has_left_is_removed() {
 }
 
 #[test]
+fn an_empty_file_that_was_passed_over_is_completed() {
+    let (folder, first) = place();
+    fs::write(&first, "").unwrap();
+    let dying = fs::File::open(&first).unwrap();
+    dying.lock().unwrap(); // by a viewer whose launcher was killed, and which is killed, too
+    write(&first, &letter(), "x", plain(0..=1));
+    drop(dying);
+    complete(&first).unwrap();
+    let second = folder.path().join("mission-2.rrd");
+    assert!(has_footer(&first).unwrap() && has_footer(&second).unwrap());
+    assert_eq!(Found::read(&second).slots_of(uav::UAV).len(), 2);
+}
+
+#[test]
 fn an_empty_file_is_reused() {
     let (_folder, first) = place();
     fs::write(&first, "").unwrap();
