@@ -171,13 +171,15 @@ mod tests {
     fn held_slots_up_to_the_end_are_reported_once() {
         let start = Instant::now();
         let mut watch = PlanWatch::new(SLOT, LIMIT, 1_000, start);
-        let held = |watch: &mut PlanWatch, ms: u64| watch.count(true, start + Duration::from_millis(ms));
-        assert!(held(&mut watch, 0).is_none() && watch.end().is_none(), "one is not in a row");
-        assert!(held(&mut watch, 500).is_none());
-        assert_eq!(watch.end().map(|event| event.event), Some(ProcessEvent::Held(2)));
-        assert!(held(&mut watch, 1_000).is_some() && watch.end().is_none(), "that was reported");
-        assert!(held(&mut watch, 1_500).is_none());
-        assert_eq!(watch.end().map(|event| event.event), Some(ProcessEvent::Held(4)));
+        let mut held = |ms: u64| {
+            let event = watch.count(true, start + Duration::from_millis(ms));
+            [event, watch.end()].map(|event| event.map(|event| event.event))
+        };
+        assert_eq!(held(0), [None, None], "one is not in a row");
+        assert_eq!(held(100), [None, Some(ProcessEvent::Held(2))]);
+        assert!((200..1_000).step_by(100).all(|ms| held(ms)[0].is_none()));
+        assert_eq!(held(1_000), [Some(ProcessEvent::Held(11)), None], "that was reported");
+        assert_eq!(held(1_100), [None, Some(ProcessEvent::Held(12))]);
         assert!(watch.count(false, start).is_none() && watch.end().is_none());
     }
 
