@@ -21,8 +21,8 @@ use skysink_ring::topics::{Ring, is_release};
 use crate::support::flight::RunningFlight;
 use crate::support::{Place, scenarios, until};
 
-/// Flies the plans of a ring as a vehicle in wind: it comes to rest elsewhere, at times outside the area. It always says
-/// that it serves, also in one slot in seven, in which it does not. Its links have `1 / slower` of the capacity.
+/// Flies the plans of a ring as a vehicle in wind: it comes to rest elsewhere, at times outside the area. It always
+/// says that it serves, also in one slot in seven, in which it does not. Its links have `1 / slower` of the capacity.
 fn fly_in_wind(run: &RunningFlight, slower: u64) -> Result<(), NodeError> {
     silence_iceoryx2();
     run.until_topics();
