@@ -20,7 +20,8 @@ use re_sdk_types::blueprint::components::{
 };
 use re_types_core::datatypes::{TimeInt, TimeRange, TimeRangeBoundary, VisibleTimeRange as Range};
 
-use crate::recording::{Recording, SIM_TIME, SLOT};
+use crate::recording::Recording;
+use crate::slot::{SIM_TIME, SLOT};
 
 /// rerun's names of the view classes.
 pub(crate) mod class {

@@ -17,7 +17,7 @@ use re_sdk::log::Chunk;
 use re_sdk::{ApplicationId, TimelineName};
 use tempfile::NamedTempFile;
 
-use crate::recording::SLOT;
+use crate::slot::SLOT;
 
 /// Whether a file is the first of its recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -92,8 +92,9 @@ pub fn has_footer(path: &Path) -> io::Result<bool> {
 /// Whether a file starts like a recording, or is that of a viewer that was killed before its first batch, which is empty.
 /// Other files must not be changed.
 fn is_recording(path: &Path) -> bool {
-    let begins = |file: File| file.take(RRD_FOURCC.len() as u64).bytes().collect::<io::Result<Vec<_>>>();
-    File::open(path).and_then(begins).is_ok_and(|begin| begin.is_empty() || begin == RRD_FOURCC)
+    let mut begin = Vec::new();
+    let read = File::open(path).and_then(|file| file.take(RRD_FOURCC.len() as u64).read_to_end(&mut begin));
+    read.is_ok() && (begin.is_empty() || begin == RRD_FOURCC)
 }
 
 /// Locks the file of a recording. Its writer holds the lock until it ends.

@@ -14,12 +14,7 @@ use skysink_common::written_file::FileChange;
 
 use crate::files::{NextFile, Part};
 use crate::rrd_file::RrdFile;
-
-/// The timeline that counts slots.
-pub const SLOT: &str = "slot";
-
-/// The timeline of simulated seconds.
-pub const SIM_TIME: &str = "sim_time";
+use crate::slot::{SIM_TIME, SLOT};
 
 /// Time between two batches of a file, with the slot in which it ends: what a killed process loses at most.
 const FILE_TICK: Duration = Duration::from_secs(10);

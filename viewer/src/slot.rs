@@ -2,6 +2,12 @@
 
 use skysink_common::message::{FlightReport, PathPoint, Plan, QueuesHeader};
 
+/// The timeline that counts slots.
+pub const SLOT: &str = "slot";
+
+/// The timeline of simulated seconds.
+pub const SIM_TIME: &str = "sim_time";
+
 /// Whether wall-clock times are measured, which determines whether their curves are shown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WallClock {
