@@ -70,7 +70,7 @@ fn slots_that_are_held_up_to_the_end_are_all_named() {
     let trace = place.trace("run");
     let held = trace.lines().rev().take_while(|line| line.contains(",hold,")).count();
     assert!(held > 60, "{held}");
-    let named = events(&place).into_iter().filter(|(_, event)| event.contains("slots in a row")).next_back();
+    let named = events(&place).into_iter().rfind(|(_, event)| event.contains("slots in a row"));
     let last = format!("has sent no plan in time for {held} slots in a row: the UAV held");
     assert_eq!(named, Some(("planner".to_owned(), last)));
     place.assert_clean();
