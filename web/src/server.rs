@@ -1,12 +1,15 @@
 //! Serves a site over HTTP/1.1.
 //!
-//! hyper bounds what a client can make the server hold: `MAX_HEAD_BYTES` for `PATIENCE`, and no body.
+//! What a client can make the server hold is bounded: one of `connections`, a head of `MAX_HEAD_BYTES` for `head`, no body,
+//! and answers that it does not read for `stall`.
 
 use std::convert::Infallible;
 use std::io;
 use std::net::{SocketAddr, TcpListener};
+use std::pin::Pin;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, channel};
+use std::task::{Context, Poll};
 use std::time::Duration;
 
 use hyper::Request;
@@ -14,9 +17,10 @@ use hyper::body::Incoming;
 use hyper::server::conn::http1;
 use hyper::service::service_fn;
 use hyper_util::rt::{TokioIo, TokioTimer};
-use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWrite, AsyncWriteExt as _};
+use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWrite, AsyncWriteExt as _, ReadBuf};
 use tokio::runtime;
 use tokio::task::JoinSet;
+use tokio::time::{Sleep, sleep};
 
 use crate::site::Site;
 
@@ -26,8 +30,19 @@ const THREADS: usize = 4;
 /// Largest head of a request [bytes].
 const MAX_HEAD_BYTES: usize = 1 << 16;
 
-/// Time for the head of the next request, after which a connection is closed.
-const PATIENCE: Duration = Duration::from_secs(5);
+/// What clients may take.
+#[derive(Debug, Clone, Copy)]
+struct Limits {
+    /// Number of connections at once; further ones wait in the backlog of the listener.
+    connections: usize,
+    /// Time for the head of the next request, after which a connection is closed.
+    head: Duration,
+    /// Time without a byte read by the client while an answer waits, after which a connection is closed.
+    stall: Duration,
+}
+
+/// The limits of a server: a browser that reads slowly is waited for, one that does not read is not.
+const LIMITS: Limits = Limits { connections: 64, head: Duration::from_secs(5), stall: Duration::from_secs(30) };
 
 /// A server for a site, which runs until the process ends.
 #[derive(Debug)]
@@ -48,7 +63,7 @@ impl Server {
         let address = listener.local_addr()?;
         let runtime = runtime::Builder::new_multi_thread().worker_threads(THREADS).enable_all().build()?;
         let (failed, failures) = channel();
-        std::thread::spawn(move || failed.send(runtime.block_on(accept(listener, site.into()))));
+        std::thread::spawn(move || failed.send(runtime.block_on(accept(listener, site.into(), LIMITS))));
         Ok(Self { address, failures })
     }
 
@@ -59,7 +74,7 @@ impl Server {
 }
 
 /// Accepts connections, and returns the error that prevents it.
-async fn accept(listener: TcpListener, site: Arc<Site>) -> io::Error {
+async fn accept(listener: TcpListener, site: Arc<Site>, limits: Limits) -> io::Error {
     let listener = match tokio::net::TcpListener::from_std(listener) {
         Ok(listener) => listener,
         Err(error) => return error,
@@ -67,8 +82,11 @@ async fn accept(listener: TcpListener, site: Arc<Site>) -> io::Error {
     let mut connections = JoinSet::new();
     loop {
         while connections.try_join_next().is_some() {}
+        if connections.len() >= limits.connections {
+            connections.join_next().await;
+        }
         match listener.accept().await {
-            Ok((stream, _)) => drop(connections.spawn(connection(stream, Arc::clone(&site)))),
+            Ok((stream, _)) => drop(connections.spawn(connection(stream, Arc::clone(&site), limits))),
             Err(error) if error.kind() == io::ErrorKind::ConnectionAborted => {}
             // Without a free file descriptor: the end of a connection frees one.
             Err(error) => {
@@ -81,14 +99,50 @@ async fn accept(listener: TcpListener, site: Arc<Site>) -> io::Error {
 }
 
 /// Answers the requests of a connection until either side closes it.
-async fn connection(stream: impl AsyncRead + AsyncWrite + Unpin, site: Arc<Site>) {
+async fn connection(stream: impl AsyncRead + AsyncWrite + Unpin, site: Arc<Site>, limits: Limits) {
     let service = service_fn(|request: Request<Incoming>| {
         let answer = site.answer(&request);
         async move { Ok::<_, Infallible>(answer) }
     });
     let mut http = http1::Builder::new();
-    http.timer(TokioTimer::new()).header_read_timeout(PATIENCE).max_buf_size(MAX_HEAD_BYTES).half_close(true);
+    http.timer(TokioTimer::new()).header_read_timeout(limits.head).max_buf_size(MAX_HEAD_BYTES).half_close(true);
+    let stream = ReadStream { stream, stall: limits.stall, stalled: None };
     let _ = http.serve_connection(TokioIo::new(stream), service).await; // an error means that the client has gone
+}
+
+/// A stream to a client that has to read: writing fails if nothing could be written for `stall`.
+struct ReadStream<S> {
+    stream: S,
+    stall: Duration,
+    /// Ends when the write that waits has waited too long.
+    stalled: Option<Pin<Box<Sleep>>>,
+}
+
+impl<S: AsyncRead + Unpin> AsyncRead for ReadStream<S> {
+    fn poll_read(mut self: Pin<&mut Self>, context: &mut Context<'_>, to: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.stream).poll_read(context, to)
+    }
+}
+
+impl<S: AsyncWrite + Unpin> AsyncWrite for ReadStream<S> {
+    fn poll_write(mut self: Pin<&mut Self>, context: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
+        let written = Pin::new(&mut self.stream).poll_write(context, bytes);
+        if written.is_ready() {
+            self.stalled = None;
+            return written;
+        }
+        let stall = self.stall;
+        let stalled = self.stalled.get_or_insert_with(|| Box::pin(sleep(stall)));
+        stalled.as_mut().poll(context).map(|()| Err(io::ErrorKind::TimedOut.into()))
+    }
+
+    fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.stream).poll_flush(context)
+    }
+
+    fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.stream).poll_shutdown(context)
+    }
 }
 
 /// The first `limit` bytes that a client receives which sends `bytes` and no more: for tests and fuzzing.
@@ -100,7 +154,7 @@ pub fn converse(site: &Arc<Site>, bytes: &[u8], limit: u64) -> io::Result<Vec<u8
         let (mut client, server) = tokio::io::duplex(bytes.len().max(MAX_HEAD_BYTES));
         client.write_all(bytes).await?;
         client.shutdown().await?;
-        tokio::spawn(connection(server, Arc::clone(site)));
+        tokio::spawn(connection(server, Arc::clone(site), LIMITS));
         let mut received = Vec::new();
         client.take(limit).read_to_end(&mut received).await?;
         Ok(received)
@@ -111,6 +165,39 @@ pub fn converse(site: &Arc<Site>, bytes: &[u8], limit: u64) -> io::Result<Vec<u8
 mod tests {
     use super::*;
     use crate::page::WebPage;
+
+    #[test]
+    fn clients_that_do_not_read_are_cut_off_and_make_room_for_those_that_wait() {
+        let limits = Limits { connections: 4, head: Duration::from_secs(60), stall: Duration::from_millis(200) };
+        let site = Arc::new(Site::with_token(WebPage::new("x", &[], None), "0badcafe"));
+        let runtime = runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
+        runtime.block_on(async {
+            let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+            listener.set_nonblocking(true).unwrap();
+            let address = listener.local_addr().unwrap();
+            tokio::spawn(accept(listener, site, limits));
+            let refused = "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n";
+            let mut deaf = Vec::new();
+            for _ in 0..limits.connections {
+                let mut client = tokio::net::TcpStream::connect(address).await.unwrap();
+                let sent = async { while client.write_all(refused.repeat(1000).as_bytes()).await.is_ok() {} };
+                let cut_off = tokio::time::timeout(Duration::from_secs(60), sent).await;
+                assert!(cut_off.is_ok(), "a client that does not read is still served");
+                deaf.push(client);
+            }
+            for _ in 0..limits.connections {
+                deaf.push(tokio::net::TcpStream::connect(address).await.unwrap()); // idle: takes the last places
+            }
+            let mut waits = tokio::net::TcpStream::connect(address).await.unwrap();
+            waits.write_all(refused.as_bytes()).await.unwrap();
+            let mut status = [0; 12];
+            let early = tokio::time::timeout(Duration::from_millis(300), waits.read_exact(&mut status)).await;
+            assert!(early.is_err(), "more connections are served than the limit");
+            deaf.clear();
+            tokio::time::timeout(Duration::from_secs(60), waits.read_exact(&mut status)).await.unwrap().unwrap();
+            assert_eq!(&status, b"HTTP/1.1 403");
+        });
+    }
 
     #[test]
     fn odd_requests_are_answered_or_refused_and_hold_nothing() {
