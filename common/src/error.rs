@@ -99,25 +99,27 @@ pub fn quoted(text: &str) -> String {
     one_line(&text[..end], usize::MAX) + dots
 }
 
-/// A hint for a message of serde about an unknown name: where the way around is described if it is of something that is
-/// not modelled, or else the expected name most similar to it, or an empty text.
+/// A hint for a message of serde about an unknown name: the expected name most similar to it, and where the way around is
+/// described if it is of something that is not modelled. Empty without either.
 #[must_use]
 pub fn suggestion(message: &str) -> String {
     let mut names = message.split('`').skip(1).step_by(2);
     let Some(name) = names.next().filter(|_| message.starts_with("unknown")) else { return String::new() };
-    if let Some(heading) = not_modelled(name) {
-        return format!("; it is not modelled, see docs/src/not-modelled.md#{heading}");
-    }
-    did_you_mean(name, names).map_or_else(String::new, |meant| format!("; did you mean `{meant}`?"))
+    let meant = did_you_mean(name, names).map(|meant| format!("; did you mean `{meant}`?"));
+    let page = not_modelled(name).map(|heading| {
+        let joint = if meant.is_some() { " If not," } else { ";" };
+        format!("{joint} it is not modelled, see \"{heading}\" in \"What Skysink does not model\" of the documentation")
+    });
+    [meant, page].into_iter().flatten().collect()
 }
 
 /// Words of keys for what is not modelled, under the headings of `docs/src/not-modelled.md`.
 const NOT_MODELLED: [(&str, &[&str]); 5] = [
-    ("arrivals", &["arrival", "arrivals", "burst", "bursts", "poisson", "traffic"]),
-    ("battery", &["battery", "batteries", "energy", "charge", "charging", "recharge"]),
-    ("no-fly-zones", &["fly", "nofly", "zone", "zones", "geofence", "obstacle", "obstacles", "terrain"]),
-    ("wind", &["wind", "gust", "gusts", "weather"]),
-    ("several-uavs", &["uavs", "fleet", "drones"]),
+    ("Arrivals", &["arrival", "arrivals", "burst", "bursts", "poisson", "traffic"]),
+    ("Battery", &["battery", "batteries", "charging", "recharge"]),
+    ("No-fly zones", &["fly", "nofly", "zone", "zones", "geofence", "obstacle", "obstacles", "terrain"]),
+    ("Wind", &["wind", "gust", "gusts", "weather"]),
+    ("Several UAVs", &["uavs", "fleet", "drones"]),
 ];
 
 /// The heading of what is not modelled, if the key `name` is for it.
@@ -145,16 +147,22 @@ mod tests {
         let page = include_str!("../../docs/src/not-modelled.md");
         let unknown = |name: &str| suggestion(&format!("unknown field `{name}`, expected `slots` or `width_m`"));
         for (name, heading) in [
-            ("arrivals", "## Arrivals"),
-            ("battery_wh", "## Battery"),
-            ("no_fly", "## No-fly zones"),
-            ("wind", "## Wind"),
-            ("uavs", "## Several UAVs"),
+            ("arrivals", "Arrivals"),
+            ("battery_wh", "Battery"),
+            ("no_fly", "No-fly zones"),
+            ("wind", "Wind"),
+            ("uavs", "Several UAVs"),
         ] {
-            let anchor = heading[3..].to_lowercase().replace(' ', "-");
-            assert_eq!(unknown(name), format!("; it is not modelled, see docs/src/not-modelled.md#{anchor}"));
-            assert!(page.lines().any(|line| line == heading), "{heading}");
+            let hint = format!(
+                "; it is not modelled, see \"{heading}\" in \"What Skysink does not model\" of the documentation"
+            );
+            assert_eq!(unknown(name), hint);
+            assert!(page.lines().any(|line| line.strip_prefix("## ") == Some(heading)), "{heading}");
         }
+        assert!(page.starts_with("# What Skysink does not model\n"));
+        assert_eq!(unknown("energy"), "");
+        let both = suggestion("unknown field `battery`, expected `batter`");
+        assert!(both.starts_with("; did you mean `batter`? If not, it is not modelled, see \"Battery\" in"), "{both}");
         assert_eq!(unknown("window"), "");
         assert_eq!(unknown("slot"), "; did you mean `slots`?");
         assert_eq!(suggestion("missing field `wind`"), "");
