@@ -14,7 +14,7 @@ mod rows;
 use std::ops::Range;
 
 pub use list::{Sensor, SensorList};
-pub use rows::line_of;
+pub use rows::{check_name, line_of};
 
 use crate::arrivals::mean_bits;
 use crate::geometry::Position;

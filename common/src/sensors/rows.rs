@@ -24,6 +24,16 @@ pub(super) const NAME: &str = "name";
 /// Most characters of a name.
 const MOST_CHARACTERS: usize = 100;
 
+/// Checks the name of a sensor node: at most 100 characters, none of them a control character.
+///
+/// # Errors
+/// A message with the name, if it is another.
+pub fn check_name(name: &str) -> Result<(), String> {
+    let is_accepted = name.chars().count() <= MOST_CHARACTERS && !name.chars().any(char::is_control);
+    let expected = format_args!("at most {MOST_CHARACTERS} characters, on one line");
+    if is_accepted { Ok(()) } else { Err(format!("name = {}: expected {expected}", quoted(name))) }
+}
+
 /// A projected position up to this far [m] outside the area is moved to its border, so that rounding does not exclude
 /// the meridian of the origin.
 const RIM_SLACK_M: f64 = 1e-6;
@@ -147,11 +157,7 @@ impl<'a> Table<'a> {
     fn name(&self, row: &csv::StringRecord) -> Result<Option<String>, String> {
         let Some(index) = self.header.iter().position(|name| name == NAME) else { return Ok(None) };
         let name = &row[index];
-        let is_accepted = name.chars().count() <= MOST_CHARACTERS && !name.chars().any(char::is_control);
-        let expected = format!("at most {MOST_CHARACTERS} characters, on one line");
-        is_accepted
-            .then(|| Some(name.to_owned()))
-            .ok_or_else(|| format!("name = {}: expected {expected}", quoted(name)))
+        check_name(name).map(|()| Some(name.to_owned()))
     }
 
     fn position(&self, row: &csv::StringRecord) -> Result<Position, String> {

@@ -1,6 +1,7 @@
 //! The sensor nodes that were found in a file, in the frame of the file.
 
 use skysink_common::error::quoted;
+use skysink_common::sensors::check_name;
 
 /// Longitudes are equal modulo this angle [°].
 const FULL_CIRCLE_DEG: f64 = 360.0;
@@ -55,6 +56,9 @@ pub fn other(name: &str) -> Option<&'static str> {
     OTHERS.iter().find(|names| names.contains(&name.as_str())).map(|names| names[0])
 }
 
+/// Why writing a list cannot fail.
+const IN_MEMORY: &str = "memory takes everything, and all rows are of one length";
+
 /// Most properties that a note names.
 const MOST_NAMED: usize = 10;
 
@@ -79,19 +83,21 @@ pub struct FoundPoints {
 }
 
 impl FoundPoint {
-    /// The value of a further column, if it has one.
-    fn value(&self, column: &'static str) -> Result<Option<&str>, String> {
-        let mut found = self.properties.iter().filter(|(name, _)| other(name) == Some(column));
-        let value = found.next().map(|(_, value)| value.trim());
-        if let Some((again, _)) = found.next() {
-            return Err(format!("property {}: expected {column} once", quoted(again)));
-        }
-        let Some(value) = value.filter(|value| !value.is_empty()) else { return Ok(None) };
-        if column != NAME && !value.parse().is_ok_and(f64::is_finite) {
-            return Err(format!("{column} = {}: expected a number", quoted(value)));
-        }
-        Ok(Some(value))
+    /// The index of the property for a further column: the first of the column's `names` that is not empty.
+    fn property(&self, names: &[&str]) -> Option<usize> {
+        let called = |alias: &str| self.properties.iter().position(|(name, value)| is_for(name, value, alias));
+        names.iter().find_map(|alias| called(alias))
     }
+
+    /// The value of the property at an index, without a line break.
+    fn value(&self, index: usize) -> String {
+        self.properties[index].1.split_whitespace().collect::<Vec<_>>().join(" ")
+    }
+}
+
+/// Whether a property has a value, and this name.
+fn is_for(name: &str, value: &str, alias: &str) -> bool {
+    name.to_lowercase() == alias && !value.trim().is_empty()
 }
 
 impl Imported {
@@ -104,36 +110,50 @@ impl Imported {
             sensors.push(ImportedSensor { place: place(index), position: point.position, others: Vec::new() });
         }
         let mut others = Vec::new();
-        for column in OTHERS.map(|names| names[0]) {
-            let values: Vec<Option<&str>> = points
-                .iter()
-                .enumerate()
-                .map(|(index, point)| point.value(column).map_err(|message| format!("{}: {message}", place(index))))
-                .collect::<Result<_, String>>()?;
-            if values.iter().all(Option::is_none) {
+        let mut unread: Vec<Vec<bool>> = points.iter().map(|point| vec![true; point.properties.len()]).collect();
+        let mut reasons = Vec::new();
+        for names in OTHERS {
+            let column = names[0];
+            let found: Vec<Option<usize>> = points.iter().map(|point| point.property(names)).collect();
+            if found.iter().all(Option::is_none) {
                 continue;
             }
-            let missing = values.iter().position(Option::is_none).filter(|_| column != NAME);
-            if let Some(index) = missing {
-                return Err(format!("{}: no {column}: expected it of all points, or of none", place(index)));
+            let values: Vec<String> = points
+                .iter()
+                .zip(&found)
+                .map(|(point, found)| found.map_or_else(String::new, |index| point.value(index)))
+                .collect();
+            if column == NAME {
+                for (index, name) in values.iter().enumerate() {
+                    check_name(name).map_err(|message| format!("{}: {message}", place(index)))?;
+                }
+            } else if let Some(index) = values.iter().position(|value| !value.parse().is_ok_and(f64::is_finite)) {
+                reasons.push(format!("{column} of all points ({} has no number)", place(index)));
+                continue;
             }
             others.push(column);
-            for (sensor, value) in sensors.iter_mut().zip(values) {
-                sensor.others.push(value.unwrap_or_default().to_owned());
+            for (index, value) in values.into_iter().enumerate() {
+                sensors[index].others.push(value);
+                if let Some(property) = found[index] {
+                    unread[index][property] = false;
+                }
             }
         }
         let items = (ignored > 0).then(|| format!("{ignored} lines, polygons or other items without a point"));
         let high = points.iter().filter(|point| point.altitude != 0.0).count();
         let high = (high > 0).then(|| format!("altitudes of {high} points (sensor nodes stand on the ground)"));
-        let names = points.iter().flat_map(|point| &point.properties).map(|(name, _)| name);
-        let mut names: Vec<String> = names.filter(|name| other(name).is_none()).map(|name| quoted(name)).collect();
+        let properties = points.iter().flat_map(|point| &point.properties).zip(unread.iter().flatten());
+        let is_ignored =
+            |name: &str, text: &str, is_unread| is_unread && (other(name).is_none() || !text.trim().is_empty());
+        let properties = properties.filter(|((name, text), is_unread)| is_ignored(name, text, **is_unread));
+        let mut names: Vec<String> = properties.map(|((name, _), _)| quoted(name)).collect();
         names.sort();
         names.dedup();
         let more = names.len().saturating_sub(MOST_NAMED);
         let more = if more > 0 { format!(" and {more} more") } else { String::new() };
         names.truncate(MOST_NAMED);
         let properties = (!names.is_empty()).then(|| format!("properties {}{more}", names.join(", ")));
-        let ignored = [items, high, properties].into_iter().flatten().collect();
+        let ignored = [items, high, properties].into_iter().flatten().chain(reasons).collect();
         Ok(Self { frame: Frame::Geodetic, sensors, others, ignored })
     }
 
@@ -144,17 +164,13 @@ impl Imported {
             Frame::Plane => ["x_m", "y_m"],
             Frame::Geodetic => ["lat_deg", "lon_deg"],
         };
-        let mut text = axes.into_iter().chain(self.others.iter().copied()).collect::<Vec<_>>().join(",") + "\n";
+        let mut list = csv::Writer::from_writer(Vec::new());
+        list.write_record(axes.iter().chain(&self.others)).expect(IN_MEMORY);
         for sensor in &self.sensors {
             let place = [0, 1].map(|axis| (sensor.position[axis] + shift[axis]).to_string());
-            let cell = |text: &String| {
-                let needs_quotes = text.contains([',', '"']);
-                if needs_quotes { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.clone() }
-            };
-            let line = place.iter().chain(&sensor.others).map(cell).collect::<Vec<_>>().join(",");
-            text.push_str(&(line + "\n"));
+            list.write_record(place.iter().chain(&sensor.others)).expect(IN_MEMORY);
         }
-        text
+        String::from_utf8(list.into_inner().expect(IN_MEMORY)).expect("cells are text")
     }
 
     /// The latitude [°] of the southernmost sensor node and the longitude [°] of the westernmost one. The westernmost
@@ -227,23 +243,32 @@ mod tests {
     }
 
     #[test]
-    fn a_property_that_is_no_number_or_missing_or_twice_is_refused_by_its_point() {
-        let refused = |points: &[&[(&str, &str)]]| {
+    fn a_property_that_is_no_number_or_missing_or_twice_is_listed_as_ignored() {
+        let list = |points: &[&[(&str, &str)]]| {
             let points: Vec<FoundPoint> = points.iter().map(|properties| point([1.0, 2.0], properties)).collect();
-            imported(&points).unwrap_err()
+            let imported = imported(&points).unwrap();
+            (imported.to_csv([0.0; 2]), imported.ignored)
         };
-        assert_eq!(
-            refused(&[&[("rate", "1")], &[("rate", "fast")]]),
-            "point 2: sampling_bps = fast: expected a number"
-        );
-        assert_eq!(
-            refused(&[&[("rate", "1")], &[]]),
-            "point 2: no sampling_bps: expected it of all points, or of none"
-        );
-        assert_eq!(
-            refused(&[&[("rate", "1"), ("sampling", "1")]]),
-            "point 1: property sampling: expected sampling_bps once"
-        );
+        let bare = "lat_deg,lon_deg\n1,2\n1,2\n".to_owned();
+        let of = |why: &str| vec!["properties rate".to_owned(), format!("sampling_bps of all points (point {why})")];
+        assert_eq!(list(&[&[("rate", "1")], &[("rate", "fast")]]), (bare.clone(), of("2 has no number")));
+        assert_eq!(list(&[&[], &[("rate", "1")]]), (bare, of("1 has no number")));
+        let (text, ignored) = list(&[&[("label", "b"), ("rate", "1"), ("name", "a"), ("sampling", "2")]]);
+        assert_eq!(text, "lat_deg,lon_deg,sampling_bps,name\n1,2,2,a\n");
+        assert_eq!(ignored, ["properties label, rate"]);
+    }
+
+    #[test]
+    fn names_are_on_one_line_and_follow_the_rules_of_the_list() {
+        let named = |name: &str| imported(&[point([1.0, 2.0], &[]), point([1.0, 2.0], &[("name", name)])]);
+        let list = named("soil\n  \"7\",\r\nwest").unwrap().to_csv([0.0; 2]);
+        assert_eq!(list, "lat_deg,lon_deg,name\n1,2,\n1,2,\"soil \"\"7\"\", west\"\n");
+        assert!(named(&"a".repeat(100)).is_ok());
+        for name in ["\x1b[31m", &"a".repeat(101)] {
+            let message = named(name).unwrap_err();
+            assert!(message.starts_with("point 2: name = "), "{message}");
+            assert!(message.ends_with(": expected at most 100 characters, on one line"), "{message}");
+        }
     }
 
     #[test]
