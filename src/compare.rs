@@ -152,7 +152,7 @@ impl CompareCommand {
             recording::record(shown, &out.join(RECORDING), stop)?;
         }
         let loss_rates = standings.iter().filter(|standing| standing.metric == Metric::LossRate.name());
-        let few = loss_rates.filter(|standing| standing.n > 1 && standing.concentration.is_few());
+        let few = loss_rates.filter(|standing| standing.concentration.is_few());
         warn_of_few(few.map(|standing| (standing.label.clone(), standing.concentration)));
         if self.json {
             return print(text);

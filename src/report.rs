@@ -220,9 +220,16 @@ const NAMED: usize = 4;
 /// Warns of means of η, each with its name, that few fields determine.
 #[cfg(feature = "lab")]
 pub fn warn_of_few(few: impl Iterator<Item = (String, Concentration)>) {
+    let (small, few): (Vec<_>, Vec<_>) = few.partition(|(_, concentration)| concentration.is_small());
+    if let Some(n) = small.iter().map(|(_, concentration)| concentration.n).min() {
+        Role::Launcher.log(format_args!(
+            "warning: {n} seeds are few: the 95 % interval of the mean η may cover it less often; simulate more seeds \
+             (docs/src/metrics.md)"
+        ));
+    }
     let mut few: Vec<String> = few
-        .map(|(name, Concentration { nonzero, largest_fraction })| match nonzero {
-            0 => format!("{name} (no field loses data)"),
+        .into_iter()
+        .map(|(name, Concentration { nonzero, largest_fraction, .. })| match nonzero {
             1 => format!("{name} (1 field loses data)"),
             _ => format!("{name} ({nonzero} fields lose data, one {:.0} % of the sum)", 100.0 * largest_fraction),
         })

@@ -139,7 +139,7 @@ pub fn plot(sweep: &Path, request: &PlotRequest, sheet: &SheetOptions) -> Result
 /// The means of η in the figure that few fields determine; none of other metrics, of differences and of single seeds.
 fn few(request: &PlotRequest, flown: &FlownSweep, selection: &Selection) -> Vec<(String, Concentration)> {
     let definition = &flown.definition;
-    if request.metric() != Metric::LossRate || request.difference_to.is_some() || definition.seeds.len() < 2 {
+    if request.metric() != Metric::LossRate || request.difference_to.is_some() {
         return Vec::new();
     }
     let of_curve = |curve: &SelectedCurve| {

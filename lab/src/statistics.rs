@@ -138,13 +138,17 @@ pub fn holm(p_values: &[f64]) -> Vec<f64> {
     adjusted
 }
 
-/// Fewest fields with a loss, and largest fraction of the sum in one field, for which an interval is trusted.
+/// Fewest fields, fewest with a loss, and largest fraction of the sum in one field, for which an interval is trusted.
+const FEWEST_FIELDS: usize = 10;
 const FEWEST: usize = 5;
 const LARGEST: f64 = 0.2;
 
 /// By how few of its values, none negative, a mean is determined.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Concentration {
+    /// Number of values.
+    #[serde(skip)]
+    pub n: usize,
     /// Number of values that are not 0.
     pub nonzero: usize,
     /// Fraction of the sum that the largest value has; 0 if all values are 0.
@@ -157,20 +161,29 @@ impl Concentration {
     pub fn of(values: impl Iterator<Item = f64>) -> Self {
         let mut sum = 0.0;
         let mut most: f64 = 0.0;
+        let mut n = 0;
         let mut nonzero = 0;
         for value in values {
+            n += 1;
             sum += value;
             most = most.max(value);
             nonzero += usize::from(value != 0.0);
         }
-        Self { nonzero, largest_fraction: if sum > 0.0 { most / sum } else { 0.0 } }
+        Self { n, nonzero, largest_fraction: if sum > 0.0 { most / sum } else { 0.0 } }
     }
 
-    /// Whether the interval of the mean covers it less often than it says: fewer than 5 values are not 0, or one has
-    /// more than 20 % of the sum.
+    /// Whether the interval of the mean is not to be trusted: it is of fewer than 10 values, fewer than 5 of them are not
+    /// 0, or one has more than 20 % of the sum. A single value has no interval, and values that are all 0 determine it.
     #[must_use]
     pub fn is_few(&self) -> bool {
-        self.nonzero < FEWEST || self.largest_fraction > LARGEST
+        let is_narrow = self.is_small() || self.nonzero < FEWEST || self.largest_fraction > LARGEST;
+        self.n > 1 && self.nonzero > 0 && is_narrow
+    }
+
+    /// Whether there are fewer than 10 values: too few to say how the sum is distributed.
+    #[must_use]
+    pub fn is_small(&self) -> bool {
+        self.n < FEWEST_FIELDS
     }
 }
 
@@ -296,11 +309,14 @@ mod tests {
     #[test]
     fn a_mean_of_few_values_is_told() {
         let few = |values: &[f64]| Concentration::of(values.iter().copied());
-        assert_eq!(few(&[0.0; 9]), Concentration { nonzero: 0, largest_fraction: 0.0 });
-        assert_eq!(few(&[0.0, 0.25, 0.75]), Concentration { nonzero: 2, largest_fraction: 0.75 });
-        assert!(few(&[1.0; 4]).is_few() && !few(&[1.0; 5]).is_few(), "fewer than 5");
-        assert!(!few(&[1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.5]).is_few(), "1.5 of 7.5 are 20 %");
-        assert!(few(&[1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.6]).is_few());
+        assert_eq!(few(&[0.0; 9]), Concentration { n: 9, nonzero: 0, largest_fraction: 0.0 });
+        assert_eq!(few(&[0.0, 0.25, 0.75]), Concentration { n: 3, nonzero: 2, largest_fraction: 0.75 });
+        let padded = |losses: &[f64]| few(&[losses, &[0.0; 10]].concat()).is_few();
+        assert!(padded(&[1.0; 4]) && !padded(&[1.0; 5]), "fewer than 5");
+        assert!(!padded(&[1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.5]), "1.5 of 7.5 are 20 %");
+        assert!(padded(&[1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.6]));
+        assert!(few(&[1.0; 9]).is_few() && few(&[1.0; 9]).is_small() && !few(&[1.0; 10]).is_few(), "fewer than 10");
+        assert!(!few(&[1.0]).is_few() && !few(&[0.0; 3]).is_few() && !padded(&[]), "no interval, or no loss");
     }
 
     #[test]

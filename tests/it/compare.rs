@@ -60,7 +60,7 @@ fn few_fields_are_warned_of_and_p_values_are_adjusted_for_their_number() {
     let place = with_small();
     let what = ["compare", "small.toml", "uts", "gfs", "rfs", "--seeds", "3", "--out", "all"];
     let ended = place.run_ok(&[&what[..], &["--holm", "--no-record"]].concat());
-    assert!(ended.stderr.contains("warning: few fields decide the mean η of uts ("), "{ended:?}");
+    assert!(ended.stderr.contains("warning: 3 seeds are few: the 95 % interval"), "{ended:?}");
     assert!(ended.stdout.contains("(Holm)") && ended.stdout.contains("p-values for all of them together"), "{ended:?}");
     let all = compared(&place, &what[1..]);
     let rfs = standing(&all, "rfs", "loss_rate");
@@ -73,6 +73,26 @@ fn few_fields_are_warned_of_and_p_values_are_adjusted_for_their_number() {
     assert_eq!(p(rfs, "difference_p") < 0.05, ci[0] > 0.0 || ci[1] < 0.0, "{rfs}");
     assert!(rfs["nonzero"].as_u64().unwrap() <= 3 && p(rfs, "largest_fraction") <= 1.0, "{rfs}");
     assert_eq!(standing(&all, "uts", "trapped")["n"], 3);
+}
+
+#[test]
+fn only_means_that_few_of_many_fields_decide_are_warned_of() {
+    let place = with_small();
+    let what = ["compare", "small.toml", "uts", "gfs", "rfs", "round-robin", "--seeds", "12", "--out", "all"];
+    let ended = place.run_ok(&[&what[..], &["--no-record"]].concat());
+    let all = compared(&place, &what[1..]);
+    assert!(!ended.stderr.contains("seeds are few"), "{ended:?}");
+    for strategy in ["uts", "gfs", "rfs", "round-robin"] {
+        let standing = standing(&all, strategy, "loss_rate");
+        let nonzero = standing["nonzero"].as_u64().unwrap();
+        let is_few = nonzero > 0 && (nonzero < 5 || standing["largest_fraction"].as_f64().unwrap() > 0.2);
+        assert_eq!(ended.stderr.contains(&format!("{strategy} (")), is_few, "{standing}: {ended:?}");
+    }
+    let lossless =
+        ["--seeds", "12", "--set", "sensors.sampling_bps=1e-3", "--set", "sensors.initial_queue_mean_bits=0"];
+    let ended =
+        place.run_ok(&[&["compare", "small.toml", "uts", "gfs", "--out", "no", "--no-record"], &lossless[..]].concat());
+    assert!(!ended.stderr.contains("few"), "{ended:?}");
 }
 
 #[test]

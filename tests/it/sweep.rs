@@ -107,7 +107,7 @@ fn a_sweep_with_offline_plans_shows_the_bound_and_the_best_known() {
     let text = "scenario = \"far.toml\"\nstrategies = [\"tour\", \"offline\"]\nseeds = 4\n[axes]\n";
     place.write("sweep.toml", &format!("{text}{axes}"));
     let ended = place.run_ok(&["sweep", "sweep.toml", "--out", "sweep"]);
-    assert!(ended.stderr.contains("warning: few fields decide the mean η of tour (4 fields lose data"), "{ended:?}");
+    assert!(ended.stderr.contains("warning: 4 seeds are few: the 95 % interval"), "{ended:?}");
     let (results, summary) = (csv_rows(&place.read("sweep/results.csv")), csv_rows(&place.read("sweep/summary.csv")));
     let losses = |strategy: &str| -> Vec<f64> {
         let flown = results.iter().filter(|row| row["strategy"] == strategy);

@@ -170,15 +170,12 @@ fn summary_csv(journal: &SweepJournal, metrics: &[Metric], stop: &Stop) -> Resul
 pub fn few(journal: &SweepJournal) -> Result<Vec<(String, Concentration)>, LabError> {
     let definition = &journal.definition;
     let mut few = Vec::new();
-    if definition.seeds.len() < 2 {
-        return Ok(few);
-    }
     for point in 0..definition.points.len() {
         for (strategy, name) in definition.strategies.iter().enumerate() {
             let losses = journal.rows_of(point, strategy).map(|row| Ok(row?[Metric::LossRate]));
             let losses = losses.collect::<Result<Vec<f64>, LabError>>()?;
             let concentration = Concentration::of(losses.iter().copied());
-            if losses.len() > 1 && concentration.is_few() {
+            if concentration.is_few() {
                 few.push((named(definition, name, point), concentration));
             }
         }
