@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import glob
 import hashlib
 import importlib.util
 import inspect
@@ -10,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.abc import MetaPathFinder
-from importlib.machinery import ModuleSpec
+from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 
 from skysink._skysink import STRATEGIES, Decision, Field, InputError, View
@@ -23,7 +25,10 @@ MAIN = "strategy.py"
 Sources = Sequence[tuple[str, bytes]]
 """Source files: names in the folder of a run, and contents."""
 
-_FOLDERS: set[str] = set()
+DEFINED = "_skysink_sources"
+"""The attribute of a class that holds its source files."""
+
+_FOLDERS: list[str] = []
 """Folders from which strategies have been loaded."""
 
 
@@ -33,6 +38,19 @@ class Strategy(ABC):
     The same class works in :func:`skysink.simulate`, :func:`skysink.compare`, :func:`skysink.sweep` and in a
     running ring (:func:`skysink.ring.planner`). If a class is passed, each mission creates an instance.
     """
+
+    def __init_subclass__(cls, **arguments: object) -> None:
+        """Reads the source files, which may change before the class flies."""
+        super().__init_subclass__(**arguments)
+        frame = inspect.currentframe()
+        while frame is not None and frame.f_globals.get("__name__") != cls.__module__:
+            frame = frame.f_back
+        file = Path(frame.f_code.co_filename) if frame is not None else Path()
+        try:
+            sources = _sources(file.absolute()) if file.is_file() else [(MAIN, inspect.getsource(cls).encode())]
+        except (OSError, TypeError):  # typed into an interpreter
+            sources = ()
+        setattr(cls, DEFINED, sources)
 
     def begin(self, field: Field) -> None:
         """Called once before slot 1, with the constant data of the mission."""
@@ -117,26 +135,97 @@ def make(strategy: Strategy | type[Strategy] | str) -> str | Strategy:
 
 
 def origin(strategy: Strategy) -> tuple[str, Sources]:
-    """The name of a strategy that is an object, in the scenario of its run, and the file of its class."""
+    """The name of a strategy that is an object, in the scenario of its run, and the file of its class with the neighbours
+    that it imports, as they were when the class was defined; no files for a class typed into an interpreter.
+    """
     kind = type(strategy)
-    try:
-        source = Path(inspect.getsourcefile(kind) or "")
-        text = source.read_bytes() if source.is_file() else inspect.getsource(kind).encode()
-    except (OSError, TypeError):  # typed into an interpreter
-        return f"{PREFIX}{kind.__name__}", ()
-    return f"{PREFIX}{kind.__name__}", ((MAIN, text),)
+    return f"{PREFIX}{kind.__name__}", kind.__dict__.get(DEFINED, ())
 
 
-class SavedModules(MetaPathFinder):
-    """Finds the modules beside a strategy in the folder of a run."""
+class Neighbours(MetaPathFinder):
+    """Finds the modules beside strategies that have been loaded, also those imported while they plan."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self, folders: list[str]) -> None:
+        self.folders = folders
 
     def find_spec(self, name: str, path: object = None, target: object = None) -> ModuleSpec | None:
-        """The module in ``strategy.NAME.py``, if there is that file."""
-        file = self.folder / f"strategy.{name}.py"
-        return importlib.util.spec_from_file_location(name, file) if file.is_file() else None
+        """The module or package in the folder of a strategy, if there is one."""
+        found = {file.read_bytes(): file for folder in self.folders if (file := _file_of(Path(folder), name)) is not None}
+        if len(found) > 1:
+            files = " and ".join(sorted(map(str, found.values())))
+            raise ImportError(f"module {name}: {files} differ: expected an import at the top of the strategy's file")
+        for file in found.values():
+            places: list[str] | None = [str(file.parent)] if file.name.endswith("__init__.py") else None
+            return importlib.util.spec_from_file_location(name, file, submodule_search_locations=places)
+        if any(_is_namespace(Path(folder), name) for folder in self.folders):
+            return importlib.util.spec_from_loader(name, None, is_package=True)
+        return None
+
+
+_NEIGHBOURS = Neighbours(_FOLDERS)
+
+
+def _file_of(folder: Path, name: str) -> Path | None:
+    """The file of a module beside a strategy, if there is one."""
+    return next((file for file in _files_of(folder, name) if file.is_file()), None)
+
+
+def _files_of(folder: Path, name: str) -> list[Path]:
+    """The files that may hold a module beside a strategy: in its place, or as in the folder of a run."""
+    if name.partition(".")[0] == "skysink":
+        return []
+    package = folder.joinpath(*name.split("."))
+    saved = f"strategy.{name}"
+    return [
+        package / "__init__.py",
+        package.with_name(f"{package.name}.py"),
+        folder / f"{saved}.__init__.py",
+        folder / f"{saved}.py",
+    ]
+
+
+def _is_namespace(folder: Path, name: str) -> bool:
+    """Whether modules beside a strategy are in a package of this name that has no file; an installed one goes first."""
+    is_beside = any(folder.joinpath(*name.split(".")).glob("*.py")) or any(
+        folder.glob(f"strategy.{glob.escape(name)}.*.py")
+    )
+    return is_beside and ("." in name or PathFinder.find_spec(name) is None)
+
+
+def _sources(path: Path) -> Sources:
+    """A strategy's file and the neighbours that it imports, directly or not, at its top or in a function."""
+    text = path.read_bytes()
+    sources = {MAIN: text}
+    imports = _imported(text, "")
+    while imports:
+        name = imports.pop()
+        file = _file_of(path.parent, name)
+        if file is None or file == path:
+            continue
+        is_package = file.name.endswith("__init__.py")
+        saved = f"strategy.{name}.__init__.py" if is_package else f"strategy.{name}.py"
+        if saved not in sources:
+            sources[saved] = file.read_bytes()
+            imports |= _imported(sources[saved], name if is_package else name.rpartition(".")[0])
+    return tuple(sorted(sources.items(), key=lambda source: (source[0] != MAIN, source[0])))
+
+
+def _imported(text: bytes, package: str) -> set[str]:
+    """The names of the modules that a module of a package may import; those of its packages, too."""
+    try:
+        tree = ast.parse(text)
+    except (SyntaxError, ValueError):  # not Python, or not of this version
+        return set()
+    names: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            parents = package.split(".")[: len(package.split(".")) + 1 - node.level] if node.level else []
+            module = ".".join(filter(None, [*parents, node.module]))
+            names |= {module} | {f"{module}.{alias.name}".lstrip(".") for alias in node.names}
+    parts = [name.split(".") for name in names if name]
+    return {".".join(each[:count]) for each in parts for count in range(1, len(each) + 1)}
 
 
 def _load(path: Path) -> tuple[object, str, Sources]:
@@ -148,34 +237,35 @@ def _load(path: Path) -> tuple[object, str, Sources]:
     if spec is None:
         raise InputError(f"strategy file {path}: expected a Python file")
     folder = str(path.parent)
-    _FOLDERS.add(folder)
-    for neighbour in [other for other, loaded in sys.modules.items() if any(_is_in(each, loaded) for each in _FOLDERS)]:
+    if folder in _FOLDERS:
+        _FOLDERS.remove(folder)
+    _FOLDERS.append(folder)
+    if _NEIGHBOURS not in sys.meta_path:
+        sys.meta_path.append(_NEIGHBOURS)
+    for neighbour in [other for other, loaded in sys.modules.items() if _is_neighbour(other, loaded)]:
         del sys.modules[neighbour]  # it may have changed, or be another module of the same name
     module = sys.modules[name] = importlib.util.module_from_spec(spec)
-    sys.path.insert(0, folder)
-    saved = SavedModules(path.parent)
-    if path.name == MAIN:
-        sys.meta_path.insert(0, saved)
+    first = Neighbours([folder])
+    sys.meta_path.insert(0, first)
     writes_bytecode = not sys.dont_write_bytecode
     sys.dont_write_bytecode = True  # cached bytecode may be older than the file
     try:
-        exec(compile(path.read_bytes(), path, "exec"), module.__dict__)
+        sources = _sources(path)
+        exec(compile(sources[0][1], path, "exec"), module.__dict__)
     finally:
-        sys.path.remove(folder)
-        if path.name == MAIN:
-            sys.meta_path.remove(saved)
+        sys.meta_path.remove(first)
         sys.dont_write_bytecode = not writes_bytecode
-    files = {str(loaded.__file__): other for other, loaded in sys.modules.items() if _is_in(folder, loaded)}
-    contents = {file: Path(file).read_bytes() for file in sorted(files)}
-    version = hashlib.sha256(b"".join(sorted(hashlib.sha256(text).digest() for text in contents.values()))).hexdigest()
-    neighbours = [(f"strategy.{files[file]}.py", text) for file, text in contents.items() if files[file] != name]
-    return module, version, ((MAIN, path.read_bytes()), *neighbours)
+    # Of the contents alone: in the folder of a run, the files have other names.
+    contents = sorted(hashlib.sha256(text).digest() for _, text in sources)
+    return module, hashlib.sha256(b"".join(contents)).hexdigest(), sources
 
 
-def _is_in(folder: str, module: object) -> bool:
-    """Whether a module is a file in the folder."""
+def _is_neighbour(name: str, module: object) -> bool:
+    """Whether a module is beside a strategy that has been loaded."""
     file = getattr(module, "__file__", None)
-    return isinstance(file, str) and str(Path(file).parent) == folder
+    if file is None:
+        return list(getattr(module, "__path__", sys.path)) == []  # a package without a file, found by `Neighbours`
+    return any(Path(file) in _files_of(Path(folder), name) for folder in _FOLDERS)
 
 
 def _source(strategy: object) -> str:

@@ -214,8 +214,8 @@ def test_several_scenarios_of_a_vector_are_refused_and_work_as_the_message_says(
         gymnasium.make(ID, scenario=7)
     envs = gymnasium.vector.SyncVectorEnv([partial(gymnasium.make, ID, scenario=one) for one in scenarios])
     envs.reset(seed=1)
-    lost = np.sum([envs.step(envs.action_space.sample())[1] for _ in range(60)], axis=0)
-    assert lost[1] < lost[0], "more is sampled in the second"
+    rewards = np.sum([envs.step(envs.action_space.sample())[1] for _ in range(60)], axis=0)
+    assert rewards[1] < rewards[0], "more is sampled, and lost, in the second"
 
 
 @pytest.mark.parametrize(("bps", "is_equal"), [(100.0, True), ([50.0, 300.0], False)])

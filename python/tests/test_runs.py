@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import pickle
+import shutil
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -136,3 +140,48 @@ def test_the_source_of_an_earlier_run_goes_with_it(smoke: skysink.Scenario, near
     (folder / "notes.py").write_text("mine")
     skysink.simulate(smoke, "gfs").save(folder, force=True)
     assert sorted(path.name for path in folder.glob("*.py")) == ["notes.py"]
+
+
+def test_a_saved_strategy_flies_again_with_packages_and_late_imports(tmp_path: Path, smoke: skysink.Scenario) -> None:
+    home = tmp_path / "home"
+    (home / "pkg" / "deep").mkdir(parents=True)
+    (home / "spaces").mkdir()
+    (home / "pkg" / "__init__.py").write_text("from .deep import NUMBER\n")
+    (home / "pkg" / "deep" / "__init__.py").write_text("from ..part import NUMBER\n")
+    (home / "pkg" / "part.py").write_text("NUMBER = 1\n")
+    (home / "spaces" / "near.py").write_text("NUMBER = 2\n")
+    (home / "late_neighbour.py").write_text("def target(view): return view.field.positions_m[3]\n")
+    (home / "mine.py").write_text(
+        "import skysink\nimport pkg\nimport spaces.near\n"
+        "class Mine(skysink.Strategy):\n"
+        "    def plan(self, view):\n"
+        "        import late_neighbour\n"
+        "        assert (pkg.NUMBER, spaces.near.NUMBER) == (1, 2)\n"
+        "        return skysink.Decision(view.field.toward(view.uav, late_neighbour.target(view)))\n"
+    )
+    flown = skysink.simulate(smoke, f"python:{home / 'mine.py'}:Mine")
+    (home / "late_neighbour.py").write_text("raise ValueError\n")  # after the flight: what flew is saved
+    flown.save(tmp_path / "run")
+    names = sorted(path.name for path in (tmp_path / "run").glob("strategy*.py"))
+    modules = ["late_neighbour", "pkg.__init__", "pkg.deep.__init__", "pkg.part", "spaces.near"]
+    assert names == sorted(["strategy.py", *[f"strategy.{module}.py" for module in modules]])
+    shutil.rmtree(home)
+    code = f"import skysink; print(skysink.simulate({str(tmp_path / 'run' / 'scenario.toml')!r}).summary['trace_hash'])"
+    again = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True)
+    assert again.stdout.strip() == str(flown.summary["trace_hash"])
+
+
+def test_the_source_of_an_object_is_that_of_its_definition(
+    tmp_path: Path, smoke: skysink.Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slots = "from dataclasses import dataclass\n@dataclass(slots=True)\n"  # makes the class twice
+    text = f"import skysink, beside_it\n{slots}class Stays(skysink.Strategy):\n    def plan(self, view):\n        return None\n"
+    (tmp_path / "defined_here.py").write_text(text)
+    (tmp_path / "beside_it.py").write_text("ONE = 1\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    stays = importlib.import_module("defined_here").Stays()
+    (tmp_path / "defined_here.py").write_text(text.replace("None", "1 / 0"))
+    (tmp_path / "beside_it.py").write_text("ONE = 2\n")
+    skysink.simulate(smoke, stays).save(tmp_path / "run")
+    assert (tmp_path / "run" / "strategy.py").read_text() == text
+    assert (tmp_path / "run" / "strategy.beside_it.py").read_text() == "ONE = 1\n"
