@@ -178,6 +178,10 @@ fn a_refusal_suggests_the_probable_name() {
     refused("name = \"x\"\n[area]\nsid_m = 3\n", &["area.sid_m = 3", "did you mean `side_m`?"]);
     refused("name = \"x\"\n[link]\nmodel = \"freespace\"\n", &["link.model", "did you mean `free-space`?"]);
     refused("name = \"x\"\n[planner]\nstrategy = \"utz\"\n", &["planner.strategy = \"utz\"", "did you mean `uts`?"]);
+    refused("name = \"x\"\n[uav]\nenergy_price = 3\n", &["uav.energy_price = 3: expected one of"]);
+    let not_modelled = "it is not modelled, see \"Battery\" in \"What Skysink does not model\" of the documentation";
+    refused("name = \"x\"\n[uav]\nbattery_wh = 3\n", &["uav.battery_wh = 3", not_modelled]);
+    refused("name = \"x\"\nwind_mps = 3\n", &["wind_mps = 3", "see \"Wind\" in"]);
     refused("scenario = \"a.toml\"\nstrategies = [\"uts\"]\n", &["it is a sweep", "skysink sweep"]);
     refused("name = \"x\"\n[[area]]\nside_m = 3\n", &["area = [{", "expected a table, [area]"]);
     refused("seed = 1\n", &["missing `name`"]);
