@@ -150,8 +150,8 @@ def test_a_comparison_in_a_folder_is_resumed_and_extended(smoke: skysink.Scenari
     whole = skysink.compare(smoke, ["gfs", made(), "uts"], seeds=3)
     losses = [[entry for entry in each if entry["metric"] == "loss_rate"] for each in (more, whole)]
     assert losses[0] == losses[1] and len(more.missions) == 9
-    with pytest.raises(skysink.InputError, match="seeds"):
-        skysink.compare(smoke, ["gfs", made()], seeds=1, out=out)
+    with pytest.raises(skysink.InputError, match="describes another sweep"):
+        skysink.compare(smoke, ["gfs", made()], seeds=3, out=out)
 
 
 def test_strategies_with_parameters_have_names_of_their_own(smoke: skysink.Scenario) -> None:
