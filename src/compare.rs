@@ -14,6 +14,7 @@ use skysink_common::scenario::Overrides;
 use skysink_common::stop::Stop;
 use skysink_lab::compare::{Contender, standings};
 use skysink_lab::metrics::Metric;
+use skysink_lab::sweep::manifest::{RECORDING, STANDINGS};
 use skysink_lab::sweep::plan::Sweep;
 use skysink_lab::sweep::settings::{Seeds, SweepChanges};
 use skysink_mission::files::write_whole;
@@ -24,7 +25,7 @@ use crate::error::Error;
 use crate::options::Changes;
 use crate::report::{print, warn_of_few};
 use contenders::{ComparedStrategies, ShownContender, differing_keys, fly_contenders, read_runs};
-use folder::{RECORDING, STANDINGS, compared_runs};
+use folder::compared_runs;
 
 /// Default number of missions per strategy.
 const SEEDS: u64 = 20;

@@ -42,7 +42,7 @@ const OUTCOME: &str = "replay.json";
 static LAYOUT: FolderLayout = FolderLayout {
     lock: "lock",
     is_result: |name| ["scenario.toml", "sensors.csv", PLANS, OUTCOME].contains(&name) || is_recording(name),
-    temporary: &[],
+    is_temporary: |_| false,
 };
 
 /// Help of `--pace` for a replay, in which no deadline is missed.

@@ -38,8 +38,8 @@ pub struct FolderLayout {
     pub lock: &'static str,
     /// Whether a file of this name is a result. (Neither the lock nor unfinished files are asked about.)
     pub is_result: fn(&str) -> bool,
-    /// Names, besides those of the results, with which unfinished files and folders begin.
-    pub temporary: &'static [&'static str],
+    /// Whether unfinished files and folders begin with this name. Those of results do.
+    pub is_temporary: fn(&str) -> bool,
 }
 
 /// The names of the files in a folder, but those set aside.
@@ -79,7 +79,7 @@ impl FolderLayout {
             let name = entry?.file_name().to_string_lossy().into_owned();
             if name == self.lock {
                 content.lock = Some(self.lock);
-            } else if is_unfinished(&name, |name| (self.is_result)(name) || self.temporary.contains(&name)) {
+            } else if is_unfinished(&name, |name| (self.is_result)(name) || (self.is_temporary)(name)) {
                 content.unfinished.push(name);
             } else if (self.is_result)(&name) {
                 content.results.push(name);
@@ -241,7 +241,7 @@ mod tests {
     use super::*;
 
     static LAYOUT: FolderLayout =
-        FolderLayout { lock: "lock", is_result: |name| name.ends_with(".csv"), temporary: &["film"] };
+        FolderLayout { lock: "lock", is_result: |name| name.ends_with(".csv"), is_temporary: |name| name == "film" };
 
     /// Opens a folder that `check` accepts.
     fn open(path: &Path, check: impl Fn() -> bool) -> Result<OutputFolder, MissionError> {

@@ -38,7 +38,7 @@ const FILES: [&str; 7] = [origin::FILE, "scenario.toml", "sensors.csv", CHECK, S
 static LAYOUT: FolderLayout = FolderLayout {
     lock: TRACE,
     is_result: |name| FILES.contains(&name) || is_recording(name),
-    temporary: &["strategy.py"],
+    is_temporary: origin::is_source,
 };
 
 /// Whether `folder` holds a run.
@@ -91,10 +91,11 @@ impl RunFolder {
         let sensors = list.to_csv();
         folder.write("scenario.toml", &scenario)?;
         folder.write("sensors.csv", &sensors)?;
+        // Before the sources, which it lists: those of a killed command are known as its own.
+        folder.write(origin::FILE, &origin::write(mode, &scenario, &sensors))?;
         for SourceFile { name, bytes } in &mode.sources {
             write_whole(&folder.path().join(name), bytes)?;
         }
-        folder.write(origin::FILE, &origin::write(mode, &scenario, &sensors))?;
         Ok(folder)
     }
 

@@ -14,7 +14,7 @@ use skysink_common::written_file::{ExpectedFile, Extent, WrittenFile};
 
 use crate::drive::SlotSink;
 use crate::error::{FileContext, MissionError};
-use crate::origin::INPUTS;
+use crate::origin::{self, INPUTS};
 use crate::trace::{SLOT_COLUMNS, TraceHash};
 
 /// The file of [`Check`].
@@ -145,15 +145,18 @@ impl SlotLog {
     /// others end the run.
     ///
     /// # Errors
-    /// If a file cannot be changed or read.
+    /// If a file cannot be changed or read, or an input is not that of the run.
     pub fn resume(&mut self) -> Result<(), MissionError> {
         let path = self.file.path().to_owned();
         self.file.cut().at(&path)?;
         if self.file.length() == 0 {
             self.file.append(SLOT_COLUMNS.as_bytes()).at(&path)?;
         }
-        let inputs = INPUTS.map(|name| folder_of(&path).join(name));
-        self.inputs = inputs.iter().map(|path| ExpectedFile::read(path).at(path)).collect::<Result<_, _>>()?;
+        let folder = folder_of(&path);
+        let sources = origin::source_names(folder);
+        let inputs = INPUTS.into_iter().chain(sources.iter().map(String::as_str)).map(|name| folder.join(name));
+        self.inputs = inputs.map(|path| ExpectedFile::read(&path).at(&path)).collect::<Result<_, _>>()?;
+        origin::read(folder)?; // refuses what has changed before
         Ok(())
     }
 

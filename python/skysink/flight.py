@@ -89,7 +89,7 @@ def compare(
     95 % confidence interval), and ``difference`` and ``difference_ci95`` relative to the first strategy, paired by
     seed. ``pandas.DataFrame`` accepts the list. Its attribute ``missions`` is a table with a row per strategy and seed.
     ``out`` is a folder as of ``skysink compare``: a comparison in it is resumed, or extended by seeds and strategies.
-    It holds the scenario and the sources of Python strategies. ``executor`` as in :func:`skysink.sweep`.
+    It holds the scenario and the sources of Python strategies, which must be given as ``"python:FILE:CLASS"``. ``executor`` as in :func:`skysink.sweep`.
     """
     base = scenario_of(scenario)
     if isinstance(strategies, Mapping):
@@ -97,6 +97,9 @@ def compare(
     else:
         found = [named(strategy) for strategy in strategies]
     in_python = [strategy for strategy in found if isinstance(strategy, PythonStrategy)]
+    unsaved = [strategy.name for strategy in in_python if not strategy.sources]
+    if out is not None and unsaved:
+        raise InputError(f"strategy {unsaved[0]}: expected {PREFIX}FILE:CLASS with out, so that the folder can hold it")
     chosen = [int(seed) for seed in seeds] if isinstance(seeds, Sequence) else range(base.seed, base.seed + int(seeds))
     source = ComparisonSource(
         scenario=base,

@@ -8,6 +8,7 @@ import hashlib
 import importlib.util
 import inspect
 import sys
+import sysconfig
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -30,6 +31,9 @@ DEFINED = "_skysink_sources"
 
 _FOLDERS: list[str] = []
 """Folders from which strategies have been loaded."""
+
+_INSTALLED = set(sysconfig.get_paths().values())
+"""Folders of installed packages, which are no neighbours of a strategy that is installed there."""
 
 
 class Strategy(ABC):
@@ -149,20 +153,27 @@ class Neighbours(MetaPathFinder):
         self.folders = folders
 
     def find_spec(self, name: str, path: object = None, target: object = None) -> ModuleSpec | None:
-        """The module or package in the folder of a strategy, if there is one."""
-        found = {file.read_bytes(): file for folder in self.folders if (file := _file_of(Path(folder), name)) is not None}
-        if len(found) > 1:
-            files = " and ".join(sorted(map(str, found.values())))
-            raise ImportError(f"module {name}: {files} differ: expected an import at the top of the strategy's file")
-        for file in found.values():
-            places: list[str] | None = [str(file.parent)] if file.name.endswith("__init__.py") else None
-            return importlib.util.spec_from_file_location(name, file, submodule_search_locations=places)
-        if any(_is_namespace(Path(folder), name) for folder in self.folders):
-            return importlib.util.spec_from_loader(name, None, is_package=True)
+        """The module or package in the folder of the strategy that imports it, if there is one."""
+        importing = _importing()
+        for folder in [folder for folder in self.folders if folder in importing]:
+            file = _file_of(Path(folder), name)
+            if file is not None:
+                places: list[str] | None = [str(file.parent)] if file.name.endswith("__init__.py") else None
+                return importlib.util.spec_from_file_location(name, file, submodule_search_locations=places)
+            if _is_namespace(Path(folder), name):
+                return importlib.util.spec_from_loader(name, None, is_package=True)
         return None
 
 
 _NEIGHBOURS = Neighbours(_FOLDERS)
+
+
+def _importing() -> set[str]:
+    """The folders of the file that contains the running import statement."""
+    frame = inspect.currentframe()
+    while frame is not None and (frame.f_code.co_filename == __file__ or "importlib" in frame.f_code.co_filename):
+        frame = frame.f_back
+    return set() if frame is None else {str(folder) for folder in Path(frame.f_code.co_filename).parents}
 
 
 def _file_of(folder: Path, name: str) -> Path | None:
@@ -172,7 +183,7 @@ def _file_of(folder: Path, name: str) -> Path | None:
 
 def _files_of(folder: Path, name: str) -> list[Path]:
     """The files that may hold a module beside a strategy: in its place, or as in the folder of a run."""
-    if name.partition(".")[0] == "skysink":
+    if name.partition(".")[0] == "skysink" or str(folder) in _INSTALLED:
         return []
     package = folder.joinpath(*name.split("."))
     saved = f"strategy.{name}"

@@ -10,6 +10,7 @@ use skysink_lab::metrics::{MetricValues, MissionMeter};
 use skysink_lab::sweep::definition::MissionKey;
 use skysink_lab::sweep::folder::SweepRecord;
 use skysink_lab::sweep::journal::{MissionRow, MissionRows, SweepJournal};
+use skysink_lab::sweep::manifest::STANDINGS;
 use skysink_lab::sweep::plan::Sweep;
 use skysink_lab::sweep::results::mission_columns;
 use skysink_lab::sweep::settings::{ExternalStrategy, SweepBase, SweepChanges, SweepSettings};
@@ -142,7 +143,7 @@ impl PySweepPlan {
         let contenders = Contender::of_sweep(&self.0.definition, &journal.all().map_err(of_lab)?);
         let standings = of_contenders(&contenders);
         let text = serde_json::to_string_pretty(&standings).expect("plain numbers and strings");
-        write_whole(&out.join("comparison.json"), (text + "\n").as_bytes()).map_err(of_mission)?;
+        write_whole(&out.join(STANDINGS), (text + "\n").as_bytes()).map_err(of_mission)?;
         Ok((json(py, &standings)?, self.table(&journal)?))
     }
 }

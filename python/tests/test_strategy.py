@@ -143,15 +143,26 @@ def test_a_comparison_has_a_row_for_each_mission(smoke: skysink.Scenario) -> Non
 
 def test_a_comparison_in_a_folder_is_resumed_and_extended(smoke: skysink.Scenario, tmp_path: Path) -> None:
     out = tmp_path / "both"
-    first = skysink.compare(smoke, ["gfs", made()], seeds=2, out=out)
+    mine = tmp_path / "mine.py"
+    mine.write_text(GFS)
+    two = ["gfs", f"python:{mine}:GFS"]
+    first = skysink.compare(smoke, two, seeds=2, out=out)
     assert json.loads((out / "comparison.json").read_text()) == list(first)
-    assert first.missions.to_polars().equals(skysink.compare(smoke, ["gfs", made()], seeds=2, out=out).missions.to_polars())
-    more = skysink.compare(smoke, ["gfs", made(), "uts"], seeds=3, out=out)
-    whole = skysink.compare(smoke, ["gfs", made(), "uts"], seeds=3)
+    assert (out / "strategy-1" / "strategy.py").read_text() == GFS
+    again = skysink.compare(smoke, two, seeds=2, out=out)
+    assert first.missions.to_polars().equals(again.missions.to_polars())
+    more = skysink.compare(smoke, [*two, "uts"], seeds=3, out=out)
+    whole = skysink.compare(smoke, [*two, "uts"], seeds=3)
     losses = [[entry for entry in each if entry["metric"] == "loss_rate"] for each in (more, whole)]
     assert losses[0] == losses[1] and len(more.missions) == 9
     with pytest.raises(skysink.InputError, match="describes another sweep"):
-        skysink.compare(smoke, ["gfs", made()], seeds=3, out=out)
+        skysink.compare(smoke, two, seeds=3, out=out)
+    assert (out / "comparison.json").exists()
+    mine.write_text(GFS + "\n")
+    with pytest.raises(skysink.InputError, match="describes another sweep"):
+        skysink.compare(smoke, [*two, "uts"], seeds=3, out=out)
+    with pytest.raises(skysink.InputError, match="expected python:FILE:CLASS with out"):
+        skysink.compare(smoke, ["gfs", made()], seeds=1, out=out)
 
 
 def test_strategies_with_parameters_have_names_of_their_own(smoke: skysink.Scenario) -> None:

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use skysink_common::error::InputError;
+use skysink_lab::sweep::manifest::{RECORDING, STANDINGS};
 use skysink_lab::sweep::plan::Sweep;
 use skysink_mission::MissionError;
 use skysink_mission::error::FileContext;
@@ -15,12 +16,6 @@ use xxhash_rust::xxh3::xxh3_64;
 
 use super::contenders::name_of;
 use crate::error::Error;
-
-/// File name of the standings.
-pub const STANDINGS: &str = "comparison.json";
-
-/// File name of the recording.
-pub const RECORDING: &str = "comparison.rrd";
 
 /// Lists the compared runs by their absolute paths. For strategies, `sweep.json` is the manifest.
 const MANIFEST: &str = "runs.json";
@@ -35,7 +30,7 @@ struct Manifest {
 static LAYOUT: FolderLayout = FolderLayout {
     lock: "lock",
     is_result: |name| [MANIFEST, STANDINGS, RECORDING].contains(&name) || is_scenario(name),
-    temporary: &["comparison"],
+    is_temporary: |name| name == "comparison",
 };
 
 /// Maximum length of the names in the folder name [characters].
@@ -78,7 +73,8 @@ pub fn of_strategies(sweep: &Sweep, scenario: &Path) -> PathBuf {
 /// # Errors
 /// If the folder contains other files, is in use by another process, or cannot be created.
 pub fn make_for_runs(runs: &[PathBuf], out: Option<&Path>) -> Result<OutputFolder, Error> {
-    let absolute = runs.iter().map(|run| Ok(fs::canonicalize(run).at(run)?)).collect::<Result<_, Error>>()?;
+    let absolute = |run: &PathBuf| Ok(fs::canonicalize(run).at(run)?.to_string_lossy().into_owned().into());
+    let absolute = runs.iter().map(absolute).collect::<Result<_, Error>>()?;
     let text = format!("{:#}\n", json!(Manifest { runs: absolute }));
     let identity = format!("{:016x}", xxh3_64(text.as_bytes()));
     let default = || default_folder(&runs.iter().map(|run| name_of(run)).collect::<Vec<_>>(), &identity);

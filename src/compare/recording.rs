@@ -6,6 +6,7 @@ use std::path::Path;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_lab::metrics::Metric;
+use skysink_lab::sweep::manifest::RECORDING;
 use skysink_mission::drive::Observer;
 use skysink_mission::error::FileContext as _;
 use skysink_mission::files::UNFINISHED;
@@ -13,7 +14,6 @@ use skysink_mission::{Mission, MissionError, Replay};
 use skysink_viewer::{self as viewer, Comparison, Sinks, SlotView};
 
 use super::contenders::ShownContender;
-use super::folder::RECORDING;
 use crate::error::Error;
 use crate::slot_views::SlotViews;
 

@@ -139,6 +139,8 @@ impl Missions {
                 assert_eq!(read("run"), read("undisturbed"), "{context}");
             }
             self.place.run_ok(&["report", "run"]);
+            #[cfg(feature = "viewer")]
+            crate::support::verify_all(&self.place.path("run"), &self.recorded);
         } else if traced.code != Some(0) {
             assert_eq!(traced.code.is_some_and(|code| [1, 2].contains(&code)), changed_after.is_some(), "{context}");
             assert!(traced.stderr.contains(name), "{context}");

@@ -95,6 +95,10 @@ impl FoundPoint {
     }
 }
 
+fn is_number(value: &str) -> bool {
+    value.parse().is_ok_and(f64::is_finite)
+}
+
 /// Whether a property has a value, and this name.
 fn is_for(name: &str, value: &str, alias: &str) -> bool {
     name.to_lowercase() == alias && !value.trim().is_empty()
@@ -127,7 +131,12 @@ impl Imported {
                 for (index, name) in values.iter().enumerate() {
                     check_name(name).map_err(|message| format!("{}: {message}", place(index)))?;
                 }
-            } else if let Some(index) = values.iter().position(|value| !value.parse().is_ok_and(f64::is_finite)) {
+            } else if let Some(index) = values.iter().position(|value| !is_number(value)) {
+                let is_measured = found.iter().all(Option::is_some) && values.iter().any(|value| is_number(value));
+                if is_measured {
+                    let value = quoted(&values[index]);
+                    return Err(format!("{}: {column} = {value}: expected a number, as others have", place(index)));
+                }
                 reasons.push(format!("{column} of all points ({} has no number)", place(index)));
                 continue;
             }
@@ -251,7 +260,7 @@ mod tests {
         };
         let bare = "lat_deg,lon_deg\n1,2\n1,2\n".to_owned();
         let of = |why: &str| vec!["properties rate".to_owned(), format!("sampling_bps of all points (point {why})")];
-        assert_eq!(list(&[&[("rate", "1")], &[("rate", "fast")]]), (bare.clone(), of("2 has no number")));
+        assert_eq!(list(&[&[("rate", "slow")], &[("rate", "fast")]]), (bare.clone(), of("1 has no number")));
         assert_eq!(list(&[&[], &[("rate", "1")]]), (bare, of("1 has no number")));
         let (text, ignored) = list(&[&[("label", "b"), ("rate", "1"), ("name", "a"), ("sampling", "2")]]);
         assert_eq!(text, "lat_deg,lon_deg,sampling_bps,name\n1,2,2,a\n");

@@ -16,7 +16,7 @@ use skysink_mission::folder::OutputFolder;
 
 use super::definition::{Definition, MissionKey};
 use super::journal::{self, MissionRow, MissionRows, SweepJournal, missions_of};
-use super::manifest::{LAYOUT, MANIFEST, Manifest, RESULTS, add_builds};
+use super::manifest::{LAYOUT, MANIFEST, Manifest, RECORDING, RESULTS, STANDINGS, SWEEP, add_builds};
 use super::plan::Sweep;
 use super::results;
 use super::saved::SavedFile;
@@ -56,10 +56,13 @@ impl SweepRecord {
         let message = "another process is running this sweep: stop it, or choose another --out";
         let folder = folder.ok_or_else(|| refuse(message))?;
         let held = check(path, &manifest)?;
-        match &held {
-            None => manifest.write(path)?,
-            Some(held) if held.definition != manifest.definition => remove_results(path)?,
-            Some(_) => {}
+        if held.is_none() {
+            manifest.write(path)?;
+        }
+        let journal = SweepJournal::open(&path.join(JOURNAL), &manifest.definition)?;
+        let mut record = Self { folder, manifest, journal };
+        if let Some(held) = &held {
+            record.continue_from(held)?;
         }
         for (name, bytes) in files {
             let file = path.join(name);
@@ -68,19 +71,18 @@ impl SweepRecord {
                 write_whole(&file, bytes)?;
             }
         }
-        let journal = SweepJournal::open(&path.join(JOURNAL), &manifest.definition)?;
-        let mut record = Self { folder, manifest, journal };
-        if let Some(held) = held {
-            record.continue_from(&held)?;
-        }
         Ok(record)
     }
 
-    /// Adds the builds to those of the manifest `held`, if missions are missing.
+    /// Adds the builds to those of the manifest `held`, if missions are missing. If the sweep extends that, removes what
+    /// no longer belongs to it first.
     fn continue_from(&mut self, held: &Manifest) -> Result<(), LabError> {
         let builds = mem::replace(&mut self.manifest.builds, held.builds.clone());
         if self.missing().next().is_some() {
             add_builds(&mut self.manifest.builds, builds);
+        }
+        if self.manifest.definition != held.definition {
+            remove_outdated(self.folder.path())?;
         }
         if self.manifest == *held { Ok(()) } else { self.manifest.write(self.folder.path()) }
     }
@@ -118,9 +120,10 @@ impl SweepRecord {
     }
 }
 
-/// Removes the results of a sweep that is extended.
-fn remove_results(folder: &Path) -> Result<(), LabError> {
-    for file in RESULTS.map(|name| folder.join(name)) {
+/// Removes the results of a sweep that is extended, and its sweep file.
+fn remove_outdated(folder: &Path) -> Result<(), LabError> {
+    for name in RESULTS.iter().chain(&[SWEEP, STANDINGS, RECORDING]) {
+        let file = folder.join(name);
         match fs::remove_file(&file) {
             Err(error) if error.kind() != ErrorKind::NotFound => Err(error).at(&file)?,
             _ => {}

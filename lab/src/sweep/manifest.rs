@@ -26,11 +26,17 @@ pub(crate) const SWEEP: &str = "sweep.toml";
 /// File name of the manifest.
 pub(crate) const MANIFEST: &str = "sweep.json";
 
+/// File name of the standings of a comparison.
+pub const STANDINGS: &str = "comparison.json";
+
+/// File name of its recording.
+pub const RECORDING: &str = "comparison.rrd";
+
 /// The files of a sweep that has begun; the others follow the manifest.
 pub(crate) static LAYOUT: FolderLayout = FolderLayout {
     lock: "lock",
     is_result: |name| name == MANIFEST,
-    temporary: &[RESULTS[0], RESULTS[1], RESULTS[2], RESULTS[3], SCENARIO, SENSORS, SWEEP],
+    is_temporary: |name| RESULTS.contains(&name) || [SCENARIO, SENSORS, SWEEP].contains(&name),
 };
 
 /// The files that are written when all missions are flown.

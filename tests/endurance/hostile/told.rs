@@ -74,7 +74,8 @@ fn assert_told(name: &str, rates: Rates) {
         rogue.send(rogue.header(turn.slot), turn.good);
     }
     if let Some(learnt_bps) = known.learnt_bps(rogue.scenario.slot_s) {
-        assert!(learnt_bps.filter(|&bps| bps != 175.0).count() > 3, "rates are learnt from contacts");
+        let learnt = learnt_bps.filter(|&bps| bps != 175.0).count();
+        assert!(learnt > 3, "{learnt} rates are learnt from contacts");
     }
     assert!(differing > 30, "in {differing} slots the truth was something else");
     run.wait_for_success();
