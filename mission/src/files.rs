@@ -1,6 +1,6 @@
 //! Files that are written whole or not at all, under a temporary name first.
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
@@ -13,6 +13,15 @@ pub const UNFINISHED: &str = ".new";
 
 /// Characters of a file's name that are used for its unfinished file, whose name may have at most 255 bytes.
 const NAME_CHARACTERS: usize = 40;
+
+/// Reads a regular file. Another process may have put a pipe or a device in its place, which would hold the reader or
+/// never end.
+///
+/// # Errors
+/// If it is none, or cannot be read.
+pub fn read_regular(path: &Path) -> io::Result<Vec<u8>> {
+    if fs::metadata(path)?.is_file() { fs::read(path) } else { Err(io::Error::other("it is no regular file")) }
+}
 
 /// Writes a file, whole or not at all.
 ///
@@ -58,7 +67,6 @@ pub fn is_unfinished(name: &str, is_own: impl Fn(&str) -> bool) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use std::fs;
     use std::os::unix::fs::{PermissionsExt as _, symlink};
 
     use super::*;

@@ -10,7 +10,7 @@ use skysink_lab::sweep::manifest::{RECORDING, STANDINGS};
 use skysink_lab::sweep::plan::Sweep;
 use skysink_mission::MissionError;
 use skysink_mission::error::FileContext;
-use skysink_mission::files::write_whole;
+use skysink_mission::files::{read_regular, write_whole};
 use skysink_mission::folder::{FolderLayout, OutputFolder};
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -47,7 +47,7 @@ fn is_scenario(name: &str) -> bool {
 /// # Errors
 /// If its `runs.json` is not that of a comparison.
 pub fn compared_runs(folder: &Path) -> Result<Option<Vec<PathBuf>>, Error> {
-    let Ok(text) = fs::read(folder.join(MANIFEST)) else { return Ok(None) };
+    let Ok(text) = read_regular(&folder.join(MANIFEST)) else { return Ok(None) };
     let refuse = |error| {
         InputError::new(
             "comparison",
@@ -89,7 +89,7 @@ pub fn make_for_runs(runs: &[PathBuf], out: Option<&Path>) -> Result<OutputFolde
         if !content.foreign.is_empty() {
             return Err(refuse("it contains other files than a comparison of runs: choose another --out"));
         }
-        if !content.is_empty() && fs::read(out.join(MANIFEST)).ok().as_deref() != Some(text.as_bytes()) {
+        if !content.is_empty() && read_regular(&out.join(MANIFEST)).ok().as_deref() != Some(text.as_bytes()) {
             return Err(refuse("it contains a comparison of other runs: choose another --out"));
         }
         Ok(())
@@ -100,7 +100,7 @@ pub fn make_for_runs(runs: &[PathBuf], out: Option<&Path>) -> Result<OutputFolde
     write_whole(&out.join(MANIFEST), text.as_bytes())?;
     for (index, run) in runs.iter().enumerate() {
         let scenario = run.join("scenario.toml");
-        write_whole(&out.join(format!("scenario-{}.toml", index + 1)), &fs::read(&scenario).at(&scenario)?)?;
+        write_whole(&out.join(format!("scenario-{}.toml", index + 1)), &read_regular(&scenario).at(&scenario)?)?;
     }
     Ok(folder)
 }

@@ -11,7 +11,7 @@ use skysink_common::error::InputError;
 use skysink_common::stop::Stop;
 use skysink_mission::MissionError;
 use skysink_mission::error::FileContext;
-use skysink_mission::files::write_whole;
+use skysink_mission::files::{read_regular, write_whole};
 use skysink_mission::folder::OutputFolder;
 
 use super::definition::{Definition, MissionKey};
@@ -66,7 +66,7 @@ impl SweepRecord {
         }
         for (name, bytes) in files {
             let file = path.join(name);
-            if !fs::read(&file).is_ok_and(|found| found == *bytes) {
+            if !read_regular(&file).is_ok_and(|found| found == *bytes) {
                 fs::create_dir_all(file.parent().unwrap_or(path)).at(&file)?;
                 write_whole(&file, bytes)?;
             }
@@ -137,7 +137,7 @@ fn remove_outdated(folder: &Path) -> Result<(), LabError> {
 fn check(path: &Path, manifest: &Manifest) -> Result<Option<Manifest>, LabError> {
     let refuse = |message| InputError::new("sweep folder", path, message);
     let file = path.join(MANIFEST);
-    match fs::read(&file) {
+    match read_regular(&file) {
         Ok(text) => {
             let invalid = "its sweep.json is invalid, or an earlier version wrote it: choose another --out";
             let held: Manifest = serde_json::from_slice(&text).map_err(|_| refuse(invalid))?;

@@ -1,13 +1,12 @@
 //! The manifest of a sweep's folder, and the names of the files.
 
-use std::fs;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 use skysink_common::build::VERSION;
 use skysink_common::error::InputError;
 use skysink_mission::error::FileContext;
-use skysink_mission::files::write_whole;
+use skysink_mission::files::{read_regular, write_whole};
 use skysink_mission::folder::FolderLayout;
 
 use super::definition::Definition;
@@ -64,7 +63,7 @@ impl Manifest {
         if path.is_file() {
             return Err(refuse("it is a file: expected the folder of a sweep".to_owned()).into());
         }
-        let text = match fs::read(path.join(MANIFEST)) {
+        let text = match read_regular(&path.join(MANIFEST)) {
             Err(_) if path.is_dir() && LAYOUT.content(path).at(path)?.is_empty() => return Ok(None),
             text => text.map_err(|error| refuse(format!("{MANIFEST}: {error}: expected the folder of a sweep")))?,
         };

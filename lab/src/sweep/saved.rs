@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use skysink_common::error::InputError;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_mission::error::FileContext;
+use skysink_mission::files::read_regular;
 use skysink_mission::origin::{SourceFile, is_source};
 use skysink_planner::settings;
 use skysink_planner::strategies::PYTHON;
@@ -37,7 +38,7 @@ pub(crate) fn read(path: &Path, external: Vec<ExternalStrategy>) -> Result<(Swee
     let Some(Manifest { definition, .. }) = Manifest::read("sweep", path)? else {
         return Err(refuse("it has no sweep.json: expected the folder of a sweep".to_owned()).into());
     };
-    if fs::read(path.join(SWEEP)).is_ok_and(|text| text != sweep_file(&definition).as_bytes()) {
+    if read_regular(&path.join(SWEEP)).is_ok_and(|text| text != sweep_file(&definition).as_bytes()) {
         let message = format!(
             "its {SWEEP} was modified: delete it to repeat the sweep, or fly another one: skysink sweep {} --out DIR",
             path.join(SWEEP).display()
@@ -63,7 +64,7 @@ pub(crate) fn external(path: &Path, definition: &Definition) -> Result<Vec<Exter
         let folder = path.join(folder_of(definition, name));
         let entries = fs::read_dir(&folder).and_then(Iterator::collect::<Result<Vec<_>, _>>).at(&folder)?;
         let names = entries.iter().map(|entry| entry.file_name().to_string_lossy().into_owned());
-        let source = |name: String| Ok(SourceFile { bytes: fs::read(folder.join(&name)).at(&folder)?, name });
+        let source = |name: String| Ok(SourceFile { bytes: read_regular(&folder.join(&name)).at(&folder)?, name });
         let sources = names.filter(|name| is_source(name)).map(source).collect::<Result<_, LabError>>()?;
         Ok(ExternalStrategy { name: name.clone(), version: version.clone(), sources })
     };
@@ -103,7 +104,7 @@ impl Sweep {
         let list = table.get_mut("sensors").and_then(|sensors| sensors.get_mut("file"));
         if let Some(list) = list.filter(|list| list.is_str()) {
             let path = self.base.path.parent().unwrap_or(Path::new("")).join(list.as_str().unwrap_or_default());
-            files.push((SENSORS.into(), fs::read(&path).at(&path)?));
+            files.push((SENSORS.into(), read_regular(&path).at(&path)?));
             *list = SENSORS.into();
         }
         files.push((SCENARIO.into(), toml::to_string(&table).expect("a table that was read can be written").into()));

@@ -108,3 +108,26 @@ fn assert_never_silent(seeds: std::ops::RangeInclusive<u64>) {
     assert!(refused * 6 > tries && refused < tries, "{refused} of {tries}");
     println!("{refused} of {tries} refused, the others with the same bytes");
 }
+
+#[test]
+fn a_pipe_or_an_endless_file_in_a_folder_neither_hangs_nor_fills_the_memory() {
+    let place = Place::new();
+    write_sweep(&place, 1);
+    for name in ["sweep.json", "sweep.toml", "scenario.toml", "journal.csv"] {
+        for link in [false, true] {
+            let _ = fs::remove_dir_all(place.path("odd"));
+            place.run_ok(&["sweep", "sweep.toml", "--out", "odd"]);
+            let file = place.path("odd").join(name);
+            fs::remove_file(&file).unwrap();
+            if link {
+                std::os::unix::fs::symlink("/dev/zero", &file).unwrap();
+            } else {
+                assert!(std::process::Command::new("mkfifo").arg(&file).status().unwrap().success());
+            }
+            for arguments in [&["sweep", "odd"][..], &["sweep", "sweep.toml", "--out", "odd"]] {
+                let ended = place.run(arguments);
+                assert!(matches!(ended.code, Some(0..=2)) && ended.stderr.lines().count() <= 2, "{name}: {ended:?}");
+            }
+        }
+    }
+}
