@@ -41,7 +41,8 @@ pub struct ViewCommand {
     /// Show the running mission that skysink run --live serves on PORT or 9876.
     #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true, default_missing_value = "9876")]
     live: Option<u16>,
-    /// Address to listen on. Whoever knows the printed address can read the recordings; the connection is not encrypted.
+    /// Address to listen on. Whoever knows the printed address can read the recordings; the connection is not
+    /// encrypted.
     #[arg(long, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
     bind: IpAddr,
     /// Port to listen on; 0 selects a free port.

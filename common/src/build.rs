@@ -15,8 +15,8 @@ pub fn identify(build: &'static str) {
 }
 
 /// Commit, compiler and target of this program: `777e2b2cd21a-dirty, rustc 1.95.0 (...), x86_64-unknown-linux-gnu`. The
-/// commit is that of `git describe --long --dirty`, or `no commit` if it was not built in a checkout. A program that has
-/// not called [`identify`] has `no commit` alone.
+/// commit is that of `git describe --long --dirty`, or `no commit` if it was not built in a checkout. A program that
+/// has not called [`identify`] has `no commit` alone.
 #[must_use]
 pub fn build() -> &'static str {
     BUILD.get().unwrap_or(&"no commit")

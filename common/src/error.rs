@@ -99,8 +99,8 @@ pub fn quoted(text: &str) -> String {
     one_line(&text[..end], usize::MAX) + dots
 }
 
-/// A hint for a message of serde about an unknown name: the expected name most similar to it, and where the way around is
-/// described if it is of something that is not modelled. Empty without either.
+/// A hint for a message of serde about an unknown name: the expected name most similar to it, and where the way around
+/// is described if it is of something that is not modelled. Empty without either.
 #[must_use]
 pub fn suggestion(message: &str) -> String {
     let mut names = message.split('`').skip(1).step_by(2);

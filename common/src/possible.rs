@@ -34,8 +34,8 @@ impl Message for f64 {
 
 impl Message for FlightReport {
     /// Positions and links have finite numbers. The links are at most [`MAX_SERVED`], by ascending sensor node, and
-    /// none if the UAV holds: a trace with others could not be flown again. A position outside the area is possible, because
-    /// a real vehicle may have been there.
+    /// none if the UAV holds: a trace with others could not be flown again. A position outside the area is possible,
+    /// because a real vehicle may have been there.
     fn are_possible(flights: &[Self]) -> bool {
         flights.iter().all(|flight| {
             let links = flight.served_links();

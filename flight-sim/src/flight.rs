@@ -67,8 +67,8 @@ impl Flight {
         report
     }
 
-    /// Repeats `slot` as another flight-sim has reported it: the waypoint of `report` is the position, wherever it lies,
-    /// and its mode, refusals and schedule are those flown. The links are those of the scenario's channel.
+    /// Repeats `slot` as another flight-sim has reported it: the waypoint of `report` is the position, wherever it
+    /// lies, and its mode, refusals and schedule are those flown. The links are those of the scenario's channel.
     #[must_use]
     pub fn repeat(&mut self, slot: u64, report: &Plan) -> FlightReport {
         self.vehicle.position = report.waypoint();

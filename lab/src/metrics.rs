@@ -247,8 +247,8 @@ impl MissionMeter {
         values
     }
 
-    /// Adds the flight of the next slot. `queues_bits` are the queues after the slot, `delivered_bits` the bits delivered
-    /// since the start, both by sensor node.
+    /// Adds the flight of the next slot. `queues_bits` are the queues after the slot, `delivered_bits` the bits
+    /// delivered since the start, both by sensor node.
     ///
     /// # Panics
     /// If the slot serves an unknown sensor node.

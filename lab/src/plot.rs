@@ -1,5 +1,5 @@
-//! `skysink plot`: plots a metric of a sweep against one of its keys, as a figure and as tables, or maps the trajectories
-//! of runs. The data are from the journal in the folder of the sweep, or from the run folders.
+//! `skysink plot`: plots a metric of a sweep against one of its keys, as a figure and as tables, or maps the
+//! trajectories of runs. The data are from the journal in the folder of the sweep, or from the run folders.
 
 pub mod request;
 mod selection;
@@ -204,7 +204,8 @@ fn chart(request: &PlotRequest, sheet: &SheetOptions, flown: &FlownSweep, select
     }
 }
 
-/// The best known loss at each of the `points`, as a difference to `reference` if there is one, its lower bound, and, if the channel is random, that of the expected loss.
+/// The best known loss at each of the `points`, as a difference to `reference` if there is one, its lower bound, and,
+/// if the channel is random, that of the expected loss.
 fn bounds(
     reference: Option<String>,
     flown: &FlownSweep,

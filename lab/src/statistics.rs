@@ -172,8 +172,9 @@ impl Concentration {
         Self { n, nonzero, largest_fraction: if sum > 0.0 { most / sum } else { 0.0 } }
     }
 
-    /// Whether the interval of the mean is not to be trusted: it is of fewer than 10 values, fewer than 5 of them are not
-    /// 0, or one has more than 20 % of the sum. A single value has no interval, and values that are all 0 determine it.
+    /// Whether the interval of the mean is not to be trusted: it is of fewer than 10 values, fewer than 5 of them are
+    /// not 0, or one has more than 20 % of the sum. A single value has no interval, and values that are all 0 determine
+    /// it.
     #[must_use]
     pub fn is_few(&self) -> bool {
         let is_narrow = self.is_small() || self.nonzero < FEWEST || self.largest_fraction > LARGEST;
@@ -187,7 +188,8 @@ impl Concentration {
     }
 }
 
-/// The fewest decimals, at least `decimals`, that tell each of the limits of an interval from 0; `None` if they are many.
+/// The fewest decimals, at least `decimals`, that tell each of the limits of an interval from 0; `None` if they are
+/// many.
 #[must_use]
 pub fn told_decimals(limits: [f64; 2], decimals: usize) -> Option<usize> {
     let is_told = |text: &str| text.bytes().any(|byte| (b'1'..=b'9').contains(&byte));

@@ -44,8 +44,8 @@ pub fn slot_columns(lines: &[&RecordedSlot]) -> Vec<NamedColumn> {
     ]
 }
 
-/// The columns of `sensors_out.csv` for the SNs of `list` with these results; `first_loss_slot` is null where nothing was
-/// lost.
+/// The columns of `sensors_out.csv` for the SNs of `list` with these results; `first_loss_slot` is null where nothing
+/// was lost.
 #[must_use]
 pub fn sensor_columns(list: &SensorList, results: &[SensorResult]) -> Vec<NamedColumn> {
     let sensors = || list.sensors().iter();

@@ -141,8 +141,8 @@ impl SlotLog {
         check.is_some_and(|check| check.before.is_some_and(|(slot, _)| slot + 1 >= check.repeated))
     }
 
-    /// Truncates the trace after the last repeated line, to resume it there. From here on, changes of the run's files by
-    /// others end the run.
+    /// Truncates the trace after the last repeated line, to resume it there. From here on, changes of the run's files
+    /// by others end the run.
     ///
     /// # Errors
     /// If a file cannot be changed or read, or an input is not that of the run.

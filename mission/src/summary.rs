@@ -174,8 +174,8 @@ impl Tally {
         }
     }
 
-    /// Marks the slots added so far as recorded by an earlier run that is now resumed. Figures of the solver and of planning
-    /// times are those of the slots after them.
+    /// Marks the slots added so far as recorded by an earlier run that is now resumed. Figures of the solver and of
+    /// planning times are those of the slots after them.
     pub fn resume(&mut self) {
         self.summary.solver_fallbacks = 0;
         self.plan_ns.reset();

@@ -89,7 +89,8 @@ def compare(
     95 % confidence interval), and ``difference`` and ``difference_ci95`` relative to the first strategy, paired by
     seed. ``pandas.DataFrame`` accepts the list. Its attribute ``missions`` is a table with a row per strategy and seed.
     ``out`` is a folder as of ``skysink compare``: a comparison in it is resumed, or extended by seeds and strategies.
-    It holds the scenario and the sources of Python strategies, which must be given as ``"python:FILE:CLASS"``. ``executor`` as in :func:`skysink.sweep`.
+    It holds the scenario and the sources of Python strategies, which must be given as ``"python:FILE:CLASS"``.
+    ``executor`` as in :func:`skysink.sweep`.
     """
     base = scenario_of(scenario)
     if isinstance(strategies, Mapping):

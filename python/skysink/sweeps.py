@@ -65,10 +65,11 @@ def sweep(
 
     ``file`` may be the folder of a sweep, which is repeated: its Python strategies are those saved there.
 
-    ``out`` is the folder, by default ``runs/<name of the file>``, or the folder ``file``. Without an ``executor``, missions run in this
-    process on ``threads`` threads (0: one per core); Python strategies (``"python:FILE:CLASS"``, the file relative
-    to the sweep file) run one mission at a time. An ``executor`` is an object with ``submit(function, *arguments)`` that
-    returns a ``concurrent.futures.Future``; its workers need this package and the same file system.
+    ``out`` is the folder, by default ``runs/<name of the file>``, or the folder ``file``. Without an ``executor``,
+    missions run in this process on ``threads`` threads (0: one per core); Python strategies (``"python:FILE:CLASS"``,
+    the file relative to the sweep file) run one mission at a time. An ``executor`` is an object with
+    ``submit(function, *arguments)`` that returns a ``concurrent.futures.Future``; its workers need this package and the
+    same file system.
 
     Every mission is written as soon as it is finished. After an interruption, or if workers died and the executor
     gave up, calling ``sweep`` again continues. More seeds, or more strategies behind those of the sweep in the folder,

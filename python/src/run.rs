@@ -186,7 +186,8 @@ impl PyRun {
         self.summary.loss_rate
     }
 
-    /// The name of the strategy in the results: a built-in one, or the label of a Python strategy or an external planner.
+    /// The name of the strategy in the results: a built-in one, or the label of a Python strategy or an external
+    /// planner.
     #[getter]
     fn strategy(&self) -> &str {
         &self.summary.strategy

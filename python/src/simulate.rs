@@ -26,8 +26,8 @@ use crate::signals::interruptible;
 /// Maximum number of missions in each other, limited by the stack.
 const MAX_DEPTH: u32 = 10;
 
-/// Simulates a mission in this process, with a built-in strategy, given by name, or a Python strategy, of which `origin`
-/// is the name in the scenario and the source files.
+/// Simulates a mission in this process, with a built-in strategy, given by name, or a Python strategy, of which
+/// `origin` is the name in the scenario and the source files.
 #[pyfunction]
 #[pyo3(signature = (scenario, strategy = None, *, seed = None, label = None, origin = None))]
 pub fn simulate(

@@ -38,8 +38,8 @@ pub(crate) enum Verdict {
 }
 
 impl Admission {
-    /// Decides on a sample of `topic`. One with impossible numbers may be sent again, corrected. `limit` is the last slot
-    /// that the ring can have reached, if known.
+    /// Decides on a sample of `topic`. One with impossible numbers may be sent again, corrected. `limit` is the last
+    /// slot that the ring can have reached, if known.
     pub(crate) fn check<S: Service + 'static, P: Payload + ?Sized, H: Header>(
         &mut self,
         topic: &TopicShared<S, P, H>,

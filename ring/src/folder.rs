@@ -32,7 +32,8 @@ pub struct RingFolder {
 }
 
 impl RingFolder {
-    /// Creates the folder of a new ring with these terms and a new `mission`, and removes the folders of dead launchers.
+    /// Creates the folder of a new ring with these terms and a new `mission`, and removes the folders of dead
+    /// launchers.
     ///
     /// # Errors
     /// If the folder cannot be created.

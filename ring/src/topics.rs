@@ -285,8 +285,8 @@ impl<S: Service + 'static> Ring<S> {
         is_only_node(&self.node)
     }
 
-    /// Whether a process of this host has the role, as a writer of its heartbeats. A link writes all topics: a writer of
-    /// `commit` other than the launcher is a link.
+    /// Whether a process of this host has the role, as a writer of its heartbeats. A link writes all topics: a writer
+    /// of `commit` other than the launcher is a link.
     #[must_use]
     pub fn has_process(&self, role: Role) -> bool {
         let mut links = if self.terms.link.is_some() { self.commit.writers() } else { Vec::new() };

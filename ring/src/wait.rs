@@ -93,8 +93,8 @@ impl Waiting {
     }
 }
 
-/// A [`Stop`] that SIGINT and SIGTERM request. From here on, a write beyond the limit `ulimit -f` is an error instead of
-/// the end of the process without a word.
+/// A [`Stop`] that SIGINT and SIGTERM request. From here on, a write beyond the limit `ulimit -f` is an error instead
+/// of the end of the process without a word.
 ///
 /// # Panics
 /// If the signal handlers cannot be installed.

@@ -37,8 +37,8 @@ impl<S: Service + 'static> ExternalProcess<S> {
         Ok(Self { role, is_local: false, listener, heard: None, heartbeat: Heartbeat::after(None) })
     }
 
-    /// Checks whether the process is present; returns the change since the last poll. `is_begun` says whether a slot was
-    /// flown: a paced run, too, waits for the first plan.
+    /// Checks whether the process is present; returns the change since the last poll. `is_begun` says whether a slot
+    /// was flown: a paced run, too, waits for the first plan.
     pub fn poll(&mut self, ring: &Ring<S>, is_begun: bool, now: Instant) -> Option<ProcessEvent> {
         let was_local = std::mem::replace(&mut self.is_local, ring.has_process(self.role));
         let heard = self.listen(now);

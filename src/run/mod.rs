@@ -72,8 +72,8 @@ impl RunCommand {
         let (folder, summary) = self.fly(&scenario, stop)?;
         self.form.print(&summary, || print_run(&folder, &summary))
     }
-    /// Flies the mission and returns its folder and summary. However the run ends, the folder is complete up to the last
-    /// slot and shared memory is cleaned up.
+    /// Flies the mission and returns its folder and summary. However the run ends, the folder is complete up to the
+    /// last slot and shared memory is cleaned up.
     fn fly(&self, scenario: &Scenario, stop: &Stop) -> Result<(RunFolder, Summary), Error> {
         let options = &self.options;
         let list = SensorList::of(scenario)?;

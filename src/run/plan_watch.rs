@@ -82,8 +82,8 @@ impl PlanWatch {
         Some(event(ProcessEvent::Overdue(ms), is_hung))
     }
 
-    /// Counts a slot in which the UAV held for want of a plan, or not. Held slots in a row are reported after 1, 10, 100
-    /// seconds, and so on.
+    /// Counts a slot in which the UAV held for want of a plan, or not. Held slots in a row are reported after 1, 10,
+    /// 100 seconds, and so on.
     pub fn count(&mut self, is_held: bool, now: Instant) -> Option<SampleEvent> {
         if !is_held {
             self.held = 0;

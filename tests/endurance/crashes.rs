@@ -50,7 +50,8 @@ impl Missions {
         place.flight("smoke").set("slots", SLOTS)
     }
 
-    /// The system calls of each process, each in a mission of its own, because a followed process makes the others wait.
+    /// The system calls of each process, each in a mission of its own, because a followed process makes the others
+    /// wait.
     fn calls(&self) -> BTreeMap<String, u64> {
         let viewer = cfg!(feature = "viewer").then_some("viewer");
         let processes = RING.into_iter().chain(viewer).chain([LAUNCHER]);
@@ -119,10 +120,9 @@ impl Change {
 }
 
 impl Missions {
-    /// Flies a mission in which a file of the run is changed at `point`; returns whether the mission said so, and `None` if it
-    /// was not there.
-    /// Before its last slot is on record, the mission either ends with the file that it would have written, or says
-    /// which file was changed.
+    /// Flies a mission in which a file of the run is changed at `point`; returns whether the mission said so, and
+    /// `None` if it was not there. Before its last slot is on record, the mission either ends with the file that it
+    /// would have written, or says which file was changed.
     fn fly_changed(&self, point: &CrashPoint, name: &str, change: Change) -> Option<bool> {
         let path = self.place.path("run").join(name);
         let mut changed_after = None;

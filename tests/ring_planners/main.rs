@@ -81,7 +81,8 @@ fn in_cpp() -> Result<Completion, Failed> {
 const NEEDS: &str = "needs CMake, a C++ compiler and iceoryx2-cxx 0.10: \
     CMAKE_PREFIX_PATH=DIR cargo test --workspace --test ring_planners";
 
-/// The example in C++, compiled; an error that says what is missing, if CMake, a compiler or iceoryx2's C++ bindings are.
+/// The example in C++, compiled; an error that says what is missing, if CMake, a compiler or iceoryx2's C++ bindings
+/// are.
 fn compiled(place: &Place) -> Result<PathBuf, String> {
     let build = place.path("build");
     let source = format!("{ROOT}/examples");

@@ -88,9 +88,9 @@ pub fn verify(recording: &Path) -> EntitySlots {
     slots
 }
 
-/// Verifies all files of the recording in `run`. The entities that the recording `undisturbed` of a mission has in every
-/// slot must be in each file in every slot after the first one shown, up to the last of anything but the event log. A file
-/// of a viewer that was started after the last slot shows none.
+/// Verifies all files of the recording in `run`. The entities that the recording `undisturbed` of a mission has in
+/// every slot must be in each file in every slot after the first one shown, up to the last of anything but the event
+/// log. A file of a viewer that was started after the last slot shows none.
 #[track_caller]
 pub fn verify_all(run: &Path, undisturbed: &EntitySlots) {
     let all = undisturbed.values().map(BTreeSet::len).max().unwrap();

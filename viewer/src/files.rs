@@ -89,8 +89,8 @@ pub fn has_footer(path: &Path) -> io::Result<bool> {
     Ok(StreamFooter::from_rrd_bytes(&end).is_ok())
 }
 
-/// Whether a file starts like a recording, or is that of a viewer that was killed before its first batch, which is empty.
-/// Other files must not be changed.
+/// Whether a file starts like a recording, or is that of a viewer that was killed before its first batch, which is
+/// empty. Other files must not be changed.
 fn is_recording(path: &Path) -> bool {
     let mut begin = Vec::new();
     let read = File::open(path).and_then(|file| file.take(RRD_FOURCC.len() as u64).read_to_end(&mut begin));
@@ -193,8 +193,8 @@ fn remove_unfinished(path: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Writes the beginning of a recording under another name, and renames it: no other process ever finds a part of it, and
-/// a killed one leaves none. The file is locked.
+/// Writes the beginning of a recording under another name, and renames it: no other process ever finds a part of it,
+/// and a killed one leaves none. The file is locked.
 ///
 /// # Errors
 /// The system's.

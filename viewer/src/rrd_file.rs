@@ -1,8 +1,8 @@
 //! The file of a recording. A sink encodes messages and writes them batch by batch; it keeps the first error until the
 //! end: a mission is flown to its end even if its recording cannot be.
 //!
-//! Batches end with a slot. A process that is killed while it writes one leaves a part of it, which [`ends_batch`] tells
-//! from a whole one; the first batch comes into the file as a whole.
+//! Batches end with a slot. A process that is killed while it writes one leaves a part of it, which [`ends_batch`]
+//! tells from a whole one; the first batch comes into the file as a whole.
 //!
 //! rerun's own file sink logs an error, ends its thread, and may then wait forever for that thread.
 

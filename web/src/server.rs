@@ -1,7 +1,7 @@
 //! Serves a site over HTTP/1.1.
 //!
-//! What a client can make the server hold is bounded: one of `connections`, a head of `MAX_HEAD_BYTES` for `head`, no body,
-//! and answers that it does not read for `stall`.
+//! What a client can make the server hold is bounded: one of `connections`, a head of `MAX_HEAD_BYTES` for `head`, no
+//! body, and answers that it does not read for `stall`.
 
 use std::convert::Infallible;
 use std::io;

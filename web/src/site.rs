@@ -88,7 +88,8 @@ impl Site {
         }
     }
 
-    /// Whether the request names this machine. A web page whose name leads to this machine (DNS rebinding) names itself.
+    /// Whether the request names this machine. A web page whose name leads to this machine (DNS rebinding) names
+    /// itself.
     fn is_addressed<B>(&self, request: &Request<B>) -> bool {
         let mut hosts = request.headers().get_all(HOST).iter();
         let is_host = |host: &HeaderValue| host.to_str().is_ok_and(|host| self.is_name(host));

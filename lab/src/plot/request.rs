@@ -41,8 +41,8 @@ pub struct PlotRequest {
     /// Use a logarithmic y axis; means of 0 are drawn at its lower end.
     #[arg(long, conflicts_with = "difference_to")]
     pub log_y: bool,
-    /// Label of a strategy in the figure, for example python:mine.py:Mine=ours (repeatable) [default: its name; the class of
-    /// a Python strategy].
+    /// Label of a strategy in the figure, for example python:mine.py:Mine=ours (repeatable) [default: its name; the
+    /// class of a Python strategy].
     #[arg(long = "label", value_name = "STRATEGY=TEXT", value_parser = parse_label)]
     pub labels: Vec<(String, String)>,
     /// Label of the x axis [default: the key].

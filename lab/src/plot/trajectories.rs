@@ -46,7 +46,8 @@ pub struct MappedRun {
     pub loss_rate: f64,
 }
 
-/// Replays the runs in these folders and draws a map of each, in their order. Existing files of the same name are replaced.
+/// Replays the runs in these folders and draws a map of each, in their order. Existing files of the same name are
+/// replaced.
 ///
 /// # Errors
 /// If a folder is not that of a run that has ended, or was changed, a file cannot be written, or on a stop.

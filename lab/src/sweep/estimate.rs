@@ -14,8 +14,8 @@ use crate::error::LabError;
 const TRIAL: Duration = Duration::from_secs(1);
 
 /// Estimates the mean duration of the missions of each strategy [s], by trials at the first and the last point of the
-/// sweep. A trial simulates the first slot, in which a strategy may do a long search, and then further slots for at most
-/// `TRIAL`.
+/// sweep. A trial simulates the first slot, in which a strategy may do a long search, and then further slots for at
+/// most `TRIAL`.
 ///
 /// # Errors
 /// If a mission is refused, or on a stop.

@@ -36,7 +36,8 @@ pub struct SweepRecord {
 }
 
 impl SweepRecord {
-    /// Creates or opens the folder of a shard of a sweep. A sweep in it is extended if it has fewer seeds or strategies.
+    /// Creates or opens the folder of a shard of a sweep. A sweep in it is extended if it has fewer seeds or
+    /// strategies.
     ///
     /// # Errors
     /// If the folder contains another sweep or other files, cannot be created, or is in use by another process.
@@ -74,8 +75,8 @@ impl SweepRecord {
         Ok(record)
     }
 
-    /// Adds the builds to those of the manifest `held`, if missions are missing. If the sweep extends that, removes what
-    /// no longer belongs to it first.
+    /// Adds the builds to those of the manifest `held`, if missions are missing. If the sweep extends that, removes
+    /// what no longer belongs to it first.
     fn continue_from(&mut self, held: &Manifest) -> Result<(), LabError> {
         let builds = mem::replace(&mut self.manifest.builds, held.builds.clone());
         if self.missing().next().is_some() {

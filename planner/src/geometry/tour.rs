@@ -209,8 +209,8 @@ fn nearest_unvisited(grid: &Grid, points: &[Position], at: u32, is_unvisited: im
 }
 
 /// Repairs a closed tour in which few legs are longer than a slot, by 2-opt: a long leg costs an additional slot per
-/// round. Reverses parts of `tour` until no reversal reduces the total excess. `excess` is the time beyond one slot [slots] of
-/// the leg between two stops, and symmetric. `stop` ends the search.
+/// round. Reverses parts of `tour` until no reversal reduces the total excess. `excess` is the time beyond one slot
+/// [slots] of the leg between two stops, and symmetric. `stop` ends the search.
 pub fn even_out(tour: &mut [u32], excess: impl Fn(u32, u32) -> f64, stop: &Stop) {
     let count = tour.len();
     // Each exchange reduces the excess; far fewer are found.

@@ -83,8 +83,8 @@ struct Partition<'a> {
     points: Vec<Position>,
 }
 
-/// A partition of all sensors of `table` into groups that can be served together; empty if no two sensors can, and after
-/// `stop`.
+/// A partition of all sensors of `table` into groups that can be served together; empty if no two sensors can, and
+/// after `stop`.
 pub(crate) fn cover(table: &MissionTable, seed: u64, stop: &Stop) -> Vec<ServiceDisk> {
     let neighbours: Vec<Vec<u32>> = table.sensors.ids().map(|sensor| near(table, sensor)).collect();
     if table.limits.blocks() < 2 || neighbours.iter().all(Vec::is_empty) {

@@ -125,8 +125,8 @@ pub struct PlanningModel {
 }
 
 impl PlanningModel {
-    /// The model of a scenario with these SNs; with groups if resource blocks or time are scarce. After `stop` it is made
-    /// without search, and must not be flown.
+    /// The model of a scenario with these SNs; with groups if resource blocks or time are scarce. After `stop` it is
+    /// made without search, and must not be flown.
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &Sensors, stop: &Stop) -> Self {
         let ids: Vec<u32> = sensors.sampling_ids().collect();

@@ -1,9 +1,10 @@
 //! The search of `max-weight` and `drift-plus-penalty`: maximises queue-weighted service less a price for energy.
 //!
 //! The objective is `Σ Q_i b_i − V E` over candidate waypoints and all sets of at most n sensor nodes (SNs) in range of
-//! them. `Q_i = B_i(t−1)` is the known or estimated queue [bit], `E = P(v) τ` the propulsion energy [J] of a slot at the
-//! speed v that it takes to get there, with `P` of [`skysink_common::propulsion`], and `b_i` the [`Service`], of the
-//! (expected) rate `r_i` from the waypoint. For a given waypoint the best set is found exactly: the n largest terms.
+//! them. `Q_i = B_i(t−1)` is the known or estimated queue [bit], `E = P(v) τ` the propulsion energy [J] of a slot at
+//! the speed v that it takes to get there, with `P` of [`skysink_common::propulsion`], and `b_i` the [`Service`], of
+//! the (expected) rate `r_i` from the waypoint. For a given waypoint the best set is found exactly: the n largest
+//! terms.
 //!
 //! Without a price, and with the upload as the service, the candidate waypoints are:
 //! - the position of the UAV;
@@ -12,8 +13,8 @@
 //! - the centre of the set of [`exact`](super::exact).
 //!
 //! With a free altitude, these are compared at the UAV's altitude; the best then gets the altitude that serves its set
-//! best, as in `gfs`. The solution of sP2 for that set replaces it if its objective is higher. A set of other points may
-//! be better still.
+//! best, as in `gfs`. The solution of sP2 for that set replaces it if its objective is higher. A set of other points
+//! may be better still.
 //!
 //! Otherwise the candidates are those of [`peaks`], which include the maximum of the objective where links empty the
 //! queues, and searches from the best of them where they do not.

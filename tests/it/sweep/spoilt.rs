@@ -53,8 +53,8 @@ fn hundreds_of_corrupted_folders_are_refused_or_end_with_the_same_bytes() {
     assert_never_silent(61..=360);
 }
 
-/// A sweep folder that is corrupted by each of the seeds is refused by `sweep` and by `merge`, or ends with the bytes of
-/// the undisturbed one.
+/// A sweep folder that is corrupted by each of the seeds is refused by `sweep` and by `merge`, or ends with the bytes
+/// of the undisturbed one.
 fn assert_never_silent(seeds: std::ops::RangeInclusive<u64>) {
     let place = Place::new();
     write_sweep(&place, 2);

@@ -2,15 +2,15 @@
 //!
 //! *Where links empty the queues* of a set of sensor nodes (SNs), its service is the same at all points in range of the
 //! set, and the objective depends on the distance flown alone. The propulsion power falls up to the distance of least
-//! power and rises beyond it ([`least_power_mps`]). The points in reach, in the area and in range of the set are convex.
-//! If they meet the circle of least power about the UAV, the best of them is on it, and [`visit`] has one: an arc of
-//! them ends where the circle crosses a circle of range or a border of the area, and otherwise holds the whole circle.
-//! If they are all beyond it, the nearest of them to the UAV is best, which one SN or two determine. If they are all
-//! within it, the farthest is best: the far end of a range, or a corner between two ranges and borders.
+//! power and rises beyond it ([`least_power_mps`]). The points in reach, in the area and in range of the set are
+//! convex. If they meet the circle of least power about the UAV, the best of them is on it, and [`visit`] has one: an
+//! arc of them ends where the circle crosses a circle of range or a border of the area, and otherwise holds the whole
+//! circle. If they are all beyond it, the nearest of them to the UAV is best, which one SN or two determine. If they
+//! are all within it, the farthest is best: the far end of a range, or a corner between two ranges and borders.
 //!
 //! *Where a link does not empty a queue*, the service also grows toward the SN, and these points are where [`climb`]
-//! starts, with the points in range of one SN that are nearest to another. There may be a better peak, by less than 0.1 %
-//! in the tests.
+//! starts, with the points in range of one SN that are nearest to another. There may be a better peak, by less than 0.1
+//! % in the tests.
 //!
 //! [`least_power_mps`]: skysink_common::propulsion::least_power_mps
 
@@ -38,7 +38,8 @@ const STEPS_M: [f64; 2] = [4.0, 1e-3];
 /// Horizontal directions of a step.
 const DIRECTIONS: u32 = 8;
 
-/// Turn of the directions from step to step [rad], the golden angle: along the edge of a range only few directions rise.
+/// Turn of the directions from step to step [rad], the golden angle: along the edge of a range only few directions
+/// rise.
 const TURN: f64 = 2.399_963_229_728_653;
 
 /// Directions without an SN to fly toward or past.
