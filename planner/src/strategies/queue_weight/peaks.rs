@@ -35,6 +35,10 @@ const ROUNDING: f64 = 1e-12;
 /// First and last step [m] of a search.
 const STEPS_M: [f64; 2] = [4.0, 1e-3];
 
+/// Most steps of a search, more than any over a reach of some hundred metres takes. Over a far longer one, the objective
+/// may rise all the way.
+const MAX_STEPS: u32 = 500;
+
 /// Horizontal directions of a step.
 const DIRECTIONS: u32 = 8;
 
@@ -142,7 +146,10 @@ fn climb(view: &View, start: Valued, value_at: &mut impl FnMut(&Point3<f64>) -> 
     let mut best = start;
     let [mut step_m, settled_m] = STEPS_M;
     let mut turn: f64 = 0.0;
-    while step_m > settled_m {
+    for _ in 0..MAX_STEPS {
+        if step_m <= settled_m {
+            break;
+        }
         let around = (0..DIRECTIONS).map(|direction| {
             let (sin, cos) = (turn + std::f64::consts::TAU * f64::from(direction) / f64::from(DIRECTIONS)).sin_cos();
             Vector3::new(cos, sin, 0.0)
