@@ -150,5 +150,12 @@ fn recording(scenario: &Scenario, folder: &RunFolder, list: &SensorList, every: 
     let sinks = Sinks { save: Some(folder.recording()), every: Some(every), ..Sinks::default() };
     let name = format!("{}-{}-{}", scenario.name, scenario.planner.strategy, scenario.seed);
     let estimated = skysink_planner::settings::estimated(scenario).map_err(MissionError::from)?;
-    Ok(Scene::open(&sinks, scenario, &list.nodes(), &name, WallClock::Unmeasured, estimated)?)
+    Ok(Scene::open(
+        &sinks,
+        scenario,
+        &std::sync::Arc::new(list.sensors_of(scenario)),
+        &name,
+        WallClock::Unmeasured,
+        estimated,
+    )?)
 }

@@ -3,16 +3,18 @@
 //! A contact is a slot in which the UAV serves the sensor node (SN). The SN reports its queue at the beginning of the
 //! slot, `B_i(t−1)`, and at its end, `B_i(t)`. The checkpoint of an estimate is left to `saved_estimate`.
 
+mod rate_posterior;
 mod saved_estimate;
 
 pub use saved_estimate::{BYTES_PER_SENSOR, SavedEstimate};
 
-use crate::arrivals::{bits_between, mean_bits};
+use crate::arrivals::{ArrivalLaw, bits_between, mean_bits};
 use crate::message::FlightReport;
 use crate::reported::ReportedQueues;
 use crate::sampling::Sampler;
 use crate::scenario::{Interval, Scenario};
 use crate::sensors::Sensors;
+use rate_posterior::{Gained, RatePosterior};
 use serde::{Deserialize, Serialize};
 use strum::VariantNames;
 
@@ -30,11 +32,13 @@ pub enum Rates {
 /// The queues of a mission as estimated by the UAV.
 ///
 /// After slot t the estimate of SN i, last contacted in slot t0, is `min(B, B_i(t0) + A_i(t) − A_i(t0))`, where `A_i`
-/// counts whole bits as the SN does (decision D2). With a known rate it is exact after the first contact. Before, t0 is
-/// 0, and `B_i(0)` the mean of the scenario's initial queues.
+/// counts whole bits as the SN does (decision D2). With a known rate and constant arrivals it is exact after the first
+/// contact. Before, t0 is 0, and `B_i(0)` the mean of the scenario's initial queues. Arrivals at random are estimated by
+/// their mean, and their rates are learnt as a [`RatePosterior`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Estimate {
     rates: Rates,
+    law: ArrivalLaw,
     /// Mean of the initial queues [bit].
     initial_bits: u32,
     /// Half-width of their uniform distribution [bit].
@@ -62,6 +66,8 @@ pub struct Uncertainty {
     pub initial_bits: f64,
     /// Half-width of the uniform distribution of its rate, as a fraction of the estimate; 0 once contacts revealed it.
     pub rate: f64,
+    /// Standard deviation [bit] of what it sampled since the last contact, at its rate; 0 for constant arrivals.
+    pub arrivals_bits: f64,
     /// Estimate of the bits sampled since the last contact, or since the mission's start: the part of `unbounded_bits`
     /// that depends on the rate.
     pub since_contact_bits: f64,
@@ -71,7 +77,13 @@ impl Uncertainty {
     /// That of a known queue [bit] and rate.
     #[must_use]
     pub fn none(queue_bits: u32) -> Self {
-        Self { unbounded_bits: queue_bits.into(), initial_bits: 0.0, rate: 0.0, since_contact_bits: 0.0 }
+        Self {
+            unbounded_bits: queue_bits.into(),
+            initial_bits: 0.0,
+            rate: 0.0,
+            arrivals_bits: 0.0,
+            since_contact_bits: 0.0,
+        }
     }
 }
 
@@ -106,7 +118,7 @@ struct Contact {
     /// The queue at the end of that slot [bit].
     left_bits: u32,
     /// What the gaps between contacts reveal of the rate, if rates are learnt.
-    learnt: Option<LearntRate>,
+    learnt: Option<Learnt>,
 }
 
 impl Contact {
@@ -116,8 +128,17 @@ impl Contact {
     }
 }
 
-/// The rate as observed in the gaps between contacts. A gap lasts from the end of a contact to the beginning of the
+/// What is learnt of a rate in the gaps between contacts. A gap lasts from the end of a contact to the beginning of the
 /// next.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+enum Learnt {
+    /// Of constant arrivals.
+    Counted(LearntRate),
+    /// Of arrivals at random.
+    Random(RatePosterior),
+}
+
+/// The rate of constant arrivals as observed.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 struct LearntRate {
     /// Bits sampled in the gaps that ended with room in the buffer.
@@ -145,10 +166,30 @@ impl LearntRate {
     }
 }
 
+impl Learnt {
+    /// As [`LearntRate::add`], of arrivals by `law`.
+    fn add(&mut self, slots: u64, left_bits: u32, found_bits: u32, capacity_bits: u32, law: ArrivalLaw) {
+        match self {
+            Self::Counted(counted) => counted.add(slots, left_bits, found_bits, capacity_bits),
+            Self::Random(posterior) if slots > 0 => {
+                let gained_bits = f64::from(found_bits.saturating_sub(left_bits));
+                let is_full = found_bits >= capacity_bits;
+                let gained = if is_full { Gained::AtLeast(gained_bits) } else { Gained::Exactly(gained_bits) };
+                posterior.add(slots, gained, law.dispersion_bits(posterior.mean_bits()));
+            }
+            Self::Random(_) => {}
+        }
+    }
+}
+
 impl SensorEstimate {
     /// Estimate of the bits sampled per slot.
     fn mean_bits(&self) -> f64 {
-        let LearntRate { bits, slots, least_mean_bits } = self.contact.learnt.unwrap_or_default();
+        let LearntRate { bits, slots, least_mean_bits } = match self.contact.learnt {
+            Some(Learnt::Random(posterior)) => return posterior.mean_bits(),
+            Some(Learnt::Counted(counted)) => counted,
+            None => LearntRate::default(),
+        };
         let counted = if slots == 0 { self.prior_mean_bits } else { bits as f64 / slots as f64 };
         counted.max(least_mean_bits)
     }
@@ -165,6 +206,7 @@ impl Estimate {
     pub fn new(scenario: &Scenario, rates: Rates, sensors: &Sensors) -> Self {
         let mut estimate = Self {
             rates,
+            law: ArrivalLaw::of(scenario),
             initial_bits: scenario.sensors.initial_queue_mean_bits.mean() as u32,
             initial_half_bits: half_bits(scenario.sensors.initial_queue_mean_bits.ends()),
             rate_half_fraction: half_fraction(scenario.sensors.sampling_bps.ends()),
@@ -181,14 +223,18 @@ impl Estimate {
                 Rates::Known => mean_bits,
                 Rates::Learnt => expected_mean_bits,
             };
-            let contact = estimate.without_contact(id, capacity_bits);
+            let contact = estimate.without_contact(id, capacity_bits, prior_mean_bits);
             estimate.sensors.push(SensorEstimate { capacity_bits, prior_mean_bits, contact });
         }
         estimate
     }
 
-    fn without_contact(&self, id: u32, capacity_bits: u32) -> Contact {
-        let learnt = self.has_learnt_rates().then(LearntRate::default);
+    fn without_contact(&self, id: u32, capacity_bits: u32, prior_mean_bits: f64) -> Contact {
+        let learnt = match (self.rates, self.law) {
+            (Rates::Known, _) => None,
+            (Rates::Learnt, ArrivalLaw::Constant) => Some(Learnt::Counted(LearntRate::default())),
+            (Rates::Learnt, _) => RatePosterior::prior(prior_mean_bits, self.rate_half_fraction).map(Learnt::Random),
+        };
         Contact { id, slot: 0, left_bits: self.initial_bits.min(capacity_bits), learnt }
     }
 
@@ -213,13 +259,19 @@ impl Estimate {
     #[must_use]
     pub fn uncertainty(&self, slot: u64, id: u32) -> Uncertainty {
         let sensor = &self.sensors[id as usize];
-        let is_unlearnt = sensor.contact.learnt.is_some_and(|learnt| learnt.slots == 0);
+        let rate = match sensor.contact.learnt {
+            Some(Learnt::Counted(LearntRate { slots: 0, .. })) => self.rate_half_fraction,
+            Some(Learnt::Random(posterior)) => (3f64.sqrt() * posterior.sd_bits() / posterior.mean_bits()).min(1.0),
+            Some(Learnt::Counted(_)) | None => 0.0,
+        };
+        let slots = slot.saturating_sub(sensor.contact.slot);
         let unbounded_bits = sensor.unbounded_bits(slot) as f64;
         Uncertainty {
             unbounded_bits,
             since_contact_bits: unbounded_bits - f64::from(sensor.contact.left_bits),
             initial_bits: if sensor.contact.has_happened() { 0.0 } else { self.initial_half_bits },
-            rate: if is_unlearnt { self.rate_half_fraction } else { 0.0 },
+            rate,
+            arrivals_bits: self.law.variance_bits2(sensor.mean_bits(), slots as f64).sqrt(),
         }
     }
 
@@ -266,12 +318,15 @@ impl Estimate {
             {
                 if contact.slot > 0 && contact.slot >= self.gapless_since {
                     let gap = slot.saturating_sub(contact.slot).saturating_sub(1);
-                    learnt.add(gap, contact.left_bits, found_bits, *capacity_bits);
+                    learnt.add(gap, contact.left_bits, found_bits, *capacity_bits, self.law);
                 }
                 // A link that leaves data carried its full capacity, so the bits sampled in this slot are known, too.
                 let held_bits = link.capacity_bits.saturating_add(left_bits.into()).min((*capacity_bits).into()) as u32;
-                if left_bits > 0 && held_bits >= found_bits {
-                    learnt.add(1, found_bits, held_bits, *capacity_bits);
+                // Of arrivals at random only those count that could not have been uploaded as a whole: the others are a
+                // selection of many bits.
+                let is_fair = matches!(learnt, Learnt::Counted(_)) || u64::from(found_bits) >= link.capacity_bits;
+                if left_bits > 0 && held_bits >= found_bits && is_fair {
+                    learnt.add(1, found_bits, held_bits, *capacity_bits, self.law);
                 }
             }
             contact.slot = slot;

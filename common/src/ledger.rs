@@ -52,6 +52,8 @@ pub struct Ledger {
     queues: Queues,
     initial_bits: Vec<u32>,
     delivered_bits: Vec<u64>,
+    /// Bits sampled so far, by id, if arrivals are drawn; constant ones are counted by formula.
+    drawn_bits: Option<Vec<u64>>,
     /// Loss of each block of SNs [slots of sampling], if the means differ.
     lost_slots: Vec<f64>,
     /// Without `lost_slots`.
@@ -70,6 +72,7 @@ impl Ledger {
         let queued_bits = queues_bits.iter().copied().map(u64::from).sum();
         Self {
             delivered_bits: vec![0; queues_bits.len()],
+            drawn_bits: sampling.is_drawn().then(|| vec![0; queues_bits.len()]),
             lost_slots: match sampling.mean_bits {
                 PerSensor::Equal(_) => Vec::new(),
                 PerSensor::Each(_) => vec![0.0; blocks(queues_bits.len()).count()],
@@ -81,23 +84,39 @@ impl Ledger {
         }
     }
 
-    /// Restores the queues [bit] after `slot` and the bits delivered so far, by id. Returns false, and changes nothing,
-    /// if the state is impossible.
+    /// Restores the queues [bit] after `slot`, the bits delivered so far, by id, and the bits [`Self::drawn_bits`].
+    /// Returns false, and changes nothing, if the state is impossible.
     ///
     /// A state is possible if it has an entry for each SN, no queue exceeds its buffer, and no SN has delivered and
     /// still holds more bits than it had.
     #[must_use]
-    pub fn restore(&mut self, slot: u64, queues_bits: &[u32], delivered_bits: &[u64]) -> bool {
+    pub fn restore(
+        &mut self,
+        slot: u64,
+        queues_bits: &[u32],
+        delivered_bits: &[u64],
+        drawn_bits: Option<&[u64]>,
+    ) -> bool {
         let count = self.initial_bits.len();
-        if [queues_bits.len(), delivered_bits.len()] != [count; 2] {
+        let is_of_field = drawn_bits.is_none_or(|drawn_bits| drawn_bits.len() == count);
+        if [queues_bits.len(), delivered_bits.len()] != [count; 2]
+            || !is_of_field
+            || drawn_bits.is_some() != self.drawn_bits.is_some()
+        {
             return false;
         }
+        let sampled_bits = |sensor: usize| match drawn_bits {
+            Some(drawn_bits) => drawn_bits[sensor],
+            None => self.sampling.sampled_bits(sensor, slot),
+        };
         let lost_bits = |sensor: usize| {
-            let had_bits = u64::from(self.initial_bits[sensor]) + self.sampling.sampled_bits(sensor, slot);
+            let had_bits = u64::from(self.initial_bits[sensor]).checked_add(sampled_bits(sensor))?;
             let left_bits = had_bits.checked_sub(delivered_bits[sensor])?.checked_sub(queues_bits[sensor].into())?;
             (queues_bits[sensor] <= self.sampling.of(sensor).capacity_bits).then_some(left_bits)
         };
-        let Some(lost_bits) = (0..count).map(lost_bits).sum::<Option<u64>>() else { return false };
+        let Some(lost_bits) = (0..count).map(lost_bits).try_fold(0u64, |sum, bits| sum.checked_add(bits?)) else {
+            return false;
+        };
         let delivered = delivered_bits.iter().sum();
         let queued_bits = queues_bits.iter().copied().map(u64::from).sum();
         let sampled = delivered + lost_bits + queued_bits - self.totals.initial_bits;
@@ -105,6 +124,7 @@ impl Ledger {
         self.totals = totals;
         self.queues.set(queues_bits);
         self.delivered_bits.copy_from_slice(delivered_bits);
+        self.drawn_bits = drawn_bits.map(<[u64]>::to_vec);
         blocks(count).for_each(|sensors| self.sum_lost_slots(sensors, slot));
         true
     }
@@ -133,10 +153,28 @@ impl Ledger {
         &self.delivered_bits
     }
 
+    /// Bits sampled so far, by id, if arrivals are drawn, for a checkpoint.
+    #[must_use]
+    pub fn drawn_bits(&self) -> Option<&[u64]> {
+        self.drawn_bits.as_deref()
+    }
+
+    /// Bits sampled by SN `sensor` up to the end of the last slot, `slot`.
+    ///
+    /// # Panics
+    /// If the SN is unknown.
+    #[must_use]
+    pub fn sampled_bits(&self, sensor: usize, slot: u64) -> u64 {
+        match &self.drawn_bits {
+            Some(drawn_bits) => drawn_bits[sensor],
+            None => self.sampling.sampled_bits(sensor, slot),
+        }
+    }
+
     /// Bits lost up to the end of the last slot, `slot`, by id.
     pub fn lost_bits(&self, slot: u64) -> impl Iterator<Item = u64> {
         let sensors = 0..self.initial_bits.len();
-        self.lost_of_sampled(sensors.clone(), sensors.map(move |sensor| self.sampling.sampled_bits(sensor, slot)))
+        self.lost_of_sampled(sensors.clone(), sensors.map(move |sensor| self.sampled_bits(sensor, slot)))
     }
 
     /// Bits lost by each of the consecutive `sensors`, which have sampled `sampled_bits`: what they had and neither
@@ -176,7 +214,16 @@ impl Ledger {
     /// # Panics
     /// If `sensors` reaches beyond the field.
     pub fn sample_block(&mut self, sensors: Range<usize>, slot: u64) -> u64 {
-        let Sampled { sampled_bits, lost_bits } = self.queues.sample_block(sensors.clone(), &self.sampling, slot);
+        let Sampled { sampled_bits, lost_bits } = match &mut self.drawn_bits {
+            None => self.queues.sample_block(sensors.clone(), &self.sampling, slot),
+            Some(drawn_bits) => {
+                let mut bits = [0; BLOCK];
+                let bits = &mut bits[..sensors.len()];
+                self.sampling.fill(slot, sensors.clone(), bits);
+                drawn_bits[sensors.clone()].iter_mut().zip(&*bits).for_each(|(sum, bits)| *sum += bits);
+                self.queues.store_block(sensors.clone(), bits, &self.sampling)
+            }
+        };
         self.totals.sampled_bits += sampled_bits;
         self.totals.lost_bits += lost_bits;
         self.totals.queued_bits += sampled_bits - lost_bits;
@@ -191,7 +238,10 @@ impl Ledger {
         let PerSensor::Each(mean_bits) = &self.sampling.mean_bits else { return };
         let block = sensors.start / BLOCK;
         let mean_bits = mean_bits[sensors.clone()].iter().copied();
-        self.lost_slots[block] = if self.sampling.is_quick(slot) {
+        self.lost_slots[block] = if let Some(drawn_bits) = &self.drawn_bits {
+            let sampled_bits = drawn_bits[sensors.clone()].iter().copied();
+            in_slots(self.lost_of_sampled(sensors, sampled_bits), mean_bits)
+        } else if self.sampling.is_quick(slot) {
             vectorized(|| {
                 let sampled_bits = mean_bits.clone().map(|mean_bits| quick_bits(mean_bits, slot));
                 in_slots(self.lost_of_sampled(sensors, sampled_bits), mean_bits)
@@ -279,10 +329,10 @@ mod tests {
             (&[3, 4], &[4, 0]),  // 3 + 4 of 1 + 5
             (&[3, 4], &[0, u64::MAX]),
         ] {
-            assert!(!ledger.restore(1, queues_bits, delivered_bits), "{queues_bits:?}, {delivered_bits:?}");
+            assert!(!ledger.restore(1, queues_bits, delivered_bits, None), "{queues_bits:?}, {delivered_bits:?}");
             assert_eq!(ledger, new());
         }
-        assert!(ledger.restore(1, &[3, 4], &[2, 2]));
+        assert!(ledger.restore(1, &[3, 4], &[2, 2], None));
         assert_eq!((ledger.queues_bits(), ledger.delivered_bits()), (&[3, 4][..], &[2, 2][..]));
         let totals = Totals { sampled_bits: 9, delivered_bits: 4, lost_bits: 1, queued_bits: 7, ..new().totals() };
         assert_eq!(ledger.totals(), Totals { lost_slots: 0.2, ..totals }); // 1 + 5 − 2 − 3 bits are lost
@@ -323,7 +373,7 @@ mod tests {
                 prop_assert_eq!(kept.lost_bits(slot).collect::<Vec<_>>(), lost_bits);
                 prop_assert!((kept.totals().lost_slots - lost_slots).abs() <= 1e-9 * lost_slots);
                 let mut restored = ledger(capacity_bits, &mean_bits, &initial_bits);
-                prop_assert!(restored.restore(slot, kept.queues_bits(), kept.delivered_bits()));
+                prop_assert!(restored.restore(slot, kept.queues_bits(), kept.delivered_bits(), None));
                 prop_assert_eq!(&restored, &kept);
             }
         }

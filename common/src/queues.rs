@@ -59,11 +59,17 @@ impl Queues {
         blocks(self.bits.len()).map(|sensors| self.sample_block(sensors, sampling, slot).lost_bits).sum()
     }
 
-    /// The consecutive `sensors`, best a block of [`blocks`], sample in `slot`, from 1, and full ones lose the excess.
+    /// A block of [`blocks`] samples in `slot`, from 1, and full SNs lose the excess.
     ///
     /// # Panics
-    /// If `sensors` reaches beyond the field.
+    /// If `sensors` reaches beyond the field, or is longer than a block.
     pub fn sample_block(&mut self, sensors: Range<usize>, sampling: &Sampling, slot: u64) -> Sampled {
+        if sampling.is_drawn() {
+            let mut bits = [0; BLOCK];
+            let bits = &mut bits[..sensors.len()];
+            sampling.fill(slot, sensors.clone(), bits);
+            return self.store_block(sensors, bits, sampling);
+        }
         let queues_bits = &mut Arc::make_mut(&mut self.bits)[sensors.clone()];
         let before = slot.saturating_sub(1);
         match (&sampling.mean_bits, &sampling.capacity_bits) {
@@ -80,6 +86,12 @@ impl Queues {
                 fill(queues_bits, bits, sensors.map(|sensor| capacity_bits.of(sensor)))
             }
         }
+    }
+
+    /// Each of the consecutive `sensors` samples these `bits`, and full ones lose the excess.
+    pub(crate) fn store_block(&mut self, sensors: Range<usize>, bits: &[u64], sampling: &Sampling) -> Sampled {
+        let queues_bits = &mut Arc::make_mut(&mut self.bits)[sensors.clone()];
+        fill(queues_bits, bits.iter().copied(), sensors.map(|sensor| sampling.capacity_bits.of(sensor)))
     }
 
     /// Removes up to `capacity_bits` from the queue of SN `sensor`, and returns the bits removed: a link cannot carry

@@ -30,6 +30,8 @@ pub enum Purpose {
     InitialQueueMean = 9,
     /// A sample of a rollout of the look-ahead: channel draws, queues and rates.
     Rollout = 10,
+    /// Bits that a sensor node samples in a slot, or its times on and off (slot 0).
+    Arrivals = 16,
 }
 
 /// The family of streams of one mission.

@@ -16,7 +16,7 @@ use toml::{Table, Value};
 
 pub use crate::keys::{Interval, Setting, SettingOrigin};
 pub use area::{Area, Origin};
-pub use mission::{MAX_SEED, PlannerKeys, Scenario};
+pub use mission::{MAX_SEED, PlannerKeys, Scenario, TRACE};
 pub use sensors::SensorKeys;
 pub(crate) use sensors::{MAX_FIELD_BITS, MAX_SAMPLED_BITS, MAX_SENSORS};
 pub use uav::{AltitudeMode, Climb, Propulsion, UavKeys};

@@ -168,7 +168,7 @@ impl Field {
     /// If the sensor node is unknown.
     #[must_use]
     pub fn sampled_bits(&self, sensor: usize) -> u64 {
-        self.ledger.sampling().sampled_bits(sensor, self.slot)
+        self.ledger.sampled_bits(sensor, self.slot)
     }
 
     /// Bits lost so far, by sensor node.
@@ -202,6 +202,8 @@ struct State {
     #[serde(with = "serde_bytes")]
     delivered_bits: Vec<u8>,
     estimate: Option<SavedEstimate>,
+    /// Bits sampled so far, by id, if arrivals are drawn.
+    drawn_bits: Option<serde_bytes::ByteBuf>,
 }
 
 impl Checkpoint for Field {
@@ -209,16 +211,19 @@ impl Checkpoint for Field {
         let queues_bits = bytemuck::cast_slice(self.queues_bits()).to_vec();
         let delivered_bits = bytemuck::cast_slice(self.delivered_bits()).to_vec();
         let estimate = self.belief.saved();
+        let drawn_bits = self.ledger.drawn_bits().map(|bits| serde_bytes::ByteBuf::from(bytemuck::cast_slice(bits)));
         let Self { slot, slot_bits, .. } = *self;
-        encode(&State { slot, slot_bits, queues_bits, delivered_bits, estimate }, bytes);
+        encode(&State { slot, slot_bits, queues_bits, delivered_bits, estimate, drawn_bits }, bytes);
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        let State { slot, slot_bits, queues_bits, delivered_bits, estimate } = decode(bytes)?;
+        let State { slot, slot_bits, queues_bits, delivered_bits, estimate, drawn_bits } = decode(bytes)?;
         let mut belief = self.belief.restored(slot, estimate)?;
         let queues_bits: Vec<u32> = bytemuck::pod_collect_to_vec(&queues_bits);
         let delivered_bits: Vec<u64> = bytemuck::pod_collect_to_vec(&delivered_bits);
-        let is_possible = slot <= self.slots && self.ledger.restore(slot, &queues_bits, &delivered_bits);
+        let drawn_bits: Option<Vec<u64>> = drawn_bits.map(|bytes| bytemuck::pod_collect_to_vec(&bytes));
+        let is_possible =
+            slot <= self.slots && self.ledger.restore(slot, &queues_bits, &delivered_bits, drawn_bits.as_deref());
         CheckpointError::ensure(is_possible, "a possible state of this field")?;
         self.slot = slot;
         self.slot_bits = slot_bits;
@@ -289,7 +294,10 @@ mod tests {
             let delivered_bits = bytemuck::cast_slice(delivered_bits).to_vec();
             let mut bytes = Vec::new();
             let slot_bits = SlotBits::default();
-            encode(&State { slot, slot_bits, queues_bits, delivered_bits, estimate: None }, &mut bytes);
+            encode(
+                &State { slot, slot_bits, queues_bits, delivered_bits, estimate: None, drawn_bits: None },
+                &mut bytes,
+            );
             bytes
         };
         let mut restored = field(10_000);

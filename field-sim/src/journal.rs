@@ -25,7 +25,7 @@ pub const STATES: u64 = 2;
 pub const SLOTS: u64 = STATES * STATE_EVERY;
 
 /// Bytes of a state: constant, and per sensor node.
-const STATE_BYTES: [usize; 2] = [1024, size_of::<u32>() + size_of::<u64>() + BYTES_PER_SENSOR];
+const STATE_BYTES: [usize; 2] = [1024, size_of::<u32>() + 2 * size_of::<u64>() + BYTES_PER_SENSOR];
 
 /// The journal of field-sim over `count` sensor nodes, in the ring's folder.
 ///

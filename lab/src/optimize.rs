@@ -13,7 +13,7 @@ use skysink_common::build::VERSION;
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::error::InputError;
 use skysink_common::scenario::Scenario;
-use skysink_common::sensors::{SensorList, Sensors};
+use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::Mission;
 use skysink_planner::bound::{MissionBound, mission_bound};
@@ -131,7 +131,7 @@ pub struct LossBounds {
 #[must_use]
 pub fn loss_bounds(scenario: &Scenario, list: &SensorList, known_bits: u64) -> LossBounds {
     let MissionBound { loss_bits, expected_loss_bits } =
-        mission_bound(scenario, &Sensors::of(scenario, &list.nodes()), &list.queues_bits(), known_bits);
+        mission_bound(scenario, &list.sensors_of(scenario), &list.queues_bits(), known_bits);
     LossBounds {
         loss_bound: loss_rate(loss_bits as f64, scenario, list),
         expected_loss_bound: expected_loss_bits.map(|bits| loss_rate(bits, scenario, list)),

@@ -5,7 +5,7 @@
 use std::collections::VecDeque;
 use std::ops::Range;
 
-use skysink_common::arrivals::{sampled_bits, slot_of_bit};
+use skysink_common::sampling::Sampling;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::{Sensor, SensorList};
 
@@ -122,6 +122,7 @@ impl AgeCounts {
 /// between two uploads are the first of those sampled then, and the freshest delivered bit is the last one uploaded.
 #[derive(Debug, Clone)]
 pub struct DeliveredData {
+    sampling: Sampling,
     backlogs: Vec<Backlog>,
     ages: Ages,
 }
@@ -129,9 +130,9 @@ pub struct DeliveredData {
 /// The stored bits of one SN, by sampling time.
 #[derive(Debug, Clone)]
 struct Backlog {
-    /// Mean bits sampled per slot, `s_i τ`.
-    mean_bits: f64,
     delivered_bits: u64,
+    /// The slot of the last upload, and the bits sampled up to its end.
+    counted: [u64; 2],
     /// The batch of the last delivered bit, or of the next.
     batch: Batch,
     /// The batches after it, ascending; empty after the buffer was emptied.
@@ -151,19 +152,26 @@ impl DeliveredData {
     /// The state before slot 1.
     #[must_use]
     pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
-        let sampling = list.sampling(scenario);
-        let backlog = |(id, sensor): (usize, &Sensor)| Backlog::new(sampling.of(id).mean_bits, sensor.queue_bits);
-        let backlogs: Vec<Backlog> = list.sensors().iter().enumerate().map(backlog).collect();
-        Self { ages: Ages::new(backlogs.len()), backlogs }
+        let queues_bits = list.sensors().iter().map(|sensor: &Sensor| sensor.queue_bits);
+        Self::over(list.sampling(scenario), queues_bits)
+    }
+
+    fn over(sampling: Sampling, queues_bits: impl Iterator<Item = u32>) -> Self {
+        let backlogs: Vec<Backlog> = queues_bits.map(Backlog::new).collect();
+        Self { sampling, ages: Ages::new(backlogs.len()), backlogs }
     }
 
     /// Adds a service of an SN in `slot`, after which it has delivered `delivered_bits` since the mission's start and
     /// holds `queue_bits`. A service without data is ignored, and bits of the initial queue do not change the age.
     pub fn add(&mut self, sensor: usize, slot: u64, delivered_bits: u64, queue_bits: u64) {
         let backlog = &mut self.backlogs[sensor];
-        if delivered_bits > backlog.delivered_bits
-            && let Some(stamp) = backlog.deliver(slot, delivered_bits, queue_bits)
-        {
+        if delivered_bits <= backlog.delivered_bits {
+            return;
+        }
+        let sampled_bits = self.sampling.counted_bits(sensor, backlog.counted, slot);
+        backlog.counted = [slot, sampled_bits];
+        if let Some(bit) = backlog.deliver(sampled_bits, delivered_bits, queue_bits) {
+            let stamp = self.sampling.slot_of_bit(sensor, bit, backlog.counted);
             self.ages.refresh(sensor, slot, stamp);
         }
     }
@@ -171,25 +179,25 @@ impl DeliveredData {
     /// Histogram of the ages up to the end of `slot`, over the SNs that sample.
     #[must_use]
     pub fn counts(&self, slot: u64) -> AgeCounts {
-        self.ages.counts(slot, |sensor| self.backlogs[sensor].mean_bits > 0.0)
+        self.ages.counts(slot, |sensor| self.sampling.of(sensor).mean_bits > 0.0)
     }
 }
 
 impl Backlog {
-    fn new(mean_bits: f64, queue_bits: u32) -> Self {
+    fn new(queue_bits: u32) -> Self {
         let batch = Batch { after_sampled_bits: 0, after_bits: queue_bits.into() };
-        Self { mean_bits, delivered_bits: 0, batch, later: VecDeque::new() }
+        Self { delivered_bits: 0, counted: [0; 2], batch, later: VecDeque::new() }
     }
 
-    /// Adds an upload, and returns the slot in which its last bit was sampled; `None` for a bit of the initial queue.
-    fn deliver(&mut self, slot: u64, delivered_bits: u64, queue_bits: u64) -> Option<u64> {
+    /// Adds an upload, by which `sampled_bits` were sampled, and returns the number of its last bit among them; `None`
+    /// for a bit of the initial queue.
+    fn deliver(&mut self, sampled_bits: u64, delivered_bits: u64, queue_bits: u64) -> Option<u64> {
         while let Some(next) = self.later.pop_front_if(|next| next.after_bits < delivered_bits) {
             self.batch = next;
         }
         let offset_bits = delivered_bits.saturating_sub(self.batch.after_bits);
         let bit = self.batch.after_sampled_bits + offset_bits;
-        let next =
-            Batch { after_sampled_bits: sampled_bits(self.mean_bits, slot), after_bits: delivered_bits + queue_bits };
+        let next = Batch { after_sampled_bits: sampled_bits, after_bits: delivered_bits + queue_bits };
         self.delivered_bits = delivered_bits;
         if queue_bits == 0 {
             self.batch = next;
@@ -197,7 +205,7 @@ impl Backlog {
         } else {
             self.later.push_back(next);
         }
-        (offset_bits > 0).then(|| slot_of_bit(self.mean_bits, bit, slot))
+        (offset_bits > 0).then_some(bit)
     }
 }
 
@@ -205,9 +213,9 @@ impl Backlog {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use skysink_common::arrivals::bits_between;
+    use skysink_common::arrivals::Poisson;
     use skysink_common::ledger::Ledger;
-    use skysink_common::sampling::Sampling;
+    use skysink_common::random::Streams;
 
     #[test]
     fn ages_count_slots_since_the_last_service() {
@@ -269,23 +277,24 @@ mod tests {
                 prop_oneof![Just(0.0), Just(0.1), Just(1.0 / 3.0), Just(1.0), Just(2.5), 0.0..9.0f64], 1..4),
             capacity_bits in 1u32..30,
             initial_bits in 0u32..30,
+            is_drawn in any::<bool>(),
             uploads in prop::collection::vec((0usize..6, 0u64..20), 1..80),
         ) {
             let initial_bits = initial_bits.min(capacity_bits);
-            let sampling = Sampling::new(means.clone(), vec![capacity_bits; means.len()]);
-            let mut ledger = Ledger::new(sampling, vec![initial_bits; means.len()]);
+            let drawn = Poisson::new(2.0, Streams::new(initial_bits.into()));
+            let sampling = Sampling::new(means.clone(), vec![capacity_bits; means.len()])
+                .with_arrivals(is_drawn.then(|| drawn.into()));
+            let mut ledger = Ledger::new(sampling.clone(), vec![initial_bits; means.len()]);
             let mut queues: Vec<BitQueue> = means.iter()
                 .map(|_| BitQueue { slots: VecDeque::from(vec![0; initial_bits as usize]), freshest: 0 }).collect();
-            let backlogs: Vec<Backlog> = means.iter().map(|&mean| Backlog::new(mean, initial_bits)).collect();
-            let mut data = DeliveredData { ages: Ages::new(means.len()), backlogs };
+            let mut data = DeliveredData::over(sampling.clone(), means.iter().map(|_| initial_bits));
             let mut ages = Vec::new();
             for (slot, &(served, link_bits)) in (1u64..).zip(&uploads) {
                 let _ = ledger.sample(slot);
-                for (sensor, &mean) in means.iter().enumerate() {
-                    let sampled_bits = bits_between(mean, slot - 1, slot);
-                    for _ in 0..sampled_bits {
-                        if queues[sensor].slots.len() < capacity_bits as usize {
-                            queues[sensor].slots.push_back(slot);
+                for (sensor, queue) in queues.iter_mut().enumerate() {
+                    for _ in 0..sampling.bits(sensor, slot) {
+                        if queue.slots.len() < capacity_bits as usize {
+                            queue.slots.push_back(slot);
                         }
                     }
                 }

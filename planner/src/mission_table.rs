@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::Point3;
+use skysink_common::arrivals::ArrivalLaw;
 use skysink_common::channel::{Channel, ChannelModel, Uplink};
 use skysink_common::geometry::Position;
 use skysink_common::message::{Limits, SensorNode};
@@ -14,6 +15,8 @@ use skysink_common::sensors::Sensors;
 pub struct MissionTable {
     /// The SNs.
     pub sensors: Arc<Sensors>,
+    /// The law of what they sample around the means of `sensors`.
+    pub arrivals: ArrivalLaw,
     /// The channel of all uplinks.
     pub channel: Channel,
     /// The constraints on every plan.
@@ -24,7 +27,8 @@ impl MissionTable {
     /// The table of a scenario with these SNs.
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: Arc<Sensors>) -> Self {
-        Self { sensors, channel: Channel::of(&scenario.link), limits: Limits::of(scenario) }
+        let arrivals = ArrivalLaw::of(scenario);
+        Self { sensors, arrivals, channel: Channel::of(&scenario.link), limits: Limits::of(scenario) }
     }
 
     /// The table of a scenario with the published SNs `nodes`.

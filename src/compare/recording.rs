@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::Path;
+use std::sync::Arc;
 
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
@@ -39,16 +40,16 @@ pub fn record(shown: &[ShownContender], path: &Path, stop: &Stop) -> Result<(), 
     let temporary = tempfile::Builder::new().prefix(".comparison.").suffix(UNFINISHED).tempdir_in(folder).at(folder)?;
     let unfinished = temporary.path().join(RECORDING);
     let mut missions = Vec::new();
-    let mut nodes = Vec::new();
+    let mut sensors = Vec::new();
     for one in shown {
         let list = SensorList::of(&one.scenario)?;
         missions.push(match &one.run {
             None => RecordedMission::Planned(Box::new(Mission::new(&one.scenario, &list)?)),
             Some(folder) => RecordedMission::Replayed(Box::new(Replay::open(folder)?)),
         });
-        nodes.push(list.nodes());
+        sensors.push(Arc::new(list.sensors_of(&one.scenario)));
     }
-    let compared = shown.iter().zip(&nodes).map(|(one, sensors)| viewer::ComparedMission {
+    let compared = shown.iter().zip(&sensors).map(|(one, sensors)| viewer::ComparedMission {
         label: one.contender.label.clone(),
         title: title(one),
         scenario: &one.scenario,

@@ -6,7 +6,6 @@ use re_sdk::{ApplicationId, RecordingStreamResult};
 use re_sdk_types::archetypes::{Scalars, TextDocument};
 use re_sdk_types::blueprint::archetypes::{EyeControls3D, PlotLegend};
 use re_sdk_types::blueprint::components::{ContainerKind, Corner2D};
-use skysink_common::message::SensorNode;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 
@@ -64,7 +63,7 @@ pub struct ComparedMission<'a> {
     /// Its scenario.
     pub scenario: &'a Scenario,
     /// Its sensor nodes.
-    pub sensors: &'a [SensorNode],
+    pub sensors: &'a Arc<Sensors>,
 }
 
 /// A recording of several missions.
@@ -103,10 +102,9 @@ impl Comparison {
             for plot in &PLOTS {
                 canvas.log_static(curve(plot, &root), &curve_style(&mission.label, colour(number)))?;
             }
-            let sizes = Sizes::of(mission.scenario, mission.sensors.len());
+            let sizes = Sizes::of(mission.scenario, mission.sensors.count());
             let below = Canvas::below(&recording.stream, &root);
-            let sensors = Arc::new(Sensors::of(mission.scenario, mission.sensors));
-            let picture = Picture::open(below, mission.scenario, &sensors, &sizes, &recording)?;
+            let picture = Picture::open(below, mission.scenario, mission.sensors, &sizes, &recording)?;
             drawn.push(Drawn { root, title: mission.title, sizes, picture, slot_s: mission.scenario.slot_s });
         }
         let comparison = Self { recording, canvas, missions: drawn };

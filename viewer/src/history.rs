@@ -9,7 +9,6 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::CheckpointError;
 use skysink_common::geometry::{Position, distance_squared};
-use skysink_common::queues::overflow_bits;
 use skysink_common::sampling::Sampler;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
@@ -77,9 +76,9 @@ impl SensorHistory {
     pub(crate) fn add(&mut self, slot: u64, queues_bits: &[u32], uav: Position) {
         let Self { sensors, lost_now_bits, grid, sums, .. } = self;
         let is_next = slot > 0 && sums.slot == Some(slot - 1);
-        let losses = (0..).zip(&sums.queues_bits).zip(&mut sums.lost_bits).zip(lost_now_bits);
+        let losses = sums.queues_bits.iter().enumerate().zip(&mut sums.lost_bits).zip(lost_now_bits);
         for (((id, &before_bits), lost_bits), lost_now_bits) in losses {
-            *lost_now_bits = if is_next { overflow_bits(&sensors.sampler(id), before_bits, slot - 1, slot) } else { 0 };
+            *lost_now_bits = if is_next { sensors.sampling.overflow_bits(id, before_bits, slot) } else { 0 };
             *lost_bits += *lost_now_bits;
         }
         sums.slot = Some(slot);

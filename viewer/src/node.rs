@@ -1,18 +1,20 @@
 //! The viewer as a process of the ring: logs each slot to the scene, and sends `ready` once it reads every topic.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::Service;
 use iceoryx2::sample::Sample;
 use re_sdk_types::components::TextLogLevel;
+use skysink_common::arrivals::ArrivalLaw;
 use skysink_common::error::InputError;
 use skysink_common::estimate::Rates;
 use skysink_common::message::{FLAG_END, FlightReport, HoldReason, PathPoint, Plan, QueuesHeader, SlotHeader};
 use skysink_common::pace::Pace;
 use skysink_common::possible::is_possible_path;
 use skysink_common::scenario::{Area, Scenario};
-use skysink_common::sensors::SensorList;
+use skysink_common::sensors::{SensorList, Sensors};
 use skysink_common::slot_record::UAV;
 use skysink_common::stop::Stop;
 use skysink_ring::error::NodeError;
@@ -81,21 +83,22 @@ pub fn run<S: Service + 'static>(
     options: &ViewerOptions,
 ) -> Result<u64, NodeError> {
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::Viewer, stop)?;
-    let mut sensors = ring.sensors.reader()?;
-    let nodes = sensors.wait_for_next(&mut wait, 0)?;
-    let _sensors = ring.terms.link.is_none().then_some(sensors); // over a link, repeated samples would accumulate
-    let nodes = if ring.terms.has_learnt_rates() {
-        SensorList::of(scenario)?.nodes() // the topic has what an external planner knows of their rates
+    let mut topic = ring.sensors.reader()?;
+    let nodes = topic.wait_for_next(&mut wait, 0)?;
+    let _topic = ring.terms.link.is_none().then_some(topic); // over a link, repeated samples would accumulate
+    let is_drawn = ArrivalLaw::of(scenario).is_random();
+    let sensors = Arc::new(if ring.terms.has_learnt_rates() || is_drawn {
+        SensorList::of(scenario)?.sensors_of(scenario) // the topic has what a planner knows of what they sample
     } else {
-        nodes.payload().to_vec()
-    };
+        Sensors::of(scenario, nodes.payload())
+    });
     let mut shown = scenario.clone();
     if let Some(label) = &options.label {
         label.clone_into(&mut shown.planner.strategy);
     }
     let name = run_name(&shown, ring.terms.mission);
-    let mut scene = Scene::open(&options.sinks, &shown, &nodes, &name, WallClock::Measured, options.estimated)?;
-    let journal = resume(folder, Scene::state_room(nodes.len()), &mut scene)?;
+    let mut scene = Scene::open(&options.sinks, &shown, &sensors, &name, WallClock::Measured, options.estimated)?;
+    let journal = resume(folder, Scene::state_room(sensors.count()), &mut scene)?;
     if let Some(port) = scene.port() {
         let address = format!("rerun+http://127.0.0.1:{port}/proxy");
         Role::Viewer.log(format_args!("live at {address}: open it by `rerun {address}`"));

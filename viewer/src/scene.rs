@@ -9,7 +9,7 @@ use re_sdk::ApplicationId;
 use re_sdk_types::components::TextLogLevel;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError};
 use skysink_common::estimate::Rates;
-use skysink_common::message::{SensorNode, Totals};
+use skysink_common::message::Totals;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 
@@ -52,18 +52,17 @@ impl Scene {
     pub fn open(
         sinks: &Sinks,
         scenario: &Scenario,
-        nodes: &[SensorNode],
+        sensors: &Arc<Sensors>,
         run_name: &str,
         clock: WallClock,
         estimated: Option<Rates>,
     ) -> Result<Self, SceneError> {
         let recording = Recording::open(sinks, &application(scenario), run_name)?;
-        let sensors = &Arc::new(Sensors::of(scenario, nodes));
-        let sizes = Sizes::of(scenario, nodes.len());
+        let sizes = Sizes::of(scenario, sensors.count());
         layout::send(&recording, &sizes, scenario, clock, estimated)?;
         let picture = Picture::open(Canvas::whole(&recording.stream), scenario, sensors, &sizes, &recording)?;
         let picture = picture.with_maps(scenario, sensors, &sizes, estimated)?;
-        legend::log_facts(&recording.stream, scenario, nodes.len())?;
+        legend::log_facts(&recording.stream, scenario, sensors.count())?;
         let rhythm = Rhythm::every(recording.every.get(), scenario.slots);
         let scene = Self {
             recording,
@@ -75,7 +74,7 @@ impl Scene {
             missed_slots: 0,
         };
         if scene.recording.part == Part::First {
-            scene.log_event(0, TextLogLevel::INFO, &events::start(&scene.scenario, nodes.len()))?;
+            scene.log_event(0, TextLogLevel::INFO, &events::start(&scene.scenario, sensors.count()))?;
         }
         Ok(scene)
     }

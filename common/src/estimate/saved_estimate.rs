@@ -3,10 +3,10 @@
 use crate::checkpoint::CheckpointError;
 use serde::{Deserialize, Serialize};
 
-use super::{Contact, Estimate};
+use super::{Contact, Estimate, Learnt};
 
 /// Most bytes per SN of a checkpoint.
-pub const BYTES_PER_SENSOR: usize = 56;
+pub const BYTES_PER_SENSOR: usize = 57;
 
 /// An estimate as saved in a checkpoint.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -41,11 +41,19 @@ impl Estimate {
         CheckpointError::ensure(is_sorted && contacted.iter().all(|contact| is_known(contact.id)), "contacts by id")?;
         let mut sensors = self.sensors.clone();
         for sensor in &mut sensors {
-            sensor.contact = self.without_contact(sensor.contact.id, sensor.capacity_bits);
+            sensor.contact = self.without_contact(sensor.contact.id, sensor.capacity_bits, sensor.prior_mean_bits);
         }
         for contact in contacted {
             let sensor = &mut sensors[contact.id as usize];
-            let is_possible = self.is_possible_last(&contact, observed, sensor.capacity_bits);
+            let is_same_kind = |(one, other): (Learnt, Learnt)| {
+                matches!(
+                    (one, other),
+                    (Learnt::Counted(_), Learnt::Counted(_)) | (Learnt::Random(_), Learnt::Random(_))
+                )
+            };
+            let is_possible = contact.learnt.is_some() == sensor.contact.learnt.is_some()
+                && contact.learnt.zip(sensor.contact.learnt).is_none_or(is_same_kind)
+                && Self::is_possible_last(&contact, observed, sensor.capacity_bits);
             CheckpointError::ensure(is_possible, "possible last contacts")?;
             sensor.contact = contact;
         }
@@ -54,18 +62,18 @@ impl Estimate {
     }
 
     /// Whether `contact` is a possible last contact up to slot `observed`, for a buffer of `capacity_bits`.
-    fn is_possible_last(&self, contact: &Contact, observed: u64, capacity_bits: u32) -> bool {
+    fn is_possible_last(contact: &Contact, observed: u64, capacity_bits: u32) -> bool {
         let is_in_time = contact.has_happened() && contact.slot <= observed;
         // Gaps end by the last contact, and none adds more than the buffer holds.
-        let learnt_is_possible = contact.learnt.is_none_or(|learnt| {
-            learnt.slots <= contact.slot
-                && learnt.bits <= learnt.slots.saturating_mul(capacity_bits.into())
-                && (0.0..=f64::from(capacity_bits)).contains(&learnt.least_mean_bits)
+        let learnt_is_possible = contact.learnt.is_none_or(|learnt| match learnt {
+            Learnt::Random(posterior) => posterior.is_possible(),
+            Learnt::Counted(learnt) => {
+                learnt.slots <= contact.slot
+                    && learnt.bits <= learnt.slots.saturating_mul(capacity_bits.into())
+                    && (0.0..=f64::from(capacity_bits)).contains(&learnt.least_mean_bits)
+            }
         });
-        is_in_time
-            && contact.left_bits <= capacity_bits
-            && contact.learnt.is_some() == self.has_learnt_rates()
-            && learnt_is_possible
+        is_in_time && contact.left_bits <= capacity_bits && learnt_is_possible
     }
 }
 
@@ -144,7 +152,8 @@ mod tests {
         let mut estimate = fresh(Rates::Learnt);
         let empty = bytes_of(&estimate).len();
         for sensor in &mut estimate.sensors {
-            let learnt = Some(LearntRate { bits: u64::MAX, slots: u64::MAX, least_mean_bits: f64::MAX });
+            let learnt =
+                Some(Learnt::Counted(LearntRate { bits: u64::MAX, slots: u64::MAX, least_mean_bits: f64::MAX }));
             sensor.contact = Contact { id: u32::MAX, slot: u64::MAX, left_bits: u32::MAX, learnt };
         }
         assert!(bytes_of(&estimate).len() - empty <= 5 * BYTES_PER_SENSOR);
@@ -169,8 +178,11 @@ mod tests {
             ("a contact in slot 41", |saved| saved.contacted[0].slot = 41),
             ("more left than the buffer", |saved| saved.contacted[0].left_bits = 30_001),
             ("not of these rates", |saved| {
-                saved.contacted[0].learnt =
-                    if saved.contacted[0].learnt.is_some() { None } else { Some(LearntRate::default()) }
+                saved.contacted[0].learnt = if saved.contacted[0].learnt.is_some() {
+                    None
+                } else {
+                    Some(Learnt::Counted(LearntRate::default()))
+                }
             }),
         ];
         let of_rates: [(&str, Spoil); 4] = [
@@ -191,6 +203,9 @@ mod tests {
     }
 
     fn learnt(saved: &mut SavedEstimate) -> &mut LearntRate {
-        saved.contacted[0].learnt.as_mut().expect("rates are learnt")
+        match &mut saved.contacted[0].learnt {
+            Some(Learnt::Counted(learnt)) => learnt,
+            other => panic!("expected learnt rates of constant arrivals, found {other:?}"),
+        }
     }
 }

@@ -28,6 +28,14 @@ pub fn value<'a>(table: &'a Table, key: &str) -> Option<&'a Value> {
     names.try_fold(first, |table, name| table.get(name))
 }
 
+/// The same to change it.
+#[must_use]
+pub fn value_mut<'a>(table: &'a mut Table, key: &str) -> Option<&'a mut Value> {
+    let mut names = key.split('.');
+    let first = table.get_mut(names.next()?)?;
+    names.try_fold(first, |table, name| table.get_mut(name))
+}
+
 /// Removes a dotted key, if present.
 pub fn remove(mut table: &mut Table, key: &str) {
     let mut names: Vec<&str> = key.split('.').collect();

@@ -9,9 +9,13 @@ use toml::{Table, Value};
 use super::area::Area;
 use super::sensors::SensorKeys;
 use super::uav::UavKeys;
+use crate::arrivals::ArrivalKeys;
 use crate::channel::LinkBudget;
 use crate::error::InputError;
 use crate::keys::{self, Accepts, Keys, POSITIVE, Setting, Source};
+
+/// The file of the arrivals in a run folder.
+pub const TRACE: &str = "arrivals.csv";
 
 /// Largest seed: the largest integer of TOML.
 pub const MAX_SEED: u64 = i64::MAX as u64;
@@ -94,10 +98,14 @@ impl Scenario {
         toml::to_string(self).expect("a scenario consists of tables of numbers and strings")
     }
 
-    /// The scenario as a TOML file, with the sensor list in the file `list` of the same folder.
+    /// The scenario as a TOML file, with the sensor list in the file `list` of the same folder, and a trace of arrivals
+    /// in [`TRACE`].
     #[must_use]
     pub fn to_toml_with_list(&self, list: &str) -> String {
-        let sensors = SensorKeys { count: None, file: Some(list.into()), ..self.sensors.clone() };
+        let mut sensors = SensorKeys { count: None, file: Some(list.into()), ..self.sensors.clone() };
+        if let Some(ArrivalKeys { file: Some(file), .. }) = &mut sensors.arrivals {
+            *file = TRACE.into();
+        }
         Self { sensors, ..self.clone() }.to_toml()
     }
 
@@ -110,7 +118,18 @@ impl Scenario {
     /// The file of the sensor list; `None` if the list is drawn.
     #[must_use]
     pub fn sensor_file(&self) -> Option<PathBuf> {
-        self.sensors.file.as_ref().map(|file| self.path.parent().unwrap_or(Path::new("")).join(file))
+        self.sensors.file.as_ref().map(|file| self.beside(file))
+    }
+
+    /// The file of the arrivals; `None` if they are not those of a file.
+    #[must_use]
+    pub fn trace_file(&self) -> Option<PathBuf> {
+        self.sensors.arrivals.as_ref()?.file.as_ref().map(|file| self.beside(file))
+    }
+
+    /// A path that is relative to the scenario.
+    fn beside(&self, file: &Path) -> PathBuf {
+        self.path.parent().unwrap_or(Path::new("")).join(file)
     }
 
     /// Start of the UAV [m].

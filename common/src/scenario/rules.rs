@@ -43,6 +43,19 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
     let expected = "at most 9e18 bits over the mission from all sensor nodes";
     rule(field_bits <= MAX_FIELD_BITS, "sensors.sampling_bps", expected)?;
 
+    for (key, mean_s) in scenario
+        .sensors
+        .arrivals
+        .iter()
+        .flat_map(|arrivals| [("sensors.arrivals.on_s", arrivals.on_s), ("sensors.arrivals.off_s", arrivals.off_s)])
+    {
+        let expected = format!("at least the slot's {} s", scenario.slot_s);
+        rule(mean_s.is_none_or(|mean_s| mean_s >= scenario.slot_s), key, &expected)?;
+    }
+    let has_file = scenario.sensors.arrivals.as_ref().is_none_or(|arrivals| arrivals.file.is_some());
+    let expected = "another model, or a CSV file as sensors.arrivals.file";
+    rule(!scenario.sensors.has_trace() || has_file, "sensors.arrivals.model", expected)?;
+
     let expected = format!("at least the flight's {flight_s} s, slots × slot_s (T τ ≤ T_e)");
     rule(flight_s <= uav.endurance_s * (1.0 + 1e-12), "uav.endurance_s", &expected)?;
     let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m(), area.height_m());

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
+use crate::arrivals::{ArrivalKeys, ArrivalModel};
 use crate::keys::{Accepts, Interval, NOT_NEGATIVE};
 
 /// Most sensor nodes of a field.
@@ -40,5 +41,15 @@ crate::keys! {
         /// Mean of the Poisson queue before slot 1, `λ` [bit]; from an interval each SN draws its own mean, uniformly.
         /// Draws are capped at the buffer. A column of the sensor list has priority.
         initial_queue_mean_bits: Interval = 10000.0, QUEUE_BITS;
+        /// How the bits arrive; without this table the same in every slot.
+        arrivals: Option<ArrivalKeys>, Accepts::TableOf(ArrivalKeys::KEYS);
+    }
+}
+
+impl SensorKeys {
+    /// Whether the arrivals are those of a file.
+    #[must_use]
+    pub fn has_trace(&self) -> bool {
+        self.arrivals.as_ref().is_some_and(|arrivals| arrivals.model == ArrivalModel::Trace)
     }
 }

@@ -7,8 +7,8 @@ use std::path::Path;
 use rand::RngExt;
 use rand_distr::{Distribution, Poisson};
 
-use super::rows;
-use crate::arrivals::mean_bits;
+use super::{Sensors, rows};
+use crate::arrivals::{Arrivals, Trace, mean_bits};
 use crate::channel::draw_gain_db;
 use crate::error::{InputError, read_text};
 use crate::geometry::Position;
@@ -39,6 +39,8 @@ pub struct SensorList {
     names: Vec<String>,
     /// Buffer of each, `B` [bit].
     capacity_bits: u32,
+    /// The arrivals, if they are those of a file.
+    trace: Option<Trace>,
 }
 
 impl SensorList {
@@ -50,7 +52,7 @@ impl SensorList {
         let Some(path) = scenario.sensor_file() else {
             let count = scenario.sensors.count.unwrap_or(0);
             let sensors = (0..count).map(|id| draw(scenario, id)).collect();
-            return Ok(Self::new((sensors, Vec::new()), scenario));
+            return Self::new((sensors, Vec::new()), scenario);
         };
         let text = read_text("sensor list", &path).map_err(|error| {
             let source = path.with_file_name("SOURCE.md");
@@ -84,20 +86,36 @@ impl SensorList {
         locate: impl Fn(usize, u64) -> String,
     ) -> Result<Self, InputError> {
         let refuse = |message| InputError::new("sensor list", path, message);
-        rows::read(text, scenario, locate).map(|sensors| Self::new(sensors, scenario)).map_err(refuse)
+        Self::new(rows::read(text, scenario, locate).map_err(refuse)?, scenario)
     }
 
-    fn new((sensors, mut names): (Vec<Sensor>, Vec<String>), scenario: &Scenario) -> Self {
+    fn new((sensors, mut names): (Vec<Sensor>, Vec<String>), scenario: &Scenario) -> Result<Self, InputError> {
         if names.iter().all(String::is_empty) {
             names.clear();
         }
-        Self { sensors, names, capacity_bits: scenario.sensors.capacity_bits }
+        let sampling_bps: Vec<f64> = sensors.iter().map(|sensor| sensor.sampling_bps).collect();
+        let trace = Trace::of(scenario, &sampling_bps)?;
+        Ok(Self { sensors, names, capacity_bits: scenario.sensors.capacity_bits, trace })
     }
 
-    /// Hash (XXH3) of the list as a CSV file, seeded with the hash of its scenario.
+    /// Hash (XXH3) of the list as CSV files, seeded with the hash of its scenario.
     #[must_use]
     pub fn hash(&self, scenario_hash: u64) -> u64 {
-        xxhash_rust::xxh3::xxh3_64_with_seed(self.to_csv().as_bytes(), scenario_hash)
+        let hash = |seed, text: String| xxhash_rust::xxh3::xxh3_64_with_seed(text.as_bytes(), seed);
+        let listed = hash(scenario_hash, self.to_csv());
+        self.trace.iter().fold(listed, |seed, trace| hash(seed, trace.to_csv()))
+    }
+
+    /// The arrivals, if they are those of a file.
+    #[must_use]
+    pub fn trace(&self) -> Option<&Trace> {
+        self.trace.as_ref()
+    }
+
+    /// The list with other arrivals of a file.
+    #[must_use]
+    pub fn with_trace(self, trace: Trace) -> Self {
+        Self { trace: Some(trace), ..self }
     }
 
     /// The list as a CSV file with all columns, that of names if there are some; floats round-trip exactly.
@@ -152,11 +170,18 @@ impl SensorList {
         self.sensors.iter().map(|sensor| sensor.queue_bits).collect()
     }
 
-    /// The sampling of the sensor nodes in the slots of their scenario.
+    /// The sampling of the sensor nodes in the slots of their scenario, with the arrivals that are drawn from its seed.
     #[must_use]
     pub fn sampling(&self, scenario: &Scenario) -> Sampling {
         let mean_bits = self.sensors.iter().map(|sensor| mean_bits(sensor.sampling_bps, scenario.slot_s)).collect();
-        Sampling::new(mean_bits, vec![self.capacity_bits; self.sensors.len()])
+        let arrivals = Arrivals::of(scenario, self.sensors.len(), self.trace.as_ref());
+        Sampling::new(mean_bits, vec![self.capacity_bits; self.sensors.len()]).with_arrivals(arrivals)
+    }
+
+    /// The sensor nodes with what they sample: the truth, which a planner does not know.
+    #[must_use]
+    pub fn sensors_of(&self, scenario: &Scenario) -> Sensors {
+        Sensors { sampling: self.sampling(scenario), ..Sensors::of(scenario, &self.nodes()) }
     }
 
     /// Mean bits that all sensor nodes sample in a slot, `Σ s_i τ`.

@@ -130,9 +130,11 @@ impl Sweep {
         for point in 0..points.len() {
             let refuse = |error| InputError::new("sweep", path, format!("at {}: {error}", self.name(point)));
             let scenario = self.scenario_of_grid(&self.base.table, point).map_err(refuse)?;
-            if scenario.sensors.file.is_some() {
+            if scenario.sensors.file.is_some() || scenario.sensors.has_trace() {
+                let list = SensorList::of(&scenario)?;
                 hash.update(scenario.to_toml_with_list("").as_bytes());
-                hash.update(SensorList::of(&scenario)?.to_csv().as_bytes());
+                hash.update(list.to_csv().as_bytes());
+                list.trace().iter().for_each(|trace| hash.update(trace.to_csv().as_bytes()));
             } else {
                 hash.update(scenario.to_toml().as_bytes());
             }

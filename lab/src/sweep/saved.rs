@@ -5,7 +5,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use skysink_common::error::InputError;
-use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::keys::dotted;
+use skysink_common::scenario::{Overrides, Scenario, TRACE};
 use skysink_mission::error::FileContext;
 use skysink_mission::files::read_regular;
 use skysink_mission::origin::{SourceFile, is_source};
@@ -101,11 +102,12 @@ impl Sweep {
     pub(crate) fn files(&self) -> Result<Vec<SavedFile>, LabError> {
         let mut files = Vec::new();
         let mut table = self.full_base()?;
-        let list = table.get_mut("sensors").and_then(|sensors| sensors.get_mut("file"));
-        if let Some(list) = list.filter(|list| list.is_str()) {
-            let path = self.base.path.parent().unwrap_or(Path::new("")).join(list.as_str().unwrap_or_default());
-            files.push((SENSORS.into(), read_regular(&path).at(&path)?));
-            *list = SENSORS.into();
+        for (key, name) in [("sensors.file", SENSORS), ("sensors.arrivals.file", TRACE)] {
+            if let Some(file) = dotted::value_mut(&mut table, key).filter(|file| file.is_str()) {
+                let path = self.base.path.parent().unwrap_or(Path::new("")).join(file.as_str().unwrap_or_default());
+                files.push((name.into(), read_regular(&path).at(&path)?));
+                *file = name.into();
+            }
         }
         files.push((SCENARIO.into(), toml::to_string(&table).expect("a table that was read can be written").into()));
         for ExternalStrategy { name, sources, .. } in &self.external {

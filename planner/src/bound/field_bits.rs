@@ -10,10 +10,12 @@ use skysink_common::sensors::Sensors;
 use super::paths::legs::fewest_slots;
 
 /// A sensor node (SN) that samples.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct SensorBits {
     /// Its sampling, with a mean above 0.
     pub sampler: Sampler,
+    /// Bits sampled up to the end of each slot, from slot 0, if they are drawn; constant ones are counted.
+    pub drawn_bits: Option<Vec<u64>>,
     /// Its queue before slot 1 [bit].
     pub queue_bits: u32,
     /// The first slot at whose end the UAV can be in range, at least 1.
@@ -26,9 +28,13 @@ impl SensorBits {
     #[inline]
     #[must_use]
     pub fn overflow_bits(&self, emptied: Option<u64>, slot: u64) -> u64 {
-        match emptied {
-            Some(emptied) => overflow_bits(&self.sampler, 0, emptied.min(slot), slot),
-            None => overflow_bits(&self.sampler, self.queue_bits, 0, slot),
+        let (queue_bits, from) = emptied.map_or((self.queue_bits, 0), |emptied| (0, emptied.min(slot)));
+        match &self.drawn_bits {
+            None => overflow_bits(&self.sampler, queue_bits, from, slot),
+            Some(drawn_bits) => {
+                let held_bits = u64::from(queue_bits) + drawn_bits[slot as usize] - drawn_bits[from as usize];
+                held_bits.saturating_sub(self.sampler.capacity_bits.into())
+            }
         }
     }
 
@@ -62,6 +68,7 @@ impl FieldBits {
             let slots = fewest_slots(scenario.reach_m(), away_m - in_range_m);
             SensorBits {
                 sampler: sensors.sampler(id),
+                drawn_bits: sensors.sampling.is_drawn().then(|| drawn_bits(sensors, id, scenario.slots)),
                 queue_bits: queues_bits[id as usize],
                 first_slot: (slots as u64).max(1),
             }
@@ -80,6 +87,15 @@ impl FieldBits {
     }
 }
 
+/// Bits that SN `id` samples up to the end of each slot from 0 to `slots`.
+fn drawn_bits(sensors: &Sensors, id: u32, slots: u64) -> Vec<u64> {
+    let sampled_bits = (1..=slots).scan(0, |sum, slot| {
+        *sum += sensors.sampling.bits(id as usize, slot);
+        Some(*sum)
+    });
+    std::iter::once(0).chain(sampled_bits).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -90,7 +106,12 @@ mod tests {
     #[test]
     fn overflow_is_counted_in_whole_bits_since_the_last_visit_or_with_the_first_queue() {
         // Sampled up to slots 1 to 5: 2, 5, 7, 10 and 12 bit (decision D2).
-        let sensor = SensorBits { sampler: Sampler { mean_bits: 2.5, capacity_bits: 4 }, queue_bits: 3, first_slot: 1 };
+        let sensor = SensorBits {
+            sampler: Sampler { mean_bits: 2.5, capacity_bits: 4 },
+            drawn_bits: None,
+            queue_bits: 3,
+            first_slot: 1,
+        };
         assert_eq!([1, 2, 3, 4, 5].map(|slot| sensor.overflow_bits(None, slot)), [1, 4, 6, 9, 11]);
         assert_eq!([1, 2, 3, 4, 5].map(|slot| sensor.lost_bits(None, slot)), [1, 3, 2, 3, 2]);
         // Since slot 2: 2, 5 and 7 bit.

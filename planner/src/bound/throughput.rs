@@ -73,7 +73,7 @@ mod tests {
     /// can be served from slot 3 on.
     fn field_of(blocks: usize) -> FieldBits {
         let sampler = Sampler { mean_bits: 10.0, capacity_bits: 20 };
-        let sensor = |first_slot| SensorBits { sampler, queue_bits: 20, first_slot };
+        let sensor = |first_slot| SensorBits { sampler, drawn_bits: None, queue_bits: 20, first_slot };
         FieldBits { sensors: vec![sensor(1), sensor(3)], slots: 5, blocks }
     }
 

@@ -87,7 +87,7 @@ mod tests {
 
     /// An SN that samples 10 bit a slot.
     fn sensor(capacity_bits: u32, queue_bits: u32, first_slot: u64) -> SensorBits {
-        SensorBits { sampler: Sampler { mean_bits: 10.0, capacity_bits }, queue_bits, first_slot }
+        SensorBits { sampler: Sampler { mean_bits: 10.0, capacity_bits }, drawn_bits: None, queue_bits, first_slot }
     }
 
     #[test]

@@ -42,7 +42,7 @@ use anneal::Temperature;
 use flight::Trace;
 use forecast::{Forecast, PlanningWindow};
 use groups::ServiceDisk;
-use model::PlanningModel;
+use model::{PlanningModel, noise_slots2};
 
 /// Lower limit on the estimated bits per slot of an SN: one that does not sample cannot be distinguished from one that
 /// rarely does.
@@ -155,13 +155,17 @@ impl Horizon {
         if !belief.is_estimated() {
             return;
         }
+        let law = view.table.arrivals;
         for (sensor, &id) in self.model.sensors.iter_mut().zip(&self.model.ids) {
             if belief.has_learnt_rates() {
                 let mean_bits = least_mean_bits(view.belief.mean_bits(id));
                 sensor.mean_bits = mean_bits;
                 sensor.fill_slots = Sampler { mean_bits, ..view.table.sensors.sampler(id) }.fill_slots();
+                sensor.noise_slots2 = noise_slots2(law, mean_bits, sensor.fill_slots);
             }
-            let Uncertainty { unbounded_bits, initial_bits, rate, since_contact_bits } = view.belief.uncertainty(id);
+            let uncertainty = view.belief.uncertainty(id);
+            let Uncertainty { unbounded_bits, initial_bits, rate, since_contact_bits, arrivals_bits } = uncertainty;
+            sensor.noise_before_slots2 = 3.0 * (arrivals_bits / sensor.mean_bits).powi(2);
             sensor.initial_half_slots = initial_bits / sensor.mean_bits;
             sensor.rate_half_fraction = rate;
             // Before the first contact its uncertainty is in `initial_half_slots`.

@@ -3,6 +3,7 @@
 
 use std::sync::Arc;
 
+use skysink_common::arrivals::ArrivalLaw;
 use skysink_common::channel::{ChannelModel, Uplink};
 use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::scenario::Scenario;
@@ -59,6 +60,10 @@ pub struct SensorModel {
     pub left_slots: f64,
     /// Estimated queue beyond the buffer [slots of sampling]; 0 if known.
     pub overdue_slots: f64,
+    /// Three times the variance of what is sampled in a slot [slots² of sampling]; 0 for constant arrivals.
+    pub noise_slots2: f64,
+    /// The same of the queue before the window, if that is estimated.
+    pub noise_before_slots2: f64,
 }
 
 impl SensorModel {
@@ -66,7 +71,7 @@ impl SensorModel {
     #[inline]
     #[must_use]
     pub fn is_known(&self) -> bool {
-        self.initial_half_slots == 0.0 && self.rate_half_fraction == 0.0
+        self.initial_half_slots == 0.0 && self.rate_half_fraction == 0.0 && self.noise_slots2 == 0.0
     }
 
     /// Expected overflow [slots of sampling] at the end of `slot`, if the estimated queue was empty in the slot
@@ -74,17 +79,25 @@ impl SensorModel {
     ///
     /// The overflow is uniform within a half-width h of `late` slots, clamped to 0: its mean is `(late + h)²/4h` for
     /// `|late| < h`. The first visit, after slot 0, ends the uncertainty of the initial queue. Before it, `left_slots`
-    /// are certain.
+    /// are certain. Arrivals at random widen it by the uniform distribution with their variance.
     #[inline]
     #[must_use]
     pub fn overflow_slots(&self, slot: f64, empty: f64) -> f64 {
         let gap = slot - empty;
         let late = gap - self.fill_slots;
-        let half = if empty <= 0.0 {
+        let mut half = if empty <= 0.0 {
             self.rate_half_fraction * (gap - self.left_slots).max(0.0) + self.initial_half_slots
         } else {
             self.rate_half_fraction * gap
         };
+        if self.noise_slots2 > 0.0 {
+            let noise_slots2 = if empty <= 0.0 {
+                self.noise_before_slots2 + self.noise_slots2 * slot
+            } else {
+                self.noise_slots2 * gap
+            };
+            half = (half * half + noise_slots2).sqrt();
+        }
         if late >= half {
             late
         } else if late <= -half {
@@ -92,6 +105,16 @@ impl SensorModel {
         } else {
             (late + half) * (late + half) / (4.0 * half)
         }
+    }
+}
+
+/// [`SensorModel::noise_slots2`] of a sensor that samples `mean_bits` [bit] per slot by `law`, as a mean over the
+/// `fill_slots` in which it fills.
+pub(super) fn noise_slots2(law: ArrivalLaw, mean_bits: f64, fill_slots: f64) -> f64 {
+    if law.is_random() {
+        3.0 * law.variance_bits2(mean_bits, fill_slots) / (mean_bits * mean_bits * fill_slots)
+    } else {
+        0.0
     }
 }
 
@@ -170,6 +193,8 @@ impl PlanningModel {
             rate_half_fraction: 0.0,
             left_slots: 0.0,
             overdue_slots: 0.0,
+            noise_slots2: noise_slots2(self.table.arrivals, sampler.mean_bits, sampler.fill_slots()),
+            noise_before_slots2: 0.0,
         });
         let disk = Disk { centre: *self.table.sensors.position(index), radius_m: self.near_m(index) };
         self.disks.push(ServiceDisk { disk, members: vec![index] });

@@ -126,7 +126,7 @@ impl States {
             let sensor = &model.sensors[index];
             let full = if sensor.is_known() { sensor.fill_slots } else { f64::INFINITY };
             ((now - work[index]).min(full) - (then - stored[index]).min(full)).abs() > ROUNDING
-                || (sensor.initial_half_slots > 0.0 || sensor.left_slots > 0.0)
+                || (sensor.initial_half_slots > 0.0 || sensor.left_slots > 0.0 || sensor.noise_slots2 > 0.0)
                     && (work[index] <= 0.0) != (stored[index] <= 0.0)
         };
         if work.get(self.suspect).is_some_and(|_| differs(self.suspect)) {

@@ -7,6 +7,8 @@
 use std::borrow::Cow;
 
 use rand::{Rng, RngExt};
+use rand_distr::StandardNormal;
+use skysink_common::arrivals::{Arrivals, Imagined};
 use skysink_common::channel::{ChannelModel, Uplink};
 use skysink_common::message::{FlightReport, LinkReport, Mode};
 use skysink_common::queues::Queues;
@@ -74,7 +76,8 @@ impl Effort {
         .min(1.0);
         let in_sight = count * sight;
         let searching_us = if table.channel.depends_on_elevation() { 40.0 * in_sight.min(1.0) } else { 0.1 * in_sight };
-        let slot_us = 1.0 + count / 100.0 + searching_us;
+        let drawing_us = if table.arrivals.is_random() { count / 60.0 } else { 0.0 };
+        let slot_us = 1.0 + count / 100.0 + drawing_us + searching_us;
         let future_us = slot_us * slots as f64;
         let futures = if is_certain(view) {
             1.0
@@ -175,7 +178,10 @@ impl<'a> Rollout<'a> {
         if !belief.belief.is_estimated() {
             let within = |(id, &queue_bits): (usize, &u32)| queue_bits.min(self.sampling.of(id).capacity_bits);
             let queues_bits = belief.queues_bits.iter().enumerate().map(within).collect();
-            return World { queues: Queues::new(queues_bits), sampling: Cow::Borrowed(&self.sampling) };
+            let sampling = self.draw_arrivals(random).map_or(Cow::Borrowed(&*self.sampling), |arrivals| {
+                Cow::Owned(Sampling::clone(&self.sampling).with_arrivals(Some(arrivals.into())))
+            });
+            return World { queues: Queues::new(queues_bits), sampling };
         }
         let mut queues_bits = belief.queues_bits.to_vec();
         let mut means_bits = Vec::with_capacity(queues_bits.len());
@@ -183,17 +189,34 @@ impl<'a> Rollout<'a> {
             let Sampler { mean_bits, capacity_bits } = self.sampling.of(id as usize);
             let uncertain = belief.uncertainty(id);
             let [rate, initial] = random.random::<[f64; 2]>().map(|fraction| 2.0 * fraction - 1.0);
-            if uncertain.rate == 0.0 && uncertain.initial_bits == 0.0 {
+            if uncertain.rate == 0.0 && uncertain.initial_bits == 0.0 && uncertain.arrivals_bits == 0.0 {
                 means_bits.push(mean_bits);
                 continue;
             }
-            let drawn_bits = uncertain.unbounded_bits
+            let mut drawn_bits = uncertain.unbounded_bits
                 + uncertain.since_contact_bits * uncertain.rate * rate
                 + uncertain.initial_bits * initial;
+            if uncertain.arrivals_bits > 0.0 {
+                drawn_bits += uncertain.arrivals_bits * random.sample::<f64, _>(StandardNormal);
+            }
             *queue_bits = drawn_bits.clamp(0.0, f64::from(capacity_bits)) as u32;
             means_bits.push(mean_bits * (1.0 + uncertain.rate * rate));
         }
-        World { queues: Queues::new(queues_bits), sampling: Cow::Owned(self.sampling.with_means(means_bits)) }
+        let arrivals = self.draw_arrivals(random).map(Arrivals::from);
+        let sampling = Cow::Owned(self.sampling.with_means(means_bits).with_arrivals(arrivals));
+        World { queues: Queues::new(queues_bits), sampling }
+    }
+
+    /// The arrivals of a sample; `None` if they are constant.
+    fn draw_arrivals(&self, random: &mut impl Rng) -> Option<Imagined> {
+        let table = self.view.table;
+        let slots = self.view.slot..self.view.slot.saturating_add(self.ahead.slots);
+        let streams = || Streams::new(random.next_u64());
+        table
+            .arrivals
+            .is_random()
+            .then(streams)
+            .and_then(|streams| Imagined::new(table.arrivals, streams, table.sensors.count(), slots))
     }
 
     /// Expected loss after the last simulated slot [bit].
@@ -218,9 +241,9 @@ struct World<'a> {
     sampling: Cow<'a, Sampling>,
 }
 
-/// Whether links, queues and rates are known.
+/// Whether links, arrivals, queues and rates are known.
 pub(crate) fn is_certain(view: &View) -> bool {
-    !view.belief.belief.is_estimated() && !view.table.channel.is_random()
+    !view.belief.belief.is_estimated() && !view.table.channel.is_random() && !view.table.arrivals.is_random()
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use arrow_array::Array;
 use re_chunk_store::{ChunkStore, ChunkStoreConfig};
@@ -10,6 +11,7 @@ use re_sdk::TimelineName;
 use re_sdk::log::TimeColumn;
 use skysink_common::message::{FlightReport, LinkReport, Mode, PathPoint, Plan, QueuesHeader, SensorNode, Totals};
 use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::sensors::Sensors;
 use skysink_viewer::SlotView;
 
 /// The letter's mission.
@@ -25,7 +27,7 @@ pub fn town() -> Scenario {
 }
 
 /// Sensor nodes on a line, with buffers of 1 000 bits.
-pub fn sensors(count: u32) -> Vec<SensorNode> {
+pub fn sensors(count: u32) -> Arc<Sensors> {
     let sensor = |id| SensorNode {
         x_m: f64::from(id % 100),
         y_m: 50.0,
@@ -34,7 +36,8 @@ pub fn sensors(count: u32) -> Vec<SensorNode> {
         capacity_bits: 1_000,
         reserved: 0,
     };
-    (0..count).map(sensor).collect()
+    let nodes: Vec<SensorNode> = (0..count).map(sensor).collect();
+    Arc::new(Sensors::of(&letter(), &nodes))
 }
 
 /// The existing files of a recording, in the order of their creation.

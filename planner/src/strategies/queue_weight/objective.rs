@@ -45,7 +45,7 @@ impl Objective {
     /// Whether links empty the queues of `ids` from every point in range at the UAV's altitude: the service does not
     /// depend on the waypoint.
     pub(super) fn is_level(&self, view: &View, ids: &[u32]) -> bool {
-        let MissionTable { sensors, channel, limits } = view.table;
+        let MissionTable { sensors, channel, limits, .. } = view.table;
         self.service == Service::Upload
             && ids.iter().all(|&id| {
                 let gain = sensors.gains[id as usize];

@@ -1,6 +1,4 @@
-//! Arrivals: the bits that a sensor node samples, whole and without drift (decision D2).
-//!
-//! field-sim fills the queues with them. A planner that estimates the queues counts the same way.
+//! Constant arrivals: the bits that a sensor node samples, whole and without drift (decision D2).
 
 /// Added before `floor`, so that a product just below its integer, such as `0.1 × 30`, does not lose a bit.
 const ROUNDING_BITS: f64 = 1e-9;

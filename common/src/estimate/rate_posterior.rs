@@ -1,0 +1,151 @@
+//! What contacts reveal of a sampling rate if arrivals are at random: a Gamma distribution (decision D24).
+
+use serde::{Deserialize, Serialize};
+use statrs::function::erf::erfc;
+
+/// A Gamma distribution of the bits per slot: `mean = shape/rate`, `variance = shape/rate²`.
+///
+/// With Poisson packets of `L` bits it is the posterior: a gap of `n` slots with `x` bits adds `x/L` to the shape, and
+/// `n/L` to the rate. With on-off arrivals `L` is their dispersion.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct RatePosterior {
+    shape: f64,
+    /// [slots/bit]
+    rate: f64,
+}
+
+/// Bits found after a gap.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Gained {
+    /// Exactly these [bit].
+    Exactly(f64),
+    /// At least these [bit]: the buffer was full.
+    AtLeast(f64),
+}
+
+/// Least and greatest shape of a posterior that is stored.
+const SHAPES: [f64; 2] = [1e-6, 1e18];
+
+impl RatePosterior {
+    /// The distribution before any contact: with the mean [bit per slot] and the variance of a rate that is uniform within
+    /// `half_fraction` of it. `None` if that is one rate, which is known.
+    pub(super) fn prior(mean_bits: f64, half_fraction: f64) -> Option<Self> {
+        let shape = 3.0 / (half_fraction * half_fraction);
+        (half_fraction > 0.0 && mean_bits > 0.0).then(|| Self { shape, rate: shape / mean_bits })
+    }
+
+    /// Mean [bit per slot].
+    #[must_use]
+    pub fn mean_bits(&self) -> f64 {
+        self.shape / self.rate
+    }
+
+    /// Standard deviation [bit per slot].
+    #[must_use]
+    pub fn sd_bits(&self) -> f64 {
+        self.shape.sqrt() / self.rate
+    }
+
+    /// Whether it is one.
+    pub(super) fn is_possible(&self) -> bool {
+        (SHAPES[0]..=SHAPES[1]).contains(&self.shape) && self.rate > 0.0 && self.rate.is_finite()
+    }
+
+    /// Adds a gap of `slots` slots, for arrivals with this dispersion [bit].
+    ///
+    /// The bits of a gap that ended with a full buffer are unknown above a limit. The posterior is then a mixture over
+    /// them, of which mean and variance are kept; they are taken as normal, with the mean and variance of the prediction.
+    pub(super) fn add(&mut self, slots: u64, gained: Gained, dispersion_bits: f64) {
+        let slots = slots as f64;
+        let rate = self.rate + slots / dispersion_bits;
+        match gained {
+            Gained::Exactly(bits) => self.shape += bits / dispersion_bits,
+            Gained::AtLeast(least_bits) => {
+                let predicted_bits = self.mean_bits() * slots;
+                let variance_bits2 = dispersion_bits * predicted_bits + (self.sd_bits() * slots).powi(2);
+                let deviation_bits = variance_bits2.sqrt();
+                let hazard = inverse_mills((least_bits - predicted_bits) / deviation_bits);
+                let score = (least_bits - predicted_bits) / deviation_bits;
+                let mean_bits = predicted_bits + deviation_bits * hazard;
+                let kept_bits2 = (variance_bits2 * (1.0 + score * hazard - hazard * hazard)).max(0.0);
+                let mean = (self.shape + mean_bits / dispersion_bits) / rate;
+                let variance = mean / rate + kept_bits2 / (dispersion_bits * rate).powi(2);
+                self.shape = mean * mean / variance;
+                self.rate = mean / variance;
+                return;
+            }
+        }
+        self.rate = rate;
+    }
+}
+
+/// `φ(z)/Q(z)`: the mean of a standard normal number above `z`.
+fn inverse_mills(z: f64) -> f64 {
+    if z > 20.0 {
+        return z + 1.0 / z; // the next term is below 1e-3 of the last
+    }
+    let density = (-0.5 * z * z).exp() / (2.0 * std::f64::consts::PI).sqrt();
+    density / (0.5 * erfc(z / std::f64::consts::SQRT_2))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::arrivals::{DrawnArrivals, Poisson};
+    use crate::random::Streams;
+
+    #[test]
+    fn the_prior_has_the_variance_of_a_uniform_rate() {
+        // Uniform on 50 to 150: variance 100²/12.
+        let prior = RatePosterior::prior(100.0, 0.5).unwrap();
+        assert!((prior.mean_bits() - 100.0).abs() < 1e-9);
+        assert!((prior.sd_bits() - 100.0 / 12f64.sqrt()).abs() < 1e-9);
+        assert_eq!(RatePosterior::prior(100.0, 0.0), None);
+    }
+
+    #[test]
+    fn a_gap_moves_the_mean_towards_what_it_held() {
+        // Shape 12, rate 0.12. 10 slots with 2 000 bit in packets of 50: shape 12 + 40, rate 0.12 + 0.2.
+        let mut posterior = RatePosterior::prior(100.0, 0.5).unwrap();
+        posterior.add(10, Gained::Exactly(2_000.0), 50.0);
+        assert!((posterior.mean_bits() - 52.0 / 0.32).abs() < 1e-9);
+        assert!((posterior.sd_bits() - 52f64.sqrt() / 0.32).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_mean_above_a_limit_follows_the_normal_law() {
+        assert!((inverse_mills(0.0) - (2.0 / std::f64::consts::PI).sqrt()).abs() < 1e-12);
+        assert!((inverse_mills(2.0) - 2.373_215_5).abs() < 1e-6);
+        assert!((inverse_mills(20.0) - inverse_mills(20.000_001)).abs() < 1e-3);
+    }
+
+    /// 1 000 SNs whose rates are uniform on 50 to 150 bit per slot, learnt over 30 gaps of up to 20 slots; a gap with more
+    /// than `full_bits` ends with a full buffer. Returns how many rates lie within the middle 90 % of their posterior.
+    fn covered(packet_bits: f64, full_bits: u64) -> usize {
+        let arrivals = Poisson::new(packet_bits, Streams::new(11));
+        let is_covered = |sensor: u32| {
+            let truth_bits = 50.0 + f64::from(sensor) / 10.0;
+            let mut posterior = RatePosterior::prior(100.0, 0.5).unwrap();
+            let mut slot = 0;
+            for gap in 0..30 {
+                let slots = 1 + (gap * 7 + u64::from(sensor)) % 20;
+                let bits: u64 = (slot + 1..=slot + slots).map(|slot| arrivals.bits(slot, sensor, truth_bits)).sum();
+                let gained =
+                    if bits < full_bits { Gained::Exactly(bits as f64) } else { Gained::AtLeast(full_bits as f64) };
+                posterior.add(slots, gained, packet_bits);
+                slot += slots;
+            }
+            (truth_bits - posterior.mean_bits()).abs() < 1.645 * posterior.sd_bits()
+        };
+        (0..1_000).filter(|&sensor| is_covered(sensor)).count()
+    }
+
+    #[test]
+    fn posteriors_cover_the_truth_at_their_level() {
+        // 900 ± 2.1 standard deviations of sqrt(1000 · 0.9 · 0.1) = 9.5
+        for (packet_bits, full_bits) in [(1.0, u64::MAX), (100.0, u64::MAX), (100.0, 1_000), (500.0, 1_500)] {
+            let covered = covered(packet_bits, full_bits);
+            assert!((880..=920).contains(&covered), "{covered} of 1000 with packets of {packet_bits} bit");
+        }
+    }
+}
