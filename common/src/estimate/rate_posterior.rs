@@ -23,6 +23,12 @@ pub(super) enum Gained {
     AtLeast(f64),
 }
 
+/// Most terms of an exact sum.
+const MOST_TERMS: f64 = 1_000.0;
+
+/// Least probability above a limit for which the sum up to it is subtracted from the whole.
+const LEAST_ABOVE: f64 = 1e-6;
+
 /// Least and greatest shape of a posterior that is stored.
 const SHAPES: [f64; 2] = [1e-6, 1e18];
 
@@ -54,28 +60,45 @@ impl RatePosterior {
     /// Adds a gap of `slots` slots, for arrivals with this dispersion [bit].
     ///
     /// The bits of a gap that ended with a full buffer are unknown above a limit. The posterior is then a mixture over
-    /// them, of which mean and variance are kept; they are taken as normal, with the mean and variance of the prediction.
+    /// them, of which mean and variance are kept.
     pub(super) fn add(&mut self, slots: u64, gained: Gained, dispersion_bits: f64) {
-        let slots = slots as f64;
-        let rate = self.rate + slots / dispersion_bits;
+        let rate = self.rate + slots as f64 / dispersion_bits;
         match gained {
-            Gained::Exactly(bits) => self.shape += bits / dispersion_bits,
+            Gained::Exactly(bits) => *self = Self { shape: self.shape + bits / dispersion_bits, rate },
             Gained::AtLeast(least_bits) => {
-                let predicted_bits = self.mean_bits() * slots;
-                let variance_bits2 = dispersion_bits * predicted_bits + (self.sd_bits() * slots).powi(2);
-                let deviation_bits = variance_bits2.sqrt();
-                let hazard = inverse_mills((least_bits - predicted_bits) / deviation_bits);
-                let score = (least_bits - predicted_bits) / deviation_bits;
-                let mean_bits = predicted_bits + deviation_bits * hazard;
-                let kept_bits2 = (variance_bits2 * (1.0 + score * hazard - hazard * hazard)).max(0.0);
-                let mean = (self.shape + mean_bits / dispersion_bits) / rate;
-                let variance = mean / rate + kept_bits2 / (dispersion_bits * rate).powi(2);
-                self.shape = mean * mean / variance;
-                self.rate = mean / variance;
-                return;
+                let exposure = slots as f64 / (dispersion_bits * self.rate);
+                let [packets, variance] = self.packets_above(exposure, (least_bits / dispersion_bits).ceil());
+                let mean = (self.shape + packets) / rate;
+                let spread = mean / rate + variance / (rate * rate);
+                *self = Self { shape: mean * mean / spread, rate: mean / spread };
             }
         }
-        self.rate = rate;
+    }
+
+    /// Mean and variance of the packets of a gap, of which at least `least` arrive, a whole number. Their law is negative
+    /// binomial, with the mean `shape · exposure`; taken as normal for very many packets, or very few above the limit.
+    fn packets_above(&self, exposure: f64, least: f64) -> [f64; 2] {
+        let mean = self.shape * exposure;
+        let variance = mean * (1.0 + exposure);
+        let mut probability = (-self.shape * exposure.ln_1p()).exp();
+        if least <= MOST_TERMS && probability > f64::MIN_POSITIVE {
+            let failure = exposure / (1.0 + exposure);
+            let [mut above, mut first, mut second] = [1.0, mean, variance + mean * mean];
+            for packets in (0..least as u32).map(f64::from) {
+                above -= probability;
+                first -= packets * probability;
+                second -= packets * packets * probability;
+                probability *= (self.shape + packets) / (packets + 1.0) * failure;
+            }
+            if above > LEAST_ABOVE {
+                let mean = first / above;
+                return [mean, (second / above - mean * mean).max(0.0)];
+            }
+        }
+        let deviation = variance.sqrt();
+        let score = (least - 0.5 - mean) / deviation;
+        let hazard = inverse_mills(score);
+        [mean + deviation * hazard, (variance * (1.0 + score * hazard - hazard * hazard)).max(0.0)]
     }
 }
 
@@ -113,6 +136,20 @@ mod tests {
     }
 
     #[test]
+    fn packets_above_a_limit_are_summed_or_taken_as_normal() {
+        // Shape 2, exposure 1: P(0) = 1/4, P(1) = 1/4, mean 2, variance 4. Above: (2 − 1/4)/(1/2) = 3.5;
+        // (8 − 1/4)/(1/2) − 3.5² = 3.25.
+        let posterior = RatePosterior { shape: 2.0, rate: 1.0 };
+        let [mean, variance] = posterior.packets_above(1.0, 2.0);
+        assert!((mean - 3.5).abs() < 1e-12 && (variance - 3.25).abs() < 1e-12, "{mean}, {variance}");
+        // 600 packets with a deviation of sqrt(600 · 1.6) = 31: nearly normal.
+        let [mean, variance] = RatePosterior { shape: 1e3, rate: 1.0 }.packets_above(0.6, 620.0);
+        let hazard = inverse_mills((619.5 - 600.0) / 960f64.sqrt());
+        assert!((mean - 600.0 - 960f64.sqrt() * hazard).abs() < 0.5, "{mean}");
+        assert!(variance > 0.0 && variance < 960.0, "{variance}");
+    }
+
+    #[test]
     fn the_mean_above_a_limit_follows_the_normal_law() {
         assert!((inverse_mills(0.0) - (2.0 / std::f64::consts::PI).sqrt()).abs() < 1e-12);
         assert!((inverse_mills(2.0) - 2.373_215_5).abs() < 1e-6);
@@ -130,8 +167,11 @@ mod tests {
             for gap in 0..30 {
                 let slots = 1 + (gap * 7 + u64::from(sensor)) % 20;
                 let bits: u64 = (slot + 1..=slot + slots).map(|slot| arrivals.bits(slot, sensor, truth_bits)).sum();
-                let gained =
-                    if bits < full_bits { Gained::Exactly(bits as f64) } else { Gained::AtLeast(full_bits as f64) };
+                let gained = if bits < full_bits {
+                    Gained::Exactly(bits as f64)
+                } else {
+                    Gained::AtLeast(full_bits as f64 - packet_bits / 2.0)
+                };
                 posterior.add(slots, gained, packet_bits);
                 slot += slots;
             }
@@ -143,7 +183,7 @@ mod tests {
     #[test]
     fn posteriors_cover_the_truth_at_their_level() {
         // 900 ± 2.1 standard deviations of sqrt(1000 · 0.9 · 0.1) = 9.5
-        for (packet_bits, full_bits) in [(1.0, u64::MAX), (100.0, u64::MAX), (100.0, 1_000), (500.0, 1_500)] {
+        for (packet_bits, full_bits) in [(1.0, u64::MAX), (100.0, u64::MAX), (100.0, 1_000), (300.0, 1_200)] {
             let covered = covered(packet_bits, full_bits);
             assert!((880..=920).contains(&covered), "{covered} of 1000 with packets of {packet_bits} bit");
         }
