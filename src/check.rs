@@ -2,6 +2,7 @@
 //!
 //! [`figures`] computes the figures and [`warnings`] evaluates them; this module prints both.
 
+pub mod arrivals;
 pub mod figures;
 pub mod flights;
 pub mod links;
@@ -96,7 +97,8 @@ fn rows(figures: &Figures) -> Vec<(&'static str, String)> {
         joined(visits.map(|visits| visits.map_or_else(|| "infinite".to_owned(), |visits| visits.to_string())))
     };
     let Figures { above, rim, round, .. } = figures;
-    vec![
+    let arrivals = figures.arrivals.map(|arrivals| ("arrivals", arrivals.to_string()));
+    let rows = vec![
         ("reach in a slot, V τ", metres(figures.reach_m)),
         ("communication radius, d_c", metres(figures.comm_radius_m)),
         ("anchor radius of uts, V τ − d_c", metres(figures.anchor_radius_m)),
@@ -110,7 +112,8 @@ fn rows(figures: &Figures) -> Vec<(&'static str, String)> {
         ("slots to serve every SN", round.to_string()),
         ("offered load, N s τ", figures.load.to_string()),
         ("flight without loss", loss_free(&figures.loss_free)),
-    ]
+    ];
+    rows.into_iter().chain(arrivals).collect()
 }
 
 /// Whether a flight without loss exists, in a few words.

@@ -113,9 +113,17 @@ pub fn suggestion(message: &str) -> String {
     [meant, page].into_iter().flatten().collect()
 }
 
+/// The line of a record in `text`, from 1. The position of [`csv`] is that of the first empty line before the record.
+#[must_use]
+pub fn line_of(text: &str, position: Option<&csv::Position>) -> u64 {
+    let Some(position) = position else { return 0 };
+    let rest = text.as_bytes().get(position.byte() as usize..).unwrap_or_default();
+    let empty = rest.iter().take_while(|byte| b"\r\n".contains(byte)).filter(|&&byte| byte == b'\n').count();
+    position.line() + empty as u64
+}
+
 /// Words of keys for what is not modelled, under the headings of `docs/src/not-modelled.md`.
-const NOT_MODELLED: [(&str, &[&str]); 5] = [
-    ("Arrivals", &["arrival", "arrivals", "burst", "bursts", "poisson", "traffic"]),
+const NOT_MODELLED: [(&str, &[&str]); 4] = [
     ("Battery", &["battery", "batteries", "charging", "recharge"]),
     ("No-fly zones", &["fly", "nofly", "zone", "zones", "geofence", "obstacle", "obstacles", "terrain"]),
     ("Wind", &["wind", "gust", "gusts", "weather"]),
@@ -146,13 +154,9 @@ mod tests {
     fn a_key_for_what_is_not_modelled_leads_to_the_way_around() {
         let page = include_str!("../../docs/src/not-modelled.md");
         let unknown = |name: &str| suggestion(&format!("unknown field `{name}`, expected `slots` or `width_m`"));
-        for (name, heading) in [
-            ("arrivals", "Arrivals"),
-            ("battery_wh", "Battery"),
-            ("no_fly", "No-fly zones"),
-            ("wind", "Wind"),
-            ("uavs", "Several UAVs"),
-        ] {
+        for (name, heading) in
+            [("battery_wh", "Battery"), ("no_fly", "No-fly zones"), ("wind", "Wind"), ("uavs", "Several UAVs")]
+        {
             let hint = format!(
                 "; it is not modelled, see \"{heading}\" in \"What Skysink does not model\" of the documentation"
             );

@@ -206,7 +206,7 @@ impl Estimate {
     pub fn new(scenario: &Scenario, rates: Rates, sensors: &Sensors) -> Self {
         let mut estimate = Self {
             rates,
-            law: ArrivalLaw::of(scenario),
+            law: scenario.arrival_law(),
             initial_bits: scenario.sensors.initial_queue_mean_bits.mean() as u32,
             initial_half_bits: half_bits(scenario.sensors.initial_queue_mean_bits.ends()),
             rate_half_fraction: half_fraction(scenario.sensors.sampling_bps.ends()),

@@ -12,8 +12,9 @@ use iceoryx2::prelude::ZeroCopySend;
 use serde::{Deserialize, Serialize};
 
 use crate::arrivals::{quick_bits, sampled_bits};
+use crate::per_sensor::PerSensor;
 use crate::queues::{Queues, Sampled, blocks};
-use crate::sampling::{PerSensor, Sampling};
+use crate::sampling::Sampling;
 use crate::simd::{BLOCK, vectorized};
 
 /// Bits of the whole field since the mission's start.

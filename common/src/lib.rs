@@ -16,6 +16,7 @@ pub mod ledger;
 pub mod limits;
 pub mod message;
 pub mod pace;
+pub mod per_sensor;
 pub mod possible;
 pub mod propulsion;
 pub mod queues;

@@ -7,7 +7,8 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use crate::arrivals::{bits_between, quick_bits, sampled_bits};
-use crate::sampling::{PerSensor, Sampler, Sampling};
+use crate::per_sensor::PerSensor;
+use crate::sampling::{Sampler, Sampling};
 use crate::simd::{BLOCK, vectorized};
 
 /// Queue lengths `B_i` [bit], by id.

@@ -4,39 +4,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use crate::arrivals::{Arrivals, DrawnArrivals, bits_between, is_quick, sampled_bits, slot_of_bit};
-
-/// A property of the SNs of a field.
-#[derive(Debug, Clone, PartialEq)]
-pub enum PerSensor<T> {
-    /// The same for all SNs.
-    Equal(T),
-    /// By id.
-    Each(Vec<T>),
-}
-
-impl<T: Copy + PartialEq> PerSensor<T> {
-    /// The property of SNs with these `values`, by id.
-    #[must_use]
-    pub fn new(values: Vec<T>) -> Self {
-        match values[..] {
-            [first, ..] if values.iter().all(|&value| value == first) => Self::Equal(first),
-            _ => Self::Each(values),
-        }
-    }
-
-    /// That of SN `sensor`.
-    ///
-    /// # Panics
-    /// If the values differ, and the SN is unknown.
-    #[inline]
-    #[must_use]
-    pub fn of(&self, sensor: usize) -> T {
-        match self {
-            Self::Equal(value) => *value,
-            Self::Each(values) => values[sensor],
-        }
-    }
-}
+use crate::per_sensor::PerSensor;
 
 /// The sampling of an SN, and its buffer.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -203,12 +171,6 @@ impl Sampling {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn equal_values_are_recognised() {
-        assert_eq!(PerSensor::new(vec![2.5; 3]), PerSensor::Equal(2.5));
-        assert_eq!(PerSensor::new(vec![2.5, 2.5, 2.0]), PerSensor::Each(vec![2.5, 2.5, 2.0]));
-    }
 
     #[test]
     fn each_sensor_node_has_its_own_rate_and_buffer() {

@@ -18,7 +18,7 @@ pub use crate::keys::{Interval, Setting, SettingOrigin};
 pub use area::{Area, Origin};
 pub use mission::{MAX_SEED, PlannerKeys, Scenario, TRACE};
 pub use sensors::SensorKeys;
-pub(crate) use sensors::{MAX_FIELD_BITS, MAX_SAMPLED_BITS, MAX_SENSORS};
+pub(crate) use sensors::{MAX_FIELD_BITS, MAX_SENSORS};
 pub use uav::{AltitudeMode, Climb, Propulsion, UavKeys};
 
 use crate::error::{InputError, read_text};

@@ -14,7 +14,7 @@ mod rows;
 use std::ops::Range;
 
 pub use list::{Sensor, SensorList};
-pub use rows::{check_name, line_of};
+pub use rows::check_name;
 
 use crate::arrivals::mean_bits;
 use crate::geometry::Position;

@@ -279,7 +279,7 @@ fn standing(
 
 /// A loss [bit] as a fraction of the bits that the mission samples (decision D3); 0 if nothing is sampled.
 fn loss_rate(lost_bits: f64, scenario: &Scenario, list: &SensorList) -> f64 {
-    let sampled_bits = list.slot_bits(scenario) * scenario.slots as f64;
+    let sampled_bits = list.mission_bits(scenario);
     if sampled_bits > 0.0 { lost_bits / sampled_bits } else { 0.0 }
 }
 

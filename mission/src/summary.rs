@@ -142,8 +142,8 @@ pub struct RunTiming {
 #[derive(Debug)]
 pub struct Tally {
     summary: Summary,
-    /// Mean bits sampled per slot by the field, `Σ_i s_i τ`.
-    mean_bits: f64,
+    /// Mean bits sampled per slot by the field, `Σ_i s_i τ`; `None` if arrivals are drawn.
+    mean_bits: Option<f64>,
     served: u64,
     plan_ns: Histogram<u64>,
     latency: Option<Latency>,
@@ -232,10 +232,12 @@ impl Tally {
         self.summary.timing.missed_deadlines
     }
 
-    /// The loss rate so far, `η` (decision D3); 0 without sampling.
+    /// The loss rate so far, `η` (decisions D3 and D24); 0 without sampling.
     #[must_use]
     pub fn loss_rate(&self) -> f64 {
-        ratio(self.summary.totals.lost_bits as f64, self.mean_bits * self.summary.slots as f64)
+        let Totals { lost_bits, sampled_bits, .. } = self.summary.totals;
+        let mean_bits = self.mean_bits.map(|slot_bits| slot_bits * self.summary.slots as f64);
+        ratio(lost_bits as f64, mean_bits.unwrap_or(sampled_bits as f64))
     }
 
     /// The summary of the run so far, after the wall time `wall`.

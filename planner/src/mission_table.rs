@@ -27,7 +27,7 @@ impl MissionTable {
     /// The table of a scenario with these SNs.
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: Arc<Sensors>) -> Self {
-        let arrivals = ArrivalLaw::of(scenario);
+        let arrivals = scenario.arrival_law();
         Self { sensors, arrivals, channel: Channel::of(&scenario.link), limits: Limits::of(scenario) }
     }
 

@@ -14,6 +14,7 @@ use skysink_planner::bound::links::BestLinks;
 use skysink_planner::bound::paths::PathBound;
 use skysink_planner::mission_table::MissionTable;
 
+use super::arrivals::ArrivalFigures;
 use super::flights::trial_flights;
 use super::links::LinkFigures;
 use super::quantity::{percent, scaled, short};
@@ -52,6 +53,9 @@ pub struct Figures {
     pub load: Load,
     /// Number of sampling SNs that cannot be reached before the end of the mission.
     pub unreachable: usize,
+    /// Arrivals at random; `None` if they are constant.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub arrivals: Option<ArrivalFigures>,
     /// Whether a flight without loss exists.
     pub loss_free: LossFree,
 }
@@ -63,7 +67,7 @@ impl Figures {
     /// If `[planner]` is refused; never for a scenario that [`skysink_planner::settings::resolve`] returned.
     pub fn of(scenario: &Scenario, list: &SensorList) -> Result<Self, MissionError> {
         let nodes = list.nodes();
-        let sensors = Arc::new(Sensors::of(scenario, &nodes));
+        let sensors = Arc::new(list.sensors_of(scenario));
         let table = MissionTable::new(scenario, Arc::clone(&sensors));
         let field = FieldBits::new(scenario, &sensors, &list.queues_bits());
         let reach_m = scenario.reach_m();
@@ -86,6 +90,7 @@ impl Figures {
             round: bounds.round(flights.first().and_then(|tour| tour.round_slots)),
             load: Load::of(scenario, &sensors, &above),
             unreachable: field.sensors.iter().filter(|sensor| sensor.first_slot > field.slots).count(),
+            arrivals: ArrivalFigures::of(scenario, list),
             loss_free: bounds.loss_free(&flights),
         })
     }

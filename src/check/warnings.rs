@@ -8,7 +8,7 @@ use super::verdict::LossFree;
 /// The warnings for these figures, one line each.
 #[must_use]
 pub fn of(figures: &Figures) -> Vec<String> {
-    let rules = [in_transit, slow_link, overloaded, unreachable, unserved];
+    let rules = [in_transit, slow_link, overloaded, unreachable, unserved, told_otherwise];
     rules.into_iter().filter_map(|rule| rule(figures)).collect()
 }
 
@@ -65,5 +65,20 @@ fn unserved(figures: &Figures) -> Option<String> {
     (figures.loss_free == LossFree::Unserved).then(|| {
         "no buffer overflows within the mission, even if no sensor node is served: no strategy loses data; use more slots"
             .to_owned()
+    })
+}
+
+/// Fraction of the mean from which on a mission that samples more or less has probably been told another mean.
+const OTHER_MEAN: f64 = 0.2;
+
+/// What is sampled is not what the planner is told.
+fn told_otherwise(figures: &Figures) -> Option<String> {
+    let mission = figures.arrivals?.mission?;
+    ((mission.of_mean - 1.0).abs() > OTHER_MEAN).then(|| {
+        format!(
+            "the mission samples {} of what sensors.sampling_bps tells the planner: change the rates to those of the \
+             arrivals, unless that is the point",
+            percent(mission.of_mean)
+        )
     })
 }

@@ -63,6 +63,8 @@ fn a_restarted_planner_restores_its_state() {
         .force();
     let (oracle, known) = (few.clone(), few.set("planner.knowledge", "estimated"));
     let learnt = known.set("planner.rates", "learnt");
+    let packets = learnt.set("sensors.arrivals.model", "poisson").set("sensors.arrivals.packet_bits", 300);
+    let bursts = learnt.set("sensors.arrivals.model", "on-off");
     for (strategy, flight) in [
         ("horizon", &oracle),
         ("max-age-first", &oracle),
@@ -70,6 +72,8 @@ fn a_restarted_planner_restores_its_state() {
         ("uts", &known),
         ("exact", &learnt),
         ("horizon", &learnt),
+        ("uts", &packets),
+        ("horizon", &bursts),
     ] {
         let run = flight.strategy(strategy).without_viewer().start();
         for kill in 1..=4 {

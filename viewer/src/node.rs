@@ -7,7 +7,6 @@ use std::time::{Duration, Instant};
 use iceoryx2::prelude::Service;
 use iceoryx2::sample::Sample;
 use re_sdk_types::components::TextLogLevel;
-use skysink_common::arrivals::ArrivalLaw;
 use skysink_common::error::InputError;
 use skysink_common::estimate::Rates;
 use skysink_common::message::{FLAG_END, FlightReport, HoldReason, PathPoint, Plan, QueuesHeader, SlotHeader};
@@ -86,7 +85,7 @@ pub fn run<S: Service + 'static>(
     let mut topic = ring.sensors.reader()?;
     let nodes = topic.wait_for_next(&mut wait, 0)?;
     let _topic = ring.terms.link.is_none().then_some(topic); // over a link, repeated samples would accumulate
-    let is_drawn = ArrivalLaw::of(scenario).is_random();
+    let is_drawn = scenario.arrival_law().is_random();
     let sensors = Arc::new(if ring.terms.has_learnt_rates() || is_drawn {
         SensorList::of(scenario)?.sensors_of(scenario) // the topic has what a planner knows of what they sample
     } else {

@@ -1,5 +1,8 @@
 //! Constant arrivals: the bits that a sensor node samples, whole and without drift (decision D2).
 
+/// Most bits that one sensor node may sample in a mission: counted through `f64`, which is exact up to 2^53.
+pub(crate) const MAX_SAMPLED_BITS: f64 = 9.0e15;
+
 /// Added before `floor`, so that a product just below its integer, such as `0.1 × 30`, does not lose a bit.
 const ROUNDING_BITS: f64 = 1e-9;
 

@@ -5,8 +5,8 @@ use std::ops::Range;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::{ArrivalLaw, DrawnArrivals, OnOff};
+use crate::per_sensor::PerSensor;
 use crate::random::{Purpose, Streams};
-use crate::sampling::PerSensor;
 
 /// Arrivals by their law. Nobody else has to draw the same, so a block of sensor nodes (SNs) shares a random stream,
 /// and packets are normal numbers with their mean and variance, rounded: some 20 times as fast as

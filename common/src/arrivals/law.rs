@@ -1,7 +1,6 @@
 //! What a planner knows of the arrivals: their law, but no draw (decision D24).
 
 use super::{ArrivalKeys, ArrivalModel};
-use crate::scenario::Scenario;
 
 /// The law of the bits that a sensor node (SN) samples, for a given mean.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,14 +22,13 @@ pub enum ArrivalLaw {
 }
 
 impl ArrivalLaw {
-    /// The law of a checked scenario.
+    /// The law of a checked scenario, in slots of `slot_s` [s]; constant without `keys`.
     #[must_use]
-    pub fn of(scenario: &Scenario) -> Self {
-        let Some(ArrivalKeys { model, packet_bits, on_s, off_s, dispersion_bits, .. }) = scenario.sensors.arrivals
-        else {
+    pub fn of(keys: Option<&ArrivalKeys>, slot_s: f64) -> Self {
+        let Some(&ArrivalKeys { model, packet_bits, on_s, off_s, dispersion_bits, .. }) = keys else {
             return Self::Constant;
         };
-        let slots = |time_s: Option<f64>| time_s.map_or(1.0, |time_s| (time_s / scenario.slot_s).max(1.0));
+        let slots = |time_s: Option<f64>| time_s.map_or(1.0, |time_s| (time_s / slot_s).max(1.0));
         match model {
             ArrivalModel::Constant => Self::Constant,
             ArrivalModel::Poisson => Self::Packets { packet_bits: packet_bits.unwrap_or(1).into() },

@@ -23,12 +23,11 @@ pub use imagined::Imagined;
 pub use law::ArrivalLaw;
 pub use on_off::OnOff;
 pub use poisson::Poisson;
-pub use trace::{Arrival, Trace};
+pub use trace::{Arrival, ArrivalTrace};
 
 use crate::keys::{Accepts, Only, POSITIVE};
+use crate::per_sensor::PerSensor;
 use crate::random::Streams;
-use crate::sampling::PerSensor;
-use crate::scenario::Scenario;
 
 /// The realised arrivals of a mission.
 #[enum_dispatch(DrawnArrivals)]
@@ -39,7 +38,7 @@ pub enum Arrivals {
     /// SNs that are at random on or off.
     OnOff(OnOff),
     /// Those of a file.
-    Trace(Trace),
+    Trace(ArrivalTrace),
     /// Those of an imagined mission.
     Imagined(Imagined),
 }
@@ -103,22 +102,26 @@ crate::keys! {
 }
 
 impl Arrivals {
-    /// The arrivals of a scenario with `count` SNs, drawn from its seed; `None` if they are constant. `trace` is the
-    /// content of the scenario's file, if it has one.
-    ///
-    /// # Panics
-    /// If a trace is missing, which a sensor list rules out.
+    /// The arrivals of `count` SNs by `law` in the first `slots` slots, drawn from `streams`, or those of a `trace`; `None`
+    /// if they are constant.
     #[must_use]
-    pub fn of(scenario: &Scenario, count: usize, trace: Option<&Trace>) -> Option<Self> {
-        let streams = Streams::new(scenario.seed);
-        Some(match ArrivalLaw::of(scenario) {
-            ArrivalLaw::Constant => return None,
-            _ if scenario.sensors.has_trace() => trace.cloned().expect("the trace of a sensor list").into(),
-            ArrivalLaw::Packets { packet_bits } => Poisson::new(packet_bits, streams).into(),
+    pub fn of(
+        law: ArrivalLaw,
+        trace: Option<&ArrivalTrace>,
+        streams: Streams,
+        count: usize,
+        slots: u64,
+    ) -> Option<Self> {
+        if let Some(trace) = trace {
+            return Some(trace.clone().into());
+        }
+        match law {
+            ArrivalLaw::Constant => None,
+            ArrivalLaw::Packets { packet_bits } => Some(Poisson::new(packet_bits, streams).into()),
             ArrivalLaw::OnOff { on_slots, off_slots } => {
-                OnOff::new([on_slots, off_slots], streams, count, 1..scenario.slots + 1).into()
+                Some(OnOff::new([on_slots, off_slots], streams, count, 1..slots + 1).into())
             }
-        })
+        }
     }
 }
 

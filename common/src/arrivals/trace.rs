@@ -6,11 +6,9 @@ use std::sync::Arc;
 
 use serde::Deserialize;
 
-use super::DrawnArrivals;
-use crate::error::{InputError, quoted, read_text};
-use crate::sampling::PerSensor;
-use crate::scenario::{MAX_SAMPLED_BITS, Scenario};
-use crate::sensors::line_of;
+use super::{DrawnArrivals, MAX_SAMPLED_BITS};
+use crate::error::{InputError, line_of, quoted, read_text};
+use crate::per_sensor::PerSensor;
 
 /// A row of a trace.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
@@ -25,7 +23,7 @@ pub struct Arrival {
 
 /// The arrivals of a mission as rows; an SN samples nothing in a slot without a row.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Trace {
+pub struct ArrivalTrace {
     /// By slot, then by SN.
     rows: Arc<[Arrival]>,
 }
@@ -33,7 +31,7 @@ pub struct Trace {
 /// The columns of the file.
 const COLUMNS: [&str; 3] = ["slot", "sensor", "bits"];
 
-impl Trace {
+impl ArrivalTrace {
     /// The trace of these rows; those without bits are dropped.
     ///
     /// # Errors
@@ -66,15 +64,13 @@ impl Trace {
         Ok(Self { rows: rows.into() })
     }
 
-    /// Reads the trace of a checked scenario whose SNs have the rates `sampling_bps` [bit/s]; `None` if its arrivals are
-    /// not those of a file.
+    /// Reads the file `path`, for SNs of the rates `sampling_bps` [bit/s].
     ///
     /// # Errors
     /// If the file cannot be read, or has an invalid row.
-    pub fn of(scenario: &Scenario, sampling_bps: &[f64]) -> Result<Option<Self>, InputError> {
-        let Some(path) = scenario.trace_file() else { return Ok(None) };
-        let text = read_text("arrivals", &path)?;
-        Self::parse(&text, &path, sampling_bps).map(Some)
+    pub fn read(path: &Path, sampling_bps: &[f64]) -> Result<Self, InputError> {
+        let text = read_text("arrivals", path)?;
+        Self::parse(&text, path, sampling_bps)
     }
 
     fn parse(text: &str, path: &Path, sampling_bps: &[f64]) -> Result<Self, InputError> {
@@ -126,7 +122,7 @@ impl Trace {
     }
 }
 
-impl DrawnArrivals for Trace {
+impl DrawnArrivals for ArrivalTrace {
     fn bits(&self, slot: u64, sensor: u32, _mean_bits: f64) -> u64 {
         self.rows_of(slot, sensor as usize..sensor as usize + 1).first().map_or(0, |row| row.bits.into())
     }
@@ -143,8 +139,8 @@ impl DrawnArrivals for Trace {
 mod tests {
     use super::*;
 
-    fn parse(text: &str) -> Result<Trace, String> {
-        Trace::parse(text, Path::new("a.csv"), &[5.0, 0.0, 7.0]).map_err(|error| error.to_string())
+    fn parse(text: &str) -> Result<ArrivalTrace, String> {
+        ArrivalTrace::parse(text, Path::new("a.csv"), &[5.0, 0.0, 7.0]).map_err(|error| error.to_string())
     }
 
     #[test]

@@ -9,7 +9,7 @@ use toml::{Table, Value};
 use super::area::Area;
 use super::sensors::SensorKeys;
 use super::uav::UavKeys;
-use crate::arrivals::ArrivalKeys;
+use crate::arrivals::{ArrivalKeys, ArrivalLaw, ArrivalTrace};
 use crate::channel::LinkBudget;
 use crate::error::InputError;
 use crate::keys::{self, Accepts, Keys, POSITIVE, Setting, Source};
@@ -60,6 +60,9 @@ crate::keys! {
             /// The file that it was read from, for messages.
             #[serde(skip)]
             pub path: PathBuf,
+            /// Arrivals that are held in memory instead of the file `sensors.arrivals.file`.
+            #[serde(skip)]
+            pub trace: Option<ArrivalTrace>,
             /// The settings that replaced values of the file, for messages.
             #[serde(skip)]
             pub settings: Vec<Setting>,
@@ -125,6 +128,12 @@ impl Scenario {
     #[must_use]
     pub fn trace_file(&self) -> Option<PathBuf> {
         self.sensors.arrivals.as_ref()?.file.as_ref().map(|file| self.beside(file))
+    }
+
+    /// The law of the arrivals, which a planner knows.
+    #[must_use]
+    pub fn arrival_law(&self) -> ArrivalLaw {
+        ArrivalLaw::of(self.sensors.arrivals.as_ref(), self.slot_s)
     }
 
     /// A path that is relative to the scenario.

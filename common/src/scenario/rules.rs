@@ -7,8 +7,9 @@
 use toml::{Table, Value};
 
 use super::mission::Scenario;
-use super::sensors::{MAX_FIELD_BITS, MAX_SAMPLED_BITS};
+use super::sensors::MAX_FIELD_BITS;
 use super::uav::Climb;
+use crate::arrivals::MAX_SAMPLED_BITS;
 use crate::channel::{Channel, ChannelModel, LosCurve};
 use crate::error::InputError;
 use crate::keys::dotted::{beside, is_below, value};

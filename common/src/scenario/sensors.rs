@@ -10,9 +10,6 @@ use crate::keys::{Accepts, Interval, NOT_NEGATIVE};
 /// Most sensor nodes of a field.
 pub(crate) const MAX_SENSORS: u64 = 10_000_000;
 
-/// Most bits that one sensor node may sample in a mission: counted through `f64`, which is exact up to 2^53.
-pub(crate) const MAX_SAMPLED_BITS: f64 = 9.0e15;
-
 /// Most bits that all sensor nodes together may sample in a mission: the totals of the ledger are `u64`.
 pub(crate) const MAX_FIELD_BITS: f64 = 9.0e18;
 

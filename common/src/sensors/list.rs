@@ -8,7 +8,7 @@ use rand::RngExt;
 use rand_distr::{Distribution, Poisson};
 
 use super::{Sensors, rows};
-use crate::arrivals::{Arrivals, Trace, mean_bits};
+use crate::arrivals::{ArrivalTrace, Arrivals, mean_bits};
 use crate::channel::draw_gain_db;
 use crate::error::{InputError, read_text};
 use crate::geometry::Position;
@@ -40,7 +40,7 @@ pub struct SensorList {
     /// Buffer of each, `B` [bit].
     capacity_bits: u32,
     /// The arrivals, if they are those of a file.
-    trace: Option<Trace>,
+    trace: Option<ArrivalTrace>,
 }
 
 impl SensorList {
@@ -94,7 +94,10 @@ impl SensorList {
             names.clear();
         }
         let sampling_bps: Vec<f64> = sensors.iter().map(|sensor| sensor.sampling_bps).collect();
-        let trace = Trace::of(scenario, &sampling_bps)?;
+        let trace = match (&scenario.trace, scenario.trace_file()) {
+            (None, Some(path)) => Some(ArrivalTrace::read(&path, &sampling_bps)?),
+            (held, _) => held.clone(),
+        };
         Ok(Self { sensors, names, capacity_bits: scenario.sensors.capacity_bits, trace })
     }
 
@@ -108,14 +111,8 @@ impl SensorList {
 
     /// The arrivals, if they are those of a file.
     #[must_use]
-    pub fn trace(&self) -> Option<&Trace> {
+    pub fn trace(&self) -> Option<&ArrivalTrace> {
         self.trace.as_ref()
-    }
-
-    /// The list with other arrivals of a file.
-    #[must_use]
-    pub fn with_trace(self, trace: Trace) -> Self {
-        Self { trace: Some(trace), ..self }
     }
 
     /// The list as a CSV file with all columns, that of names if there are some; floats round-trip exactly.
@@ -174,7 +171,9 @@ impl SensorList {
     #[must_use]
     pub fn sampling(&self, scenario: &Scenario) -> Sampling {
         let mean_bits = self.sensors.iter().map(|sensor| mean_bits(sensor.sampling_bps, scenario.slot_s)).collect();
-        let arrivals = Arrivals::of(scenario, self.sensors.len(), self.trace.as_ref());
+        let streams = Streams::new(scenario.seed);
+        let law = scenario.arrival_law();
+        let arrivals = Arrivals::of(law, self.trace.as_ref(), streams, self.sensors.len(), scenario.slots);
         Sampling::new(mean_bits, vec![self.capacity_bits; self.sensors.len()]).with_arrivals(arrivals)
     }
 
@@ -184,11 +183,22 @@ impl SensorList {
         Sensors { sampling: self.sampling(scenario), ..Sensors::of(scenario, &self.nodes()) }
     }
 
-    /// Mean bits that all sensor nodes sample in a slot, `Σ s_i τ`.
+    /// Bits that all sensor nodes sample in a slot, `Σ s_i τ`, if arrivals are constant; `None` if they are drawn.
     #[must_use]
-    pub fn slot_bits(&self, scenario: &Scenario) -> f64 {
+    pub fn slot_bits(&self, scenario: &Scenario) -> Option<f64> {
         let sampling = self.sampling(scenario);
-        (0..self.sensors.len()).map(|id| sampling.of(id).mean_bits).sum()
+        (!sampling.is_drawn()).then(|| (0..self.sensors.len()).map(|id| sampling.of(id).mean_bits).sum())
+    }
+
+    /// Bits that all sensor nodes sample in the mission, whole or as a mean, of which a loss rate is a fraction
+    /// (decisions D3 and D24).
+    #[must_use]
+    pub fn mission_bits(&self, scenario: &Scenario) -> f64 {
+        let drawn = || {
+            let sampling = self.sampling(scenario);
+            (0..self.sensors.len()).map(|id| sampling.sampled_bits(id, scenario.slots)).sum::<u64>() as f64
+        };
+        self.slot_bits(scenario).map_or_else(drawn, |slot_bits| slot_bits * scenario.slots as f64)
     }
 
     /// The list as published on the topic `sensors`.

@@ -6,11 +6,12 @@ use std::ops::RangeInclusive;
 
 use super::list::{Sensor, draw_queue_bits, draw_sampling_bps};
 use super::projection::Projection;
+use crate::arrivals::MAX_SAMPLED_BITS;
 use crate::channel::{Channel, ChannelModel, draw_gain_db};
-use crate::error::quoted;
+use crate::error::{line_of, quoted};
 use crate::geometry::Position;
 use crate::random::Streams;
-use crate::scenario::{Area, MAX_FIELD_BITS, MAX_SAMPLED_BITS, MAX_SENSORS, Scenario};
+use crate::scenario::{Area, MAX_FIELD_BITS, MAX_SENSORS, Scenario};
 
 /// Columns in which a list is written, in this order.
 pub(super) const WRITTEN: [&str; 5] = ["x_m", "y_m", "queue_bits", "gain_db", "sampling_bps"];
@@ -80,15 +81,6 @@ pub(super) fn read(
         return Err(in_header("no rows: expected at least one sensor node".to_owned()));
     }
     Ok((sensors, names))
-}
-
-/// The line of a record in `text`, from 1. The position of [`csv`] is that of the first empty line before the record.
-#[must_use]
-pub fn line_of(text: &str, position: Option<&csv::Position>) -> u64 {
-    let Some(position) = position else { return 0 };
-    let rest = text.as_bytes().get(position.byte() as usize..).unwrap_or_default();
-    let empty = rest.iter().take_while(|byte| b"\r\n".contains(byte)).filter(|&&byte| byte == b'\n').count();
-    position.line() + empty as u64
 }
 
 /// The columns of one list.

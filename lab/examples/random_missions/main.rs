@@ -54,7 +54,7 @@ fn fly(files: &RandomMission, strategy: &'static str, steps: u64) -> f64 {
     let list = SensorList::parse(&files.sensors, Path::new("sensors.csv"), &scenario).expect("a sensor list");
     let mission = Mission::new(&scenario, &list).expect("it was resolved");
     let lost_bits = mission.last().map_or(0, |flown| flown.header.totals.lost_bits);
-    lost_bits as f64 / (list.slot_bits(&scenario) * scenario.slots as f64)
+    lost_bits as f64 / list.mission_bits(&scenario)
 }
 
 fn compare(number: u64, draws: u64, steps: u64) -> Outcome {

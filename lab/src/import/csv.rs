@@ -1,8 +1,8 @@
 //! CSV: columns by name in any order, separated by commas, semicolons or tabs.
 
 use ::csv::{ReaderBuilder, StringRecord, Trim};
+use skysink_common::error::line_of;
 use skysink_common::error::quoted;
-use skysink_common::sensors::line_of;
 
 use super::imported::{Frame, Imported, ImportedSensor, NAME, OTHERS, check_geodetic};
 

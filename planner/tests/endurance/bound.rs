@@ -1,15 +1,17 @@
 //! The bounds of a mission hold for every flight of it, and for the proven optimum on a line.
 
+mod dynamic_program;
 mod line;
 mod random_mission;
 
 use std::path::Path;
 
 use crate::support::scenario_of;
+use dynamic_program::Tiny;
 use line::Line;
 use random_mission::random_mission;
 use skysink_common::scenario::{Overrides, Scenario};
-use skysink_common::sensors::{SensorList, Sensors};
+use skysink_common::sensors::SensorList;
 use skysink_mission::Mission;
 use skysink_planner::bound::{MissionBound, mission_bound};
 
@@ -25,7 +27,7 @@ fn flown_bits(scenario: &Scenario, list: &SensorList) -> u64 {
 
 /// The bounds of a mission, as if no flight of it were known.
 fn bound_of(scenario: &Scenario, list: &SensorList) -> MissionBound {
-    mission_bound(scenario, &Sensors::of(scenario, &list.nodes()), &list.queues_bits(), u64::MAX)
+    mission_bound(scenario, &list.sensors_of(scenario), &list.queues_bits(), u64::MAX)
 }
 
 /// Flies random missions by all of [`FLOWN`], and counts those in which the bound says something.
@@ -49,8 +51,7 @@ fn fly_random_missions(seeds: std::ops::RangeInclusive<u64>, ahead_every: u64) -
             }
         }
         let scenario = scenario_of(&text, "gfs", seed);
-        let sensors = Sensors::of(&scenario, &list.nodes());
-        let known = mission_bound(&scenario, &sensors, &list.queues_bits(), least_bits);
+        let known = mission_bound(&scenario, &list.sensors_of(&scenario), &list.queues_bits(), least_bits);
         assert_eq!(known, bound, "seed {seed}: a flight that is known changes no bound\n{text}");
         above_zero += u64::from(bound.loss_bits > 0);
         met += u64::from(bound.loss_bits > 0 && bound.loss_bits == least_bits);
@@ -72,6 +73,50 @@ fn no_flight_of_another_thousand_random_missions_does() {
     let [above_zero, met, violated] = fly_random_missions(1_001..=2_000, 1);
     eprintln!("bound above 0 in {above_zero} of 1 000, met by a flight in {met}, {violated} violations");
     assert_eq!(violated, 0, "see above");
+}
+
+/// Mean and standard error.
+fn mean_and_error(values: &[f64]) -> [f64; 2] {
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0);
+    [mean, (variance / count).sqrt()]
+}
+
+#[test]
+fn the_mean_of_clairvoyant_bounds_is_below_the_least_expected_loss_of_any_policy() {
+    let tiny = |means: &[f64], capacity, queues: &[usize], slots| Tiny {
+        means: means.to_vec(),
+        capacity,
+        queues: queues.to_vec(),
+        slots,
+    };
+    for mission in [
+        tiny(&[1.0], 2, &[1], 6),
+        tiny(&[0.8, 0.8], 2, &[0, 2], 6),
+        tiny(&[0.3, 1.5], 3, &[3, 0], 8),
+        tiny(&[0.5, 0.9, 0.7], 2, &[1, 2, 0], 7),
+        tiny(&[0.2, 0.4, 1.2], 4, &[0, 4, 4], 9),
+    ] {
+        let optimum_bits = mission.least_expected_bits();
+        let of_draws = |strategy: &'static str, bits: &dyn Fn(&Scenario, &SensorList) -> u64| {
+            let draw = |seed| {
+                let scenario = scenario_of(&mission.text(), strategy, seed);
+                bits(&scenario, &mission.list(&scenario)) as f64
+            };
+            mean_and_error(&(1..=400).map(draw).collect::<Vec<_>>())
+        };
+        let [bound_bits, error_bits] = of_draws("gfs", &|scenario, list| bound_of(scenario, list).loss_bits);
+        assert!(bound_bits <= optimum_bits + 3.0 * error_bits, "{bound_bits} above {optimum_bits}: {mission:?}");
+        assert!(bound_bits >= 0.2 * optimum_bits, "{bound_bits} of {optimum_bits}: {mission:?}");
+        for strategy in ["gfs", "edf", "horizon"] {
+            let [flown_bits, error_bits] = of_draws(strategy, &flown_bits);
+            assert!(flown_bits >= optimum_bits - 3.0 * error_bits, "{strategy}: {flown_bits} below {optimum_bits}");
+            // `horizon` finds nearly the optimum.
+            let is_near = flown_bits <= 1.1 * optimum_bits + 3.0 * error_bits;
+            assert!(strategy != "horizon" || is_near, "{flown_bits} instead of {optimum_bits}: {mission:?}");
+        }
+    }
 }
 
 /// By `offline` with `steps` search steps, by `horizon`, and by strategies of one slot.

@@ -41,6 +41,13 @@ pub fn random_mission(seed: u64) -> String {
         1.0 => "knowledge = 'estimated'",
         _ => "knowledge = 'estimated'\nrates = 'learnt'",
     };
+    let mean_s = slot_s * one_of(&[1.0, 3.0, 12.0]);
+    let arrivals = match one_of(&[0.0, 0.0, 1.0, 2.0]) {
+        0.0 => String::new(),
+        1.0 => format!("model = 'poisson'\npacket_bits = {}", one_of(&[1.0, 7.0, 200.0])),
+        _ => format!("model = 'on-off'\non_s = {mean_s:?}\noff_s = {:?}", slot_s * one_of(&[1.0, 4.0])),
+    };
+    let arrivals = if arrivals.is_empty() { arrivals } else { format!("[sensors.arrivals]\n{arrivals}\n") };
     let [count, slots, blocks] = [(1, 8), (5, 60), (1, 4)].map(|(least, most)| random.random_range(least..=most));
     let [start_x_m, start_y_m] = [(); 2].map(|()| random.random::<f64>() * side_m);
     let speed_mps = [3.0, 12.0, 30.0, 60.0][random.random_range(0..4)] / slot_s;
@@ -48,7 +55,7 @@ pub fn random_mission(seed: u64) -> String {
     format!(
         "slots = {slots}\nslot_s = {slot_s}\n[area]\nside_m = {side_m}\n[sensors]\ncount = {count}\n\
          capacity_bits = {capacity_bits}\nsampling_bps = [{lowest_bps:?}, {highest_bps:?}]\n\
-         initial_queue_mean_bits = {queue_bits:?}\n[uav]\nmax_speed_mps = {speed_mps:?}\naltitude_m = {altitude_m:?}\n\
+         initial_queue_mean_bits = {queue_bits:?}\n{arrivals}[uav]\nmax_speed_mps = {speed_mps:?}\naltitude_m = {altitude_m:?}\n\
          start_m = [{start_x_m:?}, {start_y_m:?}]\n{altitude}\n[link]\ncomm_radius_m = {radius_m:?}\n\
          comm_s = {comm_s:?}\nbandwidth_hz = {bandwidth_hz:?}\nresource_blocks = {blocks}\n{link}\n[planner]\n{knowledge}\n\
          horizon.iterations = 40\noffline.steps = 2000\n"
