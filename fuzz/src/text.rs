@@ -184,6 +184,7 @@ fn sweep() -> Definition {
         points: (1..=4).map(|slots| vec![slots.into()]).collect(),
         strategies: names().into_iter().map(str::to_owned).collect(),
         sources: BTreeMap::new(),
+        models: Vec::new(),
         seeds: (0..10).collect(),
     }
 }

@@ -21,6 +21,7 @@ use std::time::Instant;
 
 use rayon::ThreadPoolBuilder;
 use rayon::prelude::*;
+use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::Mission;
@@ -110,12 +111,19 @@ fn move_first_of_each_strategy_to_front(missions: &mut [MissionKey]) {
 /// # Panics
 /// If the mission does not belong to this sweep.
 pub fn fly(sweep: &Sweep, key: MissionKey, stop: &Stop) -> Result<MissionRow, LabError> {
-    let scenario = sweep.scenario(key)?;
-    let list = SensorList::of(&scenario)?;
-    let mut mission = Mission::until(&scenario, &list, stop)?;
-    let mut meter = MissionMeter::new(&scenario, &list);
+    fly_scenario(&sweep.scenario(key)?, key, stop)
+}
+
+/// Simulates a mission of a sweep over another scenario than the sweep's own, such as one with arrivals in memory.
+///
+/// # Errors
+/// If the mission is refused, or on a stop.
+pub fn fly_scenario(scenario: &Scenario, key: MissionKey, stop: &Stop) -> Result<MissionRow, LabError> {
+    let list = SensorList::of(scenario)?;
+    let mut mission = Mission::until(scenario, &list, stop)?;
+    let mut meter = MissionMeter::new(scenario, &list);
     mission.drive(&mut [&mut meter], stop)?.unless_stopped()?;
     let is_bounded = scenario.planner.strategy == offline::STRATEGY.name;
-    let bounds = is_bounded.then(|| loss_bounds(&scenario, &list, mission.header().totals.lost_bits));
+    let bounds = is_bounded.then(|| loss_bounds(scenario, &list, mission.header().totals.lost_bits));
     Ok(MissionRow { key, values: meter.values(mission.plant(), None, bounds) })
 }

@@ -12,6 +12,7 @@ from contextlib import suppress
 
 from skysink._skysink import STRATEGIES, Decision, Field, InputError, Run, Scenario, Table, View, __build__, __version__
 from skysink.flight import compare, simulate
+from skysink.models import Arrivals
 from skysink.strategy import Strategy
 from skysink.sweeps import sweep
 
@@ -22,6 +23,7 @@ with suppress(ImportError):  # the environments need Gymnasium 1.1 or newer
 
 __all__ = [
     "STRATEGIES",
+    "Arrivals",
     "Decision",
     "Field",
     "InputError",

@@ -55,8 +55,16 @@ class Scenario:
         """The built-in mission of the UTS letter (arXiv 2103.00753)."""
 
     @staticmethod
-    def parse(text: str, path: str | PathLike[str] = ...) -> Scenario:
-        """Parses a scenario file's text. ``path`` is for errors and relative paths. Raises :class:`InputError`."""
+    def parse(text: str, path: str | PathLike[str] = ..., arrivals: str | None = None) -> Scenario:
+        """Parses a scenario file's text. ``path`` is for errors and relative paths. ``arrivals`` is the text of the file
+        of ``sensors.arrivals.file``, which is then not read. Raises :class:`InputError`."""
+
+    def mean_bits(self) -> NDArray[np.float64]:
+        """Mean bits that the SNs sample in a slot, [N], as a copy."""
+
+    def with_arrivals(self, bits: NDArray[np.uint32], dispersion_bits: float = 1.0) -> Scenario:
+        """A copy whose SNs sample ``bits`` [T, N], by slot and SN. The planner is told ``sensors.sampling_bps``, and
+        ``dispersion_bits``: the variance of the bits in a slot divided by their mean. Raises :class:`InputError`."""
 
     def replace(self, changes: Mapping[str, Any]) -> Scenario:
         """A copy with changed keys, for example ``{"area.side_m": 500.0}``. Raises :class:`InputError`."""
@@ -364,17 +372,28 @@ class PlanMaker:
 @final
 class SweepPlan:
     @staticmethod
-    def read(path: str | PathLike[str], external: Sequence[_External]) -> SweepPlan: ...
+    def read(
+        path: str | PathLike[str], external: Sequence[_External], models: Sequence[tuple[str, str]]
+    ) -> SweepPlan: ...
     @staticmethod
     def compare(
-        scenario: Scenario, names: Sequence[str], seeds: Sequence[int], external: Sequence[_External]
+        scenario: Scenario,
+        names: Sequence[str],
+        seeds: Sequence[int],
+        external: Sequence[_External],
+        models: Sequence[tuple[str, str]],
     ) -> SweepPlan: ...
     @property
     def identity(self) -> str: ...
     @property
     def missions(self) -> list[_Key]: ...
     def open(self, out: str | PathLike[str]) -> SweepRecord: ...
-    def fly(self, missions: Sequence[_Key], strategies: Mapping[str, Callable[[], Strategy]]) -> list[_Row]: ...
+    def fly(
+        self,
+        missions: Sequence[_Key],
+        strategies: Mapping[str, Callable[[], Strategy]],
+        prepare: Callable[[Scenario], Scenario] | None,
+    ) -> list[_Row]: ...
     def fly_all(self, out: str | PathLike[str], threads: int) -> Table: ...
     def rows(self, all: Sequence[_Row]) -> Table: ...
     def standings(self, all: Sequence[_Row]) -> Any: ...

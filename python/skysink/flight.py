@@ -10,6 +10,7 @@ from typing import Any
 
 from skysink import _skysink
 from skysink._skysink import InputError, Run, Scenario, Table
+from skysink.models import Model, Models
 from skysink.strategy import PREFIX, PythonStrategy, Strategy, labelled, named, origin
 from skysink.sweeps import ComparisonSource, fly_all, load
 
@@ -45,13 +46,14 @@ def simulate(
     *,
     seed: int | None = None,
     label: str | None = None,
+    arrivals: Model | None = None,
 ) -> Run:
     """Simulates a mission in this process and returns it.
 
     ``strategy`` is the name of a built-in strategy (:data:`skysink.STRATEGIES`), a Python strategy, or
     ``"python:FILE:CLASS"``; by default the scenario's, whose FILE is relative to its folder. ``seed`` overrides the
-    scenario's. ``label`` is the name of a Python strategy in the results, by default that of its class. Built-in
-    strategies release the interpreter lock.
+    scenario's. ``label`` is the name of a Python strategy in the results, by default that of its class. ``arrivals``
+    is what the SNs sample, a subclass of :class:`skysink.Arrivals`. Built-in strategies release the interpreter lock.
 
     ``run.scenario`` names what flew, and :meth:`skysink.Run.save` writes the source of a Python strategy into the
     folder, as ``strategy.py``. The saved ``scenario.toml`` flies the same again, if the strategy was given as
@@ -61,6 +63,9 @@ def simulate(
     names the slot.
     """
     base = scenario_of(scenario)
+    models = Models(arrivals)
+    if models:
+        base = models.prepare(base if seed is None else base.replace({"seed": seed}))
     if strategy is None and base.strategy.startswith(PREFIX) and (base.path.parent / "run.toml").is_file():
         Run._check(base.path.parent)
     if strategy is None or isinstance(strategy, str):
@@ -79,6 +84,7 @@ def compare(
     seeds: int | Sequence[int] = 20,
     out: str | PathLike[str] | None = None,
     executor: Executor | Any | None = None,
+    arrivals: Model | None = None,
 ) -> Comparison:
     """Compares strategies over the same fields. Returns an entry per strategy and metric, and a row per mission.
 
@@ -90,7 +96,7 @@ def compare(
     seed. ``pandas.DataFrame`` accepts the list. Its attribute ``missions`` is a table with a row per strategy and seed.
     ``out`` is a folder as of ``skysink compare``: a comparison in it is resumed, or extended by seeds and strategies.
     It holds the scenario and the sources of Python strategies, which must be given as ``"python:FILE:CLASS"``.
-    ``executor`` as in :func:`skysink.sweep`.
+    ``executor`` as in :func:`skysink.sweep`, ``arrivals`` as in :func:`skysink.simulate`, drawn for each seed.
     """
     base = scenario_of(scenario)
     if isinstance(strategies, Mapping):
@@ -108,6 +114,7 @@ def compare(
         seeds=tuple(chosen),
         external=tuple((strategy.name, strategy.version, strategy.sources) for strategy in in_python),
         specs=tuple((strategy.name, strategy.spec) for strategy in in_python),
+        models=Models(arrivals),
     )
     plan, makers = load(source)
     if out is None:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from skysink._skysink import InputError, Scenario, SweepPlan, Table
+from skysink.models import Model, Models
 from skysink.strategy import MAIN, PREFIX, PythonStrategy, Sources, Strategy, named
 
 Key = tuple[int, int, int]
@@ -38,6 +39,7 @@ class FileSource:
     """A sweep by its file or folder, which every worker reads."""
 
     path: str
+    models: Models
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,7 @@ class ComparisonSource:
     seeds: tuple[int, ...]
     external: tuple[tuple[str, str, Sources], ...]
     specs: tuple[tuple[str, str | Callable[[], Strategy]], ...]
+    models: Models
 
 
 Source = FileSource | ComparisonSource
@@ -60,6 +63,7 @@ def sweep(
     *,
     executor: Executor | Any | None = None,
     threads: int = 0,
+    arrivals: Model | None = None,
 ) -> Table:
     """Runs a sweep file and returns its results, one row per mission. The folder equals that of ``skysink sweep``.
 
@@ -71,6 +75,9 @@ def sweep(
     ``submit(function, *arguments)`` that returns a ``concurrent.futures.Future``; its workers need this package and the
     same file system.
 
+    ``arrivals`` is what the SNs sample, as in :func:`skysink.simulate`; a folder that was flown with them is extended or
+    repeated with the same.
+
     Every mission is written as soon as it is finished. After an interruption, or if workers died and the executor
     gave up, calling ``sweep`` again continues. More seeds, or more strategies behind those of the sweep in the folder,
     extend it. Raises :class:`skysink.InputError` for a bad file or folder.
@@ -81,9 +88,9 @@ def sweep(
         raise InputError(f"executor {executor!r}: expected an object with submit, such as a ProcessPoolExecutor")
     path = Path(file).absolute()
     folder = Path(out) if out is not None else path if path.is_dir() else Path("runs") / path.stem
-    source = FileSource(str(path))
+    source = FileSource(str(path), Models(arrivals))
     plan, makers = load(source)
-    if executor is None and not makers:
+    if executor is None and not makers and not source.models:
         return plan.fly_all(folder, threads)
     with closing(plan.open(folder)) as record:
         for row in fly_all(plan, makers, record.missing, source, executor):
@@ -94,7 +101,7 @@ def sweep(
 def load(source: Source) -> tuple[SweepPlan, Makers]:
     """Loads the sweep of a source. Raises :class:`skysink.InputError` if it is refused."""
     if isinstance(source, ComparisonSource):
-        plan = SweepPlan.compare(source.scenario, source.names, source.seeds, source.external)
+        plan = SweepPlan.compare(source.scenario, source.names, source.seeds, source.external, source.models.versions)
         return plan, {name: maker(spec) for name, spec in source.specs}
     path = Path(source.path)
     try:
@@ -105,7 +112,7 @@ def load(source: Source) -> tuple[SweepPlan, Makers]:
     in_python = {name: in_file(path, index, name) for index, name in names if name.startswith(PREFIX)}
     found = {name: strategy for name, strategy in in_python.items() if isinstance(strategy, PythonStrategy)}
     external = [(name, strategy.version, strategy.sources) for name, strategy in found.items()]
-    return SweepPlan.read(source.path, external), {name: strategy.make for name, strategy in found.items()}
+    return SweepPlan.read(source.path, external, source.models.versions), {name: strategy.make for name, strategy in found.items()}
 
 
 def in_file(path: Path, index: int, name: str) -> str | PythonStrategy:
@@ -136,16 +143,21 @@ def load_once(source: FileSource, identity: str) -> tuple[SweepPlan, Makers]:
 def fly(source: Source, identity: str, missions: list[Key]) -> list[Row]:
     """Runs missions of a sweep, in a worker of an executor."""
     plan, makers = load_once(source, identity) if isinstance(source, FileSource) else load(source)
-    return plan.fly(missions, makers)
+    return plan.fly(missions, makers, prepare(source))
+
+
+def prepare(source: Source) -> Callable[[Scenario], Scenario] | None:
+    """What turns the scenario of a mission into the one that is flown; ``None`` if they are the same."""
+    return source.models.prepare if source.models else None
 
 
 def fly_all(
     plan: SweepPlan, makers: Makers, missions: list[Key], source: Source, executor: Executor | Any | None
 ) -> Iterator[Row]:
     """Runs missions, here or on an executor, and yields their results in any order."""
-    if executor is None and makers:
+    if executor is None and (makers or source.models):
         for mission in missions:
-            yield from plan.fly([mission], makers)
+            yield from plan.fly([mission], makers, prepare(source))
         return
     if executor is None:
         with ThreadPoolExecutor(cpu_count() or 1) as threads:

@@ -4,11 +4,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use arrow_array::{ArrayRef, Float64Array, UInt32Array};
+use numpy::{IntoPyArray, PyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
+use skysink_common::arrivals::{Arrival, ArrivalTrace, mean_bits};
 use skysink_common::belief::Belief;
 use skysink_common::error::read_text;
-use skysink_common::scenario::{LETTER, Overrides, Scenario, Setting, SettingOrigin};
+use skysink_common::scenario::{LETTER, Overrides, Scenario, Setting, SettingOrigin, TRACE};
 use skysink_common::sensors::{Sensor, SensorList};
 use skysink_planner::settings;
 use toml::{Table, Value};
@@ -38,11 +40,18 @@ impl PyScenario {
         Ok(Self { text, scenario })
     }
 
+    /// The same with arrivals in memory, if it has those of a trace.
+    fn holding(mut self, trace: Option<ArrivalTrace>) -> Self {
+        self.scenario.trace = trace.filter(|_| self.scenario.sensors.has_trace());
+        self
+    }
+
     /// A copy with changed keys. A key replaces earlier spellings of the same quantity.
     pub fn with(&self, changes: impl IntoIterator<Item = (String, Value)>) -> PyResult<Self> {
         let setting = |(key, value)| Setting { key, value, origin: SettingOrigin::Replacement };
         let settings: Vec<Setting> = changes.into_iter().map(setting).collect();
         let changed = Self::new(self.text.clone(), &self.scenario.path, settings.clone())?;
+        let changed = changed.holding(self.scenario.trace.clone());
         let mut table: Table = self.text.parse().expect("it has been parsed before");
         Scenario::apply(&settings, &mut table).map_err(refused)?;
         Ok(Self { text: toml::to_string(&table).expect("it has just been parsed"), ..changed })
@@ -55,7 +64,15 @@ impl PyScenario {
 
     /// A scenario from a run folder.
     pub fn on_record(scenario: &Scenario) -> PyResult<Self> {
-        Self::new(scenario.to_toml(), &scenario.path, Vec::new())
+        Ok(Self::new(scenario.to_toml(), &scenario.path, Vec::new())?.holding(scenario.trace.clone()))
+    }
+
+    /// The sampling rates of its sensor nodes [bit/s], without reading their arrivals.
+    fn sampling_bps(&self) -> PyResult<Vec<f64>> {
+        let mut scenario = self.scenario.clone();
+        scenario.sensors.arrivals = None;
+        let list = SensorList::of(&scenario).map_err(refused)?;
+        Ok(list.sensors().iter().map(|sensor| sensor.sampling_bps).collect())
     }
 
     /// Its sensor nodes.
@@ -84,11 +101,48 @@ impl PyScenario {
         Self::new(LETTER.to_owned(), Path::new("letter.toml (built in)"), Vec::new())
     }
 
-    /// Parses a scenario file's text. ``path`` is for errors and relative paths. Raises :class:`InputError`.
+    /// Parses a scenario file's text. ``path`` is for errors and relative paths. ``arrivals`` is the text of the file of
+    /// ``sensors.arrivals.file``, which is then not read. Raises :class:`InputError`.
     #[staticmethod]
-    #[pyo3(signature = (text, path = PathBuf::from("scenario.toml")))]
-    fn parse(text: String, path: PathBuf) -> PyResult<Self> {
-        Self::new(text, &std::path::absolute(&path)?, Vec::new())
+    #[pyo3(signature = (text, path = PathBuf::from("scenario.toml"), arrivals = None))]
+    fn parse(text: String, path: PathBuf, arrivals: Option<&str>) -> PyResult<Self> {
+        let parsed = Self::new(text, &std::path::absolute(&path)?, Vec::new())?;
+        let Some(arrivals) = arrivals else { return Ok(parsed) };
+        let trace = ArrivalTrace::parse(arrivals, Path::new("arrivals"), &parsed.sampling_bps()?).map_err(refused)?;
+        Ok(parsed.holding(Some(trace)))
+    }
+
+    /// Mean bits that the SNs sample in a slot, [N], as a copy.
+    fn mean_bits<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let slot_s = self.scenario.slot_s;
+        Ok(self
+            .sampling_bps()?
+            .into_iter()
+            .map(|rate_bps| mean_bits(rate_bps, slot_s))
+            .collect::<Vec<_>>()
+            .into_pyarray(py))
+    }
+
+    /// A copy whose SNs sample ``bits`` [T, N], by slot and SN. The planner is told ``sensors.sampling_bps``, and
+    /// ``dispersion_bits``: the variance of the bits in a slot divided by their mean. Raises :class:`InputError`.
+    #[pyo3(signature = (bits, dispersion_bits = 1.0))]
+    fn with_arrivals(&self, bits: PyReadonlyArray2<'_, u32>, dispersion_bits: f64) -> PyResult<Self> {
+        let bits = bits.as_array();
+        let expected = (self.scenario.slots as usize, self.sampling_bps()?.len());
+        if bits.dim() != expected {
+            return Err(refused(format!("bits of shape {:?}: expected {expected:?}, slots and SNs", bits.dim())));
+        }
+        let row = |((slot, sensor), &bits): ((usize, usize), &u32)| Arrival {
+            slot: slot as u64 + 1,
+            sensor: sensor as u32, // a scenario has at most 10^7 SNs
+            bits,
+        };
+        let trace =
+            ArrivalTrace::new(bits.indexed_iter().map(row).collect(), &self.sampling_bps()?).map_err(refused)?;
+        let key = |name: &str, value: Value| (format!("sensors.arrivals.{name}"), value);
+        let keys =
+            [key("model", "trace".into()), key("file", TRACE.into()), key("dispersion_bits", dispersion_bits.into())];
+        Ok(self.with(keys)?.holding(Some(trace)))
     }
 
     /// A copy with changed keys, for example ``{"area.side_m": 500.0}``. Raises :class:`InputError`.
@@ -171,13 +225,17 @@ impl PyScenario {
     }
 
     /// For pickle and copy: the text and the path.
-    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py, (String, PathBuf)>> {
-        let this = slf.get();
-        Ok((slf.get_type().getattr("parse")?, (this.text.clone(), this.scenario.path.clone())))
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py, (String, PathBuf, Option<String>)>> {
+        let PyScenario { text, scenario } = slf.get();
+        let arrivals = scenario.trace.as_ref().map(ArrivalTrace::to_csv);
+        Ok((slf.get_type().getattr("parse")?, (text.clone(), scenario.path.clone(), arrivals)))
     }
 
     fn __eq__(&self, other: &Bound<'_, PyAny>) -> bool {
-        other.cast::<Self>().is_ok_and(|other| other.get().scenario.to_toml() == self.scenario.to_toml())
+        other.cast::<Self>().is_ok_and(|other| {
+            let other = &other.get().scenario;
+            other.to_toml() == self.scenario.to_toml() && other.trace == self.scenario.trace
+        })
     }
 
     fn __hash__(&self) -> u64 {

@@ -4,6 +4,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use pyo3::prelude::*;
+use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_lab::compare::{Contender, standings as of_contenders};
 use skysink_lab::metrics::{MetricValues, MissionMeter};
@@ -61,8 +62,9 @@ pub struct PySweepPlan(Sweep);
 impl PySweepPlan {
     /// Reads a sweep file or the folder of a sweep; `external` are its Python strategies.
     #[staticmethod]
-    fn read(path: PathBuf, external: Vec<External>) -> PyResult<Self> {
-        Sweep::read(&path, strategies(external), SweepChanges::default()).map(Self).map_err(of_lab)
+    fn read(path: PathBuf, external: Vec<External>, models: Vec<(String, String)>) -> PyResult<Self> {
+        let changes = SweepChanges { models, ..SweepChanges::default() };
+        Sweep::read(&path, strategies(external), changes).map(Self).map_err(of_lab)
     }
 
     /// The sweep of strategies over one scenario.
@@ -72,11 +74,18 @@ impl PySweepPlan {
         names: Vec<String>,
         seeds: Vec<u64>,
         external: Vec<External>,
+        models: Vec<(String, String)>,
     ) -> PyResult<Self> {
         let scenario = scenario.get();
         let base = SweepBase { path: scenario.scenario.path.clone(), table: scenario.table() };
-        let settings =
-            SweepSettings { base, axes: Table::new(), strategies: names, seeds, external: strategies(external) };
+        let settings = SweepSettings {
+            base,
+            axes: Table::new(),
+            strategies: names,
+            seeds,
+            external: strategies(external),
+            models,
+        };
         let sweep = Sweep::new(Path::new("comparison"), settings);
         sweep.map(Self).map_err(of_lab)
     }
@@ -96,13 +105,27 @@ impl PySweepPlan {
         SweepRecord::open(&self.0, &out, Shard::WHOLE).map(|record| PySweepRecord(Some(record))).map_err(of_lab)
     }
 
-    /// Runs these missions one after another. `strategies` creates the Python strategies by name.
-    fn fly(&self, py: Python<'_>, missions: Vec<Key>, strategies: HashMap<String, Py<PyAny>>) -> PyResult<Vec<Row>> {
+    /// Runs these missions one after another. `strategies` creates the Python strategies by name; `prepare` turns the
+    /// scenario of a mission into that which is flown.
+    fn fly(
+        &self,
+        py: Python<'_>,
+        missions: Vec<Key>,
+        strategies: HashMap<String, Py<PyAny>>,
+        prepare: Option<Py<PyAny>>,
+    ) -> PyResult<Vec<Row>> {
         let fly_one = |mission: Key| {
             let name = &self.0.definition.strategies[mission.1];
+            let mut scenario = self.0.scenario(key(mission)).map_err(of_lab)?;
+            if let Some(prepare) = &prepare {
+                let prepared = prepare.call1(py, (PyScenario::on_record(&scenario)?,))?;
+                scenario = prepared.bind(py).cast::<PyScenario>()?.get().scenario.clone();
+            }
             let row = match strategies.get(name) {
-                Some(make) => self.fly_python(py, key(mission), make.call0(py)?)?,
-                None => interruptible(py, |stop| sweep::fly(&self.0, key(mission), stop))?.map_err(of_lab)?,
+                Some(make) => fly_python(py, &scenario, key(mission), make.call0(py)?)?,
+                None => {
+                    interruptible(py, |stop| sweep::fly_scenario(&scenario, key(mission), stop))?.map_err(of_lab)?
+                }
             };
             Ok((mission, row.values.to_vec()))
         };
@@ -160,14 +183,14 @@ impl PySweepPlan {
         let columns = mission_columns(&self.0.definition, &rows);
         PyTable::new(columns)
     }
+}
 
-    fn fly_python(&self, py: Python<'_>, key: MissionKey, strategy: Py<PyAny>) -> PyResult<MissionRow> {
-        let scenario = self.0.scenario(key).map_err(of_lab)?;
-        let list = SensorList::of(&scenario).map_err(refused)?;
-        let mut meter = MissionMeter::new(&scenario, &list);
-        let plant = drive_python(py, &scenario, &list, strategy, &mut meter)?;
-        Ok(MissionRow { key, values: meter.values(&plant, None, None) })
-    }
+/// Runs a mission of a sweep with a Python strategy.
+fn fly_python(py: Python<'_>, scenario: &Scenario, key: MissionKey, strategy: Py<PyAny>) -> PyResult<MissionRow> {
+    let list = SensorList::of(scenario).map_err(refused)?;
+    let mut meter = MissionMeter::new(scenario, &list);
+    let plant = drive_python(py, scenario, &list, strategy, &mut meter)?;
+    Ok(MissionRow { key, values: meter.values(&plant, None, None) })
 }
 
 /// The locked folder of a running sweep.

@@ -47,7 +47,8 @@ fn swept(threads: usize, effort: BenchEffort, stop: &Stop) -> Result<f64, Error>
     let base = SweepBase { path: "bench.toml".into(), table: letter_text(200, SLOTS).parse().expect("valid TOML") };
     let strategies = vec![uts::STRATEGY.name.to_owned()];
     let seeds = (1..=effort.choose(500, 8) * threads as u64).collect();
-    let settings = SweepSettings { base, axes: toml::Table::new(), strategies, seeds, external: Vec::new() };
+    let settings =
+        SweepSettings { base, axes: toml::Table::new(), strategies, seeds, external: Vec::new(), models: Vec::new() };
     let plan = Sweep::new(Path::new("bench"), settings)?;
     let begin = Instant::now();
     let task = SweepTask { out: &folder.path().join("sweep"), shard: Shard::WHOLE, threads };

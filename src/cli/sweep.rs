@@ -63,7 +63,11 @@ impl SweepCommand {
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         let seeds =
             self.seeds.map(|seeds| if let [count] = seeds[..] { Seeds::Count(count) } else { Seeds::List(seeds) });
-        let plan = Sweep::read(&self.sweep, Vec::new(), SweepChanges { strategies: self.strategies, seeds })?;
+        let plan = Sweep::read(
+            &self.sweep,
+            Vec::new(),
+            SweepChanges { strategies: self.strategies, seeds, ..SweepChanges::default() },
+        )?;
         if self.plan {
             return print_plan(&plan, stop);
         }

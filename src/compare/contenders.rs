@@ -53,7 +53,8 @@ impl ComparedStrategies {
         let base = SweepBase { path: path.clone(), table };
         let seeds = (scenario.seed..).take(self.seeds as usize).collect();
         let strategies = self.strategies.iter().map(|strategy| strategy.name.to_owned()).collect();
-        let settings = SweepSettings { base, axes: Table::new(), strategies, seeds, external: Vec::new() };
+        let settings =
+            SweepSettings { base, axes: Table::new(), strategies, seeds, external: Vec::new(), models: Vec::new() };
         Ok(Sweep::new(path, settings)?)
     }
 }

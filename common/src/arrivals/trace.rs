@@ -73,7 +73,11 @@ impl ArrivalTrace {
         Self::parse(&text, path, sampling_bps)
     }
 
-    fn parse(text: &str, path: &Path, sampling_bps: &[f64]) -> Result<Self, InputError> {
+    /// The same of its text.
+    ///
+    /// # Errors
+    /// If a row is invalid.
+    pub fn parse(text: &str, path: &Path, sampling_bps: &[f64]) -> Result<Self, InputError> {
         let refuse = |message: String| InputError::new("arrivals", path, message);
         let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
         let header = reader.headers().map_err(|error| refuse(format!("line 1: {error}")))?.clone();

@@ -25,6 +25,9 @@ pub struct Definition {
     /// Hash of the source of each strategy in Python, by its name.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub sources: BTreeMap<String, String>,
+    /// Arrivals and channel in Python, with hashes of their sources.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub models: Vec<(String, String)>,
     /// Seeds, ascending. All strategies use the same seeds and thus the same fields.
     pub seeds: Vec<u64>,
 }
@@ -64,6 +67,8 @@ impl Definition {
             Some("other values of the axes".to_owned())
         } else if self.grid != larger.grid {
             Some("another scenario, sensor list or version of Skysink".to_owned())
+        } else if self.models != larger.models {
+            Some("other arrivals or another channel in Python".to_owned())
         } else if !larger.strategies.starts_with(&self.strategies) {
             Some(format!("strategies {:?}: expected them first", self.strategies))
         } else if let Some((name, _)) = self.sources.iter().find(is_changed) {

@@ -288,6 +288,7 @@ mod tests {
             points: vec![Vec::new()],
             strategies: vec![STRATEGIES[0].name.to_owned()],
             sources: BTreeMap::new(),
+            models: Vec::new(),
             seeds: vec![1, 2],
         }
     }

@@ -81,7 +81,11 @@ pub fn merge(Merge { shards, out, partial }: &Merge, stop: &Stop) -> Result<Merg
         return Err(InputError::new("sweep folder", out, format_args!("{missing}, or pass --partial")).into());
     }
     let files = match shards.iter().find(|shard| shard.join(SCENARIO).exists()) {
-        Some(shard) => Sweep::read(shard, external(shard, &found.definition)?, SweepChanges::default())?.files()?,
+        Some(shard) => {
+            let models = found.definition.models.clone();
+            let changes = SweepChanges { models, ..SweepChanges::default() };
+            Sweep::read(shard, external(shard, &found.definition)?, changes)?.files()?
+        }
         None => Vec::new(), // all were killed before they wrote it
     };
     let Shards { definition, builds, .. } = &found;

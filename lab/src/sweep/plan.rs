@@ -40,6 +40,16 @@ impl Sweep {
             return Self::new(path, SweepSettings::read(path, external)?.with(path, changes)?);
         }
         let (settings, definition) = saved::read(path, external)?;
+        if definition.models != changes.models {
+            let names: Vec<&str> = definition.models.iter().map(|(name, _)| name.as_str()).collect();
+            let message = match &names[..] {
+                [] => "it was flown without arrivals or a channel in Python: expected none".to_owned(),
+                names => {
+                    format!("it was flown with {} in Python: expected the same, in skysink.sweep()", names.join(", "))
+                }
+            };
+            return Err(InputError::new("sweep", path, message).into());
+        }
         let sweep = Self::new(path, settings)?;
         if sweep.definition != definition {
             let message = "its scenario.toml, sensors.csv, sweep.json or the source of a strategy was modified: restore \
@@ -51,7 +61,8 @@ impl Sweep {
         }
         let Definition { strategies, seeds, .. } = definition;
         let Self { base, external, .. } = sweep;
-        let settings = SweepSettings { base, axes: sweep.definition.axes(), strategies, seeds, external };
+        let models = changes.models.clone();
+        let settings = SweepSettings { base, axes: sweep.definition.axes(), strategies, seeds, external, models };
         Self::new(path, settings.with(path, changes)?)
     }
 
@@ -167,7 +178,8 @@ mod tests {
             version: version.to_owned(),
             sources: Vec::new(),
         }];
-        let settings = SweepSettings { base, axes: toml::Table::new(), strategies: names, seeds: vec![1, 2], external };
+        let axes = toml::Table::new();
+        let settings = SweepSettings { base, axes, strategies: names, seeds: vec![1, 2], external, models: Vec::new() };
         Sweep::new(Path::new("x"), settings)
     }
 

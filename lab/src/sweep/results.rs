@@ -277,6 +277,7 @@ mod tests {
             points: vec![vec![60.into()]],
             strategies: vec!["uts".to_owned()],
             sources: BTreeMap::new(),
+            models: Vec::new(),
             seeds: (0..seeds).collect(),
         };
         let mut journal = SweepJournal::open(&folder.path().join("journal.csv"), &definition).unwrap();

@@ -52,6 +52,7 @@ pub(crate) fn read(path: &Path, external: Vec<ExternalStrategy>) -> Result<(Swee
         strategies: definition.strategies.clone(),
         seeds: definition.seeds.clone(),
         external,
+        models: definition.models.clone(),
     };
     Ok((settings, definition))
 }

@@ -31,6 +31,8 @@ pub struct SweepSettings {
     pub seeds: Vec<u64>,
     /// The strategies outside the registry that `strategies` may name.
     pub external: Vec<ExternalStrategy>,
+    /// The arrivals and the channel that the caller brings: what they are, and a hash of their source.
+    pub models: Vec<(String, String)>,
 }
 
 /// A strategy outside the registry, whose missions the caller simulates.
@@ -51,6 +53,8 @@ pub struct SweepChanges {
     pub strategies: Option<Vec<String>>,
     /// Replaces the seeds.
     pub seeds: Option<Seeds>,
+    /// The models of [`SweepSettings`].
+    pub models: Vec<(String, String)>,
 }
 
 /// The base scenario of a sweep.
@@ -126,7 +130,7 @@ impl SweepSettings {
         let base_path = path.parent().unwrap_or(Path::new("")).join(&file.scenario);
         let base = SweepBase::read(base_path)?;
         let seeds = file.seeds.list(path)?;
-        Ok(Self { base, axes: file.axes, strategies: file.strategies, seeds, external })
+        Ok(Self { base, axes: file.axes, strategies: file.strategies, seeds, external, models: Vec::new() })
     }
 
     /// The sweep with these changes. `path` names it in errors.
@@ -135,7 +139,8 @@ impl SweepSettings {
     /// If the number of seeds is refused.
     pub(crate) fn with(self, path: &Path, changes: SweepChanges) -> Result<Self, InputError> {
         let seeds = changes.seeds.map_or(Ok(self.seeds), |seeds| seeds.list(path))?;
-        Ok(Self { strategies: changes.strategies.unwrap_or(self.strategies), seeds, ..self })
+        let strategies = changes.strategies.unwrap_or(self.strategies);
+        Ok(Self { strategies, seeds, models: changes.models, ..self })
     }
 
     /// The definition of the sweep, without its identity. `path` names the sweep in errors.
@@ -177,6 +182,7 @@ impl SweepSettings {
             keys: axes.into_iter().map(|(key, _)| key).collect(),
             strategies: self.strategies.clone(),
             sources: sources.collect(),
+            models: self.models.clone(),
             seeds: ascending.into_iter().collect(),
         })
     }
