@@ -30,6 +30,10 @@ pub enum Purpose {
     InitialQueueMean = 9,
     /// A sample of a rollout of the look-ahead: channel draws, queues and rates.
     Rollout = 10,
+    /// Fading of the link of a sensor node in a slot.
+    Fading = 11,
+    /// A wave of the line of sight that stays for the mission.
+    FrozenLineOfSight = 12,
     /// Bits that a sensor node samples in a slot, or its times on and off (slot 0).
     Arrivals = 16,
 }
@@ -71,6 +75,15 @@ pub fn below(random: &mut ChaCha8Rng, count: usize) -> usize {
 #[must_use]
 pub fn fraction(random: &mut ChaCha8Rng) -> f64 {
     (f64::from(random.next_u32()) + 1.0) / 4_294_967_296.0
+}
+
+/// Two independent standard normal numbers (Box and Muller), none beyond `√(2 · 53 ln 2)`.
+#[must_use]
+pub fn normal_pair(random: &mut ChaCha8Rng) -> [f64; 2] {
+    let [above_zero, turn] = [1.0, 0.0].map(|least| ((random.next_u64() >> 11) as f64 + least) / (1u64 << 53) as f64);
+    let radius = (-2.0 * above_zero.ln()).sqrt();
+    let (sine, cosine) = (std::f64::consts::TAU * turn).sin_cos();
+    [radius * cosine, radius * sine]
 }
 
 #[cfg(test)]

@@ -12,6 +12,12 @@ pub fn watts_of_dbm(level_dbm: f64) -> f64 {
     ratio_of_db(level_dbm - 30.0)
 }
 
+/// Level [dBm] of a power [W], the inverse of [`watts_of_dbm`].
+#[must_use]
+pub fn dbm_of_watts(power_w: f64) -> f64 {
+    10.0 * power_w.log10() + 30.0
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -21,5 +27,6 @@ mod tests {
         assert!((ratio_of_db(-50.0) - 1e-5).abs() < 1e-20);
         assert!((watts_of_dbm(-100.0) - 1e-13).abs() < 1e-27); // −100 dBm = 10^−10 mW
         assert!((watts_of_dbm(30.0) - 1.0).abs() < 1e-15);
+        assert!((dbm_of_watts(watts_of_dbm(-97.3)) + 97.3).abs() < 1e-12);
     }
 }

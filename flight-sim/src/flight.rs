@@ -1,6 +1,6 @@
 //! One slot of flight: fly to the waypoint, then serve the scheduled sensor nodes in range.
 
-use skysink_common::channel::{Channel, ChannelModel, Draw, Uplink};
+use skysink_common::channel::{Channel, ChannelModel, Draw, DrawnChannel, Uplink};
 use skysink_common::geometry::{Position, within};
 use skysink_common::message::{FlightReport, HoldReason, LinkReport, Mode, Plan, SensorNode};
 use skysink_common::random::Streams;
@@ -11,8 +11,7 @@ use crate::vehicle::Vehicle;
 /// The UAV over its field.
 #[derive(Debug, Clone)]
 pub struct Flight {
-    channel: Channel,
-    streams: Streams,
+    channel: DrawnChannel,
     comm_radius_m: f64,
     resource_blocks: usize,
     vehicle: Vehicle,
@@ -25,8 +24,7 @@ impl Flight {
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
         Self {
-            channel: Channel::of(&scenario.link),
-            streams: Streams::new(scenario.seed),
+            channel: DrawnChannel::new(Channel::of(&scenario.link), Streams::new(scenario.seed)),
             comm_radius_m: scenario.link.comm_radius_m,
             resource_blocks: scenario.link.resource_blocks,
             vehicle: Vehicle::new(scenario),
@@ -110,15 +108,16 @@ impl Flight {
 
     fn link_report(&self, slot: u64, sensor: u32) -> LinkReport {
         let index = sensor as usize;
-        let uplink = Uplink::new(self.gains[index], &self.positions[index], &self.vehicle.position);
-        let Draw { line_of_sight, rate_bps } = self.channel.draw(&uplink, &self.streams, slot, sensor);
+        let (sensor_at, uav_at) = (&self.positions[index], &self.vehicle.position);
+        let uplink = Uplink::new(self.gains[index], sensor_at, uav_at);
+        let Draw { line_of_sight, rate_bps } = self.channel.draw(&uplink, sensor_at, uav_at, slot, sensor);
         LinkReport {
             sensor,
             line_of_sight: u32::from(line_of_sight),
             distance_m: uplink.d2_m2.sqrt(),
             elevation_deg: uplink.elevation_deg(),
             rate_bps,
-            capacity_bits: self.channel.capacity_bits(rate_bps),
+            capacity_bits: self.channel.law().capacity_bits(rate_bps),
         }
     }
 
@@ -267,6 +266,27 @@ mod tests {
                 < 5.0 * error * (los - nlos)
         );
         assert_eq!(Flight::new(&scenario, &[sensor]).step(7, Some(&plan(&[0]))).links[0], links[6]);
+    }
+
+    #[test]
+    fn a_uav_that_hovers_keeps_a_line_of_sight_that_stays() {
+        let flown = |seed: u64| {
+            let text = format!(
+                "name = \"x\"\nseed = {seed}\n[link]\nmodel = \"probabilistic-los\"\nenvironment = \"high-rise\"\n\
+                 comm_radius_m = 60.0\nlos_correlation_m = 30.0\nfading = \"rician\"\n[uav]\naltitude_m = 40.0\n"
+            );
+            let scenario = Scenario::parse(&text, std::path::Path::new("x.toml"), Overrides::default()).unwrap();
+            let sensor = |x_m: f64| SensorNode { x_m, y_m: 50.0, gain: 1e-6, ..SensorNode::default() };
+            let mut flight = Flight::new(&scenario, &[sensor(80.0), sensor(80.000_001)]);
+            let links: Vec<_> = (1..=50).map(|slot| flight.step(slot, Some(&plan(&[0, 1]))).links).collect();
+            let first = links[0][0].line_of_sight;
+            assert!(links.iter().all(|links| links[0].line_of_sight == first && links[1].line_of_sight == first));
+            assert!(links[1..].iter().all(|links| links[0].rate_bps != links[1].rate_bps), "fading is drawn for each");
+            first
+        };
+        // P_L = 0.43 at 53°: some missions have it, others do not.
+        let seen: u32 = (0..40).map(flown).sum();
+        assert!((5..=35).contains(&seen), "{seen} of 40");
     }
 
     proptest! {

@@ -117,7 +117,7 @@ impl Bounds<'_> {
     fn load_bound_bits(&self) -> u64 {
         let field = self.field;
         let channel = &self.table.channel;
-        if channel.is_random() && channel.drawn_gains().is_none() {
+        if channel.fading().is_some() || channel.is_random() && channel.drawn_gains().is_none() {
             return 0;
         }
         let excess_bits: u64 = field.sensors.iter().map(|sensor| sensor.overflow_bits(None, field.slots)).sum();

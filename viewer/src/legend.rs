@@ -87,7 +87,14 @@ fn page(scenario: &Scenario, count: usize, sizes: &Sizes, estimated: Option<Rate
 /// The page on line of sight and the altitude of the UAV.
 fn los_page(scenario: &Scenario, link: &LineOfSight) -> String {
     let fixed = if scenario.uav.climb().is_none() { " This UAV may not choose: its altitude is fixed." } else { "" };
-    format!(include_str!("los.md"), fixed = fixed, percent = 100.0 * field::funnel_probability(link))
+    let (drawn, square) = match link.correlation_m {
+        None => ("drawn anew in each slot", "mean probability over the served sensor nodes for a UAV there"),
+        Some(_) => {
+            ("as it stays for the mission", "share of the served sensor nodes that see a UAV there, in all slots")
+        }
+    };
+    let percent = 100.0 * field::funnel_probability(link);
+    format!(include_str!("los.md"), fixed = fixed, percent = percent, drawn = drawn, square = square)
 }
 
 /// Two colour scales: queue fill and overflow at the left; link rate, or the probability of line of sight, at the

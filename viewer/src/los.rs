@@ -9,12 +9,15 @@ pub mod profile;
 
 use std::sync::Arc;
 
+use nalgebra::Point3;
 use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::{Points3D, Scalars, SeriesPoints};
 use re_sdk_types::components::MarkerShape;
 use re_sdk_types::components::Radius;
-use skysink_common::channel::{Channel, LineOfSight};
+use skysink_common::channel::{Channel, DrawnChannel, LineOfSight};
+use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::message::{FlightReport, LinkReport};
+use skysink_common::random::Streams;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 
@@ -46,6 +49,7 @@ pub const BLOCKED: &str = "blocked";
 /// The line-of-sight entities of the scene.
 pub(crate) struct Los {
     link: LineOfSight,
+    channel: DrawnChannel,
     sensors: Arc<Sensors>,
     most_links: usize,
     mark_above_m: f32,
@@ -72,6 +76,7 @@ impl Los {
         let profile = Profile::open(canvas, scenario)?;
         Ok(Some(Self {
             link,
+            channel: DrawnChannel::new(channel, Streams::new(scenario.seed)),
             sensors: Arc::clone(sensors),
             most_links,
             mark_above_m: 1.8 * sizes.arm_m,
@@ -92,7 +97,11 @@ impl Los {
         if served.is_empty() {
             return self.clear(canvas);
         }
-        self.surroundings.log(canvas, &self.link, flight.position(), &served)?;
+        let visible = |sensor: &Position, uav: &Point3<f64>| match self.channel.sees(sensor, uav) {
+            Some(is_seen) => f64::from(u8::from(is_seen)),
+            None => self.link.los_probability(distance_squared(&uav.xy(), sensor), uav.z),
+        };
+        self.surroundings.log(canvas, &visible, flight.position(), &served)?;
         self.profile.log(canvas, &self.link, flight.position(), &served)
     }
 

@@ -9,6 +9,7 @@ use rand::RngExt;
 use serde::{Deserialize, Serialize};
 use strum::VariantNames;
 
+use super::fading::Fading;
 use super::model::{ChannelModel, Draw, Slopes, Uplink};
 use crate::geometry::elevation_deg;
 use crate::keys::{Accepts, FINITE, Key, Only, POSITIVE};
@@ -109,6 +110,10 @@ pub struct LineOfSight {
     pub los_exponent: f64,
     /// Path loss exponent out of line of sight, `α_N`.
     pub nlos_exponent: f64,
+    /// Correlation distance of a line of sight that stays for the mission [m]; `None` if it is redrawn in every slot.
+    pub correlation_m: Option<f64>,
+    /// Fading of the power, in either state.
+    pub fading: Option<Fading>,
 }
 
 impl LineOfSight {
@@ -118,20 +123,56 @@ impl LineOfSight {
         self.curve.probability(elevation_deg(d2_m2, z_m))
     }
 
-    /// Rate [bit/s] in line of sight, `R_L = W log2(1 + γ D^−α_L)`, `D² = d² + z²`.
+    /// Rate [bit/s] in line of sight, `R_L = W log2(1 + γ D^−α_L)`, `D² = d² + z²`; its mean over the fading.
     #[must_use]
     pub fn los_rate_bps(&self, d2_m2: f64, z_m: f64) -> f64 {
         self.rate_bps(self.los_snr, self.los_exponent, d2_m2 + z_m * z_m)
     }
 
-    /// Rate [bit/s] out of line of sight, `R_N = W log2(1 + μ γ D^−α_N)`.
+    /// Rate [bit/s] out of line of sight, `R_N = W log2(1 + μ γ D^−α_N)`; its mean over the fading.
     #[must_use]
     pub fn nlos_rate_bps(&self, d2_m2: f64, z_m: f64) -> f64 {
         self.rate_bps(self.nlos_snr, self.nlos_exponent, d2_m2 + z_m * z_m)
     }
 
     fn rate_bps(&self, snr_at_1m: f64, exponent: f64, distance2_m2: f64) -> f64 {
-        self.bandwidth_hz * (1.0 + snr_at_1m * distance2_m2.powf(-exponent / 2.0)).log2()
+        let snr = snr_at_1m * distance2_m2.powf(-exponent / 2.0);
+        match self.fading {
+            None => self.bandwidth_hz * (1.0 + snr).log2(),
+            Some(fading) => self.bandwidth_hz * fading.mean(snr),
+        }
+    }
+
+    /// This model without fading, and with `power_gain` times the power.
+    fn faded(&self, power_gain: f64) -> Self {
+        Self { los_snr: self.los_snr * power_gain, nlos_snr: self.nlos_snr * power_gain, fading: None, ..*self }
+    }
+
+    /// This model with the fading of `sensor` in `slot`.
+    fn drawn(&self, streams: &Streams, slot: u64, sensor: u32) -> Self {
+        self.fading.map_or(*self, |fading| self.faded(fading.draw(streams, slot, sensor)))
+    }
+
+    /// The link of `sensor` in `slot`: in line of sight if `level`, uniform from 0 to 1, is below the probability.
+    pub(super) fn draw_at(&self, uplink: &Uplink, level: f64, streams: &Streams, slot: u64, sensor: u32) -> Draw {
+        let Uplink { d2_m2, z_m, .. } = *uplink;
+        let drawn = self.drawn(streams, slot, sensor);
+        if level < self.los_probability(d2_m2, z_m) {
+            Draw { line_of_sight: true, rate_bps: drawn.los_rate_bps(d2_m2, z_m) }
+        } else {
+            Draw { line_of_sight: false, rate_bps: drawn.nlos_rate_bps(d2_m2, z_m) }
+        }
+    }
+
+    /// Mean over the fading of `value` of the rate [bit/s] in and out of line of sight.
+    fn means_by_state(&self, &Uplink { d2_m2, z_m, .. }: &Uplink, value: &dyn Fn(f64) -> f64) -> [f64; 2] {
+        let Some(fading) = self.fading else {
+            return [value(self.los_rate_bps(d2_m2, z_m)), value(self.nlos_rate_bps(d2_m2, z_m))];
+        };
+        [
+            fading.mean_of(1, |power_gain| value(self.faded(power_gain).los_rate_bps(d2_m2, z_m))),
+            fading.mean_of(1, |power_gain| value(self.faded(power_gain).nlos_rate_bps(d2_m2, z_m))),
+        ]
     }
 }
 
@@ -149,13 +190,17 @@ impl ChannelModel for LineOfSight {
     }
 
     /// `∂E/∂D² = P_L R_L' + (1 − P_L) R_N'` with `R' = −W log2(e) (α/2) γ / (D² (D^α + γ))`, and
-    /// `∂E/∂θ = P_L' (R_L − R_N)`.
+    /// `∂E/∂θ = P_L' (R_L − R_N)`. With fading `R' = −W (α/2) / D²` times the slope of the mean by `ln(γ D^−α)`.
     #[inline]
     fn slopes(&self, &Uplink { d2_m2, z_m, .. }: &Uplink) -> Slopes {
         let probability = self.los_probability(d2_m2, z_m);
         let distance2_m2 = d2_m2 + z_m * z_m;
         let decrease = |snr: f64, exponent: f64| {
             let kappa = exponent / 2.0;
+            if let Some(fading) = self.fading {
+                let slope = fading.slope(snr * distance2_m2.powf(-kappa));
+                return self.bandwidth_hz * kappa * slope / distance2_m2;
+            }
             self.bandwidth_hz * LOG2_E * kappa * snr / (distance2_m2 * (distance2_m2.powf(kappa) + snr))
         };
         let los_decrease = decrease(self.los_snr, self.los_exponent);
@@ -173,36 +218,42 @@ impl ChannelModel for LineOfSight {
 
     /// Whether the link of `sensor` is in line of sight in `slot`, and its rate.
     fn draw(&self, uplink: &Uplink, streams: &Streams, slot: u64, sensor: u32) -> Draw {
-        let Uplink { d2_m2, z_m, .. } = *uplink;
-        let drawn: f64 = streams.stream(Purpose::LineOfSight, slot, sensor).random();
-        if drawn < self.los_probability(d2_m2, z_m) {
-            Draw { line_of_sight: true, rate_bps: self.los_rate_bps(d2_m2, z_m) }
-        } else {
-            Draw { line_of_sight: false, rate_bps: self.nlos_rate_bps(d2_m2, z_m) }
-        }
+        let level: f64 = streams.stream(Purpose::LineOfSight, slot, sensor).random();
+        self.draw_at(uplink, level, streams, slot, sensor)
     }
 
     /// The rate in line of sight, unless its parameters make it the lower one.
     fn best_rate_bps(&self, &Uplink { d2_m2, z_m, .. }: &Uplink) -> f64 {
-        self.los_rate_bps(d2_m2, z_m).max(self.nlos_rate_bps(d2_m2, z_m))
+        let best = self.fading.map_or(*self, |fading| self.faded(fading.highest()));
+        best.los_rate_bps(d2_m2, z_m).max(best.nlos_rate_bps(d2_m2, z_m))
     }
 
     /// The probability of line of sight is not higher where the angle is lower, so a link without it has none there.
+    /// Where it stays, the position decides, so it is assumed.
     fn best_drawn_rate_bps(&self, uplink: &Uplink, streams: &Streams, slot: u64, sensor: u32) -> f64 {
         let Draw { line_of_sight, rate_bps } = self.draw(uplink, streams, slot, sensor);
-        if line_of_sight { self.best_rate_bps(uplink) } else { rate_bps }
+        let may_see = line_of_sight || self.correlation_m.is_some();
+        if may_see { self.drawn(streams, slot, sensor).best_rate_bps(uplink) } else { rate_bps }
     }
 
-    fn mean_over_draws(&self, &Uplink { d2_m2, z_m, .. }: &Uplink, value: &dyn Fn(f64) -> f64) -> f64 {
-        let probability = self.los_probability(d2_m2, z_m);
-        let hidden = value(self.nlos_rate_bps(d2_m2, z_m));
+    fn mean_over_draws(&self, uplink: &Uplink, value: &dyn Fn(f64) -> f64) -> f64 {
+        let probability = self.los_probability(uplink.d2_m2, uplink.z_m);
+        let [seen, hidden] = self.means_by_state(uplink, value);
         // In this form the mean of two equal numbers is that number.
-        hidden + probability * (value(self.los_rate_bps(d2_m2, z_m)) - hidden)
+        hidden + probability * (seen - hidden)
     }
 
-    /// If the rate in line of sight is the lower one, a link that is never in line of sight is best.
+    /// If the rate in line of sight is the lower one, a link that is never in line of sight is best. Where line of
+    /// sight stays, what was seen tells where to find it.
     fn best_mean_over_draws(&self, uplink: &Uplink, value: &dyn Fn(f64) -> f64) -> f64 {
-        self.mean_over_draws(uplink, value).max(value(self.nlos_rate_bps(uplink.d2_m2, uplink.z_m)))
+        let [seen, hidden] = self.means_by_state(uplink, value);
+        let probability = self.los_probability(uplink.d2_m2, uplink.z_m);
+        let seen = if self.correlation_m.is_some() { seen } else { hidden + probability * (seen - hidden) };
+        seen.max(hidden)
+    }
+
+    fn fading(&self) -> Option<Fading> {
+        self.fading
     }
 
     fn depends_on_elevation(&self) -> bool {
@@ -272,6 +323,8 @@ mod tests {
             nlos_snr: 1e3,
             los_exponent: 2.5,
             nlos_exponent: 3.5,
+            correlation_m: None,
+            fading: None,
         };
         let los = link.los_rate_bps(900.0, 40.0);
         let nlos = link.nlos_rate_bps(900.0, 40.0);
@@ -280,5 +333,21 @@ mod tests {
         // D = 50 m: γ D^−2.5 = 1e5/17677.67 = 5.656854; log2(6.656854) = 2.734841
         assert!((los / 1e6 - 2.734_841).abs() < 1e-5, "{los}");
         assert_eq!(elevation_deg(0.0, 40.0), 90.0);
+        // With fading: less, the mean of what is drawn, with the slopes of the means.
+        let faded = LineOfSight { fading: Some(Fading::rician(3.0)), ..link };
+        let at = |d2_m2: f64| Uplink { gain: 1.0, d2_m2, z_m: 40.0 };
+        let mean_bps = faded.expected_rate_bps(&at(900.0));
+        assert!(mean_bps < expected && faded.mean_over_draws(&at(900.0), &|bps| bps) >= mean_bps);
+        let streams = Streams::new(9);
+        let draws: Vec<f64> = (0..40_000).map(|slot| faded.draw(&at(900.0), &streams, slot, 1).rate_bps).collect();
+        assert!((draws.iter().sum::<f64>() / 40_000.0 / mean_bps - 1.0).abs() < 0.02);
+        assert!(draws.iter().all(|&bps| bps <= faded.best_rate_bps(&at(900.0))));
+        for (slot, &bps) in (0..).zip(&draws[..500]) {
+            assert!(bps <= faded.best_drawn_rate_bps(&at(900.0), &streams, slot, 1));
+        }
+        let Slopes { by_distance2, by_elevation } = faded.slopes(&at(900.0));
+        let numeric = (faded.expected_rate_bps(&at(900.1)) - faded.expected_rate_bps(&at(899.9))) / 0.2;
+        let angle = (elevation_deg(900.1, 40.0) - elevation_deg(899.9, 40.0)) / 0.2;
+        assert!(((by_distance2 + by_elevation * angle) / numeric - 1.0).abs() < 1e-4, "{numeric}");
     }
 }

@@ -6,7 +6,9 @@
 //!
 //! Levels are in dB in the keys and in the sensor list; messages and channels are linear.
 
+mod fading;
 mod free_space;
+mod frozen;
 mod line_of_sight;
 mod model;
 
@@ -14,11 +16,13 @@ use enum_dispatch::enum_dispatch;
 use serde::{Deserialize, Serialize};
 use strum::VariantNames;
 
+pub use fading::{Fading, FadingModel};
 pub use free_space::{FreeSpace, GainMode, draw_gain_db};
+pub use frozen::DrawnChannel;
 pub use line_of_sight::{Environment, LineOfSight, LosCurve};
 pub use model::{ChannelModel, Draw, Slopes, Uplink};
 
-use crate::keys::{Accepts, Interval, LEVEL_DB, POSITIVE};
+use crate::keys::{Accepts, Interval, LEVEL_DB, NOT_NEGATIVE, POSITIVE};
 use crate::random::Streams;
 use crate::units::{ratio_of_db, watts_of_dbm};
 
@@ -61,8 +65,11 @@ crate::keys! {
         bandwidth_hz: f64 = 5e6, POSITIVE;
         /// Transmission power of an SN, `p` [W].
         tx_power_w: f64 = 0.05, POSITIVE;
-        /// Noise power, `σ²` [dBm].
-        noise_dbm: f64 = -100.0, NOISE_DBM;
+        /// Noise power, `σ²` [dBm], for any bandwidth.
+        noise_dbm: Option<f64> = -100.0, NOISE_DBM;
+        /// Noise power density [dBm/Hz], `σ²` for each hertz of `bandwidth_hz`; instead of `noise_dbm`. Thermal noise is
+        /// -174, to which the noise figure of the receiver adds.
+        noise_dbm_per_hz: Option<f64>, NOISE_DBM;
         /// Reference gain at 1 m, `α` [dB]; from an interval each SN draws its own, uniformly in dB.
         gain_db: Option<Interval> = [-55.0, -50.0], LEVEL_DB.or_interval(), free_space::ONLY;
         /// Whether `gain_db` is redrawn in every slot.
@@ -82,6 +89,12 @@ crate::keys! {
         nlos_extra_db: Option<f64> = -20.0, LEVEL_DB, line_of_sight::ONLY;
         /// SNR gap of a real modem, `Γ` [dB].
         snr_gap_db: Option<f64> = 8.2, line_of_sight::GAP_DB, line_of_sight::ONLY;
+        /// Correlation distance [m] of a line of sight that stays for the mission; 0 or absent: redrawn in every slot.
+        los_correlation_m: Option<f64>, NOT_NEGATIVE, line_of_sight::ONLY;
+        /// Fading of the power, redrawn in every slot; absent: none.
+        fading: Option<FadingModel>, Accepts::OneOf(FadingModel::VARIANTS);
+        /// Power of the dominant path relative to all others, `K` [dB]; -inf for none (Rayleigh).
+        k_db: Option<f64> = 10.0, fading::K_DB, fading::ONLY;
         /// Communication radius on the ground, `d_c` [m].
         comm_radius_m: f64 = 10.0, POSITIVE;
         /// Time for communication in a slot, `τ_c` [s]; at most `slot_s`.
@@ -119,7 +132,21 @@ impl LinkBudget {
     /// Noise power, `σ²` [W].
     #[must_use]
     pub fn noise_w(&self) -> f64 {
-        watts_of_dbm(self.noise_dbm)
+        match self.noise_dbm_per_hz {
+            Some(density_dbm) => watts_of_dbm(density_dbm) * self.bandwidth_hz,
+            None => watts_of_dbm(self.noise_dbm.expect("a checked scenario has a form of the noise")),
+        }
+    }
+
+    /// Whether line of sight stays for the mission.
+    #[must_use]
+    pub fn stays_in_sight(&self) -> bool {
+        self.los_correlation_m.is_some_and(|correlation_m| correlation_m > 0.0)
+    }
+
+    /// The fading of the links, if their power fades.
+    fn fading(&self) -> Option<Fading> {
+        self.fading.and(self.k_db).map(Fading::rician)
     }
 
     /// Range [dB] of the reference gain at 1 m; in the probabilistic model, which has one gain, both ends are `β0`.
@@ -131,7 +158,7 @@ impl LinkBudget {
     fn free_space(&self) -> Option<FreeSpace> {
         let Self { bandwidth_hz, tx_power_w, comm_s, .. } = *self;
         let redrawn_db = (self.gain? == GainMode::PerSlot).then_some(self.gain_db?.ends());
-        Some(FreeSpace { bandwidth_hz, tx_power_w, noise_w: self.noise_w(), comm_s, redrawn_db })
+        Some(FreeSpace { bandwidth_hz, tx_power_w, noise_w: self.noise_w(), comm_s, redrawn_db, fading: self.fading() })
     }
 
     fn line_of_sight(&self) -> Option<LineOfSight> {
@@ -146,6 +173,8 @@ impl LinkBudget {
             nlos_snr: ratio_of_db(self.nlos_extra_db?) * los_snr,
             los_exponent: self.los_exponent?,
             nlos_exponent: self.nlos_exponent?,
+            correlation_m: self.los_correlation_m.filter(|&correlation_m| correlation_m > 0.0),
+            fading: self.fading(),
         })
     }
 }

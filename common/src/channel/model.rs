@@ -5,6 +5,7 @@
 use enum_dispatch::enum_dispatch;
 use nalgebra::Point3;
 
+use super::fading::Fading;
 use crate::geometry::{Position, distance_squared, elevation_deg};
 use crate::random::Streams;
 
@@ -96,7 +97,12 @@ pub trait ChannelModel {
         true
     }
 
-    /// The range of the gain (linear) that is redrawn in every slot; `None` if gains do not change.
+    /// The fading of the links; `None` if their power does not fade.
+    fn fading(&self) -> Option<Fading> {
+        None
+    }
+
+    /// The range of the reference gain (linear) that is redrawn in every slot; `None` if gains do not change.
     fn drawn_gains(&self) -> Option<[f64; 2]> {
         None
     }

@@ -90,12 +90,16 @@ struct Forms {
 }
 
 /// All alternatives.
-const FORMS: [Forms; 4] = [
+const FORMS: [Forms; 5] = [
     Forms {
         forms: [&["area.side_m"], &["area.width_m", "area.height_m"]],
         expected: "either side_m, or width_m and height_m",
     },
     Forms { forms: [&["sensors.count"], &["sensors.file"]], expected: "either count or file, not both" },
+    Forms {
+        forms: [&["link.noise_dbm"], &["link.noise_dbm_per_hz"]],
+        expected: "either noise_dbm or noise_dbm_per_hz, not both",
+    },
     Forms { forms: [&["link.environment"], &["link.los"]], expected: "either environment or los, not both" },
     Forms {
         forms: [&["link.los.a", "link.los.b"], &["link.los.b1", "link.los.b2", "link.los.b3", "link.los.b4"]],
@@ -156,6 +160,7 @@ mod tests {
             "link.nlos_exponent",
             "link.nlos_extra_db",
             "link.snr_gap_db",
+            "link.los_correlation_m",
         ];
         assert_eq!(of("link.model", "free-space"), line_of_sight);
         for key in ["area", "area.origin_lat_deg", "link.los_exponent", "slots"] {

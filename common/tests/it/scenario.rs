@@ -134,6 +134,25 @@ fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
             "[uav]\nstart_m = [0.0, 100.1]\n",
             "uav.start_m = [0.0, 100.1]: expected a position in the area, [0, 100] × [0, 100]",
         ),
+        (
+            "[link]\nnoise_dbm = -100.0\nnoise_dbm_per_hz = -170.0\n",
+            "link.noise_dbm = -100.0: expected either noise_dbm or noise_dbm_per_hz, not both",
+        ),
+        (
+            "[link]\nnoise_dbm_per_hz = 3\n",
+            "link.noise_dbm_per_hz = 3: expected a finite level below 0 dBm (and not below -300)",
+        ),
+        ("[link]\nfading = \"rayleigh\"\n", "link.fading = \"rayleigh\": expected \"rician\""),
+        ("[link]\nk_db = 3.0\n", "link.k_db = 3.0: expected it only with fading = \"rician\""),
+        ("[link]\nfading = \"rician\"\nk_db = 61.0\n", "link.k_db = 61.0: expected -inf (Rayleigh), or -100 to 60 dB"),
+        (
+            "[link]\nlos_correlation_m = 5.0\n",
+            "link.los_correlation_m = 5.0: expected it only with model = \"probabilistic-los\"",
+        ),
+        (
+            "[link]\nmodel = \"probabilistic-los\"\nlos_correlation_m = -5.0\n",
+            "link.los_correlation_m = -5.0: expected a finite number, 0 or above",
+        ),
         ("[link]\ncomm_s = 1.5\n", "link.comm_s = 1.5: expected at most the slot's 1 s"),
         (
             "[link]\ngain_db = [-50.0, -55.0]\n",
@@ -192,6 +211,24 @@ fn the_probabilistic_model_has_its_own_keys_and_defaults() {
     }
     let list = SensorList::parse("x_m,y_m,gain_db\n1,2,-51\n", Path::new("l.csv"), &scenario).unwrap();
     assert_eq!(list.sensors()[0].gain_db, -60.0, "one reference gain for all");
+}
+
+#[test]
+fn noise_is_a_power_or_a_density_and_fading_has_its_factor() {
+    // -167 dBm/Hz · 5 kHz = 10^−19.7 W/Hz · 5e3 Hz
+    let scenario = parse("name = \"x\"\n[link]\nnoise_dbm_per_hz = -167\nbandwidth_hz = 5e3\n").unwrap();
+    assert!((scenario.link.noise_w() / (10f64.powf(-19.7) * 5e3) - 1.0).abs() < 1e-12);
+    assert_eq!((scenario.link.noise_dbm, scenario.link.k_db), (None, None));
+    let faded = parse("name = \"x\"\n[link]\nfading = \"rician\"\n").unwrap();
+    assert_eq!(faded.link.k_db, Some(10.0));
+    let rayleigh = parse("name = \"x\"\n[link]\nfading = \"rician\"\nk_db = -inf\n").unwrap();
+    for scenario in [&scenario, &faded, &rayleigh] {
+        assert_eq!(&parse(&scenario.to_toml()).unwrap(), scenario);
+    }
+    let letter = parse("name = \"x\"\n").unwrap().to_toml();
+    for key in ["noise_dbm_per_hz", "fading", "k_db", "los_correlation_m"] {
+        assert!(!letter.contains(key), "{key}");
+    }
 }
 
 #[test]

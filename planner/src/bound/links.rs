@@ -2,7 +2,7 @@
 //!
 //! A link is best from straight above at the lowest altitude: rates fall with the distance, and the probability of line
 //! of sight is highest there. The draw of a random channel depends only on the seed, the slot and the sensor node, so
-//! the capacity at the best position is known.
+//! the capacity at the best position is known. A line of sight that stays depends on the position, and is assumed.
 
 use skysink_common::channel::{Channel, ChannelModel, Uplink};
 use skysink_common::random::Streams;

@@ -9,7 +9,7 @@ use std::borrow::Cow;
 use rand::{Rng, RngExt};
 use rand_distr::StandardNormal;
 use skysink_common::arrivals::{Arrivals, Imagined};
-use skysink_common::channel::{ChannelModel, Uplink};
+use skysink_common::channel::{ChannelModel, DrawnChannel, Uplink};
 use skysink_common::message::{FlightReport, LinkReport, Mode};
 use skysink_common::queues::Queues;
 use skysink_common::random::{Purpose, Streams};
@@ -141,7 +141,7 @@ impl<'a> Rollout<'a> {
     ) -> Option<f64> {
         let table = self.view.table;
         let mut random = self.streams.stream(Purpose::Rollout, 0, future);
-        let streams = Streams::new(random.next_u64());
+        let channel = DrawnChannel::new(table.channel, Streams::new(random.next_u64()));
         let mut world = self.draw_world(&mut random);
         let mut belief = self.view.belief.belief.clone();
         let mut position = self.view.position;
@@ -158,8 +158,9 @@ impl<'a> Rollout<'a> {
             }
             let mut report = FlightReport::at(position, Mode::Serve);
             for (&id, link) in decision.schedule.iter().zip(&mut report.links) {
-                let uplink = Uplink::new(table.sensors.gains[id as usize], table.sensors.position(id), &position);
-                let rate_bps = table.channel.draw(&uplink, &streams, slot, id).rate_bps;
+                let sensor_at = table.sensors.position(id);
+                let uplink = Uplink::new(table.sensors.gains[id as usize], sensor_at, &position);
+                let rate_bps = channel.draw(&uplink, sensor_at, &position, slot, id).rate_bps;
                 let capacity_bits = table.channel.capacity_bits(rate_bps);
                 *link = LinkReport { sensor: id, rate_bps, capacity_bits, ..LinkReport::default() };
                 world.queues.upload(id as usize, capacity_bits);

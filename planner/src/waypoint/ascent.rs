@@ -117,7 +117,7 @@ fn step(problem: &Problem, at: &RatedPoint, slope: &Vector3<f64>, mut stretch: f
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::waypoint::problem::tests::{curves, dense_urban, posed};
+    use crate::waypoint::problem::tests::{curves, dense_urban, fadings, posed};
     use nalgebra::Point3;
     use proptest::prelude::*;
     use skysink_common::channel::LineOfSight;
@@ -186,11 +186,12 @@ mod tests {
         #[test]
         fn no_step_from_the_end_raises_the_rate(
             curve in curves(),
+            fading in fadings(),
             positions in prop::collection::vec((-40.0..40.0, -40.0..40.0), 1..7),
             range in (10.0..60.0, 0.0..100.0),
         ) {
             let positions: Vec<[f64; 2]> = positions.into_iter().map(|(x_m, y_m)| [x_m, y_m]).collect();
-            let problem = posed(LineOfSight { curve, ..dense_urban() }, &positions, [range.0, range.0 + range.1]);
+            let problem = posed(LineOfSight { curve, fading, ..dense_urban() }, &positions, [range.0, range.0 + range.1]);
             let end = solve(&problem).expect("the origin is in all disks");
             prop_assert_eq!(problem.project(&end.point), Some(end.point));
             for axis in 0..3 {

@@ -198,8 +198,7 @@ impl Problem {
 pub(crate) mod tests {
     use super::*;
     use proptest::prelude::*;
-    use skysink_common::channel::LineOfSight;
-    use skysink_common::channel::LosCurve;
+    use skysink_common::channel::{Fading, LineOfSight, LosCurve};
 
     /// Dense urban surroundings, bandwidth 1 Hz, 0.1 W over −109 dBm: `γ = 0.1 · 1e−6/(1.259e−14 · 6.607) = 1.202e6`.
     pub(crate) fn dense_urban() -> LineOfSight {
@@ -211,6 +210,8 @@ pub(crate) mod tests {
             nlos_snr: 1.202e4,
             los_exponent: 2.5,
             nlos_exponent: 3.5,
+            correlation_m: None,
+            fading: None,
         }
     }
 
@@ -220,6 +221,11 @@ pub(crate) mod tests {
         disks.extend(positions_m.iter().map(|&position| Disk { centre: position.into(), radius_m: 60.0 }));
         let gains = vec![1.0; positions_m.len()];
         Problem { channel: Channel::LineOfSight(model), disks, gains, altitudes_m }
+    }
+
+    /// No, Rayleigh and Rician fading.
+    pub(crate) fn fadings() -> impl Strategy<Value = Option<Fading>> {
+        prop::sample::select(vec![None, Some(f64::NEG_INFINITY), Some(10.0)]).prop_map(|k_db| k_db.map(Fading::rician))
     }
 
     pub(crate) fn curves() -> impl Strategy<Value = LosCurve> {
@@ -280,10 +286,12 @@ pub(crate) mod tests {
         #[test]
         fn the_ascent_is_the_gradient_of_the_rate(
             curve in curves(),
+            fading in fadings(),
             exponents in (1.5..6.0, 2.0..6.0),
             at in (-40.0..40.0, -40.0..40.0, 10.0..150.0),
         ) {
-            let link = LineOfSight { curve, los_exponent: exponents.0, nlos_exponent: exponents.1, ..dense_urban() };
+            let (los_exponent, nlos_exponent) = exponents;
+            let link = LineOfSight { curve, fading, los_exponent, nlos_exponent, ..dense_urban() };
             let problem = posed(link, &[[50.0, 3.0], [-45.0, 10.0], [0.0, 60.0]], [10.0, 150.0]);
             let at = Point3::new(at.0, at.1, at.2);
             let slope = problem.ascent(&at);

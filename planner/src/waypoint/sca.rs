@@ -250,7 +250,7 @@ impl Program {
 mod tests {
     use super::*;
     use crate::waypoint::ascent;
-    use crate::waypoint::problem::tests::{dense_urban, posed};
+    use crate::waypoint::problem::tests::{dense_urban, fadings, posed};
     use proptest::prelude::*;
 
     /// Clusters of one to six SNs in sight of the origin, and a range of altitudes, an empty one among them.
@@ -258,10 +258,10 @@ mod tests {
         let positions = prop::collection::vec((-40.0..40.0, -40.0..40.0), 1..7);
         let curve = prop::sample::select(vec![(4.88, 0.43), (9.61, 0.16), (12.08, 0.11), (27.23, 0.08)]);
         let height_m = prop_oneof![3 => 5.0..100.0, 1 => Just(0.0)];
-        (positions, curve, 20.0..60.0, height_m, 2.0..4.0).prop_map(
-            |(positions, (a, b), low_m, height_m, los_exponent)| {
+        (positions, curve, 20.0..60.0, height_m, 2.0..4.0, fadings()).prop_map(
+            |(positions, (a, b), low_m, height_m, los_exponent, fading)| {
                 let positions: Vec<[f64; 2]> = positions.into_iter().map(|(x_m, y_m)| [x_m, y_m]).collect();
-                let link = LineOfSight { curve: LosCurve::Sigmoid { a, b }, los_exponent, ..dense_urban() };
+                let link = LineOfSight { curve: LosCurve::Sigmoid { a, b }, los_exponent, fading, ..dense_urban() };
                 posed(link, &positions, [low_m, low_m + height_m])
             },
         )

@@ -1,4 +1,5 @@
-//! The probability of line of sight around the UAV: a horizontal slice at its altitude, and above each served sensor
+//! Line of sight around the UAV: a horizontal slice of its probability at its altitude, or of what is seen from there
+//! where it stays for the mission, and above each served sensor
 //! node the funnel in which the probability is high.
 //!
 //! All funnels have the same shape, so that a slot only logs its position: 12 bytes instead of a thousand voxels.
@@ -9,14 +10,14 @@ use re_sdk_types::archetypes::{GridMap, VoxelGridMap};
 use re_sdk_types::components::{Colormap, ImageFormat};
 use re_sdk_types::datatypes::{ChannelDatatype, ColorModel};
 use skysink_common::channel::LineOfSight;
-use skysink_common::geometry::{Position, distance_squared};
+use skysink_common::geometry::{Position, above};
 
 use crate::canvas::Canvas;
 use crate::files::Part;
 use crate::shapes::drawn;
 use crate::sizes::Sizes;
 
-/// The slice: mean probability over the served sensor nodes.
+/// The slice: mean over the served sensor nodes of the probability, or of what is seen.
 pub const SLICE: &str = "los/slice";
 /// Root of the funnels: one per served link, numbered in the order of the report.
 pub const FUNNELS: &str = "los/funnels";
@@ -77,17 +78,18 @@ impl Surroundings {
         Ok(Self { slice_half_m, shape, most_funnels, funnels: 0, visible })
     }
 
-    /// Shows the slice around the UAV and a funnel above each served sensor node; at least one.
+    /// Shows the slice of `visible`, over the positions of both ends, around the UAV, and a funnel above each served
+    /// sensor node; at least one.
     pub(crate) fn log(
         &mut self,
         canvas: &Canvas,
-        link: &LineOfSight,
+        visible: &dyn Fn(&Position, &Point3<f64>) -> f64,
         uav: Point3<f64>,
         served: &[Position],
     ) -> RecordingStreamResult<()> {
         let [x_m, y_m, z_m] = drawn(uav);
         let slice = GridMap::update_fields()
-            .with_data(slice(link, uav, f64::from(self.slice_half_m), served))
+            .with_data(slice(visible, uav, f64::from(self.slice_half_m), served))
             .with_translation([x_m - self.slice_half_m, y_m - self.slice_half_m, z_m]);
         canvas.show(SLICE, &slice)?;
         self.log_funnels(canvas, served)
@@ -120,12 +122,17 @@ impl Surroundings {
     }
 }
 
-/// Mean probability in the cells around the UAV, in 255 steps, row by row from north to south.
-fn slice(link: &LineOfSight, uav: Point3<f64>, half_m: f64, served: &[Position]) -> Vec<u8> {
+/// Mean of `visible` in the cells around the UAV, in 255 steps, row by row from north to south.
+fn slice(
+    visible: &dyn Fn(&Position, &Point3<f64>) -> f64,
+    uav: Point3<f64>,
+    half_m: f64,
+    served: &[Position],
+) -> Vec<u8> {
     let offset_m = |cell: u16| half_m * (2.0 * (f64::from(cell) + 0.5) / f64::from(SLICE_CELLS) - 1.0);
     let mean = |at: Position| {
-        let probability = |sensor| link.los_probability(distance_squared(&at, sensor), uav.z);
-        served.iter().map(probability).sum::<f64>() / served.len() as f64
+        let at = above(&at, uav.z);
+        served.iter().map(|sensor| visible(sensor, &at)).sum::<f64>() / served.len() as f64
     };
     let row = |row: u16| (0..SLICE_CELLS).map(move |column| uav.xy() + Vector2::new(offset_m(column), -offset_m(row)));
     (0..SLICE_CELLS).flat_map(row).map(|at| (255.0 * mean(at)).round() as u8).collect()
@@ -176,6 +183,7 @@ impl Funnel {
 mod tests {
     use super::*;
     use skysink_common::channel::LosCurve;
+    use skysink_common::geometry::distance_squared;
 
     /// Dense urban surroundings.
     fn link() -> LineOfSight {
@@ -187,6 +195,8 @@ mod tests {
             nlos_snr: 1e3,
             los_exponent: 2.5,
             nlos_exponent: 3.5,
+            correlation_m: None,
+            fading: None,
         }
     }
 
@@ -194,7 +204,9 @@ mod tests {
     fn the_slice_contains_the_mean_probability_from_north_west_to_south_east() {
         // 32 cells of 2 m around (100, 200): the first one's middle is (69, 231), the last one's (131, 169).
         let served = [Position::new(69.0, 231.0), Position::new(80.0, 200.0)];
-        let found = slice(&link(), Point3::new(100.0, 200.0, 40.0), 32.0, &served);
+        let probability =
+            |sensor: &Position, at: &Point3<f64>| link().los_probability(distance_squared(&at.xy(), sensor), at.z);
+        let found = slice(&probability, Point3::new(100.0, 200.0, 40.0), 32.0, &served);
         let mean = |d2_m2: [f64; 2]| d2_m2.map(|d2_m2| link().los_probability(d2_m2, 40.0)).iter().sum::<f64>() / 2.0;
         let bytes = |probability: f64| (255.0 * probability).round() as u8;
         assert_eq!(found.len(), 32 * 32);

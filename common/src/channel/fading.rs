@@ -1,0 +1,334 @@
+//! Fading of the power of a link around its mean: a gain `g` of mean 1, drawn for every slot and sensor node
+//! (decision D27).
+//!
+//! With a dominant path of the share `K/(K + 1)` of the power (Rician; Rayleigh for `K = 0`),
+//! `g = |√(K/(K+1)) + n/√(2(K+1))|²`, the parts of `n` standard normal. Expected rates come from a table of
+//! `E[log2(1 + γ g)]` over `ln γ`: the planner never uses the rate of the mean.
+
+use std::f64::consts::LOG2_E;
+use std::fmt;
+use std::sync::{Mutex, PoisonError};
+
+use serde::{Deserialize, Serialize};
+use strum::VariantNames;
+
+use crate::keys::{Accepts, Only};
+use crate::random::{Purpose, Streams, normal_pair};
+use crate::units::ratio_of_db;
+
+/// Keys of Rician fading.
+pub(crate) const ONLY: Only =
+    Only { key: "fading", value: "rician", expected: Some("it only with fading = \"rician\"") };
+
+/// Rician factors.
+pub(crate) const K_DB: Accepts = Accepts::Number("-inf (Rayleigh), or -100 to 60 dB", |k_db| {
+    k_db == f64::NEG_INFINITY || (-100.0..=60.0).contains(&k_db)
+});
+
+/// How the power of a link fades.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, VariantNames)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum FadingModel {
+    /// A dominant path and many weak ones.
+    Rician,
+}
+
+/// Highest normal number of [`normal_pair`], `√(2 · 53 ln 2)`, rounded up.
+const HIGHEST_NORMAL: f64 = 8.572;
+/// Standard deviations of the amplitude that integrals extend to; beyond are 10^−18 of the draws.
+const SPREADS: f64 = 9.0;
+/// The table: `ln γ` of its first node, nodes for each unit of `ln γ`, and its last node (`γ` from 10^−6 to 10^13).
+const FIRST_LN: f64 = -14.0;
+const NODES_PER_LN: f64 = 16.0;
+const LAST_NODE: usize = 44 * 16;
+/// Steps of the amplitude in a mean over draws.
+const STEPS: usize = 2_048;
+
+/// A law of fading.
+#[derive(Clone, Copy)]
+pub struct Fading {
+    table: &'static Table,
+}
+
+impl PartialEq for Fading {
+    fn eq(&self, other: &Self) -> bool {
+        self.table.k == other.table.k
+    }
+}
+
+impl fmt::Debug for Fading {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "Fading(K = {})", self.table.k)
+    }
+}
+
+/// What is computed once for each `K`.
+struct Table {
+    k: f64,
+    /// At each node `log2(1 + γ) − E[log2(1 + γ g)]`, and its slope by `ln γ`.
+    deficits: Vec<[f64; 2]>,
+    /// Steps of `g`: the probability of each, and its upper end.
+    steps: Vec<[f64; 2]>,
+}
+
+impl Fading {
+    /// Rician fading with the factor `k_db` [dB]; Rayleigh fading for −∞.
+    #[must_use]
+    pub fn rician(k_db: f64) -> Self {
+        static TABLES: Mutex<Vec<&'static Table>> = Mutex::new(Vec::new());
+        let k = ratio_of_db(k_db);
+        let mut tables = TABLES.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = tables.iter().copied().find(|table| table.k == k);
+        let table = known.unwrap_or_else(|| {
+            let table: &'static Table = Box::leak(Box::new(Table::new(k))); // one for each K of a process
+            tables.push(table);
+            table
+        });
+        Self { table }
+    }
+
+    /// `E[log2(1 + γ g)]` [bit/s/Hz] of the mean signal-to-noise ratio `γ`, within 10^−6.
+    #[must_use]
+    pub fn mean(&self, snr: f64) -> f64 {
+        (snr.ln_1p() * LOG2_E - self.table.deficit(snr)[0]).max(0.0)
+    }
+
+    /// Slope of [`Self::mean`] by `ln γ`.
+    #[must_use]
+    pub fn slope(&self, snr: f64) -> f64 {
+        snr / (1.0 + snr) * LOG2_E - self.table.deficit(snr)[1]
+    }
+
+    /// The power gain of `sensor` in `slot`.
+    #[must_use]
+    pub fn draw(&self, streams: &Streams, slot: u64, sensor: u32) -> f64 {
+        let [along, across] = normal_pair(&mut streams.stream(Purpose::Fading, slot, sensor));
+        let [dominant, spread] = self.table.amplitudes();
+        (dominant + spread * along).powi(2) + (spread * across).powi(2)
+    }
+
+    /// The highest power gain that can be drawn.
+    #[must_use]
+    pub fn highest(&self) -> f64 {
+        let [dominant, spread] = self.table.amplitudes();
+        (dominant + spread * HIGHEST_NORMAL).powi(2)
+    }
+
+    /// Mean of `value`, which never falls with the power gain: the value at the upper end of each of many steps, of
+    /// `coarse` ones together.
+    pub fn mean_of(&self, coarse: usize, value: impl Fn(f64) -> f64) -> f64 {
+        let mean_of = |steps: &[[f64; 2]]| {
+            let probability: f64 = steps.iter().map(|[probability, _]| probability).sum();
+            if probability > 0.0 { probability * value(steps[steps.len() - 1][1]) } else { 0.0 }
+        };
+        self.table.steps.chunks(coarse).map(mean_of).sum::<f64>().min(value(self.highest()))
+    }
+}
+
+impl Table {
+    fn new(k: f64) -> Self {
+        let mut table = Self { k, deficits: Vec::new(), steps: Vec::new() };
+        let gains = table.weighted_gains();
+        table.deficits = (0..=LAST_NODE).map(|node| deficit(&gains, snr_of(node))).collect();
+        table.steps = table.steps();
+        table
+    }
+
+    /// Amplitude of the dominant path, and standard deviation of each part of the others.
+    fn amplitudes(&self) -> [f64; 2] {
+        [(self.k / (1.0 + self.k)).sqrt(), (0.5 / (1.0 + self.k)).sqrt()]
+    }
+
+    /// Probability density of the amplitude `r = √g` (Rice), `r/s² e^{−(r−a)²/2s²} e^{−z} I0(z)`, `z = a r/s²`.
+    fn density(&self, amplitude: f64) -> f64 {
+        let [dominant, spread] = self.amplitudes();
+        let variance = spread * spread;
+        let away = (amplitude - dominant) / spread;
+        amplitude / variance * (-0.5 * away * away).exp() * scaled_bessel(dominant * amplitude / variance)
+    }
+
+    /// Nodes and weights of the trapezoid rule over `ln r`, as power gains; for integrands that are smooth in `ln r`
+    /// the error falls exponentially with the number of nodes.
+    fn weighted_gains(&self) -> Vec<[f64; 2]> {
+        let [dominant, spread] = self.amplitudes();
+        let first = (dominant - SPREADS * spread).max(1e-9).ln();
+        let last = (dominant + SPREADS * spread).ln();
+        let nodes = ((last - first) / (spread / 8.0).min(1.0 / 32.0)).ceil();
+        let step = (last - first) / nodes;
+        let weighted = |node: u32| {
+            let amplitude = (first + step * f64::from(node)).exp();
+            [amplitude * amplitude, self.density(amplitude) * amplitude * step]
+        };
+        (0..=nodes as u32).map(weighted).collect()
+    }
+
+    /// The steps of `g`, of the same width in the amplitude, with a little more than all probability.
+    fn steps(&self) -> Vec<[f64; 2]> {
+        let [dominant, spread] = self.amplitudes();
+        let lowest = (dominant - SPREADS * spread).max(0.0);
+        let width = (dominant + SPREADS * spread - lowest) / STEPS as f64;
+        let end = |step: usize| lowest + width * step as f64;
+        // Simpson's rule
+        let probability = |step: usize| {
+            let [low, middle, high] = [0.0, 0.5, 1.0].map(|part| self.density(end(step) + width * part));
+            width / 6.0 * (low + 4.0 * middle + high)
+        };
+        let mut steps: Vec<[f64; 2]> = (0..STEPS).map(|step| [probability(step), end(step + 1).powi(2)]).collect();
+        let left = 1.0 - steps.iter().map(|[probability, _]| probability).sum::<f64>();
+        steps.push([left.max(0.0) + 1e-9, (dominant + spread * HIGHEST_NORMAL).max(end(STEPS)).powi(2)]);
+        steps
+    }
+
+    /// The deficit at the ratio `snr` and its slope by `ln γ`, by cubic Hermite interpolation. Below the table it is
+    /// proportional to `γ²`, above it is constant.
+    fn deficit(&self, snr: f64) -> [f64; 2] {
+        let place = (snr.ln() - FIRST_LN) * NODES_PER_LN;
+        if place.is_nan() || place <= 0.0 {
+            let deficit = self.deficits[0][0] * (snr / snr_of(0)).powi(2);
+            return [deficit, 2.0 * deficit];
+        }
+        let node = place as usize;
+        if node >= LAST_NODE {
+            return [self.deficits[LAST_NODE][0], 0.0];
+        }
+        let x = place - node as f64;
+        let [[from, slope_from], [to, slope_to]] = [self.deficits[node], self.deficits[node + 1]];
+        let (rise, low, high) = (to - from, slope_from / NODES_PER_LN, slope_to / NODES_PER_LN);
+        let square = 3.0 * rise - 2.0 * low - high;
+        let cube = low + high - 2.0 * rise;
+        [from + x * (low + x * (square + x * cube)), (low + x * (2.0 * square + 3.0 * x * cube)) * NODES_PER_LN]
+    }
+}
+
+fn snr_of(node: usize) -> f64 {
+    (FIRST_LN + node as f64 / NODES_PER_LN).exp()
+}
+
+/// `log2(1 + γ) − E[log2(1 + γ g)]` and its slope by `ln γ`, over gains with their weights.
+fn deficit(gains: &[[f64; 2]], snr: f64) -> [f64; 2] {
+    let share = snr / (1.0 + snr);
+    let value = |&[gain, weight]: &[f64; 2]| -weight * (share * (gain - 1.0)).ln_1p();
+    let slope = |&[gain, weight]: &[f64; 2]| weight * share * (1.0 - gain) / (1.0 + snr * gain);
+    [gains.iter().map(value).sum::<f64>() * LOG2_E, gains.iter().map(slope).sum::<f64>() * LOG2_E]
+}
+
+/// `e^{−z} I0(z)`, the mean of `e^{z (cos θ − 1)}` over all angles, by the trapezoid rule.
+fn scaled_bessel(z: f64) -> f64 {
+    let intervals = 16 + (5.0 * z.sqrt()).ceil() as u32;
+    let at = |node: u32| (z * ((std::f64::consts::PI * f64::from(node) / f64::from(intervals)).cos() - 1.0)).exp();
+    ((1..intervals).map(at).sum::<f64>() + 0.5 * (at(0) + at(intervals))) / f64::from(intervals)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Factors K [dB] of the tests.
+    const FACTORS_DB: [f64; 4] = [f64::NEG_INFINITY, 0.0, 10.0, 20.0];
+
+    /// Gains and their weights by another way than that of the table: with `J` a Poisson number of mean K, `(1 + K) g`
+    /// is a Gamma number of the shape `J + 1`. The trapezoid rule over its logarithm.
+    fn quadrature(k: f64) -> Vec<[f64; 2]> {
+        const STEP: f64 = 1.0 / 64.0;
+        let weighted = |step: i32| {
+            let x = (f64::from(step) * STEP).exp();
+            let mut term = (-k - x).exp();
+            let mut density = term;
+            for number in 1..600 {
+                term *= k * x / f64::from(number).powi(2);
+                density += term;
+            }
+            [x / (1.0 + k), density * x * STEP]
+        };
+        (-64 * 30..=64 * 6).map(weighted).collect()
+    }
+
+    #[test]
+    fn the_expected_rate_agrees_with_quadrature() {
+        for k_db in FACTORS_DB {
+            let fading = Fading::rician(k_db);
+            let gains = quadrature(ratio_of_db(k_db));
+            for tenth in [-30, -17, -4, 3, 11, 24, 38, 51, 67, 90] {
+                let snr = 10f64.powf(f64::from(tenth) / 10.0);
+                let expected: f64 = gains.iter().map(|[gain, weight]| weight * (1.0 + snr * gain).log2()).sum();
+                let found = fading.mean(snr);
+                assert!((found - expected).abs() < 1e-6, "K = {k_db} dB, γ = {snr}: {found} and {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn rayleigh_fading_costs_what_the_closed_form_says() {
+        // E[ln(1 + γ g)] = e^{1/γ} E1(1/γ). γ = 1: e · 0.219383934 = 0.596347362. γ → ∞: ln γ − 0.577215665.
+        let rayleigh = Fading::rician(f64::NEG_INFINITY);
+        assert!((rayleigh.mean(1.0) - 0.596_347_362 * LOG2_E).abs() < 1e-7, "{}", rayleigh.mean(1.0));
+        let high = 1e9f64;
+        assert!((rayleigh.mean(high) - (high.ln() - 0.577_215_665) * LOG2_E).abs() < 1e-6);
+        assert_eq!((rayleigh.mean(0.0), rayleigh.slope(0.0)), (0.0, 0.0));
+        assert!((Fading::rician(60.0).mean(100.0) - 101f64.log2()).abs() < 1e-5);
+    }
+
+    #[test]
+    fn the_slope_is_the_derivative_and_the_mean_rises_and_is_concave() {
+        for k_db in [f64::NEG_INFINITY, 0.0, 10.0, 20.0, 45.0] {
+            let fading = Fading::rician(k_db);
+            let mut last = f64::INFINITY;
+            for step in -400..=4_400 {
+                let snr = (f64::from(step) / 100.0 - 7.0).exp();
+                let numeric = (fading.mean(snr * 1.000_1) - fading.mean(snr / 1.000_1)) / (2.0 * 1.000_1f64.ln());
+                assert!((fading.slope(snr) - numeric).abs() < 1e-6, "K = {k_db} dB, γ = {snr}");
+                let slope = fading.slope(snr) / snr; // by γ
+                assert!(slope > 0.0 && slope < last, "K = {k_db} dB, γ = {snr}: {slope} after {last}");
+                last = slope;
+            }
+        }
+    }
+
+    /// A million draws against their law: mean 1, variance `(1 + 2K)/(1 + K)²`, and Kolmogorov's test at 0.1 %.
+    #[test]
+    fn draws_follow_their_law() {
+        const DRAWS: u32 = 1_000_000;
+        for k_db in FACTORS_DB {
+            let fading = Fading::rician(k_db);
+            let streams = Streams::new(31);
+            let mut gains: Vec<f64> =
+                (0..DRAWS).map(|draw| fading.draw(&streams, u64::from(draw / 1_000), draw % 1_000)).collect();
+            gains.sort_unstable_by(f64::total_cmp);
+            assert!(gains[gains.len() - 1] <= fading.highest());
+            let mean = gains.iter().sum::<f64>() / f64::from(DRAWS);
+            let variance = gains.iter().map(|gain| (gain - 1.0).powi(2)).sum::<f64>() / f64::from(DRAWS);
+            let k = ratio_of_db(k_db);
+            let expected = (1.0 + 2.0 * k) / (1.0 + k).powi(2);
+            assert!((mean - 1.0).abs() < 4e-3 && (variance / expected - 1.0).abs() < 1e-2, "{k_db}: {mean} {variance}");
+            // The law by integration of the density of g = x² + y², over y for each of the draws' ranks.
+            let mut below = 0.0;
+            let mut at = 0.0;
+            for (rank, gain) in (1..).zip(&gains) {
+                let amplitude = gain.sqrt();
+                let middle = fading.table.density(f64::midpoint(at, amplitude));
+                below += (amplitude - at) * middle;
+                at = amplitude;
+                assert!((below - f64::from(rank) / f64::from(DRAWS)).abs() < 1.95e-3, "K = {k_db} dB, {gain}: {below}");
+            }
+            if k_db == f64::NEG_INFINITY {
+                // 1 − e^{−g} in closed form
+                let median = gains[gains.len() / 2];
+                assert!((median - std::f64::consts::LN_2).abs() < 5e-3, "{median}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_mean_over_steps_is_not_below_the_mean_and_near_it() {
+        for k_db in FACTORS_DB {
+            let fading = Fading::rician(k_db);
+            for snr in [0.1, 10.0, 1e4] {
+                let [fine, coarse] = [1, 8].map(|coarse| fading.mean_of(coarse, |gain| (1.0 + snr * gain).log2()));
+                let mean = fading.mean(snr);
+                assert!(mean <= fine && fine < mean * 1.01 && fine <= coarse, "{k_db} {snr}: {mean} {fine} {coarse}");
+            }
+            assert_eq!(fading.mean_of(1, |_| 7.0), 7.0);
+        }
+    }
+}
