@@ -7,6 +7,7 @@ pub mod figures;
 pub mod flights;
 pub mod links;
 pub mod quantity;
+pub mod radio;
 pub mod verdict;
 pub mod warnings;
 
@@ -98,7 +99,7 @@ fn rows(figures: &Figures) -> Vec<(&'static str, String)> {
     };
     let Figures { above, rim, round, .. } = figures;
     let arrivals = figures.arrivals.map(|arrivals| ("arrivals", arrivals.to_string()));
-    let rows = vec![
+    let mut rows = vec![
         ("reach in a slot, V τ", metres(figures.reach_m)),
         ("communication radius, d_c", metres(figures.comm_radius_m)),
         ("anchor radius of uts, V τ − d_c", metres(figures.anchor_radius_m)),
@@ -113,7 +114,9 @@ fn rows(figures: &Figures) -> Vec<(&'static str, String)> {
         ("offered load, N s τ", figures.load.to_string()),
         ("flight without loss", loss_free(&figures.loss_free)),
     ];
-    rows.into_iter().chain(arrivals).collect()
+    rows.splice(4..4, figures.radio.rows());
+    rows.extend(arrivals);
+    rows
 }
 
 /// Whether a flight without loss exists, in a few words.

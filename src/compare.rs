@@ -21,6 +21,7 @@ use skysink_mission::files::write_whole;
 use skysink_planner::strategies::names;
 use skysink_planner::strategy::Registered;
 
+use crate::check::radio::PLANNED;
 use crate::error::Error;
 use crate::options::Changes;
 use crate::report::{print, warn_of_few};
@@ -160,6 +161,9 @@ impl CompareCommand {
         }
         for (key, values) in differing {
             print(format_args!("{key}: {}", values.join(" | ")))?;
+        }
+        if shown.iter().any(|shown| shown.scenario.link.stays_in_sight()) {
+            print(format_args!("Line of sight stays for the mission (link.los_correlation_m): {PLANNED}."))?;
         }
         standings::print_tables(&contenders, &standings, self.holm)?;
         print(format_args!("All metrics:     {}", out.join(STANDINGS).display()))?;

@@ -18,6 +18,7 @@ use super::arrivals::ArrivalFigures;
 use super::flights::trial_flights;
 use super::links::LinkFigures;
 use super::quantity::{percent, scaled, short};
+use super::radio::RadioFigures;
 use super::verdict::{Bounds, LossFree, Round};
 
 /// Maximum number of SNs whose nearest neighbour is searched, approximately. In larger fields, every k-th SN is
@@ -45,6 +46,8 @@ pub struct Figures {
     pub above: LinkFigures,
     /// Links at the horizontal distance `d_c`.
     pub rim: LinkFigures,
+    /// Noise, and what fading and line of sight that stays do to the links.
+    pub radio: RadioFigures,
     /// Slots until empty buffers are full; `None` if no SN samples.
     pub fill_slots: Option<FillSlots>,
     /// Slots until every SN has been served once.
@@ -73,6 +76,7 @@ impl Figures {
         let reach_m = scenario.reach_m();
         let comm_radius_m = scenario.link.comm_radius_m;
         let above = LinkFigures::at(scenario, &nodes, 0.0);
+        let rim = LinkFigures::at(scenario, &nodes, comm_radius_m);
         let flights = trial_flights(scenario, list)?;
         let links = BestLinks::new(scenario, &sensors);
         let bounds = Bounds { table: &table, field: &field, links, above, paths: PathBound::by_legs(&table) };
@@ -85,7 +89,8 @@ impl Figures {
             anchor_radius_m: reach_m - comm_radius_m,
             neighbour_m: mean_neighbour_m(&table.sensors.positions, &table.sensors.grid),
             above,
-            rim: LinkFigures::at(scenario, &nodes, comm_radius_m),
+            rim,
+            radio: RadioFigures::of(scenario, &nodes, &rim),
             fill_slots: FillSlots::of(&field),
             round: bounds.round(flights.first().and_then(|tour| tour.round_slots)),
             load: Load::of(scenario, &sensors, &above),
