@@ -9,7 +9,7 @@ use std::path::Path;
 use crate::support::scenario_of;
 use dynamic_program::Tiny;
 use line::Line;
-use random_mission::random_mission;
+use random_mission::{random_mission, with_models};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_mission::Mission;
@@ -31,12 +31,16 @@ fn bound_of(scenario: &Scenario, list: &SensorList) -> MissionBound {
 }
 
 /// Flies random missions by all of [`FLOWN`], and counts those in which the bound says something.
-fn fly_random_missions(seeds: std::ops::RangeInclusive<u64>, ahead_every: u64) -> [u64; 3] {
+fn fly_random_missions(
+    mission: impl Fn(u64) -> String,
+    seeds: std::ops::RangeInclusive<u64>,
+    ahead_every: u64,
+) -> [u64; 3] {
     let mut above_zero = 0;
     let mut met = 0;
     let mut violated = 0;
     for seed in seeds {
-        let text = random_mission(seed);
+        let text = mission(seed);
         let mut least_bits = u64::MAX;
         let list = SensorList::of(&scenario_of(&text, "gfs", seed)).unwrap();
         let bound = bound_of(&scenario_of(&text, "gfs", seed), &list);
@@ -61,16 +65,23 @@ fn fly_random_missions(seeds: std::ops::RangeInclusive<u64>, ahead_every: u64) -
 
 #[test]
 fn no_flight_of_a_random_mission_loses_less_than_the_bound() {
-    let [above_zero, met, violated] = fly_random_missions(1..=200, 5);
+    let [above_zero, met, violated] = fly_random_missions(random_mission, 1..=200, 5);
     assert_eq!(violated, 0, "see above");
     assert!(above_zero >= 80 && met >= 10, "the bound is above 0 in {above_zero}, and met in {met}");
+}
+
+#[test]
+fn nor_does_one_with_the_models_of_the_channel_that_are_off_by_default() {
+    let [above_zero, _, violated] = fly_random_missions(with_models, 3_001..=3_300, 6);
+    assert_eq!(violated, 0, "see above");
+    assert!(above_zero >= 80, "the bound is above 0 in {above_zero}");
 }
 
 /// `cargo test --release -p skysink-planner --test endurance -- --ignored --nocapture thousand`
 #[test]
 #[ignore = "takes a minute"]
 fn no_flight_of_another_thousand_random_missions_does() {
-    let [above_zero, met, violated] = fly_random_missions(1_001..=2_000, 1);
+    let [above_zero, met, violated] = fly_random_missions(random_mission, 1_001..=2_000, 1);
     eprintln!("bound above 0 in {above_zero} of 1 000, met by a flight in {met}, {violated} violations");
     assert_eq!(violated, 0, "see above");
 }

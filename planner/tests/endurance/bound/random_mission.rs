@@ -3,6 +3,18 @@
 use rand::{Rng, RngExt};
 use skysink_common::random::{Purpose, Streams};
 
+/// The same mission with the models of the channel that are off by default: fading, line of sight that stays, and
+/// noise that scales with the bandwidth.
+pub fn with_models(seed: u64) -> String {
+    let text = random_mission(seed);
+    let is_los = text.contains("probabilistic-los");
+    let fading = ["", "fading = 'rician'\nk_db = -inf\n", "fading = 'rician'\n"][(seed % 3) as usize];
+    let frozen = if is_los && !seed.is_multiple_of(4) { "los_correlation_m = 20.0\n" } else { "" };
+    let text = text.replacen("[link]\n", &format!("[link]\n{fading}{frozen}"), 1);
+    // The power that noise_dbm = -109 has in 1 MHz.
+    if seed.is_multiple_of(2) { text.replace("noise_dbm = -109.0", "noise_dbm_per_hz = -169.0") } else { text }
+}
+
 /// The lines of a mission with 1 to 8 sensor nodes and 5 to 60 slots, as seed `seed` draws it.
 pub fn random_mission(seed: u64) -> String {
     let mut random = Streams::new(seed).stream(Purpose::Position, 1, 0);
