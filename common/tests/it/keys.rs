@@ -14,6 +14,7 @@ const UNITS: [(&str, &str); 13] = [
     ("_m2", "[m²]"),
     ("_s", "[s]"),
     ("_ms", "[ms]"),
+    ("_dbm_per_hz", "[dBm/Hz]"),
     ("_hz", "[Hz]"),
     ("_w", "[W]"),
     ("_bits", "[bit]"),

@@ -142,7 +142,7 @@ fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
             "[link]\nnoise_dbm_per_hz = 3\n",
             "link.noise_dbm_per_hz = 3: expected a finite level below 0 dBm (and not below -300)",
         ),
-        ("[link]\nfading = \"rayleigh\"\n", "link.fading = \"rayleigh\": expected \"rician\""),
+        ("[link]\nfading = \"rayleigh\"\n", "link.fading = \"rayleigh\": expected `rician`"),
         ("[link]\nk_db = 3.0\n", "link.k_db = 3.0: expected it only with fading = \"rician\""),
         ("[link]\nfading = \"rician\"\nk_db = 61.0\n", "link.k_db = 61.0: expected -inf (Rayleigh), or -100 to 60 dB"),
         (
