@@ -9,7 +9,7 @@ use skysink_common::scenario::{Overrides, Scenario};
 use toml::{Table, Value};
 
 /// Endings of names, and the units that go with them.
-const UNITS: [(&str, &str); 13] = [
+const UNITS: [(&str, &str); 14] = [
     ("_m", "[m]"),
     ("_m2", "[m²]"),
     ("_s", "[s]"),
