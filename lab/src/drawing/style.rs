@@ -3,8 +3,8 @@
 use std::borrow::Cow;
 
 use skysink_planner::strategies::{
-    drift_plus_penalty, edf, exact, gfs, horizon, max_age_first, max_weight, mes, offline, rfs, round_robin, tour, uts,
-    uts_wide, whittle,
+    drift_plus_penalty, edf, exact, gfs, horizon, hover, max_age_first, max_weight, mes, offline, rfs, round_robin,
+    tour, uts, uts_wide, whittle,
 };
 use skysink_planner::strategy::Registered;
 use svg::node::element::{Group, Path};
@@ -55,7 +55,7 @@ static SERIES: [SeriesStyle; 18] = [
 ];
 
 /// The strategies with the first styles, in their order.
-const STYLED: [&Registered; 15] = [
+const STYLED: [&Registered; 16] = [
     &rfs::STRATEGY,
     &gfs::STRATEGY,
     &uts::STRATEGY,
@@ -71,6 +71,7 @@ const STYLED: [&Registered; 15] = [
     &drift_plus_penalty::STRATEGY,
     &whittle::STRATEGY,
     &offline::STRATEGY,
+    &hover::STRATEGY,
 ];
 
 /// The index of the style of the best known loss. Those of the bounds follow.

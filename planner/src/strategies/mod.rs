@@ -9,6 +9,7 @@ pub mod edf;
 pub mod exact;
 pub mod gfs;
 pub mod horizon;
+pub mod hover;
 pub mod max_age_first;
 pub mod max_weight;
 pub mod mes;
@@ -52,6 +53,7 @@ pub static STRATEGIES: &[&Registered] = &[
     &max_weight::STRATEGY,
     &drift_plus_penalty::STRATEGY,
     &whittle::STRATEGY,
+    &hover::STRATEGY,
     &horizon::STRATEGY,
     &offline::STRATEGY,
 ];

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::CheckpointError;
 use skysink_common::geometry::Position;
 
+use super::hover;
 use super::rollout::{Ahead, Effort, Rollout, is_certain};
 use super::serving::Serving;
 use crate::strategy::{Decision, OwnedSetup, Registered, Setup, Strategy, View};
@@ -31,7 +32,7 @@ const LOSSLESS_PERIOD: f64 = 3.0;
 pub(crate) struct Rivals {
     /// What they are made of.
     owned: OwnedSetup,
-    /// Constructed on first use.
+    /// Constructed on first use; `hover` is the last.
     made: Vec<Rival>,
     transit: Option<Serving>,
     /// The state for a checkpoint.
@@ -75,7 +76,9 @@ impl Rivals {
             strategy.save(&mut fresh);
             Rival { registered, strategy, fresh }
         };
-        self.made = self.owned.strategies.iter().copied().filter(|other| !other.has_path).map(rival).collect();
+        let others = self.owned.strategies.iter().copied().filter(|other| !other.has_path);
+        let (last, others): (Vec<_>, Vec<_>) = others.partition(is_hover);
+        self.made = others.into_iter().chain(last).map(rival).collect();
         self.transit = Some(Serving::new(&setup));
     }
 
@@ -96,7 +99,7 @@ impl Rivals {
     }
 
     /// Rolls out all candidates over `ahead`; returns the best few, best first, with their flights in one sample, as
-    /// initial plans.
+    /// initial plans. `hover` is one of them only if no other is better.
     pub fn survey(&mut self, view: &View, ahead: &Ahead, is_over: &dyn Fn() -> bool) -> Vec<Surveyed> {
         self.make();
         self.choice.is_surveyed = true;
@@ -105,12 +108,15 @@ impl Rivals {
         let rollout = Rollout::new(view, owned.scenario.seed, ahead, futures);
         let transit = transit.as_mut().expect("it was made");
         let mut surveyed: Vec<Surveyed> = Vec::new();
-        for (rival, Rival { strategy, fresh, .. }) in made.iter_mut().enumerate() {
+        for (rival, Rival { registered, strategy, fresh }) in made.iter_mut().enumerate() {
             let mut flight = Vec::new();
             let watch = |slot: &Decision| flight.push((slot.waypoint.xy(), slot.schedule.to_vec()));
-            let most_bits = surveyed.get(OFFERED - 1).map_or(f64::INFINITY, |last| last.loss_bits);
+            let offered = if is_hover(registered) { 1 } else { OFFERED };
+            let most_bits = surveyed.get(offered - 1).map_or(f64::INFINITY, |last| last.loss_bits);
             let strategy = strategy.as_mut();
-            if let Some(loss_bits) = rollout.mean_loss_bits(strategy, Some(fresh), transit, most_bits, is_over, watch) {
+            let is_better = |loss_bits: &f64| *loss_bits < most_bits || !is_hover(registered);
+            let loss_bits = rollout.mean_loss_bits(strategy, Some(fresh), transit, most_bits, is_over, watch);
+            if let Some(loss_bits) = loss_bits.filter(is_better) {
                 surveyed.push(Surveyed { rival, loss_bits, flight });
                 surveyed.sort_by(|a, b| a.loss_bits.total_cmp(&b.loss_bits));
                 surveyed.truncate(OFFERED);
@@ -164,16 +170,19 @@ impl Rivals {
         }
     }
 
-    /// The followed strategy with its state, and the next `turns` candidates with their initial states.
+    /// The followed strategy with its state, the next `turns` candidates with their initial states, and `hover`. It has
+    /// no turn, because the rollout of a fixed point that is worse ends early.
     fn candidates(&mut self, turns: usize) -> Vec<(usize, Vec<u8>)> {
         let Self { made, choice, .. } = self;
         let index = |followed| made.iter().position(|rival| rival.registered == followed).expect("it was made");
         let followed = choice.followed.iter().map(|(followed, state)| (index(*followed), state.clone()));
         let mut candidates: Vec<(usize, Vec<u8>)> = followed.collect();
-        for _ in 0..turns.min(made.len()) {
-            choice.turn = (choice.turn + 1) % made.len();
+        let others = made.partition_point(|rival| !is_hover(&rival.registered));
+        for _ in 0..turns.min(others) {
+            choice.turn = (choice.turn + 1) % others;
             candidates.push((choice.turn, made[choice.turn].fresh.clone()));
         }
+        candidates.extend((others..made.len()).map(|hover| (hover, made[hover].fresh.clone())));
         candidates
     }
 
@@ -196,6 +205,11 @@ impl Rivals {
         strategy.save(state);
         decision
     }
+}
+
+/// Whether this is the strategy `hover`, which is compared beside the turns of the others.
+fn is_hover(strategy: &&Registered) -> bool {
+    **strategy == hover::STRATEGY
 }
 
 /// Mean time of the rollouts per slot [µs].
