@@ -15,7 +15,7 @@ pub struct Limits {
     pub width_m: f64,
     /// The area, 0 to this, north [m].
     pub height_m: f64,
-    /// Farthest horizontal flight in one slot, `V_max τ` [m].
+    /// Horizontal distance that one slot reaches in every direction, `V_max τ` [m]; less with wind and acceleration.
     pub reach_m: f64,
     /// Farthest horizontal distance at which a sensor node can be served, `d_c` [m].
     pub comm_radius_m: f64,

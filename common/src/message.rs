@@ -118,6 +118,8 @@ pub enum SolverOutcome {
     Solved,
     /// The chosen solver gave no usable point: by the geometric solver, or the centre that `exact` found.
     Fallback,
+    /// The end of a recorded flight, which is flown again without a position error (decision D29).
+    Recorded,
 }
 
 /// Payload element of `plan`: the schedule and the waypoint of a UAV in the slot.

@@ -34,6 +34,8 @@ pub enum Purpose {
     Fading = 11,
     /// A wave of the line of sight that stays for the mission.
     FrozenLineOfSight = 12,
+    /// Where a slot really ends.
+    PositionError = 14,
     /// Bits that a sensor node samples in a slot, or its times on and off (slot 0).
     Arrivals = 16,
 }

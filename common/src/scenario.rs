@@ -6,6 +6,7 @@
 
 mod area;
 mod mission;
+mod motion;
 mod rules;
 mod sensors;
 mod uav;

@@ -1,9 +1,10 @@
 //! One slot of flight: fly to the waypoint, then serve the scheduled sensor nodes in range.
 
+use nalgebra::Vector2;
 use skysink_common::channel::{Channel, ChannelModel, Draw, DrawnChannel, Uplink};
 use skysink_common::geometry::{Position, within};
-use skysink_common::message::{FlightReport, HoldReason, LinkReport, Mode, Plan, SensorNode};
-use skysink_common::random::Streams;
+use skysink_common::message::{FlightReport, HoldReason, LinkReport, Mode, Plan, SensorNode, SolverOutcome};
+use skysink_common::random::{Purpose, Streams, normal_pair};
 use skysink_common::scenario::Scenario;
 
 use crate::vehicle::Vehicle;
@@ -12,8 +13,11 @@ use crate::vehicle::Vehicle;
 #[derive(Debug, Clone)]
 pub struct Flight {
     channel: DrawnChannel,
+    streams: Streams,
     comm_radius_m: f64,
     resource_blocks: usize,
+    /// Standard deviation of the end of a slot in x and in y [m]; `None` if it ends at the waypoint.
+    position_error_m: Option<f64>,
     vehicle: Vehicle,
     positions: Vec<Position>,
     gains: Vec<f64>,
@@ -24,9 +28,11 @@ impl Flight {
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
         Self {
+            streams: Streams::new(scenario.seed),
             channel: DrawnChannel::new(Channel::of(&scenario.link), Streams::new(scenario.seed)),
             comm_radius_m: scenario.link.comm_radius_m,
             resource_blocks: scenario.link.resource_blocks,
+            position_error_m: scenario.uav.position_error_m,
             vehicle: Vehicle::new(scenario),
             positions: sensors.iter().map(|sensor| Position::new(sensor.x_m, sensor.y_m)).collect(),
             gains: sensors.iter().map(|sensor| sensor.gain).collect(),
@@ -52,7 +58,7 @@ impl Flight {
         let Some(plan) = plan else {
             return FlightReport { hold: HoldReason::NoPlan as u32, ..self.report(Mode::Hold) };
         };
-        if !self.vehicle.fly_to(plan.waypoint()) {
+        if !self.vehicle.fly_to(plan.waypoint(), self.position_error_m(slot, plan)) {
             return FlightReport { hold: HoldReason::Waypoint as u32, refused: 1, ..self.report(Mode::Hold) };
         }
         let mut report = self.report(Mode::Fly);
@@ -82,6 +88,13 @@ impl Flight {
             repeated.hold = reason as u32;
         }
         repeated
+    }
+
+    /// How far beside the waypoint the slot ends [m]; `None` if it ends there, as where a recorded flight ended.
+    fn position_error_m(&self, slot: u64, plan: &Plan) -> Option<Vector2<f64>> {
+        let sigma_m = self.position_error_m.filter(|_| plan.solver != SolverOutcome::Recorded as u32)?;
+        let draw = normal_pair(&mut self.streams.stream(Purpose::PositionError, slot, 0));
+        Some(Vector2::from(draw) * sigma_m)
     }
 
     /// Fills in the links of the scheduled sensor nodes that can be served.
@@ -243,6 +256,79 @@ mod tests {
         assert_ne!(rate(&[3]), rate(&[4]));
     }
 
+    /// A UAV with a position error of σ = 3 m, at (5 km, 5 km) in an area of 10 km, with a reach of 3 km.
+    fn imprecise() -> Flight {
+        let text = "name = \"x\"\n[area]\nside_m = 10000.0\n[uav]\nmax_speed_mps = 3000.0\nposition_error_m = 3.0\n";
+        let scenario = Scenario::parse(text, std::path::Path::new("x.toml"), Overrides::default()).unwrap();
+        Flight::new(&scenario, &[])
+    }
+
+    /// The distribution function of the standard normal distribution, within 1e-7 (Abramowitz and Stegun, 7.1.26).
+    fn normal(x: f64) -> f64 {
+        let t = 1.0 / (1.0 + 0.327_591_1 * x.abs() / 2f64.sqrt());
+        let powers = [0.254_829_592, -0.284_496_736, 1.421_413_741, -1.453_152_027, 1.061_405_429];
+        let erfc = t * powers.iter().rev().fold(0.0, |sum, power| sum * t + power) * (-x * x / 2.0).exp();
+        if x > 0.0 { 1.0 - erfc / 2.0 } else { erfc / 2.0 }
+    }
+
+    #[test]
+    fn slots_end_beside_their_waypoints_by_a_normal_distribution() {
+        let mut flight = imprecise();
+        let waypoint = Plan::fly_to([5_000.0, 5_000.0, 20.0], Mode::Fly);
+        let count = 100_000;
+        let mut ends: [Vec<f64>; 2] = [Vec::new(), Vec::new()];
+        for slot in 1..=count {
+            let report = flight.step(slot, Some(&waypoint));
+            ends[0].push((report.x_m - 5_000.0) / 3.0);
+            ends[1].push((report.y_m - 5_000.0) / 3.0);
+        }
+        let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / count as f64;
+        let error = 1.0 / (count as f64).sqrt();
+        let [x, y] = &mut ends;
+        assert!(mean(&mut x.iter().zip(&*y).map(|(x, y)| x * y)).abs() < 4.0 * error, "x and y are independent");
+        for ends in [x, y] {
+            assert!(mean(&mut ends.iter().copied()).abs() < 4.0 * error);
+            assert!((mean(&mut ends.iter().map(|end| end * end)) - 1.0).abs() < 4.0 * 2f64.sqrt() * error);
+            assert!(mean(&mut ends.windows(2).map(|pair| pair[0] * pair[1])).abs() < 4.0 * error, "slots, too");
+            ends.sort_by(f64::total_cmp);
+            let apart = |(rank, end): (usize, &f64)| (normal(*end) - (rank as f64 + 0.5) / count as f64).abs();
+            let farthest = ends.iter().enumerate().map(apart).fold(0.0, f64::max);
+            assert!(farthest < 1.95 * error, "Kolmogorov-Smirnov at 0.1 %: {}", farthest / error);
+        }
+    }
+
+    #[test]
+    fn the_error_of_a_slot_depends_on_the_slot_alone_and_a_recorded_end_has_none() {
+        let plan = Plan::fly_to([5_020.0, 4_980.0, 20.0], Mode::Fly);
+        let mut flight = imprecise();
+        let ends: Vec<FlightReport> = (1..=9).map(|slot| flight.step(slot, Some(&plan))).collect();
+        assert_ne!(ends[7].position(), ends[8].position());
+        let mut restarted = imprecise();
+        restarted.restore(&ends[7]);
+        assert_eq!(restarted.step(9, Some(&plan)), ends[8]);
+        let recorded = Plan { solver: SolverOutcome::Recorded as u32, ..Plan::fly_to(ends[8].position(), Mode::Fly) };
+        let mut again = imprecise();
+        again.restore(&ends[7]);
+        assert_eq!(again.step(9, Some(&recorded)).position(), ends[8].position());
+    }
+
+    #[test]
+    fn who_is_out_of_range_of_where_the_slot_ends_is_refused() {
+        let text = "name = \"x\"\n[uav]\nposition_error_m = 3.0\n";
+        let scenario = Scenario::parse(text, std::path::Path::new("x.toml"), Overrides::default()).unwrap();
+        let sensors = [60.0, 50.0].map(|x_m| SensorNode { x_m, y_m: 50.0, gain: 1e-5, ..SensorNode::default() });
+        let mut flight = Flight::new(&scenario, &sensors);
+        let reports: Vec<FlightReport> = (1..=1_000).map(|slot| flight.step(slot, Some(&plan(&[0, 1])))).collect();
+        let at = |x_m: f64| Position::new(x_m, 50.0);
+        let is_missed = |report: &FlightReport, x_m: f64| !within(&report.position().xy(), &at(x_m), 10.0);
+        for report in &reports {
+            let missed = [60.0, 50.0].map(|x_m| u32::from(is_missed(report, x_m))).iter().sum();
+            assert_eq!((report.served, report.refused), (2 - missed, missed));
+        }
+        let missed = reports.iter().filter(|report| is_missed(report, 60.0)).count();
+        assert!((500..700).contains(&missed), "a little more than half: the rim is curved; {missed}");
+    }
+
     #[test]
     fn line_of_sight_is_drawn_by_slot_and_sensor_with_the_channels_probability() {
         let text = "name = \"x\"\nslots = 20000\nslot_s = 0.01\n[link]\nmodel = \"probabilistic-los\"\ncomm_s = 0.01\n\
@@ -290,6 +376,32 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn in_wind_every_slot_ends_in_reach_and_area_and_plans_within_reach_are_flown(
+            wind_mps in [-14.0..14.0, -14.0..14.0], sigma_m in 0.0..60.0, acceleration_mps2 in prop::option::of(1.0..200.0),
+            start_m in [0.0..=100.0, 0.0..=100.0], seed in 0u64..1000,
+            away in [-60.0..60.0, -60.0..60.0],
+        ) {
+            let acceleration = acceleration_mps2.map_or(String::new(), |a| format!("acceleration_mps2 = {a:?}\n"));
+            let text = format!(
+                "name = 'x'\nseed = {seed}\n[uav]\nmax_speed_mps = 20.0\nwind_mps = {wind_mps:?}\n\
+                 position_error_m = {sigma_m:?}\nstart_m = {start_m:?}\n{acceleration}"
+            );
+            let scenario = Scenario::parse(&text, std::path::Path::new("x.toml"), Overrides::default()).unwrap();
+            let mut flight = Flight::new(&scenario, &[]);
+            for slot in 1..=5 {
+                let from = flight.vehicle.position.xy();
+                let to = from + nalgebra::Vector2::from(away);
+                let report = flight.step(slot, Some(&Plan::fly_to([to.x, to.y, 20.0], Mode::Fly)));
+                let end = report.position().xy();
+                let is_inside = scenario.area.contains(&to, 0.0);
+                prop_assert_eq!(report.mode == Mode::Fly as u32, is_inside && scenario.reaches(&from, &to));
+                prop_assert!(report.mode == Mode::Fly as u32 || !is_inside || !within(&from, &to, scenario.reach_m()));
+                prop_assert!(scenario.reaches(&from, &end) && scenario.area.contains(&end, 0.0), "{} to {}", from, end);
+                prop_assert!(within(&from, &end, scenario.farthest_m()));
+            }
+        }
+
         #[test]
         fn no_plan_makes_the_uav_violate_its_limits(
             x_m in prop::num::f64::ANY, y_m in prop::num::f64::ANY, z_m in prop::num::f64::ANY,

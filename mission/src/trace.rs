@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use nalgebra::Point3;
-use skysink_common::message::{FlightReport, Mode, Plan, QueuesHeader};
+use skysink_common::message::{FlightReport, Mode, Plan, QueuesHeader, SolverOutcome};
 use skysink_common::slot_record::{ByUav, SlotRecord};
 #[cfg(doc)]
 use skysink_flight_sim::Flight;
@@ -172,7 +172,8 @@ impl RecordedSlot {
     /// The recorded flight in the form of a plan, as [`Flight::repeat`] takes it.
     #[must_use]
     pub fn report(&self) -> Plan {
-        let mut plan = Plan::fly_to(self.position, self.mode);
+        let solver = SolverOutcome::Recorded as u32;
+        let mut plan = Plan { solver, ..Plan::fly_to(self.position, self.mode) };
         plan.schedule(&self.scheduled[..self.scheduled.len().min(plan.ids.len())]);
         plan.served = plan.served.saturating_add(self.refused); // the ids after the schedule are `NOBODY`
         plan

@@ -21,14 +21,21 @@ pub struct MissionTable {
     pub channel: Channel,
     /// The constraints on every plan.
     pub limits: Limits,
+    /// Farthest flight in one slot with the wind, for bounds [m]; plans keep to `limits.reach_m`.
+    pub farthest_m: f64,
 }
 
 impl MissionTable {
     /// The table of a scenario with these SNs.
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: Arc<Sensors>) -> Self {
-        let arrivals = scenario.arrival_law();
-        Self { sensors, arrivals, channel: Channel::of(&scenario.link), limits: Limits::of(scenario) }
+        Self {
+            sensors,
+            arrivals: scenario.arrival_law(),
+            channel: Channel::of(&scenario.link),
+            limits: Limits::of(scenario),
+            farthest_m: scenario.farthest_m(),
+        }
     }
 
     /// The table of a scenario with the published SNs `nodes`.

@@ -18,6 +18,7 @@ mod help;
 mod hosts;
 mod imports;
 mod keys;
+mod motion;
 mod names;
 mod new;
 mod nodes;

@@ -157,12 +157,6 @@ impl Scenario {
         })
     }
 
-    /// Farthest flight in one slot, `V_max τ` [m].
-    #[must_use]
-    pub fn reach_m(&self) -> f64 {
-        self.uav.max_speed_mps * self.slot_s
-    }
-
     /// Reads `[planner]` as a `T`, with all defaults: `table` is `"planner"`, or the dotted name of one of its tables, such as
     /// `"planner.horizon"`. A missing table is read as an empty one.
     ///

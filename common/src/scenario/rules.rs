@@ -59,6 +59,9 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
 
     let expected = format!("at least the flight's {flight_s} s, slots × slot_s (T τ ≤ T_e)");
     rule(flight_s <= uav.endurance_s * (1.0 + 1e-12), "uav.endurance_s", &expected)?;
+    let wind_mps = scenario.wind_mps().norm();
+    let expected = format!("[x, y], a wind slower than uav.max_speed_mps = {} m/s", uav.max_speed_mps);
+    rule(wind_mps < uav.max_speed_mps, "uav.wind_mps", &expected)?;
     let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m(), area.height_m());
     rule(area.contains(&scenario.start().xy(), 0.0), "uav.start_m", &expected)?;
     if let Some(Climb { min_altitude_m, max_altitude_m, .. }) = uav.climb() {

@@ -23,8 +23,15 @@ crate::keys! {
         max_altitude_m: Option<f64> = 120.0, POSITIVE, FREE;
         /// Fastest climb and descent, `V_z` [m/s]; `max_speed_mps` is the horizontal limit.
         max_climb_mps: Option<f64> = 5.0, NOT_NEGATIVE, FREE;
-        /// Top speed, `V_max` [m/s]; the reach in a slot is `V_max τ`.
+        /// Top speed through the air, `V_max` [m/s]; without acceleration and wind the reach in a slot is `V_max τ`.
         max_speed_mps: f64 = 30.0, POSITIVE;
+        /// Acceleration and braking, `a` [m/s²]: a slot is flown from rest to rest (decision D31). Without it a turn is
+        /// instant.
+        acceleration_mps2: Option<f64>, POSITIVE;
+        /// Wind, `[x, y]` [m/s], toward the east and the north; slower than `max_speed_mps` (decision D29).
+        wind_mps: Option<[f64; 2]>, Accepts::Rule("[x, y], slower than max_speed_mps");
+        /// Standard deviation of where a slot ends about its waypoint, in x and in y [m] (decision D29).
+        position_error_m: Option<f64>, NOT_NEGATIVE;
         /// Longest flight, `T_e` [s], at least `slots × slot_s`.
         endurance_s: f64 = 600.0, POSITIVE;
         /// Start, `[x, y]` [m]; the default is the centre of the area, and a checked scenario has the key.

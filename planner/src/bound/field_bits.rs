@@ -65,7 +65,7 @@ impl FieldBits {
         let in_range_m = scenario.link.comm_radius_m * (1.0 + 1e-8);
         let bits = |id: u32| {
             let away_m = distance_squared(&start, sensors.position(id)).sqrt();
-            let slots = fewest_slots(scenario.reach_m(), away_m - in_range_m);
+            let slots = fewest_slots(scenario.farthest_m(), away_m - in_range_m);
             SensorBits {
                 sampler: sensors.sampler(id),
                 drawn_bits: sensors.sampling.is_drawn().then(|| drawn_bits(sensors, id, scenario.slots)),

@@ -37,7 +37,7 @@ pub const STRATEGY: Registered =
 /// Urgent are those that overflow before all in range have had a turn, of them those whose links carry most; then the
 /// earliest deadlines.
 fn serve_urgent(serving: &mut Serving, view: &View, ground: &Position) -> Decision {
-    let MissionTable { sensors, channel, limits } = view.table;
+    let MissionTable { sensors, channel, limits, .. } = view.table;
     let mut in_range = 0;
     sensors.grid.visit_within(ground, limits.comm_radius_m, |_| in_range += 1);
     let turns = f64::from(in_range) / limits.blocks() as f64;
@@ -185,7 +185,7 @@ impl<'a> BestPoint<'a> {
     /// Bits that are not lost because the UAV hovers at `point`: the resource blocks from its arrival on go to the links
     /// that carry most, each at most as often as its SN needs it.
     fn saved_bits(&self, point: &Position) -> f64 {
-        let MissionTable { sensors, channel, limits } = self.table;
+        let MissionTable { sensors, channel, limits, .. } = self.table;
         let first = self.slots_to(&Disk { centre: *point, radius_m: 0.0 });
         let slots = self.serving_slots(first);
         let uav = above(point, self.altitude_m);

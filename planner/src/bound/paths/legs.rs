@@ -170,7 +170,7 @@ pub fn fewest_slots(reach_m: f64, away_m: f64) -> f64 {
 /// The fewest slots from range of one sensor into range of another.
 fn rim_slots(table: &MissionTable, first: u32, second: u32) -> f64 {
     let between_m = (table.sensors.position(first) - table.sensors.position(second)).norm();
-    fewest_slots(table.limits.reach_m, between_m - 2.0 * table.limits.comm_radius_m * (1.0 + SLACK))
+    fewest_slots(table.farthest_m, between_m - 2.0 * table.limits.comm_radius_m * (1.0 + SLACK))
 }
 
 /// The fewest slots from each cell to each. Cells are squares over the whole square around the disk.
@@ -187,7 +187,7 @@ fn cell_legs(table: &MissionTable, first: u32, second: u32) -> CellLegs {
         let to = corner(second, to);
         std::array::from_fn(|from| {
             let apart = (corner(first, from) - to).map(|along_m| (along_m.abs() - side_m).max(0.0));
-            fewest_slots(table.limits.reach_m, apart.norm()).max(rim_slots)
+            fewest_slots(table.farthest_m, apart.norm()).max(rim_slots)
         })
     })
 }

@@ -1,0 +1,136 @@
+//! How far the UAV flies in a slot, with wind and acceleration (decisions D29 and D31).
+
+use nalgebra::Vector2;
+
+use super::mission::Scenario;
+use crate::geometry::{Position, within};
+
+impl Scenario {
+    /// Horizontal distance that a slot reaches in every direction, for plans [m]: `V_max τ`, or less with wind and
+    /// acceleration.
+    #[must_use]
+    pub fn reach_m(&self) -> f64 {
+        self.hop_m(self.uav.max_speed_mps - self.wind_mps().norm())
+    }
+
+    /// Farthest horizontal flight in a slot in any direction, for bounds [m]: with the wind.
+    #[must_use]
+    pub fn farthest_m(&self) -> f64 {
+        self.hop_m(self.uav.max_speed_mps + self.wind_mps().norm())
+    }
+
+    /// Whether a slot that begins at `from` can end at `to`, up to the slack of [`within`].
+    ///
+    /// The limit of speed holds relative to the air. Without acceleration that is the disk of radius `V_max τ` about
+    /// `from + wind τ`.
+    #[must_use]
+    pub fn reaches(&self, from: &Position, to: &Position) -> bool {
+        within(from, to, self.reach_along_m(&(to - from)))
+    }
+
+    /// The farthest end of a slot on the way from `from` to `to`: `to`, if it is in reach.
+    #[must_use]
+    pub fn end_toward(&self, from: &Position, to: &Position) -> Position {
+        let away = to - from;
+        let fraction = self.reach_along_m(&away) / away.norm();
+        if fraction < 1.0 { from + away * fraction } else { *to }
+    }
+
+    /// The wind over ground [m/s].
+    #[must_use]
+    pub fn wind_mps(&self) -> Vector2<f64> {
+        self.uav.wind_mps.map_or_else(Vector2::zeros, Vector2::from)
+    }
+
+    /// The reach of a slot in the direction of `along` [m]: at the speed over ground `v` with `|v − wind| = V_max`.
+    fn reach_along_m(&self, along: &Vector2<f64>) -> f64 {
+        let Some(wind_mps) = self.uav.wind_mps.map(Vector2::from) else { return self.reach_m() };
+        let Some(direction) = along.try_normalize(0.0) else { return self.reach_m() };
+        let across_mps = direction.perp(&wind_mps);
+        let through_mps = (self.uav.max_speed_mps.powi(2) - across_mps.powi(2)).sqrt();
+        self.hop_m(direction.dot(&wind_mps) + through_mps)
+    }
+
+    /// Distance of a slot at up to `speed_mps` [m/s] [m]; with an acceleration from rest to rest.
+    fn hop_m(&self, speed_mps: f64) -> f64 {
+        match self.uav.acceleration_mps2 {
+            None => speed_mps * self.slot_s,
+            Some(a_mps2) if self.slot_s >= 2.0 * speed_mps / a_mps2 => speed_mps * (self.slot_s - speed_mps / a_mps2),
+            Some(a_mps2) => a_mps2 * self.slot_s * self.slot_s / 4.0,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::Overrides;
+    use std::path::Path;
+
+    fn parsed(slot_s: f64, uav: &str) -> Result<Scenario, String> {
+        let text = format!("name = 'a'\nslots = 2\nslot_s = {slot_s:?}\n[uav]\n{uav}");
+        Scenario::parse(&text, Path::new("a.toml"), Overrides::default()).map_err(|error| error.to_string())
+    }
+
+    fn scenario(slot_s: f64, uav: &str) -> Scenario {
+        parsed(slot_s, uav).unwrap()
+    }
+
+    #[test]
+    fn a_slot_from_rest_to_rest_reaches_what_its_acceleration_allows() {
+        // V = 30 m/s, a = 2.5 m/s²: 12 s to top speed. 24 s: 12 s · 30 m/s up and down, 360 m = 2.5 · 24²/4. 30 s: 6 s
+        // at top speed more, 540 m. 6.928 s: 2.5 · 48/4 = 30 m, what the letter flies in 1 s. 4 s: 10 m.
+        for (slot_s, reach_m) in [(24.0, 360.0), (30.0, 540.0), (48f64.sqrt(), 30.0), (4.0, 10.0)] {
+            let found_m = scenario(slot_s, "acceleration_mps2 = 2.5\n").reach_m();
+            assert!((found_m - reach_m).abs() < 1e-9, "{slot_s} s: {found_m} m");
+        }
+        let demanded = "acceleration_mps2 = 120.0\nmax_speed_mps = 60.0\n";
+        assert_eq!(scenario(1.0, demanded).reach_m(), 30.0, "what 30 m in 1 s demand");
+        assert_eq!(scenario(1.0, "acceleration_mps2 = 120.0\n").reach_m(), 22.5, "0.25 s up and down");
+        assert_eq!(scenario(0.5, "").reach_m(), 15.0);
+    }
+
+    #[test]
+    fn a_plan_keeps_to_the_largest_disk_about_the_uav_and_bounds_to_the_farthest_point() {
+        let windy = scenario(2.0, "max_speed_mps = 13.0\nwind_mps = [3.0, -4.0]\n"); // 5 m/s
+        assert_eq!((windy.reach_m(), windy.farthest_m()), (16.0, 36.0));
+        let calm = scenario(2.0, "max_speed_mps = 13.0\nwind_mps = [0.0, 0.0]\n");
+        assert_eq!((calm.reach_m(), calm.farthest_m()), (26.0, 26.0));
+    }
+
+    #[test]
+    fn in_wind_a_slot_reaches_the_disk_about_where_the_wind_leads() {
+        let windy = scenario(2.0, "max_speed_mps = 13.0\nwind_mps = [3.0, -4.0]\n");
+        let from = Position::new(50.0, 50.0);
+        let drifted = Position::new(56.0, 42.0);
+        let along = || (-40..=40).map(f64::from);
+        for away in along().flat_map(|x_m| along().map(move |y_m| Vector2::new(x_m + 0.3, y_m + 0.1))) {
+            let to = from + away;
+            assert_eq!(windy.reaches(&from, &to), within(&drifted, &to, 26.0), "{to}");
+            assert!(!windy.reaches(&from, &to) || away.norm() <= windy.farthest_m());
+            assert!(windy.reaches(&from, &to) || away.norm() > windy.reach_m());
+            let end = windy.end_toward(&from, &to);
+            assert!(windy.reaches(&from, &end) && (end == to || ((end - drifted).norm() - 26.0).abs() < 1e-9), "{end}");
+        }
+        assert!(windy.reaches(&from, &from));
+        assert!(!windy.reaches(&from, &Position::new(f64::NAN, 50.0)));
+    }
+
+    #[test]
+    fn what_no_uav_flies_is_refused() {
+        for (uav, expected) in [
+            (
+                "wind_mps = [18.0, -24.0]\n",
+                "uav.wind_mps = [18.0, -24.0]: expected [x, y], a wind slower than uav.max_speed_mps = 30 m/s",
+            ),
+            ("wind_mps = [nan, 0.0]\n", "uav.wind_mps = [nan, 0.0]: expected [x, y], a wind slower"),
+            ("wind_mps = [inf, 0.0]\n", "uav.wind_mps = [inf, 0.0]: expected"),
+            ("wind_mps = 3.0\n", "uav.wind_mps"),
+            ("acceleration_mps2 = 0.0\n", "uav.acceleration_mps2 = 0.0: expected a finite number above 0"),
+            ("position_error_m = -1.0\n", "uav.position_error_m = -1.0: expected a finite number, 0 or above"),
+        ] {
+            let error = parsed(1.0, uav).unwrap_err();
+            assert!(error.contains("a.toml") && error.contains(expected), "{error}");
+        }
+    }
+}
