@@ -47,6 +47,8 @@ enum class SolverOutcome : uint32_t {
     Solved,
     /// The chosen solver gave no usable point: by the geometric solver, or the centre that `exact` found.
     Fallback,
+    /// The end of a recorded flight, which is flown again without a position error (decision D29).
+    Recorded,
 };
 
 /// Why the UAV held its position, by its number in messages; an unknown number is read as `None`.
@@ -81,7 +83,7 @@ struct Limits {
     double width_m;
     /// The area, 0 to this, north [m].
     double height_m;
-    /// Farthest horizontal flight in one slot, `V_max τ` [m].
+    /// Horizontal distance that one slot reaches in every direction, `V_max τ` [m]; less with wind and acceleration.
     double reach_m;
     /// Farthest horizontal distance at which a sensor node can be served, `d_c` [m].
     double comm_radius_m;

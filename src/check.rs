@@ -6,6 +6,7 @@ pub mod arrivals;
 pub mod figures;
 pub mod flights;
 pub mod links;
+pub mod motion;
 pub mod quantity;
 pub mod radio;
 pub mod verdict;
@@ -97,13 +98,20 @@ fn rows(figures: &Figures) -> Vec<(&'static str, String)> {
     let visits = |visits: [Option<u64>; 2]| {
         joined(visits.map(|visits| visits.map_or_else(|| "infinite".to_owned(), |visits| visits.to_string())))
     };
-    let Figures { above, rim, round, .. } = figures;
-    let arrivals = figures.arrivals.map(|arrivals| ("arrivals", arrivals.to_string()));
-    let mut rows = vec![
-        ("reach in a slot, V τ", metres(figures.reach_m)),
+    let Figures { above, rim, round, motion, .. } = figures;
+    let is_plain = motion.is_plain();
+    let mut rows = vec![(if is_plain { "reach in a slot, V τ" } else { "reach in a slot" }, metres(figures.reach_m))];
+    rows.extend(motion.rows());
+    rows.extend([
         ("communication radius, d_c", metres(figures.comm_radius_m)),
-        ("anchor radius of uts, V τ − d_c", metres(figures.anchor_radius_m)),
+        (
+            if is_plain { "anchor radius of uts, V τ − d_c" } else { "anchor radius of uts, reach − d_c" },
+            metres(figures.anchor_radius_m),
+        ),
         ("mean distance to the nearest SN", figures.neighbour_m.map_or_else(none, metres)),
+    ]);
+    rows.extend(figures.radio.rows());
+    rows.extend([
         ("rate straight below the UAV", rates(above.rates_bps)),
         ("rate at distance d_c", rates(rim.rates_bps)),
         ("bits per visit straight below", joined(above.visit_bits.map(bits))),
@@ -113,9 +121,8 @@ fn rows(figures: &Figures) -> Vec<(&'static str, String)> {
         ("slots to serve every SN", round.to_string()),
         ("offered load, N s τ", figures.load.to_string()),
         ("flight without loss", loss_free(&figures.loss_free)),
-    ];
-    rows.splice(4..4, figures.radio.rows());
-    rows.extend(arrivals);
+    ]);
+    rows.extend(figures.arrivals.map(|arrivals| ("arrivals", arrivals.to_string())));
     rows
 }
 

@@ -126,7 +126,7 @@ pub fn line_of(text: &str, position: Option<&csv::Position>) -> u64 {
 const NOT_MODELLED: [(&str, &[&str]); 4] = [
     ("Battery", &["battery", "batteries", "charging", "recharge"]),
     ("No-fly zones", &["fly", "nofly", "zone", "zones", "geofence", "obstacle", "obstacles", "terrain"]),
-    ("Wind", &["wind", "gust", "gusts", "weather"]),
+    ("Gusts", &["gust", "gusts", "weather"]),
     ("Several UAVs", &["uavs", "fleet", "drones"]),
 ];
 
@@ -155,7 +155,7 @@ mod tests {
         let page = include_str!("../../docs/src/not-modelled.md");
         let unknown = |name: &str| suggestion(&format!("unknown field `{name}`, expected `slots` or `width_m`"));
         for (name, heading) in
-            [("battery_wh", "Battery"), ("no_fly", "No-fly zones"), ("wind", "Wind"), ("uavs", "Several UAVs")]
+            [("battery_wh", "Battery"), ("no_fly", "No-fly zones"), ("gusts", "Gusts"), ("uavs", "Several UAVs")]
         {
             let hint = format!(
                 "; it is not modelled, see \"{heading}\" in \"What Skysink does not model\" of the documentation"

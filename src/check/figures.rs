@@ -17,6 +17,7 @@ use skysink_planner::mission_table::MissionTable;
 use super::arrivals::ArrivalFigures;
 use super::flights::trial_flights;
 use super::links::LinkFigures;
+use super::motion::Motion;
 use super::quantity::{percent, scaled, short};
 use super::radio::RadioFigures;
 use super::verdict::{Bounds, LossFree, Round};
@@ -34,11 +35,13 @@ pub struct Figures {
     pub sensors: usize,
     /// Number of slots, `T`.
     pub slots: u64,
-    /// Maximum distance flown in a slot, `V τ` [m].
+    /// Distance that a slot reaches in every direction, `V τ` without wind and acceleration [m].
     pub reach_m: f64,
+    /// What the slots demand of a vehicle, and what wind and errors do.
+    pub motion: Motion,
     /// `d_c` [m].
     pub comm_radius_m: f64,
-    /// Radius in which `uts` searches anchors, `V τ − d_c` [m]. If this is not above 0, `uts` uses `V τ`.
+    /// Radius in which `uts` searches anchors, the reach less `d_c` [m]. If this is not above 0, `uts` uses the reach.
     pub anchor_radius_m: f64,
     /// Mean distance of an SN to its nearest neighbour [m]; `None` for a single SN.
     pub neighbour_m: Option<f64>,
@@ -85,6 +88,7 @@ impl Figures {
             sensors: nodes.len(),
             slots: scenario.slots,
             reach_m,
+            motion: Motion::of(scenario),
             comm_radius_m,
             anchor_radius_m: reach_m - comm_radius_m,
             neighbour_m: mean_neighbour_m(&table.sensors.positions, &table.sensors.grid),

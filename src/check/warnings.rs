@@ -8,19 +8,19 @@ use super::verdict::LossFree;
 /// The warnings for these figures, one line each.
 #[must_use]
 pub fn of(figures: &Figures) -> Vec<String> {
-    let rules = [in_transit, slow_link, overloaded, unreachable, unserved, told_otherwise];
+    let rules = [in_transit, slow_link, overloaded, unreachable, unserved, told_otherwise, unflyable];
     rules.into_iter().filter_map(|rule| rule(figures)).collect()
 }
 
-/// For `V τ ≤ d_c`, most sets that Algorithm 1 finds have no waypoint in reach.
+/// For a reach `V τ ≤ d_c`, most sets that Algorithm 1 finds have no waypoint in reach.
 fn in_transit(figures: &Figures) -> Option<String> {
     let Figures { reach_m, comm_radius_m, .. } = *figures;
     (figures.strategy == "uts" && reach_m <= comm_radius_m).then(|| {
         let reach = scaled(reach_m, "m");
         let radius = scaled(comm_radius_m, "m");
         format!(
-            "uts will mostly fly in transit: its anchor radius V τ − d_c is not above 0 (V τ = {reach}, \
-             d_c = {radius}): try uts-wide or horizon, or longer slots"
+            "uts will mostly fly in transit: its anchor radius, the reach less d_c, is not above 0 ({reach} less \
+             {radius}): try uts-wide or horizon, or longer slots"
         )
     })
 }
@@ -81,4 +81,9 @@ fn told_otherwise(figures: &Figures) -> Option<String> {
             percent(mission.of_mean)
         )
     })
+}
+
+/// No copter accelerates as the slots demand.
+fn unflyable(figures: &Figures) -> Option<String> {
+    figures.motion.warning()
 }

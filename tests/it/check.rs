@@ -30,7 +30,11 @@ fn check_shows_what_follows_from_the_letter() {
     ] {
         assert!(lines.iter().any(|found| found == line), "{line:?} is missing in {}", printed.stdout);
     }
-    assert_eq!(printed.stderr, "");
+    assert_eq!(printed.stderr.lines().count(), 1, "{}", printed.stderr);
+    assert!(
+        printed.stderr.contains("no copter flies V τ from rest to rest in a slot: that takes 120 m/s²"),
+        "{printed:?}"
+    );
     assert_eq!(loss_rate(&place, "tour"), 0.0);
 }
 
@@ -49,10 +53,11 @@ fn the_figures_come_last_behind_the_keys() {
 #[test]
 fn the_figures_are_json_too() {
     let place = Place::new();
-    place.write("a.toml", "name = \"a\"\nslots = 150\n");
+    place.write("a.toml", "name = \"a\"\nslots = 150\n[uav]\nacceleration_mps2 = 100.0\n");
     let ended = place.run_ok(&["check", "a.toml", "--json"]);
     let figures: serde_json::Value = serde_json::from_str(&ended.stdout).unwrap();
-    assert_eq!(figures["anchor_radius_m"], 20.0);
+    assert_eq!((&figures["reach_m"], &figures["anchor_radius_m"]), (&21.0.into(), &11.0.into())); // 30 · (1 − 0.3)
+    assert_eq!(figures["motion"]["demanded_mps2"], serde_json::Value::Null);
     assert_eq!(figures["fill_slots"]["mean"], 300.0);
     assert_eq!(figures["loss_free"]["answer"], "unserved");
     let warning = figures["warnings"][0].as_str().unwrap();
@@ -104,4 +109,25 @@ fn check_warns_of_missions_too_short_for_loss_or_for_the_field() {
     place.write("sensors.csv", "x_m,y_m\n500,500\n0,0\n");
     let far = checked(&place, "slots = 10\n[area]\nside_m = 1000.0\n[sensors]\nfile = \"sensors.csv\"\n");
     assert!(far.stderr.contains("1 of the 2 sensor nodes cannot be reached within the mission's 10 slots"), "{far:?}");
+}
+
+#[test]
+fn check_shows_what_wind_errors_and_acceleration_do() {
+    let place = Place::new();
+    let keys = "[uav]\nwind_mps = [3.0, 4.0]\nposition_error_m = 3.0\nacceleration_mps2 = 50.0\n";
+    let printed = checked(&place, keys);
+    let lines: Vec<String> =
+        printed.stdout.lines().map(|line| line.split_whitespace().collect::<Vec<_>>().join(" ")).collect();
+    for line in [
+        "# reach in a slot 12.5 m", // 50 m/s² · 1 s²/4; 25 m/s take 0.5 s
+        "# ground speed 25 m/s upwind, 35 m/s downwind",
+        "# anchor radius of uts, reach − d_c 2.5 m",
+        "wind_mps = [3.0, 4.0]",
+    ] {
+        assert!(lines.iter().any(|found| found == line), "{line:?} is missing in {}", printed.stdout);
+    }
+    assert_eq!(printed.stderr, "");
+    for line in printed.stdout.lines().filter(|line| line.starts_with("# ")) {
+        assert!(line.chars().count() <= 80, "{line}");
+    }
 }

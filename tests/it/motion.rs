@@ -101,7 +101,7 @@ fn a_run_with_position_errors_is_the_same_in_the_ring_after_kills_resumed_and_re
         flight.run();
         place.assert_trace_as_simulated("run");
         place.run_ok(&["report", "run"]);
-        place.run_ok(&["replay", "run"]);
+        place.run_ok(&["replay", "run", "--force"]);
         // The last lines are flown again.
         let trace = place.read("run/slots.csv");
         let kept: Vec<&str> = trace.lines().take(12).collect();
@@ -109,5 +109,18 @@ fn a_run_with_position_errors_is_the_same_in_the_ring_after_kills_resumed_and_re
         place.resume("run");
         assert_eq!(place.read("run/slots.csv"), trace, "{strategy}");
     }
+    place.assert_clean();
+}
+
+#[test]
+fn a_killed_flight_sim_draws_the_same_errors_again() {
+    let place = Place::new();
+    let run = place.flight("long").set("uav.position_error_m", 1.5).without_viewer().start();
+    for _ in 0..2 {
+        run.until_slots_later(20);
+        run.kill_and_await("flight-sim");
+    }
+    run.wait_for_success();
+    place.assert_trace_as_simulated("run");
     place.assert_clean();
 }
