@@ -229,9 +229,43 @@ pub(crate) struct Surveyed {
 mod tests {
     use super::*;
     use crate::strategies::{STRATEGIES, horizon, max_age_first};
+    use crate::strategy::tests::view;
     use skysink_common::checkpoint::encode;
     use skysink_common::message::SensorNode;
     use skysink_common::scenario::{Overrides, Scenario};
+
+    /// The strategies that a survey of 60 slots keeps, best first, over SNs at `positions` [m] that fill in 10 slots.
+    fn surveyed(positions: &[[f64; 2]]) -> Vec<&'static str> {
+        let text = "name = 'a'\nslots = 60\n[area]\nside_m = 400.0\n[sensors]\ninitial_queue_mean_bits = 0.0\n";
+        let scenario = Scenario::parse(text, std::path::Path::new("a.toml"), Overrides::default()).unwrap();
+        let sensor = |&[x_m, y_m]: &[f64; 2]| SensorNode {
+            x_m,
+            y_m,
+            gain: 1e-5,
+            sampling_bps: 3_000.0,
+            capacity_bits: 30_000,
+            ..SensorNode::default()
+        };
+        let nodes: Vec<SensorNode> = positions.iter().map(sensor).collect();
+        let owned = OwnedSetup::new(scenario, &nodes, STRATEGIES).unwrap();
+        let queues_bits = vec![0; nodes.len()];
+        let view = view(&owned.table, 1, [200.0, 200.0], &queues_bits);
+        let mut rivals = Rivals::new(&owned.setup());
+        let ahead = Ahead { slots: 60, beyond_slots: 0.0, round_slots: 10.0 };
+        let surveyed = rivals.survey(&view, &ahead, &|| false);
+        surveyed.iter().map(|surveyed| rivals.made[surveyed.rival].registered.name).collect()
+    }
+
+    #[test]
+    fn hover_is_a_candidate_where_no_other_loses_less_and_nowhere_else() {
+        // A cluster that n = 4 can just serve in turns, one SN near the start that traps, and two that lead away.
+        let cluster = (0..40).map(|index| [300.0 + f64::from(index % 8), 300.0 + f64::from(index / 8)]);
+        let crowded: Vec<[f64; 2]> = cluster.chain([[205.0, 200.0], [20.0, 380.0], [380.0, 20.0]]).collect();
+        assert_eq!(surveyed(&crowded)[0], "hover");
+        let spread: Vec<[f64; 2]> =
+            (0..16).map(|index| [f64::from(index % 4), f64::from(index / 4)].map(|step| 170.0 + 20.0 * step)).collect();
+        assert!(!surveyed(&spread).contains(&"hover"));
+    }
 
     #[test]
     fn a_choice_of_another_mission_is_refused() {

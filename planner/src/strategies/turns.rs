@@ -1,7 +1,7 @@
 //! Cyclic service of sensor nodes (SNs) in a fixed order, the common part of `tour` and `round-robin`.
 
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
-use skysink_common::geometry::Position;
+use skysink_common::geometry::{Position, within};
 
 use super::nearby::fullest_first;
 use super::serving::Serving;
@@ -16,6 +16,8 @@ pub(crate) struct InTurn {
     order: Vec<u32>,
     /// Index in `order` of the current SN.
     turn: usize,
+    /// The same in the slot before.
+    before: usize,
     waypoint: Waypoint,
     serving: Serving,
 }
@@ -23,10 +25,23 @@ pub(crate) struct InTurn {
 impl InTurn {
     /// Starts with the first SN of `order`.
     pub fn new(setup: &Setup, order: Vec<u32>, waypoint: Waypoint) -> Self {
-        Self { order, turn: 0, waypoint, serving: Serving::new(setup) }
+        Self { order, turn: 0, before: 0, waypoint, serving: Serving::new(setup) }
     }
 
-    /// Skips the SNs that a slot has served.
+    /// Goes back to the first SN of the slot before that is out of range of where it ended, at `ground`: it was not
+    /// served.
+    fn go_back(&mut self, table: &MissionTable, ground: &Position) {
+        while self.before != self.turn {
+            let position = table.sensors.position(self.order[self.before]);
+            if !within(position, ground, table.limits.comm_radius_m) {
+                self.turn = self.before;
+                return;
+            }
+            self.before = (self.before + 1) % self.order.len();
+        }
+    }
+
+    /// Skips the SNs that a slot serves.
     fn advance(&mut self, served: &[u32]) {
         for _ in 0..self.order.len() {
             if !served.contains(&self.order[self.turn]) {
@@ -42,6 +57,8 @@ impl Strategy for InTurn {
     /// position.
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         let ground = view.ground();
+        self.go_back(view.table, &ground);
+        self.before = self.turn;
         let current = self.order.get(self.turn).copied();
         let waypoint = current.map_or(ground, |current| {
             let next = self.order[(self.turn + 1) % self.order.len()];
@@ -56,13 +73,13 @@ impl Strategy for InTurn {
 
 impl Checkpoint for InTurn {
     fn save(&self, bytes: &mut Vec<u8>) {
-        encode(&self.turn, bytes);
+        encode(&(self.before, self.turn), bytes);
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        let turn: usize = decode(bytes)?;
-        CheckpointError::ensure(turn < self.order.len().max(1), "a turn of this field")?;
-        self.turn = turn;
+        let (before, turn): (usize, usize) = decode(bytes)?;
+        CheckpointError::ensure(before.max(turn) < self.order.len().max(1), "a turn of this field")?;
+        (self.before, self.turn) = (before, turn);
         Ok(())
     }
 }
@@ -85,11 +102,27 @@ mod tests {
     }
 
     #[test]
+    fn an_sn_out_of_range_of_where_the_slot_ended_keeps_its_turn() {
+        // SNs 0 and 1 are in range of (50, 80), and SN 2 is not.
+        let (table, mut strategy) = made("round-robin", &[[50.0, 80.0], [50.0, 88.0], [50.0, 20.0]]);
+        let mut served = |slot, ground| strategy.plan(&view(&table, slot, ground, &[9; 3])).unwrap().schedule;
+        assert_eq!(served(1, [50.0, 51.0])[..], [0, 1]);
+        assert_eq!(served(2, [50.0, 77.0])[..], [0, 1], "SN 1 was 11 m away: its turn, and SN 0 is in range again");
+        assert_eq!(served(3, [50.0, 99.0])[..], [0, 1], "11 m again");
+        assert_eq!(served(4, [50.0, 96.0])[..], [0; 0], "on the way to SN 2");
+        assert_eq!(served(5, [50.0, 36.0])[..], [2]);
+    }
+
+    #[test]
     fn a_checkpoint_of_a_larger_field_is_refused() {
         let (table, mut strategy) = made("round-robin", &[[50.0, 70.0], [50.0, 30.0]]);
-        assert!(strategy.restore(&[2]).is_err() && strategy.restore(&[1]).is_ok());
+        assert!(
+            strategy.restore(&[2, 0]).is_err()
+                && strategy.restore(&[0, 2]).is_err()
+                && strategy.restore(&[1, 1]).is_ok()
+        );
         let decision = strategy.plan(&view(&table, 1, [50.0, 50.0], &[9; 2])).unwrap();
         assert_eq!(decision.schedule[..], [1]);
-        assert!(made("round-robin", &[]).1.restore(&[0]).is_ok(), "an empty field has one state");
+        assert!(made("round-robin", &[]).1.restore(&[0, 0]).is_ok(), "an empty field has one state");
     }
 }
