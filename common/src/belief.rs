@@ -5,7 +5,7 @@
 use std::sync::Arc;
 
 use crate::checkpoint::CheckpointError;
-use crate::estimate::{Estimate, Rates, SavedEstimate, Uncertainty};
+use crate::estimate::{Estimate, Rates, SavedEstimate, Uncertainty, uniform_sd};
 use crate::message::{FlightReport, SensorNode};
 use crate::reported::ReportedQueues;
 use crate::scenario::Scenario;
@@ -134,6 +134,12 @@ impl Belief {
     /// time as [`Self::predict`].
     pub fn at<'a>(&'a mut self, slot: u64, sensors: &'a Sensors, queues_bits: &'a [u32]) -> Believed<'a> {
         self.predict(slot);
+        self.predicted(slot, sensors, queues_bits)
+    }
+
+    /// The same at the `slot` of the last [`Self::predict`].
+    #[must_use]
+    pub fn predicted<'a>(&'a self, slot: u64, sensors: &'a Sensors, queues_bits: &'a [u32]) -> Believed<'a> {
         Believed { slot, sensors, queues_bits: self.queues_bits(queues_bits), belief: self }
     }
 
@@ -213,6 +219,34 @@ impl<'a> Believed<'a> {
         match self.belief {
             Belief::Known => Uncertainty::none(self.queues_bits[id as usize]),
             Belief::Estimated(estimate) => estimate.uncertainty(self.slot, id),
+        }
+    }
+
+    /// Standard deviation of the queue of SN `id` [bit]; 0 if it is known.
+    ///
+    /// # Panics
+    /// If the SN is unknown.
+    #[must_use]
+    pub fn queue_sd_bits(&self, id: u32) -> f64 {
+        match self.belief {
+            Belief::Known => 0.0,
+            Belief::Estimated(estimate) => {
+                estimate.uncertainty(self.slot, id).queue_sd_bits(self.sensors.sampler(id).capacity_bits)
+            }
+        }
+    }
+
+    /// Standard deviation of the bits that SN `id` samples per slot, as the UAV knows its rate; 0 if it is known.
+    ///
+    /// # Panics
+    /// If the SN is unknown.
+    #[must_use]
+    pub fn mean_sd_bits(&self, id: u32) -> f64 {
+        match self.belief {
+            Belief::Known => 0.0,
+            Belief::Estimated(estimate) => {
+                uniform_sd(estimate.uncertainty(self.slot, id).rate * estimate.mean_bits(id))
+            }
         }
     }
 }

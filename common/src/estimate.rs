@@ -85,6 +85,32 @@ impl Uncertainty {
             since_contact_bits: 0.0,
         }
     }
+
+    /// Standard deviation of the queue in a buffer of `capacity_bits` [bit]: the unbounded queue is taken as uniform,
+    /// with the variances of its initial queue and its rate, and capped at 0 and the buffer.
+    #[must_use]
+    pub fn queue_sd_bits(&self, capacity_bits: u32) -> f64 {
+        let half_bits = self.initial_bits.hypot(self.rate * self.since_contact_bits);
+        if half_bits == 0.0 {
+            return 0.0;
+        }
+        let capped = |bits: f64| bits.clamp(0.0, capacity_bits.into());
+        let [low, high] = [self.unbounded_bits - half_bits, self.unbounded_bits + half_bits];
+        let [least, most] = [capped(low), capped(high)];
+        let within = if high > least && most > low { (most - least) / (2.0 * half_bits) } else { 0.0 };
+        let full = ((high - f64::from(capacity_bits)) / (2.0 * half_bits)).clamp(0.0, 1.0);
+        let middle = (least + most) / 2.0;
+        let mean = within * middle + full * f64::from(capacity_bits);
+        let variance_within = (most - least).powi(2) / 12.0 + (middle - mean).powi(2);
+        let empty = (1.0 - within - full).max(0.0);
+        (within * variance_within + full * (f64::from(capacity_bits) - mean).powi(2) + empty * mean * mean).sqrt()
+    }
+}
+
+/// Standard deviation of a uniform distribution of this half-width.
+#[must_use]
+pub fn uniform_sd(half_width: f64) -> f64 {
+    half_width / 3f64.sqrt()
 }
 
 /// Half-width [bit] of the uniform distribution with the variance of a Poisson variable whose mean is uniform on a
@@ -381,6 +407,27 @@ mod tests {
         assert_eq!(estimate.predict(8), [320, 1_000, 300]); // 300 + 800 is more than 1 000
         assert!(estimate.uncertainty(8, 1).initial_bits > 0.0, "no contact");
         assert_eq!(estimate_of(Rates::Learnt).predict(3), [600, 600, 600], "at the mean of unknown rates");
+    }
+
+    #[test]
+    fn the_spread_of_a_queue_is_that_of_draws_capped_at_the_buffer() {
+        let sd_bits = |unbounded_bits, initial_bits, rate| {
+            let since_contact_bits = 300.0;
+            Uncertainty { unbounded_bits, initial_bits, rate, since_contact_bits }.queue_sd_bits(1_000)
+        };
+        assert_eq!(sd_bits(400.0, 0.0, 0.0), 0.0);
+        assert!((sd_bits(500.0, 240.0, 0.6) - 300.0 / 3f64.sqrt()).abs() < 1e-9, "hypot(240, 180)");
+        assert_eq!([-700.0, 1_700.0].map(|bits| sd_bits(bits, 240.0, 0.6)), [0.0; 2], "empty or full for certain");
+        for unbounded_bits in [-100.0, 100.0, 850.0, 1_000.0, 1_200.0] {
+            let draws = (0..100_000).map(|draw| {
+                let bits: f64 = unbounded_bits - 400.0 + 800.0 * (f64::from(draw) + 0.5) / 1e5;
+                bits.clamp(0.0, 1_000.0)
+            });
+            let draws: Vec<f64> = draws.collect();
+            let mean = draws.iter().sum::<f64>() / 1e5;
+            let variance = draws.iter().map(|bits| (bits - mean).powi(2)).sum::<f64>() / 1e5;
+            assert!((sd_bits(unbounded_bits, 400.0, 0.0) - variance.sqrt()).abs() < 0.01, "{unbounded_bits}");
+        }
     }
 
     #[test]

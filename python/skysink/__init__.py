@@ -10,7 +10,19 @@ Names end with their units: ``_m``, ``_s``, ``_bits``, ``_bps``. Results equal t
 
 from contextlib import suppress
 
-from skysink._skysink import STRATEGIES, Decision, Field, InputError, Run, Scenario, Table, View, __build__, __version__
+from skysink._skysink import (
+    STRATEGIES,
+    Belief,
+    Decision,
+    Field,
+    InputError,
+    Run,
+    Scenario,
+    Table,
+    View,
+    __build__,
+    __version__,
+)
 from skysink.flight import compare, simulate
 from skysink.models import Arrivals
 from skysink.strategy import Strategy
@@ -24,6 +36,7 @@ with suppress(ImportError):  # the environments need Gymnasium 1.1 or newer
 __all__ = [
     "STRATEGIES",
     "Arrivals",
+    "Belief",
     "Decision",
     "Field",
     "InputError",

@@ -12,6 +12,7 @@ from skysink.strategy import Strategy
 
 __all__ = [
     "STRATEGIES",
+    "Belief",
     "Decision",
     "EnvironmentCore",
     "Field",
@@ -200,8 +201,38 @@ class View:
         """Sampling rates as known at the start of the slot, true or learnt [bit/s], [N], read-only."""
 
     @property
+    def belief(self) -> Belief | None:
+        """Queues and rates as known at the start of the slot, each with its standard deviation, and the ages of the
+        contacts. None in a ring.
+        """
+
+    @property
     def field(self) -> Field:
         """What stays the same."""
+
+@final
+class Belief:
+    """What the UAV knows of the sensor nodes at the start of a slot."""
+
+    @property
+    def queue_bits(self) -> NDArray[np.float64]:
+        """Mean of each queue."""
+
+    @property
+    def queue_sd_bits(self) -> NDArray[np.float64]:
+        """Standard deviation of each queue."""
+
+    @property
+    def rate_bps(self) -> NDArray[np.float64]:
+        """Mean of each sampling rate."""
+
+    @property
+    def rate_sd_bps(self) -> NDArray[np.float64]:
+        """Standard deviation of each sampling rate."""
+
+    @property
+    def age_slots(self) -> NDArray[np.int64]:
+        """Slots since each SN was last served."""
 
 @final
 class Decision:
@@ -322,7 +353,23 @@ _External = tuple[str, str, Sequence[tuple[str, bytes]]]
 
 @final
 class EnvironmentCore:
-    def __new__(cls, scenario: Scenario, fields: int | None = None, positions: bool = False) -> Self: ...
+    def __new__(
+        cls,
+        scenario: Scenario,
+        fields: int | None,
+        observation: Sequence[str],
+        nearest: int | None,
+        action: str,
+        reward: str,
+    ) -> Self: ...
+    @property
+    def observed(self) -> list[tuple[str, list[int], float]]: ...
+    @property
+    def action_size(self) -> int: ...
+    @property
+    def belief(self) -> Belief: ...
+    def action_masks(self) -> NDArray[np.bool_]: ...
+    def replace(self, scenario: Scenario) -> None: ...
     @property
     def seed(self) -> int: ...
     @property
@@ -336,7 +383,7 @@ class EnvironmentCore:
     @property
     def sampling_bps(self) -> NDArray[np.float64]: ...
     def reset(self, number: int) -> _Observation: ...
-    def step(self, action: ArrayLike) -> _Step: ...
+    def step(self, action: Any) -> _Step: ...
     def fly(self, decision: Decision, transit: bool = False) -> _Step: ...
     def clone(self) -> EnvironmentCore: ...
     def save(self) -> tuple[bytes, bytes]: ...
@@ -345,7 +392,22 @@ class EnvironmentCore:
 
 @final
 class VectorCore:
-    def __new__(cls, scenario: Scenario, count: int, fields: int | None = None, positions: bool = False) -> Self: ...
+    def __new__(
+        cls,
+        scenarios: Sequence[Scenario],
+        count: int,
+        fields: int | None,
+        observation: Sequence[str],
+        nearest: int | None,
+        action: str,
+        reward: str,
+    ) -> Self: ...
+    @property
+    def observed(self) -> list[tuple[str, list[int], float]]: ...
+    @property
+    def action_size(self) -> int: ...
+    def action_masks(self) -> NDArray[np.bool_]: ...
+    def replace(self, scenarios: Sequence[Scenario], mask: Sequence[bool]) -> None: ...
     @property
     def seeds(self) -> list[int]: ...
     @property
@@ -353,7 +415,7 @@ class VectorCore:
     @property
     def field(self) -> Field: ...
     def reset(self, numbers: Sequence[int], mask: Sequence[bool]) -> _Observation: ...
-    def step(self, actions: NDArray[np.float32]) -> _Steps: ...
+    def step(self, actions: NDArray[Any]) -> _Steps: ...
     def clone(self) -> VectorCore: ...
     def save(self) -> list[bytes]: ...
     def restore(self, saved: Sequence[bytes]) -> None: ...

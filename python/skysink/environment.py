@@ -1,21 +1,38 @@
 """Gymnasium environments: ``skysink/DataCollection-v0``, single and vectorised.
 
-Observation: ``uav`` float32 [3], x and y as fractions of the area and the altitude within its range (0 if it is
-fixed); ``queues`` float32 [N], each queue as a fraction of its buffer; ``slot`` float32 [1], the slot as a fraction of
-the mission; optionally ``positions`` float32 [N, 2], as fractions of the area. If the scenario has
-``planner.knowledge = "estimated"``, ``queues`` is the estimate of the UAV.
+Observation: a dictionary of float32 arrays with the quantities named in ``observation``, by default ``uav``, ``queues``
+and ``slot``. All are 0 to 1, except for the coordinates in ``nearest``. ``uav`` [3]: x and y as fractions of the area,
+and the altitude within its range (0 if it is fixed). ``queues`` [N]: each queue as a fraction of its buffer; if the
+scenario has ``planner.knowledge = "estimated"``, the estimate of the UAV. ``slot`` [1]: the slot as a fraction of the
+mission. ``positions`` [N, 2]: as fractions of the area. ``belief`` and ``belief_spread`` [N]: mean and standard deviation
+of each queue as the UAV knows it, as fractions of its buffer; the spread of a known queue is 0. ``rates`` [N]: sampling
+rates, true or learnt, as fractions of the highest that the scenario allows. ``ages`` [N]: slots since each SN was last
+served, or since the start, as fractions of the mission. ``gains`` [N]: reference gains as fractions of the largest.
+``nearest`` [k, 5] with the argument ``nearest=k``: the k SNs nearest to the UAV, nearest first; x and y from the UAV as
+fractions of the area (-1 to 1), queue, rate and age. ``reach`` [N]: 1 for the SNs that the UAV reaches in one slot.
 
-Action: float32 [2], or [3] with a free altitude, each -1 to 1: the displacement of the slot as a fraction of the
-maximum distance, V_max tau, and of the maximum climb. A displacement longer than 1 is scaled to 1, and a waypoint
-outside the area is moved to its border. The n fullest queues within d_c are served.
+Action ``"displacement"``, the default: float32 [2], or [3] with a free altitude, each -1 to 1: the displacement of the
+slot as a fraction of the maximum distance, V_max tau, and of the maximum climb. A displacement longer than 1 is scaled
+to 1, and a waypoint outside the area is moved to its border. Action ``"waypoint"``: float32 [2] or [3], each 0 to 1: the
+waypoint as fractions of area and altitude range. The UAV flies straight toward it, as far as one slot allows. With both,
+the n fullest queues within d_c are served. Action ``"sensor"``: the id of an SN, or with ``nearest=k`` its place, from 0,
+among the k nearest. The UAV flies straight toward it, and serves it if it is then within d_c, with the fullest others.
+``info["action_mask"]`` and ``action_masks()`` are true for the SNs that one slot reaches, or for all if it reaches none.
 
-Reward: minus the fraction of the bits sampled in the slot that was lost. An episode is truncated after the mission's
-last slot; it never terminates. The mean reward is minus the loss rate only if the field samples equally many bits in
-every slot, as with whole bits per slot. Otherwise, and for one figure over episodes, add up ``lost_bits``.
+Reward ``"lost"``, the default: minus the fraction of the bits sampled in the slot that was lost. Its mean is minus the
+loss rate only if the field samples equally many bits in every slot. Reward ``"loss_fraction"``: minus the bits lost in the
+slot, divided by the mean of the bits that the field samples per slot. Its mean over an episode is always minus the loss
+rate: the reward of the last slot corrects the mean to what was really sampled. Reward ``"weighted"``: as ``"lost"``, of
+bits times the weights of their SNs. Reward ``"age"``: minus the mean over all SNs of the slots since they were served.
+
+An episode is truncated after the mission's last slot; it never terminates.
 
 Seeds are Skysink seeds: ``reset(seed=s)`` uses the field of the scenario with seed s. Without a seed, the next
 episode has the next seed: first the scenario's, then one more each (``num_envs`` more in a vector). With ``fields=k``,
 there are only k fields, starting at the scenario's seed, and seeds count modulo k.
+
+Scenarios: ``reset(options={"scenario": other})`` goes on with another scenario, with as many SNs. A vector takes a list,
+too; environment i flies scenario i modulo the number of scenarios, and its first episode has that scenario's seed plus i.
 """
 
 from __future__ import annotations
@@ -23,7 +40,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from os import PathLike
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import gymnasium
 import numpy as np
@@ -32,15 +49,19 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from skysink._skysink import Decision, EnvironmentCore, Field, InputError, Run, Scenario, VectorCore
+from skysink._skysink import Belief, Decision, EnvironmentCore, Field, InputError, Run, Scenario, VectorCore
 from skysink.flight import scenario_of
 
 ID = "skysink/DataCollection-v0"
 OBSERVED = ("uav", "queues", "slot")
-OBSERVABLE = (*OBSERVED, "positions")
 
 Observation = dict[str, NDArray[np.float32]]
-Action = NDArray[np.float32]
+Action = Any
+"""float32 [2] or [3], or an integer if the action is a sensor node; of a vector [num_envs] of them."""
+
+Control = Literal["displacement", "waypoint", "sensor"]
+Reward = Literal["lost", "weighted", "age", "loss_fraction"]
+Source = Scenario | str | PathLike[str]
 Step = tuple[Observation, float, bool, bool, dict[str, Any]]
 
 
@@ -64,27 +85,45 @@ class NativeEnvironment:
 
     def _begin(
         self,
-        scenario: Scenario | str | PathLike[str] | None,
+        scenarios: Sequence[Source],
         fields: int | None,
         observation: Sequence[str],
+        nearest: int | None,
+        action: Control,
+        reward: Reward,
     ) -> tuple[spaces.Space[Any], spaces.Space[Any]]:
         """Makes the core, and returns the spaces of observations and actions of one environment."""
-        if isinstance(scenario, Sequence) and not isinstance(scenario, str):
-            several = "gymnasium.vector.SyncVectorEnv with an environment for each"
-            raise InputError(f"scenario = {scenario!r}: expected one for all environments; for several, {several}")
-        self.scenario = Scenario.letter() if scenario is None else scenario_of(scenario)
+        self.scenarios = tuple(map(scenario_of, scenarios))
         self.fields = fields
-        self._positions = "positions" in observation
+        self._rules = (fields, list(observation), nearest, action, reward)
         self._core = self._new_core()
-        field: Field = self._core.field
-        count = len(field)
-        shapes = {"uav": (3,), "queues": (count,), "slot": (1,), "positions": (count, 2)}
-        if not set(OBSERVED) <= set(observation) <= set(OBSERVABLE):
-            raise InputError(f"observation={tuple(observation)}: expected {OBSERVED}, and optionally positions")
-        observed = [name for name in OBSERVABLE if name in observation]
-        boxes: dict[str, spaces.Space[Any]] = {name: spaces.Box(0.0, 1.0, shapes[name], np.float32) for name in observed}
-        axes = 3 if field.climb_m > 0 else 2
-        return spaces.Dict(boxes), spaces.Box(-1.0, 1.0, (axes,), np.float32)
+        boxes: dict[str, spaces.Space[Any]] = {
+            name: spaces.Box(low, 1.0, tuple(shape), np.float32) for name, shape, low in self._core.observed
+        }
+        size = self._core.action_size
+        if action == "sensor":
+            return spaces.Dict(boxes), spaces.Discrete(size)
+        return spaces.Dict(boxes), spaces.Box(0.0 if action == "waypoint" else -1.0, 1.0, (size,), np.float32)
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario; of a vector the first."""
+        return self.scenarios[0]
+
+    @property
+    def _chooses_sensors(self) -> bool:
+        return self._rules[3] == "sensor"
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """The SNs to choose from that one slot reaches, or all if it reaches none: bool [N] or [k]; of a vector
+        [num_envs, N] or [num_envs, k].
+
+        Raises :class:`skysink.InputError` for other actions than ``"sensor"``.
+        """
+        if not self._chooses_sensors:
+            raise InputError(f"action = {self._rules[3]!r}: expected sensor, which alone has a mask")
+        masks: NDArray[np.bool_] = self._core.action_masks()
+        return masks
 
     def _new_core(self) -> Any:
         """A new core with the arguments of the environment."""
@@ -121,15 +160,35 @@ def check_options(options: dict[str, Any] | None, *possible: str) -> None:
     """Refuses other options of ``reset`` than these."""
     unknown = [name for name in options or {} if name not in possible]
     if unknown:
-        expected = f"expected {' or '.join(possible) or 'none'}"
-        raise InputError(f"options = {unknown}: {expected}; the scenario is an argument of the environment, made anew")
+        raise InputError(f"options = {unknown}: expected {' or '.join(possible)}")
+
+
+def is_list(scenario: object) -> bool:
+    """Whether these are several scenarios."""
+    return isinstance(scenario, Sequence) and not isinstance(scenario, str)
+
+
+def one_of(scenario: Source | None) -> list[Source]:
+    """The scenario of an environment, by default the paper's."""
+    if is_list(scenario):
+        raise InputError(f"scenario = {scenario!r}: expected one; a vector of environments takes several")
+    return [Scenario.letter() if scenario is None else scenario]
+
+
+def some_of(scenario: Source | Sequence[Source] | None) -> Sequence[Source]:
+    """The scenarios of a vector of environments."""
+    return scenario if is_list(scenario) else one_of(scenario)  # type: ignore[arg-type,return-value]
 
 
 class DataCollectionEnv(NativeEnvironment, gymnasium.Env[Observation, Action]):
     """An environment for one mission. See the module for spaces, reward and seeds.
 
     ``scenario`` is a :class:`skysink.Scenario` or a file, by default the paper's; ``fields`` is the number of fields;
-    ``observation`` lists the observed quantities.
+    ``observation`` lists the observed quantities; ``nearest`` is the number of nearest SNs to observe, or to choose from;
+    ``action`` is ``"displacement"``, ``"waypoint"`` or ``"sensor"``; ``reward`` is ``"lost"``, ``"loss_fraction"``,
+    ``"weighted"`` or ``"age"``.
+
+    Raises :class:`skysink.InputError` for what is unknown or impossible.
     """
 
     metadata: dict[str, Any] = {"render_modes": []}
@@ -137,25 +196,40 @@ class DataCollectionEnv(NativeEnvironment, gymnasium.Env[Observation, Action]):
 
     def __init__(
         self,
-        scenario: Scenario | str | PathLike[str] | None = None,
+        scenario: Source | None = None,
         fields: int | None = None,
         observation: Sequence[str] = OBSERVED,
         render_mode: None = None,
+        *,
+        nearest: int | None = None,
+        action: Control = "displacement",
+        reward: Reward = "lost",
     ) -> None:
         self.render_mode = render_mode
-        self.observation_space, self.action_space = self._begin(scenario, fields, observation)
+        rules = (fields, observation, nearest, action, reward)
+        self.observation_space, self.action_space = self._begin(one_of(scenario), *rules)
         self._is_new = True
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begins an episode; ``info["seed"]`` is its Skysink seed. There are no ``options``."""
-        check_options(options)
+        """Begins an episode; ``info["seed"]`` is its Skysink seed. ``options["scenario"]`` replaces the scenario by
+        another, with as many SNs.
+        """
+        check_options(options, "scenario")
+        if options and options.get("scenario") is not None:
+            scenario = scenario_of(one_of(options["scenario"])[0])
+            self._core.replace(scenario)
+            self.scenarios = (scenario,)
+            self._is_new = True
         super().reset(seed=seed)
         following = self._core.number if self._is_new else self._core.number + 1
         self._is_new = False
         observation = self._core.reset(following if seed is None else int(seed))
-        return observation, {"seed": self._core.seed}
+        info: dict[str, Any] = {"seed": self._core.seed}
+        if self._chooses_sensors:
+            info["action_mask"] = self.action_masks()
+        return observation, info
 
     def step(self, action: Action) -> Step:
         """Flies one slot; ``info`` contains its ``lost_bits`` and ``delivered_bits``."""
@@ -185,12 +259,17 @@ class DataCollectionEnv(NativeEnvironment, gymnasium.Env[Observation, Action]):
         """The sampling rates, true or learnt [bit/s], float64 [N], as a copy."""
         return self._core.sampling_bps
 
+    @property
+    def belief(self) -> Belief:
+        """What the UAV knows of the SNs, with standard deviations and ages."""
+        return self._core.belief
+
     def run(self, label: str = "environment") -> Run:
         """The episode so far as a run, which can be saved, shown or compared."""
         return self._core.run(label)
 
     def _new_core(self) -> EnvironmentCore:
-        return EnvironmentCore(self.scenario, self.fields, self._positions)
+        return EnvironmentCore(self.scenario, *self._rules)
 
 
 class DataCollectionVectorEnv(NativeEnvironment, VectorEnv[Observation, Action, NDArray[Any]]):
@@ -205,14 +284,18 @@ class DataCollectionVectorEnv(NativeEnvironment, VectorEnv[Observation, Action, 
     def __init__(
         self,
         num_envs: int = 1,
-        scenario: Scenario | str | PathLike[str] | None = None,
+        scenario: Source | Sequence[Source] | None = None,
         fields: int | None = None,
         observation: Sequence[str] = OBSERVED,
         render_mode: None = None,
+        *,
+        nearest: int | None = None,
+        action: Control = "displacement",
+        reward: Reward = "lost",
     ) -> None:
         self.num_envs = num_envs
         self.render_mode = render_mode
-        single = self._begin(scenario, fields, observation)
+        single = self._begin(some_of(scenario), fields, observation, nearest, action, reward)
         self.single_observation_space, self.single_action_space = single
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -221,12 +304,16 @@ class DataCollectionVectorEnv(NativeEnvironment, VectorEnv[Observation, Action, 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begins all episodes, or those selected by ``options["reset_mask"]``, bool [num_envs]."""
-        check_options(options, "reset_mask")
+        """Begins all episodes, or those selected by ``options["reset_mask"]``, bool [num_envs]. ``options["scenario"]``,
+        one or a list, replaces their scenarios.
+        """
+        check_options(options, "reset_mask", "scenario")
         first = None if seed is None or isinstance(seed, Sequence) else int(seed)
         super().reset(seed=first)
         mask = (options or {}).get("reset_mask")
         mask = [True] * self.num_envs if mask is None else [bool(one) for one in mask]
+        if options and options.get("scenario") is not None:
+            self._replace([scenario_of(one) for one in some_of(options["scenario"])], mask)
         begun = zip(self._core.numbers, self._has_begun, strict=True)
         following = [number + (self.num_envs if has_begun else 0) for number, has_begun in begun]
         if first is not None:
@@ -237,16 +324,34 @@ class DataCollectionVectorEnv(NativeEnvironment, VectorEnv[Observation, Action, 
             following = [number if one is None else one for one, number in zip(seed, following, strict=True)]
         observation = self._core.reset(following, mask)
         self._has_begun = [begun or now for begun, now in zip(self._has_begun, mask, strict=True)]
-        return observation, {"seed": np.array(self._core.seeds), "_seed": np.ones(self.num_envs, np.bool_)}
+        return observation, self._info(seed=np.array(self._core.seeds))
+
+    def _replace(self, scenarios: list[Scenario], mask: list[bool]) -> None:
+        """Begins the first episodes over other scenarios, where ``mask`` is true."""
+        self._core.replace(scenarios, mask)
+        old = [self.scenarios[index % len(self.scenarios)] for index in range(self.num_envs)]
+        new = [scenarios[index % len(scenarios)] for index in range(self.num_envs)]
+        self.scenarios = tuple(new[index] if mask[index] else old[index] for index in range(self.num_envs))
+        self._has_begun = [begun and not now for begun, now in zip(self._has_begun, mask, strict=True)]
+
+    def _info(self, **arrays: NDArray[Any]) -> dict[str, Any]:
+        """The information on all environments, each with its mask of those that it is of."""
+        if self._chooses_sensors:
+            arrays["action_mask"] = self.action_masks()
+        return arrays | {f"_{name}": np.ones(self.num_envs, np.bool_) for name in arrays}
 
     def step(
         self, actions: Action
     ) -> tuple[Observation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """Flies one slot of each mission; ``actions`` is float32 [num_envs, 2 or 3]."""
-        observation, rewards, truncated, lost_bits, delivered_bits = self._core.step(np.asarray(actions, np.float32))
-        info: dict[str, Any] = {"lost_bits": lost_bits, "delivered_bits": delivered_bits}
-        info |= {f"_{name}": np.ones(self.num_envs, np.bool_) for name in info}
+        """Flies one slot of each mission; ``actions`` is float32 [num_envs, 2 or 3], or int64 [num_envs] if they are
+        SNs.
+        """
+        actions = np.asarray(actions) if self._chooses_sensors else np.asarray(actions, np.float32)
+        if self._chooses_sensors:
+            actions = actions.astype(np.int64, casting="safe", copy=False)
+        observation, rewards, truncated, lost_bits, delivered_bits = self._core.step(actions)
+        info = self._info(lost_bits=lost_bits, delivered_bits=delivered_bits)
         return observation, rewards, np.zeros(self.num_envs, np.bool_), truncated, info
 
     def _new_core(self) -> VectorCore:
-        return VectorCore(self.scenario, self.num_envs, self.fields, self._positions)
+        return VectorCore(list(self.scenarios), self.num_envs, *self._rules)

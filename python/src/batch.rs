@@ -2,15 +2,17 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use numpy::{PyArray1, PyReadonlyArray2};
+use numpy::{PyArray1, PyArray2, PyArrayMethods as _};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use crate::episode::{Episode, Observations, Outcome};
+use crate::control::Actions;
+use crate::episode::{Episode, Outcome, Rules};
 use crate::errors::refused;
 use crate::field::PyField;
+use crate::observation::Observations;
 use crate::scenario::PyScenario;
 
 /// Episodes per task.
@@ -32,6 +34,14 @@ fn pool() -> PyResult<Arc<ThreadPool>> {
             Ok(threads)
         }
     }
+}
+
+/// Refuses more scenarios than environments, or none.
+fn check(scenarios: usize, count: usize) -> PyResult<()> {
+    if !(1..=count).contains(&scenarios) {
+        return Err(refused(format!("{scenarios} scenarios: expected 1 to {count}, the number of environments")));
+    }
+    Ok(())
 }
 
 /// Observation, rewards, whether the episodes are over, lost bits, delivered bits.
@@ -58,36 +68,78 @@ impl PyVectorCore {
         entries: impl IndexedParallelIterator<Item = T>,
         work: impl Fn(&mut Episode, T) -> PyResult<()> + Sync,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let sensors = self.episodes[0].field.count();
-        let mut observed = Observations::new(self.episodes.len(), sensors);
-        let Observations { uav, queues, slot, .. } = &mut observed;
-        let rows = uav.par_chunks_mut(3).zip(queues.par_chunks_mut(sensors)).zip(slot);
-        let all = self.episodes.par_iter_mut().zip(entries).zip(rows).with_min_len(BATCH);
+        let mut observed = Observations::of(&self.episodes);
+        let (mut rows, kinds) = observed.rows();
+        let all = self.episodes.par_iter_mut().zip(entries).zip(rows.par_chunks_mut(kinds)).with_min_len(BATCH);
         let fly = || {
-            all.try_for_each(|((episode, entry), ((uav, queues), slot))| {
+            all.try_for_each(|((episode, entry), rows)| {
                 work(episode, entry)?;
-                episode.observe(uav, queues, slot);
+                episode.observe(rows);
                 PyResult::Ok(())
             })
         };
         py.detach(|| pool()?.install(fly))?;
-        observed.into_dict(py, &self.episodes, Some(self.episodes.len()))
+        observed.into_dict(py, self.episodes[0].observed(), Some(self.episodes.len()))
     }
 }
 
 #[pymethods]
 impl PyVectorCore {
     #[new]
-    #[pyo3(signature = (scenario, count, fields = None, positions = false))]
-    fn new(scenario: &Bound<'_, PyScenario>, count: usize, fields: Option<u64>, positions: bool) -> PyResult<Self> {
+    #[expect(clippy::too_many_arguments, reason = "those of the environment")]
+    fn new(
+        py: Python<'_>,
+        scenarios: Vec<Bound<'_, PyScenario>>,
+        count: usize,
+        fields: Option<u64>,
+        observation: Vec<String>,
+        nearest: Option<usize>,
+        action: &str,
+        reward: &str,
+    ) -> PyResult<Self> {
         if !(1..=MAX_ENVIRONMENTS).contains(&count) {
             return Err(refused(format!("num_envs = {count}: expected 1 to {MAX_ENVIRONMENTS}")));
         }
-        let mut episodes = vec![Episode::first(scenario.get(), fields, positions)?; count];
-        for (episode, number) in episodes.iter_mut().zip(0..) {
-            episode.begin(episode.number() + number)?;
+        check(scenarios.len(), count)?;
+        let first = Episode::first(scenarios[0].get(), &Rules::of(py, fields, &observation, nearest, action, reward)?)?;
+        let mut core = Self { episodes: vec![first; count] };
+        core.replace(scenarios, vec![true; count])?;
+        Ok(core)
+    }
+
+    /// Begins the first episodes over other scenarios, where `mask` is true. Environment i gets scenario i, modulo their
+    /// number.
+    fn replace(&mut self, scenarios: Vec<Bound<'_, PyScenario>>, mask: Vec<bool>) -> PyResult<()> {
+        check(scenarios.len(), self.episodes.len())?;
+        if mask.len() != self.episodes.len() {
+            return Err(refused(format!("reset_mask of {}: expected {}", mask.len(), self.episodes.len())));
         }
-        Ok(Self { episodes })
+        let over = |scenario: &Bound<'_, PyScenario>| self.episodes[0].over(scenario.get());
+        let firsts = scenarios.iter().map(over).collect::<PyResult<Vec<Episode>>>()?;
+        let mut episodes = self.episodes.clone();
+        for (index, episode) in episodes.iter_mut().enumerate().filter(|(index, _)| mask[*index]) {
+            *episode = firsts[index % firsts.len()].clone();
+            episode.begin(episode.number() + index as u64)?;
+        }
+        self.episodes = episodes;
+        Ok(())
+    }
+
+    /// Names, shapes and least numbers of what is observed by one environment.
+    #[getter]
+    fn observed(&self) -> Vec<(&'static str, Vec<usize>, f64)> {
+        self.episodes[0].observed().boxes(self.episodes[0].field.count()).collect()
+    }
+
+    /// Number of coordinates of an action, or of sensor nodes to choose from.
+    #[getter]
+    fn action_size(&self) -> usize {
+        self.episodes[0].action_size()
+    }
+
+    fn action_masks<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<bool>>> {
+        let masks: Vec<bool> = self.episodes.iter().flat_map(Episode::action_mask).collect();
+        PyArray1::from_vec(py, masks).reshape([self.episodes.len(), self.action_size()])
     }
 
     #[getter]
@@ -112,7 +164,7 @@ impl PyVectorCore {
             let [seeds, mask] = [numbers.len(), mask.len()];
             return Err(refused(format!("{seeds} seeds, reset_mask of {mask}: expected {count} of each")));
         }
-        self.episodes[0].check(&numbers)?;
+        self.episodes.iter().zip(&numbers).try_for_each(|(episode, &number)| episode.check(number))?;
         self.each(
             py,
             numbers.into_par_iter().zip(mask),
@@ -123,21 +175,16 @@ impl PyVectorCore {
     }
 
     /// Flies one slot of every episode. An episode that is over is replaced by the next one of its environment instead.
-    fn step<'py>(&mut self, py: Python<'py>, actions: PyReadonlyArray2<'py, f32>) -> PyResult<Steps<'py>> {
+    fn step<'py>(&mut self, py: Python<'py>, actions: &Bound<'py, PyAny>) -> PyResult<Steps<'py>> {
         let count = self.episodes.len();
-        let axes = self.episodes[0].axes();
-        let actions = actions.as_array();
-        if actions.dim() != (count, axes) || actions.iter().any(|component| !component.is_finite()) {
-            return Err(refused(format!("actions of shape {:?}: expected ({count}, {axes}), finite", actions.dim())));
-        }
-        let components: Vec<f32> = actions.iter().copied().collect(); // the caller may change the array
+        let actions = Actions::many(&self.episodes[0], count, actions)?;
         let mut outcomes = vec![Outcome::default(); count];
-        let entries = components.par_chunks(axes).zip(&mut outcomes);
-        let observation = self.each(py, entries, |episode, (action, outcome)| {
+        let entries = (0..count).into_par_iter().zip(&mut outcomes);
+        let observation = self.each(py, entries, |episode, (index, outcome)| {
             if episode.plant.is_over() {
                 return episode.begin(episode.number() + count as u64);
             }
-            let plan = episode.plan(action);
+            let plan = actions.plan(index, episode);
             *outcome = episode.fly(&plan);
             Ok(())
         })?;

@@ -3,7 +3,7 @@
 use std::slice;
 use std::sync::Arc;
 
-use numpy::{AllowTypeChange, PyArray1, PyArrayLike1};
+use numpy::PyArray1;
 use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -12,9 +12,12 @@ use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::UAV;
 use skysink_planner::strategies::PYTHON;
 
-use crate::episode::{Episode, Observations, Outcome};
+use crate::belief::PyBelief;
+use crate::control::{Actions, Control};
+use crate::episode::{Episode, Outcome, Rules};
 use crate::errors::{of_mission, refused};
 use crate::field::PyField;
+use crate::observation::Observations;
 use crate::pilot::{PyDecision, believed_bps};
 use crate::run::{PyRun, python_mode};
 use crate::scenario::PyScenario;
@@ -35,9 +38,9 @@ pub struct PyEnvironmentCore {
 impl PyEnvironmentCore {
     fn observation<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let Self { episode, .. } = self;
-        let mut observed = Observations::new(1, episode.field.count());
-        episode.observe(&mut observed.uav, &mut observed.queues, &mut observed.slot[0]);
-        observed.into_dict(py, slice::from_ref(episode), None)
+        let mut observed = Observations::of(slice::from_ref(episode));
+        episode.observe(&mut observed.rows().0);
+        observed.into_dict(py, episode.observed(), None)
     }
 
     fn fly_plan<'py>(&mut self, py: Python<'py>, plan: Plan) -> PyResult<Step<'py>> {
@@ -49,6 +52,9 @@ impl PyEnvironmentCore {
         let information = PyDict::new(py);
         information.set_item(intern!(py, "lost_bits"), lost_bits)?;
         information.set_item(intern!(py, "delivered_bits"), delivered_bits)?;
+        if self.episode.control() == Control::Sensor {
+            information.set_item(intern!(py, "action_mask"), self.action_masks(py))?;
+        }
         Ok((self.observation(py)?, reward, false, is_over, information))
     }
 }
@@ -56,9 +62,47 @@ impl PyEnvironmentCore {
 #[pymethods]
 impl PyEnvironmentCore {
     #[new]
-    #[pyo3(signature = (scenario, fields = None, positions = false))]
-    fn new(scenario: &Bound<'_, PyScenario>, fields: Option<u64>, positions: bool) -> PyResult<Self> {
-        Ok(Self { episode: Episode::first(scenario.get(), fields, positions)?, plans: Vec::new() })
+    fn new(
+        py: Python<'_>,
+        scenario: &Bound<'_, PyScenario>,
+        fields: Option<u64>,
+        observation: Vec<String>,
+        nearest: Option<usize>,
+        action: &str,
+        reward: &str,
+    ) -> PyResult<Self> {
+        let rules = Rules::of(py, fields, &observation, nearest, action, reward)?;
+        Ok(Self { episode: Episode::first(scenario.get(), &rules)?, plans: Vec::new() })
+    }
+
+    /// Begins the first episode over another scenario.
+    fn replace(&mut self, scenario: &Bound<'_, PyScenario>) -> PyResult<()> {
+        self.episode = self.episode.over(scenario.get())?;
+        self.plans.clear();
+        Ok(())
+    }
+
+    /// Names, shapes and least numbers of what is observed.
+    #[getter]
+    fn observed(&self) -> Vec<(&'static str, Vec<usize>, f64)> {
+        self.episode.observed().boxes(self.episode.field.count()).collect()
+    }
+
+    /// Number of coordinates of an action, or of sensor nodes to choose from.
+    #[getter]
+    fn action_size(&self) -> usize {
+        self.episode.action_size()
+    }
+
+    fn action_masks<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
+        PyArray1::from_vec(py, self.episode.action_mask())
+    }
+
+    #[getter]
+    fn belief(&self, py: Python<'_>) -> PyResult<PyBelief> {
+        let Episode { field, plant, contacts, .. } = &self.episode;
+        let sampling_bps = believed_bps(py, plant, field)?;
+        PyBelief::of(py, plant, field, &self.queues_bits(py), &sampling_bps, contacts.clone())
     }
 
     #[getter]
@@ -98,13 +142,8 @@ impl PyEnvironmentCore {
         self.observation(py)
     }
 
-    fn step<'py>(&mut self, py: Python<'py>, action: PyArrayLike1<'py, f32, AllowTypeChange>) -> PyResult<Step<'py>> {
-        let axes = self.episode.axes();
-        let components = action.as_array().to_vec();
-        if components.len() != axes || components.iter().any(|component| !component.is_finite()) {
-            return Err(refused(format!("action {components:?}: expected {axes} finite numbers, -1 to 1")));
-        }
-        let plan = self.episode.plan(&components);
+    fn step<'py>(&mut self, py: Python<'py>, action: &Bound<'py, PyAny>) -> PyResult<Step<'py>> {
+        let plan = Actions::one(&self.episode, action)?.plan(0, &self.episode);
         self.fly_plan(py, plan)
     }
 

@@ -2,23 +2,24 @@
 
 use std::sync::Arc;
 
-use numpy::{IntoPyArray, PyArray1, PyArrayMethods as _};
-use pyo3::intern;
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyString};
+use skysink_common::arrivals::mean_bits;
 use skysink_common::belief::Belief;
 use skysink_common::checkpoint::{Checkpoint as _, decode, encode};
 use skysink_common::error::InputError;
-use skysink_common::geometry::{Position, above};
-use skysink_common::message::{Mode, Plan};
+use skysink_common::message::Plan;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::UAV;
 use skysink_mission::Plant;
 use skysink_planner::settings;
 
+use crate::belief::Contacts;
+use crate::control::Control;
 use crate::errors::refused;
 use crate::field::FieldData;
+use crate::observation::Observed;
+use crate::reward::Reward;
 use crate::scenario::PyScenario;
 
 /// The field and the UAV of a scenario, with what the UAV believes of the queues.
@@ -28,19 +29,43 @@ pub fn plant(scenario: &Scenario, list: &SensorList) -> PyResult<Plant> {
 }
 
 /// What the episodes of an environment have in common.
-struct Course {
+pub struct Course {
     /// The scenario; its seed is that of the first field.
     scenario: Scenario,
+    rules: Arc<Rules>,
+}
+
+/// What an environment sees, does and earns, whatever its scenario.
+pub struct Rules {
     /// The number of fields; `None` for unlimited.
     fields: Option<u64>,
-    /// Whether the positions of the sensor nodes are observed.
-    observes_positions: bool,
+    pub observed: Observed,
+    pub control: Control,
+    reward: Reward,
+}
+
+impl Rules {
+    /// Those of these arguments of an environment.
+    pub fn of(
+        py: Python<'_>,
+        fields: Option<u64>,
+        observation: &[String],
+        nearest: Option<usize>,
+        action: &str,
+        reward: &str,
+    ) -> PyResult<Arc<Self>> {
+        if fields == Some(0) {
+            return Err(refused("fields = 0: expected 1 or more, or None"));
+        }
+        let observed = Observed::of(py, observation, nearest)?;
+        Ok(Arc::new(Self { fields, observed, control: Control::named(action)?, reward: Reward::named(reward)? }))
+    }
 }
 
 impl Course {
     /// The seed of the episode with this number.
     fn seed(&self, number: u64) -> u64 {
-        self.fields.map_or(number, |count| self.scenario.seed + number % count)
+        self.rules.fields.map_or(number, |count| self.scenario.seed + number % count)
     }
 
     /// The mission of the episode with this number.
@@ -63,14 +88,20 @@ pub struct Episode {
     pub list: Arc<SensorList>,
     pub field: Arc<FieldData>,
     pub plant: Plant,
+    pub contacts: Contacts,
     /// Positions of the sensor nodes, x and y alternating, as fractions of the area; empty if they are not observed.
-    positions: Arc<[f32]>,
+    pub positions: Arc<[f32]>,
+    /// Weights of the sensor nodes, by id; empty if the reward is not weighted.
+    pub weights: Arc<[f64]>,
+    /// Mean of the bits that the field samples in the mission.
+    pub expected_bits: f64,
+    /// The highest mean that a sensor node can have [bit per slot].
+    pub highest_mean_bits: f64,
 }
 
 /// The result of one slot of an episode.
 #[derive(Clone, Copy, Default)]
 pub struct Outcome {
-    /// Minus the fraction of the sampled bits that was lost; 0 if nothing was sampled.
     pub reward: f64,
     pub delivered_bits: u64,
     pub lost_bits: u64,
@@ -78,18 +109,46 @@ pub struct Outcome {
     pub is_over: bool,
 }
 
+/// Weights of the sensor nodes of a list, by id.
+fn weights(list: &SensorList) -> Arc<[f64]> {
+    vec![1.0; list.sensors().len()].into()
+}
+
 impl Episode {
-    /// The first episode of an environment over `fields` fields.
-    pub fn first(scenario: &PyScenario, fields: Option<u64>, observes_positions: bool) -> PyResult<Self> {
+    /// The first episode of an environment with these rules.
+    pub fn first(scenario: &PyScenario, rules: &Arc<Rules>) -> PyResult<Self> {
         let scenario = scenario.scenario.clone();
-        if fields == Some(0) {
-            return Err(refused("fields = 0: expected 1 or more, or None"));
-        }
+        let fields = rules.fields;
         if fields.is_some_and(|count| scenario.seed.checked_add(count).is_none_or(|end| i64::try_from(end).is_err())) {
             return Err(refused(format!("fields = {}: expected fewer", fields.unwrap_or(0))));
         }
         let number = if fields.is_some() { 0 } else { scenario.seed };
-        Self::new(Arc::new(Course { scenario, fields, observes_positions }), number)
+        let first = Self::new(Arc::new(Course { scenario, rules: Arc::clone(rules) }), number)?;
+        if let Some(nearest) = rules.observed.nearest.filter(|nearest| !(1..=first.field.count()).contains(nearest)) {
+            let count = first.field.count();
+            return Err(refused(format!(
+                "nearest = {nearest}: expected 1 to {count}, the sensor nodes of the scenario"
+            )));
+        }
+        Ok(first)
+    }
+
+    /// The first episode over another scenario. Its observations and actions have the same shape.
+    pub fn over(&self, scenario: &PyScenario) -> PyResult<Self> {
+        let other = Self::first(scenario, &self.course.rules)?;
+        let shape = |episode: &Self| [episode.field.count(), episode.axes()];
+        let [count, axes] = shape(self);
+        if shape(&other) != [count, axes] {
+            let altitude = |axes| if axes == 3 { "a free altitude" } else { "a fixed altitude" };
+            let [other_count, other_axes] = shape(&other);
+            return Err(refused(format!(
+                "scenario {}: {other_count} sensor nodes, {}: expected {count} and {}, because spaces stay the same",
+                scenario.scenario.name,
+                altitude(other_axes),
+                altitude(axes)
+            )));
+        }
+        Ok(other)
     }
 
     /// The episode with this number, before its first slot.
@@ -98,8 +157,22 @@ impl Episode {
         let list = SensorList::of(&scenario).map_err(refused)?;
         let plant = plant(&scenario, &list)?;
         let field = Arc::new(FieldData::of(&scenario, &list, plant.field().belief()));
-        let positions = if course.observes_positions { field.position_fractions().collect() } else { Arc::default() };
-        Ok(Self { course, number, list: Arc::new(list), field, plant, positions })
+        let Rules { observed, reward, .. } = &*course.rules;
+        let means_bits = list.sensors().iter().map(|sensor| mean_bits(sensor.sampling_bps, scenario.slot_s));
+        let known_bits = field.sensors.ids().map(|id| field.sensors.sampler(id).mean_bits);
+        let highest_of_range = mean_bits(scenario.sensors.sampling_bps.ends()[1], scenario.slot_s);
+        Ok(Self {
+            number,
+            contacts: Contacts::none(field.count()),
+            positions: if observed.has("positions") { field.position_fractions().collect() } else { Arc::default() },
+            weights: if *reward == Reward::Weighted { weights(&list) } else { Arc::default() },
+            expected_bits: means_bits.sum::<f64>() * scenario.slots as f64,
+            highest_mean_bits: known_bits.fold(highest_of_range, f64::max),
+            list: Arc::new(list),
+            course,
+            field,
+            plant,
+        })
     }
 
     /// The episode with this number. It reuses the sensor nodes if they are the same.
@@ -109,13 +182,19 @@ impl Episode {
             return Ok(());
         }
         self.plant = plant(&self.course.scenario(number)?, &self.list)?;
+        self.contacts = Contacts::none(self.field.count());
         self.number = number;
         Ok(())
     }
 
-    /// Checks that all numbers have a seed.
-    pub fn check(&self, numbers: &[u64]) -> PyResult<()> {
-        numbers.iter().try_for_each(|&number| self.course.scenario(number).map(|_| ()))
+    /// Checks that a number has a seed.
+    pub fn check(&self, number: u64) -> PyResult<()> {
+        self.course.scenario(number).map(|_| ())
+    }
+
+    /// The rules of its environment.
+    pub fn rules(&self) -> &Rules {
+        &self.course.rules
     }
 
     /// Its number. In a vector of n, environment i has the numbers i, i + n, i + 2n and so on, plus that of the first.
@@ -133,48 +212,18 @@ impl Episode {
         self.course.scenario(self.number)
     }
 
-    /// Number of coordinates of an action: 3 if the altitude is free, else 2.
-    pub fn axes(&self) -> usize {
-        if self.field.limits.climb_m > 0.0 { 3 } else { 2 }
-    }
-
-    /// The plan of an action: a displacement as a fraction of the reach of a slot. Serves the fullest queues in range.
-    pub fn plan(&self, action: &[f32]) -> Plan {
-        let limits = self.field.limits;
-        let uav = self.plant.flight(UAV).position();
-        let step = Position::new(action[0].into(), action[1].into()).coords;
-        let step = step / step.norm().max(1.0) * limits.reach_m;
-        let z_m = action.get(2).map_or(uav.z, |&climb| {
-            let climb_m = f64::from(climb).clamp(-1.0, 1.0) * limits.climb_m;
-            (uav.z + climb_m).clamp(limits.min_altitude_m, limits.max_altitude_m)
-        });
-        let ground = self.field.clamp_to_area(uav.xy() + step);
-        self.field.plan(above(&ground, z_m), None, self.plant.field().believed_bits(), Mode::Serve)
-    }
-
     /// Flies the next slot.
     pub fn fly(&mut self, plan: &Plan) -> Outcome {
-        let before_bits = self.plant.header().totals.sampled_bits;
+        let reward = self.course.rules.reward;
+        let before = reward.bits(self);
         let header = self.plant.step(&[Some(*plan)]).header;
-        let sampled_bits = header.totals.sampled_bits - before_bits;
-        let reward = if sampled_bits > 0 { -(header.lost_bits as f64 / sampled_bits as f64) } else { 0.0 };
-        let is_over = self.plant.is_over();
-        Outcome { reward, delivered_bits: header.delivered_bits, lost_bits: header.lost_bits, is_over }
-    }
-
-    /// Writes the observation: the UAV's position relative to area and altitudes, the queues as fractions of the
-    /// buffers, and the slot as a fraction of the mission.
-    pub fn observe(&self, uav: &mut [f32], queues: &mut [f32], slot: &mut f32) {
-        let limits = self.field.limits;
-        let position = self.plant.flight(UAV).position();
-        let climb_range_m = limits.max_altitude_m - limits.min_altitude_m;
-        let altitude = if climb_range_m > 0.0 { (position.z - limits.min_altitude_m) / climb_range_m } else { 0.0 };
-        let fractions = [position.x / limits.width_m, position.y / limits.height_m, altitude];
-        uav.iter_mut().zip(fractions).for_each(|(uav, fraction)| *uav = fraction.clamp(0.0, 1.0) as f32);
-        *slot = (self.plant.slot() as f64 / limits.slots as f64) as f32;
-        let capacity_bits = self.field.capacity_bits() as f32;
-        let pairs = queues.iter_mut().zip(self.plant.field().believed_bits());
-        pairs.for_each(|(queue, &bits)| *queue = bits as f32 / capacity_bits);
+        self.contacts.add(self.plant.slot(), self.plant.flight(UAV));
+        Outcome {
+            reward: reward.of(self, before),
+            delivered_bits: header.delivered_bits,
+            lost_bits: header.lost_bits,
+            is_over: self.plant.is_over(),
+        }
     }
 
     /// Its state as bytes.
@@ -182,67 +231,19 @@ impl Episode {
         let mut plant = Vec::new();
         self.plant.save(&mut plant);
         let mut bytes = Vec::new();
-        encode(&(self.number, plant), &mut bytes);
+        encode(&(self.number, plant, self.contacts.slots()), &mut bytes);
         bytes
     }
 
     /// Restores a state that [`Episode::save`] returned for the same environment. Refuses any other.
     pub fn restore(&mut self, bytes: &[u8]) -> PyResult<()> {
-        let (number, plant): (u64, Vec<u8>) = decode(bytes).map_err(refused)?;
+        let (number, plant, contacts): (u64, Vec<u8>, Vec<u64>) = decode(bytes).map_err(refused)?;
         let mut episode = self.clone();
         episode.begin(number)?;
         episode.plant.restore(&plant).map_err(refused)?;
+        let slot = episode.plant.slot();
+        episode.contacts = Contacts::restored(contacts, episode.field.count(), slot).map_err(refused)?;
         *self = episode;
         Ok(())
-    }
-}
-
-/// Numbers below which NumPy copies an array faster than it takes over a vector.
-const FEW: usize = 1000;
-
-/// The observations of episodes, one after another.
-pub struct Observations {
-    /// Sensor nodes of each.
-    sensors: usize,
-    pub uav: Vec<f32>,
-    pub queues: Vec<f32>,
-    pub slot: Vec<f32>,
-}
-
-impl Observations {
-    /// Room for those of `count` episodes of `sensors` sensor nodes.
-    pub fn new(count: usize, sensors: usize) -> Self {
-        Self { sensors, uav: vec![0.0; 3 * count], queues: vec![0.0; sensors * count], slot: vec![0.0; count] }
-    }
-
-    /// As a dictionary of arrays, with the positions of `episodes` if they are observed. `count` is the first dimension
-    /// of the arrays of a vector; those of a single environment have none.
-    pub fn into_dict<'py>(
-        self,
-        py: Python<'py>,
-        episodes: &[Episode],
-        count: Option<usize>,
-    ) -> PyResult<Bound<'py, PyDict>> {
-        let Self { sensors, uav, queues, slot } = self;
-        let observation = PyDict::new(py);
-        let set = |name: &Bound<'py, PyString>, values: Vec<f32>, shape: &[usize]| {
-            let array = match values.len() {
-                ..FEW => PyArray1::from_slice(py, &values),
-                _ => values.into_pyarray(py),
-            };
-            if count.is_none() && shape.len() == 1 {
-                return observation.set_item(name, array);
-            }
-            let shape: Vec<usize> = count.into_iter().chain(shape.iter().copied()).collect();
-            observation.set_item(name, array.reshape(shape)?)
-        };
-        set(intern!(py, "uav"), uav, &[3])?;
-        set(intern!(py, "queues"), queues, &[sensors])?;
-        set(intern!(py, "slot"), slot, &[1])?;
-        if episodes[0].course.observes_positions {
-            let positions: Vec<&[f32]> = episodes.iter().map(|episode| &episode.positions[..]).collect();
-            set(intern!(py, "positions"), positions.concat(), &[sensors, 2])?;
-        }
-        Ok(observation)
     }
 }

@@ -84,7 +84,7 @@ impl FieldData {
     }
 
     /// The n fullest queues within `d_c` of `ground`.
-    fn fullest(&self, ground: &Position, queues_bits: &[u32]) -> Vec<u32> {
+    pub fn fullest(&self, ground: &Position, queues_bits: &[u32]) -> Vec<u32> {
         let mut ids = Vec::with_capacity(MAX_SERVED);
         fill_fullest_in_range(&self.sensors.grid, &self.limits, ground, queues_bits, &mut ids);
         ids

@@ -5,12 +5,16 @@
 //! registration, executors and the ring are implemented in Python.
 
 mod batch;
+mod belief;
 mod commands;
+mod control;
 mod environment;
 mod episode;
 mod errors;
 mod field;
+mod observation;
 mod pilot;
+mod reward;
 mod run;
 mod scenario;
 mod signals;
@@ -25,6 +29,8 @@ mod _skysink {
 
     #[pymodule_export]
     use super::batch::PyVectorCore;
+    #[pymodule_export]
+    use super::belief::PyBelief;
     #[pymodule_export]
     use super::commands::run_program;
     #[pymodule_export]

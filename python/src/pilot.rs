@@ -7,13 +7,13 @@ use nalgebra::Point3;
 use numpy::ndarray::ArrayView1;
 use numpy::{PyArray1, PyArrayMethods, ToPyArray};
 use pyo3::exceptions::PyRuntimeError;
-use pyo3::intern;
 use pyo3::prelude::*;
 use skysink_common::message::{MAX_SERVED, Mode, Plan};
 use skysink_common::slot_record::{Plans, UAV};
 use skysink_mission::drive::{Ended, Pilot, elapsed_ns};
 use skysink_mission::{MissionError, Plant};
 
+use crate::belief::{Contacts, PyBelief, new_object};
 use crate::errors::refused;
 use crate::field::{FieldData, PyField, coordinates, read_only};
 use crate::values::Reduced;
@@ -36,6 +36,9 @@ pub struct PyView {
     queues_bits: Py<PyArray1<u32>>,
     /// Sampling rates as known at the start of the slot, true or learnt [bit/s], [N], read-only.
     sampling_bps: Py<PyArray1<f64>>,
+    /// Queues and rates as known at the start of the slot, each with its standard deviation, and the ages of the
+    /// contacts. None in a ring.
+    belief: Option<Py<PyBelief>>,
     /// What stays the same.
     field: Py<PyField>,
 }
@@ -99,6 +102,8 @@ pub struct PyPlanMaker {
     field: Py<PyField>,
     /// The rates before slot 1, which stay unless they are learnt.
     sampling_bps: Py<PyArray1<f64>>,
+    /// The contacts of the mission that it flies as a pilot.
+    contacts: Contacts,
 }
 
 #[pymethods]
@@ -108,7 +113,8 @@ impl PyPlanMaker {
     pub fn new(py: Python<'_>, strategy: Py<PyAny>, field: Py<PyField>) -> PyResult<Self> {
         strategy.call_method1(py, "begin", (&field,))?;
         let sampling_bps = field.get().data.sampling_bps(py)?.unbind();
-        Ok(Self { strategy, field, sampling_bps })
+        let contacts = Contacts::none(field.get().data.count());
+        Ok(Self { strategy, field, sampling_bps, contacts })
     }
 
     /// The message of the plan for `slot`, from the position of the flight before it [m], the queues [bit], and the
@@ -125,14 +131,14 @@ impl PyPlanMaker {
         let field = &self.field.get().data;
         field.check(queues_bits.len()?)?;
         learnt_bps.as_ref().map_or(Ok(()), |learnt_bps| field.check(learnt_bps.len()?))?;
-        let plan = self.timed_plan(py, slot, Point3::from(uav), queues_bits, learnt_bps)?;
+        let plan = self.timed_plan(py, slot, Point3::from(uav), queues_bits, learnt_bps, None)?;
         Ok(bytemuck::bytes_of(&plan).to_vec())
     }
 }
 
 impl PyPlanMaker {
-    /// The plan of a slot, from the position of the UAV, the queues [bit] and the learnt rates [bit/s], with the time
-    /// that it took.
+    /// The plan of a slot, from the position of the UAV, the queues [bit], the learnt rates [bit/s] and the belief, with
+    /// the time that it took.
     fn timed_plan(
         &self,
         py: Python<'_>,
@@ -140,15 +146,16 @@ impl PyPlanMaker {
         uav: Point3<f64>,
         queues_bits: &Bound<'_, PyArray1<u32>>,
         learnt_bps: Option<Bound<'_, PyArray1<f64>>>,
+        belief: Option<PyBelief>,
     ) -> PyResult<Plan> {
         let begin = Instant::now();
-        // A new array object, whose shape the strategy may change; the memory is shared.
-        let known_bps = || PyResult::Ok(self.sampling_bps.bind(py).call_method0(intern!(py, "view"))?.cast_into()?);
+        let known_bps = || new_object(self.sampling_bps.bind(py));
         let view = PyView {
             slot,
             uav: read_only([uav.x, uav.y, uav.z].to_pyarray(py))?.unbind(),
-            queues_bits: queues_bits.call_method0(intern!(py, "view"))?.cast_into()?.unbind(),
+            queues_bits: new_object(queues_bits)?.unbind(),
             sampling_bps: learnt_bps.map_or_else(known_bps, Ok)?.unbind(),
+            belief: belief.map(|belief| Py::new(py, belief)).transpose()?,
             field: self.field.clone_ref(py),
         };
         let decided = self.strategy.call_method1(py, "plan", (view,))?;
@@ -166,16 +173,22 @@ impl PyPlanMaker {
 
     /// The plan of the next slot of a mission. If the UAV has to estimate the queues from its contacts, the strategy
     /// gets the estimate.
-    fn plan_next(&self, py: Python<'_>, plant: &Plant) -> PyResult<Plan> {
+    fn plan_next(&mut self, py: Python<'_>, plant: &Plant) -> PyResult<Plan> {
         py.check_signals()?;
+        self.contacts.add(plant.slot(), plant.flight(UAV));
         let queues_bits = if plant.field().belief().is_estimated() {
             plant.field().believed_bits().to_pyarray(py)
         } else {
             held(py, plant.field().shared_queues_bits())?
         };
-        let has_learnt_rates = plant.field().belief().has_learnt_rates();
-        let learnt_bps = has_learnt_rates.then(|| believed_bps(py, plant, &self.field.get().data)).transpose()?;
-        self.timed_plan(py, plant.slot() + 1, plant.flight(UAV).position(), &read_only(queues_bits)?, learnt_bps)
+        let queues_bits = read_only(queues_bits)?;
+        let field = &self.field.get().data;
+        let learnt_bps =
+            plant.field().belief().has_learnt_rates().then(|| believed_bps(py, plant, field)).transpose()?;
+        let sampling_bps = learnt_bps.as_ref().unwrap_or_else(|| self.sampling_bps.bind(py));
+        let belief = PyBelief::of(py, plant, field, &queues_bits, sampling_bps, self.contacts.clone())?;
+        let position = plant.flight(UAV).position();
+        self.timed_plan(py, plant.slot() + 1, position, &queues_bits, learnt_bps, Some(belief))
     }
 }
 

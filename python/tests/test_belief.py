@@ -11,7 +11,9 @@ import pytest
 import skysink
 from skysink.environment import DataCollectionEnv
 
-VIEW = {"slot", "uav", "queues_bits", "sampling_bps", "field"}
+VIEW = {"slot", "uav", "queues_bits", "sampling_bps", "belief", "field"}
+
+BELIEF = {"queue_bits", "queue_sd_bits", "rate_bps", "rate_sd_bps", "age_slots"}
 
 FIELD_VALUES = {
     "positions_m", "gains", "sampling_bps", "capacity_bits", "area_m", "reach_m", "comm_radius_m", "resource_blocks",
@@ -67,7 +69,8 @@ def content(view: skysink.View) -> dict[str, Any]:
         "toward": field.toward(view.uav, (1.0, 2.0)),
     }
     assert called.keys() == FIELD_METHODS
-    found = {name: getattr(view, name) for name in VIEW - {"field"}}
+    found = {name: getattr(view, name) for name in VIEW - {"belief", "field"}}
+    found |= {f"belief.{name}": getattr(view.belief, name) for name in BELIEF}
     found |= {f"field.{name}": getattr(field, name) for name in FIELD_VALUES} | called
     found |= {"len": len(field), "repr": repr(field), "pickle": field.__reduce__()[1:]}
     return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in found.items()}
@@ -96,14 +99,15 @@ def noted(scenario: skysink.Scenario, knowledge: str) -> Noting:
 
 def test_every_key_is_known_here() -> None:
     assert keys(skysink.View) == VIEW, "a new key of View: is it what the UAV knows?"
+    assert keys(skysink.Belief) == BELIEF, "a new key of Belief: is it what the UAV knows?"
     assert keys(skysink.Field) == FIELD_VALUES | FIELD_METHODS, "a new key of Field: is it what the UAV knows?"
 
 
 @pytest.mark.parametrize(
     ("knowledge", "told"),
     [
-        ("oracle", {"queues_bits", "sampling_bps", "field.sampling_bps", "pickle"}),
-        ("estimated", {"sampling_bps", "field.sampling_bps", "pickle"}),
+        ("oracle", {"queues_bits", "belief.queue_bits", "sampling_bps", "belief.rate_bps", "field.sampling_bps", "pickle"}),
+        ("estimated", {"sampling_bps", "belief.rate_bps", "field.sampling_bps", "pickle"}),
         ("learnt", set()),
     ],
 )
@@ -146,6 +150,9 @@ def test_an_environment_knows_the_same(scenarios: dict[str, skysink.Scenario]) -
     for slot, seen in enumerate(learning.seen, 1):
         assert env.sampling_bps.tolist() == seen["sampling_bps"]
         assert env.queues_bits.tolist() == seen["queues_bits"]
+        assert {name: getattr(env.belief, name).tolist() for name in BELIEF} == {
+            name: seen[f"belief.{name}"] for name in BELIEF
+        }
         assert env.field.sampling_bps.tolist() == learning.begun
         env.fly(skysink.Decision(env.uav[:2], serve=[0] if slot % 2 else []))
     knowing = DataCollectionEnv(scenarios["one"])
@@ -157,3 +164,57 @@ def test_the_analysis_of_a_mission_has_the_truth(scenarios: dict[str, skysink.Sc
     scenario = scenarios["one"].replace(KNOWLEDGE["learnt"])
     flown = skysink.simulate(scenario, Noting())
     assert flown.field.sampling_bps.tolist() == scenario.field().sampling_bps.tolist() == TRUE_BPS
+
+
+def test_known_queues_have_no_spread_and_the_age_of_the_last_service(scenarios: dict[str, skysink.Scenario]) -> None:
+    scenario = scenarios["one"]
+    knowing = noted(scenario, "oracle")
+    queues = skysink.simulate(scenario, Noting()).queues
+    ages = []
+    for slot, seen in enumerate(knowing.seen, 1):
+        assert seen["belief.queue_bits"] == seen["queues_bits"] == queues[slot - 1].tolist()
+        assert seen["belief.rate_bps"] == TRUE_BPS
+        assert seen["belief.queue_sd_bits"] == seen["belief.rate_sd_bps"] == [0.0] * 3
+        ages.append(seen["belief.age_slots"])
+    # SN 0 is served in slots 1, 3, 5, ...: before slot 2 and 4 that was the last slot.
+    expected = [[0, 0, 0], *([slot % 2, slot + 1, slot + 1] for slot in range(11))]
+    assert ages == expected
+
+
+def test_the_spread_of_an_estimate_is_that_of_its_distribution(scenarios: dict[str, skysink.Scenario]) -> None:
+    learning = noted(scenarios["one"], "learnt")
+    queues = skysink.simulate(scenarios["one"].replace(KNOWLEDGE["learnt"]), Noting()).queues
+    root = np.sqrt(3.0)
+    # Before slot 1: a Poisson variable whose mean is uniform on 0 to 1000 has the variance 1000^2/12 + 500; its uniform
+    # distribution is capped at 0. The rates are uniform on 50 to 150 bit/s.
+    half = np.sqrt(500.0**2 + 3.0 * 500.0)
+    draws = np.maximum(500.0 + half * np.linspace(-1.0, 1.0, 1_000_001), 0.0)
+    assert np.allclose(learning.seen[0]["belief.queue_sd_bits"], draws.std(), rtol=1e-5)
+    assert np.allclose(learning.seen[0]["belief.rate_sd_bps"], 50.0 / root)
+    for slot, seen in enumerate(learning.seen[1:], 2):
+        assert seen["belief.age_slots"] == [(slot - 1 - (slot - 2) // 2 * 2 - 1), slot - 1, slot - 1]
+        # A rate that is not known yet counts since the contact in slot 1.
+        first = 50.0 * (slot - 2) / root if slot < 4 else 0.0
+        assert seen["belief.queue_sd_bits"][0] == pytest.approx(first)
+        assert seen["belief.rate_sd_bps"][0] == pytest.approx(50.0 / root if slot < 4 else 0.0)
+        assert seen["belief.queue_sd_bits"][1] > seen["belief.queue_sd_bits"][0]
+        bits, sd_bits = np.array(seen["belief.queue_bits"]), np.array(seen["belief.queue_sd_bits"])
+        assert (np.abs(bits - queues[slot - 1]) <= root * sd_bits + 1.0).all(), "the truth is within the distribution"
+
+
+def test_beliefs_are_read_only_and_those_of_a_slot_stay(scenarios: dict[str, skysink.Scenario]) -> None:
+    for knowledge in KNOWLEDGE:
+        kept: list[skysink.Belief] = []
+
+        class Keeping(Noting):
+            def plan(self, view: skysink.View) -> skysink.Decision:
+                assert view.belief is not None
+                kept.append(view.belief)  # noqa: B023
+                with pytest.raises(ValueError):
+                    view.belief.age_slots[0] = 1
+                return super().plan(view)
+
+        keeping = Keeping()
+        skysink.simulate(scenarios["one"].replace(KNOWLEDGE[knowledge]), keeping)
+        for belief, seen in zip(kept, keeping.seen, strict=True):
+            assert all(getattr(belief, name).tolist() == seen[f"belief.{name}"] for name in BELIEF)

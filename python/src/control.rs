@@ -1,0 +1,186 @@
+//! The actions of an environment, and what the UAV plans by them.
+
+use numpy::{AllowTypeChange, PyArrayLike1, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::prelude::*;
+use skysink_common::geometry::{Position, above, within};
+use skysink_common::message::{MAX_SERVED, Mode, Plan};
+use skysink_common::slot_record::UAV;
+use skysink_planner::strategies::transit::toward;
+
+use crate::episode::Episode;
+use crate::errors::refused;
+
+/// What an action is.
+#[derive(Clone, Copy, PartialEq)]
+pub enum Control {
+    /// The displacement of the slot as a fraction of the reach.
+    Displacement,
+    /// The waypoint as fractions of the area.
+    Waypoint,
+    /// The sensor node to fly to, or one of the nearest.
+    Sensor,
+}
+
+impl Control {
+    /// That of this name.
+    pub fn named(name: &str) -> PyResult<Self> {
+        match name {
+            "displacement" => Ok(Self::Displacement),
+            "waypoint" => Ok(Self::Waypoint),
+            "sensor" => Ok(Self::Sensor),
+            _ => Err(refused(format!("action = {name:?}: expected displacement, waypoint or sensor"))),
+        }
+    }
+}
+
+/// The actions of some episodes.
+pub enum Actions {
+    /// Components of displacements or waypoints, one action after another.
+    Components(Vec<f32>),
+    /// Number of the sensor node, or of the nearest.
+    Choices(Vec<usize>),
+}
+
+impl Actions {
+    /// The action of one episode.
+    pub fn one(episode: &Episode, action: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let size = episode.action_size();
+        if episode.control() == Control::Sensor {
+            return Self::choices(vec![action.extract()?], size);
+        }
+        let components = action.extract::<PyArrayLike1<'_, f32, AllowTypeChange>>()?.as_array().to_vec();
+        if components.len() != size || components.iter().any(|component| !component.is_finite()) {
+            return Err(refused(format!("action {components:?}: expected {size} finite numbers, {}", episode.range())));
+        }
+        Ok(Self::Components(components))
+    }
+
+    /// Those of `count` episodes like `episode`.
+    pub fn many(episode: &Episode, count: usize, actions: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let size = episode.action_size();
+        if episode.control() == Control::Sensor {
+            let choices = actions.extract::<PyReadonlyArray1<'_, i64>>()?.as_array().to_vec();
+            if choices.len() != count {
+                return Err(refused(format!("{} actions: expected {count}", choices.len())));
+            }
+            return Self::choices(choices, size);
+        }
+        let actions = actions.extract::<PyReadonlyArray2<'_, f32>>()?;
+        let actions = actions.as_array();
+        if actions.dim() != (count, size) || actions.iter().any(|component| !component.is_finite()) {
+            return Err(refused(format!("actions of shape {:?}: expected ({count}, {size}), finite", actions.dim())));
+        }
+        Ok(Self::Components(actions.iter().copied().collect())) // the caller may change the array
+    }
+
+    fn choices(numbers: Vec<i64>, size: usize) -> PyResult<Self> {
+        let choice = |number: i64| usize::try_from(number).ok().filter(|&choice| choice < size);
+        let refuse = |number| refused(format!("action {number}: expected 0 to {}", size - 1));
+        let choices = numbers.into_iter().map(|number| choice(number).ok_or_else(|| refuse(number)));
+        Ok(Self::Choices(choices.collect::<PyResult<_>>()?))
+    }
+
+    /// The plan of `episode` by action number `index`.
+    pub fn plan(&self, index: usize, episode: &Episode) -> Plan {
+        match self {
+            Self::Choices(choices) => episode.plan_choice(choices[index]),
+            Self::Components(components) => {
+                let axes = episode.axes();
+                let action = &components[index * axes..][..axes];
+                match episode.control() {
+                    Control::Waypoint => episode.plan_waypoint(action),
+                    _ => episode.plan_displacement(action),
+                }
+            }
+        }
+    }
+}
+
+impl Episode {
+    /// What an action is.
+    pub fn control(&self) -> Control {
+        self.rules().control
+    }
+
+    /// Number of coordinates of a displacement or waypoint: 3 if the altitude is free, else 2.
+    pub fn axes(&self) -> usize {
+        if self.field.limits.climb_m > 0.0 { 3 } else { 2 }
+    }
+
+    /// Number of coordinates of an action, or of sensor nodes to choose from.
+    pub fn action_size(&self) -> usize {
+        match self.control() {
+            Control::Sensor => self.observed().nearest.unwrap_or(self.field.count()),
+            Control::Displacement | Control::Waypoint => self.axes(),
+        }
+    }
+
+    fn range(&self) -> &'static str {
+        if self.control() == Control::Waypoint { "0 to 1" } else { "-1 to 1" }
+    }
+
+    /// Whether each sensor node to choose from is within the reach of one slot; all are true if none is.
+    pub fn action_mask(&self) -> Vec<bool> {
+        let mut mask: Vec<bool> = match self.observed().nearest {
+            Some(count) => self.nearest(count).into_iter().map(|id| self.reaches(id)).collect(),
+            None => self.field.sensors.ids().map(|id| self.reaches(id)).collect(),
+        };
+        if !mask.contains(&true) {
+            mask.fill(true);
+        }
+        mask
+    }
+
+    /// A displacement as a fraction of the reach of a slot. Serves the fullest queues in range.
+    fn plan_displacement(&self, action: &[f32]) -> Plan {
+        let limits = self.field.limits;
+        let uav = self.plant.flight(UAV).position();
+        let step = Position::new(action[0].into(), action[1].into()).coords;
+        let step = step / step.norm().max(1.0) * limits.reach_m;
+        let z_m = action.get(2).map_or(uav.z, |&climb| {
+            let climb_m = f64::from(climb).clamp(-1.0, 1.0) * limits.climb_m;
+            (uav.z + climb_m).clamp(limits.min_altitude_m, limits.max_altitude_m)
+        });
+        let ground = self.field.clamp_to_area(uav.xy() + step);
+        self.field.plan(above(&ground, z_m), None, self.plant.field().believed_bits(), Mode::Serve)
+    }
+
+    /// A waypoint as fractions of the area and of the altitudes, moved into reach. Serves the fullest queues in range.
+    fn plan_waypoint(&self, action: &[f32]) -> Plan {
+        let limits = self.field.limits;
+        let uav = self.plant.flight(UAV).position();
+        let goal = Position::new(f64::from(action[0]) * limits.width_m, f64::from(action[1]) * limits.height_m);
+        let ground = toward(limits.reach_m, &uav.xy(), &self.field.clamp_to_area(goal));
+        let z_m = action.get(2).map_or(uav.z, |&fraction| {
+            let range_m = limits.max_altitude_m - limits.min_altitude_m;
+            let goal_m = limits.min_altitude_m + f64::from(fraction).clamp(0.0, 1.0) * range_m;
+            goal_m.clamp(uav.z - limits.climb_m, uav.z + limits.climb_m)
+        });
+        let ground = self.field.clamp_to_area(ground);
+        self.field.plan(above(&ground, z_m), None, self.plant.field().believed_bits(), Mode::Serve)
+    }
+
+    /// The flight toward a sensor node, which is served if it is then in range, with the fullest others.
+    fn plan_choice(&self, choice: usize) -> Plan {
+        let limits = self.field.limits;
+        let uav = self.plant.flight(UAV).position();
+        let id = match self.observed().nearest {
+            Some(count) => self.nearest(count)[choice],
+            None => choice as u32,
+        };
+        let goal = self.field.sensors.position(id);
+        let ground = self.field.clamp_to_area(toward(limits.reach_m, &uav.xy(), goal));
+        let believed_bits = self.plant.field().believed_bits();
+        let mut served = self.field.fullest(&ground, believed_bits);
+        let most = (limits.resource_blocks as usize).min(MAX_SERVED);
+        if within(goal, &ground, limits.comm_radius_m) && !served.contains(&id) {
+            if served.len() == most {
+                let emptiest = (0..most).rev().min_by_key(|&at| believed_bits[served[at] as usize]);
+                emptiest.map(|at| served.remove(at));
+            }
+            served.push(id);
+            served.sort_unstable();
+        }
+        self.field.plan(above(&ground, uav.z), Some(&served), believed_bits, Mode::Serve)
+    }
+}

@@ -1,0 +1,251 @@
+//! What an environment observes: a registry of named quantities.
+
+use numpy::{IntoPyArray, PyArray1, PyArrayMethods as _};
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyString};
+use skysink_common::geometry::within;
+use skysink_common::slot_record::UAV;
+
+use crate::belief::believed;
+use crate::episode::Episode;
+use crate::errors::refused;
+
+/// An observable quantity.
+pub struct Observable {
+    /// Its key in the dictionary.
+    pub name: &'static str,
+    /// Its shape for so many sensor nodes, and so many nearest ones.
+    shape: fn(usize, usize) -> Vec<usize>,
+    /// Its least number; the largest is 1.
+    pub low: f64,
+    /// Writes it.
+    write: fn(&Episode, &mut [f32]),
+}
+
+/// All of them, in the order of a dictionary.
+pub const OBSERVABLES: [Observable; 11] = [
+    Observable { name: "uav", shape: |_, _| vec![3], low: 0.0, write: uav },
+    Observable { name: "queues", shape: |count, _| vec![count], low: 0.0, write: queues },
+    Observable { name: "slot", shape: |_, _| vec![1], low: 0.0, write: slot },
+    Observable { name: "positions", shape: |count, _| vec![count, 2], low: 0.0, write: positions },
+    Observable { name: "belief", shape: |count, _| vec![count], low: 0.0, write: belief },
+    Observable { name: "belief_spread", shape: |count, _| vec![count], low: 0.0, write: belief_spread },
+    Observable { name: "rates", shape: |count, _| vec![count], low: 0.0, write: rates },
+    Observable { name: "ages", shape: |count, _| vec![count], low: 0.0, write: ages },
+    Observable { name: "gains", shape: |count, _| vec![count], low: 0.0, write: gains },
+    Observable { name: "nearest", shape: |_, nearest| vec![nearest, NEAREST], low: -1.0, write: nearest },
+    Observable { name: "reach", shape: |count, _| vec![count], low: 0.0, write: reach },
+];
+
+/// Numbers for each of the nearest sensor nodes.
+const NEAREST: usize = 5;
+
+/// The UAV's position relative to area and altitudes.
+fn uav(episode: &Episode, numbers: &mut [f32]) {
+    let limits = episode.field.limits;
+    let position = episode.plant.flight(UAV).position();
+    let climb_range_m = limits.max_altitude_m - limits.min_altitude_m;
+    let altitude = if climb_range_m > 0.0 { (position.z - limits.min_altitude_m) / climb_range_m } else { 0.0 };
+    let fractions = [position.x / limits.width_m, position.y / limits.height_m, altitude];
+    numbers.iter_mut().zip(fractions).for_each(|(number, fraction)| *number = fraction.clamp(0.0, 1.0) as f32);
+}
+
+/// The queues, true or estimated, as fractions of the buffers.
+fn queues(episode: &Episode, numbers: &mut [f32]) {
+    let capacity_bits = episode.field.capacity_bits() as f32;
+    let pairs = numbers.iter_mut().zip(episode.plant.field().believed_bits());
+    pairs.for_each(|(number, &bits)| *number = bits as f32 / capacity_bits);
+}
+
+/// The slot as a fraction of the mission.
+fn slot(episode: &Episode, numbers: &mut [f32]) {
+    numbers[0] = (episode.plant.slot() as f64 / episode.field.limits.slots as f64) as f32;
+}
+
+/// Positions of the sensor nodes, x and y, as fractions of the area.
+fn positions(episode: &Episode, numbers: &mut [f32]) {
+    numbers.copy_from_slice(&episode.positions);
+}
+
+/// Means of the queues as fractions of the buffers.
+fn belief(episode: &Episode, numbers: &mut [f32]) {
+    let believed_bits = episode.plant.field().believed_bits();
+    each(episode, numbers, |id| of_buffer(episode, id, believed_bits[id as usize].into()));
+}
+
+/// Standard deviations of the queues as fractions of the buffers.
+fn belief_spread(episode: &Episode, numbers: &mut [f32]) {
+    let believed = believed(&episode.plant, &episode.field);
+    each(episode, numbers, |id| of_buffer(episode, id, believed.queue_sd_bits(id)));
+}
+
+/// Rates, true or learnt, as fractions of the highest possible one.
+fn rates(episode: &Episode, numbers: &mut [f32]) {
+    each(episode, numbers, |id| rate(episode, id));
+}
+
+/// Slots since the last contacts, as fractions of the mission.
+fn ages(episode: &Episode, numbers: &mut [f32]) {
+    each(episode, numbers, |id| age(episode, id));
+}
+
+/// Reference gains as fractions of the largest.
+fn gains(episode: &Episode, numbers: &mut [f32]) {
+    let gains = &episode.field.sensors.gains;
+    let largest = gains.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+    each(episode, numbers, |id| gains[id as usize] / largest);
+}
+
+/// The nearest sensor nodes, nearest first: x and y from the UAV as fractions of the area, queue, rate, age.
+fn nearest(episode: &Episode, numbers: &mut [f32]) {
+    let limits = episode.field.limits;
+    let uav = episode.plant.flight(UAV).position().xy();
+    let believed_bits = episode.plant.field().believed_bits();
+    for (&id, numbers) in episode.nearest(numbers.len() / NEAREST).iter().zip(numbers.chunks_mut(NEAREST)) {
+        let offset = episode.field.sensors.position(id) - uav;
+        let queue = of_buffer(episode, id, believed_bits[id as usize].into());
+        let row = [offset.x / limits.width_m, offset.y / limits.height_m, queue, rate(episode, id), age(episode, id)];
+        numbers.iter_mut().zip(row).for_each(|(number, value)| *number = value.clamp(-1.0, 1.0) as f32);
+    }
+}
+
+/// 1 for the sensor nodes within the reach of one slot, else 0.
+fn reach(episode: &Episode, numbers: &mut [f32]) {
+    each(episode, numbers, |id| f64::from(u8::from(episode.reaches(id))));
+}
+
+/// Writes a number for each sensor node, at most 1.
+fn each(episode: &Episode, numbers: &mut [f32], of: impl Fn(u32) -> f64) {
+    let pairs = numbers.iter_mut().zip(episode.field.sensors.ids());
+    pairs.for_each(|(number, id)| *number = of(id).min(1.0) as f32);
+}
+
+/// Bits as a fraction of the buffer of sensor node `id`.
+fn of_buffer(episode: &Episode, id: u32, bits: f64) -> f64 {
+    bits / f64::from(episode.field.sensors.sampler(id).capacity_bits).max(1.0)
+}
+
+fn rate(episode: &Episode, id: u32) -> f64 {
+    let mean_bits = episode.plant.field().belief().mean_bits(&episode.field.sensors, id);
+    mean_bits / episode.highest_mean_bits.max(f64::MIN_POSITIVE)
+}
+
+fn age(episode: &Episode, id: u32) -> f64 {
+    let slot = episode.plant.slot();
+    episode.contacts.age_slots(slot, id) as f64 / episode.field.limits.slots as f64
+}
+
+/// Observed quantities, by the registry's order.
+pub struct Observed {
+    kinds: Vec<&'static Observable>,
+    /// Their keys, so that Python does not hash them in every step.
+    keys: Vec<Py<PyString>>,
+    /// Number of nearest sensor nodes, if they are observed or chosen.
+    pub nearest: Option<usize>,
+}
+
+impl Observed {
+    /// Those with the given names.
+    pub fn of(py: Python<'_>, names: &[String], nearest: Option<usize>) -> PyResult<Self> {
+        let known: Vec<&str> = OBSERVABLES.iter().map(|kind| kind.name).collect();
+        if names.is_empty() || names.iter().any(|name| !known.contains(&name.as_str())) {
+            return Err(refused(format!("observation = {names:?}: expected one or more of {}", known.join(", "))));
+        }
+        if nearest.is_none() && names.iter().any(|name| name == "nearest") {
+            return Err(refused("nearest = None: expected the number of nearest sensor nodes to observe"));
+        }
+        let kinds: Vec<_> = OBSERVABLES.iter().filter(|kind| names.iter().any(|name| name == kind.name)).collect();
+        let keys = kinds.iter().map(|kind| PyString::intern(py, kind.name).unbind()).collect();
+        Ok(Self { kinds, keys, nearest })
+    }
+
+    /// Whether the quantity of this name is observed.
+    pub fn has(&self, name: &str) -> bool {
+        self.kinds.iter().any(|kind| kind.name == name)
+    }
+
+    /// Names, shapes, and least numbers over a field of `count` sensor nodes.
+    pub fn boxes(&self, count: usize) -> impl Iterator<Item = (&'static str, Vec<usize>, f64)> {
+        let nearest = self.nearest.unwrap_or(0);
+        self.kinds.iter().map(move |kind| (kind.name, (kind.shape)(count, nearest), kind.low))
+    }
+}
+
+/// Numbers below which NumPy copies an array faster than it takes over a vector.
+const FEW: usize = 1000;
+
+/// Room for the observations of episodes: an array for each observed quantity, with the episodes one after another.
+pub struct Observations {
+    shapes: Vec<Vec<usize>>,
+    arrays: Vec<Vec<f32>>,
+}
+
+impl Observations {
+    /// Room for those of `episodes`, all of the same shape.
+    pub fn of(episodes: &[Episode]) -> Self {
+        let first = &episodes[0];
+        let shapes: Vec<_> = first.observed().boxes(first.field.count()).map(|(_, shape, _)| shape).collect();
+        let arrays = shapes.iter().map(|shape| vec![0.0; shape.iter().product::<usize>() * episodes.len()]).collect();
+        Self { shapes, arrays }
+    }
+
+    /// The rows of each episode, one after another, and how many rows each has.
+    pub fn rows(&mut self) -> (Vec<&mut [f32]>, usize) {
+        let kinds = self.arrays.len();
+        let widths = self.shapes.iter().map(|shape| shape.iter().product::<usize>());
+        let episodes = self.arrays[0].len() / self.shapes[0].iter().product::<usize>();
+        let mut rows: Vec<&mut [f32]> = Vec::new();
+        rows.resize_with(kinds * episodes, Default::default);
+        for (kind, (array, width)) in self.arrays.iter_mut().zip(widths).enumerate() {
+            let of_kind = rows[kind..].iter_mut().step_by(kinds);
+            of_kind.zip(array.chunks_mut(width)).for_each(|(row, numbers)| *row = numbers);
+        }
+        (rows, kinds)
+    }
+
+    /// As a dictionary of arrays. `count` is their first dimension in a vector; those of a single environment have none.
+    pub fn into_dict<'py>(
+        self,
+        py: Python<'py>,
+        observed: &Observed,
+        count: Option<usize>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let observation = PyDict::new(py);
+        for ((key, numbers), shape) in observed.keys.iter().zip(self.arrays).zip(self.shapes) {
+            let array = match numbers.len() {
+                ..FEW => PyArray1::from_slice(py, &numbers),
+                _ => numbers.into_pyarray(py),
+            };
+            if count.is_none() && shape.len() == 1 {
+                observation.set_item(key, array)?;
+                continue;
+            }
+            let shape: Vec<usize> = count.into_iter().chain(shape).collect();
+            observation.set_item(key, array.reshape(shape)?)?;
+        }
+        Ok(observation)
+    }
+}
+
+impl Episode {
+    /// What it observes.
+    pub fn observed(&self) -> &Observed {
+        &self.rules().observed
+    }
+
+    /// Writes the observation into the rows of this episode.
+    pub fn observe(&self, rows: &mut [&mut [f32]]) {
+        self.observed().kinds.iter().zip(rows).for_each(|(kind, row)| (kind.write)(self, row));
+    }
+
+    /// The ids of the `count` sensor nodes nearest to the UAV, nearest first.
+    pub fn nearest(&self, count: usize) -> Vec<u32> {
+        self.field.sensors.grid.nearest(&self.plant.flight(UAV).position().xy(), count)
+    }
+
+    /// Whether the UAV reaches sensor node `id` in one slot.
+    pub fn reaches(&self, id: u32) -> bool {
+        let uav = self.plant.flight(UAV).position().xy();
+        within(self.field.sensors.position(id), &uav, self.field.limits.reach_m)
+    }
+}
