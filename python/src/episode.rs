@@ -158,7 +158,6 @@ impl Episode {
         let plant = plant(&scenario, &list)?;
         let field = Arc::new(FieldData::of(&scenario, &list, plant.field().belief()));
         let Rules { observed, reward, .. } = &*course.rules;
-        let means_bits = list.sensors().iter().map(|sensor| mean_bits(sensor.sampling_bps, scenario.slot_s));
         let known_bits = field.sensors.ids().map(|id| field.sensors.sampler(id).mean_bits);
         let highest_of_range = mean_bits(scenario.sensors.sampling_bps.ends()[1], scenario.slot_s);
         Ok(Self {
@@ -166,7 +165,7 @@ impl Episode {
             contacts: Contacts::none(field.count()),
             positions: if observed.has("positions") { field.position_fractions().collect() } else { Arc::default() },
             weights: if *reward == Reward::Weighted { weights(&list) } else { Arc::default() },
-            expected_bits: means_bits.sum::<f64>() * scenario.slots as f64,
+            expected_bits: list.slot_bits(&scenario) * scenario.slots as f64,
             highest_mean_bits: known_bits.fold(highest_of_range, f64::max),
             list: Arc::new(list),
             course,

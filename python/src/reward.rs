@@ -60,14 +60,19 @@ impl Reward {
                 let ages_slots: u64 = episode.contacts.ages_slots(episode.plant.slot()).sum();
                 -(ages_slots as f64 / episode.field.count() as f64)
             }
-            // What was really sampled is known in the last slot: with its reward, the mean is minus the loss rate.
+            // What the loss rate divides by is known in the last slot: with its reward, the mean is minus the loss rate.
             Self::LossFraction if episode.plant.is_over() => {
-                let loss = fraction(after.lost as f64, after.sampled as f64);
+                let loss = fraction(after.lost as f64, counted_bits(episode));
                 slots * (loss - fraction(before.lost as f64, episode.expected_bits))
             }
             Self::LossFraction => slots * fraction((after.lost - before.lost) as f64, episode.expected_bits),
         }
     }
+}
+
+/// What the loss rate of the mission of `episode` divides by [bit]: the bits sampled on average (decision D3).
+fn counted_bits(episode: &Episode) -> f64 {
+    episode.expected_bits
 }
 
 /// Sampled and lost bits up to the last slot of `episode`, times the weights of their sensor nodes.

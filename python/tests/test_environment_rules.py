@@ -64,13 +64,15 @@ def test_unknown_rules_are_refused(smoke: skysink.Scenario, arguments: dict[str,
 
 @pytest.mark.parametrize("knowledge", [{}, {"planner.knowledge": "estimated"}, LEARNT])
 def test_observations_are_what_the_uav_knows(smoke: skysink.Scenario, knowledge: dict[str, Any]) -> None:
-    scenario = smoke.replace(UNEQUAL | knowledge)
+    scenario = smoke.replace(UNEQUAL | knowledge | {"sensors.initial_queue_mean_bits": 5000.0})
     env = DataCollectionEnv(scenario, observation=NAMES, nearest=7)
     env.action_space.seed(5)
     seen, _ = env.reset(seed=3)
     field = env.field
+    widest = 0.0
     for slot in range(61):
         belief = env.belief
+        widest = max(widest, seen["belief_spread"].max())
         rates = np.minimum(belief.rate_bps / 900.7, 1.0)
         expected = {
             "queues": belief.queue_bits / 12_000,
@@ -92,7 +94,7 @@ def test_observations_are_what_the_uav_knows(smoke: skysink.Scenario, knowledge:
         if slot < 60:
             seen, *_ = env.step(env.action_space.sample())
     assert seen["ages"].max() > 0.1 and (seen["ages"] == 0).any()
-    assert (seen["belief_spread"].max() > 0) == bool(knowledge)
+    assert (widest > 0) == bool(knowledge)
 
 
 def test_waypoints_are_fractions_of_the_area_as_far_as_the_reach(smoke: skysink.Scenario) -> None:
@@ -103,12 +105,12 @@ def test_waypoints_are_fractions_of_the_area_as_far_as_the_reach(smoke: skysink.
     arrived = 0
     for _ in range(60):
         uav = np.array(env.uav[:2])
-        action = np.clip(uav / (width, height) + random.normal(0.0, 0.15, 2), 0.0, 1.0).astype(np.float32)
+        action = np.clip(uav / (width, height) + random.normal(0.0, 0.35, 2), 0.0, 1.0).astype(np.float32)
         goal = action.astype(np.float64) * (width, height)
         env.step(action)
         way = goal - uav
         arrived += bool(np.hypot(*way) <= reach)
-        assert np.allclose(env.uav[:2], uav + way * min(1.0, reach / np.hypot(*way)))
+        assert np.allclose(env.uav[:2], uav + way * min(1.0, reach / max(np.hypot(*way), 1e-9)))
     assert 5 < arrived < 55
     assert env.run().summary["refused"] == 0
     climbing = DataCollectionEnv(free_altitude(), action="waypoint")
@@ -124,7 +126,8 @@ def test_waypoints_are_fractions_of_the_area_as_far_as_the_reach(smoke: skysink.
 
 @pytest.mark.parametrize("nearest", [None, 6])
 def test_a_choice_flies_toward_its_sensor_node_and_serves_it(smoke: skysink.Scenario, nearest: int | None) -> None:
-    env = DataCollectionEnv(smoke.replace(UNEQUAL), action="sensor", nearest=nearest)
+    scenario = smoke.replace(UNEQUAL | {"uav.max_speed_mps": 9.0})
+    env = DataCollectionEnv(scenario, action="sensor", nearest=nearest)
     _, info = env.reset(seed=2)
     field = env.field
     random = np.random.default_rng(4)
