@@ -212,27 +212,31 @@ class View:
 
 @final
 class Belief:
-    """What the UAV knows of the sensor nodes at the start of a slot."""
+    """What the UAV knows of the sensor nodes at the start of a slot: queues and rates, each with its standard
+    deviation, and the ages of its contacts.
+    """
 
     @property
     def queue_bits(self) -> NDArray[np.float64]:
-        """Mean of each queue."""
+        """Mean of each queue [bit], float64 [N], read-only. The queue itself if queues are known."""
 
     @property
     def queue_sd_bits(self) -> NDArray[np.float64]:
-        """Standard deviation of each queue."""
+        """Standard deviation of each queue [bit], float64 [N], read-only. 0 if queues are known."""
 
     @property
     def rate_bps(self) -> NDArray[np.float64]:
-        """Mean of each sampling rate."""
+        """Mean of each sampling rate [bit/s], float64 [N], read-only. The rate itself if rates are known."""
 
     @property
     def rate_sd_bps(self) -> NDArray[np.float64]:
-        """Standard deviation of each sampling rate."""
+        """Standard deviation of each sampling rate [bit/s], float64 [N], read-only. 0 if rates are known."""
 
     @property
     def age_slots(self) -> NDArray[np.int64]:
-        """Slots since each SN was last served."""
+        """Slots since each SN was last served, or since the mission's start, int64 [N], read-only. 0 if the last slot
+        served it.
+        """
 
 @final
 class Decision:

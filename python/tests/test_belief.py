@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import skysink
+from skysink._skysink import PlanMaker
 from skysink.environment import DataCollectionEnv
 
 VIEW = {"slot", "uav", "queues_bits", "sampling_bps", "belief", "field"}
@@ -219,3 +220,15 @@ def test_beliefs_are_read_only_and_those_of_a_slot_stay(scenarios: dict[str, sky
         skysink.simulate(scenarios["one"].replace(KNOWLEDGE[knowledge]), keeping)
         for belief, seen in zip(kept, keeping.seen, strict=True):
             assert all(getattr(belief, name).tolist() == seen[f"belief.{name}"] for name in BELIEF)
+
+
+def test_in_a_ring_there_is_no_belief(scenarios: dict[str, skysink.Scenario]) -> None:
+    views = []
+
+    class Viewing(skysink.Strategy):
+        def plan(self, view: skysink.View) -> None:
+            views.append(view)
+
+    maker = PlanMaker(Viewing(), scenarios["one"].field())
+    maker.plan(1, (50.0, 50.0, 20.0), np.array([700, 100, 5], np.uint32))
+    assert views[0].belief is None and views[0].queues_bits.tolist() == [700, 100, 5]
