@@ -1,38 +1,41 @@
 """Gymnasium environments: ``skysink/DataCollection-v0``, single and vectorised.
 
-Observation: a dictionary of float32 arrays with the quantities named in ``observation``, by default ``uav``, ``queues``
-and ``slot``. All are 0 to 1, except for the coordinates in ``nearest``. ``uav`` [3]: x and y as fractions of the area,
-and the altitude within its range (0 if it is fixed). ``queues`` [N]: each queue as a fraction of its buffer; if the
-scenario has ``planner.knowledge = "estimated"``, the estimate of the UAV. ``slot`` [1]: the slot as a fraction of the
-mission. ``positions`` [N, 2]: as fractions of the area. ``belief`` and ``belief_spread`` [N]: mean and standard deviation
-of each queue as the UAV knows it, as fractions of its buffer; the spread of a known queue is 0. ``rates`` [N]: sampling
-rates, true or learnt, as fractions of the highest that the scenario allows. ``ages`` [N]: slots since each SN was last
-served, or since the start, as fractions of the mission. ``gains`` [N]: reference gains as fractions of the largest.
-``nearest`` [k, 5] with the argument ``nearest=k``: the k SNs nearest to the UAV, nearest first; x and y from the UAV as
-fractions of the area (-1 to 1), queue, rate and age. ``reach`` [N]: 1 for the SNs that the UAV reaches in one slot.
+Observation: a dictionary of float32 arrays with the quantities named in ``observation``, by default ``uav``,
+``queues`` and ``slot``. All are 0 to 1, except for the coordinates in ``nearest``. ``uav`` [3]: x and y as fractions
+of the area, and the altitude within its range (0 if it is fixed). ``queues`` [N]: each queue as a fraction of its
+buffer; if the scenario has ``planner.knowledge = "estimated"``, the estimate of the UAV. ``slot`` [1]: the slot as a
+fraction of the mission. ``positions`` [N, 2]: as fractions of the area. ``belief`` and ``belief_spread`` [N]: mean
+and standard deviation of each queue as the UAV knows it, as fractions of its buffer; the spread of a known queue is
+0. ``rates`` [N]: sampling rates, true or learnt, as fractions of the highest that the scenario allows. ``ages`` [N]:
+slots since each SN was last served, or since the start, as fractions of the mission. ``gains`` [N]: reference gains
+as fractions of the largest. ``nearest`` [k, 5] with the argument ``nearest=k``: the k SNs nearest to the UAV, nearest
+first; x and y from the UAV as fractions of the area (-1 to 1), queue, rate and age. ``reach`` [N]: 1 for the SNs that
+the UAV reaches in one slot.
 
-Action ``"displacement"``, the default: float32 [2], or [3] with a free altitude, each -1 to 1: the displacement of the
-slot as a fraction of the maximum distance, V_max tau, and of the maximum climb. A displacement longer than 1 is scaled
-to 1, and a waypoint outside the area is moved to its border. Action ``"waypoint"``: float32 [2] or [3], each 0 to 1: the
-waypoint as fractions of area and altitude range. The UAV flies straight toward it, as far as one slot allows. With both,
-the n fullest queues within d_c are served. Action ``"sensor"``: the id of an SN, or with ``nearest=k`` its place, from 0,
-among the k nearest. The UAV flies straight toward it, and serves it if it is then within d_c, with the fullest others.
-``info["action_mask"]`` and ``action_masks()`` are true for the SNs that one slot reaches, or for all if it reaches none.
+Action ``"displacement"``, the default: float32 [2], or [3] with a free altitude, each -1 to 1: the displacement of
+the slot as a fraction of the maximum distance, V_max tau, and of the maximum climb. A displacement longer than 1 is
+scaled to 1, and a waypoint outside the area is moved to its border. Action ``"waypoint"``: float32 [2] or [3], each 0
+to 1: the waypoint as fractions of area and altitude range. The UAV flies straight toward it, as far as one slot
+allows. With both, the n fullest queues within d_c are served. Action ``"sensor"``: the id of an SN, or with
+``nearest=k`` its place, from 0, among the k nearest. The UAV flies straight toward it, and serves it if it is then
+within d_c, with the fullest others. ``info["action_mask"]`` and ``action_masks()`` are true for the SNs that one slot
+reaches, or for all if it reaches none.
 
-Reward ``"lost"``, the default: minus the fraction of the bits sampled in the slot that was lost. Its mean is minus the
-loss rate only if the field samples equally many bits in every slot. Reward ``"loss_fraction"``: minus the bits lost in the
-slot, divided by the mean of the bits that the field samples per slot. Its mean over an episode is always minus the loss
-rate. Reward ``"weighted"``: as ``"lost"``, of bits times the weights of their SNs, which are all 1. Reward ``"age"``:
-minus the mean over all SNs of the slots since they were last served.
+Reward ``"lost"``, the default: minus the fraction of the bits sampled in the slot that was lost. Its mean is minus
+the loss rate only if the field samples equally many bits in every slot. Reward ``"loss_fraction"``: minus the bits
+lost in the slot, divided by the mean of the bits that the field samples per slot. Its mean over an episode is always
+minus the loss rate. Reward ``"weighted"``: as ``"lost"``, of bits times the weights of their SNs, which are all 1.
+Reward ``"age"``: minus the mean over all SNs of the slots since they were last served.
 
 An episode is truncated after the mission's last slot; it never terminates.
 
 Seeds are Skysink seeds: ``reset(seed=s)`` uses the field of the scenario with seed s. Without a seed, the next
-episode has the next seed: first the scenario's, then one more each (``num_envs`` more in a vector). With ``fields=k``,
-there are only k fields, starting at the scenario's seed, and seeds count modulo k.
+episode has the next seed: first the scenario's, then one more each (``num_envs`` more in a vector). With
+``fields=k``, there are only k fields, starting at the scenario's seed, and seeds count modulo k.
 
-Scenarios: ``reset(options={"scenario": other})`` goes on with another scenario, with as many SNs. A vector takes a list,
-too; environment i flies scenario i modulo the number of scenarios, and its first episode has that scenario's seed plus i.
+Scenarios: ``reset(options={"scenario": other})`` goes on with another scenario, with as many SNs. A vector takes a
+list, too; environment i flies scenario i modulo the number of scenarios, and its first episode has that scenario's
+seed plus i.
 """
 
 from __future__ import annotations
@@ -184,9 +187,9 @@ class DataCollectionEnv(NativeEnvironment, gymnasium.Env[Observation, Action]):
     """An environment for one mission. See the module for spaces, reward and seeds.
 
     ``scenario`` is a :class:`skysink.Scenario` or a file, by default the paper's; ``fields`` is the number of fields;
-    ``observation`` lists the observed quantities; ``nearest`` is the number of nearest SNs to observe, or to choose from;
-    ``action`` is ``"displacement"``, ``"waypoint"`` or ``"sensor"``; ``reward`` is ``"lost"``, ``"loss_fraction"``,
-    ``"weighted"`` or ``"age"``.
+    ``observation`` lists the observed quantities; ``nearest`` is the number of nearest SNs to observe, or to choose
+    from; ``action`` is ``"displacement"``, ``"waypoint"`` or ``"sensor"``; ``reward`` is ``"lost"``,
+    ``"loss_fraction"``, ``"weighted"`` or ``"age"``.
 
     Raises :class:`skysink.InputError` for what is unknown or impossible.
     """
@@ -304,8 +307,8 @@ class DataCollectionVectorEnv(NativeEnvironment, VectorEnv[Observation, Action, 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begins all episodes, or those selected by ``options["reset_mask"]``, bool [num_envs]. ``options["scenario"]``,
-        one or a list, replaces their scenarios.
+        """Begins all episodes, or those selected by ``options["reset_mask"]``, bool [num_envs].
+        ``options["scenario"]``, one or a list, replaces their scenarios.
         """
         check_options(options, "reset_mask", "scenario")
         first = None if seed is None or isinstance(seed, Sequence) else int(seed)
