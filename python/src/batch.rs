@@ -138,8 +138,9 @@ impl PyVectorCore {
     }
 
     fn action_masks<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<bool>>> {
-        let masks: Vec<bool> = self.episodes.iter().flat_map(Episode::action_mask).collect();
-        PyArray1::from_vec(py, masks).reshape([self.episodes.len(), self.action_size()])
+        let masks = || self.episodes.par_iter().with_min_len(BATCH).map(Episode::action_mask).collect::<Vec<_>>();
+        let masks = py.detach(|| PyResult::Ok(pool()?.install(masks)))?;
+        PyArray1::from_vec(py, masks.concat()).reshape([self.episodes.len(), self.action_size()])
     }
 
     #[getter]
