@@ -97,10 +97,7 @@ impl Los {
         if served.is_empty() {
             return self.clear(canvas);
         }
-        let visible = |sensor: &Position, uav: &Point3<f64>| match self.channel.sees(sensor, uav) {
-            Some(is_seen) => f64::from(u8::from(is_seen)),
-            None => self.link.los_probability(distance_squared(&uav.xy(), sensor), uav.z),
-        };
+        let visible = |sensor: &Position, uav: &Point3<f64>| visible(&self.channel, &self.link, sensor, uav);
         self.surroundings.log(canvas, &visible, flight.position(), &served)?;
         self.profile.log(canvas, &self.link, flight.position(), &served)
     }
@@ -145,6 +142,14 @@ impl Los {
     }
 }
 
+/// Whether a sensor node sees the UAV, 0 or 1, if that stays for the mission, else its probability.
+fn visible(channel: &DrawnChannel, link: &LineOfSight, sensor: &Position, uav: &Point3<f64>) -> f64 {
+    match channel.sees(sensor, uav) {
+        Some(is_seen) => f64::from(u8::from(is_seen)),
+        None => link.los_probability(distance_squared(&uav.xy(), sensor), uav.z),
+    }
+}
+
 fn log_styles(canvas: &Canvas) -> RecordingStreamResult<()> {
     canvas.log_static(ALTITUDE, &curve_style("altitude [m]", colour::UAV))?;
     for (root, mean) in [(ELEVATION, "mean elevation [°]"), (PROBABILITY, "mean probability of line of sight")] {
@@ -160,4 +165,38 @@ fn log_styles(canvas: &Canvas) -> RecordingStreamResult<()> {
     }
     let mark = Points3D::update_fields().with_show_labels(true).with_radii([Radius::new_ui_points(1.0)]);
     canvas.log_static(MARK, &mark.with_colors([colour::WRITING]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use skysink_common::channel::Uplink;
+    use skysink_common::scenario::Overrides;
+    use std::path::Path;
+
+    #[test]
+    fn a_line_of_sight_that_stays_is_shown_as_it_is_drawn() {
+        let shown = |keys: &str| {
+            let text = format!("name = 'x'\n[link]\nmodel = 'probabilistic-los'\nenvironment = 'high-rise'\n{keys}");
+            let scenario = Scenario::parse(&text, Path::new("x.toml"), Overrides::default()).unwrap();
+            let channel = Channel::of(&scenario.link);
+            let (drawn, link) = (DrawnChannel::new(channel, Streams::new(1)), *channel.line_of_sight().unwrap());
+            let sensor = Position::new(10.0, 10.0);
+            let at = |step: u32| Point3::new(10.0 + 5.0 * f64::from(step), 10.0, 40.0);
+            (0..40)
+                .map(|step| {
+                    let uplink = Uplink::new(1.0, &sensor, &at(step));
+                    let is_drawn = drawn.draw(&uplink, &sensor, &at(step), 7, 0).line_of_sight;
+                    (
+                        visible(&drawn, &link, &sensor, &at(step)),
+                        is_drawn,
+                        link.los_probability(uplink.d2_m2, uplink.z_m),
+                    )
+                })
+                .collect::<Vec<_>>()
+        };
+        let frozen = shown("los_correlation_m = 30.0\n");
+        assert!(frozen.iter().all(|&(value, is_drawn, _)| value == f64::from(u8::from(is_drawn))), "{frozen:?}");
+        assert!(shown("").iter().all(|&(value, _, probability)| value == probability));
+    }
 }

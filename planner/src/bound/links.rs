@@ -88,6 +88,26 @@ mod tests {
     use skysink_common::scenario::Overrides;
     use std::path::Path;
 
+    /// Where line of sight stays, a planner may know where it is: then a link carries what it carries in it.
+    #[test]
+    fn a_line_of_sight_that_stays_is_assumed() {
+        let links = |keys: &str| {
+            let text = format!("name = 'x'\n[link]\nmodel = 'probabilistic-los'\nenvironment = 'high-rise'\n{keys}");
+            let scenario = Scenario::parse(&text, Path::new("x.toml"), Overrides::default()).unwrap();
+            let nodes = skysink_common::sensors::SensorList::of(&scenario).unwrap().nodes();
+            BestLinks::new(&scenario, &Sensors::of(&scenario, &nodes))
+        };
+        let [redrawn, frozen] = ["", "los_correlation_m = 9.0\n"].map(links);
+        let link = frozen.channel.line_of_sight().unwrap();
+        let seen_bits = frozen.channel.capacity_bits(link.los_rate_bps(0.0, 20.0));
+        assert_eq!(frozen.expected_bits(u64::MAX)(1), seen_bits as f64);
+        assert!(redrawn.expected_bits(u64::MAX)(1) < seen_bits as f64);
+        let drawn: Vec<[u64; 2]> =
+            (1..60).map(|slot| [&redrawn, &frozen].map(|links| links.best_bits(slot, 3))).collect();
+        assert!(drawn.iter().all(|&[redrawn, frozen]| frozen == seen_bits && redrawn <= frozen), "{drawn:?}");
+        assert!(drawn.iter().any(|&[redrawn, frozen]| redrawn < frozen), "{drawn:?}");
+    }
+
     #[test]
     fn the_best_link_is_that_from_the_lowest_altitude_within_reach() {
         let text = "name = 'x'\nslots = 9\nslot_s = 2.0\n[uav]\naltitude = 'free'\naltitude_m = 60.0\nmin_altitude_m = 45.0\n\
