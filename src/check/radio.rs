@@ -58,29 +58,29 @@ impl RadioFigures {
     /// Name and value of each figure that applies.
     #[must_use]
     pub fn rows(&self) -> Vec<(&'static str, String)> {
-        let mut noise = format!(
-            "{:.1} dBm, {:.1} dB above thermal noise in {}",
+        let noise = format!(
+            "{:.1} dBm, thermal + {:.1} dB in {}",
             self.noise_dbm,
             self.above_thermal_db,
             scaled(self.bandwidth_hz, "Hz")
         );
-        if self.is_fixed && self.above_thermal_db > HIGH_DB {
-            noise += ": noise_dbm holds for any bandwidth, noise_dbm_per_hz scales with it";
-        }
         let mut rows = vec![("noise", noise)];
+        if self.is_fixed && self.above_thermal_db > HIGH_DB {
+            rows.push(("", "fixed; noise_dbm_per_hz follows W".to_owned()));
+        }
         if let (Some(k_db), Some(faded)) = (self.k_db, self.faded) {
-            let law = if k_db.is_finite() { format!("Rician, K = {} dB", short(k_db)) } else { "Rayleigh".to_owned() };
-            rows.push(("fading", format!("{law}: mean rate at d_c {} of that without", percent(faded))));
+            let law = if k_db.is_finite() { format!("K = {} dB", short(k_db)) } else { "Rayleigh".to_owned() };
+            rows.push(("fading", format!("{law}: {} of the mean rate at d_c", percent(faded))));
         }
         if let Some(correlation_m) = self.los_correlation_m {
-            let stays = format!("stays, correlated over {}; {PLANNED}", scaled(correlation_m, "m"));
-            rows.push(("line of sight", stays));
+            rows.push(("line of sight", format!("stays, correlated over {}", scaled(correlation_m, "m"))));
+            rows.push(("", "planned by its probability alone".to_owned()));
         }
         rows
     }
 }
 
-/// What strategies make of a line of sight that stays.
+/// What strategies make of a line of sight that stays, for `compare`.
 pub const PLANNED: &str = "strategies plan with its probability, and learn nothing from what a link had before";
 
 #[cfg(test)]
@@ -101,24 +101,25 @@ mod tests {
     #[test]
     fn the_noise_is_compared_with_thermal_noise() {
         // −174 + 10 log10(5e3) = −137.01 dBm; −100 dBm is 37.01 dB above it.
-        let fixed = "-100.0 dBm, 37.0 dB above thermal noise in 5 kHz: noise_dbm holds for any bandwidth, \
-                     noise_dbm_per_hz scales with it";
-        assert_eq!(rows("bandwidth_hz = 5e3\n"), [("noise", fixed.to_owned())]);
+        let fixed = rows("bandwidth_hz = 5e3\n");
+        assert_eq!(fixed[0], ("noise", "-100.0 dBm, thermal + 37.0 dB in 5 kHz".to_owned()));
+        assert!(fixed[1].1.contains("noise_dbm_per_hz"), "{fixed:?}");
         // −174 + 7 + 36.99 = −130.01 dBm
-        let density = "-130.0 dBm, 7.0 dB above thermal noise in 5 kHz";
+        let density = "-130.0 dBm, thermal + 7.0 dB in 5 kHz";
         assert_eq!(rows("bandwidth_hz = 5e3\nnoise_dbm_per_hz = -167.0\n"), [("noise", density.to_owned())]);
-        assert_eq!(rows("")[0].1, "-100.0 dBm, 7.0 dB above thermal noise in 5 MHz");
+        assert_eq!(rows("")[0].1, "-100.0 dBm, thermal + 7.0 dB in 5 MHz");
     }
 
     #[test]
     fn fading_is_given_with_its_mean_rate_and_frozen_sight_with_its_distance() {
         // γ = 1.58e6/500 = 3162: log2 = 11.627; less 0.8327 bit of Rayleigh: 10.796, 92.9 %.
-        let rayleigh = "Rayleigh: mean rate at d_c 92.9 % of that without";
+        let rayleigh = "Rayleigh: 92.9 % of the mean rate at d_c";
         assert_eq!(rows("fading = 'rician'\nk_db = -inf\n")[1], ("fading", rayleigh.to_owned()));
         // K = 10: E[ln g] = ln(10/11) + E1(10) = −0.0953, 0.1375 bit, 98.8 %.
-        assert!(rows("fading = 'rician'\n")[1].1.starts_with("Rician, K = 10 dB: mean rate at d_c 98.8 %"));
+        assert!(rows("fading = 'rician'\n")[1].1.starts_with("K = 10 dB: 98.8 %"));
         let frozen = rows("model = 'probabilistic-los'\nlos_correlation_m = 50.0\n");
-        assert_eq!(frozen[1], ("line of sight", format!("stays, correlated over 50 m; {PLANNED}")));
+        assert_eq!(frozen[1], ("line of sight", "stays, correlated over 50 m".to_owned()));
+        assert!(frozen[2].1.contains("by its probability"), "{frozen:?}");
         assert_eq!(rows("model = 'probabilistic-los'\nlos_correlation_m = 0.0\n").len(), 1);
     }
 }
