@@ -87,10 +87,11 @@ impl Uncertainty {
     }
 
     /// Standard deviation of the queue in a buffer of `capacity_bits` [bit]: the unbounded queue is taken as uniform,
-    /// with the variances of its initial queue and its rate, and capped at 0 and the buffer.
+    /// with the variances of its initial queue, its rate and its arrivals, and capped at 0 and the buffer.
     #[must_use]
     pub fn queue_sd_bits(&self, capacity_bits: u32) -> f64 {
-        let half_bits = self.initial_bits.hypot(self.rate * self.since_contact_bits);
+        let half_bits =
+            self.initial_bits.hypot(self.rate * self.since_contact_bits).hypot(3f64.sqrt() * self.arrivals_bits);
         if half_bits == 0.0 {
             return 0.0;
         }
@@ -413,8 +414,11 @@ mod tests {
     fn the_spread_of_a_queue_is_that_of_draws_capped_at_the_buffer() {
         let sd_bits = |unbounded_bits, initial_bits, rate| {
             let since_contact_bits = 300.0;
-            Uncertainty { unbounded_bits, initial_bits, rate, since_contact_bits }.queue_sd_bits(1_000)
+            Uncertainty { unbounded_bits, initial_bits, rate, since_contact_bits, arrivals_bits: 0.0 }
+                .queue_sd_bits(1_000)
         };
+        let at_random = Uncertainty { arrivals_bits: 50.0, ..Uncertainty::none(500) };
+        assert!((at_random.queue_sd_bits(1_000) - 50.0).abs() < 1e-9);
         assert_eq!(sd_bits(400.0, 0.0, 0.0), 0.0);
         assert!((sd_bits(500.0, 240.0, 0.6) - 300.0 / 3f64.sqrt()).abs() < 1e-9, "hypot(240, 180)");
         assert_eq!([-700.0, 1_700.0].map(|bits| sd_bits(bits, 240.0, 0.6)), [0.0; 2], "empty or full for certain");

@@ -167,7 +167,7 @@ impl Tally {
         };
         Self {
             summary,
-            mean_bits: list.slot_bits(scenario),
+            mean_bits: (!scenario.arrival_law().is_random()).then(|| list.slot_bits(scenario)),
             served: 0,
             plan_ns: histogram(),
             latency: mode.pace.map(|pace| Latency::new(pace, scenario.slot_s)),

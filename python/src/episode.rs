@@ -95,6 +95,8 @@ pub struct Episode {
     pub weights: Arc<[f64]>,
     /// Mean of the bits that the field samples in the mission.
     pub expected_bits: f64,
+    /// Whether what it samples is drawn.
+    pub has_random_arrivals: bool,
     /// The highest mean that a sensor node can have [bit per slot].
     pub highest_mean_bits: f64,
 }
@@ -165,6 +167,7 @@ impl Episode {
             contacts: Contacts::none(field.count()),
             positions: if observed.has("positions") { field.position_fractions().collect() } else { Arc::default() },
             weights: if *reward == Reward::Weighted { weights(&list) } else { Arc::default() },
+            has_random_arrivals: scenario.arrival_law().is_random(),
             expected_bits: list.slot_bits(&scenario) * scenario.slots as f64,
             highest_mean_bits: known_bits.fold(highest_of_range, f64::max),
             list: Arc::new(list),

@@ -183,22 +183,22 @@ impl SensorList {
         Sensors { sampling: self.sampling(scenario), ..Sensors::of(scenario, &self.nodes()) }
     }
 
-    /// Bits that all sensor nodes sample in a slot, `Σ s_i τ`, if arrivals are constant; `None` if they are drawn.
+    /// Mean bits that all sensor nodes sample in a slot, `Σ s_i τ`.
     #[must_use]
-    pub fn slot_bits(&self, scenario: &Scenario) -> Option<f64> {
-        let sampling = self.sampling(scenario);
-        (!sampling.is_drawn()).then(|| (0..self.sensors.len()).map(|id| sampling.of(id).mean_bits).sum())
+    pub fn slot_bits(&self, scenario: &Scenario) -> f64 {
+        self.sensors.iter().map(|sensor| mean_bits(sensor.sampling_bps, scenario.slot_s)).sum()
     }
 
-    /// Bits that all sensor nodes sample in the mission, whole or as a mean, of which a loss rate is a fraction
-    /// (decisions D3 and D24).
+    /// Bits that all sensor nodes sample in the mission, of which a loss rate is a fraction: their mean if arrivals are
+    /// constant (decision D3), otherwise those that are drawn (decision D24).
     #[must_use]
     pub fn mission_bits(&self, scenario: &Scenario) -> f64 {
-        let drawn = || {
-            let sampling = self.sampling(scenario);
+        let sampling = self.sampling(scenario);
+        if sampling.is_drawn() {
             (0..self.sensors.len()).map(|id| sampling.sampled_bits(id, scenario.slots)).sum::<u64>() as f64
-        };
-        self.slot_bits(scenario).map_or_else(drawn, |slot_bits| slot_bits * scenario.slots as f64)
+        } else {
+            self.slot_bits(scenario) * scenario.slots as f64
+        }
     }
 
     /// The list as published on the topic `sensors`.
