@@ -116,7 +116,7 @@ struct SensorsHeader {
 
 /// Payload element of `sensors`: one sensor node.
 struct SensorNode {
-    static constexpr const char* IOX2_TYPE_NAME = "skysink.SensorNode.v1";
+    static constexpr const char* IOX2_TYPE_NAME = "skysink.SensorNode.v2";
     /// Position, east [m].
     double x_m;
     /// Position, north [m].
@@ -129,6 +129,8 @@ struct SensorNode {
     uint32_t capacity_bits;
     /// Zero.
     uint32_t reserved;
+    /// Weight `w_i` of its bits (decision D25), above 0; 1 if the list has no weights.
+    double weight;
 };
 
 /// Bits of the whole field since the mission's start.
@@ -283,7 +285,7 @@ struct Health {
 static_assert(sizeof(skysink::SlotHeader) == 32, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::SensorsHeader) == 120, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::Limits) == 88, "the layout of docs/src/interfaces.md");
-static_assert(sizeof(skysink::SensorNode) == 40, "the layout of docs/src/interfaces.md");
+static_assert(sizeof(skysink::SensorNode) == 48, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::QueuesHeader) == 96, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::Totals) == 48, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::Plan) == 400, "the layout of docs/src/interfaces.md");

@@ -47,7 +47,7 @@ Examples:
 
 With --sensors, it also writes sensors.csv and sets the area to enclose the
 sensor nodes. CSV columns are matched by name: x, y [m] or lat, lon [°], and
-optionally sampling_bps, gain_db, queue_bits.";
+optionally sampling_bps, gain_db, queue_bits, capacity_bits, weight, name.";
 
 /// Examples of `skysink new` in a build without imports.
 #[cfg(not(feature = "lab"))]

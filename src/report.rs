@@ -180,6 +180,9 @@ pub fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Error> {
         ("plan time p50 / p99", format!("{:.1} µs / {:.1} µs", timing.plan_p50_us, timing.plan_p99_us)),
         ("slots per second", format!("{:.0}", timing.slots_per_s)),
     ];
+    if let Some(weighted) = summary.weighted_loss_rate {
+        rows.insert(1, ("weighted data loss rate η_w", format!("{weighted:.6}")));
+    }
     if timing.pace.is_some_and(|pace| pace != Pace::Max) {
         rows.push(("deadlines missed", HumanCount(timing.missed_deadlines).to_string()));
         rows.push(("late slots", HumanCount(timing.late_slots).to_string()));

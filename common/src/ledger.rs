@@ -304,6 +304,15 @@ mod tests {
     }
 
     #[test]
+    fn every_sensor_node_overflows_its_own_buffer() {
+        let mut ledger = Ledger::new(Sampling::new(vec![100.0; 3], vec![150, 1_000, 50]), vec![100, 100, 0]);
+        assert_eq!([ledger.sample(1), ledger.upload(0, 120), ledger.sample(2)], [50 + 50, 120, 100]);
+        assert_eq!(ledger.queues_bits(), [130, 300, 50]);
+        assert_eq!(ledger.lost_bits(2).collect::<Vec<_>>(), [50, 0, 150]);
+        assert!(ledger.totals().is_balanced());
+    }
+
+    #[test]
     fn more_bits_than_any_buffer_holds_are_counted_to_the_last() {
         let mut ledger = ledger(u32::MAX, &[(1u64 << 33) as f64], &[7]);
         assert_eq!(ledger.sample(1), (1 << 33) + 7 - u64::from(u32::MAX));

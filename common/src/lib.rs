@@ -30,4 +30,5 @@ pub mod slot_record;
 pub mod stop;
 pub mod terminal;
 pub mod units;
+pub mod weights;
 pub mod written_file;

@@ -74,8 +74,8 @@ pub struct SensorsHeader {
 
 /// Payload element of `sensors`: one sensor node.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, Pod, Zeroable)]
-#[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.SensorNode.v1"))]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.SensorNode.v2"))]
 pub struct SensorNode {
     /// Position, east [m].
     pub x_m: f64,
@@ -89,6 +89,15 @@ pub struct SensorNode {
     pub capacity_bits: u32,
     /// Zero.
     pub reserved: u32,
+    /// Weight `w_i` of its bits (decision D25), above 0; 1 if the list has no weights.
+    pub weight: f64,
+}
+
+impl Default for SensorNode {
+    /// All 0, with the weight 1.
+    fn default() -> Self {
+        Self { weight: 1.0, ..Self::zeroed() }
+    }
 }
 
 /// Mode of the UAV in a slot, by its number in messages and its name in `slots.csv`; an unknown number is a hold.

@@ -49,12 +49,13 @@ impl Message for FlightReport {
 }
 
 impl Message for SensorNode {
-    /// Finite positions, gains and rates; neither gains nor rates are below 0.
+    /// Finite positions, gains, rates and weights; neither gains nor rates are below 0, and weights are above 0.
     fn are_possible(nodes: &[Self]) -> bool {
         nodes.iter().all(|node| {
-            are_finite([node.x_m, node.y_m, node.gain, node.sampling_bps])
+            are_finite([node.x_m, node.y_m, node.gain, node.sampling_bps, node.weight])
                 && node.gain >= 0.0
                 && node.sampling_bps >= 0.0
+                && node.weight > 0.0
         })
     }
 }
@@ -145,6 +146,8 @@ mod tests {
             SensorNode { y_m: 1e39, ..node },
             SensorNode { gain: -1.0, ..node },
             SensorNode { sampling_bps: f64::NAN, ..node },
+            SensorNode { weight: 0.0, ..node },
+            SensorNode { weight: f64::NAN, ..node },
         ] {
             assert!(!SensorNode::are_possible(&[node, spoilt]), "{spoilt:?}");
         }

@@ -36,6 +36,8 @@ pub enum Purpose {
     FrozenLineOfSight = 12,
     /// Where a slot really ends.
     PositionError = 14,
+    /// Buffer of a sensor node.
+    Capacity = 15,
     /// Bits that a sensor node samples in a slot, or its times on and off (slot 0).
     Arrivals = 16,
 }

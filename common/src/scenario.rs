@@ -15,7 +15,7 @@ use std::path::Path;
 
 use toml::{Table, Value};
 
-pub use crate::keys::{Interval, Setting, SettingOrigin};
+pub use crate::keys::{Interval, Setting, SettingOrigin, WholeInterval};
 pub use area::{Area, Origin};
 pub use mission::{MAX_SEED, PlannerKeys, Scenario, TRACE};
 pub use sensors::SensorKeys;

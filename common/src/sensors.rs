@@ -22,6 +22,7 @@ use crate::limits::Limits;
 use crate::message::SensorNode;
 use crate::sampling::{Sampler, Sampling};
 use crate::scenario::Scenario;
+use crate::weights::Weights;
 use grid::Grid;
 
 /// The SNs of a mission, by id: where they are, how strong their links are, and how they fill their buffers.
@@ -37,6 +38,8 @@ pub struct Sensors {
     pub gains: Vec<f64>,
     /// Mean bits sampled per slot, and buffers.
     pub sampling: Sampling,
+    /// Weights of their bits, `w_i` (decision D25).
+    pub weights: Weights,
 }
 
 impl Sensors {
@@ -45,11 +48,13 @@ impl Sensors {
     pub fn new(limits: &Limits, nodes: &[SensorNode]) -> Self {
         let positions: Vec<Position> = nodes.iter().map(|node| Position::new(node.x_m, node.y_m)).collect();
         let mean_bits = nodes.iter().map(|node| mean_bits(node.sampling_bps, limits.slot_s)).collect();
+        let sampling = Sampling::new(mean_bits, nodes.iter().map(|node| node.capacity_bits).collect());
         Self {
             grid: Grid::new(&positions, limits.comm_radius_m),
             positions,
             gains: nodes.iter().map(|node| node.gain).collect(),
-            sampling: Sampling::new(mean_bits, nodes.iter().map(|node| node.capacity_bits).collect()),
+            weights: Weights::new(nodes.iter().map(|node| node.weight).collect(), &sampling),
+            sampling,
         }
     }
 
@@ -71,6 +76,7 @@ impl Sensors {
             grid: grid(&positions),
             positions,
             gains: ids.iter().map(|&id| self.gains[id as usize]).collect(),
+            weights: self.weights.subset(ids),
             sampling: Sampling::new(
                 samplers.iter().map(|sampler| sampler.mean_bits).collect(),
                 samplers.iter().map(|sampler| sampler.capacity_bits).collect(),

@@ -338,7 +338,7 @@ mod tests {
         #[test]
         fn a_field_advances_like_its_sensor_nodes_one_by_one((scenario, list) in lists(), served in 0u32..3_000) {
             let count = list.sensors().len();
-            let capacity_bits = scenario.sensors.capacity_bits;
+            let capacity_bits = scenario.sensors.capacity_bits.ends()[1];
             let mean_bits: Vec<f64> = list.sensors().iter().map(|sensor| sensor.sampling_bps * scenario.slot_s).collect();
             let mut singly = list.queues_bits();
             let mut in_place = Field::new(&scenario, &list);

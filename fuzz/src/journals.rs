@@ -104,7 +104,7 @@ pub fn field_journal(u: &mut Unstructured) -> Result<()> {
     let path = ring.journal("field");
     let is_corrupted = corrupt(&path, u)? | corrupt(&path.with_extension("inputs"), u)?;
     let (_, last) = resumed(ring, &mut field);
-    balanced(&field, WORLDS[0].scenario.sensors.capacity_bits);
+    balanced(&field, WORLDS[0].scenario.sensors.capacity_bits.ends()[1]);
     if !is_forged {
         assert!(field.slot() <= slots && field == FLOWN[field.slot() as usize].1, "{}", field.slot());
         assert!(last.as_ref().is_none_or(|last| *last == FLOWN[field.slot() as usize + 1].0), "{last:?}");

@@ -28,7 +28,7 @@ pub fn flight(u: &mut Unstructured) -> Result<()> {
     let World { scenario, list } = &WORLDS[0];
     let mut field = Field::new(scenario, list);
     for _ in 1..=4 {
-        step(&mut field, &report(u, 6)?, scenario.sensors.capacity_bits);
+        step(&mut field, &report(u, 6)?, scenario.sensors.capacity_bits.ends()[1]);
     }
     Ok(())
 }
@@ -81,7 +81,7 @@ pub fn plan(u: &mut Unstructured) -> Result<()> {
         let told = is_told.then_some(plan);
         let report = flight.step(slot, told.as_ref());
         flown(world, &before, told.as_ref(), &report);
-        step(&mut field, &report, scenario.sensors.capacity_bits);
+        step(&mut field, &report, scenario.sensors.capacity_bits.ends()[1]);
         before = report;
     }
     Ok(())

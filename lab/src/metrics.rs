@@ -26,6 +26,7 @@ use crate::trapped::Stay;
 pub enum Metric {
     LossRate,
     EtaLetter,
+    WeightedLossRate,
     DeliveredBits,
     BitsPerWaypoint,
     MeanServed,
@@ -113,6 +114,10 @@ impl Metric {
     fn row(self) -> MetricRow {
         match self {
             Self::LossRate => FRACTION.row("loss_rate", "data loss rate η", |m| m.summary.loss_rate),
+            // NaN where all weights are equal: it is then the loss rate.
+            Self::WeightedLossRate => FRACTION.row("weighted_loss_rate", "weighted data loss rate η_w", |m| {
+                m.summary.weighted_loss_rate.unwrap_or(f64::NAN)
+            }),
             Self::EtaLetter => REAL.row("eta_letter", "η as in the paper", |m| m.summary.eta_letter),
             Self::DeliveredBits => BIT_COUNT.row("delivered_bits", "bits delivered", |m| {
                 m.summary.totals.delivered_bits as f64 // exact below 2^53

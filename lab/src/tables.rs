@@ -51,7 +51,7 @@ pub fn sensor_columns(list: &SensorList, results: &[SensorResult]) -> Vec<NamedC
     let sensors = || list.sensors().iter();
     let results = || results.iter();
     let first_loss = results().map(|result| result.first_loss_slot.map(|slot| slot as f64));
-    vec![
+    let mut columns = vec![
         ("sensor", ids((0..).zip(sensors()).map(|(id, _)| id))),
         ("x_m", numbers(sensors().map(|sensor| sensor.position.x))),
         ("y_m", numbers(sensors().map(|sensor| sensor.position.y))),
@@ -64,5 +64,9 @@ pub fn sensor_columns(list: &SensorList, results: &[SensorResult]) -> Vec<NamedC
         ("mean_age_s", numbers(results().map(|result| result.mean_age_s))),
         ("longest_gap_s", numbers(results().map(|result| result.longest_gap_s))),
         ("first_loss_slot", Arc::new(first_loss.collect::<Float64Array>())),
-    ]
+    ];
+    if list.has_own_weights() {
+        columns.push(("weight", numbers(sensors().map(|sensor| sensor.weight))));
+    }
+    columns
 }

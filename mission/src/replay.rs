@@ -116,7 +116,9 @@ impl Replay {
         }
         self.trace.check_end(&self.summary)?;
         let mut again = self.tally.summary(Duration::ZERO, self.trace.log().hash());
-        again.eta_letter = self.summary.eta_letter; // the trace does not say which SNs lose bits
+        // The trace does not say which SNs lose bits.
+        again.eta_letter = self.summary.eta_letter;
+        again.weighted_loss_rate = self.summary.weighted_loss_rate;
         self.summary.recompute(again);
         Ok(())
     }

@@ -145,6 +145,10 @@ pub fn write(folder: &Path, replay: &Replay, tally: &SensorTally) -> Result<Path
 fn csv(replay: &Replay, tally: &SensorTally) -> String {
     let list = replay.list();
     let mut text = COLUMNS.to_owned();
+    let has_weights = list.has_own_weights();
+    if has_weights {
+        text.push_str(",weight");
+    }
     list.end_line(&mut text, "name");
     let results = tally.results(replay.plant(), replay.scenario().slot_s);
     for ((id, sensor), result) in list.sensors().iter().enumerate().zip(results) {
@@ -158,6 +162,9 @@ fn csv(replay: &Replay, tally: &SensorTally) -> String {
             sensor.position.x, sensor.position.y
         )
         .expect("a string takes everything");
+        if has_weights {
+            write!(text, ",{}", sensor.weight).expect("a string takes everything");
+        }
         list.end_line(&mut text, list.name(id).unwrap_or_default());
     }
     text

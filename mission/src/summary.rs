@@ -6,11 +6,13 @@ use std::time::Duration;
 use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
 use skysink_common::build::{VERSION, build};
+use skysink_common::ledger::Ledger;
 use skysink_common::message::{FlightReport, HoldReason, Mode, QueuesHeader, SolverOutcome, Totals};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::SlotRecord;
+use skysink_common::weights::Weights;
 
 use crate::drive::SlotSink;
 use crate::error::MissionError;
@@ -55,6 +57,9 @@ pub struct Summary {
     pub loss_rate: f64,
     /// `Σ_i Σ_t D_i(t) / (s_i τ T)`, the loss rate of the paper, which grows with N (decision D3).
     pub eta_letter: f64,
+    /// `η_w = Σ_t Σ_i w_i D_i(t) / (Σ_i w_i s_i τ T)` (decision D25); `None` where all weights are equal: it is then `η`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub weighted_loss_rate: Option<f64>,
     /// Bits before slot 1, sampled, uploaded, lost, and queued at the end.
     #[serde(flatten)]
     pub totals: Totals,
@@ -144,9 +149,45 @@ pub struct Tally {
     summary: Summary,
     /// Mean bits sampled per slot by the field, `Σ_i s_i τ`; `None` if arrivals are drawn.
     mean_bits: Option<f64>,
+    /// `None` where all weights are equal.
+    weighted: Option<WeightedLoss>,
     served: u64,
     plan_ns: Histogram<u64>,
     latency: Option<Latency>,
+}
+
+/// The ledger of a mission whose sensor nodes have different weights (decision D25), which knows what each has lost.
+#[derive(Debug)]
+struct WeightedLoss {
+    ledger: Ledger,
+    weights: Weights,
+    slot: u64,
+    /// Mean bits sampled per slot, weighted, `Σ_i w_i s_i τ`.
+    mean_bits: f64,
+}
+
+impl WeightedLoss {
+    fn new(scenario: &Scenario, list: &SensorList) -> Option<Self> {
+        let sampling = list.sampling(scenario);
+        let weights = list.weights(&sampling);
+        let mean_bits = weights.sum((0..list.sensors().len()).map(|id| sampling.of(id).mean_bits));
+        let ledger = || Ledger::new(sampling, list.queues_bits());
+        (!weights.are_equal()).then(|| Self { ledger: ledger(), weights, slot: 0, mean_bits })
+    }
+
+    /// Adds a slot in the order of decision D1.
+    fn add(&mut self, record: &SlotRecord) {
+        self.slot = record.slot();
+        self.ledger.sample(self.slot);
+        for link in record.flights.iter().flat_map(FlightReport::served_links) {
+            let _ = self.ledger.upload(link.sensor as usize, link.capacity_bits);
+        }
+    }
+
+    fn loss_rate(&self) -> f64 {
+        let lost_bits = self.weights.sum(self.ledger.lost_bits(self.slot).map(|lost_bits| lost_bits as f64));
+        ratio(lost_bits, self.mean_bits * self.slot as f64)
+    }
 }
 
 impl Tally {
@@ -168,6 +209,7 @@ impl Tally {
         Self {
             summary,
             mean_bits: (!scenario.arrival_law().is_random()).then(|| list.slot_bits(scenario)),
+            weighted: WeightedLoss::new(scenario, list),
             served: 0,
             plan_ns: histogram(),
             latency: mode.pace.map(|pace| Latency::new(pace, scenario.slot_s)),
@@ -246,6 +288,7 @@ impl Tally {
         let mut summary = self.summary.clone();
         let slots = summary.slots as f64;
         summary.loss_rate = self.loss_rate();
+        summary.weighted_loss_rate = self.weighted.as_ref().map(WeightedLoss::loss_rate);
         summary.eta_letter = ratio(summary.totals.lost_slots, slots);
         summary.bits_per_waypoint = ratio(summary.totals.delivered_bits as f64, slots);
         summary.mean_served = ratio(self.served as f64, slots);
@@ -276,6 +319,9 @@ impl SlotSink for Tally {
     fn add(&mut self, record: &SlotRecord) -> Result<(), MissionError> {
         self.summary.totals = record.header.totals;
         self.summary.slots += 1;
+        if let Some(weighted) = &mut self.weighted {
+            weighted.add(record);
+        }
         for (plan, flight) in record.plans.iter().zip(&record.flights) {
             self.add_flight(flight);
             if let Some(plan) = plan.as_ref().filter(|_| !is_late(flight)) {
@@ -295,4 +341,38 @@ fn is_late(flight: &FlightReport) -> bool {
 /// `part / whole`; 0 if `whole` is not positive.
 fn ratio(part: f64, whole: f64) -> f64 {
     if whole > 0.0 { part / whole } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Plant;
+    use crate::drive::Observer;
+    use skysink_common::scenario::Overrides;
+    use std::path::Path;
+
+    /// The loss rates after four slots in which nobody is served, of SNs with 50 bit per slot.
+    fn loss_rates(rows: &str) -> (f64, Option<f64>) {
+        let text = "name = 'x'\nslots = 4\n[sensors]\nsampling_bps = 50.0\n";
+        let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
+        let text = format!("x_m,y_m,queue_bits,capacity_bits,weight\n{rows}");
+        let list = SensorList::parse(&text, Path::new("l.csv"), &scenario).unwrap();
+        let mut plant = Plant::new(&scenario, &list);
+        let mut tally = Tally::new(&scenario, &list, &RunMode::default());
+        tally.begin(&plant).unwrap();
+        for _ in 0..4 {
+            plant.step(&[None]);
+            tally.slot(&plant.record(), &plant).unwrap();
+        }
+        let summary = tally.summary(Duration::ZERO, 0);
+        (summary.loss_rate, summary.weighted_loss_rate)
+    }
+
+    #[test]
+    fn a_lost_bit_counts_by_the_weight_of_its_sensor_node() {
+        // The first SN loses all its 200 bit, the second none: 200 of 400, and 3 · 200 of (3 + 1) · 200.
+        assert_eq!(loss_rates("1,2,100,100,3\n3,4,0,1000,1\n"), (0.5, Some(0.75)));
+        assert_eq!(loss_rates("1,2,0,1000,3\n3,4,100,100,1\n"), (0.5, Some(0.25)));
+        assert_eq!(loss_rates("1,2,100,100,3\n3,4,0,1000,3\n"), (0.5, None), "equal weights are η");
+    }
 }

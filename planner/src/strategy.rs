@@ -79,11 +79,32 @@ pub enum Timing {
     Paced,
 }
 
-impl View<'_> {
+impl<'a> View<'a> {
     /// Horizontal position of the UAV.
     #[must_use]
     pub fn ground(&self) -> Position {
         self.position.xy()
+    }
+
+    /// The value of the queue of SN `id`, by which strategies compare queues: its bits where all weights are equal
+    /// ([`Weights::value`](skysink_common::weights::Weights::value), decision D25).
+    ///
+    /// # Panics
+    /// If the SN is unknown.
+    #[inline]
+    #[must_use]
+    pub fn value(&self, id: u32) -> u32 {
+        self.table.sensors.weights.value(id, self.belief.queues_bits[id as usize])
+    }
+
+    /// The values of all queues, by id; `room` is memory for them.
+    #[inline]
+    #[must_use]
+    pub fn values<'b>(&self, room: &'b mut Vec<u32>) -> &'b [u32]
+    where
+        'a: 'b,
+    {
+        self.table.sensors.weights.values(self.belief.queues_bits, room)
     }
 }
 

@@ -98,7 +98,8 @@ class Scenario:
         """All keys, including defaults, as the text of a scenario file."""
 
     def sensors(self) -> Table:
-        """The sensor nodes by id, with ``x_m``, ``y_m``, ``queue_bits``, ``gain_db`` and ``sampling_bps``."""
+        """The sensor nodes by id, with ``x_m``, ``y_m``, ``queue_bits``, ``gain_db``, ``sampling_bps``,
+        ``capacity_bits`` and ``weight``."""
 
     def field(self) -> Field:
         """The sensor nodes, with their true sampling rates, and the limits of plans."""
@@ -125,7 +126,15 @@ class Field:
 
     @property
     def capacity_bits(self) -> int:
-        """Buffer B of each SN [bit]."""
+        """The largest buffer of an SN, B [bit]."""
+
+    @property
+    def capacities_bits(self) -> NDArray[np.uint32]:
+        """Buffers B_i of the SNs [bit], [N]."""
+
+    @property
+    def weights(self) -> NDArray[np.float64]:
+        """Weights w_i of the bits of the SNs, [N]; 1 without weights in the sensor list."""
 
     @property
     def area_m(self) -> tuple[float, float]:

@@ -55,7 +55,7 @@ def record(run: Run) -> Any:
     height_m = field.area_m[1]
     path = np.column_stack((slots["x_m"], height_m - slots["y_m"]))  # y points down in 2D views; this makes north up
     sensors = np.column_stack((field.positions_m[:, 0], height_m - field.positions_m[:, 1]))
-    full = (queues[1:].astype(np.float64) / max(field.capacity_bits, 1) * (RAMP - 1)).astype(np.uint32)
+    full = (queues[1:].astype(np.float64) / np.maximum(field.capacities_bits, 1) * (RAMP - 1)).astype(np.uint32)
     colours = _ramp()[full].ravel()
     time = [rr.TimeColumn("slot", sequence=slots["slot"])]
     rr.log("field/area", rr.Boxes2D(mins=[0, 0], sizes=[field.area_m]), static=True, recording=stream)

@@ -49,23 +49,23 @@ SAVED_SLOTS = 4
 """Number of slots whose states are saved. A restarted planner plans the last two slots again."""
 
 
-def message(name: str, length: int) -> type[ctypes.Structure]:
+def message(name: str, length: int, version: int = 1) -> type[ctypes.Structure]:
     """A message of the ring as words of 8 bytes; ``docs/src/interfaces.md`` defines them."""
     members = {"_fields_": [("words", ctypes.c_uint64 * (length // 8))]}
-    return type(name, (ctypes.Structure,), {**members, "type_name": staticmethod(lambda: f"skysink.{name}.v1")})
+    return type(name, (ctypes.Structure,), {**members, "type_name": staticmethod(lambda: f"skysink.{name}.v{version}")})
 
 
 SlotHeader = message("SlotHeader", 32)
 QueuesHeader = message("QueuesHeader", 96)
 SensorsHeader = message("SensorsHeader", 120)
-SensorNode = message("SensorNode", 40)
+SensorNode = message("SensorNode", 48, 2)
 Plan = message("Plan", 400)
 FlightReport = message("FlightReport", 2600)
 Commit = message("Commit", 8)
 
 
-NODE = np.dtype([("numbers", "<f8", 4), ("capacity_bits", "<u4"), ("reserved", "<u4")])
-"""A `SensorNode`: position, gain and rate, and its buffer."""
+NODE = np.dtype([("numbers", "<f8", 4), ("capacity_bits", "<u4"), ("reserved", "<u4"), ("weight", "<f8")])
+"""A `SensorNode`: position, gain and rate, its buffer, and its weight."""
 
 LINK = np.dtype([("sensor", "<u4"), ("line_of_sight", "<u4"), ("numbers", "<f8", 3), ("capacity_bits", "<u8")])
 """A link of a `FlightReport`."""

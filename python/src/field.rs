@@ -51,9 +51,9 @@ impl FieldData {
         self.nodes.len()
     }
 
-    /// Buffer of every sensor node [bit].
-    pub fn capacity_bits(&self) -> u32 {
-        self.nodes.first().map_or(0, |node| node.capacity_bits)
+    /// Buffers of the sensor nodes [bit].
+    pub fn capacities_bits(&self) -> impl Iterator<Item = u32> {
+        self.nodes.iter().map(|node| node.capacity_bits)
     }
 
     /// Sampling rates of the sensor nodes [bit/s], as the UAV knows them before slot 1, read-only.
@@ -101,7 +101,7 @@ impl FieldData {
 pub struct PyField {
     /// The data, shared with the missions over this field.
     pub data: Arc<FieldData>,
-    /// Buffer B of each SN [bit].
+    /// The largest buffer of an SN, B [bit].
     #[pyo3(get)]
     capacity_bits: u32,
     /// Width and height of the area [m].
@@ -138,7 +138,7 @@ impl PyField {
     pub fn new(data: Arc<FieldData>) -> Self {
         let limits = data.limits;
         Self {
-            capacity_bits: data.capacity_bits(),
+            capacity_bits: data.capacities_bits().max().unwrap_or(0),
             area_m: (limits.width_m, limits.height_m),
             reach_m: limits.reach_m,
             comm_radius_m: limits.comm_radius_m,
@@ -221,6 +221,18 @@ impl PyField {
     #[getter]
     fn sampling_bps<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         self.data.sampling_bps(py)
+    }
+
+    /// Buffers B_i of the SNs [bit], [N].
+    #[getter]
+    fn capacities_bits<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<u32>>> {
+        read_only(PyArray1::from_iter(py, self.data.capacities_bits()))
+    }
+
+    /// Weights w_i of the bits of the SNs, [N]; 1 without weights in the sensor list.
+    #[getter]
+    fn weights<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        read_only(PyArray1::from_iter(py, self.data.nodes.iter().map(|node| node.weight)))
     }
 
     /// Ids of the SNs within ``radius_m`` [m] of ``point`` on the ground, ascending; tolerance as in decision D5.

@@ -203,7 +203,8 @@ impl PyScenario {
         self.scenario.to_toml()
     }
 
-    /// The sensor nodes by id, with ``x_m``, ``y_m``, ``queue_bits``, ``gain_db`` and ``sampling_bps``.
+    /// The sensor nodes by id, with ``x_m``, ``y_m``, ``queue_bits``, ``gain_db``, ``sampling_bps``,
+    /// ``capacity_bits`` and ``weight``.
     fn sensors(&self) -> PyResult<PyTable> {
         let list = self.list()?;
         let numbers = |of: fn(&Sensor) -> f64| -> ArrayRef {
@@ -216,6 +217,8 @@ impl PyScenario {
             ("queue_bits", queues),
             ("gain_db", numbers(|sensor| sensor.gain_db)),
             ("sampling_bps", numbers(|sensor| sensor.sampling_bps)),
+            ("capacity_bits", Arc::new(UInt32Array::from_iter_values(list.sensors().iter().map(|s| s.capacity_bits)))),
+            ("weight", numbers(|sensor| sensor.weight)),
         ])
     }
 

@@ -17,7 +17,8 @@ VIEW = {"slot", "uav", "queues_bits", "sampling_bps", "belief", "field"}
 BELIEF = {"queue_bits", "queue_sd_bits", "rate_bps", "rate_sd_bps", "age_slots"}
 
 FIELD_VALUES = {
-    "positions_m", "gains", "sampling_bps", "capacity_bits", "area_m", "reach_m", "comm_radius_m", "resource_blocks",
+    "positions_m", "gains", "sampling_bps", "capacity_bits", "capacities_bits", "weights", "area_m",
+    "reach_m", "comm_radius_m", "resource_blocks",
     "altitudes_m", "climb_m", "slots", "slot_s", "comm_s",
 }  # fmt: skip
 

@@ -65,7 +65,7 @@ def test_a_scenario_is_pickled_and_copied_with_what_was_replaced_in_it() -> None
 def test_the_sensor_nodes_are_those_of_the_command_line() -> None:
     scenario = skysink.Scenario.letter()
     sensors, field = scenario.sensors(), scenario.field()
-    assert sensors.columns == ["x_m", "y_m", "queue_bits", "gain_db", "sampling_bps"]
+    assert sensors.columns == ["x_m", "y_m", "queue_bits", "gain_db", "sampling_bps", "capacity_bits", "weight"]
     assert len(sensors) == len(field) == 200
     assert np.array_equal(np.column_stack((sensors["x_m"], sensors["y_m"])), field.positions_m)
     assert (field.reach_m, field.comm_radius_m, field.resource_blocks, field.slots) == (30.0, 10.0, 4, 600)

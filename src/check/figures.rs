@@ -53,6 +53,12 @@ pub struct Figures {
     pub radio: RadioFigures,
     /// Slots until empty buffers are full; `None` if no SN samples.
     pub fill_slots: Option<FillSlots>,
+    /// Smallest and largest buffer [bit]; `None` if all are equal.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub buffers_bits: Option<[u32; 2]>,
+    /// Least and greatest weight of an SN (decision D25); `None` if all are equal.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub weights: Option<[f64; 2]>,
     /// Slots until every SN has been served once.
     pub round: Round,
     /// Offered load relative to the capacity of the radio.
@@ -96,6 +102,8 @@ impl Figures {
             rim,
             radio: RadioFigures::of(scenario, &nodes, &rim),
             fill_slots: FillSlots::of(&field),
+            buffers_bits: range(nodes.iter().map(|node| node.capacity_bits)),
+            weights: range(nodes.iter().map(|node| node.weight)),
             round: bounds.round(flights.first().and_then(|tour| tour.round_slots)),
             load: Load::of(scenario, &sensors, &above),
             unreachable: field.sensors.iter().filter(|sensor| sensor.first_slot > field.slots).count(),
@@ -103,6 +111,14 @@ impl Figures {
             loss_free: bounds.loss_free(&flights),
         })
     }
+}
+
+/// The least and the greatest of numbers that differ.
+fn range<T: PartialOrd + Copy>(numbers: impl Iterator<Item = T>) -> Option<[T; 2]> {
+    let widen = |[least, greatest]: [T; 2], [one, _]: [T; 2]| {
+        [if one < least { one } else { least }, if one > greatest { one } else { greatest }]
+    };
+    numbers.map(|number| [number; 2]).reduce(widen).filter(|[least, greatest]| least < greatest)
 }
 
 /// Mean distance [m] of an SN to its nearest neighbour; `None` for a single SN.
@@ -166,7 +182,9 @@ impl Load {
     fn of(scenario: &Scenario, sensors: &Sensors, above: &LinkFigures) -> Self {
         let offered_bits = sensors.ids().map(|id| sensors.sampler(id).mean_bits).sum();
         let visits = scenario.link.resource_blocks.min(sensors.count());
-        let visit_bits = above.visit_bits[1].min(scenario.sensors.capacity_bits.into());
+        let buffers_bits = sensors.ids().map(|id| u64::from(sensors.sampler(id).capacity_bits));
+        let most_buffer_bits = buffers_bits.max().unwrap_or(0);
+        let visit_bits = above.visit_bits[1].min(most_buffer_bits);
         let carried_bits = visits as f64 * visit_bits as f64;
         let fraction = (carried_bits > 0.0).then_some(offered_bits / carried_bits);
         Self { offered_bits, carried_bits, fraction, visits }

@@ -16,7 +16,8 @@ pub struct LinkFigures {
     pub rates_bps: [f64; 2],
     /// Bits per visit, `floor(r τ_c)`.
     pub visit_bits: [u64; 2],
-    /// Minimum and maximum number of visits that empty a full buffer; `None` if the link carries nothing.
+    /// Minimum and maximum number of visits that empty a full buffer: the smallest over the strongest link, the largest
+    /// over the weakest; `None` if the link carries nothing.
     pub visits: [Option<u64>; 2],
 }
 
@@ -28,8 +29,10 @@ impl LinkFigures {
         let rates_bps =
             gains(&channel, nodes).map(|gain| best_rate_bps(scenario, &channel, gain, distance_m * distance_m));
         let visit_bits = rates_bps.map(|rate_bps| channel.capacity_bits(rate_bps));
-        let buffer_bits = u64::from(scenario.sensors.capacity_bits);
-        let [weak, strong] = visit_bits.map(|bits| (bits > 0).then(|| buffer_bits.div_ceil(bits)));
+        let buffers_bits = || nodes.iter().map(|node| u64::from(node.capacity_bits));
+        let buffer_bits = [buffers_bits().max().unwrap_or(0), buffers_bits().min().unwrap_or(0)];
+        let visits = |link: usize| (visit_bits[link] > 0).then(|| buffer_bits[link].div_ceil(visit_bits[link]));
+        let [weak, strong] = [visits(0), visits(1)];
         Self { rates_bps, visit_bits, visits: [strong, weak] }
     }
 }
@@ -63,7 +66,7 @@ mod tests {
     fn figures(keys: &str, distance_m: f64) -> LinkFigures {
         let text = format!("name = 'a'\n{keys}");
         let scenario = Scenario::parse(&text, Path::new("a.toml"), Overrides::default()).unwrap();
-        let node = |gain_db| SensorNode { gain: ratio_of_db(gain_db), ..SensorNode::default() };
+        let node = |gain_db| SensorNode { gain: ratio_of_db(gain_db), capacity_bits: 30_000, ..SensorNode::default() };
         LinkFigures::at(&scenario, &[node(-50.0), node(-55.0)], distance_m)
     }
 

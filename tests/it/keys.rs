@@ -115,7 +115,7 @@ fn sections() -> Vec<Section> {
 fn row(name: &str, key: &Key) -> String {
     let default = key.default.map_or_else(String::new, |default| format!("`{default}`"));
     let values = match key.accepts {
-        Accepts::Interval(..) => key.accepts.expected() + ", or `[lowest, highest]`",
+        Accepts::Interval(..) | Accepts::WholeInterval(..) => key.accepts.expected() + ", or `[lowest, highest]`",
         Accepts::OneOf(names) => names.iter().map(|name| format!("`\"{name}\"`")).collect::<Vec<_>>().join(", "),
         _ => key.accepts.expected(),
     };

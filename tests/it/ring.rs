@@ -50,6 +50,61 @@ fn processes_and_one_process_leave_the_same_trace() {
     place.assert_clean();
 }
 
+/// A list of 30 SNs with rates, buffers and the weights `weight_of(id)`, and its scenario `listed.toml`.
+fn write_list(place: &Place, weight_of: impl Fn(u32) -> Option<u32>) {
+    let rows = (0..30u32).map(|id| {
+        let place_m = [id * 37 % 100, id * 61 % 100];
+        let buffer_bits = 2_000 + id * 700;
+        let weight = weight_of(id).map_or_else(String::new, |weight| format!(",{weight}"));
+        format!("{},{},{},{buffer_bits}{weight}\n", place_m[0], place_m[1], 150 + id * 20)
+    });
+    let column = if weight_of(0).is_some() { ",weight" } else { "" };
+    place.write("list.csv", &format!("x_m,y_m,sampling_bps,capacity_bits{column}\n{}", rows.collect::<String>()));
+    place.write("listed.toml", "name = 'listed'\nslots = 60\n[sensors]\nfile = 'list.csv'\n");
+}
+
+#[test]
+fn processes_and_one_process_agree_over_buffers_and_weights_that_differ() {
+    let place = Place::new();
+    write_list(&place, |id| Some(1 + id % 4 * 5));
+    for strategy in ["uts", "max-weight", "horizon"] {
+        let flight = place.flight("listed").strategy(strategy).set("planner.horizon.iterations", 200);
+        let flight = flight.force().without_viewer();
+        flight.out("alone").simulate();
+        flight.out("ring").run();
+        for file in ["slots.csv", "scenario.toml", "sensors.csv"] {
+            let [alone, ring] = ["alone", "ring"].map(|run| place.read(&format!("{run}/{file}")));
+            assert_eq!(alone, ring, "{strategy}: {file}");
+        }
+        let summary = place.summary("ring");
+        let [plain, weighted] = ["loss_rate", "weighted_loss_rate"].map(|key| summary[key].as_f64().unwrap());
+        assert!(plain > 0.0 && weighted > 0.0 && plain != weighted, "{strategy}: {plain}, {weighted}");
+        assert_eq!(place.reproducible_summary("alone"), place.reproducible_summary("ring"));
+    }
+    assert!(
+        place.read("ring/sensors.csv").starts_with("x_m,y_m,queue_bits,gain_db,sampling_bps,capacity_bits,weight\n")
+    );
+    place.assert_clean();
+}
+
+#[test]
+fn equal_weights_change_no_flight() {
+    let place = Place::new();
+    for strategy in
+        ["uts", "uts-wide", "exact", "gfs", "max-weight", "drift-plus-penalty", "whittle", "horizon", "offline"]
+    {
+        let [without, equal, other] = [None, Some([7, 7]), Some([7, 70])].map(|weights| {
+            write_list(&place, |id| weights.map(|[even, odd]| if id % 2 == 0 { even } else { odd }));
+            let flight = place.flight("listed").strategy(strategy).set("planner.horizon.iterations", 200);
+            flight.set("planner.offline.steps", 20_000).force().simulate();
+            (place.trace("run"), place.summary("run")["weighted_loss_rate"].as_f64())
+        });
+        assert_eq!(without, equal, "{strategy}");
+        assert_eq!(equal.1, None);
+        assert!(other.1.is_some() && other.0 != equal.0, "{strategy} does not value weights");
+    }
+}
+
 #[test]
 fn processes_and_one_process_fly_the_same_in_three_dimensions() {
     let place = Place::new();

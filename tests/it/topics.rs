@@ -19,7 +19,7 @@ fn the_topics_of_a_running_ring_are_shown_with_their_types_readers_and_rates() {
     assert_eq!(services, names.map(|name| format!("skysink/{name}")));
     let topic = |name: &str| &found[names.iter().position(|other| *other == name).unwrap()];
     for (name, payload, writer, readers) in [
-        ("sensors", "[skysink.SensorNode.v1]", "field-sim", &["flight-sim", "planner"][..]),
+        ("sensors", "[skysink.SensorNode.v2]", "field-sim", &["flight-sim", "planner"][..]),
         ("queues", "[u32]", "field-sim", &["planner", "skysink"]),
         ("plan", "[skysink.Plan.v1]", "planner", &["flight-sim", "skysink"]),
         ("flight", "[skysink.FlightReport.v1]", "flight-sim", &["field-sim", "planner", "skysink"]),

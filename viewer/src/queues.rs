@@ -1,6 +1,7 @@
 //! The sensor nodes, coloured by queue fill: a point each, and a bar each if they are few enough. A sensor node that
 //! loses data in the slot has a separate colour; one that has lost data in the mission has a mark above it.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use re_sdk::RecordingStreamResult;
@@ -57,13 +58,16 @@ struct Bars {
 }
 
 impl QueueShapes {
-    /// Places the sensor nodes, labels them with `names`, if there are some, and names the levels of the queue scale.
+    /// Places the sensor nodes, labels them with `names`, if there are some, and with weights that differ, and names the
+    /// levels of the queue scale. Larger buffers are drawn wider.
     pub(crate) fn open(
         canvas: &Canvas,
         sensors: &Arc<Sensors>,
         sizes: &Sizes,
         names: &[String],
     ) -> RecordingStreamResult<Self> {
+        let names = &labels(sensors, names)[..];
+        let widths = widths(sensors);
         let shows_names = (1..=MOST_NAMES).contains(&names.len());
         canvas.log_static(WORLD, &AnnotationContext::new((0..=OVERFLOW_LEVEL).map(describe)))?;
         let feet_m: Vec<_> = sensors.positions.iter().map(|foot| [foot.x as f32, foot.y as f32]).collect();
@@ -71,7 +75,7 @@ impl QueueShapes {
         let has_points = !has_bars || sizes.has_tall_bars;
         if has_points {
             let points = Points3D::new(feet_m.iter().map(|&[x_m, y_m]| [x_m, y_m, 0.0]))
-                .with_radii([Radius::new_ui_points(sizes.point_ui)])
+                .with_radii(widths.iter().map(|width| Radius::new_ui_points(sizes.point_ui * width)))
                 .with_show_labels(!has_bars && shows_names);
             let points = if names.is_empty() { points } else { points.with_labels(names.iter().map(String::as_str)) };
             canvas.log_static(POINTS, &points)?;
@@ -88,7 +92,8 @@ impl QueueShapes {
         canvas.log_static(BARS, &style)?;
         let marks = Points3D::update_fields().with_colors([colour::LOSS]).with_radii([Radius::new_ui_points(2.5)]);
         canvas.log_static(LOST, &marks)?;
-        let half_sides_m = half_sides_m(sizes.bar_half_m).take(sensors.count()).collect();
+        let widths = widths.iter().cycle().take(sensors.count()); // one for all, or one for each
+        let half_sides_m = half_sides_m(sizes.bar_half_m).zip(widths).map(|(side_m, width)| side_m * width).collect();
         let bars = Bars { feet_m, half_sides_m, full_m: sizes.bar_m };
         Ok(Self { sensors: Arc::clone(sensors), bars: Some(bars), has_points })
     }
@@ -135,6 +140,29 @@ impl Bars {
         let marked = self.feet_m.iter().zip(lost_bits).filter(|(_, lost_bits)| **lost_bits > 0);
         Points3D::update_fields().with_positions(marked.map(|(&[x_m, y_m], _)| [x_m, y_m, 1.3 * self.full_m]))
     }
+}
+
+/// Widths relative to that of the largest buffer: an area is proportional to the buffer. One for all if all are equal.
+fn widths(sensors: &Sensors) -> Vec<f32> {
+    let buffers_bits = || sensors.ids().map(|id| sensors.sampler(id).capacity_bits);
+    let most_bits = buffers_bits().max().unwrap_or(0);
+    if buffers_bits().all(|buffer_bits| buffer_bits == most_bits) {
+        return vec![1.0];
+    }
+    buffers_bits().map(|buffer_bits| (f64::from(buffer_bits) / f64::from(most_bits)).sqrt() as f32).collect()
+}
+
+/// The `names`, which may be empty, with the weights of the sensor nodes if these differ.
+fn labels<'a>(sensors: &Sensors, names: &'a [String]) -> Cow<'a, [String]> {
+    if sensors.weights.are_equal() {
+        return Cow::Borrowed(names);
+    }
+    let label = |id: u32| {
+        let name = names.get(id as usize).filter(|name| !name.is_empty());
+        let name = name.map_or_else(|| format!("SN {id}"), Clone::clone);
+        format!("{name}, w = {}", sensors.weights.of(id as usize))
+    };
+    sensors.ids().map(label).collect()
 }
 
 /// Half the sides of the bars, each slightly larger than the one before. The difference is invisible, but halves the

@@ -12,6 +12,27 @@ pub enum Interval {
     Range([f64; 2]),
 }
 
+/// One whole number for all sensor nodes, or a range from which each draws its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(untagged, expecting = "expected a whole number or [lowest, highest]")]
+pub enum WholeInterval {
+    /// The same for all.
+    One(u32),
+    /// The lowest and the highest; each whole number between them, the ends included, is as likely.
+    Range([u32; 2]),
+}
+
+impl WholeInterval {
+    /// The lowest and the highest value.
+    #[must_use]
+    pub fn ends(self) -> [u32; 2] {
+        match self {
+            Self::One(value) => [value; 2],
+            Self::Range(ends) => ends,
+        }
+    }
+}
+
 impl Interval {
     /// The lowest and the highest value.
     #[must_use]

@@ -13,7 +13,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use toml::{Table, Value};
 
-pub use interval::Interval;
+pub use interval::{Interval, WholeInterval};
 pub use reader::{Source, fill, read};
 pub use setting::{Setting, SettingOrigin};
 
@@ -96,6 +96,8 @@ pub enum Accepts {
     Interval(&'static str, fn(f64) -> bool),
     /// Whole numbers, from the least to the greatest.
     Whole(u64, u64),
+    /// A [`WholeInterval`] of such numbers.
+    WholeInterval(u64, u64),
     /// Texts by a test.
     Text(&'static str, fn(&str) -> bool),
     /// The names of the variants of an enum.
@@ -147,7 +149,7 @@ impl Accepts {
             | Self::Interval(expected, _)
             | Self::Text(expected, _)
             | Self::Rule(expected) => (*expected).to_owned(),
-            Self::Whole(least, greatest) => format!("{least} to {greatest}"),
+            Self::Whole(least, greatest) | Self::WholeInterval(least, greatest) => format!("{least} to {greatest}"),
             Self::OneOf(names) => names.iter().map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(", "),
             Self::TableOf(_) => "a table".to_owned(),
         }
@@ -170,6 +172,13 @@ impl Accepts {
                 let whole = value.as_integer()?;
                 let is_accepted = u64::try_from(whole).is_ok_and(|whole| (*least..=*greatest).contains(&whole));
                 (!is_accepted).then(|| self.expected())
+            }
+            Self::WholeInterval(least, greatest) => {
+                let Some(ends) = value.as_array() else { return Self::Whole(*least, *greatest).refusal(value) };
+                let [lowest, highest] = ends.as_slice() else { return None };
+                let is_refused = !(*least as i64..=highest.as_integer()?).contains(&lowest.as_integer()?)
+                    || Self::Whole(*least, *greatest).refusal(highest).is_some();
+                is_refused.then(|| self.expected() + ", the lower first")
             }
             Self::Text(_, is_accepted) => value.as_str().filter(|text| !is_accepted(text)).map(|_| self.expected()),
             Self::OneOf(_) | Self::TableOf(_) | Self::Rule(_) => None,

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use crate::arrivals::{ArrivalKeys, ArrivalModel};
-use crate::keys::{Accepts, Interval, NOT_NEGATIVE};
+use crate::keys::{Accepts, Interval, NOT_NEGATIVE, WholeInterval};
 
 /// Most sensor nodes of a field.
 pub(crate) const MAX_SENSORS: u64 = 10_000_000;
@@ -29,8 +29,9 @@ crate::keys! {
         count: Option<u32> = 200, Accepts::Whole(1, MAX_SENSORS);
         /// CSV file of the sensor list; instead of `count`.
         file: Option<PathBuf>, PATH;
-        /// Buffer of each SN, `B` [bit]; overflow is lost.
-        capacity_bits: u32 = 30000, Accepts::Whole(1, u32::MAX as u64);
+        /// Buffer of each SN, `B` [bit]; overflow is lost. From an interval each SN draws its own, uniformly. A column of
+        /// the sensor list has priority.
+        capacity_bits: WholeInterval = 30000, Accepts::WholeInterval(1, u32::MAX as u64);
         /// Sampling rate, `s` [bit/s]; from an interval each SN draws its own, uniformly. A column of the sensor list has
         /// priority. At the highest rate an SN samples at most 9·10^15 bits in the mission, and all together at most
         /// 9·10^18.

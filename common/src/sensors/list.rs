@@ -17,6 +17,7 @@ use crate::random::{Purpose, Streams};
 use crate::sampling::Sampling;
 use crate::scenario::{Interval, Scenario};
 use crate::units::ratio_of_db;
+use crate::weights::Weights;
 
 /// One sensor node of the list.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,6 +30,10 @@ pub struct Sensor {
     pub gain_db: f64,
     /// Sampling rate `s_i` [bit/s].
     pub sampling_bps: f64,
+    /// Buffer, `B_i` [bit].
+    pub capacity_bits: u32,
+    /// Weight of its bits, `w_i` (decision D25); 1 if the list has no weights.
+    pub weight: f64,
 }
 
 /// All sensor nodes of a mission, at least one; SN i is entry i.
@@ -37,8 +42,6 @@ pub struct SensorList {
     sensors: Vec<Sensor>,
     /// The name of each; empty if none has one.
     names: Vec<String>,
-    /// Buffer of each, `B` [bit].
-    capacity_bits: u32,
     /// The arrivals, if they are those of a file.
     trace: Option<ArrivalTrace>,
 }
@@ -98,7 +101,7 @@ impl SensorList {
             (None, Some(path)) => Some(ArrivalTrace::read(&path, &sampling_bps)?),
             (held, _) => held.clone(),
         };
-        Ok(Self { sensors, names, capacity_bits: scenario.sensors.capacity_bits, trace })
+        Ok(Self { sensors, names, trace })
     }
 
     /// Hash (XXH3) of the list as CSV files, seeded with the hash of its scenario.
@@ -115,13 +118,28 @@ impl SensorList {
         self.trace.as_ref()
     }
 
-    /// The list as a CSV file with all columns, that of names if there are some; floats round-trip exactly.
+    /// The list as a CSV file with all columns: those of buffers and weights if they differ, or a weight is not 1, and
+    /// that of names if there are some. Floats round-trip exactly.
     #[must_use]
     pub fn to_csv(&self) -> String {
+        let has_buffers = self.has_own_buffers();
+        let has_weights = self.has_own_weights();
         let mut text = rows::WRITTEN.join(",");
+        let further = [(has_buffers, rows::CAPACITY), (has_weights, rows::WEIGHT)];
+        further
+            .into_iter()
+            .filter(|(is_written, _)| *is_written)
+            .for_each(|(_, name)| text.push_str(&format!(",{name}")));
         self.end_line(&mut text, rows::NAME);
-        for (id, Sensor { position, queue_bits, gain_db, sampling_bps }) in self.sensors.iter().enumerate() {
+        for (id, sensor) in self.sensors.iter().enumerate() {
+            let Sensor { position, queue_bits, gain_db, sampling_bps, capacity_bits, weight } = sensor;
             text.push_str(&format!("{},{},{queue_bits},{gain_db},{sampling_bps}", position.x, position.y));
+            if has_buffers {
+                text.push_str(&format!(",{capacity_bits}"));
+            }
+            if has_weights {
+                text.push_str(&format!(",{weight}"));
+            }
             self.end_line(&mut text, self.name(id).unwrap_or_default());
         }
         text
@@ -161,6 +179,24 @@ impl SensorList {
         &self.sensors
     }
 
+    /// Whether the buffers of the sensor nodes differ.
+    #[must_use]
+    pub fn has_own_buffers(&self) -> bool {
+        self.sensors.iter().any(|sensor| sensor.capacity_bits != self.sensors[0].capacity_bits)
+    }
+
+    /// Whether a sensor node has a weight other than 1.
+    #[must_use]
+    pub fn has_own_weights(&self) -> bool {
+        self.sensors.iter().any(|sensor| sensor.weight != 1.0)
+    }
+
+    /// The weights of the sensor nodes (decision D25).
+    #[must_use]
+    pub fn weights(&self, sampling: &Sampling) -> Weights {
+        Weights::new(self.sensors.iter().map(|sensor| sensor.weight).collect(), sampling)
+    }
+
     /// The queues before slot 1 [bit], by id.
     #[must_use]
     pub fn queues_bits(&self) -> Vec<u32> {
@@ -174,7 +210,8 @@ impl SensorList {
         let streams = Streams::new(scenario.seed);
         let law = scenario.arrival_law();
         let arrivals = Arrivals::of(law, self.trace.as_ref(), streams, self.sensors.len(), scenario.slots);
-        Sampling::new(mean_bits, vec![self.capacity_bits; self.sensors.len()]).with_arrivals(arrivals)
+        let capacities_bits = self.sensors.iter().map(|sensor| sensor.capacity_bits).collect();
+        Sampling::new(mean_bits, capacities_bits).with_arrivals(arrivals)
     }
 
     /// The sensor nodes with what they sample: the truth, which a planner does not know.
@@ -209,8 +246,9 @@ impl SensorList {
             y_m: sensor.position.y,
             gain: ratio_of_db(sensor.gain_db),
             sampling_bps: sensor.sampling_bps,
-            capacity_bits: self.capacity_bits,
+            capacity_bits: sensor.capacity_bits,
             reserved: 0,
+            weight: sensor.weight,
         };
         self.sensors.iter().map(node).collect()
     }
@@ -221,12 +259,24 @@ fn draw(scenario: &Scenario, id: u32) -> Sensor {
     let mut stream = Streams::new(scenario.seed).stream(Purpose::Position, 0, id);
     let x_m = stream.random::<f64>() * scenario.area.width_m();
     let y_m = stream.random::<f64>() * scenario.area.height_m();
+    let capacity_bits = draw_capacity_bits(scenario, id);
     Sensor {
         position: Position::new(x_m, y_m),
-        queue_bits: draw_queue_bits(scenario, id),
+        queue_bits: draw_queue_bits(scenario, id, capacity_bits),
         gain_db: draw_gain_db(scenario.link.gain_range_db(), &Streams::new(scenario.seed), 0, id),
         sampling_bps: draw_sampling_bps(scenario, id),
+        capacity_bits,
+        weight: 1.0,
     }
+}
+
+/// Buffer [bit] of sensor node `id`.
+pub(super) fn draw_capacity_bits(scenario: &Scenario, id: u32) -> u32 {
+    let [lowest, highest] = scenario.sensors.capacity_bits.ends();
+    if lowest == highest {
+        return lowest;
+    }
+    Streams::new(scenario.seed).stream(Purpose::Capacity, 0, id).random_range(lowest..=highest)
 }
 
 /// Sampling rate [bit/s] of sensor node `id`.
@@ -244,8 +294,8 @@ fn draw_between(scenario: &Scenario, interval: Interval, purpose: Purpose, id: u
     (lowest + (highest - lowest) * fraction).min(highest)
 }
 
-/// Initial queue [bit] of sensor node `id`: Poisson with a mean drawn for it, capped at the buffer.
-pub(super) fn draw_queue_bits(scenario: &Scenario, id: u32) -> u32 {
+/// Initial queue [bit] of sensor node `id`: Poisson with a mean drawn for it, capped at its buffer [bit].
+pub(super) fn draw_queue_bits(scenario: &Scenario, id: u32, capacity_bits: u32) -> u32 {
     let mean_bits = draw_between(scenario, scenario.sensors.initial_queue_mean_bits, Purpose::InitialQueueMean, id);
     if mean_bits == 0.0 {
         return 0;
@@ -254,5 +304,5 @@ pub(super) fn draw_queue_bits(scenario: &Scenario, id: u32) -> u32 {
     let drawn_bits: f64 = Poisson::new(mean_bits)
         .expect("a mean in the scenario's range is finite, and above 0 here")
         .sample(&mut stream);
-    drawn_bits.min(f64::from(scenario.sensors.capacity_bits)) as u32
+    drawn_bits.min(f64::from(capacity_bits)) as u32
 }

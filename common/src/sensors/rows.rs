@@ -4,7 +4,7 @@
 
 use std::ops::RangeInclusive;
 
-use super::list::{Sensor, draw_queue_bits, draw_sampling_bps};
+use super::list::{Sensor, draw_capacity_bits, draw_queue_bits, draw_sampling_bps};
 use super::projection::Projection;
 use crate::arrivals::MAX_SAMPLED_BITS;
 use crate::channel::{Channel, ChannelModel, draw_gain_db};
@@ -12,12 +12,20 @@ use crate::error::{line_of, quoted};
 use crate::geometry::Position;
 use crate::random::Streams;
 use crate::scenario::{Area, MAX_FIELD_BITS, MAX_SENSORS, Scenario};
+use crate::weights::WEIGHTS;
 
-/// Columns in which a list is written, in this order.
+/// Columns in which a list is always written, in this order.
 pub(super) const WRITTEN: [&str; 5] = ["x_m", "y_m", "queue_bits", "gain_db", "sampling_bps"];
 
 /// Columns that a list may have.
-const COLUMNS: [&str; 8] = ["x_m", "y_m", "lat_deg", "lon_deg", "queue_bits", "gain_db", "sampling_bps", NAME];
+const COLUMNS: [&str; 10] =
+    ["x_m", "y_m", "lat_deg", "lon_deg", "queue_bits", "gain_db", "sampling_bps", CAPACITY, WEIGHT, NAME];
+
+/// The column of buffers, which is written if they differ.
+pub(super) const CAPACITY: &str = "capacity_bits";
+
+/// The column of weights, which is written if one is not 1.
+pub(super) const WEIGHT: &str = "weight";
 
 /// The column of names, which is written if a sensor node has one.
 pub(super) const NAME: &str = "name";
@@ -112,8 +120,8 @@ impl<'a> Table<'a> {
                 Some(Projection::at(scenario.area.origin().ok_or_else(|| refuse(expected))?))
             }
             _ => {
-                let columns =
-                    "x_m,y_m or lat_deg,lon_deg, not both, and optionally queue_bits,gain_db,sampling_bps,name";
+                let columns = "x_m,y_m or lat_deg,lon_deg, not both, and optionally \
+                               queue_bits,gain_db,sampling_bps,capacity_bits,weight,name";
                 return Err(refuse(columns));
             }
         };
@@ -124,7 +132,12 @@ impl<'a> Table<'a> {
     fn sensor(&self, row: &csv::StringRecord, id: u32) -> Result<Sensor, String> {
         let scenario = self.scenario;
         let position = self.position(row)?;
-        let capacity = f64::from(scenario.sensors.capacity_bits);
+        let is_buffer = |value: f64| (1.0..=f64::from(u32::MAX)).contains(&value) && value.fract() == 0.0;
+        let own_bits = self.number(row, CAPACITY, "whole bits, 1 to 4294967295", is_buffer)?;
+        let capacity_bits = own_bits.map_or_else(|| draw_capacity_bits(scenario, id), |bits| bits as u32);
+        let expected = format!("a weight from {} to {}", WEIGHTS.start(), WEIGHTS.end());
+        let weight = self.number(row, WEIGHT, &expected, |value| WEIGHTS.contains(&value))?;
+        let capacity = f64::from(capacity_bits);
         let is_queue = |value: f64| (0.0..=capacity).contains(&value) && value.fract() == 0.0;
         let expected = format!("whole bits, 0 to the buffer's {capacity}");
         let queue_bits = self.number(row, "queue_bits", &expected, is_queue)?;
@@ -136,12 +149,14 @@ impl<'a> Table<'a> {
         let sampling_bps = self.number(row, "sampling_bps", expected, is_rate)?;
         Ok(Sensor {
             position,
-            queue_bits: queue_bits.map_or_else(|| draw_queue_bits(scenario, id), |bits| bits as u32),
+            queue_bits: queue_bits.map_or_else(|| draw_queue_bits(scenario, id, capacity_bits), |bits| bits as u32),
             // In a channel with one gain for all the column is ignored.
             gain_db: gain_db
                 .filter(|_| self.has_own_gains)
                 .unwrap_or_else(|| draw_gain_db(scenario.link.gain_range_db(), &Streams::new(scenario.seed), 0, id)),
             sampling_bps: sampling_bps.unwrap_or_else(|| draw_sampling_bps(scenario, id)),
+            capacity_bits,
+            weight: weight.unwrap_or(1.0),
         })
     }
 

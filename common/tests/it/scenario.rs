@@ -160,6 +160,19 @@ fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
         ),
         ("[link]\nresource_blocks = 65\n", "link.resource_blocks = 65: expected 1 to 64"),
         ("[sensors]\ncapacity_bits = 4294967296\n", "sensors.capacity_bits = 4294967296: expected 1 to 4294967295"),
+        ("[sensors]\ncapacity_bits = 0\n", "sensors.capacity_bits = 0: expected 1 to 4294967295"),
+        (
+            "[sensors]\ncapacity_bits = [9, 5]\n",
+            "sensors.capacity_bits = [9, 5]: expected 1 to 4294967295, the lower first",
+        ),
+        (
+            "[sensors]\ncapacity_bits = [0, 5]\n",
+            "sensors.capacity_bits = [0, 5]: expected 1 to 4294967295, the lower first",
+        ),
+        (
+            "[sensors]\ncapacity_bits = [1, 5000000000]\n",
+            "sensors.capacity_bits = [1, 5000000000]: expected 1 to 4294967295, the lower first",
+        ),
         ("[sensors]\nsampling_bps = nan\n", "sensors.sampling_bps = nan: expected a finite number, 0 or above"),
         (
             "slots = 1\n[sensors]\nsampling_bps = 9e15\ncount = 1001\n",
@@ -312,6 +325,60 @@ fn missing_columns_are_filled_from_the_seed_and_the_scenario() {
     assert_eq!(list.sensors()[1].position, [3.0, 4.0].into());
     assert_eq!((list.sensors()[1].gain_db, list.sensors()[1].sampling_bps), (-52.0, 70.0));
     assert_eq!(list.queues_bits(), drawn.queues_bits()[..2]);
+}
+
+#[test]
+fn buffers_are_drawn_between_their_ends_as_whole_bits_and_written_if_they_differ() {
+    let of = |keys: &str| parse(&format!("name = \"x\"\n[sensors]\ncount = 10000\n{keys}")).unwrap();
+    let one = of("capacity_bits = 30000\n");
+    assert!(one.to_toml().contains("\ncapacity_bits = 30000\n"), "{}", one.to_toml());
+    let plain = SensorList::of(&one).unwrap();
+    assert!(plain.to_csv().starts_with("x_m,y_m,queue_bits,gain_db,sampling_bps\n"), "no further column");
+    let wide = of("capacity_bits = [5000, 15000]\n");
+    assert!(wide.to_toml().contains("\ncapacity_bits = [5000, 15000]\n"), "{}", wide.to_toml());
+    assert_eq!(parse(&wide.to_toml()).unwrap(), wide);
+    let list = SensorList::of(&wide).unwrap();
+    for (drawn, plain) in list.sensors().iter().zip(plain.sensors()) {
+        assert!((5_000..=15_000).contains(&drawn.capacity_bits));
+        let queue_bits = plain.queue_bits.min(drawn.capacity_bits);
+        assert_eq!(Sensor { capacity_bits: 30_000, queue_bits: plain.queue_bits, ..*drawn }, *plain);
+        assert_eq!(drawn.queue_bits, queue_bits, "capped at its own buffer");
+    }
+    // Five standard errors: uniform over 10 000 bit has deviation 2 887.
+    let mean = list.sensors().iter().map(|sensor| f64::from(sensor.capacity_bits)).sum::<f64>() / 10_000.0;
+    assert!((mean - 10_000.0).abs() < 145.0, "{mean}");
+    let few = SensorList::of(&of("capacity_bits = [1, 2]\ninitial_queue_mean_bits = 0.0\n")).unwrap();
+    let ones = few.sensors().iter().filter(|sensor| sensor.capacity_bits == 1).count();
+    assert!((4_750..=5_250).contains(&ones), "{ones} of 10 000 have 1 bit: both ends are as likely");
+    assert_eq!(SensorList::parse(&list.to_csv(), Path::new("l.csv"), &one).unwrap(), list);
+}
+
+#[test]
+fn buffers_and_weights_of_a_list_have_priority_and_others_are_refused() {
+    let scenario = parse("name = \"x\"\n").unwrap();
+    let read = |rows: &str| SensorList::parse(&format!("x_m,y_m,{rows}"), Path::new("l.csv"), &scenario);
+    let list = read("capacity_bits,weight\n1,2,500,2.5\n3,4,70000,1\n").unwrap();
+    let found: Vec<_> = list.sensors().iter().map(|sensor| (sensor.capacity_bits, sensor.weight)).collect();
+    assert_eq!(found, [(500, 2.5), (70_000, 1.0)]);
+    assert_eq!(list.queues_bits()[0], 500, "drawn about 10 000 bit, capped at the own buffer");
+    assert!(list.to_csv().starts_with("x_m,y_m,queue_bits,gain_db,sampling_bps,capacity_bits,weight\n"));
+    assert_eq!(SensorList::parse(&list.to_csv(), Path::new("l.csv"), &scenario).unwrap(), list);
+    assert!(!read("weight\n1,2,1\n").unwrap().to_csv().contains("weight"), "weights of 1 are not written");
+    let refused = |rows: &str, message: &str| {
+        let error = read(rows).unwrap_err().to_string();
+        assert_eq!(error, format!("sensor list l.csv: line 2: {message}"));
+    };
+    for weight in ["0", "-1", "NaN", "inf", "1e300", "1e-7", "much"] {
+        refused(
+            &format!("weight\n1,2,{weight}\n"),
+            &format!("weight = {weight}: expected a weight from 0.000001 to 1000000"),
+        );
+    }
+    for buffer in ["0", "-1", "NaN", "inf", "1e300", "0.5", "4294967296"] {
+        let expected = "expected whole bits, 1 to 4294967295";
+        refused(&format!("capacity_bits\n1,2,{buffer}\n"), &format!("capacity_bits = {buffer}: {expected}"));
+    }
+    refused("queue_bits,capacity_bits\n1,2,60,50\n", "queue_bits = 60: expected whole bits, 0 to the buffer's 50");
 }
 
 #[test]

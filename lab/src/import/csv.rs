@@ -7,7 +7,7 @@ use skysink_common::error::quoted;
 use super::imported::{Frame, Imported, ImportedSensor, NAME, OTHERS, check_geodetic};
 
 /// The names of the columns in lower case: first the name in a sensor list, then its aliases.
-const COLUMNS: [&[&str]; 8] = [
+const COLUMNS: [&[&str]; 10] = [
     &["x_m", "x", "east", "easting"],
     &["y_m", "y", "north", "northing"],
     &["lat_deg", "lat", "latitude"],
@@ -16,6 +16,8 @@ const COLUMNS: [&[&str]; 8] = [
     OTHERS[1],
     OTHERS[2],
     OTHERS[3],
+    OTHERS[4],
+    OTHERS[5],
 ];
 
 /// The number of [`COLUMNS`] with coordinates, which come first.

@@ -40,10 +40,12 @@ pub struct Imported {
 }
 
 /// The further columns of a sensor list, each followed by its aliases in imported files, in lower case.
-pub const OTHERS: [&[&str]; 4] = [
+pub const OTHERS: [&[&str]; 6] = [
     &["queue_bits", "queue"],
     &["gain_db", "gain"],
     &["sampling_bps", "sampling_rate", "sampling", "rate_bps", "rate"],
+    &["capacity_bits", "buffer_bits", "buffer"],
+    &["weight", "priority"],
     &[NAME, "label"],
 ];
 

@@ -84,11 +84,10 @@ fn map(run: &Path, stop: &Stop) -> Result<(MappedRun, TrajectoryMap), LabError> 
     let mut flown: Vec<ByUav<RecordedSlot>> = Vec::new();
     replay.drive(&mut [&mut flown], stop)?;
     let scenario = replay.scenario();
-    let capacity_bits = f64::from(scenario.sensors.capacity_bits);
     let nodes = replay.list().sensors().iter().zip(replay.plant().field().queues_bits());
     let sensors = nodes.map(|(sensor, &queue_bits)| MapSensor {
         position_m: sensor.position.coords.into(),
-        fraction: f64::from(queue_bits) / capacity_bits,
+        fraction: f64::from(queue_bits) / f64::from(sensor.capacity_bits),
     });
     let map = TrajectoryMap {
         title: String::new(),

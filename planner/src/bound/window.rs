@@ -22,7 +22,8 @@ pub struct WindowField {
 pub struct WindowSensor {
     /// Slots in which its empty buffer fills.
     pub fill_slots: f64,
-    /// Bits sampled per slot, above 0.
+    /// Bits sampled per slot, above 0; weighted where weights differ, and so are then the bounds (decision D25): a link
+    /// carries at most the largest weighted upload.
     pub mean_bits: f64,
     /// The slot, at most 0, in which it was or would have been empty.
     pub empty: f64,

@@ -43,7 +43,7 @@ impl Candidate {
         let stored = gap_slots.min(sensor.fill_slots);
         let rest = (stored - self.capacity_slots).max(0.0);
         let late = |stored: f64| late_slots(sensor.fill_slots - stored, model.round_slots);
-        self.saved_bits = (late(stored) - late(rest)) * sensor.mean_bits;
+        self.saved_bits = (late(stored) - late(rest)) * sensor.cost_bits;
         self.left_slots = sensor.fill_slots - stored;
     }
 

@@ -62,7 +62,7 @@ pub fn serve(model: &PlanningModel, empty: &mut [f64], visit: &Visit) -> f64 {
     let empty = &mut empty[visit.sensor as usize];
     let overflow_slots = sensor.overflow_slots(slot, *empty);
     *empty = slot - ((slot - *empty).min(sensor.fill_slots) - visit.capacity_slots).max(0.0);
-    overflow_slots * sensor.mean_bits
+    overflow_slots * sensor.cost_bits
 }
 
 /// Slots to fly from `from` to a point in range of all members of `stop`, at least 1.

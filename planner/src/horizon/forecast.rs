@@ -51,7 +51,7 @@ impl PlanningWindow {
     pub fn least_loss_bits(&self, model: &PlanningModel) -> f64 {
         let sensor = |((index, sensor), empty): ((u32, &SensorModel), &f64)| WindowSensor {
             fill_slots: sensor.fill_slots,
-            mean_bits: sensor.mean_bits,
+            mean_bits: sensor.cost_bits,
             empty: *empty,
             capacity_slots: model.capacity_slots(index, 0.0),
         };
@@ -83,7 +83,7 @@ impl Forecast {
     /// The forecast of an empty plan.
     #[must_use]
     pub fn new(model: &PlanningModel, window: PlanningWindow) -> Self {
-        let sunk_bits = |(sensor, empty): (&SensorModel, &f64)| sensor.overflow_slots(0.0, *empty) * sensor.mean_bits;
+        let sunk_bits = |(sensor, empty): (&SensorModel, &f64)| sensor.overflow_slots(0.0, *empty) * sensor.cost_bits;
         let mut forecast = Self {
             trace: Trace::default(),
             loss_bits: 0.0,
@@ -142,7 +142,7 @@ impl Forecast {
         let end = f64::from(self.window.slots);
         let mut lost_bits = 0.0;
         for (sensor, empty) in model.sensors.iter().zip(&self.work) {
-            lost_bits += sensor.overflow_slots(end, *empty) * sensor.mean_bits;
+            lost_bits += sensor.overflow_slots(end, *empty) * sensor.cost_bits;
         }
         lost_bits - self.sunk_bits + self.beyond(model)
     }
@@ -154,7 +154,7 @@ impl Forecast {
         if self.window.beyond_slots > 0.0 {
             for (sensor, empty) in model.sensors.iter().zip(&self.work) {
                 let left = (sensor.fill_slots - (end - empty)).max(0.0);
-                lost_bits += late_slots(left, model.round_slots).min(self.window.beyond_slots) * sensor.mean_bits;
+                lost_bits += late_slots(left, model.round_slots).min(self.window.beyond_slots) * sensor.cost_bits;
             }
         }
         lost_bits

@@ -160,6 +160,7 @@ impl Horizon {
             if belief.has_learnt_rates() {
                 let mean_bits = least_mean_bits(view.belief.mean_bits(id));
                 sensor.mean_bits = mean_bits;
+                sensor.cost_bits = view.table.sensors.weights.factor(id as usize) * mean_bits;
                 sensor.fill_slots = Sampler { mean_bits, ..view.table.sensors.sampler(id) }.fill_slots();
                 sensor.noise_slots2 = noise_slots2(law, mean_bits, sensor.fill_slots);
             }

@@ -50,6 +50,8 @@ pub struct SensorModel {
     pub fill_slots: f64,
     /// Bits sampled per slot, and lost per slot when full, `s_i τ`, above 0.
     pub mean_bits: f64,
+    /// What a slot of overflow costs [bit]: `w_i s_i τ`, by the weight of its bits (decision D25).
+    pub cost_bits: f64,
     /// Whether a visit from any point in range empties even a full queue.
     pub is_emptied: bool,
     /// Half-width of the uniform distribution of the queue before its first visit [slots of sampling]; 0 if known.
@@ -188,6 +190,7 @@ impl PlanningModel {
         self.sensors.push(SensorModel {
             fill_slots: sampler.fill_slots(),
             mean_bits: sampler.mean_bits,
+            cost_bits: self.table.sensors.weights.factor(index as usize) * sampler.mean_bits,
             is_emptied: self.capacity_bits(index, rim_m2) >= f64::from(sampler.capacity_bits),
             initial_half_slots: 0.0,
             rate_half_fraction: 0.0,
@@ -341,7 +344,8 @@ fn best_capacities_bits(scenario: &Scenario, table: &MissionTable) -> [f64; TABL
     let [low_m, high_m] =
         scenario.uav.climb().map_or([scenario.uav.altitude_m; 2], |climb| [climb.min_altitude_m, climb.max_altitude_m]);
     let rim_m2 = scenario.link.comm_radius_m * scenario.link.comm_radius_m;
-    let buffer_bits = u64::from(scenario.sensors.capacity_bits);
+    let buffers_bits = table.sensors.ids().map(|id| table.sensors.sampler(id).capacity_bits);
+    let buffer_bits = u64::from(buffers_bits.max().unwrap_or(0));
     let taken_bits = |rate_bps: f64| table.channel.capacity_bits(rate_bps).min(buffer_bits) as f64;
     let gain = table.sensors.gains.iter().copied().fold(0.0, f64::max);
     let expected_bits = |d2_m2: f64, z_m: f64| {

@@ -42,7 +42,7 @@ pub fn begin(model: &PlanningModel, forecast: &mut Forecast) {
 /// have sampled since they were empty, including overflow.
 pub fn extend(model: &PlanningModel, forecast: &mut Forecast) {
     extend_by(model, forecast, |index, now, empty| {
-        let waited_bits = |&member: &u32| (now - empty[member as usize]) * model.sensors[member as usize].mean_bits;
+        let waited_bits = |&member: &u32| (now - empty[member as usize]) * model.sensors[member as usize].cost_bits;
         model.disks[model.stops[index] as usize].members.iter().map(waited_bits).sum()
     });
 }

@@ -137,7 +137,7 @@ impl States {
             return None;
         }
         let more_bits = |(sensor, (work, stored)): (&SensorModel, (&f64, &f64))| {
-            (sensor.overflow_slots(now, *work) - sensor.overflow_slots(then, *stored)) * sensor.mean_bits
+            (sensor.overflow_slots(now, *work) - sensor.overflow_slots(then, *stored)) * sensor.cost_bits
         };
         let overflowed_bits: f64 = model.sensors.iter().zip(work.iter().zip(stored)).map(more_bits).sum();
         Some(Rejoined { state, more_bits: lost_bits + overflowed_bits - stored_bits })

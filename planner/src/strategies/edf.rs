@@ -35,7 +35,7 @@ pub(crate) fn toward_least(setup: &Setup, cost: impl Fn(&View<'_>, u32) -> Optio
     rule(move |view| {
         let first = least(view, |id| cost(view, id))?;
         let waypoint = toward(view.table.limits.reach_m, &view.ground(), view.table.sensors.position(first));
-        let key = |id| (id != first, fullest_first(view.belief.queues_bits[id as usize], id));
+        let key = |id| (id != first, fullest_first(view.value(id), id));
         Some(serving.serve_by(view, &waypoint, key))
     })
 }

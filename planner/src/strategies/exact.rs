@@ -36,8 +36,9 @@ pub const STRATEGY: Registered =
         let mut search = ExactSearch::new(setup.table);
         let mut serving = Serving::new(setup);
         let mut ids = Vec::with_capacity(setup.table.limits.blocks());
+        let mut room = Vec::new();
         rule(move |view| {
-            let centre = search.best_set(view.table, &view.ground(), view.belief.queues_bits, &mut ids)?;
+            let centre = search.best_set(view.table, &view.ground(), view.values(&mut room), &mut ids)?;
             // The centre satisfies every constraint of sP2 up to the slack of decision D5. If the disks of the set have
             // a point in common only thanks to that slack, sP2* may find none, and the centre is the waypoint.
             let waypoint = serving.waypoint(view, &ids).unwrap_or_else(|| Waypoint {

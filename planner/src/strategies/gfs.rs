@@ -12,8 +12,9 @@ use crate::strategy::{Registered, rule};
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered::new("gfs", "greedy flight to the fullest queue in reach", |setup| {
     let mut serving = Serving::new(setup);
+    let mut room = Vec::new();
     rule(move |view| {
-        let waypoint = greedy_waypoint(view.table, &view.ground(), view.belief.queues_bits)?;
+        let waypoint = greedy_waypoint(view.table, &view.ground(), view.values(&mut room))?;
         Some(serving.serve_fullest(view, &waypoint))
     })
 });

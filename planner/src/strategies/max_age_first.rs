@@ -32,7 +32,7 @@ impl Strategy for MaxAgeFirst {
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         let Self { last, serving } = self;
         // Ties go to the fullest, then to the lowest index.
-        let oldest_first = |id: u32| (last[id as usize], fullest_first(view.belief.queues_bits[id as usize], id));
+        let oldest_first = |id: u32| (last[id as usize], fullest_first(view.value(id), id));
         let ground = view.ground();
         let oldest = view.table.sensors.ids().min_by_key(|&id| oldest_first(id));
         let waypoint = oldest

@@ -22,7 +22,7 @@ pub(crate) fn planned_flight<'a>(
         let slot = i32::try_from(view.slot - first + 1).ok()?;
         let next = planned_slot(model, forecast, slot, &view.ground())?;
         let (waypoint, outcome) = between_stops(serving, view, &next);
-        let key = |id: u32| (!next.ids.contains(&id), fullest_first(view.belief.queues_bits[id as usize], id));
+        let key = |id: u32| (!next.ids.contains(&id), fullest_first(view.value(id), id));
         Some(Decision { outcome, ..serving.serve_by(view, &waypoint, key) })
     })
 }

@@ -3,7 +3,7 @@
 //! The objective is `Σ Q_i b_i − V E` over candidate waypoints and all sets of at most n sensor nodes (SNs) in range of
 //! them. `Q_i = B_i(t−1)` is the known or estimated queue [bit], `E = P(v) τ` the propulsion energy [J] of a slot at
 //! the speed v that it takes to get there, with `P` of [`skysink_common::propulsion`], and `b_i` the [`Service`], of
-//! the (expected) rate `r_i` from the waypoint. For a given waypoint the best set is found exactly: the n largest
+//! the (expected) rate `r_i` from the waypoint. Where weights differ, `w_i Q_i` is in place of `Q_i` (decision D25). For a given waypoint the best set is found exactly: the n largest
 //! terms.
 //!
 //! Without a price, and with the upload as the service, the candidate waypoints are:
@@ -53,6 +53,8 @@ pub(crate) struct QueueWeight {
     nearby: Vec<u32>,
     /// The set of the exact search.
     exact_ids: Vec<u32>,
+    /// Memory for the values of queues.
+    room: Vec<u32>,
     /// Distance of least propulsion energy in a slot [m].
     slow_m: f64,
 }
@@ -75,6 +77,7 @@ impl QueueWeight {
             serving: Serving::new(setup),
             nearby: Vec::with_capacity(sensors),
             exact_ids: Vec::with_capacity(setup.table.limits.blocks()),
+            room: Vec::new(),
             slow_m: least_power_mps(&uav.propulsion, uav.max_speed_mps) * setup.scenario.slot_s,
         }
     }
@@ -83,21 +86,21 @@ impl QueueWeight {
     fn find_nearby(&mut self, view: &View) -> bool {
         let Self { nearby, .. } = self;
         let in_sight_m = view.table.limits.reach_m + view.table.limits.comm_radius_m;
-        let queue_bits = |id: u32| view.belief.queues_bits[id as usize];
+        let value = |id: u32| view.value(id);
         nearby.clear();
         view.table.sensors.grid.visit_within(&view.ground(), in_sight_m, |node| nearby.push(node.id));
         if nearby.len() > MOST_NEARBY {
-            nearby.select_nth_unstable_by_key(MOST_NEARBY, |&id| fullest_first(queue_bits(id), id));
+            nearby.select_nth_unstable_by_key(MOST_NEARBY, |&id| fullest_first(value(id), id));
             nearby.truncate(MOST_NEARBY);
         }
         nearby.sort_unstable();
-        nearby.iter().any(|&id| queue_bits(id) > 0)
+        nearby.iter().any(|&id| value(id) > 0)
     }
 
     /// The best candidate, as a point on the ground, compared at the UAV's altitude. Of equals the first wins, in the
     /// order of the module's list and by id (decision D7).
     fn best_ground(&mut self, view: &View) -> Position {
-        let Self { objective, exact, nearby, exact_ids, .. } = self;
+        let Self { objective, exact, nearby, exact_ids, room, .. } = self;
         let ground = view.ground();
         let table = view.table;
         let mut best = (objective.best_value(view, &view.position), ground);
@@ -119,7 +122,7 @@ impl QueueWeight {
                 offer(nearest);
             }
         }
-        if let Some(centre) = exact.best_set(table, &ground, view.belief.queues_bits, exact_ids) {
+        if let Some(centre) = exact.best_set(table, &ground, view.values(room), exact_ids) {
             offer(centre);
         }
         best.1
@@ -127,8 +130,8 @@ impl QueueWeight {
 
     /// The decision for the best candidate of [`peaks`], or the end of a search from the best of them.
     fn peak(&mut self, view: &View) -> Decision {
-        self.nearby.sort_unstable_by_key(|&id| fullest_first(view.belief.queues_bits[id as usize], id));
-        let Self { objective, exact, nearby, exact_ids, slow_m, .. } = self;
+        self.nearby.sort_unstable_by_key(|&id| fullest_first(view.value(id), id));
+        let Self { objective, exact, nearby, exact_ids, slow_m, room, .. } = self;
         let ground = view.ground();
         let table = view.table;
         let mut best = Best::default();
@@ -140,7 +143,7 @@ impl QueueWeight {
             }
         };
         peaks::visit(view, *slow_m, nearby, &mut offer);
-        if let Some(centre) = exact.best_set(table, &ground, view.belief.queues_bits, exact_ids) {
+        if let Some(centre) = exact.best_set(table, &ground, view.values(room), exact_ids) {
             offer(centre);
         }
         let peak = if objective.is_level(view, nearby) {

@@ -11,7 +11,7 @@ use rand_distr::StandardNormal;
 use skysink_common::arrivals::{Arrivals, Imagined};
 use skysink_common::channel::{ChannelModel, DrawnChannel, Uplink};
 use skysink_common::message::{FlightReport, LinkReport, Mode};
-use skysink_common::queues::Queues;
+use skysink_common::queues::{Queues, overflow_bits};
 use skysink_common::random::{Purpose, Streams};
 use skysink_common::sampling::{Sampler, Sampling};
 
@@ -152,7 +152,7 @@ impl<'a> Rollout<'a> {
             let decision = strategy.plan(&view).unwrap_or_else(|| transit_decision(transit, &view));
             position = decision.waypoint;
             let before = belief.reported(slot, decision.schedule.iter().copied(), world.queues.bits());
-            lost_bits += world.queues.sample(&world.sampling, slot) as f64;
+            lost_bits += self.sample(&mut world, slot);
             if lost_bits > most_bits || is_over() {
                 return None;
             }
@@ -171,6 +171,19 @@ impl<'a> Rollout<'a> {
         }
         lost_bits += self.beyond_bits(&world);
         (lost_bits <= most_bits).then_some(lost_bits)
+    }
+
+    /// All SNs sample in `slot`; returns their loss [bit], weighted where weights differ (decision D25).
+    fn sample(&self, world: &mut World, slot: u64) -> f64 {
+        let weights = &self.view.table.sensors.weights;
+        let weighted_bits = (!weights.are_equal()).then(|| {
+            let lost_bits = |(id, &queue_bits): (usize, &u32)| {
+                overflow_bits(&world.sampling.of(id), queue_bits, slot.saturating_sub(1), slot) as f64
+            };
+            weights.sum(world.queues.bits().iter().enumerate().map(lost_bits))
+        });
+        let lost_bits = world.queues.sample(&world.sampling, slot) as f64;
+        weighted_bits.unwrap_or(lost_bits)
     }
 
     /// Queues and rates of a sample: known, or drawn from the estimate.
@@ -230,7 +243,7 @@ impl<'a> Rollout<'a> {
             let Sampler { mean_bits, capacity_bits } = world.sampling.of(id);
             let left_slots = f64::from(capacity_bits - queue_bits) / mean_bits;
             let late = if mean_bits > 0.0 { late_slots(left_slots, round_slots) } else { 0.0 };
-            late.min(beyond_slots) * mean_bits
+            late.min(beyond_slots) * mean_bits * self.view.table.sensors.weights.factor(id)
         };
         world.queues.bits().iter().enumerate().map(late_bits).sum()
     }

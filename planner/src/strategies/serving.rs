@@ -41,7 +41,7 @@ impl Serving {
 
     /// The decision to fly to `ground`, clamped to the area, and serve the n fullest queues in range.
     pub fn serve_fullest(&mut self, view: &View, ground: &Position) -> Decision {
-        self.serve_by(view, ground, |id| fullest_first(view.belief.queues_bits[id as usize], id))
+        self.serve_by(view, ground, |id| fullest_first(view.value(id), id))
     }
 
     /// As [`Self::serve_fullest`], for the n SNs in range with the smallest `key`, which must be unique.

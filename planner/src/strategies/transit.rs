@@ -9,7 +9,8 @@ use crate::strategy::{Decision, View};
 /// The decision of a slot that the strategy leaves to transit: it serves the fullest queues around the waypoint.
 pub fn transit_decision(serving: &mut Serving, view: &View) -> Decision {
     let MissionTable { sensors, limits, .. } = view.table;
-    let waypoint = transit_waypoint(&sensors.positions, limits.reach_m, &view.ground(), view.belief.queues_bits);
+    let mut values = Vec::new(); // allocated only where weights differ
+    let waypoint = transit_waypoint(&sensors.positions, limits.reach_m, &view.ground(), view.values(&mut values));
     serving.serve_fullest(view, &waypoint)
 }
 

@@ -64,7 +64,7 @@ impl Strategy for InTurn {
             let next = self.order[(self.turn + 1) % self.order.len()];
             (self.waypoint)(view.table, &ground, [current, next].map(|id| view.table.sensors.position(id)))
         });
-        let key = |id| (Some(id) != current, fullest_first(view.belief.queues_bits[id as usize], id));
+        let key = |id| (Some(id) != current, fullest_first(view.value(id), id));
         let decision = self.serving.serve_by(view, &waypoint, key);
         self.advance(&decision.schedule);
         Some(decision)

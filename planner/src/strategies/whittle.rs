@@ -87,14 +87,16 @@ impl Ages {
         f64::from(view.belief.queues_bits[id as usize]) / mean_bits + full_slots as f64
     }
 
-    /// The index [bit] of serving SN `id` at the end of the `flight`-th slot from now; 0 if it never samples.
+    /// The index [bit] of serving SN `id` at the end of the `flight`-th slot from now, times its weight (decision D25);
+    /// 0 if it never samples.
     fn index(&self, view: &View, id: u32, flight: f64) -> f64 {
         let mean_bits = view.belief.mean_bits(id);
         if mean_bits == 0.0 {
             return 0.0;
         }
         let age = (self.age_slots(view, id, mean_bits) + flight + WHOLE).floor();
-        overflow_index(mean_bits, view.table.sensors.sampler(id).capacity_bits.into(), age)
+        let factor = view.table.sensors.weights.factor(id as usize);
+        factor * overflow_index(mean_bits, view.table.sensors.sampler(id).capacity_bits.into(), age)
     }
 
     /// The SN to fly to; `None` if no SN samples.
@@ -136,7 +138,7 @@ impl Strategy for Whittle {
         let waypoint = toward(view.table.limits.reach_m, &view.ground(), view.table.sensors.position(goal));
         // For non-negative floats the order of the bit patterns is the order of the numbers.
         let index = |id: u32| self.ages.index(view, id, 1.0).to_bits();
-        let key = |id: u32| (Reverse(index(id)), fullest_first(view.belief.queues_bits[id as usize], id));
+        let key = |id: u32| (Reverse(index(id)), fullest_first(view.value(id), id));
         Some(self.serving.serve_by(view, &waypoint, key))
     }
 }

@@ -5,7 +5,9 @@ use std::cmp::Reverse;
 use proptest::prelude::*;
 use skysink_common::geometry::Position;
 use skysink_common::message::{Limits, NOBODY, SensorNode};
+use skysink_common::sampling::Sampling;
 use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::weights::Weights;
 use skysink_planner::mission_table::MissionTable;
 use skysink_planner::strategies::algorithm_1::{Reach, Search};
 use skysink_planner::strategies::exact::ExactSearch;
@@ -251,6 +253,40 @@ proptest! {
     #[test]
     fn the_exact_search_finds_the_best_of_all_sets_of_a_crowd(case in cases(10, 40, 60, reaches())) {
         prop_assert_eq!(case.exact(), best_of_all_sets(&case));
+    }
+}
+
+/// The largest weighted sum of queues of a set, by looking at every set of at most n SNs.
+fn best_weighted_bits(case: &Case, weights: &[f64]) -> f64 {
+    let count = case.queues_bits.len();
+    let sets = (1u32..1 << count).map(|members| (0..count as u32).filter(|id| members >> id & 1 == 1).collect());
+    let served = sets.filter(|ids: &Vec<u32>| ids.len() <= case.table.limits.blocks() && coverable(case, ids));
+    served.map(|ids| weighted_bits(case, weights, &ids)).fold(0.0, f64::max)
+}
+
+fn weighted_bits(case: &Case, weights: &[f64], ids: &[u32]) -> f64 {
+    ids.iter().map(|&id| weights[id as usize] * case.queue(id) as f64).sum()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(100 * crate::CASES_FACTOR))]
+
+    #[test]
+    fn with_weights_the_exact_search_maximises_the_weighted_sum_and_algorithm_1_is_the_enumeration_of_it(
+        case in cases(9, 30, 70, reaches()),
+        logs in prop::collection::vec(-2.0f64..2.0, 9),
+    ) {
+        let drawn: Vec<f64> = logs.iter().take(case.queues_bits.len()).map(|&log| 10f64.powf(log)).collect();
+        let sampling = Sampling::new(vec![1.0; drawn.len()], vec![30_000; drawn.len()]);
+        let weights = Weights::new(drawn.clone(), &sampling);
+        let mut room = Vec::new();
+        let values = weights.values(&case.queues_bits, &mut room).to_vec();
+        let valued = Case { queues_bits: values, ..case.clone() };
+        let [best, found] = [best_weighted_bits(&case, &drawn), weighted_bits(&case, &drawn, &valued.exact())];
+        prop_assert!((best - found).abs() <= 1e-6 * best, "{} of {}", found, best);
+        let mut ids = Vec::new();
+        let winner = Search::default().best_set(Reach::Wide, &case.table, &case.position, &valued.queues_bits, &mut ids);
+        prop_assert_eq!(winner.map(|winner| (winner.anchor, ids)), algorithm_1(&valued, Reach::Wide));
     }
 }
 

@@ -51,7 +51,7 @@ proptest! {
                     prop_assert_eq!(believed_bits, queue_bits, "seed {}, slot {}, SN {}", seed, slot, id);
                 } else {
                     let prior_bits = 4_500 + sampled_bits(mission.mean_bits(id), slot - 1);
-                    let capacity_bits = u64::from(scenario.sensors.capacity_bits);
+                    let capacity_bits = u64::from(scenario.sensors.capacity_bits.ends()[1]);
                     prop_assert_eq!(u64::from(believed_bits), prior_bits.min(capacity_bits), "slot {}, SN {}", slot, id);
                 }
             }
@@ -78,7 +78,7 @@ proptest! {
             mission.advance();
             for link in mission.last_flight().served_links() {
                 let (last, told) = &mut contacts[link.sensor as usize];
-                let room = before_bits[link.sensor as usize] < scenario.sensors.capacity_bits;
+                let room = before_bits[link.sensor as usize] < scenario.sensors.capacity_bits.ends()[1];
                 *told |= *last > 0 && *last + 1 < slot && room;
                 *last = slot;
             }

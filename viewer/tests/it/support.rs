@@ -34,7 +34,7 @@ pub fn sensors(count: u32) -> Arc<Sensors> {
         gain: 1e-5,
         sampling_bps: 100.0,
         capacity_bits: 1_000,
-        reserved: 0,
+        ..SensorNode::default()
     };
     let nodes: Vec<SensorNode> = (0..count).map(sensor).collect();
     Arc::new(Sensors::of(&letter(), &nodes))

@@ -55,16 +55,19 @@ impl Objective {
             })
     }
 
-    /// The term of SN `id` with the UAV at `uav` [bit²]: queue times service. Terms above 2^64 − 1 count as that.
+    /// The term of SN `id` with the UAV at `uav` [bit²]: queue times service, times its weight (decision D25). Terms above
+    /// 2^64 − 1 count as that.
     pub(super) fn term_bits2(&self, view: &View, uav: &Point3<f64>, id: u32) -> u64 {
         let table = view.table;
         let queue_bits = u64::from(view.belief.queues_bits[id as usize]);
         let uplink = Uplink::new(table.sensors.gains[id as usize], table.sensors.position(id), uav);
         let capacity_bits = table.channel.capacity_bits(table.channel.expected_rate_bps(&uplink));
-        queue_bits.saturating_mul(match self.service {
+        let term_bits2 = queue_bits.saturating_mul(match self.service {
             Service::Upload => capacity_bits.min(queue_bits),
             Service::Capacity => capacity_bits,
-        })
+        });
+        let weights = &table.sensors.weights;
+        if weights.are_equal() { term_bits2 } else { (term_bits2 as f64 * weights.of(id as usize)) as u64 }
     }
 
     /// The energy [J] of flying to `uav` in the slot.
