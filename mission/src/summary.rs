@@ -362,7 +362,7 @@ mod tests {
         tally.begin(&plant).unwrap();
         for _ in 0..4 {
             plant.step(&[None]);
-            tally.slot(&plant.record(), &plant).unwrap();
+            tally.slot(plant.record(), &plant).unwrap();
         }
         let summary = tally.summary(Duration::ZERO, 0);
         (summary.loss_rate, summary.weighted_loss_rate)
