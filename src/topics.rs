@@ -120,7 +120,8 @@ fn print_table(topics: &[RatedTopic]) -> Result<(), Error> {
     table.set_header(["topic", "payload", "writer", "readers", "slot", "1/s"]);
     for RatedTopic { state, rate_hz } in topics {
         let TopicState { service, payload, writers, readers, slot, .. } = state;
-        let short = |name: &str| name.replace("skysink/", "").replace("skysink.", "").replace(".v1", "");
+        let short =
+            |name: &str| name.replace("skysink/", "").replace("skysink.", "").replace(".v1", "").replace(".v2", "");
         let number = |value: Option<String>| value.unwrap_or_default();
         table.add_row([
             short(service),

@@ -347,7 +347,7 @@ mod tests {
         assert_eq!(offset_of!(Limits, slots), 72);
         assert_eq!(size_of::<SensorsHeader>(), 120);
         assert_eq!(offset_of!(SensorsHeader, limits), 32);
-        assert_eq!(size_of::<SensorNode>(), 40);
+        assert_eq!(size_of::<SensorNode>(), 48);
         assert_eq!(size_of::<Plan>(), 400);
         assert_eq!(size_of::<LinkReport>(), 40);
         assert_eq!(size_of::<FlightReport>(), 2600);
