@@ -39,8 +39,12 @@ impl Serving {
         self.solver.above(view.table, ground, &view.position, ids)
     }
 
-    /// The decision to fly to `ground`, clamped to the area, and serve the n fullest queues in range.
+    /// The decision to fly to `ground`, clamped to the area, and serve the n fullest queues in range, by their values.
     pub fn serve_fullest(&mut self, view: &View, ground: &Position) -> Decision {
+        if view.table.sensors.weights.are_equal() {
+            // Not `View::value`: it would look at the weights for every SN.
+            return self.serve_by(view, ground, |id| fullest_first(view.belief.queues_bits[id as usize], id));
+        }
         self.serve_by(view, ground, |id| fullest_first(view.value(id), id))
     }
 
