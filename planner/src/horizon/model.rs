@@ -1,6 +1,7 @@
 //! The constant data of a look-ahead: the sensor nodes that can lose data, in slots instead of bits, and the stops of
 //! plans.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use skysink_common::arrivals::ArrivalLaw;
@@ -39,6 +40,12 @@ const SCARCE_TIME: f64 = 0.75;
 
 /// Capacity at the rim of a stop for one sensor, as a fraction of that from straight above.
 const NEAR: f64 = 0.8;
+
+/// Margin of the planned range for position errors, in standard deviations.
+const MARGIN: f64 = 1.5;
+
+/// Least planned range with that margin, as a fraction of the communication radius.
+const LEAST_RANGE: f64 = 0.5;
 
 /// Radii that are compared for such a stop.
 const NEAR_RADII: u32 = 32;
@@ -154,6 +161,7 @@ impl PlanningModel {
     /// made without search, and must not be flown.
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &Sensors, stop: &Stop) -> Self {
+        let scenario = &*with_margin(scenario);
         let ids: Vec<u32> = sensors.sampling_ids().collect();
         let grid = |positions: &[Position]| Grid::over(scenario.area, positions, scenario.link.comm_radius_m);
         let table = MissionTable::new(scenario, Arc::new(sensors.subset(&ids, grid)));
@@ -336,6 +344,15 @@ impl PlanningModel {
     }
 }
 
+/// The scenario with a smaller range, so that most slots end in the range of their visits with position errors, too.
+fn with_margin(scenario: &Scenario) -> Cow<'_, Scenario> {
+    let Some(sigma_m) = scenario.uav.position_error_m else { return Cow::Borrowed(scenario) };
+    let mut within = scenario.clone();
+    let radius_m = &mut within.link.comm_radius_m;
+    *radius_m = (*radius_m - MARGIN * sigma_m).max(*radius_m * LEAST_RANGE);
+    Cow::Owned(within)
+}
+
 /// Expected bits of a visit with a full buffer, over `d²`, from the altitude that is best for nearby sensors; of equals
 /// the lowest.
 ///
@@ -359,4 +376,33 @@ fn best_capacities_bits(scenario: &Scenario, table: &MissionTable) -> [f64; TABL
     let near_bits = |bits: &[f64; TABLE + 1]| bits[..=NEAR_STEPS].iter().sum::<f64>();
     let best = (0..=LEVELS).map(level_bits).reduce(|a, b| if near_bits(&b) > near_bits(&a) { b } else { a });
     best.expect("at least one level")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use skysink_common::message::SensorNode;
+    use skysink_common::scenario::Overrides;
+    use std::path::Path;
+
+    #[test]
+    fn visits_are_planned_inside_the_range_by_a_margin_for_position_errors() {
+        let radius_m = |uav: &str| {
+            let text = format!("name = 'a'\n[uav]\n{uav}");
+            let scenario = Scenario::parse(&text, Path::new("a.toml"), Overrides::default()).unwrap();
+            let node = SensorNode {
+                x_m: 9.0,
+                y_m: 9.0,
+                sampling_bps: 90.0,
+                capacity_bits: 900,
+                gain: 1e-5,
+                ..SensorNode::default()
+            };
+            let model = PlanningModel::new(&scenario, &Sensors::of(&scenario, &[node]), &Stop::default());
+            (model.table.limits.comm_radius_m, model.disks[0].disk.radius_m)
+        };
+        assert_eq!(radius_m(""), (10.0, 10.0));
+        assert_eq!(radius_m("position_error_m = 2.0\n"), (7.0, 7.0)); // 10 − 1.5 · 2
+        assert_eq!(radius_m("position_error_m = 9.0\n"), (5.0, 5.0));
+    }
 }

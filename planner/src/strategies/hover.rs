@@ -24,11 +24,9 @@ use crate::strategy::{Decision, Registered, View, rule};
 pub const STRATEGY: Registered =
     Registered::new("hover", "hover: straight to the best fixed point, to serve all in range in turns", |setup| {
         let mut serving = Serving::new(setup);
-        let scenario = setup.scenario.clone();
-        let mut point = None;
+        let point = BestPoint::new(setup.table, setup.scenario).found(setup.stop);
         rule(move |view| {
-            let point = point.get_or_insert_with(|| BestPoint::new(view.table, &scenario).found(view.stop));
-            Some(serve_urgent(&mut serving, view, &toward(view.table.limits.reach_m, &view.ground(), point)))
+            Some(serve_urgent(&mut serving, view, &toward(view.table.limits.reach_m, &view.ground(), &point)))
         })
     });
 

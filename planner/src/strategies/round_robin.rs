@@ -30,8 +30,10 @@ mod tests {
         // (30, 40) is 50 m away: 30 m of it are (18, 24); then 20 m are left.
         assert_eq!(waypoint(1, [50.0, 50.0]), ([68.0, 74.0], vec![]));
         assert_eq!(waypoint(2, [68.0, 74.0]), ([80.0, 90.0], vec![0]), "served, which ends its turn");
-        assert_eq!(waypoint(3, [50.0, 59.0]), ([50.0, 60.0], vec![1]));
-        assert_eq!(waypoint(4, [80.0, 89.0]), ([80.0, 90.0], vec![0]), "and again from the first");
+        assert_eq!(waypoint(3, [80.0, 90.0]).1, [0; 0], "on the way");
+        assert_eq!(waypoint(4, [50.0, 59.0]), ([50.0, 60.0], vec![1]));
+        assert_eq!(waypoint(5, [50.0, 60.0]).1, [0; 0]);
+        assert_eq!(waypoint(6, [80.0, 89.0]), ([80.0, 90.0], vec![0]), "and again from the first");
     }
 
     #[test]
