@@ -125,7 +125,8 @@ fn rows(figures: &Figures) -> Vec<(&'static str, String)> {
     rows.extend(figures.arrivals.map(|arrivals| ("arrivals", arrivals.to_string())));
     let weights = figures.weights.map(|weights| joined(weights.map(|weight| weight.to_string())));
     rows.extend(weights.map(|weights| ("weights of SNs", weights)));
-    let buffers = figures.buffers_bits.map(|buffers_bits| joined(buffers_bits.map(|buffer_bits| bits(buffer_bits.into()))));
+    let buffers =
+        figures.buffers_bits.map(|buffers_bits| joined(buffers_bits.map(|buffer_bits| bits(buffer_bits.into()))));
     rows.extend(buffers.map(|buffers| ("buffers of SNs", buffers)));
     rows
 }

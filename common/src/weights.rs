@@ -2,7 +2,8 @@
 
 use std::ops::RangeInclusive;
 
-use crate::sampling::{PerSensor, Sampling};
+use crate::per_sensor::PerSensor;
+use crate::sampling::Sampling;
 
 /// Weights that a sensor list may have.
 pub const WEIGHTS: RangeInclusive<f64> = 1e-6..=1e6;

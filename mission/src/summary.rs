@@ -162,15 +162,16 @@ struct WeightedLoss {
     ledger: Ledger,
     weights: Weights,
     slot: u64,
-    /// Mean bits sampled per slot, weighted, `Σ_i w_i s_i τ`.
-    mean_bits: f64,
+    /// Mean bits sampled per slot, weighted, `Σ_i w_i s_i τ`; `None` if arrivals are drawn.
+    mean_bits: Option<f64>,
 }
 
 impl WeightedLoss {
     fn new(scenario: &Scenario, list: &SensorList) -> Option<Self> {
         let sampling = list.sampling(scenario);
         let weights = list.weights(&sampling);
-        let mean_bits = weights.sum((0..list.sensors().len()).map(|id| sampling.of(id).mean_bits));
+        let means_bits = (0..list.sensors().len()).map(|id| sampling.of(id).mean_bits);
+        let mean_bits = (!sampling.is_drawn()).then(|| weights.sum(means_bits));
         let ledger = || Ledger::new(sampling, list.queues_bits());
         (!weights.are_equal()).then(|| Self { ledger: ledger(), weights, slot: 0, mean_bits })
     }
@@ -186,7 +187,11 @@ impl WeightedLoss {
 
     fn loss_rate(&self) -> f64 {
         let lost_bits = self.weights.sum(self.ledger.lost_bits(self.slot).map(|lost_bits| lost_bits as f64));
-        ratio(lost_bits, self.mean_bits * self.slot as f64)
+        let sampled_bits = || {
+            let sampled_bits = (0..self.ledger.queues_bits().len()).map(|id| self.ledger.sampled_bits(id, self.slot));
+            self.weights.sum(sampled_bits.map(|sampled_bits| sampled_bits as f64))
+        };
+        ratio(lost_bits, self.mean_bits.map_or_else(sampled_bits, |mean_bits| mean_bits * self.slot as f64))
     }
 }
 

@@ -113,7 +113,7 @@ pub struct Outcome {
 
 /// Weights of the sensor nodes of a list, by id.
 fn weights(list: &SensorList) -> Arc<[f64]> {
-    vec![1.0; list.sensors().len()].into()
+    list.sensors().iter().map(|sensor| sensor.weight).collect()
 }
 
 impl Episode {

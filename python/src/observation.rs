@@ -52,9 +52,8 @@ fn uav(episode: &Episode, numbers: &mut [f32]) {
 
 /// The queues, true or estimated, as fractions of the buffers.
 fn queues(episode: &Episode, numbers: &mut [f32]) {
-    let capacity_bits = episode.field.capacity_bits() as f32;
-    let pairs = numbers.iter_mut().zip(episode.plant.field().believed_bits());
-    pairs.for_each(|(number, &bits)| *number = bits as f32 / capacity_bits);
+    let pairs = numbers.iter_mut().zip(episode.plant.field().believed_bits()).zip(episode.field.capacities_bits());
+    pairs.for_each(|((number, &bits), capacity_bits)| *number = bits as f32 / capacity_bits as f32);
 }
 
 /// The slot as a fraction of the mission.

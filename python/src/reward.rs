@@ -73,11 +73,7 @@ impl Reward {
 /// What the loss rate of the mission of `episode` divides by [bit]: the bits sampled on average (decision D3), or those
 /// sampled, if arrivals are at random (decision D24).
 fn counted_bits(episode: &Episode) -> f64 {
-    if episode.has_random_arrivals {
-        episode.plant.header().totals.sampled_bits as f64
-    } else {
-        episode.expected_bits
-    }
+    if episode.has_random_arrivals { episode.plant.header().totals.sampled_bits as f64 } else { episode.expected_bits }
 }
 
 /// Sampled and lost bits up to the last slot of `episode`, times the weights of their sensor nodes.
