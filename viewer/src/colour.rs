@@ -41,6 +41,8 @@ pub const CHOSEN: Rgb = [235, 110, 245];
 pub const LOSS: Rgb = [255, 60, 50];
 /// Deliveries, and serving.
 pub const DELIVERY: Rgb = [60, 200, 105];
+/// What arrives at random.
+pub const BURST: Rgb = [120, 235, 255];
 /// Flying to a waypoint without serving there.
 pub const FLY: Rgb = [70, 130, 200];
 /// Flying in transit.

@@ -22,6 +22,8 @@ pub const FILL_MEAN: &str = "metrics/queue_fill/mean";
 pub const FILL_MAX: &str = "metrics/queue_fill/max";
 /// Bits delivered in a slot, in kbit.
 pub const DELIVERED: &str = "metrics/delivered";
+/// Bits sampled in a slot, in kbit; only of arrivals at random.
+pub const SAMPLED: &str = "metrics/sampled";
 /// Wall time of planning a slot, in ms.
 pub const PLAN_LATENCY: &str = "metrics/plan_latency";
 /// Slots per second of wall time.
@@ -65,7 +67,10 @@ pub(crate) struct Curves {
 
 impl Curves {
     /// Logs names and colours of the curves of a mission with this number of slots.
-    pub(crate) fn open(canvas: &Canvas, slots: u64) -> RecordingStreamResult<Self> {
+    pub(crate) fn open(canvas: &Canvas, slots: u64, has_random_arrivals: bool) -> RecordingStreamResult<Self> {
+        if has_random_arrivals {
+            canvas.log_static(SAMPLED, &curve_style("sampled [kbit]", colour::BURST))?;
+        }
         for (entity, name, colour, _) in CURVES {
             canvas.log_static(entity, &curve_style(name, colour))?;
         }
@@ -81,6 +86,7 @@ impl Curves {
         view: &SlotView,
         fill: Fill,
         missed_slots: u64,
+        sampled_bits: Option<u64>,
     ) -> RecordingStreamResult<()> {
         if self.missed_slots.replace(missed_slots) != Some(missed_slots) {
             self.rare.restart();
@@ -91,6 +97,9 @@ impl Curves {
             if let Some(number) = number(view, fill, missed_slots) {
                 canvas.append(entity, &Scalars::single(number))?;
             }
+        }
+        if let Some(sampled_bits) = sampled_bits {
+            canvas.append(SAMPLED, &Scalars::single(sampled_bits as f64 / 1e3))?;
         }
         Ok(())
     }

@@ -16,6 +16,9 @@ use skysink_common::sensors::Sensors;
 /// Minimum and maximum number of cells of the coverage grid along the longer side of the area.
 const CELLS: [f64; 2] = [40.0, 100.0];
 
+/// Bits of a slot that are a burst, relative to their mean.
+const BURST: f64 = 2.0;
+
 /// Maximum number of cells of the grid. A side has one more cell than [`CELLS`] if the last one extends beyond the
 /// area.
 const MAX_CELLS: usize = (CELLS[1] as usize + 1).pow(2);
@@ -33,6 +36,8 @@ pub(crate) struct SensorHistory {
     slot_s: f64,
     /// Lost in the last slot, by SN [bit].
     lost_now_bits: Vec<u64>,
+    /// Sampled in the last slot, by SN [bit]; empty if arrivals are constant.
+    sampled_now_bits: Vec<u64>,
     pub(crate) grid: CoverageGrid,
     pub(crate) sums: Sums,
 }
@@ -69,17 +74,27 @@ impl SensorHistory {
         let count = sensors.count();
         let in_range = vec![0; grid.columns * grid.rows];
         let sums = Sums { slot: None, queues_bits: vec![0; count], lost_bits: vec![0; count], in_range };
-        Self { sensors: Arc::clone(sensors), slot_s: scenario.slot_s, lost_now_bits: vec![0; count], grid, sums }
+        Self {
+            sensors: Arc::clone(sensors),
+            slot_s: scenario.slot_s,
+            lost_now_bits: vec![0; count],
+            sampled_now_bits: Vec::new(),
+            grid,
+            sums,
+        }
     }
 
     /// Adds a slot, after which the queues are `queues_bits`, one for each SN, and the UAV is above `uav`.
     pub(crate) fn add(&mut self, slot: u64, queues_bits: &[u32], uav: Position) {
-        let Self { sensors, lost_now_bits, grid, sums, .. } = self;
+        let Self { sensors, lost_now_bits, sampled_now_bits, grid, sums, .. } = self;
         let is_next = slot > 0 && sums.slot == Some(slot - 1);
         let losses = sums.queues_bits.iter().enumerate().zip(&mut sums.lost_bits).zip(lost_now_bits);
         for (((id, &before_bits), lost_bits), lost_now_bits) in losses {
             *lost_now_bits = if is_next { sensors.sampling.overflow_bits(id, before_bits, slot) } else { 0 };
             *lost_bits += *lost_now_bits;
+        }
+        if sensors.sampling.is_drawn() && slot > 0 {
+            *sampled_now_bits = (0..queues_bits.len()).map(|id| sensors.sampling.bits(id, slot)).collect();
         }
         sums.slot = Some(slot);
         sums.queues_bits.copy_from_slice(queues_bits);
@@ -91,6 +106,17 @@ impl SensorHistory {
     /// Whether each SN has lost data in the last slot.
     pub(crate) fn overflows(&self) -> impl Iterator<Item = bool> {
         self.lost_now_bits.iter().map(|&lost_bits| lost_bits > 0)
+    }
+
+    /// Bits sampled in the last slot by all SNs; `None` if arrivals are constant, or before slot 1.
+    pub(crate) fn sampled_now_bits(&self) -> Option<u64> {
+        (!self.sampled_now_bits.is_empty()).then(|| self.sampled_now_bits.iter().sum())
+    }
+
+    /// The SNs that have sampled at least [`BURST`] times their mean in the last slot.
+    pub(crate) fn bursts(&self) -> impl Iterator<Item = usize> {
+        let is_burst = |(id, bits): &(usize, &u64)| **bits as f64 > BURST * self.sensors.sampling.of(*id).mean_bits;
+        self.sampled_now_bits.iter().enumerate().filter(is_burst).map(|(id, _)| id)
     }
 
     /// The time until the buffer of each SN is full without service [s]; infinite for an SN that does not sample.

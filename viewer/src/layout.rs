@@ -247,7 +247,12 @@ fn beside(layout: &mut Blueprint, scenario: &Scenario, clock: WallClock) -> Reco
         (1.5, plot(layout, "Loss rate so far: lost ÷ sampled (red), 1 % (grey)", &losses)?),
         (1.3, fill),
     ];
-    let mut others = vec![(1.0, plot(layout, "Delivered [kbit]", &[curves::DELIVERED])?)];
+    let delivered = if scenario.arrival_law().is_random() {
+        plot(layout, "Delivered (green), sampled (cyan) [kbit]", &[curves::DELIVERED, curves::SAMPLED])?
+    } else {
+        plot(layout, "Delivered [kbit]", &[curves::DELIVERED])?
+    };
+    let mut others = vec![(1.0, delivered)];
     if clock == WallClock::Measured {
         others.push((1.0, plot(layout, "Plan [ms]", &[curves::PLAN_LATENCY])?));
         others.push((1.0, plot(layout, "Pace [slot/s]", &[curves::PACE])?));

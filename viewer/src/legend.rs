@@ -66,6 +66,11 @@ fn page(scenario: &Scenario, count: usize, sizes: &Sizes, estimated: Option<Rate
         shape = if count <= MAX_BARS { "bar" } else { "point" },
         height = if count <= MAX_BARS { "; its height too" } else { "" },
         marks = if count <= MAX_BARS { "| red dot above | SN that has lost data in the mission |\n" } else { "" },
+        bursts = if scenario.arrival_law().is_random() {
+            "| cyan dot | SN that has sampled more than twice its mean in the slot |\n"
+        } else {
+            ""
+        },
         belief = estimated.map_or("", |_| BELIEF),
         link = link,
         slot_s = scenario.slot_s,

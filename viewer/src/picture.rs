@@ -68,7 +68,7 @@ impl Picture {
         let links = Links::open(&canvas, scenario, sensors, sizes)?;
         let los = Los::open(&canvas, scenario, sensors, sizes, part)?;
         let events = Events::open(&canvas, recording)?;
-        let curves = Curves::open(&canvas, scenario.slots)?;
+        let curves = Curves::open(&canvas, scenario.slots, sensors.sampling.is_drawn())?;
         legend::log_scales(&canvas, links.rates_bps.as_ref())?;
         legend::log_area(&canvas, sizes)?;
         let history = SensorHistory::new(scenario, sensors);
@@ -132,7 +132,7 @@ impl Picture {
             los.log_slot(canvas, view.flight)?;
         }
         canvas.show(events::STATUS, &TextDocument::from_markdown(status(view, &self.history, &self.names)))?;
-        self.curves.log_slot(canvas, view, fill, missed_slots)?;
+        self.curves.log_slot(canvas, view, fill, missed_slots, self.history.sampled_now_bits())?;
         Ok(fill)
     }
 

@@ -25,6 +25,9 @@ pub const BARS: &str = "world/queues";
 /// Marks above the sensor nodes that have lost data, where there are bars.
 pub const LOST: &str = "world/lost";
 
+/// Marks at the sensor nodes that have sampled much more than on average in the slot; only of arrivals at random.
+pub const BURSTS: &str = "world/bursts";
+
 /// Most sensor nodes whose names are always shown; those of more are shown where the pointer is.
 const MOST_NAMES: usize = 30;
 
@@ -70,6 +73,10 @@ impl QueueShapes {
         let widths = widths(sensors);
         let shows_names = (1..=MOST_NAMES).contains(&names.len());
         canvas.log_static(WORLD, &AnnotationContext::new((0..=OVERFLOW_LEVEL).map(describe)))?;
+        if sensors.sampling.is_drawn() {
+            let marks = Points3D::update_fields().with_colors([colour::BURST]).with_radii([Radius::new_ui_points(3.5)]);
+            canvas.log_static(BURSTS, &marks)?;
+        }
         let feet_m: Vec<_> = sensors.positions.iter().map(|foot| [foot.x as f32, foot.y as f32]).collect();
         let has_bars = sensors.count() <= MAX_BARS;
         let has_points = !has_bars || sizes.has_tall_bars;
@@ -119,6 +126,12 @@ impl QueueShapes {
         if let Some(bars) = &self.bars {
             canvas.show(BARS, &bars.at(&levels).with_class_ids(colours.iter().copied()))?;
             canvas.show(LOST, &bars.marks(&history.sums.lost_bits))?;
+        }
+        if sampling.is_drawn() {
+            let feet = history.bursts().map(|id| &self.sensors.positions[id]);
+            let z_m = self.bars.as_ref().map_or(0.0, |bars| 1.15 * bars.full_m);
+            let positions_m = feet.map(|foot| [foot.x as f32, foot.y as f32, z_m]);
+            canvas.show(BURSTS, &Points3D::update_fields().with_positions(positions_m))?;
         }
         if self.has_points {
             canvas.show(POINTS, &Points3D::update_fields().with_class_ids(colours))?;
