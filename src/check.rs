@@ -9,6 +9,7 @@ pub mod links;
 pub mod motion;
 pub mod quantity;
 pub mod radio;
+pub mod shortfalls;
 pub mod verdict;
 pub mod warnings;
 
@@ -76,6 +77,9 @@ impl CheckCommand {
         print(format_args!("{}\n", scenario.to_toml().trim_end()))?;
         print(format_args!("# {}: {} sensor nodes", self.scenario.display(), list.sensors().len()))?;
         print(commented(&figures).trim_end())?;
+        for sentence in shortfalls::of(&scenario, &list) {
+            print(format_args!("# planned: {sentence}"))?;
+        }
         warnings.iter().for_each(|warning| Role::Launcher.log(format_args!("warning: {warning}")));
         Ok(())
     }

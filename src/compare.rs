@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use skysink_common::error::InputError;
 use skysink_common::scenario::Overrides;
+use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_lab::compare::{Contender, standings};
 use skysink_lab::metrics::Metric;
@@ -21,7 +22,7 @@ use skysink_mission::files::write_whole;
 use skysink_planner::strategies::names;
 use skysink_planner::strategy::Registered;
 
-use crate::check::radio::PLANNED;
+use crate::check::shortfalls;
 use crate::error::Error;
 use crate::options::Changes;
 use crate::report::{print, warn_of_few};
@@ -162,9 +163,13 @@ impl CompareCommand {
         for (key, values) in differing {
             print(format_args!("{key}: {}", values.join(" | ")))?;
         }
-        if shown.iter().any(|shown| shown.scenario.link.stays_in_sight()) {
-            print(format_args!("Line of sight stays for the mission (link.los_correlation_m): {PLANNED}."))?;
+        let mut ignored = Vec::new();
+        for one in shown {
+            ignored.extend(shortfalls::of(&one.scenario, &SensorList::of(&one.scenario)?));
         }
+        ignored.sort_unstable();
+        ignored.dedup();
+        ignored.into_iter().try_for_each(|sentence| print(format_args!("Planned: {sentence}.")))?;
         standings::print_tables(&contenders, &standings, self.holm)?;
         print(format_args!("All metrics:     {}", out.join(STANDINGS).display()))?;
         if is_recorded {

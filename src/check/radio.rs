@@ -74,14 +74,10 @@ impl RadioFigures {
         }
         if let Some(correlation_m) = self.los_correlation_m {
             rows.push(("line of sight", format!("stays, correlated over {}", scaled(correlation_m, "m"))));
-            rows.push(("", "planned by its probability alone".to_owned()));
         }
         rows
     }
 }
-
-/// What strategies make of a line of sight that stays, for `compare`.
-pub const PLANNED: &str = "strategies plan with its probability, and learn nothing from what a link had before";
 
 #[cfg(test)]
 mod tests {
@@ -119,7 +115,6 @@ mod tests {
         assert!(rows("fading = 'rician'\n")[1].1.starts_with("K = 10 dB: 98.8 %"));
         let frozen = rows("model = 'probabilistic-los'\nlos_correlation_m = 50.0\n");
         assert_eq!(frozen[1], ("line of sight", "stays, correlated over 50 m".to_owned()));
-        assert!(frozen[2].1.contains("by its probability"), "{frozen:?}");
         assert_eq!(rows("model = 'probabilistic-los'\nlos_correlation_m = 0.0\n").len(), 1);
     }
 }
