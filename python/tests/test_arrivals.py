@@ -87,9 +87,9 @@ def test_a_comparison_and_a_sweep_draw_for_each_seed(tmp_path: Path) -> None:
     sweep = tmp_path / "sweep.toml"
     sweep.write_text("scenario = 'base.toml'\nstrategies = ['gfs']\nseeds = 2\n[axes]\nslots = [20, 40]\n")
     flown = skysink.sweep(sweep, tmp_path / "out", arrivals=Bursts)
-    assert len(set(flown["loss_rate"].tolist())) == 4
+    assert len(set(flown["delivered_bits"].tolist())) == 4
     again = skysink.sweep(tmp_path / "out", tmp_path / "again", arrivals=Bursts)
-    assert again["loss_rate"].tolist() == flown["loss_rate"].tolist()
+    assert again["delivered_bits"].tolist() == flown["delivered_bits"].tolist()
     with pytest.raises(skysink.InputError, match="it was flown with arrivals in Python"):
         skysink.sweep(tmp_path / "out", tmp_path / "other")
     with pytest.raises(skysink.InputError, match="other arrivals|expected the same"):
