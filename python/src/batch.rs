@@ -9,10 +9,11 @@ use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::control::Actions;
-use crate::episode::{Episode, Outcome, Rules};
+use crate::episode::{Episode, Outcome};
 use crate::errors::refused;
 use crate::field::PyField;
 use crate::observation::Observations;
+use crate::rules::Rules;
 use crate::scenario::PyScenario;
 
 /// Episodes per task.

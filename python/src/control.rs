@@ -9,29 +9,7 @@ use skysink_planner::strategies::transit::toward;
 
 use crate::episode::Episode;
 use crate::errors::refused;
-
-/// What an action is.
-#[derive(Clone, Copy, PartialEq)]
-pub enum Control {
-    /// The displacement of the slot as a fraction of the reach.
-    Displacement,
-    /// The waypoint as fractions of the area.
-    Waypoint,
-    /// The sensor node to fly to, or one of the nearest.
-    Sensor,
-}
-
-impl Control {
-    /// That of this name.
-    pub fn named(name: &str) -> PyResult<Self> {
-        match name {
-            "displacement" => Ok(Self::Displacement),
-            "waypoint" => Ok(Self::Waypoint),
-            "sensor" => Ok(Self::Sensor),
-            _ => Err(refused(format!("action = {name:?}: expected displacement, waypoint or sensor"))),
-        }
-    }
-}
+use crate::rules::Control;
 
 /// The actions of some episodes.
 pub enum Actions {

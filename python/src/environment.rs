@@ -13,12 +13,13 @@ use skysink_common::slot_record::UAV;
 use skysink_planner::strategies::PYTHON;
 
 use crate::belief::PyBelief;
-use crate::control::{Actions, Control};
-use crate::episode::{Episode, Outcome, Rules};
+use crate::control::Actions;
+use crate::episode::{Episode, Outcome};
 use crate::errors::{of_mission, refused};
 use crate::field::PyField;
 use crate::observation::Observations;
 use crate::pilot::{PyDecision, believed_bps};
+use crate::rules::{Control, Rules};
 use crate::run::{PyRun, python_mode};
 use crate::scenario::PyScenario;
 use crate::simulate::checked_label;

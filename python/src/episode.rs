@@ -15,11 +15,9 @@ use skysink_mission::Plant;
 use skysink_planner::settings;
 
 use crate::belief::Contacts;
-use crate::control::Control;
 use crate::errors::refused;
 use crate::field::FieldData;
-use crate::observation::Observed;
-use crate::reward::Reward;
+use crate::rules::{Reward, Rules};
 use crate::scenario::PyScenario;
 
 /// The field and the UAV of a scenario, with what the UAV believes of the queues.
@@ -33,33 +31,6 @@ pub struct Course {
     /// The scenario; its seed is that of the first field.
     scenario: Scenario,
     rules: Arc<Rules>,
-}
-
-/// What an environment sees, does and earns, whatever its scenario.
-pub struct Rules {
-    /// The number of fields; `None` for unlimited.
-    fields: Option<u64>,
-    pub observed: Observed,
-    pub control: Control,
-    reward: Reward,
-}
-
-impl Rules {
-    /// Those of these arguments of an environment.
-    pub fn of(
-        py: Python<'_>,
-        fields: Option<u64>,
-        observation: &[String],
-        nearest: Option<usize>,
-        action: &str,
-        reward: &str,
-    ) -> PyResult<Arc<Self>> {
-        if fields == Some(0) {
-            return Err(refused("fields = 0: expected 1 or more, or None"));
-        }
-        let observed = Observed::of(py, observation, nearest)?;
-        Ok(Arc::new(Self { fields, observed, control: Control::named(action)?, reward: Reward::named(reward)? }))
-    }
 }
 
 impl Course {

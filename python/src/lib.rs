@@ -15,6 +15,7 @@ mod field;
 mod observation;
 mod pilot;
 mod reward;
+mod rules;
 mod run;
 mod scenario;
 mod signals;

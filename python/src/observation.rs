@@ -9,18 +9,7 @@ use skysink_common::slot_record::UAV;
 use crate::belief::believed;
 use crate::episode::Episode;
 use crate::errors::refused;
-
-/// An observable quantity.
-pub struct Observable {
-    /// Its key in the dictionary.
-    pub name: &'static str,
-    /// Its shape for so many sensor nodes, and so many nearest ones.
-    shape: fn(usize, usize) -> Vec<usize>,
-    /// Its least number; the largest is 1.
-    pub low: f64,
-    /// Writes it.
-    write: fn(&Episode, &mut [f32]),
-}
+use crate::rules::{Observable, Observed};
 
 /// All of them, in the order of a dictionary.
 pub const OBSERVABLES: [Observable; 11] = [
@@ -132,15 +121,6 @@ fn rate(episode: &Episode, id: u32) -> f64 {
 fn age(episode: &Episode, id: u32) -> f64 {
     let slot = episode.plant.slot();
     episode.contacts.age_slots(slot, id) as f64 / episode.field.limits.slots as f64
-}
-
-/// Observed quantities, by the registry's order.
-pub struct Observed {
-    kinds: Vec<&'static Observable>,
-    /// Their keys, so that Python does not hash them in every step.
-    keys: Vec<Py<PyString>>,
-    /// Number of nearest sensor nodes, if they are observed or chosen.
-    pub nearest: Option<usize>,
 }
 
 impl Observed {

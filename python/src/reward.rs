@@ -1,22 +1,7 @@
 //! The rewards of an environment.
 
-use pyo3::PyResult;
-
 use crate::episode::Episode;
-use crate::errors::refused;
-
-/// What the reward of a slot is.
-#[derive(Clone, Copy, PartialEq)]
-pub enum Reward {
-    /// Minus the lost fraction of the bits that are sampled in the slot; 0 if none are.
-    Lost,
-    /// The same of bits times the weights of their sensor nodes.
-    Weighted,
-    /// Minus the mean age of the contacts [slots].
-    Age,
-    /// Minus the bits lost, relative to the mean of the bits sampled in a slot of the mission.
-    LossFraction,
-}
+use crate::rules::Reward;
 
 /// Bits since the mission's start.
 #[derive(Clone, Copy)]
@@ -28,17 +13,6 @@ pub struct Bits {
 }
 
 impl Reward {
-    /// That of this name.
-    pub fn named(name: &str) -> PyResult<Self> {
-        match name {
-            "lost" => Ok(Self::Lost),
-            "weighted" => Ok(Self::Weighted),
-            "age" => Ok(Self::Age),
-            "loss_fraction" => Ok(Self::LossFraction),
-            _ => Err(refused(format!("reward = {name:?}: expected lost, weighted, age or loss_fraction"))),
-        }
-    }
-
     /// Bits up to the last slot of `episode`.
     pub fn bits(self, episode: &Episode) -> Bits {
         let totals = episode.plant.header().totals;

@@ -1,0 +1,106 @@
+//! What an environment sees, does and earns. How is left to `observation`, `control` and `reward`.
+
+use std::sync::Arc;
+
+use pyo3::prelude::*;
+use pyo3::types::PyString;
+
+use crate::episode::Episode;
+use crate::errors::refused;
+
+/// What an environment sees, does and earns, whatever its scenario.
+pub struct Rules {
+    /// The number of fields; `None` for unlimited.
+    pub fields: Option<u64>,
+    pub observed: Observed,
+    pub control: Control,
+    pub reward: Reward,
+}
+
+impl Rules {
+    /// Those of these arguments of an environment.
+    pub fn of(
+        py: Python<'_>,
+        fields: Option<u64>,
+        observation: &[String],
+        nearest: Option<usize>,
+        action: &str,
+        reward: &str,
+    ) -> PyResult<Arc<Self>> {
+        if fields == Some(0) {
+            return Err(refused("fields = 0: expected 1 or more, or None"));
+        }
+        let observed = Observed::of(py, observation, nearest)?;
+        Ok(Arc::new(Self { fields, observed, control: Control::named(action)?, reward: Reward::named(reward)? }))
+    }
+}
+
+/// An observable quantity.
+pub struct Observable {
+    /// Its key in the dictionary.
+    pub name: &'static str,
+    /// Its shape for so many sensor nodes, and so many nearest ones.
+    pub shape: fn(usize, usize) -> Vec<usize>,
+    /// Its least number; the largest is 1.
+    pub low: f64,
+    /// Writes it.
+    pub write: fn(&Episode, &mut [f32]),
+}
+
+/// Observed quantities, by the registry's order.
+pub struct Observed {
+    pub kinds: Vec<&'static Observable>,
+    /// Their keys, so that Python does not hash them in every step.
+    pub keys: Vec<Py<PyString>>,
+    /// Number of nearest sensor nodes, if they are observed or chosen.
+    pub nearest: Option<usize>,
+}
+
+/// What an action is.
+#[derive(Clone, Copy, PartialEq)]
+pub enum Control {
+    /// The displacement of the slot as a fraction of the reach.
+    Displacement,
+    /// The waypoint as fractions of the area.
+    Waypoint,
+    /// The sensor node to fly to, or one of the nearest.
+    Sensor,
+}
+
+impl Control {
+    /// That of this name.
+    pub fn named(name: &str) -> PyResult<Self> {
+        match name {
+            "displacement" => Ok(Self::Displacement),
+            "waypoint" => Ok(Self::Waypoint),
+            "sensor" => Ok(Self::Sensor),
+            _ => Err(refused(format!("action = {name:?}: expected displacement, waypoint or sensor"))),
+        }
+    }
+}
+
+/// What the reward of a slot is.
+#[derive(Clone, Copy, PartialEq)]
+pub enum Reward {
+    /// Minus the lost fraction of the bits that are sampled in the slot; 0 if none are.
+    Lost,
+    /// The same of bits times the weights of their sensor nodes.
+    Weighted,
+    /// Minus the mean age of the contacts [slots].
+    Age,
+    /// Minus the bits lost, relative to the mean of the bits sampled in a slot of the mission.
+    LossFraction,
+}
+
+impl Reward {
+    /// That of this name.
+    pub fn named(name: &str) -> PyResult<Self> {
+        match name {
+            "lost" => Ok(Self::Lost),
+            "weighted" => Ok(Self::Weighted),
+            "age" => Ok(Self::Age),
+            "loss_fraction" => Ok(Self::LossFraction),
+            _ => Err(refused(format!("reward = {name:?}: expected lost, weighted, age or loss_fraction"))),
+        }
+    }
+}
