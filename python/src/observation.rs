@@ -9,10 +9,22 @@ use skysink_common::slot_record::UAV;
 use crate::belief::believed;
 use crate::episode::Episode;
 use crate::errors::refused;
-use crate::rules::{Observable, Observed};
+use crate::rules::Observed;
+
+/// An observable quantity.
+pub struct Observable {
+    /// Its key in the dictionary.
+    pub name: &'static str,
+    /// Its shape for so many sensor nodes, and so many nearest ones.
+    shape: fn(usize, usize) -> Vec<usize>,
+    /// Its least number; the largest is 1.
+    pub low: f64,
+    /// Writes it.
+    write: fn(&Episode, &mut [f32]),
+}
 
 /// All of them, in the order of a dictionary.
-pub const OBSERVABLES: [Observable; 11] = [
+pub static OBSERVABLES: [Observable; 11] = [
     Observable { name: "uav", shape: |_, _| vec![3], low: 0.0, write: uav },
     Observable { name: "queues", shape: |count, _| vec![count], low: 0.0, write: queues },
     Observable { name: "slot", shape: |_, _| vec![1], low: 0.0, write: slot },
@@ -133,20 +145,25 @@ impl Observed {
         if nearest.is_none() && names.iter().any(|name| name == "nearest") {
             return Err(refused("nearest = None: expected the number of nearest sensor nodes to observe"));
         }
-        let kinds: Vec<_> = OBSERVABLES.iter().filter(|kind| names.iter().any(|name| name == kind.name)).collect();
-        let keys = kinds.iter().map(|kind| PyString::intern(py, kind.name).unbind()).collect();
+        let is_named = |&kind: &usize| names.iter().any(|name| name == OBSERVABLES[kind].name);
+        let kinds: Vec<usize> = (0..OBSERVABLES.len()).filter(is_named).collect();
+        let keys = kinds.iter().map(|&kind| PyString::intern(py, OBSERVABLES[kind].name).unbind()).collect();
         Ok(Self { kinds, keys, nearest })
     }
 
     /// Whether the quantity of this name is observed.
     pub fn has(&self, name: &str) -> bool {
-        self.kinds.iter().any(|kind| kind.name == name)
+        self.observables().any(|kind| kind.name == name)
     }
 
     /// Names, shapes, and least numbers over a field of `count` sensor nodes.
     pub fn boxes(&self, count: usize) -> impl Iterator<Item = (&'static str, Vec<usize>, f64)> {
         let nearest = self.nearest.unwrap_or(0);
-        self.kinds.iter().map(move |kind| (kind.name, (kind.shape)(count, nearest), kind.low))
+        self.observables().map(move |kind| (kind.name, (kind.shape)(count, nearest), kind.low))
+    }
+
+    fn observables(&self) -> impl Iterator<Item = &'static Observable> {
+        self.kinds.iter().map(|&kind| &OBSERVABLES[kind])
     }
 }
 
@@ -214,7 +231,7 @@ impl Episode {
 
     /// Writes the observation into the rows of this episode.
     pub fn observe(&self, rows: &mut [&mut [f32]]) {
-        self.observed().kinds.iter().zip(rows).for_each(|(kind, row)| (kind.write)(self, row));
+        self.observed().observables().zip(rows).for_each(|(kind, row)| (kind.write)(self, row));
     }
 
     /// The ids of the `count` sensor nodes nearest to the UAV, nearest first.

@@ -5,7 +5,6 @@ use std::sync::Arc;
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 
-use crate::episode::Episode;
 use crate::errors::refused;
 
 /// What an environment sees, does and earns, whatever its scenario.
@@ -35,21 +34,10 @@ impl Rules {
     }
 }
 
-/// An observable quantity.
-pub struct Observable {
-    /// Its key in the dictionary.
-    pub name: &'static str,
-    /// Its shape for so many sensor nodes, and so many nearest ones.
-    pub shape: fn(usize, usize) -> Vec<usize>,
-    /// Its least number; the largest is 1.
-    pub low: f64,
-    /// Writes it.
-    pub write: fn(&Episode, &mut [f32]),
-}
-
 /// Observed quantities, by the registry's order.
 pub struct Observed {
-    pub kinds: Vec<&'static Observable>,
+    /// Their places in the registry, ascending.
+    pub kinds: Vec<usize>,
     /// Their keys, so that Python does not hash them in every step.
     pub keys: Vec<Py<PyString>>,
     /// Number of nearest sensor nodes, if they are observed or chosen.

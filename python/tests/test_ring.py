@@ -326,7 +326,7 @@ def test_every_sample_is_checked_as_the_processes_in_rust_do(capsys: pytest.Capt
     assert not ring.possible_queues(Sent(queues), 4)
     assert not any(ring.possible_queues(Sent(queues, lost), 3) for lost in (np.nan, -1.0))
     nodes = np.zeros(2, ring.NODE)
-    assert nodes.dtype.itemsize == 40
+    assert nodes.dtype.itemsize == 48
     assert ring.possible_nodes(Sent(nodes))
     for column, value in ((0, np.inf), (2, -1.0), (3, np.nan)):
         nodes["numbers"][:] = 1.0
