@@ -223,7 +223,7 @@ class Ring:
             self.wait()
         self.count = sample.header.number_of_elements
         limits = bytes(sample.user_header().contents)[32:]
-        nodes = ctypes.string_at(sample.payload_ptr, 40 * sample.header.number_of_elements)
+        nodes = ctypes.string_at(sample.payload_ptr, NODE.itemsize * sample.header.number_of_elements)
         return Field._from_messages(limits, nodes)
 
     def position(self, slot: int) -> tuple[float, float, float] | None:

@@ -20,7 +20,7 @@ class Bursts(skysink.Arrivals):
     dispersion_bits = 1000.0
 
     def __init__(self) -> None:
-        self.phase = None
+        self.phase: int | None = None
 
     def bits(self, slot: int, mean_bits: Any, random: np.random.Generator) -> Any:
         if self.phase is None:
@@ -116,6 +116,7 @@ def test_impossible_bits_are_refused(bits: Any, message: str) -> None:
 
 
 def test_another_kind_of_object_is_refused() -> None:
-    for model in (3, "poisson", lambda: 3):
+    others: list[Any] = [3, "poisson", lambda: 3]
+    for model in others:
         with pytest.raises(skysink.InputError, match="expected"):
             skysink.simulate(SMALL, "gfs", arrivals=model)
