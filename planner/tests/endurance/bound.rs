@@ -9,7 +9,7 @@ use std::path::Path;
 use crate::support::scenario_of;
 use dynamic_program::Tiny;
 use line::Line;
-use random_mission::{random_mission, with_models};
+use random_mission::{in_a_real_world, random_mission, with_models, with_weights};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_mission::Mission;
@@ -42,7 +42,8 @@ fn fly_random_missions(
     for seed in seeds {
         let text = mission(seed);
         let mut least_bits = u64::MAX;
-        let list = SensorList::of(&scenario_of(&text, "gfs", seed)).unwrap();
+        let drawn = scenario_of(&text, "gfs", seed);
+        let list = with_weights(&SensorList::of(&drawn).unwrap(), &drawn);
         let bound = bound_of(&scenario_of(&text, "gfs", seed), &list);
         let looks_ahead = |strategy: &&str| ["horizon", "offline"].contains(strategy);
         let is_flown = |strategy: &&str| !looks_ahead(strategy) || seed.is_multiple_of(ahead_every);
@@ -75,6 +76,22 @@ fn nor_does_one_with_the_models_of_the_channel_that_are_off_by_default() {
     let [above_zero, _, violated] = fly_random_missions(with_models, 3_001..=3_300, 6);
     assert_eq!(violated, 0, "see above");
     assert!(above_zero >= 80, "the bound is above 0 in {above_zero}");
+}
+
+#[test]
+fn nor_does_one_with_weights_own_buffers_wind_acceleration_and_position_errors() {
+    let [above_zero, _, violated] = fly_random_missions(in_a_real_world, 4_001..=4_200, 6);
+    assert_eq!(violated, 0, "see above");
+    assert!(above_zero >= 80, "the bound is above 0 in {above_zero}");
+}
+
+/// `cargo test --release -p skysink-planner --test endurance -- --ignored --nocapture another_three_hundred`
+#[test]
+#[ignore = "takes minutes"]
+fn nor_does_another_three_hundred_with_all_models() {
+    let [above_zero, met, violated] = fly_random_missions(in_a_real_world, 5_001..=5_300, 3);
+    eprintln!("bound above 0 in {above_zero} of 300, met by a flight in {met}, {violated} violations");
+    assert_eq!(violated, 0, "see above");
 }
 
 /// `cargo test --release -p skysink-planner --test endurance -- --ignored --nocapture thousand`

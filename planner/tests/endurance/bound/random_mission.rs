@@ -1,7 +1,11 @@
 //! Small random missions over every channel, altitude, gain and knowledge setting.
 
+use std::path::Path;
+
 use rand::{Rng, RngExt};
 use skysink_common::random::{Purpose, Streams};
+use skysink_common::scenario::Scenario;
+use skysink_common::sensors::SensorList;
 
 /// The same mission with the models of the channel that are off by default: fading, line of sight that stays, and
 /// noise that scales with the bandwidth.
@@ -13,6 +17,51 @@ pub fn with_models(seed: u64) -> String {
     let text = text.replacen("[link]\n", &format!("[link]\n{fading}{frozen}"), 1);
     // The power that noise_dbm = -109 has in 1 MHz.
     if seed.is_multiple_of(2) { text.replace("noise_dbm = -109.0", "noise_dbm_per_hz = -169.0") } else { text }
+}
+
+/// The same mission with the models of the field and of the UAV that are off by default: own buffers, wind, acceleration
+/// and position errors, each in every second mission.
+pub fn in_a_real_world(seed: u64) -> String {
+    let mut text = with_models(seed);
+    let mut random = Streams::new(seed).stream(Purpose::Position, 3, 0);
+    let mut uav = String::new();
+    let speed_mps = number(&text, "max_speed_mps");
+    if random.random() {
+        let [east, north] = [(); 2].map(|()| random.random_range(-0.6..0.6) * speed_mps);
+        uav += &format!("wind_mps = [{east:?}, {north:?}]\n");
+    }
+    if random.random() {
+        uav +=
+            &format!("acceleration_mps2 = {:?}\n", speed_mps / number(&text, "slot_s") * random.random_range(0.3..8.0));
+    }
+    if random.random() {
+        uav += &format!("position_error_m = {:?}\n", random.random_range(0.1..20.0));
+    }
+    if random.random() {
+        let capacity_bits = number(&text, "capacity_bits") as u32;
+        let own = format!("capacity_bits = [{}, {}]", capacity_bits.div_ceil(4), capacity_bits * 4);
+        text = text.replacen(&format!("capacity_bits = {capacity_bits}"), &own, 1);
+    }
+    text.replacen("[uav]\n", &format!("[uav]\n{uav}"), 1)
+}
+
+/// The list with weights of 1 to 10 in every second mission.
+pub fn with_weights(list: &SensorList, scenario: &Scenario) -> SensorList {
+    if scenario.seed.is_multiple_of(2) {
+        return list.clone();
+    }
+    let csv = list.to_csv();
+    let rows = csv.lines().enumerate().map(|(row, line)| match row {
+        0 => format!("{line},weight\n"),
+        row => format!("{line},{}\n", 1 + row * 7 % 10),
+    });
+    SensorList::parse(&rows.collect::<String>(), Path::new("weights.csv"), scenario).unwrap()
+}
+
+/// The value of a key.
+fn number(text: &str, key: &str) -> f64 {
+    let value = text.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix(" = ")).unwrap();
+    value.parse().unwrap()
 }
 
 /// The lines of a mission with 1 to 8 sensor nodes and 5 to 60 slots, as seed `seed` draws it.
