@@ -57,15 +57,17 @@ class Scenario:
 
     @staticmethod
     def parse(text: str, path: str | PathLike[str] = ..., arrivals: str | None = None) -> Scenario:
-        """Parses a scenario file's text. ``path`` is for errors and relative paths. ``arrivals`` is the text of the file
-        of ``sensors.arrivals.file``, which is then not read. Raises :class:`InputError`."""
+        """Parses a scenario file's text. ``path`` is for errors and relative paths. ``arrivals`` is the text of the
+        file of ``sensors.arrivals.file``, which is then not read. Raises :class:`InputError`.
+        """
 
     def mean_bits(self) -> NDArray[np.float64]:
         """Mean bits that the SNs sample in a slot, [N], as a copy."""
 
     def with_arrivals(self, bits: NDArray[np.uint32], dispersion_bits: float = 1.0) -> Scenario:
         """A copy whose SNs sample ``bits`` [T, N], by slot and SN. The planner is told ``sensors.sampling_bps``, and
-        ``dispersion_bits``: the variance of the bits in a slot divided by their mean. Raises :class:`InputError`."""
+        ``dispersion_bits``: the variance of the bits in a slot divided by their mean. Raises :class:`InputError`.
+        """
 
     def replace(self, changes: Mapping[str, Any]) -> Scenario:
         """A copy with changed keys, for example ``{"area.side_m": 500.0}``. Raises :class:`InputError`."""
@@ -99,7 +101,8 @@ class Scenario:
 
     def sensors(self) -> Table:
         """The sensor nodes by id, with ``x_m``, ``y_m``, ``queue_bits``, ``gain_db``, ``sampling_bps``,
-        ``capacity_bits`` and ``weight``."""
+        ``capacity_bits`` and ``weight``.
+        """
 
     def field(self) -> Field:
         """The sensor nodes, with their true sampling rates, and the limits of plans."""
