@@ -3,27 +3,18 @@
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 
-/// What some strategies ignore in this scenario with the SNs `list`, a sentence each.
+/// How the models of this scenario with the SNs `list` are planned for where strategies ignore a part, a line each.
 #[must_use]
 pub fn of(scenario: &Scenario, list: &SensorList) -> Vec<&'static str> {
     let weights = list.weights(&list.sampling(scenario));
     let rules = [
-        (
-            scenario.arrival_law().is_random(),
-            "arrivals at random: horizon and offline draw them in imagined missions, all others plan with their means",
-        ),
-        (
-            scenario.link.stays_in_sight(),
-            "line of sight stays: all plan with its probability, and learn nothing from what a link had before",
-        ),
+        (scenario.arrival_law().is_random(), "arrivals: by their means; horizon and offline also imagine draws"),
+        (scenario.link.stays_in_sight(), "line of sight: by its probability, whatever a link had before"),
         (
             scenario.uav.position_error_m.is_some_and(|error_m| error_m > 0.0),
-            "position errors: horizon and offline plan 1.5 σ inside d_c, all others up to d_c, where an error loses a visit",
+            "position errors: up to d_c; horizon and offline stay 1.5 σ inside",
         ),
-        (
-            !weights.are_equal(),
-            "weights: tour, round-robin, max-age-first, edf and mes choose where to fly without them",
-        ),
+        (!weights.are_equal(), "weights: tour, round-robin, max-age-first, edf, mes fly without them"),
     ];
     rules.into_iter().filter_map(|(applies, sentence)| applies.then_some(sentence)).collect()
 }
