@@ -1,6 +1,6 @@
 //! The registry of the arrival models, and the keys of `[sensors.arrivals]` (decision D24).
 //!
-//! Arrivals are the bits that the sensor nodes (SNs) sample. Without the table they are [`constant`]. Any other model is
+//! Arrivals are the bits that the sensor nodes (SNs) sample. Without the table they are constant. Any other model is
 //! a file of this folder, a variant of [`Arrivals`] and of [`ArrivalModel`], and its keys. The field is filled by
 //! [`Arrivals`], what is drawn; a planner knows the [`ArrivalLaw`] alone.
 
