@@ -202,7 +202,9 @@ impl Learnt {
                 let gained_bits = f64::from(found_bits.saturating_sub(left_bits));
                 let is_full = found_bits >= capacity_bits;
                 let gained = if is_full { Gained::AtLeast(gained_bits) } else { Gained::Exactly(gained_bits) };
-                posterior.add(slots, gained, law.dispersion_bits(posterior.mean_bits()));
+                // At least the variance of single bits: chains that alternate have nearly none.
+                let dispersion_bits = law.dispersion_bits(posterior.mean_bits()).max(1.0);
+                posterior.add(slots, gained, dispersion_bits);
             }
             Self::Random(_) => {}
         }

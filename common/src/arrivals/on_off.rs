@@ -47,9 +47,10 @@ impl Chain {
         loop {
             // A geometric time: its end is decided anew in each slot.
             let change = 1.0 / if is_on { on_slots } else { off_slots };
-            let lasts = if change < 1.0 { 1 + (fraction(&mut random).ln() / (-change).ln_1p()) as u64 } else { 1 };
+            let further = if change < 1.0 { (fraction(&mut random).ln() / (-change).ln_1p()) as u64 } else { 0 };
+            let lasts = further.saturating_add(1);
             slot = slot.saturating_add(lasts);
-            on += if is_on { lasts } else { 0 };
+            on = if is_on { lasts.saturating_add(on) } else { on };
             if slot >= slots.end {
                 break Self { is_on_first, changes, first: slots.start };
             }

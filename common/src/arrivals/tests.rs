@@ -133,6 +133,15 @@ fn times_of_a_slot_alternate() {
 }
 
 #[test]
+fn times_longer_than_any_mission_never_end() {
+    let arrivals = OnOff::new([1e300, 1e300], Streams::new(1), 50, 1..1_000_000_000);
+    let is_on = |sensor: u32| [1, 7, 999_999_998].map(|slot| arrivals.bits(slot, sensor, 10.0));
+    let on = (0..50).filter(|&sensor| is_on(sensor) == [20; 3]).count();
+    let off = (0..50).filter(|&sensor| is_on(sensor) == [0; 3]).count();
+    assert!(on + off == 50 && on > 10 && off > 10, "{on} on, {off} off");
+}
+
+#[test]
 fn a_draw_does_not_depend_on_the_others() {
     let streams = Streams::new(5);
     let drawn: [Arrivals; 2] =
