@@ -13,7 +13,7 @@ use clap::Args;
 use serde::Serialize;
 use skysink_common::error::InputError;
 use skysink_common::pace::Pace;
-use skysink_common::scenario::{Overrides, Scenario, TRACE};
+use skysink_common::scenario::{CHANNEL, Overrides, Scenario, TRACE};
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
 use skysink_mission::files::write_whole;
@@ -41,7 +41,9 @@ const OUTCOME: &str = "replay.json";
 /// The files of a replay.
 static LAYOUT: FolderLayout = FolderLayout {
     lock: "lock",
-    is_result: |name| ["scenario.toml", "sensors.csv", TRACE, PLANS, OUTCOME].contains(&name) || is_recording(name),
+    is_result: |name| {
+        ["scenario.toml", "sensors.csv", TRACE, CHANNEL, PLANS, OUTCOME].contains(&name) || is_recording(name)
+    },
     is_temporary: |_| false,
 };
 
@@ -241,8 +243,8 @@ impl<'a> ReplayedRun<'a> {
         let Self { command, recorded, scenario, external, plans, .. } = self;
         write_whole(&out.join("scenario.toml"), scenario.to_toml_with_list("sensors.csv").as_bytes())?;
         write_whole(&out.join("sensors.csv"), recorded.list.to_csv().as_bytes())?;
-        if let Some(trace) = recorded.list.trace() {
-            write_whole(&out.join(TRACE), trace.to_csv().as_bytes())?;
+        for (name, text) in recorded.list.files_beside(scenario) {
+            write_whole(&out.join(name), text.as_bytes())?;
         }
         let pace = command.options.pace.unwrap_or_default();
         let launch = Launch {

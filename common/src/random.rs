@@ -34,6 +34,8 @@ pub enum Purpose {
     Fading = 11,
     /// A wave of the line of sight that stays for the mission.
     FrozenLineOfSight = 12,
+    /// Rate of a link in a slot, from a table.
+    TableDraw = 13,
     /// Where a slot really ends.
     PositionError = 14,
     /// Buffer of a sensor node.

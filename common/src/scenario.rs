@@ -17,11 +17,12 @@ use toml::{Table, Value};
 
 pub use crate::keys::{Interval, Setting, SettingOrigin, WholeInterval};
 pub use area::{Area, Origin};
-pub use mission::{MAX_SEED, PlannerKeys, Scenario, TRACE};
+pub use mission::{CHANNEL, MAX_SEED, PlannerKeys, Scenario, TRACE};
 pub use sensors::SensorKeys;
 pub(crate) use sensors::{MAX_FIELD_BITS, MAX_SENSORS};
 pub use uav::{AltitudeMode, Climb, Propulsion, UavKeys};
 
+use crate::channel::RateTable;
 use crate::error::{InputError, read_text};
 use crate::keys::{self, Keys, Source, dotted};
 
@@ -39,6 +40,8 @@ pub struct Overrides {
     pub slots: Option<u64>,
     /// Replaces any keys, before the replacements above.
     pub keys: Vec<Setting>,
+    /// Replaces the content of the file `link.file`, which is then not read.
+    pub table: Option<&'static RateTable>,
 }
 
 impl Scenario {
@@ -91,6 +94,11 @@ impl Scenario {
         let mut scenario: Self = keys::read(table.clone(), "", Source { path, settings: &overrides.keys })?;
         path.clone_into(&mut scenario.path);
         scenario.settings = overrides.keys;
+        scenario.link.table = match (scenario.channel_file(), overrides.table) {
+            (None, _) => None,
+            (Some(_), Some(table)) => Some(table),
+            (Some(path), None) => Some(RateTable::read(&path)?.held()),
+        };
         if let Some(strategy) = overrides.strategy {
             strategy.clone_into(&mut scenario.planner.strategy);
         }

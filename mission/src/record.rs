@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use skysink_common::error::InputError;
-use skysink_common::scenario::{self, Scenario};
+use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::written_file::Extent;
 
@@ -74,8 +74,9 @@ impl RunFolder {
         let path = out.map_or_else(|| make_default(scenario, mode), |out| Ok(out.to_owned()))?;
         let check = || Self::check(Some(&path), earlier);
         let folder = LAYOUT.open(&path, |error| cannot_make(&path, error), check)?.ok_or_else(|| locked(&path))?;
-        let trace = list.trace().map(|trace| SourceFile { name: scenario::TRACE.into(), bytes: trace.to_csv().into() });
-        let sources = mode.sources.iter().cloned().chain(trace).collect();
+        let beside = list.files_beside(scenario);
+        let beside = beside.map(|(name, text)| SourceFile { name: name.to_owned(), bytes: text.into() });
+        let sources = mode.sources.iter().cloned().chain(beside).collect();
         let mode = &RunMode { sources, ..mode.clone() };
         let earlier_sources = origin::source_names(&path);
         let is_foreign = |source: &&SourceFile| {

@@ -24,7 +24,7 @@ from skysink._skysink import (
     __version__,
 )
 from skysink.flight import compare, simulate
-from skysink.models import Arrivals
+from skysink.models import Arrivals, Channel
 from skysink.strategy import Strategy
 from skysink.sweeps import sweep
 
@@ -37,6 +37,7 @@ __all__ = [
     "STRATEGIES",
     "Arrivals",
     "Belief",
+    "Channel",
     "Decision",
     "Field",
     "InputError",

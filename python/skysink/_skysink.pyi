@@ -56,9 +56,23 @@ class Scenario:
         """The built-in mission of the UTS letter (arXiv 2103.00753)."""
 
     @staticmethod
-    def parse(text: str, path: str | PathLike[str] = ..., arrivals: str | None = None) -> Scenario:
-        """Parses a scenario file's text. ``path`` is for errors and relative paths. ``arrivals`` is the text of the
-        file of ``sensors.arrivals.file``, which is then not read. Raises :class:`InputError`.
+    def parse(
+        text: str, path: str | PathLike[str] = ..., arrivals: str | None = None, channel: str | None = None
+    ) -> Scenario:
+        """Parses a scenario file's text. ``path`` is for errors and relative paths. ``arrivals`` and ``channel`` are the
+        texts of the files of ``sensors.arrivals.file`` and ``link.file``, which are then not read. Raises
+        :class:`InputError`.
+        """
+
+    def with_channel(
+        self,
+        distances_m: Sequence[float] | NDArray[np.float64],
+        altitudes_m: Sequence[float] | NDArray[np.float64],
+        probabilities: Sequence[float] | NDArray[np.float64],
+        rates_bps: NDArray[np.float64],
+    ) -> Scenario:
+        """A copy with a channel of these rates [bit/s], by distance, altitude and probability (``docs/src/model.md``).
+        Raises :class:`InputError`.
         """
 
     def mean_bits(self) -> NDArray[np.float64]:
@@ -377,6 +391,7 @@ class EnvironmentCore:
         nearest: int | None,
         action: str,
         reward: str,
+        prepare: Callable[[Scenario], Scenario] | None,
     ) -> Self: ...
     @property
     def observed(self) -> list[tuple[str, list[int], float]]: ...
@@ -417,6 +432,7 @@ class VectorCore:
         nearest: int | None,
         action: str,
         reward: str,
+        prepare: Callable[[Scenario], Scenario] | None,
     ) -> Self: ...
     @property
     def observed(self) -> list[tuple[str, list[int], float]]: ...

@@ -54,6 +54,7 @@ from numpy.typing import NDArray
 
 from skysink._skysink import Belief, Decision, EnvironmentCore, Field, InputError, Run, Scenario, VectorCore
 from skysink.flight import scenario_of
+from skysink.models import Arrivals, Channel, Model, Models
 
 ID = "skysink/DataCollection-v0"
 OBSERVED = ("uav", "queues", "slot")
@@ -94,11 +95,12 @@ class NativeEnvironment:
         nearest: int | None,
         action: Control,
         reward: Reward,
+        models: Models,
     ) -> tuple[spaces.Space[Any], spaces.Space[Any]]:
         """Makes the core, and returns the spaces of observations and actions of one environment."""
         self.scenarios = tuple(map(scenario_of, scenarios))
         self.fields = fields
-        self._rules = (fields, list(observation), nearest, action, reward)
+        self._rules = (fields, list(observation), nearest, action, reward, models.prepare if models else None)
         self._core = self._new_core()
         boxes: dict[str, spaces.Space[Any]] = {
             name: spaces.Box(low, 1.0, tuple(shape), np.float32) for name, shape, low in self._core.observed
@@ -207,9 +209,11 @@ class DataCollectionEnv(NativeEnvironment, gymnasium.Env[Observation, Action]):
         nearest: int | None = None,
         action: Control = "displacement",
         reward: Reward = "lost",
+        arrivals: Model[Arrivals] | None = None,
+        channel: Model[Channel] | None = None,
     ) -> None:
         self.render_mode = render_mode
-        rules = (fields, observation, nearest, action, reward)
+        rules = (fields, observation, nearest, action, reward, Models(arrivals, channel))
         self.observation_space, self.action_space = self._begin(one_of(scenario), *rules)
         self._is_new = True
 
@@ -295,10 +299,13 @@ class DataCollectionVectorEnv(NativeEnvironment, VectorEnv[Observation, Action, 
         nearest: int | None = None,
         action: Control = "displacement",
         reward: Reward = "lost",
+        arrivals: Model[Arrivals] | None = None,
+        channel: Model[Channel] | None = None,
     ) -> None:
         self.num_envs = num_envs
         self.render_mode = render_mode
-        single = self._begin(some_of(scenario), fields, observation, nearest, action, reward)
+        rules = (fields, observation, nearest, action, reward, Models(arrivals, channel))
+        single = self._begin(some_of(scenario), *rules)
         self.single_observation_space, self.single_action_space = single
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)

@@ -10,7 +10,7 @@ from typing import Any
 
 from skysink import _skysink
 from skysink._skysink import InputError, Run, Scenario, Table
-from skysink.models import Model, Models
+from skysink.models import Arrivals, Channel, Model, Models
 from skysink.strategy import PREFIX, PythonStrategy, Strategy, labelled, named, origin
 from skysink.sweeps import ComparisonSource, fly_all, load
 
@@ -46,14 +46,16 @@ def simulate(
     *,
     seed: int | None = None,
     label: str | None = None,
-    arrivals: Model | None = None,
+    arrivals: Model[Arrivals] | None = None,
+    channel: Model[Channel] | None = None,
 ) -> Run:
     """Simulates a mission in this process and returns it.
 
     ``strategy`` is the name of a built-in strategy (:data:`skysink.STRATEGIES`), a Python strategy, or
     ``"python:FILE:CLASS"``; by default the scenario's, whose FILE is relative to its folder. ``seed`` overrides the
     scenario's. ``label`` is the name of a Python strategy in the results, by default that of its class. ``arrivals``
-    is what the SNs sample, a subclass of :class:`skysink.Arrivals`. Built-in strategies release the interpreter lock.
+    is what the SNs sample, a subclass of :class:`skysink.Arrivals`, ``channel`` the rates of their links, of
+    :class:`skysink.Channel`. Built-in strategies release the interpreter lock.
 
     ``run.scenario`` names what flew, and :meth:`skysink.Run.save` writes the source of a Python strategy into the
     folder, as ``strategy.py``. The saved ``scenario.toml`` flies the same again, if the strategy was given as
@@ -63,7 +65,7 @@ def simulate(
     names the slot.
     """
     base = scenario_of(scenario)
-    models = Models(arrivals)
+    models = Models(arrivals, channel)
     if models:
         base = models.prepare(base if seed is None else base.replace({"seed": seed}))
     if strategy is None and base.strategy.startswith(PREFIX) and (base.path.parent / "run.toml").is_file():
@@ -84,7 +86,8 @@ def compare(
     seeds: int | Sequence[int] = 20,
     out: str | PathLike[str] | None = None,
     executor: Executor | Any | None = None,
-    arrivals: Model | None = None,
+    arrivals: Model[Arrivals] | None = None,
+    channel: Model[Channel] | None = None,
 ) -> Comparison:
     """Compares strategies over the same fields. Returns an entry per strategy and metric, and a row per mission.
 
@@ -96,7 +99,7 @@ def compare(
     seed. ``pandas.DataFrame`` accepts the list. Its attribute ``missions`` is a table with a row per strategy and seed.
     ``out`` is a folder as of ``skysink compare``: a comparison in it is resumed, or extended by seeds and strategies.
     It holds the scenario and the sources of Python strategies, which must be given as ``"python:FILE:CLASS"``.
-    ``executor`` as in :func:`skysink.sweep`, ``arrivals`` as in :func:`skysink.simulate`, drawn for each seed.
+    ``executor`` as in :func:`skysink.sweep`, ``arrivals`` and ``channel`` as in :func:`skysink.simulate`, for each seed.
     """
     base = scenario_of(scenario)
     if isinstance(strategies, Mapping):
@@ -114,7 +117,7 @@ def compare(
         seeds=tuple(chosen),
         external=tuple((strategy.name, strategy.version, strategy.sources) for strategy in in_python),
         specs=tuple((strategy.name, strategy.spec) for strategy in in_python),
-        models=Models(arrivals),
+        models=Models(arrivals, channel),
     )
     plan, makers = load(source)
     if out is None:

@@ -1,4 +1,4 @@
-"""Arrivals of one's own: what the sensor nodes sample, from Python."""
+"""Models of one's own from Python: what the sensor nodes sample, and the rates of their links."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import hashlib
 import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -43,36 +43,101 @@ class Arrivals(ABC):
         """
 
 
-Model = Arrivals | type[Arrivals] | Callable[[], Arrivals]
-"""Arrivals, or what makes them for each mission."""
+class Channel(ABC):
+    """The rates of the links. A class is instantiated, and an object copied, for each mission.
+
+    It flies in :func:`skysink.simulate`, :func:`skysink.compare`, :func:`skysink.sweep` and the environments as
+    ``channel=``. Before slot 1 its rates become a table over distances, altitudes and probabilities, between whose points
+    they are linear: the folder of a saved run has it as ``channel.csv`` and flies again without Python. The planner knows
+    the law, flight-sim draws from it, for each slot and SN.
+    """
+
+    distances_m: ArrayLike | None = None
+    """Horizontal distances of the table, ascending; by default 33 up to ``link.comm_radius_m``."""
+
+    altitudes_m: ArrayLike | None = None
+    """Altitudes of the UAV, ascending; by default that of the scenario, or 17 of its range."""
+
+    probabilities: ArrayLike = (np.arange(33) + 0.5) / 33
+    """Probabilities ``u``, ascending; one for rates that are not at random."""
+
+    @abstractmethod
+    def rate_bps(
+        self, distance_m: NDArray[np.float64], altitude_m: NDArray[np.float64], u: NDArray[np.float64]
+    ) -> ArrayLike:
+        """The rates [bit/s] that a link does not exceed with the probabilities ``u``: the inverse of its distribution.
+
+        The arguments broadcast against each other, [distances, 1, 1], [1, altitudes, 1] and [1, 1, probabilities]. Rates
+        must be finite, 0 or above, and not fall with ``u``.
+        """
+
+
+Kind = TypeVar("Kind")
+
+Model = Kind | type[Kind] | Callable[[], Kind]
+"""A model, or what makes it for each mission."""
 
 
 class Models:
     """The models of one's own of a mission: turns a scenario into the one that is flown."""
 
-    def __init__(self, arrivals: Model | None = None) -> None:
-        if arrivals is not None and not isinstance(arrivals, Arrivals) and not callable(arrivals):
-            raise InputError(f"arrivals = {arrivals!r}: expected a subclass of skysink.Arrivals, or an object of one")
+    def __init__(self, arrivals: Model[Arrivals] | None = None, channel: Model[Channel] | None = None) -> None:
+        for name, model, kind in (("arrivals", arrivals, Arrivals), ("channel", channel, Channel)):
+            if model is not None and not isinstance(model, kind) and not callable(model):
+                raise InputError(f"{name} = {model!r}: expected a subclass of skysink.{kind.__name__}, or an object of one")
         self.arrivals = arrivals
+        self.channel = channel
 
     def __bool__(self) -> bool:
-        return self.arrivals is not None
+        return self.arrivals is not None or self.channel is not None
 
     @property
     def versions(self) -> list[tuple[str, str]]:
         """What they are, each with a hash of its source."""
-        return [("arrivals", version(self.arrivals))] if self.arrivals is not None else []
+        models = (("arrivals", self.arrivals), ("channel", self.channel))
+        return [(name, version(model)) for name, model in models if model is not None]
 
     def prepare(self, scenario: Scenario) -> Scenario:
         """The scenario with what these models draw for its seed."""
-        return scenario if self.arrivals is None else realised(scenario, self.arrivals)
+        if self.channel is not None:
+            scenario = tabulated(scenario, made(self.channel, Channel))
+        if self.arrivals is not None:
+            scenario = realised(scenario, made(self.arrivals, Arrivals))
+        return scenario
 
 
-def realised(scenario: Scenario, model: Model) -> Scenario:
-    """The scenario with the bits that the model samples in its mission."""
-    arrivals = copy.deepcopy(model) if isinstance(model, Arrivals) else model()
-    if not isinstance(arrivals, Arrivals):
-        raise InputError(f"arrivals = {model!r}: expected an object of a subclass of skysink.Arrivals")
+def made(model: Any, kind: type[Kind]) -> Kind:
+    """The model of a mission: a copy of an object, or an instance of a class."""
+    found = copy.deepcopy(model) if isinstance(model, kind) else model()
+    if not isinstance(found, kind):
+        raise InputError(f"{kind.__name__.lower()} = {model!r}: expected an object of a subclass of skysink.{kind.__name__}")
+    return found
+
+
+def tabulated(scenario: Scenario, channel: Channel) -> Scenario:
+    """The scenario with the table of a channel."""
+    uav = scenario["uav"]
+    is_free = uav["altitude"] == "free"
+    lowest_m, highest_m = (uav["min_altitude_m"], uav["max_altitude_m"]) if is_free else (uav["altitude_m"],) * 2
+    grid = [
+        np.linspace(0.0, scenario["link.comm_radius_m"], 33) if channel.distances_m is None else channel.distances_m,
+        np.linspace(lowest_m, highest_m, 17 if is_free else 1) if channel.altitudes_m is None else channel.altitudes_m,
+        channel.probabilities,
+    ]
+    distances_m, altitudes_m, probabilities = (np.atleast_1d(np.asarray(axis, np.float64)) for axis in grid)
+    rates_bps = np.asarray(
+        channel.rate_bps(distances_m[:, None, None], altitudes_m[None, :, None], probabilities[None, None, :]), np.float64
+    )
+    shape = (len(distances_m), len(altitudes_m), len(probabilities))
+    try:
+        rates_bps = np.broadcast_to(rates_bps, shape)
+    except ValueError:
+        raise InputError(f"channel: rates of shape {rates_bps.shape}: expected {shape}") from None
+    return scenario.with_channel(distances_m, altitudes_m, probabilities, np.ascontiguousarray(rates_bps))
+
+
+def realised(scenario: Scenario, arrivals: Arrivals) -> Scenario:
+    """The scenario with the bits that the arrivals sample in its mission."""
     mean_bits = scenario.mean_bits()
     mean_bits.flags.writeable = False
     random = np.random.default_rng([PURPOSE, scenario.seed])
@@ -100,4 +165,4 @@ def version(model: Any) -> str:
     return hashlib.sha256((source + held).encode()).hexdigest()[:16]
 
 
-__all__ = ["Arrivals"]
+__all__ = ["Arrivals", "Channel"]

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from skysink._skysink import InputError, Scenario, SweepPlan, Table
-from skysink.models import Model, Models
+from skysink.models import Arrivals, Channel, Model, Models
 from skysink.strategy import MAIN, PREFIX, PythonStrategy, Sources, Strategy, named
 
 Key = tuple[int, int, int]
@@ -63,7 +63,8 @@ def sweep(
     *,
     executor: Executor | Any | None = None,
     threads: int = 0,
-    arrivals: Model | None = None,
+    arrivals: Model[Arrivals] | None = None,
+    channel: Model[Channel] | None = None,
 ) -> Table:
     """Runs a sweep file and returns its results, one row per mission. The folder equals that of ``skysink sweep``.
 
@@ -75,8 +76,8 @@ def sweep(
     ``submit(function, *arguments)`` that returns a ``concurrent.futures.Future``; its workers need this package and the
     same file system.
 
-    ``arrivals`` is what the SNs sample, as in :func:`skysink.simulate`; a folder that was flown with them is extended or
-    repeated with the same.
+    ``arrivals`` and ``channel`` are models as in :func:`skysink.simulate`; a folder that was flown with them is extended
+    or repeated with the same.
 
     Every mission is written as soon as it is finished. After an interruption, or if workers died and the executor
     gave up, calling ``sweep`` again continues. More seeds, or more strategies behind those of the sweep in the folder,
@@ -88,7 +89,7 @@ def sweep(
         raise InputError(f"executor {executor!r}: expected an object with submit, such as a ProcessPoolExecutor")
     path = Path(file).absolute()
     folder = Path(out) if out is not None else path if path.is_dir() else Path("runs") / path.stem
-    source = FileSource(str(path), Models(arrivals))
+    source = FileSource(str(path), Models(arrivals, channel))
     plan, makers = load(source)
     if executor is None and not makers and not source.models:
         return plan.fly_all(folder, threads)

@@ -97,12 +97,16 @@ impl PyVectorCore {
         nearest: Option<usize>,
         action: &str,
         reward: &str,
+        prepare: Option<Py<PyAny>>,
     ) -> PyResult<Self> {
         if !(1..=MAX_ENVIRONMENTS).contains(&count) {
             return Err(refused(format!("num_envs = {count}: expected 1 to {MAX_ENVIRONMENTS}")));
         }
         check(scenarios.len(), count)?;
-        let first = Episode::first(scenarios[0].get(), &Rules::of(py, fields, &observation, nearest, action, reward)?)?;
+        let first = Episode::first(
+            scenarios[0].get(),
+            &Rules::of(py, fields, &observation, nearest, action, reward, prepare)?,
+        )?;
         let mut core = Self { episodes: vec![first; count] };
         core.replace(scenarios, vec![true; count])?;
         Ok(core)

@@ -63,6 +63,7 @@ impl PyEnvironmentCore {
 #[pymethods]
 impl PyEnvironmentCore {
     #[new]
+    #[expect(clippy::too_many_arguments, reason = "those of the environment")]
     fn new(
         py: Python<'_>,
         scenario: &Bound<'_, PyScenario>,
@@ -71,8 +72,9 @@ impl PyEnvironmentCore {
         nearest: Option<usize>,
         action: &str,
         reward: &str,
+        prepare: Option<Py<PyAny>>,
     ) -> PyResult<Self> {
-        let rules = Rules::of(py, fields, &observation, nearest, action, reward)?;
+        let rules = Rules::of(py, fields, &observation, nearest, action, reward, prepare)?;
         Ok(Self { episode: Episode::first(scenario.get(), &rules)?, plans: Vec::new() })
     }
 

@@ -39,7 +39,17 @@ impl Course {
         self.rules.fields.map_or(number, |count| self.scenario.seed + number % count)
     }
 
-    /// The mission of the episode with this number.
+    /// The mission of the episode with this number, with the models of its environment.
+    fn prepared(&self, number: u64) -> PyResult<Scenario> {
+        let scenario = self.scenario(number)?;
+        let Some(prepare) = &self.rules.prepare else { return Ok(scenario) };
+        Python::attach(|py| {
+            let prepared = prepare.call1(py, (PyScenario::on_record(&scenario)?,))?;
+            Ok(prepared.bind(py).cast::<PyScenario>()?.get().scenario.clone())
+        })
+    }
+
+    /// The mission of the episode with this number, as the scenario has it.
     fn scenario(&self, number: u64) -> PyResult<Scenario> {
         let mut scenario = self.scenario.clone();
         scenario.seed = self.seed(number);
@@ -126,7 +136,7 @@ impl Episode {
 
     /// The episode with this number, before its first slot.
     fn new(course: Arc<Course>, number: u64) -> PyResult<Self> {
-        let scenario = course.scenario(number)?;
+        let scenario = course.prepared(number)?;
         let list = SensorList::of(&scenario).map_err(refused)?;
         let plant = plant(&scenario, &list)?;
         let field = Arc::new(FieldData::of(&scenario, &list, plant.field().belief()));
@@ -154,7 +164,7 @@ impl Episode {
             *self = Self::new(Arc::clone(&self.course), number)?;
             return Ok(());
         }
-        self.plant = plant(&self.course.scenario(number)?, &self.list)?;
+        self.plant = plant(&self.course.prepared(number)?, &self.list)?;
         self.contacts = Contacts::none(self.field.count());
         self.number = number;
         Ok(())
@@ -182,7 +192,7 @@ impl Episode {
 
     /// Its mission.
     pub fn scenario(&self) -> PyResult<Scenario> {
-        self.course.scenario(self.number)
+        self.course.prepared(self.number)
     }
 
     /// Flies the next slot.

@@ -14,10 +14,13 @@ pub struct Rules {
     pub observed: Observed,
     pub control: Control,
     pub reward: Reward,
+    /// Turns the scenario of an episode into the one that is flown; `None` if they are the same.
+    pub prepare: Option<Py<PyAny>>,
 }
 
 impl Rules {
     /// Those of these arguments of an environment.
+    #[expect(clippy::too_many_arguments, reason = "those of the environment")]
     pub fn of(
         py: Python<'_>,
         fields: Option<u64>,
@@ -25,12 +28,14 @@ impl Rules {
         nearest: Option<usize>,
         action: &str,
         reward: &str,
+        prepare: Option<Py<PyAny>>,
     ) -> PyResult<Arc<Self>> {
         if fields == Some(0) {
             return Err(refused("fields = 0: expected 1 or more, or None"));
         }
         let observed = Observed::of(py, observation, nearest)?;
-        Ok(Arc::new(Self { fields, observed, control: Control::named(action)?, reward: Reward::named(reward)? }))
+        let control = Control::named(action)?;
+        Ok(Arc::new(Self { fields, observed, control, reward: Reward::named(reward)?, prepare }))
     }
 }
 

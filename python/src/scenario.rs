@@ -4,13 +4,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use arrow_array::{ArrayRef, Float64Array, UInt32Array};
-use numpy::{IntoPyArray, PyArray1, PyReadonlyArray2};
+use numpy::{IntoPyArray, PyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
 use skysink_common::arrivals::{Arrival, ArrivalTrace, mean_bits};
 use skysink_common::belief::Belief;
+use skysink_common::channel::RateTable;
 use skysink_common::error::read_text;
-use skysink_common::scenario::{LETTER, Overrides, Scenario, Setting, SettingOrigin, TRACE};
+use skysink_common::scenario::{CHANNEL, LETTER, Overrides, Scenario, Setting, SettingOrigin, TRACE};
 use skysink_common::sensors::{Sensor, SensorList};
 use skysink_planner::settings;
 use toml::{Table, Value};
@@ -34,8 +35,8 @@ pub struct PyScenario {
 }
 
 impl PyScenario {
-    fn new(text: String, path: &Path, keys: Vec<Setting>) -> PyResult<Self> {
-        let overrides = Overrides { keys, ..Overrides::default() };
+    fn new(text: String, path: &Path, keys: Vec<Setting>, table: Option<&'static RateTable>) -> PyResult<Self> {
+        let overrides = Overrides { keys, table, ..Overrides::default() };
         let scenario = Scenario::parse(&text, path, overrides).and_then(settings::resolve).map_err(refused)?;
         Ok(Self { text, scenario })
     }
@@ -50,7 +51,7 @@ impl PyScenario {
     pub fn with(&self, changes: impl IntoIterator<Item = (String, Value)>) -> PyResult<Self> {
         let setting = |(key, value)| Setting { key, value, origin: SettingOrigin::Replacement };
         let settings: Vec<Setting> = changes.into_iter().map(setting).collect();
-        let changed = Self::new(self.text.clone(), &self.scenario.path, settings.clone())?;
+        let changed = Self::new(self.text.clone(), &self.scenario.path, settings.clone(), self.scenario.link.table)?;
         let changed = changed.holding(self.scenario.trace.clone());
         let mut table: Table = self.text.parse().expect("it has been parsed before");
         Scenario::apply(&settings, &mut table).map_err(refused)?;
@@ -64,7 +65,8 @@ impl PyScenario {
 
     /// A scenario from a run folder.
     pub fn on_record(scenario: &Scenario) -> PyResult<Self> {
-        Ok(Self::new(scenario.to_toml(), &scenario.path, Vec::new())?.holding(scenario.trace.clone()))
+        Ok(Self::new(scenario.to_toml(), &scenario.path, Vec::new(), scenario.link.table)?
+            .holding(scenario.trace.clone()))
     }
 
     /// The sampling rates of its sensor nodes [bit/s], without reading their arrivals.
@@ -92,24 +94,44 @@ impl PyScenario {
     #[staticmethod]
     fn load(path: PathBuf) -> PyResult<Self> {
         let text = read_text("scenario", &path).map_err(refused)?;
-        Self::new(text, &std::path::absolute(&path)?, Vec::new())
+        Self::new(text, &std::path::absolute(&path)?, Vec::new(), None)
     }
 
     /// The built-in mission of the UTS letter (arXiv 2103.00753).
     #[staticmethod]
     fn letter() -> PyResult<Self> {
-        Self::new(LETTER.to_owned(), Path::new("letter.toml (built in)"), Vec::new())
+        Self::new(LETTER.to_owned(), Path::new("letter.toml (built in)"), Vec::new(), None)
     }
 
-    /// Parses a scenario file's text. ``path`` is for errors and relative paths. ``arrivals`` is the text of the file of
-    /// ``sensors.arrivals.file``, which is then not read. Raises :class:`InputError`.
+    /// Parses a scenario file's text. ``path`` is for errors and relative paths. ``arrivals`` and ``channel`` are the
+    /// texts of the files of ``sensors.arrivals.file`` and ``link.file``, which are then not read. Raises
+    /// :class:`InputError`.
     #[staticmethod]
-    #[pyo3(signature = (text, path = PathBuf::from("scenario.toml"), arrivals = None))]
-    fn parse(text: String, path: PathBuf, arrivals: Option<&str>) -> PyResult<Self> {
-        let parsed = Self::new(text, &std::path::absolute(&path)?, Vec::new())?;
+    #[pyo3(signature = (text, path = PathBuf::from("scenario.toml"), arrivals = None, channel = None))]
+    fn parse(text: String, path: PathBuf, arrivals: Option<&str>, channel: Option<&str>) -> PyResult<Self> {
+        let table = channel.map(|text| RateTable::parse(text, Path::new("channel"))).transpose().map_err(refused)?;
+        let parsed = Self::new(text, &std::path::absolute(&path)?, Vec::new(), table.map(RateTable::held))?;
         let Some(arrivals) = arrivals else { return Ok(parsed) };
         let trace = ArrivalTrace::parse(arrivals, Path::new("arrivals"), &parsed.sampling_bps()?).map_err(refused)?;
         Ok(parsed.holding(Some(trace)))
+    }
+
+    /// A copy with a channel of these rates [bit/s], by distance, altitude and probability (``docs/src/model.md``). Raises
+    /// :class:`InputError`.
+    fn with_channel(
+        &self,
+        distances_m: Vec<f64>,
+        altitudes_m: Vec<f64>,
+        probabilities: Vec<f64>,
+        rates_bps: PyReadonlyArray3<'_, f64>,
+    ) -> PyResult<Self> {
+        let rates_bps = rates_bps.as_array().iter().copied().collect();
+        let table = RateTable::new(distances_m, altitudes_m, probabilities, rates_bps);
+        let table = table.map_err(|message| refused(format!("channel: {message}")))?.held();
+        let keys = [("link.model".to_owned(), "table".into()), ("link.file".to_owned(), CHANNEL.into())];
+        let mut based = self.clone();
+        based.scenario.link.table = Some(table);
+        based.with(keys)
     }
 
     /// Mean bits that the SNs sample in a slot, [N], as a copy.
@@ -228,16 +250,21 @@ impl PyScenario {
     }
 
     /// For pickle and copy: the text and the path.
-    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py, (String, PathBuf, Option<String>)>> {
+    fn __reduce__<'py>(
+        slf: &Bound<'py, Self>,
+    ) -> PyResult<Reduced<'py, (String, PathBuf, Option<String>, Option<String>)>> {
         let PyScenario { text, scenario } = slf.get();
         let arrivals = scenario.trace.as_ref().map(ArrivalTrace::to_csv);
-        Ok((slf.get_type().getattr("parse")?, (text.clone(), scenario.path.clone(), arrivals)))
+        let channel = scenario.link.table.map(RateTable::to_csv);
+        Ok((slf.get_type().getattr("parse")?, (text.clone(), scenario.path.clone(), arrivals, channel)))
     }
 
     fn __eq__(&self, other: &Bound<'_, PyAny>) -> bool {
         other.cast::<Self>().is_ok_and(|other| {
             let other = &other.get().scenario;
-            other.to_toml() == self.scenario.to_toml() && other.trace == self.scenario.trace
+            other.to_toml() == self.scenario.to_toml()
+                && other.trace == self.scenario.trace
+                && other.link.table == self.scenario.link.table
         })
     }
 

@@ -3,6 +3,7 @@
 mod arrivals;
 mod bench;
 mod changes;
+mod channel_table;
 mod check;
 mod cli;
 #[cfg(feature = "lab")]

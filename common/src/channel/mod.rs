@@ -11,6 +11,9 @@ mod free_space;
 mod frozen;
 mod line_of_sight;
 mod model;
+mod table;
+
+use std::path::PathBuf;
 
 use enum_dispatch::enum_dispatch;
 use serde::{Deserialize, Serialize};
@@ -21,6 +24,7 @@ pub use free_space::{FreeSpace, GainMode, draw_gain_db};
 pub use frozen::DrawnChannel;
 pub use line_of_sight::{Environment, LineOfSight, LosCurve};
 pub use model::{ChannelModel, Draw, Slopes, Uplink};
+pub use table::{RateTable, TableChannel};
 
 use crate::keys::{Accepts, Interval, LEVEL_DB, NOT_NEGATIVE, POSITIVE};
 use crate::random::Streams;
@@ -37,6 +41,8 @@ pub enum Channel {
     FreeSpace(FreeSpace),
     /// Probabilistic line of sight, by the elevation angle, with one gain for all sensor nodes.
     LineOfSight(LineOfSight),
+    /// A table of rates by distance and altitude, for all sensor nodes.
+    Table(TableChannel),
 }
 
 /// Channel model.
@@ -48,7 +54,12 @@ pub enum LinkModel {
     FreeSpace,
     /// At random in or out of line of sight (UTS section IV).
     ProbabilisticLos,
+    /// The rates of a file, by distance, altitude and probability.
+    Table,
 }
+
+/// Paths.
+const PATH: Accepts = Accepts::Text("the path of a CSV file, relative to the scenario", |path| !path.is_empty());
 
 /// Noise levels.
 const NOISE_DBM: Accepts =
@@ -56,10 +67,10 @@ const NOISE_DBM: Accepts =
 
 crate::keys! {
     /// `[link]`: the radio. Each channel model has its own keys.
-    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, expecting = "a table")]
     pub struct LinkBudget {
-        /// Channel model.
+        /// Channel model; in `"table"` the rates of `file`, whatever bandwidth, power, noise and gains.
         model: LinkModel = "free-space", Accepts::OneOf(LinkModel::VARIANTS);
         /// Bandwidth of each resource block, `W` [Hz].
         bandwidth_hz: f64 = 5e6, POSITIVE;
@@ -91,6 +102,9 @@ crate::keys! {
         snr_gap_db: Option<f64> = 8.2, line_of_sight::GAP_DB, line_of_sight::ONLY;
         /// Correlation distance [m] of a line of sight that stays for the mission; 0 or absent: redrawn in every slot.
         los_correlation_m: Option<f64>, NOT_NEGATIVE, line_of_sight::ONLY;
+        /// CSV file with the columns `distance_m,altitude_m,probability,rate_bps`: the rates [bit/s] that a link does not
+        /// exceed with these probabilities, at a grid of horizontal distances and altitudes of the UAV.
+        file: Option<PathBuf>, PATH, table::ONLY;
         /// Fading of the power, redrawn in every slot; absent: none.
         fading: Option<FadingModel>, Accepts::OneOf(FadingModel::VARIANTS);
         /// Power of the dominant path relative to all others, `K` [dB]; -inf for none (Rayleigh).
@@ -101,6 +115,11 @@ crate::keys! {
         comm_s: f64 = 0.1, POSITIVE;
         /// Resource blocks, `n`, the most SNs served in a slot.
         resource_blocks: usize = 4, Accepts::Whole(1, MAX_RESOURCE_BLOCKS as u64);
+        also {
+            /// The rates of `file`, which the scenario reads.
+            #[serde(skip)]
+            pub table: Option<&'static RateTable>,
+        }
     }
 }
 
@@ -114,6 +133,7 @@ impl Channel {
         let channel = match link.model {
             LinkModel::FreeSpace => link.free_space().map(Self::FreeSpace),
             LinkModel::ProbabilisticLos => link.line_of_sight().map(Self::LineOfSight),
+            LinkModel::Table => link.table.map(|table| Self::Table(TableChannel { table, comm_s: link.comm_s })),
         };
         channel.expect("a checked scenario has the keys of its model")
     }
@@ -123,7 +143,7 @@ impl Channel {
     pub fn line_of_sight(&self) -> Option<&LineOfSight> {
         match self {
             Self::LineOfSight(model) => Some(model),
-            Self::FreeSpace(_) => None,
+            Self::FreeSpace(_) | Self::Table(_) => None,
         }
     }
 }

@@ -10,12 +10,15 @@ use super::area::Area;
 use super::sensors::SensorKeys;
 use super::uav::UavKeys;
 use crate::arrivals::{ArrivalKeys, ArrivalLaw, ArrivalTrace};
-use crate::channel::LinkBudget;
+use crate::channel::{LinkBudget, LinkModel};
 use crate::error::InputError;
 use crate::keys::{self, Accepts, Keys, POSITIVE, Setting, Source};
 
 /// The file of the arrivals in a run folder.
 pub const TRACE: &str = "arrivals.csv";
+
+/// The file of a channel in a run folder.
+pub const CHANNEL: &str = "channel.csv";
 
 /// Largest seed: the largest integer of TOML.
 pub const MAX_SEED: u64 = i64::MAX as u64;
@@ -109,13 +112,26 @@ impl Scenario {
         if let Some(ArrivalKeys { file: Some(file), .. }) = &mut sensors.arrivals {
             *file = TRACE.into();
         }
-        Self { sensors, ..self.clone() }.to_toml()
+        let mut link = self.link.clone();
+        if let Some(file) = &mut link.file {
+            *file = CHANNEL.into();
+        }
+        Self { sensors, link, ..self.clone() }.to_toml()
     }
 
     /// Hash (XXH3) of all keys except the origin of the sensor list, which is published on the topic `sensors`.
     #[must_use]
     pub fn hash(&self) -> u64 {
-        xxhash_rust::xxh3::xxh3_64(self.to_toml_with_list("").as_bytes())
+        let hash = |seed, text: String| xxhash_rust::xxh3::xxh3_64_with_seed(text.as_bytes(), seed);
+        let keys = hash(0, self.to_toml_with_list(""));
+        self.link.table.iter().fold(keys, |seed, table| hash(seed, table.to_csv()))
+    }
+
+    /// The file of the channel; `None` if it is not that of a file.
+    #[must_use]
+    pub(crate) fn channel_file(&self) -> Option<PathBuf> {
+        let file = self.link.file.as_ref().filter(|_| self.link.model == LinkModel::Table);
+        file.map(|file| self.beside(file))
     }
 
     /// The file of the sensor list; `None` if the list is drawn.

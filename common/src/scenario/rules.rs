@@ -10,7 +10,7 @@ use super::mission::Scenario;
 use super::sensors::MAX_FIELD_BITS;
 use super::uav::Climb;
 use crate::arrivals::{ArrivalLaw, MAX_SAMPLED_BITS};
-use crate::channel::{Channel, ChannelModel, LosCurve};
+use crate::channel::{Channel, ChannelModel, LinkModel, LosCurve};
 use crate::error::InputError;
 use crate::keys::dotted::{beside, is_below, value};
 use crate::keys::{self, Keys, Only};
@@ -70,6 +70,10 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
     rule(wind_mps < uav.max_speed_mps, "uav.wind_mps", &expected)?;
     let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m(), area.height_m());
     rule(area.contains(&scenario.start().xy(), 0.0), "uav.start_m", &expected)?;
+    let is_table = link.model == LinkModel::Table;
+    let expected = "another model, or a CSV file as link.file";
+    rule(!is_table || link.file.is_some(), "link.model", expected)?;
+    rule(!is_table || link.fading.is_none(), "link.fading", "none with model = \"table\", whose rates have it")?;
     if let Some(Climb { min_altitude_m, max_altitude_m, .. }) = uav.climb() {
         let expected = "\"fixed\", or link.model = \"probabilistic-los\", in which altitude matters";
         rule(Channel::of(link).depends_on_elevation(), "uav.altitude", expected)?;

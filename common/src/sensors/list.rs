@@ -15,7 +15,7 @@ use crate::geometry::Position;
 use crate::message::SensorNode;
 use crate::random::{Purpose, Streams};
 use crate::sampling::Sampling;
-use crate::scenario::{Interval, Scenario};
+use crate::scenario::{CHANNEL, Interval, Scenario, TRACE};
 use crate::units::ratio_of_db;
 use crate::weights::Weights;
 
@@ -110,6 +110,12 @@ impl SensorList {
         let hash = |seed, text: String| xxhash_rust::xxh3::xxh3_64_with_seed(text.as_bytes(), seed);
         let listed = hash(scenario_hash, self.to_csv());
         self.trace.iter().fold(listed, |seed, trace| hash(seed, trace.to_csv()))
+    }
+
+    /// The files that a scenario with this list names besides the list, by their names in a run folder.
+    pub fn files_beside(&self, scenario: &Scenario) -> impl Iterator<Item = (&'static str, String)> {
+        let trace = self.trace.as_ref().map(|trace| (TRACE, trace.to_csv()));
+        trace.into_iter().chain(scenario.link.table.map(|table| (CHANNEL, table.to_csv())))
     }
 
     /// The arrivals, if they are those of a file.

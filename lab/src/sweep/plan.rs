@@ -115,7 +115,7 @@ impl Sweep {
     ) -> Result<Scenario, InputError> {
         let text = toml::to_string(base).expect("a table that was read can be written");
         let keys = zip(&self.definition.keys, &self.definition.points[point]).map(setting).collect();
-        let overrides = Overrides { seed: Some(seed), strategy, slots: None, keys };
+        let overrides = Overrides { seed: Some(seed), strategy, keys, ..Overrides::default() };
         Scenario::parse(&text, &self.base.path, overrides).and_then(settings::resolve)
     }
 
@@ -141,11 +141,11 @@ impl Sweep {
         for point in 0..points.len() {
             let refuse = |error| InputError::new("sweep", path, format!("at {}: {error}", self.name(point)));
             let scenario = self.scenario_of_grid(&self.base.table, point).map_err(refuse)?;
-            if scenario.sensors.file.is_some() || scenario.sensors.has_trace() {
+            if scenario.sensors.file.is_some() || scenario.sensors.has_trace() || scenario.link.table.is_some() {
                 let list = SensorList::of(&scenario)?;
                 hash.update(scenario.to_toml_with_list("").as_bytes());
                 hash.update(list.to_csv().as_bytes());
-                list.trace().iter().for_each(|trace| hash.update(trace.to_csv().as_bytes()));
+                list.files_beside(&scenario).for_each(|(_, text)| hash.update(text.as_bytes()));
             } else {
                 hash.update(scenario.to_toml().as_bytes());
             }

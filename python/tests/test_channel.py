@@ -1,0 +1,95 @@
+"""A channel of one's own."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import skysink
+from skysink.environment import DataCollectionEnv
+
+NARROW = skysink.Scenario.letter().replace(
+    {"slots": 60, "sensors.count": 40, "area.side_m": 120.0, "sensors.sampling_bps": 500.0, "link.bandwidth_hz": 3e3}
+)
+
+
+class FreeSpace(skysink.Channel):
+    """The paper's link with the gain of -52.5 dB, as the built-in model has it."""
+
+    distances_m = np.linspace(0.0, 10.0, 200)
+    probabilities = (0.5,)
+
+    def rate_bps(self, distance_m: Any, altitude_m: Any, u: Any) -> Any:
+        snr = 10**-5.25 * 0.05 / (1e-13 * (distance_m**2 + altitude_m**2))
+        return 3e3 * np.log2(1.0 + snr) + 0.0 * u
+
+
+class Shadowed(skysink.Channel):
+    """Half the time there is no link."""
+
+    def rate_bps(self, distance_m: Any, altitude_m: Any, u: Any) -> Any:
+        return np.where(u < 0.5, 0.0, 6e4) + 0.0 * distance_m + 0.0 * altitude_m
+
+
+def test_a_table_of_the_built_in_channel_plans_and_loses_as_it() -> None:
+    built_in = NARROW.replace({"link.gain_db": -52.5})
+    for strategy in ("uts-wide", "tour", "horizon"):
+        own, same = skysink.simulate(NARROW, strategy, channel=FreeSpace), skysink.simulate(built_in, strategy)
+        assert own.loss_rate == pytest.approx(same.loss_rate, abs=0.005)
+
+
+def test_half_the_visits_carry_nothing() -> None:
+    run = skysink.simulate(NARROW, "tour", channel=Shadowed)
+    delivered = np.asarray(run.slots["delivered_bits"])
+    steady = np.asarray(skysink.simulate(NARROW, "tour").slots["delivered_bits"])
+    assert 0.3 * steady.sum() < delivered.sum() < steady.sum()
+
+
+def test_a_saved_run_flies_again_without_python(tmp_path: Path) -> None:
+    run = skysink.simulate(NARROW, "uts", seed=4, channel=Shadowed)
+    run.save(tmp_path / "run")
+    assert (tmp_path / "run" / "channel.csv").is_file()
+    again = skysink.simulate(tmp_path / "run" / "scenario.toml")
+    assert np.array_equal(run.queues, again.queues)
+    copied = pickle.loads(pickle.dumps(run.scenario))
+    assert copied == run.scenario
+    assert np.array_equal(skysink.simulate(copied).queues, run.queues)
+
+
+def test_a_comparison_and_an_environment_fly_it() -> None:
+    entries = skysink.compare(NARROW, ["uts", "tour"], seeds=2, channel=Shadowed)
+    by_seed = [skysink.simulate(NARROW, "tour", seed=seed, channel=Shadowed).loss_rate for seed in (1, 2)]
+    assert [entry["mean"] for entry in entries if (entry["label"], entry["metric"]) == ("tour", "loss_rate")] == [
+        pytest.approx(np.mean(by_seed), rel=1e-12)
+    ]
+    env = DataCollectionEnv(NARROW, fields=1, channel=Shadowed, reward="loss_fraction")
+    env.reset()
+    rewards = [env.step(np.zeros(2, np.float32))[1] for _ in range(60)]
+    env.reset()
+    assert rewards == [env.step(np.zeros(2, np.float32))[1] for _ in range(60)]
+    plain = DataCollectionEnv(NARROW, fields=1, reward="loss_fraction")
+    plain.reset()
+    assert rewards != [plain.step(np.zeros(2, np.float32))[1] for _ in range(60)]
+
+
+@pytest.mark.parametrize(
+    ("rate", "message"),
+    [
+        (lambda u: 1.0 - u, "do not fall with the probability"),
+        (lambda u: u - 1.0, "expected a finite rate, 0 or above"),
+        (lambda u: u * np.nan, "expected a finite rate, 0 or above"),
+        (lambda u: np.zeros(3), "expected \\(33, 1, 33\\)"),
+    ],
+)
+def test_impossible_rates_are_refused(rate: Any, message: str) -> None:
+    class Bad(skysink.Channel):
+        def rate_bps(self, distance_m: Any, altitude_m: Any, u: Any) -> Any:
+            return rate(u)
+
+    with pytest.raises(skysink.InputError, match=message):
+        skysink.simulate(NARROW, "gfs", channel=Bad)
+    with pytest.raises(skysink.InputError, match="expected"):
+        skysink.simulate(NARROW, "gfs", channel=3)  # type: ignore[arg-type]
