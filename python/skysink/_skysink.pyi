@@ -59,8 +59,8 @@ class Scenario:
     def parse(
         text: str, path: str | PathLike[str] = ..., arrivals: str | None = None, channel: str | None = None
     ) -> Scenario:
-        """Parses a scenario file's text. ``path`` is for errors and relative paths. ``arrivals`` and ``channel`` are the
-        texts of the files of ``sensors.arrivals.file`` and ``link.file``, which are then not read. Raises
+        """Parses a scenario file's text. ``path`` is for errors and relative paths. ``arrivals`` and ``channel`` are
+        the texts of the files of ``sensors.arrivals.file`` and ``link.file``, which are then not read. Raises
         :class:`InputError`.
         """
 

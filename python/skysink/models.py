@@ -7,7 +7,7 @@ import hashlib
 import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -74,7 +74,7 @@ class Channel(ABC):
 
 Kind = TypeVar("Kind")
 
-Model = Kind | type[Kind] | Callable[[], Kind]
+Model: TypeAlias = Kind | type[Kind] | Callable[[], Kind]
 """A model, or what makes it for each mission."""
 
 
@@ -106,7 +106,7 @@ class Models:
         return scenario
 
 
-def made(model: Any, kind: type[Kind]) -> Kind:
+def made(model: Any, kind: Any) -> Any:
     """The model of a mission: a copy of an object, or an instance of a class."""
     found = copy.deepcopy(model) if isinstance(model, kind) else model()
     if not isinstance(found, kind):

@@ -57,8 +57,8 @@ impl RateTable {
             ("altitude_m", &altitudes_m, f64::MAX),
             ("probability", &probabilities, 1.0),
         ] {
-            let is_accepted = |value: &&f64| !(0.0..=most).contains(*value);
-            if let Some(value) = values.iter().find(is_accepted) {
+            let is_refused = |value: &&f64| !(0.0..=most).contains(*value);
+            if let Some(value) = values.iter().find(is_refused) {
                 let expected = if most == 1.0 { "0 to 1" } else { "a finite number, 0 or above" };
                 return Err(format!("{name} = {value}: expected {expected}"));
             }
