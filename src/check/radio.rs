@@ -1,7 +1,7 @@
-//! What noise, fading and a line of sight that stays do to the links.
+//! What noise, fading, a line of sight that stays and a table of rates do to the links.
 
 use serde::Serialize;
-use skysink_common::channel::{Channel, ChannelModel};
+use skysink_common::channel::{Channel, ChannelModel, RateTable};
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::Scenario;
 use skysink_common::units::dbm_of_watts;
@@ -32,6 +32,53 @@ pub struct RadioFigures {
     pub faded: Option<f64>,
     /// Correlation distance of a line of sight that stays [m]; `None` if it is redrawn.
     pub los_correlation_m: Option<f64>,
+    /// The grid of the table from which the rates are, whatever the noise; `None` with other channels.
+    pub table: Option<TableFigures>,
+}
+
+/// The grid of a table of rates, and what the mission needs of it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct TableFigures {
+    /// The least and the greatest distance [m].
+    pub distances_m: [f64; 2],
+    /// The least and the greatest altitude [m].
+    pub altitudes_m: [f64; 2],
+    /// Number of probabilities; 1 for rates that are not at random.
+    pub probabilities: usize,
+    /// Whether links may be longer than the greatest distance, or the UAV fly outside the altitudes.
+    pub is_exceeded: bool,
+}
+
+impl TableFigures {
+    fn of(scenario: &Scenario, table: &RateTable) -> Self {
+        let [distances_m, altitudes_m, probabilities] = table.axes();
+        let ends = |values: &[f64]| [values[0], values[values.len() - 1]];
+        let uav = &scenario.uav;
+        let flown_m = uav.climb().map_or([uav.altitude_m; 2], |climb| [climb.min_altitude_m, climb.max_altitude_m]);
+        let [lowest_m, highest_m] = ends(altitudes_m);
+        Self {
+            distances_m: ends(distances_m),
+            altitudes_m: ends(altitudes_m),
+            probabilities: probabilities.len(),
+            is_exceeded: scenario.link.comm_radius_m > ends(distances_m)[1]
+                || flown_m[0] < lowest_m
+                || flown_m[1] > highest_m,
+        }
+    }
+
+    fn rows(&self) -> [Option<(&'static str, String)>; 2] {
+        let range = |[low, high]: [f64; 2]| match low == high {
+            true => short(low),
+            false => format!("{} to {}", short(low), short(high)),
+        };
+        let law = if self.probabilities > 1 { "at random" } else { "not at random" };
+        let [far, up] = [range(self.distances_m), range(self.altitudes_m)];
+        let grid = format!("of a table: {far} m away, {up} m up, {law}");
+        [
+            Some(("rates", grid)),
+            self.is_exceeded.then(|| ("", "constant beyond it, where the mission reaches".to_owned())),
+        ]
+    }
 }
 
 impl RadioFigures {
@@ -52,12 +99,16 @@ impl RadioFigures {
             k_db: channel.fading().and(link.k_db),
             faded: channel.fading().map(|_| of_steady(LinkFigures::at(&steady, nodes, link.comm_radius_m))),
             los_correlation_m: channel.line_of_sight().and_then(|model| model.correlation_m),
+            table: link.table.map(|table| TableFigures::of(scenario, table)),
         }
     }
 
     /// Name and value of each figure that applies.
     #[must_use]
     pub fn rows(&self) -> Vec<(&'static str, String)> {
+        if let Some(table) = self.table {
+            return table.rows().into_iter().flatten().collect();
+        }
         let noise = format!(
             "{:.1} dBm, thermal + {:.1} dB in {}",
             self.noise_dbm,
@@ -104,6 +155,26 @@ mod tests {
         let density = "-130.0 dBm, thermal + 7.0 dB in 5 kHz";
         assert_eq!(rows("bandwidth_hz = 5e3\nnoise_dbm_per_hz = -167.0\n"), [("noise", density.to_owned())]);
         assert_eq!(rows("")[0].1, "-100.0 dBm, thermal + 7.0 dB in 5 MHz");
+    }
+
+    #[test]
+    fn a_table_is_given_with_what_it_covers() {
+        let table = |distances_m, altitudes_m: Vec<f64>| {
+            let rates_bps = vec![7.0; altitudes_m.len() * 4];
+            Some(RateTable::new(distances_m, altitudes_m, vec![0.1, 0.9], rates_bps).unwrap().held())
+        };
+        let rows = |table, link: &str| {
+            let text = format!("name = 'a'\n[link]\nmodel = 'table'\nfile = 'links.csv'\n{link}");
+            let overrides = Overrides { table, ..Overrides::default() };
+            let scenario = Scenario::parse(&text, Path::new("a.toml"), overrides).unwrap();
+            let nodes = [SensorNode::default()];
+            RadioFigures::of(&scenario, &nodes, &LinkFigures::at(&scenario, &nodes, 10.0)).rows()
+        };
+        let covered = "of a table: 0 to 10 m away, 20 m up, at random";
+        assert_eq!(rows(table(vec![0.0, 10.0], vec![20.0]), ""), [("rates", covered.to_owned())]);
+        let beyond = ("", "constant beyond it, where the mission reaches".to_owned());
+        assert_eq!(rows(table(vec![0.0, 10.0], vec![20.0]), "comm_radius_m = 11.0\n")[1], beyond);
+        assert_eq!(rows(table(vec![0.0, 10.0], vec![21.0, 30.0]), "")[1], beyond);
     }
 
     #[test]

@@ -91,6 +91,12 @@ impl RateTable {
         Ok(Self { means_bps, highest_bps, distances_m, altitudes_m, probabilities, rates_bps })
     }
 
+    /// Distances [m], altitudes [m] and probabilities of the grid, each ascending.
+    #[must_use]
+    pub fn axes(&self) -> [&[f64]; 3] {
+        [&self.distances_m, &self.altitudes_m, &self.probabilities]
+    }
+
     /// Reads the file `path`.
     ///
     /// # Errors

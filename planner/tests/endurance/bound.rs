@@ -9,7 +9,7 @@ use std::path::Path;
 use crate::support::scenario_of;
 use dynamic_program::Tiny;
 use line::Line;
-use random_mission::{in_a_real_world, random_mission, with_models, with_weights};
+use random_mission::{in_a_real_world, random_mission, random_scenario, with_models, with_weights};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_mission::Mission;
@@ -42,20 +42,20 @@ fn fly_random_missions(
     for seed in seeds {
         let text = mission(seed);
         let mut least_bits = u64::MAX;
-        let drawn = scenario_of(&text, "gfs", seed);
+        let drawn = random_scenario(&text, "gfs", seed);
         let list = with_weights(&SensorList::of(&drawn).unwrap(), &drawn);
-        let bound = bound_of(&scenario_of(&text, "gfs", seed), &list);
+        let bound = bound_of(&random_scenario(&text, "gfs", seed), &list);
         let looks_ahead = |strategy: &&str| ["horizon", "offline"].contains(strategy);
         let is_flown = |strategy: &&str| !looks_ahead(strategy) || seed.is_multiple_of(ahead_every);
         for strategy in FLOWN.into_iter().filter(is_flown) {
-            let lost_bits = flown_bits(&scenario_of(&text, strategy, seed), &list);
+            let lost_bits = flown_bits(&random_scenario(&text, strategy, seed), &list);
             least_bits = least_bits.min(lost_bits);
             if lost_bits < bound.loss_bits {
                 eprintln!("seed {seed}, {strategy}: {lost_bits} bit lost, bound {} bit\n{text}", bound.loss_bits);
                 violated += 1;
             }
         }
-        let scenario = scenario_of(&text, "gfs", seed);
+        let scenario = random_scenario(&text, "gfs", seed);
         let known = mission_bound(&scenario, &list.sensors_of(&scenario), &list.queues_bits(), least_bits);
         assert_eq!(known, bound, "seed {seed}: a flight that is known changes no bound\n{text}");
         above_zero += u64::from(bound.loss_bits > 0);

@@ -3,20 +3,47 @@
 use std::path::Path;
 
 use rand::{Rng, RngExt};
+use skysink_common::channel::RateTable;
 use skysink_common::random::{Purpose, Streams};
-use skysink_common::scenario::Scenario;
+use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 
-/// The same mission with the models of the channel that are off by default: fading, line of sight that stays, and
-/// noise that scales with the bandwidth.
+/// The same mission with the models of the channel that are off by default: fading, line of sight that stays, noise
+/// that scales with the bandwidth, or a table.
 pub fn with_models(seed: u64) -> String {
     let text = random_mission(seed);
     let is_los = text.contains("probabilistic-los");
     let fading = ["", "fading = 'rician'\nk_db = -inf\n", "fading = 'rician'\n"][(seed % 3) as usize];
     let frozen = if is_los && !seed.is_multiple_of(4) { "los_correlation_m = 20.0\n" } else { "" };
     let text = text.replacen("[link]\n", &format!("[link]\n{fading}{frozen}"), 1);
+    if seed % 7 == 3 {
+        let (others, link) = text.split_once("[link]\n").unwrap();
+        let channel = ["model", "gain", "tx_power_w", "noise", "environment", "los", "fading", "k_db"];
+        let is_of_all = |line: &&str| !channel.iter().any(|key| line.starts_with(key));
+        let link: Vec<&str> = link.lines().filter(is_of_all).collect();
+        return format!("{others}[link]\nmodel = 'table'\nfile = 'links.csv'\n{}\n", link.join("\n"));
+    }
     // The power that noise_dbm = -109 has in 1 MHz.
     if seed.is_multiple_of(2) { text.replace("noise_dbm = -109.0", "noise_dbm_per_hz = -169.0") } else { text }
+}
+
+/// The scenario of a mission's text; a table has rates that rise and fall with distance and altitude, about those that
+/// [`random_mission`] has.
+pub fn random_scenario(text: &str, strategy: &'static str, seed: u64) -> Scenario {
+    let rate_bps = number(text, "bandwidth_hz") * 20.0;
+    let mut random = Streams::new(seed).stream(Purpose::TableDraw, 0, 0);
+    let [distances_m, altitudes_m] = [vec![0.0, 3.0, 12.0, 50.0], vec![8.0, 25.0]];
+    let probabilities = [vec![0.5], vec![0.1, 0.6, 0.9]][random.random_range(0..2)].clone();
+    let mut rates_bps = Vec::new();
+    for _ in 0..distances_m.len() * altitudes_m.len() {
+        let mut quantiles_bps: Vec<f64> = probabilities.iter().map(|_| rate_bps * random.random::<f64>()).collect();
+        quantiles_bps.sort_unstable_by(f64::total_cmp);
+        rates_bps.extend(quantiles_bps);
+    }
+    let table = RateTable::new(distances_m, altitudes_m, probabilities, rates_bps).unwrap().held();
+    let overrides =
+        Overrides { strategy: Some(strategy), seed: Some(seed), table: Some(table), ..Overrides::default() };
+    Scenario::parse(&format!("name = 'case'\n{text}"), Path::new("case.toml"), overrides).unwrap()
 }
 
 /// The same mission with the models of the field and of the UAV that are off by default: own buffers, wind, acceleration
