@@ -2,7 +2,7 @@
 //!
 //! The point is chosen once, from what is known before slot 1: of the centres of all maximal sets of sensor nodes (SNs)
 //! that fit into a disk of radius `d_c`, and the nearest points from which these sets are in range, the one where most
-//! bits are predicted not to be lost. On the way and at the point the UAV serves the n most urgent SNs in range.
+//! bits, by their weights, are predicted not to be lost. On the way and at the point the UAV serves the n most urgent SNs in range.
 
 use std::f64::consts::{PI, TAU};
 
@@ -50,7 +50,8 @@ fn serve_urgent(serving: &mut Serving, view: &View, ground: &Position) -> Decisi
         }
         let uplink = Uplink::new(sensors.gains[id as usize], sensors.position(id), &uav);
         let carried_bits = channel.capacity_bits(channel.expected_rate_bps(&uplink)).min(queue_bits.into());
-        (false, u64::MAX - carried_bits, by_queue)
+        let value = sensors.weights.factor(id as usize) * carried_bits as f64;
+        (false, u64::MAX - value.to_bits(), by_queue)
     })
 }
 
@@ -61,7 +62,7 @@ struct BestPoint<'a> {
     altitude_m: f64,
     /// Predicted queue of every SN before slot 1 [bit].
     initial_bits: f64,
-    /// The best point so far, and the bits that are not lost because the UAV hovers there.
+    /// The best point so far, and the bits, by their weights, that are not lost because the UAV hovers there.
     best: (f64, Position),
 }
 
@@ -161,26 +162,31 @@ impl<'a> BestPoint<'a> {
         (self.table.limits.slots as f64 - first).max(0.0)
     }
 
-    /// What SN `id` loses if it is never served, and not before the slot `first` [bit].
+    /// What SN `id` loses if it is never served, and not before the slot `first` [bit, weighted].
     fn savable_bits(&self, id: u32, first: f64) -> f64 {
         let Sampler { mean_bits, capacity_bits } = self.table.sensors.sampler(id);
         let capacity_bits = f64::from(capacity_bits);
         let lost_bits =
             |slots: f64| (self.initial_bits.min(capacity_bits) + mean_bits * slots - capacity_bits).max(0.0);
         let slots = self.table.limits.slots as f64;
-        lost_bits(slots) - lost_bits(first.min(slots))
+        self.table.sensors.weights.factor(id as usize) * (lost_bits(slots) - lost_bits(first.min(slots)))
     }
 
-    /// At most so much is saved of `sensors`, given with what each can lose [bit], from the slot `first` on: links carry
-    /// all.
+    /// At most so much is saved of `sensors`, given with what each can lose [bit, weighted], from the slot `first` on:
+    /// links carry all.
     fn most_bits(&self, sensors: impl Iterator<Item = (u32, f64)>, first: f64) -> f64 {
         let [sum_bits, largest_bits] = sensors.fold([0.0, 0.0], |[sum_bits, largest_bits]: [f64; 2], (id, bits)| {
-            [sum_bits + bits, largest_bits.max(self.table.sensors.sampler(id).capacity_bits.into())]
+            [sum_bits + bits, largest_bits.max(self.full_bits(id))]
         });
         sum_bits.min(largest_bits * self.serving_slots(first) * self.table.limits.blocks() as f64)
     }
 
-    /// Bits that are not lost because the UAV hovers at `point`: the resource blocks from its arrival on go to the links
+    /// A full buffer [bit, weighted].
+    fn full_bits(&self, id: u32) -> f64 {
+        self.table.sensors.weights.factor(id as usize) * f64::from(self.table.sensors.sampler(id).capacity_bits)
+    }
+
+    /// Weighted bits that are not lost because the UAV hovers at `point`: the resource blocks from its arrival on go to the links
     /// that carry most, each at most as often as its SN needs it.
     fn saved_bits(&self, point: &Position) -> f64 {
         let MissionTable { sensors, channel, limits, .. } = self.table;
@@ -193,7 +199,7 @@ impl<'a> BestPoint<'a> {
             let capacity_bits = u64::from(sensors.sampler(node.id).capacity_bits);
             let uplink = Uplink::new(sensors.gains[node.id as usize], &node.position, &uav);
             let taken = |rate_bps: f64| channel.capacity_bits(rate_bps).min(capacity_bits) as f64;
-            let taken_bits = channel.mean_over_draws(&uplink, &taken);
+            let taken_bits = sensors.weights.factor(node.id as usize) * channel.mean_over_draws(&uplink, &taken);
             if savable_bits > 0.0 && taken_bits > 0.0 {
                 visits.push((taken_bits, (savable_bits / taken_bits).min(slots)));
             }
@@ -259,6 +265,29 @@ mod tests {
         assert_eq!(best(&field(4, "", &all)).0, 300.0);
         // In 3 slots nobody loses anything: stay.
         assert_eq!(best(&field(3, "", &all)), (0.0, Position::new(50.0, 50.0)));
+    }
+
+    #[test]
+    fn weights_decide_where_to_hover_and_whom_to_serve() {
+        // Two SNs within a slot, three farther away: by their bits the far ones count more, by weights of 4 the near ones.
+        let sensors = [[50.0, 50.0], [60.0, 50.0], [5.0, 42.0], [5.0, 50.0], [5.0, 58.0]];
+        let weighted = |weights: [f64; 5]| {
+            let plain = field(20, "", &sensors.map(|position| (position, 100.0)));
+            let nodes = sensors.iter().zip(weights).map(|(&[x_m, y_m], weight)| {
+                let gain = 10f64.powf(-5.2);
+                SensorNode { x_m, y_m, sampling_bps: 100.0, capacity_bits: 300, gain, weight, ..SensorNode::default() }
+            });
+            over(plain.scenario, nodes.collect())
+        };
+        assert!((best(&weighted([1.0; 5])).1 - Position::new(5.0, 50.0)).norm() <= 2.0 + 1e-9);
+        let field = weighted([4.0, 4.0, 1.0, 1.0, 1.0]);
+        assert_eq!(best(&field).1, Position::new(55.0, 50.0));
+        let field = weighted([1.0, 4.0, 1.0, 1.0, 1.0]);
+        let mut serving = Serving::new(&field.setup());
+        let full = [300; 5];
+        let decision =
+            serve_urgent(&mut serving, &view(&field.table, 1, [55.0, 50.0], &full), &Position::new(55.0, 50.0));
+        assert_eq!(decision.schedule[..], [1, 0], "both overflow, one weighs more");
     }
 
     #[test]
