@@ -236,8 +236,13 @@ fn search(
     let mut setup = OwnedSetup::new(offline.clone(), &list.nodes(), STRATEGIES)?;
     setup.stop = stop.clone();
     let mut stopped = Ok(());
+    let sampling = list.sampling(offline);
+    let weights = list.weights(&sampling);
+    let mean_bits = |id: usize| sampling.of(id).mean_bits * offline.slots as f64;
+    let weighted_bits = (!weights.are_equal()).then(|| weights.sum((0..list.sensors().len()).map(mean_bits)));
+    let sampled_bits = weighted_bits.unwrap_or_else(|| list.mission_bits(offline));
     let found = Offline::search(&setup.setup(), &list.queues_bits(), stop, &mut |search| {
-        let loss_rate = Some(loss_rate(search.loss_bits, offline, list));
+        let loss_rate = Some(fraction(search.loss_bits, sampled_bits));
         on_progress(LabProgress { done: search.steps, of: steps, loss_rate, left: None });
         stopped = stop.check();
         if stopped.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
@@ -279,7 +284,10 @@ fn standing(
 
 /// A loss [bit] as a fraction of the bits that the mission samples (decision D3); 0 if nothing is sampled.
 fn loss_rate(lost_bits: f64, scenario: &Scenario, list: &SensorList) -> f64 {
-    let sampled_bits = list.mission_bits(scenario);
+    fraction(lost_bits, list.mission_bits(scenario))
+}
+
+fn fraction(lost_bits: f64, sampled_bits: f64) -> f64 {
     if sampled_bits > 0.0 { lost_bits / sampled_bits } else { 0.0 }
 }
 

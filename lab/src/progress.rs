@@ -9,7 +9,7 @@ pub struct LabProgress {
     pub done: u64,
     /// Total number of missions or steps.
     pub of: u64,
-    /// In a search: loss rate η of the best flight so far.
+    /// In a search: loss rate of the best flight so far, as predicted; η, or η_w where weights differ.
     pub loss_rate: Option<f64>,
     /// In a sweep: the estimated remaining time; `None` until there is an estimate.
     pub left: Option<Duration>,

@@ -20,7 +20,6 @@ pub struct Rules {
 
 impl Rules {
     /// Those of these arguments of an environment.
-    #[expect(clippy::too_many_arguments, reason = "those of the environment")]
     pub fn of(
         py: Python<'_>,
         fields: Option<u64>,

@@ -21,6 +21,9 @@ use crate::field::PyField;
 use crate::table::PyTable;
 use crate::values::{Reduced, json, to_toml};
 
+/// The arguments of `Scenario.parse`: a text, its path, and the texts of the arrivals and of the channel.
+type Parsed = (String, PathBuf, Option<String>, Option<String>);
+
 /// A validated scenario: mission, sensor field, channel and strategy.
 ///
 /// The keys are those of a scenario file (``docs/src/scenario-keys.md``). Scenarios are immutable, compare equal if
@@ -250,9 +253,7 @@ impl PyScenario {
     }
 
     /// For pickle and copy: the text and the path.
-    fn __reduce__<'py>(
-        slf: &Bound<'py, Self>,
-    ) -> PyResult<Reduced<'py, (String, PathBuf, Option<String>, Option<String>)>> {
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py, Parsed>> {
         let PyScenario { text, scenario } = slf.get();
         let arrivals = scenario.trace.as_ref().map(ArrivalTrace::to_csv);
         let channel = scenario.link.table.map(RateTable::to_csv);
