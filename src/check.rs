@@ -21,6 +21,7 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_planner::settings;
+use skysink_planner::strategies::STRATEGIES;
 use skysink_ring::role::Role;
 
 use crate::error::Error;
@@ -36,6 +37,8 @@ struct Report<'a> {
     scenario: &'a str,
     #[serde(flatten)]
     figures: &'a Figures,
+    /// How models are planned for where strategies ignore a part.
+    planned: &'a [String],
     warnings: &'a [String],
 }
 
@@ -69,17 +72,17 @@ impl CheckCommand {
         let list = SensorList::of(&scenario)?;
         let figures = Figures::of(&scenario, &list)?;
         let warnings = warnings::of(&figures);
+        let all: Vec<&str> = STRATEGIES.iter().map(|strategy| strategy.name).collect();
+        let planned = shortfalls::of(&scenario, &list, &all);
         if self.json {
-            let report = Report { scenario: &scenario.name, figures: &figures, warnings: &warnings };
+            let report = Report { scenario: &scenario.name, figures: &figures, planned: &planned, warnings: &warnings };
             return print(serde_json::to_string_pretty(&report).expect("plain keys and numbers"));
         }
         // The figures come last, so that they and the warnings stay visible.
         print(format_args!("{}\n", scenario.to_toml().trim_end()))?;
         print(format_args!("# {}: {} sensor nodes", self.scenario.display(), list.sensors().len()))?;
         print(commented(&figures).trim_end())?;
-        for sentence in shortfalls::of(&scenario, &list) {
-            print(format_args!("# planned: {sentence}"))?;
-        }
+        planned.iter().try_for_each(|sentence| print(format_args!("# planned: {sentence}")))?;
         warnings.iter().for_each(|warning| Role::Launcher.log(format_args!("warning: {warning}")));
         Ok(())
     }

@@ -164,8 +164,9 @@ impl CompareCommand {
             print(format_args!("{key}: {}", values.join(" | ")))?;
         }
         let mut ignored = Vec::new();
+        let flown: Vec<&str> = shown.iter().map(|one| one.scenario.planner.strategy.as_str()).collect();
         for one in shown {
-            ignored.extend(shortfalls::of(&one.scenario, &SensorList::of(&one.scenario)?));
+            ignored.extend(shortfalls::of(&one.scenario, &SensorList::of(&one.scenario)?, &flown));
         }
         ignored.sort_unstable();
         ignored.dedup();

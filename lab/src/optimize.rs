@@ -77,6 +77,17 @@ pub struct Standing {
     pub strategy: &'static str,
     /// Its loss rate η.
     pub loss_rate: f64,
+    /// Its weighted loss rate η_w (decision D25); only where weights differ.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub weighted_loss_rate: Option<f64>,
+}
+
+impl Standing {
+    /// By which flights are compared: η, or η_w where weights differ.
+    #[must_use]
+    pub fn compared(&self) -> f64 {
+        self.weighted_loss_rate.unwrap_or(self.loss_rate)
+    }
 }
 
 /// Why a search ended.
@@ -110,9 +121,9 @@ pub struct Optimum {
     pub loss_bound: f64,
     /// For a random channel: lower bound of the mean η over its draws, if they are not known in advance.
     pub expected_loss_bound: Option<f64>,
-    /// The least loss rate of all strategies.
+    /// The least loss rate of all strategies; weighted where weights differ.
     pub best_known: Standing,
-    /// All strategies, the least loss first.
+    /// All strategies, the least loss first; weighted where weights differ.
     pub strategies: Vec<Standing>,
     /// Version of Skysink.
     pub version: &'static str,
@@ -169,7 +180,10 @@ pub fn optimize(
     let SearchResult { plan, steps_done, end } = searched?;
     let mut flown = flown?;
     flown.insert(0, standing(&offline, plan.as_deref(), &list, stop)?); // stays first among equals
-    flown.sort_by_key(|(_, lost_bits)| *lost_bits);
+    flown.sort_by(|(a, a_bits), (b, b_bits)| match a.weighted_loss_rate.zip(b.weighted_loss_rate) {
+        Some((a, b)) => a.total_cmp(&b),
+        None => a_bits.cmp(b_bits),
+    });
     let (best, known_bits) = flown[0];
     let standings = flown.into_iter().map(|(standing, _)| standing).collect();
     let LossBounds { loss_bound, expected_loss_bound } = loss_bounds(&offline, &list, known_bits);
@@ -182,7 +196,7 @@ pub fn optimize(
         steps,
         steps_done,
         search_end: match end {
-            SearchEnd::ModelOptimal if best.loss_rate <= loss_bound => SearchEnd::Optimal,
+            SearchEnd::ModelOptimal if best.compared() <= loss_bound => SearchEnd::Optimal,
             end => end,
         },
         loss_bound,
@@ -278,8 +292,15 @@ fn standing(
     let strategy = Registered::of(scenario)?.name;
     let mut mission = mission(scenario, plan, list)?;
     mission.drive(&mut [], stop)?.unless_stopped()?;
-    let lost_bits = mission.header().totals.lost_bits;
-    Ok((Standing { strategy, loss_rate: loss_rate(lost_bits as f64, scenario, list) }, lost_bits))
+    let field = mission.plant().field();
+    let lost_bits = field.totals().lost_bits;
+    let weights = list.weights(&list.sampling(scenario));
+    let weighted_loss_rate = (!weights.are_equal()).then(|| {
+        let sampled_bits = (0..list.sensors().len()).map(|id| field.sampled_bits(id) as f64);
+        fraction(weights.sum(field.lost_bits().map(|lost_bits| lost_bits as f64)), weights.sum(sampled_bits))
+    });
+    let loss_rate = loss_rate(lost_bits as f64, scenario, list);
+    Ok((Standing { strategy, loss_rate, weighted_loss_rate }, lost_bits))
 }
 
 /// A loss [bit] as a fraction of the bits that the mission samples (decision D3); 0 if nothing is sampled.

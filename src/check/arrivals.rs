@@ -18,6 +18,8 @@ pub struct ArrivalFigures {
     pub slot_spread: f64,
     /// The same over the slots in which an empty buffer fills.
     pub fill_spread: f64,
+    /// Variance of the bits of a slot divided by their mean, as the planner is told of a trace [bit].
+    pub told_dispersion_bits: Option<f64>,
     /// What this mission samples; `None` if that were too many draws.
     pub mission: Option<SampledFigures>,
 }
@@ -50,6 +52,7 @@ impl ArrivalFigures {
         (law.is_random() && count > 0.0).then(|| Self {
             slot_spread: spread(1.0),
             fill_spread: spread(fill_slots),
+            told_dispersion_bits: scenario.trace.is_some().then(|| law.dispersion_bits(mean_bits)),
             mission: is_counted.then(|| {
                 let mut squares_bits2 = 0.0;
                 let slot_bits = (1..=scenario.slots).map(|slot| {

@@ -3,10 +3,17 @@
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 
-/// How the models of this scenario with the SNs `list` are planned for where strategies ignore a part, a line each.
+/// Strategies that fly as if all weights were equal.
+const UNWEIGHTED: [&str; 5] = ["tour", "round-robin", "max-age-first", "edf", "mes"];
+
+/// How the models of this scenario with the SNs `list` are planned for where the strategies `flown` ignore a part, a line
+/// each.
 #[must_use]
-pub fn of(scenario: &Scenario, list: &SensorList) -> Vec<&'static str> {
+pub fn of(scenario: &Scenario, list: &SensorList, flown: &[&str]) -> Vec<String> {
     let weights = list.weights(&list.sampling(scenario));
+    let unweighted: Vec<&str> = UNWEIGHTED.into_iter().filter(|name| flown.contains(name)).collect();
+    let without_weights = format!("weights: {} fly without them", unweighted.join(", "));
+    let is_windy = scenario.uav.wind_mps.is_some_and(|wind_mps| wind_mps != [0.0; 2]);
     let rules = [
         (scenario.arrival_law().is_random(), "arrivals: by their means; horizon and offline also imagine draws"),
         (scenario.link.stays_in_sight(), "line of sight: by its probability, whatever a link had before"),
@@ -14,9 +21,10 @@ pub fn of(scenario: &Scenario, list: &SensorList) -> Vec<&'static str> {
             scenario.uav.position_error_m.is_some_and(|error_m| error_m > 0.0),
             "position errors: up to d_c; horizon and offline stay 1.5 σ inside",
         ),
-        (!weights.are_equal(), "weights: tour, round-robin, max-age-first, edf, mes fly without them"),
+        (is_windy, "wind: by the reach that is left against it, in every direction"),
+        (!weights.are_equal() && !unweighted.is_empty(), &*without_weights),
     ];
-    rules.into_iter().filter_map(|(applies, sentence)| applies.then_some(sentence)).collect()
+    rules.into_iter().filter(|(applies, _)| *applies).map(|(_, sentence)| sentence.to_owned()).collect()
 }
 
 #[cfg(test)]
@@ -28,21 +36,25 @@ mod tests {
 
     #[test]
     fn each_model_has_its_sentence_and_the_papers_none() {
-        let of = |keys: &str, list: &str| {
+        let of = |keys: &str, list: &str, flown: &[&str]| {
             let scenario =
                 Scenario::parse(&format!("name = 'a'\n{keys}"), Path::new("a.toml"), Overrides::default()).unwrap();
-            super::of(&scenario, &SensorList::parse(list, Path::new("list.csv"), &scenario).unwrap())
+            super::of(&scenario, &SensorList::parse(list, Path::new("list.csv"), &scenario).unwrap(), flown)
         };
         let plain = "x_m,y_m\n1,1\n2,2\n";
-        assert!(of("", plain).is_empty());
-        assert!(of("[uav]\nposition_error_m = 0.0\n", plain).is_empty());
+        assert!(of("", plain, &["edf"]).is_empty());
+        assert!(of("[uav]\nposition_error_m = 0.0\nwind_mps = [0.0, 0.0]\n", plain, &["edf"]).is_empty());
+        let weighted = "x_m,y_m,weight\n1,1,1\n2,2,3\n";
+        assert!(of("", weighted, &["hover", "horizon"]).is_empty());
+        assert_eq!(of("", weighted, &["mes", "tour", "uts"]), ["weights: tour, mes fly without them"]);
         for (keys, list, begin) in [
             ("[sensors.arrivals]\nmodel = 'poisson'\n", plain, "arrivals"),
             ("[link]\nmodel = 'probabilistic-los'\nlos_correlation_m = 9.0\n", plain, "line of sight"),
             ("[uav]\nposition_error_m = 1.0\n", plain, "position errors"),
-            ("", "x_m,y_m,weight\n1,1,1\n2,2,3\n", "weights"),
+            ("[uav]\nwind_mps = [1.0, 0.0]\n", plain, "wind"),
+            ("", weighted, "weights"),
         ] {
-            let sentences = of(keys, list);
+            let sentences = of(keys, list, &["edf"]);
             assert!(sentences.len() == 1 && sentences[0].starts_with(begin), "{sentences:?}");
         }
     }

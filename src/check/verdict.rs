@@ -3,7 +3,7 @@
 use std::fmt;
 
 use serde::Serialize;
-use skysink_common::channel::ChannelModel;
+use skysink_common::channel::{Channel, ChannelModel};
 use skysink_planner::bound::field_bits::FieldBits;
 use skysink_planner::bound::links::BestLinks;
 use skysink_planner::bound::paths::PathBound;
@@ -95,11 +95,12 @@ impl Bounds<'_> {
     #[must_use]
     pub fn loss_free(&self, flights: &[TrialFlight]) -> LossFree {
         let field = self.field;
-        if field.sensors.iter().all(|sensor| sensor.overflow_bits(None, field.slots) == 0) {
+        let beyond_bits = field.beyond_buffers_bits;
+        if beyond_bits == 0 && field.sensors.iter().all(|sensor| sensor.overflow_bits(None, field.slots) == 0) {
             return LossFree::Unserved;
         }
         let Some(best) = flights.iter().min_by_key(|flight| flight.lost_bits) else {
-            let lost_bits = self.load_bound_bits();
+            let lost_bits = beyond_bits + self.load_bound_bits();
             return if lost_bits > 0 { LossFree::Impossible { lost_bits } } else { LossFree::NotFlown };
         };
         let TrialFlight { strategy, loss_rate, .. } = *best;
@@ -107,17 +108,19 @@ impl Bounds<'_> {
             return LossFree::Flown { strategy };
         }
         let by_throughput = by_throughput(field, |slot, sensor| self.links.best_bits(slot, sensor));
-        let lost_bits = by_throughput.max(by_visits(field, |slots| self.paths.most(slots)));
+        let lost_bits = beyond_bits + by_throughput.max(by_visits(field, |slots| self.paths.most(slots)));
         if lost_bits > 0 { LossFree::Impossible { lost_bits } } else { LossFree::Open { strategy, loss_rate } }
     }
 
     /// A cheap lower bound on the loss of every flight [bit]: the overflow if no SN is served, minus n uploads over the
     /// strongest link in every slot but the last, where the overflow precedes the upload (decision D1). 0 where more
-    /// than gains is drawn, because a drawn rate may exceed the expected rate.
+    /// than gains is drawn, because a drawn rate may exceed the expected rate, and with a table, whose rates may rise with
+    /// the distance.
     fn load_bound_bits(&self) -> u64 {
         let field = self.field;
         let channel = &self.table.channel;
-        if channel.fading().is_some() || channel.is_random() && channel.drawn_gains().is_none() {
+        let is_table = matches!(channel, Channel::Table(_));
+        if is_table || channel.fading().is_some() || channel.is_random() && channel.drawn_gains().is_none() {
             return 0;
         }
         let excess_bits: u64 = field.sensors.iter().map(|sensor| sensor.overflow_bits(None, field.slots)).sum();
@@ -196,6 +199,24 @@ mod tests {
         // 10 000 bit; 399 visits of 10 or 11 bit save less than 4 800.
         let (_, verdict) = known("slots = 400\n[link]\nbandwidth_hz = 8.0\n", near);
         assert!(matches!(verdict, LossFree::Impossible { lost_bits: 5_200..10_000 }), "{verdict:?}");
+    }
+
+    #[test]
+    fn packets_beyond_the_buffers_are_lost_whatever_flies() {
+        let keys = "slots = 400\n[sensors.arrivals]\nmodel = 'poisson'\npacket_bits = 40000\n";
+        let list = "x_m,y_m,queue_bits,sampling_bps\n50,50,0,10000\n";
+        let (_, verdict) = known(keys, list);
+        // About 100 packets, each 10 000 bit beyond the buffer; two in a slot lose 50 000.
+        assert!(matches!(verdict, LossFree::Impossible { lost_bits: 800_000..1_500_000 }), "{verdict:?}");
+        let scenario =
+            Scenario::parse(&format!("name = 'a'\n{keys}"), Path::new("a.toml"), Overrides::default()).unwrap();
+        let list = SensorList::parse(list, Path::new("a.csv"), &scenario).unwrap();
+        let field = FieldBits::new(&scenario, &list.sensors_of(&scenario), &list.queues_bits());
+        let beyond_bits: u64 =
+            (1..=400).map(|slot| list.sampling(&scenario).bits(0, slot).saturating_sub(30_000)).sum();
+        assert_eq!(field.beyond_buffers_bits, beyond_bits);
+        let held_bits = field.sensors[0].drawn_bits.as_ref().unwrap();
+        assert!(held_bits.windows(2).all(|pair| pair[1] - pair[0] <= 30_000));
     }
 
     #[test]

@@ -8,7 +8,7 @@ use super::verdict::LossFree;
 /// The warnings for these figures, one line each.
 #[must_use]
 pub fn of(figures: &Figures) -> Vec<String> {
-    let rules = [in_transit, slow_link, overloaded, unreachable, unserved, told_otherwise, unflyable];
+    let rules = [in_transit, slow_link, overloaded, unreachable, unserved, told_otherwise, told_steadier, unflyable];
     rules.into_iter().filter_map(|rule| rule(figures)).collect()
 }
 
@@ -79,6 +79,25 @@ fn told_otherwise(figures: &Figures) -> Option<String> {
             "the mission samples {} of what sensors.sampling_bps tells the planner: change the rates to those of the \
              arrivals, unless that is the point",
             percent(mission.of_mean)
+        )
+    })
+}
+
+/// Ratio of the dispersion of a trace to what the planner is told, or the inverse, from which on it was hardly meant.
+const OTHER_DISPERSION: f64 = 4.0;
+
+/// A trace varies otherwise than the planner is told.
+fn told_steadier(figures: &Figures) -> Option<String> {
+    let arrivals = figures.arrivals?;
+    let told_bits = arrivals.told_dispersion_bits?;
+    let found_bits = arrivals.mission?.dispersion_bits;
+    let ratio = found_bits / told_bits;
+    (ratio.max(1.0 / ratio) > OTHER_DISPERSION).then(|| {
+        format!(
+            "the bits of a slot vary by {} over their mean, and sensors.arrivals.dispersion_bits tells the planner {}: \
+             give that of the trace, unless that is the point",
+            scaled(found_bits, "bit"),
+            scaled(told_bits, "bit")
         )
     })
 }

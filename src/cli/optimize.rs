@@ -73,21 +73,27 @@ fn print_optimum(found: &BestKnown) -> Result<(), Error> {
     let optimum = &found.optimum;
     let best = optimum.best_known;
     let mut table = table();
-    table.set_header(["", "η", "relative to best"]);
-    let ratio = |loss_rate: f64| match loss_rate / best.loss_rate {
-        ratio if ratio.is_finite() => format!("{ratio:.3}"),
+    let is_weighted = best.weighted_loss_rate.is_some();
+    let columns: &[&str] =
+        if is_weighted { &["", "η", "η_w", "relative to best"] } else { &["", "η", "relative to best"] };
+    table.set_header(columns.iter().copied());
+    let number = |rate: f64| format!("{rate:.6}");
+    let ratio = |rate: Option<f64>| match rate.map(|rate| rate / best.compared()) {
+        Some(ratio) if ratio.is_finite() => format!("{ratio:.3}"),
         _ => String::new(),
     };
-    let mut row = |name: &str, loss_rate: f64| {
-        table.add_row([name.to_owned(), format!("{loss_rate:.6}"), ratio(loss_rate)]);
+    let mut row = |name: &str, loss_rate: f64, weighted: Option<f64>| {
+        let compared = if is_weighted { weighted } else { Some(loss_rate) };
+        let weighted = is_weighted.then(|| weighted.map_or_else(String::new, number));
+        table.add_row([name.to_owned(), number(loss_rate)].into_iter().chain(weighted).chain([ratio(compared)]));
     };
-    row("lower bound", optimum.loss_bound);
+    row("lower bound", optimum.loss_bound, None);
     if let Some(expected) = optimum.expected_loss_bound {
-        row("expected lower bound", expected);
+        row("expected lower bound", expected, None);
     }
-    row("best known", best.loss_rate);
+    row("best known", best.loss_rate, best.weighted_loss_rate);
     for standing in &optimum.strategies {
-        row(standing.strategy, standing.loss_rate);
+        row(standing.strategy, standing.loss_rate, standing.weighted_loss_rate);
     }
     print(with_numbers_from(1, table))?;
     let done = HumanCount(optimum.steps_done);

@@ -49,6 +49,7 @@ pub fn print_tables(contenders: &[Contender], standings: &[MetricStanding], holm
     let losses = [
         column("loss\nrate η", &|contender| Some(format!("{:.4}", loss(contender)?.mean))),
         column("95 %\ninterval", &|contender| Some(limits_text(loss(contender)?.ci95?, 3))),
+        column("weighted\nη_w", &|contender| Some(format!("{:.4}", find(contender, Metric::WeightedLossRate)?.mean))),
         column("trap\nped", &|contender| {
             let trapped = find(contender, Metric::Trapped)?;
             (trapped.n > 1).then(|| format!("{:.0}%", 100.0 * trapped.mean))

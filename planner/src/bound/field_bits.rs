@@ -14,7 +14,8 @@ use super::paths::legs::fewest_slots;
 pub struct SensorBits {
     /// Its sampling, with a mean above 0.
     pub sampler: Sampler,
-    /// Bits sampled up to the end of each slot, from slot 0, if they are drawn; constant ones are counted.
+    /// Bits sampled up to the end of each slot, from slot 0, if they are drawn, of each slot at most a full buffer;
+    /// constant ones are counted.
     pub drawn_bits: Option<Vec<u64>>,
     /// Its queue before slot 1 [bit].
     pub queue_bits: u32,
@@ -55,6 +56,8 @@ pub struct FieldBits {
     pub slots: u64,
     /// Resource blocks, `n`.
     pub blocks: usize,
+    /// Bits that no flight can save, beside the overflow of the SNs: what a slot samples of an SN beyond its buffer.
+    pub beyond_buffers_bits: u64,
 }
 
 impl FieldBits {
@@ -63,12 +66,17 @@ impl FieldBits {
     pub fn new(scenario: &Scenario, sensors: &Sensors, queues_bits: &[u32]) -> Self {
         let start = scenario.start().xy();
         let in_range_m = scenario.link.comm_radius_m * (1.0 + 1e-8);
+        let mut beyond_buffers_bits = 0;
         let bits = |id: u32| {
             let away_m = distance_squared(&start, sensors.position(id)).sqrt();
             let slots = fewest_slots(scenario.farthest_m(), away_m - in_range_m);
             SensorBits {
                 sampler: sensors.sampler(id),
-                drawn_bits: sensors.sampling.is_drawn().then(|| drawn_bits(sensors, id, scenario.slots)),
+                drawn_bits: sensors.sampling.is_drawn().then(|| {
+                    let (bits, beyond_bits) = drawn_bits(sensors, id, scenario.slots);
+                    beyond_buffers_bits += beyond_bits;
+                    bits
+                }),
                 queue_bits: queues_bits[id as usize],
                 first_slot: (slots as u64).max(1),
             }
@@ -77,6 +85,7 @@ impl FieldBits {
             sensors: sensors.sampling_ids().map(bits).collect(),
             slots: scenario.slots,
             blocks: scenario.link.resource_blocks,
+            beyond_buffers_bits,
         }
     }
 
@@ -87,13 +96,18 @@ impl FieldBits {
     }
 }
 
-/// Bits that SN `id` samples up to the end of each slot from 0 to `slots`.
-fn drawn_bits(sensors: &Sensors, id: u32, slots: u64) -> Vec<u64> {
-    let sampled_bits = (1..=slots).scan(0, |sum, slot| {
-        *sum += sensors.sampling.bits(id as usize, slot);
+/// Bits that SN `id` samples up to the end of each slot from 0 to `slots`, of each slot at most a full buffer, and the
+/// bits beyond. A slot that samples a buffer or more leaves it full, whatever it held.
+fn drawn_bits(sensors: &Sensors, id: u32, slots: u64) -> (Vec<u64>, u64) {
+    let buffer_bits = u64::from(sensors.sampler(id).capacity_bits);
+    let mut beyond_bits = 0;
+    let held_bits = (1..=slots).scan(0, |sum, slot| {
+        let sampled_bits = sensors.sampling.bits(id as usize, slot);
+        beyond_bits += sampled_bits.saturating_sub(buffer_bits);
+        *sum += sampled_bits.min(buffer_bits);
         Some(*sum)
     });
-    std::iter::once(0).chain(sampled_bits).collect()
+    (std::iter::once(0).chain(held_bits).collect(), beyond_bits)
 }
 
 #[cfg(test)]

@@ -43,6 +43,8 @@ pub struct MissionBound {
 #[must_use]
 pub fn mission_bound(scenario: &Scenario, sensors: &Sensors, queues_bits: &[u32], known_bits: u64) -> MissionBound {
     let field = FieldBits::new(scenario, sensors, queues_bits);
+    let beyond_bits = field.beyond_buffers_bits;
+    let known_bits = known_bits.saturating_sub(beyond_bits);
     let links = BestLinks::new(scenario, sensors);
     let carried_bits = throughput::by_throughput(&field, |slot, sensor| links.best_bits(slot, sensor));
     let expected_bits = links
@@ -54,8 +56,8 @@ pub fn mission_bound(scenario: &Scenario, sensors: &Sensors, queues_bits: &[u32]
     let visits_bits =
         if lower_bits < known_bits { by_blocks_and_paths(scenario, &field, sensors, known_bits) } else { 0 };
     MissionBound {
-        loss_bits: carried_bits.max(visits_bits),
-        expected_loss_bits: expected_bits.map(|bits| bits.max(visits_bits as f64)),
+        loss_bits: beyond_bits + carried_bits.max(visits_bits),
+        expected_loss_bits: expected_bits.map(|bits| beyond_bits as f64 + bits.max(visits_bits as f64)),
     }
 }
 

@@ -74,7 +74,7 @@ mod tests {
     fn field_of(blocks: usize) -> FieldBits {
         let sampler = Sampler { mean_bits: 10.0, capacity_bits: 20 };
         let sensor = |first_slot| SensorBits { sampler, drawn_bits: None, queue_bits: 20, first_slot };
-        FieldBits { sensors: vec![sensor(1), sensor(3)], slots: 5, blocks }
+        FieldBits { sensors: vec![sensor(1), sensor(3)], slots: 5, blocks, beyond_buffers_bits: 0 }
     }
 
     #[test]

@@ -95,15 +95,19 @@ mod tests {
         // One visit a slot; two fill from empty in 2 slots, one is full and fills in 2.5. Slot 1 loses 10 bit of the
         // full one, slot 2 none after one visit. Slot 3: unserved, all three lose 10 bit, and two were served. Slots 4
         // and 5: of those not served in 2 slots two lose 10 bit and one 5, and two were served.
-        let field =
-            FieldBits { sensors: vec![sensor(20, 0, 1), sensor(20, 0, 1), sensor(25, 25, 1)], slots: 5, blocks: 1 };
+        let field = FieldBits {
+            sensors: vec![sensor(20, 0, 1), sensor(20, 0, 1), sensor(25, 25, 1)],
+            slots: 5,
+            blocks: 1,
+            beyond_buffers_bits: 0,
+        };
         assert_eq!(by_visits(&field, |slots| slots as usize), 10 + 10 + 5 + 5);
     }
 
     #[test]
     fn a_sensor_node_out_of_reach_loses_whoever_else_is_served() {
         // Full, and first served at the end of slot 3, whose overflow precedes the visit (decision D1).
-        let field = FieldBits { sensors: vec![sensor(10, 10, 3)], slots: 6, blocks: 1 };
+        let field = FieldBits { sensors: vec![sensor(10, 10, 3)], slots: 6, blocks: 1, beyond_buffers_bits: 0 };
         assert_eq!(by_visits(&field, |slots| slots as usize), 30);
     }
 }
