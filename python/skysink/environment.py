@@ -23,7 +23,7 @@ reaches, or for all if it reaches none.
 
 Reward ``"lost"``, the default: minus the fraction of the bits sampled in the slot that was lost. Its mean is minus
 the loss rate only if the field samples equally many bits in every slot. Reward ``"loss_fraction"``: minus the bits
-lost in the slot, divided by the mean of the bits that the field samples per slot. Its mean over an episode is always
+lost in the slot, divided by the mean of the bits that the mission samples per slot. Its mean over an episode is always
 minus the loss rate. Reward ``"weighted"``: as ``"lost"``, of bits times the weights of their SNs.
 Reward ``"age"``: minus the mean over all SNs of the slots since they were last served.
 

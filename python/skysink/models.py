@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import copy
+import functools
 import hashlib
 import inspect
+import pickle
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import numpy as np
@@ -68,7 +70,7 @@ class Channel(ABC):
         """The rates [bit/s] that a link does not exceed with the probabilities ``u``: the inverse of its distribution.
 
         The arguments broadcast against each other, [distances, 1, 1], [1, altitudes, 1] and [1, 1, probabilities]. Rates
-        must be finite, 0 or above, and not fall with ``u``.
+        must be 0 to 1e300, and not fall with ``u``.
         """
 
 
@@ -156,13 +158,33 @@ def realised(scenario: Scenario, arrivals: Arrivals) -> Scenario:
 
 def version(model: Any) -> str:
     """A hash of the source of a model and of what it holds."""
+    return hashlib.sha256("\n".join(described(model)).encode()).hexdigest()[:16]
+
+
+def described(model: Any) -> Iterator[str]:
+    """The source of a class, a function, or what made an object, and the values that they hold."""
+    if isinstance(model, functools.partial):
+        yield from described(model.func)
+        yield fingerprint((model.args, sorted(model.keywords.items())))
+        return
     kind = model if inspect.isclass(model) or inspect.isfunction(model) else type(model)
     try:
-        source = inspect.getsource(kind)
+        yield inspect.getsource(kind)
     except (OSError, TypeError):
-        source = repr(kind)
-    held = "" if kind is model else repr(sorted(vars(model).items(), key=lambda item: item[0]))
-    return hashlib.sha256((source + held).encode()).hexdigest()[:16]
+        yield repr(kind)
+    if inspect.isfunction(kind):
+        held: Any = (kind.__defaults__, kind.__kwdefaults__, [cell.cell_contents for cell in kind.__closure__ or ()])
+    else:
+        held = [] if kind is model else sorted(vars(model).items())
+    yield fingerprint(held)
+
+
+def fingerprint(value: Any) -> str:
+    """A text that differs where values do."""
+    try:
+        return pickle.dumps(value, protocol=5).hex()
+    except Exception:  # what cannot be pickled, such as a class within a function
+        return repr(value)
 
 
 __all__ = ["Arrivals", "Channel"]

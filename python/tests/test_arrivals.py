@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import functools
 import pickle
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
@@ -10,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import skysink
+from skysink.models import version
 
 SMALL = skysink.Scenario.letter().replace({"slots": 40, "sensors.count": 30, "sensors.sampling_bps": [100.0, 900.0]})
 
@@ -120,3 +123,31 @@ def test_another_kind_of_object_is_refused() -> None:
     for model in others:
         with pytest.raises(skysink.InputError, match="expected"):
             skysink.simulate(SMALL, "gfs", arrivals=model)
+
+
+class Held(skysink.Arrivals):
+    """As many bits as it holds."""
+
+    def __init__(self, held: Any = 1) -> None:
+        self.held = held
+
+    def bits(self, slot: int, mean_bits: Any, random: Any) -> Any:
+        return np.full(len(mean_bits), int(np.sum(self.held)))
+
+
+def test_models_that_differ_in_what_they_hold_have_other_versions() -> None:
+    def maker(held: int) -> Any:
+        return lambda: Held(held)
+
+    changed = np.zeros(5000)
+    changed[2000] = 9
+    pairs: list[tuple[Any, Any]] = [
+        (Held(1), Held(2)),
+        (functools.partial(Held, held=1), functools.partial(Held, held=2)),
+        (maker(1), maker(2)),
+        (Held(np.zeros(5000)), Held(changed)),
+    ]
+    for one, other in pairs:
+        assert version(one) != version(other)
+    for same in (Held, Held(3), functools.partial(Held, held=1), maker(1)):
+        assert version(same) == version(copy.deepcopy(same) if isinstance(same, Held) else same)

@@ -114,6 +114,10 @@ fn impossible_arrivals_are_refused() {
     refused(&[model("poisson"), "sensors.arrivals.packet_bits=0"], "sensors.arrivals.packet_bits=0: expected 1 to");
     refused(&[model("poisson"), "sensors.arrivals.on_s=5"], "expected it only with model = \"on-off\"");
     refused(&[model("on-off"), "sensors.arrivals.off_s=0.5"], "off_s=0.5: expected at least the slot's 1 s");
+    refused(
+        &[model("poisson"), "slots=5000000", "uav.endurance_s=1e7"],
+        "slots = 5000000: expected at most 2500000 with arrivals at random",
+    );
     refused(&[model("on-off"), "sensors.arrivals.off_s=1e300"], "at most 9e15 bits in the mission from a sensor node");
     refused(&["sensors.arrivals.model=trace"], "a CSV file as sensors.arrivals.file");
     place.write("bad.csv", "slot,sensor,bits\n1,40,3\n");

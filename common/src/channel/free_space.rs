@@ -16,7 +16,7 @@ use crate::units::ratio_of_db;
 pub(crate) const ONLY: Only = Only {
     key: "model",
     value: "free-space",
-    expected: Some("it only with model = \"free-space\"; here it is reference_gain_db for all"),
+    expected: Some("it only with model = \"free-space\"; with \"probabilistic-los\" it is reference_gain_db for all"),
 };
 
 /// Whether the reference gain changes during the mission.

@@ -26,7 +26,7 @@ pub use line_of_sight::{Environment, LineOfSight, LosCurve};
 pub use model::{ChannelModel, Draw, Slopes, Uplink};
 pub use table::{RateTable, TableChannel};
 
-use crate::keys::{Accepts, Interval, LEVEL_DB, NOT_NEGATIVE, POSITIVE};
+use crate::keys::{Accepts, Interval, LEVEL_DB, POSITIVE};
 use crate::random::Streams;
 use crate::units::{ratio_of_db, watts_of_dbm};
 
@@ -60,6 +60,11 @@ pub enum LinkModel {
 
 /// Paths.
 const PATH: Accepts = Accepts::Text("the path of a CSV file, relative to the scenario", |path| !path.is_empty());
+
+/// Correlation distances.
+const CORRELATION_M: Accepts = Accepts::Number("0, or a finite number from 0.001", |distance_m| {
+    distance_m == 0.0 || (1e-3..=f64::MAX).contains(&distance_m)
+});
 
 /// Noise levels.
 const NOISE_DBM: Accepts =
@@ -101,7 +106,7 @@ crate::keys! {
         /// SNR gap of a real modem, `Γ` [dB].
         snr_gap_db: Option<f64> = 8.2, line_of_sight::GAP_DB, line_of_sight::ONLY;
         /// Correlation distance [m] of a line of sight that stays for the mission; 0 or absent: redrawn in every slot.
-        los_correlation_m: Option<f64>, NOT_NEGATIVE, line_of_sight::ONLY;
+        los_correlation_m: Option<f64>, CORRELATION_M, line_of_sight::ONLY;
         /// CSV file with the columns `distance_m,altitude_m,probability,rate_bps`: the rates [bit/s] that a link does not
         /// exceed with these probabilities, at a grid of horizontal distances and altitudes of the UAV.
         file: Option<PathBuf>, PATH, table::ONLY;

@@ -74,7 +74,7 @@ impl RateTable {
             ));
         }
         if let Some(rate_bps) = rates_bps.iter().find(|rate_bps| !(0.0..=1e300).contains(*rate_bps)) {
-            return Err(format!("rate_bps = {rate_bps}: expected a finite rate, 0 or above"));
+            return Err(format!("rate_bps = {rate_bps:e}: expected a rate from 0 to 1e300"));
         }
         let by_point = || rates_bps.chunks(probabilities.len());
         if let Some(point) = by_point().position(|rates_bps| !rates_bps.is_sorted()) {
@@ -114,7 +114,8 @@ impl RateTable {
         let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
         let header = reader.headers().map_err(|error| refuse(format!("line 1: {error}")))?.clone();
         let place = |name: &str| header.iter().position(|column| column == name);
-        let Some(places) = COLUMNS.iter().map(|name| place(name)).collect::<Option<Vec<usize>>>() else {
+        let places = COLUMNS.iter().map(|name| place(name)).collect::<Option<Vec<usize>>>();
+        let Some(places) = places.filter(|places| places.len() == header.len()) else {
             let found = quoted(&header.iter().collect::<Vec<_>>().join(","));
             return Err(refuse(format!("header `{found}`: expected {}", COLUMNS.join(","))));
         };
@@ -132,6 +133,9 @@ impl RateTable {
             };
             rows.push([row[0], row[1], row[2], row[3]]);
         }
+        if rows.is_empty() {
+            return Err(refuse("line 1: no rows: expected a row for each point of a grid".to_owned()));
+        }
         rows.sort_unstable_by(|a, b| a.partial_cmp(b).expect("the numbers are finite"));
         let distinct = |column: usize| {
             let mut values: Vec<f64> = rows.iter().map(|row| row[column]).collect();
@@ -146,6 +150,19 @@ impl RateTable {
             return Err(refuse(format!(
                 "distance_m = {distance_m}, altitude_m = {altitude_m}, probability = {probability} twice: expected it once"
             )));
+        }
+        let mut points = rows.iter().map(|row| [row[0], row[1], row[2]]);
+        for &distance_m in &distances_m {
+            for &altitude_m in &altitudes_m {
+                for &probability in &probabilities {
+                    if points.next() != Some([distance_m, altitude_m, probability]) {
+                        return Err(refuse(format!(
+                            "no row with distance_m = {distance_m}, altitude_m = {altitude_m}, probability = \
+                             {probability}: expected one for each point of the grid"
+                        )));
+                    }
+                }
+            }
         }
         Self::new(distances_m, altitudes_m, probabilities, rates_bps).map_err(refuse)
     }
@@ -369,11 +386,16 @@ mod tests {
             (format!("{head}0,20,0.5,x\n"), "line 2: `0,20,0.5,x`: expected finite numbers"),
             (format!("{head}0,20,1.5,1\n"), "probability = 1.5: expected 0 to 1"),
             (format!("{head}-1,20,0.5,1\n"), "distance_m = -1: expected a finite number, 0 or above"),
-            (format!("{head}0,20,0.5,-1\n"), "rate_bps = -1: expected a finite rate, 0 or above"),
+            (format!("{head}0,20,0.5,-1\n"), "rate_bps = -1e0: expected a rate from 0 to 1e300"),
+            (format!("{head}0,20,0.5,2e300\n"), "rate_bps = 2e300: expected a rate from 0 to 1e300"),
+            (format!("x,{head}"), "header `x,distance_m,altitude_m,probability,rate_bps`: expected"),
             (format!("{head}0,20,0.5,1\n0,20,0.5,2\n"), "probability = 0.5 twice: expected it once"),
-            (format!("{head}0,20,0.5,1\n5,30,0.5,1\n"), "2 rates: expected 4, one for each"),
+            (
+                format!("{head}0,20,0.5,1\n5,30,0.5,1\n"),
+                "no row with distance_m = 0, altitude_m = 30, probability = 0.5",
+            ),
             (format!("{head}0,20,0,9\n0,20,1,8\n"), "expected rates that do not fall with the probability"),
-            (head.to_owned(), "distance_m: expected ascending values, at least one"),
+            (head.to_owned(), "line 1: no rows: expected a row for each point"),
         ] {
             let error = RateTable::parse(&text, Path::new("a.csv")).unwrap_err().to_string();
             assert!(error.contains(message), "{error}");

@@ -9,7 +9,7 @@ use toml::{Table, Value};
 use super::mission::Scenario;
 use super::sensors::MAX_FIELD_BITS;
 use super::uav::Climb;
-use crate::arrivals::{ArrivalLaw, MAX_SAMPLED_BITS};
+use crate::arrivals::MAX_SAMPLED_BITS;
 use crate::channel::{Channel, ChannelModel, LinkModel, LosCurve};
 use crate::error::InputError;
 use crate::keys::dotted::{beside, is_below, value};
@@ -52,12 +52,6 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
     {
         let expected = format!("at least the slot's {} s", scenario.slot_s);
         rule(mean_s.is_none_or(|mean_s| mean_s >= scenario.slot_s), key, &expected)?;
-    }
-    if let ArrivalLaw::OnOff { on_slots, off_slots } = scenario.arrival_law() {
-        let most_bits = sampled_bits * (on_slots + off_slots) / on_slots;
-        let expected =
-            "at most 9e15 bits in the mission from a sensor node that is always on, at s (on_s + off_s)/on_s";
-        rule(most_bits <= MAX_SAMPLED_BITS, "sensors.arrivals.off_s", expected)?;
     }
     let has_file = scenario.sensors.arrivals.as_ref().is_none_or(|arrivals| arrivals.file.is_some());
     let expected = "another model, or a CSV file as sensors.arrivals.file";
@@ -164,7 +158,7 @@ mod tests {
             of("link.los.b", ""),
             ["link.environment", "link.los.b1", "link.los.b2", "link.los.b3", "link.los.b4"]
         );
-        assert_eq!(of("link.model", "probabilistic-los"), ["link.gain_db", "link.gain"]);
+        assert_eq!(of("link.model", "probabilistic-los"), ["link.gain_db", "link.gain", "link.file"]);
         let line_of_sight = [
             "link.environment",
             "link.los",
@@ -174,6 +168,7 @@ mod tests {
             "link.nlos_extra_db",
             "link.snr_gap_db",
             "link.los_correlation_m",
+            "link.file",
         ];
         assert_eq!(of("link.model", "free-space"), line_of_sight);
         for key in ["area", "area.origin_lat_deg", "link.los_exponent", "slots"] {

@@ -13,7 +13,7 @@ crate::keys! {
     #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, expecting = "a table")]
     pub struct UavKeys {
-        /// Whether the altitude may change; `"free"` needs `link.model = "probabilistic-los"`.
+        /// Whether the altitude may change; `"free"` needs `link.model = "probabilistic-los"`, or a `"table"` of several altitudes.
         altitude: AltitudeMode = "fixed", Accepts::OneOf(AltitudeMode::VARIANTS);
         /// Altitude, `H` [m]; the initial one if it is free.
         altitude_m: f64 = 20.0, POSITIVE;

@@ -8,7 +8,7 @@ use rand::RngExt;
 use rand_distr::{Distribution, Poisson};
 
 use super::{Sensors, rows};
-use crate::arrivals::{ArrivalTrace, Arrivals, mean_bits};
+use crate::arrivals::{ArrivalLaw, ArrivalTrace, Arrivals, MAX_SAMPLED_BITS, mean_bits};
 use crate::channel::draw_gain_db;
 use crate::error::{InputError, read_text};
 use crate::geometry::Position;
@@ -44,7 +44,12 @@ pub struct SensorList {
     names: Vec<String>,
     /// The arrivals, if they are those of a file.
     trace: Option<ArrivalTrace>,
+    /// Whether the scenario alone does not tell the buffers.
+    has_own_buffers: bool,
 }
+
+/// Most arrivals at random: sensor nodes times slots.
+const MOST_ARRIVALS: f64 = 1e8;
 
 impl SensorList {
     /// The sensor nodes of a scenario: drawn from its seed, or read from its file.
@@ -101,7 +106,27 @@ impl SensorList {
             (None, Some(path)) => Some(ArrivalTrace::read(&path, &sampling_bps)?),
             (held, _) => held.clone(),
         };
-        Ok(Self { sensors, names, trace })
+        let law = scenario.arrival_law();
+        let refuse = |key: &str, value: f64, expected: &str| {
+            Err(InputError::new("scenario", &scenario.path, format_args!("{key} = {value}: expected {expected}")))
+        };
+        if law.is_random() && sensors.len() as f64 * scenario.slots as f64 > MOST_ARRIVALS {
+            let most = (MOST_ARRIVALS / sensors.len() as f64).floor();
+            let expected = format!("at most {most} with arrivals at random from {} sensor nodes", sensors.len());
+            return refuse("slots", scenario.slots as f64, &expected);
+        }
+        if let ArrivalLaw::OnOff { on_slots, off_slots } = law {
+            let highest_bps = sampling_bps.iter().copied().fold(0.0, f64::max);
+            let always_on = highest_bps * (on_slots + off_slots) / on_slots * scenario.slot_s * scenario.slots as f64;
+            if always_on > MAX_SAMPLED_BITS {
+                let expected =
+                    "at most 9e15 bits in the mission from a sensor node that is always on, at s (on_s + off_s)/on_s";
+                return refuse("sensors.arrivals.off_s", off_slots * scenario.slot_s, expected);
+            }
+        }
+        let plain_bits = scenario.sensors.capacity_bits.ends();
+        let has_own_buffers = sensors.iter().any(|sensor| [sensor.capacity_bits; 2] != plain_bits);
+        Ok(Self { sensors, names, trace, has_own_buffers })
     }
 
     /// Hash (XXH3) of the list as CSV files, seeded with the hash of its scenario.
@@ -124,11 +149,11 @@ impl SensorList {
         self.trace.as_ref()
     }
 
-    /// The list as a CSV file with all columns: those of buffers and weights if they differ, or a weight is not 1, and
-    /// that of names if there are some. Floats round-trip exactly.
+    /// The list as a CSV file with all columns: that of buffers if one is not that of the scenario, that of weights if one
+    /// is not 1, and that of names if there are some. Floats round-trip exactly.
     #[must_use]
     pub fn to_csv(&self) -> String {
-        let has_buffers = self.has_own_buffers();
+        let has_buffers = self.has_own_buffers;
         let has_weights = self.has_own_weights();
         let mut text = rows::WRITTEN.join(",");
         let further = [(has_buffers, rows::CAPACITY), (has_weights, rows::WEIGHT)];
@@ -183,12 +208,6 @@ impl SensorList {
     #[must_use]
     pub fn sensors(&self) -> &[Sensor] {
         &self.sensors
-    }
-
-    /// Whether the buffers of the sensor nodes differ.
-    #[must_use]
-    pub fn has_own_buffers(&self) -> bool {
-        self.sensors.iter().any(|sensor| sensor.capacity_bits != self.sensors[0].capacity_bits)
     }
 
     /// Whether a sensor node has a weight other than 1.

@@ -21,7 +21,7 @@ pub(super) const WRITTEN: [&str; 5] = ["x_m", "y_m", "queue_bits", "gain_db", "s
 const COLUMNS: [&str; 10] =
     ["x_m", "y_m", "lat_deg", "lon_deg", "queue_bits", "gain_db", "sampling_bps", CAPACITY, WEIGHT, NAME];
 
-/// The column of buffers, which is written if they differ.
+/// The column of buffers, which is written if one is not that of the scenario.
 pub(super) const CAPACITY: &str = "capacity_bits";
 
 /// The column of weights, which is written if one is not 1.

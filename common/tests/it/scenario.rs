@@ -151,7 +151,7 @@ fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
         ),
         (
             "[link]\nmodel = \"probabilistic-los\"\nlos_correlation_m = -5.0\n",
-            "link.los_correlation_m = -5.0: expected a finite number, 0 or above",
+            "link.los_correlation_m = -5.0: expected 0, or a finite number from 0.001",
         ),
         ("[link]\ncomm_s = 1.5\n", "link.comm_s = 1.5: expected at most the slot's 1 s"),
         (
@@ -364,6 +364,10 @@ fn buffers_and_weights_of_a_list_have_priority_and_others_are_refused() {
     assert!(list.to_csv().starts_with("x_m,y_m,queue_bits,gain_db,sampling_bps,capacity_bits,weight\n"));
     assert_eq!(SensorList::parse(&list.to_csv(), Path::new("l.csv"), &scenario).unwrap(), list);
     assert!(!read("weight\n1,2,1\n").unwrap().to_csv().contains("weight"), "weights of 1 are not written");
+    let equal = read("capacity_bits\n1,2,500\n3,4,500\n").unwrap();
+    assert!(equal.to_csv().contains("capacity_bits"), "equal buffers are, unless they are the scenario's");
+    assert_eq!(SensorList::parse(&equal.to_csv(), Path::new("l.csv"), &scenario).unwrap(), equal);
+    assert!(!read("capacity_bits\n1,2,30000\n").unwrap().to_csv().contains("capacity_bits"));
     let refused = |rows: &str, message: &str| {
         let error = read(rows).unwrap_err().to_string();
         assert_eq!(error, format!("sensor list l.csv: line 2: {message}"));
