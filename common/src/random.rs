@@ -42,6 +42,8 @@ pub enum Purpose {
     Capacity = 15,
     /// Bits that a sensor node samples in a slot, or its times on and off (slot 0).
     Arrivals = 16,
+    /// Search for a round over disks.
+    Round = 17,
 }
 
 /// The family of streams of one mission.

@@ -2,4 +2,5 @@
 
 pub mod circle;
 pub mod disks;
+pub mod round;
 pub mod tour;

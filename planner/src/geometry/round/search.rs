@@ -1,0 +1,456 @@
+//! Ruin and recreate on touching points, with simulated annealing.
+//!
+//! A step takes some stops out, or exchanges parts of the round; then disks that no leg touches get a stop where the
+//! detour is least, and the stops around move to where the path is shortest. Insertions are valued by their detour
+//! *after* the stop has found its point. A stop whose disk another leg touches leaves.
+
+use std::time::{Duration, Instant};
+
+use rand_chacha::ChaCha8Rng;
+use skysink_common::geometry::Position;
+use skysink_common::random::{below, fraction};
+use skysink_common::stop::Stop as StopRequest;
+
+use super::cover::distance_to_leg_squared;
+use super::stops::{Field, NO_DISK, Round};
+
+/// Temperature at the beginning and at the end, in mean legs; a long search begins hotter.
+const HOT: f64 = 0.3;
+const HOTTER: f64 = 1.0;
+const COLD: f64 = 0.001;
+
+/// A search of more steps, or of more time, is long.
+const LONG_STEPS: u64 = 100_000;
+const LONG_TIME: Duration = Duration::from_secs(5);
+
+/// Fraction of the steps that exchange parts of the round; the others take stops out.
+const EXCHANGED: f64 = 0.4;
+
+/// Most strings of stops, and most stops of a string, that a step takes out.
+const STRINGS: usize = 2;
+const STRING: usize = 10;
+
+/// Longest part that or-opt moves.
+const PART: usize = 8;
+
+/// Steps between two looks at the clock and the stop.
+const WATCHED: u64 = 64;
+
+/// Fewer stops than this are often inserted farthest from the round first.
+const FEW_STOPS: usize = 40;
+
+/// How long a search goes on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Effort {
+    /// A number of steps: the result repeats.
+    Steps(u64),
+    /// A time, approximately.
+    Time(Duration),
+}
+
+/// The state of a search.
+pub struct Search<'a> {
+    field: &'a Field,
+    random: ChaCha8Rng,
+    /// How often each disk was inserted in this step.
+    inserted: Vec<u8>,
+    open: Vec<u32>,
+    /// Squared distances of a disk to the legs, less the radius [m].
+    beyond_m: Vec<f64>,
+}
+
+impl<'a> Search<'a> {
+    pub fn new(field: &'a Field, random: ChaCha8Rng) -> Self {
+        let inserted = vec![0; field.cover.centres.len()];
+        Self { field, random, inserted, open: Vec::new(), beyond_m: Vec::new() }
+    }
+
+    /// The shortest round found from `first` on, which need not touch all disks. The round is whole whatever stops it.
+    pub fn run(&mut self, first: Round, effort: Effort, stop: &StopRequest) -> Round {
+        let field = self.field;
+        let mut current = first;
+        self.complete(&mut current, f64::INFINITY);
+        let mut best = current.clone();
+        let mut tried = Round::default();
+        let begin = Instant::now();
+        let hot = match effort {
+            Effort::Steps(steps) if steps > LONG_STEPS => HOTTER,
+            Effort::Time(time) if time > LONG_TIME => HOTTER,
+            _ => HOT,
+        };
+        let mut done = 0.0; // fraction of the effort
+        for step in 0u64.. {
+            if step.is_multiple_of(WATCHED) {
+                if let Effort::Time(time) = effort {
+                    done = begin.elapsed().as_secs_f64() / time.as_secs_f64();
+                }
+                if stop.requested().is_some() {
+                    break;
+                }
+            }
+            if let Effort::Steps(steps) = effort {
+                done = step as f64 / steps as f64;
+            }
+            // Nothing to search: all in range of one point, or of one leg.
+            if done >= 1.0 || current.stops.len() <= field.fixed() || current.stops.len() < 2 {
+                break;
+            }
+            let warmth = hot * (COLD / hot).powf(done) * current.mean_m();
+            let limit_m = current.length_m - warmth * fraction(&mut self.random).ln();
+            tried.clone_from(&current);
+            let is_changed = if fraction(&mut self.random) <= EXCHANGED {
+                self.exchange(&mut tried, limit_m)
+            } else {
+                self.ruin(&mut tried);
+                true
+            };
+            if is_changed && self.complete(&mut tried, limit_m) && tried.length_m < limit_m {
+                std::mem::swap(&mut current, &mut tried);
+                if current.length_m < best.length_m * (1.0 - 1e-12) {
+                    best.clone_from(&current);
+                }
+            }
+        }
+        let mut polished = best.clone();
+        let last = polished.stops.len().saturating_sub(1);
+        if last >= field.fixed() {
+            polished.relax(field, field.fixed(), last, 400);
+            self.recreate(&mut polished, f64::INFINITY);
+        }
+        if polished.length_m < best.length_m { polished } else { best }
+    }
+
+    /// Makes a round whole; `false` if it becomes clearly longer than `limit_m` [m].
+    fn complete(&mut self, round: &mut Round, limit_m: f64) -> bool {
+        if !self.recreate(round, limit_m) {
+            return false;
+        }
+        self.leave_out(round);
+        self.settle(round);
+        self.recreate(round, limit_m)
+    }
+
+    /// Inserts disks that no leg touches, until all are touched. `false` if the round is clearly longer than `limit_m`.
+    fn recreate(&mut self, round: &mut Round, limit_m: f64) -> bool {
+        let slack_m = 0.05 * round.mean_m();
+        let mut is_first = true;
+        let mut insertions = 0;
+        let whole = round.stops.len();
+        loop {
+            self.open.clear();
+            let untouched = round.counts.iter().enumerate().filter(|(_, count)| **count == 0);
+            self.open.extend(untouched.map(|(disk, _)| disk as u32));
+            if self.open.is_empty() {
+                return true;
+            }
+            if round.length_m > limit_m + slack_m {
+                return false;
+            }
+            if std::mem::take(&mut is_first) {
+                self.inserted.fill(0);
+            }
+            let disk = self.next_open(round);
+            let times = &mut self.inserted[disk as usize];
+            *times = times.saturating_add(1);
+            // Without a descent an insertion opens no disk that has a stop, so that this ends.
+            let may_descend = *times < 4 && insertions <= 40 + 4 * whole.max(self.open.len());
+            insertions += 1;
+            let (leg, point) = self.best_leg(round, disk);
+            round.insert(self.field, leg, disk, point, if may_descend { 2 } else { 0 }, if may_descend { 2 } else { 0 });
+        }
+    }
+
+    /// The open disk that is inserted next.
+    fn next_open(&mut self, round: &Round) -> u32 {
+        let Self { field, random, open, .. } = self;
+        let centre = |disk: u32| &field.cover.centres[disk as usize];
+        let by = |value: &dyn Fn(u32) -> f64| {
+            let values = open.iter().map(|&disk| (value(disk), disk));
+            values.max_by(|a, b| a.0.total_cmp(&b.0)).expect("an open disk").1
+        };
+        if round.stops.len() < FEW_STOPS && below(random, 4) == 0 {
+            let to_leg_m2 = |disk: u32, leg: usize| match round.leg(field, leg) {
+                (from, Some(to)) => distance_to_leg_squared(centre(disk), from, to),
+                (from, None) => (centre(disk) - from).norm_squared(),
+            };
+            let nearest_m2 = |disk| (0..round.stops.len()).map(|leg| to_leg_m2(disk, leg)).fold(f64::INFINITY, f64::min);
+            return by(&nearest_m2);
+        }
+        match below(random, 6) {
+            0..=2 => open[below(random, open.len())],
+            3 => {
+                let from = centre(below(random, field.cover.centres.len()) as u32);
+                by(&|disk| -(centre(disk) - from).norm_squared())
+            }
+            4 => {
+                let from = centre(below(random, field.cover.centres.len()) as u32);
+                by(&|disk| (centre(disk) - from).norm_squared())
+            }
+            _ => {
+                let (sine, cosine) = (std::f64::consts::TAU * fraction(random)).sin_cos();
+                by(&|disk| centre(disk).x * cosine + centre(disk).y * sine)
+            }
+        }
+    }
+
+    /// The leg in which a stop at `disk` costs least, and its point. Legs are passed over at random.
+    ///
+    /// A disk whose rim is `h` from a leg of length `l` costs at least `√(l² + 4h²) − l`: more than a known cost `c` if
+    /// `h² ≥ c (c/4 + l/2)`.
+    fn best_leg(&mut self, round: &Round, disk: u32) -> (usize, Position) {
+        let Self { field, random, beyond_m, .. } = self;
+        let centre = &field.cover.centres[disk as usize];
+        beyond_m.clear();
+        let mut nearest = (f64::INFINITY, 0);
+        for leg in 0..round.stops.len() {
+            let (from, to) = round.leg(field, leg);
+            let away_m2 = match to {
+                Some(to) => distance_to_leg_squared(centre, from, to),
+                None => (centre - from).norm_squared(),
+            };
+            let away_m = (away_m2.sqrt() - field.inner_m).max(0.0);
+            beyond_m.push(away_m);
+            let least_m = cost_least_m(round.leg_m(field, leg), away_m);
+            if least_m < nearest.0 {
+                nearest = (least_m, leg);
+            }
+        }
+        let value = |leg: usize| {
+            let (from, to) = round.leg(field, leg);
+            field.touch(disk, from, to)
+        };
+        let (cost_m, point) = value(nearest.1);
+        let mut best = (cost_m, nearest.1, point);
+        for (leg, &away_m) in beyond_m.iter().enumerate() {
+            let leg_m = round.leg_m(field, leg);
+            if leg == nearest.1 || away_m * away_m >= best.0 * (best.0 / 4.0 + leg_m / 2.0) || below(random, 100) == 0 {
+                continue;
+            }
+            let (cost_m, point) = value(leg);
+            if cost_m < best.0 {
+                best = (cost_m, leg, point);
+            }
+        }
+        (best.1, best.2)
+    }
+
+    /// Takes out stops that have changed, or whose neighbours have, and whose disk another leg touches.
+    fn leave_out(&self, round: &mut Round) {
+        let mut index = self.field.fixed();
+        while index < round.stops.len() && round.stops.len() > 1 {
+            let stop = round.stops[index];
+            if stop.is_dirty && stop.disk != NO_DISK && round.counts[stop.disk as usize] > 2 {
+                round.remove(self.field, index, index + 1);
+                if round.is_whole() {
+                    continue;
+                }
+                let before = (index + round.stops.len() - 1) % round.stops.len();
+                let leg = if index == 0 { round.stops.len() - 1 } else { before };
+                if index == 0 {
+                    // The stop was the first: put it back as the last, which is the same round if it is closed.
+                    if self.field.is_closed {
+                        round.insert(self.field, leg, stop.disk, stop.point, 0, 0);
+                    }
+                } else {
+                    round.insert(self.field, leg, stop.disk, stop.point, 0, 0);
+                }
+            }
+            index += 1;
+        }
+    }
+
+    /// Moves the stops around those that have changed.
+    fn settle(&self, round: &mut Round) {
+        let mut index = 0;
+        while index < round.stops.len() {
+            if !round.stops[index].is_dirty {
+                index += 1;
+                continue;
+            }
+            let low = index.saturating_sub(3).max(self.field.fixed());
+            let mut high = index;
+            while let Some(next) = (high + 1..=(high + 3).min(round.stops.len() - 1)).rev().find(|&next| round.stops[next].is_dirty) {
+                high = next;
+            }
+            let high = (high + 3).min(round.stops.len() - 1);
+            let stops = round.stops.len();
+            if low <= high {
+                round.relax(self.field, low, high, 4);
+            }
+            index = (high + 1).saturating_sub(stops - round.stops.len()).max(index + 1);
+        }
+        round.stops.iter_mut().for_each(|stop| stop.is_dirty = false);
+    }
+
+    /// Takes out one or two strings of stops near random disks.
+    fn ruin(&mut self, round: &mut Round) {
+        let fixed = self.field.fixed();
+        for _ in 0..=below(&mut self.random, STRINGS) {
+            let free = round.stops.len() - fixed;
+            // One stop has to remain.
+            let most = if fixed == 0 { free - 1 } else { free }.min(STRING);
+            if most == 0 {
+                return;
+            }
+            let centre = self.field.cover.centres[below(&mut self.random, self.field.cover.centres.len())];
+            let away_m2 = |index: &usize| (round.stops[*index].point - centre).norm_squared();
+            let nearest = (fixed..round.stops.len()).min_by(|a, b| away_m2(a).total_cmp(&away_m2(b)));
+            let length = 1 + below(&mut self.random, most);
+            let nearest = nearest.expect("a stop that may leave");
+            let low = nearest.saturating_sub(below(&mut self.random, length)).max(fixed).min(round.stops.len() - length);
+            round.remove(self.field, low, low + length);
+        }
+    }
+
+    /// Exchanges parts of the round, its points held, if that makes it shorter than `limit_m` or little longer; `false`
+    /// if not.
+    fn exchange(&mut self, round: &mut Round, limit_m: f64) -> bool {
+        if round.stops.len() < 4 {
+            return false;
+        }
+        let slack_m = limit_m + 0.1 * round.mean_m() - round.length_m;
+        if below(&mut self.random, 10) < 6 { self.bridge(round, slack_m) } else { self.two_opt(round, slack_m) }
+    }
+
+    /// Length [m] from stop `from` to stop `to`, the end of leg `leg`; 0 where an open round ends.
+    fn joined_m(&self, round: &Round, from: usize, to: usize) -> f64 {
+        if to == 0 && !self.field.is_closed {
+            return 0.0;
+        }
+        (round.stops[to].point - round.stops[from].point).norm()
+    }
+
+    /// Two neighbouring parts change places: legs i, j, k, in this order, become i to j+1, k to i+1, j to k+1.
+    fn bridge(&mut self, round: &mut Round, slack_m: f64) -> bool {
+        let stops = round.stops.len();
+        let after = |leg: usize| (leg + 1) % stops;
+        let i = below(&mut self.random, stops);
+        let own_m = self.joined_m(round, i, after(i));
+        let mut second = None;
+        let mut found = 0;
+        for j in (0..stops).filter(|&j| j != i) {
+            if self.joined_m(round, i, after(j)) < own_m {
+                found += 1;
+                if below(&mut self.random, found) == 0 {
+                    second = Some(j);
+                }
+            }
+        }
+        let Some(j) = second else {
+            return false;
+        };
+        let base_m = own_m + self.joined_m(round, j, after(j)) - self.joined_m(round, i, after(j));
+        let mut best = (f64::INFINITY, 0);
+        for k in (1..stops).map(|step| (j + step) % stops).take_while(|&k| k != i) {
+            let change_m = self.joined_m(round, k, after(i)) + self.joined_m(round, j, after(k))
+                - base_m
+                - self.joined_m(round, k, after(k));
+            if change_m < best.0 {
+                best = (change_m, k);
+            }
+        }
+        if best.0 >= slack_m {
+            return false;
+        }
+        let mut legs = [i, j, best.1];
+        legs.sort_unstable();
+        self.cut(round, &legs);
+        let [low, middle, high] = legs;
+        round.stops[low + 1..=high].rotate_left(middle - low);
+        self.join(round, &[low, low + high - middle, high]);
+        true
+    }
+
+    /// The best of 2-opt and or-opt of a leg with all others.
+    fn two_opt(&mut self, round: &mut Round, slack_m: f64) -> bool {
+        let stops = round.stops.len();
+        let after = |leg: usize| (leg + 1) % stops;
+        let i = below(&mut self.random, stops);
+        let part = 1 + below(&mut self.random, PART.min(stops - 3));
+        // The part behind leg i, if it does not contain the end.
+        let last = i + part;
+        let has_part = last + 1 <= stops && last < stops;
+        let cut_m = self.joined_m(round, i, after(i));
+        let freed_m = if has_part {
+            cut_m + self.joined_m(round, last, after(last)) - self.joined_m(round, i, after(last))
+        } else {
+            f64::NEG_INFINITY
+        };
+        let mut best = (f64::INFINITY, 0, Exchange::Reversed);
+        for j in (0..stops).filter(|&j| j != i) {
+            if below(&mut self.random, 4) == 0 {
+                continue;
+            }
+            let [low, high] = [i.min(j), i.max(j)];
+            let base_m = self.joined_m(round, j, after(j));
+            let crossed_m = (round.stops[high].point - round.stops[low].point).norm()
+                + self.joined_m(round, low + 1, after(high));
+            let mut offer = |change_m: f64, exchange: Exchange| {
+                if change_m < best.0 {
+                    best = (change_m, j, exchange);
+                }
+            };
+            offer(crossed_m - cut_m - base_m, Exchange::Reversed);
+            if has_part && !(i..=last).contains(&j) {
+                let to = |from: usize, to: usize| (round.stops[to].point - round.stops[from].point).norm();
+                let end = |from: usize| self.joined_m(round, from, after(j));
+                offer(to(j, i + 1) + end(last) - base_m - freed_m, Exchange::Moved { is_turned: false });
+                offer(to(j, last) + end(i + 1) - base_m - freed_m, Exchange::Moved { is_turned: true });
+            }
+        }
+        if best.0 >= slack_m {
+            return false;
+        }
+        let j = best.1;
+        match best.2 {
+            Exchange::Reversed => {
+                let [low, high] = [i.min(j), i.max(j)];
+                self.cut(round, &[low, high]);
+                round.stops[low + 1..=high].reverse();
+                self.join(round, &[low, high]);
+            }
+            Exchange::Moved { is_turned } => {
+                self.cut(round, &[i, last, j]);
+                if is_turned {
+                    round.stops[i + 1..=last].reverse();
+                }
+                if j > last {
+                    round.stops[i + 1..=j].rotate_left(part);
+                    self.join(round, &[i, j - part, j]);
+                } else {
+                    round.stops[j + 1..=last].rotate_right(part);
+                    self.join(round, &[j, j + part, last]);
+                }
+            }
+        }
+        true
+    }
+
+    /// Takes legs that are exchanged out of the counts.
+    fn cut(&self, round: &mut Round, legs: &[usize]) {
+        legs.iter().for_each(|&leg| round.count_legs(self.field, leg, 1, u16::MAX));
+    }
+
+    /// Counts legs that were exchanged, and marks their ends.
+    fn join(&self, round: &mut Round, legs: &[usize]) {
+        for &leg in legs {
+            round.count_legs(self.field, leg, 1, 1);
+            let next = (leg + 1) % round.stops.len();
+            [leg, next].map(|index| round.stops[index].is_dirty = true);
+        }
+    }
+}
+
+/// An exchange of parts of a round.
+#[derive(Clone, Copy)]
+enum Exchange {
+    /// What lies between two legs, in the other direction.
+    Reversed,
+    /// A part moves into another leg.
+    Moved { is_turned: bool },
+}
+
+/// Least detour [m] to a rim `beyond_m` [m] from a leg of `leg_m` [m].
+fn cost_least_m(leg_m: f64, beyond_m: f64) -> f64 {
+    (leg_m * leg_m + 4.0 * beyond_m * beyond_m).sqrt() - leg_m
+}
