@@ -436,7 +436,7 @@ impl<'a> Search<'a> {
         for &leg in legs {
             round.count_legs(self.field, leg, 1, 1);
             let next = (leg + 1) % round.stops.len();
-            [leg, next].map(|index| round.stops[index].is_dirty = true);
+            [leg, next].into_iter().for_each(|index| round.stops[index].is_dirty = true);
         }
     }
 }

@@ -53,6 +53,13 @@ impl Field {
         }
     }
 
+    /// The point of a disk where the path from `from` over it to `to` is shortest.
+    pub fn turning_point(&self, disk: u32, from: &Position, to: &Position) -> Position {
+        let centre = &self.cover.centres[disk as usize];
+        let foot = nearest_of_leg(centre, from, to);
+        self.turn(centre, &foot, [from, to], MOVED).unwrap_or(foot)
+    }
+
     /// The point of a disk between two ends that makes the path shortest; `None` if the leg between them touches it
     /// already, at `foot`. Newton's method on the angle: the length is convex where both ends see the rim.
     fn turn(&self, centre: &Position, foot: &Position, ends: [&Position; 2], steps: u32) -> Option<Position> {
@@ -130,6 +137,14 @@ impl Round {
         let at_centre = |disk: u32| Stop { point: field.cover.centres[disk as usize], disk, is_dirty: true };
         let stops: Vec<Stop> = start.into_iter().chain(order.map(at_centre)).collect();
         let mut round = Self { stops, counts: vec![0; field.cover.centres.len()], length_m: 0.0 };
+        round.count_legs(field, 0, round.stops.len(), 1);
+        round
+    }
+
+    /// The same stops at other points.
+    pub fn at(&self, field: &Field, points: Vec<Position>) -> Self {
+        let stops = self.stops.iter().zip(points).map(|(stop, point)| Stop { point, ..*stop }).collect();
+        let mut round = Self { stops, counts: vec![0; self.counts.len()], length_m: 0.0 };
         round.count_legs(field, 0, round.stops.len(), 1);
         round
     }

@@ -1,0 +1,88 @@
+//! The points of an order of disks that make the path shortest, as a second-order cone program, by Clarabel.
+//!
+//! The search moves one point at a time, which can end where two points lie together; this moves all at once.
+
+use clarabel::algebra::CscMatrix;
+use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus, SupportedConeT};
+use skysink_common::geometry::Position;
+
+use super::stops::Field;
+
+/// Rows of a cone: a bound, and a vector that is no longer.
+const ROWS: usize = 3;
+
+/// The points of the disks `order`, after the start if there is one; `None` if Clarabel does not solve it.
+///
+/// Minimises `Σ t_k` with `‖p_{k+1} − p_k‖ ≤ t_k` for each leg, and `‖p_k − c_k‖ ≤ r` for each disk. Lengths are relative
+/// to the first centre, and in units of the largest distance to it.
+pub fn points(field: &Field, order: &[u32]) -> Option<Vec<Position>> {
+    let fixed = field.fixed();
+    let stops = fixed + order.len();
+    if order.is_empty() || stops < 2 {
+        return None;
+    }
+    let centre = |disk: u32| field.cover.centres[disk as usize];
+    let origin = field.start.unwrap_or_else(|| centre(order[0]));
+    let away_m = order.iter().map(|&disk| (centre(disk) - origin).norm());
+    let unit_m = away_m.fold(field.inner_m, f64::max).max(f64::MIN_POSITIVE);
+    let scaled = |position: Position| (position - origin) / unit_m;
+    let legs = if field.is_closed { stops } else { stops - 1 };
+    // Variables: x and y of each free point, then the length of each leg.
+    let variables = 2 * order.len() + legs;
+    let mut columns: Vec<Vec<(usize, f64)>> = vec![Vec::new(); variables];
+    let mut offsets = Vec::new();
+    let mut cost = vec![0.0; variables];
+    for leg in 0..legs {
+        let row = offsets.len();
+        let length = 2 * order.len() + leg;
+        cost[length] = 1.0;
+        columns[length].push((row, -1.0));
+        // The start is the origin.
+        for (stop, sign) in [(leg, 1.0), ((leg + 1) % stops, -1.0)].into_iter().filter(|(stop, _)| *stop >= fixed) {
+            columns[2 * (stop - fixed)].push((row + 1, sign));
+            columns[2 * (stop - fixed) + 1].push((row + 2, sign));
+        }
+        offsets.extend([0.0; ROWS]);
+    }
+    for (stop, &disk) in order.iter().enumerate() {
+        let row = offsets.len();
+        let at = scaled(centre(disk));
+        columns[2 * stop].push((row + 1, -1.0));
+        columns[2 * stop + 1].push((row + 2, -1.0));
+        offsets.extend([field.inner_m / unit_m, -at.x, -at.y]);
+    }
+    let mut begins = vec![0];
+    let (mut rows, mut values) = (Vec::new(), Vec::new());
+    for column in &mut columns {
+        // A closed round of two stops has both of its legs between the same points.
+        column.sort_unstable_by_key(|(row, _)| *row);
+        rows.extend(column.iter().map(|(row, _)| *row));
+        values.extend(column.iter().map(|(_, value)| *value));
+        begins.push(rows.len());
+    }
+    let matrix = CscMatrix::new(offsets.len(), variables, begins, rows, values);
+    let cones = vec![SupportedConeT::SecondOrderConeT(ROWS); offsets.len() / ROWS];
+    let objective = CscMatrix::zeros((variables, variables));
+    let mut solver = DefaultSolver::new(&objective, &cost, &matrix, &offsets, &cones, settings()).ok()?;
+    solver.solve();
+    let solution = &solver.solution;
+    (solution.status == SolverStatus::Solved).then(|| {
+        let free = solution.x[..2 * order.len()].chunks(2).zip(order).map(|(point, &disk)| {
+            // An interior-point solution may lie a little outside.
+            let away = origin + nalgebra::Vector2::new(point[0], point[1]) * unit_m - centre(disk);
+            centre(disk) + away * (field.inner_m / away.norm().max(f64::MIN_POSITIVE)).min(1.0)
+        });
+        field.start.into_iter().chain(free).collect()
+    })
+}
+
+/// Repeatable results: one thread, no time limit.
+fn settings() -> DefaultSettings<f64> {
+    DefaultSettings {
+        verbose: false,
+        max_threads: 1,
+        direct_solve_method: "qdldl".to_owned(),
+        time_limit: f64::INFINITY,
+        ..DefaultSettings::default()
+    }
+}
