@@ -31,7 +31,7 @@ SOURCES = {
 }
 PUBLIC = {
     "skysink": [
-        "Scenario", "simulate", "Run", "Table", "Strategy", "Arrivals", "Channel", "View", "Belief", "Field", "Decision", "compare", "sweep", "InputError",
+        "Scenario", "simulate", "Run", "Table", "Strategy", "Arrivals", "Channel", "View", "Belief", "Field", "Decision", "compare", "sweep", "round_over_disks", "DiskRound", "InputError",
     ],
     "skysink.environment": ["DataCollectionEnv", "DataCollectionVectorEnv"],
     "skysink.ring": ["planner"],

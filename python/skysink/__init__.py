@@ -14,6 +14,7 @@ from skysink._skysink import (
     STRATEGIES,
     Belief,
     Decision,
+    DiskRound,
     Field,
     InputError,
     Run,
@@ -22,6 +23,7 @@ from skysink._skysink import (
     View,
     __build__,
     __version__,
+    round_over_disks,
 )
 from skysink.flight import compare, simulate
 from skysink.models import Arrivals, Channel
@@ -39,6 +41,7 @@ __all__ = [
     "Belief",
     "Channel",
     "Decision",
+    "DiskRound",
     "Field",
     "InputError",
     "Run",
@@ -49,6 +52,7 @@ __all__ = [
     "__build__",
     "__version__",
     "compare",
+    "round_over_disks",
     "simulate",
     "sweep",
 ]

@@ -14,6 +14,7 @@ __all__ = [
     "STRATEGIES",
     "Belief",
     "Decision",
+    "DiskRound",
     "EnvironmentCore",
     "Field",
     "InputError",
@@ -27,6 +28,7 @@ __all__ = [
     "View",
     "__build__",
     "__version__",
+    "round_over_disks",
     "run_program",
     "simulate",
 ]
@@ -280,6 +282,26 @@ class Decision:
     def serve(self) -> list[int] | None: ...
 
 @final
+class DiskRound:
+    """A path that touches disks."""
+
+    @property
+    def points_m(self) -> NDArray[np.float64]:
+        """Its points in order, the start first if there is one [m], float64 [K, 2], read-only."""
+
+    @property
+    def order(self) -> NDArray[np.uint32]:
+        """The disk in which each point behind the start lies, uint32, read-only. All others are touched in passing."""
+
+    @property
+    def length_m(self) -> float:
+        """Its length [m], with the leg back to its first point if it is closed."""
+
+    @property
+    def bound_m(self) -> float:
+        """A lower bound on the length of every such path [m]."""
+
+@final
 class Table:
     """A table of columns that other libraries import without a copy, by Arrow's C stream interface.
 
@@ -372,6 +394,17 @@ def simulate(
     label: str | None = None,
     origin: tuple[str, Sequence[tuple[str, bytes]]] | None = None,
 ) -> Run: ...
+def round_over_disks(
+    positions_m: ArrayLike,
+    radius_m: float,
+    start_m: tuple[float, float] | NDArray[np.float64] | None = None,
+    *,
+    closed: bool = True,
+    seconds: float | None = None,
+    steps: int | None = None,
+) -> DiskRound:
+    """A short path that touches the disks."""
+
 def run_program(name: str, arguments: Sequence[str], interpreter: Sequence[str]) -> int: ...
 
 _Observation = dict[str, NDArray[np.float32]]

@@ -15,6 +15,7 @@ mod field;
 mod observation;
 mod pilot;
 mod reward;
+mod rounds;
 mod rules;
 mod run;
 mod scenario;
@@ -42,6 +43,8 @@ mod _skysink {
     use super::field::PyField;
     #[pymodule_export]
     use super::pilot::{PyDecision, PyPlanMaker, PyView};
+    #[pymodule_export]
+    use super::rounds::{PyDiskRound, round_over_disks};
     #[pymodule_export]
     use super::run::PyRun;
     #[pymodule_export]

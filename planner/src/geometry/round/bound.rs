@@ -91,33 +91,22 @@ fn by_orders_m(field: &Field, known_m: f64, effort: Effort, stop: &StopRequest) 
         };
         let stops = order.points.len();
         // Of the two directions of a closed round one is enough.
-        let is_symmetric = field.is_closed && stops <= 2;
-        let legs = if is_symmetric { 1 } else { stops };
-        for leg in 0..legs {
-            let mut disks = order.disks.clone();
-            let place = leg + 1 - field.fixed();
-            disks.insert(place, disk);
+        let legs = if field.is_closed && stops <= 2 { 1 } else { stops };
+        let behind = (0..legs).map(|leg| {
             let to = order.points.get(leg + 1).or(field.is_closed.then(|| &order.points[0]));
-            let mut points = order.points.clone();
-            points.insert(leg + 1, field.touch(disk, &order.points[leg], to).1);
-            let mut child = evaluate(field, disks, Some(points));
-            child.bound_m = child.bound_m.max(order.bound_m);
+            (leg + 1, field.touch(disk, &order.points[leg], to).1)
+        });
+        let may_begin = !field.is_closed && field.start.is_none();
+        let first = may_begin.then(|| (0, field.touch(disk, &order.points[0], None).1));
+        for (place, point) in behind.chain(first) {
+            let (mut disks, mut points) = (order.disks.clone(), order.points.clone());
+            disks.insert(place - field.fixed(), disk);
+            points.insert(place, point);
+            let mut further = evaluate(field, disks, Some(points));
+            further.bound_m = further.bound_m.max(order.bound_m);
             evaluated += 1;
-            if child.bound_m < known_m * (1.0 - ROUNDING) {
-                heap.push(child);
-            }
-        }
-        // An open round without a start may begin with the disk, too.
-        if !field.is_closed && field.start.is_none() {
-            let mut disks = order.disks.clone();
-            disks.insert(0, disk);
-            let mut points = order.points.clone();
-            points.insert(0, field.touch(disk, &order.points[0], None).1);
-            let mut child = evaluate(field, disks, Some(points));
-            child.bound_m = child.bound_m.max(order.bound_m);
-            evaluated += 1;
-            if child.bound_m < known_m * (1.0 - ROUNDING) {
-                heap.push(child);
+            if further.bound_m < known_m * (1.0 - ROUNDING) {
+                heap.push(further);
             }
         }
     }
@@ -171,14 +160,12 @@ fn evaluate(field: &Field, disks: Vec<u32>, points: Option<Vec<Position>>) -> Or
     let at_centres = || field.start.into_iter().chain(disks.iter().map(|&disk| field.cover.centres[disk as usize]));
     let mut points = points.unwrap_or_else(|| at_centres().collect());
     descend(field, &disks, &mut points);
-    let mut bound_m = dual_m(field, &disks, &points);
-    if bound_m < length_m(field, &points) * (1.0 - GAP) {
-        if let Some(better) = cone::points(field, &disks) {
-            let by_cone_m = dual_m(field, &disks, &better);
-            if by_cone_m > bound_m {
-                (points, bound_m) = (better, by_cone_m);
-            }
-        }
+    let mut bound_m = dual_m(field, &disks, &points[0], &directions(field, &points));
+    if bound_m < length_m(field, &points) * (1.0 - GAP)
+        && let Some(shortest) = cone::shortest(field, &disks)
+    {
+        bound_m = bound_m.max(dual_m(field, &disks, &shortest.points[0], &shortest.directions));
+        points = shortest.points;
     }
     Order { disks, points, bound_m: bound_m * (1.0 - ROUNDING) }
 }
@@ -198,7 +185,8 @@ fn descend(field: &Field, disks: &[u32], points: &mut [Position]) {
         for index in fixed..stops {
             let before = if index > 0 { Some(index - 1) } else { field.is_closed.then(|| stops - 1) };
             let after = if index + 1 < stops { Some(index + 1) } else { field.is_closed.then_some(0) };
-            let [before, after] = [before, after].map(|other| other.filter(|&other| other != index).map(|other| points[other]));
+            let [before, after] =
+                [before, after].map(|other| other.filter(|&other| other != index).map(|other| points[other]));
             let disk = disks[index - fixed];
             let point = match (before, after) {
                 (Some(before), Some(after)) => field.turning_point(disk, &before, &after),
@@ -214,57 +202,40 @@ fn descend(field: &Field, disks: &[u32], points: &mut [Position]) {
     }
 }
 
-/// A lower bound on the length of every path that touches `disks` in this order [m].
+/// The directions of the legs; where points lie together, that between the legs before and after.
+fn directions(field: &Field, points: &[Position]) -> Vec<Vector2<f64>> {
+    let stops = points.len();
+    let legs = if field.is_closed { stops } else { stops - 1 };
+    let direction = |leg: usize| {
+        let vector = points[(leg + 1) % stops] - points[leg];
+        if vector.norm() > 1e-7 * field.inner_m { vector.normalize() } else { Vector2::zeros() }
+    };
+    let found: Vec<Vector2<f64>> = (0..legs).map(direction).collect();
+    let between = |leg: usize| match found[leg] {
+        none if none == Vector2::zeros() => (found[(leg + legs - 1) % legs] + found[(leg + 1) % legs]) / 2.0,
+        direction => direction,
+    };
+    (0..legs).map(between).collect()
+}
+
+/// A lower bound on the length of every path that touches `disks` in this order [m], from `first` if it has a start.
 ///
 /// For any vectors `u_k` no longer than 1, one for each leg, the length is at least `Σ u_k · (p_{k+1} − p_k)`, whose least
 /// value over the points is `Σ c_k · g_k − r ‖g_k‖` with `g_k = u_{k−1} − u_k`. The directions of the shortest path make
-/// them equal. Where points lie together, the direction of the leg between them is chosen.
-fn dual_m(field: &Field, disks: &[u32], points: &[Position]) -> f64 {
-    let stops = points.len();
-    let legs = if field.is_closed { stops } else { stops - 1 };
-    let vector = |leg: usize| points[(leg + 1) % stops] - points[leg];
-    let least_m = 1e-7 * field.inner_m;
-    let mut directions: Vec<Option<Vector2<f64>>> = (0..legs)
-        .map(|leg| Some(vector(leg)).filter(|vector| vector.norm() > least_m).map(|vector| vector.normalize()))
-        .collect();
-    for leg in 0..legs {
-        if directions[leg].is_some() {
-            continue;
-        }
-        let neighbour = |step: usize| {
-            let other = (leg + step) % legs;
-            let is_joined = field.is_closed || other.abs_diff(leg) == 1;
-            if is_joined { directions[other] } else { None }
-        };
-        let [into, out] = [neighbour(legs - 1), neighbour(1)].map(|vector| vector.unwrap_or_else(Vector2::zeros));
-        let normal = |stop: usize| {
-            let disk = stop.checked_sub(field.fixed()).map(|index| field.cover.centres[disks[index] as usize]);
-            disk.map_or_else(Vector2::zeros, |centre| points[stop] - centre)
-        };
-        let [one, other] = [normal(leg), normal((leg + 1) % stops)];
-        // out − into = a one + b other; in between, into + a one.
-        let across = one.x * other.y - one.y * other.x;
-        let turn = out - into;
-        let a = (turn.x * other.y - turn.y * other.x) / across;
-        let between = if a.is_finite() { into + one * a } else { (into + out) / 2.0 };
-        directions[leg] = Some(between / between.norm().max(1.0));
-    }
-    let direction = |leg: usize| directions[leg].expect("all have one");
-    let zero = Vector2::zeros();
-    let mut bound_m = 0.0;
-    for stop in 0..stops {
-        let into = if stop > 0 { direction(stop - 1) } else if field.is_closed { direction(legs - 1) } else { zero };
-        let out = if stop < legs { direction(stop) } else { zero };
-        let turn = into - out;
-        bound_m += match stop.checked_sub(field.fixed()) {
-            None => points[stop].coords.dot(&turn),
-            Some(index) => {
-                let centre = field.cover.centres[disks[index] as usize];
-                centre.coords.dot(&turn) - field.cover.radius_m * turn.norm()
-            }
-        };
-    }
-    bound_m
+/// them equal.
+fn dual_m(field: &Field, disks: &[u32], first: &Position, directions: &[Vector2<f64>]) -> f64 {
+    let fixed = field.fixed();
+    let turn = |stop: usize| {
+        let before = if stop > 0 { stop.checked_sub(1) } else { field.is_closed.then(|| directions.len() - 1) };
+        let [into, out] = [before, Some(stop)].map(|leg| leg.and_then(|leg| directions.get(leg)).copied());
+        into.unwrap_or_default() - out.unwrap_or_default()
+    };
+    let least_m = |(index, &disk): (usize, &u32)| {
+        let turn = turn(index + fixed);
+        field.cover.centres[disk as usize].coords.dot(&turn) - field.cover.radius_m * turn.norm()
+    };
+    let from_start_m = if fixed > 0 { first.coords.dot(&turn(0)) } else { 0.0 };
+    from_start_m + disks.iter().enumerate().map(least_m).sum::<f64>()
 }
 
 /// The best bound of 1-trees over spread subsets.

@@ -4,6 +4,7 @@
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus, SupportedConeT};
+use nalgebra::Vector2;
 use skysink_common::geometry::Position;
 
 use super::stops::Field;
@@ -11,11 +12,17 @@ use super::stops::Field;
 /// Rows of a cone: a bound, and a vector that is no longer.
 const ROWS: usize = 3;
 
+/// A solution: points, and for each leg a vector no longer than 1, which bounds the length from below.
+pub struct Shortest {
+    pub points: Vec<Position>,
+    pub directions: Vec<Vector2<f64>>,
+}
+
 /// The points of the disks `order`, after the start if there is one; `None` if Clarabel does not solve it.
 ///
 /// Minimises `Σ t_k` with `‖p_{k+1} − p_k‖ ≤ t_k` for each leg, and `‖p_k − c_k‖ ≤ r` for each disk. Lengths are relative
 /// to the first centre, and in units of the largest distance to it.
-pub fn points(field: &Field, order: &[u32]) -> Option<Vec<Position>> {
+pub fn shortest(field: &Field, order: &[u32]) -> Option<Shortest> {
     let fixed = field.fixed();
     let stops = fixed + order.len();
     if order.is_empty() || stops < 2 {
@@ -69,10 +76,15 @@ pub fn points(field: &Field, order: &[u32]) -> Option<Vec<Position>> {
     (solution.status == SolverStatus::Solved).then(|| {
         let free = solution.x[..2 * order.len()].chunks(2).zip(order).map(|(point, &disk)| {
             // An interior-point solution may lie a little outside.
-            let away = origin + nalgebra::Vector2::new(point[0], point[1]) * unit_m - centre(disk);
+            let away = origin + Vector2::new(point[0], point[1]) * unit_m - centre(disk);
             centre(disk) + away * (field.inner_m / away.norm().max(f64::MIN_POSITIVE)).min(1.0)
         });
-        field.start.into_iter().chain(free).collect()
+        // The dual cone of a leg is (1, −u).
+        let directions = solution.z[..ROWS * legs].chunks(ROWS).map(|cone| {
+            let vector = -Vector2::new(cone[1], cone[2]);
+            vector / vector.norm().max(1.0)
+        });
+        Shortest { points: field.start.into_iter().chain(free).collect(), directions: directions.collect() }
     })
 }
 

@@ -2,6 +2,9 @@
 
 use skysink_common::geometry::{Position, distance_squared};
 
+/// Least radius, as a fraction of the larger side of the field.
+const LEAST_RADIUS: f64 = 1e-9;
+
 /// Most columns or rows of the grid.
 const MOST_CELLS: f64 = 1_000.0;
 
@@ -11,7 +14,7 @@ pub struct Cover {
     pub centres: Vec<Position>,
     /// Which of the given disks each is.
     pub ids: Vec<u32>,
-    /// Within this distance a disk is touched [m].
+    /// Within this distance a disk is touched [m]; above 0, so that points are touched whatever the rounding.
     pub radius_m: f64,
     lowest: Position,
     cell_m: f64,
@@ -46,12 +49,15 @@ impl Cover {
         for cell in 0..columns * rows {
             begins[cell + 1] += begins[cell];
         }
+        let radius_m = radius_m.max(LEAST_RADIUS * sides.max());
         Self { centres: sorted, ids, radius_m, lowest, cell_m, columns, rows, begins }
     }
 
-    /// Adds `change` to the counts of the disks that the leg from `from` to `to` touches; modulo 2^16, so that
-    /// `u16::MAX` takes one away.
-    pub fn count(&self, counts: &mut [u16], from: &Position, to: &Position, change: u16) {
+    /// Adds `change` to the counts of the disks that the leg between two points touches; modulo 2^16, so that `u16::MAX`
+    /// takes one away.
+    pub fn count(&self, counts: &mut [u16], one: &Position, other: &Position, change: u16) {
+        // The same disks in both directions, whatever the rounding.
+        let [from, to] = if (one.x, one.y) <= (other.x, other.y) { [one, other] } else { [other, one] };
         let cell = |at_m: f64, lowest_m: f64, most: usize| {
             (((at_m - lowest_m) / self.cell_m).max(0.0) as usize).min(most - 1) // a negative number becomes 0
         };

@@ -53,9 +53,8 @@ impl Disks<'_> {
         let field = self.field();
         let mut search = Search::new(&field, Streams::new(0).stream(Purpose::Round, 0, 0));
         let found = search.run(Round::of_one(&field), effort, stop);
-        let order: Vec<u32> =
-            found.stops.iter().map(|stop| stop.disk).filter(|&disk| disk != NO_DISK).collect();
-        let straightened = cone::points(&field, &order).map(|points| found.at(&field, points));
+        let order: Vec<u32> = found.stops.iter().map(|stop| stop.disk).filter(|&disk| disk != NO_DISK).collect();
+        let straightened = cone::shortest(&field, &order).map(|shortest| found.at(&field, shortest.points));
         let shorter = straightened.filter(|round| round.is_whole() && round.length_m < found.length_m);
         let round = shorter.unwrap_or(found);
         DiskRound {
@@ -78,50 +77,4 @@ impl Disks<'_> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use std::time::Duration;
-
-    #[test]
-    #[ignore]
-    fn try_instances() {
-        let text = std::fs::read_to_string("/tmp/cetsp.txt").unwrap();
-        let seconds: f64 = std::env::var("S").unwrap().parse().unwrap();
-        let only = std::env::var("O").unwrap_or_default();
-        let mut sum = vec![];
-        for block in text.split("\n\n").filter(|block| !block.trim().is_empty()) {
-            let mut lines = block.trim().lines();
-            let head: Vec<&str> = lines.next().unwrap().split(' ').collect();
-            if !head[0].contains(&only) { continue; }
-            let number = |text: &str| text.parse::<f64>().unwrap();
-            let start = Position::new(number(head[2]), number(head[3]));
-            let centres: Vec<Position> = lines
-                .map(|line| {
-                    let (x, y) = line.split_once(' ').unwrap();
-                    Position::new(number(x), number(y))
-                })
-                .collect();
-            let disks = Disks { centres: &centres, radius_m: number(head[1]), start: Some(start), is_closed: true };
-            let begin = std::time::Instant::now();
-            let effort = if seconds > 100.0 { Effort::Steps(seconds as u64) } else { Effort::Time(Duration::from_secs_f64(seconds)) };
-            let round = disks.round(effort, &Stop::default());
-            let worst = centres.iter().map(|centre| {
-                let legs = (0..round.points.len()).map(|i| {
-                    let (a, b) = (round.points[i], round.points[(i + 1) % round.points.len()]);
-                    cover::distance_to_leg_squared(centre, &a, &b).sqrt()
-                });
-                legs.fold(f64::INFINITY, f64::min)
-            }).fold(0.0, f64::max) / disks.radius_m;
-            let ratio = round.length_m / number(head[4]);
-            let took = begin.elapsed().as_secs_f64();
-            let begin = std::time::Instant::now();
-            let bound = disks.bound_m(round.length_m, effort, &Stop::default());
-            println!("{:22} n {:5} stops {:4} ratio {:.4} bound {:.4} worst {:.9} {:.2} s {:.2} s", head[0], centres.len(), round.points.len(), ratio, bound / number(head[4]), worst, took, begin.elapsed().as_secs_f64());
-            assert!(bound <= number(head[4]) * 1.0000001);
-            assert!(worst <= 1.0);
-            sum.push(ratio);
-        }
-        sum.sort_by(f64::total_cmp);
-        println!("median {:.4} mean {:.4} worst {:.4}", sum[sum.len()/2], sum.iter().sum::<f64>()/sum.len() as f64, sum[sum.len()-1]);
-    }
-}
+mod tests;

@@ -12,7 +12,7 @@ use skysink_common::random::{below, fraction};
 use skysink_common::stop::Stop as StopRequest;
 
 use super::cover::distance_to_leg_squared;
-use super::stops::{Field, NO_DISK, Round};
+use super::stops::{Field, Round};
 
 /// Temperature at the beginning and at the end, in mean legs; a long search begins hotter.
 const HOT: f64 = 0.3;
@@ -112,9 +112,9 @@ impl<'a> Search<'a> {
             }
         }
         let mut polished = best.clone();
-        let last = polished.stops.len().saturating_sub(1);
-        if last >= field.fixed() {
-            polished.relax(field, field.fixed(), last, 400);
+        let stops = polished.stops.len();
+        if stops > field.fixed() {
+            polished.relax(field, field.fixed(), stops - 1, 400);
             self.recreate(&mut polished, f64::INFINITY);
         }
         if polished.length_m < best.length_m { polished } else { best }
@@ -156,7 +156,14 @@ impl<'a> Search<'a> {
             let may_descend = *times < 4 && insertions <= 40 + 4 * whole.max(self.open.len());
             insertions += 1;
             let (leg, point) = self.best_leg(round, disk);
-            round.insert(self.field, leg, disk, point, if may_descend { 2 } else { 0 }, if may_descend { 2 } else { 0 });
+            round.insert(
+                self.field,
+                leg,
+                disk,
+                point,
+                if may_descend { 2 } else { 0 },
+                if may_descend { 2 } else { 0 },
+            );
         }
     }
 
@@ -173,7 +180,8 @@ impl<'a> Search<'a> {
                 (from, Some(to)) => distance_to_leg_squared(centre(disk), from, to),
                 (from, None) => (centre(disk) - from).norm_squared(),
             };
-            let nearest_m2 = |disk| (0..round.stops.len()).map(|leg| to_leg_m2(disk, leg)).fold(f64::INFINITY, f64::min);
+            let nearest_m2 =
+                |disk| (0..round.stops.len()).map(|leg| to_leg_m2(disk, leg)).fold(f64::INFINITY, f64::min);
             return by(&nearest_m2);
         }
         match below(random, 6) {
@@ -234,26 +242,18 @@ impl<'a> Search<'a> {
         (best.1, best.2)
     }
 
-    /// Takes out stops that have changed, or whose neighbours have, and whose disk another leg touches.
+    /// Takes out stops that have changed, or whose neighbours have, and whose disk another leg touches, unless that opens
+    /// another disk.
     fn leave_out(&self, round: &mut Round) {
-        let mut index = self.field.fixed();
-        while index < round.stops.len() && round.stops.len() > 1 {
+        let mut index = 1;
+        while index < round.stops.len() {
             let stop = round.stops[index];
-            if stop.is_dirty && stop.disk != NO_DISK && round.counts[stop.disk as usize] > 2 {
+            if stop.is_dirty && round.counts[stop.disk as usize] > 2 {
                 round.remove(self.field, index, index + 1);
                 if round.is_whole() {
                     continue;
                 }
-                let before = (index + round.stops.len() - 1) % round.stops.len();
-                let leg = if index == 0 { round.stops.len() - 1 } else { before };
-                if index == 0 {
-                    // The stop was the first: put it back as the last, which is the same round if it is closed.
-                    if self.field.is_closed {
-                        round.insert(self.field, leg, stop.disk, stop.point, 0, 0);
-                    }
-                } else {
-                    round.insert(self.field, leg, stop.disk, stop.point, 0, 0);
-                }
+                round.insert(self.field, index - 1, stop.disk, stop.point, 0, 0);
             }
             index += 1;
         }
@@ -269,11 +269,11 @@ impl<'a> Search<'a> {
             }
             let low = index.saturating_sub(3).max(self.field.fixed());
             let mut high = index;
-            while let Some(next) = (high + 1..=(high + 3).min(round.stops.len() - 1)).rev().find(|&next| round.stops[next].is_dirty) {
+            let stops = round.stops.len();
+            while let Some(next) = (high + 1..stops.min(high + 4)).rev().find(|&next| round.stops[next].is_dirty) {
                 high = next;
             }
-            let high = (high + 3).min(round.stops.len() - 1);
-            let stops = round.stops.len();
+            let high = (high + 3).min(stops - 1);
             if low <= high {
                 round.relax(self.field, low, high, 4);
             }
@@ -297,7 +297,8 @@ impl<'a> Search<'a> {
             let nearest = (fixed..round.stops.len()).min_by(|a, b| away_m2(a).total_cmp(&away_m2(b)));
             let length = 1 + below(&mut self.random, most);
             let nearest = nearest.expect("a stop that may leave");
-            let low = nearest.saturating_sub(below(&mut self.random, length)).max(fixed).min(round.stops.len() - length);
+            let low =
+                nearest.saturating_sub(below(&mut self.random, length)).max(fixed).min(round.stops.len() - length);
             round.remove(self.field, low, low + length);
         }
     }
@@ -369,7 +370,7 @@ impl<'a> Search<'a> {
         let part = 1 + below(&mut self.random, PART.min(stops - 3));
         // The part behind leg i, if it does not contain the end.
         let last = i + part;
-        let has_part = last + 1 <= stops && last < stops;
+        let has_part = last < stops;
         let cut_m = self.joined_m(round, i, after(i));
         let freed_m = if has_part {
             cut_m + self.joined_m(round, last, after(last)) - self.joined_m(round, i, after(last))
@@ -383,8 +384,8 @@ impl<'a> Search<'a> {
             }
             let [low, high] = [i.min(j), i.max(j)];
             let base_m = self.joined_m(round, j, after(j));
-            let crossed_m = (round.stops[high].point - round.stops[low].point).norm()
-                + self.joined_m(round, low + 1, after(high));
+            let crossed_m =
+                (round.stops[high].point - round.stops[low].point).norm() + self.joined_m(round, low + 1, after(high));
             let mut offer = |change_m: f64, exchange: Exchange| {
                 if change_m < best.0 {
                     best = (change_m, j, exchange);

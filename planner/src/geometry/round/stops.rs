@@ -116,7 +116,8 @@ impl Round {
     /// A round of one stop: the start, or the disk farthest from the middle.
     pub fn of_one(field: &Field) -> Self {
         let centres = &field.cover.centres;
-        let middle = centres.iter().fold(Vector2::zeros(), |sum, centre| sum + centre.coords) / centres.len().max(1) as f64;
+        let middle =
+            centres.iter().fold(Vector2::zeros(), |sum, centre| sum + centre.coords) / centres.len().max(1) as f64;
         let away_m2 = |&disk: &usize| (centres[disk].coords - middle).norm_squared();
         let farthest = (0..centres.len()).max_by(|a, b| away_m2(a).total_cmp(&away_m2(b)));
         let first = match (field.start, farthest) {
@@ -128,16 +129,6 @@ impl Round {
         if let Some(stop) = first {
             field.cover.count(&mut round.counts, &stop.point, &stop.point, 1);
         }
-        round
-    }
-
-    /// A round of these disks in this order, at their centres.
-    pub fn of_order(field: &Field, order: impl Iterator<Item = u32>) -> Self {
-        let start = field.start.map(|point| Stop { point, disk: NO_DISK, is_dirty: true });
-        let at_centre = |disk: u32| Stop { point: field.cover.centres[disk as usize], disk, is_dirty: true };
-        let stops: Vec<Stop> = start.into_iter().chain(order.map(at_centre)).collect();
-        let mut round = Self { stops, counts: vec![0; field.cover.centres.len()], length_m: 0.0 };
-        round.count_legs(field, 0, round.stops.len(), 1);
         round
     }
 

@@ -1,0 +1,70 @@
+"""Rounds over disks on instances of the close-enough travelling salesman problem, against the best known tours.
+
+    python python/benchmarks/cetsp.py instances.json                 # a second for each round, and one for its bound
+    python python/benchmarks/cetsp.py instances.json --seconds 0.1 --only rat195
+
+The file maps names to instances: {"name": {"radius": 10, "depot": [x, y], "nodes": [[x, y], ...], "best": length}}, where
+best is the length of the best known closed tour. None comes with Skysink: docs/src/rounds.md says where they are published.
+The exit code is 1 if a round misses a disk, or if a bound is above a best known tour.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+from statistics import mean, median
+from typing import Any
+
+import numpy as np
+import skysink
+
+ROUNDED = 1e-5  # the best known lengths are rounded
+
+
+def missed(instance: dict[str, Any], points: np.ndarray) -> float:
+    """How far the disk that is farthest from the closed path lies beyond its radius, in radii."""
+    begin, to = points, np.roll(points, -1, axis=0)
+    along = to - begin
+    squares = np.maximum((along**2).sum(axis=1), 1e-300)
+    worst = 0.0
+    for centre in np.asarray(instance["nodes"]):
+        fraction = np.clip(((centre - begin) * along).sum(axis=1) / squares, 0.0, 1.0)
+        away = np.linalg.norm(begin + fraction[:, None] * along - centre, axis=1).min()
+        worst = max(worst, away / instance["radius"] - 1.0)
+    return worst
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("file", type=Path)
+    parser.add_argument("--seconds", type=float, default=1.0, help="for the round, and for the bound")
+    parser.add_argument("--only", default="", help="instances whose names contain this")
+    arguments = parser.parse_args()
+    instances = {name: one for name, one in json.loads(arguments.file.read_text()).items() if arguments.only in name}
+    print("| instance | disks | points | length ÷ best known | bound ÷ best known | time [s] |\n|---|---|---|---|---|---|")
+    ratios, bounds, failed = [], [], []
+    for name, one in sorted(instances.items()):
+        begin = time.perf_counter()
+        found = skysink.round_over_disks(np.array(one["nodes"], float), one["radius"], one["depot"], seconds=arguments.seconds)
+        took = time.perf_counter() - begin
+        ratio, bound = found.length_m / one["best"], found.bound_m / one["best"]
+        print(f"| {name} | {len(one['nodes'])} | {len(found.order)} | {ratio:.4f} | {bound:.4f} | {took:.2f} |", flush=True)
+        ratios.append(ratio)
+        bounds.append(bound)
+        if missed(one, found.points_m) > 1e-9 or bound > 1.0 + ROUNDED:
+            failed.append(name)
+    if not ratios:
+        print(f"no instance of {arguments.file} has {arguments.only!r} in its name", file=sys.stderr)
+        return 1
+    print(f"\nlength: median {median(ratios):.4f}, mean {mean(ratios):.4f}, worst {max(ratios):.4f}")
+    print(f"bound: median {median(bounds):.3f}, mean {mean(bounds):.3f}, least {min(bounds):.3f}")
+    for name in failed:
+        print(f"{name}: a disk is missed, or the bound is above the best known tour", file=sys.stderr)
+    return int(bool(failed))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
