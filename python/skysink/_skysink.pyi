@@ -299,7 +299,9 @@ class DiskRound:
 
     @property
     def bound_m(self) -> float:
-        """A lower bound on the length of every such path [m]."""
+        """A lower bound on the length of every such path [m]; equal to ``length_m`` within 1e-6 of it if none is
+        shorter.
+        """
 
 @final
 class Table:
@@ -397,7 +399,7 @@ def simulate(
 def round_over_disks(
     positions_m: ArrayLike,
     radius_m: float,
-    start_m: tuple[float, float] | NDArray[np.float64] | None = None,
+    start_m: Sequence[float] | NDArray[np.float64] | None = None,
     *,
     closed: bool = True,
     seconds: float | None = None,

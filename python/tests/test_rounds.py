@@ -67,8 +67,9 @@ def test_none_and_one_disk_have_a_round() -> None:
     ],
 )
 def test_what_is_no_round_is_refused(arguments: dict[str, Any], message: str) -> None:
+    settings: dict[str, Any] = {"positions_m": POSITIONS, "radius_m": 5.0} | arguments
     with pytest.raises(skysink.InputError, match=message):
-        skysink.round_over_disks(**({"positions_m": POSITIONS, "radius_m": 5.0} | arguments))
+        skysink.round_over_disks(**settings)
 
 
 def test_ctrl_c_ends_a_long_search() -> None:
