@@ -6,7 +6,7 @@ use numpy::ndarray::Array2;
 use numpy::{AllowTypeChange, IntoPyArray, PyArray1, PyArray2, PyArrayLike2};
 use pyo3::prelude::*;
 use skysink_common::geometry::Position;
-use skysink_planner::geometry::round::{Disks, Effort};
+use skysink_planner::geometry::round::{Disks, RoundEffort};
 
 use crate::errors::refused;
 use crate::field::read_only;
@@ -72,14 +72,14 @@ pub fn round_over_disks(
         return Err(refused(format!("radius_m = {radius_m}: expected 0 to 1e9")));
     }
     let effort = match (seconds, steps) {
-        (None, Some(steps)) => Effort::Steps(steps),
+        (None, Some(steps)) => RoundEffort::Steps(steps),
         (Some(_), Some(_)) => return Err(refused("seconds and steps: expected one of them")),
         (seconds, None) => {
             let seconds = seconds.unwrap_or(1.0);
             if !(0.0..=1e6).contains(&seconds) {
                 return Err(refused(format!("seconds = {seconds}: expected 0 to 1e6")));
             }
-            Effort::Time(Duration::from_secs_f64(seconds))
+            RoundEffort::Time(Duration::from_secs_f64(seconds))
         }
     };
     let centres: Vec<Position> = centres.into_iter().map(Position::from).collect();

@@ -12,12 +12,12 @@ use std::time::Instant;
 
 use nalgebra::Vector2;
 use skysink_common::geometry::Position;
-use skysink_common::stop::Stop as StopRequest;
+use skysink_common::stop::Stop;
 
 use super::cone;
 use super::cover::distance_to_leg_squared;
-use super::search::Effort;
-use super::stops::Field;
+use super::search::RoundEffort;
+use super::stops::DiskField;
 
 /// Margin against rounding.
 const ROUNDING: f64 = 1e-9;
@@ -64,22 +64,22 @@ impl Ord for Order {
 }
 
 /// A lower bound on the length of every round [m], of which one is `known_m` long; at most that.
-pub fn bound_m(field: &Field, known_m: f64, effort: Effort, stop: &StopRequest) -> f64 {
+pub fn bound_m(field: &DiskField, known_m: f64, effort: RoundEffort, stop: &Stop) -> f64 {
     let by_trees_m = if field.is_closed { by_trees_m(field, known_m, stop) } else { 0.0 };
     let by_orders_m = if by_trees_m < known_m { by_orders_m(field, known_m, effort, stop) } else { 0.0 };
     by_trees_m.max(by_orders_m).min(known_m)
 }
 
 /// The bound of branch and bound; a step evaluates an order.
-fn by_orders_m(field: &Field, known_m: f64, effort: Effort, stop: &StopRequest) -> f64 {
+fn by_orders_m(field: &DiskField, known_m: f64, effort: RoundEffort, stop: &Stop) -> f64 {
     let begin = Instant::now();
     let mut evaluated = 0u64;
     let mut heap = BinaryHeap::new();
     heap.extend(first_order(field).map(|disks| evaluate(field, disks, None)));
     while let Some(order) = heap.peek() {
         let is_over = match effort {
-            Effort::Steps(steps) => evaluated >= steps,
-            Effort::Time(time) => begin.elapsed() >= time,
+            RoundEffort::Steps(steps) => evaluated >= steps,
+            RoundEffort::Time(time) => begin.elapsed() >= time,
         };
         if is_over || stop.requested().is_some() || order.bound_m >= known_m {
             return order.bound_m.min(known_m);
@@ -114,7 +114,7 @@ fn by_orders_m(field: &Field, known_m: f64, effort: Effort, stop: &StopRequest) 
 }
 
 /// The disks of the first order: the one farthest from the start, or the one farthest from the middle.
-fn first_order(field: &Field) -> Option<Vec<u32>> {
+fn first_order(field: &DiskField) -> Option<Vec<u32>> {
     let centres = &field.cover.centres;
     let middle = centres.iter().fold(Vector2::zeros(), |sum, centre| sum + centre.coords) / centres.len().max(1) as f64;
     let from = field.start.unwrap_or(middle.into());
@@ -124,7 +124,7 @@ fn first_order(field: &Field) -> Option<Vec<u32>> {
 }
 
 /// The disk that the path does not touch, and whose cheapest insertion costs most.
-fn next_disk(field: &Field, order: &Order) -> Option<u32> {
+fn next_disk(field: &DiskField, order: &Order) -> Option<u32> {
     let stops = order.points.len();
     let leg = |leg: usize| {
         let to = order.points.get(leg + 1).or(field.is_closed.then(|| &order.points[0]));
@@ -156,7 +156,7 @@ fn next_disk(field: &Field, order: &Order) -> Option<u32> {
 }
 
 /// An order with its points, from these on, and its bound.
-fn evaluate(field: &Field, disks: Vec<u32>, points: Option<Vec<Position>>) -> Order {
+fn evaluate(field: &DiskField, disks: Vec<u32>, points: Option<Vec<Position>>) -> Order {
     let at_centres = || field.start.into_iter().chain(disks.iter().map(|&disk| field.cover.centres[disk as usize]));
     let mut points = points.unwrap_or_else(|| at_centres().collect());
     descend(field, &disks, &mut points);
@@ -170,14 +170,14 @@ fn evaluate(field: &Field, disks: Vec<u32>, points: Option<Vec<Position>>) -> Or
     Order { disks, points, bound_m: bound_m * (1.0 - ROUNDING) }
 }
 
-fn length_m(field: &Field, points: &[Position]) -> f64 {
+fn length_m(field: &DiskField, points: &[Position]) -> f64 {
     let legs: f64 = points.windows(2).map(|leg| (leg[1] - leg[0]).norm()).sum();
     let back = if field.is_closed { (points[0] - points[points.len() - 1]).norm() } else { 0.0 };
     legs + back
 }
 
 /// Moves each point to where the path between its neighbours is shortest.
-fn descend(field: &Field, disks: &[u32], points: &mut [Position]) {
+fn descend(field: &DiskField, disks: &[u32], points: &mut [Position]) {
     let stops = points.len();
     let fixed = field.fixed();
     for _ in 0..SWEEPS {
@@ -203,7 +203,7 @@ fn descend(field: &Field, disks: &[u32], points: &mut [Position]) {
 }
 
 /// The directions of the legs; where points lie together, that between the legs before and after.
-fn directions(field: &Field, points: &[Position]) -> Vec<Vector2<f64>> {
+fn directions(field: &DiskField, points: &[Position]) -> Vec<Vector2<f64>> {
     let stops = points.len();
     let legs = if field.is_closed { stops } else { stops - 1 };
     let direction = |leg: usize| {
@@ -223,7 +223,7 @@ fn directions(field: &Field, points: &[Position]) -> Vec<Vector2<f64>> {
 /// For any vectors `u_k` no longer than 1, one for each leg, the length is at least `Σ u_k · (p_{k+1} − p_k)`, whose least
 /// value over the points is `Σ c_k · g_k − r ‖g_k‖` with `g_k = u_{k−1} − u_k`. The directions of the shortest path make
 /// them equal.
-fn dual_m(field: &Field, disks: &[u32], first: &Position, directions: &[Vector2<f64>]) -> f64 {
+fn dual_m(field: &DiskField, disks: &[u32], first: &Position, directions: &[Vector2<f64>]) -> f64 {
     let fixed = field.fixed();
     let turn = |stop: usize| {
         let before = if stop > 0 { stop.checked_sub(1) } else { field.is_closed.then(|| directions.len() - 1) };
@@ -239,7 +239,7 @@ fn dual_m(field: &Field, disks: &[u32], first: &Position, directions: &[Vector2<
 }
 
 /// The best bound of 1-trees over spread subsets.
-fn by_trees_m(field: &Field, known_m: f64, stop: &StopRequest) -> f64 {
+fn by_trees_m(field: &DiskField, known_m: f64, stop: &Stop) -> f64 {
     let spread = spread(field);
     let mut best_m = 0.0f64;
     let mut count = 3.0;
@@ -255,7 +255,7 @@ fn by_trees_m(field: &Field, known_m: f64, stop: &StopRequest) -> f64 {
 }
 
 /// Nodes of the 1-trees, the start or a disk first, then each farthest from those before: centre and radius.
-fn spread(field: &Field) -> Vec<(Position, f64)> {
+fn spread(field: &DiskField) -> Vec<(Position, f64)> {
     let radius_m = field.cover.radius_m;
     let mut left: Vec<(f64, Position)> = field.cover.centres.iter().map(|centre| (f64::INFINITY, *centre)).collect();
     let mut nodes = Vec::new();
@@ -281,7 +281,7 @@ fn spread(field: &Field) -> Vec<(Position, f64)> {
 }
 
 /// The ascent over these nodes [m].
-fn ascent_m(field: &Field, nodes: &[(Position, f64)], known_m: f64) -> f64 {
+fn ascent_m(field: &DiskField, nodes: &[(Position, f64)], known_m: f64) -> f64 {
     debug_assert!(field.is_closed && nodes.len() >= 3);
     let count = nodes.len();
     let leg_m = |a: usize, b: usize| ((nodes[a].0 - nodes[b].0).norm() - nodes[a].1 - nodes[b].1).max(0.0);

@@ -7,7 +7,7 @@ use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus, S
 use nalgebra::Vector2;
 use skysink_common::geometry::Position;
 
-use super::stops::Field;
+use super::stops::DiskField;
 
 /// Rows of a cone: a bound, and a vector that is no longer.
 const ROWS: usize = 3;
@@ -22,7 +22,7 @@ pub struct Shortest {
 ///
 /// Minimises `Σ t_k` with `‖p_{k+1} − p_k‖ ≤ t_k` for each leg, and `‖p_k − c_k‖ ≤ r` for each disk. Lengths are relative
 /// to the first centre, and in units of the largest distance to it.
-pub fn shortest(field: &Field, order: &[u32]) -> Option<Shortest> {
+pub fn shortest(field: &DiskField, order: &[u32]) -> Option<Shortest> {
     let fixed = field.fixed();
     let stops = fixed + order.len();
     if order.is_empty() || stops < 2 {

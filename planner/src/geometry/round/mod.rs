@@ -2,15 +2,17 @@
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`cover`] | which disks a leg touches |
-//! | [`stops`] | the list of stops, and their points |
-//! | [`search`] | ruin and recreate |
-//! | [`cone`] | the best points of an order, by Clarabel |
-//! | [`bound`] | lower bounds on the length of every round |
+//! | `cover` | which disks a leg touches |
+//! | `stops` | the list of stops, and their points |
+//! | `search` | ruin and recreate |
+//! | `exchange` | parts of a round that change places |
+//! | `cone` | the best points of an order, by Clarabel |
+//! | `bound` | lower bounds on the length of every round |
 
 mod bound;
 mod cone;
 mod cover;
+mod exchange;
 mod search;
 mod stops;
 
@@ -18,9 +20,9 @@ use skysink_common::geometry::Position;
 use skysink_common::random::{Purpose, Streams};
 use skysink_common::stop::Stop;
 
-pub use search::Effort;
-use search::Search;
-use stops::{Field, NO_DISK, Round};
+pub use search::RoundEffort;
+use search::RoundSearch;
+use stops::{DiskField, Itinerary, NO_DISK};
 
 /// What a round has to touch.
 #[derive(Debug, Clone, Copy)]
@@ -49,10 +51,10 @@ pub struct DiskRound {
 impl Disks<'_> {
     /// A short round; deterministic if the effort is in steps. `stop` ends the search.
     #[must_use]
-    pub fn round(&self, effort: Effort, stop: &Stop) -> DiskRound {
+    pub fn round(&self, effort: RoundEffort, stop: &Stop) -> DiskRound {
         let field = self.field();
-        let mut search = Search::new(&field, Streams::new(0).stream(Purpose::Round, 0, 0));
-        let found = search.run(Round::of_one(&field), effort, stop);
+        let mut search = RoundSearch::new(&field, Streams::new(0).stream(Purpose::Round, 0, 0));
+        let found = search.run(Itinerary::of_one(&field), effort, stop);
         let order: Vec<u32> = found.stops.iter().map(|stop| stop.disk).filter(|&disk| disk != NO_DISK).collect();
         let straightened = cone::shortest(&field, &order).map(|shortest| found.at(&field, shortest.points));
         let shorter = straightened.filter(|round| round.is_whole() && round.length_m < found.length_m);
@@ -67,12 +69,12 @@ impl Disks<'_> {
     /// A lower bound on the length of every round [m], if one of `known_m` is known. A step evaluates an order of some of
     /// the disks.
     #[must_use]
-    pub fn bound_m(&self, known_m: f64, effort: Effort, stop: &Stop) -> f64 {
+    pub fn bound_m(&self, known_m: f64, effort: RoundEffort, stop: &Stop) -> f64 {
         bound::bound_m(&self.field(), known_m, effort, stop)
     }
 
-    fn field(&self) -> Field {
-        Field::new(self.centres, self.radius_m, self.start, self.is_closed)
+    fn field(&self) -> DiskField {
+        DiskField::new(self.centres, self.radius_m, self.start, self.is_closed)
     }
 }
 

@@ -9,10 +9,10 @@ use std::time::{Duration, Instant};
 use rand_chacha::ChaCha8Rng;
 use skysink_common::geometry::Position;
 use skysink_common::random::{below, fraction};
-use skysink_common::stop::Stop as StopRequest;
+use skysink_common::stop::Stop;
 
 use super::cover::distance_to_leg_squared;
-use super::stops::{Field, Round};
+use super::stops::{DiskField, Itinerary};
 
 /// Temperature at the beginning and at the end, in mean legs; a long search begins hotter.
 const HOT: f64 = 0.3;
@@ -30,9 +30,6 @@ const EXCHANGED: f64 = 0.4;
 const STRINGS: usize = 2;
 const STRING: usize = 10;
 
-/// Longest part that or-opt moves.
-const PART: usize = 8;
-
 /// Steps between two looks at the clock and the stop.
 const WATCHED: u64 = 64;
 
@@ -41,7 +38,7 @@ const FEW_STOPS: usize = 40;
 
 /// How long a search goes on.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Effort {
+pub enum RoundEffort {
     /// A number of steps: the result repeats.
     Steps(u64),
     /// A time, approximately.
@@ -49,9 +46,9 @@ pub enum Effort {
 }
 
 /// The state of a search.
-pub struct Search<'a> {
-    field: &'a Field,
-    random: ChaCha8Rng,
+pub struct RoundSearch<'a> {
+    pub(super) field: &'a DiskField,
+    pub(super) random: ChaCha8Rng,
     /// How often each disk was inserted in this step.
     inserted: Vec<u8>,
     open: Vec<u32>,
@@ -59,36 +56,36 @@ pub struct Search<'a> {
     beyond_m: Vec<f64>,
 }
 
-impl<'a> Search<'a> {
-    pub fn new(field: &'a Field, random: ChaCha8Rng) -> Self {
+impl<'a> RoundSearch<'a> {
+    pub fn new(field: &'a DiskField, random: ChaCha8Rng) -> Self {
         let inserted = vec![0; field.cover.centres.len()];
         Self { field, random, inserted, open: Vec::new(), beyond_m: Vec::new() }
     }
 
     /// The shortest round found from `first` on, which need not touch all disks. The round is whole whatever stops it.
-    pub fn run(&mut self, first: Round, effort: Effort, stop: &StopRequest) -> Round {
+    pub fn run(&mut self, first: Itinerary, effort: RoundEffort, stop: &Stop) -> Itinerary {
         let field = self.field;
         let mut current = first;
         self.complete(&mut current, f64::INFINITY);
         let mut best = current.clone();
-        let mut tried = Round::default();
+        let mut tried = Itinerary::default();
         let begin = Instant::now();
         let hot = match effort {
-            Effort::Steps(steps) if steps > LONG_STEPS => HOTTER,
-            Effort::Time(time) if time > LONG_TIME => HOTTER,
+            RoundEffort::Steps(steps) if steps > LONG_STEPS => HOTTER,
+            RoundEffort::Time(time) if time > LONG_TIME => HOTTER,
             _ => HOT,
         };
         let mut done = 0.0; // fraction of the effort
         for step in 0u64.. {
             if step.is_multiple_of(WATCHED) {
-                if let Effort::Time(time) = effort {
+                if let RoundEffort::Time(time) = effort {
                     done = begin.elapsed().as_secs_f64() / time.as_secs_f64();
                 }
                 if stop.requested().is_some() {
                     break;
                 }
             }
-            if let Effort::Steps(steps) = effort {
+            if let RoundEffort::Steps(steps) = effort {
                 done = step as f64 / steps as f64;
             }
             // Nothing to search: all in range of one point, or of one leg.
@@ -121,7 +118,7 @@ impl<'a> Search<'a> {
     }
 
     /// Makes a round whole; `false` if it becomes clearly longer than `limit_m` [m].
-    fn complete(&mut self, round: &mut Round, limit_m: f64) -> bool {
+    fn complete(&mut self, round: &mut Itinerary, limit_m: f64) -> bool {
         if !self.recreate(round, limit_m) {
             return false;
         }
@@ -131,7 +128,7 @@ impl<'a> Search<'a> {
     }
 
     /// Inserts disks that no leg touches, until all are touched. `false` if the round is clearly longer than `limit_m`.
-    fn recreate(&mut self, round: &mut Round, limit_m: f64) -> bool {
+    fn recreate(&mut self, round: &mut Itinerary, limit_m: f64) -> bool {
         let slack_m = 0.05 * round.mean_m();
         let mut is_first = true;
         let mut insertions = 0;
@@ -168,7 +165,7 @@ impl<'a> Search<'a> {
     }
 
     /// The open disk that is inserted next.
-    fn next_open(&mut self, round: &Round) -> u32 {
+    fn next_open(&mut self, round: &Itinerary) -> u32 {
         let Self { field, random, open, .. } = self;
         let centre = |disk: u32| &field.cover.centres[disk as usize];
         let by = |value: &dyn Fn(u32) -> f64| {
@@ -205,7 +202,7 @@ impl<'a> Search<'a> {
     ///
     /// A disk whose rim is `h` from a leg of length `l` costs at least `√(l² + 4h²) − l`: more than a known cost `c` if
     /// `h² ≥ c (c/4 + l/2)`.
-    fn best_leg(&mut self, round: &Round, disk: u32) -> (usize, Position) {
+    fn best_leg(&mut self, round: &Itinerary, disk: u32) -> (usize, Position) {
         let Self { field, random, beyond_m, .. } = self;
         let centre = &field.cover.centres[disk as usize];
         beyond_m.clear();
@@ -244,7 +241,7 @@ impl<'a> Search<'a> {
 
     /// Takes out stops that have changed, or whose neighbours have, and whose disk another leg touches, unless that opens
     /// another disk.
-    fn leave_out(&self, round: &mut Round) {
+    fn leave_out(&self, round: &mut Itinerary) {
         let mut index = 1;
         while index < round.stops.len() {
             let stop = round.stops[index];
@@ -260,7 +257,7 @@ impl<'a> Search<'a> {
     }
 
     /// Moves the stops around those that have changed.
-    fn settle(&self, round: &mut Round) {
+    fn settle(&self, round: &mut Itinerary) {
         let mut index = 0;
         while index < round.stops.len() {
             if !round.stops[index].is_dirty {
@@ -283,7 +280,7 @@ impl<'a> Search<'a> {
     }
 
     /// Takes out one or two strings of stops near random disks.
-    fn ruin(&mut self, round: &mut Round) {
+    fn ruin(&mut self, round: &mut Itinerary) {
         let fixed = self.field.fixed();
         for _ in 0..=below(&mut self.random, STRINGS) {
             let free = round.stops.len() - fixed;
@@ -302,153 +299,6 @@ impl<'a> Search<'a> {
             round.remove(self.field, low, low + length);
         }
     }
-
-    /// Exchanges parts of the round, its points held, if that makes it shorter than `limit_m` or little longer; `false`
-    /// if not.
-    fn exchange(&mut self, round: &mut Round, limit_m: f64) -> bool {
-        if round.stops.len() < 4 {
-            return false;
-        }
-        let slack_m = limit_m + 0.1 * round.mean_m() - round.length_m;
-        if below(&mut self.random, 10) < 6 { self.bridge(round, slack_m) } else { self.two_opt(round, slack_m) }
-    }
-
-    /// Length [m] from stop `from` to stop `to`, the end of leg `leg`; 0 where an open round ends.
-    fn joined_m(&self, round: &Round, from: usize, to: usize) -> f64 {
-        if to == 0 && !self.field.is_closed {
-            return 0.0;
-        }
-        (round.stops[to].point - round.stops[from].point).norm()
-    }
-
-    /// Two neighbouring parts change places: legs i, j, k, in this order, become i to j+1, k to i+1, j to k+1.
-    fn bridge(&mut self, round: &mut Round, slack_m: f64) -> bool {
-        let stops = round.stops.len();
-        let after = |leg: usize| (leg + 1) % stops;
-        let i = below(&mut self.random, stops);
-        let own_m = self.joined_m(round, i, after(i));
-        let mut second = None;
-        let mut found = 0;
-        for j in (0..stops).filter(|&j| j != i) {
-            if self.joined_m(round, i, after(j)) < own_m {
-                found += 1;
-                if below(&mut self.random, found) == 0 {
-                    second = Some(j);
-                }
-            }
-        }
-        let Some(j) = second else {
-            return false;
-        };
-        let base_m = own_m + self.joined_m(round, j, after(j)) - self.joined_m(round, i, after(j));
-        let mut best = (f64::INFINITY, 0);
-        for k in (1..stops).map(|step| (j + step) % stops).take_while(|&k| k != i) {
-            let change_m = self.joined_m(round, k, after(i)) + self.joined_m(round, j, after(k))
-                - base_m
-                - self.joined_m(round, k, after(k));
-            if change_m < best.0 {
-                best = (change_m, k);
-            }
-        }
-        if best.0 >= slack_m {
-            return false;
-        }
-        let mut legs = [i, j, best.1];
-        legs.sort_unstable();
-        self.cut(round, &legs);
-        let [low, middle, high] = legs;
-        round.stops[low + 1..=high].rotate_left(middle - low);
-        self.join(round, &[low, low + high - middle, high]);
-        true
-    }
-
-    /// The best of 2-opt and or-opt of a leg with all others.
-    fn two_opt(&mut self, round: &mut Round, slack_m: f64) -> bool {
-        let stops = round.stops.len();
-        let after = |leg: usize| (leg + 1) % stops;
-        let i = below(&mut self.random, stops);
-        let part = 1 + below(&mut self.random, PART.min(stops - 3));
-        // The part behind leg i, if it does not contain the end.
-        let last = i + part;
-        let has_part = last < stops;
-        let cut_m = self.joined_m(round, i, after(i));
-        let freed_m = if has_part {
-            cut_m + self.joined_m(round, last, after(last)) - self.joined_m(round, i, after(last))
-        } else {
-            f64::NEG_INFINITY
-        };
-        let mut best = (f64::INFINITY, 0, Exchange::Reversed);
-        for j in (0..stops).filter(|&j| j != i) {
-            if below(&mut self.random, 4) == 0 {
-                continue;
-            }
-            let [low, high] = [i.min(j), i.max(j)];
-            let base_m = self.joined_m(round, j, after(j));
-            let crossed_m =
-                (round.stops[high].point - round.stops[low].point).norm() + self.joined_m(round, low + 1, after(high));
-            let mut offer = |change_m: f64, exchange: Exchange| {
-                if change_m < best.0 {
-                    best = (change_m, j, exchange);
-                }
-            };
-            offer(crossed_m - cut_m - base_m, Exchange::Reversed);
-            if has_part && !(i..=last).contains(&j) {
-                let to = |from: usize, to: usize| (round.stops[to].point - round.stops[from].point).norm();
-                let end = |from: usize| self.joined_m(round, from, after(j));
-                offer(to(j, i + 1) + end(last) - base_m - freed_m, Exchange::Moved { is_turned: false });
-                offer(to(j, last) + end(i + 1) - base_m - freed_m, Exchange::Moved { is_turned: true });
-            }
-        }
-        if best.0 >= slack_m {
-            return false;
-        }
-        let j = best.1;
-        match best.2 {
-            Exchange::Reversed => {
-                let [low, high] = [i.min(j), i.max(j)];
-                self.cut(round, &[low, high]);
-                round.stops[low + 1..=high].reverse();
-                self.join(round, &[low, high]);
-            }
-            Exchange::Moved { is_turned } => {
-                self.cut(round, &[i, last, j]);
-                if is_turned {
-                    round.stops[i + 1..=last].reverse();
-                }
-                if j > last {
-                    round.stops[i + 1..=j].rotate_left(part);
-                    self.join(round, &[i, j - part, j]);
-                } else {
-                    round.stops[j + 1..=last].rotate_right(part);
-                    self.join(round, &[j, j + part, last]);
-                }
-            }
-        }
-        true
-    }
-
-    /// Takes legs that are exchanged out of the counts.
-    fn cut(&self, round: &mut Round, legs: &[usize]) {
-        legs.iter().for_each(|&leg| round.count_legs(self.field, leg, 1, u16::MAX));
-    }
-
-    /// Counts legs that were exchanged, and marks their ends.
-    fn join(&self, round: &mut Round, legs: &[usize]) {
-        for &leg in legs {
-            round.count_legs(self.field, leg, 1, 1);
-            let next = (leg + 1) % round.stops.len();
-            [leg, next].into_iter().for_each(|index| round.stops[index].is_dirty = true);
-        }
-    }
-}
-
-/// An exchange of parts of a round.
-#[derive(Clone, Copy)]
-enum Exchange {
-    /// What lies between two legs, in the other direction.
-    Reversed,
-    /// A part moves into another leg.
-    Moved { is_turned: bool },
 }
 
 /// Least detour [m] to a rim `beyond_m` [m] from a leg of `leg_m` [m].

@@ -19,7 +19,7 @@ const INNER: f64 = 1.0 - 2e-7;
 const LEAST_M: f64 = 1e-150;
 
 /// What a round has to touch, and where it begins and ends.
-pub struct Field {
+pub struct DiskField {
     pub cover: Cover,
     /// Radius on which stops lie [m].
     pub inner_m: f64,
@@ -27,7 +27,7 @@ pub struct Field {
     pub is_closed: bool,
 }
 
-impl Field {
+impl DiskField {
     pub fn new(centres: &[Position], radius_m: f64, start: Option<Position>, is_closed: bool) -> Self {
         Self { cover: Cover::new(centres, radius_m), inner_m: radius_m * INNER, start, is_closed }
     }
@@ -96,7 +96,7 @@ impl Field {
 
 /// A stop of a round.
 #[derive(Debug, Clone, Copy)]
-pub struct Stop {
+pub struct Touch {
     pub point: Position,
     /// The disk that binds it, by its place in the cover.
     pub disk: u32,
@@ -106,23 +106,23 @@ pub struct Stop {
 
 /// A round: stops, and how many legs touch each disk.
 #[derive(Clone, Default)]
-pub struct Round {
-    pub stops: Vec<Stop>,
+pub struct Itinerary {
+    pub stops: Vec<Touch>,
     pub counts: Vec<u16>,
     pub length_m: f64,
 }
 
-impl Round {
+impl Itinerary {
     /// A round of one stop: the start, or the disk farthest from the middle.
-    pub fn of_one(field: &Field) -> Self {
+    pub fn of_one(field: &DiskField) -> Self {
         let centres = &field.cover.centres;
         let middle =
             centres.iter().fold(Vector2::zeros(), |sum, centre| sum + centre.coords) / centres.len().max(1) as f64;
         let away_m2 = |&disk: &usize| (centres[disk].coords - middle).norm_squared();
         let farthest = (0..centres.len()).max_by(|a, b| away_m2(a).total_cmp(&away_m2(b)));
         let first = match (field.start, farthest) {
-            (Some(point), _) => Some(Stop { point, disk: NO_DISK, is_dirty: true }),
-            (None, Some(disk)) => Some(Stop { point: centres[disk], disk: disk as u32, is_dirty: true }),
+            (Some(point), _) => Some(Touch { point, disk: NO_DISK, is_dirty: true }),
+            (None, Some(disk)) => Some(Touch { point: centres[disk], disk: disk as u32, is_dirty: true }),
             (None, None) => None,
         };
         let mut round = Self { stops: first.into_iter().collect(), counts: vec![0; centres.len()], length_m: 0.0 };
@@ -133,22 +133,22 @@ impl Round {
     }
 
     /// The same stops at other points.
-    pub fn at(&self, field: &Field, points: Vec<Position>) -> Self {
-        let stops = self.stops.iter().zip(points).map(|(stop, point)| Stop { point, ..*stop }).collect();
+    pub fn at(&self, field: &DiskField, points: Vec<Position>) -> Self {
+        let stops = self.stops.iter().zip(points).map(|(stop, point)| Touch { point, ..*stop }).collect();
         let mut round = Self { stops, counts: vec![0; self.counts.len()], length_m: 0.0 };
         round.count_legs(field, 0, round.stops.len(), 1);
         round
     }
 
     /// The stop after stop `index`; `None` after the last of an open round. The only stop of a closed one is after itself.
-    pub fn next(&self, field: &Field, index: usize) -> Option<usize> {
+    pub fn next(&self, field: &DiskField, index: usize) -> Option<usize> {
         match index + 1 {
             next if next < self.stops.len() => Some(next),
             _ => (field.is_closed).then_some(0),
         }
     }
 
-    fn previous(&self, field: &Field, index: usize) -> Option<usize> {
+    fn previous(&self, field: &DiskField, index: usize) -> Option<usize> {
         match index {
             0 => field.is_closed.then(|| self.stops.len() - 1),
             _ => Some(index - 1),
@@ -156,11 +156,11 @@ impl Round {
     }
 
     /// Start and end of leg `index`.
-    pub fn leg(&self, field: &Field, index: usize) -> (&Position, Option<&Position>) {
+    pub fn leg(&self, field: &DiskField, index: usize) -> (&Position, Option<&Position>) {
         (&self.stops[index].point, self.next(field, index).map(|next| &self.stops[next].point))
     }
 
-    pub fn leg_m(&self, field: &Field, index: usize) -> f64 {
+    pub fn leg_m(&self, field: &DiskField, index: usize) -> f64 {
         let (from, to) = self.leg(field, index);
         to.map_or(0.0, |to| (to - from).norm())
     }
@@ -171,7 +171,7 @@ impl Round {
     }
 
     /// Counts `legs` legs from leg `first` on, around the end, in (1) or out (`u16::MAX`), and their lengths.
-    pub fn count_legs(&mut self, field: &Field, first: usize, legs: usize, change: u16) {
+    pub fn count_legs(&mut self, field: &DiskField, first: usize, legs: usize, change: u16) {
         let stops = self.stops.len();
         for leg in (first..first + legs).map(|leg| leg % stops) {
             let Some(next) = self.next(field, leg) else {
@@ -189,24 +189,24 @@ impl Round {
     }
 
     /// Inserts a stop at `disk` in leg `leg`, at `point`, and moves the stops up to `wide` away `sweeps` times.
-    pub fn insert(&mut self, field: &Field, leg: usize, disk: u32, point: Position, wide: usize, sweeps: u32) {
+    pub fn insert(&mut self, field: &DiskField, leg: usize, disk: u32, point: Position, wide: usize, sweeps: u32) {
         let at = leg + 1;
         let [low, high] = [at.saturating_sub(wide).max(field.fixed()), (at + wide).min(self.stops.len())];
         // Before the insertion the window ends one stop earlier, and has at least the leg that is cut.
         self.change(field, low, high, |round| {
-            round.stops.insert(at, Stop { point, disk, is_dirty: true });
+            round.stops.insert(at, Touch { point, disk, is_dirty: true });
             round.descend(field, low, high, sweeps)
         });
     }
 
     /// Moves the stops `low..=high` `sweeps` times.
-    pub fn relax(&mut self, field: &Field, low: usize, high: usize, sweeps: u32) {
+    pub fn relax(&mut self, field: &DiskField, low: usize, high: usize, sweeps: u32) {
         self.change(field, low, high + 1, |round| round.descend(field, low, high, sweeps));
     }
 
     /// Takes the legs at the stops `low..end` out of the counts, changes the stops, and counts the legs of the window
     /// that remains, whose last stop is returned by `change`, plus one.
-    fn change(&mut self, field: &Field, low: usize, end: usize, change: impl FnOnce(&mut Self) -> usize) {
+    fn change(&mut self, field: &DiskField, low: usize, end: usize, change: impl FnOnce(&mut Self) -> usize) {
         let legs = |round: &Self, end: usize| {
             let first = if low == 0 { round.stops.len() - 1 } else { low - 1 };
             (first, (end - low + 1).min(round.stops.len()))
@@ -220,7 +220,7 @@ impl Round {
 
     /// Moves the stops `low..=high` one after the other to where the path is shortest, and takes out those that the leg
     /// between their neighbours touches. Counts stay as they are. Returns the end of the window.
-    fn descend(&mut self, field: &Field, low: usize, high: usize, sweeps: u32) -> usize {
+    fn descend(&mut self, field: &DiskField, low: usize, high: usize, sweeps: u32) -> usize {
         let mut end = high + 1;
         for _ in 0..sweeps {
             let mut moved_m = 0.0f64;
@@ -268,12 +268,12 @@ impl Round {
     }
 
     /// Whether a stop lies in its disk: not one that was just placed at the foot of a leg.
-    fn is_in(&self, field: &Field, stop: &Stop) -> bool {
+    fn is_in(&self, field: &DiskField, stop: &Touch) -> bool {
         (stop.point - field.cover.centres[stop.disk as usize]).norm_squared() <= field.cover.radius_m.powi(2)
     }
 
     /// Takes the stops `low..end` out; at least one remains.
-    pub fn remove(&mut self, field: &Field, low: usize, end: usize) {
+    pub fn remove(&mut self, field: &DiskField, low: usize, end: usize) {
         self.change(field, low, end, |round| {
             round.stops.drain(low..end);
             let stops = round.stops.len();

@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use super::cover::distance_to_leg_squared;
 use super::*;
 
-const STEPS: Effort = Effort::Steps(2_000);
+const STEPS: RoundEffort = RoundEffort::Steps(2_000);
 
 fn positions(points_m: &[[f64; 2]]) -> Vec<Position> {
     points_m.iter().copied().map(Position::from).collect()
@@ -45,7 +45,7 @@ fn check(disks: &Disks, round: &DiskRound) {
 }
 
 fn bound_m(disks: &Disks, round: &DiskRound) -> f64 {
-    disks.bound_m(round.length_m, Effort::Steps(3_000), &Stop::default())
+    disks.bound_m(round.length_m, RoundEffort::Steps(3_000), &Stop::default())
 }
 
 #[test]
@@ -138,19 +138,19 @@ fn the_same_steps_find_the_same_round_and_more_no_longer_one() {
     let mut coordinate_m = || 1_000.0 * skysink_common::random::fraction(&mut random);
     let centres: Vec<Position> = (0..100).map(|_| Position::new(coordinate_m(), coordinate_m())).collect();
     let disks = Disks { centres: &centres, radius_m: 20.0, start: Some(Position::new(500.0, 500.0)), is_closed: true };
-    let [few, again, many] = [100, 100, 5_000].map(|steps| disks.round(Effort::Steps(steps), &Stop::default()));
+    let [few, again, many] = [100, 100, 5_000].map(|steps| disks.round(RoundEffort::Steps(steps), &Stop::default()));
     assert_eq!(few, again);
     [&few, &many].into_iter().for_each(|round| check(&disks, round));
     assert!(many.length_m < few.length_m, "{} and {}", many.length_m, few.length_m);
     let bound_m = bound_m(&disks, &many);
     assert!((0.6..1.0).contains(&(bound_m / many.length_m)), "{bound_m}");
-    let timed = disks.round(Effort::Time(Duration::from_millis(20)), &Stop::default());
+    let timed = disks.round(RoundEffort::Time(Duration::from_millis(20)), &Stop::default());
     check(&disks, &timed);
     let stop = Stop::default();
     stop.flag().store(2, std::sync::atomic::Ordering::Relaxed);
-    let stopped = disks.round(Effort::Steps(u64::MAX), &stop);
+    let stopped = disks.round(RoundEffort::Steps(u64::MAX), &stop);
     check(&disks, &stopped);
-    assert!(disks.bound_m(stopped.length_m, Effort::Steps(u64::MAX), &stop) <= stopped.length_m);
+    assert!(disks.bound_m(stopped.length_m, RoundEffort::Steps(u64::MAX), &stop) <= stopped.length_m);
 }
 
 /// Lattice points give disks that touch, coincide, or lie on a line.
@@ -169,11 +169,11 @@ proptest! {
     ) {
         let start = has_start.then(|| Position::new(20.0, 30.0));
         let disks = Disks { centres: &centres, radius_m, start, is_closed };
-        let round = disks.round(Effort::Steps(100), &Stop::default());
+        let round = disks.round(RoundEffort::Steps(100), &Stop::default());
         check(&disks, &round);
-        let better = disks.round(Effort::Steps(400), &Stop::default());
+        let better = disks.round(RoundEffort::Steps(400), &Stop::default());
         check(&disks, &better);
-        let bound_m = disks.bound_m(round.length_m, Effort::Steps(100), &Stop::default());
+        let bound_m = disks.bound_m(round.length_m, RoundEffort::Steps(100), &Stop::default());
         prop_assert!(bound_m <= better.length_m * (1.0 + 1e-9) + 1e-9, "{} > {}", bound_m, better.length_m);
     }
 }
