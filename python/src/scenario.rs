@@ -52,10 +52,24 @@ impl PyScenario {
 
     /// A copy with changed keys. A key replaces earlier spellings of the same quantity.
     pub fn with(&self, changes: impl IntoIterator<Item = (String, Value)>) -> PyResult<Self> {
+        let changes: Vec<(String, Value)> = changes.into_iter().collect();
+        // A file that is named anew is read.
+        let is_named = |file: &str| changes.iter().any(|(key, _)| key == file);
+        let table = self.scenario.link.table.filter(|_| !is_named("link.file"));
+        let trace = self.scenario.trace.clone().filter(|_| !is_named("sensors.arrivals.file"));
+        self.changed(changes, table, trace)
+    }
+
+    /// A copy with changed keys, with what it holds of files.
+    fn changed(
+        &self,
+        changes: impl IntoIterator<Item = (String, Value)>,
+        table: Option<&'static RateTable>,
+        trace: Option<ArrivalTrace>,
+    ) -> PyResult<Self> {
         let setting = |(key, value)| Setting { key, value, origin: SettingOrigin::Replacement };
         let settings: Vec<Setting> = changes.into_iter().map(setting).collect();
-        let changed = Self::new(self.text.clone(), &self.scenario.path, settings.clone(), self.scenario.link.table)?;
-        let changed = changed.holding(self.scenario.trace.clone());
+        let changed = Self::new(self.text.clone(), &self.scenario.path, settings.clone(), table)?.holding(trace);
         let mut table: Table = self.text.parse().expect("it has been parsed before");
         Scenario::apply(&settings, &mut table).map_err(refused)?;
         Ok(Self { text: toml::to_string(&table).expect("it has just been parsed"), ..changed })
@@ -132,9 +146,7 @@ impl PyScenario {
         let table = RateTable::new(distances_m, altitudes_m, probabilities, rates_bps);
         let table = table.map_err(|message| refused(format!("channel: {message}")))?.held();
         let keys = [("link.model".to_owned(), "table".into()), ("link.file".to_owned(), CHANNEL.into())];
-        let mut based = self.clone();
-        based.scenario.link.table = Some(table);
-        based.with(keys)
+        self.changed(keys, Some(table), self.scenario.trace.clone())
     }
 
     /// Mean bits that the SNs sample in a slot, [N], as a copy.
@@ -167,7 +179,7 @@ impl PyScenario {
         let key = |name: &str, value: Value| (format!("sensors.arrivals.{name}"), value);
         let keys =
             [key("model", "trace".into()), key("file", TRACE.into()), key("dispersion_bits", dispersion_bits.into())];
-        Ok(self.with(keys)?.holding(Some(trace)))
+        self.changed(keys, self.scenario.link.table, Some(trace))
     }
 
     /// A copy with changed keys, for example ``{"area.side_m": 500.0}``. Raises :class:`InputError`.

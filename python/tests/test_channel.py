@@ -78,6 +78,16 @@ def flown(env: DataCollectionEnv) -> float:
     return sum(env.step(action)[1] for action in actions)
 
 
+def test_a_file_that_is_named_anew_is_read(tmp_path: Path) -> None:
+    held = skysink.simulate(NARROW, "tour", channel=Shadowed).scenario
+    assert held.replace({"seed": 2})["link.file"] == "channel.csv"
+    table = tmp_path / "none.csv"
+    table.write_text("distance_m,altitude_m,probability,rate_bps\n0,20,0.5,0\n")
+    assert np.sum(skysink.simulate(held.replace({"link.file": str(table)}), "tour").slots["delivered_bits"]) == 0
+    with pytest.raises(skysink.InputError, match="missing.csv"):
+        held.replace({"link.file": str(tmp_path / "missing.csv")})
+
+
 @pytest.mark.parametrize(
     ("rate", "message"),
     [

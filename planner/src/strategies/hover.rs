@@ -4,6 +4,7 @@
 //! that fit into a disk of radius `d_c`, and the nearest points from which these sets are in range, the one where most
 //! bits, by their weights, are predicted not to be lost. On the way and at the point the UAV serves the n most urgent SNs in range.
 
+use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
 
 use skysink_common::channel::{ChannelModel, Uplink};
@@ -19,6 +20,9 @@ use crate::geometry::circle::Circle;
 use crate::geometry::disks::{Disk, nearest_in_both, slots_between};
 use crate::mission_table::MissionTable;
 use crate::strategy::{Decision, Registered, View, rule};
+
+/// Distances at which visits over a random channel are valued.
+const DISTANCES: usize = 33;
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered =
@@ -62,6 +66,9 @@ struct BestPoint<'a> {
     altitude_m: f64,
     /// Predicted queue of every SN before slot 1 [bit].
     initial_bits: f64,
+    /// Bits that a visit is expected to take over a random channel, at equal steps of distance up to `d_c`, by the gain of
+    /// the link and the buffer.
+    taken_bits: HashMap<(u64, u32), [f64; DISTANCES]>,
     /// The best point so far, and the bits, by their weights, that are not lost because the UAV hovers there.
     best: (f64, Position),
 }
@@ -70,7 +77,8 @@ impl<'a> BestPoint<'a> {
     fn new(table: &'a MissionTable, scenario: &Scenario) -> Self {
         let start = scenario.start().xy();
         let initial_bits = scenario.sensors.initial_queue_mean_bits.mean();
-        Self { table, start, altitude_m: scenario.uav.altitude_m, initial_bits, best: (0.0, start) }
+        let altitude_m = scenario.uav.altitude_m;
+        Self { table, start, altitude_m, initial_bits, taken_bits: HashMap::new(), best: (0.0, start) }
     }
 
     /// The best point, the start if nothing can be lost or saved; after `stop` the best so far.
@@ -188,18 +196,16 @@ impl<'a> BestPoint<'a> {
 
     /// Weighted bits that are not lost because the UAV hovers at `point`: the resource blocks from its arrival on go to the links
     /// that carry most, each at most as often as its SN needs it.
-    fn saved_bits(&self, point: &Position) -> f64 {
-        let MissionTable { sensors, channel, limits, .. } = self.table;
+    fn saved_bits(&mut self, point: &Position) -> f64 {
+        let table = self.table;
+        let MissionTable { sensors, limits, .. } = table;
         let first = self.slots_to(&Disk { centre: *point, radius_m: 0.0 });
         let slots = self.serving_slots(first);
-        let uav = above(point, self.altitude_m);
         let mut visits: Vec<(f64, f64)> = Vec::new(); // bits of one, and how many
         sensors.grid.visit_within(point, limits.comm_radius_m, |node| {
             let savable_bits = self.savable_bits(node.id, first);
-            let capacity_bits = u64::from(sensors.sampler(node.id).capacity_bits);
-            let uplink = Uplink::new(sensors.gains[node.id as usize], &node.position, &uav);
-            let taken = |rate_bps: f64| channel.capacity_bits(rate_bps).min(capacity_bits) as f64;
-            let taken_bits = sensors.weights.factor(node.id as usize) * channel.mean_over_draws(&uplink, &taken);
+            let taken_bits = self.taken_bits(node.id, distance_squared(&node.position, point));
+            let taken_bits = sensors.weights.factor(node.id as usize) * taken_bits;
             if savable_bits > 0.0 && taken_bits > 0.0 {
                 visits.push((taken_bits, (savable_bits / taken_bits).min(slots)));
             }
@@ -212,6 +218,29 @@ impl<'a> BestPoint<'a> {
             taken_bits * visits
         };
         visits.iter().map(saved_bits).sum()
+    }
+
+    /// Bits that a visit at the squared horizontal distance `d2_m2` [m²] is expected to take of SN `id`, of a full buffer
+    /// at most. Over a random channel interpolated: a mean over draws takes thousands of rates.
+    fn taken_bits(&mut self, id: u32, d2_m2: f64) -> f64 {
+        let MissionTable { sensors, channel, limits, .. } = self.table;
+        let capacity_bits = sensors.sampler(id).capacity_bits;
+        let gain = sensors.gains[id as usize];
+        let z_m = self.altitude_m;
+        let mean_bits = |d2_m2: f64| {
+            let taken = |rate_bps: f64| channel.capacity_bits(rate_bps).min(capacity_bits.into()) as f64;
+            channel.mean_over_draws(&Uplink { gain, d2_m2, z_m }, &taken)
+        };
+        if !channel.is_random() {
+            return mean_bits(d2_m2);
+        }
+        let step_m = limits.comm_radius_m / (DISTANCES - 1) as f64;
+        let key = (if channel.has_own_gains() { gain.to_bits() } else { 0 }, capacity_bits);
+        let at_steps = || std::array::from_fn(|step| mean_bits((step as f64 * step_m).powi(2)));
+        let bits = self.taken_bits.entry(key).or_insert_with(at_steps);
+        let steps = (d2_m2.sqrt() / step_m).min((DISTANCES - 1) as f64);
+        let step = (steps as usize).min(DISTANCES - 2);
+        bits[step] + (steps - step as f64) * (bits[step + 1] - bits[step])
     }
 }
 
@@ -244,8 +273,8 @@ mod tests {
 
     fn best(field: &OwnedSetup) -> (f64, Position) {
         let mut search = BestPoint::new(&field.table, &field.scenario);
-        search.found(&Stop::default());
-        (search.saved_bits(&search.best.1), search.best.1)
+        let point = search.found(&Stop::default());
+        (search.saved_bits(&point), point)
     }
 
     #[test]
@@ -302,6 +331,21 @@ mod tests {
     }
 
     #[test]
+    fn visits_over_a_random_channel_are_interpolated() {
+        let link = "[link]\nmodel = 'probabilistic-los'\nbandwidth_hz = 300.0\ncomm_radius_m = 60.0\n";
+        let field = field(21, link, &[([50.0, 50.0], 300.0), ([50.0, 51.0], 300.0)]);
+        let mut search = BestPoint::new(&field.table, &field.scenario);
+        for d_m in [0.0, 3.7, 20.2, 41.0, 59.9, 60.0] {
+            let uplink = Uplink { gain: 10f64.powf(-5.2), d2_m2: d_m * d_m, z_m: 20.0 };
+            let channel = &field.table.channel;
+            let taken = |rate_bps: f64| channel.capacity_bits(rate_bps).min(300) as f64;
+            let [direct, found] = [channel.mean_over_draws(&uplink, &taken), search.taken_bits(1, d_m * d_m)];
+            assert!(direct > 5.0 && (found / direct - 1.0).abs() < 0.03, "{found} and {direct} at {d_m} m");
+        }
+        assert_eq!(search.taken_bits.len(), 1, "one gain, one buffer");
+    }
+
+    #[test]
     fn no_point_of_a_fine_grid_saves_more() {
         for seed in 0..40 {
             let mut random = Streams::new(seed).stream(Purpose::Position, 0, 0);
@@ -310,7 +354,7 @@ mod tests {
             let sensors: Vec<_> = (0..3 + seed % 40).map(|_| sensor()).collect();
             // The whole area is in reach, and n links carry what few SNs or many sample.
             let field = field(30, "[uav]\nmax_speed_mps = 90.0\n[link]\nresource_blocks = 2\n", &sensors);
-            let search = BestPoint::new(&field.table, &field.scenario);
+            let mut search = BestPoint::new(&field.table, &field.scenario);
             let (most_bits, _) = best(&field);
             let along = || (0..=200).map(|step| 0.5 * f64::from(step));
             for (x_m, y_m) in along().flat_map(|x_m| along().map(move |y_m| (x_m, y_m))) {
