@@ -2,9 +2,6 @@
 
 use skysink_common::geometry::{Position, distance_squared};
 
-/// Least radius, as a fraction of the larger side of the field.
-const LEAST_RADIUS: f64 = 1e-9;
-
 /// Most columns or rows of the grid.
 const MOST_CELLS: f64 = 1_000.0;
 
@@ -14,7 +11,7 @@ pub struct Cover {
     pub centres: Vec<Position>,
     /// Which of the given disks each is.
     pub ids: Vec<u32>,
-    /// Within this distance a disk is touched [m]; above 0, so that points are touched whatever the rounding.
+    /// Within this distance a disk is touched [m].
     pub radius_m: f64,
     lowest: Position,
     cell_m: f64,
@@ -49,7 +46,6 @@ impl Cover {
         for cell in 0..columns * rows {
             begins[cell + 1] += begins[cell];
         }
-        let radius_m = radius_m.max(LEAST_RADIUS * sides.max());
         Self { centres: sorted, ids, radius_m, lowest, cell_m, columns, rows, begins }
     }
 

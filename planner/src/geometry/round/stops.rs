@@ -15,6 +15,10 @@ const MOVED: u32 = 4;
 /// Stops lie within this fraction of the radius, so that rounding takes none out of its disk.
 const INNER: f64 = 1.0 - 2e-7;
 
+/// Least radius within which a disk is touched, as a fraction of the range of coordinates: points are touched whatever the
+/// rounding.
+const LEAST_RADIUS: f64 = 1e-9;
+
 /// Distances below this [m] are rounding.
 const LEAST_M: f64 = 1e-150;
 
@@ -29,7 +33,10 @@ pub struct DiskField {
 
 impl DiskField {
     pub fn new(centres: &[Position], radius_m: f64, start: Option<Position>, is_closed: bool) -> Self {
-        Self { cover: Cover::new(centres, radius_m), inner_m: radius_m * INNER, start, is_closed }
+        let all = || centres.iter().chain(&start).flat_map(|point| [point.x, point.y]);
+        let [lowest_m, highest_m] = [all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max)];
+        let touched_m = radius_m.max(LEAST_RADIUS * (highest_m - lowest_m).max(0.0));
+        Self { cover: Cover::new(centres, touched_m), inner_m: radius_m * INNER, start, is_closed }
     }
 
     /// Stops that never move.
