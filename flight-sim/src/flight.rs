@@ -1,5 +1,7 @@
 //! One slot of flight: fly to the waypoint, then serve the scheduled sensor nodes in range.
 
+use std::sync::Arc;
+
 use nalgebra::Vector2;
 use skysink_common::channel::{Channel, ChannelModel, Draw, DrawnChannel, Uplink};
 use skysink_common::geometry::{Position, within};
@@ -19,8 +21,8 @@ pub struct Flight {
     /// Standard deviation of the end of a slot in x and in y [m]; `None` if it ends at the waypoint.
     position_error_m: Option<f64>,
     vehicle: Vehicle,
-    positions: Vec<Position>,
-    gains: Vec<f64>,
+    positions: Arc<[Position]>,
+    gains: Arc<[f64]>,
 }
 
 impl Flight {

@@ -1,5 +1,7 @@
 //! The UAV: its position, the waypoints that it can reach, and where it ends beside them.
 
+use std::sync::Arc;
+
 use nalgebra::{Point3, Vector2};
 use skysink_common::geometry::Position;
 use skysink_common::scenario::Scenario;
@@ -10,7 +12,8 @@ const SLACK: f64 = 1e-9;
 /// A UAV at a fixed altitude, or with a range of altitudes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Vehicle {
-    scenario: Scenario,
+    /// Clones share it, so that many missions fit into a cache.
+    scenario: Arc<Scenario>,
     /// Position [m].
     pub position: Point3<f64>,
 }
@@ -19,7 +22,7 @@ impl Vehicle {
     /// The UAV of a scenario at its start.
     #[must_use]
     pub fn new(scenario: &Scenario) -> Self {
-        Self { scenario: scenario.clone(), position: scenario.start() }
+        Self { scenario: Arc::new(scenario.clone()), position: scenario.start() }
     }
 
     /// Flies to `waypoint` [m] if it lies in the area and in reach of one slot (UTS eq. 3, and the climb); otherwise

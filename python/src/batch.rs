@@ -1,5 +1,6 @@
 //! The core of the vectorised Gymnasium environment: many episodes in parallel.
 
+use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods as _};
@@ -80,7 +81,7 @@ impl PyVectorCore {
             })
         };
         py.detach(|| pool()?.install(fly))?;
-        observed.into_dict(py, self.episodes[0].observed(), Some(self.episodes.len()))
+        observed.into_dict(py, &self.episodes[0], Some(self.episodes.len()))
     }
 }
 
@@ -103,10 +104,8 @@ impl PyVectorCore {
             return Err(refused(format!("num_envs = {count}: expected 1 to {MAX_ENVIRONMENTS}")));
         }
         check(scenarios.len(), count)?;
-        let first = Episode::first(
-            scenarios[0].get(),
-            &Rules::of(py, fields, &observation, nearest, action, reward, prepare)?,
-        )?;
+        let rules = Rules::of(py, fields, &observation, nearest, action, reward, prepare)?.of_vector();
+        let first = Episode::first(scenarios[0].get(), &Arc::new(rules))?;
         let mut core = Self { episodes: vec![first; count] };
         core.replace(scenarios, vec![true; count])?;
         Ok(core)
@@ -122,9 +121,14 @@ impl PyVectorCore {
         let over = |scenario: &Bound<'_, PyScenario>| self.episodes[0].over(scenario.get());
         let firsts = scenarios.iter().map(over).collect::<PyResult<Vec<Episode>>>()?;
         let mut episodes = self.episodes.clone();
+        let mut begun: HashMap<(usize, u64), Episode> = HashMap::new(); // episodes over the same field share it
         for (index, episode) in episodes.iter_mut().enumerate().filter(|(index, _)| mask[*index]) {
-            *episode = firsts[index % firsts.len()].clone();
-            episode.begin(episode.number() + index as u64)?;
+            let which = index % firsts.len();
+            let number = firsts[which].number() + index as u64;
+            let key = (which, firsts[which].seed_of(number));
+            *episode = begun.get(&key).unwrap_or(&firsts[which]).clone();
+            episode.begin(number)?;
+            begun.entry(key).or_insert_with(|| episode.clone());
         }
         self.episodes = episodes;
         Ok(())
@@ -133,7 +137,7 @@ impl PyVectorCore {
     /// Names, shapes and least numbers of what is observed by one environment.
     #[getter]
     fn observed(&self) -> Vec<(&'static str, Vec<usize>, f64)> {
-        self.episodes[0].observed().boxes(self.episodes[0].field.count()).collect()
+        self.episodes[0].boxes()
     }
 
     /// Number of coordinates of an action, or of sensor nodes to choose from.

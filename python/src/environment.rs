@@ -41,7 +41,7 @@ impl PyEnvironmentCore {
         let Self { episode, .. } = self;
         let mut observed = Observations::of(slice::from_ref(episode));
         episode.observe(&mut observed.rows().0);
-        observed.into_dict(py, episode.observed(), None)
+        observed.into_dict(py, episode, None)
     }
 
     fn fly_plan<'py>(&mut self, py: Python<'py>, plan: Plan) -> PyResult<Step<'py>> {
@@ -75,7 +75,7 @@ impl PyEnvironmentCore {
         prepare: Option<Py<PyAny>>,
     ) -> PyResult<Self> {
         let rules = Rules::of(py, fields, &observation, nearest, action, reward, prepare)?;
-        Ok(Self { episode: Episode::first(scenario.get(), &rules)?, plans: Vec::new() })
+        Ok(Self { episode: Episode::first(scenario.get(), &Arc::new(rules))?, plans: Vec::new() })
     }
 
     /// Begins the first episode over another scenario.
@@ -88,7 +88,7 @@ impl PyEnvironmentCore {
     /// Names, shapes and least numbers of what is observed.
     #[getter]
     fn observed(&self) -> Vec<(&'static str, Vec<usize>, f64)> {
-        self.episode.observed().boxes(self.episode.field.count()).collect()
+        self.episode.boxes()
     }
 
     /// Number of coordinates of an action, or of sensor nodes to choose from.

@@ -69,6 +69,8 @@ pub struct Episode {
     pub list: Arc<SensorList>,
     pub field: Arc<FieldData>,
     pub plant: Plant,
+    /// The plant before slot 1.
+    fresh: Arc<Plant>,
     pub contacts: Contacts,
     /// Positions of the sensor nodes, x and y alternating, as fractions of the area; empty if they are not observed.
     pub positions: Arc<[f32]>,
@@ -145,7 +147,7 @@ impl Episode {
         let highest_of_range = mean_bits(scenario.sensors.sampling_bps.ends()[1], scenario.slot_s);
         Ok(Self {
             number,
-            contacts: Contacts::none(field.count()),
+            contacts: Contacts::none(if course.rules.keeps_contacts { field.count() } else { 0 }),
             positions: if observed.has("positions") { field.position_fractions().collect() } else { Arc::default() },
             weights: if *reward == Reward::Weighted { weights(&list) } else { Arc::default() },
             has_random_arrivals: scenario.arrival_law().is_random(),
@@ -154,18 +156,22 @@ impl Episode {
             list: Arc::new(list),
             course,
             field,
+            fresh: Arc::new(plant.clone()),
             plant,
         })
     }
 
     /// The episode with this number. It reuses the sensor nodes if they are the same.
     pub fn begin(&mut self, number: u64) -> PyResult<()> {
-        if self.course.seed(number) != self.seed() {
+        if self.seed_of(number) != self.seed() {
             *self = Self::new(Arc::clone(&self.course), number)?;
             return Ok(());
         }
-        self.plant = plant(&self.course.prepared(number)?, &self.list)?;
-        self.contacts = Contacts::none(self.field.count());
+        self.plant = match self.course.rules.prepare {
+            Some(_) => plant(&self.course.prepared(number)?, &self.list)?,
+            None => Plant::clone(&self.fresh),
+        };
+        self.contacts = Contacts::none(self.contacts.slots().len());
         self.number = number;
         Ok(())
     }
@@ -187,7 +193,12 @@ impl Episode {
 
     /// Its Skysink seed.
     pub fn seed(&self) -> u64 {
-        self.course.seed(self.number)
+        self.seed_of(self.number)
+    }
+
+    /// The Skysink seed of the episode with this number.
+    pub fn seed_of(&self, number: u64) -> u64 {
+        self.course.seed(number)
     }
 
     /// Its mission.
@@ -200,7 +211,9 @@ impl Episode {
         let reward = self.course.rules.reward;
         let before = reward.bits(self);
         let header = self.plant.step(&[Some(*plan)]).header;
-        self.contacts.add(self.plant.slot(), self.plant.flight(UAV));
+        if self.course.rules.keeps_contacts {
+            self.contacts.add(self.plant.slot(), self.plant.flight(UAV));
+        }
         Outcome {
             reward: reward.of(self, before),
             delivered_bits: header.delivered_bits,
@@ -225,7 +238,7 @@ impl Episode {
         episode.begin(number)?;
         episode.plant.restore(&plant).map_err(refused)?;
         let slot = episode.plant.slot();
-        episode.contacts = Contacts::restored(contacts, episode.field.count(), slot).map_err(refused)?;
+        episode.contacts = Contacts::restored(contacts, episode.contacts.slots().len(), slot).map_err(refused)?;
         *self = episode;
         Ok(())
     }

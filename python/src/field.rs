@@ -23,6 +23,8 @@ pub struct FieldData {
     pub limits: Limits,
     /// The sensor nodes.
     pub sensors: Sensors,
+    /// Their buffers [bit], for observations.
+    pub buffers_bits: Vec<f32>,
     /// The same as published.
     nodes: Vec<SensorNode>,
 }
@@ -35,7 +37,8 @@ impl FieldData {
 
     /// The field with these limits and sensor nodes.
     fn new(limits: Limits, nodes: Vec<SensorNode>) -> Self {
-        Self { sensors: Sensors::new(&limits, &nodes), limits, nodes }
+        let buffers_bits = nodes.iter().map(|node| node.capacity_bits as f32).collect();
+        Self { sensors: Sensors::new(&limits, &nodes), limits, buffers_bits, nodes }
     }
 
     /// Refuses queues of another field.

@@ -1,5 +1,6 @@
 //! What an environment observes: a registry of named quantities.
 
+use arrayvec::ArrayVec;
 use numpy::{IntoPyArray, PyArray1, PyArrayMethods as _};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
@@ -11,31 +12,41 @@ use crate::episode::Episode;
 use crate::errors::refused;
 use crate::rules::Observed;
 
+/// The shape of an observed array.
+type Shape = ArrayVec<usize, 2>;
+
+fn shape<const AXES: usize>(axes: [usize; AXES]) -> Shape {
+    axes.into_iter().collect()
+}
+
 /// An observable quantity.
 pub struct Observable {
     /// Its key in the dictionary.
     pub name: &'static str,
     /// Its shape for so many sensor nodes, and so many nearest ones.
-    shape: fn(usize, usize) -> Vec<usize>,
+    shape: fn(usize, usize) -> Shape,
     /// Its least number; the largest is 1.
     pub low: f64,
     /// Writes it.
     write: fn(&Episode, &mut [f32]),
 }
 
+/// Number of observable quantities.
+const KINDS: usize = 11;
+
 /// All of them, in the order of a dictionary.
-pub static OBSERVABLES: [Observable; 11] = [
-    Observable { name: "uav", shape: |_, _| vec![3], low: 0.0, write: uav },
-    Observable { name: "queues", shape: |count, _| vec![count], low: 0.0, write: queues },
-    Observable { name: "slot", shape: |_, _| vec![1], low: 0.0, write: slot },
-    Observable { name: "positions", shape: |count, _| vec![count, 2], low: 0.0, write: positions },
-    Observable { name: "belief", shape: |count, _| vec![count], low: 0.0, write: belief },
-    Observable { name: "belief_spread", shape: |count, _| vec![count], low: 0.0, write: belief_spread },
-    Observable { name: "rates", shape: |count, _| vec![count], low: 0.0, write: rates },
-    Observable { name: "ages", shape: |count, _| vec![count], low: 0.0, write: ages },
-    Observable { name: "gains", shape: |count, _| vec![count], low: 0.0, write: gains },
-    Observable { name: "nearest", shape: |_, nearest| vec![nearest, NEAREST], low: -1.0, write: nearest },
-    Observable { name: "reach", shape: |count, _| vec![count], low: 0.0, write: reach },
+pub static OBSERVABLES: [Observable; KINDS] = [
+    Observable { name: "uav", shape: |_, _| shape([3]), low: 0.0, write: uav },
+    Observable { name: "queues", shape: |count, _| shape([count]), low: 0.0, write: queues },
+    Observable { name: "slot", shape: |_, _| shape([1]), low: 0.0, write: slot },
+    Observable { name: "positions", shape: |count, _| shape([count, 2]), low: 0.0, write: positions },
+    Observable { name: "belief", shape: |count, _| shape([count]), low: 0.0, write: belief },
+    Observable { name: "belief_spread", shape: |count, _| shape([count]), low: 0.0, write: belief_spread },
+    Observable { name: "rates", shape: |count, _| shape([count]), low: 0.0, write: rates },
+    Observable { name: "ages", shape: |count, _| shape([count]), low: 0.0, write: ages },
+    Observable { name: "gains", shape: |count, _| shape([count]), low: 0.0, write: gains },
+    Observable { name: "nearest", shape: |_, nearest| shape([nearest, NEAREST]), low: -1.0, write: nearest },
+    Observable { name: "reach", shape: |count, _| shape([count]), low: 0.0, write: reach },
 ];
 
 /// Numbers for each of the nearest sensor nodes.
@@ -53,8 +64,8 @@ fn uav(episode: &Episode, numbers: &mut [f32]) {
 
 /// The queues, true or estimated, as fractions of the buffers.
 fn queues(episode: &Episode, numbers: &mut [f32]) {
-    let pairs = numbers.iter_mut().zip(episode.plant.field().believed_bits()).zip(episode.field.capacities_bits());
-    pairs.for_each(|((number, &bits), capacity_bits)| *number = bits as f32 / capacity_bits as f32);
+    let pairs = numbers.iter_mut().zip(episode.plant.field().believed_bits()).zip(&episode.field.buffers_bits);
+    pairs.for_each(|((number, &bits), buffer_bits)| *number = bits as f32 / buffer_bits);
 }
 
 /// The slot as a fraction of the mission.
@@ -156,12 +167,6 @@ impl Observed {
         self.observables().any(|kind| kind.name == name)
     }
 
-    /// Names, shapes, and least numbers over a field of `count` sensor nodes.
-    pub fn boxes(&self, count: usize) -> impl Iterator<Item = (&'static str, Vec<usize>, f64)> {
-        let nearest = self.nearest.unwrap_or(0);
-        self.observables().map(move |kind| (kind.name, (kind.shape)(count, nearest), kind.low))
-    }
-
     fn observables(&self) -> impl Iterator<Item = &'static Observable> {
         self.kinds.iter().map(|&kind| &OBSERVABLES[kind])
     }
@@ -172,28 +177,26 @@ const FEW: usize = 1000;
 
 /// Room for the observations of episodes: an array for each observed quantity, with the episodes one after another.
 pub struct Observations {
-    shapes: Vec<Vec<usize>>,
-    arrays: Vec<Vec<f32>>,
+    arrays: ArrayVec<Vec<f32>, KINDS>,
+    episodes: usize,
 }
 
 impl Observations {
     /// Room for those of `episodes`, all of the same shape.
     pub fn of(episodes: &[Episode]) -> Self {
-        let first = &episodes[0];
-        let shapes: Vec<_> = first.observed().boxes(first.field.count()).map(|(_, shape, _)| shape).collect();
-        let arrays = shapes.iter().map(|shape| vec![0.0; shape.iter().product::<usize>() * episodes.len()]).collect();
-        Self { shapes, arrays }
+        let width = |shape: Shape| shape.iter().product::<usize>();
+        let arrays = episodes[0].shapes().map(|shape| vec![0.0; width(shape) * episodes.len()]).collect();
+        Self { arrays, episodes: episodes.len() }
     }
 
     /// The rows of each episode, one after another, and how many rows each has.
     pub fn rows(&mut self) -> (Vec<&mut [f32]>, usize) {
         let kinds = self.arrays.len();
-        let widths = self.shapes.iter().map(|shape| shape.iter().product::<usize>());
-        let episodes = self.arrays[0].len() / self.shapes[0].iter().product::<usize>();
         let mut rows: Vec<&mut [f32]> = Vec::new();
-        rows.resize_with(kinds * episodes, Default::default);
-        for (kind, (array, width)) in self.arrays.iter_mut().zip(widths).enumerate() {
+        rows.resize_with(kinds * self.episodes, Default::default);
+        for (kind, array) in self.arrays.iter_mut().enumerate() {
             let of_kind = rows[kind..].iter_mut().step_by(kinds);
+            let width = array.len() / self.episodes;
             of_kind.zip(array.chunks_mut(width)).for_each(|(row, numbers)| *row = numbers);
         }
         (rows, kinds)
@@ -203,11 +206,11 @@ impl Observations {
     pub fn into_dict<'py>(
         self,
         py: Python<'py>,
-        observed: &Observed,
+        episode: &Episode,
         count: Option<usize>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let observation = PyDict::new(py);
-        for ((key, numbers), shape) in observed.keys.iter().zip(self.arrays).zip(self.shapes) {
+        for ((key, numbers), shape) in episode.observed().keys.iter().zip(self.arrays).zip(episode.shapes()) {
             let array = match numbers.len() {
                 ..FEW => PyArray1::from_slice(py, &numbers),
                 _ => numbers.into_pyarray(py),
@@ -227,6 +230,18 @@ impl Episode {
     /// What it observes.
     pub fn observed(&self) -> &Observed {
         &self.rules().observed
+    }
+
+    /// The shapes of what it observes.
+    fn shapes(&self) -> impl Iterator<Item = Shape> {
+        let [count, nearest] = [self.field.count(), self.observed().nearest.unwrap_or(0)];
+        self.observed().observables().map(move |kind| (kind.shape)(count, nearest))
+    }
+
+    /// Names, shapes and least numbers of what it observes.
+    pub fn boxes(&self) -> Vec<(&'static str, Vec<usize>, f64)> {
+        let boxes = self.observed().observables().zip(self.shapes());
+        boxes.map(|(kind, shape)| (kind.name, shape.to_vec(), kind.low)).collect()
     }
 
     /// Writes the observation into the rows of this episode.

@@ -1,7 +1,5 @@
 //! What an environment sees, does and earns. How is left to `observation`, `control` and `reward`.
 
-use std::sync::Arc;
-
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 
@@ -14,6 +12,8 @@ pub struct Rules {
     pub observed: Observed,
     pub control: Control,
     pub reward: Reward,
+    /// Whether contacts are kept. Where nobody asks for them, they would take memory and time.
+    pub keeps_contacts: bool,
     /// Turns the scenario of an episode into the one that is flown; `None` if they are the same.
     pub prepare: Option<Py<PyAny>>,
 }
@@ -28,13 +28,20 @@ impl Rules {
         action: &str,
         reward: &str,
         prepare: Option<Py<PyAny>>,
-    ) -> PyResult<Arc<Self>> {
+    ) -> PyResult<Self> {
         if fields == Some(0) {
             return Err(refused("fields = 0: expected 1 or more, or None"));
         }
         let observed = Observed::of(py, observation, nearest)?;
         let control = Control::named(action)?;
-        Ok(Arc::new(Self { fields, observed, control, reward: Reward::named(reward)?, prepare }))
+        Ok(Self { fields, observed, control, reward: Reward::named(reward)?, keeps_contacts: true, prepare })
+    }
+
+    /// The same for a vector, which has no belief to ask for.
+    pub fn of_vector(self) -> Self {
+        let is_of_contacts = |name: &&str| self.observed.has(name);
+        let keeps_contacts = self.reward == Reward::Age || ["ages", "nearest"].iter().any(is_of_contacts);
+        Self { keeps_contacts, ..self }
     }
 }
 
