@@ -2,6 +2,7 @@
 
 mod dynamic_program;
 mod line;
+mod plane;
 mod random_mission;
 
 use std::path::Path;
@@ -9,6 +10,7 @@ use std::path::Path;
 use crate::support::scenario_of;
 use dynamic_program::Tiny;
 use line::Line;
+use plane::Plane;
 use random_mission::{in_a_real_world, random_mission, random_scenario, with_models, with_weights};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
@@ -194,6 +196,58 @@ fn a_hundred_missions_on_a_line_are_measured() {
     let loss_free = 100 - ratios.len();
     eprintln!("optimum 0 in {loss_free} of 100; else bound/optimum: median {median:.3}, mean {mean:.3}");
     eprintln!("the optimum was found in {found} of 100");
+}
+
+/// Of some missions in the plane, whose bounds are checked: bound, optimum and the least loss of [`FLOWN`] [bit], with
+/// these steps of `horizon` and `offline`.
+fn measure_planes(seeds: std::ops::RangeInclusive<u64>, iterations: u32, steps: u64) -> Vec<[u64; 3]> {
+    let measure = |seed| {
+        let plane = Plane::random(seed);
+        let text = plane.text() + &format!("horizon.iterations = {iterations}\noffline.steps = {steps}\n");
+        let flown = FLOWN.map(|strategy| {
+            let scenario = scenario_of(&text, strategy, 1);
+            flown_bits(&scenario, &plane.list(&scenario))
+        });
+        let best_bits = flown.into_iter().min().unwrap();
+        // With one bit more, so that a flight below the optimum would be seen.
+        let optimum_bits = plane.optimum_bits(best_bits + 1);
+        let scenario = scenario_of(&text, "gfs", 1);
+        let bound_bits = bound_of(&scenario, &plane.list(&scenario)).loss_bits;
+        let is_between = bound_bits <= optimum_bits && optimum_bits <= best_bits;
+        assert!(is_between, "seed {seed}: {bound_bits}, {optimum_bits}, {best_bits} bit: {plane:?}");
+        [bound_bits, optimum_bits, best_bits]
+    };
+    seeds.map(measure).collect()
+}
+
+/// Where the optimum loses data: bounds as fractions of it, ascending, and flights, descending.
+fn ratios(measured: &[[u64; 3]]) -> [Vec<f64>; 2] {
+    let losing = || measured.iter().filter(|[_, optimum_bits, _]| *optimum_bits > 0);
+    let mut of_bounds: Vec<f64> = losing().map(|[bound, optimum, _]| *bound as f64 / *optimum as f64).collect();
+    let mut of_flights: Vec<f64> = losing().map(|[_, optimum, best]| *best as f64 / *optimum as f64).collect();
+    of_bounds.sort_by(f64::total_cmp);
+    of_flights.sort_by(|a, b| b.total_cmp(a));
+    [of_bounds, of_flights]
+}
+
+#[test]
+fn the_proven_optimum_in_the_plane_lies_between_bound_and_flights() {
+    let measured = measure_planes(1..=12, 500, 20_000);
+    let [of_bounds, of_flights] = ratios(&measured);
+    assert!(of_bounds.len() >= 6 && of_bounds[of_bounds.len() / 2] >= 0.3, "{measured:?}");
+    assert!(of_flights[0] <= 1.4 && of_flights[of_flights.len() / 2] <= 1.0 + 1e-9, "{measured:?}");
+}
+
+/// `cargo test --release -p skysink-planner --test endurance -- --ignored --nocapture small_missions`
+#[test]
+#[ignore = "takes a minute"]
+fn small_missions_in_the_plane_are_measured() {
+    let [of_bounds, of_flights] = ratios(&measure_planes(101..=200, 6_000, 200_000));
+    let found = of_flights.iter().filter(|ratio| **ratio == 1.0).count();
+    let losing = of_bounds.len();
+    eprintln!("optimum above 0 in {losing} of 100, found in {found}, else at worst {:.3} times", of_flights[0]);
+    let mean = of_bounds.iter().sum::<f64>() / losing as f64;
+    eprintln!("bound/optimum: median {:.3}, mean {mean:.3}, least {:.3}", of_bounds[losing / 2], of_bounds[0]);
 }
 
 #[test]

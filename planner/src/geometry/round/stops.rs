@@ -15,8 +15,8 @@ const MOVED: u32 = 4;
 /// Stops lie within this fraction of the radius, so that rounding takes none out of its disk.
 const INNER: f64 = 1.0 - 2e-7;
 
-/// Least radius within which a disk is touched, as a fraction of the range of coordinates: points are touched whatever the
-/// rounding.
+/// Least radius within which a disk is touched, as a fraction of the range of coordinates: points are touched whatever
+/// the rounding.
 const LEAST_RADIUS: f64 = 1e-9;
 
 /// Distances below this [m] are rounding.
