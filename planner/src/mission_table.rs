@@ -1,6 +1,6 @@
 //! The constant data of a mission for planning: the sensor nodes, their channel and the limits of plans.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use nalgebra::Point3;
 use skysink_common::arrivals::ArrivalLaw;
@@ -9,9 +9,12 @@ use skysink_common::geometry::Position;
 use skysink_common::message::{Limits, SensorNode};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
+use skysink_common::stop::Stop;
+
+use crate::geometry::turns::Turns;
 
 /// The sensor nodes (SNs) and the constraints on a plan.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct MissionTable {
     /// The SNs.
     pub sensors: Arc<Sensors>,
@@ -23,6 +26,8 @@ pub struct MissionTable {
     pub limits: Limits,
     /// Farthest flight in one slot with the wind, for bounds [m]; plans keep to `limits.reach_m`.
     pub farthest_m: f64,
+    /// Found when they are first asked for; clones share them.
+    turns: Arc<OnceLock<Arc<Turns>>>,
 }
 
 impl MissionTable {
@@ -35,6 +40,30 @@ impl MissionTable {
             channel: Channel::of(&scenario.link),
             limits: Limits::of(scenario),
             farthest_m: scenario.farthest_m(),
+            turns: Arc::default(),
+        }
+    }
+
+    /// The table of a scenario with other SNs, or other rates; it shares the turns if positions and range are the same.
+    #[must_use]
+    pub fn over(&self, scenario: &Scenario, sensors: Arc<Sensors>) -> Self {
+        let mut other = Self::new(scenario, sensors);
+        let has_range = other.limits.comm_radius_m == self.limits.comm_radius_m;
+        if has_range && other.sensors.positions == self.sensors.positions {
+            other.turns = Arc::clone(&self.turns);
+        }
+        other
+    }
+
+    /// The turns of the SNs in a closed round that touches the disks of radius `d_c` about them. `stop` ends the search
+    /// for a shorter one.
+    #[must_use]
+    pub fn turns(&self, stop: &Stop) -> Arc<Turns> {
+        let find = || Arc::new(Turns::new(&self.sensors.positions, self.limits.comm_radius_m, stop));
+        let found = self.turns.get().map_or_else(find, Arc::clone);
+        match stop.requested() {
+            Some(_) => found, // not kept: it may have been stopped early
+            None => Arc::clone(self.turns.get_or_init(|| found)),
         }
     }
 

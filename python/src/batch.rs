@@ -121,14 +121,15 @@ impl PyVectorCore {
         let over = |scenario: &Bound<'_, PyScenario>| self.episodes[0].over(scenario.get());
         let firsts = scenarios.iter().map(over).collect::<PyResult<Vec<Episode>>>()?;
         let mut episodes = self.episodes.clone();
-        let mut begun: HashMap<(usize, u64), Episode> = HashMap::new(); // episodes over the same field share it
-        for (index, episode) in episodes.iter_mut().enumerate().filter(|(index, _)| mask[*index]) {
+        let mut begun: HashMap<(usize, u64), usize> = HashMap::new(); // episodes over the same field share it
+        for index in (0..episodes.len()).filter(|&index| mask[index]) {
             let which = index % firsts.len();
             let number = firsts[which].number() + index as u64;
-            let key = (which, firsts[which].seed_of(number));
-            *episode = begun.get(&key).unwrap_or(&firsts[which]).clone();
+            let same = begun.get(&(which, firsts[which].seed_of(number)));
+            let mut episode = same.map_or(&firsts[which], |&same| &episodes[same]).clone();
             episode.begin(number)?;
-            begun.entry(key).or_insert_with(|| episode.clone());
+            begun.entry((which, episode.seed())).or_insert(index);
+            episodes[index] = episode;
         }
         self.episodes = episodes;
         Ok(())

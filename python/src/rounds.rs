@@ -27,7 +27,7 @@ pub struct PyDiskRound {
     /// Its length [m], with the leg back to its first point if it is closed.
     #[pyo3(get)]
     length_m: f64,
-    /// A lower bound on the length of every such path [m]; equal to ``length_m`` within 1e-6 of it if none is shorter.
+    /// A lower bound on the length of every such path [m]. If it equals ``length_m`` within 1e-6 of it, none is shorter.
     #[pyo3(get)]
     bound_m: f64,
 }

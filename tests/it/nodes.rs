@@ -20,7 +20,8 @@ use skysink_mission::folder::Earlier;
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
-use skysink_planner::strategies::horizon::{self, HorizonKeys};
+use skysink_planner::horizon::HorizonKeys;
+use skysink_planner::strategies::horizon;
 use skysink_planner::strategies::names;
 use skysink_planner::strategies::offline::{self, OfflineKeys};
 use skysink_planner::strategy::Registered;
@@ -37,7 +38,7 @@ fn smoke(strategy: &'static str, seed: u64) -> Scenario {
     let overrides = Overrides { seed: Some(seed), strategy: Some(strategy), ..Overrides::default() };
     let mut scenario = scenarios::read(Path::new(scenarios::SMOKE), overrides);
     offline::STRATEGY.set_keys(&mut scenario, OfflineKeys { steps: 5_000 });
-    horizon::STRATEGY.set_keys(&mut scenario, HorizonKeys { iterations: 200, budget_ms: None });
+    horizon::STRATEGY.set_keys(&mut scenario, HorizonKeys::of(200));
     scenario
 }
 

@@ -3,4 +3,4 @@
 pub mod circle;
 pub mod disks;
 pub mod round;
-pub mod tour;
+pub mod turns;

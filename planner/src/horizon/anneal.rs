@@ -14,9 +14,6 @@ use super::model::PlanningModel;
 /// Longest part of a plan that moves as one.
 const LONGEST_MOVED: usize = 40;
 
-/// Longest part of a plan that is reversed.
-const LONGEST_REVERSED: usize = 150;
-
 /// Slots ahead from which on changes have the full temperature.
 const FAR_SLOTS: f64 = 60.0;
 
@@ -93,15 +90,13 @@ impl Proposal<'_> {
         if near.is_empty() || below(self.random, 16) == 0 { self.any() } else { near[below(self.random, near.len())] }
     }
 
-    /// The nearest leg, before or after leg `leg` and at most `most` legs away, to a stop near that of `leg`.
-    fn near(&mut self, leg: usize, most: usize) -> Option<usize> {
+    /// The nearest leg, before or after leg `leg`, to a stop near that of `leg`.
+    fn near(&mut self, leg: usize) -> Option<usize> {
         let stop = self.other(leg);
         if self.random.next_u32() & 1 == 0 {
-            let end = self.legs.len().min(leg + 1 + most);
-            self.legs[leg + 1..end].iter().position(|other| other.stop == stop).map(|away| leg + 1 + away)
+            self.legs[leg + 1..].iter().position(|other| other.stop == stop).map(|away| leg + 1 + away)
         } else {
-            let begin = leg.saturating_sub(most);
-            self.legs[begin..leg].iter().rposition(|other| other.stop == stop).map(|index| begin + index)
+            self.legs[..leg].iter().rposition(|other| other.stop == stop)
         }
     }
 
@@ -135,8 +130,7 @@ impl Proposal<'_> {
                 self.inserted.push((stop, FRESH));
                 Some(leg..leg + 1)
             }
-            50..75 => self.move_from(leg),
-            75..90 => self.reverse_from(leg),
+            50..85 => self.move_from(leg),
             _ => self.swap(leg),
         }
     }
@@ -146,7 +140,7 @@ impl Proposal<'_> {
         let longest = LONGEST_MOVED.min(self.legs.len() - leg);
         let longest = if below(self.random, 2) == 0 { longest.min(3) } else { longest };
         let end = leg + 1 + below(self.random, longest);
-        let target = self.near(leg, usize::MAX / 2)? + 1;
+        let target = self.near(leg)? + 1;
         let is_reversed = below(self.random, 2) == 0;
         let carry = |proposal: &mut Self| {
             if is_reversed { proposal.reverse(leg..end) } else { proposal.keep(leg..end) }
@@ -164,20 +158,9 @@ impl Proposal<'_> {
         }
     }
 
-    /// Reverses the stops between leg `leg` and one near it.
-    fn reverse_from(&mut self, leg: usize) -> Option<Range<usize>> {
-        let other = self.near(leg, LONGEST_REVERSED)?;
-        let reversed = if other > leg { leg + 1..other + 1 } else { other..leg };
-        if reversed.len() < 2 {
-            return None;
-        }
-        self.reverse(reversed.clone());
-        Some(reversed)
-    }
-
     /// Exchanges two stops.
     fn swap(&mut self, leg: usize) -> Option<Range<usize>> {
-        let other = self.near(leg, usize::MAX / 2)?;
+        let other = self.near(leg)?;
         let first = leg.min(other);
         let second = leg.max(other);
         self.keep(second..second + 1);

@@ -1,7 +1,18 @@
 //! The forecast of a plan: its predicted loss, and that of changes.
 //!
 //! Loss depends on the visits alone, so a forecast advances from visit to visit, not from slot to slot. Parts of a plan
-//! that a change does not affect are not recomputed.
+//! that a change does not affect are not recomputed. [`Forecast::attempt`] evaluates a change in four parts:
+//!
+//! ```text
+//! plan      a b c d e f g h i j k l    stops; the state of all queues is stored before a, e and i
+//! change    a b x y e f g h i j k l    x and y instead of c and d
+//!
+//! restored  a                          visits served again from the stored state before, without flight
+//! flown       b x y e                  from one stop before the change, because b ends near the stop after it,
+//!                                      until a leg begins where it began in the plan, here the one to f
+//! repeated            f g h            the legs of the plan, shifted in time; their visits are served again
+//! rejoined                  i j k l    all queues equal those stored before i, shifted: the rest of the loss is known
+//! ```
 
 use skysink_common::geometry::Position;
 

@@ -226,7 +226,6 @@ mod tests {
     use std::sync::atomic::Ordering;
 
     use super::*;
-    use crate::geometry::tour::closed_tour;
     use crate::horizon::tests::model_of;
 
     #[test]
@@ -243,13 +242,5 @@ mod tests {
         model.tours.truncate(tours);
         model.group(1, &stop);
         assert_eq!((model.disks.len(), model.tours.len()), (40, tours));
-        let positions = &model.table.sensors.positions;
-        let length_m = |tour: &[u32]| -> f64 {
-            let ends = tour.iter().zip(tour.iter().cycle().skip(1));
-            ends.map(|(&a, &b)| (positions[a as usize] - positions[b as usize]).norm()).sum()
-        };
-        let area = model.table.limits.area();
-        let begun = closed_tour(area, positions, &stop);
-        assert!(length_m(&begun) > length_m(&closed_tour(area, positions, &Stop::default())), "it is not improved");
     }
 }

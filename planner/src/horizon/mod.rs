@@ -26,16 +26,19 @@ pub mod states;
 #[cfg(test)]
 mod tests;
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::estimate::Uncertainty;
 use skysink_common::geometry::Position;
+use skysink_common::keys::Accepts;
 use skysink_common::message::MAX_PATH_POINTS;
 use skysink_common::random::{Purpose, Streams};
 use skysink_common::sampling::Sampler;
 use skysink_common::sensors::Sensors;
+use strum::VariantNames;
 
 use crate::strategy::{Setup, Timing, View};
 use anneal::Temperature;
@@ -69,6 +72,56 @@ const REHEATING: f64 = 1.05;
 /// Temperature of a change in the next slot, as a fraction of that of one far ahead.
 const NEAR_FRACTION: f64 = 0.02;
 
+/// Longest planning window [slots] unless the scenario has another: four times the mission of the UTS letter.
+const MOST_SLOTS: u64 = 2_400;
+
+/// Times for a search.
+const BUDGET_MS: Accepts =
+    Accepts::Number("milliseconds above 0, at most 3600000", |budget_ms| budget_ms > 0.0 && budget_ms <= 3.6e6);
+
+skysink_common::keys! {
+    /// `[planner.horizon]`.
+    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    pub struct HorizonKeys {
+        /// Search steps in each slot.
+        iterations: u32 = 6000, Accepts::Whole(0, 1_000_000_000);
+        /// Longest planning window [slots]; 2400 if absent. A window that reaches to the mission's end loses less than a
+        /// shorter one that moves with the slot.
+        window: Option<u64>, Accepts::Whole(1, 1_000_000);
+        /// A part of the method to leave out, for ablations.
+        without: Option<LookAheadPart>, Accepts::OneOf(LookAheadPart::VARIANTS);
+        /// Time limit for the plan of a slot in paced runs [ms]. It has no effect in lock-step and in one process, where
+        /// results must not depend on a clock.
+        budget_ms: Option<f64>, BUDGET_MS;
+    }
+}
+
+impl HorizonKeys {
+    /// All parts of the method, over the default window.
+    #[must_use]
+    pub fn of(iterations: u32) -> Self {
+        Self { iterations, window: None, without: None, budget_ms: None }
+    }
+}
+
+/// A part of the look-ahead that an ablation leaves out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, VariantNames)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum LookAheadPart {
+    /// All parts are there, as if the key were absent.
+    Nothing,
+    /// Rollouts of the other strategies.
+    Rollouts,
+    /// Their flights as initial plans; they can still be followed.
+    Offers,
+    /// Changes that lose more for a while: only improvements are accepted.
+    Annealing,
+    /// Groups of sensor nodes as stops, except those that offered flights serve together.
+    Groups,
+}
+
 /// The look-ahead of a mission: its parameters, and the plan carried from slot to slot.
 #[derive(Debug, Clone)]
 pub struct Horizon {
@@ -77,12 +130,7 @@ pub struct Horizon {
     streams: Streams,
     /// Slots of the mission.
     slots: u64,
-    /// Most slots of a planning window.
-    max_slots: u64,
-    /// Search steps in each slot.
-    pub(crate) iterations: u32,
-    /// Longest search in a paced mission.
-    budget: Option<Duration>,
+    pub(crate) keys: HorizonKeys,
     /// The remaining stops, as disks of the model.
     pub(crate) carried: Vec<u32>,
     /// Temperature of the next search, 0 to 1: the loss accepted with probability 1/e, as a fraction of the mean loss
@@ -120,29 +168,28 @@ pub struct PlannedSlot {
 }
 
 impl Horizon {
-    /// The look-ahead before slot 1, over at most `max_slots` slots, with `iterations` search steps in each slot. In a
-    /// paced mission a search ends at `budget` after the beginning of planning.
+    /// The look-ahead before slot 1.
     ///
     /// If sampling rates are learnt, all SNs can lose data, at their estimated rates. The setup's stop ends the search
     /// for groups and tours.
     #[must_use]
-    pub fn new(setup: &Setup, max_slots: u64, iterations: u32, budget: Option<Duration>) -> Self {
+    pub fn new(setup: &Setup, keys: HorizonKeys) -> Self {
         let Setup { scenario, belief, stop, .. } = *setup;
         let sensors = &setup.table.sensors;
+        let may_group = keys.without != Some(LookAheadPart::Groups);
         let model = if belief.has_learnt_rates() {
             let mean_bits = sensors.ids().map(|id| least_mean_bits(belief.mean_bits(sensors, id))).collect();
             let sampling = sensors.sampling.with_means(mean_bits);
-            PlanningModel::new(scenario, &Sensors { sampling, ..Sensors::clone(sensors) }, stop)
+            let estimated = Sensors { sampling, ..Sensors::clone(sensors) };
+            PlanningModel::new(scenario, &setup.table.over(scenario, Arc::new(estimated)), may_group, stop)
         } else {
-            PlanningModel::new(scenario, sensors, stop)
+            PlanningModel::new(scenario, setup.table, may_group, stop)
         };
         Self {
             model,
             streams: Streams::new(scenario.seed),
             slots: scenario.slots,
-            max_slots,
-            iterations,
-            budget,
+            keys,
             carried: Vec::new(),
             temperature: 1.0,
         }
@@ -207,7 +254,7 @@ impl Horizon {
     /// Without a budget the number of steps is fixed. The search draws from the random stream of the slot, so the
     /// result depends only on the view and the carried plan.
     pub fn search(&mut self, view: &View, forecast: &mut Forecast, is_over: impl Fn() -> bool) {
-        self.improve(Search { slot: view.slot, round: 0, steps: self.iterations }, forecast, is_over);
+        self.improve(Search { slot: view.slot, round: 0, steps: self.keys.iterations }, forecast, is_over);
         self.carried.clear();
         self.carried.extend(forecast.trace.legs.iter().filter(|leg| leg.end > 1).map(|leg| leg.stop));
     }
@@ -215,13 +262,14 @@ impl Horizon {
     /// Longest planning time for the slot of `view`; `None` if the mission is not paced.
     #[must_use]
     pub fn budget(&self, view: &View) -> Option<Duration> {
-        self.budget.filter(|_| view.timing == Timing::Paced)
+        let budget_ms = self.keys.budget_ms.filter(|_| view.timing == Timing::Paced);
+        budget_ms.map(|budget_ms| Duration::from_secs_f64(budget_ms / 1e3))
     }
 
     /// The planning window that starts at the slot of `view`.
     fn window(&self, view: &View) -> PlanningWindow {
         let left = (self.slots + 1).saturating_sub(view.slot).max(1);
-        let slots = left.min(self.max_slots);
+        let slots = left.min(self.keys.window.unwrap_or(MOST_SLOTS));
         PlanningWindow::new(&self.model, view.ground(), view.belief.queues_bits, slots, left - slots)
     }
 
@@ -250,7 +298,9 @@ impl Horizon {
         // A window that ends before the mission has no final temperature.
         let progress = if window.beyond_slots > 0.0 { 1.0 } else { slot as f64 / self.slots as f64 };
         let ceiling = LAST_CEILING.powf(progress);
-        let far_bits = avoidable_bits / begun.len().max(1) as f64 * self.temperature.min(ceiling);
+        let temperature =
+            if self.keys.without == Some(LookAheadPart::Annealing) { 0.0 } else { self.temperature.min(ceiling) };
+        let far_bits = avoidable_bits / begun.len().max(1) as f64 * temperature;
         let temperature = Temperature { far_bits, now: 0, near_fraction: NEAR_FRACTION };
         let mut random = self.streams.stream(Purpose::Horizon, slot, round);
         anneal::anneal(model, forecast, temperature, steps, is_over, &mut random);

@@ -8,13 +8,12 @@ use skysink_common::arrivals::ArrivalLaw;
 use skysink_common::channel::{ChannelModel, Uplink};
 use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::scenario::Scenario;
-use skysink_common::sensors::Sensors;
 use skysink_common::sensors::grid::Grid;
 use skysink_common::stop::Stop;
 
 use super::groups::{self, ServiceDisk};
 use crate::geometry::disks::Disk;
-use crate::geometry::tour::{closed_tour, even_out};
+use crate::geometry::turns::Turns;
 use crate::mission_table::MissionTable;
 
 /// Entries of the capacity table where the rate depends on the elevation, over `d²` from 0 to `d_c²`.
@@ -157,20 +156,20 @@ pub struct PlanningModel {
 }
 
 impl PlanningModel {
-    /// The model of a scenario with these SNs; with groups if resource blocks or time are scarce. After `stop` it is
-    /// made without search, and must not be flown.
+    /// The model of a scenario with the SNs of `mission`; if it `may_group`, with groups if resource blocks
+    /// or time are scarce. After `stop` it is made without search, and must not be flown.
     #[must_use]
-    pub fn new(scenario: &Scenario, sensors: &Sensors, stop: &Stop) -> Self {
+    pub fn new(scenario: &Scenario, mission: &MissionTable, may_group: bool, stop: &Stop) -> Self {
         let scenario = &*with_margin(scenario);
-        let ids: Vec<u32> = sensors.sampling_ids().collect();
+        let ids: Vec<u32> = mission.sensors.sampling_ids().collect();
         let grid = |positions: &[Position]| Grid::over(scenario.area, positions, scenario.link.comm_radius_m);
-        let table = MissionTable::new(scenario, Arc::new(sensors.subset(&ids, grid)));
+        let table = mission.over(scenario, Arc::new(mission.sensors.subset(&ids, grid)));
         let has_best_altitude = table.channel.depends_on_elevation();
         let capacities_bits = has_best_altitude.then(|| Box::new(best_capacities_bits(scenario, &table)));
         let mut model = Self {
             altitude_m: scenario.uav.altitude_m,
             capacities_bits,
-            tours: vec![closed_tour(table.limits.area(), &table.sensors.positions, stop)],
+            tours: vec![table.turns(stop).order.clone()],
             table,
             sensors: Vec::new(),
             ids,
@@ -181,7 +180,7 @@ impl PlanningModel {
             neighbours: Vec::new(),
         };
         model.table.sensors.ids().for_each(|index| model.add_sensor(index));
-        if model.is_scarce() {
+        if may_group && model.is_scarce() {
             model.group(scenario.seed, stop);
         }
         let tours_slots = model.tours.iter().map(|tour| model.slots_of(tour));
@@ -249,16 +248,9 @@ impl PlanningModel {
                 continue;
             }
             let centres: Vec<Position> = large.iter().map(|&group| self.disk(group).centre).collect();
-            let order = closed_tour(self.table.limits.area(), &centres, stop);
-            let mut tour: Vec<u32> = order.into_iter().map(|index| large[index as usize]).collect();
-            let excess = |from, to| {
-                let from = self.disk(from);
-                let to = self.disk(to);
-                let away_m = distance_squared(&from.centre, &to.centre).sqrt() - (from.radius_m + to.radius_m) / 2.0;
-                (away_m / self.table.limits.reach_m - 1.0).max(0.0)
-            };
-            even_out(&mut tour, excess, stop);
-            self.tours.push(tour);
+            let least_m = large.iter().map(|&group| self.disk(group).radius_m).fold(f64::INFINITY, f64::min);
+            let turns = Turns::new(&centres, least_m, stop);
+            self.tours.push(turns.order.into_iter().map(|index| large[index as usize]).collect());
         }
     }
 
@@ -398,7 +390,7 @@ mod tests {
                 gain: 1e-5,
                 ..SensorNode::default()
             };
-            let model = PlanningModel::new(&scenario, &Sensors::of(&scenario, &[node]), &Stop::default());
+            let model = PlanningModel::new(&scenario, &MissionTable::of(&scenario, &[node]), true, &Stop::default());
             (model.table.limits.comm_radius_m, model.disks[0].disk.radius_m)
         };
         assert_eq!(radius_m(""), (10.0, 10.0));

@@ -113,7 +113,7 @@ mod tests {
     use skysink_common::stop::Stop;
 
     use crate::horizon::anneal::{Temperature, anneal};
-    use crate::horizon::{PlannedSlot, planned_slot};
+    use crate::horizon::{HorizonKeys, PlannedSlot, planned_slot};
     use crate::strategy::Timing;
     use crate::strategy::tests::over;
 
@@ -135,7 +135,7 @@ mod tests {
         let position = scenario.start();
         let field = over(scenario, positions_m.map(sensor).to_vec());
         let table = &field.table;
-        let mut horizon = Horizon::new(&field.setup(), 600, 0, None);
+        let mut horizon = Horizon::new(&field.setup(), HorizonKeys::of(0));
         let stop = &Stop::default();
         let view = View {
             slot: 1,
@@ -192,7 +192,7 @@ mod tests {
         let position = scenario.start();
         let field = over(scenario, list.nodes());
         let table = &field.table;
-        let mut horizon = Horizon::new(&field.setup(), 600, 0, None);
+        let mut horizon = Horizon::new(&field.setup(), HorizonKeys::of(0));
         let queues_bits = &list.queues_bits()[..];
         let stop = &Stop::default();
         let view = View {

@@ -9,20 +9,21 @@ use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, Mode, SensorNode};
 use skysink_common::scenario::{Overrides, Scenario};
 
-use super::Horizon;
 use super::anneal::{Temperature, anneal};
 use super::flight::{Visit, serve};
 use super::forecast::{FRESH, Forecast, PlanningWindow};
 use super::groups::ServiceDisk;
 use super::model::{PlanningModel, SensorModel};
 use super::start;
+use super::{Horizon, HorizonKeys};
 use crate::bound::paths::PathBound;
+use crate::mission_table::MissionTable;
 use crate::settings::Rates;
 use crate::strategy::tests::over;
 use crate::strategy::{Setup, Timing, View};
 use skysink_common::random::{Purpose, Streams};
 use skysink_common::reported::ReportedQueues;
-use skysink_common::sensors::Sensors;
+
 use skysink_common::stop::Stop;
 
 /// SNs of gain −52 dB, B = 30 kbit, at `positions_m` [m] with their rates [bit/s], in an area of 400 m; d_c = 10 m,
@@ -41,7 +42,7 @@ pub(crate) fn model_of(positions_m: &[([f64; 2], f64)], blocks: u32, width_hz: f
         ..SensorNode::default()
     };
     let nodes: Vec<SensorNode> = positions_m.iter().map(sensor).collect();
-    PlanningModel::new(&scenario, &Sensors::of(&scenario, &nodes), &Stop::default())
+    PlanningModel::new(&scenario, &MissionTable::of(&scenario, &nodes), true, &Stop::default())
 }
 
 /// From (200, 200), with all queues at 10 kbit, to the mission's end after `slots`.
@@ -325,7 +326,7 @@ fn capacities_with_a_free_altitude_are_those_of_one_altitude() {
                 bandwidth_hz = 5e3\ncomm_radius_m = 60.0\n";
     let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
     let sensor = SensorNode { x_m: 50.0, y_m: 50.0, sampling_bps: 1.0, capacity_bits: 30_000, ..SensorNode::default() };
-    let model = PlanningModel::new(&scenario, &Sensors::of(&scenario, &[sensor]), &Stop::default());
+    let model = PlanningModel::new(&scenario, &MissionTable::of(&scenario, &[sensor]), true, &Stop::default());
     let channel = model.table.channel;
     let climb = scenario.uav.climb().unwrap();
     let range_m = climb.max_altitude_m - climb.min_altitude_m;
@@ -381,7 +382,7 @@ fn learnt_rates_replace_the_prior() {
     let table = &field.table;
     let mut belief = Belief::new(&scenario, &table.sensors, Some(Rates::Learnt));
     let setup = Setup { belief: &belief, ..field.setup() };
-    let mut horizon = Horizon::new(&setup, 600, 0, None);
+    let mut horizon = Horizon::new(&setup, HorizonKeys::of(0));
     let believed = |horizon: &mut Horizon, belief: &mut Belief, slot: u64| {
         let position = scenario.start();
         let belief = belief.at(slot - 1, &table.sensors, &[0; 3]);

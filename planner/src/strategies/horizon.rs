@@ -7,10 +7,8 @@ use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use nalgebra::Point3;
-use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, encode};
 use skysink_common::geometry::above;
-use skysink_common::keys::Accepts;
 use skysink_common::message::MAX_PATH_POINTS;
 
 use super::planned_flight::planned_flight;
@@ -19,40 +17,18 @@ use super::rollout::{Ahead, Effort, is_certain};
 use super::serving::Serving;
 use crate::horizon::forecast::{Forecast, PlanningWindow};
 use crate::horizon::long_search::{SearchOutcome, SearchProgress};
-use crate::horizon::{Horizon, planned_path};
+use crate::horizon::{Horizon, HorizonKeys, LookAheadPart, planned_path};
 use crate::strategy::{Decision, Registered, Setup, Strategy, View};
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered =
     Registered::new("horizon", "receding horizon: a plan over many slots, improved in every slot", |setup| {
-        let keys: HorizonKeys = setup.scenario.planner_keys("planner.horizon").expect("they were checked");
-        let budget = keys.budget_ms.map(|budget_ms| Duration::from_secs_f64(budget_ms / 1e3));
-        Box::new(LookAhead::new(setup, MOST_SLOTS, keys.iterations, budget))
+        let keys = setup.scenario.planner_keys("planner.horizon").expect("they were checked");
+        Box::new(LookAhead::new(setup, keys))
     })
     .with_state()
     .with_path()
     .with_keys::<HorizonKeys>();
-
-/// Times for a search.
-const BUDGET_MS: Accepts =
-    Accepts::Number("milliseconds above 0, at most 3600000", |budget_ms| budget_ms > 0.0 && budget_ms <= 3.6e6);
-
-skysink_common::keys! {
-    /// `[planner.horizon]`.
-    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-    #[serde(deny_unknown_fields)]
-    pub struct HorizonKeys {
-        /// Search steps in each slot.
-        iterations: u32 = 6000, Accepts::Whole(0, 1_000_000_000);
-        /// Time limit for the plan of a slot in paced runs [ms]. It has no effect in lock-step and in one process, where
-        /// results must not depend on a clock.
-        budget_ms: Option<f64>, BUDGET_MS;
-    }
-}
-
-/// Longest planning window [slots]: four times the mission of the UTS letter (arXiv 2103.00753). A window that reaches
-/// to the mission's end loses less than a shorter one that moves with the slot.
-const MOST_SLOTS: u64 = 2_400;
 
 /// Steps of the search before the mission, divided by the steps of each search that compares initial plans.
 const COMPARED_STEPS: u64 = 100;
@@ -74,9 +50,9 @@ pub(crate) struct LookAhead {
 
 impl LookAhead {
     /// As [`Horizon::new`].
-    pub fn new(setup: &Setup, max_slots: u64, iterations: u32, budget: Option<Duration>) -> Self {
+    pub fn new(setup: &Setup, keys: HorizonKeys) -> Self {
         Self {
-            horizon: Horizon::new(setup, max_slots, iterations, budget),
+            horizon: Horizon::new(setup, keys),
             rivals: Rivals::new(setup),
             serving: Serving::new(setup),
             path: Vec::with_capacity(MAX_PATH_POINTS),
@@ -109,8 +85,11 @@ impl LookAhead {
     }
 
     /// Whether strategies are rolled out: not if the plan is known to be optimal, because its loss equals the lower
-    /// bound, and links and queues are certain; nor in missions of too many SNs and slots.
+    /// bound, and links and queues are certain; nor in missions of too many SNs and slots, or if they are left out.
     fn has_rollouts(&self, view: &View, forecast: &Forecast) -> bool {
+        if self.horizon.keys.without == Some(LookAheadPart::Rollouts) {
+            return false;
+        }
         let is_settled = is_certain(view) && self.horizon.is_optimal(forecast);
         !is_settled && Effort::of(view, self.ahead(forecast).slots, 0.0).is_affordable
     }
@@ -133,8 +112,10 @@ impl LookAhead {
             return None;
         }
         let surveyed = self.rivals.survey(view, &self.ahead(forecast), is_over);
-        let flights = surveyed.iter().map(|rival| &rival.flight[..]);
-        self.horizon.offer(view, forecast, flights, steps, is_over);
+        if self.horizon.keys.without != Some(LookAheadPart::Offers) {
+            let flights = surveyed.iter().map(|rival| &rival.flight[..]);
+            self.horizon.offer(view, forecast, flights, steps, is_over);
+        }
         surveyed.into_iter().next()
     }
 
@@ -178,7 +159,7 @@ impl Strategy for LookAhead {
             move || view.stop.requested().is_some() || budget.is_some_and(is_late)
         };
         let mut forecast = self.horizon.forecast(view)?;
-        let steps = self.horizon.iterations;
+        let steps = self.horizon.keys.iterations;
         let surveyed = if self.rivals.choice.is_surveyed {
             None
         } else {

@@ -14,6 +14,7 @@ use skysink_common::keys::Accepts;
 use skysink_common::stop::Stop;
 
 use super::horizon::LookAhead;
+use crate::horizon::HorizonKeys;
 use crate::horizon::long_search::{SearchOutcome, SearchProgress};
 use crate::strategy::{Decision, Registered, Setup, Strategy, Timing, View};
 
@@ -58,7 +59,8 @@ impl Offline {
     /// If a value of `[planner.offline]` is refused; never for a scenario that was resolved.
     pub fn new(setup: &Setup) -> Result<Self, InputError> {
         let OfflineKeys { steps } = setup.scenario.planner_keys("planner.offline")?;
-        Ok(Self { ahead: LookAhead::new(setup, MOST_SLOTS, 0, None), steps, is_planned: false })
+        let keys = HorizonKeys { window: Some(MOST_SLOTS), ..HorizonKeys::of(0) };
+        Ok(Self { ahead: LookAhead::new(setup, keys), steps, is_planned: false })
     }
 
     /// Runs the search for a mission whose queues are known, `queues_bits` [bit] by id before slot 1; returns the

@@ -2,6 +2,7 @@
 
 use super::transit::toward;
 use super::turns::InTurn;
+use crate::geometry::turns::Turns;
 use crate::mission_table::MissionTable;
 use crate::strategy::Registered;
 
@@ -10,8 +11,10 @@ pub const STRATEGY: Registered =
     Registered::new("round-robin", "round robin: over one sensor node after the other, by id", |setup| {
         // Straight toward the SN whose turn it is, until above it.
         let waypoint =
-            |table: &MissionTable, position: &_, [current, _]: [&_; 2]| toward(table.limits.reach_m, position, current);
-        Box::new(InTurn::new(setup, setup.table.sensors.ids().collect(), waypoint))
+            |table: &MissionTable, position: &_, _: [&_; 2], above: &_| toward(table.limits.reach_m, position, above);
+        let sensors = &setup.table.sensors;
+        let turns = Turns { order: sensors.ids().collect(), points: sensors.positions.clone() };
+        Box::new(InTurn::new(setup, turns, false, waypoint))
     })
     .with_state();
 

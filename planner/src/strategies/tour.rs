@@ -1,39 +1,39 @@
-//! `tour`: a travelling salesman tour over all sensor nodes (SNs), flown repeatedly.
+//! `tour`: a short round that touches the disks of radius `d_c` about all sensor nodes (SNs), flown repeatedly.
 //!
-//! The closed tour is that of [`closed_tour`]: nearest neighbour, then 2-opt and or-opt. The UAV flies from disk to
-//! disk of radius `d_c` about the SNs, instead of over the SNs.
+//! The round is that of [`Disks::round`](crate::geometry::round::Disks::round), a close-enough travelling salesman tour.
+//! Each SN has its turn where the round touches its disk. The UAV flies from disk to disk.
 
 use skysink_common::geometry::Position;
-use skysink_common::stop::Stop;
 
+use super::transit::toward;
 use super::turns::InTurn;
 use crate::geometry::disks::{Disk, nearest_in_both, slots_between};
-use crate::geometry::tour::closed_tour;
 use crate::mission_table::MissionTable;
 use crate::strategy::Registered;
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered =
-    Registered::new("tour", "a travelling salesman tour over all sensor nodes, flown repeatedly", |setup| {
-        Box::new(InTurn::new(setup, order(setup.table, &setup.scenario.start().xy(), setup.stop), waypoint))
+    Registered::new("tour", "a short round that passes in range of all sensor nodes, flown repeatedly", |setup| {
+        let mut turns = setup.table.turns(setup.stop).as_ref().clone();
+        turns.begin_near(&setup.scenario.start().xy());
+        Box::new(InTurn::new(setup, turns, true, waypoint))
     })
     .with_state();
 
-/// A closed tour that starts at the SN nearest to `start`.
-fn order(table: &MissionTable, start: &Position, stop: &Stop) -> Vec<u32> {
-    let mut order = closed_tour(table.limits.area(), &table.sensors.positions, stop);
-    let away_m2 = |&id: &u32| (table.sensors.position(id) - start).norm_squared();
-    let first = (0..order.len()).min_by(|&a, &b| away_m2(&order[a]).total_cmp(&away_m2(&order[b])));
-    order.rotate_left(first.unwrap_or(0));
-    order
-}
+/// Slots to the range of an SN from which on the UAV flies to the point of the round: over short legs whole slots count
+/// more than metres.
+const MANY_SLOTS: f64 = 3.0;
 
 /// Where to fly from `position`: in as few slots as it takes to get in range of `current`, and to the point in range
-/// that is nearest to `next`.
-fn waypoint(table: &MissionTable, position: &Position, [current, next]: [&Position; 2]) -> Position {
-    let range = Disk { centre: *current, radius_m: table.limits.comm_radius_m };
-    let slots = slots_between(position, &range, table.limits.reach_m);
-    let reach = Disk { centre: *position, radius_m: table.limits.reach_m * slots };
+/// that is nearest to `next`; on a long leg to `point`, where the round touches the range.
+fn waypoint(table: &MissionTable, position: &Position, [current, next]: [&Position; 2], point: &Position) -> Position {
+    let MissionTable { limits, .. } = table;
+    let range = Disk { centre: *current, radius_m: limits.comm_radius_m };
+    let slots = slots_between(position, &range, limits.reach_m);
+    if slots >= MANY_SLOTS {
+        return toward(limits.reach_m, position, point);
+    }
+    let reach = Disk { centre: *position, radius_m: limits.reach_m * slots };
     let end = nearest_in_both(next, &reach, &range);
     position + (end - position) / slots
 }
@@ -42,18 +42,14 @@ fn waypoint(table: &MissionTable, position: &Position, [current, next]: [&Positi
 mod tests {
     use super::*;
     use crate::mission_table::tests::table_of;
+    use crate::strategies::tests::made;
+    use crate::strategy::tests::view;
 
-    /// From `position`, toward SN 0 with the last SN after it.
+    /// From `position`, toward SN 0 with the last SN after it; the round touches SN 0 at (50, 99).
     fn from(position: [f64; 2], positions_m: &[[f64; 2]]) -> Position {
         let table = table_of(positions_m);
         let last = table.sensors.positions[table.sensors.positions.len() - 1];
-        waypoint(&table, &position.into(), [&table.sensors.positions[0], &last])
-    }
-
-    #[test]
-    fn a_tour_begins_with_the_sensor_node_nearest_to_the_start() {
-        let table = table_of(&[[90.0, 90.0], [50.0, 80.0]]);
-        assert_eq!(order(&table, &Position::new(50.0, 50.0), &Stop::default()), [1, 0]);
+        waypoint(&table, &position.into(), [&table.sensors.positions[0], &last], &Position::new(50.0, 99.0))
     }
 
     #[test]
@@ -69,5 +65,39 @@ mod tests {
     fn a_leg_of_two_slots_is_flown_in_equal_steps() {
         // 48 m away, 38 m to the rim, two slots; alone, its own next: (50, 98) is 24 m a slot.
         assert!((from([50.0, 50.0], &[[50.0, 98.0]]) - Position::new(50.0, 74.0)).norm() < 1e-9);
+    }
+
+    #[test]
+    fn a_long_leg_is_flown_to_the_point_of_the_round() {
+        // 85 m to the rim, three slots.
+        assert!((from([50.0, 0.0], &[[50.0, 95.0]]) - Position::new(50.0, 30.0)).norm() < 1e-9);
+        assert!((from([90.0, 19.0], &[[50.0, 99.0]]) - Position::new(90.0 - 13.4164, 19.0 + 26.8328)).norm() < 1e-3);
+    }
+
+    #[test]
+    fn an_sn_served_in_passing_loses_its_turn() {
+        // The round goes along the line; SN 1, 8 m before SN 2, is in range wherever SN 2 is first served.
+        let positions = [[50.0, 50.0], [50.0, 8.0], [50.0, 0.0], [50.0, 90.0]];
+        let (table, mut tour) = made("tour", &positions);
+        let mut ground = [50.0, 50.0];
+        let mut served = Vec::new();
+        for slot in 1..=40 {
+            let decision = tour.plan(&view(&table, slot, ground, &[9; 4])).unwrap();
+            ground = [decision.waypoint.x, decision.waypoint.y];
+            served.push(decision.schedule.to_vec());
+        }
+        let visits = served.iter().filter(|ids| ids.contains(&1)).count();
+        let alone = served.iter().filter(|ids| ids[..] == [1]).count();
+        assert!(visits >= 5 && alone == 0, "{served:?}");
+    }
+
+    #[test]
+    fn an_empty_field_has_a_tour_of_one_state() {
+        let (table, mut tour) = made("tour", &[]);
+        let decision = tour.plan(&view(&table, 1, [7.0, 8.0], &[])).unwrap();
+        assert_eq!((decision.waypoint.xy(), decision.schedule.len()), (Position::new(7.0, 8.0), 0));
+        let mut bytes = Vec::new();
+        tour.save(&mut bytes);
+        assert!(tour.restore(&bytes).is_ok());
     }
 }

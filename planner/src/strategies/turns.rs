@@ -1,54 +1,73 @@
 //! Cyclic service of sensor nodes (SNs) in a fixed order, the common part of `tour` and `round-robin`.
 
+use std::collections::BTreeSet;
+
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::geometry::{Position, within};
 
 use super::nearby::fullest_first;
 use super::serving::Serving;
+use crate::geometry::turns::Turns;
 use crate::mission_table::MissionTable;
 use crate::strategy::{Decision, Setup, Strategy, View};
 
-/// The waypoint from a position toward the current SN, `[0]`, given the next one, `[1]`.
-type Waypoint = fn(&MissionTable, &Position, [&Position; 2]) -> Position;
+/// The waypoint from a position toward the current SN, `[0]`, given the next one, `[1]`, and the current one's point of
+/// the round.
+type Waypoint = fn(&MissionTable, &Position, [&Position; 2], &Position) -> Position;
 
 /// A strategy that serves SNs in a fixed order. A turn ends with the slot that serves its SN.
 pub(crate) struct InTurn {
-    order: Vec<u32>,
-    /// Index in `order` of the current SN.
-    turn: usize,
-    /// The same in the slot before.
-    before: usize,
+    turns: Turns,
+    /// The turn of each SN.
+    turn_of: Vec<usize>,
+    /// Most turns before its own at which an SN is served instead of in it. `None`: all, but only if all turns between end
+    /// in the same slot.
+    early: Option<usize>,
     waypoint: Waypoint,
     serving: Serving,
+    /// The current turn.
+    turn: usize,
+    /// Later turns whose SNs have been served.
+    served: BTreeSet<usize>,
+    /// The schedule of the slot before.
+    planned: Vec<u32>,
 }
 
 impl InTurn {
-    /// Starts with the first SN of `order`.
-    pub fn new(setup: &Setup, order: Vec<u32>, waypoint: Waypoint) -> Self {
-        Self { order, turn: 0, before: 0, waypoint, serving: Serving::new(setup) }
+    /// Starts with the first of `turns`. With `remembers`, an SN that was served at most half a round before its turn
+    /// loses it.
+    pub fn new(setup: &Setup, turns: Turns, remembers: bool, waypoint: Waypoint) -> Self {
+        let mut turn_of = vec![0; turns.order.len()];
+        turns.order.iter().enumerate().for_each(|(turn, &id)| turn_of[id as usize] = turn);
+        let early = remembers.then_some(turns.order.len().saturating_sub(1) / 2);
+        let serving = Serving::new(setup);
+        Self { turns, turn_of, early, waypoint, serving, turn: 0, served: BTreeSet::new(), planned: Vec::new() }
     }
 
-    /// Goes back to the first SN of the slot before that is out of range of where it ended, at `ground`: it was not
-    /// served.
-    fn go_back(&mut self, table: &MissionTable, ground: &Position) {
-        while self.before != self.turn {
-            let position = table.sensors.position(self.order[self.before]);
-            if !within(position, ground, table.limits.comm_radius_m) {
-                self.turn = self.before;
-                return;
+    /// Ends the turns of the SNs that the slot before served: those in range of where it ended, at `ground`.
+    fn advance(&mut self, table: &MissionTable, ground: &Position) {
+        let count = self.turns.order.len();
+        let most = self.early.unwrap_or(count);
+        for id in self.planned.drain(..) {
+            let turn = self.turn_of[id as usize];
+            let ahead = (turn + count - self.turn) % count;
+            if ahead <= most && within(table.sensors.position(id), ground, table.limits.comm_radius_m) {
+                self.served.insert(turn);
             }
-            self.before = (self.before + 1) % self.order.len();
+        }
+        while self.served.remove(&self.turn) {
+            self.turn = (self.turn + 1) % count;
+        }
+        if self.early.is_none() {
+            self.served.clear();
         }
     }
 
-    /// Skips the SNs that a slot serves.
-    fn advance(&mut self, served: &[u32]) {
-        for _ in 0..self.order.len() {
-            if !served.contains(&self.order[self.turn]) {
-                return;
-            }
-            self.turn = (self.turn + 1) % self.order.len();
-        }
+    /// The first turn after the current one that is not served; the current one if there is none.
+    fn next_turn(&self) -> usize {
+        let count = self.turns.order.len();
+        let others = (1..count).map(|ahead| (self.turn + ahead) % count);
+        others.into_iter().find(|turn| !self.served.contains(turn)).unwrap_or(self.turn)
     }
 }
 
@@ -57,29 +76,33 @@ impl Strategy for InTurn {
     /// position.
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         let ground = view.ground();
-        self.go_back(view.table, &ground);
-        self.before = self.turn;
-        let current = self.order.get(self.turn).copied();
+        self.advance(view.table, &ground);
+        let current = self.turns.order.get(self.turn).copied();
         let waypoint = current.map_or(ground, |current| {
-            let next = self.order[(self.turn + 1) % self.order.len()];
-            (self.waypoint)(view.table, &ground, [current, next].map(|id| view.table.sensors.position(id)))
+            let ids = [current, self.turns.order[self.next_turn()]];
+            let positions = ids.map(|id| view.table.sensors.position(id));
+            (self.waypoint)(view.table, &ground, positions, &self.turns.points[self.turn])
         });
         let key = |id| (Some(id) != current, fullest_first(view.value(id), id));
         let decision = self.serving.serve_by(view, &waypoint, key);
-        self.advance(&decision.schedule);
+        self.planned.extend(&decision.schedule);
         Some(decision)
     }
 }
 
 impl Checkpoint for InTurn {
     fn save(&self, bytes: &mut Vec<u8>) {
-        encode(&(self.before, self.turn), bytes);
+        encode(&(self.turn, &self.served, &self.planned), bytes);
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        let (before, turn): (usize, usize) = decode(bytes)?;
-        CheckpointError::ensure(before.max(turn) < self.order.len().max(1), "a turn of this field")?;
-        (self.before, self.turn) = (before, turn);
+        let (turn, served, planned): (usize, BTreeSet<usize>, Vec<u32>) = decode(bytes)?;
+        let count = self.turns.order.len();
+        let is_turn = |turn: &usize| *turn < count;
+        CheckpointError::ensure(is_turn(&turn) || turn == 0, "a turn of this field")?;
+        CheckpointError::ensure(served.iter().all(is_turn) && !served.contains(&turn), "later turns of this field")?;
+        CheckpointError::ensure(planned.iter().all(|&id| (id as usize) < count), "sensor nodes of this field")?;
+        (self.turn, self.served, self.planned) = (turn, served, planned);
         Ok(())
     }
 }
@@ -116,13 +139,32 @@ mod tests {
     #[test]
     fn a_checkpoint_of_a_larger_field_is_refused() {
         let (table, mut strategy) = made("round-robin", &[[50.0, 70.0], [50.0, 30.0]]);
-        assert!(
-            strategy.restore(&[2, 0]).is_err()
-                && strategy.restore(&[0, 2]).is_err()
-                && strategy.restore(&[1, 1]).is_ok()
-        );
+        // The turn, the turns that are served, and the schedule before.
+        let refused: [&[u8]; 5] = [&[2, 0, 0], &[0, 1, 2, 0], &[1, 1, 1, 0], &[0, 0, 1, 2], &[0]];
+        assert!(refused.iter().all(|bytes| strategy.restore(bytes).is_err()));
+        assert!(strategy.restore(&[1, 0, 0]).is_ok());
         let decision = strategy.plan(&view(&table, 1, [50.0, 50.0], &[9; 2])).unwrap();
         assert_eq!(decision.schedule[..], [1]);
-        assert!(made("round-robin", &[]).1.restore(&[0, 0]).is_ok(), "an empty field has one state");
+        assert!(made("round-robin", &[]).1.restore(&[0, 0, 0]).is_ok(), "an empty field has one state");
+    }
+
+    #[test]
+    fn a_tour_goes_on_from_its_checkpoint() {
+        let positions: Vec<[f64; 2]> =
+            (0..9).map(|index| [f64::from(index * 37 % 90), f64::from(index * 53 % 90)]).collect();
+        let (table, mut tour) = made("tour", &positions);
+        let mut ground = [50.0, 50.0];
+        for slot in 1..60 {
+            let (_, mut resumed) = made("tour", &positions);
+            let mut bytes = Vec::new();
+            tour.save(&mut bytes);
+            resumed.restore(&bytes).unwrap();
+            let [decision, again] = [&mut tour, &mut resumed].map(|tour| {
+                let decision = tour.plan(&view(&table, slot, ground, &[9; 9])).unwrap();
+                (decision.waypoint, decision.schedule)
+            });
+            assert_eq!(decision, again, "slot {slot}");
+            ground = [decision.0.x, decision.0.y];
+        }
     }
 }

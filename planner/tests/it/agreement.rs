@@ -71,9 +71,10 @@ fn cases(most: usize, low: u32, high: u32, reaches_m: impl Strategy<Value = f64>
     (sensors, place, reaches_m, blocks).prop_map(|(sensors, (x_m, y_m), reach_m, resource_blocks)| {
         let node = |&(x_m, y_m, _): &(f64, f64, u32)| SensorNode { x_m, y_m, gain: 1e-5, ..SensorNode::default() };
         let nodes: Vec<SensorNode> = sensors.iter().map(node).collect();
-        let letter = MissionTable::of(&Scenario::letter(Overrides::default()).unwrap(), &nodes);
+        let mut table = MissionTable::of(&Scenario::letter(Overrides::default()).unwrap(), &nodes);
+        table.limits = Limits { reach_m, resource_blocks, ..table.limits };
         Case {
-            table: MissionTable { limits: Limits { reach_m, resource_blocks, ..letter.limits }, ..letter },
+            table,
             position: Position::new(x_m, y_m),
             queues_bits: sensors.into_iter().map(|(.., queue_bits)| queue_bits).collect(),
         }

@@ -5,8 +5,9 @@ use std::path::Path;
 use skysink_common::error::InputError;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_planner::Planner;
+use skysink_planner::horizon::HorizonKeys;
 use skysink_planner::settings::{Knowledge, Rates, Settings, WaypointSolver, change, resolve};
-use skysink_planner::strategies::horizon::{self, HorizonKeys};
+use skysink_planner::strategies::horizon;
 use skysink_planner::strategies::names;
 
 fn city(text: &str) -> Result<Scenario, InputError> {
@@ -66,10 +67,18 @@ fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
         ("offline.steps = 1000000000001", "planner.offline.steps = 1000000000001: expected 0 to 1000000000000"),
         ("horizon.budget_ms = 0.0", "planner.horizon.budget_ms = 0.0: expected milliseconds above 0, at most 3600000"),
         ("horizon.budget_ms = nan", "planner.horizon.budget_ms = nan: expected milliseconds above 0, at most 3600000"),
+        ("horizon.window = 0", "planner.horizon.window = 0: expected 1 to 1000000"),
+        (
+            "horizon.without = \"tours\"",
+            "planner.horizon.without = \"tours\": expected one of `nothing`, `rollouts`, `offers`, `annealing`, `groups`",
+        ),
         ("horizon_iterations = 5", "planner.horizon_iterations = 5: expected planner.horizon.iterations instead"),
         ("horizon_budget_ms = 5.0", "planner.horizon_budget_ms = 5.0: expected planner.horizon.budget_ms instead"),
         ("offline_steps = 5", "planner.offline_steps = 5: expected planner.offline.steps instead"),
-        ("horizon.steps = \"a\\nb\"", "planner.horizon.steps = \"a\\nb\": expected `iterations` or `budget_ms`"),
+        (
+            "horizon.steps = \"a\\nb\"",
+            "planner.horizon.steps = \"a\\nb\": expected one of `iterations`, `window`, `without`, `budget_ms`",
+        ),
         ("horizon = 3", "planner.horizon = 3: expected a table"),
         ("mes.deadline_weight = 1.5", "planner.mes.deadline_weight = 1.5: expected a weight from 0 to 1"),
         ("mes.deadline_weight = \"0\"", "planner.mes.deadline_weight = \"0\": expected a number"),
@@ -110,7 +119,7 @@ fn a_planner_is_made_of_checked_keys_only() {
     let learnt = change(city("").unwrap(), |settings| settings.rates = Rates::Learnt);
     assert!(learnt.unwrap_err().to_string().contains("planner.rates"));
     let mut longer = city("").unwrap();
-    horizon::STRATEGY.set_keys(&mut longer, HorizonKeys { iterations: u32::MAX, budget_ms: None });
+    horizon::STRATEGY.set_keys(&mut longer, HorizonKeys::of(u32::MAX));
     let refusal = longer.planner_keys::<HorizonKeys>("planner.horizon").unwrap_err().to_string();
     assert!(refusal.ends_with("planner.horizon.iterations = 4294967295: expected 0 to 1000000000"), "{refusal}");
 }

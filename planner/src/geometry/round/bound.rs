@@ -226,7 +226,7 @@ fn directions(field: &DiskField, points: &[Position]) -> Vec<Vector2<f64>> {
 fn dual_m(field: &DiskField, disks: &[u32], first: &Position, directions: &[Vector2<f64>]) -> f64 {
     let fixed = field.fixed();
     let turn = |stop: usize| {
-        let before = if stop > 0 { stop.checked_sub(1) } else { field.is_closed.then(|| directions.len() - 1) };
+        let before = stop.checked_sub(1).or_else(|| field.is_closed.then(|| directions.len() - 1));
         let [into, out] = [before, Some(stop)].map(|leg| leg.and_then(|leg| directions.get(leg)).copied());
         into.unwrap_or_default() - out.unwrap_or_default()
     };

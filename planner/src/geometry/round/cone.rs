@@ -21,7 +21,7 @@ pub struct Shortest {
 /// The points of the disks `order`, after the start if there is one; `None` if Clarabel does not solve it.
 ///
 /// Minimises `Σ t_k` with `‖p_{k+1} − p_k‖ ≤ t_k` for each leg, and `‖p_k − c_k‖ ≤ r` for each disk. Lengths are relative
-/// to the first centre, and in units of the largest distance to it.
+/// to the start, or the first centre, and in units of the largest distance to it.
 pub fn shortest(field: &DiskField, order: &[u32]) -> Option<Shortest> {
     let fixed = field.fixed();
     let stops = fixed + order.len();
@@ -61,8 +61,7 @@ pub fn shortest(field: &DiskField, order: &[u32]) -> Option<Shortest> {
     let mut begins = vec![0];
     let (mut rows, mut values) = (Vec::new(), Vec::new());
     for column in &mut columns {
-        // A closed round of two stops has both of its legs between the same points.
-        column.sort_unstable_by_key(|(row, _)| *row);
+        column.sort_unstable_by_key(|(row, _)| *row); // as the matrix requires
         rows.extend(column.iter().map(|(row, _)| *row));
         values.extend(column.iter().map(|(_, value)| *value));
         begins.push(rows.len());

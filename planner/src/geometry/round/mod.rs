@@ -16,6 +16,7 @@ mod exchange;
 mod search;
 mod stops;
 
+use nalgebra::Vector2;
 use skysink_common::geometry::Position;
 use skysink_common::random::{Purpose, Streams};
 use skysink_common::stop::Stop;
@@ -24,10 +25,13 @@ pub use search::RoundEffort;
 use search::RoundSearch;
 use stops::{DiskField, Itinerary, NO_DISK};
 
+/// Largest coordinate [m] of a first centre at which lengths are not yet computed relative to it.
+const FAR_M: f64 = 1e6;
+
 /// What a round has to touch.
 #[derive(Debug, Clone, Copy)]
 pub struct Disks<'a> {
-    /// Centres of the disks.
+    /// Centres of the disks, finite.
     pub centres: &'a [Position],
     /// Their radius [m], not negative.
     pub radius_m: f64,
@@ -49,18 +53,19 @@ pub struct DiskRound {
 }
 
 impl Disks<'_> {
-    /// A short round; deterministic if the effort is in steps. `stop` ends the search.
+    /// A short round; deterministic if the effort is in steps. `stop` ends the search; the round may then miss disks.
     #[must_use]
     pub fn round(&self, effort: RoundEffort, stop: &Stop) -> DiskRound {
         let field = self.field();
-        let mut search = RoundSearch::new(&field, Streams::new(0).stream(Purpose::Round, 0, 0));
-        let found = search.run(Itinerary::of_one(&field), effort, stop);
+        let mut search = RoundSearch::new(&field, Streams::new(0).stream(Purpose::Round, 0, 0), stop);
+        let found = search.run(Itinerary::of_one(&field), effort);
         let order: Vec<u32> = found.stops.iter().map(|stop| stop.disk).filter(|&disk| disk != NO_DISK).collect();
         let straightened = cone::shortest(&field, &order).map(|shortest| found.at(&field, shortest.points));
         let shorter = straightened.filter(|round| round.is_whole() && round.length_m < found.length_m);
         let round = shorter.unwrap_or(found);
+        let free = round.stops[field.fixed().min(round.stops.len())..].iter();
         DiskRound {
-            points: round.stops.iter().map(|stop| stop.point).collect(),
+            points: self.start.into_iter().chain(free.map(|stop| stop.point + self.origin())).collect(),
             order: order.into_iter().map(|disk| field.cover.ids[disk as usize]).collect(),
             length_m: (0..round.stops.len()).map(|leg| round.leg_m(&field, leg)).sum(),
         }
@@ -73,8 +78,16 @@ impl Disks<'_> {
         bound::bound_m(&self.field(), known_m, effort, stop)
     }
 
+    /// Relative to [`Self::origin`].
     fn field(&self) -> DiskField {
-        DiskField::new(self.centres, self.radius_m, self.start, self.is_closed)
+        let centres: Vec<Position> = self.centres.iter().map(|centre| centre - self.origin()).collect();
+        DiskField::new(&centres, self.radius_m, self.start.map(|start| start - self.origin()), self.is_closed)
+    }
+
+    /// What coordinates are relative to: far from the origin the first centre, because there rounding is coarse.
+    fn origin(&self) -> Vector2<f64> {
+        let is_far = |centre: &&Position| centre.coords.amax() > FAR_M;
+        self.centres.first().filter(is_far).map_or(Vector2::zeros(), |centre| centre.coords)
     }
 }
 

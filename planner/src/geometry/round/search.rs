@@ -52,21 +52,25 @@ pub struct RoundSearch<'a> {
     /// How often each disk was inserted in this step.
     inserted: Vec<u8>,
     open: Vec<u32>,
-    /// Squared distances of a disk to the legs, less the radius [m].
+    /// Distances of a disk to the legs, less the radius [m].
     beyond_m: Vec<f64>,
+    stop: &'a Stop,
 }
 
 impl<'a> RoundSearch<'a> {
-    pub fn new(field: &'a DiskField, random: ChaCha8Rng) -> Self {
+    pub fn new(field: &'a DiskField, random: ChaCha8Rng, stop: &'a Stop) -> Self {
         let inserted = vec![0; field.cover.centres.len()];
-        Self { field, random, inserted, open: Vec::new(), beyond_m: Vec::new() }
+        Self { field, random, inserted, open: Vec::new(), beyond_m: Vec::new(), stop }
     }
 
-    /// The shortest round found from `first` on, which need not touch all disks. The round is whole whatever stops it.
-    pub fn run(&mut self, first: Itinerary, effort: RoundEffort, stop: &Stop) -> Itinerary {
+    /// The shortest round found from `first` on, which need not touch all disks. The result does, unless the search is
+    /// stopped.
+    pub fn run(&mut self, first: Itinerary, effort: RoundEffort) -> Itinerary {
         let field = self.field;
         let mut current = first;
-        self.complete(&mut current, f64::INFINITY);
+        if !self.complete(&mut current, f64::INFINITY) || effort == RoundEffort::Steps(0) {
+            return current;
+        }
         let mut best = current.clone();
         let mut tried = Itinerary::default();
         let begin = Instant::now();
@@ -81,7 +85,7 @@ impl<'a> RoundSearch<'a> {
                 if let RoundEffort::Time(time) = effort {
                     done = begin.elapsed().as_secs_f64() / time.as_secs_f64();
                 }
-                if stop.requested().is_some() {
+                if self.stop.requested().is_some() {
                     break;
                 }
             }
@@ -117,7 +121,7 @@ impl<'a> RoundSearch<'a> {
         if polished.length_m < best.length_m { polished } else { best }
     }
 
-    /// Makes a round whole; `false` if it becomes clearly longer than `limit_m` [m].
+    /// Makes a round whole; `false` if it becomes clearly longer than `limit_m` [m], or after a stop.
     fn complete(&mut self, round: &mut Itinerary, limit_m: f64) -> bool {
         if !self.recreate(round, limit_m) {
             return false;
@@ -127,7 +131,8 @@ impl<'a> RoundSearch<'a> {
         self.recreate(round, limit_m)
     }
 
-    /// Inserts disks that no leg touches, until all are touched. `false` if the round is clearly longer than `limit_m`.
+    /// Inserts disks that no leg touches, until all are touched. `false` if the round is clearly longer than `limit_m`,
+    /// or after a stop.
     fn recreate(&mut self, round: &mut Itinerary, limit_m: f64) -> bool {
         let slack_m = 0.05 * round.mean_m();
         let mut is_first = true;
@@ -140,7 +145,7 @@ impl<'a> RoundSearch<'a> {
             if self.open.is_empty() {
                 return true;
             }
-            if round.length_m > limit_m + slack_m {
+            if round.length_m > limit_m + slack_m || self.stop.requested().is_some() {
                 return false;
             }
             if std::mem::take(&mut is_first) {

@@ -19,6 +19,9 @@ const INNER: f64 = 1.0 - 2e-7;
 /// the rounding.
 const LEAST_RADIUS: f64 = 1e-9;
 
+/// What rounding may add to the distance of a stop from its centre, as a fraction of the largest coordinate.
+const ROUNDING: f64 = 1e-14;
+
 /// Distances below this [m] are rounding.
 const LEAST_M: f64 = 1e-150;
 
@@ -35,7 +38,9 @@ impl DiskField {
     pub fn new(centres: &[Position], radius_m: f64, start: Option<Position>, is_closed: bool) -> Self {
         let all = || centres.iter().chain(&start).flat_map(|point| [point.x, point.y]);
         let [lowest_m, highest_m] = [all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max)];
-        let touched_m = radius_m.max(LEAST_RADIUS * (highest_m - lowest_m).max(0.0));
+        let range_m = (highest_m - lowest_m).max(0.0);
+        let rounding_m = ROUNDING * all().map(f64::abs).fold(0.0, f64::max);
+        let touched_m = radius_m.max(LEAST_RADIUS * range_m) + rounding_m;
         Self { cover: Cover::new(centres, touched_m), inner_m: radius_m * INNER, start, is_closed }
     }
 
@@ -44,7 +49,7 @@ impl DiskField {
         usize::from(self.start.is_some())
     }
 
-    /// The cheapest point of a disk on the way from `from` to `to` [m], and its detour [m].
+    /// The least detour to a disk on the way from `from` to `to` [m], and its point.
     pub fn touch(&self, disk: u32, from: &Position, to: Option<&Position>) -> (f64, Position) {
         let centre = &self.cover.centres[disk as usize];
         let Some(to) = to else {

@@ -49,6 +49,29 @@ fn bound_m(disks: &Disks, round: &DiskRound) -> f64 {
 }
 
 #[test]
+fn a_round_far_from_the_origin_is_as_long_and_ends() {
+    let centres = |x_m: f64| positions(&[[x_m, 0.0], [x_m + 50.0, 0.0], [x_m + 50.0, 50.0], [x_m, 50.0]]);
+    let length_m = |x_m: f64, radius_m: f64| closed(&centres(x_m), radius_m).round(STEPS, &Stop::default()).length_m;
+    for radius_m in [10.0, 0.3, 1e-6, 0.0] {
+        let near_m = length_m(0.0, radius_m);
+        for far_m in [1e4, 1e6, 1e9] {
+            assert!((length_m(far_m, radius_m) / near_m - 1.0).abs() < 1e-6, "{far_m} m, radius {radius_m} m");
+        }
+    }
+}
+
+#[test]
+fn a_stopped_search_without_effort_ends_at_once() {
+    let stop = Stop::default();
+    stop.flag().store(2, std::sync::atomic::Ordering::Relaxed);
+    let centres: Vec<Position> =
+        (0..3_000).map(|index| Position::new(f64::from(index), f64::from(index % 7))).collect();
+    let begin = std::time::Instant::now();
+    closed(&centres, 0.1).round(STEPS, &stop);
+    assert!(begin.elapsed() < Duration::from_secs(1), "{:?}", begin.elapsed());
+}
+
+#[test]
 fn four_corners_are_touched_on_their_diagonals() {
     // A convex problem with the symmetry of the square: 4 (a − √2 r).
     let centres = positions(&[[0.0, 0.0], [50.0, 0.0], [50.0, 50.0], [0.0, 50.0]]);
@@ -149,7 +172,7 @@ fn the_same_steps_find_the_same_round_and_more_no_longer_one() {
     let stop = Stop::default();
     stop.flag().store(2, std::sync::atomic::Ordering::Relaxed);
     let stopped = disks.round(RoundEffort::Steps(u64::MAX), &stop);
-    check(&disks, &stopped);
+    assert_eq!(stopped.points[0], disks.start.unwrap());
     assert!(disks.bound_m(stopped.length_m, RoundEffort::Steps(u64::MAX), &stop) <= stopped.length_m);
 }
 

@@ -1,0 +1,195 @@
+//! The order in which a short closed round over disks of one radius serves them.
+
+use skysink_common::geometry::{Position, distance_squared};
+use skysink_common::sensors::grid::Grid;
+use skysink_common::stop::Stop;
+
+use super::round::{Disks, RoundEffort};
+
+/// Steps of the search for a round over at most [`MANY`] disks: about 0.1 s.
+const STEPS: u64 = 3_000;
+
+/// Disks from which on a search has fewer steps, in inverse proportion.
+const MANY: usize = 500;
+
+/// Most disks of a search. With more, the next one is the nearest.
+const MOST: usize = 10_000;
+
+/// Largest coordinate of a disk in a round [m]; with larger ones, too, the next one is the nearest.
+const FARTHEST_M: f64 = 1e9;
+
+/// Neighbours among which the nearest disk without a turn is looked for first.
+const NEIGHBOURS: usize = 16;
+
+/// The turns of disks.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Turns {
+    /// All disks in the order of a closed round.
+    pub order: Vec<u32>,
+    /// The point of the round at which it touches each disk of `order`.
+    pub points: Vec<Position>,
+}
+
+impl Turns {
+    /// The turns of disks about `centres`. `stop` ends the search for a shorter round.
+    #[must_use]
+    pub fn new(centres: &[Position], radius_m: f64, stop: &Stop) -> Self {
+        if centres.len() > MOST || !centres.iter().all(is_measurable) {
+            let order = nearest_first(centres, stop);
+            let points = order.iter().map(|&disk| centres[disk as usize]).collect();
+            return Self { order, points };
+        }
+        let many = centres.len().max(MANY) as u64;
+        Self::of_round(centres, radius_m, RoundEffort::Steps(STEPS * MANY as u64 / many), stop)
+    }
+
+    /// The turns of a round. Disks that have no stop of their own are touched where it is nearest to them.
+    fn of_round(centres: &[Position], radius_m: f64, effort: RoundEffort, stop: &Stop) -> Self {
+        let round = Disks { centres, radius_m, start: None, is_closed: true }.round(effort, stop);
+        let stops = round.points.len();
+        let mut turns: Vec<(f64, u32, Position)> = Vec::with_capacity(centres.len());
+        let mut has_stop = vec![false; centres.len()];
+        for (index, (&disk, &point)) in round.order.iter().zip(&round.points).enumerate() {
+            has_stop[disk as usize] = true;
+            turns.push((index as f64, disk, point));
+        }
+        for (disk, centre) in (0..).zip(centres).filter(|&(disk, _)| !has_stop[disk as usize]) {
+            let touched = (0..stops).map(|leg| {
+                let [from, to] = [round.points[leg], round.points[(leg + 1) % stops]];
+                let along = to - from;
+                let part = (centre - from).dot(&along) / along.norm_squared().max(f64::MIN_POSITIVE);
+                let point = from + along * part.clamp(0.0, 1.0);
+                (distance_squared(&point, centre), leg as f64 + part.clamp(0.0, 1.0), point)
+            });
+            turns.extend(touched.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, at, point)| (at, disk, point)));
+        }
+        turns.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        Self {
+            order: turns.iter().map(|turn| turn.1).collect(),
+            points: turns.into_iter().map(|turn| turn.2).collect(),
+        }
+    }
+
+    /// Begins with the turn whose point is nearest to `start`.
+    pub fn begin_near(&mut self, start: &Position) {
+        let away_m2 = |&turn: &usize| distance_squared(&self.points[turn], start);
+        let first = (0..self.points.len()).min_by(|a, b| away_m2(a).total_cmp(&away_m2(b))).unwrap_or(0);
+        self.order.rotate_left(first);
+        self.points.rotate_left(first);
+    }
+}
+
+/// Whether lengths around `centre` can be computed: hostile messages may have any coordinates.
+fn is_measurable(centre: &Position) -> bool {
+    centre.iter().all(|coordinate_m| coordinate_m.abs() <= FARTHEST_M)
+}
+
+/// From the first point always to the nearest one that is left; after `stop` to any.
+fn nearest_first(points: &[Position], stop: &Stop) -> Vec<u32> {
+    let [low, high] = points.iter().fold([points[0]; 2], |[low, high], point| [low.inf(point), high.sup(point)]);
+    let sides = high - low;
+    let grid = Grid::new(points, (sides.x * sides.y / points.len() as f64).sqrt());
+    let mut is_left = vec![true; points.len()];
+    let mut order = vec![0];
+    is_left[0] = false;
+    while order.len() < points.len() {
+        let at = &points[order[order.len() - 1] as usize];
+        let mut count = NEIGHBOURS;
+        let next = loop {
+            let near = grid.nearest(at, count);
+            if let Some(next) = near.iter().copied().find(|&other| is_left[other as usize]) {
+                break next;
+            }
+            if near.len() < count || stop.requested().is_some() {
+                // Positions that are not numbers are near nothing.
+                break is_left.iter().position(|is_left| *is_left).expect("one is left") as u32;
+            }
+            count *= 4;
+        };
+        is_left[next as usize] = false;
+        order.push(next);
+    }
+    order
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn at(angle_deg: f64) -> Position {
+        let angle = angle_deg.to_radians();
+        Position::new(50.0 + 40.0 * angle.cos(), 50.0 + 40.0 * angle.sin())
+    }
+
+    #[test]
+    fn disks_in_a_ring_have_their_turns_around_it() {
+        let centres: Vec<Position> = (0..20).map(|step| at(f64::from(step * 7 % 20) * 18.0)).collect();
+        let Turns { order, points } = Turns::new(&centres, 1.0, &Stop::default());
+        let place = |turn: usize| order[turn % 20] as i32 * 7 % 20; // around the ring
+        let steps: Vec<i32> = (0..20).map(|turn| (place(turn + 1) - place(turn)).rem_euclid(20)).collect();
+        assert!(steps.iter().all(|&step| step == 1) || steps.iter().all(|&step| step == 19), "{steps:?}");
+        let away_m = |turn: usize| (points[turn] - Position::new(50.0, 50.0)).norm();
+        assert!((0..20).all(|turn| away_m(turn) < 39.6), "it passes inside of the centres");
+    }
+
+    #[test]
+    fn a_disk_that_is_touched_in_passing_has_its_turn_there() {
+        // The round is a line from x = 10 to x = 90 and back; the disk in the middle is 3 m beside it.
+        let centres = [Position::new(5.0, 50.0), Position::new(95.0, 50.0), Position::new(40.0, 53.0)];
+        let Turns { order, points } = Turns::new(&centres, 5.0, &Stop::default());
+        let turn = order.iter().position(|&disk| disk == 2).unwrap();
+        assert!((points[turn] - Position::new(40.0, 50.0)).norm() < 0.5, "{points:?}");
+    }
+
+    #[test]
+    fn turns_begin_at_the_point_nearest_to_the_start() {
+        let points = vec![Position::new(0.0, 0.0), Position::new(50.0, 0.0), Position::new(90.0, 0.0)];
+        let mut turns = Turns { order: vec![5, 3, 4], points };
+        turns.begin_near(&Position::new(60.0, 9.0));
+        assert_eq!((turns.order, turns.points[0].x), (vec![3, 4, 5], 50.0));
+        Turns::default().begin_near(&Position::origin());
+    }
+
+    #[test]
+    fn a_field_too_large_for_a_search_is_toured_by_the_nearest() {
+        let centres: Vec<Position> =
+            (0..=MOST).map(|index| Position::new((index * 7919 % (MOST + 1)) as f64, 0.0)).collect();
+        let Turns { order, points } = Turns::new(&centres, 1.0, &Stop::default());
+        assert_eq!((order.len(), points.len()), (MOST + 1, MOST + 1));
+        // From x = 0 along the line.
+        assert!(points.windows(2).all(|pair| pair[1].x == pair[0].x + 1.0));
+    }
+
+    #[test]
+    fn a_disk_without_a_place_has_its_turn_too() {
+        for odd_m in [f64::NAN, f64::INFINITY, 1e300, 1e17] {
+            let mut centres: Vec<Position> = (0..10).map(|index| Position::new(f64::from(index), 0.0)).collect();
+            centres[7] = Position::new(odd_m, 0.0);
+            let mut order = Turns::new(&centres, 1.0, &Stop::default()).order;
+            order.sort_unstable();
+            assert!((0..10).eq(order), "{odd_m}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn every_disk_has_one_turn_at_a_point_within_it(
+            coordinates in prop::collection::vec((0.0..100.0, 0.0..100.0), 0..60),
+            radius_m in prop_oneof![Just(0.0), 0.0..30.0],
+            is_stopped: bool,
+        ) {
+            let centres: Vec<Position> = coordinates.into_iter().map(|(x_m, y_m)| Position::new(x_m, y_m)).collect();
+            let stop = Stop::default();
+            if is_stopped {
+                stop.flag().store(2, std::sync::atomic::Ordering::Relaxed);
+            }
+            let Turns { mut order, points } = Turns::new(&centres, radius_m, &stop);
+            for (&disk, point) in order.iter().zip(&points) {
+                prop_assert!(is_stopped || (centres[disk as usize] - point).norm() <= radius_m + 1e-6);
+            }
+            order.sort_unstable();
+            prop_assert!((0..centres.len() as u32).eq(order));
+        }
+    }
+}
