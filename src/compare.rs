@@ -138,6 +138,7 @@ impl CompareCommand {
     }
 
     /// Writes the standings and the recording into the folder `out`, and prints the keys that differ and the standings.
+    #[cfg_attr(not(feature = "viewer"), expect(unused_variables, reason = "`stop` ends the recording"))]
     fn write(
         &self,
         shown: &[ShownContender],
