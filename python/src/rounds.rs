@@ -45,8 +45,9 @@ impl PyDiskRound {
 
 /// A short path that touches the disks of ``radius_m`` about ``positions_m``, and a lower bound on all of them.
 ///
-/// It begins at ``start_m``, or anywhere, and ends there if it is ``closed``. ``seconds`` are spent on the path, and as
-/// many on the bound; with ``steps`` instead, results repeat. Raises ``InputError``.
+/// It begins at ``start_m``, or anywhere, and ends there if it is ``closed``. ``seconds`` (1 by default) are spent on the
+/// path, and as many on the bound, beside the first path, whose time grows with N²; with ``steps`` instead, results
+/// repeat. A disk counts as touched within a billionth of the range of the coordinates. Raises ``InputError``.
 #[pyfunction]
 #[pyo3(signature = (positions_m, radius_m, start_m=None, *, closed=true, seconds=None, steps=None))]
 pub fn round_over_disks(

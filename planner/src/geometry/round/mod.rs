@@ -67,7 +67,9 @@ impl Disks<'_> {
         DiskRound {
             points: self.start.into_iter().chain(free.map(|stop| stop.point + self.origin())).collect(),
             order: order.into_iter().map(|disk| field.cover.ids[disk as usize]).collect(),
-            length_m: (0..round.stops.len()).map(|leg| round.leg_m(&field, leg)).sum(),
+            length_m: (0..round.stops.len())
+                .map(|leg| round.leg_m(&field, leg))
+                .fold(0.0, |sum_m, leg_m| sum_m + leg_m),
         }
     }
 
