@@ -299,7 +299,7 @@ class DiskRound:
 
     @property
     def bound_m(self) -> float:
-        """A lower bound on the length of every such path [m]; equal to ``length_m`` within 1e-6 of it if none is
+        """A lower bound on the length of every such path [m]. If it equals ``length_m`` within 1e-6 of it, none is
         shorter.
         """
 
