@@ -4,7 +4,7 @@ use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::sensors::grid::Grid;
 use skysink_common::stop::Stop;
 
-use super::round::{Disks, RoundEffort};
+use super::round::{Disks, RoundEffort, nearest_of_leg};
 
 /// Steps of the search for a round over at most [`MANY`] disks: about 0.1 s.
 const STEPS: u64 = 3_000;
@@ -47,26 +47,25 @@ impl Turns {
     fn of_round(centres: &[Position], radius_m: f64, effort: RoundEffort, stop: &Stop) -> Self {
         let round = Disks { centres, radius_m, start: None, is_closed: true }.round(effort, stop);
         let stops = round.points.len();
-        let mut turns: Vec<(f64, u32, Position)> = Vec::with_capacity(centres.len());
+        // Leg, way along it [m], disk and point.
+        let mut turns: Vec<(usize, f64, u32, Position)> = Vec::with_capacity(centres.len());
         let mut has_stop = vec![false; centres.len()];
         for (index, (&disk, &point)) in round.order.iter().zip(&round.points).enumerate() {
             has_stop[disk as usize] = true;
-            turns.push((index as f64, disk, point));
+            turns.push((index, 0.0, disk, point));
         }
         for (disk, centre) in (0..).zip(centres).filter(|&(disk, _)| !has_stop[disk as usize]) {
             let touched = (0..stops).map(|leg| {
                 let [from, to] = [round.points[leg], round.points[(leg + 1) % stops]];
-                let along = to - from;
-                let part = (centre - from).dot(&along) / along.norm_squared().max(f64::MIN_POSITIVE);
-                let point = from + along * part.clamp(0.0, 1.0);
-                (distance_squared(&point, centre), leg as f64 + part.clamp(0.0, 1.0), point)
+                let point = nearest_of_leg(centre, &from, &to);
+                (distance_squared(&point, centre), (leg, (point - from).norm(), disk, point))
             });
-            turns.extend(touched.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, at, point)| (at, disk, point)));
+            turns.extend(touched.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, turn)| turn));
         }
-        turns.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        turns.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2)));
         Self {
-            order: turns.iter().map(|turn| turn.1).collect(),
-            points: turns.into_iter().map(|turn| turn.2).collect(),
+            order: turns.iter().map(|turn| turn.2).collect(),
+            points: turns.into_iter().map(|turn| turn.3).collect(),
         }
     }
 

@@ -66,8 +66,8 @@ impl InTurn {
     /// The first turn after the current one that is not served; the current one if there is none.
     fn next_turn(&self) -> usize {
         let count = self.turns.order.len();
-        let others = (1..count).map(|ahead| (self.turn + ahead) % count);
-        others.into_iter().find(|turn| !self.served.contains(turn)).unwrap_or(self.turn)
+        let mut others = (1..count).map(|ahead| (self.turn + ahead) % count);
+        others.find(|turn| !self.served.contains(turn)).unwrap_or(self.turn)
     }
 }
 

@@ -21,6 +21,7 @@ use skysink_common::geometry::Position;
 use skysink_common::random::{Purpose, Streams};
 use skysink_common::stop::Stop;
 
+pub(crate) use cover::nearest_of_leg;
 pub use search::RoundEffort;
 use search::RoundSearch;
 use stops::{DiskField, Itinerary, NO_DISK};
