@@ -120,12 +120,17 @@ pub(crate) mod tests {
     use skysink_common::message::SensorNode;
     use skysink_common::scenario::Overrides;
 
-    /// The strategy of that name over SNs at `positions_m` [m], in the letter's scenario.
-    pub(crate) fn made(name: &str, positions_m: &[[f64; 2]]) -> (MissionTable, Box<dyn Strategy>) {
+    /// The letter's mission over SNs at `positions_m` [m].
+    pub(crate) fn setup_of(positions_m: &[[f64; 2]]) -> OwnedSetup {
         let sensor = |&[x_m, y_m]: &[f64; 2]| SensorNode { x_m, y_m, gain: 10f64.powf(-5.2), ..SensorNode::default() };
         let scenario = Scenario::letter(Overrides::default()).unwrap();
         let nodes: Vec<SensorNode> = positions_m.iter().map(sensor).collect();
-        let field = OwnedSetup::new(scenario, &nodes, STRATEGIES).unwrap();
+        OwnedSetup::new(scenario, &nodes, STRATEGIES).unwrap()
+    }
+
+    /// The strategy of that name in [`setup_of`].
+    pub(crate) fn made(name: &str, positions_m: &[[f64; 2]]) -> (MissionTable, Box<dyn Strategy>) {
+        let field = setup_of(positions_m);
         let strategy = (Registered::find(name).unwrap().make)(&field.setup());
         (field.table, strategy)
     }

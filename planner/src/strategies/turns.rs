@@ -109,7 +109,9 @@ impl Checkpoint for InTurn {
 
 #[cfg(test)]
 mod tests {
-    use crate::strategies::tests::made;
+    use super::*;
+    use crate::strategies::tests::{made, setup_of};
+    use crate::strategies::transit::toward;
     use crate::strategy::tests::view;
 
     #[test]
@@ -134,6 +136,26 @@ mod tests {
         assert_eq!(served(3, [50.0, 99.0])[..], [0, 1], "11 m again");
         assert_eq!(served(4, [50.0, 96.0])[..], [0; 0], "on the way to SN 2");
         assert_eq!(served(5, [50.0, 36.0])[..], [2]);
+    }
+
+    #[test]
+    fn an_sn_served_at_most_half_a_round_early_loses_its_turn() {
+        // On the way to SN 0 the UAV passes SN 2, two turns early, and SN 4, four turns early.
+        let positions = [[50.0, 90.0], [80.0, 90.0], [50.0, 40.0], [20.0, 90.0], [50.0, 62.0]];
+        let field = setup_of(&positions);
+        let turns = Turns { order: (0..5).collect(), points: positions.map(Position::from).to_vec() };
+        let straight: Waypoint = |table, position, [current, _], _| toward(table.limits.reach_m, position, current);
+        let mut strategy = InTurn::new(&field.setup(), turns, true, straight);
+        let mut ground = [50.0, 10.0];
+        let mut flown = Vec::new();
+        for slot in 1..=8 {
+            let waypoint = strategy.plan(&view(&field.table, slot, ground, &[9; 5])).unwrap().waypoint;
+            ground = [waypoint.x, waypoint.y];
+            flown.push(ground);
+        }
+        assert_eq!(flown[..4], [[50.0, 40.0], [50.0, 70.0], [50.0, 90.0], [80.0, 90.0]]);
+        assert_eq!(flown[4..6], [[50.0, 90.0], [20.0, 90.0]], "on to SN 3");
+        assert_eq!(flown[7], [50.0, 62.0], "SN 4 keeps its turn");
     }
 
     #[test]

@@ -11,7 +11,8 @@ const PART: usize = 8;
 /// An exchange of parts of a round.
 #[derive(Clone, Copy)]
 enum Exchange {
-    /// What lies between two legs, in the other direction.
+    /// What lies between two legs, in the other direction. That of one stop, which changes nothing, stands for no
+    /// exchange: without it, rounds of equal steps are as long on average.
     Reversed,
     /// A part moves into another leg.
     Moved { is_turned: bool },
