@@ -4,6 +4,7 @@
 //! Scheduling, flight and bookkeeping are left to the crates that depend on this one.
 
 pub mod arrivals;
+pub mod battery;
 pub mod belief;
 pub mod build;
 pub mod channel;

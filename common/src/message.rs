@@ -114,6 +114,12 @@ pub enum Mode {
     Hold,
     /// Flies to the strategy's own waypoint and serves no sensor node there.
     Fly,
+    /// Stays in the base, serves no sensor node, and charges (decision D11).
+    Charge,
+    /// Flies toward the base, because of the energy or the time that is left (decision D13), and serves on the way.
+    Return,
+    /// Is down where its energy ended, for the rest of the mission (decision D12).
+    Down,
 }
 
 /// How the waypoint was found, by its number in messages; an unknown one, from an external planner, is its own rule.
@@ -239,12 +245,14 @@ pub enum HoldReason {
     NoPlan,
     /// The waypoint was not finite, out of reach or outside the area.
     Waypoint,
+    /// It was to charge, and is not in the base.
+    Base,
 }
 
 /// Payload element of `flight`: the position of a UAV after the slot, and the capacity of each of its links.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
-#[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.FlightReport.v1"))]
+#[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.FlightReport.v2"))]
 pub struct FlightReport {
     /// Position, east [m].
     pub x_m: f64,
@@ -252,6 +260,8 @@ pub struct FlightReport {
     pub y_m: f64,
     /// Position, up [m].
     pub z_m: f64,
+    /// Energy in the battery after the slot, `E(t)` [J]; infinite without a battery.
+    pub energy_j: f64,
     /// [`Mode`] flown, as a number.
     pub mode: u32,
     /// [`HoldReason`], as a number.
@@ -269,7 +279,8 @@ impl FlightReport {
     #[must_use]
     pub fn at(position: impl Into<Point3<f64>>, mode: Mode) -> Self {
         let position = position.into();
-        Self { x_m: position.x, y_m: position.y, z_m: position.z, mode: mode as u32, ..Self::zeroed() }
+        let energy_j = f64::INFINITY;
+        Self { x_m: position.x, y_m: position.y, z_m: position.z, energy_j, mode: mode as u32, ..Self::zeroed() }
     }
 
     /// The served links, at most [`MAX_SERVED`] for any `served`.
@@ -350,7 +361,7 @@ mod tests {
         assert_eq!(size_of::<SensorNode>(), 48);
         assert_eq!(size_of::<Plan>(), 400);
         assert_eq!(size_of::<LinkReport>(), 40);
-        assert_eq!(size_of::<FlightReport>(), 2600);
+        assert_eq!(size_of::<FlightReport>(), 2608);
         assert_eq!(size_of::<PathPoint>(), 24);
         assert_eq!(size_of::<Commit>(), 8);
         assert_eq!(size_of::<Tick>(), 8);
@@ -366,9 +377,15 @@ mod tests {
     #[test]
     fn modes_have_numbers_and_names() {
         assert_eq!(Mode::from_repr(77), None);
-        for (code, name, mode) in
-            [(0, "serve", Mode::Serve), (1, "transit", Mode::Transit), (2, "hold", Mode::Hold), (3, "fly", Mode::Fly)]
-        {
+        for (code, name, mode) in [
+            (0, "serve", Mode::Serve),
+            (1, "transit", Mode::Transit),
+            (2, "hold", Mode::Hold),
+            (3, "fly", Mode::Fly),
+            (4, "charge", Mode::Charge),
+            (5, "return", Mode::Return),
+            (6, "down", Mode::Down),
+        ] {
             assert_eq!((Mode::from_repr(code), mode as u32), (Some(mode), code));
             assert_eq!((name.parse(), mode.to_string()), (Ok(mode), name.to_owned()));
         }

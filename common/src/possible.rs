@@ -34,16 +34,17 @@ impl Message for f64 {
 
 impl Message for FlightReport {
     /// Positions and links have finite numbers. The links are at most [`MAX_SERVED`], by ascending sensor node, and
-    /// none if the UAV holds: a trace with others could not be flown again. A position outside the area is possible,
+    /// none if the UAV holds, charges or is down: a trace with others could not be flown again. A position outside the area is possible,
     /// because a real vehicle may have been there.
     fn are_possible(flights: &[Self]) -> bool {
         flights.iter().all(|flight| {
             let links = flight.served_links();
             let numbers = links.iter().flat_map(|link| [link.distance_m, link.elevation_deg, link.rate_bps]);
-            let is_hold = flight.flown_mode() == Mode::Hold;
+            let is_idle = matches!(flight.flown_mode(), Mode::Hold | Mode::Charge | Mode::Down);
             are_finite([flight.x_m, flight.y_m, flight.z_m].into_iter().chain(numbers))
                 && links.is_sorted_by(|before, after| before.sensor < after.sensor)
-                && flight.served as usize <= if is_hold { 0 } else { MAX_SERVED }
+                && !flight.energy_j.is_nan()
+                && flight.served as usize <= if is_idle { 0 } else { MAX_SERVED }
         })
     }
 }
@@ -101,7 +102,9 @@ mod tests {
 
     #[test]
     fn a_flight_with_one_impossible_number_is_refused() {
-        let spoil: [fn(&mut FlightReport); 12] = [
+        let spoil: [fn(&mut FlightReport); 14] = [
+            |flight| flight.energy_j = f64::NAN,
+            |flight| flight.mode = Mode::Charge as u32,
             |flight| flight.x_m = f64::NAN,
             |flight| flight.y_m = f64::NEG_INFINITY,
             |flight| flight.z_m = 1e300,

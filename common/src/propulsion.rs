@@ -38,6 +38,26 @@ pub fn least_power_mps(aircraft: &Propulsion, max_speed_mps: f64) -> f64 {
     low_mps
 }
 
+/// The speed of least energy per metre [m/s], above 0 and up to `max_speed_mps`.
+///
+/// With `u = V²`, `P/√u` falls where `2 u P' < P`. Where `2 u P' ≥ P`, `P' > 0` and, since P is convex in u, `2 u P' − P`
+/// rises. So the energy per metre falls up to one speed and rises beyond it.
+#[must_use]
+pub fn farthest_mps(aircraft: &Propulsion, max_speed_mps: f64) -> f64 {
+    let per_metre = |speed_mps: f64| power_w(aircraft, speed_mps) / speed_mps;
+    let mut low_mps = 0.0;
+    let mut high_mps = max_speed_mps;
+    for _ in 0..100 {
+        let third_mps = (high_mps - low_mps) / 3.0;
+        if per_metre(low_mps + third_mps) < per_metre(high_mps - third_mps) {
+            high_mps -= third_mps;
+        } else {
+            low_mps += third_mps;
+        }
+    }
+    high_mps
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -5,6 +5,7 @@
 //! defaults. Sensor lists are read by [`crate::sensors`], `[planner]` by the planner.
 
 mod area;
+mod base;
 mod mission;
 mod motion;
 mod rules;
@@ -17,6 +18,7 @@ use toml::{Table, Value};
 
 pub use crate::keys::{Interval, Setting, SettingOrigin, WholeInterval};
 pub use area::{Area, Origin};
+pub use base::{BaseKeys, BatteryKeys};
 pub use mission::{CHANNEL, MAX_SEED, PlannerKeys, Scenario, TRACE};
 pub use sensors::SensorKeys;
 pub(crate) use sensors::{MAX_FIELD_BITS, MAX_SENSORS};
@@ -106,7 +108,13 @@ impl Scenario {
             scenario.uav.endurance_s = scenario.uav.endurance_s.max(slots as f64 * scenario.slot_s);
         }
         let centre_m = [scenario.area.width_m() / 2.0, scenario.area.height_m() / 2.0];
-        scenario.uav.start_m.get_or_insert(centre_m);
+        let start_m = *scenario.uav.start_m.get_or_insert(centre_m);
+        if scenario.uav.battery.is_some() || scenario.must_land() {
+            scenario.base.get_or_insert_default();
+        }
+        if let Some(base) = &mut scenario.base {
+            base.position_m.get_or_insert(start_m);
+        }
         rules::check(&scenario, &table)?;
         Ok(scenario)
     }

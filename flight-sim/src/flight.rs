@@ -50,35 +50,58 @@ impl Flight {
     /// Moves the UAV to the end of a recorded flight of this mission.
     pub fn restore(&mut self, report: &FlightReport) {
         self.vehicle.position = report.position();
+        self.vehicle.energy_j = report.energy_j;
     }
 
     /// Flies `slot`, from 1. Without a plan, or with an impossible waypoint, the UAV holds and serves no sensor node. A
     /// sensor node that is unknown, out of range (UTS eq. 5), scheduled twice, or beyond the n resource blocks (UTS
-    /// eq. 6) is not served. All refusals are counted.
+    /// eq. 6) is not served. All refusals are counted. A UAV charges only in the base, where it serves no sensor node, and
+    /// one whose energy ends in the slot is down from its end on.
     #[must_use]
     pub fn step(&mut self, slot: u64, plan: Option<&Plan>) -> FlightReport {
+        if self.vehicle.is_down() {
+            return self.report(Mode::Down);
+        }
         let Some(plan) = plan else {
-            return FlightReport { hold: HoldReason::NoPlan as u32, ..self.report(Mode::Hold) };
+            self.vehicle.move_to(self.vehicle.position);
+            return self.hold(HoldReason::NoPlan, 0);
         };
+        let mode = Mode::from_repr(plan.mode).unwrap_or_default();
+        if mode == Mode::Charge {
+            return if self.vehicle.charge() { self.report(mode) } else { self.hold(HoldReason::Base, 1) };
+        }
         if !self.vehicle.fly_to(plan.waypoint(), self.position_error_m(slot, plan)) {
-            return FlightReport { hold: HoldReason::Waypoint as u32, refused: 1, ..self.report(Mode::Hold) };
+            return self.hold(HoldReason::Waypoint, 1);
         }
         let mut report = self.report(Mode::Fly);
+        if self.vehicle.is_down() {
+            report.mode = Mode::Down as u32;
+            return report;
+        }
         self.serve(slot, plan, &mut report);
-        if plan.mode == Mode::Transit as u32 {
-            report.mode = Mode::Transit as u32;
+        if matches!(mode, Mode::Transit | Mode::Return) {
+            report.mode = plan.mode;
         } else if report.served > 0 {
             report.mode = Mode::Serve as u32;
         }
         report
     }
 
+    /// The report of a slot that the UAV has held its position in, or in which it went down.
+    fn hold(&self, reason: HoldReason, refused: u32) -> FlightReport {
+        let mode = if self.vehicle.is_down() { Mode::Down } else { Mode::Hold };
+        FlightReport { hold: reason as u32, refused, ..self.report(mode) }
+    }
+
     /// Repeats `slot` as another flight-sim has reported it: the waypoint of `report` is the position, wherever it
     /// lies, and its mode, refusals and schedule are those flown. The links are those of the scenario's channel.
     #[must_use]
     pub fn repeat(&mut self, slot: u64, report: &Plan) -> FlightReport {
-        self.vehicle.position = report.waypoint();
-        let mut repeated = self.report(Mode::from_repr(report.mode).unwrap_or_default());
+        let mode = Mode::from_repr(report.mode).unwrap_or_default();
+        if !self.vehicle.is_down() && !(mode == Mode::Charge && self.vehicle.charge()) {
+            self.vehicle.move_to(report.waypoint());
+        }
+        let mut repeated = self.report(mode);
         let known = report.scheduled().iter().filter(|&&sensor| (sensor as usize) < self.positions.len());
         for (link, &sensor) in repeated.links.iter_mut().zip(known) {
             *link = self.link_report(slot, sensor);
@@ -137,7 +160,7 @@ impl Flight {
     }
 
     fn report(&self, mode: Mode) -> FlightReport {
-        FlightReport::at(self.vehicle.position, mode)
+        FlightReport { energy_j: self.vehicle.energy_j, ..FlightReport::at(self.vehicle.position, mode) }
     }
 }
 

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::{Point3, Vector2};
+use skysink_common::battery::{Base, Battery};
 use skysink_common::geometry::Position;
 use skysink_common::scenario::Scenario;
 
@@ -16,17 +17,53 @@ pub struct Vehicle {
     scenario: Arc<Scenario>,
     /// Position [m].
     pub position: Point3<f64>,
+    /// Energy in the battery [J]; infinite without one.
+    pub energy_j: f64,
+    battery: Option<Battery>,
+    base: Option<Base>,
 }
 
 impl Vehicle {
     /// The UAV of a scenario at its start.
     #[must_use]
     pub fn new(scenario: &Scenario) -> Self {
-        Self { scenario: Arc::new(scenario.clone()), position: scenario.start() }
+        let battery = Battery::of(scenario);
+        Self {
+            scenario: Arc::new(scenario.clone()),
+            position: scenario.start(),
+            energy_j: battery.map_or(f64::INFINITY, |battery| battery.initial_j),
+            battery,
+            base: Base::of(scenario),
+        }
+    }
+
+    /// Whether its energy has ended (decision D12).
+    #[must_use]
+    pub fn is_down(&self) -> bool {
+        self.energy_j < 0.0
+    }
+
+    /// Moves to `position` [m], wherever it lies, with the energy that the flight of a slot takes.
+    pub fn move_to(&mut self, position: Point3<f64>) {
+        if let Some(battery) = &self.battery {
+            self.energy_j = battery.flown_j(self.energy_j, &self.position, &position);
+        }
+        self.position = position;
+    }
+
+    /// Charges for a slot, if it is in the base; otherwise hovers, and returns false.
+    #[must_use]
+    pub fn charge(&mut self) -> bool {
+        let is_in_base = self.base.is_some_and(|base| base.contains(&self.position.xy()));
+        match &self.battery {
+            Some(battery) if is_in_base => self.energy_j = battery.charged_j(self.energy_j),
+            _ => self.move_to(self.position),
+        }
+        is_in_base
     }
 
     /// Flies to `waypoint` [m] if it lies in the area and in reach of one slot (UTS eq. 3, and the climb); otherwise
-    /// holds its position and returns false. At a fixed altitude, the altitude of the waypoint only has to be finite.
+    /// hovers and returns false. At a fixed altitude, the altitude of the waypoint only has to be finite.
     ///
     /// With an error `error_m` [m] the slot ends beside the waypoint, but in the area and in reach (decision D29).
     #[must_use]
@@ -42,10 +79,13 @@ impl Vehicle {
         };
         let slack_m = SLACK * highest_m;
         let is_possible = is_in_reach && (lowest_m - slack_m..=highest_m + slack_m).contains(&z_m);
-        if is_possible {
+        let end = if is_possible {
             let ground = error_m.map_or(ground, |error_m| self.end_beside(&(ground + error_m)));
-            self.position = Point3::new(ground.x, ground.y, z_m.clamp(lowest_m, highest_m));
-        }
+            Point3::new(ground.x, ground.y, z_m.clamp(lowest_m, highest_m))
+        } else {
+            self.position
+        };
+        self.move_to(end);
         is_possible
     }
 

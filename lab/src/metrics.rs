@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use nalgebra::Point3;
-use skysink_common::message::FlightReport;
+use skysink_common::message::{FlightReport, Mode};
 use skysink_common::propulsion::power_w;
 use skysink_common::scenario::{Propulsion, Scenario};
 use skysink_common::sensors::SensorList;
@@ -32,6 +32,12 @@ pub enum Metric {
     MeanServed,
     FlownM,
     EnergyJ,
+    EnergyLeftJ,
+    ChargedJ,
+    ChargedS,
+    CollectionRatio,
+    Landed,
+    LandedRatio,
     AoiMeanS,
     AoiP99S,
     DataAgeMeanS,
@@ -128,6 +134,23 @@ impl Metric {
             Self::MeanServed => REAL.row("mean_served", "SNs served per slot", |m| m.summary.mean_served),
             Self::FlownM => METRES.row("flown_m", "flown distance", |m| m.meter.flown_m),
             Self::EnergyJ => JOULES.row("energy_j", "propulsion energy", |m| m.meter.energy_j),
+            // NaN without a battery, or a base.
+            Self::EnergyLeftJ => JOULES.row("energy_left_j", "energy left in the battery", |m| {
+                m.summary.energy.map_or(f64::NAN, |energy| energy.left_j)
+            }),
+            Self::ChargedJ => JOULES
+                .row("charged_j", "energy charged", |m| m.summary.energy.map_or(f64::NAN, |energy| energy.charged_j)),
+            Self::ChargedS => SECONDS
+                .row("charged_s", "time charging", |m| m.summary.energy.map_or(f64::NAN, |energy| energy.charged_s)),
+            Self::CollectionRatio => {
+                FRACTION.row("collection_ratio", "fraction of all bits collected", |m| m.summary.collection_ratio)
+            }
+            Self::Landed => FRACTION.row("landed", "fraction of missions that end in the base", |m| landed(m.summary)),
+            Self::LandedRatio => {
+                FRACTION.row("landed_ratio", "collection ratio of those that end in the base, else 0", |m| {
+                    landed(m.summary) * m.summary.collection_ratio
+                })
+            }
             Self::AoiMeanS => SECONDS
                 .row("aoi_mean_s", "mean time since the last service", |m| m.service_ages.mean() * m.meter.slot_s),
             Self::AoiP99S => SECONDS.row("aoi_p99_s", "99th percentile of the time since the last service", |m| {
@@ -264,7 +287,9 @@ impl MissionMeter {
         self.position = position;
         self.stay.add(self.slot, position.xy());
         self.flown_m += step_m;
-        self.energy_j += power_w(&self.aircraft, step_m / self.slot_s) * self.slot_s;
+        if !matches!(flight.flown_mode(), Mode::Charge | Mode::Down) {
+            self.energy_j += power_w(&self.aircraft, step_m / self.slot_s) * self.slot_s;
+        }
         for link in flight.served_links() {
             let sensor = link.sensor as usize;
             self.service_ages.refresh(sensor, self.slot, self.slot);
@@ -285,6 +310,11 @@ impl Observer for MissionMeter {
     }
 }
 
+/// 1 if the mission has ended in the base, 0 if not; NaN without a base.
+fn landed(summary: &Summary) -> f64 {
+    summary.landed.map_or(f64::NAN, |landed| f64::from(u8::from(landed)))
+}
+
 /// Jain's fairness index, `(Σ x)² / (N Σ x²)`, at most 1 whatever the rounding; 1 if nothing was delivered.
 fn jain(values: &[u64]) -> f64 {
     let sum: f64 = values.iter().map(|&value| value as f64).sum();
@@ -295,7 +325,7 @@ fn jain(values: &[u64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use skysink_common::message::{LinkReport, Mode};
+    use skysink_common::message::LinkReport;
     use skysink_common::scenario::Overrides;
     use std::path::Path;
 

@@ -29,7 +29,7 @@ fn ids(values: impl Iterator<Item = u32>) -> ArrayRef {
 pub fn slot_columns(lines: &[&RecordedSlot]) -> Vec<NamedColumn> {
     let lines = || lines.iter().copied();
     let scheduled = lines().map(|slot| Some(slot.scheduled.iter().copied().map(Some)));
-    vec![
+    let mut columns: Vec<NamedColumn> = vec![
         ("slot", counts(lines().map(|slot| slot.slot))),
         ("uav", counts(lines().map(|slot| slot.uav as u64))),
         ("x_m", numbers(lines().map(|slot| slot.position.x))),
@@ -41,7 +41,11 @@ pub fn slot_columns(lines: &[&RecordedSlot]) -> Vec<NamedColumn> {
         ("queued_bits", counts(lines().map(|slot| slot.queued_bits))),
         ("mode", Arc::new(StringArray::from_iter_values(lines().map(|slot| <&str>::from(slot.mode))))),
         ("refused", ids(lines().map(|slot| slot.refused))),
-    ]
+    ];
+    if lines().any(|slot| slot.energy_j.is_finite()) {
+        columns.push(("energy_j", numbers(lines().map(|slot| slot.energy_j))));
+    }
+    columns
 }
 
 /// The columns of `sensors_out.csv` for the SNs of `list` with these results; `first_loss_slot` is null where nothing

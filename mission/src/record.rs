@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use skysink_common::error::InputError;
+use skysink_common::keys::dotted;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::written_file::Extent;
@@ -18,6 +19,7 @@ use crate::folder::{Earlier, FolderLayout, OutputFolder};
 use crate::origin::{self, RunMode, SourceFile, hash};
 use crate::slot_log::{CHECK, SlotLog};
 use crate::summary::Summary;
+use crate::trace::SLOT_COLUMNS;
 
 /// The results of each sensor node.
 pub(crate) const SENSOR_RESULTS: &str = "sensors_out.csv";
@@ -218,7 +220,9 @@ impl RunFolder {
     /// If it does not begin with the header of a trace.
     pub fn reopen_slot_log(&self) -> Result<(SlotLog, BufReader<File>), MissionError> {
         let file = self.folder.lock.try_clone().at(&self.slots())?;
-        SlotLog::open(&self.slots(), file, self.in_a_ring)
+        let text = fs::read_to_string(self.scenario()).at(&self.scenario())?;
+        let has_battery = text.parse().is_ok_and(|table| dotted::value(&table, "uav.battery").is_some());
+        SlotLog::open(&self.slots(), file, self.in_a_ring, SLOT_COLUMNS[usize::from(has_battery)])
     }
 
     /// Whether an unchanged `summary.json` says that all slots were flown.

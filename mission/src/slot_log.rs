@@ -15,7 +15,7 @@ use skysink_common::written_file::{ExpectedFile, Extent, WrittenFile};
 use crate::drive::SlotSink;
 use crate::error::{FileContext, MissionError};
 use crate::origin::{self, INPUTS};
-use crate::trace::{SLOT_COLUMNS, TraceHash};
+use crate::trace::TraceHash;
 
 /// The file of [`Check`].
 pub(crate) const CHECK: &str = "slots.check";
@@ -29,6 +29,8 @@ const COMPARE_EVERY: Duration = Duration::from_secs(1);
 pub struct SlotLog {
     /// The complete lines.
     file: WrittenFile,
+    /// Its header.
+    columns: &'static str,
     trace: TraceHash,
     /// Present if the slots are flown in a ring.
     check: Option<Check>,
@@ -80,24 +82,30 @@ impl Check {
 
 impl SlotLog {
     /// Opens the trace `path`, which is the locked `file`, to read and resume it. In a ring each slot is checked.
-    pub(crate) fn open(path: &Path, file: File, in_a_ring: bool) -> Result<(Self, BufReader<File>), MissionError> {
+    pub(crate) fn open(
+        path: &Path,
+        file: File,
+        in_a_ring: bool,
+        columns: &'static str,
+    ) -> Result<(Self, BufReader<File>), MissionError> {
         let mut reader = BufReader::new(file.try_clone().at(path)?);
         reader.rewind().at(path)?;
         let mut header = Vec::new();
         reader.read_until(b'\n', &mut header).at(path)?;
-        if !SLOT_COLUMNS.as_bytes().starts_with(&header) {
+        if !columns.as_bytes().starts_with(&header) {
             let found = String::from_utf8_lossy(&header);
-            let expected = SLOT_COLUMNS.trim_end();
+            let expected = columns.trim_end();
             let remedy = "the run of an earlier version is flown again by skysink simulate RUN/scenario.toml";
             let message = format_args!("expected {expected} ({remedy})");
             return Err(InputError::line("trace", path, 1, &found, message).into());
         }
         let mut file = WrittenFile::new(path, file);
-        if header.len() == SLOT_COLUMNS.len() {
+        if header.len() == columns.len() {
             file.add_known(&header); // with a cut header, no slot was recorded
         }
         let check = in_a_ring.then(|| Check::open(folder_of(path))).transpose()?;
-        let log = Self { file, trace: TraceHash::default(), check, inputs: Vec::new(), compared: Instant::now() };
+        let trace = TraceHash::default();
+        let log = Self { file, columns, trace, check, inputs: Vec::new(), compared: Instant::now() };
         Ok((log, reader))
     }
 
@@ -150,7 +158,7 @@ impl SlotLog {
         let path = self.file.path().to_owned();
         self.file.cut().at(&path)?;
         if self.file.length() == 0 {
-            self.file.append(SLOT_COLUMNS.as_bytes()).at(&path)?;
+            self.file.append(self.columns.as_bytes()).at(&path)?;
         }
         let folder = folder_of(&path);
         let sources = origin::source_names(folder);
@@ -215,7 +223,7 @@ mod tests {
         let path = Path::new("/dev/full");
         let file = WrittenFile::new(path, File::options().write(true).open(path).unwrap());
         let trace = TraceHash::default();
-        let mut log = SlotLog { file, trace, check: None, inputs: Vec::new(), compared: Instant::now() };
+        let mut log = SlotLog { file, columns: "", trace, check: None, inputs: Vec::new(), compared: Instant::now() };
         let record = SlotRecord {
             plans: Plans::from_buf([None]),
             paths: ByUav::new(),

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
+use skysink_common::battery::{Base, Battery};
 use skysink_common::build::{VERSION, build};
 use skysink_common::ledger::Ledger;
 use skysink_common::message::{FlightReport, HoldReason, Mode, QueuesHeader, SolverOutcome, Totals};
@@ -67,6 +68,15 @@ pub struct Summary {
     pub bits_per_waypoint: f64,
     /// Sensor nodes served per slot.
     pub mean_served: f64,
+    /// Delivered ÷ (initial + sampled) bits; 0 if there were none.
+    #[serde(default)] // runs of older builds have none
+    pub collection_ratio: f64,
+    /// Whether the UAV is in the base at the end, and not down (decision D9); `None` without a base.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub landed: Option<bool>,
+    /// What the battery gave and took; `None` without one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub energy: Option<EnergyUse>,
     /// Slots in which the UAV held its position.
     pub held_slots: u64,
     /// Slots in transit (decision D8).
@@ -117,6 +127,45 @@ impl Summary {
     }
 }
 
+/// What the battery of a UAV gave and took in a mission.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct EnergyUse {
+    /// Taken by flying [J].
+    pub used_j: f64,
+    /// Charged in the base [J].
+    pub charged_j: f64,
+    /// Left at the end [J].
+    pub left_j: f64,
+    /// Time in the base in mode `charge` [s].
+    pub charged_s: f64,
+    /// Slots of the way home (decision D13).
+    pub return_slots: u64,
+    /// The slot in which the energy ended; `None` if it did not.
+    pub down_slot: Option<u64>,
+}
+
+impl EnergyUse {
+    /// Adds a flight of `slot_s` [s].
+    fn add(&mut self, slot: u64, slot_s: f64, flight: &FlightReport) {
+        let gained_j = flight.energy_j - self.left_j;
+        self.left_j = flight.energy_j;
+        match flight.flown_mode() {
+            Mode::Charge => {
+                self.charged_j += gained_j;
+                self.charged_s += slot_s;
+            }
+            Mode::Down => {
+                self.used_j -= gained_j;
+                self.down_slot.get_or_insert(slot);
+            }
+            mode => {
+                self.used_j -= gained_j;
+                self.return_slots += u64::from(mode == Mode::Return);
+            }
+        }
+    }
+}
+
 /// The wall-clock figures of a run.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct RunTiming {
@@ -152,6 +201,8 @@ pub struct Tally {
     /// `None` where all weights are equal.
     weighted: Option<WeightedLoss>,
     served: u64,
+    base: Option<Base>,
+    slot_s: f64,
     plan_ns: Histogram<u64>,
     latency: Option<Latency>,
 }
@@ -208,6 +259,9 @@ impl Tally {
             sensors: list.sensors().len(),
             version: VERSION.into(),
             build: build().into(),
+            landed: Base::of(scenario).map(|base| base.contains(&scenario.start().xy())),
+            energy: Battery::of(scenario)
+                .map(|battery| EnergyUse { left_j: battery.initial_j, ..EnergyUse::default() }),
             timing: RunTiming { pace: mode.pace, ..RunTiming::default() },
             ..Summary::default()
         };
@@ -216,6 +270,8 @@ impl Tally {
             mean_bits: (!scenario.arrival_law().is_random()).then(|| list.slot_bits(scenario)),
             weighted: WeightedLoss::new(scenario, list),
             served: 0,
+            base: Base::of(scenario),
+            slot_s: scenario.slot_s,
             plan_ns: histogram(),
             latency: mode.pace.map(|pace| Latency::new(pace, scenario.slot_s)),
         }
@@ -237,7 +293,11 @@ impl Tally {
         match flight.flown_mode() {
             Mode::Hold => summary.held_slots += 1,
             Mode::Transit => summary.transit_slots += 1,
-            Mode::Serve | Mode::Fly => {}
+            Mode::Serve | Mode::Fly | Mode::Charge | Mode::Return | Mode::Down => {}
+        }
+        summary.landed = self.base.map(|base| base.contains(&flight.position().xy()) && flight.flown_mode() != Mode::Down);
+        if let Some(energy) = &mut summary.energy {
+            energy.add(summary.slots, self.slot_s, flight);
         }
         summary.timing.missed_deadlines += u64::from(is_late(flight));
     }
@@ -295,6 +355,8 @@ impl Tally {
         summary.loss_rate = self.loss_rate();
         summary.weighted_loss_rate = self.weighted.as_ref().map(WeightedLoss::loss_rate);
         summary.eta_letter = ratio(summary.totals.lost_slots, slots);
+        let Totals { initial_bits, sampled_bits, delivered_bits, .. } = summary.totals;
+        summary.collection_ratio = ratio(delivered_bits as f64, initial_bits as f64 + sampled_bits as f64);
         summary.bits_per_waypoint = ratio(summary.totals.delivered_bits as f64, slots);
         summary.mean_served = ratio(self.served as f64, slots);
         summary.trace_hash = format!("{trace_hash:016x}");

@@ -12,9 +12,11 @@ use xxhash_rust::xxh3::xxh3_64_with_seed;
 use crate::drive::SlotSink;
 use crate::error::MissionError;
 
-/// Header of `slots.csv`.
-pub(crate) const SLOT_COLUMNS: &str =
-    "slot,uav,x_m,y_m,z_m,scheduled,delivered_bits,lost_bits,queued_bits,mode,refused\n";
+/// Headers of `slots.csv`: without a battery, and with one.
+pub(crate) const SLOT_COLUMNS: [&str; 2] = [
+    "slot,uav,x_m,y_m,z_m,scheduled,delivered_bits,lost_bits,queued_bits,mode,refused\n",
+    "slot,uav,x_m,y_m,z_m,scheduled,delivered_bits,lost_bits,queued_bits,mode,refused,energy_j\n",
+];
 
 /// Computes the hash of a trace, slot by slot.
 #[derive(Debug, Default)]
@@ -74,7 +76,8 @@ fn write_line(line: &mut String, uav: usize, flight: &FlightReport, header: &Que
     }
     let QueuesHeader { delivered_bits, lost_bits, totals, .. } = header;
     let mode = flight.flown_mode();
-    writeln!(line, ",{delivered_bits},{lost_bits},{},{mode},{}", totals.queued_bits, flight.refused)
+    write!(line, ",{delivered_bits},{lost_bits},{},{mode},{}", totals.queued_bits, flight.refused)?;
+    if flight.energy_j.is_finite() { writeln!(line, ",{}", flight.energy_j) } else { writeln!(line) }
 }
 
 /// The slot of a UAV, as recorded in a line of the trace.
@@ -98,6 +101,8 @@ pub struct RecordedSlot {
     pub mode: Mode,
     /// Requests of the plan that were refused.
     pub refused: u32,
+    /// Energy in the battery after the slot [J]; infinite without one.
+    pub energy_j: f64,
 }
 
 impl SlotSink for Vec<ByUav<RecordedSlot>> {
@@ -122,6 +127,7 @@ impl RecordedSlot {
             queued_bits: totals.queued_bits,
             mode: flight.flown_mode(),
             refused: flight.refused,
+            energy_j: flight.energy_j,
         };
         record.flights.iter().enumerate().map(recorded).collect()
     }
@@ -131,10 +137,17 @@ impl RecordedSlot {
     pub fn parse(line: &[u8]) -> Option<Self> {
         let line = std::str::from_utf8(line).ok()?.strip_suffix('\n')?;
         let columns: Vec<&str> = line.split(',').collect();
-        let &[slot, uav, x_m, y_m, z_m, scheduled, delivered, lost, queued, mode, refused] = &columns[..] else {
+        let &[slot, uav, x_m, y_m, z_m, scheduled, delivered, lost, queued, mode, refused, ref energy @ ..] =
+            &columns[..]
+        else {
             return None;
         };
         let number = |text: &str| text.parse::<f64>().ok().filter(|number| number.is_finite());
+        let energy_j = match energy {
+            [] => f64::INFINITY,
+            [energy] => number(energy)?,
+            _ => return None,
+        };
         Some(Self {
             slot: slot.parse().ok()?,
             uav: uav.parse().ok()?,
@@ -145,6 +158,7 @@ impl RecordedSlot {
             queued_bits: queued.parse().ok()?,
             mode: mode.parse().ok()?,
             refused: refused.parse().ok()?,
+            energy_j,
         })
     }
 
@@ -164,8 +178,10 @@ impl RecordedSlot {
     #[must_use]
     pub fn plan(&self) -> Plan {
         match self.mode {
-            Mode::Hold => Plan { x_m: f64::NAN, ..Plan::fly_to(self.position, self.mode) }, // the refused waypoint
-            Mode::Serve | Mode::Transit | Mode::Fly => self.report(),
+            // The refused waypoint.
+            Mode::Hold => Plan { x_m: f64::NAN, ..Plan::fly_to(self.position, self.mode) },
+            Mode::Down if self.refused > 0 => Plan { x_m: f64::NAN, ..Plan::fly_to(self.position, self.mode) },
+            Mode::Serve | Mode::Transit | Mode::Fly | Mode::Charge | Mode::Return | Mode::Down => self.report(),
         }
     }
 

@@ -18,6 +18,7 @@
 
 pub mod bound;
 pub mod geometry;
+pub mod home;
 pub mod horizon;
 pub mod keys;
 pub mod mission_table;

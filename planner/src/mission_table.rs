@@ -12,6 +12,7 @@ use skysink_common::sensors::Sensors;
 use skysink_common::stop::Stop;
 
 use crate::geometry::turns::Turns;
+use crate::home::Home;
 
 /// The sensor nodes (SNs) and the constraints on a plan.
 #[derive(Debug, Clone)]
@@ -26,6 +27,8 @@ pub struct MissionTable {
     pub limits: Limits,
     /// Farthest flight in one slot with the wind, for bounds [m]; plans keep to `limits.reach_m`.
     pub farthest_m: f64,
+    /// The way home; `None` if the UAV need not come back.
+    pub home: Option<Home>,
     /// Found when they are first asked for; clones share them.
     turns: Arc<OnceLock<Arc<Turns>>>,
 }
@@ -40,6 +43,7 @@ impl MissionTable {
             channel: Channel::of(&scenario.link),
             limits: Limits::of(scenario),
             farthest_m: scenario.farthest_m(),
+            home: Home::of(scenario),
             turns: Arc::default(),
         }
     }

@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
+use skysink_common::battery::BatteryState;
 use skysink_common::belief::Belief;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, encode};
 use skysink_common::error::InputError;
@@ -19,8 +20,8 @@ use skysink_common::stop::Stop;
 use crate::mission_table::MissionTable;
 use crate::settings;
 use crate::strategies::STRATEGIES;
+use crate::strategies::returning::decide;
 use crate::strategies::serving::Serving;
-use crate::strategies::transit::transit_decision;
 use crate::strategy::{Decision, Registered, Setup, Strategy, Timing, View};
 
 /// The planner of a mission.
@@ -34,6 +35,8 @@ pub struct Planner {
     strategy: Box<dyn Strategy>,
     transit: Serving,
     belief: Belief,
+    /// After the last observed flight.
+    battery: BatteryState,
     /// The queues that the SNs of the last plan report if they are served.
     reported: ReportedQueues,
     timing: Timing,
@@ -106,6 +109,7 @@ impl Planner {
             transit: Serving::new(&setup),
             strategy_name: scenario.planner.strategy.clone(),
             belief,
+            battery: BatteryState::initial(scenario),
             reported: ReportedQueues::default(),
             timing: Timing::Free,
             stop: stop.clone(),
@@ -137,6 +141,7 @@ impl Planner {
     /// the estimate older.
     pub fn observe(&mut self, slot: u64, flight: &FlightReport, queues_bits: &[u32]) {
         self.belief.advance(slot, flight, &self.reported, queues_bits);
+        self.battery = BatteryState::after(flight);
         self.strategy.observe(flight, &self.belief);
     }
 
@@ -156,14 +161,13 @@ impl Planner {
         let view = View {
             slot,
             position,
+            battery: self.battery,
             belief: self.belief.at(slot.saturating_sub(1), &self.table.sensors, queues_bits),
             table: &self.table,
             timing: self.timing,
             stop: &self.stop,
         };
-        let decision = self.strategy.plan(&view);
-        let mode = if decision.is_some() { Mode::Serve } else { Mode::Transit };
-        let decision = decision.unwrap_or_else(|| transit_decision(&mut self.transit, &view));
+        let (decision, mode) = decide(self.strategy.as_mut(), &mut self.transit, &view);
         let plan = message(&view, &decision, mode);
         self.path.clear();
         self.path.push(decision.waypoint);

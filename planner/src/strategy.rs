@@ -5,6 +5,7 @@
 use arrayvec::ArrayVec;
 use nalgebra::Point3;
 use serde::{Serialize, Serializer};
+use skysink_common::battery::BatteryState;
 use skysink_common::belief::{Belief, Believed};
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::error::InputError;
@@ -60,6 +61,8 @@ pub struct View<'a> {
     pub slot: u64,
     /// Position of the UAV at its beginning, `L_u(t−1)` [m].
     pub position: Point3<f64>,
+    /// The battery at its beginning.
+    pub battery: BatteryState,
     /// What is believed at its beginning: known or estimated queues, `B_i(t−1)`, and rates.
     pub belief: Believed<'a>,
     /// The SNs and the limits of the UAV.
@@ -318,6 +321,7 @@ pub(crate) mod tests {
         let position = Point3::new(ground[0], ground[1], 20.0);
         static STOP: LazyLock<Stop> = LazyLock::new(Stop::default);
         let belief = Believed::known(slot - 1, &table.sensors, queues_bits);
-        View { slot, position, belief, table, timing: Timing::Free, stop: &STOP }
+        let battery = BatteryState::default();
+        View { slot, position, battery, belief, table, timing: Timing::Free, stop: &STOP }
     }
 }

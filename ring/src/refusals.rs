@@ -34,6 +34,9 @@ pub enum Refusal {
     /// The waypoint of a plan is not finite, out of reach, or outside the area.
     #[strum(to_string = "waypoint not finite, out of reach, or outside the area: the UAV holds")]
     Waypoint,
+    /// A plan charges outside the base.
+    #[strum(to_string = "the UAV is not in the base: it holds instead of charging")]
+    Base,
     /// A plan schedules a sensor node that is out of range, unknown, named twice, or beyond the resource blocks.
     #[strum(to_string = "SN out of range, unknown, named twice, or beyond the resource blocks")]
     Sensor,

@@ -49,6 +49,10 @@ pub const FLY: Rgb = [70, 130, 200];
 pub const TRANSIT: Rgb = [135, 130, 255];
 /// Holding.
 pub const HOLD: Rgb = [225, 228, 235];
+/// Charging, the energy in the battery, and the base.
+pub const CHARGE: Rgb = [150, 220, 90];
+/// Returning to the base.
+pub const RETURN: Rgb = [240, 175, 60];
 /// Wall-clock figures.
 pub const CLOCK: Rgb = [160, 165, 175];
 /// Line of sight. Blue and orange, as in [`BLOCKED`], are distinguishable for colour-blind readers.

@@ -4,6 +4,7 @@ use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::{Scalars, SeriesLines};
 use re_sdk_types::components::InterpolationMode;
 use skysink_common::message::Totals;
+use skysink_common::scenario::Scenario;
 
 use crate::canvas::Canvas;
 use crate::colour::{self, Rgb};
@@ -24,6 +25,8 @@ pub const FILL_MAX: &str = "metrics/queue_fill/max";
 pub const DELIVERED: &str = "metrics/delivered";
 /// Bits sampled in a slot, in kbit; only of arrivals at random.
 pub const SAMPLED: &str = "metrics/sampled";
+/// Energy in the battery, in per cent of its capacity; only with a battery.
+pub const BATTERY: &str = "metrics/battery";
 /// Wall time of planning a slot, in ms.
 pub const PLAN_LATENCY: &str = "metrics/plan_latency";
 /// Slots per second of wall time.
@@ -63,11 +66,17 @@ pub(crate) struct Curves {
     /// Missed slots up to the last drawn slot.
     missed_slots: Option<u64>,
     rare: Rhythm,
+    /// Energy of the full battery [J]; `None` without one.
+    capacity_j: Option<f64>,
 }
 
 impl Curves {
-    /// Logs names and colours of the curves of a mission with this number of slots.
-    pub(crate) fn open(canvas: &Canvas, slots: u64, has_random_arrivals: bool) -> RecordingStreamResult<Self> {
+    /// Logs names and colours of the curves of a mission.
+    pub(crate) fn open(canvas: &Canvas, scenario: &Scenario, has_random_arrivals: bool) -> RecordingStreamResult<Self> {
+        let capacity_j = scenario.uav.battery.map(|battery| battery.capacity_j);
+        if capacity_j.is_some() {
+            canvas.log_static(BATTERY, &curve_style("battery [%]", colour::CHARGE))?;
+        }
         if has_random_arrivals {
             canvas.log_static(SAMPLED, &curve_style("sampled [kbit]", colour::BURST))?;
         }
@@ -76,7 +85,7 @@ impl Curves {
         }
         let steps = SeriesLines::update_fields().with_interpolation_mode(InterpolationMode::StepAfter);
         canvas.log_static(MISSED, &steps)?; // whatever slots have points
-        Ok(Self { missed_slots: None, rare: Rhythm::every(RARE_EVERY, slots) })
+        Ok(Self { missed_slots: None, rare: Rhythm::every(RARE_EVERY, scenario.slots), capacity_j })
     }
 
     /// Logs one point per curve.
@@ -97,6 +106,9 @@ impl Curves {
             if let Some(number) = number(view, fill, missed_slots) {
                 canvas.append(entity, &Scalars::single(number))?;
             }
+        }
+        if let Some(capacity_j) = self.capacity_j {
+            canvas.append(BATTERY, &Scalars::single(100.0 * view.flight.energy_j / capacity_j))?;
         }
         if let Some(sampled_bits) = sampled_bits {
             canvas.append(SAMPLED, &Scalars::single(sampled_bits as f64 / 1e3))?;

@@ -29,14 +29,15 @@ const CONTINUED: &str = "recording continued in a new file: the viewer was resta
 \
                          Up to ten seconds of earlier slots may be missing.";
 
-/// The modes of the UAV.
-fn modes() -> impl Iterator<Item = Mode> {
-    (0..).map_while(Mode::from_repr)
+/// The modes of the UAV; with a base, those of energy and landing, too.
+fn modes(has_base: bool) -> impl Iterator<Item = Mode> {
+    let needs_base = |mode: &Mode| matches!(mode, Mode::Charge | Mode::Return | Mode::Down);
+    (0..).map_while(Mode::from_repr).filter(move |mode| has_base || !needs_base(mode))
 }
 
 /// The states of the lane.
-pub(crate) fn states() -> impl Iterator<Item = &'static str> {
-    modes().map(Into::into).chain([GAP])
+pub(crate) fn states(has_base: bool) -> impl Iterator<Item = &'static str> {
+    modes(has_base).map(Into::into).chain([GAP])
 }
 
 /// The state of the event log.
@@ -53,11 +54,11 @@ pub(crate) struct Events {
 
 impl Events {
     /// Styles the lane.
-    pub(crate) fn open(canvas: &Canvas, recording: &Recording) -> RecordingStreamResult<Self> {
-        let colours: Vec<Rgb> = modes().map(colour_of).chain([colour::MISSED]).collect();
-        let style = StateConfiguration::new().with_values(states()).with_colors(colours.iter().copied());
+    pub(crate) fn open(canvas: &Canvas, recording: &Recording, has_base: bool) -> RecordingStreamResult<Self> {
+        let colours: Vec<Rgb> = modes(has_base).map(colour_of).chain([colour::MISSED]).collect();
+        let style = StateConfiguration::new().with_values(states(has_base)).with_colors(colours.iter().copied());
         canvas.log_static(LANE, &style)?;
-        for (name, colour) in states().zip(colours) {
+        for (name, colour) in states(has_base).zip(colours) {
             let points = SeriesPoints::new()
                 .with_names([name])
                 .with_colors([colour])
@@ -84,6 +85,7 @@ impl Events {
         match HoldReason::from_repr(flight.hold).unwrap_or_default() {
             HoldReason::None => {}
             HoldReason::NoPlan => write(canvas, TextLogLevel::WARN, "hold: no plan in time")?,
+            HoldReason::Base => write(canvas, TextLogLevel::WARN, "hold: to charge, but not in the base")?,
             HoldReason::Waypoint => {
                 write(canvas, TextLogLevel::WARN, "hold: waypoint not finite, out of reach, or outside the area")?;
             }
@@ -139,6 +141,9 @@ fn colour_of(mode: Mode) -> Rgb {
         Mode::Transit => colour::TRANSIT,
         Mode::Hold => colour::HOLD,
         Mode::Fly => colour::FLY,
+        Mode::Charge => colour::CHARGE,
+        Mode::Return => colour::RETURN,
+        Mode::Down => colour::LOSS,
     }
 }
 
@@ -149,6 +154,9 @@ fn height(mode: Mode) -> f64 {
         Mode::Transit => 2.0,
         Mode::Fly => 3.0,
         Mode::Serve => 4.0,
+        Mode::Charge => 5.0,
+        Mode::Return => 6.0,
+        Mode::Down => -1.0,
     }
 }
 

@@ -31,7 +31,7 @@ pub(crate) fn send(
 ) -> RecordingStreamResult<()> {
     let mut layout = Blueprint::new(recording)?;
     let scenes = scenes(&mut layout, sizes, scenario, estimated)?;
-    let lane = lane(&mut layout, recording.port)?;
+    let lane = lane(&mut layout, recording.port, scenario.base.is_some())?;
     let log = log(&mut layout)?;
     let below = layout.container(ContainerKind::Tabs, &[(1.0, lane), (1.0, log)])?;
     let left = layout.container(ContainerKind::Vertical, &[(6.0, scenes), (1.1, below)])?;
@@ -41,14 +41,21 @@ pub(crate) fn send(
 }
 
 /// The UAV's state over time: a state lane, or a plot for a live viewer on the port `live`, which follows the mission.
-fn lane(layout: &mut Blueprint, live: Option<u16>) -> RecordingStreamResult<Tile> {
+fn lane(layout: &mut Blueprint, live: Option<u16>, has_base: bool) -> RecordingStreamResult<Tile> {
     if live.is_none() {
-        return layout.view(class::STATES, "UAV: serve, fly, transit, hold", "", &[select(events::LANE)]);
+        let name = match has_base {
+            false => "UAV: serve, fly, transit, hold",
+            true => "UAV: serve, fly, transit, hold, charge, return, down",
+        };
+        return layout.view(class::STATES, name, "", &[select(events::LANE)]);
     }
-    let name = "UAV: 4 serve (green), 3 fly (blue), 2 transit (lavender), 1 hold (white), 0 gap (grey)";
-    let states =
-        plot(layout, name, &events::states().map(|name| format!("{}/{name}", events::STATES)).collect::<Vec<_>>())?;
-    lock_axis(layout, states, [-0.6, 4.6])?;
+    let name = match has_base {
+        false => "UAV: 4 serve (green), 3 fly (blue), 2 transit (lavender), 1 hold (white), 0 gap (grey)",
+        true => "UAV: 6 return (orange), 5 charge (light green), 4 serve, 3 fly, 2 transit, 1 hold, 0 gap, -1 down",
+    };
+    let states: Vec<_> = events::states(has_base).map(|name| format!("{}/{name}", events::STATES)).collect();
+    let states = plot(layout, name, &states)?;
+    lock_axis(layout, states, if has_base { [-1.6, 6.6] } else { [-0.6, 4.6] })?;
     Ok(states)
 }
 
@@ -253,6 +260,11 @@ fn beside(layout: &mut Blueprint, scenario: &Scenario, clock: WallClock) -> Reco
         plot(layout, "Delivered [kbit]", &[curves::DELIVERED])?
     };
     let mut others = vec![(1.0, delivered)];
+    if scenario.uav.battery.is_some() {
+        let battery = plot(layout, "Battery [%]", &[curves::BATTERY])?;
+        lock_axis(layout, battery, [-4.0, 110.0])?;
+        others.insert(0, (1.0, battery));
+    }
     if clock == WallClock::Measured {
         others.push((1.0, plot(layout, "Plan [ms]", &[curves::PLAN_LATENCY])?));
         others.push((1.0, plot(layout, "Pace [slot/s]", &[curves::PACE])?));

@@ -6,6 +6,7 @@ use re_sdk::{RecordingStream, RecordingStreamResult};
 use re_sdk_types::AnyValues;
 use re_sdk_types::archetypes::{Boxes3D, Image, Points3D, TextDocument, Transform3D};
 use re_sdk_types::components::Radius;
+use skysink_common::battery::Base;
 use skysink_common::channel::{Channel, LineOfSight};
 use skysink_common::estimate::Rates;
 use skysink_common::scenario::Scenario;
@@ -13,7 +14,7 @@ use skysink_common::scenario::Scenario;
 use crate::canvas::Canvas;
 use crate::colour::{self, Rgb};
 use crate::los::field;
-use crate::shapes::{line_style, writing};
+use crate::shapes::{circle, line_style, writing};
 use crate::sizes::{MAX_BARS, Sizes};
 
 /// The main page.
@@ -26,6 +27,9 @@ pub const SCALE: &str = "scale";
 pub const AREA: &str = "world/area";
 /// Numbers at the area's axes.
 pub const AXES: &str = "world/area/axes";
+
+/// The base.
+pub const BASE: &str = "world/base";
 
 /// Bounds of the view of the scales, in x and y (down).
 pub const SCALE_BOUNDS: [[f64; 2]; 2] = [[-24.0, 624.0], [-12.0, 58.0]];
@@ -50,6 +54,13 @@ pub(crate) fn log_pages(
 const BELIEF: &str =
     " Tab *Belief and truth*: the queues as the UAV believes them to be, as they are, and the difference.";
 
+/// Rows of the legend for a base.
+const BASE_ROWS: &str = "\
+    | light green ring | base |\n\
+    | lane: **charge** (light green) | in the base: charges, serves no SN |\n\
+    | lane: **return** (orange) | flies to the base: energy or time ends; serves on the way |\n\
+    | lane: **down** (red) | its energy has ended |\n";
+
 fn page(scenario: &Scenario, count: usize, sizes: &Sizes, estimated: Option<Rates>) -> String {
     let fixed = || format!("an altitude of {} m", scenario.uav.altitude_m);
     let link = match Channel::of(&scenario.link).line_of_sight() {
@@ -71,6 +82,7 @@ fn page(scenario: &Scenario, count: usize, sizes: &Sizes, estimated: Option<Rate
         } else {
             ""
         },
+        base = if scenario.base.is_some() { BASE_ROWS } else { "" },
         belief = estimated.map_or("", |_| BELIEF),
         link = link,
         slot_s = scenario.slot_s,
@@ -174,6 +186,20 @@ pub(crate) fn log_area(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<
         .with_radii([Radius::new_ui_points(0.1)])
         .with_colors([colour::WRITING]);
     canvas.log_static(AXES, &axes)
+}
+
+/// Draws the base, if there is one.
+pub(crate) fn log_base(canvas: &Canvas, scenario: &Scenario) -> RecordingStreamResult<()> {
+    let Some(base) = Base::of(scenario) else { return Ok(()) };
+    let centre = [base.centre.x as f32, base.centre.y as f32, 0.0];
+    let rim = line_style(colour::CHARGE, 2.0).with_strips([circle(centre, base.radius_m as f32)]);
+    canvas.log_static(format!("{BASE}/rim"), &rim)?;
+    let name = Points3D::new([centre])
+        .with_labels(["base"])
+        .with_show_labels(true)
+        .with_radii([Radius::new_ui_points(3.0)])
+        .with_colors([colour::CHARGE]);
+    canvas.log_static(BASE, &name)
 }
 
 /// Logs the properties of the recording, which rerun lists.

@@ -67,10 +67,11 @@ impl Picture {
         let path = Path::open(&canvas, sizes, part)?;
         let links = Links::open(&canvas, scenario, sensors, sizes)?;
         let los = Los::open(&canvas, scenario, sensors, sizes, part)?;
-        let events = Events::open(&canvas, recording)?;
-        let curves = Curves::open(&canvas, scenario.slots, sensors.sampling.is_drawn())?;
+        let events = Events::open(&canvas, recording, scenario.base.is_some())?;
+        let curves = Curves::open(&canvas, scenario, sensors.sampling.is_drawn())?;
         legend::log_scales(&canvas, links.rates_bps.as_ref())?;
         legend::log_area(&canvas, sizes)?;
+        legend::log_base(&canvas, scenario)?;
         let history = SensorHistory::new(scenario, sensors);
         Ok(Self { canvas, queues, uav, path, links, los, events, curves, history, maps: None, belief: None, names })
     }

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
 use super::area::Area;
+use super::base::BaseKeys;
 use super::sensors::SensorKeys;
 use super::uav::UavKeys;
 use crate::arrivals::{ArrivalKeys, ArrivalLaw, ArrivalTrace};
@@ -55,6 +56,8 @@ crate::keys! {
         sensors: SensorKeys = {}, Accepts::TableOf(SensorKeys::KEYS);
         /// The vehicle.
         uav: UavKeys = {}, Accepts::TableOf(UavKeys::KEYS);
+        /// Where the UAV lands and charges; `uav.battery` and `uav.must_land` imply it.
+        base: Option<BaseKeys>, Accepts::TableOf(BaseKeys::KEYS);
         /// The radio and the channel model.
         link: LinkBudget = {}, Accepts::TableOf(LinkBudget::KEYS);
         /// The strategy and its keys, which the planner checks.
@@ -162,6 +165,12 @@ impl Scenario {
     pub fn start(&self) -> Point3<f64> {
         let [x_m, y_m] = self.uav.start_m.unwrap_or([f64::NAN; 2]);
         Point3::new(x_m, y_m, self.uav.altitude_m)
+    }
+
+    /// Whether the UAV has to be in the base at the end of the mission.
+    #[must_use]
+    pub fn must_land(&self) -> bool {
+        self.uav.must_land == Some(true)
     }
 
     /// The lowest and the highest altitude that can be reached in one slot from `altitude_m` [m].

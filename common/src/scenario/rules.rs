@@ -12,6 +12,7 @@ use super::uav::Climb;
 use crate::arrivals::MAX_SAMPLED_BITS;
 use crate::channel::{Channel, ChannelModel, LinkModel, LosCurve};
 use crate::error::InputError;
+use crate::geometry::Position;
 use crate::keys::dotted::{beside, is_below, value};
 use crate::keys::{self, Keys, Only};
 
@@ -64,6 +65,10 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
     rule(wind_mps < uav.max_speed_mps, "uav.wind_mps", &expected)?;
     let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m(), area.height_m());
     rule(area.contains(&scenario.start().xy(), 0.0), "uav.start_m", &expected)?;
+    if let Some([x_m, y_m]) = scenario.base.and_then(|base| base.position_m) {
+        let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m(), area.height_m());
+        rule(area.contains(&Position::new(x_m, y_m), 0.0), "base.position_m", &expected)?;
+    }
     let is_table = link.model == LinkModel::Table;
     let expected = "another model, or a CSV file as link.file";
     rule(!is_table || link.file.is_some(), "link.model", expected)?;

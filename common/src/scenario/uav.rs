@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use strum::VariantNames;
 
+use super::base::BatteryKeys;
 use crate::keys::{Accepts, NOT_NEGATIVE, Only, POSITIVE};
 
 /// Keys of a free altitude.
@@ -36,6 +37,10 @@ crate::keys! {
         endurance_s: f64 = 600.0, POSITIVE;
         /// Start, `[x, y]` [m]; the default is the centre of the area, and a checked scenario has the key.
         start_m: Option<[f64; 2]>, Accepts::Rule("a position in the area");
+        /// Whether the UAV has to be in the base at the end of the mission (decision D13).
+        must_land: Option<bool>, Accepts::Rule("true or false");
+        /// The energy that it carries; without this table it flies as long as the mission lasts.
+        battery: Option<BatteryKeys>, Accepts::TableOf(BatteryKeys::KEYS);
         /// Parameters of the propulsion power.
         propulsion: Propulsion = {}, Accepts::TableOf(Propulsion::KEYS);
     }

@@ -48,11 +48,14 @@ fn write(track: &GeodeticTrack<'_>) -> Vec<u8> {
         log.write(&FIX, sequence, time_s, &fix(point));
         log.write(&POSE, sequence, time_s, &pose(point));
         if let Some(slot) = point.slot {
-            let figures = json!({
+            let mut figures = json!({
                 "slot": slot.slot, "mode": slot.mode.to_string(), "scheduled": slot.scheduled,
                 "served": slot.scheduled.len(), "delivered_bits": slot.delivered_bits, "lost_bits": slot.lost_bits,
                 "queued_bits": slot.queued_bits,
             });
+            if slot.energy_j.is_finite() {
+                figures["energy_j"] = json!(slot.energy_j);
+            }
             log.write(&SLOT, sequence, time_s, &figures);
         }
     }

@@ -9,6 +9,7 @@ use skysink_mission::trace::RecordedSlot;
 
 use super::format::{ExportFormat, WriteFormat};
 use crate::parquet_file::parquet;
+use crate::tables::NamedColumn;
 
 /// The table.
 pub static FORMAT: ExportFormat = ExportFormat {
@@ -27,7 +28,7 @@ fn write(run: &RecordedRun) -> Vec<u8> {
         |axis: usize| -> ArrayRef { Arc::new(Float64Array::from_iter_values(lines().map(|slot| slot.position[axis]))) };
     let scheduled = lines().map(|slot| Some(slot.scheduled.iter().copied().map(Some)));
     let uploads_bits = run.uploads_bits.iter().flatten().map(|slot| Some(slot.iter().copied().map(Some)));
-    parquet(vec![
+    let mut columns: Vec<NamedColumn> = vec![
         ("slot", whole(|slot| slot.slot)),
         ("uav", small(|slot| slot.uav as u32)),
         ("x_m", metres(0)),
@@ -40,5 +41,10 @@ fn write(run: &RecordedRun) -> Vec<u8> {
         ("queued_bits", whole(|slot| slot.queued_bits)),
         ("mode", Arc::new(StringArray::from_iter_values(lines().map(|slot| slot.mode.to_string())))),
         ("refused", small(|slot| slot.refused)),
-    ])
+    ];
+    if lines().any(|slot| slot.energy_j.is_finite()) {
+        let energy_j = Float64Array::from_iter_values(lines().map(|slot| slot.energy_j));
+        columns.push(("energy_j", Arc::new(energy_j)));
+    }
+    parquet(columns)
 }

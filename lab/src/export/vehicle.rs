@@ -207,6 +207,7 @@ mod tests {
                 queued_bits: 0,
                 mode: Mode::Serve,
                 refused: 0,
+                energy_j: f64::INFINITY,
             }])
         };
         let slots = steps.iter().enumerate().map(&mut slot).collect();

@@ -105,6 +105,7 @@ mod tests {
 
     use std::path::Path;
 
+    use skysink_common::battery::BatteryState;
     use skysink_common::belief::Believed;
     use skysink_common::message::SensorNode;
     use skysink_common::random::{Purpose, Streams};
@@ -140,6 +141,7 @@ mod tests {
         let view = View {
             slot: 1,
             position,
+            battery: BatteryState::default(),
             belief: Believed::known(0, &table.sensors, &[0; 4]),
             table,
             timing: Timing::Free,
@@ -198,6 +200,7 @@ mod tests {
         let view = View {
             slot: 1,
             position,
+            battery: BatteryState::default(),
             belief: Believed::known(0, &table.sensors, queues_bits),
             table,
             timing: Timing::Free,

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use proptest::prelude::*;
+use skysink_common::battery::BatteryState;
 use skysink_common::belief::Belief;
 use skysink_common::channel::ChannelModel;
 use skysink_common::geometry::Position;
@@ -387,7 +388,15 @@ fn learnt_rates_replace_the_prior() {
         let position = scenario.start();
         let belief = belief.at(slot - 1, &table.sensors, &[0; 3]);
         let stop = &Stop::default();
-        horizon.update_sensors(&View { slot, position, belief, table, timing: Timing::Free, stop });
+        horizon.update_sensors(&View {
+            slot,
+            position,
+            battery: BatteryState::default(),
+            belief,
+            table,
+            timing: Timing::Free,
+            stop,
+        });
         horizon.model.sensors.iter().map(|sensor| (sensor.mean_bits, sensor.fill_slots)).collect::<Vec<_>>()
     };
     assert_eq!(believed(&mut horizon, &mut belief, 1), [(100.0, 300.0); 3]);

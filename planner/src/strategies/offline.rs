@@ -7,6 +7,7 @@ use std::ops::ControlFlow;
 
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
+use skysink_common::battery::BatteryState;
 use skysink_common::belief::Believed;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, encode};
 use skysink_common::error::InputError;
@@ -83,6 +84,7 @@ impl Offline {
         let view = View {
             slot: 1,
             position,
+            battery: BatteryState::initial(scenario),
             belief: Believed::known(0, &table.sensors, queues_bits),
             table,
             timing: Timing::Free,

@@ -15,8 +15,8 @@ use skysink_common::queues::{Queues, overflow_bits};
 use skysink_common::random::{Purpose, Streams};
 use skysink_common::sampling::{Sampler, Sampling};
 
+use super::returning::{battery_after, decide};
 use super::serving::Serving;
-use super::transit::transit_decision;
 use crate::horizon::choice::late_slots;
 use crate::strategy::{Decision, Strategy, View};
 
@@ -145,11 +145,13 @@ impl<'a> Rollout<'a> {
         let mut world = self.draw_world(&mut random);
         let mut belief = self.view.belief.belief.clone();
         let mut position = self.view.position;
+        let mut battery = self.view.battery;
         let mut lost_bits = 0.0;
         for slot in self.view.slot..=self.view.slot.saturating_add(self.ahead.slots - 1) {
             let believed = belief.at(slot.saturating_sub(1), &table.sensors, world.queues.bits());
-            let view = View { slot, position, belief: believed, ..*self.view };
-            let decision = strategy.plan(&view).unwrap_or_else(|| transit_decision(transit, &view));
+            let view = View { slot, position, battery, belief: believed, ..*self.view };
+            let (decision, mode) = decide(strategy, transit, &view);
+            battery = battery_after(&view, &decision, mode);
             position = decision.waypoint;
             let before = belief.reported(slot, decision.schedule.iter().copied(), world.queues.bits());
             lost_bits += self.sample(&mut world, slot);
@@ -265,6 +267,7 @@ mod tests {
     use super::*;
     use std::path::Path;
 
+    use skysink_common::battery::BatteryState;
     use skysink_common::belief::{Belief, Believed};
     use skysink_common::checkpoint::Checkpoint;
     use skysink_common::estimate::Rates;
@@ -293,7 +296,8 @@ mod tests {
         let stop = &Stop::default();
         let queues_bits = &[queue_bits];
         let belief = belief.at(0, &table.sensors, queues_bits);
-        let view = View { slot: 1, position, belief, table, timing: Timing::Free, stop };
+        let view =
+            View { slot: 1, position, battery: BatteryState::default(), belief, table, timing: Timing::Free, stop };
         let ahead = Ahead { slots, beyond_slots: beyond as f64, round_slots: 10.0 };
         let rollout = Rollout::new(&view, scenario.seed, &ahead, futures);
         let mut gfs = (Registered::find("gfs").unwrap().make)(&setup);
@@ -371,7 +375,8 @@ mod tests {
         let position = scenario.start();
         let stop = &Stop::default();
         let belief = belief.at(0, &table.sensors, &[0]);
-        let view = View { slot: 1, position, belief, table, timing: Timing::Free, stop };
+        let view =
+            View { slot: 1, position, battery: BatteryState::default(), belief, table, timing: Timing::Free, stop };
         let ahead = Ahead { slots: 5, beyond_slots: 0.0, round_slots: 1.0 };
         let rollout = Rollout::new(&view, scenario.seed, &ahead, 1);
         let mut watching = Watching::default();
@@ -391,7 +396,8 @@ mod tests {
         let position = scenario.start();
         let stop = &Stop::default();
         let belief = Believed::known(0, &table.sensors, &[500]);
-        let view = View { slot: 1, position, belief, table, timing: Timing::Free, stop };
+        let view =
+            View { slot: 1, position, battery: BatteryState::default(), belief, table, timing: Timing::Free, stop };
         let ahead = Ahead { slots: 2, beyond_slots: 0.0, round_slots: 1.0 };
         let rollout = Rollout::new(&view, scenario.seed, &ahead, 1);
         let mut gfs = (Registered::find("gfs").unwrap().make)(&setup);

@@ -1,0 +1,203 @@
+//! The base and the energy of a UAV (decisions D9 to D12).
+//!
+//! When to fly home is left to the planner.
+
+use nalgebra::Point3;
+
+use crate::geometry::{Position, within};
+use crate::message::{FlightReport, Mode};
+use crate::propulsion::{farthest_mps, power_w};
+use crate::scenario::{Propulsion, Scenario};
+
+/// The state of a battery between two slots.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BatteryState {
+    /// Its energy, `E(t)` [J]; infinite without a battery.
+    pub energy_j: f64,
+    /// Whether it has charged in the slot before.
+    pub is_charging: bool,
+}
+
+impl Default for BatteryState {
+    /// Without a battery.
+    fn default() -> Self {
+        Self { energy_j: f64::INFINITY, is_charging: false }
+    }
+}
+
+impl BatteryState {
+    /// Before slot 1 of a scenario.
+    #[must_use]
+    pub fn initial(scenario: &Scenario) -> Self {
+        Battery::of(scenario)
+            .map_or_else(Self::default, |battery| Self { energy_j: battery.initial_j, is_charging: false })
+    }
+
+    /// After a flight.
+    #[must_use]
+    pub fn after(flight: &FlightReport) -> Self {
+        Self { energy_j: flight.energy_j, is_charging: flight.flown_mode() == Mode::Charge }
+    }
+}
+
+/// The disk in which UAVs land and charge.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Base {
+    /// Its centre [m].
+    pub centre: Position,
+    /// Its radius [m].
+    pub radius_m: f64,
+}
+
+impl Base {
+    /// The base of a scenario; `None` if it has none.
+    #[must_use]
+    pub fn of(scenario: &Scenario) -> Option<Self> {
+        let keys = scenario.base?;
+        let centre = keys.position_m.map_or_else(|| scenario.start().xy(), Position::from);
+        Some(Self { centre, radius_m: keys.radius_m })
+    }
+
+    /// Whether a UAV at `ground` [m] may land and charge.
+    #[must_use]
+    pub fn contains(&self, ground: &Position) -> bool {
+        within(ground, &self.centre, self.radius_m)
+    }
+
+    /// The point of the base that is nearest to `ground` [m].
+    #[must_use]
+    pub fn nearest(&self, ground: &Position) -> Position {
+        let away = ground - self.centre;
+        if self.contains(ground) { *ground } else { self.centre + away * (self.radius_m / away.norm()) }
+    }
+}
+
+/// The battery of a UAV, and what a slot takes from it.
+///
+/// `E(t) = E(t−1) − τ P(v) − w max(0, Δz)`, with the propulsion power P of [`power_w`] at the horizontal speed v.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Battery {
+    /// Energy when full [J].
+    pub capacity_j: f64,
+    /// Energy before slot 1 [J].
+    pub initial_j: f64,
+    /// Energy that is left after the way home [J].
+    pub reserve_j: f64,
+    aircraft: Propulsion,
+    weight_n: f64,
+    slot_s: f64,
+    charge_w: f64,
+}
+
+impl Battery {
+    /// The battery of a scenario; `None` if its UAV has energy without end.
+    #[must_use]
+    pub fn of(scenario: &Scenario) -> Option<Self> {
+        let keys = scenario.uav.battery?;
+        Some(Self {
+            capacity_j: keys.capacity_j,
+            initial_j: keys.capacity_j * keys.initial,
+            reserve_j: keys.capacity_j * keys.reserve,
+            aircraft: scenario.uav.propulsion,
+            weight_n: keys.weight_n,
+            slot_s: scenario.slot_s,
+            charge_w: scenario.base.map_or(0.0, |base| base.charge_w),
+        })
+    }
+
+    /// Energy [J] of a slot over the horizontal distance `distance_m` [m].
+    #[must_use]
+    pub fn slot_j(&self, distance_m: f64) -> f64 {
+        self.slot_s * power_w(&self.aircraft, distance_m / self.slot_s)
+    }
+
+    /// Energy [J] after a slot that begins with `energy_j` at `from` and ends at `to` [m].
+    #[must_use]
+    pub fn flown_j(&self, energy_j: f64, from: &Point3<f64>, to: &Point3<f64>) -> f64 {
+        energy_j - self.slot_j((to.xy() - from.xy()).norm()) - self.weight_n * (to.z - from.z).max(0.0)
+    }
+
+    /// Energy [J] after a slot in the base that begins with `energy_j` (decision D11).
+    #[must_use]
+    pub fn charged_j(&self, energy_j: f64) -> f64 {
+        (energy_j + self.slot_s * self.charge_w).min(self.capacity_j).max(energy_j)
+    }
+
+    /// Whether a base charges it.
+    #[must_use]
+    pub fn is_charged(&self) -> bool {
+        self.charge_w > 0.0
+    }
+
+    /// Distance of a slot [m] at the speed of least energy per metre, at most `reach_m`.
+    #[must_use]
+    pub fn thrifty_m(&self, reach_m: f64) -> f64 {
+        farthest_mps(&self.aircraft, reach_m / self.slot_s) * self.slot_s
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::Overrides;
+    use std::path::Path;
+
+    fn scenario(more: &str) -> Scenario {
+        let text = format!("name = 'a'\nslots = 10\nslot_s = 2.0\n[uav.battery]\ncapacity_j = 1000.0\n{more}");
+        Scenario::parse(&text, Path::new("a.toml"), Overrides::default()).unwrap()
+    }
+
+    #[test]
+    fn a_base_is_where_the_uav_starts_unless_it_is_given() {
+        let middle = Base { centre: Position::new(50.0, 50.0), radius_m: 1.0 };
+        assert_eq!(Base::of(&scenario("")), Some(middle));
+        let moved = Base { centre: Position::new(3.0, 4.0), radius_m: 5.0 };
+        assert_eq!(Base::of(&scenario("[base]\nposition_m = [3.0, 4.0]\nradius_m = 5.0\n")), Some(moved));
+        assert_eq!(Base::of(&Scenario::letter(Overrides::default()).unwrap()), None);
+    }
+
+    #[test]
+    fn the_nearest_point_of_a_base_is_in_it() {
+        let base = Base { centre: Position::new(3.0, 4.0), radius_m: 5.0 };
+        assert_eq!(base.nearest(&Position::new(3.0, 104.0)), Position::new(3.0, 9.0));
+        assert_eq!(base.nearest(&Position::new(1.0, 1.0)), Position::new(1.0, 1.0));
+        for step in 0..1_000 {
+            let (sine, cosine) = (f64::from(step) * 0.37).sin_cos();
+            let away = base.centre + nalgebra::Vector2::new(cosine, sine) * (6.0 + f64::from(step));
+            assert!(base.contains(&base.nearest(&away)), "{away}");
+        }
+    }
+
+    #[test]
+    fn a_slot_takes_its_power_and_a_climb_the_weight() {
+        let battery = Battery::of(&scenario("weight_n = 30.0\n")).unwrap();
+        let at = |x_m: f64, z_m: f64| Point3::new(x_m, 7.0, z_m);
+        // Two seconds of hovering: 2 · (79.86 + 88.63) J.
+        assert!((battery.flown_j(900.0, &at(1.0, 20.0), &at(1.0, 20.0)) - (900.0 - 336.98)).abs() < 1e-9);
+        // 20 m in 2 s is 10 m/s; 3 m up at 30 N.
+        let climbed_j = battery.flown_j(900.0, &at(1.0, 20.0), &at(21.0, 23.0));
+        assert!((climbed_j - (900.0 - battery.slot_j(20.0) - 90.0)).abs() < 1e-9);
+        let sunk_j = battery.flown_j(900.0, &at(1.0, 20.0), &at(21.0, 17.0));
+        assert!((sunk_j - (900.0 - battery.slot_j(20.0))).abs() < 1e-9, "a descent gives nothing back");
+    }
+
+    #[test]
+    fn charging_ends_at_the_capacity() {
+        let battery = Battery::of(&scenario("[base]\ncharge_w = 30.0\n")).unwrap();
+        assert_eq!([900.0, 950.0, 1_000.0].map(|energy_j| battery.charged_j(energy_j)), [960.0, 1_000.0, 1_000.0]);
+        let landed = Battery::of(&scenario("")).unwrap();
+        assert_eq!((landed.charged_j(900.0), landed.is_charged()), (900.0, false));
+    }
+
+    #[test]
+    fn no_speed_takes_less_energy_for_a_metre() {
+        let battery = Battery::of(&scenario("")).unwrap();
+        let thrifty_m = battery.thrifty_m(60.0);
+        for step in 1..=600 {
+            let slot_m = f64::from(step) / 10.0;
+            assert!(battery.slot_j(slot_m) / slot_m >= battery.slot_j(thrifty_m) / thrifty_m - 1e-9, "{slot_m} m");
+        }
+        assert!((thrifty_m / 2.0 - 18.3).abs() < 0.5, "{thrifty_m}"); // m/s, as figure 4 of the paper has it
+        assert!((battery.thrifty_m(8.0) - 8.0).abs() < 1e-9, "what the UAV reaches");
+    }
+}

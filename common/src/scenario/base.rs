@@ -1,0 +1,41 @@
+//! `[base]` and `[uav.battery]`: where UAVs land and charge, and the energy that they carry (decisions D9 to D13).
+
+use serde::{Deserialize, Serialize};
+
+use crate::keys::{Accepts, NOT_NEGATIVE, POSITIVE};
+
+crate::keys! {
+    /// `[base]`: the disk in which a UAV lands and charges (decision D9).
+    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, expecting = "a table")]
+    pub struct BaseKeys {
+        /// Its centre, `[x, y]` [m]; the default is the start of the UAV, and a checked scenario has the key.
+        position_m: Option<[f64; 2]>, Accepts::Rule("a position in the area");
+        /// Its radius [m].
+        radius_m: f64 = 1.0, POSITIVE;
+        /// Power of the charger [W]; at 0 a UAV only lands.
+        charge_w: f64 = 0.0, NOT_NEGATIVE;
+    }
+}
+
+impl Default for BaseKeys {
+    fn default() -> Self {
+        Self { position_m: None, radius_m: 1.0, charge_w: 0.0 }
+    }
+}
+
+crate::keys! {
+    /// `[uav.battery]`: the energy of the UAV (decision D10).
+    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, expecting = "a table")]
+    pub struct BatteryKeys {
+        /// Energy of the full battery [J]; required.
+        capacity_j: f64, POSITIVE;
+        /// Energy before slot 1, as a fraction of the capacity.
+        initial: f64 = 1.0, Accepts::Number("0 to 1", |fraction| (0.0..=1.0).contains(&fraction));
+        /// Energy that the way home leaves in the battery, as a fraction of the capacity.
+        reserve: f64 = 0.1, Accepts::Number("0 or above, below 1", |fraction| (0.0..1.0).contains(&fraction));
+        /// Weight of the UAV, `w` [N]: a climb of 1 m takes `w` joules.
+        weight_n: f64 = 20.0, POSITIVE;
+    }
+}

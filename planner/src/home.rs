@@ -1,0 +1,151 @@
+//! The way home of a UAV that carries a battery, or has to land (decision D13).
+
+use skysink_common::battery::{Base, Battery, BatteryState};
+use skysink_common::geometry::Position;
+use skysink_common::scenario::Scenario;
+
+/// Slack of the number of slots of a way home, so that rounding adds none.
+const SLACK_SLOTS: f64 = 1e-9;
+
+/// The way home: straight, in equal steps, at the speed of least energy per metre, or faster where time is short.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Home {
+    /// Where it ends.
+    pub base: Base,
+    /// `None`: energy without end.
+    pub battery: Option<Battery>,
+    must_land: bool,
+    /// Slots of the mission.
+    slots: u64,
+    /// Farthest flight in a slot [m].
+    reach_m: f64,
+    /// Flight in a slot at the least energy per metre [m].
+    thrifty_m: f64,
+}
+
+impl Home {
+    /// That of a scenario; `None` if its UAV need not come back.
+    #[must_use]
+    pub fn of(scenario: &Scenario) -> Option<Self> {
+        let battery = Battery::of(scenario);
+        let must_land = scenario.must_land();
+        let base = Base::of(scenario).filter(|_| battery.is_some() || must_land)?;
+        let reach_m = scenario.reach_m();
+        let thrifty_m = battery.map_or(reach_m, |battery| battery.thrifty_m(reach_m));
+        Some(Self { base, battery, must_land, slots: scenario.slots, reach_m, thrifty_m })
+    }
+
+    /// Slots of the way home over `distance_m` [m] with `left` slots for it; more than `left` if it is too far.
+    fn way_slots(&self, distance_m: f64, left: u64) -> f64 {
+        let slots = |slot_m: f64| (distance_m / slot_m - SLACK_SLOTS).ceil().max(0.0);
+        slots(self.thrifty_m).min(left as f64).max(slots(self.reach_m))
+    }
+
+    /// Slots for the way home after `slot`.
+    fn left_after(&self, slot: u64) -> u64 {
+        if self.must_land { self.slots.saturating_sub(slot) } else { u64::MAX }
+    }
+
+    /// Whether a UAV with `energy_j` [J] at `ground` [m] after `slot` comes home in time and with its reserve.
+    #[must_use]
+    pub fn is_in_reach(&self, slot: u64, energy_j: f64, ground: &Position) -> bool {
+        let distance_m = (self.base.nearest(ground) - ground).norm();
+        let left = self.left_after(slot);
+        let way = self.way_slots(distance_m, left);
+        let has_energy = self.battery.is_none_or(|battery| {
+            let way_j = if way > 0.0 { way * battery.slot_j(distance_m / way) } else { 0.0 };
+            energy_j - way_j >= battery.reserve_j
+        });
+        has_energy && way <= left as f64
+    }
+
+    /// The next waypoint of the way home from `ground` [m] in `slot`; `ground` itself in the base.
+    #[must_use]
+    pub fn next_waypoint(&self, slot: u64, ground: &Position) -> Position {
+        let end = self.base.nearest(ground);
+        let way = self.way_slots((end - ground).norm(), self.left_after(slot - 1));
+        if way > 1.0 { ground + (end - ground) / way } else { end }
+    }
+
+    /// Whether a UAV in the base stays there in `slot` to charge: it has begun to, is not full, and has less energy
+    /// than the rest of the mission takes at top speed.
+    #[must_use]
+    pub fn charges_on(&self, slot: u64, state: &BatteryState) -> bool {
+        let Some(battery) = self.battery.filter(|battery| state.is_charging && battery.is_charged()) else {
+            return false;
+        };
+        let rest = (self.slots + 1).saturating_sub(slot) as f64;
+        let enough_j = battery.reserve_j + rest * battery.slot_j(self.reach_m).max(battery.slot_j(0.0));
+        state.energy_j < battery.capacity_j.min(enough_j)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use skysink_common::scenario::Overrides;
+    use std::path::Path;
+
+    /// The way home to (50, 50) in a mission of 20 slots.
+    fn home(keys: &str) -> Home {
+        let text =
+            format!("name = 'a'\nslots = 20\n[area]\nside_m = 2000.0\n[base]\nposition_m = [50.0, 50.0]\n{keys}");
+        Home::of(&Scenario::parse(&text, Path::new("a.toml"), Overrides::default()).unwrap()).unwrap()
+    }
+
+    #[test]
+    fn a_uav_without_battery_that_need_not_land_has_no_way_home() {
+        let text = "name = 'a'\n[base]\ncharge_w = 9.0\n";
+        assert_eq!(Home::of(&Scenario::parse(text, Path::new("a.toml"), Overrides::default()).unwrap()), None);
+    }
+
+    #[test]
+    fn a_uav_that_has_to_land_is_home_after_the_last_slot() {
+        let home = home("[uav]\nmust_land = true\n");
+        // 91 m east of the base's rim at 30 m a slot: 4 slots, of 22.75 m if 4 are left.
+        let ground = Position::new(142.0, 50.0);
+        assert!(home.is_in_reach(16, f64::INFINITY, &ground) && !home.is_in_reach(17, f64::INFINITY, &ground));
+        let mut at = ground;
+        for slot in 17..=20 {
+            let next = home.next_waypoint(slot, &at);
+            assert!((at.x - next.x - 22.75).abs() < 1e-9, "{next}");
+            at = next;
+        }
+        assert!(home.base.contains(&at));
+        assert_eq!(home.next_waypoint(9, &Position::new(50.5, 50.0)), Position::new(50.5, 50.0), "in the base");
+    }
+
+    #[test]
+    fn the_way_home_takes_the_energy_that_it_was_allowed_for() {
+        let home = home("[uav.battery]\ncapacity_j = 20000.0\nreserve = 0.05\n");
+        let battery = home.battery.unwrap();
+        for distance_m in [0.4, 17.0, 18.3, 300.0, 1_111.0] {
+            let ground = Position::new(51.0 + distance_m, 50.0);
+            // The least energy with which the UAV is allowed to be there.
+            let (mut low_j, mut high_j) = (0.0, 40_000.0);
+            for _ in 0..100 {
+                let middle_j = (low_j + high_j) / 2.0;
+                if home.is_in_reach(1, middle_j, &ground) { high_j = middle_j } else { low_j = middle_j }
+            }
+            let mut energy_j = high_j;
+            let mut at = ground;
+            while !home.base.contains(&at) {
+                let next = home.next_waypoint(1, &at);
+                energy_j -= battery.slot_j((next - at).norm());
+                at = next;
+                assert!(home.is_in_reach(1, energy_j + 1e-6, &at), "{distance_m} m: {at}");
+            }
+            assert!((energy_j - 1_000.0).abs() < 1e-6, "{distance_m} m: {energy_j} J");
+        }
+    }
+
+    #[test]
+    fn charging_goes_on_until_the_battery_is_full_or_lasts_to_the_end() {
+        let home = home("charge_w = 100.0\n[uav.battery]\ncapacity_j = 5000.0\n");
+        let state = |energy_j, is_charging| BatteryState { energy_j, is_charging };
+        assert!(home.charges_on(1, &state(4_999.0, true)) && !home.charges_on(1, &state(5_000.0, true)));
+        assert!(!home.charges_on(1, &state(600.0, false)), "not begun");
+        // 356 W at 30 m/s: one slot and the reserve of 500 J are less than 900 J, ten slots more.
+        assert!(!home.charges_on(20, &state(900.0, true)) && home.charges_on(11, &state(900.0, true)));
+    }
+}
