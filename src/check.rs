@@ -3,6 +3,7 @@
 //! [`figures`] computes the figures and [`warnings`] evaluates them; this module prints both.
 
 pub mod arrivals;
+pub mod energy;
 pub mod figures;
 pub mod flights;
 pub mod links;
@@ -109,6 +110,7 @@ fn rows(figures: &Figures) -> Vec<(&'static str, String)> {
     let is_plain = motion.is_plain();
     let mut rows = vec![(if is_plain { "reach in a slot, V τ" } else { "reach in a slot" }, metres(figures.reach_m))];
     rows.extend(motion.rows());
+    rows.extend(figures.energy.iter().flat_map(|energy| energy.rows()));
     rows.extend([
         ("communication radius, d_c", metres(figures.comm_radius_m)),
         (

@@ -295,7 +295,8 @@ impl Tally {
             Mode::Transit => summary.transit_slots += 1,
             Mode::Serve | Mode::Fly | Mode::Charge | Mode::Return | Mode::Down => {}
         }
-        summary.landed = self.base.map(|base| base.contains(&flight.position().xy()) && flight.flown_mode() != Mode::Down);
+        summary.landed =
+            self.base.map(|base| base.contains(&flight.position().xy()) && flight.flown_mode() != Mode::Down);
         if let Some(energy) = &mut summary.energy {
             energy.add(summary.slots, self.slot_s, flight);
         }

@@ -21,6 +21,7 @@ pub struct Home {
     reach_m: f64,
     /// Flight in a slot at the least energy per metre [m].
     thrifty_m: f64,
+    comm_radius_m: f64,
 }
 
 impl Home {
@@ -32,13 +33,24 @@ impl Home {
         let base = Base::of(scenario).filter(|_| battery.is_some() || must_land)?;
         let reach_m = scenario.reach_m();
         let thrifty_m = battery.map_or(reach_m, |battery| battery.thrifty_m(reach_m));
-        Some(Self { base, battery, must_land, slots: scenario.slots, reach_m, thrifty_m })
+        let comm_radius_m = scenario.link.comm_radius_m;
+        Some(Self { base, battery, must_land, slots: scenario.slots, reach_m, thrifty_m, comm_radius_m })
     }
 
     /// Slots of the way home over `distance_m` [m] with `left` slots for it; more than `left` if it is too far.
     fn way_slots(&self, distance_m: f64, left: u64) -> f64 {
         let slots = |slot_m: f64| (distance_m / slot_m - SLACK_SLOTS).ceil().max(0.0);
         slots(self.thrifty_m).min(left as f64).max(slots(self.reach_m))
+    }
+
+    /// Whether a full battery may fly into range of an SN at `sensor` [m] and home again, at the least energy per metre.
+    #[must_use]
+    pub fn may_serve(&self, sensor: &Position) -> bool {
+        let away_m = (sensor - self.base.centre).norm() - self.base.radius_m - self.comm_radius_m;
+        self.battery.is_none_or(|battery| {
+            let way_j = 2.0 * away_m * battery.slot_j(self.thrifty_m) / self.thrifty_m;
+            battery.capacity_j - way_j >= battery.reserve_j
+        })
     }
 
     /// Slots for the way home after `slot`.
@@ -49,22 +61,44 @@ impl Home {
     /// Whether a UAV with `energy_j` [J] at `ground` [m] after `slot` comes home in time and with its reserve.
     #[must_use]
     pub fn is_in_reach(&self, slot: u64, energy_j: f64, ground: &Position) -> bool {
+        self.margin_j(slot, energy_j, ground) >= 0.0
+    }
+
+    /// The energy [J] beyond the way home and the reserve of a UAV with `energy_j` at `ground` [m] after `slot`;
+    /// −∞ if it comes home too late.
+    #[must_use]
+    pub fn margin_j(&self, slot: u64, energy_j: f64, ground: &Position) -> f64 {
         let distance_m = (self.base.nearest(ground) - ground).norm();
         let left = self.left_after(slot);
         let way = self.way_slots(distance_m, left);
-        let has_energy = self.battery.is_none_or(|battery| {
+        if way > left as f64 {
+            return f64::NEG_INFINITY;
+        }
+        self.battery.map_or(f64::INFINITY, |battery| {
             let way_j = if way > 0.0 { way * battery.slot_j(distance_m / way) } else { 0.0 };
-            energy_j - way_j >= battery.reserve_j
-        });
-        has_energy && way <= left as f64
+            energy_j - way_j - battery.reserve_j
+        })
+    }
+
+    /// Slots of the way home from `ground` [m], of which `slot` is the first; 0 in the base.
+    #[must_use]
+    pub fn slots_from(&self, slot: u64, ground: &Position) -> f64 {
+        self.way_slots((self.base.nearest(ground) - ground).norm(), self.left_after(slot - 1))
     }
 
     /// The next waypoint of the way home from `ground` [m] in `slot`; `ground` itself in the base.
     #[must_use]
     pub fn next_waypoint(&self, slot: u64, ground: &Position) -> Position {
         let end = self.base.nearest(ground);
-        let way = self.way_slots((end - ground).norm(), self.left_after(slot - 1));
+        let way = self.slots_from(slot, ground);
         if way > 1.0 { ground + (end - ground) / way } else { end }
+    }
+
+    /// Whether a UAV that stays at `ground` [m] and serves nobody charges.
+    #[must_use]
+    pub fn may_charge(&self, state: &BatteryState, ground: &Position) -> bool {
+        let is_low = |battery: Battery| battery.is_charged() && state.energy_j < battery.capacity_j;
+        self.base.contains(ground) && self.battery.is_some_and(is_low)
     }
 
     /// Whether a UAV in the base stays there in `slot` to charge: it has begun to, is not full, and has less energy

@@ -2,10 +2,12 @@
 //!
 //! Keys of all strategies are declared in [`crate::keys`], those of one strategy in its file in [`crate::strategies`].
 
+use skysink_common::battery::BatteryState;
 use skysink_common::error::InputError;
 use skysink_common::scenario::Scenario;
 use toml::Table;
 
+use crate::home::Home;
 pub use crate::keys::{Knowledge, Settings};
 use crate::strategies::{PYTHON, STRATEGIES, one_of};
 use crate::strategy::{Registered, StrategyKeys};
@@ -46,7 +48,25 @@ pub fn change(scenario: Scenario, change: impl FnOnce(&mut Settings)) -> Result<
 /// If a key is unknown or was renamed, or a value is out of range.
 pub fn check(scenario: &Scenario) -> Result<Settings, InputError> {
     let settings = Settings::of(scenario)?;
-    every_key(scenario, &settings).map(|_| settings)
+    every_key(scenario, &settings)?;
+    check_landing(scenario)?;
+    Ok(settings)
+}
+
+/// Checks that a UAV that has to land can fly home from its start.
+fn check_landing(scenario: &Scenario) -> Result<(), InputError> {
+    let Some(home) = Home::of(scenario).filter(|_| scenario.must_land()) else { return Ok(()) };
+    let start = scenario.start().xy();
+    let BatteryState { energy_j, .. } = BatteryState::initial(scenario);
+    if home.base.contains(&start) || home.is_in_reach(0, energy_j, &start) {
+        return Ok(());
+    }
+    let expected = if home.is_in_reach(0, f64::INFINITY, &start) {
+        "an energy at the start that reaches the base and leaves the reserve (uav.battery)"
+    } else {
+        "a base that can be reached within the mission (base.position_m)"
+    };
+    Err(scenario.refusal("uav.must_land", &true.into(), expected))
 }
 
 /// The planner's knowledge of the rates, if the scenario's queues are estimated; `None` if they are known.

@@ -60,7 +60,7 @@ QueuesHeader = message("QueuesHeader", 96)
 SensorsHeader = message("SensorsHeader", 120)
 SensorNode = message("SensorNode", 48, 2)
 Plan = message("Plan", 400)
-FlightReport = message("FlightReport", 2600)
+FlightReport = message("FlightReport", 2608, 2)
 Commit = message("Commit", 8)
 
 
@@ -71,12 +71,12 @@ LINK = np.dtype([("sensor", "<u4"), ("line_of_sight", "<u4"), ("numbers", "<f8",
 """A link of a `FlightReport`."""
 
 FLIGHT = np.dtype(
-    [("at_m", "<f8", 3), *((name, "<u4") for name in ("mode", "hold", "refused", "served")), ("links", LINK, 64)]
+    [("at_m", "<f8", 3), ("energy_j", "<f8"), *((name, "<u4") for name in ("mode", "hold", "refused", "served")), ("links", LINK, 64)]
 )
 """A `FlightReport`."""
 
-SERVING = (0, 1, 3)
-"""Modes in which SNs may be served: all but a hold."""
+SERVING = (0, 1, 3, 5)
+"""Modes in which SNs may be served: not in a hold, while charging, nor when down."""
 
 
 class Topic:

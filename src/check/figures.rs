@@ -15,6 +15,7 @@ use skysink_planner::bound::paths::PathBound;
 use skysink_planner::mission_table::MissionTable;
 
 use super::arrivals::ArrivalFigures;
+use super::energy::EnergyFigures;
 use super::flights::trial_flights;
 use super::links::LinkFigures;
 use super::motion::Motion;
@@ -39,6 +40,9 @@ pub struct Figures {
     pub reach_m: f64,
     /// What the slots demand of a vehicle, and what wind and errors do.
     pub motion: Motion,
+    /// What battery and base allow; `None` if the UAV need not come back.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub energy: Option<EnergyFigures>,
     /// `d_c` [m].
     pub comm_radius_m: f64,
     /// Radius in which `uts` searches anchors, the reach less `d_c` [m]. If this is not above 0, `uts` uses the reach.
@@ -95,6 +99,7 @@ impl Figures {
             slots: scenario.slots,
             reach_m,
             motion: Motion::of(scenario),
+            energy: EnergyFigures::of(scenario, &sensors),
             comm_radius_m,
             anchor_radius_m: reach_m - comm_radius_m,
             neighbour_m: mean_neighbour_m(&table.sensors.positions, &table.sensors.grid),

@@ -8,7 +8,17 @@ use super::verdict::LossFree;
 /// The warnings for these figures, one line each.
 #[must_use]
 pub fn of(figures: &Figures) -> Vec<String> {
-    let rules = [in_transit, slow_link, overloaded, unreachable, unserved, told_otherwise, told_steadier, unflyable];
+    let rules = [
+        in_transit,
+        slow_link,
+        overloaded,
+        unreachable,
+        beyond_return,
+        unserved,
+        told_otherwise,
+        told_steadier,
+        unflyable,
+    ];
     rules.into_iter().filter_map(|rule| rule(figures)).collect()
 }
 
@@ -58,6 +68,11 @@ fn unreachable(figures: &Figures) -> Option<String> {
     (unreachable > 0).then(|| {
         format!("{unreachable} of the {sensors} sensor nodes cannot be reached within the mission's {slots} slots")
     })
+}
+
+/// Some SNs are too far from the base.
+fn beyond_return(figures: &Figures) -> Option<String> {
+    figures.energy.as_ref()?.warning()
 }
 
 /// No strategy can lose anything.

@@ -1,10 +1,12 @@
 //! The decoder: flies a plan stop by stop, and schedules sensors on the way.
 
+use skysink_common::battery::{Battery, BatteryState};
 use skysink_common::geometry::{Position, distance_squared};
 
 use super::choice::Candidate;
 use super::model::PlanningModel;
 use crate::geometry::disks::{Disk, nearest_in_both, slots_between};
+use crate::home::Home;
 
 /// Slack of range, relative to the communication radius: half that of decision D5, which flight-sim applies.
 const RANGE_SLACK: f64 = 0.5e-9;
@@ -31,6 +33,34 @@ pub struct Leg {
     pub at: Position,
     /// Index of the first visit of the leg, including those on the way.
     pub first: u32,
+    /// Energy after the leg [J]; infinite without a battery.
+    pub energy_j: f64,
+    /// Energy after the leg beyond the way home and the reserve [J].
+    pub margin_j: f64,
+    /// The visit to the base with which the leg begins.
+    pub via: Option<BaseVisit>,
+}
+
+impl Leg {
+    /// The same with `more_j` [J] more at its beginning; after a visit to the base the energy is the same.
+    #[must_use]
+    pub fn with_more(self, more_j: f64) -> Self {
+        if self.via.is_some() || more_j == 0.0 {
+            return self;
+        }
+        Self { energy_j: self.energy_j + more_j, margin_j: self.margin_j + more_j, ..self }
+    }
+}
+
+/// A way home and the charging after it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BaseVisit {
+    /// Slots of the way home.
+    pub way: i32,
+    /// Slots in the base.
+    pub charged: i32,
+    /// Where the UAV charges.
+    pub at: Position,
 }
 
 /// Legs with their visits.
@@ -72,6 +102,18 @@ pub fn slots_to(model: &PlanningModel, from: &Position, stop: u32) -> i32 {
     slots_between(from, model.disk(stop), model.table.limits.reach_m).min(1e9) as i32
 }
 
+/// Slots of a leg from `from` to `stop`, and its end, as near to the stop `next` as possible.
+fn leg_to(model: &PlanningModel, from: &Position, stop: u32, next: Option<u32>) -> (i32, Position) {
+    let slots = slots_to(model, from, stop);
+    let reach = Disk { centre: *from, radius_m: model.table.limits.reach_m * f64::from(slots) };
+    (slots, nearest_in_both(&model.disk(next.unwrap_or(stop)).centre, &reach, model.disk(stop)))
+}
+
+/// Energy of a straight leg in `slots` equal steps [J].
+fn leg_j(battery: &Battery, slots: i32, from: &Position, to: &Position) -> f64 {
+    if slots == 0 { 0.0 } else { f64::from(slots) * battery.slot_j((to - from).norm() / f64::from(slots)) }
+}
+
 /// The state of a decoded flight.
 #[derive(Debug, Clone, Default)]
 pub struct Decoder {
@@ -79,6 +121,14 @@ pub struct Decoder {
     pub at: Position,
     /// The last flown slot.
     pub slot: i32,
+    /// Energy in the battery [J]; infinite without one.
+    pub energy_j: f64,
+    /// Its part beyond the way home and the reserve, after the last leg [J].
+    pub margin_j: f64,
+    /// The visit to the base at the beginning of the last leg.
+    pub via: Option<BaseVisit>,
+    /// Slots of the mission before the window.
+    pub flown_slots: u64,
     /// Sensors in range at the end of a slot; working memory.
     found: Vec<Candidate>,
 }
@@ -95,23 +145,102 @@ impl Decoder {
         empty: &mut [f64],
         visits: &mut Vec<Visit>,
     ) -> Option<f64> {
-        let slots = slots_to(model, &self.at, stop);
-        if slots > last - self.slot {
+        let (mut slots, mut waypoint) = leg_to(model, &self.at, stop, next);
+        let mut lost_bits = 0.0;
+        self.via = None;
+        if let Some(home) = &model.table.home
+            && self.next_margin_j(home, slots, &waypoint) < 0.0
+        {
+            let visit = self.base_visit(home);
+            let Decoder { at, slot, energy_j, .. } = *self;
+            let arrival = slot + visit.way + visit.charged;
+            (slots, waypoint) = leg_to(model, &visit.at, stop, next);
+            if slots > last - arrival {
+                return None;
+            }
+            // Whether the stop can be served from the base, with what it charges.
+            self.leave_base(home, &visit);
+            let is_possible = self.next_margin_j(home, slots, &waypoint) >= 0.0;
+            (self.at, self.slot, self.energy_j) = (at, slot, energy_j);
+            if !is_possible {
+                // It is left out, unless the base does not charge: then the flights end.
+                return home.battery.is_some_and(|battery| battery.is_charged()).then_some(0.0);
+            }
+            lost_bits = self.fly_straight(model, visit.way, &visit.at, &[], empty, visits);
+            self.leave_base(home, &visit);
+            self.via = Some(visit);
+        } else if slots > last - self.slot {
             return None;
+        }
+        self.margin_j = model.table.home.map_or(f64::INFINITY, |home| self.next_margin_j(&home, slots, &waypoint));
+        let members = &model.disks[stop as usize].members;
+        Some(lost_bits + self.fly_straight(model, slots, &waypoint, members, empty, visits))
+    }
+
+    /// Flies to `waypoint` in `slots` equal steps, and serves `members` from there. Returns the overflow before the
+    /// visits [bit].
+    fn fly_straight(
+        &mut self,
+        model: &PlanningModel,
+        slots: i32,
+        waypoint: &Position,
+        members: &[u32],
+        empty: &mut [f64],
+        visits: &mut Vec<Visit>,
+    ) -> f64 {
+        if slots == 0 {
+            return 0.0;
         }
         let from = self.at;
         let begin = self.slot;
-        let reach = Disk { centre: from, radius_m: model.table.limits.reach_m * f64::from(slots) };
-        let waypoint = nearest_in_both(&model.disk(next.unwrap_or(stop)).centre, &reach, model.disk(stop));
         let mut lost_bits = 0.0;
         for step in 1..slots {
             self.at = from + (waypoint - from) * (f64::from(step) / f64::from(slots));
             self.slot = begin + step;
             lost_bits += self.serve_in_range(model, &[], empty, visits);
         }
-        self.at = waypoint;
+        self.at = *waypoint;
         self.slot = begin + slots;
-        Some(lost_bits + self.serve_in_range(model, &model.disks[stop as usize].members, empty, visits))
+        if let Some(battery) = model.table.home.and_then(|home| home.battery) {
+            self.energy_j -= leg_j(&battery, slots, &from, waypoint);
+        }
+        lost_bits + self.serve_in_range(model, members, empty, visits)
+    }
+
+    /// Energy beyond the way home and the reserve after a leg to `waypoint` in `slots` slots [J].
+    fn next_margin_j(&self, home: &Home, slots: i32, waypoint: &Position) -> f64 {
+        let energy_j =
+            home.battery.map_or(f64::INFINITY, |battery| self.energy_j - leg_j(&battery, slots, &self.at, waypoint));
+        home.margin_j(self.flown_slots + (self.slot + slots) as u64, energy_j, waypoint)
+    }
+
+    /// The visit to the base that begins now.
+    fn base_visit(&self, home: &Home) -> BaseVisit {
+        let at = home.base.nearest(&self.at);
+        let flown = self.flown_slots + self.slot as u64;
+        let way = home.slots_from(flown + 1, &self.at) as i32;
+        let Some(battery) = home.battery else { return BaseVisit { way, charged: 0, at } };
+        let arrived_j = self.energy_j - leg_j(&battery, way, &self.at, &at);
+        let mut state = BatteryState { energy_j: arrived_j, is_charging: true };
+        let mut charged = 0;
+        while home.charges_on(flown + (way + charged) as u64 + 1, &state) {
+            state.energy_j = battery.charged_j(state.energy_j);
+            charged += 1;
+        }
+        BaseVisit { way, charged, at }
+    }
+
+    /// Moves to the end of `visit`, and charges.
+    fn leave_base(&mut self, home: &Home, visit: &BaseVisit) {
+        if let Some(battery) = &home.battery {
+            // The way has taken its energy already if it was flown.
+            if self.at != visit.at {
+                self.energy_j -= leg_j(battery, visit.way, &self.at, &visit.at);
+            }
+            self.energy_j = (0..visit.charged).fold(self.energy_j, |energy_j, _| battery.charged_j(energy_j));
+        }
+        self.slot += visit.charged + if self.at == visit.at { 0 } else { visit.way };
+        self.at = visit.at;
     }
 
     /// Serves `members`, and of the other sensors in range those whose visits save most.

@@ -25,6 +25,9 @@ use crate::bound::window::{WindowField, WindowSensor};
 /// Marks an inserted stop without a corresponding leg in the old plan.
 pub const FRESH: u32 = u32::MAX;
 
+/// Most stops in sequence that are left out because the battery does not reach them; a plan ends with more.
+const MOST_LEFT_OUT: usize = 64;
+
 /// The planning window of a forecast.
 #[derive(Debug, Clone)]
 pub struct PlanningWindow {
@@ -36,6 +39,10 @@ pub struct PlanningWindow {
     pub slots: i32,
     /// Slots of the mission after the window.
     pub beyond_slots: f64,
+    /// Slots of the mission before the window.
+    pub flown_slots: u64,
+    /// Energy in the battery at its beginning [J]; infinite without one.
+    pub energy_j: f64,
 }
 
 impl PlanningWindow {
@@ -54,7 +61,15 @@ impl PlanningWindow {
             empty: model.sensors.iter().zip(&model.ids).map(empty).collect(),
             slots: i32::try_from(slots).expect("a mission has at most 10^9 slots"),
             beyond_slots: beyond_slots as f64,
+            flown_slots: 0,
+            energy_j: f64::INFINITY,
         }
+    }
+
+    /// The same after `flown_slots` slots, with `energy_j` [J] in the battery.
+    #[must_use]
+    pub fn with_battery(self, flown_slots: u64, energy_j: f64) -> Self {
+        Self { flown_slots, energy_j, ..self }
     }
 
     /// Lower bound on the loss [bit] of every plan over this window.
@@ -176,11 +191,12 @@ impl Forecast {
     pub fn attempt(&mut self, model: &PlanningModel, from: usize, to: usize, inserted: &[(u32, u32)]) -> f64 {
         let start = from.saturating_sub(1); // the waypoint before a change depends on what comes next
         let mut lost_bits = self.restore(model, start);
-        (self.decoder.at, self.decoder.slot) = self.begin(start);
+        (self.decoder.at, self.decoder.slot, self.decoder.energy_j) = self.begin(start);
+        self.decoder.flown_slots = self.window.flown_slots;
         let mut trace = std::mem::take(&mut self.change.trace);
         trace.legs.clear();
         trace.visits.clear();
-        let mut change = Change { from: start, trace, rest: self.trace.legs.len(), shift: 0, rejoined: None };
+        let mut change = Change { from: start, trace, rest: self.trace.legs.len(), ..Change::default() };
         let before = from - start;
         let changed = before + inserted.len();
         // The stop after `step` others: its index in the old plan, or `FRESH`.
@@ -199,15 +215,19 @@ impl Forecast {
             let next = item(&self.trace.legs, step + 1);
             let follows = last.take().is_some_and(|last: u32| old != FRESH && last + 1 == old);
             let lost_on_leg_bits = if self.is_as_before(model, &change, old, next, follows) {
-                let shift = self.decoder.slot - self.begin(old as usize).1;
+                let (_, slot, energy_j) = self.begin(old as usize);
+                let shift = self.decoder.slot - slot;
+                let has_battery = model.table.home.is_some_and(|home| home.battery.is_some());
+                let more_j = if has_battery { self.decoder.energy_j - energy_j } else { 0.0 };
                 if step >= changed {
                     change.rest = old as usize;
                     change.shift = shift;
+                    change.more_j = more_j;
                     (lost_bits, change.rejoined) = self.repeat(model, old as usize, shift, lost_bits);
                     break;
                 }
                 last = Some(old);
-                self.copy_leg(model, old as usize, shift, &mut change.trace)
+                self.copy_leg(model, old as usize, shift, more_j, &mut change.trace)
             } else {
                 self.fly_leg(model, stop, next.map(|(next, _)| next), &mut change)
             };
@@ -236,9 +256,12 @@ impl Forecast {
         }
         let index = old as usize;
         let next_old = next.map_or(self.trace.legs.len(), |(_, next)| next as usize);
-        let (at, slot) = self.begin(index);
+        let (at, slot, energy_j) = self.begin(index);
         if next_old != index + 1 || at != self.decoder.at {
             return false;
+        }
+        if model.table.home.is_some() && self.least_margin_j(index) < energy_j - self.decoder.energy_j {
+            return false; // the way home comes earlier
         }
         let leg = &self.trace.legs[index];
         follows || (leg.end > slot && !self.is_met(model, change, leg.stop))
@@ -258,18 +281,32 @@ impl Forecast {
         })
     }
 
-    /// Position and slot at the beginning of leg `leg`.
+    /// Least margin [J] of the legs from `leg` to the next visit to the base.
+    fn least_margin_j(&self, leg: usize) -> f64 {
+        let legs = self.trace.legs[leg..].iter().take_while(|leg| leg.via.is_none());
+        legs.map(|leg| leg.margin_j).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Position, slot and energy [J] at the beginning of leg `leg`.
     #[inline]
-    fn begin(&self, leg: usize) -> (Position, i32) {
-        leg.checked_sub(1).map_or((self.window.start, 0), |before| {
+    fn begin(&self, leg: usize) -> (Position, i32, f64) {
+        leg.checked_sub(1).map_or((self.window.start, 0, self.window.energy_j), |before| {
             let before = &self.trace.legs[before];
-            (before.at, before.end)
+            (before.at, before.end, before.energy_j)
         })
     }
 
-    /// Copies leg `old`, `shift` slots later; returns its loss [bit], or `None` if it ends after the window.
-    fn copy_leg(&mut self, model: &PlanningModel, old: usize, shift: i32, into: &mut Trace) -> Option<f64> {
-        let leg = self.trace.legs[old];
+    /// Copies leg `old`, `shift` slots later and with `more_j` [J] more; returns its loss [bit], or `None` if it ends
+    /// after the window.
+    fn copy_leg(
+        &mut self,
+        model: &PlanningModel,
+        old: usize,
+        shift: i32,
+        more_j: f64,
+        into: &mut Trace,
+    ) -> Option<f64> {
+        let leg = self.trace.legs[old].with_more(more_j);
         let end = leg.end + shift;
         if end > self.window.slots {
             return None;
@@ -279,6 +316,7 @@ impl Forecast {
         into.visits.extend(visits.iter().map(|visit| Visit { slot: visit.slot + shift, ..*visit }));
         self.decoder.at = leg.at;
         self.decoder.slot = end;
+        self.decoder.energy_j = leg.energy_j;
         Some(self.serve_legs(model, old, old + 1, shift, 0.0))
     }
 
@@ -287,12 +325,24 @@ impl Forecast {
     fn fly_leg(&mut self, model: &PlanningModel, stop: u32, next: Option<u32>, change: &mut Change) -> Option<f64> {
         let first = change.trace.visits.len() as u32;
         let mut lost_bits = 0.0;
+        self.decoder.via = None;
         if !self.is_met(model, change, stop) {
+            let begin = self.decoder.slot;
             let visits = &mut change.trace.visits;
             lost_bits = self.decoder.fly(model, stop, next, self.window.slots, &mut self.work, visits)?;
+            if self.decoder.slot == begin && self.left_out(change) >= MOST_LEFT_OUT {
+                return None;
+            }
         }
-        change.trace.legs.push(Leg { stop, end: self.decoder.slot, at: self.decoder.at, first });
+        let Decoder { at, slot: end, energy_j, margin_j, via, .. } = self.decoder;
+        change.trace.legs.push(Leg { stop, end, at, first, energy_j, margin_j, via });
         Some(lost_bits)
+    }
+
+    /// The number of legs that end in the last slot of `change`.
+    fn left_out(&self, change: &Change) -> usize {
+        let legs = change.trace.legs.iter().rev().chain(self.trace.legs[..change.from].iter().rev());
+        legs.take_while(|leg| leg.end == self.decoder.slot).count()
     }
 
     /// Repeats the old plan from leg `old` on, `shift` slots later, after a loss of `lost_bits`; returns the loss up to
@@ -333,7 +383,7 @@ impl Forecast {
     /// Accepts the last attempt, whose loss is `loss_bits`, as the plan.
     pub fn accept(&mut self, loss_bits: f64) {
         let end = self.in_time(self.change.rest, self.change.shift);
-        let Self { change: Change { from, trace: changed, rest, shift, .. }, trace, .. } = self;
+        let Self { change: Change { from, trace: changed, rest, shift, more_j, .. }, trace, .. } = self;
         let begin = trace.first_visit(*from);
         let rest_begin = trace.first_visit(*rest);
         trace.visits.truncate(trace.first_visit(end));
@@ -343,6 +393,10 @@ impl Forecast {
             leg.first = leg.first - rest_begin as u32 + (begin + changed.visits.len()) as u32;
         }
         trace.visits[rest_begin..].iter_mut().for_each(|visit| visit.slot += *shift);
+        if *more_j != 0.0 {
+            let legs = trace.legs[*rest..].iter_mut().take_while(|leg| leg.via.is_none());
+            legs.for_each(|leg| *leg = leg.with_more(*more_j));
+        }
         let moved = |leg: &Leg| Leg { first: leg.first + begin as u32, ..*leg };
         trace.legs.splice(*from..*rest, changed.legs.iter().map(moved));
         trace.visits.splice(begin..rest_begin, changed.visits.iter().copied());

@@ -42,7 +42,7 @@ use strum::VariantNames;
 
 use crate::strategy::{Setup, Timing, View};
 use anneal::Temperature;
-use flight::Trace;
+use flight::{BaseVisit, Trace};
 use forecast::{Forecast, PlanningWindow};
 use groups::ServiceDisk;
 use model::{PlanningModel, noise_slots2};
@@ -165,6 +165,8 @@ pub struct PlannedSlot {
     pub ids: Vec<u32>,
     /// The waypoint of the next stop, and the slots to it.
     pub next_stop: Option<(Position, i32)>,
+    /// Whether the UAV charges, and serves nobody.
+    pub is_charging: bool,
 }
 
 impl Horizon {
@@ -271,6 +273,7 @@ impl Horizon {
         let left = (self.slots + 1).saturating_sub(view.slot).max(1);
         let slots = left.min(self.keys.window.unwrap_or(MOST_SLOTS));
         PlanningWindow::new(&self.model, view.ground(), view.belief.queues_bits, slots, left - slots)
+            .with_battery(view.slot - 1, view.battery.energy_j)
     }
 
     /// Anneals the plan; restores the initial plan if the loss ends much higher.
@@ -353,15 +356,29 @@ fn least_mean_bits(mean_bits: f64) -> f64 {
 #[must_use]
 pub fn planned_slot(model: &PlanningModel, forecast: &Forecast, slot: i32, from: &Position) -> Option<PlannedSlot> {
     let Trace { legs, visits } = &forecast.trace;
-    let leg = legs.get(legs.partition_point(|leg| leg.end < slot))?;
+    let index = legs.partition_point(|leg| leg.end < slot);
+    let leg = legs.get(index)?;
+    let begin = index.checked_sub(1).map_or(0, |before| legs[before].end);
+    // Where the leg leads, and when it is there: to the base first, if it is due.
+    let mut end = (leg.at, leg.end);
+    let mut next = legs.get(legs.partition_point(|leg| leg.end <= slot)).map(|leg| (leg.at, leg.end));
+    if let Some(BaseVisit { way, charged, at }) = leg.via {
+        if slot > begin + way && slot <= begin + way + charged {
+            return Some(PlannedSlot { waypoint: *from, ids: Vec::new(), next_stop: None, is_charging: true });
+        }
+        if slot <= begin + way {
+            end = (at, begin + way);
+            next = Some(end);
+        }
+    }
     // A leg of several slots is flown in equal steps.
-    let waypoint = from + (leg.at - from) / f64::from(leg.end - slot + 1);
+    let waypoint = from + (end.0 - from) / f64::from(end.1 - slot + 1);
     let visits = visits[visits.partition_point(|visit| visit.slot < slot)..].iter();
     let visits = visits.take_while(|visit| visit.slot == slot);
     let mut ids: Vec<u32> = visits.map(|visit| model.ids[visit.sensor as usize]).collect();
     ids.sort_unstable();
-    let next_stop = legs.get(legs.partition_point(|leg| leg.end <= slot)).map(|leg| (leg.at, leg.end - slot));
-    Some(PlannedSlot { waypoint, ids, next_stop })
+    let next_stop = next.map(|(at, end)| (at, end - slot));
+    Some(PlannedSlot { waypoint, ids, next_stop, is_charging: false })
 }
 
 /// The stops [m] of a plan after its first slot, at most 63.

@@ -161,7 +161,8 @@ impl PlanningModel {
     #[must_use]
     pub fn new(scenario: &Scenario, mission: &MissionTable, may_group: bool, stop: &Stop) -> Self {
         let scenario = &*with_margin(scenario);
-        let ids: Vec<u32> = mission.sensors.sampling_ids().collect();
+        let is_near = |id: &u32| mission.home.is_none_or(|home| home.may_serve(mission.sensors.position(*id)));
+        let ids: Vec<u32> = mission.sensors.sampling_ids().filter(is_near).collect();
         let grid = |positions: &[Position]| Grid::over(scenario.area, positions, scenario.link.comm_radius_m);
         let table = mission.over(scenario, Arc::new(mission.sensors.subset(&ids, grid)));
         let has_best_altitude = table.channel.depends_on_elevation();

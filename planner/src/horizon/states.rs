@@ -29,6 +29,8 @@ pub(crate) struct Change {
     pub(crate) trace: Trace,
     pub(crate) rest: usize,
     pub(crate) shift: i32,
+    /// Additional energy [J] at the beginning of the rest.
+    pub(crate) more_j: f64,
     /// The state from which on the rest is unchanged.
     pub(crate) rejoined: Option<Rejoined>,
 }

@@ -49,7 +49,14 @@ pub(crate) fn model_of(positions_m: &[([f64; 2], f64)], blocks: u32, width_hz: f
 /// From (200, 200), with all queues at 10 kbit, to the mission's end after `slots`.
 pub(crate) fn window_of(model: &PlanningModel, slots: i32) -> PlanningWindow {
     let empty = model.sensors.iter().map(|sensor| -10_000.0 / sensor.mean_bits).collect();
-    PlanningWindow { start: Position::new(200.0, 200.0), empty, slots, beyond_slots: 0.0 }
+    PlanningWindow {
+        start: Position::new(200.0, 200.0),
+        empty,
+        slots,
+        beyond_slots: 0.0,
+        flown_slots: 0,
+        energy_j: f64::INFINITY,
+    }
 }
 
 fn stops(forecast: &Forecast) -> Vec<u32> {

@@ -90,7 +90,7 @@ impl LookAhead {
         if self.horizon.keys.without == Some(LookAheadPart::Rollouts) {
             return false;
         }
-        let is_settled = is_certain(view) && self.horizon.is_optimal(forecast);
+        let is_settled = view.table.home.is_none() && is_certain(view) && self.horizon.is_optimal(forecast);
         !is_settled && Effort::of(view, self.ahead(forecast).slots, 0.0).is_affordable
     }
 

@@ -5,6 +5,7 @@ use skysink_common::geometry::Position;
 use skysink_common::message::SolverOutcome;
 
 use super::nearby::fullest_first;
+use super::returning::stay;
 use super::serving::Serving;
 use crate::horizon::forecast::Forecast;
 use crate::horizon::model::PlanningModel;
@@ -21,6 +22,9 @@ pub(crate) fn planned_flight<'a>(
     ByRule(move |view: &View<'_>| {
         let slot = i32::try_from(view.slot - first + 1).ok()?;
         let next = planned_slot(model, forecast, slot, &view.ground())?;
+        if next.is_charging {
+            return Some(stay(view));
+        }
         let (waypoint, outcome) = between_stops(serving, view, &next);
         let key = |id: u32| (!next.ids.contains(&id), fullest_first(view.value(id), id));
         Some(Decision { outcome, ..serving.serve_by(view, &waypoint, key) })

@@ -10,14 +10,18 @@ use super::transit::transit_decision;
 use crate::home::Home;
 use crate::strategy::{Decision, Strategy, View};
 
-/// Decides the slot of `view`: by `strategy`, by transit where it has no decision, or by the way home. A strategy is not
-/// asked while the UAV charges.
+/// Decides the slot of `view`: by `strategy`, by transit where it has no decision, or by the way home. One that stays in the
+/// base and serves nobody charges, and the strategy is not asked while the UAV charges.
 pub(crate) fn decide(strategy: &mut dyn Strategy, serving: &mut Serving, view: &View) -> (Decision, Mode) {
     let Some(home) = &view.table.home else { return decide_freely(strategy, serving, view) };
     if home.charges_on(view.slot, &view.battery) {
         return (stay(view), Mode::Charge);
     }
     let (decision, mode) = decide_freely(strategy, serving, view);
+    let is_stay = decision.schedule.is_empty() && decision.waypoint == view.position;
+    if is_stay && home.may_charge(&view.battery, &view.ground()) {
+        return (decision, Mode::Charge);
+    }
     if comes_home(home, view, &decision) { (decision, mode) } else { return_home(home, view, serving) }
 }
 
@@ -58,6 +62,6 @@ fn return_home(home: &Home, view: &View, serving: &mut Serving) -> (Decision, Mo
 }
 
 /// The decision to stay and serve nobody.
-fn stay(view: &View) -> Decision {
+pub(crate) fn stay(view: &View) -> Decision {
     Decision { waypoint: view.position, schedule: ArrayVec::new(), outcome: SolverOutcome::Rule, winner: None }
 }

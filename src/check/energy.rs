@@ -1,0 +1,123 @@
+//! What the battery and the base allow (decisions D9 to D13).
+
+use serde::Serialize;
+use skysink_common::battery::{Base, Battery};
+use skysink_common::propulsion::least_power_mps;
+use skysink_common::scenario::Scenario;
+use skysink_common::sensors::Sensors;
+
+use super::quantity::{joined, scaled};
+
+/// What the battery of a UAV and its base allow.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct EnergyFigures {
+    /// Time in the air from a full battery to its reserve, hovering [s]; `None` without a battery.
+    pub hovering_s: Option<f64>,
+    /// The same at the speed of least power [s].
+    pub cruising_s: Option<f64>,
+    /// Time to charge from the reserve to full [s]; `None` without a battery or a charger.
+    pub charging_s: Option<f64>,
+    /// Distance from the base [m] to which a full battery flies and comes home, at the least energy per metre; `None`
+    /// without a battery.
+    pub radius_m: Option<f64>,
+    /// Distance [m] from the base to which a mission leaves time to fly and come home; `None` if the UAV need not land.
+    pub timed_m: Option<f64>,
+    /// Number of sampling SNs that cannot be served within both.
+    pub beyond: usize,
+}
+
+impl EnergyFigures {
+    /// Of a scenario; `None` if its UAV need not come back.
+    pub fn of(scenario: &Scenario, sensors: &Sensors) -> Option<Self> {
+        let battery = Battery::of(scenario);
+        let base = Base::of(scenario).filter(|_| battery.is_some() || scenario.must_land())?;
+        let reach_m = scenario.reach_m();
+        let usable = |battery: &Battery| battery.capacity_j - battery.reserve_j;
+        let lasting_s = |battery: &Battery, slot_m: f64| usable(battery) / battery.slot_j(slot_m) * scenario.slot_s;
+        let slow_m = least_power_mps(&scenario.uav.propulsion, reach_m / scenario.slot_s) * scenario.slot_s;
+        let charge_w = scenario.base.map_or(0.0, |base| base.charge_w);
+        let radius_m = battery.map(|battery| {
+            let thrifty_m = battery.thrifty_m(reach_m);
+            usable(&battery) / battery.slot_j(thrifty_m) * thrifty_m / 2.0 + base.radius_m
+        });
+        let timed_m = scenario.must_land().then(|| reach_m * scenario.slots as f64 / 2.0 + base.radius_m);
+        let far_m = radius_m.unwrap_or(f64::INFINITY).min(timed_m.unwrap_or(f64::INFINITY));
+        let far_m = far_m + scenario.link.comm_radius_m;
+        let is_beyond =
+            |id: &u32| sensors.sampler(*id).mean_bits > 0.0 && (sensors.position(*id) - base.centre).norm() > far_m;
+        Some(Self {
+            hovering_s: battery.map(|battery| lasting_s(&battery, 0.0)),
+            cruising_s: battery.map(|battery| lasting_s(&battery, slow_m)),
+            charging_s: battery.filter(Battery::is_charged).map(|battery| usable(&battery) / charge_w),
+            radius_m,
+            timed_m,
+            beyond: sensors.ids().filter(is_beyond).count(),
+        })
+    }
+
+    /// Name and value of each figure.
+    pub fn rows(&self) -> Vec<(&'static str, String)> {
+        let mut rows = Vec::new();
+        if let (Some(hovering_s), Some(cruising_s)) = (self.hovering_s, self.cruising_s) {
+            let times = [hovering_s, cruising_s].map(|time_s| scaled(time_s, "s"));
+            rows.push(("battery: hovering, cruising", joined(times)));
+        }
+        rows.extend(self.charging_s.map(|charging_s| ("battery: charging", scaled(charging_s, "s"))));
+        rows.extend(self.radius_m.map(|radius_m| ("battery: out and back", scaled(radius_m, "m"))));
+        rows.extend(self.timed_m.map(|timed_m| ("time: out and back", scaled(timed_m, "m"))));
+        rows
+    }
+
+    /// The warning about SNs that the UAV cannot serve and come home from.
+    pub fn warning(&self) -> Option<String> {
+        let what = match (self.radius_m, self.timed_m) {
+            (Some(radius_m), Some(timed_m)) if timed_m < radius_m => "the mission is too short",
+            (None, _) => "the mission is too short",
+            _ => "the battery is too small",
+        };
+        (self.beyond > 0).then(|| {
+            format!("{} sensor nodes are too far from the base to be served and returned from: {what}", self.beyond)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use skysink_common::scenario::Overrides;
+    use skysink_common::sensors::SensorList;
+
+    use super::*;
+
+    fn figures(keys: &str) -> Option<EnergyFigures> {
+        let text = format!("name = 'a'\nslots = 10\n[area]\nside_m = 2000.0\n{keys}");
+        let scenario = Scenario::parse(&text, Path::new("a.toml"), Overrides::default()).unwrap();
+        let list = "x_m,y_m\n1000,1000\n1000,1150\n1000,1180\n1000,1900\n";
+        let list = SensorList::parse(list, Path::new("list.csv"), &scenario).unwrap();
+        EnergyFigures::of(&scenario, &list.sensors_of(&scenario))
+    }
+
+    #[test]
+    fn a_battery_lasts_by_its_power_and_reaches_half_as_far_as_it_flies() {
+        assert_eq!(figures(""), None);
+        let keys = "[base]\ncharge_w = 90.0\n[uav.battery]\ncapacity_j = 10000.0\n";
+        let figures = figures(keys).unwrap();
+        // 9 kJ above the reserve: 168.49 W hovering, 126 W at 10.2 m/s, 90 W from the charger.
+        assert!((figures.hovering_s.unwrap() - 9_000.0 / 168.49).abs() < 1e-9);
+        assert!((figures.cruising_s.unwrap() - 9_000.0 / 126.0).abs() < 0.1, "{figures:?}");
+        assert_eq!(figures.charging_s, Some(100.0));
+        // About 9 J/m at 18 m/s: 1 km of flight.
+        assert!((figures.radius_m.unwrap() - 500.0).abs() < 30.0, "{figures:?}");
+        assert_eq!((figures.timed_m, figures.beyond), (None, 1));
+        assert!(figures.warning().unwrap().starts_with("1 sensor nodes are too far from the base"));
+    }
+
+    #[test]
+    fn a_mission_that_has_to_land_flies_out_for_half_of_it() {
+        // Ten slots of 30 m: 150 m out and back, 1 m of base and 10 m of range.
+        let figures = figures("[uav]\nmust_land = true\n").unwrap();
+        assert_eq!((figures.timed_m, figures.beyond, figures.hovering_s), (Some(151.0), 2, None));
+        assert!(figures.warning().unwrap().ends_with("the mission is too short"));
+    }
+}
