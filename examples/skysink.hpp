@@ -37,6 +37,12 @@ enum class Mode : uint32_t {
     Hold,
     /// Flies to the strategy's own waypoint and serves no sensor node there.
     Fly,
+    /// Stays in the base, serves no sensor node, and charges (decision D11).
+    Charge,
+    /// Flies toward the base, because of the energy or the time that is left (decision D13), and serves on the way.
+    Return,
+    /// Is down where its energy ended, for the rest of the mission (decision D12).
+    Down,
 };
 
 /// How the waypoint was found, by its number in messages; an unknown one, from an external planner, is its own rule.
@@ -59,6 +65,8 @@ enum class HoldReason : uint32_t {
     NoPlan,
     /// The waypoint was not finite, out of reach or outside the area.
     Waypoint,
+    /// It was to charge, and is not in the base.
+    Base,
 };
 
 /// User header of every sample; those of `sensors`, `belief` and `queues` begin with it.
@@ -224,13 +232,15 @@ struct LinkReport {
 
 /// Payload element of `flight`: the position of a UAV after the slot, and the capacity of each of its links.
 struct FlightReport {
-    static constexpr const char* IOX2_TYPE_NAME = "skysink.FlightReport.v1";
+    static constexpr const char* IOX2_TYPE_NAME = "skysink.FlightReport.v2";
     /// Position, east [m].
     double x_m;
     /// Position, north [m].
     double y_m;
     /// Position, up [m].
     double z_m;
+    /// Energy in the battery after the slot, `E(t)` [J]; infinite without a battery.
+    double energy_j;
     /// [`Mode`] flown, as a number.
     uint32_t mode;
     /// [`HoldReason`], as a number.
@@ -290,7 +300,7 @@ static_assert(sizeof(skysink::QueuesHeader) == 96, "the layout of docs/src/inter
 static_assert(sizeof(skysink::Totals) == 48, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::Plan) == 400, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::PathPoint) == 24, "the layout of docs/src/interfaces.md");
-static_assert(sizeof(skysink::FlightReport) == 2600, "the layout of docs/src/interfaces.md");
+static_assert(sizeof(skysink::FlightReport) == 2608, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::LinkReport) == 40, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::Tick) == 8, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::Commit) == 8, "the layout of docs/src/interfaces.md");

@@ -106,6 +106,26 @@ fn equal_weights_change_no_flight() {
 }
 
 #[test]
+fn processes_and_one_process_spend_the_same_energy() {
+    let place = Place::new();
+    let text = "name = 'home'\nslots = 80\n[area]\nside_m = 400.0\n[base]\ncharge_w = 500.0\n[uav]\nmust_land = true\n\
+                [uav.battery]\ncapacity_j = 9000.0\n";
+    place.write("home.toml", text);
+    for strategy in ["tour", "horizon"] {
+        let flight = place.flight("home").strategy(strategy).set("planner.horizon.iterations", 200).force();
+        flight.without_viewer().run();
+        place.assert_trace_as_simulated("run");
+        let trace = place.trace("run");
+        assert!(trace.contains(",return,") && trace.contains(",charge,"), "{strategy}");
+        let summary = place.summary("run");
+        assert_eq!((&summary["landed"], &summary["energy"]["down_slot"]), (&true.into(), &serde_json::Value::Null));
+        let left_j: f64 = trace.trim_end().rsplit(',').next().unwrap().parse().unwrap();
+        assert_eq!(summary["energy"]["left_j"].as_f64(), Some(left_j), "{strategy}");
+    }
+    place.assert_clean();
+}
+
+#[test]
 fn processes_and_one_process_fly_the_same_in_three_dimensions() {
     let place = Place::new();
     for strategy in ["uts", "gfs", "rfs", "uts-wide", "exact"] {
