@@ -98,7 +98,10 @@ impl Flight {
     #[must_use]
     pub fn repeat(&mut self, slot: u64, report: &Plan) -> FlightReport {
         let mode = Mode::from_repr(report.mode).unwrap_or_default();
-        if !self.vehicle.is_down() && !(mode == Mode::Charge && self.vehicle.charge()) {
+        if mode == Mode::Charge && !self.vehicle.is_down() {
+            let _ = self.vehicle.charge();
+            self.vehicle.position = report.waypoint();
+        } else if !self.vehicle.is_down() {
             self.vehicle.move_to(report.waypoint());
         }
         let mut repeated = self.report(mode);

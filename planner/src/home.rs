@@ -1,7 +1,8 @@
 //! The way home of a UAV that carries a battery, or has to land (decision D13).
 
+use nalgebra::Point3;
 use skysink_common::battery::{Base, Battery, BatteryState};
-use skysink_common::geometry::Position;
+use skysink_common::geometry::{Position, above};
 use skysink_common::scenario::Scenario;
 
 /// Slack of the number of slots of a way home, so that rounding adds none.
@@ -22,6 +23,17 @@ pub struct Home {
     /// Flight in a slot at the least energy per metre [m].
     thrifty_m: f64,
     comm_radius_m: f64,
+}
+
+/// What becomes of a decision for a slot by the return rule.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Returning {
+    /// It is flown.
+    Not,
+    /// The UAV stays in the base and charges.
+    Charges,
+    /// The UAV flies to this waypoint of the way home [m] instead, or hovers in the base.
+    Flies(Point3<f64>),
 }
 
 impl Home {
@@ -94,9 +106,28 @@ impl Home {
         if way > 1.0 { ground + (end - ground) / way } else { end }
     }
 
-    /// Whether a UAV that stays at `ground` [m] and serves nobody charges.
+    /// What becomes of the decision to fly from `from` to `to` [m] in `slot`; `is_idle` if it serves nobody there.
     #[must_use]
-    pub fn may_charge(&self, state: &BatteryState, ground: &Position) -> bool {
+    pub fn rule(&self, slot: u64, state: &BatteryState, [from, to]: [&Point3<f64>; 2], is_idle: bool) -> Returning {
+        if is_idle && to == from && self.may_charge(state, &from.xy()) {
+            return Returning::Charges;
+        }
+        let comes_home = |to: &Point3<f64>| self.is_in_reach(slot, self.flown_j(state, from, to), &to.xy());
+        if comes_home(to) {
+            return Returning::Not;
+        }
+        let next = above(&self.next_waypoint(slot, &from.xy()), from.z);
+        if self.base.contains(&from.xy()) && !comes_home(&next) { Returning::Charges } else { Returning::Flies(next) }
+    }
+
+    /// Energy [J] after the flight of a slot.
+    #[must_use]
+    pub fn flown_j(&self, state: &BatteryState, from: &Point3<f64>, to: &Point3<f64>) -> f64 {
+        self.battery.map_or(state.energy_j, |battery| battery.flown_j(state.energy_j, from, to))
+    }
+
+    /// Whether a UAV that stays at `ground` [m] and serves nobody charges.
+    fn may_charge(&self, state: &BatteryState, ground: &Position) -> bool {
         let is_low = |battery: Battery| battery.is_charged() && state.energy_j < battery.capacity_j;
         self.base.contains(ground) && self.battery.is_some_and(is_low)
     }

@@ -6,11 +6,13 @@ use nalgebra::Point3;
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, ToPyArray};
 use pyo3::prelude::*;
+use skysink_common::battery::BatteryState;
 use skysink_common::belief::Belief;
 use skysink_common::geometry::{Position, above};
-use skysink_common::message::{Limits, MAX_SERVED, Mode, Plan, SensorNode};
+use skysink_common::message::{FlightReport, Limits, MAX_SERVED, Mode, Plan, SensorNode};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::{SensorList, Sensors};
+use skysink_planner::home::{Home, Returning};
 use skysink_planner::strategies::serving::fill_fullest_in_range;
 use skysink_planner::strategies::transit::{toward, transit_waypoint};
 
@@ -25,6 +27,8 @@ pub struct FieldData {
     pub sensors: Sensors,
     /// Their buffers [bit], for observations.
     pub buffers_bits: Vec<f32>,
+    /// The way home; `None` if the UAV need not come back, and in a ring.
+    home: Option<Home>,
     /// The same as published.
     nodes: Vec<SensorNode>,
 }
@@ -32,13 +36,14 @@ pub struct FieldData {
 impl FieldData {
     /// The field of a scenario as the UAV knows it by `belief`.
     pub fn of(scenario: &Scenario, list: &SensorList, belief: &Belief) -> Self {
-        Self::new(Limits::of(scenario), belief.known_nodes(list.nodes(), scenario.slot_s))
+        let field = Self::new(Limits::of(scenario), belief.known_nodes(list.nodes(), scenario.slot_s));
+        Self { home: Home::of(scenario), ..field }
     }
 
     /// The field with these limits and sensor nodes.
     fn new(limits: Limits, nodes: Vec<SensorNode>) -> Self {
         let buffers_bits = nodes.iter().map(|node| node.capacity_bits as f32).collect();
-        Self { sensors: Sensors::new(&limits, &nodes), limits, buffers_bits, nodes }
+        Self { sensors: Sensors::new(&limits, &nodes), limits, buffers_bits, home: None, nodes }
     }
 
     /// Refuses queues of another field.
@@ -78,6 +83,25 @@ impl FieldData {
             None => plan.schedule(&self.fullest(&waypoint.xy(), queues_bits)),
         }
         plan
+    }
+
+    /// What the return rule (decision D13) makes of the plan for `slot`, after the flight `last`.
+    pub fn returning(&self, slot: u64, last: &FlightReport, plan: Plan, queues_bits: &[u32]) -> Plan {
+        let Some(home) = &self.home else { return plan };
+        let state = BatteryState::after(last);
+        let at = last.position();
+        let way = [&at, &plan.waypoint()];
+        let returning = if home.charges_on(slot, &state) {
+            Returning::Charges
+        } else {
+            home.rule(slot, &state, way, plan.served == 0)
+        };
+        let returned = match returning {
+            Returning::Not => return plan,
+            Returning::Charges => self.plan(at, Some(&[]), queues_bits, Mode::Charge),
+            Returning::Flies(waypoint) => self.plan(waypoint, None, queues_bits, Mode::Return),
+        };
+        Plan { plan_ns: plan.plan_ns, ..returned }
     }
 
     /// The plan of the transit rule (decision D8).

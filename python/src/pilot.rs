@@ -187,8 +187,10 @@ impl PyPlanMaker {
             plant.field().belief().has_learnt_rates().then(|| believed_bps(py, plant, field)).transpose()?;
         let sampling_bps = learnt_bps.as_ref().unwrap_or_else(|| self.sampling_bps.bind(py));
         let belief = PyBelief::of(py, plant, field, &queues_bits, sampling_bps, self.contacts.clone())?;
-        let position = plant.flight(UAV).position();
-        self.timed_plan(py, plant.slot() + 1, position, &queues_bits, learnt_bps, Some(belief))
+        let slot = plant.slot() + 1;
+        let flight = plant.flight(UAV);
+        let plan = self.timed_plan(py, slot, flight.position(), &queues_bits, learnt_bps, Some(belief))?;
+        Ok(field.returning(slot, flight, plan, queues_bits.try_readonly()?.as_slice()?))
     }
 }
 
