@@ -21,7 +21,7 @@ use skysink_lab::progress::LabProgress;
 use skysink_lab::statistics::Concentration;
 use skysink_mission::latency::Spread;
 use skysink_mission::record::RunFolder;
-use skysink_mission::summary::{Summary, Tally};
+use skysink_mission::summary::{EnergyUse, Summary, Tally};
 #[cfg(feature = "lab")]
 use skysink_ring::role::Role;
 
@@ -145,6 +145,21 @@ impl OutputForm {
 /// Prints the results of a run, its folder, and how to open the recording.
 ///
 /// # Errors
+/// What base and battery add to the table of a summary.
+fn energy_rows(summary: &Summary) -> Vec<(&'static str, String)> {
+    let mut rows = Vec::new();
+    if let Some(energy) = &summary.energy {
+        let EnergyUse { used_j, charged_j, left_j, charged_s, return_slots, down_slot } = energy;
+        rows.push(("energy used / charged", format!("{used_j:.0} J / {charged_j:.0} J")));
+        rows.push(("energy left", format!("{left_j:.0} J")));
+        rows.push(("time charging", format!("{charged_s:.0} s")));
+        rows.push(("slots of the way home", HumanCount(*return_slots).to_string()));
+        rows.extend(down_slot.map(|slot| ("down in slot", slot.to_string())));
+    }
+    rows.extend(summary.landed.map(|landed| ("in the base at the end", if landed { "yes" } else { "no" }.to_owned())));
+    rows
+}
+
 /// As [`print`].
 pub fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Error> {
     let timing = &summary.timing;
@@ -183,6 +198,7 @@ pub fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Error> {
     if let Some(weighted) = summary.weighted_loss_rate {
         rows.insert(1, ("weighted data loss rate η_w", format!("{weighted:.6}")));
     }
+    rows.extend(energy_rows(summary));
     if timing.pace.is_some_and(|pace| pace != Pace::Max) {
         rows.push(("deadlines missed", HumanCount(timing.missed_deadlines).to_string()));
         rows.push(("late slots", HumanCount(timing.late_slots).to_string()));

@@ -6,7 +6,7 @@ use skysink_common::propulsion::least_power_mps;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 
-use super::quantity::{joined, scaled};
+use super::quantity::scaled;
 
 /// What the battery of a UAV and its base allow.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -59,8 +59,8 @@ impl EnergyFigures {
     pub fn rows(&self) -> Vec<(&'static str, String)> {
         let mut rows = Vec::new();
         if let (Some(hovering_s), Some(cruising_s)) = (self.hovering_s, self.cruising_s) {
-            let times = [hovering_s, cruising_s].map(|time_s| scaled(time_s, "s"));
-            rows.push(("battery: hovering, cruising", joined(times)));
+            let [hovering, cruising] = [hovering_s, cruising_s].map(|time_s| scaled(time_s, "s"));
+            rows.push(("battery: hovering, cruising", format!("{hovering}, {cruising}")));
         }
         rows.extend(self.charging_s.map(|charging_s| ("battery: charging", scaled(charging_s, "s"))));
         rows.extend(self.radius_m.map(|radius_m| ("battery: out and back", scaled(radius_m, "m"))));
