@@ -23,6 +23,8 @@ pub struct Home {
     /// Flight in a slot at the least energy per metre [m].
     thrifty_m: f64,
     comm_radius_m: f64,
+    /// The most energy that a level slot takes [J].
+    most_j: f64,
 }
 
 /// What becomes of a decision for a slot by the return rule.
@@ -46,7 +48,9 @@ impl Home {
         let reach_m = scenario.reach_m();
         let thrifty_m = battery.map_or(reach_m, |battery| battery.thrifty_m(reach_m));
         let comm_radius_m = scenario.link.comm_radius_m;
-        Some(Self { base, battery, must_land, slots: scenario.slots, reach_m, thrifty_m, comm_radius_m })
+        // The power falls up to one speed and rises beyond it.
+        let most_j = battery.map_or(0.0, |battery| battery.slot_j(reach_m).max(battery.slot_j(0.0)));
+        Some(Self { base, battery, must_land, slots: scenario.slots, reach_m, thrifty_m, comm_radius_m, most_j })
     }
 
     /// Slots of the way home over `distance_m` [m] with `left` slots for it; more than `left` if it is too far.
@@ -139,9 +143,9 @@ impl Home {
         let Some(battery) = self.battery.filter(|battery| state.is_charging && battery.is_charged()) else {
             return false;
         };
-        let rest = (self.slots + 1).saturating_sub(slot) as f64;
-        let enough_j = battery.reserve_j + rest * battery.slot_j(self.reach_m).max(battery.slot_j(0.0));
-        state.energy_j < battery.capacity_j.min(enough_j)
+        let rest = (self.slots + 1).saturating_sub(slot);
+        let enough_j = battery.reserve_j + rest as f64 * self.most_j;
+        rest > 0 && state.energy_j < battery.capacity_j.min(enough_j)
     }
 }
 
