@@ -142,9 +142,6 @@ impl OutputForm {
     }
 }
 
-/// Prints the results of a run, its folder, and how to open the recording.
-///
-/// # Errors
 /// What base and battery add to the table of a summary.
 fn energy_rows(summary: &Summary) -> Vec<(&'static str, String)> {
     let mut rows = Vec::new();
@@ -160,6 +157,9 @@ fn energy_rows(summary: &Summary) -> Vec<(&'static str, String)> {
     rows
 }
 
+/// Prints the results of a run, its folder, and how to open the recording.
+///
+/// # Errors
 /// As [`print`].
 pub fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Error> {
     let timing = &summary.timing;

@@ -120,7 +120,13 @@ impl Battery {
     /// Energy [J] after a slot in the base that begins with `energy_j` (decision D11).
     #[must_use]
     pub fn charged_j(&self, energy_j: f64) -> f64 {
-        (energy_j + self.slot_s * self.charge_w).min(self.capacity_j).max(energy_j)
+        self.charged_for_j(energy_j, 1.0)
+    }
+
+    /// Energy [J] after `slots` slots in the base.
+    #[must_use]
+    pub fn charged_for_j(&self, energy_j: f64, slots: f64) -> f64 {
+        (energy_j + slots * self.slot_s * self.charge_w).min(self.capacity_j).max(energy_j)
     }
 
     /// Whether a base charges it.

@@ -223,6 +223,7 @@ pub struct MissionMeter {
     position: Point3<f64>,
     flown_m: f64,
     energy_j: f64,
+    is_down: bool,
     slot: u64,
     service_ages: Ages,
     data: DeliveredData,
@@ -240,6 +241,7 @@ impl MissionMeter {
             position: scenario.start(),
             flown_m: 0.0,
             energy_j: 0.0,
+            is_down: false,
             slot: 0,
             service_ages: Ages::new(list.sensors().len()),
             data: DeliveredData::new(scenario, list),
@@ -287,7 +289,9 @@ impl MissionMeter {
         self.position = position;
         self.stay.add(self.slot, position.xy());
         self.flown_m += step_m;
-        if !matches!(flight.flown_mode(), Mode::Charge | Mode::Down) {
+        // A UAV that goes down has flown in that slot.
+        let was_down = std::mem::replace(&mut self.is_down, flight.flown_mode() == Mode::Down);
+        if flight.flown_mode() != Mode::Charge && !was_down {
             self.energy_j += power_w(&self.aircraft, step_m / self.slot_s) * self.slot_s;
         }
         for link in flight.served_links() {

@@ -2,7 +2,7 @@
 
 use nalgebra::Point3;
 use skysink_common::battery::{Base, Battery, BatteryState};
-use skysink_common::geometry::{Position, above};
+use skysink_common::geometry::{Position, above, within};
 use skysink_common::scenario::Scenario;
 
 /// Slack of the number of slots of a way home, so that rounding adds none.
@@ -15,14 +15,18 @@ pub struct Home {
     pub base: Base,
     /// `None`: energy without end.
     pub battery: Option<Battery>,
-    must_land: bool,
+    /// Whether it has to end within the mission.
+    pub must_land: bool,
     /// Slots of the mission.
     slots: u64,
     /// Farthest flight in a slot [m].
     reach_m: f64,
     /// Flight in a slot at the least energy per metre [m].
     thrifty_m: f64,
+    start: Position,
     comm_radius_m: f64,
+    /// Farthest flight in a slot in any direction [m].
+    farthest_m: f64,
     /// The most energy that a level slot takes [J].
     most_j: f64,
 }
@@ -50,7 +54,18 @@ impl Home {
         let comm_radius_m = scenario.link.comm_radius_m;
         // The power falls up to one speed and rises beyond it.
         let most_j = battery.map_or(0.0, |battery| battery.slot_j(reach_m).max(battery.slot_j(0.0)));
-        Some(Self { base, battery, must_land, slots: scenario.slots, reach_m, thrifty_m, comm_radius_m, most_j })
+        Some(Self {
+            base,
+            battery,
+            must_land,
+            slots: scenario.slots,
+            reach_m,
+            thrifty_m,
+            start: scenario.start().xy(),
+            comm_radius_m,
+            farthest_m: scenario.farthest_m(),
+            most_j,
+        })
     }
 
     /// Slots of the way home over `distance_m` [m] with `left` slots for it; more than `left` if it is too far.
@@ -59,12 +74,15 @@ impl Home {
         slots(self.thrifty_m).min(left as f64).max(slots(self.reach_m))
     }
 
-    /// Whether a full battery may fly into range of an SN at `sensor` [m] and home again, at the least energy per metre.
+    /// Whether a full battery may fly from the base or from the start into range of an SN at `sensor` [m] and home, at the
+    /// least energy per metre.
     #[must_use]
     pub fn may_serve(&self, sensor: &Position) -> bool {
-        let away_m = (sensor - self.base.centre).norm() - self.base.radius_m - self.comm_radius_m;
+        let from_base_m = (sensor - self.base.centre).norm() - self.base.radius_m;
+        let from_start_m = (sensor - self.start).norm();
+        let way_m = from_base_m + from_base_m.min(from_start_m) - 2.0 * self.comm_radius_m;
         self.battery.is_none_or(|battery| {
-            let way_j = 2.0 * away_m * battery.slot_j(self.thrifty_m) / self.thrifty_m;
+            let way_j = way_m * battery.slot_j(self.thrifty_m) / self.thrifty_m;
             battery.capacity_j - way_j >= battery.reserve_j
         })
     }
@@ -99,7 +117,7 @@ impl Home {
     /// Slots of the way home from `ground` [m], of which `slot` is the first; 0 in the base.
     #[must_use]
     pub fn slots_from(&self, slot: u64, ground: &Position) -> f64 {
-        self.way_slots((self.base.nearest(ground) - ground).norm(), self.left_after(slot - 1))
+        self.way_slots((self.base.nearest(ground) - ground).norm(), self.left_after(slot.saturating_sub(1)))
     }
 
     /// The next waypoint of the way home from `ground` [m] in `slot`; `ground` itself in the base.
@@ -113,9 +131,12 @@ impl Home {
     /// What becomes of the decision to fly from `from` to `to` [m] in `slot`; `is_idle` if it serves nobody there.
     #[must_use]
     pub fn rule(&self, slot: u64, state: &BatteryState, [from, to]: [&Point3<f64>; 2], is_idle: bool) -> Returning {
-        if is_idle && to == from && self.may_charge(state, &from.xy()) {
+        if is_idle && to == from && self.may_land(&from.xy()) {
             return Returning::Charges;
         }
+        // A waypoint that cannot be flown to is a hover.
+        let is_flown = within(&from.xy(), &to.xy(), self.farthest_m);
+        let to = if is_flown { to } else { from };
         let comes_home = |to: &Point3<f64>| self.is_in_reach(slot, self.flown_j(state, from, to), &to.xy());
         if comes_home(to) {
             return Returning::Not;
@@ -130,10 +151,9 @@ impl Home {
         self.battery.map_or(state.energy_j, |battery| battery.flown_j(state.energy_j, from, to))
     }
 
-    /// Whether a UAV that stays at `ground` [m] and serves nobody charges.
-    fn may_charge(&self, state: &BatteryState, ground: &Position) -> bool {
-        let is_low = |battery: Battery| battery.is_charged() && state.energy_j < battery.capacity_j;
-        self.base.contains(ground) && self.battery.is_some_and(is_low)
+    /// Whether a UAV that stays at `ground` [m] and serves nobody has landed.
+    fn may_land(&self, ground: &Position) -> bool {
+        self.battery.is_some() && self.base.contains(ground)
     }
 
     /// Whether a UAV in the base stays there in `slot` to charge: it has begun to, is not full, and has less energy
@@ -146,6 +166,21 @@ impl Home {
         let rest = (self.slots + 1).saturating_sub(slot);
         let enough_j = battery.reserve_j + rest as f64 * self.most_j;
         rest > 0 && state.energy_j < battery.capacity_j.min(enough_j)
+    }
+
+    /// Slots from `slot` on in which a UAV that arrives in the base with `energy_j` [J] charges.
+    #[must_use]
+    pub fn charging_slots(&self, slot: u64, energy_j: f64) -> u64 {
+        let Some(battery) = self.battery else { return 0 };
+        let state =
+            |slots: u64| BatteryState { energy_j: battery.charged_for_j(energy_j, slots as f64), is_charging: true };
+        let mut low = 0;
+        let mut high = (self.slots + 1).saturating_sub(slot);
+        while low < high {
+            let middle = low + (high - low) / 2;
+            if self.charges_on(slot + middle, &state(middle)) { low = middle + 1 } else { high = middle }
+        }
+        low
     }
 }
 

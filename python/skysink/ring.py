@@ -71,7 +71,12 @@ LINK = np.dtype([("sensor", "<u4"), ("line_of_sight", "<u4"), ("numbers", "<f8",
 """A link of a `FlightReport`."""
 
 FLIGHT = np.dtype(
-    [("at_m", "<f8", 3), ("energy_j", "<f8"), *((name, "<u4") for name in ("mode", "hold", "refused", "served")), ("links", LINK, 64)]
+    [
+        ("at_m", "<f8", 3),
+        ("energy_j", "<f8"),
+        *((name, "<u4") for name in ("mode", "hold", "refused", "served")),
+        ("links", LINK, 64),
+    ]
 )
 """A `FlightReport`."""
 
@@ -131,7 +136,7 @@ def possible_rates(sample: Any, count: int) -> bool:
 
 
 def possible_flight(sample: Any) -> bool:
-    """Whether a sample has the flight of one UAV, with finite numbers, and links by ascending SN, none in a hold."""
+    """Whether a sample has the flight of one UAV, with finite numbers, and links by ascending SN, none while idle."""
     if sample.header.number_of_elements != 1:
         return False
     flight = view(sample, 1, FLIGHT)[0]
@@ -139,7 +144,8 @@ def possible_flight(sample: Any) -> bool:
     links = flight["links"][: flight["served"]]
     numbers = np.concatenate([flight["at_m"], links["numbers"].ravel()])
     is_ascending = (np.diff(links["sensor"].astype(np.int64)) > 0).all()
-    return are_finite(numbers) and flight["served"] <= most and bool(is_ascending)
+    has_energy = not np.isnan(flight["energy_j"])
+    return has_energy and are_finite(numbers) and flight["served"] <= most and bool(is_ascending)
 
 
 def receive(reader: Any, topic: str, is_possible: Callable[[Any], bool], refused: set[str]) -> Any:

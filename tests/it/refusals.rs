@@ -182,7 +182,7 @@ fn a_refusal_suggests_the_probable_name() {
     refused("name = \"x\"\n[link]\nmodel = \"freespace\"\n", &["link.model", "did you mean `free-space`?"]);
     refused("name = \"x\"\n[planner]\nstrategy = \"utz\"\n", &["planner.strategy = \"utz\"", "did you mean `uts`?"]);
     refused("name = \"x\"\n[uav]\nenergy_price = 3\n", &["uav.energy_price = 3: expected one of"]);
-    let not_modelled = "it is not modelled, see \"Battery\" in \"What Skysink does not model\" of the documentation";
+    let not_modelled = "it is not modelled, see \"Gusts\" in \"What Skysink does not model\" of the documentation";
     refused("name = \"x\"\n[uav]\ngusts = 3\n", &["uav.gusts = 3", not_modelled]);
     refused("name = \"x\"\ngusts_mps = 3\n", &["gusts_mps = 3", "see \"Gusts\" in"]);
     refused("scenario = \"a.toml\"\nstrategies = [\"uts\"]\n", &["it is a sweep", "skysink sweep"]);

@@ -213,9 +213,9 @@ pub fn all(keys: &'static [Key], name: &str) -> Vec<(String, &'static Key)> {
 /// use skysink_common::keys::{Accepts::Whole, Keys, POSITIVE};
 ///
 /// skysink_common::keys! {
-///     /// `[battery]`.
+///     /// `[power_pack]`.
 ///     #[derive(Debug, Serialize, Deserialize)]
-///     pub struct Battery {
+///     pub struct PowerPack {
 ///         /// Energy of a full battery [Wh].
 ///         capacity_wh: f64 = 90.0, POSITIVE;
 ///         /// Number of cells in series.
@@ -223,7 +223,7 @@ pub fn all(keys: &'static [Key], name: &str) -> Vec<(String, &'static Key)> {
 ///     }
 /// }
 ///
-/// assert_eq!((Battery::KEYS[0].name, Battery::KEYS[0].default), ("capacity_wh", Some("90.0")));
+/// assert_eq!((PowerPack::KEYS[0].name, PowerPack::KEYS[0].default), ("capacity_wh", Some("90.0")));
 /// ```
 ///
 /// The default is TOML. A key without one is required if its type is not an [`Option`]. A table that is always present

@@ -81,7 +81,7 @@ skysink_common::keys! {
     /// A table with all there may be.
     #[derive(Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields)]
-    pub struct Base {
+    pub struct Dock {
         /// How it charges.
         mode: String = "swap", Accepts::OneOf(&["swap", "plug"]);
         /// Power of the charger [W].
@@ -103,17 +103,17 @@ skysink_common::keys! {
     }
 }
 
-fn base(text: &str) -> Result<Base, InputError> {
+fn base(text: &str) -> Result<Dock, InputError> {
     let mut table = text.parse().unwrap();
-    fill(Base::KEYS, "base", &mut table, &[]);
+    fill(Dock::KEYS, "base", &mut table, &[]);
     read(table, "base", Source { path: Path::new("a.toml"), settings: &[] })
 }
 
 #[test]
 fn defaults_are_filled_into_tables_that_are_present() {
-    let empty = Base { mode: "swap".to_owned(), charger_w: None, spare: None };
+    let empty = Dock { mode: "swap".to_owned(), charger_w: None, spare: None };
     assert_eq!(base("").unwrap(), empty);
-    assert_eq!(base("mode = 'plug'").unwrap(), Base { mode: "plug".to_owned(), charger_w: Some(90.0), ..empty });
+    assert_eq!(base("mode = 'plug'").unwrap(), Dock { mode: "plug".to_owned(), charger_w: Some(90.0), ..empty });
     let width_m = |text: &str| base(text).unwrap().spare.unwrap().width_m;
     assert_eq!([width_m("[spare]\nnumber = 3\n"), width_m("[spare]\nnumber = 2\nwidth_m = 3.0\n")], [2.0, 3.0]);
 }

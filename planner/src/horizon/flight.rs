@@ -1,6 +1,6 @@
 //! The decoder: flies a plan stop by stop, and schedules sensors on the way.
 
-use skysink_common::battery::{Battery, BatteryState};
+use skysink_common::battery::Battery;
 use skysink_common::geometry::{Position, distance_squared};
 
 use super::choice::Candidate;
@@ -10,6 +10,9 @@ use crate::home::Home;
 
 /// Slack of range, relative to the communication radius: half that of decision D5, which flight-sim applies.
 const RANGE_SLACK: f64 = 0.5e-9;
+
+/// Most slots of a leg; no mission has more.
+const MOST_SLOTS: i32 = 1_000_000_000;
 
 /// One sensor served in one slot.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -99,7 +102,7 @@ pub fn serve(model: &PlanningModel, empty: &mut [f64], visit: &Visit) -> f64 {
 #[inline]
 #[must_use]
 pub fn slots_to(model: &PlanningModel, from: &Position, stop: u32) -> i32 {
-    slots_between(from, model.disk(stop), model.table.limits.reach_m).min(1e9) as i32
+    slots_between(from, model.disk(stop), model.table.limits.reach_m).min(f64::from(MOST_SLOTS)) as i32
 }
 
 /// Slots of a leg from `from` to `stop`, and its end, as near to the stop `next` as possible.
@@ -153,9 +156,9 @@ impl Decoder {
         {
             let visit = self.base_visit(home);
             let Decoder { at, slot, energy_j, .. } = *self;
-            let arrival = slot + visit.way + visit.charged;
             (slots, waypoint) = leg_to(model, &visit.at, stop, next);
-            if slots > last - arrival {
+            let end = [slot, visit.way, visit.charged, slots].map(i64::from).iter().sum::<i64>();
+            if end > i64::from(last) {
                 return None;
             }
             // Whether the stop can be served from the base, with what it charges.
@@ -218,15 +221,10 @@ impl Decoder {
     fn base_visit(&self, home: &Home) -> BaseVisit {
         let at = home.base.nearest(&self.at);
         let flown = self.flown_slots + self.slot as u64;
-        let way = home.slots_from(flown + 1, &self.at) as i32;
+        let way = home.slots_from(flown + 1, &self.at).min(f64::from(MOST_SLOTS)) as i32;
         let Some(battery) = home.battery else { return BaseVisit { way, charged: 0, at } };
         let arrived_j = self.energy_j - leg_j(&battery, way, &self.at, &at);
-        let mut state = BatteryState { energy_j: arrived_j, is_charging: true };
-        let mut charged = 0;
-        while home.charges_on(flown + (way + charged) as u64 + 1, &state) {
-            state.energy_j = battery.charged_j(state.energy_j);
-            charged += 1;
-        }
+        let charged = home.charging_slots(flown + way as u64 + 1, arrived_j).min(MOST_SLOTS as u64) as i32;
         BaseVisit { way, charged, at }
     }
 
@@ -237,7 +235,7 @@ impl Decoder {
             if self.at != visit.at {
                 self.energy_j -= leg_j(battery, visit.way, &self.at, &visit.at);
             }
-            self.energy_j = (0..visit.charged).fold(self.energy_j, |energy_j, _| battery.charged_j(energy_j));
+            self.energy_j = battery.charged_for_j(self.energy_j, f64::from(visit.charged));
         }
         self.slot += visit.charged + if self.at == visit.at { 0 } else { visit.way };
         self.at = visit.at;

@@ -192,6 +192,7 @@ impl Forecast {
         let start = from.saturating_sub(1); // the waypoint before a change depends on what comes next
         let mut lost_bits = self.restore(model, start);
         (self.decoder.at, self.decoder.slot, self.decoder.energy_j) = self.begin(start);
+        self.decoder.margin_j = start.checked_sub(1).map_or(f64::INFINITY, |before| self.trace.legs[before].margin_j);
         self.decoder.flown_slots = self.window.flown_slots;
         let mut trace = std::mem::take(&mut self.change.trace);
         trace.legs.clear();
@@ -260,8 +261,11 @@ impl Forecast {
         if next_old != index + 1 || at != self.decoder.at {
             return false;
         }
-        if model.table.home.is_some() && self.least_margin_j(index) < energy_j - self.decoder.energy_j {
-            return false; // the way home comes earlier
+        if let Some(home) = &model.table.home
+            && (home.must_land && slot != self.decoder.slot
+                || self.least_margin_j(index) < energy_j - self.decoder.energy_j)
+        {
+            return false; // the way home may come earlier
         }
         let leg = &self.trace.legs[index];
         follows || (leg.end > slot && !self.is_met(model, change, leg.stop))
@@ -281,7 +285,8 @@ impl Forecast {
         })
     }
 
-    /// Least margin [J] of the legs from `leg` to the next visit to the base.
+    /// Least margin [J] of the legs from `leg` to the next visit to the base. How long that charges is not adapted to the
+    /// energy of a changed plan before it, until the plan is loaded again.
     fn least_margin_j(&self, leg: usize) -> f64 {
         let legs = self.trace.legs[leg..].iter().take_while(|leg| leg.via.is_none());
         legs.map(|leg| leg.margin_j).fold(f64::INFINITY, f64::min)
@@ -317,6 +322,7 @@ impl Forecast {
         self.decoder.at = leg.at;
         self.decoder.slot = end;
         self.decoder.energy_j = leg.energy_j;
+        self.decoder.margin_j = leg.margin_j;
         Some(self.serve_legs(model, old, old + 1, shift, 0.0))
     }
 

@@ -273,7 +273,7 @@ impl Horizon {
         let left = (self.slots + 1).saturating_sub(view.slot).max(1);
         let slots = left.min(self.keys.window.unwrap_or(MOST_SLOTS));
         PlanningWindow::new(&self.model, view.ground(), view.belief.queues_bits, slots, left - slots)
-            .with_battery(view.slot - 1, view.battery.energy_j)
+            .with_battery(view.slot.saturating_sub(1), view.battery.energy_j)
     }
 
     /// Anneals the plan; restores the initial plan if the loss ends much higher.
