@@ -127,10 +127,8 @@ impl Sweep {
         let scenario = Scenario::parse(&text, &self.base.path, Overrides::default()).and_then(settings::resolve)?;
         let full: Table = scenario.to_toml().parse().expect("it was just written");
         let mut without_start = full.clone();
-        let is_start_given = given.get("uav").is_some_and(|uav| uav.get("start_m").is_some());
-        if let Some(uav) = without_start.get_mut("uav").and_then(toml::Value::as_table_mut).filter(|_| !is_start_given)
-        {
-            uav.remove("start_m");
+        for key in ["uav.start_m", "base.position_m"].into_iter().filter(|key| dotted::value(given, key).is_none()) {
+            dotted::remove(&mut without_start, key);
         }
         let points = self.points(given);
         Ok([full, without_start].into_iter().find(|base| self.points(base) == points).unwrap_or_else(|| given.clone()))
