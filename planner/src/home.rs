@@ -249,6 +249,20 @@ mod tests {
         let state = |energy_j, is_charging| BatteryState { energy_j, is_charging };
         assert!(home.charges_on(1, &state(4_999.0, true)) && !home.charges_on(1, &state(5_000.0, true)));
         assert!(!home.charges_on(1, &state(600.0, false)), "not begun");
+        // After 17 slots of 100 J, 1 700 J: three slots of 356 J and the reserve are less.
+        assert_eq!(
+            [home.charging_slots(1, 0.0), home.charging_slots(20, 900.0), home.charging_slots(21, 0.0)],
+            [17, 0, 0]
+        );
+        for energy_j in [0.0, 700.0, 3_000.0, 4_950.0] {
+            let mut state = state(energy_j, true);
+            let mut slots = 0;
+            while home.charges_on(1 + slots, &state) {
+                state.energy_j = home.battery.unwrap().charged_j(state.energy_j);
+                slots += 1;
+            }
+            assert_eq!(home.charging_slots(1, energy_j), slots, "{energy_j} J");
+        }
         // 356 W at 30 m/s: one slot and the reserve of 500 J are less than 900 J, ten slots more.
         assert!(!home.charges_on(20, &state(900.0, true)) && home.charges_on(11, &state(900.0, true)));
     }

@@ -63,8 +63,8 @@ impl EnergyFigures {
             rows.push(("battery: hovering, cruising", format!("{hovering}, {cruising}")));
         }
         rows.extend(self.charging_s.map(|charging_s| ("battery: charging", scaled(charging_s, "s"))));
-        rows.extend(self.radius_m.map(|radius_m| ("battery: out and back", scaled(radius_m, "m"))));
-        rows.extend(self.timed_m.map(|timed_m| ("time: out and back", scaled(timed_m, "m"))));
+        rows.extend(self.radius_m.map(|radius_m| ("out and back on a battery", scaled(radius_m, "m"))));
+        rows.extend(self.timed_m.map(|timed_m| ("out and back in time", scaled(timed_m, "m"))));
         rows
     }
 

@@ -24,13 +24,17 @@ impl Default for BaseKeys {
     }
 }
 
+/// Capacities in which the energy of a slot is not lost in rounding.
+const CAPACITY_J: Accepts =
+    Accepts::Number("joules above 0, at most 1e12", |capacity_j| capacity_j > 0.0 && capacity_j <= 1e12);
+
 crate::keys! {
     /// `[uav.battery]`: the energy of the UAV (decision D10).
     #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, expecting = "a table")]
     pub struct BatteryKeys {
         /// Energy of the full battery [J]; required.
-        capacity_j: f64, POSITIVE;
+        capacity_j: f64, CAPACITY_J;
         /// Energy before slot 1, as a fraction of the capacity.
         initial: f64 = 1.0, Accepts::Number("0 to 1", |fraction| (0.0..=1.0).contains(&fraction));
         /// Energy that the way home leaves in the battery, as a fraction of the capacity.
