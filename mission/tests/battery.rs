@@ -110,6 +110,22 @@ fn every_strategy_comes_home_with_its_reserve() {
 }
 
 #[test]
+fn beside_their_waypoints_uavs_reach_a_base_of_four_standard_deviations() {
+    let mut charging = 0;
+    for seed in 1..=names().len() as u64 {
+        let mut scenario = scenario(seed);
+        scenario.uav.position_error_m = Some(2.0);
+        scenario.base.as_mut().unwrap().radius_m = 8.0;
+        let list = SensorList::of(&scenario).unwrap();
+        let flights: Vec<FlightReport> =
+            Mission::new(&scenario, &list).unwrap().map(|record| record.flights[UAV]).collect();
+        assert!(flights.iter().all(|flight| flight.energy_j > 0.0), "{}", scenario.planner.strategy);
+        charging += usize::from(flights.iter().any(|flight| flight.flown_mode() == Mode::Charge));
+    }
+    assert!(charging > 4, "{charging} missions");
+}
+
+#[test]
 #[ignore = "takes minutes"]
 fn a_thousand_missions_come_home() {
     assert_all_come_home(1_000..2_000);

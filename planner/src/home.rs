@@ -24,6 +24,8 @@ pub struct Home {
     /// Flight in a slot at the least energy per metre [m].
     thrifty_m: f64,
     start: Position,
+    /// Whether slots end beside their waypoints.
+    has_errors: bool,
     comm_radius_m: f64,
     /// Farthest flight in a slot in any direction [m].
     farthest_m: f64,
@@ -62,10 +64,18 @@ impl Home {
             reach_m,
             thrifty_m,
             start: scenario.start().xy(),
+            has_errors: scenario.uav.position_error_m.is_some_and(|sigma_m| sigma_m > 0.0),
             comm_radius_m,
             farthest_m: scenario.farthest_m(),
             most_j,
         })
+    }
+
+    /// Where the way home from `ground` [m] ends: in the nearest point of the base, or toward its centre where slots end
+    /// beside their waypoints.
+    #[must_use]
+    pub fn end_of(&self, ground: &Position) -> Position {
+        if self.has_errors && !self.base.contains(ground) { self.base.centre } else { self.base.nearest(ground) }
     }
 
     /// Slots of the way home over `distance_m` [m] with `left` slots for it; more than `left` if it is too far.
@@ -102,7 +112,7 @@ impl Home {
     /// −∞ if it comes home too late.
     #[must_use]
     pub fn margin_j(&self, slot: u64, energy_j: f64, ground: &Position) -> f64 {
-        let distance_m = (self.base.nearest(ground) - ground).norm();
+        let distance_m = (self.end_of(ground) - ground).norm();
         let left = self.left_after(slot);
         let way = self.way_slots(distance_m, left);
         if way > left as f64 {
@@ -117,13 +127,13 @@ impl Home {
     /// Slots of the way home from `ground` [m], of which `slot` is the first; 0 in the base.
     #[must_use]
     pub fn slots_from(&self, slot: u64, ground: &Position) -> f64 {
-        self.way_slots((self.base.nearest(ground) - ground).norm(), self.left_after(slot.saturating_sub(1)))
+        self.way_slots((self.end_of(ground) - ground).norm(), self.left_after(slot.saturating_sub(1)))
     }
 
     /// The next waypoint of the way home from `ground` [m] in `slot`; `ground` itself in the base.
     #[must_use]
     pub fn next_waypoint(&self, slot: u64, ground: &Position) -> Position {
-        let end = self.base.nearest(ground);
+        let end = self.end_of(ground);
         let way = self.slots_from(slot, ground);
         if way > 1.0 { ground + (end - ground) / way } else { end }
     }

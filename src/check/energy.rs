@@ -22,6 +22,8 @@ pub struct EnergyFigures {
     pub radius_m: Option<f64>,
     /// Distance [m] from the base to which a mission leaves time to fly and come home; `None` if the UAV need not land.
     pub timed_m: Option<f64>,
+    /// Standard deviation of where a slot ends [m], if the base is smaller than twice that.
+    pub missed_by_m: Option<f64>,
     /// Number of sampling SNs that cannot be served within both.
     pub beyond: usize,
 }
@@ -51,6 +53,7 @@ impl EnergyFigures {
             charging_s: battery.filter(Battery::is_charged).map(|battery| usable(&battery) / charge_w),
             radius_m,
             timed_m,
+            missed_by_m: scenario.uav.position_error_m.filter(|sigma_m| base.radius_m < 2.0 * sigma_m),
             beyond: sensors.ids().filter(is_beyond).count(),
         })
     }
@@ -66,6 +69,15 @@ impl EnergyFigures {
         rows.extend(self.radius_m.map(|radius_m| ("out and back on a battery", scaled(radius_m, "m"))));
         rows.extend(self.timed_m.map(|timed_m| ("out and back in time", scaled(timed_m, "m"))));
         rows
+    }
+
+    /// The warning about a base that a UAV may miss again and again.
+    pub fn landing_warning(&self) -> Option<String> {
+        let sigma = scaled(self.missed_by_m?, "m");
+        Some(format!(
+            "the UAV may miss the base again and again until its energy ends: slots end beside their waypoints by {sigma}, \
+             and base.radius_m is less than twice that"
+        ))
     }
 
     /// The warning about SNs that the UAV cannot serve and come home from.
@@ -111,6 +123,9 @@ mod tests {
         assert!((figures.radius_m.unwrap() - 500.0).abs() < 30.0, "{figures:?}");
         assert_eq!((figures.timed_m, figures.beyond), (None, 1));
         assert!(figures.warning().unwrap().starts_with("1 sensor nodes are too far from the base"));
+        assert_eq!(figures.landing_warning(), None);
+        let erring = |sigma: &str| self::figures(&format!("[uav]\nposition_error_m = {sigma}\n{keys}")).unwrap();
+        assert!(erring("0.6").landing_warning().unwrap().contains("by 0.6 m") && erring("0.5").missed_by_m.is_none());
     }
 
     #[test]

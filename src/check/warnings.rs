@@ -14,6 +14,7 @@ pub fn of(figures: &Figures) -> Vec<String> {
         overloaded,
         unreachable,
         beyond_return,
+        missed_base,
         unserved,
         told_otherwise,
         told_steadier,
@@ -73,6 +74,11 @@ fn unreachable(figures: &Figures) -> Option<String> {
 /// Some SNs are too far from the base.
 fn beyond_return(figures: &Figures) -> Option<String> {
     figures.energy.as_ref()?.warning()
+}
+
+/// The UAV may miss the base.
+fn missed_base(figures: &Figures) -> Option<String> {
+    figures.energy.as_ref()?.landing_warning()
 }
 
 /// No strategy can lose anything.

@@ -12,7 +12,7 @@ crate::keys! {
         /// Its centre, `[x, y]` [m]; the default is the start of the UAV, and a checked scenario has the key.
         position_m: Option<[f64; 2]>, Accepts::Rule("a position in the area");
         /// Its radius [m].
-        radius_m: f64 = 1.0, POSITIVE;
+        radius_m: f64 = 1.0, Accepts::Number("metres, 0.001 or above", |radius_m| radius_m >= 0.001 && radius_m.is_finite());
         /// Power of the charger [W]; at 0 a UAV only lands.
         charge_w: f64 = 0.0, NOT_NEGATIVE;
     }

@@ -219,7 +219,7 @@ impl Decoder {
 
     /// The visit to the base that begins now.
     fn base_visit(&self, home: &Home) -> BaseVisit {
-        let at = home.base.nearest(&self.at);
+        let at = home.end_of(&self.at);
         let flown = self.flown_slots + self.slot as u64;
         let way = home.slots_from(flown + 1, &self.at).min(f64::from(MOST_SLOTS)) as i32;
         let Some(battery) = home.battery else { return BaseVisit { way, charged: 0, at } };
