@@ -108,7 +108,7 @@ fn flown(World { scenario, list }: &World, before: &FlightReport, told: Option<&
     }
     let refused = match (told, HoldReason::from_repr(report.hold).unwrap_or_default()) {
         (None, HoldReason::NoPlan) => 0,
-        (Some(_), HoldReason::Waypoint) => 1,
+        (Some(_), HoldReason::Waypoint | HoldReason::Base) => 1,
         (Some(plan), HoldReason::None) => plan.served - report.served,
         (told, hold) => panic!("{hold:?} after {told:?}"),
     };
