@@ -7,7 +7,6 @@ use skysink_common::message::SolverOutcome;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_mission::Mission;
-use skysink_planner::strategies::transit::toward;
 use skysink_planner::strategy::{Decision, Strategy, View};
 use skysink_planner::waypoint::problem::Waypoint;
 
@@ -21,7 +20,7 @@ impl Strategy for Nearest {
         let away_m2 = |id: u32| distance_squared(table.sensors.position(id), &uav);
         let waiting = table.sensors.ids().filter(|&id| view.belief.queues_bits[id as usize] >= 5_000);
         let nearest = waiting.min_by(|&a, &b| away_m2(a).total_cmp(&away_m2(b)))?;
-        let ground = toward(table.limits.reach_m, &uav, table.sensors.position(nearest));
+        let ground = table.toward(&uav, table.sensors.position(nearest));
         let is_in_range = within(table.sensors.position(nearest), &ground, table.limits.comm_radius_m);
         let waypoint = Waypoint { point: above(&ground, view.position.z), outcome: SolverOutcome::Rule };
         let served = if is_in_range { vec![nearest] } else { vec![] };

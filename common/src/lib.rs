@@ -3,6 +3,7 @@
 //!
 //! Scheduling, flight and bookkeeping are left to the crates that depend on this one.
 
+pub mod airspace;
 pub mod arrivals;
 pub mod battery;
 pub mod belief;

@@ -247,6 +247,8 @@ pub enum HoldReason {
     Waypoint,
     /// It was to charge, and is not in the base.
     Base,
+    /// The way to the waypoint led through a no-fly zone or a building.
+    Zone,
 }
 
 /// Payload element of `flight`: the position of a UAV after the slot, and the capacity of each of its links.

@@ -11,13 +11,14 @@ mod motion;
 mod rules;
 mod sensors;
 mod uav;
+mod zones;
 
 use std::path::Path;
 
 use toml::{Table, Value};
 
 pub use crate::keys::{Interval, Setting, SettingOrigin, WholeInterval};
-pub use area::{Area, Origin};
+pub use area::{Area, BuildingKeys, NoFlyKeys, Origin};
 pub use base::{BaseKeys, BatteryKeys};
 pub use mission::{CHANNEL, MAX_SEED, PlannerKeys, Scenario, TRACE};
 pub use sensors::SensorKeys;

@@ -70,8 +70,9 @@ impl Flight {
         if mode == Mode::Charge {
             return if self.vehicle.charge() { self.report(mode) } else { self.hold(HoldReason::Base, 1) };
         }
-        if !self.vehicle.fly_to(plan.waypoint(), self.position_error_m(slot, plan)) {
-            return self.hold(HoldReason::Waypoint, 1);
+        let hold = self.vehicle.fly_to(plan.waypoint(), self.position_error_m(slot, plan));
+        if hold != HoldReason::None {
+            return self.hold(hold, 1);
         }
         let mut report = self.report(Mode::Fly);
         if self.vehicle.is_down() {

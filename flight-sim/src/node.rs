@@ -114,6 +114,7 @@ fn count_refusals(refusals: &Refusals, slot: u64, report: &FlightReport) {
         let refusal = match HoldReason::from_repr(report.hold).unwrap_or_default() {
             HoldReason::Waypoint => Refusal::Waypoint,
             HoldReason::Base => Refusal::Base,
+            HoldReason::Zone => Refusal::Zone,
             HoldReason::None | HoldReason::NoPlan => Refusal::Sensor,
         };
         refusals.add("plan", slot, refusal, u64::from(report.refused));

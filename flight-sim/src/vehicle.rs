@@ -3,11 +3,14 @@
 use std::sync::Arc;
 
 use nalgebra::{Point3, Vector2};
+use skysink_common::airspace::Airspace;
 use skysink_common::battery::{Base, Battery};
-use skysink_common::geometry::Position;
+use skysink_common::geometry::{Position, above};
+use skysink_common::message::HoldReason;
 use skysink_common::scenario::Scenario;
 
-/// Relative slack at the border of the area and at the limits of a climb, for waypoints that are rounded outside.
+/// Relative slack at the border of the area and of zones, and at the limits of a climb, for waypoints that are rounded
+/// outside.
 const SLACK: f64 = 1e-9;
 
 /// A UAV at a fixed altitude, or with a range of altitudes.
@@ -21,6 +24,7 @@ pub struct Vehicle {
     pub energy_j: f64,
     battery: Option<Battery>,
     base: Option<Base>,
+    airspace: Arc<Airspace>,
 }
 
 impl Vehicle {
@@ -34,6 +38,7 @@ impl Vehicle {
             energy_j: battery.map_or(f64::INFINITY, |battery| battery.initial_j),
             battery,
             base: Base::of(scenario),
+            airspace: Arc::new(Airspace::without_ways(scenario)),
         }
     }
 
@@ -62,13 +67,14 @@ impl Vehicle {
         is_in_base
     }
 
-    /// Flies to `waypoint` [m] if it lies in the area and in reach of one slot (UTS eq. 3, and the climb); otherwise
-    /// hovers and returns false. At a fixed altitude, the altitude of the waypoint only has to be finite.
+    /// Flies to `waypoint` [m] if it lies in the area and in reach of one slot (UTS eq. 3, and the climb), and if no zone
+    /// is in the way (decision D14); otherwise hovers, and says why. At a fixed altitude, the altitude of the waypoint only
+    /// has to be finite.
     ///
-    /// With an error `error_m` [m] the slot ends beside the waypoint, but in the area and in reach (decision D29).
-    #[must_use]
-    pub fn fly_to(&mut self, waypoint: Point3<f64>, error_m: Option<Vector2<f64>>) -> bool {
-        let area = self.scenario.area;
+    /// With an error `error_m` [m] the slot ends beside the waypoint, but in the area, in reach (decision D29) and outside
+    /// of zones.
+    pub fn fly_to(&mut self, waypoint: Point3<f64>, error_m: Option<Vector2<f64>>) -> HoldReason {
+        let area = &self.scenario.area;
         let border_m = SLACK * area.width_m().max(area.height_m());
         let ground = waypoint.xy();
         let is_in_reach = area.contains(&ground, border_m) && self.scenario.reaches(&self.position.xy(), &ground);
@@ -79,21 +85,34 @@ impl Vehicle {
         };
         let slack_m = SLACK * highest_m;
         let is_possible = is_in_reach && (lowest_m - slack_m..=highest_m + slack_m).contains(&z_m);
-        let end = if is_possible {
-            let ground = error_m.map_or(ground, |error_m| self.end_beside(&(ground + error_m)));
-            Point3::new(ground.x, ground.y, z_m.clamp(lowest_m, highest_m))
+        let z_m = z_m.clamp(lowest_m, highest_m);
+        let from = self.position.xy();
+        let below_m = z_m.min(self.position.z); // what rises above this altitude is in the way
+        let hold = if !is_possible {
+            HoldReason::Waypoint
+        } else if self.airspace.entry(&from, &ground, below_m, border_m).is_some() {
+            HoldReason::Zone
+        } else {
+            HoldReason::None
+        };
+        let end = if hold == HoldReason::None {
+            let ground = error_m.map_or(ground, |error_m| self.end_beside(&(ground + error_m), below_m));
+            above(&ground, z_m)
         } else {
             self.position
         };
         self.move_to(end);
-        is_possible
+        hold
     }
 
-    /// The end of a slot toward `ground`: the nearest point of the area, as far as it is in reach.
-    fn end_beside(&self, ground: &Position) -> Position {
-        let area = self.scenario.area;
+    /// The end of a slot toward `ground`: the nearest point of the area, as far as it is in reach and before a zone above the
+    /// altitude `below_m` [m].
+    fn end_beside(&self, ground: &Position, below_m: f64) -> Position {
+        let area = &self.scenario.area;
         let inside = Position::new(ground.x.clamp(0.0, area.width_m()), ground.y.clamp(0.0, area.height_m()));
-        self.scenario.end_toward(&self.position.xy(), &inside) // between two points of the area, which is convex
+        let from = self.position.xy();
+        let end = self.scenario.end_toward(&from, &inside); // between two points of the area, which is convex
+        self.airspace.last_free(&from, &end, below_m)
     }
 }
 
@@ -109,9 +128,9 @@ mod tests {
     #[test]
     fn a_waypoint_in_reach_is_flown_to() {
         let mut vehicle = vehicle();
-        assert!(vehicle.fly_to(Point3::new(80.0, 50.0, 20.0), None));
+        assert_eq!(vehicle.fly_to(Point3::new(80.0, 50.0, 20.0), None), HoldReason::None);
         assert_eq!(vehicle.position, Point3::new(80.0, 50.0, 20.0));
-        assert!(vehicle.fly_to(Point3::new(100.0, 50.0, 20.0), None), "the area is closed");
+        assert_eq!(vehicle.fly_to(Point3::new(100.0, 50.0, 20.0), None), HoldReason::None, "the area is closed");
     }
 
     #[test]
@@ -121,31 +140,69 @@ mod tests {
         let scenario = Scenario::parse(text, std::path::Path::new("x.toml"), Overrides::default()).unwrap();
         for (z_m, possible) in [(120.0, true), (120.1, false), (113.0, true), (112.9, false), (f64::NAN, false)] {
             let mut vehicle = Vehicle::new(&scenario); // 5 m a slot, from 20 to 120 m
-            assert_eq!(vehicle.fly_to(Point3::new(50.0, 50.0, z_m), None), possible, "{z_m}");
+            let is_flown = vehicle.fly_to(Point3::new(50.0, 50.0, z_m), None) == HoldReason::None;
+            assert_eq!(is_flown, possible, "{z_m}");
             assert_eq!(vehicle.position.z, if possible { z_m } else { 118.0 });
         }
         let mut vehicle = Vehicle::new(&scenario);
-        assert!(vehicle.fly_to(Point3::new(50.0, 50.0, 120.0 + 1e-8), None));
+        assert_eq!(vehicle.fly_to(Point3::new(50.0, 50.0, 120.0 + 1e-8), None), HoldReason::None);
         assert_eq!(vehicle.position.z, 120.0, "rounding leads no higher");
     }
 
     #[test]
     fn a_fixed_altitude_is_kept_for_any_waypoint() {
         let mut vehicle = vehicle();
-        assert!(vehicle.fly_to(Point3::new(50.0, 50.0, 99.0), None));
+        assert_eq!(vehicle.fly_to(Point3::new(50.0, 50.0, 99.0), None), HoldReason::None);
         assert_eq!(vehicle.position.z, 20.0);
-        assert!(!vehicle.fly_to(Point3::new(50.0, 50.0, f64::INFINITY), None));
+        assert_eq!(vehicle.fly_to(Point3::new(50.0, 50.0, f64::INFINITY), None), HoldReason::Waypoint);
     }
 
     #[test]
     fn an_impossible_waypoint_is_a_hold() {
         for waypoint in [[80.001, 50.0, 20.0], [f64::NAN, 50.0, 20.0], [50.0, f64::INFINITY, 20.0]] {
             let mut vehicle = vehicle();
-            assert!(!vehicle.fly_to(Point3::from(waypoint), None), "{waypoint:?}");
+            assert_eq!(vehicle.fly_to(Point3::from(waypoint), None), HoldReason::Waypoint, "{waypoint:?}");
             assert_eq!(vehicle.position, Point3::new(50.0, 50.0, 20.0));
         }
         let mut vehicle = vehicle();
-        assert!(vehicle.fly_to(Point3::new(80.0, 50.0, 20.0), None));
-        assert!(!vehicle.fly_to(Point3::new(100.001, 50.0, 20.0), None), "outside the area");
+        assert_eq!(vehicle.fly_to(Point3::new(80.0, 50.0, 20.0), None), HoldReason::None);
+        assert_eq!(vehicle.fly_to(Point3::new(100.001, 50.0, 20.0), None), HoldReason::Waypoint, "outside the area");
+    }
+
+    /// At (50, 50) with a no-fly zone of 10 m × 10 m, 10 m to the east, and a building of 30 m to the west.
+    fn hemmed_in(uav: &str) -> Vehicle {
+        let text = format!(
+            "name = 'x'\n[area]\nno_fly = [{{ polygon_m = [[60.0, 45.0], [70.0, 45.0], [70.0, 55.0], [60.0, 55.0]] }}]\n\
+             building = [{{ polygon_m = [[30.0, 45.0], [40.0, 45.0], [40.0, 55.0], [30.0, 55.0]], height_m = 30.0 }}]\n\
+             [uav]\n{uav}"
+        );
+        Vehicle::new(&Scenario::parse(&text, std::path::Path::new("x.toml"), Overrides::default()).unwrap())
+    }
+
+    #[test]
+    fn a_way_into_or_through_a_zone_is_a_hold() {
+        for (x_m, y_m, expected) in [
+            (65.0, 50.0, HoldReason::Zone),
+            (75.0, 50.0, HoldReason::Zone),
+            (60.0, 50.0, HoldReason::None),
+            (70.0, 60.0, HoldReason::None),
+            (35.0, 50.0, HoldReason::Zone),
+        ] {
+            let mut vehicle = hemmed_in("");
+            assert_eq!(vehicle.fly_to(Point3::new(x_m, y_m, 20.0), None), expected, "({x_m}, {y_m})");
+            assert_eq!(vehicle.position.x, if expected == HoldReason::None { x_m } else { 50.0 });
+        }
+        assert_eq!(
+            hemmed_in("altitude_m = 30.0\n").fly_to(Point3::new(35.0, 50.0, 30.0), None),
+            HoldReason::None,
+            "over it"
+        );
+    }
+
+    #[test]
+    fn an_error_does_not_lead_into_a_zone() {
+        let mut vehicle = hemmed_in("position_error_m = 1.0\n");
+        assert_eq!(vehicle.fly_to(Point3::new(59.0, 50.0, 20.0), Some(Vector2::new(5.0, 1.0))), HoldReason::None);
+        assert!((60.0 - 1e-5..60.0).contains(&vehicle.position.x), "{}", vehicle.position);
     }
 }

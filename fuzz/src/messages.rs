@@ -89,7 +89,7 @@ pub fn plan(u: &mut Unstructured) -> Result<()> {
 
 /// Fails unless the report is of a feasible flight, and counts every refusal.
 fn flown(World { scenario, list }: &World, before: &FlightReport, told: Option<&Plan>, report: &FlightReport) {
-    let area = scenario.area;
+    let area = &scenario.area;
     let here = report.position().xy();
     assert!(within(&before.position().xy(), &here, scenario.reach_m()), "{before:?}, {report:?}");
     let rounding_m = 1e-9 * area.width_m().max(area.height_m()); // of a waypoint on the border
@@ -108,7 +108,7 @@ fn flown(World { scenario, list }: &World, before: &FlightReport, told: Option<&
     }
     let refused = match (told, HoldReason::from_repr(report.hold).unwrap_or_default()) {
         (None, HoldReason::NoPlan) => 0,
-        (Some(_), HoldReason::Waypoint | HoldReason::Base) => 1,
+        (Some(_), HoldReason::Waypoint | HoldReason::Base | HoldReason::Zone) => 1,
         (Some(plan), HoldReason::None) => plan.served - report.served,
         (told, hold) => panic!("{hold:?} after {told:?}"),
     };
@@ -131,7 +131,7 @@ pub fn health(u: &mut Unstructured) -> Result<()> {
 
 /// A path is refused, or it has at most 64 points, all of them finite and over the area.
 pub fn path(u: &mut Unstructured) -> Result<()> {
-    let area = u.choose(&*WORLDS)?.scenario.area;
+    let area = &u.choose(&*WORLDS)?.scenario.area;
     while !u.is_empty() {
         let length = u.arbitrary::<u8>()? % 80;
         let point = |[x_m, y_m, z_m]: [f64; 3]| PathPoint { x_m, y_m, z_m };

@@ -1,15 +1,20 @@
 //! The way home of a UAV that carries a battery, or has to land (decision D13).
 
+use std::sync::Arc;
+
 use nalgebra::Point3;
+use skysink_common::airspace::Airspace;
 use skysink_common::battery::{Base, Battery, BatteryState};
 use skysink_common::geometry::{Position, above, within};
 use skysink_common::scenario::Scenario;
+use smallvec::SmallVec;
 
 /// Slack of the number of slots of a way home, so that rounding adds none.
 const SLACK_SLOTS: f64 = 1e-9;
 
-/// The way home: straight, in equal steps, at the speed of least energy per metre, or faster where time is short.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// The way home: straight, or in straight pieces around zones. Each is flown in equal steps at the speed of least energy per
+/// metre, or faster where time is short.
+#[derive(Debug, Clone, PartialEq)]
 pub struct Home {
     /// Where it ends.
     pub base: Base,
@@ -31,6 +36,29 @@ pub struct Home {
     farthest_m: f64,
     /// The most energy that a level slot takes [J].
     most_j: f64,
+    airspace: Arc<Airspace>,
+}
+
+/// A straight piece of the way home.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Piece {
+    end: Position,
+    length_m: f64,
+    slots: f64,
+}
+
+/// A way home.
+#[derive(Debug, Clone, PartialEq)]
+pub enum WayHome {
+    /// Straight, in equal steps.
+    Straight {
+        /// Its slots.
+        slots: f64,
+        /// Its end [m].
+        end: Position,
+    },
+    /// Around zones: the ends of its slots [m].
+    Bent(Vec<Position>),
 }
 
 /// What becomes of a decision for a slot by the return rule.
@@ -47,7 +75,7 @@ pub enum Returning {
 impl Home {
     /// That of a scenario; `None` if its UAV need not come back.
     #[must_use]
-    pub fn of(scenario: &Scenario) -> Option<Self> {
+    pub fn of(scenario: &Scenario, airspace: &Arc<Airspace>) -> Option<Self> {
         let battery = Battery::of(scenario);
         let must_land = scenario.must_land();
         let base = Base::of(scenario).filter(|_| battery.is_some() || must_land)?;
@@ -68,20 +96,37 @@ impl Home {
             comm_radius_m,
             farthest_m: scenario.farthest_m(),
             most_j,
+            airspace: Arc::clone(airspace),
         })
     }
 
     /// Where the way home from `ground` [m] ends: in the nearest point of the base, or toward its centre where slots end
-    /// beside their waypoints.
+    /// beside their waypoints, or zones are between.
     #[must_use]
     pub fn end_of(&self, ground: &Position) -> Position {
-        if self.has_errors && !self.base.contains(ground) { self.base.centre } else { self.base.nearest(ground) }
+        let nearest = self.base.nearest(ground);
+        let is_beside = self.has_errors && !self.base.contains(ground);
+        if is_beside || !self.airspace.is_free(ground, &nearest) { self.base.centre } else { nearest }
     }
 
-    /// Slots of the way home over `distance_m` [m] with `left` slots for it; more than `left` if it is too far.
-    fn way_slots(&self, distance_m: f64, left: u64) -> f64 {
-        let slots = |slot_m: f64| (distance_m / slot_m - SLACK_SLOTS).ceil().max(0.0);
-        slots(self.thrifty_m).min(left as f64).max(slots(self.reach_m))
+    /// The pieces of the way home from `ground` [m], with `left` slots for it; they take more than `left` if it is too far.
+    /// Empty if no way leads home. The first pieces have the slots that are not needed for full speed.
+    fn pieces(&self, ground: &Position, left: u64) -> SmallVec<[Piece; 4]> {
+        let way = self.airspace.way(ground, &self.end_of(ground));
+        let slots = |length_m: f64, slot_m: f64| (length_m / slot_m - SLACK_SLOTS).ceil().max(0.0);
+        let begins = std::iter::once(ground).chain(&way);
+        let fastest = |(begin, end): (&Position, &Position)| {
+            let length_m = (end - begin).norm();
+            Piece { end: *end, length_m, slots: slots(length_m, self.reach_m) }
+        };
+        let mut pieces: SmallVec<[Piece; 4]> = begins.zip(&way).map(fastest).collect();
+        let mut spare = left as f64 - slots_of(&pieces);
+        for piece in &mut pieces {
+            let more = (slots(piece.length_m, self.thrifty_m) - piece.slots).min(spare).max(0.0);
+            piece.slots += more;
+            spare -= more;
+        }
+        pieces
     }
 
     /// Whether a full battery may fly from the base or from the start into range of an SN at `sensor` [m] and home, at the
@@ -112,14 +157,14 @@ impl Home {
     /// −∞ if it comes home too late.
     #[must_use]
     pub fn margin_j(&self, slot: u64, energy_j: f64, ground: &Position) -> f64 {
-        let distance_m = (self.end_of(ground) - ground).norm();
         let left = self.left_after(slot);
-        let way = self.way_slots(distance_m, left);
-        if way > left as f64 {
+        let pieces = self.pieces(ground, left);
+        if pieces.is_empty() || slots_of(&pieces) > left as f64 {
             return f64::NEG_INFINITY;
         }
         self.battery.map_or(f64::INFINITY, |battery| {
-            let way_j = if way > 0.0 { way * battery.slot_j(distance_m / way) } else { 0.0 };
+            let flown = pieces.iter().filter(|piece| piece.slots > 0.0);
+            let way_j: f64 = flown.map(|piece| piece.slots * battery.slot_j(piece.length_m / piece.slots)).sum();
             energy_j - way_j - battery.reserve_j
         })
     }
@@ -127,15 +172,38 @@ impl Home {
     /// Slots of the way home from `ground` [m], of which `slot` is the first; 0 in the base.
     #[must_use]
     pub fn slots_from(&self, slot: u64, ground: &Position) -> f64 {
-        self.way_slots((self.end_of(ground) - ground).norm(), self.left_after(slot.saturating_sub(1)))
+        slots_of(&self.pieces(ground, self.left_after(slot.saturating_sub(1))))
+    }
+
+    /// The way home from `ground` [m], of which `slot` is the first slot.
+    #[must_use]
+    pub fn slot_ends(&self, slot: u64, ground: &Position) -> WayHome {
+        let pieces = self.pieces(ground, self.left_after(slot.saturating_sub(1)));
+        let Some(last) = pieces.last() else { return WayHome::Straight { slots: 0.0, end: *ground } };
+        if pieces.len() == 1 {
+            return WayHome::Straight { slots: last.slots, end: last.end };
+        }
+        let mut ends = Vec::new();
+        let mut from = *ground;
+        for piece in &pieces {
+            let step = |step: u64| from + (piece.end - from) * (step as f64 / piece.slots);
+            ends.extend((1..piece.slots as u64).map(step));
+            ends.extend((piece.slots > 0.0).then_some(piece.end));
+            from = piece.end;
+        }
+        WayHome::Bent(ends)
     }
 
     /// The next waypoint of the way home from `ground` [m] in `slot`; `ground` itself in the base.
     #[must_use]
     pub fn next_waypoint(&self, slot: u64, ground: &Position) -> Position {
-        let end = self.end_of(ground);
-        let way = self.slots_from(slot, ground);
-        if way > 1.0 { ground + (end - ground) / way } else { end }
+        let pieces = self.pieces(ground, self.left_after(slot.saturating_sub(1)));
+        let last = pieces.last().map_or(*ground, |piece| piece.end);
+        match pieces.iter().find(|piece| piece.slots > 0.0) {
+            Some(piece) if piece.slots > 1.0 => ground + (piece.end - ground) / piece.slots,
+            Some(piece) => piece.end,
+            None => last,
+        }
     }
 
     /// What becomes of the decision to fly from `from` to `to` [m] in `slot`; `is_idle` if it serves nobody there.
@@ -194,23 +262,32 @@ impl Home {
     }
 }
 
+/// Slots of a way.
+fn slots_of(pieces: &[Piece]) -> f64 {
+    pieces.iter().map(|piece| piece.slots).sum()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use skysink_common::scenario::Overrides;
     use std::path::Path;
 
+    fn made(scenario: &Scenario) -> Option<Home> {
+        Home::of(scenario, &Arc::new(Airspace::of(scenario)))
+    }
+
     /// The way home to (50, 50) in a mission of 20 slots.
     fn home(keys: &str) -> Home {
         let text =
             format!("name = 'a'\nslots = 20\n[area]\nside_m = 2000.0\n[base]\nposition_m = [50.0, 50.0]\n{keys}");
-        Home::of(&Scenario::parse(&text, Path::new("a.toml"), Overrides::default()).unwrap()).unwrap()
+        made(&Scenario::parse(&text, Path::new("a.toml"), Overrides::default()).unwrap()).unwrap()
     }
 
     #[test]
     fn a_uav_without_battery_that_need_not_land_has_no_way_home() {
         let text = "name = 'a'\n[base]\ncharge_w = 9.0\n";
-        assert_eq!(Home::of(&Scenario::parse(text, Path::new("a.toml"), Overrides::default()).unwrap()), None);
+        assert_eq!(made(&Scenario::parse(text, Path::new("a.toml"), Overrides::default()).unwrap()), None);
     }
 
     #[test]

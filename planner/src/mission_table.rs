@@ -3,16 +3,21 @@
 use std::sync::{Arc, OnceLock};
 
 use nalgebra::Point3;
+use skysink_common::airspace::{Airspace, Bends};
 use skysink_common::arrivals::ArrivalLaw;
 use skysink_common::channel::{Channel, ChannelModel, Uplink};
-use skysink_common::geometry::Position;
+use skysink_common::geometry::{Position, distance_squared, within};
 use skysink_common::message::{Limits, SensorNode};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 use skysink_common::stop::Stop;
 
+use crate::geometry::disks::{Disk, slots_between, toward};
 use crate::geometry::turns::Turns;
 use crate::home::Home;
+
+/// Slack of a number of slots, so that rounding adds none.
+pub(crate) const SLACK_SLOTS: f64 = 1e-9;
 
 /// The sensor nodes (SNs) and the constraints on a plan.
 #[derive(Debug, Clone)]
@@ -27,6 +32,10 @@ pub struct MissionTable {
     pub limits: Limits,
     /// Farthest flight in one slot with the wind, for bounds [m]; plans keep to `limits.reach_m`.
     pub farthest_m: f64,
+    /// Where the UAV may fly.
+    pub airspace: Arc<Airspace>,
+    /// Whether zones leave no place to serve the SN from, by id; empty in an open field.
+    is_hidden: Arc<[bool]>,
     /// The way home; `None` if the UAV need not come back.
     pub home: Option<Home>,
     /// Found when they are first asked for; clones share them.
@@ -37,21 +46,30 @@ impl MissionTable {
     /// The table of a scenario with these SNs.
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: Arc<Sensors>) -> Self {
+        Self::within(scenario, sensors, Arc::new(Airspace::of(scenario)))
+    }
+
+    fn within(scenario: &Scenario, sensors: Arc<Sensors>, airspace: Arc<Airspace>) -> Self {
+        let radius_m = scenario.link.comm_radius_m;
+        let is_hidden = |position: &Position| !within(&airspace.nearest(position), position, radius_m);
+        let hidden = sensors.positions.iter().filter(|_| !airspace.is_open()).map(is_hidden);
         Self {
+            is_hidden: hidden.collect(),
+            home: Home::of(scenario, &airspace),
+            airspace,
             sensors,
             arrivals: scenario.arrival_law(),
             channel: Channel::of(&scenario.link),
             limits: Limits::of(scenario),
             farthest_m: scenario.farthest_m(),
-            home: Home::of(scenario),
             turns: Arc::default(),
         }
     }
 
-    /// The table of a scenario with other SNs, or other rates; it shares the turns if positions and range are the same.
+    /// The table of a scenario over the same area with other SNs, or other rates; it shares the airspace, and the turns if positions and range are the same.
     #[must_use]
     pub fn over(&self, scenario: &Scenario, sensors: Arc<Sensors>) -> Self {
-        let mut other = Self::new(scenario, sensors);
+        let mut other = Self::within(scenario, sensors, Arc::clone(&self.airspace));
         let has_range = other.limits.comm_radius_m == self.limits.comm_radius_m;
         if has_range && other.sensors.positions == self.sensors.positions {
             other.turns = Arc::clone(&self.turns);
@@ -75,6 +93,69 @@ impl MissionTable {
     #[must_use]
     pub fn of(scenario: &Scenario, nodes: &[SensorNode]) -> Self {
         Self::new(scenario, Arc::new(Sensors::of(scenario, nodes)))
+    }
+
+    /// Whether there is a place in range of SN `id` that the UAV can fly to.
+    #[inline]
+    #[must_use]
+    pub fn is_servable(&self, id: u32) -> bool {
+        self.is_hidden.get(id as usize).is_none_or(|is_hidden| !is_hidden)
+    }
+
+    /// The SNs that can be served, by id.
+    pub fn servable(&self) -> impl Iterator<Item = u32> + '_ {
+        self.sensors.ids().filter(|&id| self.is_servable(id))
+    }
+
+    /// Whether one slot leads from `from` into the range of an SN at `sensor` [m], around zones, and so may serve it.
+    #[must_use]
+    pub fn may_serve_next(&self, from: &Position, sensor: &Position) -> bool {
+        let range = Disk { centre: *sensor, radius_m: self.limits.comm_radius_m };
+        self.airspace.is_open() || self.slots_into(from, &range) <= 1.0
+    }
+
+    /// Whether any SN cannot be served because of zones.
+    #[inline]
+    #[must_use]
+    pub fn has_hidden(&self) -> bool {
+        self.is_hidden.iter().any(|is_hidden| *is_hidden)
+    }
+
+    /// The end of a slot that flies toward `goal` [m], as far as one slot reaches, stopping on it if it is nearer: straight,
+    /// or around zones.
+    #[must_use]
+    pub fn toward(&self, position: &Position, goal: &Position) -> Position {
+        if self.airspace.is_open() {
+            return toward(self.limits.reach_m, position, goal);
+        }
+        self.airspace.toward(position, goal, self.limits.reach_m)
+    }
+
+    /// Length of the shortest way [m]; infinite if there is none.
+    #[must_use]
+    pub fn distance_m(&self, from: &Position, to: &Position) -> f64 {
+        if self.airspace.is_open() { distance_squared(from, to).sqrt() } else { self.airspace.distance_m(from, to) }
+    }
+
+    /// Slots of the shortest way from `from` into `disk`, at least 1; infinite if there is none.
+    #[must_use]
+    pub fn slots_into(&self, from: &Position, disk: &Disk) -> f64 {
+        let reach_m = self.limits.reach_m;
+        if self.airspace.is_open() {
+            return slots_between(from, disk, reach_m);
+        }
+        let way = self.way_into(from, disk);
+        let Some(last) = way.len().checked_sub(1) else { return f64::INFINITY };
+        let bent = self.airspace.bent_part(from, &way, reach_m);
+        let begin = bent.last().unwrap_or(from);
+        (bent.len() as f64 + ((way[last] - begin).norm() / reach_m - SLACK_SLOTS).ceil()).max(1.0)
+    }
+
+    /// The shortest way from `from` into `disk`, toward its centre or the point beside zones that is nearest to it; empty if
+    /// there is none.
+    #[must_use]
+    pub fn way_into(&self, from: &Position, disk: &Disk) -> Bends {
+        self.airspace.way_into(from, &self.airspace.nearest(&disk.centre), &disk.centre, disk.radius_m)
     }
 
     /// Expected bits collected from the SNs `ids` with the UAV at `uav`: `Σ min(floor(r_i τ_c), B_i(t−1))`, with the

@@ -2,6 +2,9 @@
 //!
 //! Keys of all strategies are declared in [`crate::keys`], those of one strategy in its file in [`crate::strategies`].
 
+use std::sync::Arc;
+
+use skysink_common::airspace::Airspace;
 use skysink_common::battery::BatteryState;
 use skysink_common::error::InputError;
 use skysink_common::scenario::Scenario;
@@ -55,7 +58,10 @@ pub fn check(scenario: &Scenario) -> Result<Settings, InputError> {
 
 /// Checks that a UAV that has to land can fly home from its start.
 fn check_landing(scenario: &Scenario) -> Result<(), InputError> {
-    let Some(home) = Home::of(scenario).filter(|_| scenario.must_land()) else { return Ok(()) };
+    if !scenario.must_land() {
+        return Ok(());
+    }
+    let Some(home) = Home::of(scenario, &Arc::new(Airspace::of(scenario))) else { return Ok(()) };
     let start = scenario.start().xy();
     let BatteryState { energy_j, .. } = BatteryState::initial(scenario);
     if home.base.contains(&start) || home.is_in_reach(0, energy_j, &start) {

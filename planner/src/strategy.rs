@@ -90,13 +90,16 @@ impl<'a> View<'a> {
     }
 
     /// The value of the queue of SN `id`, by which strategies compare queues: its bits where all weights are equal
-    /// ([`Weights::value`](skysink_common::weights::Weights::value), decision D25).
+    /// ([`Weights::value`](skysink_common::weights::Weights::value), decision D25); 0 if zones leave no place to serve it from.
     ///
     /// # Panics
     /// If the SN is unknown.
     #[inline]
     #[must_use]
     pub fn value(&self, id: u32) -> u32 {
+        if !self.table.is_servable(id) {
+            return 0;
+        }
         self.table.sensors.weights.value(id, self.belief.queues_bits[id as usize])
     }
 
@@ -107,6 +110,11 @@ impl<'a> View<'a> {
     where
         'a: 'b,
     {
+        if self.table.has_hidden() {
+            room.clear();
+            room.extend(self.table.sensors.ids().map(|id| self.value(id)));
+            return room;
+        }
         self.table.sensors.weights.values(self.belief.queues_bits, room)
     }
 }

@@ -5,7 +5,6 @@ use pyo3::prelude::*;
 use skysink_common::geometry::{Position, above, within};
 use skysink_common::message::{MAX_SERVED, Mode, Plan};
 use skysink_common::slot_record::UAV;
-use skysink_planner::strategies::transit::toward;
 
 use crate::episode::Episode;
 use crate::errors::refused;
@@ -120,6 +119,7 @@ impl Episode {
             (uav.z + climb_m).clamp(limits.min_altitude_m, limits.max_altitude_m)
         });
         let ground = self.field.clamp_to_area(uav.xy() + step);
+        let ground = self.field.airspace.last_free(&uav.xy(), &ground, limits.min_altitude_m);
         self.field.plan(above(&ground, z_m), None, self.plant.field().believed_bits(), Mode::Serve)
     }
 
@@ -128,7 +128,7 @@ impl Episode {
         let limits = self.field.limits;
         let uav = self.plant.flight(UAV).position();
         let goal = Position::new(f64::from(action[0]) * limits.width_m, f64::from(action[1]) * limits.height_m);
-        let ground = toward(limits.reach_m, &uav.xy(), &self.field.clamp_to_area(goal));
+        let ground = self.field.toward(&uav.xy(), &self.field.clamp_to_area(goal));
         let z_m = action.get(2).map_or(uav.z, |&fraction| {
             let range_m = limits.max_altitude_m - limits.min_altitude_m;
             let goal_m = limits.min_altitude_m + f64::from(fraction).clamp(0.0, 1.0) * range_m;
@@ -147,7 +147,7 @@ impl Episode {
             None => choice as u32,
         };
         let goal = self.field.sensors.position(id);
-        let ground = self.field.clamp_to_area(toward(limits.reach_m, &uav.xy(), goal));
+        let ground = self.field.clamp_to_area(self.field.toward(&uav.xy(), goal));
         let believed_bits = self.plant.field().believed_bits();
         let mut served = self.field.fullest(&ground, believed_bits);
         let most = (limits.resource_blocks as usize).min(MAX_SERVED);

@@ -6,15 +6,17 @@ use nalgebra::Point3;
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, ToPyArray};
 use pyo3::prelude::*;
+use skysink_common::airspace::Airspace;
 use skysink_common::battery::BatteryState;
 use skysink_common::belief::Belief;
 use skysink_common::geometry::{Position, above};
 use skysink_common::message::{FlightReport, Limits, MAX_SERVED, Mode, Plan, SensorNode};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::{SensorList, Sensors};
+use skysink_planner::geometry::disks::toward;
 use skysink_planner::home::{Home, Returning};
 use skysink_planner::strategies::serving::fill_fullest_in_range;
-use skysink_planner::strategies::transit::{toward, transit_waypoint};
+use skysink_planner::strategies::transit::transit_goal;
 
 use crate::errors::refused;
 use crate::values::Reduced;
@@ -29,6 +31,8 @@ pub struct FieldData {
     pub buffers_bits: Vec<f32>,
     /// The way home; `None` if the UAV need not come back, and in a ring.
     home: Option<Home>,
+    /// Where the UAV may fly; in a ring everywhere.
+    pub airspace: Arc<Airspace>,
     /// The same as published.
     nodes: Vec<SensorNode>,
 }
@@ -37,13 +41,15 @@ impl FieldData {
     /// The field of a scenario as the UAV knows it by `belief`.
     pub fn of(scenario: &Scenario, list: &SensorList, belief: &Belief) -> Self {
         let field = Self::new(Limits::of(scenario), belief.known_nodes(list.nodes(), scenario.slot_s));
-        Self { home: Home::of(scenario), ..field }
+        let airspace = Arc::new(Airspace::of(scenario));
+        Self { home: Home::of(scenario, &airspace), airspace, ..field }
     }
 
     /// The field with these limits and sensor nodes.
     fn new(limits: Limits, nodes: Vec<SensorNode>) -> Self {
         let buffers_bits = nodes.iter().map(|node| node.capacity_bits as f32).collect();
-        Self { sensors: Sensors::new(&limits, &nodes), limits, buffers_bits, home: None, nodes }
+        let sensors = Sensors::new(&limits, &nodes);
+        Self { sensors, limits, buffers_bits, home: None, airspace: Arc::default(), nodes }
     }
 
     /// Refuses queues of another field.
@@ -85,11 +91,26 @@ impl FieldData {
         plan
     }
 
-    /// What the return rule (decision D13) makes of the plan for `slot`, after the flight `last`.
-    pub fn returning(&self, slot: u64, last: &FlightReport, plan: Plan, queues_bits: &[u32]) -> Plan {
+    /// The end of a slot toward `goal`: straight, or around zones.
+    pub fn toward(&self, from: &Position, goal: &Position) -> Position {
+        let reach_m = self.limits.reach_m;
+        if self.airspace.is_open() { toward(reach_m, from, goal) } else { self.airspace.toward(from, goal, reach_m) }
+    }
+
+    /// What becomes of the plan for `slot`, after the flight `last`, by the rules that hold for all strategies: it flies
+    /// around zones (decision D15), and home in time (decision D13).
+    pub fn ruled(&self, slot: u64, last: &FlightReport, plan: Plan, queues_bits: &[u32]) -> Plan {
+        let at = last.position();
+        let waypoint = plan.waypoint();
+        let plan = if self.airspace.is_free(&at.xy(), &waypoint.xy()) {
+            plan
+        } else {
+            let around = above(&self.toward(&at.xy(), &waypoint.xy()), waypoint.z);
+            let mode = Mode::from_repr(plan.mode).unwrap_or_default();
+            Plan { plan_ns: plan.plan_ns, ..self.plan(around, None, queues_bits, mode) }
+        };
         let Some(home) = &self.home else { return plan };
         let state = BatteryState::after(last);
-        let at = last.position();
         let way = [&at, &plan.waypoint()];
         let returning = if home.charges_on(slot, &state) {
             Returning::Charges
@@ -106,7 +127,9 @@ impl FieldData {
 
     /// The plan of the transit rule (decision D8).
     pub fn transit(&self, uav: Point3<f64>, queues_bits: &[u32]) -> Plan {
-        let ground = transit_waypoint(&self.sensors.positions, self.limits.reach_m, &uav.xy(), queues_bits);
+        let from = uav.xy();
+        let goal = transit_goal(&self.sensors.positions, &from, queues_bits);
+        let ground = goal.map_or(from, |goal| self.toward(&from, goal));
         self.plan(above(&self.clamp_to_area(ground), uav.z), None, queues_bits, Mode::Transit)
     }
 
@@ -293,7 +316,7 @@ impl PyField {
         from: &Bound<'py, PyAny>,
         to: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let point = toward(self.data.limits.reach_m, &ground(from)?, &ground(to)?);
+        let point = self.data.toward(&ground(from)?, &ground(to)?);
         Ok([point.x, point.y].to_pyarray(py))
     }
 

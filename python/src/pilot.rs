@@ -190,7 +190,7 @@ impl PyPlanMaker {
         let slot = plant.slot() + 1;
         let flight = plant.flight(UAV);
         let plan = self.timed_plan(py, slot, flight.position(), &queues_bits, learnt_bps, Some(belief))?;
-        Ok(field.returning(slot, flight, plan, queues_bits.try_readonly()?.as_slice()?))
+        Ok(field.ruled(slot, flight, plan, queues_bits.try_readonly()?.as_slice()?))
     }
 }
 

@@ -37,6 +37,9 @@ pub enum Refusal {
     /// A plan charges outside the base.
     #[strum(to_string = "the UAV is not in the base: it holds instead of charging")]
     Base,
+    /// The way to the waypoint of a plan leads through a zone.
+    #[strum(to_string = "a no-fly zone or a building is in the way: the UAV holds")]
+    Zone,
     /// A plan schedules a sensor node that is out of range, unknown, named twice, or beyond the resource blocks.
     #[strum(to_string = "SN out of range, unknown, named twice, or beyond the resource blocks")]
     Sensor,

@@ -86,6 +86,7 @@ impl Events {
             HoldReason::None => {}
             HoldReason::NoPlan => write(canvas, TextLogLevel::WARN, "hold: no plan in time")?,
             HoldReason::Base => write(canvas, TextLogLevel::WARN, "hold: to charge, but not in the base")?,
+            HoldReason::Zone => write(canvas, TextLogLevel::WARN, "hold: a zone or a building in the way")?,
             HoldReason::Waypoint => {
                 write(canvas, TextLogLevel::WARN, "hold: waypoint not finite, out of reach, or outside the area")?;
             }

@@ -104,6 +104,8 @@ pub enum Accepts {
     OneOf(&'static [&'static str]),
     /// A table with these keys.
     TableOf(&'static [Key]),
+    /// A list of tables with these keys.
+    TablesOf(&'static [Key]),
     /// Values that a rule checks after all keys are read.
     Rule(&'static str),
 }
@@ -137,7 +139,7 @@ impl Accepts {
     pub const fn inner(&self) -> Option<&'static [Key]> {
         match self {
             Self::TableOf(keys) => Some(keys),
-            _ => None,
+            _ => None, // the tables of a list have no dotted names
         }
     }
 
@@ -152,6 +154,7 @@ impl Accepts {
             Self::Whole(least, greatest) | Self::WholeInterval(least, greatest) => format!("{least} to {greatest}"),
             Self::OneOf(names) => names.iter().map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(", "),
             Self::TableOf(_) => "a table".to_owned(),
+            Self::TablesOf(_) => "a list of tables".to_owned(),
         }
     }
 
@@ -181,7 +184,7 @@ impl Accepts {
                 is_refused.then(|| self.expected() + ", the lower first")
             }
             Self::Text(_, is_accepted) => value.as_str().filter(|text| !is_accepted(text)).map(|_| self.expected()),
-            Self::OneOf(_) | Self::TableOf(_) | Self::Rule(_) => None,
+            Self::OneOf(_) | Self::TableOf(_) | Self::TablesOf(_) | Self::Rule(_) => None,
         }
     }
 }

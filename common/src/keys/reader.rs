@@ -9,7 +9,7 @@ use toml::{Table, Value};
 
 use super::dotted::{is_below, join};
 use super::setting::Setting;
-use super::{Key, Keys};
+use super::{Accepts, Key, Keys};
 use crate::error::{InputError, quoted, suggestion};
 
 /// Origin of the values of a scenario, for messages.
@@ -75,6 +75,12 @@ fn check(keys: &[Key], name: &str, table: &Table, source: Source) -> Result<(), 
         if let (Some(keys), Value::Table(inner)) = (key.accepts.inner(), value) {
             check(keys, &name, inner, source)?;
         }
+        if let (Accepts::TablesOf(keys), Value::Array(tables)) = (key.accepts, value) {
+            for (index, inner) in tables.iter().enumerate() {
+                let Value::Table(inner) = inner else { continue };
+                check(keys, &format!("{name}[{index}]"), inner, source)?;
+            }
+        }
     }
     Ok(())
 }
@@ -86,11 +92,19 @@ fn check(keys: &[Key], name: &str, table: &Table, source: Source) -> Result<(), 
 /// If a key is unknown or missing, or its value is out of range or of another type.
 pub fn read<T: Keys>(table: Table, name: &str, source: Source) -> Result<T, InputError> {
     check(T::KEYS, name, &table, source)?;
-    deserialize(table, name, source)
+    let all = super::all(T::KEYS, name);
+    let lists = all.into_iter().filter(|(_, key)| matches!(key.accepts, Accepts::TablesOf(_)));
+    deserialize(table, name, source, &lists.map(|(name, _)| name).collect::<Vec<_>>())
 }
 
 /// The message of serde becomes one about a key of the scenario.
-fn deserialize<T: DeserializeOwned>(table: Table, name: &str, source: Source) -> Result<T, InputError> {
+/// `lists` are the dotted names of the keys that are lists of tables.
+fn deserialize<T: DeserializeOwned>(
+    table: Table,
+    name: &str,
+    source: Source,
+    lists: &[String],
+) -> Result<T, InputError> {
     let table = Value::Table(table);
     serde_path_to_error::deserialize(table.clone()).map_err(|error| {
         let mut found = Some(&table);
@@ -103,7 +117,9 @@ fn deserialize<T: DeserializeOwned>(table: Table, name: &str, source: Source) ->
                 }
                 Segment::Seq { index } => {
                     let inner = found.and_then(|outer| outer.get(*index));
-                    if let (Some(outer), Some(Value::Table(_))) = (found, inner) {
+                    if lists.contains(&key) {
+                        key += &format!("[{index}]");
+                    } else if let (Some(outer), Some(Value::Table(_))) = (found, inner) {
                         return source.refusal(&key, outer, &format!("a table, [{key}]"));
                     }
                     found = inner;

@@ -2,12 +2,13 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::airspace::Ring;
 use crate::geometry::Position;
 use crate::keys::{Accepts, POSITIVE};
 
 crate::keys! {
     /// `[area]`: the area `[0, width] × [0, height]`, closed.
-    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, expecting = "a table")]
     pub struct Area {
         /// Side of a square area [m], or `width_m` and `height_m`. The area is `[0, width] × [0, height]`, closed.
@@ -21,6 +22,37 @@ crate::keys! {
         origin_lat_deg: Option<f64>, Accepts::Number("a latitude, -90 to 90", |lat_deg| lat_deg.abs() <= 90.0);
         /// Longitude of the same corner [°]; with `origin_lat_deg`.
         origin_lon_deg: Option<f64>, Accepts::Number("a longitude, -180 to 180", |lon_deg| lon_deg.abs() <= 180.0);
+        /// Corners of a polygon that the UAV must not leave, `[[x, y], ...]` [m]; without it the whole area. Drawn SNs lie in it.
+        boundary_m: Option<Vec<[f64; 2]>>, CORNERS;
+        /// `[[area.no_fly]]`: polygons that the UAV must not enter, at any altitude (decision D14). SNs may stand in them.
+        no_fly: Option<Vec<NoFlyKeys>>, Accepts::TablesOf(NoFlyKeys::KEYS);
+        /// `[[area.building]]`: buildings (decision D16).
+        building: Option<Vec<BuildingKeys>>, Accepts::TablesOf(BuildingKeys::KEYS);
+    }
+}
+
+/// Corners of a polygon.
+const CORNERS: Accepts = Accepts::Rule("corners of a polygon, `[[x, y], [x, y], [x, y], ...]` [m]");
+
+crate::keys! {
+    /// `[[area.no_fly]]`: a polygon that the UAV must not enter (decision D14).
+    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, expecting = "a table")]
+    pub struct NoFlyKeys {
+        /// Its corners, `[[x, y], ...]` [m]; required.
+        polygon_m: Vec<[f64; 2]>, CORNERS;
+    }
+}
+
+crate::keys! {
+    /// `[[area.building]]`: a building, a no-fly zone for a UAV below its top (decision D16).
+    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, expecting = "a table")]
+    pub struct BuildingKeys {
+        /// Corners of its ground plan, `[[x, y], ...]` [m]; required.
+        polygon_m: Vec<[f64; 2]>, CORNERS;
+        /// Its height [m]; required.
+        height_m: f64, POSITIVE;
     }
 }
 
@@ -34,6 +66,9 @@ impl Area {
             height_m: Some(height_m),
             origin_lat_deg: None,
             origin_lon_deg: None,
+            boundary_m: None,
+            no_fly: None,
+            building: None,
         }
     }
 
@@ -53,6 +88,12 @@ impl Area {
     #[must_use]
     pub fn origin(&self) -> Option<Origin> {
         Some(Origin { lat_deg: self.origin_lat_deg?, lon_deg: self.origin_lon_deg? })
+    }
+
+    /// The polygon that the UAV must not leave, if there is one.
+    #[must_use]
+    pub fn border(&self) -> Option<Ring> {
+        Ring::of(self.boundary_m.as_ref()?, true).ok()
     }
 
     /// Whether a position lies in the closed area, up to `slack_m` [m]; false for NaN.

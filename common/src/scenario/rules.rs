@@ -9,6 +9,7 @@ use toml::{Table, Value};
 use super::mission::Scenario;
 use super::sensors::MAX_FIELD_BITS;
 use super::uav::Climb;
+use super::zones;
 use crate::arrivals::MAX_SAMPLED_BITS;
 use crate::channel::{Channel, ChannelModel, LinkModel, LosCurve};
 use crate::error::InputError;
@@ -69,6 +70,7 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
         let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m(), area.height_m());
         rule(area.contains(&Position::new(x_m, y_m), 0.0), "base.position_m", &expected)?;
     }
+    zones::check(scenario)?;
     let is_table = link.model == LinkModel::Table;
     let expected = "another model, or a CSV file as link.file";
     rule(!is_table || link.file.is_some(), "link.model", expected)?;

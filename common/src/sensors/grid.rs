@@ -66,7 +66,7 @@ impl Grid {
     /// # Panics
     /// As [`Self::new`].
     #[must_use]
-    pub fn over(area: Area, positions: &[Position], side_m: f64) -> Self {
+    pub fn over(area: &Area, positions: &[Position], side_m: f64) -> Self {
         let side_m = side_m.max(area.width_m().max(area.height_m()) / MOST_ALONG);
         Self::filled(Position::origin(), [area.width_m(), area.height_m()], side_m, positions)
     }
@@ -291,7 +291,7 @@ mod tests {
             let centre = positions[near % positions.len()] + to_rim;
             let area = Area::new(100.0, 100.0);
             let expected = by_loop(&positions, &centre, radius_m);
-            for grid in [Grid::new(&positions, side_m), Grid::new(&positions, f64::INFINITY), Grid::over(area, &positions, side_m)] {
+            for grid in [Grid::new(&positions, side_m), Grid::new(&positions, f64::INFINITY), Grid::over(&area, &positions, side_m)] {
                 prop_assert_eq!(&found(&grid, &centre, radius_m), &expected);
             }
         }
@@ -308,7 +308,7 @@ mod tests {
             let expected: Vec<u32> = all.iter().take(count).map(|&(_, id)| id).collect();
             let area = Area::new(90.0, 60.0);
             prop_assert_eq!(&Grid::new(&positions, side_m).nearest(&centre, count), &expected);
-            prop_assert_eq!(&Grid::over(area, &positions, side_m).nearest(&centre, count), &expected);
+            prop_assert_eq!(&Grid::over(&area, &positions, side_m).nearest(&centre, count), &expected);
         }
     }
 }

@@ -8,6 +8,7 @@ use rand::RngExt;
 use rand_distr::{Distribution, Poisson};
 
 use super::{Sensors, rows};
+use crate::airspace::Ring;
 use crate::arrivals::{ArrivalLaw, ArrivalTrace, Arrivals, MAX_SAMPLED_BITS, mean_bits};
 use crate::channel::draw_gain_db;
 use crate::error::{InputError, read_text};
@@ -59,7 +60,8 @@ impl SensorList {
     pub fn of(scenario: &Scenario) -> Result<Self, InputError> {
         let Some(path) = scenario.sensor_file() else {
             let count = scenario.sensors.count.unwrap_or(0);
-            let sensors = (0..count).map(|id| draw(scenario, id)).collect();
+            let border = scenario.area.border();
+            let sensors = (0..count).map(|id| draw(scenario, border.as_ref(), id)).collect();
             return Self::new((sensors, Vec::new()), scenario);
         };
         let text = read_text("sensor list", &path).map_err(|error| {
@@ -279,14 +281,20 @@ impl SensorList {
     }
 }
 
-/// Draws sensor node `id` from the seed.
-fn draw(scenario: &Scenario, id: u32) -> Sensor {
+/// Draws sensor node `id` from the seed, within the `border` of the area if it has one.
+fn draw(scenario: &Scenario, border: Option<&Ring>, id: u32) -> Sensor {
     let mut stream = Streams::new(scenario.seed).stream(Purpose::Position, 0, id);
-    let x_m = stream.random::<f64>() * scenario.area.width_m();
-    let y_m = stream.random::<f64>() * scenario.area.height_m();
+    let position = loop {
+        let x_m = stream.random::<f64>() * scenario.area.width_m();
+        let y_m = stream.random::<f64>() * scenario.area.height_m();
+        let drawn = Position::new(x_m, y_m);
+        if border.is_none_or(|border| border.encloses(&drawn)) {
+            break drawn;
+        }
+    };
     let capacity_bits = draw_capacity_bits(scenario, id);
     Sensor {
-        position: Position::new(x_m, y_m),
+        position,
         queue_bits: draw_queue_bits(scenario, id, capacity_bits),
         gain_db: draw_gain_db(scenario.link.gain_range_db(), &Streams::new(scenario.seed), 0, id),
         sampling_bps: draw_sampling_bps(scenario, id),

@@ -168,7 +168,7 @@ impl<'a> Table<'a> {
     }
 
     fn position(&self, row: &csv::StringRecord) -> Result<Position, String> {
-        let area = self.scenario.area;
+        let area = &self.scenario.area;
         let coordinate = |column, expected: &str, range: RangeInclusive<f64>| {
             let number = self.number(row, column, expected, |value| range.contains(&value))?;
             Ok::<f64, String>(number.expect("the header has both columns"))
@@ -202,7 +202,7 @@ impl<'a> Table<'a> {
 
 /// The projected position, clamped to the area if it is at most [`RIM_SLACK_M`] outside; otherwise an error with the
 /// position and what was expected.
-fn clamp_to_area(area: Area, projected: Option<Position>) -> Result<Position, String> {
+fn clamp_to_area(area: &Area, projected: Option<Position>) -> Result<Position, String> {
     let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m(), area.height_m());
     let Some(position) = projected else {
         return Err(format!("on the far side of the Earth: expected {expected}"));

@@ -1,5 +1,6 @@
 //! Scenarios and sensor lists.
 
+mod airspace;
 mod geodetic;
 mod keys;
 mod scenario;

@@ -43,6 +43,16 @@ pub fn slots_between(from: &Position, disk: &Disk, reach_m: f64) -> f64 {
     (away_m / reach_m - SLOT_SLACK).ceil().max(1.0)
 }
 
+/// Straight, at full speed, from `position` toward `goal`, as far as one slot reaches, `reach_m` [m], stopping on it if
+/// it is nearer.
+#[must_use]
+pub fn toward(reach_m: f64, position: &Position, goal: &Position) -> Position {
+    if within(goal, position, reach_m) {
+        return *goal;
+    }
+    position + (goal - position).normalize() * reach_m
+}
+
 /// The point of all `disks` that is nearest to `target`; `None` if they have no point in common (decision D5).
 #[must_use]
 pub fn project(target: &Position, disks: &[Disk]) -> Option<Position> {

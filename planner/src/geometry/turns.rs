@@ -69,6 +69,13 @@ impl Turns {
         }
     }
 
+    /// Leaves out the turns of all disks but those that are `kept`.
+    pub fn retain(&mut self, kept: impl Fn(u32) -> bool) {
+        let all = std::mem::take(self);
+        let turns = all.order.into_iter().zip(all.points).filter(|(disk, _)| kept(*disk));
+        (self.order, self.points) = turns.unzip();
+    }
+
     /// Begins with the turn whose point is nearest to `start`.
     pub fn begin_near(&mut self, start: &Position) {
         let away_m2 = |&turn: &usize| distance_squared(&self.points[turn], start);

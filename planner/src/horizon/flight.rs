@@ -6,7 +6,8 @@ use skysink_common::geometry::{Position, distance_squared};
 use super::choice::Candidate;
 use super::model::PlanningModel;
 use crate::geometry::disks::{Disk, nearest_in_both, slots_between};
-use crate::home::Home;
+use crate::home::{Home, WayHome};
+use crate::mission_table::{MissionTable, SLACK_SLOTS};
 
 /// Slack of range, relative to the communication radius: half that of decision D5, which flight-sim applies.
 const RANGE_SLACK: f64 = 0.5e-9;
@@ -102,19 +103,70 @@ pub fn serve(model: &PlanningModel, empty: &mut [f64], visit: &Visit) -> f64 {
 #[inline]
 #[must_use]
 pub fn slots_to(model: &PlanningModel, from: &Position, stop: u32) -> i32 {
-    slots_between(from, model.disk(stop), model.table.limits.reach_m).min(f64::from(MOST_SLOTS)) as i32
+    model.table.slots_into(from, model.disk(stop)).min(f64::from(MOST_SLOTS)) as i32
 }
 
-/// Slots of a leg from `from` to `stop`, and its end, as near to the stop `next` as possible.
-fn leg_to(model: &PlanningModel, from: &Position, stop: u32, next: Option<u32>) -> (i32, Position) {
-    let slots = slots_to(model, from, stop);
-    let reach = Disk { centre: *from, radius_m: model.table.limits.reach_m * f64::from(slots) };
-    (slots, nearest_in_both(&model.disk(next.unwrap_or(stop)).centre, &reach, model.disk(stop)))
+/// A flight that serves nobody at its end: straight in equal steps, or first around zones.
+#[derive(Debug, Clone, PartialEq)]
+struct Route {
+    from: Position,
+    /// The ends of the first slots, around zones; empty if all of it is straight.
+    bent: Vec<Position>,
+    slots: i32,
+    end: Position,
 }
 
-/// Energy of a straight leg in `slots` equal steps [J].
-fn leg_j(battery: &Battery, slots: i32, from: &Position, to: &Position) -> f64 {
-    if slots == 0 { 0.0 } else { f64::from(slots) * battery.slot_j((to - from).norm() / f64::from(slots)) }
+impl Route {
+    /// From `from` to `stop`, ending as near to the stop `next` as possible. Around zones it ends where it comes into range.
+    fn to_stop(model: &PlanningModel, from: &Position, stop: u32, next: Option<u32>) -> Self {
+        let table = &model.table;
+        let disk = model.disk(stop);
+        let reach_m = table.limits.reach_m;
+        let slots = slots_between(from, disk, reach_m).min(f64::from(MOST_SLOTS)) as i32;
+        let reach = Disk { centre: *from, radius_m: reach_m * f64::from(slots) };
+        let end = nearest_in_both(&model.disk(next.unwrap_or(stop)).centre, &reach, disk);
+        if table.airspace.is_free(from, &end) {
+            return Self { from: *from, bent: Vec::new(), slots, end };
+        }
+        Self::along(table, from, &table.way_into(from, disk))
+    }
+
+    /// Along `way`; without one it takes longer than any mission.
+    fn along(table: &MissionTable, from: &Position, way: &[Position]) -> Self {
+        let reach_m = table.limits.reach_m;
+        let Some(&end) = way.last() else {
+            return Self { from: *from, bent: Vec::new(), slots: MOST_SLOTS, end: *from };
+        };
+        let bent = table.airspace.bent_part(from, way, reach_m);
+        let rest_m = (end - bent.last().unwrap_or(from)).norm();
+        let slots = (rest_m / reach_m - SLACK_SLOTS).ceil().max(if bent.is_empty() { 1.0 } else { 0.0 });
+        Self { from: *from, slots: bent.len() as i32 + slots.min(f64::from(MOST_SLOTS / 2)) as i32, bent, end }
+    }
+
+    /// Its position after `step` slots.
+    fn at(&self, step: i32) -> Position {
+        if step == self.slots {
+            return self.end;
+        }
+        let bent = self.bent.len() as i32;
+        if (1..=bent).contains(&step) {
+            return self.bent[step as usize - 1];
+        }
+        let from = self.bent.last().unwrap_or(&self.from);
+        from + (self.end - from) * (f64::from(step - bent) / f64::from(self.slots - bent))
+    }
+
+    /// Its energy [J].
+    fn energy_j(&self, battery: &Battery) -> f64 {
+        let mut from = self.from;
+        let mut energy_j = 0.0;
+        for end in &self.bent {
+            energy_j += battery.slot_j((end - from).norm());
+            from = *end;
+        }
+        let slots = f64::from(self.slots - self.bent.len() as i32);
+        if slots == 0.0 { energy_j } else { energy_j + slots * battery.slot_j((self.end - from).norm() / slots) }
+    }
 }
 
 /// The state of a decoded flight.
@@ -148,92 +200,98 @@ impl Decoder {
         empty: &mut [f64],
         visits: &mut Vec<Visit>,
     ) -> Option<f64> {
-        let (mut slots, mut waypoint) = leg_to(model, &self.at, stop, next);
+        let mut route = Route::to_stop(model, &self.at, stop, next);
         let mut lost_bits = 0.0;
         self.via = None;
         if let Some(home) = &model.table.home
-            && self.next_margin_j(home, slots, &waypoint) < 0.0
+            && self.next_margin_j(home, &route) < 0.0
         {
-            let visit = self.base_visit(home);
+            let (visit, way) = self.base_visit(home);
             let Decoder { at, slot, energy_j, .. } = *self;
-            (slots, waypoint) = leg_to(model, &visit.at, stop, next);
-            let end = [slot, visit.way, visit.charged, slots].map(i64::from).iter().sum::<i64>();
+            route = Route::to_stop(model, &visit.at, stop, next);
+            let end = [slot, visit.way, visit.charged, route.slots].map(i64::from).iter().sum::<i64>();
             if end > i64::from(last) {
                 return None;
             }
             // Whether the stop can be served from the base, with what it charges.
-            self.leave_base(home, &visit);
-            let is_possible = self.next_margin_j(home, slots, &waypoint) >= 0.0;
+            self.leave_base(home, &visit, &way);
+            let is_possible = self.next_margin_j(home, &route) >= 0.0;
             (self.at, self.slot, self.energy_j) = (at, slot, energy_j);
             if !is_possible {
                 // It is left out, unless the base does not charge: then the flights end.
                 return home.battery.is_some_and(|battery| battery.is_charged()).then_some(0.0);
             }
-            lost_bits = self.fly_straight(model, visit.way, &visit.at, &[], empty, visits);
-            self.leave_base(home, &visit);
+            lost_bits = self.fly_along(model, &way, &[], empty, visits);
+            self.leave_base(home, &visit, &way);
             self.via = Some(visit);
-        } else if slots > last - self.slot {
+        } else if route.slots > last - self.slot {
             return None;
         }
-        self.margin_j = model.table.home.map_or(f64::INFINITY, |home| self.next_margin_j(&home, slots, &waypoint));
+        self.margin_j = model.table.home.as_ref().map_or(f64::INFINITY, |home| self.next_margin_j(home, &route));
         let members = &model.disks[stop as usize].members;
-        Some(lost_bits + self.fly_straight(model, slots, &waypoint, members, empty, visits))
+        Some(lost_bits + self.fly_along(model, &route, members, empty, visits))
     }
 
-    /// Flies to `waypoint` in `slots` equal steps, and serves `members` from there. Returns the overflow before the
-    /// visits [bit].
-    fn fly_straight(
+    /// Flies along `route`, and serves `members` from its end. Returns the overflow before the visits [bit].
+    fn fly_along(
         &mut self,
         model: &PlanningModel,
-        slots: i32,
-        waypoint: &Position,
+        route: &Route,
         members: &[u32],
         empty: &mut [f64],
         visits: &mut Vec<Visit>,
     ) -> f64 {
-        if slots == 0 {
+        if route.slots == 0 {
             return 0.0;
         }
-        let from = self.at;
         let begin = self.slot;
         let mut lost_bits = 0.0;
-        for step in 1..slots {
-            self.at = from + (waypoint - from) * (f64::from(step) / f64::from(slots));
+        for step in 1..route.slots {
+            self.at = route.at(step);
             self.slot = begin + step;
             lost_bits += self.serve_in_range(model, &[], empty, visits);
         }
-        self.at = *waypoint;
-        self.slot = begin + slots;
-        if let Some(battery) = model.table.home.and_then(|home| home.battery) {
-            self.energy_j -= leg_j(&battery, slots, &from, waypoint);
+        self.at = route.end;
+        self.slot = begin + route.slots;
+        if let Some(battery) = model.table.home.as_ref().and_then(|home| home.battery) {
+            self.energy_j -= route.energy_j(&battery);
         }
         lost_bits + self.serve_in_range(model, members, empty, visits)
     }
 
-    /// Energy beyond the way home and the reserve after a leg to `waypoint` in `slots` slots [J].
-    fn next_margin_j(&self, home: &Home, slots: i32, waypoint: &Position) -> f64 {
-        let energy_j =
-            home.battery.map_or(f64::INFINITY, |battery| self.energy_j - leg_j(&battery, slots, &self.at, waypoint));
-        home.margin_j(self.flown_slots + (self.slot + slots) as u64, energy_j, waypoint)
+    /// Energy beyond the way home and the reserve after a leg along `route` [J].
+    fn next_margin_j(&self, home: &Home, route: &Route) -> f64 {
+        let energy_j = home.battery.map_or(f64::INFINITY, |battery| self.energy_j - route.energy_j(&battery));
+        // As a number of 64 bits: a stop that no way leads to is later than any slot.
+        home.margin_j(self.flown_slots + (i64::from(self.slot) + i64::from(route.slots)) as u64, energy_j, &route.end)
     }
 
-    /// The visit to the base that begins now.
-    fn base_visit(&self, home: &Home) -> BaseVisit {
-        let at = home.end_of(&self.at);
+    /// The visit to the base that begins now, and the way there.
+    fn base_visit(&self, home: &Home) -> (BaseVisit, Route) {
         let flown = self.flown_slots + self.slot as u64;
-        let way = home.slots_from(flown + 1, &self.at).min(f64::from(MOST_SLOTS)) as i32;
-        let Some(battery) = home.battery else { return BaseVisit { way, charged: 0, at } };
-        let arrived_j = self.energy_j - leg_j(&battery, way, &self.at, &at);
-        let charged = home.charging_slots(flown + way as u64 + 1, arrived_j).min(MOST_SLOTS as u64) as i32;
-        BaseVisit { way, charged, at }
+        let ends = home.slot_ends(flown + 1, &self.at);
+        let (at, way) = match ends {
+            WayHome::Straight { slots, end } => {
+                let slots = slots.min(f64::from(MOST_SLOTS)) as i32;
+                (end, Route { from: self.at, bent: Vec::new(), slots, end })
+            }
+            WayHome::Bent(bent) => {
+                let end = bent.last().copied().unwrap_or(self.at);
+                (end, Route { from: self.at, slots: bent.len() as i32, bent, end })
+            }
+        };
+        let Some(battery) = home.battery else { return (BaseVisit { way: way.slots, charged: 0, at }, way) };
+        let arrived_j = self.energy_j - way.energy_j(&battery);
+        let charged = home.charging_slots(flown + way.slots as u64 + 1, arrived_j).min(MOST_SLOTS as u64) as i32;
+        (BaseVisit { way: way.slots, charged, at }, way)
     }
 
-    /// Moves to the end of `visit`, and charges.
-    fn leave_base(&mut self, home: &Home, visit: &BaseVisit) {
+    /// Moves to the end of `visit`, which `way` leads to, and charges.
+    fn leave_base(&mut self, home: &Home, visit: &BaseVisit, way: &Route) {
         if let Some(battery) = &home.battery {
             // The way has taken its energy already if it was flown.
             if self.at != visit.at {
-                self.energy_j -= leg_j(battery, visit.way, &self.at, &visit.at);
+                self.energy_j -= way.energy_j(battery);
             }
             self.energy_j = battery.charged_for_j(self.energy_j, f64::from(visit.charged));
         }

@@ -218,7 +218,7 @@ impl Forecast {
             let lost_on_leg_bits = if self.is_as_before(model, &change, old, next, follows) {
                 let (_, slot, energy_j) = self.begin(old as usize);
                 let shift = self.decoder.slot - slot;
-                let has_battery = model.table.home.is_some_and(|home| home.battery.is_some());
+                let has_battery = model.table.home.as_ref().is_some_and(|home| home.battery.is_some());
                 let more_j = if has_battery { self.decoder.energy_j - energy_j } else { 0.0 };
                 if step >= changed {
                     change.rest = old as usize;

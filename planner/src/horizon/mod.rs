@@ -371,8 +371,13 @@ pub fn planned_slot(model: &PlanningModel, forecast: &Forecast, slot: i32, from:
             next = Some(end);
         }
     }
-    // A leg of several slots is flown in equal steps.
-    let waypoint = from + (end.0 - from) / f64::from(end.1 - slot + 1);
+    // A leg of several slots is flown in equal steps, after the slots around zones.
+    let airspace = &model.table.airspace;
+    let waypoint = if airspace.is_free(from, &end.0) {
+        from + (end.0 - from) / f64::from(end.1 - slot + 1)
+    } else {
+        airspace.toward(from, &end.0, model.table.limits.reach_m)
+    };
     let visits = visits[visits.partition_point(|visit| visit.slot < slot)..].iter();
     let visits = visits.take_while(|visit| visit.slot == slot);
     let mut ids: Vec<u32> = visits.map(|visit| model.ids[visit.sensor as usize]).collect();

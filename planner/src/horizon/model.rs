@@ -161,9 +161,10 @@ impl PlanningModel {
     #[must_use]
     pub fn new(scenario: &Scenario, mission: &MissionTable, may_group: bool, stop: &Stop) -> Self {
         let scenario = &*with_margin(scenario);
-        let is_near = |id: &u32| mission.home.is_none_or(|home| home.may_serve(mission.sensors.position(*id)));
-        let ids: Vec<u32> = mission.sensors.sampling_ids().filter(is_near).collect();
-        let grid = |positions: &[Position]| Grid::over(scenario.area, positions, scenario.link.comm_radius_m);
+        let is_near = |id: &u32| mission.home.as_ref().is_none_or(|home| home.may_serve(mission.sensors.position(*id)));
+        let ids = mission.sensors.sampling_ids().filter(is_near).filter(|&id| mission.is_servable(id));
+        let ids: Vec<u32> = ids.collect();
+        let grid = |positions: &[Position]| Grid::over(&scenario.area, positions, scenario.link.comm_radius_m);
         let table = mission.over(scenario, Arc::new(mission.sensors.subset(&ids, grid)));
         let has_best_altitude = table.channel.depends_on_elevation();
         let capacities_bits = has_best_altitude.then(|| Box::new(best_capacities_bits(scenario, &table)));

@@ -19,7 +19,6 @@ use skysink_common::geometry::distance_squared;
 
 use super::nearby::fullest_first;
 use super::serving::Serving;
-use super::transit::toward;
 use crate::strategy::{Registered, Setup, Strategy, View, rule};
 
 /// The strategy in the registry.
@@ -34,7 +33,7 @@ pub(crate) fn toward_least(setup: &Setup, cost: impl Fn(&View<'_>, u32) -> Optio
     let mut serving = Serving::new(setup);
     rule(move |view| {
         let first = least(view, |id| cost(view, id))?;
-        let waypoint = toward(view.table.limits.reach_m, &view.ground(), view.table.sensors.position(first));
+        let waypoint = view.table.toward(&view.ground(), view.table.sensors.position(first));
         let key = |id| (id != first, fullest_first(view.value(id), id));
         Some(serving.serve_by(view, &waypoint, key))
     })
@@ -45,7 +44,7 @@ fn least(view: &View, cost: impl Fn(u32) -> Option<f64>) -> Option<u32> {
     let ground = view.ground();
     let rated = |id| cost(id).map(|cost| (cost, distance_squared(view.table.sensors.position(id), &ground), id));
     let cheaper = |a: &(f64, f64, u32), b: &(f64, f64, u32)| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1));
-    view.table.sensors.ids().filter_map(rated).min_by(cheaper).map(|(_, _, id)| id)
+    view.table.servable().filter_map(rated).min_by(cheaper).map(|(_, _, id)| id)
 }
 
 #[cfg(test)]

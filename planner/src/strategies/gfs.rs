@@ -23,6 +23,9 @@ pub const STRATEGY: Registered = Registered::new("gfs", "greedy flight to the fu
 fn greedy_waypoint(table: &MissionTable, position: &Position, queues_bits: &[u32]) -> Option<Position> {
     let mut fullest: Option<(u64, Position)> = None;
     table.sensors.grid.visit_within(position, table.limits.reach_m, |node| {
+        if !table.may_serve_next(position, &node.position) {
+            return;
+        }
         let key = fullest_first(queues_bits[node.id as usize], node.id);
         if fullest.is_none_or(|(least, _)| key < least) {
             fullest = Some((key, node.position));

@@ -15,9 +15,8 @@ use skysink_common::stop::Stop;
 
 use super::nearby::fullest_first;
 use super::serving::Serving;
-use super::transit::toward;
 use crate::geometry::circle::Circle;
-use crate::geometry::disks::{Disk, nearest_in_both, slots_between};
+use crate::geometry::disks::{Disk, nearest_in_both};
 use crate::mission_table::MissionTable;
 use crate::strategy::{Decision, Registered, View, rule};
 
@@ -29,9 +28,7 @@ pub const STRATEGY: Registered =
     Registered::new("hover", "hover: straight to the best fixed point, to serve all in range in turns", |setup| {
         let mut serving = Serving::new(setup);
         let point = BestPoint::new(setup.table, setup.scenario).found(setup.stop);
-        rule(move |view| {
-            Some(serve_urgent(&mut serving, view, &toward(view.table.limits.reach_m, &view.ground(), &point)))
-        })
+        rule(move |view| Some(serve_urgent(&mut serving, view, &view.table.toward(&view.ground(), &point))))
     });
 
 /// The decision to fly to `ground` and serve the n most urgent SNs in range.
@@ -153,6 +150,7 @@ impl<'a> BestPoint<'a> {
         let spare_m = (self.table.limits.comm_radius_m - radius_m2.sqrt()).max(0.0);
         let nearest = Disk { centre, radius_m: spare_m };
         for point in [centre, nearest_in_both(&self.start, &nearest, &nearest)] {
+            let point = self.table.airspace.nearest(&point);
             let saved_bits = self.saved_bits(&point);
             if saved_bits > self.best.0 {
                 self.best = (saved_bits, point);
@@ -162,7 +160,7 @@ impl<'a> BestPoint<'a> {
 
     /// The slots into `disk`, the last of which serves from there.
     fn slots_to(&self, disk: &Disk) -> f64 {
-        slots_between(&self.start, disk, self.table.limits.reach_m)
+        self.table.slots_into(&self.start, disk)
     }
 
     /// Slots that serve at the end of the slot `first` and later, and before the last sample.

@@ -5,7 +5,6 @@ use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 
 use super::nearby::fullest_first;
 use super::serving::Serving;
-use super::transit::toward;
 use crate::strategy::{Decision, Registered, Setup, Strategy, View};
 
 /// The strategy in the registry.
@@ -34,9 +33,8 @@ impl Strategy for MaxAgeFirst {
         // Ties go to the fullest, then to the lowest index.
         let oldest_first = |id: u32| (last[id as usize], fullest_first(view.value(id), id));
         let ground = view.ground();
-        let oldest = view.table.sensors.ids().min_by_key(|&id| oldest_first(id));
-        let waypoint = oldest
-            .map_or(ground, |oldest| toward(view.table.limits.reach_m, &ground, view.table.sensors.position(oldest)));
+        let oldest = view.table.servable().min_by_key(|&id| oldest_first(id));
+        let waypoint = oldest.map_or(ground, |oldest| view.table.toward(&ground, view.table.sensors.position(oldest)));
         let decision = serving.serve_by(view, &waypoint, oldest_first);
         let slot = u32::try_from(view.slot).unwrap_or(u32::MAX);
         decision.schedule.iter().for_each(|&id| last[id as usize] = slot);

@@ -32,6 +32,9 @@ pub(crate) fn preselect(
 ) {
     spots.clear();
     table.sensors.grid.visit_within(position, radius_m * PRESELECTION_MARGIN, |node| {
+        if !table.may_serve_next(position, &node.position) {
+            return;
+        }
         spots.push(Spot { position: node.position, queue_bits: queues_bits[node.id as usize], id: node.id });
     });
     spots.sort_unstable_by_key(|spot| fullest_first(spot.queue_bits, spot.id));

@@ -37,7 +37,6 @@ use self::peaks::Best;
 use super::exact::ExactSearch;
 use super::nearby::fullest_first;
 use super::serving::Serving;
-use super::transit::toward;
 use crate::geometry::disks::{Disk, project};
 use crate::strategy::{Decision, Setup, Strategy, View};
 
@@ -106,6 +105,9 @@ impl QueueWeight {
         let mut best = (objective.best_value(view, &view.position), ground);
         let mut offer = |candidate: Position| {
             let candidate = table.clamp_to_area(&candidate);
+            if !table.airspace.is_free(&ground, &candidate) {
+                return;
+            }
             let value = objective.best_value(view, &above(&candidate, view.position.z));
             if value > best.0 {
                 best = (value, candidate);
@@ -114,7 +116,7 @@ impl QueueWeight {
         let reach = Disk { centre: ground, radius_m: table.limits.reach_m };
         for &id in &*nearby {
             let position = table.sensors.position(id);
-            offer(toward(table.limits.reach_m, &ground, position));
+            offer(table.toward(&ground, position));
             let range = Disk { centre: *position, radius_m: table.limits.comm_radius_m };
             if !within(position, &ground, table.limits.comm_radius_m)
                 && let Some(nearest) = project(&ground, &[reach, range])
@@ -137,7 +139,7 @@ impl QueueWeight {
         let mut best = Best::default();
         let mut offer = |candidate: Position| {
             let candidate = table.clamp_to_area(&candidate);
-            if within(&candidate, &ground, table.limits.reach_m) {
+            if within(&candidate, &ground, table.limits.reach_m) && table.airspace.is_free(&ground, &candidate) {
                 let point = above(&candidate, view.position.z);
                 best.offer((objective.best_value(view, &point), point));
             }

@@ -44,9 +44,19 @@ pub(crate) fn battery_after(view: &View, decision: &Decision, mode: Mode) -> Bat
 /// The decision of `strategy`, or transit.
 fn decide_freely(strategy: &mut dyn Strategy, serving: &mut Serving, view: &View) -> (Decision, Mode) {
     match strategy.plan(view) {
-        Some(decision) => (decision, Mode::Serve),
+        Some(decision) => (around_zones(decision, serving, view), Mode::Serve),
         None => (transit_decision(serving, view), Mode::Transit),
     }
+}
+
+/// The decision, or, where a zone is in the way, that to fly around it toward the same waypoint and serve the fullest queues
+/// in range (decision D15).
+fn around_zones(decision: Decision, serving: &mut Serving, view: &View) -> Decision {
+    let (from, to) = (view.ground(), decision.waypoint.xy());
+    if view.table.airspace.is_free(&from, &to) {
+        return decision;
+    }
+    serving.serve_fullest(view, &view.table.toward(&from, &to))
 }
 
 /// The decision to stay and serve nobody.

@@ -1,6 +1,5 @@
 //! `round-robin`: flies over one sensor node (SN) after the other, cyclically in the order of their ids.
 
-use super::transit::toward;
 use super::turns::InTurn;
 use crate::geometry::turns::Turns;
 use crate::mission_table::MissionTable;
@@ -10,8 +9,7 @@ use crate::strategy::Registered;
 pub const STRATEGY: Registered =
     Registered::new("round-robin", "round robin: over one sensor node after the other, by id", |setup| {
         // Straight toward the SN whose turn it is, until above it.
-        let waypoint =
-            |table: &MissionTable, position: &_, _: [&_; 2], above: &_| toward(table.limits.reach_m, position, above);
+        let waypoint = |table: &MissionTable, position: &_, _: [&_; 2], above: &_| table.toward(position, above);
         let sensors = &setup.table.sensors;
         let turns = Turns { order: sensors.ids().collect(), points: sensors.positions.clone() };
         Box::new(InTurn::new(setup, turns, false, waypoint))

@@ -5,7 +5,6 @@
 
 use skysink_common::geometry::Position;
 
-use super::transit::toward;
 use super::turns::InTurn;
 use crate::geometry::disks::{Disk, nearest_in_both, slots_between};
 use crate::mission_table::MissionTable;
@@ -25,16 +24,22 @@ pub const STRATEGY: Registered =
 const MANY_SLOTS: f64 = 3.0;
 
 /// Where to fly from `position`: in as few slots as it takes to get in range of `current`, and to the point in range
-/// that is nearest to `next`; on a long leg to `point`, where the round touches the range.
+/// that is nearest to `next`; on a long leg to `point`, where the round touches the range. Around zones it is the shortest way
+/// into the range.
 fn waypoint(table: &MissionTable, position: &Position, [current, next]: [&Position; 2], point: &Position) -> Position {
     let MissionTable { limits, .. } = table;
     let range = Disk { centre: *current, radius_m: limits.comm_radius_m };
     let slots = slots_between(position, &range, limits.reach_m);
+    let airspace = &table.airspace;
+    let around = || table.way_into(position, &range).last().map_or(*position, |end| table.toward(position, end));
     if slots >= MANY_SLOTS {
-        return toward(limits.reach_m, position, point);
+        return if airspace.is_free(position, point) { table.toward(position, point) } else { around() };
     }
     let reach = Disk { centre: *position, radius_m: limits.reach_m * slots };
     let end = nearest_in_both(next, &reach, &range);
+    if !airspace.is_free(position, &end) {
+        return around();
+    }
     position + (end - position) / slots
 }
 

@@ -1,27 +1,26 @@
 //! Straight flight toward a sensor node (SN), and the transit rule for slots without a decision.
 
-use skysink_common::geometry::{Position, distance_squared, within};
+use skysink_common::geometry::{Position, distance_squared};
 
 use super::serving::Serving;
-use crate::mission_table::MissionTable;
 use crate::strategy::{Decision, View};
 
 /// The decision of a slot that the strategy leaves to transit: it serves the fullest queues around the waypoint.
 pub fn transit_decision(serving: &mut Serving, view: &View) -> Decision {
-    let MissionTable { sensors, limits, .. } = view.table;
     let mut values = Vec::new(); // allocated only where weights differ
-    let waypoint = transit_waypoint(&sensors.positions, limits.reach_m, &view.ground(), view.values(&mut values));
-    serving.serve_fullest(view, &waypoint)
+    let ground = view.ground();
+    let goal = transit_goal(&view.table.sensors.positions, &ground, view.values(&mut values));
+    serving.serve_fullest(view, &goal.map_or(ground, |goal| view.table.toward(&ground, goal)))
 }
 
-/// Transit (decision D8): straight, at full speed, toward the SN with the largest queue, stopping on it if it is
-/// nearer. `positions` and `queues_bits` [bit] are by id, `reach_m` is how far one slot reaches [m].
+/// The goal of transit (decision D8): the SN with the largest queue; `None` in an empty field. The UAV flies there at full
+/// speed, and stops on it. `positions` and `queues_bits` [bit] are by id.
 ///
 /// Ties go to the nearest, then to the lowest index. It reads all N queues in order, and the positions of those that
 /// are not below the fullest so far. At N = 10^6 that takes about a third of a millisecond, and one to two where all
 /// queues are equal.
 #[must_use]
-pub fn transit_waypoint(positions: &[Position], reach_m: f64, position: &Position, queues_bits: &[u32]) -> Position {
+pub fn transit_goal<'a>(positions: &'a [Position], position: &Position, queues_bits: &[u32]) -> Option<&'a Position> {
     let mut fullest: Option<(u32, f64, &Position)> = None;
     for (&queue_bits, goal) in queues_bits.iter().zip(positions) {
         if fullest.is_some_and(|(most_bits, ..)| queue_bits < most_bits) {
@@ -35,26 +34,17 @@ pub fn transit_waypoint(positions: &[Position], reach_m: f64, position: &Positio
             fullest = Some((queue_bits, away_m2, goal));
         }
     }
-    fullest.map_or(*position, |(.., goal)| toward(reach_m, position, goal))
-}
-
-/// Straight, at full speed, from `position` toward `goal`, as far as one slot reaches, `reach_m` [m], stopping on it if
-/// it is nearer.
-#[must_use]
-pub fn toward(reach_m: f64, position: &Position, goal: &Position) -> Position {
-    if within(goal, position, reach_m) {
-        return *goal;
-    }
-    position + (goal - position).normalize() * reach_m
+    fullest.map(|(.., goal)| goal)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mission_table::MissionTable;
     use crate::mission_table::tests::table_of;
 
     fn transit(table: &MissionTable, position: &Position, queues_bits: &[u32]) -> Position {
-        transit_waypoint(&table.sensors.positions, table.limits.reach_m, position, queues_bits)
+        table.toward(position, transit_goal(&table.sensors.positions, position, queues_bits).unwrap())
     }
 
     #[test]

@@ -36,8 +36,9 @@ pub(crate) struct InTurn {
 impl InTurn {
     /// Starts with the first of `turns`. With `remembers`, an SN that was served at most half a round before its turn
     /// loses it.
-    pub fn new(setup: &Setup, turns: Turns, remembers: bool, waypoint: Waypoint) -> Self {
-        let mut turn_of = vec![0; turns.order.len()];
+    pub fn new(setup: &Setup, mut turns: Turns, remembers: bool, waypoint: Waypoint) -> Self {
+        turns.retain(|id| setup.table.is_servable(id));
+        let mut turn_of = vec![0; setup.table.sensors.count()];
         turns.order.iter().enumerate().for_each(|(turn, &id)| turn_of[id as usize] = turn);
         let early = remembers.then_some(turns.order.len().saturating_sub(1) / 2);
         let serving = Serving::new(setup);
@@ -111,7 +112,6 @@ impl Checkpoint for InTurn {
 mod tests {
     use super::*;
     use crate::strategies::tests::{made, setup_of};
-    use crate::strategies::transit::toward;
     use crate::strategy::tests::view;
 
     #[test]
@@ -144,7 +144,7 @@ mod tests {
         let positions = [[50.0, 90.0], [80.0, 90.0], [50.0, 40.0], [20.0, 90.0], [50.0, 62.0]];
         let field = setup_of(&positions);
         let turns = Turns { order: (0..5).collect(), points: positions.map(Position::from).to_vec() };
-        let straight: Waypoint = |table, position, [current, _], _| toward(table.limits.reach_m, position, current);
+        let straight: Waypoint = |table, position, [current, _], _| table.toward(position, current);
         let mut strategy = InTurn::new(&field.setup(), turns, true, straight);
         let mut ground = [50.0, 10.0];
         let mut flown = Vec::new();

@@ -34,8 +34,7 @@ use skysink_common::geometry::distance_squared;
 
 use super::nearby::fullest_first;
 use super::serving::Serving;
-use super::transit::toward;
-use crate::geometry::disks::{Disk, slots_between};
+use crate::geometry::disks::Disk;
 use crate::strategy::{Decision, Registered, Setup, Strategy, View};
 
 /// The strategy in the registry.
@@ -105,14 +104,14 @@ impl Ages {
         let rated = |id: u32| {
             let deadline_slots = view.belief.deadline_slots(id)?;
             let range = Disk { centre: *view.table.sensors.position(id), radius_m: view.table.limits.comm_radius_m };
-            let flight = slots_between(&ground, &range, view.table.limits.reach_m);
+            let flight = view.table.slots_into(&ground, &range);
             let rating =
                 [-self.index(view, id, flight) / flight, deadline_slots, distance_squared(&range.centre, &ground)];
             Some((rating, id))
         };
         let before =
             |a: &[f64; 3], b: &[f64; 3]| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])).then(a[2].total_cmp(&b[2]));
-        view.table.sensors.ids().filter_map(rated).min_by(|a, b| before(&a.0, &b.0)).map(|(_, id)| id)
+        view.table.servable().filter_map(rated).min_by(|a, b| before(&a.0, &b.0)).map(|(_, id)| id)
     }
 }
 
@@ -135,7 +134,7 @@ impl Strategy for Whittle {
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         self.ages.update(view);
         let goal = self.ages.goal(view)?;
-        let waypoint = toward(view.table.limits.reach_m, &view.ground(), view.table.sensors.position(goal));
+        let waypoint = view.table.toward(&view.ground(), view.table.sensors.position(goal));
         // For non-negative floats the order of the bit patterns is the order of the numbers.
         let index = |id: u32| self.ages.index(view, id, 1.0).to_bits();
         let key = |id: u32| (Reverse(index(id)), fullest_first(view.value(id), id));

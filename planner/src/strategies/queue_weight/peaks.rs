@@ -18,9 +18,8 @@ use arrayvec::ArrayVec;
 use nalgebra::{Point3, Vector2, Vector3};
 use skysink_common::geometry::{Position, above, within};
 
-use crate::geometry::disks::{Disk, crossings, project};
+use crate::geometry::disks::{Disk, crossings, project, toward};
 use crate::mission_table::MissionTable;
-use crate::strategies::transit::toward;
 use crate::strategy::View;
 
 /// Starts that are followed.
@@ -106,7 +105,7 @@ pub(super) fn visit(view: &View, slow_m: f64, ids: &[u32], mut visit: impl FnMut
     visit_borders(view.table, &slow, &mut visit);
     for (index, &id) in ids.iter().enumerate() {
         let range = Disk { centre: *sensors.position(id), radius_m: limits.comm_radius_m };
-        visit(toward(limits.reach_m, &ground, &range.centre));
+        visit(view.table.toward(&ground, &range.centre));
         project(&ground, &[reach, range]).into_iter().for_each(&mut visit);
         match (range.centre - ground).try_normalize(0.0) {
             Some(direction) => visit(range.centre + direction * range.radius_m),
@@ -175,7 +174,9 @@ fn climb(view: &View, start: Valued, value_at: &mut impl FnMut(&Point3<f64>) -> 
 /// A point in reach, in the area and between the altitudes of one slot: `target`, moved as far as needed.
 fn feasible(view: &View, target: &Point3<f64>) -> Point3<f64> {
     let limits = &view.table.limits;
-    let ground = toward(limits.reach_m, &view.ground(), &view.table.clamp_to_area(&target.xy()));
+    let from = view.ground();
+    let ground = toward(limits.reach_m, &from, &view.table.clamp_to_area(&target.xy()));
+    let ground = view.table.airspace.last_free(&from, &ground, limits.min_altitude_m);
     let low_m = limits.min_altitude_m.max(view.position.z - limits.climb_m);
     let high_m = limits.max_altitude_m.min(view.position.z + limits.climb_m);
     above(&ground, if limits.climb_m > 0.0 { target.z.max(low_m).min(high_m) } else { view.position.z })

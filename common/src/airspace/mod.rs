@@ -1,0 +1,283 @@
+//! Where a UAV may fly: the area without the no-fly zones and buildings of a scenario (decisions D14 to D16).
+//!
+//! The straight way of a slot must not enter the interior of a zone. The shortest way between two points bends at corners
+//! of zones only: it is the shortest path in the graph of the corners that see each other. In an open field every way is
+//! straight.
+
+mod graph;
+mod ring;
+
+use smallvec::SmallVec;
+
+pub use ring::Ring;
+
+use crate::geometry::{Position, distance_squared};
+use crate::scenario::Scenario;
+use graph::CornerGraph;
+
+/// Most corners of all zones and buildings of a scenario.
+pub const MAX_CORNERS: usize = 1_000;
+
+/// How far ways keep from the corners that they bend at, relative to the area.
+const CLEARANCE: f64 = 1e-8;
+
+/// Depth in a zone that rounding may lead to, relative to the area.
+const ROUNDING: f64 = 1e-12;
+
+/// Depth in a zone that flight-sim lets pass, relative to the area.
+pub const SLACK: f64 = 1e-9;
+
+/// Bends of a way, and its end.
+pub type Bends = SmallVec<[Position; 4]>;
+
+/// A zone up to an altitude.
+#[derive(Debug, Clone, PartialEq)]
+struct Zone {
+    ring: Ring,
+    /// Its top [m]; infinite for a no-fly zone.
+    top_m: f64,
+}
+
+/// The airspace of a scenario.
+///
+/// The default is open.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Airspace {
+    zones: Vec<Zone>,
+    /// The lowest altitude of the UAV [m].
+    lowest_m: f64,
+    /// The north-east corner of the area.
+    corner: Position,
+    /// The longer side of the area [m].
+    extent_m: f64,
+    graph: CornerGraph,
+}
+
+impl Airspace {
+    /// The airspace of a checked scenario, at the lowest altitude of its UAV.
+    #[must_use]
+    pub fn of(scenario: &Scenario) -> Self {
+        let mut airspace = Self::without_ways(scenario);
+        airspace.graph = CornerGraph::of(&airspace, &scenario.start().xy());
+        airspace
+    }
+
+    /// The same for checks of single ways, without the graph of the corners: all ways are straight.
+    ///
+    /// # Panics
+    /// If a zone is no polygon; never in a checked scenario.
+    #[must_use]
+    pub fn without_ways(scenario: &Scenario) -> Self {
+        let area = &scenario.area;
+        let ring = |corners: &[[f64; 2]], is_border| Ring::of(corners, is_border).expect("zones are checked");
+        let border = area.boundary_m.iter().map(|corners| Zone { ring: ring(corners, true), top_m: f64::INFINITY });
+        let no_fly = area.no_fly.iter().flatten();
+        let no_fly = no_fly.map(|zone| Zone { ring: ring(&zone.polygon_m, false), top_m: f64::INFINITY });
+        let buildings = area.building.iter().flatten();
+        let buildings =
+            buildings.map(|building| Zone { ring: ring(&building.polygon_m, false), top_m: building.height_m });
+        Self {
+            zones: border.chain(no_fly).chain(buildings).collect(),
+            lowest_m: scenario.uav.climb().map_or(scenario.uav.altitude_m, |climb| climb.min_altitude_m),
+            corner: Position::new(area.width_m(), area.height_m()),
+            extent_m: area.width_m().max(area.height_m()),
+            graph: CornerGraph::default(),
+        }
+    }
+
+    /// Whether all ways are straight.
+    #[must_use]
+    pub fn is_open(&self) -> bool {
+        self.zones.is_empty()
+    }
+
+    /// Its zones that rise above the altitude `z_m` [m].
+    pub fn zones_above(&self, z_m: f64) -> impl Iterator<Item = &Ring> {
+        self.zones.iter().filter(move |zone| zone.top_m > z_m).map(|zone| &zone.ring)
+    }
+
+    /// Zones at the lowest altitude.
+    fn rings(&self) -> impl Iterator<Item = &Ring> {
+        self.zones_above(self.lowest_m)
+    }
+
+    /// How far a way keeps from corners [m].
+    fn clearance_m(&self) -> f64 {
+        CLEARANCE * self.extent_m
+    }
+
+    /// Whether `point` [m] lies in the area, and not in the interior of a zone.
+    #[must_use]
+    pub fn contains(&self, point: &Position) -> bool {
+        let is_in_area = Position::origin() <= *point && *point <= self.corner;
+        is_in_area && self.rings().all(|ring| !ring.forbids(point, ROUNDING * self.extent_m))
+    }
+
+    /// Whether the straight way enters no zone. A way that begins in a zone may leave it.
+    #[must_use]
+    pub fn is_free(&self, from: &Position, to: &Position) -> bool {
+        self.is_open() || self.entry(from, to, self.lowest_m, ROUNDING * self.extent_m).is_none()
+    }
+
+    /// The fraction of the straight way from `from` to `to` [m] at which it enters a zone above the altitude `z_m`, by more
+    /// than `slack_m` [m]; `None` if it enters none.
+    #[must_use]
+    pub fn entry(&self, from: &Position, to: &Position, z_m: f64, slack_m: f64) -> Option<f64> {
+        let entries = self.zones_above(z_m).filter_map(|ring| ring.entry(from, to, slack_m));
+        entries.min_by(f64::total_cmp)
+    }
+
+    /// The farthest point of the straight way from `from` to `to` [m] before it enters a zone above the altitude `z_m`.
+    #[must_use]
+    pub fn last_free(&self, from: &Position, to: &Position, z_m: f64) -> Position {
+        let Some(fraction) = self.entry(from, to, z_m, ROUNDING * self.extent_m) else { return *to };
+        let along = to - from;
+        let before = fraction - self.clearance_m() / along.norm();
+        from + along * before.max(0.0)
+    }
+
+    /// The point that a UAV which comes from the start can fly to, nearest to `point` [m]: the point itself, or beside the
+    /// zone that it lies in.
+    #[must_use]
+    pub fn nearest(&self, point: &Position) -> Position {
+        if self.is_open() || self.is_reachable(point) {
+            return *point;
+        }
+        let mut beside: Vec<Position> = self.rings().flat_map(|ring| ring.projections(point)).collect();
+        beside.sort_by(|a, b| distance_squared(a, point).total_cmp(&distance_squared(b, point)));
+        let outward = |projected: &Position| {
+            let away = projected - point;
+            // To either side of the edge; one of them is free.
+            [1.0, -1.0]
+                .map(|side| projected + away.try_normalize(0.0).unwrap_or_default() * (side * self.clearance_m()))
+        };
+        let free = beside.iter().flat_map(outward).find(|point| self.is_reachable(point));
+        free.unwrap_or_else(|| {
+            let nodes = self.graph.reachable();
+            let nearest = nodes.min_by(|a, b| distance_squared(a, point).total_cmp(&distance_squared(b, point)));
+            nearest.copied().unwrap_or(*point)
+        })
+    }
+
+    /// Whether `point` [m] is free, and a way leads there from the start.
+    #[must_use]
+    pub fn is_reachable(&self, point: &Position) -> bool {
+        self.is_open() || self.contains(point) && self.graph.reaches(self, point)
+    }
+
+    /// The shortest way from `from` to `to` [m]: its bends, and `to`; where `to` lies in a zone, the nearest point beside it.
+    /// Empty if no way leads there.
+    #[must_use]
+    pub fn way(&self, from: &Position, to: &Position) -> Bends {
+        if self.is_free(from, to) {
+            return Bends::from_slice(&[*to]);
+        }
+        let end = self.nearest(to);
+        let begin = if self.contains(from) { *from } else { self.nearest(from) };
+        let mut way = Bends::new();
+        if begin != *from {
+            way.push(begin);
+        }
+        if self.is_free(&begin, &end) {
+            way.push(end);
+            return way;
+        }
+        if !self.graph.connect(self, &begin, &end, &mut way) {
+            return Bends::new();
+        }
+        way.push(end);
+        // A bend that is already reached.
+        while way.len() > 1 && (way[0] - from).norm() <= self.clearance_m() && self.is_free(from, &way[1]) {
+            way.remove(0);
+        }
+        way
+    }
+
+    /// The shortest way from `from` to `to`, up to where it comes within `radius_m` [m] of `centre`; empty if it does not.
+    #[must_use]
+    pub fn way_into(&self, from: &Position, to: &Position, centre: &Position, radius_m: f64) -> Bends {
+        let mut way = self.way(from, to);
+        let begins = std::iter::once(*from).chain(way.clone());
+        let entered = begins.zip(&way).position(|(begin, end)| {
+            distance_squared(&nearest_between(centre, &begin, end), centre) <= radius_m * radius_m
+        });
+        let Some(piece) = entered else { return Bends::new() };
+        let begin = piece.checked_sub(1).map_or(*from, |before| way[before]);
+        let nearest = nearest_between(centre, &begin, &way[piece]);
+        // From the nearest point back to the rim.
+        let back = begin - nearest;
+        let half_m = (radius_m * radius_m - distance_squared(&nearest, centre)).max(0.0).sqrt() * (1.0 - 1e-12);
+        way.truncate(piece + 1);
+        way[piece] = if back.norm() <= half_m { begin } else { nearest + back.normalize() * half_m };
+        way
+    }
+
+    /// Length of the shortest way [m]; infinite if there is none.
+    #[must_use]
+    pub fn distance_m(&self, from: &Position, to: &Position) -> f64 {
+        if self.is_free(from, to) {
+            return (to - from).norm();
+        }
+        let way = self.way(from, to);
+        if way.is_empty() { f64::INFINITY } else { length_m(from, &way) }
+    }
+
+    /// The end of a slot that flies up to `reach_m` [m] along the shortest way from `from` to `to`: the point at that length,
+    /// or the first bend. Beyond a bend it flies straight on where that brings it nearer to the next one.
+    #[must_use]
+    pub fn toward(&self, from: &Position, to: &Position, reach_m: f64) -> Position {
+        let way = self.way(from, to);
+        if way.is_empty() { *from } else { self.step(from, &way, reach_m).0 }
+    }
+
+    /// The ends of the slots of [`Self::toward`] up to the end of the `way` from `from`, without those of its last straight
+    /// part.
+    #[must_use]
+    pub fn bent_part(&self, from: &Position, way: &[Position], reach_m: f64) -> Vec<Position> {
+        let mut ends = Vec::new();
+        let (mut at, mut rest) = (*from, way);
+        while rest.len() > 1 {
+            let (end, passed) = self.step(&at, rest, reach_m);
+            at = end;
+            rest = &rest[passed..];
+            ends.push(end);
+        }
+        ends
+    }
+
+    /// The end of a slot along `way`, which is not empty, and how many bends it has passed.
+    fn step(&self, from: &Position, way: &[Position], reach_m: f64) -> (Position, usize) {
+        let bend = way[0];
+        let along = bend - from;
+        let away_m = along.norm();
+        if away_m > reach_m {
+            return (from + along * (reach_m / away_m), 0);
+        }
+        let Some(next) = way.get(1) else { return (bend, 1) };
+        if away_m > 0.0 {
+            let along = along / away_m;
+            let on_m = along.dot(&(next - from)).min(reach_m);
+            let beyond = from + along * on_m;
+            if on_m > away_m && self.is_free(from, &beyond) && self.is_free(&beyond, next) {
+                return (beyond, 1);
+            }
+        }
+        (bend, 1)
+    }
+}
+
+/// Length of a way from `from` along `bends` [m].
+#[must_use]
+pub fn length_m(from: &Position, bends: &[Position]) -> f64 {
+    let begins = std::iter::once(from).chain(bends);
+    begins.zip(bends).map(|(a, b)| (b - a).norm()).sum()
+}
+
+/// The point between `from` and `to` that is nearest to `point`.
+fn nearest_between(point: &Position, from: &Position, to: &Position) -> Position {
+    let along = to - from;
+    if along == nalgebra::Vector2::zeros() {
+        return *from;
+    }
+    from + along * ((point - from).dot(&along) / along.norm_squared()).clamp(0.0, 1.0)
+}

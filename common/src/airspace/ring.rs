@@ -1,0 +1,255 @@
+//! A simple polygon that a straight way may enter or not.
+
+use smallvec::SmallVec;
+
+use crate::geometry::{Position, distance_squared};
+
+/// Slack of crossings, as a fraction of a segment or an edge.
+const CROSSING_SLACK: f64 = 1e-12;
+
+/// A simple polygon. What is forbidden is its interior, or, for a border, all outside of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Ring {
+    /// Its corners [m], with the forbidden side to the left of each edge.
+    corners: Vec<Position>,
+    lowest: Position,
+    highest: Position,
+    is_border: bool,
+}
+
+impl Ring {
+    /// The polygon with these corners, in either direction.
+    ///
+    /// # Errors
+    /// What is expected of the corners, if they are not those of a simple polygon.
+    pub fn of(corners: &[[f64; 2]], is_border: bool) -> Result<Self, &'static str> {
+        const EXPECTED: &str = "the corners of a polygon, [[x, y], [x, y], [x, y], ...] in metres, without crossings";
+        let mut corners: Vec<Position> = corners.iter().map(|&corner| Position::from(corner)).collect();
+        corners.dedup();
+        while corners.len() > 1 && corners.first() == corners.last() {
+            corners.pop();
+        }
+        let is_measurable = |corner: &Position| corner.iter().all(|coordinate_m| coordinate_m.abs() <= 1e9);
+        if corners.len() < 3 || !corners.iter().all(is_measurable) {
+            return Err(EXPECTED);
+        }
+        let twice_m2 = edges(&corners).map(|[a, b]| (a - corners[0]).perp(&(b - corners[0]))).sum::<f64>();
+        let [lowest, highest] =
+            corners.iter().fold([corners[0]; 2], |[low, high], corner| [low.inf(corner), high.sup(corner)]);
+        let ring = Self { corners, lowest, highest, is_border };
+        if twice_m2.abs() <= 1e-12 * (highest - lowest).norm_squared() || ring.crosses_itself() {
+            return Err(EXPECTED);
+        }
+        let mut ring = ring;
+        if (twice_m2 > 0.0) == is_border {
+            ring.corners.reverse();
+        }
+        Ok(ring)
+    }
+
+    /// Its corners [m], with the forbidden side to the left.
+    #[must_use]
+    pub fn corners(&self) -> &[Position] {
+        &self.corners
+    }
+
+    /// Whether what is forbidden is the outside.
+    #[must_use]
+    pub fn is_border(&self) -> bool {
+        self.is_border
+    }
+
+    /// Whether two edges have more in common than the corner between neighbours.
+    fn crosses_itself(&self) -> bool {
+        let count = self.corners.len();
+        let edge = |index: usize| [self.corners[index], self.corners[(index + 1) % count]];
+        (0..count).any(|first| {
+            (first + 1..count).any(|second| {
+                let [a, b] = edge(first);
+                let [c, d] = edge(second);
+                let are_neighbours = second == first + 1 || (first == 0 && second == count - 1);
+                if are_neighbours {
+                    // Back along the same line.
+                    let [before, at, after] = if second == first + 1 { [a, b, d] } else { [c, d, b] };
+                    let [back, on] = [before - at, after - at];
+                    return back.perp(&on) == 0.0 && back.dot(&on) > 0.0;
+                }
+                let side = |p: &Position, q: &Position, r: &Position| (q - p).perp(&(r - p));
+                let (of_c, of_d) = (side(&a, &b, &c), side(&a, &b, &d));
+                let (of_a, of_b) = (side(&c, &d, &a), side(&c, &d, &b));
+                if [of_a, of_b, of_c, of_d] == [0.0; 4] {
+                    let overlap = a.inf(&b).sup(&c.inf(&d)) <= a.sup(&b).inf(&c.sup(&d));
+                    return overlap;
+                }
+                of_c * of_d <= 0.0 && of_a * of_b <= 0.0
+            })
+        })
+    }
+
+    /// Whether `point` [m] lies within the polygon, by the crossings of a ray; on an edge it is either.
+    #[must_use]
+    pub fn encloses(&self, point: &Position) -> bool {
+        let crossings = edges(&self.corners).filter(|[a, b]| {
+            (a.y > point.y) != (b.y > point.y) && point.x < a.x + (point.y - a.y) / (b.y - a.y) * (b.x - a.x)
+        });
+        crossings.count() % 2 == 1
+    }
+
+    /// Whether `point` [m] is forbidden, and deeper than `slack_m` [m].
+    #[must_use]
+    pub fn forbids(&self, point: &Position, slack_m: f64) -> bool {
+        let is_near = || {
+            let margin = nalgebra::Vector2::repeat(slack_m);
+            self.lowest - margin <= *point && *point <= self.highest + margin
+        };
+        if !self.is_border && !is_near() {
+            return false;
+        }
+        self.encloses(point) != self.is_border && distance_squared(&self.nearest(point), point) > slack_m * slack_m
+    }
+
+    /// The point of the boundary that is nearest to `point` [m].
+    #[must_use]
+    pub fn nearest(&self, point: &Position) -> Position {
+        let nearest = self.projections(point).min_by(|a, b| {
+            let away_m2 = |projected: &Position| distance_squared(projected, point);
+            away_m2(a).total_cmp(&away_m2(b))
+        });
+        nearest.expect("a polygon has edges")
+    }
+
+    /// The nearest point of each edge to `point` [m].
+    pub fn projections(&self, point: &Position) -> impl Iterator<Item = Position> {
+        let point = *point;
+        edges(&self.corners).map(move |[a, b]| {
+            let along = b - a;
+            a + along * ((point - a).dot(&along) / along.norm_squared()).clamp(0.0, 1.0)
+        })
+    }
+
+    /// The fraction of the straight way from `from` to `to` [m] at which it becomes forbidden, by more than `slack_m` [m];
+    /// `None` if it does not. A way that begins at a forbidden point may leave it.
+    #[must_use]
+    pub fn entry(&self, from: &Position, to: &Position, slack_m: f64) -> Option<f64> {
+        if !self.is_border {
+            let is_apart = |axis: usize| {
+                from[axis].max(to[axis]) <= self.lowest[axis] || from[axis].min(to[axis]) >= self.highest[axis]
+            };
+            if is_apart(0) || is_apart(1) {
+                return None;
+            }
+        }
+        let mut turns: SmallVec<[f64; 8]> = SmallVec::new();
+        turns.extend([0.0, 1.0]);
+        let along = to - from;
+        let length_m = along.norm();
+        for [a, b] in edges(&self.corners) {
+            let edge = b - a;
+            let across = along.perp(&edge);
+            let off = a - from;
+            if across.abs() <= CROSSING_SLACK * length_m * edge.norm() {
+                // In parallel: where it begins or ends beside the edge.
+                for end in [off, b - from] {
+                    let fraction = end.dot(&along) / (length_m * length_m);
+                    turns.extend((0.0..=1.0).contains(&fraction).then_some(fraction));
+                }
+                continue;
+            }
+            let fraction = off.perp(&edge) / across;
+            let of_edge = off.perp(&along) / across;
+            let crossed = -CROSSING_SLACK..=1.0 + CROSSING_SLACK;
+            if crossed.contains(&fraction) && crossed.contains(&of_edge) {
+                turns.push(fraction.clamp(0.0, 1.0));
+            }
+        }
+        turns.sort_unstable_by(f64::total_cmp);
+        let mut may_leave = true;
+        for pair in turns.windows(2) {
+            let middle = from + along * ((pair[0] + pair[1]) / 2.0);
+            let is_forbidden = self.forbids(&middle, slack_m);
+            if is_forbidden && !(may_leave && self.forbids(from, slack_m)) {
+                return Some(pair[0]);
+            }
+            may_leave &= is_forbidden;
+        }
+        None
+    }
+}
+
+/// The edges of a closed polygon.
+fn edges(corners: &[Position]) -> impl Iterator<Item = [Position; 2]> {
+    let next = corners.iter().cycle().skip(1);
+    corners.iter().zip(next).map(|(a, b)| [*a, *b])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn square() -> Ring {
+        Ring::of(&[[10.0, 10.0], [30.0, 10.0], [30.0, 30.0], [10.0, 30.0]], false).unwrap()
+    }
+
+    fn entry(ring: &Ring, from: [f64; 2], to: [f64; 2]) -> Option<f64> {
+        ring.entry(&from.into(), &to.into(), 1e-9)
+    }
+
+    #[test]
+    fn a_way_through_the_interior_enters_it_where_it_crosses_an_edge() {
+        assert_eq!(entry(&square(), [0.0, 20.0], [40.0, 20.0]), Some(0.25));
+        assert_eq!(entry(&square(), [0.0, 20.0], [20.0, 20.0]), Some(0.5), "it ends inside");
+        assert_eq!(entry(&square(), [0.0, 0.0], [40.0, 40.0]), Some(0.25), "through two corners");
+        assert_eq!(entry(&square(), [0.0, 5.0], [40.0, 5.0]), None);
+    }
+
+    #[test]
+    fn a_way_along_an_edge_or_past_a_corner_does_not_enter() {
+        assert_eq!(entry(&square(), [0.0, 10.0], [40.0, 10.0]), None);
+        assert_eq!(entry(&square(), [10.0, 10.0], [30.0, 10.0]), None);
+        assert_eq!(entry(&square(), [0.0, 20.0], [20.0, 0.0]), None, "it touches (10, 10)");
+        assert_eq!(entry(&square(), [0.0, 20.0 + 1e-10], [20.0, 1e-10]), None, "within the slack");
+        assert!(entry(&square(), [0.0, 20.0 + 1e-6], [20.0, 1e-6]).is_some());
+    }
+
+    #[test]
+    fn a_way_out_of_the_interior_is_allowed_but_not_back_into_it() {
+        assert_eq!(entry(&square(), [20.0, 20.0], [40.0, 20.0]), None);
+        let bay = [
+            [0.0, 0.0],
+            [30.0, 0.0],
+            [30.0, 30.0],
+            [20.0, 30.0],
+            [20.0, 10.0],
+            [10.0, 10.0],
+            [10.0, 30.0],
+            [0.0, 30.0],
+        ];
+        let bay = Ring::of(&bay, false).unwrap();
+        assert_eq!(entry(&bay, [5.0, 20.0], [15.0, 20.0]), None, "into the bay");
+        assert!(entry(&bay, [5.0, 20.0], [25.0, 20.0]).is_some(), "through the bay");
+    }
+
+    #[test]
+    fn outside_of_a_border_is_forbidden() {
+        let border = Ring::of(&[[10.0, 10.0], [30.0, 10.0], [30.0, 30.0], [10.0, 30.0]], true).unwrap();
+        assert_eq!(entry(&border, [12.0, 20.0], [28.0, 20.0]), None);
+        assert_eq!(entry(&border, [20.0, 20.0], [40.0, 20.0]), Some(0.5));
+        assert!(border.forbids(&Position::new(99.0, 99.0), 0.0) && !border.forbids(&Position::new(20.0, 20.0), 0.0));
+    }
+
+    #[test]
+    fn what_is_no_polygon_is_refused() {
+        for corners in [
+            &[[0.0, 0.0], [1.0, 0.0]][..],
+            &[[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]],
+            &[[0.0, 0.0], [1.0, 1.0], [1.0, 0.0], [0.0, 1.0]],
+            &[[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [1.0, 0.0]],
+            &[[0.0, 0.0], [1.0, 0.0], [f64::NAN, 1.0]],
+            &[[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [2.0, 0.0], [0.0, 4.0]],
+        ] {
+            assert!(Ring::of(corners, false).is_err(), "{corners:?}");
+        }
+        let closed = [[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.0, 0.0]];
+        assert_eq!(Ring::of(&closed, false).unwrap().corners().len(), 3, "a repeated corner counts once");
+    }
+}

@@ -1,0 +1,166 @@
+//! The airspace against independent libraries: `geo` for polygons, `petgraph` for shortest paths.
+
+use std::path::Path;
+
+use geo::{Contains, Coord, Distance, Euclidean, Line, LineString, Point, Polygon, Relate};
+use petgraph::algo::dijkstra;
+use petgraph::graph::UnGraph;
+use rand::{Rng, RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use skysink_common::airspace::{Airspace, length_m};
+use skysink_common::geometry::Position;
+use skysink_common::scenario::{Overrides, Scenario};
+
+/// Side of the area [m].
+const SIDE_M: f64 = 1_000.0;
+
+/// Reach of a slot [m].
+const REACH_M: f64 = 30.0;
+
+type Corners = Vec<[f64; 2]>;
+
+/// A polygon around a point, star-shaped, so that it does not cross itself.
+fn star(random: &mut impl Rng, centre: [f64; 2], radius_m: f64) -> Corners {
+    let count = random.random_range(3..12);
+    let turn = random.random::<f64>() * std::f64::consts::TAU;
+    let corner = |index: usize| {
+        let angle = turn + index as f64 / count as f64 * std::f64::consts::TAU;
+        let away_m = radius_m * random.random_range(0.3..1.0);
+        [centre[0] + away_m * angle.cos(), centre[1] + away_m * angle.sin()]
+    };
+    (0..count).map(corner).collect()
+}
+
+/// A comb of walls, so that ways are long.
+fn maze(random: &mut impl Rng) -> Vec<Corners> {
+    let walls = random.random_range(1..8);
+    let wall = |index: usize| {
+        let x_m = SIDE_M * (index + 1) as f64 / (walls + 1) as f64;
+        let gap_m = random.random_range(0.0..SIDE_M - 60.0);
+        let [low, high] = if index.is_multiple_of(2) { [gap_m + 60.0, SIDE_M + 5.0] } else { [-5.0, gap_m] };
+        vec![[x_m, low], [x_m + 10.0, low + 3.0], [x_m + 8.0, high], [x_m - 2.0, high]]
+    };
+    (0..walls).map(wall).collect()
+}
+
+fn zones(random: &mut impl Rng) -> Vec<Corners> {
+    if random.random::<bool>() {
+        return maze(random);
+    }
+    let count = random.random_range(1..12);
+    let mut zone = || {
+        let centre = [random.random::<f64>() * SIDE_M, random.random::<f64>() * SIDE_M];
+        let radius_m = random.random_range(20.0..200.0);
+        star(random, centre, radius_m)
+    };
+    (0..count).map(|_| zone()).collect()
+}
+
+fn scenario(zones: &[Corners], start: Position) -> Option<Scenario> {
+    let zone = |corners: &Corners| format!("{{ polygon_m = {corners:?} }}");
+    let zones: Vec<String> = zones.iter().map(zone).collect();
+    let text = format!(
+        "name = 'maze'\n[area]\nside_m = {SIDE_M:?}\nno_fly = [{}]\n[uav]\nstart_m = [{:?}, {:?}]\n",
+        zones.join(", "),
+        start.x,
+        start.y
+    );
+    Scenario::parse(&text, Path::new("maze.toml"), Overrides::default()).ok()
+}
+
+fn polygon(corners: &Corners) -> Polygon {
+    Polygon::new(LineString::from(corners.iter().map(|&[x, y]| (x, y)).collect::<Vec<_>>()), vec![])
+}
+
+fn coord(position: &Position) -> Coord {
+    Coord { x: position.x, y: position.y }
+}
+
+/// Whether the interior of a polygon and the segment have a point in common (DE-9IM).
+fn enters(polygon: &Polygon, from: Coord, to: Coord) -> bool {
+    if from == to {
+        return polygon.contains(&Point::from(from));
+    }
+    polygon.relate(&LineString::from(vec![from, to])).matches("T********").expect("a pattern")
+        || polygon.contains(&Line::new(from, to))
+}
+
+/// Length of the shortest way by the corners themselves, exactly: segments may touch polygons, but not enter.
+fn independent_m(polygons: &[Polygon], from: &Position, to: &Position) -> f64 {
+    let mut places = vec![coord(from), coord(to)];
+    let in_area = |place: &Coord| (0.0..=SIDE_M).contains(&place.x) && (0.0..=SIDE_M).contains(&place.y);
+    let corners = polygons.iter().flat_map(|polygon| polygon.exterior().0[1..].to_vec());
+    places.extend(corners.filter(in_area));
+    let mut graph = UnGraph::<(), f64>::new_undirected();
+    let nodes: Vec<_> = places.iter().map(|_| graph.add_node(())).collect();
+    for first in 0..places.len() {
+        for second in first + 1..places.len() {
+            let (a, b) = (places[first], places[second]);
+            if !polygons.iter().any(|polygon| enters(polygon, a, b)) {
+                graph.add_edge(nodes[first], nodes[second], Euclidean.distance(a, b));
+            }
+        }
+    }
+    dijkstra(&graph, nodes[0], Some(nodes[1]), |edge| *edge.weight()).get(&nodes[1]).copied().unwrap_or(f64::INFINITY)
+}
+
+/// Flies from one point to another in each of `count` mazes; returns how many were flown and how many of them had bends.
+fn fly_mazes(seed: u64, count: usize) -> (usize, usize) {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let place =
+        |random: &mut ChaCha8Rng| Position::new(random.random::<f64>() * SIDE_M, random.random::<f64>() * SIDE_M);
+    let (mut flown, mut bent) = (0, 0);
+    for _ in 0..count {
+        let zones = zones(&mut random);
+        let polygons: Vec<Polygon> = zones.iter().map(polygon).collect();
+        let free =
+            |position: &Position| !polygons.iter().any(|polygon| polygon.contains(&Point::from(coord(position))));
+        let [start, goal] = std::array::from_fn(|_| {
+            loop {
+                let drawn = place(&mut random);
+                if free(&drawn) {
+                    break drawn;
+                }
+            }
+        });
+        let Some(scenario) = scenario(&zones, start) else { continue };
+        let airspace = Airspace::of(&scenario);
+        let way = airspace.way(&start, &goal);
+        let shortest_m = independent_m(&polygons, &start, &goal);
+        assert_eq!(way.is_empty(), shortest_m == f64::INFINITY, "{zones:?} {start} {goal}");
+        if way.is_empty() {
+            continue;
+        }
+        let found_m = length_m(&start, &way);
+        assert!(found_m <= shortest_m * 1.000_001 + 1e-4, "{found_m} {shortest_m} {zones:?} {start} {goal}");
+        assert!(found_m >= shortest_m * (1.0 - 1e-9), "{found_m} {shortest_m} {zones:?} {start} {goal}");
+        flown += 1;
+        bent += usize::from(way.len() > 1);
+        let mut at = start;
+        for slot in 0.. {
+            if at == goal {
+                break;
+            }
+            let next = airspace.toward(&at, &goal, REACH_M);
+            assert!(slot < 3_000 && next != at, "no progress at {at}: {zones:?} {start} {goal}");
+            assert!((next - at).norm() <= REACH_M * (1.0 + 1e-9));
+            let entered = polygons.iter().any(|polygon| enters(polygon, coord(&at), coord(&next)));
+            assert!(!entered, "{at} to {next}: {zones:?} {start} {goal}");
+            at = next;
+        }
+    }
+    (flown, bent)
+}
+
+#[test]
+fn ways_around_zones_enter_none_and_are_the_shortest() {
+    let (flown, bent) = fly_mazes(1, 100);
+    assert!(flown > 60 && bent > 20, "{flown} flown, {bent} with bends");
+}
+
+#[test]
+#[ignore = "takes a minute"]
+fn ways_around_a_thousand_mazes_enter_none_and_are_the_shortest() {
+    let (flown, bent) = fly_mazes(2, 1_000);
+    assert!(flown > 600 && bent > 200, "{flown} flown, {bent} with bends");
+}
