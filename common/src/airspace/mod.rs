@@ -203,12 +203,19 @@ impl Airspace {
         });
         let Some(piece) = entered else { return Bends::new() };
         let begin = piece.checked_sub(1).map_or(*from, |before| way[before]);
-        let nearest = nearest_between(centre, &begin, &way[piece]);
-        // From the nearest point back to the rim.
-        let back = begin - nearest;
-        let half_m = (radius_m * radius_m - distance_squared(&nearest, centre)).max(0.0).sqrt() * (1.0 - 1e-12);
         way.truncate(piece + 1);
-        way[piece] = if back.norm() <= half_m { begin } else { nearest + back.normalize() * half_m };
+        let along = way[piece] - begin;
+        let away = begin - centre;
+        // |away + t along| = radius, the first time; 0 if it begins within.
+        let (a, half_b) = (along.norm_squared(), along.dot(&away));
+        let c = away.norm_squared() - radius_m * radius_m;
+        if c <= 0.0 {
+            way[piece] = begin;
+        } else {
+            let root = (half_b * half_b - a * c).max(0.0).sqrt();
+            let fraction = c / (root - half_b);
+            way[piece] = begin + along * fraction.min(1.0);
+        }
         way
     }
 
@@ -280,4 +287,68 @@ fn nearest_between(point: &Position, from: &Position, to: &Position) -> Position
         return *from;
     }
     from + along * ((point - from).dot(&along) / along.norm_squared()).clamp(0.0, 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::Overrides;
+    use std::path::Path;
+
+    /// 100 m × 100 m with a wall from (50, 0) to (54, 80), and the UAV at (20, 50).
+    fn walled(more: &str) -> Airspace {
+        let text = format!(
+            "name = 'a'\n[area]\nno_fly = [{{ polygon_m = [[50.0, 0.0], [54.0, 0.0], [54.0, 80.0], [50.0, 80.0]] }}]\n{more}\
+             [uav]\nstart_m = [20.0, 50.0]\n"
+        );
+        Airspace::of(&Scenario::parse(&text, Path::new("a.toml"), Overrides::default()).unwrap())
+    }
+
+    fn at(x_m: f64, y_m: f64) -> Position {
+        Position::new(x_m, y_m)
+    }
+
+    #[test]
+    fn the_way_around_a_wall_bends_at_its_corners() {
+        let airspace = walled("");
+        let way = airspace.way(&at(20.0, 50.0), &at(84.0, 50.0));
+        // 2 · √(30² + 30²) + 4
+        assert!((length_m(&at(20.0, 50.0), &way) - (2.0 * 1_800f64.sqrt() + 4.0)).abs() < 1e-4, "{way:?}");
+        assert_eq!(way.len(), 3);
+        assert_eq!(airspace.distance_m(&at(20.0, 50.0), &at(20.0, 90.0)), 40.0);
+    }
+
+    #[test]
+    fn a_slot_flies_beyond_a_bend_where_that_brings_it_nearer() {
+        let airspace = walled("");
+        // The bend at (50, 80) is 2.8 m away; straight on leads out of the way to the next, at (54, 80).
+        let end = airspace.toward(&at(48.0, 78.0), &at(84.0, 50.0), 30.0);
+        assert!((end - at(52.0, 82.0)).norm() < 1e-4, "{end}");
+        assert!(airspace.is_free(&end, &at(54.0, 80.000_01)));
+    }
+
+    #[test]
+    fn a_way_into_a_disk_ends_at_its_rim() {
+        let airspace = walled("");
+        let centre = at(52.0, 40.0); // in the wall
+        let nearest = airspace.nearest(&centre);
+        assert!((nearest.x - 50.0).abs() < 1e-5 || (nearest.x - 54.0).abs() < 1e-5, "{nearest}");
+        let way = airspace.way_into(&at(20.0, 50.0), &nearest, &centre, 10.0);
+        let end = way[way.len() - 1];
+        assert!(((end - centre).norm() - 10.0).abs() < 1e-9 && airspace.contains(&end), "{end}");
+        assert!(airspace.way_into(&at(20.0, 50.0), &nearest, &centre, 1.5).is_empty(), "out of range beside the wall");
+        assert_eq!(airspace.way_into(&end, &nearest, &centre, 11.0)[..], [end], "it is there");
+    }
+
+    #[test]
+    fn what_no_way_leads_to_is_not_reachable() {
+        let closed = "building = [{ polygon_m = [[50.0, 79.0], [100.0, 79.0], [100.0, 90.0], [50.0, 90.0]], height_m = 99.0 }]\n";
+        let airspace = walled(closed);
+        assert!(!airspace.is_reachable(&at(80.0, 50.0)) && airspace.is_reachable(&at(80.0, 95.0)));
+        assert!(airspace.way(&at(20.0, 50.0), &at(80.0, 50.0)).len() <= 1, "to the nearest point that is");
+        let nearest = airspace.nearest(&at(80.0, 50.0));
+        assert!(airspace.is_reachable(&nearest), "{nearest}");
+        let low = closed.replace("99.0", "20.0");
+        assert!(walled(&low).is_reachable(&at(80.0, 50.0)), "over the building");
+    }
 }
