@@ -124,7 +124,7 @@ pub fn line_of(text: &str, position: Option<&csv::Position>) -> u64 {
 
 /// Words of keys for what is not modelled, under the headings of `docs/src/not-modelled.md`.
 const NOT_MODELLED: [(&str, &[&str]); 3] = [
-    ("No-fly zones", &["fly", "nofly", "zone", "zones", "geofence", "obstacle", "obstacles", "terrain"]),
+    ("Terrain", &["terrain", "elevation", "dem"]),
     ("Gusts", &["gust", "gusts", "weather"]),
     ("Several UAVs", &["uavs", "fleet", "drones"]),
 ];
@@ -153,7 +153,7 @@ mod tests {
     fn a_key_for_what_is_not_modelled_leads_to_the_way_around() {
         let page = include_str!("../../docs/src/not-modelled.md");
         let unknown = |name: &str| suggestion(&format!("unknown field `{name}`, expected `slots` or `width_m`"));
-        for (name, heading) in [("no_fly", "No-fly zones"), ("gusts", "Gusts"), ("uavs", "Several UAVs")] {
+        for (name, heading) in [("terrain", "Terrain"), ("gusts", "Gusts"), ("uavs", "Several UAVs")] {
             let hint = format!(
                 "; it is not modelled, see \"{heading}\" in \"What Skysink does not model\" of the documentation"
             );
@@ -162,9 +162,11 @@ mod tests {
         }
         assert!(page.starts_with("# What Skysink does not model\n"));
         assert_eq!(unknown("energy"), "");
-        let both = suggestion("unknown field `zones`, expected `zone`");
+        let both = suggestion("unknown field `terrains`, expected `terrain`");
+        assert_eq!(both, "; did you mean `terrain`?");
+        let both = suggestion("unknown field `terrain`, expected `terrains`");
         assert!(
-            both.starts_with("; did you mean `zone`? If not, it is not modelled, see \"No-fly zones\" in"),
+            both.starts_with("; did you mean `terrains`? If not, it is not modelled, see \"Terrain\" in"),
             "{both}"
         );
         assert_eq!(unknown("window"), "");

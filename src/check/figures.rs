@@ -69,6 +69,9 @@ pub struct Figures {
     pub load: Load,
     /// Number of sampling SNs that cannot be reached before the end of the mission.
     pub unreachable: usize,
+    /// Number of SNs that zones leave no place to serve from; `None` without zones.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub hidden: Option<usize>,
     /// Arrivals at random; `None` if they are constant.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub arrivals: Option<ArrivalFigures>,
@@ -111,6 +114,7 @@ impl Figures {
             weights: range(nodes.iter().map(|node| node.weight)),
             round: bounds.round(flights.first().and_then(|tour| tour.round_slots)),
             load: Load::of(scenario, &sensors, &above),
+            hidden: (!table.airspace.is_open()).then(|| sensors.count() - table.servable().count()),
             unreachable: field.sensors.iter().filter(|sensor| sensor.first_slot > field.slots).count(),
             arrivals: ArrivalFigures::of(scenario, list),
             loss_free: bounds.loss_free(&flights),

@@ -13,6 +13,7 @@ pub fn of(figures: &Figures) -> Vec<String> {
         slow_link,
         overloaded,
         unreachable,
+        hidden,
         beyond_return,
         missed_base,
         unserved,
@@ -69,6 +70,15 @@ fn unreachable(figures: &Figures) -> Option<String> {
     (unreachable > 0).then(|| {
         format!("{unreachable} of the {sensors} sensor nodes cannot be reached within the mission's {slots} slots")
     })
+}
+
+/// Some SNs stand too deep in zones.
+fn hidden(figures: &Figures) -> Option<String> {
+    let hidden = figures.hidden.filter(|&hidden| hidden > 0)?;
+    let sensors = figures.sensors;
+    Some(format!(
+        "{hidden} of the {sensors} sensor nodes cannot be served: no way leads into their range around the zones"
+    ))
 }
 
 /// Some SNs are too far from the base.

@@ -106,10 +106,11 @@ fn equal_weights_change_no_flight() {
 }
 
 #[test]
-fn processes_and_one_process_spend_the_same_energy() {
+fn processes_and_one_process_spend_the_same_energy_around_a_zone() {
     let place = Place::new();
-    let text = "name = 'home'\nslots = 80\n[area]\nside_m = 400.0\n[base]\ncharge_w = 500.0\n[uav]\nmust_land = true\n\
-                [uav.battery]\ncapacity_j = 9000.0\n";
+    let text = "name = 'home'\nslots = 80\n[area]\nside_m = 400.0\n\
+                no_fly = [{ polygon_m = [[230, 100], [260, 100], [260, 300], [230, 300]] }]\n[base]\ncharge_w = 500.0\n\
+                [uav]\nmust_land = true\n[uav.battery]\ncapacity_j = 9000.0\n";
     place.write("home.toml", text);
     for strategy in ["tour", "horizon"] {
         let flight = place.flight("home").strategy(strategy).set("planner.horizon.iterations", 200).force();

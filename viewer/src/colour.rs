@@ -49,6 +49,10 @@ pub const FLY: Rgb = [70, 130, 200];
 pub const TRANSIT: Rgb = [135, 130, 255];
 /// Holding.
 pub const HOLD: Rgb = [225, 228, 235];
+/// No-fly zones, and the boundary of the area.
+pub const NO_FLY: Rgb = [225, 90, 80];
+/// Buildings.
+pub const BUILDING: Rgb = [125, 130, 140];
 /// Charging, the energy in the battery, and the base.
 pub const CHARGE: Rgb = [150, 220, 90];
 /// Returning to the base.

@@ -32,6 +32,7 @@ mod slot;
 mod status;
 mod steps;
 pub mod uav;
+mod zones;
 
 pub use comparison::{ComparedMission, Comparison};
 pub use files::{complete, has_footer};

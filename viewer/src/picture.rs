@@ -24,7 +24,7 @@ use crate::sizes::Sizes;
 use crate::slot::SlotView;
 use crate::status::status;
 use crate::uav::UavShape;
-use crate::{events, legend};
+use crate::{events, legend, zones};
 
 /// The drawing state of a mission.
 pub(crate) struct Picture {
@@ -72,6 +72,7 @@ impl Picture {
         legend::log_scales(&canvas, links.rates_bps.as_ref())?;
         legend::log_area(&canvas, sizes)?;
         legend::log_base(&canvas, scenario)?;
+        zones::log_zones(&canvas, scenario)?;
         let history = SensorHistory::new(scenario, sensors);
         Ok(Self { canvas, queues, uav, path, links, los, events, curves, history, maps: None, belief: None, names })
     }

@@ -135,6 +135,8 @@ fn deserialize<T: DeserializeOwned>(
                     "u32" | "u64" | "usize" => "a whole number",
                     "f64" => "a number",
                     "string only" => "a string",
+                    "a sequence" if lists.contains(&key) => &format!("a list of tables, [[{key}]]"),
+                    "a sequence" => "a list",
                     "fewer elements in array" => "two numbers",
                     other => other,
                 };

@@ -19,6 +19,10 @@ pub static FORMAT: ExportFormat = ExportFormat {
 pub(crate) fn collection(track: &GeodeticTrack<'_>) -> String {
     let border = || track.border.iter().chain(&track.border[..1]).map(ground);
     let area = feature(Geometry::new_polygon([border()]), json!({ "kind": "area", "name": track.name() }));
+    let zones = track.zones.iter().map(|zone| {
+        let corners = zone.iter().chain(&zone[..1]).map(ground);
+        feature(Geometry::new_polygon([corners]), json!({ "kind": "no-fly" }))
+    });
     let flight = feature(
         Geometry::new_line_string(track.points.iter().map(in_the_air)),
         json!({ "kind": "flight", "slot_s": track.run.scenario.slot_s }),
@@ -32,7 +36,7 @@ pub(crate) fn collection(track: &GeodeticTrack<'_>) -> String {
         let name = track.run.list.label(id);
         feature(Geometry::new_point(ground(place)), json!({ "kind": "sensor node", "id": id, "name": name }))
     });
-    let features = [area, flight].into_iter().chain(services).chain(sensors).collect();
+    let features = std::iter::once(area).chain(zones).chain([flight]).chain(services).chain(sensors).collect();
     FeatureCollection { bbox: None, features, foreign_members: None }.to_string() + "\n"
 }
 

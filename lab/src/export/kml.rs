@@ -20,6 +20,11 @@ pub static FORMAT: ExportFormat = ExportFormat {
 fn write(track: &GeodeticTrack<'_>) -> Vec<u8> {
     let border = track.border.iter().chain(&track.border[..1]).map(ground).collect::<Vec<_>>();
     let area = Geometry::Polygon(Polygon { tessellate: true, ..Polygon::new(LinearRing::from(border), vec![]) });
+    let zones = track.zones.iter().map(|zone| {
+        let corners = zone.iter().chain(&zone[..1]).map(ground).collect::<Vec<_>>();
+        let zone = Polygon { tessellate: true, ..Polygon::new(LinearRing::from(corners), vec![]) };
+        placemark("no-fly zone".to_owned(), String::new(), Geometry::Polygon(zone))
+    });
     let flight = Geometry::LineString(LineString {
         altitude_mode: AltitudeMode::RelativeToGround,
         ..LineString::from(track.points.iter().map(in_the_air).collect::<Vec<_>>())
@@ -32,12 +37,11 @@ fn write(track: &GeodeticTrack<'_>) -> Vec<u8> {
     let sensors = track.sensors.iter().enumerate().map(|(id, place)| {
         placemark(track.run.list.label(id), String::new(), Geometry::Point(Point::from(ground(place))))
     });
-    let elements = vec![
-        placemark("area".to_owned(), String::new(), area),
-        placemark("flight".to_owned(), track.name(), flight),
-        folder("service points", services.collect()),
-        folder("sensor nodes", sensors.collect()),
-    ];
+    let services = folder("service points", services.collect());
+    let sensors = folder("sensor nodes", sensors.collect());
+    let area = placemark("area".to_owned(), String::new(), area);
+    let flight = placemark("flight".to_owned(), track.name(), flight);
+    let elements = std::iter::once(area).chain(zones).chain([flight, services, sensors]).collect();
     let attrs = HashMap::from([("xmlns".to_owned(), "http://www.opengis.net/kml/2.2".to_owned())]);
     let document = Kml::Document { attrs: HashMap::new(), elements };
     let document = Kml::KmlDocument(KmlDocument { version: KmlVersion::V22, attrs, elements: vec![document] });

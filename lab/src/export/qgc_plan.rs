@@ -4,6 +4,8 @@
 
 use serde_json::{Value, json};
 
+use skysink_common::sensors::projection::GeodeticPosition;
+
 use super::format::{ExportFormat, WriteFormat};
 use super::track::GeodeticTrack;
 use super::vehicle::VehicleItem;
@@ -14,7 +16,7 @@ const RELATIVE: u32 = 1;
 /// The plan file.
 pub static FORMAT: ExportFormat = ExportFormat {
     name: "qgc-plan",
-    about: "QGroundControl plan: a vehicle's mission, with the area as geofence",
+    about: "QGroundControl plan: a vehicle's mission, with area and zones as geofence",
     extension: "plan",
     write: WriteFormat::Mission(write, ""),
 };
@@ -22,7 +24,12 @@ pub static FORMAT: ExportFormat = ExportFormat {
 fn write(track: &GeodeticTrack<'_>, items: &[VehicleItem]) -> Vec<u8> {
     let home = track.points[0].place;
     let speed_mps = track.run.scenario.uav.max_speed_mps;
-    let fence: Vec<_> = track.border.iter().map(|place| [place.lat_deg, place.lon_deg]).collect();
+    let polygon = |inclusion: bool, corners: &[GeodeticPosition]| {
+        let corners: Vec<_> = corners.iter().map(|place| [place.lat_deg, place.lon_deg]).collect();
+        json!({ "version": 1, "inclusion": inclusion, "polygon": corners })
+    };
+    let zones = track.zones.iter().map(|zone| polygon(false, zone));
+    let fence: Vec<_> = std::iter::once(polygon(true, &track.border)).chain(zones).collect();
     let plan = json!({
         "fileType": "Plan",
         "version": 1,
@@ -30,7 +37,7 @@ fn write(track: &GeodeticTrack<'_>, items: &[VehicleItem]) -> Vec<u8> {
         "geoFence": {
             "version": 2,
             "circles": [],
-            "polygons": [{ "version": 1, "inclusion": true, "polygon": fence }],
+            "polygons": fence,
         },
         "rallyPoints": { "version": 2, "points": [] },
         "mission": {

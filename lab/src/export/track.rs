@@ -1,9 +1,10 @@
 //! A finished mission in latitude and longitude, the common input of the formats.
 
 use nalgebra::Point3;
+use skysink_common::airspace::Airspace;
 use skysink_common::error::InputError;
 use skysink_common::geometry::Position;
-use skysink_common::scenario::{Area, Origin};
+use skysink_common::scenario::{Area, Origin, Scenario};
 use skysink_common::sensors::projection::{GeodeticPosition, Projection};
 use skysink_common::slot_record::UAV;
 use skysink_mission::replay::RecordedRun;
@@ -57,6 +58,8 @@ pub struct GeodeticTrack<'a> {
     pub sensors: Vec<GeodeticPosition>,
     /// The border of the area from its south-west corner, counter-clockwise, without the first point again at the end.
     pub border: Vec<GeodeticPosition>,
+    /// The no-fly zones, and the buildings that rise above the lowest altitude of the UAV, in the same way.
+    pub zones: Vec<Vec<GeodeticPosition>>,
 }
 
 impl<'a> GeodeticTrack<'a> {
@@ -84,6 +87,7 @@ impl<'a> GeodeticTrack<'a> {
             run,
             points: std::iter::once(start).chain(slots).map(point).collect::<Result<_, InputError>>()?,
             sensors: run.list.sensors().iter().map(|sensor| place(&sensor.position)).collect::<Result<_, _>>()?,
+            zones: zones(scenario).iter().map(|zone| zone.iter().map(place).collect()).collect::<Result<_, _>>()?,
             border: border(&scenario.area).iter().map(place).collect::<Result<_, _>>()?,
         })
     }
@@ -113,8 +117,20 @@ impl<'a> GeodeticTrack<'a> {
     }
 }
 
-/// Points along the border of the area, counter-clockwise from the south-west corner.
+/// The zones that the UAV flies around.
+fn zones(scenario: &Scenario) -> Vec<Vec<Position>> {
+    let airspace = Airspace::without_ways(scenario);
+    let lowest_m = scenario.uav.climb().map_or(scenario.uav.altitude_m, |climb| climb.min_altitude_m);
+    let zones = airspace.zones_above(lowest_m).filter(|zone| !zone.is_border());
+    zones.map(|zone| zone.corners().to_vec()).collect()
+}
+
+/// Points along the border of the area, counter-clockwise: from the south-west corner of the rectangle, or the corners of
+/// its boundary.
 fn border(area: &Area) -> Vec<Position> {
+    if let Some(border) = area.border() {
+        return border.corners().iter().rev().copied().collect();
+    }
     let [width_m, height_m] = [area.width_m(), area.height_m()];
     let corners = [[0.0, 0.0], [width_m, 0.0], [width_m, height_m], [0.0, height_m]].map(Position::from);
     let side = |index: usize| {

@@ -86,7 +86,7 @@ impl Strategy for InTurn {
         });
         let key = |id| (Some(id) != current, fullest_first(view.value(id), id));
         let decision = self.serving.serve_by(view, &waypoint, key);
-        self.planned.extend(&decision.schedule);
+        self.planned.extend(decision.schedule.iter().filter(|id| view.table.is_servable(**id)));
         Some(decision)
     }
 }
@@ -102,7 +102,10 @@ impl Checkpoint for InTurn {
         let is_turn = |turn: &usize| *turn < count;
         CheckpointError::ensure(is_turn(&turn) || turn == 0, "a turn of this field")?;
         CheckpointError::ensure(served.iter().all(is_turn) && !served.contains(&turn), "later turns of this field")?;
-        CheckpointError::ensure(planned.iter().all(|&id| (id as usize) < count), "sensor nodes of this field")?;
+        CheckpointError::ensure(
+            planned.iter().all(|&id| (id as usize) < self.turn_of.len()),
+            "sensor nodes of this field",
+        )?;
         (self.turn, self.served, self.planned) = (turn, served, planned);
         Ok(())
     }
