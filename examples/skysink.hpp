@@ -67,6 +67,8 @@ enum class HoldReason : uint32_t {
     Waypoint,
     /// It was to charge, and is not in the base.
     Base,
+    /// The way to the waypoint led through a no-fly zone or a building.
+    Zone,
 };
 
 /// User header of every sample; those of `sensors`, `belief` and `queues` begin with it.
