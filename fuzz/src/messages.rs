@@ -136,7 +136,7 @@ pub fn path(u: &mut Unstructured) -> Result<()> {
         let length = u.arbitrary::<u8>()? % 80;
         let point = |[x_m, y_m, z_m]: [f64; 3]| PathPoint { x_m, y_m, z_m };
         let path = (0..length).map(|_| u.arbitrary().map(point)).collect::<Result<Vec<_>>>()?;
-        if is_possible_path(&path, &area) {
+        if is_possible_path(&path, area) {
             assert!((1..=64).contains(&path.len()), "{path:?}");
             for point in &path {
                 let [x_m, y_m, z_m] = [point.x_m, point.y_m, point.z_m].map(|m| f64::from(m as f32)); // as drawn

@@ -73,7 +73,11 @@ out.
     );
     for section in sections() {
         if !section.table.is_empty() {
-            text += &format!("\n## `[{}]`\n", section.table);
+            let header = match section.table.strip_suffix("[]") {
+                Some(list) => format!("[[{list}]]"),
+                None => format!("[{}]", section.table),
+            };
+            text += &format!("\n## `{header}`\n");
         }
         if let Some(words) = section.words {
             text += &format!("\n{words}\n");

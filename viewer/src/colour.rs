@@ -53,6 +53,8 @@ pub const HOLD: Rgb = [225, 228, 235];
 pub const NO_FLY: Rgb = [225, 90, 80];
 /// Buildings.
 pub const BUILDING: Rgb = [125, 130, 140];
+/// Edges of buildings.
+pub const EDGE: Rgb = [200, 205, 215];
 /// Charging, the energy in the battery, and the base.
 pub const CHARGE: Rgb = [150, 220, 90];
 /// Returning to the base.

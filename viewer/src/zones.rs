@@ -33,11 +33,11 @@ pub(crate) fn log_zones(canvas: &Canvas, scenario: &Scenario) -> RecordingStream
     }
     let top_m = scenario.uav.climb().map_or(scenario.uav.altitude_m, |climb| climb.max_altitude_m);
     for (index, zone) in area.no_fly.iter().flatten().enumerate() {
-        draw(canvas, &format!("{NO_FLY}/{index}"), &zone.polygon_m, top_m, colour::NO_FLY, NO_FLY_OPACITY)?;
+        draw(canvas, &format!("{NO_FLY}/{index}"), &zone.polygon_m, top_m, [colour::NO_FLY; 2], NO_FLY_OPACITY)?;
     }
     for (index, building) in area.building.iter().flatten().enumerate() {
         let name = format!("{BUILDINGS}/{index}");
-        draw(canvas, &name, &building.polygon_m, building.height_m, colour::BUILDING, u8::MAX)?;
+        draw(canvas, &name, &building.polygon_m, building.height_m, [colour::BUILDING, colour::EDGE], u8::MAX)?;
     }
     Ok(())
 }
@@ -47,12 +47,12 @@ fn draw(
     name: &str,
     corners: &[[f64; 2]],
     top_m: f64,
-    colour: Rgb,
+    [colour, edge]: [Rgb; 2],
     opacity: u8,
 ) -> RecordingStreamResult<()> {
     let Ok(ring) = Ring::of(corners, false) else { return Ok(()) };
     canvas.log_static(name, &solid(ring.corners(), top_m, colour, opacity))?;
-    canvas.log_static(format!("{name}/top"), &outline(ring.corners(), top_m, colour))
+    canvas.log_static(format!("{name}/top"), &outline(ring.corners(), top_m, edge))
 }
 
 /// The closed line through `corners` at an altitude.

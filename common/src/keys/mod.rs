@@ -194,13 +194,18 @@ fn number(value: &Value) -> Option<f64> {
     value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64))
 }
 
-/// All keys below `keys`, the keys of the table `name`, by their dotted names. `name` is empty for the scenario itself.
+/// All keys below `keys`, the keys of the table `name`, by their dotted names; those of the tables in a list have `[]` after
+/// its name. `name` is empty for the scenario itself.
 #[must_use]
 pub fn all(keys: &'static [Key], name: &str) -> Vec<(String, &'static Key)> {
     let mut found = Vec::new();
     for key in keys {
         let name = dotted::join(name, key.name);
-        let inner = key.accepts.inner().map_or_else(Vec::new, |inner| all(inner, &name));
+        let inner = match key.accepts {
+            Accepts::TableOf(inner) => all(inner, &name),
+            Accepts::TablesOf(inner) => all(inner, &format!("{name}[]")),
+            _ => Vec::new(),
+        };
         found.push((name, key));
         found.extend(inner);
     }

@@ -386,10 +386,18 @@ pub fn planned_slot(model: &PlanningModel, forecast: &Forecast, slot: i32, from:
     Some(PlannedSlot { waypoint, ids, next_stop, is_charging: false })
 }
 
-/// The stops [m] of a plan after its first slot, at most 63.
+/// The stops [m] of a plan after its first slot, and the bends around zones between them, at most 63 points.
 #[must_use]
-pub fn planned_path(forecast: &Forecast) -> Vec<Position> {
-    let mut path: Vec<Position> = forecast.trace.legs.iter().filter(|leg| leg.end > 1).map(|leg| leg.at).collect();
+pub fn planned_path(model: &PlanningModel, forecast: &Forecast) -> Vec<Position> {
+    let airspace = &model.table.airspace;
+    let mut path: Vec<Position> = Vec::new();
+    for leg in forecast.trace.legs.iter().filter(|leg| leg.end > 1) {
+        match path.last().copied() {
+            Some(_) if !airspace.is_open() && path.len() >= MAX_PATH_POINTS => break,
+            Some(before) if !airspace.is_open() => path.extend(airspace.way(&before, &leg.at)),
+            _ => path.push(leg.at),
+        }
+    }
     path.dedup();
     path.truncate(MAX_PATH_POINTS - 1);
     path

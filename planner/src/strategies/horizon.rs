@@ -143,7 +143,7 @@ impl LookAhead {
         let Self { horizon, serving, .. } = self;
         let mut own = planned_flight(&horizon.model, forecast, view.slot, serving);
         let decision = own.plan(view)?;
-        self.path.extend(planned_path(forecast).iter().map(|point| above(point, decision.waypoint.z)));
+        self.path.extend(planned_path(&horizon.model, forecast).iter().map(|point| above(point, decision.waypoint.z)));
         Some(decision)
     }
 }
