@@ -38,7 +38,7 @@ impl Vehicle {
             energy_j: battery.map_or(f64::INFINITY, |battery| battery.initial_j),
             battery,
             base: Base::of(scenario),
-            airspace: Arc::new(Airspace::without_ways(scenario)),
+            airspace: Arc::new(scenario.airspace_without_ways()),
         }
     }
 
@@ -87,16 +87,16 @@ impl Vehicle {
         let is_possible = is_in_reach && (lowest_m - slack_m..=highest_m + slack_m).contains(&z_m);
         let z_m = z_m.clamp(lowest_m, highest_m);
         let from = self.position.xy();
-        let below_m = z_m.min(self.position.z); // what rises above this altitude is in the way
+        let z_range_m = [self.position.z, z_m];
         let hold = if !is_possible {
             HoldReason::Waypoint
-        } else if self.airspace.entry(&from, &ground, below_m, border_m).is_some() {
+        } else if self.airspace.entry(&from, &ground, z_range_m, border_m).is_some() {
             HoldReason::Zone
         } else {
             HoldReason::None
         };
         let end = if hold == HoldReason::None {
-            let ground = error_m.map_or(ground, |error_m| self.end_beside(&(ground + error_m), below_m));
+            let ground = error_m.map_or(ground, |error_m| self.end_beside(&(ground + error_m), z_range_m));
             above(&ground, z_m)
         } else {
             self.position
@@ -105,14 +105,14 @@ impl Vehicle {
         hold
     }
 
-    /// The end of a slot toward `ground`: the nearest point of the area, as far as it is in reach and before a zone above the
-    /// altitude `below_m` [m].
-    fn end_beside(&self, ground: &Position, below_m: f64) -> Position {
+    /// The end of a slot toward `ground`: the nearest point of the area, as far as it is in reach and before a zone,
+    /// between the altitudes `z_m` [m] at its ends.
+    fn end_beside(&self, ground: &Position, z_m: [f64; 2]) -> Position {
         let area = &self.scenario.area;
         let inside = Position::new(ground.x.clamp(0.0, area.width_m()), ground.y.clamp(0.0, area.height_m()));
         let from = self.position.xy();
         let end = self.scenario.end_toward(&from, &inside); // between two points of the area, which is convex
-        self.airspace.last_free(&from, &end, below_m)
+        self.airspace.last_free(&from, &end, z_m)
     }
 }
 
@@ -204,5 +204,18 @@ mod tests {
         let mut vehicle = hemmed_in("position_error_m = 1.0\n");
         assert_eq!(vehicle.fly_to(Point3::new(59.0, 50.0, 20.0), Some(Vector2::new(5.0, 1.0))), HoldReason::None);
         assert!((60.0 - 1e-5..60.0).contains(&vehicle.position.x), "{}", vehicle.position);
+    }
+
+    #[test]
+    fn a_uav_over_a_building_does_not_descend_into_it() {
+        let text = "name = 'x'\n[area]\nbuilding = [{ polygon_m = [[40, 40], [60, 40], [60, 60], [40, 60]], height_m = 30.0 }]\n\
+                    [link]\nmodel = 'probabilistic-los'\n[uav]\naltitude = 'free'\naltitude_m = 32.0\nstart_m = [70.0, 50.0]\n";
+        let scenario = Scenario::parse(text, std::path::Path::new("x.toml"), Overrides::default()).unwrap();
+        let mut vehicle = Vehicle::new(&scenario);
+        assert_eq!(vehicle.fly_to(Point3::new(50.0, 50.0, 31.0), None), HoldReason::None, "over it");
+        assert_eq!(vehicle.fly_to(Point3::new(50.0, 50.0, 29.0), None), HoldReason::Zone, "down into it");
+        assert_eq!(vehicle.fly_to(Point3::new(70.0, 50.0, 29.0), None), HoldReason::Zone, "down beside it, through it");
+        assert_eq!(vehicle.fly_to(Point3::new(70.0, 50.0, 30.0), None), HoldReason::None);
+        assert_eq!(vehicle.fly_to(Point3::new(50.0, 50.0, 29.0), None), HoldReason::Zone, "from beside");
     }
 }

@@ -179,7 +179,7 @@ impl Home {
     #[must_use]
     pub fn slot_ends(&self, slot: u64, ground: &Position) -> WayHome {
         let pieces = self.pieces(ground, self.left_after(slot.saturating_sub(1)));
-        let Some(last) = pieces.last() else { return WayHome::Straight { slots: 0.0, end: *ground } };
+        let Some(last) = pieces.last() else { return WayHome::Straight { slots: f64::INFINITY, end: *ground } };
         if pieces.len() == 1 {
             return WayHome::Straight { slots: last.slots, end: last.end };
         }
@@ -274,7 +274,7 @@ mod tests {
     use std::path::Path;
 
     fn made(scenario: &Scenario) -> Option<Home> {
-        Home::of(scenario, &Arc::new(Airspace::of(scenario)))
+        Home::of(scenario, &Arc::new(scenario.airspace()))
     }
 
     /// The way home to (50, 50) in a mission of 20 slots.

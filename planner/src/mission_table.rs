@@ -46,12 +46,15 @@ impl MissionTable {
     /// The table of a scenario with these SNs.
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: Arc<Sensors>) -> Self {
-        Self::within(scenario, sensors, Arc::new(Airspace::of(scenario)))
+        Self::within(scenario, sensors, Arc::new(scenario.airspace()))
     }
 
     fn within(scenario: &Scenario, sensors: Arc<Sensors>, airspace: Arc<Airspace>) -> Self {
         let radius_m = scenario.link.comm_radius_m;
-        let is_hidden = |position: &Position| !within(&airspace.nearest(position), position, radius_m);
+        let is_hidden = |position: &Position| {
+            let nearest = airspace.nearest(position);
+            !within(&nearest, position, radius_m) || !airspace.is_reachable(&nearest)
+        };
         let hidden = sensors.positions.iter().filter(|_| !airspace.is_open()).map(is_hidden);
         Self {
             is_hidden: hidden.collect(),

@@ -4,7 +4,6 @@
 
 use std::sync::Arc;
 
-use skysink_common::airspace::Airspace;
 use skysink_common::battery::BatteryState;
 use skysink_common::error::InputError;
 use skysink_common::scenario::Scenario;
@@ -61,7 +60,7 @@ fn check_landing(scenario: &Scenario) -> Result<(), InputError> {
     if !scenario.must_land() {
         return Ok(());
     }
-    let Some(home) = Home::of(scenario, &Arc::new(Airspace::of(scenario))) else { return Ok(()) };
+    let Some(home) = Home::of(scenario, &Arc::new(scenario.airspace())) else { return Ok(()) };
     let start = scenario.start().xy();
     let BatteryState { energy_j, .. } = BatteryState::initial(scenario);
     if home.base.contains(&start) || home.is_in_reach(0, energy_j, &start) {

@@ -119,7 +119,7 @@ impl Episode {
             (uav.z + climb_m).clamp(limits.min_altitude_m, limits.max_altitude_m)
         });
         let ground = self.field.clamp_to_area(uav.xy() + step);
-        let ground = self.field.airspace.last_free(&uav.xy(), &ground, limits.min_altitude_m);
+        let ground = self.field.airspace.last_free(&uav.xy(), &ground, [limits.min_altitude_m; 2]);
         self.field.plan(above(&ground, z_m), None, self.plant.field().believed_bits(), Mode::Serve)
     }
 

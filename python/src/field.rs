@@ -41,7 +41,7 @@ impl FieldData {
     /// The field of a scenario as the UAV knows it by `belief`.
     pub fn of(scenario: &Scenario, list: &SensorList, belief: &Belief) -> Self {
         let field = Self::new(Limits::of(scenario), belief.known_nodes(list.nodes(), scenario.slot_s));
-        let airspace = Arc::new(Airspace::of(scenario));
+        let airspace = Arc::new(scenario.airspace());
         Self { home: Home::of(scenario, &airspace), airspace, ..field }
     }
 

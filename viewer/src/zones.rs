@@ -5,7 +5,7 @@ use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::{LineStrips3D, Mesh3D};
 use re_sdk_types::components::AlbedoFactor;
 use re_sdk_types::datatypes::Rgba32;
-use skysink_common::airspace::Ring;
+use skysink_common::airspace::Polygon;
 use skysink_common::geometry::Position;
 use skysink_common::scenario::Scenario;
 
@@ -50,7 +50,7 @@ fn draw(
     [colour, edge]: [Rgb; 2],
     opacity: u8,
 ) -> RecordingStreamResult<()> {
-    let Ok(ring) = Ring::of(corners, false) else { return Ok(()) };
+    let Ok(ring) = Polygon::of(corners, false) else { return Ok(()) };
     canvas.log_static(name, &solid(ring.corners(), top_m, colour, opacity))?;
     canvas.log_static(format!("{name}/top"), &outline(ring.corners(), top_m, edge))
 }
@@ -88,7 +88,7 @@ mod tests {
     #[test]
     fn a_solid_has_two_triangles_for_each_wall_and_covers_its_ground_plan() {
         let corners = [[0.0, 0.0], [30.0, 0.0], [30.0, 30.0], [20.0, 30.0], [20.0, 10.0], [0.0, 10.0]];
-        let ring = Ring::of(&corners, false).unwrap();
+        let ring = Polygon::of(&corners, false).unwrap();
         let mut roof: Vec<u32> = Vec::new();
         Earcut::new().earcut(ring.corners().iter().map(|corner| [corner.x, corner.y]), &[], &mut roof);
         let at = |index: u32| ring.corners()[index as usize];

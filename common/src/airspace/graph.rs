@@ -5,7 +5,7 @@ use std::collections::BinaryHeap;
 
 use nalgebra::Vector2;
 
-use super::{Airspace, Bends, Ring};
+use super::{Airspace, Bends, Polygon};
 use crate::geometry::Position;
 
 /// The corners that ways bend at, and the shortest ways between them.
@@ -45,7 +45,7 @@ impl PartialOrd for Pending {
 impl CornerGraph {
     /// The graph of an airspace in which the UAV begins at `start`.
     pub fn of(airspace: &Airspace, start: &Position) -> Self {
-        let corners = airspace.rings().flat_map(|ring| beside_corners(ring, airspace.clearance_m()));
+        let corners = airspace.polygons().flat_map(|polygon| beside_corners(polygon, airspace.clearance_m()));
         let nodes: Vec<Position> = corners.filter(|node| airspace.contains(node)).collect();
         let count = nodes.len();
         let mut neighbours: Vec<Vec<(usize, f64)>> = vec![Vec::new(); count];
@@ -100,6 +100,11 @@ impl CornerGraph {
         self.lengths_m[from * self.nodes.len() + to]
     }
 
+    /// Where the UAV begins.
+    pub fn start(&self) -> Position {
+        self.start
+    }
+
     /// The nodes that a way leads to from the start.
     pub fn reachable(&self) -> impl Iterator<Item = &Position> {
         self.nodes.iter().zip(&self.is_reached).filter(|(_, is_reached)| **is_reached).map(|(node, _)| node)
@@ -140,9 +145,9 @@ impl CornerGraph {
     }
 }
 
-/// Points `clearance_m` [m] beside the corners that a way around the ring bends at.
-fn beside_corners(ring: &Ring, clearance_m: f64) -> impl Iterator<Item = Position> {
-    let corners = ring.corners();
+/// Points `clearance_m` [m] beside the corners that a way around the polygon bends at.
+fn beside_corners(polygon: &Polygon, clearance_m: f64) -> impl Iterator<Item = Position> {
+    let corners = polygon.corners();
     let count = corners.len();
     (0..count).filter_map(move |index| {
         let at = corners[index];

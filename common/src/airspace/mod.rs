@@ -1,18 +1,17 @@
-//! Where a UAV may fly: the area without the no-fly zones and buildings of a scenario (decisions D14 to D16).
+//! Where a UAV may fly: an area without no-fly zones and buildings (decisions D14 to D16).
 //!
 //! The straight way of a slot must not enter the interior of a zone. The shortest way between two points bends at corners
 //! of zones only: it is the shortest path in the graph of the corners that see each other. In an open field every way is
 //! straight.
 
 mod graph;
-mod ring;
+mod polygon;
 
 use smallvec::SmallVec;
 
-pub use ring::Ring;
+pub use polygon::Polygon;
 
-use crate::geometry::{Position, distance_squared};
-use crate::scenario::Scenario;
+use crate::geometry::{Position, distance_squared, within};
 use graph::CornerGraph;
 
 /// Most corners of all zones and buildings of a scenario.
@@ -24,21 +23,18 @@ const CLEARANCE: f64 = 1e-8;
 /// Depth in a zone that rounding may lead to, relative to the area.
 const ROUNDING: f64 = 1e-12;
 
-/// Depth in a zone that flight-sim lets pass, relative to the area.
-pub const SLACK: f64 = 1e-9;
-
 /// Bends of a way, and its end.
 pub type Bends = SmallVec<[Position; 4]>;
 
 /// A zone up to an altitude.
 #[derive(Debug, Clone, PartialEq)]
 struct Zone {
-    ring: Ring,
+    polygon: Polygon,
     /// Its top [m]; infinite for a no-fly zone.
     top_m: f64,
 }
 
-/// The airspace of a scenario.
+/// Where a UAV may fly.
 ///
 /// The default is open.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -54,35 +50,24 @@ pub struct Airspace {
 }
 
 impl Airspace {
-    /// The airspace of a checked scenario, at the lowest altitude of its UAV.
+    /// The airspace over an area of these sides [m], for a UAV that flies `lowest_m` [m] high or higher, with zones up to their
+    /// tops [m]. It checks single ways; all its ways are straight.
     #[must_use]
-    pub fn of(scenario: &Scenario) -> Self {
-        let mut airspace = Self::without_ways(scenario);
-        airspace.graph = CornerGraph::of(&airspace, &scenario.start().xy());
-        airspace
-    }
-
-    /// The same for checks of single ways, without the graph of the corners: all ways are straight.
-    ///
-    /// # Panics
-    /// If a zone is no polygon; never in a checked scenario.
-    #[must_use]
-    pub fn without_ways(scenario: &Scenario) -> Self {
-        let area = &scenario.area;
-        let ring = |corners: &[[f64; 2]], is_border| Ring::of(corners, is_border).expect("zones are checked");
-        let border = area.boundary_m.iter().map(|corners| Zone { ring: ring(corners, true), top_m: f64::INFINITY });
-        let no_fly = area.no_fly.iter().flatten();
-        let no_fly = no_fly.map(|zone| Zone { ring: ring(&zone.polygon_m, false), top_m: f64::INFINITY });
-        let buildings = area.building.iter().flatten();
-        let buildings =
-            buildings.map(|building| Zone { ring: ring(&building.polygon_m, false), top_m: building.height_m });
+    pub fn new(sides_m: [f64; 2], lowest_m: f64, zones: impl Iterator<Item = (Polygon, f64)>) -> Self {
         Self {
-            zones: border.chain(no_fly).chain(buildings).collect(),
-            lowest_m: scenario.uav.climb().map_or(scenario.uav.altitude_m, |climb| climb.min_altitude_m),
-            corner: Position::new(area.width_m(), area.height_m()),
-            extent_m: area.width_m().max(area.height_m()),
+            zones: zones.map(|(polygon, top_m)| Zone { polygon, top_m }).collect(),
+            lowest_m,
+            corner: Position::from(sides_m),
+            extent_m: sides_m[0].max(sides_m[1]),
             graph: CornerGraph::default(),
         }
+    }
+
+    /// The same with ways around zones, for a UAV that begins at `start` [m].
+    #[must_use]
+    pub fn with_ways(mut self, start: &Position) -> Self {
+        self.graph = CornerGraph::of(&self, start);
+        self
     }
 
     /// Whether all ways are straight.
@@ -92,12 +77,12 @@ impl Airspace {
     }
 
     /// Its zones that rise above the altitude `z_m` [m].
-    pub fn zones_above(&self, z_m: f64) -> impl Iterator<Item = &Ring> {
-        self.zones.iter().filter(move |zone| zone.top_m > z_m).map(|zone| &zone.ring)
+    pub fn zones_above(&self, z_m: f64) -> impl Iterator<Item = &Polygon> {
+        self.zones.iter().filter(move |zone| zone.top_m > z_m).map(|zone| &zone.polygon)
     }
 
     /// Zones at the lowest altitude.
-    fn rings(&self) -> impl Iterator<Item = &Ring> {
+    fn polygons(&self) -> impl Iterator<Item = &Polygon> {
         self.zones_above(self.lowest_m)
     }
 
@@ -110,26 +95,30 @@ impl Airspace {
     #[must_use]
     pub fn contains(&self, point: &Position) -> bool {
         let is_in_area = Position::origin() <= *point && *point <= self.corner;
-        is_in_area && self.rings().all(|ring| !ring.forbids(point, ROUNDING * self.extent_m))
+        is_in_area && self.polygons().all(|polygon| !polygon.forbids(point, ROUNDING * self.extent_m))
     }
 
     /// Whether the straight way enters no zone. A way that begins in a zone may leave it.
     #[must_use]
     pub fn is_free(&self, from: &Position, to: &Position) -> bool {
-        self.is_open() || self.entry(from, to, self.lowest_m, ROUNDING * self.extent_m).is_none()
+        self.is_open() || self.entry(from, to, [self.lowest_m; 2], ROUNDING * self.extent_m).is_none()
     }
 
-    /// The fraction of the straight way from `from` to `to` [m] at which it enters a zone above the altitude `z_m`, by more
-    /// than `slack_m` [m]; `None` if it enters none.
+    /// The fraction of the straight way from `from` to `to` [m] at which it enters a zone, by more than `slack_m` [m], between the
+    /// altitudes `z_m` [m] at its ends; `None` if it enters none.
     #[must_use]
-    pub fn entry(&self, from: &Position, to: &Position, z_m: f64, slack_m: f64) -> Option<f64> {
-        let entries = self.zones_above(z_m).filter_map(|ring| ring.entry(from, to, slack_m));
+    pub fn entry(&self, from: &Position, to: &Position, z_m: [f64; 2], slack_m: f64) -> Option<f64> {
+        let [from_m, to_m] = z_m;
+        let zones = self.zones.iter().filter(|zone| zone.top_m > from_m.min(to_m));
+        // From above a building the way leads into it, not out of it.
+        let entries = zones.filter_map(|zone| zone.polygon.entry(from, to, slack_m, zone.top_m > from_m));
         entries.min_by(f64::total_cmp)
     }
 
-    /// The farthest point of the straight way from `from` to `to` [m] before it enters a zone above the altitude `z_m`.
+    /// The farthest point of the straight way from `from` to `to` [m] before it enters a zone, between the
+    /// altitudes `z_m` [m] at its ends.
     #[must_use]
-    pub fn last_free(&self, from: &Position, to: &Position, z_m: f64) -> Position {
+    pub fn last_free(&self, from: &Position, to: &Position, z_m: [f64; 2]) -> Position {
         let Some(fraction) = self.entry(from, to, z_m, ROUNDING * self.extent_m) else { return *to };
         let along = to - from;
         let before = fraction - self.clearance_m() / along.norm();
@@ -143,7 +132,7 @@ impl Airspace {
         if self.is_open() || self.is_reachable(point) {
             return *point;
         }
-        let mut beside: Vec<Position> = self.rings().flat_map(|ring| ring.projections(point)).collect();
+        let mut beside: Vec<Position> = self.polygons().flat_map(|polygon| polygon.projections(point)).collect();
         beside.sort_by(|a, b| distance_squared(a, point).total_cmp(&distance_squared(b, point)));
         let outward = |projected: &Position| {
             let away = projected - point;
@@ -155,7 +144,7 @@ impl Airspace {
         free.unwrap_or_else(|| {
             let nodes = self.graph.reachable();
             let nearest = nodes.min_by(|a, b| distance_squared(a, point).total_cmp(&distance_squared(b, point)));
-            nearest.copied().unwrap_or(*point)
+            nearest.copied().unwrap_or(self.graph.start())
         })
     }
 
@@ -198,9 +187,8 @@ impl Airspace {
     pub fn way_into(&self, from: &Position, to: &Position, centre: &Position, radius_m: f64) -> Bends {
         let mut way = self.way(from, to);
         let begins = std::iter::once(*from).chain(way.clone());
-        let entered = begins.zip(&way).position(|(begin, end)| {
-            distance_squared(&nearest_between(centre, &begin, end), centre) <= radius_m * radius_m
-        });
+        let entered =
+            begins.zip(&way).position(|(begin, end)| within(&nearest_between(centre, &begin, end), centre, radius_m));
         let Some(piece) = entered else { return Bends::new() };
         let begin = piece.checked_sub(1).map_or(*from, |before| way[before]);
         way.truncate(piece + 1);
@@ -214,7 +202,7 @@ impl Airspace {
         } else {
             let root = (half_b * half_b - a * c).max(0.0).sqrt();
             let fraction = c / (root - half_b);
-            way[piece] = begin + along * fraction.min(1.0);
+            way[piece] = if fraction < 1.0 { begin + along * fraction } else { way[piece] };
         }
         way
     }
@@ -265,7 +253,8 @@ impl Airspace {
             let along = along / away_m;
             let on_m = along.dot(&(next - from)).min(reach_m);
             let beyond = from + along * on_m;
-            if on_m > away_m && self.is_free(from, &beyond) && self.is_free(&beyond, next) {
+            let is_flown = self.contains(&beyond) && self.is_free(from, &beyond);
+            if on_m > away_m && is_flown && self.is_free(&beyond, next) {
                 return (beyond, 1);
             }
         }
@@ -286,13 +275,14 @@ fn nearest_between(point: &Position, from: &Position, to: &Position) -> Position
     if along == nalgebra::Vector2::zeros() {
         return *from;
     }
-    from + along * ((point - from).dot(&along) / along.norm_squared()).clamp(0.0, 1.0)
+    let fraction = (point - from).dot(&along) / along.norm_squared();
+    if fraction < 1.0 { from + along * fraction.max(0.0) } else { *to }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenario::Overrides;
+    use crate::scenario::{Overrides, Scenario};
     use std::path::Path;
 
     /// 100 m × 100 m with a wall from (50, 0) to (54, 80), and the UAV at (20, 50).
@@ -301,7 +291,7 @@ mod tests {
             "name = 'a'\n[area]\nno_fly = [{{ polygon_m = [[50.0, 0.0], [54.0, 0.0], [54.0, 80.0], [50.0, 80.0]] }}]\n{more}\
              [uav]\nstart_m = [20.0, 50.0]\n"
         );
-        Airspace::of(&Scenario::parse(&text, Path::new("a.toml"), Overrides::default()).unwrap())
+        Scenario::parse(&text, Path::new("a.toml"), Overrides::default()).unwrap().airspace()
     }
 
     fn at(x_m: f64, y_m: f64) -> Position {

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::airspace::Ring;
+use crate::airspace::Polygon;
 use crate::geometry::Position;
 use crate::keys::{Accepts, POSITIVE};
 
@@ -92,8 +92,8 @@ impl Area {
 
     /// The polygon that the UAV must not leave, if there is one.
     #[must_use]
-    pub fn border(&self) -> Option<Ring> {
-        Ring::of(self.boundary_m.as_ref()?, true).ok()
+    pub fn border(&self) -> Option<Polygon> {
+        Polygon::of(self.boundary_m.as_ref()?, true).ok()
     }
 
     /// Whether a position lies in the closed area, up to `slack_m` [m]; false for NaN.

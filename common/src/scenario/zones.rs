@@ -1,12 +1,15 @@
-//! The rules of zones and buildings: polygons, and ways that lead where the UAV has to go.
+//! The airspace of a scenario, and the rules of its zones and buildings: polygons, and ways that lead where the UAV has to go.
 
 use serde::Serialize;
 use toml::Value;
 
 use super::mission::Scenario;
-use crate::airspace::{Airspace, MAX_CORNERS, Ring};
+use crate::airspace::{Airspace, MAX_CORNERS, Polygon};
 use crate::error::InputError;
 use crate::geometry::Position;
+
+/// Least part of its bounding box that a boundary fills: sensor nodes are drawn in the box until they lie in the boundary.
+const LEAST_FILLED: f64 = 0.01;
 
 /// Checks the border, the zones and the buildings of `scenario`, and that its start and its base lie outside of them.
 pub(super) fn check(scenario: &Scenario) -> Result<(), InputError> {
@@ -18,12 +21,17 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), InputError> {
     let border = area.boundary_m.iter().map(|corners| ("area.boundary_m".to_owned(), corners, true));
     let mut count = 0;
     for (key, corners, is_border) in border.chain(no_fly).chain(buildings) {
-        let ring = Ring::of(corners, is_border);
-        ring.map_err(|expected| scenario.refusal(&key, &toml_of(corners), expected))?;
         count += corners.len();
         if count > MAX_CORNERS {
-            let expected = format!("at most {MAX_CORNERS} corners in all zones and buildings");
-            return Err(scenario.refusal(&key, &Value::Integer(corners.len() as i64), &expected));
+            let expected = format!("at most {MAX_CORNERS} corners in the boundary, all zones and buildings");
+            return Err(scenario.refusal(&key, &toml_of(corners), &expected));
+        }
+        let polygon = Polygon::of(corners, is_border);
+        let polygon = polygon.map_err(|expected| scenario.refusal(&key, &toml_of(corners), expected))?;
+        let is_in_area = corners.iter().all(|&corner| area.contains(&corner.into(), 0.0));
+        if is_border && !(is_in_area && polygon.filled() >= LEAST_FILLED) {
+            let expected = "a polygon in the area that fills at least a hundredth of its extent";
+            return Err(scenario.refusal(&key, &toml_of(corners), expected));
         }
     }
     if count == 0 {
@@ -33,15 +41,40 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), InputError> {
     let refuse = |key: &str, position: &Position, expected: &str| {
         Err(scenario.refusal(key, &toml_of(&[position.x, position.y]), expected))
     };
-    if !Airspace::without_ways(scenario).contains(&start) {
+    if !scenario.airspace_without_ways().contains(&start) {
         return refuse("uav.start_m", &start, "a position outside of zones and buildings, within the boundary");
     }
     match scenario.base.and_then(|base| base.position_m).map(Position::from) {
-        Some(base) if !Airspace::of(scenario).is_reachable(&base) => {
+        Some(base) if !scenario.airspace().is_reachable(&base) => {
             let expected = "a position that the UAV can fly to from its start, around zones and buildings";
             refuse("base.position_m", &base, expected)
         }
         _ => Ok(()),
+    }
+}
+
+impl Scenario {
+    /// Where the UAV may fly at its lowest altitude. The shortest ways between corners are found here, which takes time by the
+    /// cube of their number.
+    #[must_use]
+    pub fn airspace(&self) -> Airspace {
+        self.airspace_without_ways().with_ways(&self.start().xy())
+    }
+
+    /// The same for checks of single ways: all ways are straight.
+    ///
+    /// # Panics
+    /// If a zone is no polygon; never in a checked scenario.
+    #[must_use]
+    pub fn airspace_without_ways(&self) -> Airspace {
+        let area = &self.area;
+        let polygon = |corners: &[[f64; 2]], is_border| Polygon::of(corners, is_border).expect("zones are checked");
+        let border = area.boundary_m.iter().map(|corners| (polygon(corners, true), f64::INFINITY));
+        let no_fly = area.no_fly.iter().flatten().map(|zone| (polygon(&zone.polygon_m, false), f64::INFINITY));
+        let buildings = area.building.iter().flatten();
+        let buildings = buildings.map(|building| (polygon(&building.polygon_m, false), building.height_m));
+        let lowest_m = self.uav.climb().map_or(self.uav.altitude_m, |climb| climb.min_altitude_m);
+        Airspace::new([area.width_m(), area.height_m()], lowest_m, border.chain(no_fly).chain(buildings))
     }
 }
 

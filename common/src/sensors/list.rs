@@ -8,7 +8,7 @@ use rand::RngExt;
 use rand_distr::{Distribution, Poisson};
 
 use super::{Sensors, rows};
-use crate::airspace::Ring;
+use crate::airspace::Polygon;
 use crate::arrivals::{ArrivalLaw, ArrivalTrace, Arrivals, MAX_SAMPLED_BITS, mean_bits};
 use crate::channel::draw_gain_db;
 use crate::error::{InputError, read_text};
@@ -282,12 +282,14 @@ impl SensorList {
 }
 
 /// Draws sensor node `id` from the seed, within the `border` of the area if it has one.
-fn draw(scenario: &Scenario, border: Option<&Ring>, id: u32) -> Sensor {
+fn draw(scenario: &Scenario, border: Option<&Polygon>, id: u32) -> Sensor {
     let mut stream = Streams::new(scenario.seed).stream(Purpose::Position, 0, id);
     let position = loop {
-        let x_m = stream.random::<f64>() * scenario.area.width_m();
-        let y_m = stream.random::<f64>() * scenario.area.height_m();
-        let drawn = Position::new(x_m, y_m);
+        let [x, y] = [stream.random::<f64>(), stream.random::<f64>()];
+        let drawn = match border.map(Polygon::extent) {
+            None => Position::new(x * scenario.area.width_m(), y * scenario.area.height_m()),
+            Some([low, high]) => Position::new(low.x + x * (high.x - low.x), low.y + y * (high.y - low.y)),
+        };
         if border.is_none_or(|border| border.encloses(&drawn)) {
             break drawn;
         }

@@ -7,7 +7,7 @@ use petgraph::algo::dijkstra;
 use petgraph::graph::UnGraph;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use skysink_common::airspace::{Airspace, length_m};
+use skysink_common::airspace::length_m;
 use skysink_common::geometry::Position;
 use skysink_common::scenario::{Overrides, Scenario};
 
@@ -124,7 +124,7 @@ fn fly_mazes(seed: u64, count: usize) -> (usize, usize) {
             }
         });
         let Some(scenario) = scenario(&zones, start) else { continue };
-        let airspace = Airspace::of(&scenario);
+        let airspace = scenario.airspace();
         let way = airspace.way(&start, &goal);
         let shortest_m = independent_m(&polygons, &start, &goal);
         assert_eq!(way.is_empty(), shortest_m == f64::INFINITY, "{zones:?} {start} {goal}");

@@ -1,7 +1,6 @@
 //! A finished mission in latitude and longitude, the common input of the formats.
 
 use nalgebra::Point3;
-use skysink_common::airspace::Airspace;
 use skysink_common::error::InputError;
 use skysink_common::geometry::Position;
 use skysink_common::scenario::{Area, Origin, Scenario};
@@ -119,7 +118,7 @@ impl<'a> GeodeticTrack<'a> {
 
 /// The zones that the UAV flies around.
 fn zones(scenario: &Scenario) -> Vec<Vec<Position>> {
-    let airspace = Airspace::without_ways(scenario);
+    let airspace = scenario.airspace_without_ways();
     let lowest_m = scenario.uav.climb().map_or(scenario.uav.altitude_m, |climb| climb.min_altitude_m);
     let zones = airspace.zones_above(lowest_m).filter(|zone| !zone.is_border());
     zones.map(|zone| zone.corners().to_vec()).collect()

@@ -224,6 +224,8 @@ impl Decoder {
             lost_bits = self.fly_along(model, &way, &[], empty, visits);
             self.leave_base(home, &visit, &way);
             self.via = Some(visit);
+        } else if route.slots == MOST_SLOTS && !model.table.airspace.is_open() {
+            return Some(0.0); // no way leads there: it is left out
         } else if route.slots > last - self.slot {
             return None;
         }

@@ -49,7 +49,13 @@ fn between_stops(serving: &mut Serving, view: &View, next: &PlannedSlot) -> (Pos
     };
     let reach_m = view.table.limits.reach_m * f64::from(slots);
     let fraction = fraction_within(&next.waypoint, &best_ground, &next_stop, reach_m);
-    (next.waypoint + (best_ground - next.waypoint) * fraction, best.outcome)
+    let moved = next.waypoint + (best_ground - next.waypoint) * fraction;
+    // Behind a zone it would not be flown.
+    if view.table.airspace.is_free(&view.ground(), &moved) {
+        (moved, best.outcome)
+    } else {
+        (next.waypoint, SolverOutcome::Rule)
+    }
 }
 
 /// The largest fraction of the path from `from` to `to` that stays within `radius_m` [m] of `centre`; 0 if `from` does

@@ -15,6 +15,9 @@ use crate::strategy::{Decision, Setup, Strategy, View};
 /// the round.
 type Waypoint = fn(&MissionTable, &Position, [&Position; 2], &Position) -> Position;
 
+/// The turn of an SN that cannot be served.
+const NO_TURN: usize = usize::MAX;
+
 /// A strategy that serves SNs in a fixed order. A turn ends with the slot that serves its SN.
 pub(crate) struct InTurn {
     turns: Turns,
@@ -38,7 +41,7 @@ impl InTurn {
     /// loses it.
     pub fn new(setup: &Setup, mut turns: Turns, remembers: bool, waypoint: Waypoint) -> Self {
         turns.retain(|id| setup.table.is_servable(id));
-        let mut turn_of = vec![0; setup.table.sensors.count()];
+        let mut turn_of = vec![NO_TURN; setup.table.sensors.count()];
         turns.order.iter().enumerate().for_each(|(turn, &id)| turn_of[id as usize] = turn);
         let early = remembers.then_some(turns.order.len().saturating_sub(1) / 2);
         let serving = Serving::new(setup);
@@ -102,10 +105,8 @@ impl Checkpoint for InTurn {
         let is_turn = |turn: &usize| *turn < count;
         CheckpointError::ensure(is_turn(&turn) || turn == 0, "a turn of this field")?;
         CheckpointError::ensure(served.iter().all(is_turn) && !served.contains(&turn), "later turns of this field")?;
-        CheckpointError::ensure(
-            planned.iter().all(|&id| (id as usize) < self.turn_of.len()),
-            "sensor nodes of this field",
-        )?;
+        let has_turn = |&id: &u32| self.turn_of.get(id as usize).is_some_and(|turn| *turn != NO_TURN);
+        CheckpointError::ensure(planned.iter().all(has_turn), "sensor nodes of this field")?;
         (self.turn, self.served, self.planned) = (turn, served, planned);
         Ok(())
     }

@@ -176,7 +176,7 @@ fn feasible(view: &View, target: &Point3<f64>) -> Point3<f64> {
     let limits = &view.table.limits;
     let from = view.ground();
     let ground = toward(limits.reach_m, &from, &view.table.clamp_to_area(&target.xy()));
-    let ground = view.table.airspace.last_free(&from, &ground, limits.min_altitude_m);
+    let ground = view.table.airspace.last_free(&from, &ground, [limits.min_altitude_m; 2]);
     let low_m = limits.min_altitude_m.max(view.position.z - limits.climb_m);
     let high_m = limits.max_altitude_m.min(view.position.z + limits.climb_m);
     above(&ground, if limits.climb_m > 0.0 { target.z.max(low_m).min(high_m) } else { view.position.z })

@@ -9,7 +9,7 @@ const CROSSING_SLACK: f64 = 1e-12;
 
 /// A simple polygon. What is forbidden is its interior, or, for a border, all outside of it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Ring {
+pub struct Polygon {
     /// Its corners [m], with the forbidden side to the left of each edge.
     corners: Vec<Position>,
     lowest: Position,
@@ -17,7 +17,7 @@ pub struct Ring {
     is_border: bool,
 }
 
-impl Ring {
+impl Polygon {
     /// The polygon with these corners, in either direction.
     ///
     /// # Errors
@@ -51,6 +51,21 @@ impl Ring {
     #[must_use]
     pub fn corners(&self) -> &[Position] {
         &self.corners
+    }
+
+    /// The corners of its bounding box, south-west and north-east [m].
+    #[must_use]
+    pub fn extent(&self) -> [Position; 2] {
+        [self.lowest, self.highest]
+    }
+
+    /// The part of its bounding box that it fills.
+    #[must_use]
+    pub fn filled(&self) -> f64 {
+        let origin = self.corners[0];
+        let twice_m2: f64 = edges(&self.corners).map(|[a, b]| (a - origin).perp(&(b - origin))).sum();
+        let sides = self.highest - self.lowest;
+        twice_m2.abs() / 2.0 / (sides.x * sides.y)
     }
 
     /// Whether what is forbidden is the outside.
@@ -128,9 +143,9 @@ impl Ring {
     }
 
     /// The fraction of the straight way from `from` to `to` [m] at which it becomes forbidden, by more than `slack_m` [m];
-    /// `None` if it does not. A way that begins at a forbidden point may leave it.
+    /// `None` if it does not. With `may_leave`, a way that begins at a forbidden point may leave it.
     #[must_use]
-    pub fn entry(&self, from: &Position, to: &Position, slack_m: f64) -> Option<f64> {
+    pub fn entry(&self, from: &Position, to: &Position, slack_m: f64, mut may_leave: bool) -> Option<f64> {
         if !self.is_border {
             let is_apart = |axis: usize| {
                 from[axis].max(to[axis]) <= self.lowest[axis] || from[axis].min(to[axis]) >= self.highest[axis]
@@ -163,7 +178,6 @@ impl Ring {
             }
         }
         turns.sort_unstable_by(f64::total_cmp);
-        let mut may_leave = true;
         for pair in turns.windows(2) {
             let middle = from + along * ((pair[0] + pair[1]) / 2.0);
             let is_forbidden = self.forbids(&middle, slack_m);
@@ -186,12 +200,12 @@ fn edges(corners: &[Position]) -> impl Iterator<Item = [Position; 2]> {
 mod tests {
     use super::*;
 
-    fn square() -> Ring {
-        Ring::of(&[[10.0, 10.0], [30.0, 10.0], [30.0, 30.0], [10.0, 30.0]], false).unwrap()
+    fn square() -> Polygon {
+        Polygon::of(&[[10.0, 10.0], [30.0, 10.0], [30.0, 30.0], [10.0, 30.0]], false).unwrap()
     }
 
-    fn entry(ring: &Ring, from: [f64; 2], to: [f64; 2]) -> Option<f64> {
-        ring.entry(&from.into(), &to.into(), 1e-9)
+    fn entry(ring: &Polygon, from: [f64; 2], to: [f64; 2]) -> Option<f64> {
+        ring.entry(&from.into(), &to.into(), 1e-9, true)
     }
 
     #[test]
@@ -224,14 +238,14 @@ mod tests {
             [10.0, 30.0],
             [0.0, 30.0],
         ];
-        let bay = Ring::of(&bay, false).unwrap();
+        let bay = Polygon::of(&bay, false).unwrap();
         assert_eq!(entry(&bay, [5.0, 20.0], [15.0, 20.0]), None, "into the bay");
         assert!(entry(&bay, [5.0, 20.0], [25.0, 20.0]).is_some(), "through the bay");
     }
 
     #[test]
     fn outside_of_a_border_is_forbidden() {
-        let border = Ring::of(&[[10.0, 10.0], [30.0, 10.0], [30.0, 30.0], [10.0, 30.0]], true).unwrap();
+        let border = Polygon::of(&[[10.0, 10.0], [30.0, 10.0], [30.0, 30.0], [10.0, 30.0]], true).unwrap();
         assert_eq!(entry(&border, [12.0, 20.0], [28.0, 20.0]), None);
         assert_eq!(entry(&border, [20.0, 20.0], [40.0, 20.0]), Some(0.5));
         assert!(border.forbids(&Position::new(99.0, 99.0), 0.0) && !border.forbids(&Position::new(20.0, 20.0), 0.0));
@@ -247,9 +261,9 @@ mod tests {
             &[[0.0, 0.0], [1.0, 0.0], [f64::NAN, 1.0]],
             &[[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [2.0, 0.0], [0.0, 4.0]],
         ] {
-            assert!(Ring::of(corners, false).is_err(), "{corners:?}");
+            assert!(Polygon::of(corners, false).is_err(), "{corners:?}");
         }
         let closed = [[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.0, 0.0]];
-        assert_eq!(Ring::of(&closed, false).unwrap().corners().len(), 3, "a repeated corner counts once");
+        assert_eq!(Polygon::of(&closed, false).unwrap().corners().len(), 3, "a repeated corner counts once");
     }
 }
