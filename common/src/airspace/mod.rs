@@ -71,6 +71,7 @@ impl Airspace {
     }
 
     /// Whether all ways are straight.
+    #[inline]
     #[must_use]
     pub fn is_open(&self) -> bool {
         self.zones.is_empty()
@@ -99,6 +100,7 @@ impl Airspace {
     }
 
     /// Whether the straight way enters no zone. A way that begins in a zone may leave it.
+    #[inline]
     #[must_use]
     pub fn is_free(&self, from: &Position, to: &Position) -> bool {
         self.is_open() || self.entry(from, to, [self.lowest_m; 2], ROUNDING * self.extent_m).is_none()

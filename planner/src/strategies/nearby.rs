@@ -31,8 +31,9 @@ pub(crate) fn preselect(
     queues_bits: &[u32],
 ) {
     spots.clear();
+    let is_open = table.airspace.is_open();
     table.sensors.grid.visit_within(position, radius_m * PRESELECTION_MARGIN, |node| {
-        if !table.may_serve_next(position, &node.position) {
+        if !is_open && !table.may_serve_next(position, &node.position) {
             return;
         }
         spots.push(Spot { position: node.position, queue_bits: queues_bits[node.id as usize], id: node.id });
