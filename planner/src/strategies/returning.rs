@@ -41,22 +41,17 @@ pub(crate) fn battery_after(view: &View, decision: &Decision, mode: Mode) -> Bat
     BatteryState { energy_j, is_charging }
 }
 
-/// The decision of `strategy`, or transit.
+/// The decision of `strategy`, or transit. Where a zone is in its way: to fly around it toward the same waypoint and serve
+/// the fullest queues in range (decision D15).
 fn decide_freely(strategy: &mut dyn Strategy, serving: &mut Serving, view: &View) -> (Decision, Mode) {
+    let (from, airspace) = (view.ground(), &view.table.airspace);
     match strategy.plan(view) {
-        Some(decision) => (around_zones(decision, serving, view), Mode::Serve),
+        Some(decision) if airspace.is_free(&from, &decision.waypoint.xy()) => (decision, Mode::Serve),
+        Some(decision) => {
+            (serving.serve_fullest(view, &view.table.toward(&from, &decision.waypoint.xy())), Mode::Serve)
+        }
         None => (transit_decision(serving, view), Mode::Transit),
     }
-}
-
-/// The decision, or, where a zone is in the way, that to fly around it toward the same waypoint and serve the fullest queues
-/// in range (decision D15).
-fn around_zones(decision: Decision, serving: &mut Serving, view: &View) -> Decision {
-    let (from, to) = (view.ground(), decision.waypoint.xy());
-    if view.table.airspace.is_free(&from, &to) {
-        return decision;
-    }
-    serving.serve_fullest(view, &view.table.toward(&from, &to))
 }
 
 /// The decision to stay and serve nobody.
