@@ -25,7 +25,7 @@ pub use sensors::SensorKeys;
 pub(crate) use sensors::{MAX_FIELD_BITS, MAX_SENSORS};
 pub use uav::{AltitudeMode, Climb, Propulsion, UavKeys};
 
-use crate::channel::RateTable;
+use crate::channel::{LinkModel, RateTable};
 use crate::error::{InputError, read_text};
 use crate::keys::{self, Keys, Source, dotted};
 
@@ -102,6 +102,7 @@ impl Scenario {
             (Some(_), Some(table)) => Some(table),
             (Some(path), None) => Some(RateTable::read(&path)?.held()),
         };
+        scenario.link.buildings = (scenario.link.model == LinkModel::Buildings).then(|| scenario.buildings().held());
         if let Some(strategy) = overrides.strategy {
             strategy.clone_into(&mut scenario.planner.strategy);
         }

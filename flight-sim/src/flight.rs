@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::Vector2;
-use skysink_common::channel::{Channel, ChannelModel, Draw, DrawnChannel, Uplink};
+use skysink_common::channel::{Channel, ChannelModel, Draw, DrawnChannel};
 use skysink_common::geometry::{Position, within};
 use skysink_common::message::{FlightReport, HoldReason, LinkReport, Mode, Plan, SensorNode, SolverOutcome};
 use skysink_common::random::{Purpose, Streams, normal_pair};
@@ -151,7 +151,7 @@ impl Flight {
     fn link_report(&self, slot: u64, sensor: u32) -> LinkReport {
         let index = sensor as usize;
         let (sensor_at, uav_at) = (&self.positions[index], &self.vehicle.position);
-        let uplink = Uplink::new(self.gains[index], sensor_at, uav_at);
+        let uplink = self.channel.law().uplink(self.gains[index], sensor_at, uav_at);
         let Draw { line_of_sight, rate_bps } = self.channel.draw(&uplink, sensor_at, uav_at, slot, sensor);
         LinkReport {
             sensor,
@@ -369,17 +369,14 @@ mod tests {
         let channel = Channel::of(&scenario.link);
         let link = channel.line_of_sight().unwrap();
         let fraction = links.iter().map(|link| f64::from(link.line_of_sight)).sum::<f64>() / 20_000.0;
-        let probability = link.los_probability(900.0, 40.0);
+        let probability = link.los_probability(&Uplink::at(1.0, 900.0, 40.0));
         let error = (probability * (1.0 - probability) / 20_000.0).sqrt();
         assert!((fraction - probability).abs() < 5.0 * error, "{fraction} against {probability}");
         // The expected rate is the mean of the draws, within five standard errors.
         let los = link.los_rate_bps(900.0, 40.0);
         let nlos = link.nlos_rate_bps(900.0, 40.0);
         let mean = links.iter().map(|link| link.rate_bps).sum::<f64>() / 20_000.0;
-        assert!(
-            (mean - link.expected_rate_bps(&Uplink { gain: 1.0, d2_m2: 900.0, z_m: 40.0 })).abs()
-                < 5.0 * error * (los - nlos)
-        );
+        assert!((mean - link.expected_rate_bps(&Uplink::at(1.0, 900.0, 40.0))).abs() < 5.0 * error * (los - nlos));
         assert_eq!(Flight::new(&scenario, &[sensor]).step(7, Some(&plan(&[0]))).links[0], links[6]);
     }
 

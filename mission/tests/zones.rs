@@ -118,6 +118,88 @@ fn with_a_battery_the_way_home_leads_around_zones() {
     }
 }
 
+/// A town with a tall block and a low one, over which the UAV flies, and SNs that are 2 m high.
+fn town(strategy: &'static str) -> Scenario {
+    let text = "name = 'town'\nslots = 150\n[area]\nside_m = 200.0\nbuilding = [\
+                { polygon_m = [[40, 40], [90, 40], [90, 90], [40, 90]], height_m = 50 },\
+                { polygon_m = [[120, 30], [140, 30], [140, 170], [120, 170]], height_m = 15 }]\n\
+                [sensors]\ncount = 50\nheight_m = 2.0\nsampling_bps = [500.0, 3000.0]\n[uav]\naltitude_m = 40.0\n\
+                [link]\nmodel = 'buildings'\ncomm_radius_m = 50.0\ntx_power_w = 0.002\n\
+                [planner]\nhorizon.iterations = 100\noffline.steps = 2000\n";
+    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
+    Scenario::parse(text, Path::new("x.toml"), overrides).and_then(settings::resolve).unwrap()
+}
+
+/// Whether a link of the town is in sight, by hand: the walls are along the axes.
+fn is_in_sight(sensor: [f64; 3], uav: [f64; 3]) -> bool {
+    [([40.0, 40.0], [90.0, 90.0], 50.0), ([120.0, 30.0], [140.0, 170.0], 15.0)].iter().all(|(low, high, top_m)| {
+        let slabs = [(0, low[0], high[0]), (1, low[1], high[1]), (2, f64::NEG_INFINITY, *top_m)];
+        let [from, to] = slabs.iter().fold([0.0f64, 1.0], |[from, to], &(axis, low, high)| {
+            let along = uav[axis] - sensor[axis];
+            let [a, b] = [(low - sensor[axis]) / along, (high - sensor[axis]) / along];
+            [from.max(a.min(b)), to.min(a.max(b))]
+        });
+        from >= to
+    })
+}
+
+#[test]
+fn among_buildings_links_have_the_rate_of_their_state() {
+    let rate_bps = |snr_db: f64, exponent: f64, distance_m: f64| {
+        5e6 * (1.0 + 10f64.powf(snr_db / 10.0) * distance_m.powf(-exponent)).log2()
+    };
+    let mut states = [0, 0];
+    for strategy in names() {
+        let scenario = town(strategy);
+        let list = SensorList::of(&scenario).unwrap();
+        let nodes = list.nodes();
+        let mut served = 0;
+        for record in Mission::new(&scenario, &list).unwrap() {
+            let flight = record.flights[UAV];
+            served += flight.served;
+            for link in flight.served_links() {
+                let node = nodes[link.sensor as usize];
+                let expected = is_in_sight([node.x_m, node.y_m, 2.0], [flight.x_m, flight.y_m, 40.0]);
+                assert_eq!(link.line_of_sight == 1, expected, "{strategy}, slot {}, SN {}", record.slot(), link.sensor);
+                states[usize::from(expected)] += 1;
+                // p β0/(σ² Γ): 2 mW are −27 dBW, σ² is −130 dBW, β0 −60 dB and Γ 8.2 dB.
+                let snr_db = 10.0 * 0.002f64.log10() + 130.0 - 60.0 - 8.2;
+                let distance_m = (node.x_m - flight.x_m).hypot(node.y_m - flight.y_m).hypot(38.0);
+                let expected_bps = match expected {
+                    true => rate_bps(snr_db, 2.5, distance_m),
+                    false => rate_bps(snr_db - 20.0, 3.5, distance_m),
+                };
+                assert!((link.rate_bps / expected_bps - 1.0).abs() < 1e-9, "{} and {expected_bps}", link.rate_bps);
+            }
+        }
+        assert!(served > 100, "{strategy}: {served}");
+    }
+    assert!(states.iter().all(|&count| count > 500), "{states:?}");
+}
+
+/// Two full SNs, of which a wall hides the one that is a little nearer: a strategy that weighs bits serves the other.
+#[test]
+fn strategies_know_the_map_of_buildings() {
+    let list = "x_m,y_m\n100.0,120.0\n100.0,81.0\n";
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("sensors.csv"), list).unwrap();
+    let text = "name = 'wall'\nslots = 2\n[area]\nside_m = 200.0\n\
+                building = [{ polygon_m = [[90, 89], [110, 89], [110, 90], [90, 90]], height_m = 38 }]\n\
+                [sensors]\nfile = 'sensors.csv'\ninitial_queue_mean_bits = 30000\nsampling_bps = 9000.0\n\
+                [uav]\naltitude_m = 40.0\nmax_speed_mps = 0.5\nstart_m = [100.0, 100.0]\n\
+                [link]\nmodel = 'buildings'\ncomm_radius_m = 60.0\nresource_blocks = 1\ntx_power_w = 0.00002\n";
+    for strategy in ["max-weight", "horizon"] {
+        let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
+        let path = folder.path().join("x.toml");
+        let scenario = Scenario::parse(text, &path, overrides).and_then(settings::resolve).unwrap();
+        let list = SensorList::of(&scenario).unwrap();
+        let record = Mission::new(&scenario, &list).unwrap().nth(1).unwrap();
+        let served: Vec<(u32, u32)> =
+            record.flights[UAV].served_links().iter().map(|link| (link.sensor, link.line_of_sight)).collect();
+        assert_eq!(served, [(0, 1)], "{strategy}");
+    }
+}
+
 #[test]
 fn errors_of_position_lead_into_no_zone() {
     for (seed, strategy) in (1..).zip(names()) {

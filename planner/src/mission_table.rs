@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 use nalgebra::Point3;
 use skysink_common::airspace::{Airspace, Bends};
 use skysink_common::arrivals::ArrivalLaw;
-use skysink_common::channel::{Channel, ChannelModel, Uplink};
+use skysink_common::channel::{Channel, ChannelModel};
 use skysink_common::geometry::{Position, distance_squared, within};
 use skysink_common::message::{Limits, SensorNode};
 use skysink_common::scenario::Scenario;
@@ -165,7 +165,7 @@ impl MissionTable {
     /// expected rates `r_i`.
     #[must_use]
     pub fn expected_bits(&self, uav: &Point3<f64>, ids: &[u32], queues_bits: &[u32]) -> u64 {
-        let uplink = |id: u32| Uplink::new(self.sensors.gains[id as usize], self.sensors.position(id), uav);
+        let uplink = |id: u32| self.channel.uplink(self.sensors.gains[id as usize], self.sensors.position(id), uav);
         let capacity_bits = |id: u32| self.channel.capacity_bits(self.channel.expected_rate_bps(&uplink(id)));
         ids.iter().map(|&id| capacity_bits(id).min(u64::from(queues_bits[id as usize]))).sum()
     }

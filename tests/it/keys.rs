@@ -4,7 +4,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use skysink_common::keys::{Accepts, Key, Keys, all};
+use skysink_common::keys::{Accepts, Key, Keys, Only, all};
 use skysink_common::scenario::Scenario;
 use skysink_planner::settings::Settings;
 use skysink_planner::strategies::STRATEGIES;
@@ -123,7 +123,9 @@ fn row(name: &str, key: &Key) -> String {
         Accepts::OneOf(names) => names.iter().map(|name| format!("`\"{name}\"`")).collect::<Vec<_>>().join(", "),
         _ => key.accepts.expected(),
     };
-    let only = key.only.map_or_else(String::new, |only| format!(" With `{} = \"{}\"`.", only.key, only.value));
+    let values =
+        |only: Only| only.values.iter().map(|value| format!("`{} = \"{value}\"`", only.key)).collect::<Vec<_>>();
+    let only = key.only.map_or_else(String::new, |only| format!(" With {}.", values(only).join(" or ")));
     format!("| `{name}` | {default} | {values} | {}{only} |\n", key.words)
 }
 

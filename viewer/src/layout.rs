@@ -109,7 +109,7 @@ fn scenes(
     if estimated.is_some() {
         tabs.push((1.0, beliefs(layout, sizes)?));
     }
-    if Channel::of(&scenario.link).line_of_sight().is_some() {
+    if Channel::of(&scenario.link).random_sight().is_some() {
         tabs.push((1.0, line_of_sight(layout, sizes, slot_s)?));
     }
     tabs.push((1.0, layout.view(class::TEXT, "Legend", legend::PAGE, &[select(legend::PAGE)])?));

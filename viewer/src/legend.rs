@@ -43,7 +43,7 @@ pub(crate) fn log_pages(
     estimated: Option<Rates>,
 ) -> RecordingStreamResult<()> {
     canvas.log_static(PAGE, &TextDocument::from_markdown(page(scenario, count, sizes, estimated)))?;
-    if let Some(link) = Channel::of(&scenario.link).line_of_sight() {
+    if let Some(link) = Channel::of(&scenario.link).random_sight() {
         let page = los_page(scenario, link);
         canvas.log_static(LOS_PAGE, &TextDocument::from_markdown(page))?;
     }

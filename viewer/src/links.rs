@@ -7,7 +7,7 @@ use std::ops::RangeInclusive;
 use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::{Cylinders3D, LineStrips3D};
 use re_sdk_types::components::{FillMode, Radius};
-use skysink_common::channel::{Channel, ChannelModel, Uplink};
+use skysink_common::channel::{Channel, ChannelModel};
 use skysink_common::message::{FlightReport, LinkReport, Plan};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
@@ -108,6 +108,6 @@ fn possible_rates_bps(channel: &Channel, scenario: &Scenario, sensors: &Sensors)
     let weakest = sensors.gains.iter().copied().fold(drawn[0], f64::min);
     let strongest = sensors.gains.iter().copied().fold(drawn[1], f64::max);
     let radius_m = scenario.link.comm_radius_m;
-    let rate_bps = |gain, d2_m2| channel.expected_rate_bps(&Uplink { gain, d2_m2, z_m: scenario.uav.altitude_m });
+    let rate_bps = |gain, d2_m2| channel.expected_rate_bps(&channel.uplink_at(gain, d2_m2, scenario.uav.altitude_m));
     rate_bps(weakest, radius_m * radius_m)..=rate_bps(strongest, 0.0)
 }

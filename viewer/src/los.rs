@@ -14,8 +14,8 @@ use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::{Points3D, Scalars, SeriesPoints};
 use re_sdk_types::components::MarkerShape;
 use re_sdk_types::components::Radius;
-use skysink_common::channel::{Channel, DrawnChannel, LineOfSight};
-use skysink_common::geometry::{Position, distance_squared};
+use skysink_common::channel::{Channel, DrawnChannel, LineOfSight, Uplink};
+use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, LinkReport};
 use skysink_common::random::Streams;
 use skysink_common::scenario::Scenario;
@@ -67,7 +67,7 @@ impl Los {
         part: Part,
     ) -> RecordingStreamResult<Option<Self>> {
         let channel = Channel::of(&scenario.link);
-        let Some(&link) = channel.line_of_sight() else {
+        let Some(&link) = channel.random_sight() else {
             return Ok(None);
         };
         log_styles(canvas)?;
@@ -118,7 +118,8 @@ impl Los {
     /// A point per link, and the mean.
     fn log_links(&self, canvas: &Canvas, z_m: f64, links: &[LinkReport]) -> RecordingStreamResult<()> {
         self.log_curve(canvas, ELEVATION, links, |link| link.elevation_deg)?;
-        let probability = |link: &LinkReport| self.link.los_probability(link.distance_m * link.distance_m, z_m);
+        let probability =
+            |link: &LinkReport| self.link.los_probability(&Uplink::at(1.0, link.distance_m * link.distance_m, z_m));
         self.log_curve(canvas, PROBABILITY, links, probability)
     }
 
@@ -146,7 +147,7 @@ impl Los {
 fn visible(channel: &DrawnChannel, link: &LineOfSight, sensor: &Position, uav: &Point3<f64>) -> f64 {
     match channel.sees(sensor, uav) {
         Some(is_seen) => f64::from(u8::from(is_seen)),
-        None => link.los_probability(distance_squared(&uav.xy(), sensor), uav.z),
+        None => link.los_probability(&Uplink::new(1.0, sensor, uav)),
     }
 }
 
@@ -170,7 +171,6 @@ fn log_styles(canvas: &Canvas) -> RecordingStreamResult<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use skysink_common::channel::Uplink;
     use skysink_common::scenario::Overrides;
     use std::path::Path;
 
@@ -187,11 +187,7 @@ mod tests {
                 .map(|step| {
                     let uplink = Uplink::new(1.0, &sensor, &at(step));
                     let is_drawn = drawn.draw(&uplink, &sensor, &at(step), 7, 0).line_of_sight;
-                    (
-                        visible(&drawn, &link, &sensor, &at(step)),
-                        is_drawn,
-                        link.los_probability(uplink.d2_m2, uplink.z_m),
-                    )
+                    (visible(&drawn, &link, &sensor, &at(step)), is_drawn, link.los_probability(&uplink))
                 })
                 .collect::<Vec<_>>()
         };

@@ -73,6 +73,7 @@ impl Picture {
         legend::log_area(&canvas, sizes)?;
         legend::log_base(&canvas, scenario)?;
         zones::log_zones(&canvas, scenario)?;
+        zones::log_shadows(&canvas, scenario, sensors)?;
         let history = SensorHistory::new(scenario, sensors);
         Ok(Self { canvas, queues, uav, path, links, los, events, curves, history, maps: None, belief: None, names })
     }

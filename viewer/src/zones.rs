@@ -1,13 +1,15 @@
-//! The no-fly zones and the buildings of the scenario, as solids.
+//! The no-fly zones and the buildings of the scenario, as solids, and the shadows of the buildings.
 
 use earcut::Earcut;
 use re_sdk::RecordingStreamResult;
-use re_sdk_types::archetypes::{LineStrips3D, Mesh3D};
-use re_sdk_types::components::AlbedoFactor;
-use re_sdk_types::datatypes::Rgba32;
+use re_sdk_types::archetypes::{GridMap, LineStrips3D, Mesh3D};
+use re_sdk_types::components::{AlbedoFactor, Colormap, ImageFormat};
+use re_sdk_types::datatypes::{ChannelDatatype, ColorModel, Rgba32};
 use skysink_common::airspace::Polygon;
-use skysink_common::geometry::Position;
+use skysink_common::channel::Channel;
+use skysink_common::geometry::{Position, above};
 use skysink_common::scenario::Scenario;
+use skysink_common::sensors::Sensors;
 
 use crate::canvas::Canvas;
 use crate::colour::{self, Rgb};
@@ -21,6 +23,15 @@ const BUILDINGS: &str = "world/buildings";
 
 /// The boundary of the area.
 const BOUNDARY: &str = "world/boundary";
+
+/// Where buildings hide the UAV, over the area at its altitude: the share of the sensor nodes in range that see it.
+pub const SHADOWS: &str = "world/shadows";
+
+/// Cells of the longer side of the shadows.
+const SHADOW_CELLS: u32 = 160;
+
+/// Opacity of the shadows.
+const SHADOW_OPACITY: f32 = 0.45;
 
 /// Opacity of a no-fly zone, which has no walls to see.
 const NO_FLY_OPACITY: u8 = 70;
@@ -40,6 +51,33 @@ pub(crate) fn log_zones(canvas: &Canvas, scenario: &Scenario) -> RecordingStream
         draw(canvas, &name, &building.polygon_m, building.height_m, [colour::BUILDING, colour::EDGE], u8::MAX)?;
     }
     Ok(())
+}
+
+/// Draws the shadows of the buildings among `sensors`; nothing if line of sight does not depend on buildings.
+pub(crate) fn log_shadows(canvas: &Canvas, scenario: &Scenario, sensors: &Sensors) -> RecordingStreamResult<()> {
+    let Some(buildings) = Channel::of(&scenario.link).buildings() else { return Ok(()) };
+    let (width_m, height_m) = (scenario.area.width_m(), scenario.area.height_m());
+    let cell_m = width_m.max(height_m) / f64::from(SHADOW_CELLS);
+    let [columns, rows] = [width_m, height_m].map(|side_m| (side_m / cell_m).ceil().max(1.0) as u32);
+    let share = |column: u32, row: u32| {
+        let centre = |cell: u32| (f64::from(cell) + 0.5) * cell_m;
+        let at = Position::new(centre(column), height_m - centre(row));
+        let (mut in_range, mut seen) = (0, 0);
+        sensors.grid.visit_within(&at, scenario.link.comm_radius_m, |node| {
+            in_range += 1;
+            seen += u32::from(buildings.sees(&node.position, &above(&at, scenario.uav.altitude_m)));
+        });
+        if in_range == 0 { u8::MAX } else { (255 * seen / in_range) as u8 }
+    };
+    let shares = (0..rows).flat_map(|row| (0..columns).map(move |column| (column, row)));
+    let map = GridMap::new(
+        shares.map(|(column, row)| share(column, row)).collect::<Vec<u8>>(),
+        ImageFormat::from_color_model([columns, rows], ColorModel::L, ChannelDatatype::U8),
+        cell_m as f32,
+    );
+    let lowest_m = height_m - f64::from(rows) * cell_m;
+    let map = map.with_translation([0.0, lowest_m as f32, 0.0]).with_colormap(Colormap::Grayscale);
+    canvas.log_static(SHADOWS, &map.with_opacity(SHADOW_OPACITY))
 }
 
 fn draw(

@@ -73,8 +73,8 @@ pub enum ArrivalModel {
 }
 
 /// The condition of the keys of one model.
-const fn only(value: &'static str, expected: &'static str) -> Only {
-    Only { key: "model", value, expected: Some(expected) }
+const fn only(values: &'static [&'static str], expected: &'static str) -> Only {
+    Only { key: "model", values, expected: Some(expected) }
 }
 
 /// Paths.
@@ -89,15 +89,15 @@ crate::keys! {
         model: ArrivalModel = "constant", Accepts::OneOf(ArrivalModel::VARIANTS);
         /// Bits that arrive together, `L` [bit]: an SN samples `L` times a Poisson number of mean `s τ / L` in a slot.
         packet_bits: Option<u32> = 1, Accepts::Whole(1, u32::MAX as u64),
-            only("poisson", "it only with model = \"poisson\"");
+            only(&["poisson"], "it only with model = \"poisson\"");
         /// Mean time that an SN is on [s], at least `slot_s`; on, it samples at `s (on_s + off_s)/on_s`.
-        on_s: Option<f64> = 10.0, POSITIVE, only("on-off", "it only with model = \"on-off\"");
+        on_s: Option<f64> = 10.0, POSITIVE, only(&["on-off"], "it only with model = \"on-off\"");
         /// Mean time that an SN is off [s], at least `slot_s`.
-        off_s: Option<f64> = 40.0, POSITIVE, only("on-off", "it only with model = \"on-off\"");
+        off_s: Option<f64> = 40.0, POSITIVE, only(&["on-off"], "it only with model = \"on-off\"");
         /// CSV file with the columns `slot,sensor,bits`, a row for each slot (from 1) in which an SN (from 0) samples.
-        file: Option<PathBuf>, PATH, only("trace", "it only with model = \"trace\"");
+        file: Option<PathBuf>, PATH, only(&["trace"], "it only with model = \"trace\"");
         /// What the planner is told of a trace: the variance of the bits in a slot, divided by their mean [bit].
-        dispersion_bits: Option<f64> = 1.0, POSITIVE, only("trace", "it only with model = \"trace\"");
+        dispersion_bits: Option<f64> = 1.0, POSITIVE, only(&["trace"], "it only with model = \"trace\"");
     }
 }
 

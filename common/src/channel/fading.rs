@@ -1,12 +1,13 @@
-//! Fading of the power of a link around its mean: a gain `g` of mean 1, drawn for every slot and sensor node
-//! (decision D27).
+//! Fading of the power of a link: a gain `g`, drawn for every slot and sensor node (decision D27).
 //!
 //! With a dominant path of the share `K/(K + 1)` of the power (Rician; Rayleigh for `K = 0`),
-//! `g = |√(K/(K+1)) + n/√(2(K+1))|²`, the parts of `n` standard normal. Expected rates come from a table of
+//! `g = |√(K/(K+1)) + n/√(2(K+1))|²`, the parts of `n` standard normal, which has the mean 1. Behind obstacles
+//! `g = 10^(σ n/10)` (log-normal shadowing), which has the median 1. Expected rates come from a table of
 //! `E[log2(1 + γ g)]` over `ln γ`: the planner never uses the rate of the mean.
 
-use std::f64::consts::LOG2_E;
+use std::f64::consts::{LN_10, LOG2_E};
 use std::fmt;
+use std::ops::RangeInclusive;
 use std::sync::{Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
@@ -18,7 +19,7 @@ use crate::units::ratio_of_db;
 
 /// Keys of Rician fading.
 pub(crate) const ONLY: Only =
-    Only { key: "fading", value: "rician", expected: Some("it only with fading = \"rician\"") };
+    Only { key: "fading", values: &["rician"], expected: Some("it only with fading = \"rician\"") };
 
 /// Rician factors.
 pub(crate) const K_DB: Accepts = Accepts::Number("-inf (Rayleigh), or -100 to 60 dB", |k_db| {
@@ -34,9 +35,12 @@ pub enum FadingModel {
     Rician,
 }
 
+/// Standard deviations of shadowing.
+pub(crate) const SHADOWING_DB: RangeInclusive<f64> = 0.0..=20.0;
+
 /// Highest normal number of [`normal_pair`], `√(2 · 53 ln 2)`, rounded up.
 const HIGHEST_NORMAL: f64 = 8.572;
-/// Standard deviations of the amplitude that integrals extend to; beyond are 10^−18 of the draws.
+/// Standard deviations that integrals extend to; beyond are 10^−18 of the draws.
 const SPREADS: f64 = 9.0;
 /// The table: `ln γ` of its first node, nodes for each unit of `ln γ`, and its last node (`γ` from 10^−6 to 10^13).
 const FIRST_LN: f64 = -14.0;
@@ -44,7 +48,7 @@ const NODES_PER_LN: f64 = 16.0;
 const LAST_NODE: usize = 44 * 16;
 /// Arguments of the Bessel function from which its asymptotic series is used.
 const LARGE: f64 = 500.0;
-/// Steps of the amplitude in a mean over draws.
+/// Steps in a mean over draws.
 const STEPS: usize = 2_048;
 
 /// A law of fading.
@@ -55,50 +59,139 @@ pub struct Fading {
 
 impl PartialEq for Fading {
     fn eq(&self, other: &Self) -> bool {
-        self.table.k == other.table.k
+        self.table.law == other.table.law
     }
 }
 
 impl fmt::Debug for Fading {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(formatter, "Fading(K = {})", self.table.k)
+        write!(formatter, "Fading({:?})", self.table.law)
     }
 }
 
-/// What is computed once for each `K`.
+/// A gain of the power as a function that never falls of a number with a density.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Law {
+    /// The square of a Rician amplitude, with the factor K.
+    Rician(f64),
+    /// `e^(σ n)` of a standard normal number.
+    LogNormal(f64),
+}
+
+/// What is computed once for each law.
 struct Table {
-    k: f64,
-    /// At each node `log2(1 + γ) − E[log2(1 + γ g)]`, and its slope by `ln γ`.
+    law: Law,
+    /// The mean of `g`.
+    mean: f64,
+    /// At each node `log2(1 + γ) − E[log2(1 + γ g)]`, and its slope by `ln γ`, of the gain relative to its mean.
     deficits: Vec<[f64; 2]>,
     /// Steps of `g`: the probability of each, and its upper end.
     steps: Vec<[f64; 2]>,
+}
+
+impl Law {
+    /// Amplitude of the dominant path, and standard deviation of each part of the others.
+    fn amplitudes(k: f64) -> [f64; 2] {
+        [(k / (1.0 + k)).sqrt(), (0.5 / (1.0 + k)).sqrt()]
+    }
+
+    fn gain(self, number: f64) -> f64 {
+        match self {
+            Self::Rician(_) => number.powi(2),
+            Self::LogNormal(sigma) => (sigma * number).exp(),
+        }
+    }
+
+    /// The numbers that integrals extend over.
+    fn range(self) -> [f64; 2] {
+        match self {
+            Self::Rician(k) => {
+                let [dominant, spread] = Self::amplitudes(k);
+                [(dominant - SPREADS * spread).max(0.0), dominant + SPREADS * spread]
+            }
+            Self::LogNormal(_) => [-SPREADS, SPREADS],
+        }
+    }
+
+    /// The highest number that can be drawn.
+    fn highest(self) -> f64 {
+        match self {
+            Self::Rician(k) => {
+                let [dominant, spread] = Self::amplitudes(k);
+                dominant + spread * HIGHEST_NORMAL
+            }
+            Self::LogNormal(_) => HIGHEST_NORMAL,
+        }
+    }
+
+    /// Probability density of the number: of the amplitude `r = √g` (Rice), `r/s² e^{−(r−a)²/2s²} e^{−z} I0(z)`,
+    /// `z = a r/s²`; or of a normal number.
+    fn density(self, number: f64) -> f64 {
+        let Self::Rician(k) = self else { return (-0.5 * number * number).exp() / std::f64::consts::TAU.sqrt() };
+        let [dominant, spread] = Self::amplitudes(k);
+        let variance = spread * spread;
+        let away = (number - dominant) / spread;
+        number / variance * (-0.5 * away * away).exp() * scaled_bessel(dominant * number / variance)
+    }
+
+    /// Nodes and weights of the trapezoid rule over `ln r`, as power gains; for integrands that are smooth in `ln r`
+    /// the error falls exponentially with the number of nodes. Of normal numbers over themselves.
+    fn weighted_gains(self) -> Vec<[f64; 2]> {
+        let [lowest, highest] = self.range();
+        let Self::Rician(k) = self else {
+            let step = 1.0 / 16.0;
+            let nodes = ((highest - lowest) / step) as u32;
+            let number = |node: u32| lowest + step * f64::from(node);
+            return (0..=nodes).map(|node| [self.gain(number(node)), self.density(number(node)) * step]).collect();
+        };
+        let [_, spread] = Self::amplitudes(k);
+        let (first, last) = (lowest.max(1e-9).ln(), highest.ln());
+        let nodes = ((last - first) / (spread / 8.0).min(1.0 / 32.0)).ceil();
+        let step = (last - first) / nodes;
+        let weighted = |node: u32| {
+            let amplitude = (first + step * f64::from(node)).exp();
+            [amplitude * amplitude, self.density(amplitude) * amplitude * step]
+        };
+        (0..=nodes as u32).map(weighted).collect()
+    }
 }
 
 impl Fading {
     /// Rician fading with the factor `k_db` [dB]; Rayleigh fading for −∞.
     #[must_use]
     pub fn rician(k_db: f64) -> Self {
+        Self::of(Law::Rician(ratio_of_db(k_db)))
+    }
+
+    /// Log-normal shadowing with the standard deviation `sigma_db` [dB].
+    #[must_use]
+    pub fn log_normal(sigma_db: f64) -> Self {
+        Self::of(Law::LogNormal(sigma_db * LN_10 / 10.0))
+    }
+
+    fn of(law: Law) -> Self {
         static TABLES: Mutex<Vec<&'static Table>> = Mutex::new(Vec::new());
-        let k = ratio_of_db(k_db);
         let mut tables = TABLES.lock().unwrap_or_else(PoisonError::into_inner);
-        let known = tables.iter().copied().find(|table| table.k == k);
+        let known = tables.iter().copied().find(|table| table.law == law);
         let table = known.unwrap_or_else(|| {
-            let table: &'static Table = Box::leak(Box::new(Table::new(k))); // one for each K of a process
+            let table: &'static Table = Box::leak(Box::new(Table::new(law))); // one for each law of a process
             tables.push(table);
             table
         });
         Self { table }
     }
 
-    /// `E[log2(1 + γ g)]` [bit/s/Hz] of the mean signal-to-noise ratio `γ`, within 10^−6.
+    /// `E[log2(1 + γ g)]` [bit/s/Hz] of the signal-to-noise ratio `γ`, within 10^−6.
     #[must_use]
     pub fn mean(&self, snr: f64) -> f64 {
+        let snr = self.table.mean * snr;
         (snr.ln_1p() * LOG2_E - self.table.deficit(snr)[0]).max(0.0)
     }
 
     /// Slope of [`Self::mean`] by `ln γ`.
     #[must_use]
     pub fn slope(&self, snr: f64) -> f64 {
+        let snr = self.table.mean * snr;
         snr / (1.0 + snr) * LOG2_E - self.table.deficit(snr)[1]
     }
 
@@ -106,15 +199,15 @@ impl Fading {
     #[must_use]
     pub fn draw(&self, streams: &Streams, slot: u64, sensor: u32) -> f64 {
         let [along, across] = normal_pair(&mut streams.stream(Purpose::Fading, slot, sensor));
-        let [dominant, spread] = self.table.amplitudes();
+        let Law::Rician(k) = self.table.law else { return self.table.law.gain(along) };
+        let [dominant, spread] = Law::amplitudes(k);
         (dominant + spread * along).powi(2) + (spread * across).powi(2)
     }
 
     /// The highest power gain that can be drawn.
     #[must_use]
     pub fn highest(&self) -> f64 {
-        let [dominant, spread] = self.table.amplitudes();
-        (dominant + spread * HIGHEST_NORMAL).powi(2)
+        self.table.law.gain(self.table.law.highest())
     }
 
     /// Mean of `value`, which never falls with the power gain: the value at the upper end of each of many steps, of
@@ -129,56 +222,29 @@ impl Fading {
 }
 
 impl Table {
-    fn new(k: f64) -> Self {
-        let mut table = Self { k, deficits: Vec::new(), steps: Vec::new() };
-        let gains = table.weighted_gains();
-        table.deficits = (0..=LAST_NODE).map(|node| deficit(&gains, snr_of(node))).collect();
-        table.steps = table.steps();
-        table
-    }
-
-    /// Amplitude of the dominant path, and standard deviation of each part of the others.
-    fn amplitudes(&self) -> [f64; 2] {
-        [(self.k / (1.0 + self.k)).sqrt(), (0.5 / (1.0 + self.k)).sqrt()]
-    }
-
-    /// Probability density of the amplitude `r = √g` (Rice), `r/s² e^{−(r−a)²/2s²} e^{−z} I0(z)`, `z = a r/s²`.
-    fn density(&self, amplitude: f64) -> f64 {
-        let [dominant, spread] = self.amplitudes();
-        let variance = spread * spread;
-        let away = (amplitude - dominant) / spread;
-        amplitude / variance * (-0.5 * away * away).exp() * scaled_bessel(dominant * amplitude / variance)
-    }
-
-    /// Nodes and weights of the trapezoid rule over `ln r`, as power gains; for integrands that are smooth in `ln r`
-    /// the error falls exponentially with the number of nodes.
-    fn weighted_gains(&self) -> Vec<[f64; 2]> {
-        let [dominant, spread] = self.amplitudes();
-        let first = (dominant - SPREADS * spread).max(1e-9).ln();
-        let last = (dominant + SPREADS * spread).ln();
-        let nodes = ((last - first) / (spread / 8.0).min(1.0 / 32.0)).ceil();
-        let step = (last - first) / nodes;
-        let weighted = |node: u32| {
-            let amplitude = (first + step * f64::from(node)).exp();
-            [amplitude * amplitude, self.density(amplitude) * amplitude * step]
+    fn new(law: Law) -> Self {
+        let mean = match law {
+            Law::Rician(_) => 1.0,
+            Law::LogNormal(sigma) => (0.5 * sigma * sigma).exp(),
         };
-        (0..=nodes as u32).map(weighted).collect()
+        let gains: Vec<[f64; 2]> = law.weighted_gains().iter().map(|[gain, weight]| [gain / mean, *weight]).collect();
+        let deficits = (0..=LAST_NODE).map(|node| deficit(&gains, snr_of(node))).collect();
+        Self { law, mean, deficits, steps: Self::steps(law) }
     }
 
-    /// The steps of `g`, of the same width in the amplitude, with a little more than all probability.
-    fn steps(&self) -> Vec<[f64; 2]> {
-        let [dominant, spread] = self.amplitudes();
-        let lowest = (dominant - SPREADS * spread).max(0.0);
-        let width = (dominant + SPREADS * spread - lowest) / STEPS as f64;
+    /// The steps of `g`, of the same width in the number, with a little more than all probability.
+    fn steps(law: Law) -> Vec<[f64; 2]> {
+        let [lowest, highest] = law.range();
+        let width = (highest - lowest) / STEPS as f64;
         let end = |step: usize| lowest + width * step as f64;
         // Simpson's rule
         let probability = |step: usize| {
-            let [low, middle, high] = [0.0, 0.5, 1.0].map(|part| self.density(end(step) + width * part));
+            let [low, middle, high] = [0.0, 0.5, 1.0].map(|part| law.density(end(step) + width * part));
             width / 6.0 * (low + 4.0 * middle + high)
         };
-        let mut steps: Vec<[f64; 2]> = (0..STEPS).map(|step| [probability(step), end(step + 1).powi(2)]).collect();
+        let mut steps: Vec<[f64; 2]> = (0..STEPS).map(|step| [probability(step), law.gain(end(step + 1))]).collect();
         let left = 1.0 - steps.iter().map(|[probability, _]| probability).sum::<f64>();
-        steps.push([left.max(0.0) + 1e-9, (dominant + spread * HIGHEST_NORMAL).max(end(STEPS)).powi(2)]);
+        steps.push([left.max(0.0) + 1e-9, law.gain(law.highest().max(end(STEPS)))]);
         steps
     }
 
@@ -322,7 +388,7 @@ mod tests {
             let mut at = 0.0;
             for (rank, gain) in (1..).zip(&gains) {
                 let amplitude = gain.sqrt();
-                let middle = fading.table.density(f64::midpoint(at, amplitude));
+                let middle = fading.table.law.density(f64::midpoint(at, amplitude));
                 below += (amplitude - at) * middle;
                 at = amplitude;
                 assert!((below - f64::from(rank) / f64::from(DRAWS)).abs() < 1.95e-3, "K = {k_db} dB, {gain}: {below}");
@@ -333,6 +399,38 @@ mod tests {
                 assert!((median - std::f64::consts::LN_2).abs() < 5e-3, "{median}");
             }
         }
+    }
+
+    /// A million draws: the levels are normal in dB with the standard deviation, and the mean rate is that of the table,
+    /// which has its slope.
+    #[test]
+    fn shadowing_is_normal_in_decibels() {
+        const DRAWS: u32 = 1_000_000;
+        for sigma_db in [1.414, 8.0] {
+            let shadowing = Fading::log_normal(sigma_db);
+            let streams = Streams::new(5);
+            let draw = |draw: u32| shadowing.draw(&streams, u64::from(draw / 1_000), draw % 1_000);
+            let gains: Vec<f64> = (0..DRAWS).map(draw).collect();
+            assert!(gains.iter().all(|gain| *gain <= shadowing.highest()));
+            let mean =
+                |value: &dyn Fn(f64) -> f64| gains.iter().map(|&gain| value(gain)).sum::<f64>() / f64::from(DRAWS);
+            let db = |gain: f64| 10.0 * gain.log10();
+            let [first, second] = [mean(&db), mean(&|gain| db(gain).powi(2))];
+            assert!(first.abs() < 4e-3 * sigma_db && (second.sqrt() / sigma_db - 1.0).abs() < 3e-3, "{first} {second}");
+            for snr in [0.01, 1.0, 30.0, 1e6] {
+                let (drawn, table) = (mean(&|gain| (1.0 + snr * gain).log2()), shadowing.mean(snr));
+                assert!((drawn / table - 1.0).abs() < 0.02, "{sigma_db} dB, {snr}: {drawn}, not {table}");
+                let numeric = (shadowing.mean(snr * 1.000_1) - shadowing.mean(snr / 1.000_1)) / (2.0 * 1.000_1f64.ln());
+                assert!((shadowing.slope(snr) - numeric).abs() < 1e-5 * table.max(1.0), "{sigma_db} dB, {snr}");
+                let steps = shadowing.mean_of(1, |gain| (1.0 + snr * gain).log2());
+                assert!(
+                    table <= steps * (1.0 + 1e-9) && steps < 1.03 * table,
+                    "{sigma_db} dB, {snr}: {steps}, {table}"
+                );
+            }
+        }
+        // σ = 0 is no shadowing: log2(1 + γ).
+        assert!((Fading::log_normal(0.0).mean(3.0) - 2.0).abs() < 1e-9);
     }
 
     #[test]

@@ -15,7 +15,7 @@ use crate::units::ratio_of_db;
 /// Keys of the model `free-space`.
 pub(crate) const ONLY: Only = Only {
     key: "model",
-    value: "free-space",
+    values: &["free-space"],
     expected: Some("it only with model = \"free-space\"; with \"probabilistic-los\" it is reference_gain_db for all"),
 };
 
@@ -178,7 +178,7 @@ mod tests {
 
     /// α = 10^−5.2, H = 20 m.
     fn uplink(d2_m2: f64) -> Uplink {
-        Uplink { gain: 10f64.powf(-5.2), d2_m2, z_m: 20.0 }
+        Uplink::at(10f64.powf(-5.2), d2_m2, 20.0)
     }
 
     #[test]

@@ -60,8 +60,11 @@ impl DrawnChannel {
     /// Whether a sensor node at `sensor` and a UAV at `uav` see each other in all slots; `None` if that is redrawn.
     #[must_use]
     pub fn sees(&self, sensor: &Position, uav: &Point3<f64>) -> Option<bool> {
+        if let Some(buildings) = self.channel.buildings() {
+            return Some(buildings.sees(sensor, uav));
+        }
         let uplink = Uplink::new(1.0, sensor, uav);
-        self.frozen().map(|model| self.level(sensor, uav) < model.los_probability(uplink.d2_m2, uplink.z_m))
+        self.frozen().map(|model| self.level(sensor, uav) < model.los_probability(&uplink))
     }
 
     fn frozen(&self) -> Option<&LineOfSight> {
@@ -182,7 +185,7 @@ mod tests {
     fn links_are_as_often_in_line_of_sight_as_without_and_stay_so() {
         let (sensor, uav) = (Position::new(0.0, 0.0), Point3::new(40.0, 30.0, 30.0));
         let uplink = Uplink::new(1.0, &sensor, &uav);
-        let probability = channel().line_of_sight().unwrap().los_probability(uplink.d2_m2, uplink.z_m);
+        let probability = channel().line_of_sight().unwrap().los_probability(&uplink);
         let mut seen = 0;
         for seed in 0..20_000 {
             let drawn = drawn(seed);

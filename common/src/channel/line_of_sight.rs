@@ -1,7 +1,7 @@
-//! Probabilistic line of sight: an air-to-ground channel that is at random in or out of line of sight.
+//! Line of sight: an air-to-ground channel that is in or out of it, with a rate for either.
 //!
-//! The probability depends on the elevation angle of the UAV as seen from the sensor node (UTS section IV). The planner
-//! knows the probability, but not the draw.
+//! Either at random, with a probability by the elevation angle of the UAV as seen from the sensor node (UTS section IV), of
+//! which the planner knows the probability, but not the draw; or by a map of buildings, which the planner knows.
 
 use std::f64::consts::LOG2_E;
 
@@ -9,6 +9,7 @@ use rand::RngExt;
 use serde::{Deserialize, Serialize};
 use strum::VariantNames;
 
+use super::buildings::Buildings;
 use super::fading::Fading;
 use super::model::{ChannelModel, Draw, Slopes, Uplink};
 use crate::geometry::elevation_deg;
@@ -17,7 +18,14 @@ use crate::random::{Purpose, Streams};
 
 /// Keys of the model `probabilistic-los`.
 pub(crate) const ONLY: Only =
-    Only { key: "model", value: "probabilistic-los", expected: Some("it only with model = \"probabilistic-los\"") };
+    Only { key: "model", values: &["probabilistic-los"], expected: Some("it only with model = \"probabilistic-los\"") };
+
+/// Keys of both models with a line of sight.
+pub(crate) const EITHER: Only = Only {
+    key: "model",
+    values: &["probabilistic-los", "buildings"],
+    expected: Some("it only with model = \"probabilistic-los\" or \"buildings\""),
+};
 
 /// Path loss exponents.
 pub(crate) const EXPONENT: Accepts =
@@ -93,15 +101,24 @@ impl Environment {
     }
 }
 
-/// The parameters of a probabilistic line-of-sight uplink.
+/// What decides on line of sight.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Sight {
+    /// A draw, with a probability over the elevation angle.
+    Curve(LosCurve),
+    /// A map.
+    Buildings(&'static Buildings),
+}
+
+/// The parameters of an uplink that is in or out of line of sight.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LineOfSight {
     /// Bandwidth of a resource block, `W` [Hz].
     pub bandwidth_hz: f64,
     /// Time for communication in a slot, `τ_c` [s].
     pub comm_s: f64,
-    /// Probability of line of sight over the elevation angle.
-    pub curve: LosCurve,
+    /// What decides on line of sight.
+    pub sight: Sight,
     /// Signal-to-noise ratio at 1 m in line of sight, `γ = p β0/(σ² Γ)`.
     pub los_snr: f64,
     /// The same out of line of sight, `μ γ`.
@@ -114,50 +131,92 @@ pub struct LineOfSight {
     pub correlation_m: Option<f64>,
     /// Fading of the power, in either state.
     pub fading: Option<Fading>,
+    /// Shadowing in and out of line of sight, instead of fading.
+    pub shadowing: Option<[Fading; 2]>,
 }
 
 impl LineOfSight {
-    /// Probability of line of sight, `P_L`.
+    /// The curve of the probability; `None` among buildings.
     #[must_use]
-    pub fn los_probability(&self, d2_m2: f64, z_m: f64) -> f64 {
-        self.curve.probability(elevation_deg(d2_m2, z_m))
+    pub fn curve(&self) -> Option<&LosCurve> {
+        match &self.sight {
+            Sight::Curve(curve) => Some(curve),
+            Sight::Buildings(_) => None,
+        }
+    }
+
+    /// The map of buildings; `None` if line of sight is drawn.
+    #[must_use]
+    pub fn buildings(&self) -> Option<&'static Buildings> {
+        match self.sight {
+            Sight::Curve(_) => None,
+            Sight::Buildings(buildings) => Some(buildings),
+        }
+    }
+
+    /// Probability of line of sight, `P_L`; among buildings 0 or 1.
+    #[must_use]
+    pub fn los_probability(&self, uplink: &Uplink) -> f64 {
+        match &self.sight {
+            Sight::Curve(curve) => curve.probability(uplink.elevation_deg()),
+            Sight::Buildings(_) => f64::from(u8::from(uplink.in_sight)),
+        }
+    }
+
+    /// The fading in and out of line of sight.
+    fn fadings(&self) -> [Option<Fading>; 2] {
+        self.shadowing.map_or([self.fading; 2], |shadowing| shadowing.map(Some))
+    }
+
+    /// Whether the position decides on line of sight, and not the draw of a slot.
+    fn stays(&self) -> bool {
+        self.correlation_m.is_some() || self.buildings().is_some()
     }
 
     /// Rate [bit/s] in line of sight, `R_L = W log2(1 + γ D^−α_L)`, `D² = d² + z²`; its mean over the fading.
     #[must_use]
     pub fn los_rate_bps(&self, d2_m2: f64, z_m: f64) -> f64 {
-        self.rate_bps(self.los_snr, self.los_exponent, d2_m2 + z_m * z_m)
+        self.rate_bps(0, self.los_snr, self.los_exponent, d2_m2 + z_m * z_m)
     }
 
     /// Rate [bit/s] out of line of sight, `R_N = W log2(1 + μ γ D^−α_N)`; its mean over the fading.
     #[must_use]
     pub fn nlos_rate_bps(&self, d2_m2: f64, z_m: f64) -> f64 {
-        self.rate_bps(self.nlos_snr, self.nlos_exponent, d2_m2 + z_m * z_m)
+        self.rate_bps(1, self.nlos_snr, self.nlos_exponent, d2_m2 + z_m * z_m)
     }
 
-    fn rate_bps(&self, snr_at_1m: f64, exponent: f64, distance2_m2: f64) -> f64 {
+    fn rate_bps(&self, state: usize, snr_at_1m: f64, exponent: f64, distance2_m2: f64) -> f64 {
         let snr = snr_at_1m * distance2_m2.powf(-exponent / 2.0);
-        match self.fading {
+        match self.fadings()[state] {
             None => self.bandwidth_hz * (1.0 + snr).log2(),
             Some(fading) => self.bandwidth_hz * fading.mean(snr),
         }
     }
 
-    /// This model without fading, and with `power_gain` times the power.
-    fn faded(&self, power_gain: f64) -> Self {
-        Self { los_snr: self.los_snr * power_gain, nlos_snr: self.nlos_snr * power_gain, fading: None, ..*self }
+    /// This model without fading, and with `power_gains` times the power in and out of line of sight.
+    fn faded(&self, [los, nlos]: [f64; 2]) -> Self {
+        Self { los_snr: self.los_snr * los, nlos_snr: self.nlos_snr * nlos, fading: None, shadowing: None, ..*self }
+    }
+
+    /// This model with what `gain` makes of its fading.
+    fn with(&self, gain: impl Fn(Fading) -> f64) -> Self {
+        match (self.fading, self.shadowing) {
+            (None, None) => *self,
+            (Some(fading), None) => self.faded([gain(fading); 2]),
+            (_, Some(shadowing)) => self.faded(shadowing.map(gain)),
+        }
     }
 
     /// This model with the fading of `sensor` in `slot`.
     fn drawn(&self, streams: &Streams, slot: u64, sensor: u32) -> Self {
-        self.fading.map_or(*self, |fading| self.faded(fading.draw(streams, slot, sensor)))
+        self.with(|fading| fading.draw(streams, slot, sensor))
     }
 
     /// The link of `sensor` in `slot`: in line of sight if `level`, uniform from 0 to 1, is below the probability.
     pub(super) fn draw_at(&self, uplink: &Uplink, level: f64, streams: &Streams, slot: u64, sensor: u32) -> Draw {
         let Uplink { d2_m2, z_m, .. } = *uplink;
         let drawn = self.drawn(streams, slot, sensor);
-        if level < self.los_probability(d2_m2, z_m) {
+        if level < self.los_probability(uplink) {
             Draw { line_of_sight: true, rate_bps: drawn.los_rate_bps(d2_m2, z_m) }
         } else {
             Draw { line_of_sight: false, rate_bps: drawn.nlos_rate_bps(d2_m2, z_m) }
@@ -166,13 +225,11 @@ impl LineOfSight {
 
     /// Mean over the fading of `value` of the rate [bit/s] in and out of line of sight.
     fn means_by_state(&self, &Uplink { d2_m2, z_m, .. }: &Uplink, value: &dyn Fn(f64) -> f64) -> [f64; 2] {
-        let Some(fading) = self.fading else {
-            return [value(self.los_rate_bps(d2_m2, z_m)), value(self.nlos_rate_bps(d2_m2, z_m))];
-        };
-        [
-            fading.mean_of(1, |power_gain| value(self.faded(power_gain).los_rate_bps(d2_m2, z_m))),
-            fading.mean_of(1, |power_gain| value(self.faded(power_gain).nlos_rate_bps(d2_m2, z_m))),
-        ]
+        let rates_bps: [fn(&Self, f64, f64) -> f64; 2] = [Self::los_rate_bps, Self::nlos_rate_bps];
+        std::array::from_fn(|state| match self.fadings()[state] {
+            None => value(rates_bps[state](self, d2_m2, z_m)),
+            Some(fading) => fading.mean_of(1, |gain| value(rates_bps[state](&self.faded([gain; 2]), d2_m2, z_m))),
+        })
     }
 }
 
@@ -184,28 +241,33 @@ impl ChannelModel for LineOfSight {
 
     /// `P_L R_L + (1 − P_L) R_N`; not the rate of the expected gain, which is higher.
     #[inline]
-    fn expected_rate_bps(&self, &Uplink { d2_m2, z_m, .. }: &Uplink) -> f64 {
-        let probability = self.los_probability(d2_m2, z_m);
+    fn expected_rate_bps(&self, uplink: &Uplink) -> f64 {
+        let Uplink { d2_m2, z_m, in_sight, .. } = *uplink;
+        if self.buildings().is_some() {
+            return if in_sight { self.los_rate_bps(d2_m2, z_m) } else { self.nlos_rate_bps(d2_m2, z_m) };
+        }
+        let probability = self.los_probability(uplink);
         probability * self.los_rate_bps(d2_m2, z_m) + (1.0 - probability) * self.nlos_rate_bps(d2_m2, z_m)
     }
 
     /// `∂E/∂D² = P_L R_L' + (1 − P_L) R_N'` with `R' = −W log2(e) (α/2) γ / (D² (D^α + γ))`, and
     /// `∂E/∂θ = P_L' (R_L − R_N)`. With fading `R' = −W (α/2) / D²` times the slope of the mean by `ln(γ D^−α)`.
     #[inline]
-    fn slopes(&self, &Uplink { d2_m2, z_m, .. }: &Uplink) -> Slopes {
-        let probability = self.los_probability(d2_m2, z_m);
+    fn slopes(&self, uplink: &Uplink) -> Slopes {
+        let Uplink { d2_m2, z_m, .. } = *uplink;
+        let probability = self.los_probability(uplink);
         let distance2_m2 = d2_m2 + z_m * z_m;
-        let decrease = |snr: f64, exponent: f64| {
+        let decrease = |state: usize, snr: f64, exponent: f64| {
             let kappa = exponent / 2.0;
-            if let Some(fading) = self.fading {
+            if let Some(fading) = self.fadings()[state] {
                 let slope = fading.slope(snr * distance2_m2.powf(-kappa));
                 return self.bandwidth_hz * kappa * slope / distance2_m2;
             }
             self.bandwidth_hz * LOG2_E * kappa * snr / (distance2_m2 * (distance2_m2.powf(kappa) + snr))
         };
-        let los_decrease = decrease(self.los_snr, self.los_exponent);
-        let nlos_decrease = decrease(self.nlos_snr, self.nlos_exponent);
-        let curve_slope = self.curve.slope(elevation_deg(d2_m2, z_m));
+        let los_decrease = decrease(0, self.los_snr, self.los_exponent);
+        let nlos_decrease = decrease(1, self.nlos_snr, self.nlos_exponent);
+        let curve_slope = self.curve().map_or(0.0, |curve| curve.slope(elevation_deg(d2_m2, z_m)));
         Slopes {
             by_distance2: -(probability * los_decrease + (1.0 - probability) * nlos_decrease),
             by_elevation: curve_slope * (self.los_rate_bps(d2_m2, z_m) - self.nlos_rate_bps(d2_m2, z_m)),
@@ -213,31 +275,34 @@ impl ChannelModel for LineOfSight {
     }
 
     fn is_random(&self) -> bool {
-        true
+        self.buildings().is_none() || self.fadings() != [None; 2]
     }
 
     /// Whether the link of `sensor` is in line of sight in `slot`, and its rate.
     fn draw(&self, uplink: &Uplink, streams: &Streams, slot: u64, sensor: u32) -> Draw {
-        let level: f64 = streams.stream(Purpose::LineOfSight, slot, sensor).random();
+        let level = match self.sight {
+            Sight::Curve(_) => streams.stream(Purpose::LineOfSight, slot, sensor).random(),
+            Sight::Buildings(_) => 0.5, // whatever is between the probabilities 0 and 1
+        };
         self.draw_at(uplink, level, streams, slot, sensor)
     }
 
     /// The rate in line of sight, unless its parameters make it the lower one.
     fn best_rate_bps(&self, &Uplink { d2_m2, z_m, .. }: &Uplink) -> f64 {
-        let best = self.fading.map_or(*self, |fading| self.faded(fading.highest()));
+        let best = self.with(|fading| fading.highest());
         best.los_rate_bps(d2_m2, z_m).max(best.nlos_rate_bps(d2_m2, z_m))
     }
 
     /// The probability of line of sight is not higher where the angle is lower, so a link without it has none there.
-    /// Where it stays, the position decides, so it is assumed.
+    /// Where the position decides, it is assumed.
     fn best_drawn_rate_bps(&self, uplink: &Uplink, streams: &Streams, slot: u64, sensor: u32) -> f64 {
         let Draw { line_of_sight, rate_bps } = self.draw(uplink, streams, slot, sensor);
-        let may_see = line_of_sight || self.correlation_m.is_some();
+        let may_see = line_of_sight || self.stays();
         if may_see { self.drawn(streams, slot, sensor).best_rate_bps(uplink) } else { rate_bps }
     }
 
     fn mean_over_draws(&self, uplink: &Uplink, value: &dyn Fn(f64) -> f64) -> f64 {
-        let probability = self.los_probability(uplink.d2_m2, uplink.z_m);
+        let probability = self.los_probability(uplink);
         let [seen, hidden] = self.means_by_state(uplink, value);
         // In this form the mean of two equal numbers is that number.
         hidden + probability * (seen - hidden)
@@ -247,8 +312,8 @@ impl ChannelModel for LineOfSight {
     /// sight stays, what was seen tells where to find it.
     fn best_mean_over_draws(&self, uplink: &Uplink, value: &dyn Fn(f64) -> f64) -> f64 {
         let [seen, hidden] = self.means_by_state(uplink, value);
-        let probability = self.los_probability(uplink.d2_m2, uplink.z_m);
-        let seen = if self.correlation_m.is_some() { seen } else { hidden + probability * (seen - hidden) };
+        let probability = self.los_probability(uplink);
+        let seen = if self.stays() { seen } else { hidden + probability * (seen - hidden) };
         seen.max(hidden)
     }
 
@@ -257,7 +322,7 @@ impl ChannelModel for LineOfSight {
     }
 
     fn depends_on_elevation(&self) -> bool {
-        true
+        self.buildings().is_none()
     }
 
     fn has_own_gains(&self) -> bool {
@@ -318,24 +383,25 @@ mod tests {
         let link = LineOfSight {
             bandwidth_hz: 1e6,
             comm_s: 0.1,
-            curve: LosCurve::Sigmoid { a: 12.08, b: 0.11 },
+            sight: Sight::Curve(LosCurve::Sigmoid { a: 12.08, b: 0.11 }),
             los_snr: 1e5,
             nlos_snr: 1e3,
             los_exponent: 2.5,
             nlos_exponent: 3.5,
             correlation_m: None,
             fading: None,
+            shadowing: None,
         };
         let los = link.los_rate_bps(900.0, 40.0);
         let nlos = link.nlos_rate_bps(900.0, 40.0);
-        let expected = link.expected_rate_bps(&Uplink { gain: 1.0, d2_m2: 900.0, z_m: 40.0 });
+        let expected = link.expected_rate_bps(&Uplink::at(1.0, 900.0, 40.0));
         assert!(nlos < expected && expected < los);
         // D = 50 m: γ D^−2.5 = 1e5/17677.67 = 5.656854; log2(6.656854) = 2.734841
         assert!((los / 1e6 - 2.734_841).abs() < 1e-5, "{los}");
         assert_eq!(elevation_deg(0.0, 40.0), 90.0);
         // With fading: less, the mean of what is drawn, with the slopes of the means.
         let faded = LineOfSight { fading: Some(Fading::rician(3.0)), ..link };
-        let at = |d2_m2: f64| Uplink { gain: 1.0, d2_m2, z_m: 40.0 };
+        let at = |d2_m2: f64| Uplink::at(1.0, d2_m2, 40.0);
         let mean_bps = faded.expected_rate_bps(&at(900.0));
         assert!(mean_bps < expected && faded.mean_over_draws(&at(900.0), &|bps| bps) >= mean_bps);
         let streams = Streams::new(9);

@@ -6,6 +6,7 @@
 //!
 //! Levels are in dB in the keys and in the sensor list; messages and channels are linear.
 
+mod buildings;
 mod fading;
 mod free_space;
 mod frozen;
@@ -16,16 +17,20 @@ mod table;
 use std::path::PathBuf;
 
 use enum_dispatch::enum_dispatch;
+use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 use strum::VariantNames;
 
+pub use buildings::Buildings;
+pub(crate) use fading::SHADOWING_DB;
 pub use fading::{Fading, FadingModel};
 pub use free_space::{FreeSpace, GainMode, draw_gain_db};
 pub use frozen::DrawnChannel;
-pub use line_of_sight::{Environment, LineOfSight, LosCurve};
+pub use line_of_sight::{Environment, LineOfSight, LosCurve, Sight};
 pub use model::{ChannelModel, Draw, Slopes, Uplink};
 pub use table::{RateTable, TableChannel};
 
+use crate::geometry::{Position, distance_squared};
 use crate::keys::{Accepts, Interval, LEVEL_DB, POSITIVE};
 use crate::random::Streams;
 use crate::units::{ratio_of_db, watts_of_dbm};
@@ -39,7 +44,7 @@ pub const MAX_RESOURCE_BLOCKS: usize = 64;
 pub enum Channel {
     /// Free space, with one gain per sensor node.
     FreeSpace(FreeSpace),
-    /// Probabilistic line of sight, by the elevation angle, with one gain for all sensor nodes.
+    /// In or out of line of sight, by the elevation angle or a map of buildings, with one gain for all sensor nodes.
     LineOfSight(LineOfSight),
     /// A table of rates by distance and altitude, for all sensor nodes.
     Table(TableChannel),
@@ -54,6 +59,8 @@ pub enum LinkModel {
     FreeSpace,
     /// At random in or out of line of sight (UTS section IV).
     ProbabilisticLos,
+    /// In line of sight where no building is in the way.
+    Buildings,
     /// The rates of a file, by distance, altitude and probability.
     Table,
 }
@@ -96,15 +103,17 @@ crate::keys! {
         /// `{ a = 12.08, b = 0.11 }` or `{ b1 = , b2 = , b3 = , b4 = }`.
         los: Option<LosCurve>, Accepts::TableOf(line_of_sight::LOS), line_of_sight::ONLY;
         /// Gain at 1 m of every SN, `β0` [dB].
-        reference_gain_db: Option<f64> = -60.0, LEVEL_DB, line_of_sight::ONLY;
+        reference_gain_db: Option<f64> = -60.0, LEVEL_DB, line_of_sight::EITHER;
         /// Path loss exponent in line of sight, `α_L`.
-        los_exponent: Option<f64> = 2.5, line_of_sight::EXPONENT, line_of_sight::ONLY;
+        los_exponent: Option<f64> = 2.5, line_of_sight::EXPONENT, line_of_sight::EITHER;
         /// Path loss exponent out of line of sight, `α_N`.
-        nlos_exponent: Option<f64> = 3.5, line_of_sight::EXPONENT, line_of_sight::ONLY;
+        nlos_exponent: Option<f64> = 3.5, line_of_sight::EXPONENT, line_of_sight::EITHER;
         /// Additional gain out of line of sight, `μ` [dB].
-        nlos_extra_db: Option<f64> = -20.0, LEVEL_DB, line_of_sight::ONLY;
+        nlos_extra_db: Option<f64> = -20.0, LEVEL_DB, line_of_sight::EITHER;
         /// SNR gap of a real modem, `Γ` [dB].
-        snr_gap_db: Option<f64> = 8.2, line_of_sight::GAP_DB, line_of_sight::ONLY;
+        snr_gap_db: Option<f64> = 8.2, line_of_sight::GAP_DB, line_of_sight::EITHER;
+        /// Standard deviations of log-normal shadowing in and out of line of sight [dB], redrawn in every slot; absent: none.
+        shadowing_db: Option<[f64; 2]>, Accepts::Rule("[in, out of line of sight], 0 to 20 dB each"), buildings::ONLY;
         /// Correlation distance [m] of a line of sight that stays for the mission; 0 or absent: redrawn in every slot.
         los_correlation_m: Option<f64>, CORRELATION_M, line_of_sight::ONLY;
         /// CSV file with the columns `distance_m,altitude_m,probability,rate_bps`: the rates [bit/s] that a link does not
@@ -124,6 +133,9 @@ crate::keys! {
             /// The rates of `file`, which the scenario reads.
             #[serde(skip)]
             pub table: Option<&'static RateTable>,
+            /// The buildings of the area, with the model `buildings`.
+            #[serde(skip)]
+            pub buildings: Option<&'static Buildings>,
         }
     }
 }
@@ -137,19 +149,49 @@ impl Channel {
     pub fn of(link: &LinkBudget) -> Self {
         let channel = match link.model {
             LinkModel::FreeSpace => link.free_space().map(Self::FreeSpace),
-            LinkModel::ProbabilisticLos => link.line_of_sight().map(Self::LineOfSight),
+            LinkModel::ProbabilisticLos | LinkModel::Buildings => link.line_of_sight().map(Self::LineOfSight),
             LinkModel::Table => link.table.map(|table| Self::Table(TableChannel { table, comm_s: link.comm_s })),
         };
         channel.expect("a checked scenario has the keys of its model")
     }
 
-    /// The line of sight that is drawn in every slot, for display; `None` if there is no such draw.
+    /// The model that is in or out of line of sight; `None` for others.
     #[must_use]
     pub fn line_of_sight(&self) -> Option<&LineOfSight> {
         match self {
             Self::LineOfSight(model) => Some(model),
             Self::FreeSpace(_) | Self::Table(_) => None,
         }
+    }
+
+    /// The model whose line of sight is random; `None` for others.
+    #[must_use]
+    pub fn random_sight(&self) -> Option<&LineOfSight> {
+        self.line_of_sight().filter(|model| model.buildings().is_none())
+    }
+
+    /// The uplink of a sensor node with `gain` at the position `sensor`, to the UAV at `uav`.
+    #[must_use]
+    #[inline]
+    pub fn uplink(&self, gain: f64, sensor: &Position, uav: &Point3<f64>) -> Uplink {
+        let Some(buildings) = self.buildings() else { return Uplink::new(gain, sensor, uav) };
+        let uplink = self.uplink_at(gain, distance_squared(&uav.xy(), sensor), uav.z);
+        Uplink { in_sight: buildings.sees(sensor, uav), ..uplink }
+    }
+
+    /// The uplink of a sensor node with `gain` at the squared horizontal distance `d2_m2` [m²], to the UAV at the altitude
+    /// `z_m` [m], in sight of each other.
+    #[must_use]
+    #[inline]
+    pub fn uplink_at(&self, gain: f64, d2_m2: f64, z_m: f64) -> Uplink {
+        Uplink::at(gain, d2_m2, z_m - self.buildings().map_or(0.0, Buildings::sensors_height_m))
+    }
+
+    /// The buildings that decide on line of sight; `None` for other channels.
+    #[must_use]
+    #[inline]
+    pub fn buildings(&self) -> Option<&'static Buildings> {
+        self.line_of_sight().and_then(LineOfSight::buildings)
     }
 }
 
@@ -193,13 +235,20 @@ impl LinkBudget {
         Some(LineOfSight {
             bandwidth_hz,
             comm_s,
-            curve: self.los.or_else(|| self.environment.map(Environment::curve))?,
+            sight: match self.buildings {
+                Some(buildings) => Sight::Buildings(buildings),
+                None => Sight::Curve(self.los.or_else(|| self.environment.map(Environment::curve))?),
+            },
             los_snr,
             nlos_snr: ratio_of_db(self.nlos_extra_db?) * los_snr,
             los_exponent: self.los_exponent?,
             nlos_exponent: self.nlos_exponent?,
             correlation_m: self.los_correlation_m.filter(|&correlation_m| correlation_m > 0.0),
             fading: self.fading(),
+            shadowing: self
+                .shadowing_db
+                .filter(|sigmas| *sigmas != [0.0; 2])
+                .map(|sigmas| sigmas.map(Fading::log_normal)),
         })
     }
 }

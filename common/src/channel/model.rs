@@ -16,8 +16,10 @@ pub struct Uplink {
     pub gain: f64,
     /// Squared horizontal distance, `d²` [m²].
     pub d2_m2: f64,
-    /// Altitude of the UAV, `z` [m], above 0.
+    /// Altitude of the UAV above the sensor node, `z` [m], above 0.
     pub z_m: f64,
+    /// Whether no building is between them; true for channels that do not know.
+    pub in_sight: bool,
 }
 
 /// A channel in one slot, as drawn.
@@ -39,11 +41,20 @@ pub struct Slopes {
 }
 
 impl Uplink {
-    /// The uplink of a sensor node with `gain` at the position `sensor`, to the UAV at `uav`.
+    /// The uplink of a sensor node with `gain` on the ground at the position `sensor`, to the UAV at `uav`, in sight of each
+    /// other.
     #[must_use]
     #[inline]
     pub fn new(gain: f64, sensor: &Position, uav: &Point3<f64>) -> Self {
-        Self { gain, d2_m2: distance_squared(&uav.xy(), sensor), z_m: uav.z }
+        Self::at(gain, distance_squared(&uav.xy(), sensor), uav.z)
+    }
+
+    /// The uplink of a sensor node with `gain` on the ground at the squared horizontal distance `d2_m2` [m²], to the UAV at
+    /// the altitude `z_m` [m], in sight of each other.
+    #[must_use]
+    #[inline]
+    pub fn at(gain: f64, d2_m2: f64, z_m: f64) -> Self {
+        Self { gain, d2_m2, z_m, in_sight: true }
     }
 
     /// Elevation angle `θ` [deg] of the UAV as seen from the sensor node.

@@ -13,7 +13,8 @@ use crate::keys::Only;
 use crate::random::{Purpose, Streams};
 
 /// Keys of the model `table`.
-pub(crate) const ONLY: Only = Only { key: "model", value: "table", expected: Some("it only with model = \"table\"") };
+pub(crate) const ONLY: Only =
+    Only { key: "model", values: &["table"], expected: Some("it only with model = \"table\"") };
 
 /// Most rates of a table.
 const MOST_RATES: usize = 1_000_000;
@@ -352,7 +353,7 @@ mod tests {
     }
 
     fn uplink(d_m: f64, z_m: f64) -> Uplink {
-        Uplink { gain: 1.0, d2_m2: d_m * d_m, z_m }
+        Uplink::at(1.0, d_m * d_m, z_m)
     }
 
     #[test]

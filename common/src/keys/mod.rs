@@ -73,8 +73,8 @@ impl Key {
 pub struct Only {
     /// The other key.
     pub key: &'static str,
-    /// Its value.
-    pub value: &'static str,
+    /// Its values.
+    pub values: &'static [&'static str],
     /// What is expected of the key where the condition does not hold; `None` if the key is accepted there, too.
     pub expected: Option<&'static str>,
 }
@@ -83,7 +83,7 @@ impl Only {
     /// Whether `table` meets the condition.
     #[must_use]
     pub fn holds(&self, table: &Table) -> bool {
-        table.get(self.key).and_then(Value::as_str) == Some(self.value)
+        table.get(self.key).and_then(Value::as_str).is_some_and(|value| self.values.contains(&value))
     }
 }
 

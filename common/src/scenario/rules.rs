@@ -11,7 +11,7 @@ use super::sensors::MAX_FIELD_BITS;
 use super::uav::Climb;
 use super::zones;
 use crate::arrivals::MAX_SAMPLED_BITS;
-use crate::channel::{Channel, ChannelModel, LinkModel, LosCurve};
+use crate::channel::{Channel, ChannelModel, LinkModel, LosCurve, SHADOWING_DB};
 use crate::error::InputError;
 use crate::geometry::Position;
 use crate::keys::dotted::{beside, is_below, value};
@@ -75,6 +75,14 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
     let expected = "another model, or a CSV file as link.file";
     rule(!is_table || link.file.is_some(), "link.model", expected)?;
     rule(!is_table || link.fading.is_none(), "link.fading", "none with model = \"table\", whose rates have it")?;
+    let expected = "a height from 0, below uav.altitude_m, and only with link.model = \"buildings\"";
+    let is_height = |height_m: f64| link.model == LinkModel::Buildings && (0.0..uav.altitude_m).contains(&height_m);
+    rule(sensors.height_m.is_none_or(is_height), "sensors.height_m", expected)?;
+    let are_levels = |sigmas_db: [f64; 2]| sigmas_db.iter().all(|sigma_db| SHADOWING_DB.contains(sigma_db));
+    let expected = "[in, out of line of sight], standard deviations from 0 to 20 dB";
+    rule(link.shadowing_db.is_none_or(are_levels), "link.shadowing_db", expected)?;
+    let expected = "none with shadowing_db, which is instead of it";
+    rule(link.shadowing_db.is_none() || link.fading.is_none(), "link.fading", expected)?;
     if let Some(Climb { min_altitude_m, max_altitude_m, .. }) = uav.climb() {
         let expected = "\"fixed\", or link.model = \"probabilistic-los\", in which altitude matters";
         rule(Channel::of(link).depends_on_elevation(), "uav.altitude", expected)?;
@@ -85,7 +93,8 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
     }
 
     for (key, only) in conditional() {
-        let holds = value(&beside(&key, only.key)).and_then(Value::as_str) == Some(only.value);
+        let other = value(&beside(&key, only.key)).and_then(Value::as_str);
+        let holds = other.is_some_and(|other| only.values.contains(&other));
         if let Some(expected) = only.expected {
             rule(holds, &key, expected)?;
         }
@@ -137,7 +146,7 @@ pub(crate) fn displaced(key: &str, value: &Value) -> Vec<String> {
     let is_displaced = |(name, only): &(String, Only)| {
         only.expected.is_some()
             && beside(name, only.key) == key
-            && value.as_str().is_some_and(|value| value != only.value)
+            && value.as_str().is_some_and(|value| !only.values.contains(&value))
     };
     let of_other_value = conditional().filter(is_displaced).map(|(name, _)| name);
     of_other_form.map(|&other| other.to_owned()).chain(of_other_value).collect()

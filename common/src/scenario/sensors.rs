@@ -39,6 +39,8 @@ crate::keys! {
         /// Mean of the Poisson queue before slot 1, `λ` [bit]; from an interval each SN draws its own mean, uniformly.
         /// Draws are capped at the buffer. A column of the sensor list has priority.
         initial_queue_mean_bits: Interval = 10000.0, QUEUE_BITS;
+        /// Height of the antennas above the ground [m], with `link.model = "buildings"`; below the UAV.
+        height_m: Option<f64>, Accepts::Rule("0 or above, below the UAV, only with link.model = \"buildings\"");
         /// How the bits arrive; without this table the same in every slot.
         arrivals: Option<ArrivalKeys>, Accepts::TableOf(ArrivalKeys::KEYS);
     }

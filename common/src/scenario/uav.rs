@@ -7,7 +7,7 @@ use super::base::BatteryKeys;
 use crate::keys::{Accepts, NOT_NEGATIVE, Only, POSITIVE};
 
 /// Keys of a free altitude.
-const FREE: Only = Only { key: "altitude", value: "free", expected: None };
+const FREE: Only = Only { key: "altitude", values: &["free"], expected: None };
 
 crate::keys! {
     /// `[uav]`: the vehicle.

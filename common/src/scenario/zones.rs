@@ -3,8 +3,10 @@
 use serde::Serialize;
 use toml::Value;
 
+use super::area::BuildingKeys;
 use super::mission::Scenario;
 use crate::airspace::{Airspace, MAX_CORNERS, Polygon};
+use crate::channel::Buildings;
 use crate::error::InputError;
 use crate::geometry::Position;
 
@@ -59,6 +61,14 @@ impl Scenario {
     #[must_use]
     pub fn airspace(&self) -> Airspace {
         self.airspace_without_ways().with_ways(&self.start().xy())
+    }
+
+    /// The buildings among its sensor nodes. A polygon that is none is left out; a checked scenario has no such.
+    pub(super) fn buildings(&self) -> Buildings {
+        let buildings = self.area.building.iter().flatten();
+        let outline =
+            |building: &BuildingKeys| Some((Polygon::of(&building.polygon_m, false).ok()?, building.height_m));
+        Buildings::new(buildings.filter_map(outline), self.sensors.height_m.unwrap_or_default())
     }
 
     /// The same for checks of single ways: all ways are straight.

@@ -85,7 +85,7 @@ skysink_common::keys! {
         /// How it charges.
         mode: String = "swap", Accepts::OneOf(&["swap", "plug"]);
         /// Power of the charger [W].
-        charger_w: Option<f64> = 90.0, POSITIVE, Only { key: "mode", value: "plug", expected: None };
+        charger_w: Option<f64> = 90.0, POSITIVE, Only { key: "mode", values: &["plug"], expected: None };
         /// The pad that is kept free.
         spare: Option<Pad>, Accepts::TableOf(Pad::KEYS);
     }

@@ -4,3 +4,4 @@ mod airspace;
 mod geodetic;
 mod keys;
 mod scenario;
+mod sight;

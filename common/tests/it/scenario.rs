@@ -212,7 +212,7 @@ fn the_probabilistic_model_has_its_own_keys_and_defaults() {
     let scenario = parse("name = \"x\"\n[uav]\naltitude = \"free\"\n[link]\nmodel = \"probabilistic-los\"\n").unwrap();
     let los = *Channel::of(&scenario.link).line_of_sight().unwrap();
     let climb = scenario.uav.climb().unwrap();
-    assert_eq!(los.curve, LosCurve::Sigmoid { a: 9.61, b: 0.16 }, "urban");
+    assert_eq!(los.curve(), Some(&LosCurve::Sigmoid { a: 9.61, b: 0.16 }), "urban");
     // p β0/(σ² Γ) = 0.05 · 10^−6/(10^−13 · 10^0.82), and μ = 0.01
     assert!((los.los_snr / (5e5 / 10f64.powf(0.82)) - 1.0).abs() < 1e-12);
     assert!((los.nlos_snr / los.los_snr - 0.01).abs() < 1e-15);

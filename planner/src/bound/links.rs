@@ -78,7 +78,7 @@ impl BestLinks {
     /// The uplink from straight above at the lowest altitude that can be reached by the end of `slot`.
     fn above(&self, slot: u64, gain: f64) -> Uplink {
         let reached_m = self.altitude_m - self.descent_m * slot as f64;
-        Uplink { gain, d2_m2: 0.0, z_m: reached_m.max(self.lowest_m) * (1.0 - ROUNDING) }
+        self.channel.uplink_at(gain, 0.0, reached_m.max(self.lowest_m) * (1.0 - ROUNDING))
     }
 }
 

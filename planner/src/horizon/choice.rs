@@ -2,6 +2,8 @@
 
 use std::cmp::Ordering;
 
+use skysink_common::geometry::Position;
+
 use super::model::PlanningModel;
 
 /// Expected loss [slots of sampling] of a sensor with `left` slots of room, until its next visit at a time that is
@@ -28,11 +30,12 @@ pub struct Candidate {
 }
 
 impl Candidate {
-    /// The candidate `sensor` at the squared distance `d2_m2` [m²], before [`Self::weigh`].
+    /// The candidate `sensor` at the squared distance `d2_m2` [m²] from the UAV above `at`, before [`Self::weigh`].
     #[inline]
     #[must_use]
-    pub fn new(model: &PlanningModel, sensor: u32, d2_m2: f64) -> Self {
-        Self { sensor, capacity_slots: model.capacity_slots(sensor, d2_m2), saved_bits: 0.0, left_slots: 0.0 }
+    pub fn new(model: &PlanningModel, sensor: u32, d2_m2: f64, at: &Position) -> Self {
+        let in_sight = model.sees(sensor, at);
+        Self { sensor, capacity_slots: model.capacity_slots(sensor, d2_m2, in_sight), saved_bits: 0.0, left_slots: 0.0 }
     }
 
     /// Sets the loss that a visit saves, `gap_slots` after the sensor was or would have been empty: the difference of
@@ -67,7 +70,7 @@ mod tests {
     }
 
     fn saved_bits(model: &PlanningModel, gap_slots: f64) -> f64 {
-        let mut candidate = Candidate::new(model, 0, 0.0);
+        let mut candidate = Candidate::new(model, 0, 0.0, &Position::origin());
         candidate.weigh(model, gap_slots);
         candidate.saved_bits
     }
@@ -84,7 +87,7 @@ mod tests {
     #[test]
     fn a_narrow_link_saves_no_more_than_it_carries() {
         let model = model(5e3, 50.0);
-        let carried = model.capacity_slots(0, 0.0);
+        let carried = model.capacity_slots(0, 0.0, true);
         assert!((6.0..7.0).contains(&carried), "{carried} slots of 1000 bit");
         // From a full buffer: 50²/100 − (50 − c)²/100 slots.
         let expected_bits = (25.0 - (50.0 - carried).powi(2) / 100.0) * 1_000.0;
@@ -95,12 +98,12 @@ mod tests {
     fn a_full_queue_counts_the_same_however_long_it_has_been_full() {
         let model = model(5e6, 50.0);
         let weighed = |gap_slots| {
-            let mut candidate = Candidate::new(&model, 0, 0.0);
+            let mut candidate = Candidate::new(&model, 0, 0.0, &Position::origin());
             candidate.weigh(&model, gap_slots);
             candidate
         };
         assert_eq!(weighed(30.0), weighed(75.0));
-        let mut fuller = Candidate::new(&model, 1, 0.0);
+        let mut fuller = Candidate::new(&model, 1, 0.0, &Position::origin());
         fuller.weigh(&model, 29.0);
         assert_eq!(Candidate::order(&weighed(30.0), &fuller), Ordering::Less);
         fuller.saved_bits = f64::INFINITY;
@@ -112,7 +115,7 @@ mod tests {
         // With 25 or 20 slots of room nothing is lost before a visit within 10 slots.
         let model = model(5e6, 10.0);
         let weighed = |sensor: u32, gap_slots: f64| {
-            let mut candidate = Candidate::new(&model, sensor, 0.0);
+            let mut candidate = Candidate::new(&model, sensor, 0.0, &Position::origin());
             candidate.weigh(&model, gap_slots);
             assert_eq!(candidate.saved_bits, 0.0);
             candidate

@@ -315,13 +315,13 @@ impl Decoder {
         found.clear();
         if members.len() == blocks {
             let away_m2 = |&sensor: &u32| distance_squared(model.table.sensors.position(sensor), &self.at);
-            found.extend(members.iter().map(|sensor| Candidate::new(model, *sensor, away_m2(sensor))));
+            found.extend(members.iter().map(|sensor| Candidate::new(model, *sensor, away_m2(sensor), &self.at)));
         } else {
             model.table.sensors.grid.visit(
                 &self.at,
                 model.table.limits.comm_radius_m * (1.0 + RANGE_SLACK),
                 |node, d2_m2| {
-                    found.push(Candidate::new(model, node.id, d2_m2));
+                    found.push(Candidate::new(model, node.id, d2_m2, &self.at));
                 },
             );
         }

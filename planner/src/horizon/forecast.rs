@@ -79,7 +79,7 @@ impl PlanningWindow {
             fill_slots: sensor.fill_slots,
             mean_bits: sensor.cost_bits,
             empty: *empty,
-            capacity_slots: model.capacity_slots(index, 0.0),
+            capacity_slots: model.capacity_slots(index, 0.0, true),
         };
         let sensors = (0..).zip(&model.sensors).zip(&self.empty).map(sensor).collect();
         WindowField { sensors, slots: self.slots, blocks: model.table.limits.blocks() }.least_loss_bits()

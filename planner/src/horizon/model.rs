@@ -2,11 +2,13 @@
 //! plans.
 
 use std::borrow::Cow;
+use std::f64::consts::TAU;
 use std::sync::Arc;
 
+use nalgebra::Vector2;
 use skysink_common::arrivals::ArrivalLaw;
 use skysink_common::channel::{ChannelModel, Uplink};
-use skysink_common::geometry::{Position, distance_squared};
+use skysink_common::geometry::{Position, above, distance_squared};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::grid::Grid;
 use skysink_common::stop::Stop;
@@ -48,6 +50,9 @@ const LEAST_RANGE: f64 = 0.5;
 
 /// Radii that are compared for such a stop.
 const NEAR_RADII: u32 = 32;
+
+/// Directions in which buildings are looked for around a sensor.
+const LOOKS: u32 = 64;
 
 /// A sensor node (SN) that can lose data, in slots.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -137,10 +142,10 @@ pub struct PlanningModel {
     pub ids: Vec<u32>,
     /// Altitude of service where the rate depends on the distance alone [m].
     altitude_m: f64,
-    /// Where it depends on the elevation: expected bits of a visit by `d²`, from the best altitude for nearby sensors,
-    /// over an uplink of the highest gain. One altitude is used, because all sensors of a slot are served from one, and
-    /// climbs are slow.
-    capacities_bits: Option<Box<[f64; TABLE + 1]>>,
+    /// Where it depends on the elevation or on buildings: expected bits of a visit by `d²`, in sight and not, from the best
+    /// altitude for nearby sensors, over an uplink of the highest gain. One altitude is used, because all sensors of a slot
+    /// are served from one, and climbs are slow.
+    capacities_bits: Option<Box<[[f64; TABLE + 1]; 2]>>,
     /// All disks: first those of single sensors, then groups, then added ones.
     pub disks: Vec<ServiceDisk>,
     /// Number of disks that were not added.
@@ -166,8 +171,12 @@ impl PlanningModel {
         let ids: Vec<u32> = ids.collect();
         let grid = |positions: &[Position]| Grid::over(&scenario.area, positions, scenario.link.comm_radius_m);
         let table = mission.over(scenario, Arc::new(mission.sensors.subset(&ids, grid)));
-        let has_best_altitude = table.channel.depends_on_elevation();
-        let capacities_bits = has_best_altitude.then(|| Box::new(best_capacities_bits(scenario, &table)));
+        let is_tabulated = table.channel.depends_on_elevation() || table.channel.buildings().is_some();
+        let capacities_bits = is_tabulated.then(|| {
+            let seen = best_capacities_bits(scenario, &table, true);
+            let hidden = table.channel.buildings().map(|_| best_capacities_bits(scenario, &table, false));
+            Box::new([seen, hidden.unwrap_or(seen)])
+        });
         let mut model = Self {
             altitude_m: scenario.uav.altitude_m,
             capacities_bits,
@@ -200,7 +209,8 @@ impl PlanningModel {
             fill_slots: sampler.fill_slots(),
             mean_bits: sampler.mean_bits,
             cost_bits: self.table.sensors.weights.factor(index as usize) * sampler.mean_bits,
-            is_emptied: self.capacity_bits(index, rim_m2) >= f64::from(sampler.capacity_bits),
+            is_emptied: self.capacity_bits(index, rim_m2, self.table.channel.buildings().is_none())
+                >= f64::from(sampler.capacity_bits),
             initial_half_slots: 0.0,
             rate_half_fraction: 0.0,
             left_slots: 0.0,
@@ -213,19 +223,28 @@ impl PlanningModel {
     }
 
     /// Radius of the disk of a single sensor [m]: the farthest at which the link carries most of its best capacity, or
-    /// of a full buffer.
+    /// of a full buffer, and up to which no building hides the sensor.
     fn near_m(&self, sensor: u32) -> f64 {
-        let enough_slots = self.capacity_slots(sensor, 0.0).min(self.sensors[sensor as usize].fill_slots) * NEAR;
+        let enough_slots = self.capacity_slots(sensor, 0.0, true).min(self.sensors[sensor as usize].fill_slots) * NEAR;
         let radius_m = |step: u32| self.table.limits.comm_radius_m * f64::from(step) / f64::from(NEAR_RADII);
-        let is_enough = |step: &u32| self.capacity_slots(sensor, radius_m(*step).powi(2)) >= enough_slots;
-        (1..=NEAR_RADII).rev().find(is_enough).map_or(0.0, radius_m)
+        let is_enough = |step: &u32| self.capacity_slots(sensor, radius_m(*step).powi(2), true) >= enough_slots;
+        let centre = self.table.sensors.position(sensor);
+        let around = |step: u32| {
+            let angle = |turn: u32| f64::from(turn) * TAU / f64::from(LOOKS);
+            let direction = move |turn: u32| Vector2::new(angle(turn).cos(), angle(turn).sin());
+            (0..LOOKS).map(move |turn| centre + radius_m(step) * direction(turn))
+        };
+        let is_seen = |at: Position| self.sees(sensor, &at) || !self.table.airspace.contains(&at);
+        let is_in_sight = |step: u32| self.table.channel.buildings().is_none() || around(step).all(is_seen);
+        let in_sight = (1..=NEAR_RADII).take_while(|&step| is_in_sight(step)).last().unwrap_or(0);
+        (1..=in_sight).rev().find(is_enough).map_or(0.0, radius_m)
     }
 
     /// Whether loss may be hard to avoid, because many resource blocks are needed for the sampled bits, or a tour takes
     /// most of the time in which a buffer fills. Otherwise groups would only take time.
     fn is_scarce(&self) -> bool {
         let visits =
-            |(sensor, index): (&SensorModel, u32)| 1.0 / self.capacity_slots(index, 0.0).min(sensor.fill_slots);
+            |(sensor, index): (&SensorModel, u32)| 1.0 / self.capacity_slots(index, 0.0, true).min(sensor.fill_slots);
         let needed: f64 = self.sensors.iter().zip(0..).map(visits).sum();
         let fills = self.sensors.iter().map(|sensor| sensor.fill_slots);
         needed >= SCARCE_BLOCKS * self.table.limits.blocks() as f64
@@ -315,26 +334,35 @@ impl PlanningModel {
         !sensor.is_emptied || in_range <= self.table.limits.blocks() || self.disks.len() == self.sensors.len()
     }
 
-    /// Capacity of a visit of `sensor` at the squared distance `d2_m2` [m²] [bit].
-    fn capacity_bits(&self, sensor: u32, d2_m2: f64) -> f64 {
+    /// Capacity of a visit of `sensor` at the squared distance `d2_m2` [m²], in its sight or not [bit].
+    fn capacity_bits(&self, sensor: u32, d2_m2: f64, in_sight: bool) -> f64 {
         if let Some(capacities_bits) = &self.capacities_bits {
             let fraction = d2_m2 / (self.table.limits.comm_radius_m * self.table.limits.comm_radius_m);
-            return capacities_bits[((fraction * TABLE as f64).round() as usize).min(TABLE)];
+            return capacities_bits[usize::from(!in_sight)][((fraction * TABLE as f64).round() as usize).min(TABLE)];
         }
-        let uplink = Uplink { gain: self.table.sensors.gains[sensor as usize], d2_m2, z_m: self.altitude_m };
-        self.table.channel.capacity_bits(self.table.channel.expected_rate_bps(&uplink)) as f64
+        let channel = &self.table.channel;
+        let uplink = channel.uplink_at(self.table.sensors.gains[sensor as usize], d2_m2, self.altitude_m);
+        channel.capacity_bits(channel.expected_rate_bps(&Uplink { in_sight, ..uplink })) as f64
     }
 
-    /// Capacity of a visit of `sensor` at the squared distance `d2_m2` [m²] [slots of sampling]; infinite if any visit
-    /// empties it.
+    /// Whether no building is between `sensor` and the UAV above `at` [m].
     #[inline]
     #[must_use]
-    pub fn capacity_slots(&self, sensor: u32, d2_m2: f64) -> f64 {
+    pub fn sees(&self, sensor: u32, at: &Position) -> bool {
+        let Some(buildings) = self.table.channel.buildings() else { return true };
+        buildings.sees(self.table.sensors.position(sensor), &above(at, self.altitude_m))
+    }
+
+    /// Capacity of a visit of `sensor` at the squared distance `d2_m2` [m²], in its sight or not [slots of sampling];
+    /// infinite if any visit empties it.
+    #[inline]
+    #[must_use]
+    pub fn capacity_slots(&self, sensor: u32, d2_m2: f64, in_sight: bool) -> f64 {
         let model = &self.sensors[sensor as usize];
         if model.is_emptied {
             return f64::INFINITY;
         }
-        self.capacity_bits(sensor, d2_m2) / model.mean_bits
+        self.capacity_bits(sensor, d2_m2, in_sight) / model.mean_bits
     }
 }
 
@@ -351,7 +379,7 @@ fn with_margin(scenario: &Scenario) -> Cow<'_, Scenario> {
 /// the lowest.
 ///
 /// The capacity of each draw is limited to the buffer: excess capacity of a good draw does not make up for a bad one.
-fn best_capacities_bits(scenario: &Scenario, table: &MissionTable) -> [f64; TABLE + 1] {
+fn best_capacities_bits(scenario: &Scenario, table: &MissionTable, in_sight: bool) -> [f64; TABLE + 1] {
     let [low_m, high_m] =
         scenario.uav.climb().map_or([scenario.uav.altitude_m; 2], |climb| [climb.min_altitude_m, climb.max_altitude_m]);
     let rim_m2 = scenario.link.comm_radius_m * scenario.link.comm_radius_m;
@@ -360,8 +388,7 @@ fn best_capacities_bits(scenario: &Scenario, table: &MissionTable) -> [f64; TABL
     let taken_bits = |rate_bps: f64| table.channel.capacity_bits(rate_bps).min(buffer_bits) as f64;
     let gain = table.sensors.gains.iter().copied().fold(0.0, f64::max);
     let expected_bits = |d2_m2: f64, z_m: f64| {
-        let uplink = Uplink { gain, d2_m2, z_m };
-        table.channel.mean_over_draws(&uplink, &taken_bits)
+        table.channel.mean_over_draws(&Uplink { in_sight, ..table.channel.uplink_at(gain, d2_m2, z_m) }, &taken_bits)
     };
     let level_bits = |level: u32| -> [f64; TABLE + 1] {
         let z_m = low_m + (high_m - low_m) * f64::from(level) / f64::from(LEVELS);

@@ -343,14 +343,14 @@ fn capacities_with_a_free_altitude_are_those_of_one_altitude() {
     let carried = |d2_m2: f64, z_m: f64| {
         let rates_bps = [los.los_rate_bps(d2_m2, z_m), los.nlos_rate_bps(d2_m2, z_m)];
         let [seen, hidden] = rates_bps.map(|rate_bps| channel.capacity_bits(rate_bps).min(30_000) as f64);
-        let probability = los.los_probability(d2_m2, z_m);
+        let probability = los.los_probability(&Uplink::at(1.0, d2_m2, z_m));
         hidden + probability * (seen - hidden)
     };
     let explains = |level: &u32| {
         let z_m = climb.min_altitude_m + range_m * f64::from(*level) / 16.0;
         // Entries are 56.25 m² apart; in between, the nearest counts.
         let asked_m2 = [(0.0, 0.0), (880.0, 900.0), (900.0, 900.0), (920.0, 900.0), (3_590.0, 3_600.0)];
-        asked_m2.iter().all(|&(d2_m2, entry_m2)| model.capacity_slots(0, d2_m2) == carried(entry_m2, z_m))
+        asked_m2.iter().all(|&(d2_m2, entry_m2)| model.capacity_slots(0, d2_m2, true) == carried(entry_m2, z_m))
     };
     assert!((0..=16).any(|level| explains(&level)));
 }

@@ -49,7 +49,7 @@ fn serve_urgent(serving: &mut Serving, view: &View, ground: &Position) -> Decisi
             // For non-negative floats the order of the bit patterns is the order of the numbers.
             return (true, deadline_slots.max(0.0).to_bits(), by_queue);
         }
-        let uplink = Uplink::new(sensors.gains[id as usize], sensors.position(id), &uav);
+        let uplink = channel.uplink(sensors.gains[id as usize], sensors.position(id), &uav);
         let carried_bits = channel.capacity_bits(channel.expected_rate_bps(&uplink)).min(queue_bits.into());
         let value = sensors.weights.factor(id as usize) * carried_bits as f64;
         (false, u64::MAX - value.to_bits(), by_queue)
@@ -64,8 +64,8 @@ struct BestPoint<'a> {
     /// Predicted queue of every SN before slot 1 [bit].
     initial_bits: f64,
     /// Bits that a visit is expected to take over a random channel, at equal steps of distance up to `d_c`, by the gain of
-    /// the link and the buffer.
-    taken_bits: HashMap<(u64, u32), [f64; DISTANCES]>,
+    /// the link, the buffer, and whether it is in sight.
+    taken_bits: HashMap<(u64, u32, bool), [f64; DISTANCES]>,
     /// The best point so far, and the bits, by their weights, that are not lost because the UAV hovers there.
     best: (f64, Position),
 }
@@ -202,7 +202,7 @@ impl<'a> BestPoint<'a> {
         let mut visits: Vec<(f64, f64)> = Vec::new(); // bits of one, and how many
         sensors.grid.visit_within(point, limits.comm_radius_m, |node| {
             let savable_bits = self.savable_bits(node.id, first);
-            let taken_bits = self.taken_bits(node.id, distance_squared(&node.position, point));
+            let taken_bits = self.taken_bits(node.id, point);
             let taken_bits = sensors.weights.factor(node.id as usize) * taken_bits;
             if savable_bits > 0.0 && taken_bits > 0.0 {
                 visits.push((taken_bits, (savable_bits / taken_bits).min(slots)));
@@ -218,22 +218,22 @@ impl<'a> BestPoint<'a> {
         visits.iter().map(saved_bits).sum()
     }
 
-    /// Bits that a visit at the squared horizontal distance `d2_m2` [m²] is expected to take of SN `id`, of a full buffer
-    /// at most. Over a random channel interpolated: a mean over draws takes thousands of rates.
-    fn taken_bits(&mut self, id: u32, d2_m2: f64) -> f64 {
+    /// Bits that a visit from above `point` [m] is expected to take of SN `id`, of a full buffer at most. Over a random
+    /// channel interpolated: a mean over draws takes thousands of rates.
+    fn taken_bits(&mut self, id: u32, point: &Position) -> f64 {
         let MissionTable { sensors, channel, limits, .. } = self.table;
         let capacity_bits = sensors.sampler(id).capacity_bits;
         let gain = sensors.gains[id as usize];
-        let z_m = self.altitude_m;
+        let Uplink { d2_m2, in_sight, .. } = channel.uplink(gain, sensors.position(id), &above(point, self.altitude_m));
         let mean_bits = |d2_m2: f64| {
             let taken = |rate_bps: f64| channel.capacity_bits(rate_bps).min(capacity_bits.into()) as f64;
-            channel.mean_over_draws(&Uplink { gain, d2_m2, z_m }, &taken)
+            channel.mean_over_draws(&Uplink { in_sight, ..channel.uplink_at(gain, d2_m2, self.altitude_m) }, &taken)
         };
         if !channel.is_random() {
             return mean_bits(d2_m2);
         }
         let step_m = limits.comm_radius_m / (DISTANCES - 1) as f64;
-        let key = (if channel.has_own_gains() { gain.to_bits() } else { 0 }, capacity_bits);
+        let key = (if channel.has_own_gains() { gain.to_bits() } else { 0 }, capacity_bits, in_sight);
         let at_steps = || std::array::from_fn(|step| mean_bits((step as f64 * step_m).powi(2)));
         let bits = self.taken_bits.entry(key).or_insert_with(at_steps);
         let steps = (d2_m2.sqrt() / step_m).min((DISTANCES - 1) as f64);
@@ -321,7 +321,7 @@ mod tests {
     fn what_a_link_carries_limits_what_it_saves() {
         // One SN of 300 bit/s, and a silent one, over 21 slots: 20 visits of what W = 100 Hz carries from above.
         let field = field(21, "[link]\nbandwidth_hz = 100.0\n", &[([50.0, 50.0], 300.0), ([50.0, 51.0], 0.0)]);
-        let uplink = Uplink { gain: 10f64.powf(-5.2), d2_m2: 0.0, z_m: 20.0 };
+        let uplink = Uplink::at(10f64.powf(-5.2), 0.0, 20.0);
         let channel = &field.table.channel;
         let carried_bits = channel.capacity_bits(channel.expected_rate_bps(&uplink));
         assert!((1..300).contains(&carried_bits));
@@ -334,10 +334,11 @@ mod tests {
         let field = field(21, link, &[([50.0, 50.0], 300.0), ([50.0, 51.0], 300.0)]);
         let mut search = BestPoint::new(&field.table, &field.scenario);
         for d_m in [0.0, 3.7, 20.2, 41.0, 59.9, 60.0] {
-            let uplink = Uplink { gain: 10f64.powf(-5.2), d2_m2: d_m * d_m, z_m: 20.0 };
+            let uplink = Uplink::at(10f64.powf(-5.2), d_m * d_m, 20.0);
             let channel = &field.table.channel;
             let taken = |rate_bps: f64| channel.capacity_bits(rate_bps).min(300) as f64;
-            let [direct, found] = [channel.mean_over_draws(&uplink, &taken), search.taken_bits(1, d_m * d_m)];
+            let [direct, found] =
+                [channel.mean_over_draws(&uplink, &taken), search.taken_bits(1, &Position::new(d_m, 0.0))];
             assert!(direct > 5.0 && (found / direct - 1.0).abs() < 0.03, "{found} and {direct} at {d_m} m");
         }
         assert_eq!(search.taken_bits.len(), 1, "one gain, one buffer");

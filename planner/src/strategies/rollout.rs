@@ -9,7 +9,7 @@ use std::borrow::Cow;
 use rand::{Rng, RngExt};
 use rand_distr::StandardNormal;
 use skysink_common::arrivals::{Arrivals, Imagined};
-use skysink_common::channel::{ChannelModel, DrawnChannel, Uplink};
+use skysink_common::channel::{ChannelModel, DrawnChannel};
 use skysink_common::message::{FlightReport, LinkReport, Mode};
 use skysink_common::queues::{Queues, overflow_bits};
 use skysink_common::random::{Purpose, Streams};
@@ -161,7 +161,7 @@ impl<'a> Rollout<'a> {
             let mut report = FlightReport::at(position, Mode::Serve);
             for (&id, link) in decision.schedule.iter().zip(&mut report.links) {
                 let sensor_at = table.sensors.position(id);
-                let uplink = Uplink::new(table.sensors.gains[id as usize], sensor_at, &position);
+                let uplink = table.channel.uplink(table.sensors.gains[id as usize], sensor_at, &position);
                 let rate_bps = channel.draw(&uplink, sensor_at, &position, slot, id).rate_bps;
                 let capacity_bits = table.channel.capacity_bits(rate_bps);
                 *link = LinkReport { sensor: id, rate_bps, capacity_bits, ..LinkReport::default() };

@@ -191,7 +191,7 @@ mod tests {
             range in (10.0..60.0, 0.0..100.0),
         ) {
             let positions: Vec<[f64; 2]> = positions.into_iter().map(|(x_m, y_m)| [x_m, y_m]).collect();
-            let problem = posed(LineOfSight { curve, fading, ..dense_urban() }, &positions, [range.0, range.0 + range.1]);
+            let problem = posed(LineOfSight { sight: Sight::Curve(curve), fading, ..dense_urban() }, &positions, [range.0, range.0 + range.1]);
             let end = solve(&problem).expect("the origin is in all disks");
             prop_assert_eq!(problem.project(&end.point), Some(end.point));
             for axis in 0..3 {

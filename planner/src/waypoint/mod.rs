@@ -122,7 +122,7 @@ mod tests {
     use crate::geometry::disks::Disk;
     use crate::waypoint::problem::tests::{dense_urban, posed};
     use skysink_common::channel::LineOfSight;
-    use skysink_common::channel::LosCurve;
+    use skysink_common::channel::{LosCurve, Sight};
     use skysink_common::scenario::Overrides;
 
     #[test]
@@ -130,7 +130,8 @@ mod tests {
         // A link that is better out of line of sight, where the SN is served best from beside it. A convex step leads
         // right above it instead, where the tip holds the ascent.
         let curve = LosCurve::Sigmoid { a: 9.66, b: 0.067 };
-        let link = LineOfSight { curve, los_snr: 2e4, nlos_snr: 2e4, los_exponent: 4.0, ..dense_urban() };
+        let link =
+            LineOfSight { sight: Sight::Curve(curve), los_snr: 2e4, nlos_snr: 2e4, los_exponent: 4.0, ..dense_urban() };
         let mut problem = posed(link, &[[18.0, 7.0]], [12.0, 60.0]);
         problem.disks[0] = Disk { centre: Position::new(-290.0, 235.0), radius_m: 500.0 };
         problem.disks[1].radius_m = 30.0;

@@ -89,7 +89,7 @@ impl Problem {
     /// Where each scheduled SN stands and its uplink, with the UAV at `uav`.
     pub fn uplinks(&self, uav: &Point3<f64>) -> impl Iterator<Item = (&Position, Uplink)> {
         let sensors = self.disks[1..].iter().zip(&self.gains);
-        sensors.map(|(range, &gain)| (&range.centre, Uplink::new(gain, &range.centre, uav)))
+        sensors.map(|(range, &gain)| (&range.centre, self.channel.uplink(gain, &range.centre, uav)))
     }
 
     /// Mean of the scheduled positions, the expansion point of the paper.
@@ -123,7 +123,7 @@ impl Problem {
         for (range, &gain) in self.disks[1..].iter().zip(&self.gains) {
             let away = at.xy() - range.centre;
             let d_m = away.norm();
-            let slopes = self.channel.slopes(&Uplink { gain, d2_m2: d_m * d_m, z_m: at.z });
+            let slopes = self.channel.slopes(&self.channel.uplink_at(gain, d_m * d_m, at.z));
             let by_angle = slopes.by_elevation.to_degrees() / (d_m * d_m + at.z * at.z);
             climb += 2.0 * at.z * slopes.by_distance2 + d_m * by_angle;
             if d_m > ABOVE_M {
@@ -198,20 +198,21 @@ impl Problem {
 pub(crate) mod tests {
     use super::*;
     use proptest::prelude::*;
-    use skysink_common::channel::{Fading, LineOfSight, LosCurve};
+    use skysink_common::channel::{Fading, LineOfSight, LosCurve, Sight};
 
     /// Dense urban surroundings, bandwidth 1 Hz, 0.1 W over −109 dBm: `γ = 0.1 · 1e−6/(1.259e−14 · 6.607) = 1.202e6`.
     pub(crate) fn dense_urban() -> LineOfSight {
         LineOfSight {
             bandwidth_hz: 1.0,
             comm_s: 0.1,
-            curve: LosCurve::Sigmoid { a: 12.08, b: 0.11 },
+            sight: Sight::Curve(LosCurve::Sigmoid { a: 12.08, b: 0.11 }),
             los_snr: 1.202e6,
             nlos_snr: 1.202e4,
             los_exponent: 2.5,
             nlos_exponent: 3.5,
             correlation_m: None,
             fading: None,
+            shadowing: None,
         }
     }
 
@@ -291,12 +292,12 @@ pub(crate) mod tests {
             at in (-40.0..40.0, -40.0..40.0, 10.0..150.0),
         ) {
             let (los_exponent, nlos_exponent) = exponents;
-            let link = LineOfSight { curve, fading, los_exponent, nlos_exponent, ..dense_urban() };
+            let link = LineOfSight { sight: Sight::Curve(curve), fading, los_exponent, nlos_exponent, ..dense_urban() };
             let problem = posed(link, &[[50.0, 3.0], [-45.0, 10.0], [0.0, 60.0]], [10.0, 150.0]);
             let at = Point3::new(at.0, at.1, at.2);
             let slope = problem.ascent(&at);
             // A logistic curve has a corner where it reaches 0, which no difference may straddle.
-            let is_smooth = |uplink: Uplink| link.los_probability(uplink.d2_m2, at.z) > 1e-3;
+            let is_smooth = |uplink: Uplink| link.los_probability(&uplink) > 1e-3;
             prop_assume!(problem.uplinks(&at).all(|(_, uplink)| is_smooth(uplink)));
             for axis in 0..3 {
                 let mut step = Vector3::zeros();
@@ -313,7 +314,7 @@ pub(crate) mod tests {
             range in (10.0..60.0, 0.0..100.0),
         ) {
             let positions: Vec<[f64; 2]> = positions.into_iter().map(|(x_m, y_m)| [x_m, y_m]).collect();
-            let link = LineOfSight { curve, ..dense_urban() };
+            let link = LineOfSight { sight: Sight::Curve(curve), ..dense_urban() };
             let problem = posed(link, &positions, [range.0, range.0 + range.1]);
             let rate_bps = |z_m: f64| problem.rate_bps(&Point3::new(0.0, 0.0, z_m));
             let best_m = problem.best_altitude_m(&Position::origin());

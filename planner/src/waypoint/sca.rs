@@ -28,8 +28,7 @@ use clarabel::algebra::CscMatrix;
 use clarabel::solver::SupportedConeT::{self, ExponentialConeT, NonnegativeConeT, SecondOrderConeT, ZeroConeT};
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus};
 use nalgebra::{Point3, Vector3};
-use skysink_common::channel::LosCurve;
-use skysink_common::channel::{ChannelModel, LineOfSight, Uplink};
+use skysink_common::channel::{ChannelModel, LineOfSight, LosCurve, Sight, Uplink};
 use skysink_common::geometry::{Position, distance_squared};
 
 use crate::waypoint::conic;
@@ -75,7 +74,9 @@ pub enum Contribution {
 pub fn approximate(problem: &Problem, start: RatedPoint, iterations: u32) -> (RatedPoint, Contribution) {
     let mut at = start;
     let mut contribution = Contribution::Nothing;
-    let Some(link @ LineOfSight { curve: LosCurve::Sigmoid { a, b }, .. }) = problem.channel.line_of_sight() else {
+    let Some(link @ LineOfSight { sight: Sight::Curve(LosCurve::Sigmoid { a, b }), .. }) =
+        problem.channel.line_of_sight()
+    else {
         return (at, contribution);
     };
     if link.los_exponent > CONVEX_UP_TO {
@@ -197,10 +198,11 @@ impl Program {
         let growth = b * (1.0 / cosine).to_degrees();
         let inverse_odds = a * (-b * (expanded_sine.atan2(cosine).to_degrees() - a)).exp(); // e^−ŝ
 
-        let probability = link.los_probability(d2_m2, z_m);
+        let uplink = Uplink::at(1.0, d2_m2, z_m);
+        let probability = link.los_probability(&uplink);
         let gain_bps = link.los_rate_bps(d2_m2, z_m) - link.nlos_rate_bps(d2_m2, z_m);
         self.linear[w] = probability * probability * gain_bps.max(0.0) * inverse_odds / scale_bps;
-        let fall = -link.slopes(&Uplink { gain: 1.0, d2_m2, z_m }).by_distance2 * self.unit_m / scale_bps;
+        let fall = -link.slopes(&uplink).by_distance2 * self.unit_m / scale_bps;
         for (axis, offset_m) in Vector3::new(away.x, away.y, z_m).iter().enumerate() {
             self.quadratic[axis] += 2.0 * fall * self.unit_m;
             self.linear[axis] += 2.0 * fall * offset_m;
@@ -261,7 +263,12 @@ mod tests {
         (positions, curve, 20.0..60.0, height_m, 2.0..4.0, fadings()).prop_map(
             |(positions, (a, b), low_m, height_m, los_exponent, fading)| {
                 let positions: Vec<[f64; 2]> = positions.into_iter().map(|(x_m, y_m)| [x_m, y_m]).collect();
-                let link = LineOfSight { curve: LosCurve::Sigmoid { a, b }, los_exponent, fading, ..dense_urban() };
+                let link = LineOfSight {
+                    sight: Sight::Curve(LosCurve::Sigmoid { a, b }),
+                    los_exponent,
+                    fading,
+                    ..dense_urban()
+                };
                 posed(link, &positions, [low_m, low_m + height_m])
             },
         )
@@ -306,7 +313,7 @@ mod tests {
     #[test]
     fn many_steps_come_close_to_where_the_ascent_ends() {
         for (a, b) in [(4.88, 0.43), (9.61, 0.16), (12.08, 0.11), (27.23, 0.08)] {
-            let link = LineOfSight { curve: LosCurve::Sigmoid { a, b }, ..dense_urban() };
+            let link = LineOfSight { sight: Sight::Curve(LosCurve::Sigmoid { a, b }), ..dense_urban() };
             let problem = posed(link, &[[-30.0, 5.0], [30.0, 0.0], [5.0, 35.0], [0.0, -25.0]], [20.0, 120.0]);
             let (end, contribution) = approximate(&problem, start_of(&problem, 0.5), 60);
             assert_eq!(contribution, Contribution::Moved, "a = {a}");
@@ -328,9 +335,10 @@ mod tests {
     #[test]
     fn channels_without_a_convex_bound_are_left_to_the_ascent() {
         let logistic = LosCurve::Logistic { b1: -0.4568, b2: 0.047, b3: -0.63, b4: 1.63 };
-        for link in
-            [LineOfSight { los_exponent: 4.1, ..dense_urban() }, LineOfSight { curve: logistic, ..dense_urban() }]
-        {
+        for link in [
+            LineOfSight { los_exponent: 4.1, ..dense_urban() },
+            LineOfSight { sight: Sight::Curve(logistic), ..dense_urban() },
+        ] {
             let problem = posed(link, &[[30.0, 0.0]], [20.0, 120.0]);
             let start = start_of(&problem, 0.5);
             assert_eq!(approximate(&problem, start, 5), (start, Contribution::Nothing));

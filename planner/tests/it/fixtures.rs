@@ -61,7 +61,7 @@ fn upload(ledger: &mut Ledger, sensors: &[SensorNode], scenario: &Scenario, wayp
         let place = Position::new(sensor.x_m, sensor.y_m);
         assert!(within(&place, waypoint, scenario.link.comm_radius_m), "SN {id} is out of range of {waypoint}");
         let d2_m2 = distance_squared(&place, waypoint);
-        let uplink = Uplink { gain: sensor.gain, d2_m2, z_m: scenario.uav.altitude_m };
+        let uplink = Uplink::at(sensor.gain, d2_m2, scenario.uav.altitude_m);
         let capacity_bits = channel.capacity_bits(channel.expected_rate_bps(&uplink));
         delivered_bits += ledger.upload(id as usize, capacity_bits);
     }

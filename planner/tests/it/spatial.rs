@@ -155,7 +155,7 @@ fn the_baselines_choose_their_ground_by_rule_and_their_altitude_by_expected_rate
     assert_eq!((found.x_m, found.y_m, found.scheduled()), (100.0, 110.0, &[0, 1, 2, 3][..]));
     let rate_bps = |z_m| {
         [0.0, 2_500.0, 2_500.0, 2_500.0]
-            .map(|d2_m2| link_of(&scenario).expected_rate_bps(&Uplink { gain: 1.0, d2_m2, z_m }))
+            .map(|d2_m2| link_of(&scenario).expected_rate_bps(&Uplink::at(1.0, d2_m2, z_m)))
             .iter()
             .sum::<f64>()
     };
@@ -205,7 +205,7 @@ fn the_expected_bits_are_the_mean_of_many_draws() {
         let (link, mut random) = (link_of(&scenario), StdRng::seed_from_u64(7));
         let rates_bps = places.map(|place| {
             let d2_m2 = distance_squared(&place.into(), &ground(&found));
-            let chance = link.los_probability(d2_m2, found.z_m);
+            let chance = link.los_probability(&Uplink::at(1.0, d2_m2, found.z_m));
             (chance, link.los_rate_bps(d2_m2, found.z_m), link.nlos_rate_bps(d2_m2, found.z_m))
         });
         let mut mean_off = 0.0;
@@ -267,10 +267,7 @@ fn place(case: &Case, id: u32) -> Position {
 /// Expected rate [bit/s] of a plan's schedule and ground position at another altitude.
 fn rate_bps(case: &Case, plan: &Plan, z_m: f64) -> f64 {
     let d2_m2 = |&id: &u32| distance_squared(&place(case, id), &ground(plan));
-    plan.scheduled()
-        .iter()
-        .map(|id| link_of(&case.scenario).expected_rate_bps(&Uplink { gain: 1.0, d2_m2: d2_m2(id), z_m }))
-        .sum()
+    plan.scheduled().iter().map(|id| link_of(&case.scenario).expected_rate_bps(&Uplink::at(1.0, d2_m2(id), z_m))).sum()
 }
 
 proptest! {
@@ -292,7 +289,7 @@ proptest! {
                 prop_assert!(within(&place, &at, case.scenario.link.comm_radius_m), "slot {number}: SN {id}, {at}");
                 let link = link_of(&case.scenario);
                 let d2_m2 = distance_squared(&place, &at);
-                let rate_bps = link.expected_rate_bps(&Uplink { gain: 1.0, d2_m2, z_m: plan.z_m });
+                let rate_bps = link.expected_rate_bps(&Uplink::at(1.0, d2_m2, plan.z_m));
                 let capacity_bits = Channel::of(&case.scenario.link).capacity_bits(rate_bps);
                 bits += capacity_bits.min(u64::from(queues_bits[id as usize]));
             }

@@ -64,7 +64,7 @@ pub fn audit(place: &Place) -> Vec<TraceLine> {
             let (at, radius_m) = (Position::new(node.x_m, node.y_m), scenario.link.comm_radius_m);
             assert!(within(&line.position, &at, radius_m), "SN {id} is out of range: {line:?}");
             let d2_m2 = distance_squared(&line.position, &at);
-            let uplink = Uplink { gain: node.gain, d2_m2, z_m: scenario.uav.altitude_m };
+            let uplink = Uplink::at(node.gain, d2_m2, scenario.uav.altitude_m);
             most_bits += channel.capacity_bits(channel.expected_rate_bps(&uplink));
         }
         assert!(line.delivered_bits <= most_bits, "at most {most_bits}: {line:?}");

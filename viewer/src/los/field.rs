@@ -9,7 +9,7 @@ use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::{GridMap, VoxelGridMap};
 use re_sdk_types::components::{Colormap, ImageFormat};
 use re_sdk_types::datatypes::{ChannelDatatype, ColorModel};
-use skysink_common::channel::LineOfSight;
+use skysink_common::channel::{LineOfSight, Uplink};
 use skysink_common::geometry::{Position, above};
 
 use crate::canvas::Canvas;
@@ -35,7 +35,7 @@ const FUNNEL_FRACTION: f64 = 0.8;
 
 /// Minimum probability of line of sight in a funnel.
 pub(crate) fn funnel_probability(link: &LineOfSight) -> f64 {
-    FUNNEL_FRACTION * link.los_probability(0.0, 1.0)
+    FUNNEL_FRACTION * link.los_probability(&Uplink::at(1.0, 0.0, 1.0))
 }
 
 /// Slice and funnels of the scene.
@@ -159,7 +159,7 @@ impl Funnel {
         };
         let probability = |voxel: [i32; 3]| {
             let [x_m, y_m, z_m] = cell_middle_m(voxel);
-            if z_m > 0.0 { link.los_probability(x_m * x_m + y_m * y_m, z_m) } else { 0.0 }
+            if z_m > 0.0 { link.los_probability(&Uplink::at(1.0, x_m * x_m + y_m * y_m, z_m)) } else { 0.0 }
         };
         let grid = (0..FUNNEL_LAYERS)
             .flat_map(|z| (0..FUNNEL_CELLS).flat_map(move |y| (0..FUNNEL_CELLS).map(move |x| [x, y, z])));
@@ -182,21 +182,21 @@ impl Funnel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use skysink_common::channel::LosCurve;
-    use skysink_common::geometry::distance_squared;
+    use skysink_common::channel::{LosCurve, Sight};
 
     /// Dense urban surroundings.
     fn link() -> LineOfSight {
         LineOfSight {
             bandwidth_hz: 1e6,
             comm_s: 0.1,
-            curve: LosCurve::Sigmoid { a: 12.08, b: 0.11 },
+            sight: Sight::Curve(LosCurve::Sigmoid { a: 12.08, b: 0.11 }),
             los_snr: 1e5,
             nlos_snr: 1e3,
             los_exponent: 2.5,
             nlos_exponent: 3.5,
             correlation_m: None,
             fading: None,
+            shadowing: None,
         }
     }
 
@@ -204,10 +204,11 @@ mod tests {
     fn the_slice_contains_the_mean_probability_from_north_west_to_south_east() {
         // 32 cells of 2 m around (100, 200): the first one's middle is (69, 231), the last one's (131, 169).
         let served = [Position::new(69.0, 231.0), Position::new(80.0, 200.0)];
-        let probability =
-            |sensor: &Position, at: &Point3<f64>| link().los_probability(distance_squared(&at.xy(), sensor), at.z);
+        let probability = |sensor: &Position, at: &Point3<f64>| link().los_probability(&Uplink::new(1.0, sensor, at));
         let found = slice(&probability, Point3::new(100.0, 200.0, 40.0), 32.0, &served);
-        let mean = |d2_m2: [f64; 2]| d2_m2.map(|d2_m2| link().los_probability(d2_m2, 40.0)).iter().sum::<f64>() / 2.0;
+        let mean = |d2_m2: [f64; 2]| {
+            d2_m2.map(|d2_m2| link().los_probability(&Uplink::at(1.0, d2_m2, 40.0))).iter().sum::<f64>() / 2.0
+        };
         let bytes = |probability: f64| (255.0 * probability).round() as u8;
         assert_eq!(found.len(), 32 * 32);
         assert_eq!(found[0], bytes(mean([0.0, 11.0 * 11.0 + 31.0 * 31.0])));

@@ -84,9 +84,9 @@ impl Profile {
                 .collect()
         };
         let curves = [
-            curve(&|z_m| mean(&|d2_m2| link.los_probability(d2_m2, z_m))),
+            curve(&|z_m| mean(&|d2_m2| link.los_probability(&Uplink::at(1.0, d2_m2, z_m)))),
             curve(&|z_m| mean(&|d2_m2| link.los_rate_bps(d2_m2, z_m)) / unit_bps),
-            curve(&|z_m| mean(&|d2_m2| link.expected_rate_bps(&Uplink { gain: 1.0, d2_m2, z_m })) / unit_bps),
+            curve(&|z_m| mean(&|d2_m2| link.expected_rate_bps(&Uplink::at(1.0, d2_m2, z_m))) / unit_bps),
         ];
         canvas.show(CURVES, &LineStrips2D::update_fields().with_strips(curves))?;
         let at = (WIDTH * (uav.z - lowest_m) / (highest_m - lowest_m)) as f32;

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use crate::support::{Found, Slot, letter, sensors, town};
-use skysink_common::channel::{Channel, LineOfSight};
+use skysink_common::channel::{Channel, LineOfSight, Uplink};
 use skysink_common::geometry::elevation_deg;
 use skysink_common::message::LinkReport;
 use skysink_common::scenario::{Overrides, Scenario};
@@ -93,7 +93,8 @@ fn a_link_has_the_colour_and_the_width_of_its_draw() {
 #[test]
 fn the_curves_contain_probability_and_elevation_of_every_link() {
     let found = town_until(6);
-    let probabilities = |slot: i64| [0.0, 1.0].map(|d2_m2| link().los_probability(d2_m2, 50.0 + 2.0 * slot as f64));
+    let probabilities =
+        |slot: i64| [0.0, 1.0].map(|d2_m2| link().los_probability(&Uplink::at(1.0, d2_m2, 50.0 + 2.0 * slot as f64)));
     let means = found.curve(&below(los::PROBABILITY, los::MEAN));
     let sights = found.points(&below(los::PROBABILITY, los::SIGHT));
     let blocks = found.points(&below(los::PROBABILITY, los::BLOCKED));

@@ -49,7 +49,8 @@ impl Objective {
         self.service == Service::Upload
             && ids.iter().all(|&id| {
                 let gain = sensors.gains[id as usize];
-                let rim = Uplink { gain, d2_m2: limits.comm_radius_m.powi(2), z_m: view.position.z };
+                let rim = channel.uplink_at(gain, limits.comm_radius_m.powi(2), view.position.z);
+                let rim = Uplink { in_sight: channel.buildings().is_none(), ..rim };
                 let capacity_bits = channel.capacity_bits(channel.expected_rate_bps(&rim));
                 capacity_bits > u64::from(view.belief.queues_bits[id as usize]) // more: the slack of decision D5
             })
@@ -60,7 +61,7 @@ impl Objective {
     pub(super) fn term_bits2(&self, view: &View, uav: &Point3<f64>, id: u32) -> u64 {
         let table = view.table;
         let queue_bits = u64::from(view.belief.queues_bits[id as usize]);
-        let uplink = Uplink::new(table.sensors.gains[id as usize], table.sensors.position(id), uav);
+        let uplink = table.channel.uplink(table.sensors.gains[id as usize], table.sensors.position(id), uav);
         let capacity_bits = table.channel.capacity_bits(table.channel.expected_rate_bps(&uplink));
         let term_bits2 = queue_bits.saturating_mul(match self.service {
             Service::Upload => capacity_bits.min(queue_bits),
