@@ -61,6 +61,12 @@ const BASE_ROWS: &str = "\
     | lane: **return** (orange) | flies to the base: energy or time ends; serves on the way |\n\
     | lane: **down** (red) | its energy has ended |\n";
 
+/// Rows of the legend for zones and buildings.
+const ZONE_ROWS: &str = "| grey solid / translucent solid | building / no-fly zone |\n";
+
+/// Row of the legend for buildings that block links.
+const SHADOW_ROW: &str = "| ground, dark → light | share of the SNs in range that see a UAV there: 0 → 100 % |\n";
+
 fn page(scenario: &Scenario, count: usize, sizes: &Sizes, estimated: Option<Rates>) -> String {
     let fixed = || format!("an altitude of {} m", scenario.uav.altitude_m);
     let link = match Channel::of(&scenario.link).line_of_sight() {
@@ -83,6 +89,8 @@ fn page(scenario: &Scenario, count: usize, sizes: &Sizes, estimated: Option<Rate
             ""
         },
         base = if scenario.base.is_some() { BASE_ROWS } else { "" },
+        zones = if scenario.area.no_fly.is_some() || scenario.area.building.is_some() { ZONE_ROWS } else { "" },
+        shadows = if Channel::of(&scenario.link).buildings().is_some() { SHADOW_ROW } else { "" },
         belief = estimated.map_or("", |_| BELIEF),
         link = link,
         slot_s = scenario.slot_s,

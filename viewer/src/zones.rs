@@ -31,7 +31,7 @@ pub const SHADOWS: &str = "world/shadows";
 const SHADOW_CELLS: u32 = 160;
 
 /// Opacity of the shadows.
-const SHADOW_OPACITY: f32 = 0.45;
+const SHADOW_OPACITY: f32 = 0.3;
 
 /// Opacity of a no-fly zone, which has no walls to see.
 const NO_FLY_OPACITY: u8 = 70;

@@ -174,7 +174,7 @@ mod tests {
             of("link.los.b", ""),
             ["link.environment", "link.los.b1", "link.los.b2", "link.los.b3", "link.los.b4"]
         );
-        assert_eq!(of("link.model", "probabilistic-los"), ["link.gain_db", "link.gain", "link.file"]);
+        assert_eq!(of("link.model", "probabilistic-los"), ["link.gain_db", "link.gain", "link.shadowing_db", "link.file"]);
         let line_of_sight = [
             "link.environment",
             "link.los",
@@ -183,6 +183,7 @@ mod tests {
             "link.nlos_exponent",
             "link.nlos_extra_db",
             "link.snr_gap_db",
+            "link.shadowing_db",
             "link.los_correlation_m",
             "link.file",
         ];

@@ -143,6 +143,38 @@ fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
             "link.noise_dbm_per_hz = 3: expected a finite level below 0 dBm (and not below -300)",
         ),
         ("[link]\nfading = \"rayleigh\"\n", "link.fading = \"rayleigh\": expected `rician`"),
+        (
+            "[link]\nshadowing_db = [1.0, 2.0]\n",
+            "link.shadowing_db = [1.0, 2.0]: expected it only with model = \"buildings\"",
+        ),
+        (
+            "[link]\nmodel = \"buildings\"\nshadowing_db = [1.0, 21.0]\n",
+            "link.shadowing_db = [1.0, 21.0]: expected [in, out of line of sight], standard deviations from 0 to 20 dB",
+        ),
+        (
+            "[link]\nmodel = \"buildings\"\nfading = \"rician\"\nshadowing_db = [1.0, 2.0]\n",
+            "link.fading = \"rician\": expected none with shadowing_db, which is instead of it",
+        ),
+        (
+            "[link]\nmodel = \"buildings\"\nenvironment = \"urban\"\n",
+            "link.environment = \"urban\": expected it only with model = \"probabilistic-los\"",
+        ),
+        (
+            "[link]\nsnr_gap_db = 3.0\n",
+            "link.snr_gap_db = 3.0: expected it only with model = \"probabilistic-los\" or \"buildings\"",
+        ),
+        (
+            "[sensors]\nheight_m = 1.0\n",
+            "sensors.height_m = 1.0: expected a height from 0, below uav.altitude_m, and only with link.model = \"buildings\"",
+        ),
+        (
+            "[sensors]\nheight_m = 20.0\n[link]\nmodel = \"buildings\"\n",
+            "sensors.height_m = 20.0: expected a height from 0, below uav.altitude_m, and only with link.model = \"buildings\"",
+        ),
+        (
+            "[link]\nmodel = \"buildings\"\n[uav]\naltitude = \"free\"\n",
+            "uav.altitude = \"free\": expected \"fixed\", or link.model = \"probabilistic-los\", in which altitude matters",
+        ),
         ("[link]\nk_db = 3.0\n", "link.k_db = 3.0: expected it only with fading = \"rician\""),
         ("[link]\nfading = \"rician\"\nk_db = 61.0\n", "link.k_db = 61.0: expected -inf (Rayleigh), or -100 to 60 dB"),
         (
