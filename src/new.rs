@@ -1,4 +1,4 @@
-//! `skysink new`: creates a scenario file, and a sensor list if positions are imported.
+//! `skysink new`: creates a scenario file, with zones if they are imported, and a sensor list if positions are.
 
 mod field;
 #[cfg(feature = "lab")]
@@ -44,10 +44,15 @@ Examples:
   skysink new city                       writes city/city.toml
   skysink new city --sensors nodes.geojson
   skysink new city --sensors nodes.csv --out scenarios/city
+  skysink new city --sensors nodes.kml --zones zones.geojson
 
 With --sensors, it also writes sensors.csv and sets the area to enclose the
 sensor nodes. CSV columns are matched by name: x, y [m] or lat, lon [°], and
-optionally sampling_bps, gain_db, queue_bits, capacity_bits, weight, name.";
+optionally sampling_bps, gain_db, queue_bits, capacity_bits, weight, name.
+
+With --zones, each polygon becomes a no-fly zone; one with a property `height`
+[m] a building; one whose `kind` or `name` is `boundary` the boundary of the
+area. Without --sensors, the sensor nodes are drawn at random.";
 
 /// Examples of `skysink new` in a build without imports.
 #[cfg(not(feature = "lab"))]
@@ -63,6 +68,10 @@ pub struct NewCommand {
     #[cfg(feature = "lab")]
     #[arg(long, value_name = "FILE")]
     sensors: Option<PathBuf>,
+    /// No-fly zones, buildings and a boundary of the area: polygons of a KML or GeoJSON file.
+    #[cfg(feature = "lab")]
+    #[arg(long, value_name = "FILE")]
+    zones: Option<PathBuf>,
     /// Output folder [default: ./NAME].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -86,7 +95,7 @@ impl NewCommand {
         let text = text(&self.name, field);
         let checked = scenario(&self.name, field, &path)?;
         let sensors = field.map_or_else(|| SensorList::of(&checked), |field| field.sensors(&checked))?;
-        let list = field.map(|field| (folder.join(LIST), field.list.as_bytes()));
+        let list = field.and_then(|field| Some((folder.join(LIST), field.list.as_ref()?.as_bytes())));
         let files: Vec<_> = list.into_iter().chain([(path.clone(), text.as_bytes())]).collect();
         write_into(&folder, &files, Earlier::by_force(self.force))?;
         field.iter().flat_map(|field| &field.notes).try_for_each(print)?;
@@ -98,7 +107,7 @@ impl NewCommand {
 
     #[cfg(feature = "lab")]
     fn field(&self) -> Result<Option<NewField>, Error> {
-        Ok(self.sensors.as_deref().map(import::field).transpose()?)
+        Ok(import::field(self.sensors.as_deref(), self.zones.as_deref())?)
     }
 
     #[cfg(not(feature = "lab"))]
@@ -121,12 +130,12 @@ fn text(name: &str, field: Option<&NewField>) -> String {
         for inner in inner {
             match (key.name, inner.name, field) {
                 ("area", "side_m", Some(field)) => text += &format!("{}\n", field.area),
-                ("sensors", "count", Some(_)) => text += LIST_LINE,
+                ("sensors", "count", Some(NewField { list: Some(_), .. })) => text += LIST_LINE,
                 _ => text.extend(line(inner, defaults)),
             }
         }
     }
-    text
+    text + field.map_or("", |field| &field.zones)
 }
 
 /// The line of a key that is no table and has a default in `table`, with the first clause of its meaning.

@@ -1,6 +1,6 @@
-//! Imports positions of sensor nodes from CSV, KML, GPX and GeoJSON.
+//! Imports positions of sensor nodes from CSV, KML, GPX and GeoJSON, and zones from KML and GeoJSON.
 //!
-//! Each format has its own file and returns points. The caller derives the scenario.
+//! Each format has its own file and returns points and polygons. The caller derives the scenario.
 
 mod csv;
 mod geojson;
@@ -8,39 +8,46 @@ mod gpx;
 mod imported;
 mod kml;
 mod xml;
+mod zones;
 
 use std::path::Path;
 
 use skysink_common::error::{InputError, read_text};
 
 pub use imported::{Frame, Imported, ImportedSensor};
+pub use zones::{ImportedZone, ZoneKind, read as read_zones};
 
 /// The kind of input in error messages.
 const WHAT: &str = "sensor positions";
 
 /// File extensions with their readers.
-const FORMATS: [(&str, ReadFormat); 5] =
+const FORMATS: [(&str, ReadFormat<Imported>); 5] =
     [("csv", csv::read), ("kml", kml::read), ("gpx", gpx::read), ("geojson", geojson::read), ("json", geojson::read)];
 
 /// Reads the text of a file. The error contains location, value and expectation.
-type ReadFormat = fn(&str) -> Result<Imported, String>;
+type ReadFormat<T> = fn(&str) -> Result<T, String>;
 
 /// Reads the sensor nodes of the file `path`. Its extension determines the format.
 ///
 /// # Errors
 /// If the format is unknown, the file cannot be read, a position is invalid, or there is no point.
 pub fn read(path: &Path) -> Result<Imported, InputError> {
-    let refuse = |message: String| InputError::new(WHAT, path, message);
-    let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default().to_lowercase();
-    let names = FORMATS.map(|(name, _)| format!(".{name}")).join(", ");
-    let format = FORMATS.into_iter().find(|(name, _)| *name == extension);
-    let (_, reader) = format.ok_or_else(|| refuse(format!("`.{extension}`: expected a file named {names}")))?;
-    let text = read_text(WHAT, path)?;
-    let imported = reader(text.trim_start_matches('\u{feff}')).map_err(refuse)?; // without the byte order mark
+    let imported = find(WHAT, path, &FORMATS)?;
     if imported.sensors.is_empty() {
-        return Err(refuse("no points: expected at least one sensor node".to_owned()));
+        return Err(InputError::new(WHAT, path, "no points: expected at least one sensor node"));
     }
     Ok(imported)
+}
+
+/// Reads the file `path`, a kind of input, with the reader of its extension.
+fn find<T>(what: &'static str, path: &Path, formats: &[(&str, ReadFormat<T>)]) -> Result<T, InputError> {
+    let refuse = |message: String| InputError::new(what, path, message);
+    let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default().to_lowercase();
+    let names = formats.iter().map(|(name, _)| format!(".{name}")).collect::<Vec<_>>().join(", ");
+    let format = formats.iter().find(|(name, _)| *name == extension);
+    let (_, reader) = format.ok_or_else(|| refuse(format!("`.{extension}`: expected a file named {names}")))?;
+    let text = read_text(what, path)?;
+    reader(text.trim_start_matches('\u{feff}')).map_err(refuse) // without the byte order mark
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! The parts of a new scenario that depend on imported positions.
+//! The parts of a new scenario that depend on imported positions and zones.
 
 use std::path::PathBuf;
 
@@ -10,11 +10,14 @@ use skysink_common::sensors::SensorList;
 pub const LIST: &str = "sensors.csv";
 
 /// The field of a new scenario, converted from an imported file.
+#[derive(Clone)]
 pub struct NewField {
     /// Lines instead of `side_m` in `[area]`.
     pub area: String,
-    /// The text of the sensor list.
-    pub list: String,
+    /// The tables of zones and buildings.
+    pub zones: String,
+    /// The text of the sensor list; `None` without imported positions.
+    pub list: Option<String>,
     /// The location of each of its rows in the imported file, for error messages.
     pub locations: Vec<String>,
     /// The imported file.
@@ -26,6 +29,9 @@ pub struct NewField {
 impl NewField {
     /// Checks the sensor nodes in `scenario`. Errors name the location in the imported file.
     pub fn sensors(&self, scenario: &Scenario) -> Result<SensorList, InputError> {
-        SensorList::parse_rows(&self.list, &self.source, scenario, |row, _| self.locations[row].clone())
+        match &self.list {
+            Some(list) => SensorList::parse_rows(list, &self.source, scenario, |row, _| self.locations[row].clone()),
+            None => SensorList::of(scenario),
+        }
     }
 }

@@ -1,11 +1,12 @@
-//! The field of imported positions: the sensor list and an area around it, georeferenced for geodetic positions.
+//! The field of imported positions and zones: the sensor list and an area around it, georeferenced for geodetic positions.
 
 use std::path::Path;
 
 use skysink_common::error::InputError;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::Sensor;
-use skysink_lab::import::{self, Frame, Imported};
+use skysink_common::sensors::projection::Projection;
+use skysink_lab::import::{self, Frame, Imported, ImportedSensor, ImportedZone, ZoneKind};
 
 use super::field::{LIST, NewField};
 
@@ -22,19 +23,86 @@ const VAST_M: f64 = 1e6;
 /// southern hemisphere, a point far to the east of the corner, on the same parallel, has y < 0 in the tangent plane.
 const CORNERS_M: [f64; 4] = [MARGIN_M, 100.0, 1e3, 1e4];
 
-/// Imports the positions in the file `path`.
-pub fn field(path: &Path) -> Result<NewField, InputError> {
-    let imported = import::read(path)?;
+/// Imports the positions and the zones in these files; `None` without files.
+///
+/// # Errors
+/// If a file is refused, or zones in degrees are to lie among positions in metres.
+pub fn field(sensors: Option<&Path>, zones: Option<&Path>) -> Result<Option<NewField>, InputError> {
+    let imported = sensors.map(|path| Ok((import::read(path)?, path))).transpose()?;
+    let Some(path) = zones else { return imported.map(|(imported, path)| of_sensors(&imported, path)).transpose() };
+    let zones = import::read_zones(path)?;
+    if let Some((Imported { frame: Frame::Plane, .. }, sensors)) = &imported {
+        let expected = "positions in metres: expected latitudes and longitudes, as the zones have";
+        return Err(InputError::new("sensor positions", sensors, expected));
+    }
+    let mut field = imported.as_ref().map(|(imported, path)| of_sensors(imported, path)).transpose()?;
+    // The area encloses the boundary, or without sensor nodes all zones.
+    let has_boundary = zones.iter().any(|zone| zone.kind == ZoneKind::Boundary);
+    let is_enclosed = |zone: &&ImportedZone| {
+        if has_boundary { zone.kind == ZoneKind::Boundary } else { imported.is_none() }
+    };
+    let corner = |zone: &ImportedZone, position: [f64; 2]| ImportedSensor {
+        place: zone.place.clone(),
+        position,
+        others: Vec::new(),
+    };
+    let corners = zones.iter().filter(is_enclosed).flat_map(|zone| zone.corners.iter().map(|at| corner(zone, *at)));
+    let positions = imported.iter().flat_map(|(imported, _)| &imported.sensors);
+    let positions = positions.map(|sensor| ImportedSensor { others: Vec::new(), ..sensor.clone() });
+    let extent = Imported {
+        frame: Frame::Geodetic,
+        sensors: positions.chain(corners).collect(),
+        others: Vec::new(),
+        ignored: Vec::new(),
+    };
+    let enclosing = of_sensors(&extent, path)?;
+    let field = field.get_or_insert(NewField { list: None, ..enclosing.clone() });
+    field.area = enclosing.area;
+    add_zones(field, &zones, path)?;
+    Ok(Some(field.clone()))
+}
+
+/// Adds the keys of `zones`, of the file `path`, in the area of `field`.
+fn add_zones(field: &mut NewField, zones: &[ImportedZone], path: &Path) -> Result<(), InputError> {
+    let text = format!("name = \"area\"\n[area]\n{}\n", field.area);
+    let scenario = Scenario::parse(&text, path, Overrides::default())?;
+    let projection = Projection::at(scenario.area.origin().expect("the area of degrees has an origin"));
+    for zone in zones {
+        let metres = |[lat_deg, lon_deg]: &[f64; 2]| {
+            let position = projection.project(*lat_deg, *lon_deg);
+            let expected = || format!("{}: expected a position within the horizon of the area", zone.place);
+            position.ok_or_else(|| InputError::new("zones", path, expected()))
+        };
+        let corners = zone.corners.iter().map(metres).collect::<Result<Vec<_>, _>>()?;
+        let closed = corners.len() > 1 && corners.first() == corners.last();
+        let corners = &corners[..corners.len() - usize::from(closed)];
+        // To the millimetre.
+        let corners: Vec<String> = corners.iter().map(|corner| format!("[{:.3}, {:.3}]", corner.x, corner.y)).collect();
+        let corners = corners.join(", ");
+        match zone.kind {
+            ZoneKind::Boundary => field.area += &format!("\nboundary_m = [{corners}]"),
+            ZoneKind::NoFly => field.zones += &format!("\n[[area.no_fly]]\npolygon_m = [{corners}]\n"),
+            ZoneKind::Building(height_m) => {
+                field.zones += &format!("\n[[area.building]]\npolygon_m = [{corners}]\nheight_m = {height_m:?}\n");
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The field of the positions in the file `path`.
+fn of_sensors(imported: &Imported, path: &Path) -> Result<NewField, InputError> {
     let is_plane = imported.frame == Frame::Plane;
-    let shift = if is_plane { shift(&imported) } else { [0.0; 2] };
+    let shift = if is_plane { shift(imported) } else { [0.0; 2] };
     let mut field = NewField {
         area: String::new(),
-        list: imported.to_csv(shift),
+        zones: String::new(),
+        list: Some(imported.to_csv(shift)),
         locations: imported.sensors.iter().map(|sensor| sensor.place.clone()).collect(),
         source: path.to_owned(),
         notes: imported.ignored.iter().map(|what| format!("ignored: {what}")).collect(),
     };
-    field.area = if is_plane { plane(&imported, shift) } else { geodetic(&imported, &field)? };
+    field.area = if is_plane { plane(imported, shift) } else { geodetic(imported, &field)? };
     Ok(field)
 }
 

@@ -123,9 +123,11 @@ fn row(name: &str, key: &Key) -> String {
         Accepts::OneOf(names) => names.iter().map(|name| format!("`\"{name}\"`")).collect::<Vec<_>>().join(", "),
         _ => key.accepts.expected(),
     };
-    let values =
-        |only: Only| only.values.iter().map(|value| format!("`{} = \"{value}\"`", only.key)).collect::<Vec<_>>();
-    let only = key.only.map_or_else(String::new, |only| format!(" With {}.", values(only).join(" or ")));
+    let condition = |only: Only| {
+        let of_value = |value: &&str| format!("`{} = \"{value}\"`", only.key);
+        only.values.iter().map(of_value).collect::<Vec<_>>().join(" or ")
+    };
+    let only = key.only.map_or_else(String::new, |only| format!(" With {}.", condition(only)));
     format!("| `{name}` | {default} | {values} | {}{only} |\n", key.words)
 }
 

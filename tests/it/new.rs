@@ -41,7 +41,113 @@ fn a_name_that_no_folder_can_have_is_refused() {
 
 #[cfg(feature = "lab")]
 mod imports {
+    use skysink_common::geometry::Position;
+    use skysink_common::scenario::{Area, Overrides, Scenario};
+    use skysink_common::sensors::SensorList;
+
     use super::*;
+    use crate::support::scenarios;
+
+    fn read(place: &Place, name: &str) -> Scenario {
+        scenarios::read(&place.path(name), Overrides::default())
+    }
+
+    /// A boundary, a building and a zone, as GeoJSON; about 1 km by 1 km.
+    const ZONES: &str = r#"{"type":"FeatureCollection","features":[
+        {"type":"Feature","properties":{"kind":"boundary"},"geometry":{"type":"Polygon","coordinates":
+            [[[13.400,52.500],[13.415,52.500],[13.415,52.509],[13.400,52.509],[13.400,52.500]]]}},
+        {"type":"Feature","properties":{"building":"yes","height":"30.5"},"geometry":{"type":"Polygon","coordinates":
+            [[[13.404,52.503],[13.406,52.503],[13.406,52.505],[13.404,52.503]]]}},
+        {"type":"Feature","properties":null,"geometry":{"type":"MultiPolygon","coordinates":
+            [[[[13.409,52.504],[13.411,52.504],[13.410,52.506],[13.409,52.504]]]]}}]}"#;
+
+    /// The same as KML.
+    fn zones_kml() -> String {
+        let placemark = |name: &str, extrude: &str, corners: &str| {
+            format!(
+                "<Placemark><name>{name}</name><Polygon>{extrude}<outerBoundaryIs><LinearRing><coordinates>{corners}\
+                 </coordinates></LinearRing></outerBoundaryIs></Polygon></Placemark>"
+            )
+        };
+        let corners = [
+            "13.400,52.500 13.415,52.500 13.415,52.509 13.400,52.509 13.400,52.500",
+            "13.404,52.503,30.5 13.406,52.503,30.5 13.406,52.505,30.5 13.404,52.503,30.5",
+            "13.409,52.504 13.411,52.504 13.410,52.506 13.409,52.504",
+        ];
+        format!(
+            "<kml><Document><Folder>{}{}</Folder>{}</Document></kml>",
+            placemark("boundary", "", corners[0]),
+            placemark("tower", "<extrude>1</extrude>", corners[1]),
+            placemark("airfield", "", corners[2])
+        )
+    }
+
+    /// Zones lie where the sensor nodes of the same coordinates lie, from either format, with and without sensor nodes.
+    #[test]
+    fn zones_become_keys_of_the_area() {
+        let place = Place::new();
+        place.write("zones.geojson", ZONES);
+        place.write("zones.kml", &zones_kml());
+        // On corners of the building and of the zone.
+        place.write("nodes.csv", "lat,lon\n52.505,13.406\n52.506,13.410\n");
+        for zones in ["zones.geojson", "zones.kml"] {
+            for sensors in [&["--sensors", "nodes.csv"][..], &[]] {
+                let printed = place.run_ok(&[&["new", "city", "--force", "--zones", zones], sensors].concat()).stdout;
+                let count = if sensors.is_empty() { 200 } else { 2 };
+                assert!(printed.contains(&format!("{count} sensor nodes in ")), "{printed}");
+                let scenario = read(&place, "city/city.toml");
+                let area = &scenario.area;
+                let [building] = &area.building.as_ref().unwrap()[..] else { panic!("one building") };
+                let [zone] = &area.no_fly.as_ref().unwrap()[..] else { panic!("one zone") };
+                assert_eq!((building.height_m, building.polygon_m.len(), zone.polygon_m.len()), (30.5, 3, 3));
+                // One of 0.015° of longitude at 52.5° north is 1 018 m, 0.009° of latitude 1 001 m.
+                let border = area.boundary_m.as_ref().unwrap();
+                let side_m = |axis: usize| {
+                    let along = border.iter().map(|corner| corner[axis]);
+                    along.clone().fold(0.0, f64::max) - along.fold(f64::INFINITY, f64::min)
+                };
+                assert!((side_m(0) - 1018.0).abs() < 2.0 && (side_m(1) - 1001.0).abs() < 2.0, "{border:?}");
+                if count == 2 {
+                    let list = SensorList::of(&scenario).unwrap();
+                    for (sensor, corner) in list.sensors().iter().zip([building.polygon_m[2], zone.polygon_m[2]]) {
+                        let away_m = (sensor.position - Position::from(corner)).norm();
+                        assert!(away_m < 2e-3, "{away_m} m between {} and {corner:?}", sensor.position);
+                    }
+                }
+                place.run_ok(&["simulate", "city/city.toml", "--set", "slots=5", "--out", "run", "--force"]);
+            }
+        }
+        // What is exported comes back: the boundary of the area, and what is flown around.
+        place.run_ok(&["simulate", "city/city.toml", "--set", "slots=5", "--out", "run", "--force"]);
+        for format in ["geojson", "kml"] {
+            let file = format!("back.{format}");
+            place.run_ok(&["export", "run", "--format", format, "--out", &file]);
+            place.run_ok(&["new", "back", "--force", "--zones", &file]);
+            let [first, back] = ["city/city.toml", "back/back.toml"].map(|name| read(&place, name).area);
+            assert_eq!(back.no_fly.as_ref().map_or(0, Vec::len), 1, "{format}");
+            let heights_m =
+                |area: &Area| area.building.iter().flatten().map(|building| building.height_m).collect::<Vec<_>>();
+            assert_eq!((heights_m(&first), heights_m(&back)), (vec![30.5], vec![30.5]), "{format}");
+            let [first, back] = [first, back].map(|area| area.boundary_m.unwrap());
+            assert_eq!(first.len(), back.len());
+        }
+    }
+
+    #[test]
+    fn zones_that_are_none_are_refused() {
+        let place = Place::new();
+        place.write("plane.csv", "x,y\n1,2\n3,4\n");
+        place.write("zones.geojson", ZONES);
+        place.write("points.geojson", "{\"type\":\"Point\",\"coordinates\":[1,2]}");
+        place.write("crossed.geojson", &ZONES.replacen("[13.415,52.509]", "[13.405,52.495]", 1));
+        place.run_refused(&["new", "a", "--zones", "points.geojson"], "no polygons: expected at least one zone");
+        place.run_refused(&["new", "a", "--zones", "zones.gpx"], "`.gpx`: expected a file named .kml, .geojson, .json");
+        place.run_refused(&["new", "a", "--zones", "none.kml"], "none.kml");
+        place.run_refused(&["new", "a", "--zones", "crossed.geojson"], "without crossings");
+        let expected = "positions in metres: expected latitudes and longitudes";
+        place.run_refused(&["new", "a", "--zones", "zones.geojson", "--sensors", "plane.csv"], expected);
+        assert!(!place.path("a").exists());
+    }
 
     const POINTS: &[(&str, &str)] = &[
         ("a.csv", "Colour,Longitude,LAT\na,13.40,52.50\nb,13.41,52.51\n"),

@@ -174,7 +174,10 @@ mod tests {
             of("link.los.b", ""),
             ["link.environment", "link.los.b1", "link.los.b2", "link.los.b3", "link.los.b4"]
         );
-        assert_eq!(of("link.model", "probabilistic-los"), ["link.gain_db", "link.gain", "link.shadowing_db", "link.file"]);
+        assert_eq!(
+            of("link.model", "probabilistic-los"),
+            ["link.gain_db", "link.gain", "link.shadowing_db", "link.file"]
+        );
         let line_of_sight = [
             "link.environment",
             "link.los",

@@ -20,8 +20,12 @@ pub(crate) fn collection(track: &GeodeticTrack<'_>) -> String {
     let border = || track.border.iter().chain(&track.border[..1]).map(ground);
     let area = feature(Geometry::new_polygon([border()]), json!({ "kind": "area", "name": track.name() }));
     let zones = track.zones.iter().map(|zone| {
-        let corners = zone.iter().chain(&zone[..1]).map(ground);
-        feature(Geometry::new_polygon([corners]), json!({ "kind": "no-fly" }))
+        let corners = zone.corners.iter().chain(&zone.corners[..1]).map(ground);
+        let properties = match zone.height_m {
+            None => json!({ "kind": "no-fly" }),
+            Some(height_m) => json!({ "kind": "building", "height_m": height_m }),
+        };
+        feature(Geometry::new_polygon([corners]), properties)
     });
     let flight = feature(
         Geometry::new_line_string(track.points.iter().map(in_the_air)),

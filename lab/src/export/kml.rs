@@ -21,9 +21,16 @@ fn write(track: &GeodeticTrack<'_>) -> Vec<u8> {
     let border = track.border.iter().chain(&track.border[..1]).map(ground).collect::<Vec<_>>();
     let area = Geometry::Polygon(Polygon { tessellate: true, ..Polygon::new(LinearRing::from(border), vec![]) });
     let zones = track.zones.iter().map(|zone| {
-        let corners = zone.iter().chain(&zone[..1]).map(ground).collect::<Vec<_>>();
-        let zone = Polygon { tessellate: true, ..Polygon::new(LinearRing::from(corners), vec![]) };
-        placemark("no-fly zone".to_owned(), String::new(), Geometry::Polygon(zone))
+        let corner = |place| Coord { z: zone.height_m, ..ground(place) };
+        let corners = zone.corners.iter().chain(&zone.corners[..1]).map(corner).collect::<Vec<_>>();
+        let polygon = Polygon::new(LinearRing::from(corners), vec![]);
+        let (name, polygon) = match zone.height_m {
+            None => ("no-fly zone", Polygon { tessellate: true, ..polygon }),
+            Some(_) => {
+                ("building", Polygon { extrude: true, altitude_mode: AltitudeMode::RelativeToGround, ..polygon })
+            }
+        };
+        placemark(name.to_owned(), String::new(), Geometry::Polygon(polygon))
     });
     let flight = Geometry::LineString(LineString {
         altitude_mode: AltitudeMode::RelativeToGround,

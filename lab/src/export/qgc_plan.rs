@@ -28,7 +28,7 @@ fn write(track: &GeodeticTrack<'_>, items: &[VehicleItem]) -> Vec<u8> {
         let corners: Vec<_> = corners.iter().map(|place| [place.lat_deg, place.lon_deg]).collect();
         json!({ "version": 1, "inclusion": inclusion, "polygon": corners })
     };
-    let zones = track.zones.iter().map(|zone| polygon(false, zone));
+    let zones = track.zones.iter().filter(|zone| zone.is_tall).map(|zone| polygon(false, &zone.corners));
     let fence: Vec<_> = std::iter::once(polygon(true, &track.border)).chain(zones).collect();
     let plan = json!({
         "fileType": "Plan",

@@ -1,6 +1,7 @@
 //! A finished mission in latitude and longitude, the common input of the formats.
 
 use nalgebra::Point3;
+use skysink_common::airspace::Polygon;
 use skysink_common::error::InputError;
 use skysink_common::geometry::Position;
 use skysink_common::scenario::{Area, Origin, Scenario};
@@ -57,8 +58,19 @@ pub struct GeodeticTrack<'a> {
     pub sensors: Vec<GeodeticPosition>,
     /// The border of the area from its south-west corner, counter-clockwise, without the first point again at the end.
     pub border: Vec<GeodeticPosition>,
-    /// The no-fly zones, and the buildings that rise above the lowest altitude of the UAV, in the same way.
-    pub zones: Vec<Vec<GeodeticPosition>>,
+    /// The no-fly zones and the buildings.
+    pub zones: Vec<GeodeticZone>,
+}
+
+/// A no-fly zone or a building.
+#[derive(Debug)]
+pub struct GeodeticZone {
+    /// Its corners, counter-clockwise, without the first one again at the end.
+    pub corners: Vec<GeodeticPosition>,
+    /// Height of the building [m]; `None` for a no-fly zone.
+    pub height_m: Option<f64>,
+    /// Whether the UAV flies around it at all altitudes.
+    pub is_tall: bool,
 }
 
 impl<'a> GeodeticTrack<'a> {
@@ -86,7 +98,7 @@ impl<'a> GeodeticTrack<'a> {
             run,
             points: std::iter::once(start).chain(slots).map(point).collect::<Result<_, InputError>>()?,
             sensors: run.list.sensors().iter().map(|sensor| place(&sensor.position)).collect::<Result<_, _>>()?,
-            zones: zones(scenario).iter().map(|zone| zone.iter().map(place).collect()).collect::<Result<_, _>>()?,
+            zones: zones(scenario, place)?,
             border: border(&scenario.area).iter().map(place).collect::<Result<_, _>>()?,
         })
     }
@@ -116,12 +128,21 @@ impl<'a> GeodeticTrack<'a> {
     }
 }
 
-/// The zones that the UAV flies around.
-fn zones(scenario: &Scenario) -> Vec<Vec<Position>> {
-    let airspace = scenario.airspace_without_ways();
+/// The no-fly zones and the buildings, with their corners in their `place`.
+fn zones(
+    scenario: &Scenario,
+    place: impl Fn(&Position) -> Result<GeodeticPosition, InputError>,
+) -> Result<Vec<GeodeticZone>, InputError> {
     let lowest_m = scenario.uav.climb().map_or(scenario.uav.altitude_m, |climb| climb.min_altitude_m);
-    let zones = airspace.zones_above(lowest_m).filter(|zone| !zone.is_border());
-    zones.map(|zone| zone.corners().to_vec()).collect()
+    let no_fly = scenario.area.no_fly.iter().flatten().map(|zone| (&zone.polygon_m, None));
+    let buildings = scenario.area.building.iter().flatten();
+    let zones = no_fly.chain(buildings.map(|building| (&building.polygon_m, Some(building.height_m))));
+    let zone = |(corners, height_m): (&Vec<[f64; 2]>, Option<f64>)| {
+        let polygon = Polygon::of(corners, false).expect("the zones of a run are checked");
+        let corners = polygon.corners().iter().map(&place).collect::<Result<_, _>>()?;
+        Ok(GeodeticZone { corners, height_m, is_tall: height_m.is_none_or(|height_m| height_m > lowest_m) })
+    };
+    zones.map(zone).collect()
 }
 
 /// Points along the border of the area, counter-clockwise: from the south-west corner of the rectangle, or the corners of

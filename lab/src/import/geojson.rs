@@ -1,12 +1,18 @@
-//! GeoJSON: points and multi-points, in features, collections or alone; longitude first.
+//! GeoJSON: points and polygons, in features, collections or alone; longitude first.
 
 use ::geojson::{Feature, GeoJson, Geometry, GeometryValue};
 use serde_json::Value;
 
 use super::imported::{FoundPoint, FoundPoints, Imported, with_causes};
+use super::zones::FoundPolygon;
 
-/// Reads the text of a file.
+/// Reads the sensor nodes of the text of a file.
 pub fn read(text: &str) -> Result<Imported, String> {
+    Imported::geodetic(find(text)?)
+}
+
+/// Finds the points and polygons of the text of a file.
+pub fn find(text: &str) -> Result<FoundPoints, String> {
     let file: GeoJson = text.parse().map_err(|error| format!("{}: expected GeoJSON", with_causes(&error)))?;
     let mut found = FoundPoints::default();
     match &file {
@@ -16,7 +22,7 @@ pub fn read(text: &str) -> Result<Imported, String> {
             collection.features.iter().for_each(|feature| found.add_feature(feature));
         }
     }
-    Imported::geodetic(found)
+    Ok(found)
 }
 
 /// The properties of a feature as text; without those that are null.
@@ -55,8 +61,21 @@ impl FoundPoints {
             GeometryValue::GeometryCollection { geometries } if !geometries.is_empty() => {
                 geometries.iter().for_each(|geometry| self.add_geojson(geometry, properties));
             }
+            GeometryValue::Polygon { coordinates } => self.add_polygon(coordinates, properties),
+            GeometryValue::MultiPolygon { coordinates } if !coordinates.is_empty() => {
+                coordinates.iter().for_each(|polygon| self.add_polygon(polygon, properties));
+            }
             _ => self.ignored += 1,
         }
+    }
+
+    fn add_polygon(&mut self, rings: &[Vec<::geojson::Position>], properties: &[(String, String)]) {
+        self.ignored += 1;
+        let place = |corner: &::geojson::Position| {
+            [1, 0].map(|index| corner.as_slice().get(index).copied().unwrap_or(f64::NAN))
+        };
+        let rings = rings.iter().map(|ring| ring.iter().map(place).collect()).collect();
+        self.polygons.push(FoundPolygon { rings, extruded_m: None, properties: properties.to_vec() });
     }
 }
 

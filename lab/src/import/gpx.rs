@@ -16,7 +16,8 @@ pub fn read(text: &str) -> Result<Imported, String> {
             properties: texts.into_iter().filter_map(property).collect(),
         }
     });
-    Imported::geodetic(FoundPoints { points: points.collect(), ignored: file.tracks.len() + file.routes.len() })
+    let ignored = file.tracks.len() + file.routes.len();
+    Imported::geodetic(FoundPoints { points: points.collect(), ignored, ..FoundPoints::default() })
 }
 
 #[cfg(test)]

@@ -3,6 +3,8 @@
 use skysink_common::error::quoted;
 use skysink_common::sensors::check_name;
 
+use super::zones::FoundPolygon;
+
 /// Longitudes are equal modulo this angle [°].
 const FULL_CIRCLE_DEG: f64 = 360.0;
 
@@ -75,12 +77,14 @@ pub struct FoundPoint {
     pub properties: Vec<(String, String)>,
 }
 
-/// The points of a file, and the number of ignored items.
+/// The points and polygons of a file, and the number of items without a point.
 #[derive(Default)]
 pub struct FoundPoints {
     /// The points.
     pub points: Vec<FoundPoint>,
-    /// The number of ignored items.
+    /// The polygons.
+    pub polygons: Vec<FoundPolygon>,
+    /// The number of items without a point.
     pub ignored: usize,
 }
 
@@ -108,7 +112,7 @@ fn is_for(name: &str, value: &str, alias: &str) -> bool {
 
 impl Imported {
     /// Sensor nodes with latitude and longitude [°], and the properties that a sensor list has columns for.
-    pub fn geodetic(FoundPoints { points, ignored }: FoundPoints) -> Result<Self, String> {
+    pub fn geodetic(FoundPoints { points, ignored, .. }: FoundPoints) -> Result<Self, String> {
         let place = |index: usize| format!("point {}", index + 1);
         let mut sensors = Vec::with_capacity(points.len());
         for (index, point) in points.iter().enumerate() {
@@ -239,7 +243,7 @@ mod tests {
     }
 
     fn imported(points: &[FoundPoint]) -> Result<Imported, String> {
-        Imported::geodetic(FoundPoints { points: points.to_vec(), ignored: 0 })
+        Imported::geodetic(FoundPoints { points: points.to_vec(), ..FoundPoints::default() })
     }
 
     #[test]
@@ -298,7 +302,7 @@ mod tests {
     fn the_westernmost_point_is_east_of_the_widest_gap() {
         let west = |longitudes: &[f64]| {
             let points = longitudes.iter().map(|&lon_deg| point([1.0, lon_deg], &[])).collect();
-            Imported::geodetic(FoundPoints { points, ignored: 0 }).unwrap().south_west()
+            Imported::geodetic(FoundPoints { points, ..FoundPoints::default() }).unwrap().south_west()
         };
         assert_eq!(west(&[13.4, 13.1, 13.5]), [1.0, 13.1]);
         assert_eq!(west(&[-179.9, 179.8, 179.9, -179.8]), [1.0, 179.8]);

@@ -1,19 +1,25 @@
-//! KML: imports the points of placemarks, at any depth of folders.
+//! KML: imports the points and polygons of placemarks, at any depth of folders.
 
-use ::kml::types::{Geometry, Placemark, Point};
+use ::kml::types::{Geometry, LinearRing, Placemark, Point};
 use ::kml::{Kml, KmlReader};
 
 use super::imported::{FoundPoint, FoundPoints, Imported, NAME, with_causes};
 use super::xml;
+use super::zones::FoundPolygon;
 
-/// Reads the text of a file.
+/// Reads the sensor nodes of the text of a file.
 pub fn read(text: &str) -> Result<Imported, String> {
+    Imported::geodetic(find(text)?)
+}
+
+/// Finds the points and polygons of the text of a file.
+pub fn find(text: &str) -> Result<FoundPoints, String> {
     let refuse = |error: ::kml::Error| format!("{}: expected a KML file", with_causes(&error));
     let ignored = xml::check(text, "KML")?;
     let file: Kml<f64> = KmlReader::from_string(text).read().map_err(refuse)?;
-    let mut found = FoundPoints { points: Vec::new(), ignored };
+    let mut found = FoundPoints { ignored, ..FoundPoints::default() };
     found.add_element(&file);
-    Imported::geodetic(found)
+    Ok(found)
 }
 
 /// Name, description and extended data of a placemark.
@@ -56,6 +62,13 @@ impl FoundPoints {
             }),
             Geometry::MultiGeometry(several) => {
                 several.geometries.iter().for_each(|inner| self.add_kml(inner, properties));
+            }
+            Geometry::Polygon(polygon) => {
+                let ring = |ring: &LinearRing<f64>| ring.coords.iter().map(|corner| [corner.y, corner.x]).collect();
+                let altitudes_m = polygon.outer.coords.iter().filter_map(|corner| corner.z);
+                let extruded_m = altitudes_m.reduce(f64::max).filter(|_| polygon.extrude);
+                let rings = std::iter::once(&polygon.outer).chain(&polygon.inner).map(ring).collect();
+                self.polygons.push(FoundPolygon { rings, extruded_m, properties: properties.to_vec() });
             }
             _ => {}
         }

@@ -1,0 +1,149 @@
+//! No-fly zones, buildings and a boundary from the polygons of a file.
+
+use std::path::Path;
+
+use skysink_common::error::{InputError, quoted};
+
+use super::imported::{FoundPoints, check_geodetic};
+
+/// Properties for the height of a building [m].
+const HEIGHTS: [&str; 2] = ["height_m", "height"];
+
+/// Properties that say what a polygon is.
+const KINDS: [&str; 2] = ["kind", "name"];
+
+/// Values of them for the boundary of an area.
+const BOUNDARIES: [&str; 2] = ["boundary", "area"];
+
+/// What a polygon of a file is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ZoneKind {
+    /// A zone at any altitude.
+    NoFly,
+    /// A building of this height [m].
+    Building(f64),
+    /// The boundary of the area.
+    Boundary,
+}
+
+/// A polygon of a file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ImportedZone {
+    /// Its location in the file, such as `polygon 2`.
+    pub place: String,
+    /// Latitude and longitude [°] of its corners.
+    pub corners: Vec<[f64; 2]>,
+    /// What it is.
+    pub kind: ZoneKind,
+}
+
+/// A polygon as found: its rings, the outer one first, and its properties.
+#[derive(Debug, Clone, Default)]
+pub struct FoundPolygon {
+    /// Latitude and longitude [°] of the corners of each ring.
+    pub rings: Vec<Vec<[f64; 2]>>,
+    /// The height to which its sides are drawn [m].
+    pub extruded_m: Option<f64>,
+    /// Names and values of its properties.
+    pub properties: Vec<(String, String)>,
+}
+
+/// Reads the polygons of the file `path`, KML or GeoJSON.
+///
+/// # Errors
+/// If the format is unknown, the file cannot be read, a polygon has a hole or an invalid position, or there is none.
+pub fn read(path: &Path) -> Result<Vec<ImportedZone>, InputError> {
+    let found = super::find(
+        "zones",
+        path,
+        &[("kml", super::kml::find), ("geojson", super::geojson::find), ("json", super::geojson::find)],
+    )?;
+    zones(&found).map_err(|message| InputError::new("zones", path, message))
+}
+
+/// The polygons as zones.
+fn zones(found: &FoundPoints) -> Result<Vec<ImportedZone>, String> {
+    if found.polygons.is_empty() {
+        return Err("no polygons: expected at least one zone".to_owned());
+    }
+    let numbered = found.polygons.iter().zip(1..);
+    let zones = numbered.map(|(polygon, number)| {
+        let place = format!("polygon {number}");
+        let zone = zone(polygon).map_err(|message| format!("{place}: {message}"))?;
+        Ok(ImportedZone { place, ..zone })
+    });
+    let zones = zones.collect::<Result<Vec<_>, String>>()?;
+    match zones.iter().filter(|zone| zone.kind == ZoneKind::Boundary).nth(1) {
+        Some(second) => Err(format!("{}: a second boundary: expected one", second.place)),
+        None => Ok(zones),
+    }
+}
+
+fn zone(polygon: &FoundPolygon) -> Result<ImportedZone, String> {
+    let [outer] = &polygon.rings[..] else { return Err("a hole: expected a polygon without holes".to_owned()) };
+    outer.iter().try_for_each(|corner| check_geodetic(*corner))?;
+    let property = |names: &[&str]| {
+        let called = |name: &&str| polygon.properties.iter().find(|(own, _)| own.to_lowercase() == **name);
+        names.iter().find_map(called).map(|(_, value)| value.trim())
+    };
+    let is_boundary = |value: &str| BOUNDARIES.contains(&value.to_lowercase().as_str());
+    let kind = if property(&KINDS).is_some_and(is_boundary) {
+        ZoneKind::Boundary
+    } else {
+        let height_m = match property(&HEIGHTS) {
+            None => polygon.extruded_m,
+            Some(value) => {
+                let number = value.trim_end_matches('m').trim_end().parse().ok();
+                Some(number.ok_or_else(|| format!("height {}: expected metres", quoted(value)))?)
+            }
+        };
+        match height_m {
+            None => ZoneKind::NoFly,
+            Some(height_m) if height_m > 0.0 && f64::is_finite(height_m) => ZoneKind::Building(height_m),
+            Some(height_m) => return Err(format!("height {height_m}: expected a finite number above 0")),
+        }
+    };
+    Ok(ImportedZone { place: String::new(), corners: outer.clone(), kind })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(properties: &[(&str, &str)]) -> FoundPolygon {
+        let properties = properties.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect();
+        FoundPolygon { rings: vec![vec![[1.0, 2.0], [1.0, 3.0], [2.0, 3.0]]], extruded_m: None, properties }
+    }
+
+    fn kind(properties: &[(&str, &str)]) -> Result<ZoneKind, String> {
+        zone(&found(properties)).map(|zone| zone.kind)
+    }
+
+    #[test]
+    fn properties_tell_buildings_and_the_boundary_from_zones() {
+        assert_eq!(kind(&[("name", "airfield")]), Ok(ZoneKind::NoFly));
+        assert_eq!(kind(&[("building", "yes"), ("Height", "12.5 m")]), Ok(ZoneKind::Building(12.5)));
+        assert_eq!(kind(&[("height", "9"), ("height_m", "10")]), Ok(ZoneKind::Building(10.0)));
+        assert_eq!(kind(&[("kind", "area"), ("name", "field")]), Ok(ZoneKind::Boundary));
+        assert_eq!(kind(&[("name", "Boundary")]), Ok(ZoneKind::Boundary));
+        let extruded = FoundPolygon { extruded_m: Some(7.0), ..found(&[]) };
+        assert_eq!(zone(&extruded).unwrap().kind, ZoneKind::Building(7.0));
+        for height in ["tall", "-3", "0", "inf", "NaN", ""] {
+            assert!(kind(&[("height", height)]).unwrap_err().starts_with("height "), "{height}");
+        }
+    }
+
+    #[test]
+    fn holes_second_boundaries_and_invalid_corners_are_refused() {
+        let all = |polygons: Vec<FoundPolygon>| zones(&FoundPoints { polygons, ..FoundPoints::default() });
+        assert!(all(vec![]).unwrap_err().contains("no polygons"));
+        let mut pierced = found(&[]);
+        pierced.rings.push(Vec::new());
+        assert_eq!(all(vec![found(&[]), pierced]).unwrap_err(), "polygon 2: a hole: expected a polygon without holes");
+        let boundary = || found(&[("kind", "boundary")]);
+        assert_eq!(all(vec![boundary(), boundary()]).unwrap_err(), "polygon 2: a second boundary: expected one");
+        let mut far = found(&[]);
+        far.rings[0][1] = [1.0, 200.0];
+        assert_eq!(all(vec![far]).unwrap_err(), "polygon 1: longitude 200: expected -180 to 180");
+    }
+}
