@@ -172,6 +172,7 @@ impl Flight {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use skysink_common::channel::Uplink;
     use skysink_common::message::MAX_SERVED;
     use skysink_common::scenario::Overrides;
 

@@ -67,7 +67,7 @@ pub(crate) fn log_shadows(canvas: &Canvas, scenario: &Scenario, sensors: &Sensor
             in_range += 1;
             seen += u32::from(buildings.sees(&node.position, &above(&at, scenario.uav.altitude_m)));
         });
-        if in_range == 0 { u8::MAX } else { (255 * seen / in_range) as u8 }
+        (255 * seen).checked_div(in_range).map_or(u8::MAX, |share| share as u8)
     };
     let shares = (0..rows).flat_map(|row| (0..columns).map(move |column| (column, row)));
     let map = GridMap::new(

@@ -120,7 +120,7 @@ mod tests {
     use crate::waypoint::problem::tests::{curves, dense_urban, fadings, posed};
     use nalgebra::Point3;
     use proptest::prelude::*;
-    use skysink_common::channel::LineOfSight;
+    use skysink_common::channel::{LineOfSight, Sight};
     use skysink_common::geometry::Position;
 
     /// The best end from the best starts.

@@ -121,8 +121,7 @@ mod tests {
     use super::*;
     use crate::geometry::disks::Disk;
     use crate::waypoint::problem::tests::{dense_urban, posed};
-    use skysink_common::channel::LineOfSight;
-    use skysink_common::channel::{LosCurve, Sight};
+    use skysink_common::channel::{LineOfSight, LosCurve, Sight};
     use skysink_common::scenario::Overrides;
 
     #[test]
