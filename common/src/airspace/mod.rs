@@ -47,6 +47,8 @@ pub struct Airspace {
     /// The longer side of the area [m].
     extent_m: f64,
     graph: CornerGraph,
+    /// Where the boundaries of zones that overlap cross [m].
+    crossings: Vec<Position>,
 }
 
 impl Airspace {
@@ -60,6 +62,7 @@ impl Airspace {
             corner: Position::from(sides_m),
             extent_m: sides_m[0].max(sides_m[1]),
             graph: CornerGraph::default(),
+            crossings: Vec::new(),
         }
     }
 
@@ -67,6 +70,9 @@ impl Airspace {
     #[must_use]
     pub fn with_ways(mut self, start: &Position) -> Self {
         self.graph = CornerGraph::of(&self, start);
+        let polygons: Vec<&Polygon> = self.polygons().collect();
+        let pairs = (1..polygons.len()).flat_map(|second| (0..second).map(move |first| [first, second]));
+        self.crossings = pairs.flat_map(|[first, second]| polygons[first].crossings(polygons[second])).collect();
         self
     }
 
@@ -134,7 +140,8 @@ impl Airspace {
         if self.is_open() || self.is_reachable(point) {
             return *point;
         }
-        let mut beside: Vec<Position> = self.polygons().flat_map(|polygon| polygon.projections(point)).collect();
+        let projections = self.polygons().flat_map(|polygon| polygon.projections(point));
+        let mut beside: Vec<Position> = projections.chain(self.crossings.iter().copied()).collect();
         beside.sort_by(|a, b| distance_squared(a, point).total_cmp(&distance_squared(b, point)));
         let outward = |projected: &Position| {
             let away = projected - point;
@@ -330,6 +337,18 @@ mod tests {
         assert!(((end - centre).norm() - 10.0).abs() < 1e-9 && airspace.contains(&end), "{end}");
         assert!(airspace.way_into(&at(20.0, 50.0), &nearest, &centre, 1.5).is_empty(), "out of range beside the wall");
         assert_eq!(airspace.way_into(&end, &nearest, &centre, 11.0)[..], [end], "it is there");
+    }
+
+    /// Two bars that cross at (50, 50): of a point in both, all nearest points of edges lie in the other bar.
+    #[test]
+    fn the_nearest_point_beside_zones_that_overlap_is_where_they_cross() {
+        let text = "name = 'a'\n[area]\nno_fly = [{ polygon_m = [[10, 40], [90, 40], [90, 60], [10, 60]] },\
+                    { polygon_m = [[40, 10], [60, 10], [60, 90], [40, 90]] }]\n[uav]\nstart_m = [5.0, 5.0]\n";
+        let airspace = Scenario::parse(text, Path::new("a.toml"), Overrides::default()).unwrap().airspace();
+        for (point, crossing) in [(at(47.0, 52.0), at(40.0, 60.0)), (at(55.0, 44.0), at(60.0, 40.0))] {
+            let nearest = airspace.nearest(&point);
+            assert!((nearest - crossing).norm() < 1e-4 && airspace.is_reachable(&nearest), "{point}: {nearest}");
+        }
     }
 
     #[test]

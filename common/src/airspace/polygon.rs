@@ -142,6 +142,22 @@ impl Polygon {
         })
     }
 
+    /// The points at which its boundary crosses that of `other` [m].
+    #[must_use]
+    pub fn crossings(&self, other: &Self) -> Vec<Position> {
+        let is_apart = !(self.lowest.sup(&other.lowest) <= self.highest.inf(&other.highest));
+        let pairs = edges(&self.corners).filter(|_| !is_apart);
+        let pairs = pairs.flat_map(|edge| edges(&other.corners).map(move |of_other| (edge, of_other)));
+        let crossing = |([a, b], [c, d]): ([Position; 2], [Position; 2])| {
+            let (along, across) = (b - a, d - c);
+            let turn = along.perp(&across); // 0 in parallel, which makes fractions infinite or NaN
+            let [of_along, of_across] = [(c - a).perp(&across) / turn, (c - a).perp(&along) / turn];
+            let is_on = |fraction: &f64| (0.0..=1.0).contains(fraction);
+            (is_on(&of_along) && is_on(&of_across)).then(|| a + along * of_along)
+        };
+        pairs.filter_map(crossing).collect()
+    }
+
     /// The fraction of the straight way from `from` to `to` [m] at which it becomes forbidden, by more than `slack_m` [m];
     /// `None` if it does not. With `may_leave`, a way that begins at a forbidden point may leave it.
     #[must_use]
