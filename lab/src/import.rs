@@ -14,8 +14,9 @@ use std::path::Path;
 
 use skysink_common::error::{InputError, read_text};
 
+use imported::FoundPoints;
 pub use imported::{Frame, Imported, ImportedSensor};
-pub use zones::{ImportedZone, ZoneKind, read as read_zones};
+pub use zones::{ImportedZone, ZoneKind};
 
 /// The kind of input in error messages.
 const WHAT: &str = "sensor positions";
@@ -23,6 +24,10 @@ const WHAT: &str = "sensor positions";
 /// File extensions with their readers.
 const FORMATS: [(&str, ReadFormat<Imported>); 5] =
     [("csv", csv::read), ("kml", kml::read), ("gpx", gpx::read), ("geojson", geojson::read), ("json", geojson::read)];
+
+/// File extensions with their readers of zones.
+const ZONE_FORMATS: [(&str, ReadFormat<FoundPoints>); 3] =
+    [("kml", kml::find), ("geojson", geojson::find), ("json", geojson::find)];
 
 /// Reads the text of a file. The error contains location, value and expectation.
 type ReadFormat<T> = fn(&str) -> Result<T, String>;
@@ -37,6 +42,15 @@ pub fn read(path: &Path) -> Result<Imported, InputError> {
         return Err(InputError::new(WHAT, path, "no points: expected at least one sensor node"));
     }
     Ok(imported)
+}
+
+/// Reads the polygons of the file `path`, KML or GeoJSON.
+///
+/// # Errors
+/// If the format is unknown, the file cannot be read, a polygon has a hole or an invalid position, or there is none.
+pub fn read_zones(path: &Path) -> Result<Vec<ImportedZone>, InputError> {
+    let found = find("zones", path, &ZONE_FORMATS)?;
+    zones::zones(&found).map_err(|message| InputError::new("zones", path, message))
 }
 
 /// Reads the file `path`, a kind of input, with the reader of its extension.

@@ -145,8 +145,8 @@ impl Polygon {
     /// The points at which its boundary crosses that of `other` [m].
     #[must_use]
     pub fn crossings(&self, other: &Self) -> Vec<Position> {
-        let is_apart = !(self.lowest.sup(&other.lowest) <= self.highest.inf(&other.highest));
-        let pairs = edges(&self.corners).filter(|_| !is_apart);
+        let is_near = self.lowest.sup(&other.lowest) <= self.highest.inf(&other.highest);
+        let pairs = edges(&self.corners).filter(|_| is_near);
         let pairs = pairs.flat_map(|edge| edges(&other.corners).map(move |of_other| (edge, of_other)));
         let crossing = |([a, b], [c, d]): ([Position; 2], [Position; 2])| {
             let (along, across) = (b - a, d - c);

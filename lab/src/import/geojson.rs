@@ -3,8 +3,7 @@
 use ::geojson::{Feature, GeoJson, Geometry, GeometryValue};
 use serde_json::Value;
 
-use super::imported::{FoundPoint, FoundPoints, Imported, with_causes};
-use super::zones::FoundPolygon;
+use super::imported::{FoundPoint, FoundPoints, FoundPolygon, Imported, with_causes};
 
 /// Reads the sensor nodes of the text of a file.
 pub fn read(text: &str) -> Result<Imported, String> {

@@ -3,8 +3,6 @@
 use skysink_common::error::quoted;
 use skysink_common::sensors::check_name;
 
-use super::zones::FoundPolygon;
-
 /// Longitudes are equal modulo this angle [°].
 const FULL_CIRCLE_DEG: f64 = 360.0;
 
@@ -73,6 +71,17 @@ pub struct FoundPoint {
     pub position: [f64; 2],
     /// Its altitude, 0 without one.
     pub altitude: f64,
+    /// Names and values of its properties.
+    pub properties: Vec<(String, String)>,
+}
+
+/// A polygon as found: its rings, the outer one first, and its properties.
+#[derive(Debug, Clone, Default)]
+pub struct FoundPolygon {
+    /// Latitude and longitude [°] of the corners of each ring.
+    pub rings: Vec<Vec<[f64; 2]>>,
+    /// The height to which its sides are drawn [m].
+    pub extruded_m: Option<f64>,
     /// Names and values of its properties.
     pub properties: Vec<(String, String)>,
 }

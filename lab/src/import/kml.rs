@@ -3,9 +3,8 @@
 use ::kml::types::{Geometry, LinearRing, Placemark, Point};
 use ::kml::{Kml, KmlReader};
 
-use super::imported::{FoundPoint, FoundPoints, Imported, NAME, with_causes};
+use super::imported::{FoundPoint, FoundPoints, FoundPolygon, Imported, NAME, with_causes};
 use super::xml;
-use super::zones::FoundPolygon;
 
 /// Reads the sensor nodes of the text of a file.
 pub fn read(text: &str) -> Result<Imported, String> {

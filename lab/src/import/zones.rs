@@ -1,10 +1,8 @@
 //! No-fly zones, buildings and a boundary from the polygons of a file.
 
-use std::path::Path;
+use skysink_common::error::quoted;
 
-use skysink_common::error::{InputError, quoted};
-
-use super::imported::{FoundPoints, check_geodetic};
+use super::imported::{FoundPoints, FoundPolygon, check_geodetic};
 
 /// Properties for the height of a building [m].
 const HEIGHTS: [&str; 2] = ["height_m", "height"];
@@ -37,32 +35,8 @@ pub struct ImportedZone {
     pub kind: ZoneKind,
 }
 
-/// A polygon as found: its rings, the outer one first, and its properties.
-#[derive(Debug, Clone, Default)]
-pub struct FoundPolygon {
-    /// Latitude and longitude [°] of the corners of each ring.
-    pub rings: Vec<Vec<[f64; 2]>>,
-    /// The height to which its sides are drawn [m].
-    pub extruded_m: Option<f64>,
-    /// Names and values of its properties.
-    pub properties: Vec<(String, String)>,
-}
-
-/// Reads the polygons of the file `path`, KML or GeoJSON.
-///
-/// # Errors
-/// If the format is unknown, the file cannot be read, a polygon has a hole or an invalid position, or there is none.
-pub fn read(path: &Path) -> Result<Vec<ImportedZone>, InputError> {
-    let found = super::find(
-        "zones",
-        path,
-        &[("kml", super::kml::find), ("geojson", super::geojson::find), ("json", super::geojson::find)],
-    )?;
-    zones(&found).map_err(|message| InputError::new("zones", path, message))
-}
-
-/// The polygons as zones.
-fn zones(found: &FoundPoints) -> Result<Vec<ImportedZone>, String> {
+/// The polygons as zones; refused if one has a hole or an invalid position, or there is none.
+pub fn zones(found: &FoundPoints) -> Result<Vec<ImportedZone>, String> {
     if found.polygons.is_empty() {
         return Err("no polygons: expected at least one zone".to_owned());
     }

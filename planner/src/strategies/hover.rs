@@ -338,7 +338,7 @@ mod tests {
             let channel = &field.table.channel;
             let taken = |rate_bps: f64| channel.capacity_bits(rate_bps).min(300) as f64;
             let [direct, found] =
-                [channel.mean_over_draws(&uplink, &taken), search.taken_bits(1, &Position::new(d_m, 0.0))];
+                [channel.mean_over_draws(&uplink, &taken), search.taken_bits(1, &Position::new(50.0 + d_m, 51.0))];
             assert!(direct > 5.0 && (found / direct - 1.0).abs() < 0.03, "{found} and {direct} at {d_m} m");
         }
         assert_eq!(search.taken_bits.len(), 1, "one gain, one buffer");
