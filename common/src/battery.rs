@@ -1,10 +1,9 @@
-//! The base and the energy of a UAV (decisions D9 to D12).
+//! The energy of a UAV (decisions D10 to D12).
 //!
 //! When to fly home is left to the planner.
 
 use nalgebra::Point3;
 
-use crate::geometry::{Position, within};
 use crate::message::{FlightReport, Mode};
 use crate::propulsion::{farthest_mps, power_w};
 use crate::scenario::{Propulsion, Scenario};
@@ -40,38 +39,6 @@ impl BatteryState {
     }
 }
 
-/// The disk in which UAVs land and charge.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Base {
-    /// Its centre [m].
-    pub centre: Position,
-    /// Its radius [m].
-    pub radius_m: f64,
-}
-
-impl Base {
-    /// The base of a scenario; `None` if it has none.
-    #[must_use]
-    pub fn of(scenario: &Scenario) -> Option<Self> {
-        let keys = scenario.base?;
-        let centre = keys.position_m.map_or_else(|| scenario.start().xy(), Position::from);
-        Some(Self { centre, radius_m: keys.radius_m })
-    }
-
-    /// Whether a UAV at `ground` [m] may land and charge.
-    #[must_use]
-    pub fn contains(&self, ground: &Position) -> bool {
-        within(ground, &self.centre, self.radius_m)
-    }
-
-    /// The point of the base that is nearest to `ground` [m].
-    #[must_use]
-    pub fn nearest(&self, ground: &Position) -> Position {
-        let away = ground - self.centre;
-        if self.contains(ground) { *ground } else { self.centre + away * (self.radius_m / away.norm()) }
-    }
-}
-
 /// The battery of a UAV, and what a slot takes from it.
 ///
 /// `E(t) = E(t−1) − τ P(v) − w max(0, Δz)`, with the propulsion power P of [`power_w`] at the horizontal speed v.
@@ -101,7 +68,7 @@ impl Battery {
             aircraft: scenario.uav.propulsion,
             weight_n: keys.weight_n,
             slot_s: scenario.slot_s,
-            charge_w: scenario.base.map_or(0.0, |base| base.charge_w),
+            charge_w: scenario.base.as_ref().map_or(0.0, |base| base.charge_w),
         })
     }
 
@@ -151,27 +118,6 @@ mod tests {
     fn scenario(more: &str) -> Scenario {
         let text = format!("name = 'a'\nslots = 10\nslot_s = 2.0\n[uav.battery]\ncapacity_j = 1000.0\n{more}");
         Scenario::parse(&text, Path::new("a.toml"), Overrides::default()).unwrap()
-    }
-
-    #[test]
-    fn a_base_is_where_the_uav_starts_unless_it_is_given() {
-        let middle = Base { centre: Position::new(50.0, 50.0), radius_m: 1.0 };
-        assert_eq!(Base::of(&scenario("")), Some(middle));
-        let moved = Base { centre: Position::new(3.0, 4.0), radius_m: 5.0 };
-        assert_eq!(Base::of(&scenario("[base]\nposition_m = [3.0, 4.0]\nradius_m = 5.0\n")), Some(moved));
-        assert_eq!(Base::of(&Scenario::letter(Overrides::default()).unwrap()), None);
-    }
-
-    #[test]
-    fn the_nearest_point_of_a_base_is_in_it() {
-        let base = Base { centre: Position::new(3.0, 4.0), radius_m: 5.0 };
-        assert_eq!(base.nearest(&Position::new(3.0, 104.0)), Position::new(3.0, 9.0));
-        assert_eq!(base.nearest(&Position::new(1.0, 1.0)), Position::new(1.0, 1.0));
-        for step in 0..1_000 {
-            let (sine, cosine) = (f64::from(step) * 0.37).sin_cos();
-            let away = base.centre + nalgebra::Vector2::new(cosine, sine) * (6.0 + f64::from(step));
-            assert!(base.contains(&base.nearest(&away)), "{away}");
-        }
     }
 
     #[test]

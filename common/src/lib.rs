@@ -5,6 +5,7 @@
 
 pub mod airspace;
 pub mod arrivals;
+pub mod base;
 pub mod battery;
 pub mod belief;
 pub mod build;

@@ -114,7 +114,7 @@ impl Scenario {
         if scenario.uav.battery.is_some() || scenario.must_land() {
             scenario.base.get_or_insert_default();
         }
-        if let Some(base) = &mut scenario.base {
+        if let Some(base) = scenario.base.as_mut().filter(|base| base.areas_m.is_none()) {
             base.position_m.get_or_insert(start_m);
         }
         rules::check(&scenario, &table)?;

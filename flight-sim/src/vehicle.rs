@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use nalgebra::{Point3, Vector2};
 use skysink_common::airspace::Airspace;
-use skysink_common::battery::{Base, Battery};
+use skysink_common::base::Base;
+use skysink_common::battery::Battery;
 use skysink_common::geometry::{Position, above};
 use skysink_common::message::HoldReason;
 use skysink_common::scenario::Scenario;
@@ -37,7 +38,7 @@ impl Vehicle {
             position: scenario.start(),
             energy_j: battery.map_or(f64::INFINITY, |battery| battery.initial_j),
             battery,
-            base: Base::of(scenario),
+            base: scenario.landing_base(),
             airspace: Arc::new(scenario.airspace_without_ways()),
         }
     }
@@ -59,7 +60,7 @@ impl Vehicle {
     /// Charges for a slot, if it is in the base; otherwise hovers, and returns false.
     #[must_use]
     pub fn charge(&mut self) -> bool {
-        let is_in_base = self.base.is_some_and(|base| base.contains(&self.position.xy()));
+        let is_in_base = self.base.as_ref().is_some_and(|base| base.contains(&self.position.xy()));
         match &self.battery {
             Some(battery) if is_in_base => self.energy_j = battery.charged_j(self.energy_j),
             _ => self.move_to(self.position),

@@ -5,7 +5,8 @@ use std::time::Duration;
 
 use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
-use skysink_common::battery::{Base, Battery};
+use skysink_common::base::Base;
+use skysink_common::battery::Battery;
 use skysink_common::build::{VERSION, build};
 use skysink_common::ledger::Ledger;
 use skysink_common::message::{FlightReport, HoldReason, Mode, QueuesHeader, SolverOutcome, Totals};
@@ -259,7 +260,7 @@ impl Tally {
             sensors: list.sensors().len(),
             version: VERSION.into(),
             build: build().into(),
-            landed: Base::of(scenario).map(|base| base.contains(&scenario.start().xy())),
+            landed: scenario.landing_base().map(|base| base.contains(&scenario.start().xy())),
             energy: Battery::of(scenario)
                 .map(|battery| EnergyUse { left_j: battery.initial_j, ..EnergyUse::default() }),
             timing: RunTiming { pace: mode.pace, ..RunTiming::default() },
@@ -270,7 +271,7 @@ impl Tally {
             mean_bits: (!scenario.arrival_law().is_random()).then(|| list.slot_bits(scenario)),
             weighted: WeightedLoss::new(scenario, list),
             served: 0,
-            base: Base::of(scenario),
+            base: scenario.landing_base(),
             slot_s: scenario.slot_s,
             plan_ns: histogram(),
             latency: mode.pace.map(|pace| Latency::new(pace, scenario.slot_s)),
@@ -296,7 +297,7 @@ impl Tally {
             Mode::Serve | Mode::Fly | Mode::Charge | Mode::Return | Mode::Down => {}
         }
         summary.landed =
-            self.base.map(|base| base.contains(&flight.position().xy()) && flight.flown_mode() != Mode::Down);
+            self.base.as_ref().map(|base| base.contains(&flight.position().xy()) && flight.flown_mode() != Mode::Down);
         if let Some(energy) = &mut summary.energy {
             energy.add(summary.slots, self.slot_s, flight);
         }

@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use nalgebra::Point3;
 use proptest::prelude::*;
+use skysink_common::base::Base;
 use skysink_common::message::{FlightReport, Mode, Plan};
-use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::scenario::{BaseKeys, Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{SlotRecord, UAV};
 use skysink_mission::drive::Observer;
@@ -24,23 +24,33 @@ fn power_w(v_mps: f64) -> f64 {
 
 /// Checks the energy and the mode of each flight after its predecessor.
 struct Books {
+    side_m: f64,
     capacity_j: f64,
     charge_w: f64,
-    base: Point3<f64>,
+    base: Base,
     last: FlightReport,
 }
 
 impl Books {
     fn new(scenario: &Scenario, plant: &Plant) -> Self {
-        let base = scenario.base.unwrap();
-        let [x_m, y_m] = base.position_m.unwrap();
+        let charge_w = scenario.base.as_ref().unwrap().charge_w;
         let capacity_j = scenario.uav.battery.unwrap().capacity_j;
-        let base_at = Point3::new(x_m, y_m, scenario.uav.altitude_m);
-        Self { capacity_j, charge_w: base.charge_w, base: base_at, last: *plant.flight(UAV) }
+        let side_m = scenario.area.width_m();
+        Self { side_m, capacity_j, charge_w, base: scenario.landing_base().unwrap(), last: *plant.flight(UAV) }
     }
 
     fn is_home(&self) -> bool {
-        (self.last.position() - self.base).xy().norm() <= 1.0 + 1e-6
+        let at = self.last.position().xy();
+        match &self.base {
+            Base::Disk { centre, .. } => (at - centre).norm() <= 1.0 + 1e-6,
+            Base::Areas(_) => {
+                // A triangle in the south-west corner, and a rectangle.
+                let side_m = self.side_m;
+                let is_in_triangle = at.x + at.y <= 0.1 * side_m + 2e-6;
+                let away_m = (at.x - 0.85 * side_m).abs().max(2.0 * (at.y - 0.7 * side_m).abs());
+                is_in_triangle || away_m <= 0.05 * side_m + 2e-6
+            }
+        }
     }
 
     fn add(&mut self, record: &SlotRecord, slot_s: f64) {
@@ -71,9 +81,15 @@ fn scenario(seed: u64) -> Scenario {
     let charge_w = [0.0, 200.0, 1_000.0][seed as usize / 7 % 3];
     let knowledge = ["oracle", "estimated"][seed as usize / 11 % 2];
     let must_land = seed.is_multiple_of(2);
+    let areas = if seed % 4 < 2 {
+        String::new()
+    } else {
+        let [a, b, c, d, e] = [0.1, 0.8, 0.9, 0.675, 0.725].map(|part| part * side_m);
+        format!("areas_m = [[[0, 0], [{a}, 0], [0, {a}]], [[{b}, {d}], [{c}, {d}], [{c}, {e}], [{b}, {e}]]]\n")
+    };
     let text = format!(
         "name = 'x'\nseed = {seed}\nslots = 150\n[area]\nside_m = {side_m:?}\n[sensors]\ncount = 40\n\
-         sampling_bps = [100.0, 900.0]\n[base]\ncharge_w = {charge_w:?}\n[uav]\nmust_land = {must_land}\n[uav.battery]\n\
+         sampling_bps = [100.0, 900.0]\n[base]\n{areas}charge_w = {charge_w:?}\n[uav]\nmust_land = {must_land}\n[uav.battery]\n\
          capacity_j = {capacity_j:?}\n[planner]\nknowledge = '{knowledge}'\nhorizon.iterations = 20\noffline.steps = 2000\n"
     );
     let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
@@ -115,7 +131,13 @@ fn beside_their_waypoints_uavs_reach_a_base_of_four_standard_deviations() {
     for seed in 1..=names().len() as u64 {
         let mut scenario = scenario(seed);
         scenario.uav.position_error_m = Some(2.0);
-        scenario.base.as_mut().unwrap().radius_m = 8.0;
+        let charge_w = scenario.base.as_ref().unwrap().charge_w;
+        scenario.base = Some(BaseKeys {
+            position_m: Some([scenario.area.width_m() / 2.0; 2]),
+            radius_m: Some(8.0),
+            charge_w,
+            ..BaseKeys::default()
+        });
         let list = SensorList::of(&scenario).unwrap();
         let flights: Vec<FlightReport> =
             Mission::new(&scenario, &list).unwrap().map(|record| record.flights[UAV]).collect();
@@ -144,10 +166,11 @@ proptest! {
         let list = SensorList::of(&scenario).unwrap();
         let mut plant = Plant::new(&scenario, &list);
         let mut books = Books::new(&scenario, &plant);
+        let middle = scenario.start();
         for (x_m, y_m, mode, is_there) in plans {
             let here = plant.flight(UAV).position();
             // Often home, so that it may charge.
-            let target = if mode % 3 == 0 { here + nalgebra::Vector3::new(x_m, y_m, 0.0) } else { books.base };
+            let target = if mode % 3 == 0 { here + nalgebra::Vector3::new(x_m, y_m, 0.0) } else { middle };
             let mut plan = Plan { mode, ..Plan::fly_to(target, Mode::Serve) };
             plan.schedule(&[1, 2, 3]);
             plant.step(&[is_there.then_some(plan)]);

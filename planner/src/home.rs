@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use nalgebra::Point3;
 use skysink_common::airspace::Airspace;
-use skysink_common::battery::{Base, Battery, BatteryState};
+use skysink_common::base::Base;
+use skysink_common::battery::{Battery, BatteryState};
 use skysink_common::geometry::{Position, above, within};
 use skysink_common::scenario::Scenario;
 use smallvec::SmallVec;
@@ -78,7 +79,7 @@ impl Home {
     pub fn of(scenario: &Scenario, airspace: &Arc<Airspace>) -> Option<Self> {
         let battery = Battery::of(scenario);
         let must_land = scenario.must_land();
-        let base = Base::of(scenario).filter(|_| battery.is_some() || must_land)?;
+        let base = scenario.landing_base().filter(|_| battery.is_some() || must_land)?;
         let reach_m = scenario.reach_m();
         let thrifty_m = battery.map_or(reach_m, |battery| battery.thrifty_m(reach_m));
         let comm_radius_m = scenario.link.comm_radius_m;
@@ -100,13 +101,28 @@ impl Home {
         })
     }
 
-    /// Where the way home from `ground` [m] ends: in the nearest point of the base, or toward its centre where slots end
-    /// beside their waypoints, or zones are between.
+    /// Where the way home from `ground` [m] ends: in the nearest point of the base, or, where slots end beside their waypoints
+    /// or zones are between, in the place well inside that the shortest way leads to.
     #[must_use]
     pub fn end_of(&self, ground: &Position) -> Position {
         let nearest = self.base.nearest(ground);
         let is_beside = self.has_errors && !self.base.contains(ground);
-        if is_beside || !self.airspace.is_free(ground, &nearest) { self.base.centre } else { nearest }
+        if is_beside || !self.airspace.is_free(ground, &nearest) { self.place_from(ground) } else { nearest }
+    }
+
+    /// The place well inside of the base that the shortest way from `ground` leads to [m].
+    fn place_from(&self, ground: &Position) -> Position {
+        let mut places = self.base.places().peekable();
+        let first = places.next().unwrap_or(*ground);
+        if places.peek().is_none() {
+            return first;
+        }
+        let away_m = |place: &Position| self.airspace.distance_m(ground, place);
+        let (nearest, _) = places.fold((first, away_m(&first)), |nearest, place| {
+            let place_m = away_m(&place);
+            if place_m < nearest.1 { (place, place_m) } else { nearest }
+        });
+        nearest
     }
 
     /// The pieces of the way home from `ground` [m], with `left` slots for it; they take more than `left` if it is too far.
@@ -133,7 +149,7 @@ impl Home {
     /// least energy per metre.
     #[must_use]
     pub fn may_serve(&self, sensor: &Position) -> bool {
-        let from_base_m = (sensor - self.base.centre).norm() - self.base.radius_m;
+        let from_base_m = self.base.away_m(sensor);
         let from_start_m = (sensor - self.start).norm();
         let way_m = from_base_m + from_base_m.min(from_start_m) - 2.0 * self.comm_radius_m;
         self.battery.is_none_or(|battery| {

@@ -1,7 +1,7 @@
 //! What the battery and the base allow (decisions D9 to D13).
 
 use serde::Serialize;
-use skysink_common::battery::{Base, Battery};
+use skysink_common::battery::Battery;
 use skysink_common::propulsion::least_power_mps;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
@@ -17,7 +17,7 @@ pub struct EnergyFigures {
     pub cruising_s: Option<f64>,
     /// Time to charge from the reserve to full [s]; `None` without a battery or a charger.
     pub charging_s: Option<f64>,
-    /// Distance from the base [m] to which a full battery flies and comes home, at the least energy per metre; `None`
+    /// Distance from the middle of the base [m] to which a full battery flies and comes home, at the least energy per metre; `None`
     /// without a battery.
     pub radius_m: Option<f64>,
     /// Distance [m] from the base to which a mission leaves time to fly and come home; `None` if the UAV need not land.
@@ -32,28 +32,28 @@ impl EnergyFigures {
     /// Of a scenario; `None` if its UAV need not come back.
     pub fn of(scenario: &Scenario, sensors: &Sensors) -> Option<Self> {
         let battery = Battery::of(scenario);
-        let base = Base::of(scenario).filter(|_| battery.is_some() || scenario.must_land())?;
+        let base = scenario.landing_base().filter(|_| battery.is_some() || scenario.must_land())?;
         let reach_m = scenario.reach_m();
         let usable = |battery: &Battery| battery.capacity_j - battery.reserve_j;
         let lasting_s = |battery: &Battery, slot_m: f64| usable(battery) / battery.slot_j(slot_m) * scenario.slot_s;
         let slow_m = least_power_mps(&scenario.uav.propulsion, reach_m / scenario.slot_s) * scenario.slot_s;
-        let charge_w = scenario.base.map_or(0.0, |base| base.charge_w);
+        let charge_w = scenario.base.as_ref().map_or(0.0, |base| base.charge_w);
+        let depth_m = base.depth_m();
         let radius_m = battery.map(|battery| {
             let thrifty_m = battery.thrifty_m(reach_m);
-            usable(&battery) / battery.slot_j(thrifty_m) * thrifty_m / 2.0 + base.radius_m
+            usable(&battery) / battery.slot_j(thrifty_m) * thrifty_m / 2.0 + depth_m
         });
-        let timed_m = scenario.must_land().then(|| reach_m * scenario.slots as f64 / 2.0 + base.radius_m);
+        let timed_m = scenario.must_land().then(|| reach_m * scenario.slots as f64 / 2.0 + depth_m);
         let far_m = radius_m.unwrap_or(f64::INFINITY).min(timed_m.unwrap_or(f64::INFINITY));
-        let far_m = far_m + scenario.link.comm_radius_m;
-        let is_beyond =
-            |id: &u32| sensors.sampler(*id).mean_bits > 0.0 && (sensors.position(*id) - base.centre).norm() > far_m;
+        let far_m = far_m - depth_m + scenario.link.comm_radius_m;
+        let is_beyond = |id: &u32| sensors.sampler(*id).mean_bits > 0.0 && base.away_m(sensors.position(*id)) > far_m;
         Some(Self {
             hovering_s: battery.map(|battery| lasting_s(&battery, 0.0)),
             cruising_s: battery.map(|battery| lasting_s(&battery, slow_m)),
             charging_s: battery.filter(Battery::is_charged).map(|battery| usable(&battery) / charge_w),
             radius_m,
             timed_m,
-            missed_by_m: scenario.uav.position_error_m.filter(|sigma_m| base.radius_m < 2.0 * sigma_m),
+            missed_by_m: scenario.uav.position_error_m.filter(|sigma_m| depth_m < 2.0 * sigma_m),
             beyond: sensors.ids().filter(is_beyond).count(),
         })
     }
@@ -76,7 +76,7 @@ impl EnergyFigures {
         let sigma = scaled(self.missed_by_m?, "m");
         Some(format!(
             "the UAV may miss the base again and again until its energy ends: slots end beside their waypoints by {sigma}, \
-             and base.radius_m is less than twice that"
+             and the base's rim is less than twice that from its middle"
         ))
     }
 

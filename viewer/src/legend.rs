@@ -6,9 +6,10 @@ use re_sdk::{RecordingStream, RecordingStreamResult};
 use re_sdk_types::AnyValues;
 use re_sdk_types::archetypes::{Boxes3D, Image, Points3D, TextDocument, Transform3D};
 use re_sdk_types::components::Radius;
-use skysink_common::battery::Base;
+use skysink_common::base::{Base, BaseArea};
 use skysink_common::channel::{Channel, LineOfSight};
 use skysink_common::estimate::Rates;
+use skysink_common::geometry::Position;
 use skysink_common::scenario::Scenario;
 
 use crate::canvas::Canvas;
@@ -56,7 +57,7 @@ const BELIEF: &str =
 
 /// Rows of the legend for a base.
 const BASE_ROWS: &str = "\
-    | light green ring | base |\n\
+    | light green line | base |\n\
     | lane: **charge** (light green) | in the base: charges, serves no SN |\n\
     | lane: **return** (orange) | flies to the base: energy or time ends; serves on the way |\n\
     | lane: **down** (red) | its energy has ended |\n";
@@ -198,11 +199,20 @@ pub(crate) fn log_area(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<
 
 /// Draws the base, if there is one.
 pub(crate) fn log_base(canvas: &Canvas, scenario: &Scenario) -> RecordingStreamResult<()> {
-    let Some(base) = Base::of(scenario) else { return Ok(()) };
-    let centre = [base.centre.x as f32, base.centre.y as f32, 0.0];
-    let rim = line_style(colour::CHARGE, 2.0).with_strips([circle(centre, base.radius_m as f32)]);
-    canvas.log_static(format!("{BASE}/rim"), &rim)?;
-    let name = Points3D::new([centre])
+    let Some(base) = scenario.landing_base() else { return Ok(()) };
+    let on_ground = |at: &Position| [at.x as f32, at.y as f32, 0.0];
+    let rims: Vec<Vec<_>> = match &base {
+        Base::Disk { centre, radius_m } => vec![circle(on_ground(centre), *radius_m as f32)],
+        Base::Areas(areas) => {
+            let closed = |area: &BaseArea| {
+                let corners = area.polygon.corners();
+                corners.iter().chain(corners.first()).map(on_ground).collect()
+            };
+            areas.iter().map(closed).collect()
+        }
+    };
+    canvas.log_static(format!("{BASE}/rim"), &line_style(colour::CHARGE, 2.0).with_strips(rims))?;
+    let name = Points3D::new(base.places().map(|place| on_ground(&place)))
         .with_labels(["base"])
         .with_show_labels(true)
         .with_radii([Radius::new_ui_points(3.0)])

@@ -5,14 +5,16 @@ use serde::{Deserialize, Serialize};
 use crate::keys::{Accepts, NOT_NEGATIVE, POSITIVE};
 
 crate::keys! {
-    /// `[base]`: the disk in which a UAV lands and charges (decision D9).
-    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    /// `[base]`: the disk, or the polygons, in which a UAV lands and charges (decision D9).
+    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, expecting = "a table")]
     pub struct BaseKeys {
         /// Its centre, `[x, y]` [m]; the default is the start of the UAV, and a checked scenario has the key.
         position_m: Option<[f64; 2]>, Accepts::Rule("a position in the area");
         /// Its radius [m].
-        radius_m: f64 = 1.0, Accepts::Number("metres, 0.001 or above", |radius_m| radius_m >= 0.001 && radius_m.is_finite());
+        radius_m: Option<f64> = 1.0, Accepts::Number("metres, 0.001 or above", |radius_m| radius_m >= 0.001 && radius_m.is_finite());
+        /// Corners of polygons, `[[[x, y], ...], ...]` [m], instead of `position_m` and `radius_m`; a UAV may land in any of them.
+        areas_m: Option<Vec<Vec<[f64; 2]>>>, Accepts::Rule("a list of polygons, `[[[x, y], [x, y], [x, y], ...], ...]` [m]");
         /// Power of the charger [W]; at 0 a UAV only lands.
         charge_w: f64 = 0.0, NOT_NEGATIVE;
     }
@@ -20,7 +22,7 @@ crate::keys! {
 
 impl Default for BaseKeys {
     fn default() -> Self {
-        Self { position_m: None, radius_m: 1.0, charge_w: 0.0 }
+        Self { position_m: None, radius_m: Some(1.0), areas_m: None, charge_w: 0.0 }
     }
 }
 

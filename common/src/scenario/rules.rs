@@ -66,7 +66,7 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
     rule(wind_mps < uav.max_speed_mps, "uav.wind_mps", &expected)?;
     let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m(), area.height_m());
     rule(area.contains(&scenario.start().xy(), 0.0), "uav.start_m", &expected)?;
-    if let Some([x_m, y_m]) = scenario.base.and_then(|base| base.position_m) {
+    if let Some([x_m, y_m]) = scenario.base.as_ref().and_then(|base| base.position_m) {
         let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m(), area.height_m());
         rule(area.contains(&Position::new(x_m, y_m), 0.0), "base.position_m", &expected)?;
     }
@@ -113,10 +113,14 @@ struct Forms {
 }
 
 /// All alternatives.
-const FORMS: [Forms; 5] = [
+const FORMS: [Forms; 6] = [
     Forms {
         forms: [&["area.side_m"], &["area.width_m", "area.height_m"]],
         expected: "either side_m, or width_m and height_m",
+    },
+    Forms {
+        forms: [&["base.areas_m"], &["base.position_m", "base.radius_m"]],
+        expected: "either areas_m, or position_m and radius_m",
     },
     Forms { forms: [&["sensors.count"], &["sensors.file"]], expected: "either count or file, not both" },
     Forms {

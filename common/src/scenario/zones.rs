@@ -1,4 +1,4 @@
-//! The airspace of a scenario, and the rules of its zones and buildings: polygons, and ways that lead where the UAV has to go.
+//! The airspace of a scenario, and the rules of its zones, buildings and bases: polygons, and ways that lead where the UAV has to go.
 
 use serde::Serialize;
 use toml::Value;
@@ -6,6 +6,7 @@ use toml::Value;
 use super::area::BuildingKeys;
 use super::mission::Scenario;
 use crate::airspace::{Airspace, MAX_CORNERS, Polygon};
+use crate::base::{Base, BaseArea};
 use crate::channel::Buildings;
 use crate::error::InputError;
 use crate::geometry::Position;
@@ -36,6 +37,7 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), InputError> {
             return Err(scenario.refusal(&key, &toml_of(corners), expected));
         }
     }
+    check_areas(scenario)?;
     if count == 0 {
         return Ok(());
     }
@@ -46,13 +48,42 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), InputError> {
     if !scenario.airspace_without_ways().contains(&start) {
         return refuse("uav.start_m", &start, "a position outside of zones and buildings, within the boundary");
     }
-    match scenario.base.and_then(|base| base.position_m).map(Position::from) {
-        Some(base) if !scenario.airspace().is_reachable(&base) => {
+    let Some(base) = scenario.landing_base() else { return Ok(()) };
+    let airspace = scenario.airspace();
+    let Some((index, place)) = base.places().enumerate().find(|(_, place)| !airspace.is_reachable(place)) else {
+        return Ok(());
+    };
+    match &base {
+        Base::Disk { .. } => {
             let expected = "a position that the UAV can fly to from its start, around zones and buildings";
-            refuse("base.position_m", &base, expected)
+            refuse("base.position_m", &place, expected)
         }
-        _ => Ok(()),
+        Base::Areas(areas) => {
+            let expected = "a polygon that the UAV can fly to from its start, around zones and buildings";
+            let corners: Vec<[f64; 2]> = areas[index].polygon.corners().iter().map(|&at| at.into()).collect();
+            Err(scenario.refusal(&format!("base.areas_m[{index}]"), &toml_of(&corners), expected))
+        }
     }
+}
+
+/// Checks the polygons of the base.
+fn check_areas(scenario: &Scenario) -> Result<(), InputError> {
+    let Some(areas_m) = scenario.base.as_ref().and_then(|base| base.areas_m.as_ref()) else { return Ok(()) };
+    let count: usize = areas_m.iter().map(Vec::len).sum();
+    if areas_m.is_empty() || count > MAX_CORNERS {
+        let expected = format!("at least one polygon, and at most {MAX_CORNERS} corners in all of them");
+        return Err(scenario.refusal("base.areas_m", &toml_of(areas_m), &expected));
+    }
+    for (index, corners) in areas_m.iter().enumerate() {
+        let is_in_area = corners.iter().all(|&corner| scenario.area.contains(&corner.into(), 0.0));
+        let expected = match Polygon::of(corners, false) {
+            Ok(_) if is_in_area => continue,
+            Ok(_) => "a polygon in the area",
+            Err(expected) => expected,
+        };
+        return Err(scenario.refusal(&format!("base.areas_m[{index}]"), &toml_of(corners), expected));
+    }
+    Ok(())
 }
 
 impl Scenario {
@@ -61,6 +92,19 @@ impl Scenario {
     #[must_use]
     pub fn airspace(&self) -> Airspace {
         self.airspace_without_ways().with_ways(&self.start().xy())
+    }
+
+    /// The base; `None` if the scenario has none. A polygon that is none is left out; a checked scenario has no such.
+    #[must_use]
+    pub fn landing_base(&self) -> Option<Base> {
+        let keys = self.base.as_ref()?;
+        let Some(areas_m) = &keys.areas_m else {
+            let centre = keys.position_m.map_or_else(|| self.start().xy(), Position::from);
+            return Some(Base::Disk { centre, radius_m: keys.radius_m.unwrap_or_default() });
+        };
+        let airspace = self.airspace_without_ways();
+        let polygons = areas_m.iter().filter_map(|corners| Polygon::of(corners, false).ok());
+        Some(Base::Areas(polygons.map(|polygon| BaseArea::new(polygon, &airspace)).collect()))
     }
 
     /// The buildings among its sensor nodes. A polygon that is none is left out; a checked scenario has no such.
