@@ -45,6 +45,7 @@ Examples:
   skysink new city --sensors nodes.geojson
   skysink new city --sensors nodes.csv --out scenarios/city
   skysink new city --sensors nodes.kml --zones zones.geojson
+  skysink new city --map city.png --cell-m 10
 
 With --sensors, it also writes sensors.csv and sets the area to enclose the
 sensor nodes. CSV columns are matched by name: x, y [m] or lat, lon [°], and
@@ -52,7 +53,11 @@ optionally sampling_bps, gain_db, queue_bits, capacity_bits, weight, name.
 
 With --zones, each polygon becomes a no-fly zone; one with a property `height`
 [m] a building; one whose `kind` or `name` is `boundary` the boundary of the
-area. Without --sensors, the sensor nodes are drawn at random.";
+area. Without --sensors, the sensor nodes are drawn at random.
+
+With --map, each pixel of a PNG picture is a square of --cell-m metres, the
+north at the top: red ones must not be entered, green ones are buildings as
+high as the UAV flies, yellow ones both, and in blue ones it starts and lands.";
 
 /// Examples of `skysink new` in a build without imports.
 #[cfg(not(feature = "lab"))]
@@ -72,6 +77,14 @@ pub struct NewCommand {
     #[cfg(feature = "lab")]
     #[arg(long, value_name = "FILE")]
     zones: Option<PathBuf>,
+    /// A map as a PNG picture, a pixel for each cell: red no-fly zones, green buildings, blue for start and landing.
+    #[cfg(feature = "lab")]
+    #[arg(long, value_name = "FILE", conflicts_with = "zones", requires = "cell_m")]
+    map: Option<PathBuf>,
+    /// Side of a pixel of the map [m].
+    #[cfg(feature = "lab")]
+    #[arg(long, value_name = "M", requires = "map", value_parser = parse_side)]
+    cell_m: Option<f64>,
     /// Output folder [default: ./NAME].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -107,13 +120,21 @@ impl NewCommand {
 
     #[cfg(feature = "lab")]
     fn field(&self) -> Result<Option<NewField>, Error> {
-        Ok(import::field(self.sensors.as_deref(), self.zones.as_deref())?)
+        let map = self.map.as_deref().zip(self.cell_m);
+        Ok(import::field(self.sensors.as_deref(), self.zones.as_deref(), map)?)
     }
 
     #[cfg(not(feature = "lab"))]
     fn field(&self) -> Result<Option<NewField>, Error> {
         Ok(None)
     }
+}
+
+/// The side of a pixel [m].
+#[cfg(feature = "lab")]
+fn parse_side(text: &str) -> Result<f64, String> {
+    let side_m: Option<f64> = text.parse().ok();
+    side_m.filter(|side_m| (1e-3..=1e6).contains(side_m)).ok_or_else(|| "expected metres, 0.001 to 1000000".to_owned())
 }
 
 /// The text of the scenario: every key that has a default beside the other defaults, with its meaning as a comment.
@@ -133,6 +154,9 @@ fn text(name: &str, field: Option<&NewField>) -> String {
                 ("sensors", "count", Some(NewField { list: Some(_), .. })) => text += LIST_LINE,
                 _ => text.extend(line(inner, defaults)),
             }
+        }
+        if key.name == "uav" {
+            text += field.map_or("", |field| &field.uav);
         }
     }
     text + field.map_or("", |field| &field.zones)

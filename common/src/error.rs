@@ -71,19 +71,27 @@ pub fn did_you_mean<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str
     similar.reduce(|best, next| if next.0 > best.0 { next } else { best }).map(|(_, candidate)| candidate)
 }
 
-/// Reads the text file `path`, of the kind `what`.
+/// Reads the file `path`, of the kind `what`.
 ///
 /// # Errors
-/// If it cannot be read, is not a regular file (a pipe may never end), or is not UTF-8.
-pub fn read_text(what: &'static str, path: &Path) -> Result<String, InputError> {
+/// If it cannot be read, or is not a regular file (a pipe may never end).
+pub fn read_bytes(what: &'static str, path: &Path) -> Result<Vec<u8>, InputError> {
     let refuse = |message: &dyn Display| InputError::new(what, path, message);
     let kind = fs::metadata(path).map_err(|error| refuse(&error))?;
     if !kind.is_file() {
         let found = if kind.is_dir() { "it is a folder" } else { "it is a pipe or a device" };
         return Err(refuse(&format_args!("{found}: expected a regular file")));
     }
-    let bytes = fs::read(path).map_err(|error| refuse(&error))?;
-    String::from_utf8(bytes).map_err(|error| {
+    fs::read(path).map_err(|error| refuse(&error))
+}
+
+/// Reads the text file `path`, of the kind `what`.
+///
+/// # Errors
+/// As [`read_bytes`], or if it is not UTF-8.
+pub fn read_text(what: &'static str, path: &Path) -> Result<String, InputError> {
+    let refuse = |message: &dyn Display| InputError::new(what, path, message);
+    String::from_utf8(read_bytes(what, path)?).map_err(|error| {
         let valid = &error.as_bytes()[..error.utf8_error().valid_up_to()];
         let line = valid.iter().filter(|&&byte| byte == b'\n').count() + 1;
         refuse(&format_args!("line {line}: expected UTF-8 text"))

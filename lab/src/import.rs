@@ -1,4 +1,4 @@
-//! Imports positions of sensor nodes from CSV, KML, GPX and GeoJSON, and zones from KML and GeoJSON.
+//! Imports positions of sensor nodes from CSV, KML, GPX and GeoJSON, zones from KML and GeoJSON, and maps from pictures.
 //!
 //! Each format has its own file and returns points and polygons. The caller derives the scenario.
 
@@ -7,15 +7,17 @@ mod geojson;
 mod gpx;
 mod imported;
 mod kml;
+mod picture;
 mod xml;
 mod zones;
 
 use std::path::Path;
 
-use skysink_common::error::{InputError, read_text};
+use skysink_common::error::{InputError, read_bytes, read_text};
 
 use imported::FoundPoints;
 pub use imported::{Frame, Imported, ImportedSensor};
+pub use picture::MapPicture;
 pub use zones::{ImportedZone, ZoneKind};
 
 /// The kind of input in error messages.
@@ -51,6 +53,15 @@ pub fn read(path: &Path) -> Result<Imported, InputError> {
 pub fn read_zones(path: &Path) -> Result<Vec<ImportedZone>, InputError> {
     let found = find("zones", path, &ZONE_FORMATS)?;
     zones::zones(&found).map_err(|message| InputError::new("zones", path, message))
+}
+
+/// Reads the map in the picture `path`, PNG.
+///
+/// # Errors
+/// If the file cannot be read, is no PNG picture, is larger than 1000 × 1000 pixels, or has no free pixel.
+pub fn read_picture(path: &Path) -> Result<MapPicture, InputError> {
+    let bytes = read_bytes("map", path)?;
+    picture::read(&bytes).map_err(|message| InputError::new("map", path, message))
 }
 
 /// Reads the file `path`, a kind of input, with the reader of its extension.

@@ -6,7 +6,7 @@ use skysink_common::error::InputError;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::Sensor;
 use skysink_common::sensors::projection::Projection;
-use skysink_lab::import::{self, Frame, Imported, ImportedSensor, ImportedZone, ZoneKind};
+use skysink_lab::import::{self, Frame, Imported, ImportedSensor, ImportedZone, MapPicture, ZoneKind};
 
 use super::field::{LIST, NewField};
 
@@ -23,12 +23,22 @@ const VAST_M: f64 = 1e6;
 /// southern hemisphere, a point far to the east of the corner, on the same parallel, has y < 0 in the tangent plane.
 const CORNERS_M: [f64; 4] = [MARGIN_M, 100.0, 1e3, 1e4];
 
-/// Imports the positions and the zones in these files; `None` without files.
+/// Imports the positions, the zones and the map in these files; `None` without files. The map has a side of its pixels [m].
 ///
 /// # Errors
-/// If a file is refused, or zones in degrees are to lie among positions in metres.
-pub fn field(sensors: Option<&Path>, zones: Option<&Path>) -> Result<Option<NewField>, InputError> {
+/// If a file is refused, zones in degrees are to lie among positions in metres, or positions in degrees on a map.
+pub fn field(
+    sensors: Option<&Path>,
+    zones: Option<&Path>,
+    map: Option<(&Path, f64)>,
+) -> Result<Option<NewField>, InputError> {
     let imported = sensors.map(|path| Ok((import::read(path)?, path))).transpose()?;
+    if let Some((map, cell_m)) = map {
+        let mut field = imported.as_ref().map(|(imported, path)| on_plane(imported, path)).transpose()?;
+        let field = field.get_or_insert_with(|| NewField { source: map.to_owned(), ..NewField::default() });
+        add_map(field, &import::read_picture(map)?, cell_m)?;
+        return Ok(Some(field.clone()));
+    }
     let Some(path) = zones else { return imported.map(|(imported, path)| of_sensors(&imported, path)).transpose() };
     let zones = import::read_zones(path)?;
     if let Some((Imported { frame: Frame::Plane, .. }, sensors)) = &imported {
@@ -60,6 +70,39 @@ pub fn field(sensors: Option<&Path>, zones: Option<&Path>) -> Result<Option<NewF
     field.area = enclosing.area;
     add_zones(field, &zones, path)?;
     Ok(Some(field.clone()))
+}
+
+/// The field of positions in metres from the corner of a map, in the file `path`.
+fn on_plane(imported: &Imported, path: &Path) -> Result<NewField, InputError> {
+    if imported.frame != Frame::Plane {
+        let expected = "positions in degrees: expected metres from the south-west corner of the map";
+        return Err(InputError::new("sensor positions", path, expected));
+    }
+    Ok(NewField { list: Some(imported.to_csv([0.0; 2])), ..of_sensors(imported, path)? })
+}
+
+/// Adds the keys of a map with cells of this side [m].
+fn add_map(field: &mut NewField, map: &MapPicture, cell_m: f64) -> Result<(), InputError> {
+    let corners = |outline: &[[f64; 2]]| {
+        let corners = outline.iter().map(|[x, y]| format!("[{}, {}]", x * cell_m, y * cell_m));
+        format!("[{}]", corners.collect::<Vec<_>>().join(", "))
+    };
+    let [width_m, height_m] = [map.columns, map.rows].map(|count| f64::from(count) * cell_m);
+    field.area = format!("width_m = {width_m:?} # of the map [m]\nheight_m = {height_m:?}");
+    let [x_m, y_m] = map.start.map(|index| index * cell_m);
+    field.uav = format!("start_m = [{x_m:?}, {y_m:?}]\n");
+    for outline in &map.no_fly {
+        field.zones += &format!("\n[[area.no_fly]]\npolygon_m = {}\n", corners(outline));
+    }
+    let height_m = Scenario::letter(Overrides::default())?.uav.altitude_m;
+    for outline in &map.buildings {
+        field.zones += &format!("\n[[area.building]]\npolygon_m = {}\nheight_m = {height_m:?}\n", corners(outline));
+    }
+    if !map.landing.is_empty() {
+        let areas: Vec<String> = map.landing.iter().map(|outline| corners(outline)).collect();
+        field.zones += &format!("\n[base]\nareas_m = [\n    {},\n]\n", areas.join(",\n    "));
+    }
+    Ok(())
 }
 
 /// Adds the keys of `zones`, of the file `path`, in the area of `field`.
@@ -96,11 +139,11 @@ fn of_sensors(imported: &Imported, path: &Path) -> Result<NewField, InputError> 
     let shift = if is_plane { shift(imported) } else { [0.0; 2] };
     let mut field = NewField {
         area: String::new(),
-        zones: String::new(),
         list: Some(imported.to_csv(shift)),
         locations: imported.sensors.iter().map(|sensor| sensor.place.clone()).collect(),
         source: path.to_owned(),
         notes: imported.ignored.iter().map(|what| format!("ignored: {what}")).collect(),
+        ..NewField::default()
     };
     field.area = if is_plane { plane(imported, shift) } else { geodetic(imported, &field)? };
     Ok(field)

@@ -149,6 +149,86 @@ mod imports {
         assert!(!place.path("a").exists());
     }
 
+    /// A PNG picture of 6 × 6 pixels, made for this test, with red R, green G, yellow Y, blue B and white W:
+    ///
+    /// ```text
+    /// ......
+    /// RRR.GG
+    /// R.R.YG
+    /// RRR...
+    /// BB....
+    /// ....WB
+    /// ```
+    const PICTURE: [&str; 3] = [
+        "89504e470d0a1a0a0000000d49484452000000060000000608020000006fae781f0000001f49444154",
+        "78da6360c004ff61089d03217fff4412fd8f4d2b0ef0ff3f481a00e44512e4e228ef340000000049",
+        "454e44ae426082",
+    ];
+
+    fn picture() -> Vec<u8> {
+        let digits = PICTURE.concat();
+        (0..digits.len()).step_by(2).map(|at| u8::from_str_radix(&digits[at..at + 2], 16).unwrap()).collect()
+    }
+
+    #[test]
+    fn a_picture_becomes_zones_buildings_and_a_base() {
+        let place = Place::new();
+        std::fs::write(place.path("map.png"), picture()).unwrap();
+        place.write("nodes.csv", "x,y\n5,55\n35,5\n");
+        place.run_ok(&["new", "city", "--map", "map.png", "--cell-m", "10", "--sensors", "nodes.csv"]);
+        let scenario = read(&place, "city/city.toml");
+        assert_eq!([scenario.area.width_m(), scenario.area.height_m()], [60.0, 60.0]);
+        assert_eq!(SensorList::of(&scenario).unwrap().sensors()[0].position, Position::new(5.0, 55.0));
+        // From the blue pixel that is nearest to the middle of the picture.
+        assert_eq!(scenario.uav.start_m, Some([15.0, 15.0]));
+        let base = scenario.landing_base().unwrap();
+        let airspace = scenario.airspace_without_ways();
+        let heights_m: Vec<f64> = scenario.area.building.iter().flatten().map(|building| building.height_m).collect();
+        assert_eq!(heights_m, [scenario.uav.altitude_m]);
+        for (row, pixels) in ["......", "RRR.GG", "R.R.YG", "RRR...", "BB....", "....WB"].into_iter().enumerate() {
+            for (column, pixel) in pixels.bytes().enumerate() {
+                let at = Position::new(10.0 * column as f64 + 5.0, 55.0 - 10.0 * row as f64);
+                assert_eq!(airspace.contains(&at), !b"RY".contains(&pixel), "{at}");
+                assert_eq!(base.contains(&at), pixel == b'B', "{at}");
+                let plan = &scenario.area.building.as_ref().unwrap()[0].polygon_m;
+                let building = skysink_common::airspace::Polygon::of(plan, false).unwrap();
+                assert_eq!(building.encloses(&at), b"GY".contains(&pixel), "{at}");
+            }
+        }
+        place.run_ok(&[
+            "simulate",
+            "city/city.toml",
+            "--set",
+            "uav.must_land=true",
+            "--set",
+            "slots=9",
+            "--out",
+            "run",
+        ]);
+    }
+
+    #[test]
+    fn maps_that_are_none_are_refused() {
+        let place = Place::new();
+        place.write("nodes.csv", "lat,lon\n52.505,13.406\n");
+        place.write("text.png", "no picture");
+        std::fs::write(place.path("map.png"), picture()).unwrap();
+        let refused = |arguments: &[&str], expected: &str| {
+            place.run_refused(&[&["new", "a", "--map"], arguments].concat(), expected);
+        };
+        refused(&["text.png", "--cell-m", "10"], "text.png: ");
+        refused(&["none.png", "--cell-m", "10"], "none.png");
+        refused(&[".", "--cell-m", "10"], "it is a folder");
+        refused(&["map.png", "--cell-m", "10", "--sensors", "nodes.csv"], "positions in degrees: expected metres");
+        for (arguments, expected) in [(&["--cell-m", "0"][..], "expected metres, 0.001 to 1000000"), (&[], "--cell-m")]
+        {
+            let ended = place.run(&[&["new", "a", "--map", "map.png"], arguments].concat());
+            assert_eq!(ended.code, Some(2), "{ended:?}");
+            assert!(ended.stderr.contains(expected), "{ended:?}");
+        }
+        assert!(!place.path("a").exists());
+    }
+
     const POINTS: &[(&str, &str)] = &[
         ("a.csv", "Colour,Longitude,LAT\na,13.40,52.50\nb,13.41,52.51\n"),
         ("a.geojson", "\u{feff}{\"type\":\"MultiPoint\",\"coordinates\":[[13.40,52.50],[13.41,52.51]]}"),
