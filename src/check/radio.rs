@@ -1,7 +1,10 @@
-//! What noise, fading, a line of sight that stays and a table of rates do to the links.
+//! What noise, fading, buildings, a line of sight that stays and a table of rates do to the links.
+
+use std::f64::consts::TAU;
 
 use serde::Serialize;
-use skysink_common::channel::{Channel, ChannelModel, RateTable};
+use skysink_common::channel::{Buildings, Channel, ChannelModel, RateTable};
+use skysink_common::geometry::{Position, above};
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::Scenario;
 use skysink_common::units::dbm_of_watts;
@@ -32,6 +35,9 @@ pub struct RadioFigures {
     pub faded: Option<f64>,
     /// Correlation distance of a line of sight that stays [m]; `None` if it is redrawn.
     pub los_correlation_m: Option<f64>,
+    /// Fraction of the places in range of SNs, over flyable ground, that are in line of sight of them among buildings; `None` with
+    /// other channels.
+    pub in_sight: Option<f64>,
     /// The grid of the table from which the rates are, whatever the noise; `None` with other channels.
     pub table: Option<TableFigures>,
 }
@@ -99,6 +105,7 @@ impl RadioFigures {
             k_db: channel.fading().and(link.k_db),
             faded: channel.fading().map(|_| of_steady(LinkFigures::at(&steady, nodes, link.comm_radius_m))),
             los_correlation_m: channel.line_of_sight().and_then(|model| model.correlation_m),
+            in_sight: channel.buildings().map(|buildings| in_sight(scenario, nodes, buildings)),
             table: link.table.map(|table| TableFigures::of(scenario, table)),
         }
     }
@@ -126,8 +133,38 @@ impl RadioFigures {
         if let Some(correlation_m) = self.los_correlation_m {
             rows.push(("line of sight", format!("stays, correlated over {}", scaled(correlation_m, "m"))));
         }
+        if let Some(in_sight) = self.in_sight {
+            rows.push(("line of sight", format!("from {} of the places in range of an SN", percent(in_sight))));
+        }
         rows
     }
+}
+
+/// Sensor nodes whose surroundings are looked at.
+const LOOKED_AT: usize = 1_000;
+
+/// Rings of places about a sensor node, and places on each.
+const RINGS: [u32; 2] = [4, 16];
+
+/// Fraction of the places in range of the sensor nodes that see them, at the altitude of the start; 0 without such places.
+fn in_sight(scenario: &Scenario, nodes: &[SensorNode], buildings: &Buildings) -> f64 {
+    let airspace = scenario.airspace_without_ways();
+    let [rings, steps] = RINGS;
+    let (mut places, mut seen) = (0u32, 0u32);
+    for node in nodes.iter().step_by(nodes.len().div_ceil(LOOKED_AT).max(1)) {
+        let sensor = Position::new(node.x_m, node.y_m);
+        for place in 0..rings * steps {
+            // Each place stands for the same area.
+            let away_m = scenario.link.comm_radius_m * ((f64::from(place / steps) + 0.5) / f64::from(rings)).sqrt();
+            let (sine, cosine) = (f64::from(place) * TAU / f64::from(steps)).sin_cos();
+            let ground = Position::new(sensor.x + away_m * cosine, sensor.y + away_m * sine);
+            if airspace.contains(&ground) {
+                places += 1;
+                seen += u32::from(buildings.sees(&sensor, &above(&ground, scenario.uav.altitude_m)));
+            }
+        }
+    }
+    f64::from(seen) / f64::from(places.max(1))
 }
 
 #[cfg(test)]
@@ -155,6 +192,20 @@ mod tests {
         let density = "-130.0 dBm, thermal + 7.0 dB in 5 kHz";
         assert_eq!(rows("bandwidth_hz = 5e3\nnoise_dbm_per_hz = -167.0\n"), [("noise", density.to_owned())]);
         assert_eq!(rows("")[0].1, "-100.0 dBm, thermal + 7.0 dB in 5 MHz");
+    }
+
+    #[test]
+    fn buildings_leave_a_part_of_the_range_in_sight() {
+        let rows = |building: &str| rows(&format!("model = 'buildings'\n[area]\n{building}"));
+        assert_eq!(
+            rows("").last().unwrap(),
+            &("line of sight", "from 100 % of the places in range of an SN".to_owned())
+        );
+        // The SN stands in the corner (0, 0). A wall to its north-east leaves nothing behind it, where the UAV flies low.
+        let wall =
+            "building = [{ polygon_m = [[0.0, 3.0], [100.0, 3.0], [100.0, 3.1], [0.0, 3.1]], height_m = 19.0 }]\n";
+        let behind: f64 = rows(wall).last().unwrap().1["from ".len()..].split(' ').next().unwrap().parse().unwrap();
+        assert!((20.0..60.0).contains(&behind), "{behind} %");
     }
 
     #[test]

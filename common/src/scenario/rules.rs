@@ -152,8 +152,11 @@ pub(crate) fn displaced(key: &str, value: &Value) -> Vec<String> {
             && beside(name, only.key) == key
             && value.as_str().is_some_and(|value| !only.values.contains(&value))
     };
+    // The height of the SNs is a key of the channel in another table.
+    let is_open = key == "link.model" && value.as_str().is_some_and(|model| model != "buildings");
+    let of_model = is_open.then(|| "sensors.height_m".to_owned());
     let of_other_value = conditional().filter(is_displaced).map(|(name, _)| name);
-    of_other_form.map(|&other| other.to_owned()).chain(of_other_value).collect()
+    of_other_form.map(|&other| other.to_owned()).chain(of_other_value).chain(of_model).collect()
 }
 
 /// The keys of other forms than those in `file`, whose defaults are not filled in.
@@ -180,7 +183,7 @@ mod tests {
         );
         assert_eq!(
             of("link.model", "probabilistic-los"),
-            ["link.gain_db", "link.gain", "link.shadowing_db", "link.file"]
+            ["link.gain_db", "link.gain", "link.shadowing_db", "link.file", "sensors.height_m"]
         );
         let line_of_sight = [
             "link.environment",
@@ -193,6 +196,7 @@ mod tests {
             "link.shadowing_db",
             "link.los_correlation_m",
             "link.file",
+            "sensors.height_m",
         ];
         assert_eq!(of("link.model", "free-space"), line_of_sight);
         for key in ["area", "area.origin_lat_deg", "link.los_exponent", "slots"] {
