@@ -23,8 +23,9 @@ pub use base::{BaseKeys, BatteryKeys};
 pub use mission::{CHANNEL, MAX_SEED, PlannerKeys, Scenario, TRACE};
 pub use sensors::SensorKeys;
 pub(crate) use sensors::{MAX_FIELD_BITS, MAX_SENSORS};
-pub use uav::{AltitudeMode, Climb, Propulsion, UavKeys};
+pub use uav::{AltitudeMode, Climb, Moves, Propulsion, UavKeys};
 
+use crate::airspace::cells_along;
 use crate::channel::{LinkModel, RateTable};
 use crate::error::{InputError, read_text};
 use crate::keys::{self, Keys, Source, dotted};
@@ -109,7 +110,11 @@ impl Scenario {
         if let Some(slots) = overrides.slots {
             scenario.uav.endurance_s = scenario.uav.endurance_s.max(slots as f64 * scenario.slot_s);
         }
-        let centre_m = [scenario.area.width_m() / 2.0, scenario.area.height_m() / 2.0];
+        let sides_m = [scenario.area.width_m(), scenario.area.height_m()];
+        let centre_m = sides_m.map(|side_m| match scenario.uav.grid_m() {
+            None => side_m / 2.0,
+            Some(cell_m) => (f64::from(cells_along(side_m, cell_m) / 2) + 0.5) * cell_m,
+        });
         let start_m = *scenario.uav.start_m.get_or_insert(centre_m);
         if scenario.uav.battery.is_some() || scenario.must_land() {
             scenario.base.get_or_insert_default();

@@ -39,7 +39,7 @@ impl Vehicle {
             energy_j: battery.map_or(f64::INFINITY, |battery| battery.initial_j),
             battery,
             base: scenario.landing_base(),
-            airspace: Arc::new(scenario.airspace_without_ways()),
+            airspace: Arc::new(scenario.airspace_of_slots()),
         }
     }
 
@@ -89,7 +89,8 @@ impl Vehicle {
         let z_m = z_m.clamp(lowest_m, highest_m);
         let from = self.position.xy();
         let z_range_m = [self.position.z, z_m];
-        let hold = if !is_possible {
+        let is_on_grid = !self.airspace.has_grid() || self.airspace.is_free(&from, &ground);
+        let hold = if !is_possible || !is_on_grid {
             HoldReason::Waypoint
         } else if self.airspace.entry(&from, &ground, z_range_m, border_m).is_some() {
             HoldReason::Zone

@@ -38,6 +38,8 @@ pub struct Home {
     /// The most energy that a level slot takes [J].
     most_j: f64,
     airspace: Arc<Airspace>,
+    /// Where it ends: the places of the base, or on a grid the middles of its cells [m].
+    ends: Arc<[Position]>,
 }
 
 /// A straight piece of the way home.
@@ -81,7 +83,15 @@ impl Home {
         let must_land = scenario.must_land();
         let base = scenario.landing_base().filter(|_| battery.is_some() || must_land)?;
         let reach_m = scenario.reach_m();
-        let thrifty_m = battery.map_or(reach_m, |battery| battery.thrifty_m(reach_m));
+        // On a grid all moves take the same time.
+        let thrifty_m = match battery {
+            Some(battery) if !airspace.has_grid() => battery.thrifty_m(reach_m),
+            _ => reach_m,
+        };
+        let ends = match airspace.has_grid() {
+            false => base.places().collect(),
+            true => airspace.cells().filter(|cell| base.contains(cell)).collect(),
+        };
         let comm_radius_m = scenario.link.comm_radius_m;
         // The power falls up to one speed and rises beyond it.
         let most_j = battery.map_or(0.0, |battery| battery.slot_j(reach_m).max(battery.slot_j(0.0)));
@@ -98,6 +108,7 @@ impl Home {
             farthest_m: scenario.farthest_m(),
             most_j,
             airspace: Arc::clone(airspace),
+            ends,
         })
     }
 
@@ -105,6 +116,9 @@ impl Home {
     /// or zones are between, in the place well inside that the shortest way leads to.
     #[must_use]
     pub fn end_of(&self, ground: &Position) -> Position {
+        if self.airspace.has_grid() {
+            return self.place_from(ground);
+        }
         let nearest = self.base.nearest(ground);
         let is_beside = self.has_errors && !self.base.contains(ground);
         if is_beside || !self.airspace.is_free(ground, &nearest) { self.place_from(ground) } else { nearest }
@@ -112,17 +126,11 @@ impl Home {
 
     /// The place well inside of the base that the shortest way from `ground` leads to [m].
     fn place_from(&self, ground: &Position) -> Position {
-        let mut places = self.base.places().peekable();
-        let first = places.next().unwrap_or(*ground);
-        if places.peek().is_none() {
-            return first;
+        if let [only] = &self.ends[..] {
+            return *only;
         }
-        let away_m = |place: &Position| self.airspace.distance_m(ground, place);
-        let (nearest, _) = places.fold((first, away_m(&first)), |nearest, place| {
-            let place_m = away_m(&place);
-            if place_m < nearest.1 { (place, place_m) } else { nearest }
-        });
-        nearest
+        let away_m = self.ends.iter().map(|end| (self.airspace.distance_m(ground, end), end));
+        away_m.min_by(|(a_m, _), (b_m, _)| a_m.total_cmp(b_m)).map_or(*ground, |(_, end)| *end)
     }
 
     /// The pieces of the way home from `ground` [m], with `left` slots for it; they take more than `left` if it is too far.
@@ -231,11 +239,23 @@ impl Home {
         // A waypoint that cannot be flown to is a hover.
         let is_flown = within(&from.xy(), &to.xy(), self.farthest_m);
         let to = if is_flown { to } else { from };
-        let comes_home = |to: &Point3<f64>| self.is_in_reach(slot, self.flown_j(state, from, to), &to.xy());
+        let comes_home = |to: &Point3<f64>| {
+            let (slots, end) = self.airspace.committed(slot, &from.xy(), &to.xy());
+            let mut energy_j = self.flown_j(state, from, to);
+            if slots > 1 && self.battery.is_some() {
+                energy_j -= (slots - 1) as f64 * (state.energy_j - energy_j);
+            }
+            self.is_in_reach(slot + slots - 1, energy_j, &end)
+        };
         if comes_home(to) {
             return Returning::Not;
         }
-        let next = above(&self.next_waypoint(slot, &from.xy()), from.z);
+        let next = self.next_waypoint(slot, &from.xy());
+        let next = match self.airspace.has_grid() {
+            true => self.airspace.slot_end(slot, &from.xy(), &next, self.reach_m),
+            false => next,
+        };
+        let next = above(&next, from.z);
         if self.base.contains(&from.xy()) && !comes_home(&next) { Returning::Charges } else { Returning::Flies(next) }
     }
 

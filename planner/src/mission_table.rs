@@ -110,11 +110,11 @@ impl MissionTable {
         self.sensors.ids().filter(|&id| self.is_servable(id))
     }
 
-    /// Whether one slot leads from `from` into the range of an SN at `sensor` [m], around zones, and so may serve it.
+    /// Whether one slot, or a move on a grid, leads from `from` into the range of an SN at `sensor` [m], around zones, and so may serve it.
     #[must_use]
     pub fn may_serve_next(&self, from: &Position, sensor: &Position) -> bool {
         let range = Disk { centre: *sensor, radius_m: self.limits.comm_radius_m };
-        self.airspace.is_open() || self.slots_into(from, &range) <= 1.0
+        self.airspace.is_open() || self.slots_into(from, &range) <= self.airspace.move_slots() as f64
     }
 
     /// Whether any SN cannot be served because of zones.

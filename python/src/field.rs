@@ -102,10 +102,11 @@ impl FieldData {
     pub fn ruled(&self, slot: u64, last: &FlightReport, plan: Plan, queues_bits: &[u32]) -> Plan {
         let at = last.position();
         let waypoint = plan.waypoint();
-        let plan = if self.airspace.is_free(&at.xy(), &waypoint.xy()) {
+        let end = self.airspace.slot_end(slot, &at.xy(), &waypoint.xy(), self.limits.reach_m);
+        let plan = if end == waypoint.xy() {
             plan
         } else {
-            let around = above(&self.toward(&at.xy(), &waypoint.xy()), waypoint.z);
+            let around = above(&end, waypoint.z);
             let mode = Mode::from_repr(plan.mode).unwrap_or_default();
             Plan { plan_ns: plan.plan_ns, ..self.plan(around, None, queues_bits, mode) }
         };

@@ -2,17 +2,22 @@
 //!
 //! The straight way of a slot must not enter the interior of a zone. The shortest way between two points bends at corners
 //! of zones only: it is the shortest path in the graph of the corners that see each other. In an open field every way is
-//! straight.
+//! straight. On a grid (decision D17a) ways lead from the middle of a cell to that of a neighbour.
 
 mod graph;
+mod grid;
 mod polygon;
+
+use std::sync::Arc;
 
 use smallvec::SmallVec;
 
+pub use grid::{MAX_CELLS, cells_along};
 pub use polygon::Polygon;
 
 use crate::geometry::{Position, distance_squared, within};
 use graph::CornerGraph;
+use grid::Grid;
 
 /// Most corners of all zones and buildings of a scenario.
 pub const MAX_CORNERS: usize = 1_000;
@@ -49,6 +54,8 @@ pub struct Airspace {
     graph: CornerGraph,
     /// Where the boundaries of zones that overlap cross [m].
     crossings: Vec<Position>,
+    /// The grid that all ways lead along; clones share it.
+    grid: Option<Arc<Grid>>,
 }
 
 impl Airspace {
@@ -63,7 +70,33 @@ impl Airspace {
             extent_m: sides_m[0].max(sides_m[1]),
             graph: CornerGraph::default(),
             crossings: Vec::new(),
+            grid: None,
         }
+    }
+
+    /// The same with ways along a grid of cells of this side [m], with moves of `move_slots` slots, for a UAV that begins at
+    /// `start` [m].
+    #[must_use]
+    pub fn on_grid(mut self, cell_m: f64, move_slots: u64, start: &Position) -> Self {
+        self.grid = Some(Arc::new(Grid::new(&self, cell_m, move_slots, start)));
+        self
+    }
+
+    /// Whether all ways lead along a grid.
+    #[must_use]
+    pub fn has_grid(&self) -> bool {
+        self.grid.is_some()
+    }
+
+    /// Slots of a move to a neighbouring cell of the grid; 1 without one.
+    #[must_use]
+    pub fn move_slots(&self) -> u64 {
+        self.grid.as_ref().map_or(1, |grid| grid.move_slots())
+    }
+
+    /// The middles of the cells of the grid that a way leads to from the start [m]; none without a grid.
+    pub fn cells(&self) -> impl Iterator<Item = Position> {
+        self.grid.iter().flat_map(|grid| grid.reached())
     }
 
     /// The same with ways around zones, for a UAV that begins at `start` [m].
@@ -80,7 +113,7 @@ impl Airspace {
     #[inline]
     #[must_use]
     pub fn is_open(&self) -> bool {
-        self.zones.is_empty()
+        self.zones.is_empty() && self.grid.is_none()
     }
 
     /// Its zones that rise above the altitude `z_m` [m].
@@ -105,11 +138,20 @@ impl Airspace {
         is_in_area && self.polygons().all(|polygon| !polygon.forbids(point, ROUNDING * self.extent_m))
     }
 
-    /// Whether the straight way enters no zone. A way that begins in a zone may leave it.
+    /// Whether the straight way enters no zone, and on a grid leads along a line of it, within a move. A way that begins in a
+    /// zone may leave it.
     #[inline]
     #[must_use]
     pub fn is_free(&self, from: &Position, to: &Position) -> bool {
-        self.is_open() || self.entry(from, to, [self.lowest_m; 2], ROUNDING * self.extent_m).is_none()
+        match &self.grid {
+            Some(grid) => grid.is_free(from, to),
+            None => self.is_clear(from, to),
+        }
+    }
+
+    /// Whether the straight way enters no zone, wherever it leads.
+    fn is_clear(&self, from: &Position, to: &Position) -> bool {
+        self.zones.is_empty() || self.entry(from, to, [self.lowest_m; 2], ROUNDING * self.extent_m).is_none()
     }
 
     /// The fraction of the straight way from `from` to `to` [m] at which it enters a zone, by more than `slack_m` [m], between the
@@ -127,6 +169,9 @@ impl Airspace {
     /// altitudes `z_m` [m] at its ends.
     #[must_use]
     pub fn last_free(&self, from: &Position, to: &Position, z_m: [f64; 2]) -> Position {
+        if self.grid.as_ref().is_some_and(|grid| !grid.is_free(from, to)) {
+            return *from;
+        }
         let Some(fraction) = self.entry(from, to, z_m, ROUNDING * self.extent_m) else { return *to };
         let along = to - from;
         let before = fraction - self.clearance_m() / along.norm();
@@ -139,6 +184,9 @@ impl Airspace {
     pub fn nearest(&self, point: &Position) -> Position {
         if self.is_open() || self.is_reachable(point) {
             return *point;
+        }
+        if let Some(grid) = &self.grid {
+            return grid.nearest(point).unwrap_or(*point);
         }
         let projections = self.polygons().flat_map(|polygon| polygon.projections(point));
         let mut beside: Vec<Position> = projections.chain(self.crossings.iter().copied()).collect();
@@ -160,7 +208,10 @@ impl Airspace {
     /// Whether `point` [m] is free, and a way leads there from the start.
     #[must_use]
     pub fn is_reachable(&self, point: &Position) -> bool {
-        self.is_open() || self.contains(point) && self.graph.reaches(self, point)
+        match &self.grid {
+            Some(grid) => grid.is_reachable(point),
+            None => self.is_open() || self.contains(point) && self.graph.reaches(self, point),
+        }
     }
 
     /// The shortest way from `from` to `to` [m]: its bends, and `to`; where `to` lies in a zone, the nearest point beside it.
@@ -169,6 +220,9 @@ impl Airspace {
     pub fn way(&self, from: &Position, to: &Position) -> Bends {
         if self.is_free(from, to) {
             return Bends::from_slice(&[*to]);
+        }
+        if let Some(grid) = &self.grid {
+            return grid.way(from, to);
         }
         let end = self.nearest(to);
         let begin = if self.contains(from) { *from } else { self.nearest(from) };
@@ -194,6 +248,9 @@ impl Airspace {
     /// The shortest way from `from` to `to`, up to where it comes within `radius_m` [m] of `centre`; empty if it does not.
     #[must_use]
     pub fn way_into(&self, from: &Position, to: &Position, centre: &Position, radius_m: f64) -> Bends {
+        if let Some(grid) = &self.grid {
+            return grid.way_into(from, to, centre, radius_m);
+        }
         let mut way = self.way(from, to);
         let begins = std::iter::once(*from).chain(way.clone());
         let entered =
@@ -222,8 +279,31 @@ impl Airspace {
         if self.is_free(from, to) {
             return (to - from).norm();
         }
+        if let Some(grid) = &self.grid {
+            return grid.distance_m(from, to);
+        }
         let way = self.way(from, to);
         if way.is_empty() { f64::INFINITY } else { length_m(from, &way) }
+    }
+
+    /// The end of `slot` of a UAV at `from` that is told to fly to `to` [m], up to `reach_m` [m]: `to` if the way is free,
+    /// otherwise a part of the shortest way. On a grid a move that is under way is flown to its end, and the next begins in
+    /// its turn.
+    #[inline]
+    #[must_use]
+    pub fn slot_end(&self, slot: u64, from: &Position, to: &Position, reach_m: f64) -> Position {
+        match &self.grid {
+            Some(grid) => grid.slot_end(slot, from, to),
+            None if self.is_clear(from, to) => *to,
+            None => self.toward(from, to, reach_m),
+        }
+    }
+
+    /// The slots from `slot` on that are decided with a flight from `from` to `to` [m], and where the UAV is after them: on a
+    /// grid a whole move.
+    #[must_use]
+    pub fn committed(&self, slot: u64, from: &Position, to: &Position) -> (u64, Position) {
+        self.grid.as_ref().map_or((1, *to), |grid| grid.committed(slot, from, to))
     }
 
     /// The end of a slot that flies up to `reach_m` [m] along the shortest way from `from` to `to`: the point at that length,
@@ -254,6 +334,9 @@ impl Airspace {
         let bend = way[0];
         let along = bend - from;
         let away_m = along.norm();
+        if let Some(grid) = &self.grid {
+            return grid.step(from, &bend, reach_m);
+        }
         if away_m > reach_m {
             return (from + along * (reach_m / away_m), 0);
         }

@@ -5,18 +5,30 @@ use nalgebra::Vector2;
 use super::mission::Scenario;
 use crate::geometry::{Position, within};
 
+/// Slack of a slot on a grid, which may end beside the middle of its move.
+const GRID_SLACK: f64 = 1e-8;
+
 impl Scenario {
     /// Horizontal distance that a slot reaches in every direction, for plans [m]: `V_max τ`, or less with wind and
     /// acceleration.
     #[must_use]
     pub fn reach_m(&self) -> f64 {
-        self.hop_m(self.uav.max_speed_mps - self.wind_mps().norm())
+        let hop_m = self.hop_m(self.uav.max_speed_mps - self.wind_mps().norm());
+        self.uav.grid_m().map_or(hop_m, |cell_m| cell_m / slots_of_move(cell_m, hop_m))
+    }
+
+    /// Slots of a move to a neighbouring cell of the grid (decision D17a); 1 without one.
+    #[must_use]
+    pub fn move_slots(&self) -> u64 {
+        let hop_m = self.hop_m(self.uav.max_speed_mps - self.wind_mps().norm());
+        self.uav.grid_m().map_or(1, |cell_m| slots_of_move(cell_m, hop_m) as u64)
     }
 
     /// Farthest horizontal flight in a slot in any direction, for bounds [m]: with the wind.
     #[must_use]
     pub fn farthest_m(&self) -> f64 {
-        self.hop_m(self.uav.max_speed_mps + self.wind_mps().norm())
+        let hop_m = self.hop_m(self.uav.max_speed_mps + self.wind_mps().norm());
+        self.uav.grid_m().map_or(hop_m, |_| self.reach_m())
     }
 
     /// Whether a slot that begins at `from` can end at `to`, up to the slack of [`within`].
@@ -44,6 +56,9 @@ impl Scenario {
 
     /// The reach of a slot in the direction of `along` [m]: at the speed over ground `v` with `|v − wind| = V_max`.
     fn reach_along_m(&self, along: &Vector2<f64>) -> f64 {
+        if self.uav.grid_m().is_some() {
+            return self.reach_m() * (1.0 + GRID_SLACK);
+        }
         let Some(wind_mps) = self.uav.wind_mps.map(Vector2::from) else { return self.reach_m() };
         let Some(direction) = along.try_normalize(0.0) else { return self.reach_m() };
         let across_mps = direction.perp(&wind_mps);
@@ -59,6 +74,11 @@ impl Scenario {
             Some(a_mps2) => a_mps2 * self.slot_s * self.slot_s / 4.0,
         }
     }
+}
+
+/// Slots of a move over a cell, with up to `hop_m` [m] in each.
+fn slots_of_move(cell_m: f64, hop_m: f64) -> f64 {
+    (cell_m / hop_m - 1e-9).ceil().max(1.0)
 }
 
 #[cfg(test)]

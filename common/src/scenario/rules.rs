@@ -10,6 +10,7 @@ use super::mission::Scenario;
 use super::sensors::MAX_FIELD_BITS;
 use super::uav::Climb;
 use super::zones;
+use crate::airspace::{MAX_CELLS, cells_along};
 use crate::arrivals::MAX_SAMPLED_BITS;
 use crate::channel::{Channel, ChannelModel, LinkModel, LosCurve, SHADOWING_DB};
 use crate::error::InputError;
@@ -69,6 +70,23 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
     if let Some([x_m, y_m]) = scenario.base.as_ref().and_then(|base| base.position_m) {
         let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m(), area.height_m());
         rule(area.contains(&Position::new(x_m, y_m), 0.0), "base.position_m", &expected)?;
+    }
+    if let Some(cell_m) = uav.grid_m() {
+        let [columns, rows] = [area.width_m(), area.height_m()].map(|side_m| u64::from(cells_along(side_m, cell_m)));
+        let is_grid = columns >= 1 && rows >= 1 && columns.saturating_mul(rows) <= u64::from(MAX_CELLS);
+        let expected = format!("a side of cells of which the area has 1 to {MAX_CELLS}");
+        rule(is_grid, "uav.cell_m", &expected)?;
+        rule(is_grid, "uav.moves", &format!("\"free\", or {expected} (uav.cell_m)"))?;
+        rule(uav.position_error_m.is_none(), "uav.position_error_m", "none with moves = \"grid\"")?;
+        rule(uav.climb().is_none(), "uav.altitude", "\"fixed\" with moves = \"grid\"")?;
+        let start = scenario.start();
+        let is_middle = |(at_m, count): (f64, u64)| {
+            let index = at_m / cell_m - 0.5;
+            (index - index.round()).abs() <= 1e-9 && (0.0..count as f64).contains(&index.round())
+        };
+        let is_cell = [(start.x, columns), (start.y, rows)].into_iter().all(is_middle);
+        let expected = format!("the middle of a cell of {cell_m} m, as (0.5, 1.5, ...) × {cell_m} m");
+        rule(is_cell, "uav.start_m", &expected)?;
     }
     zones::check(scenario)?;
     let is_table = link.model == LinkModel::Table;

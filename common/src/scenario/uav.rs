@@ -9,6 +9,9 @@ use crate::keys::{Accepts, NOT_NEGATIVE, Only, POSITIVE};
 /// Keys of a free altitude.
 const FREE: Only = Only { key: "altitude", values: &["free"], expected: None };
 
+/// Keys of a flight on a grid.
+const GRID: Only = Only { key: "moves", values: &["grid"], expected: Some("it only with moves = \"grid\"") };
+
 crate::keys! {
     /// `[uav]`: the vehicle.
     #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -24,6 +27,10 @@ crate::keys! {
         max_altitude_m: Option<f64> = 120.0, POSITIVE, FREE;
         /// Fastest climb and descent, `V_z` [m/s]; `max_speed_mps` is the horizontal limit.
         max_climb_mps: Option<f64> = 5.0, NOT_NEGATIVE, FREE;
+        /// Whether waypoints are locked to a grid of four neighbours, `"grid"` (decision D17a); `"free"` if absent.
+        moves: Option<Moves>, Accepts::OneOf(Moves::VARIANTS);
+        /// Side of the cells of the grid [m].
+        cell_m: Option<f64> = 10.0, POSITIVE, GRID;
         /// Top speed through the air, `V_max` [m/s]; without acceleration and wind the reach in a slot is `V_max τ`.
         max_speed_mps: f64 = 30.0, POSITIVE;
         /// Acceleration and braking, `a` [m/s²]: a slot is flown from rest to rest (decision D31). Without it a turn is
@@ -58,6 +65,12 @@ pub struct Climb {
 }
 
 impl UavKeys {
+    /// The side of the cells of the grid [m]; `None` if the UAV flies freely.
+    #[must_use]
+    pub fn grid_m(&self) -> Option<f64> {
+        self.cell_m.filter(|_| self.moves == Some(Moves::Grid))
+    }
+
     /// The limits of a free altitude; `None` if the altitude is fixed.
     #[must_use]
     pub fn climb(&self) -> Option<Climb> {
@@ -93,6 +106,17 @@ crate::keys! {
         /// Rotor disc area, `A` [m²].
         rotor_disc_m2: f64 = 0.503, POSITIVE;
     }
+}
+
+/// Where waypoints may lie.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, VariantNames)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum Moves {
+    /// Anywhere in the area.
+    Free,
+    /// On the lines between the middles of neighbouring cells.
+    Grid,
 }
 
 /// Whether the UAV may change its altitude.

@@ -38,7 +38,7 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), InputError> {
         }
     }
     check_areas(scenario)?;
-    if count == 0 {
+    if count == 0 && scenario.uav.grid_m().is_none() {
         return Ok(());
     }
     let start = scenario.start().xy();
@@ -50,6 +50,14 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), InputError> {
     }
     let Some(base) = scenario.landing_base() else { return Ok(()) };
     let airspace = scenario.airspace();
+    if airspace.has_grid() {
+        let key = if matches!(base, Base::Disk { .. }) { "base.position_m" } else { "base.areas_m" };
+        let keys = toml_of(&scenario.base);
+        let value = keys.get(key.trim_start_matches("base.")).cloned().unwrap_or(keys);
+        let expected = "a base with the middle of a cell of the grid that the UAV can fly to from its start";
+        let has_cell = airspace.cells().any(|cell| base.contains(&cell));
+        return if has_cell { Ok(()) } else { Err(scenario.refusal(key, &value, expected)) };
+    }
     let Some((index, place)) = base.places().enumerate().find(|(_, place)| !airspace.is_reachable(place)) else {
         return Ok(());
     };
@@ -91,7 +99,18 @@ impl Scenario {
     /// cube of their number.
     #[must_use]
     pub fn airspace(&self) -> Airspace {
-        self.airspace_without_ways().with_ways(&self.start().xy())
+        let airspace = self.airspace_without_ways();
+        let start = self.start().xy();
+        match self.uav.grid_m() {
+            None => airspace.with_ways(&start),
+            Some(cell_m) => airspace.on_grid(cell_m, self.move_slots(), &start),
+        }
+    }
+
+    /// The airspace for checks of the flights of single slots.
+    #[must_use]
+    pub fn airspace_of_slots(&self) -> Airspace {
+        if self.uav.grid_m().is_some() { self.airspace() } else { self.airspace_without_ways() }
     }
 
     /// The base; `None` if the scenario has none. A polygon that is none is left out; a checked scenario has no such.

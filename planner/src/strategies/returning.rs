@@ -41,17 +41,27 @@ pub(crate) fn battery_after(view: &View, decision: &Decision, mode: Mode) -> Bat
     BatteryState { energy_j, is_charging }
 }
 
+/// How far a waypoint may be from the place where a slot ends on a grid, for the same schedule [m].
+const BESIDE_M: f64 = 1e-5;
+
 /// The decision of `strategy`, or transit. Where a zone is in its way: to fly around it toward the same waypoint and serve
-/// the fullest queues in range (decision D15).
+/// the fullest queues in range (decision D15). On a grid: to fly along its lines (decision D17a).
 fn decide_freely(strategy: &mut dyn Strategy, serving: &mut Serving, view: &View) -> (Decision, Mode) {
-    let (from, airspace) = (view.ground(), &view.table.airspace);
-    match strategy.plan(view) {
-        Some(decision) if airspace.is_free(&from, &decision.waypoint.xy()) => (decision, Mode::Serve),
-        Some(decision) => {
-            (serving.serve_fullest(view, &view.table.toward(&from, &decision.waypoint.xy())), Mode::Serve)
-        }
+    let airspace = &view.table.airspace;
+    let (mut decision, mode) = match strategy.plan(view) {
+        Some(decision) => (decision, Mode::Serve),
         None => (transit_decision(serving, view), Mode::Transit),
+    };
+    if airspace.is_open() {
+        return (decision, mode);
     }
+    let told = decision.waypoint.xy();
+    let end = airspace.slot_end(view.slot, &view.ground(), &told, view.table.limits.reach_m);
+    if (end - told).norm() > if airspace.has_grid() { BESIDE_M } else { 0.0 } {
+        return (serving.serve_fullest(view, &end), mode);
+    }
+    (decision.waypoint.x, decision.waypoint.y) = (end.x, end.y);
+    (decision, mode)
 }
 
 /// The decision to stay and serve nobody.
