@@ -411,7 +411,14 @@ def run_program(name: str, arguments: Sequence[str], interpreter: Sequence[str])
 
 _Observation = dict[str, NDArray[np.float32]]
 _Step = tuple[_Observation, float, bool, bool, dict[str, Any]]
-_Steps = tuple[_Observation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.uint64], NDArray[np.uint64]]
+_Steps = tuple[
+    _Observation,
+    NDArray[np.float64],
+    NDArray[np.bool_],
+    NDArray[np.bool_],
+    NDArray[np.uint64],
+    NDArray[np.uint64],
+]
 _Key = tuple[int, int, int]
 _Row = tuple[_Key, list[float]]
 _External = tuple[str, str, Sequence[tuple[str, bytes]]]
@@ -427,6 +434,7 @@ class EnvironmentCore:
         action: str,
         reward: str,
         prepare: Callable[[Scenario], Scenario] | None,
+        return_rule: bool,
     ) -> Self: ...
     @property
     def observed(self) -> list[tuple[str, list[int], float]]: ...
@@ -468,6 +476,7 @@ class VectorCore:
         action: str,
         reward: str,
         prepare: Callable[[Scenario], Scenario] | None,
+        return_rule: bool,
     ) -> Self: ...
     @property
     def observed(self) -> list[tuple[str, list[int], float]]: ...

@@ -10,7 +10,13 @@ and standard deviation of each queue as the UAV knows it, as fractions of its bu
 slots since each SN was last served, or since the start, as fractions of the mission. ``gains`` [N]: reference gains
 as fractions of the largest. ``nearest`` [k, 5] with the argument ``nearest=k``: the k SNs nearest to the UAV, nearest
 first; x and y from the UAV as fractions of the area (-1 to 1), queue, rate and age. ``reach`` [N]: 1 for the SNs that
-the UAV reaches in one slot.
+the UAV reaches in one slot. ``energy`` [1]: as a fraction of the battery's capacity; 1 without a battery, below 0 if the
+UAV is down. ``home`` [4], -1 to 1: x and y of the end of the way home from the UAV as fractions of the area, the length
+of that way as a fraction of the longer side of the area, and the energy that is left beyond it and the reserve as a
+fraction of the capacity, -1 if the UAV comes home too late; 0, 0, 0, 1 where it need not come home. ``zones`` [16]: how
+far it is to the next zone or to the border of the area in 16 directions, from the east counterclockwise, as fractions
+of the longer side. ``returnable`` [N]: 1 for the SNs that the UAV can still fly to, serve, and come home from in time
+and with its reserve.
 
 Action ``"displacement"``, the default: float32 [2], or [3] with a free altitude, each -1 to 1: the displacement of
 the slot as a fraction of the maximum distance, V_max tau, and of the maximum climb. A displacement longer than 1 is
@@ -19,7 +25,8 @@ to 1: the waypoint as fractions of area and altitude range. The UAV flies straig
 allows. With both, the n fullest queues within d_c are served. Action ``"sensor"``: the id of an SN, or with
 ``nearest=k`` its place, from 0, among the k nearest. The UAV flies straight toward it, and serves it if it is then
 within d_c, with the fullest others. ``info["action_mask"]`` and ``action_masks()`` are true for the SNs that one slot
-reaches, or for all if it reaches none.
+reaches, or for all if it reaches none; with a base or zones, for those of them that are ``returnable``, or for all
+that are.
 
 Reward ``"lost"``, the default: minus the fraction of the bits sampled in the slot that was lost. Its mean is minus
 the loss rate only if the field samples equally many bits in every slot. Reward ``"loss_fraction"``: minus the bits
@@ -27,7 +34,10 @@ lost in the slot, divided by the mean of the bits that the mission samples per s
 minus the loss rate. Reward ``"weighted"``: as ``"lost"``, of bits times the weights of their SNs.
 Reward ``"age"``: minus the mean over all SNs of the slots since they were last served.
 
-An episode is truncated after the mission's last slot; it never terminates.
+An episode is truncated after the mission's last slot. It terminates when the UAV is down, its battery empty.
+
+With ``return_rule=True`` actions are flown as the decisions of strategies are: around zones, and home before energy or
+time end. Without it, which is the default, the UAV does what it is told: it holds before zones, and may go down.
 
 Seeds are Skysink seeds: ``reset(seed=s)`` uses the field of the scenario with seed s. Without a seed, the next
 episode has the next seed: first the scenario's, then one more each (``num_envs`` more in a vector). With
@@ -96,11 +106,12 @@ class NativeEnvironment:
         action: Control,
         reward: Reward,
         models: Models,
+        return_rule: bool,
     ) -> tuple[spaces.Space[Any], spaces.Space[Any]]:
         """Makes the core, and returns the spaces of observations and actions of one environment."""
         self.scenarios = tuple(map(scenario_of, scenarios))
         self.fields = fields
-        self._rules = (fields, list(observation), nearest, action, reward, models.prepare if models else None)
+        self._rules = (fields, list(observation), nearest, action, reward, models.prepare if models else None, return_rule)
         self._core = self._new_core()
         boxes: dict[str, spaces.Space[Any]] = {
             name: spaces.Box(low, 1.0, tuple(shape), np.float32) for name, shape, low in self._core.observed
@@ -191,7 +202,7 @@ class DataCollectionEnv(NativeEnvironment, gymnasium.Env[Observation, Action]):
     ``scenario`` is a :class:`skysink.Scenario` or a file, by default the paper's; ``fields`` is the number of fields;
     ``observation`` lists the observed quantities; ``nearest`` is the number of nearest SNs to observe, or to choose
     from; ``action`` is ``"displacement"``, ``"waypoint"`` or ``"sensor"``; ``reward`` is ``"lost"``,
-    ``"loss_fraction"``, ``"weighted"`` or ``"age"``.
+    ``"loss_fraction"``, ``"weighted"`` or ``"age"``; ``return_rule`` is whether the return rule holds.
 
     Raises :class:`skysink.InputError` for what is unknown or impossible.
     """
@@ -211,9 +222,10 @@ class DataCollectionEnv(NativeEnvironment, gymnasium.Env[Observation, Action]):
         reward: Reward = "lost",
         arrivals: Model[Arrivals] | None = None,
         channel: Model[Channel] | None = None,
+        return_rule: bool = False,
     ) -> None:
         self.render_mode = render_mode
-        rules = (fields, observation, nearest, action, reward, Models(arrivals, channel))
+        rules = (fields, observation, nearest, action, reward, Models(arrivals, channel), return_rule)
         self.observation_space, self.action_space = self._begin(one_of(scenario), *rules)
         self._is_new = True
 
@@ -282,7 +294,7 @@ class DataCollectionEnv(NativeEnvironment, gymnasium.Env[Observation, Action]):
 class DataCollectionVectorEnv(NativeEnvironment, VectorEnv[Observation, Action, NDArray[Any]]):
     """An environment for many missions in parallel. See the module for spaces, reward and seeds.
 
-    Autoreset is ``NEXT_STEP``: the step after a truncation begins the next episode, with reward 0.
+    Autoreset is ``NEXT_STEP``: the step after the end of an episode begins the next episode, with reward 0.
     """
 
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
@@ -301,10 +313,11 @@ class DataCollectionVectorEnv(NativeEnvironment, VectorEnv[Observation, Action, 
         reward: Reward = "lost",
         arrivals: Model[Arrivals] | None = None,
         channel: Model[Channel] | None = None,
+        return_rule: bool = False,
     ) -> None:
         self.num_envs = num_envs
         self.render_mode = render_mode
-        rules = (fields, observation, nearest, action, reward, Models(arrivals, channel))
+        rules = (fields, observation, nearest, action, reward, Models(arrivals, channel), return_rule)
         single = self._begin(some_of(scenario), *rules)
         self.single_observation_space, self.single_action_space = single
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -359,9 +372,9 @@ class DataCollectionVectorEnv(NativeEnvironment, VectorEnv[Observation, Action, 
         actions = np.asarray(actions) if self._chooses_sensors else np.asarray(actions, np.float32)
         if self._chooses_sensors:
             actions = actions.astype(np.int64, casting="safe", copy=False)
-        observation, rewards, truncated, lost_bits, delivered_bits = self._core.step(actions)
+        observation, rewards, terminated, truncated, lost_bits, delivered_bits = self._core.step(actions)
         info = self._info(lost_bits=lost_bits, delivered_bits=delivered_bits)
-        return observation, rewards, np.zeros(self.num_envs, np.bool_), truncated, info
+        return observation, rewards, terminated, truncated, info
 
     def _new_core(self) -> VectorCore:
         return VectorCore(list(self.scenarios), self.num_envs, *self._rules)

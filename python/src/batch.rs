@@ -46,10 +46,11 @@ fn check(scenarios: usize, count: usize) -> PyResult<()> {
     Ok(())
 }
 
-/// Observation, rewards, whether the episodes are over, lost bits, delivered bits.
+/// Observation, rewards, whether the UAVs are down, whether the missions are over, lost bits, delivered bits.
 type Steps<'py> = (
     Bound<'py, PyDict>,
     Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<bool>>,
     Bound<'py, PyArray1<bool>>,
     Bound<'py, PyArray1<u64>>,
     Bound<'py, PyArray1<u64>>,
@@ -99,12 +100,13 @@ impl PyVectorCore {
         action: &str,
         reward: &str,
         prepare: Option<Py<PyAny>>,
+        return_rule: bool,
     ) -> PyResult<Self> {
         if !(1..=MAX_ENVIRONMENTS).contains(&count) {
             return Err(refused(format!("num_envs = {count}: expected 1 to {MAX_ENVIRONMENTS}")));
         }
         check(scenarios.len(), count)?;
-        let rules = Rules::of(py, fields, &observation, nearest, action, reward, prepare)?.of_vector();
+        let rules = Rules::of(py, fields, &observation, nearest, action, reward, prepare, return_rule)?.of_vector();
         let first = Episode::first(scenarios[0].get(), &Arc::new(rules))?;
         let mut core = Self { episodes: vec![first; count] };
         core.replace(scenarios, vec![true; count])?;
@@ -192,17 +194,18 @@ impl PyVectorCore {
         let mut outcomes = vec![Outcome::default(); count];
         let entries = (0..count).into_par_iter().zip(&mut outcomes);
         let observation = self.each(py, entries, |episode, (index, outcome)| {
-            if episode.plant.is_over() {
+            if episode.is_over() {
                 return episode.begin(episode.number() + count as u64);
             }
-            let plan = actions.plan(index, episode);
-            *outcome = episode.fly(&plan);
+            let plan = episode.ruled(actions.plan(index, episode));
+            *outcome = episode.fly(plan);
             Ok(())
         })?;
         Ok((
             observation,
             PyArray1::from_iter(py, outcomes.iter().map(|outcome| outcome.reward)),
-            PyArray1::from_iter(py, outcomes.iter().map(|outcome| outcome.is_over)),
+            PyArray1::from_iter(py, outcomes.iter().map(|outcome| outcome.is_down)),
+            PyArray1::from_iter(py, outcomes.iter().map(|outcome| outcome.is_over && !outcome.is_down)),
             PyArray1::from_iter(py, outcomes.iter().map(|outcome| outcome.lost_bits)),
             PyArray1::from_iter(py, outcomes.iter().map(|outcome| outcome.delivered_bits)),
         ))

@@ -102,10 +102,15 @@ impl Episode {
             Some(count) => self.nearest(count).into_iter().map(|id| self.reaches(id)).collect(),
             None => self.field.sensors.ids().map(|id| self.reaches(id)).collect(),
         };
-        if !mask.contains(&true) {
-            mask.fill(true);
+        if self.field.home.is_none() && self.field.airspace.is_open() {
+            return some(mask);
         }
-        mask
+        let returns: Vec<bool> = match self.observed().nearest {
+            Some(count) => self.nearest(count).into_iter().map(|id| self.returns_from(id)).collect(),
+            None => self.field.sensors.ids().map(|id| self.returns_from(id)).collect(),
+        };
+        mask.iter_mut().zip(&returns).for_each(|(is_reached, returns)| *is_reached &= returns);
+        if mask.contains(&true) { mask } else { some(returns) }
     }
 
     /// A displacement as a fraction of the reach of a slot. Serves the fullest queues in range.
@@ -161,4 +166,12 @@ impl Episode {
         }
         self.field.plan(above(&ground, uav.z), Some(&served), believed_bits, Mode::Serve)
     }
+}
+
+/// The mask, or one of all if it has none.
+fn some(mut mask: Vec<bool>) -> Vec<bool> {
+    if !mask.contains(&true) {
+        mask.fill(true);
+    }
+    mask
 }

@@ -45,10 +45,11 @@ impl PyEnvironmentCore {
     }
 
     fn fly_plan<'py>(&mut self, py: Python<'py>, plan: Plan) -> PyResult<Step<'py>> {
-        if self.episode.plant.is_over() {
+        if self.episode.is_over() {
             return Err(refused("the episode is over: expected reset()"));
         }
-        let Outcome { reward, delivered_bits, lost_bits, is_over } = self.episode.fly(&plan);
+        let plan = self.episode.ruled(plan);
+        let Outcome { reward, delivered_bits, lost_bits, is_over, is_down } = self.episode.fly(plan);
         self.plans.push(Arc::new(plan));
         let information = PyDict::new(py);
         information.set_item(intern!(py, "lost_bits"), lost_bits)?;
@@ -56,7 +57,7 @@ impl PyEnvironmentCore {
         if self.episode.control() == Control::Sensor {
             information.set_item(intern!(py, "action_mask"), self.action_masks(py))?;
         }
-        Ok((self.observation(py)?, reward, false, is_over, information))
+        Ok((self.observation(py)?, reward, is_down, is_over && !is_down, information))
     }
 }
 
@@ -73,8 +74,9 @@ impl PyEnvironmentCore {
         action: &str,
         reward: &str,
         prepare: Option<Py<PyAny>>,
+        return_rule: bool,
     ) -> PyResult<Self> {
-        let rules = Rules::of(py, fields, &observation, nearest, action, reward, prepare)?;
+        let rules = Rules::of(py, fields, &observation, nearest, action, reward, prepare, return_rule)?;
         Ok(Self { episode: Episode::first(scenario.get(), &Arc::new(rules))?, plans: Vec::new() })
     }
 

@@ -7,7 +7,7 @@ use skysink_common::arrivals::mean_bits;
 use skysink_common::belief::Belief;
 use skysink_common::checkpoint::{Checkpoint as _, decode, encode};
 use skysink_common::error::InputError;
-use skysink_common::message::Plan;
+use skysink_common::message::{Mode, Plan};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::UAV;
@@ -90,8 +90,10 @@ pub struct Outcome {
     pub reward: f64,
     pub delivered_bits: u64,
     pub lost_bits: u64,
-    /// Whether the episode is over.
+    /// Whether the mission is over.
     pub is_over: bool,
+    /// Whether the UAV is down, which ends the episode, too.
+    pub is_down: bool,
 }
 
 /// Weights of the sensor nodes of a list, by id.
@@ -207,10 +209,10 @@ impl Episode {
     }
 
     /// Flies the next slot.
-    pub fn fly(&mut self, plan: &Plan) -> Outcome {
+    pub fn fly(&mut self, plan: Plan) -> Outcome {
         let reward = self.course.rules.reward;
         let before = reward.bits(self);
-        let header = self.plant.step(&[Some(*plan)]).header;
+        let header = self.plant.step(&[Some(plan)]).header;
         if self.course.rules.keeps_contacts {
             self.contacts.add(self.plant.slot(), self.plant.flight(UAV));
         }
@@ -219,7 +221,27 @@ impl Episode {
             delivered_bits: header.delivered_bits,
             lost_bits: header.lost_bits,
             is_over: self.plant.is_over(),
+            is_down: self.is_down(),
         }
+    }
+
+    /// What becomes of `plan` by the rules for strategies, if the environment has them.
+    pub fn ruled(&self, plan: Plan) -> Plan {
+        if !self.course.rules.has_return_rule {
+            return plan;
+        }
+        let queues_bits = self.plant.field().believed_bits();
+        self.field.ruled(self.plant.slot() + 1, self.plant.flight(UAV), plan, queues_bits)
+    }
+
+    /// Whether the UAV is down (decision D12).
+    fn is_down(&self) -> bool {
+        self.plant.flight(UAV).flown_mode() == Mode::Down
+    }
+
+    /// Whether no slot follows: the mission is over, or the UAV is down.
+    pub fn is_over(&self) -> bool {
+        self.plant.is_over() || self.is_down()
     }
 
     /// Its state as bytes.

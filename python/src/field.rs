@@ -30,7 +30,7 @@ pub struct FieldData {
     /// Their buffers [bit], for observations.
     pub buffers_bits: Vec<f32>,
     /// The way home; `None` if the UAV need not come back, and in a ring.
-    home: Option<Home>,
+    pub home: Option<Home>,
     /// Where the UAV may fly; in a ring everywhere.
     pub airspace: Arc<Airspace>,
     /// The same as published.

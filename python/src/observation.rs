@@ -4,6 +4,7 @@ use arrayvec::ArrayVec;
 use numpy::{IntoPyArray, PyArray1, PyArrayMethods as _};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
+use skysink_common::airspace::length_m;
 use skysink_common::geometry::within;
 use skysink_common::slot_record::UAV;
 
@@ -32,7 +33,7 @@ pub struct Observable {
 }
 
 /// Number of observable quantities.
-const KINDS: usize = 11;
+const KINDS: usize = 15;
 
 /// All of them, in the order of a dictionary.
 pub static OBSERVABLES: [Observable; KINDS] = [
@@ -47,7 +48,14 @@ pub static OBSERVABLES: [Observable; KINDS] = [
     Observable { name: "gains", shape: |count, _| shape([count]), low: 0.0, write: gains },
     Observable { name: "nearest", shape: |_, nearest| shape([nearest, NEAREST]), low: -1.0, write: nearest },
     Observable { name: "reach", shape: |count, _| shape([count]), low: 0.0, write: reach },
+    Observable { name: "energy", shape: |_, _| shape([1]), low: -1.0, write: energy },
+    Observable { name: "home", shape: |_, _| shape([4]), low: -1.0, write: home },
+    Observable { name: "zones", shape: |_, _| shape([DIRECTIONS]), low: 0.0, write: zones },
+    Observable { name: "returnable", shape: |count, _| shape([count]), low: 0.0, write: returnable },
 ];
+
+/// Directions in which free distances are observed.
+const DIRECTIONS: usize = 16;
 
 /// Numbers for each of the nearest sensor nodes.
 const NEAREST: usize = 5;
@@ -123,6 +131,63 @@ fn nearest(episode: &Episode, numbers: &mut [f32]) {
 /// 1 for the sensor nodes within the reach of one slot, else 0.
 fn reach(episode: &Episode, numbers: &mut [f32]) {
     each(episode, numbers, |id| f64::from(u8::from(episode.reaches(id))));
+}
+
+/// The energy as a fraction of the capacity; 1 without a battery.
+fn energy(episode: &Episode, numbers: &mut [f32]) {
+    numbers[0] = of_capacity(episode, episode.plant.flight(UAV).energy_j);
+}
+
+/// Energy [J] as a fraction of the battery's capacity, from −1; 1 without a battery.
+fn of_capacity(episode: &Episode, energy_j: f64) -> f32 {
+    let battery = episode.field.home.as_ref().and_then(|home| home.battery);
+    battery.map_or(1.0, |battery| (energy_j / battery.capacity_j).clamp(-1.0, 1.0) as f32)
+}
+
+/// The end of the way home from the UAV, x and y as fractions of the area; the length of the way as a fraction of the longer
+/// side; the energy beyond it and the reserve as a fraction of the capacity, or −1 if it takes too long. Zeros and 1 where
+/// the UAV need not come home.
+fn home(episode: &Episode, numbers: &mut [f32]) {
+    let Some(home) = &episode.field.home else {
+        numbers.copy_from_slice(&[0.0, 0.0, 0.0, 1.0]);
+        return;
+    };
+    let limits = episode.field.limits;
+    let flight = episode.plant.flight(UAV);
+    let uav = flight.position().xy();
+    let end = home.end_of(&uav);
+    let offset = end - uav;
+    let way_m = episode.field.airspace.distance_m(&uav, &end);
+    let row = [offset.x / limits.width_m, offset.y / limits.height_m, way_m / limits.width_m.max(limits.height_m)];
+    numbers.iter_mut().zip(row).for_each(|(number, value)| *number = value.clamp(-1.0, 1.0) as f32);
+    numbers[3] = match home.margin_j(episode.plant.slot(), flight.energy_j, &uav) {
+        f64::NEG_INFINITY => -1.0,
+        margin_j => of_capacity(episode, margin_j),
+    };
+}
+
+/// How far it is to the next zone, or to the border of the area, in 16 directions from the east, counterclockwise, as a
+/// fraction of the longer side.
+fn zones(episode: &Episode, numbers: &mut [f32]) {
+    let limits = episode.field.limits;
+    let uav = episode.plant.flight(UAV).position();
+    let side_m = limits.width_m.max(limits.height_m);
+    for (direction, number) in (0u8..).zip(numbers) {
+        let (sine, cosine) = (f64::from(direction) * std::f64::consts::TAU / DIRECTIONS as f64).sin_cos();
+        let to_border = |at_m: f64, along: f64, end_m: f64| match along.abs() < 1e-12 {
+            true => f64::INFINITY,
+            false => (if along > 0.0 { end_m - at_m } else { -at_m }) / along,
+        };
+        let border_m = to_border(uav.x, cosine, limits.width_m).min(to_border(uav.y, sine, limits.height_m));
+        let end = uav.xy() + nalgebra::Vector2::new(cosine, sine) * border_m;
+        let free = episode.field.airspace.entry(&uav.xy(), &end, [uav.z; 2], 0.0).unwrap_or(1.0);
+        *number = (border_m * free / side_m).clamp(0.0, 1.0) as f32;
+    }
+}
+
+/// 1 for the sensor nodes that the UAV can still serve and come home from, else 0.
+fn returnable(episode: &Episode, numbers: &mut [f32]) {
+    each(episode, numbers, |id| f64::from(u8::from(episode.returns_from(id))));
 }
 
 /// Writes a number for each sensor node, at most 1.
@@ -252,6 +317,21 @@ impl Episode {
     /// The ids of the `count` sensor nodes nearest to the UAV, nearest first.
     pub fn nearest(&self, count: usize) -> Vec<u32> {
         self.field.sensors.grid.nearest(&self.plant.flight(UAV).position().xy(), count)
+    }
+
+    /// Whether the UAV can fly into the range of sensor node `id`, around zones at full speed, and home from there in time and
+    /// with its reserve.
+    pub fn returns_from(&self, id: u32) -> bool {
+        let field = &self.field;
+        let flight = self.plant.flight(UAV);
+        let (from, sensor) = (flight.position().xy(), field.sensors.position(id));
+        let way = field.airspace.way_into(&from, &field.airspace.nearest(sensor), sensor, field.limits.comm_radius_m);
+        let Some(end) = way.last() else { return false };
+        let Some(home) = &field.home else { return true };
+        let way_m = length_m(&from, &way);
+        let slots = (way_m / field.limits.reach_m - 1e-9).ceil().max(1.0);
+        let energy_j = flight.energy_j - home.battery.map_or(0.0, |battery| slots * battery.slot_j(way_m / slots));
+        home.is_in_reach(self.plant.slot() + slots as u64, energy_j, end)
     }
 
     /// Whether the UAV reaches sensor node `id` in one slot.

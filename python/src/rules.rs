@@ -16,10 +16,13 @@ pub struct Rules {
     pub keeps_contacts: bool,
     /// Turns the scenario of an episode into the one that is flown; `None` if they are the same.
     pub prepare: Option<Py<PyAny>>,
+    /// Whether actions are led around zones and home as the decisions of strategies are.
+    pub has_return_rule: bool,
 }
 
 impl Rules {
     /// Those of these arguments of an environment.
+    #[expect(clippy::too_many_arguments, reason = "those of the environment")]
     pub fn of(
         py: Python<'_>,
         fields: Option<u64>,
@@ -28,13 +31,15 @@ impl Rules {
         action: &str,
         reward: &str,
         prepare: Option<Py<PyAny>>,
+        has_return_rule: bool,
     ) -> PyResult<Self> {
         if fields == Some(0) {
             return Err(refused("fields = 0: expected 1 or more, or None"));
         }
         let observed = Observed::of(py, observation, nearest)?;
         let control = Control::named(action)?;
-        Ok(Self { fields, observed, control, reward: Reward::named(reward)?, keeps_contacts: true, prepare })
+        let reward = Reward::named(reward)?;
+        Ok(Self { fields, observed, control, reward, keeps_contacts: true, prepare, has_return_rule })
     }
 
     /// The same for a vector, which has no belief to ask for.
