@@ -8,7 +8,7 @@ use std::sync::OnceLock;
 
 use nalgebra::Vector2;
 
-use super::{Airspace, Bends};
+use super::polygon::Bends;
 use crate::geometry::{Position, distance_squared, within};
 
 /// Most cells of a grid.
@@ -26,7 +26,7 @@ const FAR: u16 = u16::MAX;
 
 /// Cells and the ways between them.
 #[derive(Debug, Clone)]
-pub struct Grid {
+pub struct CellGrid {
     cell_m: f64,
     columns: u32,
     rows: u32,
@@ -40,7 +40,7 @@ pub struct Grid {
     moves_to: Vec<OnceLock<Box<[u16]>>>,
 }
 
-impl PartialEq for Grid {
+impl PartialEq for CellGrid {
     /// What is found from the rest is not compared.
     fn eq(&self, other: &Self) -> bool {
         let sizes = |grid: &Self| (grid.cell_m, grid.columns, grid.rows, grid.move_slots);
@@ -57,10 +57,17 @@ enum Spot {
     Between(u32, u32, f64),
 }
 
-impl Grid {
-    /// The grid of cells of this side [m] in an area of these sides [m], with moves of this many slots.
-    pub(super) fn new(airspace: &Airspace, cell_m: f64, move_slots: u64, start: &Position) -> Self {
-        let [columns, rows] = [airspace.corner.x, airspace.corner.y].map(|side_m| cells_along(side_m, cell_m));
+impl CellGrid {
+    /// The grid of cells of this side [m] in an area of these sides [m], with moves of this many slots, for a UAV that begins
+    /// at `start`. `is_clear` says whether a straight way is.
+    pub(super) fn new(
+        sides_m: [f64; 2],
+        cell_m: f64,
+        move_slots: u64,
+        start: &Position,
+        is_clear: impl Fn(&Position, &Position) -> bool,
+    ) -> Self {
+        let [columns, rows] = sides_m.map(|side_m| cells_along(side_m, cell_m));
         let mut grid = Self {
             cell_m,
             columns,
@@ -71,11 +78,8 @@ impl Grid {
             moves_to: Vec::new(),
         };
         let count = columns * rows;
-        let is_free = |cell: u32| airspace.contains(&grid.middle(cell));
         let joined = |cell: u32, other: Option<u32>| {
-            other.is_some_and(|other| {
-                is_free(cell) && is_free(other) && airspace.is_clear(&grid.middle(cell), &grid.middle(other))
-            })
+            other.is_some_and(|other| is_clear(&grid.middle(cell), &grid.middle(other)))
         };
         grid.is_joined = (0..count)
             .map(|cell| [joined(cell, grid.beside(cell, 1, 0)), joined(cell, grid.beside(cell, 0, 1))])
@@ -380,7 +384,7 @@ pub fn cells_along(side_m: f64, cell_m: f64) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::airspace::Polygon;
+    use crate::airspace::{Airspace, Polygon};
 
     fn at(x_m: f64, y_m: f64) -> Position {
         Position::new(x_m, y_m)

@@ -10,14 +10,12 @@ mod polygon;
 
 use std::sync::Arc;
 
-use smallvec::SmallVec;
-
 pub use grid::{MAX_CELLS, cells_along};
-pub use polygon::Polygon;
+pub use polygon::{Bends, Polygon};
 
 use crate::geometry::{Position, distance_squared, within};
 use graph::CornerGraph;
-use grid::Grid;
+use grid::CellGrid;
 
 /// Most corners of all zones and buildings of a scenario.
 pub const MAX_CORNERS: usize = 1_000;
@@ -27,9 +25,6 @@ const CLEARANCE: f64 = 1e-8;
 
 /// Depth in a zone that rounding may lead to, relative to the area.
 const ROUNDING: f64 = 1e-12;
-
-/// Bends of a way, and its end.
-pub type Bends = SmallVec<[Position; 4]>;
 
 /// A zone up to an altitude.
 #[derive(Debug, Clone, PartialEq)]
@@ -55,7 +50,7 @@ pub struct Airspace {
     /// Where the boundaries of zones that overlap cross [m].
     crossings: Vec<Position>,
     /// The grid that all ways lead along; clones share it.
-    grid: Option<Arc<Grid>>,
+    grid: Option<Arc<CellGrid>>,
 }
 
 impl Airspace {
@@ -78,7 +73,11 @@ impl Airspace {
     /// `start` [m].
     #[must_use]
     pub fn on_grid(mut self, cell_m: f64, move_slots: u64, start: &Position) -> Self {
-        self.grid = Some(Arc::new(Grid::new(&self, cell_m, move_slots, start)));
+        let sides_m = [self.corner.x, self.corner.y];
+        let is_clear =
+            |from: &Position, to: &Position| self.contains(from) && self.contains(to) && self.is_clear(from, to);
+        let grid = CellGrid::new(sides_m, cell_m, move_slots, start, is_clear);
+        self.grid = Some(Arc::new(grid));
         self
     }
 

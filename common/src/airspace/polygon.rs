@@ -4,6 +4,9 @@ use smallvec::SmallVec;
 
 use crate::geometry::{Position, distance_squared};
 
+/// Bends of a way, and its end.
+pub type Bends = SmallVec<[Position; 4]>;
+
 /// Slack of crossings, as a fraction of a segment or an edge.
 const CROSSING_SLACK: f64 = 1e-12;
 
