@@ -44,6 +44,8 @@ pub enum Purpose {
     Arrivals = 16,
     /// Search for a round over disks.
     Round = 17,
+    /// Search for a plan that delivers most.
+    Collect = 18,
 }
 
 /// The family of streams of one mission.

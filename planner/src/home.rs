@@ -167,7 +167,8 @@ impl Home {
     }
 
     /// Slots for the way home after `slot`.
-    fn left_after(&self, slot: u64) -> u64 {
+    #[must_use]
+    pub fn left_after(&self, slot: u64) -> u64 {
         if self.must_land { self.slots.saturating_sub(slot) } else { u64::MAX }
     }
 
@@ -182,15 +183,30 @@ impl Home {
     #[must_use]
     pub fn margin_j(&self, slot: u64, energy_j: f64, ground: &Position) -> f64 {
         let left = self.left_after(slot);
-        let pieces = self.pieces(ground, left);
-        if pieces.is_empty() || slots_of(&pieces) > left as f64 {
+        let (slots, way_j) = self.way_within(ground, left);
+        if slots > left as f64 {
             return f64::NEG_INFINITY;
         }
-        self.battery.map_or(f64::INFINITY, |battery| {
-            let flown = pieces.iter().filter(|piece| piece.slots > 0.0);
-            let way_j: f64 = flown.map(|piece| piece.slots * battery.slot_j(piece.length_m / piece.slots)).sum();
-            energy_j - way_j - battery.reserve_j
-        })
+        self.battery.map_or(f64::INFINITY, |battery| energy_j - way_j - battery.reserve_j)
+    }
+
+    /// Slots and energy [J] of the way home from `ground` [m] at the least energy per metre; infinite slots if there is none.
+    #[must_use]
+    pub fn thrifty_way(&self, ground: &Position) -> (f64, f64) {
+        self.way_within(ground, u64::MAX)
+    }
+
+    /// Slots and energy [J] of the way home from `ground` [m], with `left` slots for it.
+    fn way_within(&self, ground: &Position, left: u64) -> (f64, f64) {
+        let pieces = self.pieces(ground, left);
+        if pieces.is_empty() {
+            return (f64::INFINITY, 0.0);
+        }
+        let flown = pieces.iter().filter(|piece| piece.slots > 0.0);
+        let way_j = self.battery.map_or(0.0, |battery| {
+            flown.map(|piece| piece.slots * battery.slot_j(piece.length_m / piece.slots)).sum()
+        });
+        (slots_of(&pieces), way_j)
     }
 
     /// Slots of the way home from `ground` [m], of which `slot` is the first; 0 in the base.

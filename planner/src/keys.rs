@@ -21,6 +21,8 @@ skysink_common::keys! {
         knowledge: Knowledge = "oracle", Accepts::OneOf(Knowledge::VARIANTS);
         /// Knowledge of the sampling rates; `"learnt"` needs `knowledge = "estimated"`.
         rates: Rates = "known", Accepts::OneOf(Rates::VARIANTS);
+        /// What `horizon` and `offline` plan for: the least loss, or the most data delivered until the mission's end.
+        objective: Objective = "loss", Accepts::OneOf(Objective::VARIANTS);
     }
 }
 
@@ -54,4 +56,15 @@ pub enum Knowledge {
     Oracle,
     /// The UAV's estimate, from the queues reported on contact and the sampling rates.
     Estimated,
+}
+
+/// What plans over many slots are made for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, VariantNames)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum Objective {
+    /// The least data lost.
+    Loss,
+    /// The most data delivered until the mission's end, wherever nothing, or little, is sampled.
+    Collect,
 }

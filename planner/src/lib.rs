@@ -17,6 +17,7 @@
 //! | [`node`] | the planner as a process of the ring |
 
 pub mod bound;
+pub mod collect;
 pub mod geometry;
 pub mod home;
 pub mod horizon;

@@ -320,7 +320,7 @@ impl CellGrid {
     }
 
     /// The end of `slot` of a UAV at `from` that is under way, or hovers out of turn [m]; `None` where a move may begin.
-    fn under_way(&self, slot: u64, from: &Position) -> Option<Position> {
+    pub(super) fn under_way(&self, slot: u64, from: &Position) -> Option<Position> {
         let phase = self.phase(slot);
         match self.spot(from) {
             Some(Spot::Cell(_)) if phase == 0 => None,

@@ -298,6 +298,13 @@ impl Airspace {
         }
     }
 
+    /// The end of `slot` of a UAV at `from` that is under way on a grid, or hovers until the next move may begin [m]; `None`
+    /// where it may be told a waypoint.
+    #[must_use]
+    pub fn under_way(&self, slot: u64, from: &Position) -> Option<Position> {
+        self.grid.as_ref().and_then(|grid| grid.under_way(slot, from))
+    }
+
     /// The slots from `slot` on that are decided with a flight from `from` to `to` [m], and where the UAV is after them: on a
     /// grid a whole move.
     #[must_use]

@@ -103,6 +103,13 @@ impl HorizonKeys {
     pub fn of(iterations: u32) -> Self {
         Self { iterations, window: None, without: None, budget_ms: None }
     }
+
+    /// Longest planning time for the slot of `view`; `None` if the mission is not paced.
+    #[must_use]
+    pub fn budget(&self, view: &View) -> Option<Duration> {
+        let budget_ms = self.budget_ms.filter(|_| view.timing == Timing::Paced);
+        budget_ms.map(|budget_ms| Duration::from_secs_f64(budget_ms / 1e3))
+    }
 }
 
 /// A part of the look-ahead that an ablation leaves out.
@@ -259,13 +266,6 @@ impl Horizon {
         self.improve(Search { slot: view.slot, round: 0, steps: self.keys.iterations }, forecast, is_over);
         self.carried.clear();
         self.carried.extend(forecast.trace.legs.iter().filter(|leg| leg.end > 1).map(|leg| leg.stop));
-    }
-
-    /// Longest planning time for the slot of `view`; `None` if the mission is not paced.
-    #[must_use]
-    pub fn budget(&self, view: &View) -> Option<Duration> {
-        let budget_ms = self.keys.budget_ms.filter(|_| view.timing == Timing::Paced);
-        budget_ms.map(|budget_ms| Duration::from_secs_f64(budget_ms / 1e3))
     }
 
     /// The planning window that starts at the slot of `view`.

@@ -11,6 +11,7 @@ use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, enco
 use skysink_common::geometry::above;
 use skysink_common::message::MAX_PATH_POINTS;
 
+use super::collecting::Collecting;
 use super::planned_flight::planned_flight;
 use super::rivals::{Rivals, Surveyed};
 use super::rollout::{Ahead, Effort, is_certain};
@@ -18,17 +19,24 @@ use super::serving::Serving;
 use crate::horizon::forecast::{Forecast, PlanningWindow};
 use crate::horizon::long_search::{SearchOutcome, SearchProgress};
 use crate::horizon::{Horizon, HorizonKeys, LookAheadPart, planned_path};
+use crate::keys::Objective;
 use crate::strategy::{Decision, Registered, Setup, Strategy, View};
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered =
     Registered::new("horizon", "receding horizon: a plan over many slots, improved in every slot", |setup| {
-        let keys = setup.scenario.planner_keys("planner.horizon").expect("they were checked");
-        Box::new(LookAhead::new(setup, keys))
+        let keys: HorizonKeys = setup.scenario.planner_keys("planner.horizon").expect("they were checked");
+        match setup.settings.objective {
+            Objective::Loss => Box::new(LookAhead::new(setup, keys)),
+            Objective::Collect => Box::new(Collecting::new(setup, keys, u64::from(keys.iterations) * FIRST_SEARCH)),
+        }
     })
     .with_state()
     .with_path()
     .with_keys::<HorizonKeys>();
+
+/// Steps of the first search for a plan that delivers most, divided by those of each later one.
+const FIRST_SEARCH: u64 = 10;
 
 /// Steps of the search before the mission, divided by the steps of each search that compares initial plans.
 const COMPARED_STEPS: u64 = 100;
@@ -153,7 +161,7 @@ impl Strategy for LookAhead {
     /// lose data is in reach.
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         // The budget is divided among the survey, the search, and the comparison.
-        let budget = self.horizon.budget(view).map(|budget| (Instant::now(), budget));
+        let budget = self.horizon.keys.budget(view).map(|budget| (Instant::now(), budget));
         let is_over_at = |fraction: f64| {
             let is_late = move |(begin, budget): (Instant, Duration)| begin.elapsed() >= budget.mul_f64(fraction);
             move || view.stop.requested().is_some() || budget.is_some_and(is_late)

@@ -4,6 +4,7 @@
 //! [`crate::strategy`]. Messages, and transit without a decision, are left to [`crate::planner`].
 
 pub mod algorithm_1;
+mod collecting;
 pub mod drift_plus_penalty;
 pub mod edf;
 pub mod exact;

@@ -14,15 +14,23 @@ use skysink_common::error::InputError;
 use skysink_common::keys::Accepts;
 use skysink_common::stop::Stop;
 
+use super::collecting::Collecting;
 use super::horizon::LookAhead;
 use crate::horizon::HorizonKeys;
 use crate::horizon::long_search::{SearchOutcome, SearchProgress};
+use crate::keys::Objective;
 use crate::strategy::{Decision, Registered, Setup, Strategy, Timing, View};
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered =
     Registered::new("offline", "open loop: one plan for the whole mission, made before take-off", |setup| {
-        Box::new(Offline::new(setup).expect("its keys were checked"))
+        match setup.settings.objective {
+            Objective::Loss => Box::new(Offline::new(setup).expect("its keys were checked")),
+            Objective::Collect => {
+                let OfflineKeys { steps } = setup.scenario.planner_keys("planner.offline").expect("they were checked");
+                Box::new(Collecting::new(setup, open_loop(), steps))
+            }
+        }
     })
     .with_state()
     .with_path()
@@ -44,6 +52,11 @@ skysink_common::keys! {
 /// Longest planning window before take-off [slots].
 const MOST_SLOTS: u64 = 10_000;
 
+/// Those of a look-ahead that does not search after take-off.
+fn open_loop() -> HorizonKeys {
+    HorizonKeys { window: Some(MOST_SLOTS), ..HorizonKeys::of(0) }
+}
+
 /// The plan of a mission.
 pub struct Offline {
     ahead: LookAhead,
@@ -60,8 +73,7 @@ impl Offline {
     /// If a value of `[planner.offline]` is refused; never for a scenario that was resolved.
     pub fn new(setup: &Setup) -> Result<Self, InputError> {
         let OfflineKeys { steps } = setup.scenario.planner_keys("planner.offline")?;
-        let keys = HorizonKeys { window: Some(MOST_SLOTS), ..HorizonKeys::of(0) };
-        Ok(Self { ahead: LookAhead::new(setup, keys), steps, is_planned: false })
+        Ok(Self { ahead: LookAhead::new(setup, open_loop()), steps, is_planned: false })
     }
 
     /// Runs the search for a mission whose queues are known, `queues_bits` [bit] by id before slot 1; returns the

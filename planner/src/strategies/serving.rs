@@ -1,13 +1,13 @@
 //! The waypoint of a schedule, and the schedule of a waypoint: the last step of most strategies.
 
 use nalgebra::Point3;
-use skysink_common::geometry::Position;
+use skysink_common::geometry::{Position, above};
 use skysink_common::limits::Limits;
 use skysink_common::message::SolverOutcome;
 use skysink_common::sensors::grid::Grid;
 
 use super::nearby::fullest_first;
-use crate::keys::Settings;
+use crate::keys::{Objective, Settings};
 use crate::mission_table::MissionTable;
 use crate::strategy::{Decision, Setup, View};
 use crate::waypoint::Solver;
@@ -18,6 +18,7 @@ pub struct Serving {
     solver: Solver,
     /// Working memory for a schedule.
     ids: Vec<u32>,
+    objective: Objective,
 }
 
 impl Serving {
@@ -25,8 +26,8 @@ impl Serving {
     #[must_use]
     pub fn new(setup: &Setup) -> Self {
         let ids = Vec::with_capacity(setup.table.sensors.count());
-        let Settings { waypoint_solver, sca_iterations, .. } = *setup.settings;
-        Self { solver: Solver::new(setup.scenario, setup.table, waypoint_solver, sca_iterations), ids }
+        let Settings { waypoint_solver, sca_iterations, objective, .. } = *setup.settings;
+        Self { solver: Solver::new(setup.scenario, setup.table, waypoint_solver, sca_iterations), ids, objective }
     }
 
     /// The best waypoint for the SNs `ids`, by sP2; `None` if no point in reach is in range of all of them.
@@ -39,8 +40,12 @@ impl Serving {
         self.solver.above(view.table, ground, &view.position, ids)
     }
 
-    /// The decision to fly to `ground`, clamped to the area, and serve the n fullest queues in range, by their values.
+    /// The decision to fly to `ground`, clamped to the area, and serve the n fullest queues in range, by their values; those
+    /// that upload most where data is to be collected.
     pub fn serve_fullest(&mut self, view: &View, ground: &Position) -> Decision {
+        if self.objective == Objective::Collect {
+            return self.serve_most(view, ground);
+        }
         if view.table.sensors.weights.are_equal() {
             // Not `View::value`: it would look at the weights for every SN.
             return self.serve_by(view, ground, |id| fullest_first(view.belief.queues_bits[id as usize], id));
@@ -48,10 +53,20 @@ impl Serving {
         self.serve_by(view, ground, |id| fullest_first(view.value(id), id))
     }
 
+    /// As [`Self::serve_fullest`], for the n SNs in range that are expected to upload most from the altitude of the UAV, by
+    /// its value.
+    pub fn serve_most(&mut self, view: &View, ground: &Position) -> Decision {
+        let uav = above(&view.table.clamp_to_area(ground), view.position.z);
+        self.serve_by(view, ground, |id| {
+            let bits = view.table.expected_bits(&uav, &[id], view.belief.queues_bits) as u32; // no more than its queue
+            fullest_first(view.table.sensors.weights.value(id, bits), id)
+        })
+    }
+
     /// As [`Self::serve_fullest`], for the n SNs in range with the smallest `key`, which must be unique.
     pub fn serve_by<K: Ord>(&mut self, view: &View, ground: &Position, key: impl Fn(u32) -> K) -> Decision {
         let ground = view.table.clamp_to_area(ground);
-        let Self { solver, ids } = self;
+        let Self { solver, ids, .. } = self;
         let MissionTable { sensors, limits, .. } = view.table;
         fill_in_range(&sensors.grid, limits, &ground, key, ids);
         let waypoint = solver.above(view.table, &ground, &view.position, ids);

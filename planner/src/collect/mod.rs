@@ -1,0 +1,136 @@
+//! `planner.objective = "collect"`: the plan that delivers most until the mission's end, and is home then.
+//!
+//! A plan is a sequence of stops: a place, the sensor node (SN) that the UAV hovers for, and how long at most. It is flown
+//! slot by slot in a model of expected rates, in which stops that leave no way home are left out, and improved by simulated
+//! annealing. The decision for a slot is left to [`crate::strategies::collecting`].
+//!
+//! | module | contents |
+//! |---|---|
+//! | [`places`] | links and ways of places, and places to serve an SN from |
+//! | [`flight`] | what a plan delivers |
+//! | [`search`] | the search for a plan |
+
+pub mod flight;
+pub mod places;
+pub mod search;
+#[cfg(test)]
+mod tests;
+
+use serde::{Deserialize, Serialize};
+use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
+use skysink_common::geometry::Position;
+use skysink_common::random::{Purpose, Streams};
+
+use crate::strategy::{Setup, View};
+use flight::{Flight, Next, Stop, Window};
+use places::Places;
+use search::Search;
+
+/// Temperature of the first search, in parts of the mean data of an SN.
+const FIRST_TEMPERATURE: f64 = 0.1;
+
+/// The same of a search that improves a plan.
+const LATER_TEMPERATURE: f64 = 0.02;
+
+/// Longest planning window [slots] unless the scenario has another.
+const MOST_SLOTS: u64 = 2_400;
+
+/// The plan of a mission, and what it is made from.
+pub struct Collector {
+    places: Places,
+    streams: Streams,
+    /// Longest planning window [slots].
+    window_slots: u64,
+    /// The remaining stops; `None` before the first search.
+    stops: Option<Vec<Stop>>,
+}
+
+/// A stop as it is saved: place [m], SN and most hovers.
+type SavedStop = ([f64; 2], u32, u32);
+
+/// The checkpoint of a plan.
+#[derive(Serialize, Deserialize)]
+struct Saved {
+    stops: Option<Vec<SavedStop>>,
+}
+
+impl Collector {
+    /// No plan yet.
+    #[must_use]
+    pub fn new(setup: &Setup, window_slots: Option<u64>) -> Self {
+        Self {
+            places: Places::new(setup.scenario, setup.table),
+            streams: Streams::new(setup.scenario.seed),
+            window_slots: window_slots.unwrap_or(MOST_SLOTS),
+            stops: None,
+        }
+    }
+
+    /// Whether there is a plan.
+    #[must_use]
+    pub fn is_planned(&self) -> bool {
+        self.stops.is_some()
+    }
+
+    /// Searches in up to `steps` steps for a plan from the slot of `view` on, or improves the one there is; returns what it
+    /// does first, and keeps the rest. The result depends only on the view and the plan, unless `is_over` ends the search.
+    pub fn plan(&mut self, view: &View, steps: u64, is_over: &dyn Fn() -> bool) -> Next {
+        let last = view.table.limits.slots.min(view.slot.saturating_add(self.window_slots - 1));
+        let mut flight = Flight::new(Window::of(view, last), &mut self.places);
+        let mut random = self.streams.stream(Purpose::Collect, view.slot, 0);
+        let (begun, temperature) = match self.stops.take() {
+            Some(stops) => (Some(stops), LATER_TEMPERATURE),
+            None => (None, FIRST_TEMPERATURE),
+        };
+        let mut search = Search { flight: &mut flight, random: &mut random, is_over };
+        let begun = begun.unwrap_or_else(|| search.insert_all());
+        let mut stops = search.anneal(begun, steps, temperature);
+        let (next, first) = flight.first(&stops);
+        stops.drain(..first);
+        if let (Next::Flies(end), Some(stop)) = (next, stops.first_mut())
+            && flight.is_there(&end)
+        {
+            stop.hovers = stop.hovers.saturating_sub(1);
+        }
+        self.stops = Some(stops);
+        next
+    }
+
+    /// The places of the plan [m], and the bends around zones between them, after `from`.
+    #[must_use]
+    pub fn path(&self, view: &View, from: &Position, most: usize) -> Vec<Position> {
+        let airspace = &view.table.airspace;
+        let mut path: Vec<Position> = Vec::new();
+        let mut before = *from;
+        for stop in self.stops.iter().flatten() {
+            if path.len() >= most {
+                break;
+            }
+            path.extend(airspace.way(&before, &stop.place));
+            before = stop.place;
+        }
+        path.extend(view.table.home.iter().flat_map(|home| airspace.way(&before, &home.end_of(&before))));
+        path.dedup();
+        path.truncate(most);
+        path
+    }
+}
+
+impl Checkpoint for Collector {
+    fn save(&self, bytes: &mut Vec<u8>) {
+        let saved = |stop: &Stop| (stop.place.into(), stop.sensor, stop.hovers);
+        encode(&Saved { stops: self.stops.as_ref().map(|stops| stops.iter().map(saved).collect()) }, bytes);
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
+        let Saved { stops } = decode(bytes)?;
+        let count = self.places.count();
+        let is_known = |(place, sensor, _): &SavedStop| {
+            (*sensor as usize) < count && place.iter().all(|coordinate_m| coordinate_m.is_finite())
+        };
+        CheckpointError::ensure(stops.iter().flatten().all(is_known), "stops of this field")?;
+        let stop = |(place, sensor, hovers): SavedStop| Stop { place: place.into(), sensor, hovers };
+        self.stops = stops.map(|stops| stops.into_iter().map(stop).collect());
+        Ok(())
+    }
+}

@@ -1,0 +1,267 @@
+//! Places: which sensor nodes (SNs) are served from there, how long the ways between them take, and from where to serve an SN.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use nalgebra::Vector2;
+use rand_chacha::ChaCha8Rng;
+use skysink_common::channel::ChannelModel;
+use skysink_common::geometry::{Position, above, distance_squared};
+use skysink_common::random::{below, fraction};
+use skysink_common::scenario::Scenario;
+
+use crate::home::WayHome;
+use crate::mission_table::{MissionTable, SLACK_SLOTS};
+
+/// Most kept links and ways; more are found again.
+const MOST_KEPT: usize = 50_000;
+
+/// Cells of a grid from which an SN is served.
+const CELLS: usize = 25;
+
+/// The cells next to an SN of which they are the best.
+const NEAR_CELLS: usize = 200;
+
+/// How near to a place a UAV is there [m].
+const THERE_M: f64 = 1e-6;
+
+/// The SNs in range of a place that a link to it carries bits from: id, and bits in a slot [bit].
+pub type Links = Arc<[(u32, f64)]>;
+
+/// A place, in bits.
+type Key = [u64; 2];
+
+/// The way between two places.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Leg {
+    /// Where its slots end [m], and the links there.
+    pub slots: Vec<(Position, Links)>,
+    /// What it takes [J]; 0 without a battery.
+    pub energy_j: f64,
+}
+
+/// What the way home from a place takes at the speed of least energy.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Return {
+    slots: f64,
+    energy_j: f64,
+}
+
+/// The places of a mission. All that it keeps follows from the mission.
+pub struct Places {
+    /// The mission.
+    pub table: MissionTable,
+    altitude_m: f64,
+    links: HashMap<Key, Links>,
+    legs: HashMap<(Key, Key), Option<Arc<Leg>>>,
+    returns: HashMap<Key, Return>,
+    /// The best cells for an SN, by id; empty without a grid.
+    cells: HashMap<u32, Arc<[Position]>>,
+}
+
+fn key(place: &Position) -> Key {
+    [place.x.to_bits(), place.y.to_bits()]
+}
+
+/// Whether a UAV at `at` is at `place` [m].
+#[must_use]
+pub fn is_there(at: &Position, place: &Position) -> bool {
+    distance_squared(at, place) <= THERE_M * THERE_M
+}
+
+impl Places {
+    /// Those of a scenario.
+    #[must_use]
+    pub fn new(scenario: &Scenario, table: &MissionTable) -> Self {
+        Self {
+            table: table.clone(),
+            altitude_m: scenario.uav.altitude_m,
+            links: HashMap::new(),
+            legs: HashMap::new(),
+            returns: HashMap::new(),
+            cells: HashMap::new(),
+        }
+    }
+
+    /// Number of SNs.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.table.sensors.count()
+    }
+
+    /// The links to a UAV at `place` [m].
+    pub fn links(&mut self, place: &Position) -> Links {
+        if let Some(links) = self.links.get(&key(place)) {
+            return Arc::clone(links);
+        }
+        let Self { table, altitude_m, .. } = self;
+        let uav = above(place, *altitude_m);
+        let mut links = Vec::new();
+        table.sensors.grid.visit_within(place, table.limits.comm_radius_m, |node| {
+            let gain = table.sensors.gains[node.id as usize];
+            let uplink = table.channel.uplink(gain, table.sensors.position(node.id), &uav);
+            let bits = table.channel.capacity_bits(table.channel.expected_rate_bps(&uplink));
+            links.extend((bits > 0).then_some((node.id, bits as f64)));
+        });
+        links.sort_unstable_by_key(|(id, _)| *id);
+        let links: Links = links.into();
+        if self.links.len() >= MOST_KEPT {
+            self.links.clear();
+        }
+        self.links.insert(key(place), Arc::clone(&links));
+        links
+    }
+
+    /// Bits that the link of SN `sensor` carries to a UAV at `place` in a slot [bit].
+    pub fn link_bits(&mut self, sensor: u32, place: &Position) -> f64 {
+        let links = self.links(place);
+        links.iter().find(|(id, _)| *id == sensor).map_or(0.0, |(_, bits)| *bits)
+    }
+
+    /// The way from `from` to `to` [m]; `None` if there is none.
+    pub fn leg(&mut self, from: &Position, to: &Position) -> Option<Arc<Leg>> {
+        let keys = (key(from), key(to));
+        if let Some(leg) = self.legs.get(&keys) {
+            return leg.clone();
+        }
+        let leg = self.slot_ends(from, to).map(|ends| Arc::new(self.leg_along(from, &ends)));
+        if self.legs.len() >= MOST_KEPT {
+            self.legs.clear();
+        }
+        self.legs.insert(keys, leg.clone());
+        leg
+    }
+
+    /// The ends of the slots of a flight from `from` to `to` [m], which begins with a move on a grid.
+    fn slot_ends(&self, from: &Position, to: &Position) -> Option<Vec<Position>> {
+        let mut ends: Vec<Position> = Vec::new();
+        let mut at = *from;
+        while !is_there(&at, to) {
+            let end = self.step(ends.len() as u64 + 1, &at, to);
+            // Two slots that end in the same place lead nowhere.
+            if ends.len() as u64 >= self.table.limits.slots || ends.last() == Some(&end) || end == *from {
+                return None;
+            }
+            ends.push(end);
+            at = end;
+        }
+        Some(ends)
+    }
+
+    /// The end of a slot from `from` to `to` [m]: a straight way is flown in equal steps. `slot` counts from the begin of a
+    /// move on a grid.
+    #[must_use]
+    pub fn step(&self, slot: u64, from: &Position, to: &Position) -> Position {
+        let MissionTable { airspace, limits, .. } = &self.table;
+        if airspace.has_grid() || !airspace.is_free(from, to) {
+            return match airspace.has_grid() {
+                true => airspace.slot_end(slot, from, to, limits.reach_m),
+                false => airspace.toward(from, to, limits.reach_m),
+            };
+        }
+        let slots = ((to - from).norm() / limits.reach_m - SLACK_SLOTS).ceil().max(1.0);
+        if slots == 1.0 { *to } else { from + (to - from) / slots }
+    }
+
+    fn leg_along(&mut self, from: &Position, ends: &[Position]) -> Leg {
+        let battery = self.table.home.as_ref().and_then(|home| home.battery);
+        let begins = std::iter::once(from).chain(ends);
+        let energy_j =
+            begins.zip(ends).map(|(from, to)| battery.map_or(0.0, |battery| battery.slot_j((to - from).norm()))).sum();
+        Leg { slots: ends.iter().map(|end| (*end, self.links(end))).collect(), energy_j }
+    }
+
+    /// The way home from `from` after `slot`; empty in the base.
+    pub fn way_home(&mut self, slot: u64, from: &Position) -> Option<Arc<Leg>> {
+        let home = self.table.home.as_ref()?;
+        if home.battery.is_none() || self.table.airspace.has_grid() {
+            let end = home.end_of(from);
+            return self.leg(from, &end);
+        }
+        let ends = match home.slot_ends(slot + 1, from) {
+            WayHome::Straight { slots, .. } if slots > self.table.limits.slots as f64 => return None,
+            WayHome::Straight { slots, end } => {
+                let step = |step: u64| from + (end - from) * (step as f64 / slots);
+                (1..=slots as u64).map(|index| if index as f64 == slots { end } else { step(index) }).collect()
+            }
+            WayHome::Bent(ends) => ends,
+        };
+        Some(Arc::new(self.leg_along(from, &ends)))
+    }
+
+    /// Whether a UAV with `energy_j` at `place` after `slot` comes home in time and with its reserve.
+    pub fn is_in_reach(&mut self, slot: u64, energy_j: f64, place: &Position) -> bool {
+        let Some(home) = &self.table.home else { return true };
+        let Return { slots, energy_j: way_j } = match self.returns.get(&key(place)) {
+            Some(found) => *found,
+            None => {
+                let (slots, energy_j) = home.thrifty_way(place);
+                if self.returns.len() >= MOST_KEPT {
+                    self.returns.clear();
+                }
+                self.returns.insert(key(place), Return { slots, energy_j });
+                Return { slots, energy_j }
+            }
+        };
+        let left = home.left_after(slot) as f64;
+        match home.battery {
+            None => slots <= left,
+            Some(battery) if slots <= left => energy_j - way_j - battery.reserve_j >= 0.0,
+            Some(_) => home.is_in_reach(slot, energy_j, place), // perhaps faster
+        }
+    }
+
+    /// A place from which to serve SN `sensor`, drawn by chance; `None` if the draw is no such place.
+    pub fn draw(&mut self, sensor: u32, random: &mut ChaCha8Rng) -> Option<Position> {
+        if self.table.airspace.has_grid() {
+            let cells = self.cells(sensor);
+            return (!cells.is_empty()).then(|| cells[below(random, cells.len())]);
+        }
+        let centre = *self.table.sensors.position(sensor);
+        let radius_m = self.table.limits.comm_radius_m * fraction(random).powi(2);
+        let (sin, cos) = (fraction(random) * std::f64::consts::TAU).sin_cos();
+        let place = centre + Vector2::new(cos, sin) * if below(random, 3) == 0 { 0.0 } else { radius_m };
+        let place = self.table.airspace.nearest(&self.table.clamp_to_area(&place));
+        (self.link_bits(sensor, &place) > 0.0).then_some(place)
+    }
+
+    /// The places from which to serve SN `sensor` first: on a grid the best cells, otherwise as near as possible.
+    pub fn first(&mut self, sensor: u32, most: usize) -> Vec<Position> {
+        if self.table.airspace.has_grid() {
+            return self.cells(sensor).iter().take(most).copied().collect();
+        }
+        let place = self.table.airspace.nearest(self.table.sensors.position(sensor));
+        if self.link_bits(sensor, &place) > 0.0 { vec![place] } else { Vec::new() }
+    }
+
+    /// A place beside `place`: a neighbouring cell of a grid, or up to a slot away.
+    #[must_use]
+    pub fn beside(&self, place: &Position, random: &mut ChaCha8Rng) -> Position {
+        let MissionTable { airspace, limits, .. } = &self.table;
+        let away = if airspace.has_grid() {
+            let [x, y] = [[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]][below(random, 4)];
+            Vector2::new(x, y) * (limits.reach_m * airspace.move_slots() as f64)
+        } else {
+            let (sin, cos) = (fraction(random) * std::f64::consts::TAU).sin_cos();
+            Vector2::new(cos, sin) * (limits.reach_m * fraction(random))
+        };
+        airspace.nearest(&self.table.clamp_to_area(&(place + away)))
+    }
+
+    /// The cells from which the link of SN `sensor` carries most, best first.
+    fn cells(&mut self, sensor: u32) -> Arc<[Position]> {
+        if let Some(cells) = self.cells.get(&sensor) {
+            return Arc::clone(cells);
+        }
+        let centre = *self.table.sensors.position(sensor);
+        let mut near: Vec<Position> = self.table.airspace.cells().collect();
+        near.sort_by(|a, b| distance_squared(a, &centre).total_cmp(&distance_squared(b, &centre)));
+        near.truncate(NEAR_CELLS);
+        let mut rated: Vec<(f64, Position)> =
+            near.into_iter().map(|cell| (self.link_bits(sensor, &cell), cell)).filter(|(bits, _)| *bits > 0.0).collect();
+        rated.sort_by(|(a, _), (b, _)| b.total_cmp(a));
+        let cells: Arc<[Position]> = rated.into_iter().take(CELLS).map(|(_, cell)| cell).collect();
+        self.cells.insert(sensor, Arc::clone(&cells));
+        cells
+    }
+}

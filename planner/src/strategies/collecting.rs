@@ -1,0 +1,78 @@
+//! `horizon` and `offline` with `planner.objective = "collect"`: the plan that delivers most until the mission's end.
+//!
+//! The plan is left to [`crate::collect`].
+
+use std::time::Instant;
+
+use nalgebra::Point3;
+use skysink_common::checkpoint::{Checkpoint, CheckpointError};
+use skysink_common::geometry::above;
+use skysink_common::message::MAX_PATH_POINTS;
+
+use super::returning::stay;
+use super::serving::Serving;
+use crate::collect::Collector;
+use crate::collect::flight::Next;
+use crate::horizon::HorizonKeys;
+use crate::strategy::{Decision, Setup, Strategy, View};
+
+/// A plan over the rest of the mission, improved before every decision.
+pub(crate) struct Collecting {
+    collector: Collector,
+    serving: Serving,
+    keys: HorizonKeys,
+    /// Steps of the first search.
+    first_steps: u64,
+    /// The planned waypoints after the last decided one.
+    path: Vec<Point3<f64>>,
+}
+
+impl Collecting {
+    /// A search of `first_steps` steps before the first slot, and of as many as `keys` say before every other one.
+    pub fn new(setup: &Setup, keys: HorizonKeys, first_steps: u64) -> Self {
+        let collector = Collector::new(setup, keys.window);
+        Self { collector, serving: Serving::new(setup), keys, first_steps, path: Vec::with_capacity(MAX_PATH_POINTS) }
+    }
+}
+
+impl Strategy for Collecting {
+    fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
+        let ground = view.ground();
+        if let Some(end) = view.table.airspace.under_way(view.slot, &ground) {
+            return Some(self.serving.serve_most(view, &end));
+        }
+        let budget = self.keys.budget(view).map(|budget| (Instant::now(), budget));
+        let is_over = || {
+            view.stop.requested().is_some() || budget.is_some_and(|(begin, budget)| begin.elapsed() >= budget)
+        };
+        let steps = if self.collector.is_planned() { u64::from(self.keys.iterations) } else { self.first_steps };
+        let next = self.collector.plan(view, steps, &is_over);
+        let home = view.table.home.as_ref();
+        let is_home = home.is_some_and(|home| home.base.contains(&ground));
+        let waypoint = match next {
+            Next::Charges => return Some(stay(view)),
+            Next::Returns if is_home && home.is_some_and(|home| home.battery.is_some()) => return Some(stay(view)),
+            Next::Returns => home.map_or(ground, |home| home.next_waypoint(view.slot, &ground)),
+            Next::Flies(end) => end,
+        };
+        let decision = self.serving.serve_most(view, &waypoint);
+        self.path.clear();
+        let path = self.collector.path(view, &waypoint, MAX_PATH_POINTS - 1);
+        self.path.extend(path.iter().map(|point| above(point, decision.waypoint.z)));
+        Some(decision)
+    }
+
+    fn path(&self) -> &[Point3<f64>] {
+        &self.path
+    }
+}
+
+impl Checkpoint for Collecting {
+    fn save(&self, bytes: &mut Vec<u8>) {
+        self.collector.save(bytes);
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
+        self.collector.restore(bytes)
+    }
+}
