@@ -17,7 +17,7 @@ use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::Mission;
 use skysink_planner::bound::{MissionBound, mission_bound};
-use skysink_planner::settings::{Knowledge, Rates, change};
+use skysink_planner::settings::{Knowledge, PlanningObjective, Rates, Settings, change};
 use skysink_planner::strategies::STRATEGIES;
 use skysink_planner::strategies::offline::{self, MAX_STEPS, Offline, OfflineKeys};
 use skysink_planner::strategy::{OwnedSetup, Registered};
@@ -165,6 +165,10 @@ pub fn optimize(
     let is_offline = |scenario: &&Scenario| scenario.planner.strategy == offline::STRATEGY.name;
     let others = || scenarios.iter().filter(|scenario| !is_offline(scenario));
     let offline = scenarios.iter().find(is_offline).expect("the mission with every strategy");
+    if Settings::of(offline)?.objective == PlanningObjective::Collect {
+        let expected = "\"loss\": the flight of least loss is searched";
+        return Err(offline.refusal("planner.objective", &"collect".into(), expected).into());
+    }
     let list = SensorList::of(offline)?;
     let steps = budget.steps.map_or_else(|| steps_in(budget.time, offline, &list, stop), Ok)?;
     let offline = with_search(offline, steps)?;

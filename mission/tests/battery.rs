@@ -80,6 +80,7 @@ fn scenario(seed: u64) -> Scenario {
     let capacity_j = [8_000.0, 15_000.0, 40_000.0][seed as usize / 5 % 3];
     let charge_w = [0.0, 200.0, 1_000.0][seed as usize / 7 % 3];
     let knowledge = ["oracle", "estimated"][seed as usize / 11 % 2];
+    let objective = ["loss", "collect"][seed as usize / names.len() % 2];
     let must_land = seed.is_multiple_of(2);
     let areas = if seed % 4 < 2 {
         String::new()
@@ -90,7 +91,8 @@ fn scenario(seed: u64) -> Scenario {
     let text = format!(
         "name = 'x'\nseed = {seed}\nslots = 150\n[area]\nside_m = {side_m:?}\n[sensors]\ncount = 40\n\
          sampling_bps = [100.0, 900.0]\n[base]\n{areas}charge_w = {charge_w:?}\n[uav]\nmust_land = {must_land}\n[uav.battery]\n\
-         capacity_j = {capacity_j:?}\n[planner]\nknowledge = '{knowledge}'\nhorizon.iterations = 20\noffline.steps = 2000\n"
+         capacity_j = {capacity_j:?}\n[planner]\nknowledge = '{knowledge}'\nobjective = '{objective}'\n\
+         horizon.iterations = 20\noffline.steps = 2000\n"
     );
     let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
     Scenario::parse(&text, Path::new("x.toml"), overrides).and_then(settings::resolve).unwrap()

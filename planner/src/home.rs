@@ -203,9 +203,9 @@ impl Home {
             return (f64::INFINITY, 0.0);
         }
         let flown = pieces.iter().filter(|piece| piece.slots > 0.0);
-        let way_j = self.battery.map_or(0.0, |battery| {
-            flown.map(|piece| piece.slots * battery.slot_j(piece.length_m / piece.slots)).sum()
-        });
+        let way_j = self
+            .battery
+            .map_or(0.0, |battery| flown.map(|piece| piece.slots * battery.slot_j(piece.length_m / piece.slots)).sum());
         (slots_of(&pieces), way_j)
     }
 

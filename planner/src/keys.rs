@@ -22,7 +22,7 @@ skysink_common::keys! {
         /// Knowledge of the sampling rates; `"learnt"` needs `knowledge = "estimated"`.
         rates: Rates = "known", Accepts::OneOf(Rates::VARIANTS);
         /// What `horizon` and `offline` plan for: the least loss, or the most data delivered until the mission's end.
-        objective: Objective = "loss", Accepts::OneOf(Objective::VARIANTS);
+        objective: PlanningObjective = "loss", Accepts::OneOf(PlanningObjective::VARIANTS);
     }
 }
 
@@ -62,7 +62,7 @@ pub enum Knowledge {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, VariantNames)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
-pub enum Objective {
+pub enum PlanningObjective {
     /// The least data lost.
     Loss,
     /// The most data delivered until the mission's end, wherever nothing, or little, is sampled.

@@ -10,7 +10,7 @@ use skysink_common::scenario::Scenario;
 use toml::Table;
 
 use crate::home::Home;
-pub use crate::keys::{Knowledge, Objective, Settings};
+pub use crate::keys::{Knowledge, PlanningObjective, Settings};
 use crate::strategies::{PYTHON, STRATEGIES, one_of};
 use crate::strategy::{Registered, StrategyKeys};
 pub use crate::waypoint::WaypointSolver;

@@ -199,7 +199,7 @@ def arguments():
     parser.add_argument("--map", action="append", choices=sorted(PAPER), help="both unless given")
     parser.add_argument("--missions", type=int, default=1000, help="random missions, of which those of one UAV are flown")
     parser.add_argument("--seed", type=int, default=7, help="mission e is drawn from the seed 100000 S + e")
-    parser.add_argument("--iterations", type=int, default=300, help="planner.horizon.iterations")
+    parser.add_argument("--iterations", type=int, default=1000, help="planner.horizon.iterations")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     parser.add_argument("--actions", type=Path, help="write the actions of each map into this folder")
     return parser.parse_args()

@@ -13,6 +13,7 @@ use skysink_planner::bound::field_bits::FieldBits;
 use skysink_planner::bound::links::BestLinks;
 use skysink_planner::bound::paths::PathBound;
 use skysink_planner::mission_table::MissionTable;
+use skysink_planner::settings::{PlanningObjective, Settings};
 
 use super::arrivals::ArrivalFigures;
 use super::energy::EnergyFigures;
@@ -32,6 +33,9 @@ const MAX_SAMPLED: usize = 50_000;
 pub struct Figures {
     /// The strategy that the scenario names.
     pub strategy: String,
+    /// What plans over many slots are made for; `None` for the least loss.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub objective: Option<PlanningObjective>,
     /// Number of SNs, `N`.
     pub sensors: usize,
     /// Number of slots, `T`.
@@ -98,6 +102,8 @@ impl Figures {
         let bounds = Bounds { table: &table, field: &field, links, above, paths: PathBound::by_legs(&table) };
         Ok(Self {
             strategy: scenario.planner.strategy.clone(),
+            objective: Some(Settings::of(scenario)?.objective)
+                .filter(|objective| *objective != PlanningObjective::Loss),
             sensors: nodes.len(),
             slots: scenario.slots,
             reach_m,

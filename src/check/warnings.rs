@@ -93,10 +93,16 @@ fn missed_base(figures: &Figures) -> Option<String> {
 
 /// No strategy can lose anything.
 fn unserved(figures: &Figures) -> Option<String> {
-    (figures.loss_free == LossFree::Unserved).then(|| {
-        "no buffer overflows within the mission, even if no sensor node is served: no strategy loses data; use more slots"
-            .to_owned()
-    })
+    let advice = match figures.fill_slots {
+        Some(_) => {
+            "no buffer overflows within the mission, even if no sensor node is served: no strategy loses data; use more slots"
+        }
+        None => {
+            "no sensor node samples: no strategy loses data; planner.objective = \"collect\" lets horizon and offline plan \
+             for what is delivered"
+        }
+    };
+    (figures.loss_free == LossFree::Unserved && figures.objective.is_none()).then(|| advice.to_owned())
 }
 
 /// Fraction of the mean from which on a mission that samples more or less has probably been told another mean.

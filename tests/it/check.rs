@@ -67,6 +67,21 @@ fn the_figures_are_json_too() {
 }
 
 #[test]
+fn where_nothing_is_sampled_the_objective_is_to_collect() {
+    let place = Place::new();
+    place.write("a.toml", "name = \"a\"\nslots = 50\n[sensors]\nsampling_bps = 0.0\n");
+    let ended = place.run_ok(&["check", "a.toml"]);
+    assert!(ended.stderr.contains("no sensor node samples") && ended.stderr.contains("objective"), "{}", ended.stderr);
+    assert!(!ended.stdout.contains("most data delivered"), "{}", ended.stdout);
+    let collecting = place.run_ok(&["check", "a.toml", "--set", "planner.objective=collect"]);
+    assert!(!collecting.stderr.contains("loses data"), "{}", collecting.stderr);
+    assert!(collecting.stdout.contains("the most data delivered until the end"), "{}", collecting.stdout);
+    let refused = place.run(&["optimize", "a.toml", "--steps", "10", "--set", "planner.objective=collect"]);
+    assert_eq!(refused.code, Some(2));
+    assert!(refused.stderr.contains("planner.objective = \"collect\": expected \"loss\""), "{}", refused.stderr);
+}
+
+#[test]
 fn uts_is_in_transit_where_its_anchor_radius_is_not_positive() {
     let place = Place::new();
     for (speed_mps, is_said) in [(8.0, true), (10.0, true), (20.0, false)] {

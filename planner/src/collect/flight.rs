@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use skysink_common::geometry::Position;
 
-use super::places::{Leg, Links, Places, is_there};
+use super::places::{Links, Places, Way, is_there};
 use crate::strategy::View;
 
 /// What a slot in the air costs, as a fraction of all data: of plans that deliver the same the shortest is best.
@@ -13,7 +13,7 @@ const SLOT_COST: f64 = 1e-6;
 
 /// A stop of a plan.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Stop {
+pub struct PlannedStop {
     /// Where the UAV stops [m].
     pub place: Position,
     /// The SN that it hovers for, until its queue is empty.
@@ -79,6 +79,8 @@ struct State {
     uploads: usize,
     /// Whether the stop before began with a way home.
     is_by_base: bool,
+    /// Hovers at the stop before.
+    hovers: u32,
 }
 
 /// A plan as flown.
@@ -91,7 +93,7 @@ struct Trace {
 }
 
 /// Flies plans.
-pub struct Flight<'a> {
+pub struct PlanFlight<'a> {
     window: Window,
     /// Links and ways.
     pub places: &'a mut Places,
@@ -119,7 +121,8 @@ impl Window {
         let begun: Vec<Queue> =
             view.belief.queues_bits.iter().map(|&bits| Queue { bits: f64::from(bits), slot }).collect();
         let slots = last.saturating_sub(slot) as f64;
-        let all_bits = nodes.iter().zip(&begun).map(|(node, queue)| node.weight * (queue.bits + slots * node.mean_bits));
+        let all_bits =
+            nodes.iter().zip(&begun).map(|(node, queue)| node.weight * (queue.bits + slots * node.mean_bits));
         let begin = State {
             at: view.ground(),
             slot,
@@ -131,13 +134,14 @@ impl Window {
             delivered_bits: 0.0,
             uploads: 0,
             is_by_base: false,
+            hovers: 0,
         };
         let has_sampling = nodes.iter().any(|node| node.mean_bits > 0.0);
         Self { all_bits: all_bits.sum(), nodes, begun, begin, last, has_sampling }
     }
 }
 
-impl<'a> Flight<'a> {
+impl<'a> PlanFlight<'a> {
     /// No stops.
     #[must_use]
     pub fn new(window: Window, places: &'a mut Places) -> Self {
@@ -226,7 +230,7 @@ impl<'a> Flight<'a> {
     }
 
     /// Flies along `leg`, which ends at `end`.
-    fn fly(&mut self, leg: &Leg, end: &Position) {
+    fn fly(&mut self, leg: &Way, end: &Position) {
         for (_, links) in &leg.slots {
             self.serve(links);
         }
@@ -235,14 +239,14 @@ impl<'a> Flight<'a> {
     }
 
     /// Whether `leg` ends within the window, and leaves a way home from `end`.
-    fn leaves_a_way_home(&mut self, leg: &Leg, end: &Position) -> bool {
+    fn leaves_a_way_home(&mut self, leg: &Way, end: &Position) -> bool {
         let slot = self.state.slot + leg.slots.len() as u64;
         slot <= self.window.last && self.places.is_in_reach(slot, self.state.energy_j - leg.energy_j, end)
     }
 
     /// Flies to `stop` and hovers there; does nothing if that leaves no way home, even with charging first.
-    fn fly_to(&mut self, stop: &Stop) {
-        self.state.is_by_base = false;
+    fn fly_to(&mut self, stop: &PlannedStop) {
+        (self.state.is_by_base, self.state.hovers) = (false, 0);
         let Some(leg) = self.places.leg(&self.state.at, &stop.place) else { return };
         if self.leaves_a_way_home(&leg, &stop.place) {
             self.fly(&leg, &stop.place);
@@ -264,11 +268,12 @@ impl<'a> Flight<'a> {
             }
             (0..moves).for_each(|_| self.serve(&links));
             self.state.energy_j -= hover_j;
+            self.state.hovers += 1;
         }
     }
 
     /// Flies home, charges and flies to `stop`; whether that is possible.
-    fn fly_by_base(&mut self, stop: &Stop) -> bool {
+    fn fly_by_base(&mut self, stop: &PlannedStop) -> bool {
         let Some(home) = self.places.table.home.clone() else { return false };
         let Some(battery) = home.battery.filter(|battery| battery.is_charged()) else { return false };
         let Some(way) = self.places.way_home(self.state.slot, &self.state.at) else { return false };
@@ -313,7 +318,7 @@ impl<'a> Flight<'a> {
 
     /// The value of a plan of `stops`, of which the first `same` are those of the kept plan: what it delivers, weighted
     /// [bit], less a little for every slot.
-    pub fn attempt(&mut self, stops: &[Stop], same: usize) -> f64 {
+    pub fn attempt(&mut self, stops: &[PlannedStop], same: usize) -> f64 {
         let state = self.kept.states[same];
         self.tried.states.clear();
         self.tried.states.extend_from_slice(&self.kept.states[..=same]);
@@ -331,14 +336,26 @@ impl<'a> Flight<'a> {
         self.end()
     }
 
-    /// Keeps the plan of the last attempt.
-    pub fn keep(&mut self) {
+    /// Keeps the plan of the last attempt, `stops`: without those that take no slot, and with the hovers that it takes.
+    pub fn keep(&mut self, stops: &mut Vec<PlannedStop>) {
         std::mem::swap(&mut self.kept, &mut self.tried);
+        let states = &mut self.kept.states;
+        let mut kept = 0;
+        for index in 0..stops.len() {
+            let after = states[index + 1];
+            if after.slot > states[kept].slot {
+                stops[kept] = PlannedStop { hovers: after.hovers, ..stops[index] };
+                states[kept + 1] = after;
+                kept += 1;
+            }
+        }
+        stops.truncate(kept);
+        states.truncate(kept + 1);
     }
 
     /// What a plan of `stops` does first, and the index of the stop that it does it for; as many as there are for the way
     /// home.
-    pub fn first(&mut self, stops: &[Stop]) -> (Next, usize) {
+    pub fn first(&mut self, stops: &[PlannedStop]) -> (Next, usize) {
         self.attempt(stops, 0);
         let begin = self.window.begin;
         for (index, stop) in stops.iter().enumerate() {
@@ -350,7 +367,7 @@ impl<'a> Flight<'a> {
                 let is_home = self.places.way_home(begin.slot, &begin.at).is_some_and(|way| way.slots.is_empty());
                 return (if is_home { Next::Charges } else { Next::Returns }, index);
             }
-            let leg: Option<Arc<Leg>> = self.places.leg(&begin.at, &stop.place);
+            let leg: Option<Arc<Way>> = self.places.leg(&begin.at, &stop.place);
             let end = leg.and_then(|leg| leg.slots.first().map(|(end, _)| *end));
             return (Next::Flies(end.unwrap_or(begin.at)), index);
         }

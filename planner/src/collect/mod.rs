@@ -13,8 +13,6 @@
 pub mod flight;
 pub mod places;
 pub mod search;
-#[cfg(test)]
-mod tests;
 
 use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
@@ -22,12 +20,12 @@ use skysink_common::geometry::Position;
 use skysink_common::random::{Purpose, Streams};
 
 use crate::strategy::{Setup, View};
-use flight::{Flight, Next, Stop, Window};
+use flight::{Next, PlanFlight, PlannedStop, Window};
 use places::Places;
-use search::Search;
+use search::PlanSearch;
 
 /// Temperature of the first search, in parts of the mean data of an SN.
-const FIRST_TEMPERATURE: f64 = 0.1;
+const FIRST_TEMPERATURE: f64 = 0.3;
 
 /// The same of a search that improves a plan.
 const LATER_TEMPERATURE: f64 = 0.02;
@@ -42,7 +40,7 @@ pub struct Collector {
     /// Longest planning window [slots].
     window_slots: u64,
     /// The remaining stops; `None` before the first search.
-    stops: Option<Vec<Stop>>,
+    stops: Option<Vec<PlannedStop>>,
 }
 
 /// A stop as it is saved: place [m], SN and most hovers.
@@ -76,13 +74,13 @@ impl Collector {
     /// does first, and keeps the rest. The result depends only on the view and the plan, unless `is_over` ends the search.
     pub fn plan(&mut self, view: &View, steps: u64, is_over: &dyn Fn() -> bool) -> Next {
         let last = view.table.limits.slots.min(view.slot.saturating_add(self.window_slots - 1));
-        let mut flight = Flight::new(Window::of(view, last), &mut self.places);
+        let mut flight = PlanFlight::new(Window::of(view, last), &mut self.places);
         let mut random = self.streams.stream(Purpose::Collect, view.slot, 0);
         let (begun, temperature) = match self.stops.take() {
             Some(stops) => (Some(stops), LATER_TEMPERATURE),
             None => (None, FIRST_TEMPERATURE),
         };
-        let mut search = Search { flight: &mut flight, random: &mut random, is_over };
+        let mut search = PlanSearch { flight: &mut flight, random: &mut random, is_over };
         let begun = begun.unwrap_or_else(|| search.insert_all());
         let mut stops = search.anneal(begun, steps, temperature);
         let (next, first) = flight.first(&stops);
@@ -118,7 +116,7 @@ impl Collector {
 
 impl Checkpoint for Collector {
     fn save(&self, bytes: &mut Vec<u8>) {
-        let saved = |stop: &Stop| (stop.place.into(), stop.sensor, stop.hovers);
+        let saved = |stop: &PlannedStop| (stop.place.into(), stop.sensor, stop.hovers);
         encode(&Saved { stops: self.stops.as_ref().map(|stops| stops.iter().map(saved).collect()) }, bytes);
     }
 
@@ -129,7 +127,7 @@ impl Checkpoint for Collector {
             (*sensor as usize) < count && place.iter().all(|coordinate_m| coordinate_m.is_finite())
         };
         CheckpointError::ensure(stops.iter().flatten().all(is_known), "stops of this field")?;
-        let stop = |(place, sensor, hovers): SavedStop| Stop { place: place.into(), sensor, hovers };
+        let stop = |(place, sensor, hovers): SavedStop| PlannedStop { place: place.into(), sensor, hovers };
         self.stops = stops.map(|stops| stops.into_iter().map(stop).collect());
         Ok(())
     }

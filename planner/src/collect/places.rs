@@ -33,7 +33,7 @@ type Key = [u64; 2];
 
 /// The way between two places.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Leg {
+pub struct Way {
     /// Where its slots end [m], and the links there.
     pub slots: Vec<(Position, Links)>,
     /// What it takes [J]; 0 without a battery.
@@ -53,7 +53,7 @@ pub struct Places {
     pub table: MissionTable,
     altitude_m: f64,
     links: HashMap<Key, Links>,
-    legs: HashMap<(Key, Key), Option<Arc<Leg>>>,
+    legs: HashMap<(Key, Key), Option<Arc<Way>>>,
     returns: HashMap<Key, Return>,
     /// The best cells for an SN, by id; empty without a grid.
     cells: HashMap<u32, Arc<[Position]>>,
@@ -119,7 +119,7 @@ impl Places {
     }
 
     /// The way from `from` to `to` [m]; `None` if there is none.
-    pub fn leg(&mut self, from: &Position, to: &Position) -> Option<Arc<Leg>> {
+    pub fn leg(&mut self, from: &Position, to: &Position) -> Option<Arc<Way>> {
         let keys = (key(from), key(to));
         if let Some(leg) = self.legs.get(&keys) {
             return leg.clone();
@@ -163,16 +163,16 @@ impl Places {
         if slots == 1.0 { *to } else { from + (to - from) / slots }
     }
 
-    fn leg_along(&mut self, from: &Position, ends: &[Position]) -> Leg {
+    fn leg_along(&mut self, from: &Position, ends: &[Position]) -> Way {
         let battery = self.table.home.as_ref().and_then(|home| home.battery);
         let begins = std::iter::once(from).chain(ends);
         let energy_j =
             begins.zip(ends).map(|(from, to)| battery.map_or(0.0, |battery| battery.slot_j((to - from).norm()))).sum();
-        Leg { slots: ends.iter().map(|end| (*end, self.links(end))).collect(), energy_j }
+        Way { slots: ends.iter().map(|end| (*end, self.links(end))).collect(), energy_j }
     }
 
     /// The way home from `from` after `slot`; empty in the base.
-    pub fn way_home(&mut self, slot: u64, from: &Position) -> Option<Arc<Leg>> {
+    pub fn way_home(&mut self, slot: u64, from: &Position) -> Option<Arc<Way>> {
         let home = self.table.home.as_ref()?;
         if home.battery.is_none() || self.table.airspace.has_grid() {
             let end = home.end_of(from);
@@ -257,8 +257,11 @@ impl Places {
         let mut near: Vec<Position> = self.table.airspace.cells().collect();
         near.sort_by(|a, b| distance_squared(a, &centre).total_cmp(&distance_squared(b, &centre)));
         near.truncate(NEAR_CELLS);
-        let mut rated: Vec<(f64, Position)> =
-            near.into_iter().map(|cell| (self.link_bits(sensor, &cell), cell)).filter(|(bits, _)| *bits > 0.0).collect();
+        let mut rated: Vec<(f64, Position)> = near
+            .into_iter()
+            .map(|cell| (self.link_bits(sensor, &cell), cell))
+            .filter(|(bits, _)| *bits > 0.0)
+            .collect();
         rated.sort_by(|(a, _), (b, _)| b.total_cmp(a));
         let cells: Arc<[Position]> = rated.into_iter().take(CELLS).map(|(_, cell)| cell).collect();
         self.cells.insert(sensor, Arc::clone(&cells));

@@ -4,7 +4,7 @@ use rand_chacha::ChaCha8Rng;
 use skysink_common::geometry::Position;
 use skysink_common::random::{below, fraction};
 
-use super::flight::{Flight, Stop};
+use super::flight::{PlanFlight, PlannedStop};
 
 /// Temperature at the end of a search, in parts of the mean data of an SN.
 const LAST_TEMPERATURE: f64 = 1e-3;
@@ -22,30 +22,30 @@ const MOST_HOVERS: u32 = 60;
 const CHECK_STEPS: u64 = 8;
 
 /// A search.
-pub struct Search<'a, 'b> {
+pub struct PlanSearch<'a, 'b> {
     /// What plans deliver.
-    pub flight: &'a mut Flight<'b>,
+    pub flight: &'a mut PlanFlight<'b>,
     /// Its random numbers.
     pub random: &'a mut ChaCha8Rng,
     /// Ends it early.
     pub is_over: &'a dyn Fn() -> bool,
 }
 
-impl Search<'_, '_> {
+impl PlanSearch<'_, '_> {
     /// A first plan: a stop for each SN, the fullest first, where the plan then delivers most.
-    pub fn insert_all(&mut self) -> Vec<Stop> {
-        let mut stops: Vec<Stop> = Vec::new();
+    pub fn insert_all(&mut self) -> Vec<PlannedStop> {
+        let mut stops: Vec<PlannedStop> = Vec::new();
         let mut value = self.flight.attempt(&stops, 0);
-        self.flight.keep();
+        self.flight.keep(&mut stops);
         let mut open = self.flight.open();
         open.sort_by(|a, b| self.flight.begun_bits(*b).total_cmp(&self.flight.begun_bits(*a)));
         for sensor in open {
             if (self.is_over)() {
                 break;
             }
-            let mut best: Option<(f64, usize, Stop)> = None;
+            let mut best: Option<(f64, usize, PlannedStop)> = None;
             for place in self.flight.places.first(sensor, FIRST_PLACES) {
-                let stop = Stop { place, sensor, hovers: self.hovers(sensor, &place) };
+                let stop = PlannedStop { place, sensor, hovers: self.hovers(sensor, &place) };
                 for index in self.by_detour(&stops, &place).into_iter().take(FIRST_POSITIONS) {
                     stops.insert(index, stop);
                     let found = self.flight.attempt(&stops, index);
@@ -58,7 +58,7 @@ impl Search<'_, '_> {
             if let Some((found, index, stop)) = best {
                 stops.insert(index, stop);
                 self.flight.attempt(&stops, index);
-                self.flight.keep();
+                self.flight.keep(&mut stops);
                 value = found;
             }
         }
@@ -66,7 +66,7 @@ impl Search<'_, '_> {
     }
 
     /// The indices at which `place` may be inserted, by the length that it adds.
-    fn by_detour(&self, stops: &[Stop], place: &Position) -> Vec<usize> {
+    fn by_detour(&self, stops: &[PlannedStop], place: &Position) -> Vec<usize> {
         let at = |index: usize| index.checked_sub(1).map_or(self.flight.begin(), |index| stops[index].place);
         let detour_m = |index: usize| {
             let before = at(index);
@@ -88,14 +88,15 @@ impl Search<'_, '_> {
     }
 
     /// The best plan that up to `steps` changes of `stops` lead to, from a temperature in parts of the mean data of an SN.
-    pub fn anneal(&mut self, mut stops: Vec<Stop>, steps: u64, temperature: f64) -> Vec<Stop> {
+    pub fn anneal(&mut self, mut stops: Vec<PlannedStop>, steps: u64, temperature: f64) -> Vec<PlannedStop> {
         let mut value = self.flight.attempt(&stops, 0);
-        self.flight.keep();
+        self.flight.keep(&mut stops);
         let open = self.flight.open();
         if open.is_empty() {
             return stops;
         }
         let mean_bits = self.flight.mean_bits();
+
         let mut best = (value, stops.clone());
         let mut changed = stops.clone();
         for step in 0..steps {
@@ -110,7 +111,7 @@ impl Search<'_, '_> {
             if found < value + limit_bits * fraction(self.random).ln() {
                 continue;
             }
-            self.flight.keep();
+            self.flight.keep(&mut changed);
             std::mem::swap(&mut stops, &mut changed);
             value = found;
             if value > best.0 {
@@ -122,18 +123,19 @@ impl Search<'_, '_> {
     }
 
     /// Changes a plan by chance; returns how many stops at its beginning stay the same. `None` if it changes nothing.
-    fn change(&mut self, stops: &mut Vec<Stop>, open: &[u32]) -> Option<usize> {
+    fn change(&mut self, stops: &mut Vec<PlannedStop>, open: &[u32]) -> Option<usize> {
         let kind = below(self.random, 100);
         if stops.is_empty() || kind < 25 {
             let sensor = open[below(self.random, open.len())];
             let place = self.flight.places.draw(sensor, self.random)?;
             let hovers = self.hovers(sensor, &place);
-            let hovers = if below(self.random, 2) == 0 { hovers } else { below(self.random, hovers as usize + 1) as u32 };
+            let hovers =
+                if below(self.random, 2) == 0 { hovers } else { below(self.random, hovers as usize + 1) as u32 };
             let index = match below(self.random, 2) {
                 0 => self.by_detour(stops, &place)[0],
                 _ => below(self.random, stops.len() + 1),
             };
-            stops.insert(index, Stop { place, sensor, hovers });
+            stops.insert(index, PlannedStop { place, sensor, hovers });
             return Some(index);
         }
         let index = below(self.random, stops.len());

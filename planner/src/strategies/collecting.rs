@@ -42,9 +42,8 @@ impl Strategy for Collecting {
             return Some(self.serving.serve_most(view, &end));
         }
         let budget = self.keys.budget(view).map(|budget| (Instant::now(), budget));
-        let is_over = || {
-            view.stop.requested().is_some() || budget.is_some_and(|(begin, budget)| begin.elapsed() >= budget)
-        };
+        let is_over =
+            || view.stop.requested().is_some() || budget.is_some_and(|(begin, budget)| begin.elapsed() >= budget);
         let steps = if self.collector.is_planned() { u64::from(self.keys.iterations) } else { self.first_steps };
         let next = self.collector.plan(view, steps, &is_over);
         let home = view.table.home.as_ref();

@@ -19,7 +19,7 @@ use super::serving::Serving;
 use crate::horizon::forecast::{Forecast, PlanningWindow};
 use crate::horizon::long_search::{SearchOutcome, SearchProgress};
 use crate::horizon::{Horizon, HorizonKeys, LookAheadPart, planned_path};
-use crate::keys::Objective;
+use crate::keys::PlanningObjective;
 use crate::strategy::{Decision, Registered, Setup, Strategy, View};
 
 /// The strategy in the registry.
@@ -27,8 +27,10 @@ pub const STRATEGY: Registered =
     Registered::new("horizon", "receding horizon: a plan over many slots, improved in every slot", |setup| {
         let keys: HorizonKeys = setup.scenario.planner_keys("planner.horizon").expect("they were checked");
         match setup.settings.objective {
-            Objective::Loss => Box::new(LookAhead::new(setup, keys)),
-            Objective::Collect => Box::new(Collecting::new(setup, keys, u64::from(keys.iterations) * FIRST_SEARCH)),
+            PlanningObjective::Loss => Box::new(LookAhead::new(setup, keys)),
+            PlanningObjective::Collect => {
+                Box::new(Collecting::new(setup, keys, u64::from(keys.iterations) * FIRST_SEARCH))
+            }
         }
     })
     .with_state()
@@ -36,7 +38,7 @@ pub const STRATEGY: Registered =
     .with_keys::<HorizonKeys>();
 
 /// Steps of the first search for a plan that delivers most, divided by those of each later one.
-const FIRST_SEARCH: u64 = 10;
+const FIRST_SEARCH: u64 = 30;
 
 /// Steps of the search before the mission, divided by the steps of each search that compares initial plans.
 const COMPARED_STEPS: u64 = 100;

@@ -18,18 +18,19 @@ use super::collecting::Collecting;
 use super::horizon::LookAhead;
 use crate::horizon::HorizonKeys;
 use crate::horizon::long_search::{SearchOutcome, SearchProgress};
-use crate::keys::Objective;
+use crate::keys::PlanningObjective;
 use crate::strategy::{Decision, Registered, Setup, Strategy, Timing, View};
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered =
-    Registered::new("offline", "open loop: one plan for the whole mission, made before take-off", |setup| {
-        match setup.settings.objective {
-            Objective::Loss => Box::new(Offline::new(setup).expect("its keys were checked")),
-            Objective::Collect => {
-                let OfflineKeys { steps } = setup.scenario.planner_keys("planner.offline").expect("they were checked");
-                Box::new(Collecting::new(setup, open_loop(), steps))
-            }
+    Registered::new("offline", "open loop: one plan for the whole mission, made before take-off", |setup| match setup
+        .settings
+        .objective
+    {
+        PlanningObjective::Loss => Box::new(Offline::new(setup).expect("its keys were checked")),
+        PlanningObjective::Collect => {
+            let OfflineKeys { steps } = setup.scenario.planner_keys("planner.offline").expect("they were checked");
+            Box::new(Collecting::new(setup, open_loop(), steps))
         }
     })
     .with_state()

@@ -7,7 +7,7 @@ use skysink_common::message::SolverOutcome;
 use skysink_common::sensors::grid::Grid;
 
 use super::nearby::fullest_first;
-use crate::keys::{Objective, Settings};
+use crate::keys::{PlanningObjective, Settings};
 use crate::mission_table::MissionTable;
 use crate::strategy::{Decision, Setup, View};
 use crate::waypoint::Solver;
@@ -18,7 +18,7 @@ pub struct Serving {
     solver: Solver,
     /// Working memory for a schedule.
     ids: Vec<u32>,
-    objective: Objective,
+    objective: PlanningObjective,
 }
 
 impl Serving {
@@ -43,7 +43,7 @@ impl Serving {
     /// The decision to fly to `ground`, clamped to the area, and serve the n fullest queues in range, by their values; those
     /// that upload most where data is to be collected.
     pub fn serve_fullest(&mut self, view: &View, ground: &Position) -> Decision {
-        if self.objective == Objective::Collect {
+        if self.objective == PlanningObjective::Collect {
             return self.serve_most(view, ground);
         }
         if view.table.sensors.weights.are_equal() {

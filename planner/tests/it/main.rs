@@ -5,6 +5,7 @@ const CASES_FACTOR: u32 = 1;
 
 mod agreement;
 mod baselines;
+mod collect;
 mod estimate;
 mod fixtures;
 mod index;

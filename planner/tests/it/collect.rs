@@ -1,0 +1,150 @@
+//! `planner.objective = "collect"`: plans that deliver most until the mission's end.
+
+use std::path::Path;
+
+use skysink_common::checkpoint::Checkpoint;
+use skysink_common::message::Mode;
+use skysink_common::scenario::Scenario;
+use skysink_common::sensors::SensorList;
+use skysink_planner::Planner;
+
+use crate::support::{TestMission, scenario_of};
+
+const COLUMNS: i64 = 5;
+const ROWS: i64 = 4;
+const SLOTS: usize = 9;
+
+/// A grid of 5 × 4 cells of 10 m, with a base in its south-western cell; SNs that sample nothing and a narrow link.
+fn small(strategy: &'static str, seed: u64) -> (Scenario, SensorList, Vec<([f64; 2], f64)>) {
+    let text = format!(
+        "slots = {SLOTS}\n[area]\nwidth_m = 50.0\nheight_m = 40.0\n[sensors]\nsampling_bps = 0.0\ncapacity_bits = 9000000\n\
+         [uav]\naltitude_m = 5.0\nmax_speed_mps = 10.0\nmoves = 'grid'\nstart_m = [5.0, 5.0]\nmust_land = true\n[link]\n\
+         bandwidth_hz = 1e6\ntx_power_w = 1e-5\ngain_db = -60.0\ncomm_radius_m = 100.0\ncomm_s = 1.0\nresource_blocks = 1\n\
+         [planner]\nobjective = 'collect'\nhorizon.iterations = 400\noffline.steps = 8000\n"
+    );
+    let scenario = scenario_of(&text, strategy, seed);
+    // Places and queues by a linear congruence.
+    let mut state = seed * 7_919 + 13;
+    let mut next = |count: u64| {
+        state = (state * 1_103_515_245 + 12_345) % (1 << 31);
+        (state >> 8) % count
+    };
+    let mut list = "x_m,y_m,queue_bits\n".to_owned();
+    let mut field = Vec::new();
+    for _ in 0..4 {
+        let [x_m, y_m, bits] = [next(50), next(40), 1_000_000 + next(3_000_000)].map(|number| number as f64);
+        list += &format!("{x_m},{y_m},{bits}\n");
+        field.push(([x_m, y_m], bits));
+    }
+    let list = SensorList::parse(&list, Path::new("list.csv"), &scenario).unwrap();
+    (scenario, list, field)
+}
+
+/// The most bits that any flight delivers from `cell` in `left` slots, landed: all sequences of moves are tried.
+fn best_bits(field: &[([f64; 2], f64)], queues_bits: &mut [f64], cell: [i64; 2], left: usize) -> f64 {
+    if left == 0 {
+        return 0.0;
+    }
+    let mut best: f64 = 0.0;
+    for [east, north] in [[0, 0], [1, 0], [0, 1], [-1, 0], [0, -1]] {
+        let [x, y] = [cell[0] + east, cell[1] + north];
+        if !(0..COLUMNS).contains(&x) || !(0..ROWS).contains(&y) || x + y > left as i64 - 1 {
+            continue;
+        }
+        let at = [x, y].map(|index| 10.0 * index as f64 + 5.0);
+        // γ = 10^−6 · 10^−5/10^−13 = 100 at 1 m, 1 MHz for 1 s.
+        let carried_bits = |[x_m, y_m]: [f64; 2]| {
+            let d2_m2 = (at[0] - x_m).powi(2) + (at[1] - y_m).powi(2) + 25.0;
+            (1e6 * (1.0 + 100.0 / d2_m2).log2()).floor()
+        };
+        let uploads = field.iter().zip(queues_bits.iter()).map(|((place, _), bits)| carried_bits(*place).min(*bits));
+        let (sensor, bits) = uploads.enumerate().reduce(|a, b| if b.1 > a.1 { b } else { a }).unwrap();
+        queues_bits[sensor] -= bits;
+        best = best.max(bits + best_bits(field, queues_bits, [x, y], left - 1));
+        queues_bits[sensor] += bits;
+    }
+    best
+}
+
+#[test]
+fn plans_deliver_nearly_as_much_as_the_best_of_all_flights() {
+    let (mut flown_bits, mut most_bits) = (0.0, 0.0);
+    for seed in 1..=6 {
+        for strategy in ["horizon", "offline"] {
+            let (scenario, list, field) = small(strategy, seed);
+            let mut queues_bits: Vec<f64> = field.iter().map(|(_, bits)| *bits).collect();
+            let best = best_bits(&field, &mut queues_bits, [0, 0], SLOTS);
+            let mut mission = TestMission::over(&scenario, &list);
+            mission.by_ref().for_each(drop);
+            let end = mission.last_flight().position();
+            assert!((end.x - 5.0).hypot(end.y - 5.0) < 1e-6, "{strategy}, seed {seed}: ends at {end}");
+            let delivered = mission.plant().field().totals().delivered_bits as f64;
+            assert!(delivered <= best + SLOTS as f64, "{strategy}, seed {seed}: {delivered} above {best}");
+            assert!(delivered >= 0.97 * best, "{strategy}, seed {seed}: {delivered} of {best}");
+            flown_bits += delivered;
+            most_bits += best;
+        }
+    }
+    assert!(flown_bits > 0.995 * most_bits, "{flown_bits} of {most_bits}");
+}
+
+/// In the open, with more SNs than resource blocks, what they sample, weights, and a charger.
+const OPEN: &str = "slots = 150\n[area]\nside_m = 300.0\n[sensors]\ncount = 30\nsampling_bps = [0.0, 200.0]\n\
+                    [link]\nresource_blocks = 2\n[base]\ncharge_w = 500.0\n[uav.battery]\ncapacity_j = 15000.0\n[planner]\n\
+                    objective = 'collect'\nhorizon.iterations = 40\noffline.steps = 2000\n";
+
+#[test]
+fn a_restarted_planner_goes_on_with_its_plan() {
+    for strategy in ["horizon", "offline"] {
+        for knowledge in ["oracle", "estimated"] {
+            let scenario = scenario_of(&format!("{OPEN}knowledge = '{knowledge}'\n"), strategy, 3);
+            let [mut one, mut other] = [0; 2].map(|_| TestMission::new(&scenario));
+            let mut charged = 0;
+            for slot in 1..=scenario.slots {
+                if slot % 7 == 0 {
+                    other.restart();
+                }
+                assert_eq!(format!("{:?}", one.advance()), format!("{:?}", other.advance()), "{strategy}, {slot}");
+                charged += u64::from(one.last_flight().flown_mode() == Mode::Charge);
+                assert_eq!(one.last_flight().refused, 0, "{strategy}, {slot}");
+            }
+            assert!(charged > 0, "{strategy}");
+        }
+    }
+}
+
+#[test]
+fn more_is_delivered_than_by_the_plan_of_least_loss_where_nothing_is_sampled() {
+    // Nothing can be lost, so the look-ahead for the loss has nothing to plan.
+    let text = "slots = 40\n[area]\nside_m = 300.0\n[sensors]\ncount = 30\nsampling_bps = 0.0\n[planner]\n\
+                horizon.iterations = 100\nobjective = ";
+    let delivered = |objective: &str| {
+        let mut mission = TestMission::new(&scenario_of(&format!("{text}'{objective}'\n"), "horizon", 2));
+        mission.by_ref().for_each(drop);
+        mission.plant().field().totals().delivered_bits
+    };
+    let [loss, collect] = ["loss", "collect"].map(delivered);
+    assert!(collect as f64 > 1.2 * loss as f64, "{collect} {loss}");
+}
+
+#[test]
+fn the_path_leads_over_the_stops_and_home() {
+    let (scenario, list, _) = small("horizon", 1);
+    let mut mission = TestMission::over(&scenario, &list);
+    mission.advance();
+    let path = mission.planner.path();
+    assert!(path.len() > 1 && (path[path.len() - 1].xy() - nalgebra::Point2::new(5.0, 5.0)).norm() < 1e-9, "{path:?}");
+}
+
+#[test]
+fn plans_that_another_field_has_saved_are_refused() {
+    let scenario = scenario_of(OPEN, "horizon", 3);
+    let mut mission = TestMission::new(&scenario);
+    mission.advance();
+    let saved = mission.saved();
+    let fewer = scenario_of(&OPEN.replace("count = 30", "count = 1"), "horizon", 3);
+    let mut other = TestMission::new(&fewer);
+    assert!(other.planner.restore(&saved).is_err());
+    let mut same = Planner::new(&scenario, &mission.nodes).unwrap();
+    assert!(same.restore(&saved[..saved.len() - 1]).is_err() && same.restore(&saved).is_ok());
+}
