@@ -1,6 +1,7 @@
 //! Places: which sensor nodes (SNs) are served from there, how long the ways between them take, and from where to serve an SN.
 
 use std::collections::HashMap;
+use std::hash::Hash;
 use std::sync::Arc;
 
 use nalgebra::Vector2;
@@ -55,12 +56,22 @@ pub struct Places {
     links: HashMap<Key, Links>,
     legs: HashMap<(Key, Key), Option<Arc<Way>>>,
     returns: HashMap<Key, Return>,
+    /// Ways home with time for the least energy.
+    ways_home: HashMap<Key, Arc<Way>>,
     /// The best cells for an SN, by id; empty without a grid.
     cells: HashMap<u32, Arc<[Position]>>,
 }
 
 fn key(place: &Position) -> Key {
     [place.x.to_bits(), place.y.to_bits()]
+}
+
+/// Keeps a value that can be found again; begins anew when there are too many.
+fn insert<K: Eq + Hash, V>(kept: &mut HashMap<K, V>, key: K, value: V) {
+    if kept.len() >= MOST_KEPT {
+        kept.clear();
+    }
+    kept.insert(key, value);
 }
 
 /// Whether a UAV at `at` is at `place` [m].
@@ -79,6 +90,7 @@ impl Places {
             links: HashMap::new(),
             legs: HashMap::new(),
             returns: HashMap::new(),
+            ways_home: HashMap::new(),
             cells: HashMap::new(),
         }
     }
@@ -105,10 +117,7 @@ impl Places {
         });
         links.sort_unstable_by_key(|(id, _)| *id);
         let links: Links = links.into();
-        if self.links.len() >= MOST_KEPT {
-            self.links.clear();
-        }
-        self.links.insert(key(place), Arc::clone(&links));
+        insert(&mut self.links, key(place), Arc::clone(&links));
         links
     }
 
@@ -125,10 +134,7 @@ impl Places {
             return leg.clone();
         }
         let leg = self.slot_ends(from, to).map(|ends| Arc::new(self.leg_along(from, &ends)));
-        if self.legs.len() >= MOST_KEPT {
-            self.legs.clear();
-        }
-        self.legs.insert(keys, leg.clone());
+        insert(&mut self.legs, keys, leg.clone());
         leg
     }
 
@@ -178,6 +184,11 @@ impl Places {
             let end = home.end_of(from);
             return self.leg(from, &end);
         }
+        let is_ample = self.thrifty(from)?.slots <= self.left_after(slot);
+        if let Some(way) = self.ways_home.get(&key(from)).filter(|_| is_ample) {
+            return Some(Arc::clone(way));
+        }
+        let home = self.table.home.as_ref()?;
         let ends = match home.slot_ends(slot + 1, from) {
             WayHome::Straight { slots, .. } if slots > self.table.limits.slots as f64 => return None,
             WayHome::Straight { slots, end } => {
@@ -186,29 +197,40 @@ impl Places {
             }
             WayHome::Bent(ends) => ends,
         };
-        Some(Arc::new(self.leg_along(from, &ends)))
+        let way = Arc::new(self.leg_along(from, &ends));
+        if is_ample {
+            insert(&mut self.ways_home, key(from), Arc::clone(&way));
+        }
+        Some(way)
+    }
+
+    /// Slots for the way home after `slot`.
+    fn left_after(&self, slot: u64) -> f64 {
+        self.table.home.as_ref().map_or(f64::INFINITY, |home| home.left_after(slot) as f64)
+    }
+
+    /// What the way home from `place` takes; `None` if the UAV need not come back.
+    fn thrifty(&mut self, place: &Position) -> Option<Return> {
+        let home = self.table.home.as_ref()?;
+        if let Some(found) = self.returns.get(&key(place)) {
+            return Some(*found);
+        }
+        let (slots, energy_j) = home.thrifty_way(place);
+        let found = Return { slots, energy_j };
+        insert(&mut self.returns, key(place), found);
+        Some(found)
     }
 
     /// Whether a UAV with `energy_j` at `place` after `slot` comes home in time and with its reserve.
     pub fn is_in_reach(&mut self, slot: u64, energy_j: f64, place: &Position) -> bool {
-        let Some(home) = &self.table.home else { return true };
-        let Return { slots, energy_j: way_j } = match self.returns.get(&key(place)) {
-            Some(found) => *found,
-            None => {
-                let (slots, energy_j) = home.thrifty_way(place);
-                if self.returns.len() >= MOST_KEPT {
-                    self.returns.clear();
-                }
-                self.returns.insert(key(place), Return { slots, energy_j });
-                Return { slots, energy_j }
-            }
-        };
-        let left = home.left_after(slot) as f64;
-        match home.battery {
-            None => slots <= left,
-            Some(battery) if slots <= left => energy_j - way_j - battery.reserve_j >= 0.0,
+        let Some(Return { slots, energy_j: way_j }) = self.thrifty(place) else { return true };
+        let is_ample = slots <= self.left_after(slot);
+        let home = self.table.home.as_ref();
+        home.is_none_or(|home| match home.battery {
+            None => is_ample,
+            Some(battery) if is_ample => energy_j - way_j - battery.reserve_j >= 0.0,
             Some(_) => home.is_in_reach(slot, energy_j, place), // perhaps faster
-        }
+        })
     }
 
     /// A place from which to serve SN `sensor`, drawn by chance; `None` if the draw is no such place.

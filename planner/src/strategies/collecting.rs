@@ -39,7 +39,9 @@ impl Strategy for Collecting {
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         let ground = view.ground();
         if let Some(end) = view.table.airspace.under_way(view.slot, &ground) {
-            return Some(self.serving.serve_most(view, &end));
+            // A hover in the base, until the next move may begin, that charged goes on charging.
+            let is_charging = view.battery.is_charging && end == ground;
+            return Some(if is_charging { stay(view) } else { self.serving.serve_most(view, &end) });
         }
         let budget = self.keys.budget(view).map(|budget| (Instant::now(), budget));
         let is_over =

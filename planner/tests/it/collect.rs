@@ -20,7 +20,7 @@ fn small(strategy: &'static str, seed: u64) -> (Scenario, SensorList, Vec<([f64;
         "slots = {SLOTS}\n[area]\nwidth_m = 50.0\nheight_m = 40.0\n[sensors]\nsampling_bps = 0.0\ncapacity_bits = 9000000\n\
          [uav]\naltitude_m = 5.0\nmax_speed_mps = 10.0\nmoves = 'grid'\nstart_m = [5.0, 5.0]\nmust_land = true\n[link]\n\
          bandwidth_hz = 1e6\ntx_power_w = 1e-5\ngain_db = -60.0\ncomm_radius_m = 100.0\ncomm_s = 1.0\nresource_blocks = 1\n\
-         [planner]\nobjective = 'collect'\nhorizon.iterations = 400\noffline.steps = 8000\n"
+         [planner]\nobjective = 'collect'\nhorizon.iterations = 400\noffline.steps = 160000\n"
     );
     let scenario = scenario_of(&text, strategy, seed);
     // Places and queues by a linear congruence.
@@ -91,7 +91,7 @@ fn plans_deliver_nearly_as_much_as_the_best_of_all_flights() {
 /// In the open, with more SNs than resource blocks, what they sample, weights, and a charger.
 const OPEN: &str = "slots = 150\n[area]\nside_m = 300.0\n[sensors]\ncount = 30\nsampling_bps = [0.0, 200.0]\n\
                     [link]\nresource_blocks = 2\n[base]\ncharge_w = 500.0\n[uav.battery]\ncapacity_j = 15000.0\n[planner]\n\
-                    objective = 'collect'\nhorizon.iterations = 40\noffline.steps = 2000\n";
+                    objective = 'collect'\nhorizon.iterations = 40\noffline.steps = 40000\n";
 
 #[test]
 fn a_restarted_planner_goes_on_with_its_plan() {
