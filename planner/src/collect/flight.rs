@@ -107,9 +107,9 @@ pub struct PlanFlight<'a> {
 }
 
 impl Window {
-    /// From the slot of `view` to `last`.
+    /// From the slot of `view` to `last`, for a UAV at `at` [m].
     #[must_use]
-    pub fn of(view: &View, last: u64) -> Self {
+    pub fn of(view: &View, at: Position, last: u64) -> Self {
         let sensors = &view.table.sensors;
         let node = |id: u32| Node {
             mean_bits: view.belief.mean_bits(id),
@@ -124,7 +124,7 @@ impl Window {
         let all_bits =
             nodes.iter().zip(&begun).map(|(node, queue)| node.weight * (queue.bits + slots * node.mean_bits));
         let begin = State {
-            at: view.ground(),
+            at,
             slot,
             energy_j: if view.table.home.as_ref().is_some_and(|home| home.battery.is_some()) {
                 view.battery.energy_j

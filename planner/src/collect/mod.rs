@@ -16,7 +16,7 @@ pub mod search;
 
 use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
-use skysink_common::geometry::Position;
+use skysink_common::geometry::{Position, within};
 use skysink_common::random::{Purpose, Streams};
 
 use crate::strategy::{Setup, View};
@@ -30,6 +30,9 @@ const FIRST_TEMPERATURE: f64 = 0.3;
 /// The same of a search that improves a plan.
 const LATER_TEMPERATURE: f64 = 0.02;
 
+/// Standard deviations of position errors within which a UAV has arrived.
+const MOST_DEVIATIONS: f64 = 6.0;
+
 /// Longest planning window [slots] unless the scenario has another.
 const MOST_SLOTS: u64 = 2_400;
 
@@ -41,6 +44,10 @@ pub struct Collector {
     window_slots: u64,
     /// The remaining stops; `None` before the first search.
     stops: Option<Vec<PlannedStop>>,
+    /// Where the last planned slot should have ended, if slots end beside their waypoints [m].
+    told: Option<Position>,
+    /// How far from its waypoint a slot may end [m].
+    beside_m: f64,
 }
 
 /// A stop as it is saved: place [m], SN and most hovers.
@@ -50,6 +57,7 @@ type SavedStop = ([f64; 2], u32, u32);
 #[derive(Serialize, Deserialize)]
 struct Saved {
     stops: Option<Vec<SavedStop>>,
+    told: Option<[f64; 2]>,
 }
 
 impl Collector {
@@ -61,6 +69,8 @@ impl Collector {
             streams: Streams::new(setup.scenario.seed),
             window_slots: window_slots.unwrap_or(MOST_SLOTS),
             stops: None,
+            told: None,
+            beside_m: MOST_DEVIATIONS * setup.scenario.uav.position_error_m.unwrap_or(0.0),
         }
     }
 
@@ -74,7 +84,10 @@ impl Collector {
     /// does first, and keeps the rest. The result depends only on the view and the plan, unless `is_over` ends the search.
     pub fn plan(&mut self, view: &View, steps: u64, is_over: &dyn Fn() -> bool) -> Next {
         let last = view.table.limits.slots.min(view.slot.saturating_add(self.window_slots - 1));
-        let mut flight = PlanFlight::new(Window::of(view, last), &mut self.places);
+        // A UAV beside the place that it was told has arrived: otherwise a stop would never be over.
+        let ground = view.ground();
+        let at = self.told.filter(|told| within(told, &ground, self.beside_m)).unwrap_or(ground);
+        let mut flight = PlanFlight::new(Window::of(view, at, last), &mut self.places);
         let mut random = self.streams.stream(Purpose::Collect, view.slot, 0);
         let (begun, temperature) = match self.stops.take() {
             Some(stops) => (Some(stops), LATER_TEMPERATURE),
@@ -91,7 +104,14 @@ impl Collector {
             stop.hovers = stop.hovers.saturating_sub(1);
         }
         self.stops = Some(stops);
-        next
+        self.told = None;
+        match next {
+            Next::Flies(end) if self.beside_m > 0.0 => {
+                self.told = Some(end);
+                Next::Flies(view.table.toward(&ground, &end))
+            }
+            _ => next,
+        }
     }
 
     /// The places of the plan [m], and the bends around zones between them, after `from`.
@@ -117,16 +137,19 @@ impl Collector {
 impl Checkpoint for Collector {
     fn save(&self, bytes: &mut Vec<u8>) {
         let saved = |stop: &PlannedStop| (stop.place.into(), stop.sensor, stop.hovers);
-        encode(&Saved { stops: self.stops.as_ref().map(|stops| stops.iter().map(saved).collect()) }, bytes);
+        let stops = self.stops.as_ref().map(|stops| stops.iter().map(saved).collect());
+        encode(&Saved { stops, told: self.told.map(Into::into) }, bytes);
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        let Saved { stops } = decode(bytes)?;
+        let Saved { stops, told } = decode(bytes)?;
         let count = self.places.count();
         let is_known = |(place, sensor, _): &SavedStop| {
             (*sensor as usize) < count && place.iter().all(|coordinate_m| coordinate_m.is_finite())
         };
         CheckpointError::ensure(stops.iter().flatten().all(is_known), "stops of this field")?;
+        CheckpointError::ensure(told.iter().flatten().all(|coordinate_m| coordinate_m.is_finite()), "a place")?;
+        self.told = told.map(Into::into);
         let stop = |(place, sensor, hovers): SavedStop| PlannedStop { place: place.into(), sensor, hovers };
         self.stops = stops.map(|stops| stops.into_iter().map(stop).collect());
         Ok(())

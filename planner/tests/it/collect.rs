@@ -128,6 +128,21 @@ fn more_is_delivered_than_by_the_plan_of_least_loss_where_nothing_is_sampled() {
 }
 
 #[test]
+fn a_uav_that_ends_its_slots_beside_its_waypoints_goes_on_to_the_next_stop() {
+    for strategy in ["horizon", "offline"] {
+        let text = "slots = 60\n[area]\nside_m = 200.0\n[sensors]\ncount = 8\nsampling_bps = 0.0\n[planner]\n\
+                    objective = 'collect'\nhorizon.iterations = 20\noffline.steps = 20000\n[uav]\nposition_error_m = ";
+        let delivered = |sigma_m: &str| {
+            let mut mission = TestMission::new(&scenario_of(&format!("{text}{sigma_m}\n"), strategy, 2));
+            mission.by_ref().for_each(drop);
+            mission.plant().field().totals().delivered_bits as f64
+        };
+        let [exact, beside] = ["0.0", "1.0"].map(delivered);
+        assert!(beside > 0.8 * exact && exact > 0.0, "{strategy}: {beside} {exact}");
+    }
+}
+
+#[test]
 fn the_path_leads_over_the_stops_and_home() {
     let (scenario, list, _) = small("horizon", 1);
     let mut mission = TestMission::over(&scenario, &list);
