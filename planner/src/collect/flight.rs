@@ -171,6 +171,12 @@ impl<'a> PlanFlight<'a> {
         self.window.all_bits / self.open().len().max(1) as f64
     }
 
+    /// Whether any SN samples.
+    #[must_use]
+    pub fn has_sampling(&self) -> bool {
+        self.window.has_sampling
+    }
+
     /// Where it begins [m].
     #[must_use]
     pub fn begin(&self) -> Position {
@@ -247,6 +253,11 @@ impl<'a> PlanFlight<'a> {
     /// Flies to `stop` and hovers there; does nothing if that leaves no way home, even with charging first.
     fn fly_to(&mut self, stop: &PlannedStop) {
         (self.state.is_by_base, self.state.hovers) = (false, 0);
+        // Of an SN that was served in passing there is nothing to fetch.
+        let mean_bits = self.window.nodes[stop.sensor as usize].mean_bits;
+        if mean_bits > 0.0 && self.queue_bits(stop.sensor, self.state.slot + 1) < 2.0 * mean_bits {
+            return;
+        }
         let Some(leg) = self.places.leg(&self.state.at, &stop.place) else { return };
         if self.leaves_a_way_home(&leg, &stop.place) {
             self.fly(&leg, &stop.place);

@@ -94,7 +94,7 @@ impl Collector {
             None => (None, FIRST_TEMPERATURE),
         };
         let mut search = PlanSearch { flight: &mut flight, random: &mut random, is_over };
-        let begun = begun.unwrap_or_else(|| search.insert_all());
+        let begun = begun.unwrap_or_else(|| search.insert_all(view.stop));
         let mut stops = search.anneal(begun, steps, temperature);
         let (next, first) = flight.first(&stops);
         stops.drain(..first);

@@ -3,6 +3,7 @@
 use rand_chacha::ChaCha8Rng;
 use skysink_common::geometry::Position;
 use skysink_common::random::{below, fraction};
+use skysink_common::stop::Stop;
 
 use super::flight::{PlanFlight, PlannedStop};
 
@@ -32,8 +33,8 @@ pub struct PlanSearch<'a, 'b> {
 }
 
 impl PlanSearch<'_, '_> {
-    /// A first plan: a stop for each SN, the fullest first, where the plan then delivers most.
-    pub fn insert_all(&mut self) -> Vec<PlannedStop> {
+    /// A first plan: a stop for each SN, the fullest first, where the plan then delivers most; then the same round again.
+    pub fn insert_all(&mut self, stop: &Stop) -> Vec<PlannedStop> {
         let mut stops: Vec<PlannedStop> = Vec::new();
         let mut value = self.flight.attempt(&stops, 0);
         self.flight.keep(&mut stops);
@@ -62,7 +63,41 @@ impl PlanSearch<'_, '_> {
                 value = found;
             }
         }
+        if !self.flight.has_sampling() {
+            return stops;
+        }
+        // What is sampled has to be fetched again and again: perhaps better in the round of `tour`.
+        value = self.repeat(&mut stops, value);
+        if self.flight.places.table.airspace.is_open() {
+            let mut turns = self.flight.places.table.turns(stop).as_ref().clone();
+            turns.begin_near(&self.flight.begin());
+            let round = turns.order.iter().zip(&turns.points);
+            let mut tour: Vec<PlannedStop> =
+                round.map(|(&sensor, &place)| PlannedStop { place, sensor, hovers: 0 }).collect();
+            let begun = self.flight.attempt(&tour, 0);
+            self.flight.keep(&mut tour);
+            if self.repeat(&mut tour, begun) > value {
+                return tour;
+            }
+        }
         stops
+    }
+
+    /// Repeats a round, as often as that delivers more: what was sampled meanwhile. Returns the value.
+    fn repeat(&mut self, stops: &mut Vec<PlannedStop>, mut value: f64) -> f64 {
+        let round = stops.clone();
+        while !round.is_empty() && !(self.is_over)() {
+            let same = stops.len();
+            stops.extend(&round);
+            let found = self.flight.attempt(stops, same);
+            if found <= value {
+                stops.truncate(same);
+                break;
+            }
+            self.flight.keep(stops);
+            value = found;
+        }
+        value
     }
 
     /// The indices at which `place` may be inserted, by the length that it adds.
@@ -89,6 +124,9 @@ impl PlanSearch<'_, '_> {
 
     /// The best plan that up to `steps` changes of `stops` lead to, from a temperature in parts of the mean data of an SN.
     pub fn anneal(&mut self, mut stops: Vec<PlannedStop>, steps: u64, temperature: f64) -> Vec<PlannedStop> {
+        if steps == 0 {
+            return stops; // with those that now take no slot: they may again
+        }
         let mut value = self.flight.attempt(&stops, 0);
         self.flight.keep(&mut stops);
         let open = self.flight.open();
