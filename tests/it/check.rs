@@ -78,7 +78,7 @@ fn where_nothing_is_sampled_the_objective_is_to_collect() {
     assert!(collecting.stdout.contains("the most data delivered until the end"), "{}", collecting.stdout);
     let refused = place.run(&["optimize", "a.toml", "--steps", "10", "--set", "planner.objective=collect"]);
     assert_eq!(refused.code, Some(2));
-    assert!(refused.stderr.contains("planner.objective = \"collect\": expected \"loss\""), "{}", refused.stderr);
+    assert!(refused.stderr.contains("planner.objective=collect: expected \"loss\""), "{}", refused.stderr);
 }
 
 #[test]

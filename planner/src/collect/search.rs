@@ -67,28 +67,29 @@ impl PlanSearch<'_, '_> {
             return stops;
         }
         // What is sampled has to be fetched again and again: perhaps better in the round of `tour`.
-        value = self.repeat(&mut stops, value);
+        let round = stops.clone();
+        value = self.repeat(&mut stops, &round, value);
         if self.flight.places.table.airspace.is_open() {
             let mut turns = self.flight.places.table.turns(stop).as_ref().clone();
             turns.begin_near(&self.flight.begin());
             let round = turns.order.iter().zip(&turns.points);
-            let mut tour: Vec<PlannedStop> =
+            let round: Vec<PlannedStop> =
                 round.map(|(&sensor, &place)| PlannedStop { place, sensor, hovers: 0 }).collect();
+            let mut tour = Vec::new();
             let begun = self.flight.attempt(&tour, 0);
             self.flight.keep(&mut tour);
-            if self.repeat(&mut tour, begun) > value {
+            if self.repeat(&mut tour, &round, begun) > value {
                 return tour;
             }
         }
         stops
     }
 
-    /// Repeats a round, as often as that delivers more: what was sampled meanwhile. Returns the value.
-    fn repeat(&mut self, stops: &mut Vec<PlannedStop>, mut value: f64) -> f64 {
-        let round = stops.clone();
+    /// Appends `round` to a plan of this value as often as that delivers more: what was sampled meanwhile. Returns the value.
+    fn repeat(&mut self, stops: &mut Vec<PlannedStop>, round: &[PlannedStop], mut value: f64) -> f64 {
         while !round.is_empty() && !(self.is_over)() {
             let same = stops.len();
-            stops.extend(&round);
+            stops.extend(round);
             let found = self.flight.attempt(stops, same);
             if found <= value {
                 stops.truncate(same);
