@@ -34,8 +34,8 @@ impl Checkpoint for ByUav<FlightReport> {
 pub struct SlotRecord {
     /// The plans. In a ring, a plan is also here if it came too late to be flown.
     pub plans: Plans,
-    /// The planned paths, each with the waypoint of the slot first. Empty for a planner that does not look ahead, and in
-    /// a ring.
+    /// The planned paths, each with the waypoint of the slot first. Empty in a ring, and for a planner
+    /// that does not look ahead, but for its way home.
     pub paths: ByUav<Vec<PathPoint>>,
     /// The flights.
     pub flights: ByUav<FlightReport>,

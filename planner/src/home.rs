@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::Point3;
-use skysink_common::airspace::Airspace;
+use skysink_common::airspace::{Airspace, Bends};
 use skysink_common::base::Base;
 use skysink_common::battery::{Battery, BatteryState};
 use skysink_common::geometry::{Position, above, within};
@@ -131,6 +131,13 @@ impl Home {
         }
         let away_m = self.ends.iter().map(|end| (self.airspace.distance_m(ground, end), end));
         away_m.min_by(|(a_m, _), (b_m, _)| a_m.total_cmp(b_m)).map_or(*ground, |(_, end)| *end)
+    }
+
+    /// The shortest way home from `ground` [m]: its bends, and its end. Empty in the base, and if no way leads home.
+    #[must_use]
+    pub fn way_from(&self, ground: &Position) -> Bends {
+        let end = self.end_of(ground);
+        if end == *ground { Bends::new() } else { self.airspace.way(ground, &end) }
     }
 
     /// The pieces of the way home from `ground` [m], with `left` slots for it; they take more than `left` if it is too far.

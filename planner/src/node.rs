@@ -93,7 +93,7 @@ fn run_with<S: Service + 'static>(
     stop: &Stop,
     own: Option<Box<dyn Strategy>>,
 ) -> Result<(), NodeError> {
-    let has_path = own.is_some() || Registered::of(scenario)?.has_path;
+    let has_path = own.is_some() || Registered::of(scenario)?.has_path || scenario.landing_base().is_some();
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::Planner, stop)?;
     // Before that of the plans, so that a process that has a plan finds the writer of its path.
     let paths = has_path.then(|| ring.path.list_writer(MAX_PATH_POINTS)).transpose()?;

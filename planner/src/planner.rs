@@ -11,6 +11,7 @@ use skysink_common::belief::Belief;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, encode};
 use skysink_common::error::InputError;
 use skysink_common::estimate::SavedEstimate;
+use skysink_common::geometry::above;
 use skysink_common::message::{FlightReport, MAX_PATH_POINTS, Mode, Plan, SensorNode};
 use skysink_common::reported::ReportedQueues;
 use skysink_common::scenario::Scenario;
@@ -171,8 +172,14 @@ impl Planner {
         let plan = message(&view, &decision, mode);
         self.path.clear();
         self.path.push(decision.waypoint);
-        if mode == Mode::Serve {
-            self.path.extend(self.strategy.path().iter().take(MAX_PATH_POINTS - 1));
+        let most = MAX_PATH_POINTS - 1;
+        match (mode, &self.table.home) {
+            (Mode::Serve, _) => self.path.extend(self.strategy.path().iter().take(most)),
+            (Mode::Return, Some(home)) => {
+                let bends = home.way_from(&decision.waypoint.xy());
+                self.path.extend(bends.iter().take(most).map(|bend| above(bend, decision.waypoint.z)));
+            }
+            _ => {}
         }
         self.reported = self.belief.reported(slot, plan.scheduled().iter().copied(), queues_bits);
         self.slot = slot;
@@ -200,7 +207,7 @@ impl Planner {
     }
 
     /// The waypoints of the last plan [m], that of its slot first; at most [`MAX_PATH_POINTS`], and more than one only
-    /// from strategies that look ahead.
+    /// from strategies that look ahead. On the way home its bends, and its end.
     #[must_use]
     pub fn path(&self) -> &[Point3<f64>] {
         &self.path
@@ -260,7 +267,7 @@ fn message(view: &View, decision: &Decision, mode: Mode) -> Plan {
 mod tests {
     use super::*;
     use crate::settings::{WaypointSolver, change};
-    use skysink_common::geometry::{Position, above};
+    use skysink_common::geometry::Position;
     use skysink_common::message::{NOBODY, SolverOutcome};
     use skysink_common::scenario::Overrides;
     use skysink_common::sensors::SensorList;
@@ -398,6 +405,24 @@ mod tests {
         assert_eq!((plan.mode, plan.solver), (Mode::Serve as u32, SolverOutcome::Rule as u32));
         let plan = planner.step(2, above(&Position::new(50.0, 0.0), 20.0), &[80, 70, 60, 90]);
         assert_eq!((plan.x_m, plan.y_m, plan.mode), (50.0, 30.0, Mode::Transit as u32));
+    }
+
+    #[test]
+    fn the_path_of_a_uav_that_returns_is_its_way_home() {
+        // A wall between the UAV and its base at (50, 50), and 17 slots for some 150 m at 10 m a slot.
+        let overrides = Overrides { strategy: Some("gfs"), ..Overrides::default() };
+        let text = "name = 'a'\nslots = 17\n[base]\nposition_m = [50.0, 50.0]\n[uav]\nmust_land = true\n\
+                    max_speed_mps = 10.0\n[area]\nno_fly = [{ polygon_m = [[20, 60], [80, 60], [80, 62], [20, 62]] }]\n";
+        let scenario = Scenario::parse(text, std::path::Path::new("a.toml"), overrides).and_then(settings::resolve);
+        let mut planner = Planner::new(&scenario.unwrap(), &[]).unwrap();
+        let ends = |planner: &Planner| planner.path().iter().map(|at| at.xy()).collect::<Vec<_>>();
+        let plan = planner.step(11, above(&Position::new(50.0, 99.0), 20.0), &[]);
+        let path = ends(&planner);
+        assert_eq!((plan.mode, path.len()), (Mode::Return as u32, 4), "{path:?}");
+        let corner = |at: Position, y_m| (at.x - 50.0).abs() >= 30.0 && (at - Position::new(at.x, y_m)).norm() < 1e-3;
+        assert!(corner(path[1], 62.0) && corner(path[2], 60.0) && path[3] == middle(), "{path:?}");
+        let plan = planner.step(1, above(&Position::new(50.0, 52.0), 20.0), &[]);
+        assert_eq!((plan.mode == Mode::Return as u32, planner.path().len()), (false, 1));
     }
 
     #[test]

@@ -59,7 +59,7 @@ const BELIEF: &str =
 const BASE_ROWS: &str = "\
     | light green line | base |\n\
     | lane: **charge** (light green) | in the base: charges, serves no SN |\n\
-    | lane: **return** (orange) | flies to the base: energy or time ends; serves on the way |\n\
+    | lane: **return** (orange) | flies to the base: energy or time ends; serves on the way; path: the way home |\n\
     | lane: **down** (red) | its energy has ended |\n";
 
 /// Rows of the legend for zones and buildings.
