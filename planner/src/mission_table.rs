@@ -80,11 +80,16 @@ impl MissionTable {
         other
     }
 
-    /// The turns of the SNs in a closed round that touches the disks of radius `d_c` about them. `stop` ends the search
-    /// for a shorter one.
+    /// The turns of the SNs that can be served, in a closed round that touches the disks of radius `d_c` about them, around zones. `stop` ends
+    /// the search for a shorter one.
     #[must_use]
     pub fn turns(&self, stop: &Stop) -> Arc<Turns> {
-        let find = || Arc::new(Turns::new(&self.sensors.positions, self.limits.comm_radius_m, stop));
+        let find = || {
+            let mut turns = Turns::new(&self.sensors.positions, self.limits.comm_radius_m, stop);
+            turns.retain(|id| self.is_servable(id));
+            turns.shorten_within(&self.airspace);
+            Arc::new(turns)
+        };
         let found = self.turns.get().map_or_else(find, Arc::clone);
         match stop.requested() {
             Some(_) => found, // not kept: it may have been stopped early
@@ -137,10 +142,17 @@ impl MissionTable {
     /// Length of the shortest way [m]; infinite if there is none.
     #[must_use]
     pub fn distance_m(&self, from: &Position, to: &Position) -> f64 {
-        if self.airspace.is_open() { distance_squared(from, to).sqrt() } else { self.airspace.distance_m(from, to) }
+        self.distance_m2(from, to).sqrt()
     }
 
-    /// Slots of the shortest way from `from` into `disk`, at least 1; infinite if there is none.
+    /// Its square [m²], for comparisons: without a root, in an open field.
+    #[must_use]
+    pub fn distance_m2(&self, from: &Position, to: &Position) -> f64 {
+        if self.airspace.is_open() { distance_squared(from, to) } else { self.airspace.distance_m(from, to).powi(2) }
+    }
+
+    /// Slots of the shortest way from `from` into `disk`, at least 1, on a grid at least those of a hover; infinite if there is
+    /// none.
     #[must_use]
     pub fn slots_into(&self, from: &Position, disk: &Disk) -> f64 {
         let reach_m = self.limits.reach_m;
@@ -151,7 +163,8 @@ impl MissionTable {
         let Some(last) = way.len().checked_sub(1) else { return f64::INFINITY };
         let bent = self.airspace.bent_part(from, &way, reach_m);
         let begin = bent.last().unwrap_or(from);
-        (bent.len() as f64 + ((way[last] - begin).norm() / reach_m - SLACK_SLOTS).ceil()).max(1.0)
+        let slots = bent.len() as f64 + ((way[last] - begin).norm() / reach_m - SLACK_SLOTS).ceil().max(0.0);
+        if slots == 0.0 { self.airspace.move_slots() as f64 } else { slots }
     }
 
     /// The shortest way from `from` into `disk`, toward its centre or the point beside zones that is nearest to it; empty if

@@ -21,6 +21,23 @@ pub(super) struct CornerGraph {
     start: Position,
 }
 
+/// A node that a point sees.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct SeenNode {
+    node: usize,
+    /// Distance from the point [m].
+    away_m: f64,
+}
+
+/// A way over nodes.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct NodeWay {
+    /// Its length, with the ways to its first and from its last node [m].
+    pub length_m: f64,
+    first: usize,
+    last: usize,
+}
+
 /// A node that is to be visited, the nearest first.
 #[derive(PartialEq)]
 struct Pending {
@@ -115,30 +132,33 @@ impl CornerGraph {
         airspace.is_free(&self.start, point) || self.reachable().any(|node| airspace.is_free(node, point))
     }
 
-    /// Appends the bends of the shortest way from `from` to `to`, neither of which sees the other; false if there is none.
-    pub fn connect(&self, airspace: &Airspace, from: &Position, to: &Position, way: &mut Bends) -> bool {
-        let seen = |point: &Position| -> Vec<(usize, f64)> {
-            let nodes = self.nodes.iter().enumerate();
-            let seen = nodes.filter(|(_, node)| airspace.is_free(point, node));
-            seen.map(|(index, node)| (index, (node - point).norm())).collect()
-        };
-        let ends = seen(to);
-        let mut best = (f64::INFINITY, 0, 0);
-        for (first, first_m) in seen(from) {
-            for &(last, last_m) in &ends {
-                let length_m = first_m + self.length_m(first, last) + last_m;
-                if length_m < best.0 {
-                    best = (length_m, first, last);
+    /// The nodes that `point` sees.
+    pub fn seen(&self, airspace: &Airspace, point: &Position) -> Vec<SeenNode> {
+        let nodes = self.nodes.iter().enumerate().filter(|(_, node)| airspace.is_free(point, node));
+        nodes.map(|(node, at)| SeenNode { node, away_m: (at - point).norm() }).collect()
+    }
+
+    /// The shortest way between two points that see these nodes, but not each other; `None` if there is none.
+    pub fn shortest(&self, seen: &[SeenNode], ends: &[SeenNode]) -> Option<NodeWay> {
+        let mut best = NodeWay { length_m: f64::INFINITY, first: 0, last: 0 };
+        for first in seen {
+            for last in ends {
+                let length_m = first.away_m + self.length_m(first.node, last.node) + last.away_m;
+                if length_m < best.length_m {
+                    best = NodeWay { length_m, first: first.node, last: last.node };
                 }
             }
         }
-        let (length_m, mut node, last) = best;
-        if length_m == f64::INFINITY {
-            return false;
-        }
+        best.length_m.is_finite().then_some(best)
+    }
+
+    /// Appends the bends of the shortest way from `from` to `to`, neither of which sees the other; false if there is none.
+    pub fn connect(&self, airspace: &Airspace, from: &Position, to: &Position, way: &mut Bends) -> bool {
+        let Some(best) = self.shortest(&self.seen(airspace, from), &self.seen(airspace, to)) else { return false };
+        let mut node = best.first;
         way.push(self.nodes[node]);
-        while node != last {
-            node = usize::from(self.next[node * self.nodes.len() + last]);
+        while node != best.last {
+            node = usize::from(self.next[node * self.nodes.len() + best.last]);
             way.push(self.nodes[node]);
         }
         true

@@ -285,6 +285,32 @@ impl Airspace {
         if way.is_empty() { f64::INFINITY } else { length_m(from, &way) }
     }
 
+    /// Lengths of the shortest ways between all `points` [m], by rows; infinite where there is none. A point in a zone counts as
+    /// the nearest one beside it.
+    #[must_use]
+    pub fn distances_m(&self, points: &[Position]) -> Vec<f64> {
+        let count = points.len();
+        let points: Vec<Position> = points.iter().map(|point| self.nearest(point)).collect();
+        let seen: Vec<_> = match &self.grid {
+            None if !self.is_open() => points.iter().map(|point| self.graph.seen(self, point)).collect(),
+            _ => Vec::new(),
+        };
+        let between_m = |from: usize, to: usize| match &self.grid {
+            Some(grid) => grid.distance_m(&points[from], &points[to]),
+            None if self.is_clear(&points[from], &points[to]) => (points[to] - points[from]).norm(),
+            None => self.graph.shortest(&seen[from], &seen[to]).map_or(f64::INFINITY, |way| way.length_m),
+        };
+        let mut lengths_m = vec![0.0; count * count];
+        for from in 0..count {
+            for to in from + 1..count {
+                let length_m = between_m(from, to);
+                lengths_m[from * count + to] = length_m;
+                lengths_m[to * count + from] = length_m;
+            }
+        }
+        lengths_m
+    }
+
     /// The end of `slot` of a UAV at `from` that is told to fly to `to` [m], up to `reach_m` [m]: `to` if the way is free,
     /// otherwise a part of the shortest way. On a grid a move that is under way is flown to its end, and the next begins in
     /// its turn.

@@ -81,8 +81,15 @@ impl Collector {
     }
 
     /// Searches in up to `steps` steps for a plan from the slot of `view` on, or improves the one there is; returns what it
-    /// does first, and keeps the rest. The result depends only on the view and the plan, unless `is_over` ends the search.
-    pub fn plan(&mut self, view: &View, steps: u64, is_over: &dyn Fn() -> bool) -> Next {
+    /// does first, and keeps the rest. The first search may begin with the stops of `offered`. The result depends only on the
+    /// view and the plan, unless `is_over` ends the search.
+    pub fn plan(
+        &mut self,
+        view: &View,
+        steps: u64,
+        offered: impl FnOnce() -> Vec<PlannedStop>,
+        is_over: &dyn Fn() -> bool,
+    ) -> Next {
         let last = view.table.limits.slots.min(view.slot.saturating_add(self.window_slots - 1));
         // A UAV beside the place that it was told has arrived: otherwise a stop would never be over.
         let ground = view.ground();
@@ -94,7 +101,7 @@ impl Collector {
             None => (None, FIRST_TEMPERATURE),
         };
         let mut search = PlanSearch { flight: &mut flight, random: &mut random, is_over };
-        let begun = begun.unwrap_or_else(|| search.insert_all(view.stop));
+        let begun = begun.unwrap_or_else(|| search.insert_all(offered(), view.stop));
         let mut stops = search.anneal(begun, steps, temperature);
         let (next, first) = flight.first(&stops);
         stops.drain(..first);

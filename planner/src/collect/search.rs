@@ -33,8 +33,9 @@ pub struct PlanSearch<'a, 'b> {
 }
 
 impl PlanSearch<'_, '_> {
-    /// A first plan: a stop for each SN, the fullest first, where the plan then delivers most; then the same round again.
-    pub fn insert_all(&mut self, stop: &Stop) -> Vec<PlannedStop> {
+    /// A first plan: a stop for each SN, the fullest first, where the plan then delivers most. Where SNs sample it is the same
+    /// round again and again, that of `tour`, or `offered`, whichever delivers most.
+    pub fn insert_all(&mut self, offered: Vec<PlannedStop>, stop: &Stop) -> Vec<PlannedStop> {
         let mut stops: Vec<PlannedStop> = Vec::new();
         let mut value = self.flight.attempt(&stops, 0);
         self.flight.keep(&mut stops);
@@ -69,20 +70,26 @@ impl PlanSearch<'_, '_> {
         // What is sampled has to be fetched again and again: perhaps better in the round of `tour`.
         let round = stops.clone();
         value = self.repeat(&mut stops, &round, value);
-        if self.flight.places.table.airspace.is_open() {
-            let mut turns = self.flight.places.table.turns(stop).as_ref().clone();
-            turns.begin_near(&self.flight.begin());
-            let round = turns.order.iter().zip(&turns.points);
-            let round: Vec<PlannedStop> =
-                round.map(|(&sensor, &place)| PlannedStop { place, sensor, hovers: 0 }).collect();
-            let mut tour = Vec::new();
-            let begun = self.flight.attempt(&tour, 0);
-            self.flight.keep(&mut tour);
-            if self.repeat(&mut tour, &round, begun) > value {
-                return tour;
-            }
+        let table = &self.flight.places.table;
+        let mut turns = table.turns(stop).as_ref().clone();
+        let start = self.flight.begin();
+        turns.begin_near(|point| table.distance_m2(point, &start));
+        let place = |point: &Position| table.airspace.nearest(point);
+        let round = turns.order.iter().zip(&turns.points);
+        let round: Vec<PlannedStop> =
+            round.map(|(&sensor, point)| PlannedStop { place: place(point), sensor, hovers: 0 }).collect();
+        let mut tour = Vec::new();
+        let begun = self.flight.attempt(&tour, 0);
+        self.flight.keep(&mut tour);
+        let tour_bits = self.repeat(&mut tour, &round, begun);
+        let offered_bits = self.flight.attempt(&offered, 0);
+        if offered_bits > value.max(tour_bits) {
+            offered
+        } else if tour_bits > value {
+            tour
+        } else {
+            stops
         }
-        stops
     }
 
     /// Appends `round` to a plan of this value as often as that delivers more: what was sampled meanwhile. Returns the value.

@@ -1,9 +1,11 @@
 //! The order in which a short closed round over disks of one radius serves them.
 
+use skysink_common::airspace::Airspace;
 use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::sensors::grid::Grid;
 use skysink_common::stop::Stop;
 
+use super::detour::{self, Lengths};
 use super::round::{Disks, RoundEffort, nearest_of_leg};
 
 /// Steps of the search for a round over at most [`MANY`] disks: about 0.1 s.
@@ -69,6 +71,21 @@ impl Turns {
         }
     }
 
+    /// Shortens the round by the lengths of the ways around zones or along a grid; in an open field it stays as it is. Its points
+    /// stay, too.
+    pub fn shorten_within(&mut self, airspace: &Airspace) {
+        let count = self.points.len();
+        if airspace.is_open() || count > detour::MOST {
+            return;
+        }
+        let lengths = Lengths { count, lengths_m: airspace.distances_m(&self.points) };
+        let mut round: Vec<u32> = (0..count as u32).collect();
+        lengths.shorten(&mut round);
+        let all = std::mem::take(self);
+        self.order = round.iter().map(|&turn| all.order[turn as usize]).collect();
+        self.points = round.iter().map(|&turn| all.points[turn as usize]).collect();
+    }
+
     /// Leaves out the turns of all disks but those that are `kept`.
     pub fn retain(&mut self, kept: impl Fn(u32) -> bool) {
         let all = std::mem::take(self);
@@ -76,9 +93,9 @@ impl Turns {
         (self.order, self.points) = turns.unzip();
     }
 
-    /// Begins with the turn whose point is nearest to `start`.
-    pub fn begin_near(&mut self, start: &Position) {
-        let away_m2 = |&turn: &usize| distance_squared(&self.points[turn], start);
+    /// Begins with the turn whose point is nearest, by the square of its distance [m²].
+    pub fn begin_near(&mut self, distance_m2: impl Fn(&Position) -> f64) {
+        let away_m2 = |&turn: &usize| distance_m2(&self.points[turn]);
         let first = (0..self.points.len()).min_by(|a, b| away_m2(a).total_cmp(&away_m2(b))).unwrap_or(0);
         self.order.rotate_left(first);
         self.points.rotate_left(first);
@@ -152,9 +169,9 @@ mod tests {
     fn turns_begin_at_the_point_nearest_to_the_start() {
         let points = vec![Position::new(0.0, 0.0), Position::new(50.0, 0.0), Position::new(90.0, 0.0)];
         let mut turns = Turns { order: vec![5, 3, 4], points };
-        turns.begin_near(&Position::new(60.0, 9.0));
+        turns.begin_near(|point| distance_squared(point, &Position::new(60.0, 9.0)));
         assert_eq!((turns.order, turns.points[0].x), (vec![3, 4, 5], 50.0));
-        Turns::default().begin_near(&Position::origin());
+        Turns::default().begin_near(|_| 0.0);
     }
 
     #[test]

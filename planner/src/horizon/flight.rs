@@ -122,6 +122,9 @@ impl Route {
         let table = &model.table;
         let disk = model.disk(stop);
         let reach_m = table.limits.reach_m;
+        if table.airspace.has_grid() {
+            return Self::along(table, from, &table.way_into(from, disk));
+        }
         let slots = slots_between(from, disk, reach_m).min(f64::from(MOST_SLOTS)) as i32;
         let reach = Disk { centre: *from, radius_m: reach_m * f64::from(slots) };
         let end = nearest_in_both(&model.disk(next.unwrap_or(stop)).centre, &reach, disk);
@@ -139,7 +142,10 @@ impl Route {
         };
         let bent = table.airspace.bent_part(from, way, reach_m);
         let rest_m = (end - bent.last().unwrap_or(from)).norm();
-        let slots = (rest_m / reach_m - SLACK_SLOTS).ceil().max(if bent.is_empty() { 1.0 } else { 0.0 });
+        let mut slots = (rest_m / reach_m - SLACK_SLOTS).ceil().max(0.0);
+        if bent.is_empty() && slots == 0.0 {
+            slots = table.airspace.move_slots() as f64; // a hover takes as many
+        }
         Self { from: *from, slots: bent.len() as i32 + slots.min(f64::from(MOST_SLOTS / 2)) as i32, bent, end }
     }
 

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use nalgebra::Vector2;
 use skysink_common::arrivals::ArrivalLaw;
 use skysink_common::channel::{ChannelModel, Uplink};
-use skysink_common::geometry::{Position, above, distance_squared};
+use skysink_common::geometry::{Position, above};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::grid::Grid;
 use skysink_common::stop::Stop;
@@ -270,7 +270,8 @@ impl PlanningModel {
             }
             let centres: Vec<Position> = large.iter().map(|&group| self.disk(group).centre).collect();
             let least_m = large.iter().map(|&group| self.disk(group).radius_m).fold(f64::INFINITY, f64::min);
-            let turns = Turns::new(&centres, least_m, stop);
+            let mut turns = Turns::new(&centres, least_m, stop);
+            turns.shorten_within(&self.table.airspace);
             self.tours.push(turns.order.into_iter().map(|index| large[index as usize]).collect());
         }
     }
@@ -280,7 +281,7 @@ impl PlanningModel {
         let leg = |(&from, &to): (&u32, &u32)| {
             let from = self.disk(from);
             let to = self.disk(to);
-            let away_m = distance_squared(&from.centre, &to.centre).sqrt() - from.radius_m - to.radius_m;
+            let away_m = self.table.distance_m(&from.centre, &to.centre) - from.radius_m - to.radius_m;
             (away_m / self.table.limits.reach_m).max(1.0)
         };
         tour.iter().zip(tour.iter().cycle().skip(1)).map(leg).sum()

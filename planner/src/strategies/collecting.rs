@@ -1,7 +1,9 @@
 //! `horizon` and `offline` with `planner.objective = "collect"`: the plan that delivers most until the mission's end.
 //!
-//! The plan is left to [`crate::collect`].
+//! The plan is left to [`crate::collect`]. Where sensor nodes sample, most is delivered if little is lost, so its search may
+//! begin with the plan of [`crate::horizon`].
 
+use std::ops::ControlFlow;
 use std::time::Instant;
 
 use nalgebra::Point3;
@@ -12,13 +14,22 @@ use skysink_common::message::MAX_PATH_POINTS;
 use super::returning::stay;
 use super::serving::Serving;
 use crate::collect::Collector;
-use crate::collect::flight::Next;
-use crate::horizon::HorizonKeys;
+use crate::collect::flight::{Next, PlannedStop};
+use crate::horizon::flight::Leg;
+use crate::horizon::{Horizon, HorizonKeys};
 use crate::strategy::{Decision, Setup, Strategy, View};
+
+/// Steps of the search for the least loss that take as long as one for the most data delivered.
+pub(super) const LOSS_STEPS: u64 = 20;
+
+/// Longest planning window of that search [slots] unless the scenario has another.
+const MOST_SLOTS: u64 = 2_400;
 
 /// A plan over the rest of the mission, improved before every decision.
 pub(crate) struct Collecting {
     collector: Collector,
+    /// The look-ahead for the least loss; `None` where no SN samples.
+    horizon: Option<Horizon>,
     serving: Serving,
     keys: HorizonKeys,
     /// Steps of the first search.
@@ -31,8 +42,24 @@ impl Collecting {
     /// A search of `first_steps` steps before the first slot, and of as many as `keys` say before every other one.
     pub fn new(setup: &Setup, keys: HorizonKeys, first_steps: u64) -> Self {
         let collector = Collector::new(setup, keys.window);
-        Self { collector, serving: Serving::new(setup), keys, first_steps, path: Vec::with_capacity(MAX_PATH_POINTS) }
+        let is_sampling = setup.belief.has_learnt_rates() || setup.table.sensors.sampling_ids().next().is_some();
+        let window = keys.window.or(Some(MOST_SLOTS));
+        let horizon = is_sampling.then(|| Horizon::new(setup, HorizonKeys { window, ..keys }));
+        let path = Vec::with_capacity(MAX_PATH_POINTS);
+        Self { collector, horizon, serving: Serving::new(setup), keys, first_steps, path }
     }
+}
+
+/// The stops of a plan for the least loss, improved in `steps` steps.
+fn of_least_loss(horizon: &mut Horizon, view: &View, steps: u64, is_over: &dyn Fn() -> bool) -> Vec<PlannedStop> {
+    let Some(mut forecast) = horizon.forecast(view) else { return Vec::new() };
+    let watch = &mut |_| if is_over() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+    let _ = horizon.prepare(view, &mut forecast, steps, watch); // ended early, it is as it was found
+    let stop = |leg: &Leg| {
+        let member = horizon.model.disks[leg.stop as usize].members[0];
+        PlannedStop { place: leg.at, sensor: horizon.model.ids[member as usize], hovers: 0 }
+    };
+    forecast.trace.legs.iter().map(stop).collect()
 }
 
 impl Strategy for Collecting {
@@ -47,7 +74,11 @@ impl Strategy for Collecting {
         let is_over =
             || view.stop.requested().is_some() || budget.is_some_and(|(begin, budget)| begin.elapsed() >= budget);
         let steps = if self.collector.is_planned() { u64::from(self.keys.iterations) } else { self.first_steps };
-        let next = self.collector.plan(view, steps, &is_over);
+        let horizon = self.horizon.as_mut();
+        let offered = || {
+            horizon.map_or_else(Vec::new, |horizon| of_least_loss(horizon, view, steps * LOSS_STEPS, &is_over))
+        };
+        let next = self.collector.plan(view, steps, offered, &is_over);
         let home = view.table.home.as_ref();
         let is_home = home.is_some_and(|home| home.base.contains(&ground));
         let waypoint = match next {

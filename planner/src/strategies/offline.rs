@@ -14,7 +14,7 @@ use skysink_common::error::InputError;
 use skysink_common::keys::Accepts;
 use skysink_common::stop::Stop;
 
-use super::collecting::Collecting;
+use super::collecting::{Collecting, LOSS_STEPS};
 use super::horizon::LookAhead;
 use crate::horizon::HorizonKeys;
 use crate::horizon::long_search::{SearchOutcome, SearchProgress};
@@ -30,7 +30,7 @@ pub const STRATEGY: Registered =
         PlanningObjective::Loss => Box::new(Offline::new(setup).expect("its keys were checked")),
         PlanningObjective::Collect => {
             let OfflineKeys { steps } = setup.scenario.planner_keys("planner.offline").expect("they were checked");
-            Box::new(Collecting::new(setup, open_loop(), steps.div_ceil(COLLECTING_STEP)))
+            Box::new(Collecting::new(setup, open_loop(), steps.div_ceil(LOSS_STEPS)))
         }
     })
     .with_state()
@@ -49,9 +49,6 @@ skysink_common::keys! {
         steps: u64 = 1000000, Accepts::Whole(0, MAX_STEPS);
     }
 }
-
-/// Steps of the search for the least loss that take as long as one for the most data delivered.
-const COLLECTING_STEP: u64 = 20;
 
 /// Longest planning window before take-off [slots].
 const MOST_SLOTS: u64 = 10_000;

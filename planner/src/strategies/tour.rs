@@ -14,7 +14,8 @@ use crate::strategy::Registered;
 pub const STRATEGY: Registered =
     Registered::new("tour", "a short round that passes in range of all sensor nodes, flown repeatedly", |setup| {
         let mut turns = setup.table.turns(setup.stop).as_ref().clone();
-        turns.begin_near(&setup.scenario.start().xy());
+        let start = setup.scenario.start().xy();
+        turns.begin_near(|point| setup.table.distance_m2(point, &start));
         Box::new(InTurn::new(setup, turns, true, waypoint))
     })
     .with_state();
@@ -100,7 +101,7 @@ mod tests {
         let (table, mut tour) = made("tour", &positions);
         let field = setup_of(&positions);
         let mut turns = field.table.turns(&Stop::default()).as_ref().clone();
-        turns.begin_near(&Position::new(50.0, 50.0));
+        turns.begin_near(|point| field.table.distance_m2(point, &Position::new(50.0, 50.0)));
         let mut forgetful = InTurn::new(&field.setup(), turns, false, waypoint);
         let [with, without] =
             [tour.as_mut(), &mut forgetful].map(|strategy| least_visits(&table, strategy, positions.len()));
