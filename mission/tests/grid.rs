@@ -2,12 +2,15 @@
 
 use std::path::Path;
 
+use nalgebra::Vector2;
 use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, HoldReason, Mode, Plan};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::UAV;
 use skysink_mission::{Mission, Plant};
+use skysink_planner::geometry::disks::Disk;
+use skysink_planner::mission_table::MissionTable;
 use skysink_planner::settings;
 use skysink_planner::strategies::names;
 
@@ -150,5 +153,17 @@ fn grids_that_cannot_be_flown_are_refused() {
     ] {
         let error = refused(keys);
         assert!(error.contains("x.toml") && error.contains(expected), "{error}");
+    }
+}
+
+#[test]
+fn a_hover_takes_as_many_slots_as_a_move() {
+    for (speed_mps, n) in [(2.5, 4.0), (5.0, 2.0), (25.0, 1.0)] {
+        let scenario = city("horizon", speed_mps, 20, "");
+        let table = MissionTable::of(&scenario, &SensorList::of(&scenario).unwrap().nodes());
+        let start = scenario.start().xy();
+        let [here, next] =
+            [0.0, CELL_M].map(|away_m| Disk { centre: start + Vector2::new(-away_m, 0.0), radius_m: 1.0 });
+        assert_eq!([table.slots_into(&start, &here), table.slots_into(&start, &next)], [n, n], "{speed_mps} m/s");
     }
 }

@@ -8,7 +8,9 @@ use skysink_common::message::{FlightReport, HoldReason, Mode, Plan};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::UAV;
+use skysink_common::stop::Stop;
 use skysink_mission::{Mission, Plant};
+use skysink_planner::geometry::turns::Turns;
 use skysink_planner::mission_table::MissionTable;
 use skysink_planner::settings;
 use skysink_planner::strategies::names;
@@ -265,5 +267,35 @@ proptest! {
             refused += u32::from(is_through);
         }
         prop_assert!(refused < 100);
+    }
+}
+
+#[test]
+fn rounds_are_short_around_walls() {
+    // Walls open in turn at the north and at the south: a round that is short in a straight line crosses them.
+    let walls: Vec<String> = (1..=4)
+        .map(|wall| {
+            let [x_m, low_m] = [100.0 * f64::from(wall), if wall % 2 == 0 { 80.0 } else { 0.0 }];
+            let [east_m, high_m] = [x_m + 10.0, low_m + 420.0];
+            format!(
+                "{{ polygon_m = [[{x_m}, {low_m}], [{east_m}, {low_m}], [{east_m}, {high_m}], [{x_m}, {high_m}]] }}"
+            )
+        })
+        .collect();
+    let keys = format!("slots = 600\n[area]\nside_m = 500.0\nno_fly = [{}]", walls.join(", "));
+    for seed in 1..=3 {
+        let text = format!("name = 'walls'\nseed = {seed}\n{keys}\n");
+        let overrides = Overrides { strategy: Some("tour"), ..Overrides::default() };
+        let scenario = Scenario::parse(&text, Path::new("x.toml"), overrides).and_then(settings::resolve).unwrap();
+        let list = SensorList::of(&scenario).unwrap();
+        let table = MissionTable::of(&scenario, &list.nodes());
+        let length_m = |turns: &Turns| -> f64 {
+            let next = turns.points.iter().cycle().skip(1);
+            let ends = turns.points.iter().zip(next);
+            ends.map(|(from, to)| table.airspace.distance_m(&table.airspace.nearest(from), to)).sum()
+        };
+        let straight = Turns::new(&table.sensors.positions, table.limits.comm_radius_m, &Stop::default());
+        let [around_m, straight_m] = [&table.turns(&Stop::default()), &straight].map(length_m);
+        assert!(around_m < 0.75 * straight_m, "seed {seed}: {around_m} m and {straight_m} m");
     }
 }

@@ -57,10 +57,14 @@ fn zones(random: &mut impl Rng) -> Vec<Corners> {
 }
 
 fn scenario(zones: &[Corners], start: Position) -> Option<Scenario> {
+    scenario_with(zones, start, "")
+}
+
+fn scenario_with(zones: &[Corners], start: Position, uav: &str) -> Option<Scenario> {
     let zone = |corners: &Corners| format!("{{ polygon_m = {corners:?} }}");
     let zones: Vec<String> = zones.iter().map(zone).collect();
     let text = format!(
-        "name = 'maze'\n[area]\nside_m = {SIDE_M:?}\nno_fly = [{}]\n[uav]\nstart_m = [{:?}, {:?}]\n",
+        "name = 'maze'\n[area]\nside_m = {SIDE_M:?}\nno_fly = [{}]\n[uav]\n{uav}start_m = [{:?}, {:?}]\n",
         zones.join(", "),
         start.x,
         start.y
@@ -163,4 +167,30 @@ fn ways_around_zones_enter_none_and_are_the_shortest() {
 fn ways_around_a_thousand_mazes_enter_none_and_are_the_shortest() {
     let (flown, bent) = fly_mazes(2, 1_000);
     assert!(flown > 600 && bent > 200, "{flown} flown, {bent} with bends");
+}
+
+#[test]
+fn a_table_of_distances_has_the_lengths_of_the_shortest_ways() {
+    let mut random = ChaCha8Rng::seed_from_u64(7);
+    let mut around = 0;
+    for maze in 0..40 {
+        let grid = if maze % 4 == 0 { "moves = 'grid'\ncell_m = 50.0\n" } else { "" };
+        let zones = zones(&mut random);
+        let start = Position::new(25.0, 25.0);
+        let Some(scenario) = scenario_with(&zones, start, grid) else { continue };
+        let airspace = scenario.airspace();
+        let points: Vec<Position> =
+            (0..12).map(|_| Position::new(random.random::<f64>() * SIDE_M, random.random::<f64>() * SIDE_M)).collect();
+        let distances_m = airspace.distances_m(&points);
+        for (from, a) in points.iter().enumerate() {
+            for (to, b) in points.iter().enumerate() {
+                let [a, b] = [a, b].map(|point| airspace.nearest(point));
+                let expected_m = airspace.distance_m(&a, &b);
+                let found_m = distances_m[from * points.len() + to];
+                assert!((found_m - expected_m).abs() < 1e-6, "maze {maze}: {found_m} and {expected_m} m");
+                around += usize::from(expected_m > (a - b).norm() + 1.0);
+            }
+        }
+    }
+    assert!(around > 500, "{around}");
 }

@@ -20,6 +20,17 @@ pub struct PlannedStop {
     pub sensor: u32,
     /// The most hovers there [moves]; a move takes one slot, or more on a grid.
     pub hovers: u32,
+    /// Whether the UAV is on its way there: it then flies on, also if the SN was served in passing. Otherwise the flight would
+    /// differ from the plan.
+    pub is_begun: bool,
+}
+
+impl PlannedStop {
+    /// A stop that the UAV has not set out for.
+    #[must_use]
+    pub fn new(place: Position, sensor: u32, hovers: u32) -> Self {
+        Self { place, sensor, hovers, is_begun: false }
+    }
 }
 
 /// What a plan does next.
@@ -255,7 +266,8 @@ impl<'a> PlanFlight<'a> {
         (self.state.is_by_base, self.state.hovers) = (false, 0);
         // Of an SN that was served in passing there is nothing to fetch.
         let mean_bits = self.window.nodes[stop.sensor as usize].mean_bits;
-        if mean_bits > 0.0 && self.queue_bits(stop.sensor, self.state.slot + 1) < 2.0 * mean_bits {
+        let is_served = self.queue_bits(stop.sensor, self.state.slot + 1) < 2.0 * mean_bits;
+        if is_served && mean_bits > 0.0 && !stop.is_begun {
             return;
         }
         let Some(leg) = self.places.leg(&self.state.at, &stop.place) else { return };

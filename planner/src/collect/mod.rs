@@ -50,8 +50,8 @@ pub struct Collector {
     beside_m: f64,
 }
 
-/// A stop as it is saved: place [m], SN and most hovers.
-type SavedStop = ([f64; 2], u32, u32);
+/// A stop as it is saved: place [m], SN, most hovers, and whether the UAV is on its way there.
+type SavedStop = ([f64; 2], u32, u32, bool);
 
 /// The checkpoint of a plan.
 #[derive(Serialize, Deserialize)]
@@ -105,10 +105,11 @@ impl Collector {
         let mut stops = search.anneal(begun, steps, temperature);
         let (next, first) = flight.first(&stops);
         stops.drain(..first);
-        if let (Next::Flies(end), Some(stop)) = (next, stops.first_mut())
-            && flight.is_there(&end)
-        {
-            stop.hovers = stop.hovers.saturating_sub(1);
+        if let (Next::Flies(end), Some(stop)) = (next, stops.first_mut()) {
+            stop.is_begun = true;
+            if flight.is_there(&end) {
+                stop.hovers = stop.hovers.saturating_sub(1);
+            }
         }
         self.stops = Some(stops);
         self.told = None;
@@ -143,7 +144,7 @@ impl Collector {
 
 impl Checkpoint for Collector {
     fn save(&self, bytes: &mut Vec<u8>) {
-        let saved = |stop: &PlannedStop| (stop.place.into(), stop.sensor, stop.hovers);
+        let saved = |stop: &PlannedStop| (stop.place.into(), stop.sensor, stop.hovers, stop.is_begun);
         let stops = self.stops.as_ref().map(|stops| stops.iter().map(saved).collect());
         encode(&Saved { stops, told: self.told.map(Into::into) }, bytes);
     }
@@ -151,13 +152,16 @@ impl Checkpoint for Collector {
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let Saved { stops, told } = decode(bytes)?;
         let count = self.places.count();
-        let is_known = |(place, sensor, _): &SavedStop| {
+        let is_known = |(place, sensor, ..): &SavedStop| {
             (*sensor as usize) < count && place.iter().all(|coordinate_m| coordinate_m.is_finite())
         };
         CheckpointError::ensure(stops.iter().flatten().all(is_known), "stops of this field")?;
         CheckpointError::ensure(told.iter().flatten().all(|coordinate_m| coordinate_m.is_finite()), "a place")?;
         self.told = told.map(Into::into);
-        let stop = |(place, sensor, hovers): SavedStop| PlannedStop { place: place.into(), sensor, hovers };
+        let stop = |(place, sensor, hovers, is_begun): SavedStop| PlannedStop {
+            is_begun,
+            ..PlannedStop::new(place.into(), sensor, hovers)
+        };
         self.stops = stops.map(|stops| stops.into_iter().map(stop).collect());
         Ok(())
     }

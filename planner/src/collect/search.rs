@@ -47,7 +47,7 @@ impl PlanSearch<'_, '_> {
             }
             let mut best: Option<(f64, usize, PlannedStop)> = None;
             for place in self.flight.places.first(sensor, FIRST_PLACES) {
-                let stop = PlannedStop { place, sensor, hovers: self.hovers(sensor, &place) };
+                let stop = PlannedStop::new(place, sensor, self.hovers(sensor, &place));
                 for index in self.by_detour(&stops, &place).into_iter().take(FIRST_POSITIONS) {
                     stops.insert(index, stop);
                     let found = self.flight.attempt(&stops, index);
@@ -76,8 +76,7 @@ impl PlanSearch<'_, '_> {
         turns.begin_near(|point| table.distance_m2(point, &start));
         let place = |point: &Position| table.airspace.nearest(point);
         let round = turns.order.iter().zip(&turns.points);
-        let round: Vec<PlannedStop> =
-            round.map(|(&sensor, point)| PlannedStop { place: place(point), sensor, hovers: 0 }).collect();
+        let round: Vec<PlannedStop> = round.map(|(&sensor, point)| PlannedStop::new(place(point), sensor, 0)).collect();
         let mut tour = Vec::new();
         let begun = self.flight.attempt(&tour, 0);
         self.flight.keep(&mut tour);
@@ -181,7 +180,7 @@ impl PlanSearch<'_, '_> {
                 0 => self.by_detour(stops, &place)[0],
                 _ => below(self.random, stops.len() + 1),
             };
-            stops.insert(index, PlannedStop { place, sensor, hovers });
+            stops.insert(index, PlannedStop::new(place, sensor, hovers));
             return Some(index);
         }
         let index = below(self.random, stops.len());

@@ -97,7 +97,8 @@ mod tests {
 
     /// Lengths of ways over the streets of a grid.
     fn of(points: &[(f64, f64)]) -> Lengths {
-        let row = |a: &(f64, f64)| points.iter().map(move |b| (a.0 - b.0).abs() + (a.1 - b.1).abs()).collect::<Vec<_>>();
+        let row =
+            |a: &(f64, f64)| points.iter().map(move |b| (a.0 - b.0).abs() + (a.1 - b.1).abs()).collect::<Vec<_>>();
         Lengths { count: points.len(), lengths_m: points.iter().flat_map(row).collect() }
     }
 

@@ -57,7 +57,7 @@ fn of_least_loss(horizon: &mut Horizon, view: &View, steps: u64, is_over: &dyn F
     let _ = horizon.prepare(view, &mut forecast, steps, watch); // ended early, it is as it was found
     let stop = |leg: &Leg| {
         let member = horizon.model.disks[leg.stop as usize].members[0];
-        PlannedStop { place: leg.at, sensor: horizon.model.ids[member as usize], hovers: 0 }
+        PlannedStop::new(leg.at, horizon.model.ids[member as usize], 0)
     };
     forecast.trace.legs.iter().map(stop).collect()
 }
@@ -75,9 +75,8 @@ impl Strategy for Collecting {
             || view.stop.requested().is_some() || budget.is_some_and(|(begin, budget)| begin.elapsed() >= budget);
         let steps = if self.collector.is_planned() { u64::from(self.keys.iterations) } else { self.first_steps };
         let horizon = self.horizon.as_mut();
-        let offered = || {
-            horizon.map_or_else(Vec::new, |horizon| of_least_loss(horizon, view, steps * LOSS_STEPS, &is_over))
-        };
+        let offered =
+            || horizon.map_or_else(Vec::new, |horizon| of_least_loss(horizon, view, steps * LOSS_STEPS, &is_over));
         let next = self.collector.plan(view, steps, offered, &is_over);
         let home = view.table.home.as_ref();
         let is_home = home.is_some_and(|home| home.base.contains(&ground));

@@ -163,3 +163,23 @@ fn plans_that_another_field_has_saved_are_refused() {
     let mut same = Planner::new(&scenario, &mission.nodes).unwrap();
     assert!(same.restore(&saved[..saved.len() - 1]).is_err() && same.restore(&saved).is_ok());
 }
+
+#[test]
+fn where_sensor_nodes_sample_more_is_delivered_than_by_plans_for_the_least_loss() {
+    for strategy in ["horizon", "offline"] {
+        for seed in 1..=3 {
+            let delivered = |objective: &str| {
+                let text = format!(
+                    "slots = 150\n[area]\nside_m = 400.0\n[sensors]\ncount = 60\nsampling_bps = 150.0\n[base]\n\
+                     [uav]\nmust_land = true\n[planner]\nobjective = '{objective}'\nhorizon.iterations = 60\n\
+                     offline.steps = 60000\n"
+                );
+                let mut mission = TestMission::new(&scenario_of(&text, strategy, seed));
+                mission.by_ref().for_each(drop);
+                mission.plant().field().totals().delivered_bits
+            };
+            let [collect, loss] = ["collect", "loss"].map(delivered);
+            assert!(collect as f64 > 1.01 * loss as f64, "{strategy}, seed {seed}: {collect} and {loss} bits");
+        }
+    }
+}
