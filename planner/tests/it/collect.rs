@@ -165,7 +165,7 @@ fn plans_that_another_field_has_saved_are_refused() {
 }
 
 #[test]
-fn where_sensor_nodes_sample_more_is_delivered_than_by_plans_for_the_least_loss() {
+fn delivers_more_than_plans_for_the_least_loss_where_sensor_nodes_sample() {
     for strategy in ["horizon", "offline"] {
         for seed in 1..=3 {
             let delivered = |objective: &str| {
@@ -179,7 +179,7 @@ fn where_sensor_nodes_sample_more_is_delivered_than_by_plans_for_the_least_loss(
                 mission.plant().field().totals().delivered_bits
             };
             let [collect, loss] = ["collect", "loss"].map(delivered);
-            assert!(collect as f64 > 1.01 * loss as f64, "{strategy}, seed {seed}: {collect} and {loss} bits");
+            assert!(collect > loss, "{strategy}, seed {seed}: {collect} and {loss} bits");
         }
     }
 }
