@@ -1,8 +1,7 @@
 //! The missions of this process in recordings for rerun.
 
 use skysink_common::message::{PathPoint, Plan};
-use skysink_common::slot_record::SlotRecord;
-use skysink_common::slot_record::UAV;
+use skysink_common::slot_record::{Plans, SlotRecord, UAV};
 use skysink_mission::drive::Observer;
 use skysink_mission::{MissionError, Plant};
 use skysink_viewer::{SceneError, SlotView};
@@ -14,16 +13,16 @@ use crate::error::Error;
 pub struct SlotViews<F>(pub F);
 
 impl<F: FnMut(&SlotView) -> Result<(), SceneError>> SlotViews<F> {
-    fn show(&mut self, plant: &Plant, plan: Option<&Plan>, path: &[PathPoint]) -> Result<(), MissionError> {
+    fn show(&mut self, plant: &Plant, plans: &[Option<Plan>], path: &[PathPoint]) -> Result<(), MissionError> {
         let header = plant.header();
-        let plan = plan.map(|plan| Plan { plan_ns: 0, ..*plan });
+        let plans: Plans = plans.iter().map(|plan| plan.map(|plan| Plan { plan_ns: 0, ..plan })).collect();
         let view = SlotView {
             slot: plant.slot(),
             queues_bits: plant.field().queues_bits(),
             header: &header,
-            plan: plan.as_ref(),
+            plans: &plans,
             path,
-            flight: plant.flight(UAV),
+            flights: plant.flights(),
             slots_per_s: None,
             plan_ms: None,
         };
@@ -33,10 +32,10 @@ impl<F: FnMut(&SlotView) -> Result<(), SceneError>> SlotViews<F> {
 
 impl<F: FnMut(&SlotView) -> Result<(), SceneError>> Observer for SlotViews<F> {
     fn begin(&mut self, plant: &Plant) -> Result<(), MissionError> {
-        self.show(plant, None, &[])
+        self.show(plant, &[], &[])
     }
 
     fn slot(&mut self, record: &SlotRecord, plant: &Plant) -> Result<(), MissionError> {
-        self.show(plant, record.plans[UAV].as_ref(), &record.paths[UAV])
+        self.show(plant, &record.plans, &record.paths[UAV])
     }
 }

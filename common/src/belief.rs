@@ -54,14 +54,14 @@ impl Belief {
         }
     }
 
-    /// Advances by `slot`: its flight, the queues [`Self::reported`] `before` it by at least the served SNs, and the
+    /// Advances by `slot`: its flights, the queues [`Self::reported`] `before` it by at least the served SNs, and the
     /// queues `after` it [bit], by id, of which only those of the served SNs are read.
     ///
     /// A slot that was taken in already, or before a later one, is ignored. Slots may be skipped; an estimate is then
     /// older.
-    pub fn advance(&mut self, slot: u64, flight: &FlightReport, before: &ReportedQueues, after: &[u32]) {
+    pub fn advance(&mut self, slot: u64, flights: &[FlightReport], before: &ReportedQueues, after: &[u32]) {
         if let Self::Estimated(estimate) = self {
-            estimate.advance(slot, flight, before, after);
+            estimate.advance(slot, flights, before, after);
         }
     }
 

@@ -14,6 +14,8 @@ use crate::reported::ReportedQueues;
 use crate::sampling::Sampler;
 use crate::scenario::{Interval, Scenario};
 use crate::sensors::Sensors;
+use crate::slot_record::uploads;
+
 use rate_posterior::{Gained, RatePosterior};
 use serde::{Deserialize, Serialize};
 use strum::VariantNames;
@@ -321,13 +323,13 @@ impl Estimate {
         &self.queues_bits
     }
 
-    /// Advances by the contacts of `slot`: its flight, the queues that the served SNs report `before` it, and the
+    /// Advances by the contacts of `slot`: its flights, the queues that the served SNs report `before` it, and the
     /// queues `after` it [bit], by id, of which only those of the served SNs are read. A slot that was observed
     /// already, or a later one was, is ignored.
     ///
     /// Slots may be skipped. The estimate is then older, and gaps that began before a skipped slot are not learnt from,
     /// because they may hold an unknown contact.
-    pub fn advance(&mut self, slot: u64, flight: &FlightReport, before: &ReportedQueues, after: &[u32]) {
+    pub fn advance(&mut self, slot: u64, flights: &[FlightReport], before: &ReportedQueues, after: &[u32]) {
         if slot <= self.observed || after.len() != self.sensors.len() {
             return;
         }
@@ -336,7 +338,7 @@ impl Estimate {
             self.gapless_since = slot;
         }
         self.observed = slot;
-        for link in flight.served_links() {
+        for link in uploads(flights) {
             let found_bits = before.queue_bits(slot, link.sensor);
             let Some(SensorEstimate { contact, capacity_bits, .. }) = self.sensors.get_mut(link.sensor as usize) else {
                 continue;
@@ -394,12 +396,12 @@ mod tests {
     /// less is left than was found, the link contradicts it, and the rate in the slot itself is not learnt.
     fn contact(estimate: &mut Estimate, slot: u64, found: u32, left: u32) {
         let before = ReportedQueues::at(slot, [0], &[found, 0, 0]);
-        estimate.advance(slot, &serving(&[0]), &before, &[left, 0, 0]);
+        estimate.advance(slot, &[serving(&[0])], &before, &[left, 0, 0]);
     }
 
     /// Slots without a contact.
     fn pass(estimate: &mut Estimate, slots: std::ops::RangeInclusive<u64>) {
-        slots.for_each(|slot| estimate.advance(slot, &serving(&[]), &ReportedQueues::default(), &[7; 3]));
+        slots.for_each(|slot| estimate.advance(slot, &[serving(&[])], &ReportedQueues::default(), &[7; 3]));
     }
 
     #[test]
@@ -439,7 +441,7 @@ mod tests {
     #[test]
     fn since_a_contact_whole_bits_are_counted_as_the_sensor_node_counts_them() {
         let mut estimate = estimate_of(Rates::Known);
-        estimate.advance(1, &serving(&[0, 2]), &ReportedQueues::default(), &[40, 999, 60]);
+        estimate.advance(1, &[serving(&[0, 2])], &ReportedQueues::default(), &[40, 999, 60]);
         // A(1) = 2, A(2) = 5, A(3) = 7, A(4) = 10: 3, 5 and 8 since slot 1.
         assert_eq!(estimate.predict(1), [40, 400, 60], "no contact with SN 1");
         assert_eq!([2, 3, 4].map(|slot| estimate.predict(slot)[0]), [43, 45, 48]);
@@ -477,7 +479,7 @@ mod tests {
             let mut flight = serving(&[0]);
             flight.links[0].capacity_bits = 60;
             let before = ReportedQueues::at(slot, [0], &[found, 0, 0]);
-            estimate.advance(slot, &flight, &before, &[left, 0, 0]);
+            estimate.advance(slot, &[flight], &before, &[left, 0, 0]);
         };
         contact(&mut estimate, 1, 500, 470); // 500 + 30 − 60: the first contact reveals the rate
         assert_eq!((estimate.mean_bits(0), estimate.uncertainty(1, 0).rate), (30.0, 0.0));
@@ -495,7 +497,7 @@ mod tests {
         contact(&mut estimate, 1, 500, 100);
         pass(&mut estimate, 2..=6);
         let before = ReportedQueues::at(6, [0], &[900, 0, 0]);
-        estimate.advance(7, &serving(&[0]), &before, &[0; 3]); // the queue of SN 0 at the beginning of slot 7 is unknown
+        estimate.advance(7, &[serving(&[0])], &before, &[0; 3]); // the queue of SN 0 at the beginning of slot 7 is unknown
         assert_eq!(estimate.mean_bits(0), 100.0);
     }
 
@@ -534,13 +536,13 @@ mod tests {
         contact(&mut estimate, 5, 500, 30);
         let believed_bits = estimate.predict(9).to_vec();
         let none = ReportedQueues::default();
-        estimate.advance(5, &serving(&[1]), &none, &[9; 3]); // observed before
-        estimate.advance(4, &serving(&[1]), &none, &[9; 3]);
-        estimate.advance(6, &serving(&[1]), &none, &[9; 2]); // queues of another field
-        estimate.advance(6, &serving(&[3, u32::MAX]), &none, &[9; 3]); // unknown SNs
+        estimate.advance(5, &[serving(&[1])], &none, &[9; 3]); // observed before
+        estimate.advance(4, &[serving(&[1])], &none, &[9; 3]);
+        estimate.advance(6, &[serving(&[1])], &none, &[9; 2]); // queues of another field
+        estimate.advance(6, &[serving(&[3, u32::MAX])], &none, &[9; 3]); // unknown SNs
         assert_eq!(estimate.predict(9), believed_bits);
         let before = ReportedQueues::at(7, [0], &[500, 0, 0]);
-        estimate.advance(7, &serving(&[0, 0]), &before, &[2_000, 0, 0]); // twice, and more than the buffer
+        estimate.advance(7, &[serving(&[0, 0])], &before, &[2_000, 0, 0]); // twice, and more than the buffer
         // (500 − 30)/1 before slot 7, and at least 1 000 − 500 in it
         assert_eq!((estimate.predict(7)[0], estimate.mean_bits(0)), (1_000, 500.0));
     }

@@ -208,6 +208,19 @@ impl Plan {
         self.served = u32::try_from(ids.len()).expect("at most MAX_SERVED");
     }
 
+    /// Replaces all sensor nodes by those that `ids` names at their numbers.
+    ///
+    /// # Panics
+    /// If `ids` names one not.
+    pub fn renumber(&mut self, ids: &[u32]) {
+        let served = self.scheduled().len();
+        for id in self.ids[..served].iter_mut().chain([&mut self.anchor, &mut self.partner]) {
+            if *id != NOBODY {
+                *id = ids[*id as usize];
+            }
+        }
+    }
+
     /// The scheduled sensor nodes, at most [`MAX_SERVED`] for any `served`.
     #[must_use]
     pub fn scheduled(&self) -> &[u32] {
@@ -249,6 +262,8 @@ pub enum HoldReason {
     Base,
     /// The way to the waypoint led through a no-fly zone or a building.
     Zone,
+    /// The slot would have ended too near to a UAV of lower number (decision D23).
+    Separation,
 }
 
 /// Payload element of `flight`: the position of a UAV after the slot, and the capacity of each of its links.
@@ -289,6 +304,12 @@ impl FlightReport {
     #[must_use]
     pub fn served_links(&self) -> &[LinkReport] {
         &self.links[..(self.served as usize).min(MAX_SERVED)]
+    }
+
+    /// Whether it serves SN `sensor`.
+    #[must_use]
+    pub fn serves(&self, sensor: u32) -> bool {
+        self.served_links().iter().any(|link| link.sensor == sensor)
     }
 
     /// The mode flown. [`Mode::Serve`] and [`Mode::Fly`] follow from what was served, whichever of the two a foreign

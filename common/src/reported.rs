@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::checkpoint::CheckpointError;
 use crate::message::MAX_SERVED;
+use crate::scenario::MAX_UAVS;
 
 /// The queues of some sensor nodes (SNs) at the beginning of a slot, which they report if they are served in it.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -36,7 +37,7 @@ impl ReportedQueues {
     /// If they are impossible.
     pub fn check(&self, slot: u64, count: usize) -> Result<(), CheckpointError> {
         let are_known = self.queues.iter().all(|(id, _)| (*id as usize) < count);
-        let is_possible = are_known && self.queues.len() <= MAX_SERVED && self.slot <= slot;
+        let is_possible = are_known && self.queues.len() <= MAX_SERVED * MAX_UAVS as usize && self.slot <= slot;
         CheckpointError::ensure(is_possible, "reports of scheduled sensor nodes of this field")
     }
 }
@@ -58,6 +59,6 @@ mod tests {
         assert!(ReportedQueues::default().check(0, 0).is_ok());
         assert!(ReportedQueues::at(8, [2], &[10, 20, 30]).check(7, 3).is_err(), "of a slot to come");
         assert!(ReportedQueues::at(7, [2], &[10, 20, 30]).check(7, 2).is_err(), "SN 2 of two");
-        assert!(ReportedQueues::at(7, [0; 65], &[10]).check(7, 3).is_err(), "more than can be served");
+        assert!(ReportedQueues::at(7, [0; 4097], &[10]).check(7, 3).is_err(), "more than can be served");
     }
 }

@@ -23,7 +23,7 @@ pub use base::{BaseKeys, BatteryKeys};
 pub use mission::{CHANNEL, MAX_SEED, PlannerKeys, Scenario, TRACE};
 pub use sensors::SensorKeys;
 pub(crate) use sensors::{MAX_FIELD_BITS, MAX_SENSORS};
-pub use uav::{AltitudeMode, Climb, Moves, Propulsion, UavKeys};
+pub use uav::{AltitudeMode, Climb, Coordination, MAX_UAVS, Moves, Propulsion, UavKeys};
 
 use crate::airspace::cells_along;
 use crate::channel::{LinkModel, RateTable};
@@ -115,7 +115,8 @@ impl Scenario {
             None => side_m / 2.0,
             Some(cell_m) => (f64::from(cells_along(side_m, cell_m) / 2) + 0.5) * cell_m,
         });
-        let start_m = *scenario.uav.start_m.get_or_insert(centre_m);
+        let first_m = scenario.uav.starts_m.as_ref().and_then(|starts_m| starts_m.first()).copied();
+        let start_m = *scenario.uav.start_m.get_or_insert(first_m.unwrap_or(centre_m));
         if scenario.uav.battery.is_some() || scenario.must_land() {
             scenario.base.get_or_insert_default();
         }

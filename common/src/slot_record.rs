@@ -3,12 +3,9 @@
 use smallvec::{SmallVec, smallvec};
 
 use crate::checkpoint::{Checkpoint, CheckpointError};
-use crate::message::{FlightReport, PathPoint, Plan, QueuesHeader};
+use crate::message::{FlightReport, LinkReport, PathPoint, Plan, QueuesHeader};
 
-/// The number of UAVs of a mission.
-pub const UAVS: usize = 1;
-
-/// The UAV of a mission, by its number.
+/// The first UAV of a mission, by its number; the only one of most missions.
 pub const UAV: usize = 0;
 
 /// One item for each UAV, in the order of their numbers. The item of a single UAV needs no allocation.
@@ -16,6 +13,17 @@ pub type ByUav<T> = SmallVec<[T; 1]>;
 
 /// The plans of a slot; a UAV without one holds its position.
 pub type Plans = ByUav<Option<Plan>>;
+
+/// The links of a slot that upload: an SN that several UAVs serve is served by the first of them (decision D19).
+pub fn uploads(flights: &[FlightReport]) -> impl Iterator<Item = &LinkReport> {
+    let first = |(uav, flight)| links_after(&flights[..uav], flight);
+    flights.iter().enumerate().flat_map(first)
+}
+
+/// The links of `flight` to SNs that none of the flights `before` serves.
+fn links_after<'a>(before: &'a [FlightReport], flight: &'a FlightReport) -> impl Iterator<Item = &'a LinkReport> {
+    flight.served_links().iter().filter(|link| !before.iter().any(|other| other.serves(link.sensor)))
+}
 
 impl Checkpoint for ByUav<FlightReport> {
     fn save(&self, bytes: &mut Vec<u8>) {

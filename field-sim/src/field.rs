@@ -12,7 +12,7 @@ use skysink_common::message::{FlightReport, QueuesHeader, SlotHeader};
 use skysink_common::queues::blocks;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
-use skysink_common::slot_record::UAV;
+use skysink_common::slot_record::uploads;
 
 /// The sensor field and its queues after a slot.
 #[derive(Debug, Clone, PartialEq)]
@@ -81,7 +81,8 @@ impl Field {
     }
 
     /// Advances by `slot`, from 1: all sensor nodes sample, full ones lose the excess, and served ones upload
-    /// `Thr_i = min(floor(r_i τ_c), q)` (UTS eq. 7 in the order of decision D1).
+    /// `Thr_i = min(floor(r_i τ_c), q)` (UTS eq. 7 in the order of decision D1). Of several UAVs that serve one, the first
+    /// does (decision D19).
     ///
     /// # Errors
     /// If a UAV serves an unknown sensor node; the field is then unchanged.
@@ -113,7 +114,7 @@ impl Field {
         assert_eq!(slot, self.slot + 1, "expected the next slot");
         let count = self.queues_bits().len();
         assert!(queues_bits.as_ref().is_none_or(|copy| copy.len() == count), "expected one queue per sensor node");
-        let links = || flights.iter().flat_map(FlightReport::served_links);
+        let links = || uploads(flights);
         if let Some(link) = links().find(|link| link.sensor as usize >= count) {
             return Err(FieldError { slot, sensor: link.sensor, count });
         }
@@ -133,7 +134,7 @@ impl Field {
                 copy[sensor].write(self.ledger.queues_bits()[sensor]);
             }
         }
-        self.belief.advance(slot, &flights[UAV], &reported, self.ledger.queues_bits());
+        self.belief.advance(slot, flights, &reported, self.ledger.queues_bits());
         self.belief.predict(slot);
         Ok(self.slot_bits)
     }

@@ -6,7 +6,7 @@ use bytemuck::Zeroable;
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::estimate::BYTES_PER_SENSOR;
 use skysink_common::message::FlightReport;
-use skysink_common::slot_record::{ByUav, UAVS};
+use skysink_common::slot_record::ByUav;
 use skysink_ring::error::RingError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::journal::{Journal, Policy};
@@ -27,13 +27,13 @@ pub const SLOTS: u64 = STATES * STATE_EVERY;
 /// Bytes of a state: constant, and per sensor node.
 const STATE_BYTES: [usize; 2] = [1024, size_of::<u32>() + 2 * size_of::<u64>() + BYTES_PER_SENSOR];
 
-/// The journal of field-sim over `count` sensor nodes, in the ring's folder.
+/// The journal of field-sim over `count` sensor nodes with `uavs` UAVs, in the ring's folder.
 ///
 /// # Errors
 /// If a file cannot be opened or read.
-pub fn journal(folder: &RingFolder, count: usize) -> Result<Journal, RingError> {
+pub fn journal(folder: &RingFolder, count: usize, uavs: usize) -> Result<Journal, RingError> {
     let state_bytes = STATE_BYTES[0] + STATE_BYTES[1] * count;
-    let input_bytes = Some(UAVS * size_of::<FlightReport>());
+    let input_bytes = Some(uavs * size_of::<FlightReport>());
     let policy = Policy { state_every: STATE_EVERY, states: STATES, state_bytes, input_bytes };
     Journal::open(&folder.journal("field"), policy)
 }
@@ -52,20 +52,20 @@ pub fn save(journal: &mut Journal, flights: &[FlightReport], field: &Field) -> R
 ///
 /// # Errors
 /// If a file cannot be read or written.
-pub fn resume(journal: &mut Journal, field: &mut Field) -> Result<Option<ByUav<FlightReport>>, RingError> {
+pub fn resume(journal: &mut Journal, field: &mut Field, uavs: usize) -> Result<Option<ByUav<FlightReport>>, RingError> {
     let flown = journal.inputs()?;
     let Some(last) = flown.last() else {
-        save(journal, &[FlightReport::zeroed(); UAVS], field)?;
+        save(journal, &vec![FlightReport::zeroed(); uavs], field)?;
         return Ok(None);
     };
     if journal.restore_before(last.slot, field)?.is_none() {
         journal.restore_before(u64::MAX, field)?;
     }
-    Ok(advance(field, &flown))
+    Ok(advance(field, &flown, uavs))
 }
 
 /// Advances the field by the flights after its slot except those of the last, which are returned.
-fn advance(field: &mut Field, flown: &[Record]) -> Option<ByUav<FlightReport>> {
+fn advance(field: &mut Field, flown: &[Record], uavs: usize) -> Option<ByUav<FlightReport>> {
     let first = flown.partition_point(|record| record.slot <= field.slot());
     let mut next: Option<ByUav<FlightReport>> = None;
     for record in &flown[first..] {
@@ -74,7 +74,7 @@ fn advance(field: &mut Field, flown: &[Record]) -> Option<ByUav<FlightReport>> {
         {
             break;
         }
-        let mut flights = ByUav::from_elem(FlightReport::zeroed(), UAVS);
+        let mut flights = ByUav::from_elem(FlightReport::zeroed(), uavs);
         if record.slot != field.slot() + 1 || flights.restore(&record.bytes).is_err() {
             break;
         }
@@ -102,7 +102,7 @@ mod tests {
         let sensor = u32::try_from(slot * 7 % 200).unwrap();
         report.links[0] = LinkReport { sensor, capacity_bits: 5_000, ..LinkReport::default() };
         report.served = 1;
-        ByUav::from_elem(report, UAVS)
+        ByUav::from_elem(report, 1)
     }
 
     fn folder() -> RingFolder {
@@ -111,8 +111,8 @@ mod tests {
 
     /// The journal, and what is resumed from it.
     fn open(folder: &RingFolder, field: &mut Field) -> (Journal, Option<ByUav<FlightReport>>) {
-        let mut journal = journal(folder, field.queues_bits().len()).unwrap();
-        let last = resume(&mut journal, field).unwrap();
+        let mut journal = journal(folder, field.queues_bits().len(), 1).unwrap();
+        let last = resume(&mut journal, field, 1).unwrap();
         (journal, last)
     }
 
@@ -166,7 +166,7 @@ mod tests {
     #[test]
     fn a_state_of_another_field_is_ignored() {
         let folder = folder();
-        let mut journal = journal(&folder, 200).unwrap();
+        let mut journal = journal(&folder, 200, 1).unwrap();
         journal.save(0, &[1; 20], &Other(20)).unwrap();
         journal.save(STATE_EVERY, &[], &Other(2000)).unwrap();
         let mut restored = field();

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use nalgebra::Vector2;
+use nalgebra::{Point3, Vector2};
 use skysink_common::channel::{Channel, ChannelModel, Draw, DrawnChannel};
 use skysink_common::geometry::{Position, within};
 use skysink_common::message::{FlightReport, HoldReason, LinkReport, Mode, Plan, SensorNode, SolverOutcome};
@@ -11,9 +11,11 @@ use skysink_common::scenario::Scenario;
 
 use crate::vehicle::Vehicle;
 
-/// The UAV over its field.
+/// A UAV over its field.
 #[derive(Debug, Clone)]
 pub struct Flight {
+    /// Its number.
+    uav: usize,
     channel: DrawnChannel,
     streams: Streams,
     comm_radius_m: f64,
@@ -26,10 +28,11 @@ pub struct Flight {
 }
 
 impl Flight {
-    /// The UAV at its start, over the published sensor nodes.
+    /// The first UAV at its start, over the published sensor nodes.
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
         Self {
+            uav: 0,
             streams: Streams::new(scenario.seed),
             channel: DrawnChannel::new(Channel::of(&scenario.link), Streams::new(scenario.seed)),
             comm_radius_m: scenario.link.comm_radius_m,
@@ -39,6 +42,33 @@ impl Flight {
             positions: sensors.iter().map(|sensor| Position::new(sensor.x_m, sensor.y_m)).collect(),
             gains: sensors.iter().map(|sensor| sensor.gain).collect(),
         }
+    }
+
+    /// The UAV number `uav` at its start, over the same field.
+    #[must_use]
+    pub(crate) fn of_uav(&self, uav: usize, start: Point3<f64>) -> Self {
+        let mut other = Self { uav, ..self.clone() };
+        other.vehicle.position = start;
+        other
+    }
+
+    /// Whether a slot that flies by `plan` would end within `separation_m` [m] of another UAV's `end`, outside of the base
+    /// (decision D23).
+    pub(crate) fn is_too_near(&self, plan: &Plan, end: &Position, separation_m: f64) -> bool {
+        let is_in_base = |at: &Position| self.vehicle.is_base(at);
+        let to = plan.waypoint().xy();
+        (to - end).norm() < separation_m && !is_in_base(&to) && !is_in_base(end)
+    }
+
+    /// Whether its energy has ended (decision D12).
+    pub(crate) fn is_down(&self) -> bool {
+        self.vehicle.is_down()
+    }
+
+    /// The report of a slot whose waypoint is refused for `reason`: the UAV holds its position.
+    pub(crate) fn refuse(&mut self, reason: HoldReason) -> FlightReport {
+        self.vehicle.move_to(self.vehicle.position);
+        self.hold(reason, 1)
     }
 
     /// The report of slot 0: the UAV at its start.
@@ -122,7 +152,7 @@ impl Flight {
     /// How far beside the waypoint the slot ends [m]; `None` if it ends there, as where a recorded flight ended.
     fn position_error_m(&self, slot: u64, plan: &Plan) -> Option<Vector2<f64>> {
         let sigma_m = self.position_error_m.filter(|_| plan.solver != SolverOutcome::Recorded as u32)?;
-        let draw = normal_pair(&mut self.streams.stream(Purpose::PositionError, slot, 0));
+        let draw = normal_pair(&mut self.streams.stream(Purpose::PositionError, slot, self.uav as u32));
         Some(Vector2::from(draw) * sigma_m)
     }
 

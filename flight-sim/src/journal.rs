@@ -4,35 +4,30 @@ use std::collections::VecDeque;
 
 use bytemuck::Zeroable;
 use skysink_common::message::FlightReport;
-use skysink_common::slot_record::{ByUav, UAVS};
+use skysink_common::slot_record::ByUav;
 use skysink_ring::error::RingError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::journal::{Journal, Policy};
 use skysink_ring::topics::FLIGHT_HISTORY;
 
-/// The last flights, and one that may be cut.
-const POLICY: Policy = Policy {
-    state_every: 1,
-    states: FLIGHT_HISTORY as u64 + 1,
-    state_bytes: UAVS * size_of::<FlightReport>(),
-    input_bytes: None,
-};
-
-/// The journal of flight-sim in the ring's folder. The state after a slot is the flights of its UAVs.
+/// The journal of flight-sim in the ring's folder, of `uavs` UAVs: their last flights, and one that may be cut. The state
+/// after a slot is the flights of its UAVs.
 ///
 /// # Errors
 /// If the file cannot be opened.
-pub fn journal(folder: &RingFolder) -> Result<Journal, RingError> {
-    Journal::open(&folder.journal("flights"), POLICY)
+pub fn journal(folder: &RingFolder, uavs: usize) -> Result<Journal, RingError> {
+    let states = FLIGHT_HISTORY as u64 + 1;
+    let policy = Policy { state_every: 1, states, state_bytes: uavs * size_of::<FlightReport>(), input_bytes: None };
+    Journal::open(&folder.journal("flights"), policy)
 }
 
 /// The flights of the last saved slots, as many as late joiners receive: consecutive, ascending.
 ///
 /// # Errors
 /// If the file cannot be read.
-pub fn restore(journal: &Journal) -> Result<Vec<(u64, ByUav<FlightReport>)>, RingError> {
+pub fn restore(journal: &Journal, uavs: usize) -> Result<Vec<(u64, ByUav<FlightReport>)>, RingError> {
     let mut slots = VecDeque::new();
-    let mut flights = ByUav::from_elem(FlightReport::zeroed(), UAVS);
+    let mut flights = ByUav::from_elem(FlightReport::zeroed(), uavs);
     let mut before = u64::MAX;
     while slots.len() < FLIGHT_HISTORY
         && let Some(slot) = journal.restore_before(before, &mut flights)?
@@ -61,32 +56,32 @@ mod tests {
     }
 
     fn flight(slot: u64) -> ByUav<FlightReport> {
-        ByUav::from_elem(FlightReport::at([slot as f64, 0.5, 20.0], Mode::Serve), UAVS)
+        ByUav::from_elem(FlightReport::at([slot as f64, 0.5, 20.0], Mode::Serve), 1)
     }
 
     #[test]
     fn the_last_three_flights_are_restored_in_order() {
         let folder = RingFolder::create(Terms::default()).unwrap();
-        let mut flights = journal(&folder).unwrap();
-        assert_eq!(restore(&flights).unwrap(), []);
+        let mut flights = journal(&folder, 1).unwrap();
+        assert_eq!(restore(&flights, 1).unwrap(), []);
         flights.save(0, &[], &flight(0)).unwrap();
-        assert_eq!(restore(&flights).unwrap(), [(0, flight(0))]);
+        assert_eq!(restore(&flights, 1).unwrap(), [(0, flight(0))]);
         for slot in 1..=9 {
             flights.save(slot, &[], &flight(slot)).unwrap();
-            let again = journal(&folder).unwrap();
+            let again = journal(&folder, 1).unwrap();
             let last: Vec<_> = (slot.saturating_sub(2)..=slot).map(|slot| (slot, flight(slot))).collect();
-            assert_eq!(restore(&again).unwrap(), last);
+            assert_eq!(restore(&again, 1).unwrap(), last);
         }
         flights.save(14, &[], &flight(14)).unwrap(); // 11 to 13 are cut
-        assert_eq!(restore(&flights).unwrap(), [(14, flight(14))]);
+        assert_eq!(restore(&flights, 1).unwrap(), [(14, flight(14))]);
     }
 
     #[test]
     fn a_flight_that_is_cut_leaves_the_three_before_it() {
         let folder = RingFolder::create(Terms::default()).unwrap();
-        let mut flights = journal(&folder).unwrap();
+        let mut flights = journal(&folder, 1).unwrap();
         (1..=5).for_each(|slot| flights.save(slot, &[], &flight(slot)).unwrap());
         flights.save(6, &[], &Cut).unwrap();
-        assert_eq!(restore(&flights).unwrap(), [3, 4, 5].map(|slot| (slot, flight(slot))));
+        assert_eq!(restore(&flights, 1).unwrap(), [3, 4, 5].map(|slot| (slot, flight(slot))));
     }
 }

@@ -2,6 +2,7 @@
 //!
 //! Every plan is checked. The queues are left to field-sim.
 
+pub mod fleet;
 pub mod flight;
 #[cfg(feature = "node")]
 pub mod journal;
@@ -9,4 +10,5 @@ pub mod journal;
 pub mod node;
 pub mod vehicle;
 
+pub use fleet::Fleet;
 pub use flight::Flight;

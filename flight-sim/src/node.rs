@@ -6,7 +6,7 @@ use iceoryx2::prelude::Service;
 use skysink_common::message::{FlightReport, HoldReason, Plan};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
-use skysink_common::slot_record::{ByUav, UAVS};
+use skysink_common::slot_record::Plans;
 use skysink_common::stop::Stop;
 use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
@@ -14,6 +14,8 @@ use skysink_ring::refusals::{Refusal, Refusals};
 use skysink_ring::role::Role;
 use skysink_ring::topics::{Ring, is_release};
 
+use crate::fleet::Fleet;
+#[cfg(doc)]
 use crate::flight::Flight;
 use crate::journal::{journal, restore};
 
@@ -56,20 +58,21 @@ fn fly<S: Service + 'static>(
     recorded: Option<&RecordedFlight>,
 ) -> Result<(), NodeError> {
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::FlightSim, stop)?;
-    let flights = ring.flight.list_writer(UAVS)?;
+    let flights = ring.flight.list_writer(scenario.uav.uavs())?;
     let mut plans = ring.plan.reader()?;
     let mut ticks = ring.tick.reader()?;
 
     let mut sensors = ring.sensors.reader()?;
     let nodes = sensors.wait_for_next(&mut wait, 0)?;
     let _sensors = ring.terms.link.is_none().then_some(sensors); // behind a link its repeats would pile up
-    let mut uavs: ByUav<_> = (0..UAVS).map(|_| Flight::new(scenario, nodes.payload())).collect();
-    let mut journal = journal(folder)?;
-    let mut flown = restore(&journal)?;
+    let mut fleet = Fleet::new(scenario, nodes.payload());
+    let mut reports = fleet.start();
+    let mut journal = journal(folder, reports.len())?;
+    let mut flown = restore(&journal, reports.len())?;
     if let Some((_, reports)) = flown.last() {
-        uavs.iter_mut().zip(reports).for_each(|(uav, report)| uav.restore(report));
+        fleet.restore(reports);
     } else {
-        let start: ByUav<_> = uavs.iter().map(Flight::start).collect();
+        let start = reports.clone();
         journal.save(0, &[], &start)?;
         flown.push((0, start));
     }
@@ -90,14 +93,18 @@ fn fly<S: Service + 'static>(
             wait.sleep_until(next)?;
             next = Instant::now() + recorded.period.unwrap_or_default();
         }
-        let fly = |(number, uav): (usize, &mut Flight)| match recorded {
-            None => uav.step(slot, plan.as_ref().map(|plans| &plans[number])),
-            Some(recorded) => match (recorded.plan_of)(number, slot) {
-                Some(report) if recorded.are_reports => uav.repeat(slot, &report),
-                plan => uav.step(slot, plan.as_ref()),
-            },
-        };
-        let reports: ByUav<_> = uavs.iter_mut().enumerate().map(fly).collect();
+        match recorded {
+            None => fleet.step(slot, |uav| plan.as_ref().map(|plans| &plans[uav]), &mut reports),
+            Some(recorded) => {
+                let plans: Plans = (0..reports.len()).map(|uav| (recorded.plan_of)(uav, slot)).collect();
+                let plan_of = |uav: usize| plans[uav].as_ref();
+                if recorded.are_reports {
+                    fleet.repeat(slot, plan_of, &mut reports);
+                } else {
+                    fleet.step(slot, plan_of, &mut reports);
+                }
+            }
+        }
         drop(plan);
         if recorded.is_none() {
             reports.iter().for_each(|report| count_refusals(&ring.refusals, slot, report));
@@ -115,6 +122,7 @@ fn count_refusals(refusals: &Refusals, slot: u64, report: &FlightReport) {
             HoldReason::Waypoint => Refusal::Waypoint,
             HoldReason::Base => Refusal::Base,
             HoldReason::Zone => Refusal::Zone,
+            HoldReason::Separation => Refusal::Separation,
             HoldReason::None | HoldReason::NoPlan => Refusal::Sensor,
         };
         refusals.add("plan", slot, refusal, u64::from(report.refused));

@@ -49,6 +49,11 @@ impl Vehicle {
         self.energy_j < 0.0
     }
 
+    /// Whether `ground` [m] lies in the base.
+    pub fn is_base(&self, ground: &Position) -> bool {
+        self.base.as_ref().is_some_and(|base| base.contains(ground))
+    }
+
     /// Moves to `position` [m], wherever it lies, with the energy that the flight of a slot takes.
     pub fn move_to(&mut self, position: Point3<f64>) {
         if let Some(battery) = &self.battery {
@@ -60,7 +65,7 @@ impl Vehicle {
     /// Charges for a slot, if it is in the base; otherwise hovers, and returns false.
     #[must_use]
     pub fn charge(&mut self) -> bool {
-        let is_in_base = self.base.as_ref().is_some_and(|base| base.contains(&self.position.xy()));
+        let is_in_base = self.is_base(&self.position.xy());
         match &self.battery {
             Some(battery) if is_in_base => self.energy_j = battery.charged_j(self.energy_j),
             _ => self.move_to(self.position),

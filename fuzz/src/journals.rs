@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 
 use arbitrary::{Result, Unstructured};
 use skysink_common::message::FlightReport;
-use skysink_common::slot_record::{ByUav, UAVS};
+use skysink_common::slot_record::ByUav;
 use skysink_field_sim::Field;
 use skysink_field_sim::journal as fields;
 use skysink_flight_sim::journal as flights;
@@ -66,17 +66,17 @@ pub fn records(u: &mut Unstructured) -> Result<()> {
 /// A corrupted journal restores at most three flights, all of them saved and consecutive; an intact one the last.
 pub fn flight_journal(u: &mut Unstructured) -> Result<()> {
     let ring = ring_without("flights");
-    let mut journal = flights::journal(ring).expect("the journal opens");
+    let mut journal = flights::journal(ring, 1).expect("the journal opens");
     let mut saved = Vec::new();
     let mut slot = u64::from(u.arbitrary::<u32>()?);
     for _ in 0..u.arbitrary::<u8>()? % 7 {
-        let flights = ByUav::from_elem(report(u, 2)?, UAVS);
+        let flights = ByUav::from_elem(report(u, 2)?, 1);
         journal.save(slot, &[], &flights).expect("the flight is written");
         saved.push((slot, bytemuck::cast_slice(&flights).to_vec())); // a report may hold NaN
         slot += u64::from(u.arbitrary::<u8>()? % 4);
     }
     let is_corrupted = corrupt(&ring.journal("flights"), u)?;
-    let restored = flights::restore(&journal).expect("the journal is read");
+    let restored = flights::restore(&journal, 1).expect("the journal is read");
     assert!(restored.len() <= 3);
     assert!(restored.windows(2).all(|pair| pair[0].0 + 1 == pair[1].0), "{restored:?}");
     for (slot, flights) in &restored {
@@ -116,8 +116,8 @@ pub fn field_journal(u: &mut Unstructured) -> Result<()> {
 
 /// Opens the journal of a field, and resumes the field.
 fn resumed(ring: &RingFolder, field: &mut Field) -> (Journal, Option<ByUav<FlightReport>>) {
-    let mut journal = fields::journal(ring, field.queues_bits().len()).expect("the journal opens");
-    let last = fields::resume(&mut journal, field).expect("the journal is read");
+    let mut journal = fields::journal(ring, field.queues_bits().len(), 1).expect("the journal opens");
+    let last = fields::resume(&mut journal, field, 1).expect("the journal is read");
     (journal, last)
 }
 

@@ -9,7 +9,7 @@ use skysink_common::scenario::Scenario;
 use skysink_common::slot_record::UAV;
 use skysink_flight_sim::Flight;
 use skysink_mission::Mission;
-use skysink_planner::Planner;
+use skysink_planner::{FleetPlanner, Planner};
 
 use crate::messages::report;
 use crate::world::{corrupt, file, planned};
@@ -65,21 +65,21 @@ pub fn checkpoint(u: &mut Unstructured) -> Result<()> {
         assert_eq!(saved(planner), original);
         assert_ne!(checkpoint, original, "a checkpoint of its own is refused");
     }
-    planner.observe(FLOWN_SLOTS, &here, &queues);
-    let plan = planner.step(FLOWN_SLOTS + 1, here.position(), &queues);
+    planner.observe(FLOWN_SLOTS, &[here], &queues);
+    let plan = planner.step(FLOWN_SLOTS + 1, &[here], &queues)[UAV];
     let report = fly(&scenario, &list.nodes(), &here, FLOWN_SLOTS + 1, &plan);
-    let mut again = Planner::new(&scenario, &list.nodes()).expect("its keys were checked");
+    let mut again = FleetPlanner::from(Planner::new(&scenario, &list.nodes()).expect("its keys were checked"));
     again.restore(&saved(planner)).expect("what a planner saves is a checkpoint");
     assert_eq!(saved(&again), saved(planner));
     let [plan, same] = [planner, &mut again].map(|planner| {
-        planner.observe(FLOWN_SLOTS + 1, &report, &queues);
-        planner.step(FLOWN_SLOTS + 2, report.position(), &queues)
+        planner.observe(FLOWN_SLOTS + 1, &[report], &queues);
+        Plan { plan_ns: 0, ..planner.step(FLOWN_SLOTS + 2, &[report], &queues)[UAV] }
     });
     assert_eq!(format!("{plan:?}"), format!("{same:?}"));
     Ok(())
 }
 
-fn saved(planner: &Planner) -> Vec<u8> {
+fn saved(planner: &impl Checkpoint) -> Vec<u8> {
     let mut bytes = Vec::new();
     planner.save(&mut bytes);
     bytes

@@ -8,7 +8,7 @@ use skysink_common::propulsion::power_w;
 use skysink_common::scenario::{Propulsion, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::SlotRecord;
-use skysink_common::slot_record::UAV;
+use skysink_common::slot_record::{ByUav, UAV, uploads};
 use skysink_mission::ages::{AgeCounts, Ages, DeliveredData};
 use skysink_mission::drive::{Observer, SlotSink};
 use skysink_mission::origin::RunMode;
@@ -214,16 +214,22 @@ impl Metric {
     }
 }
 
+/// A UAV after the last slot.
+#[derive(Debug)]
+struct MeteredUav {
+    position: Point3<f64>,
+    is_down: bool,
+}
+
 /// Computes the metrics of a mission, slot by slot.
 #[derive(Debug)]
 pub struct MissionMeter {
     tally: Tally,
     slot_s: f64,
     aircraft: Propulsion,
-    position: Point3<f64>,
+    uavs: ByUav<MeteredUav>,
     flown_m: f64,
     energy_j: f64,
-    is_down: bool,
     slot: u64,
     service_ages: Ages,
     data: DeliveredData,
@@ -238,10 +244,9 @@ impl MissionMeter {
             tally: Tally::new(scenario, list, &RunMode::default()),
             slot_s: scenario.slot_s,
             aircraft: scenario.uav.propulsion,
-            position: scenario.start(),
+            uavs: scenario.starts().map(|position| MeteredUav { position, is_down: false }).collect(),
             flown_m: 0.0,
             energy_j: 0.0,
-            is_down: false,
             slot: 0,
             service_ages: Ages::new(list.sensors().len()),
             data: DeliveredData::new(scenario, list),
@@ -277,24 +282,26 @@ impl MissionMeter {
         values
     }
 
-    /// Adds the flight of the next slot. `queues_bits` are the queues after the slot, `delivered_bits` the bits
+    /// Adds the flights of the next slot. `queues_bits` are the queues after the slot, `delivered_bits` the bits
     /// delivered since the start, both by sensor node.
     ///
     /// # Panics
     /// If the slot serves an unknown sensor node.
-    fn add(&mut self, flight: &FlightReport, queues_bits: &[u32], delivered_bits: &[u64]) {
+    fn add(&mut self, flights: &[FlightReport], queues_bits: &[u32], delivered_bits: &[u64]) {
         self.slot += 1;
-        let position = flight.position();
-        let step_m = (position - self.position).norm();
-        self.position = position;
-        self.stay.add(self.slot, position.xy());
-        self.flown_m += step_m;
-        // A UAV that goes down has flown in that slot.
-        let was_down = std::mem::replace(&mut self.is_down, flight.flown_mode() == Mode::Down);
-        if flight.flown_mode() != Mode::Charge && !was_down {
-            self.energy_j += power_w(&self.aircraft, step_m / self.slot_s) * self.slot_s;
+        self.stay.add(self.slot, flights[UAV].position().xy());
+        for (uav, flight) in self.uavs.iter_mut().zip(flights) {
+            let position = flight.position();
+            let step_m = (position - uav.position).norm();
+            uav.position = position;
+            self.flown_m += step_m;
+            // A UAV that goes down has flown in that slot.
+            let was_down = std::mem::replace(&mut uav.is_down, flight.flown_mode() == Mode::Down);
+            if flight.flown_mode() != Mode::Charge && !was_down {
+                self.energy_j += power_w(&self.aircraft, step_m / self.slot_s) * self.slot_s;
+            }
         }
-        for link in flight.served_links() {
+        for link in uploads(flights) {
             let sensor = link.sensor as usize;
             self.service_ages.refresh(sensor, self.slot, self.slot);
             self.data.add(sensor, self.slot, delivered_bits[sensor], queues_bits[sensor].into());
@@ -309,7 +316,7 @@ impl Observer for MissionMeter {
 
     fn slot(&mut self, record: &SlotRecord, plant: &Plant) -> Result<(), MissionError> {
         self.tally.add(record)?;
-        self.add(&record.flights[UAV], plant.field().queues_bits(), plant.field().delivered_bits());
+        self.add(&record.flights, plant.field().queues_bits(), plant.field().delivered_bits());
         Ok(())
     }
 }
@@ -374,7 +381,7 @@ mod tests {
         for (served, queue_bits, delivered_bits) in
             [(&[][..], 200, 0), (&[0], 300, 0), (&[0], 150, 250), (&[], 250, 250)]
         {
-            metrics.add(&flight(50.0, served), &[queue_bits], &[delivered_bits]);
+            metrics.add(&[flight(50.0, served)], &[queue_bits], &[delivered_bits]);
         }
         let ages = [Metric::AoiMeanS, Metric::AoiP99S, Metric::DataAgeMeanS, Metric::DataAgeP99S];
         // Since the service 1, 0, 0, 1; of the data 1, 2, 1, 2.
@@ -385,10 +392,10 @@ mod tests {
     fn hovering_costs_energy_and_no_distance() {
         let scenario = Scenario::letter(Overrides::default()).unwrap();
         let mut metrics = MissionMeter::new(&scenario, &SensorList::of(&scenario).unwrap());
-        metrics.add(&flight(50.0, &[]), &[], &[]);
+        metrics.add(&[flight(50.0, &[])], &[], &[]);
         let [hover_m, hover_j] = values(&metrics, [Metric::FlownM, Metric::EnergyJ]);
         assert!((hover_j - 168.49).abs() < 1e-9);
-        metrics.add(&flight(60.0, &[]), &[], &[]);
+        metrics.add(&[flight(60.0, &[])], &[], &[]);
         let [flown_m, flown_j] = values(&metrics, [Metric::FlownM, Metric::EnergyJ]);
         assert_eq!((hover_m, flown_m), (0.0, 10.0));
         assert!((flown_j - hover_j - power_w(&scenario.uav.propulsion, 10.0)).abs() < 1e-9);

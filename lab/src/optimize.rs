@@ -17,6 +17,7 @@ use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::Mission;
 use skysink_planner::bound::{MissionBound, mission_bound};
+use skysink_planner::fleet::require_one;
 use skysink_planner::settings::{Knowledge, PlanningObjective, Rates, Settings, change};
 use skysink_planner::strategies::STRATEGIES;
 use skysink_planner::strategies::offline::{self, MAX_STEPS, Offline, OfflineKeys};
@@ -169,6 +170,7 @@ pub fn optimize(
         let expected = "\"loss\": the flight of least loss is searched";
         return Err(offline.refusal("planner.objective", &"collect".into(), expected).into());
     }
+    require_one(offline)?;
     let list = SensorList::of(offline)?;
     let steps = budget.steps.map_or_else(|| steps_in(budget.time, offline, &list, stop), Ok)?;
     let offline = with_search(offline, steps)?;

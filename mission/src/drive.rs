@@ -4,9 +4,9 @@ use std::time::Instant;
 
 use nalgebra::Point3;
 use skysink_common::message::{PathPoint, Plan, QueuesHeader};
-use skysink_common::slot_record::{Plans, SlotRecord, UAV};
+use skysink_common::slot_record::{ByUav, Plans, SlotRecord};
 use skysink_common::stop::{Stop, Stopped};
-use skysink_planner::Planner;
+use skysink_planner::FleetPlanner;
 
 use crate::error::MissionError;
 use crate::plant::Plant;
@@ -156,26 +156,22 @@ pub fn step(plant: &mut Plant, pilot: &mut dyn Pilot, stop: &Stop) -> Result<(),
 }
 
 /// Plans with the strategy of the scenario or another.
-impl Pilot for Planner {
+impl Pilot for FleetPlanner {
     fn plans(&mut self, plant: &Plant) -> Result<Plans, Ended> {
-        Ok(Plans::from_buf([Some(plan_next(self, plant))]))
+        Ok(plan_next(self, plant).into_iter().map(Some).collect())
     }
 
-    fn path(&self, _uav: usize) -> &[Point3<f64>] {
-        let path = Planner::path(self);
+    fn path(&self, uav: usize) -> &[Point3<f64>] {
+        let path = FleetPlanner::path(self, uav);
         if path.len() > 1 { path } else { &[] }
     }
 }
 
-/// Observes the last slot, and plans the next one of the only UAV.
-pub(crate) fn plan_next(planner: &mut Planner, plant: &Plant) -> Plan {
-    let begin = Instant::now();
-    let flight = plant.flight(UAV);
+/// Observes the last slot, and plans the next one.
+pub(crate) fn plan_next(planner: &mut FleetPlanner, plant: &Plant) -> ByUav<Plan> {
     let queues_bits = plant.field().queues_bits();
-    planner.observe(plant.slot(), flight, queues_bits);
-    let mut plan = planner.step(plant.slot() + 1, flight.position(), queues_bits);
-    plan.plan_ns = elapsed_ns(begin);
-    plan
+    planner.observe(plant.slot(), plant.flights(), queues_bits);
+    planner.step(plant.slot() + 1, plant.flights(), queues_bits)
 }
 
 /// The time since `begin` [ns].
@@ -205,6 +201,7 @@ mod tests {
     use skysink_common::message::{HoldReason, Mode};
     use skysink_common::scenario::{Overrides, Scenario};
     use skysink_common::sensors::SensorList;
+    use skysink_common::slot_record::UAV;
     use skysink_planner::settings;
 
     const SLOTS: u64 = 12;
@@ -215,10 +212,10 @@ mod tests {
         Scenario::parse(&text, Path::new("x.toml"), overrides).and_then(settings::resolve).unwrap()
     }
 
-    fn world(strategy: &'static str, seed: u64) -> (Plant, Planner) {
+    fn world(strategy: &'static str, seed: u64) -> (Plant, FleetPlanner) {
         let scenario = scenario(strategy, seed);
         let list = SensorList::of(&scenario).unwrap();
-        (Plant::new(&scenario, &list), Planner::new(&scenario, &list.nodes()).unwrap())
+        (Plant::new(&scenario, &list), FleetPlanner::until(&scenario, &list.nodes(), &Stop::default()).unwrap())
     }
 
     /// Keeps what it was given: the slot where the mission began, and the records.

@@ -4,9 +4,9 @@ use skysink_common::error::InputError;
 use skysink_common::message::{Plan, QueuesHeader};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
-use skysink_common::slot_record::SlotRecord;
+use skysink_common::slot_record::{SlotRecord, UAV};
 use skysink_common::stop::Stop;
-use skysink_planner::Planner;
+use skysink_planner::FleetPlanner;
 use skysink_planner::strategy::Strategy;
 
 use crate::drive::{End, Observer, drive, plan_next, step};
@@ -17,7 +17,7 @@ use crate::plant::Plant;
 pub struct Mission {
     plant: Plant,
     /// The planner after the last slot.
-    pub planner: Planner,
+    pub planner: FleetPlanner,
 }
 
 impl Mission {
@@ -34,7 +34,7 @@ impl Mission {
     /// # Errors
     /// As [`Mission::new`].
     pub fn until(scenario: &Scenario, list: &SensorList, stop: &Stop) -> Result<Self, InputError> {
-        Ok(Self { planner: Planner::until(scenario, &list.nodes(), stop)?, plant: Plant::new(scenario, list) })
+        Ok(Self { planner: FleetPlanner::until(scenario, &list.nodes(), stop)?, plant: Plant::new(scenario, list) })
     }
 
     /// The mission before slot 1, planned by `strategy` instead of the scenario's.
@@ -46,7 +46,7 @@ impl Mission {
         list: &SensorList,
         strategy: Box<dyn Strategy>,
     ) -> Result<Self, InputError> {
-        let planner = Planner::with_strategy(scenario, &list.nodes(), strategy)?;
+        let planner = FleetPlanner::with_strategy(scenario, &list.nodes(), strategy)?;
         Ok(Self { planner, plant: Plant::new(scenario, list) })
     }
 
@@ -79,7 +79,7 @@ impl Mission {
 
     /// Plans the next slot of the only UAV. Must be called once, before [`Mission::fly`].
     pub fn plan(&mut self) -> Plan {
-        plan_next(&mut self.planner, &self.plant)
+        plan_next(&mut self.planner, &self.plant)[UAV]
     }
 
     /// Flies the next slot of the only UAV by any `plan`, or holds without one.

@@ -6,15 +6,17 @@ use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::message::{FLAG_END, FlightReport, PathPoint, Plan, QueuesHeader, SlotHeader};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
-use skysink_common::slot_record::{ByUav, SlotRecord, UAVS};
+use skysink_common::slot_record::{ByUav, SlotRecord};
 use skysink_field_sim::Field;
+use skysink_flight_sim::Fleet;
+#[cfg(doc)]
 use skysink_flight_sim::Flight;
 
 /// What planners control: the field and the UAVs of a mission. Clones are independent.
 #[derive(Debug, Clone)]
 pub struct Plant {
     field: Field,
-    uavs: ByUav<Flight>,
+    fleet: Fleet,
     slots: u64,
     /// Whether plans are the flights that another flight-sim has reported.
     repeats_reports: bool,
@@ -27,11 +29,11 @@ impl Plant {
     #[must_use]
     pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
         let nodes = list.nodes();
-        let uavs: ByUav<Flight> = (0..UAVS).map(|_| Flight::new(scenario, &nodes)).collect();
+        let fleet = Fleet::new(scenario, &nodes);
         let field = Field::new(scenario, list);
         let header = field.header(slot_header(0, scenario.slots));
-        let record = SlotRecord::unplanned(uavs.iter().map(Flight::start).collect(), header);
-        Self { field, uavs, slots: scenario.slots, repeats_reports: false, record }
+        let record = SlotRecord::unplanned(fleet.start(), header);
+        Self { field, fleet, slots: scenario.slots, repeats_reports: false, record }
     }
 
     /// The same for the flights that another flight-sim has reported: each plan is one, as [`Flight::repeat`] takes it.
@@ -101,11 +103,11 @@ impl Plant {
         let record = &mut self.record;
         record.plans.copy_from_slice(plans);
         record.paths.iter_mut().for_each(Vec::clear);
-        for ((uav, flight), plan) in self.uavs.iter_mut().zip(&mut record.flights).zip(plans) {
-            *flight = match plan {
-                Some(report) if self.repeats_reports => uav.repeat(slot, report),
-                plan => uav.step(slot, plan.as_ref()),
-            };
+        let plan_of = |uav: usize| plans[uav].as_ref();
+        if self.repeats_reports {
+            self.fleet.repeat(slot, plan_of, &mut record.flights);
+        } else {
+            self.fleet.step(slot, plan_of, &mut record.flights);
         }
         self.field.step(slot, &record.flights).expect("flight-sim serves only known sensor nodes");
         record.header = self.field.header(slot_header(slot, self.slots));
@@ -150,9 +152,7 @@ impl Checkpoint for Plant {
         let mut restored = self.field.clone();
         restored.restore(&field)?;
         CheckpointError::ensure(restored.slot() == slot, "a field after the same slot")?;
-        for (uav, flight) in self.uavs.iter_mut().zip(&flown) {
-            uav.restore(flight);
-        }
+        self.fleet.restore(&flown);
         let header = restored.header(slot_header(slot, self.slots));
         self.field = restored;
         self.record = SlotRecord::unplanned(flown, header);

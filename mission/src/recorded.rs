@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use skysink_common::error::InputError;
 use skysink_common::message::Mode;
 use skysink_common::scenario::{Overrides, Scenario};
-use skysink_common::slot_record::{ByUav, Plans, UAV, UAVS};
+use skysink_common::slot_record::{ByUav, Plans, UAV};
 
 use crate::drive::{End, Ended, Pilot, SlotSink as _};
 use crate::error::{FileContext, MissionError};
@@ -23,6 +23,7 @@ use crate::trace::RecordedSlot;
 pub struct RecordedLines {
     path: PathBuf,
     reader: BufReader<File>,
+    uavs: usize,
     slots: u64,
     slot: u64,
     /// The lines of the last slot, one for each UAV.
@@ -34,10 +35,11 @@ pub struct RecordedLines {
 }
 
 impl RecordedLines {
-    /// The lines after the header of the trace in `folder`, of a mission of `slots` slots.
+    /// The lines after the header of the trace of a mission in `folder`.
     #[must_use]
-    pub fn new(folder: &RunFolder, reader: BufReader<File>, slots: u64) -> Self {
-        Self { path: folder.slots(), reader, slots, slot: 0, lines: Vec::new(), last: 0, number: 1 }
+    pub fn new(folder: &RunFolder, reader: BufReader<File>, scenario: &Scenario) -> Self {
+        let Scenario { slots, ref uav, .. } = *scenario;
+        Self { path: folder.slots(), reader, uavs: uav.uavs(), slots, slot: 0, lines: Vec::new(), last: 0, number: 1 }
     }
 
     /// The next recorded slot of each UAV; `None` after the last slot whose lines are complete.
@@ -47,7 +49,7 @@ impl RecordedLines {
     pub fn next_slot(&mut self) -> Result<Option<ByUav<RecordedSlot>>, MissionError> {
         self.lines.clear();
         let mut recorded = ByUav::new();
-        for uav in 0..UAVS {
+        for uav in 0..self.uavs {
             self.last = self.lines.len();
             self.reader.read_until(b'\n', &mut self.lines).at(&self.path)?;
             if !self.lines[self.last..].ends_with(b"\n") {
@@ -114,7 +116,7 @@ impl RecordedLines {
 pub fn recorded_slots(folder: &RunFolder) -> Result<Vec<ByUav<RecordedSlot>>, MissionError> {
     let scenario = Scenario::read(&folder.scenario(), Overrides::default())?;
     let (_, reader) = folder.reopen_slot_log()?;
-    let mut lines = RecordedLines::new(folder, reader, scenario.slots);
+    let mut lines = RecordedLines::new(folder, reader, &scenario);
     std::iter::from_fn(|| lines.next_slot().transpose()).collect()
 }
 
@@ -136,14 +138,14 @@ pub struct Recorded {
 }
 
 impl Recorded {
-    /// The trace in `folder`, of a mission of `slots` slots.
+    /// The trace of a mission in `folder`.
     ///
     /// # Errors
     /// If it does not begin with the header of a trace.
-    pub fn open(folder: &RunFolder, slots: u64) -> Result<Self, MissionError> {
+    pub fn open(folder: &RunFolder, scenario: &Scenario) -> Result<Self, MissionError> {
         let (log, reader) = folder.reopen_slot_log()?;
         let mode = folder.run_mode().clone();
-        Ok(Self { lines: RecordedLines::new(folder, reader, slots), log, mode, compared: 0 })
+        Ok(Self { lines: RecordedLines::new(folder, reader, scenario), log, mode, compared: 0 })
     }
 
     /// Compares the last flown slot with its lines, and reads the next ones; `None` after the last complete slot.

@@ -42,7 +42,7 @@ impl Replay {
         let summary = folder.summary()?;
         let scenario = Scenario::read(&folder.scenario(), Overrides::default()).and_then(settings::resolve)?;
         let list = SensorList::of(&scenario)?;
-        let trace = Recorded::open(&folder, scenario.slots)?;
+        let trace = Recorded::open(&folder, &scenario)?;
         let label = folder.run_mode().external_planner.as_ref().unwrap_or(&scenario.planner.strategy).clone();
         let run_mode = folder.run_mode().clone();
         let plant = Plant::new(&scenario, &list).repeating_reports(run_mode.has_reported_flights());

@@ -4,8 +4,7 @@ use std::fmt::Write as _;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use skysink_common::message::FlightReport;
-use skysink_common::slot_record::SlotRecord;
+use skysink_common::slot_record::{SlotRecord, uploads};
 
 use crate::ages::AgeRun;
 use crate::drive::Observer;
@@ -117,7 +116,7 @@ impl SensorTally {
 impl Observer for SensorTally {
     fn slot(&mut self, record: &SlotRecord, plant: &Plant) -> Result<(), MissionError> {
         let slot = record.slot();
-        for link in record.flights.iter().flat_map(FlightReport::served_links) {
+        for link in uploads(&record.flights) {
             self.0[link.sensor as usize].serve(slot);
         }
         for (sums, lost_bits) in self.0.iter_mut().zip(plant.field().lost_bits()) {

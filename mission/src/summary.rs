@@ -9,11 +9,11 @@ use skysink_common::base::Base;
 use skysink_common::battery::Battery;
 use skysink_common::build::{VERSION, build};
 use skysink_common::ledger::Ledger;
-use skysink_common::message::{FlightReport, HoldReason, Mode, QueuesHeader, SolverOutcome, Totals};
+use skysink_common::message::{FlightReport, HoldReason, Mode, Plan, QueuesHeader, SolverOutcome, Totals};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
-use skysink_common::slot_record::SlotRecord;
+use skysink_common::slot_record::{ByUav, SlotRecord, uploads};
 use skysink_common::weights::Weights;
 
 use crate::drive::SlotSink;
@@ -72,12 +72,15 @@ pub struct Summary {
     /// Delivered ÷ (initial + sampled) bits; 0 if there were none.
     #[serde(default)] // runs of older builds have none
     pub collection_ratio: f64,
-    /// Whether the UAV is in the base at the end, and not down (decision D9); `None` without a base.
+    /// Whether all UAVs are in the base at the end, and none is down (decision D9); `None` without a base.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub landed: Option<bool>,
     /// What the battery gave and took; `None` without one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub energy: Option<EnergyUse>,
+    /// What several UAVs did together; `None` with one. All other figures are sums over them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fleet: Option<FleetUse>,
     /// Slots in which the UAV held its position.
     pub held_slots: u64,
     /// Slots in transit (decision D8).
@@ -112,7 +115,9 @@ impl Summary {
     /// again.
     pub(crate) fn recompute(&mut self, again: Self) {
         let run = std::mem::take(self);
+        let contended = run.fleet.map_or(0, |fleet| fleet.contended);
         *self = Self {
+            fleet: again.fleet.map(|fleet| FleetUse { contended, ..fleet }),
             // What only the run could know, or decides which figures it has.
             solver_fallbacks: run.solver_fallbacks,
             refused_messages: run.refused_messages,
@@ -125,6 +130,35 @@ impl Summary {
             timing: run.timing,
             ..again
         };
+    }
+}
+
+/// What several UAVs did together.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct FleetUse {
+    /// Number of UAVs.
+    pub uavs: usize,
+    /// Scheduled SNs that a UAV of lower number served in that slot (decision D19); since the last resumption.
+    pub contended: u64,
+    /// Least distance between two UAVs at the end of a slot, neither of them in the base [m] (decision D23); `None` if all
+    /// pairs always were.
+    pub min_separation_m: Option<f64>,
+}
+
+impl FleetUse {
+    /// Adds a slot.
+    fn add(&mut self, record: &SlotRecord, base: Option<&Base>) {
+        let is_in_base = |flight: &FlightReport| base.is_some_and(|base| base.contains(&flight.position().xy()));
+        for (uav, flight) in record.flights.iter().enumerate() {
+            let lower = &record.flights[..uav];
+            let scheduled = record.plans[uav].iter().filter(|_| !is_late(flight)).flat_map(Plan::scheduled);
+            let is_contended = |id: &&u32| lower.iter().any(|other| other.serves(**id));
+            self.contended += scheduled.filter(is_contended).count() as u64;
+            for other in lower.iter().filter(|other| !is_in_base(other) && !is_in_base(flight)) {
+                let away_m = (flight.position() - other.position()).norm();
+                self.min_separation_m = Some(self.min_separation_m.map_or(away_m, |least_m| least_m.min(away_m)));
+            }
+        }
     }
 }
 
@@ -146,6 +180,18 @@ pub struct EnergyUse {
 }
 
 impl EnergyUse {
+    /// The sum of that of several UAVs; the first slot in which one went down.
+    fn sum(uses: &[Self]) -> Self {
+        uses.iter().skip(1).fold(uses[0], |sum, one| Self {
+            used_j: sum.used_j + one.used_j,
+            charged_j: sum.charged_j + one.charged_j,
+            left_j: sum.left_j + one.left_j,
+            charged_s: sum.charged_s + one.charged_s,
+            return_slots: sum.return_slots + one.return_slots,
+            down_slot: sum.down_slot.into_iter().chain(one.down_slot).min(),
+        })
+    }
+
     /// Adds a flight of `slot_s` [s].
     fn add(&mut self, slot: u64, slot_s: f64, flight: &FlightReport) {
         let gained_j = flight.energy_j - self.left_j;
@@ -202,6 +248,9 @@ pub struct Tally {
     /// `None` where all weights are equal.
     weighted: Option<WeightedLoss>,
     served: u64,
+    uavs: usize,
+    /// By UAV; empty without batteries.
+    energy: ByUav<EnergyUse>,
     base: Option<Base>,
     slot_s: f64,
     plan_ns: Histogram<u64>,
@@ -232,7 +281,7 @@ impl WeightedLoss {
     fn add(&mut self, record: &SlotRecord) {
         self.slot = record.slot();
         self.ledger.sample(self.slot);
-        for link in record.flights.iter().flat_map(FlightReport::served_links) {
+        for link in uploads(&record.flights) {
             let _ = self.ledger.upload(link.sensor as usize, link.capacity_bits);
         }
     }
@@ -251,6 +300,9 @@ impl Tally {
     /// The sums before slot 1 of a run flown like `mode`. A run with a pace also measures latencies.
     #[must_use]
     pub fn new(scenario: &Scenario, list: &SensorList, mode: &RunMode) -> Self {
+        let uavs = scenario.uav.uavs();
+        let full = Battery::of(scenario).map(|battery| EnergyUse { left_j: battery.initial_j, ..EnergyUse::default() });
+        let energy: ByUav<EnergyUse> = full.iter().flat_map(|full| vec![*full; uavs]).collect();
         let summary = Summary {
             name: scenario.name.clone(),
             strategy: mode.external_planner.as_ref().unwrap_or(&scenario.planner.strategy).clone(),
@@ -260,9 +312,9 @@ impl Tally {
             sensors: list.sensors().len(),
             version: VERSION.into(),
             build: build().into(),
-            landed: scenario.landing_base().map(|base| base.contains(&scenario.start().xy())),
-            energy: Battery::of(scenario)
-                .map(|battery| EnergyUse { left_j: battery.initial_j, ..EnergyUse::default() }),
+            landed: scenario.landing_base().map(|base| scenario.starts().all(|start| base.contains(&start.xy()))),
+            fleet: (uavs > 1).then(|| FleetUse { uavs, ..FleetUse::default() }),
+            energy: (!energy.is_empty()).then(|| EnergyUse::sum(&energy)),
             timing: RunTiming { pace: mode.pace, ..RunTiming::default() },
             ..Summary::default()
         };
@@ -271,6 +323,8 @@ impl Tally {
             mean_bits: (!scenario.arrival_law().is_random()).then(|| list.slot_bits(scenario)),
             weighted: WeightedLoss::new(scenario, list),
             served: 0,
+            uavs,
+            energy,
             base: scenario.landing_base(),
             slot_s: scenario.slot_s,
             plan_ns: histogram(),
@@ -282,12 +336,15 @@ impl Tally {
     /// planning times are those of the slots after them.
     pub fn resume(&mut self) {
         self.summary.solver_fallbacks = 0;
+        if let Some(fleet) = &mut self.summary.fleet {
+            fleet.contended = 0;
+        }
         self.plan_ns.reset();
         self.summary.resumed_after = Some(self.summary.slots);
     }
 
-    /// Adds the flight of a UAV in a slot.
-    fn add_flight(&mut self, flight: &FlightReport) {
+    /// Adds the flight of the UAV number `uav` in a slot.
+    fn add_flight(&mut self, uav: usize, flight: &FlightReport) {
         self.served += u64::from(flight.served);
         let summary = &mut self.summary;
         summary.refused += u64::from(flight.refused);
@@ -296,9 +353,7 @@ impl Tally {
             Mode::Transit => summary.transit_slots += 1,
             Mode::Serve | Mode::Fly | Mode::Charge | Mode::Return | Mode::Down => {}
         }
-        summary.landed =
-            self.base.as_ref().map(|base| base.contains(&flight.position().xy()) && flight.flown_mode() != Mode::Down);
-        if let Some(energy) = &mut summary.energy {
+        if let Some(energy) = self.energy.get_mut(uav) {
             energy.add(summary.slots, self.slot_s, flight);
         }
         summary.timing.missed_deadlines += u64::from(is_late(flight));
@@ -359,7 +414,7 @@ impl Tally {
         summary.eta_letter = ratio(summary.totals.lost_slots, slots);
         let Totals { initial_bits, sampled_bits, delivered_bits, .. } = summary.totals;
         summary.collection_ratio = ratio(delivered_bits as f64, initial_bits as f64 + sampled_bits as f64);
-        summary.bits_per_waypoint = ratio(summary.totals.delivered_bits as f64, slots);
+        summary.bits_per_waypoint = ratio(summary.totals.delivered_bits as f64, slots * self.uavs as f64);
         summary.mean_served = ratio(self.served as f64, slots);
         summary.trace_hash = format!("{trace_hash:016x}");
         summary.complete = summary.slots == summary.planned_slots;
@@ -391,12 +446,23 @@ impl SlotSink for Tally {
         if let Some(weighted) = &mut self.weighted {
             weighted.add(record);
         }
-        for (plan, flight) in record.plans.iter().zip(&record.flights) {
-            self.add_flight(flight);
+        for (uav, (plan, flight)) in record.plans.iter().zip(&record.flights).enumerate() {
+            self.add_flight(uav, flight);
             if let Some(plan) = plan.as_ref().filter(|_| !is_late(flight)) {
                 self.summary.solver_fallbacks += u64::from(plan.solver == SolverOutcome::Fallback as u32);
                 self.plan_ns.saturating_record(plan.plan_ns);
             }
+        }
+        let has_landed = |flight: &FlightReport, base: &Base| {
+            base.contains(&flight.position().xy()) && flight.flown_mode() != Mode::Down
+        };
+        let base = self.base.as_ref();
+        self.summary.landed = base.map(|base| record.flights.iter().all(|flight| has_landed(flight, base)));
+        if !self.energy.is_empty() {
+            self.summary.energy = Some(EnergyUse::sum(&self.energy));
+        }
+        if let Some(fleet) = &mut self.summary.fleet {
+            fleet.add(record, base);
         }
         Ok(())
     }

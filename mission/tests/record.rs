@@ -80,7 +80,7 @@ impl Case {
     fn repeated(&self, slots: usize) -> (RunFolder, SlotLog, Vec<bool>) {
         let folder = RunFolder::reopen(&self.out()).unwrap();
         let (mut log, reader) = folder.reopen_slot_log().unwrap();
-        let mut lines = RecordedLines::new(&folder, reader, SLOTS);
+        let mut lines = RecordedLines::new(&folder, reader, &self.scenario);
         let mut are_same = Vec::new();
         for SlotRecord { flights, header, .. } in self.mission().take(slots) {
             assert!(lines.next_slot().unwrap().is_some());

@@ -7,6 +7,7 @@
 //! |---|---|
 //! | [`settings`], [`keys`] | `[planner]` of the scenario file |
 //! | [`planner`] | one slot: schedule, then waypoint |
+//! | [`fleet`] | the planners of all UAVs, and how they share the field |
 //! | [`mission_table`] | the constant data of a mission |
 //! | [`strategy`] | what a strategy is: its trait, input and output |
 //! | [`strategies`] | schedule and waypoint by each strategy |
@@ -18,6 +19,7 @@
 
 pub mod bound;
 pub mod collect;
+pub mod fleet;
 pub mod geometry;
 pub mod home;
 pub mod horizon;
@@ -25,10 +27,12 @@ pub mod keys;
 pub mod mission_table;
 #[cfg(feature = "node")]
 pub mod node;
+mod partition;
 pub mod planner;
 pub mod settings;
 pub mod strategies;
 pub mod strategy;
 pub mod waypoint;
 
+pub use fleet::FleetPlanner;
 pub use planner::Planner;

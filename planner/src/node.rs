@@ -1,12 +1,10 @@
 //! planner as a process of the ring: receives the queues after a slot, and publishes the plan of the next.
 
-use std::time::Instant;
-
 use iceoryx2::prelude::Service;
 use skysink_common::message::{FLAG_END, FlightReport, MAX_PATH_POINTS, PathPoint, Plan, SlotHeader};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
-use skysink_common::slot_record::{UAV, UAVS};
+use skysink_common::slot_record::{ByUav, UAV};
 use skysink_common::stop::Stop;
 use skysink_ring::error::{NodeError, RingError};
 use skysink_ring::folder::RingFolder;
@@ -16,7 +14,7 @@ use skysink_ring::refusals::Refusal;
 use skysink_ring::role::Role;
 use skysink_ring::topics::{Ring, is_release};
 
-use crate::planner::Planner;
+use crate::fleet::FleetPlanner;
 use crate::strategy::{Registered, Strategy, Timing};
 use skysink_common::estimate::BYTES_PER_SENSOR;
 
@@ -26,19 +24,19 @@ const STATES: u64 = 4;
 /// Most bytes of a checkpoint besides those per sensor node.
 const ROOM: usize = 1 << 23;
 
-/// The journal in the ring's folder of a planner over `count` sensor nodes.
+/// The journal in the ring's folder of a planner for `uavs` UAVs over `count` sensor nodes.
 ///
 /// # Errors
 /// If the file cannot be opened.
-pub fn journal(folder: &RingFolder, count: usize) -> Result<Journal, RingError> {
-    let state_bytes = ROOM + BYTES_PER_SENSOR * count;
+pub fn journal(folder: &RingFolder, count: usize, uavs: usize) -> Result<Journal, RingError> {
+    let state_bytes = (ROOM + BYTES_PER_SENSOR * count) * uavs;
     let policy = Policy { state_every: 1, states: STATES, state_bytes, input_bytes: None };
     Journal::open(&folder.journal("plans"), policy)
 }
 
 /// A planner whose state is saved after each slot that it plans.
 struct Journaled {
-    planner: Planner,
+    planner: FleetPlanner,
     journal: Journal,
 }
 
@@ -52,17 +50,15 @@ impl Journaled {
         Ok(())
     }
 
-    /// Observes the flight before `slot`, plans `slot`, and saves the state before the plan is published. After a
+    /// Observes the flights before `slot`, plans `slot`, and saves the state before the plan is published. After a
     /// requested stop the plan is neither saved nor published.
-    fn plan(&mut self, slot: u64, flight: &FlightReport, queues_bits: &[u32]) -> Result<Plan, RingError> {
+    fn plan(&mut self, slot: u64, flights: &[FlightReport], queues_bits: &[u32]) -> Result<ByUav<Plan>, RingError> {
         self.resume(slot)?;
-        let begin = Instant::now();
-        self.planner.observe(slot - 1, flight, queues_bits);
-        let mut plan = self.planner.step(slot, flight.position(), queues_bits);
-        plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
+        self.planner.observe(slot - 1, flights, queues_bits);
+        let plans = self.planner.step(slot, flights, queues_bits);
         self.planner.stop().check()?;
         self.journal.save(slot, &[], &self.planner)?;
-        Ok(plan)
+        Ok(plans)
     }
 }
 
@@ -97,7 +93,8 @@ fn run_with<S: Service + 'static>(
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::Planner, stop)?;
     // Before that of the plans, so that a process that has a plan finds the writer of its path.
     let paths = has_path.then(|| ring.path.list_writer(MAX_PATH_POINTS)).transpose()?;
-    let plans = ring.plan.list_writer(UAVS)?;
+    let uavs = scenario.uav.uavs();
+    let plans = ring.plan.list_writer(uavs)?;
     let mut queues = ring.queues.reader()?; // the planner maintains its own estimate
     let mut flights = ring.flight.reader()?;
 
@@ -105,15 +102,15 @@ fn run_with<S: Service + 'static>(
     let nodes = sensors.wait_for_next(&mut wait, 0)?;
     let _sensors = ring.terms.link.is_none().then_some(sensors); // behind a link its repeats would pile up
     let mut planner = match own {
-        Some(strategy) => Planner::with_strategy(scenario, nodes.payload(), strategy)?,
-        None => Planner::until(scenario, nodes.payload(), stop)?,
+        Some(strategy) => FleetPlanner::with_strategy(scenario, nodes.payload(), strategy)?,
+        None => FleetPlanner::until(scenario, nodes.payload(), stop)?,
     };
     planner.set_stop(stop);
     let is_paced = ring.terms.pace != Pace::Max;
     if is_paced {
         planner.set_timing(Timing::Paced);
     }
-    let mut journaled = Journaled { planner, journal: journal(folder, nodes.payload().len())? };
+    let mut journaled = Journaled { planner, journal: journal(folder, nodes.payload().len(), uavs)? };
     let mut next = 0;
     loop {
         let mut state = queues.wait_for_next(&mut wait, next)?;
@@ -127,7 +124,7 @@ fn run_with<S: Service + 'static>(
                     && let SlotSample::Available(flights) = flights.poll_slot(slot)?
                 {
                     journaled.resume(slot + 1)?;
-                    journaled.planner.observe(slot, &flights[UAV], older.payload());
+                    journaled.planner.observe(slot, &flights, older.payload());
                 }
             }
         }
@@ -144,15 +141,15 @@ fn run_with<S: Service + 'static>(
         }
         // The flight may arrive after the queues, if its writer waits for another reader. A flight that has passed was
         // sent before this process joined, and the ring has its plan.
-        let Some(flight) = flights.wait_for_slot(&mut wait, slot)? else { continue };
+        let Some(flown) = flights.wait_for_slot(&mut wait, slot)? else { continue };
         next = slot + 1;
-        let plan = journaled.plan(next, &flight[UAV], state.payload())?;
-        let path: Vec<_> = journaled.planner.path().iter().copied().map(PathPoint::from).collect();
+        let planned = journaled.plan(next, &flown, state.payload())?;
+        let path: Vec<_> = journaled.planner.path(UAV).iter().copied().map(PathPoint::from).collect();
         if let Some(paths) = paths.as_ref().filter(|_| path.len() > 1) {
             paths.send_list(ring.header(next, 0), &path)?; // before the plan, so that its readers have the path
         }
         flights.receive_all()?; // repeated flights must not fill the buffer
-        plans.send_list(ring.header(next, 0), &[plan])?;
+        plans.send_list(ring.header(next, 0), &planned)?;
     }
     ring.wait_for_commit(&mut wait, is_release, || Ok(()))
 }
@@ -160,6 +157,7 @@ fn run_with<S: Service + 'static>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::planner::Planner;
     use crate::settings::{self, Knowledge, Rates, change};
     use crate::strategy::{Decision, View};
     use crate::waypoint::problem::Waypoint;
@@ -200,11 +198,11 @@ mod tests {
 
     /// A planner process that joins the ring.
     fn process(scenario: &Scenario, folder: &RingFolder) -> Journaled {
-        let planner = Planner::new(scenario, &nodes()).unwrap();
-        Journaled { planner, journal: journal(folder, 12).unwrap() }
+        let planner = Planner::new(scenario, &nodes()).unwrap().into();
+        Journaled { planner, journal: journal(folder, 12, 1).unwrap() }
     }
 
-    fn saved(planner: &Planner) -> Vec<u8> {
+    fn saved(planner: &impl Checkpoint) -> Vec<u8> {
         let mut bytes = Vec::new();
         planner.save(&mut bytes);
         bytes
@@ -245,13 +243,14 @@ mod tests {
             let mut flights = vec![FlightReport::at(scenario.start(), Mode::Hold)];
             let mut first = process(&scenario, &folder);
             for slot in 1..=9 {
-                let plan = first.plan(slot, &flights[slot as usize - 1], &queues(slot)).unwrap();
+                let plan = first.plan(slot, &flights[slot as usize - 1..slot as usize], &queues(slot)).unwrap()[UAV];
                 flights.push(flown(&plan));
             }
             for from in [7, 8, 9] {
                 let mut again = process(&scenario, &folder);
                 for slot in from..=9 {
-                    let plan = again.plan(slot, &flights[slot as usize - 1], &queues(slot)).unwrap();
+                    let plan =
+                        again.plan(slot, &flights[slot as usize - 1..slot as usize], &queues(slot)).unwrap()[UAV];
                     assert_eq!(flown(&plan), flights[slot as usize], "{:?}, slot {slot} from {from}", scenario.planner);
                 }
                 assert_eq!(saved(&again.planner), saved(&first.planner), "{:?}, from {from}", scenario.planner);
@@ -286,17 +285,17 @@ mod tests {
         let scenario = Scenario::letter(Overrides::default()).and_then(settings::resolve).unwrap();
         let folder = RingFolder::create(Terms::default()).unwrap();
         let process = || {
-            let planner = Planner::with_strategy(&scenario, &nodes(), Box::new(Counting(0))).unwrap();
-            Journaled { planner, journal: journal(&folder, 12).unwrap() }
+            let planner = Planner::with_strategy(&scenario, &nodes(), Box::new(Counting(0))).unwrap().into();
+            Journaled { planner, journal: journal(&folder, 12, 1).unwrap() }
         };
         let flight = FlightReport::at(scenario.start(), Mode::Hold);
         let mut first = process();
         for slot in 1..=9 {
-            assert_eq!(first.plan(slot, &flight, &queues(slot)).unwrap().x_m, slot as f64);
+            assert_eq!(first.plan(slot, &[flight], &queues(slot)).unwrap()[UAV].x_m, slot as f64);
         }
         let mut again = process();
         for slot in 8..=10 {
-            assert_eq!(again.plan(slot, &flight, &queues(slot)).unwrap().x_m, slot as f64);
+            assert_eq!(again.plan(slot, &[flight], &queues(slot)).unwrap()[UAV].x_m, slot as f64);
         }
     }
 
@@ -308,12 +307,12 @@ mod tests {
         let mut first = process(&scenario, &folder);
         let mut flight = FlightReport::at([50.0, 50.0, 20.0], Mode::Hold);
         for slot in 1..=9 {
-            flight = flown(&first.plan(slot, &flight, &queues(slot)).unwrap());
+            flight = flown(&first.plan(slot, &[flight], &queues(slot)).unwrap()[UAV]);
         }
         let mut late = process(&scenario, &folder);
         let hold = FlightReport::at([50.0, 50.0, 20.0], Mode::Hold);
-        let _ = late.plan(15, &hold, &queues(15)).unwrap();
-        let uncertainties = |planner: &Planner| {
+        let _ = late.plan(15, &[hold], &queues(15)).unwrap();
+        let uncertainties = |planner: &FleetPlanner| {
             let Belief::Estimated(estimate) = planner.belief() else { panic!("the queues are estimated") };
             (0..12).map(|id| estimate.uncertainty(15, id)).collect::<Vec<_>>()
         };

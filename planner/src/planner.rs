@@ -46,6 +46,8 @@ pub struct Planner {
     slot: u64,
     /// The waypoints of the last plan.
     path: Vec<Point3<f64>>,
+    /// The queues without those that other UAVs have scheduled [bit]; working memory.
+    left_bits: Vec<u32>,
 }
 
 /// Beginning of a checkpoint; the state of the strategy follows.
@@ -116,6 +118,7 @@ impl Planner {
             stop: stop.clone(),
             slot: 0,
             path: Vec::with_capacity(MAX_PATH_POINTS),
+            left_bits: Vec::new(),
             table,
         })
     }
@@ -141,7 +144,18 @@ impl Planner {
     /// next is planned. If the queues are estimated, only those of served SNs are read, and a skipped slot only makes
     /// the estimate older.
     pub fn observe(&mut self, slot: u64, flight: &FlightReport, queues_bits: &[u32]) {
-        self.belief.advance(slot, flight, &self.reported, queues_bits);
+        self.observe_with(slot, flight, std::slice::from_ref(flight), queues_bits);
+    }
+
+    /// The same with the contacts of all `flights`, of which `flight` is that of this UAV.
+    pub(crate) fn observe_with(
+        &mut self,
+        slot: u64,
+        flight: &FlightReport,
+        flights: &[FlightReport],
+        queues_bits: &[u32],
+    ) {
+        self.belief.advance(slot, flights, &self.reported, queues_bits);
         self.battery = BatteryState::after(flight);
         self.strategy.observe(flight, &self.belief);
     }
@@ -158,17 +172,30 @@ impl Planner {
     /// If there is not one queue per sensor node.
     #[must_use]
     pub fn step(&mut self, slot: u64, position: Point3<f64>, queues_bits: &[u32]) -> Plan {
+        self.step_after(slot, position, queues_bits, &[])
+    }
+
+    /// The same after other UAVs have scheduled the SNs `taken` in this slot: they count as empty, and are not scheduled.
+    pub(crate) fn step_after(&mut self, slot: u64, position: Point3<f64>, queues_bits: &[u32], taken: &[u32]) -> Plan {
         assert_eq!(queues_bits.len(), self.table.sensors.positions.len(), "expected one queue per sensor node");
+        let mut belief = self.belief.at(slot.saturating_sub(1), &self.table.sensors, queues_bits);
+        if !taken.is_empty() {
+            self.left_bits.clear();
+            self.left_bits.extend_from_slice(belief.queues_bits);
+            taken.iter().for_each(|&id| self.left_bits[id as usize] = 0);
+            belief.queues_bits = &self.left_bits;
+        }
         let view = View {
             slot,
             position,
             battery: self.battery,
-            belief: self.belief.at(slot.saturating_sub(1), &self.table.sensors, queues_bits),
+            belief,
             table: &self.table,
             timing: self.timing,
             stop: &self.stop,
         };
-        let (decision, mode) = decide(self.strategy.as_mut(), &mut self.transit, &view);
+        let (mut decision, mode) = decide(self.strategy.as_mut(), &mut self.transit, &view);
+        decision.schedule.retain(|id| !taken.contains(id));
         let plan = message(&view, &decision, mode);
         self.path.clear();
         self.path.push(decision.waypoint);
@@ -181,9 +208,14 @@ impl Planner {
             }
             _ => {}
         }
-        self.reported = self.belief.reported(slot, plan.scheduled().iter().copied(), queues_bits);
+        self.await_reports(slot, plan.scheduled(), queues_bits);
         self.slot = slot;
         plan
+    }
+
+    /// Notes the SNs that report their queues in `slot` if they are served, and their queues before it [bit], by id.
+    pub(crate) fn await_reports(&mut self, slot: u64, scheduled: &[u32], queues_bits: &[u32]) {
+        self.reported = self.belief.reported(slot, scheduled.iter().copied(), queues_bits);
     }
 
     /// The last slot planned by this planner or its restored predecessor; 0 before the first.

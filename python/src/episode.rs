@@ -12,6 +12,7 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::UAV;
 use skysink_mission::Plant;
+use skysink_planner::fleet::require_one;
 use skysink_planner::settings;
 
 use crate::belief::Contacts;
@@ -22,6 +23,7 @@ use crate::scenario::PyScenario;
 
 /// The field and the UAV of a scenario, with what the UAV believes of the queues.
 pub fn plant(scenario: &Scenario, list: &SensorList) -> PyResult<Plant> {
+    require_one(scenario).map_err(refused)?;
     let estimated = settings::estimated(scenario).map_err(refused)?;
     Ok(Plant::new(scenario, list).with_belief(Belief::of(scenario, list, estimated)))
 }

@@ -80,7 +80,7 @@ pub fn drive_python(
     strategy: Py<PyAny>,
     observer: &mut dyn Observer,
 ) -> PyResult<Plant> {
-    let mut plant = plant(scenario, list)?;
+    let mut plant = plant(scenario, list)?; // of one UAV
     nested(|| {
         let field = PyField::of(scenario, list, plant.field().belief());
         let mut pilot = PyPlanMaker::new(py, strategy, Py::new(py, field)?)?;

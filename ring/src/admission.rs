@@ -7,7 +7,6 @@ use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
 use skysink_common::message::{FLAG_END, FLAG_REPEAT, SlotHeader};
 use skysink_common::possible::Message as _;
-use skysink_common::slot_record::UAVS;
 
 use crate::cleanup::remove_dead_nodes;
 use crate::refusals::Refusal;
@@ -55,7 +54,9 @@ impl Admission {
         if header.mission != topic.member.terms.mission {
             return refuse(Refusal::Mission);
         }
-        if topic.row.is_by_uav && sample.header().number_of_elements() != UAVS as u64 {
+        if topic.row.is_by_uav
+            && topic.member.uavs.is_some_and(|uavs| sample.header().number_of_elements() != uavs as u64)
+        {
             return refuse(Refusal::Uavs);
         }
         if limit.is_some_and(|limit| header.slot > limit) {

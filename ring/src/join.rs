@@ -45,6 +45,7 @@ impl<S: Service + 'static> Ring<S> {
         let member = Participant {
             terms,
             role: Some(role),
+            uavs: Some(scenario.uav.uavs()),
             max_ahead: role.blocks_ring().then_some(MAX_AHEAD),
             // The viewer and the launcher do not log refusals: the ring's other processes read the same samples.
             refusals: Refusals::new(Some(role).filter(|&role| role != Role::Viewer && !is_launcher)),
@@ -81,6 +82,7 @@ impl<S: Service + 'static> Ring<S> {
         let member = Participant {
             terms: folder.terms(),
             role: None,
+            uavs: None,
             max_ahead: None,
             refusals: Refusals::new(None),
             late_joiners: LateJoiners::default(),

@@ -40,8 +40,12 @@ pub enum Refusal {
     /// The way to the waypoint of a plan leads through a zone.
     #[strum(to_string = "a no-fly zone or a building is in the way: the UAV holds")]
     Zone,
-    /// A plan schedules a sensor node that is out of range, unknown, named twice, or beyond the resource blocks.
-    #[strum(to_string = "SN out of range, unknown, named twice, or beyond the resource blocks")]
+    /// A waypoint is too near to where a UAV of lower number ends the slot.
+    #[strum(to_string = "too near to another UAV: the UAV holds")]
+    Separation,
+    /// A plan schedules a sensor node that is out of range, unknown, named twice, beyond the resource blocks, or served
+    /// by a UAV of lower number.
+    #[strum(to_string = "SN out of range, unknown, named twice, beyond the resource blocks, or served by another UAV")]
     Sensor,
     /// A path has no point, too many, or one that is not finite or outside the area.
     #[strum(to_string = "expected 1 to 64 points, finite and in the area")]

@@ -97,6 +97,8 @@ pub(crate) struct Participant {
     pub(crate) terms: Terms,
     /// `None` for an observer.
     pub(crate) role: Option<Role>,
+    /// The number of UAVs; `None` for an observer, who takes any.
+    pub(crate) uavs: Option<usize>,
     /// Most slots by which the ring can be ahead of this process; `None` if it may lag.
     pub(crate) max_ahead: Option<u64>,
     /// Counts of refused samples, except those of topics that only the viewer reads.

@@ -1,9 +1,8 @@
 //! Simulates a few fast strategies for their loss and the length of their first round.
 
-use skysink_common::message::FlightReport;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
-use skysink_common::slot_record::SlotRecord;
+use skysink_common::slot_record::{SlotRecord, uploads};
 use skysink_common::stop::Stop;
 use skysink_mission::drive::SlotSink;
 use skysink_mission::{Mission, MissionError};
@@ -72,7 +71,7 @@ struct FirstRound {
 
 impl SlotSink for FirstRound {
     fn add(&mut self, record: &SlotRecord) -> Result<(), MissionError> {
-        for link in record.flights.iter().flat_map(FlightReport::served_links) {
+        for link in uploads(&record.flights) {
             self.unserved -= usize::from(!std::mem::replace(&mut self.is_served[link.sensor as usize], true));
         }
         if self.unserved == 0 {

@@ -7,7 +7,7 @@ use iceoryx2::prelude::{Service, ipc};
 use skysink_common::message::{FLAG_END, Mode, Plan};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
-use skysink_common::slot_record::{ByUav, UAVS};
+use skysink_common::slot_record::ByUav;
 use skysink_common::stop::Stop;
 use skysink_flight_sim::node::RecordedFlight;
 use skysink_mission::MissionError;
@@ -95,7 +95,7 @@ fn send_plans<S: Service + 'static>(
     slots: &[ByUav<RecordedSlot>],
 ) -> Result<(), NodeError> {
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::Planner, stop)?;
-    let plans = ring.plan.list_writer(UAVS)?;
+    let plans = ring.plan.list_writer(scenario.uav.uavs())?;
     let mut queues = ring.queues.reader()?;
     let mut next = 0;
     loop {

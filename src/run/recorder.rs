@@ -7,7 +7,7 @@ use iceoryx2::prelude::Service;
 use skysink_common::message::{Commit, FLAG_END, FlightReport, HoldReason, Plan, QueuesHeader, SlotHeader, Tick};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
-use skysink_common::slot_record::{ByUav, SlotRecord, UAV, UAVS};
+use skysink_common::slot_record::{ByUav, SlotRecord, UAV};
 use skysink_mission::drive::SlotSink;
 use skysink_mission::latency::SlotTimes;
 use skysink_mission::slot_log::SlotLog;
@@ -166,8 +166,8 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
                 queues_ns: header.head.sent_ns,
             };
             let record = SlotRecord {
-                plans: (0..UAVS).map(|uav| plan.as_ref().map(|(_, plans)| plans[uav])).collect(),
-                paths: ByUav::from_elem(Vec::new(), UAVS),
+                plans: (0..flights.len()).map(|uav| plan.as_ref().map(|(_, plans)| plans[uav])).collect(),
+                paths: ByUav::from_elem(Vec::new(), flights.len()),
                 flights,
                 header,
             };

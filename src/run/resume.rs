@@ -14,7 +14,7 @@ use skysink_common::message::Plan;
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
-use skysink_common::slot_record::{Plans, UAVS};
+use skysink_common::slot_record::Plans;
 use skysink_common::stop::Stop;
 use skysink_field_sim::journal as fields;
 use skysink_flight_sim::journal as flights;
@@ -27,7 +27,7 @@ use skysink_mission::slot_log::SlotLog;
 use skysink_mission::summary::Tally;
 use skysink_mission::trace::RecordedSlot;
 use skysink_mission::{MissionError, Plant, drive};
-use skysink_planner::Planner;
+use skysink_planner::FleetPlanner;
 use skysink_planner::horizon::HorizonKeys;
 use skysink_planner::node::journal;
 use skysink_planner::settings;
@@ -46,7 +46,7 @@ pub struct ResumedRun {
     pub log: SlotLog,
     plant: Plant,
     /// `None` if only an external planner has the strategy.
-    planner: Option<Planner>,
+    planner: Option<FleetPlanner>,
 }
 
 /// Simulates the recorded slots of `folder` and adds them to `tally`. An incomplete last line is dropped, and its slot
@@ -68,16 +68,16 @@ pub fn resume(
 ) -> Result<ResumedRun, Error> {
     let (_patience, ended) = channel::<()>(); // hung up when this function returns
     std::thread::spawn(move || say_if_long(&ended));
-    let trace = Recorded::open(folder, scenario.slots)?;
+    let trace = Recorded::open(folder, scenario)?;
     let HorizonKeys { budget_ms, .. } = scenario.planner_keys("planner.horizon")?;
     let belief = Belief::of(scenario, list, estimated_rates(scenario, folder.run_mode())?);
     let are_reports = folder.run_mode().has_reported_flights();
     let mut plant = Plant::new(scenario, list).with_belief(belief).repeating_reports(are_reports);
     let is_ours = folder.run_mode().external_planner.is_none();
     let has_planner = is_ours || Registered::of(scenario).is_ok();
-    let planner = has_planner.then(|| Planner::until(scenario, &list.nodes(), stop)).transpose()?;
+    let planner = has_planner.then(|| FleetPlanner::until(scenario, &list.nodes(), stop)).transpose()?;
     let has_free_budget = budget_ms.is_none() || !trace.log().was_in_a_ring();
-    let is_continued = count_lines(&folder.slots())? <= scenario.slots * UAVS as u64;
+    let is_continued = count_lines(&folder.slots())? <= scenario.slots * scenario.uav.uavs() as u64;
     let is_repeatable = is_ours && has_free_budget;
     let mut pilot = Repeating { trace, planner, are_reports, is_repeatable, is_continued };
     drive(&mut plant, &mut pilot, &mut [&mut *tally], stop)?.unless_stopped()?;
@@ -101,7 +101,7 @@ pub fn resume(
 /// Plans the slots of a trace again, and takes from the trace what cannot be repeated.
 struct Repeating {
     trace: Recorded,
-    planner: Option<Planner>,
+    planner: Option<FleetPlanner>,
     /// Whether an external flight-sim has reported the flights.
     are_reports: bool,
     /// Whether the next plan is that of the planner.
@@ -119,7 +119,7 @@ impl Pilot for Repeating {
             None => recorded.iter().map(|_| None).collect(),
         };
         if recorded.iter().any(RecordedSlot::is_missed) {
-            self.is_repeatable &= !self.planner.as_ref().is_some_and(Planner::has_state);
+            self.is_repeatable &= !self.planner.as_ref().is_some_and(FleetPlanner::has_state);
         }
         if self.are_reports {
             return Ok(recorded.iter().map(|slot| Some(slot.report())).collect());
@@ -168,11 +168,12 @@ impl ResumedRun {
         }
         let mut field = self.plant.field().clone();
         let count = field.queues_bits().len();
+        let uavs = self.plant.flights().len();
         if let Some(planner) = &self.planner {
-            journal(ring_folder, count)?.save(slot, &[], planner)?;
+            journal(ring_folder, count, uavs)?.save(slot, &[], planner)?;
         }
-        fields::resume(&mut fields::journal(ring_folder, count)?, &mut field)?; // an empty journal starts with this state
-        flights::journal(ring_folder)?.save(slot, &[], self.plant.flights())?;
+        fields::resume(&mut fields::journal(ring_folder, count, uavs)?, &mut field, uavs)?; // an empty journal starts with this state
+        flights::journal(ring_folder, uavs)?.save(slot, &[], self.plant.flights())?;
         Ok(self.log)
     }
 }

@@ -14,6 +14,7 @@ use skysink_common::message::FlightReport;
 use skysink_common::reported::ReportedQueues;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
+use skysink_common::slot_record::uploads;
 
 use crate::canvas::Canvas;
 use crate::colour;
@@ -71,18 +72,18 @@ impl BeliefMaps {
     }
 
     /// Updates the estimate with the contacts of a slot, which follows `before`.
-    pub(crate) fn observe(&mut self, before: &SensorHistory, slot: u64, queues_bits: &[u32], flight: &FlightReport) {
+    pub(crate) fn observe(&mut self, before: &SensorHistory, slot: u64, queues_bits: &[u32], flights: &[FlightReport]) {
         self.is_followed |= slot == 0;
         if !self.is_followed {
             return;
         }
         let is_known = |id: &u32| (*id as usize) < queues_bits.len();
-        let served = flight.served_links().iter().map(|link| link.sensor).filter(is_known);
+        let served = uploads(flights).map(|link| link.sensor).filter(is_known);
         let reported = match before.sums.slot {
             Some(last) if last + 1 == slot => self.belief.reported(slot, served, &before.sums.queues_bits),
             _ => ReportedQueues::default(),
         };
-        self.belief.advance(slot, flight, &reported, queues_bits);
+        self.belief.advance(slot, flights, &reported, queues_bits);
     }
 
     /// Draws the estimated and the true queues after the last observed slot. Draws nothing if the viewer has missed the

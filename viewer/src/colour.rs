@@ -17,6 +17,22 @@ pub const GRID: Rgb = [62, 67, 78];
 pub const WRITING: Rgb = [190, 196, 206];
 /// Body and heading of the UAV.
 pub const UAV: Rgb = [245, 246, 250];
+/// UAVs after the first, in turn.
+const UAVS: [Rgb; 7] = [
+    [94, 201, 232],
+    [255, 176, 77],
+    [170, 227, 108],
+    [240, 130, 190],
+    [178, 150, 255],
+    [255, 231, 110],
+    [120, 230, 200],
+];
+
+/// The colour of the UAV number `uav`.
+#[must_use]
+pub fn of_uav(uav: usize) -> Rgb {
+    uav.checked_sub(1).map_or(UAV, |other| UAVS[other % UAVS.len()])
+}
 /// Rotors of the UAV.
 pub const ROTOR: Rgb = [170, 175, 185];
 /// Flown path.

@@ -108,7 +108,7 @@ impl Curves {
             }
         }
         if let Some(capacity_j) = self.capacity_j {
-            canvas.append(BATTERY, &Scalars::single(100.0 * view.flight.energy_j / capacity_j))?;
+            canvas.append(BATTERY, &Scalars::single(100.0 * view.flight().energy_j / capacity_j))?;
         }
         if let Some(sampled_bits) = sampled_bits {
             canvas.append(SAMPLED, &Scalars::single(sampled_bits as f64 / 1e3))?;

@@ -72,7 +72,7 @@ impl Events {
 
     /// Logs the events of a slot, and the state of the UAV if it has changed.
     pub(crate) fn log_slot(&mut self, canvas: &Canvas, view: &SlotView) -> RecordingStreamResult<()> {
-        let flight = view.flight;
+        let flight = view.flight();
         self.log_due(canvas)?;
         if view.slot > 0 {
             let mode = flight.flown_mode();
@@ -86,6 +86,7 @@ impl Events {
             HoldReason::None => {}
             HoldReason::NoPlan => write(canvas, TextLogLevel::WARN, "hold: no plan in time")?,
             HoldReason::Base => write(canvas, TextLogLevel::WARN, "hold: to charge, but not in the base")?,
+            HoldReason::Separation => write(canvas, TextLogLevel::WARN, "hold: too near to another UAV")?,
             HoldReason::Zone => write(canvas, TextLogLevel::WARN, "hold: a zone or a building in the way")?,
             HoldReason::Waypoint => {
                 write(canvas, TextLogLevel::WARN, "hold: waypoint not finite, out of reach, or outside the area")?;
@@ -95,7 +96,7 @@ impl Events {
             let text = format!("{} of the plan's requests refused", flight.refused);
             write(canvas, TextLogLevel::WARN, &text)?;
         }
-        if view.plan.is_some_and(|plan| plan.solver == SolverOutcome::Fallback as u32) {
+        if view.plan().is_some_and(|plan| plan.solver == SolverOutcome::Fallback as u32) {
             write(canvas, TextLogLevel::WARN, "waypoint by the geometric solver, as a fallback")?;
         }
         let totals = &view.header.totals;

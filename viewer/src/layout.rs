@@ -89,18 +89,23 @@ fn scenes(
 ) -> RecordingStreamResult<Tile> {
     let slot_s = scenario.slot_s;
     let world = select_all(queues::WORLD);
-    let field = [world.clone(), omit(uav::TRACK), omit_all(path::TRACK)];
+    let uavs = scenario.uav.uavs();
+    let omit_each = |entity: &str| if uavs == 1 { omit(entity) } else { omit_all(entity) };
+    let show_past = |layout: &Blueprint, view: Tile, entity: &str, slots: u32| {
+        (0..uavs).try_for_each(|uav| layout.show_past(view, &uav::name_of(entity, uav), Some(slots), slot_s))
+    };
+    let field = [world.clone(), omit_each(uav::TRACK), omit_all(path::TRACK)];
     let field = layout.view(class::SCENE, "Field (3D)", queues::WORLD, &field)?;
-    layout.show_past(field, uav::TRAIL, Some(15), slot_s)?;
-    let top = [world.clone(), omit(uav::TRAIL), omit_all(path::PATH)];
+    show_past(layout, field, uav::TRAIL, 15)?;
+    let top = [world.clone(), omit_each(uav::TRAIL), omit_all(path::PATH)];
     let top = layout.view(class::SCENE, "Top view", queues::WORLD, &top)?;
-    layout.show_past(top, uav::TRACK, Some(TRACK_SLOTS), slot_s)?;
-    let mut chase = vec![world, omit(uav::TRACK), omit(uav::DOT), omit(legend::AXES), omit_all(path::TRACK)];
+    show_past(layout, top, uav::TRACK, TRACK_SLOTS)?;
+    let mut chase = vec![world, omit_each(uav::TRACK), omit(uav::DOT), omit(legend::AXES), omit_all(path::TRACK)];
     if sizes.has_tall_bars {
         chase.extend([omit(queues::BARS), omit(queues::LOST)]);
     }
     let chase = layout.view(class::SCENE, "Chase", uav::UAV, &chase)?;
-    layout.show_past(chase, uav::TRAIL, Some(10), slot_s)?;
+    show_past(layout, chase, uav::TRAIL, 10)?;
     for (view, camera) in [(field, overview(sizes)), (top, above(sizes)), (chase, beside_uav(sizes))] {
         film(layout, view, &camera)?;
     }

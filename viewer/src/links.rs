@@ -78,11 +78,14 @@ impl Links {
         show_circle(canvas, CHOSEN, chosen.map(centre), self.radius_m)
     }
 
-    /// Shows the links of a flight; clears them without a flight.
-    pub(crate) fn log_links(&self, canvas: &Canvas, flight: Option<&FlightReport>) -> RecordingStreamResult<()> {
-        let served = flight.map_or(&[][..], FlightReport::served_links);
-        let links_drawn = || served.iter().filter_map(|link| Some((*self.feet.get(link.sensor as usize)?, link)));
-        let strips = links_drawn().map(|(foot, _)| [flight.map_or(foot, |flight| drawn(flight.position())), foot]);
+    /// Shows the links of all flights; clears them without one.
+    pub(crate) fn log_links(&self, canvas: &Canvas, flights: &[FlightReport]) -> RecordingStreamResult<()> {
+        let ends = |flight: &FlightReport| drawn(flight.position());
+        let served = || {
+            flights.iter().flat_map(move |flight| flight.served_links().iter().map(move |link| (ends(flight), link)))
+        };
+        let strips = served().filter_map(|(uav, link)| Some([uav, *self.feet.get(link.sensor as usize)?]));
+        let links_drawn = || served().filter_map(|(_, link)| Some((*self.feet.get(link.sensor as usize)?, link)));
         let links = LineStrips3D::update_fields().with_strips(strips);
         let links = match &self.rates_bps {
             Some(rates_bps) => {

@@ -14,7 +14,7 @@ use skysink_common::pace::Pace;
 use skysink_common::possible::is_possible_path;
 use skysink_common::scenario::{Area, Scenario};
 use skysink_common::sensors::{SensorList, Sensors};
-use skysink_common::slot_record::UAV;
+use skysink_common::slot_record::ByUav;
 use skysink_common::stop::Stop;
 use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
@@ -206,7 +206,8 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
         let flight_limit = (self.ring.terms.pace != Pace::Max).then_some(LEFT_OVERS);
         let plan_limit = if self.is_ready { flight_limit } else { Some(LEFT_OVERS) };
         let flight = read(&mut self.flights, wait, slot, flight_limit)?;
-        let was_planned = flight.as_ref().is_some_and(|flight| flight[UAV].hold != HoldReason::NoPlan as u32);
+        let was_planned =
+            flight.as_ref().is_some_and(|flight| flight.iter().any(|flight| flight.hold != HoldReason::NoPlan as u32));
         let plan = if slot > 0 && was_planned { read(&mut self.plans, wait, slot, plan_limit)? } else { None };
 
         let missed_until = match flight {
@@ -220,17 +221,17 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
         }
         let Some(flight) = flight.filter(|_| slot >= expected) else { return Ok(()) };
         let path = self.path(wait, slot)?.filter(|_| plan.is_some());
-        let plan = plan.as_ref().map(|plan| &plan[UAV]);
+        let plans: ByUav<_> = plan.iter().flat_map(|plans| plans.payload().iter().copied().map(Some)).collect();
         let slots_per_s = self.slots_per_s(header.head);
         self.scene.log_slot(&SlotView {
             slot,
             queues_bits: queues.payload(),
             header,
-            plan,
+            plans: &plans,
             path: path.as_ref().map_or(&[], |path| path.payload()),
-            flight: &flight[UAV],
+            flights: &flight,
             slots_per_s,
-            plan_ms: plan.map(|plan| plan.plan_ns as f64 / 1e6),
+            plan_ms: plan.map(|plans| plans.iter().map(|plan| plan.plan_ns).sum::<u64>() as f64 / 1e6),
         })?;
         self.journal.save(slot, &[], self.scene)?;
         self.next = Some(slot + 1);

@@ -30,7 +30,7 @@ use crate::{events, legend, zones};
 pub(crate) struct Picture {
     pub(crate) canvas: Canvas,
     queues: QueueShapes,
-    uav: UavShape,
+    uavs: Vec<UavShape>,
     path: Path,
     links: Links,
     los: Option<Los>,
@@ -63,7 +63,8 @@ impl Picture {
         let part = recording.part;
         let names = SensorList::names_of(scenario);
         let queues = QueueShapes::open(&canvas, sensors, sizes, &names)?;
-        let uav = UavShape::open(&canvas, sizes)?;
+        let open = |uav: usize| UavShape::open(&canvas, sizes, uav);
+        let uavs = (0..scenario.uav.uavs()).map(open).collect::<Result<_, _>>()?;
         let path = Path::open(&canvas, sizes, part)?;
         let links = Links::open(&canvas, scenario, sensors, sizes)?;
         let los = Los::open(&canvas, scenario, sensors, sizes, part)?;
@@ -75,7 +76,7 @@ impl Picture {
         zones::log_zones(&canvas, scenario)?;
         zones::log_shadows(&canvas, scenario, sensors)?;
         let history = SensorHistory::new(scenario, sensors);
-        Ok(Self { canvas, queues, uav, path, links, los, events, curves, history, maps: None, belief: None, names })
+        Ok(Self { canvas, queues, uavs, path, links, los, events, curves, history, maps: None, belief: None, names })
     }
 
     /// Adds maps and the legend to the scene. `estimated` is how the UAV knows the rates if it has to estimate the
@@ -106,10 +107,10 @@ impl Picture {
             return Err(SceneError::Queues { slot: view.slot, found, expected });
         }
         if let Some(belief) = &mut self.belief {
-            belief.observe(&self.history, view.slot, view.queues_bits, view.flight);
+            belief.observe(&self.history, view.slot, view.queues_bits, view.flights);
         }
-        self.history.add(view.slot, view.queues_bits, Position::new(view.flight.x_m, view.flight.y_m));
-        self.uav.observe(view.flight);
+        self.history.add(view.slot, view.queues_bits, Position::new(view.flight().x_m, view.flight().y_m));
+        self.uavs.iter_mut().zip(view.flights).for_each(|(uav, flight)| uav.observe(flight));
         Ok(self.events.log_slot(&self.canvas, view)?)
     }
 
@@ -125,14 +126,16 @@ impl Picture {
         }
         let fill = self.queues.log_slot(canvas, view.queues_bits, &self.history)?;
         if let Some(maps) = &mut self.maps {
-            maps.log_slot(canvas, view.slot, &self.history, Position::new(view.flight.x_m, view.flight.y_m))?;
+            maps.log_slot(canvas, view.slot, &self.history, Position::new(view.flight().x_m, view.flight().y_m))?;
         }
-        self.uav.draw(canvas, view)?;
+        for (number, uav) in self.uavs.iter_mut().enumerate() {
+            uav.draw(canvas, &view.flights[number], view.plans.get(number).and_then(Option::as_ref))?;
+        }
         self.path.log(canvas, view.path)?;
-        self.links.log_circles(canvas, view.plan)?;
-        self.links.log_links(canvas, Some(view.flight))?;
+        self.links.log_circles(canvas, view.plan())?;
+        self.links.log_links(canvas, view.flights)?;
         if let Some(los) = &mut self.los {
-            los.log_slot(canvas, view.flight)?;
+            los.log_slot(canvas, view.flight())?;
         }
         canvas.show(events::STATUS, &TextDocument::from_markdown(status(view, &self.history, &self.names)))?;
         self.curves.log_slot(canvas, view, fill, missed_slots, self.history.sampled_now_bits())?;
@@ -142,10 +145,10 @@ impl Picture {
     /// Marks missed slots: logs an event and a gap in the state lane, and clears outdated entities.
     pub(crate) fn log_missed(&mut self, first: u64, last: u64) -> Result<(), SceneError> {
         let canvas = &self.canvas;
-        self.uav.log_missed(canvas)?;
+        self.uavs.iter_mut().try_for_each(|uav| uav.log_missed(canvas))?;
         self.path.log(canvas, &[])?;
         self.links.log_circles(canvas, None)?;
-        self.links.log_links(canvas, None)?;
+        self.links.log_links(canvas, &[])?;
         if let Some(los) = &mut self.los {
             los.log_missed(canvas)?;
         }

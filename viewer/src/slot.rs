@@ -1,6 +1,7 @@
 //! The input of a scene: all data of one slot.
 
 use skysink_common::message::{FlightReport, PathPoint, Plan, QueuesHeader};
+use skysink_common::slot_record::UAV;
 
 /// The timeline that counts slots.
 pub const SLOT: &str = "slot";
@@ -26,14 +27,26 @@ pub struct SlotView<'a> {
     pub queues_bits: &'a [u32],
     /// Bits of the slot and since the start.
     pub header: &'a QueuesHeader,
-    /// The plan, if it was in time.
-    pub plan: Option<&'a Plan>,
-    /// The planned path, with the waypoint of the slot first; empty if there is none.
+    /// The plan of each UAV, if it was in time.
+    pub plans: &'a [Option<Plan>],
+    /// The planned path of the first UAV, with the waypoint of the slot first; empty if there is none.
     pub path: &'a [PathPoint],
-    /// The flight.
-    pub flight: &'a FlightReport,
+    /// The flight of each UAV.
+    pub flights: &'a [FlightReport],
     /// Slots per second of wall time, if measured.
     pub slots_per_s: Option<f64>,
     /// Wall time of planning the slot [ms], if measured.
     pub plan_ms: Option<f64>,
+}
+
+impl SlotView<'_> {
+    /// The flight of the first UAV.
+    pub(crate) fn flight(&self) -> &FlightReport {
+        &self.flights[UAV]
+    }
+
+    /// The plan of the first UAV.
+    pub(crate) fn plan(&self) -> Option<&Plan> {
+        self.plans.get(UAV)?.as_ref()
+    }
 }

@@ -12,8 +12,9 @@ use crate::canvas::Canvas;
 use crate::colour;
 use crate::shapes::{Point, circle, drawn, line_style, show_circle};
 use crate::sizes::Sizes;
-use crate::slot::SlotView;
 
+/// The UAVs after the first, by number.
+pub const FLEET: &str = "world/uavs";
 /// Frame of the UAV. It follows the position but not the heading, for cameras.
 pub const UAV: &str = "world/uav";
 /// Frame that follows the heading.
@@ -33,8 +34,48 @@ pub const COVERAGE: &str = "world/uav/coverage";
 /// The plumb line from the UAV to the ground.
 pub const PLUMB: &str = "world/uav/plumb";
 
-/// The UAV of the scene.
+/// The entity of the UAV number `uav` instead of that of the first, for what does not move with it.
+pub(crate) fn name_of(first: &str, uav: usize) -> String {
+    if uav == 0 { first.to_owned() } else { format!("{first}/{uav}") }
+}
+
+/// The entities of one UAV. Those of the first have the names above, so that views and tests find them.
+struct Entities {
+    uav: String,
+    body: String,
+    dot: String,
+    trail: String,
+    track: String,
+    waypoint: String,
+    plan: String,
+    coverage: String,
+    plumb: String,
+}
+
+impl Entities {
+    /// Those of the UAV number `uav`.
+    fn of(uav: usize) -> Self {
+        let frame = if uav == 0 { UAV.to_owned() } else { format!("{FLEET}/{uav}") };
+        let name = |first: &str| name_of(first, uav);
+        // Below the frame they move with it.
+        let inside = |first: &str| format!("{frame}{}", first.trim_start_matches(UAV));
+        Self {
+            body: inside(BODY),
+            dot: inside(DOT),
+            trail: name(TRAIL),
+            track: name(TRACK),
+            waypoint: name(WAYPOINT),
+            plan: name(PLAN),
+            coverage: inside(COVERAGE),
+            plumb: inside(PLUMB),
+            uav: frame.clone(),
+        }
+    }
+}
+
+/// A UAV of the scene.
 pub(crate) struct UavShape {
+    at: Entities,
     ring_m: f32,
     track_z_m: f32,
     /// Positions since the last drawn slot, that slot first.
@@ -42,17 +83,19 @@ pub(crate) struct UavShape {
 }
 
 impl UavShape {
-    /// Builds the UAV and styles what moves with it.
-    pub(crate) fn open(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<Self> {
-        log_body(canvas, sizes.arm_m)?;
-        log_coverage(canvas, sizes.radius_m)?;
-        canvas.log_static(TRAIL, &line_style(colour::TRAIL, 1.2))?;
-        canvas.log_static(TRACK, &line_style(colour::TRACK, 0.7))?;
-        for entity in [WAYPOINT, PLAN] {
-            canvas.log_static(entity, &line_style(colour::PLAN, 1.5))?;
+    /// Builds the UAV number `uav` and styles what moves with it.
+    pub(crate) fn open(canvas: &Canvas, sizes: &Sizes, uav: usize) -> RecordingStreamResult<Self> {
+        let at = Entities::of(uav);
+        let paint = colour::of_uav(uav);
+        log_body(canvas, &at, sizes.arm_m, paint)?;
+        log_coverage(canvas, &at, sizes.radius_m)?;
+        canvas.log_static(&*at.trail, &line_style(if uav == 0 { colour::TRAIL } else { paint }, 1.2))?;
+        canvas.log_static(&*at.track, &line_style(if uav == 0 { colour::TRACK } else { paint }, 0.7))?;
+        for entity in [&at.waypoint, &at.plan] {
+            canvas.log_static(&**entity, &line_style(colour::PLAN, 1.5))?;
         }
-        canvas.log_static(PLUMB, &line_style(colour::COVERAGE, 0.7))?;
-        Ok(Self { ring_m: 1.8 * sizes.arm_m, track_z_m: -0.006 * sizes.radius_m, flown: Vec::new() })
+        canvas.log_static(&*at.plumb, &line_style(colour::COVERAGE, 0.7))?;
+        Ok(Self { at, ring_m: 1.8 * sizes.arm_m, track_z_m: -0.006 * sizes.radius_m, flown: Vec::new() })
     }
 
     /// Adds the position after a slot.
@@ -61,21 +104,26 @@ impl UavShape {
     }
 
     /// Draws the UAV at its position after the last observed slot.
-    pub(crate) fn draw(&mut self, canvas: &Canvas, view: &SlotView) -> RecordingStreamResult<()> {
-        let here = drawn(view.flight.position());
+    pub(crate) fn draw(
+        &mut self,
+        canvas: &Canvas,
+        flight: &FlightReport,
+        plan: Option<&Plan>,
+    ) -> RecordingStreamResult<()> {
+        let here = drawn(flight.position());
         let before = self.flown.iter().rev().nth(1).copied();
-        canvas.show(UAV, &Transform3D::update_fields().with_translation(here))?;
+        canvas.show(&*self.at.uav, &Transform3D::update_fields().with_translation(here))?;
         let foot = [0.0, 0.0, -here[2]];
-        canvas.show(COVERAGE, &Transform3D::update_fields().with_translation(foot))?;
-        canvas.show(PLUMB, &LineStrips3D::update_fields().with_strips([[[0.0; 3], foot]]))?;
+        canvas.show(&*self.at.coverage, &Transform3D::update_fields().with_translation(foot))?;
+        canvas.show(&*self.at.plumb, &LineStrips3D::update_fields().with_strips([[[0.0; 3], foot]]))?;
         if let Some(before) = before.filter(|before| before[..2] != here[..2]) {
             let heading = Angle::from_radians((here[1] - before[1]).atan2(here[0] - before[0]));
             let turn = RotationAxisAngle::new([0.0, 0.0, 1.0], heading);
-            canvas.show(BODY, &Transform3D::update_fields().with_rotation_axis_angle(turn))?;
+            canvas.show(&*self.at.body, &Transform3D::update_fields().with_rotation_axis_angle(turn))?;
         }
         self.log_flown(canvas)?;
         self.flown.push(here);
-        self.log_plan(canvas, view.plan, before.unwrap_or(here))
+        self.log_plan(canvas, plan, before.unwrap_or(here))
     }
 
     /// Clears what is outdated in a missed slot, and interrupts the path.
@@ -90,52 +138,52 @@ impl UavShape {
         let trail = (flown.len() > 1).then_some(flown);
         let track = trail.iter().map(|flown| flown.iter().map(|&[x_m, y_m, _]| [x_m, y_m, self.track_z_m]));
         let track: Vec<Vec<_>> = track.map(Iterator::collect).collect();
-        canvas.append(TRAIL, &LineStrips3D::update_fields().with_strips(trail))?;
-        canvas.append(TRACK, &LineStrips3D::update_fields().with_strips(track))
+        canvas.append(&*self.at.trail, &LineStrips3D::update_fields().with_strips(trail))?;
+        canvas.append(&*self.at.track, &LineStrips3D::update_fields().with_strips(track))
     }
 
     fn log_plan(&self, canvas: &Canvas, plan: Option<&Plan>, from: Point) -> RecordingStreamResult<()> {
         let waypoint = plan.map(|plan| drawn(plan.waypoint()));
         let waypoint = waypoint.filter(|waypoint| waypoint.iter().all(|coordinate| coordinate.is_finite()));
-        show_circle(canvas, WAYPOINT, waypoint, self.ring_m)?;
+        show_circle(canvas, &self.at.waypoint, waypoint, self.ring_m)?;
         let path = waypoint.map(|waypoint| [from, waypoint]);
-        canvas.show(PLAN, &LineStrips3D::update_fields().with_strips(path))
+        canvas.show(&*self.at.plan, &LineStrips3D::update_fields().with_strips(path))
     }
 }
 
 /// A quadrotor with arms of length `arm_m` [m] and heading along x, and its dot.
-fn log_body(canvas: &Canvas, arm_m: f32) -> RecordingStreamResult<()> {
+fn log_body(canvas: &Canvas, at: &Entities, arm_m: f32, paint: colour::Rgb) -> RecordingStreamResult<()> {
     let hub = [0.38 * arm_m, 0.3 * arm_m, 0.13 * arm_m];
     let arm = [arm_m, 0.07 * arm_m, 0.05 * arm_m];
     let turns_deg = [0.0, 45.0, -45.0].map(|deg| RotationAxisAngle::new([0.0, 0.0, 1.0], Angle::from_degrees(deg)));
     let body = Boxes3D::from_half_sizes([hub, arm, arm])
         .with_rotation_axis_angles(turns_deg)
-        .with_colors([colour::UAV])
+        .with_colors([paint])
         .with_fill_mode(FillMode::Solid);
-    canvas.log_static(BODY, &body)?;
+    canvas.log_static(&*at.body, &body)?;
     let reach_m = arm_m * FRAC_1_SQRT_2;
     let rotors = [[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]];
     let rotors = Cylinders3D::from_lengths_and_radii([0.04 * arm_m], [0.45 * arm_m])
         .with_centers(rotors.map(|[x, y]| [x * reach_m, y * reach_m, 0.12 * arm_m]))
         .with_colors([colour::ROTOR])
         .with_fill_mode(FillMode::Solid);
-    canvas.log_static(format!("{BODY}/rotors"), &rotors)?;
+    canvas.log_static(format!("{}/rotors", at.body), &rotors)?;
     let heading = Arrows3D::from_vectors([[1.6 * arm_m, 0.0, 0.0]])
         .with_origins([[0.4 * arm_m, 0.0, 0.0]])
         .with_radii([0.1 * arm_m])
-        .with_colors([colour::UAV]);
-    canvas.log_static(format!("{BODY}/heading"), &heading)?;
-    let dot = Points3D::new([[0.0; 3]]).with_radii([Radius::new_ui_points(5.0)]).with_colors([colour::UAV]);
-    canvas.log_static(DOT, &dot)
+        .with_colors([paint]);
+    canvas.log_static(format!("{}/heading", at.body), &heading)?;
+    let dot = Points3D::new([[0.0; 3]]).with_radii([Radius::new_ui_points(5.0)]).with_colors([paint]);
+    canvas.log_static(&*at.dot, &dot)
 }
 
 /// A disc just below the sensor nodes, and its border.
-fn log_coverage(canvas: &Canvas, radius_m: f32) -> RecordingStreamResult<()> {
+fn log_coverage(canvas: &Canvas, at: &Entities, radius_m: f32) -> RecordingStreamResult<()> {
     let disc = Cylinders3D::from_lengths_and_radii([0.002 * radius_m], [radius_m])
         .with_centers([[0.0, 0.0, -0.004 * radius_m]])
         .with_colors([colour::COVERED])
         .with_fill_mode(FillMode::Solid);
-    canvas.log_static(format!("{COVERAGE}/disc"), &disc)?;
+    canvas.log_static(format!("{}/disc", at.coverage), &disc)?;
     let rim = line_style(colour::COVERAGE, 1.2).with_strips([circle([0.0; 3], radius_m)]);
-    canvas.log_static(format!("{COVERAGE}/rim"), &rim)
+    canvas.log_static(format!("{}/rim", at.coverage), &rim)
 }

@@ -105,7 +105,7 @@ mod tests {
             let sensor = if slot % 5 == 0 { 3 } else { 1 };
             let before = ReportedQueues::at(slot, [sensor], &[slot as u32 * 700; 5]);
             flight.links[0] = LinkReport { sensor, ..LinkReport::default() };
-            estimate.advance(slot, &flight, &before, &[slot as u32; 5]);
+            estimate.advance(slot, &[flight], &before, &[slot as u32; 5]);
         }
         estimate
     }
@@ -135,14 +135,14 @@ mod tests {
     fn a_gap_over_missed_slots_teaches_nothing_after_a_restart_either() {
         let mut estimate = advanced(Rates::Learnt);
         let mut flight = FlightReport::at([0.0, 0.0, 20.0], Mode::Serve);
-        estimate.advance(44, &flight, &ReportedQueues::default(), &[0; 5]); // slots 41 to 43 were missed, in which SN 1 may have been served
+        estimate.advance(44, &[flight], &ReportedQueues::default(), &[0; 5]); // slots 41 to 43 were missed, in which SN 1 may have been served
         let mut restored = fresh(Rates::Learnt).restored(44, estimate.saved()).unwrap();
         flight.served = 1;
         flight.links[0] = LinkReport { sensor: 1, ..LinkReport::default() };
         for estimate in [&mut estimate, &mut restored] {
             let before = estimate.mean_bits(1);
             let reported = ReportedQueues::at(45, [1], &[20_000; 5]);
-            estimate.advance(45, &flight, &reported, &[0; 5]);
+            estimate.advance(45, &[flight], &reported, &[0; 5]);
             assert_eq!(estimate.mean_bits(1), before);
         }
     }

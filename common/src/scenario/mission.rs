@@ -24,6 +24,9 @@ pub const CHANNEL: &str = "channel.csv";
 /// Largest seed: the largest integer of TOML.
 pub const MAX_SEED: u64 = i64::MAX as u64;
 
+/// Between the seeds of the planners of UAVs, so that random flights differ.
+const SEED_STEP: u64 = 0x9e37_79b9_7f4a_7c15;
+
 /// Slots of the longest mission.
 const MAX_SLOTS: u64 = 1_000_000_000;
 
@@ -160,11 +163,35 @@ impl Scenario {
         self.path.parent().unwrap_or(Path::new("")).join(file)
     }
 
-    /// Start of the UAV [m].
+    /// Start of the first UAV [m].
     #[must_use]
     pub fn start(&self) -> Point3<f64> {
-        let [x_m, y_m] = self.uav.start_m.unwrap_or([f64::NAN; 2]);
+        self.start_of(0)
+    }
+
+    /// Start of the UAV number `uav` [m].
+    #[must_use]
+    pub fn start_of(&self, uav: usize) -> Point3<f64> {
+        let own_m = self.uav.starts_m.as_ref().and_then(|starts_m| starts_m.get(uav)).copied();
+        let [x_m, y_m] = own_m.or(self.uav.start_m).unwrap_or([f64::NAN; 2]);
         Point3::new(x_m, y_m, self.uav.altitude_m)
+    }
+
+    /// The starts of all UAVs [m].
+    pub fn starts(&self) -> impl Iterator<Item = Point3<f64>> {
+        (0..self.uav.uavs()).map(|uav| self.start_of(uav))
+    }
+
+    /// The mission of the UAV number `uav` alone, with its own start and random numbers; the scenario itself for one UAV.
+    #[must_use]
+    pub fn of_uav(&self, uav: usize) -> Self {
+        let mut alone = self.clone();
+        if self.uav.uavs() > 1 {
+            let start = self.start_of(uav);
+            alone.uav = UavKeys { count: None, starts_m: None, start_m: Some([start.x, start.y]), ..self.uav.clone() };
+            alone.seed = self.seed.wrapping_add(uav as u64 * SEED_STEP) & MAX_SEED;
+        }
+        alone
     }
 
     /// Whether the UAV has to be in the base at the end of the mission.

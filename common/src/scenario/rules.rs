@@ -4,6 +4,7 @@
 //! The defaults of a form are not filled in beside the other form. A setting in one form removes the other form of the
 //! file.
 
+use nalgebra::Point3;
 use toml::{Table, Value};
 
 use super::mission::Scenario;
@@ -66,7 +67,12 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
     let expected = format!("[x, y], a wind slower than uav.max_speed_mps = {} m/s", uav.max_speed_mps);
     rule(wind_mps < uav.max_speed_mps, "uav.wind_mps", &expected)?;
     let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m(), area.height_m());
-    rule(area.contains(&scenario.start().xy(), 0.0), "uav.start_m", &expected)?;
+    let is_in_area = |start: Point3<f64>| area.contains(&start.xy(), 0.0);
+    rule(uav.start_m.is_none_or(|start_m| area.contains(&start_m.into(), 0.0)), "uav.start_m", &expected)?;
+    let starts_m = uav.starts_m.as_ref().map_or(uav.uavs(), Vec::len);
+    let expected_starts = format!("{} positions in the area, one for each UAV (uav.count)", uav.uavs());
+    let are_starts = starts_m == uav.uavs() && scenario.starts().all(is_in_area);
+    rule(are_starts, "uav.starts_m", &expected_starts)?;
     if let Some([x_m, y_m]) = scenario.base.as_ref().and_then(|base| base.position_m) {
         let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m(), area.height_m());
         rule(area.contains(&Position::new(x_m, y_m), 0.0), "base.position_m", &expected)?;
@@ -79,14 +85,14 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
         rule(is_grid, "uav.moves", &format!("\"free\", or {expected} (uav.cell_m)"))?;
         rule(uav.position_error_m.is_none(), "uav.position_error_m", "none with moves = \"grid\"")?;
         rule(uav.climb().is_none(), "uav.altitude", "\"fixed\" with moves = \"grid\"")?;
-        let start = scenario.start();
         let is_middle = |(at_m, count): (f64, u64)| {
             let index = at_m / cell_m - 0.5;
             (index - index.round()).abs() <= 1e-9 && (0.0..count as f64).contains(&index.round())
         };
-        let is_cell = [(start.x, columns), (start.y, rows)].into_iter().all(is_middle);
+        let is_cell = |start: Point3<f64>| [(start.x, columns), (start.y, rows)].into_iter().all(is_middle);
         let expected = format!("the middle of a cell of {cell_m} m, as (0.5, 1.5, ...) × {cell_m} m");
-        rule(is_cell, "uav.start_m", &expected)?;
+        rule(uav.starts_m.is_some() || is_cell(scenario.start()), "uav.start_m", &expected)?;
+        rule(scenario.starts().all(is_cell), "uav.starts_m", &format!("each {expected}"))?;
     }
     zones::check(scenario)?;
     let is_table = link.model == LinkModel::Table;

@@ -14,7 +14,7 @@ const GRID: Only = Only { key: "moves", values: &["grid"], expected: Some("it on
 
 crate::keys! {
     /// `[uav]`: the vehicle.
-    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, expecting = "a table")]
     pub struct UavKeys {
         /// Whether the altitude may change; `"free"` needs `link.model = "probabilistic-los"`, or a `"table"` of several altitudes.
@@ -44,6 +44,14 @@ crate::keys! {
         endurance_s: f64 = 600.0, POSITIVE;
         /// Start, `[x, y]` [m]; the default is the centre of the area, and a checked scenario has the key.
         start_m: Option<[f64; 2]>, Accepts::Rule("a position in the area");
+        /// Number of UAVs, `U`, equal but for their starts (decision D18); one if absent.
+        count: Option<u32>, Accepts::Whole(1, MAX_UAVS as u64);
+        /// Start of each UAV, `[[x, y], ...]` [m], instead of `start_m` for all.
+        starts_m: Option<Vec<[f64; 2]>>, Accepts::Rule("a position in the area for each UAV");
+        /// How the UAVs share the field (decision D22); `"sequential"` if absent.
+        coordination: Option<Coordination>, Accepts::OneOf(Coordination::VARIANTS);
+        /// A UAV may not end a slot within this distance of one of lower number, outside of bases [m] (decision D23).
+        separation_m: Option<f64>, POSITIVE;
         /// Whether the UAV has to be in the base at the end of the mission (decision D13).
         must_land: Option<bool>, Accepts::Rule("true or false");
         /// The energy that it carries; without this table it flies as long as the mission lasts.
@@ -51,6 +59,23 @@ crate::keys! {
         /// Parameters of the propulsion power.
         propulsion: Propulsion = {}, Accepts::TableOf(Propulsion::KEYS);
     }
+}
+
+/// Most UAVs of a mission.
+pub const MAX_UAVS: u32 = 64;
+
+/// How several UAVs share a field (decision D22).
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, VariantNames)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum Coordination {
+    /// Each plans on the whole field as if it were alone.
+    Independent,
+    /// Each plans after those of lower number, and counts the SNs that they have just scheduled as empty.
+    #[default]
+    Sequential,
+    /// Each plans for its piece of a closed tour over all SNs, alone.
+    Partition,
 }
 
 /// Limits of a free altitude.
@@ -65,6 +90,12 @@ pub struct Climb {
 }
 
 impl UavKeys {
+    /// Number of UAVs.
+    #[must_use]
+    pub fn uavs(&self) -> usize {
+        self.count.map_or(1, |count| count as usize)
+    }
+
     /// The side of the cells of the grid [m]; `None` if the UAV flies freely.
     #[must_use]
     pub fn grid_m(&self) -> Option<f64> {

@@ -48,8 +48,16 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), InputError> {
     if !scenario.airspace_without_ways().contains(&start) {
         return refuse("uav.start_m", &start, "a position outside of zones and buildings, within the boundary");
     }
-    let Some(base) = scenario.landing_base() else { return Ok(()) };
+    let base = scenario.landing_base();
+    if base.is_none() && scenario.uav.starts_m.is_none() {
+        return Ok(());
+    }
     let airspace = scenario.airspace();
+    if !scenario.starts().all(|start| airspace.is_reachable(&start.xy())) {
+        let expected = "positions that lead to each other, around zones and buildings";
+        return Err(scenario.refusal("uav.starts_m", &toml_of(&scenario.uav.starts_m), expected));
+    }
+    let Some(base) = base else { return Ok(()) };
     if airspace.has_grid() {
         let key = if matches!(base, Base::Disk { .. }) { "base.position_m" } else { "base.areas_m" };
         let keys = toml_of(&scenario.base);

@@ -24,6 +24,9 @@ const END: &str = "m-12,-12l24,24m0,-24l-24,24";
 /// Colour of a path.
 const PATH: &str = "#909090";
 
+/// Paths of several UAVs, in turn.
+const PATHS: [&str; 6] = [PATH, "#3b75af", "#d07f2c", "#519e3e", "#8d69b8", "#c03d3e"];
+
 /// A sensor of a map.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MapSensor {
@@ -44,10 +47,8 @@ pub struct TrajectoryMap {
     pub height_m: f64,
     /// The sensors.
     pub sensors: Vec<MapSensor>,
-    /// Position of the UAV at the start: x, y [m].
-    pub start_m: [f64; 2],
-    /// Position after each slot: x, y [m].
-    pub path_m: Vec<[f64; 2]>,
+    /// Position of each UAV at the start, then after each slot: x, y [m].
+    pub paths_m: Vec<Vec<[f64; 2]>>,
 }
 
 /// Maps side by side.
@@ -125,11 +126,10 @@ impl MapSheet {
 impl TrajectoryMap {
     /// The range of the map in x and y [m]: the area, extended to all sensors and the path.
     fn extent_m(&self) -> [[f64; 2]; 2] {
-        let positions = self.sensors.iter().map(|sensor| sensor.position_m).chain(self.path_m.iter().copied());
+        let positions =
+            self.sensors.iter().map(|sensor| sensor.position_m).chain(self.paths_m.iter().flatten().copied());
         let area = [[0.0, self.width_m], [0.0, self.height_m]];
-        positions
-            .chain([self.start_m])
-            .fold(area, |[x_m, y_m], [x, y]| [[x_m[0].min(x), x_m[1].max(x)], [y_m[0].min(y), y_m[1].max(y)]])
+        positions.fold(area, |[x_m, y_m], [x, y]| [[x_m[0].min(x), x_m[1].max(x)], [y_m[0].min(y), y_m[1].max(y)]])
     }
 
     /// Height over width of the map.
@@ -149,12 +149,16 @@ impl TrajectoryMap {
         page.add(text(&self.title, [corner[0], top - 0.6 * EM], fitting(&self.title, 1.1 * EM, size[0]), "start"));
 
         let at = |[x, y]: [f64; 2]| panel.at(x, y);
-        page.add(stroke(line([self.start_m].iter().chain(&self.path_m).copied().map(at)), 2.0, PATH));
+        for (uav, path_m) in self.paths_m.iter().enumerate() {
+            page.add(stroke(line(path_m.iter().copied().map(at)), 2.0, PATHS[uav % PATHS.len()]));
+        }
         for MapSensor { position_m, fraction } in &self.sensors {
             page.add(sensor(at(*position_m), fraction / highest));
         }
-        page.add(sign(at(self.start_m), START));
-        page.add(sign(at(*self.path_m.last().unwrap_or(&self.start_m)), END));
+        for path_m in &self.paths_m {
+            path_m.first().into_iter().for_each(|&start_m| page.add(sign(at(start_m), START)));
+            path_m.last().into_iter().for_each(|&end_m| page.add(sign(at(end_m), END)));
+        }
     }
 }
 

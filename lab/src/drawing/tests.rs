@@ -48,8 +48,7 @@ fn sheet() -> MapSheet {
             MapSensor { position_m: [20.0, 30.0], fraction: 0.0 },
             MapSensor { position_m: [90.0, 5.0], fraction: 0.4 },
         ],
-        start_m: [50.0, 40.0],
-        path_m: vec![[50.0, 40.0], [50.0, 40.0], [20.0, 30.0]],
+        paths_m: vec![vec![[50.0, 40.0], [50.0, 40.0], [50.0, 40.0], [20.0, 30.0]]],
     };
     MapSheet {
         look: look("Trajectories", "seed 1 · skysink"),

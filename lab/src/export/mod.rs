@@ -86,7 +86,8 @@ pub struct Exported {
 /// If the folder, the origin, the output file or an option is refused, a file cannot be written, or on a stop.
 pub fn export(export: &Export, stop: &Stop) -> Result<Exported, LabError> {
     let run = RecordedRun::read(&export.run, stop)?;
-    let track = || Ok::<_, LabError>(GeodeticTrack::new(&run, origin(&run.scenario, export.origin)?)?);
+    let uavs = run.scenario.uav.uavs();
+    let track = |uav: usize| Ok::<_, LabError>(GeodeticTrack::new(&run, uav, origin(&run.scenario, export.origin)?)?);
     let refuse = |option: &str, what: &str| {
         let message = format_args!("{option}: {} has no {what}: omit this option", export.format.name);
         Err(InputError::new("run folder", &export.run, message).into())
@@ -96,23 +97,42 @@ pub fn export(export: &Export, stop: &Stop) -> Result<Exported, LabError> {
         return refuse("--most-items", "mission items");
     }
     let counts = format!("{} slots, {} sensor nodes → 1 file", run.slots.len(), run.list.sensors().len());
-    let (summary, texts) = match export.format.write {
-        WriteFormat::Slots(_) if export.origin.is_some() => return refuse("--origin", "coordinates"),
-        WriteFormat::Slots(write) => (counts, vec![write(&run)]),
-        WriteFormat::Flight(write) => (counts, vec![write(&track()?)]),
-        WriteFormat::Mission(write, note) => {
-            let track = track()?;
-            let mission = vehicle::plan(&track, export.most_items.unwrap_or(MOST_ITEMS) as usize);
-            (mission.summary + note, mission.parts.iter().map(|part| write(&track, part)).collect())
-        }
-    };
     let out = out_file(export)?;
+    let mut summary = Vec::new();
+    let mut outputs = Vec::new(); // with the texts of their parts
+    match export.format.write {
+        WriteFormat::Slots(_) if export.origin.is_some() => return refuse("--origin", "coordinates"),
+        WriteFormat::Slots(write) => {
+            summary.push(counts);
+            outputs.push((out.clone(), vec![write(&run)]));
+        }
+        WriteFormat::Flight(write) => {
+            summary.push(if uavs == 1 {
+                counts
+            } else {
+                counts.replace("1 file", &format!("{uavs} files, one for each UAV"))
+            });
+            for uav in 0..uavs {
+                outputs.push((of_uav(&out, uav, uavs), vec![write(&track(uav)?)]));
+            }
+        }
+        WriteFormat::Mission(write, note) => {
+            for uav in 0..uavs {
+                let track = track(uav)?;
+                let mission = vehicle::plan(&track, export.most_items.unwrap_or(MOST_ITEMS) as usize);
+                let of = if uavs == 1 { String::new() } else { format!("UAV {uav}: ") };
+                summary.push(of + &mission.summary + note);
+                let texts = mission.parts.iter().map(|part| write(&track, part)).collect();
+                outputs.push((of_uav(&out, uav, uavs), texts));
+            }
+        }
+    }
     let folder = Some(folder_of(&out)).filter(|folder| folder.is_dir()).and_then(|folder| File::open(folder).ok());
     // Two exports to one file do not mix their parts. The lock ends with the handle.
     folder.as_ref().map_or(Ok(()), File::lock).at(&out)?;
-    let files = part_names(&out, texts.len());
+    let files: Vec<PathBuf> = outputs.iter().flat_map(|(out, texts)| part_names(out, texts.len())).collect();
     files.iter().try_for_each(|file| check_out(file, export))?;
-    let other_parts = parts_of(&out).into_iter().filter(|part| !files.contains(part));
+    let other_parts = outputs.iter().flat_map(|(out, _)| parts_of(out)).filter(|part| !files.contains(part));
     for part in other_parts {
         if !export.force {
             let message = "it is a part of an earlier export: choose another --out, or pass --force to remove it";
@@ -120,8 +140,9 @@ pub fn export(export: &Export, stop: &Stop) -> Result<Exported, LabError> {
         }
         fs::remove_file(&part).at(&part)?;
     }
-    write_all(&files.iter().cloned().zip(texts.iter().map(Vec::as_slice)).collect::<Vec<_>>())?;
-    Ok(Exported { summary, files })
+    let texts = outputs.iter().flat_map(|(_, texts)| texts).map(Vec::as_slice);
+    write_all(&files.iter().cloned().zip(texts).collect::<Vec<_>>())?;
+    Ok(Exported { summary: summary.join("\n"), files })
 }
 
 /// The origin of the scenario, or the `given` one if the scenario has none.
@@ -147,6 +168,16 @@ fn out_file(export: &Export) -> Result<PathBuf, InputError> {
     let named = whole.ok().filter(|whole| whole.file_name().is_some());
     let named = named.ok_or_else(|| InputError::new("run folder", run, "no name: expected --out PATH"))?;
     Ok(named.with_added_extension(export.format.extension))
+}
+
+/// The file of the UAV number `uav` of `uavs`: the given name for a single UAV, else `NAME-uav-0.EXT` and so on.
+fn of_uav(file: &Path, uav: usize, uavs: usize) -> PathBuf {
+    if uavs == 1 {
+        return file.to_owned();
+    }
+    let mut name: OsString = file.file_stem().unwrap_or_default().to_owned();
+    name.push(format!("-uav-{uav}"));
+    file.with_file_name(name).with_added_extension(file.extension().unwrap_or_default())
 }
 
 /// The file names of the parts: the given name for a single part, else `NAME-part-1-of-3.EXT` and so on.

@@ -6,7 +6,6 @@ use skysink_common::error::InputError;
 use skysink_common::geometry::Position;
 use skysink_common::scenario::{Area, Origin, Scenario};
 use skysink_common::sensors::projection::{GeodeticPosition, Projection};
-use skysink_common::slot_record::UAV;
 use skysink_mission::replay::RecordedRun;
 use skysink_mission::trace::RecordedSlot;
 
@@ -74,11 +73,11 @@ pub struct GeodeticZone {
 }
 
 impl<'a> GeodeticTrack<'a> {
-    /// Converts the mission from the plane that is tangent to the Earth at the origin.
+    /// Converts the mission of the UAV number `uav` from the plane that is tangent to the Earth at the origin.
     ///
     /// # Errors
     /// If the area is too large to project.
-    pub fn new(run: &'a RecordedRun, origin: Origin) -> Result<Self, InputError> {
+    pub fn new(run: &'a RecordedRun, uav: usize, origin: Origin) -> Result<Self, InputError> {
         let scenario = &run.scenario;
         let projection = Projection::at(origin);
         let place = |position: &Position| {
@@ -88,8 +87,8 @@ impl<'a> GeodeticTrack<'a> {
                 InputError::new("scenario", &scenario.path, format_args!("an area of {sides_m}: {expected}"))
             })
         };
-        let start = (scenario.start(), None);
-        let slots = run.slots.iter().map(|slot| (slot[UAV].position, Some(&slot[UAV])));
+        let start = (scenario.start_of(uav), None);
+        let slots = run.slots.iter().map(|slot| (slot[uav].position, Some(&slot[uav])));
         let point = |(position, slot): (Point3<f64>, Option<&'a RecordedSlot>)| {
             let time_s = slot.map_or(0.0, |slot| slot.slot as f64 * scenario.slot_s);
             Ok(TrackPoint { time_s, place: place(&position.xy())?, position, slot })

@@ -215,7 +215,7 @@ mod tests {
     }
 
     fn track(run: &RecordedRun) -> GeodeticTrack<'_> {
-        GeodeticTrack::new(run, Origin { lat_deg: 0.0, lon_deg: 0.0 }).unwrap()
+        GeodeticTrack::new(run, UAV, Origin { lat_deg: 0.0, lon_deg: 0.0 }).unwrap()
     }
 
     #[test]

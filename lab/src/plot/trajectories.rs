@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use skysink_common::build::{VERSION, build, commit_of};
 use skysink_common::error::InputError;
-use skysink_common::slot_record::{ByUav, UAV};
+use skysink_common::slot_record::ByUav;
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
 use skysink_mission::replay::Replay;
@@ -89,20 +89,23 @@ fn map(run: &Path, stop: &Stop) -> Result<(MappedRun, TrajectoryMap), LabError> 
         position_m: sensor.position.coords.into(),
         fraction: f64::from(queue_bits) / f64::from(sensor.capacity_bits),
     });
+    let path_m = |uav: usize| {
+        let ends = flown.iter().map(|slot| slot[uav].position);
+        std::iter::once(scenario.start_of(uav)).chain(ends).map(|at| at.xy().coords.into()).collect()
+    };
     let map = TrajectoryMap {
         title: String::new(),
         width_m: scenario.area.width_m(),
         height_m: scenario.area.height_m(),
         sensors: sensors.collect(),
-        start_m: scenario.start().xy().coords.into(),
-        path_m: flown.iter().map(|slot| slot[UAV].position.xy().coords.into()).collect(),
+        paths_m: (0..scenario.uav.uavs()).map(path_m).collect(),
     };
     let mapped = MappedRun {
         run: run.to_owned(),
         scenario: scenario.name.clone(),
         strategy: replay.label().to_owned(),
         seed: scenario.seed,
-        slots: map.path_m.len() as u64,
+        slots: flown.len() as u64,
         loss_rate: replay.summary().loss_rate,
     };
     Ok((mapped, map))

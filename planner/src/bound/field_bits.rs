@@ -1,7 +1,7 @@
 //! The sensor nodes as the bounds see them: those that sample, in whole bits, with the first slot of a possible
 //! service.
 
-use skysink_common::geometry::distance_squared;
+use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::queues::overflow_bits;
 use skysink_common::sampling::Sampler;
 use skysink_common::scenario::Scenario;
@@ -54,7 +54,7 @@ pub struct FieldBits {
     pub sensors: Vec<SensorBits>,
     /// Slots of the mission.
     pub slots: u64,
-    /// Resource blocks, `n`.
+    /// Resource blocks of all UAVs, `U n`.
     pub blocks: usize,
     /// Bits that no flight can save, beside the overflow of the SNs: what a slot samples of an SN beyond its buffer.
     pub beyond_buffers_bits: u64,
@@ -64,11 +64,12 @@ impl FieldBits {
     /// The field of a scenario with these SNs and queues [bit], by id.
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &Sensors, queues_bits: &[u32]) -> Self {
-        let start = scenario.start().xy();
+        let starts: Vec<Position> = scenario.starts().map(|start| start.xy()).collect();
         let in_range_m = scenario.link.comm_radius_m * (1.0 + 1e-8);
         let mut beyond_buffers_bits = 0;
         let bits = |id: u32| {
-            let away_m = distance_squared(&start, sensors.position(id)).sqrt();
+            let away_m2 = starts.iter().map(|start| distance_squared(start, sensors.position(id)));
+            let away_m = away_m2.fold(f64::INFINITY, f64::min).sqrt();
             let slots = fewest_slots(scenario.farthest_m(), away_m - in_range_m);
             SensorBits {
                 sampler: sensors.sampler(id),
@@ -84,7 +85,7 @@ impl FieldBits {
         Self {
             sensors: sensors.sampling_ids().map(bits).collect(),
             slots: scenario.slots,
-            blocks: scenario.link.resource_blocks,
+            blocks: scenario.link.resource_blocks * scenario.uav.uavs(),
             beyond_buffers_bits,
         }
     }

@@ -71,5 +71,6 @@ fn by_blocks_and_paths(scenario: &Scenario, field: &FieldBits, sensors: &Sensors
     let ids: Vec<u32> = sensors.sampling_ids().collect();
     let sampling = sensors.subset(&ids, |positions| Grid::new(positions, scenario.link.comm_radius_m));
     let paths = PathBound::new(&MissionTable::new(scenario, Arc::new(sampling)));
-    by_blocks.max(visits::by_visits(field, |slots| paths.most(slots)))
+    let uavs = scenario.uav.uavs();
+    by_blocks.max(visits::by_visits(field, |slots| paths.most(slots).saturating_mul(uavs)))
 }

@@ -413,10 +413,10 @@ fn learnt_rates_replace_the_prior() {
     flight.links[0].sensor = 0;
     flight.links[1].sensor = 2;
     let unreported = ReportedQueues::default();
-    belief.advance(1, &flight, &unreported, &[500, 0, 7]);
+    belief.advance(1, &[flight], &unreported, &[500, 0, 7]);
     let serving_nobody = FlightReport::at([0.0, 0.0, 20.0], Mode::Serve);
-    (2..12).for_each(|slot| belief.advance(slot, &serving_nobody, &unreported, &[0; 3]));
+    (2..12).for_each(|slot| belief.advance(slot, &[serving_nobody], &unreported, &[0; 3]));
     let reported = belief.reported(12, [0, 2], &[3_000, 0, 7]);
-    belief.advance(12, &flight, &reported, &[0, 0, 7]);
+    belief.advance(12, &[flight], &reported, &[0, 0, 7]);
     assert_eq!(believed(&mut horizon, &mut belief, 13), [(250.0, 120.0), (100.0, 300.0), (1e-3, 3e7)]);
 }

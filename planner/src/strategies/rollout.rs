@@ -168,7 +168,7 @@ impl<'a> Rollout<'a> {
                 world.queues.upload(id as usize, capacity_bits);
                 report.served += 1;
             }
-            belief.advance(slot, &report, &before, world.queues.bits());
+            belief.advance(slot, &[report], &before, world.queues.bits());
             watch(&decision);
         }
         lost_bits += self.beyond_bits(&world);

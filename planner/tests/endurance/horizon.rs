@@ -60,7 +60,7 @@ proptest! {
         for slot in 1..=scenario.slots {
             let plan = mission.advance();
             prop_assert_eq!(mission.last_flight().refused, 0, "slot {}: {:?}", slot, plan);
-            let path = mission.planner.path();
+            let path = mission.planner.path(0);
             let waypoint = Point3::new(plan.x_m, plan.y_m, plan.z_m);
             prop_assert!((1..=64).contains(&path.len()) && path[0] == waypoint, "{:?}", path);
             prop_assert_eq!(format!("{plan:?}"), format!("{:?}", restarted.advance()));
@@ -143,7 +143,7 @@ fn a_planner_that_starts_in_mid_mission_plans_from_what_it_finds() {
     let mut mission = TestMission::new(&scenario);
     mission.by_ref().take(100).for_each(drop);
     let list = SensorList::of(&scenario).unwrap();
-    mission.planner = Planner::new(&scenario, &list.nodes()).unwrap();
+    mission.planner = Planner::new(&scenario, &list.nodes()).unwrap().into();
     (101..=200).for_each(|slot| {
         mission.advance();
         assert_eq!(mission.last_flight().refused, 0, "slot {slot}");
@@ -277,7 +277,7 @@ fn an_offline_plan_loses_what_it_says_and_no_less_than_the_bound() {
         });
         let (offline, SearchOutcome { loss_bits: predicted_bits, steps: done, is_optimal }) = found.unwrap().unwrap();
         assert_eq!((done, is_optimal), (20_000, false), "seed {seed}");
-        mission.planner = Planner::with_strategy(&scenario, &nodes, Box::new(offline)).unwrap();
+        mission.planner = Planner::with_strategy(&scenario, &nodes, Box::new(offline)).unwrap().into();
         assert!(steps.len() > 100 && steps.is_sorted() && steps[0] == 0, "{steps:?}");
         mission.by_ref().take(200).for_each(drop);
         let lost_bits = mission.lost_bits() as f64;

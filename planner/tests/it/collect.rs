@@ -147,7 +147,7 @@ fn the_path_leads_over_the_stops_and_home() {
     let (scenario, list, _) = small("horizon", 1);
     let mut mission = TestMission::over(&scenario, &list);
     mission.advance();
-    let path = mission.planner.path();
+    let path = mission.planner.path(0);
     assert!(path.len() > 1 && (path[path.len() - 1].xy() - nalgebra::Point2::new(5.0, 5.0)).norm() < 1e-9, "{path:?}");
 }
 

@@ -84,7 +84,7 @@ proptest! {
             }
             let flight = *mission.last_flight();
             let queues_bits = mission.queues_bits().to_vec();
-            mission.planner.observe(slot, &flight, &queues_bits);
+            mission.planner.observe(slot, &[flight], &queues_bits);
             for (id, &(_, told)) in (0..).zip(&contacts) {
                 let (believed_bits, true_bits) = (mission.estimate().mean_bits(id), mission.mean_bits(id));
                 let off_bits = believed_bits - true_bits;

@@ -89,7 +89,7 @@ impl TestMission {
     /// A planner that knows only what the one before it has saved.
     pub fn restart(&mut self) {
         let saved = self.saved();
-        self.planner = Planner::new(&self.scenario, &self.nodes).unwrap();
+        self.planner = Planner::new(&self.scenario, &self.nodes).unwrap().into();
         self.planner.restore(&saved).unwrap();
     }
 

@@ -4,7 +4,7 @@ use iceoryx2::prelude::ipc;
 use skysink::worker::silence_iceoryx2;
 use skysink_common::message::{FLAG_END, FlightReport, Limits, Plan, QueuesHeader, SensorNode, SlotHeader};
 use skysink_common::scenario::{Overrides, Scenario};
-use skysink_common::slot_record::{UAV, UAVS};
+use skysink_common::slot_record::UAV;
 use skysink_common::stop::Stop;
 use skysink_planner::Planner;
 use skysink_ring::error::{NodeError, RingError};
@@ -73,7 +73,7 @@ impl Rogue {
         let stop = Stop::default();
         let open = || Ring::<ipc::Service>::join(&folder, &scenario, Role::Planner, &stop).ok();
         let (ring, mut wait) = until("topics", open);
-        let plans = ring.plan.list_writer(2 * UAVS).unwrap();
+        let plans = ring.plan.list_writer(2 * 1).unwrap();
         let mut nodes = ring.sensors.reader().unwrap();
         let queues = ring.belief.as_ref().unwrap_or(&ring.queues).reader().unwrap();
         let flights = ring.flight.reader().unwrap();

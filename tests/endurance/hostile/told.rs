@@ -58,7 +58,7 @@ fn assert_told(name: &str, rates: Rates) {
             }
             std::thread::yield_now();
         };
-        known.advance(slot, &turn.flight, &reported, &true_queues);
+        known.advance(slot, &[turn.flight], &reported, &true_queues);
         reported = known.reported(slot + 1, sensors.ids(), &true_queues);
         assert_eq!(turn.queues_bits, known.at(slot, &sensors, &true_queues).queues_bits, "slot {slot}");
         for link in turn.flight.served_links() {

@@ -89,9 +89,9 @@ impl Slot {
             slot: self.slot,
             queues_bits: &self.queues_bits,
             header: &self.header,
-            plan: self.plan.as_ref(),
+            plans: std::slice::from_ref(&self.plan),
             path: &self.path,
-            flight: &self.flight,
+            flights: std::slice::from_ref(&self.flight),
             slots_per_s: None,
             plan_ms: None,
         }

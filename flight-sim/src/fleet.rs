@@ -1,0 +1,98 @@
+//! One slot of all UAVs: they move one after the other, and no two serve the same sensor node.
+//!
+//! What one UAV does is left to [`crate::flight`].
+
+use skysink_common::message::{FlightReport, HoldReason, LinkReport, Mode, Plan, SensorNode, SolverOutcome};
+use skysink_common::scenario::Scenario;
+use skysink_common::slot_record::ByUav;
+
+use crate::flight::Flight;
+
+/// The UAVs of a mission over their field.
+#[derive(Debug, Clone)]
+pub struct Fleet {
+    uavs: ByUav<Flight>,
+    /// Least distance between the ends of slots of two UAVs [m] (decision D23); 0 for any.
+    separation_m: f64,
+}
+
+impl Fleet {
+    /// The UAVs at their starts, over the published sensor nodes.
+    #[must_use]
+    pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
+        let first = Flight::new(scenario, sensors);
+        Self {
+            uavs: scenario.starts().enumerate().map(|(uav, start)| first.of_uav(uav, start)).collect(),
+            separation_m: scenario.uav.separation_m.unwrap_or(0.0),
+        }
+    }
+
+    /// The reports of slot 0: the UAVs at their starts.
+    #[must_use]
+    pub fn start(&self) -> ByUav<FlightReport> {
+        self.uavs.iter().map(Flight::start).collect()
+    }
+
+    /// Moves the UAVs to the ends of recorded flights of this mission.
+    pub fn restore(&mut self, reports: &[FlightReport]) {
+        self.uavs.iter_mut().zip(reports).for_each(|(uav, report)| uav.restore(report));
+    }
+
+    /// Flies `slot`, from 1, each UAV by its plan as [`Flight::step`] does; writes the reports to `reports`.
+    ///
+    /// A waypoint too near to the end of a UAV of lower number is refused (decision D23). A sensor node that a UAV of lower
+    /// number serves is not served again; such requests count among those refused (decision D19).
+    pub fn step<'a>(&mut self, slot: u64, plan_of: impl Fn(usize) -> Option<&'a Plan>, reports: &mut [FlightReport]) {
+        for (number, uav) in self.uavs.iter_mut().enumerate() {
+            let (lower, rest) = reports.split_at_mut(number);
+            let plan = plan_of(number);
+            let is_too_near = |plan: &&Plan| {
+                // A recorded flight may have ended beside its waypoint.
+                let flies = plan.mode != Mode::Charge as u32 && plan.solver != SolverOutcome::Recorded as u32;
+                let is_near = |other: &FlightReport| uav.is_too_near(plan, &other.position().xy(), self.separation_m);
+                self.separation_m > 0.0 && flies && lower.iter().any(is_near)
+            };
+            rest[0] = if plan.as_ref().is_some_and(is_too_near) && !uav.is_down() {
+                uav.refuse(HoldReason::Separation)
+            } else {
+                uav.step(slot, plan)
+            };
+            leave_to(lower, &mut rest[0]);
+        }
+    }
+
+    /// Repeats `slot` as another flight-sim has reported it ([`Flight::repeat`]).
+    pub fn repeat<'a>(
+        &mut self,
+        slot: u64,
+        report_of: impl Fn(usize) -> Option<&'a Plan>,
+        reports: &mut [FlightReport],
+    ) {
+        for (number, (uav, report)) in self.uavs.iter_mut().zip(reports).enumerate() {
+            *report = match report_of(number) {
+                Some(flown) => uav.repeat(slot, flown),
+                None => uav.step(slot, None),
+            };
+        }
+    }
+}
+
+/// Takes the links out of `report` to sensor nodes that a flight of `lower` serves.
+fn leave_to(lower: &[FlightReport], report: &mut FlightReport) {
+    let is_contended = |link: &LinkReport| lower.iter().any(|other| other.serves(link.sensor));
+    let mut kept = 0;
+    for index in 0..report.served_links().len() {
+        let link = report.links[index];
+        if !is_contended(&link) {
+            report.links[kept] = link;
+            kept += 1;
+        }
+    }
+    let contended = report.served_links().len() - kept;
+    report.links[kept..kept + contended].fill(LinkReport::default());
+    report.served -= contended as u32; // at most MAX_SERVED
+    report.refused += contended as u32;
+    if report.served == 0 && report.mode == Mode::Serve as u32 {
+        report.mode = Mode::Fly as u32;
+    }
+}

@@ -1,0 +1,264 @@
+//! The planners of all UAVs of a mission, and how they share the field (decision D22).
+//!
+//! A strategy sees one UAV. With one UAV, its planner plans as if this were not here.
+
+use std::time::Instant;
+
+use nalgebra::Point3;
+use serde::{Deserialize, Serialize};
+use skysink_common::belief::Belief;
+use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
+use skysink_common::error::InputError;
+use skysink_common::message::{FlightReport, LinkReport, MAX_SERVED, Plan, SensorNode};
+use skysink_common::scenario::{Coordination, Scenario};
+use skysink_common::slot_record::ByUav;
+use skysink_common::stop::Stop;
+use toml::Value;
+
+use crate::mission_table::MissionTable;
+use crate::partition;
+use crate::planner::Planner;
+use crate::strategy::{Strategy, Timing};
+
+/// The planners of the UAVs of a mission.
+pub struct FleetPlanner {
+    members: ByUav<Member>,
+    coordination: Coordination,
+    /// The SNs that are scheduled in this slot; working memory.
+    scheduled: Vec<u32>,
+}
+
+/// A UAV of a fleet.
+struct Member {
+    planner: Planner,
+    /// The SNs that it plans for, ascending; `None` for all of them.
+    piece: Option<Piece>,
+}
+
+/// A part of the SNs: a planner numbers them from 0.
+struct Piece {
+    /// The id of each in the mission, ascending.
+    ids: Vec<u32>,
+    /// Their queues [bit]; working memory.
+    queues_bits: Vec<u32>,
+}
+
+impl Piece {
+    /// The queues of the piece [bit].
+    fn select(&mut self, queues_bits: &[u32]) -> &[u32] {
+        self.queues_bits.clear();
+        self.queues_bits.extend(self.ids.iter().map(|&id| queues_bits[id as usize]));
+        &self.queues_bits
+    }
+
+    /// The flight with the links to SNs of the piece, by their numbers in it.
+    fn numbered(&self, flight: &FlightReport) -> FlightReport {
+        let mut own = FlightReport { served: 0, links: [LinkReport::default(); MAX_SERVED], ..*flight };
+        for link in flight.served_links() {
+            if let Ok(number) = self.ids.binary_search(&link.sensor) {
+                own.links[own.served as usize] = LinkReport { sensor: number as u32, ..*link };
+                own.served += 1;
+            }
+        }
+        own
+    }
+}
+
+impl From<Planner> for FleetPlanner {
+    /// The planner of a single UAV.
+    fn from(planner: Planner) -> Self {
+        let members = ByUav::from_iter([Member { planner, piece: None }]);
+        Self { members, coordination: Coordination::default(), scheduled: Vec::new() }
+    }
+}
+
+impl FleetPlanner {
+    /// The planners of a scenario with the sensor nodes `sensors`, SN i at entry i. `stop` ends long preparations and searches; a
+    /// plan made after the request must not be flown.
+    ///
+    /// # Errors
+    /// As [`Planner::new`].
+    pub fn until(scenario: &Scenario, sensors: &[SensorNode], stop: &Stop) -> Result<Self, InputError> {
+        let uavs = scenario.uav.uavs();
+        if uavs == 1 {
+            return Ok(Planner::until(scenario, sensors, stop)?.into());
+        }
+        let coordination = scenario.uav.coordination.unwrap_or_default();
+        let mut pieces = match coordination {
+            Coordination::Partition => partition::pieces(&MissionTable::of(scenario, sensors), scenario, stop),
+            Coordination::Independent | Coordination::Sequential => Vec::new(),
+        };
+        pieces.reverse();
+        let member = |uav: usize| {
+            let alone = scenario.of_uav(uav);
+            let Some(ids) = pieces.pop() else {
+                return Ok(Member { planner: Planner::until(&alone, sensors, stop)?, piece: None });
+            };
+            let own: Vec<SensorNode> = ids.iter().map(|&id| sensors[id as usize]).collect();
+            let planner = Planner::until(&alone, &own, stop)?;
+            Ok(Member { planner, piece: Some(Piece { ids, queues_bits: Vec::new() }) })
+        };
+        let members = (0..uavs).map(member).collect::<Result<_, InputError>>()?;
+        Ok(Self { members, coordination, scheduled: Vec::new() })
+    }
+
+    /// The planner with `strategy` instead of the scenario's.
+    ///
+    /// # Errors
+    /// If the scenario has several UAVs, which one strategy cannot plan for; as [`Planner::new`].
+    pub fn with_strategy(
+        scenario: &Scenario,
+        sensors: &[SensorNode],
+        strategy: Box<dyn Strategy>,
+    ) -> Result<Self, InputError> {
+        require_one(scenario)?;
+        Ok(Planner::with_strategy(scenario, sensors, strategy)?.into())
+    }
+
+    /// Sets what paces the mission ([`Planner::set_timing`]).
+    pub fn set_timing(&mut self, timing: Timing) {
+        self.members.iter_mut().for_each(|member| member.planner.set_timing(timing));
+    }
+
+    /// Lets `stop` end long searches ([`Planner::set_stop`]).
+    pub fn set_stop(&mut self, stop: &Stop) {
+        self.members.iter_mut().for_each(|member| member.planner.set_stop(stop));
+    }
+
+    /// The stop request that ends long searches.
+    #[must_use]
+    pub fn stop(&self) -> &Stop {
+        self.members[0].planner.stop()
+    }
+
+    /// Observes the flights of `slot`, and the queues after it [bit], by id ([`Planner::observe`]). UAVs that plan on their own
+    /// have only their own contacts.
+    ///
+    /// # Panics
+    /// If there is not one flight for each UAV.
+    pub fn observe(&mut self, slot: u64, flights: &[FlightReport], queues_bits: &[u32]) {
+        assert_eq!(flights.len(), self.members.len(), "expected a flight for each UAV");
+        for (Member { planner, piece }, flight) in self.members.iter_mut().zip(flights) {
+            match (piece, self.coordination) {
+                (Some(piece), _) => {
+                    let own = piece.numbered(flight);
+                    planner.observe(slot, &own, piece.select(queues_bits));
+                }
+                (None, Coordination::Independent) => planner.observe(slot, flight, queues_bits),
+                (None, _) => planner.observe_with(slot, flight, flights, queues_bits),
+            }
+        }
+    }
+
+    /// Plans `slot` from where the UAVs are after `flights`, and the queues `B_i(t−1)` [bit], by id ([`Planner::step`]). The
+    /// plans have the time that each of them took.
+    ///
+    /// # Panics
+    /// If there is not one flight for each UAV.
+    #[must_use]
+    pub fn step(&mut self, slot: u64, flights: &[FlightReport], queues_bits: &[u32]) -> ByUav<Plan> {
+        assert_eq!(flights.len(), self.members.len(), "expected a flight for each UAV");
+        let is_sequential = self.coordination == Coordination::Sequential;
+        self.scheduled.clear();
+        let mut plans = ByUav::new();
+        for (Member { planner, piece }, flight) in self.members.iter_mut().zip(flights) {
+            let begin = Instant::now();
+            let position = flight.position();
+            let mut plan = match piece {
+                Some(piece) => {
+                    let mut plan = planner.step(slot, position, piece.select(queues_bits));
+                    plan.renumber(&piece.ids);
+                    plan
+                }
+                None if is_sequential => planner.step_after(slot, position, queues_bits, &self.scheduled),
+                None => planner.step(slot, position, queues_bits),
+            };
+            plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
+            self.scheduled.extend_from_slice(plan.scheduled());
+            plans.push(plan);
+        }
+        if is_sequential && plans.len() > 1 {
+            for member in &mut self.members {
+                member.planner.await_reports(slot, &self.scheduled, queues_bits);
+            }
+        }
+        plans
+    }
+
+    /// The last slot planned by these planners or their restored predecessors; 0 before the first.
+    #[must_use]
+    pub fn slot(&self) -> u64 {
+        self.members[0].planner.slot()
+    }
+
+    /// Whether the plans of a slot depend on the slots before it.
+    #[must_use]
+    pub fn has_state(&self) -> bool {
+        self.members.iter().any(|member| member.planner.has_state())
+    }
+
+    /// What the first UAV believes of the queues after the last observed slot.
+    #[must_use]
+    pub fn belief(&self) -> &Belief {
+        self.members[0].planner.belief()
+    }
+
+    /// The waypoints of the last plan of the UAV number `uav` ([`Planner::path`]).
+    ///
+    /// # Panics
+    /// If there is no such UAV.
+    #[must_use]
+    pub fn path(&self, uav: usize) -> &[Point3<f64>] {
+        self.members[uav].planner.path()
+    }
+}
+
+/// Refuses a scenario with several UAVs.
+///
+/// # Errors
+/// If it has several.
+pub fn require_one(scenario: &Scenario) -> Result<(), InputError> {
+    match scenario.uav.count {
+        None | Some(1) => Ok(()),
+        Some(count) => Err(scenario.refusal("uav.count", &Value::Integer(count.into()), "1: this plans for one UAV")),
+    }
+}
+
+/// The checkpoint of a planner.
+fn saved(planner: &Planner) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    planner.save(&mut bytes);
+    bytes
+}
+
+/// The checkpoint of several planners.
+#[derive(Serialize, Deserialize)]
+struct Saved(Vec<Vec<u8>>);
+
+impl Checkpoint for FleetPlanner {
+    /// That of the planner with one UAV. Appends nothing if no planner has a state.
+    fn save(&self, bytes: &mut Vec<u8>) {
+        if let [only] = &self.members[..] {
+            return only.planner.save(bytes);
+        }
+        let all: Vec<Vec<u8>> = self.members.iter().map(|member| saved(&member.planner)).collect();
+        if all.iter().any(|bytes| !bytes.is_empty()) {
+            encode(&Saved(all), bytes);
+        }
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
+        if let [only] = &mut self.members[..] {
+            return only.planner.restore(bytes);
+        }
+        let Saved(all) = if bytes.is_empty() { Saved(vec![Vec::new(); self.members.len()]) } else { decode(bytes)? };
+        CheckpointError::ensure(all.len() == self.members.len(), "a state of each UAV")?;
+        let before: Vec<Vec<u8>> = self.members.iter().map(|member| saved(&member.planner)).collect();
+        let restored = self.members.iter_mut().zip(&all).try_for_each(|(member, bytes)| member.planner.restore(bytes));
+        if restored.is_err() {
+            let back = |(member, bytes): (&mut Member, &Vec<u8>)| member.planner.restore(bytes);
+            self.members.iter_mut().zip(&before).try_for_each(back).expect("it was just saved");
+        }
+        restored
+    }
+}
