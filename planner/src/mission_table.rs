@@ -87,7 +87,7 @@ impl MissionTable {
         let find = || {
             let mut turns = Turns::new(&self.sensors.positions, self.limits.comm_radius_m, stop);
             turns.retain(|id| self.is_servable(id));
-            turns.shorten_within(&self.airspace);
+            turns.shorten_within(&self.airspace, stop);
             Arc::new(turns)
         };
         let found = self.turns.get().map_or_else(find, Arc::clone);

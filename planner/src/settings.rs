@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use skysink_common::battery::BatteryState;
 use skysink_common::error::InputError;
+use skysink_common::geometry::Position;
 use skysink_common::scenario::Scenario;
 use toml::Table;
 
@@ -55,17 +56,15 @@ pub fn check(scenario: &Scenario) -> Result<Settings, InputError> {
     Ok(settings)
 }
 
-/// Checks that a UAV that has to land can fly home from its start.
+/// Checks that UAVs that have to land can fly home from their starts.
 fn check_landing(scenario: &Scenario) -> Result<(), InputError> {
     if !scenario.must_land() {
         return Ok(());
     }
     let Some(home) = Home::of(scenario, &Arc::new(scenario.airspace())) else { return Ok(()) };
-    let start = scenario.start().xy();
     let BatteryState { energy_j, .. } = BatteryState::initial(scenario);
-    if home.base.contains(&start) || home.is_in_reach(0, energy_j, &start) {
-        return Ok(());
-    }
+    let is_far = |start: &Position| !home.base.contains(start) && !home.is_in_reach(0, energy_j, start);
+    let Some(start) = scenario.starts().map(|start| start.xy()).find(is_far) else { return Ok(()) };
     let expected = if home.is_in_reach(0, f64::INFINITY, &start) {
         "an energy at the start that reaches the base and leaves the reserve (uav.battery)"
     } else {

@@ -1,10 +1,13 @@
 //! What the battery and the base allow (decisions D9 to D13).
 
+use std::sync::Arc;
+
 use serde::Serialize;
 use skysink_common::battery::Battery;
 use skysink_common::propulsion::least_power_mps;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
+use skysink_planner::home::Home;
 
 use super::quantity::scaled;
 
@@ -24,6 +27,8 @@ pub struct EnergyFigures {
     pub timed_m: Option<f64>,
     /// Standard deviation of where a slot ends [m], if the base is smaller than twice that.
     pub missed_by_m: Option<f64>,
+    /// Whether the battery of a UAV does not last for the way from its start to the base, with the reserve.
+    pub is_stranded: bool,
     /// Number of sampling SNs that cannot be served within both.
     pub beyond: usize,
 }
@@ -54,8 +59,16 @@ impl EnergyFigures {
             radius_m,
             timed_m,
             missed_by_m: scenario.uav.position_error_m.filter(|sigma_m| depth_m < 2.0 * sigma_m),
+            is_stranded: battery.is_some_and(|battery| is_stranded(scenario, &battery)),
             beyond: sensors.ids().filter(is_beyond).count(),
         })
+    }
+
+    /// The warning about a UAV that does not come home at all.
+    pub fn stranded_warning(&self) -> Option<String> {
+        let text =
+            "the battery does not last for the way from the start to the base with its reserve: the UAV may go down";
+        self.is_stranded.then(|| text.to_owned())
     }
 
     /// Name and value of each figure.
@@ -93,6 +106,13 @@ impl EnergyFigures {
     }
 }
 
+/// Whether `battery` does not last for the way home from the start of a UAV.
+fn is_stranded(scenario: &Scenario, battery: &Battery) -> bool {
+    let home = Home::of(scenario, &Arc::new(scenario.airspace()));
+    let margin_j = |home: &Home, uav: usize| home.margin_j(0, battery.initial_j, &scenario.start_of(uav).xy());
+    home.is_some_and(|home| (0..scenario.uav.uavs()).any(|uav| margin_j(&home, uav) < 0.0))
+}
+
 #[cfg(test)]
 mod tests {
     use std::path::Path;
@@ -121,7 +141,13 @@ mod tests {
         assert_eq!(figures.charging_s, Some(100.0));
         // About 9 J/m at 18 m/s: 1 km of flight.
         assert!((figures.radius_m.unwrap() - 500.0).abs() < 30.0, "{figures:?}");
-        assert_eq!((figures.timed_m, figures.beyond), (None, 1));
+        assert_eq!((figures.timed_m, figures.beyond, figures.stranded_warning()), (None, 1, None));
+        // 100 m at 9 J/m are 0.9 kJ, and the reserve is another 0.1 kJ.
+        let far = |capacity: &str| {
+            let keys = format!("[base]\nposition_m = [1100.0, 1000.0]\n[uav.battery]\ncapacity_j = {capacity}\n");
+            self::figures(&keys).unwrap().is_stranded
+        };
+        assert!(far("900.0") && !far("1300.0"));
         assert!(figures.warning().unwrap().starts_with("1 sensor nodes are too far from the base"));
         assert_eq!(figures.landing_warning(), None);
         let erring = |sigma: &str| self::figures(&format!("[uav]\nposition_error_m = {sigma}\n{keys}")).unwrap();

@@ -99,7 +99,8 @@ impl Figures {
         let rim = LinkFigures::at(scenario, &nodes, comm_radius_m);
         let flights = trial_flights(scenario, list)?;
         let links = BestLinks::new(scenario, &sensors);
-        let bounds = Bounds { table: &table, field: &field, links, above, paths: PathBound::by_legs(&table) };
+        let uavs = scenario.uav.uavs();
+        let bounds = Bounds { table: &table, uavs, field: &field, links, above, paths: PathBound::by_legs(&table) };
         Ok(Self {
             strategy: scenario.planner.strategy.clone(),
             objective: Some(Settings::of(scenario)?.objective)
@@ -189,14 +190,14 @@ pub struct Load {
     pub carried_bits: f64,
     /// `offered_bits / carried_bits`; `None` if the radio carries nothing.
     pub fraction: Option<f64>,
-    /// Visits per slot, `min(n, N)`.
+    /// Visits per slot, `min(U n, N)`.
     pub visits: usize,
 }
 
 impl Load {
     fn of(scenario: &Scenario, sensors: &Sensors, above: &LinkFigures) -> Self {
         let offered_bits = sensors.ids().map(|id| sensors.sampler(id).mean_bits).sum();
-        let visits = scenario.link.resource_blocks.min(sensors.count());
+        let visits = (scenario.link.resource_blocks * scenario.uav.uavs()).min(sensors.count());
         let buffers_bits = sensors.ids().map(|id| u64::from(sensors.sampler(id).capacity_bits));
         let most_buffer_bits = buffers_bits.max().unwrap_or(0);
         let visit_bits = above.visit_bits[1].min(most_buffer_bits);

@@ -80,6 +80,8 @@ impl fmt::Display for Round {
 pub struct Bounds<'a> {
     /// All SNs.
     pub table: &'a MissionTable,
+    /// Number of UAVs.
+    pub uavs: usize,
     /// The sampling SNs.
     pub field: &'a FieldBits,
     /// The links of the sampling SNs.
@@ -132,7 +134,7 @@ impl Bounds<'_> {
     /// The lower bound of a round, combined with the result of `tour`.
     #[must_use]
     pub fn round(&self, tour_slots: Option<u64>) -> Round {
-        let sensors = self.table.sensors.positions.len();
+        let sensors = self.table.sensors.positions.len().div_ceil(self.uavs);
         let blocks = sensors.div_ceil(self.table.limits.blocks()) as u64;
         let farthest = self.field.sensors.iter().map(|sensor| sensor.first_slot).max().unwrap_or(1);
         let paths = least_slots(&self.paths, sensors);

@@ -16,6 +16,7 @@ pub fn of(figures: &Figures) -> Vec<String> {
         hidden,
         beyond_return,
         missed_base,
+        stranded,
         unserved,
         told_otherwise,
         told_steadier,
@@ -89,6 +90,11 @@ fn beyond_return(figures: &Figures) -> Option<String> {
 /// The UAV may miss the base.
 fn missed_base(figures: &Figures) -> Option<String> {
     figures.energy.as_ref()?.landing_warning()
+}
+
+/// A UAV may not come home from its start.
+fn stranded(figures: &Figures) -> Option<String> {
+    figures.energy.as_ref()?.stranded_warning()
 }
 
 /// No strategy can lose anything.

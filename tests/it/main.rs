@@ -14,6 +14,7 @@ mod examples;
 mod export;
 mod external;
 mod fixtures;
+mod fleet;
 mod folders;
 mod help;
 mod hosts;

@@ -189,7 +189,7 @@ impl Scenario {
         if self.uav.uavs() > 1 {
             let start = self.start_of(uav);
             alone.uav = UavKeys { count: None, starts_m: None, start_m: Some([start.x, start.y]), ..self.uav.clone() };
-            alone.seed = self.seed.wrapping_add(uav as u64 * SEED_STEP) & MAX_SEED;
+            alone.seed = self.seed.wrapping_add(SEED_STEP.wrapping_mul(uav as u64)) & MAX_SEED;
         }
         alone
     }

@@ -264,10 +264,10 @@ impl<'a> PlanFlight<'a> {
     /// Flies to `stop` and hovers there; does nothing if that leaves no way home, even with charging first.
     fn fly_to(&mut self, stop: &PlannedStop) {
         (self.state.is_by_base, self.state.hovers) = (false, 0);
-        // Of an SN that was served in passing there is nothing to fetch.
+        // Of an SN that was served in passing there is nothing to fetch, unless the UAV is on its way.
         let mean_bits = self.window.nodes[stop.sensor as usize].mean_bits;
         let is_served = self.queue_bits(stop.sensor, self.state.slot + 1) < 2.0 * mean_bits;
-        if is_served && mean_bits > 0.0 && !stop.is_begun {
+        if is_served && !stop.is_begun {
             return;
         }
         let Some(leg) = self.places.leg(&self.state.at, &stop.place) else { return };

@@ -105,6 +105,7 @@ impl Collector {
         let mut stops = search.anneal(begun, steps, temperature);
         let (next, first) = flight.first(&stops);
         stops.drain(..first);
+        stops.iter_mut().for_each(|stop| stop.is_begun = false);
         if let (Next::Flies(end), Some(stop)) = (next, stops.first_mut()) {
             stop.is_begun = true;
             if flight.is_there(&end) {

@@ -152,6 +152,8 @@ impl PlanSearch<'_, '_> {
             let limit_bits = mean_bits * temperature * (LAST_TEMPERATURE / temperature).powf(along);
             changed.clone_from(&stops);
             let Some(same) = self.change(&mut changed, &open) else { continue };
+            // The UAV is on its way to no other stop.
+            changed.iter_mut().skip(1).for_each(|stop| stop.is_begun = false);
             let found = self.flight.attempt(&changed, same);
             if found < value + limit_bits * fraction(self.random).ln() {
                 continue;
@@ -202,6 +204,7 @@ impl PlanSearch<'_, '_> {
             }
             65..85 => {
                 let stop = &mut stops[index];
+                stop.is_begun = false;
                 stop.place = match below(self.random, 2) {
                     0 => self.flight.places.draw(stop.sensor, self.random)?,
                     _ => self.flight.places.beside(&stop.place, self.random),

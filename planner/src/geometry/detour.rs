@@ -1,5 +1,7 @@
 //! The order of a round where straight lines are no measure: improved by the lengths of the shortest ways between its points.
 
+use skysink_common::stop::Stop;
+
 /// Most points of a round whose order is improved; the time grows with their square.
 pub const MOST: usize = 1_000;
 
@@ -29,14 +31,14 @@ impl Lengths {
         round.iter().zip(next).map(|(&from, &to)| self.between(from, to)).sum()
     }
 
-    /// Shortens the closed `round`: reverses parts (2-opt) and moves short ones (Or-opt) as long as it helps, the first change
-    /// that does so first. The result depends on the round alone.
-    pub fn shorten(&self, round: &mut [u32]) {
+    /// Shortens the closed `round`: reverses parts (2-opt) and moves short ones (Or-opt) as long as a change makes it shorter.
+    /// The result depends on the round alone, unless `stop` ends it.
+    pub fn shorten(&self, round: &mut [u32], stop: &Stop) {
         let least_m = LEAST * self.round_m(round);
         if !least_m.is_finite() {
             return; // some points are apart
         }
-        while self.reverse_parts(round, least_m) || self.move_parts(round, least_m) {}
+        while stop.requested().is_none() && (self.reverse_parts(round, least_m) || self.move_parts(round, least_m)) {}
     }
 
     /// Reverses parts of the round that make it shorter; whether there was one.
@@ -121,7 +123,7 @@ mod tests {
         // A rectangle of 10 m × 1 m; over the diagonals 44 m.
         let lengths = of(&[(0.0, 0.0), (10.0, 1.0), (10.0, 0.0), (0.0, 1.0)]);
         let mut round = vec![0, 1, 2, 3];
-        lengths.shorten(&mut round);
+        lengths.shorten(&mut round, &Stop::default());
         assert_eq!(lengths.round_m(&round), 22.0);
     }
 
@@ -131,7 +133,7 @@ mod tests {
         lengths.lengths_m[3] = f64::INFINITY;
         lengths.lengths_m[12] = f64::INFINITY;
         let mut round = vec![3, 0, 2, 1];
-        lengths.shorten(&mut round);
+        lengths.shorten(&mut round, &Stop::default());
         assert_eq!(round, [3, 0, 2, 1]);
     }
 
@@ -143,7 +145,7 @@ mod tests {
             let lengths = of(&points);
             let mut round: Vec<u32> = (0..points.len() as u32).collect();
             let before_m = lengths.round_m(&round);
-            lengths.shorten(&mut round);
+            lengths.shorten(&mut round, &Stop::default());
             let mut points_of = round.clone();
             points_of.sort_unstable();
             prop_assert!((0..points.len() as u32).eq(points_of));

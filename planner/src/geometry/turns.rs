@@ -72,15 +72,15 @@ impl Turns {
     }
 
     /// Shortens the round by the lengths of the ways around zones or along a grid; in an open field it stays as it is. Its points
-    /// stay, too.
-    pub fn shorten_within(&mut self, airspace: &Airspace) {
+    /// stay, too. `stop` ends it early.
+    pub fn shorten_within(&mut self, airspace: &Airspace, stop: &Stop) {
         let count = self.points.len();
-        if airspace.is_open() || count > detour::MOST {
+        if airspace.is_open() || count > detour::MOST || stop.requested().is_some() {
             return;
         }
         let lengths = Lengths { count, lengths_m: airspace.distances_m(&self.points) };
         let mut round: Vec<u32> = (0..count as u32).collect();
-        lengths.shorten(&mut round);
+        lengths.shorten(&mut round, stop);
         let all = std::mem::take(self);
         self.order = round.iter().map(|&turn| all.order[turn as usize]).collect();
         self.points = round.iter().map(|&turn| all.points[turn as usize]).collect();

@@ -271,7 +271,7 @@ impl PlanningModel {
             let centres: Vec<Position> = large.iter().map(|&group| self.disk(group).centre).collect();
             let least_m = large.iter().map(|&group| self.disk(group).radius_m).fold(f64::INFINITY, f64::min);
             let mut turns = Turns::new(&centres, least_m, stop);
-            turns.shorten_within(&self.table.airspace);
+            turns.shorten_within(&self.table.airspace, stop);
             self.tours.push(turns.order.into_iter().map(|index| large[index as usize]).collect());
         }
     }
@@ -281,7 +281,8 @@ impl PlanningModel {
         let leg = |(&from, &to): (&u32, &u32)| {
             let from = self.disk(from);
             let to = self.disk(to);
-            let away_m = self.table.distance_m(&from.centre, &to.centre) - from.radius_m - to.radius_m;
+            let [begin, end] = [from, to].map(|disk| self.table.airspace.nearest(&disk.centre));
+            let away_m = self.table.distance_m(&begin, &end) - from.radius_m - to.radius_m;
             (away_m / self.table.limits.reach_m).max(1.0)
         };
         tour.iter().zip(tour.iter().cycle().skip(1)).map(leg).sum()

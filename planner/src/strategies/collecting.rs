@@ -4,7 +4,7 @@
 //! begin with the plan of [`crate::horizon`].
 
 use std::ops::ControlFlow;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use nalgebra::Point3;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError};
@@ -20,15 +20,15 @@ use crate::horizon::{Horizon, HorizonKeys};
 use crate::strategy::{Decision, Setup, Strategy, View};
 
 /// Steps of the search for the least loss that take as long as one for the most data delivered.
-pub(super) const LOSS_STEPS: u64 = 20;
+pub(super) const LOSS_STEPS_PER_STEP: u64 = 20;
 
-/// Longest planning window of that search [slots] unless the scenario has another.
-const MOST_SLOTS: u64 = 2_400;
+/// End of that search, as a fraction of the budget.
+const LOSS_END: f64 = 0.3;
 
 /// A plan over the rest of the mission, improved before every decision.
 pub(crate) struct Collecting {
     collector: Collector,
-    /// The look-ahead for the least loss; `None` where no SN samples.
+    /// The look-ahead for the least loss, until the first plan; `None` where no SN samples.
     horizon: Option<Horizon>,
     serving: Serving,
     keys: HorizonKeys,
@@ -43,23 +43,26 @@ impl Collecting {
     pub fn new(setup: &Setup, keys: HorizonKeys, first_steps: u64) -> Self {
         let collector = Collector::new(setup, keys.window);
         let is_sampling = setup.belief.has_learnt_rates() || setup.table.sensors.sampling_ids().next().is_some();
-        let window = keys.window.or(Some(MOST_SLOTS));
-        let horizon = is_sampling.then(|| Horizon::new(setup, HorizonKeys { window, ..keys }));
+        let horizon = is_sampling.then(|| Horizon::new(setup, keys));
         let path = Vec::with_capacity(MAX_PATH_POINTS);
         Self { collector, horizon, serving: Serving::new(setup), keys, first_steps, path }
     }
 }
 
-/// The stops of a plan for the least loss, improved in `steps` steps.
-fn of_least_loss(horizon: &mut Horizon, view: &View, steps: u64, is_over: &dyn Fn() -> bool) -> Vec<PlannedStop> {
+/// The stops of a plan for the least loss, improved in `steps` steps; one for each member of a group.
+fn of_least_loss(mut horizon: Horizon, view: &View, steps: u64, is_over: &dyn Fn() -> bool) -> Vec<PlannedStop> {
     let Some(mut forecast) = horizon.forecast(view) else { return Vec::new() };
     let watch = &mut |_| if is_over() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
-    let _ = horizon.prepare(view, &mut forecast, steps, watch); // ended early, it is as it was found
-    let stop = |leg: &Leg| {
-        let member = horizon.model.disks[leg.stop as usize].members[0];
-        PlannedStop::new(leg.at, horizon.model.ids[member as usize], 0)
+    let begun = forecast.stops();
+    if horizon.prepare(view, &mut forecast, steps, watch).is_none() {
+        forecast.load(&horizon.model, begun); // ended early, its plan may be worse
+    }
+    let model = &horizon.model;
+    let stops = |leg: &Leg| {
+        let members = model.disks[leg.stop as usize].members.iter();
+        members.map(|&member| PlannedStop::new(leg.at, model.ids[member as usize], 0)).collect::<Vec<_>>()
     };
-    forecast.trace.legs.iter().map(stop).collect()
+    forecast.trace.legs.iter().flat_map(stops).collect()
 }
 
 impl Strategy for Collecting {
@@ -71,12 +74,17 @@ impl Strategy for Collecting {
             return Some(if is_charging { stay(view) } else { self.serving.serve_most(view, &end) });
         }
         let budget = self.keys.budget(view).map(|budget| (Instant::now(), budget));
-        let is_over =
-            || view.stop.requested().is_some() || budget.is_some_and(|(begin, budget)| begin.elapsed() >= budget);
+        let is_after = |fraction: f64| {
+            let has_passed = |(begin, budget): (Instant, Duration)| begin.elapsed() >= budget.mul_f64(fraction);
+            view.stop.requested().is_some() || budget.is_some_and(has_passed)
+        };
+        let is_over = || is_after(1.0);
         let steps = if self.collector.is_planned() { u64::from(self.keys.iterations) } else { self.first_steps };
-        let horizon = self.horizon.as_mut();
-        let offered =
-            || horizon.map_or_else(Vec::new, |horizon| of_least_loss(horizon, view, steps * LOSS_STEPS, &is_over));
+        let horizon = self.horizon.take();
+        let offered = || {
+            let loss_steps = steps.saturating_mul(LOSS_STEPS_PER_STEP);
+            horizon.map_or_else(Vec::new, |horizon| of_least_loss(horizon, view, loss_steps, &|| is_after(LOSS_END)))
+        };
         let next = self.collector.plan(view, steps, offered, &is_over);
         let home = view.table.home.as_ref();
         let is_home = home.is_some_and(|home| home.base.contains(&ground));

@@ -14,7 +14,7 @@ use skysink_common::error::InputError;
 use skysink_common::keys::Accepts;
 use skysink_common::stop::Stop;
 
-use super::collecting::{Collecting, LOSS_STEPS};
+use super::collecting::{Collecting, LOSS_STEPS_PER_STEP};
 use super::horizon::LookAhead;
 use crate::horizon::HorizonKeys;
 use crate::horizon::long_search::{SearchOutcome, SearchProgress};
@@ -30,7 +30,7 @@ pub const STRATEGY: Registered =
         PlanningObjective::Loss => Box::new(Offline::new(setup).expect("its keys were checked")),
         PlanningObjective::Collect => {
             let OfflineKeys { steps } = setup.scenario.planner_keys("planner.offline").expect("they were checked");
-            Box::new(Collecting::new(setup, open_loop(), steps.div_ceil(LOSS_STEPS)))
+            Box::new(Collecting::new(setup, open_loop(), steps.div_ceil(LOSS_STEPS_PER_STEP)))
         }
     })
     .with_state()

@@ -1,0 +1,293 @@
+//! Missions of several UAVs (decisions D18 to D23).
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use skysink_common::checkpoint::Checkpoint;
+use skysink_common::message::{FlightReport, HoldReason, Mode, Plan};
+use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::sensors::SensorList;
+use skysink_common::slot_record::{Plans, SlotRecord, uploads};
+use skysink_common::stop::Stop;
+use skysink_mission::{Mission, Plant};
+use skysink_planner::bound::mission_bound;
+use skysink_planner::strategies::names;
+use skysink_planner::{FleetPlanner, settings};
+
+fn scenario(strategy: &'static str, seed: u64, uav: &str, more: &str) -> Scenario {
+    let text = format!(
+        "name = 'fleet'\nseed = {seed}\nslots = 60\n[area]\nside_m = 250.0\n[sensors]\ncount = 60\n\
+         sampling_bps = [100.0, 900.0]\n[planner]\nhorizon.iterations = 60\noffline.steps = 2000\n[uav]\n{uav}\n{more}"
+    );
+    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
+    Scenario::parse(&text, Path::new("fleet.toml"), overrides).and_then(settings::resolve).unwrap()
+}
+
+fn records(scenario: &Scenario) -> Vec<SlotRecord> {
+    let list = SensorList::of(scenario).unwrap();
+    Mission::new(scenario, &list).unwrap().collect()
+}
+
+fn lost_bits(records: &[SlotRecord]) -> u64 {
+    records.last().unwrap().header.totals.lost_bits
+}
+
+/// The SNs that are served, with repetitions.
+fn served(record: &SlotRecord) -> Vec<u32> {
+    record.flights.iter().flat_map(|flight| flight.served_links()).map(|link| link.sensor).collect()
+}
+
+/// Scheduled SNs that a UAV of lower number has scheduled, too.
+fn contended(record: &SlotRecord) -> usize {
+    let mut taken = BTreeSet::new();
+    let mut count = 0;
+    for plan in record.plans.iter().flatten() {
+        count += plan.scheduled().iter().filter(|id| taken.contains(*id)).count();
+        taken.extend(plan.scheduled().to_vec());
+    }
+    count
+}
+
+#[test]
+fn a_fleet_of_one_flies_as_a_uav_without_a_count() {
+    for strategy in names() {
+        let [alone, counted] = ["", "count = 1\n"].map(|uav| records(&scenario(strategy, 3, uav, "")));
+        for (one, other) in alone.iter().zip(&counted) {
+            assert!(one.flights == other.flights && one.header == other.header, "{strategy}, slot {}", one.slot());
+        }
+    }
+}
+
+#[test]
+fn no_sn_is_served_twice_in_a_slot_and_every_bit_is_counted() {
+    let mut shared = 0;
+    for (seed, strategy) in (1..).zip(names()) {
+        for coordination in ["independent", "sequential", "partition"] {
+            let uavs = 2 + seed as usize % 7;
+            let uav = format!("count = {uavs}\ncoordination = '{coordination}'\n");
+            let scenario = scenario(strategy, seed, &uav, "");
+            for record in records(&scenario) {
+                let at = format!("{strategy}, {coordination}, slot {}", record.slot());
+                assert_eq!((record.flights.len(), record.plans.len()), (uavs, uavs), "{at}");
+                assert!(record.header.totals.is_balanced(), "{at}");
+                let served = served(&record);
+                assert_eq!(served.iter().collect::<BTreeSet<_>>().len(), served.len(), "{at}: {served:?}");
+                assert!(record.flights.iter().all(|flight| flight.hold == HoldReason::None as u32), "{at}");
+                assert!(record.flights.iter().all(|flight| flight.served <= 4), "{at}");
+                let contended = contended(&record);
+                assert!(contended == 0 || coordination == "independent", "{at}: {contended}");
+                let refused: u32 = record.flights.iter().map(|flight| flight.refused).sum();
+                assert_eq!(refused as usize, contended, "{at}");
+                shared += contended;
+            }
+        }
+    }
+    assert!(shared > 1_000, "{shared}: independent UAVs choose the same SNs");
+}
+
+#[test]
+fn more_uavs_lose_less_and_least_where_they_share_the_field() {
+    let lost = |strategy, uav: &str| -> u64 {
+        (1..=3).map(|seed| lost_bits(&records(&scenario(strategy, seed, uav, "")))).sum()
+    };
+    for strategy in ["edf", "mes", "tour", "horizon"] {
+        let alone = lost(strategy, "");
+        let [independent, partition] =
+            ["independent", "partition"].map(|how| lost(strategy, &format!("count = 3\ncoordination = '{how}'\n")));
+        assert!(partition < alone && partition < independent, "{strategy}: {alone}, {independent}, {partition}");
+    }
+    // The rule for a slot is the same for all, and they start at the same place.
+    let [alone, independent] = ["", "count = 3\ncoordination = 'independent'\n"].map(|uav| lost("gfs", uav));
+    let sequential = lost("gfs", "count = 3\n");
+    assert!(independent == alone && sequential < independent, "{alone} {independent} {sequential}");
+}
+
+/// A UAV at each end of a line, and SNs at 40 and 60 m.
+fn line(uav: &str) -> (Plant, SensorList) {
+    let text = format!("name = 'line'\nslots = 9\n[link]\ncomm_radius_m = 30.0\n[uav]\n{uav}");
+    let scenario = Scenario::parse(&text, Path::new("line.toml"), Overrides::default()).unwrap();
+    let list = "x_m,y_m,queue_bits,sampling_bps\n40,50,1000,0\n60,50,2000,0\n";
+    let list = SensorList::parse(list, Path::new("list.csv"), &scenario).unwrap();
+    (Plant::new(&scenario, &list), list)
+}
+
+fn plan(x_m: f64, ids: &[u32]) -> Option<Plan> {
+    let mut plan = Plan::fly_to([x_m, 50.0, 20.0], Mode::Serve);
+    plan.schedule(ids);
+    Some(plan)
+}
+
+#[test]
+fn an_sn_that_two_uavs_schedule_is_served_by_the_first() {
+    let (mut plant, _) = line("count = 3\nstarts_m = [[30, 50], [70, 50], [50, 50]]\n");
+    let record = plant.step(&[plan(30.0, &[0]), plan(70.0, &[0, 1]), plan(50.0, &[0, 1])]);
+    let ids = |uav: usize| record.flights[uav].served_links().iter().map(|link| link.sensor).collect::<Vec<_>>();
+    assert_eq!([ids(0), ids(1), ids(2)], [vec![0], vec![1], vec![]]);
+    assert_eq!(record.flights.iter().map(|flight| flight.refused).collect::<Vec<_>>(), [0, 1, 2]);
+    assert_eq!(record.flights[2].flown_mode(), Mode::Fly, "it serves nobody");
+    assert_eq!((record.header.delivered_bits, record.header.totals.queued_bits), (3_000, 0));
+}
+
+#[test]
+fn a_uav_keeps_away_from_those_of_lower_number() {
+    let (mut plant, _) = line("count = 2\nstarts_m = [[30, 50], [70, 50]]\nseparation_m = 15.0\n");
+    let x_m = |plant: &Plant| [0, 1].map(|uav| plant.flight(uav).x_m);
+    plant.step(&[plan(45.0, &[0]), plan(59.9, &[1])]);
+    assert_eq!(x_m(&plant), [45.0, 70.0], "14.9 m");
+    let flight = plant.flight(1);
+    assert_eq!((flight.hold, flight.refused, flight.served), (HoldReason::Separation as u32, 1, 0));
+    plant.step(&[plan(45.0, &[0]), plan(60.0, &[1])]);
+    assert_eq!((x_m(&plant), plant.flight(1).served), ([45.0, 60.0], 1), "15 m");
+    plant.step(&[plan(58.0, &[]), plan(75.0, &[])]);
+    assert_eq!(x_m(&plant), [58.0, 75.0], "the first goes first");
+}
+
+#[test]
+fn uavs_may_meet_in_their_base() {
+    let (mut plant, _) =
+        line("count = 2\nstarts_m = [[30, 50], [70, 50]]\nseparation_m = 15.0\n[base]\nposition_m = [50, 50]\n");
+    plant.step(&[plan(50.0, &[]), plan(50.0, &[])]);
+    assert!((0..2).all(|uav| plant.flight(uav).x_m == 50.0 && plant.flight(uav).hold == 0));
+}
+
+#[test]
+fn hostile_plans_leave_every_bit_counted() {
+    // By a linear congruence.
+    let mut state = 7u64;
+    let mut next = |count: u64| {
+        state = (state * 1_103_515_245 + 12_345) % (1 << 31);
+        (state >> 8) % count
+    };
+    for trial in 0..1_000 {
+        let uavs = 1 + trial % 8;
+        let uav = format!("count = {uavs}\nseparation_m = 12.0\n");
+        let text = format!("name = 'hostile'\nseed = {trial}\nslots = 8\n[sensors]\ncount = 20\n[uav]\n{uav}");
+        let scenario = Scenario::parse(&text, Path::new("x.toml"), Overrides::default()).unwrap();
+        let list = SensorList::of(&scenario).unwrap();
+        let mut plant = Plant::new(&scenario, &list);
+        for slot in 1..=8 {
+            let mut hostile = |_| -> Option<Plan> {
+                let coordinate = |draw: u64| [draw as f64 * 5.0, f64::NAN, -1e300, 50.0][(draw % 23 / 20) as usize];
+                let mut plan = Plan::fly_to([coordinate(next(21)), coordinate(next(21)), 20.0], Mode::Serve);
+                plan.mode = next(9) as u32;
+                plan.ids = std::array::from_fn(|_| next(22) as u32);
+                plan.served = next(70) as u32;
+                (next(10) > 0).then_some(plan)
+            };
+            let plans: Plans = (0..uavs).map(&mut hostile).collect();
+            let before: Vec<FlightReport> = plant.flights().to_vec();
+            let record = plant.step(&plans);
+            assert!(record.header.totals.is_balanced(), "trial {trial}, slot {slot}");
+            let served = served(record);
+            assert_eq!(served.iter().collect::<BTreeSet<_>>().len(), served.len(), "trial {trial}, slot {slot}");
+            assert_eq!(uploads(&record.flights).count(), served.len());
+            for (uav, flight) in record.flights.iter().enumerate() {
+                let has_moved = flight.position() != before[uav].position();
+                let is_near = |other: &FlightReport| (other.position() - flight.position()).norm() < 12.0 - 1e-9;
+                assert!(!has_moved || !record.flights[..uav].iter().any(is_near), "trial {trial}, slot {slot}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_restored_fleet_plans_as_before() {
+    for coordination in ["independent", "sequential", "partition"] {
+        for (strategy, knowledge) in
+            [("horizon", "estimated"), ("tour", "oracle"), ("max-age-first", "oracle"), ("uts", "oracle")]
+        {
+            let uav = format!("count = 3\ncoordination = '{coordination}'\n");
+            let base = scenario(strategy, 2, &uav, "");
+            let scenario = settings::change(base, |settings| {
+                settings.knowledge =
+                    if knowledge == "estimated" { settings::Knowledge::Estimated } else { settings::Knowledge::Oracle };
+            })
+            .unwrap();
+            let list = SensorList::of(&scenario).unwrap();
+            let flown: Vec<SlotRecord> = records(&scenario);
+            let mut mission = Mission::new(&scenario, &list).unwrap();
+            for slot in 1..=12 {
+                mission.next().unwrap();
+                let bytes = saved(&mission.planner);
+                let mut again = FleetPlanner::until(&scenario, &list.nodes(), &Stop::default()).unwrap();
+                again.restore(&bytes).unwrap();
+                let flights = mission.plant().flights();
+                let queues_bits = mission.plant().field().queues_bits();
+                again.observe(slot as u64, flights, queues_bits);
+                let planned = again.step(slot as u64 + 1, flights, queues_bits);
+                for (plan, expected) in planned.iter().zip(flown[slot].plans.iter().flatten()) {
+                    let at = format!("{strategy}, {coordination}, slot {slot}");
+                    assert_eq!(
+                        (plan.waypoint(), plan.scheduled()),
+                        (expected.waypoint(), expected.scheduled()),
+                        "{at}"
+                    );
+                }
+                if let Some((_, cut)) = bytes.split_last() {
+                    let before = saved(&again);
+                    assert!(again.restore(cut).is_err() && saved(&again) == before, "{strategy}: unchanged");
+                }
+            }
+        }
+    }
+}
+
+fn saved(planner: &FleetPlanner) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    planner.save(&mut bytes);
+    bytes
+}
+
+#[test]
+fn no_fleet_loses_less_than_the_bound() {
+    let mut bounds = 0;
+    for seed in 1..=4 {
+        for uavs in 1..=3 {
+            let text = format!(
+                "name = 'x'\nseed = {seed}\nslots = 150\n[area]\nside_m = 500.0\n[sensors]\ncount = 150\nsampling_bps = 300.0\n\
+                 capacity_bits = 9000\n[uav]\ncount = {uavs}\ncoordination = 'partition'\n"
+            );
+            for strategy in ["tour", "edf"] {
+                let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
+                let scenario =
+                    Scenario::parse(&text, Path::new("x.toml"), overrides).and_then(settings::resolve).unwrap();
+                let list = SensorList::of(&scenario).unwrap();
+                let lost_bits = lost_bits(&records(&scenario));
+                let bound = mission_bound(&scenario, &list.sensors_of(&scenario), &list.queues_bits(), u64::MAX);
+                assert!(
+                    bound.loss_bits <= lost_bits,
+                    "{strategy}, seed {seed}, {uavs}: {} {lost_bits}",
+                    bound.loss_bits
+                );
+                bounds += usize::from(bound.loss_bits > 0);
+            }
+        }
+    }
+    assert!(bounds > 8, "{bounds} bounds say something");
+}
+
+#[test]
+fn starts_that_do_not_fit_the_uavs_are_refused() {
+    let refused = |uav: &str| {
+        let text = format!("name = 'x'\n[uav]\n{uav}");
+        Scenario::parse(&text, Path::new("x.toml"), Overrides::default()).unwrap_err().to_string()
+    };
+    for (uav, expected) in [
+        ("count = 0\n", "uav.count = 0: expected 1 to 64"),
+        ("count = 65\n", "uav.count = 65: expected 1 to 64"),
+        ("count = 2\nstarts_m = [[1, 2]]\n", "2 positions in the area, one for each UAV"),
+        ("starts_m = [[1, 2], [3, 4]]\n", "1 positions in the area, one for each UAV"),
+        ("count = 2\nstarts_m = [[1, 2], [101, 4]]\n", "2 positions in the area"),
+        ("count = 2\nstarts_m = [[1, 2], [nan, 4]]\n", "2 positions in the area"),
+        ("count = 2\nseparation_m = 0.0\n", "uav.separation_m = 0"),
+        ("count = 2\ncoordination = 'auction'\n", "coordination"),
+        ("count = 2\nmoves = 'grid'\nstarts_m = [[5, 5], [11, 5]]\n", "the middle of a cell"),
+    ] {
+        let message = refused(uav);
+        assert!(message.contains(expected), "{message}");
+    }
+    let walled = "name = 'x'\n[area]\nno_fly = [{ polygon_m = [[40, 0], [60, 0], [60, 100], [40, 100]] }]\n[uav]\ncount = 2\n\
+                  starts_m = [[10, 10], [90, 90]]\n";
+    let message = Scenario::parse(walled, Path::new("x.toml"), Overrides::default()).unwrap_err().to_string();
+    assert!(message.contains("uav.starts_m") && message.contains("lead to each other"), "{message}");
+}
