@@ -69,6 +69,8 @@ enum class HoldReason : uint32_t {
     Base,
     /// The way to the waypoint led through a no-fly zone or a building.
     Zone,
+    /// The slot would have ended too near to a UAV of lower number (decision D23).
+    Separation,
 };
 
 /// User header of every sample; those of `sensors`, `belief` and `queues` begin with it.

@@ -206,16 +206,16 @@ fn a_restored_fleet_plans_as_before() {
             let list = SensorList::of(&scenario).unwrap();
             let flown: Vec<SlotRecord> = records(&scenario);
             let mut mission = Mission::new(&scenario, &list).unwrap();
-            for slot in 1..=12 {
+            for (slot, next) in (1..).zip(&flown[1..]).take(12) {
                 mission.next().unwrap();
                 let bytes = saved(&mission.planner);
                 let mut again = FleetPlanner::until(&scenario, &list.nodes(), &Stop::default()).unwrap();
                 again.restore(&bytes).unwrap();
                 let flights = mission.plant().flights();
                 let queues_bits = mission.plant().field().queues_bits();
-                again.observe(slot as u64, flights, queues_bits);
-                let planned = again.step(slot as u64 + 1, flights, queues_bits);
-                for (plan, expected) in planned.iter().zip(flown[slot].plans.iter().flatten()) {
+                again.observe(slot, flights, queues_bits);
+                let planned = again.step(slot + 1, flights, queues_bits);
+                for (plan, expected) in planned.iter().zip(next.plans.iter().flatten()) {
                     let at = format!("{strategy}, {coordination}, slot {slot}");
                     assert_eq!(
                         (plan.waypoint(), plan.scheduled()),

@@ -73,7 +73,7 @@ impl Rogue {
         let stop = Stop::default();
         let open = || Ring::<ipc::Service>::join(&folder, &scenario, Role::Planner, &stop).ok();
         let (ring, mut wait) = until("topics", open);
-        let plans = ring.plan.list_writer(2 * 1).unwrap();
+        let plans = ring.plan.list_writer(2).unwrap();
         let mut nodes = ring.sensors.reader().unwrap();
         let queues = ring.belief.as_ref().unwrap_or(&ring.queues).reader().unwrap();
         let flights = ring.flight.reader().unwrap();
