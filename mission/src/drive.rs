@@ -180,13 +180,13 @@ pub fn elapsed_ns(begin: Instant) -> u64 {
     u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX)
 }
 
-/// A pilot of one UAV whose plans are known before.
+/// A pilot whose plans are known before, slot by slot.
 #[derive(Debug)]
 pub struct Planned<I>(pub I);
 
-impl<I: Iterator<Item = Option<Plan>>> Pilot for Planned<I> {
+impl<I: Iterator<Item = Plans>> Pilot for Planned<I> {
     fn plans(&mut self, _plant: &Plant) -> Result<Plans, Ended> {
-        self.0.next().map(|plan| Plans::from_buf([plan])).ok_or(Ended::At(End::OutOfPlans))
+        self.0.next().ok_or(Ended::At(End::OutOfPlans))
     }
 }
 
@@ -313,7 +313,8 @@ mod tests {
         let (mut plant, _) = world("uts", 1);
         let start = plant.flight(UAV).position();
         let mut kept = Kept::default();
-        let mut pilot = Planned([None, Some(Plan::fly_to(start, Mode::Serve))].into_iter());
+        let mut pilot =
+            Planned([None, Some(Plan::fly_to(start, Mode::Serve))].map(|plan| Plans::from_buf([plan])).into_iter());
         let end = drive(&mut plant, &mut pilot, &mut [&mut kept], &Stop::default()).unwrap();
         assert_eq!((end, plant.slot()), (End::OutOfPlans, 2));
         let holds = kept.records.iter().map(|record| record.flights[UAV].hold);
@@ -347,7 +348,7 @@ mod tests {
             prop_assert!(kept.records.iter().zip(&stepped).all(|(one, other)| one.flights == other.flights));
             // The plans of the mission lead to it once more.
             let mut again = Kept::default();
-            let mut pilot = Planned(stepped.iter().map(|record| record.plans[UAV]));
+            let mut pilot = Planned(stepped.iter().map(|record| record.plans.clone()));
             drive(&mut Plant::new(&scenario, &list), &mut pilot, &mut [&mut again], &Stop::default()).unwrap();
             prop_assert_eq!(headers(&again.records), headers(&stepped));
         }

@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use skysink_common::message::{Mode, Plan};
 use skysink_common::sensors::SensorList;
-use skysink_common::slot_record::UAV;
+use skysink_common::slot_record::{Plans, UAV};
 use skysink_planner::strategies::PYTHON;
 
 use crate::belief::PyBelief;
@@ -180,7 +180,7 @@ impl PyEnvironmentCore {
     fn run(&self, label: &str) -> PyResult<PyRun> {
         let label = checked_label(label)?;
         let scenario = PyScenario::on_record(&self.episode.scenario()?)?.flown_by(&format!("{PYTHON}{label}"))?;
-        let plans = self.plans.iter().map(|plan| Some(**plan));
+        let plans = self.plans.iter().map(|plan| Plans::from_buf([Some(**plan)]));
         let list = SensorList::clone(&self.episode.list);
         PyRun::of_plans(scenario, list, plans, python_mode(label, Vec::new())).map_err(of_mission)
     }

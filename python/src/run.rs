@@ -8,10 +8,9 @@ use numpy::{IntoPyArray, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use skysink_common::belief::Belief;
-use skysink_common::message::Plan;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
-use skysink_common::slot_record::{ByUav, SlotRecord, UAV};
+use skysink_common::slot_record::{ByUav, Plans, SlotRecord};
 use skysink_common::stop::Stop;
 use skysink_lab::metrics::{Metric, MissionMeter};
 use skysink_lab::tables::{sensor_columns, slot_columns};
@@ -114,7 +113,8 @@ pub struct PyRun {
 impl PyRun {
     /// Simulates the mission with its plans, and returns the plant after it.
     fn fly_again(&self, observer: &mut dyn Observer) -> Result<Plant, MissionError> {
-        let mut pilot = Planned(self.slots.iter().map(|slot| self.mode.plan_of(&slot[UAV])));
+        let plans = |slots: &ByUav<RecordedSlot>| slots.iter().map(|slot| self.mode.plan_of(slot)).collect();
+        let mut pilot = Planned(self.slots.iter().map(plans));
         let mut plant = plant_of(&self.scenario.scenario, &self.list, &self.mode);
         drive(&mut plant, &mut pilot, &mut [observer], &Stop::default())?;
         Ok(plant)
@@ -124,7 +124,7 @@ impl PyRun {
     pub fn of_plans(
         scenario: PyScenario,
         list: SensorList,
-        plans: impl Iterator<Item = Option<Plan>>,
+        plans: impl Iterator<Item = Plans>,
         mode: RunMode,
     ) -> Result<Self, MissionError> {
         let mut plant = plant_of(&scenario.scenario, &list, &mode);
@@ -296,7 +296,8 @@ impl PyRun {
         let slots: Option<Vec<RecordedSlot>> =
             trace.split_inclusive('\n').map(|line| RecordedSlot::parse(line.as_bytes())).collect();
         let slots = slots.ok_or_else(|| refused("trace: expected that of a run"))?;
-        let plans = slots.iter().map(|slot| mode.plan_of(slot));
+        let uavs = scenario.scenario.uav.uavs();
+        let plans = slots.chunks_exact(uavs).map(|slots| slots.iter().map(|slot| mode.plan_of(slot)).collect());
         let run = Self::of_plans(scenario, list, plans, mode.clone()).map_err(of_mission)?;
         Ok(Self { summary: serde_json::from_str(summary).map_err(refused)?, ..run })
     }

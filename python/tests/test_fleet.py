@@ -1,0 +1,54 @@
+"""Several UAVs in Python: whole missions; environments and strategies are for one."""
+
+from __future__ import annotations
+
+import pickle
+
+import pytest
+
+import skysink
+from skysink.environment import DataCollectionEnv
+
+FLEET = """name = "fleet"
+slots = 40
+[area]
+side_m = 200.0
+[sensors]
+count = 40
+sampling_bps = [100.0, 900.0]
+[uav]
+count = 3
+coordination = "partition"
+"""
+
+
+@pytest.fixture
+def scenario() -> skysink.Scenario:
+    return skysink.Scenario.parse(FLEET)
+
+
+def test_a_run_has_a_row_for_each_uav_and_flies_again(scenario: skysink.Scenario) -> None:
+    run = skysink.simulate(scenario, "tour")
+    table = run.slots
+    assert list(table["uav"][:4]) == [0, 1, 2, 0] and len(table["uav"]) == 3 * 40 and len(run) == 40
+    assert run.summary["fleet"]["uavs"] == 3 and run.summary["fleet"]["contended"] == 0
+    restored = pickle.loads(pickle.dumps(run))
+    assert restored.summary == run.summary
+    assert (restored.queues_bits == run.queues_bits).all()
+
+
+def test_more_uavs_lose_less(scenario: skysink.Scenario) -> None:
+    alone = skysink.simulate(scenario.replace({"uav.count": 1}), "edf")
+    assert skysink.simulate(scenario, "edf").loss_rate < alone.loss_rate
+
+
+def test_environments_and_strategies_refuse_several_uavs(scenario: skysink.Scenario) -> None:
+    with pytest.raises(ValueError, match="uav.count = 3: expected 1"):
+        DataCollectionEnv(scenario)
+
+    class Hold(skysink.Strategy):
+        def plan(self, view: skysink.View) -> None:
+            return None
+
+    with pytest.raises(ValueError, match="uav.count = 3: expected 1"):
+        skysink.simulate(scenario, Hold())
