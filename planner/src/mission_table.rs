@@ -80,8 +80,8 @@ impl MissionTable {
         other
     }
 
-    /// The turns of the SNs that can be served, in a closed round that touches the disks of radius `d_c` about them, around zones. `stop` ends
-    /// the search for a shorter one.
+    /// The turns of the SNs that can be served, in a closed round that touches the disks of radius `d_c` about them, around
+    /// zones. `stop` ends the search for a shorter one.
     #[must_use]
     pub fn turns(&self, stop: &Stop) -> Arc<Turns> {
         let find = || {

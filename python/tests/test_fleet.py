@@ -34,7 +34,7 @@ def test_a_run_has_a_row_for_each_uav_and_flies_again(scenario: skysink.Scenario
     assert run.summary["fleet"]["uavs"] == 3 and run.summary["fleet"]["contended"] == 0
     restored = pickle.loads(pickle.dumps(run))
     assert restored.summary == run.summary
-    assert (restored.queues_bits == run.queues_bits).all()
+    assert (restored.queues == run.queues).all()
 
 
 def test_more_uavs_lose_less(scenario: skysink.Scenario) -> None:
