@@ -25,6 +25,8 @@ pub const DOT: &str = "world/uav/dot";
 pub const TRAIL: &str = "world/uav_trail";
 /// The flown path on the ground, for the top view.
 pub const TRACK: &str = "world/uav_track";
+/// The planned waypoints of the UAVs after the first, by number.
+pub const WAYPOINTS: &str = "world/waypoints";
 /// The planned waypoint.
 pub const WAYPOINT: &str = "world/waypoint";
 /// The path to it.
@@ -64,7 +66,8 @@ impl Entities {
             dot: inside(DOT),
             trail: name(TRAIL),
             track: name(TRACK),
-            waypoint: name(WAYPOINT),
+            // Not below that of the first, whose frame is where it is.
+            waypoint: if uav == 0 { WAYPOINT.to_owned() } else { format!("{WAYPOINTS}/{uav}") },
             plan: name(PLAN),
             coverage: inside(COVERAGE),
             plumb: inside(PLUMB),

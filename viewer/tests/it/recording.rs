@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use crate::support::{Found, Slot, letter, sensors};
 use skysink_common::message::{FlightReport, HoldReason, Mode, PathPoint};
-use skysink_viewer::{Scene, SceneError, Sinks, WallClock, curves, events, legend, links, path, queues, uav};
+use skysink_viewer::{Scene, SceneError, Sinks, SlotView, WallClock, curves, events, legend, links, path, queues, uav};
 
 const SENSORS: u32 = 20;
 
@@ -421,4 +421,34 @@ fn the_environment_variable_rerun_is_ignored() {
         .unwrap();
     let said = String::from_utf8_lossy(&again.stdout);
     assert!(again.status.success() && said.contains("1 passed"), "{said}");
+}
+
+#[test]
+fn every_uav_has_a_place_a_path_and_a_waypoint_of_its_own() {
+    let found = in_folder(|path| {
+        let mut scenario = letter();
+        scenario.uav.count = Some(2);
+        let sinks = Sinks { save: Some(path.to_owned()), ..Sinks::default() };
+        let mut scene =
+            Scene::open(&sinks, &scenario, &sensors(SENSORS), "test-run", WallClock::Unmeasured, None).unwrap();
+        for slot in 0..=9 {
+            let slot = Slot::new(slot, SENSORS as usize);
+            let mut other = slot.flight;
+            other.y_m = 80.0;
+            other.x_m *= 2.0;
+            let flights = [slot.flight, other];
+            let plans = [slot.plan; 2];
+            scene.log_slot(&SlotView { flights: &flights, plans: &plans, ..slot.view() }).unwrap();
+        }
+        scene.close().unwrap();
+        Found::read(path)
+    });
+    let at = |entity: &str| found.shown_in(entity, "Transform3D:translation", 9);
+    assert_ne!(at(uav::UAV), at(&format!("{}/1", uav::FLEET)));
+    assert!(at(&format!("{}/1", uav::FLEET)).contains("18"), "{}", at(&format!("{}/1", uav::FLEET)));
+    for entity in [format!("{}/1", uav::TRAIL), format!("{}/1", uav::TRACK), format!("{}/1", uav::PLAN)] {
+        assert_eq!(found.slots_of(&entity), (0..=9).collect(), "{entity}");
+    }
+    assert!(!found.slots_of(&format!("{}/1", uav::WAYPOINTS)).is_empty());
+    assert!(found.slots_of(&format!("{}/1", uav::WAYPOINT)).is_empty(), "it would move with the first one's");
 }
