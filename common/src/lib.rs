@@ -13,6 +13,7 @@ pub mod channel;
 pub mod checkpoint;
 pub mod error;
 pub mod estimate;
+pub mod geodata;
 pub mod geometry;
 pub mod keys;
 pub mod ledger;

@@ -98,6 +98,7 @@ impl Scenario {
         let mut scenario: Self = keys::read(table.clone(), "", Source { path, settings: &overrides.keys })?;
         path.clone_into(&mut scenario.path);
         scenario.settings = overrides.keys;
+        zones::read_files(&mut scenario)?;
         scenario.link.table = match (scenario.channel_file(), overrides.table) {
             (None, _) => None,
             (Some(_), Some(table)) => Some(table),

@@ -3,10 +3,11 @@
 use std::path::Path;
 
 use skysink_common::error::InputError;
+use skysink_common::geodata::{Zone, ZoneKind, read_zones};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::Sensor;
 use skysink_common::sensors::projection::Projection;
-use skysink_lab::import::{self, Frame, Imported, ImportedSensor, ImportedZone, MapPicture, ZoneKind};
+use skysink_lab::import::{self, Frame, Imported, ImportedSensor, MapPicture};
 
 use super::field::{LIST, NewField};
 
@@ -40,7 +41,7 @@ pub fn field(
         return Ok(Some(field.clone()));
     }
     let Some(path) = zones else { return imported.map(|(imported, path)| of_sensors(&imported, path)).transpose() };
-    let zones = import::read_zones(path)?;
+    let zones = read_zones(path)?;
     if let Some((Imported { frame: Frame::Plane, .. }, sensors)) = &imported {
         let expected = "positions in metres: expected latitudes and longitudes, as the zones have";
         return Err(InputError::new("sensor positions", sensors, expected));
@@ -48,14 +49,11 @@ pub fn field(
     let mut field = imported.as_ref().map(|(imported, path)| of_sensors(imported, path)).transpose()?;
     // The area encloses the boundary, or without sensor nodes all zones.
     let has_boundary = zones.iter().any(|zone| zone.kind == ZoneKind::Boundary);
-    let is_enclosed = |zone: &&ImportedZone| {
+    let is_enclosed = |zone: &&Zone| {
         if has_boundary { zone.kind == ZoneKind::Boundary } else { imported.is_none() }
     };
-    let corner = |zone: &ImportedZone, position: [f64; 2]| ImportedSensor {
-        place: zone.place.clone(),
-        position,
-        others: Vec::new(),
-    };
+    let corner =
+        |zone: &Zone, position: [f64; 2]| ImportedSensor { place: zone.place.clone(), position, others: Vec::new() };
     let corners = zones.iter().filter(is_enclosed).flat_map(|zone| zone.corners.iter().map(|at| corner(zone, *at)));
     let positions = imported.iter().flat_map(|(imported, _)| &imported.sensors);
     let positions = positions.map(|sensor| ImportedSensor { others: Vec::new(), ..sensor.clone() });
@@ -106,27 +104,17 @@ fn add_map(field: &mut NewField, map: &MapPicture, cell_m: f64) -> Result<(), In
 }
 
 /// Adds the keys of `zones`, of the file `path`, in the area of `field`.
-fn add_zones(field: &mut NewField, zones: &[ImportedZone], path: &Path) -> Result<(), InputError> {
+fn add_zones(field: &mut NewField, zones: &[Zone], path: &Path) -> Result<(), InputError> {
     let text = format!("name = \"area\"\n[area]\n{}\n", field.area);
     let scenario = Scenario::parse(&text, path, Overrides::default())?;
     let projection = Projection::at(scenario.area.origin().expect("the area of degrees has an origin"));
     for zone in zones {
-        let metres = |[lat_deg, lon_deg]: &[f64; 2]| {
-            let position = projection.project(*lat_deg, *lon_deg);
-            let expected = || format!("{}: expected a position within the horizon of the area", zone.place);
-            position.ok_or_else(|| InputError::new("zones", path, expected()))
-        };
-        let corners = zone.corners.iter().map(metres).collect::<Result<Vec<_>, _>>()?;
-        let closed = corners.len() > 1 && corners.first() == corners.last();
-        let corners = &corners[..corners.len() - usize::from(closed)];
-        // To the millimetre.
-        let corners: Vec<String> = corners.iter().map(|corner| format!("[{:.3}, {:.3}]", corner.x, corner.y)).collect();
-        let corners = corners.join(", ");
+        let corners = zone.corners_m(&projection, path)?;
         match zone.kind {
-            ZoneKind::Boundary => field.area += &format!("\nboundary_m = [{corners}]"),
-            ZoneKind::NoFly => field.zones += &format!("\n[[area.no_fly]]\npolygon_m = [{corners}]\n"),
+            ZoneKind::Boundary => field.area += &format!("\nboundary_m = {corners:?}"),
+            ZoneKind::NoFly => field.zones += &format!("\n[[area.no_fly]]\npolygon_m = {corners:?}\n"),
             ZoneKind::Building(height_m) => {
-                field.zones += &format!("\n[[area.building]]\npolygon_m = [{corners}]\nheight_m = {height_m:?}\n");
+                field.zones += &format!("\n[[area.building]]\npolygon_m = {corners:?}\nheight_m = {height_m:?}\n");
             }
         }
     }

@@ -99,7 +99,7 @@ mod imports {
                 let area = &scenario.area;
                 let [building] = &area.building.as_ref().unwrap()[..] else { panic!("one building") };
                 let [zone] = &area.no_fly.as_ref().unwrap()[..] else { panic!("one zone") };
-                assert_eq!((building.height_m, building.polygon_m.len(), zone.polygon_m.len()), (30.5, 3, 3));
+                assert_eq!((building.height_m, building.polygon_m.len(), zone.corners().len()), (30.5, 3, 3));
                 // One of 0.015° of longitude at 52.5° north is 1 018 m, 0.009° of latitude 1 001 m.
                 let border = area.boundary_m.as_ref().unwrap();
                 let side_m = |axis: usize| {
@@ -109,7 +109,7 @@ mod imports {
                 assert!((side_m(0) - 1018.0).abs() < 2.0 && (side_m(1) - 1001.0).abs() < 2.0, "{border:?}");
                 if count == 2 {
                     let list = SensorList::of(&scenario).unwrap();
-                    for (sensor, corner) in list.sensors().iter().zip([building.polygon_m[2], zone.polygon_m[2]]) {
+                    for (sensor, corner) in list.sensors().iter().zip([building.polygon_m[2], zone.corners()[2]]) {
                         let away_m = (sensor.position - Position::from(corner)).norm();
                         assert!(away_m < 2e-3, "{away_m} m between {} and {corner:?}", sensor.position);
                     }
@@ -117,6 +117,16 @@ mod imports {
                 place.run_ok(&["simulate", "city/city.toml", "--set", "slots=5", "--out", "run", "--force"]);
             }
         }
+        // A scenario that names the file is the same, and so is its flight; the run needs the file no more.
+        let text = place.read("city/city.toml");
+        let named = text[..text.find("\n[[area.").unwrap()].lines().filter(|line| !line.starts_with("boundary_m"));
+        let named = named.collect::<Vec<_>>().join("\n") + "\n[[area.no_fly]]\nfile = \"zones.geojson\"\n";
+        place.write("named.toml", &named);
+        assert_eq!(read(&place, "named.toml").hash(), read(&place, "city/city.toml").hash());
+        place.run_ok(&["simulate", "named.toml", "--set", "slots=5", "--out", "named"]);
+        place.write("zones.geojson", "");
+        place.run_ok(&["report", "named"]);
+        place.run_refused(&["simulate", "named.toml"], "zones zones.geojson: ");
         // What is exported comes back: the boundary of the area, and what is flown around.
         place.run_ok(&["simulate", "city/city.toml", "--set", "slots=5", "--out", "run", "--force"]);
         for format in ["geojson", "kml"] {

@@ -44,7 +44,7 @@ pub(crate) fn log_zones(canvas: &Canvas, scenario: &Scenario) -> RecordingStream
     }
     let top_m = scenario.uav.climb().map_or(scenario.uav.altitude_m, |climb| climb.max_altitude_m);
     for (index, zone) in area.no_fly.iter().flatten().enumerate() {
-        draw(canvas, &format!("{NO_FLY}/{index}"), &zone.polygon_m, top_m, [colour::NO_FLY; 2], NO_FLY_OPACITY)?;
+        draw(canvas, &format!("{NO_FLY}/{index}"), zone.corners(), top_m, [colour::NO_FLY; 2], NO_FLY_OPACITY)?;
     }
     for (index, building) in area.building.iter().flatten().enumerate() {
         let name = format!("{BUILDINGS}/{index}");

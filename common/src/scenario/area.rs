@@ -1,5 +1,7 @@
 //! `[area]`: the area that is flown over.
 
+use std::path::PathBuf;
+
 use serde::{Deserialize, Serialize};
 
 use crate::airspace::Polygon;
@@ -24,7 +26,7 @@ crate::keys! {
         origin_lon_deg: Option<f64>, Accepts::Number("a longitude, -180 to 180", |lon_deg| lon_deg.abs() <= 180.0);
         /// Corners of a polygon that the UAV must not leave, `[[x, y], ...]` [m]; without it the whole area. Drawn SNs lie in it.
         boundary_m: Option<Vec<[f64; 2]>>, CORNERS;
-        /// `[[area.no_fly]]`: polygons that the UAV must not enter, at any altitude (decision D14). SNs may stand in them.
+        /// `[[area.no_fly]]`: polygons that the UAV must not enter, at any altitude, or files of them (decision D14). SNs may stand in them.
         no_fly: Option<Vec<NoFlyKeys>>, Accepts::TablesOf(NoFlyKeys::KEYS);
         /// `[[area.building]]`: buildings (decision D16).
         building: Option<Vec<BuildingKeys>>, Accepts::TablesOf(BuildingKeys::KEYS);
@@ -35,12 +37,23 @@ crate::keys! {
 const CORNERS: Accepts = Accepts::Rule("corners of a polygon, `[[x, y], [x, y], [x, y], ...]` [m]");
 
 crate::keys! {
-    /// `[[area.no_fly]]`: a polygon that the UAV must not enter (decision D14).
+    /// `[[area.no_fly]]`: a polygon that the UAV must not enter (decision D14), or a file of such polygons.
     #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, expecting = "a table")]
     pub struct NoFlyKeys {
-        /// Its corners, `[[x, y], ...]` [m]; required.
-        polygon_m: Vec<[f64; 2]>, CORNERS;
+        /// Its corners, `[[x, y], ...]` [m]; required without `file`.
+        polygon_m: Option<Vec<[f64; 2]>>, CORNERS;
+        /// A KML or GeoJSON file of zones, buildings and a boundary, relative to the scenario's folder; replaces `polygon_m`. A run
+        /// keeps their corners.
+        file: Option<PathBuf>, Accepts::Rule("a path");
+    }
+}
+
+impl NoFlyKeys {
+    /// Its corners [m]; none if it is a file, which a checked scenario has replaced by polygons.
+    #[must_use]
+    pub fn corners(&self) -> &[[f64; 2]] {
+        self.polygon_m.as_deref().unwrap_or_default()
     }
 }
 

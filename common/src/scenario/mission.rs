@@ -159,7 +159,7 @@ impl Scenario {
     }
 
     /// A path that is relative to the scenario.
-    fn beside(&self, file: &Path) -> PathBuf {
+    pub(super) fn beside(&self, file: &Path) -> PathBuf {
         self.path.parent().unwrap_or(Path::new("")).join(file)
     }
 

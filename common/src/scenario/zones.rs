@@ -1,27 +1,77 @@
 //! The airspace of a scenario, and the rules of its zones, buildings and bases: polygons, and ways that lead where the UAV has to go.
 
+use std::path::Path;
+
 use serde::Serialize;
 use toml::Value;
 
-use super::area::BuildingKeys;
+use super::area::{BuildingKeys, NoFlyKeys};
 use super::mission::Scenario;
 use crate::airspace::{Airspace, MAX_CORNERS, Polygon};
 use crate::base::{Base, BaseArea};
 use crate::channel::Buildings;
 use crate::error::InputError;
+use crate::geodata::{Zone, ZoneKind, read_zones};
 use crate::geometry::Position;
+use crate::sensors::projection::Projection;
 
 /// Least part of its bounding box that a boundary fills: sensor nodes are drawn in the box until they lie in the boundary.
 const LEAST_FILLED: f64 = 0.01;
 
+/// Replaces the files of `[[area.no_fly]]` by their zones, buildings and boundary, as polygons.
+///
+/// # Errors
+/// If a table has a polygon and a file or neither, a file is refused, the area has no origin, or there are two boundaries.
+pub(super) fn read_files(scenario: &mut Scenario) -> Result<(), InputError> {
+    let Some(tables) = scenario.area.no_fly.take() else { return Ok(()) };
+    let mut no_fly = Vec::with_capacity(tables.len());
+    for (index, table) in tables.into_iter().enumerate() {
+        let key = format!("area.no_fly[{index}]");
+        let Some(file) = table.file.as_ref().filter(|_| table.polygon_m.is_none()) else {
+            if table.polygon_m.is_none() || table.file.is_some() {
+                return Err(scenario.refusal(&key, &toml_of(&table), "polygon_m, the corners of a zone [m], or file"));
+            }
+            no_fly.push(table);
+            continue;
+        };
+        let Some(origin) = scenario.area.origin() else {
+            let expected = "area.origin_lat_deg and area.origin_lon_deg beside a file of zones";
+            return Err(scenario.refusal(&format!("{key}.file"), &toml_of(file), expected));
+        };
+        let path = scenario.beside(file);
+        for zone in read_zones(&path)? {
+            let corners = polygon_of(&zone, &Projection::at(origin), &path)?;
+            match zone.kind {
+                ZoneKind::NoFly => no_fly.push(NoFlyKeys { polygon_m: Some(corners), file: None }),
+                ZoneKind::Building(height_m) => {
+                    scenario.area.building.get_or_insert_default().push(BuildingKeys { polygon_m: corners, height_m });
+                }
+                ZoneKind::Boundary if scenario.area.boundary_m.is_some() => {
+                    return Err(zone.refusal(&path, "a second boundary: expected one, here or in area.boundary_m"));
+                }
+                ZoneKind::Boundary => scenario.area.boundary_m = Some(corners),
+            }
+        }
+    }
+    scenario.area.no_fly = Some(no_fly).filter(|zones| !zones.is_empty());
+    Ok(())
+}
+
+/// The corners [m] of `zone`, of the file `path`, which are a polygon.
+fn polygon_of(zone: &Zone, projection: &Projection, path: &Path) -> Result<Vec<[f64; 2]>, InputError> {
+    let corners = zone.corners_m(projection, path)?;
+    let polygon = Polygon::of(&corners, zone.kind == ZoneKind::Boundary);
+    polygon.map(|_| corners).map_err(|expected| zone.refusal(path, &format!("expected {expected}")))
+}
+
 /// Checks the border, the zones and the buildings of `scenario`, and that its start and its base lie outside of them.
 pub(super) fn check(scenario: &Scenario) -> Result<(), InputError> {
     let area = &scenario.area;
-    let no_fly = area.no_fly.iter().flatten().map(|zone| &zone.polygon_m).enumerate();
+    let no_fly = area.no_fly.iter().flatten().map(NoFlyKeys::corners).enumerate();
     let no_fly = no_fly.map(|(index, corners)| (format!("area.no_fly[{index}].polygon_m"), corners, false));
-    let buildings = area.building.iter().flatten().map(|building| &building.polygon_m).enumerate();
+    let buildings = area.building.iter().flatten().map(|building| &building.polygon_m[..]).enumerate();
     let buildings = buildings.map(|(index, corners)| (format!("area.building[{index}].polygon_m"), corners, false));
-    let border = area.boundary_m.iter().map(|corners| ("area.boundary_m".to_owned(), corners, true));
+    let border = area.boundary_m.iter().map(|corners| ("area.boundary_m".to_owned(), &corners[..], true));
     let mut count = 0;
     for (key, corners, is_border) in border.chain(no_fly).chain(buildings) {
         count += corners.len();
@@ -151,7 +201,7 @@ impl Scenario {
         let area = &self.area;
         let polygon = |corners: &[[f64; 2]], is_border| Polygon::of(corners, is_border).expect("zones are checked");
         let border = area.boundary_m.iter().map(|corners| (polygon(corners, true), f64::INFINITY));
-        let no_fly = area.no_fly.iter().flatten().map(|zone| (polygon(&zone.polygon_m, false), f64::INFINITY));
+        let no_fly = area.no_fly.iter().flatten().map(|zone| (polygon(zone.corners(), false), f64::INFINITY));
         let buildings = area.building.iter().flatten();
         let buildings = buildings.map(|building| (polygon(&building.polygon_m, false), building.height_m));
         let lowest_m = self.uav.climb().map_or(self.uav.altitude_m, |climb| climb.min_altitude_m);
@@ -159,6 +209,6 @@ impl Scenario {
     }
 }
 
-fn toml_of(value: &impl Serialize) -> Value {
+fn toml_of(value: &(impl Serialize + ?Sized)) -> Value {
     Value::try_from(value).expect("numbers are TOML")
 }

@@ -5,3 +5,4 @@ mod geodetic;
 mod keys;
 mod scenario;
 mod sight;
+mod zone_files;

@@ -133,10 +133,10 @@ fn zones(
     place: impl Fn(&Position) -> Result<GeodeticPosition, InputError>,
 ) -> Result<Vec<GeodeticZone>, InputError> {
     let lowest_m = scenario.uav.climb().map_or(scenario.uav.altitude_m, |climb| climb.min_altitude_m);
-    let no_fly = scenario.area.no_fly.iter().flatten().map(|zone| (&zone.polygon_m, None));
+    let no_fly = scenario.area.no_fly.iter().flatten().map(|zone| (zone.corners(), None));
     let buildings = scenario.area.building.iter().flatten();
-    let zones = no_fly.chain(buildings.map(|building| (&building.polygon_m, Some(building.height_m))));
-    let zone = |(corners, height_m): (&Vec<[f64; 2]>, Option<f64>)| {
+    let zones = no_fly.chain(buildings.map(|building| (&building.polygon_m[..], Some(building.height_m))));
+    let zone = |(corners, height_m): (&[[f64; 2]], Option<f64>)| {
         let polygon = Polygon::of(corners, false).expect("the zones of a run are checked");
         let corners = polygon.corners().iter().map(&place).collect::<Result<_, _>>()?;
         Ok(GeodeticZone { corners, height_m, is_tall: height_m.is_none_or(|height_m| height_m > lowest_m) })

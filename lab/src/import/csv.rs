@@ -1,10 +1,10 @@
 //! CSV: columns by name in any order, separated by commas, semicolons or tabs.
 
 use ::csv::{ReaderBuilder, StringRecord, Trim};
-use skysink_common::error::line_of;
-use skysink_common::error::quoted;
+use skysink_common::error::{line_of, quoted};
+use skysink_common::geodata::{NAME, check_geodetic};
 
-use super::imported::{Frame, Imported, ImportedSensor, NAME, OTHERS, check_geodetic};
+use super::imported::{Frame, Imported, ImportedSensor, OTHERS};
 
 /// The names of the columns in lower case: first the name in a sensor list, then its aliases.
 const COLUMNS: [&[&str]; 10] = [

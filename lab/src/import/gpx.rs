@@ -1,7 +1,8 @@
 //! GPX: imports the waypoints; ignores tracks and routes.
 
-use super::imported::{FoundPoint, FoundPoints, Imported, NAME, with_causes};
-use super::xml;
+use skysink_common::geodata::{FoundPoint, FoundPoints, NAME, with_causes, xml};
+
+use super::imported::Imported;
 
 /// Reads the text of a file.
 pub fn read(text: &str) -> Result<Imported, String> {

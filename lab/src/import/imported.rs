@@ -1,6 +1,7 @@
 //! The sensor nodes that were found in a file, in the frame of the file.
 
 use skysink_common::error::quoted;
+use skysink_common::geodata::{FoundPoint, FoundPoints, NAME, check_geodetic};
 use skysink_common::sensors::check_name;
 
 /// Longitudes are equal modulo this angle [°].
@@ -49,9 +50,6 @@ pub const OTHERS: [&[&str]; 6] = [
     &[NAME, "label"],
 ];
 
-/// The column of [`OTHERS`] that is no number.
-pub const NAME: &str = "name";
-
 /// The further column of a sensor list that a column or property called `name` is for.
 pub fn other(name: &str) -> Option<&'static str> {
     let name = name.to_lowercase();
@@ -64,50 +62,15 @@ const IN_MEMORY: &str = "memory takes everything, and all rows are of one length
 /// Most properties that a note names.
 const MOST_NAMED: usize = 10;
 
-/// A point of a file.
-#[derive(Debug, Clone, Default)]
-pub struct FoundPoint {
-    /// Latitude and longitude [°].
-    pub position: [f64; 2],
-    /// Its altitude, 0 without one.
-    pub altitude: f64,
-    /// Names and values of its properties.
-    pub properties: Vec<(String, String)>,
+/// The index of the property of `point` for a further column: the first of the column's `names` that is not empty.
+fn property(point: &FoundPoint, names: &[&str]) -> Option<usize> {
+    let called = |alias: &str| point.properties.iter().position(|(name, value)| is_for(name, value, alias));
+    names.iter().find_map(|alias| called(alias))
 }
 
-/// A polygon as found: its rings, the outer one first, and its properties.
-#[derive(Debug, Clone, Default)]
-pub struct FoundPolygon {
-    /// Latitude and longitude [°] of the corners of each ring.
-    pub rings: Vec<Vec<[f64; 2]>>,
-    /// The height to which its sides are drawn [m].
-    pub extruded_m: Option<f64>,
-    /// Names and values of its properties.
-    pub properties: Vec<(String, String)>,
-}
-
-/// The points and polygons of a file, and the number of items without a point.
-#[derive(Default)]
-pub struct FoundPoints {
-    /// The points.
-    pub points: Vec<FoundPoint>,
-    /// The polygons.
-    pub polygons: Vec<FoundPolygon>,
-    /// The number of items without a point.
-    pub ignored: usize,
-}
-
-impl FoundPoint {
-    /// The index of the property for a further column: the first of the column's `names` that is not empty.
-    fn property(&self, names: &[&str]) -> Option<usize> {
-        let called = |alias: &str| self.properties.iter().position(|(name, value)| is_for(name, value, alias));
-        names.iter().find_map(|alias| called(alias))
-    }
-
-    /// The value of the property at an index, without a line break.
-    fn value(&self, index: usize) -> String {
-        self.properties[index].1.split_whitespace().collect::<Vec<_>>().join(" ")
-    }
+/// The value of the property of `point` at an index, without a line break.
+fn value(point: &FoundPoint, index: usize) -> String {
+    point.properties[index].1.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
 fn is_number(value: &str) -> bool {
@@ -133,14 +96,14 @@ impl Imported {
         let mut reasons = Vec::new();
         for names in OTHERS {
             let column = names[0];
-            let found: Vec<Option<usize>> = points.iter().map(|point| point.property(names)).collect();
+            let found: Vec<Option<usize>> = points.iter().map(|point| property(point, names)).collect();
             if found.iter().all(Option::is_none) {
                 continue;
             }
             let values: Vec<String> = points
                 .iter()
                 .zip(&found)
-                .map(|(point, found)| found.map_or_else(String::new, |index| point.value(index)))
+                .map(|(point, found)| found.map_or_else(String::new, |index| value(point, index)))
                 .collect();
             if column == NAME {
                 for (index, name) in values.iter().enumerate() {
@@ -217,29 +180,6 @@ impl Imported {
         };
         [fold(f64::INFINITY, f64::min), fold(f64::NEG_INFINITY, f64::max)]
     }
-}
-
-/// Checks the range of a latitude and a longitude.
-pub fn check_geodetic([lat_deg, lon_deg]: [f64; 2]) -> Result<(), String> {
-    if !(-90.0..=90.0).contains(&lat_deg) {
-        return Err(format!("latitude {lat_deg}: expected -90 to 90"));
-    }
-    if !(-180.0..=180.0).contains(&lon_deg) {
-        return Err(format!("longitude {lon_deg}: expected -180 to 180"));
-    }
-    Ok(())
-}
-
-/// An error with its causes, on one line.
-pub fn with_causes(error: &dyn std::error::Error) -> String {
-    let causes = std::iter::successors(error.source(), |cause| cause.source());
-    let mut message = error.to_string();
-    for cause in causes.map(ToString::to_string) {
-        if !message.contains(&cause) {
-            message = format!("{message}: {cause}");
-        }
-    }
-    message
 }
 
 #[cfg(test)]

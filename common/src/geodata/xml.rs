@@ -32,6 +32,9 @@ struct OpenElement {
 
 /// Refuses incomplete XML, elements that are nested too deep, and points of KML without coordinates. `format` is the
 /// expected format. Returns the number of items of KML without a point: lines and the like, and empty placemarks.
+///
+/// # Errors
+/// If the text is refused.
 pub fn check(text: &str, format: &str) -> Result<usize, String> {
     let mut reader = Reader::from_str(text);
     let mut open: Vec<OpenElement> = Vec::new();

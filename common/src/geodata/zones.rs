@@ -1,14 +1,24 @@
 //! No-fly zones, buildings and a boundary from the polygons of a file.
 
-use skysink_common::error::quoted;
+use std::path::Path;
 
-use super::imported::{FoundPoints, FoundPolygon, check_geodetic};
+use super::{FoundPoints, FoundPolygon, NAME, ReadFormat, check_geodetic, geojson, kml};
+use crate::error::{InputError, quoted};
+use crate::geometry::Position;
+use crate::sensors::projection::Projection;
+
+/// File extensions with their readers.
+const FORMATS: [(&str, ReadFormat<FoundPoints>); 3] =
+    [("kml", kml::find), ("geojson", geojson::find), ("json", geojson::find)];
+
+/// The kind of input in error messages.
+const WHAT: &str = "zones";
 
 /// Properties for the height of a building [m].
 const HEIGHTS: [&str; 2] = ["height_m", "height"];
 
 /// Properties that say what a polygon is.
-const KINDS: [&str; 2] = ["kind", "name"];
+const KINDS: [&str; 2] = ["kind", NAME];
 
 /// Values of them for the boundary of an area.
 const BOUNDARIES: [&str; 2] = ["boundary", "area"];
@@ -26,7 +36,7 @@ pub enum ZoneKind {
 
 /// A polygon of a file.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ImportedZone {
+pub struct Zone {
     /// Its location in the file, such as `polygon 2`.
     pub place: String,
     /// Latitude and longitude [°] of its corners.
@@ -35,8 +45,47 @@ pub struct ImportedZone {
     pub kind: ZoneKind,
 }
 
-/// The polygons as zones; refused if one has a hole or an invalid position, or there is none.
-pub fn zones(found: &FoundPoints) -> Result<Vec<ImportedZone>, String> {
+/// Reads the zones of the file `path`, KML or GeoJSON.
+///
+/// # Errors
+/// If the format is unknown, the file cannot be read, a polygon has a hole or an invalid position, or there is none.
+pub fn read_zones(path: &Path) -> Result<Vec<Zone>, InputError> {
+    let found = super::read(WHAT, path, &FORMATS)?;
+    zones(&found).map_err(|message| InputError::new(WHAT, path, message))
+}
+
+impl Zone {
+    /// Its corners in the plane of an area [m], to the millimetre, without the last one if it is the first again.
+    ///
+    /// # Errors
+    /// If a corner is beyond the horizon; `path` is the file of the zone.
+    pub fn corners_m(&self, projection: &Projection, path: &Path) -> Result<Vec<[f64; 2]>, InputError> {
+        let open = match &self.corners[..] {
+            [first, between @ .., last] if first == last && !between.is_empty() => &self.corners[..=between.len()],
+            all => all,
+        };
+        let in_plane = |[lat_deg, lon_deg]: &[f64; 2]| {
+            let position = projection.project(*lat_deg, *lon_deg);
+            let expected = "expected a position within the horizon of the area";
+            position.ok_or_else(|| self.refusal(path, expected)).map(|at: Position| [at.x, at.y].map(to_millimetre))
+        };
+        open.iter().map(in_plane).collect()
+    }
+
+    /// The error for this zone of the file `path`.
+    #[must_use]
+    pub fn refusal(&self, path: &Path, expected: &str) -> InputError {
+        InputError::new(WHAT, path, format_args!("{}: {expected}", self.place))
+    }
+}
+
+/// Rounded to a thousandth, without the sign of a zero.
+fn to_millimetre(length_m: f64) -> f64 {
+    (length_m * 1e3).round() / 1e3 + 0.0
+}
+
+/// The polygons as zones.
+fn zones(found: &FoundPoints) -> Result<Vec<Zone>, String> {
     if found.polygons.is_empty() {
         return Err("no polygons: expected at least one zone".to_owned());
     }
@@ -44,7 +93,7 @@ pub fn zones(found: &FoundPoints) -> Result<Vec<ImportedZone>, String> {
     let zones = numbered.map(|(polygon, number)| {
         let place = format!("polygon {number}");
         let zone = zone(polygon).map_err(|message| format!("{place}: {message}"))?;
-        Ok(ImportedZone { place, ..zone })
+        Ok(Zone { place, ..zone })
     });
     let zones = zones.collect::<Result<Vec<_>, String>>()?;
     match zones.iter().filter(|zone| zone.kind == ZoneKind::Boundary).nth(1) {
@@ -53,7 +102,7 @@ pub fn zones(found: &FoundPoints) -> Result<Vec<ImportedZone>, String> {
     }
 }
 
-fn zone(polygon: &FoundPolygon) -> Result<ImportedZone, String> {
+fn zone(polygon: &FoundPolygon) -> Result<Zone, String> {
     let [outer] = &polygon.rings[..] else { return Err("a hole: expected a polygon without holes".to_owned()) };
     outer.iter().try_for_each(|corner| check_geodetic(*corner))?;
     let property = |names: &[&str]| {
@@ -77,7 +126,7 @@ fn zone(polygon: &FoundPolygon) -> Result<ImportedZone, String> {
             Some(height_m) => return Err(format!("height {height_m}: expected a finite number above 0")),
         }
     };
-    Ok(ImportedZone { place: String::new(), corners: outer.clone(), kind })
+    Ok(Zone { place: String::new(), corners: outer.clone(), kind })
 }
 
 #[cfg(test)]

@@ -3,15 +3,12 @@
 use ::kml::types::{Geometry, LinearRing, Placemark, Point};
 use ::kml::{Kml, KmlReader};
 
-use super::imported::{FoundPoint, FoundPoints, FoundPolygon, Imported, NAME, with_causes};
-use super::xml;
-
-/// Reads the sensor nodes of the text of a file.
-pub fn read(text: &str) -> Result<Imported, String> {
-    Imported::geodetic(find(text)?)
-}
+use super::{FoundPoint, FoundPoints, FoundPolygon, NAME, with_causes, xml};
 
 /// Finds the points and polygons of the text of a file.
+///
+/// # Errors
+/// If it is not KML.
 pub fn find(text: &str) -> Result<FoundPoints, String> {
     let refuse = |error: ::kml::Error| format!("{}: expected a KML file", with_causes(&error));
     let ignored = xml::check(text, "KML")?;
@@ -84,20 +81,20 @@ mod tests {
 
     #[test]
     fn placemarks_are_points() {
-        let imported = read(FILE).unwrap();
-        assert_eq!((imported.sensors.len(), imported.ignored.len()), (1, 2));
-        assert!(imported.ignored[1].starts_with("altitudes of 1 points"), "{:?}", imported.ignored);
-        assert_eq!(imported.to_csv([0.0; 2]), "lat_deg,lon_deg,name\n52.5,13.4,a\n");
-        assert_eq!(imported.sensors[0].position, [52.5, 13.4]);
+        let found = find(FILE).unwrap();
+        let [point] = &found.points[..] else { panic!("one point") };
+        assert_eq!((point.position, point.altitude, found.ignored), ([52.5, 13.4], 30.0, 1));
+        assert_eq!(point.properties, [("name".to_owned(), "a".to_owned())]);
     }
 
     #[test]
     fn extended_data_of_placemarks_are_found() {
         let data = "<ExtendedData><Data name=\"rate\"><value>250</value></Data><SchemaData schemaUrl=\"#a\">\
                     <SimpleData name=\"owner\">us</SimpleData></SchemaData></ExtendedData>";
-        let imported = read(&FILE.replace("<name>a</name>", &format!("<name>soil-07</name>{data}"))).unwrap();
-        assert_eq!(imported.to_csv([0.0; 2]), "lat_deg,lon_deg,sampling_bps,name\n52.5,13.4,250,soil-07\n");
-        assert!(imported.ignored.contains(&"properties owner".to_owned()), "{:?}", imported.ignored);
+        let found = find(&FILE.replace("<name>a</name>", &format!("<name>soil-07</name>{data}"))).unwrap();
+        let expected = [("name", "soil-07"), ("rate", "250"), ("owner", "us")];
+        let expected = expected.map(|(name, value)| (name.to_owned(), value.to_owned()));
+        assert_eq!(found.points[0].properties, expected);
     }
 
     #[test]
@@ -106,36 +103,28 @@ mod tests {
                      <GroundOverlay><name>b</name></GroundOverlay><NetworkLink/><Style id=\"c\"/>\
                      <Placemark><gx:Track><when>2020</when></gx:Track></Placemark>";
         let text = FILE.replace("<Folder>", &format!("<Folder>{inner}"));
-        let imported = read(&text).unwrap();
-        assert_eq!(imported.sensors.len(), 1);
-        assert_eq!(
-            imported.ignored,
-            [
-                "7 lines, polygons or other items without a point",
-                "altitudes of 1 points (sensor nodes stand on the ground)"
-            ]
-        );
+        let found = find(&text).unwrap();
+        assert_eq!((found.points.len(), found.ignored), (1, 7));
     }
 
     #[test]
     fn a_truncated_file_is_refused() {
         let end = FILE.find("<Document>").unwrap();
         for cut in end..FILE.len() - 1 {
-            assert!(read(&FILE[..cut]).is_err(), "{}", &FILE[..cut]);
+            assert!(find(&FILE[..cut]).is_err(), "{}", &FILE[..cut]);
         }
     }
 
     #[test]
     fn invalid_kml_is_refused() {
-        assert!(read("<gpx>").unwrap_err().contains("ends within an element"));
-        assert!(read("<gpx></gpx></gpx>").is_err());
+        assert!(find("<gpx>").unwrap_err().contains("ends within an element"));
+        assert!(find("<gpx></gpx></gpx>").is_err());
         for empty in ["<coordinates></coordinates>", "<coordinates/>", ""] {
             let file = format!("<kml><Placemark><Point>{empty}</Point></Placemark></kml>");
-            assert!(read(&file).unwrap_err().contains("Point without coordinates"), "{empty}");
+            assert!(find(&file).unwrap_err().contains("Point without coordinates"), "{empty}");
         }
         let deep = format!("<kml>{}{}</kml>", "<Folder>".repeat(100_000), "</Folder>".repeat(100_000));
-        assert!(read(&deep).unwrap_err().contains("nested"));
-        assert!(read(&FILE.replace("13.4", "east")).unwrap_err().ends_with("expected a KML file"));
-        assert!(read(&FILE.replace("13.4", "200")).unwrap_err().contains("longitude 200"));
+        assert!(find(&deep).unwrap_err().contains("nested"));
+        assert!(find(&FILE.replace("13.4", "east")).unwrap_err().ends_with("expected a KML file"));
     }
 }

@@ -3,14 +3,12 @@
 use ::geojson::{Feature, GeoJson, Geometry, GeometryValue};
 use serde_json::Value;
 
-use super::imported::{FoundPoint, FoundPoints, FoundPolygon, Imported, with_causes};
-
-/// Reads the sensor nodes of the text of a file.
-pub fn read(text: &str) -> Result<Imported, String> {
-    Imported::geodetic(find(text)?)
-}
+use super::{FoundPoint, FoundPoints, FoundPolygon, with_causes};
 
 /// Finds the points and polygons of the text of a file.
+///
+/// # Errors
+/// If it is not GeoJSON.
 pub fn find(text: &str) -> Result<FoundPoints, String> {
     let file: GeoJson = text.parse().map_err(|error| format!("{}: expected GeoJSON", with_causes(&error)))?;
     let mut found = FoundPoints::default();
@@ -82,56 +80,49 @@ impl FoundPoints {
 mod tests {
     use super::*;
 
+    fn feature(geometry: &str, properties: &str) -> String {
+        format!("{{\"type\":\"Feature\",\"properties\":{properties},\"geometry\":{geometry}}}")
+    }
+
+    fn collection(features: &[String]) -> FoundPoints {
+        find(&format!("{{\"type\":\"FeatureCollection\",\"features\":[{}]}}", features.join(","))).unwrap()
+    }
+
+    const POINT: &str = "{\"type\":\"Point\",\"coordinates\":[13.4,52.5,30]}";
+    const LINE: &str = "{\"type\":\"LineString\",\"coordinates\":[[0,1],[2,3]]}";
+
     #[test]
     fn points_of_features_and_collections_are_found() {
-        let feature = |geometry: &str| format!("{{\"type\":\"Feature\",\"properties\":{{}},\"geometry\":{geometry}}}");
-        let point = "{\"type\":\"Point\",\"coordinates\":[13.4,52.5,30]}";
-        let line = "{\"type\":\"LineString\",\"coordinates\":[[0,1],[2,3]]}";
-        let text = format!("{{\"type\":\"FeatureCollection\",\"features\":[{},{}]}}", feature(point), feature(line));
-        let imported = read(&text).unwrap();
-        assert_eq!((imported.sensors[0].position, imported.ignored.len()), ([52.5, 13.4], 2));
-        assert!(imported.ignored[1].starts_with("altitudes of 1 points"), "{:?}", imported.ignored);
-        let several = "{\"type\":\"MultiPoint\",\"coordinates\":[[1,2],[3,4]]}";
-        assert_eq!(read(several).unwrap().sensors[1].position, [4.0, 3.0]);
+        let found = collection(&[feature(POINT, "{}"), feature(LINE, "{}")]);
+        assert_eq!((found.points[0].position, found.points[0].altitude, found.ignored), ([52.5, 13.4], 30.0, 1));
+        let several = find("{\"type\":\"MultiPoint\",\"coordinates\":[[1,2],[3,4]]}").unwrap();
+        assert_eq!(several.points[1].position, [4.0, 3.0]);
     }
 
     #[test]
-    fn properties_of_features_are_found() {
-        let feature = |properties: &str| {
-            format!(
-                "{{\"type\":\"Feature\",\"properties\":{properties},\"geometry\":{{\"type\":\"Point\",\"coordinates\":[1,2]}}}}"
-            )
-        };
-        let features =
-            [feature("{\"rate\":50,\"name\":\"soil-07\",\"tags\":[1]}"), feature("{\"rate\":\"60\",\"name\":null}")];
-        let imported =
-            read(&format!("{{\"type\":\"FeatureCollection\",\"features\":[{}]}}", features.join(","))).unwrap();
-        let list = "lat_deg,lon_deg,sampling_bps,name\n2,1,50,soil-07\n2,1,60,\n";
-        assert_eq!(
-            (imported.to_csv([0.0; 2]).as_str(), &imported.ignored[..]),
-            (list, &["properties tags".to_owned()][..])
-        );
+    fn properties_of_features_are_text() {
+        let found = collection(&[feature(POINT, "{\"rate\":50,\"name\":\"soil-07\",\"tags\":[1],\"owner\":null}")]);
+        let mut properties = found.points[0].properties.clone();
+        properties.sort();
+        let expected = [("name", "soil-07"), ("rate", "50"), ("tags", "[1]")];
+        assert_eq!(properties, expected.map(|(name, value)| (name.to_owned(), value.to_owned())));
     }
 
     #[test]
     fn features_without_a_point_are_counted() {
-        let point = "{\"type\":\"Point\",\"coordinates\":[13.4,52.5]}";
-        let line = "{\"type\":\"LineString\",\"coordinates\":[[0,1],[2,3]]}";
         let nothing = "{\"type\":\"GeometryCollection\",\"geometries\":[]}";
         let nowhere = "{\"type\":\"MultiPoint\",\"coordinates\":[]}";
-        let features = ["null", point, line, nothing, nowhere]
-            .map(|geometry| format!("{{\"type\":\"Feature\",\"properties\":{{}},\"geometry\":{geometry}}}"));
-        let text = format!("{{\"type\":\"FeatureCollection\",\"features\":[{}]}}", features.join(","));
-        let imported = read(&text).unwrap();
-        assert_eq!(imported.sensors.len(), 1);
-        assert_eq!(imported.ignored, ["4 lines, polygons or other items without a point"]);
-        assert!(read(&features[0]).unwrap().sensors.is_empty());
+        let features = ["null", POINT, LINE, nothing, nowhere].map(|geometry| feature(geometry, "{}"));
+        let found = collection(&features);
+        assert_eq!((found.points.len(), found.ignored), (1, 4));
+        assert!(find(&features[0]).unwrap().points.is_empty());
     }
 
     #[test]
     fn invalid_geojson_is_refused() {
-        assert!(read("{\"a\": 1}").unwrap_err().ends_with("expected GeoJSON"));
-        assert!(read("{\"type\":\"Point\",\"coordinates\":[200,2]}").unwrap_err().contains("longitude 200"));
-        assert!(read("{\"type\":\"Point\",\"coordinates\":[1]}").is_err());
+        assert!(find("{\"a\": 1}").unwrap_err().ends_with("expected GeoJSON"));
+        assert!(
+            find("{\"type\":\"Point\",\"coordinates\":[1]}").map_or(true, |found| found.points[0].position[0].is_nan())
+        );
     }
 }
