@@ -17,15 +17,38 @@ use toml::Value;
 
 use crate::mission_table::MissionTable;
 use crate::partition;
-use crate::planner::Planner;
-use crate::strategy::{Strategy, Timing};
+use crate::planner::{Others, Planner};
+use crate::strategy::{PlannedVisit, Strategy, Timing};
 
 /// The planners of the UAVs of a mission.
 pub struct FleetPlanner {
     members: ByUav<Member>,
     coordination: Coordination,
-    /// The SNs that are scheduled in this slot; working memory.
+    /// What is told to the next UAV; working memory.
+    told: Told,
+}
+
+/// What the UAVs tell each other in a slot.
+#[derive(Default)]
+struct Told {
+    /// The SNs that are scheduled.
     scheduled: Vec<u32>,
+    /// What each UAV plans to serve.
+    planned: Vec<Vec<PlannedVisit>>,
+    /// What all but one plan to serve, by slot.
+    visits: Vec<PlannedVisit>,
+}
+
+impl Told {
+    /// What is told to the UAV number `uav`.
+    fn to(&mut self, uav: usize) -> Others<'_> {
+        self.visits.clear();
+        for (_, planned) in self.planned.iter().enumerate().filter(|(other, _)| *other != uav) {
+            self.visits.extend_from_slice(planned);
+        }
+        self.visits.sort_by_key(|visit| (visit.slot, visit.sensor));
+        Others { scheduled: &self.scheduled, visits: &self.visits }
+    }
 }
 
 /// A UAV of a fleet.
@@ -68,7 +91,7 @@ impl From<Planner> for FleetPlanner {
     /// The planner of a single UAV.
     fn from(planner: Planner) -> Self {
         let members = ByUav::from_iter([Member { planner, piece: None }]);
-        Self { members, coordination: Coordination::default(), scheduled: Vec::new() }
+        Self { members, coordination: Coordination::default(), told: Told::default() }
     }
 }
 
@@ -92,14 +115,19 @@ impl FleetPlanner {
         let member = |uav: usize| {
             let alone = scenario.of_uav(uav);
             let Some(ids) = pieces.pop() else {
-                return Ok(Member { planner: Planner::until(&alone, sensors, stop)?, piece: None });
+                let mut planner = Planner::until(&alone, sensors, stop)?;
+                if coordination == Coordination::Sequential {
+                    planner.take_part(uav, uavs);
+                }
+                return Ok(Member { planner, piece: None });
             };
             let own: Vec<SensorNode> = ids.iter().map(|&id| sensors[id as usize]).collect();
             let planner = Planner::until(&alone, &own, stop)?;
             Ok(Member { planner, piece: Some(Piece { ids, queues_bits: Vec::new() }) })
         };
         let members = (0..uavs).map(member).collect::<Result<_, InputError>>()?;
-        Ok(Self { members, coordination, scheduled: Vec::new() })
+        let planned = vec![Vec::new(); uavs];
+        Ok(Self { members, coordination, told: Told { planned, ..Told::default() } })
     }
 
     /// The planner with `strategy` instead of the scenario's.
@@ -158,10 +186,17 @@ impl FleetPlanner {
     #[must_use]
     pub fn step(&mut self, slot: u64, flights: &[FlightReport], queues_bits: &[u32]) -> ByUav<Plan> {
         assert_eq!(flights.len(), self.members.len(), "expected a flight for each UAV");
-        let is_sequential = self.coordination == Coordination::Sequential;
-        self.scheduled.clear();
+        let Self { members, coordination, told } = self;
+        let is_sequential = *coordination == Coordination::Sequential && members.len() > 1;
+        told.scheduled.clear();
+        for ((Member { planner, .. }, flight), planned) in members.iter_mut().zip(flights).zip(&mut told.planned) {
+            planned.clear();
+            if is_sequential {
+                planner.visits(slot, flight.position(), queues_bits, planned);
+            }
+        }
         let mut plans = ByUav::new();
-        for (Member { planner, piece }, flight) in self.members.iter_mut().zip(flights) {
+        for (uav, (Member { planner, piece }, flight)) in members.iter_mut().zip(flights).enumerate() {
             let begin = Instant::now();
             let position = flight.position();
             let mut plan = match piece {
@@ -170,16 +205,22 @@ impl FleetPlanner {
                     plan.renumber(&piece.ids);
                     plan
                 }
-                None if is_sequential => planner.step_after(slot, position, queues_bits, &self.scheduled),
+                None if is_sequential => {
+                    let plan = planner.step_beside(slot, position, queues_bits, Some(told.to(uav)));
+                    let planned = &mut told.planned[uav];
+                    planned.clear();
+                    planner.visits(slot, position, queues_bits, planned);
+                    plan
+                }
                 None => planner.step(slot, position, queues_bits),
             };
             plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
-            self.scheduled.extend_from_slice(plan.scheduled());
+            told.scheduled.extend_from_slice(plan.scheduled());
             plans.push(plan);
         }
-        if is_sequential && plans.len() > 1 {
-            for member in &mut self.members {
-                member.planner.await_reports(slot, &self.scheduled, queues_bits);
+        if is_sequential {
+            for member in members {
+                member.planner.await_reports(slot, &told.scheduled, queues_bits);
             }
         }
         plans

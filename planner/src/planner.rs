@@ -23,7 +23,7 @@ use crate::settings;
 use crate::strategies::STRATEGIES;
 use crate::strategies::returning::decide;
 use crate::strategies::serving::Serving;
-use crate::strategy::{Decision, Registered, Setup, Strategy, Timing, View};
+use crate::strategy::{Decision, PlannedVisit, Registered, Setup, Strategy, Timing, View};
 
 /// The planner of a mission.
 ///
@@ -48,6 +48,15 @@ pub struct Planner {
     path: Vec<Point3<f64>>,
     /// The queues without those that other UAVs have scheduled [bit]; working memory.
     left_bits: Vec<u32>,
+}
+
+/// What other UAVs do.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Others<'a> {
+    /// The SNs that they have scheduled in this slot.
+    pub scheduled: &'a [u32],
+    /// What they plan to serve, by slot.
+    pub visits: &'a [PlannedVisit],
 }
 
 /// Beginning of a checkpoint; the state of the strategy follows.
@@ -172,11 +181,18 @@ impl Planner {
     /// If there is not one queue per sensor node.
     #[must_use]
     pub fn step(&mut self, slot: u64, position: Point3<f64>, queues_bits: &[u32]) -> Plan {
-        self.step_after(slot, position, queues_bits, &[])
+        self.step_beside(slot, position, queues_bits, None)
     }
 
-    /// The same after other UAVs have scheduled the SNs `taken` in this slot: they count as empty, and are not scheduled.
-    pub(crate) fn step_after(&mut self, slot: u64, position: Point3<f64>, queues_bits: &[u32], taken: &[u32]) -> Plan {
+    /// The same beside other UAVs: the SNs that they have scheduled in this slot count as empty, and are not scheduled.
+    pub(crate) fn step_beside(
+        &mut self,
+        slot: u64,
+        position: Point3<f64>,
+        queues_bits: &[u32],
+        others: Option<Others<'_>>,
+    ) -> Plan {
+        let taken = others.map_or(&[][..], |others| others.scheduled);
         assert_eq!(queues_bits.len(), self.table.sensors.positions.len(), "expected one queue per sensor node");
         let mut belief = self.belief.at(slot.saturating_sub(1), &self.table.sensors, queues_bits);
         if !taken.is_empty() {
@@ -192,6 +208,7 @@ impl Planner {
             belief,
             table: &self.table,
             timing: self.timing,
+            others: others.map(|others| others.visits),
             stop: &self.stop,
         };
         let (mut decision, mode) = decide(self.strategy.as_mut(), &mut self.transit, &view);
@@ -211,6 +228,32 @@ impl Planner {
         self.await_reports(slot, plan.scheduled(), queues_bits);
         self.slot = slot;
         plan
+    }
+
+    /// Appends what its strategy plans to serve from `slot` on ([`Strategy::visits`]).
+    pub(crate) fn visits(
+        &mut self,
+        slot: u64,
+        position: Point3<f64>,
+        queues_bits: &[u32],
+        into: &mut Vec<PlannedVisit>,
+    ) {
+        let view = View {
+            slot,
+            position,
+            battery: self.battery,
+            belief: self.belief.at(slot.saturating_sub(1), &self.table.sensors, queues_bits),
+            table: &self.table,
+            timing: self.timing,
+            others: Some(&[]),
+            stop: &self.stop,
+        };
+        self.strategy.visits(&view, into);
+    }
+
+    /// Prepares its strategy to share the SNs with others ([`Strategy::take_part`]).
+    pub(crate) fn take_part(&mut self, uav: usize, uavs: usize) {
+        self.strategy.take_part(uav, uavs);
     }
 
     /// Notes the SNs that report their queues in `slot` if they are served, and their queues before it [bit], by id.

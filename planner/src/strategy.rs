@@ -35,6 +35,24 @@ pub trait Strategy: Checkpoint {
     fn path(&self) -> &[Point3<f64>] {
         &[]
     }
+
+    /// Appends what the plan of the slot of `view` serves from that slot on; before it is made, what the plan of the slot before
+    /// would. Nothing from strategies that do not look ahead.
+    fn visits(&mut self, _view: &View<'_>, _into: &mut Vec<PlannedVisit>) {}
+
+    /// Prepares to share the SNs with other UAVs of the same start and strategy: this is number `uav` of `uavs`.
+    fn take_part(&mut self, _uav: usize, _uavs: usize) {}
+}
+
+/// A visit of an SN in a plan.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlannedVisit {
+    /// Its slot.
+    pub slot: u64,
+    /// The SN.
+    pub sensor: u32,
+    /// What it is expected to take [bit]; infinite for all that is there.
+    pub bits: f64,
 }
 
 /// A strategy without state, which decides each slot by the rule `decide`, as [`Strategy::plan`] does.
@@ -69,6 +87,8 @@ pub struct View<'a> {
     pub table: &'a MissionTable,
     /// Whether a search may read a clock.
     pub timing: Timing,
+    /// What other UAVs plan to serve, by slot; `None` if none tells.
+    pub others: Option<&'a [PlannedVisit]>,
     /// Ends long searches; the decision is then not flown.
     pub stop: &'a Stop,
 }
@@ -330,6 +350,6 @@ pub(crate) mod tests {
         static STOP: LazyLock<Stop> = LazyLock::new(Stop::default);
         let belief = Believed::known(slot - 1, &table.sensors, queues_bits);
         let battery = BatteryState::default();
-        View { slot, position, battery, belief, table, timing: Timing::Free, stop: &STOP }
+        View { slot, position, battery, belief, table, timing: Timing::Free, others: None, stop: &STOP }
     }
 }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use skysink_common::geometry::Position;
 
 use super::places::{Links, Places, Way, is_there};
-use crate::strategy::View;
+use crate::strategy::{PlannedVisit, View};
 
 /// What a slot in the air costs, as a fraction of all data: of plans that deliver the same the shortest is best.
 const SLOT_COST: f64 = 1e-6;
@@ -94,13 +94,20 @@ struct State {
     hovers: u32,
 }
 
+/// An upload, and the queue after it.
+#[derive(Debug, Clone, Copy)]
+struct Upload {
+    visit: PlannedVisit,
+    left: Queue,
+}
+
 /// A plan as flown.
 #[derive(Debug, Clone, Default)]
 struct Trace {
     /// The state before each stop, and after the last.
     states: Vec<State>,
     /// The queues after each upload: SN, and what is left.
-    uploads: Vec<(u32, Queue)>,
+    uploads: Vec<Upload>,
 }
 
 /// Flies plans.
@@ -129,11 +136,19 @@ impl Window {
         };
         let nodes: Vec<Node> = sensors.ids().map(node).collect();
         let slot = view.slot - 1;
-        let begun: Vec<Queue> =
+        let mut begun: Vec<Queue> =
             view.belief.queues_bits.iter().map(|&bits| Queue { bits: f64::from(bits), slot }).collect();
-        let slots = last.saturating_sub(slot) as f64;
-        let all_bits =
-            nodes.iter().zip(&begun).map(|(node, queue)| node.weight * (queue.bits + slots * node.mean_bits));
+        // What other UAVs will take is theirs: a queue begins with what they leave.
+        for visit in view.others.unwrap_or_default() {
+            let (node, queue) = (&nodes[visit.sensor as usize], &mut begun[visit.sensor as usize]);
+            let waited = visit.slot.saturating_sub(1 + queue.slot);
+            let bits = (queue.bits + waited as f64 * node.mean_bits).min(node.capacity_bits.max(queue.bits));
+            *queue = Queue { bits: (bits - visit.bits).max(0.0), slot: queue.slot + waited };
+        }
+        let left_bits = |(node, queue): (&Node, &Queue)| {
+            node.weight * (queue.bits + last.saturating_sub(queue.slot) as f64 * node.mean_bits)
+        };
+        let all_bits = nodes.iter().zip(&begun).map(left_bits);
         let begin = State {
             at,
             slot,
@@ -211,7 +226,7 @@ impl<'a> PlanFlight<'a> {
     fn queue_bits(&self, sensor: u32, slot: u64) -> f64 {
         let node = &self.window.nodes[sensor as usize];
         let queue = &self.queues[sensor as usize];
-        let slots = slot - 1 - queue.slot;
+        let slots = (slot - 1).saturating_sub(queue.slot);
         if slots == 0 { queue.bits } else { (queue.bits + slots as f64 * node.mean_bits).min(node.capacity_bits) }
     }
 
@@ -237,9 +252,10 @@ impl<'a> PlanFlight<'a> {
             }
         }
         for &(sensor, bits) in served.iter().filter(|(_, bits)| *bits > 0.0) {
-            let left = Queue { bits: self.queue_bits(sensor, slot) - bits, slot: slot - 1 };
+            let begun = self.queues[sensor as usize].slot;
+            let left = Queue { bits: self.queue_bits(sensor, slot) - bits, slot: (slot - 1).max(begun) };
             self.queues[sensor as usize] = left;
-            self.tried.uploads.push((sensor, left));
+            self.tried.uploads.push(Upload { visit: PlannedVisit { slot, sensor, bits }, left });
             self.state.delivered_bits += bits * self.window.nodes[sensor as usize].weight;
         }
         self.state.uploads = self.tried.uploads.len();
@@ -348,8 +364,8 @@ impl<'a> PlanFlight<'a> {
         self.tried.uploads.clear();
         self.tried.uploads.extend_from_slice(&self.kept.uploads[..state.uploads]);
         self.queues.copy_from_slice(&self.window.begun);
-        for &(sensor, queue) in &self.tried.uploads {
-            self.queues[sensor as usize] = queue;
+        for Upload { visit, left } in &self.tried.uploads {
+            self.queues[visit.sensor as usize] = *left;
         }
         self.state = state;
         for stop in &stops[same..] {
@@ -395,5 +411,10 @@ impl<'a> PlanFlight<'a> {
             return (Next::Flies(end.unwrap_or(begin.at)), index);
         }
         (Next::Returns, stops.len())
+    }
+
+    /// The uploads of the plan that was tried last.
+    pub fn visits(&self) -> impl Iterator<Item = PlannedVisit> {
+        self.tried.uploads.iter().map(|upload| upload.visit)
     }
 }

@@ -19,7 +19,7 @@ use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::geometry::{Position, within};
 use skysink_common::random::{Purpose, Streams};
 
-use crate::strategy::{Setup, View};
+use crate::strategy::{PlannedVisit, Setup, View};
 use flight::{Next, PlanFlight, PlannedStop, Window};
 use places::Places;
 use search::PlanSearch;
@@ -48,6 +48,8 @@ pub struct Collector {
     told: Option<Position>,
     /// How far from its waypoint a slot may end [m].
     beside_m: f64,
+    /// For other UAVs: the last slot that was planned, and the uploads of its plan.
+    told_others: (u64, Vec<PlannedVisit>),
 }
 
 /// A stop as it is saved: place [m], SN, most hovers, and whether the UAV is on its way there.
@@ -71,7 +73,24 @@ impl Collector {
             stops: None,
             told: None,
             beside_m: MOST_DEVIATIONS * setup.scenario.uav.position_error_m.unwrap_or(0.0),
+            told_others: (0, Vec::new()),
         }
+    }
+
+    /// The uploads of the carried plan, or of the one that was made for the slot of `view`.
+    pub fn visits(&mut self, view: &View, into: &mut Vec<PlannedVisit>) {
+        if self.told_others.0 == view.slot {
+            into.extend_from_slice(&self.told_others.1);
+        } else if let Some(stops) = self.stops.as_ref() {
+            let mut flight = PlanFlight::new(Window::of(view, view.ground(), self.last(view)), &mut self.places);
+            flight.first(stops);
+            into.extend(flight.visits());
+        }
+    }
+
+    /// The last slot of the window that begins with the slot of `view`.
+    fn last(&self, view: &View) -> u64 {
+        view.table.limits.slots.min(view.slot.saturating_add(self.window_slots - 1))
     }
 
     /// Whether there is a plan.
@@ -90,7 +109,7 @@ impl Collector {
         offered: impl FnOnce() -> Vec<PlannedStop>,
         is_over: &dyn Fn() -> bool,
     ) -> Next {
-        let last = view.table.limits.slots.min(view.slot.saturating_add(self.window_slots - 1));
+        let last = self.last(view);
         // A UAV beside the place that it was told has arrived: otherwise a stop would never be over.
         let ground = view.ground();
         let at = self.told.filter(|told| within(told, &ground, self.beside_m)).unwrap_or(ground);
@@ -104,6 +123,9 @@ impl Collector {
         let begun = begun.unwrap_or_else(|| search.insert_all(offered(), view.stop));
         let mut stops = search.anneal(begun, steps, temperature);
         let (next, first) = flight.first(&stops);
+        if view.others.is_some() {
+            self.told_others = (view.slot, flight.visits().collect());
+        }
         stops.drain(..first);
         stops.iter_mut().for_each(|stop| stop.is_begun = false);
         if let (Next::Flies(end), Some(stop)) = (next, stops.first_mut()) {

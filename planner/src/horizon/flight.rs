@@ -94,8 +94,8 @@ pub fn serve(model: &PlanningModel, empty: &mut [f64], visit: &Visit) -> f64 {
     let sensor = &model.sensors[visit.sensor as usize];
     let slot = f64::from(visit.slot);
     let empty = &mut empty[visit.sensor as usize];
-    let overflow_slots = sensor.overflow_slots(slot, *empty);
-    *empty = slot - ((slot - *empty).min(sensor.fill_slots) - visit.capacity_slots).max(0.0);
+    let (overflow_slots, emptied) = model.overflow_slots(visit.sensor as usize, slot, *empty);
+    *empty = slot - ((slot - emptied).min(sensor.fill_slots) - visit.capacity_slots).max(0.0);
     overflow_slots * sensor.cost_bits
 }
 
@@ -333,7 +333,8 @@ impl Decoder {
         }
         if found.len() > blocks {
             for candidate in found.iter_mut() {
-                let gap_slots = f64::from(slot) - empty[candidate.sensor as usize];
+                let sensor = candidate.sensor as usize;
+                let gap_slots = f64::from(slot) - model.last_empty(sensor, f64::from(slot), empty[sensor]);
                 if members.contains(&candidate.sensor) {
                     candidate.saved_bits = f64::INFINITY;
                 } else {

@@ -75,6 +75,9 @@ impl PlanningWindow {
     /// Lower bound on the loss [bit] of every plan over this window.
     #[must_use]
     pub fn least_loss_bits(&self, model: &PlanningModel) -> f64 {
+        if !model.others.is_empty() {
+            return 0.0; // the bounds are those of one UAV
+        }
         let sensor = |((index, sensor), empty): ((u32, &SensorModel), &f64)| WindowSensor {
             fill_slots: sensor.fill_slots,
             mean_bits: sensor.cost_bits,
@@ -167,8 +170,8 @@ impl Forecast {
     fn final_loss(&self, model: &PlanningModel) -> f64 {
         let end = f64::from(self.window.slots);
         let mut lost_bits = 0.0;
-        for (sensor, empty) in model.sensors.iter().zip(&self.work) {
-            lost_bits += sensor.overflow_slots(end, *empty) * sensor.cost_bits;
+        for (index, (sensor, empty)) in model.sensors.iter().zip(&self.work).enumerate() {
+            lost_bits += model.overflow_slots(index, end, *empty).0 * sensor.cost_bits;
         }
         lost_bits - self.sunk_bits + self.beyond(model)
     }
@@ -178,7 +181,8 @@ impl Forecast {
         let end = f64::from(self.window.slots);
         let mut lost_bits = 0.0;
         if self.window.beyond_slots > 0.0 {
-            for (sensor, empty) in model.sensors.iter().zip(&self.work) {
+            for (index, (sensor, empty)) in model.sensors.iter().zip(&self.work).enumerate() {
+                let empty = model.last_empty(index, end, *empty);
                 let left = (sensor.fill_slots - (end - empty)).max(0.0);
                 lost_bits += late_slots(left, model.round_slots).min(self.window.beyond_slots) * sensor.cost_bits;
             }

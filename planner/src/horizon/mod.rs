@@ -40,12 +40,12 @@ use skysink_common::sampling::Sampler;
 use skysink_common::sensors::Sensors;
 use strum::VariantNames;
 
-use crate::strategy::{Setup, Timing, View};
+use crate::strategy::{PlannedVisit, Setup, Timing, View};
 use anneal::Temperature;
-use flight::{BaseVisit, Trace};
+use flight::{BaseVisit, Trace, Visit};
 use forecast::{Forecast, PlanningWindow};
 use groups::ServiceDisk;
-use model::{PlanningModel, noise_slots2};
+use model::{OtherVisits, PlanningModel, noise_slots2};
 
 /// Lower limit on the estimated bits per slot of an SN: one that does not sample cannot be distinguished from one that
 /// rarely does.
@@ -207,6 +207,7 @@ impl Horizon {
     /// Updates the model with the estimate at the beginning of the slot: learnt rates, and the uncertainty of the
     /// queues.
     fn update_sensors(&mut self, view: &View) {
+        self.model.others = OtherVisits::of(view.others.unwrap_or_default(), &self.model.ids, view.slot);
         let belief = view.belief.belief;
         if !belief.is_estimated() {
             return;
@@ -250,6 +251,17 @@ impl Horizon {
             start::extend(&self.model, &mut forecast);
         }
         Some(forecast)
+    }
+
+    /// The visits of the plan of `forecast`, from the slot of `view` on.
+    #[must_use]
+    pub fn visits(&self, view: &View, forecast: &Forecast) -> Vec<PlannedVisit> {
+        let visit = |visit: &Visit| PlannedVisit {
+            slot: view.slot - 1 + visit.slot as u64,
+            sensor: self.model.ids[visit.sensor as usize],
+            bits: f64::INFINITY,
+        };
+        forecast.trace.visits.iter().map(visit).collect()
     }
 
     /// Whether the loss of the plan of `forecast` equals the lower bound.

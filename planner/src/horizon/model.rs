@@ -17,6 +17,7 @@ use super::groups::{self, ServiceDisk};
 use crate::geometry::disks::Disk;
 use crate::geometry::turns::Turns;
 use crate::mission_table::MissionTable;
+use crate::strategy::PlannedVisit;
 
 /// Entries of the capacity table where the rate depends on the elevation, over `d²` from 0 to `d_c²`.
 const TABLE: usize = 64;
@@ -131,6 +132,35 @@ pub(super) fn noise_slots2(law: ArrivalLaw, mean_bits: f64, fill_slots: f64) -> 
     }
 }
 
+/// The visits of other UAVs in a planning window, each of which is expected to empty its sensor.
+#[derive(Debug, Clone, Default)]
+pub struct OtherVisits {
+    /// By sensor: their slots, ascending; 1 is the first of the window. Empty without visits.
+    slots: Vec<Vec<f64>>,
+}
+
+impl OtherVisits {
+    /// Of a window that begins with the slot `first`, for sensors with these `ids`, ascending.
+    #[must_use]
+    pub fn of(visits: &[PlannedVisit], ids: &[u32], first: u64) -> Self {
+        let mut slots = vec![Vec::new(); if visits.is_empty() { 0 } else { ids.len() }];
+        for visit in visits.iter().filter(|visit| visit.slot >= first) {
+            if let Ok(sensor) = ids.binary_search(&visit.sensor) {
+                slots[sensor].push((visit.slot - first + 1) as f64);
+            }
+        }
+        slots.iter_mut().for_each(|slots: &mut Vec<f64>| slots.sort_unstable_by(f64::total_cmp));
+        Self { slots }
+    }
+
+    /// Whether there are none.
+    #[inline]
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.slots.is_empty()
+    }
+}
+
 /// The constants of a mission. *Sensors* are the SNs that can lose data, numbered from 0 in the order of their ids.
 #[derive(Debug, Clone)]
 pub struct PlanningModel {
@@ -140,6 +170,8 @@ pub struct PlanningModel {
     pub sensors: Vec<SensorModel>,
     /// Their ids in the mission.
     pub ids: Vec<u32>,
+    /// What other UAVs serve in the window.
+    pub others: OtherVisits,
     /// Altitude of service where the rate depends on the distance alone [m].
     altitude_m: f64,
     /// Where it depends on the elevation or on buildings: expected bits of a visit by `d²`, in sight and not, from the best
@@ -183,6 +215,7 @@ impl PlanningModel {
             tours: vec![table.turns(stop).order.clone()],
             table,
             sensors: Vec::new(),
+            others: OtherVisits::default(),
             ids,
             disks: Vec::new(),
             permanent: 0,
@@ -286,6 +319,36 @@ impl PlanningModel {
             (away_m / self.table.limits.reach_m).max(1.0)
         };
         tour.iter().zip(tour.iter().cycle().skip(1)).map(leg).sum()
+    }
+
+    /// The expected overflow of `sensor` [slots of sampling] until the end of `slot` if it was empty in the slot `empty`, and the
+    /// slot in which it was empty last, with the visits of other UAVs in between.
+    #[inline]
+    #[must_use]
+    pub fn overflow_slots(&self, sensor: usize, slot: f64, mut empty: f64) -> (f64, f64) {
+        let model = &self.sensors[sensor];
+        if self.others.is_empty() {
+            return (model.overflow_slots(slot, empty), empty);
+        }
+        let mut lost_slots = 0.0;
+        let visits = self.others.slots[sensor].iter();
+        for &visit in visits.take_while(|visit| **visit <= slot) {
+            if visit <= empty {
+                continue;
+            }
+            lost_slots += model.overflow_slots(visit, empty);
+            empty = visit;
+        }
+        (lost_slots + model.overflow_slots(slot, empty), empty)
+    }
+
+    /// The slot, up to `slot`, in which `sensor` was empty last if it was in the slot `empty`.
+    #[inline]
+    #[must_use]
+    pub fn last_empty(&self, sensor: usize, slot: f64, empty: f64) -> f64 {
+        let visits = self.others.slots.get(sensor).map_or(&[][..], Vec::as_slice);
+        let last = visits.partition_point(|visit| *visit <= slot).checked_sub(1);
+        last.map_or(empty, |last| visits[last].max(empty))
     }
 
     /// The disk from which `stop` is served.

@@ -145,6 +145,7 @@ mod tests {
             belief: Believed::known(0, &table.sensors, &[0; 4]),
             table,
             timing: Timing::Free,
+            others: None,
             stop,
         };
         let mut forecast = horizon.forecast(&view).unwrap();
@@ -204,6 +205,7 @@ mod tests {
             belief: Believed::known(0, &table.sensors, queues_bits),
             table,
             timing: Timing::Free,
+            others: None,
             stop,
         };
         let mut forecast = horizon.forecast(&view).unwrap();

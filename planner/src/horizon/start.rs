@@ -48,7 +48,10 @@ pub fn extend(model: &PlanningModel, forecast: &mut Forecast) {
                 continue;
             }
             let now = f64::from(slot + slots);
-            let waited_bits = |&member: &u32| (now - empty[member as usize]) * model.sensors[member as usize].cost_bits;
+            let waited_bits = |&member: &u32| {
+                let sensor = member as usize;
+                (now - model.last_empty(sensor, now, empty[sensor])) * model.sensors[sensor].cost_bits
+            };
             let worth = model.disks[stop as usize].members.iter().map(waited_bits).sum::<f64>() / f64::from(slots);
             let away_m2 = distance_squared(&at, &model.disk(stop).centre);
             if best.is_none_or(|(most, nearest_m2, _)| worth > most || worth == most && away_m2 < nearest_m2) {

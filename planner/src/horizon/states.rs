@@ -122,12 +122,17 @@ impl States {
     ) -> Option<Rejoined> {
         let State { lost_bits: stored_bits, empty: stored, .. } =
             self.states.get(state).filter(|state| state.is_known)?;
+        if shift != 0 && !model.others.is_empty() {
+            return None; // their visits are not shifted
+        }
         let then = f64::from(now - shift);
         let now = f64::from(now);
         let differs = |index: usize| {
             let sensor = &model.sensors[index];
             let full = if sensor.is_known() { sensor.fill_slots } else { f64::INFINITY };
-            ((now - work[index]).min(full) - (then - stored[index]).min(full)).abs() > ROUNDING
+            let [own, before] = [(now, work[index]), (then, stored[index])]
+                .map(|(slot, empty)| (slot - model.last_empty(index, slot, empty)).min(full));
+            (own - before).abs() > ROUNDING
                 || (sensor.initial_half_slots > 0.0 || sensor.left_slots > 0.0 || sensor.noise_slots2 > 0.0)
                     && (work[index] <= 0.0) != (stored[index] <= 0.0)
         };
@@ -138,10 +143,11 @@ impl States {
             self.suspect = sensor;
             return None;
         }
-        let more_bits = |(sensor, (work, stored)): (&SensorModel, (&f64, &f64))| {
-            (sensor.overflow_slots(now, *work) - sensor.overflow_slots(then, *stored)) * sensor.cost_bits
+        let more_bits = |(index, sensor): (usize, &SensorModel)| {
+            let lost_slots = |slot: f64, empty: f64| model.overflow_slots(index, slot, empty).0;
+            (lost_slots(now, work[index]) - lost_slots(then, stored[index])) * sensor.cost_bits
         };
-        let overflowed_bits: f64 = model.sensors.iter().zip(work.iter().zip(stored)).map(more_bits).sum();
+        let overflowed_bits: f64 = model.sensors.iter().enumerate().map(more_bits).sum();
         Some(Rejoined { state, more_bits: lost_bits + overflowed_bits - stored_bits })
     }
 

@@ -17,7 +17,7 @@ use crate::collect::Collector;
 use crate::collect::flight::{Next, PlannedStop};
 use crate::horizon::flight::Leg;
 use crate::horizon::{Horizon, HorizonKeys};
-use crate::strategy::{Decision, Setup, Strategy, View};
+use crate::strategy::{Decision, PlannedVisit, Setup, Strategy, View};
 
 /// Steps of the search for the least loss that take as long as one for the most data delivered.
 pub(super) const LOSS_STEPS_PER_STEP: u64 = 20;
@@ -103,6 +103,10 @@ impl Strategy for Collecting {
 
     fn path(&self) -> &[Point3<f64>] {
         &self.path
+    }
+
+    fn visits(&mut self, view: &View<'_>, into: &mut Vec<PlannedVisit>) {
+        self.collector.visits(view, into);
     }
 }
 

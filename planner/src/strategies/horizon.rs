@@ -20,7 +20,7 @@ use crate::horizon::forecast::{Forecast, PlanningWindow};
 use crate::horizon::long_search::{SearchOutcome, SearchProgress};
 use crate::horizon::{Horizon, HorizonKeys, LookAheadPart, planned_path};
 use crate::keys::PlanningObjective;
-use crate::strategy::{Decision, Registered, Setup, Strategy, View};
+use crate::strategy::{Decision, PlannedVisit, Registered, Setup, Strategy, View};
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered =
@@ -56,6 +56,8 @@ pub(crate) struct LookAhead {
     serving: Serving,
     /// The planned waypoints after the last decided one.
     path: Vec<Point3<f64>>,
+    /// For other UAVs: the last slot that was planned, and the visits of its plan.
+    told: (u64, Vec<PlannedVisit>),
 }
 
 impl LookAhead {
@@ -66,6 +68,21 @@ impl LookAhead {
             rivals: Rivals::new(setup),
             serving: Serving::new(setup),
             path: Vec::with_capacity(MAX_PATH_POINTS),
+            told: (0, Vec::new()),
+        }
+    }
+
+    /// The visits of the carried plan, or of the one that was made for the slot of `view`; none while another strategy is flown.
+    pub fn visits(&mut self, view: &View, into: &mut Vec<PlannedVisit>) {
+        if self.rivals.choice.followed.is_some() {
+            return;
+        }
+        if self.told.0 == view.slot {
+            into.extend_from_slice(&self.told.1);
+        } else if !self.horizon.carried.is_empty()
+            && let Some(forecast) = self.horizon.forecast(view)
+        {
+            into.extend(self.horizon.visits(view, &forecast));
         }
     }
 
@@ -146,6 +163,9 @@ impl LookAhead {
     /// The first slot of the plan, or the decision of the followed strategy.
     fn decide(&mut self, view: &View, forecast: &Forecast) -> Option<Decision> {
         self.path.clear();
+        if view.others.is_some() {
+            self.told = (view.slot, self.horizon.visits(view, forecast));
+        }
         if self.rivals.choice.followed.is_some() {
             self.horizon.carried = forecast.stops(); // all of them, because another strategy flies the next slot
             return self.rivals.plan(view);
@@ -182,6 +202,10 @@ impl Strategy for LookAhead {
 
     fn path(&self) -> &[Point3<f64>] {
         &self.path
+    }
+
+    fn visits(&mut self, view: &View<'_>, into: &mut Vec<PlannedVisit>) {
+        self.visits(view, into);
     }
 }
 

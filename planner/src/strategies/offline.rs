@@ -19,7 +19,7 @@ use super::horizon::LookAhead;
 use crate::horizon::HorizonKeys;
 use crate::horizon::long_search::{SearchOutcome, SearchProgress};
 use crate::keys::PlanningObjective;
-use crate::strategy::{Decision, Registered, Setup, Strategy, Timing, View};
+use crate::strategy::{Decision, PlannedVisit, Registered, Setup, Strategy, Timing, View};
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered =
@@ -101,6 +101,7 @@ impl Offline {
             belief: Believed::known(0, &table.sensors, queues_bits),
             table,
             timing: Timing::Free,
+            others: None,
             stop,
         };
         Ok(offline.prepare(&view, watch).map(|found| (offline, found)))
@@ -131,6 +132,10 @@ impl Strategy for Offline {
 
     fn path(&self) -> &[Point3<f64>] {
         self.ahead.path()
+    }
+
+    fn visits(&mut self, view: &View<'_>, into: &mut Vec<PlannedVisit>) {
+        self.ahead.visits(view, into);
     }
 }
 

@@ -18,7 +18,7 @@ use skysink_common::sampling::{Sampler, Sampling};
 use super::returning::{battery_after, decide};
 use super::serving::Serving;
 use crate::horizon::choice::late_slots;
-use crate::strategy::{Decision, Strategy, View};
+use crate::strategy::{Decision, PlannedVisit, Strategy, View};
 
 /// A simulation of the mission from the slot of a view on.
 pub(crate) struct Rollout<'a> {
@@ -168,6 +168,9 @@ impl<'a> Rollout<'a> {
                 world.queues.upload(id as usize, capacity_bits);
                 report.served += 1;
             }
+            for visit in visits_in(self.view.others, slot) {
+                world.queues.upload(visit.sensor as usize, visit.bits as u64);
+            }
             belief.advance(slot, &[report], &before, world.queues.bits());
             watch(&decision);
         }
@@ -251,6 +254,13 @@ impl<'a> Rollout<'a> {
     }
 }
 
+/// What other UAVs plan to serve in `slot`.
+fn visits_in(others: Option<&[PlannedVisit]>, slot: u64) -> &[PlannedVisit] {
+    let others = others.unwrap_or_default();
+    let [begin, end] = [slot, slot + 1].map(|slot| others.partition_point(|visit| visit.slot < slot));
+    &others[begin..end]
+}
+
 /// Queues and sampling of a sample.
 struct World<'a> {
     queues: Queues,
@@ -296,8 +306,16 @@ mod tests {
         let stop = &Stop::default();
         let queues_bits = &[queue_bits];
         let belief = belief.at(0, &table.sensors, queues_bits);
-        let view =
-            View { slot: 1, position, battery: BatteryState::default(), belief, table, timing: Timing::Free, stop };
+        let view = View {
+            slot: 1,
+            position,
+            battery: BatteryState::default(),
+            belief,
+            table,
+            timing: Timing::Free,
+            others: None,
+            stop,
+        };
         let ahead = Ahead { slots, beyond_slots: beyond as f64, round_slots: 10.0 };
         let rollout = Rollout::new(&view, scenario.seed, &ahead, futures);
         let mut gfs = (Registered::find("gfs").unwrap().make)(&setup);
@@ -375,8 +393,16 @@ mod tests {
         let position = scenario.start();
         let stop = &Stop::default();
         let belief = belief.at(0, &table.sensors, &[0]);
-        let view =
-            View { slot: 1, position, battery: BatteryState::default(), belief, table, timing: Timing::Free, stop };
+        let view = View {
+            slot: 1,
+            position,
+            battery: BatteryState::default(),
+            belief,
+            table,
+            timing: Timing::Free,
+            others: None,
+            stop,
+        };
         let ahead = Ahead { slots: 5, beyond_slots: 0.0, round_slots: 1.0 };
         let rollout = Rollout::new(&view, scenario.seed, &ahead, 1);
         let mut watching = Watching::default();
@@ -396,8 +422,16 @@ mod tests {
         let position = scenario.start();
         let stop = &Stop::default();
         let belief = Believed::known(0, &table.sensors, &[500]);
-        let view =
-            View { slot: 1, position, battery: BatteryState::default(), belief, table, timing: Timing::Free, stop };
+        let view = View {
+            slot: 1,
+            position,
+            battery: BatteryState::default(),
+            belief,
+            table,
+            timing: Timing::Free,
+            others: None,
+            stop,
+        };
         let ahead = Ahead { slots: 2, beyond_slots: 0.0, round_slots: 1.0 };
         let rollout = Rollout::new(&view, scenario.seed, &ahead, 1);
         let mut gfs = (Registered::find("gfs").unwrap().make)(&setup);

@@ -92,6 +92,11 @@ impl Strategy for InTurn {
         self.planned.extend(decision.schedule.iter().filter(|id| view.table.is_servable(**id)));
         Some(decision)
     }
+
+    /// Begins at its part of the round.
+    fn take_part(&mut self, uav: usize, uavs: usize) {
+        self.turn = uav * self.turns.order.len() / uavs;
+    }
 }
 
 impl Checkpoint for InTurn {
