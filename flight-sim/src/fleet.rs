@@ -22,7 +22,11 @@ impl Fleet {
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
         let first = Flight::new(scenario, sensors);
         Self {
-            uavs: scenario.starts().enumerate().map(|(uav, start)| first.of_uav(uav, start)).collect(),
+            uavs: scenario
+                .starts()
+                .enumerate()
+                .map(|(uav, start)| first.of_uav(uav, start, scenario.slots_of(uav)))
+                .collect(),
             separation_m: scenario.uav.separation_m.unwrap_or(0.0),
         }
     }

@@ -16,6 +16,8 @@ use crate::vehicle::Vehicle;
 pub struct Flight {
     /// Its number.
     uav: usize,
+    /// The last slot that it flies in.
+    last: u64,
     channel: DrawnChannel,
     streams: Streams,
     comm_radius_m: f64,
@@ -33,6 +35,7 @@ impl Flight {
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
         Self {
             uav: 0,
+            last: scenario.slots_of(0),
             streams: Streams::new(scenario.seed),
             channel: DrawnChannel::new(Channel::of(&scenario.link), Streams::new(scenario.seed)),
             comm_radius_m: scenario.link.comm_radius_m,
@@ -46,8 +49,8 @@ impl Flight {
 
     /// The UAV number `uav` at its start, over the same field.
     #[must_use]
-    pub(crate) fn of_uav(&self, uav: usize, start: Point3<f64>) -> Self {
-        let mut other = Self { uav, ..self.clone() };
+    pub(crate) fn of_uav(&self, uav: usize, start: Point3<f64>, last: u64) -> Self {
+        let mut other = Self { uav, last, ..self.clone() };
         other.vehicle.position = start;
         other
     }
@@ -86,11 +89,15 @@ impl Flight {
     /// Flies `slot`, from 1. Without a plan, or with an impossible waypoint, the UAV holds and serves no sensor node. A
     /// sensor node that is unknown, out of range (UTS eq. 5), scheduled twice, or beyond the n resource blocks (UTS
     /// eq. 6) is not served. All refusals are counted. A UAV charges only in the base, where it serves no sensor node, and
-    /// one whose energy ends in the slot is down from its end on.
+    /// one whose energy ends in the slot is down from its end on. After the end of its own endurance it stays where it is,
+    /// whatever it is told: in the base, or holding.
     #[must_use]
     pub fn step(&mut self, slot: u64, plan: Option<&Plan>) -> FlightReport {
         if self.vehicle.is_down() {
             return self.report(Mode::Down);
+        }
+        if slot > self.last {
+            return if self.vehicle.charge() { self.report(Mode::Charge) } else { self.hold(HoldReason::Base, 0) };
         }
         let Some(plan) = plan else {
             self.vehicle.move_to(self.vehicle.position);

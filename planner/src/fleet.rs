@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use skysink_common::belief::Belief;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::error::InputError;
+use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, LinkReport, MAX_SERVED, Plan, SensorNode};
 use skysink_common::scenario::{Coordination, Scenario};
 use skysink_common::slot_record::ByUav;
@@ -18,12 +19,21 @@ use toml::Value;
 use crate::mission_table::MissionTable;
 use crate::partition;
 use crate::planner::{Others, Planner};
+use crate::separation::Apart;
 use crate::strategy::{PlannedVisit, Strategy, Timing};
+
+/// A place that is near to none [m].
+const NOWHERE: [f64; 2] = [f64::NEG_INFINITY; 2];
+
+/// Moves for which UAVs that have to land and keep apart come home before they must, to give way on the way home.
+const GIVEN_WAY: u64 = 2;
 
 /// The planners of the UAVs of a mission.
 pub struct FleetPlanner {
     members: ByUav<Member>,
     coordination: Coordination,
+    /// Least distance between the ends of slots of two UAVs [m]; 0 for any, or if they do not talk.
+    separation_m: f64,
     /// What is told to the next UAV; working memory.
     told: Told,
 }
@@ -37,23 +47,37 @@ struct Told {
     planned: Vec<Vec<PlannedVisit>>,
     /// What all but one plan to serve, by slot.
     visits: Vec<PlannedVisit>,
+    /// Where the UAVs end that have planned, and where the others are [m].
+    places: Vec<Position>,
+    /// The same without one of them.
+    others: Vec<Position>,
 }
 
 impl Told {
-    /// What is told to the UAV number `uav`.
-    fn to(&mut self, uav: usize) -> Others<'_> {
+    /// What is told to the UAV number `uav`, that keeps `separation_m` [m] and `stays` or gives way: where the others are, and
+    /// in a `sequential` fleet what they serve.
+    fn to(&mut self, uav: usize, separation_m: f64, stays: bool, is_sequential: bool) -> Others<'_> {
+        self.others.clear();
+        self.others.extend_from_slice(&self.places);
+        self.others.remove(uav);
+        let apart = Apart { separation_m, places: &self.others, stays };
+        if !is_sequential {
+            return Others { scheduled: &[], visits: None, apart };
+        }
         self.visits.clear();
         for (_, planned) in self.planned.iter().enumerate().filter(|(other, _)| *other != uav) {
             self.visits.extend_from_slice(planned);
         }
         self.visits.sort_by_key(|visit| (visit.slot, visit.sensor));
-        Others { scheduled: &self.scheduled, visits: &self.visits }
+        Others { scheduled: &self.scheduled, visits: Some(&self.visits), apart }
     }
 }
 
 /// A UAV of a fleet.
 struct Member {
     planner: Planner,
+    /// The last slot that it flies in.
+    last: u64,
     /// The SNs that it plans for, ascending; `None` for all of them.
     piece: Option<Piece>,
 }
@@ -90,8 +114,8 @@ impl Piece {
 impl From<Planner> for FleetPlanner {
     /// The planner of a single UAV.
     fn from(planner: Planner) -> Self {
-        let members = ByUav::from_iter([Member { planner, piece: None }]);
-        Self { members, coordination: Coordination::default(), told: Told::default() }
+        let members = ByUav::from_iter([Member { planner, last: u64::MAX, piece: None }]);
+        Self { members, coordination: Coordination::default(), separation_m: 0.0, told: Told::default() }
     }
 }
 
@@ -112,22 +136,28 @@ impl FleetPlanner {
             Coordination::Independent | Coordination::Sequential => Vec::new(),
         };
         pieces.reverse();
+        let talks = coordination != Coordination::Independent;
+        let separation_m = scenario.uav.separation_m.filter(|_| talks).unwrap_or(0.0);
         let member = |uav: usize| {
-            let alone = scenario.of_uav(uav);
+            let mut alone = scenario.of_uav(uav);
+            if separation_m > 0.0 && scenario.must_land() {
+                let spare = GIVEN_WAY * scenario.move_slots();
+                alone.slots = alone.slots.saturating_sub(spare).max(1);
+            }
             let Some(ids) = pieces.pop() else {
                 let mut planner = Planner::until(&alone, sensors, stop)?;
                 if coordination == Coordination::Sequential {
                     planner.take_part(uav, uavs);
                 }
-                return Ok(Member { planner, piece: None });
+                return Ok(Member { planner, last: alone.slots, piece: None });
             };
             let own: Vec<SensorNode> = ids.iter().map(|&id| sensors[id as usize]).collect();
             let planner = Planner::until(&alone, &own, stop)?;
-            Ok(Member { planner, piece: Some(Piece { ids, queues_bits: Vec::new() }) })
+            Ok(Member { planner, last: alone.slots, piece: Some(Piece { ids, queues_bits: Vec::new() }) })
         };
         let members = (0..uavs).map(member).collect::<Result<_, InputError>>()?;
         let planned = vec![Vec::new(); uavs];
-        Ok(Self { members, coordination, told: Told { planned, ..Told::default() } })
+        Ok(Self { members, coordination, separation_m, told: Told { planned, ..Told::default() } })
     }
 
     /// The planner with `strategy` instead of the scenario's.
@@ -166,7 +196,7 @@ impl FleetPlanner {
     /// If there is not one flight for each UAV.
     pub fn observe(&mut self, slot: u64, flights: &[FlightReport], queues_bits: &[u32]) {
         assert_eq!(flights.len(), self.members.len(), "expected a flight for each UAV");
-        for (Member { planner, piece }, flight) in self.members.iter_mut().zip(flights) {
+        for (Member { planner, piece, .. }, flight) in self.members.iter_mut().zip(flights) {
             match (piece, self.coordination) {
                 (Some(piece), _) => {
                     let own = piece.numbered(flight);
@@ -186,27 +216,47 @@ impl FleetPlanner {
     #[must_use]
     pub fn step(&mut self, slot: u64, flights: &[FlightReport], queues_bits: &[u32]) -> ByUav<Plan> {
         assert_eq!(flights.len(), self.members.len(), "expected a flight for each UAV");
-        let Self { members, coordination, told } = self;
+        let Self { members, coordination, separation_m, told } = self;
         let is_sequential = *coordination == Coordination::Sequential && members.len() > 1;
         told.scheduled.clear();
-        for ((Member { planner, .. }, flight), planned) in members.iter_mut().zip(flights).zip(&mut told.planned) {
+        for ((Member { planner, last, .. }, flight), planned) in members.iter_mut().zip(flights).zip(&mut told.planned)
+        {
             planned.clear();
-            if is_sequential {
+            if is_sequential && slot <= *last {
                 planner.visits(slot, flight.position(), queues_bits, planned);
             }
         }
+        told.places.clear();
+        told.places.extend(members.iter().zip(flights).map(|(member, flight)| {
+            let ground = flight.position().xy();
+            // One that has landed is in nobody's way.
+            if slot > member.last.saturating_add(member.planner.move_slots()) && member.planner.is_home(&ground) {
+                NOWHERE.into()
+            } else {
+                ground
+            }
+        }));
         let mut plans = ByUav::new();
-        for (uav, (Member { planner, piece }, flight)) in members.iter_mut().zip(flights).enumerate() {
+        for (uav, (Member { planner, last, piece }, flight)) in members.iter_mut().zip(flights).enumerate() {
             let begin = Instant::now();
             let position = flight.position();
             let mut plan = match piece {
+                _ if slot > *last => {
+                    let stays = planner.stays(slot, uav);
+                    let apart = told.to(uav, *separation_m, stays, false).apart;
+                    planner.rest(slot, position, queues_bits, &apart)
+                }
                 Some(piece) => {
-                    let mut plan = planner.step(slot, position, piece.select(queues_bits));
+                    let stays = planner.stays(slot, uav);
+                    let others = Some(told.to(uav, *separation_m, stays, false));
+                    let mut plan = planner.step_beside(slot, position, piece.select(queues_bits), others);
                     plan.renumber(&piece.ids);
                     plan
                 }
                 None if is_sequential => {
-                    let plan = planner.step_beside(slot, position, queues_bits, Some(told.to(uav)));
+                    let stays = planner.stays(slot, uav);
+                    let others = Some(told.to(uav, *separation_m, stays, true));
+                    let plan = planner.step_beside(slot, position, queues_bits, others);
                     let planned = &mut told.planned[uav];
                     planned.clear();
                     planner.visits(slot, position, queues_bits, planned);
@@ -216,6 +266,9 @@ impl FleetPlanner {
             };
             plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
             told.scheduled.extend_from_slice(plan.scheduled());
+            if told.places[uav] != NOWHERE.into() {
+                told.places[uav] = planner.end_of(slot, &position.xy(), &plan.waypoint().xy());
+            }
             plans.push(plan);
         }
         if is_sequential {

@@ -124,6 +124,12 @@ impl Home {
         if is_beside || !self.airspace.is_free(ground, &nearest) { self.place_from(ground) } else { nearest }
     }
 
+    /// Places well inside of the base [m].
+    #[must_use]
+    pub fn places(&self) -> &[Position] {
+        &self.ends
+    }
+
     /// The place well inside of the base that the shortest way from `ground` leads to [m].
     fn place_from(&self, ground: &Position) -> Position {
         if let [only] = &self.ends[..] {

@@ -29,6 +29,7 @@ pub mod mission_table;
 pub mod node;
 mod partition;
 pub mod planner;
+mod separation;
 pub mod settings;
 pub mod strategies;
 pub mod strategy;

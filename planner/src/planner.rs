@@ -11,7 +11,7 @@ use skysink_common::belief::Belief;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, encode};
 use skysink_common::error::InputError;
 use skysink_common::estimate::SavedEstimate;
-use skysink_common::geometry::above;
+use skysink_common::geometry::{Position, above};
 use skysink_common::message::{FlightReport, MAX_PATH_POINTS, Mode, Plan, SensorNode};
 use skysink_common::reported::ReportedQueues;
 use skysink_common::scenario::Scenario;
@@ -19,6 +19,7 @@ use skysink_common::sensors::Sensors;
 use skysink_common::stop::Stop;
 
 use crate::mission_table::MissionTable;
+use crate::separation::Apart;
 use crate::settings;
 use crate::strategies::STRATEGIES;
 use crate::strategies::returning::decide;
@@ -55,8 +56,10 @@ pub struct Planner {
 pub(crate) struct Others<'a> {
     /// The SNs that they have scheduled in this slot.
     pub scheduled: &'a [u32],
-    /// What they plan to serve, by slot.
-    pub visits: &'a [PlannedVisit],
+    /// What they plan to serve, by slot; `None` if they do not tell.
+    pub visits: Option<&'a [PlannedVisit]>,
+    /// Where they are.
+    pub apart: Apart<'a>,
 }
 
 /// Beginning of a checkpoint; the state of the strategy follows.
@@ -208,10 +211,13 @@ impl Planner {
             belief,
             table: &self.table,
             timing: self.timing,
-            others: others.map(|others| others.visits),
+            others: others.and_then(|others| others.visits),
             stop: &self.stop,
         };
         let (mut decision, mode) = decide(self.strategy.as_mut(), &mut self.transit, &view);
+        if let Some(end) = others.and_then(|others| others.apart.end_instead_of(&view, &decision.waypoint.xy())) {
+            decision = self.transit.serve_fullest(&view, &end);
+        }
         decision.schedule.retain(|id| !taken.contains(id));
         let plan = message(&view, &decision, mode);
         self.path.clear();
@@ -230,6 +236,32 @@ impl Planner {
         plan
     }
 
+    /// The plan for `slot` of a UAV whose endurance ends: it serves nobody, and flies home from `position` or stays there.
+    pub(crate) fn rest(&mut self, slot: u64, position: Point3<f64>, queues_bits: &[u32], apart: &Apart<'_>) -> Plan {
+        let is_home = self.is_home(&position.xy());
+        let Self { belief, table, stop, .. } = self;
+        let belief = belief.at(slot.saturating_sub(1), &table.sensors, queues_bits);
+        let (battery, timing) = (self.battery, self.timing);
+        let view = View { slot, position, battery, belief, table, timing, others: None, stop };
+        let ground = view.ground();
+        let under_way = table.airspace.under_way(slot, &ground).filter(|end| *end != ground);
+        let plan = if let Some(end) = under_way {
+            Plan::fly_to(above(&end, position.z), Mode::Return)
+        } else if is_home {
+            Plan::fly_to(position, Mode::Charge)
+        } else {
+            let next = table.home.as_ref().map_or(ground, |home| home.next_waypoint(slot, &ground));
+            let end = table.airspace.slot_end(slot, &ground, &next, table.limits.reach_m);
+            let end = apart.end_instead_of(&view, &end).unwrap_or(end);
+            Plan::fly_to(above(&end, position.z), Mode::Return)
+        };
+        self.path.clear();
+        self.path.push(plan.waypoint());
+        self.await_reports(slot, &[], queues_bits);
+        self.slot = slot;
+        plan
+    }
+
     /// Appends what its strategy plans to serve from `slot` on ([`Strategy::visits`]).
     pub(crate) fn visits(
         &mut self,
@@ -238,17 +270,30 @@ impl Planner {
         queues_bits: &[u32],
         into: &mut Vec<PlannedVisit>,
     ) {
-        let view = View {
-            slot,
-            position,
-            battery: self.battery,
-            belief: self.belief.at(slot.saturating_sub(1), &self.table.sensors, queues_bits),
-            table: &self.table,
-            timing: self.timing,
-            others: Some(&[]),
-            stop: &self.stop,
-        };
-        self.strategy.visits(&view, into);
+        let Self { strategy, belief, table, stop, .. } = self;
+        let belief = belief.at(slot.saturating_sub(1), &table.sensors, queues_bits);
+        let (battery, timing) = (self.battery, self.timing);
+        strategy.visits(&View { slot, position, battery, belief, table, timing, others: Some(&[]), stop }, into);
+    }
+
+    /// Whether the UAV number `uav` stays in `slot` where it would have to give way: every other one does, in turns.
+    pub(crate) fn stays(&self, slot: u64, uav: usize) -> bool {
+        (slot / self.table.airspace.move_slots() + uav as u64).is_multiple_of(2)
+    }
+
+    /// Where a flight from `from` to `to` in `slot` ends [m]: on a grid with its whole move.
+    pub(crate) fn end_of(&self, slot: u64, from: &Position, to: &Position) -> Position {
+        self.table.airspace.committed(slot, from, to).1
+    }
+
+    /// Slots of a move on a grid; 1 without one.
+    pub(crate) fn move_slots(&self) -> u64 {
+        self.table.airspace.move_slots()
+    }
+
+    /// Whether `ground` [m] lies in the base of the mission; true without one.
+    pub(crate) fn is_home(&self, ground: &Position) -> bool {
+        self.table.home.as_ref().is_none_or(|home| home.base.contains(ground))
     }
 
     /// Prepares its strategy to share the SNs with others ([`Strategy::take_part`]).

@@ -2,12 +2,12 @@
 
 The random missions are drawn by the authors' environment. Skysink plans them with `horizon` and `planner.objective =
 "collect"`, on a grid; the flown moves are then replayed in the authors' environment, whose metrics are printed: landed,
-collection ratio, and both (their product in each mission), in percent with standard errors, by UAVs and by budget.
+collection ratio, and both (their product in each mission), in percent with standard errors, by UAVs, and for one by budget.
 
 CHECKOUT is a checkout of github.com/hbayerlein/uav_data_harvesting, of which nothing is copied.
 
-Usage: python python/benchmarks/harvesting.py CHECKOUT [--map NAME]... [--missions N] [--seed S] [--iterations I]
-       [--processes P] [--actions DIR]          Exit codes: 0 done, 1 a mission failed, 2 usage.
+Usage: python python/benchmarks/harvesting.py CHECKOUT [--map NAME]... [--uavs U]... [--missions N] [--seed S]
+       [--iterations I] [--processes P] [--actions DIR]          Exit codes: 0 done, 1 a mission failed, 2 usage.
 """
 
 import argparse
@@ -30,6 +30,7 @@ import skysink
 HOVER, LAND = 0, 5
 MOVES = {(0, 0): HOVER, (0, 1): 1, (1, 0): 2, (0, -1): 3, (-1, 0): 4}  # steps east and, in their rows, down
 CELL_M = 10.0
+SEPARATION_M = 0.7 * CELL_M  # less than that of two moves around a corner, one after the other
 SLOTS = 4  # of an action, each with a step of communication
 UNIT_BITS = 1e6  # their unit of data: what log2(1 + SNR) = 1 carries in a step, here 4 MHz · 0.25 s
 NOISE_W, REFERENCE_GAIN = 1e-13, 1e-6
@@ -108,15 +109,23 @@ def middle_m(cell, cells):
 
 
 def keys_of(reference, state, sensors, seed, iterations):
-    """The keys of a mission of one UAV."""
+    """The keys of a mission."""
     channel = reference.config.physics_params.channel_params
     cells = reference.cells
     # Their signal-to-noise ratio at the edge of the map fixes that at 1 m.
     edge_m = 0.5**0.5 * CELL_M * cells
     snr = 10 ** (channel.cell_edge_snr / 10) * edge_m**channel.los_path_loss_exp
-    slots = SLOTS * (int(state.movement_budgets[0]) - 1)
+    own = [SLOTS * (int(budget) - 1) for budget in state.movement_budgets]
+    slots = max(own)
     step_s = 1.0 / SLOTS
+    several = {
+        "uav.count": len(own),
+        "uav.starts_m": [middle_m(position, cells) for position in state.positions],
+        "uav.endurances_s": [slots * step_s for slots in own],
+        "uav.separation_m": SEPARATION_M,
+    }
     return {
+        **(several if len(own) > 1 else {"uav.start_m": middle_m(state.positions[0], cells)}),
         "seed": seed,
         "slots": slots,
         "slot_s": step_s,
@@ -127,7 +136,6 @@ def keys_of(reference, state, sensors, seed, iterations):
         "uav.max_speed_mps": CELL_M,
         "uav.moves": "grid",
         "uav.cell_m": CELL_M,
-        "uav.start_m": middle_m(state.positions[0], cells),
         "uav.must_land": True,
         "uav.endurance_s": slots * step_s,
         "link.model": "buildings",
@@ -158,25 +166,33 @@ def sensors_csv(state, cells):
 
 
 def fly(task):
-    """Flies a mission; returns its actions and the processor time."""
-    path, keys, cells, start = task
+    """Flies a mission; returns the actions of each UAV and the processor time."""
+    path, keys, cells, starts, budgets = task
     begin = time.process_time()
     run = skysink.simulate(skysink.Scenario.load(path).replace(keys))
     seconds = time.process_time() - begin
-    ends = [np.asarray(run.slots[axis])[SLOTS - 1 :: SLOTS] for axis in ("x_m", "y_m")]
-    columns = np.rint(ends[0] / CELL_M - 0.5).astype(int)
-    rows = np.rint(cells - ends[1] / CELL_M - 0.5).astype(int)
-    actions, (x, y) = [], start
-    for column, row in zip(columns.tolist(), rows.tolist(), strict=True):
-        actions.append(MOVES[column - x, row - y])
-        x, y = column, row
-    return [*actions, LAND], seconds
+    actions = []
+    for uav, ((x, y), budget) in enumerate(zip(starts, budgets, strict=True)):
+        own = {axis: np.asarray(run.slots[axis])[uav :: len(starts)] for axis in ("x_m", "y_m", "mode")}
+        ends = [own[axis][SLOTS - 1 :: SLOTS] for axis in ("x_m", "y_m")]
+        columns = np.rint(ends[0] / CELL_M - 0.5).astype(int)
+        rows = np.rint(cells - ends[1] / CELL_M - 0.5).astype(int)
+        flown = []
+        for column, row in list(zip(columns.tolist(), rows.tolist(), strict=True))[: budget - 1]:
+            flown.append(MOVES[column - x, row - y])
+            x, y = column, row
+        # It lands where it stays for good: one that has landed is in nobody's way.
+        while flown and flown[-1] == HOVER and own["mode"][SLOTS * len(flown) - 1] == "charge":
+            flown.pop()
+        actions.append([*flown, LAND])
+    return actions, seconds
 
 
 def table(name, rows):
     """Prints means and standard errors of all missions, and by budget."""
-    columns = np.array([row[1:4] for row in rows]) * 100
-    budgets = np.array([row[0] for row in rows])
+    columns = np.array([row[2:5] for row in rows]) * 100
+    uavs = np.array([row[0] for row in rows])
+    budgets = np.array([row[1] for row in rows])
 
     def line(label, chosen):
         means, count = columns[chosen].mean(axis=0), int(chosen.sum())
@@ -185,10 +201,15 @@ def table(name, rows):
         print(f"| {label} | {count} | {cells} |")
 
     print(f"\n| {name} | missions | landed | collected | both |\n|---|---|---|---|---|")
-    line("one UAV", budgets > 0)
-    edges = np.linspace(budgets.min(), budgets.max() + 1, BUDGETS + 1)
-    for low, high in zip(edges, edges[1:]):
-        line(f"budget {int(np.ceil(low))} to {int(np.ceil(high)) - 1}", (budgets >= low) & (budgets < high))
+    line("all", uavs > 0)
+    for count in sorted(set(uavs.tolist())):
+        line(f"{count} UAV" + "s" * (count > 1), uavs == count)
+    if (uavs == 1).any():
+        alone = budgets[uavs == 1]
+        edges = np.linspace(alone.min(), alone.max() + 1, BUDGETS + 1)
+        for low, high in zip(edges, edges[1:]):
+            chosen = (uavs == 1) & (budgets >= low) & (budgets < high)
+            line(f"1 UAV, budget {int(np.ceil(low))} to {int(np.ceil(high)) - 1}", chosen)
     landed, collected, both = PAPER[name]
     print(f"| the authors' table 4, one to three UAVs | 1000 | {landed} | {collected} | {both} |")
 
@@ -197,7 +218,8 @@ def arguments():
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("checkout", type=Path, help="a checkout of github.com/hbayerlein/uav_data_harvesting")
     parser.add_argument("--map", action="append", choices=sorted(PAPER), help="both unless given")
-    parser.add_argument("--missions", type=int, default=1000, help="random missions, of which those of one UAV are flown")
+    parser.add_argument("--uavs", action="append", type=int, choices=[1, 2, 3], help="numbers of UAVs that are flown")
+    parser.add_argument("--missions", type=int, default=1000, help="random missions")
     parser.add_argument("--seed", type=int, default=7, help="mission e is drawn from the seed 100000 S + e")
     parser.add_argument("--iterations", type=int, default=1000, help="planner.horizon.iterations")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
@@ -214,7 +236,8 @@ def main():
     for name in chosen.map or sorted(PAPER):
         reference = Reference(checkout, name)
         seeds = range(100000 * chosen.seed, 100000 * chosen.seed + chosen.missions)
-        missions = [(seed, state) for seed in seeds if (state := reference.mission(seed)).num_agents == 1]
+        counts = chosen.uavs or [1, 2, 3]
+        missions = [(seed, state) for seed in seeds if (state := reference.mission(seed)).num_agents in counts]
         with tempfile.TemporaryDirectory() as folder:
             path = field_of(reference, name, Path(folder))
             tasks = []
@@ -222,17 +245,19 @@ def main():
                 sensors = Path(folder) / f"{seed}.csv"
                 sensors.write_text(sensors_csv(state, reference.cells))
                 keys = keys_of(reference, state, sensors, seed, chosen.iterations)
-                tasks.append((path, keys, reference.cells, tuple(map(int, state.positions[0]))))
+                starts = [tuple(map(int, position)) for position in state.positions]
+                tasks.append((path, keys, reference.cells, starts, [int(budget) for budget in state.movement_budgets]))
             with ProcessPoolExecutor(chosen.processes) as pool:
                 flown = list(pool.map(fly, tasks, chunksize=4))
         rows = []
         for (seed, state), (actions, _) in zip(missions, flown, strict=True):
-            rows.append((int(state.movement_budgets[0]), *reference.replay(state, [actions], seed)))
+            flown_there = reference.replay(state, actions, seed)
+            rows.append((state.num_agents, int(state.movement_budgets[0]), *flown_there))
         table(name, rows)
-        print(f"refused moves {sum(row[4] for row in rows):.0f}; {sum(seconds for _, seconds in flown):.0f} s of CPU to plan and fly")
+        print(f"refused moves {sum(row[5] for row in rows):.0f}; {sum(seconds for _, seconds in flown):.0f} s of CPU to plan and fly")
         if chosen.actions:
             chosen.actions.mkdir(parents=True, exist_ok=True)
-            (chosen.actions / f"{name}.jsonl").write_text("".join(json.dumps([actions]) + "\n" for actions, _ in flown))
+            (chosen.actions / f"{name}.jsonl").write_text("".join(json.dumps(actions) + "\n" for actions, _ in flown))
     return 0
 
 

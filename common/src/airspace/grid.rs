@@ -117,6 +117,12 @@ impl CellGrid {
         [east, north, west, south].into_iter().flatten()
     }
 
+    /// The middles of the neighbours of the cell in whose middle `at` lies [m]; none elsewhere.
+    pub(super) fn neighbouring(&self, at: &Position) -> Vec<Position> {
+        let Some(Spot::Cell(cell)) = self.spot(at) else { return Vec::new() };
+        self.neighbours(cell).map(|other| self.middle(other)).collect()
+    }
+
     /// Breadth-first search from `goal`.
     fn search(&self, goal: u32) -> Box<[u16]> {
         let mut moves = vec![FAR; self.is_joined.len()].into_boxed_slice();

@@ -120,6 +120,12 @@ impl Airspace {
         self.zones.iter().filter(move |zone| zone.top_m > z_m).map(|zone| &zone.polygon)
     }
 
+    /// The middles of the cells that a move leads to from the middle of one, at `at` [m]; none elsewhere, and without a grid.
+    #[must_use]
+    pub fn neighbours(&self, at: &Position) -> Vec<Position> {
+        self.grid.as_ref().map_or_else(Vec::new, |grid| grid.neighbouring(at))
+    }
+
     /// Zones at the lowest altitude.
     fn polygons(&self) -> impl Iterator<Item = &Polygon> {
         self.zones_above(self.lowest_m)

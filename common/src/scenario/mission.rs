@@ -182,13 +182,23 @@ impl Scenario {
         (0..self.uav.uavs()).map(|uav| self.start_of(uav))
     }
 
+    /// The last slot that the UAV number `uav` flies in: that of the mission, or where its own endurance ends.
+    #[must_use]
+    pub fn slots_of(&self, uav: usize) -> u64 {
+        let own_s = self.uav.endurances_s.as_ref().and_then(|endurances_s| endurances_s.get(uav));
+        let own = own_s.map(|endurance_s| (endurance_s / self.slot_s * (1.0 + 1e-12)).floor() as u64);
+        own.map_or(self.slots, |own| own.min(self.slots))
+    }
+
     /// The mission of the UAV number `uav` alone, with its own start and random numbers; the scenario itself for one UAV.
     #[must_use]
     pub fn of_uav(&self, uav: usize) -> Self {
         let mut alone = self.clone();
         if self.uav.uavs() > 1 {
             let start = self.start_of(uav);
-            alone.uav = UavKeys { count: None, starts_m: None, start_m: Some([start.x, start.y]), ..self.uav.clone() };
+            let start_m = Some([start.x, start.y]);
+            alone.uav = UavKeys { count: None, starts_m: None, start_m, endurances_s: None, ..self.uav.clone() };
+            alone.slots = self.slots_of(uav);
             alone.seed = self.seed.wrapping_add(SEED_STEP.wrapping_mul(uav as u64)) & MAX_SEED;
         }
         alone

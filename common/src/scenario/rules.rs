@@ -73,6 +73,13 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
     let expected_starts = format!("{} positions in the area, one for each UAV (uav.count)", uav.uavs());
     let are_starts = starts_m == uav.uavs() && scenario.starts().all(is_in_area);
     rule(are_starts, "uav.starts_m", &expected_starts)?;
+    let are_times = uav.endurances_s.as_ref().is_none_or(|endurances_s| {
+        let is_time = |&endurance_s: &f64| endurance_s.is_finite() && endurance_s * (1.0 + 1e-12) >= scenario.slot_s;
+        uav.uavs() > 1 && endurances_s.len() == uav.uavs() && endurances_s.iter().all(is_time) && scenario.must_land()
+    });
+    let expected =
+        format!("{} times of at least a slot, one for each of several UAVs, and must_land = true", uav.uavs());
+    rule(are_times, "uav.endurances_s", &expected)?;
     if let Some([x_m, y_m]) = scenario.base.as_ref().and_then(|base| base.position_m) {
         let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m(), area.height_m());
         rule(area.contains(&Position::new(x_m, y_m), 0.0), "base.position_m", &expected)?;

@@ -48,6 +48,8 @@ crate::keys! {
         count: Option<u32>, Accepts::Whole(1, MAX_UAVS as u64);
         /// Start of each UAV, `[[x, y], ...]` [m], instead of `start_m` for all.
         starts_m: Option<Vec<[f64; 2]>>, Accepts::Rule("a position in the area for each UAV");
+        /// Longest flight of each UAV [s], `[s, s, ...]`, with `must_land`: it is in the base when its own ends, and stays there.
+        endurances_s: Option<Vec<f64>>, Accepts::Rule("a time of at least a slot for each of several UAVs, with must_land");
         /// How the UAVs share the field (decision D22); `"sequential"` if absent.
         coordination: Option<Coordination>, Accepts::OneOf(Coordination::VARIANTS);
         /// A UAV may not end a slot within this distance of one of lower number, outside of bases [m] (decision D23).
