@@ -20,7 +20,7 @@ use crate::mission_table::MissionTable;
 use crate::partition;
 use crate::planner::{Others, Planner};
 use crate::separation::Apart;
-use crate::strategy::{PlannedVisit, Strategy, Timing};
+use crate::strategy::{PlannedVisit, Registered, Strategy, Timing};
 
 /// A place that is near to none [m].
 const NOWHERE: [f64; 2] = [f64::NEG_INFINITY; 2];
@@ -34,6 +34,8 @@ pub struct FleetPlanner {
     coordination: Coordination,
     /// Least distance between the ends of slots of two UAVs [m]; 0 for any, or if they do not talk.
     separation_m: f64,
+    /// The SNs that each UAV is expected to serve before it has planned ahead; empty if none does.
+    claims: Vec<Vec<u32>>,
     /// What is told to the next UAV; working memory.
     told: Told,
 }
@@ -115,7 +117,13 @@ impl From<Planner> for FleetPlanner {
     /// The planner of a single UAV.
     fn from(planner: Planner) -> Self {
         let members = ByUav::from_iter([Member { planner, last: u64::MAX, piece: None }]);
-        Self { members, coordination: Coordination::default(), separation_m: 0.0, told: Told::default() }
+        Self {
+            members,
+            coordination: Coordination::default(),
+            separation_m: 0.0,
+            claims: Vec::new(),
+            told: Told::default(),
+        }
     }
 }
 
@@ -131,10 +139,10 @@ impl FleetPlanner {
             return Ok(Planner::until(scenario, sensors, stop)?.into());
         }
         let coordination = scenario.uav.coordination.unwrap_or_default();
-        let mut pieces = match coordination {
-            Coordination::Partition => partition::pieces(&MissionTable::of(scenario, sensors), scenario, stop),
-            Coordination::Independent | Coordination::Sequential => Vec::new(),
-        };
+        let pieces = || partition::pieces(&MissionTable::of(scenario, sensors), scenario, stop);
+        let looks_ahead = Registered::of(scenario)?.has_path;
+        let claims = if coordination == Coordination::Sequential && looks_ahead { pieces() } else { Vec::new() };
+        let mut pieces = if coordination == Coordination::Partition { pieces() } else { Vec::new() };
         pieces.reverse();
         let talks = coordination != Coordination::Independent;
         let separation_m = scenario.uav.separation_m.filter(|_| talks).unwrap_or(0.0);
@@ -157,7 +165,7 @@ impl FleetPlanner {
         };
         let members = (0..uavs).map(member).collect::<Result<_, InputError>>()?;
         let planned = vec![Vec::new(); uavs];
-        Ok(Self { members, coordination, separation_m, told: Told { planned, ..Told::default() } })
+        Ok(Self { members, coordination, separation_m, claims, told: Told { planned, ..Told::default() } })
     }
 
     /// The planner with `strategy` instead of the scenario's.
@@ -216,14 +224,18 @@ impl FleetPlanner {
     #[must_use]
     pub fn step(&mut self, slot: u64, flights: &[FlightReport], queues_bits: &[u32]) -> ByUav<Plan> {
         assert_eq!(flights.len(), self.members.len(), "expected a flight for each UAV");
-        let Self { members, coordination, separation_m, told } = self;
+        let Self { members, coordination, separation_m, claims, told } = self;
         let is_sequential = *coordination == Coordination::Sequential && members.len() > 1;
         told.scheduled.clear();
-        for ((Member { planner, last, .. }, flight), planned) in members.iter_mut().zip(flights).zip(&mut told.planned)
-        {
+        let is_first = members[0].planner.slot() == 0;
+        for (uav, planned) in told.planned.iter_mut().enumerate() {
+            let Member { planner, last, .. } = &mut members[uav];
             planned.clear();
-            if is_sequential && slot <= *last {
-                planner.visits(slot, flight.position(), queues_bits, planned);
+            if is_first {
+                let claims = claims.get(uav).into_iter().flatten();
+                planned.extend(claims.flat_map(|&id| planner.claimed_visits(slot, id)));
+            } else if is_sequential && slot <= *last {
+                planner.visits(slot, flights[uav].position(), queues_bits, planned);
             }
         }
         told.places.clear();

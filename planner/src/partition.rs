@@ -8,29 +8,35 @@ use skysink_common::stop::Stop;
 use crate::geometry::turns::Turns;
 use crate::mission_table::MissionTable;
 
-/// The SNs of each UAV, ascending: consecutive pieces of the tour that take about the same time. SNs that cannot be served are in
-/// no piece.
+/// The SNs of each UAV, ascending: consecutive pieces of the tour, whose durations are as the slots that the UAVs have. SNs
+/// that cannot be served are in no piece.
 #[must_use]
 pub fn pieces(table: &MissionTable, scenario: &Scenario, stop: &Stop) -> Vec<Vec<u32>> {
     let mut turns = table.turns(stop).as_ref().clone();
     let starts: Vec<Position> = scenario.starts().map(|start| start.xy()).collect();
     turns.begin_near(|point| table.distance_m2(point, &starts[0]));
     let uavs = starts.len();
-    let piece_of = cut(&durations(table, &turns), uavs);
+    let durations = durations(table, &turns);
+    // The UAVs in the order of the tour, beginning with the one that makes the ways to the first points shortest.
+    let cut_from = |first: usize| {
+        let order: Vec<usize> = (0..uavs).map(|index| (first + index) % uavs).collect();
+        let shares: Vec<f64> = order.iter().map(|&uav| scenario.slots_of(uav) as f64).collect();
+        let uav_of: Vec<usize> = cut(&durations, &shares).into_iter().map(|piece| order[piece]).collect();
+        let way_m = |uav: usize| {
+            let turn = uav_of.iter().position(|other| *other == uav)?;
+            Some(table.distance_m(&starts[uav], &turns.points[turn]))
+        };
+        let ways_m: f64 = (0..uavs).filter_map(way_m).sum();
+        (ways_m, uav_of)
+    };
+    // Of equals that with the UAVs in the order of their numbers.
+    let firsts = std::iter::once(0).chain((1..uavs).rev());
+    let best = firsts.map(cut_from).min_by(|(a_m, _), (b_m, _)| a_m.total_cmp(b_m));
     let mut pieces = vec![Vec::new(); uavs];
-    let mut firsts = vec![None; uavs];
-    for (turn, &piece) in piece_of.iter().enumerate() {
-        pieces[piece].push(turns.order[turn]);
-        firsts[piece].get_or_insert(turns.points[turn]);
+    for (turn, uav) in best.into_iter().flat_map(|(_, uav_of)| uav_of).enumerate() {
+        pieces[uav].push(turns.order[turn]);
     }
     pieces.iter_mut().for_each(|piece| piece.sort_unstable());
-    // In the order of the tour, beginning with the piece that makes the ways to the first points shortest.
-    let ways_m = |shift: usize| -> f64 {
-        let first = |uav: usize| firsts[(uav + shift) % uavs];
-        (0..uavs).filter_map(|uav| Some(table.distance_m(&starts[uav], &first(uav)?))).sum()
-    };
-    let shift = (0..uavs).min_by(|&a, &b| ways_m(a).total_cmp(&ways_m(b))).unwrap_or(0);
-    pieces.rotate_left(shift);
     pieces
 }
 
@@ -42,16 +48,23 @@ fn durations(table: &MissionTable, turns: &Turns) -> Vec<f64> {
     before.zip(&turns.points).map(|ends| way_slots(ends) + served).collect()
 }
 
-/// The piece of each turn, of `pieces` consecutive ones of about equal duration: a turn belongs to the piece in which its
-/// middle lies. The way to the first turn is in none.
-fn cut(durations: &[f64], pieces: usize) -> Vec<usize> {
+/// The piece of each turn, of consecutive ones whose durations are as `shares`: a turn belongs to the piece in which its middle
+/// lies. The way to the first turn is in none.
+fn cut(durations: &[f64], shares: &[f64]) -> Vec<usize> {
     let total: f64 = durations.iter().skip(1).sum();
+    let all: f64 = shares.iter().sum();
+    let ends: Vec<f64> =
+        shares.iter().scan(0.0, |end, share| Some(std::mem::replace(end, *end + share) + share)).collect();
     let mut begun = 0.0;
     let piece = |(turn, duration): (usize, &f64)| {
         let duration = if turn == 0 { 0.0 } else { *duration };
         let middle = begun + duration / 2.0;
         begun += duration;
-        if total > 0.0 { ((middle / total * pieces as f64) as usize).min(pieces - 1) } else { turn % pieces }
+        if total > 0.0 {
+            ends.partition_point(|end| *end <= middle / total * all).min(shares.len() - 1)
+        } else {
+            turn % shares.len()
+        }
     };
     durations.iter().enumerate().map(piece).collect()
 }
@@ -65,10 +78,11 @@ mod tests {
 
     #[test]
     fn cuts_a_tour_into_pieces_of_equal_duration() {
-        assert_eq!(cut(&[9.0, 1.0, 1.0, 1.0, 1.0], 2), [0, 0, 0, 1, 1]);
-        assert_eq!(cut(&[1.0, 4.0, 1.0, 1.0], 3), [0, 1, 2, 2]);
-        assert_eq!(cut(&[0.0; 4], 3), [0, 1, 2, 0], "all in one place");
-        assert_eq!(cut(&[], 3), [0; 0]);
+        assert_eq!(cut(&[9.0, 1.0, 1.0, 1.0, 1.0], &[1.0; 2]), [0, 0, 0, 1, 1]);
+        assert_eq!(cut(&[1.0, 4.0, 1.0, 1.0], &[1.0; 3]), [0, 1, 2, 2]);
+        assert_eq!(cut(&[1.0; 9], &[10.0, 30.0]), [0, 0, 0, 1, 1, 1, 1, 1, 1], "of one that has less time");
+        assert_eq!(cut(&[0.0; 4], &[1.0; 3]), [0, 1, 2, 0], "all in one place");
+        assert_eq!(cut(&[], &[1.0; 3]), [0; 0]);
     }
 
     #[test]

@@ -51,6 +51,12 @@ pub struct Planner {
     left_bits: Vec<u32>,
 }
 
+/// Between the visits of an SN that another UAV is expected to serve, as a part of the time in which its buffer fills.
+const CLAIMED_FILL: f64 = 0.5;
+
+/// Most of them, about.
+const MOST_CLAIMED: u64 = 64;
+
 /// What other UAVs do.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Others<'a> {
@@ -294,6 +300,15 @@ impl Planner {
     /// Whether `ground` [m] lies in the base of the mission; true without one.
     pub(crate) fn is_home(&self, ground: &Position) -> bool {
         self.table.home.as_ref().is_none_or(|home| home.base.contains(ground))
+    }
+
+    /// Visits that keep the SN `id` from losing data from `slot` on, as the plan of a UAV that is yet to be made.
+    pub(crate) fn claimed_visits(&self, slot: u64, id: u32) -> impl Iterator<Item = PlannedVisit> {
+        let last = self.table.limits.slots.max(slot);
+        let gap = self.table.sensors.sampler(id).fill_slots() * CLAIMED_FILL;
+        let gap = (gap as u64).max((last - slot) / MOST_CLAIMED).max(1); // saturates where it never fills
+        let slots = (slot..=last).step_by(usize::try_from(gap).unwrap_or(usize::MAX));
+        slots.map(move |slot| PlannedVisit { slot, sensor: id, bits: f64::INFINITY })
     }
 
     /// Prepares its strategy to share the SNs with others ([`Strategy::take_part`]).
