@@ -102,6 +102,135 @@ fn more_uavs_lose_less_and_least_where_they_share_the_field() {
     assert!(independent == alone && sequential < independent, "{alone} {independent} {sequential}");
 }
 
+/// Over a field that one UAV cannot serve in time.
+fn wide(strategy: &'static str, seed: u64, uav: &str) -> Scenario {
+    let text = format!(
+        "name = 'wide'\nseed = {seed}\nslots = 400\n[area]\nside_m = 700.0\n[sensors]\ncount = 80\nsampling_bps = 160.0\n\
+         [planner]\nhorizon.iterations = 200\noffline.steps = 100000\n[uav]\n{uav}"
+    );
+    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
+    Scenario::parse(&text, Path::new("wide.toml"), overrides).and_then(settings::resolve).unwrap()
+}
+
+/// Plans that know the plans of the others lose no more than half of what plans lose that do not.
+#[test]
+fn look_ahead_counts_what_the_others_will_serve() {
+    let lost =
+        |strategy, uav: &str| -> u64 { (1..=3).map(|seed| lost_bits(&records(&wide(strategy, seed, uav)))).sum() };
+    for strategy in ["horizon", "offline", "tour"] {
+        let alone = lost(strategy, "");
+        let [independent, sequential] =
+            ["independent", "sequential"].map(|how| lost(strategy, &format!("count = 2\ncoordination = '{how}'\n")));
+        assert!(2 * sequential < independent && independent <= alone, "{strategy}: {alone} {independent} {sequential}");
+    }
+}
+
+#[test]
+fn uavs_that_collect_do_not_fly_for_the_same_data() {
+    // Far apart, two clusters of data that do not grow; there is time for one.
+    let delivered = |coordination: &str| {
+        let text = format!(
+            "name = 'collect'\nslots = 24\n[area]\nwidth_m = 600.0\nheight_m = 100.0\n[sensors]\ncapacity_bits = 9000000\n\
+             sampling_bps = 0.0\n[planner]\nstrategy = 'horizon'\nobjective = 'collect'\nhorizon.iterations = 100\n[uav]\n\
+             count = 2\nmust_land = true\ncoordination = '{coordination}'\n"
+        );
+        let scenario =
+            Scenario::parse(&text, Path::new("x.toml"), Overrides::default()).and_then(settings::resolve).unwrap();
+        let row = |index: u32| {
+            let x_m = if index < 6 { 20 + 5 * index } else { 555 + 5 * (index - 6) };
+            format!("{x_m},{},9000000\n", 40 + index % 3 * 10)
+        };
+        let list = format!("x_m,y_m,queue_bits\n{}", (0..12).map(row).collect::<String>());
+        let list = SensorList::parse(&list, Path::new("list.csv"), &scenario).unwrap();
+        let records: Vec<SlotRecord> = Mission::new(&scenario, &list).unwrap().collect();
+        records.last().unwrap().header.totals.delivered_bits
+    };
+    let [independent, sequential] = ["independent", "sequential"].map(delivered);
+    assert!(3 * sequential > 4 * independent, "{independent} {sequential}");
+}
+
+#[test]
+fn planned_flights_keep_their_distance() {
+    let mut near = 0;
+    for (seed, strategy) in (1..).zip(["uts", "gfs", "mes", "tour", "horizon", "rfs", "edf"]) {
+        for coordination in ["sequential", "partition", "independent"] {
+            let starts = "starts_m = [[20, 20], [60, 20], [20, 60], [60, 60]]\n";
+            let uav = format!("count = 4\nseparation_m = 18.0\n{starts}coordination = '{coordination}'\n");
+            let text =
+                format!("name = 'near'\nseed = {seed}\nslots = 60\n[planner]\nhorizon.iterations = 60\n[uav]\n{uav}");
+            let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
+            let scenario =
+                Scenario::parse(&text, Path::new("near.toml"), overrides).and_then(settings::resolve).unwrap();
+            for record in records(&scenario) {
+                let at = format!("{strategy}, {coordination}, slot {}", record.slot());
+                let held = record.flights.iter().filter(|flight| flight.hold == HoldReason::Separation as u32).count();
+                assert!(held == 0 || coordination == "independent", "{at}");
+                near += held;
+                for (uav, flight) in record.flights.iter().enumerate() {
+                    let is_near = |other: &FlightReport| (other.position() - flight.position()).norm() < 18.0 - 1e-9;
+                    assert!(!record.flights[..uav].iter().any(is_near) || coordination == "independent", "{at}");
+                }
+            }
+        }
+    }
+    assert!(near > 100, "{near}: UAVs that do not talk come near each other");
+}
+
+/// On a grid and in the open, with and without a distance to keep.
+#[test]
+fn each_uav_is_home_when_its_own_endurance_ends_and_stays_there() {
+    for more in ["", "separation_m = 8.0\n", "moves = 'grid'\nmax_speed_mps = 2.5\nseparation_m = 7.0\n"] {
+        for strategy in ["horizon", "tour", "uts"] {
+            for coordination in ["sequential", "partition", "independent"] {
+                let text = format!(
+                    "name = 'own'\nslots = 200\n[sensors]\ncount = 60\nsampling_bps = 300.0\n[planner]\nhorizon.iterations = 40\n[base]\n\
+                     areas_m = [[[30, 30], [70, 30], [70, 70], [30, 70]]]\n[uav]\ncount = 3\nendurances_s = [60.0, 130.5, 200.0]\n\
+                     starts_m = [[45, 45], [65, 45], [45, 65]]\nmust_land = true\ncoordination = '{coordination}'\n{more}"
+                );
+                let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
+                let scenario =
+                    Scenario::parse(&text, Path::new("own.toml"), overrides).and_then(settings::resolve).unwrap();
+                let base = scenario.landing_base().unwrap();
+                let records = records(&scenario);
+                let mut away = [0; 3];
+                for record in &records {
+                    let at = format!("{strategy}, {coordination}, {more}slot {}", record.slot());
+                    for (uav, flight) in record.flights.iter().enumerate() {
+                        let is_home = base.contains(&flight.position().xy());
+                        away[uav] += usize::from(!is_home);
+                        if record.slot() >= [60, 130, 200][uav] {
+                            assert!(is_home, "{at}, UAV {uav}: {flight:?}");
+                        }
+                        let before = (record.slot() > 1).then(|| records[record.slot() as usize - 2].flights[uav]);
+                        let has_moved = before.is_some_and(|before| before.position() != flight.position());
+                        if record.slot() > [60, 130, 200][uav] {
+                            assert!(
+                                !has_moved && flight.served == 0 && flight.hold == 0,
+                                "{at}, UAV {uav}: {flight:?}"
+                            );
+                        }
+                    }
+                }
+                assert!(away.iter().sum::<usize>() > 20, "{strategy}, {coordination}, {more}: {away:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_uav_flies_nowhere_after_its_endurance_whatever_it_is_told() {
+    let (mut plant, _) = line(
+        "count = 2\nstarts_m = [[50, 50], [70, 50]]\nendurances_s = [1.0, 2.0]\nmust_land = true\n[base]\nposition_m = [50, 50]\n",
+    );
+    plant.step(&[plan(50.0, &[0]), plan(60.0, &[1])]);
+    plant.step(&[plan(40.0, &[0]), plan(65.0, &[])]);
+    let landed = plant.flight(0);
+    assert_eq!((landed.x_m, landed.served, landed.flown_mode()), (50.0, 0, Mode::Charge));
+    plant.step(&[plan(40.0, &[0]), plan(50.0, &[])]);
+    let late = plant.flight(1);
+    assert_eq!((late.x_m, late.flown_mode(), late.hold), (65.0, Mode::Hold, HoldReason::Base as u32));
+}
+
 /// A UAV at each end of a line, and SNs at 40 and 60 m.
 fn line(uav: &str) -> (Plant, SensorList) {
     let text = format!("name = 'line'\nslots = 9\n[link]\ncomm_radius_m = 30.0\n[uav]\n{uav}");
@@ -280,6 +409,10 @@ fn starts_that_do_not_fit_the_uavs_are_refused() {
         ("count = 2\nstarts_m = [[1, 2], [101, 4]]\n", "2 positions in the area"),
         ("count = 2\nstarts_m = [[1, 2], [nan, 4]]\n", "2 positions in the area"),
         ("count = 2\nseparation_m = 0.0\n", "uav.separation_m = 0"),
+        ("count = 2\nmust_land = true\nendurances_s = [9.0]\n", "2 times of at least a slot"),
+        ("count = 2\nmust_land = true\nendurances_s = [9.0, 0.5]\n", "2 times of at least a slot"),
+        ("count = 2\nendurances_s = [9.0, 9.0]\n", "and must_land = true"),
+        ("must_land = true\nendurances_s = [9.0]\n", "one for each of several UAVs"),
         ("count = 2\ncoordination = 'auction'\n", "coordination"),
         ("count = 2\nmoves = 'grid'\nstarts_m = [[5, 5], [11, 5]]\n", "the middle of a cell"),
     ] {

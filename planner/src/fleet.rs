@@ -26,7 +26,7 @@ use crate::strategy::{PlannedVisit, Registered, Strategy, Timing};
 const NOWHERE: [f64; 2] = [f64::NEG_INFINITY; 2];
 
 /// Moves for which UAVs that have to land and keep apart come home before they must, to give way on the way home.
-const GIVEN_WAY: u64 = 2;
+const GIVEN_WAY: u64 = 3;
 
 /// The planners of the UAVs of a mission.
 pub struct FleetPlanner {

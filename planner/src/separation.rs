@@ -45,8 +45,10 @@ impl Apart<'_> {
         others.retain(|to| area.contains(to, 0.0) && airspace.contains(to) && airspace.is_free(&ground, to));
         let away_m = |to: &Position| (end_of(to) - end_of(told)).norm();
         others.sort_by(|a, b| away_m(a).total_cmp(&away_m(b)));
-        others.insert(if self.stays { 0 } else { others.len() }, ground);
         let home = view.table.home.as_ref();
+        // Whoever is in the way in the base may be there to stay.
+        let stays = self.stays && !home.is_some_and(|home| home.base.contains(told));
+        others.insert(if stays { 0 } else { others.len() }, ground);
         let comes_home = |to: &Position| {
             let way = [&view.position, &above(to, view.position.z)];
             home.is_none_or(|home| home.rule(view.slot, &view.battery, way, false) == Returning::Not)

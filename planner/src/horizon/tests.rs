@@ -14,14 +14,14 @@ use super::anneal::{Temperature, anneal};
 use super::flight::{Visit, serve};
 use super::forecast::{FRESH, Forecast, PlanningWindow};
 use super::groups::ServiceDisk;
-use super::model::{PlanningModel, SensorModel};
+use super::model::{OtherVisits, PlanningModel, SensorModel};
 use super::start;
 use super::{Horizon, HorizonKeys};
 use crate::bound::paths::PathBound;
 use crate::mission_table::MissionTable;
 use crate::settings::Rates;
 use crate::strategy::tests::over;
-use crate::strategy::{Setup, Timing, View};
+use crate::strategy::{PlannedVisit, Setup, Timing, View};
 use skysink_common::random::{Purpose, Streams};
 use skysink_common::reported::ReportedQueues;
 
@@ -420,4 +420,54 @@ fn learnt_rates_replace_the_prior() {
     let reported = belief.reported(12, [0, 2], &[3_000, 0, 7]);
     belief.advance(12, &[flight], &reported, &[0, 0, 7]);
     assert_eq!(believed(&mut horizon, &mut belief, 13), [(250.0, 120.0), (100.0, 300.0), (1e-3, 3e7)]);
+}
+
+#[test]
+fn visits_of_other_uavs_empty_their_sensors() {
+    // Full in 30 and 100 slots, empty at the beginning; another UAV serves the first in slots 20, 40 and 90.
+    let mut model = model_of(&[([200.0, 200.0], 1_000.0), ([240.0, 200.0], 300.0)], 1, 5e6);
+    let visit = |slot: u64| PlannedVisit { slot, sensor: 0, bits: f64::INFINITY };
+    model.others = OtherVisits::of(&[5, 26, 46, 96].map(visit), &model.ids, 7);
+    assert_eq!(model.overflow_slots(0, 30.0, 0.0), (0.0, 20.0));
+    assert_eq!(model.overflow_slots(0, 89.0, 0.0), (19.0, 40.0), "40 to 89 less 30");
+    assert_eq!(model.overflow_slots(0, 95.0, 0.0), (20.0, 90.0), "40 to 90 less 30");
+    assert_eq!(model.overflow_slots(0, 89.0, 50.0), (9.0, 50.0), "a visit of its own in between");
+    assert_eq!(model.overflow_slots(1, 110.0, 0.0), (10.0, 0.0));
+    assert_eq!([39.0, 40.0].map(|slot| model.last_empty(0, slot, 30.0)), [30.0, 40.0]);
+}
+
+proptest! {
+    /// Changes beside the visits of others are evaluated as their plans are when loaded anew.
+    #[test]
+    fn changed_plans_beside_others_lose_what_a_new_forecast_loses(
+        stops in prop::collection::vec(0u32..6, 1..40),
+        visits in prop::collection::vec((1u64..120, 0u32..6), 1..30),
+        changes in prop::collection::vec((0usize..40, 0usize..3, prop::collection::vec(0u32..6, 0..3)), 1..12),
+    ) {
+        let positions: Vec<([f64; 2], f64)> =
+            (0..6).map(|index| ([160.0 + 17.0 * f64::from(index), 200.0 + f64::from(index * 37 % 50)], 700.0)).collect();
+        let mut model = model_of(&positions, 4, 5e6);
+        let visits: Vec<PlannedVisit> =
+            visits.into_iter().map(|(slot, sensor)| PlannedVisit { slot, sensor, bits: f64::INFINITY }).collect();
+        model.others = OtherVisits::of(&visits, &model.ids, 1);
+        let mut forecast = Forecast::new(&model, window_of(&model, 120));
+        forecast.load(&model, stops);
+        for (at, removed, inserted) in changes {
+            let legs = forecast.trace.legs.len();
+            let from = at.min(legs);
+            let to = (from + removed).min(legs);
+            let inserted: Vec<(u32, u32)> = inserted.into_iter().map(|stop| (stop, FRESH)).collect();
+            let loss_bits = forecast.attempt(&model, from, to, &inserted);
+            forecast.accept(loss_bits);
+            let mut lost_bits = 0.0;
+            let mut empty = forecast.window.empty.clone();
+            for visit in &forecast.trace.visits {
+                lost_bits += serve(&model, &mut empty, visit);
+            }
+            for (index, (sensor, empty)) in model.sensors.iter().zip(&empty).enumerate() {
+                lost_bits += model.overflow_slots(index, 120.0, *empty).0 * sensor.cost_bits;
+            }
+            prop_assert!((lost_bits - forecast.loss_bits).abs() < 1e-6 * lost_bits.max(1.0), "{lost_bits} {}", forecast.loss_bits);
+        }
+    }
 }
