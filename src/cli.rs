@@ -3,6 +3,8 @@
 
 #[cfg(feature = "lab")]
 mod export;
+#[cfg(feature = "lab")]
+mod fleet;
 mod manual;
 #[cfg(feature = "lab")]
 mod merge;
@@ -70,6 +72,8 @@ enum Command {
     #[cfg(feature = "lab")]
     Optimize(optimize::OptimizeCommand),
     #[cfg(feature = "lab")]
+    Fleet(fleet::FleetCommand),
+    #[cfg(feature = "lab")]
     Compare(compare::CompareCommand),
     #[cfg(feature = "lab")]
     Merge(merge::MergeCommand),
@@ -100,6 +104,8 @@ impl Command {
             Self::Plot(command) => command.run(stop),
             #[cfg(feature = "lab")]
             Self::Optimize(command) => command.run(stop),
+            #[cfg(feature = "lab")]
+            Self::Fleet(command) => command.run(stop),
             #[cfg(feature = "lab")]
             Self::Compare(command) => command.run(stop),
             #[cfg(feature = "lab")]

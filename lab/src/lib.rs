@@ -6,6 +6,7 @@ pub mod drawing;
 mod error;
 pub mod export;
 pub mod import;
+pub mod least_fleet;
 pub mod metrics;
 pub mod optimize;
 mod parquet_file;

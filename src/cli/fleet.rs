@@ -1,0 +1,133 @@
+//! `skysink fleet`: arguments and printed results.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use skysink_common::scenario::Setting;
+use skysink_common::stop::Stop;
+use skysink_lab::least_fleet::{BOUND, FleetQuestion, LeastFleets};
+use skysink_mission::error::FileContext as _;
+use skysink_mission::error::MissionError;
+
+use crate::error::{Error, ended_early};
+use crate::options::{Changes, strategy};
+use crate::report::{OutputForm, TerminalProgress, print, table, with_numbers_from};
+
+/// Find the fewest UAVs that lose no data, or at most a fraction, by strategy and by a bound.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  skysink fleet scenarios/sparse.toml
+  skysink fleet scenarios/letter.toml --strategies tour,horizon --loss 0.01 \\
+    --over area.side_m=300,600,1000,2000 --out fleets
+
+Fleets are tried from one UAV on, on fields of consecutive seeds. The bound is
+the fewest UAVs that the lower bound on the loss of every flight does not
+exclude: no strategy can do with less. With --over, the values of one key are
+tried, and with --out a table and a figure are written.")]
+pub struct FleetCommand {
+    /// Scenario file.
+    scenario: PathBuf,
+    /// Strategies [default: the scenario's].
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',', value_parser = strategy())]
+    strategies: Vec<&'static str>,
+    /// Most loss rate.
+    #[arg(long, value_name = "LOSS", default_value_t = 0.0, value_parser = parse_rate)]
+    loss: f64,
+    /// Fields, with consecutive seeds starting at the scenario's.
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    seeds: u64,
+    /// Most UAVs that are tried.
+    #[arg(long, value_name = "U", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=64))]
+    most: u32,
+    /// A key of the scenario with several values, for example area.side_m=300,1000.
+    #[arg(long, value_name = "KEY=VALUE,...", value_parser = parse_over, default_value = "", hide_default_value = true)]
+    over: Over,
+    #[command(flatten)]
+    changes: Changes,
+    /// Write fleet.csv and, over a key of numbers, a figure into this folder.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    form: OutputForm,
+}
+
+/// Values of one key; none if they are not asked for.
+#[derive(Debug, Clone)]
+struct Over(Vec<Setting>);
+
+impl FleetCommand {
+    /// Finds the least fleets, prints them, and writes files.
+    ///
+    /// # Errors
+    /// If the scenario is refused, a file cannot be written, or on a stop.
+    pub fn run(self, stop: &Stop) -> Result<(), Error> {
+        let Self { scenario, strategies, loss, seeds, most, over: Over(over), changes, out, form } = self;
+        let changes = changes.overrides();
+        let own = skysink_common::scenario::Scenario::read(&scenario, changes.clone())
+            .and_then(skysink_planner::settings::resolve)?;
+        let own = skysink_planner::strategy::Registered::of(&own)?.name;
+        let strategies = if strategies.is_empty() { vec![own] } else { strategies };
+        let question = FleetQuestion { scenario, changes, strategies, loss_rate: loss, seeds, most, over };
+        let fleets = question.answer(stop, &TerminalProgress::of_missions());
+        let fleets = fleets.map_err(|error| ended_early(error, "nothing was written"))?;
+        let files = match &out {
+            Some(out) => {
+                std::fs::create_dir_all(out).at(out).map_err(MissionError::from)?;
+                question.write(&fleets, out)?
+            }
+            None => Vec::new(),
+        };
+        form.print(&fleets, || {
+            print_fleets(&question, &fleets)?;
+            files.iter().try_for_each(|file| print(file.display()))
+        })
+    }
+}
+
+/// Prints the least fleets, a line for each value and strategy.
+fn print_fleets(question: &FleetQuestion, fleets: &[LeastFleets]) -> Result<(), Error> {
+    let mut table = table();
+    let key = question.over.first().map_or("", |setting| setting.key.as_str());
+    table.set_header([key, "", "least UAVs", "mean", "fields"]);
+    for fleet in fleets {
+        let known: Vec<u32> = fleet.uavs.values().flatten().copied().collect();
+        let is_known = known.len() == fleet.uavs.len();
+        let ends = [known.iter().min(), known.iter().max()];
+        let range = match ends {
+            [Some(least), Some(greatest)] if is_known && least == greatest => least.to_string(),
+            [Some(least), Some(greatest)] if is_known => format!("{least} to {greatest}"),
+            [Some(least), _] => format!("{least} to more than {}", question.most),
+            _ => format!("more than {}", question.most),
+        };
+        let mean = known.iter().copied().map(f64::from).sum::<f64>() / known.len() as f64;
+        let name = if fleet.strategy == BOUND { "at least, by the bound" } else { &fleet.strategy };
+        table.add_row([
+            fleet.value.as_ref().map_or_else(String::new, ToString::to_string),
+            name.to_owned(),
+            range,
+            if is_known { format!("{mean:.2}") } else { String::new() },
+            fleet.uavs.len().to_string(),
+        ]);
+    }
+    print(with_numbers_from(2, table))
+}
+
+/// Parses a loss rate.
+fn parse_rate(text: &str) -> Result<f64, String> {
+    let rate = text.parse().ok().filter(|rate| (0.0..=1.0).contains(rate));
+    rate.ok_or_else(|| "expected a fraction from 0 to 1".to_owned())
+}
+
+/// Parses `KEY=VALUE,...`.
+fn parse_over(text: &str) -> Result<Over, String> {
+    if text.is_empty() {
+        return Ok(Over(Vec::new()));
+    }
+    let (key, values) = text.split_once('=').ok_or("expected KEY=VALUE,..., such as area.side_m=300,1000")?;
+    if key.trim() == "uav.count" {
+        return Err("uav.count is what is looked for: expected another key".to_owned());
+    }
+    let setting = |value: &str| format!("{key}={value}").parse::<Setting>().map_err(str::to_owned);
+    values.split(',').map(setting).collect::<Result<_, _>>().map(Over)
+}
