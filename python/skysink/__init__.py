@@ -31,6 +31,7 @@ from skysink.strategy import Strategy
 from skysink.sweeps import sweep
 
 with suppress(ImportError):  # the environments need Gymnasium 1.1 or newer
+    from skysink.agents import FleetBatch, parallel_env
     from skysink.environment import register
 
     register()
@@ -43,6 +44,7 @@ __all__ = [
     "Decision",
     "DiskRound",
     "Field",
+    "FleetBatch",
     "InputError",
     "Run",
     "Scenario",
@@ -52,6 +54,7 @@ __all__ = [
     "__build__",
     "__version__",
     "compare",
+    "parallel_env",
     "round_over_disks",
     "simulate",
     "sweep",

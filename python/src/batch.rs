@@ -18,13 +18,13 @@ use crate::rules::Rules;
 use crate::scenario::PyScenario;
 
 /// Episodes per task.
-const BATCH: usize = 8;
+pub const BATCH: usize = 8;
 
 /// Maximum number of environments of a vector.
-const MAX_ENVIRONMENTS: usize = 100_000;
+pub const MAX_ENVIRONMENTS: usize = 100_000;
 
 /// The thread pool of this process. A forked process needs its own.
-fn pool() -> PyResult<Arc<ThreadPool>> {
+pub fn pool() -> PyResult<Arc<ThreadPool>> {
     static POOL: Mutex<Option<(u32, Arc<ThreadPool>)>> = Mutex::new(None);
     let mut pool = POOL.lock().unwrap_or_else(PoisonError::into_inner);
     let process = std::process::id();
@@ -39,11 +39,30 @@ fn pool() -> PyResult<Arc<ThreadPool>> {
 }
 
 /// Refuses more scenarios than environments, or none.
-fn check(scenarios: usize, count: usize) -> PyResult<()> {
+pub fn check(scenarios: usize, count: usize) -> PyResult<()> {
     if !(1..=count).contains(&scenarios) {
         return Err(refused(format!("{scenarios} scenarios: expected 1 to {count}, the number of environments")));
     }
     Ok(())
+}
+
+/// The `episodes` with the first ones over other scenarios where `mask` is true. Environment i gets scenario i, modulo their
+/// number.
+pub fn begun_over(episodes: &[Episode], scenarios: &[Bound<'_, PyScenario>], mask: &[bool]) -> PyResult<Vec<Episode>> {
+    let over = |scenario: &Bound<'_, PyScenario>| episodes[0].over(scenario.get());
+    let firsts = scenarios.iter().map(over).collect::<PyResult<Vec<Episode>>>()?;
+    let mut episodes = episodes.to_vec();
+    let mut begun: HashMap<(usize, u64), usize> = HashMap::new(); // episodes over the same field share it
+    for index in (0..episodes.len()).filter(|&index| mask[index]) {
+        let which = index % firsts.len();
+        let number = firsts[which].number() + index as u64;
+        let same = begun.get(&(which, firsts[which].seed_of(number)));
+        let mut episode = same.map_or(&firsts[which], |&same| &episodes[same]).clone();
+        episode.begin(number)?;
+        begun.entry((which, episode.seed())).or_insert(index);
+        episodes[index] = episode;
+    }
+    Ok(episodes)
 }
 
 /// Observation, rewards, whether the UAVs are down, whether the missions are over, lost bits, delivered bits.
@@ -120,20 +139,7 @@ impl PyVectorCore {
         if mask.len() != self.episodes.len() {
             return Err(refused(format!("reset_mask of {}: expected {}", mask.len(), self.episodes.len())));
         }
-        let over = |scenario: &Bound<'_, PyScenario>| self.episodes[0].over(scenario.get());
-        let firsts = scenarios.iter().map(over).collect::<PyResult<Vec<Episode>>>()?;
-        let mut episodes = self.episodes.clone();
-        let mut begun: HashMap<(usize, u64), usize> = HashMap::new(); // episodes over the same field share it
-        for index in (0..episodes.len()).filter(|&index| mask[index]) {
-            let which = index % firsts.len();
-            let number = firsts[which].number() + index as u64;
-            let same = begun.get(&(which, firsts[which].seed_of(number)));
-            let mut episode = same.map_or(&firsts[which], |&same| &episodes[same]).clone();
-            episode.begin(number)?;
-            begun.entry((which, episode.seed())).or_insert(index);
-            episodes[index] = episode;
-        }
-        self.episodes = episodes;
+        self.episodes = begun_over(&self.episodes, &scenarios, &mask)?;
         Ok(())
     }
 
@@ -198,7 +204,7 @@ impl PyVectorCore {
                 return episode.begin(episode.number() + count as u64);
             }
             let plan = episode.ruled(actions.plan(index, episode));
-            *outcome = episode.fly(plan);
+            *outcome = episode.fly(&[Some(plan)]);
             Ok(())
         })?;
         Ok((

@@ -4,7 +4,6 @@ use numpy::{AllowTypeChange, PyArrayLike1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use skysink_common::geometry::{Position, above, within};
 use skysink_common::message::{MAX_SERVED, Mode, Plan};
-use skysink_common::slot_record::UAV;
 
 use crate::episode::Episode;
 use crate::errors::refused;
@@ -63,11 +62,7 @@ impl Actions {
             Self::Choices(choices) => episode.plan_choice(choices[index]),
             Self::Components(components) => {
                 let axes = episode.axes();
-                let action = &components[index * axes..][..axes];
-                match episode.control() {
-                    Control::Waypoint => episode.plan_waypoint(action),
-                    _ => episode.plan_displacement(action),
-                }
+                episode.plan_components(&components[index * axes..][..axes])
             }
         }
     }
@@ -92,7 +87,7 @@ impl Episode {
         }
     }
 
-    fn range(&self) -> &'static str {
+    pub fn range(&self) -> &'static str {
         if self.control() == Control::Waypoint { "0 to 1" } else { "-1 to 1" }
     }
 
@@ -113,10 +108,18 @@ impl Episode {
         if mask.contains(&true) { mask } else { some(returns) }
     }
 
+    /// The plan by the components of a displacement or waypoint.
+    pub fn plan_components(&self, action: &[f32]) -> Plan {
+        match self.control() {
+            Control::Waypoint => self.plan_waypoint(action),
+            _ => self.plan_displacement(action),
+        }
+    }
+
     /// A displacement as a fraction of the reach of a slot. Serves the fullest queues in range.
     fn plan_displacement(&self, action: &[f32]) -> Plan {
         let limits = self.field.limits;
-        let uav = self.plant.flight(UAV).position();
+        let uav = self.flight().position();
         let step = Position::new(action[0].into(), action[1].into()).coords;
         let step = step / step.norm().max(1.0) * limits.reach_m;
         let z_m = action.get(2).map_or(uav.z, |&climb| {
@@ -131,7 +134,7 @@ impl Episode {
     /// A waypoint as fractions of the area and of the altitudes, moved into reach. Serves the fullest queues in range.
     fn plan_waypoint(&self, action: &[f32]) -> Plan {
         let limits = self.field.limits;
-        let uav = self.plant.flight(UAV).position();
+        let uav = self.flight().position();
         let goal = Position::new(f64::from(action[0]) * limits.width_m, f64::from(action[1]) * limits.height_m);
         let ground = self.field.toward(&uav.xy(), &self.field.clamp_to_area(goal));
         let z_m = action.get(2).map_or(uav.z, |&fraction| {
@@ -144,9 +147,9 @@ impl Episode {
     }
 
     /// The flight toward a sensor node, which is served if it is then in range, with the fullest others.
-    fn plan_choice(&self, choice: usize) -> Plan {
+    pub fn plan_choice(&self, choice: usize) -> Plan {
         let limits = self.field.limits;
-        let uav = self.plant.flight(UAV).position();
+        let uav = self.flight().position();
         let id = match self.observed().nearest {
             Some(count) => self.nearest(count)[choice],
             None => choice as u32,

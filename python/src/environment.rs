@@ -49,7 +49,7 @@ impl PyEnvironmentCore {
             return Err(refused("the episode is over: expected reset()"));
         }
         let plan = self.episode.ruled(plan);
-        let Outcome { reward, delivered_bits, lost_bits, is_over, is_down } = self.episode.fly(plan);
+        let Outcome { reward, delivered_bits, lost_bits, is_over, is_down } = self.episode.fly(&[Some(plan)]);
         self.plans.push(Arc::new(plan));
         let information = PyDict::new(py);
         information.set_item(intern!(py, "lost_bits"), lost_bits)?;

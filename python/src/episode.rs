@@ -7,7 +7,7 @@ use skysink_common::arrivals::mean_bits;
 use skysink_common::belief::Belief;
 use skysink_common::checkpoint::{Checkpoint as _, decode, encode};
 use skysink_common::error::InputError;
-use skysink_common::message::{Mode, Plan};
+use skysink_common::message::{FlightReport, Mode, Plan};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::UAV;
@@ -21,9 +21,8 @@ use crate::field::FieldData;
 use crate::rules::{Reward, Rules};
 use crate::scenario::PyScenario;
 
-/// The field and the UAV of a scenario, with what the UAV believes of the queues.
+/// The field and the UAVs of a scenario, with what the UAVs believe of the queues.
 pub fn plant(scenario: &Scenario, list: &SensorList) -> PyResult<Plant> {
-    require_one(scenario).map_err(refused)?;
     let estimated = settings::estimated(scenario).map_err(refused)?;
     Ok(Plant::new(scenario, list).with_belief(Belief::of(scenario, list, estimated)))
 }
@@ -68,6 +67,8 @@ impl Course {
 pub struct Episode {
     course: Arc<Course>,
     number: u64,
+    /// The UAV that observes and acts.
+    pub uav: usize,
     pub list: Arc<SensorList>,
     pub field: Arc<FieldData>,
     pub plant: Plant,
@@ -111,6 +112,11 @@ impl Episode {
         if fields.is_some_and(|count| scenario.seed.checked_add(count).is_none_or(|end| i64::try_from(end).is_err())) {
             return Err(refused(format!("fields = {}: expected fewer", fields.unwrap_or(0))));
         }
+        if !rules.is_fleet {
+            require_one(&scenario).map_err(refused)?;
+        } else if scenario.uav.endurances_s.is_some() {
+            return Err(refused("uav.endurances_s: expected none, because all agents have the same time"));
+        }
         let number = if fields.is_some() { 0 } else { scenario.seed };
         let first = Self::new(Arc::new(Course { scenario, rules: Arc::clone(rules) }), number)?;
         if let Some(nearest) = rules.observed.nearest.filter(|nearest| !(1..=first.field.count()).contains(nearest)) {
@@ -125,6 +131,11 @@ impl Episode {
     /// The first episode over another scenario. Its observations and actions have the same shape.
     pub fn over(&self, scenario: &PyScenario) -> PyResult<Self> {
         let other = Self::first(scenario, &self.course.rules)?;
+        let uavs = |episode: &Self| episode.plant.flights().len();
+        if uavs(&other) != uavs(self) {
+            let (count, expected) = (uavs(&other), uavs(self));
+            return Err(refused(format!("scenario {}: {count} UAVs: expected {expected}", scenario.scenario.name)));
+        }
         let shape = |episode: &Self| [episode.field.count(), episode.axes()];
         let [count, axes] = shape(self);
         if shape(&other) != [count, axes] {
@@ -151,6 +162,7 @@ impl Episode {
         let highest_of_range = mean_bits(scenario.sensors.sampling_bps.ends()[1], scenario.slot_s);
         Ok(Self {
             number,
+            uav: UAV,
             contacts: Contacts::none(if course.rules.keeps_contacts { field.count() } else { 0 }),
             positions: if observed.has("positions") { field.position_fractions().collect() } else { Arc::default() },
             weights: if *reward == Reward::Weighted { weights(&list) } else { Arc::default() },
@@ -210,13 +222,18 @@ impl Episode {
         self.course.prepared(self.number)
     }
 
-    /// Flies the next slot.
-    pub fn fly(&mut self, plan: Plan) -> Outcome {
+    /// The last flight of the UAV that observes and acts.
+    pub fn flight(&self) -> &FlightReport {
+        self.plant.flight(self.uav)
+    }
+
+    /// Flies the next slot by the plan of each UAV.
+    pub fn fly(&mut self, plans: &[Option<Plan>]) -> Outcome {
         let reward = self.course.rules.reward;
         let before = reward.bits(self);
-        let header = self.plant.step(&[Some(plan)]).header;
+        let header = self.plant.step(plans).header;
         if self.course.rules.keeps_contacts {
-            self.contacts.add(self.plant.slot(), self.plant.flight(UAV));
+            self.plant.flights().iter().for_each(|flight| self.contacts.add(self.plant.slot(), flight));
         }
         Outcome {
             reward: reward.of(self, before),
@@ -233,12 +250,12 @@ impl Episode {
             return plan;
         }
         let queues_bits = self.plant.field().believed_bits();
-        self.field.ruled(self.plant.slot() + 1, self.plant.flight(UAV), plan, queues_bits)
+        self.field.ruled(self.plant.slot() + 1, self.flight(), plan, queues_bits)
     }
 
-    /// Whether the UAV is down (decision D12).
+    /// Whether all UAVs are down (decision D12).
     fn is_down(&self) -> bool {
-        self.plant.flight(UAV).flown_mode() == Mode::Down
+        self.plant.flights().iter().all(|flight| flight.flown_mode() == Mode::Down)
     }
 
     /// Whether no slot follows: the mission is over, or the UAV is down.

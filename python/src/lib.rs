@@ -12,6 +12,7 @@ mod environment;
 mod episode;
 mod errors;
 mod field;
+mod fleet;
 mod observation;
 mod pilot;
 mod reward;
@@ -41,6 +42,8 @@ mod _skysink {
     use super::errors::InputError;
     #[pymodule_export]
     use super::field::PyField;
+    #[pymodule_export]
+    use super::fleet::PyFleetCore;
     #[pymodule_export]
     use super::pilot::{PyDecision, PyPlanMaker, PyView};
     #[pymodule_export]

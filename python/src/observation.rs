@@ -6,7 +6,6 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
 use skysink_common::airspace::length_m;
 use skysink_common::geometry::within;
-use skysink_common::slot_record::UAV;
 
 use crate::belief::believed;
 use crate::episode::Episode;
@@ -24,8 +23,8 @@ fn shape<const AXES: usize>(axes: [usize; AXES]) -> Shape {
 pub struct Observable {
     /// Its key in the dictionary.
     pub name: &'static str,
-    /// Its shape for so many sensor nodes, and so many nearest ones.
-    shape: fn(usize, usize) -> Shape,
+    /// Its shape for so many sensor nodes, nearest ones, and other UAVs.
+    shape: fn(usize, usize, usize) -> Shape,
     /// Its least number; the largest is 1.
     pub low: f64,
     /// Writes it.
@@ -33,25 +32,26 @@ pub struct Observable {
 }
 
 /// Number of observable quantities.
-const KINDS: usize = 15;
+const KINDS: usize = 16;
 
 /// All of them, in the order of a dictionary.
 pub static OBSERVABLES: [Observable; KINDS] = [
-    Observable { name: "uav", shape: |_, _| shape([3]), low: 0.0, write: uav },
-    Observable { name: "queues", shape: |count, _| shape([count]), low: 0.0, write: queues },
-    Observable { name: "slot", shape: |_, _| shape([1]), low: 0.0, write: slot },
-    Observable { name: "positions", shape: |count, _| shape([count, 2]), low: 0.0, write: positions },
-    Observable { name: "belief", shape: |count, _| shape([count]), low: 0.0, write: belief },
-    Observable { name: "belief_spread", shape: |count, _| shape([count]), low: 0.0, write: belief_spread },
-    Observable { name: "rates", shape: |count, _| shape([count]), low: 0.0, write: rates },
-    Observable { name: "ages", shape: |count, _| shape([count]), low: 0.0, write: ages },
-    Observable { name: "gains", shape: |count, _| shape([count]), low: 0.0, write: gains },
-    Observable { name: "nearest", shape: |_, nearest| shape([nearest, NEAREST]), low: -1.0, write: nearest },
-    Observable { name: "reach", shape: |count, _| shape([count]), low: 0.0, write: reach },
-    Observable { name: "energy", shape: |_, _| shape([1]), low: -1.0, write: energy },
-    Observable { name: "home", shape: |_, _| shape([4]), low: -1.0, write: home },
-    Observable { name: "zones", shape: |_, _| shape([DIRECTIONS]), low: 0.0, write: zones },
-    Observable { name: "returnable", shape: |count, _| shape([count]), low: 0.0, write: returnable },
+    Observable { name: "uav", shape: |_, _, _| shape([3]), low: 0.0, write: uav },
+    Observable { name: "queues", shape: |count, _, _| shape([count]), low: 0.0, write: queues },
+    Observable { name: "slot", shape: |_, _, _| shape([1]), low: 0.0, write: slot },
+    Observable { name: "positions", shape: |count, _, _| shape([count, 2]), low: 0.0, write: positions },
+    Observable { name: "belief", shape: |count, _, _| shape([count]), low: 0.0, write: belief },
+    Observable { name: "belief_spread", shape: |count, _, _| shape([count]), low: 0.0, write: belief_spread },
+    Observable { name: "rates", shape: |count, _, _| shape([count]), low: 0.0, write: rates },
+    Observable { name: "ages", shape: |count, _, _| shape([count]), low: 0.0, write: ages },
+    Observable { name: "gains", shape: |count, _, _| shape([count]), low: 0.0, write: gains },
+    Observable { name: "nearest", shape: |_, nearest, _| shape([nearest, NEAREST]), low: -1.0, write: nearest },
+    Observable { name: "reach", shape: |count, _, _| shape([count]), low: 0.0, write: reach },
+    Observable { name: "energy", shape: |_, _, _| shape([1]), low: -1.0, write: energy },
+    Observable { name: "home", shape: |_, _, _| shape([4]), low: -1.0, write: home },
+    Observable { name: "zones", shape: |_, _, _| shape([DIRECTIONS]), low: 0.0, write: zones },
+    Observable { name: "returnable", shape: |count, _, _| shape([count]), low: 0.0, write: returnable },
+    Observable { name: "others", shape: |_, _, others| shape([others, 2]), low: -1.0, write: others },
 ];
 
 /// Directions in which free distances are observed.
@@ -63,7 +63,7 @@ const NEAREST: usize = 5;
 /// The UAV's position relative to area and altitudes.
 fn uav(episode: &Episode, numbers: &mut [f32]) {
     let limits = episode.field.limits;
-    let position = episode.plant.flight(UAV).position();
+    let position = episode.flight().position();
     let climb_range_m = limits.max_altitude_m - limits.min_altitude_m;
     let altitude = if climb_range_m > 0.0 { (position.z - limits.min_altitude_m) / climb_range_m } else { 0.0 };
     let fractions = [position.x / limits.width_m, position.y / limits.height_m, altitude];
@@ -118,7 +118,7 @@ fn gains(episode: &Episode, numbers: &mut [f32]) {
 /// The nearest sensor nodes, nearest first: x and y from the UAV as fractions of the area, queue, rate, age.
 fn nearest(episode: &Episode, numbers: &mut [f32]) {
     let limits = episode.field.limits;
-    let uav = episode.plant.flight(UAV).position().xy();
+    let uav = episode.flight().position().xy();
     let believed_bits = episode.plant.field().believed_bits();
     for (&id, numbers) in episode.nearest(numbers.len() / NEAREST).iter().zip(numbers.chunks_mut(NEAREST)) {
         let offset = episode.field.sensors.position(id) - uav;
@@ -135,7 +135,7 @@ fn reach(episode: &Episode, numbers: &mut [f32]) {
 
 /// The energy as a fraction of the capacity; 1 without a battery.
 fn energy(episode: &Episode, numbers: &mut [f32]) {
-    numbers[0] = of_capacity(episode, episode.plant.flight(UAV).energy_j);
+    numbers[0] = of_capacity(episode, episode.flight().energy_j);
 }
 
 /// Energy [J] as a fraction of the battery's capacity, from −1; 1 without a battery.
@@ -153,7 +153,7 @@ fn home(episode: &Episode, numbers: &mut [f32]) {
         return;
     };
     let limits = episode.field.limits;
-    let flight = episode.plant.flight(UAV);
+    let flight = episode.flight();
     let uav = flight.position().xy();
     let end = home.end_of(&uav);
     let offset = end - uav;
@@ -170,7 +170,7 @@ fn home(episode: &Episode, numbers: &mut [f32]) {
 /// fraction of the longer side.
 fn zones(episode: &Episode, numbers: &mut [f32]) {
     let limits = episode.field.limits;
-    let uav = episode.plant.flight(UAV).position();
+    let uav = episode.flight().position();
     let side_m = limits.width_m.max(limits.height_m);
     for (direction, number) in (0u8..).zip(numbers) {
         let (sine, cosine) = (f64::from(direction) * std::f64::consts::TAU / DIRECTIONS as f64).sin_cos();
@@ -188,6 +188,18 @@ fn zones(episode: &Episode, numbers: &mut [f32]) {
 /// 1 for the sensor nodes that the UAV can still serve and come home from, else 0.
 fn returnable(episode: &Episode, numbers: &mut [f32]) {
     each(episode, numbers, |id| f64::from(u8::from(episode.returns_from(id))));
+}
+
+/// The other UAVs in the order of their numbers: x and y from the UAV as fractions of the area.
+fn others(episode: &Episode, numbers: &mut [f32]) {
+    let limits = episode.field.limits;
+    let uav = episode.flight().position();
+    let flights = episode.plant.flights().iter().enumerate().filter(|(number, _)| *number != episode.uav);
+    for ((_, flight), numbers) in flights.zip(numbers.chunks_mut(2)) {
+        let offset = flight.position() - uav;
+        let row = [offset.x / limits.width_m, offset.y / limits.height_m];
+        numbers.iter_mut().zip(row).for_each(|(number, value)| *number = value.clamp(-1.0, 1.0) as f32);
+    }
 }
 
 /// Writes a number for each sensor node, at most 1.
@@ -300,13 +312,28 @@ impl Episode {
     /// The shapes of what it observes.
     fn shapes(&self) -> impl Iterator<Item = Shape> {
         let [count, nearest] = [self.field.count(), self.observed().nearest.unwrap_or(0)];
-        self.observed().observables().map(move |kind| (kind.shape)(count, nearest))
+        let others = self.plant.flights().len() - 1;
+        self.observed().observables().map(move |kind| (kind.shape)(count, nearest, others))
     }
 
     /// Names, shapes and least numbers of what it observes.
     pub fn boxes(&self) -> Vec<(&'static str, Vec<usize>, f64)> {
         let boxes = self.observed().observables().zip(self.shapes());
         boxes.map(|(kind, shape)| (kind.name, shape.to_vec(), kind.low)).collect()
+    }
+
+    /// How many numbers it observes.
+    pub fn width(&self) -> usize {
+        self.shapes().map(|shape| shape.iter().product::<usize>()).sum()
+    }
+
+    /// Writes the observation into `numbers`, one quantity after another.
+    pub fn observe_flat(&self, mut numbers: &mut [f32]) {
+        for (kind, shape) in self.observed().observables().zip(self.shapes()) {
+            let (own, rest) = numbers.split_at_mut(shape.iter().product());
+            (kind.write)(self, own);
+            numbers = rest;
+        }
     }
 
     /// Writes the observation into the rows of this episode.
@@ -316,14 +343,14 @@ impl Episode {
 
     /// The ids of the `count` sensor nodes nearest to the UAV, nearest first.
     pub fn nearest(&self, count: usize) -> Vec<u32> {
-        self.field.sensors.grid.nearest(&self.plant.flight(UAV).position().xy(), count)
+        self.field.sensors.grid.nearest(&self.flight().position().xy(), count)
     }
 
     /// Whether the UAV can fly into the range of sensor node `id`, around zones at full speed, and home from there in time and
     /// with its reserve.
     pub fn returns_from(&self, id: u32) -> bool {
         let field = &self.field;
-        let flight = self.plant.flight(UAV);
+        let flight = self.flight();
         let (from, sensor) = (flight.position().xy(), field.sensors.position(id));
         let way = field.airspace.way_into(&from, &field.airspace.nearest(sensor), sensor, field.limits.comm_radius_m);
         let Some(end) = way.last() else { return false };
@@ -336,7 +363,7 @@ impl Episode {
 
     /// Whether the UAV reaches sensor node `id` in one slot.
     pub fn reaches(&self, id: u32) -> bool {
-        let uav = self.plant.flight(UAV).position().xy();
+        let uav = self.flight().position().xy();
         within(self.field.sensors.position(id), &uav, self.field.limits.reach_m)
     }
 }

@@ -18,6 +18,8 @@ pub struct Rules {
     pub prepare: Option<Py<PyAny>>,
     /// Whether actions are led around zones and home as the decisions of strategies are.
     pub has_return_rule: bool,
+    /// Whether the scenario may have several UAVs.
+    pub is_fleet: bool,
 }
 
 impl Rules {
@@ -39,7 +41,7 @@ impl Rules {
         let observed = Observed::of(py, observation, nearest)?;
         let control = Control::named(action)?;
         let reward = Reward::named(reward)?;
-        Ok(Self { fields, observed, control, reward, keeps_contacts: true, prepare, has_return_rule })
+        Ok(Self { fields, observed, control, reward, keeps_contacts: true, prepare, has_return_rule, is_fleet: false })
     }
 
     /// The same for a vector, which has no belief to ask for.
@@ -47,6 +49,11 @@ impl Rules {
         let is_of_contacts = |name: &&str| self.observed.has(name);
         let keeps_contacts = self.reward == Reward::Age || ["ages", "nearest"].iter().any(is_of_contacts);
         Self { keeps_contacts, ..self }
+    }
+
+    /// The same for several UAVs.
+    pub fn of_fleet(self) -> Self {
+        Self { is_fleet: true, ..self.of_vector() }
     }
 }
 

@@ -12,6 +12,7 @@ use skysink_common::stop::Stop;
 use skysink_mission::drive::Observer;
 use skysink_mission::origin::RunMode;
 use skysink_mission::{Mission, MissionError, Plant, drive};
+use skysink_planner::fleet::require_one;
 use skysink_planner::strategies::PYTHON;
 use skysink_planner::strategy::Registered;
 
@@ -80,7 +81,8 @@ pub fn drive_python(
     strategy: Py<PyAny>,
     observer: &mut dyn Observer,
 ) -> PyResult<Plant> {
-    let mut plant = plant(scenario, list)?; // of one UAV
+    require_one(scenario).map_err(refused)?;
+    let mut plant = plant(scenario, list)?;
     nested(|| {
         let field = PyField::of(scenario, list, plant.field().belief());
         let mut pilot = PyPlanMaker::new(py, strategy, Py::new(py, field)?)?;

@@ -1,0 +1,291 @@
+"""Several UAVs as agents: a PettingZoo environment, and a batch of environments that steps in place.
+
+Observations, actions, rewards, seeds and scenarios are those of :mod:`skysink.environment`, for each agent from where it is;
+``others`` [U - 1, 2], which is observed by default, are the other UAVs in the order of their numbers: x and y from the agent as
+fractions of the area (-1 to 1). An SN that several agents schedule is served by the one of lowest number (decision D19).
+
+All agents have the reward of the team. With ``reward="difference"`` each has the bits that are delivered because of it in the
+slot, as a fraction of the mean bits that are sampled in a slot; what another agent in range has scheduled, too, does not count.
+
+All agents act until the end of the mission: none leaves before. A UAV that is down stays where it is, whatever it is told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Self
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from skysink._skysink import Field, FleetCore, InputError, Scenario
+from skysink.environment import Action, Control, Observation, Source, one_of, some_of
+from skysink.flight import scenario_of
+from skysink.models import Arrivals, Channel, Model, Models
+
+try:
+    from pettingzoo import ParallelEnv
+except ImportError:  # the batch needs none
+
+    class ParallelEnv:  # type: ignore[no-redef]
+        """Stands for PettingZoo's, where that is not installed."""
+
+        def __class_getitem__(cls, _types: Any) -> Any:
+            return cls
+
+
+OBSERVED = ("uav", "queues", "slot", "others")
+
+
+class FleetBatch:
+    """A batch of environments with several agents each, stepped in place in arrays that the caller owns.
+
+    ``num_envs`` environments fly ``scenario``, or environment i scenario i modulo their number; the other arguments are those of
+    :class:`skysink.environment.DataCollectionEnv`, with ``reward="difference"`` in addition.
+
+    :meth:`arrays` makes the arrays once; :meth:`reset_into` and :meth:`step_into` write into them. A row of ``observations`` is
+    what one agent observes, one quantity after another; ``slices`` says where each lies.
+
+    Raises :class:`skysink.InputError` for what is unknown or impossible.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        scenario: Source | Sequence[Source] | None = None,
+        fields: int | None = None,
+        observation: Sequence[str] = OBSERVED,
+        *,
+        nearest: int | None = None,
+        action: Control = "displacement",
+        reward: str = "lost",
+        arrivals: Model[Arrivals] | None = None,
+        channel: Model[Channel] | None = None,
+        return_rule: bool = False,
+    ) -> None:
+        self.num_envs = num_envs
+        self.scenarios = tuple(map(scenario_of, some_of(scenario)))
+        models = Models(arrivals, channel)
+        prepare = models.prepare if models else None
+        self._rules = (fields, list(observation), nearest, action, reward, prepare, return_rule)
+        self._core = self._new_core()
+        self.agents = self._core.agents
+        self.slices: dict[str, slice] = {}
+        self._boxes: dict[str, spaces.Box] = {}
+        begin = 0
+        for name, shape, low in self._core.observed:
+            end = begin + int(np.prod(shape, dtype=int))
+            self.slices[name] = slice(begin, end)
+            self._boxes[name] = spaces.Box(low, 1.0, tuple(shape), np.float32)
+            begin = end
+        self._has_begun = False
+
+    @property
+    def chooses_sensors(self) -> bool:
+        """Whether actions are sensor nodes."""
+        return self._rules[3] == "sensor"
+
+    @property
+    def seeds(self) -> list[int]:
+        """The Skysink seed of each environment."""
+        return self._core.seeds
+
+    @property
+    def field(self) -> Field:
+        """The sensor nodes and limits of the first environment."""
+        return self._core.field
+
+    @property
+    def totals(self) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
+        """Bits lost and delivered so far in the mission of each environment."""
+        lost_bits, delivered_bits = self._core.totals
+        return lost_bits, delivered_bits
+
+    def arrays(self) -> tuple[NDArray[Any], NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], NDArray[np.bool_]]:
+        """New arrays for :meth:`step_into`: actions, observations [E, U, width], rewards [E, U], terminated [E], truncated [E].
+
+        Actions are float32 [E, U, 2 or 3], or int64 [E, U] if they are SNs.
+        """
+        agents = (self.num_envs, self.agents)
+        shape = agents if self.chooses_sensors else (*agents, self._core.action_size)
+        return (
+            np.zeros(shape, np.int64 if self.chooses_sensors else np.float32),
+            np.zeros((*agents, self._core.observation_size), np.float32),
+            np.zeros(agents, np.float32),
+            np.zeros(self.num_envs, np.bool_),
+            np.zeros(self.num_envs, np.bool_),
+        )
+
+    def reset_into(self, observations: NDArray[np.float32], seed: int | None = None) -> None:
+        """Begins all episodes, environment i with the seed ``seed + i``, by default with the next ones."""
+        if seed is not None:
+            numbers = [seed + index for index in range(self.num_envs)]
+        else:
+            numbers = [number + self.num_envs * self._has_begun for number in self._core.numbers]
+        self._core.reset_into(numbers, [True] * self.num_envs, observations)
+        self._has_begun = True
+
+    def step_into(
+        self,
+        actions: NDArray[Any],
+        observations: NDArray[np.float32],
+        rewards: NDArray[np.float32],
+        terminated: NDArray[np.bool_],
+        truncated: NDArray[np.bool_],
+    ) -> None:
+        """Flies one slot of each mission, and writes what follows into the other arrays, all C-contiguous.
+
+        The step after the end of an episode begins the next episode instead, with reward 0.
+        """
+        self._core.step_into(actions, observations, rewards, terminated, truncated)
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """The SNs to choose from that one slot reaches, or all if it reaches none, bool [E, U, N or k].
+
+        Raises :class:`skysink.InputError` for other actions than ``"sensor"``.
+        """
+        if not self.chooses_sensors:
+            raise InputError(f"action = {self._rules[3]!r}: expected sensor, which alone has a mask")
+        masks = np.zeros((self.num_envs, self.agents, self._core.action_size), np.bool_)
+        self._core.action_masks_into(masks)
+        return masks
+
+    def clone(self) -> Self:
+        """An independent copy in the same slots."""
+        twin: Self = object.__new__(type(self))
+        twin.__dict__.update(self.__dict__)
+        twin._core = self._core.clone()
+        return twin
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_core": self._core.save()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._core = self._new_core()
+        self._core.restore(state["_core"])
+
+    def _new_core(self) -> FleetCore:
+        return FleetCore(list(self.scenarios), self.num_envs, *self._rules)
+
+
+class DataCollectionParallelEnv(ParallelEnv[str, Observation, Action]):
+    """One mission of several UAVs as a PettingZoo ``ParallelEnv``; the agents are ``uav_0``, ``uav_1`` and so on.
+
+    The arguments are those of :class:`FleetBatch`. Observations are dictionaries, as those of
+    :class:`skysink.environment.DataCollectionEnv`; they are new arrays in every step.
+    """
+
+    metadata: dict[str, Any] = {"name": "skysink_data_collection_v0", "render_modes": [], "is_parallelizable": True}
+
+    def __init__(self, scenario: Source | None = None, render_mode: None = None, **arguments: Any) -> None:
+        self.render_mode = render_mode
+        self.batch = FleetBatch(1, one_of(scenario)[0], **arguments)
+        self.possible_agents = [f"uav_{uav}" for uav in range(self.batch.agents)]
+        self.agents: list[str] = []
+        self._actions, self._observations, self._rewards, self._terminated, self._truncated = self.batch.arrays()
+        boxes: dict[str, spaces.Space[Any]] = dict(self.batch._boxes)
+        size = self.batch._core.action_size
+        low = 0.0 if self.batch._rules[3] == "waypoint" else -1.0
+        choice: spaces.Space[Any] = spaces.Discrete(size)
+        box: spaces.Space[Any] = spaces.Box(low, 1.0, (size,), np.float32)
+        self.observation_spaces = {agent: spaces.Dict(boxes) for agent in self.possible_agents}
+        self.action_spaces = {agent: choice if self.batch.chooses_sensors else box for agent in self.possible_agents}
+        self.state_space = spaces.Box(0.0, 1.0, self.state().shape, np.float32)
+        self._shapes = [(name, place, boxes[name].shape) for name, place in self.batch.slices.items()]
+
+    def observation_space(self, agent: str) -> spaces.Space[Any]:
+        """What an agent observes."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Space[Any]:
+        """What an agent does."""
+        return self.action_spaces[agent]
+
+    @property
+    def num_agents(self) -> int:
+        """The number of agents that act."""
+        return len(self.agents)
+
+    @property
+    def max_num_agents(self) -> int:
+        """The number of UAVs."""
+        return len(self.possible_agents)
+
+    @property
+    def unwrapped(self) -> Self:
+        """This environment."""
+        return self
+
+    def state(self) -> NDArray[np.float32]:
+        """The whole mission, float32: x and y of all UAVs, the queues, the slot, as fractions."""
+        return self.batch._core.state()
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
+        """Begins an episode; each information has its Skysink ``seed``. ``options["scenario"]`` replaces the scenario by another,
+        with as many SNs and UAVs; other options are ignored, as PettingZoo expects.
+        """
+        if options and options.get("scenario") is not None:
+            scenario: Scenario = scenario_of(one_of(options["scenario"])[0])
+            self.batch._core.replace([scenario], [True])
+            self.batch.scenarios = (scenario,)
+            self.batch._has_begun = False
+        self.batch.reset_into(self._observations, None if seed is None else int(seed))
+        self.agents = list(self.possible_agents)
+        return self._observed(), self._infos({"seed": self.batch.seeds[0]})
+
+    def step(
+        self, actions: dict[str, Action]
+    ) -> tuple[
+        dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]
+    ]:
+        """Flies one slot; the informations have the bits lost and delivered in the mission so far."""
+        agents = self.agents
+        if not agents:
+            raise InputError("the episode is over: expected reset()")
+        row = self._actions[0]
+        for index, agent in enumerate(agents):
+            row[index] = actions[agent]
+        self.batch.step_into(self._actions, self._observations, self._rewards, self._terminated, self._truncated)
+        down, over = bool(self._terminated[0]), bool(self._truncated[0])
+        rewards = dict(zip(agents, self._rewards[0].tolist(), strict=True))
+        (lost_bits,), (delivered_bits,) = self.batch.totals
+        infos = self._infos({"lost_bits": int(lost_bits), "delivered_bits": int(delivered_bits)})
+        result = self._observed(), rewards, dict.fromkeys(agents, down), dict.fromkeys(agents, over), infos
+        if down or over:
+            self.agents = []
+        return result
+
+    def render(self) -> None:
+        """Renders nothing; runs are shown by ``skysink view``."""
+
+    def close(self) -> None:
+        """Does nothing."""
+
+    def _observed(self) -> dict[str, Observation]:
+        """What each agent observes."""
+        rows = self._observations[0].copy()
+        return {
+            agent: {name: row[place].reshape(shape) for name, place, shape in self._shapes}
+            for agent, row in zip(self.agents, rows, strict=True)
+        }
+
+    def _infos(self, info: dict[str, Any]) -> dict[str, dict[str, Any]]:
+        """The same information for each agent, with its own mask where actions are SNs."""
+        if not self.batch.chooses_sensors:
+            return {agent: dict(info) for agent in self.agents}
+        masks = self.batch.action_masks()[0]
+        return {agent: {**info, "action_mask": mask} for agent, mask in zip(self.agents, masks, strict=True)}
+
+
+def parallel_env(scenario: Source | None = None, **arguments: Any) -> DataCollectionParallelEnv:
+    """A PettingZoo environment of the scenario's UAVs (``pip install 'skysink[agents]'``).
+
+    See :class:`DataCollectionParallelEnv`.
+    """
+    if ParallelEnv.__module__ == __name__:
+        raise InputError("PettingZoo is not installed: expected pip install 'skysink[agents]'")
+    return DataCollectionParallelEnv(scenario, **arguments)
