@@ -20,6 +20,8 @@ mod help;
 mod hosts;
 mod imports;
 mod keys;
+#[cfg(feature = "lab")]
+mod least_fleet;
 mod motion;
 mod names;
 mod new;

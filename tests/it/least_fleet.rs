@@ -1,0 +1,67 @@
+//! `skysink fleet`: the least fleet by strategy and by the bound.
+
+use crate::support::Place;
+
+const WIDE: &str = "name = 'wide'\nslots = 200\n[area]\nside_m = 500.0\n[sensors]\ncount = 60\nsampling_bps = 300.0\n\
+                    [planner]\nhorizon.iterations = 30\n";
+
+fn rows(text: &str) -> Vec<Vec<&str>> {
+    text.lines().map(|line| line.split(',').collect()).collect()
+}
+
+#[test]
+fn the_least_fleet_loses_nothing_and_no_smaller_one_does() {
+    let place = Place::new();
+    place.write("wide.toml", WIDE);
+    let fleet = ["fleet", "wide.toml", "--strategies", "tour,mes", "--seeds", "2", "--most", "5"];
+    let more = ["--over", "area.side_m=200,500", "--out", "fleets"];
+    let printed = place.run_ok(&[&fleet[..], &more].concat()).stdout;
+    assert!(printed.contains("at least, by the bound") && printed.contains("fleets/fleet.svg"), "{printed}");
+    let table = place.read("fleets/fleet.csv");
+    let rows = rows(&table);
+    assert_eq!((rows[0].join(","), rows.len()), ("area.side_m,strategy,seed,uavs".to_owned(), 1 + 2 * 3 * 2));
+    for (at, row) in rows.iter().enumerate().skip(1) {
+        let [side_m, strategy, seed, uavs] = row[..] else { panic!("{row:?}") };
+        let uavs = uavs.parse::<u32>().unwrap_or(6);
+        let bound = rows.iter().find(|other| other[..3] == [side_m, "bound", seed]).unwrap()[3];
+        assert!(bound.parse::<u32>().unwrap() <= uavs, "row {at}: {row:?}");
+        if strategy == "bound" || uavs > 5 {
+            continue;
+        }
+        for fewer in [uavs, uavs - 1] {
+            let count = fewer.to_string();
+            if fewer > 0 {
+                let flight = place.flight("wide").strategy(strategy).set("uav.count", count).set("area.side_m", side_m);
+                flight.set("seed", seed).out("flown").force().simulate();
+                let lost_bits = place.summary("flown")["lost_bits"].as_u64().unwrap();
+                assert_eq!(lost_bits == 0, fewer == uavs, "{row:?} with {fewer}: {lost_bits}");
+            }
+        }
+    }
+    let again = place.run_ok(&[&fleet[..], &["--json"]].concat()).stdout;
+    let json: serde_json::Value = serde_json::from_str(&again).unwrap();
+    let uavs = |strategy: usize| json[strategy]["uavs"]["1"].as_u64();
+    assert_eq!((json[0]["strategy"].as_str(), uavs(0)), (Some("bound"), Some(2)));
+    assert_eq!(uavs(1).unwrap().to_string(), rows.iter().find(|row| row[..3] == ["500", "tour", "1"]).unwrap()[3]);
+    // Any loss is allowed.
+    let one = place.run_ok(&[&fleet[..], &["--loss", "1", "--json"]].concat()).stdout;
+    assert!(!one.contains("\"1\": 2") && one.contains("\"1\": 1"), "{one}");
+}
+
+#[test]
+fn questions_that_are_none_are_refused() {
+    let place = Place::new();
+    place.write("wide.toml", WIDE);
+    for (arguments, expected) in [
+        (&["--over", "uav.count=1,2"][..], "uav.count is what is looked for"),
+        (&["--over", "area.side_m"], "expected KEY=VALUE,..."),
+        (&["--over", "area.side_m=100,-1", "--out", "f"], "area.side_m=-1: expected a finite number above 0"),
+        (&["--loss", "1.5"], "expected a fraction from 0 to 1"),
+        (&["--strategies", "best"], "'best'"),
+    ] {
+        let refused = place.run(&[&["fleet", "wide.toml"], arguments].concat());
+        assert_eq!(refused.code, Some(2), "{refused:?}");
+        assert!(refused.stderr.contains(expected), "{refused:?}");
+    }
+    assert!(!place.path("f").exists());
+}
