@@ -251,7 +251,7 @@ impl PyFleetCore {
             let array = choices.as_array();
             expect("actions", array.shape(), &[count, uavs], array.is_standard_layout())?;
             let choices = choices.as_slice()?;
-            if let Some(choice) = choices.iter().find(|choice| !(0..size as i64).contains(choice)) {
+            if let Some(choice) = choices.iter().copied().find(|choice| !(0..size as i64).contains(choice)) {
                 return Err(refused(format!("action {choice}: expected 0 to {}", size - 1)));
             }
             AgentActions::Choices(choices)

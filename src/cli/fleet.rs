@@ -7,7 +7,6 @@ use skysink_common::scenario::Setting;
 use skysink_common::stop::Stop;
 use skysink_lab::least_fleet::{BOUND, FleetQuestion, LeastFleets};
 use skysink_mission::error::FileContext as _;
-use skysink_mission::error::MissionError;
 
 use crate::error::{Error, ended_early};
 use crate::options::{Changes, strategy};
@@ -73,7 +72,7 @@ impl FleetCommand {
         let fleets = fleets.map_err(|error| ended_early(error, "nothing was written"))?;
         let files = match &out {
             Some(out) => {
-                std::fs::create_dir_all(out).at(out).map_err(MissionError::from)?;
+                std::fs::create_dir_all(out).at(out)?;
                 question.write(&fleets, out)?
             }
             None => Vec::new(),
