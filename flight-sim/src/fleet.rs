@@ -56,7 +56,7 @@ impl Fleet {
                 let is_near = |other: &FlightReport| uav.is_too_near(plan, &other.position().xy(), self.separation_m);
                 self.separation_m > 0.0 && flies && lower.iter().any(is_near)
             };
-            rest[0] = if plan.as_ref().is_some_and(is_too_near) && !uav.is_down() {
+            rest[0] = if plan.as_ref().is_some_and(is_too_near) && !uav.is_down() && !uav.is_over(slot) {
                 uav.refuse(HoldReason::Separation)
             } else {
                 uav.step(slot, plan)

@@ -68,6 +68,11 @@ impl Flight {
         self.vehicle.is_down()
     }
 
+    /// Whether its own endurance has ended before `slot`.
+    pub(crate) fn is_over(&self, slot: u64) -> bool {
+        slot > self.last
+    }
+
     /// The report of a slot whose waypoint is refused for `reason`: the UAV holds its position.
     pub(crate) fn refuse(&mut self, reason: HoldReason) -> FlightReport {
         self.vehicle.move_to(self.vehicle.position);
@@ -96,8 +101,14 @@ impl Flight {
         if self.vehicle.is_down() {
             return self.report(Mode::Down);
         }
-        if slot > self.last {
-            return if self.vehicle.charge() { self.report(Mode::Charge) } else { self.hold(HoldReason::Base, 0) };
+        if self.is_over(slot) {
+            let refused = u32::from(plan.is_some_and(|plan| plan.mode != Mode::Charge as u32));
+            let is_home = self.vehicle.charge();
+            return if is_home {
+                FlightReport { refused, ..self.report(Mode::Charge) }
+            } else {
+                self.hold(HoldReason::Base, refused)
+            };
         }
         let Some(plan) = plan else {
             self.vehicle.move_to(self.vehicle.position);

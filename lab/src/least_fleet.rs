@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use rayon::prelude::*;
 use serde::Serialize;
+use skysink_common::error::InputError;
 use skysink_common::scenario::{Overrides, Scenario, Setting};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
@@ -136,8 +137,18 @@ impl FleetQuestion {
             Some(seed) => seed,
             None => Scenario::read(&self.scenario, self.changes.clone())?.seed,
         };
-        for value in self.over.iter().map(Some).chain([None]) {
-            self.scenario(&Case { value, strategy: None, seed }, self.most)?; // refused before anything is flown
+        let alone = self.over.is_empty().then_some(None);
+        for value in self.over.iter().map(Some).chain(alone) {
+            let scenario = self.scenario(&Case { value, strategy: None, seed }, 1)?; // refused before anything is flown
+            for (key, is_given) in [
+                ("uav.starts_m", scenario.uav.starts_m.is_some()),
+                ("uav.endurances_s", scenario.uav.endurances_s.is_some()),
+            ] {
+                if is_given {
+                    let message = format!("{key}: expected none, because the number of UAVs is what is looked for");
+                    return Err(InputError::new("scenario", &self.scenario, message).into());
+                }
+            }
         }
         let cases = self.cases(seed);
         let done = AtomicU64::new(0);

@@ -176,6 +176,94 @@ fn planned_flights_keep_their_distance() {
     assert!(near > 100, "{near}: UAVs that do not talk come near each other");
 }
 
+/// The distance is wider than a slot leads: whoever goes into the base has to be let in.
+#[test]
+fn uavs_that_keep_their_distance_land_one_after_the_other() {
+    for strategy in ["tour", "mes", "uts", "horizon", "rfs"] {
+        for coordination in ["sequential", "partition"] {
+            for seed in 1..=4 {
+                let text = format!(
+                    "name = 'wait'\nseed = {seed}\nslots = 40\n[planner]\nhorizon.iterations = 60\n[uav]\ncount = 2\nseparation_m = 26.0\n\
+                     max_speed_mps = 5.0\nmust_land = true\ncoordination = '{coordination}'\n"
+                );
+                let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
+                let scenario =
+                    Scenario::parse(&text, Path::new("wait.toml"), overrides).and_then(settings::resolve).unwrap();
+                let base = scenario.landing_base().unwrap();
+                let records = records(&scenario);
+                let is_home = |flight: &FlightReport| base.contains(&flight.position().xy());
+                let at = format!("{strategy}, {coordination}, seed {seed}");
+                assert!(records.last().unwrap().flights.iter().all(is_home), "{at}");
+                for record in &records {
+                    let [one, other] = [0, 1].map(|uav| &record.flights[uav]);
+                    let away_m = (one.position() - other.position()).norm();
+                    let is_apart = is_home(one) || is_home(other) || away_m >= 26.0 - 1e-9;
+                    assert!(is_apart, "{at}, slot {}: {away_m}", record.slot());
+                }
+            }
+        }
+    }
+}
+
+/// Two moves around a corner of a grid, one after the other, come nearer to each other than a cell.
+#[test]
+fn moves_on_a_grid_keep_their_distance() {
+    let text = "name = 'grid'\nslots = 300\n[uav]\ncount = 2\nseparation_m = 10.0\nstarts_m = [[60.0, 33.333333333333336], \
+                [33.333333333333336, 60.0]]\nmax_speed_mps = 5.0\nmoves = 'grid'\ncell_m = 13.333333333333334\n";
+    for strategy in ["uts", "mes", "tour"] {
+        let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
+        let scenario = Scenario::parse(text, Path::new("grid.toml"), overrides).and_then(settings::resolve).unwrap();
+        for record in records(&scenario) {
+            let held = record.flights.iter().any(|flight| flight.hold != HoldReason::None as u32);
+            assert!(!held, "{strategy}, slot {}", record.slot());
+        }
+    }
+}
+
+/// The first UAV has no energy to go anywhere; the other serves all.
+#[test]
+fn nobody_counts_on_a_uav_that_is_down() {
+    let text = "name = 'down'\nslots = 150\n[area]\nside_m = 150.0\n[sensors]\ncount = 40\nsampling_bps = 300.0\n[planner]\n\
+                horizon.iterations = 60\n[uav]\ncount = 2\nseparation_m = 4.0\nstarts_m = [[20, 20], [75, 75]]\n";
+    let of = |strategy: &'static str| {
+        let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
+        Scenario::parse(text, Path::new("down.toml"), overrides).and_then(settings::resolve).unwrap()
+    };
+    for strategy in ["horizon", "mes"] {
+        let scenario = of(strategy);
+        let list = SensorList::of(&scenario).unwrap();
+        let mut planner = FleetPlanner::until(&scenario, &list.nodes(), &Stop::default()).unwrap();
+        let mut plant = Plant::new(&scenario, &list);
+        let mut flights = plant.flights().clone();
+        for slot in 1..=60 {
+            flights[0].mode = Mode::Down as u32;
+            let plans = planner.step(slot, &flights, plant.field().queues_bits());
+            assert!(plans[0].scheduled().is_empty() && plans[0].waypoint() == flights[0].position(), "{strategy}");
+            plant.step(&[None, Some(plans[1])]);
+            flights = plant.flights().clone();
+            planner.observe(slot, &flights, plant.field().queues_bits());
+        }
+        let all = plant.header().totals;
+        assert!(all.delivered_bits > all.lost_bits, "{strategy}: {all:?}");
+        let near =
+            list.sensors().iter().filter(|sensor| (sensor.position - flights[0].position().xy()).norm() < 40.0).count();
+        assert!(near > 0);
+    }
+}
+
+/// Rounds begin near the starts; those that share one begin at different parts.
+#[test]
+fn tours_begin_at_different_places() {
+    for starts in ["", "starts_m = [[0, 0], [250, 250]]\n", "starts_m = [[0, 250], [250, 0]]\n"] {
+        let records = records(&scenario("tour", 3, &format!("count = 2\n{starts}"), ""));
+        let near = records[10..].iter().filter(|record| {
+            let [one, other] = [0, 1].map(|uav| record.flights[uav].position());
+            (one - other).norm() < 20.0
+        });
+        assert!(near.count() < 10, "{starts}");
+    }
+}
+
 /// On a grid and in the open, with and without a distance to keep.
 #[test]
 fn each_uav_is_home_when_its_own_endurance_ends_and_stays_there() {

@@ -2,6 +2,7 @@
 //!
 //! A strategy sees one UAV. With one UAV, its planner plans as if this were not here.
 
+use std::f64::consts::FRAC_1_SQRT_2;
 use std::time::Instant;
 
 use nalgebra::Point3;
@@ -10,7 +11,7 @@ use skysink_common::belief::Belief;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::error::InputError;
 use skysink_common::geometry::Position;
-use skysink_common::message::{FlightReport, LinkReport, MAX_SERVED, Plan, SensorNode};
+use skysink_common::message::{FlightReport, LinkReport, MAX_SERVED, Mode, Plan, SensorNode};
 use skysink_common::scenario::{Coordination, Scenario};
 use skysink_common::slot_record::ByUav;
 use skysink_common::stop::Stop;
@@ -20,13 +21,14 @@ use crate::mission_table::MissionTable;
 use crate::partition;
 use crate::planner::{Others, Planner};
 use crate::separation::Apart;
+use crate::settings;
 use crate::strategy::{PlannedVisit, Registered, Strategy, Timing};
 
 /// A place that is near to none [m].
 const NOWHERE: [f64; 2] = [f64::NEG_INFINITY; 2];
 
-/// Moves for which UAVs that have to land and keep apart come home before they must, to give way on the way home.
-const GIVEN_WAY: u64 = 3;
+/// Moves by which UAVs that have to land and keep apart plan to be home before they must: they may lose them to each other.
+const SPARE_MOVES: u64 = 3;
 
 /// The planners of the UAVs of a mission.
 pub struct FleetPlanner {
@@ -34,6 +36,9 @@ pub struct FleetPlanner {
     coordination: Coordination,
     /// Least distance between the ends of slots of two UAVs [m]; 0 for any, or if they do not talk.
     separation_m: f64,
+    /// Whether a place that a UAV leaves is kept clear for the slot: two moves around a corner of a grid, one after the other,
+    /// would come too near.
+    keeps_begins: bool,
     /// The SNs that each UAV is expected to serve before it has planned ahead; empty if none does.
     claims: Vec<Vec<u32>>,
     /// What is told to the next UAV; working memory.
@@ -51,7 +56,9 @@ struct Told {
     visits: Vec<PlannedVisit>,
     /// Where the UAVs end that have planned, and where the others are [m].
     places: Vec<Position>,
-    /// The same without one of them.
+    /// Where they begin [m].
+    begins: Vec<Position>,
+    /// Both for one of them.
     others: Vec<Position>,
 }
 
@@ -60,9 +67,11 @@ impl Told {
     /// in a `sequential` fleet what they serve.
     fn to(&mut self, uav: usize, separation_m: f64, stays: bool, is_sequential: bool) -> Others<'_> {
         self.others.clear();
-        self.others.extend_from_slice(&self.places);
-        self.others.remove(uav);
-        let apart = Apart { separation_m, places: &self.others, stays };
+        self.others.extend_from_slice(&self.places[..uav]);
+        self.others.extend_from_slice(&self.begins[..uav.min(self.begins.len())]);
+        let lower = self.others.len();
+        self.others.extend_from_slice(&self.places[uav + 1..]);
+        let apart = Apart { separation_m, places: &self.others, lower, stays };
         if !is_sequential {
             return Others { scheduled: &[], visits: None, apart };
         }
@@ -121,6 +130,7 @@ impl From<Planner> for FleetPlanner {
             members,
             coordination: Coordination::default(),
             separation_m: 0.0,
+            keeps_begins: false,
             claims: Vec::new(),
             told: Told::default(),
         }
@@ -149,13 +159,24 @@ impl FleetPlanner {
         let member = |uav: usize| {
             let mut alone = scenario.of_uav(uav);
             if separation_m > 0.0 && scenario.must_land() {
-                let spare = GIVEN_WAY * scenario.move_slots();
-                alone.slots = alone.slots.saturating_sub(spare).max(1);
+                // Into the base one after the other, those of higher number from beyond the distance.
+                let move_m = scenario.uav.grid_m().unwrap_or_else(|| scenario.reach_m());
+                let each = (separation_m / move_m) as u64;
+                let moves = SPARE_MOVES + (uavs - 1 - uav) as u64 * if each > 0 { each + SPARE_MOVES } else { 0 };
+                let early = |moves: u64| {
+                    let slots = alone.slots.saturating_sub(moves * scenario.move_slots()).max(1);
+                    Some(Scenario { slots, ..alone.clone() }).filter(|early| settings::check(early).is_ok())
+                };
+                if let Some(early) = early(moves).or_else(|| early(SPARE_MOVES)) {
+                    alone = early;
+                }
             }
             let Some(ids) = pieces.pop() else {
                 let mut planner = Planner::until(&alone, sensors, stop)?;
                 if coordination == Coordination::Sequential {
-                    planner.take_part(uav, uavs);
+                    // Rounds begin near the start: those that share one begin at different parts.
+                    let beside = |other: &usize| scenario.start_of(*other) == scenario.start_of(uav);
+                    planner.take_part((0..uav).filter(beside).count(), (0..uavs).filter(beside).count());
                 }
                 return Ok(Member { planner, last: alone.slots, piece: None });
             };
@@ -165,7 +186,16 @@ impl FleetPlanner {
         };
         let members = (0..uavs).map(member).collect::<Result<_, InputError>>()?;
         let planned = vec![Vec::new(); uavs];
-        Ok(Self { members, coordination, separation_m, claims, told: Told { planned, ..Told::default() } })
+        let is_wide = |cell_m: f64| separation_m > cell_m * FRAC_1_SQRT_2 && scenario.move_slots() > 1;
+        let keeps_begins = scenario.uav.grid_m().is_some_and(is_wide);
+        Ok(Self {
+            members,
+            coordination,
+            separation_m,
+            keeps_begins,
+            claims,
+            told: Told { planned, ..Told::default() },
+        })
     }
 
     /// The planner with `strategy` instead of the scenario's.
@@ -224,8 +254,10 @@ impl FleetPlanner {
     #[must_use]
     pub fn step(&mut self, slot: u64, flights: &[FlightReport], queues_bits: &[u32]) -> ByUav<Plan> {
         assert_eq!(flights.len(), self.members.len(), "expected a flight for each UAV");
-        let Self { members, coordination, separation_m, claims, told } = self;
-        let is_sequential = *coordination == Coordination::Sequential && members.len() > 1;
+        let Self { members, coordination, separation_m, keeps_begins, claims, told } = self;
+        let is_several = members.len() > 1;
+        let is_sequential = *coordination == Coordination::Sequential && is_several;
+        let begin = Instant::now();
         told.scheduled.clear();
         let is_first = members[0].planner.slot() == 0;
         for (uav, planned) in told.planned.iter_mut().enumerate() {
@@ -234,7 +266,7 @@ impl FleetPlanner {
             if is_first {
                 let claims = claims.get(uav).into_iter().flatten();
                 planned.extend(claims.flat_map(|&id| planner.claimed_visits(slot, id)));
-            } else if is_sequential && slot <= *last {
+            } else if is_sequential && slot <= *last && !is_down(&flights[uav]) {
                 planner.visits(slot, flights[uav].position(), queues_bits, planned);
             }
         }
@@ -248,11 +280,20 @@ impl FleetPlanner {
                 ground
             }
         }));
+        told.begins.clear();
+        if *keeps_begins {
+            told.begins.extend_from_slice(&told.places);
+        }
+        let before = begin.elapsed() / members.len() as u32; // at most MAX_UAVS
         let mut plans = ByUav::new();
         for (uav, (Member { planner, last, piece }, flight)) in members.iter_mut().zip(flights).enumerate() {
             let begin = Instant::now();
             let position = flight.position();
             let mut plan = match piece {
+                _ if is_several && is_down(flight) => {
+                    told.planned[uav].clear();
+                    planner.lie(slot, position, queues_bits)
+                }
                 _ if slot > *last => {
                     let stays = planner.stays(slot, uav);
                     let apart = told.to(uav, *separation_m, stays, false).apart;
@@ -276,7 +317,7 @@ impl FleetPlanner {
                 }
                 None => planner.step(slot, position, queues_bits),
             };
-            plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
+            plan.plan_ns = u64::try_from((before + begin.elapsed()).as_nanos()).unwrap_or(u64::MAX);
             told.scheduled.extend_from_slice(plan.scheduled());
             if told.places[uav] != NOWHERE.into() {
                 told.places[uav] = planner.end_of(slot, &position.xy(), &plan.waypoint().xy());
@@ -317,6 +358,11 @@ impl FleetPlanner {
     pub fn path(&self, uav: usize) -> &[Point3<f64>] {
         self.members[uav].planner.path()
     }
+}
+
+/// Whether the energy of the UAV has ended.
+fn is_down(flight: &FlightReport) -> bool {
+    flight.flown_mode() == Mode::Down
 }
 
 /// Refuses a scenario with several UAVs.

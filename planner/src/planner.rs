@@ -221,8 +221,10 @@ impl Planner {
             stop: &self.stop,
         };
         let (mut decision, mode) = decide(self.strategy.as_mut(), &mut self.transit, &view);
-        if let Some(end) = others.and_then(|others| others.apart.end_instead_of(&view, &decision.waypoint.xy())) {
+        let apart = others.map(|others| others.apart).filter(|_| mode != Mode::Charge);
+        if let Some(end) = apart.and_then(|apart| apart.end_instead_of(&view, &decision.waypoint.xy())) {
             decision = self.transit.serve_fullest(&view, &end);
+            decision.waypoint.z = decision.waypoint.z.min(position.z); // a climb would take energy
         }
         decision.schedule.retain(|id| !taken.contains(id));
         let plan = message(&view, &decision, mode);
@@ -240,6 +242,15 @@ impl Planner {
         self.await_reports(slot, plan.scheduled(), queues_bits);
         self.slot = slot;
         plan
+    }
+
+    /// The plan for `slot` of a UAV that is down at `position`.
+    pub(crate) fn lie(&mut self, slot: u64, position: Point3<f64>, queues_bits: &[u32]) -> Plan {
+        self.path.clear();
+        self.path.push(position);
+        self.await_reports(slot, &[], queues_bits);
+        self.slot = slot;
+        Plan::fly_to(position, Mode::Hold)
     }
 
     /// The plan for `slot` of a UAV whose endurance ends: it serves nobody, and flies home from `position` or stays there.

@@ -1,13 +1,13 @@
 //! Distances between UAVs (decision D23): a slot that would end too near to another UAV ends elsewhere.
 
-use nalgebra::Rotation2;
+use nalgebra::{Rotation2, Vector2};
 use skysink_common::geometry::{Position, above};
 
 use crate::home::Returning;
 use crate::strategy::View;
 
-/// Turns [°] away from the decided direction in which a free flight may give way, the smallest first.
-const TURNS_DEG: [f64; 7] = [0.0, 45.0, -45.0, 90.0, -90.0, 135.0, -135.0];
+/// Turns [°] away from the decided direction in which a free flight may give way.
+const TURNS_DEG: [f64; 8] = [0.0, 45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0];
 
 /// Parts of the decided way that it may fly there.
 const PARTS: [f64; 2] = [1.0, 0.5];
@@ -17,9 +17,11 @@ const PARTS: [f64; 2] = [1.0, 0.5];
 pub(crate) struct Apart<'a> {
     /// Least distance to them [m]; 0 for any.
     pub separation_m: f64,
-    /// Where those end that have planned, and where the others are, which may stay there.
+    /// Where those of lower number end, or begin, and then where those of higher number are, which may stay there.
     pub places: &'a [Position],
-    /// Whether the UAV rather stays than gives way. Of two that are in each other's way, one does.
+    /// How many are of those of lower number.
+    pub lower: usize,
+    /// Whether the UAV rather stays where it is than flies beside the way.
     pub stays: bool,
 }
 
@@ -29,37 +31,43 @@ impl Apart<'_> {
         let airspace = &view.table.airspace;
         let ground = view.ground();
         let end_of = |to: &Position| airspace.committed(view.slot, &ground, to).1;
-        if self.separation_m == 0.0
-            || airspace.under_way(view.slot, &ground).is_some()
-            || !self.is_near(view, &end_of(told))
-        {
+        let is_near = |places: &[Position], to: &Position| self.is_near(view, places, &end_of(to));
+        if self.separation_m == 0.0 || airspace.under_way(view.slot, &ground).is_some() || !is_near(self.places, told) {
             return None;
         }
         let mut others = if airspace.has_grid() {
             let flown = |cell: Position| airspace.slot_end(view.slot, &ground, &cell, view.table.limits.reach_m);
             airspace.neighbours(&ground).into_iter().map(flown).collect()
         } else {
-            beside(&ground, told)
+            beside(&ground, told, view.table.limits.reach_m)
         };
         let area = view.table.limits.area();
         others.retain(|to| area.contains(to, 0.0) && airspace.contains(to) && airspace.is_free(&ground, to));
         let away_m = |to: &Position| (end_of(to) - end_of(told)).norm();
         others.sort_by(|a, b| away_m(a).total_cmp(&away_m(b)));
         let home = view.table.home.as_ref();
-        // Whoever is in the way in the base may be there to stay.
+        // A UAV in the base may stay there.
         let stays = self.stays && !home.is_some_and(|home| home.base.contains(told));
         others.insert(if stays { 0 } else { others.len() }, ground);
         let comes_home = |to: &Position| {
             let way = [&view.position, &above(to, view.position.z)];
             home.is_none_or(|home| home.rule(view.slot, &view.battery, way, false) == Returning::Not)
         };
-        others.retain(|to| !self.is_near(view, &end_of(to)));
-        if let Some(in_time) = others.iter().position(comes_home) {
-            return Some(others[in_time]);
+        let lower = &self.places[..self.lower];
+        let clear: Vec<Position> = others.iter().filter(|to| !is_near(self.places, to)).copied().collect();
+        if let Some(in_time) = clear.iter().find(|to| comes_home(to)) {
+            return Some(*in_time);
         }
+        // UAVs of higher number have to plan for this one. Those in the base may stay there, as this one may.
+        let is_home = home.is_some_and(|home| home.base.contains(&end_of(told)));
+        let free = |place: &&Position| !self.is_near(view, self.places, place);
+        let places: Vec<Position> = home.iter().flat_map(|home| home.places()).filter(free).copied().collect();
+        if !is_near(lower, told) && (clear.is_empty() || !airspace.has_grid()) || is_home && places.is_empty() {
+            return None;
+        }
+        let others =
+            if clear.is_empty() { others.into_iter().filter(|to| !is_near(lower, to)).collect() } else { clear };
         // Home as soon as possible, where nobody is.
-        let places: Vec<Position> =
-            home.iter().flat_map(|home| home.places()).filter(|place| !self.is_near(view, place)).copied().collect();
         let way_m = |to: &Position| {
             let ways_m = places.iter().map(|place| airspace.distance_m(&end_of(to), place));
             ways_m.fold(f64::INFINITY, f64::min)
@@ -67,21 +75,23 @@ impl Apart<'_> {
         others.into_iter().min_by(|a, b| way_m(a).total_cmp(&way_m(b)))
     }
 
-    /// Whether `end` [m] is too near to another UAV, and neither is in the base. On a grid the base has a cell for each.
-    fn is_near(&self, view: &View, end: &Position) -> bool {
+    /// Whether `end` [m] is too near to one of the `places` of other UAVs, and neither is in the base. On a grid the base has a cell for each.
+    fn is_near(&self, view: &View, places: &[Position], end: &Position) -> bool {
         let home = view.table.home.as_ref().filter(|_| !view.table.airspace.has_grid());
         let is_in_base = |at: &Position| home.is_some_and(|home| home.base.contains(at));
         let is_near = |place: &&Position| (end - **place).norm() < self.separation_m && !is_in_base(place);
-        self.places.iter().any(|place| is_near(&place)) && !is_in_base(end)
+        places.iter().any(|place| is_near(&place)) && !is_in_base(end)
     }
 }
 
-/// Places to give way to [m], on the way from `from` to `told` and beside it.
-fn beside(from: &Position, told: &Position) -> Vec<Position> {
+/// Places to give way to [m], on the way from `from` to `told`, beside it and behind it, and in reach of a slot around.
+fn beside(from: &Position, told: &Position, reach_m: f64) -> Vec<Position> {
     let along = told - from;
+    let ahead = along.try_normalize(0.0).unwrap_or_else(Vector2::x) * reach_m;
     let turned = |turn_deg: f64| {
-        let direction = Rotation2::new(turn_deg.to_radians()) * along;
-        PARTS.map(|part| from + direction * part)
+        let turn = Rotation2::new(turn_deg.to_radians());
+        let [whole, half] = PARTS.map(|part| from + turn * along * part);
+        [whole, half, from + turn * ahead]
     };
     TURNS_DEG.into_iter().flat_map(turned).skip(1).collect()
 }

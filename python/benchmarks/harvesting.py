@@ -189,7 +189,7 @@ def fly(task):
 
 
 def table(name, rows):
-    """Prints means and standard errors of all missions, and by budget."""
+    """Prints means and standard errors of all missions, by UAVs, and of one UAV by budget."""
     columns = np.array([row[2:5] for row in rows]) * 100
     uavs = np.array([row[0] for row in rows])
     budgets = np.array([row[1] for row in rows])

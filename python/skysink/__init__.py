@@ -30,12 +30,6 @@ from skysink.models import Arrivals, Channel
 from skysink.strategy import Strategy
 from skysink.sweeps import sweep
 
-with suppress(ImportError):  # the environments need Gymnasium 1.1 or newer
-    from skysink.agents import FleetBatch, parallel_env
-    from skysink.environment import register
-
-    register()
-
 __all__ = [
     "STRATEGIES",
     "Arrivals",
@@ -44,7 +38,6 @@ __all__ = [
     "Decision",
     "DiskRound",
     "Field",
-    "FleetBatch",
     "InputError",
     "Run",
     "Scenario",
@@ -54,8 +47,14 @@ __all__ = [
     "__build__",
     "__version__",
     "compare",
-    "parallel_env",
     "round_over_disks",
     "simulate",
     "sweep",
 ]
+
+with suppress(ImportError):  # the environments need Gymnasium 1.1 or newer
+    from skysink.agents import FleetBatch, parallel_env
+    from skysink.environment import register
+
+    register()
+    __all__ += ["FleetBatch", "parallel_env"]

@@ -64,6 +64,8 @@ class FleetBatch:
         channel: Model[Channel] | None = None,
         return_rule: bool = False,
     ) -> None:
+        if num_envs < 1:
+            raise InputError(f"num_envs = {num_envs}: expected 1 or more")
         self.num_envs = num_envs
         self.scenarios = tuple(map(scenario_of, some_of(scenario)))
         models = Models(arrivals, channel)
@@ -138,6 +140,8 @@ class FleetBatch:
 
         The step after the end of an episode begins the next episode instead, with reward 0.
         """
+        if not self._has_begun:
+            raise InputError("no episode has begun: expected reset_into()")
         self._core.step_into(actions, observations, rewards, terminated, truncated)
 
     def action_masks(self) -> NDArray[np.bool_]:
@@ -219,7 +223,7 @@ class DataCollectionParallelEnv(ParallelEnv[str, Observation, Action]):
         return self
 
     def state(self) -> NDArray[np.float32]:
-        """The whole mission, float32: x and y of all UAVs, the queues, the slot, as fractions."""
+        """Of the mission, float32: x and y of all UAVs, the queues and the slot, as fractions."""
         return self.batch._core.state()
 
     def reset(
@@ -246,6 +250,8 @@ class DataCollectionParallelEnv(ParallelEnv[str, Observation, Action]):
         agents = self.agents
         if not agents:
             raise InputError("the episode is over: expected reset()")
+        if missing := [agent for agent in agents if agent not in actions]:
+            raise InputError(f"actions of {sorted(actions)}: expected those of {', '.join(missing)}, too")
         row = self._actions[0]
         for index, agent in enumerate(agents):
             row[index] = actions[agent]

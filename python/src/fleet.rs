@@ -2,18 +2,21 @@
 
 use std::sync::Arc;
 
-use numpy::{PyArray1, PyReadonlyArray2, PyReadonlyArray3, PyReadwriteArray1, PyReadwriteArray2, PyReadwriteArray3};
+use numpy::{
+    PyArray1, PyReadonlyArray2, PyReadonlyArray3, PyReadwriteArray1, PyReadwriteArray2, PyReadwriteArray3,
+    PyUntypedArrayMethods as _,
+};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 use skysink_common::geometry::within;
-use skysink_common::message::Plan;
+use skysink_common::message::{Mode, Plan};
 use skysink_common::slot_record::Plans;
 
 use crate::batch::{BATCH, MAX_ENVIRONMENTS, begun_over, check, pool};
 use crate::episode::{Episode, Outcome};
 use crate::errors::refused;
 use crate::field::PyField;
-use crate::rules::{Control, Rules};
+use crate::rules::{Control, Reward, Rules};
 use crate::scenario::PyScenario;
 
 /// The actions of all agents: components of displacements or waypoints, or numbers of sensor nodes.
@@ -92,8 +95,10 @@ fn differences(episode: &mut Episode, plans: &Plans, rewards: &mut [f32]) -> Out
     let outcome = episode.fly(plans);
     let slot_bits = (episode.expected_bits / episode.field.limits.slots as f64).max(f64::MIN_POSITIVE);
     let reaches = |uav: usize, id: u32| {
-        let at = episode.plant.flight(uav).position().xy();
-        ids[uav].contains(&id) && within(episode.field.sensors.position(id), &at, episode.field.limits.comm_radius_m)
+        let flight = episode.plant.flight(uav);
+        let serves = !matches!(flight.flown_mode(), Mode::Hold | Mode::Charge | Mode::Down);
+        let (sensor, radius_m) = (episode.field.sensors.position(id), episode.field.limits.comm_radius_m);
+        serves && ids[uav].contains(&id) && within(sensor, &flight.position().xy(), radius_m)
     };
     for (uav, reward) in rewards.iter_mut().enumerate() {
         let own = ids[uav].iter().zip(&before[uav]).filter(|(id, _)| {
@@ -127,6 +132,10 @@ impl PyFleetCore {
         }
         check(scenarios.len(), count)?;
         let is_difference = reward == "difference";
+        if !is_difference && Reward::named(reward).is_err() {
+            let expected = "lost, weighted, age, loss_fraction or difference";
+            return Err(refused(format!("reward = {reward:?}: expected {expected}")));
+        }
         let reward = if is_difference { "lost" } else { reward };
         let rules = Rules::of(py, fields, &observation, nearest, action, reward, prepare, return_rule)?.of_fleet();
         let first = Episode::first(scenarios[0].get(), &Arc::new(rules))?;
@@ -208,7 +217,12 @@ impl PyFleetCore {
         }
         self.episodes.iter().zip(&numbers).try_for_each(|(episode, &number)| episode.check(number))?;
         let row = self.uavs() * self.width();
-        expect("observations", observations.as_array().shape(), &[count, self.uavs(), self.width()], true)?;
+        expect(
+            "observations",
+            observations.as_array().shape(),
+            &[count, self.uavs(), self.width()],
+            observations.is_c_contiguous(),
+        )?;
         let numbers_of = observations.as_slice_mut()?;
         let episodes = &mut self.episodes;
         py.detach(|| {
@@ -240,10 +254,10 @@ impl PyFleetCore {
     ) -> PyResult<()> {
         let (count, uavs, width) = (self.episodes.len(), self.uavs(), self.width());
         let size = self.episodes[0].action_size();
-        expect("observations", observations.as_array().shape(), &[count, uavs, width], true)?;
-        expect("rewards", rewards.as_array().shape(), &[count, uavs], true)?;
-        expect("terminated", terminated.as_array().shape(), &[count], true)?;
-        expect("truncated", truncated.as_array().shape(), &[count], true)?;
+        expect("observations", observations.as_array().shape(), &[count, uavs, width], observations.is_c_contiguous())?;
+        expect("rewards", rewards.as_array().shape(), &[count, uavs], rewards.is_c_contiguous())?;
+        expect("terminated", terminated.as_array().shape(), &[count], terminated.is_c_contiguous())?;
+        expect("truncated", truncated.as_array().shape(), &[count], truncated.is_c_contiguous())?;
         let choices;
         let components;
         let actions = if self.episodes[0].control() == Control::Sensor {
@@ -300,7 +314,7 @@ impl PyFleetCore {
     /// Writes for each agent whether each sensor node to choose from is within the reach of one slot, [E, U, size].
     fn action_masks_into(&mut self, mut masks: PyReadwriteArray3<'_, bool>) -> PyResult<()> {
         let (count, uavs, size) = (self.episodes.len(), self.uavs(), self.episodes[0].action_size());
-        expect("masks", masks.as_array().shape(), &[count, uavs, size], true)?;
+        expect("masks", masks.as_array().shape(), &[count, uavs, size], masks.is_c_contiguous())?;
         let agents = masks.as_slice_mut()?.chunks_mut(size);
         for (agent, mask) in agents.enumerate() {
             let episode = &mut self.episodes[agent / uavs];

@@ -158,6 +158,17 @@ def test_impossible_arrays_and_actions_are_refused(scenario: skysink.Scenario) -
         batch.step_into(actions, observations, rewards[:1], terminated, truncated)
     with pytest.raises(skysink.InputError, match="actions of shape"):
         batch.step_into(actions[:, :, ::-1], observations, rewards, terminated, truncated)
+    scrambled = np.asfortranarray(observations)
+    with pytest.raises(skysink.InputError, match="observations of shape .* C-contiguous"):
+        batch.step_into(actions, scrambled, rewards, terminated, truncated)
+    with pytest.raises(skysink.InputError, match="rewards of shape .* C-contiguous"):
+        batch.step_into(actions, observations, np.asfortranarray(rewards), terminated, truncated)
+    with pytest.raises(skysink.InputError, match="no episode has begun"):
+        FleetBatch(2, scenario).step_into(actions, observations, rewards, terminated, truncated)
+    with pytest.raises(skysink.InputError, match="num_envs = -1"):
+        FleetBatch(-1, scenario)
+    with pytest.raises(skysink.InputError, match="loss_fraction or difference"):
+        FleetBatch(1, scenario, reward="most")
     actions[1, 2, 0] = np.nan
     with pytest.raises(skysink.InputError, match="expected finite numbers, -1 to 1"):
         batch.step_into(actions, observations, rewards, terminated, truncated)
@@ -177,6 +188,9 @@ def test_impossible_arrays_and_actions_are_refused(scenario: skysink.Scenario) -
     env = skysink.parallel_env(scenario)
     with pytest.raises(skysink.InputError, match="expected reset"):
         env.step({})
+    env.reset()
+    with pytest.raises(skysink.InputError, match="expected those of uav_1, uav_2, too"):
+        env.step({"uav_0": np.zeros(2)})
 
 
 def test_agents_stay_until_the_end(scenario: skysink.Scenario) -> None:

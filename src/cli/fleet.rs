@@ -31,7 +31,7 @@ pub struct FleetCommand {
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', value_parser = strategy())]
     strategies: Vec<&'static str>,
     /// Most loss rate.
-    #[arg(long, value_name = "LOSS", default_value_t = 0.0, value_parser = parse_rate)]
+    #[arg(long, value_name = "LOSS", default_value_t = 0.0, value_parser = parse_rate, allow_negative_numbers = true)]
     loss: f64,
     /// Fields, with consecutive seeds starting at the scenario's.
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=100_000))]
@@ -66,7 +66,9 @@ impl FleetCommand {
         let own = skysink_common::scenario::Scenario::read(&scenario, changes.clone())
             .and_then(skysink_planner::settings::resolve)?;
         let own = skysink_planner::strategy::Registered::of(&own)?.name;
-        let strategies = if strategies.is_empty() { vec![own] } else { strategies };
+        let mut strategies = if strategies.is_empty() { vec![own] } else { strategies };
+        let mut seen = std::collections::BTreeSet::new();
+        strategies.retain(|strategy| seen.insert(*strategy));
         let question = FleetQuestion { scenario, changes, strategies, loss_rate: loss, seeds, most, over };
         let fleets = question.answer(stop, &TerminalProgress::of_missions());
         let fleets = fleets.map_err(|error| ended_early(error, "nothing was written"))?;

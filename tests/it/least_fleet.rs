@@ -20,6 +20,7 @@ fn the_least_fleet_loses_nothing_and_no_smaller_one_does() {
     let table = place.read("fleets/fleet.csv");
     let rows = rows(&table);
     assert_eq!((rows[0].join(","), rows.len()), ("area.side_m,strategy,seed,uavs".to_owned(), 1 + 2 * 3 * 2));
+    let mut verified = 0;
     for (at, row) in rows.iter().enumerate().skip(1) {
         let [side_m, strategy, seed, uavs] = row[..] else { panic!("{row:?}") };
         let uavs = uavs.parse::<u32>().unwrap_or(6);
@@ -34,10 +35,12 @@ fn the_least_fleet_loses_nothing_and_no_smaller_one_does() {
                 let flight = place.flight("wide").strategy(strategy).set("uav.count", count).set("area.side_m", side_m);
                 flight.set("seed", seed).out("flown").force().simulate();
                 let lost_bits = place.summary("flown")["lost_bits"].as_u64().unwrap();
+                verified += 1;
                 assert_eq!(lost_bits == 0, fewer == uavs, "{row:?} with {fewer}: {lost_bits}");
             }
         }
     }
+    assert!(verified >= 8, "{verified}");
     let again = place.run_ok(&[&fleet[..], &["--json"]].concat()).stdout;
     let json: serde_json::Value = serde_json::from_str(&again).unwrap();
     let uavs = |strategy: usize| json[strategy]["uavs"]["1"].as_u64();
@@ -57,6 +60,8 @@ fn questions_that_are_none_are_refused() {
         (&["--over", "area.side_m"], "expected KEY=VALUE,..."),
         (&["--over", "area.side_m=100,-1", "--out", "f"], "area.side_m=-1: expected a finite number above 0"),
         (&["--loss", "1.5"], "expected a fraction from 0 to 1"),
+        (&["--loss", "-1"], "expected a fraction from 0 to 1"),
+        (&["--set", "uav.count=2", "--set", "uav.starts_m=[[1, 1], [2, 2]]"], "starts_m"),
         (&["--strategies", "best"], "'best'"),
     ] {
         let refused = place.run(&[&["fleet", "wide.toml"], arguments].concat());

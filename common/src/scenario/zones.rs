@@ -31,6 +31,10 @@ pub(super) fn read_files(scenario: &mut Scenario) -> Result<(), InputError> {
             if table.polygon_m.is_none() || table.file.is_some() {
                 return Err(scenario.refusal(&key, &toml_of(&table), "polygon_m, the corners of a zone [m], or file"));
             }
+            // Here, where the table has its number in the file.
+            if let Err(expected) = Polygon::of(table.corners(), false) {
+                return Err(scenario.refusal(&format!("{key}.polygon_m"), &toml_of(table.corners()), expected));
+            }
             no_fly.push(table);
             continue;
         };

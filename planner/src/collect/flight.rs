@@ -106,7 +106,7 @@ struct Upload {
 struct Trace {
     /// The state before each stop, and after the last.
     states: Vec<State>,
-    /// The queues after each upload: SN, and what is left.
+    /// The uploads, each with the queue after it.
     uploads: Vec<Upload>,
 }
 
@@ -143,7 +143,8 @@ impl Window {
             let (node, queue) = (&nodes[visit.sensor as usize], &mut begun[visit.sensor as usize]);
             let waited = visit.slot.saturating_sub(1 + queue.slot);
             let bits = (queue.bits + waited as f64 * node.mean_bits).min(node.capacity_bits.max(queue.bits));
-            *queue = Queue { bits: (bits - visit.bits).max(0.0), slot: queue.slot + waited };
+            // No more than there is now: the rest has not been sampled yet.
+            *queue = Queue { bits: (bits - visit.bits).clamp(0.0, queue.bits), slot: queue.slot + waited };
         }
         let left_bits = |(node, queue): (&Node, &Queue)| {
             node.weight * (queue.bits + last.saturating_sub(queue.slot) as f64 * node.mean_bits)

@@ -181,6 +181,7 @@ impl Checkpoint for Collector {
         CheckpointError::ensure(stops.iter().flatten().all(is_known), "stops of this field")?;
         CheckpointError::ensure(told.iter().flatten().all(|coordinate_m| coordinate_m.is_finite()), "a place")?;
         self.told = told.map(Into::into);
+        self.told_others = (0, Vec::new());
         let stop = |(place, sensor, hovers, is_begun): SavedStop| PlannedStop {
             is_begun,
             ..PlannedStop::new(place.into(), sensor, hovers)

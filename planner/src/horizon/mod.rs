@@ -207,7 +207,8 @@ impl Horizon {
     /// Updates the model with the estimate at the beginning of the slot: learnt rates, and the uncertainty of the
     /// queues.
     fn update_sensors(&mut self, view: &View) {
-        self.model.others = OtherVisits::of(view.others.unwrap_or_default(), &self.model.ids, view.slot);
+        self.model.others =
+            OtherVisits::of(view.others.unwrap_or_default(), &self.model.ids, &self.model.sensors, view.slot);
         let belief = view.belief.belief;
         if !belief.is_estimated() {
             return;
@@ -259,7 +260,7 @@ impl Horizon {
         let visit = |visit: &Visit| PlannedVisit {
             slot: view.slot - 1 + visit.slot as u64,
             sensor: self.model.ids[visit.sensor as usize],
-            bits: f64::INFINITY,
+            bits: visit.capacity_slots * self.model.sensors[visit.sensor as usize].mean_bits,
         };
         forecast.trace.visits.iter().map(visit).collect()
     }

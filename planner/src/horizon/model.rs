@@ -132,7 +132,11 @@ pub(super) fn noise_slots2(law: ArrivalLaw, mean_bits: f64, fill_slots: f64) -> 
     }
 }
 
-/// The visits of other UAVs in a planning window, each of which is expected to empty its sensor.
+/// Least part of a full buffer that a visit of another UAV takes, to count as one that empties its sensor.
+const MOST_OF_BUFFER: f64 = 0.5;
+
+/// The visits of other UAVs in a planning window, each of which is expected to empty its sensor; those that take little are left
+/// out.
 #[derive(Debug, Clone, Default)]
 pub struct OtherVisits {
     /// By sensor: their slots, ascending; 1 is the first of the window. Empty without visits.
@@ -140,12 +144,14 @@ pub struct OtherVisits {
 }
 
 impl OtherVisits {
-    /// Of a window that begins with the slot `first`, for sensors with these `ids`, ascending.
+    /// Of a window that begins with the slot `first`, for `sensors` with these `ids`, ascending.
     #[must_use]
-    pub fn of(visits: &[PlannedVisit], ids: &[u32], first: u64) -> Self {
+    pub fn of(visits: &[PlannedVisit], ids: &[u32], sensors: &[SensorModel], first: u64) -> Self {
         let mut slots = vec![Vec::new(); if visits.is_empty() { 0 } else { ids.len() }];
         for visit in visits.iter().filter(|visit| visit.slot >= first) {
-            if let Ok(sensor) = ids.binary_search(&visit.sensor) {
+            let Ok(sensor) = ids.binary_search(&visit.sensor) else { continue };
+            let SensorModel { fill_slots, mean_bits, .. } = sensors[sensor];
+            if visit.bits >= MOST_OF_BUFFER * fill_slots * mean_bits {
                 slots[sensor].push((visit.slot - first + 1) as f64);
             }
         }
@@ -331,11 +337,9 @@ impl PlanningModel {
             return (model.overflow_slots(slot, empty), empty);
         }
         let mut lost_slots = 0.0;
-        let visits = self.others.slots[sensor].iter();
-        for &visit in visits.take_while(|visit| **visit <= slot) {
-            if visit <= empty {
-                continue;
-            }
+        let visits = &self.others.slots[sensor];
+        let after = visits.partition_point(|visit| *visit <= empty);
+        for &visit in visits[after..].iter().take_while(|visit| **visit <= slot) {
             lost_slots += model.overflow_slots(visit, empty);
             empty = visit;
         }

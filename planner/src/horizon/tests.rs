@@ -427,12 +427,18 @@ fn visits_of_other_uavs_empty_their_sensors() {
     // Full in 30 and 100 slots, empty at the beginning; another UAV serves the first in slots 20, 40 and 90.
     let mut model = model_of(&[([200.0, 200.0], 1_000.0), ([240.0, 200.0], 300.0)], 1, 5e6);
     let visit = |slot: u64| PlannedVisit { slot, sensor: 0, bits: f64::INFINITY };
-    model.others = OtherVisits::of(&[5, 26, 46, 96].map(visit), &model.ids, 7);
+    model.others = OtherVisits::of(&[5, 26, 46, 96].map(visit), &model.ids, &model.sensors, 7);
     assert_eq!(model.overflow_slots(0, 30.0, 0.0), (0.0, 20.0));
     assert_eq!(model.overflow_slots(0, 89.0, 0.0), (19.0, 40.0), "40 to 89 less 30");
     assert_eq!(model.overflow_slots(0, 95.0, 0.0), (20.0, 90.0), "40 to 90 less 30");
     assert_eq!(model.overflow_slots(0, 89.0, 50.0), (9.0, 50.0), "a visit of its own in between");
     assert_eq!(model.overflow_slots(1, 110.0, 0.0), (10.0, 0.0));
+    let little = [PlannedVisit { bits: 14_000.0, ..visit(20) }, PlannedVisit { bits: 15_000.0, ..visit(30) }];
+    let counted = OtherVisits::of(&little, &model.ids, &model.sensors, 1);
+    model.others = counted;
+    assert_eq!(model.overflow_slots(0, 29.0, 0.0), (0.0, 0.0), "less than half of the buffer");
+    assert_eq!(model.overflow_slots(0, 30.0, 0.0), (0.0, 30.0));
+    model.others = OtherVisits::of(&[5, 26, 46, 96].map(visit), &model.ids, &model.sensors, 7);
     assert_eq!([39.0, 40.0].map(|slot| model.last_empty(0, slot, 30.0)), [30.0, 40.0]);
 }
 
@@ -449,7 +455,7 @@ proptest! {
         let mut model = model_of(&positions, 4, 5e6);
         let visits: Vec<PlannedVisit> =
             visits.into_iter().map(|(slot, sensor)| PlannedVisit { slot, sensor, bits: f64::INFINITY }).collect();
-        model.others = OtherVisits::of(&visits, &model.ids, 1);
+        model.others = OtherVisits::of(&visits, &model.ids, &model.sensors, 1);
         let mut forecast = Forecast::new(&model, window_of(&model, 120));
         forecast.load(&model, stops);
         for (at, removed, inserted) in changes {

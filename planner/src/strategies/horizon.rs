@@ -221,6 +221,7 @@ impl Checkpoint for LookAhead {
         restored.restore(horizon)?;
         self.rivals.restore(choice)?;
         self.horizon = restored;
+        self.told = (0, Vec::new());
         Ok(())
     }
 }
