@@ -17,8 +17,9 @@ use std::path::Path;
 
 use toml::{Table, Value};
 
+pub use crate::geodata::projection::Origin;
 pub use crate::keys::{Interval, Setting, SettingOrigin, WholeInterval};
-pub use area::{Area, BuildingKeys, NoFlyKeys, Origin};
+pub use area::{Area, BuildingKeys, NoFlyKeys};
 pub use base::{BaseKeys, BatteryKeys};
 pub use mission::{CHANNEL, MAX_SEED, PlannerKeys, Scenario, TRACE};
 pub use sensors::SensorKeys;

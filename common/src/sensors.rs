@@ -3,12 +3,10 @@
 //! | module | contents |
 //! |---|---|
 //! | [`list`], `rows` | the list: drawn from the seed or read from a CSV file, and written back with all columns |
-//! | [`projection`] | latitude and longitude, projected onto the area and back |
 //! | [`grid`] | points by cell, for range queries |
 
 pub mod grid;
 pub mod list;
-pub mod projection;
 mod rows;
 
 use std::ops::Range;

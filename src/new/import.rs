@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use skysink_common::error::InputError;
+use skysink_common::geodata::projection::Projection;
 use skysink_common::geodata::{Zone, ZoneKind, read_zones};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::Sensor;
-use skysink_common::sensors::projection::Projection;
 use skysink_lab::import::{self, Frame, Imported, ImportedSensor, MapPicture};
 
 use super::field::{LIST, NewField};

@@ -8,9 +8,9 @@ use crate::support::Place;
 use arrow_array::cast::AsArray;
 use arrow_array::types::{Float64Type, UInt32Type, UInt64Type};
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
+use skysink_common::geodata::projection::Projection;
 use skysink_common::geometry::Position;
 use skysink_common::scenario::Origin;
-use skysink_common::sensors::projection::Projection;
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 const ORIGIN: &str = "47.3977,8.5456";

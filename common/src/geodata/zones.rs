@@ -4,8 +4,8 @@ use std::path::Path;
 
 use super::{FoundPoints, FoundPolygon, NAME, ReadFormat, check_geodetic, geojson, kml};
 use crate::error::{InputError, quoted};
+use crate::geodata::projection::Projection;
 use crate::geometry::Position;
-use crate::sensors::projection::Projection;
 
 /// File extensions with their readers.
 const FORMATS: [(&str, ReadFormat<FoundPoints>); 3] =

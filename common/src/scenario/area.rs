@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use crate::airspace::Polygon;
+use crate::geodata::projection::Origin;
 use crate::geometry::Position;
 use crate::keys::{Accepts, POSITIVE};
 
@@ -115,13 +116,4 @@ impl Area {
         (-slack_m..=self.width_m() + slack_m).contains(&position.x)
             && (-slack_m..=self.height_m() + slack_m).contains(&position.y)
     }
-}
-
-/// The south-west corner of the area on the WGS84 ellipsoid, at altitude 0.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Origin {
-    /// Geodetic latitude [°], −90 to 90.
-    pub lat_deg: f64,
-    /// Longitude [°], −180 to 180.
-    pub lon_deg: f64,
 }

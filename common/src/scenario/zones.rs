@@ -11,9 +11,9 @@ use crate::airspace::{Airspace, MAX_CORNERS, Polygon};
 use crate::base::{Base, BaseArea};
 use crate::channel::Buildings;
 use crate::error::InputError;
+use crate::geodata::projection::Projection;
 use crate::geodata::{Zone, ZoneKind, read_zones};
 use crate::geometry::Position;
-use crate::sensors::projection::Projection;
 
 /// Least part of its bounding box that a boundary fills: sensor nodes are drawn in the box until they lie in the boundary.
 const LEAST_FILLED: f64 = 0.01;

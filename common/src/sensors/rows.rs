@@ -5,10 +5,10 @@
 use std::ops::RangeInclusive;
 
 use super::list::{Sensor, draw_capacity_bits, draw_queue_bits, draw_sampling_bps};
-use super::projection::Projection;
 use crate::arrivals::MAX_SAMPLED_BITS;
 use crate::channel::{Channel, ChannelModel, draw_gain_db};
 use crate::error::{line_of, quoted};
+use crate::geodata::projection::Projection;
 use crate::geometry::Position;
 use crate::random::Streams;
 use crate::scenario::{Area, MAX_FIELD_BITS, MAX_SENSORS, Scenario};

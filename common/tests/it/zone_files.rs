@@ -3,8 +3,8 @@
 use std::fs;
 use std::path::Path;
 
+use skysink_common::geodata::projection::Projection;
 use skysink_common::scenario::{Overrides, Scenario};
-use skysink_common::sensors::projection::Projection;
 use tempfile::TempDir;
 
 const ORIGIN: &str = "side_m = 1000.0\norigin_lat_deg = 52.5\norigin_lon_deg = 13.4\n";

@@ -3,7 +3,7 @@
 //! A mission has no date: its time counts from 1970-01-01T00:00:00Z.
 
 use gpx::{Gpx, GpxVersion, Metadata, Track, TrackSegment, Waypoint};
-use skysink_common::sensors::projection::GeodeticPosition;
+use skysink_common::geodata::projection::GeodeticPosition;
 use time::{Duration, OffsetDateTime};
 
 use super::format::{ExportFormat, WriteFormat};

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use kml::types::{AltitudeMode, Coord, Folder, Geometry, LineString, LinearRing, Placemark, Point, Polygon};
 use kml::{Kml, KmlDocument, KmlVersion, KmlWriter};
-use skysink_common::sensors::projection::GeodeticPosition;
+use skysink_common::geodata::projection::GeodeticPosition;
 
 use super::format::{ExportFormat, WriteFormat};
 use super::track::{GeodeticTrack, TrackPoint};

@@ -4,7 +4,7 @@
 
 use serde_json::{Value, json};
 
-use skysink_common::sensors::projection::GeodeticPosition;
+use skysink_common::geodata::projection::GeodeticPosition;
 
 use super::format::{ExportFormat, WriteFormat};
 use super::track::GeodeticTrack;

@@ -3,9 +3,9 @@
 use nalgebra::Point3;
 use skysink_common::airspace::Polygon;
 use skysink_common::error::InputError;
+use skysink_common::geodata::projection::{GeodeticPosition, Projection};
 use skysink_common::geometry::Position;
 use skysink_common::scenario::{Area, Origin, Scenario};
-use skysink_common::sensors::projection::{GeodeticPosition, Projection};
 use skysink_mission::replay::RecordedRun;
 use skysink_mission::trace::RecordedSlot;
 

@@ -1,7 +1,7 @@
 //! The items of a vehicle mission (MAVLink): merges slots into legs and holds, and splits long missions.
 
 use nalgebra::{Point3, Vector3};
-use skysink_common::sensors::projection::GeodeticPosition;
+use skysink_common::geodata::projection::GeodeticPosition;
 
 use super::track::{GeodeticTrack, TrackPoint};
 

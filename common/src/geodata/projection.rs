@@ -13,7 +13,6 @@ use uom::si::f64::{Angle, Length};
 use uom::si::length::meter;
 
 use crate::geometry::Position;
-use crate::scenario::Origin;
 
 system!(
     /// East, north and up at the south-west corner of the area.
@@ -26,6 +25,15 @@ const HORIZON_DEPTH_M: f64 = 6.3e6;
 
 /// Semi-axes of the WGS84 ellipsoid [m], equatorial and polar: `a`, and `b = a (1 − f)` with `1/f = 298.257223563`.
 const SEMI_AXES_M: [f64; 2] = [6_378_137.0, 6_378_137.0 * (1.0 - 1.0 / 298.257_223_563)];
+
+/// The south-west corner of the area on the WGS84 ellipsoid, at altitude 0.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Origin {
+    /// Geodetic latitude [°], −90 to 90.
+    pub lat_deg: f64,
+    /// Longitude [°], −180 to 180.
+    pub lon_deg: f64,
+}
 
 /// A point on the WGS84 ellipsoid, at altitude 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
