@@ -21,12 +21,9 @@ impl Fleet {
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
         let first = Flight::new(scenario, sensors);
+        let last = |uav: usize| scenario.uav.endurances_s.as_ref().map_or(u64::MAX, |_| scenario.slots_of(uav));
         Self {
-            uavs: scenario
-                .starts()
-                .enumerate()
-                .map(|(uav, start)| first.of_uav(uav, start, scenario.slots_of(uav)))
-                .collect(),
+            uavs: scenario.starts().enumerate().map(|(uav, start)| first.of_uav(uav, start, last(uav))).collect(),
             separation_m: scenario.uav.separation_m.unwrap_or(0.0),
         }
     }

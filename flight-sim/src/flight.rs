@@ -35,7 +35,7 @@ impl Flight {
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
         Self {
             uav: 0,
-            last: scenario.slots_of(0),
+            last: u64::MAX,
             streams: Streams::new(scenario.seed),
             channel: DrawnChannel::new(Channel::of(&scenario.link), Streams::new(scenario.seed)),
             comm_radius_m: scenario.link.comm_radius_m,
