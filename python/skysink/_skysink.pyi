@@ -17,6 +17,7 @@ __all__ = [
     "DiskRound",
     "EnvironmentCore",
     "Field",
+    "FleetCore",
     "InputError",
     "PlanMaker",
     "Run",

@@ -25,7 +25,7 @@ from skysink.flight import scenario_of
 from skysink.models import Arrivals, Channel, Model, Models
 
 try:
-    from pettingzoo import ParallelEnv
+    from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
 except ImportError:  # the batch needs none
 
     class ParallelEnv:  # type: ignore[no-redef]
@@ -174,7 +174,7 @@ class FleetBatch:
         return FleetCore(list(self.scenarios), self.num_envs, *self._rules)
 
 
-class DataCollectionParallelEnv(ParallelEnv[str, Observation, Action]):
+class DataCollectionParallelEnv(ParallelEnv[str, Observation, Action]):  # type: ignore[misc]
     """One mission of several UAVs as a PettingZoo ``ParallelEnv``; the agents are ``uav_0``, ``uav_1`` and so on.
 
     The arguments are those of :class:`FleetBatch`. Observations are dictionaries, as those of

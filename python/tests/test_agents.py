@@ -109,7 +109,7 @@ def test_a_difference_is_what_is_delivered_because_of_an_agent() -> None:
     })
     rewards = {}
     for reward in ("difference", "lost"):
-        batch = FleetBatch(1, scenario, observation=("uav",), reward=reward)  # type: ignore[arg-type]
+        batch = FleetBatch(1, scenario, observation=("uav",), reward=reward)
         arrays = batch.arrays()
         batch.reset_into(arrays[1], seed=3)
         batch.step_into(*arrays)
