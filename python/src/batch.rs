@@ -49,6 +49,10 @@ pub fn check(scenarios: usize, count: usize) -> PyResult<()> {
 /// The `episodes` with the first ones over other scenarios where `mask` is true. Environment i gets scenario i, modulo their
 /// number.
 pub fn begun_over(episodes: &[Episode], scenarios: &[Bound<'_, PyScenario>], mask: &[bool]) -> PyResult<Vec<Episode>> {
+    check(scenarios.len(), episodes.len())?;
+    if mask.len() != episodes.len() {
+        return Err(refused(format!("reset_mask of {}: expected {}", mask.len(), episodes.len())));
+    }
     let over = |scenario: &Bound<'_, PyScenario>| episodes[0].over(scenario.get());
     let firsts = scenarios.iter().map(over).collect::<PyResult<Vec<Episode>>>()?;
     let mut episodes = episodes.to_vec();
@@ -135,10 +139,6 @@ impl PyVectorCore {
     /// Begins the first episodes over other scenarios, where `mask` is true. Environment i gets scenario i, modulo their
     /// number.
     fn replace(&mut self, scenarios: Vec<Bound<'_, PyScenario>>, mask: Vec<bool>) -> PyResult<()> {
-        check(scenarios.len(), self.episodes.len())?;
-        if mask.len() != self.episodes.len() {
-            return Err(refused(format!("reset_mask of {}: expected {}", mask.len(), self.episodes.len())));
-        }
         self.episodes = begun_over(&self.episodes, &scenarios, &mask)?;
         Ok(())
     }

@@ -145,10 +145,6 @@ impl PyFleetCore {
 
     /// Begins the first episodes over other scenarios, where `mask` is true.
     fn replace(&mut self, scenarios: Vec<Bound<'_, PyScenario>>, mask: Vec<bool>) -> PyResult<()> {
-        check(scenarios.len(), self.episodes.len())?;
-        if mask.len() != self.episodes.len() {
-            return Err(refused(format!("reset_mask of {}: expected {}", mask.len(), self.episodes.len())));
-        }
         self.episodes = begun_over(&self.episodes, &scenarios, &mask)?;
         Ok(())
     }
