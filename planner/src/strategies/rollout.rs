@@ -257,7 +257,8 @@ impl<'a> Rollout<'a> {
 /// What other UAVs plan to serve in `slot`.
 fn visits_in(others: Option<&[PlannedVisit]>, slot: u64) -> &[PlannedVisit] {
     let others = others.unwrap_or_default();
-    let [begin, end] = [slot, slot + 1].map(|slot| others.partition_point(|visit| visit.slot < slot));
+    let begin = others.partition_point(|visit| visit.slot < slot);
+    let end = others.partition_point(|visit| visit.slot <= slot);
     &others[begin..end]
 }
 
