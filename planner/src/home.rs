@@ -8,7 +8,7 @@ use skysink_common::base::Base;
 use skysink_common::battery::{Battery, BatteryState};
 use skysink_common::geometry::{Position, above, within};
 use skysink_common::scenario::Scenario;
-use smallvec::SmallVec;
+use smallvec::{SmallVec, smallvec};
 
 /// Slack of the number of slots of a way home, so that rounding adds none.
 const SLACK_SLOTS: f64 = 1e-9;
@@ -49,6 +49,9 @@ struct Piece {
     length_m: f64,
     slots: f64,
 }
+
+/// A way around zones.
+type Pieces = SmallVec<[Piece; 4]>;
 
 /// A way home.
 #[derive(Debug, Clone, PartialEq)]
@@ -112,16 +115,31 @@ impl Home {
         })
     }
 
-    /// Where the way home from `ground` [m] ends: in the nearest point of the base, or, where slots end beside their waypoints
-    /// or zones are between, in the place well inside that the shortest way leads to.
+    /// Where the way home from `ground` [m] ends, with the slots of the mission left or more: in the nearest point of the
+    /// base, or, where slots end beside their waypoints, or zones make it better, in the place well inside that the shortest
+    /// way leads to.
     #[must_use]
     pub fn end_of(&self, ground: &Position) -> Position {
+        match &self.ends_from(ground)[..] {
+            [only] => *only,
+            ends => self.pieces(ground, u64::MAX).last().map_or(ends[0], |piece| piece.end),
+        }
+    }
+
+    /// Where a way home from `ground` [m] may end. One that was begun can go on: its end stays among them.
+    fn ends_from(&self, ground: &Position) -> SmallVec<[Position; 2]> {
         if self.airspace.has_grid() {
-            return self.place_from(ground);
+            return smallvec![self.place_from(ground)];
         }
         let nearest = self.base.nearest(ground);
-        let is_beside = self.has_errors && !self.base.contains(ground);
-        if is_beside || !self.airspace.is_free(ground, &nearest) { self.place_from(ground) } else { nearest }
+        if self.airspace.is_open() && !self.has_errors || self.base.contains(ground) {
+            return smallvec![nearest];
+        }
+        if self.has_errors || !self.airspace.is_free(ground, &nearest) {
+            return smallvec![self.place_from(ground)];
+        }
+        // Around a zone a way may have been begun to a place well inside, before the nearest point came into sight.
+        smallvec![nearest, self.place_from(ground)]
     }
 
     /// Places well inside of the base [m].
@@ -146,17 +164,33 @@ impl Home {
         if end == *ground { Bends::new() } else { self.airspace.way(ground, &end) }
     }
 
-    /// The pieces of the way home from `ground` [m], with `left` slots for it; they take more than `left` if it is too far.
-    /// Empty if no way leads home. The first pieces have the slots that are not needed for full speed.
-    fn pieces(&self, ground: &Position, left: u64) -> SmallVec<[Piece; 4]> {
-        let way = self.airspace.way(ground, &self.end_of(ground));
+    /// The pieces of the way home from `ground` [m], with `left` slots for it, that takes the least energy; they take more than
+    /// `left` if it is too far. Empty if no way leads home.
+    fn pieces(&self, ground: &Position, left: u64) -> Pieces {
+        match &self.ends_from(ground)[..] {
+            [only] => self.pieces_to(ground, only, left),
+            ends => {
+                let ways = ends.iter().map(|end| self.pieces_to(ground, end, left)).filter(|pieces| !pieces.is_empty());
+                let cost = |pieces: &Pieces| {
+                    let slots = slots_of(pieces);
+                    (slots > left as f64, self.way_j(pieces), slots)
+                };
+                let least = ways.min_by(|a, b| cost(a).partial_cmp(&cost(b)).expect("energy is finite"));
+                least.unwrap_or_default()
+            }
+        }
+    }
+
+    /// The pieces of the way from `ground` to `end` [m]. The first have the slots that are not needed for full speed.
+    fn pieces_to(&self, ground: &Position, end: &Position, left: u64) -> Pieces {
+        let way = self.airspace.way(ground, end);
         let slots = |length_m: f64, slot_m: f64| (length_m / slot_m - SLACK_SLOTS).ceil().max(0.0);
         let begins = std::iter::once(ground).chain(&way);
         let fastest = |(begin, end): (&Position, &Position)| {
             let length_m = (end - begin).norm();
             Piece { end: *end, length_m, slots: slots(length_m, self.reach_m) }
         };
-        let mut pieces: SmallVec<[Piece; 4]> = begins.zip(&way).map(fastest).collect();
+        let mut pieces: Pieces = begins.zip(&way).map(fastest).collect();
         let mut spare = left as f64 - slots_of(&pieces);
         for piece in &mut pieces {
             let more = (slots(piece.length_m, self.thrifty_m) - piece.slots).min(spare).max(0.0);
@@ -164,6 +198,13 @@ impl Home {
             spare -= more;
         }
         pieces
+    }
+
+    /// Energy of a way [J].
+    fn way_j(&self, pieces: &[Piece]) -> f64 {
+        let flown = pieces.iter().filter(|piece| piece.slots > 0.0);
+        self.battery
+            .map_or(0.0, |battery| flown.map(|piece| piece.slots * battery.slot_j(piece.length_m / piece.slots)).sum())
     }
 
     /// Whether a full battery may fly from the base or from the start into range of an SN at `sensor` [m] and home, at the
@@ -215,11 +256,7 @@ impl Home {
         if pieces.is_empty() {
             return (f64::INFINITY, 0.0);
         }
-        let flown = pieces.iter().filter(|piece| piece.slots > 0.0);
-        let way_j = self
-            .battery
-            .map_or(0.0, |battery| flown.map(|piece| piece.slots * battery.slot_j(piece.length_m / piece.slots)).sum());
-        (slots_of(&pieces), way_j)
+        (slots_of(&pieces), self.way_j(&pieces))
     }
 
     /// Slots of the way home from `ground` [m], of which `slot` is the first; 0 in the base.
@@ -393,6 +430,39 @@ mod tests {
             }
             assert!((energy_j - 1_000.0).abs() < 1e-6, "{distance_m} m: {energy_j} J");
         }
+    }
+
+    #[test]
+    fn around_a_zone_the_way_home_never_takes_more_than_it_was_allowed_for() {
+        let text = "name = 'a'\nslots = 20\n[area]\nwidth_m = 40.0\nheight_m = 33.2\n[[area.no_fly]]\n\
+                    polygon_m = [[27.667, 14.581], [37.063, 13.439], [40.523, 21.487], [33.165, 25.19], [27.927, 22.044]]\n\
+                    [base]\nareas_m = [[[32.153, 10.294], [29.242, 13.331], [27.107, 10.361], [26.933, 7.581], \
+                    [28.563, 5.377], [31.502, 6.505], [34.081, 6.393], [33.692, 9.845]]]\n[uav]\nmax_speed_mps = 10.0\n\
+                    must_land = true\n[uav.battery]\ncapacity_j = 800.0\nreserve = 0.0\n";
+        let home = made(&Scenario::parse(text, Path::new("a.toml"), Overrides::default()).unwrap()).unwrap();
+        let battery = home.battery.unwrap();
+        let places = (0..=160).flat_map(|x| (0..=132).map(move |y| Position::new(f64::from(x), f64::from(y)) / 4.0));
+        let mut bent = 0;
+        for ground in places.filter(|place| home.airspace.contains(place)) {
+            bent += usize::from(home.way_from(&ground).len() > 1);
+            for slot in [1, 14, 16, 18] {
+                let (slots, mut energy_j) = home.way_within(&ground, home.left_after(slot));
+                if slots > home.left_after(slot) as f64 {
+                    continue;
+                }
+                let mut at = ground;
+                for after in slot + 1.. {
+                    if home.base.contains(&at) {
+                        break;
+                    }
+                    let next = home.next_waypoint(after, &at);
+                    energy_j -= battery.slot_j((next - at).norm());
+                    at = next;
+                    assert!(home.is_in_reach(after, energy_j + 1e-6, &at), "from {ground} after {slot}: {at}");
+                }
+            }
+        }
+        assert!(bent > 1_000, "{bent} ways around the zone");
     }
 
     #[test]
