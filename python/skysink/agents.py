@@ -12,15 +12,17 @@ All agents act until the end of the mission: none leaves before. A UAV that is d
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
-from typing import Any, Self
+from math import prod
+from typing import Any, Literal, Self
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from skysink._skysink import Field, FleetCore, InputError, Scenario
-from skysink.environment import Action, Control, Observation, Source, one_of, some_of
+from skysink._skysink import BatchCore, Field, InputError, Scenario
+from skysink.environment import Action, Control, NativeEnvironment, Observation, Reward, Source, one_of, some_of
 from skysink.flight import scenario_of
 from skysink.models import Arrivals, Channel, Model, Models
 
@@ -38,17 +40,20 @@ except ImportError:  # the batch needs none
 OBSERVED = ("uav", "queues", "slot", "others")
 
 
-class FleetBatch:
+class FleetBatch(NativeEnvironment):
     """A batch of environments with several agents each, stepped in place in arrays that the caller owns.
 
     ``num_envs`` environments fly ``scenario``, or environment i scenario i modulo their number; the other arguments are those of
     :class:`skysink.environment.DataCollectionEnv`, with ``reward="difference"`` in addition.
 
     :meth:`arrays` makes the arrays once; :meth:`reset_into` and :meth:`step_into` write into them. A row of ``observations`` is
-    what one agent observes, one quantity after another; ``slices`` says where each lies.
+    what one agent observes, one quantity after another; ``slices`` says where each lies. ``observation_space`` and
+    ``action_space`` are those of one agent.
 
     Raises :class:`skysink.InputError` for what is unknown or impossible.
     """
+
+    _core: BatchCore
 
     def __init__(
         self,
@@ -59,7 +64,7 @@ class FleetBatch:
         *,
         nearest: int | None = None,
         action: Control = "displacement",
-        reward: str = "lost",
+        reward: Reward | Literal["difference"] = "lost",
         arrivals: Model[Arrivals] | None = None,
         channel: Model[Channel] | None = None,
         return_rule: bool = False,
@@ -67,26 +72,16 @@ class FleetBatch:
         if num_envs < 1:
             raise InputError(f"num_envs = {num_envs}: expected 1 or more")
         self.num_envs = num_envs
-        self.scenarios = tuple(map(scenario_of, some_of(scenario)))
-        models = Models(arrivals, channel)
-        prepare = models.prepare if models else None
-        self._rules = (fields, list(observation), nearest, action, reward, prepare, return_rule)
-        self._core = self._new_core()
+        rules = (fields, observation, nearest, action, reward, Models(arrivals, channel), return_rule)
+        self.observation_space, self.action_space = self._begin(some_of(scenario), *rules)
         self.agents = self._core.agents
         self.slices: dict[str, slice] = {}
-        self._boxes: dict[str, spaces.Box] = {}
         begin = 0
-        for name, shape, low in self._core.observed:
-            end = begin + int(np.prod(shape, dtype=int))
+        for name, shape, _low in self._core.observed:
+            end = begin + prod(shape)
             self.slices[name] = slice(begin, end)
-            self._boxes[name] = spaces.Box(low, 1.0, tuple(shape), np.float32)
             begin = end
         self._has_begun = False
-
-    @property
-    def chooses_sensors(self) -> bool:
-        """Whether actions are sensor nodes."""
-        return self._rules[3] == "sensor"
 
     @property
     def seeds(self) -> list[int]:
@@ -110,9 +105,9 @@ class FleetBatch:
         Actions are float32 [E, U, 2 or 3], or int64 [E, U] if they are SNs.
         """
         agents = (self.num_envs, self.agents)
-        shape = agents if self.chooses_sensors else (*agents, self._core.action_size)
+        shape = agents if self._chooses_sensors else (*agents, self._core.action_size)
         return (
-            np.zeros(shape, np.int64 if self.chooses_sensors else np.float32),
+            np.zeros(shape, np.int64 if self._chooses_sensors else np.float32),
             np.zeros((*agents, self._core.observation_size), np.float32),
             np.zeros(agents, np.float32),
             np.zeros(self.num_envs, np.bool_),
@@ -136,7 +131,7 @@ class FleetBatch:
         terminated: NDArray[np.bool_],
         truncated: NDArray[np.bool_],
     ) -> None:
-        """Flies one slot of each mission, and writes what follows into the other arrays, all C-contiguous.
+        """Flies one slot of each mission, and writes what follows into the other arrays, which are C-contiguous.
 
         The step after the end of an episode begins the next episode instead, with reward 0.
         """
@@ -144,34 +139,8 @@ class FleetBatch:
             raise InputError("no episode has begun: expected reset_into()")
         self._core.step_into(actions, observations, rewards, terminated, truncated)
 
-    def action_masks(self) -> NDArray[np.bool_]:
-        """The SNs to choose from that one slot reaches, or all if it reaches none, bool [E, U, N or k].
-
-        Raises :class:`skysink.InputError` for other actions than ``"sensor"``.
-        """
-        if not self.chooses_sensors:
-            raise InputError(f"action = {self._rules[3]!r}: expected sensor, which alone has a mask")
-        masks = np.zeros((self.num_envs, self.agents, self._core.action_size), np.bool_)
-        self._core.action_masks_into(masks)
-        return masks
-
-    def clone(self) -> Self:
-        """An independent copy in the same slots."""
-        twin: Self = object.__new__(type(self))
-        twin.__dict__.update(self.__dict__)
-        twin._core = self._core.clone()
-        return twin
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_core": self._core.save()}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._core = self._new_core()
-        self._core.restore(state["_core"])
-
-    def _new_core(self) -> FleetCore:
-        return FleetCore(list(self.scenarios), self.num_envs, *self._rules)
+    def _new_core(self) -> BatchCore:
+        return BatchCore(True, list(self.scenarios), self.num_envs, *self._rules)
 
 
 class DataCollectionParallelEnv(ParallelEnv[str, Observation, Action]):  # type: ignore[misc]
@@ -189,15 +158,11 @@ class DataCollectionParallelEnv(ParallelEnv[str, Observation, Action]):  # type:
         self.possible_agents = [f"uav_{uav}" for uav in range(self.batch.agents)]
         self.agents: list[str] = []
         self._actions, self._observations, self._rewards, self._terminated, self._truncated = self.batch.arrays()
-        boxes: dict[str, spaces.Space[Any]] = dict(self.batch._boxes)
-        size = self.batch._core.action_size
-        low = 0.0 if self.batch._rules[3] == "waypoint" else -1.0
-        choice: spaces.Space[Any] = spaces.Discrete(size)
-        box: spaces.Space[Any] = spaces.Box(low, 1.0, (size,), np.float32)
-        self.observation_spaces = {agent: spaces.Dict(boxes) for agent in self.possible_agents}
-        self.action_spaces = {agent: choice if self.batch.chooses_sensors else box for agent in self.possible_agents}
+        self.observation_spaces = {agent: copy.deepcopy(self.batch.observation_space) for agent in self.possible_agents}
+        self.action_spaces = {agent: copy.deepcopy(self.batch.action_space) for agent in self.possible_agents}
         self.state_space = spaces.Box(0.0, 1.0, self.state().shape, np.float32)
-        self._shapes = [(name, place, boxes[name].shape) for name, place in self.batch.slices.items()]
+        observed = zip(self.batch.slices.items(), self.batch._core.observed, strict=True)
+        self._shapes = [(name, place, shape) for (name, place), (_name, shape, _low) in observed]
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         """What an agent observes."""
@@ -281,7 +246,7 @@ class DataCollectionParallelEnv(ParallelEnv[str, Observation, Action]):  # type:
 
     def _infos(self, info: dict[str, Any]) -> dict[str, dict[str, Any]]:
         """The same information for each agent, with its own mask where actions are SNs."""
-        if not self.batch.chooses_sensors:
+        if not self.batch._chooses_sensors:
             return {agent: dict(info) for agent in self.agents}
         masks = self.batch.action_masks()[0]
         return {agent: {**info, "action_mask": mask} for agent, mask in zip(self.agents, masks, strict=True)}

@@ -62,7 +62,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from skysink._skysink import Belief, Decision, EnvironmentCore, Field, InputError, Run, Scenario, VectorCore
+from skysink._skysink import BatchCore, Belief, Decision, EnvironmentCore, Field, InputError, Run, Scenario
 from skysink.flight import scenario_of
 from skysink.models import Arrivals, Channel, Model, Models
 
@@ -104,7 +104,7 @@ class NativeEnvironment:
         observation: Sequence[str],
         nearest: int | None,
         action: Control,
-        reward: Reward,
+        reward: str,
         models: Models,
         return_rule: bool,
     ) -> tuple[spaces.Space[Any], spaces.Space[Any]]:
@@ -123,7 +123,7 @@ class NativeEnvironment:
 
     @property
     def scenario(self) -> Scenario:
-        """The scenario; of a vector the first."""
+        """The scenario; of several environments the first."""
         return self.scenarios[0]
 
     @property
@@ -132,7 +132,7 @@ class NativeEnvironment:
 
     def action_masks(self) -> NDArray[np.bool_]:
         """The SNs to choose from that one slot reaches, or all if it reaches none: bool [N] or [k]; of a vector
-        [num_envs, N] or [num_envs, k].
+        [num_envs, N] or [num_envs, k], of a batch of agents [num_envs, U, N] or [num_envs, U, k].
 
         Raises :class:`skysink.InputError` for other actions than ``"sensor"``.
         """
@@ -298,7 +298,7 @@ class DataCollectionVectorEnv(NativeEnvironment, VectorEnv[Observation, Action, 
     """
 
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
-    _core: VectorCore
+    _core: BatchCore
 
     def __init__(
         self,
@@ -376,5 +376,5 @@ class DataCollectionVectorEnv(NativeEnvironment, VectorEnv[Observation, Action, 
         info = self._info(lost_bits=lost_bits, delivered_bits=delivered_bits)
         return observation, rewards, terminated, truncated, info
 
-    def _new_core(self) -> VectorCore:
-        return VectorCore(list(self.scenarios), self.num_envs, *self._rules)
+    def _new_core(self) -> BatchCore:
+        return BatchCore(False, list(self.scenarios), self.num_envs, *self._rules)

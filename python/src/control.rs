@@ -1,15 +1,17 @@
 //! The actions of an environment, and what the UAV plans by them.
 
-use numpy::{AllowTypeChange, PyArrayLike1, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{AllowTypeChange, PyArrayLike1, PyReadonlyArrayDyn};
 use pyo3::prelude::*;
 use skysink_common::geometry::{Position, above, within};
 use skysink_common::message::{MAX_SERVED, Mode, Plan};
+use skysink_common::slot_record::Plans;
 
 use crate::episode::Episode;
 use crate::errors::refused;
-use crate::rules::Control;
+use crate::rules::{Control, Kind};
 
-/// The actions of some episodes.
+/// The actions of some episodes, UAV by UAV.
+#[derive(Clone)]
 pub enum Actions {
     /// Components of displacements or waypoints, one action after another.
     Components(Vec<f32>),
@@ -22,7 +24,7 @@ impl Actions {
     pub fn one(episode: &Episode, action: &Bound<'_, PyAny>) -> PyResult<Self> {
         let size = episode.action_size();
         if episode.control() == Control::Sensor {
-            return Self::choices(vec![action.extract()?], size);
+            return Ok(Self::Choices(vec![chosen(action.extract()?, size)?]));
         }
         let components = action.extract::<PyArrayLike1<'_, f32, AllowTypeChange>>()?.as_array().to_vec();
         if components.len() != size || components.iter().any(|component| !component.is_finite()) {
@@ -31,29 +33,50 @@ impl Actions {
         Ok(Self::Components(components))
     }
 
-    /// Those of `count` episodes like `episode`.
-    pub fn many(episode: &Episode, count: usize, actions: &Bound<'_, PyAny>) -> PyResult<Self> {
-        let size = episode.action_size();
-        if episode.control() == Control::Sensor {
-            let choices = actions.extract::<PyReadonlyArray1<'_, i64>>()?.as_array().to_vec();
-            if choices.len() != count {
-                return Err(refused(format!("{} actions: expected {count}", choices.len())));
+    /// Reads those of all UAVs of these episodes, which the caller may change again.
+    pub fn read(&mut self, episodes: &[Episode], actions: &Bound<'_, PyAny>) -> PyResult<()> {
+        let size = episodes[0].action_size();
+        if episodes[0].control() == Control::Sensor {
+            let actions = actions.extract::<PyReadonlyArrayDyn<'_, i64>>()?;
+            let actions = actions.as_array();
+            expect(actions.shape(), &Self::shape(episodes, &[]))?;
+            let mut choices = if let Self::Choices(choices) = std::mem::take(self) { choices } else { Vec::new() };
+            choices.clear();
+            for &choice in actions {
+                choices.push(chosen(choice, size)?);
             }
-            return Self::choices(choices, size);
+            *self = Self::Choices(choices);
+            return Ok(());
         }
-        let actions = actions.extract::<PyReadonlyArray2<'_, f32>>()?;
+        let actions = actions.extract::<PyReadonlyArrayDyn<'_, f32>>()?;
         let actions = actions.as_array();
-        if actions.dim() != (count, size) || actions.iter().any(|component| !component.is_finite()) {
-            return Err(refused(format!("actions of shape {:?}: expected ({count}, {size}), finite", actions.dim())));
+        expect(actions.shape(), &Self::shape(episodes, &[size]))?;
+        if let Some(component) = actions.iter().find(|component| !component.is_finite()) {
+            let range = episodes[0].range();
+            return Err(refused(format!("action {component}: expected finite numbers, {range}")));
         }
-        Ok(Self::Components(actions.iter().copied().collect())) // the caller may change the array
+        let mut components = if let Self::Components(old) = std::mem::take(self) { old } else { Vec::new() };
+        components.clear();
+        components.extend(actions);
+        *self = Self::Components(components);
+        Ok(())
     }
 
-    fn choices(numbers: Vec<i64>, size: usize) -> PyResult<Self> {
-        let choice = |number: i64| usize::try_from(number).ok().filter(|&choice| choice < size);
-        let refuse = |number| refused(format!("action {number}: expected 0 to {}", size - 1));
-        let choices = numbers.into_iter().map(|number| choice(number).ok_or_else(|| refuse(number)));
-        Ok(Self::Choices(choices.collect::<PyResult<_>>()?))
+    /// The shape of an array that has `rest` for each UAV of these episodes.
+    pub fn shape(episodes: &[Episode], rest: &[usize]) -> Vec<usize> {
+        let uavs = (episodes[0].rules().kind == Kind::Agents).then(|| episodes[0].plant.flights().len());
+        std::iter::once(episodes.len()).chain(uavs).chain(rest.iter().copied()).collect()
+    }
+
+    /// The plans of all UAVs of `episode`, which is number `index`.
+    pub fn plans(&self, index: usize, episode: &mut Episode) -> Plans {
+        let uavs = episode.plant.flights().len();
+        let mut plans = Plans::new();
+        for uav in 0..uavs {
+            episode.uav = uav;
+            plans.push(Some(episode.ruled(self.plan(index * uavs + uav, episode))));
+        }
+        plans
     }
 
     /// The plan of `episode` by action number `index`.
@@ -66,6 +89,26 @@ impl Actions {
             }
         }
     }
+}
+
+impl Default for Actions {
+    fn default() -> Self {
+        Self::Components(Vec::new())
+    }
+}
+
+/// The choice of a sensor node out of `size`.
+fn chosen(number: i64, size: usize) -> PyResult<usize> {
+    let choice = usize::try_from(number).ok().filter(|&choice| choice < size);
+    choice.ok_or_else(|| refused(format!("action {number}: expected 0 to {}", size - 1)))
+}
+
+/// Refuses actions of another shape.
+fn expect(shape: &[usize], expected: &[usize]) -> PyResult<()> {
+    if shape != expected {
+        return Err(refused(format!("actions of shape {shape:?}: expected {expected:?}")));
+    }
+    Ok(())
 }
 
 impl Episode {

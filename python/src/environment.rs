@@ -19,7 +19,7 @@ use crate::errors::{of_mission, refused};
 use crate::field::PyField;
 use crate::observation::Observations;
 use crate::pilot::{PyDecision, believed_bps};
-use crate::rules::{Control, Rules};
+use crate::rules::{Control, Kind, Rules};
 use crate::run::{PyRun, python_mode};
 use crate::scenario::PyScenario;
 use crate::simulate::checked_label;
@@ -76,7 +76,7 @@ impl PyEnvironmentCore {
         prepare: Option<Py<PyAny>>,
         return_rule: bool,
     ) -> PyResult<Self> {
-        let rules = Rules::of(py, fields, &observation, nearest, action, reward, prepare, return_rule)?;
+        let rules = Rules::of(py, Kind::One, fields, &observation, nearest, action, reward, prepare, return_rule)?;
         Ok(Self { episode: Episode::first(scenario.get(), &Arc::new(rules))?, plans: Vec::new() })
     }
 

@@ -18,7 +18,7 @@ use skysink_planner::settings;
 use crate::belief::Contacts;
 use crate::errors::refused;
 use crate::field::FieldData;
-use crate::rules::{Reward, Rules};
+use crate::rules::{Kind, Reward, Rules};
 use crate::scenario::PyScenario;
 
 /// The field and the UAVs of a scenario, with what the UAVs believe of the queues.
@@ -112,7 +112,7 @@ impl Episode {
         if fields.is_some_and(|count| scenario.seed.checked_add(count).is_none_or(|end| i64::try_from(end).is_err())) {
             return Err(refused(format!("fields = {}: expected fewer", fields.unwrap_or(0))));
         }
-        if !rules.is_fleet {
+        if rules.kind != Kind::Agents {
             require_one(&scenario).map_err(refused)?;
         } else if scenario.uav.endurances_s.is_some() {
             return Err(refused("uav.endurances_s: expected none, because all agents have the same time"));

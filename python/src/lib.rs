@@ -12,7 +12,6 @@ mod environment;
 mod episode;
 mod errors;
 mod field;
-mod fleet;
 mod observation;
 mod pilot;
 mod reward;
@@ -31,7 +30,7 @@ mod _skysink {
     use pyo3::prelude::*;
 
     #[pymodule_export]
-    use super::batch::PyVectorCore;
+    use super::batch::PyBatchCore;
     #[pymodule_export]
     use super::belief::PyBelief;
     #[pymodule_export]
@@ -42,8 +41,6 @@ mod _skysink {
     use super::errors::InputError;
     #[pymodule_export]
     use super::field::PyField;
-    #[pymodule_export]
-    use super::fleet::PyFleetCore;
     #[pymodule_export]
     use super::pilot::{PyDecision, PyPlanMaker, PyView};
     #[pymodule_export]

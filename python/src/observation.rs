@@ -27,6 +27,8 @@ pub struct Observable {
     shape: fn(usize, usize, usize) -> Shape,
     /// Its least number; the largest is 1.
     pub low: f64,
+    /// Whether it is the same for all UAVs.
+    is_shared: bool,
     /// Writes it.
     write: fn(&Episode, &mut [f32]),
 }
@@ -36,22 +38,46 @@ const KINDS: usize = 16;
 
 /// All of them, in the order of a dictionary.
 pub static OBSERVABLES: [Observable; KINDS] = [
-    Observable { name: "uav", shape: |_, _, _| shape([3]), low: 0.0, write: uav },
-    Observable { name: "queues", shape: |count, _, _| shape([count]), low: 0.0, write: queues },
-    Observable { name: "slot", shape: |_, _, _| shape([1]), low: 0.0, write: slot },
-    Observable { name: "positions", shape: |count, _, _| shape([count, 2]), low: 0.0, write: positions },
-    Observable { name: "belief", shape: |count, _, _| shape([count]), low: 0.0, write: belief },
-    Observable { name: "belief_spread", shape: |count, _, _| shape([count]), low: 0.0, write: belief_spread },
-    Observable { name: "rates", shape: |count, _, _| shape([count]), low: 0.0, write: rates },
-    Observable { name: "ages", shape: |count, _, _| shape([count]), low: 0.0, write: ages },
-    Observable { name: "gains", shape: |count, _, _| shape([count]), low: 0.0, write: gains },
-    Observable { name: "nearest", shape: |_, nearest, _| shape([nearest, NEAREST]), low: -1.0, write: nearest },
-    Observable { name: "reach", shape: |count, _, _| shape([count]), low: 0.0, write: reach },
-    Observable { name: "energy", shape: |_, _, _| shape([1]), low: -1.0, write: energy },
-    Observable { name: "home", shape: |_, _, _| shape([4]), low: -1.0, write: home },
-    Observable { name: "zones", shape: |_, _, _| shape([DIRECTIONS]), low: 0.0, write: zones },
-    Observable { name: "returnable", shape: |count, _, _| shape([count]), low: 0.0, write: returnable },
-    Observable { name: "others", shape: |_, _, others| shape([others, 2]), low: -1.0, write: others },
+    Observable { name: "uav", shape: |_, _, _| shape([3]), low: 0.0, is_shared: false, write: uav },
+    Observable { name: "queues", shape: |count, _, _| shape([count]), low: 0.0, is_shared: true, write: queues },
+    Observable { name: "slot", shape: |_, _, _| shape([1]), low: 0.0, is_shared: true, write: slot },
+    Observable {
+        name: "positions",
+        shape: |count, _, _| shape([count, 2]),
+        low: 0.0,
+        is_shared: true,
+        write: positions,
+    },
+    Observable { name: "belief", shape: |count, _, _| shape([count]), low: 0.0, is_shared: true, write: belief },
+    Observable {
+        name: "belief_spread",
+        shape: |count, _, _| shape([count]),
+        low: 0.0,
+        is_shared: true,
+        write: belief_spread,
+    },
+    Observable { name: "rates", shape: |count, _, _| shape([count]), low: 0.0, is_shared: true, write: rates },
+    Observable { name: "ages", shape: |count, _, _| shape([count]), low: 0.0, is_shared: true, write: ages },
+    Observable { name: "gains", shape: |count, _, _| shape([count]), low: 0.0, is_shared: true, write: gains },
+    Observable {
+        name: "nearest",
+        shape: |_, nearest, _| shape([nearest, NEAREST]),
+        low: -1.0,
+        is_shared: false,
+        write: nearest,
+    },
+    Observable { name: "reach", shape: |count, _, _| shape([count]), low: 0.0, is_shared: false, write: reach },
+    Observable { name: "energy", shape: |_, _, _| shape([1]), low: -1.0, is_shared: false, write: energy },
+    Observable { name: "home", shape: |_, _, _| shape([4]), low: -1.0, is_shared: false, write: home },
+    Observable { name: "zones", shape: |_, _, _| shape([DIRECTIONS]), low: 0.0, is_shared: false, write: zones },
+    Observable {
+        name: "returnable",
+        shape: |count, _, _| shape([count]),
+        low: 0.0,
+        is_shared: false,
+        write: returnable,
+    },
+    Observable { name: "others", shape: |_, _, others| shape([others, 2]), low: -1.0, is_shared: false, write: others },
 ];
 
 /// Directions in which free distances are observed.
@@ -327,12 +353,22 @@ impl Episode {
         self.shapes().map(|shape| shape.iter().product::<usize>()).sum()
     }
 
-    /// Writes the observation into `numbers`, one quantity after another.
-    pub fn observe_flat(&self, mut numbers: &mut [f32]) {
-        for (kind, shape) in self.observed().observables().zip(self.shapes()) {
-            let (own, rest) = numbers.split_at_mut(shape.iter().product());
-            (kind.write)(self, own);
-            numbers = rest;
+    /// Writes what each UAV observes into `numbers`, UAV by UAV, one quantity after another.
+    pub fn observe_flat(&mut self, numbers: &mut [f32]) {
+        let width = self.width();
+        for uav in 0..numbers.len() / width {
+            self.uav = uav;
+            let first = uav * width;
+            let mut begin = first;
+            for (kind, shape) in self.observed().observables().zip(self.shapes()) {
+                let end = begin + shape.iter().product::<usize>();
+                if kind.is_shared && uav > 0 {
+                    numbers.copy_within(begin - first..end - first, begin);
+                } else {
+                    (kind.write)(self, &mut numbers[begin..end]);
+                }
+                begin = end;
+            }
         }
     }
 

@@ -1,6 +1,10 @@
 //! The rewards of an environment.
 
-use crate::episode::Episode;
+use skysink_common::geometry::within;
+use skysink_common::message::{Mode, Plan};
+use skysink_common::slot_record::Plans;
+
+use crate::episode::{Episode, Outcome};
 use crate::rules::Reward;
 
 /// Bits since the mission's start.
@@ -40,6 +44,7 @@ impl Reward {
                 slots * (loss - fraction(before.lost as f64, episode.expected_bits))
             }
             Self::LossFraction => slots * fraction((after.lost - before.lost) as f64, episode.expected_bits),
+            Self::Difference => 0.0, // each agent has its own
         }
     }
 }
@@ -62,4 +67,31 @@ fn weighted_bits(episode: &Episode) -> [f64; 2] {
 /// Minus `lost` as a fraction of `sampled`; 0 if nothing was sampled.
 fn fraction(lost: f64, sampled: f64) -> f64 {
     if sampled > 0.0 { -(lost / sampled) } else { 0.0 }
+}
+
+/// Flies the next slot of `episode`, and writes the difference reward of each UAV: the bits that are delivered because of it, as
+/// a fraction of the mean bits that are sampled in a slot. What another UAV would have collected in its place does not count.
+pub fn differences(episode: &mut Episode, plans: &Plans, rewards: &mut [f32]) -> Outcome {
+    let delivered_bits = |episode: &Episode, id: u32| episode.plant.field().delivered_bits()[id as usize];
+    let scheduled = |plan: &Option<Plan>| plan.as_ref().map_or(&[][..], |plan| plan.scheduled()).to_vec();
+    let ids: Vec<Vec<u32>> = plans.iter().map(scheduled).collect();
+    let before: Vec<Vec<u64>> =
+        ids.iter().map(|ids| ids.iter().map(|&id| delivered_bits(episode, id)).collect()).collect();
+    let outcome = episode.fly(plans);
+    let slot_bits = (episode.expected_bits / episode.field.limits.slots as f64).max(f64::MIN_POSITIVE);
+    let reaches = |uav: usize, id: u32| {
+        let flight = episode.plant.flight(uav);
+        let serves = !matches!(flight.flown_mode(), Mode::Hold | Mode::Charge | Mode::Down);
+        let (sensor, radius_m) = (episode.field.sensors.position(id), episode.field.limits.comm_radius_m);
+        serves && ids[uav].contains(&id) && within(sensor, &flight.position().xy(), radius_m)
+    };
+    for (uav, reward) in rewards.iter_mut().enumerate() {
+        let own = ids[uav].iter().zip(&before[uav]).filter(|(id, _)| {
+            let is_served = episode.plant.flight(uav).serves(**id);
+            is_served && !(0..ids.len()).any(|other| other != uav && reaches(other, **id))
+        });
+        let bits: u64 = own.map(|(id, before)| delivered_bits(episode, *id) - before).sum();
+        *reward = (bits as f64 / slot_bits) as f32;
+    }
+    outcome
 }

@@ -18,8 +18,19 @@ pub struct Rules {
     pub prepare: Option<Py<PyAny>>,
     /// Whether actions are led around zones and home as the decisions of strategies are.
     pub has_return_rule: bool,
-    /// Whether the scenario may have several UAVs.
-    pub is_fleet: bool,
+    /// Which environment has them.
+    pub kind: Kind,
+}
+
+/// An environment.
+#[derive(Clone, Copy, PartialEq)]
+pub enum Kind {
+    /// That of one mission, which has a belief to ask for.
+    One,
+    /// A vector of missions of one UAV.
+    Vector,
+    /// Missions of several UAVs.
+    Agents,
 }
 
 impl Rules {
@@ -27,6 +38,7 @@ impl Rules {
     #[expect(clippy::too_many_arguments, reason = "those of the environment")]
     pub fn of(
         py: Python<'_>,
+        kind: Kind,
         fields: Option<u64>,
         observation: &[String],
         nearest: Option<usize>,
@@ -40,20 +52,11 @@ impl Rules {
         }
         let observed = Observed::of(py, observation, nearest)?;
         let control = Control::named(action)?;
-        let reward = Reward::named(reward)?;
-        Ok(Self { fields, observed, control, reward, keeps_contacts: true, prepare, has_return_rule, is_fleet: false })
-    }
-
-    /// The same for a vector, which has no belief to ask for.
-    pub fn of_vector(self) -> Self {
-        let is_of_contacts = |name: &&str| self.observed.has(name);
-        let keeps_contacts = self.reward == Reward::Age || ["ages", "nearest"].iter().any(is_of_contacts);
-        Self { keeps_contacts, ..self }
-    }
-
-    /// The same for several UAVs.
-    pub fn of_fleet(self) -> Self {
-        Self { is_fleet: true, ..self.of_vector() }
+        let reward = Reward::named(reward, kind)?;
+        let is_of_contacts = |name: &&str| observed.has(name);
+        let keeps_contacts =
+            kind == Kind::One || reward == Reward::Age || ["ages", "nearest"].iter().any(is_of_contacts);
+        Ok(Self { fields, observed, control, reward, keeps_contacts, prepare, has_return_rule, kind })
     }
 }
 
@@ -101,17 +104,26 @@ pub enum Reward {
     Age,
     /// Minus the bits lost, relative to the mean of the bits sampled in a slot of the mission.
     LossFraction,
+    /// Of each agent the bits delivered because of it, relative to the same.
+    Difference,
 }
 
 impl Reward {
     /// That of this name.
-    pub fn named(name: &str) -> PyResult<Self> {
+    fn named(name: &str, kind: Kind) -> PyResult<Self> {
         match name {
             "lost" => Ok(Self::Lost),
             "weighted" => Ok(Self::Weighted),
             "age" => Ok(Self::Age),
             "loss_fraction" => Ok(Self::LossFraction),
-            _ => Err(refused(format!("reward = {name:?}: expected lost, weighted, age or loss_fraction"))),
+            "difference" if kind == Kind::Agents => Ok(Self::Difference),
+            _ => {
+                let expected = match kind {
+                    Kind::Agents => "lost, weighted, age, loss_fraction or difference",
+                    Kind::One | Kind::Vector => "lost, weighted, age or loss_fraction",
+                };
+                Err(refused(format!("reward = {name:?}: expected {expected}")))
+            }
         }
     }
 }

@@ -29,7 +29,7 @@ def scenario() -> skysink.Scenario:
 
 def draw(batch: FleetBatch, actions: np.ndarray[Any, Any], random: np.random.Generator) -> None:
     """Fills in random actions, of SNs those that the masks allow."""
-    if batch.chooses_sensors:
+    if actions.dtype == np.int64:
         masks = batch.action_masks()
         for place in np.ndindex(actions.shape):
             actions[place] = random.choice(np.flatnonzero(masks[place]))
@@ -150,6 +150,17 @@ def test_clones_copies_and_pickles_go_on_alike(scenario: skysink.Scenario) -> No
     assert env.state_space.contains(env.state())
 
 
+def test_actions_may_lie_in_any_order(scenario: skysink.Scenario) -> None:
+    batch = FleetBatch(2, scenario)
+    arrays, others = batch.arrays(), batch.arrays()
+    batch.reset_into(arrays[1])
+    twin = batch.clone()
+    turned = np.random.default_rng(4).uniform(-1.0, 1.0, arrays[0].shape).astype(np.float32)[:, ::-1, ::-1]
+    batch.step_into(turned, *arrays[1:])
+    twin.step_into(turned.copy(), *others[1:])
+    assert all(np.array_equal(one, other) for one, other in zip(arrays, others, strict=True))
+
+
 def test_impossible_arrays_and_actions_are_refused(scenario: skysink.Scenario) -> None:
     batch = FleetBatch(2, scenario)
     actions, observations, rewards, terminated, truncated = batch.arrays()
@@ -157,7 +168,7 @@ def test_impossible_arrays_and_actions_are_refused(scenario: skysink.Scenario) -
     with pytest.raises(skysink.InputError, match="rewards of shape"):
         batch.step_into(actions, observations, rewards[:1], terminated, truncated)
     with pytest.raises(skysink.InputError, match="actions of shape"):
-        batch.step_into(actions[:, :, ::-1], observations, rewards, terminated, truncated)
+        batch.step_into(actions[:1], observations, rewards, terminated, truncated)
     scrambled = np.asfortranarray(observations)
     with pytest.raises(skysink.InputError, match="observations of shape .* C-contiguous"):
         batch.step_into(actions, scrambled, rewards, terminated, truncated)
@@ -168,7 +179,7 @@ def test_impossible_arrays_and_actions_are_refused(scenario: skysink.Scenario) -
     with pytest.raises(skysink.InputError, match="num_envs = -1"):
         FleetBatch(-1, scenario)
     with pytest.raises(skysink.InputError, match="loss_fraction or difference"):
-        FleetBatch(1, scenario, reward="most")
+        FleetBatch(1, scenario, reward="most")  # type: ignore[arg-type]
     actions[1, 2, 0] = np.nan
     with pytest.raises(skysink.InputError, match="expected finite numbers, -1 to 1"):
         batch.step_into(actions, observations, rewards, terminated, truncated)
