@@ -206,15 +206,19 @@ struct Plan {
     uint32_t ids[MAX_SERVED];
 };
 
-/// Payload element of `path`: a planned waypoint. The first is that of the slot's own plan.
+/// Payload element of `path`: a planned waypoint. The first of each UAV is that of the slot's own plan.
 struct PathPoint {
-    static constexpr const char* IOX2_TYPE_NAME = "skysink.PathPoint.v1";
+    static constexpr const char* IOX2_TYPE_NAME = "skysink.PathPoint.v2";
     /// East [m].
     double x_m;
     /// North [m].
     double y_m;
     /// Up [m].
     double z_m;
+    /// Number of the UAV, from 0. All points of a UAV follow one another, and UAVs ascend.
+    uint32_t uav;
+    /// 0.
+    uint32_t reserved;
 };
 
 /// One served link of a slot.
@@ -303,7 +307,7 @@ static_assert(sizeof(skysink::SensorNode) == 48, "the layout of docs/src/interfa
 static_assert(sizeof(skysink::QueuesHeader) == 96, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::Totals) == 48, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::Plan) == 400, "the layout of docs/src/interfaces.md");
-static_assert(sizeof(skysink::PathPoint) == 24, "the layout of docs/src/interfaces.md");
+static_assert(sizeof(skysink::PathPoint) == 32, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::FlightReport) == 2608, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::LinkReport) == 40, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::Tick) == 8, "the layout of docs/src/interfaces.md");

@@ -1,7 +1,7 @@
 //! The missions of this process in recordings for rerun.
 
 use skysink_common::message::{PathPoint, Plan};
-use skysink_common::slot_record::{Plans, SlotRecord, UAV};
+use skysink_common::slot_record::{Plans, SlotRecord};
 use skysink_mission::drive::Observer;
 use skysink_mission::{MissionError, Plant};
 use skysink_viewer::{SceneError, SlotView};
@@ -13,7 +13,7 @@ use crate::error::Error;
 pub struct SlotViews<F>(pub F);
 
 impl<F: FnMut(&SlotView) -> Result<(), SceneError>> SlotViews<F> {
-    fn show(&mut self, plant: &Plant, plans: &[Option<Plan>], path: &[PathPoint]) -> Result<(), MissionError> {
+    fn show(&mut self, plant: &Plant, plans: &[Option<Plan>], paths: &[PathPoint]) -> Result<(), MissionError> {
         let header = plant.header();
         let plans: Plans = plans.iter().map(|plan| plan.map(|plan| Plan { plan_ns: 0, ..plan })).collect();
         let view = SlotView {
@@ -21,7 +21,7 @@ impl<F: FnMut(&SlotView) -> Result<(), SceneError>> SlotViews<F> {
             queues_bits: plant.field().queues_bits(),
             header: &header,
             plans: &plans,
-            path,
+            paths,
             flights: plant.flights(),
             slots_per_s: None,
             plan_ms: None,
@@ -36,6 +36,6 @@ impl<F: FnMut(&SlotView) -> Result<(), SceneError>> Observer for SlotViews<F> {
     }
 
     fn slot(&mut self, record: &SlotRecord, plant: &Plant) -> Result<(), MissionError> {
-        self.show(plant, &record.plans, &record.paths[UAV])
+        self.show(plant, &record.plans, &record.paths.concat())
     }
 }

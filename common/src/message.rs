@@ -330,10 +330,10 @@ impl FlightReport {
     }
 }
 
-/// Payload element of `path`: a planned waypoint. The first is that of the slot's own plan.
+/// Payload element of `path`: a planned waypoint. The first of each UAV is that of the slot's own plan.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-#[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.PathPoint.v1"))]
+#[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.PathPoint.v2"))]
 pub struct PathPoint {
     /// East [m].
     pub x_m: f64,
@@ -341,11 +341,17 @@ pub struct PathPoint {
     pub y_m: f64,
     /// Up [m].
     pub z_m: f64,
+    /// Number of the UAV, from 0. All points of a UAV follow one another, and UAVs ascend.
+    pub uav: u32,
+    /// 0.
+    pub reserved: u32,
 }
 
-impl From<Point3<f64>> for PathPoint {
-    fn from(point: Point3<f64>) -> Self {
-        Self { x_m: point.x, y_m: point.y, z_m: point.z }
+impl PathPoint {
+    /// A planned waypoint of the UAV number `uav`.
+    #[must_use]
+    pub fn of(uav: usize, point: &Point3<f64>) -> Self {
+        Self { x_m: point.x, y_m: point.y, z_m: point.z, uav: uav as u32, reserved: 0 }
     }
 }
 
@@ -385,7 +391,7 @@ mod tests {
         assert_eq!(size_of::<Plan>(), 400);
         assert_eq!(size_of::<LinkReport>(), 40);
         assert_eq!(size_of::<FlightReport>(), 2608);
-        assert_eq!(size_of::<PathPoint>(), 24);
+        assert_eq!(size_of::<PathPoint>(), 32);
         assert_eq!(size_of::<Commit>(), 8);
         assert_eq!(size_of::<Tick>(), 8);
     }
@@ -426,7 +432,7 @@ mod tests {
 
     #[test]
     fn a_point_of_a_path_has_the_coordinates_of_its_position() {
-        let point = PathPoint::from(Point3::new(1.0, 2.0, 3.0));
-        assert_eq!((point.x_m, point.y_m, point.z_m), (1.0, 2.0, 3.0));
+        let point = PathPoint::of(4, &Point3::new(1.0, 2.0, 3.0));
+        assert_eq!((point.x_m, point.y_m, point.z_m, point.uav), (1.0, 2.0, 3.0, 4));
     }
 }

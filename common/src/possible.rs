@@ -73,13 +73,16 @@ fn are_finite(numbers: impl IntoIterator<Item = f64>) -> bool {
     numbers.into_iter().all(|number| (number as f32).is_finite())
 }
 
-/// Whether these are 1 to [`MAX_PATH_POINTS`] points over the area, with altitudes that are finite in single precision,
-/// in which they are drawn.
+/// Whether these are paths of some of so many UAVs, in the order of their numbers: each of 1 to [`MAX_PATH_POINTS`] points over
+/// the area, with altitudes that are finite in single precision, in which they are drawn.
 #[must_use]
-pub fn is_possible_path(points: &[PathPoint], area: &Area) -> bool {
+pub fn are_possible_paths(points: &[PathPoint], area: &Area, uavs: usize) -> bool {
     let border_m = RANGE_SLACK * area.width_m().max(area.height_m());
     let is_over_area = |point: &PathPoint| area.contains(&Position::new(point.x_m, point.y_m), border_m);
-    (1..=MAX_PATH_POINTS).contains(&points.len())
+    let is_short = |path: &[PathPoint]| path.len() <= MAX_PATH_POINTS && (path[0].uav as usize) < uavs;
+    !points.is_empty()
+        && points.is_sorted_by_key(|point| point.uav)
+        && points.chunk_by(|a, b| a.uav == b.uav).all(is_short)
         && points.iter().all(|point| is_over_area(point) && are_finite([point.z_m]))
 }
 
@@ -166,17 +169,28 @@ mod tests {
     #[test]
     fn one_to_sixty_four_points_are_a_path() {
         for (count, is_possible) in [(0, false), (1, true), (64, true), (65, false), (100_000, false)] {
-            assert_eq!(is_possible_path(&vec![PathPoint::default(); count], &AREA), is_possible, "{count} points");
+            assert_eq!(are_possible_paths(&vec![PathPoint::default(); count], &AREA, 1), is_possible, "{count} points");
         }
+    }
+
+    #[test]
+    fn paths_are_those_of_uavs_that_there_are_in_their_order() {
+        let of =
+            |uavs: &[u32]| -> Vec<_> { uavs.iter().map(|&uav| PathPoint { uav, ..PathPoint::default() }).collect() };
+        for (uavs, is_possible) in
+            [(&[0, 0, 1, 2][..], true), (&[1], true), (&[0, 1, 0], false), (&[3], false), (&[0, u32::MAX], false)]
+        {
+            assert_eq!(are_possible_paths(&of(uavs), &AREA, 3), is_possible, "{uavs:?}");
+        }
+        assert!(are_possible_paths(&of(&[vec![0; 64], vec![2; 64]].concat()), &AREA, 3));
+        assert!(!are_possible_paths(&of(&[vec![0; 64], vec![2; 65]].concat()), &AREA, 3));
     }
 
     #[test]
     fn a_path_with_one_impossible_point_is_refused() {
         let good = [100.0, 50.0, 20.0];
-        assert!(
-            is_possible_path(&[PathPoint::from(Point3::from(good)), Point3::new(0.0, 0.0, 1e9).into()], &AREA),
-            "the rim is part of the area"
-        );
+        let point = |at: [f64; 3]| PathPoint::of(0, &Point3::from(at));
+        assert!(are_possible_paths(&[good, [0.0, 0.0, 1e9]].map(point), &AREA, 1), "the rim is part of the area");
         for (axis, value) in [
             (0, f64::NAN),
             (1, f64::NAN),
@@ -191,10 +205,7 @@ mod tests {
         ] {
             let mut bad = good;
             bad[axis] = value;
-            assert!(
-                !is_possible_path(&[PathPoint::from(Point3::from(good)), Point3::from(bad).into()], &AREA),
-                "{bad:?}"
-            );
+            assert!(!are_possible_paths(&[good, bad].map(point), &AREA, 1), "{bad:?}");
         }
     }
 }

@@ -7,7 +7,7 @@ use bytemuck::Zeroable;
 use skysink_common::geometry::{Position, within};
 use skysink_common::message::{FlightReport, HoldReason, LinkReport, Mode};
 use skysink_common::message::{PathPoint, Plan};
-use skysink_common::possible::{Message as _, is_possible_path};
+use skysink_common::possible::{Message as _, are_possible_paths};
 use skysink_field_sim::Field;
 use skysink_flight_sim::Flight;
 use skysink_ring::health::Health;
@@ -129,15 +129,19 @@ pub fn health(u: &mut Unstructured) -> Result<()> {
     Ok(())
 }
 
-/// A path is refused, or it has at most 64 points, all of them finite and over the area.
+/// Paths are refused, or have at most 64 points each, all of them finite and over the area.
 pub fn path(u: &mut Unstructured) -> Result<()> {
     let area = &u.choose(&*WORLDS)?.scenario.area;
     while !u.is_empty() {
         let length = u.arbitrary::<u8>()? % 80;
-        let point = |[x_m, y_m, z_m]: [f64; 3]| PathPoint { x_m, y_m, z_m };
-        let path = (0..length).map(|_| u.arbitrary().map(point)).collect::<Result<Vec<_>>>()?;
-        if is_possible_path(&path, area) {
-            assert!((1..=64).contains(&path.len()), "{path:?}");
+        let mut point = |_| {
+            let [x_m, y_m, z_m] = u.arbitrary()?;
+            let uav = u32::from(u.arbitrary::<u8>()? / 100);
+            Ok(PathPoint { x_m, y_m, z_m, uav, reserved: 0 })
+        };
+        let path = (0..length).map(&mut point).collect::<Result<Vec<_>>>()?;
+        if are_possible_paths(&path, area, 2) {
+            assert!((1..=128).contains(&path.len()) && path.iter().all(|point| point.uav < 2), "{path:?}");
             for point in &path {
                 let [x_m, y_m, z_m] = [point.x_m, point.y_m, point.z_m].map(|m| f64::from(m as f32)); // as drawn
                 assert!(area.contains(&Position::new(x_m, y_m), 1e-3) && z_m.is_finite(), "{point:?}");

@@ -4,7 +4,7 @@ use arbitrary::{Result, Unstructured};
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::{Position, above};
 use skysink_common::message::{FlightReport, Mode, PathPoint, Plan, SensorNode};
-use skysink_common::possible::is_possible_path;
+use skysink_common::possible::are_possible_paths;
 use skysink_common::scenario::Scenario;
 use skysink_common::slot_record::UAV;
 use skysink_flight_sim::Flight;
@@ -42,8 +42,8 @@ pub fn message(u: &mut Unstructured) -> Result<()> {
         if foreign == 0 && scenario.area.contains(&position, 0.0) && altitudes.contains(&altitude_m) {
             let here = FlightReport::at(above(&position, altitude_m), Mode::Hold);
             fly(&scenario, &nodes, &here, slot, &plan);
-            let path: Vec<_> = planner.path().iter().copied().map(PathPoint::from).collect();
-            assert!(is_possible_path(&path, &scenario.area), "{path:?} from {here:?}");
+            let path: Vec<_> = planner.path().iter().map(|point| PathPoint::of(UAV, point)).collect();
+            assert!(are_possible_paths(&path, &scenario.area, 1), "{path:?} from {here:?}");
         }
     }
     Ok(())

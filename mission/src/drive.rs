@@ -150,7 +150,7 @@ pub fn step(plant: &mut Plant, pilot: &mut dyn Pilot, stop: &Stop) -> Result<(),
     stop.check()?; // a search that was stopped may be incomplete
     plant.step(&plans);
     for uav in 0..plans.len() {
-        plant.add_path(uav, pilot.path(uav).iter().copied().map(PathPoint::from));
+        plant.add_path(uav, pilot.path(uav).iter().map(|point| PathPoint::of(uav, point)));
     }
     Ok(())
 }

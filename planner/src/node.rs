@@ -4,7 +4,7 @@ use iceoryx2::prelude::Service;
 use skysink_common::message::{FLAG_END, FlightReport, MAX_PATH_POINTS, PathPoint, Plan, SlotHeader};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
-use skysink_common::slot_record::{ByUav, UAV};
+use skysink_common::slot_record::ByUav;
 use skysink_common::stop::Stop;
 use skysink_ring::error::{NodeError, RingError};
 use skysink_ring::folder::RingFolder;
@@ -92,7 +92,7 @@ fn run_with<S: Service + 'static>(
     let has_path = own.is_some() || Registered::of(scenario)?.has_path || scenario.landing_base().is_some();
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::Planner, stop)?;
     // Before that of the plans, so that a process that has a plan finds the writer of its path.
-    let paths = has_path.then(|| ring.path.list_writer(MAX_PATH_POINTS)).transpose()?;
+    let paths = has_path.then(|| ring.path.list_writer(scenario.uav.uavs() * MAX_PATH_POINTS)).transpose()?;
     let uavs = scenario.uav.uavs();
     let plans = ring.plan.list_writer(uavs)?;
     let mut queues = ring.queues.reader()?; // the planner maintains its own estimate
@@ -144,9 +144,11 @@ fn run_with<S: Service + 'static>(
         let Some(flown) = flights.wait_for_slot(&mut wait, slot)? else { continue };
         next = slot + 1;
         let planned = journaled.plan(next, &flown, state.payload())?;
-        let path: Vec<_> = journaled.planner.path(UAV).iter().copied().map(PathPoint::from).collect();
-        if let Some(paths) = paths.as_ref().filter(|_| path.len() > 1) {
-            paths.send_list(ring.header(next, 0), &path)?; // before the plan, so that its readers have the path
+        let leading = (0..uavs).map(|uav| (uav, journaled.planner.path(uav))).filter(|(_, path)| path.len() > 1);
+        let points: Vec<_> =
+            leading.flat_map(|(uav, path)| path.iter().map(move |point| PathPoint::of(uav, point))).collect();
+        if let Some(paths) = paths.as_ref().filter(|_| !points.is_empty()) {
+            paths.send_list(ring.header(next, 0), &points)?; // before the plan, so that its readers have the paths
         }
         flights.receive_all()?; // repeated flights must not fill the buffer
         plans.send_list(ring.header(next, 0), &planned)?;
@@ -166,6 +168,7 @@ mod tests {
     use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
     use skysink_common::message::{FlightReport, LinkReport, Mode, Plan, SensorNode, SolverOutcome};
     use skysink_common::scenario::Overrides;
+    use skysink_common::slot_record::UAV;
     use skysink_ring::terms::Terms;
     use std::path::Path;
 

@@ -1,5 +1,6 @@
 //! The nodes as threads of one process, written once for any iceoryx2 service.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 use std::sync::Barrier;
@@ -42,7 +43,7 @@ fn smoke(strategy: &'static str, seed: u64) -> Scenario {
     scenario
 }
 
-/// What an observer receives in each slot: the plan, and the path that has arrived with it.
+/// What an observer receives in each slot: the plan of the first UAV, and the paths that have arrived with it.
 type Seen = Vec<(Plan, Option<Vec<PathPoint>>)>;
 
 /// A mission in one process: its trace, its plans and its paths.
@@ -55,7 +56,8 @@ fn alone(scenario: &Scenario, out: &Path) -> (String, Seen) {
         let flown = mission.next()?;
         log.add(&flown).unwrap();
         assert!(flown.header.totals.is_balanced(), "{flown:?}");
-        Some((flown.plans[UAV]?, Some(flown.paths[UAV].clone()).filter(|path| path.len() > 1)))
+        let paths: Vec<_> = flown.paths.iter().filter(|path| path.len() > 1).flatten().copied().collect();
+        Some((flown.plans[UAV]?, Some(paths).filter(|paths| !paths.is_empty())))
     };
     let planned = std::iter::from_fn(fly).collect();
     (fs::read_to_string(out.join("slots.csv")).unwrap(), planned)
@@ -152,6 +154,23 @@ fn local_and_ipc_nodes_leave_the_trace_and_paths_of_plain_calls_in_any_starting_
             assert!(expected.contains(&paths), "{strategy}: {paths} paths");
         }
     }
+}
+
+#[test]
+fn the_paths_of_all_uavs_arrive_with_their_plans() {
+    let out = tempfile::tempdir().unwrap();
+    let mut scenario = smoke("horizon", 11);
+    scenario.uav.count = Some(3);
+    let (trace, planned) = alone(&scenario, &out.path().join("alone"));
+    let (flown, seen) =
+        fly_in_threads::<local::Service>(&scenario, Waiting::default(), &out.path().join("ring"), [0, 1, 2]);
+    assert_eq!(flown, trace);
+    for (slot, (seen, planned)) in (1..).zip(seen.iter().zip(&planned)) {
+        assert_eq!(seen.1, planned.1, "slot {slot}");
+    }
+    let uavs: BTreeSet<u32> =
+        seen.iter().flat_map(|(_, paths)| paths.iter().flatten()).map(|point| point.uav).collect();
+    assert_eq!(uavs, BTreeSet::from([0, 1, 2]));
 }
 
 #[test]

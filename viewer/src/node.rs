@@ -11,7 +11,7 @@ use skysink_common::error::InputError;
 use skysink_common::estimate::Rates;
 use skysink_common::message::{FLAG_END, FlightReport, HoldReason, PathPoint, Plan, QueuesHeader, SlotHeader};
 use skysink_common::pace::Pace;
-use skysink_common::possible::is_possible_path;
+use skysink_common::possible::are_possible_paths;
 use skysink_common::scenario::{Area, Scenario};
 use skysink_common::sensors::{SensorList, Sensors};
 use skysink_common::slot_record::ByUav;
@@ -102,7 +102,7 @@ pub fn run<S: Service + 'static>(
         let address = format!("rerun+http://127.0.0.1:{port}/proxy");
         Role::Viewer.log(format_args!("live at {address}: open it by `rerun {address}`"));
     }
-    let followed = Follower::open(&ring, &scenario.area, journal, &mut scene)
+    let followed = Follower::open(&ring, scenario, journal, &mut scene)
         .and_then(|mut follower| follower.follow(&mut wait).map(|()| follower.missed));
     let closed = scene.close();
     let missed = followed?;
@@ -114,6 +114,8 @@ pub fn run<S: Service + 'static>(
 struct Follower<'a, S: Service + 'static> {
     ring: &'a Ring<S>,
     area: &'a Area,
+    /// Number of UAVs.
+    uavs: usize,
     journal: Journal,
     scene: &'a mut Scene,
     paths: Reader<S, [PathPoint], SlotHeader>,
@@ -134,7 +136,12 @@ struct Follower<'a, S: Service + 'static> {
 }
 
 impl<'a, S: Service + 'static> Follower<'a, S> {
-    fn open(ring: &'a Ring<S>, area: &'a Area, journal: Journal, scene: &'a mut Scene) -> Result<Self, NodeError> {
+    fn open(
+        ring: &'a Ring<S>,
+        scenario: &'a Scenario,
+        journal: Journal,
+        scene: &'a mut Scene,
+    ) -> Result<Self, NodeError> {
         Ok(Self {
             paths: ring.path.reader()?, // before the plans, so that the path of every received plan is available
             plans: ring.plan.reader()?,
@@ -148,7 +155,8 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
             missed: 0,
             recent: VecDeque::new(),
             ring,
-            area,
+            area: &scenario.area,
+            uavs: scenario.uav.uavs(),
             journal,
             scene,
         })
@@ -220,7 +228,7 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
             self.missed += missed_until - expected;
         }
         let Some(flight) = flight.filter(|_| slot >= expected) else { return Ok(()) };
-        let path = self.path(wait, slot)?.filter(|_| plan.is_some());
+        let paths = self.paths(wait, slot)?.filter(|_| plan.is_some());
         let plans: ByUav<_> = plan.iter().flat_map(|plans| plans.payload().iter().copied().map(Some)).collect();
         let slots_per_s = self.slots_per_s(header.head);
         self.scene.log_slot(&SlotView {
@@ -228,7 +236,7 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
             queues_bits: queues.payload(),
             header,
             plans: &plans,
-            path: path.as_ref().map_or(&[], |path| path.payload()),
+            paths: paths.as_ref().map_or(&[], |paths| paths.payload()),
             flights: &flight,
             slots_per_s,
             plan_ms: plan.map(|plans| plans.iter().map(|plan| plan.plan_ns).sum::<u64>() as f64 / 1e6),
@@ -238,8 +246,8 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
         Ok(())
     }
 
-    /// The path of a slot whose plan has arrived; empty if there is none. An invalid path is refused.
-    fn path(
+    /// The paths of a slot whose plan has arrived; empty if there is none. Invalid paths are refused.
+    fn paths(
         &mut self,
         wait: &mut WaitContext,
         slot: u64,
@@ -249,7 +257,7 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
         self.paths_read = self.paths_read.saturating_add(1);
         let limit = if may_be_late { LEFT_OVERS } else { Duration::ZERO };
         let path = read(&mut self.paths, wait, slot, Some(limit))?;
-        let is_good = path.as_ref().is_none_or(|path| is_possible_path(path.payload(), self.area));
+        let is_good = path.as_ref().is_none_or(|path| are_possible_paths(path.payload(), self.area, self.uavs));
         if !is_good {
             self.paths.refuse(slot, Refusal::Path);
         }

@@ -1,4 +1,5 @@
-//! The planned path: from the planned waypoint to the following ones, for planners with a path.
+//! The planned paths: from the planned waypoint to the following ones, for planners with a path. That of the first UAV fades
+//! with distance; those of the others have the colours of their UAVs.
 //!
 //! A recording of a planner without a path contains none of these entities. From the first path on, every slot logs a
 //! path, which may be empty, so that no earlier path stays visible.
@@ -7,6 +8,7 @@ use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::{LineStrips3D, Points3D};
 use re_sdk_types::components::Radius;
 use skysink_common::message::{MAX_PATH_POINTS, PathPoint};
+use skysink_common::slot_record::UAV;
 
 use crate::canvas::Canvas;
 use crate::colour;
@@ -23,6 +25,9 @@ pub const TRACK: &str = "world/path_track";
 /// Its waypoints.
 pub const TRACK_STOPS: &str = "world/path_track/stops";
 
+/// The paths of the other UAVs, and on the ground.
+pub const OTHERS: [&str; 2] = ["world/path/others", "world/path_track/others"];
+
 /// Number of legs of each band of the path. Later bands are fainter, because later legs are more likely to change.
 const BANDS: [usize; 4] = [4, 8, 16, MAX_PATH_POINTS];
 
@@ -30,13 +35,15 @@ const BANDS: [usize; 4] = [4, 8, 16, MAX_PATH_POINTS];
 pub(crate) struct Path {
     /// Whether an earlier slot, possibly in an earlier file, had a path.
     begun: bool,
+    /// Whether an earlier slot had one of another UAV.
+    others_begun: bool,
     /// Height of a band above the next one [m], so that earlier legs are visible where a path crosses itself.
     step_m: f32,
 }
 
 impl Path {
     /// Styles the path.
-    pub(crate) fn open(canvas: &Canvas, sizes: &Sizes, part: Part) -> RecordingStreamResult<Self> {
+    pub(crate) fn open(canvas: &Canvas, sizes: &Sizes, uavs: usize, part: Part) -> RecordingStreamResult<Self> {
         let colours = |[near, far]: [colour::Rgb; 2]| {
             (0..BANDS.len()).map(move |band| colour::between(near, far, band as f64 / (BANDS.len() - 1) as f64))
         };
@@ -48,11 +55,19 @@ impl Path {
             canvas.log_static(path, &line)?;
             canvas.log_static(at, &stops)?;
         }
-        Ok(Self { begun: part == Part::Later, step_m: 0.002 * sizes.radius_m })
+        let thin = LineStrips3D::update_fields().with_radii([Radius::new_ui_points(0.7)]);
+        OTHERS
+            .into_iter()
+            .take(if uavs > 1 { 2 } else { 0 })
+            .try_for_each(|entity| canvas.log_static(entity, &thin))?;
+        let begun = part == Part::Later;
+        Ok(Self { begun, others_begun: begun && uavs > 1, step_m: 0.002 * sizes.radius_m })
     }
 
-    /// Shows the path of a slot. A single point is only the waypoint of the slot, and not shown.
-    pub(crate) fn log(&mut self, canvas: &Canvas, path: &[PathPoint]) -> RecordingStreamResult<()> {
+    /// Shows the paths of a slot. A single point is only the waypoint of the slot, and not shown.
+    pub(crate) fn log(&mut self, canvas: &Canvas, paths: &[PathPoint]) -> RecordingStreamResult<()> {
+        let (path, others) = paths.split_at(paths.partition_point(|point| point.uav as usize == UAV));
+        self.log_others(canvas, others)?;
         self.begun |= path.len() > 1;
         if !self.begun {
             return Ok(());
@@ -64,6 +79,24 @@ impl Path {
             let stops: Vec<_> = strips.iter().flat_map(|strip| &strip[1..]).copied().collect();
             canvas.show(entity, &LineStrips3D::update_fields().with_strips(strips))?;
             canvas.show(at, &Points3D::update_fields().with_positions(stops))?;
+        }
+        Ok(())
+    }
+
+    /// Shows the paths of the other UAVs.
+    fn log_others(&mut self, canvas: &Canvas, points: &[PathPoint]) -> RecordingStreamResult<()> {
+        let paths: Vec<_> = points.chunk_by(|a, b| a.uav == b.uav).filter(|path| path.len() > 1).collect();
+        self.others_begun |= !paths.is_empty();
+        if !self.others_begun {
+            return Ok(());
+        }
+        for (entity, is_on_ground) in OTHERS.into_iter().zip([false, true]) {
+            let place = |at: &PathPoint| [at.x_m as f32, at.y_m as f32, if is_on_ground { 0.0 } else { at.z_m as f32 }];
+            let strips = paths.iter().map(|path| path.iter().map(place).collect::<Vec<Point>>());
+            let lines = LineStrips3D::update_fields()
+                .with_strips(strips)
+                .with_colors(paths.iter().map(|path| colour::of_uav(path[0].uav as usize)));
+            canvas.show(entity, &lines)?;
         }
         Ok(())
     }

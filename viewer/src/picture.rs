@@ -65,7 +65,7 @@ impl Picture {
         let queues = QueueShapes::open(&canvas, sensors, sizes, &names)?;
         let open = |uav: usize| UavShape::open(&canvas, sizes, uav);
         let uavs = (0..scenario.uav.uavs()).map(open).collect::<Result<_, _>>()?;
-        let path = Path::open(&canvas, sizes, part)?;
+        let path = Path::open(&canvas, sizes, scenario.uav.uavs(), part)?;
         let links = Links::open(&canvas, scenario, sensors, sizes)?;
         let los = Los::open(&canvas, scenario, sensors, sizes, part)?;
         let events = Events::open(&canvas, recording, scenario.base.is_some())?;
@@ -131,7 +131,7 @@ impl Picture {
         for (number, uav) in self.uavs.iter_mut().enumerate() {
             uav.draw(canvas, &view.flights[number], view.plans.get(number).and_then(Option::as_ref))?;
         }
-        self.path.log(canvas, view.path)?;
+        self.path.log(canvas, view.paths)?;
         self.links.log_circles(canvas, view.plan())?;
         self.links.log_links(canvas, view.flights)?;
         if let Some(los) = &mut self.los {

@@ -29,8 +29,8 @@ pub struct SlotView<'a> {
     pub header: &'a QueuesHeader,
     /// The plan of each UAV, if it was in time.
     pub plans: &'a [Option<Plan>],
-    /// The planned path of the first UAV, with the waypoint of the slot first; empty if there is none.
-    pub path: &'a [PathPoint],
+    /// The planned paths, UAV by UAV, each with the waypoint of the slot first; empty if there is none.
+    pub paths: &'a [PathPoint],
     /// The flight of each UAV.
     pub flights: &'a [FlightReport],
     /// Slots per second of wall time, if measured.

@@ -28,8 +28,8 @@ fn writer(rogue: &Rogue) -> Writer<ipc::Service, [PathPoint], SlotHeader> {
 
 /// The good waypoint, and so many points after it.
 fn path(turn: &Turn, more: usize) -> Vec<PathPoint> {
-    let mut path = vec![PathPoint { x_m: turn.good.x_m, y_m: turn.good.y_m, z_m: turn.good.z_m }];
-    path.extend((0..more).map(|i| PathPoint { x_m: (i % 60) as f64, y_m: 30.0, z_m: 20.0 }));
+    let mut path = vec![PathPoint::of(0, &turn.good.waypoint())];
+    path.extend((0..more).map(|i| PathPoint::of(0, &[(i % 60) as f64, 30.0, 20.0].into())));
     path
 }
 
@@ -44,6 +44,7 @@ fn spoilt(turn: &Turn, number: u64) -> Vec<PathPoint> {
         4 => path[1].x_m = 60.1,
         5 => path = vec![path[0]; MAX_PATH_POINTS + 1],
         6 => path.clear(),
+        7 => path[1].uav = 1, // the run has one
         _ => path = vec![path[0]; 1_000],
     }
     path
@@ -53,7 +54,7 @@ fn spoilt(turn: &Turn, number: u64) -> Vec<PathPoint> {
 const THERE: u64 = 3;
 
 /// Kinds of [`spoilt`].
-const KINDS: u64 = 8;
+const KINDS: u64 = 9;
 
 #[test]
 fn invalid_paths_are_refused_one_by_one_and_the_run_continues() {

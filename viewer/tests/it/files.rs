@@ -157,7 +157,7 @@ fn slots_between_two_files_are_marked_and_counted_in_the_later_one() {
 fn a_path_of_an_earlier_file_is_cleared() {
     let (_folder, first) = place();
     let leading = (0..=5).map(|slot| {
-        let point = |x_m, y_m| PathPoint { x_m, y_m, z_m: 20.0 };
+        let point = |x_m, y_m| PathPoint { x_m, y_m, z_m: 20.0, ..PathPoint::default() };
         let path = vec![point(slot as f64, 50.0), point(90.0, 9.0)];
         Slot { path, ..Slot::new(slot, SENSORS as usize) }
     });

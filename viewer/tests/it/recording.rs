@@ -163,7 +163,7 @@ fn a_slot_without_service_has_no_links_and_circles() {
 
 /// Gives the slot a path with this number of points.
 fn lead(slot: &mut Slot, points: u64) {
-    let point = |i| PathPoint { x_m: (slot.slot + 3 * i) as f64, y_m: 50.0 + i as f64, z_m: 20.0 };
+    let point = |i| PathPoint::of(0, &[(slot.slot + 3 * i) as f64, 50.0 + i as f64, 20.0].into());
     slot.path = (0..points).map(point).collect();
 }
 
@@ -438,7 +438,11 @@ fn every_uav_has_a_place_a_path_and_a_waypoint_of_its_own() {
             other.x_m *= 2.0;
             let flights = [slot.flight, other];
             let plans = [slot.plan; 2];
-            scene.log_slot(&SlotView { flights: &flights, plans: &plans, ..slot.view() }).unwrap();
+            let leads = [3, 5].contains(&slot.slot);
+            let paths: Vec<_> =
+                [[90.0, 11.0], [91.0, 12.0]].map(|[x, y]| PathPoint::of(1, &[x, y, 20.0].into())).into();
+            let paths = if leads { &paths[..] } else { &[] };
+            scene.log_slot(&SlotView { flights: &flights, plans: &plans, paths, ..slot.view() }).unwrap();
         }
         scene.close().unwrap();
         Found::read(path)
@@ -450,5 +454,11 @@ fn every_uav_has_a_place_a_path_and_a_waypoint_of_its_own() {
         assert_eq!(found.slots_of(&entity), (0..=9).collect(), "{entity}");
     }
     assert!(!found.slots_of(&format!("{}/1", uav::WAYPOINTS)).is_empty());
+    for entity in path::OTHERS {
+        assert_eq!(found.slots_of(entity), [3, 4, 5, 6].into(), "{entity}, and empty from there on");
+        let drawn = |slot| found.text(entity, "LineStrips3D:strips", Some(slot)).contains("91.0");
+        assert_eq!([3, 4, 5, 6].map(drawn), [true, false, true, false], "{entity}");
+    }
+    assert!(found.slots_of(path::PATH).is_empty(), "the first UAV has none");
     assert!(found.slots_of(&format!("{}/1", uav::WAYPOINT)).is_empty(), "it would move with the first one's");
 }

@@ -90,7 +90,7 @@ impl Slot {
             queues_bits: &self.queues_bits,
             header: &self.header,
             plans: std::slice::from_ref(&self.plan),
-            path: &self.path,
+            paths: &self.path,
             flights: std::slice::from_ref(&self.flight),
             slots_per_s: None,
             plan_ms: None,
