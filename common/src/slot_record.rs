@@ -1,5 +1,8 @@
 //! What a slot of a mission leaves, by UAV.
 
+use std::mem::offset_of;
+
+use bytemuck::Zeroable as _;
 use smallvec::{SmallVec, smallvec};
 
 use crate::checkpoint::{Checkpoint, CheckpointError};
@@ -25,16 +28,40 @@ fn links_after<'a>(before: &'a [FlightReport], flight: &'a FlightReport) -> impl
     flight.served_links().iter().filter(|link| !before.iter().any(|other| other.serves(link.sensor)))
 }
 
+/// Length of a report without its links [byte].
+const REPORT_BYTES: usize = offset_of!(FlightReport, links);
+
+/// The flights of a slot, with the links that count.
 impl Checkpoint for ByUav<FlightReport> {
     fn save(&self, bytes: &mut Vec<u8>) {
-        bytes.extend_from_slice(bytemuck::cast_slice(self));
+        for flight in self {
+            let length = REPORT_BYTES + size_of_val(flight.served_links());
+            bytes.extend_from_slice(&bytemuck::bytes_of(flight)[..length]);
+        }
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        CheckpointError::ensure(bytes.len() == size_of_val(&self[..]), "a flight of each UAV")?;
-        bytemuck::cast_slice_mut(self).copy_from_slice(bytes);
+        let mut rest = bytes;
+        let mut restored = self.clone();
+        for flight in &mut restored {
+            *flight = FlightReport::zeroed();
+            let (head, links) = cut(rest, REPORT_BYTES)?;
+            bytemuck::bytes_of_mut(flight)[..REPORT_BYTES].copy_from_slice(head);
+            let length = size_of_val(flight.served_links());
+            let (links, after) = cut(links, length)?;
+            bytemuck::bytes_of_mut(flight)[REPORT_BYTES..][..length].copy_from_slice(links);
+            rest = after;
+        }
+        CheckpointError::ensure(rest.is_empty(), "a flight of each UAV")?;
+        *self = restored;
         Ok(())
     }
+}
+
+/// The first `length` bytes, and the rest.
+fn cut(bytes: &[u8], length: usize) -> Result<(&[u8], &[u8]), CheckpointError> {
+    CheckpointError::ensure(length <= bytes.len(), "a flight of each UAV")?;
+    Ok(bytes.split_at(length))
 }
 
 /// What a slot leaves: the plans, the flights, and the ledger after them.

@@ -43,8 +43,10 @@ pub fn journal(folder: &RingFolder, count: usize, uavs: usize) -> Result<Journal
 ///
 /// # Errors
 /// If a file cannot be written.
-pub fn save(journal: &mut Journal, flights: &[FlightReport], field: &Field) -> Result<(), RingError> {
-    journal.save(field.slot(), bytemuck::cast_slice(flights), field)
+pub fn save(journal: &mut Journal, flights: &ByUav<FlightReport>, field: &Field) -> Result<(), RingError> {
+    let mut bytes = Vec::new();
+    flights.save(&mut bytes);
+    journal.save(field.slot(), &bytes, field)
 }
 
 /// Resumes `field` at the last saved slot but one, and returns the flights of the last. So the results of the last two
@@ -55,7 +57,7 @@ pub fn save(journal: &mut Journal, flights: &[FlightReport], field: &Field) -> R
 pub fn resume(journal: &mut Journal, field: &mut Field, uavs: usize) -> Result<Option<ByUav<FlightReport>>, RingError> {
     let flown = journal.inputs()?;
     let Some(last) = flown.last() else {
-        save(journal, &vec![FlightReport::zeroed(); uavs], field)?;
+        save(journal, &ByUav::from_elem(FlightReport::zeroed(), uavs), field)?;
         return Ok(None);
     };
     if journal.restore_before(last.slot, field)?.is_none() {
