@@ -1,6 +1,8 @@
-//! `skysink bench`: planner, field, missions and ring against their lower bounds, measured in the same run.
+//! `skysink bench`: planner, field, missions and ring against their lower bounds, and fleets against one UAV, measured in the same
+//! run.
 
 mod field;
+mod fleet;
 mod hop;
 mod mission;
 mod planner;
@@ -18,7 +20,7 @@ use crate::error::Error;
 use crate::report::print;
 use setting::BenchEffort;
 
-/// Benchmark planner, field, missions and ring against their lower bounds.
+/// Benchmark planner, field, missions and ring against their lower bounds, and fleets against one UAV.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -48,6 +50,8 @@ pub enum BenchPart {
     Mission,
     /// The ring of processes, against bare iceoryx2 hops.
     Ring,
+    /// Several UAVs, against one.
+    Fleet,
 }
 
 /// What was measured; `None` for a part that was not asked for.
@@ -59,6 +63,7 @@ struct Report {
     field: Option<Vec<field::FieldRow>>,
     mission: Option<mission::MissionSpeeds>,
     ring: Option<Vec<ring::RingRow>>,
+    fleet: Option<Vec<fleet::FleetRow>>,
 }
 
 impl BenchCommand {
@@ -74,6 +79,7 @@ impl BenchCommand {
                 BenchPart::Field => report.field = Some(field::measure(effort, stop)?),
                 BenchPart::Mission => report.mission = Some(mission::measure(effort, stop)?),
                 BenchPart::Ring => report.ring = Some(ring::measure(effort, stop)?),
+                BenchPart::Fleet => report.fleet = Some(fleet::measure(effort, stop)?),
             }
         }
         if self.json {

@@ -46,6 +46,9 @@ pub struct RingCase {
     /// Slots.
     #[serde(skip)]
     pub slots: u64,
+    /// UAVs.
+    #[serde(skip)]
+    pub uavs: u32,
 }
 
 /// Passes the messages of `case` around, and returns the times of the rounds.
@@ -70,7 +73,8 @@ pub fn time(case: RingCase, stop: &Stop) -> Result<Spread, Error> {
 
 /// Length of the message that thread `index` sends.
 fn message_bytes(case: RingCase, index: usize) -> usize {
-    [case.sensors as usize * size_of::<u32>(), size_of::<Plan>(), size_of::<FlightReport>()][index]
+    let uavs = case.uavs as usize;
+    [case.sensors as usize * size_of::<u32>(), uavs * size_of::<Plan>(), uavs * size_of::<FlightReport>()][index]
 }
 
 /// The ports of a thread: it receives from the thread before it and sends to the one after it.

@@ -47,7 +47,7 @@ pub fn measure(effort: BenchEffort, stop: &Stop) -> Result<Vec<RingRow>, Error> 
                     (Pace::Max, ..100_000) => effort.choose(6_000, 100),
                     (Pace::Max, _) => effort.choose(500, 10),
                 };
-                rows.push(row(RingCase { sensors, wait, pace, slots }, effort, stop)?);
+                rows.push(row(RingCase { sensors, wait, pace, slots, uavs: 1 }, effort, stop)?);
             }
         }
     }
@@ -83,7 +83,7 @@ fn row(case: RingCase, effort: BenchEffort, stop: &Stop) -> Result<RingRow, Erro
 }
 
 /// One run of the whole ring by `skysink run`.
-fn run_ring(case: RingCase, stop: &Stop) -> Result<RunTiming, Error> {
+pub fn run_ring(case: RingCase, stop: &Stop) -> Result<RunTiming, Error> {
     stop.check()?;
     let folder = temporary_folder()?;
     let (program, words) = executables::command_of("skysink").at("skysink".as_ref())?;
@@ -91,6 +91,9 @@ fn run_ring(case: RingCase, stop: &Stop) -> Result<RunTiming, Error> {
     command.args(words).args(["run", "--no-viewer", "--json"]);
     command.args(["--wait", &case.wait.to_string(), "--pace", &case.pace.to_string()]);
     command.args(letter_keys(case.sensors, case.slots).iter().flat_map(|key| ["--set", key]));
+    if case.uavs > 1 {
+        command.args(["--set", &format!("uav.count={}", case.uavs)]);
+    }
     let run = command.arg("--out").arg(folder.path().join("run")).stdin(Stdio::null()).output().at(&program)?;
     if !run.status.success() {
         stop.check()?; // Ctrl-C at a terminal stops the run, too

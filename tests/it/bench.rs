@@ -43,6 +43,7 @@ fn a_quick_benchmark_measures_everything() {
     }
     let ratios = ["slots_per_s", "p50_over_floor", "p99_over_p50"];
     assert_rows(&report["ring"], 2 * 3 * 2, &["slot", "plan", "hops"], &ratios);
+    assert_rows(&report["fleet"], 4, &["plan", "slot"], &["uavs", "plan_over_one", "slot_over_one"]);
     place.assert_clean();
 }
 
