@@ -26,15 +26,25 @@ Array = Any  # of NumPy, or of JAX while it trains
 Weights = dict[str, NDArray[np.float32]]
 
 
-def features(positions: Array, queues: Array, uav: Array, xp: Any = np) -> Array:
-    """The features of each SN [..., N, 7].
+def features(seen: dict[str, Array], xp: Any = np) -> Array:
+    """The features of each SN [..., N, 7], or [..., N, 8 + U] of a fleet: the nearest other UAV, and who the agent is.
 
-    Positions [..., N, 2], queues [..., N] and UAV [..., 3] are those of an observation; `xp` is the array module.
+    Positions [..., N, 2], queues [..., N], UAV [..., 3], others [..., U - 1, 2] and agent [..., U] are those of an observation;
+    `xp` is the array module.
     """
-    offset = positions - uav[..., None, :2]
-    distance = xp.sqrt((offset**2).sum(-1, keepdims=True) + 1e-6)  # with a slope at 0, for the training
-    near = xp.exp(-((distance / RANGE) ** 2))
-    nearby = [offset / (2.0 * REACH), distance / (2.0 * REACH), near]
+
+    def away(offset: Array) -> list[Array]:
+        distance = xp.sqrt((offset**2).sum(-1, keepdims=True) + 1e-6)  # with a slope at 0, for the training
+        return [distance / (2.0 * REACH), xp.exp(-((distance / RANGE) ** 2))]
+
+    positions, queues = seen["positions"], seen["queues"]
+    offset = positions - seen["uav"][..., None, :2]
+    nearby = [offset / (2.0 * REACH), *away(offset)]
+    if "others" in seen:
+        of_others = offset[..., None, :] - seen["others"][..., None, :, :]
+        distance, near = away(of_others)
+        own = xp.broadcast_to(seen["agent"][..., None, 1:], (*queues.shape, seen["agent"].shape[-1] - 1))
+        nearby += [xp.min(distance, -2), xp.max(near, -2), own]  # without who they are, two UAVs in one place stay together
     return xp.concatenate([*nearby, 2.0 * queues[..., None] - 1.0, 2.0 * positions - 1.0], -1)
 
 
@@ -44,8 +54,7 @@ def choose(weights: Weights, observation: dict[str, NDArray[Any]]) -> NDArray[np
     def dense(layer: int, value: NDArray[Any]) -> NDArray[Any]:
         return value @ weights[f"kernel_{layer}"] + weights[f"bias_{layer}"]
 
-    seen = features(observation["positions"], observation["queues"], observation["uav"])
-    each = np.tanh(dense(0, seen))
+    each = np.tanh(dense(0, features(observation)))
     mean = np.tanh(dense(1, each)).mean(-2, keepdims=True)
     both = np.tanh(dense(2, np.concatenate([each, np.broadcast_to(mean, each.shape)], -1)))
     return np.asarray(dense(3, both)[..., 0].argmax(-1))

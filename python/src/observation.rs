@@ -34,7 +34,7 @@ pub struct Observable {
 }
 
 /// Number of observable quantities.
-const KINDS: usize = 16;
+const KINDS: usize = 17;
 
 /// All of them, in the order of a dictionary.
 pub static OBSERVABLES: [Observable; KINDS] = [
@@ -78,6 +78,7 @@ pub static OBSERVABLES: [Observable; KINDS] = [
         write: returnable,
     },
     Observable { name: "others", shape: |_, _, others| shape([others, 2]), low: -1.0, is_shared: false, write: others },
+    Observable { name: "agent", shape: |_, _, others| shape([others + 1]), low: 0.0, is_shared: false, write: agent },
 ];
 
 /// Directions in which free distances are observed.
@@ -226,6 +227,12 @@ fn others(episode: &Episode, numbers: &mut [f32]) {
         let row = [offset.x / limits.width_m, offset.y / limits.height_m];
         numbers.iter_mut().zip(row).for_each(|(number, value)| *number = value.clamp(-1.0, 1.0) as f32);
     }
+}
+
+/// 1 for the UAV itself, else 0.
+fn agent(episode: &Episode, numbers: &mut [f32]) {
+    numbers.fill(0.0);
+    numbers[episode.uav] = 1.0;
 }
 
 /// Writes a number for each sensor node, at most 1.

@@ -90,11 +90,12 @@ def test_a_batch_is_its_environments(scenario: skysink.Scenario, rules: dict[str
 
 def test_others_are_seen_from_each_agent(scenario: skysink.Scenario) -> None:
     starts = {"uav.starts_m": [[12.0, 60.0], [60.0, 60.0], [60.0, 108.0]]}
-    batch = FleetBatch(1, scenario.replace(starts), observation=("uav", "others"))
+    batch = FleetBatch(1, scenario.replace(starts), observation=("uav", "others", "agent"))
     observations = batch.arrays()[1]
     batch.reset_into(observations)
     others = observations[0, :, batch.slices["others"]]
     expected = [[0.4, 0.0, 0.4, 0.4], [-0.4, 0.0, 0.0, 0.4], [-0.4, -0.4, 0.0, -0.4]]
+    assert np.array_equal(observations[0, :, batch.slices["agent"]], np.eye(3))
     assert np.allclose(others, expected) and np.allclose(observations[0, :, :2].ravel(), [0.1, 0.5, 0.5, 0.5, 0.5, 0.9])
 
 
