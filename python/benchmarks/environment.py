@@ -1,4 +1,5 @@
-"""Measures steps per second of `skysink/DataCollection-v0` and of the same environment in NumPy, over the same field.
+"""Measures steps per second of `skysink/DataCollection-v0`, of the same environment in NumPy, and of several agents, over the
+same field.
 
     python python/benchmarks/environment.py                     # the paper's mission, N = 200; half a minute
     python python/benchmarks/environment.py --seconds 5         # per environment and repetition
@@ -12,6 +13,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from statistics import median
 from time import perf_counter
@@ -25,6 +27,7 @@ from numpy.typing import NDArray
 
 NATIVE = "skysink/DataCollection-v0"
 FIELDS = 8  # that the environments of a vector fly over, by turns
+UAVS = 4  # agents of an environment
 ACTIONS = 64  # drawn in advance, and used by turns
 Step = Callable[[int], int]  # makes step number i, and returns the number of environment steps in it
 
@@ -55,6 +58,31 @@ def many(envs: gymnasium.vector.VectorEnv) -> Step:
     def step(number: int) -> int:
         envs.step(actions[number % ACTIONS])
         return envs.num_envs
+
+    return step
+
+
+def agents(batch: skysink.FleetBatch) -> Step:
+    arrays = batch.arrays()
+    actions = draw_actions(arrays[0][..., 0].size).reshape(ACTIONS, *arrays[0].shape)
+    batch.reset_into(arrays[1], seed=1)
+
+    def step(number: int) -> int:
+        batch.step_into(actions[number % ACTIONS], *arrays[1:])
+        return batch.num_envs * batch.agents
+
+    return step
+
+
+def dictionaries(env: skysink.agents.DataCollectionParallelEnv) -> Step:
+    actions = [dict(zip(env.possible_agents, drawn, strict=True)) for drawn in draw_actions(env.max_num_agents)]
+    env.reset(seed=1)
+
+    def step(number: int) -> int:
+        env.step(actions[number % ACTIONS])
+        if not env.agents:
+            env.reset()
+        return env.max_num_agents
 
     return step
 
@@ -130,6 +158,12 @@ def main() -> int:
         f"native, VectorEnv({args.envs})": many(vector),
         f"NumPy, VectorEnv({args.envs})": many(NumpyVectorEnv(mission, args.envs, fields)),
     }
+    fleet = scenario.replace({"uav.count": UAVS})
+    blind = ("uav", "slot", "others")
+    steps[f"FleetBatch({args.envs})"] = agents(skysink.FleetBatch(args.envs, fleet, FIELDS))
+    steps[f"FleetBatch({args.envs}), blind"] = agents(skysink.FleetBatch(args.envs, fleet, FIELDS, blind))
+    if find_spec("pettingzoo"):
+        steps["parallel_env"] = dictionaries(skysink.parallel_env(fleet, fields=FIELDS))
     measured: dict[str, list[float]] = {name: [] for name in steps}
     for _ in range(args.repetitions):
         for name, step in steps.items():
@@ -138,6 +172,7 @@ def main() -> int:
     print(f"{'environment':<22} {'steps/s':>12} {'lowest':>12} {'highest':>12}")
     for name, rates in measured.items():
         print(f"{name:<22} {median(rates):>12,.0f} {min(rates):>12,.0f} {max(rates):>12,.0f}")
+    print(f"FleetBatch and parallel_env: steps of agents, {UAVS} in an environment; blind: without the queues")
     return 0
 
 

@@ -18,23 +18,23 @@ from ppo_fly import REACH, Weights, choose, load
 SCENARIO = Path(__file__).with_name("small_fleet.toml")
 WEIGHTS = Path(__file__).with_name("ppo_fleet_weights.npz")
 FIELDS = 20
-OBSERVED = ("uav", "queues", "positions", "others", "agent")
+OBSERVED = {"uav": (3,), "queues": (-1,), "positions": (-1, 2), "others": (-1, 2), "agent": (-1,)}  # and their shapes
 
 
 def loss_rates(scenario: skysink.Scenario, weights: Weights) -> NDArray[np.float64]:
     """The loss rate of the policy over each of the fields from the scenario's seed on [FIELDS]."""
-    batch = skysink.FleetBatch(FIELDS, scenario, FIELDS, OBSERVED)
+    batch = skysink.FleetBatch(FIELDS, scenario, FIELDS, list(OBSERVED))
     actions, observations, rewards, down, over = batch.arrays()
     batch.reset_into(observations)
-    shapes = {name: space.shape for name, space in batch.observation_space.items()}
     while not over.any():
-        seen = {name: observations[..., place].reshape(FIELDS, batch.agents, *shapes[name]) for name, place in batch.slices.items()}
+        seen = {name: observations[..., place].reshape(FIELDS, batch.agents, *OBSERVED[name]) for name, place in batch.slices.items()}
         targets = choose(weights, seen)
         towards = np.take_along_axis(seen["positions"], targets[..., None, None], axis=-2)[..., 0, :]
         actions[...] = (towards - seen["uav"][..., :2]) / REACH  # the environment shortens what is longer than a flight
         batch.step_into(actions, observations, rewards, down, over)
-    sampled_bits = scenario.slots * scenario.to_dict()["slot_s"] * float(np.sum(scenario.sensors()["sampling_bps"]))
-    return batch.totals[0] / sampled_bits
+    sampled_bits: float = scenario.slots * scenario.to_dict()["slot_s"] * float(np.sum(scenario.sensors()["sampling_bps"]))
+    lost_bits, _delivered_bits = batch.totals
+    return lost_bits / sampled_bits
 
 
 def main() -> None:

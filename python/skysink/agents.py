@@ -2,7 +2,8 @@
 
 Observations, actions, rewards, seeds and scenarios are those of :mod:`skysink.environment`, for each agent from where it is;
 ``others`` [U - 1, 2], which is observed by default, are the other UAVs in the order of their numbers: x and y from the agent as
-fractions of the area (-1 to 1). ``agent`` [U] is 1 for the agent itself, else 0, for a policy that all share. An SN that several agents schedule is served by the one of lowest number (decision D19).
+fractions of the area (-1 to 1). ``agent`` [U] is 1 for the agent itself, else 0, for a policy that all share. An SN that several
+agents schedule is served by the one of lowest number (decision D19).
 
 All agents have the reward of the team. With ``reward="difference"`` each has the bits that are delivered because of it in the
 slot, as a fraction of the mean bits that are sampled in a slot; what another agent in range has scheduled, too, does not count.
