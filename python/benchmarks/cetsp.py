@@ -3,6 +3,7 @@
     python python/benchmarks/cetsp.py instances.json                 # a second for each round, and one for its bound
     python python/benchmarks/cetsp.py instances.json --seconds 0.1 --only rat195
     python python/benchmarks/cetsp.py instances.json --flown         # what the strategy tour flies, instead
+    python python/benchmarks/cetsp.py instances.json --uavs 2 3 5    # several rounds from the depot, the longest as short as found
 
 The file maps names to instances: {"name": {"radius": 10, "depot": [x, y], "nodes": [[x, y], ...], "best": length}}, where
 best is the length of the best known closed tour, and the radius above 0. With --flown a way need not return, so that it may be
@@ -25,20 +26,93 @@ import numpy as np
 import skysink
 
 ROUNDED = 1e-5  # the best known lengths are rounded
+STEPS = 300  # of each of several rounds
 LEGS = 4000  # slots in which a mission flies the best known length
 
 
-def missed(instance: dict[str, Any], points: np.ndarray) -> float:
-    """How far the disk that is farthest from the closed path lies beyond its radius, in radii."""
+def away(centres: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """The distance of each centre from the closed path over the points."""
     begin, to = points, np.roll(points, -1, axis=0)
     along = to - begin
     squares = np.maximum((along**2).sum(axis=1), 1e-300)
-    worst = 0.0
-    for centre in np.asarray(instance["nodes"]):
-        fraction = np.clip(((centre - begin) * along).sum(axis=1) / squares, 0.0, 1.0)
-        away = np.linalg.norm(begin + fraction[:, None] * along - centre, axis=1).min()
-        worst = max(worst, away / instance["radius"] - 1.0)
-    return worst
+    fractions = np.clip(((centres[:, None] - begin) * along).sum(axis=2) / squares, 0.0, 1.0)
+    distances: np.ndarray = np.linalg.norm(begin + fractions[..., None] * along - centres[:, None], axis=2)
+    return np.asarray(distances.min(axis=1))
+
+
+def missed(instance: dict[str, Any], *rounds: np.ndarray) -> float:
+    """How far the disk that is farthest from the closed paths lies beyond its radius, in radii."""
+    centres = np.array(instance["nodes"], float)
+    return float(np.min([away(centres, points) for points in rounds], axis=0).max() / instance["radius"] - 1.0)
+
+
+class Rounds:
+    """Closed rounds from the depot that touch all disks together, the longest as short as found in ``seconds``.
+
+    Route first, cluster second: the round over all disks is cut where the longest piece, with its ways from and to the depot,
+    is shortest. Then disks move from the longest round to the one that passes nearest, as long as that makes the longest shorter.
+    """
+
+    def __init__(self, instance: dict[str, Any], uavs: int, seconds: float) -> None:
+        end = time.perf_counter() + seconds
+        self.instance, self.centres = instance, np.array(instance["nodes"], float)
+        whole = skysink.round_over_disks(self.centres, instance["radius"], instance["depot"], seconds=seconds / 4)
+        depot = np.array(instance["depot"], float)
+        farthest = np.linalg.norm(self.centres - depot, axis=1).max() - instance["radius"]
+        self.bound = max(whole.bound_m / uavs, 2.0 * farthest)
+        begins = cut(whole.points_m[1:], depot, uavs)
+        ends = [*begins[1:], len(whole.order)]
+        pieces = [np.vstack([depot, whole.points_m[1 + a : 1 + b]]) for a, b in zip(begins, ends, strict=True)]
+        self.group = np.argmin([away(self.centres, piece) for piece in pieces], axis=0)
+        self.rounds = [self.solve(self.group == uav) for uav in range(uavs)]
+        random = np.random.default_rng(1)
+        while time.perf_counter() < end and self.longest > self.bound * (1.0 + ROUNDED):
+            self.move(random)
+
+    @property
+    def longest(self) -> float:
+        return max(one.length_m for one in self.rounds)
+
+    def solve(self, chosen: np.ndarray) -> skysink.DiskRound:
+        return skysink.round_over_disks(self.centres[chosen], self.instance["radius"], self.instance["depot"], steps=STEPS)
+
+    def move(self, random: np.random.Generator) -> None:
+        """Moves some of the disks of the longest round that lie together to the round that is nearest to one of them."""
+        lengths = [one.length_m for one in self.rounds]
+        worst = int(np.argmax(lengths))
+        own = np.flatnonzero(self.group == worst)
+        first = self.centres[random.choice(own)]
+        count = min(1 + random.geometric(0.2), len(own))
+        moved = own[np.argsort(np.linalg.norm(self.centres[own] - first, axis=1))[:count]]
+        reach = [np.inf if uav == worst else away(first[None], one.points_m)[0] for uav, one in enumerate(self.rounds)]
+        to = random.choice(np.argsort(reach)[: min(2, len(reach) - 1)])
+        group = self.group.copy()
+        group[moved] = to
+        both = {uav: self.solve(group == uav) for uav in (worst, to)}
+        if max(one.length_m for one in both.values()) < lengths[worst]:
+            self.group = group
+            for uav, one in both.items():
+                self.rounds[uav] = one
+
+
+def cut(points: np.ndarray, depot: np.ndarray, pieces: int) -> list[int]:
+    """Where the pieces of a path begin whose longest, with its ways from and to the depot, is shortest."""
+    ways = np.linalg.norm(points - depot, axis=1)
+    along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+
+    def begins(longest: float) -> list[int]:
+        found = [0]
+        for end in range(1, len(points)):
+            if ways[found[-1]] + along[end] - along[found[-1]] + ways[end] > longest:
+                found.append(end)
+        return found
+
+    low, high = 2.0 * ways.max(initial=0.0), 2.0 * ways.max(initial=0.0) + along[-1]
+    for _ in range(60):
+        middle = (low + high) / 2.0
+        low, high = (low, middle) if len(begins(middle)) <= pieces else (middle, high)
+    found = begins(high)
+    return found + [len(points)] * (pieces - len(found))
 
 
 def flown(instance: dict[str, Any]) -> float:
@@ -66,12 +140,38 @@ def flown(instance: dict[str, Any]) -> float:
     return float("inf")
 
 
+def several(instances: dict[str, Any], uavs: list[int], seconds: float) -> int:
+    """Prints the longest of several rounds, over the best known round and over the lower bound, and returns the exit code."""
+    print("| instance |" + "".join(f" U = {count} | ÷ bound |" for count in uavs))
+    print("|---|" + "---|---|" * len(uavs))
+    ratios: dict[int, list[float]] = {count: [] for count in uavs}
+    gaps: dict[int, list[float]] = {count: [] for count in uavs}
+    failed = []
+    for name, one in sorted(instances.items()):
+        row = f"| {name} |"
+        for count in uavs:
+            found = Rounds(one, count, seconds)
+            ratios[count].append(found.longest / one["best"])
+            gaps[count].append(found.longest / found.bound)
+            row += f" {ratios[count][-1]:.3f} | {gaps[count][-1]:.3f} |"
+            if missed(one, *(each.points_m for each in found.rounds)) > 1e-9 or gaps[count][-1] < 1.0 - ROUNDED:
+                failed.append(f"{name}, {count} UAVs")
+        print(row, flush=True)
+    print()
+    for count in uavs:
+        print(f"U = {count}: longest ÷ best known median {median(ratios[count]):.3f}, ÷ bound median {median(gaps[count]):.3f}")
+    for name in failed:
+        print(f"{name}: a disk is missed, or the bound is above the longest round", file=sys.stderr)
+    return int(bool(failed))
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("file", type=Path)
-    parser.add_argument("--seconds", type=float, default=1.0, help="for the round, and for the bound")
+    parser.add_argument("--seconds", type=float, default=1.0, help="for the round, and for the bound; for several rounds in all")
     parser.add_argument("--only", default="", help="instances whose names contain this")
     parser.add_argument("--flown", action="store_true", help="the way that the strategy tour flies until all are served")
+    parser.add_argument("--uavs", type=int, nargs="+", default=[], help="several rounds, the longest of which counts")
     arguments = parser.parse_args()
     instances = {name: one for name, one in json.loads(arguments.file.read_text()).items() if arguments.only in name}
     if not instances:
@@ -86,6 +186,8 @@ def main() -> int:
         for name in late:
             print(f"{name}: tour does not serve all disks within {2 * LEGS} slots", file=sys.stderr)
         return int(bool(late))
+    if arguments.uavs:
+        return several(instances, arguments.uavs, arguments.seconds)
     print("| instance | disks | points | length ÷ best known | bound ÷ best known | time [s] |\n|---|---|---|---|---|---|")
     ratios, bounds, failed = [], [], []
     for name, one in sorted(instances.items()):

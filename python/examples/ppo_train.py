@@ -7,8 +7,8 @@
 The UAVs of a fleet share one policy: each is an environment of its own to the training, and earns the bits that are
 delivered because of it.
 
-After every ten updates the deterministic policy is evaluated on the twenty fields of the seeds 1001 to 1020, and the weights with the lowest loss rate so far are saved. ppo_fly.py and ppo_fleet.py compare them with Skysink's
-strategies on other fields.
+After every ten updates the deterministic policy is evaluated on the twenty fields of the seeds 1001 to 1020, and the weights
+with the lowest loss rate so far are saved. ppo_fly.py and ppo_fleet.py compare them with Skysink's strategies on other fields.
 """
 
 from __future__ import annotations
@@ -78,6 +78,7 @@ class Agents(gymnasium.vector.VectorEnv):
         self.loss_rates: deque[float] = deque(maxlen=ENVS)  # of the last episodes
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]]:
+        self.loss_rates.clear()
         self.batch.reset_into(self.seen, seed)
         return self.observed(), {}
 

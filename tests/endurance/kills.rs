@@ -35,9 +35,14 @@ fn kill_at_random(run: &mut RunningFlight, random: &mut ChaCha8Rng) -> u64 {
 fn kills_at_any_instant_change_nothing() {
     let place = Place::new();
     let mut kills = 0;
-    for (seed, strategy) in (1..=6).zip(["uts", "gfs", "rfs"].into_iter().cycle()) {
+    let fleets = [(1, "independent"); 6].into_iter().chain([(2, "sequential"), (4, "partition"), (8, "sequential")]);
+    for (seed, (strategy, (uavs, coordination))) in (1..).zip(["uts", "gfs", "rfs"].into_iter().cycle().zip(fleets)) {
         let out = format!("killed-by-seed-{seed}");
-        let mut run = longer(&place).strategy(strategy).out(&out).without_viewer().start();
+        let mut flight = longer(&place).strategy(strategy).out(&out).without_viewer();
+        if uavs > 1 {
+            flight = flight.set("uav.count", uavs).set("uav.coordination", coordination).set("uav.separation_m", 2);
+        }
+        let mut run = flight.start();
         kills += kill_at_random(&mut run, &mut ChaCha8Rng::seed_from_u64(seed));
         run.wait_for_success();
         place.assert_trace_as_simulated(&out);
@@ -47,7 +52,7 @@ fn kills_at_any_instant_change_nothing() {
             assert_eq!(simulated[key], killed[key], "seed {seed}: {key}");
         }
     }
-    assert!(kills >= 100, "{kills} kills"); // usually some hundred
+    assert!(kills >= 150, "{kills} kills"); // usually some hundred
     place.assert_clean();
 }
 
