@@ -107,10 +107,10 @@ def signature(function: ast.FunctionDef, name: str) -> str:
     return f"{name}({ast.unparse(arguments)}){result}"
 
 
-def text(node: Documented) -> str:
+def text(node: Documented | ast.Module) -> str:
     """Its docstring in Markdown."""
     doc = ast.get_docstring(node) or ""
-    for role in (":func:", ":class:", ":meth:", ":data:"):
+    for role in (":func:", ":class:", ":meth:", ":data:", ":mod:"):
         doc = doc.replace(role, "")
     return doc.replace("``", "`").replace("`skysink.", "`")
 
@@ -121,9 +121,9 @@ def lines() -> Iterator[str]:
     for module, names in PUBLIC.items():
         yield f"## {module}\n"
         found = definitions(module)
-        preface = ast.get_docstring(ast.parse((HERE / "skysink" / SOURCES[module][0]).read_text()))
+        preface = text(ast.parse((HERE / "skysink" / SOURCES[module][0]).read_text()))
         if module.endswith(("environment", "agents")) and preface:
-            yield preface.replace("``", "`") + "\n"
+            yield preface + "\n"
         for name in names:
             node = found[name]
             if isinstance(node, ast.FunctionDef):

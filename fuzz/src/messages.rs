@@ -133,7 +133,7 @@ pub fn health(u: &mut Unstructured) -> Result<()> {
 pub fn path(u: &mut Unstructured) -> Result<()> {
     let area = &u.choose(&*WORLDS)?.scenario.area;
     while !u.is_empty() {
-        let length = u.arbitrary::<u8>()? % 80;
+        let length = u.arbitrary::<u8>()? % 160;
         let mut point = |_| {
             let [x_m, y_m, z_m] = u.arbitrary()?;
             let uav = u32::from(u.arbitrary::<u8>()? / 100);
@@ -141,7 +141,10 @@ pub fn path(u: &mut Unstructured) -> Result<()> {
         };
         let path = (0..length).map(&mut point).collect::<Result<Vec<_>>>()?;
         if are_possible_paths(&path, area, 2) {
-            assert!((1..=128).contains(&path.len()) && path.iter().all(|point| point.uav < 2), "{path:?}");
+            let of_uav = |uav| path.iter().filter(|point| point.uav == uav).count();
+            let lengths = [of_uav(0), of_uav(1)];
+            assert!(!path.is_empty() && lengths.iter().sum::<usize>() == path.len(), "{path:?}");
+            assert!(lengths.iter().all(|length| *length <= 64), "{path:?}");
             for point in &path {
                 let [x_m, y_m, z_m] = [point.x_m, point.y_m, point.z_m].map(|m| f64::from(m as f32)); // as drawn
                 assert!(area.contains(&Position::new(x_m, y_m), 1e-3) && z_m.is_finite(), "{point:?}");

@@ -87,7 +87,7 @@ impl Told {
 /// A UAV of a fleet.
 struct Member {
     planner: Planner,
-    /// The last slot that it flies in.
+    /// The last slot of its mission; after it, it only rests ([`Planner::rest`]).
     last: u64,
     /// The SNs that it plans for, ascending; `None` for all of them.
     piece: Option<Piece>,
@@ -149,42 +149,31 @@ impl FleetPlanner {
             return Ok(Planner::until(scenario, sensors, stop)?.into());
         }
         let coordination = scenario.uav.coordination.unwrap_or_default();
-        let pieces = || partition::pieces(&MissionTable::of(scenario, sensors), scenario, stop);
+        let talks = coordination != Coordination::Independent;
+        let separation_m = scenario.uav.separation_m.filter(|_| talks).unwrap_or(0.0);
+        let alone: Vec<Scenario> = (0..uavs).map(|uav| alone(scenario, uav, separation_m)).collect();
+        let slots: Vec<u64> = alone.iter().map(|alone| alone.slots).collect();
+        let pieces = || partition::pieces(&MissionTable::of(scenario, sensors), scenario, &slots, stop);
         let looks_ahead = Registered::of(scenario)?.has_path;
         let claims = if coordination == Coordination::Sequential && looks_ahead { pieces() } else { Vec::new() };
         let mut pieces = if coordination == Coordination::Partition { pieces() } else { Vec::new() };
         pieces.reverse();
-        let talks = coordination != Coordination::Independent;
-        let separation_m = scenario.uav.separation_m.filter(|_| talks).unwrap_or(0.0);
-        let member = |uav: usize| {
-            let mut alone = scenario.of_uav(uav);
-            if separation_m > 0.0 && scenario.must_land() {
-                // Into the base one after the other, those of higher number from beyond the distance.
-                let move_m = scenario.uav.grid_m().unwrap_or_else(|| scenario.reach_m());
-                let each = (separation_m / move_m) as u64;
-                let moves = SPARE_MOVES + (uavs - 1 - uav) as u64 * if each > 0 { each + SPARE_MOVES } else { 0 };
-                let early = |moves: u64| {
-                    let slots = alone.slots.saturating_sub(moves * scenario.move_slots()).max(1);
-                    Some(Scenario { slots, ..alone.clone() }).filter(|early| settings::check(early).is_ok())
-                };
-                if let Some(early) = early(moves).or_else(|| early(SPARE_MOVES)) {
-                    alone = early;
-                }
-            }
+        let member = |alone: &Scenario| {
             let Some(ids) = pieces.pop() else {
-                let mut planner = Planner::until(&alone, sensors, stop)?;
-                if coordination == Coordination::Sequential {
-                    // Rounds begin near the start: those that share one begin at different parts.
-                    let beside = |other: &usize| scenario.start_of(*other) == scenario.start_of(uav);
-                    planner.take_part((0..uav).filter(beside).count(), (0..uavs).filter(beside).count());
-                }
+                let planner = Planner::until(alone, sensors, stop)?;
                 return Ok(Member { planner, last: alone.slots, piece: None });
             };
             let own: Vec<SensorNode> = ids.iter().map(|&id| sensors[id as usize]).collect();
-            let planner = Planner::until(&alone, &own, stop)?;
+            let planner = Planner::until(alone, &own, stop)?;
             Ok(Member { planner, last: alone.slots, piece: Some(Piece { ids, queues_bits: Vec::new() }) })
         };
-        let members = (0..uavs).map(member).collect::<Result<_, InputError>>()?;
+        let mut members = alone.iter().map(member).collect::<Result<ByUav<Member>, InputError>>()?;
+        if coordination == Coordination::Sequential {
+            let firsts: Option<Vec<u32>> = members.iter().map(|member| member.planner.first_of_round()).collect();
+            if let Some(firsts) = firsts {
+                members.iter_mut().enumerate().for_each(|(uav, member)| member.planner.take_part(uav, &firsts));
+            }
+        }
         let planned = vec![Vec::new(); uavs];
         let is_wide = |cell_m: f64| separation_m > cell_m * FRAC_1_SQRT_2 && scenario.move_slots() > 1;
         let keeps_begins = scenario.uav.grid_m().is_some_and(is_wide);
@@ -358,6 +347,25 @@ impl FleetPlanner {
     pub fn path(&self, uav: usize) -> &[Point3<f64>] {
         self.members[uav].planner.path()
     }
+}
+
+/// The scenario of the UAV number `uav`, which plans to be home early if it keeps `separation_m` [m] and has to land.
+fn alone(scenario: &Scenario, uav: usize, separation_m: f64) -> Scenario {
+    let alone = scenario.of_uav(uav);
+    if separation_m == 0.0 || !scenario.must_land() {
+        return alone;
+    }
+    // Into the base one after the other, those of lower number first, which those of higher number await beyond the distance.
+    let move_m = scenario.uav.grid_m().unwrap_or_else(|| scenario.reach_m());
+    let each = (separation_m / move_m) as u64; // saturates
+    let behind = (scenario.uav.uavs() - 1 - uav) as u64;
+    let moves = if each > 0 { each.saturating_add(SPARE_MOVES).saturating_mul(behind) } else { 0 };
+    let early = |moves: u64| {
+        let slots = alone.slots.saturating_sub(moves.saturating_mul(scenario.move_slots())).max(1);
+        Some(Scenario { slots, ..alone.clone() }).filter(|early| settings::check(early).is_ok())
+    };
+    let found = early(moves.saturating_add(SPARE_MOVES)).or_else(|| early(SPARE_MOVES));
+    found.unwrap_or(alone)
 }
 
 /// Whether the energy of the UAV has ended.

@@ -115,14 +115,13 @@ impl Home {
         })
     }
 
-    /// Where the way home from `ground` [m] ends, with the slots of the mission left or more: in the nearest point of the
-    /// base, or, where slots end beside their waypoints, or zones make it better, in the place well inside that the shortest
-    /// way leads to.
+    /// Where the way home from `ground` [m] ends, with `left` slots for it: in the nearest point of the base, or, where slots
+    /// end beside their waypoints, or zones make it better, in the place well inside that the shortest way leads to.
     #[must_use]
-    pub fn end_of(&self, ground: &Position) -> Position {
+    pub fn end_of(&self, ground: &Position, left: u64) -> Position {
         match &self.ends_from(ground)[..] {
             [only] => *only,
-            ends => self.pieces(ground, u64::MAX).last().map_or(ends[0], |piece| piece.end),
+            ends => self.pieces(ground, left).last().map_or(ends[0], |piece| piece.end),
         }
     }
 
@@ -157,10 +156,10 @@ impl Home {
         away_m.min_by(|(a_m, _), (b_m, _)| a_m.total_cmp(b_m)).map_or(*ground, |(_, end)| *end)
     }
 
-    /// The shortest way home from `ground` [m]: its bends, and its end. Empty in the base, and if no way leads home.
+    /// The way home from `ground` [m] after `slot`: its bends, and its end. Empty in the base, and if no way leads home.
     #[must_use]
-    pub fn way_from(&self, ground: &Position) -> Bends {
-        let end = self.end_of(ground);
+    pub fn way_from(&self, slot: u64, ground: &Position) -> Bends {
+        let end = self.end_of(ground, self.left_after(slot));
         if end == *ground { Bends::new() } else { self.airspace.way(ground, &end) }
     }
 
@@ -444,7 +443,7 @@ mod tests {
         let places = (0..=160).flat_map(|x| (0..=132).map(move |y| Position::new(f64::from(x), f64::from(y)) / 4.0));
         let mut bent = 0;
         for ground in places.filter(|place| home.airspace.contains(place)) {
-            bent += usize::from(home.way_from(&ground).len() > 1);
+            bent += usize::from(home.way_from(1, &ground).len() > 1);
             for slot in [1, 14, 16, 18] {
                 let (slots, mut energy_j) = home.way_within(&ground, home.left_after(slot));
                 if slots > home.left_after(slot) as f64 {

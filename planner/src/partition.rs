@@ -8,10 +8,10 @@ use skysink_common::stop::Stop;
 use crate::geometry::turns::Turns;
 use crate::mission_table::MissionTable;
 
-/// The SNs of each UAV, ascending: consecutive pieces of the tour, whose durations are as the slots that the UAVs have. SNs
+/// The SNs of each UAV, ascending: consecutive pieces of the tour, whose durations are as the `slots` that the UAVs have. SNs
 /// that cannot be served are in no piece.
 #[must_use]
-pub fn pieces(table: &MissionTable, scenario: &Scenario, stop: &Stop) -> Vec<Vec<u32>> {
+pub fn pieces(table: &MissionTable, scenario: &Scenario, slots: &[u64], stop: &Stop) -> Vec<Vec<u32>> {
     let mut turns = table.turns(stop).as_ref().clone();
     let starts: Vec<Position> = scenario.starts().map(|start| start.xy()).collect();
     turns.begin_near(|point| table.distance_m2(point, &starts[0]));
@@ -20,7 +20,7 @@ pub fn pieces(table: &MissionTable, scenario: &Scenario, stop: &Stop) -> Vec<Vec
     // The UAVs in the order of the tour, beginning with the one that makes the ways to the first points shortest.
     let cut_from = |first: usize| {
         let order: Vec<usize> = (0..uavs).map(|index| (first + index) % uavs).collect();
-        let shares: Vec<f64> = order.iter().map(|&uav| scenario.slots_of(uav) as f64).collect();
+        let shares: Vec<f64> = order.iter().map(|&uav| slots[uav] as f64).collect();
         let uav_of: Vec<usize> = cut(&durations, &shares).into_iter().map(|piece| order[piece]).collect();
         let way_m = |uav: usize| {
             let turn = uav_of.iter().position(|other| *other == uav)?;
@@ -92,7 +92,7 @@ mod tests {
         let of = |starts_m: &str| {
             let text = format!("name = 'x'\n[uav]\ncount = 2\nstarts_m = {starts_m}\n");
             let scenario = Scenario::parse(&text, Path::new("x.toml"), Overrides::default()).unwrap();
-            pieces(&table, &scenario, &Stop::default())
+            pieces(&table, &scenario, &[100; 2], &Stop::default())
         };
         assert_eq!(of("[[10.0, 20.0], [90.0, 80.0]]"), [[0, 2], [1, 3]]);
         assert_eq!(of("[[90.0, 80.0], [10.0, 20.0]]"), [[1, 3], [0, 2]]);

@@ -234,7 +234,7 @@ impl Planner {
         match (mode, &self.table.home) {
             (Mode::Serve, _) => self.path.extend(self.strategy.path().iter().take(most)),
             (Mode::Return, Some(home)) => {
-                let bends = home.way_from(&decision.waypoint.xy());
+                let bends = home.way_from(slot, &decision.waypoint.xy());
                 self.path.extend(bends.iter().take(most).map(|bend| above(bend, decision.waypoint.z)));
             }
             _ => {}
@@ -322,9 +322,14 @@ impl Planner {
         slots.map(move |slot| PlannedVisit { slot, sensor: id, bits: f64::INFINITY })
     }
 
-    /// Prepares its strategy to share the SNs with others ([`Strategy::take_part`]).
-    pub(crate) fn take_part(&mut self, uav: usize, uavs: usize) {
-        self.strategy.take_part(uav, uavs);
+    /// The SN that its strategy's round begins with ([`Strategy::first_of_round`]).
+    pub(crate) fn first_of_round(&self) -> Option<u32> {
+        self.strategy.first_of_round()
+    }
+
+    /// Prepares its strategy to share a round with others ([`Strategy::take_part`]).
+    pub(crate) fn take_part(&mut self, uav: usize, firsts: &[u32]) {
+        self.strategy.take_part(uav, firsts);
     }
 
     /// Notes the SNs that report their queues in `slot` if they are served, and their queues before it [bit], by id.

@@ -40,8 +40,14 @@ pub trait Strategy: Checkpoint {
     /// would. Nothing from strategies that do not look ahead.
     fn visits(&mut self, _view: &View<'_>, _into: &mut Vec<PlannedVisit>) {}
 
-    /// Prepares to share the SNs with other UAVs of the same start and strategy: this is number `uav` of `uavs`.
-    fn take_part(&mut self, _uav: usize, _uavs: usize) {}
+    /// The SN that its round begins with; `None` from strategies without a round.
+    fn first_of_round(&self) -> Option<u32> {
+        None
+    }
+
+    /// Prepares to share its round with other UAVs of the same strategy: this is number `uav`, and the round of each UAV would
+    /// begin with the SN of `firsts`.
+    fn take_part(&mut self, _uav: usize, _firsts: &[u32]) {}
 }
 
 /// A visit of an SN in a plan.

@@ -49,7 +49,7 @@ class FleetBatch(NativeEnvironment):
 
     :meth:`arrays` makes the arrays once; :meth:`reset_into` and :meth:`step_into` write into them. A row of ``observations`` is
     what one agent observes, one quantity after another; ``slices`` says where each lies. ``observation_space`` and
-    ``action_space`` are those of one agent.
+    ``action_space`` are those of one agent; ``num_envs`` is the number of missions, ``agents`` that of UAVs in each.
 
     Raises :class:`skysink.InputError` for what is unknown or impossible.
     """
@@ -132,7 +132,8 @@ class FleetBatch(NativeEnvironment):
         terminated: NDArray[np.bool_],
         truncated: NDArray[np.bool_],
     ) -> None:
-        """Flies one slot of each mission, and writes what follows into the other arrays, which are C-contiguous.
+        """Flies one slot of each mission, and writes what follows into the other arrays. All are as those of :meth:`arrays`, and
+        those that are written are C-contiguous; NumPy refuses other types, and arrays that overlap.
 
         The step after the end of an episode begins the next episode instead, with reward 0.
         """
@@ -212,7 +213,7 @@ class DataCollectionParallelEnv(ParallelEnv[str, Observation, Action]):  # type:
     ) -> tuple[
         dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]
     ]:
-        """Flies one slot; the informations have the bits lost and delivered in the mission so far."""
+        """Flies one slot; the informations have its ``lost_bits`` and ``delivered_bits``, of all UAVs."""
         agents = self.agents
         if not agents:
             raise InputError("the episode is over: expected reset()")
@@ -220,12 +221,17 @@ class DataCollectionParallelEnv(ParallelEnv[str, Observation, Action]):  # type:
             raise InputError(f"actions of {sorted(actions)}: expected those of {', '.join(missing)}, too")
         row = self._actions[0]
         for index, agent in enumerate(agents):
-            row[index] = actions[agent]
+            action = np.asarray(actions[agent])
+            if action.shape != row.shape[1:] or (row.dtype == np.int64 and action.dtype.kind not in "iu"):
+                expected = self.action_spaces[agent]
+                raise InputError(f"action of {agent}: {actions[agent]!r}: expected one of {expected}")
+            row[index] = action
+        before = self.batch.totals
         self.batch.step_into(self._actions, self._observations, self._rewards, self._terminated, self._truncated)
         down, over = bool(self._terminated[0]), bool(self._truncated[0])
         rewards = dict(zip(agents, self._rewards[0].tolist(), strict=True))
-        (lost_bits,), (delivered_bits,) = self.batch.totals
-        infos = self._infos({"lost_bits": int(lost_bits), "delivered_bits": int(delivered_bits)})
+        lost, delivered = (int(after[0] - begun[0]) for after, begun in zip(self.batch.totals, before, strict=True))
+        infos = self._infos({"lost_bits": lost, "delivered_bits": delivered})
         result = self._observed(), rewards, dict.fromkeys(agents, down), dict.fromkeys(agents, over), infos
         if down or over:
             self.agents = []

@@ -16,7 +16,7 @@ of that way as a fraction of the longer side of the area, and the energy that is
 fraction of the capacity, -1 if the UAV comes home too late; 0, 0, 0, 1 where it need not come home. ``zones`` [16]: how
 far it is to the next zone or to the border of the area in 16 directions, from the east counterclockwise, as fractions
 of the longer side. ``returnable`` [N]: 1 for the SNs that the UAV can still fly to, serve, and come home from in time
-and with its reserve.
+and with its reserve. Agents (:mod:`skysink.agents`) observe ``others`` and ``agent``, too.
 
 Action ``"displacement"``, the default: float32 [2], or [3] with a free altitude, each -1 to 1: the displacement of
 the slot as a fraction of the maximum distance, V_max tau, and of the maximum climb. A displacement longer than 1 is

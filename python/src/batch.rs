@@ -188,6 +188,9 @@ impl PyBatchCore {
         let kind = if agents { Kind::Agents } else { Kind::Vector };
         let rules = Rules::of(py, kind, fields, &observation, nearest, action, reward, prepare, return_rule)?;
         let first = Episode::first(scenarios[0].get(), &Arc::new(rules))?;
+        if first.width() == 0 {
+            return Err(refused(format!("observation = {observation:?}: expected more, or several UAVs")));
+        }
         let episodes = begun_over(&vec![first; count], &scenarios, &vec![true; count])?;
         Ok(Self { episodes, actions: Actions::default() })
     }
@@ -240,12 +243,10 @@ impl PyBatchCore {
 
     /// Lost and delivered bits of each mission so far.
     #[getter]
-    fn totals<'py>(&self, py: Python<'py>) -> [Bound<'py, PyArray1<u64>>; 2] {
+    fn totals<'py>(&self, py: Python<'py>) -> (Bound<'py, PyArray1<u64>>, Bound<'py, PyArray1<u64>>) {
         let totals = || self.episodes.iter().map(|episode| episode.plant.header().totals);
-        [
-            PyArray1::from_iter(py, totals().map(|totals| totals.lost_bits)),
-            PyArray1::from_iter(py, totals().map(|totals| totals.delivered_bits)),
-        ]
+        let lost_bits = PyArray1::from_iter(py, totals().map(|totals| totals.lost_bits));
+        (lost_bits, PyArray1::from_iter(py, totals().map(|totals| totals.delivered_bits)))
     }
 
     /// Begins the episodes with these numbers, where `mask` is true; what all observe, by quantity.

@@ -10,7 +10,7 @@ use skysink_common::geometry::within;
 use crate::belief::believed;
 use crate::episode::Episode;
 use crate::errors::refused;
-use crate::rules::Observed;
+use crate::rules::{Kind, Observed};
 
 /// The shape of an observed array.
 type Shape = ArrayVec<usize, 2>;
@@ -80,6 +80,9 @@ pub static OBSERVABLES: [Observable; KINDS] = [
     Observable { name: "others", shape: |_, _, others| shape([others, 2]), low: -1.0, is_shared: false, write: others },
     Observable { name: "agent", shape: |_, _, others| shape([others + 1]), low: 0.0, is_shared: false, write: agent },
 ];
+
+/// What only agents observe.
+const OF_AGENTS: [&str; 2] = ["others", "agent"];
 
 /// Directions in which free distances are observed.
 const DIRECTIONS: usize = 16;
@@ -182,7 +185,7 @@ fn home(episode: &Episode, numbers: &mut [f32]) {
     let limits = episode.field.limits;
     let flight = episode.flight();
     let uav = flight.position().xy();
-    let end = home.end_of(&uav);
+    let end = home.end_of(&uav, home.left_after(episode.plant.slot()));
     let offset = end - uav;
     let way_m = episode.field.airspace.distance_m(&uav, &end);
     let row = [offset.x / limits.width_m, offset.y / limits.height_m, way_m / limits.width_m.max(limits.height_m)];
@@ -258,8 +261,9 @@ fn age(episode: &Episode, id: u32) -> f64 {
 
 impl Observed {
     /// Those with the given names.
-    pub fn of(py: Python<'_>, names: &[String], nearest: Option<usize>) -> PyResult<Self> {
-        let known: Vec<&str> = OBSERVABLES.iter().map(|kind| kind.name).collect();
+    pub fn of(py: Python<'_>, kind: Kind, names: &[String], nearest: Option<usize>) -> PyResult<Self> {
+        let is_known = |name: &&str| kind == Kind::Agents || !OF_AGENTS.contains(name);
+        let known: Vec<&str> = OBSERVABLES.iter().map(|kind| kind.name).filter(is_known).collect();
         if names.is_empty() || names.iter().any(|name| !known.contains(&name.as_str())) {
             return Err(refused(format!("observation = {names:?}: expected one or more of {}", known.join(", "))));
         }

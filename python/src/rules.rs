@@ -50,7 +50,7 @@ impl Rules {
         if fields == Some(0) {
             return Err(refused("fields = 0: expected 1 or more, or None"));
         }
-        let observed = Observed::of(py, observation, nearest)?;
+        let observed = Observed::of(py, kind, observation, nearest)?;
         let control = Control::named(action)?;
         let reward = Reward::named(reward, kind)?;
         let is_of_contacts = |name: &&str| observed.has(name);

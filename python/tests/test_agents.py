@@ -215,3 +215,39 @@ def test_agents_stay_until_the_end(scenario: skysink.Scenario) -> None:
         assert list(rewards) == ["uav_0", "uav_1", "uav_2"] and not any(terminated.values())
         assert all(truncated.values()) == (slot == 40)
     assert env.agents == [] and infos["uav_2"]["delivered_bits"] > 0
+
+
+@pytest.mark.parametrize(
+    ("action", "given", "message"),
+    [
+        ("displacement", 0.5, r"action of uav_1: 0\.5: expected one of Box\(-1\.0, 1\.0, \(2,\), float32\)"),
+        ("waypoint", [0.1, 0.2, 0.3], r"action of uav_1: \[0\.1, 0\.2, 0\.3\]: expected one of Box\(0\.0"),
+        ("sensor", 1.7, r"action of uav_1: 1\.7: expected one of Discrete\(30\)"),
+        ("sensor", 30, r"30"),
+    ],
+)
+def test_actions_of_another_form_are_refused(scenario: skysink.Scenario, action: Any, given: Any, message: str) -> None:
+    env = skysink.parallel_env(scenario, action=action)
+    env.reset(seed=1)
+    actions = {agent: env.action_space(agent).sample() for agent in env.agents}
+    with pytest.raises(skysink.InputError, match=message):
+        env.step({**actions, "uav_1": given})
+
+
+def test_informations_are_those_of_the_slot(scenario: skysink.Scenario) -> None:
+    env = skysink.parallel_env(scenario)
+    env.reset(seed=1)
+    lost = delivered = 0
+    while env.agents:
+        *_, infos = env.step({agent: env.action_space(agent).sample() for agent in env.agents})
+        lost += infos["uav_0"]["lost_bits"]
+        delivered += infos["uav_0"]["delivered_bits"]
+        assert infos["uav_2"] == infos["uav_0"]
+    assert (lost, delivered) == tuple(int(total[0]) for total in env.batch.totals) and lost > 0 < delivered
+
+
+def test_a_single_agent_has_no_others_to_observe() -> None:
+    alone = skysink.Scenario.letter().replace(KEYS)
+    with pytest.raises(skysink.InputError, match=r'observation = \["others"\]: expected more, or several UAVs'):
+        FleetBatch(2, alone, observation=("others",))
+    assert FleetBatch(2, alone).slices["others"] == slice(34, 34)

@@ -49,6 +49,8 @@ def test_gymnasium_accepts_every_action_and_reward(smoke: skysink.Scenario, acti
     [
         ({"observation": ["queue"]}, r'observation = \["queue"\]: expected one or more of uav, queues, slot'),
         ({"observation": []}, r"observation = \[\]: expected one or more of uav"),
+        ({"observation": ["uav", "others"]}, r'observation = \["uav", "others"\]: expected one or more of uav.*, returnable$'),
+        ({"observation": ["agent"]}, r'observation = \["agent"\]: expected one or more of uav.*, returnable$'),
         ({"observation": ["nearest"]}, r"nearest = None: expected the number"),
         ({"nearest": 0}, r"nearest = 0: expected 1 to 40"),
         ({"nearest": 41}, r"nearest = 41: expected 1 to 40"),

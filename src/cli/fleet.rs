@@ -126,8 +126,11 @@ fn parse_over(text: &str) -> Result<Over, String> {
         return Ok(Over(Vec::new()));
     }
     let (key, values) = text.split_once('=').ok_or("expected KEY=VALUE,..., such as area.side_m=300,1000")?;
-    if key.trim() == "uav.count" {
-        return Err("uav.count is what is looked for: expected another key".to_owned());
+    match key.trim() {
+        "uav.count" => return Err("uav.count is what is looked for: expected another key".to_owned()),
+        "seed" => return Err("seed: expected another key, and --seeds for several fields".to_owned()),
+        "planner.strategy" => return Err("planner.strategy: expected another key, and --strategies".to_owned()),
+        _ => {}
     }
     let setting = |value: &str| format!("{key}={value}").parse::<Setting>().map_err(str::to_owned);
     values.split(',').map(setting).collect::<Result<_, _>>().map(Over)

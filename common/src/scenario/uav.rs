@@ -73,7 +73,8 @@ pub const MAX_UAVS: u32 = 64;
 pub enum Coordination {
     /// Each plans on the whole field as if it were alone.
     Independent,
-    /// Each plans after those of lower number, and counts the SNs that they have just scheduled as empty.
+    /// Each plans after those of lower number, and counts the SNs that they have just scheduled as empty; strategies that look
+    /// ahead count what all others plan to serve.
     #[default]
     Sequential,
     /// Each plans for its piece of a closed tour over all SNs, alone.

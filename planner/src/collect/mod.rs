@@ -158,7 +158,7 @@ impl Collector {
             path.extend(airspace.way(&before, &stop.place));
             before = stop.place;
         }
-        path.extend(view.table.home.iter().flat_map(|home| airspace.way(&before, &home.end_of(&before))));
+        path.extend(view.table.home.iter().flat_map(|home| airspace.way(&before, &home.end_of(&before, u64::MAX))));
         path.dedup();
         path.truncate(most);
         path

@@ -181,7 +181,7 @@ impl Places {
     pub fn way_home(&mut self, slot: u64, from: &Position) -> Option<Arc<Way>> {
         let home = self.table.home.as_ref()?;
         if home.battery.is_none() || self.table.airspace.has_grid() {
-            let end = home.end_of(from);
+            let end = home.end_of(from, u64::MAX); // one of a grid, or without energy: the same
             return self.leg(from, &end);
         }
         let is_ample = self.thrifty(from)?.slots <= self.left_after(slot);

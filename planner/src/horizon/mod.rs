@@ -207,8 +207,6 @@ impl Horizon {
     /// Updates the model with the estimate at the beginning of the slot: learnt rates, and the uncertainty of the
     /// queues.
     fn update_sensors(&mut self, view: &View) {
-        self.model.others =
-            OtherVisits::of(view.others.unwrap_or_default(), &self.model.ids, &self.model.sensors, view.slot);
         let belief = view.belief.belief;
         if !belief.is_estimated() {
             return;
@@ -240,6 +238,8 @@ impl Horizon {
     #[must_use]
     pub fn forecast(&mut self, view: &View) -> Option<Forecast> {
         self.update_sensors(view);
+        let model = &mut self.model;
+        model.others = OtherVisits::of(view.others.unwrap_or_default(), &model.ids, &model.sensors, view.slot);
         if self.model.sensors.is_empty() {
             return None;
         }

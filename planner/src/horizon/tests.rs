@@ -443,9 +443,9 @@ fn visits_of_other_uavs_empty_their_sensors() {
 }
 
 proptest! {
-    /// Changes beside the visits of others are evaluated as their plans are when loaded anew.
+    /// The loss of a plan that was changed beside the visits of others is that of all its visits, one after the other.
     #[test]
-    fn changed_plans_beside_others_lose_what_a_new_forecast_loses(
+    fn changed_plans_beside_others_lose_what_their_visits_lose(
         stops in prop::collection::vec(0u32..6, 1..40),
         visits in prop::collection::vec((1u64..120, 0u32..6), 1..30),
         changes in prop::collection::vec((0usize..40, 0usize..3, prop::collection::vec(0u32..6, 0..3)), 1..12),

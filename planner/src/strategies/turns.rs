@@ -93,9 +93,21 @@ impl Strategy for InTurn {
         Some(decision)
     }
 
-    /// Begins at its part of the round.
-    fn take_part(&mut self, uav: usize, uavs: usize) {
-        self.turn = uav * self.turns.order.len() / uavs;
+    fn first_of_round(&self) -> Option<u32> {
+        self.turns.order.first().copied()
+    }
+
+    /// Begins at its part of the round, which begins with the first SN of UAV 0. The parts go to the UAVs in the order of their
+    /// own first SNs along the round.
+    fn take_part(&mut self, uav: usize, firsts: &[u32]) {
+        let count = self.turns.order.len();
+        // Those that others alone can serve have no turn here.
+        let turn_of = |other: usize| Some(self.turn_of[firsts[other] as usize]).filter(|turn| *turn != NO_TURN);
+        let Some(begin) = turn_of(0) else { return };
+        let ahead = |other: usize| turn_of(other).map_or(count, |turn| (turn + count - begin) % count);
+        let is_before = |other: &usize| (ahead(*other), *other) < (ahead(uav), uav);
+        let part = (0..firsts.len()).filter(is_before).count();
+        self.turn = (begin + part * count / firsts.len()) % count;
     }
 }
 
