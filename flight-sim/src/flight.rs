@@ -104,11 +104,7 @@ impl Flight {
         if self.is_over(slot) {
             let refused = u32::from(plan.is_some_and(|plan| plan.mode != Mode::Charge as u32));
             let is_home = self.vehicle.charge();
-            return if is_home {
-                FlightReport { refused, ..self.report(Mode::Charge) }
-            } else {
-                self.hold(HoldReason::Base, refused)
-            };
+            return if is_home { self.report(Mode::Charge) } else { self.hold(HoldReason::Base, refused) };
         }
         let Some(plan) = plan else {
             self.vehicle.move_to(self.vehicle.position);

@@ -133,22 +133,19 @@ impl FleetQuestion {
     /// # Errors
     /// If a scenario is refused, or on a stop.
     pub fn answer(&self, stop: &Stop, on_progress: OnProgress) -> Result<Vec<LeastFleets>, LabError> {
-        let seed = match self.changes.seed {
-            Some(seed) => seed,
-            None => Scenario::read(&self.scenario, self.changes.clone())?.seed,
-        };
+        let given = Scenario::read(&self.scenario, self.changes.clone())?;
+        for (key, is_given) in
+            [("uav.starts_m", given.uav.starts_m.is_some()), ("uav.endurances_s", given.uav.endurances_s.is_some())]
+        {
+            if is_given {
+                let message = format!("{key}: expected none, because the number of UAVs is what is looked for");
+                return Err(InputError::new("scenario", &self.scenario, message).into());
+            }
+        }
+        let seed = given.seed;
         let alone = self.over.is_empty().then_some(None);
         for value in self.over.iter().map(Some).chain(alone) {
-            let scenario = self.scenario(&Case { value, strategy: None, seed }, 1)?; // refused before anything is flown
-            for (key, is_given) in [
-                ("uav.starts_m", scenario.uav.starts_m.is_some()),
-                ("uav.endurances_s", scenario.uav.endurances_s.is_some()),
-            ] {
-                if is_given {
-                    let message = format!("{key}: expected none, because the number of UAVs is what is looked for");
-                    return Err(InputError::new("scenario", &self.scenario, message).into());
-                }
-            }
+            self.scenario(&Case { value, strategy: None, seed }, 1)?; // refused before anything is flown
         }
         let cases = self.cases(seed);
         let done = AtomicU64::new(0);

@@ -7,6 +7,7 @@ use std::time::Instant;
 
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
+use skysink_common::base::Base;
 use skysink_common::belief::Belief;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::error::InputError;
@@ -60,6 +61,8 @@ struct Told {
     begins: Vec<Position>,
     /// Both for one of them.
     others: Vec<Position>,
+    /// The base, which is exempt from their distance.
+    base: Option<Base>,
 }
 
 impl Told {
@@ -71,7 +74,7 @@ impl Told {
         self.others.extend_from_slice(&self.begins[..uav.min(self.begins.len())]);
         let lower = self.others.len();
         self.others.extend_from_slice(&self.places[uav + 1..]);
-        let apart = Apart { separation_m, places: &self.others, lower, stays };
+        let apart = Apart { separation_m, places: &self.others, lower, stays, base: self.base.as_ref() };
         if !is_sequential {
             return Others { scheduled: &[], visits: None, apart };
         }
@@ -183,7 +186,7 @@ impl FleetPlanner {
             separation_m,
             keeps_begins,
             claims,
-            told: Told { planned, ..Told::default() },
+            told: Told { planned, base: scenario.landing_base(), ..Told::default() },
         })
     }
 

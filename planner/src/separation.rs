@@ -1,6 +1,7 @@
 //! Distances between UAVs (decision D23): a slot that would end too near to another UAV ends elsewhere.
 
 use nalgebra::{Rotation2, Vector2};
+use skysink_common::base::Base;
 use skysink_common::geometry::{Position, above};
 
 use crate::home::Returning;
@@ -23,6 +24,8 @@ pub(crate) struct Apart<'a> {
     pub lower: usize,
     /// Whether the UAV rather stays where it is than flies beside the way.
     pub stays: bool,
+    /// The base, in which they may be near to each other.
+    pub base: Option<&'a Base>,
 }
 
 impl Apart<'_> {
@@ -47,7 +50,8 @@ impl Apart<'_> {
         others.sort_by(|a, b| away_m(a).total_cmp(&away_m(b)));
         let home = view.table.home.as_ref();
         // A UAV in the base may stay there.
-        let stays = self.stays && !home.is_some_and(|home| home.base.contains(told));
+        let is_in_base = |at: &Position| self.base.is_some_and(|base| base.contains(at));
+        let stays = self.stays && !is_in_base(told);
         others.insert(if stays { 0 } else { others.len() }, ground);
         let comes_home = |to: &Position| {
             let way = [&view.position, &above(to, view.position.z)];
@@ -58,13 +62,12 @@ impl Apart<'_> {
         if let Some(in_time) = clear.iter().find(|to| comes_home(to)) {
             return Some(*in_time);
         }
-        // UAVs of higher number have to plan for this one. Those in the base may stay there, as this one may.
-        let is_home = home.is_some_and(|home| home.base.contains(&end_of(told)));
-        let free = |place: &&Position| !self.is_near(view, self.places, place);
-        let places: Vec<Position> = home.iter().flat_map(|home| home.places()).filter(free).copied().collect();
-        if !is_near(lower, told) && (clear.is_empty() || !airspace.has_grid()) || is_home && places.is_empty() {
+        // UAVs of higher number have to plan for this one. In the base it may be near to others, before it comes home too late.
+        if !is_near(lower, told) && (clear.is_empty() || !airspace.has_grid()) || is_in_base(&end_of(told)) {
             return None;
         }
+        let free = |place: &&Position| !self.is_near(view, self.places, place);
+        let places: Vec<Position> = home.iter().flat_map(|home| home.places()).filter(free).copied().collect();
         let others =
             if clear.is_empty() { others.into_iter().filter(|to| !is_near(lower, to)).collect() } else { clear };
         // Home as soon as possible, where nobody is.
@@ -75,12 +78,17 @@ impl Apart<'_> {
         others.into_iter().min_by(|a, b| way_m(a).total_cmp(&way_m(b)))
     }
 
-    /// Whether `end` [m] is too near to one of the `places` of other UAVs, and neither is in the base. On a grid the base has a cell for each.
+    /// Whether `end` [m] is too near to one of the `places` of other UAVs, and neither is in the base. On a grid a UAV also comes
+    /// near to none in the base to which it is not near already.
     fn is_near(&self, view: &View, places: &[Position], end: &Position) -> bool {
-        let home = view.table.home.as_ref().filter(|_| !view.table.airspace.has_grid());
-        let is_in_base = |at: &Position| home.is_some_and(|home| home.base.contains(at));
-        let is_near = |place: &&Position| (end - **place).norm() < self.separation_m && !is_in_base(place);
-        places.iter().any(|place| is_near(&place)) && !is_in_base(end)
+        let is_in_base = |at: &Position| self.base.is_some_and(|base| base.contains(at));
+        let is_near = |from: &Position, place: &Position| (from - place).norm() < self.separation_m;
+        let ground = view.ground();
+        let counts = |place: &Position| match is_in_base(end) {
+            false => !is_in_base(place),
+            true => view.table.airspace.has_grid() && !is_near(&ground, place),
+        };
+        places.iter().any(|place| is_near(end, place) && counts(place))
     }
 }
 

@@ -40,7 +40,11 @@ fn kills_at_any_instant_change_nothing() {
         let out = format!("killed-by-seed-{seed}");
         let mut flight = longer(&place).strategy(strategy).out(&out).without_viewer();
         if uavs > 1 {
-            flight = flight.set("uav.count", uavs).set("uav.coordination", coordination).set("uav.separation_m", 2);
+            flight = flight
+                .set("slots", 3000)
+                .set("uav.count", uavs)
+                .set("uav.coordination", coordination)
+                .set("uav.separation_m", 2);
         }
         let mut run = flight.start();
         kills += kill_at_random(&mut run, &mut ChaCha8Rng::seed_from_u64(seed));
