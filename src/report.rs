@@ -21,7 +21,7 @@ use skysink_lab::progress::LabProgress;
 use skysink_lab::statistics::Concentration;
 use skysink_mission::latency::Spread;
 use skysink_mission::record::RunFolder;
-use skysink_mission::summary::{EnergyUse, Summary, Tally};
+use skysink_mission::summary::{EnergyUse, FleetUse, Summary, Tally};
 #[cfg(feature = "lab")]
 use skysink_ring::role::Role;
 
@@ -197,6 +197,11 @@ pub fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Error> {
     ];
     if let Some(weighted) = summary.weighted_loss_rate {
         rows.insert(1, ("weighted data loss rate η_w", format!("{weighted:.6}")));
+    }
+    if let Some(FleetUse { uavs, contended, min_separation_m }) = &summary.fleet {
+        rows.push(("UAVs", uavs.to_string()));
+        rows.push(("requests contended", HumanCount(*contended).to_string()));
+        rows.extend(min_separation_m.map(|least_m| ("least distance of two UAVs", format!("{least_m:.2} m"))));
     }
     rows.extend(energy_rows(summary));
     if timing.pace.is_some_and(|pace| pace != Pace::Max) {

@@ -2,9 +2,11 @@
 
     pip install ./python pillow
     python python/examples/side_by_side.py scenarios/sparse.toml uts horizon --out docs/src/sparse.png
+    python python/examples/side_by_side.py scenarios/letter.toml tour --uavs 1 2 3 --side 1500 --out docs/src/fleets.png
 
-A point is a sensor node, coloured by the fill level of its buffer, and red after it was full. The circle is the range of
-the UAV, the line its last flight.
+A point is a sensor node, coloured by the fill level of its buffer, and red after it was full. The circles are the ranges of
+the UAVs, the lines their last flights. With --uavs each strategy flies once with each number of UAVs, which
+divide the field (`partition`).
 """
 
 import argparse
@@ -36,12 +38,13 @@ class Panel:
     def __init__(self, run: skysink.Run) -> None:
         scenario, sensors = run.scenario, run.scenario.sensors()
         side_m = max(scenario["area.side_m"], 1.0)
-        self.strategy = run.strategy
+        uavs = len(run.slots) // len(run)
+        self.name = run.strategy if uavs == 1 else f"{run.strategy}, {uavs} UAVs"
         self.positions = places(sensors, side_m)
-        self.flight = places(run.slots, side_m)
+        self.flights = places(run.slots, side_m).reshape(len(run), uavs, 2).swapaxes(0, 1)
         self.radius = scenario["link.comm_radius_m"] / side_m * PIXELS
         self.fill = run.queues / scenario["sensors.capacity_bits"]
-        self.lost_bits, self.sampled_bits = np.cumsum(run.slots["lost_bits"]), run.summary["sampled_bits"] / len(run)
+        self.lost_bits, self.sampled_bits = np.cumsum(run.slots["lost_bits"][::uavs]), run.summary["sampled_bits"] / len(run)
         self.is_full = np.logical_or.accumulate(self.fill >= 1.0, axis=0)
 
     def draw(self, slot: int) -> Image.Image:
@@ -49,18 +52,30 @@ class Panel:
         image = Image.new("RGB", (PIXELS + 2 * MARGIN, PIXELS + TITLE + MARGIN), BACKGROUND)
         pen = ImageDraw.Draw(image)
         loss_rate = self.lost_bits[slot - 1] / (self.sampled_bits * slot)
-        pen.text((MARGIN, 8), f"{self.strategy}", fill=WRITING, font_size=16)
+        pen.text((MARGIN, 8), self.name, fill=WRITING, font_size=16)
         pen.text((MARGIN, 26), f"slot {slot}: {100 * loss_rate:.1f} % of the data lost", fill=WRITING, font_size=12)
         pen.rectangle([MARGIN, TITLE, MARGIN + PIXELS, TITLE + PIXELS], outline=(60, 64, 76))
         for (x, y), fill, is_full in zip(self.positions, self.fill[slot], self.is_full[slot]):
             colour = LOSS if is_full else tuple(int(part) for part in EMPTY + min(fill, 1.0) * (FULL - EMPTY))
             pen.ellipse([x - 2.5, y - 2.5, x + 2.5, y + 2.5], fill=colour)
-        path = self.flight[max(0, slot - TRAIL) : slot]
-        if len(path) > 1:
-            pen.line([tuple(point) for point in path], fill=FLIGHT, width=2)
-        x, y = path[-1]
-        pen.ellipse([x - self.radius, y - self.radius, x + self.radius, y + self.radius], outline=(90, 220, 240), width=2)
+        for flight in self.flights:
+            path = flight[max(0, slot - TRAIL) : slot]
+            if len(path) > 1:
+                pen.line([tuple(point) for point in path], fill=FLIGHT, width=2)
+            x, y = path[-1]
+            pen.ellipse(
+                [x - self.radius, y - self.radius, x + self.radius, y + self.radius], outline=(90, 220, 240), width=2
+            )
         return image
+
+
+def missions(choice: argparse.Namespace) -> list[skysink.Run]:
+    """The missions that are asked for."""
+    scenario = skysink.Scenario.load(choice.scenario)
+    if choice.side:
+        scenario = scenario.replace({"area.side_m": choice.side})
+    fleets = [scenario.replace({"uav.count": uavs, "uav.coordination": "partition"}) for uavs in choice.uavs]
+    return [skysink.simulate(fleet, strategy) for strategy in choice.strategies for fleet in fleets or [scenario]]
 
 
 def main() -> None:
@@ -69,10 +84,12 @@ def main() -> None:
     arguments.add_argument("strategies", nargs="+")
     arguments.add_argument("--out", required=True, metavar="FILE")
     arguments.add_argument("--every", type=int, default=5, metavar="SLOTS", help="from one picture to the next [5]")
+    arguments.add_argument("--uavs", type=int, nargs="+", default=[], metavar="U", help="numbers of UAVs [the scenario's]")
+    arguments.add_argument("--side", type=float, metavar="METRES", help="side of the area [the scenario's]")
     choice = arguments.parse_args()
-    panels = [Panel(skysink.simulate(choice.scenario, strategy)) for strategy in choice.strategies]
+    panels = [Panel(run) for run in missions(choice)]
     frames = []
-    for slot in range(1, min(len(panel.flight) for panel in panels) + 1, choice.every):
+    for slot in range(1, min(panel.flights.shape[1] for panel in panels) + 1, choice.every):
         drawn = [panel.draw(slot) for panel in panels]
         frame = Image.new("RGB", (sum(image.width for image in drawn), drawn[0].height))
         left = 0

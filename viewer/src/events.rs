@@ -16,6 +16,8 @@ use crate::slot::SlotView;
 pub const LOG: &str = "log/events";
 /// Entity of the state lane.
 pub const LANE: &str = "state/uav";
+/// Root of the state lanes of the UAVs from number 1 on.
+pub const FLEET_LANES: &str = "state/uavs";
 /// Root of the states as points of a plot, one entity per state. In the live view, a plot follows the mission; a state
 /// lane does not.
 pub const STATES: &str = "metrics/state";
@@ -45,7 +47,8 @@ pub(crate) fn states(has_base: bool) -> impl Iterator<Item = &'static str> {
 pub(crate) struct Events {
     /// A line to log with the first slot.
     due: Option<&'static str>,
-    state: Option<&'static str>,
+    /// The state of each UAV.
+    states: Vec<Option<&'static str>>,
     /// Whether bits were lost up to the last slot; `None` before the first.
     is_lossy: Option<bool>,
     /// Whether the states are also points of a plot.
@@ -53,11 +56,18 @@ pub(crate) struct Events {
 }
 
 impl Events {
-    /// Styles the lane.
-    pub(crate) fn open(canvas: &Canvas, recording: &Recording, has_base: bool) -> RecordingStreamResult<Self> {
+    /// Styles the lanes.
+    pub(crate) fn open(
+        canvas: &Canvas,
+        recording: &Recording,
+        has_base: bool,
+        uavs: usize,
+    ) -> RecordingStreamResult<Self> {
         let colours: Vec<Rgb> = modes(has_base).map(colour_of).chain([colour::MISSED]).collect();
         let style = StateConfiguration::new().with_values(states(has_base)).with_colors(colours.iter().copied());
-        canvas.log_static(LANE, &style)?;
+        for uav in 0..uavs {
+            canvas.log_static(lane_of(uav), &style)?;
+        }
         for (name, colour) in states(has_base).zip(colours) {
             let points = SeriesPoints::new()
                 .with_names([name])
@@ -67,37 +77,40 @@ impl Events {
             canvas.log_static(format!("{STATES}/{name}"), &points)?;
         }
         let due = (recording.part == Part::Later).then_some(CONTINUED);
-        Ok(Self { due, state: None, is_lossy: None, is_live: recording.port.is_some() })
+        Ok(Self { due, states: vec![None; uavs], is_lossy: None, is_live: recording.port.is_some() })
     }
 
-    /// Logs the events of a slot, and the state of the UAV if it has changed.
+    /// Logs the events of a slot, and the states of the UAVs that have changed.
     pub(crate) fn log_slot(&mut self, canvas: &Canvas, view: &SlotView) -> RecordingStreamResult<()> {
-        let flight = view.flight();
         self.log_due(canvas)?;
-        if view.slot > 0 {
-            let mode = flight.flown_mode();
-            self.enter(canvas, mode.into())?;
-            if self.is_live {
-                let name: &'static str = mode.into();
-                canvas.append(format!("{STATES}/{name}"), &Scalars::single(height(mode)))?;
+        for (uav, flight) in view.flights.iter().enumerate() {
+            if view.slot > 0 {
+                self.enter(canvas, uav, flight.flown_mode().into())?;
+            }
+            let warn = |text: &str| match view.flights.len() {
+                1 => write(canvas, TextLogLevel::WARN, text),
+                _ => write(canvas, TextLogLevel::WARN, &format!("UAV {uav}: {text}")),
+            };
+            match HoldReason::from_repr(flight.hold).unwrap_or_default() {
+                HoldReason::None => {}
+                HoldReason::NoPlan => warn("hold: no plan in time")?,
+                HoldReason::Base => warn("hold: to charge, but not in the base")?,
+                HoldReason::Separation => warn("hold: too near to another UAV")?,
+                HoldReason::Zone => warn("hold: a zone or a building in the way")?,
+                HoldReason::Waypoint => warn("hold: waypoint not finite, out of reach, or outside the area")?,
+            }
+            if flight.refused > 0 {
+                warn(&format!("{} of the plan's requests refused", flight.refused))?;
+            }
+            let plan = view.plans.get(uav).and_then(Option::as_ref);
+            if plan.is_some_and(|plan| plan.solver == SolverOutcome::Fallback as u32) {
+                warn("waypoint by the geometric solver, as a fallback")?;
             }
         }
-        match HoldReason::from_repr(flight.hold).unwrap_or_default() {
-            HoldReason::None => {}
-            HoldReason::NoPlan => write(canvas, TextLogLevel::WARN, "hold: no plan in time")?,
-            HoldReason::Base => write(canvas, TextLogLevel::WARN, "hold: to charge, but not in the base")?,
-            HoldReason::Separation => write(canvas, TextLogLevel::WARN, "hold: too near to another UAV")?,
-            HoldReason::Zone => write(canvas, TextLogLevel::WARN, "hold: a zone or a building in the way")?,
-            HoldReason::Waypoint => {
-                write(canvas, TextLogLevel::WARN, "hold: waypoint not finite, out of reach, or outside the area")?;
-            }
-        }
-        if flight.refused > 0 {
-            let text = format!("{} of the plan's requests refused", flight.refused);
-            write(canvas, TextLogLevel::WARN, &text)?;
-        }
-        if view.plan().is_some_and(|plan| plan.solver == SolverOutcome::Fallback as u32) {
-            write(canvas, TextLogLevel::WARN, "waypoint by the geometric solver, as a fallback")?;
+        if self.is_live && view.slot > 0 {
+            let mode = view.flight().flown_mode();
+            let name: &'static str = mode.into();
+            canvas.append(format!("{STATES}/{name}"), &Scalars::single(height(mode)))?;
         }
         let totals = &view.header.totals;
         // In a later file, an earlier file contains the first loss if there was one before this slot.
@@ -112,7 +125,9 @@ impl Events {
     /// Marks slots that the viewer has missed.
     pub(crate) fn log_missed(&mut self, canvas: &Canvas, first: u64, last: u64) -> RecordingStreamResult<()> {
         self.log_due(canvas)?;
-        self.enter(canvas, GAP)?;
+        for uav in 0..self.states.len() {
+            self.enter(canvas, uav, GAP)?;
+        }
         if self.is_live {
             canvas.append(format!("{STATES}/{GAP}"), &Scalars::single(0.0))?;
         }
@@ -127,13 +142,18 @@ impl Events {
         self.due.take().map_or(Ok(()), |text| write(canvas, TextLogLevel::WARN, text))
     }
 
-    fn enter(&mut self, canvas: &Canvas, state: &'static str) -> RecordingStreamResult<()> {
-        if self.state == Some(state) {
+    fn enter(&mut self, canvas: &Canvas, uav: usize, state: &'static str) -> RecordingStreamResult<()> {
+        if self.states[uav] == Some(state) {
             return Ok(());
         }
-        self.state = Some(state);
-        canvas.append(LANE, &StateChange::single(state))
+        self.states[uav] = Some(state);
+        canvas.append(lane_of(uav), &StateChange::single(state))
     }
+}
+
+/// The state lane of a UAV.
+fn lane_of(uav: usize) -> String {
+    if uav == 0 { LANE.to_owned() } else { format!("{FLEET_LANES}/{uav}") }
 }
 
 /// Colour of a state.

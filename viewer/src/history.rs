@@ -84,8 +84,8 @@ impl SensorHistory {
         }
     }
 
-    /// Adds a slot, after which the queues are `queues_bits`, one for each SN, and the UAV is above `uav`.
-    pub(crate) fn add(&mut self, slot: u64, queues_bits: &[u32], uav: Position) {
+    /// Adds a slot, after which the queues are `queues_bits`, one for each SN, and the UAVs are above `uavs`.
+    pub(crate) fn add(&mut self, slot: u64, queues_bits: &[u32], uavs: impl IntoIterator<Item = Position>) {
         let Self { sensors, lost_now_bits, sampled_now_bits, grid, sums, .. } = self;
         let is_next = slot > 0 && sums.slot == Some(slot - 1);
         let losses = sums.queues_bits.iter().enumerate().zip(&mut sums.lost_bits).zip(lost_now_bits);
@@ -98,7 +98,7 @@ impl SensorHistory {
         }
         sums.slot = Some(slot);
         sums.queues_bits.copy_from_slice(queues_bits);
-        for cell in grid.in_range(uav) {
+        for cell in uavs.into_iter().flat_map(|uav| grid.in_range(uav)) {
             sums.in_range[cell] = slot + 1;
         }
     }
@@ -223,14 +223,14 @@ mod tests {
     #[test]
     fn bits_that_do_not_fit_into_a_buffer_are_lost() {
         let mut history = history();
-        history.add(0, &[950, 999, 1_000], MIDDLE);
+        history.add(0, &[950, 999, 1_000], [MIDDLE]);
         assert_eq!(history.sums.lost_bits, [0, 0, 0]);
-        history.add(1, &[1_000, 1_000, 1_000], MIDDLE); // 950 + 100, 999 + 2
+        history.add(1, &[1_000, 1_000, 1_000], [MIDDLE]); // 950 + 100, 999 + 2
         assert_eq!(history.sums.lost_bits, [50, 1, 0]);
-        history.add(2, &[0, 1_000, 1_000], MIDDLE); // 1 000 + 100 before the upload, 1 000 + 3
+        history.add(2, &[0, 1_000, 1_000], [MIDDLE]); // 1 000 + 100 before the upload, 1 000 + 3
         assert_eq!(history.sums.lost_bits, [150, 4, 0]);
         assert_eq!(history.overflows().collect::<Vec<_>>(), [true, true, false]);
-        history.add(3, &[100, 1_000, 1_000], MIDDLE); // 1 000 + 2
+        history.add(3, &[100, 1_000, 1_000], [MIDDLE]); // 1 000 + 2
         assert_eq!(history.sums.lost_bits, [150, 6, 0]);
         assert_eq!(history.overflows().collect::<Vec<_>>(), [false, true, false]);
     }
@@ -238,19 +238,19 @@ mod tests {
     #[test]
     fn losses_in_missed_slots_are_attributed_to_no_sn() {
         let mut history = history();
-        history.add(0, &[1_000; 3], MIDDLE);
-        history.add(5, &[1_000; 3], MIDDLE);
+        history.add(0, &[1_000; 3], [MIDDLE]);
+        history.add(5, &[1_000; 3], [MIDDLE]);
         assert_eq!(history.sums.lost_bits, [0, 0, 0]);
-        history.add(6, &[1_000; 3], MIDDLE);
+        history.add(6, &[1_000; 3], [MIDDLE]);
         assert_eq!(history.sums.lost_bits, [100, 3, 0]); // floor(15.0) − floor(12.5)
     }
 
     #[test]
     fn a_buffer_overflows_after_its_room_at_its_rate() {
         let mut history = history();
-        history.add(0, &[250, 990, 400], MIDDLE);
+        history.add(0, &[250, 990, 400], [MIDDLE]);
         assert_eq!(history.overflow_s().collect::<Vec<_>>(), [7.5, 4.0, f64::INFINITY]);
-        history.add(1, &[1_000; 3], MIDDLE);
+        history.add(1, &[1_000; 3], [MIDDLE]);
         assert_eq!(history.overflow_s().collect::<Vec<_>>(), [0.0; 3]);
         assert_eq!(history.longest_fill_s(), 400.0);
         assert_eq!(history.most_sampled_bits(600), 60_000.0);
@@ -261,13 +261,13 @@ mod tests {
         let mut history = history();
         let CoverageGrid { columns, rows, cell_m, .. } = history.grid;
         assert_eq!((columns, rows, cell_m), (40, 40, 2.5));
-        history.add(0, &[0; 3], Position::new(0.0, 100.0)); // the north-west corner, radius 10 m
+        history.add(0, &[0; 3], [Position::new(0.0, 100.0)]); // the north-west corner, radius 10 m
         let seen: Vec<usize> =
             history.ages().enumerate().filter(|(_, age)| age.is_some()).map(|(cell, _)| cell).collect();
         // Centres at 1.25, 3.75, 6.25, 8.75 m: of the sixteen, those within 10 m of the corner.
         assert_eq!(seen, [0, 1, 2, 3, 40, 41, 42, 43, 80, 81, 82, 120, 121]);
-        history.add(1, &[0; 3], MIDDLE);
-        history.add(4, &[0; 3], MIDDLE);
+        history.add(1, &[0; 3], [MIDDLE]);
+        history.add(4, &[0; 3], [MIDDLE]);
         let ages: Vec<_> = history.ages().collect();
         assert_eq!((ages[0], ages[20 * 40 + 20], ages[39]), (Some(4), Some(0), None));
     }
@@ -291,14 +291,14 @@ mod tests {
     #[test]
     fn the_sums_of_another_field_are_refused() {
         let mut begun = history();
-        begun.add(7, &[1_000; 3], MIDDLE);
+        begun.add(7, &[1_000; 3], [MIDDLE]);
         let mut resumed = history();
         resumed.restore(begun.sums.clone()).unwrap();
         assert_eq!(resumed.sums, begun.sums);
         let other = Sums { lost_bits: vec![0; 2], ..begun.sums.clone() };
         let later = Sums { slot: Some(6), ..begun.sums.clone() };
         assert!(resumed.restore(other).is_err() && resumed.restore(later).is_err());
-        resumed.add(8, &[1_000; 3], MIDDLE);
+        resumed.add(8, &[1_000; 3], [MIDDLE]);
         assert_eq!(resumed.sums.lost_bits, [100, 3, 0]); // floor(20.0) − floor(17.5)
     }
 }

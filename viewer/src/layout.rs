@@ -47,7 +47,7 @@ fn lane(layout: &mut Blueprint, live: Option<u16>, has_base: bool) -> RecordingS
             false => "UAV: serve, fly, transit, hold",
             true => "UAV: serve, fly, transit, hold, charge, return, down",
         };
-        return layout.view(class::STATES, name, "", &[select(events::LANE)]);
+        return layout.view(class::STATES, name, "", &[select(events::LANE), select_all(events::FLEET_LANES)]);
     }
     let name = match has_base {
         false => "UAV: 4 serve (green), 3 fly (blue), 2 transit (lavender), 1 hold (white), 0 gap (grey)",

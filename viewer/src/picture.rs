@@ -68,7 +68,7 @@ impl Picture {
         let path = Path::open(&canvas, sizes, scenario.uav.uavs(), part)?;
         let links = Links::open(&canvas, scenario, sensors, sizes)?;
         let los = Los::open(&canvas, scenario, sensors, sizes, part)?;
-        let events = Events::open(&canvas, recording, scenario.base.is_some())?;
+        let events = Events::open(&canvas, recording, scenario.base.is_some(), scenario.uav.uavs())?;
         let curves = Curves::open(&canvas, scenario, sensors.sampling.is_drawn())?;
         legend::log_scales(&canvas, links.rates_bps.as_ref())?;
         legend::log_area(&canvas, sizes)?;
@@ -109,7 +109,7 @@ impl Picture {
         if let Some(belief) = &mut self.belief {
             belief.observe(&self.history, view.slot, view.queues_bits, view.flights);
         }
-        self.history.add(view.slot, view.queues_bits, Position::new(view.flight().x_m, view.flight().y_m));
+        self.history.add(view.slot, view.queues_bits, view.flights.iter().map(|flight| flight.position().xy()));
         self.uavs.iter_mut().zip(view.flights).for_each(|(uav, flight)| uav.observe(flight));
         Ok(self.events.log_slot(&self.canvas, view)?)
     }

@@ -52,7 +52,8 @@ crate::keys! {
         endurances_s: Option<Vec<f64>>, Accepts::Rule("a time of at least a slot for each of several UAVs, with must_land");
         /// How the UAVs share the field (decision D22); `"sequential"` if absent.
         coordination: Option<Coordination>, Accepts::OneOf(Coordination::VARIANTS);
-        /// A UAV may not end a slot within this distance of one of lower number, outside of bases [m] (decision D23).
+        /// A UAV may not fly to within this distance of where one of lower number ends the slot, outside of bases [m]; those that
+        /// are not `independent` plan for it (decision D23).
         separation_m: Option<f64>, POSITIVE;
         /// Whether the UAV has to be in the base at the end of the mission (decision D13).
         must_land: Option<bool>, Accepts::Rule("true or false");

@@ -113,12 +113,13 @@ impl MapSheet {
             page.add(text(&(part * highest).to_string(), [left + part * width, top + 4.0 * EM], EM, "middle"));
         }
         let at = [SAMPLE / 2.0, 0.0];
-        let entries = [
-            (sign(at, START), "start"),
-            (sign(at, END), "end"),
-            (Group::new().add(stroke(line([[0.0, 0.0], [SAMPLE, 0.0]]), 2.0, PATH)), "path of the UAV"),
-            (Group::new().add(sensor(at, 0.5)), "sensor"),
-        ];
+        let path = |uav: usize| Group::new().add(stroke(line([[0.0, 0.0], [SAMPLE, 0.0]]), 2.0, PATHS[uav]));
+        let uavs = self.maps.iter().map(|map| map.paths_m.len()).max().unwrap_or(1).min(PATHS.len());
+        let names: Vec<String> = (0..uavs).map(|uav| format!("path of UAV {uav}")).collect();
+        let names = if uavs > 1 { names } else { vec!["path of the UAV".to_owned()] };
+        let mut entries = vec![(sign(at, START), "start"), (sign(at, END), "end")];
+        entries.extend(names.iter().enumerate().map(|(uav, name)| (path(uav), name.as_str())));
+        entries.push((Group::new().add(sensor(at, 0.5)), "sensor"));
         page.add_legend([left, top + 5.0 * EM], width, EM, &entries);
     }
 }
