@@ -246,7 +246,7 @@ fn nobody_counts_on_a_uav_that_is_down() {
             let plans = planner.step(slot, &flights, plant.field().queues_bits());
             assert!(plans[0].scheduled().is_empty() && plans[0].waypoint() == flights[0].position(), "{strategy}");
             let record = plant.step(&[None, Some(plans[1])]);
-            near += record.flights[1].served_links().filter(|link| is_near(link.sensor)).count();
+            near += record.flights[1].served_links().iter().filter(|link| is_near(link.sensor)).count();
             flights = plant.flights().clone();
             planner.observe(slot, &flights, plant.field().queues_bits());
         }

@@ -235,7 +235,7 @@ def test_actions_of_another_form_are_refused(scenario: skysink.Scenario, action:
 
 
 def test_informations_are_those_of_the_slot(scenario: skysink.Scenario) -> None:
-    env = skysink.parallel_env(scenario)
+    env = skysink.parallel_env(scenario.replace({"sensors.sampling_bps": 9000.0}))
     env.reset(seed=1)
     lost = delivered = 0
     while env.agents:
