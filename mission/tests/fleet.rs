@@ -223,6 +223,47 @@ fn moves_on_a_grid_keep_their_distance() {
     assert!(held("uts", "independent") > 0, "they do not meet");
 }
 
+/// They begin in one cell of the base, in which they need not keep apart, and leave it one after the other.
+#[test]
+fn fleets_leave_a_base_together_and_share_it_where_nothing_else_is_in_reach() {
+    let parse = |text: &str, strategy: &'static str| {
+        let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
+        Scenario::parse(text, Path::new("base.toml"), overrides).and_then(settings::resolve).unwrap()
+    };
+    let held = |records: &[SlotRecord]| {
+        let flights = records.iter().flat_map(|record| &record.flights);
+        flights.filter(|flight| flight.hold != HoldReason::None as u32).count()
+    };
+    let leaving = |more: &str| {
+        format!(
+            "name = 'base'\nslots = 100\n[area]\nside_m = 400.0\n[sensors]\ncount = 30\nsampling_bps = 300.0\n[base]\n\
+             radius_m = 40.0\n[uav]\ncount = 4\nmax_speed_mps = 10.0\nseparation_m = 25.0\n{more}"
+        )
+    };
+    for more in ["moves = 'grid'\nstart_m = [205, 205]\nmust_land = true\n", "must_land = true\n", ""] {
+        let scenario = parse(&leaving(more), "mes");
+        let base = scenario.landing_base().unwrap();
+        let records = records(&scenario);
+        assert_eq!(held(&records), 0, "{more}");
+        let is_out = |flight: &FlightReport| !base.contains(&flight.position().xy());
+        let most = records.iter().map(|record| record.flights.iter().filter(|flight| is_out(flight)).count()).max();
+        assert_eq!(most, Some(4), "{more}");
+        let lands = records.last().unwrap().flights.iter().all(|flight| !is_out(flight));
+        assert!(lands || more.is_empty(), "{more}");
+    }
+    // One cell of the near base for two UAVs that keep a cell apart.
+    let text = "name = 'cell'\nseed = 310082\nslots = 75\nslot_s = 0.5\n[area]\nside_m = 400.0\n[sensors]\ncount = 57\n\
+                [uav]\ncount = 2\nendurance_s = 75.0\nstarts_m = [[20, 220], [20, 220]]\nseparation_m = 40.0\nmoves = 'grid'\n\
+                cell_m = 40.0\nmust_land = true\n[uav.battery]\ncapacity_j = 7500.0\nreserve = 0.3\n[base]\ncharge_w = 100.0\n\
+                areas_m = [[[348, 308], [400, 308], [400, 372], [348, 372]], [[68, 188], [132, 188], [132, 252], [68, 252]]]\n\
+                [link]\ncomm_radius_m = 3.0\nresource_blocks = 1\n[planner]\nobjective = 'collect'\nhorizon.iterations = 0\n";
+    let scenario = parse(text, "horizon");
+    let base = scenario.landing_base().unwrap();
+    let records = records(&scenario);
+    let last = &records.last().unwrap().flights;
+    assert!(last.iter().all(|flight| base.contains(&flight.position().xy()) && flight.energy_j > 0.0), "{last:?}");
+}
+
 /// The first UAV has no energy to go anywhere; the other serves all.
 #[test]
 fn nobody_counts_on_a_uav_that_is_down() {

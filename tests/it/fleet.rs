@@ -68,5 +68,26 @@ fn a_run_of_a_fleet_is_resumed_replayed_exported_and_mapped() {
         }
     }
     place.run_ok(&["plot", "run", "--out", "plots"]);
-    place.run_ok(&["report", "run"]);
+    let map = place.read("plots/map-run.svg");
+    assert!(["path of UAV 0", "path of UAV 2"].iter().all(|path| map.contains(path)));
+    let report = place.run_ok(&["report", "run"]).stdout;
+    assert!(report.contains("UAVs") && report.contains("least distance of two UAVs"), "{report}");
+}
+
+/// UAVs at rest whose plans still fly the end of a move.
+#[test]
+fn the_trace_of_a_fleet_whose_endurances_end_is_that_of_its_scenario() {
+    let place = Place::new();
+    place.write(
+        "rest.toml",
+        "name = 'rest'\nslots = 90\n[area]\nside_m = 1000.0\n[sensors]\ncount = 50\n[uav]\ncount = 4\n\
+         coordination = 'partition'\nseparation_m = 5.0\nmoves = 'grid'\ncell_m = 100.0\nmust_land = true\n\
+         endurances_s = [45.0, 53.0, 45.0, 53.0]\n[uav.battery]\ncapacity_j = 26200.0\n[base]\nareas_m = \
+         [[[170, 70], [330, 70], [330, 230], [170, 230]], [[70, 270], [230, 270], [230, 430], [70, 430]]]\n",
+    );
+    place.flight("rest").out("alone").simulate();
+    place.run_ok(&["report", "alone"]);
+    place.run_ok(&["replay", "alone", "--out", "again"]);
+    assert_eq!(place.trace("alone"), place.trace("again"));
+    assert_eq!(place.summary("alone")["refused"], 0, "told to fly on, they rest");
 }

@@ -61,7 +61,12 @@ fn questions_that_are_none_are_refused() {
         (&["--over", "area.side_m=100,-1", "--out", "f"], "area.side_m=-1: expected a finite number above 0"),
         (&["--loss", "1.5"], "expected a fraction from 0 to 1"),
         (&["--loss", "-1"], "expected a fraction from 0 to 1"),
-        (&["--set", "uav.count=2", "--set", "uav.starts_m=[[1, 1], [2, 2]]"], "starts_m"),
+        (
+            &["--set", "uav.count=2", "--set", "uav.starts_m=[[1, 1], [2, 2]]"],
+            "uav.starts_m: expected none, because the number of UAVs is what is looked for",
+        ),
+        (&["--over", "seed=1,2"], "seed: expected another key, and --seeds"),
+        (&["--over", "planner.strategy=tour,mes"], "planner.strategy: expected another key, and --strategies"),
         (&["--strategies", "best"], "'best'"),
     ] {
         let refused = place.run(&[&["fleet", "wide.toml"], arguments].concat());

@@ -270,6 +270,9 @@ mod tests {
         history.add(4, &[0; 3], [MIDDLE]);
         let ages: Vec<_> = history.ages().collect();
         assert_eq!((ages[0], ages[20 * 40 + 20], ages[39]), (Some(4), Some(0), None));
+        history.add(5, &[0; 3], [MIDDLE, Position::new(100.0, 100.0)]);
+        let ages: Vec<_> = history.ages().collect();
+        assert_eq!((ages[20 * 40 + 20], ages[39]), (Some(0), Some(0)), "of several UAVs");
     }
 
     #[test]

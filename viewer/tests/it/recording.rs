@@ -436,6 +436,9 @@ fn every_uav_has_a_place_a_path_and_a_waypoint_of_its_own() {
             let mut other = slot.flight;
             other.y_m = 80.0;
             other.x_m *= 2.0;
+            if slot.slot >= 4 {
+                other.mode = Mode::Transit as u32;
+            }
             let flights = [slot.flight, other];
             let plans = [slot.plan; 2];
             let leads = [3, 5].contains(&slot.slot);
@@ -454,6 +457,9 @@ fn every_uav_has_a_place_a_path_and_a_waypoint_of_its_own() {
         assert_eq!(found.slots_of(&entity), (0..=9).collect(), "{entity}");
     }
     assert!(!found.slots_of(&format!("{}/1", uav::WAYPOINTS)).is_empty());
+    let lane = format!("{}/1", events::FLEET_LANES);
+    assert_eq!(found.slots_of(&lane), [1, 4].into(), "when its state changes");
+    assert!(found.text(&lane, "StateChange:state", Some(4)).contains("transit"));
     for entity in path::OTHERS {
         assert_eq!(found.slots_of(entity), [3, 4, 5, 6].into(), "{entity}, and empty from there on");
         let drawn = |slot| found.text(entity, "LineStrips3D:strips", Some(slot)).contains("91.0");
