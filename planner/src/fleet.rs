@@ -277,7 +277,7 @@ impl FleetPlanner {
             told.begins.extend_from_slice(&told.places);
         }
         let before = begin.elapsed() / members.len() as u32; // at most MAX_UAVS
-        let mut plans = ByUav::new();
+        let mut plans = ByUav::with_capacity(members.len());
         for (uav, (Member { planner, last, piece }, flight)) in members.iter_mut().zip(flights).enumerate() {
             let begin = Instant::now();
             let position = flight.position();

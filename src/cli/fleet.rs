@@ -20,7 +20,8 @@ Examples:
   skysink fleet scenarios/letter.toml --strategies tour,horizon --loss 0.01 \\
     --over area.side_m=300,600,1000,2000 --out fleets
 
-Fleets are tried from one UAV on, on fields of consecutive seeds. The bound is
+Fleets are tried from one UAV on, all from uav.start_m, on fields of consecutive
+seeds. A scenario with uav.starts_m or uav.endurances_s is refused. The bound is
 the fewest UAVs that the lower bound on the loss of every flight does not
 exclude: no strategy can do with less. With --over, the values of one key are
 tried, and with --out a table and a figure are written.")]

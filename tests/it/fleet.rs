@@ -87,7 +87,7 @@ fn the_trace_of_a_fleet_whose_endurances_end_is_that_of_its_scenario() {
     );
     place.flight("rest").out("alone").simulate();
     place.run_ok(&["report", "alone"]);
-    place.run_ok(&["replay", "alone", "--out", "again"]);
-    assert_eq!(place.trace("alone"), place.trace("again"));
+    let replayed = place.run_ok(&["replay", "alone", "--out", "again"]).stdout;
+    assert!(replayed.contains("equal to the recorded decision in 90 of 90 slots"), "{replayed}");
     assert_eq!(place.summary("alone")["refused"], 0, "told to fly on, they rest");
 }
