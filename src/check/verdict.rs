@@ -222,6 +222,17 @@ mod tests {
     }
 
     #[test]
+    fn a_sensor_node_that_zones_hide_loses_what_its_buffer_does_not_hold() {
+        let keys = "slots = 400\n[uav]\nstart_m = [5, 5]\n[[area.no_fly]]\npolygon_m = [[10, 10], [90, 10], [90, 90], [10, 90]]\n";
+        let list = |x_m: f64| format!("x_m,y_m,queue_bits,sampling_bps\n{x_m},50,0,100\n95,95,0,100\n");
+        // In 400 slots come 40 000 bit for each; a buffer holds 30 000.
+        let (_, verdict) = known(keys, &list(50.0));
+        assert!(matches!(verdict, LossFree::Impossible { lost_bits: 10_000 }), "{verdict:?}");
+        let (_, verdict) = known(keys, &list(19.0));
+        assert!(matches!(verdict, LossFree::Flown { .. }), "in range from beside the zone: {verdict:?}");
+    }
+
+    #[test]
     fn a_field_that_is_too_large_is_not_flown() {
         let list = "x_m,y_m,queue_bits\n".to_owned() + &"50,50,0\n".repeat(super::super::flights::MAX_SENSORS + 1);
         let (round, verdict) = known("slots = 301\n", &list);

@@ -1,13 +1,16 @@
 //! The sensor nodes as the bounds see them: those that sample, in whole bits, with the first slot of a possible
 //! service.
 
-use skysink_common::geometry::{Position, distance_squared};
+use skysink_common::geometry::{Position, distance_squared, within};
 use skysink_common::queues::overflow_bits;
 use skysink_common::sampling::Sampler;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 
 use super::paths::legs::fewest_slots;
+
+/// By how much the nearest place beside zones may be farther away than the range: it keeps clear of them.
+const BESIDE_ZONES: f64 = 1.01;
 
 /// A sensor node (SN) that samples.
 #[derive(Debug, Clone, PartialEq)]
@@ -19,7 +22,7 @@ pub struct SensorBits {
     pub drawn_bits: Option<Vec<u64>>,
     /// Its queue before slot 1 [bit].
     pub queue_bits: u32,
-    /// The first slot at whose end the UAV can be in range, at least 1.
+    /// The first slot at whose end the UAV can be in range, at least 1; [`u64::MAX`] if zones leave no place in range.
     pub first_slot: u64,
 }
 
@@ -66,6 +69,12 @@ impl FieldBits {
     pub fn new(scenario: &Scenario, sensors: &Sensors, queues_bits: &[u32]) -> Self {
         let starts: Vec<Position> = scenario.starts().map(|start| start.xy()).collect();
         let in_range_m = scenario.link.comm_radius_m * (1.0 + 1e-8);
+        let airspace = scenario.airspace();
+        let has_place = |position: &Position| {
+            airspace.is_open()
+                || airspace.has_grid()
+                || within(&airspace.nearest(position), position, BESIDE_ZONES * in_range_m)
+        };
         let mut beyond_buffers_bits = 0;
         let bits = |id: u32| {
             let away_m2 = starts.iter().map(|start| distance_squared(start, sensors.position(id)));
@@ -79,7 +88,7 @@ impl FieldBits {
                     bits
                 }),
                 queue_bits: queues_bits[id as usize],
-                first_slot: (slots as u64).max(1),
+                first_slot: if has_place(sensors.position(id)) { (slots as u64).max(1) } else { u64::MAX },
             }
         };
         Self {
