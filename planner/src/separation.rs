@@ -79,14 +79,16 @@ impl Apart<'_> {
     }
 
     /// Whether `end` [m] is too near to one of the `places` of other UAVs, and neither is in the base. On a grid a UAV also comes
-    /// near to none in the base to which it is not near already.
+    /// near to none in the base to which it is not near already, and where a move takes several slots, which end outside of the
+    /// base, to none at all.
     fn is_near(&self, view: &View, places: &[Position], end: &Position) -> bool {
         let is_in_base = |at: &Position| self.base.is_some_and(|base| base.contains(at));
         let is_near = |from: &Position, place: &Position| (from - place).norm() < self.separation_m;
-        let ground = view.ground();
+        let (airspace, ground) = (&view.table.airspace, view.ground());
         let counts = |place: &Position| match is_in_base(end) {
+            _ if airspace.move_slots() > 1 => true,
             false => !is_in_base(place),
-            true => view.table.airspace.has_grid() && !is_near(&ground, place),
+            true => airspace.has_grid() && !is_near(&ground, place),
         };
         places.iter().any(|place| is_near(end, place) && counts(place))
     }

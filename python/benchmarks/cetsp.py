@@ -186,6 +186,8 @@ def main() -> int:
         for name in late:
             print(f"{name}: tour does not serve all disks within {2 * LEGS} slots", file=sys.stderr)
         return int(bool(late))
+    if min(arguments.uavs, default=2) < 2:
+        parser.error("--uavs: expected numbers from 2 on")
     if arguments.uavs:
         return several(instances, arguments.uavs, arguments.seconds)
     print("| instance | disks | points | length ÷ best known | bound ÷ best known | time [s] |\n|---|---|---|---|---|---|")
