@@ -43,6 +43,9 @@ enum class Mode : uint32_t {
     Return,
     /// Is down where its energy ended, for the rest of the mission (decision D12).
     Down,
+    /// Has not reached the waypoint by the end of the slot: the next plan begins where the vehicle is. Only vehicles from
+    /// outside report it.
+    EnRoute,
 };
 
 /// How the waypoint was found, by its number in messages; an unknown one, from an external planner, is its own rule.
@@ -90,7 +93,7 @@ struct SlotHeader {
 
 /// The constraints on every plan of a mission, so that a planner needs no scenario file.
 struct Limits {
-    static constexpr const char* IOX2_TYPE_NAME = "skysink.Limits.v1";
+    static constexpr const char* IOX2_TYPE_NAME = "skysink.Limits.v2";
     /// The area, 0 to this, east [m].
     double width_m;
     /// The area, 0 to this, north [m].
@@ -115,11 +118,19 @@ struct Limits {
     uint32_t resource_blocks;
     /// Zero.
     uint32_t reserved;
+    /// Latitude of the south-west corner of the area [deg]; infinite without an origin.
+    double origin_lat_deg;
+    /// Longitude of the south-west corner of the area [deg]; infinite without an origin.
+    double origin_lon_deg;
+    /// Start of the first UAV, east, north, up [m].
+    double start_m[3];
+    /// Seed of the mission's draws.
+    uint64_t seed;
 };
 
 /// User header of `sensors`.
 struct SensorsHeader {
-    static constexpr const char* IOX2_TYPE_NAME = "skysink.SensorsHeader.v1";
+    static constexpr const char* IOX2_TYPE_NAME = "skysink.SensorsHeader.v2";
     /// Mission and slot.
     SlotHeader head;
     /// The constraints on every plan.
@@ -240,7 +251,7 @@ struct LinkReport {
 
 /// Payload element of `flight`: the position of a UAV after the slot, and the capacity of each of its links.
 struct FlightReport {
-    static constexpr const char* IOX2_TYPE_NAME = "skysink.FlightReport.v2";
+    static constexpr const char* IOX2_TYPE_NAME = "skysink.FlightReport.v3";
     /// Position, east [m].
     double x_m;
     /// Position, north [m].
@@ -249,6 +260,14 @@ struct FlightReport {
     double z_m;
     /// Energy in the battery after the slot, `E(t)` [J]; infinite without a battery.
     double energy_j;
+    /// When the vehicle was there [s], from the start of slot 1, by its own clock; the end of the slot if it is simulated.
+    double time_s;
+    /// Velocity there, east, north, up [m/s].
+    double velocity_mps[3];
+    /// Heading, clockwise from north [deg]; infinite if it is not known.
+    double heading_deg;
+    /// Covariance of the position [m²]: xx, xy, xz, yy, yz, zz; 0 if the position is exact.
+    double covariance_m2[6];
     /// [`Mode`] flown, as a number.
     uint32_t mode;
     /// [`HoldReason`], as a number.
@@ -301,14 +320,14 @@ struct Health {
 }  // namespace skysink
 
 static_assert(sizeof(skysink::SlotHeader) == 32, "the layout of docs/src/interfaces.md");
-static_assert(sizeof(skysink::SensorsHeader) == 120, "the layout of docs/src/interfaces.md");
-static_assert(sizeof(skysink::Limits) == 88, "the layout of docs/src/interfaces.md");
+static_assert(sizeof(skysink::SensorsHeader) == 168, "the layout of docs/src/interfaces.md");
+static_assert(sizeof(skysink::Limits) == 136, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::SensorNode) == 48, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::QueuesHeader) == 96, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::Totals) == 48, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::Plan) == 400, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::PathPoint) == 32, "the layout of docs/src/interfaces.md");
-static_assert(sizeof(skysink::FlightReport) == 2608, "the layout of docs/src/interfaces.md");
+static_assert(sizeof(skysink::FlightReport) == 2696, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::LinkReport) == 40, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::Tick) == 8, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::Commit) == 8, "the layout of docs/src/interfaces.md");

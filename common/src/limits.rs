@@ -9,7 +9,7 @@ use crate::scenario::{Area, Scenario};
 /// The constraints on every plan of a mission, so that a planner needs no scenario file.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Pod, Zeroable)]
-#[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.Limits.v1"))]
+#[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.Limits.v2"))]
 pub struct Limits {
     /// The area, 0 to this, east [m].
     pub width_m: f64,
@@ -35,6 +35,14 @@ pub struct Limits {
     pub resource_blocks: u32,
     /// Zero.
     pub reserved: u32,
+    /// Latitude of the south-west corner of the area [deg]; infinite without an origin.
+    pub origin_lat_deg: f64,
+    /// Longitude of the south-west corner of the area [deg]; infinite without an origin.
+    pub origin_lon_deg: f64,
+    /// Start of the first UAV, east, north, up [m].
+    pub start_m: [f64; 3],
+    /// Seed of the mission's draws.
+    pub seed: u64,
 }
 
 impl Limits {
@@ -43,6 +51,7 @@ impl Limits {
     pub fn of(scenario: &Scenario) -> Self {
         let climb = scenario.uav.climb();
         let altitude_m = scenario.uav.altitude_m;
+        let origin = scenario.area.origin();
         Self {
             width_m: scenario.area.width_m(),
             height_m: scenario.area.height_m(),
@@ -56,6 +65,10 @@ impl Limits {
             slots: scenario.slots,
             resource_blocks: scenario.link.resource_blocks as u32, // at most MAX_RESOURCE_BLOCKS
             reserved: 0,
+            origin_lat_deg: origin.map_or(f64::INFINITY, |origin| origin.lat_deg),
+            origin_lon_deg: origin.map_or(f64::INFINITY, |origin| origin.lon_deg),
+            start_m: scenario.start().into(),
+            seed: scenario.seed,
         }
     }
 
@@ -98,6 +111,10 @@ mod tests {
             slots: 9,
             resource_blocks: 3,
             reserved: 0,
+            origin_lat_deg: f64::INFINITY,
+            origin_lon_deg: f64::INFINITY,
+            start_m: [40.0, 30.0, 20.0],
+            seed: 1,
         };
         assert_eq!(limits(text), fixed);
         assert_eq!((fixed.area(), fixed.blocks()), (Area::new(80.0, 60.0), 3));

@@ -64,7 +64,7 @@ pub struct QueuesHeader {
 /// User header of `sensors`.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-#[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.SensorsHeader.v1"))]
+#[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.SensorsHeader.v2"))]
 pub struct SensorsHeader {
     /// Mission and slot.
     pub head: SlotHeader,
@@ -120,6 +120,10 @@ pub enum Mode {
     Return,
     /// Is down where its energy ended, for the rest of the mission (decision D12).
     Down,
+    /// Has not reached the waypoint by the end of the slot: the next plan begins where the vehicle is. Only vehicles from
+    /// outside report it.
+    #[strum(serialize = "en-route")]
+    EnRoute,
 }
 
 /// How the waypoint was found, by its number in messages; an unknown one, from an external planner, is its own rule.
@@ -269,7 +273,7 @@ pub enum HoldReason {
 /// Payload element of `flight`: the position of a UAV after the slot, and the capacity of each of its links.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
-#[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.FlightReport.v2"))]
+#[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.FlightReport.v3"))]
 pub struct FlightReport {
     /// Position, east [m].
     pub x_m: f64,
@@ -279,6 +283,14 @@ pub struct FlightReport {
     pub z_m: f64,
     /// Energy in the battery after the slot, `E(t)` [J]; infinite without a battery.
     pub energy_j: f64,
+    /// When the vehicle was there [s], from the start of slot 1, by its own clock; the end of the slot if it is simulated.
+    pub time_s: f64,
+    /// Velocity there, east, north, up [m/s].
+    pub velocity_mps: [f64; 3],
+    /// Heading, clockwise from north [deg]; infinite if it is not known.
+    pub heading_deg: f64,
+    /// Covariance of the position [m²]: xx, xy, xz, yy, yz, zz; 0 if the position is exact.
+    pub covariance_m2: [f64; 6],
     /// [`Mode`] flown, as a number.
     pub mode: u32,
     /// [`HoldReason`], as a number.
@@ -296,8 +308,15 @@ impl FlightReport {
     #[must_use]
     pub fn at(position: impl Into<Point3<f64>>, mode: Mode) -> Self {
         let position = position.into();
-        let energy_j = f64::INFINITY;
-        Self { x_m: position.x, y_m: position.y, z_m: position.z, energy_j, mode: mode as u32, ..Self::zeroed() }
+        Self {
+            x_m: position.x,
+            y_m: position.y,
+            z_m: position.z,
+            energy_j: f64::INFINITY,
+            heading_deg: f64::INFINITY,
+            mode: mode as u32,
+            ..Self::zeroed()
+        }
     }
 
     /// The served links, at most [`MAX_SERVED`] for any `served`.
@@ -383,14 +402,14 @@ mod tests {
     fn the_layouts_stay_what_they_are() {
         assert_eq!(size_of::<SlotHeader>(), 32);
         assert_eq!(size_of::<QueuesHeader>(), 96);
-        assert_eq!(size_of::<Limits>(), 88);
+        assert_eq!(size_of::<Limits>(), 136);
         assert_eq!(offset_of!(Limits, slots), 72);
-        assert_eq!(size_of::<SensorsHeader>(), 120);
+        assert_eq!(size_of::<SensorsHeader>(), 168);
         assert_eq!(offset_of!(SensorsHeader, limits), 32);
         assert_eq!(size_of::<SensorNode>(), 48);
         assert_eq!(size_of::<Plan>(), 400);
         assert_eq!(size_of::<LinkReport>(), 40);
-        assert_eq!(size_of::<FlightReport>(), 2608);
+        assert_eq!(size_of::<FlightReport>(), 2696);
         assert_eq!(size_of::<PathPoint>(), 32);
         assert_eq!(size_of::<Commit>(), 8);
         assert_eq!(size_of::<Tick>(), 8);
@@ -414,6 +433,7 @@ mod tests {
             (4, "charge", Mode::Charge),
             (5, "return", Mode::Return),
             (6, "down", Mode::Down),
+            (7, "en-route", Mode::EnRoute),
         ] {
             assert_eq!((Mode::from_repr(code), mode as u32), (Some(mode), code));
             assert_eq!((name.parse(), mode.to_string()), (Ok(mode), name.to_owned()));

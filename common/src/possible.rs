@@ -33,7 +33,7 @@ impl Message for f64 {
 }
 
 impl Message for FlightReport {
-    /// Positions and links have finite numbers. The links are at most [`MAX_SERVED`], by ascending sensor node, and
+    /// Positions, velocities, covariances and links have finite numbers. The links are at most [`MAX_SERVED`], by ascending sensor node, and
     /// none if the UAV holds, charges or is down: a trace with others could not be flown again. A position outside the area is possible,
     /// because a real vehicle may have been there.
     fn are_possible(flights: &[Self]) -> bool {
@@ -41,9 +41,11 @@ impl Message for FlightReport {
             let links = flight.served_links();
             let numbers = links.iter().flat_map(|link| [link.distance_m, link.elevation_deg, link.rate_bps]);
             let is_idle = matches!(flight.flown_mode(), Mode::Hold | Mode::Charge | Mode::Down);
-            are_finite([flight.x_m, flight.y_m, flight.z_m].into_iter().chain(numbers))
+            let state = [flight.x_m, flight.y_m, flight.z_m, flight.time_s].into_iter().chain(flight.velocity_mps);
+            are_finite(state.chain(flight.covariance_m2).chain(numbers))
                 && links.is_sorted_by(|before, after| before.sensor < after.sensor)
                 && !flight.energy_j.is_nan()
+                && !flight.heading_deg.is_nan()
                 && flight.served as usize <= if is_idle { 0 } else { MAX_SERVED }
         })
     }

@@ -14,6 +14,7 @@ pub struct Fleet {
     uavs: ByUav<Flight>,
     /// Least distance between the ends of slots of two UAVs [m] (decision D23); 0 for any.
     separation_m: f64,
+    slot_s: f64,
 }
 
 impl Fleet {
@@ -25,6 +26,7 @@ impl Fleet {
         Self {
             uavs: scenario.starts().enumerate().map(|(uav, start)| first.of_uav(uav, start, last(uav))).collect(),
             separation_m: scenario.uav.separation_m.unwrap_or(0.0),
+            slot_s: scenario.slot_s,
         }
     }
 
@@ -58,6 +60,22 @@ impl Fleet {
             } else {
                 uav.step(slot, plan)
             };
+            rest[0].time_s = slot as f64 * self.slot_s;
+            leave_to(lower, &mut rest[0]);
+        }
+    }
+
+    /// Takes in where vehicles are at the end of `slot`, as `reports` say it, and fills in the links of these reports as
+    /// [`Flight::observe`] does. A sensor node that a UAV of lower number serves is not served again.
+    pub fn observe<'a>(
+        &mut self,
+        slot: u64,
+        plan_of: impl Fn(usize) -> Option<&'a Plan>,
+        reports: &mut [FlightReport],
+    ) {
+        for (number, uav) in self.uavs.iter_mut().enumerate() {
+            let (lower, rest) = reports.split_at_mut(number);
+            uav.observe(slot, plan_of(number), &mut rest[0]);
             leave_to(lower, &mut rest[0]);
         }
     }
@@ -74,6 +92,7 @@ impl Fleet {
                 Some(flown) => uav.repeat(slot, flown),
                 None => uav.step(slot, None),
             };
+            report.time_s = slot as f64 * self.slot_s;
         }
     }
 }

@@ -163,6 +163,31 @@ impl Flight {
         repeated
     }
 
+    /// Takes in where a vehicle is at the end of `slot`, as its `report` says it, wherever that lies, and fills in the links
+    /// of the report: those of the `plan` to sensor nodes in range of there, with the scenario's channel. There are none
+    /// without a plan, or in a mode in which no sensor node is served. Without an energy in the report, a battery of the
+    /// scenario has that of the model.
+    pub fn observe(&mut self, slot: u64, plan: Option<&Plan>, report: &mut FlightReport) {
+        let mode = Mode::from_repr(report.mode).unwrap_or_default();
+        if mode == Mode::Charge {
+            let _ = self.vehicle.charge();
+            self.vehicle.position = report.position();
+        } else {
+            self.vehicle.move_to(report.position());
+        }
+        if report.energy_j.is_finite() {
+            self.vehicle.energy_j = report.energy_j;
+        } else {
+            report.energy_j = self.vehicle.energy_j;
+        }
+        report.served = 0;
+        if let Some(plan) = plan.filter(|_| !matches!(mode, Mode::Hold | Mode::Charge | Mode::Down)) {
+            let refused = report.refused;
+            self.serve(slot, plan, report);
+            report.refused = report.refused.saturating_add(refused);
+        }
+    }
+
     /// How far beside the waypoint the slot ends [m]; `None` if it ends there, as where a recorded flight ended.
     fn position_error_m(&self, slot: u64, plan: &Plan) -> Option<Vector2<f64>> {
         let sigma_m = self.position_error_m.filter(|_| plan.solver != SolverOutcome::Recorded as u32)?;

@@ -351,7 +351,7 @@ impl Tally {
         match flight.flown_mode() {
             Mode::Hold => summary.held_slots += 1,
             Mode::Transit => summary.transit_slots += 1,
-            Mode::Serve | Mode::Fly | Mode::Charge | Mode::Return | Mode::Down => {}
+            _ => {}
         }
         if let Some(energy) = self.energy.get_mut(uav) {
             energy.add(summary.slots, self.slot_s, flight);

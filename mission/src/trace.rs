@@ -181,7 +181,7 @@ impl RecordedSlot {
             // The refused waypoint.
             Mode::Hold => Plan { x_m: f64::NAN, ..Plan::fly_to(self.position, self.mode) },
             Mode::Down if self.refused > 0 => Plan { x_m: f64::NAN, ..Plan::fly_to(self.position, self.mode) },
-            Mode::Serve | Mode::Transit | Mode::Fly | Mode::Charge | Mode::Return | Mode::Down => self.report(),
+            _ => self.report(),
         }
     }
 

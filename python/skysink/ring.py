@@ -57,10 +57,10 @@ def message(name: str, length: int, version: int = 1) -> type[ctypes.Structure]:
 
 SlotHeader = message("SlotHeader", 32)
 QueuesHeader = message("QueuesHeader", 96)
-SensorsHeader = message("SensorsHeader", 120)
+SensorsHeader = message("SensorsHeader", 168, 2)
 SensorNode = message("SensorNode", 48, 2)
 Plan = message("Plan", 400)
-FlightReport = message("FlightReport", 2608, 2)
+FlightReport = message("FlightReport", 2696, 3)
 Commit = message("Commit", 8)
 
 
@@ -74,13 +74,17 @@ FLIGHT = np.dtype(
     [
         ("at_m", "<f8", 3),
         ("energy_j", "<f8"),
+        ("time_s", "<f8"),
+        ("velocity_mps", "<f8", 3),
+        ("heading_deg", "<f8"),
+        ("covariance_m2", "<f8", 6),
         *((name, "<u4") for name in ("mode", "hold", "refused", "served")),
         ("links", LINK, 64),
     ]
 )
 """A `FlightReport`."""
 
-SERVING = (0, 1, 3, 5)
+SERVING = (0, 1, 3, 5, 7)
 """Modes in which SNs may be served: not in a hold, while charging, nor when down."""
 
 
@@ -142,9 +146,10 @@ def possible_flight(sample: Any) -> bool:
     flight = view(sample, 1, FLIGHT)[0]
     most = len(flight["links"]) if flight["mode"] in SERVING else 0
     links = flight["links"][: flight["served"]]
-    numbers = np.concatenate([flight["at_m"], links["numbers"].ravel()])
+    state = [flight[name] for name in ("at_m", "velocity_mps", "covariance_m2")]
+    numbers = np.concatenate([*state, [flight["time_s"]], links["numbers"].ravel()])
     is_ascending = (np.diff(links["sensor"].astype(np.int64)) > 0).all()
-    has_energy = not np.isnan(flight["energy_j"])
+    has_energy = not np.isnan([flight["energy_j"], flight["heading_deg"]]).any()
     return has_energy and are_finite(numbers) and flight["served"] <= most and bool(is_ascending)
 
 

@@ -297,7 +297,7 @@ class Sent:
 def flight_of(**spoilt: Any) -> Sent:
     """A flight that serves the SNs 3 and 7, but for what is spoilt."""
     flight = np.zeros(1, ring.FLIGHT)
-    assert flight.dtype.itemsize == 2608
+    assert flight.dtype.itemsize == 2696
     flight["at_m"], flight["served"] = (50.0, 20.0, 30.0), 2
     flight["links"]["sensor"][0, :2] = spoilt.pop("sensors", (3, 7))
     flight["links"]["numbers"][0, :3, 2] = spoilt.pop("rates", (1e6, 1e6, np.nan))  # the third link does not count

@@ -25,7 +25,7 @@ use crate::topic::{OnFullBuffer, Opening, Participant, Topic, TopicRow};
 use crate::wait::{PAUSE, WaitContext};
 
 /// Version of the messages and their semantics; processes of different versions refuse each other.
-pub const SCHEMA: u32 = 10;
+pub const SCHEMA: u32 = 11;
 
 /// Buffer of the viewer and of the recorder [samples].
 pub const VIEWER_BUFFER: usize = 64;

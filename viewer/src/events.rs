@@ -31,10 +31,11 @@ const CONTINUED: &str = "recording continued in a new file: the viewer was resta
 \
                          Up to ten seconds of earlier slots may be missing.";
 
-/// The modes of the UAV; with a base, those of energy and landing, too.
+/// The modes of a simulated UAV; with a base, those of energy and landing, too.
 fn modes(has_base: bool) -> impl Iterator<Item = Mode> {
     let needs_base = |mode: &Mode| matches!(mode, Mode::Charge | Mode::Return | Mode::Down);
-    (0..).map_while(Mode::from_repr).filter(move |mode| has_base || !needs_base(mode))
+    let is_simulated = |mode: &Mode| *mode != Mode::EnRoute;
+    (0..).map_while(Mode::from_repr).filter(is_simulated).filter(move |mode| has_base || !needs_base(mode))
 }
 
 /// The states of the lane.
@@ -160,7 +161,7 @@ fn lane_of(uav: usize) -> String {
 fn colour_of(mode: Mode) -> Rgb {
     match mode {
         Mode::Serve => colour::DELIVERY,
-        Mode::Transit => colour::TRANSIT,
+        Mode::Transit | Mode::EnRoute => colour::TRANSIT,
         Mode::Hold => colour::HOLD,
         Mode::Fly => colour::FLY,
         Mode::Charge => colour::CHARGE,
@@ -173,7 +174,7 @@ fn colour_of(mode: Mode) -> Rgb {
 fn height(mode: Mode) -> f64 {
     match mode {
         Mode::Hold => 1.0,
-        Mode::Transit => 2.0,
+        Mode::Transit | Mode::EnRoute => 2.0,
         Mode::Fly => 3.0,
         Mode::Serve => 4.0,
         Mode::Charge => 5.0,
