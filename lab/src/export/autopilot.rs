@@ -1,9 +1,11 @@
 //! The autopilots that missions are for, and how their vehicles move.
 
 use clap::ValueEnum;
+use strum::Display;
 
 /// An autopilot.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Display)]
+#[strum(serialize_all = "lowercase")]
 pub enum Autopilot {
     /// PX4.
     Px4,
@@ -81,8 +83,9 @@ impl Autopilot {
     pub fn hold_s(self, hold_s: f64) -> f64 {
         match self {
             Self::Px4 => hold_s,
+            Self::Ardupilot if hold_s <= 0.0 => 0.0,
             // Up to a nanosecond, so that sums of slots are not rounded up.
-            Self::Ardupilot => (hold_s - 1e-9).ceil().max(0.0),
+            Self::Ardupilot => (hold_s - 1e-9).ceil(),
         }
     }
 

@@ -181,7 +181,7 @@ fn render_mission(
         ..export.mission.clone()
     };
     if let Some(only) = autopilot.filter(|only| *only != options.autopilot()) {
-        let message = format_args!("--autopilot: {} is of {only:?} only: omit this option", export.format.name);
+        let message = format_args!("--autopilot: {} is a format of {only}: omit this option", export.format.name);
         return Err(InputError::new("run folder", &export.run, message).into());
     }
     let mission = vehicle::plan(track, &options)?;
