@@ -47,6 +47,9 @@ pub enum Error {
     /// This build cannot record.
     #[error("this build has no viewer: pass --no-viewer, omit --record, or build with the default features")]
     NoViewer,
+    /// This build cannot fly vehicles over MAVLink.
+    #[error("this build has no bridge to vehicles: build with the default features, or pass a command to --vehicle")]
+    NoBridge,
     /// This build cannot show recordings in a browser. Contains the rerun command that can.
     #[error(
         "this build has no web viewer: build with the default features, or `pip install rerun-sdk=={RERUN}` and `{0}`"
@@ -191,7 +194,7 @@ impl Error {
             Self::Lab(error) => error.exit_code(),
             Self::EndedEarly { cause, .. } => cause.exit_code(),
             Self::Ring(error) => error.exit_code(),
-            Self::Input(_) | Self::Usage(_) | Self::NoViewer | Self::NoWebViewer(_) => 2,
+            Self::Input(_) | Self::Usage(_) | Self::NoViewer | Self::NoBridge | Self::NoWebViewer(_) => 2,
             #[cfg(feature = "viewer")]
             Self::Page(skysink_web::PageError::Taken { .. }) => 2,
             _ => 1,

@@ -18,9 +18,10 @@ use skysink_ring::topics::{Ring, is_release};
 
 use crate::error::Error;
 use crate::report::TerminalProgress;
+use crate::run::commands::{CommandLine, Replacements, VehicleOption};
 use crate::run::limits;
 use crate::run::link;
-use crate::run::options::{CommandLine, Launch, RunOptions, parse_command, parse_seconds};
+use crate::run::options::{Launch, RunOptions, parse_seconds};
 use crate::run::process::POLL_EVERY;
 use crate::run::restart::{Rule, worker};
 use crate::run::ring_mission::END_TIMEOUT;
@@ -54,8 +55,11 @@ pub struct JoinCommand {
     #[arg(long, value_name = "FILE")]
     link: PathBuf,
     /// Start and supervise this command as the planner, as in skysink run.
-    #[arg(long, value_name = "COMMAND", value_parser = parse_command)]
+    #[arg(long, value_name = "COMMAND")]
     planner: Option<CommandLine>,
+    /// Fly these vehicles as flight-sim, or start this command, as in skysink run.
+    #[arg(long, value_name = "ADDRESS|COMMAND")]
+    vehicle: Option<VehicleOption>,
     /// Whether to restart a process that ends before the mission: never or on-failure; ROLE=POLICY, such as
     /// planner=never, applies to one process (repeatable) [default: on-failure].
     #[arg(long, value_name = "POLICY")]
@@ -96,9 +100,11 @@ impl JoinCommand {
         if let Some(index) = twice {
             return Err(Error::Usage(format!("{}: expected each role once", self.roles[index].name())));
         }
-        if self.planner.is_some() && !self.roles.contains(&Role::Planner) {
-            return Err(Error::Usage("--planner: expected with the role planner".to_owned()));
+        let replacements = Replacements { planner: self.planner.as_ref(), vehicle: self.vehicle.as_ref() };
+        if let Some((role, option)) = replacements.roles().find(|(role, _)| !self.roles.contains(role)) {
+            return Err(Error::Usage(format!("{option}: expected with the role {}", role.name())));
         }
+        replacements.check(&[])?;
         link::check(&self.link)
     }
 
@@ -108,7 +114,8 @@ impl JoinCommand {
         let (ring, mut wait) = Ring::<ipc::Service>::join(folder, scenario, Role::Launcher, stop)?;
         let _janitor = Janitor::start(folder);
         let mut commits = ring.commit.reader()?;
-        let options = RunOptions { planner: self.planner, ..RunOptions::default() };
+        let options = RunOptions { planner: self.planner, vehicle: self.vehicle, ..RunOptions::default() };
+        options.check_vehicle(scenario, folder.terms().pace)?;
         let launch = Launch { scenario: self.scenario, recording: PathBuf::new(), label: None, recorded: None };
         let process = |&role: &Role| {
             Ok(Worker::new(role, options.invocation(role, &launch, folder)?, Rule::policy(&self.restart, role)))

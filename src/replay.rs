@@ -138,6 +138,9 @@ impl ReplayCommand {
         if self.options.external.contains(&Role::FlightSim) {
             return refuse("--external flight-sim: expected another role: the replay uses the recorded flight");
         }
+        if self.options.vehicle.is_some() {
+            return refuse("--vehicle: expected with skysink run: the replay uses the recorded flight");
+        }
         if self.strategy.is_some() && self.options.has_external_planner() {
             return refuse("--strategy with --planner or --external planner: expected one of them");
         }

@@ -1,5 +1,6 @@
 //! `skysink run`: flies a mission as a ring of processes.
 
+pub mod commands;
 pub mod executables;
 pub mod external;
 pub mod heartbeat;
@@ -21,6 +22,7 @@ use clap::Args;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
+use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::{Summary, Tally};
 use skysink_planner::settings;
@@ -78,11 +80,13 @@ impl RunCommand {
         let options = &self.options;
         let list = SensorList::of(scenario)?;
         options.check(&list)?;
+        let check_vehicle = |mode: &RunMode| options.check_vehicle(scenario, mode.pace.unwrap_or_default());
         let mut folder = match &self.resume {
             None => {
                 if !options.has_external_planner() {
                     Registered::of(scenario)?;
                 }
+                check_vehicle(&options.run_mode(None))?;
                 let NewFolder { out, .. } = &self.mission.folder;
                 let earlier = self.mission.folder.earlier();
                 RunFolder::create(out.as_deref(), earlier, scenario, &list, &options.run_mode(None))?
@@ -93,6 +97,7 @@ impl RunCommand {
         let mut tally = Tally::new(scenario, &list, &mode);
         let mut resumed = None;
         if self.resume.is_some() {
+            check_vehicle(&mode)?;
             options.check_resumed(&folder)?;
             resumed = Some(resume(&folder, scenario, &list, &mut tally, stop)?);
         }

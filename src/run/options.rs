@@ -9,6 +9,7 @@ use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use skysink_common::error::InputError;
 use skysink_common::pace::Pace;
+use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_mission::error::FileContext;
 use skysink_mission::origin::RunMode;
@@ -18,7 +19,8 @@ use skysink_ring::role::Role;
 use skysink_ring::wait::Waiting;
 
 use crate::error::Error;
-use crate::run::executables::{self, is_command};
+use crate::run::commands::{CommandLine, Replacements, VehicleOption};
+use crate::run::executables;
 use crate::run::limits;
 use crate::run::link;
 use crate::run::process::Invocation;
@@ -55,8 +57,13 @@ pub struct RunOptions {
     pub link: Option<PathBuf>,
     /// Start and supervise this command as the planner, for example "python3 mine.py". No shell is used. The
     /// environment variables SKYSINK_RING and SKYSINK_SCENARIO contain the ring folder and the scenario file.
-    #[arg(long, value_name = "COMMAND", value_parser = parse_command)]
+    #[arg(long, value_name = "COMMAND")]
     pub planner: Option<CommandLine>,
+    /// Fly these vehicles instead of simulated ones: MAVLink addresses, separated by commas, such as
+    /// udpin:127.0.0.1:14540 or serial:/dev/ttyUSB0:57600. Anything else is a command that is started in the place of
+    /// flight-sim, like that of --planner.
+    #[arg(long, value_name = "ADDRESS|COMMAND")]
+    pub vehicle: Option<VehicleOption>,
     /// Name of the external planner in the results [default: external].
     #[arg(long, value_name = "NAME", value_parser = parse_label)]
     pub label: Option<String>,
@@ -69,6 +76,9 @@ pub struct RunOptions {
     #[arg(long, value_name = "SECONDS", value_parser = parse_seconds)]
     pub timeout: Option<f64>,
 }
+
+/// The executable that flies vehicles over MAVLink.
+const BRIDGE: &str = "mavlink";
 
 /// Inputs and outputs of the processes of a ring.
 #[derive(Debug)]
@@ -134,19 +144,6 @@ pub fn parse_seconds(text: &str) -> Result<f64, String> {
     }
 }
 
-/// A program and its arguments; never empty.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct CommandLine(pub Vec<String>);
-
-/// Splits a command line into words with the quoting rules of a shell, without expansion.
-///
-/// # Errors
-/// If the text is empty or a quotation is not closed.
-pub fn parse_command(text: &str) -> Result<CommandLine, String> {
-    let words = shlex::split(text).filter(|words| !words.is_empty());
-    words.map(CommandLine).ok_or_else(|| "expected a command such as \"python3 mine.py\"".to_owned())
-}
-
 /// Parses the name of a planner, which may become a part of the folder's name.
 ///
 /// # Errors
@@ -162,6 +159,18 @@ impl RunOptions {
     /// considered hung after half the timeout, which therefore must be longer than a slot.
     pub(crate) fn timeout_s(&self, default_s: f64, pace: Pace, slot_s: f64) -> f64 {
         self.timeout.unwrap_or(default_s) + pace.period(slot_s).map_or(0.0, |period| 2.0 * period.as_secs_f64())
+    }
+
+    /// What the user has put in the place of processes of Skysink.
+    pub(crate) fn replacements(&self) -> Replacements<'_> {
+        Replacements { planner: self.planner.as_ref(), vehicle: self.vehicle.as_ref() }
+    }
+
+    /// The roles whose processes are waited for as long as for one that the user starts: these, and a vehicle, which has
+    /// to get ready and to take off.
+    pub(crate) fn patient_roles(&self) -> Vec<Role> {
+        let vehicle = self.vehicle.iter().map(|_| Role::FlightSim);
+        self.external.iter().copied().chain(vehicle).collect()
     }
 
     /// Whether the planner is external: started by `--planner` or by the user.
@@ -189,9 +198,9 @@ impl RunOptions {
 
     /// The names of the roles with external processes, and those that had one `before`, each once.
     fn external_roles(&self, before: Vec<String>) -> Vec<String> {
-        let planner = self.planner.is_some().then_some(Role::Planner);
+        let replaced = self.replacements().roles().map(|(role, _)| role);
         let mut roles = before;
-        for role in self.external.iter().copied().chain(planner).map(Role::name) {
+        for role in self.external.iter().copied().chain(replaced).map(Role::name) {
             if !roles.iter().any(|other| other == role) {
                 roles.push(role.to_owned());
             }
@@ -232,32 +241,24 @@ impl RunOptions {
     /// The options to pass with `--resume` to continue this run.
     pub fn resume_options(&self) -> String {
         let roles: Vec<_> = self.external.iter().filter(|&&role| !self.may_checkpoint_remotely(role)).collect();
-        let command = self.planner.iter().filter_map(|CommandLine(words)| {
-            let command = shlex::try_join(words.iter().map(String::as_str)).ok()?;
-            Some(format!(" --planner {}", shlex::try_quote(&command).ok()?))
-        });
         let link = self.link.iter().filter(|_| !roles.is_empty()).map(|config| {
             let config = config.to_string_lossy();
             format!(" --link {}", shlex::try_quote(&config).unwrap_or(Cow::Borrowed(&config)))
         });
         let words = roles.iter().map(|role| format!(" --external {}", role.name()));
-        words.chain(link).chain(command).collect()
+        words.chain(link).chain(self.replacements().options()).collect()
     }
 
     /// The command that starts the process of `role`.
     pub(crate) fn invocation(&self, role: Role, launch: &Launch, ring: &RingFolder) -> Result<Invocation, Error> {
         let absolute = |path: &Path| std::path::absolute(path).at(path);
         let scenario = absolute(&launch.scenario)?;
-        if let (Role::Planner, Some(CommandLine(words))) = (role, &self.planner) {
-            let (program, arguments) = words.split_first().expect("a command has words");
-            return Ok(Invocation {
-                program: program.into(),
-                arguments: arguments.iter().map(Into::into).collect(),
-                environment: vec![("SKYSINK_RING", ring.path().into()), ("SKYSINK_SCENARIO", scenario.into())],
-                ..Invocation::default()
-            });
+        if let Some(command) = self.replacements().command(role) {
+            return Ok(command.invocation(ring, &scenario));
         }
-        let (program, mut arguments) = executables::command_of(role.name()).at(Path::new("skysink"))?;
+        let vehicles = self.vehicle.as_ref().and_then(VehicleOption::addresses).filter(|_| role == Role::FlightSim);
+        let name = if vehicles.is_some() { BRIDGE } else { role.name() };
+        let (program, mut arguments) = executables::command_of(name).at(Path::new("skysink"))?;
         if !program.is_file() {
             return Err(Error::ExecutableMissing(program));
         }
@@ -268,8 +269,28 @@ impl RunOptions {
             arguments.extend(self.record_every.map(|slots| format!("--record-every={slots}").into()));
             arguments.extend(launch.label.iter().flat_map(|name| ["--label".into(), name.into()]));
         }
+        arguments.extend(vehicles.iter().flat_map(|addresses| ["--connect".into(), addresses.into()]));
         arguments.extend(launch.recorded_arguments(role)?);
         Ok(Invocation { program, arguments, ..Invocation::default() })
+    }
+
+    /// Checks that the bridge to vehicles can fly `scenario` at this pace: by the clock, and with a place on Earth.
+    ///
+    /// # Errors
+    /// [`Error::NoBridge`] or [`Error::Usage`].
+    pub fn check_vehicle(&self, scenario: &Scenario, pace: Pace) -> Result<(), Error> {
+        let Some(addresses) = self.vehicle.as_ref().and_then(VehicleOption::addresses) else { return Ok(()) };
+        if !cfg!(feature = "mavlink") {
+            return Err(Error::NoBridge);
+        }
+        let refuse = |message: &str| Err(Error::Usage(format!("--vehicle {addresses}: {message}")));
+        if pace == Pace::Max {
+            return refuse("expected a paced run: --pace realtime, or a factor such as 5x if the vehicle runs as fast");
+        }
+        if scenario.area.origin().is_none() {
+            return refuse("expected a scenario with area.origin_lat_deg and area.origin_lon_deg");
+        }
+        Ok(())
     }
 
     /// Checks the options before the run: against each other, the build, and the resources of the machine. Running out
@@ -285,12 +306,7 @@ impl RunOptions {
         if self.no_viewer && self.external.contains(&Role::Viewer) {
             return refuse("--external viewer and --no-viewer: expected one of them");
         }
-        if self.planner.is_some() && self.external.contains(&Role::Planner) {
-            return refuse("--external planner and --planner: expected one of them");
-        }
-        if let Some(CommandLine(words)) = self.planner.as_ref().filter(|CommandLine(words)| !is_command(&words[0])) {
-            return refuse(&format!("--planner {}: expected an executable file or a command of the PATH", words[0]));
-        }
+        self.replacements().check(&self.external)?;
         if let Some(port @ 1..) = self.live {
             let probe = std::net::TcpListener::bind(("127.0.0.1", port));
             if let Err(error) = probe {

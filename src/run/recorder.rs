@@ -67,7 +67,8 @@ pub struct Recorder<'a, S: Service + 'static> {
     plan_watch: Option<PlanWatch>,
 }
 
-/// How long the recorder waits for a message from processes that the launcher does not start.
+/// How long the recorder waits for a message from processes that the launcher does not start, and from vehicles. They
+/// are not killed when they are overdue.
 #[derive(Debug, Clone, Default)]
 pub struct ExternalTimeout {
     /// Their roles.
@@ -239,7 +240,8 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
             let is_overdue = !is_reported && waited >= self.ring.terms.overdue_limit();
             is_reported |= is_overdue;
             let ms = i32::try_from(waited.as_millis()).unwrap_or(i32::MAX);
-            let overdue = SampleEvent { from: missing.from, event: ProcessEvent::Overdue(ms), is_hung: true };
+            let is_hung = !self.external.roles.contains(&missing.from);
+            let overdue = SampleEvent { from: missing.from, event: ProcessEvent::Overdue(ms), is_hung };
             let [plan, queues] = [self.plans.newest_slot(), self.queues.newest_slot()];
             let plans = self.plan_watch.as_mut().and_then(|watch| watch.poll(plan, queues, Instant::now()));
             for event in [Some(overdue).filter(|_| is_overdue), plans].into_iter().flatten() {

@@ -19,6 +19,7 @@ use skysink_ring::role::Role;
 use skysink_ring::topics::{Ring, is_release};
 
 use crate::support::flight::RunningFlight;
+use crate::support::scenarios::SMOKE;
 use crate::support::{Place, scenarios, until};
 
 /// Flies the plans of a ring as a vehicle in wind: it comes to rest elsewhere, at times outside the area. It always
@@ -166,4 +167,66 @@ fn a_role_that_becomes_external_when_a_run_is_resumed_is_named() {
     place.assert_trace_as_simulated("run");
     place.run_ok(&["report", "run", "--sensors"]);
     place.assert_clean();
+}
+
+#[test]
+fn a_vehicle_command_is_started_restarted_and_named() {
+    let place = Place::new();
+    let command = &place.external_vehicle(0);
+    let run = place.flight("long").without_viewer().vehicle(command).start();
+    run.until_slot(200);
+    run.kill("flight-sim");
+    run.wait_for_success();
+    place.assert_trace_as_simulated("run");
+    let summary = place.summary("run");
+    assert_eq!((&summary["external"], &summary["restarts"]), (&serde_json::json!(["flight-sim"]), &1.into()));
+    assert!(place.read("run/run.toml").contains("external = [\"flight-sim\"]"));
+    place.run_ok(&["report", "run", "--sensors"]);
+    place.run_ok(&["replay", "run", "--no-viewer"]);
+    place.assert_clean();
+}
+
+#[test]
+fn a_run_of_a_vehicle_command_says_how_it_is_resumed() {
+    let place = Place::new();
+    let command = &place.external_vehicle(0);
+    let run = place.flight("long").without_viewer().vehicle(command).start();
+    run.until_slot(100);
+    let ended = run.terminate();
+    let hint = format!("`skysink run --resume run --vehicle {command}` continues it");
+    assert!(ended.stderr.contains(&hint), "{ended:?}");
+    place.run_ok(&["run", "--no-viewer", "--resume", "run", "--vehicle", command]);
+    place.assert_trace_as_simulated("run");
+    place.assert_clean();
+}
+
+/// A vehicle needs longer to get ready than a process of Skysink may take: it is neither killed nor given up.
+#[test]
+fn a_vehicle_that_takes_its_time_is_waited_for() {
+    let place = Place::new();
+    let flight = place.flight("smoke").without_viewer().vehicle(&place.external_vehicle(5));
+    flight.timeout("6").run();
+    assert_eq!(place.summary("run")["restarts"], 0);
+    let ended = flight.out("short").timeout("1").try_run().assert_code(1);
+    assert!(ended.stderr.contains("flight-sim has not sent flight(0) for 1 s"), "{ended:?}");
+    place.assert_clean();
+}
+
+#[test]
+fn vehicles_that_cannot_be_flown_are_refused_before_anything_is_written() {
+    let place = Place::new();
+    let udp = "udpin:127.0.0.1:14540";
+    for (arguments, says) in [
+        (&["--vehicle", "no-such-command x"][..], "--vehicle no-such-command: expected an executable"),
+        (&["--vehicle", "true", "--external", "flight-sim"], "--external flight-sim and --vehicle"),
+        (&["--vehicle", udp], "expected a paced run: --pace realtime"),
+        (&["--vehicle", udp, "--pace", "max"], "expected a paced run"),
+        (&["--vehicle", udp, "--pace", "5x"], "expected a scenario with area.origin_lat_deg"),
+    ] {
+        let ended = place.run(&[&["run", SMOKE, "--no-viewer", "--out", "run"], arguments].concat()).assert_code(2);
+        assert!(ended.stderr.contains(says), "{ended:?}");
+        assert!(!place.path("run").exists());
+    }
+    place.flight("smoke").out("run").simulate();
+    place.run_refused(&["replay", "run", "--no-viewer", "--vehicle", "true"], "--vehicle: expected with skysink run");
 }

@@ -86,6 +86,12 @@ impl<'a> FlightBuilder<'a> {
         self.options(&["--planner", command])
     }
 
+    /// With vehicles instead of flight-sim: MAVLink addresses or a command.
+    #[must_use]
+    pub fn vehicle(&self, vehicle: &str) -> Self {
+        self.options(&["--vehicle", vehicle])
+    }
+
     /// In a ring without the viewer, which otherwise records; programs that are built without it have none.
     #[must_use]
     pub fn without_viewer(&self) -> Self {

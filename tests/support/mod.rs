@@ -133,10 +133,22 @@ impl Place {
 
     /// The command of an external planner, which finds the ring by the environment variables.
     pub fn external_planner(&self) -> String {
-        let planner = env!("CARGO_BIN_EXE_planner");
-        let script = format!("#!/bin/sh\nexec {planner} --scenario \"$SKYSINK_SCENARIO\" --ring \"$SKYSINK_RING\"\n");
-        let path = self.write("mine.sh", &script);
-        std::fs::set_permissions(&path, std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
+        self.script("mine.sh", env!("CARGO_BIN_EXE_planner"))
+    }
+
+    /// The command of a vehicle, which finds the ring in the same way after `delay_s` [s].
+    pub fn external_vehicle(&self, delay_s: u32) -> String {
+        self.script(
+            "vehicle.sh",
+            &format!("sh -c 'sleep {delay_s}; exec {} \"$@\"' -", env!("CARGO_BIN_EXE_flight-sim")),
+        )
+    }
+
+    /// A script that runs `program` in the ring of the environment variables.
+    fn script(&self, name: &str, program: &str) -> String {
+        let script = format!("#!/bin/sh\nexec {program} --scenario \"$SKYSINK_SCENARIO\" --ring \"$SKYSINK_RING\"\n");
+        let path = self.write(name, &script);
+        fs::set_permissions(&path, std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
         path.display().to_string()
     }
 

@@ -1,0 +1,173 @@
+//! The programs that a user puts in the place of Skysink's: `--planner COMMAND`, and `--vehicle ADDRESS` or `COMMAND`.
+
+use std::borrow::Cow;
+use std::ffi::OsString;
+use std::path::Path;
+use std::str::FromStr;
+
+use skysink_ring::folder::RingFolder;
+use skysink_ring::role::Role;
+
+use crate::error::Error;
+use crate::run::executables::is_command;
+use crate::run::process::Invocation;
+
+/// A program and its arguments; never empty.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct CommandLine(pub Vec<String>);
+
+impl FromStr for CommandLine {
+    type Err = String;
+
+    /// Splits a command line into words with the quoting rules of a shell, without expansion.
+    fn from_str(text: &str) -> Result<Self, String> {
+        let words = shlex::split(text).filter(|words| !words.is_empty());
+        words.map(Self).ok_or_else(|| "expected a command such as \"python3 mine.py\"".to_owned())
+    }
+}
+
+impl CommandLine {
+    /// The command, started in the ring of `ring`; its environment says where ring and scenario are.
+    pub(crate) fn invocation(&self, ring: &RingFolder, scenario: &Path) -> Invocation {
+        let (program, arguments) = self.0.split_first().expect("a command has words");
+        Invocation {
+            program: program.into(),
+            arguments: arguments.iter().map(OsString::from).collect(),
+            environment: vec![("SKYSINK_RING", ring.path().into()), ("SKYSINK_SCENARIO", scenario.into())],
+            ..Invocation::default()
+        }
+    }
+
+    /// As it is typed as the value of an option; `None` if a shell cannot quote it.
+    fn quoted(&self) -> Option<String> {
+        let command = shlex::try_join(self.0.iter().map(String::as_str)).ok()?;
+        shlex::try_quote(&command).ok().map(Cow::into_owned)
+    }
+}
+
+/// What flies in the place of flight-sim.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum VehicleOption {
+    /// Vehicles at these MAVLink addresses, flown by the bridge `mavlink`.
+    Mavlink(String),
+    /// A command of the user.
+    Command(CommandLine),
+}
+
+/// What an address of MAVLink begins with.
+const SCHEMES: [&str; 6] = ["udpin:", "udpout:", "udpbcast:", "tcpin:", "tcpout:", "serial:"];
+
+impl FromStr for VehicleOption {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let is_address = SCHEMES.iter().any(|scheme| text.starts_with(scheme));
+        if is_address { Ok(Self::Mavlink(text.to_owned())) } else { text.parse().map(Self::Command) }
+    }
+}
+
+impl VehicleOption {
+    /// The command, unless the bridge flies.
+    #[must_use]
+    pub fn command(&self) -> Option<&CommandLine> {
+        match self {
+            Self::Command(command) => Some(command),
+            Self::Mavlink(_) => None,
+        }
+    }
+
+    /// The addresses, if the bridge flies.
+    #[must_use]
+    pub fn addresses(&self) -> Option<&str> {
+        match self {
+            Self::Mavlink(addresses) => Some(addresses),
+            Self::Command(_) => None,
+        }
+    }
+
+    /// As it is typed as the value of an option; `None` if a shell cannot quote it.
+    fn quoted(&self) -> Option<String> {
+        match self {
+            Self::Command(command) => command.quoted(),
+            Self::Mavlink(addresses) => shlex::try_quote(addresses).ok().map(Cow::into_owned),
+        }
+    }
+}
+
+/// What the user starts Skysink with instead of its own planner and flight-sim.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Replacements<'a> {
+    /// `--planner`.
+    pub planner: Option<&'a CommandLine>,
+    /// `--vehicle`.
+    pub vehicle: Option<&'a VehicleOption>,
+}
+
+impl<'a> Replacements<'a> {
+    /// The roles that are filled, with the options that say so.
+    pub fn roles(self) -> impl Iterator<Item = (Role, &'static str)> {
+        let planner = self.planner.map(|_| (Role::Planner, "--planner"));
+        let vehicle = self.vehicle.map(|_| (Role::FlightSim, "--vehicle"));
+        planner.into_iter().chain(vehicle)
+    }
+
+    /// The command of the user that fills `role`, if one does.
+    pub fn command(self, role: Role) -> Option<&'a CommandLine> {
+        match role {
+            Role::Planner => self.planner,
+            Role::FlightSim => self.vehicle.and_then(VehicleOption::command),
+            _ => None,
+        }
+    }
+
+    /// Refuses a role that is left to the user, too, and a command that is none.
+    ///
+    /// # Errors
+    /// [`Error::Usage`].
+    pub fn check(self, external: &[Role]) -> Result<(), Error> {
+        for (role, option) in self.roles() {
+            let name = role.name();
+            if external.contains(&role) {
+                return Err(Error::Usage(format!("--external {name} and {option}: expected one of them")));
+            }
+            if let Some(CommandLine(words)) = self.command(role)
+                && !is_command(&words[0])
+            {
+                let expected = "expected an executable file or a command of the PATH";
+                return Err(Error::Usage(format!("{option} {}: {expected}", words[0])));
+            }
+        }
+        Ok(())
+    }
+
+    /// The options that name them, each after a space.
+    pub fn options(self) -> impl Iterator<Item = String> {
+        let planner = self.planner.and_then(CommandLine::quoted).map(|value| format!(" --planner {value}"));
+        let vehicle = self.vehicle.and_then(VehicleOption::quoted).map(|value| format!(" --vehicle {value}"));
+        planner.into_iter().chain(vehicle)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_vehicle_is_an_address_or_a_command() {
+        let addresses = |text: &str| text.parse::<VehicleOption>().unwrap().addresses().map(str::to_owned);
+        for address in ["udpin:127.0.0.1:14540", "serial:/dev/ttyUSB0:57600", "tcpout:a:1,tcpout:b:1"] {
+            assert_eq!(addresses(address), Some(address.to_owned()));
+        }
+        assert_eq!(addresses("python3 udpin:1"), None);
+        assert!("'".parse::<VehicleOption>().is_err());
+    }
+
+    #[test]
+    fn replacements_are_printed_as_they_are_typed() {
+        let planner = "python3 'my file.py'".parse().unwrap();
+        let vehicle = "udpin:127.0.0.1:14540".parse().unwrap();
+        let replacements = Replacements { planner: Some(&planner), vehicle: Some(&vehicle) };
+        let options: String = replacements.options().collect();
+        assert_eq!(options, " --planner \"python3 'my file.py'\" --vehicle udpin:127.0.0.1:14540");
+    }
+}
