@@ -4,7 +4,7 @@ use std::ops::RangeInclusive;
 
 use re_sdk::{RecordingStream, RecordingStreamResult};
 use re_sdk_types::AnyValues;
-use re_sdk_types::archetypes::{Boxes3D, Image, Points3D, TextDocument, Transform3D};
+use re_sdk_types::archetypes::{Arrows3D, Boxes3D, Image, Points3D, TextDocument, Transform3D};
 use re_sdk_types::components::Radius;
 use skysink_common::base::{Base, BaseArea};
 use skysink_common::channel::{Channel, LineOfSight};
@@ -28,6 +28,8 @@ pub const SCALE: &str = "scale";
 pub const AREA: &str = "world/area";
 /// Numbers at the area's axes.
 pub const AXES: &str = "world/area/axes";
+/// The arrow to the north.
+pub const NORTH: &str = "world/area/north";
 
 /// The base.
 pub const BASE: &str = "world/base";
@@ -171,7 +173,7 @@ fn format_rate(rate_bps: f64) -> String {
 /// bars.
 pub(crate) fn log_area(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<()> {
     let Sizes { width_m, depth_m, .. } = *sizes;
-    let below_m = 0.01 * sizes.radius_m;
+    let below_m = sizes.layer_m;
     let half_m = 0.5 * sizes.bar_m + below_m;
     let margin_m = sizes.bar_half_m;
     let ground = Boxes3D::from_centers_and_half_sizes(
@@ -194,7 +196,21 @@ pub(crate) fn log_area(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<
         .with_show_labels(true)
         .with_radii([Radius::new_ui_points(0.1)])
         .with_colors([colour::WRITING]);
-    canvas.log_static(AXES, &axes)
+    canvas.log_static(AXES, &axes)?;
+    log_north(canvas, sizes)
+}
+
+/// An arrow to the north beside the north-east corner of the area.
+fn log_north(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<()> {
+    let longer_m = sizes.width_m.max(sizes.depth_m);
+    let length_m = 0.1 * longer_m;
+    let arrow = Arrows3D::from_vectors([[0.0, length_m, 0.0]])
+        .with_origins([[sizes.width_m + 0.05 * longer_m, sizes.depth_m - length_m, 0.0]])
+        .with_radii([0.004 * longer_m])
+        .with_colors([colour::WRITING])
+        .with_labels(["N"])
+        .with_show_labels(true);
+    canvas.log_static(NORTH, &arrow)
 }
 
 /// Draws the base, if there is one.

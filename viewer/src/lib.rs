@@ -5,6 +5,7 @@
 
 pub mod belief;
 mod blueprint;
+pub mod cameras;
 mod canvas;
 pub mod colour;
 pub mod comparison;

@@ -28,6 +28,8 @@ pub const LINKS: &str = "world/links";
 pub(crate) struct Links {
     feet: Vec<Point>,
     radius_m: f32,
+    /// Height of the circles.
+    circles_z_m: f32,
     /// The range of the colour scale [bit/s]; `None` if links are coloured by line of sight.
     pub(crate) rates_bps: Option<RangeInclusive<f64>>,
 }
@@ -44,7 +46,7 @@ impl Links {
         sizes: &Sizes,
     ) -> RecordingStreamResult<Self> {
         let candidates = Cylinders3D::update_fields()
-            .with_lengths([0.001 * sizes.radius_m])
+            .with_lengths([0.1 * sizes.layer_m])
             .with_fill_mode(FillMode::MajorWireframe)
             .with_colors([colour::CANDIDATE])
             .with_line_radii([Radius::new_ui_points(0.8)]);
@@ -62,6 +64,7 @@ impl Links {
         Ok(Self {
             feet: sensors.positions.iter().map(|position| [position.x as f32, position.y as f32, 0.0]).collect(),
             radius_m: sizes.radius_m,
+            circles_z_m: 0.2 * sizes.layer_m,
             rates_bps,
         })
     }
@@ -70,7 +73,7 @@ impl Links {
     pub(crate) fn log_circles(&self, canvas: &Canvas, plan: Option<&Plan>) -> RecordingStreamResult<()> {
         let circles_m = plan.map_or(&[][..], |plan| &plan.circles_m);
         let is_drawn = |centre_m: &&[f64; 2]| centre_m.iter().all(|coordinate_m| coordinate_m.is_finite());
-        let centre = |&[x_m, y_m]: &[f64; 2]| [x_m as f32, y_m as f32, 0.002 * self.radius_m];
+        let centre = |&[x_m, y_m]: &[f64; 2]| [x_m as f32, y_m as f32, self.circles_z_m];
         let centres: Vec<Point> = circles_m.iter().filter(is_drawn).map(centre).collect();
         let candidates = Cylinders3D::update_fields().with_radii(centres.iter().map(|_| self.radius_m));
         canvas.show(CANDIDATES, &candidates.with_centers(centres))?;

@@ -24,7 +24,7 @@ use crate::sizes::Sizes;
 use crate::slot::SlotView;
 use crate::status::status;
 use crate::uav::UavShape;
-use crate::{events, legend, zones};
+use crate::{cameras, events, legend, zones};
 
 /// The drawing state of a mission.
 pub(crate) struct Picture {
@@ -72,6 +72,7 @@ impl Picture {
         let curves = Curves::open(&canvas, scenario, sensors.sampling.is_drawn())?;
         legend::log_scales(&canvas, links.rates_bps.as_ref())?;
         legend::log_area(&canvas, sizes)?;
+        cameras::log(&canvas, sizes)?;
         legend::log_base(&canvas, scenario)?;
         zones::log_zones(&canvas, scenario)?;
         zones::log_shadows(&canvas, scenario, sensors)?;

@@ -5,6 +5,10 @@ use skysink_common::scenario::Scenario;
 /// Maximum number of sensor nodes that are drawn as bars. With more, a recording would take hundreds of megabytes.
 pub(crate) const MAX_BARS: usize = 2_000;
 
+/// Longest side of an area that its views show in metres. Wider ones are reduced to it: rerun's near plane is fixed, and
+/// the further away an area is, the less its depth buffer tells heights apart, in browsers 10 m at 1.5 km.
+pub(crate) const UNREDUCED_M: f32 = 100.0;
+
 /// Sizes of drawn objects [m].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Sizes {
@@ -18,6 +22,10 @@ pub(crate) struct Sizes {
     pub(crate) highest_m: f32,
     /// Communication radius on the ground, `d_c`.
     pub(crate) radius_m: f32,
+    /// Unit of the views of the whole area.
+    pub(crate) unit_m: f32,
+    /// Height that keeps what is drawn on the ground apart from it. Layers lie at fractions of it.
+    pub(crate) layer_m: f32,
     /// Distance of grid lines.
     pub(crate) grid_m: f32,
     /// Distance of grid lines with a number: every first, second, fifth and so on.
@@ -48,6 +56,7 @@ impl Sizes {
         let longer_m = width_m.max(depth_m);
         let grid_m = round_step(longer_m / 8.0);
         let bar_m = (0.5 * lowest_m).max(0.045 * longer_m);
+        let near_m = radius_m.min(altitude_m);
         let spacing_m = (width_m * depth_m / count.max(1) as f32).sqrt();
         Self {
             width_m,
@@ -55,12 +64,14 @@ impl Sizes {
             altitude_m,
             highest_m,
             radius_m,
+            unit_m: (longer_m / UNREDUCED_M).max(1.0),
+            layer_m: (0.001 * longer_m).max(0.01 * radius_m),
             grid_m,
             number_m: number_step(grid_m, longer_m),
             bar_m,
             has_tall_bars: bar_m > 0.8 * altitude_m,
             bar_half_m: 0.11 * spacing_m.min(0.08 * longer_m),
-            arm_m: 0.18 * radius_m.min(altitude_m),
+            arm_m: (0.008 * longer_m).clamp(0.18 * near_m, 0.25 * near_m),
             point_ui: if count <= MAX_BARS {
                 3.0
             } else if count <= 50_000 {

@@ -91,14 +91,14 @@ impl UavShape {
         let at = Entities::of(uav);
         let paint = colour::of_uav(uav);
         log_body(canvas, &at, sizes.arm_m, paint)?;
-        log_coverage(canvas, &at, sizes.radius_m)?;
+        log_coverage(canvas, &at, sizes)?;
         canvas.log_static(&*at.trail, &line_style(if uav == 0 { colour::TRAIL } else { paint }, 1.2))?;
         canvas.log_static(&*at.track, &line_style(if uav == 0 { colour::TRACK } else { paint }, 0.7))?;
         for entity in [&at.waypoint, &at.plan] {
             canvas.log_static(&**entity, &line_style(colour::PLAN, 1.5))?;
         }
         canvas.log_static(&*at.plumb, &line_style(colour::COVERAGE, 0.7))?;
-        Ok(Self { at, ring_m: 1.8 * sizes.arm_m, track_z_m: -0.006 * sizes.radius_m, flown: Vec::new() })
+        Ok(Self { at, ring_m: 1.8 * sizes.arm_m, track_z_m: -0.6 * sizes.layer_m, flown: Vec::new() })
     }
 
     /// Adds the position after a slot.
@@ -181,9 +181,10 @@ fn log_body(canvas: &Canvas, at: &Entities, arm_m: f32, paint: colour::Rgb) -> R
 }
 
 /// A disc just below the sensor nodes, and its border.
-fn log_coverage(canvas: &Canvas, at: &Entities, radius_m: f32) -> RecordingStreamResult<()> {
-    let disc = Cylinders3D::from_lengths_and_radii([0.002 * radius_m], [radius_m])
-        .with_centers([[0.0, 0.0, -0.004 * radius_m]])
+fn log_coverage(canvas: &Canvas, at: &Entities, sizes: &Sizes) -> RecordingStreamResult<()> {
+    let Sizes { radius_m, layer_m, .. } = *sizes;
+    let disc = Cylinders3D::from_lengths_and_radii([0.2 * layer_m], [radius_m])
+        .with_centers([[0.0, 0.0, -0.4 * layer_m]])
         .with_colors([colour::COVERED])
         .with_fill_mode(FillMode::Solid);
     canvas.log_static(format!("{}/disc", at.coverage), &disc)?;
