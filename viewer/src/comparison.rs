@@ -10,7 +10,7 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 
 use crate::blueprint::{Blueprint, class};
-use crate::cameras::{field_frame, overview};
+use crate::cameras::{TOP, field_frame, overview};
 use crate::canvas::Canvas;
 use crate::colour::{self, Rgb};
 use crate::layout::{SLOTS_PER_S, TRACK_SLOTS, film, flown, from_above, lock_axis, select, select_all};
@@ -128,7 +128,9 @@ impl Comparison {
         for plot in &PLOTS {
             self.canvas.append(curve(plot, root), &Scalars::single((plot.value)(view, fill)))?;
         }
-        self.recording.end_slot(view.queues_bits.len());
+        if self.recording.is_batch_due(view.queues_bits.len()) {
+            self.recording.send_batch();
+        }
         Ok(())
     }
 
@@ -154,7 +156,8 @@ impl Comparison {
             layout.show_past(field, &name_of(uav::TRAIL), Some(15), *slot_s)?;
             film(&layout, field, &overview(sizes))?;
             fields.push((1.0, field));
-            let top = drawn.world_without([uav::TRAIL, path::PATH]);
+            let mut top = drawn.world_without([uav::TRAIL, path::PATH]);
+            top.push(select_all(&name_of(TOP)));
             let top = from_above(&mut layout, title, &name_of, &top, sizes)?;
             layout.show_past(top, &name_of(uav::TRACK), Some(TRACK_SLOTS), *slot_s)?;
             tops.push((1.0, top));

@@ -2,7 +2,8 @@
 
 use re_sdk::RecordingStreamResult;
 use re_sdk_types::blueprint::archetypes::{
-    Background, EyeControls3D, LineGrid3D, NearClipPlane, PlotLegend, ScalarAxis, SpatialInformation, TextLogColumns, VisualBounds2D,
+    Background, EyeControls3D, LineGrid3D, NearClipPlane, PlotLegend, ScalarAxis, SpatialInformation, TextLogColumns,
+    VisualBounds2D,
 };
 use re_sdk_types::blueprint::components::{self, BackgroundKind, ContainerKind};
 use re_sdk_types::blueprint::datatypes::{self, TextLogColumnKind};
@@ -17,7 +18,7 @@ use crate::los::{self, profile};
 use crate::recording::Recording;
 use crate::sizes::Sizes;
 use crate::slot::WallClock;
-use crate::{belief, curves, events, legend, links, maps, path, queues, uav};
+use crate::{belief, curves, events, geo, legend, links, maps, path, queues, uav};
 
 /// Playback speed of a file [slot/s].
 pub(crate) const SLOTS_PER_S: f64 = 10.0;
@@ -36,7 +37,7 @@ pub(crate) fn send(
     let log = log(&mut layout)?;
     let below = layout.container(ContainerKind::Tabs, &[(1.0, lane), (1.0, log)])?;
     let left = layout.container(ContainerKind::Vertical, &[(6.0, scenes), (1.1, below)])?;
-    let right = beside(&mut layout, scenario, clock)?;
+    let right = beside(&mut layout, scenario, clock, recording.port)?;
     let root = layout.container(ContainerKind::Horizontal, &[(2.1, left), (1.0, right)])?;
     layout.send(&recording.stream, root, SLOTS_PER_S)
 }
@@ -95,26 +96,31 @@ fn scenes(
     let world = select_all(queues::WORLD);
     let uavs = scenario.uav.uavs();
     let omit_each = |entity: &str| if uavs == 1 { omit(entity) } else { omit_all(entity) };
-    let show_past = |layout: &Blueprint, view: Tile, entity: &str, slots: u32| {
-        (0..uavs).try_for_each(|uav| layout.show_past(view, &uav::name_of(entity, uav), Some(slots), slot_s))
+    let show_past = |layout: &Blueprint, view: Tile, entity: &str, slots: Option<u32>| {
+        (0..uavs).try_for_each(|uav| layout.show_past(view, &uav::name_of(entity, uav), slots, slot_s))
     };
     let field = [world.clone(), omit_each(uav::TRACK), omit_all(path::TRACK)];
     let field = layout.view(class::SCENE, "Field (3D)", cameras::field_frame(sizes), &field)?;
-    show_past(layout, field, uav::TRAIL, 15)?;
-    let top = [world.clone(), omit_each(uav::TRAIL), omit_all(path::PATH)];
+    show_past(layout, field, uav::TRAIL, Some(15))?;
+    let top = [world.clone(), select_all(cameras::TOP), omit_each(uav::TRAIL), omit_all(path::PATH)];
     let top = from_above(layout, "Top view", &str::to_owned, &top, sizes)?;
-    show_past(layout, top, uav::TRACK, TRACK_SLOTS)?;
+    show_past(layout, top, uav::TRACK, Some(TRACK_SLOTS))?;
     let mut chase = vec![world, omit_each(uav::TRACK), omit(uav::DOT), omit(legend::AXES), omit_all(path::TRACK)];
     if sizes.has_tall_bars {
         chase.extend([omit(queues::BARS), omit(queues::LOST)]);
     }
     let chase = layout.view(class::SCENE, "Chase", uav::UAV, &chase)?;
-    show_past(layout, chase, uav::TRAIL, 10)?;
+    show_past(layout, chase, uav::TRAIL, Some(10))?;
     for (view, camera) in [(field, overview(sizes)), (chase, beside_uav(sizes))] {
         film(layout, view, &camera)?;
     }
     let maps = maps(layout, sizes, slot_s)?;
     let mut tabs = vec![(1.0, field), (1.0, top), (1.0, chase), (1.0, maps)];
+    if scenario.area.origin().is_some() {
+        let map = layout.view(class::MAP, "Map", geo::GEO, &[select_all(geo::GEO)])?;
+        show_past(layout, map, geo::TRAIL, None)?;
+        tabs.push((1.0, map));
+    }
     if estimated.is_some() {
         tabs.push((1.0, beliefs(layout, sizes)?));
     }
@@ -143,7 +149,8 @@ pub(crate) fn flown(
     slot_s: f64,
 ) -> RecordingStreamResult<Tile> {
     let all = [legend::AREA, uav::COVERAGE].map(|entity| select_all(&name_of(entity)));
-    let shown = [&[select(&name_of(uav::TRACK))][..], &all].concat();
+    let shown = [uav::TRACK, legend::TEXT_ABOVE].map(|entity| select(&name_of(entity)));
+    let shown = [&shown[..], &all].concat();
     let view = from_above(layout, title, name_of, &shown, sizes)?;
     layout.show_past(view, &name_of(uav::TRACK), None, slot_s)?;
     Ok(view)
@@ -198,8 +205,8 @@ pub(crate) fn film(layout: &Blueprint, view: Tile, camera: &EyeControls3D) -> Re
 /// The line-of-sight tab: the space around the UAV, its legend, and the curves behind the choice of the altitude.
 fn line_of_sight(layout: &mut Blueprint, sizes: &Sizes, slot_s: f64) -> RecordingStreamResult<Tile> {
     let shown = [select_all(queues::WORLD), select_all(los::SPACE), omit_all(path::TRACK)];
-    let hidden = [uav::TRACK, uav::DOT, links::CANDIDATES, links::CHOSEN, legend::AXES].map(omit);
-    let contents = [&shown[..], &hidden].concat();
+    let hidden = [uav::TRACK, uav::DOT, links::CHOSEN, legend::AXES].map(omit);
+    let contents = [&shown[..], &hidden, &[omit_all(links::CANDIDATES)]].concat();
     let room = layout.view(class::SCENE, "Probability of sight around the UAV", uav::COVERAGE, &contents)?;
     layout.show_past(room, uav::TRAIL, Some(30), slot_s)?;
     film(layout, room, &around_uav(sizes))?;
@@ -224,7 +231,12 @@ fn by_draw(root: &str) -> [String; 3] {
 }
 
 /// The column with curves, colour scales and text.
-fn beside(layout: &mut Blueprint, scenario: &Scenario, clock: WallClock) -> RecordingStreamResult<Tile> {
+fn beside(
+    layout: &mut Blueprint,
+    scenario: &Scenario,
+    clock: WallClock,
+    live: Option<u16>,
+) -> RecordingStreamResult<Tile> {
     let losses = [curves::LOSS, curves::LOSS_MARK];
     let fills = [curves::FILL_MAX, curves::FILL_MEAN];
     let fill = plot(layout, "Queue fill: fullest (yellow), mean (grey)", &fills)?;
@@ -236,6 +248,15 @@ fn beside(layout: &mut Blueprint, scenario: &Scenario, clock: WallClock) -> Reco
         (1.5, plot(layout, "Loss rate so far: lost ÷ sampled (red), 1 % (grey)", &losses)?),
         (1.3, fill),
     ];
+    if live.is_some() {
+        let newest = layout.view(
+            class::TEXT,
+            "Newest slot, wherever the time cursor is",
+            events::NEWEST,
+            &[select(events::NEWEST)],
+        )?;
+        rows.insert(1, (0.35, newest));
+    }
     let delivered = if scenario.arrival_law().is_random() {
         plot(layout, "Delivered (green), sampled (cyan) [kbit]", &[curves::DELIVERED, curves::SAMPLED])?
     } else {

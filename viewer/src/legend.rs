@@ -15,7 +15,7 @@ use skysink_common::scenario::Scenario;
 use crate::canvas::Canvas;
 use crate::colour::{self, Rgb};
 use crate::los::field;
-use crate::shapes::{circle, line_style, writing};
+use crate::shapes::{circle, line_style, text_style, writing};
 use crate::sizes::{MAX_BARS, Sizes};
 
 /// The main page.
@@ -30,6 +30,11 @@ pub const AREA: &str = "world/area";
 pub const AXES: &str = "world/area/axes";
 /// The arrow to the north.
 pub const NORTH: &str = "world/area/north";
+
+/// Text of the area for the views from above.
+pub const TEXT_ABOVE: &str = "cameras/top/text";
+/// The name of the base for the views from above.
+const BASE_ABOVE: &str = "cameras/top/base";
 
 /// The base.
 pub const BASE: &str = "world/base";
@@ -191,26 +196,37 @@ pub(crate) fn log_area(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<
     let at_x = sizes.axis_numbers(width_m).map(|x_m| ([x_m, -away_m, 0.0], format!("{x_m} m")));
     let at_y = sizes.axis_numbers(depth_m).skip(1).map(|y_m| ([-1.5 * away_m, y_m, 0.0], format!("{y_m} m")));
     let (places, texts): (Vec<_>, Vec<_>) = at_x.chain(at_y).unzip();
-    let axes = Points3D::new(places)
-        .with_labels(texts)
-        .with_show_labels(true)
-        .with_radii([Radius::new_ui_points(0.1)])
-        .with_colors([colour::WRITING]);
-    canvas.log_static(AXES, &axes)?;
+    canvas.log_static(AXES, &text_style(colour::WRITING).with_positions(places).with_labels(texts))?;
     log_north(canvas, sizes)
 }
 
-/// An arrow to the north beside the north-east corner of the area.
+/// An arrow to the north, east of the area.
 fn log_north(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<()> {
-    let longer_m = sizes.width_m.max(sizes.depth_m);
-    let length_m = 0.1 * longer_m;
-    let arrow = Arrows3D::from_vectors([[0.0, length_m, 0.0]])
-        .with_origins([[sizes.width_m + 0.05 * longer_m, sizes.depth_m - length_m, 0.0]])
-        .with_radii([0.004 * longer_m])
-        .with_colors([colour::WRITING])
-        .with_labels(["N"])
-        .with_show_labels(true);
-    canvas.log_static(NORTH, &arrow)
+    let Sizes { north_foot_m, north_m, .. } = *sizes;
+    let [x_m, y_m] = north_foot_m;
+    let arrow = Arrows3D::from_vectors([[0.0, north_m, 0.0]])
+        .with_origins([[x_m, y_m, 0.0]])
+        .with_radii([0.04 * north_m])
+        .with_colors([colour::WRITING]);
+    canvas.log_static(NORTH, &arrow)?;
+    let tip = text_style(colour::WRITING).with_positions([[x_m, y_m + 1.35 * north_m, 0.0]]).with_labels(["N"]);
+    canvas.log_static(format!("{NORTH}/letter"), &tip)
+}
+
+/// Writes the numbers at the axes, the north and the base for the views from above, in which rerun draws no text of the
+/// scene.
+pub(crate) fn log_text_above(canvas: &Canvas, scenario: &Scenario, sizes: &Sizes) -> RecordingStreamResult<()> {
+    let Sizes { width_m, depth_m, north_foot_m, north_m, .. } = *sizes;
+    let longer_m = width_m.max(depth_m);
+    let place = |[x_m, y_m]: [f32; 2]| [x_m, depth_m - y_m];
+    let at_x = sizes.axis_numbers(width_m).map(|x_m| (place([x_m, -0.01 * longer_m]), format!("{x_m} m")));
+    let at_y = sizes.axis_numbers(depth_m).skip(1);
+    let at_y = at_y.map(|y_m| (place([-0.05 * longer_m, y_m + 0.03 * longer_m]), format!("{y_m} m")));
+    let north = (place([north_foot_m[0], north_foot_m[1] + 1.6 * north_m]), "N".to_owned());
+    canvas.log_static(TEXT_ABOVE, &writing(at_x.chain(at_y).chain([north])))?;
+    let Some(base) = scenario.landing_base() else { return Ok(()) };
+    let names = base.places().map(|at| (place([at.x as f32, at.y as f32]), "base".to_owned()));
+    canvas.log_static(BASE_ABOVE, &writing(names).with_colors([colour::CHARGE]))
 }
 
 /// Draws the base, if there is one.

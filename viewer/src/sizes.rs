@@ -30,6 +30,10 @@ pub(crate) struct Sizes {
     pub(crate) grid_m: f32,
     /// Distance of grid lines with a number: every first, second, fifth and so on.
     pub(crate) number_m: f32,
+    /// Where the arrow to the north begins, in x and y.
+    pub(crate) north_foot_m: [f32; 2],
+    /// Its length.
+    pub(crate) north_m: f32,
     /// Height of the bar of a full queue: half the lowest altitude, so that no bar hides the UAV, or more in a wide
     /// field, where bars would be invisible.
     pub(crate) bar_m: f32,
@@ -68,6 +72,8 @@ impl Sizes {
             layer_m: (0.001 * longer_m).max(0.01 * radius_m),
             grid_m,
             number_m: number_step(grid_m, longer_m),
+            north_foot_m: [width_m + 0.06 * longer_m, 0.06 * longer_m],
+            north_m: 0.1 * longer_m,
             bar_m,
             has_tall_bars: bar_m > 0.8 * altitude_m,
             bar_half_m: 0.11 * spacing_m.min(0.08 * longer_m),
@@ -104,10 +110,17 @@ fn round_step(length_m: f32) -> f32 {
     [5.0, 2.0].into_iter().map(|digit| digit * decade).find(|&step| step <= length_m).unwrap_or(decade)
 }
 
+/// Whether a length is a power of ten [m].
+fn is_decade(length_m: f32) -> bool {
+    (length_m.log10() - length_m.log10().round()).abs() < 1e-4
+}
+
 /// Distance of numbers: a multiple of the grid distance with at most seven numbers.
 fn number_step(grid_m: f32, longer_m: f32) -> f32 {
     let lines = longer_m / grid_m;
-    let every = [1.0, 2.0, 5.0].into_iter().find(|every| lines / every < 6.5).unwrap_or(10.0);
+    let third = (is_decade(grid_m)).then_some(3.0); // of 100 m, but not of 20 m or 50 m
+    let every = [Some(1.0), Some(2.0), third, Some(5.0)].into_iter().flatten();
+    let every = every.into_iter().find(|every| lines / every < 6.5).unwrap_or(10.0);
     every * grid_m
 }
 
@@ -144,7 +157,8 @@ mod tests {
 
     #[test]
     fn numbers_are_at_grid_lines_and_leave_each_other_room() {
-        for (longer_m, number_m) in [(100.0, 20.0), (300.0, 100.0), (600.0, 100.0), (1_000.0, 200.0)] {
+        for (longer_m, number_m) in [(100.0, 20.0), (300.0, 100.0), (600.0, 100.0), (1_000.0, 200.0), (1_500.0, 300.0)]
+        {
             assert_eq!(number_step(round_step(longer_m / 8.0), longer_m), number_m, "{longer_m}");
         }
     }
