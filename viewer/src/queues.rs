@@ -1,7 +1,6 @@
 //! The sensor nodes, coloured by queue fill: a point each, and a bar each if they are few enough. A sensor node that
 //! loses data in the slot has a separate colour; one that has lost data in the mission has a mark above it.
 
-use std::borrow::Cow;
 use std::sync::Arc;
 
 use re_sdk::RecordingStreamResult;
@@ -14,6 +13,7 @@ use skysink_common::sensors::Sensors;
 use crate::canvas::Canvas;
 use crate::colour;
 use crate::history::SensorHistory;
+use crate::names::SensorNames;
 use crate::sizes::{MAX_BARS, Sizes};
 
 /// Root of the 3D scene, with the queue scale.
@@ -61,17 +61,17 @@ struct Bars {
 }
 
 impl QueueShapes {
-    /// Places the sensor nodes, labels them with `names`, if there are some, and with weights that differ, and names the
-    /// levels of the queue scale. Larger buffers are drawn wider.
+    /// Places and labels the sensor nodes, and names the levels of the queue scale. Larger buffers are drawn wider.
     pub(crate) fn open(
         canvas: &Canvas,
         sensors: &Arc<Sensors>,
         sizes: &Sizes,
-        names: &[String],
+        names: &SensorNames,
     ) -> RecordingStreamResult<Self> {
-        let names = &labels(sensors, names)[..];
+        let labels = names.labels(sensors);
         let widths = widths(sensors);
-        let shows_names = (1..=MOST_NAMES).contains(&names.len());
+        let is_told = names.given() > 0 || !sensors.weights.are_equal();
+        let shows_names = is_told && sensors.count() <= MOST_NAMES;
         canvas.log_static(WORLD, &AnnotationContext::new((0..=OVERFLOW_LEVEL).map(describe)))?;
         if sensors.sampling.is_drawn() {
             let marks = Points3D::update_fields().with_colors([colour::BURST]).with_radii([Radius::new_ui_points(3.5)]);
@@ -84,7 +84,10 @@ impl QueueShapes {
             let points = Points3D::new(feet_m.iter().map(|&[x_m, y_m]| [x_m, y_m, 0.0]))
                 .with_radii(widths.iter().map(|width| Radius::new_ui_points(sizes.point_ui * width)))
                 .with_show_labels(!has_bars && shows_names);
-            let points = if names.is_empty() { points } else { points.with_labels(names.iter().map(String::as_str)) };
+            let points = match &labels {
+                Some(labels) => points.with_labels(labels.iter().map(String::as_str)),
+                None => points,
+            };
             canvas.log_static(POINTS, &points)?;
         }
         if !has_bars {
@@ -95,7 +98,10 @@ impl QueueShapes {
             .with_centers(feet_m.iter().map(|&[x_m, y_m]| [x_m, y_m, 0.0]))
             .with_fill_mode(FillMode::Solid)
             .with_show_labels(shows_names);
-        let style = if names.is_empty() { style } else { style.with_labels(names.iter().map(String::as_str)) };
+        let style = match &labels {
+            Some(labels) => style.with_labels(labels.iter().map(String::as_str)),
+            None => style,
+        };
         canvas.log_static(BARS, &style)?;
         let marks = Points3D::update_fields().with_colors([colour::LOSS]).with_radii([Radius::new_ui_points(2.5)]);
         canvas.log_static(LOST, &marks)?;
@@ -163,19 +169,6 @@ fn widths(sensors: &Sensors) -> Vec<f32> {
         return vec![1.0];
     }
     buffers_bits().map(|buffer_bits| (f64::from(buffer_bits) / f64::from(most_bits)).sqrt() as f32).collect()
-}
-
-/// The `names`, which may be empty, with the weights of the sensor nodes if these differ.
-fn labels<'a>(sensors: &Sensors, names: &'a [String]) -> Cow<'a, [String]> {
-    if sensors.weights.are_equal() {
-        return Cow::Borrowed(names);
-    }
-    let label = |id: u32| {
-        let name = names.get(id as usize).filter(|name| !name.is_empty());
-        let name = name.map_or_else(|| format!("SN {id}"), Clone::clone);
-        format!("{name}, w = {}", sensors.weights.of(id as usize))
-    };
-    sensors.ids().map(label).collect()
 }
 
 /// Half the sides of the bars, each slightly larger than the one before. The difference is invisible, but halves the
