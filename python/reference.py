@@ -28,7 +28,7 @@ SOURCES = {
     "skysink": ["_skysink.pyi", "strategy.py", "models.py", "flight.py", "sweeps.py"],
     "skysink.environment": ["environment.py"],
     "skysink.agents": ["agents.py"],
-    "skysink.ring": ["ring.py"],
+    "skysink.ring": ["ring.py", "ring_vehicle.py"],
 }
 PUBLIC = {
     "skysink": [
@@ -36,7 +36,7 @@ PUBLIC = {
     ],
     "skysink.environment": ["DataCollectionEnv", "DataCollectionVectorEnv"],
     "skysink.agents": ["parallel_env", "DataCollectionParallelEnv", "FleetBatch"],
-    "skysink.ring": ["planner"],
+    "skysink.ring": ["planner", "vehicle", "Vehicle", "Order", "Flown"],
 }  # fmt: skip
 PLAIN = {"break_long_words": False, "break_on_hyphens": False}
 
