@@ -174,7 +174,7 @@ fn format_rate(rate_bps: f64) -> String {
     format!("{value:.digits$} {unit}")
 }
 
-/// The ground, its frame, a grid, and the numbers at the axes. The ground is thick enough to hide the lower half of
+/// The ground, its frame, a grid, and the numbers at the axes. The ground is thick enough to hide sunken
 /// bars.
 pub(crate) fn log_area(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<()> {
     let Sizes { width_m, depth_m, .. } = *sizes;

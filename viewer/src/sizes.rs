@@ -5,8 +5,8 @@ use skysink_common::scenario::Scenario;
 /// Maximum number of sensor nodes that are drawn as bars. With more, a recording would take hundreds of megabytes.
 pub(crate) const MAX_BARS: usize = 2_000;
 
-/// Longest side of an area that its views show in metres. Wider ones are reduced to it: rerun's near plane is fixed, and
-/// the further away an area is, the less its depth buffer tells heights apart, in browsers 10 m at 1.5 km.
+/// Longest side of an area that its views show in metres. Wider ones are reduced to it: the near plane of rerun's 3D
+/// views is fixed, so that WebGL, at a distance of 1.5 km, does not tell heights apart that differ by less than 10 m.
 pub(crate) const UNREDUCED_M: f32 = 100.0;
 
 /// Sizes of drawn objects [m].
@@ -22,7 +22,7 @@ pub(crate) struct Sizes {
     pub(crate) highest_m: f32,
     /// Communication radius on the ground, `d_c`.
     pub(crate) radius_m: f32,
-    /// Unit of the views of the whole area.
+    /// Unit of the 3D view of the whole area.
     pub(crate) unit_m: f32,
     /// Height that keeps what is drawn on the ground apart from it. Layers lie at fractions of it.
     pub(crate) layer_m: f32,
@@ -68,7 +68,7 @@ impl Sizes {
             altitude_m,
             highest_m,
             radius_m,
-            unit_m: (longer_m / UNREDUCED_M).max(1.0),
+            unit_m: unit_m(longer_m),
             layer_m: (0.001 * longer_m).max(0.01 * radius_m),
             grid_m,
             number_m: number_step(grid_m, longer_m),
@@ -108,6 +108,11 @@ fn multiples(step_m: f32) -> impl Iterator<Item = f32> {
 fn round_step(length_m: f32) -> f32 {
     let decade = 10f32.powf(length_m.log10().floor());
     [5.0, 2.0].into_iter().map(|digit| digit * decade).find(|&step| step <= length_m).unwrap_or(decade)
+}
+
+/// Unit of the views of an area whose longer side is this long [m]: a power of ten, so that positions are readable.
+fn unit_m(longer_m: f32) -> f32 {
+    [1.0, 10.0, 100.0, 1e3].into_iter().find(|unit_m| longer_m <= UNREDUCED_M * unit_m).unwrap_or(1e4)
 }
 
 /// Whether a length is a power of ten [m].
