@@ -143,6 +143,26 @@ mod tests {
     }
 
     #[test]
+    fn what_lies_on_the_ground_is_as_far_above_it_as_the_area_is_wide() {
+        let sizes = |side_m: f64, radius_m: f64| {
+            let text = format!("name = \"s\"\n[area]\nside_m = {side_m:?}\n[link]\ncomm_radius_m = {radius_m:?}\n");
+            let scenario = Scenario::parse(&text, std::path::Path::new("s.toml"), Overrides::default()).unwrap();
+            Sizes::of(&scenario, 200)
+        };
+        for (side_m, radius_m, layer_m) in
+            [(100.0, 10.0, 0.1), (100.0, 30.0, 0.3), (600.0, 10.0, 0.6), (1_500.0, 80.0, 1.5)]
+        {
+            let found_m = sizes(side_m, radius_m).layer_m;
+            assert!((found_m - layer_m).abs() < 1e-6, "{side_m}: {found_m}");
+        }
+        // In the unit of the view it is never less than in a field of 100 m.
+        let units = [50.0, 100.0, 101.0, 1_000.0, 1_500.0, 2e5].map(|side_m| sizes(side_m, 10.0).unit_m);
+        assert_eq!(units, [1.0, 1.0, 10.0, 10.0, 100.0, 1e4]);
+        let [paper, farm] = [sizes(100.0, 10.0), sizes(1_500.0, 80.0)].map(|sizes| sizes.arm_m);
+        assert!((paper - 1.8).abs() < 1e-6 && farm > 1.8, "{paper} {farm}");
+    }
+
+    #[test]
     fn a_bar_is_seen_in_a_wide_field() {
         let text = "name = \"wide\"\n[area]\nside_m = 1000.0\n";
         let scenario = Scenario::parse(text, std::path::Path::new("wide.toml"), Overrides::default()).unwrap();
