@@ -64,7 +64,7 @@ const BELIEF: &str =
 
 /// Text of the legend for a map.
 const MAP: &str =
-    " Tab *Map*: SNs, paths and UAVs (orange: the first) on a map, whose background comes from the internet.";
+    " Tab *Map*: SNs, paths and UAVs (magenta: the first) on a map, whose background comes from the internet.";
 
 /// Rows of the legend for a base.
 const BASE_ROWS: &str = "\
