@@ -10,7 +10,7 @@ use crate::canvas::Canvas;
 use crate::queues;
 use crate::sizes::Sizes;
 
-/// Frame of the views of a whole area that is wider than [`crate::sizes::UNREDUCED_M`], in units of [`Sizes::unit_m`].
+/// Frame of the 3D view of a whole area that is wider than 100 m, in units of 10 m, 100 m and so on.
 pub const REDUCED: &str = "cameras/field";
 /// The camera of the views from above.
 pub const TOP: &str = "cameras/top";

@@ -36,7 +36,7 @@ pub fn of_uav(uav: usize) -> Rgb {
 /// Sensor nodes on a map, whose background may be light or dark.
 pub const MAP_SENSOR: Rgb = [40, 110, 225];
 /// The first UAV on a map.
-const MAP_UAV: Rgb = [240, 120, 0];
+const MAP_UAV: Rgb = [205, 45, 200];
 
 /// The colour of the UAV number `uav` on a map.
 #[must_use]

@@ -255,7 +255,7 @@ fn beside(
             events::NEWEST,
             &[select(events::NEWEST)],
         )?;
-        rows.insert(1, (0.35, newest));
+        rows.insert(1, (0.5, newest));
     }
     let delivered = if scenario.arrival_law().is_random() {
         plot(layout, "Delivered (green), sampled (cyan) [kbit]", &[curves::DELIVERED, curves::SAMPLED])?

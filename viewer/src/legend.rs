@@ -62,6 +62,10 @@ pub(crate) fn log_pages(
 const BELIEF: &str =
     " Tab *Belief and truth*: the queues as the UAV believes them to be, as they are, and the difference.";
 
+/// Text of the legend for a map.
+const MAP: &str =
+    " Tab *Map*: SNs, paths and UAVs (magenta: the first) on a map, whose background comes from the internet.";
+
 /// Rows of the legend for a base.
 const BASE_ROWS: &str = "\
     | light green line | base |\n\
@@ -108,6 +112,9 @@ fn page(scenario: &Scenario, count: usize, sizes: &Sizes, estimated: Option<Rate
         }),
         blocks = scenario.link.resource_blocks,
         radius_m = scenario.link.comm_radius_m,
+        readout = readout(scenario),
+        unit = unit(sizes),
+        map = scenario.area.origin().map_or("", |_| MAP),
         strategy = scenario.planner.strategy,
         seed = scenario.seed,
         slots = scenario.slots,
@@ -115,6 +122,22 @@ fn page(scenario: &Scenario, count: usize, sizes: &Sizes, estimated: Option<Rate
         height_m = scenario.area.height_m(),
         grid_m = sizes.grid_m,
     )
+}
+
+/// What is written at a UAV.
+fn readout(scenario: &Scenario) -> String {
+    let first = if scenario.uav.uavs() == 1 { "time since the start" } else { "its number" };
+    let battery = if scenario.uav.battery.is_some() { ", energy in the battery" } else { "" };
+    format!("{first}, altitude, mean speed in the slot{battery}")
+}
+
+/// Text of the legend for areas that are shown in a larger unit.
+fn unit(sizes: &Sizes) -> String {
+    if sizes.unit_m > 1.0 {
+        format!(" Positions that the viewer tells in *Field (3D)* are in units of {} m.", sizes.unit_m)
+    } else {
+        String::new()
+    }
 }
 
 /// The page on line of sight and the altitude of the UAV.
@@ -174,7 +197,7 @@ fn format_rate(rate_bps: f64) -> String {
     format!("{value:.digits$} {unit}")
 }
 
-/// The ground, its frame, a grid, and the numbers at the axes. The ground is thick enough to hide the lower half of
+/// The ground, its frame, a grid, and the numbers at the axes. The ground is thick enough to hide sunken
 /// bars.
 pub(crate) fn log_area(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<()> {
     let Sizes { width_m, depth_m, .. } = *sizes;

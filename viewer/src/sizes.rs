@@ -5,8 +5,8 @@ use skysink_common::scenario::Scenario;
 /// Maximum number of sensor nodes that are drawn as bars. With more, a recording would take hundreds of megabytes.
 pub(crate) const MAX_BARS: usize = 2_000;
 
-/// Longest side of an area that its views show in metres. Wider ones are reduced to it: rerun's near plane is fixed, and
-/// the further away an area is, the less its depth buffer tells heights apart, in browsers 10 m at 1.5 km.
+/// Longest side of an area that its views show in metres. Wider ones are reduced to it: the near plane of rerun's 3D
+/// views is fixed, so that WebGL, at a distance of 1.5 km, does not tell heights apart that differ by less than 10 m.
 pub(crate) const UNREDUCED_M: f32 = 100.0;
 
 /// Sizes of drawn objects [m].
@@ -22,7 +22,7 @@ pub(crate) struct Sizes {
     pub(crate) highest_m: f32,
     /// Communication radius on the ground, `d_c`.
     pub(crate) radius_m: f32,
-    /// Unit of the views of the whole area.
+    /// Unit of the 3D view of the whole area.
     pub(crate) unit_m: f32,
     /// Height that keeps what is drawn on the ground apart from it. Layers lie at fractions of it.
     pub(crate) layer_m: f32,
@@ -68,7 +68,7 @@ impl Sizes {
             altitude_m,
             highest_m,
             radius_m,
-            unit_m: (longer_m / UNREDUCED_M).max(1.0),
+            unit_m: unit_m(longer_m),
             layer_m: (0.001 * longer_m).max(0.01 * radius_m),
             grid_m,
             number_m: number_step(grid_m, longer_m),
@@ -110,6 +110,11 @@ fn round_step(length_m: f32) -> f32 {
     [5.0, 2.0].into_iter().map(|digit| digit * decade).find(|&step| step <= length_m).unwrap_or(decade)
 }
 
+/// Unit of the views of an area whose longer side is this long [m]: a power of ten, so that positions are readable.
+fn unit_m(longer_m: f32) -> f32 {
+    [1.0, 10.0, 100.0, 1e3].into_iter().find(|unit_m| longer_m <= UNREDUCED_M * unit_m).unwrap_or(1e4)
+}
+
 /// Whether a length is a power of ten [m].
 fn is_decade(length_m: f32) -> bool {
     (length_m.log10() - length_m.log10().round()).abs() < 1e-4
@@ -135,6 +140,26 @@ mod tests {
         let sizes = Sizes::of(&scenario, 200);
         assert_eq!((sizes.bar_m, sizes.has_tall_bars), (10.0, false));
         assert!(sizes.bar_half_m < 1.0 && sizes.arm_m < sizes.radius_m);
+    }
+
+    #[test]
+    fn what_lies_on_the_ground_is_as_far_above_it_as_the_area_is_wide() {
+        let sizes = |side_m: f64, radius_m: f64| {
+            let text = format!("name = \"s\"\n[area]\nside_m = {side_m:?}\n[link]\ncomm_radius_m = {radius_m:?}\n");
+            let scenario = Scenario::parse(&text, std::path::Path::new("s.toml"), Overrides::default()).unwrap();
+            Sizes::of(&scenario, 200)
+        };
+        for (side_m, radius_m, layer_m) in
+            [(100.0, 10.0, 0.1), (100.0, 30.0, 0.3), (600.0, 10.0, 0.6), (1_500.0, 80.0, 1.5)]
+        {
+            let found_m = sizes(side_m, radius_m).layer_m;
+            assert!((found_m - layer_m).abs() < 1e-6, "{side_m}: {found_m}");
+        }
+        // In the unit of the view it is never less than in a field of 100 m.
+        let units = [50.0, 100.0, 101.0, 1_000.0, 1_500.0, 2e5].map(|side_m| sizes(side_m, 10.0).unit_m);
+        assert_eq!(units, [1.0, 1.0, 10.0, 10.0, 100.0, 1e4]);
+        let [paper, farm] = [sizes(100.0, 10.0), sizes(1_500.0, 80.0)].map(|sizes| sizes.arm_m);
+        assert!((paper - 1.8).abs() < 1e-6 && farm > 1.8, "{paper} {farm}");
     }
 
     #[test]
