@@ -8,7 +8,7 @@ import os
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -91,7 +91,7 @@ class Flown:
     """When it was there [s], from the start of slot 1, by its own clock; None for the end of the slot."""
     is_down: bool = False
     """Whether it cannot fly any more."""
-    bits: Mapping[int, int] | None = field(default=None)
+    bits: Mapping[int, int] | None = None
     """Bits that real SNs have delivered in the slot, by id; None for what the scenario's channel carries to those in range."""
 
 

@@ -98,9 +98,10 @@ def test_one_that_lags_is_en_route_and_loses_more(place: Path) -> None:
     assert summary(place)["loss_rate"] > 0.002  # type: ignore[operator]
     modes = [row[9] for row in rows(place)]
     assert modes.count("en-route") > 400 and "serve" in modes
-    for command in (["report", "run", "--sensors"], ["replay", "run", "--no-viewer"], ["compare", "run", "run-replay"]):
+    run("simulate", LETTER, "--out", "alone", cwd=place)
+    for command in (["report", "run", "--sensors"], ["replay", "run", "--no-viewer"], ["compare", "run", "alone"]):
         run(*command, cwd=place)
-    run("export", "run", "--format", "qgc-plan", "--origin", "47,8", cwd=place)
+    run("export", "run", "--format", "qgc-plan", "--origin", "47,8", "--ignore-endurance", cwd=place)
     assert json.loads((place / "run-replay" / "replay.json").read_text())["trace_hash"] == summary(place)["trace_hash"]
 
 
