@@ -65,6 +65,24 @@ impl Fleet {
         }
     }
 
+    /// Why vehicles that are where they were last observed must not follow `plans`, in the order of their numbers;
+    /// [`HoldReason::None`] for those that may. As in [`Self::step`], the plan of a lower number goes first.
+    #[must_use]
+    pub fn refusals(&self, plans: &[Plan]) -> ByUav<HoldReason> {
+        let mut refusals: ByUav<HoldReason> = ByUav::new();
+        for (uav, plan) in self.uavs.iter().zip(plans) {
+            let is_too_near = |(lower, refusal): (usize, &HoldReason)| {
+                let end =
+                    if *refusal == HoldReason::None { plans[lower].waypoint() } else { self.uavs[lower].position() };
+                uav.is_too_near(plan, &end.xy(), self.separation_m)
+            };
+            let is_crowded = self.separation_m > 0.0 && refusals.iter().enumerate().any(is_too_near);
+            let refusal = uav.refusal(plan);
+            refusals.push(if refusal == HoldReason::None && is_crowded { HoldReason::Separation } else { refusal });
+        }
+        refusals
+    }
+
     /// Takes in where vehicles are at the end of `slot`, as `reports` say it, and fills in the links of these reports as
     /// [`Flight::observe`] does. A sensor node that a UAV of lower number serves is not served again.
     pub fn observe<'a>(

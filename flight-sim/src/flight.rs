@@ -63,6 +63,16 @@ impl Flight {
         (to - end).norm() < separation_m && !is_in_base(&to) && !is_in_base(end)
     }
 
+    /// Why a vehicle that is where it was last observed must not follow `plan`; [`HoldReason::None`] if it may.
+    pub(crate) fn refusal(&self, plan: &Plan) -> HoldReason {
+        if plan.mode == Mode::Charge as u32 { HoldReason::Base } else { self.vehicle.refusal(plan.waypoint()) }
+    }
+
+    /// Where it is [m].
+    pub(crate) fn position(&self) -> Point3<f64> {
+        self.vehicle.position
+    }
+
     /// Whether its energy has ended (decision D12).
     pub(crate) fn is_down(&self) -> bool {
         self.vehicle.is_down()

@@ -112,6 +112,16 @@ impl Vehicle {
         hold
     }
 
+    /// Why [`Self::fly_to`] would refuse `waypoint` [m] from here; [`HoldReason::None`] if it would not. A fixed altitude is
+    /// kept, also by a vehicle that is a little beside it.
+    pub(crate) fn refusal(&self, waypoint: Point3<f64>) -> HoldReason {
+        let mut trial = self.clone();
+        if self.scenario.uav.climb().is_none() {
+            trial.position.z = self.scenario.uav.altitude_m;
+        }
+        trial.fly_to(waypoint, None)
+    }
+
     /// The end of a slot toward `ground`: the nearest point of the area, as far as it is in reach and before a zone,
     /// between the altitudes `z_m` [m] at its ends.
     fn end_beside(&self, ground: &Position, z_m: [f64; 2]) -> Position {
@@ -162,6 +172,16 @@ mod tests {
         assert_eq!(vehicle.fly_to(Point3::new(50.0, 50.0, 99.0), None), HoldReason::None);
         assert_eq!(vehicle.position.z, 20.0);
         assert_eq!(vehicle.fly_to(Point3::new(50.0, 50.0, f64::INFINITY), None), HoldReason::Waypoint);
+    }
+
+    #[test]
+    fn a_refusal_moves_nothing_and_a_fixed_altitude_need_not_be_met() {
+        let mut vehicle = vehicle();
+        vehicle.position.z = 19.7;
+        let before = vehicle.clone();
+        assert_eq!(vehicle.refusal(Point3::new(80.0, 50.0, 20.0)), HoldReason::None);
+        assert_eq!(vehicle.refusal(Point3::new(80.1, 50.0, 20.0)), HoldReason::Waypoint);
+        assert_eq!(vehicle, before);
     }
 
     #[test]
