@@ -1,79 +1,12 @@
 //! `skysink run --vehicle` with MAVLink addresses: the bridge flies a kinematic vehicle, which fails in many ways.
 
 use std::net::UdpSocket;
-use std::sync::{Arc, Mutex};
-use std::thread::{self, JoinHandle};
 
-use crate::support::flight::FlightBuilder;
-use crate::support::{Place, csv_rows, until};
+use crate::support::vehicles::{SLOW, TestVehicle};
+use crate::support::{Place, csv_rows};
 use rustix::process::Signal;
-use skysink_common::stop::Stop;
-use skysink_vehicle::kinematic::autopilot::{Copter, CopterMode};
-use skysink_vehicle::kinematic::{KinematicOptions, server};
-
-/// 6 s to accelerate, fly and brake, in a field at the home of the vehicles.
-const SLOW: &str = "name = \"slow\"\nseed = 1\nslots = 30\nslot_s = 6.0\n[area]\nside_m = 60.0\n\
-    origin_lat_deg = 47.3977\norigin_lon_deg = 8.5456\n[sensors]\ncount = 40\ninitial_queue_mean_bits = 25000.0\n\
-    [uav]\nmax_speed_mps = 10.0\nacceleration_mps2 = 2.0\n[link]\ncomm_radius_m = 8.0\nresource_blocks = 3\n";
-
-/// Seconds of the vehicles in a second.
-const PACE: u32 = 20;
-
-/// A vehicle on a link of its own, which flies until it is dropped.
-struct Vehicle {
-    address: String,
-    pace: u32,
-    copters: Arc<Mutex<Vec<Copter>>>,
-    stop: Stop,
-    thread: Option<JoinHandle<()>>,
-}
-
-impl Vehicle {
-    fn start(options: KinematicOptions) -> Self {
-        Self::start_at(PACE, KinematicOptions { silence: 60.0, ..options }) // 3 s of wall time
-    }
-
-    /// The same at another pace.
-    fn start_at(pace: u32, options: KinematicOptions) -> Self {
-        let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-        let connect = format!("udpout:127.0.0.1:{port}").parse().unwrap();
-        let options = KinematicOptions { connect, speed_factor: pace.into(), ..options };
-        let copters = Arc::new(Mutex::new(vec![Copter::new(&options); options.count.into()]));
-        let stop = Stop::default();
-        let [seen, ended] = [(); 2].map(|()| (Arc::clone(&copters), stop.clone()));
-        let thread = thread::spawn(move || {
-            let see = |index: usize, copter: &Copter| seen.0.lock().unwrap()[index].clone_from(copter);
-            server::serve(&options, &ended.1, see).unwrap();
-        });
-        Self { address: format!("udpin:127.0.0.1:{port}"), pace, copters, stop, thread: Some(thread) }
-    }
-
-    /// A flight of `slow` in a ring by this vehicle.
-    fn flight<'a>(&self, place: &'a Place) -> FlightBuilder<'a> {
-        place.write("slow.toml", SLOW);
-        place.flight("slow").without_viewer().pace(&format!("{}x", self.pace)).vehicle(&self.address)
-    }
-
-    fn copter(&self) -> Copter {
-        self.copters.lock().unwrap()[0].clone()
-    }
-
-    /// Waits until it is so.
-    fn until(&self, what: &str, is_it: impl Fn(&Copter) -> bool) {
-        until(what, || is_it(&self.copter()).then_some(()));
-    }
-
-    fn until_landed(&self) {
-        self.until("landing", |copter| !copter.is_armed && !copter.is_in_air() && copter.battery < 1.0);
-    }
-}
-
-impl Drop for Vehicle {
-    fn drop(&mut self) {
-        self.stop.flag().store(15, std::sync::atomic::Ordering::Relaxed);
-        let _ = self.thread.take().map(JoinHandle::join);
-    }
-}
+use skysink_vehicle::kinematic::KinematicOptions;
+use skysink_vehicle::kinematic::autopilot::CopterMode;
 
 /// The modes of the trace, by slot.
 fn modes(place: &Place) -> Vec<String> {
@@ -89,7 +22,7 @@ fn percent_reached(stderr: &str) -> f64 {
 #[test]
 fn a_vehicle_flies_a_mission_that_every_command_reads() {
     let place = Place::new();
-    let vehicle = Vehicle::start(KinematicOptions { lag: 0.2, noise: 0.1, ..KinematicOptions::default() });
+    let vehicle = TestVehicle::start(KinematicOptions { lag: 0.2, noise: 0.1, ..KinematicOptions::default() });
     let ended = vehicle.flight(&place).run();
     assert!(percent_reached(&ended.stderr) >= 95.0, "{ended:?}");
     vehicle.until_landed();
@@ -108,7 +41,7 @@ fn a_vehicle_flies_a_mission_that_every_command_reads() {
 #[test]
 fn lost_messages_gusts_and_a_vehicle_that_does_not_arm_at_once_do_not_end_a_mission() {
     let place = Place::new();
-    let vehicle = Vehicle::start(KinematicOptions {
+    let vehicle = TestVehicle::start(KinematicOptions {
         lag: 0.3,
         noise: 0.2,
         wind: 3.0,
@@ -125,7 +58,7 @@ fn lost_messages_gusts_and_a_vehicle_that_does_not_arm_at_once_do_not_end_a_miss
 #[test]
 fn a_failsafe_ends_the_orders_and_the_rest_of_the_mission_is_recorded() {
     let place = Place::new();
-    let vehicle = Vehicle::start(KinematicOptions { failsafe_at: Some(90.0), ..KinematicOptions::default() });
+    let vehicle = TestVehicle::start(KinematicOptions { failsafe_at: Some(90.0), ..KinematicOptions::default() });
     let ended = vehicle.flight(&place).run();
     assert!(ended.stderr.contains("a pilot or a failsafe flies it (mode 6)"), "{ended:?}");
     let modes = modes(&place);
@@ -139,7 +72,7 @@ fn a_failsafe_ends_the_orders_and_the_rest_of_the_mission_is_recorded() {
 #[test]
 fn a_killed_bridge_takes_over_the_vehicle_in_the_air() {
     let place = Place::new();
-    let vehicle = Vehicle::start_at(5, KinematicOptions::default()); // it returns after a second without a bridge
+    let vehicle = TestVehicle::start_at(5, KinematicOptions::default()); // it returns after a second without a bridge
     let run = vehicle.flight(&place).set("slots", 14).start();
     run.until_slot(2);
     for _ in 0..3 {
@@ -157,7 +90,7 @@ fn a_killed_bridge_takes_over_the_vehicle_in_the_air() {
 #[test]
 fn a_killed_planner_is_restarted_and_a_silent_one_sends_the_vehicle_home() {
     let place = Place::new();
-    let vehicle = Vehicle::start(KinematicOptions::default());
+    let vehicle = TestVehicle::start(KinematicOptions::default());
     let run = vehicle.flight(&place).start();
     run.until_slot(5);
     run.kill_and_await("planner");
@@ -176,7 +109,7 @@ fn a_killed_planner_is_restarted_and_a_silent_one_sends_the_vehicle_home() {
 fn the_vehicle_returns_when_the_launcher_is_killed_and_when_the_run_is_stopped() {
     for is_killed in [true, false] {
         let place = Place::new();
-        let vehicle = Vehicle::start(KinematicOptions::default());
+        let vehicle = TestVehicle::start(KinematicOptions::default());
         let run = vehicle.flight(&place).start();
         run.until_slot(5);
         if is_killed {
@@ -193,7 +126,7 @@ fn the_vehicle_returns_when_the_launcher_is_killed_and_when_the_run_is_stopped()
 #[test]
 fn a_stopped_run_is_resumed_where_the_vehicle_was() {
     let place = Place::new();
-    let vehicle = Vehicle::start(KinematicOptions::default());
+    let vehicle = TestVehicle::start(KinematicOptions::default());
     let run = vehicle.flight(&place).start();
     run.until_slot(6);
     let ended = run.terminate();
@@ -211,7 +144,7 @@ fn a_stopped_run_is_resumed_where_the_vehicle_was() {
 #[test]
 fn one_bridge_flies_a_fleet() {
     let place = Place::new();
-    let vehicle = Vehicle::start(KinematicOptions { count: 2, lag: 0.2, ..KinematicOptions::default() });
+    let vehicle = TestVehicle::start(KinematicOptions { count: 2, lag: 0.2, ..KinematicOptions::default() });
     let ended = vehicle.flight(&place).set("uav.count", 2).set("slots", 15).run();
     assert!(percent_reached(&ended.stderr) >= 95.0, "{ended:?}");
     for number in 1..=2 {
@@ -221,10 +154,22 @@ fn one_bridge_flies_a_fleet() {
 }
 
 #[test]
+fn the_vehicles_of_a_fleet_may_have_an_address_each() {
+    let place = Place::new();
+    let [first, second] =
+        [0.3, 0.0].map(|lag| TestVehicle::start(KinematicOptions { lag, ..KinematicOptions::default() }));
+    let addresses = format!("{},{}", first.address, second.address);
+    let ended = first.flight_of(&place, &addresses).set("uav.count", 2).set("slots", 8).run();
+    assert!(ended.stderr.contains("vehicle 2: has landed"), "{ended:?}");
+    first.until_landed();
+    second.until_landed();
+}
+
+#[test]
 fn a_vehicle_that_must_not_take_off_is_refused_in_a_line() {
     let refused = |options: KinematicOptions, says: &str| {
         let place = Place::new();
-        let vehicle = Vehicle::start(options);
+        let vehicle = TestVehicle::start(options);
         let ended = vehicle.flight(&place).try_run().assert_code(1);
         assert!(ended.stderr.contains(&format!("flight-sim: vehicle 1: {says}")), "{ended:?}");
         assert!(!vehicle.copter().is_armed);

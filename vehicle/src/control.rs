@@ -128,7 +128,12 @@ impl VehicleControl {
         match telemetry {
             Telemetry::Answer { command, result } => self.hear_answer(*command, *result, now_s),
             Telemetry::Text(text) => self.said.push(format!("says: {text}")),
-            Telemetry::Parameter { name, value } => self.preflight.hear_parameter(name, *value),
+            Telemetry::Parameter { name, value } => {
+                let switch = self.vehicle.autopilot.and_then(|autopilot| autopilot.dead_man_switch());
+                if switch == Some(name) {
+                    self.preflight.hear_dead_man_switch(*value);
+                }
+            }
             _ => {}
         }
     }

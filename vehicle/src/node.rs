@@ -89,6 +89,8 @@ struct BridgeProcess<S: Service + 'static> {
     heartbeat_s: f64,
     /// Wall time of a slot.
     period: Duration,
+    /// Whether the other processes have the same clock.
+    is_local: bool,
     latencies: OrderLatencies,
 }
 
@@ -130,6 +132,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
             factor,
             heartbeat_s: 0.0,
             period,
+            is_local: ring.terms.link.is_none(),
             latencies: OrderLatencies::default(),
         })
     }
@@ -185,7 +188,8 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let mut is_planned = false;
         loop {
             if begin.is_none() {
-                let tick = ticks.poll_slot(slot)?.available().map(|tick| tick.user_header().sent_ns);
+                let tick = ticks.poll_slot(slot)?.available();
+                let tick = tick.map(|tick| if self.is_local { tick.user_header().sent_ns } else { monotonic_ns() });
                 begin_ns = tick.unwrap_or_default();
                 begin = tick.map(instant_of);
             }
@@ -204,7 +208,9 @@ impl<S: Service + 'static> BridgeProcess<S> {
                 self.poll()?;
                 // Only the first plan waits for its slot to begin.
                 let from_ns = if slot == 1 { begin_ns } else { 0 }.max(plan.user_header().sent_ns);
-                self.latencies.add(from_ns, monotonic_ns());
+                if self.is_local {
+                    self.latencies.add(from_ns, monotonic_ns());
+                }
             }
             if elapsed.is_some_and(|elapsed| elapsed + ahead >= self.period) {
                 return Ok(());

@@ -40,16 +40,17 @@ pub struct PreflightRefusal(pub String);
 /// What is known before take-off.
 #[derive(Debug, Clone, Default)]
 pub struct Preflight {
-    dead_man: Option<(String, f32)>,
+    /// The parameter of the dead-man switch.
+    dead_man: Option<f32>,
     asked: u32,
     ask_s: f64,
     line_s: Option<f64>,
 }
 
 impl Preflight {
-    /// Takes in a parameter.
-    pub fn hear_parameter(&mut self, name: &str, value: f32) {
-        self.dead_man = Some((name.to_owned(), value));
+    /// Takes in the parameter of the dead-man switch.
+    pub fn hear_dead_man_switch(&mut self, value: f32) {
+        self.dead_man = Some(value);
     }
 
     /// Whether it is time for another line on what is missing.
@@ -87,13 +88,13 @@ impl Preflight {
             return refuse(format!("its battery is at {has} %: expected {needs} %"));
         }
         let Some(switch) = autopilot.dead_man_switch() else { return Ok(None) };
-        match &self.dead_man {
-            Some((name, value)) if name == switch && *value == 0.0 => refuse(format!(
+        match self.dead_man {
+            Some(0.0) => refuse(format!(
                 "{switch} = 0: expected a value with which it returns when the bridge is silent, such as 1 of ArduPilot, 2 of PX4"
             )),
-            Some((name, _)) if name == switch => Ok(None),
-            _ if self.asked >= ASKED && now_s >= self.ask_s => Ok(None),
-            _ => {
+            Some(_) => Ok(None),
+            None if self.asked >= ASKED && now_s >= self.ask_s => Ok(None),
+            None => {
                 if now_s >= self.ask_s {
                     self.ask_s = now_s + 1.0;
                     self.asked += 1;

@@ -216,6 +216,23 @@ fn without_plans_the_vehicle_returns_and_lands() {
 }
 
 #[test]
+fn without_a_link_slots_report_the_last_position_as_holds() {
+    let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
+    flight.until(60.0, |flight| flight.bridge.has_begun());
+    let before = flight.fly_slot(1, Some(plan(50.0, 62.0)));
+    flight.loss = 1.0;
+    let report = flight.fly_slot(2, Some(plan(50.0, 68.0)));
+    assert_eq!((report.mode, report.hold, report.served), (Mode::Hold as u32, HoldReason::NoPlan as u32, 0));
+    assert!((report.position() - before.position()).norm() < 0.5, "{report:?}");
+    flight.advance(10.0);
+    assert_eq!(flight.copter.mode, CopterMode::Return, "by its dead-man switch");
+    flight.loss = 0.0;
+    let report = flight.fly_slot(3, Some(plan(50.0, 62.0)));
+    assert_eq!(report.mode, Mode::Return as u32);
+    assert!(flight.said.iter().any(|line| line.contains("gives no more orders")), "{:?}", flight.said);
+}
+
+#[test]
 fn the_vehicle_of_a_dead_bridge_returns_by_itself() {
     let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
     flight.until(60.0, |flight| flight.bridge.has_begun());

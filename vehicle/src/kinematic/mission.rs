@@ -83,7 +83,8 @@ pub fn read(path: &Path) -> Result<Vec<MissionItem>, InputError> {
     if !lines.next().is_some_and(|line| line.starts_with("QGC WPL")) {
         return Err(refuse("expected a .plan of QGroundControl, or QGC WPL 110".to_owned()));
     }
-    let items = lines.skip(1).filter(|line| !line.trim().is_empty()).map(|line| {
+    let home_and_items = lines.filter(|line| !line.trim().is_empty());
+    let items = home_and_items.skip(1).map(|line| {
         let fields: Vec<f64> = line.split_whitespace().filter_map(|field| field.parse().ok()).collect();
         let params = fields.get(4..11).and_then(|params| <[f64; 7]>::try_from(params).ok());
         let command = fields.get(3).map(|&command| command as u16);
