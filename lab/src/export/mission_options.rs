@@ -5,14 +5,19 @@ use skysink_common::scenario::Scenario;
 
 use super::altitude::AltitudeReference;
 use super::autopilot::{Autopilot, Motion};
-use super::vehicle;
+
+/// Minimum number of items of a mission: home, take-off, speed, waypoint, speed, waypoint above home, return.
+pub const MIN_ITEMS: usize = 7;
+
+/// Default for the maximum number of items. This is the limit of PX4; ArduPilot allows about 700.
+pub const MOST_ITEMS: usize = 500;
 
 /// Options of the formats that hold a vehicle mission.
 #[derive(Debug, Clone, Default, Args)]
 pub struct MissionOptions {
     /// Maximum number of items in a vehicle mission, including home; at least 7; longer missions are split into several
     /// files [default: 500].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(vehicle::MIN_ITEMS as i64..))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(MIN_ITEMS as i64..))]
     pub most_items: Option<u32>,
     /// What the altitudes of a vehicle mission are above [default: terrain if the ground_m of the sensor list differ,
     /// otherwise relative].
@@ -55,6 +60,12 @@ impl MissionOptions {
             (self.ignore_endurance, "--ignore-endurance"),
         ];
         given.into_iter().find(|(is_given, _)| *is_given).map(|(_, name)| name)
+    }
+
+    /// The most items of a part, with home.
+    #[must_use]
+    pub fn most_items(&self) -> usize {
+        self.most_items.map_or(MOST_ITEMS, |most_items| most_items as usize)
     }
 
     /// The autopilot that the mission is for.

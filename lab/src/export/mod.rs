@@ -56,9 +56,6 @@ pub static FORMATS: [&ExportFormat; 8] = [
     &parquet::FORMAT,
 ];
 
-/// Default for the maximum number of items of a vehicle mission. This is the limit of PX4; ArduPilot allows about 700.
-pub const MOST_ITEMS: u32 = 500;
-
 /// The parameters of an export.
 #[derive(Debug, Args)]
 pub struct Export {

@@ -16,9 +16,9 @@ use super::altitude::AltitudeReference;
 use super::autopilot::Autopilot;
 use super::duration::{MissionLeg, effort};
 use super::ground::Ground;
-use super::mission_options::MissionOptions;
+use super::mission_options::{MIN_ITEMS, MissionOptions};
 use super::track::GeodeticTrack;
-use super::vehicle::{MIN_ITEMS, VehicleItem, VehicleMission, plan};
+use super::vehicle::{VehicleItem, VehicleMission, plan};
 
 const EQUATOR: Origin = Origin { lat_deg: 0.0, lon_deg: 0.0 };
 

@@ -15,9 +15,6 @@ use super::mission_options::MissionOptions;
 use super::stops::{self, MERGE_M, VehicleStop, rounded};
 use super::track::GeodeticTrack;
 
-/// Minimum number of items of a mission: home, take-off, speed, waypoint, speed, waypoint above home, return.
-pub const MIN_ITEMS: usize = 7;
-
 /// A speed is unchanged while the next ones are within this fraction of the maximum.
 const SPEED_STEP: f64 = 0.1;
 
@@ -142,7 +139,7 @@ pub fn plan(track: &GeodeticTrack<'_>, options: &MissionOptions) -> Result<Vehic
 impl Planned<'_> {
     /// The stops of each part: as many as fit into its items.
     fn split<'s>(&self, stops: &'s [VehicleStop]) -> Result<Vec<&'s [VehicleStop]>, InputError> {
-        let most = self.options.most_items.unwrap_or(super::MOST_ITEMS) as usize;
+        let most = self.options.most_items();
         let home = self.track.points[0].position;
         let mut parts = Vec::new();
         let mut begin = 0;
