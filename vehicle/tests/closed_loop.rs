@@ -182,7 +182,8 @@ impl ClosedLoop {
     }
 
     fn fly_slot(&mut self, slot: u64, plan: Option<Plan>) -> FlightReport {
-        self.bridge.begin(slot);
+        self.bridge.await_plan();
+        self.bridge.begin(slot, 0.0);
         if let Some(plan) = plan {
             self.bridge.fly(&[plan], self.now_s);
         }
