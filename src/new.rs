@@ -9,6 +9,8 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use skysink_common::error::InputError;
+use skysink_common::geodata::projection::{GeodeticPosition, Projection};
+use skysink_common::geometry::Position;
 use skysink_common::keys::{self, Accepts, Key, Keys};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
@@ -49,7 +51,8 @@ Examples:
 
 With --sensors, it also writes sensors.csv and sets the area to enclose the
 sensor nodes. CSV columns are matched by name: x, y [m] or lat, lon [°], and
-optionally sampling_bps, gain_db, queue_bits, capacity_bits, weight, name.
+optionally sampling_bps, gain_db, queue_bits, capacity_bits, weight, ground_m,
+name. Points with an altitude have it as ground_m, which exports need.
 
 With --zones, each polygon becomes a no-fly zone; one with a property `height`
 [m] a building; one whose `kind` or `name` is `boundary` the boundary of the
@@ -114,6 +117,12 @@ impl NewCommand {
         field.iter().flat_map(|field| &field.notes).try_for_each(print)?;
         let [width_m, height_m] = [checked.area.width_m(), checked.area.height_m()];
         let count = sensors.sensors().len();
+        if let Some(centre) = centre_deg(&checked) {
+            print(format_args!(
+                "Centre of the area:  {:.6}, {:.6} (latitude, longitude)",
+                centre.lat_deg, centre.lon_deg
+            ))?;
+        }
         print(format_args!("{}: {count} sensor nodes in {width_m} m × {height_m} m", path.display()))?;
         print(format_args!("Next:  skysink check {}", shlex::try_quote(&path.to_string_lossy()).unwrap_or_default()))
     }
@@ -128,6 +137,12 @@ impl NewCommand {
     fn field(&self) -> Result<Option<NewField>, Error> {
         Ok(None)
     }
+}
+
+/// Latitude and longitude of the centre of the area; `None` without an origin.
+fn centre_deg(scenario: &Scenario) -> Option<GeodeticPosition> {
+    let [width_m, height_m] = [scenario.area.width_m(), scenario.area.height_m()];
+    Projection::at(scenario.area.origin()?).unproject(&Position::new(width_m / 2.0, height_m / 2.0))
 }
 
 /// The side of a pixel [m].

@@ -6,8 +6,10 @@ use std::process::ExitCode;
 
 use clap::{Args, Parser};
 use iceoryx2::prelude::{LogLevel, ipc, set_log_level_from_env_or};
+use skysink_common::error::InputError;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
+use skysink_flight_sim::outside::OutsideVehicle;
 use skysink_planner::settings;
 use skysink_planner::strategy::Strategy;
 use skysink_ring::error::NodeError;
@@ -66,6 +68,21 @@ pub fn plan_by(strategy: Box<dyn Strategy>) -> ExitCode {
         skysink_planner::node::run_by::<ipc::Service>(scenario, folder, stop, strategy)
     };
     run(Role::Planner, std::env::args_os().collect(), node).into()
+}
+
+/// Flies `vehicles`, one for each UAV, in the place of flight-sim. `skysink run --vehicle` starts such an executable; for
+/// `skysink run --external flight-sim`, start it with `--scenario` and `--ring`.
+#[must_use]
+pub fn fly_by(mut vehicles: Vec<Box<dyn OutsideVehicle>>) -> ExitCode {
+    let node = |scenario: &Scenario, folder: &_, stop: &_, NoArguments {}: &_| {
+        let (found, expected) = (vehicles.len(), scenario.uav.uavs());
+        if found != expected {
+            let message = format_args!("uav.count = {expected}: expected {found}, as the program has vehicles");
+            return Err(InputError::new("scenario", &scenario.path, message).into());
+        }
+        skysink_flight_sim::node::run_by::<ipc::Service>(scenario, folder, stop, &mut vehicles)
+    };
+    run(Role::FlightSim, std::env::args_os().collect(), node).into()
 }
 
 /// Joins the run: reads its scenario and enters its iceoryx2 domain.

@@ -8,6 +8,7 @@ pub mod flight;
 pub mod journal;
 #[cfg(feature = "node")]
 pub mod node;
+pub mod outside;
 pub mod vehicle;
 
 pub use fleet::Fleet;

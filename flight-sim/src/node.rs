@@ -3,21 +3,23 @@
 use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::Service;
-use skysink_common::message::{FlightReport, HoldReason, Plan};
+use skysink_common::message::{FlightReport, HoldReason, Plan, SensorNode};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
-use skysink_common::slot_record::Plans;
+use skysink_common::slot_record::{ByUav, Plans};
 use skysink_common::stop::Stop;
 use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::refusals::{Refusal, Refusals};
 use skysink_ring::role::Role;
 use skysink_ring::topics::{Ring, is_release};
+use skysink_ring::wait::WaitContext;
 
 use crate::fleet::Fleet;
 #[cfg(doc)]
 use crate::flight::Flight;
 use crate::journal::{journal, restore};
+use crate::outside::{OutsideFleet, OutsideVehicle, REACHED_M};
 
 /// A recorded flight, which is flown again regardless of the plans received.
 pub struct RecordedFlight<'a> {
@@ -35,7 +37,7 @@ pub struct RecordedFlight<'a> {
 /// # Errors
 /// If a peer is missing, the ring fails, or `stop` is requested.
 pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop: &Stop) -> Result<(), NodeError> {
-    fly::<S>(scenario, folder, stop, None)
+    fly::<S>(scenario, folder, stop, |nodes| Flying::Simulated(Fleet::new(scenario, nodes)))
 }
 
 /// Flies the recorded flight until the mission ends. Waits for the plan of each slot, but does not follow it.
@@ -48,14 +50,90 @@ pub fn replay<S: Service + 'static>(
     stop: &Stop,
     recorded: &RecordedFlight,
 ) -> Result<(), NodeError> {
-    fly::<S>(scenario, folder, stop, Some(recorded))
+    fly::<S>(scenario, folder, stop, |nodes| Flying::Recorded {
+        fleet: Fleet::new(scenario, nodes),
+        recorded,
+        next: Instant::now(),
+    })
 }
 
-fn fly<S: Service + 'static>(
+/// Lets vehicles from outside fly until the mission ends, with the scenario's channel above where they are.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_by<S: Service + 'static>(
     scenario: &Scenario,
     folder: &RingFolder,
     stop: &Stop,
-    recorded: Option<&RecordedFlight>,
+    vehicles: &mut [Box<dyn OutsideVehicle>],
+) -> Result<(), NodeError> {
+    fly::<S>(scenario, folder, stop, |nodes| Flying::Outside {
+        fleet: OutsideFleet::new(scenario, nodes, REACHED_M),
+        vehicles,
+    })
+}
+
+/// Who flies the slots.
+enum Flying<'a> {
+    /// The simulated UAVs.
+    Simulated(Fleet),
+    /// The simulated UAVs, on a recorded flight.
+    Recorded { fleet: Fleet, recorded: &'a RecordedFlight<'a>, next: Instant },
+    /// Vehicles from outside, one for each UAV.
+    Outside { fleet: OutsideFleet, vehicles: &'a mut [Box<dyn OutsideVehicle>] },
+}
+
+impl Flying<'_> {
+    fn start(&self) -> ByUav<FlightReport> {
+        match self {
+            Self::Simulated(fleet) | Self::Recorded { fleet, .. } => fleet.start(),
+            Self::Outside { fleet, .. } => fleet.start(),
+        }
+    }
+
+    fn restore(&mut self, reports: &[FlightReport]) {
+        match self {
+            Self::Simulated(fleet) | Self::Recorded { fleet, .. } => fleet.restore(reports),
+            Self::Outside { fleet, .. } => fleet.restore(reports),
+        }
+    }
+
+    /// Flies a slot by its plans, if they are there.
+    fn step(
+        &mut self,
+        slot: u64,
+        plans: Option<&[Plan]>,
+        reports: &mut ByUav<FlightReport>,
+        wait: &mut WaitContext,
+    ) -> Result<(), NodeError> {
+        match self {
+            Self::Simulated(fleet) => fleet.step(slot, |uav| plans.map(|plans| &plans[uav]), reports),
+            Self::Recorded { fleet, recorded, next } => {
+                wait.sleep_until(*next)?;
+                *next = Instant::now() + recorded.period.unwrap_or_default();
+                let plans: Plans = (0..reports.len()).map(|uav| (recorded.plan_of)(uav, slot)).collect();
+                let plan_of = |uav: usize| plans[uav].as_ref();
+                if recorded.are_reports {
+                    fleet.repeat(slot, plan_of, reports);
+                } else {
+                    fleet.step(slot, plan_of, reports);
+                }
+            }
+            Self::Outside { fleet, vehicles } => {
+                let orders = fleet.orders(slot, plans);
+                *reports = orders.iter().zip(&mut **vehicles).map(|(order, vehicle)| vehicle.fly(order)).collect();
+                fleet.complete(slot, &orders, reports);
+            }
+        }
+        Ok(())
+    }
+}
+
+fn fly<'a, S: Service + 'static>(
+    scenario: &Scenario,
+    folder: &RingFolder,
+    stop: &Stop,
+    flying: impl FnOnce(&[SensorNode]) -> Flying<'a>,
 ) -> Result<(), NodeError> {
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::FlightSim, stop)?;
     let flights = ring.flight.list_writer(scenario.uav.uavs())?;
@@ -65,12 +143,13 @@ fn fly<S: Service + 'static>(
     let mut sensors = ring.sensors.reader()?;
     let nodes = sensors.wait_for_next(&mut wait, 0)?;
     let _sensors = ring.terms.link.is_none().then_some(sensors); // behind a link its repeats would pile up
-    let mut fleet = Fleet::new(scenario, nodes.payload());
-    let mut reports = fleet.start();
+    let mut flying = flying(nodes.payload());
+    let is_recorded = matches!(flying, Flying::Recorded { .. });
+    let mut reports = flying.start();
     let mut journal = journal(folder, reports.len())?;
     let mut flown = restore(&journal, reports.len())?;
     if let Some((_, reports)) = flown.last() {
-        fleet.restore(reports);
+        flying.restore(reports);
     } else {
         let start = reports.clone();
         journal.save(0, &[], &start)?;
@@ -80,7 +159,6 @@ fn fly<S: Service + 'static>(
         flights.send_list(ring.header(*slot, 0), reports)?;
     }
 
-    let mut next = Instant::now();
     for slot in flown.last().map_or(0, |(slot, _)| *slot) + 1..=scenario.slots {
         let plan = match ring.terms.pace {
             Pace::Max => plans.wait_for_slot(&mut wait, slot)?,
@@ -89,24 +167,9 @@ fn fly<S: Service + 'static>(
                 plans.poll_slot(slot)?.available()
             }
         };
-        if let Some(recorded) = recorded {
-            wait.sleep_until(next)?;
-            next = Instant::now() + recorded.period.unwrap_or_default();
-        }
-        match recorded {
-            None => fleet.step(slot, |uav| plan.as_ref().map(|plans| &plans[uav]), &mut reports),
-            Some(recorded) => {
-                let plans: Plans = (0..reports.len()).map(|uav| (recorded.plan_of)(uav, slot)).collect();
-                let plan_of = |uav: usize| plans[uav].as_ref();
-                if recorded.are_reports {
-                    fleet.repeat(slot, plan_of, &mut reports);
-                } else {
-                    fleet.step(slot, plan_of, &mut reports);
-                }
-            }
-        }
+        flying.step(slot, plan.as_ref().map(|plans| &plans[..]), &mut reports, &mut wait)?;
         drop(plan);
-        if recorded.is_none() {
+        if !is_recorded {
             reports.iter().for_each(|report| count_refusals(&ring.refusals, slot, report));
         }
         journal.save(slot, &[], &reports)?; // before they are published

@@ -113,11 +113,16 @@ impl Vehicle {
     }
 
     /// Why [`Self::fly_to`] would refuse `waypoint` [m] from here; [`HoldReason::None`] if it would not. A fixed altitude is
-    /// kept, also by a vehicle that is a little beside it.
+    /// kept, also by a vehicle that is a little beside it. One outside the area may come back from any distance.
     pub(crate) fn refusal(&self, waypoint: Point3<f64>) -> HoldReason {
         let mut trial = self.clone();
         if self.scenario.uav.climb().is_none() {
             trial.position.z = self.scenario.uav.altitude_m;
+        }
+        if !self.scenario.area.contains(&self.position.xy(), 0.0)
+            && waypoint.iter().all(|coordinate| coordinate.is_finite())
+        {
+            trial.position = above(&waypoint.xy(), trial.position.z);
         }
         trial.fly_to(waypoint, None)
     }
@@ -182,6 +187,9 @@ mod tests {
         assert_eq!(vehicle.refusal(Point3::new(80.0, 50.0, 20.0)), HoldReason::None);
         assert_eq!(vehicle.refusal(Point3::new(80.1, 50.0, 20.0)), HoldReason::Waypoint);
         assert_eq!(vehicle, before);
+        vehicle.position.x = 500.0;
+        assert_eq!(vehicle.refusal(Point3::new(80.1, 50.0, 20.0)), HoldReason::None, "back into the area");
+        assert_eq!(vehicle.refusal(Point3::new(100.1, 50.0, 20.0)), HoldReason::Waypoint);
     }
 
     #[test]

@@ -24,6 +24,7 @@ mod simulate;
 mod sweeps;
 mod table;
 mod values;
+mod vehicle;
 
 #[pyo3::pymodule]
 mod _skysink {
@@ -55,6 +56,8 @@ mod _skysink {
     use super::sweeps::{PySweepPlan, PySweepRecord};
     #[pymodule_export]
     use super::table::PyTable;
+    #[pymodule_export]
+    use super::vehicle::PyVehicleCore;
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -21,7 +21,7 @@ import pytest
 from conftest import GFS, ROOT, run, same_files
 
 import skysink
-from skysink import ring
+from skysink import ring_topics
 
 LONG = """
 name = "long"
@@ -280,7 +280,7 @@ class Sent:
         self.payload = payload
         self.payload_ptr = payload.ctypes.data
         self.header = SimpleNamespace(number_of_elements=len(payload))
-        self.head = ring.QueuesHeader()
+        self.head = ring_topics.QueuesHeader()
         self.head.words[1] = 7
         self.head.words[9] = int(np.float64(lost_slots).view(np.uint64))
         self.is_deleted = False
@@ -296,7 +296,7 @@ class Sent:
 
 def flight_of(**spoilt: Any) -> Sent:
     """A flight that serves the SNs 3 and 7, but for what is spoilt."""
-    flight = np.zeros(1, ring.FLIGHT)
+    flight = np.zeros(1, ring_topics.FLIGHT)
     assert flight.dtype.itemsize == 2696
     flight["at_m"], flight["served"] = (50.0, 20.0, 30.0), 2
     flight["links"]["sensor"][0, :2] = spoilt.pop("sensors", (3, 7))
@@ -307,9 +307,9 @@ def flight_of(**spoilt: Any) -> Sent:
 
 
 def test_every_sample_is_checked_as_the_processes_in_rust_do(capsys: pytest.CaptureFixture[str]) -> None:
-    assert ring.possible_flight(flight_of())
-    assert ring.possible_flight(flight_of(mode=2, served=0)), "a hold"
-    assert not ring.possible_flight(Sent(np.zeros(2, ring.FLIGHT))), "one for each UAV"
+    assert ring_topics.possible_flight(flight_of())
+    assert ring_topics.possible_flight(flight_of(mode=2, served=0)), "a hold"
+    assert not ring_topics.possible_flight(Sent(np.zeros(2, ring_topics.FLIGHT))), "one for each UAV"
     for spoilt in (
         {"at_m": (np.nan, 0.0, 0.0)},
         {"at_m": (0.0, 0.0, 1e300)},
@@ -320,25 +320,27 @@ def test_every_sample_is_checked_as_the_processes_in_rust_do(capsys: pytest.Capt
         {"mode": 2},
         {"mode": 77},
     ):
-        assert not ring.possible_flight(flight_of(**spoilt)), spoilt
+        assert not ring_topics.possible_flight(flight_of(**spoilt)), spoilt
     queues = np.zeros(3, np.uint32)
-    assert ring.possible_queues(Sent(queues), 3)
-    assert not ring.possible_queues(Sent(queues), 4)
-    assert not any(ring.possible_queues(Sent(queues, lost), 3) for lost in (np.nan, -1.0))
-    nodes = np.zeros(2, ring.NODE)
+    assert ring_topics.possible_queues(Sent(queues), 3)
+    assert not ring_topics.possible_queues(Sent(queues), 4)
+    assert not any(ring_topics.possible_queues(Sent(queues, lost), 3) for lost in (np.nan, -1.0))
+    nodes = np.zeros(2, ring_topics.NODE)
     assert nodes.dtype.itemsize == 48
-    assert ring.possible_nodes(Sent(nodes))
+    assert ring_topics.possible_nodes(Sent(nodes))
     for column, value in ((0, np.inf), (2, -1.0), (3, np.nan)):
         nodes["numbers"][:] = 1.0
         nodes["numbers"][1, column] = value
-        assert not ring.possible_nodes(Sent(nodes)), column
+        assert not ring_topics.possible_nodes(Sent(nodes)), column
 
     rates = [np.array(bps) for bps in ([1.0], [1.0, -1.0], [1.0, np.nan], [0.0, 175.0])]
     samples = [Sent(bps) for bps in rates]
     waiting = iter(samples)
     reader = SimpleNamespace(receive=lambda: next(waiting, None))
     refused: set[str] = set()
-    found = ring.receive(reader, "rates", lambda sample: ring.possible_rates(sample, 2), refused)
+    listening = SimpleNamespace(refused=refused, role="planner")
+    is_possible = lambda sample: ring_topics.possible_rates(sample, 2)  # noqa: E731
+    found = ring_topics.Participant.receive(listening, reader, "rates", is_possible)  # type: ignore[arg-type]
     assert found is samples[3], "a short, a negative and an impossible one are refused"
     assert [sample.is_deleted for sample in samples] == [True, True, True, False]
     said = capsys.readouterr().err

@@ -45,10 +45,18 @@ fn bad_input_is_refused_in_one_line_and_nothing_is_written() {
     refused(&place, &with(&["--origin", "1"]), "expected a latitude, -90 to 90");
     refused(&place, &["export", "nothing", "--format", "kml"], "expected the folder of a run");
     refused(&place, &["export", "run", "--format", "shp"], "possible values: qgc-plan, waypoints");
-    refused(&place, &with(&["--origin", ORIGIN, "--most-items", "9"]), "kml has no mission items");
+    let csv = ["export", "run", "--format", "csv", "--origin", ORIGIN, "--most-items", "9"];
+    refused(&place, &csv, "--most-items: csv has no vehicle mission");
     refused(&place, &with(&["--origin", ORIGIN, "--out", "run"]), "it is not a regular file");
     refused(&place, &with(&["--origin", ORIGIN, "--out", "no/a.kml"]), "its folder does not exist");
-    refused(&place, &["export", "run", "--format", "qgc-plan", "--most-items", "4"], "4 is not in 5..");
+    refused(&place, &["export", "run", "--format", "qgc-plan", "--most-items", "6"], "6 is not in 7..");
+    let plan = |more: &[&'static str]| [&["export", "run", "--format", "qgc-plan", "--origin", ORIGIN], more].concat();
+    refused(&place, &plan(&["--altitude", "msl"]), "--altitude msl: expected a sensor list with the column ground_m");
+    refused(&place, &plan(&["--acceleration", "0"]), "expected a number above 0");
+    refused(&place, &plan(&["--fence-margin=-1"]), "expected metres, 0 to 10000");
+    refused(&place, &plan(&["--min-bits", "1000000000"]), "--min-bits 1000000000: no pass carries so many");
+    let waypoints = ["export", "run", "--format", "waypoints", "--autopilot", "px4", "--origin", ORIGIN];
+    refused(&place, &waypoints, "--autopilot: waypoints is a format of ardupilot: omit this option");
     assert_eq!(files(&place), ["run", "smoke.toml"]);
 }
 
@@ -108,7 +116,7 @@ fn an_origin_is_refused_for_a_scenario_that_has_one() {
 }
 
 /// Four slots of 20 m, the last of which serves (0.1 s): one waypoint, 80 m east. 11 m more, which is slower by more
-/// than a tenth of 20 m/s, then a slot of hovering: 1.1 s. East x is asin(x/6378137 m): 80 m are 0.000718652°, 91 m
+/// than a tenth of 20 m/s, then a slot of hovering: 1.1 s. ArduPilot holds for whole seconds, 1 and 2. Then back above home. East x is asin(x/6378137 m): 80 m are 0.000718652°, 91 m
 /// 0.000817467°. North 5 m are 5/6335439 · 180°/π = 0.000045218°, by the radius b²/a of the meridian at the equator.
 #[test]
 fn a_short_mission_is_written_as_worked_by_hand() {
@@ -143,7 +151,7 @@ fn every_service_point_is_in_the_mission_in_order() {
         missions.into_iter().flat_map(|(scenario, strategy)| [(scenario, strategy), (scenario, "rfs")])
     {
         place.flight(scenario).strategy(strategy).force().simulate();
-        let most = ["--most-items", "100", "--origin", "-33.9,18.4", "--force"];
+        let most = ["--most-items", "100", "--ignore-endurance", "--origin", "-33.9,18.4", "--force"];
         let ended = place.run_ok(&[&["export", "run", "--format", "waypoints"][..], &most].concat());
         let names = ended.stdout.lines().filter(|line| line.ends_with(".waypoints"));
         let names: Vec<String> = names.map(str::to_owned).collect();

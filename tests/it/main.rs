@@ -13,6 +13,7 @@ mod docs;
 mod examples;
 mod export;
 mod external;
+mod farm;
 mod fixtures;
 mod fleet;
 mod folders;

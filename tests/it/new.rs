@@ -294,20 +294,18 @@ mod imports {
         for file in ["a.csv", "a.kml", "a.geojson"] {
             let printed = place.run_ok(&["new", "city", "--sensors", file, "--force"]).stdout;
             let ignored = printed.lines().filter(|line| line.starts_with("ignored: ")).collect::<Vec<_>>();
-            let expected: &[&str] = if file == "a.geojson" {
-                &["ignored: altitudes of 2 points (sensor nodes stand on the ground)", "ignored: properties owner"]
-            } else {
-                &[]
-            };
-            assert_eq!(ignored, expected, "{file}");
+            let is_high = file == "a.geojson";
+            assert_eq!(ignored, if is_high { vec!["ignored: properties owner"] } else { vec![] }, "{file}");
             let list = "lat_deg,lon_deg,sampling_bps,name\n52.5,13.4,50,soil-07\n52.5,13.401,25.5,\"soil, dry\"\n";
-            assert_eq!(place.read("city/sensors.csv"), list, "{file}");
+            let high = list.replace(",name", ",ground_m,name").replace("50,", "50,80,").replace("25.5,", "25.5,80,");
+            assert_eq!(place.read("city/sensors.csv"), if is_high { &high } else { list }, "{file}");
         }
         place.flight("city/city").strategy("tour").set("slots", "40").out("run").simulate();
         place.run_ok(&["report", "run", "--sensors"]);
         let results = place.read("run/sensors_out.csv");
         let names: Vec<&str> = results.lines().map(|line| line.splitn(13, ',').nth(12).unwrap()).collect();
         assert_eq!(names, ["name", "soil-07", "\"soil, dry\""]);
+        assert!(place.read("run/sensors.csv").starts_with("x_m,y_m,queue_bits,gain_db,sampling_bps,ground_m,name\n"));
         for format in ["kml", "gpx", "geojson"] {
             place.run_ok(&["export", "run", "--format", format]);
             let text = place.read(&format!("run.{format}"));

@@ -16,7 +16,7 @@ fn a_lock_step_recording_holds_every_slot_and_the_loss_so_far() {
     let status = rows(&recording, "/status");
     let lost = place.summary("run")["lost_bits"].as_u64().unwrap();
     assert_eq!(status.len(), 61);
-    assert!(status[&60].contains("slot 60: **η so far 0.0"), "{}", status[&60]);
+    assert!(status[&60].contains("slot 60 at 01:00: **η so far 0.0"), "{}", status[&60]);
     assert!(status[&60].contains(&format!("({lost} of ")), "{}", status[&60]);
 }
 

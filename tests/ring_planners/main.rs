@@ -1,12 +1,15 @@
 //! External planners in the ring: the examples in Rust and C++ fly as `gfs` does, also when they are killed.
 //!
-//! The program is the example in Rust as well: `skysink run --planner` starts it as one, without an argument.
+//! The program is the examples in Rust as well: `skysink run --planner` starts it as one, without an argument, and `--vehicle` as
+//! the other, by a link of the name [`VEHICLE`].
 
 mod header;
 mod layouts;
 
 #[path = "../../examples/ring_planner.rs"]
 mod ring_planner;
+#[path = "../../examples/ring_vehicle.rs"]
+mod ring_vehicle;
 #[path = "../support/mod.rs"]
 mod support;
 
@@ -21,6 +24,9 @@ use support::{Place, signal_and_wait, wait};
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
+/// The name by which the program is the example of a vehicle.
+const VEHICLE: &str = "ring_vehicle";
+
 /// A scenario long enough to kill a planner in, which begins in transit: from the start no SN is within reach.
 const TRANSIT: &str = "\
 name = 'transit'
@@ -32,7 +38,8 @@ uav = { start_m = [0.0, 0.0], endurance_s = 1e6 }
 
 fn main() -> ExitCode {
     if env::var_os("SKYSINK_RING").is_some() {
-        return ring_planner::main();
+        let name = env::args_os().next().unwrap_or_default();
+        return if Path::new(&name).ends_with(VEHICLE) { ring_vehicle::main() } else { ring_planner::main() };
     }
     if env::args().nth(1).is_some_and(|argument| argument == "--refresh") {
         header::refresh();
@@ -52,6 +59,7 @@ fn main() -> ExitCode {
         }),
         test("a_strategy_in_rust_flies_what_it_flies_in_process", in_rust_as_a_command),
         test("a_strategy_in_rust_that_is_killed_flies_the_same", in_rust_by_hand_and_killed),
+        test("a_vehicle_in_rust_flies_at_its_own_speed", a_vehicle_in_rust),
         Trial::ignorable_test("a_planner_in_cpp_flies_the_same_also_when_it_is_killed", in_cpp),
     ];
     libtest_mimic::run(&Arguments::from_args(), tests).exit_code()
@@ -63,6 +71,30 @@ fn in_rust_as_a_command() {
 
 fn in_rust_by_hand_and_killed() {
     assert_survives_being_killed(&env::current_exe().unwrap());
+}
+
+/// Ends slots of more than 12 m en route, and no slot farther than 12 m from where it began. `resume` and the commands that fly
+/// the mission again read its run.
+fn a_vehicle_in_rust() {
+    let place = Place::new();
+    let vehicle = place.path(VEHICLE);
+    std::os::unix::fs::symlink(env::current_exe().unwrap(), &vehicle).unwrap();
+    let vehicle = vehicle.to_str().unwrap();
+    place.flight("smoke").without_viewer().vehicle(vehicle).run();
+    let trace = place.trace("run");
+    let rows: Vec<Vec<&str>> = trace.lines().skip(1).map(|line| line.split(',').collect()).collect();
+    let positions: Vec<[f64; 2]> =
+        rows.iter().map(|row| [2, 3].map(|column: usize| row[column].parse().unwrap())).collect();
+    let legs_m = positions.windows(2).map(|pair| (pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1]));
+    let longest_m = legs_m.fold(0.0, f64::max);
+    assert!((11.9..=12.0 + 1e-9).contains(&longest_m), "{longest_m} m");
+    assert!(rows.iter().filter(|row| row[9] == "en-route").count() > 5, "{trace}");
+    place.run_ok(&["replay", "run", "--no-viewer"]);
+    place.run_ok(&["report", "run", "--sensors"]);
+    let two = place.flight("smoke").without_viewer().set("uav.count", "2").vehicle(vehicle).force();
+    let ended = two.try_run().assert_code(1);
+    assert!(ended.stderr.contains("uav.count = 2: expected 1, as the program has vehicles"), "{ended:?}");
+    place.assert_clean();
 }
 
 fn in_cpp() -> Result<Completion, Failed> {

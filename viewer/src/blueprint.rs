@@ -31,6 +31,7 @@ pub(crate) mod class {
     pub(crate) const STATES: &str = "StateTimeline";
     pub(crate) const TEXT: &str = "TextDocument";
     pub(crate) const LOG: &str = "TextLog";
+    pub(crate) const MAP: &str = "Map";
 }
 
 /// A view or a container in the blueprint.

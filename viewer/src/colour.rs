@@ -33,6 +33,16 @@ const UAVS: [Rgb; 7] = [
 pub fn of_uav(uav: usize) -> Rgb {
     uav.checked_sub(1).map_or(UAV, |other| UAVS[other % UAVS.len()])
 }
+/// Sensor nodes on a map, whose background may be light or dark.
+pub const MAP_SENSOR: Rgb = [40, 110, 225];
+/// The first UAV on a map.
+const MAP_UAV: Rgb = [205, 45, 200];
+
+/// The colour of the UAV number `uav` on a map.
+#[must_use]
+pub fn on_map(uav: usize) -> Rgb {
+    if uav == 0 { MAP_UAV } else { of_uav(uav) }
+}
 /// Rotors of the UAV.
 pub const ROTOR: Rgb = [170, 175, 185];
 /// Flown path.

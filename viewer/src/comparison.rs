@@ -4,15 +4,16 @@ use std::sync::Arc;
 
 use re_sdk::{ApplicationId, RecordingStreamResult};
 use re_sdk_types::archetypes::{Scalars, TextDocument};
-use re_sdk_types::blueprint::archetypes::{EyeControls3D, PlotLegend};
+use re_sdk_types::blueprint::archetypes::PlotLegend;
 use re_sdk_types::blueprint::components::{ContainerKind, Corner2D};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 
-use crate::blueprint::{Blueprint, Tile, class};
+use crate::blueprint::{Blueprint, class};
+use crate::cameras::{TOP, field_frame, overview};
 use crate::canvas::Canvas;
 use crate::colour::{self, Rgb};
-use crate::layout::{SLOTS_PER_S, TRACK_SLOTS, above, film, flown, lock_axis, overview, select, select_all};
+use crate::layout::{SLOTS_PER_S, TRACK_SLOTS, film, flown, from_above, lock_axis, select, select_all};
 use crate::picture::Picture;
 use crate::queues::Fill;
 use crate::recording::{Recording, SceneError, Sinks};
@@ -127,7 +128,9 @@ impl Comparison {
         for plot in &PLOTS {
             self.canvas.append(curve(plot, root), &Scalars::single((plot.value)(view, fill)))?;
         }
-        self.recording.end_slot(view.queues_bits.len());
+        if self.recording.is_batch_due(view.queues_bits.len()) {
+            self.recording.send_batch();
+        }
         Ok(())
     }
 
@@ -147,12 +150,18 @@ impl Comparison {
         let mut paths = Vec::new();
         for drawn in &self.missions {
             let Drawn { title, sizes, slot_s, .. } = drawn;
-            let past = (uav::TRAIL, 15);
-            let field = drawn.add_view(&mut layout, &overview(sizes), past, [uav::TRACK, path::TRACK])?;
+            let name_of = |entity: &str| drawn.name_of(entity);
+            let field = drawn.world_without([uav::TRACK, path::TRACK]);
+            let field = layout.view(class::SCENE, title, &name_of(field_frame(sizes)), &field)?;
+            layout.show_past(field, &name_of(uav::TRAIL), Some(15), *slot_s)?;
+            film(&layout, field, &overview(sizes))?;
             fields.push((1.0, field));
-            let past = (uav::TRACK, TRACK_SLOTS);
-            tops.push((1.0, drawn.add_view(&mut layout, &above(sizes), past, [uav::TRAIL, path::PATH])?));
-            paths.push((1.0, flown(&mut layout, title, &|entity| drawn.name_of(entity), sizes, *slot_s)?));
+            let mut top = drawn.world_without([uav::TRAIL, path::PATH]);
+            top.push(select_all(&name_of(TOP)));
+            let top = from_above(&mut layout, title, &name_of, &top, sizes)?;
+            layout.show_past(top, &name_of(uav::TRACK), Some(TRACK_SLOTS), *slot_s)?;
+            tops.push((1.0, top));
+            paths.push((1.0, flown(&mut layout, title, &name_of, sizes, *slot_s)?));
         }
         // Two columns would be too narrow for a perspective view of a field.
         let fields_kind = if self.missions.len() == 2 { ContainerKind::Vertical } else { ContainerKind::Grid };
@@ -181,21 +190,10 @@ impl Drawn {
         format!("{}/{entity}", self.root)
     }
 
-    /// Adds a view of the scene without the `hidden` entities. It shows the last `slots` slots of the path `trail`.
-    fn add_view(
-        &self,
-        layout: &mut Blueprint,
-        camera: &EyeControls3D,
-        (trail, slots): (&str, u32),
-        hidden: [&str; 2],
-    ) -> RecordingStreamResult<Tile> {
-        let world = self.name_of(queues::WORLD);
+    /// The contents of a view of the scene without the `hidden` entities.
+    fn world_without(&self, hidden: [&str; 2]) -> Vec<String> {
         let hidden = hidden.map(|entity| format!("- /{}/**", self.name_of(entity)));
-        let contents = [&[select_all(&world)][..], &hidden].concat();
-        let view = layout.view(class::SCENE, &self.title, &world, &contents)?;
-        layout.show_past(view, &self.name_of(trail), Some(slots), self.slot_s)?;
-        film(layout, view, camera)?;
-        Ok(view)
+        [&[select_all(&self.name_of(queues::WORLD))][..], &hidden].concat()
     }
 }
 

@@ -23,6 +23,8 @@ pub const FLEET_LANES: &str = "state/uavs";
 pub const STATES: &str = "metrics/state";
 /// The status text.
 pub const STATUS: &str = "status";
+/// The newest slot of a running mission, static, so that it is shown wherever the time cursor is.
+pub const NEWEST: &str = "status/newest";
 /// State of the lane for slots that the viewer has missed.
 pub const GAP: &str = "gap";
 

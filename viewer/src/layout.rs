@@ -2,21 +2,23 @@
 
 use re_sdk::RecordingStreamResult;
 use re_sdk_types::blueprint::archetypes::{
-    Background, EyeControls3D, LineGrid3D, PlotLegend, ScalarAxis, SpatialInformation, TextLogColumns, VisualBounds2D,
+    Background, EyeControls3D, LineGrid3D, NearClipPlane, PlotLegend, ScalarAxis, SpatialInformation, TextLogColumns,
+    VisualBounds2D,
 };
-use re_sdk_types::blueprint::components::{self, BackgroundKind, ContainerKind, Eye3DKind};
+use re_sdk_types::blueprint::components::{self, BackgroundKind, ContainerKind};
 use re_sdk_types::blueprint::datatypes::{self, TextLogColumnKind};
 use skysink_common::channel::Channel;
 use skysink_common::estimate::Rates;
 use skysink_common::scenario::Scenario;
 
 use crate::blueprint::{Blueprint, Tile, class};
+use crate::cameras::{self, around_uav, beside_uav, overview};
 use crate::colour;
 use crate::los::{self, profile};
 use crate::recording::Recording;
 use crate::sizes::Sizes;
 use crate::slot::WallClock;
-use crate::{belief, curves, events, legend, links, maps, path, queues, uav};
+use crate::{belief, curves, events, geo, legend, links, maps, path, queues, uav};
 
 /// Playback speed of a file [slot/s].
 pub(crate) const SLOTS_PER_S: f64 = 10.0;
@@ -35,7 +37,7 @@ pub(crate) fn send(
     let log = log(&mut layout)?;
     let below = layout.container(ContainerKind::Tabs, &[(1.0, lane), (1.0, log)])?;
     let left = layout.container(ContainerKind::Vertical, &[(6.0, scenes), (1.1, below)])?;
-    let right = beside(&mut layout, scenario, clock)?;
+    let right = beside(&mut layout, scenario, clock, recording.port)?;
     let root = layout.container(ContainerKind::Horizontal, &[(2.1, left), (1.0, right)])?;
     layout.send(&recording.stream, root, SLOTS_PER_S)
 }
@@ -80,6 +82,9 @@ fn omit_all(entity: &str) -> String {
 /// Slots of the flown path in the top view. A map shows the whole path.
 pub(crate) const TRACK_SLOTS: u32 = 40;
 
+/// Near plane of the views from above, in the unit of rerun's 2D views: 1/500 of the distance of the ground.
+const TOP_NEAR: f32 = 400.0;
+
 /// The tabs: three views of the 3D scene, the maps, the legend, and those for estimated queues and line of sight.
 fn scenes(
     layout: &mut Blueprint,
@@ -91,26 +96,31 @@ fn scenes(
     let world = select_all(queues::WORLD);
     let uavs = scenario.uav.uavs();
     let omit_each = |entity: &str| if uavs == 1 { omit(entity) } else { omit_all(entity) };
-    let show_past = |layout: &Blueprint, view: Tile, entity: &str, slots: u32| {
-        (0..uavs).try_for_each(|uav| layout.show_past(view, &uav::name_of(entity, uav), Some(slots), slot_s))
+    let show_past = |layout: &Blueprint, view: Tile, entity: &str, slots: Option<u32>| {
+        (0..uavs).try_for_each(|uav| layout.show_past(view, &uav::name_of(entity, uav), slots, slot_s))
     };
     let field = [world.clone(), omit_each(uav::TRACK), omit_all(path::TRACK)];
-    let field = layout.view(class::SCENE, "Field (3D)", queues::WORLD, &field)?;
-    show_past(layout, field, uav::TRAIL, 15)?;
-    let top = [world.clone(), omit_each(uav::TRAIL), omit_all(path::PATH)];
-    let top = layout.view(class::SCENE, "Top view", queues::WORLD, &top)?;
-    show_past(layout, top, uav::TRACK, TRACK_SLOTS)?;
+    let field = layout.view(class::SCENE, "Field (3D)", cameras::field_frame(sizes), &field)?;
+    show_past(layout, field, uav::TRAIL, Some(15))?;
+    let top = [world.clone(), select_all(cameras::TOP), omit_each(uav::TRAIL), omit_all(path::PATH)];
+    let top = from_above(layout, "Top view", &str::to_owned, &top, sizes)?;
+    show_past(layout, top, uav::TRACK, Some(TRACK_SLOTS))?;
     let mut chase = vec![world, omit_each(uav::TRACK), omit(uav::DOT), omit(legend::AXES), omit_all(path::TRACK)];
     if sizes.has_tall_bars {
         chase.extend([omit(queues::BARS), omit(queues::LOST)]);
     }
     let chase = layout.view(class::SCENE, "Chase", uav::UAV, &chase)?;
-    show_past(layout, chase, uav::TRAIL, 10)?;
-    for (view, camera) in [(field, overview(sizes)), (top, above(sizes)), (chase, beside_uav(sizes))] {
+    show_past(layout, chase, uav::TRAIL, Some(10))?;
+    for (view, camera) in [(field, overview(sizes)), (chase, beside_uav(sizes))] {
         film(layout, view, &camera)?;
     }
     let maps = maps(layout, sizes, slot_s)?;
     let mut tabs = vec![(1.0, field), (1.0, top), (1.0, chase), (1.0, maps)];
+    if scenario.area.origin().is_some() {
+        let map = layout.view(class::MAP, "Map", geo::GEO, &[select_all(geo::GEO)])?;
+        show_past(layout, map, geo::TRAIL, None)?;
+        tabs.push((1.0, map));
+    }
     if estimated.is_some() {
         tabs.push((1.0, beliefs(layout, sizes)?));
     }
@@ -139,10 +149,25 @@ pub(crate) fn flown(
     slot_s: f64,
 ) -> RecordingStreamResult<Tile> {
     let all = [legend::AREA, uav::COVERAGE].map(|entity| select_all(&name_of(entity)));
-    let shown = [&[select(&name_of(uav::TRACK))][..], &all].concat();
-    let view = layout.view(class::SCENE, title, &name_of(queues::WORLD), &shown)?;
+    let shown = [uav::TRACK, legend::TEXT_ABOVE].map(|entity| select(&name_of(entity)));
+    let shown = [&shown[..], &all].concat();
+    let view = from_above(layout, title, name_of, &shown, sizes)?;
     layout.show_past(view, &name_of(uav::TRACK), None, slot_s)?;
-    film(layout, view, &above(sizes))?;
+    Ok(view)
+}
+
+/// A view from above, north up; `name_of` returns the full name of an entity. rerun has no camera without perspective:
+/// the camera is far away.
+pub(crate) fn from_above(
+    layout: &mut Blueprint,
+    title: &str,
+    name_of: &dyn Fn(&str) -> String,
+    shown: &[String],
+    sizes: &Sizes,
+) -> RecordingStreamResult<Tile> {
+    let view = layout.view(class::PICTURE, title, &name_of(cameras::TOP), shown)?;
+    frame(layout, view, cameras::top_bounds(sizes))?;
+    layout.set(view, &NearClipPlane::new(TOP_NEAR))?; // keeps the layers of the ground apart
     Ok(view)
 }
 
@@ -180,8 +205,8 @@ pub(crate) fn film(layout: &Blueprint, view: Tile, camera: &EyeControls3D) -> Re
 /// The line-of-sight tab: the space around the UAV, its legend, and the curves behind the choice of the altitude.
 fn line_of_sight(layout: &mut Blueprint, sizes: &Sizes, slot_s: f64) -> RecordingStreamResult<Tile> {
     let shown = [select_all(queues::WORLD), select_all(los::SPACE), omit_all(path::TRACK)];
-    let hidden = [uav::TRACK, uav::DOT, links::CANDIDATES, links::CHOSEN, legend::AXES].map(omit);
-    let contents = [&shown[..], &hidden].concat();
+    let hidden = [uav::TRACK, uav::DOT, links::CHOSEN, legend::AXES].map(omit);
+    let contents = [&shown[..], &hidden, &[omit_all(links::CANDIDATES)]].concat();
     let room = layout.view(class::SCENE, "Probability of sight around the UAV", uav::COVERAGE, &contents)?;
     layout.show_past(room, uav::TRAIL, Some(30), slot_s)?;
     film(layout, room, &around_uav(sizes))?;
@@ -205,49 +230,13 @@ fn by_draw(root: &str) -> [String; 3] {
     [los::MEAN, los::SIGHT, los::BLOCKED].map(|name| format!("{root}/{name}"))
 }
 
-/// Extent of what a camera has to show [m]: the area and the flown altitudes.
-fn seen_m(sizes: &Sizes) -> f32 {
-    sizes.width_m.max(sizes.depth_m).max(1.8 * sizes.highest_m)
-}
-
-/// The middle of the area: x, y [m].
-fn middle_m(sizes: &Sizes) -> [f32; 2] {
-    [sizes.width_m / 2.0, sizes.depth_m / 2.0]
-}
-
-fn camera(eye: [f32; 3], target: [f32; 3], up: [f32; 3]) -> EyeControls3D {
-    EyeControls3D::new().with_kind(Eye3DKind::Orbital).with_position(eye).with_look_target(target).with_eye_up(up)
-}
-
-/// The whole area from the south, at about 45 degrees.
-pub(crate) fn overview(sizes: &Sizes) -> EyeControls3D {
-    let [x_m, y_m] = middle_m(sizes);
-    let seen_m = seen_m(sizes);
-    let eye = [x_m, y_m - 0.5 * sizes.depth_m - 0.42 * seen_m, 0.68 * seen_m];
-    camera(eye, [x_m, y_m - 0.08 * seen_m, 0.0], [0.0, 0.0, 1.0])
-}
-
-/// The whole area as on a map: north is up.
-pub(crate) fn above(sizes: &Sizes) -> EyeControls3D {
-    let [x_m, y_m] = middle_m(sizes);
-    camera([x_m, y_m, 1.16 * seen_m(sizes)], [x_m, y_m, 0.0], [0.0, 1.0, 0.0])
-}
-
-/// In the UAV's frame, so that the camera follows.
-fn beside_uav(sizes: &Sizes) -> EyeControls3D {
-    let near_m = sizes.radius_m + 0.5 * sizes.highest_m;
-    let eye = [-1.2 * near_m, -1.9 * near_m, 0.9 * near_m];
-    camera(eye, [0.0, 0.0, -0.55 * sizes.altitude_m], [0.0, 0.0, 1.0])
-}
-
-/// In a frame that follows the UAV horizontally only, so that its altitude is visible.
-fn around_uav(sizes: &Sizes) -> EyeControls3D {
-    let far_m = (1.5 * sizes.radius_m).max(0.75 * sizes.highest_m);
-    camera([-0.9 * far_m, -2.1 * far_m, 1.35 * far_m], [0.0, 0.0, 0.3 * sizes.highest_m], [0.0, 0.0, 1.0])
-}
-
 /// The column with curves, colour scales and text.
-fn beside(layout: &mut Blueprint, scenario: &Scenario, clock: WallClock) -> RecordingStreamResult<Tile> {
+fn beside(
+    layout: &mut Blueprint,
+    scenario: &Scenario,
+    clock: WallClock,
+    live: Option<u16>,
+) -> RecordingStreamResult<Tile> {
     let losses = [curves::LOSS, curves::LOSS_MARK];
     let fills = [curves::FILL_MAX, curves::FILL_MEAN];
     let fill = plot(layout, "Queue fill: fullest (yellow), mean (grey)", &fills)?;
@@ -259,6 +248,15 @@ fn beside(layout: &mut Blueprint, scenario: &Scenario, clock: WallClock) -> Reco
         (1.5, plot(layout, "Loss rate so far: lost ÷ sampled (red), 1 % (grey)", &losses)?),
         (1.3, fill),
     ];
+    if live.is_some() {
+        let newest = layout.view(
+            class::TEXT,
+            "Newest slot, wherever the time cursor is",
+            events::NEWEST,
+            &[select(events::NEWEST)],
+        )?;
+        rows.insert(1, (0.5, newest));
+    }
     let delivered = if scenario.arrival_law().is_random() {
         plot(layout, "Delivered (green), sampled (cyan) [kbit]", &[curves::DELIVERED, curves::SAMPLED])?
     } else {
@@ -311,13 +309,18 @@ fn picture(
     name: &str,
     root: &str,
     others: &[String],
-    [x, y]: [[f64; 2]; 2],
+    bounds: [[f64; 2]; 2],
 ) -> RecordingStreamResult<Tile> {
     let view = layout.view(class::PICTURE, name, root, &[&[select_all(root)], others].concat())?;
+    frame(layout, view, bounds)?;
+    Ok(view)
+}
+
+/// Sets the bounds in x and y and the background of a 2D view.
+fn frame(layout: &Blueprint, view: Tile, [x, y]: [[f64; 2]; 2]) -> RecordingStreamResult<()> {
     let bounds = re_sdk_types::datatypes::Range2D { x_range: x.into(), y_range: y.into() };
     layout.set(view, &VisualBounds2D::new(components::VisualBounds2D(bounds)))?;
-    layout.set(view, &background())?;
-    Ok(view)
+    layout.set(view, &background())
 }
 
 fn background() -> Background {

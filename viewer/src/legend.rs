@@ -4,7 +4,7 @@ use std::ops::RangeInclusive;
 
 use re_sdk::{RecordingStream, RecordingStreamResult};
 use re_sdk_types::AnyValues;
-use re_sdk_types::archetypes::{Boxes3D, Image, Points3D, TextDocument, Transform3D};
+use re_sdk_types::archetypes::{Arrows3D, Boxes3D, Image, Points3D, TextDocument, Transform3D};
 use re_sdk_types::components::Radius;
 use skysink_common::base::{Base, BaseArea};
 use skysink_common::channel::{Channel, LineOfSight};
@@ -15,7 +15,7 @@ use skysink_common::scenario::Scenario;
 use crate::canvas::Canvas;
 use crate::colour::{self, Rgb};
 use crate::los::field;
-use crate::shapes::{circle, line_style, writing};
+use crate::shapes::{circle, line_style, text_style, writing};
 use crate::sizes::{MAX_BARS, Sizes};
 
 /// The main page.
@@ -28,6 +28,13 @@ pub const SCALE: &str = "scale";
 pub const AREA: &str = "world/area";
 /// Numbers at the area's axes.
 pub const AXES: &str = "world/area/axes";
+/// The arrow to the north.
+pub const NORTH: &str = "world/area/north";
+
+/// Text of the area for the views from above.
+pub const TEXT_ABOVE: &str = "cameras/top/text";
+/// The name of the base for the views from above.
+const BASE_ABOVE: &str = "cameras/top/base";
 
 /// The base.
 pub const BASE: &str = "world/base";
@@ -54,6 +61,10 @@ pub(crate) fn log_pages(
 /// Text of the legend for estimated queues.
 const BELIEF: &str =
     " Tab *Belief and truth*: the queues as the UAV believes them to be, as they are, and the difference.";
+
+/// Text of the legend for a map.
+const MAP: &str =
+    " Tab *Map*: SNs, paths and UAVs (magenta: the first) on a map, whose background comes from the internet.";
 
 /// Rows of the legend for a base.
 const BASE_ROWS: &str = "\
@@ -101,6 +112,9 @@ fn page(scenario: &Scenario, count: usize, sizes: &Sizes, estimated: Option<Rate
         }),
         blocks = scenario.link.resource_blocks,
         radius_m = scenario.link.comm_radius_m,
+        readout = readout(scenario),
+        unit = unit(sizes),
+        map = scenario.area.origin().map_or("", |_| MAP),
         strategy = scenario.planner.strategy,
         seed = scenario.seed,
         slots = scenario.slots,
@@ -108,6 +122,22 @@ fn page(scenario: &Scenario, count: usize, sizes: &Sizes, estimated: Option<Rate
         height_m = scenario.area.height_m(),
         grid_m = sizes.grid_m,
     )
+}
+
+/// What is written at a UAV.
+fn readout(scenario: &Scenario) -> String {
+    let first = if scenario.uav.uavs() == 1 { "time since the start" } else { "its number" };
+    let battery = if scenario.uav.battery.is_some() { ", energy in the battery" } else { "" };
+    format!("{first}, altitude, mean speed in the slot{battery}")
+}
+
+/// Text of the legend for areas that are shown in a larger unit.
+fn unit(sizes: &Sizes) -> String {
+    if sizes.unit_m > 1.0 {
+        format!(" Positions that the viewer tells in *Field (3D)* are in units of {} m.", sizes.unit_m)
+    } else {
+        String::new()
+    }
 }
 
 /// The page on line of sight and the altitude of the UAV.
@@ -167,11 +197,11 @@ fn format_rate(rate_bps: f64) -> String {
     format!("{value:.digits$} {unit}")
 }
 
-/// The ground, its frame, a grid, and the numbers at the axes. The ground is thick enough to hide the lower half of
+/// The ground, its frame, a grid, and the numbers at the axes. The ground is thick enough to hide sunken
 /// bars.
 pub(crate) fn log_area(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<()> {
     let Sizes { width_m, depth_m, .. } = *sizes;
-    let below_m = 0.01 * sizes.radius_m;
+    let below_m = sizes.layer_m;
     let half_m = 0.5 * sizes.bar_m + below_m;
     let margin_m = sizes.bar_half_m;
     let ground = Boxes3D::from_centers_and_half_sizes(
@@ -189,12 +219,37 @@ pub(crate) fn log_area(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<
     let at_x = sizes.axis_numbers(width_m).map(|x_m| ([x_m, -away_m, 0.0], format!("{x_m} m")));
     let at_y = sizes.axis_numbers(depth_m).skip(1).map(|y_m| ([-1.5 * away_m, y_m, 0.0], format!("{y_m} m")));
     let (places, texts): (Vec<_>, Vec<_>) = at_x.chain(at_y).unzip();
-    let axes = Points3D::new(places)
-        .with_labels(texts)
-        .with_show_labels(true)
-        .with_radii([Radius::new_ui_points(0.1)])
+    canvas.log_static(AXES, &text_style(colour::WRITING).with_positions(places).with_labels(texts))?;
+    log_north(canvas, sizes)
+}
+
+/// An arrow to the north, east of the area.
+fn log_north(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<()> {
+    let Sizes { north_foot_m, north_m, .. } = *sizes;
+    let [x_m, y_m] = north_foot_m;
+    let arrow = Arrows3D::from_vectors([[0.0, north_m, 0.0]])
+        .with_origins([[x_m, y_m, 0.0]])
+        .with_radii([0.04 * north_m])
         .with_colors([colour::WRITING]);
-    canvas.log_static(AXES, &axes)
+    canvas.log_static(NORTH, &arrow)?;
+    let tip = text_style(colour::WRITING).with_positions([[x_m, y_m + 1.35 * north_m, 0.0]]).with_labels(["N"]);
+    canvas.log_static(format!("{NORTH}/letter"), &tip)
+}
+
+/// Writes the numbers at the axes, the north and the base for the views from above, in which rerun draws no text of the
+/// scene.
+pub(crate) fn log_text_above(canvas: &Canvas, scenario: &Scenario, sizes: &Sizes) -> RecordingStreamResult<()> {
+    let Sizes { width_m, depth_m, north_foot_m, north_m, .. } = *sizes;
+    let longer_m = width_m.max(depth_m);
+    let place = |[x_m, y_m]: [f32; 2]| [x_m, depth_m - y_m];
+    let at_x = sizes.axis_numbers(width_m).map(|x_m| (place([x_m, -0.01 * longer_m]), format!("{x_m} m")));
+    let at_y = sizes.axis_numbers(depth_m).skip(1);
+    let at_y = at_y.map(|y_m| (place([-0.05 * longer_m, y_m + 0.03 * longer_m]), format!("{y_m} m")));
+    let north = (place([north_foot_m[0], north_foot_m[1] + 1.6 * north_m]), "N".to_owned());
+    canvas.log_static(TEXT_ABOVE, &writing(at_x.chain(at_y).chain([north])))?;
+    let Some(base) = scenario.landing_base() else { return Ok(()) };
+    let names = base.places().map(|at| (place([at.x as f32, at.y as f32]), "base".to_owned()));
+    canvas.log_static(BASE_ABOVE, &writing(names).with_colors([colour::CHARGE]))
 }
 
 /// Draws the base, if there is one.

@@ -5,12 +5,14 @@
 
 pub mod belief;
 mod blueprint;
+pub mod cameras;
 mod canvas;
 pub mod colour;
 pub mod comparison;
 pub mod curves;
 pub mod events;
 mod files;
+pub mod geo;
 mod history;
 mod journal;
 pub mod layout;
@@ -18,10 +20,12 @@ pub mod legend;
 pub mod links;
 pub mod los;
 pub mod maps;
+mod names;
 pub mod node;
 pub mod path;
 mod picture;
 pub mod queues;
+mod readout;
 pub mod recording;
 mod rhythm;
 mod rrd_file;

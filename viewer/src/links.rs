@@ -5,8 +5,8 @@
 use std::ops::RangeInclusive;
 
 use re_sdk::RecordingStreamResult;
-use re_sdk_types::archetypes::{Cylinders3D, LineStrips3D};
-use re_sdk_types::components::{FillMode, Radius};
+use re_sdk_types::archetypes::LineStrips3D;
+use re_sdk_types::components::Radius;
 use skysink_common::channel::{Channel, ChannelModel};
 use skysink_common::message::{FlightReport, LinkReport, Plan};
 use skysink_common::scenario::Scenario;
@@ -17,10 +17,12 @@ use crate::colour;
 use crate::shapes::{Point, drawn, line_style, show_circle};
 use crate::sizes::Sizes;
 
-/// The candidate circles.
+/// The candidate circles, numbered below it.
 pub const CANDIDATES: &str = "world/candidates";
 /// The chosen candidate circle.
 pub const CHOSEN: &str = "world/chosen";
+/// Number of candidate circles of a plan.
+const CIRCLES: usize = 5;
 /// The served links.
 pub const LINKS: &str = "world/links";
 
@@ -28,6 +30,8 @@ pub const LINKS: &str = "world/links";
 pub(crate) struct Links {
     feet: Vec<Point>,
     radius_m: f32,
+    /// Height of the circles.
+    circles_z_m: f32,
     /// The range of the colour scale [bit/s]; `None` if links are coloured by line of sight.
     pub(crate) rates_bps: Option<RangeInclusive<f64>>,
 }
@@ -43,12 +47,9 @@ impl Links {
         sensors: &Sensors,
         sizes: &Sizes,
     ) -> RecordingStreamResult<Self> {
-        let candidates = Cylinders3D::update_fields()
-            .with_lengths([0.001 * sizes.radius_m])
-            .with_fill_mode(FillMode::MajorWireframe)
-            .with_colors([colour::CANDIDATE])
-            .with_line_radii([Radius::new_ui_points(0.8)]);
-        canvas.log_static(CANDIDATES, &candidates)?;
+        for candidate in 0..CIRCLES {
+            canvas.log_static(candidate_of(candidate), &line_style(colour::CANDIDATE, 0.8))?;
+        }
         canvas.log_static(CHOSEN, &line_style(colour::CHOSEN, 2.2))?;
         let channel = Channel::of(&scenario.link);
         let rates_bps = match channel.line_of_sight() {
@@ -62,18 +63,20 @@ impl Links {
         Ok(Self {
             feet: sensors.positions.iter().map(|position| [position.x as f32, position.y as f32, 0.0]).collect(),
             radius_m: sizes.radius_m,
+            circles_z_m: 0.2 * sizes.layer_m,
             rates_bps,
         })
     }
 
     /// Shows the circles of a plan; clears them without a plan.
     pub(crate) fn log_circles(&self, canvas: &Canvas, plan: Option<&Plan>) -> RecordingStreamResult<()> {
-        let circles_m = plan.map_or(&[][..], |plan| &plan.circles_m);
+        let circles_m = plan.map_or([[f64::NAN; 2]; CIRCLES], |plan| plan.circles_m);
         let is_drawn = |centre_m: &&[f64; 2]| centre_m.iter().all(|coordinate_m| coordinate_m.is_finite());
-        let centre = |&[x_m, y_m]: &[f64; 2]| [x_m as f32, y_m as f32, 0.002 * self.radius_m];
-        let centres: Vec<Point> = circles_m.iter().filter(is_drawn).map(centre).collect();
-        let candidates = Cylinders3D::update_fields().with_radii(centres.iter().map(|_| self.radius_m));
-        canvas.show(CANDIDATES, &candidates.with_centers(centres))?;
+        let centre = |&[x_m, y_m]: &[f64; 2]| [x_m as f32, y_m as f32, self.circles_z_m];
+        for (candidate, centre_m) in circles_m.iter().enumerate() {
+            let at = Some(centre_m).filter(is_drawn).map(centre);
+            show_circle(canvas, &candidate_of(candidate), at, self.radius_m)?;
+        }
         let chosen = plan.and_then(|plan| circles_m.get(plan.chosen as usize)).filter(is_drawn);
         show_circle(canvas, CHOSEN, chosen.map(centre), self.radius_m)
     }
@@ -97,6 +100,11 @@ impl Links {
         };
         canvas.show(LINKS, &links)
     }
+}
+
+/// The entity of a candidate circle.
+fn candidate_of(candidate: usize) -> String {
+    format!("{CANDIDATES}/{candidate}")
 }
 
 /// Selects the first value for a link with line of sight, else the second.

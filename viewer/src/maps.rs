@@ -12,6 +12,7 @@ use skysink_common::sensors::Sensors;
 use crate::canvas::Canvas;
 use crate::colour;
 use crate::history::{CoverageGrid, SensorHistory};
+use crate::names::SensorNames;
 use crate::rhythm::Rhythm;
 use crate::shapes::writing;
 use crate::sizes::{MAX_BARS, Sizes};
@@ -38,12 +39,14 @@ const EVERY: u64 = 10;
 pub(crate) struct MapFrame {
     sizes: Sizes,
     positions: Vec<[f32; 2]>,
+    names: SensorNames,
 }
 
 impl MapFrame {
-    pub(crate) fn of(sensors: &Sensors, sizes: &Sizes) -> Self {
+    pub(crate) fn of(sensors: &Sensors, sizes: &Sizes, names: &SensorNames) -> Self {
         let on_map = |position: &Position| [position.x as f32, sizes.depth_m - position.y as f32];
-        Self { sizes: *sizes, positions: sensors.positions.iter().map(on_map).collect() }
+        let positions = sensors.positions.iter().map(on_map).collect();
+        Self { sizes: *sizes, positions, names: names.clone() }
     }
 
     /// The longer side [m].
@@ -131,6 +134,9 @@ impl SteppedMap {
             .with_show_labels(false)
             .with_draw_order(30.0);
         canvas.log_static(&map.shown, &points)?;
+        if let Some(names) = frame.names.component() {
+            canvas.log_static(&map.shown, &names)?;
+        }
         Ok(map)
     }
 

@@ -61,7 +61,7 @@ impl Path {
             .take(if uavs > 1 { 2 } else { 0 })
             .try_for_each(|entity| canvas.log_static(entity, &thin))?;
         let begun = part == Part::Later;
-        Ok(Self { begun, others_begun: begun && uavs > 1, step_m: 0.002 * sizes.radius_m })
+        Ok(Self { begun, others_begun: begun && uavs > 1, step_m: 0.2 * sizes.layer_m })
     }
 
     /// Shows the paths of a slot. A single point is only the waypoint of the slot, and not shown.

@@ -6,25 +6,29 @@ use re_sdk_types::archetypes::TextDocument;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::estimate::{BYTES_PER_SENSOR, Rates, SavedEstimate};
 use skysink_common::geometry::Position;
+use skysink_common::message::FlightReport;
 use skysink_common::scenario::Scenario;
-use skysink_common::sensors::{SensorList, Sensors};
+use skysink_common::sensors::Sensors;
 
 use crate::belief::BeliefMaps;
 use crate::canvas::Canvas;
 use crate::curves::Curves;
 use crate::events::Events;
+use crate::geo::GeoMap;
 use crate::history::{SensorHistory, Sums};
 use crate::links::Links;
 use crate::los::Los;
 use crate::maps::{MapFrame, Maps};
+use crate::names::SensorNames;
 use crate::path::Path;
 use crate::queues::{Fill, QueueShapes};
+use crate::readout::Readout;
 use crate::recording::{Recording, SceneError};
 use crate::sizes::Sizes;
 use crate::slot::SlotView;
 use crate::status::status;
 use crate::uav::UavShape;
-use crate::{events, legend, zones};
+use crate::{cameras, events, legend, uav, zones};
 
 /// The drawing state of a mission.
 pub(crate) struct Picture {
@@ -38,9 +42,13 @@ pub(crate) struct Picture {
     curves: Curves,
     history: SensorHistory,
     maps: Option<Maps>,
+    geo: Option<GeoMap>,
     belief: Option<BeliefMaps>,
-    /// Names of the sensor nodes; empty without names.
-    names: Vec<String>,
+    names: SensorNames,
+    readout: Readout,
+    slot_s: f64,
+    /// Extent of the area in y [m].
+    depth_m: f32,
 }
 
 /// Maximum size of the estimate without its sensor nodes [byte].
@@ -61,7 +69,7 @@ impl Picture {
         recording: &Recording,
     ) -> Result<Self, SceneError> {
         let part = recording.part;
-        let names = SensorList::names_of(scenario);
+        let names = SensorNames::of(scenario, sensors.count());
         let queues = QueueShapes::open(&canvas, sensors, sizes, &names)?;
         let open = |uav: usize| UavShape::open(&canvas, sizes, uav);
         let uavs = (0..scenario.uav.uavs()).map(open).collect::<Result<_, _>>()?;
@@ -72,11 +80,34 @@ impl Picture {
         let curves = Curves::open(&canvas, scenario, sensors.sampling.is_drawn())?;
         legend::log_scales(&canvas, links.rates_bps.as_ref())?;
         legend::log_area(&canvas, sizes)?;
+        cameras::log(&canvas, sizes)?;
+        legend::log_text_above(&canvas, scenario, sizes)?;
+        uav::log_labels_above(&canvas, scenario.uav.uavs())?;
         legend::log_base(&canvas, scenario)?;
         zones::log_zones(&canvas, scenario)?;
         zones::log_shadows(&canvas, scenario, sensors)?;
         let history = SensorHistory::new(scenario, sensors);
-        Ok(Self { canvas, queues, uavs, path, links, los, events, curves, history, maps: None, belief: None, names })
+        let readout = Readout::of(scenario);
+        let slot_s = scenario.slot_s;
+        let depth_m = sizes.depth_m;
+        Ok(Self {
+            canvas,
+            queues,
+            uavs,
+            path,
+            links,
+            los,
+            events,
+            curves,
+            history,
+            maps: None,
+            geo: None,
+            belief: None,
+            names,
+            readout,
+            slot_s,
+            depth_m,
+        })
     }
 
     /// Adds maps and the legend to the scene. `estimated` is how the UAV knows the rates if it has to estimate the
@@ -89,7 +120,8 @@ impl Picture {
         estimated: Option<Rates>,
     ) -> Result<Self, SceneError> {
         legend::log_pages(&self.canvas, scenario, sensors.count(), sizes, estimated)?;
-        let frame = MapFrame::of(sensors, sizes);
+        self.geo = GeoMap::open(&self.canvas, scenario, sensors, &self.names)?;
+        let frame = MapFrame::of(sensors, sizes, &self.names);
         self.maps = Some(Maps::open(&self.canvas, scenario, &frame, &self.history)?);
         let belief = |rates| BeliefMaps::open(&self.canvas, scenario, sensors, rates, &frame);
         self.belief = estimated.map(belief).transpose()?;
@@ -111,6 +143,7 @@ impl Picture {
         }
         self.history.add(view.slot, view.queues_bits, view.flights.iter().map(|flight| flight.position().xy()));
         self.uavs.iter_mut().zip(view.flights).for_each(|(uav, flight)| uav.observe(flight));
+        self.geo.iter_mut().for_each(|geo| geo.observe(view.flights));
         Ok(self.events.log_slot(&self.canvas, view)?)
     }
 
@@ -128,8 +161,19 @@ impl Picture {
         if let Some(maps) = &mut self.maps {
             maps.log_slot(canvas, view.slot, &self.history, Position::new(view.flight().x_m, view.flight().y_m))?;
         }
+        let numbered = self.uavs.iter().zip(view.flights).enumerate();
+        let label = |(number, (uav, flight)): (usize, (&UavShape, &FlightReport))| {
+            self.readout.label(number, view.slot, flight, uav.flown_m())
+        };
+        let labels: Vec<String> = numbered.map(label).collect();
         for (number, uav) in self.uavs.iter_mut().enumerate() {
-            uav.draw(canvas, &view.flights[number], view.plans.get(number).and_then(Option::as_ref))?;
+            let plan = view.plans.get(number).and_then(Option::as_ref);
+            uav.draw(canvas, &view.flights[number], plan, &labels[number])?;
+        }
+        let places = view.flights.iter().map(|flight| [flight.x_m as f32, self.depth_m - flight.y_m as f32]);
+        uav::show_labels_above(canvas, places, &labels)?;
+        if let Some(geo) = &mut self.geo {
+            geo.draw(canvas)?;
         }
         self.path.log(canvas, view.paths)?;
         self.links.log_circles(canvas, view.plan())?;
@@ -137,7 +181,8 @@ impl Picture {
         if let Some(los) = &mut self.los {
             los.log_slot(canvas, view.flight())?;
         }
-        canvas.show(events::STATUS, &TextDocument::from_markdown(status(view, &self.history, &self.names)))?;
+        let status = status(view, &self.history, &self.names, self.slot_s);
+        canvas.show(events::STATUS, &TextDocument::from_markdown(status))?;
         self.curves.log_slot(canvas, view, fill, missed_slots, self.history.sampled_now_bits())?;
         Ok(fill)
     }
@@ -146,6 +191,7 @@ impl Picture {
     pub(crate) fn log_missed(&mut self, first: u64, last: u64) -> Result<(), SceneError> {
         let canvas = &self.canvas;
         self.uavs.iter_mut().try_for_each(|uav| uav.log_missed(canvas))?;
+        self.geo.iter_mut().try_for_each(|geo| geo.log_flown(canvas))?;
         self.path.log(canvas, &[])?;
         self.links.log_circles(canvas, None)?;
         self.links.log_links(canvas, &[])?;

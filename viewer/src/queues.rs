@@ -1,7 +1,6 @@
 //! The sensor nodes, coloured by queue fill: a point each, and a bar each if they are few enough. A sensor node that
 //! loses data in the slot has a separate colour; one that has lost data in the mission has a mark above it.
 
-use std::borrow::Cow;
 use std::sync::Arc;
 
 use re_sdk::RecordingStreamResult;
@@ -14,6 +13,7 @@ use skysink_common::sensors::Sensors;
 use crate::canvas::Canvas;
 use crate::colour;
 use crate::history::SensorHistory;
+use crate::names::SensorNames;
 use crate::sizes::{MAX_BARS, Sizes};
 
 /// Root of the 3D scene, with the queue scale.
@@ -56,22 +56,22 @@ pub(crate) struct QueueShapes {
 /// Positions and sizes of the bars.
 struct Bars {
     feet_m: Vec<[f32; 2]>,
-    half_sides_m: Vec<f32>,
+    /// Height of the bar of a full queue.
     full_m: f32,
 }
 
 impl QueueShapes {
-    /// Places the sensor nodes, labels them with `names`, if there are some, and with weights that differ, and names the
-    /// levels of the queue scale. Larger buffers are drawn wider.
+    /// Places and labels the sensor nodes, and names the levels of the queue scale. Larger buffers are drawn wider.
     pub(crate) fn open(
         canvas: &Canvas,
         sensors: &Arc<Sensors>,
         sizes: &Sizes,
-        names: &[String],
+        names: &SensorNames,
     ) -> RecordingStreamResult<Self> {
-        let names = &labels(sensors, names)[..];
+        let labels = names.labels(sensors);
         let widths = widths(sensors);
-        let shows_names = (1..=MOST_NAMES).contains(&names.len());
+        let is_told = names.given() > 0 || !sensors.weights.are_equal();
+        let shows_names = is_told && sensors.count() <= MOST_NAMES;
         canvas.log_static(WORLD, &AnnotationContext::new((0..=OVERFLOW_LEVEL).map(describe)))?;
         if sensors.sampling.is_drawn() {
             let marks = Points3D::update_fields().with_colors([colour::BURST]).with_radii([Radius::new_ui_points(3.5)]);
@@ -84,24 +84,30 @@ impl QueueShapes {
             let points = Points3D::new(feet_m.iter().map(|&[x_m, y_m]| [x_m, y_m, 0.0]))
                 .with_radii(widths.iter().map(|width| Radius::new_ui_points(sizes.point_ui * width)))
                 .with_show_labels(!has_bars && shows_names);
-            let points = if names.is_empty() { points } else { points.with_labels(names.iter().map(String::as_str)) };
+            let points = match &labels {
+                Some(labels) => points.with_labels(labels.iter().map(String::as_str)),
+                None => points,
+            };
             canvas.log_static(POINTS, &points)?;
         }
         if !has_bars {
             return Ok(Self { sensors: Arc::clone(sensors), bars: None, has_points });
         }
-        // A bar extends as far below the ground as above, so that its centre does not move.
+        // All bars are equal, and sink into the ground by what is free of the buffer. rerun tells the name of a bar that
+        // is pointed at only if at most three components differ from bar to bar: centre, level and name.
+        let half = |width: &f32| [width * sizes.bar_half_m, width * sizes.bar_half_m, 0.5 * sizes.bar_m];
         let style = Boxes3D::update_fields()
-            .with_centers(feet_m.iter().map(|&[x_m, y_m]| [x_m, y_m, 0.0]))
+            .with_half_sizes(widths.iter().map(half))
             .with_fill_mode(FillMode::Solid)
             .with_show_labels(shows_names);
-        let style = if names.is_empty() { style } else { style.with_labels(names.iter().map(String::as_str)) };
+        let style = match &labels {
+            Some(labels) => style.with_labels(labels.iter().map(String::as_str)),
+            None => style,
+        };
         canvas.log_static(BARS, &style)?;
         let marks = Points3D::update_fields().with_colors([colour::LOSS]).with_radii([Radius::new_ui_points(2.5)]);
         canvas.log_static(LOST, &marks)?;
-        let widths = widths.iter().cycle().take(sensors.count()); // one for all, or one for each
-        let half_sides_m = half_sides_m(sizes.bar_half_m).zip(widths).map(|(side_m, width)| side_m * width).collect();
-        let bars = Bars { feet_m, half_sides_m, full_m: sizes.bar_m };
+        let bars = Bars { feet_m, full_m: sizes.bar_m };
         Ok(Self { sensors: Arc::clone(sensors), bars: Some(bars), has_points })
     }
 
@@ -141,11 +147,11 @@ impl QueueShapes {
 }
 
 impl Bars {
-    /// Bars of the given levels, standing on the ground; an empty queue keeps a thin tile.
+    /// Bars that show the given levels above the ground; an empty queue keeps a thin tile.
     fn at(&self, levels: &[u16]) -> Boxes3D {
         let height_m = |level: u16| self.full_m * (f32::from(level) / f32::from(FULL_LEVEL)).max(0.02);
-        let half = |(&side_m, &level): (&f32, &u16)| [side_m, side_m, height_m(level)];
-        Boxes3D::update_fields().with_half_sizes(self.half_sides_m.iter().zip(levels).map(half))
+        let centre = |(&[x_m, y_m], &level): (&[f32; 2], &u16)| [x_m, y_m, height_m(level) - 0.5 * self.full_m];
+        Boxes3D::update_fields().with_centers(self.feet_m.iter().zip(levels).map(centre))
     }
 
     /// Marks above the sensor nodes that have lost data.
@@ -163,26 +169,6 @@ fn widths(sensors: &Sensors) -> Vec<f32> {
         return vec![1.0];
     }
     buffers_bits().map(|buffer_bits| (f64::from(buffer_bits) / f64::from(most_bits)).sqrt() as f32).collect()
-}
-
-/// The `names`, which may be empty, with the weights of the sensor nodes if these differ.
-fn labels<'a>(sensors: &Sensors, names: &'a [String]) -> Cow<'a, [String]> {
-    if sensors.weights.are_equal() {
-        return Cow::Borrowed(names);
-    }
-    let label = |id: u32| {
-        let name = names.get(id as usize).filter(|name| !name.is_empty());
-        let name = name.map_or_else(|| format!("SN {id}"), Clone::clone);
-        format!("{name}, w = {}", sensors.weights.of(id as usize))
-    };
-    sensors.ids().map(label).collect()
-}
-
-/// Half the sides of the bars, each slightly larger than the one before. The difference is invisible, but halves the
-/// compressed size: the compressor matches a bar with itself in the previous slot, not with a neighbour of equal
-/// height.
-fn half_sides_m(half_side_m: f32) -> impl Iterator<Item = f32> {
-    std::iter::successors(Some(half_side_m), |side_m| Some(side_m.next_up()))
 }
 
 /// Fraction of a buffer in use; a buffer of 0 bits is full.

@@ -203,11 +203,10 @@ impl Recording {
         self.stream.set_duration_secs(SIM_TIME, slot as f64 * slot_s);
     }
 
-    /// Ends a slot with this number of sensor nodes, and sends the batch if it is due. [`Recording::close`] reports
-    /// errors.
+    /// Ends a slot with this number of sensor nodes; whether the batch is then due, see [`Recording::send_batch`].
     ///
-    /// The first slot is sent immediately, with all static data: without them, a file would be empty.
-    pub(crate) fn end_slot(&mut self, sensors: usize) {
+    /// The first slot is due immediately, with all static data: without them, a file would be empty.
+    pub(crate) fn is_batch_due(&mut self, sensors: usize) -> bool {
         let [base, each] = SLOT_BYTES;
         self.slots += 1;
         self.bytes += base + each * sensors;
@@ -216,14 +215,17 @@ impl Recording {
             Some(_) => elapsed >= LIVE_TICK,
             None => elapsed >= FILE_TICK || self.slots >= MIN_SLOTS && elapsed >= MIN_TICK,
         };
-        if is_timely || self.bytes >= BATCH_BYTES || !self.is_begun {
-            self.begin_batch();
-            self.is_begun = true;
-            self.sent = Instant::now();
-            self.slots = 0;
-            self.bytes = 0;
-            let _ = self.stream.flush_async();
-        }
+        is_timely || self.bytes >= BATCH_BYTES || !self.is_begun
+    }
+
+    /// Sends the slots since the last batch. [`Recording::close`] reports errors.
+    pub(crate) fn send_batch(&mut self) {
+        self.begin_batch();
+        self.is_begun = true;
+        self.sent = Instant::now();
+        self.slots = 0;
+        self.bytes = 0;
+        let _ = self.stream.flush_async();
     }
 
     /// Begins to send a batch to the file: ends it with the name of the recording. The first one already has it.

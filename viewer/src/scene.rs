@@ -6,6 +6,7 @@ use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use re_sdk::ApplicationId;
+use re_sdk_types::archetypes::TextDocument;
 use re_sdk_types::components::TextLogLevel;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError};
 use skysink_common::estimate::Rates;
@@ -20,7 +21,7 @@ use crate::recording::{Recording, SceneError, Sinks};
 use crate::rhythm::Rhythm;
 use crate::sizes::Sizes;
 use crate::slot::{SlotView, WallClock};
-use crate::{events, layout, legend};
+use crate::{events, layout, legend, status};
 
 /// The application id of the recordings of a mission.
 fn application(scenario: &Scenario) -> ApplicationId {
@@ -97,7 +98,10 @@ impl Scene {
         }
         self.last_slot = Some(view.slot);
         self.last_totals = Some(view.header.totals);
-        self.recording.end_slot(view.queues_bits.len());
+        if self.recording.is_batch_due(view.queues_bits.len()) {
+            self.log_newest(view.slot)?;
+            self.recording.send_batch();
+        }
         Ok(())
     }
 
@@ -138,8 +142,18 @@ impl Scene {
         if let Some(slot) = self.last_slot {
             let text = events::end(&self.scenario, slot, self.last_totals.as_ref(), self.missed_slots);
             self.log_event(slot, TextLogLevel::INFO, &text)?;
+            self.log_newest(slot)?;
         }
         self.recording.close()
+    }
+
+    /// Tells live viewers the newest slot.
+    fn log_newest(&self, slot: u64) -> Result<(), SceneError> {
+        if self.recording.port.is_none() {
+            return Ok(());
+        }
+        let text = status::newest(slot, self.scenario.slots, self.scenario.slot_s);
+        Ok(self.picture.canvas.log_static(events::NEWEST, &TextDocument::from_markdown(text))?)
     }
 }
 

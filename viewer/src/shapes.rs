@@ -4,7 +4,7 @@ use std::f32::consts::TAU;
 
 use nalgebra::Point3;
 use re_sdk::RecordingStreamResult;
-use re_sdk_types::archetypes::{LineStrips3D, Points2D, SeriesLines, Transform3D};
+use re_sdk_types::archetypes::{LineStrips3D, Points2D, Points3D, SeriesLines, Transform3D};
 use re_sdk_types::components::Radius;
 
 use crate::canvas::Canvas;
@@ -48,6 +48,11 @@ pub(crate) fn line_style(colour: Rgb, width_ui: f32) -> LineStrips3D {
 /// A curve of one colour, under the name `name`.
 pub(crate) fn curve_style(name: &str, colour: Rgb) -> SeriesLines {
     SeriesLines::new().with_names([name]).with_colors([colour]).with_widths([1.5])
+}
+
+/// Text in the scene, below points that are not seen themselves.
+pub(crate) fn text_style(colour: Rgb) -> Points3D {
+    Points3D::update_fields().with_show_labels(true).with_radii([Radius::new_ui_points(0.1)]).with_colors([colour])
 }
 
 /// Text in a 2D view, each below its point.

@@ -5,6 +5,10 @@ use skysink_common::scenario::Scenario;
 /// Maximum number of sensor nodes that are drawn as bars. With more, a recording would take hundreds of megabytes.
 pub(crate) const MAX_BARS: usize = 2_000;
 
+/// Longest side of an area that its views show in metres. Wider ones are reduced to it: the near plane of rerun's 3D
+/// views is fixed, so that WebGL, at a distance of 1.5 km, does not tell heights apart that differ by less than 10 m.
+pub(crate) const UNREDUCED_M: f32 = 100.0;
+
 /// Sizes of drawn objects [m].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Sizes {
@@ -18,10 +22,18 @@ pub(crate) struct Sizes {
     pub(crate) highest_m: f32,
     /// Communication radius on the ground, `d_c`.
     pub(crate) radius_m: f32,
+    /// Unit of the 3D view of the whole area.
+    pub(crate) unit_m: f32,
+    /// Height that keeps what is drawn on the ground apart from it. Layers lie at fractions of it.
+    pub(crate) layer_m: f32,
     /// Distance of grid lines.
     pub(crate) grid_m: f32,
     /// Distance of grid lines with a number: every first, second, fifth and so on.
     pub(crate) number_m: f32,
+    /// Where the arrow to the north begins, in x and y.
+    pub(crate) north_foot_m: [f32; 2],
+    /// Its length.
+    pub(crate) north_m: f32,
     /// Height of the bar of a full queue: half the lowest altitude, so that no bar hides the UAV, or more in a wide
     /// field, where bars would be invisible.
     pub(crate) bar_m: f32,
@@ -48,6 +60,7 @@ impl Sizes {
         let longer_m = width_m.max(depth_m);
         let grid_m = round_step(longer_m / 8.0);
         let bar_m = (0.5 * lowest_m).max(0.045 * longer_m);
+        let near_m = radius_m.min(altitude_m);
         let spacing_m = (width_m * depth_m / count.max(1) as f32).sqrt();
         Self {
             width_m,
@@ -55,12 +68,16 @@ impl Sizes {
             altitude_m,
             highest_m,
             radius_m,
+            unit_m: unit_m(longer_m),
+            layer_m: (0.001 * longer_m).max(0.01 * radius_m),
             grid_m,
             number_m: number_step(grid_m, longer_m),
+            north_foot_m: [width_m + 0.06 * longer_m, 0.06 * longer_m],
+            north_m: 0.1 * longer_m,
             bar_m,
             has_tall_bars: bar_m > 0.8 * altitude_m,
             bar_half_m: 0.11 * spacing_m.min(0.08 * longer_m),
-            arm_m: 0.18 * radius_m.min(altitude_m),
+            arm_m: (0.008 * longer_m).clamp(0.18 * near_m, 0.25 * near_m),
             point_ui: if count <= MAX_BARS {
                 3.0
             } else if count <= 50_000 {
@@ -93,10 +110,22 @@ fn round_step(length_m: f32) -> f32 {
     [5.0, 2.0].into_iter().map(|digit| digit * decade).find(|&step| step <= length_m).unwrap_or(decade)
 }
 
+/// Unit of the views of an area whose longer side is this long [m]: a power of ten, so that positions are readable.
+fn unit_m(longer_m: f32) -> f32 {
+    [1.0, 10.0, 100.0, 1e3].into_iter().find(|unit_m| longer_m <= UNREDUCED_M * unit_m).unwrap_or(1e4)
+}
+
+/// Whether a length is a power of ten [m].
+fn is_decade(length_m: f32) -> bool {
+    (length_m.log10() - length_m.log10().round()).abs() < 1e-4
+}
+
 /// Distance of numbers: a multiple of the grid distance with at most seven numbers.
 fn number_step(grid_m: f32, longer_m: f32) -> f32 {
     let lines = longer_m / grid_m;
-    let every = [1.0, 2.0, 5.0].into_iter().find(|every| lines / every < 6.5).unwrap_or(10.0);
+    let third = (is_decade(grid_m)).then_some(3.0); // of 100 m, but not of 20 m or 50 m
+    let every = [Some(1.0), Some(2.0), third, Some(5.0)].into_iter().flatten();
+    let every = every.into_iter().find(|every| lines / every < 6.5).unwrap_or(10.0);
     every * grid_m
 }
 
@@ -111,6 +140,26 @@ mod tests {
         let sizes = Sizes::of(&scenario, 200);
         assert_eq!((sizes.bar_m, sizes.has_tall_bars), (10.0, false));
         assert!(sizes.bar_half_m < 1.0 && sizes.arm_m < sizes.radius_m);
+    }
+
+    #[test]
+    fn what_lies_on_the_ground_is_as_far_above_it_as_the_area_is_wide() {
+        let sizes = |side_m: f64, radius_m: f64| {
+            let text = format!("name = \"s\"\n[area]\nside_m = {side_m:?}\n[link]\ncomm_radius_m = {radius_m:?}\n");
+            let scenario = Scenario::parse(&text, std::path::Path::new("s.toml"), Overrides::default()).unwrap();
+            Sizes::of(&scenario, 200)
+        };
+        for (side_m, radius_m, layer_m) in
+            [(100.0, 10.0, 0.1), (100.0, 30.0, 0.3), (600.0, 10.0, 0.6), (1_500.0, 80.0, 1.5)]
+        {
+            let found_m = sizes(side_m, radius_m).layer_m;
+            assert!((found_m - layer_m).abs() < 1e-6, "{side_m}: {found_m}");
+        }
+        // In the unit of the view it is never less than in a field of 100 m.
+        let units = [50.0, 100.0, 101.0, 1_000.0, 1_500.0, 2e5].map(|side_m| sizes(side_m, 10.0).unit_m);
+        assert_eq!(units, [1.0, 1.0, 10.0, 10.0, 100.0, 1e4]);
+        let [paper, farm] = [sizes(100.0, 10.0), sizes(1_500.0, 80.0)].map(|sizes| sizes.arm_m);
+        assert!((paper - 1.8).abs() < 1e-6 && farm > 1.8, "{paper} {farm}");
     }
 
     #[test]
@@ -133,7 +182,8 @@ mod tests {
 
     #[test]
     fn numbers_are_at_grid_lines_and_leave_each_other_room() {
-        for (longer_m, number_m) in [(100.0, 20.0), (300.0, 100.0), (600.0, 100.0), (1_000.0, 200.0)] {
+        for (longer_m, number_m) in [(100.0, 20.0), (300.0, 100.0), (600.0, 100.0), (1_000.0, 200.0), (1_500.0, 300.0)]
+        {
             assert_eq!(number_step(round_step(longer_m / 8.0), longer_m), number_m, "{longer_m}");
         }
     }

@@ -4,11 +4,13 @@ use skysink_common::message::Totals;
 
 use crate::curves;
 use crate::history::SensorHistory;
+use crate::names::SensorNames;
+use crate::readout::clock;
 use crate::slot::SlotView;
 
 /// The results of a mission after a slot, as two paragraphs of Markdown; the history includes the slot.
-/// `names` are those of the sensor nodes, or none.
-pub(crate) fn status(view: &SlotView, history: &SensorHistory, names: &[String]) -> String {
+/// Slots take `slot_s` [s].
+pub(crate) fn status(view: &SlotView, history: &SensorHistory, names: &SensorNames, slot_s: f64) -> String {
     let Totals { sampled_bits, delivered_bits, lost_bits, .. } = view.header.totals;
     let loss_rate = curves::loss_rate(&view.header.totals);
     let by_sensor = &history.sums.lost_bits;
@@ -20,15 +22,20 @@ pub(crate) fn status(view: &SlotView, history: &SensorHistory, names: &[String])
     };
     let filling = history.overflow_s().enumerate().filter(|(_, full_s)| *full_s > 0.0 && full_s.is_finite());
     let next_full = filling.min_by(|(_, a_s), (_, b_s)| a_s.total_cmp(b_s));
-    let label = |id: usize| names.get(id).filter(|name| !name.is_empty()).map_or(format!("SN {id}"), String::clone);
     let next_full =
-        next_full.map_or_else(String::new, |(id, full_s)| format!(", next full: {} in {full_s:.0} s", label(id)));
+        next_full.map_or_else(String::new, |(id, full_s)| format!(", next full: {} in {full_s:.0} s", names.name(id)));
     format!(
-        "slot {}: **η so far {loss_rate:.4}** ({lost_bits} of {sampled_bits} bits lost, {delivered_bits} delivered)\n\n\
+        "slot {} at {}: **η so far {loss_rate:.4}** ({lost_bits} of {sampled_bits} bits lost, {delivered_bits} delivered)\n\n\
          **{losers} of {} SNs have lost data**{unseen}, {overflowing} lose some now{next_full}; {:.0} % of the area was in \
          range",
         view.slot,
+        clock(view.slot as f64 * slot_s),
         by_sensor.len(),
         100.0 * history.covered()
     )
+}
+
+/// The newest slot of a running mission of `slots` slots, as Markdown.
+pub(crate) fn newest(slot: u64, slots: u64, slot_s: f64) -> String {
+    format!("newest slot **{slot}** of {slots}, at {}", clock(slot as f64 * slot_s))
 }

@@ -2,15 +2,16 @@
 
 use std::f32::consts::FRAC_1_SQRT_2;
 
+use nalgebra::Vector3;
 use re_sdk::RecordingStreamResult;
-use re_sdk_types::archetypes::{Arrows3D, Boxes3D, Cylinders3D, LineStrips3D, Points3D, Transform3D};
+use re_sdk_types::archetypes::{Arrows3D, Boxes3D, Ellipsoids3D, LineStrips3D, Points2D, Points3D, Transform3D};
 use re_sdk_types::components::{FillMode, Radius};
 use re_sdk_types::datatypes::{Angle, RotationAxisAngle};
 use skysink_common::message::{FlightReport, Plan};
 
 use crate::canvas::Canvas;
 use crate::colour;
-use crate::shapes::{Point, circle, drawn, line_style, show_circle};
+use crate::shapes::{Point, circle, drawn, line_style, show_circle, text_style};
 use crate::sizes::Sizes;
 
 /// The UAVs after the first, by number.
@@ -21,6 +22,10 @@ pub const UAV: &str = "world/uav";
 pub const BODY: &str = "world/uav/body";
 /// A dot at its position, with the same size on the screen at every distance.
 pub const DOT: &str = "world/uav/dot";
+/// What is written at it: altitude, speed, battery.
+pub const LABEL: &str = "world/uav/label";
+/// The same of all UAVs for the views from above, in which rerun draws no text of the scene.
+pub const LABELS_ABOVE: &str = "cameras/top/uavs";
 /// The path flown since the last drawn slot. Views select how many slots are visible.
 pub const TRAIL: &str = "world/uav_trail";
 /// The flown path on the ground, for the top view.
@@ -46,6 +51,7 @@ struct Entities {
     uav: String,
     body: String,
     dot: String,
+    label: String,
     trail: String,
     track: String,
     waypoint: String,
@@ -64,6 +70,7 @@ impl Entities {
         Self {
             body: inside(BODY),
             dot: inside(DOT),
+            label: inside(LABEL),
             trail: name(TRAIL),
             track: name(TRACK),
             // Not below that of the first, whose frame is where it is.
@@ -91,14 +98,15 @@ impl UavShape {
         let at = Entities::of(uav);
         let paint = colour::of_uav(uav);
         log_body(canvas, &at, sizes.arm_m, paint)?;
-        log_coverage(canvas, &at, sizes.radius_m)?;
+        log_coverage(canvas, &at, sizes)?;
         canvas.log_static(&*at.trail, &line_style(if uav == 0 { colour::TRAIL } else { paint }, 1.2))?;
         canvas.log_static(&*at.track, &line_style(if uav == 0 { colour::TRACK } else { paint }, 0.7))?;
         for entity in [&at.waypoint, &at.plan] {
             canvas.log_static(&**entity, &line_style(colour::PLAN, 1.5))?;
         }
+        canvas.log_static(&*at.label, &text_style(paint).with_positions([[0.0; 3]]))?;
         canvas.log_static(&*at.plumb, &line_style(colour::COVERAGE, 0.7))?;
-        Ok(Self { at, ring_m: 1.8 * sizes.arm_m, track_z_m: -0.006 * sizes.radius_m, flown: Vec::new() })
+        Ok(Self { at, ring_m: 1.8 * sizes.arm_m, track_z_m: -0.6 * sizes.layer_m, flown: Vec::new() })
     }
 
     /// Adds the position after a slot.
@@ -106,16 +114,24 @@ impl UavShape {
         self.flown.push(drawn(flight.position()));
     }
 
-    /// Draws the UAV at its position after the last observed slot.
+    /// Length of the path in the last observed slot [m]; `None` if the position before it is unknown.
+    pub(crate) fn flown_m(&self) -> Option<f64> {
+        let [.., before, here] = self.flown[..] else { return None };
+        Some(f64::from(Vector3::from(here).metric_distance(&Vector3::from(before))))
+    }
+
+    /// Draws the UAV at its position after the last observed slot, and writes `label` at it.
     pub(crate) fn draw(
         &mut self,
         canvas: &Canvas,
         flight: &FlightReport,
         plan: Option<&Plan>,
+        label: &str,
     ) -> RecordingStreamResult<()> {
         let here = drawn(flight.position());
         let before = self.flown.iter().rev().nth(1).copied();
         canvas.show(&*self.at.uav, &Transform3D::update_fields().with_translation(here))?;
+        canvas.show(&*self.at.label, &Points3D::update_fields().with_labels([label]))?;
         let foot = [0.0, 0.0, -here[2]];
         canvas.show(&*self.at.coverage, &Transform3D::update_fields().with_translation(foot))?;
         canvas.show(&*self.at.plumb, &LineStrips3D::update_fields().with_strips([[[0.0; 3], foot]]))?;
@@ -154,6 +170,25 @@ impl UavShape {
     }
 }
 
+/// Styles the labels of `uavs` UAVs for the views from above.
+pub(crate) fn log_labels_above(canvas: &Canvas, uavs: usize) -> RecordingStreamResult<()> {
+    let style = Points2D::update_fields()
+        .with_show_labels(true)
+        .with_radii([Radius::new_ui_points(0.1)])
+        .with_colors((0..uavs).map(colour::of_uav));
+    canvas.log_static(LABELS_ABOVE, &style)
+}
+
+/// Writes the labels for the views from above, at positions in the pixels of [`crate::cameras::TOP`].
+pub(crate) fn show_labels_above(
+    canvas: &Canvas,
+    places: impl IntoIterator<Item = [f32; 2]>,
+    labels: &[String],
+) -> RecordingStreamResult<()> {
+    let labels = labels.iter().map(String::as_str);
+    canvas.show(LABELS_ABOVE, &Points2D::update_fields().with_positions(places).with_labels(labels))
+}
+
 /// A quadrotor with arms of length `arm_m` [m] and heading along x, and its dot.
 fn log_body(canvas: &Canvas, at: &Entities, arm_m: f32, paint: colour::Rgb) -> RecordingStreamResult<()> {
     let hub = [0.38 * arm_m, 0.3 * arm_m, 0.13 * arm_m];
@@ -166,8 +201,8 @@ fn log_body(canvas: &Canvas, at: &Entities, arm_m: f32, paint: colour::Rgb) -> R
     canvas.log_static(&*at.body, &body)?;
     let reach_m = arm_m * FRAC_1_SQRT_2;
     let rotors = [[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]];
-    let rotors = Cylinders3D::from_lengths_and_radii([0.04 * arm_m], [0.45 * arm_m])
-        .with_centers(rotors.map(|[x, y]| [x * reach_m, y * reach_m, 0.12 * arm_m]))
+    let centres = rotors.map(|[x, y]| [x * reach_m, y * reach_m, 0.12 * arm_m]);
+    let rotors = Ellipsoids3D::from_centers_and_half_sizes(centres, [[0.45 * arm_m, 0.45 * arm_m, 0.03 * arm_m]])
         .with_colors([colour::ROTOR])
         .with_fill_mode(FillMode::Solid);
     canvas.log_static(format!("{}/rotors", at.body), &rotors)?;
@@ -181,11 +216,12 @@ fn log_body(canvas: &Canvas, at: &Entities, arm_m: f32, paint: colour::Rgb) -> R
 }
 
 /// A disc just below the sensor nodes, and its border.
-fn log_coverage(canvas: &Canvas, at: &Entities, radius_m: f32) -> RecordingStreamResult<()> {
-    let disc = Cylinders3D::from_lengths_and_radii([0.002 * radius_m], [radius_m])
-        .with_centers([[0.0, 0.0, -0.004 * radius_m]])
-        .with_colors([colour::COVERED])
-        .with_fill_mode(FillMode::Solid);
+fn log_coverage(canvas: &Canvas, at: &Entities, sizes: &Sizes) -> RecordingStreamResult<()> {
+    let Sizes { radius_m, layer_m, .. } = *sizes;
+    let disc =
+        Ellipsoids3D::from_centers_and_half_sizes([[0.0, 0.0, -0.4 * layer_m]], [[radius_m, radius_m, 0.1 * layer_m]])
+            .with_colors([colour::COVERED])
+            .with_fill_mode(FillMode::Solid);
     canvas.log_static(format!("{}/disc", at.coverage), &disc)?;
     let rim = line_style(colour::COVERAGE, 1.2).with_strips([circle([0.0; 3], radius_m)]);
     canvas.log_static(format!("{}/rim", at.coverage), &rim)

@@ -46,7 +46,7 @@ impl FoundPoints {
             let at = |index| coordinates.as_slice().get(index).copied();
             FoundPoint {
                 position: [1, 0].map(|index| at(index).unwrap_or(f64::NAN)),
-                altitude: at(2).unwrap_or_default(),
+                altitude_m: at(2),
                 properties: properties.to_vec(),
             }
         };
@@ -94,7 +94,10 @@ mod tests {
     #[test]
     fn points_of_features_and_collections_are_found() {
         let found = collection(&[feature(POINT, "{}"), feature(LINE, "{}")]);
-        assert_eq!((found.points[0].position, found.points[0].altitude, found.ignored), ([52.5, 13.4], 30.0, 1));
+        assert_eq!(
+            (found.points[0].position, found.points[0].altitude_m, found.ignored),
+            ([52.5, 13.4], Some(30.0), 1)
+        );
         let several = find("{\"type\":\"MultiPoint\",\"coordinates\":[[1,2],[3,4]]}").unwrap();
         assert_eq!(several.points[1].position, [4.0, 3.0]);
     }

@@ -1,6 +1,6 @@
 //! KML: imports the points and polygons of placemarks, at any depth of folders.
 
-use ::kml::types::{Geometry, LinearRing, Placemark, Point};
+use ::kml::types::{AltitudeMode, Geometry, LinearRing, Placemark, Point};
 use ::kml::{Kml, KmlReader};
 
 use super::{FoundPoint, FoundPoints, FoundPolygon, NAME, with_causes, xml};
@@ -51,9 +51,9 @@ impl FoundPoints {
 
     fn add_kml(&mut self, geometry: &Geometry<f64>, properties: &[(String, String)]) {
         match geometry {
-            Geometry::Point(Point { coord, .. }) => self.points.push(FoundPoint {
+            Geometry::Point(Point { coord, altitude_mode, .. }) => self.points.push(FoundPoint {
                 position: [coord.y, coord.x],
-                altitude: coord.z.unwrap_or_default(),
+                altitude_m: coord.z.filter(|_| *altitude_mode != AltitudeMode::RelativeToGround),
                 properties: properties.to_vec(),
             }),
             Geometry::MultiGeometry(several) => {
@@ -83,7 +83,7 @@ mod tests {
     fn placemarks_are_points() {
         let found = find(FILE).unwrap();
         let [point] = &found.points[..] else { panic!("one point") };
-        assert_eq!((point.position, point.altitude, found.ignored), ([52.5, 13.4], 30.0, 1));
+        assert_eq!((point.position, point.altitude_m, found.ignored), ([52.5, 13.4], Some(30.0), 1));
         assert_eq!(point.properties, [("name".to_owned(), "a".to_owned())]);
     }
 

@@ -23,8 +23,8 @@ pub const NAME: &str = "name";
 pub struct FoundPoint {
     /// Latitude and longitude [°].
     pub position: [f64; 2],
-    /// Its altitude, 0 without one.
-    pub altitude: f64,
+    /// Its altitude above sea level or the ellipsoid [m].
+    pub altitude_m: Option<f64>,
     /// Names and values of its properties.
     pub properties: Vec<(String, String)>,
 }

@@ -7,7 +7,8 @@ use std::path::Path;
 use rand::RngExt;
 use rand_distr::{Distribution, Poisson};
 
-use super::{Sensors, rows};
+use super::Sensors;
+use super::rows::{self, Rows};
 use crate::airspace::Polygon;
 use crate::arrivals::{ArrivalLaw, ArrivalTrace, Arrivals, MAX_SAMPLED_BITS, mean_bits};
 use crate::channel::draw_gain_db;
@@ -43,6 +44,8 @@ pub struct SensorList {
     sensors: Vec<Sensor>,
     /// The name of each; empty if none has one.
     names: Vec<String>,
+    /// The altitude of the ground at each [m]; empty if the list has none.
+    ground_m: Vec<f64>,
     /// The arrivals, if they are those of a file.
     trace: Option<ArrivalTrace>,
     /// Whether the scenario alone does not tell the buffers.
@@ -62,7 +65,7 @@ impl SensorList {
             let count = scenario.sensors.count.unwrap_or(0);
             let border = scenario.area.border();
             let sensors = (0..count).map(|id| draw(scenario, border.as_ref(), id)).collect();
-            return Self::new((sensors, Vec::new()), scenario);
+            return Self::new(Rows { sensors, ..Rows::default() }, scenario);
         };
         let text = read_text("sensor list", &path).map_err(|error| {
             let source = path.with_file_name("SOURCE.md");
@@ -99,7 +102,8 @@ impl SensorList {
         Self::new(rows::read(text, scenario, locate).map_err(refuse)?, scenario)
     }
 
-    fn new((sensors, mut names): (Vec<Sensor>, Vec<String>), scenario: &Scenario) -> Result<Self, InputError> {
+    fn new(rows: Rows, scenario: &Scenario) -> Result<Self, InputError> {
+        let Rows { sensors, mut names, ground_m } = rows;
         if names.iter().all(String::is_empty) {
             names.clear();
         }
@@ -128,7 +132,7 @@ impl SensorList {
         }
         let plain_bits = scenario.sensors.capacity_bits.ends();
         let has_own_buffers = sensors.iter().any(|sensor| [sensor.capacity_bits; 2] != plain_bits);
-        Ok(Self { sensors, names, trace, has_own_buffers })
+        Ok(Self { sensors, names, ground_m, trace, has_own_buffers })
     }
 
     /// Hash (XXH3) of the list as CSV files, seeded with the hash of its scenario.
@@ -152,13 +156,14 @@ impl SensorList {
     }
 
     /// The list as a CSV file with all columns: that of buffers if one is not that of the scenario, that of weights if one
-    /// is not 1, and that of names if there are some. Floats round-trip exactly.
+    /// is not 1, that of the ground if the list had it, and that of names if there are some. Floats round-trip exactly.
     #[must_use]
     pub fn to_csv(&self) -> String {
         let has_buffers = self.has_own_buffers;
         let has_weights = self.has_own_weights();
         let mut text = rows::WRITTEN.join(",");
-        let further = [(has_buffers, rows::CAPACITY), (has_weights, rows::WEIGHT)];
+        let further =
+            [(has_buffers, rows::CAPACITY), (has_weights, rows::WEIGHT), (!self.ground_m.is_empty(), rows::GROUND)];
         further
             .into_iter()
             .filter(|(is_written, _)| *is_written)
@@ -172,6 +177,9 @@ impl SensorList {
             }
             if has_weights {
                 text.push_str(&format!(",{weight}"));
+            }
+            if let Some(ground_m) = self.ground_m.get(id) {
+                text.push_str(&format!(",{ground_m}"));
             }
             self.end_line(&mut text, self.name(id).unwrap_or_default());
         }
@@ -210,6 +218,12 @@ impl SensorList {
     #[must_use]
     pub fn sensors(&self) -> &[Sensor] {
         &self.sensors
+    }
+
+    /// The altitude of the ground at each sensor node [m], above the same level, by id; empty if the list does not have it.
+    #[must_use]
+    pub fn ground_m(&self) -> &[f64] {
+        &self.ground_m
     }
 
     /// Whether a sensor node has a weight other than 1.

@@ -18,14 +18,20 @@ use crate::weights::WEIGHTS;
 pub(super) const WRITTEN: [&str; 5] = ["x_m", "y_m", "queue_bits", "gain_db", "sampling_bps"];
 
 /// Columns that a list may have.
-const COLUMNS: [&str; 10] =
-    ["x_m", "y_m", "lat_deg", "lon_deg", "queue_bits", "gain_db", "sampling_bps", CAPACITY, WEIGHT, NAME];
+const COLUMNS: [&str; 11] =
+    ["x_m", "y_m", "lat_deg", "lon_deg", "queue_bits", "gain_db", "sampling_bps", CAPACITY, WEIGHT, GROUND, NAME];
 
 /// The column of buffers, which is written if one is not that of the scenario.
 pub(super) const CAPACITY: &str = "capacity_bits";
 
 /// The column of weights, which is written if one is not 1.
 pub(super) const WEIGHT: &str = "weight";
+
+/// The column of the ground's altitudes, which is written if the list has it.
+pub(super) const GROUND: &str = "ground_m";
+
+/// Lowest and highest ground [m]: wider than the Earth's.
+const GROUND_M: RangeInclusive<f64> = -1e4..=1e4;
 
 /// The column of names, which is written if a sensor node has one.
 pub(super) const NAME: &str = "name";
@@ -47,21 +53,25 @@ pub fn check_name(name: &str) -> Result<(), String> {
 /// the meridian of the origin.
 const RIM_SLACK_M: f64 = 1e-6;
 
-/// Reads the text of a list; sensor node i is row i. Returns the sensor nodes and their names, which are empty if there
-/// is no column of names. The error names the row by `locate`, given its index and line, the
-/// value, and what was expected.
-pub(super) fn read(
-    text: &str,
-    scenario: &Scenario,
-    locate: impl Fn(usize, u64) -> String,
-) -> Result<(Vec<Sensor>, Vec<String>), String> {
+/// The rows of a list; sensor node i is row i.
+#[derive(Debug, Default)]
+pub(super) struct Rows {
+    pub sensors: Vec<Sensor>,
+    /// Their names; empty without such a column.
+    pub names: Vec<String>,
+    /// The altitude of the ground at each [m]; empty without such a column.
+    pub ground_m: Vec<f64>,
+}
+
+/// Reads the text of a list. The error names the row by `locate`, given its index and line, the value, and what was
+/// expected.
+pub(super) fn read(text: &str, scenario: &Scenario, locate: impl Fn(usize, u64) -> String) -> Result<Rows, String> {
     let in_header = |message: String| format!("line 1: {message}");
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).from_reader(text.as_bytes());
     let header = reader.headers().map_err(|error| in_header(error.to_string()))?.clone();
     let table = Table::of(&header, scenario).map_err(in_header)?;
     let mission_s = scenario.slot_s * scenario.slots as f64;
-    let mut sensors = Vec::new();
-    let mut names = Vec::new();
+    let Rows { mut sensors, mut names, mut ground_m } = Rows::default();
     let mut field_bits = 0.0;
     for row in reader.records() {
         let at = |position: Option<&csv::Position>, message: String| {
@@ -82,13 +92,16 @@ pub(super) fn read(
             let expected = "at most 9e18 bits over the mission from all sensor nodes";
             return Err(at(line, format!("sampling_bps = {}: expected {expected}", sensor.sampling_bps)));
         }
+        let expected = format!("the altitude of the ground, {} to {} m", GROUND_M.start(), GROUND_M.end());
+        let ground = table.number(&row, GROUND, &expected, |value| GROUND_M.contains(&value));
+        ground_m.extend(ground.map_err(|message| at(line, message))?);
         names.extend(table.name(&row).map_err(|message| at(line, message))?);
         sensors.push(sensor);
     }
     if sensors.is_empty() {
         return Err(in_header("no rows: expected at least one sensor node".to_owned()));
     }
-    Ok((sensors, names))
+    Ok(Rows { sensors, names, ground_m })
 }
 
 /// The columns of one list.
@@ -121,7 +134,7 @@ impl<'a> Table<'a> {
             }
             _ => {
                 let columns = "x_m,y_m or lat_deg,lon_deg, not both, and optionally \
-                               queue_bits,gain_db,sampling_bps,capacity_bits,weight,name";
+                               queue_bits,gain_db,sampling_bps,capacity_bits,weight,ground_m,name";
                 return Err(refuse(columns));
             }
         };

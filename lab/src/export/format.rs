@@ -1,9 +1,12 @@
 //! What an export format is.
 
+use skysink_common::geodata::projection::GeodeticPosition;
 use skysink_mission::replay::RecordedRun;
 
+use super::autopilot::Autopilot;
+use super::mission_options::MissionOptions;
 use super::track::GeodeticTrack;
-use super::vehicle::VehicleItem;
+use super::vehicle::{MissionPart, VehicleMission};
 
 /// An export format.
 #[derive(Debug)]
@@ -25,6 +28,28 @@ pub enum WriteFormat {
     Flight(fn(&GeodeticTrack<'_>) -> Vec<u8>),
     /// The slots in the frame of the area; needs no origin.
     Slots(fn(&RecordedRun) -> Vec<u8>),
-    /// A vehicle mission with one file per part, and a note for the summary.
-    Mission(fn(&GeodeticTrack<'_>, &[VehicleItem]) -> Vec<u8>, &'static str),
+    /// A vehicle mission with one file per part.
+    Mission {
+        /// Writes a part.
+        write: fn(&MissionOf<'_>, &MissionPart) -> Vec<u8>,
+        /// The autopilot that reads it, if it is always the same.
+        autopilot: Option<Autopilot>,
+        /// A note for the summary.
+        note: &'static str,
+    },
+    /// The vehicle mission in one file.
+    MissionMap(fn(&MissionOf<'_>) -> Vec<u8>),
+}
+
+/// A vehicle mission with what it is made of.
+#[derive(Debug)]
+pub struct MissionOf<'a> {
+    /// The flight.
+    pub track: &'a GeodeticTrack<'a>,
+    /// Its mission.
+    pub mission: &'a VehicleMission,
+    /// The options.
+    pub options: &'a MissionOptions,
+    /// The corners of the geofence.
+    pub fence: Vec<GeodeticPosition>,
 }

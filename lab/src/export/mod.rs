@@ -1,18 +1,29 @@
 //! Exports a finished run to the formats of other programs.
 //!
 //! A format is one file in this folder, which defines an [`ExportFormat`], and one line in [`FORMATS`]. [`track`] converts
-//! the flight to latitude and longitude, [`vehicle`] to the items of a vehicle mission.
+//! the flight to latitude and longitude, [`vehicle`] to the items of a vehicle mission, in whose altitudes [`ground`] counts and
+//! whose time [`duration`] estimates.
 
+pub mod altitude;
+pub mod autopilot;
 mod csv;
+pub mod duration;
+mod fence;
 mod format;
 mod geojson;
 mod gpx;
+pub mod ground;
 mod kml;
 mod mcap;
+pub mod mission_options;
 mod parquet;
 mod qgc_plan;
+pub mod stops;
+#[cfg(test)]
+mod tests;
 pub mod track;
 pub mod vehicle;
+mod warnings;
 mod waypoints;
 
 use std::ffi::OsString;
@@ -29,7 +40,8 @@ use skysink_mission::files::write_all;
 use skysink_mission::replay::RecordedRun;
 
 use crate::LabError;
-pub use format::{ExportFormat, WriteFormat};
+pub use format::{ExportFormat, MissionOf, WriteFormat};
+use mission_options::MissionOptions;
 use track::GeodeticTrack;
 
 /// All formats, in the order of the help.
@@ -65,10 +77,9 @@ pub struct Export {
     /// Replace an existing file.
     #[arg(long)]
     pub force: bool,
-    /// Maximum number of items in a vehicle mission, including home; at least 5; longer missions are split into several
-    /// files [default: 500].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(vehicle::MIN_ITEMS as i64..))]
-    pub most_items: Option<u32>,
+    /// The options of vehicle missions.
+    #[command(flatten)]
+    pub mission: MissionOptions,
 }
 
 /// The result of an export.
@@ -80,53 +91,23 @@ pub struct Exported {
     pub files: Vec<PathBuf>,
 }
 
+/// The files of an export and what to say about them.
+struct Rendered {
+    /// A line for each fact.
+    summary: Vec<String>,
+    /// The output file of each UAV, with the bytes of its parts.
+    outputs: Vec<(PathBuf, Vec<Vec<u8>>)>,
+}
+
 /// Exports a run. No file is left incomplete.
 ///
 /// # Errors
-/// If the folder, the origin, the output file or an option is refused, a file cannot be written, or on a stop.
+/// If the folder, the origin, the output file or an option is refused, the UAV has not the time or the energy for a mission, a
+/// file cannot be written, or on a stop.
 pub fn export(export: &Export, stop: &Stop) -> Result<Exported, LabError> {
     let run = RecordedRun::read(&export.run, stop)?;
-    let uavs = run.scenario.uav.uavs();
-    let track = |uav: usize| Ok::<_, LabError>(GeodeticTrack::new(&run, uav, origin(&run.scenario, export.origin)?)?);
-    let refuse = |option: &str, what: &str| {
-        let message = format_args!("{option}: {} has no {what}: omit this option", export.format.name);
-        Err(InputError::new("run folder", &export.run, message).into())
-    };
-    let has_items = matches!(export.format.write, WriteFormat::Mission(..));
-    if export.most_items.is_some() && !has_items {
-        return refuse("--most-items", "mission items");
-    }
-    let counts = format!("{} slots, {} sensor nodes → 1 file", run.slots.len(), run.list.sensors().len());
     let out = out_file(export)?;
-    let mut summary = Vec::new();
-    let mut outputs = Vec::new(); // with the texts of their parts
-    match export.format.write {
-        WriteFormat::Slots(_) if export.origin.is_some() => return refuse("--origin", "coordinates"),
-        WriteFormat::Slots(write) => {
-            summary.push(counts);
-            outputs.push((out.clone(), vec![write(&run)]));
-        }
-        WriteFormat::Flight(write) => {
-            summary.push(if uavs == 1 {
-                counts
-            } else {
-                counts.replace("1 file", &format!("{uavs} files, one for each UAV"))
-            });
-            for uav in 0..uavs {
-                outputs.push((of_uav(&out, uav, uavs), vec![write(&track(uav)?)]));
-            }
-        }
-        WriteFormat::Mission(write, note) => {
-            for uav in 0..uavs {
-                let track = track(uav)?;
-                let mission = vehicle::plan(&track, export.most_items.unwrap_or(MOST_ITEMS) as usize);
-                let of = if uavs == 1 { String::new() } else { format!("UAV {uav}: ") };
-                summary.push(of + &mission.summary + note);
-                let texts = mission.parts.iter().map(|part| write(&track, part)).collect();
-                outputs.push((of_uav(&out, uav, uavs), texts));
-            }
-        }
-    }
+    let Rendered { summary, outputs } = render(export, &run, &out)?;
     let folder = Some(folder_of(&out)).filter(|folder| folder.is_dir()).and_then(|folder| File::open(folder).ok());
     // Two exports to one file do not mix their parts. The lock ends with the handle.
     folder.as_ref().map_or(Ok(()), File::lock).at(&out)?;
@@ -143,6 +124,86 @@ pub fn export(export: &Export, stop: &Stop) -> Result<Exported, LabError> {
     let texts = outputs.iter().flat_map(|(_, texts)| texts).map(Vec::as_slice);
     write_all(&files.iter().cloned().zip(texts).collect::<Vec<_>>())?;
     Ok(Exported { summary: summary.join("\n"), files })
+}
+
+/// The content of the files of an export.
+fn render(export: &Export, run: &RecordedRun, out: &Path) -> Result<Rendered, LabError> {
+    let uavs = run.scenario.uav.uavs();
+    let track = |uav: usize| Ok::<_, LabError>(GeodeticTrack::new(run, uav, origin(&run.scenario, export.origin)?)?);
+    let refuse = |option: &str, what: &str| {
+        let message = format_args!("{option}: {} has no {what}: omit this option", export.format.name);
+        Err(InputError::new("run folder", &export.run, message).into())
+    };
+    let has_mission = matches!(export.format.write, WriteFormat::Mission { .. } | WriteFormat::MissionMap(_));
+    if let Some(option) = export.mission.given().filter(|_| !has_mission) {
+        return refuse(option, "vehicle mission");
+    }
+    let files = if uavs == 1 { "1 file".to_owned() } else { format!("{uavs} files, one for each UAV") };
+    let counts =
+        |files: &str| format!("{} slots, {} sensor nodes → {files}", run.slots.len(), run.list.sensors().len());
+    let mut rendered = Rendered { summary: Vec::new(), outputs: Vec::new() };
+    match export.format.write {
+        WriteFormat::Slots(_) if export.origin.is_some() => return refuse("--origin", "coordinates"),
+        WriteFormat::Slots(write) => {
+            rendered.summary.push(counts("1 file"));
+            rendered.outputs.push((out.to_owned(), vec![write(run)]));
+        }
+        WriteFormat::Flight(write) => {
+            rendered.summary.push(counts(&files));
+            for uav in 0..uavs {
+                rendered.outputs.push((of_uav(out, uav, uavs), vec![write(&track(uav)?)]));
+            }
+        }
+        WriteFormat::Mission { .. } | WriteFormat::MissionMap(_) => {
+            for uav in 0..uavs {
+                let texts = render_mission(export, &track(uav)?, &mut rendered.summary)?;
+                rendered.outputs.push((of_uav(out, uav, uavs), texts));
+            }
+        }
+    }
+    Ok(rendered)
+}
+
+/// The content of the files of the mission of a UAV; adds lines to the `summary`.
+fn render_mission(
+    export: &Export,
+    track: &GeodeticTrack<'_>,
+    summary: &mut Vec<String>,
+) -> Result<Vec<Vec<u8>>, LabError> {
+    let (autopilot, note) = match export.format.write {
+        WriteFormat::Mission { autopilot, note, .. } => (autopilot, note),
+        _ => (None, ""),
+    };
+    let is_map = matches!(export.format.write, WriteFormat::MissionMap(_)); // which nobody flies
+    let options = MissionOptions {
+        autopilot: export.mission.autopilot.or(autopilot),
+        ignore_endurance: export.mission.ignore_endurance || is_map,
+        ..export.mission.clone()
+    };
+    if let Some(only) = autopilot.filter(|only| *only != options.autopilot()) {
+        let message = format_args!("--autopilot: {} is a format of {only}: omit this option", export.format.name);
+        return Err(InputError::new("run folder", &export.run, message).into());
+    }
+    let mission = vehicle::plan(track, &options)?;
+    let fence = fence::border(&track.run.scenario.area, options.fence_margin);
+    let places = fence.iter().map(|corner| track.place(corner)).collect::<Result<_, _>>()?;
+    let has_fence = matches!(export.format.write, WriteFormat::Mission { autopilot: None, .. });
+    let mut lines = vec![mission.summary.clone()];
+    lines.extend(mission.description(track, &options));
+    lines.extend(Some(note.to_owned()).filter(|note| !note.is_empty()));
+    lines.extend(
+        warnings::of(track, &mission, has_fence.then_some(&fence)).into_iter().map(|text| format!("warning: {text}")),
+    );
+    let of_uav = if track.run.scenario.uav.uavs() == 1 { String::new() } else { format!("UAV {}: ", track.uav) };
+    summary.extend(
+        lines.into_iter().map(|line| line.replace('\n', &format!("\n{of_uav}"))).map(|line| of_uav.clone() + &line),
+    );
+    let of = MissionOf { track, mission: &mission, options: &options, fence: places };
+    Ok(match export.format.write {
+        WriteFormat::Mission { write, .. } => mission.parts.iter().map(|part| write(&of, part)).collect(),
+        WriteFormat::MissionMap(write) => vec![write(&of)],
+        WriteFormat::Flight(_) | WriteFormat::Slots(_) => Vec::new(),
+    })
 }
 
 /// The origin of the scenario, or the `given` one if the scenario has none.
@@ -242,7 +303,7 @@ fn parse_origin(text: &str) -> Result<Origin, String> {
 }
 
 #[cfg(test)]
-mod tests {
+mod files {
     use super::*;
 
     #[test]

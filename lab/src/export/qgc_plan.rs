@@ -6,30 +6,30 @@ use serde_json::{Value, json};
 
 use skysink_common::geodata::projection::GeodeticPosition;
 
-use super::format::{ExportFormat, WriteFormat};
-use super::track::GeodeticTrack;
-use super::vehicle::VehicleItem;
-
-/// QGroundControl's code for altitudes relative to home.
-const RELATIVE: u32 = 1;
+use super::altitude::AltitudeReference;
+use super::format::{ExportFormat, MissionOf, WriteFormat};
+use super::vehicle::{MissionPart, VehicleItem};
 
 /// The plan file.
 pub static FORMAT: ExportFormat = ExportFormat {
     name: "qgc-plan",
     about: "QGroundControl plan: a vehicle's mission, with area and zones as geofence",
     extension: "plan",
-    write: WriteFormat::Mission(write, ""),
+    write: WriteFormat::Mission { write, autopilot: None, note: "" },
 };
 
-fn write(track: &GeodeticTrack<'_>, items: &[VehicleItem]) -> Vec<u8> {
+fn write(of: &MissionOf<'_>, part: &MissionPart) -> Vec<u8> {
+    let MissionOf { track, mission, options, .. } = of;
     let home = track.points[0].place;
     let speed_mps = track.run.scenario.uav.max_speed_mps;
+    let reference = mission.reference;
     let polygon = |inclusion: bool, corners: &[GeodeticPosition]| {
         let corners: Vec<_> = corners.iter().map(|place| [place.lat_deg, place.lon_deg]).collect();
         json!({ "version": 1, "inclusion": inclusion, "polygon": corners })
     };
     let zones = track.zones.iter().filter(|zone| zone.is_tall).map(|zone| polygon(false, &zone.corners));
-    let fence: Vec<_> = std::iter::once(polygon(true, &track.border)).chain(zones).collect();
+    let fence: Vec<_> = std::iter::once(polygon(true, &of.fence)).chain(zones).collect();
+    let items = part.items.iter().zip(1..).map(|(item, number)| simple_item(item, reference, number));
     let plan = json!({
         "fileType": "Plan",
         "version": 1,
@@ -42,22 +42,22 @@ fn write(track: &GeodeticTrack<'_>, items: &[VehicleItem]) -> Vec<u8> {
         "rallyPoints": { "version": 2, "points": [] },
         "mission": {
             "version": 2,
-            "firmwareType": 12, // MAV_AUTOPILOT_PX4
+            "firmwareType": options.autopilot().mav_autopilot(),
             "vehicleType": 2, // MAV_TYPE_QUADROTOR
             "cruiseSpeed": speed_mps,
             "hoverSpeed": speed_mps,
-            "globalPlanAltitudeMode": RELATIVE,
+            "globalPlanAltitudeMode": reference.altitude_mode(),
             // The vehicle sets the altitude above sea level when it is armed.
-            "plannedHomePosition": [home.lat_deg, home.lon_deg, 0.0],
-            "items": items.iter().zip(1..).map(|(item, number)| simple_item(item, number)).collect::<Vec<_>>(),
+            "plannedHomePosition": [home.lat_deg, home.lon_deg, mission.home_ground_m.unwrap_or(0.0)],
+            "items": items.collect::<Vec<_>>(),
         },
     });
     (serde_json::to_string_pretty(&plan).expect("plain numbers and strings") + "\n").into_bytes()
 }
 
 /// An item in the format of the plan; `number` starts at 1.
-fn simple_item(item: &VehicleItem, number: u32) -> Value {
-    let mavlink = item.mavlink();
+fn simple_item(item: &VehicleItem, reference: AltitudeReference, number: u32) -> Value {
+    let mavlink = item.mavlink(reference);
     let mut value = json!({
         "type": "SimpleItem",
         "autoContinue": true,
@@ -66,9 +66,14 @@ fn simple_item(item: &VehicleItem, number: u32) -> Value {
         "frame": mavlink.frame,
         "params": mavlink.params, // NaN is null
     });
-    if let VehicleItem::TakeOff { altitude_m, .. } | VehicleItem::Waypoint { altitude_m, .. } = item {
+    let altitude = match item {
+        VehicleItem::TakeOff { altitude_m, .. } => Some((altitude_m, AltitudeReference::Relative)),
+        VehicleItem::Waypoint { altitude_m, .. } => Some((altitude_m, reference)),
+        VehicleItem::Speed { .. } | VehicleItem::Return => None,
+    };
+    if let Some((altitude_m, reference)) = altitude {
         value["Altitude"] = json!(altitude_m);
-        value["AltitudeMode"] = json!(RELATIVE);
+        value["AltitudeMode"] = json!(reference.altitude_mode());
         value["AMSLAltAboveTerrain"] = Value::Null;
     }
     value

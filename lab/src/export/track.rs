@@ -5,16 +5,11 @@ use skysink_common::airspace::Polygon;
 use skysink_common::error::InputError;
 use skysink_common::geodata::projection::{GeodeticPosition, Projection};
 use skysink_common::geometry::Position;
-use skysink_common::scenario::{Area, Origin, Scenario};
+use skysink_common::scenario::{Origin, Scenario};
 use skysink_mission::replay::RecordedRun;
 use skysink_mission::trace::RecordedSlot;
 
-/// Maximum length of a side of the fence [m]. A straight line of the tangent plane deviates from a rhumb line by about
-/// `L² tan φ/8R`, half a metre at mid-latitudes.
-const FENCE_SIDE_M: f64 = 5000.0;
-
-/// Maximum number of fence sides along one side of the area. Vehicles support about 60 corners.
-const MAX_FENCE_SIDES: f64 = 15.0;
+use super::fence;
 
 /// Degrees are rounded to 1/PER_DEGREE, about 0.1 mm, so that files do not depend on the last digits of a sine.
 const PER_DEGREE: f64 = 1e9;
@@ -51,6 +46,9 @@ impl TrackPoint<'_> {
 pub struct GeodeticTrack<'a> {
     /// The mission.
     pub run: &'a RecordedRun,
+    /// The number of the UAV.
+    pub uav: usize,
+    projection: Projection,
     /// The start, then the position after each slot.
     pub points: Vec<TrackPoint<'a>>,
     /// The sensor nodes, by id.
@@ -80,13 +78,7 @@ impl<'a> GeodeticTrack<'a> {
     pub fn new(run: &'a RecordedRun, uav: usize, origin: Origin) -> Result<Self, InputError> {
         let scenario = &run.scenario;
         let projection = Projection::at(origin);
-        let place = |position: &Position| {
-            projection.unproject(position).map(rounded).ok_or_else(|| {
-                let sides_m = format!("{} m × {} m", scenario.area.width_m(), scenario.area.height_m());
-                let expected = "expected one that fits on the Earth";
-                InputError::new("scenario", &scenario.path, format_args!("an area of {sides_m}: {expected}"))
-            })
-        };
+        let place = |position: &Position| place(&projection, scenario, position);
         let start = (scenario.start_of(uav), None);
         let slots = run.slots.iter().map(|slot| (slot[uav].position, Some(&slot[uav])));
         let point = |(position, slot): (Point3<f64>, Option<&'a RecordedSlot>)| {
@@ -95,11 +87,28 @@ impl<'a> GeodeticTrack<'a> {
         };
         Ok(Self {
             run,
+            uav,
+            projection,
             points: std::iter::once(start).chain(slots).map(point).collect::<Result<_, InputError>>()?,
             sensors: run.list.sensors().iter().map(|sensor| place(&sensor.position)).collect::<Result<_, _>>()?,
             zones: zones(scenario, place)?,
-            border: border(&scenario.area).iter().map(place).collect::<Result<_, _>>()?,
+            border: fence::border(&scenario.area, 0.0).iter().map(place).collect::<Result<_, _>>()?,
         })
+    }
+
+    /// A position of the plane on the ground.
+    ///
+    /// # Errors
+    /// If it is too far away to project.
+    pub fn place(&self, position: &Position) -> Result<GeodeticPosition, InputError> {
+        place(&self.projection, &self.run.scenario, position)
+    }
+
+    /// Bits that the UAV collects in the slot that ends at the point number `index`.
+    #[must_use]
+    pub fn delivered_bits(&self, index: usize) -> u64 {
+        let slot = index.checked_sub(1).and_then(|slot| self.run.uploads_bits.get(slot));
+        slot.map_or(0, |slot| slot[self.uav].iter().sum())
     }
 
     /// The names of the sensor nodes that are served from a point: `soil-07, soil-12`, or `SN 7 12` without names.
@@ -127,6 +136,14 @@ impl<'a> GeodeticTrack<'a> {
     }
 }
 
+fn place(projection: &Projection, scenario: &Scenario, position: &Position) -> Result<GeodeticPosition, InputError> {
+    projection.unproject(position).map(rounded).ok_or_else(|| {
+        let sides_m = format!("{} m × {} m", scenario.area.width_m(), scenario.area.height_m());
+        let expected = "expected one that fits on the Earth";
+        InputError::new("scenario", &scenario.path, format_args!("an area of {sides_m}: {expected}"))
+    })
+}
+
 /// The no-fly zones and the buildings, with their corners in their `place`.
 fn zones(
     scenario: &Scenario,
@@ -142,23 +159,6 @@ fn zones(
         Ok(GeodeticZone { corners, height_m, is_tall: height_m.is_none_or(|height_m| height_m > lowest_m) })
     };
     zones.map(zone).collect()
-}
-
-/// Points along the border of the area, counter-clockwise: from the south-west corner of the rectangle, or the corners of
-/// its boundary.
-fn border(area: &Area) -> Vec<Position> {
-    if let Some(border) = area.border() {
-        return border.corners().iter().rev().copied().collect();
-    }
-    let [width_m, height_m] = [area.width_m(), area.height_m()];
-    let corners = [[0.0, 0.0], [width_m, 0.0], [width_m, height_m], [0.0, height_m]].map(Position::from);
-    let side = |index: usize| {
-        let from = corners[index];
-        let to = corners[(index + 1) % 4];
-        let parts = ((to - from).norm() / FENCE_SIDE_M).ceil().clamp(1.0, MAX_FENCE_SIDES) as u32;
-        (0..parts).map(move |part| from + (to - from) * (f64::from(part) / f64::from(parts)))
-    };
-    (0..4).flat_map(side).collect()
 }
 
 fn rounded(place: GeodeticPosition) -> GeodeticPosition {

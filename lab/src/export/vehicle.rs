@@ -1,18 +1,22 @@
-//! The items of a vehicle mission (MAVLink): merges slots into legs and holds, and splits long missions.
+//! The items of a vehicle mission (MAVLink), split into parts if there are too many.
+//!
+//! Which waypoints there are is left to [`stops`], how long they take to [`duration`].
 
-use nalgebra::{Point3, Vector3};
+use std::fmt;
+
+use nalgebra::Point3;
+use skysink_common::airspace::Airspace;
+use skysink_common::error::InputError;
 use skysink_common::geodata::projection::GeodeticPosition;
 
-use super::track::{GeodeticTrack, TrackPoint};
+use super::altitude::{AltitudeReference, Altitudes};
+use super::duration::{Effort, MissionLeg, effort};
+use super::mission_options::MissionOptions;
+use super::stops::{self, MERGE_M, VehicleStop, rounded};
+use super::track::GeodeticTrack;
 
-/// Minimum number of items of a mission: home, take-off, speed, waypoint, return.
-pub const MIN_ITEMS: usize = 5;
-
-/// Items that the next waypoint of a part needs: itself, home and the return.
-const NEXT_ITEMS: usize = 3;
-
-/// Tolerance for merging positions [m].
-const MERGE_M: f64 = 0.05;
+/// Minimum number of items of a mission: home, take-off, speed, waypoint, speed, waypoint above home, return.
+pub const MIN_ITEMS: usize = 7;
 
 /// A speed is unchanged while the next ones are within this fraction of the maximum.
 const SPEED_STEP: f64 = 0.1;
@@ -25,7 +29,7 @@ pub enum VehicleItem {
     TakeOff { home: GeodeticPosition, altitude_m: f64 },
     /// `MAV_CMD_DO_CHANGE_SPEED`: over ground [m/s].
     Speed { speed_mps: f64 },
-    /// `MAV_CMD_NAV_WAYPOINT`: above home [m], held for a time [s].
+    /// `MAV_CMD_NAV_WAYPOINT`: in the altitude reference of the mission [m], held for a time [s].
     Waypoint { place: GeodeticPosition, altitude_m: f64, hold_s: f64 },
     /// `MAV_CMD_NAV_RETURN_TO_LAUNCH`.
     Return,
@@ -36,240 +40,295 @@ pub enum VehicleItem {
 pub struct MavlinkItem {
     /// `MAV_CMD`.
     pub command: u16,
-    /// `MAV_FRAME`: 3 for altitudes above home, 2 for no position.
+    /// `MAV_FRAME`.
     pub frame: u8,
     /// Parameters 1 to 7; NaN lets the vehicle choose the heading.
     pub params: [f64; 7],
 }
 
+/// `MAV_FRAME_MISSION`, of items without a position.
+const NO_POSITION: u8 = 2;
+
 impl VehicleItem {
     /// Converts the item to the codes of MAVLink (`MAV_CMD` and `MAV_FRAME` of common.xml).
     #[must_use]
-    pub fn mavlink(&self) -> MavlinkItem {
-        let at = |command, hold_s, place: GeodeticPosition, altitude_m| MavlinkItem {
+    pub fn mavlink(&self, reference: AltitudeReference) -> MavlinkItem {
+        let at = |command, frame, hold_s, place: GeodeticPosition, altitude_m| MavlinkItem {
             command,
-            frame: 3,
+            frame,
             params: [hold_s, 0.0, 0.0, f64::NAN, place.lat_deg, place.lon_deg, altitude_m],
         };
         match *self {
-            Self::TakeOff { home, altitude_m } => at(22, 0.0, home, altitude_m),
-            Self::Waypoint { place, altitude_m, hold_s } => at(16, hold_s, place, altitude_m),
+            Self::TakeOff { home, altitude_m } => at(22, AltitudeReference::Relative.frame(), 0.0, home, altitude_m),
+            Self::Waypoint { place, altitude_m, hold_s } => at(16, reference.frame(), hold_s, place, altitude_m),
             Self::Speed { speed_mps } => {
-                MavlinkItem { command: 178, frame: 2, params: [1.0, speed_mps, -1.0, 0.0, 0.0, 0.0, 0.0] }
+                MavlinkItem { command: 178, frame: NO_POSITION, params: [1.0, speed_mps, -1.0, 0.0, 0.0, 0.0, 0.0] }
             }
-            Self::Return => MavlinkItem { command: 20, frame: 2, params: [0.0; 7] },
+            Self::Return => MavlinkItem { command: 20, frame: NO_POSITION, params: [0.0; 7] },
         }
     }
 }
 
-/// A vehicle mission, split into parts if it has too many items.
+/// A part of a mission, from take-off to landing.
+#[derive(Debug)]
+pub struct MissionPart {
+    /// Its items, without home.
+    pub items: Vec<VehicleItem>,
+    /// The time and energy that it takes.
+    pub effort: Effort,
+}
+
+/// A mission of a vehicle.
 #[derive(Debug)]
 pub struct VehicleMission {
-    /// The items of each part, without home.
-    pub parts: Vec<Vec<VehicleItem>>,
-    /// A summary of what was merged.
+    /// Its parts.
+    pub parts: Vec<MissionPart>,
+    /// What the altitudes of waypoints are above.
+    pub reference: AltitudeReference,
+    /// The ground at home, as low as it can be [m]; `None` if the list does not tell it.
+    pub home_ground_m: Option<f64>,
+    /// The points of the track at which sensor nodes are served, with the altitude of the vehicle [m].
+    pub services: Vec<(usize, f64)>,
+    /// What was merged and omitted.
     pub summary: String,
 }
 
-/// Merges the slots of a track, and splits the mission into parts of at most `most_items` items, including home.
-///
-/// A slot is merged into the previous hold if the UAV stays within 5 cm. It is merged into the previous leg if it
-/// continues straight on at the same speed and no sensor node is served in between. Each part takes off and returns.
-#[must_use]
-pub fn plan(track: &GeodeticTrack<'_>, most_items: usize) -> VehicleMission {
-    let stops = merge(track);
-    let step_mps = SPEED_STEP * track.run.scenario.uav.max_speed_mps;
-    let home = &track.points[0];
-    let take_off = VehicleItem::TakeOff { home: home.place, altitude_m: home.position.z };
-    let mut parts = Vec::new();
-    let mut part = vec![take_off];
-    let mut set_mps = None;
-    for stop in &stops {
-        let is_new = |set_mps: Option<f64>| {
-            stop.speed_mps.filter(|speed_mps| set_mps.is_none_or(|set_mps| (speed_mps - set_mps).abs() > step_mps))
-        };
-        if part.len() + NEXT_ITEMS + usize::from(is_new(set_mps).is_some()) > most_items {
-            part.push(VehicleItem::Return);
-            parts.push(std::mem::replace(&mut part, vec![take_off]));
-            set_mps = None;
-        }
-        if let Some(speed_mps) = is_new(set_mps) {
-            part.push(VehicleItem::Speed { speed_mps });
-            set_mps = Some(speed_mps);
-        }
-        let TrackPoint { place, position, .. } = stop.point;
-        part.push(VehicleItem::Waypoint { place, altitude_m: position.z, hold_s: stop.hold_s });
-    }
-    part.push(VehicleItem::Return);
-    parts.push(part);
-    let summary = summary(track, &stops, &parts);
-    VehicleMission { parts, summary }
+/// A part under construction.
+struct Planned<'a> {
+    track: &'a GeodeticTrack<'a>,
+    options: &'a MissionOptions,
+    altitudes: &'a Altitudes,
+    airspace: &'a Airspace,
 }
 
-fn summary(track: &GeodeticTrack<'_>, stops: &[VehicleStop<'_>], parts: &[Vec<VehicleItem>]) -> String {
+/// The vehicle mission of a track. Each part takes off, flies to its first waypoint and home from its last one around zones, and
+/// lands.
+///
+/// # Errors
+/// If no waypoint is left, an altitude is not known, or a part takes longer or more energy than the UAV has.
+pub fn plan(track: &GeodeticTrack<'_>, options: &MissionOptions) -> Result<VehicleMission, InputError> {
+    let scenario = &track.run.scenario;
+    let altitudes = Altitudes::of(track, options.altitude)?;
+    let airspace = scenario.airspace();
+    let merged = stops::merge(track);
+    let home = track.points[0].position;
+    let count = merged.len();
+    let bits = |stops: &[VehicleStop]| stops.iter().map(|stop| stop.bits).sum::<u64>();
+    let all_bits = bits(&merged);
+    let stops = stops::with_bits(merged, options.min_bits, home, &airspace);
+    if stops.is_empty() {
+        let message = format_args!("--min-bits {}: no pass carries so many: expected fewer", options.min_bits);
+        return Err(InputError::new("run", &scenario.path, message));
+    }
+    let planned = Planned { track, options, altitudes: &altitudes, airspace: &airspace };
+    let mut services = Vec::new();
+    let mut parts = Vec::new();
+    for stops in planned.split(&stops)? {
+        parts.push(planned.part(&planned.round(stops), &mut services)?);
+    }
+    let omitted = (options.min_bits > 0).then(|| Omitted {
+        stops: count - stops.iter().filter(|stop| stop.is_pass()).count(),
+        of: count,
+        bits: all_bits - bits(&stops),
+        of_bits: all_bits,
+    });
+    let summary = summary(track, &stops, &parts, omitted.as_ref());
+    let home_ground_m = altitudes.home_ground_m();
+    let mission = VehicleMission { parts, reference: altitudes.reference, home_ground_m, services, summary };
+    mission.check(track, options)?;
+    Ok(mission)
+}
+
+impl Planned<'_> {
+    /// The stops of each part: as many as fit into its items.
+    fn split<'s>(&self, stops: &'s [VehicleStop]) -> Result<Vec<&'s [VehicleStop]>, InputError> {
+        let most = self.options.most_items.unwrap_or(super::MOST_ITEMS) as usize;
+        let home = self.track.points[0].position;
+        let mut parts = Vec::new();
+        let mut begin = 0;
+        while begin < stops.len() {
+            let mut set_mps = None;
+            let out = self.way(&home, &stops[begin].position);
+            let mut items = 2 + self.items_of(&out[..out.len().saturating_sub(1)], &mut set_mps); // with home and take-off
+            let mut end = begin;
+            for stop in &stops[begin..] {
+                items += self.items_of(std::slice::from_ref(stop), &mut set_mps);
+                let back = self.items_of(&self.way(&stop.position, &home), &mut set_mps.clone());
+                if items + back + 1 > most {
+                    break;
+                }
+                end += 1;
+            }
+            if end == begin {
+                let expected = "expected more, because a single waypoint has so many with the way around zones";
+                let message = format_args!("--most-items {most}: {expected}");
+                return Err(InputError::new("scenario", &self.track.run.scenario.path, message));
+            }
+            parts.push(&stops[begin..end]);
+            begin = end;
+        }
+        Ok(parts)
+    }
+
+    /// The waypoints of a part: those on the way from home, its stops, and those on the way home.
+    fn round(&self, stops: &[VehicleStop]) -> Vec<VehicleStop> {
+        let home = self.track.points[0].position;
+        let ends = stops.first().zip(stops.last());
+        let (mut out, back) = ends.map_or_else(Default::default, |(first, last)| {
+            (self.way(&home, &first.position), self.way(&last.position, &home))
+        });
+        out.pop(); // the first stop
+        [out, stops.to_vec(), back].concat()
+    }
+
+    /// The waypoints after `from` on the way around zones to `to`, the last one there; none if it is there.
+    fn way(&self, from: &Point3<f64>, to: &Point3<f64>) -> Vec<VehicleStop> {
+        if (to.xy() - from.xy()).norm() <= MERGE_M {
+            return Vec::new();
+        }
+        let speed_mps = rounded(self.track.run.scenario.uav.max_speed_mps);
+        let way = self.airspace.way(&from.xy(), &to.xy());
+        // No way leads to a start in a zone.
+        let way = if way.is_empty() { vec![to.xy()] } else { way.to_vec() };
+        way.into_iter().map(|at| VehicleStop::on_way(Point3::new(at.x, at.y, from.z), speed_mps)).collect()
+    }
+
+    /// Number of items of these waypoints and their speeds.
+    fn items_of(&self, nodes: &[VehicleStop], set_mps: &mut Option<f64>) -> usize {
+        nodes.iter().map(|node| 1 + usize::from(self.change(set_mps, node).is_some())).sum()
+    }
+
+    /// The speed to set before the leg to `node` [m/s], if the one set is too different.
+    fn change(&self, set_mps: &mut Option<f64>, node: &VehicleStop) -> Option<f64> {
+        let step_mps = SPEED_STEP * self.track.run.scenario.uav.max_speed_mps;
+        let is_new = |speed_mps: &f64| set_mps.is_none_or(|set_mps: f64| (speed_mps - set_mps).abs() > step_mps);
+        let speed_mps = node.speed_mps.filter(is_new)?;
+        *set_mps = Some(speed_mps);
+        Some(speed_mps)
+    }
+
+    /// The items of a part.
+    fn part(&self, nodes: &[VehicleStop], services: &mut Vec<(usize, f64)>) -> Result<MissionPart, InputError> {
+        let scenario = &self.track.run.scenario;
+        let home = &self.track.points[0];
+        let positions: Vec<Point3<f64>> = nodes.iter().map(|node| node.position).collect();
+        let [take_off_m, altitudes_m @ ..] = &self.altitudes.along(home.position, &positions)[..] else {
+            unreachable!("an altitude for the take-off");
+        };
+        let mut items = vec![VehicleItem::TakeOff { home: home.place, altitude_m: *take_off_m }];
+        let mut legs = Vec::with_capacity(nodes.len());
+        let mut set_mps = None;
+        for (node, &altitude_m) in nodes.iter().zip(altitudes_m) {
+            items.extend(self.change(&mut set_mps, node).map(|speed_mps| VehicleItem::Speed { speed_mps }));
+            let hold_s = self.options.autopilot().hold_s(node.hold_s);
+            items.push(VehicleItem::Waypoint { place: self.track.place(&node.position.xy())?, altitude_m, hold_s });
+            let to = Point3::new(node.position.x, node.position.y, self.altitudes.above_home_m(altitude_m));
+            legs.push(MissionLeg { to, speed_mps: set_mps.unwrap_or(scenario.uav.max_speed_mps), hold_s });
+            services.extend(node.services.iter().map(|&service| (service, altitude_m)));
+        }
+        items.push(VehicleItem::Return);
+        let weight_n = scenario.uav.battery.map_or(0.0, |battery| battery.weight_n);
+        let motion = self.options.motion(scenario);
+        let effort = effort(&motion, home.position.xy(), *take_off_m, &legs, &scenario.uav.propulsion, weight_n);
+        Ok(MissionPart { items, effort })
+    }
+}
+
+impl VehicleMission {
+    /// What is good to know about it: altitudes, home, and the time that each part takes; a line for each.
+    #[must_use]
+    pub fn description(&self, track: &GeodeticTrack<'_>, options: &MissionOptions) -> Vec<String> {
+        let home = track.points[0].place;
+        let above = match self.reference {
+            AltitudeReference::Relative => "home",
+            AltitudeReference::Terrain => "the ground below (the autopilot needs terrain data)",
+            AltitudeReference::Msl => "the level that ground_m is above",
+        };
+        let altitudes_m = self.parts.iter().flat_map(|part| &part.items).filter_map(|item| match item {
+            VehicleItem::Waypoint { altitude_m, .. } => Some(*altitude_m),
+            _ => None,
+        });
+        let [lowest_m, highest_m] = altitudes_m.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], altitude_m| {
+            [low.min(altitude_m), high.max(altitude_m)]
+        });
+        let range =
+            if lowest_m == highest_m { format!("{lowest_m} m") } else { format!("{lowest_m:.1} to {highest_m:.1} m") };
+        let motion = options.motion(&track.run.scenario);
+        let jerk = motion.jerk_mps3.map_or(String::new(), |jerk_mps3| format!(" and {jerk_mps3} m/s³"));
+        let times: Vec<String> = self.parts.iter().map(|part| format!("{:.0} s", part.effort.duration_s)).collect();
+        let planned_s = track.run.slots.len() as f64 * track.run.scenario.slot_s;
+        vec![
+            format!("home {} {} (latitude, longitude), {range} above {above}", home.lat_deg, home.lon_deg),
+            format!(
+                "estimated from take-off to landing: {} with {} m/s²{jerk} (planned: {planned_s} s)",
+                times.join(", "),
+                motion.acceleration_mps2
+            ),
+        ]
+    }
+
+    /// Checks that the UAV has the time and the energy for each part.
+    fn check(&self, track: &GeodeticTrack<'_>, options: &MissionOptions) -> Result<(), InputError> {
+        let scenario = &track.run.scenario;
+        let own_s = scenario.uav.endurances_s.as_ref().and_then(|own| own.get(track.uav).copied());
+        let endurance_s = own_s.unwrap_or(scenario.uav.endurance_s);
+        let battery = scenario.uav.battery;
+        let usable_j =
+            battery.map_or(f64::INFINITY, |battery| battery.capacity_j * (battery.initial - battery.reserve));
+        for (part, number) in self.parts.iter().zip(1..) {
+            let Effort { duration_s, energy_j } = part.effort;
+            let refuse = |what: fmt::Arguments<'_>| {
+                let of = self.parts.len();
+                let expected =
+                    "expected a shorter flight, such as with --min-bits or --most-items, or --ignore-endurance";
+                let message = format_args!("part {number} of {of} of the mission takes {what}: {expected}");
+                Err(InputError::new("scenario", &scenario.path, message))
+            };
+            if !options.ignore_endurance && duration_s > endurance_s {
+                return refuse(format_args!(
+                    "{duration_s:.0} s from take-off to landing, more than the endurance, {endurance_s} s"
+                ));
+            }
+            if !options.ignore_endurance && energy_j > usable_j {
+                return refuse(format_args!(
+                    "{energy_j:.0} J, more than the battery has without its reserve, {usable_j:.0} J"
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// What `--min-bits` has omitted.
+struct Omitted {
+    stops: usize,
+    of: usize,
+    bits: u64,
+    of_bits: u64,
+}
+
+fn summary(
+    track: &GeodeticTrack<'_>,
+    stops: &[VehicleStop],
+    parts: &[MissionPart],
+    omitted: Option<&Omitted>,
+) -> String {
     let slots = track.points.len() - 1;
     let waypoints = stops.len();
     let services = track.services().count();
-    let serving = stops.iter().filter(|stop| stop.is_service).count();
-    let speeds = parts.iter().flatten().filter(|item| matches!(item, VehicleItem::Speed { .. })).count();
-    let items: usize = parts.iter().map(|part| part.len() + 1).sum(); // and home
+    let serving = stops.iter().filter(|stop| !stop.services.is_empty()).count();
+    let items_of = |part: &MissionPart| part.items.len() + 1; // and home
+    let speeds =
+        parts.iter().flat_map(|part| &part.items).filter(|item| matches!(item, VehicleItem::Speed { .. })).count();
+    let items: usize = parts.iter().map(items_of).sum();
     let files = if parts.len() == 1 { "1 file".to_owned() } else { format!("{} files", parts.len()) };
-    format!(
+    let mut text = format!(
         "{slots} slots ({services} serving) → {waypoints} waypoints ({serving} serving), {speeds} changes of speed → \
          {items} items → {files}"
-    )
-}
-
-/// A waypoint under construction.
-#[derive(Debug)]
-struct VehicleStop<'a> {
-    point: TrackPoint<'a>,
-    hold_s: f64,
-    /// Ground speed on the leg to it [m/s]; `None` for a vertical leg or one of length 0.
-    speed_mps: Option<f64>,
-    is_service: bool,
-    /// The start of the leg to it [m], its first step [m], and its number of slots.
-    from: Point3<f64>,
-    step: Vector3<f64>,
-    slots: u32,
-}
-
-impl VehicleStop<'_> {
-    /// Whether the leg continues straight to `position` in the next slot, at the same speed and without service here.
-    fn leads_to(&self, position: &Point3<f64>) -> bool {
-        self.hold_s == 0.0 && (self.from + self.step * f64::from(self.slots + 1) - position).norm() <= MERGE_M
+    );
+    if let Some(Omitted { stops, of, bits, of_bits }) = omitted {
+        let percent = 100.0 * *bits as f64 / (*of_bits).max(1) as f64;
+        text += &format!("\n{stops} of {of} waypoints omitted, with {bits} of {of_bits} bits ({percent:.2} %)");
     }
-}
-
-fn merge<'a>(track: &GeodeticTrack<'a>) -> Vec<VehicleStop<'a>> {
-    let scenario = &track.run.scenario;
-    let mut stops: Vec<VehicleStop<'a>> = Vec::new();
-    for pair in track.points.windows(2) {
-        let before = &pair[0];
-        let point = pair[1];
-        let is_service = !point.served().is_empty();
-        let comm_s = if is_service { scenario.link.comm_s } else { 0.0 };
-        let step = point.position - before.position;
-        match stops.last_mut() {
-            Some(stop) if (point.position - stop.point.position).norm() <= MERGE_M => {
-                stop.hold_s += scenario.slot_s;
-                stop.is_service |= is_service;
-            }
-            Some(stop) if stop.leads_to(&point.position) => {
-                *stop = VehicleStop { point, hold_s: comm_s, is_service, slots: stop.slots + 1, ..*stop };
-            }
-            _ => {
-                let stays = stops.is_empty() && step.norm() <= MERGE_M;
-                stops.push(VehicleStop {
-                    point,
-                    hold_s: if stays { scenario.slot_s } else { comm_s },
-                    speed_mps: Some(step.xy().norm() / scenario.slot_s).filter(|_| step.xy().norm() > MERGE_M),
-                    is_service,
-                    from: before.position,
-                    step,
-                    slots: 1,
-                });
-            }
-        }
-    }
-    stops
-}
-
-#[cfg(test)]
-mod tests {
-    use std::path::Path;
-
-    use proptest::prelude::*;
-    use skysink_common::message::Mode;
-    use skysink_common::scenario::{Origin, Overrides, Scenario};
-    use skysink_common::sensors::SensorList;
-    use skysink_common::slot_record::{ByUav, UAV};
-    use skysink_mission::replay::RecordedRun;
-    use skysink_mission::trace::RecordedSlot;
-
-    use super::*;
-
-    /// A run from the origin, with a step along x [m] and whether somebody is served in each slot. V_max is 30 m/s.
-    fn run(steps: &[(f64, bool)]) -> RecordedRun {
-        let text = "name = \"a\"\n[area]\nside_m = 1e4\n[uav]\nstart_m = [0.0, 0.0]\n[link]\ncomm_s = 0.25";
-        let scenario = Scenario::parse(text, Path::new("a"), Overrides::default()).unwrap();
-        let list = SensorList::of(&scenario).unwrap();
-        let mut x_m = 0.0;
-        let mut slot = |(index, &(step_m, serves)): (usize, &(f64, bool))| {
-            x_m += step_m;
-            ByUav::from_buf([RecordedSlot {
-                slot: index as u64 + 1,
-                uav: UAV,
-                position: Point3::new(x_m, 0.0, 20.0),
-                scheduled: if serves { vec![3] } else { vec![] },
-                delivered_bits: 0,
-                lost_bits: 0,
-                queued_bits: 0,
-                mode: Mode::Serve,
-                refused: 0,
-                energy_j: f64::INFINITY,
-            }])
-        };
-        let slots = steps.iter().enumerate().map(&mut slot).collect();
-        RecordedRun { scenario, list, strategy: "uts".to_owned(), slots, uploads_bits: Vec::new() }
-    }
-
-    fn track(run: &RecordedRun) -> GeodeticTrack<'_> {
-        GeodeticTrack::new(run, UAV, Origin { lat_deg: 0.0, lon_deg: 0.0 }).unwrap()
-    }
-
-    #[test]
-    fn straight_legs_and_holds_are_merged() {
-        // On the equator x is a sin λ: 60 m are 60/6378137 · 180°/π = 0.000538989°.
-        let run = run(&[(30.0, false), (30.0, false), (0.0, true), (10.0, true), (0.0, true), (9.0, false)]);
-        let mission = plan(&track(&run), 100);
-        let waypoint = |lon_deg: f64, hold_s| {
-            let place = GeodeticPosition { lat_deg: 0.0, lon_deg };
-            VehicleItem::Waypoint { place, altitude_m: 20.0, hold_s }
-        };
-        let expected = [
-            VehicleItem::TakeOff { home: GeodeticPosition { lat_deg: 0.0, lon_deg: 0.0 }, altitude_m: 20.0 },
-            VehicleItem::Speed { speed_mps: 30.0 },
-            waypoint(0.000538989, 1.0), // two legs in one, and a slot of hovering
-            VehicleItem::Speed { speed_mps: 10.0 },
-            waypoint(0.000628821, 1.25), // τ_c at the end of the leg, and a slot
-            waypoint(0.000709669, 0.0),  // 9 m/s are within a tenth of 30 m/s
-            VehicleItem::Return,
-        ];
-        assert_eq!(mission.parts, [expected]);
-        assert_eq!(
-            mission.summary,
-            "6 slots (3 serving) → 3 waypoints (2 serving), 2 changes of speed → 8 items → 1 file"
-        );
-    }
-
-    proptest! {
-        #[test]
-        fn whoever_is_served_is_served_in_the_mission_in_order(
-            steps in prop::collection::vec((prop::sample::select(vec![0.0, 0.03, 7.0, 20.0]), prop::bool::ANY), 1..80),
-            most_items in MIN_ITEMS..60,
-        ) {
-            let run = run(&steps);
-            let track = track(&run);
-            let mission = plan(&track, most_items);
-            let mut waypoints = Vec::new();
-            for part in &mission.parts {
-                prop_assert!(part.len() < most_items, "{part:?}"); // and home
-                let is_whole = matches!(part[..], [VehicleItem::TakeOff { .. }, .., VehicleItem::Return]);
-                prop_assert!(is_whole, "{part:?}");
-                let place = |item: &VehicleItem| match item {
-                    VehicleItem::Waypoint { place, .. } => Some(*place),
-                    _ => None,
-                };
-                waypoints.extend(part.iter().filter_map(place));
-            }
-            let mut waypoints = waypoints.iter().peekable();
-            for (point, slot) in track.services() {
-                // 0.1 m on the equator is 9e-7°.
-                let is_here = |place: &GeodeticPosition| (place.lon_deg - point.place.lon_deg).abs() < 9e-7;
-                while waypoints.next_if(|place| !is_here(place)).is_some() {}
-                prop_assert!(waypoints.peek().is_some(), "slot {slot}");
-            }
-        }
-    }
+    text
 }

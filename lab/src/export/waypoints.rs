@@ -2,24 +2,29 @@
 //!
 //! Format: MAVLink's developer guide, "Plain-Text File Format".
 
-use super::format::{ExportFormat, WriteFormat};
-use super::track::GeodeticTrack;
-use super::vehicle::{MavlinkItem, VehicleItem};
+use super::autopilot::Autopilot;
+use super::format::{ExportFormat, MissionOf, WriteFormat};
+use super::vehicle::{MavlinkItem, MissionPart};
 
 /// The waypoint file.
 pub static FORMAT: ExportFormat = ExportFormat {
     name: "waypoints",
     about: "QGC WPL 110, for Mission Planner and MAVProxy: a vehicle's mission, no geofence",
     extension: "waypoints",
-    write: WriteFormat::Mission(write, "\nNo geofence: QGC WPL does not support it; use qgc-plan"),
+    write: WriteFormat::Mission {
+        write,
+        autopilot: Some(Autopilot::Ardupilot),
+        note: "no geofence: QGC WPL does not support it; use qgc-plan",
+    },
 };
 
-fn write(track: &GeodeticTrack<'_>, items: &[VehicleItem]) -> Vec<u8> {
-    let home = track.points[0].place;
-    let params = [0.0, 0.0, 0.0, 0.0, home.lat_deg, home.lon_deg, 0.0];
+fn write(of: &MissionOf<'_>, part: &MissionPart) -> Vec<u8> {
+    let home = of.track.points[0].place;
+    let params = [0.0, 0.0, 0.0, 0.0, home.lat_deg, home.lon_deg, of.mission.home_ground_m.unwrap_or(0.0)];
     let home = MavlinkItem { command: 16, frame: 0, params };
+    let items = part.items.iter().map(|item| item.mavlink(of.mission.reference));
     let mut text = "QGC WPL 110\n".to_owned();
-    for (index, item) in std::iter::once(home).chain(items.iter().map(VehicleItem::mavlink)).enumerate() {
+    for (index, item) in std::iter::once(home).chain(items).enumerate() {
         let MavlinkItem { command, frame, params } = item;
         // Readers do not accept NaN for the heading, which ArduPilot ignores.
         let [hold, radius, orbit, heading, lat_deg, lon_deg, altitude_m] =

@@ -7,7 +7,7 @@ use skysink_common::geodata::{NAME, check_geodetic};
 use super::imported::{Frame, Imported, ImportedSensor, OTHERS};
 
 /// The names of the columns in lower case: first the name in a sensor list, then its aliases.
-const COLUMNS: [&[&str]; 10] = [
+const COLUMNS: [&[&str]; 11] = [
     &["x_m", "x", "east", "easting"],
     &["y_m", "y", "north", "northing"],
     &["lat_deg", "lat", "latitude"],
@@ -18,6 +18,7 @@ const COLUMNS: [&[&str]; 10] = [
     OTHERS[3],
     OTHERS[4],
     OTHERS[5],
+    OTHERS[6],
 ];
 
 /// The number of [`COLUMNS`] with coordinates, which come first.

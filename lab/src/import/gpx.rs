@@ -13,7 +13,7 @@ pub fn read(text: &str) -> Result<Imported, String> {
         let property = |(name, text): (&str, &Option<String>)| Some((name.to_owned(), text.clone()?));
         FoundPoint {
             position: [waypoint.point().y(), waypoint.point().x()],
-            altitude: waypoint.elevation.unwrap_or_default(),
+            altitude_m: waypoint.elevation,
             properties: texts.into_iter().filter_map(property).collect(),
         }
     });

@@ -41,14 +41,18 @@ pub struct Imported {
 }
 
 /// The further columns of a sensor list, each followed by its aliases in imported files, in lower case.
-pub const OTHERS: [&[&str]; 6] = [
+pub const OTHERS: [&[&str]; 7] = [
     &["queue_bits", "queue"],
     &["gain_db", "gain"],
     &["sampling_bps", "sampling_rate", "sampling", "rate_bps", "rate"],
     &["capacity_bits", "buffer_bits", "buffer"],
     &["weight", "priority"],
+    &[GROUND, "ground", "elevation_m", "elevation", "ele", "altitude_m", "altitude", "alt"],
     &[NAME, "label"],
 ];
+
+/// The column of the ground's altitudes, which points of three coordinates have, too.
+const GROUND: &str = "ground_m";
 
 /// The further column of a sensor list that a column or property called `name` is for.
 pub fn other(name: &str) -> Option<&'static str> {
@@ -84,7 +88,12 @@ fn is_for(name: &str, value: &str, alias: &str) -> bool {
 
 impl Imported {
     /// Sensor nodes with latitude and longitude [°], and the properties that a sensor list has columns for.
-    pub fn geodetic(FoundPoints { points, ignored, .. }: FoundPoints) -> Result<Self, String> {
+    /// The third coordinate of points is the ground's altitude, unless all are 0.
+    pub fn geodetic(FoundPoints { mut points, ignored, .. }: FoundPoints) -> Result<Self, String> {
+        let has_ground = points.iter().any(|point| point.altitude_m.is_some_and(|altitude_m| altitude_m != 0.0));
+        for point in points.iter_mut().filter(|_| has_ground) {
+            point.properties.extend(point.altitude_m.map(|altitude_m| (GROUND.to_owned(), altitude_m.to_string())));
+        }
         let place = |index: usize| format!("point {}", index + 1);
         let mut sensors = Vec::with_capacity(points.len());
         for (index, point) in points.iter().enumerate() {
@@ -127,8 +136,6 @@ impl Imported {
             }
         }
         let items = (ignored > 0).then(|| format!("{ignored} lines, polygons or other items without a point"));
-        let high = points.iter().filter(|point| point.altitude != 0.0).count();
-        let high = (high > 0).then(|| format!("altitudes of {high} points (sensor nodes stand on the ground)"));
         let properties = points.iter().flat_map(|point| &point.properties).zip(unread.iter().flatten());
         let is_ignored =
             |name: &str, text: &str, is_unread| is_unread && (other(name).is_none() || !text.trim().is_empty());
@@ -140,7 +147,7 @@ impl Imported {
         let more = if more > 0 { format!(" and {more} more") } else { String::new() };
         names.truncate(MOST_NAMED);
         let properties = (!names.is_empty()).then(|| format!("properties {}{more}", names.join(", ")));
-        let ignored = [items, high, properties].into_iter().flatten().chain(reasons).collect();
+        let ignored = [items, properties].into_iter().flatten().chain(reasons).collect();
         Ok(Self { frame: Frame::Geodetic, sensors, others, ignored })
     }
 
@@ -188,7 +195,7 @@ mod tests {
 
     fn point(position: [f64; 2], properties: &[(&str, &str)]) -> FoundPoint {
         let properties = properties.iter().map(|(name, value)| [name, value].map(|text| (*text).to_owned()).into());
-        FoundPoint { position, altitude: 0.0, properties: properties.collect() }
+        FoundPoint { position, altitude_m: None, properties: properties.collect() }
     }
 
     fn imported(points: &[FoundPoint]) -> Result<Imported, String> {
@@ -198,12 +205,29 @@ mod tests {
     #[test]
     fn properties_become_columns_and_the_rest_is_listed() {
         let one = point([1.0, 2.0], &[("Rate", "50"), ("name", "a, \"b\""), ("colour", "red"), ("height", "3")]);
-        let other = FoundPoint { altitude: 12.0, ..point([1.0, 3.0], &[("rate", "60.5"), ("colour", "blue")]) };
+        let other = point([1.0, 3.0], &[("rate", "60.5"), ("colour", "blue")]);
         let both = imported(&[one, other]).unwrap();
         let list = "lat_deg,lon_deg,sampling_bps,name\n1,2,50,\"a, \"\"b\"\"\"\n1,3,60.5,\n";
         assert_eq!(both.to_csv([0.0; 2]), list);
-        let ignored = ["altitudes of 1 points (sensor nodes stand on the ground)", "properties colour, height"];
-        assert_eq!(both.ignored, ignored);
+        assert_eq!(both.ignored, ["properties colour, height"]);
+    }
+
+    #[test]
+    fn the_third_coordinate_is_the_altitude_of_the_ground() {
+        let at = |altitude_m, properties: &[(&str, &str)]| FoundPoint { altitude_m, ..point([1.0, 2.0], properties) };
+        let list = |points: &[FoundPoint]| {
+            let imported = imported(points).unwrap();
+            (imported.to_csv([0.0; 2]), imported.ignored)
+        };
+        let bare = || "lat_deg,lon_deg\n1,2\n1,2\n".to_owned();
+        let both = list(&[at(Some(12.5), &[]), at(Some(0.0), &[])]);
+        assert_eq!(both, ("lat_deg,lon_deg,ground_m\n1,2,12.5\n1,2,0\n".to_owned(), vec![]));
+        assert_eq!(list(&[at(Some(0.0), &[]), at(None, &[])]), (bare(), vec![]), "a height that nobody measured");
+        let missing = "ground_m of all points (point 2 has no number)".to_owned();
+        let part = list(&[at(Some(12.5), &[]), at(None, &[])]);
+        assert_eq!(part, (bare(), vec!["properties ground_m".to_owned(), missing]));
+        let named = list(&[at(Some(9.0), &[("Elevation", "3")]), at(None, &[("alt", "4")])]);
+        assert_eq!(named.0, "lat_deg,lon_deg,ground_m\n1,2,9\n1,2,4\n", "its own name comes first");
     }
 
     #[test]

@@ -96,10 +96,12 @@ fn each_viewer_writes_the_next_file_of_one_recording() {
                 [part, &whole].map(|found| found.cells.iter().filter(|(cell, _)| is_static(cell)).collect::<Vec<_>>());
             assert_eq!(found, expected, "each part can be shown alone");
         }
-        // The path between the last slot of one file and the first of the next is unknown, and the state lane restarts.
+        // The path between the last slot of one file and the first of the next is unknown, and with it the speed; the
+        // state lane restarts.
         let is_other = |cell: &support::Cell| {
-            [uav::TRAIL, uav::TRACK, uav::BODY, uav::PLAN, events::LANE].contains(&&cell.0[1..])
-                && [3, 6].contains(&cell.2.unwrap())
+            let labels = [uav::LABEL, uav::LABELS_ABOVE];
+            let moves = [uav::TRAIL, uav::TRACK, uav::BODY, uav::PLAN, events::LANE];
+            moves.into_iter().chain(labels).any(|entity| entity == &cell.0[1..]) && [3, 6].contains(&cell.2.unwrap())
         };
         let in_parts: Vec<_> = parts.iter().map(Found::shown).collect();
         for (cell, values) in whole.shown().into_iter().filter(|(cell, _)| !is_other(cell)) {

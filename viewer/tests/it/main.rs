@@ -6,4 +6,5 @@ mod kills;
 mod line_of_sight;
 mod maps;
 mod recording;
+mod scene;
 mod support;

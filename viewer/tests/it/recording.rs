@@ -7,9 +7,9 @@ use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use crate::support::{Found, Slot, letter, sensors};
+use crate::support::{Found, Slot, in_folder, letter, sensors};
 use skysink_common::message::{FlightReport, HoldReason, Mode, PathPoint};
-use skysink_viewer::{Scene, SceneError, Sinks, SlotView, WallClock, curves, events, legend, links, path, queues, uav};
+use skysink_viewer::{Scene, SceneError, Sinks, WallClock, curves, events, legend, links, path, queues, uav};
 
 const SENSORS: u32 = 20;
 
@@ -30,11 +30,6 @@ fn record(path: &Path, last: u64, change: impl Fn(&mut Slot)) -> Found {
     Found::read(path)
 }
 
-fn in_folder<T>(test: impl FnOnce(&Path) -> T) -> T {
-    let folder = tempfile::tempdir().unwrap();
-    test(&folder.path().join("mission.rrd"))
-}
-
 #[test]
 fn every_slot_is_logged_for_every_changing_entity() {
     let found = in_folder(|path| record(path, 19, |_| {}));
@@ -46,7 +41,7 @@ fn every_slot_is_logged_for_every_changing_entity() {
         uav::TRACK,
         uav::PLAN,
         links::LINKS,
-        links::CANDIDATES,
+        &format!("{}/0", links::CANDIDATES),
         links::CHOSEN,
         curves::LOSS,
         curves::FILL_MEAN,
@@ -147,14 +142,16 @@ fn a_slot_without_service_has_no_links_and_circles() {
     };
     let found = in_folder(|path| record(path, 4, hold));
     let strips = |entity, slot| found.shown_in(entity, "LineStrips3D:strips", slot);
-    let circles = |slot| found.shown_in(links::CANDIDATES, "Cylinders3D:radii", slot);
+    let candidates: Vec<_> = (0..5).map(|candidate| format!("{}/{candidate}", links::CANDIDATES)).collect();
     for (slot, is_there) in [(2, true), (3, false), (4, true)] {
         assert_eq!(strips(links::LINKS, slot).contains("PrimitiveArray<Float32>"), is_there, "links of {slot}");
         assert_eq!(strips(links::CHOSEN, slot).contains("PrimitiveArray<Float32>"), is_there, "circle of {slot}");
         for entity in [uav::WAYPOINT, uav::PLAN] {
             assert_eq!(strips(entity, slot).contains("PrimitiveArray<Float32>"), is_there, "{entity} of {slot}");
         }
-        assert_eq!(circles(slot).matches("10.0").count(), if is_there { 5 } else { 0 }, "candidates of {slot}");
+        for candidate in &candidates {
+            assert_eq!(strips(candidate, slot).contains("PrimitiveArray<Float32>"), is_there, "{candidate} of {slot}");
+        }
     }
     assert!(found.text(events::LANE, "StateChange:state", Some(3)).contains("hold"));
     assert!(found.text(events::LANE, "StateChange:state", Some(4)).contains("serve"));
@@ -421,50 +418,4 @@ fn the_environment_variable_rerun_is_ignored() {
         .unwrap();
     let said = String::from_utf8_lossy(&again.stdout);
     assert!(again.status.success() && said.contains("1 passed"), "{said}");
-}
-
-#[test]
-fn every_uav_has_a_place_a_path_and_a_waypoint_of_its_own() {
-    let found = in_folder(|path| {
-        let mut scenario = letter();
-        scenario.uav.count = Some(2);
-        let sinks = Sinks { save: Some(path.to_owned()), ..Sinks::default() };
-        let mut scene =
-            Scene::open(&sinks, &scenario, &sensors(SENSORS), "test-run", WallClock::Unmeasured, None).unwrap();
-        for slot in 0..=9 {
-            let slot = Slot::new(slot, SENSORS as usize);
-            let mut other = slot.flight;
-            other.y_m = 80.0;
-            other.x_m *= 2.0;
-            if slot.slot >= 4 {
-                other.mode = Mode::Transit as u32;
-            }
-            let flights = [slot.flight, other];
-            let plans = [slot.plan; 2];
-            let leads = [3, 5].contains(&slot.slot);
-            let paths: Vec<_> =
-                [[90.0, 11.0], [91.0, 12.0]].map(|[x, y]| PathPoint::of(1, &[x, y, 20.0].into())).into();
-            let paths = if leads { &paths[..] } else { &[] };
-            scene.log_slot(&SlotView { flights: &flights, plans: &plans, paths, ..slot.view() }).unwrap();
-        }
-        scene.close().unwrap();
-        Found::read(path)
-    });
-    let at = |entity: &str| found.shown_in(entity, "Transform3D:translation", 9);
-    assert_ne!(at(uav::UAV), at(&format!("{}/1", uav::FLEET)));
-    assert!(at(&format!("{}/1", uav::FLEET)).contains("18"), "{}", at(&format!("{}/1", uav::FLEET)));
-    for entity in [format!("{}/1", uav::TRAIL), format!("{}/1", uav::TRACK), format!("{}/1", uav::PLAN)] {
-        assert_eq!(found.slots_of(&entity), (0..=9).collect(), "{entity}");
-    }
-    assert!(!found.slots_of(&format!("{}/1", uav::WAYPOINTS)).is_empty());
-    let lane = format!("{}/1", events::FLEET_LANES);
-    assert_eq!(found.slots_of(&lane), [1, 4].into(), "when its state changes");
-    assert!(found.text(&lane, "StateChange:state", Some(4)).contains("transit"));
-    for entity in path::OTHERS {
-        assert_eq!(found.slots_of(entity), [3, 4, 5, 6].into(), "{entity}, and empty from there on");
-        let drawn = |slot| found.text(entity, "LineStrips3D:strips", Some(slot)).contains("91.0");
-        assert_eq!([3, 4, 5, 6].map(drawn), [true, false, true, false], "{entity}");
-    }
-    assert!(found.slots_of(path::PATH).is_empty(), "the first UAV has none");
-    assert!(found.slots_of(&format!("{}/1", uav::WAYPOINT)).is_empty(), "it would move with the first one's");
 }

@@ -14,6 +14,12 @@ use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::Sensors;
 use skysink_viewer::SlotView;
 
+/// Runs a test with the path of a recording in a folder of its own.
+pub fn in_folder<T>(test: impl FnOnce(&Path) -> T) -> T {
+    let folder = tempfile::tempdir().unwrap();
+    test(&folder.path().join("mission.rrd"))
+}
+
 /// The letter's mission.
 pub fn letter() -> Scenario {
     Scenario::letter(Overrides::default()).unwrap()

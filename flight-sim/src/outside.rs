@@ -1,0 +1,182 @@
+//! Vehicles from outside: the orders that they get, and what their reports become.
+//!
+//! How they fly is left to a [`Vehicle`](OutsideVehicle), the transport to `node` and to other languages.
+
+use nalgebra::Point3;
+use skysink_common::base::Base;
+use skysink_common::message::{FlightReport, HoldReason, Mode, Plan, SensorNode};
+use skysink_common::scenario::Scenario;
+use skysink_common::slot_record::ByUav;
+
+use crate::fleet::Fleet;
+
+/// A slot ends at the waypoint if it ends this near to it [m]; farther away the vehicle is en route.
+pub const REACHED_M: f64 = 2.0;
+
+/// What a vehicle is to do in a slot.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Order {
+    /// The slot, from 1.
+    pub slot: u64,
+    /// The number of the UAV.
+    pub uav: usize,
+    /// Where it was at the end of the slot before [m].
+    pub position: Point3<f64>,
+    /// The plan. One that must not be followed, or that is not there, is to stay at `position` and serve nobody.
+    pub plan: Plan,
+    /// Why it holds.
+    pub hold: HoldReason,
+}
+
+/// A vehicle that flies orders.
+pub trait OutsideVehicle {
+    /// Flies a slot, and reports where the vehicle is at its end: [`FlightReport::at`], and what else it knows. The mode counts
+    /// only if it is [`Mode::Down`]. Links are filled in.
+    fn fly(&mut self, order: &Order) -> FlightReport;
+}
+
+/// The vehicles of a mission: where they were, and the channel above them.
+#[derive(Debug, Clone)]
+pub struct OutsideFleet {
+    fleet: Fleet,
+    base: Option<Base>,
+    positions: ByUav<Point3<f64>>,
+    reached_m: f64,
+}
+
+impl OutsideFleet {
+    /// The vehicles at their starts, over the published sensor nodes. A slot that ends farther than `reached_m` [m] from its
+    /// waypoint has not reached it.
+    #[must_use]
+    pub fn new(scenario: &Scenario, sensors: &[SensorNode], reached_m: f64) -> Self {
+        Self {
+            fleet: Fleet::new(scenario, sensors),
+            base: scenario.landing_base(),
+            positions: scenario.starts().collect(),
+            reached_m,
+        }
+    }
+
+    /// The reports of slot 0.
+    #[must_use]
+    pub fn start(&self) -> ByUav<FlightReport> {
+        self.fleet.start()
+    }
+
+    /// Moves the vehicles to where they were at the end of a slot that they have reported.
+    pub fn restore(&mut self, reports: &[FlightReport]) {
+        self.fleet.restore(reports);
+        self.positions = reports.iter().map(FlightReport::position).collect();
+    }
+
+    /// The orders of a slot by its plans, `None` if there are none in time. A waypoint that is out of reach, outside the area or
+    /// behind a zone is refused, and so is charging outside the base.
+    #[must_use]
+    pub fn orders(&self, slot: u64, plans: Option<&[Plan]>) -> ByUav<Order> {
+        let refusals = plans.map(|plans| self.fleet.refusals(plans));
+        let order = |(uav, &position): (usize, &Point3<f64>)| {
+            let plan = plans.and_then(|plans| plans.get(uav)).copied();
+            let refusal = refusals.as_ref().and_then(|refusals| refusals.get(uav)).copied();
+            let is_charging = plan.is_some_and(|plan| plan.mode == Mode::Charge as u32)
+                && self.base.as_ref().is_some_and(|base| base.contains(&position.xy()));
+            let hold = if is_charging { HoldReason::None } else { refusal.unwrap_or(HoldReason::NoPlan) };
+            let stay = Plan::fly_to(position, Mode::Hold);
+            let plan = plan.filter(|_| hold == HoldReason::None).unwrap_or(stay);
+            Order { slot, uav, position, plan, hold }
+        };
+        self.positions.iter().enumerate().map(order).collect()
+    }
+
+    /// Completes the `reports` of the vehicles that have flown these `orders`: modes, refusals, and links.
+    pub fn complete(&mut self, slot: u64, orders: &[Order], reports: &mut [FlightReport]) {
+        for (order, report) in orders.iter().zip(&mut *reports) {
+            let is_down = report.mode == Mode::Down as u32;
+            let is_reached = (report.position() - order.plan.waypoint()).norm() <= self.reached_m;
+            report.hold = order.hold as u32;
+            report.refused = u32::from(!matches!(order.hold, HoldReason::None | HoldReason::NoPlan));
+            report.mode = match Mode::from_repr(order.plan.mode).unwrap_or_default() {
+                _ if is_down => Mode::Down as u32,
+                _ if order.hold != HoldReason::None => Mode::Hold as u32,
+                Mode::Charge => Mode::Charge as u32,
+                _ if !is_reached => Mode::EnRoute as u32,
+                mode @ (Mode::Transit | Mode::Return) => mode as u32,
+                _ => Mode::Serve as u32,
+            };
+        }
+        let plan_of =
+            |uav: usize| orders.get(uav).filter(|order| order.hold == HoldReason::None).map(|order| &order.plan);
+        self.fleet.observe(slot, plan_of, reports);
+        for report in &mut *reports {
+            report.mode = report.flown_mode() as u32;
+        }
+        self.positions = reports.iter().map(FlightReport::position).collect();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use skysink_common::scenario::Overrides;
+
+    /// The paper's mission over two SNs, at (50, 50) and (70, 50), and a vehicle at (50, 50).
+    fn fleet() -> OutsideFleet {
+        let sensor = |x_m: f64| SensorNode { x_m, y_m: 50.0, gain: 1e-5, ..SensorNode::default() };
+        let scenario = Scenario::letter(Overrides::default()).unwrap();
+        OutsideFleet::new(&scenario, &[50.0, 70.0].map(sensor), REACHED_M)
+    }
+
+    fn plan(x_m: f64, ids: &[u32]) -> Plan {
+        let mut plan = Plan::fly_to([x_m, 50.0, 20.0], Mode::Serve);
+        plan.schedule(ids);
+        plan
+    }
+
+    /// The report of a vehicle that ends slot 1 at `x_m`.
+    fn flown(plans: Option<&[Plan]>, x_m: f64) -> FlightReport {
+        let mut fleet = fleet();
+        let orders = fleet.orders(1, plans);
+        let mut reports = [FlightReport::at([x_m, 50.0, 20.0], Mode::Serve)];
+        fleet.complete(1, &orders, &mut reports);
+        reports[0]
+    }
+
+    fn mode(report: &FlightReport) -> Mode {
+        Mode::from_repr(report.mode).unwrap()
+    }
+
+    #[test]
+    fn a_vehicle_at_its_waypoint_serves_and_one_before_it_is_en_route_and_serves_who_is_in_range() {
+        let there = flown(Some(&[plan(70.0, &[1])]), 69.0);
+        assert_eq!((mode(&there), there.served, there.links[0].sensor), (Mode::Serve, 1, 1));
+        let before = flown(Some(&[plan(70.0, &[1])]), 62.0);
+        assert_eq!((mode(&before), before.served), (Mode::EnRoute, 1), "8 m from it");
+        let far = flown(Some(&[plan(70.0, &[1])]), 55.0);
+        assert_eq!((mode(&far), far.served, far.refused), (Mode::EnRoute, 0, 1), "15 m from it");
+        assert_eq!(mode(&flown(Some(&[plan(70.0, &[])]), 70.0)), Mode::Fly);
+    }
+
+    #[test]
+    fn a_plan_that_must_not_be_followed_or_is_late_is_an_order_to_stay() {
+        for (plans, hold, refused) in [
+            (Some([plan(90.0, &[1])]), HoldReason::Waypoint, 1),
+            (Some([plan(f64::NAN, &[1])]), HoldReason::Waypoint, 1),
+            (Some([Plan::fly_to([50.0, 50.0, 20.0], Mode::Charge)]), HoldReason::Base, 1),
+            (None, HoldReason::NoPlan, 0),
+        ] {
+            let plans = plans.as_ref().map(|plans| &plans[..]);
+            let order = fleet().orders(1, plans)[0];
+            assert_eq!((order.hold, order.plan.waypoint(), order.plan.served), (hold, order.position, 0));
+            let report = flown(plans, 50.5);
+            assert_eq!((mode(&report), report.hold, report.refused), (Mode::Hold, hold as u32, refused));
+            assert_eq!((report.x_m, report.served), (50.5, 0), "where it is is where it says");
+        }
+    }
+
+    #[test]
+    fn orders_begin_where_the_vehicle_was() {
+        let mut fleet = fleet();
+        fleet.restore(&[FlightReport::at([10.0, 20.0, 20.0], Mode::Serve)]);
+        let order = fleet.orders(2, Some(&[plan(50.0, &[])]))[0];
+        assert_eq!((order.position, order.hold), (Point3::new(10.0, 20.0, 20.0), HoldReason::Waypoint));
+    }
+}

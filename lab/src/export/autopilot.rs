@@ -1,0 +1,129 @@
+//! The autopilots that missions are for, and how their vehicles move.
+
+use clap::ValueEnum;
+use strum::Display;
+
+/// An autopilot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Display)]
+#[strum(serialize_all = "lowercase")]
+pub enum Autopilot {
+    /// PX4.
+    Px4,
+    /// ArduPilot, which holds for whole seconds only.
+    Ardupilot,
+}
+
+/// How a vehicle moves in a mission.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Motion {
+    /// Horizontal acceleration and braking [m/s²].
+    pub acceleration_mps2: f64,
+    /// Change of the acceleration [m/s³]; `None` for any.
+    pub jerk_mps3: Option<f64>,
+    /// Time to turn into the attitude of a leg [s].
+    pub response_s: f64,
+    /// Climb [m/s].
+    pub climb_mps: f64,
+    /// Descent [m/s].
+    pub descent_mps: f64,
+    /// Distance within which a waypoint without hold is passed [m].
+    pub radius_m: f64,
+    /// From arming to the first metre of altitude [s].
+    spool_s: f64,
+    /// Pause above home before the landing, and after touching down [s].
+    pause_s: f64,
+    /// Altitude of the last part of a landing [m].
+    slow_m: f64,
+    /// Descent there [m/s].
+    touch_down_mps: f64,
+}
+
+/// ArduCopter: `WPNAV_ACCEL`, `WPNAV_JERK`, `WPNAV_SPEED_UP`, `WPNAV_SPEED_DN`, `WPNAV_RADIUS`, `RTL_LOIT_TIME`, `LAND_SPEED`
+/// below 10 m by default. Response and the rest are fitted to what version 4.8 has flown in software.
+const ARDUCOPTER: Motion = Motion {
+    acceleration_mps2: 2.5,
+    jerk_mps3: Some(1.0),
+    response_s: 0.3,
+    climb_mps: 2.5,
+    descent_mps: 1.5,
+    radius_m: 2.0,
+    spool_s: 4.8,
+    pause_s: 7.0,
+    slow_m: 10.0,
+    touch_down_mps: 0.5,
+};
+
+/// PX4: `MPC_ACC_HOR`, `MPC_JERK_AUTO`, `MPC_TKO_SPEED`, `MPC_Z_V_AUTO_DN`, `MPC_LAND_SPEED` by default. Not compared with a
+/// flight.
+const PX4: Motion = Motion {
+    acceleration_mps2: 3.0,
+    jerk_mps3: Some(4.0),
+    response_s: 0.3,
+    climb_mps: 1.5,
+    descent_mps: 1.5,
+    radius_m: 2.0,
+    spool_s: 3.0,
+    pause_s: 2.0,
+    slow_m: 5.0,
+    touch_down_mps: 0.7,
+};
+
+impl Autopilot {
+    /// Its `MAV_AUTOPILOT`.
+    #[must_use]
+    pub fn mav_autopilot(self) -> u32 {
+        match self {
+            Self::Px4 => 12,
+            Self::Ardupilot => 3,
+        }
+    }
+
+    /// The hold that it makes of `hold_s` [s], at least as long.
+    #[must_use]
+    pub fn hold_s(self, hold_s: f64) -> f64 {
+        match self {
+            Self::Px4 => hold_s,
+            Self::Ardupilot if hold_s <= 0.0 => 0.0,
+            // Up to a nanosecond, so that sums of slots are not rounded up.
+            Self::Ardupilot => (hold_s - 1e-9).ceil(),
+        }
+    }
+
+    /// How its vehicles move by default.
+    #[must_use]
+    pub fn motion(self) -> Motion {
+        match self {
+            Self::Px4 => PX4,
+            Self::Ardupilot => ARDUCOPTER,
+        }
+    }
+}
+
+impl Motion {
+    /// The same with another acceleration [m/s²] and jerk [m/s³]. An acceleration without a jerk is that of decision D31: it
+    /// begins and ends at once.
+    #[must_use]
+    pub fn with(self, acceleration_mps2: Option<f64>, jerk_mps3: Option<f64>) -> Self {
+        match (acceleration_mps2, jerk_mps3) {
+            (None, None) => self,
+            (Some(acceleration_mps2), None) => Self { acceleration_mps2, jerk_mps3: None, response_s: 0.0, ..self },
+            (acceleration_mps2, Some(_)) => {
+                let acceleration_mps2 = acceleration_mps2.unwrap_or(self.acceleration_mps2);
+                Self { acceleration_mps2, jerk_mps3, ..self }
+            }
+        }
+    }
+
+    /// Time from arming to the altitude `altitude_m` [m] above home [s].
+    #[must_use]
+    pub fn take_off_s(&self, altitude_m: f64) -> f64 {
+        self.spool_s + altitude_m.max(0.0) / self.climb_mps
+    }
+
+    /// Time from `altitude_m` [m] above home to the end of the landing [s].
+    #[must_use]
+    pub fn landing_s(&self, altitude_m: f64) -> f64 {
+        let slow_m = altitude_m.clamp(0.0, self.slow_m);
+        self.pause_s + slow_m / self.touch_down_mps + (altitude_m - self.slow_m).max(0.0) / self.descent_mps
+    }
+}

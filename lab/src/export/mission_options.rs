@@ -1,0 +1,84 @@
+//! The options of vehicle missions.
+
+use clap::Args;
+use skysink_common::scenario::Scenario;
+
+use super::altitude::AltitudeReference;
+use super::autopilot::{Autopilot, Motion};
+use super::vehicle;
+
+/// Options of the formats that hold a vehicle mission.
+#[derive(Debug, Clone, Default, Args)]
+pub struct MissionOptions {
+    /// Maximum number of items in a vehicle mission, including home; at least 7; longer missions are split into several
+    /// files [default: 500].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(vehicle::MIN_ITEMS as i64..))]
+    pub most_items: Option<u32>,
+    /// What the altitudes of a vehicle mission are above [default: terrain if the ground_m of the sensor list differ,
+    /// otherwise relative].
+    #[arg(long, value_name = "ABOVE")]
+    pub altitude: Option<AltitudeReference>,
+    /// Autopilot of a vehicle mission [default: px4; of waypoints ardupilot].
+    #[arg(long)]
+    pub autopilot: Option<Autopilot>,
+    /// Omit the waypoints of a vehicle mission that collect fewer bits.
+    #[arg(long, value_name = "BITS", default_value_t = 0, hide_default_value = true)]
+    pub min_bits: u64,
+    /// Widen the geofence of a vehicle mission beyond the area by this [m] [default: 0].
+    #[arg(long, value_name = "M", default_value_t = 0.0, hide_default_value = true, value_parser = parse_margin)]
+    pub fence_margin: f64,
+    /// Acceleration of the vehicle for the estimate of the duration [m/s²] [default: uav.acceleration_mps2, or that of the
+    /// autopilot].
+    #[arg(long, value_name = "M/S2", value_parser = parse_positive)]
+    pub acceleration: Option<f64>,
+    /// Jerk of the vehicle for the estimate of the duration [m/s³] [default: that of the autopilot; without limit if the
+    /// acceleration is given].
+    #[arg(long, value_name = "M/S3", value_parser = parse_positive)]
+    pub jerk: Option<f64>,
+    /// Export vehicle missions that take longer, or more energy, than the UAV has.
+    #[arg(long)]
+    pub ignore_endurance: bool,
+}
+
+impl MissionOptions {
+    /// The first option that was given; `None` without any.
+    #[must_use]
+    pub fn given(&self) -> Option<&'static str> {
+        let given = [
+            (self.most_items.is_some(), "--most-items"),
+            (self.altitude.is_some(), "--altitude"),
+            (self.autopilot.is_some(), "--autopilot"),
+            (self.min_bits > 0, "--min-bits"),
+            (self.fence_margin > 0.0, "--fence-margin"),
+            (self.acceleration.is_some(), "--acceleration"),
+            (self.jerk.is_some(), "--jerk"),
+            (self.ignore_endurance, "--ignore-endurance"),
+        ];
+        given.into_iter().find(|(is_given, _)| *is_given).map(|(_, name)| name)
+    }
+
+    /// The autopilot that the mission is for.
+    #[must_use]
+    pub fn autopilot(&self) -> Autopilot {
+        self.autopilot.unwrap_or(Autopilot::Px4)
+    }
+
+    /// How the vehicle of a scenario moves.
+    #[must_use]
+    pub fn motion(&self, scenario: &Scenario) -> Motion {
+        let acceleration_mps2 = self.acceleration.or(scenario.uav.acceleration_mps2);
+        self.autopilot().motion().with(acceleration_mps2, self.jerk)
+    }
+}
+
+/// Parses metres from 0 to 10 km.
+fn parse_margin(text: &str) -> Result<f64, String> {
+    let margin_m = text.parse().ok().filter(|margin_m| (0.0..=1e4).contains(margin_m));
+    margin_m.ok_or_else(|| "expected metres, 0 to 10000".to_owned())
+}
+
+/// Parses a finite number above 0.
+fn parse_positive(text: &str) -> Result<f64, String> {
+    let value = text.parse().ok().filter(|value: &f64| *value > 0.0 && value.is_finite());
+    value.ok_or_else(|| "expected a number above 0".to_owned())
+}

@@ -1,0 +1,134 @@
+//! The waypoints of a vehicle mission: merges the slots of a flight into legs and holds, and omits passes that carry little.
+
+use nalgebra::{Point3, Vector3};
+use skysink_common::airspace::Airspace;
+
+use super::track::{GeodeticTrack, TrackPoint};
+
+/// Tolerance for merging positions [m].
+pub const MERGE_M: f64 = 0.05;
+
+/// A waypoint.
+#[derive(Debug, Clone)]
+pub struct VehicleStop {
+    /// Position in the frame of the area [m]; z is the altitude above ground.
+    pub position: Point3<f64>,
+    /// How long the vehicle holds there [s].
+    pub hold_s: f64,
+    /// Ground speed on the leg to it [m/s]; `None` for a vertical leg or one of length 0.
+    pub speed_mps: Option<f64>,
+    /// The points of the track at which sensor nodes are served from here.
+    pub services: Vec<usize>,
+    /// Bits that they upload.
+    pub bits: u64,
+    /// The start of the leg to it [m], its first step [m], and its number of slots.
+    from: Point3<f64>,
+    step: Vector3<f64>,
+    slots: u32,
+}
+
+impl VehicleStop {
+    /// A waypoint on the way to another one, at `speed_mps` [m/s].
+    #[must_use]
+    pub fn on_way(position: Point3<f64>, speed_mps: f64) -> Self {
+        let speed_mps = Some(speed_mps);
+        Self {
+            position,
+            hold_s: 0.0,
+            speed_mps,
+            services: Vec::new(),
+            bits: 0,
+            from: position,
+            step: Vector3::zeros(),
+            slots: 0,
+        }
+    }
+
+    /// Whether it is one of the flight, and not on a way that the mission adds.
+    #[must_use]
+    pub fn is_pass(&self) -> bool {
+        self.slots > 0
+    }
+
+    /// Whether the leg continues straight to `position` in the next slot, at the same speed and without service here.
+    fn leads_to(&self, position: &Point3<f64>) -> bool {
+        self.hold_s == 0.0 && (self.from + self.step * f64::from(self.slots + 1) - position).norm() <= MERGE_M
+    }
+}
+
+/// The waypoints of a track. A slot is merged into the previous hold if the UAV stays within 5 cm. It is merged into the
+/// previous leg if it continues straight on at the same speed and no sensor node is served in between.
+#[must_use]
+pub fn merge(track: &GeodeticTrack<'_>) -> Vec<VehicleStop> {
+    let scenario = &track.run.scenario;
+    let mut stops: Vec<VehicleStop> = Vec::new();
+    for (index, pair) in (1..).zip(track.points.windows(2)) {
+        let [before, point]: &[TrackPoint<'_>; 2] = pair.try_into().expect("windows of two");
+        let services: Vec<usize> = if point.served().is_empty() { vec![] } else { vec![index] };
+        let bits = track.delivered_bits(index);
+        let comm_s = if services.is_empty() { 0.0 } else { scenario.link.comm_s };
+        let step = point.position - before.position;
+        match stops.last_mut() {
+            Some(stop) if (point.position - stop.position).norm() <= MERGE_M => {
+                stop.hold_s += scenario.slot_s;
+                stop.services.extend(services);
+                stop.bits += bits;
+            }
+            Some(stop) if stop.leads_to(&point.position) => {
+                *stop = VehicleStop {
+                    position: point.position,
+                    hold_s: comm_s,
+                    services,
+                    bits,
+                    slots: stop.slots + 1,
+                    ..stop.clone()
+                };
+            }
+            _ => {
+                let stays = stops.is_empty() && step.norm() <= MERGE_M;
+                let ground_m = step.xy().norm();
+                stops.push(VehicleStop {
+                    position: point.position,
+                    hold_s: if stays { scenario.slot_s } else { comm_s },
+                    speed_mps: Some(rounded(ground_m / scenario.slot_s)).filter(|_| ground_m > MERGE_M),
+                    services,
+                    bits,
+                    from: before.position,
+                    step,
+                    slots: 1,
+                });
+            }
+        }
+    }
+    stops
+}
+
+/// A speed [m/s] in whole millimetres per second.
+#[must_use]
+pub fn rounded(speed_mps: f64) -> f64 {
+    (speed_mps * 1e3).round() / 1e3
+}
+
+/// The waypoints from which at least `min_bits` are uploaded, with the ways around zones between them that this leaves, and
+/// at the highest speed of the legs that are merged.
+#[must_use]
+pub fn with_bits(stops: Vec<VehicleStop>, min_bits: u64, start: Point3<f64>, airspace: &Airspace) -> Vec<VehicleStop> {
+    let mut kept: Vec<VehicleStop> = Vec::new();
+    let mut omitted_mps: Option<f64> = None;
+    for mut stop in stops {
+        if stop.bits < min_bits {
+            omitted_mps = Some(stop.speed_mps.unwrap_or(0.0).max(omitted_mps.unwrap_or(0.0)));
+            continue;
+        }
+        if let Some(speed_mps) = omitted_mps.take() {
+            let speed_mps = stop.speed_mps.unwrap_or(0.0).max(speed_mps);
+            let from = kept.last().map_or(start, |before| before.position);
+            let bends = airspace.way(&from.xy(), &stop.position.xy());
+            let bends = bends.iter().take(bends.len().saturating_sub(1));
+            kept.extend(bends.map(|bend| VehicleStop::on_way(Point3::new(bend.x, bend.y, stop.position.z), speed_mps)));
+            stop.speed_mps = Some(speed_mps);
+        }
+        kept.push(stop);
+    }
+    kept
+}

@@ -1,0 +1,346 @@
+//! Tests of vehicle missions.
+
+use std::path::Path;
+
+use nalgebra::{Point2, Point3};
+use proptest::prelude::*;
+use skysink_common::geodata::projection::{GeodeticPosition, Projection};
+use skysink_common::message::Mode;
+use skysink_common::scenario::{Origin, Overrides, Scenario};
+use skysink_common::sensors::SensorList;
+use skysink_common::slot_record::{ByUav, UAV};
+use skysink_mission::replay::RecordedRun;
+use skysink_mission::trace::RecordedSlot;
+
+use super::altitude::AltitudeReference;
+use super::autopilot::Autopilot;
+use super::duration::{MissionLeg, effort};
+use super::ground::Ground;
+use super::mission_options::MissionOptions;
+use super::track::GeodeticTrack;
+use super::vehicle::{MIN_ITEMS, VehicleItem, VehicleMission, plan};
+
+const EQUATOR: Origin = Origin { lat_deg: 0.0, lon_deg: 0.0 };
+
+/// A run over 10 km from the origin at 30 m/s at most, with a step along x [m] and the bits that SN 3 uploads in each slot.
+fn run_in(more: &str, list: &str, steps: &[(f64, Option<u64>)]) -> RecordedRun {
+    let slots = steps.len().max(1);
+    let text = format!(
+        "name = \"a\"\nslots = {slots}\n[area]\nside_m = 1e4\n{more}[uav]\nstart_m = [0.0, 0.0]\n[link]\ncomm_s = 0.25"
+    );
+    let scenario = Scenario::parse(&text, Path::new("a"), Overrides::default()).unwrap();
+    let list = SensorList::parse(list, Path::new("l"), &scenario).unwrap();
+    let mut x_m = 0.0;
+    let mut slot = |(index, &(step_m, bits)): (usize, &(f64, Option<u64>))| {
+        x_m += step_m;
+        ByUav::from_buf([RecordedSlot {
+            slot: index as u64 + 1,
+            uav: UAV,
+            position: Point3::new(x_m, 0.0, 20.0),
+            scheduled: if bits.is_some() { vec![3] } else { vec![] },
+            delivered_bits: bits.unwrap_or(0),
+            lost_bits: 0,
+            queued_bits: 0,
+            mode: Mode::Serve,
+            refused: 0,
+            energy_j: f64::INFINITY,
+        }])
+    };
+    let slots = steps.iter().enumerate().map(&mut slot).collect();
+    let uploads = |&(_, bits): &(f64, Option<u64>)| ByUav::from_buf([bits.into_iter().collect()]);
+    let uploads_bits = steps.iter().map(uploads).collect();
+    RecordedRun { scenario, list, strategy: "uts".to_owned(), slots, uploads_bits }
+}
+
+fn run(steps: &[(f64, Option<u64>)]) -> RecordedRun {
+    run_in("", "x_m,y_m\n1,1\n2,2\n3,3\n4,4\n", steps)
+}
+
+fn track(run: &RecordedRun) -> GeodeticTrack<'_> {
+    GeodeticTrack::new(run, UAV, EQUATOR).unwrap()
+}
+
+fn forever() -> MissionOptions {
+    MissionOptions { ignore_endurance: true, ..MissionOptions::default() }
+}
+
+fn mission(run: &RecordedRun, options: &MissionOptions) -> VehicleMission {
+    plan(&track(run), options).unwrap()
+}
+
+fn refusal(run: &RecordedRun, options: &MissionOptions) -> String {
+    plan(&track(run), options).unwrap_err().to_string()
+}
+
+/// Position [m], altitude [m] and hold [s] of every waypoint of a part.
+fn waypoints(items: &[VehicleItem]) -> Vec<(Point2<f64>, f64, f64)> {
+    let projection = Projection::at(EQUATOR);
+    let waypoint = |item: &VehicleItem| match item {
+        VehicleItem::Waypoint { place, altitude_m, hold_s } => {
+            Some((projection.project(place.lat_deg, place.lon_deg).unwrap(), *altitude_m, *hold_s))
+        }
+        _ => None,
+    };
+    items.iter().filter_map(waypoint).collect()
+}
+
+#[test]
+fn straight_legs_and_holds_are_merged() {
+    // On the equator x is a sin λ: 60 m are 60/6378137 · 180°/π = 0.000538989°.
+    let served = Some(1);
+    let run = run(&[(30.0, None), (30.0, None), (0.0, served), (10.0, served), (0.0, served), (9.0, None)]);
+    let mission = mission(&run, &MissionOptions::default());
+    let waypoint = |lon_deg: f64, hold_s| {
+        let place = GeodeticPosition { lat_deg: 0.0, lon_deg };
+        VehicleItem::Waypoint { place, altitude_m: 20.0, hold_s }
+    };
+    let expected = [
+        VehicleItem::TakeOff { home: GeodeticPosition { lat_deg: 0.0, lon_deg: 0.0 }, altitude_m: 20.0 },
+        VehicleItem::Speed { speed_mps: 30.0 },
+        waypoint(0.000538989, 1.0), // two legs in one, and a slot of hovering
+        VehicleItem::Speed { speed_mps: 10.0 },
+        waypoint(0.000628821, 1.25), // τ_c at the end of the leg, and a slot
+        waypoint(0.000709669, 0.0),  // 9 m/s are within a tenth of 30 m/s
+        VehicleItem::Speed { speed_mps: 30.0 },
+        waypoint(0.0, 0.0), // above home
+        VehicleItem::Return,
+    ];
+    assert_eq!(mission.parts[0].items, expected);
+    assert_eq!(
+        mission.summary,
+        "6 slots (3 serving) → 3 waypoints (2 serving), 3 changes of speed → 10 items → 1 file"
+    );
+}
+
+#[test]
+fn ardupilot_holds_for_whole_seconds_and_px4_for_what_is_asked() {
+    let run = run(&[(30.0, Some(1)), (0.0, Some(1)), (20.0, None)]); // 0.25 s and a slot
+    let holds = |autopilot| {
+        let options = MissionOptions { autopilot: Some(autopilot), ..MissionOptions::default() };
+        let holds = waypoints(&mission(&run, &options).parts[0].items);
+        holds.iter().map(|(_, _, hold_s)| *hold_s).collect::<Vec<_>>()
+    };
+    assert_eq!(holds(Autopilot::Px4), [1.25, 0.0, 0.0]);
+    assert_eq!(holds(Autopilot::Ardupilot), [2.0, 0.0, 0.0]);
+    assert_eq!(Autopilot::Ardupilot.hold_s(0.1 + 0.2 + 0.7), 1.0, "a sum above 1 by rounding");
+}
+
+#[test]
+fn speeds_are_whole_millimetres_per_second() {
+    let mission = mission(&run(&[(15.000000000000002, Some(1))]), &MissionOptions::default());
+    assert_eq!(mission.parts[0].items[1], VehicleItem::Speed { speed_mps: 15.0 });
+}
+
+/// 10, 20 and 30 m east of the start 8, 2 and 5 bits are collected. Without fewer than 3, the leg of 20 m is flown at the
+/// speed of its legs, 10 m/s.
+#[test]
+fn passes_that_carry_little_are_omitted() {
+    let run = run(&[(10.0, Some(8)), (10.0, Some(2)), (10.0, Some(5))]);
+    let at = |min_bits| {
+        let mission = mission(&run, &MissionOptions { min_bits, ..MissionOptions::default() });
+        let xs: Vec<f64> = waypoints(&mission.parts[0].items).iter().map(|(at, ..)| at.x.round()).collect();
+        (xs, mission.summary)
+    };
+    assert_eq!(at(0).0, [10.0, 20.0, 30.0, 0.0]);
+    let (xs, summary) = at(3);
+    assert_eq!(xs, [10.0, 30.0, 0.0]);
+    assert!(summary.ends_with("\n1 of 3 waypoints omitted, with 2 of 15 bits (13.33 %)"), "{summary}");
+    let options = MissionOptions { min_bits: 9, ..MissionOptions::default() };
+    assert!(refusal(&run, &options).contains("--min-bits 9: no pass carries so many"));
+}
+
+#[test]
+fn a_mission_longer_than_the_endurance_or_the_battery_is_refused_with_both_numbers() {
+    // 1000 m and back within 34 slots, from rest to rest: 64 s at 30 m/s and 2.5 m/s² and more.
+    let steps: Vec<_> = std::iter::repeat_n((30.0, Some(1)), 34).collect();
+    let far = run(&steps);
+    let text = refusal(
+        &RecordedRun { scenario: with_endurance(&far.scenario, 60.0), ..run(&steps) },
+        &MissionOptions::default(),
+    );
+    assert!(
+        text.contains("part 1 of 1 of the mission takes ") && text.contains("more than the endurance, 60 s"),
+        "{text}"
+    );
+    let mut poor = with_endurance(&far.scenario, 1e4);
+    let battery = "name = \"a\"\n[uav.battery]\ncapacity_j = 2000.0\n";
+    poor.uav.battery = Scenario::parse(battery, Path::new("a"), Overrides::default()).unwrap().uav.battery;
+    let text = refusal(&RecordedRun { scenario: poor, ..run(&steps) }, &MissionOptions::default());
+    assert!(text.contains("more than the battery has without its reserve, 1800 J"), "{text}");
+    assert_eq!(mission(&far, &forever()).parts.len(), 1);
+}
+
+fn with_endurance(scenario: &Scenario, endurance_s: f64) -> Scenario {
+    let mut scenario = scenario.clone();
+    scenario.uav.endurance_s = endurance_s;
+    scenario
+}
+
+/// A wall of 20 m × 100 m between the start and the SNs, which a pass beyond it that is left flies around, and the way home.
+#[test]
+fn ways_that_the_mission_adds_lead_around_zones() {
+    let wall = "[[area.no_fly]]\npolygon_m = [[40.0, -1.0], [60.0, -1.0], [60.0, 99.0], [40.0, 99.0]]\n";
+    let mut run = run_in(wall, "x_m,y_m\n1,1\n2,2\n3,3\n90,4\n", &[(0.0, None); 12]);
+    let around = [[20.0, 40.0], [30.0, 70.0], [40.0, 100.0], [60.0, 100.0], [70.0, 75.0], [80.0, 50.0], [90.0, 25.0]];
+    for (slot, [x_m, y_m]) in run.slots.iter_mut().zip(around) {
+        slot[UAV].position = Point3::new(x_m, y_m, 20.0);
+    }
+    for slot in &mut run.slots[7..] {
+        slot[UAV].position = Point3::new(90.0, 0.0, 20.0);
+        slot[UAV].scheduled = vec![3];
+    }
+    run.uploads_bits[11] = ByUav::from_buf([vec![7]]);
+    let mission = mission(&run, &MissionOptions { min_bits: 1, ..MissionOptions::default() });
+    let places = waypoints(&mission.parts[0].items);
+    let airspace = run.scenario.airspace();
+    let nodes: Vec<Point2<f64>> = std::iter::once(Point2::origin()).chain(places.iter().map(|(at, ..)| *at)).collect();
+    assert!(nodes.windows(2).all(|pair| airspace.is_free(&pair[0], &pair[1])), "{nodes:?}");
+    assert!((nodes[nodes.len() - 1] - Point2::origin()).norm() < 1e-3, "{nodes:?}");
+    assert_eq!(places.iter().filter(|(at, ..)| (at.x - 90.0).abs() < 0.1).count(), 1, "one pass: {nodes:?}");
+}
+
+/// Hills of 60 m, told by an SN in each square of 100 m.
+fn hills(x_m: f64, y_m: f64) -> f64 {
+    200.0 + 60.0 * (x_m / 150.0).sin() * (y_m / 130.0).cos()
+}
+
+fn hilly_list() -> String {
+    let cells = (0..10).flat_map(|column| (0..4).map(move |row| (100.0 * f64::from(column), 100.0 * f64::from(row))));
+    let rows: String = cells.map(|(x_m, y_m)| format!("{x_m},{y_m},{}\n", hills(x_m, y_m))).collect();
+    format!("x_m,y_m,ground_m\n{rows}")
+}
+
+#[test]
+fn altitudes_above_home_or_sea_level_clear_every_leg_and_those_above_the_ground_are_the_models() {
+    let steps: Vec<_> = std::iter::repeat_n((27.0, Some(1)), 30).collect();
+    let run = run_in("", &hilly_list(), &steps);
+    let at = |altitude| mission(&run, &MissionOptions { altitude, ..forever() });
+    let terrain = at(None);
+    assert_eq!(terrain.reference, AltitudeReference::Terrain, "the default over hills");
+    assert!(waypoints(&terrain.parts[0].items).iter().all(|(_, altitude_m, _)| *altitude_m == 20.0));
+    for reference in [AltitudeReference::Relative, AltitudeReference::Msl] {
+        let items = at(Some(reference)).parts.remove(0).items;
+        let VehicleItem::TakeOff { altitude_m: take_off_m, .. } = items[0] else { panic!("{items:?}") };
+        let level_m = if reference == AltitudeReference::Relative { hills(0.0, 0.0) } else { 0.0 };
+        let first = (Point2::origin(), take_off_m + hills(0.0, 0.0), 0.0);
+        let rest = waypoints(&items).into_iter().map(|(at, altitude_m, hold_s)| (at, altitude_m + level_m, hold_s));
+        let nodes: Vec<_> = std::iter::once(first).chain(rest).collect();
+        for pair in nodes.windows(2) {
+            for step in 0..=50 {
+                let fraction = f64::from(step) / 50.0;
+                let at = pair[0].0 + (pair[1].0 - pair[0].0) * fraction;
+                let clearance_m = pair[0].1 + (pair[1].1 - pair[0].1) * fraction - hills(at.x, at.y);
+                assert!((20.0 - 1e-9..200.0).contains(&clearance_m), "{reference:?} {at}: {clearance_m} m");
+            }
+        }
+    }
+    let flat = self::run(&steps);
+    let message = refusal(&flat, &MissionOptions { altitude: Some(AltitudeReference::Msl), ..forever() });
+    assert!(message.contains("--altitude msl: expected a sensor list with the column ground_m"), "{message}");
+    assert_eq!(mission(&flat, &forever()).reference, AltitudeReference::Relative);
+}
+
+#[test]
+fn the_ground_between_sensor_nodes_is_within_its_bounds() {
+    let run = run_in("", &hilly_list(), &[(1.0, None)]);
+    let ground = Ground::of(&run.list).unwrap();
+    for x in 0..90 {
+        for y in 0..30 {
+            let at = Point2::new(10.0 * f64::from(x), 10.0 * f64::from(y));
+            let truth_m = hills(at.x, at.y);
+            let slack_m = if x % 10 == 0 && y % 10 == 0 { 1e-9 } else { 0.0 };
+            let (low_m, high_m) = (ground.lowest_m(&at) - slack_m, ground.highest_m(&at) + slack_m);
+            assert!(low_m <= truth_m && truth_m <= high_m, "{at}: {low_m} to {high_m}, {truth_m}");
+        }
+    }
+}
+
+/// Home [m], and the legs of a file of waypoints, each held for `hold_s` [s].
+fn legs_of(name: &str, hold_s: f64) -> (Point2<f64>, Vec<MissionLeg>) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name);
+    let text = std::fs::read_to_string(path).unwrap();
+    let rows: Vec<Vec<f64>> =
+        text.lines().skip(1).map(|line| line.split('\t').map(|cell| cell.parse().unwrap()).collect()).collect();
+    let projection = Projection::at(Origin { lat_deg: rows[0][8], lon_deg: rows[0][9] });
+    let mut speed_mps = 0.0;
+    let mut legs = Vec::new();
+    for row in &rows[1..] {
+        match row[3] {
+            178.0 => speed_mps = row[5],
+            16.0 => {
+                let at = projection.project(row[8], row[9]).unwrap();
+                legs.push(MissionLeg { to: Point3::new(at.x, at.y, row[10]), speed_mps, hold_s });
+            }
+            _ => {}
+        }
+    }
+    (Point2::origin(), legs)
+}
+
+/// ArduCopter 4.8 in software has flown tours over these two fields, with waypoints of the version of that day, 60 and 300: the
+/// time from the first waypoint to the last [s], and from arming to the end of the landing [s]. 2.5 m/s² and 1 m/s³ are its
+/// defaults; holds of 0.1 s were stored as 0.
+#[test]
+fn the_estimate_is_within_15_percent_of_what_arducopter_has_flown() {
+    let aircraft = Scenario::letter(Overrides::default()).unwrap().uav.propulsion;
+    let default = Autopilot::Ardupilot.motion();
+    for (file, motion, hold_s, waypoints, legs_s, whole_s) in [
+        ("smoke-tour.waypoints", default, 0.0, 60.0, 248.0, 313.0),
+        ("smoke-tour.waypoints", default.with(Some(10.0), Some(20.0)), 0.0, 60.0, 125.0, 180.0),
+        ("smoke-tour.waypoints", default, 1.0, 60.0, 539.0, 606.0),
+        ("letter-tour-1.waypoints", default, 0.0, 300.0, 1190.0, 1257.0),
+    ] {
+        let (home, legs) = legs_of(file, hold_s);
+        let whole = effort(&motion, home, 20.0, &legs, &aircraft, 0.0).duration_s;
+        // Without the legs after the first waypoint.
+        let ends = effort(&motion, home, 20.0, &legs[..1], &aircraft, 0.0).duration_s;
+        let per_leg_s = (whole - ends) / (legs.len() - 1) as f64;
+        let ratio = per_leg_s * (waypoints - 1.0) / legs_s;
+        assert!((0.85..1.15).contains(&ratio), "{file}, {motion:?}: {per_leg_s} s a leg, {ratio} of the flown");
+        let ratio = (per_leg_s * (waypoints - 1.0) + ends) / whole_s;
+        assert!((0.85..1.15).contains(&ratio), "{file}, {motion:?}: the whole is {ratio} of the flown");
+    }
+}
+
+/// 90 m at 1 m/s² and 10 m/s, from rest to rest: 2 · √90 s = 18.974 s. 200 m reach 10 m/s: 20 s for 100 m, and 10 s.
+#[test]
+fn legs_without_jerk_take_as_long_as_worked_by_hand() {
+    let motion = Autopilot::Px4.motion().with(Some(1.0), None);
+    let leg = |x_m: f64, hold_s| MissionLeg { to: Point3::new(x_m, 0.0, 20.0), speed_mps: 10.0, hold_s };
+    let start = Point3::new(0.0, 0.0, 20.0);
+    let seconds = |x_m| super::duration::leg_s(&motion, &start, &leg(x_m, 0.0));
+    assert!((seconds(90.0) - 2.0 * 90.0_f64.sqrt()).abs() < 1e-9, "{}", seconds(90.0));
+    assert!((seconds(200.0) - 30.0).abs() < 1e-9, "{}", seconds(200.0));
+    let aircraft = Scenario::letter(Overrides::default()).unwrap().uav.propulsion;
+    let whole = |legs: &[MissionLeg]| effort(&motion, Point2::origin(), 20.0, legs, &aircraft, 0.0).duration_s;
+    // Take-off 3 s + 20 m at 1.5 m/s, landing 2 s + 5 m at 0.7 m/s + 15 m at 1.5 m/s.
+    let ends_s = 3.0 + 20.0 / 1.5 + 2.0 + 5.0 / 0.7 + 15.0 / 1.5;
+    assert!((whole(&[leg(200.0, 4.0)]) - (ends_s + 30.0 + 4.0 + 30.0)).abs() < 1e-9);
+}
+
+proptest! {
+    #[test]
+    fn whoever_is_served_is_served_in_the_mission_in_order(
+        steps in prop::collection::vec(
+            (prop::sample::select(vec![0.0, 0.03, 7.0, 20.0]), prop::option::of(0..2_u64)), 1..80),
+        most_items in MIN_ITEMS..60,
+    ) {
+        let run = run(&steps);
+        let track = track(&run);
+        let mission = mission(&run, &MissionOptions { most_items: Some(most_items as u32), ..forever() });
+        let mut places = Vec::new();
+        for part in &mission.parts {
+            let items = &part.items;
+            prop_assert!(items.len() < most_items, "{items:?}"); // and home
+            prop_assert!(matches!(items[..], [VehicleItem::TakeOff { .. }, .., VehicleItem::Return]), "{items:?}");
+            places.extend(waypoints(items).into_iter().map(|(at, ..)| at));
+        }
+        let mut places = places.iter().peekable();
+        for (point, slot) in track.services() {
+            let is_here = |at: &Point2<f64>| (at - point.position.xy()).norm() < 0.1;
+            while places.next_if(|at| !is_here(at)).is_some() {}
+            prop_assert!(places.peek().is_some(), "slot {slot}");
+        }
+        prop_assert_eq!(mission.services.len(), track.services().count());
+    }
+}
