@@ -8,7 +8,7 @@ use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, HoldReason, Mode, Plan, SensorNode};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::slot_record::ByUav;
-use skysink_vehicle::autopilot::{Altitude, Autopilot};
+use skysink_vehicle::autopilot::{Altitude, AutopilotKind};
 use skysink_vehicle::bridge::{Bridge, TOLERANCE_M, start};
 use skysink_vehicle::frame::AreaFrame;
 use skysink_vehicle::kinematic::KinematicOptions;
@@ -26,7 +26,7 @@ struct ClosedLoop {
     copter: Copter,
     random: ChaCha8Rng,
     loss: f64,
-    autopilot: Autopilot,
+    autopilot: AutopilotKind,
     now_s: f64,
     steps: u64,
     is_bridge_alive: bool,
@@ -52,7 +52,7 @@ impl ClosedLoop {
             copter: Copter::new(options),
             random: ChaCha8Rng::seed_from_u64(options.seed),
             loss,
-            autopilot: Autopilot::ArduPilot,
+            autopilot: AutopilotKind::ArduPilot,
             now_s: 0.0,
             steps: 0,
             is_bridge_alive: true,
@@ -95,8 +95,8 @@ impl ClosedLoop {
     /// The altitude of an order [m], which has to be measured as the autopilot does.
     fn above_home_m(&self, altitude: Altitude) -> f64 {
         match (self.autopilot, altitude) {
-            (Autopilot::Px4, Altitude::AboveSea(z_m)) => z_m - 488.0,
-            (Autopilot::ArduPilot | Autopilot::Other, Altitude::AboveHome(z_m)) => z_m,
+            (AutopilotKind::Px4, Altitude::AboveSea(z_m)) => z_m - 488.0,
+            (AutopilotKind::ArduPilot | AutopilotKind::Other, Altitude::AboveHome(z_m)) => z_m,
             other => panic!("{other:?}"),
         }
     }
@@ -104,9 +104,9 @@ impl ClosedLoop {
     /// The number of the vehicle's mode.
     fn mode(&self) -> u32 {
         match (self.autopilot, self.copter.mode) {
-            (Autopilot::Px4, CopterMode::Stabilize) => 7 << 16,
-            (Autopilot::Px4, CopterMode::Guided) => 4 << 16 | 3 << 24,
-            (Autopilot::Px4, CopterMode::Return) => 4 << 16 | 5 << 24,
+            (AutopilotKind::Px4, CopterMode::Stabilize) => 7 << 16,
+            (AutopilotKind::Px4, CopterMode::Guided) => 4 << 16 | 3 << 24,
+            (AutopilotKind::Px4, CopterMode::Return) => 4 << 16 | 5 << 24,
             (_, mode) => mode as u32,
         }
     }
@@ -134,7 +134,7 @@ impl ClosedLoop {
             self.hear(&Telemetry::Parameter { name: (*name).to_owned(), value: self.dead_man });
         } else if let (Some(given), Some(command)) = (self.given(order), order.command()) {
             let changes_mode = matches!(order, Order::TakeOff(_) | Order::Reposition { may_change_mode: true, .. });
-            if self.autopilot != Autopilot::ArduPilot && changes_mode && self.copter.is_armed {
+            if self.autopilot != AutopilotKind::ArduPilot && changes_mode && self.copter.is_armed {
                 self.copter.mode = CopterMode::Guided;
             }
             let result = self.copter.obey(given) as u8;
@@ -273,7 +273,7 @@ proptest! {
     #[test]
     fn with_any_losses_the_mission_begins_is_flown_and_ends_on_the_ground(
         seed in 0u64..1_000, loss in 0.0..0.4, refuse_arming in 0u32..5, lag in 0.0..0.3, kill in any::<bool>(),
-        autopilot in prop::sample::select(vec![Autopilot::ArduPilot, Autopilot::Px4, Autopilot::Other]),
+        autopilot in prop::sample::select(vec![AutopilotKind::ArduPilot, AutopilotKind::Px4, AutopilotKind::Other]),
     ) {
         let options = KinematicOptions { seed, refuse_arming, lag, ..KinematicOptions::default() };
         let mut flight = ClosedLoop::new(&options, loss);
