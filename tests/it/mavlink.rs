@@ -72,7 +72,8 @@ fn a_failsafe_ends_the_orders_and_the_rest_of_the_mission_is_recorded() {
 #[test]
 fn a_killed_bridge_takes_over_the_vehicle_in_the_air() {
     let place = Place::new();
-    let vehicle = TestVehicle::start_at(5, KinematicOptions::default()); // it returns after a second without a bridge
+    // It returns after 3 s of wall time without a bridge.
+    let vehicle = TestVehicle::start_at(5, KinematicOptions { silence: 15.0, ..KinematicOptions::default() });
     let run = vehicle.flight(&place).set("slots", 14).start();
     run.until_slot(2);
     for _ in 0..3 {

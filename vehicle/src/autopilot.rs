@@ -2,7 +2,7 @@
 
 /// The autopilot of a vehicle, by its heartbeat.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Autopilot {
+pub enum AutopilotKind {
     /// ArduPilot, of a copter.
     ArduPilot,
     /// PX4.
@@ -50,7 +50,7 @@ mod px4 {
     pub const LAND: u32 = 6;
 }
 
-impl Autopilot {
+impl AutopilotKind {
     /// The mode to change to before arming; `None` if take-off and reposition change the mode themselves.
     #[must_use]
     pub fn guided_mode(self) -> Option<u32> {
@@ -108,12 +108,12 @@ mod tests {
 
     #[test]
     fn modes_are_read_as_their_autopilots_number_them() {
-        let arducopter = [0, 4, 6, 9, 5].map(|mode| Autopilot::ArduPilot.meaning(mode));
+        let arducopter = [0, 4, 6, 9, 5].map(|mode| AutopilotKind::ArduPilot.meaning(mode));
         use ModeMeaning::{FollowsOrders, IsFlownByOthers, Returns, Unknown};
         assert_eq!(arducopter, [IsFlownByOthers, FollowsOrders, Returns, Returns, IsFlownByOthers]);
         let px4 = [0x0302_0000, 0x0304_0000, 0x0204_0000, 0x0504_0000, 0x0404_0000, 0x0001_0000];
-        let px4 = px4.map(|mode| Autopilot::Px4.meaning(mode));
+        let px4 = px4.map(|mode| AutopilotKind::Px4.meaning(mode));
         assert_eq!(px4, [IsFlownByOthers, FollowsOrders, FollowsOrders, Returns, IsFlownByOthers, IsFlownByOthers]);
-        assert_eq!(Autopilot::Other.meaning(4), Unknown);
+        assert_eq!(AutopilotKind::Other.meaning(4), Unknown);
     }
 }

@@ -165,14 +165,19 @@ impl Bridge {
         self.members.iter_mut().for_each(|Member { control, .. }| control.return_home(why, now_s));
     }
 
-    /// Begins `slot`, from 1, for which there is no plan yet: until there is one, the vehicles go on to their last waypoints,
-    /// and hold there.
-    pub fn begin(&mut self, slot: u64) {
+    /// Expects the plan of the next slot: until there is one, the vehicles go on to their last waypoints, and hold there.
+    pub fn await_plan(&mut self) {
         for member in &mut self.members {
             member.plan = None;
             member.refusal = HoldReason::NoPlan;
-            let boot_s = member.control.vehicle.fix().map(|fix| fix.boot_s);
-            let begin_s = boot_s.map(|boot_s| boot_s - (slot - 1) as f64 * self.slot_s);
+        }
+    }
+
+    /// Notes that `slot`, from 1, has begun `ago_s` [s] ago, by which the clocks of the vehicles are read.
+    pub fn begin(&mut self, slot: u64, ago_s: f64) {
+        let before_s = (slot - 1) as f64 * self.slot_s + ago_s;
+        for member in &mut self.members {
+            let begin_s = member.control.vehicle.fix().map(|fix| fix.boot_s - before_s);
             member.begin_s = member.begin_s.or(begin_s);
         }
     }

@@ -8,7 +8,7 @@ use mavlink::dialects::common::{
     MavModeFlag, MavState, MavType, PARAM_REQUEST_READ_DATA,
 };
 
-use crate::autopilot::{Altitude, Autopilot};
+use crate::autopilot::{Altitude, AutopilotKind};
 use crate::telemetry::{Fix, GlobalTarget, Order, Stream, Telemetry};
 use crate::wire::{Wire, WireAddress};
 
@@ -95,10 +95,10 @@ fn decode(message: &MavMessage) -> Option<Telemetry> {
     Some(match message {
         MavMessage::HEARTBEAT(heartbeat) => Telemetry::Heartbeat {
             autopilot: match heartbeat.autopilot {
-                MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA => Autopilot::ArduPilot,
-                MavAutopilot::MAV_AUTOPILOT_PX4 => Autopilot::Px4,
+                MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA => AutopilotKind::ArduPilot,
+                MavAutopilot::MAV_AUTOPILOT_PX4 => AutopilotKind::Px4,
                 MavAutopilot::MAV_AUTOPILOT_INVALID => return None, // no autopilot
-                _ => Autopilot::Other,
+                _ => AutopilotKind::Other,
             },
             mode: heartbeat.custom_mode,
             is_armed: heartbeat.base_mode.contains(ARMED),

@@ -89,6 +89,8 @@ struct BridgeProcess<S: Service + 'static> {
     heartbeat_s: f64,
     /// Wall time of a slot.
     period: Duration,
+    /// Whether it has flown a slot.
+    has_flown: bool,
     /// Whether the other processes have the same clock.
     is_local: bool,
     latencies: OrderLatencies,
@@ -132,6 +134,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
             factor,
             heartbeat_s: 0.0,
             period,
+            has_flown: false,
             is_local: ring.terms.link.is_none(),
             latencies: OrderLatencies::default(),
         })
@@ -181,22 +184,18 @@ impl<S: Service + 'static> BridgeProcess<S> {
         ticks: &mut Reader<S, Tick, SlotHeader>,
         plans: &mut Reader<S, [Plan], SlotHeader>,
     ) -> Result<(), NodeError> {
-        self.bridge.begin(slot);
+        self.bridge.await_plan();
         let ahead = self.period.mul_f64(AHEAD).min(FARTHEST_AHEAD);
-        let mut begin: Option<Instant> = None;
-        let mut begin_ns = 0;
+        let mut begin_ns = None;
         let mut is_planned = false;
         loop {
-            if begin.is_none() {
-                let tick = ticks.poll_slot(slot)?.available();
-                let tick = tick.map(|tick| if self.is_local { tick.user_header().sent_ns } else { monotonic_ns() });
-                begin_ns = tick.unwrap_or_default();
-                begin = tick.map(instant_of);
+            if begin_ns.is_none() {
+                begin_ns = self.poll_begin(slot, ticks)?;
             }
-            let elapsed = begin.map(|begin| begin.elapsed());
+            let elapsed = begin_ns.map(|begin_ns| Duration::from_nanos(monotonic_ns().saturating_sub(begin_ns)));
             let may_fly = match elapsed {
                 Some(elapsed) => elapsed < self.period.mul_f64(LATE),
-                None => slot > 1, // the plan that follows the last slot is for now
+                None => self.has_flown, // the plan that follows the last slot is for now
             };
             if !is_planned
                 && may_fly
@@ -206,18 +205,27 @@ impl<S: Service + 'static> BridgeProcess<S> {
                 let now_s = self.now_s();
                 self.bridge.fly(&plan, now_s);
                 self.poll()?;
-                // Only the first plan waits for its slot to begin.
-                let from_ns = if slot == 1 { begin_ns } else { 0 }.max(plan.user_header().sent_ns);
-                if self.is_local {
-                    self.latencies.add(from_ns, monotonic_ns());
+                // The first plan has waited for its slot to begin, or for this process to be restarted.
+                if self.has_flown && self.is_local {
+                    self.latencies.add(plan.user_header().sent_ns, monotonic_ns());
                 }
             }
             if elapsed.is_some_and(|elapsed| elapsed + ahead >= self.period) {
+                self.has_flown = true;
                 return Ok(());
             }
             self.poll()?;
             self.pause()?;
         }
+    }
+
+    /// When `slot` has begun, on the monotonic clock [ns]; `None` if it has not.
+    fn poll_begin(&mut self, slot: u64, ticks: &mut Reader<S, Tick, SlotHeader>) -> Result<Option<u64>, NodeError> {
+        let Some(tick) = ticks.poll_slot(slot)?.available() else { return Ok(None) };
+        let now_ns = monotonic_ns();
+        let begin_ns = if self.is_local { tick.user_header().sent_ns.min(now_ns) } else { now_ns };
+        self.bridge.begin(slot, (now_ns - begin_ns) as f64 / 1e9 * self.factor);
+        Ok(Some(begin_ns))
     }
 
     /// Takes in what the vehicles say, and sends what is due.
@@ -302,12 +310,6 @@ impl<S: Service + 'static> BridgeProcess<S> {
             ));
         }
     }
-}
-
-/// The instant of a time on the monotonic clock [ns] that has passed.
-fn instant_of(monotonic: u64) -> Instant {
-    let ago = Duration::from_nanos(monotonic_ns().saturating_sub(monotonic));
-    Instant::now().checked_sub(ago).unwrap_or_else(Instant::now)
 }
 
 fn list(addresses: &[WireAddress]) -> String {

@@ -1,6 +1,6 @@
 //! What is known of a vehicle from its messages.
 
-use crate::autopilot::{Autopilot, ModeMeaning};
+use crate::autopilot::{AutopilotKind, ModeMeaning};
 use crate::telemetry::{Fix, Order, Stream, Telemetry};
 
 /// Time without a heartbeat after which the link is lost [s].
@@ -23,7 +23,7 @@ const STREAMS: [(Stream, f64); 4] =
 #[derive(Debug, Clone, Default)]
 pub struct VehicleState {
     /// Its autopilot; `None` before the first heartbeat.
-    pub autopilot: Option<Autopilot>,
+    pub autopilot: Option<AutopilotKind>,
     /// Whether its motors may run.
     pub is_armed: bool,
     /// Energy that is left, as a fraction of the battery's capacity.
@@ -130,7 +130,7 @@ mod tests {
     fn what_comes_too_rarely_is_asked_for_again() {
         let mut state = VehicleState::default();
         assert_eq!(state.requests(0.0).count(), 0, "nobody is there");
-        state.hear(&Telemetry::Heartbeat { autopilot: Autopilot::Px4, mode: 0, is_armed: true }, 0.0);
+        state.hear(&Telemetry::Heartbeat { autopilot: AutopilotKind::Px4, mode: 0, is_armed: true }, 0.0);
         assert_eq!(state.requests(0.0).count(), 4);
         assert_eq!(state.requests(1.0).count(), 0);
         (0..10).for_each(|_| state.hear(&fix(), 1.0));
@@ -142,7 +142,7 @@ mod tests {
     #[test]
     fn a_vehicle_that_does_not_say_so_is_in_the_air_by_its_altitude() {
         let mut state = VehicleState::default();
-        state.hear(&Telemetry::Heartbeat { autopilot: Autopilot::Px4, mode: 0, is_armed: true }, 0.0);
+        state.hear(&Telemetry::Heartbeat { autopilot: AutopilotKind::Px4, mode: 0, is_armed: true }, 0.0);
         assert!(!state.is_in_air());
         state.hear(&fix(), 0.0);
         assert!(state.is_in_air());

@@ -1,6 +1,6 @@
 //! What a vehicle says and what it is told, without the encoding of MAVLink, which is left to [`crate::link`].
 
-use crate::autopilot::{Altitude, Autopilot};
+use crate::autopilot::{Altitude, AutopilotKind};
 
 /// A position on Earth with an altitude.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,7 +38,7 @@ pub enum Telemetry {
     /// It is there.
     Heartbeat {
         /// Its autopilot.
-        autopilot: Autopilot,
+        autopilot: AutopilotKind,
         /// The flight mode, by the number that the autopilot gives it.
         mode: u32,
         /// Whether its motors may run.

@@ -8,7 +8,7 @@ use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, HoldReason, Mode, Plan, SensorNode};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::slot_record::ByUav;
-use skysink_vehicle::autopilot::{Altitude, Autopilot};
+use skysink_vehicle::autopilot::{Altitude, AutopilotKind};
 use skysink_vehicle::bridge::{Bridge, TOLERANCE_M, start};
 use skysink_vehicle::frame::AreaFrame;
 use skysink_vehicle::kinematic::KinematicOptions;
@@ -26,6 +26,7 @@ struct ClosedLoop {
     copter: Copter,
     random: ChaCha8Rng,
     loss: f64,
+    autopilot: AutopilotKind,
     now_s: f64,
     steps: u64,
     is_bridge_alive: bool,
@@ -51,6 +52,7 @@ impl ClosedLoop {
             copter: Copter::new(options),
             random: ChaCha8Rng::seed_from_u64(options.seed),
             loss,
+            autopilot: AutopilotKind::ArduPilot,
             now_s: 0.0,
             steps: 0,
             is_bridge_alive: true,
@@ -90,17 +92,35 @@ impl ClosedLoop {
         })
     }
 
+    /// The altitude of an order [m], which has to be measured as the autopilot does.
+    fn above_home_m(&self, altitude: Altitude) -> f64 {
+        match (self.autopilot, altitude) {
+            (AutopilotKind::Px4, Altitude::AboveSea(z_m)) => z_m - 488.0,
+            (AutopilotKind::ArduPilot | AutopilotKind::Other, Altitude::AboveHome(z_m)) => z_m,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    /// The number of the vehicle's mode.
+    fn mode(&self) -> u32 {
+        match (self.autopilot, self.copter.mode) {
+            (AutopilotKind::Px4, CopterMode::Stabilize) => 7 << 16,
+            (AutopilotKind::Px4, CopterMode::Guided) => 4 << 16 | 3 << 24,
+            (AutopilotKind::Px4, CopterMode::Return) => 4 << 16 | 5 << 24,
+            (_, mode) => mode as u32,
+        }
+    }
+
     fn given(&self, order: &Order) -> Option<Given> {
         Some(match *order {
             Order::Mode(mode) => Given::Mode(mode),
             Order::Arm => Given::Arm,
-            Order::TakeOff(Altitude::AboveHome(z_m)) => Given::TakeOff(z_m),
+            Order::TakeOff(altitude) => Given::TakeOff(self.above_home_m(altitude)),
             Order::Speed(mps) => Given::Speed(mps),
             Order::Return => Given::Return,
             Order::Reposition { to, .. } => {
                 let place = Projection::at(HOME).project(to.lat_deg, to.lon_deg)? - self.home_m();
-                let Altitude::AboveHome(z_m) = to.altitude else { panic!("ArduPilot takes it above home") };
-                Given::Reposition(place.push(z_m))
+                Given::Reposition(place.push(self.above_home_m(to.altitude)))
             }
             _ => return None,
         })
@@ -113,6 +133,10 @@ impl ClosedLoop {
         if let Order::Parameter(name) = order {
             self.hear(&Telemetry::Parameter { name: (*name).to_owned(), value: self.dead_man });
         } else if let (Some(given), Some(command)) = (self.given(order), order.command()) {
+            let changes_mode = matches!(order, Order::TakeOff(_) | Order::Reposition { may_change_mode: true, .. });
+            if self.autopilot != AutopilotKind::ArduPilot && changes_mode && self.copter.is_armed {
+                self.copter.mode = CopterMode::Guided;
+            }
             let result = self.copter.obey(given) as u8;
             self.hear(&Telemetry::Answer { command, result });
         }
@@ -125,8 +149,8 @@ impl ClosedLoop {
         let is_second = self.steps.is_multiple_of(50);
         if is_second {
             let is_armed = self.copter.is_armed;
-            let mode = self.copter.mode as u32;
-            self.hear(&Telemetry::Heartbeat { autopilot: Autopilot::ArduPilot, mode, is_armed });
+            let mode = self.mode();
+            self.hear(&Telemetry::Heartbeat { autopilot: self.autopilot, mode, is_armed });
             self.hear(&Telemetry::InAir(self.copter.is_in_air()));
             self.hear(&Telemetry::Battery(self.copter.battery));
             if self.is_bridge_alive && !self.is_lost() {
@@ -158,7 +182,8 @@ impl ClosedLoop {
     }
 
     fn fly_slot(&mut self, slot: u64, plan: Option<Plan>) -> FlightReport {
-        self.bridge.begin(slot);
+        self.bridge.await_plan();
+        self.bridge.begin(slot, 0.0);
         if let Some(plan) = plan {
             self.bridge.fly(&[plan], self.now_s);
         }
@@ -243,14 +268,16 @@ fn the_vehicle_of_a_dead_bridge_returns_by_itself() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(24))]
+    #![proptest_config(ProptestConfig::with_cases(48))]
 
     #[test]
     fn with_any_losses_the_mission_begins_is_flown_and_ends_on_the_ground(
         seed in 0u64..1_000, loss in 0.0..0.4, refuse_arming in 0u32..5, lag in 0.0..0.3, kill in any::<bool>(),
+        autopilot in prop::sample::select(vec![AutopilotKind::ArduPilot, AutopilotKind::Px4, AutopilotKind::Other]),
     ) {
         let options = KinematicOptions { seed, refuse_arming, lag, ..KinematicOptions::default() };
         let mut flight = ClosedLoop::new(&options, loss);
+        flight.autopilot = autopilot;
         flight.until(180.0, |flight| flight.bridge.has_begun());
         for slot in 1..=4 {
             let _ = flight.fly_slot(slot, Some(plan(50.0 + 3.0 * slot as f64, 60.0)));
