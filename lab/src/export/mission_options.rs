@@ -14,7 +14,7 @@ pub const MOST_ITEMS: usize = 500;
 
 /// Options of the formats that hold a vehicle mission.
 #[derive(Debug, Clone, Default, Args)]
-pub struct MissionOptions {
+pub struct VehicleMissionOptions {
     /// Maximum number of items in a vehicle mission, including home; at least 7; longer missions are split into several
     /// files [default: 500].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(MIN_ITEMS as i64..))]
@@ -45,7 +45,7 @@ pub struct MissionOptions {
     pub ignore_endurance: bool,
 }
 
-impl MissionOptions {
+impl VehicleMissionOptions {
     /// The first option that was given; `None` without any.
     #[must_use]
     pub fn given(&self) -> Option<&'static str> {

@@ -41,7 +41,7 @@ use skysink_mission::replay::RecordedRun;
 
 use crate::LabError;
 pub use format::{ExportFormat, MissionOf, WriteFormat};
-use mission_options::MissionOptions;
+use mission_options::VehicleMissionOptions;
 use track::GeodeticTrack;
 
 /// All formats, in the order of the help.
@@ -76,7 +76,7 @@ pub struct Export {
     pub force: bool,
     /// The options of vehicle missions.
     #[command(flatten)]
-    pub mission: MissionOptions,
+    pub mission: VehicleMissionOptions,
 }
 
 /// The result of an export.
@@ -172,7 +172,7 @@ fn render_mission(
         _ => (None, ""),
     };
     let is_map = matches!(export.format.write, WriteFormat::MissionMap(_)); // which nobody flies
-    let options = MissionOptions {
+    let options = VehicleMissionOptions {
         autopilot: export.mission.autopilot.or(autopilot),
         ignore_endurance: export.mission.ignore_endurance || is_map,
         ..export.mission.clone()

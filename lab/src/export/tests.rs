@@ -16,7 +16,7 @@ use super::altitude::AltitudeReference;
 use super::autopilot::Autopilot;
 use super::duration::{MissionLeg, effort};
 use super::ground::Ground;
-use super::mission_options::{MIN_ITEMS, MissionOptions};
+use super::mission_options::{MIN_ITEMS, VehicleMissionOptions};
 use super::track::GeodeticTrack;
 use super::vehicle::{VehicleItem, VehicleMission, plan};
 
@@ -60,15 +60,15 @@ fn track(run: &RecordedRun) -> GeodeticTrack<'_> {
     GeodeticTrack::new(run, UAV, EQUATOR).unwrap()
 }
 
-fn forever() -> MissionOptions {
-    MissionOptions { ignore_endurance: true, ..MissionOptions::default() }
+fn forever() -> VehicleMissionOptions {
+    VehicleMissionOptions { ignore_endurance: true, ..VehicleMissionOptions::default() }
 }
 
-fn mission(run: &RecordedRun, options: &MissionOptions) -> VehicleMission {
+fn mission(run: &RecordedRun, options: &VehicleMissionOptions) -> VehicleMission {
     plan(&track(run), options).unwrap()
 }
 
-fn refusal(run: &RecordedRun, options: &MissionOptions) -> String {
+fn refusal(run: &RecordedRun, options: &VehicleMissionOptions) -> String {
     plan(&track(run), options).unwrap_err().to_string()
 }
 
@@ -89,7 +89,7 @@ fn straight_legs_and_holds_are_merged() {
     // On the equator x is a sin λ: 60 m are 60/6378137 · 180°/π = 0.000538989°.
     let served = Some(1);
     let run = run(&[(30.0, None), (30.0, None), (0.0, served), (10.0, served), (0.0, served), (9.0, None)]);
-    let mission = mission(&run, &MissionOptions::default());
+    let mission = mission(&run, &VehicleMissionOptions::default());
     let waypoint = |lon_deg: f64, hold_s| {
         let place = GeodeticPosition { lat_deg: 0.0, lon_deg };
         VehicleItem::Waypoint { place, altitude_m: 20.0, hold_s }
@@ -116,7 +116,7 @@ fn straight_legs_and_holds_are_merged() {
 fn ardupilot_holds_for_whole_seconds_and_px4_for_what_is_asked() {
     let run = run(&[(30.0, Some(1)), (0.0, Some(1)), (20.0, None)]); // 0.25 s and a slot
     let holds = |autopilot| {
-        let options = MissionOptions { autopilot: Some(autopilot), ..MissionOptions::default() };
+        let options = VehicleMissionOptions { autopilot: Some(autopilot), ..VehicleMissionOptions::default() };
         let holds = waypoints(&mission(&run, &options).parts[0].items);
         holds.iter().map(|(_, _, hold_s)| *hold_s).collect::<Vec<_>>()
     };
@@ -127,7 +127,7 @@ fn ardupilot_holds_for_whole_seconds_and_px4_for_what_is_asked() {
 
 #[test]
 fn speeds_are_whole_millimetres_per_second() {
-    let mission = mission(&run(&[(15.000000000000002, Some(1))]), &MissionOptions::default());
+    let mission = mission(&run(&[(15.000000000000002, Some(1))]), &VehicleMissionOptions::default());
     assert_eq!(mission.parts[0].items[1], VehicleItem::Speed { speed_mps: 15.0 });
 }
 
@@ -137,7 +137,7 @@ fn speeds_are_whole_millimetres_per_second() {
 fn passes_that_carry_little_are_omitted() {
     let run = run(&[(10.0, Some(8)), (10.0, Some(2)), (10.0, Some(5))]);
     let at = |min_bits| {
-        let mission = mission(&run, &MissionOptions { min_bits, ..MissionOptions::default() });
+        let mission = mission(&run, &VehicleMissionOptions { min_bits, ..VehicleMissionOptions::default() });
         let xs: Vec<f64> = waypoints(&mission.parts[0].items).iter().map(|(at, ..)| at.x.round()).collect();
         (xs, mission.summary)
     };
@@ -145,7 +145,7 @@ fn passes_that_carry_little_are_omitted() {
     let (xs, summary) = at(3);
     assert_eq!(xs, [10.0, 30.0, 0.0]);
     assert!(summary.ends_with("\n1 of 3 waypoints omitted, with 2 of 15 bits (13.33 %)"), "{summary}");
-    let options = MissionOptions { min_bits: 9, ..MissionOptions::default() };
+    let options = VehicleMissionOptions { min_bits: 9, ..VehicleMissionOptions::default() };
     assert!(refusal(&run, &options).contains("--min-bits 9: no pass carries so many"));
 }
 
@@ -156,7 +156,7 @@ fn a_mission_longer_than_the_endurance_or_the_battery_is_refused_with_both_numbe
     let far = run(&steps);
     let text = refusal(
         &RecordedRun { scenario: with_endurance(&far.scenario, 60.0), ..run(&steps) },
-        &MissionOptions::default(),
+        &VehicleMissionOptions::default(),
     );
     assert!(
         text.contains("part 1 of 1 of the mission takes ") && text.contains("more than the endurance, 60 s"),
@@ -165,7 +165,7 @@ fn a_mission_longer_than_the_endurance_or_the_battery_is_refused_with_both_numbe
     let mut poor = with_endurance(&far.scenario, 1e4);
     let battery = "name = \"a\"\n[uav.battery]\ncapacity_j = 2000.0\n";
     poor.uav.battery = Scenario::parse(battery, Path::new("a"), Overrides::default()).unwrap().uav.battery;
-    let text = refusal(&RecordedRun { scenario: poor, ..run(&steps) }, &MissionOptions::default());
+    let text = refusal(&RecordedRun { scenario: poor, ..run(&steps) }, &VehicleMissionOptions::default());
     assert!(text.contains("more than the battery has without its reserve, 1800 J"), "{text}");
     assert_eq!(mission(&far, &forever()).parts.len(), 1);
 }
@@ -190,7 +190,7 @@ fn ways_that_the_mission_adds_lead_around_zones() {
         slot[UAV].scheduled = vec![3];
     }
     run.uploads_bits[11] = ByUav::from_buf([vec![7]]);
-    let mission = mission(&run, &MissionOptions { min_bits: 1, ..MissionOptions::default() });
+    let mission = mission(&run, &VehicleMissionOptions { min_bits: 1, ..VehicleMissionOptions::default() });
     let places = waypoints(&mission.parts[0].items);
     let airspace = run.scenario.airspace();
     let nodes: Vec<Point2<f64>> = std::iter::once(Point2::origin()).chain(places.iter().map(|(at, ..)| *at)).collect();
@@ -214,7 +214,7 @@ fn hilly_list() -> String {
 fn altitudes_above_home_or_sea_level_clear_every_leg_and_those_above_the_ground_are_the_models() {
     let steps: Vec<_> = std::iter::repeat_n((27.0, Some(1)), 30).collect();
     let run = run_in("", &hilly_list(), &steps);
-    let at = |altitude| mission(&run, &MissionOptions { altitude, ..forever() });
+    let at = |altitude| mission(&run, &VehicleMissionOptions { altitude, ..forever() });
     let terrain = at(None);
     assert_eq!(terrain.reference, AltitudeReference::Terrain, "the default over hills");
     assert!(waypoints(&terrain.parts[0].items).iter().all(|(_, altitude_m, _)| *altitude_m == 20.0));
@@ -235,7 +235,7 @@ fn altitudes_above_home_or_sea_level_clear_every_leg_and_those_above_the_ground_
         }
     }
     let flat = self::run(&steps);
-    let message = refusal(&flat, &MissionOptions { altitude: Some(AltitudeReference::Msl), ..forever() });
+    let message = refusal(&flat, &VehicleMissionOptions { altitude: Some(AltitudeReference::Msl), ..forever() });
     assert!(message.contains("--altitude msl: expected a sensor list with the column ground_m"), "{message}");
     assert_eq!(mission(&flat, &forever()).reference, AltitudeReference::Relative);
 }
@@ -327,7 +327,7 @@ proptest! {
     ) {
         let run = run(&steps);
         let track = track(&run);
-        let mission = mission(&run, &MissionOptions { most_items: Some(most_items as u32), ..forever() });
+        let mission = mission(&run, &VehicleMissionOptions { most_items: Some(most_items as u32), ..forever() });
         let mut places = Vec::new();
         for part in &mission.parts {
             let items = &part.items;

@@ -10,8 +10,8 @@ use skysink_common::error::InputError;
 use skysink_common::geodata::projection::GeodeticPosition;
 
 use super::altitude::{AltitudeReference, Altitudes};
-use super::duration::{Effort, MissionLeg, effort};
-use super::mission_options::MissionOptions;
+use super::duration::{MissionEffort, MissionLeg, effort};
+use super::mission_options::VehicleMissionOptions;
 use super::stops::{self, MERGE_M, VehicleStop, rounded};
 use super::track::GeodeticTrack;
 
@@ -72,7 +72,7 @@ pub struct MissionPart {
     /// Its items, without home.
     pub items: Vec<VehicleItem>,
     /// The time and energy that it takes.
-    pub effort: Effort,
+    pub effort: MissionEffort,
 }
 
 /// A mission of a vehicle.
@@ -93,7 +93,7 @@ pub struct VehicleMission {
 /// A part under construction.
 struct Planned<'a> {
     track: &'a GeodeticTrack<'a>,
-    options: &'a MissionOptions,
+    options: &'a VehicleMissionOptions,
     altitudes: &'a Altitudes,
     airspace: &'a Airspace,
 }
@@ -103,7 +103,7 @@ struct Planned<'a> {
 ///
 /// # Errors
 /// If no waypoint is left, an altitude is not known, or a part takes longer or more energy than the UAV has.
-pub fn plan(track: &GeodeticTrack<'_>, options: &MissionOptions) -> Result<VehicleMission, InputError> {
+pub fn plan(track: &GeodeticTrack<'_>, options: &VehicleMissionOptions) -> Result<VehicleMission, InputError> {
     let scenario = &track.run.scenario;
     let altitudes = Altitudes::of(track, options.altitude)?;
     let airspace = scenario.airspace();
@@ -234,7 +234,7 @@ impl Planned<'_> {
 impl VehicleMission {
     /// What is good to know about it: altitudes, home, and the time that each part takes; a line for each.
     #[must_use]
-    pub fn description(&self, track: &GeodeticTrack<'_>, options: &MissionOptions) -> Vec<String> {
+    pub fn description(&self, track: &GeodeticTrack<'_>, options: &VehicleMissionOptions) -> Vec<String> {
         let home = track.points[0].place;
         let above = match self.reference {
             AltitudeReference::Relative => "home",
@@ -265,7 +265,7 @@ impl VehicleMission {
     }
 
     /// Checks that the UAV has the time and the energy for each part.
-    fn check(&self, track: &GeodeticTrack<'_>, options: &MissionOptions) -> Result<(), InputError> {
+    fn check(&self, track: &GeodeticTrack<'_>, options: &VehicleMissionOptions) -> Result<(), InputError> {
         let scenario = &track.run.scenario;
         let own_s = scenario.uav.endurances_s.as_ref().and_then(|own| own.get(track.uav).copied());
         let endurance_s = own_s.unwrap_or(scenario.uav.endurance_s);
@@ -273,7 +273,7 @@ impl VehicleMission {
         let usable_j =
             battery.map_or(f64::INFINITY, |battery| battery.capacity_j * (battery.initial - battery.reserve));
         for (part, number) in self.parts.iter().zip(1..) {
-            let Effort { duration_s, energy_j } = part.effort;
+            let MissionEffort { duration_s, energy_j } = part.effort;
             let refuse = |what: fmt::Arguments<'_>| {
                 let of = self.parts.len();
                 let expected =
