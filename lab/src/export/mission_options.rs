@@ -27,7 +27,7 @@ pub struct VehicleMissionOptions {
     #[arg(long)]
     pub autopilot: Option<Autopilot>,
     /// Omit the waypoints of a vehicle mission that collect fewer bits.
-    #[arg(long, value_name = "BITS", default_value_t = 0, hide_default_value = true)]
+    #[arg(long, value_name = "BITS", default_value_t = 0, hide_default_value = true, value_parser = parse_bits)]
     pub min_bits: u64,
     /// Widen the geofence of a vehicle mission beyond the area by this [m] [default: 0].
     #[arg(long, value_name = "M", default_value_t = 0.0, hide_default_value = true, value_parser = parse_margin)]
@@ -43,6 +43,9 @@ pub struct VehicleMissionOptions {
     /// Export vehicle missions that take longer, or more energy, than the UAV has.
     #[arg(long)]
     pub ignore_endurance: bool,
+    /// Whether the mission is only looked at.
+    #[arg(skip)]
+    pub is_map: bool,
 }
 
 impl VehicleMissionOptions {
@@ -80,6 +83,13 @@ impl VehicleMissionOptions {
         let acceleration_mps2 = self.acceleration.or(scenario.uav.acceleration_mps2);
         self.autopilot().motion().with(acceleration_mps2, self.jerk)
     }
+}
+
+/// Parses whole bits, such as 1e6.
+fn parse_bits(text: &str) -> Result<u64, String> {
+    let is_count = |bits: &f64| (0.0..=9e15).contains(bits) && bits.fract() == 0.0;
+    let bits = text.parse().ok().filter(is_count).map(|bits| bits as u64);
+    bits.ok_or_else(|| "expected whole bits, 0 to 9e15".to_owned())
 }
 
 /// Parses metres from 0 to 10 km.

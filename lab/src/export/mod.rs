@@ -175,16 +175,21 @@ fn render_mission(
     let options = VehicleMissionOptions {
         autopilot: export.mission.autopilot.or(autopilot),
         ignore_endurance: export.mission.ignore_endurance || is_map,
+        is_map,
         ..export.mission.clone()
     };
     if let Some(only) = autopilot.filter(|only| *only != options.autopilot()) {
         let message = format_args!("--autopilot: {} is a format of {only}: omit this option", export.format.name);
         return Err(InputError::new("run folder", &export.run, message).into());
     }
+    let has_fence = matches!(export.format.write, WriteFormat::Mission { autopilot: None, .. });
+    if options.fence_margin > 0.0 && !has_fence {
+        let message = format_args!("--fence-margin: {} has no geofence: omit this option", export.format.name);
+        return Err(InputError::new("run folder", &export.run, message).into());
+    }
     let mission = vehicle::plan(track, &options)?;
     let fence = fence::border(&track.run.scenario.area, options.fence_margin);
     let places = fence.iter().map(|corner| track.place(corner)).collect::<Result<_, _>>()?;
-    let has_fence = matches!(export.format.write, WriteFormat::Mission { autopilot: None, .. });
     let mut lines = vec![mission.summary.clone()];
     lines.extend(mission.description(track, &options));
     lines.extend(Some(note.to_owned()).filter(|note| !note.is_empty()));
