@@ -344,3 +344,77 @@ proptest! {
         prop_assert_eq!(mission.services.len(), track.services().count());
     }
 }
+
+/// The ground in metres of a list of `x_m,y_m,ground_m`.
+fn ground(rows: &str) -> Ground {
+    Ground::of(&run_in("", &format!("x_m,y_m,ground_m\n{rows}"), &[(1.0, None)]).list).unwrap()
+}
+
+#[test]
+fn sensor_nodes_that_stand_together_do_not_hide_the_ground_of_one_another() {
+    let ground = ground("100,100,400\n103,100,425\n100,100,412\n500,100,410\n");
+    for (x_m, truth_m) in [(100.0, 412.0), (103.0, 425.0), (500.0, 410.0)] {
+        assert!(ground.highest_m(&Point2::new(x_m, 100.0)) >= truth_m, "at {x_m} m");
+    }
+    assert!(ground.lowest_m(&Point2::new(100.0, 100.0)) <= 400.0);
+    assert!(ground.highest_between_m(&Point2::new(50.0, 100.0), &Point2::new(150.0, 100.0)) >= 425.0);
+}
+
+/// Two groups of ten, 400 m and 700 m high and some 800 m apart: the slope is that between them.
+#[test]
+fn the_slope_between_groups_of_sensor_nodes_is_known() {
+    let group = |x_m: f64, ground_m: f64| -> String {
+        (0..10).map(|row| format!("{x_m},{},{ground_m}\n", 100.0 + 10.0 * f64::from(row))).collect()
+    };
+    let ground = ground(&(group(100.0, 400.0) + &group(900.0, 700.0)));
+    for step in 0..=80 {
+        let x_m = 100.0 + 10.0 * f64::from(step);
+        let truth_m = 400.0 + 300.0 * f64::from(step) / 80.0;
+        let at = Point2::new(x_m, 145.0);
+        assert!(ground.highest_m(&at) >= truth_m && ground.lowest_m(&at) <= truth_m, "{x_m} m: {truth_m} m");
+    }
+}
+
+fn speeds(items: &[VehicleItem]) -> Vec<f64> {
+    let speed = |item: &VehicleItem| match item {
+        VehicleItem::Speed { speed_mps } => Some(*speed_mps),
+        _ => None,
+    };
+    items.iter().filter_map(speed).collect()
+}
+
+#[test]
+fn no_leg_is_flown_slower_than_it_was_and_none_at_no_speed() {
+    // 1 cm/s, then 1 m/s, which is less than a tenth of 30 m/s more.
+    let crawling = mission(&run(&[(0.06, Some(1)), (1.0, Some(1)), (1.05, Some(1))]), &forever());
+    assert_eq!(speeds(&crawling.parts[0].items), [0.1, 1.0, 1.05, 30.0]);
+    assert!(crawling.parts[0].effort.duration_s < 100.0);
+    let mut resting = run(&[(6.0, Some(1)), (6.0, Some(1))]);
+    resting.scenario.uav.acceleration_mps2 = Some(25.0);
+    assert_eq!(speeds(&mission(&resting, &forever()).parts[0].items), [30.0], "from rest to rest");
+}
+
+#[test]
+fn later_parts_fly_to_their_first_waypoint_at_the_highest_speed() {
+    let steps: Vec<_> = std::iter::repeat_n((2.0, Some(1)), 12).collect();
+    let parts = mission(&run(&steps), &VehicleMissionOptions { most_items: Some(8), ..forever() }).parts;
+    assert!(parts.len() > 2);
+    assert_eq!(speeds(&parts[0].items)[0], 2.0);
+    assert!(parts[1..].iter().all(|part| speeds(&part.items)[0] == 30.0), "{parts:?}");
+}
+
+#[test]
+fn a_mission_on_the_ground_or_through_a_zone_is_refused_and_shown_on_a_map() {
+    let map = VehicleMissionOptions { is_map: true, ..forever() };
+    let mut low = run(&[(10.0, Some(1)), (10.0, Some(1))]);
+    low.slots[1][UAV].position.z = -0.5;
+    let text = refusal(&low, &forever());
+    assert!(text.contains("the mission would lead to (20.0 m, 0.0 m) at -0.5 m above the ground"), "{text}");
+    let wall = "[[area.no_fly]]\npolygon_m = [[40.0, -1.0], [60.0, -1.0], [60.0, 99.0], [40.0, 99.0]]\n";
+    let through = run_in(wall, "x_m,y_m\n1,1\n", &[(30.0, Some(1)), (50.0, Some(1))]);
+    let text = refusal(&through, &forever());
+    assert!(text.contains("through a zone, a building or the boundary, on the way to (80.0 m, 0.0 m)"), "{text}");
+    for run in [&low, &through] {
+        assert_eq!(mission(run, &map).parts.len(), 1);
+    }
+}
