@@ -177,7 +177,7 @@ fn every_service_point_is_in_the_mission_in_order() {
 fn every_format_is_in_the_help_which_fits_a_terminal() {
     let place = Place::new();
     let help = place.run_ok(&["export", "--help"]).stdout;
-    for name in ["qgc-plan", "waypoints", "geojson", "kml", "gpx", "csv", "mcap"] {
+    for name in ["qgc-plan", "waypoints", "geojson", "kml", "gpx", "csv", "mcap", "mcap-ros2"] {
         assert!(help.contains(&format!("- {name}:")), "{name}: {help}");
     }
     let examples = help.split("Examples:").nth(1).unwrap();

@@ -60,7 +60,7 @@ fn a_run_of_a_fleet_is_resumed_replayed_exported_and_mapped() {
     for format in ["csv", "parquet"] {
         place.run_ok(&["export", "run", "--format", format]);
     }
-    for format in ["qgc-plan", "kml", "gpx", "geojson", "waypoints", "mcap"] {
+    for format in ["qgc-plan", "kml", "gpx", "geojson", "waypoints", "mcap", "mcap-ros2"] {
         let said = place.run_ok(&["export", "run", "--format", format, "--out", &format!("run.{format}")]).stdout;
         for uav in 0..3 {
             let file = format!("run-uav-{uav}.{format}");

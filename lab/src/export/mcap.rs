@@ -1,52 +1,63 @@
-//! MCAP with JSON messages, for Foxglove: position, pose, the map's features, and the figures of each slot.
+//! MCAP with JSON messages, for Foxglove: path, pose, transform and position, map and scene, battery, and the figures of each
+//! slot.
 //!
 //! Foxglove identifies messages by the name of their schema, such as `foxglove.LocationFix`. The schemas here contain
-//! only the fields that are written. A mission has no date: its time starts at 0.
+//! only the fields that are written.
 
-use std::collections::BTreeMap;
-use std::io::Cursor;
-
-use mcap::records::MessageHeader;
-use mcap::{WriteOptions, Writer};
+use nalgebra::{Point3, UnitQuaternion};
 use serde_json::{Map, Value, json};
 
 use super::format::{ExportFormat, WriteFormat};
+use super::mcap_log::{AREA, Log, LogEncoding, LogTopic, UAV, seconds_and_nanoseconds};
+use super::scene;
 use super::track::{GeodeticTrack, TrackPoint};
 
 /// The log.
 pub static FORMAT: ExportFormat = ExportFormat {
     name: "mcap",
-    about: "MCAP, for Foxglove: position and pose over time, map, queue figures",
+    about: "MCAP, for Foxglove: path, pose and position over time, map, scene, battery, queue figures",
     extension: "mcap",
     write: WriteFormat::Flight(write),
 };
 
-/// The frame of poses: origin in the south-west corner of the area, x east, y north, z up.
-const FRAME: &str = "area";
-
-/// A topic of the log.
-struct LogTopic {
-    name: &'static str,
-    /// The name of the schema of its messages.
-    schema: &'static str,
-}
+const ENCODING: LogEncoding = LogEncoding { profile: "", schema: "jsonschema", message: "json" };
 
 const MAP: LogTopic = LogTopic { name: "/map", schema: "foxglove.GeoJSON" };
+const SCENE: LogTopic = LogTopic { name: "/scene", schema: "foxglove.SceneUpdate" };
+const PATH: LogTopic = LogTopic { name: "/uav/path", schema: "foxglove.PosesInFrame" };
+const TRANSFORM: LogTopic = LogTopic { name: "/tf", schema: "foxglove.FrameTransform" };
 const FIX: LogTopic = LogTopic { name: "/uav/fix", schema: "foxglove.LocationFix" };
 const POSE: LogTopic = LogTopic { name: "/uav/pose", schema: "foxglove.PoseInFrame" };
+const BATTERY: LogTopic = LogTopic { name: "/uav/battery", schema: "skysink.Battery" };
 const SLOT: LogTopic = LogTopic { name: "/slot", schema: "skysink.Slot" };
 
 fn write(track: &GeodeticTrack<'_>) -> Vec<u8> {
-    let library = format!("skysink {}", env!("CARGO_PKG_VERSION"));
-    let options = WriteOptions::new().compression(None).library(library);
-    let writer = options.create(Cursor::new(Vec::new())).expect(TO_MEMORY);
-    let mut log = Log { writer, channels: BTreeMap::new() };
-    let map = json!({ "geojson": super::geojson::collection(track) });
-    log.write(&MAP, 0, 0.0, &map);
-    for (sequence, point) in (0..).zip(&track.points) {
+    let mut log = Log::new(&ENCODING);
+    let mut add = |topic: &LogTopic, sequence: u32, time_s: f64, message: &Value| {
+        let bytes = serde_json::to_vec(message).expect("plain numbers and strings");
+        log.write(topic, sequence, time_s, &bytes, || schema_of(topic.schema, message));
+    };
+    let attitudes = track.attitudes();
+    let altitudes_m = track.altitudes_m();
+    // What does not change is there from the start: a viewer shows the latest message before the time it shows.
+    add(&MAP, 0, 0.0, &json!({ "geojson": super::geojson::collection(track) }));
+    add(&SCENE, 0, 0.0, &scene::update(track));
+    let poses: Vec<_> = track.points.iter().zip(&attitudes).map(|(point, to)| pose(&point.position, to)).collect();
+    add(&PATH, 0, 0.0, &json!({ "timestamp": timestamp(0.0), "frame_id": AREA, "poses": poses }));
+    for (index, point) in track.points.iter().enumerate() {
+        let sequence = index as u32;
         let time_s = point.time_s;
-        log.write(&FIX, sequence, time_s, &fix(point));
-        log.write(&POSE, sequence, time_s, &pose(point));
+        add(&TRANSFORM, sequence, time_s, &transform(point, &attitudes[index]));
+        add(&FIX, sequence, time_s, &fix(point, altitudes_m[index]));
+        let posed = json!({ "timestamp": timestamp(time_s), "frame_id": AREA, "pose": poses[index] });
+        add(&POSE, sequence, time_s, &posed);
+        if let Some(level) = track.battery(point) {
+            let battery = json!({
+                "timestamp": timestamp(time_s), "percentage": level.fraction, "energy_j": level.energy_j,
+                "power_supply_status": level.power_supply_status(),
+            });
+            add(&BATTERY, sequence, time_s, &battery);
+        }
         if let Some(slot) = point.slot {
             let mut figures = json!({
                 "slot": slot.slot, "mode": slot.mode.to_string(), "scheduled": slot.scheduled,
@@ -56,73 +67,53 @@ fn write(track: &GeodeticTrack<'_>) -> Vec<u8> {
             if slot.energy_j.is_finite() {
                 figures["energy_j"] = json!(slot.energy_j);
             }
-            log.write(&SLOT, sequence, time_s, &figures);
+            add(&SLOT, sequence, time_s, &figures);
         }
     }
-    log.writer.finish().expect(TO_MEMORY);
-    log.writer.into_inner().into_inner()
+    log.finish()
 }
 
-fn fix(point: &TrackPoint<'_>) -> Value {
+fn fix(point: &TrackPoint<'_>, altitude_m: f64) -> Value {
     json!({
-        "timestamp": timestamp(point.time_s), "frame_id": FRAME,
-        "latitude": point.place.lat_deg, "longitude": point.place.lon_deg, "altitude": point.position.z,
+        "timestamp": timestamp(point.time_s), "frame_id": UAV,
+        "latitude": point.place.lat_deg, "longitude": point.place.lon_deg, "altitude": altitude_m,
         "position_covariance": vec![0.0; 9], "position_covariance_type": 0,
     })
 }
 
-fn pose(point: &TrackPoint<'_>) -> Value {
-    let position = point.position;
+fn transform(point: &TrackPoint<'_>, attitude: &UnitQuaternion<f64>) -> Value {
     json!({
-        "timestamp": timestamp(point.time_s), "frame_id": FRAME,
-        "pose": {
-            "position": { "x": position.x, "y": position.y, "z": position.z },
-            "orientation": { "x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0 },
-        },
+        "timestamp": timestamp(point.time_s), "parent_frame_id": AREA, "child_frame_id": UAV,
+        "translation": vector(&point.position), "rotation": quaternion(attitude),
     })
 }
 
-fn timestamp(time_s: f64) -> Value {
-    let time_ns = nanoseconds(time_s);
-    json!({ "sec": time_ns / 1_000_000_000, "nsec": time_ns % 1_000_000_000 })
+/// A `foxglove.Pose`.
+pub(super) fn pose(position: &Point3<f64>, attitude: &UnitQuaternion<f64>) -> Value {
+    json!({ "position": vector(position), "orientation": quaternion(attitude) })
 }
 
-fn nanoseconds(time_s: f64) -> u64 {
-    (time_s * 1e9).round() as u64
+/// A `foxglove.Vector3`.
+pub(super) fn vector(point: &Point3<f64>) -> Value {
+    json!({ "x": point.x, "y": point.y, "z": point.z })
 }
 
-/// Why writing cannot fail.
-const TO_MEMORY: &str = "memory takes everything, and ids are few";
-
-/// A log under construction.
-struct Log {
-    writer: Writer<Cursor<Vec<u8>>>,
-    /// By topic.
-    channels: BTreeMap<&'static str, u16>,
+fn quaternion(attitude: &UnitQuaternion<f64>) -> Value {
+    json!({ "x": attitude.i, "y": attitude.j, "z": attitude.k, "w": attitude.w })
 }
 
-impl Log {
-    /// Adds a message. The first message of a topic also adds the topic and its schema.
-    fn write(&mut self, topic: &LogTopic, sequence: u32, time_s: f64, message: &Value) {
-        let writer = &mut self.writer;
-        let channel_id = *self.channels.entry(topic.name).or_insert_with(|| {
-            let text = serde_json::to_vec(&schema_of(topic.schema, message)).expect("plain strings");
-            let schema = writer.add_schema(topic.schema, "jsonschema", &text).expect(TO_MEMORY);
-            writer.add_channel(schema, topic.name, "json", &BTreeMap::new()).expect(TO_MEMORY)
-        });
-        let time_ns = nanoseconds(time_s);
-        let header = MessageHeader { channel_id, sequence, log_time: time_ns, publish_time: time_ns };
-        let message = serde_json::to_vec(message).expect("plain numbers and strings");
-        self.writer.write_to_known_channel(&header, &message).expect(TO_MEMORY);
-    }
+/// A time since the start.
+pub(super) fn timestamp(time_s: f64) -> Value {
+    let (sec, nsec) = seconds_and_nanoseconds(time_s);
+    json!({ "sec": sec, "nsec": nsec })
 }
 
 /// The JSON schema of a message.
-fn schema_of(name: &str, message: &Value) -> Value {
+fn schema_of(name: &str, message: &Value) -> Vec<u8> {
     let mut schema = type_of(message);
     schema["title"] = json!(name);
     schema["$schema"] = json!("https://json-schema.org/draft/2020-12/schema");
-    schema
+    serde_json::to_vec(&schema).expect("plain strings")
 }
 
 fn type_of(value: &Value) -> Value {
@@ -131,9 +122,13 @@ fn type_of(value: &Value) -> Value {
             let properties: Map<_, _> = fields.iter().map(|(name, field)| (name.clone(), type_of(field))).collect();
             json!({ "type": "object", "properties": properties })
         }
-        // A list may be empty in the first message; all lists contain numbers.
-        Value::Array(_) => json!({ "type": "array", "items": { "type": "number" } }),
+        // A list may be empty in the first message; those contain numbers.
+        Value::Array(items) => {
+            let items = items.first().map_or_else(|| json!({ "type": "number" }), type_of);
+            json!({ "type": "array", "items": items })
+        }
         Value::String(_) => json!({ "type": "string" }),
+        Value::Bool(_) => json!({ "type": "boolean" }),
         number => json!({ "type": if number.is_u64() { "integer" } else { "number" } }),
     }
 }

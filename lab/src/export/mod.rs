@@ -15,9 +15,12 @@ mod gpx;
 pub mod ground;
 mod kml;
 mod mcap;
+mod mcap_log;
+mod mcap_ros2;
 pub mod mission_options;
 mod parquet;
 mod qgc_plan;
+mod scene;
 pub mod stops;
 #[cfg(test)]
 mod tests;
@@ -45,7 +48,7 @@ use mission_options::VehicleMissionOptions;
 use track::GeodeticTrack;
 
 /// All formats, in the order of the help.
-pub static FORMATS: [&ExportFormat; 8] = [
+pub static FORMATS: [&ExportFormat; 9] = [
     &qgc_plan::FORMAT,
     &waypoints::FORMAT,
     &geojson::FORMAT,
@@ -53,6 +56,7 @@ pub static FORMATS: [&ExportFormat; 8] = [
     &gpx::FORMAT,
     &csv::FORMAT,
     &mcap::FORMAT,
+    &mcap_ros2::FORMAT,
     &parquet::FORMAT,
 ];
 

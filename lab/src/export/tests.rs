@@ -1,4 +1,6 @@
-//! Tests of vehicle missions.
+//! Tests of vehicle missions; of logs in `logs`.
+
+mod logs;
 
 use std::path::Path;
 

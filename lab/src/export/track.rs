@@ -1,18 +1,24 @@
 //! A finished mission in latitude and longitude, the common input of the formats.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, UnitQuaternion};
 use skysink_common::airspace::Polygon;
+use skysink_common::battery::Battery;
 use skysink_common::error::InputError;
 use skysink_common::geodata::projection::{GeodeticPosition, Projection};
 use skysink_common::geometry::Position;
+use skysink_common::message::Mode;
 use skysink_common::scenario::{Origin, Scenario};
 use skysink_mission::replay::RecordedRun;
 use skysink_mission::trace::RecordedSlot;
 
 use super::fence;
+use super::ground::Ground;
 
 /// Degrees are rounded to 1/PER_DEGREE, about 0.1 mm, so that files do not depend on the last digits of a sine.
 const PER_DEGREE: f64 = 1e9;
+
+/// A UAV that moves less than this [m] keeps its attitude.
+const LEAST_MOVE_M: f64 = 1e-6;
 
 /// The position of the UAV at one time.
 #[derive(Debug, Clone, Copy)]
@@ -38,6 +44,25 @@ impl TrackPoint<'_> {
     #[must_use]
     pub fn served_text(&self) -> String {
         self.served().iter().map(u32::to_string).collect::<Vec<_>>().join(" ")
+    }
+}
+
+/// What is left in a battery.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BatteryLevel {
+    /// Its energy [J].
+    pub energy_j: f64,
+    /// Its energy, as a fraction of the capacity.
+    pub fraction: f64,
+    /// Whether it has charged in the slot before.
+    pub is_charging: bool,
+}
+
+impl BatteryLevel {
+    /// `power_supply_status` of `sensor_msgs/BatteryState`: charging or discharging.
+    #[must_use]
+    pub fn power_supply_status(&self) -> u8 {
+        if self.is_charging { 1 } else { 2 }
     }
 }
 
@@ -102,6 +127,42 @@ impl<'a> GeodeticTrack<'a> {
     /// If it is too far away to project.
     pub fn place(&self, position: &Position) -> Result<GeodeticPosition, InputError> {
         place(&self.projection, &self.run.scenario, position)
+    }
+
+    /// The attitude at each point in the frame of the area: level, the x axis in the direction of the last move, before the
+    /// first move in that of the first.
+    #[must_use]
+    pub fn attitudes(&self) -> Vec<UnitQuaternion<f64>> {
+        let yaws = self.points.windows(2).map(|pair| {
+            let step = pair[1].position.xy() - pair[0].position.xy();
+            (step.norm() > LEAST_MOVE_M).then(|| step.y.atan2(step.x))
+        });
+        let yaws: Vec<Option<f64>> = yaws.collect();
+        let mut yaw_rad = yaws.iter().flatten().next().copied().unwrap_or(0.0);
+        let all = std::iter::once(None).chain(yaws).map(|yaw| {
+            yaw_rad = yaw.unwrap_or(yaw_rad);
+            UnitQuaternion::from_euler_angles(0.0, 0.0, yaw_rad)
+        });
+        all.collect()
+    }
+
+    /// The altitude of each point [m]: above what `ground_m` of the sensor list is above, with the ground midway between its
+    /// bounds, or above the ground below if the list does not tell it.
+    #[must_use]
+    pub fn altitudes_m(&self) -> Vec<f64> {
+        let ground = Ground::of(&self.run.list);
+        let ground_m =
+            |point: &TrackPoint<'_>| ground.as_ref().map_or(0.0, |ground| ground.midway_m(&point.position.xy()));
+        self.points.iter().map(|point| point.position.z + ground_m(point)).collect()
+    }
+
+    /// The battery at a point; `None` without one.
+    #[must_use]
+    pub fn battery(&self, point: &TrackPoint<'_>) -> Option<BatteryLevel> {
+        let battery = Battery::of(&self.run.scenario)?;
+        let energy_j = point.slot.map_or(battery.initial_j, |slot| slot.energy_j);
+        let is_charging = point.slot.is_some_and(|slot| slot.mode == Mode::Charge);
+        Some(BatteryLevel { energy_j, fraction: energy_j / battery.capacity_j, is_charging })
     }
 
     /// Bits that the UAV collects in the slot that ends at the point number `index`.
