@@ -42,7 +42,7 @@ const STOP_TIMEOUT: Duration = Duration::from_millis(2_500);
 const ORPHAN_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Time between two heartbeats of the bridge [s], in seconds of the vehicles.
-const HEARTBEAT_S: f64 = 1.0;
+const HEARTBEAT_S: f64 = 0.25;
 
 /// Flies vehicles at `addresses` until the mission ends: waits until they hover at their starts, and sends them home at the
 /// end, and whenever it cannot go on. A restarted process takes over the vehicles in the air.
