@@ -12,6 +12,7 @@ import inspect
 import sys
 import textwrap
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 from skysink import _skysink
@@ -93,6 +94,16 @@ def methods(node: ast.ClassDef, found: dict[str, Documented]) -> list[ast.Functi
     return own + [item for base in bases if isinstance(base, ast.ClassDef) for item in methods(base, found)]
 
 
+def fields(node: ast.ClassDef) -> Iterator[str]:
+    """The documented fields of a dataclass."""
+    for item, doc in pairwise(node.body):
+        if isinstance(item, ast.AnnAssign) and isinstance(doc, ast.Expr) and isinstance(doc.value, ast.Constant):
+            default = item.value if not isinstance(item.value, ast.Call) else None
+            value = f" = {ast.unparse(default)}" if default is not None else ""
+            said = " ".join(str(doc.value.value).replace("``", "`").split())
+            yield f"- `{ast.unparse(item.target)}: {ast.unparse(item.annotation)}{value}`: {said}"
+
+
 def signature(function: ast.FunctionDef, name: str) -> str:
     """The signature of a call, without self; a property without brackets."""
     decorators = [decorator.id for decorator in function.decorator_list if isinstance(decorator, ast.Name)]
@@ -130,6 +141,7 @@ def lines() -> Iterator[str]:
                 yield f"### `{signature(node, name)}`\n\n{text(node)}\n"
                 continue
             yield f"### {name}\n\n{text(node)}\n"
+            yield from fields(node)
             for item in methods(node, found):
                 if ast.get_docstring(item) and (not item.name.startswith("_") or item.name.startswith("__")):
                     call = name if item.name == "__new__" else item.name.replace("__getitem__", "[]")

@@ -84,7 +84,7 @@ impl JoinCommand {
         let theirs = folder.terms().link;
         let ours = link::terms(&scenario)?;
         if theirs.is_some_and(|theirs| theirs.version != ours.version) {
-            return Err(refuse("it has another protocol version: use executables of the same build"));
+            return Err(refuse("it has another protocol version: use executables of the same version on all hosts"));
         }
         if theirs != Some(ours) {
             return Err(refuse(

@@ -27,3 +27,21 @@ pub fn flight_sim(arguments: Vec<OsString>) -> u8 {
 pub fn planner(arguments: Vec<OsString>) -> u8 {
     worker::run(Role::Planner, arguments, process::planner)
 }
+
+/// The arguments of the bridge to vehicles.
+#[cfg(feature = "mavlink")]
+#[derive(Debug, clap::Args)]
+struct BridgeArguments {
+    /// MAVLink addresses of the vehicles: one for all, as the systems 1 to U, or one for each.
+    #[arg(long, value_name = "ADDRESS", required = true, value_delimiter = ',')]
+    connect: Vec<skysink_vehicle::wire::WireAddress>,
+}
+
+/// Runs mavlink, the bridge to vehicles, with these arguments, and returns its exit code.
+#[cfg(feature = "mavlink")]
+#[must_use]
+pub fn mavlink(arguments: Vec<OsString>) -> u8 {
+    worker::run(Role::FlightSim, arguments, |scenario, folder, stop, BridgeArguments { connect }: &_| {
+        skysink_vehicle::node::run::<ipc::Service>(scenario, folder, stop, connect)
+    })
+}

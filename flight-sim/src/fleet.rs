@@ -76,9 +76,9 @@ impl Fleet {
                     if *refusal == HoldReason::None { plans[lower].waypoint() } else { self.uavs[lower].position() };
                 uav.is_too_near(plan, &end.xy(), self.separation_m)
             };
-            let is_crowded = self.separation_m > 0.0 && refusals.iter().enumerate().any(is_too_near);
-            let refusal = uav.refusal(plan);
-            refusals.push(if refusal == HoldReason::None && is_crowded { HoldReason::Separation } else { refusal });
+            let flies = self.separation_m > 0.0 && plan.mode != Mode::Charge as u32;
+            let is_crowded = flies && refusals.iter().enumerate().any(is_too_near);
+            refusals.push(if is_crowded { HoldReason::Separation } else { uav.refusal(plan) });
         }
         refusals
     }
@@ -132,5 +132,33 @@ fn leave_to(lower: &[FlightReport], report: &mut FlightReport) {
     report.refused += contended as u32;
     if report.served == 0 && report.mode == Mode::Serve as u32 {
         report.mode = Mode::Fly as u32;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use skysink_common::scenario::Overrides;
+
+    proptest! {
+        #[test]
+        fn plans_are_refused_to_vehicles_as_they_are_in_flight(
+            waypoints in prop::collection::vec((-5.0..105.0f64, -5.0..105.0f64, any::<bool>()), 3),
+        ) {
+            let text = "name = 'x'\n[area]\nno_fly = [{ polygon_m = [[60.0, 45.0], [70.0, 45.0], [70.0, 55.0], [60.0, 55.0]] }]\n\
+                        [uav]\ncount = 3\nseparation_m = 15.0\nstarts_m = [[50, 50], [50, 70], [50, 30]]\n";
+            let scenario = Scenario::parse(text, std::path::Path::new("x.toml"), Overrides::default()).unwrap();
+            let plan = |&(x_m, y_m, charges): &(f64, f64, bool)| {
+                Plan::fly_to([x_m, y_m, 20.0], if charges { Mode::Charge } else { Mode::Fly })
+            };
+            let plans: Vec<Plan> = waypoints.iter().map(plan).collect();
+            let mut fleet = Fleet::new(&scenario, &[]);
+            let refusals: Vec<u32> = fleet.refusals(&plans).iter().map(|&refusal| refusal as u32).collect();
+            let mut reports = fleet.start();
+            fleet.step(1, |uav| Some(&plans[uav]), &mut reports);
+            let holds: Vec<u32> = reports.iter().map(|report| report.hold).collect();
+            prop_assert_eq!(refusals, holds);
+        }
     }
 }

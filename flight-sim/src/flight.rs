@@ -159,6 +159,9 @@ impl Flight {
         } else if !self.vehicle.is_down() {
             self.vehicle.move_to(report.waypoint());
         }
+        if report.expected_bits != 0 {
+            self.vehicle.measured(f64::from_bits(report.expected_bits));
+        }
         let mut repeated = self.report(mode);
         let known = report.scheduled().iter().filter(|&&sensor| (sensor as usize) < self.positions.len());
         for (link, &sensor) in repeated.links.iter_mut().zip(known) {
@@ -186,10 +189,9 @@ impl Flight {
             self.vehicle.move_to(report.position());
         }
         if report.energy_j.is_finite() {
-            self.vehicle.energy_j = report.energy_j;
-        } else {
-            report.energy_j = self.vehicle.energy_j;
+            self.vehicle.measured(report.energy_j);
         }
+        report.energy_j = self.vehicle.energy_j;
         report.served = 0;
         if let Some(plan) = plan.filter(|_| !matches!(mode, Mode::Hold | Mode::Charge | Mode::Down)) {
             let refused = report.refused;

@@ -41,6 +41,8 @@ pub struct OutsideFleet {
     fleet: Fleet,
     base: Option<Base>,
     positions: ByUav<Point3<f64>>,
+    /// The altitude of all waypoints [m]; `None` if they have their own.
+    altitude_m: Option<f64>,
     reached_m: f64,
 }
 
@@ -53,6 +55,7 @@ impl OutsideFleet {
             fleet: Fleet::new(scenario, sensors),
             base: scenario.landing_base(),
             positions: scenario.starts().collect(),
+            altitude_m: scenario.uav.climb().is_none().then_some(scenario.uav.altitude_m),
             reached_m,
         }
     }
@@ -81,7 +84,9 @@ impl OutsideFleet {
                 && self.base.as_ref().is_some_and(|base| base.contains(&position.xy()));
             let hold = if is_charging { HoldReason::None } else { refusal.unwrap_or(HoldReason::NoPlan) };
             let stay = Plan::fly_to(position, Mode::Hold);
-            let plan = plan.filter(|_| hold == HoldReason::None).unwrap_or(stay);
+            let mut plan = plan.filter(|_| hold == HoldReason::None).unwrap_or(stay);
+            // Whatever its altitude was: a plan keeps the one that it finds.
+            plan.z_m = self.altitude_m.unwrap_or(plan.z_m);
             Order { slot, uav, position, plan, hold }
         };
         self.positions.iter().enumerate().map(order).collect()
@@ -169,6 +174,29 @@ mod tests {
             let report = flown(plans, 50.5);
             assert_eq!((mode(&report), report.hold, report.refused), (Mode::Hold, hold as u32, refused));
             assert_eq!((report.x_m, report.served), (50.5, 0), "where it is is where it says");
+        }
+    }
+
+    #[test]
+    fn an_order_leads_back_to_the_altitude_of_the_scenario() {
+        let mut fleet = fleet();
+        fleet.restore(&[FlightReport::at([50.0, 50.0, 3.0], Mode::Serve)]);
+        let kept = Plan::fly_to([60.0, 50.0, 3.0], Mode::Serve);
+        for plans in [Some(&[kept][..]), None] {
+            assert_eq!(fleet.orders(2, plans)[0].plan.z_m, 20.0);
+        }
+    }
+
+    #[test]
+    fn an_energy_is_that_of_the_vehicle_if_the_scenario_has_a_battery() {
+        for (battery, expected_j) in [("[uav.battery]\ncapacity_j = 1e5\n", 5e4), ("", f64::INFINITY)] {
+            let text = format!("name = 'a'\n{battery}");
+            let scenario = Scenario::parse(&text, std::path::Path::new("a"), Overrides::default()).unwrap();
+            let mut fleet = OutsideFleet::new(&scenario, &[], REACHED_M);
+            let orders = fleet.orders(1, None);
+            let mut reports = [FlightReport { energy_j: 5e4, ..FlightReport::at([50.0, 50.0, 20.0], Mode::Serve) }];
+            fleet.complete(1, &orders, &mut reports);
+            assert_eq!(reports[0].energy_j, expected_j);
         }
     }
 

@@ -49,6 +49,13 @@ impl Vehicle {
         self.energy_j < 0.0
     }
 
+    /// Takes over an energy that was measured [J], if it has a battery; otherwise it has energy without end.
+    pub fn measured(&mut self, energy_j: f64) {
+        if self.battery.is_some() {
+            self.energy_j = energy_j;
+        }
+    }
+
     /// Whether `ground` [m] lies in the base.
     pub fn is_base(&self, ground: &Position) -> bool {
         self.base.as_ref().is_some_and(|base| base.contains(ground))

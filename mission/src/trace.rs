@@ -181,13 +181,18 @@ impl RecordedSlot {
             // The refused waypoint.
             Mode::Hold => Plan { x_m: f64::NAN, ..Plan::fly_to(self.position, self.mode) },
             Mode::Down if self.refused > 0 => Plan { x_m: f64::NAN, ..Plan::fly_to(self.position, self.mode) },
-            _ => self.report(),
+            _ => self.flown(),
         }
     }
 
-    /// The recorded flight in the form of a plan, as [`Flight::repeat`] takes it.
+    /// The recorded flight in the form of a plan, as [`Flight::repeat`] takes it, with the energy that was reported.
     #[must_use]
     pub fn report(&self) -> Plan {
+        let expected_bits = if self.energy_j.is_finite() { self.energy_j.to_bits() } else { 0 };
+        Plan { expected_bits, ..self.flown() }
+    }
+
+    fn flown(&self) -> Plan {
         let solver = SolverOutcome::Recorded as u32;
         let mut plan = Plan { solver, ..Plan::fly_to(self.position, self.mode) };
         plan.schedule(&self.scheduled[..self.scheduled.len().min(plan.ids.len())]);

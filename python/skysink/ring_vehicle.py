@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import base64
 import math
 import os
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from skysink._skysink import Field, InputError, VehicleCore
 from skysink.ring_topics import (
     FLIGHT,
     NODE,
+    SERVING,
     FlightReport,
     Participant,
     Plan,
@@ -28,6 +28,7 @@ from skysink.ring_topics import (
     SensorsHeader,
     SlotHeader,
     Tick,
+    are_finite,
     iox2,
     ring_folder,
     view,
@@ -91,8 +92,9 @@ class Flown:
     """When it was there [s], from the start of slot 1, by its own clock; None for the end of the slot."""
     is_down: bool = False
     """Whether it cannot fly any more."""
-    bits: Mapping[int, int] | None = field(default=None)
-    """Bits that real SNs have delivered in the slot, by id; None for what the scenario's channel carries to those in range."""
+    bits: Mapping[int, int] | None = None
+    """Bits that real SNs have delivered in the slot, by id; None for what the scenario's channel carries to those in range. They
+    do not count in a slot in which the UAV holds, charges or is down."""
 
 
 class Vehicle(ABC):
@@ -159,28 +161,36 @@ class VehicleRing(Participant):
         self.send(self.mission, slot, [FlightReport.from_buffer_copy(part) for part in parts])
 
 
+def numbers(name: str, value: Any, shape: tuple[int, ...], expected: str) -> NDArray[np.float64]:
+    """The numbers that a vehicle says, which are finite in single precision, in which they are drawn."""
+    refused = InputError(f"{name} = {value}: expected {expected}")
+    if isinstance(value, str) or np.iscomplexobj(value):
+        raise refused
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise refused from None
+    if name == "position" and array.shape == (2,):
+        shape = (2,)
+    if array.shape != shape or not are_finite(array):
+        raise refused
+    return array
+
+
 def message_of(order: Order, flown: Flown, slot_s: float) -> NDArray[Any]:
     """The report of a vehicle, as far as it is the vehicle that says it."""
-    at_m = np.asarray(flown.position, dtype=np.float64)
-    if at_m.shape == (2,):
-        at_m = np.append(at_m, order.position[2])
+    at_m = numbers("position", flown.position, (3,), "(x, y) or (x, y, z), finite")
+    time_s = order.slot * slot_s if flown.time_s is None else flown.time_s
     message = np.zeros((), FLIGHT)
-    numbers = {
-        "position": (at_m, (3,)),
-        "velocity_mps": (flown.velocity_mps, (3,)),
-        "covariance_m2": (flown.covariance_m2, (6,)),
-        "time_s": (order.slot * slot_s if flown.time_s is None else flown.time_s, ()),
-    }
-    for name, (value, shape) in numbers.items():
-        array = np.asarray(value, dtype=np.float64)
-        if array.shape != shape or not np.isfinite(array).all():
-            what = "(x, y) or (x, y, z), finite" if name == "position" else f"finite numbers of shape {shape}"
-            raise InputError(f"{name} = {value}: expected {what}")
-        message["at_m" if name == "position" else name] = array
+    message["at_m"] = at_m if len(at_m) == 3 else [*at_m, order.position[2]]
+    message["velocity_mps"] = numbers("velocity_mps", flown.velocity_mps, (3,), "three finite numbers")
+    message["covariance_m2"] = numbers("covariance_m2", flown.covariance_m2, (6,), "six finite numbers")
+    message["time_s"] = numbers("time_s", time_s, (), "a finite number")
     for name in ("energy_j", "heading_deg"):
-        message[name] = getattr(flown, name)
-        if np.isnan(message[name]):
-            raise InputError(f"{name} = nan: expected a number, or infinity")
+        value = getattr(flown, name)
+        if not isinstance(value, (int, float, np.number)) or math.isnan(value):
+            raise InputError(f"{name} = {value}: expected a number, or infinity")
+        message[name] = value
     message["mode"] = DOWN if flown.is_down else 0
     return message
 
@@ -197,9 +207,15 @@ def with_bits(reports: bytes, flown: Sequence[Flown], nodes: NDArray[Any], comm_
 def replace_links(message: Any, bits: Mapping[int, int], nodes: NDArray[Any], comm_s: float) -> None:
     """Replaces the links of a report by those over which real SNs have delivered these bits."""
     links = np.zeros_like(message["links"])
-    if len(bits) > len(links) or not all(0 <= sensor < len(nodes) and 0 <= bits[sensor] for sensor in bits):
-        expected = f"at most {len(links)} ids of sensor nodes, each with bits, 0 or above"
-        raise InputError(f"bits = {dict(bits)}: expected {expected}")
+    whole = (int, np.integer)
+    is_possible = isinstance(bits, Mapping) and all(
+        isinstance(sensor, whole) and isinstance(count, whole) and 0 <= sensor < len(nodes) and 0 <= count < 2**62
+        for sensor, count in bits.items()
+    )
+    if not is_possible or len(bits) > len(links):
+        raise InputError(f"bits = {bits}: expected at most {len(links)} ids of sensor nodes, each with whole bits, 0 or above")
+    if message["mode"] not in SERVING:
+        return  # a hold, which serves no sensor node
     for link, (sensor, delivered) in zip(links, sorted(bits.items())):
         x_m, y_m = nodes[sensor]["numbers"][:2]
         distance_m = math.hypot(message["at_m"][0] - x_m, message["at_m"][1] - y_m)
@@ -239,13 +255,13 @@ def vehicle(
     data = Field._from_messages(joined.limits, joined.nodes)
     nodes = np.frombuffer(joined.nodes, NODE)
     if not saved.texts:
-        saved.save(0, base64.b64encode(core.start()).decode())
+        saved.save(0, core.start().hex())
     slot = max(saved.texts)
-    reports = base64.b64decode(saved.texts[slot])
+    reports = bytes.fromhex(saved.texts[slot])
     core.restore(reports)
     flown_by.begin(data, np.frombuffer(reports, FLIGHT)["at_m"].copy())
     for earlier, text in sorted(saved.texts.items()):
-        joined.report(earlier, base64.b64decode(text))
+        joined.report(earlier, bytes.fromhex(text))
     for slot in range(slot + 1, data.slots + 1):
         plans = joined.plan(slot)
         orders = [
@@ -261,6 +277,6 @@ def vehicle(
         except InputError as error:
             print(f"vehicle: slot {slot}: {error}", file=sys.stderr)
             raise SystemExit(2) from None  # starting it again would not help
-        saved.save(slot, base64.b64encode(reports).decode())  # before they are published
+        saved.save(slot, reports.hex())  # before they are published
         joined.report(slot, reports)
     joined.wait_for_release()

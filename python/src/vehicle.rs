@@ -4,8 +4,10 @@ use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard};
 
 use pyo3::prelude::*;
+use skysink_common::error::InputError;
 use skysink_common::message::{FlightReport, HoldReason, Mode, Plan, SensorNode};
 use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::ByUav;
 use skysink_flight_sim::outside::{Order, OutsideFleet};
 use skysink_planner::settings;
@@ -43,6 +45,12 @@ impl PyVehicleCore {
     fn new(scenario: PathBuf, nodes: &[u8], reached_m: f64) -> PyResult<Self> {
         let scenario = Scenario::read(&scenario, Overrides::default()).and_then(settings::resolve).map_err(refused)?;
         let nodes: Vec<SensorNode> = messages(nodes);
+        let place = |node: &SensorNode| [node.x_m, node.y_m];
+        let list = SensorList::of(&scenario).map_err(refused)?;
+        if !list.nodes().iter().map(place).eq(nodes.iter().map(place)) {
+            let expected = "expected the scenario of the run, whose sensor nodes are others";
+            return Err(refused(InputError::new("scenario", &scenario.path, expected)));
+        }
         let fleet = OutsideFleet::new(&scenario, &nodes, reached_m);
         Ok(Self(Mutex::new(State { fleet, orders: ByUav::new() })))
     }

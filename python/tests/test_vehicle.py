@@ -98,9 +98,10 @@ def test_one_that_lags_is_en_route_and_loses_more(place: Path) -> None:
     assert summary(place)["loss_rate"] > 0.002  # type: ignore[operator]
     modes = [row[9] for row in rows(place)]
     assert modes.count("en-route") > 400 and "serve" in modes
-    for command in (["report", "run", "--sensors"], ["replay", "run", "--no-viewer"], ["compare", "run", "run-replay"]):
+    run("simulate", LETTER, "--out", "alone", cwd=place)
+    for command in (["report", "run", "--sensors"], ["replay", "run", "--no-viewer"], ["compare", "run", "alone"]):
         run(*command, cwd=place)
-    run("export", "run", "--format", "qgc-plan", "--origin", "47,8", cwd=place)
+    run("export", "run", "--format", "qgc-plan", "--origin", "47,8", "--ignore-endurance", cwd=place)
     assert json.loads((place / "run-replay" / "replay.json").read_text())["trace_hash"] == summary(place)["trace_hash"]
 
 
@@ -119,7 +120,10 @@ def test_bits_that_real_sensor_nodes_have_delivered_are_those_of_the_ledger(plac
     [
         ("(float('nan'), 0.0)", "vehicle: slot 1: position = [nan"),
         ("(1.0, 2.0, 3.0, 4.0)", "expected (x, y) or (x, y, z), finite"),
-        ("skysink.ring.Flown((1, 2), velocity_mps=(1, 2))", "velocity_mps = (1, 2): expected finite numbers of shape (3,)"),
+        ("skysink.ring.Flown((1, 2), velocity_mps=(1, 2))", "velocity_mps = (1, 2): expected three finite numbers"),
+        ("(1e39, 0.0)", "position = (1e+39, 0.0): expected (x, y) or (x, y, z), finite"),
+        ("'nowhere'", "position = nowhere: expected (x, y)"),
+        ("None", "position = None: expected (x, y)"),
         ("skysink.ring.Flown((1, 2), energy_j=float('nan'))", "energy_j = nan: expected a number, or infinity"),
         ("skysink.ring.Flown((1, 2), bits={-1: 5})", "bits = {-1: 5}: expected at most 64 ids of sensor nodes"),
     ],
@@ -156,6 +160,59 @@ def test_killed_and_started_again_it_flies_no_slot_twice(place: Path) -> None:
     same_files(place / "alone", place / "run", ["slots.csv"])
     assert summary(place)["restarts"] >= 3  # type: ignore[operator]
     assert len((place / "flown").read_text().splitlines()) <= 1500 + 3, "at most the slot in which it was killed"
+
+
+def test_a_stopped_run_is_resumed_where_the_vehicle_was(place: Path) -> None:
+    (place / "vehicle.py").write_text("""
+import skysink.ring
+
+class Mine(skysink.ring.Vehicle):
+    def begin(self, field, starts):
+        print(starts[0].tolist(), file=open("begins", "a"))
+    def fly(self, order):
+        return 0.5 * (order.position + order.waypoint)
+
+skysink.ring.vehicle(Mine())
+""")
+    vehicle = ["--vehicle", f"{sys.executable} vehicle.py"]
+    run("run", "long.toml", "--no-viewer", "--out", "whole", *vehicle, cwd=place)
+    process = begin(place, "run", "long.toml", "--no-viewer", "--out", "run", *vehicle)
+    until("flight", process, lambda: slots(place) > 300)
+    process.send_signal(signal.SIGINT)
+    assert end(process) == 130, (place / "said").read_text()
+    last = [float(cell) for cell in rows(place)[-1][2:5]]
+    run("run", "--resume", "run", "--no-viewer", *vehicle, cwd=place)
+    same_files(place / "whole", place / "run", ["slots.csv"])
+    assert json.loads((place / "begins").read_text().splitlines()[-1]) == last
+
+
+def test_the_energy_that_it_measures_is_that_of_the_run(place: Path) -> None:
+    battery = ["--set", "uav.battery.capacity_j=100000.0"]
+    fly(place, "skysink.ring.Flown(order.waypoint, energy_j=9e4 - 100 * order.slot)", *battery)
+    assert [float(row[11]) for row in rows(place)] == [9e4 - 100.0 * (slot + 1) for slot in range(60)]
+    for command in (["report", "run", "--sensors"], ["replay", "run", "--no-viewer"]):
+        run(*command, cwd=place)
+    fly(place, "skysink.ring.Flown(order.waypoint, energy_j=5.0)", "--force")
+    assert len(rows(place)[0]) == 11, "the scenario has no battery"
+    run("report", "run", cwd=place)
+
+
+def test_its_altitude_is_led_back_to_that_of_the_scenario(place: Path) -> None:
+    fly(place, "order.waypoint - [0.0, 0.0, 0.3]")
+    assert {row[4] for row in rows(place)} == {"19.7"}
+
+
+def test_bits_do_not_count_in_a_hold(place: Path) -> None:
+    fly(place, "skysink.ring.Flown(order.waypoint, bits={0: 10}, is_down=order.slot > 5)")
+    assert [row[5] for row in rows(place)[:7]] == ["0"] * 5 + ["", ""]
+
+
+def test_the_scenario_of_another_run_is_refused(place: Path) -> None:
+    other = VEHICLE.format(returned="order.waypoint").replace("Mine())", f"Mine(), scenario={LETTER!r})")
+    (place / "vehicle.py").write_text(other)
+    command = f"{sys.executable} vehicle.py"
+    said = run("run", SMOKE, "--no-viewer", "--vehicle", command, "--restart", "never", cwd=place, code=1).stderr
+    assert "expected the scenario of the run, whose sensor nodes are others" in said
 
 
 def test_in_a_paced_ring_it_knows_when_a_slot_ends_and_holds_where_a_plan_is_late(place: Path) -> None:

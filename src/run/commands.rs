@@ -61,8 +61,12 @@ impl FromStr for VehicleOption {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let is_address = SCHEMES.iter().any(|scheme| text.starts_with(scheme));
-        if is_address { Ok(Self::Mavlink(text.to_owned())) } else { text.parse().map(Self::Command) }
+        if !SCHEMES.iter().any(|scheme| text.starts_with(scheme)) {
+            return text.parse().map(Self::Command);
+        }
+        #[cfg(feature = "mavlink")]
+        text.split(',').try_for_each(|address| address.parse::<skysink_vehicle::wire::WireAddress>().map(drop))?;
+        Ok(Self::Mavlink(text.to_owned()))
     }
 }
 

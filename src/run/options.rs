@@ -290,6 +290,10 @@ impl RunOptions {
         if scenario.area.origin().is_none() {
             return refuse("expected a scenario with area.origin_lat_deg and area.origin_lon_deg");
         }
+        let [count, uavs] = [addresses.split(',').count(), scenario.uav.uavs()];
+        if count != 1 && count != uavs {
+            return refuse(&format!("{count} addresses for {uavs} UAVs: expected one, or one for each"));
+        }
         Ok(())
     }
 

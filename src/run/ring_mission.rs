@@ -110,7 +110,7 @@ impl RingMission<'_> {
         let external_s = options.timeout_s(EXTERNAL_TIMEOUT_S, ring.terms.pace, scenario.slot_s);
         let external = ExternalTimeout { roles: options.patient_roles(), timeout: Duration::from_secs_f64(external_s) };
         let mut recorder = Recorder::new(&ring, wait, external)?;
-        self.announce_external(external_s, &progress)?;
+        self.announce_external(&progress)?;
         let mut workers = Workers::start(Supervision {
             ring: &ring,
             folder: self.ring,
@@ -152,9 +152,16 @@ impl RingMission<'_> {
         .collect()
     }
 
+    /// How long a process that the user starts, or a vehicle, is waited for.
+    fn external_timeout(&self) -> Duration {
+        let Self { scenario, options, ring, .. } = self;
+        Duration::from_secs_f64(options.timeout_s(EXTERNAL_TIMEOUT_S, ring.terms().pace, scenario.slot_s))
+    }
+
     /// Prints the commands of the processes that the user starts.
-    fn announce_external(&self, timeout_s: f64, progress: &TerminalProgress) -> Result<(), Error> {
+    fn announce_external(&self, progress: &TerminalProgress) -> Result<(), Error> {
         let Self { options, launch, ring, .. } = self;
+        let timeout_s = self.external_timeout().as_secs_f64();
         for role in self.roles().filter(|role| options.external.contains(role)) {
             let Invocation { program, arguments, .. } = options.invocation(role, launch, ring)?;
             let command = match &options.link {
@@ -175,7 +182,7 @@ impl RingMission<'_> {
     }
 
     /// Waits until all processes have ended. The viewer ends first, while the others can still serve a restarted
-    /// viewer.
+    /// viewer. A vehicle ends when it has landed.
     fn wait_for_end(
         &self,
         recorder: &mut Recorder<ipc::Service>,
@@ -201,11 +208,17 @@ impl RingMission<'_> {
         workers.release();
         recorder.release(slot, hash)?;
         let released = Instant::now();
-        while (workers.is_external_alive() || !workers.have_ended(|_| true)) && released.elapsed() < END_TIMEOUT {
+        let landing = if self.options.vehicle.is_some() { self.external_timeout() } else { END_TIMEOUT };
+        loop {
+            let elapsed = released.elapsed();
+            let are_ending = workers.is_external_alive() || !workers.have_ended(|_| true);
+            let is_landing = !workers.have_ended(|role| role == Role::FlightSim);
+            if !(are_ending && elapsed < END_TIMEOUT || is_landing && elapsed < landing) {
+                return Ok(());
+            }
             recorder.pause(POLL_EVERY)?;
             workers.supervise(tally, None)?;
         }
-        Ok(())
     }
 }
 

@@ -14,6 +14,8 @@ mod soaks;
 #[path = "../support/mod.rs"]
 mod support;
 mod tracer;
+#[cfg(feature = "mavlink")]
+mod vehicle;
 #[cfg(feature = "viewer")]
 mod viewers;
 

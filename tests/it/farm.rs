@@ -186,3 +186,29 @@ fn a_new_scenario_says_where_its_centre_is() {
     assert!(text.contains("Centre of the area:  47.405"), "{text}");
     assert_eq!(place.read("two/sensors.csv"), "lat_deg,lon_deg,ground_m\n47.4,8.55,512.5\n47.41,8.56,530\n");
 }
+
+/// The vehicle accelerates with 2.5 m/s² without jerk, as the scenario says. It neither waits above home nor lands more slowly near
+/// the ground, some 25 s of more than 1900 s.
+#[cfg(feature = "mavlink")]
+#[test]
+fn the_estimated_time_is_within_a_tenth_of_what_the_kinematic_vehicle_takes_for_the_file() {
+    use skysink_vehicle::kinematic::{KinematicOptions, mission};
+
+    for strategy in ["tour", "horizon"] {
+        let place = farm(strategy);
+        for (format, more) in [
+            ("qgc-plan", &["--autopilot", "ardupilot"][..]),
+            ("waypoints", &[]),
+            ("waypoints", &["--altitude", "relative", "--min-bits", "4000"]),
+        ] {
+            let words = ["export", "run", "--force", "--ignore-endurance", "--format", format];
+            let text = place.run_ok(&[&words[..], more].concat()).stdout;
+            let estimated = text.split("from take-off to landing: ").nth(1).unwrap().split(" s").next().unwrap();
+            let path = place.path(if format == "qgc-plan" { "run.plan" } else { "run.waypoints" });
+            let options = KinematicOptions { speed: 12.0, ..KinematicOptions::default() };
+            let flown = mission::fly(&mission::read(&path).unwrap(), &options).unwrap();
+            let ratio = estimated.parse::<f64>().unwrap() / flown.whole_s;
+            assert!((0.9..1.1).contains(&ratio), "{strategy}, {format}, {more:?}: {estimated} s of {flown:?}");
+        }
+    }
+}

@@ -50,7 +50,7 @@ fn a_host_with_another_scenario_version_or_ring_is_refused_with_the_remedy() {
             "link",
             "it flies another scenario or sensor list: pass copies of scenario.toml and sensors.csv of the run folder",
         ),
-        (SCHEMA + 1, hash, "link", "it has another protocol version: use executables of the same build"),
+        (SCHEMA + 1, hash, "link", "it has another protocol version: use executables of the same version on all hosts"),
         (SCHEMA, hash, "", "it has no link to other hosts: expected that of skysink run --link"),
     ] {
         let (place, path) = with_link_that_fails(version, scenario, section);

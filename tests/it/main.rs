@@ -23,6 +23,8 @@ mod imports;
 mod keys;
 #[cfg(feature = "lab")]
 mod least_fleet;
+#[cfg(feature = "mavlink")]
+mod mavlink;
 mod motion;
 mod names;
 mod new;

@@ -4,6 +4,8 @@
 pub mod flight;
 mod recordings;
 pub mod scenarios;
+#[cfg(feature = "mavlink")]
+pub mod vehicles;
 
 use std::borrow::BorrowMut;
 use std::collections::BTreeMap;

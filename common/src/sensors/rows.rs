@@ -31,7 +31,7 @@ pub(super) const WEIGHT: &str = "weight";
 pub(super) const GROUND: &str = "ground_m";
 
 /// Lowest and highest ground [m]: wider than the Earth's.
-const GROUND_M: RangeInclusive<f64> = -1e4..=1e4;
+const GROUND_M: RangeInclusive<f64> = -500.0..=9000.0;
 
 /// The column of names, which is written if a sensor node has one.
 pub(super) const NAME: &str = "name";

@@ -81,6 +81,14 @@ impl Altitudes {
         if self.reference == AltitudeReference::Msl { altitude_m - self.home_m } else { altitude_m }
     }
 
+    /// How high above the ground at a place an altitude of the mission can be [m]; `None` if it is above the ground below, or the
+    /// list does not tell the ground.
+    #[must_use]
+    pub fn above_ground_m(&self, at: &Point3<f64>, altitude_m: f64) -> Option<f64> {
+        let ground = self.ground.as_ref().filter(|_| self.reference != AltitudeReference::Terrain)?;
+        Some(self.above_home_m(altitude_m) + self.home_m - ground.lowest_m(&at.xy()))
+    }
+
     /// The altitude of a take-off at `home`, above it, and of each of the waypoints `nodes` after it [m]: so high that every leg
     /// between them is as far above the ground as the model flies.
     #[must_use]

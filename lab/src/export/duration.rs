@@ -21,7 +21,7 @@ pub struct MissionLeg {
 
 /// What a mission takes.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Effort {
+pub struct MissionEffort {
     /// Time from arming to landing [s].
     pub duration_s: f64,
     /// Energy, by the propulsion power at the mean speed of each leg [J].
@@ -38,8 +38,8 @@ pub fn effort(
     legs: &[MissionLeg],
     aircraft: &Propulsion,
     weight_n: f64,
-) -> Effort {
-    let mut whole = Effort::default();
+) -> MissionEffort {
+    let mut whole = MissionEffort::default();
     let hover_w = power_w(aircraft, 0.0);
     let mut add = |duration_s: f64, distance_m: f64, climb_m: f64| {
         let power_w = if duration_s > 0.0 { power_w(aircraft, distance_m / duration_s) } else { hover_w };

@@ -4,7 +4,7 @@ use skysink_common::geodata::projection::GeodeticPosition;
 use skysink_mission::replay::RecordedRun;
 
 use super::autopilot::Autopilot;
-use super::mission_options::MissionOptions;
+use super::mission_options::VehicleMissionOptions;
 use super::track::GeodeticTrack;
 use super::vehicle::{MissionPart, VehicleMission};
 
@@ -49,7 +49,7 @@ pub struct MissionOf<'a> {
     /// Its mission.
     pub mission: &'a VehicleMission,
     /// The options.
-    pub options: &'a MissionOptions,
+    pub options: &'a VehicleMissionOptions,
     /// The corners of the geofence.
     pub fence: Vec<GeodeticPosition>,
 }

@@ -1,15 +1,18 @@
 //! The ground below a flight, as far as the sensor nodes tell it.
 
-use rstar::RTree;
 use rstar::primitives::GeomWithData;
+use rstar::{PointDistance, RTree};
 use skysink_common::geometry::Position;
 use skysink_common::sensors::SensorList;
 
-/// Sensor nodes nearer to each other than this [m] say nothing about the slope of the ground.
+/// Sensor nodes nearer to each other than this [m] say nothing about the slope of the ground: the higher one counts, or the lower.
 const LEAST_DISTANCE_M: f64 = 5.0;
 
 /// Neighbours of a place that tell its altitude. Fewer than all leave a bound that is as safe, and wider.
 const NEIGHBOURS: usize = 8;
+
+/// Sensor nodes of which every pair tells a slope, evenly taken from the list; others tell those to their neighbours.
+const MOST_PAIRED: usize = 2000;
 
 /// How much steeper the ground may be than the steepest slope between two neighbours: they tell only the mean of a slope.
 const STEEPER: f64 = 1.25;
@@ -44,12 +47,20 @@ impl Ground {
     }
 
     fn steepest(&self) -> f64 {
-        let slopes = self.sensors.iter().flat_map(|sensor| {
+        let slope = |distance_m: f64, rise_m: f64| {
+            if distance_m < LEAST_DISTANCE_M { 0.0 } else { rise_m.abs() / distance_m }
+        };
+        let near = self.sensors.iter().flat_map(|sensor| {
             let at = Position::from(*sensor.geom());
-            let others = self.neighbours(&at).filter(|(distance_m, _)| *distance_m >= LEAST_DISTANCE_M);
-            others.map(|(distance_m, ground_m)| (ground_m - sensor.data).abs() / distance_m).collect::<Vec<_>>()
+            let neighbours = self.neighbours(&at);
+            neighbours.map(|(distance_m, ground_m)| slope(distance_m, ground_m - sensor.data)).collect::<Vec<_>>()
         });
-        STEEPER * slopes.fold(0.0, f64::max)
+        let paired: Vec<_> = self.sensors.iter().step_by(self.sensors.size().div_ceil(MOST_PAIRED).max(1)).collect();
+        let far = paired.iter().enumerate().flat_map(|(index, first)| {
+            let others = paired[..index].iter();
+            others.map(move |second| slope(first.distance_2(second.geom()).sqrt(), first.data - second.data))
+        });
+        STEEPER * near.chain(far).fold(0.0, f64::max)
     }
 
     /// Distance [m] and altitude [m] of the sensor nodes that are nearest to `at` [m], one there included.
@@ -74,16 +85,20 @@ impl Ground {
     /// The highest that the ground can be at a place [m].
     #[must_use]
     pub fn highest_m(&self, at: &Position) -> f64 {
-        self.neighbours(at)
-            .map(|(distance_m, ground_m)| ground_m + self.slope * distance_m)
-            .fold(f64::INFINITY, f64::min)
+        let bound_m = self.neighbours(at).map(|(distance_m, ground_m)| ground_m + self.slope * distance_m);
+        self.here_m(at).chain([bound_m.fold(f64::INFINITY, f64::min)]).fold(f64::NEG_INFINITY, f64::max)
     }
 
     /// The lowest that the ground can be at a place [m].
     #[must_use]
     pub fn lowest_m(&self, at: &Position) -> f64 {
-        let lowest = self.neighbours(at).map(|(distance_m, ground_m)| ground_m - self.slope * distance_m);
-        lowest.fold(f64::NEG_INFINITY, f64::max)
+        let bound_m = self.neighbours(at).map(|(distance_m, ground_m)| ground_m - self.slope * distance_m);
+        self.here_m(at).chain([bound_m.fold(f64::NEG_INFINITY, f64::max)]).fold(f64::INFINITY, f64::min)
+    }
+
+    /// The altitudes of the sensor nodes that are too near to tell a slope [m].
+    fn here_m(&self, at: &Position) -> impl Iterator<Item = f64> {
+        self.sensors.locate_within_distance([at.x, at.y], LEAST_DISTANCE_M * LEAST_DISTANCE_M).map(|sensor| sensor.data)
     }
 
     /// The altitude in the middle between the lowest and the highest that the ground can be at a place [m].

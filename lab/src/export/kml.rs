@@ -109,15 +109,20 @@ fn between(mission: &VehicleMission, begin: &Coord, end: &Coord) -> Vec<Coord> {
         return Vec::new();
     }
     let north_m = (end.y - begin.y) * DEGREE_M;
-    let east_m = (end.x - begin.x) * DEGREE_M * begin.y.to_radians().cos();
-    let steps = (north_m.hypot(east_m) / STEP_M).ceil().max(1.0) as u32;
+    // The short way around the Earth.
+    let east_deg = (end.x - begin.x + 540.0).rem_euclid(360.0) - 180.0;
+    let east_m = east_deg * DEGREE_M * begin.y.to_radians().cos();
+    let steps = (north_m.hypot(east_m) / STEP_M).ceil().clamp(1.0, MOST_STEPS) as u32;
     let step = |step: u32| {
         let along = |from: f64, to: f64| from + (to - from) * f64::from(step) / f64::from(steps);
         let z = begin.z.zip(end.z).map(|(from, to)| along(from, to));
-        Coord::new(along(begin.x, end.x), along(begin.y, end.y), z)
+        Coord::new(along(begin.x, begin.x + east_deg), along(begin.y, end.y), z)
     };
     (1..steps).map(step).collect()
 }
+
+/// Most points between two waypoints.
+const MOST_STEPS: f64 = 1000.0;
 
 /// Approximate length of a degree of latitude [m].
 const DEGREE_M: f64 = 111_000.0;

@@ -5,14 +5,19 @@ use skysink_common::scenario::Scenario;
 
 use super::altitude::AltitudeReference;
 use super::autopilot::{Autopilot, Motion};
-use super::vehicle;
+
+/// Minimum number of items of a mission: home, take-off, speed, waypoint, speed, waypoint above home, return.
+pub const MIN_ITEMS: usize = 7;
+
+/// Default for the maximum number of items. This is the limit of PX4; ArduPilot allows about 700.
+pub const MOST_ITEMS: usize = 500;
 
 /// Options of the formats that hold a vehicle mission.
 #[derive(Debug, Clone, Default, Args)]
-pub struct MissionOptions {
+pub struct VehicleMissionOptions {
     /// Maximum number of items in a vehicle mission, including home; at least 7; longer missions are split into several
     /// files [default: 500].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(vehicle::MIN_ITEMS as i64..))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(MIN_ITEMS as i64..))]
     pub most_items: Option<u32>,
     /// What the altitudes of a vehicle mission are above [default: terrain if the ground_m of the sensor list differ,
     /// otherwise relative].
@@ -22,7 +27,7 @@ pub struct MissionOptions {
     #[arg(long)]
     pub autopilot: Option<Autopilot>,
     /// Omit the waypoints of a vehicle mission that collect fewer bits.
-    #[arg(long, value_name = "BITS", default_value_t = 0, hide_default_value = true)]
+    #[arg(long, value_name = "BITS", default_value_t = 0, hide_default_value = true, value_parser = parse_bits)]
     pub min_bits: u64,
     /// Widen the geofence of a vehicle mission beyond the area by this [m] [default: 0].
     #[arg(long, value_name = "M", default_value_t = 0.0, hide_default_value = true, value_parser = parse_margin)]
@@ -38,9 +43,12 @@ pub struct MissionOptions {
     /// Export vehicle missions that take longer, or more energy, than the UAV has.
     #[arg(long)]
     pub ignore_endurance: bool,
+    /// Whether the mission is only looked at.
+    #[arg(skip)]
+    pub is_map: bool,
 }
 
-impl MissionOptions {
+impl VehicleMissionOptions {
     /// The first option that was given; `None` without any.
     #[must_use]
     pub fn given(&self) -> Option<&'static str> {
@@ -57,6 +65,12 @@ impl MissionOptions {
         given.into_iter().find(|(is_given, _)| *is_given).map(|(_, name)| name)
     }
 
+    /// The most items of a part, with home.
+    #[must_use]
+    pub fn most_items(&self) -> usize {
+        self.most_items.map_or(MOST_ITEMS, |most_items| most_items as usize)
+    }
+
     /// The autopilot that the mission is for.
     #[must_use]
     pub fn autopilot(&self) -> Autopilot {
@@ -69,6 +83,13 @@ impl MissionOptions {
         let acceleration_mps2 = self.acceleration.or(scenario.uav.acceleration_mps2);
         self.autopilot().motion().with(acceleration_mps2, self.jerk)
     }
+}
+
+/// Parses whole bits, such as 1e6.
+fn parse_bits(text: &str) -> Result<u64, String> {
+    let is_count = |bits: &f64| (0.0..=9e15).contains(bits) && bits.fract() == 0.0;
+    let bits = text.parse().ok().filter(is_count).map(|bits| bits as u64);
+    bits.ok_or_else(|| "expected whole bits, 0 to 9e15".to_owned())
 }
 
 /// Parses metres from 0 to 10 km.

@@ -44,7 +44,7 @@ use skysink_mission::replay::RecordedRun;
 
 use crate::LabError;
 pub use format::{ExportFormat, MissionOf, WriteFormat};
-use mission_options::MissionOptions;
+use mission_options::VehicleMissionOptions;
 use track::GeodeticTrack;
 
 /// All formats, in the order of the help.
@@ -59,9 +59,6 @@ pub static FORMATS: [&ExportFormat; 9] = [
     &mcap_ros2::FORMAT,
     &parquet::FORMAT,
 ];
-
-/// Default for the maximum number of items of a vehicle mission. This is the limit of PX4; ArduPilot allows about 700.
-pub const MOST_ITEMS: u32 = 500;
 
 /// The parameters of an export.
 #[derive(Debug, Args)]
@@ -83,7 +80,7 @@ pub struct Export {
     pub force: bool,
     /// The options of vehicle missions.
     #[command(flatten)]
-    pub mission: MissionOptions,
+    pub mission: VehicleMissionOptions,
 }
 
 /// The result of an export.
@@ -179,19 +176,24 @@ fn render_mission(
         _ => (None, ""),
     };
     let is_map = matches!(export.format.write, WriteFormat::MissionMap(_)); // which nobody flies
-    let options = MissionOptions {
+    let options = VehicleMissionOptions {
         autopilot: export.mission.autopilot.or(autopilot),
         ignore_endurance: export.mission.ignore_endurance || is_map,
+        is_map,
         ..export.mission.clone()
     };
     if let Some(only) = autopilot.filter(|only| *only != options.autopilot()) {
         let message = format_args!("--autopilot: {} is a format of {only}: omit this option", export.format.name);
         return Err(InputError::new("run folder", &export.run, message).into());
     }
+    let has_fence = matches!(export.format.write, WriteFormat::Mission { autopilot: None, .. });
+    if options.fence_margin > 0.0 && !has_fence {
+        let message = format_args!("--fence-margin: {} has no geofence: omit this option", export.format.name);
+        return Err(InputError::new("run folder", &export.run, message).into());
+    }
     let mission = vehicle::plan(track, &options)?;
     let fence = fence::border(&track.run.scenario.area, options.fence_margin);
     let places = fence.iter().map(|corner| track.place(corner)).collect::<Result<_, _>>()?;
-    let has_fence = matches!(export.format.write, WriteFormat::Mission { autopilot: None, .. });
     let mut lines = vec![mission.summary.clone()];
     lines.extend(mission.description(track, &options));
     lines.extend(Some(note.to_owned()).filter(|note| !note.is_empty()));

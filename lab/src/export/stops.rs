@@ -64,6 +64,11 @@ pub fn merge(track: &GeodeticTrack<'_>) -> Vec<VehicleStop> {
     let mut stops: Vec<VehicleStop> = Vec::new();
     for (index, pair) in (1..).zip(track.points.windows(2)) {
         let [before, point]: &[TrackPoint<'_>; 2] = pair.try_into().expect("windows of two");
+        // From rest to rest the top speed is reached on the way (decision D31).
+        let leg_mps = |distance_m: f64| match scenario.uav.acceleration_mps2 {
+            Some(_) => scenario.uav.max_speed_mps,
+            None => distance_m / scenario.slot_s,
+        };
         let services: Vec<usize> = if point.served().is_empty() { vec![] } else { vec![index] };
         let bits = track.delivered_bits(index);
         let comm_s = if services.is_empty() { 0.0 } else { scenario.link.comm_s };
@@ -90,7 +95,7 @@ pub fn merge(track: &GeodeticTrack<'_>) -> Vec<VehicleStop> {
                 stops.push(VehicleStop {
                     position: point.position,
                     hold_s: if stays { scenario.slot_s } else { comm_s },
-                    speed_mps: Some(rounded(ground_m / scenario.slot_s)).filter(|_| ground_m > MERGE_M),
+                    speed_mps: Some(rounded(leg_mps(ground_m))).filter(|_| ground_m > MERGE_M),
                     services,
                     bits,
                     from: before.position,
@@ -103,10 +108,13 @@ pub fn merge(track: &GeodeticTrack<'_>) -> Vec<VehicleStop> {
     stops
 }
 
-/// A speed [m/s] in whole millimetres per second.
+/// Lowest speed of a mission [m/s].
+const LOWEST_MPS: f64 = 0.1;
+
+/// A speed [m/s] in whole millimetres per second, not below 0.1 m/s.
 #[must_use]
 pub fn rounded(speed_mps: f64) -> f64 {
-    (speed_mps * 1e3).round() / 1e3
+    ((speed_mps * 1e3).round() / 1e3).max(LOWEST_MPS)
 }
 
 /// The waypoints from which at least `min_bits` are uploaded, with the ways around zones between them that this leaves, and

@@ -18,9 +18,9 @@ use super::altitude::AltitudeReference;
 use super::autopilot::Autopilot;
 use super::duration::{MissionLeg, effort};
 use super::ground::Ground;
-use super::mission_options::MissionOptions;
+use super::mission_options::{MIN_ITEMS, VehicleMissionOptions};
 use super::track::GeodeticTrack;
-use super::vehicle::{MIN_ITEMS, VehicleItem, VehicleMission, plan};
+use super::vehicle::{VehicleItem, VehicleMission, plan};
 
 const EQUATOR: Origin = Origin { lat_deg: 0.0, lon_deg: 0.0 };
 
@@ -62,15 +62,15 @@ fn track(run: &RecordedRun) -> GeodeticTrack<'_> {
     GeodeticTrack::new(run, UAV, EQUATOR).unwrap()
 }
 
-fn forever() -> MissionOptions {
-    MissionOptions { ignore_endurance: true, ..MissionOptions::default() }
+fn forever() -> VehicleMissionOptions {
+    VehicleMissionOptions { ignore_endurance: true, ..VehicleMissionOptions::default() }
 }
 
-fn mission(run: &RecordedRun, options: &MissionOptions) -> VehicleMission {
+fn mission(run: &RecordedRun, options: &VehicleMissionOptions) -> VehicleMission {
     plan(&track(run), options).unwrap()
 }
 
-fn refusal(run: &RecordedRun, options: &MissionOptions) -> String {
+fn refusal(run: &RecordedRun, options: &VehicleMissionOptions) -> String {
     plan(&track(run), options).unwrap_err().to_string()
 }
 
@@ -91,7 +91,7 @@ fn straight_legs_and_holds_are_merged() {
     // On the equator x is a sin λ: 60 m are 60/6378137 · 180°/π = 0.000538989°.
     let served = Some(1);
     let run = run(&[(30.0, None), (30.0, None), (0.0, served), (10.0, served), (0.0, served), (9.0, None)]);
-    let mission = mission(&run, &MissionOptions::default());
+    let mission = mission(&run, &VehicleMissionOptions::default());
     let waypoint = |lon_deg: f64, hold_s| {
         let place = GeodeticPosition { lat_deg: 0.0, lon_deg };
         VehicleItem::Waypoint { place, altitude_m: 20.0, hold_s }
@@ -118,7 +118,7 @@ fn straight_legs_and_holds_are_merged() {
 fn ardupilot_holds_for_whole_seconds_and_px4_for_what_is_asked() {
     let run = run(&[(30.0, Some(1)), (0.0, Some(1)), (20.0, None)]); // 0.25 s and a slot
     let holds = |autopilot| {
-        let options = MissionOptions { autopilot: Some(autopilot), ..MissionOptions::default() };
+        let options = VehicleMissionOptions { autopilot: Some(autopilot), ..VehicleMissionOptions::default() };
         let holds = waypoints(&mission(&run, &options).parts[0].items);
         holds.iter().map(|(_, _, hold_s)| *hold_s).collect::<Vec<_>>()
     };
@@ -129,7 +129,7 @@ fn ardupilot_holds_for_whole_seconds_and_px4_for_what_is_asked() {
 
 #[test]
 fn speeds_are_whole_millimetres_per_second() {
-    let mission = mission(&run(&[(15.000000000000002, Some(1))]), &MissionOptions::default());
+    let mission = mission(&run(&[(15.000000000000002, Some(1))]), &VehicleMissionOptions::default());
     assert_eq!(mission.parts[0].items[1], VehicleItem::Speed { speed_mps: 15.0 });
 }
 
@@ -139,7 +139,7 @@ fn speeds_are_whole_millimetres_per_second() {
 fn passes_that_carry_little_are_omitted() {
     let run = run(&[(10.0, Some(8)), (10.0, Some(2)), (10.0, Some(5))]);
     let at = |min_bits| {
-        let mission = mission(&run, &MissionOptions { min_bits, ..MissionOptions::default() });
+        let mission = mission(&run, &VehicleMissionOptions { min_bits, ..VehicleMissionOptions::default() });
         let xs: Vec<f64> = waypoints(&mission.parts[0].items).iter().map(|(at, ..)| at.x.round()).collect();
         (xs, mission.summary)
     };
@@ -147,7 +147,7 @@ fn passes_that_carry_little_are_omitted() {
     let (xs, summary) = at(3);
     assert_eq!(xs, [10.0, 30.0, 0.0]);
     assert!(summary.ends_with("\n1 of 3 waypoints omitted, with 2 of 15 bits (13.33 %)"), "{summary}");
-    let options = MissionOptions { min_bits: 9, ..MissionOptions::default() };
+    let options = VehicleMissionOptions { min_bits: 9, ..VehicleMissionOptions::default() };
     assert!(refusal(&run, &options).contains("--min-bits 9: no pass carries so many"));
 }
 
@@ -158,7 +158,7 @@ fn a_mission_longer_than_the_endurance_or_the_battery_is_refused_with_both_numbe
     let far = run(&steps);
     let text = refusal(
         &RecordedRun { scenario: with_endurance(&far.scenario, 60.0), ..run(&steps) },
-        &MissionOptions::default(),
+        &VehicleMissionOptions::default(),
     );
     assert!(
         text.contains("part 1 of 1 of the mission takes ") && text.contains("more than the endurance, 60 s"),
@@ -167,7 +167,7 @@ fn a_mission_longer_than_the_endurance_or_the_battery_is_refused_with_both_numbe
     let mut poor = with_endurance(&far.scenario, 1e4);
     let battery = "name = \"a\"\n[uav.battery]\ncapacity_j = 2000.0\n";
     poor.uav.battery = Scenario::parse(battery, Path::new("a"), Overrides::default()).unwrap().uav.battery;
-    let text = refusal(&RecordedRun { scenario: poor, ..run(&steps) }, &MissionOptions::default());
+    let text = refusal(&RecordedRun { scenario: poor, ..run(&steps) }, &VehicleMissionOptions::default());
     assert!(text.contains("more than the battery has without its reserve, 1800 J"), "{text}");
     assert_eq!(mission(&far, &forever()).parts.len(), 1);
 }
@@ -192,7 +192,7 @@ fn ways_that_the_mission_adds_lead_around_zones() {
         slot[UAV].scheduled = vec![3];
     }
     run.uploads_bits[11] = ByUav::from_buf([vec![7]]);
-    let mission = mission(&run, &MissionOptions { min_bits: 1, ..MissionOptions::default() });
+    let mission = mission(&run, &VehicleMissionOptions { min_bits: 1, ..VehicleMissionOptions::default() });
     let places = waypoints(&mission.parts[0].items);
     let airspace = run.scenario.airspace();
     let nodes: Vec<Point2<f64>> = std::iter::once(Point2::origin()).chain(places.iter().map(|(at, ..)| *at)).collect();
@@ -216,7 +216,7 @@ fn hilly_list() -> String {
 fn altitudes_above_home_or_sea_level_clear_every_leg_and_those_above_the_ground_are_the_models() {
     let steps: Vec<_> = std::iter::repeat_n((27.0, Some(1)), 30).collect();
     let run = run_in("", &hilly_list(), &steps);
-    let at = |altitude| mission(&run, &MissionOptions { altitude, ..forever() });
+    let at = |altitude| mission(&run, &VehicleMissionOptions { altitude, ..forever() });
     let terrain = at(None);
     assert_eq!(terrain.reference, AltitudeReference::Terrain, "the default over hills");
     assert!(waypoints(&terrain.parts[0].items).iter().all(|(_, altitude_m, _)| *altitude_m == 20.0));
@@ -237,7 +237,7 @@ fn altitudes_above_home_or_sea_level_clear_every_leg_and_those_above_the_ground_
         }
     }
     let flat = self::run(&steps);
-    let message = refusal(&flat, &MissionOptions { altitude: Some(AltitudeReference::Msl), ..forever() });
+    let message = refusal(&flat, &VehicleMissionOptions { altitude: Some(AltitudeReference::Msl), ..forever() });
     assert!(message.contains("--altitude msl: expected a sensor list with the column ground_m"), "{message}");
     assert_eq!(mission(&flat, &forever()).reference, AltitudeReference::Relative);
 }
@@ -329,7 +329,7 @@ proptest! {
     ) {
         let run = run(&steps);
         let track = track(&run);
-        let mission = mission(&run, &MissionOptions { most_items: Some(most_items as u32), ..forever() });
+        let mission = mission(&run, &VehicleMissionOptions { most_items: Some(most_items as u32), ..forever() });
         let mut places = Vec::new();
         for part in &mission.parts {
             let items = &part.items;
@@ -344,5 +344,79 @@ proptest! {
             prop_assert!(places.peek().is_some(), "slot {slot}");
         }
         prop_assert_eq!(mission.services.len(), track.services().count());
+    }
+}
+
+/// The ground in metres of a list of `x_m,y_m,ground_m`.
+fn ground(rows: &str) -> Ground {
+    Ground::of(&run_in("", &format!("x_m,y_m,ground_m\n{rows}"), &[(1.0, None)]).list).unwrap()
+}
+
+#[test]
+fn sensor_nodes_that_stand_together_do_not_hide_the_ground_of_one_another() {
+    let ground = ground("100,100,400\n103,100,425\n100,100,412\n500,100,410\n");
+    for (x_m, truth_m) in [(100.0, 412.0), (103.0, 425.0), (500.0, 410.0)] {
+        assert!(ground.highest_m(&Point2::new(x_m, 100.0)) >= truth_m, "at {x_m} m");
+    }
+    assert!(ground.lowest_m(&Point2::new(100.0, 100.0)) <= 400.0);
+    assert!(ground.highest_between_m(&Point2::new(50.0, 100.0), &Point2::new(150.0, 100.0)) >= 425.0);
+}
+
+/// Two groups of ten, 400 m and 700 m high and some 800 m apart: the slope is that between them.
+#[test]
+fn the_slope_between_groups_of_sensor_nodes_is_known() {
+    let group = |x_m: f64, ground_m: f64| -> String {
+        (0..10).map(|row| format!("{x_m},{},{ground_m}\n", 100.0 + 10.0 * f64::from(row))).collect()
+    };
+    let ground = ground(&(group(100.0, 400.0) + &group(900.0, 700.0)));
+    for step in 0..=80 {
+        let x_m = 100.0 + 10.0 * f64::from(step);
+        let truth_m = 400.0 + 300.0 * f64::from(step) / 80.0;
+        let at = Point2::new(x_m, 145.0);
+        assert!(ground.highest_m(&at) >= truth_m && ground.lowest_m(&at) <= truth_m, "{x_m} m: {truth_m} m");
+    }
+}
+
+fn speeds(items: &[VehicleItem]) -> Vec<f64> {
+    let speed = |item: &VehicleItem| match item {
+        VehicleItem::Speed { speed_mps } => Some(*speed_mps),
+        _ => None,
+    };
+    items.iter().filter_map(speed).collect()
+}
+
+#[test]
+fn no_leg_is_flown_slower_than_it_was_and_none_at_no_speed() {
+    // 1 cm/s, then 1 m/s, which is less than a tenth of 30 m/s more.
+    let crawling = mission(&run(&[(0.06, Some(1)), (1.0, Some(1)), (1.05, Some(1))]), &forever());
+    assert_eq!(speeds(&crawling.parts[0].items), [0.1, 1.0, 1.05, 30.0]);
+    assert!(crawling.parts[0].effort.duration_s < 100.0);
+    let mut resting = run(&[(6.0, Some(1)), (6.0, Some(1))]);
+    resting.scenario.uav.acceleration_mps2 = Some(25.0);
+    assert_eq!(speeds(&mission(&resting, &forever()).parts[0].items), [30.0], "from rest to rest");
+}
+
+#[test]
+fn later_parts_fly_to_their_first_waypoint_at_the_highest_speed() {
+    let steps: Vec<_> = std::iter::repeat_n((2.0, Some(1)), 12).collect();
+    let parts = mission(&run(&steps), &VehicleMissionOptions { most_items: Some(8), ..forever() }).parts;
+    assert!(parts.len() > 2);
+    assert_eq!(speeds(&parts[0].items)[0], 2.0);
+    assert!(parts[1..].iter().all(|part| speeds(&part.items)[0] == 30.0), "{parts:?}");
+}
+
+#[test]
+fn a_mission_on_the_ground_or_through_a_zone_is_refused_and_shown_on_a_map() {
+    let map = VehicleMissionOptions { is_map: true, ..forever() };
+    let mut low = run(&[(10.0, Some(1)), (10.0, Some(1))]);
+    low.slots[1][UAV].position.z = -0.5;
+    let text = refusal(&low, &forever());
+    assert!(text.contains("the mission would lead to (20.0 m, 0.0 m) at -0.5 m above the ground"), "{text}");
+    let wall = "[[area.no_fly]]\npolygon_m = [[40.0, -1.0], [60.0, -1.0], [60.0, 99.0], [40.0, 99.0]]\n";
+    let through = run_in(wall, "x_m,y_m\n1,1\n", &[(30.0, Some(1)), (50.0, Some(1))]);
+    let text = refusal(&through, &forever());
+    assert!(text.contains("through a zone, a building or the boundary, on the way to (80.0 m, 0.0 m)"), "{text}");
+    for run in [&low, &through] {
+        assert_eq!(mission(run, &map).parts.len(), 1);
     }
 }

@@ -3,6 +3,7 @@
 //! Which waypoints there are is left to [`stops`], how long they take to [`duration`].
 
 use std::fmt;
+use std::ops::Range;
 
 use nalgebra::Point3;
 use skysink_common::airspace::Airspace;
@@ -10,16 +11,16 @@ use skysink_common::error::InputError;
 use skysink_common::geodata::projection::GeodeticPosition;
 
 use super::altitude::{AltitudeReference, Altitudes};
-use super::duration::{Effort, MissionLeg, effort};
-use super::mission_options::MissionOptions;
+use super::duration::{MissionEffort, MissionLeg, effort};
+use super::mission_options::VehicleMissionOptions;
 use super::stops::{self, MERGE_M, VehicleStop, rounded};
 use super::track::GeodeticTrack;
 
-/// Minimum number of items of a mission: home, take-off, speed, waypoint, speed, waypoint above home, return.
-pub const MIN_ITEMS: usize = 7;
-
-/// A speed is unchanged while the next ones are within this fraction of the maximum.
+/// A speed is unchanged while the next ones are slower by at most this fraction of the maximum.
 const SPEED_STEP: f64 = 0.1;
+
+/// The same while they are faster by at most this fraction of themselves.
+const SLOWER: f64 = 0.01;
 
 /// An item of a vehicle mission.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,6 +46,9 @@ pub struct MavlinkItem {
     /// Parameters 1 to 7; NaN lets the vehicle choose the heading.
     pub params: [f64; 7],
 }
+
+/// How far a mission may lead into a zone [m]: the rounding of a run.
+const ZONE_SLACK_M: f64 = 0.01;
 
 /// `MAV_FRAME_MISSION`, of items without a position.
 const NO_POSITION: u8 = 2;
@@ -75,7 +79,9 @@ pub struct MissionPart {
     /// Its items, without home.
     pub items: Vec<VehicleItem>,
     /// The time and energy that it takes.
-    pub effort: Effort,
+    pub effort: MissionEffort,
+    /// How high above the ground a waypoint can be [m], as in [`VehicleMission`].
+    pub highest_m: Option<f64>,
 }
 
 /// A mission of a vehicle.
@@ -87,6 +93,8 @@ pub struct VehicleMission {
     pub reference: AltitudeReference,
     /// The ground at home, as low as it can be [m]; `None` if the list does not tell it.
     pub home_ground_m: Option<f64>,
+    /// How high above the ground a waypoint can be [m], if the altitudes are not above the ground below and the list tells it.
+    pub highest_m: Option<f64>,
     /// The points of the track at which sensor nodes are served, with the altitude of the vehicle [m].
     pub services: Vec<(usize, f64)>,
     /// What was merged and omitted.
@@ -96,7 +104,7 @@ pub struct VehicleMission {
 /// A part under construction.
 struct Planned<'a> {
     track: &'a GeodeticTrack<'a>,
-    options: &'a MissionOptions,
+    options: &'a VehicleMissionOptions,
     altitudes: &'a Altitudes,
     airspace: &'a Airspace,
 }
@@ -106,7 +114,7 @@ struct Planned<'a> {
 ///
 /// # Errors
 /// If no waypoint is left, an altitude is not known, or a part takes longer or more energy than the UAV has.
-pub fn plan(track: &GeodeticTrack<'_>, options: &MissionOptions) -> Result<VehicleMission, InputError> {
+pub fn plan(track: &GeodeticTrack<'_>, options: &VehicleMissionOptions) -> Result<VehicleMission, InputError> {
     let scenario = &track.run.scenario;
     let altitudes = Altitudes::of(track, options.altitude)?;
     let airspace = scenario.airspace();
@@ -115,7 +123,7 @@ pub fn plan(track: &GeodeticTrack<'_>, options: &MissionOptions) -> Result<Vehic
     let count = merged.len();
     let bits = |stops: &[VehicleStop]| stops.iter().map(|stop| stop.bits).sum::<u64>();
     let all_bits = bits(&merged);
-    let stops = stops::with_bits(merged, options.min_bits, home, &airspace);
+    let mut stops = stops::with_bits(merged, options.min_bits, home, &airspace);
     if stops.is_empty() {
         let message = format_args!("--min-bits {}: no pass carries so many: expected fewer", options.min_bits);
         return Err(InputError::new("run", &scenario.path, message));
@@ -123,8 +131,8 @@ pub fn plan(track: &GeodeticTrack<'_>, options: &MissionOptions) -> Result<Vehic
     let planned = Planned { track, options, altitudes: &altitudes, airspace: &airspace };
     let mut services = Vec::new();
     let mut parts = Vec::new();
-    for stops in planned.split(&stops)? {
-        parts.push(planned.part(&planned.round(stops), &mut services)?);
+    for part in planned.split(&mut stops)? {
+        parts.push(planned.part(&planned.round(&stops[part]), &mut services)?);
     }
     let omitted = (options.min_bits > 0).then(|| Omitted {
         stops: count - stops.iter().filter(|stop| stop.is_pass()).count(),
@@ -134,19 +142,24 @@ pub fn plan(track: &GeodeticTrack<'_>, options: &MissionOptions) -> Result<Vehic
     });
     let summary = summary(track, &stops, &parts, omitted.as_ref());
     let home_ground_m = altitudes.home_ground_m();
-    let mission = VehicleMission { parts, reference: altitudes.reference, home_ground_m, services, summary };
+    let highest_m = parts.iter().filter_map(|part| part.highest_m).reduce(f64::max);
+    let mission = VehicleMission { parts, reference: altitudes.reference, home_ground_m, highest_m, services, summary };
     mission.check(track, options)?;
     Ok(mission)
 }
 
 impl Planned<'_> {
-    /// The stops of each part: as many as fit into its items.
-    fn split<'s>(&self, stops: &'s [VehicleStop]) -> Result<Vec<&'s [VehicleStop]>, InputError> {
-        let most = self.options.most_items.unwrap_or(super::MOST_ITEMS) as usize;
+    /// The stops of each part: as many as fit into its items. The way to the first one of a later part begins at home, and is
+    /// flown at the highest speed.
+    fn split(&self, stops: &mut [VehicleStop]) -> Result<Vec<Range<usize>>, InputError> {
+        let most = self.options.most_items();
         let home = self.track.points[0].position;
         let mut parts = Vec::new();
         let mut begin = 0;
         while begin < stops.len() {
+            if begin > 0 {
+                stops[begin].speed_mps = Some(rounded(self.track.run.scenario.uav.max_speed_mps));
+            }
             let mut set_mps = None;
             let out = self.way(&home, &stops[begin].position);
             let mut items = 2 + self.items_of(&out[..out.len().saturating_sub(1)], &mut set_mps); // with home and take-off
@@ -164,7 +177,7 @@ impl Planned<'_> {
                 let message = format_args!("--most-items {most}: {expected}");
                 return Err(InputError::new("scenario", &self.track.run.scenario.path, message));
             }
-            parts.push(&stops[begin..end]);
+            parts.push(begin..end);
             begin = end;
         }
         Ok(parts)
@@ -201,14 +214,42 @@ impl Planned<'_> {
     /// The speed to set before the leg to `node` [m/s], if the one set is too different.
     fn change(&self, set_mps: &mut Option<f64>, node: &VehicleStop) -> Option<f64> {
         let step_mps = SPEED_STEP * self.track.run.scenario.uav.max_speed_mps;
-        let is_new = |speed_mps: &f64| set_mps.is_none_or(|set_mps: f64| (speed_mps - set_mps).abs() > step_mps);
+        let keeps =
+            |set_mps: f64, speed_mps: f64| set_mps >= (1.0 - SLOWER) * speed_mps && set_mps <= speed_mps + step_mps;
+        let is_new = |speed_mps: &f64| set_mps.is_none_or(|set_mps: f64| !keeps(set_mps, *speed_mps));
         let speed_mps = node.speed_mps.filter(is_new)?;
         *set_mps = Some(speed_mps);
         Some(speed_mps)
     }
 
+    /// Refuses a part that a vehicle must not fly: on or below the ground, or through a zone.
+    fn check(&self, nodes: &[VehicleStop]) -> Result<(), InputError> {
+        let scenario = &self.track.run.scenario;
+        let refuse = |what: fmt::Arguments<'_>| {
+            let message = format_args!("the mission would lead {what}: expected a run that a vehicle may fly");
+            Err(InputError::new("scenario", &scenario.path, message))
+        };
+        if self.options.is_map {
+            return Ok(());
+        }
+        let home = self.track.points[0].position;
+        for (before, node) in std::iter::once(&home).chain(nodes.iter().map(|node| &node.position)).zip(nodes) {
+            let [x_m, y_m, z_m] = node.position.into();
+            if z_m <= 0.0 {
+                return refuse(format_args!("to ({x_m:.1} m, {y_m:.1} m) at {z_m:.1} m above the ground"));
+            }
+            if self.airspace.entry(&before.xy(), &node.position.xy(), [before.z, z_m], ZONE_SLACK_M).is_some() {
+                return refuse(format_args!(
+                    "through a zone, a building or the boundary, on the way to ({x_m:.1} m, {y_m:.1} m)"
+                ));
+            }
+        }
+        Ok(())
+    }
+
     /// The items of a part.
     fn part(&self, nodes: &[VehicleStop], services: &mut Vec<(usize, f64)>) -> Result<MissionPart, InputError> {
+        self.check(nodes)?;
         let scenario = &self.track.run.scenario;
         let home = &self.track.points[0];
         let positions: Vec<Point3<f64>> = nodes.iter().map(|node| node.position).collect();
@@ -230,16 +271,19 @@ impl Planned<'_> {
         let weight_n = scenario.uav.battery.map_or(0.0, |battery| battery.weight_n);
         let motion = self.options.motion(scenario);
         let effort = effort(&motion, home.position.xy(), *take_off_m, &legs, &scenario.uav.propulsion, weight_n);
-        Ok(MissionPart { items, effort })
+        let above_m = positions.iter().zip(altitudes_m);
+        let above_m = above_m.filter_map(|(at, &altitude_m)| self.altitudes.above_ground_m(at, altitude_m));
+        Ok(MissionPart { items, effort, highest_m: above_m.reduce(f64::max) })
     }
 }
 
 impl VehicleMission {
     /// What is good to know about it: altitudes, home, and the time that each part takes; a line for each.
     #[must_use]
-    pub fn description(&self, track: &GeodeticTrack<'_>, options: &MissionOptions) -> Vec<String> {
+    pub fn description(&self, track: &GeodeticTrack<'_>, options: &VehicleMissionOptions) -> Vec<String> {
         let home = track.points[0].place;
         let above = match self.reference {
+            AltitudeReference::Relative if self.home_ground_m.is_none() => "home (the ground is taken to be flat)",
             AltitudeReference::Relative => "home",
             AltitudeReference::Terrain => "the ground below (the autopilot needs terrain data)",
             AltitudeReference::Msl => "the level that ground_m is above",
@@ -257,18 +301,26 @@ impl VehicleMission {
         let jerk = motion.jerk_mps3.map_or(String::new(), |jerk_mps3| format!(" and {jerk_mps3} m/s³"));
         let times: Vec<String> = self.parts.iter().map(|part| format!("{:.0} s", part.effort.duration_s)).collect();
         let planned_s = track.run.slots.len() as f64 * track.run.scenario.slot_s;
-        vec![
+        let ground_m = track.run.list.ground_m().iter().copied().reduce(f64::max);
+        let return_line = ground_m.zip(self.home_ground_m).map(|(highest_m, home_m)| {
+            let above_m = (highest_m - home_m + track.points[0].position.z).ceil();
+            let high =
+                self.highest_m.map_or(String::new(), |highest_m| format!("up to {highest_m:.0} m above the ground; "));
+            format!("{high}set the return altitude (RTL_ALT, RTL_RETURN_ALT) to {above_m} m above home or more")
+        });
+        let lines = [
             format!("home {} {} (latitude, longitude), {range} above {above}", home.lat_deg, home.lon_deg),
             format!(
                 "estimated from take-off to landing: {} with {} m/s²{jerk} (planned: {planned_s} s)",
                 times.join(", "),
                 motion.acceleration_mps2
             ),
-        ]
+        ];
+        lines.into_iter().chain(return_line).collect()
     }
 
     /// Checks that the UAV has the time and the energy for each part.
-    fn check(&self, track: &GeodeticTrack<'_>, options: &MissionOptions) -> Result<(), InputError> {
+    fn check(&self, track: &GeodeticTrack<'_>, options: &VehicleMissionOptions) -> Result<(), InputError> {
         let scenario = &track.run.scenario;
         let own_s = scenario.uav.endurances_s.as_ref().and_then(|own| own.get(track.uav).copied());
         let endurance_s = own_s.unwrap_or(scenario.uav.endurance_s);
@@ -276,7 +328,7 @@ impl VehicleMission {
         let usable_j =
             battery.map_or(f64::INFINITY, |battery| battery.capacity_j * (battery.initial - battery.reserve));
         for (part, number) in self.parts.iter().zip(1..) {
-            let Effort { duration_s, energy_j } = part.effort;
+            let MissionEffort { duration_s, energy_j } = part.effort;
             let refuse = |what: fmt::Arguments<'_>| {
                 let of = self.parts.len();
                 let expected =

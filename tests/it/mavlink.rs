@@ -1,0 +1,204 @@
+//! `skysink run --vehicle` with MAVLink addresses: the bridge flies a kinematic vehicle, which fails in many ways.
+
+use std::net::UdpSocket;
+
+use crate::support::vehicles::{SLOW, TestVehicle};
+use crate::support::{Place, csv_rows};
+use rustix::process::Signal;
+use skysink_vehicle::kinematic::KinematicOptions;
+use skysink_vehicle::kinematic::autopilot::CopterMode;
+
+/// The modes of the trace, by slot.
+fn modes(place: &Place) -> Vec<String> {
+    csv_rows(&place.trace("run")).iter().map(|row| row["mode"].clone()).collect()
+}
+
+/// The slots that ended within 2 m of the waypoint [%], as the bridge says.
+fn percent_reached(stderr: &str) -> f64 {
+    let line = stderr.lines().find(|line| line.contains("of the waypoint")).unwrap_or_else(|| panic!("{stderr}"));
+    line.split_once(": ").unwrap().1.split_once(' ').unwrap().0.parse().unwrap()
+}
+
+#[test]
+fn a_vehicle_flies_a_mission_that_every_command_reads() {
+    let place = Place::new();
+    let vehicle = TestVehicle::start(KinematicOptions { lag: 0.2, noise: 0.1, ..KinematicOptions::default() });
+    let ended = vehicle.flight(&place).run();
+    assert!(percent_reached(&ended.stderr) >= 95.0, "{ended:?}");
+    vehicle.until_landed();
+    assert!(ended.stderr.contains("vehicle 1: has landed"), "the run waits for that: {ended:?}");
+    let summary = place.summary("run");
+    assert_eq!((&summary["external"], &summary["complete"]), (&serde_json::json!(["flight-sim"]), &true.into()));
+    let served = modes(&place).iter().filter(|mode| *mode == "serve").count();
+    assert!(served >= 25, "{:?}", modes(&place));
+    place.run_ok(&["report", "run", "--sensors"]);
+    place.run_ok(&["replay", "run", "--no-viewer"]);
+    #[cfg(feature = "lab")]
+    place.run_ok(&["export", "run", "--format", "waypoints", "--out", "run.waypoints"]);
+    place.assert_clean();
+}
+
+#[test]
+fn lost_messages_gusts_and_a_vehicle_that_does_not_arm_at_once_do_not_end_a_mission() {
+    let place = Place::new();
+    let vehicle = TestVehicle::start(KinematicOptions {
+        lag: 0.3,
+        noise: 0.2,
+        wind: 3.0,
+        loss: 0.2,
+        refuse_arming: 3,
+        ..KinematicOptions::default()
+    });
+    let ended = vehicle.flight(&place).run();
+    assert!(percent_reached(&ended.stderr) >= 80.0, "{ended:?}");
+    assert!(ended.stderr.contains("says: Arm: Need Position Estimate"), "{ended:?}");
+    vehicle.until_landed();
+}
+
+#[test]
+fn a_failsafe_ends_the_orders_and_the_rest_of_the_mission_is_recorded() {
+    let place = Place::new();
+    let vehicle = TestVehicle::start(KinematicOptions { failsafe_at: Some(90.0), ..KinematicOptions::default() });
+    let ended = vehicle.flight(&place).run();
+    assert!(ended.stderr.contains("a pilot or a failsafe flies it (mode 6)"), "{ended:?}");
+    let modes = modes(&place);
+    let first = modes.iter().position(|mode| mode == "return").expect("it returns");
+    let landed = modes.iter().position(|mode| mode == "down").expect("it lands");
+    assert!(first > 5 && landed > first && modes[landed..].iter().all(|mode| mode == "down"), "{modes:?}");
+    assert!(!modes[first..].iter().any(|mode| mode == "serve"), "{modes:?}");
+    place.run_ok(&["report", "run", "--sensors"]);
+}
+
+#[test]
+fn a_killed_bridge_takes_over_the_vehicle_in_the_air() {
+    let place = Place::new();
+    // It returns after 3 s of wall time without a bridge.
+    let vehicle = TestVehicle::start_at(5, KinematicOptions { silence: 15.0, ..KinematicOptions::default() });
+    let run = vehicle.flight(&place).set("slots", 14).start();
+    run.until_slot(2);
+    for _ in 0..3 {
+        run.until_slots_later(2);
+        run.kill_and_await("mavlink");
+    }
+    let ended = run.wait_for_success();
+    assert_eq!(ended.stderr.matches("has taken off").count(), 1, "{ended:?}");
+    assert_eq!(ended.stderr.matches("is in the air: flying on").count(), 3, "{ended:?}");
+    let modes = modes(&place);
+    assert!(modes.len() == 14 && modes.iter().filter(|mode| *mode == "serve").count() >= 9, "{modes:?}");
+    vehicle.until_landed();
+}
+
+#[test]
+fn a_killed_planner_is_restarted_and_a_silent_one_sends_the_vehicle_home() {
+    let place = Place::new();
+    let vehicle = TestVehicle::start(KinematicOptions::default());
+    let run = vehicle.flight(&place).start();
+    run.until_slot(5);
+    run.kill_and_await("planner");
+    run.until_slots_later(3);
+    assert_eq!(vehicle.copter().mode, CopterMode::Guided);
+    run.signal_worker("planner", Signal::STOP);
+    run.until_printed("vehicle 1: returns: the planner is silent");
+    vehicle.until_landed();
+    run.signal_worker("planner", Signal::CONT);
+    run.wait_for_success();
+    let modes = modes(&place);
+    assert!(modes.iter().any(|mode| mode == "hold") && modes.last().unwrap() == "down", "{modes:?}");
+}
+
+#[test]
+fn the_vehicle_returns_when_the_launcher_is_killed_and_when_the_run_is_stopped() {
+    for is_killed in [true, false] {
+        let place = Place::new();
+        let vehicle = TestVehicle::start(KinematicOptions::default());
+        let run = vehicle.flight(&place).start();
+        run.until_slot(5);
+        if is_killed {
+            run.kill_launcher();
+        } else {
+            let ended = run.terminate();
+            assert!(ended.stderr.contains("vehicle 1: returns: the run is stopped"), "{ended:?}");
+        }
+        vehicle.until("return", |copter| copter.mode == CopterMode::Return);
+        vehicle.until_landed();
+    }
+}
+
+#[test]
+fn a_stopped_run_is_resumed_where_the_vehicle_was() {
+    let place = Place::new();
+    let vehicle = TestVehicle::start(KinematicOptions::default());
+    let run = vehicle.flight(&place).start();
+    run.until_slot(6);
+    let ended = run.terminate();
+    assert!(ended.stderr.contains(&format!("--resume run --vehicle {}` continues it", vehicle.address)), "{ended:?}");
+    vehicle.until_landed();
+    let begun = place.trace("run");
+    let ended = place.run_ok(&["run", "--resume", "run", "--no-viewer", "--vehicle", &vehicle.address]);
+    assert!(ended.stderr.contains("hovers at its start"), "{ended:?}");
+    assert!(place.trace("run").starts_with(&begun));
+    assert_eq!(modes(&place).len(), 30);
+    place.run_ok(&["report", "run", "--sensors"]);
+    vehicle.until_landed();
+}
+
+#[test]
+fn one_bridge_flies_a_fleet() {
+    let place = Place::new();
+    let vehicle = TestVehicle::start(KinematicOptions { count: 2, lag: 0.2, ..KinematicOptions::default() });
+    let ended = vehicle.flight(&place).set("uav.count", 2).set("slots", 15).run();
+    assert!(percent_reached(&ended.stderr) >= 95.0, "{ended:?}");
+    for number in 1..=2 {
+        assert!(ended.stderr.contains(&format!("vehicle {number}: has landed")), "{ended:?}");
+    }
+    assert_eq!(modes(&place).len(), 30);
+}
+
+#[test]
+fn the_vehicles_of_a_fleet_may_have_an_address_each() {
+    let place = Place::new();
+    let [first, second] =
+        [0.3, 0.0].map(|lag| TestVehicle::start(KinematicOptions { lag, ..KinematicOptions::default() }));
+    let addresses = format!("{},{}", first.address, second.address);
+    let ended = first.flight_of(&place, &addresses).set("uav.count", 2).set("slots", 8).run();
+    assert!(ended.stderr.contains("vehicle 2: has landed"), "{ended:?}");
+    first.until_landed();
+    second.until_landed();
+}
+
+#[test]
+fn a_vehicle_that_must_not_take_off_is_refused_in_a_line() {
+    let refused = |options: KinematicOptions, says: &str| {
+        let place = Place::new();
+        let vehicle = TestVehicle::start(options);
+        let ended = vehicle.flight(&place).try_run().assert_code(1);
+        assert!(ended.stderr.contains(&format!("flight-sim: vehicle 1: {says}")), "{ended:?}");
+        assert!(!vehicle.copter().is_armed);
+    };
+    let default = KinematicOptions::default;
+    refused(KinematicOptions { dead_man: 0, ..default() }, "FS_GCS_ENABLE = 0: expected a value");
+    refused(KinematicOptions { battery: 20, ..default() }, "its battery is at 20 %: expected 30 %");
+    refused(KinematicOptions { home: [47.4077, 8.5456], ..default() }, "it is 10");
+}
+
+#[test]
+fn addresses_that_cannot_be_used_are_refused_in_a_line() {
+    let place = Place::new();
+    place.write("slow.toml", SLOW);
+    let taken = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let address = format!("udpin:{}", taken.local_addr().unwrap());
+    let flight = place.flight("slow").without_viewer().pace("20x");
+    let ended = flight.vehicle(&address).try_run().assert_code(1);
+    assert!(
+        ended.stderr.contains(&format!("vehicle {address}: cannot be opened: Address already in use")),
+        "{ended:?}"
+    );
+    let flight = flight.out("none");
+    let ended = flight.vehicle("udpin:14540").try_run().assert_code(2);
+    assert!(ended.stderr.contains("expected udpin, udpout"), "{ended:?}");
+    flight
+        .vehicle("udpout:127.0.0.1:1,udpout:127.0.0.1:2")
+        .try_run()
+        .assert_refused("2 addresses for 1 UAVs: expected one, or one for each");
+    assert!(!place.path("none").exists());
+}

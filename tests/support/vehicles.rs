@@ -1,0 +1,86 @@
+//! Kinematic vehicles that a bridge flies, each in a thread of the test.
+
+use std::net::UdpSocket;
+use std::sync::{Arc, Mutex};
+use std::thread::{self, JoinHandle};
+
+use skysink_common::stop::Stop;
+use skysink_vehicle::kinematic::autopilot::Copter;
+use skysink_vehicle::kinematic::{KinematicOptions, server};
+
+use super::flight::FlightBuilder;
+use super::{Place, until};
+
+/// 6 s to accelerate, fly and brake, in a field at the home of the vehicles.
+pub const SLOW: &str = "name = \"slow\"\nseed = 1\nslots = 30\nslot_s = 6.0\n[area]\nside_m = 60.0\n\
+    origin_lat_deg = 47.3977\norigin_lon_deg = 8.5456\n[sensors]\ncount = 40\ninitial_queue_mean_bits = 25000.0\n\
+    [uav]\nmax_speed_mps = 10.0\nacceleration_mps2 = 2.0\n[link]\ncomm_radius_m = 8.0\nresource_blocks = 3\n";
+
+/// Seconds of the vehicles in a second.
+const PACE: u32 = 20;
+
+/// A vehicle on a link of its own, which flies until it is dropped.
+#[derive(Debug)]
+pub struct TestVehicle {
+    /// Where the bridge listens.
+    pub address: String,
+    pace: u32,
+    copters: Arc<Mutex<Vec<Copter>>>,
+    stop: Stop,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl TestVehicle {
+    /// Starts it, at 20 times real time.
+    pub fn start(options: KinematicOptions) -> Self {
+        Self::start_at(PACE, KinematicOptions { silence: 60.0, ..options }) // 3 s of wall time
+    }
+
+    /// The same at another pace.
+    pub fn start_at(pace: u32, options: KinematicOptions) -> Self {
+        let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let connect = format!("udpout:127.0.0.1:{port}").parse().unwrap();
+        let options = KinematicOptions { connect, speed_factor: pace.into(), ..options };
+        let copters = Arc::new(Mutex::new(vec![Copter::new(&options); options.count.into()]));
+        let stop = Stop::default();
+        let [seen, ended] = [(); 2].map(|()| (Arc::clone(&copters), stop.clone()));
+        let thread = thread::spawn(move || {
+            let see = |index: usize, copter: &Copter| seen.0.lock().unwrap()[index].clone_from(copter);
+            server::serve(&options, &ended.1, see).unwrap();
+        });
+        Self { address: format!("udpin:127.0.0.1:{port}"), pace, copters, stop, thread: Some(thread) }
+    }
+
+    /// A flight of `slow` in a ring by this vehicle.
+    pub fn flight<'a>(&self, place: &'a Place) -> FlightBuilder<'a> {
+        self.flight_of(place, &self.address)
+    }
+
+    /// The same by the vehicles at these addresses.
+    pub fn flight_of<'a>(&self, place: &'a Place, addresses: &str) -> FlightBuilder<'a> {
+        place.write("slow.toml", SLOW);
+        place.flight("slow").without_viewer().pace(&format!("{}x", self.pace)).vehicle(addresses)
+    }
+
+    /// Its state.
+    pub fn copter(&self) -> Copter {
+        self.copters.lock().unwrap()[0].clone()
+    }
+
+    /// Waits until it is so.
+    pub fn until(&self, what: &str, is_it: impl Fn(&Copter) -> bool) {
+        until(what, || is_it(&self.copter()).then_some(()));
+    }
+
+    /// Waits until it has landed after a flight.
+    pub fn until_landed(&self) {
+        self.until("landing", |copter| !copter.is_armed && !copter.is_in_air() && copter.battery < 1.0);
+    }
+}
+
+impl Drop for TestVehicle {
+    fn drop(&mut self) {
+        self.stop.flag().store(15, std::sync::atomic::Ordering::Relaxed);
+        let _ = self.thread.take().map(JoinHandle::join);
+    }
+}

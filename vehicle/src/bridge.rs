@@ -1,0 +1,275 @@
+//! The vehicles of a fleet in the place of flight-sim: plans in, orders out, reports of where the vehicles really are.
+//!
+//! No clock, no iceoryx2 and no MAVLink: those are left to [`crate::node`] and [`crate::link`].
+
+use nalgebra::Point3;
+use skysink_common::battery::Battery;
+use skysink_common::message::{FlightReport, HoldReason, Mode, Plan, SensorNode};
+use skysink_common::scenario::Scenario;
+use skysink_common::slot_record::ByUav;
+use skysink_flight_sim::Fleet;
+
+use crate::control::{Phase, VehicleControl};
+use crate::frame::AreaFrame;
+use crate::preflight::{Assignment, PreflightRefusal};
+use crate::telemetry::{Order, Telemetry};
+
+/// How near to its waypoint a vehicle has reached it [m].
+pub const TOLERANCE_M: f64 = 2.0;
+
+/// Farthest from its start at which a vehicle may take off [m].
+const FARTHEST_M: f64 = 500.0;
+
+/// Energy that a battery has to have before take-off in a scenario without one, as a fraction of its capacity.
+const BATTERY: f64 = 0.3;
+
+/// Time without a plan after which the vehicles return [s], and the fewest slots without one.
+const PATIENCE_S: f64 = 30.0;
+const PATIENCE_SLOTS: u64 = 3;
+
+/// A refusal to take off, with the number of the vehicle, from 1.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct VehicleRefusal {
+    /// The number of the vehicle.
+    pub number: usize,
+    /// Why.
+    pub why: PreflightRefusal,
+}
+
+/// The distances to the waypoints at the ends of slots.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct SlotEnds {
+    /// Slots that were flown to a waypoint.
+    pub flown: u64,
+    /// Those that have ended within [`TOLERANCE_M`] of it.
+    pub reached: u64,
+    /// The greatest distance [m].
+    pub farthest_m: f64,
+}
+
+/// A vehicle with the order of the slot.
+struct Member {
+    control: VehicleControl,
+    /// The plan that it follows; `None` if there is none.
+    plan: Option<Plan>,
+    /// Why it does not.
+    refusal: HoldReason,
+    /// The time since boot [s] at the start of slot 1.
+    begin_s: Option<f64>,
+}
+
+/// The vehicles of a fleet.
+pub struct Bridge {
+    fleet: Fleet,
+    members: Vec<Member>,
+    slot_s: f64,
+    /// The altitude of all waypoints [m]; `None` if they have their own.
+    altitude_m: Option<f64>,
+    capacity_j: Option<f64>,
+    /// Slots without a plan since the last one.
+    slots_without_plan: u64,
+    /// What the vehicles have achieved.
+    pub ends: SlotEnds,
+}
+
+impl Bridge {
+    /// The vehicles of `scenario` at `frame`, over the published sensor nodes. They begin where `reports` say: at the starts,
+    /// or where a run that is resumed has left them.
+    #[must_use]
+    pub fn new(
+        scenario: &Scenario,
+        sensors: &[SensorNode],
+        frame: AreaFrame,
+        reports: &[FlightReport],
+        is_restart: bool,
+    ) -> Self {
+        let mut fleet = Fleet::new(scenario, sensors);
+        fleet.restore(reports);
+        let battery = Battery::of(scenario);
+        let altitude_m = scenario.uav.climb().is_none().then_some(scenario.uav.altitude_m);
+        let member = |report: &FlightReport| {
+            let position = report.position();
+            let assignment = Assignment {
+                start: Point3::new(position.x, position.y, altitude_m.unwrap_or(position.z)),
+                speed_mps: scenario.uav.max_speed_mps,
+                battery: battery.map_or(BATTERY, |battery| battery.initial_j / battery.capacity_j),
+                farthest_m: FARTHEST_M,
+                tolerance_m: TOLERANCE_M,
+                is_restart,
+            };
+            Member {
+                control: VehicleControl::new(assignment, frame),
+                plan: None,
+                refusal: HoldReason::NoPlan,
+                begin_s: None,
+            }
+        };
+        Self {
+            members: reports.iter().map(member).collect(),
+            fleet,
+            slot_s: scenario.slot_s,
+            altitude_m,
+            capacity_j: battery.map(|battery| battery.capacity_j),
+            slots_without_plan: 0,
+            ends: SlotEnds::default(),
+        }
+    }
+
+    /// Takes in a message of the vehicle of a UAV, by its number from 0.
+    pub fn hear(&mut self, uav: usize, telemetry: &Telemetry, now_s: f64) {
+        self.members[uav].control.hear(telemetry, now_s);
+    }
+
+    /// Advances to `now_s` [s]; calls `send` with the orders that are due, and `say` with lines for people.
+    ///
+    /// # Errors
+    /// If a vehicle must not take off.
+    pub fn poll(
+        &mut self,
+        now_s: f64,
+        mut send: impl FnMut(usize, &Order),
+        mut say: impl FnMut(usize, String),
+    ) -> Result<(), VehicleRefusal> {
+        let mut orders = Vec::new();
+        for (uav, Member { control, .. }) in self.members.iter_mut().enumerate() {
+            let polled = control.poll(now_s, &mut orders);
+            orders.drain(..).for_each(|order| send(uav, &order));
+            control.take_said().into_iter().for_each(|line| say(uav, line));
+            polled.map_err(|why| VehicleRefusal { number: uav + 1, why })?;
+        }
+        Ok(())
+    }
+
+    /// Whether all vehicles have hovered at their starts, or will not.
+    #[must_use]
+    pub fn has_begun(&self) -> bool {
+        self.members.iter().all(|Member { control, .. }| {
+            control.has_begun() || matches!(control.phase(), Phase::Returning | Phase::Landed)
+        })
+    }
+
+    /// Whether no vehicle will fly any more: all fly home, as far as they say so, or have landed.
+    #[must_use]
+    pub fn is_homebound(&self) -> bool {
+        self.members.iter().all(|Member { control, .. }| control.is_homebound())
+    }
+
+    /// Whether all vehicles are on the ground.
+    #[must_use]
+    pub fn has_landed(&self) -> bool {
+        self.members.iter().all(|Member { control, .. }| control.phase() == Phase::Landed)
+    }
+
+    /// Sends all vehicles home, because of `why`.
+    pub fn return_home(&mut self, why: &str, now_s: f64) {
+        self.members.iter_mut().for_each(|Member { control, .. }| control.return_home(why, now_s));
+    }
+
+    /// Expects the plan of the next slot: until there is one, the vehicles go on to their last waypoints, and hold there.
+    pub fn await_plan(&mut self) {
+        for member in &mut self.members {
+            member.plan = None;
+            member.refusal = HoldReason::NoPlan;
+        }
+    }
+
+    /// Notes that `slot`, from 1, has begun `ago_s` [s] ago, by which the clocks of the vehicles are read.
+    pub fn begin(&mut self, slot: u64, ago_s: f64) {
+        let before_s = (slot - 1) as f64 * self.slot_s + ago_s;
+        for member in &mut self.members {
+            let begin_s = member.control.vehicle.fix().map(|fix| fix.boot_s - before_s);
+            member.begin_s = member.begin_s.or(begin_s);
+        }
+    }
+
+    /// Flies the plans of the slot, in the order of the UAVs. Those that flight-sim would refuse are not flown.
+    pub fn fly(&mut self, plans: &[Plan], now_s: f64) {
+        let refusals = self.fleet.refusals(plans);
+        for ((member, plan), refusal) in self.members.iter_mut().zip(plans).zip(refusals) {
+            member.plan = Some(*plan);
+            member.refusal = refusal;
+            if refusal == HoldReason::None {
+                let waypoint = plan.waypoint();
+                let z_m = self.altitude_m.unwrap_or(waypoint.z);
+                member.control.fly_to(Point3::new(waypoint.x, waypoint.y, z_m), now_s);
+            }
+        }
+    }
+
+    /// Ends `slot`: writes where the vehicles are to `reports`, with their links. Without plans for too long, they return.
+    pub fn end(&mut self, slot: u64, reports: &mut [FlightReport], now_s: f64) {
+        for (member, report) in self.members.iter().zip(reports.iter_mut()) {
+            *report = member.report(report, self.capacity_j, now_s);
+            if report.time_s.is_nan() {
+                report.time_s = slot as f64 * self.slot_s;
+            }
+            if let Some(plan) = member.plan.filter(|_| member.flies_plan()) {
+                let away_m = (report.position().xy() - plan.waypoint().xy()).norm();
+                self.ends.flown += 1;
+                self.ends.reached += u64::from(away_m <= TOLERANCE_M);
+                self.ends.farthest_m = self.ends.farthest_m.max(away_m);
+            }
+        }
+        let members = &self.members;
+        self.fleet.observe(slot, |uav| members[uav].plan.as_ref().filter(|_| members[uav].flies_plan()), reports);
+        let has_plan = self.members.iter().any(|member| member.plan.is_some());
+        self.slots_without_plan = if has_plan { 0 } else { self.slots_without_plan + 1 };
+        let is_patient =
+            self.slots_without_plan < PATIENCE_SLOTS || (self.slots_without_plan as f64) * self.slot_s < PATIENCE_S;
+        if !is_patient {
+            self.return_home("the planner is silent", now_s);
+        }
+    }
+}
+
+impl Member {
+    /// Whether it flies to the waypoint of its plan.
+    fn flies_plan(&self) -> bool {
+        let is_accepted = self.refusal == HoldReason::None && !self.control.has_refused();
+        self.plan.is_some() && is_accepted && self.control.phase() == Phase::Flying
+    }
+
+    /// What it reports at the end of a slot, without links, after the report `before`.
+    fn report(&self, before: &FlightReport, capacity_j: Option<f64>, now_s: f64) -> FlightReport {
+        let Self { control, plan, .. } = self;
+        let vehicle = &control.vehicle;
+        let position = control.position().unwrap_or_else(|| before.position());
+        let mut report = FlightReport::at(position, Mode::Hold);
+        if let Some(fix) = vehicle.fix() {
+            report.velocity_mps = fix.velocity_mps;
+            report.heading_deg = fix.heading_deg;
+            report.time_s = self.begin_s.map_or(f64::NAN, |begin_s| fix.boot_s - begin_s);
+        }
+        if let Some([horizontal_m, vertical_m]) = vehicle.accuracy_m {
+            let [horizontal_m2, vertical_m2] = [horizontal_m.powi(2), vertical_m.powi(2)];
+            report.covariance_m2 = [horizontal_m2, 0.0, 0.0, horizontal_m2, 0.0, vertical_m2];
+        }
+        report.energy_j = capacity_j.zip(vehicle.battery).map_or(f64::INFINITY, |(full_j, left)| full_j * left);
+        let mode = match (control.phase(), plan) {
+            (Phase::Landed, _) => Mode::Down,
+            (Phase::Returning, _) => Mode::Return,
+            (_, Some(plan)) if self.flies_plan() && vehicle.has_current_fix(now_s) => {
+                let away_m = (position.xy() - plan.waypoint().xy()).norm();
+                match Mode::from_repr(plan.mode).unwrap_or_default() {
+                    _ if away_m > TOLERANCE_M => Mode::EnRoute,
+                    mode @ (Mode::Transit | Mode::Return) => mode,
+                    _ => Mode::Serve,
+                }
+            }
+            _ => Mode::Hold,
+        };
+        report.mode = mode as u32;
+        if mode == Mode::Hold {
+            let refusal = if control.has_refused() { HoldReason::Waypoint } else { self.refusal };
+            report.refused = u32::from(!matches!(refusal, HoldReason::None | HoldReason::NoPlan));
+            report.hold = if report.refused > 0 { refusal } else { HoldReason::NoPlan } as u32;
+        }
+        report
+    }
+}
+
+/// The reports of slot 0, as [`Fleet::start`] makes them.
+#[must_use]
+pub fn start(scenario: &Scenario) -> ByUav<FlightReport> {
+    Fleet::new(scenario, &[]).start()
+}

@@ -1,0 +1,292 @@
+//! What the autopilot of the vehicle does with orders: as ArduCopter, with its traps.
+
+use nalgebra::Vector3;
+use rand_chacha::ChaCha8Rng;
+
+use super::KinematicOptions;
+use super::body::{Body, MotionLimits};
+
+/// Time after its start before which it refuses to arm [s].
+const READY_S: f64 = 2.0;
+
+/// Time after which an armed vehicle on the ground disarms by itself [s].
+const DISARM_S: f64 = 10.0;
+
+/// Altitude to which it climbs before it flies home [m].
+const RETURN_M: f64 = 15.0;
+
+/// How near to home it begins to land, and how near to its altitude a climb ends [m].
+const NEAR_M: f64 = 0.5;
+
+/// Flight modes, by ArduCopter's numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum CopterMode {
+    /// Flown by a pilot.
+    Stabilize = 0,
+    /// Follows orders.
+    Guided = 4,
+    /// Returns and lands.
+    Return = 6,
+}
+
+/// An order that it was given.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Given {
+    /// Change the mode, by its number.
+    Mode(u32),
+    /// Arm.
+    Arm,
+    /// Take off to this altitude [m].
+    TakeOff(f64),
+    /// Fly with this speed [m/s].
+    Speed(f64),
+    /// Fly there [m], relative to home.
+    Reposition(Vector3<f64>),
+    /// Return and land.
+    Return,
+}
+
+/// How it answers an order, by MAVLink's numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum GivenResult {
+    /// It does it.
+    Accepted = 0,
+    /// It does not.
+    Denied = 2,
+    /// It cannot.
+    Failed = 4,
+}
+
+/// The vehicle.
+#[derive(Debug, Clone)]
+pub struct Copter {
+    /// Its motion.
+    pub body: Body,
+    /// Its mode.
+    pub mode: CopterMode,
+    /// Whether it is armed.
+    pub is_armed: bool,
+    /// Time since its start [s].
+    pub boot_s: f64,
+    /// Energy that is left, as a fraction.
+    pub battery: f64,
+    options: KinematicOptions,
+    speed_mps: f64,
+    /// Where it flies to; `None` on the ground.
+    target_m: Option<Vector3<f64>>,
+    armed_s: f64,
+    took_off_s: Option<f64>,
+    heard_s: Option<f64>,
+    refusals_left: u32,
+    has_failed: bool,
+    said: Vec<&'static str>,
+}
+
+impl Copter {
+    /// The vehicle at its home.
+    #[must_use]
+    pub fn new(options: &KinematicOptions) -> Self {
+        Self {
+            body: Body::default(),
+            mode: CopterMode::Stabilize,
+            is_armed: false,
+            boot_s: 0.0,
+            battery: f64::from(options.battery) / 100.0,
+            options: options.clone(),
+            speed_mps: options.speed,
+            target_m: None,
+            armed_s: 0.0,
+            took_off_s: None,
+            heard_s: None,
+            refusals_left: options.refuse_arming,
+            has_failed: false,
+            said: Vec::new(),
+        }
+    }
+
+    /// Whether it is in the air.
+    #[must_use]
+    pub fn is_in_air(&self) -> bool {
+        self.target_m.is_some()
+    }
+
+    /// Takes the lines that it has said.
+    pub fn take_said(&mut self) -> Vec<&'static str> {
+        std::mem::take(&mut self.said)
+    }
+
+    /// Notes a heartbeat of the bridge.
+    pub fn hear_bridge(&mut self) {
+        self.heard_s = Some(self.boot_s);
+    }
+
+    /// Does what it is told, or refuses.
+    pub fn obey(&mut self, given: Given) -> GivenResult {
+        let is_guided = self.mode == CopterMode::Guided;
+        match given {
+            Given::Mode(4) => self.change_to(CopterMode::Guided),
+            Given::Mode(0) => self.change_to(CopterMode::Stabilize),
+            Given::Mode(6) | Given::Return => self.change_to(CopterMode::Return),
+            Given::Mode(_) => GivenResult::Failed,
+            Given::Arm => self.arm(),
+            Given::TakeOff(z_m) if is_guided && self.is_armed && !self.is_in_air() => {
+                self.target_m = Some(Vector3::new(self.body.position_m.x, self.body.position_m.y, z_m));
+                self.took_off_s.get_or_insert(self.boot_s);
+                GivenResult::Accepted
+            }
+            Given::TakeOff(_) => GivenResult::Failed,
+            Given::Speed(speed_mps) => {
+                self.speed_mps = speed_mps;
+                GivenResult::Accepted
+            }
+            Given::Reposition(target_m) if is_guided => {
+                if self.is_in_air() {
+                    self.target_m = Some(target_m);
+                } // on the ground it is accepted, without effect
+                GivenResult::Accepted
+            }
+            Given::Reposition(_) => GivenResult::Denied,
+        }
+    }
+
+    fn change_to(&mut self, mode: CopterMode) -> GivenResult {
+        self.mode = mode;
+        if let Some(target_m) = &mut self.target_m {
+            *target_m = self.body.position_m; // stops where it is
+            target_m.z = target_m.z.max(if mode == CopterMode::Return { RETURN_M } else { 0.0 });
+        }
+        GivenResult::Accepted
+    }
+
+    fn arm(&mut self) -> GivenResult {
+        if self.is_armed {
+            return GivenResult::Accepted;
+        }
+        if self.boot_s < READY_S || self.refusals_left > 0 {
+            self.refusals_left = self.refusals_left.saturating_sub(u32::from(self.boot_s >= READY_S));
+            self.said.push("Arm: Need Position Estimate");
+            return GivenResult::Failed;
+        }
+        self.is_armed = true;
+        self.armed_s = self.boot_s;
+        GivenResult::Accepted
+    }
+
+    /// Advances by `dt_s` [s].
+    pub fn step(&mut self, dt_s: f64, random: &mut ChaCha8Rng) {
+        self.boot_s += dt_s;
+        self.check_failsafes();
+        let Some(target_m) = self.target_m else {
+            if self.is_armed && self.boot_s - self.armed_s > DISARM_S {
+                self.is_armed = false;
+            }
+            return;
+        };
+        self.battery = (self.battery - dt_s / self.options.endurance).max(0.0);
+        let limits = MotionLimits {
+            acceleration_mps2: self.options.acceleration,
+            speed_mps: self.speed_mps,
+            lag_s: self.options.lag,
+            wind_mps: self.options.wind,
+        };
+        self.body.fly(&target_m, &limits, dt_s, random);
+        if self.mode == CopterMode::Return {
+            self.come_home(target_m);
+        }
+    }
+
+    fn check_failsafes(&mut self) {
+        if !self.is_in_air() || self.mode == CopterMode::Return {
+            return;
+        }
+        let is_silent = self.heard_s.is_some_and(|heard_s| self.boot_s - heard_s > self.options.silence);
+        let flown_s = self.took_off_s.map_or(0.0, |took_off_s| self.boot_s - took_off_s);
+        let is_due = self.options.failsafe_at.is_some_and(|at_s| flown_s >= at_s) && !self.has_failed;
+        if is_silent && self.options.dead_man > 0 {
+            self.said.push("GCS Failsafe");
+            self.change_to(CopterMode::Return);
+        } else if is_due {
+            self.has_failed = true;
+            self.said.push("Battery Failsafe");
+            self.change_to(CopterMode::Return);
+        }
+    }
+
+    /// The parts of a return: climb, home, down.
+    fn come_home(&mut self, target_m: Vector3<f64>) {
+        let position_m = self.body.position_m;
+        let home_m = Vector3::new(0.0, 0.0, target_m.z);
+        self.target_m = Some(if target_m.z <= 0.0 {
+            target_m // landing
+        } else if target_m.xy() == home_m.xy() && position_m.xy().norm() < NEAR_M {
+            Vector3::new(0.0, 0.0, -1.0)
+        } else if (position_m.z - target_m.z).abs() < NEAR_M {
+            home_m
+        } else {
+            target_m
+        });
+        if position_m.z <= 0.0 {
+            self.body.stand();
+            self.target_m = None;
+            self.is_armed = false;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng as _;
+
+    fn advance(copter: &mut Copter, seconds: f64) {
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        (0..(seconds / 0.02) as u32).for_each(|_| copter.step(0.02, &mut random));
+    }
+
+    fn in_air() -> Copter {
+        let mut copter = Copter::new(&KinematicOptions { refuse_arming: 2, ..KinematicOptions::default() });
+        assert_eq!(copter.obey(Given::Arm), GivenResult::Failed, "too early");
+        advance(&mut copter, 3.0);
+        let results = [Given::Mode(4), Given::Arm, Given::Arm, Given::Arm].map(|given| copter.obey(given));
+        use GivenResult::{Accepted, Failed};
+        assert_eq!(results, [Accepted, Failed, Failed, Accepted]);
+        assert_eq!(copter.obey(Given::TakeOff(20.0)), Accepted);
+        advance(&mut copter, 12.0);
+        assert!((copter.body.position_m.z - 20.0).abs() < 0.1, "{copter:?}");
+        copter
+    }
+
+    #[test]
+    fn it_takes_off_only_armed_and_disarms_by_itself() {
+        let mut copter = Copter::new(&KinematicOptions::default());
+        advance(&mut copter, 3.0);
+        assert_eq!(copter.obey(Given::TakeOff(20.0)), GivenResult::Failed);
+        copter.obey(Given::Mode(4));
+        copter.obey(Given::Arm);
+        assert_eq!(copter.obey(Given::Reposition(Vector3::new(5.0, 0.0, 20.0))), GivenResult::Accepted);
+        advance(&mut copter, 9.0);
+        assert!(copter.is_armed && !copter.is_in_air(), "a reposition on the ground has no effect");
+        advance(&mut copter, 2.0);
+        assert!(!copter.is_armed);
+    }
+
+    #[test]
+    fn it_holds_its_target_and_returns_when_the_bridge_is_silent() {
+        let mut copter = in_air();
+        copter.obey(Given::Reposition(Vector3::new(30.0, 10.0, 20.0)));
+        advance(&mut copter, 60.0);
+        assert!((copter.body.position_m - Vector3::new(30.0, 10.0, 20.0)).norm() < 0.1, "no bridge was ever heard");
+        copter.hear_bridge();
+        advance(&mut copter, 4.9);
+        assert_eq!(copter.mode, CopterMode::Guided);
+        advance(&mut copter, 0.3);
+        assert_eq!(
+            (copter.mode, copter.obey(Given::Reposition(Vector3::zeros()))),
+            (CopterMode::Return, GivenResult::Denied)
+        );
+        advance(&mut copter, 60.0);
+        assert!(!copter.is_armed && copter.body.position_m.norm() < 0.6, "{copter:?}");
+    }
+}

@@ -1,0 +1,109 @@
+//! A copter without dynamics of its own, for tests: it accelerates, lags, drifts in gusts, and behaves towards its bridge as
+//! ArduCopter does.
+//!
+//! It is no proof that a real autopilot can be flown; it shows what the bridge does when one refuses, fails, or is silent.
+
+pub mod autopilot;
+pub mod body;
+pub mod mission;
+pub mod server;
+
+use clap::Args;
+
+use crate::wire::WireAddress;
+
+/// What the vehicle can do, and what goes wrong.
+#[derive(Debug, Clone, PartialEq, Args)]
+pub struct KinematicOptions {
+    /// Address of the link.
+    #[arg(long, value_name = "ADDRESS", default_value = "udpout:127.0.0.1:14540")]
+    pub connect: WireAddress,
+    /// Home: latitude and longitude of the first vehicle [deg].
+    #[arg(long, value_name = "LAT,LON", default_value = "47.3977,8.5456", value_parser = parse_pair, allow_hyphen_values = true)]
+    pub home: [f64; 2],
+    /// Number of vehicles on the link: the systems 1 to N, with homes 5 m apart, to the east.
+    #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u8).range(1..=254))]
+    pub count: u8,
+    /// Seconds of the vehicle in a second.
+    #[arg(long, value_name = "X", default_value = "1", value_parser = parse_positive)]
+    pub speed_factor: f64,
+    /// Greatest horizontal acceleration [m/s²].
+    #[arg(long, value_name = "MPS2", default_value = "2.5", value_parser = parse_positive)]
+    pub acceleration: f64,
+    /// Speed unless the bridge asks for another [m/s].
+    #[arg(long, value_name = "MPS", default_value = "10", value_parser = parse_positive)]
+    pub speed: f64,
+    /// Time constant of the velocity [s].
+    #[arg(long, value_name = "S", default_value = "0", value_parser = parse_least)]
+    pub lag: f64,
+    /// Standard deviation of the reported position [m].
+    #[arg(long, value_name = "M", default_value = "0", value_parser = parse_least)]
+    pub noise: f64,
+    /// Wind toward the east [m/s]; its gusts have 0.3 of that as standard deviation.
+    #[arg(long, value_name = "MPS", default_value = "0", value_parser = parse_least)]
+    pub wind: f64,
+    /// Probability of a message to be lost, in both directions.
+    #[arg(long, value_name = "P", default_value = "0", value_parser = parse_least)]
+    pub loss: f64,
+    /// Refuse to arm this many times.
+    #[arg(long, value_name = "N", default_value = "0")]
+    pub refuse_arming: u32,
+    /// Time after take-off at which a failsafe returns the vehicle [s].
+    #[arg(long, value_name = "S", value_parser = parse_positive)]
+    pub failsafe_at: Option<f64>,
+    /// FS_GCS_ENABLE: whether it returns when the bridge is silent (1), or not (0).
+    #[arg(long, value_name = "0|1", default_value = "1", value_parser = clap::value_parser!(u8).range(0..=1))]
+    pub dead_man: u8,
+    /// FS_GCS_TIMEOUT: how long the bridge is silent before it returns [s].
+    #[arg(long, value_name = "S", default_value = "5", value_parser = parse_positive)]
+    pub silence: f64,
+    /// Time that it hovers with a full battery [s].
+    #[arg(long, value_name = "S", default_value = "1200", value_parser = parse_positive)]
+    pub endurance: f64,
+    /// Charge of the battery at the start [%].
+    #[arg(long, value_name = "PERCENT", default_value = "100", value_parser = clap::value_parser!(u8).range(0..=100))]
+    pub battery: u8,
+    /// Seed of noise, gusts and losses.
+    #[arg(long, default_value = "1")]
+    pub seed: u64,
+}
+
+impl Default for KinematicOptions {
+    fn default() -> Self {
+        Self {
+            connect: "udpout:127.0.0.1:14540".parse().expect("an address"),
+            home: [47.3977, 8.5456],
+            count: 1,
+            speed_factor: 1.0,
+            acceleration: 2.5,
+            speed: 10.0,
+            lag: 0.0,
+            noise: 0.0,
+            wind: 0.0,
+            loss: 0.0,
+            refuse_arming: 0,
+            failsafe_at: None,
+            dead_man: 1,
+            silence: 5.0,
+            endurance: 1200.0,
+            battery: 100,
+            seed: 1,
+        }
+    }
+}
+
+fn parse_pair(text: &str) -> Result<[f64; 2], String> {
+    let pair = text.split_once(',').and_then(|(lat, lon)| Some([lat.trim().parse().ok()?, lon.trim().parse().ok()?]));
+    let is_place = |[lat, lon]: &[f64; 2]| lat.abs() <= 90.0 && lon.abs() <= 180.0;
+    pair.filter(is_place).ok_or_else(|| "expected LAT,LON in degrees".to_owned())
+}
+
+fn parse_positive(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|&number: &f64| number > 0.0 && number.is_finite());
+    number.ok_or_else(|| "expected a number above 0".to_owned())
+}
+
+fn parse_least(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|&number: &f64| number >= 0.0 && number.is_finite());
+    number.ok_or_else(|| "expected a number, at least 0".to_owned())
+}

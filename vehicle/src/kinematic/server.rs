@@ -1,0 +1,263 @@
+//! The vehicles on a MAVLink connection: takes orders, and sends telemetry.
+
+use std::io;
+use std::time::{Duration, Instant};
+
+use mavlink::MavHeader;
+use mavlink::dialects::common::{
+    COMMAND_ACK_DATA, EXTENDED_SYS_STATE_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd,
+    MavFrame, MavLandedState, MavMessage, MavModeFlag, MavParamType, MavResult, MavSeverity, MavState, MavType,
+    PARAM_VALUE_DATA, STATUSTEXT_DATA, SYS_STATUS_DATA,
+};
+use nalgebra::Vector3;
+use rand::{RngExt as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
+use skysink_common::geodata::projection::{Origin, Projection};
+use skysink_common::geometry::Position;
+use skysink_common::stop::Stop;
+
+use super::KinematicOptions;
+use super::autopilot::{Copter, Given, GivenResult};
+use super::body::normal;
+use crate::wire::Wire;
+
+/// Step of the vehicles [s].
+const STEP_S: f64 = 0.01;
+
+/// Altitude of home above sea [m].
+const HOME_M: f64 = 488.0;
+
+/// Distance between the homes of two vehicles [m].
+const APART_M: f64 = 5.0;
+
+/// Period of heartbeats and of the other telemetry [s].
+const SLOW_S: f64 = 1.0;
+
+/// Period of positions that nobody has asked for [s].
+const DEFAULT_S: f64 = 0.25;
+
+/// System of a ground station.
+const BRIDGE: u32 = 255;
+
+/// A vehicle on the connection.
+struct Served {
+    copter: Copter,
+    system: u8,
+    projection: Projection,
+    position_every_s: f64,
+    position_due_s: f64,
+    slow_due_s: f64,
+}
+
+/// Flies until `stop`. Shows the vehicles, in the order of their systems, to `seen` about every millisecond.
+///
+/// # Errors
+/// If the connection cannot be opened.
+pub fn serve(options: &KinematicOptions, stop: &Stop, mut seen: impl FnMut(usize, &Copter)) -> io::Result<()> {
+    let wire = Wire::open(&options.connect)?;
+    let mut random = ChaCha8Rng::seed_from_u64(options.seed);
+    let [lat_deg, lon_deg] = options.home;
+    let first = Projection::at(Origin { lat_deg, lon_deg });
+    let mut vehicles: Vec<Served> = (1..=options.count).map(|system| Served::new(options, system, &first)).collect();
+    let begin = Instant::now();
+    let mut steps: u64 = 0;
+    while stop.requested().is_none() {
+        while let Some((header, message)) = wire.receive() {
+            if random.random::<f64>() >= options.loss {
+                vehicles.iter_mut().for_each(|vehicle| vehicle.hear(&header, &message, &wire, options, &mut random));
+            }
+        }
+        let now = (begin.elapsed().as_secs_f64() * options.speed_factor / STEP_S) as u64;
+        while steps < now {
+            steps += 1;
+            for vehicle in &mut vehicles {
+                vehicle.copter.step(STEP_S, &mut random);
+                vehicle.speak(&wire, options, &mut random);
+            }
+        }
+        vehicles.iter().enumerate().for_each(|(index, vehicle)| seen(index, &vehicle.copter));
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    Ok(())
+}
+
+impl Served {
+    fn new(options: &KinematicOptions, system: u8, first: &Projection) -> Self {
+        let east_m = APART_M * f64::from(system - 1);
+        let home = first.unproject(&Position::new(east_m, 0.0)).expect("beside the first home");
+        Self {
+            copter: Copter::new(options),
+            system,
+            projection: Projection::at(Origin { lat_deg: home.lat_deg, lon_deg: home.lon_deg }),
+            position_every_s: DEFAULT_S,
+            position_due_s: 0.0,
+            slow_due_s: 0.0,
+        }
+    }
+
+    fn send(&self, message: &MavMessage, wire: &Wire, options: &KinematicOptions, random: &mut ChaCha8Rng) {
+        if random.random::<f64>() >= options.loss {
+            wire.send(&MavHeader { system_id: self.system.into(), component_id: 1, sequence: 0 }, message);
+        }
+    }
+
+    /// Takes in a message, if it is for this vehicle.
+    fn hear(
+        &mut self,
+        header: &MavHeader,
+        message: &MavMessage,
+        wire: &Wire,
+        options: &KinematicOptions,
+        random: &mut ChaCha8Rng,
+    ) {
+        let is_mine = |target: u8| target == 0 || target == self.system;
+        match message {
+            MavMessage::HEARTBEAT(_) if header.system_id == BRIDGE => self.copter.hear_bridge(),
+            MavMessage::COMMAND_LONG(command) if is_mine(command.target_system) => {
+                let [p1, p2, p7] = [command.param1, command.param2, command.param7].map(f64::from);
+                let result = self.obey_long(command.command, p1, p2, p7);
+                self.answer(command.command, result, wire, options, random);
+            }
+            MavMessage::COMMAND_INT(command) if is_mine(command.target_system) => {
+                let result = match command.command {
+                    MavCmd::MAV_CMD_DO_REPOSITION => self.reposition(command.x, command.y, command.z, command.frame),
+                    _ => MavResult::MAV_RESULT_UNSUPPORTED,
+                };
+                self.answer(command.command, result, wire, options, random);
+            }
+            MavMessage::PARAM_REQUEST_READ(request)
+                if is_mine(request.target_system) && request.param_id.to_str() == Ok("FS_GCS_ENABLE") =>
+            {
+                let value = MavMessage::PARAM_VALUE(PARAM_VALUE_DATA {
+                    param_value: f32::from(options.dead_man),
+                    param_count: 1,
+                    param_index: 0,
+                    param_id: request.param_id,
+                    param_type: MavParamType::MAV_PARAM_TYPE_INT8,
+                });
+                self.send(&value, wire, options, random);
+            }
+            _ => {}
+        }
+    }
+
+    fn obey_long(&mut self, command: MavCmd, p1: f64, p2: f64, p7: f64) -> MavResult {
+        let given = match command {
+            MavCmd::MAV_CMD_DO_SET_MODE => Given::Mode(p2 as u32),
+            MavCmd::MAV_CMD_COMPONENT_ARM_DISARM if p1 == 1.0 => Given::Arm,
+            MavCmd::MAV_CMD_NAV_TAKEOFF => Given::TakeOff(p7),
+            MavCmd::MAV_CMD_DO_CHANGE_SPEED => Given::Speed(p2),
+            MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH => Given::Return,
+            MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
+                if p1 == 33.0 {
+                    self.position_every_s = p2 / 1e6;
+                }
+                return MavResult::MAV_RESULT_ACCEPTED;
+            }
+            _ => return MavResult::MAV_RESULT_UNSUPPORTED, // also a reposition
+        };
+        result(self.copter.obey(given))
+    }
+
+    fn reposition(&mut self, x: i32, y: i32, z: f32, frame: MavFrame) -> MavResult {
+        let z_m = match frame {
+            MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT => f64::from(z),
+            MavFrame::MAV_FRAME_GLOBAL => f64::from(z) - HOME_M,
+            _ => return MavResult::MAV_RESULT_DENIED,
+        };
+        let [lat_deg, lon_deg] = [x, y].map(|e7| f64::from(e7) / 1e7);
+        match self.projection.project(lat_deg, lon_deg) {
+            Some(place) if (x, y) != (0, 0) => {
+                result(self.copter.obey(Given::Reposition(Vector3::new(place.x, place.y, z_m))))
+            }
+            _ => MavResult::MAV_RESULT_DENIED,
+        }
+    }
+
+    fn answer(
+        &self,
+        command: MavCmd,
+        result: MavResult,
+        wire: &Wire,
+        options: &KinematicOptions,
+        random: &mut ChaCha8Rng,
+    ) {
+        self.send(&MavMessage::COMMAND_ACK(COMMAND_ACK_DATA { command, result }), wire, options, random);
+    }
+
+    /// Sends what is due.
+    fn speak(&mut self, wire: &Wire, options: &KinematicOptions, random: &mut ChaCha8Rng) {
+        let now_s = self.copter.boot_s;
+        for line in self.copter.take_said() {
+            let severity = MavSeverity::MAV_SEVERITY_CRITICAL;
+            self.send(&MavMessage::STATUSTEXT(STATUSTEXT_DATA { severity, text: line.into() }), wire, options, random);
+        }
+        if now_s >= self.position_due_s {
+            self.position_due_s = now_s + self.position_every_s;
+            let position = self.position(options, random);
+            self.send(&position, wire, options, random);
+        }
+        if now_s >= self.slow_due_s {
+            self.slow_due_s = now_s + SLOW_S;
+            for message in [self.heartbeat(), self.battery(), self.landed_state()] {
+                self.send(&message, wire, options, random);
+            }
+        }
+    }
+
+    fn position(&self, options: &KinematicOptions, random: &mut ChaCha8Rng) -> MavMessage {
+        let body = &self.copter.body;
+        let noise_m = [0; 3].map(|_| options.noise * normal(random));
+        let at_m = body.position_m + Vector3::from(noise_m);
+        let place = self.projection.unproject(&at_m.xy().into()).expect("near its home");
+        let cm = |mps: f64| (mps * 100.0).round() as i16;
+        let velocity_mps = body.measured_mps();
+        MavMessage::GLOBAL_POSITION_INT(GLOBAL_POSITION_INT_DATA {
+            time_boot_ms: (self.copter.boot_s * 1e3) as u32,
+            lat: (place.lat_deg * 1e7).round() as i32,
+            lon: (place.lon_deg * 1e7).round() as i32,
+            alt: ((HOME_M + at_m.z) * 1e3).round() as i32,
+            relative_alt: (at_m.z * 1e3).round() as i32,
+            vx: cm(velocity_mps.y),
+            vy: cm(velocity_mps.x),
+            vz: -cm(velocity_mps.z),
+            hdg: 0,
+        })
+    }
+
+    fn heartbeat(&self) -> MavMessage {
+        let armed = if self.copter.is_armed { MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED } else { MavModeFlag::empty() };
+        MavMessage::HEARTBEAT(HEARTBEAT_DATA {
+            custom_mode: self.copter.mode as u32,
+            mavtype: MavType::MAV_TYPE_QUADROTOR,
+            autopilot: MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
+            base_mode: MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | armed,
+            system_status: MavState::MAV_STATE_ACTIVE,
+            mavlink_version: 3,
+        })
+    }
+
+    fn battery(&self) -> MavMessage {
+        MavMessage::SYS_STATUS(SYS_STATUS_DATA {
+            battery_remaining: (self.copter.battery * 100.0).round() as i8,
+            ..SYS_STATUS_DATA::default()
+        })
+    }
+
+    fn landed_state(&self) -> MavMessage {
+        let landed_state = if self.copter.is_in_air() {
+            MavLandedState::MAV_LANDED_STATE_IN_AIR
+        } else {
+            MavLandedState::MAV_LANDED_STATE_ON_GROUND
+        };
+        MavMessage::EXTENDED_SYS_STATE(EXTENDED_SYS_STATE_DATA { landed_state, ..EXTENDED_SYS_STATE_DATA::default() })
+    }
+}
+
+fn result(given: GivenResult) -> MavResult {
+    match given {
+        GivenResult::Accepted => MavResult::MAV_RESULT_ACCEPTED,
+        GivenResult::Denied => MavResult::MAV_RESULT_DENIED,
+        GivenResult::Failed => MavResult::MAV_RESULT_FAILED,
+    }
+}

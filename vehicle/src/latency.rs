@@ -1,0 +1,38 @@
+//! The times from the plans to the messages that they become.
+
+use std::time::Duration;
+
+/// Times between two events on the monotonic clock.
+#[derive(Debug, Clone, Default)]
+pub struct OrderLatencies(Vec<Duration>);
+
+impl OrderLatencies {
+    /// Adds the time from `from_ns` to `to_ns` [ns].
+    pub fn add(&mut self, from_ns: u64, to_ns: u64) {
+        self.0.push(Duration::from_nanos(to_ns.saturating_sub(from_ns)));
+    }
+
+    /// The quantiles of these orders, 0 to 1, by nearest rank; `None` without times.
+    #[must_use]
+    pub fn quantiles<const N: usize>(&self, orders: [f64; N]) -> Option<[Duration; N]> {
+        let mut sorted = self.0.clone();
+        sorted.sort_unstable();
+        let last = sorted.len().checked_sub(1)?;
+        Some(orders.map(|order| sorted[((order * sorted.len() as f64).ceil() as usize).clamp(1, last + 1) - 1]))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_quantile_is_one_of_the_times() {
+        let mut latencies = OrderLatencies::default();
+        assert_eq!(latencies.quantiles([0.5]), None);
+        (1..=10).rev().for_each(|ns| latencies.add(100, 100 + ns));
+        assert_eq!(latencies.quantiles([0.0, 0.5, 0.99]), Some([1, 5, 10].map(Duration::from_nanos)));
+        latencies.add(7, 3);
+        assert_eq!(latencies.quantiles([0.0]), Some([Duration::ZERO]), "clocks of two hosts");
+    }
+}

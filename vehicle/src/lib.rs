@@ -1,0 +1,17 @@
+//! A bridge to vehicles that speak MAVLink, in the place of flight-sim; and a kinematic vehicle to fly it with.
+//!
+//! [`bridge`] and [`control`] decide, [`link`] and [`wire`] know MAVLink, [`node`] knows iceoryx2.
+
+pub mod autopilot;
+pub mod bridge;
+pub mod control;
+pub mod frame;
+pub mod kinematic;
+pub mod latency;
+pub mod link;
+pub mod node;
+pub mod outbox;
+pub mod preflight;
+pub mod state;
+pub mod telemetry;
+pub mod wire;

@@ -1,0 +1,264 @@
+//! The links to the vehicles of a fleet: which vehicle is at which address, and messages and orders as MAVLink.
+
+use std::io;
+
+use mavlink::MavHeader;
+use mavlink::dialects::common::{
+    COMMAND_INT_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavFrame, MavLandedState, MavMessage,
+    MavModeFlag, MavState, MavType, PARAM_REQUEST_READ_DATA,
+};
+
+use crate::autopilot::{Altitude, AutopilotKind};
+use crate::telemetry::{Fix, GlobalTarget, Order, Stream, Telemetry};
+use crate::wire::{Wire, WireAddress};
+
+/// System of the bridge: that of a ground station, whose silence autopilots notice.
+const SYSTEM: u32 = 255;
+
+/// Component of the bridge: a ground station.
+const COMPONENT: u8 = 190;
+
+/// Component of an autopilot.
+const AUTOPILOT: u8 = 1;
+
+/// Bit of the base mode of an armed vehicle.
+const ARMED: MavModeFlag = MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
+
+/// The links to a fleet.
+pub struct Link {
+    wires: Vec<Wire>,
+    /// Wire and system of each vehicle; the system is `None` until it is heard, where a wire has one vehicle.
+    routes: Vec<(usize, Option<u8>)>,
+}
+
+impl Link {
+    /// Opens the links to `uavs` vehicles: all at one address, as the systems 1 to `uavs`, or each at its own.
+    ///
+    /// # Errors
+    /// If an address cannot be opened; the error has the address.
+    pub fn open(addresses: &[WireAddress], uavs: usize) -> Result<Self, (WireAddress, io::Error)> {
+        let open = |address: &WireAddress| Wire::open(address).map_err(|error| (address.clone(), error));
+        let wires = addresses.iter().map(open).collect::<Result<Vec<_>, _>>()?;
+        let is_shared = wires.len() < uavs;
+        let route = |uav: usize| if is_shared { (0, u8::try_from(uav + 1).ok()) } else { (uav, None) };
+        Ok(Self { wires, routes: (0..uavs).map(route).collect() })
+    }
+
+    /// The next message of a vehicle, with the number of its UAV, from 0; messages that mean nothing here are left out.
+    pub fn receive(&mut self) -> Option<(usize, Telemetry)> {
+        for (index, wire) in self.wires.iter().enumerate() {
+            while let Some((header, message)) = wire.receive() {
+                if header.component_id != AUTOPILOT {
+                    continue;
+                }
+                let Ok(heard) = u8::try_from(header.system_id) else { continue };
+                let is_route = |(wire, system): &(usize, Option<u8>)| {
+                    *wire == index && system.is_none_or(|system| system == heard)
+                };
+                let Some(uav) = self.routes.iter().position(is_route) else { continue };
+                if let Some(telemetry) = decode(&message) {
+                    self.routes[uav].1 = Some(heard);
+                    return Some((uav, telemetry));
+                }
+            }
+        }
+        None
+    }
+
+    /// Sends an order to the vehicle of a UAV, unless that was never heard.
+    pub fn send(&self, uav: usize, order: &Order) {
+        if let (wire, Some(system)) = self.routes[uav] {
+            self.wires[wire].send(&header(), &encode(order, system));
+        }
+    }
+
+    /// Says on all links that the bridge is there.
+    pub fn send_heartbeats(&self) {
+        let heartbeat = MavMessage::HEARTBEAT(HEARTBEAT_DATA {
+            custom_mode: 0,
+            mavtype: MavType::MAV_TYPE_GCS,
+            autopilot: MavAutopilot::MAV_AUTOPILOT_INVALID,
+            base_mode: MavModeFlag::empty(),
+            system_status: MavState::MAV_STATE_ACTIVE,
+            mavlink_version: 3,
+        });
+        self.wires.iter().for_each(|wire| wire.send(&header(), &heartbeat));
+    }
+}
+
+fn header() -> MavHeader {
+    MavHeader { system_id: SYSTEM, component_id: COMPONENT, sequence: 0 } // the connection counts
+}
+
+/// What a message of an autopilot means; `None` for one that means nothing here.
+fn decode(message: &MavMessage) -> Option<Telemetry> {
+    Some(match message {
+        MavMessage::HEARTBEAT(heartbeat) => Telemetry::Heartbeat {
+            autopilot: match heartbeat.autopilot {
+                MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA => AutopilotKind::ArduPilot,
+                MavAutopilot::MAV_AUTOPILOT_PX4 => AutopilotKind::Px4,
+                MavAutopilot::MAV_AUTOPILOT_INVALID => return None, // no autopilot
+                _ => AutopilotKind::Other,
+            },
+            mode: heartbeat.custom_mode,
+            is_armed: heartbeat.base_mode.contains(ARMED),
+        },
+        MavMessage::GLOBAL_POSITION_INT(position) if position.lat != 0 || position.lon != 0 => {
+            let cm = |value: i16| f64::from(value) / 100.0;
+            let heading_deg = f64::from(position.hdg) / 100.0;
+            Telemetry::Position(Fix {
+                lat_deg: f64::from(position.lat) / 1e7,
+                lon_deg: f64::from(position.lon) / 1e7,
+                above_home_m: f64::from(position.relative_alt) / 1e3,
+                above_sea_m: f64::from(position.alt) / 1e3,
+                velocity_mps: [cm(position.vy), cm(position.vx), -cm(position.vz)], // from north, east, down
+                heading_deg: if position.hdg == u16::MAX { f64::INFINITY } else { heading_deg },
+                boot_s: f64::from(position.time_boot_ms) / 1e3,
+            })
+        }
+        MavMessage::ESTIMATOR_STATUS(status) => {
+            let accuracy_m = [status.pos_horiz_accuracy, status.pos_vert_accuracy].map(f64::from);
+            let is_known = accuracy_m.iter().all(|sigma_m| sigma_m.is_finite() && *sigma_m >= 0.0);
+            is_known.then_some(Telemetry::Accuracy(accuracy_m))?
+        }
+        MavMessage::BATTERY_STATUS(status) if status.id == 0 => battery(status.battery_remaining)?,
+        MavMessage::SYS_STATUS(status) => battery(status.battery_remaining)?,
+        MavMessage::EXTENDED_SYS_STATE(state) => match state.landed_state {
+            MavLandedState::MAV_LANDED_STATE_UNDEFINED => return None,
+            landed => Telemetry::InAir(landed != MavLandedState::MAV_LANDED_STATE_ON_GROUND),
+        },
+        MavMessage::COMMAND_ACK(ack) => Telemetry::Answer {
+            command: u16::try_from(ack.command as u32).ok()?,
+            result: u8::try_from(ack.result as u32).ok()?,
+        },
+        MavMessage::STATUSTEXT(status) => Telemetry::Text(status.text.to_str().ok()?.to_owned()),
+        MavMessage::PARAM_VALUE(parameter) => {
+            Telemetry::Parameter { name: parameter.param_id.to_str().ok()?.to_owned(), value: parameter.param_value }
+        }
+        _ => return None,
+    })
+}
+
+/// The energy that is left [%]; `None` if it is not known.
+fn battery(remaining: i8) -> Option<Telemetry> {
+    (remaining >= 0).then(|| Telemetry::Battery(f64::from(remaining) / 100.0))
+}
+
+/// An order to the system `target_system`.
+fn encode(order: &Order, target_system: u8) -> MavMessage {
+    let long = |command: MavCmd, params: [f32; 7]| {
+        let [param1, param2, param3, param4, param5, param6, param7] = params;
+        MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
+            param1,
+            param2,
+            param3,
+            param4,
+            param5,
+            param6,
+            param7,
+            command,
+            target_system,
+            target_component: AUTOPILOT,
+            confirmation: 0,
+        })
+    };
+    match *order {
+        Order::Mode(mode) => {
+            let is_custom = MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED.bits();
+            long(MavCmd::MAV_CMD_DO_SET_MODE, [f32::from(is_custom), mode as f32, 0.0, 0.0, 0.0, 0.0, 0.0])
+        }
+        Order::Arm => long(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        Order::TakeOff(altitude) => {
+            let (frame, z_m) = frame_of(altitude);
+            // PX4 takes 0 for a place; ArduPilot makes an integer of it.
+            let here = if frame == MavFrame::MAV_FRAME_GLOBAL { f32::NAN } else { 0.0 };
+            long(MavCmd::MAV_CMD_NAV_TAKEOFF, [0.0, 0.0, 0.0, here, here, here, z_m])
+        }
+        Order::Speed(mps) => long(MavCmd::MAV_CMD_DO_CHANGE_SPEED, [1.0, mps as f32, -1.0, 0.0, 0.0, 0.0, 0.0]),
+        Order::Reposition { to, may_change_mode } => reposition(&to, may_change_mode, target_system),
+        Order::Return => long(MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH, [0.0; 7]),
+        Order::Interval { stream, period_s } => {
+            let [id, period_us] = [message_id(stream) as f32, (period_s * 1e6) as f32];
+            long(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL, [id, period_us, 0.0, 0.0, 0.0, 0.0, 0.0])
+        }
+        Order::Parameter(name) => MavMessage::PARAM_REQUEST_READ(PARAM_REQUEST_READ_DATA {
+            param_index: -1,
+            target_system,
+            target_component: AUTOPILOT,
+            param_id: name.into(),
+        }),
+    }
+}
+
+fn reposition(to: &GlobalTarget, may_change_mode: bool, target_system: u8) -> MavMessage {
+    let (frame, z) = frame_of(to.altitude);
+    let e7 = |degrees: f64| (degrees * 1e7).round() as i32;
+    MavMessage::COMMAND_INT(COMMAND_INT_DATA {
+        param1: -1.0, // the speed stays
+        param2: f32::from(u8::from(may_change_mode)),
+        param3: 0.0,
+        param4: f32::NAN, // so does the yaw
+        x: e7(to.lat_deg),
+        y: e7(to.lon_deg),
+        z,
+        command: MavCmd::MAV_CMD_DO_REPOSITION,
+        target_system,
+        target_component: AUTOPILOT,
+        frame,
+        current: 0,
+        autocontinue: 0,
+    })
+}
+
+/// An altitude as a frame and a number [m].
+fn frame_of(altitude: Altitude) -> (MavFrame, f32) {
+    match altitude {
+        Altitude::AboveHome(z_m) => (MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT, z_m as f32),
+        Altitude::AboveSea(z_m) => (MavFrame::MAV_FRAME_GLOBAL, z_m as f32),
+    }
+}
+
+/// The number of the message of a stream.
+fn message_id(stream: Stream) -> u16 {
+    match stream {
+        Stream::Position => 33,
+        Stream::Accuracy => 230,
+        Stream::Battery => 147,
+        Stream::InAir => 245,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reposition_is_a_command_int_above_home_in_ten_millionths_of_a_degree() {
+        let to = GlobalTarget { lat_deg: 47.397_742, lon_deg: -8.545_594, altitude: Altitude::AboveHome(20.0) };
+        let MavMessage::COMMAND_INT(sent) = encode(&Order::Reposition { to, may_change_mode: false }, 3) else {
+            panic!("another message");
+        };
+        assert_eq!((sent.x, sent.y, sent.z), (473_977_420, -85_455_940, 20.0));
+        assert_eq!((sent.frame, sent.param2, sent.target_system), (MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT, 0.0, 3));
+    }
+
+    #[test]
+    fn an_order_has_the_command_of_its_message() {
+        let to = GlobalTarget { lat_deg: 1.0, lon_deg: 2.0, altitude: Altitude::AboveSea(3.0) };
+        for order in [
+            Order::Mode(4),
+            Order::Arm,
+            Order::TakeOff(Altitude::AboveHome(20.0)),
+            Order::Speed(7.0),
+            Order::Reposition { to, may_change_mode: true },
+            Order::Return,
+        ] {
+            let command = match encode(&order, 1) {
+                MavMessage::COMMAND_LONG(sent) => sent.command,
+                MavMessage::COMMAND_INT(sent) => sent.command,
+                other => panic!("{other:?}"),
+            };
+            assert_eq!(order.command().map(u32::from), Some(command as u32), "{order:?}");
+        }
+    }
+}

@@ -1,0 +1,317 @@
+//! The bridge as a process of the ring: takes the plans, and publishes where the vehicles are at the end of each slot.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use iceoryx2::port::listener::Listener;
+use iceoryx2::prelude::Service;
+use skysink_common::error::InputError;
+use skysink_common::message::{FlightReport, Plan, SlotHeader, Tick};
+use skysink_common::pace::Pace;
+use skysink_common::scenario::Scenario;
+use skysink_common::slot_record::ByUav;
+use skysink_common::stop::Stop;
+use skysink_flight_sim::journal::{journal, restore};
+use skysink_ring::error::NodeError;
+use skysink_ring::folder::RingFolder;
+use skysink_ring::reader::Reader;
+use skysink_ring::role::Role;
+use skysink_ring::topics::{Ring, is_release, monotonic_ns};
+use skysink_ring::wait::WaitContext;
+
+use crate::bridge::{Bridge, TOLERANCE_M, start};
+use crate::frame::AreaFrame;
+use crate::latency::OrderLatencies;
+use crate::link::Link;
+use crate::wire::WireAddress;
+
+/// Longest time between two looks at the links.
+const POLL_EVERY: Duration = Duration::from_millis(2);
+
+/// How long before its end a slot is reported, as a fraction of it, and at most: the planner plans in this time.
+const AHEAD: f64 = 0.02;
+const FARTHEST_AHEAD: Duration = Duration::from_millis(50);
+
+/// The part of a slot after which a plan comes too late.
+const LATE: f64 = 0.5;
+
+/// How long the bridge that is stopped waits until the vehicles say that they return. The launcher kills it after 3 s.
+const STOP_TIMEOUT: Duration = Duration::from_millis(2_500);
+
+/// How long a bridge whose launcher has died waits for it.
+const ORPHAN_TIMEOUT: Duration = Duration::from_secs(10);
+
+/// Time between two heartbeats of the bridge [s], in seconds of the vehicles.
+const HEARTBEAT_S: f64 = 1.0;
+
+/// Flies vehicles at `addresses` until the mission ends: waits until they hover at their starts, and sends them home at the
+/// end, and whenever it cannot go on. A restarted process takes over the vehicles in the air.
+///
+/// # Errors
+/// If an address cannot be opened, a vehicle must not take off, a peer is missing, the ring fails, or `stop` is requested.
+pub fn run<S: Service + 'static>(
+    scenario: &Scenario,
+    folder: &RingFolder,
+    stop: &Stop,
+    addresses: &[WireAddress],
+) -> Result<(), NodeError> {
+    let (ring, wait) = Ring::<S>::join(folder, scenario, Role::FlightSim, stop)?;
+    let mut flown = restore(&journal(folder, scenario.uav.uavs())?, scenario.uav.uavs())?;
+    let is_new = flown.is_empty();
+    if is_new {
+        flown.push((0, start(scenario)));
+    }
+    let mut process = BridgeProcess::new(&ring, scenario, wait, addresses, &flown)?;
+    let result = process.fly(scenario, folder, &ring, &flown, is_new);
+    let (why, timeout) = match &result {
+        Ok(()) => return process.land(),
+        Err(NodeError::Orphaned) => ("skysink run has ended", ORPHAN_TIMEOUT),
+        Err(NodeError::Stopped(_)) => ("the run is stopped", STOP_TIMEOUT),
+        Err(_) => ("the bridge cannot go on", STOP_TIMEOUT),
+    };
+    process.return_home(why, timeout);
+    result
+}
+
+/// The last slots flown, with their flights.
+type Flown = [(u64, ByUav<FlightReport>)];
+
+/// The bridge with its links and its clock.
+struct BridgeProcess<S: Service + 'static> {
+    bridge: Bridge,
+    link: Link,
+    wait: WaitContext,
+    /// Notified with `plan`.
+    listener: Listener<S>,
+    begin: Instant,
+    /// Seconds of the vehicles in a second.
+    factor: f64,
+    heartbeat_s: f64,
+    /// Wall time of a slot.
+    period: Duration,
+    /// Whether it has flown a slot.
+    has_flown: bool,
+    /// Whether the other processes have the same clock.
+    is_local: bool,
+    latencies: OrderLatencies,
+}
+
+impl<S: Service + 'static> BridgeProcess<S> {
+    fn new(
+        ring: &Ring<S>,
+        scenario: &Scenario,
+        mut wait: WaitContext,
+        addresses: &[WireAddress],
+        flown: &Flown,
+    ) -> Result<Self, NodeError> {
+        let refuse = |message: &str| InputError::of_argument("vehicle", &list(addresses), message);
+        let uavs = scenario.uav.uavs();
+        let (Pace::Factor(factor), Some(period)) = (ring.terms.pace, ring.terms.pace.period(scenario.slot_s)) else {
+            return Err(refuse("expected a paced run, by --pace realtime or a factor").into());
+        };
+        let origin = scenario.area.origin();
+        let origin = origin.ok_or_else(|| refuse("expected a scenario with area.origin_lat_deg and origin_lon_deg"))?;
+        if addresses.len() != 1 && addresses.len() != uavs {
+            let (addresses, uavs) = (addresses.len(), uavs);
+            return Err(refuse(&format!("{addresses} addresses for {uavs} UAVs: expected one, or one for each")).into());
+        }
+        let cannot_open = |(address, error): (WireAddress, std::io::Error)| {
+            InputError::of_argument("vehicle", &address.to_string(), format_args!("cannot be opened: {error}"))
+        };
+        let link = Link::open(addresses, uavs).map_err(cannot_open)?;
+        let mut sensors = ring.sensors.reader()?;
+        let nodes = sensors.wait_for_next(&mut wait, 0)?;
+        let reports = &flown.last().expect("at least slot 0").1;
+        // The journal of a run that is resumed begins with one slot.
+        let is_restart = ring.restarts > 0 && flown.len() > 1;
+        let bridge = Bridge::new(scenario, nodes.payload(), AreaFrame::at(origin), reports, is_restart);
+        Ok(Self {
+            bridge,
+            link,
+            wait,
+            listener: ring.plan.listener()?,
+            begin: Instant::now(),
+            factor,
+            heartbeat_s: 0.0,
+            period,
+            has_flown: false,
+            is_local: ring.terms.link.is_none(),
+            latencies: OrderLatencies::default(),
+        })
+    }
+
+    /// Flies all slots after those `flown`.
+    fn fly(
+        &mut self,
+        scenario: &Scenario,
+        folder: &RingFolder,
+        ring: &Ring<S>,
+        flown: &Flown,
+        is_new: bool,
+    ) -> Result<(), NodeError> {
+        let flights = ring.flight.list_writer(scenario.uav.uavs())?;
+        let mut plans = ring.plan.reader()?;
+        let mut ticks = ring.tick.reader()?;
+        let mut journal = journal(folder, scenario.uav.uavs())?;
+        while !self.bridge.has_begun() {
+            self.poll()?;
+            self.pause()?;
+        }
+        let (last, mut reports) = flown.last().expect("at least slot 0").clone();
+        if is_new {
+            journal.save(last, &[], &reports)?;
+        }
+        for (slot, reports) in flown {
+            flights.send_list(ring.header(*slot, 0), reports)?;
+        }
+        for slot in last + 1..=scenario.slots {
+            self.fly_slot(slot, &mut ticks, &mut plans)?;
+            let now_s = self.now_s();
+            self.bridge.end(slot, &mut reports, now_s);
+            journal.save(slot, &[], &reports)?; // before they are published
+            flights.send_list(ring.header(slot, 0), &reports)?;
+        }
+        let now_s = self.now_s();
+        self.bridge.return_home("the mission is over", now_s);
+        self.say_results();
+        self.wait_for_release(ring)
+    }
+
+    /// Flies `slot`: waits for it to begin, and follows its plan as soon as that is there, until it ends.
+    fn fly_slot(
+        &mut self,
+        slot: u64,
+        ticks: &mut Reader<S, Tick, SlotHeader>,
+        plans: &mut Reader<S, [Plan], SlotHeader>,
+    ) -> Result<(), NodeError> {
+        self.bridge.await_plan();
+        let ahead = self.period.mul_f64(AHEAD).min(FARTHEST_AHEAD);
+        let mut begin_ns = None;
+        let mut is_planned = false;
+        loop {
+            if begin_ns.is_none() {
+                begin_ns = self.poll_begin(slot, ticks)?;
+            }
+            let elapsed = begin_ns.map(|begin_ns| Duration::from_nanos(monotonic_ns().saturating_sub(begin_ns)));
+            let may_fly = match elapsed {
+                Some(elapsed) => elapsed < self.period.mul_f64(LATE),
+                None => self.has_flown, // the plan that follows the last slot is for now
+            };
+            if !is_planned
+                && may_fly
+                && let Some(plan) = plans.poll_slot(slot)?.available()
+            {
+                is_planned = true;
+                let now_s = self.now_s();
+                self.bridge.fly(&plan, now_s);
+                self.poll()?;
+                // The first plan has waited for its slot to begin, or for this process to be restarted.
+                if self.has_flown && self.is_local {
+                    self.latencies.add(plan.user_header().sent_ns, monotonic_ns());
+                }
+            }
+            if elapsed.is_some_and(|elapsed| elapsed + ahead >= self.period) {
+                self.has_flown = true;
+                return Ok(());
+            }
+            self.poll()?;
+            self.pause()?;
+        }
+    }
+
+    /// When `slot` has begun, on the monotonic clock [ns]; `None` if it has not.
+    fn poll_begin(&mut self, slot: u64, ticks: &mut Reader<S, Tick, SlotHeader>) -> Result<Option<u64>, NodeError> {
+        let Some(tick) = ticks.poll_slot(slot)?.available() else { return Ok(None) };
+        let now_ns = monotonic_ns();
+        let begin_ns = if self.is_local { tick.user_header().sent_ns.min(now_ns) } else { now_ns };
+        self.bridge.begin(slot, (now_ns - begin_ns) as f64 / 1e9 * self.factor);
+        Ok(Some(begin_ns))
+    }
+
+    /// Takes in what the vehicles say, and sends what is due.
+    fn poll(&mut self) -> Result<(), NodeError> {
+        let now_s = self.now_s();
+        while let Some((uav, telemetry)) = self.link.receive() {
+            self.bridge.hear(uav, &telemetry, now_s);
+        }
+        if now_s >= self.heartbeat_s {
+            self.heartbeat_s = now_s + HEARTBEAT_S;
+            self.link.send_heartbeats();
+        }
+        let link = &self.link;
+        let say = |uav: usize, line: String| Role::FlightSim.log(format_args!("vehicle {}: {line}", uav + 1));
+        self.bridge
+            .poll(now_s, |uav, order| link.send(uav, order), say)
+            .map_err(|refusal| InputError::new("vehicle", Path::new(&refusal.number.to_string()), refusal.why).into())
+    }
+
+    /// Sleeps until there is a plan, for at most [`POLL_EVERY`].
+    fn pause(&mut self) -> Result<(), NodeError> {
+        let _ = self.listener.timed_wait(|_| {}, POLL_EVERY); // an interrupted wait is a short one
+        self.wait.sleep_until(Instant::now()) // ends on a stop or with the launcher
+    }
+
+    /// The time of the vehicles since the start of the process [s].
+    fn now_s(&self) -> f64 {
+        self.begin.elapsed().as_secs_f64() * self.factor
+    }
+
+    /// Waits for the final commit, while the vehicles return.
+    fn wait_for_release(&mut self, ring: &Ring<S>) -> Result<(), NodeError> {
+        let mut commits = ring.commit.reader()?;
+        loop {
+            while let Some(commit) = commits.next_sample()? {
+                if is_release(commit.user_header()) {
+                    return Ok(());
+                }
+            }
+            self.poll()?;
+            self.pause()?;
+        }
+    }
+
+    /// Waits until the vehicles have landed, or the launcher ends.
+    fn land(&mut self) -> Result<(), NodeError> {
+        while !self.bridge.has_landed() {
+            self.poll()?;
+            match self.pause() {
+                Err(NodeError::Orphaned) => return Ok(()),
+                paused => paused?,
+            }
+        }
+        Ok(())
+    }
+
+    /// Sends the vehicles home because of `why`, and waits until they say so, for at most `timeout`.
+    fn return_home(&mut self, why: &str, timeout: Duration) {
+        let now_s = self.now_s();
+        self.bridge.return_home(why, now_s);
+        let begin = Instant::now();
+        while self.poll().is_ok() && !self.bridge.is_homebound() && begin.elapsed() < timeout {
+            std::thread::sleep(POLL_EVERY);
+        }
+    }
+
+    /// Says how near the vehicles came to their waypoints, and how soon they were told.
+    fn say_results(&self) {
+        let ends = self.bridge.ends;
+        if ends.flown > 0 {
+            let percent = 100.0 * ends.reached as f64 / ends.flown as f64;
+            Role::FlightSim.log(format_args!(
+                "{percent:.1} % of {} slots ended within {TOLERANCE_M} m of the waypoint, the farthest {:.1} m from it",
+                ends.flown, ends.farthest_m
+            ));
+        }
+        if let Some([median, rare]) = self.latencies.quantiles([0.5, 0.99]) {
+            Role::FlightSim.log(format_args!(
+                "from plan to MAVLink: median {:.2} ms, 99 % within {:.2} ms",
+                median.as_secs_f64() * 1e3,
+                rare.as_secs_f64() * 1e3
+            ));
+        }
+    }
+}
+
+fn list(addresses: &[WireAddress]) -> String {
+    addresses.iter().map(ToString::to_string).collect::<Vec<_>>().join(",")
+}

@@ -1,0 +1,137 @@
+//! What a vehicle says and what it is told, without the encoding of MAVLink, which is left to [`crate::link`].
+
+use crate::autopilot::{Altitude, AutopilotKind};
+
+/// A position on Earth with an altitude.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GlobalTarget {
+    /// Geodetic latitude [°].
+    pub lat_deg: f64,
+    /// Longitude [°].
+    pub lon_deg: f64,
+    /// Altitude.
+    pub altitude: Altitude,
+}
+
+/// Where a vehicle is, by its own estimate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fix {
+    /// Geodetic latitude [°].
+    pub lat_deg: f64,
+    /// Longitude [°].
+    pub lon_deg: f64,
+    /// Altitude above its home position [m].
+    pub above_home_m: f64,
+    /// Altitude above mean sea level [m].
+    pub above_sea_m: f64,
+    /// Velocity, east, north, up [m/s].
+    pub velocity_mps: [f64; 3],
+    /// Heading, clockwise from north [°]; infinite if it is not known.
+    pub heading_deg: f64,
+    /// Time of the estimate since the start of its autopilot [s].
+    pub boot_s: f64,
+}
+
+/// A message of a vehicle.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Telemetry {
+    /// It is there.
+    Heartbeat {
+        /// Its autopilot.
+        autopilot: AutopilotKind,
+        /// The flight mode, by the number that the autopilot gives it.
+        mode: u32,
+        /// Whether its motors may run.
+        is_armed: bool,
+    },
+    /// Where it is.
+    Position(Fix),
+    /// Standard deviations of the position [m], horizontal and vertical.
+    Accuracy([f64; 2]),
+    /// Energy that is left, as a fraction of the battery's capacity.
+    Battery(f64),
+    /// Whether it is in the air, by its own judgement.
+    InAir(bool),
+    /// The answer to an order.
+    Answer {
+        /// The command of the order ([`Order::command`]).
+        command: u16,
+        /// Result of MAVLink: 0 accepted.
+        result: u8,
+    },
+    /// A line for people.
+    Text(String),
+    /// A parameter.
+    Parameter {
+        /// Its name.
+        name: String,
+        /// Its value. PX4 sends the bits of an integer; 0 is 0 in both.
+        value: f32,
+    },
+}
+
+/// A result of MAVLink: the order is executed.
+pub const ACCEPTED: u8 = 0;
+
+/// A result of MAVLink: the order is being executed.
+pub const IN_PROGRESS: u8 = 5;
+
+/// A message that a vehicle sends periodically.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stream {
+    /// [`Telemetry::Position`].
+    Position,
+    /// [`Telemetry::Accuracy`].
+    Accuracy,
+    /// [`Telemetry::Battery`].
+    Battery,
+    /// [`Telemetry::InAir`].
+    InAir,
+}
+
+/// A message to a vehicle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Order {
+    /// Change to the mode that follows orders, by the number that the autopilot gives it.
+    Mode(u32),
+    /// Arm.
+    Arm,
+    /// Take off to this altitude.
+    TakeOff(Altitude),
+    /// Fly as fast as this over ground [m/s].
+    Speed(f64),
+    /// Fly there, and hold.
+    Reposition {
+        /// Where to.
+        to: GlobalTarget,
+        /// Whether the vehicle may change to the mode that follows the order.
+        may_change_mode: bool,
+    },
+    /// Return to where it has taken off, and land.
+    Return,
+    /// Send a message periodically.
+    Interval {
+        /// The message.
+        stream: Stream,
+        /// The period [s].
+        period_s: f64,
+    },
+    /// Say the value of a parameter.
+    Parameter(&'static str),
+}
+
+impl Order {
+    /// The command of MAVLink, which its answer repeats; `None` for a message without an answer.
+    #[must_use]
+    pub fn command(&self) -> Option<u16> {
+        match self {
+            Self::Return => Some(20),
+            Self::TakeOff(_) => Some(22),
+            Self::Mode(_) => Some(176),
+            Self::Speed(_) => Some(178),
+            Self::Reposition { .. } => Some(192),
+            Self::Arm => Some(400),
+            Self::Interval { .. } | Self::Parameter(_) => None,
+        }
+    }
+}

@@ -1,0 +1,304 @@
+//! The bridge and kinematic vehicles, without sockets, clocks and processes: messages are lost at random.
+
+use proptest::prelude::*;
+use rand::SeedableRng as _;
+use rand_chacha::ChaCha8Rng;
+use skysink_common::geodata::projection::{Origin, Projection};
+use skysink_common::geometry::Position;
+use skysink_common::message::{FlightReport, HoldReason, Mode, Plan, SensorNode};
+use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::slot_record::ByUav;
+use skysink_vehicle::autopilot::{Altitude, AutopilotKind};
+use skysink_vehicle::bridge::{Bridge, TOLERANCE_M, start};
+use skysink_vehicle::frame::AreaFrame;
+use skysink_vehicle::kinematic::KinematicOptions;
+use skysink_vehicle::kinematic::autopilot::{Copter, CopterMode, Given};
+use skysink_vehicle::telemetry::{Fix, Order, Telemetry};
+
+const HOME: Origin = Origin { lat_deg: 47.3977, lon_deg: 8.5456 };
+
+/// Step of the vehicle [s].
+const STEP_S: f64 = 0.02;
+
+/// A bridge and its vehicle, which stands at the start of the mission.
+struct ClosedLoop {
+    bridge: Bridge,
+    copter: Copter,
+    random: ChaCha8Rng,
+    loss: f64,
+    autopilot: AutopilotKind,
+    now_s: f64,
+    steps: u64,
+    is_bridge_alive: bool,
+    said: Vec<String>,
+    reports: ByUav<FlightReport>,
+    dead_man: f32,
+    start_m: Position,
+}
+
+fn scenario() -> Scenario {
+    let text = "name = 'x'\nslots = 20\nslot_s = 6.0\n[area]\nside_m = 100.0\norigin_lat_deg = 47.3977\n\
+                origin_lon_deg = 8.5456\n[uav]\nmax_speed_mps = 10.0\nacceleration_mps2 = 2.0\n[link]\ncomm_radius_m = 10.0\n";
+    Scenario::parse(text, std::path::Path::new("x.toml"), Overrides::default()).unwrap()
+}
+
+impl ClosedLoop {
+    fn new(options: &KinematicOptions, loss: f64) -> Self {
+        let scenario = scenario();
+        let reports = start(&scenario);
+        let sensors = [SensorNode { x_m: 50.0, y_m: 60.0, gain: 1e-5, ..SensorNode::default() }];
+        Self {
+            bridge: Bridge::new(&scenario, &sensors, AreaFrame::at(HOME), &reports, false),
+            copter: Copter::new(options),
+            random: ChaCha8Rng::seed_from_u64(options.seed),
+            loss,
+            autopilot: AutopilotKind::ArduPilot,
+            now_s: 0.0,
+            steps: 0,
+            is_bridge_alive: true,
+            said: Vec::new(),
+            start_m: reports[0].position().xy(),
+            reports,
+            dead_man: f32::from(options.dead_man),
+        }
+    }
+
+    /// The vehicle's home: 3 m beside the start.
+    fn home_m(&self) -> Position {
+        Position::new(self.start_m.x + 3.0, self.start_m.y)
+    }
+
+    fn is_lost(&mut self) -> bool {
+        self.random.random::<f64>() < self.loss
+    }
+
+    fn hear(&mut self, telemetry: &Telemetry) {
+        if !self.is_lost() && self.is_bridge_alive {
+            self.bridge.hear(0, telemetry, self.now_s);
+        }
+    }
+
+    fn fix(&self) -> Telemetry {
+        let position_m = self.copter.body.position_m;
+        let place = Projection::at(HOME).unproject(&(self.home_m() + position_m.xy())).unwrap();
+        Telemetry::Position(Fix {
+            lat_deg: place.lat_deg,
+            lon_deg: place.lon_deg,
+            above_home_m: position_m.z,
+            above_sea_m: position_m.z + 488.0,
+            velocity_mps: self.copter.body.measured_mps().into(),
+            heading_deg: f64::INFINITY,
+            boot_s: self.copter.boot_s,
+        })
+    }
+
+    /// The altitude of an order [m], which has to be measured as the autopilot does.
+    fn above_home_m(&self, altitude: Altitude) -> f64 {
+        match (self.autopilot, altitude) {
+            (AutopilotKind::Px4, Altitude::AboveSea(z_m)) => z_m - 488.0,
+            (AutopilotKind::ArduPilot | AutopilotKind::Other, Altitude::AboveHome(z_m)) => z_m,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    /// The number of the vehicle's mode.
+    fn mode(&self) -> u32 {
+        match (self.autopilot, self.copter.mode) {
+            (AutopilotKind::Px4, CopterMode::Stabilize) => 7 << 16,
+            (AutopilotKind::Px4, CopterMode::Guided) => 4 << 16 | 3 << 24,
+            (AutopilotKind::Px4, CopterMode::Return) => 4 << 16 | 5 << 24,
+            (_, mode) => mode as u32,
+        }
+    }
+
+    fn given(&self, order: &Order) -> Option<Given> {
+        Some(match *order {
+            Order::Mode(mode) => Given::Mode(mode),
+            Order::Arm => Given::Arm,
+            Order::TakeOff(altitude) => Given::TakeOff(self.above_home_m(altitude)),
+            Order::Speed(mps) => Given::Speed(mps),
+            Order::Return => Given::Return,
+            Order::Reposition { to, .. } => {
+                let place = Projection::at(HOME).project(to.lat_deg, to.lon_deg)? - self.home_m();
+                Given::Reposition(place.push(self.above_home_m(to.altitude)))
+            }
+            _ => return None,
+        })
+    }
+
+    fn obey(&mut self, order: &Order) {
+        if self.is_lost() {
+            return;
+        }
+        if let Order::Parameter(name) = order {
+            self.hear(&Telemetry::Parameter { name: (*name).to_owned(), value: self.dead_man });
+        } else if let (Some(given), Some(command)) = (self.given(order), order.command()) {
+            let changes_mode = matches!(order, Order::TakeOff(_) | Order::Reposition { may_change_mode: true, .. });
+            if self.autopilot != AutopilotKind::ArduPilot && changes_mode && self.copter.is_armed {
+                self.copter.mode = CopterMode::Guided;
+            }
+            let result = self.copter.obey(given) as u8;
+            self.hear(&Telemetry::Answer { command, result });
+        }
+    }
+
+    fn step(&mut self) {
+        self.steps += 1;
+        self.now_s += STEP_S;
+        self.copter.step(STEP_S, &mut self.random);
+        let is_second = self.steps.is_multiple_of(50);
+        if is_second {
+            let is_armed = self.copter.is_armed;
+            let mode = self.mode();
+            self.hear(&Telemetry::Heartbeat { autopilot: self.autopilot, mode, is_armed });
+            self.hear(&Telemetry::InAir(self.copter.is_in_air()));
+            self.hear(&Telemetry::Battery(self.copter.battery));
+            if self.is_bridge_alive && !self.is_lost() {
+                self.copter.hear_bridge();
+            }
+        }
+        if self.steps.is_multiple_of(5) {
+            let fix = self.fix();
+            self.hear(&fix);
+        }
+        if self.is_bridge_alive {
+            let mut orders = Vec::new();
+            let said = &mut self.said;
+            self.bridge.poll(self.now_s, |_, order| orders.push(*order), |_, line| said.push(line)).unwrap();
+            orders.iter().for_each(|order| self.obey(order));
+        }
+    }
+
+    fn advance(&mut self, seconds: f64) {
+        (0..(seconds / STEP_S) as u32).for_each(|_| self.step());
+    }
+
+    fn until(&mut self, limit_s: f64, is_so: impl Fn(&Self) -> bool) {
+        let end_s = self.now_s + limit_s;
+        while !is_so(self) {
+            assert!(self.now_s < end_s, "not within {limit_s} s: {:?}, {:?}", self.copter, self.said);
+            self.step();
+        }
+    }
+
+    fn fly_slot(&mut self, slot: u64, plan: Option<Plan>) -> FlightReport {
+        self.bridge.await_plan();
+        self.bridge.begin(slot, 0.0);
+        if let Some(plan) = plan {
+            self.bridge.fly(&[plan], self.now_s);
+        }
+        self.advance(6.0);
+        self.bridge.end(slot, &mut self.reports, self.now_s);
+        self.reports[0]
+    }
+}
+
+fn plan(x_m: f64, y_m: f64) -> Plan {
+    let mut plan = Plan::fly_to([x_m, y_m, 20.0], Mode::Serve);
+    plan.schedule(&[0]);
+    plan
+}
+
+#[test]
+fn a_slot_reports_where_the_vehicle_is_and_what_it_serves_from_there() {
+    let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
+    flight.until(60.0, |flight| flight.bridge.has_begun());
+    let report = flight.fly_slot(1, Some(plan(50.0, 62.0)));
+    assert_eq!((report.mode, report.served), (Mode::Serve as u32, 1));
+    assert!((report.position() - nalgebra::Point3::new(50.0, 62.0, 20.0)).norm() < TOLERANCE_M, "{report:?}");
+    assert!((report.time_s - 6.0).abs() < 0.2, "{report:?}");
+
+    let report = flight.fly_slot(2, None);
+    assert_eq!((report.mode, report.hold), (Mode::Hold as u32, HoldReason::NoPlan as u32));
+    assert!((report.y_m - 62.0).abs() < TOLERANCE_M && report.served == 0, "it holds: {report:?}");
+
+    for (x_m, y_m) in [(f64::NAN, 60.0), (50.0, 101.0), (50.0, 20.0)] {
+        let report = flight.fly_slot(3, Some(plan(x_m, y_m)));
+        assert_eq!((report.hold, report.refused), (HoldReason::Waypoint as u32, 1), "({x_m}, {y_m})");
+        assert!((report.y_m - 62.0).abs() < TOLERANCE_M, "outside, or out of reach: {report:?}");
+    }
+}
+
+#[test]
+fn a_waypoint_that_is_not_reached_is_flown_on_to() {
+    let mut flight = ClosedLoop::new(&KinematicOptions { acceleration: 0.3, ..KinematicOptions::default() }, 0.0);
+    flight.until(60.0, |flight| flight.bridge.has_begun());
+    let report = flight.fly_slot(1, Some(plan(50.0, 66.0)));
+    assert_eq!(report.mode, Mode::EnRoute as u32, "{report:?}");
+    assert!(report.y_m > 51.0 && report.y_m < 64.0 && report.velocity_mps[1] > 0.5, "{report:?}");
+    assert_eq!(report.served, u32::from((report.y_m - 60.0).abs() < 10.0), "in range of where it is: {report:?}");
+}
+
+#[test]
+fn without_plans_the_vehicle_returns_and_lands() {
+    let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
+    flight.until(60.0, |flight| flight.bridge.has_begun());
+    let modes: Vec<u32> = (1..=20).map(|slot| flight.fly_slot(slot, None).mode).collect();
+    let [hold, back, down] = [Mode::Hold, Mode::Return, Mode::Down].map(|mode| mode as u32);
+    assert_eq!(modes[..5], [hold; 5]);
+    assert!(modes[5] == back && modes[19] == down, "after 30 s: {modes:?}");
+    assert!(flight.bridge.has_landed() && !flight.copter.is_armed);
+}
+
+#[test]
+fn without_a_link_slots_report_the_last_position_as_holds() {
+    let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
+    flight.until(60.0, |flight| flight.bridge.has_begun());
+    let before = flight.fly_slot(1, Some(plan(50.0, 62.0)));
+    flight.loss = 1.0;
+    let report = flight.fly_slot(2, Some(plan(50.0, 68.0)));
+    assert_eq!((report.mode, report.hold, report.served), (Mode::Hold as u32, HoldReason::NoPlan as u32, 0));
+    assert!((report.position() - before.position()).norm() < 0.5, "{report:?}");
+    flight.advance(10.0);
+    assert_eq!(flight.copter.mode, CopterMode::Return, "by its dead-man switch");
+    flight.loss = 0.0;
+    let report = flight.fly_slot(3, Some(plan(50.0, 62.0)));
+    assert_eq!(report.mode, Mode::Return as u32);
+    assert!(flight.said.iter().any(|line| line.contains("gives no more orders")), "{:?}", flight.said);
+}
+
+#[test]
+fn the_vehicle_of_a_dead_bridge_returns_by_itself() {
+    let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
+    flight.until(60.0, |flight| flight.bridge.has_begun());
+    flight.fly_slot(1, Some(plan(50.0, 62.0)));
+    flight.is_bridge_alive = false;
+    flight.advance(7.0);
+    assert_eq!(flight.copter.mode, CopterMode::Return);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn with_any_losses_the_mission_begins_is_flown_and_ends_on_the_ground(
+        seed in 0u64..1_000, loss in 0.0..0.4, refuse_arming in 0u32..5, lag in 0.0..0.3, kill in any::<bool>(),
+        autopilot in prop::sample::select(vec![AutopilotKind::ArduPilot, AutopilotKind::Px4, AutopilotKind::Other]),
+    ) {
+        let options = KinematicOptions { seed, refuse_arming, lag, ..KinematicOptions::default() };
+        let mut flight = ClosedLoop::new(&options, loss);
+        flight.autopilot = autopilot;
+        flight.until(180.0, |flight| flight.bridge.has_begun());
+        for slot in 1..=4 {
+            let _ = flight.fly_slot(slot, Some(plan(50.0 + 3.0 * slot as f64, 60.0)));
+        }
+        flight.is_bridge_alive = !kill;
+        let now_s = flight.now_s;
+        flight.bridge.return_home("the test is over", now_s);
+        flight.until(180.0, |flight| !flight.copter.is_armed);
+        prop_assert!(flight.copter.body.position_m.norm() < 1.0, "at home: {:?}", flight.copter);
+        if !kill {
+            flight.until(60.0, |flight| flight.bridge.has_landed());
+        }
+    }
+
+    #[test]
+    fn a_vehicle_that_is_taken_over_by_others_gets_no_more_orders(seed in 0u64..100, loss in 0.0..0.3) {
+        let mut flight = ClosedLoop::new(&KinematicOptions { seed, ..KinematicOptions::default() }, loss);
+        flight.until(120.0, |flight| flight.bridge.has_begun());
+        flight.copter.obey(Given::Mode(0));
+        flight.until(20.0, |flight| flight.said.iter().any(|line| line.contains("gives no more orders")));
+        let _ = flight.fly_slot(1, Some(plan(50.0, 62.0)));
+        prop_assert_eq!(flight.copter.mode, CopterMode::Stabilize);
+    }
+}
