@@ -1,15 +1,18 @@
-// Connects an external planner in C++ to Skysink's ring: topics, waiting, and the slots to plan.
-// The planning itself is left to the planner; docs/src/interfaces.md specifies the protocol.
+// Connects an external planner or vehicle in C++ to Skysink's ring: topics, waiting, and the slots to plan or to fly.
+// Planning and flying are left to them; docs/src/interfaces.md specifies the protocol.
 #pragma once
 
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <cstdio>
 #include <cstdlib>
+#include <fstream>
 #include <functional>
 #include <iostream>
 #include <iterator>
 #include <map>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -80,20 +83,31 @@ inline uint64_t now_ns() {
     return std::chrono::duration_cast<std::chrono::nanoseconds>(now).count();
 }
 
+// Exit code of a process that skysink run does not start again.
+constexpr int REFUSED = 2;
+
+// The ring's folder, set up as iceoryx2's configuration; empty, after a line that says why, if there is none.
+inline std::string join() {
+    const char* folder = std::getenv("SKYSINK_RING");
+    if (folder == nullptr) {
+        std::cerr << "SKYSINK_RING is missing: expected the ring's folder, as skysink run prints it\n";
+        return "";
+    }
+    iox2::set_log_level_from_env_or(iox2::LogLevel::Fatal);
+    const auto config = iox2::bb::FilePath::create((std::string(folder) + "/config/iceoryx2.toml").c_str());
+    if (!config.has_value() || !iox2::Config::setup_global_config_from_file(config.value()).has_value()) {
+        std::cerr << "SKYSINK_RING = " << folder << ": expected the folder of a running ring\n";
+        return "";
+    }
+    return folder;
+}
+
 // Calls `plan_slot` for each slot of the ring in the folder SKYSINK_RING, until the mission ends or a signal arrives.
 // Errors of iceoryx2 end the process.
 inline int plan_slots(const std::function<Plan(const View&)>& plan_slot) {
     using namespace iox2;
-    const char* folder = std::getenv("SKYSINK_RING");
-    if (folder == nullptr) {
-        std::cerr << "SKYSINK_RING is missing: expected the ring's folder, as skysink run prints it\n";
-        return 2;
-    }
-    set_log_level_from_env_or(LogLevel::Fatal);
-    const auto config = std::string(folder) + "/config/iceoryx2.toml";
-    if (!Config::setup_global_config_from_file(bb::FilePath::create(config.c_str()).value()).has_value()) {
-        std::cerr << "SKYSINK_RING = " << folder << ": expected the folder of a running ring\n";
-        return 2;
+    if (join().empty()) {
+        return REFUSED;
     }
     const auto node = NodeBuilder().create<ServiceType::Ipc>().value();
     const auto topic = [&](const char* name) { return node.service_builder(ServiceName::create(name).value()); };

@@ -9,10 +9,11 @@ use std::time::{Duration, Instant};
 use iceoryx2::identifiers::UniqueNodeId;
 use iceoryx2::node::NodeView as _;
 use iceoryx2::port::listener::Listener;
+use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::service::static_config::message_type_details::{TypeDetail, TypeVariant};
 use serde::Serialize;
-use skysink_common::message::SlotHeader;
+use skysink_common::message::{SlotHeader, Tick};
 
 use crate::error::RingError;
 use crate::sample::{Header, Payload};
@@ -41,13 +42,22 @@ pub struct TopicState {
     pub slot: Option<u64>,
     /// When that sample was sent, on the monotonic clock [ns].
     pub sent_ns: Option<u64>,
+    /// Slot of the oldest sample that a late joiner receives, and when it was sent [ns].
+    #[serde(skip)]
+    pub oldest: Option<(u64, u64)>,
     /// Whether each slot has one sample, so that slots count samples.
     #[serde(skip)]
     pub is_once_a_slot: bool,
+    /// Whether every slot has a sample, once it is under way.
+    #[serde(skip)]
+    pub is_in_every_slot: bool,
 }
 
-/// Receives the pending samples of a topic; returns the header of the newest sample so far.
-type ReceiveNewest<'a> = Box<dyn FnMut() -> Result<Option<SlotHeader>, RingError> + 'a>;
+/// The headers of the oldest and the newest of the observed samples.
+type OldestAndNewest = Option<[SlotHeader; 2]>;
+
+/// Receives the pending samples of a topic; returns the oldest and the newest so far.
+type ReceiveSamples<'a> = Box<dyn FnMut() -> Result<OldestAndNewest, RingError> + 'a>;
 
 /// A topic of any payload.
 pub(crate) trait AnyTopic<S: Service> {
@@ -63,7 +73,7 @@ pub(crate) trait AnyTopic<S: Service> {
     fn state(&self, name: &dyn Fn(&UniqueNodeId) -> String) -> TopicState;
 
     /// Attaches an observer.
-    fn observe(&self) -> Result<ReceiveNewest<'_>, RingError>;
+    fn observe(&self) -> Result<ReceiveSamples<'_>, RingError>;
 }
 
 impl<S: Service + 'static, P: Payload + ?Sized, H: Header> AnyTopic<S> for Topic<S, P, H> {
@@ -96,29 +106,51 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> AnyTopic<S> for Topic
             readers,
             slot: None,
             sent_ns: None,
+            oldest: None,
             is_once_a_slot: !shared.row.has_several_per_slot,
+            is_in_every_slot: shared.row.is_in_every_slot,
         }
     }
 
-    fn observe(&self) -> Result<ReceiveNewest<'_>, RingError> {
-        let shared = &self.0;
-        let name = OBSERVER.try_into().map_err(|error| shared.refuse("name a reader", &error))?;
-        let builder = shared.data.subscriber_builder().name(&name);
-        let builder = builder.history_request(shared.row.history).buffer_size(shared.row.buffer);
-        let subscriber = builder.create().map_err(|error| shared.refuse("read", &error))?;
-        let mut newest: Option<SlotHeader> = None;
+    fn observe(&self) -> Result<ReceiveSamples<'_>, RingError> {
+        let subscriber = observer(self)?;
+        let mut samples: OldestAndNewest = None;
         Ok(Box::new(move || {
-            for _ in 0..shared.row.buffer {
-                let sample = P::receive(&subscriber).map_err(|error| shared.refuse("receive", &error))?;
+            for _ in 0..self.0.row.buffer {
+                let sample = P::receive(&subscriber).map_err(|error| self.0.refuse("receive", &error))?;
                 let Some(sample) = sample else { break };
                 let head = *sample.user_header().head();
-                if newest.is_none_or(|newest| head.slot >= newest.slot) {
-                    newest = Some(head);
-                }
+                let [oldest, newest] = samples.unwrap_or([head, head]);
+                samples = Some([oldest, if head.slot >= newest.slot { head } else { newest }]);
             }
-            Ok(newest)
+            Ok(samples)
         }))
     }
+}
+
+/// Attaches a subscriber that no writer waits for, as a late joiner.
+fn observer<S: Service, P: Payload + ?Sized, H: Header>(
+    topic: &Topic<S, P, H>,
+) -> Result<Subscriber<S, P, H>, RingError> {
+    let shared = &topic.0;
+    let name = OBSERVER.try_into().map_err(|error| shared.refuse("name a reader", &error))?;
+    let builder = shared.data.subscriber_builder().name(&name);
+    let builder = builder.history_request(shared.row.history).buffer_size(shared.row.buffer);
+    builder.create().map_err(|error| shared.refuse("read", &error))
+}
+
+/// The newest tick; `None` if none was sent.
+pub(crate) fn newest_tick<S: Service>(topic: &Topic<S, Tick, SlotHeader>) -> Result<Option<Tick>, RingError> {
+    let subscriber = observer(topic)?;
+    let begin = Instant::now();
+    let mut newest = None;
+    while newest.is_none() && begin.elapsed() < OBSERVATION {
+        while let Some(sample) = subscriber.receive().map_err(|error| topic.0.refuse("receive", &error))? {
+            newest = Some(*sample.payload());
+        }
+        std::thread::sleep(POLL);
+    }
+    Ok(newest)
 }
 
 /// The states of these topics, observed at the same time.
@@ -134,9 +166,10 @@ pub(crate) fn observe_all<S: Service>(
     loop {
         let is_over = begin.elapsed() >= OBSERVATION;
         for (observer, state) in observers.iter_mut().zip(&mut states) {
-            let newest = observer()?;
-            state.slot = newest.map(|head| head.slot);
-            state.sent_ns = newest.map(|head| head.sent_ns);
+            let Some([oldest, newest]) = observer()? else { continue };
+            state.slot = Some(newest.slot);
+            state.sent_ns = Some(newest.sent_ns);
+            state.oldest = Some((oldest.slot, oldest.sent_ns));
         }
         if is_over {
             return Ok(states);

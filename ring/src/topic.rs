@@ -61,6 +61,8 @@ pub(crate) struct TopicRow {
     pub(crate) is_by_uav: bool,
     /// Whether a slot may have several samples.
     pub(crate) has_several_per_slot: bool,
+    /// Whether every slot has a sample, once it is under way.
+    pub(crate) is_in_every_slot: bool,
     /// Whether its notifications are the heartbeats of its writer, which notifies its readers while it waits, too. Each
     /// process writes one such topic.
     pub(crate) is_heartbeat: bool,

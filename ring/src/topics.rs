@@ -3,7 +3,7 @@
 //! Each run has its own folder and iceoryx2 prefix, which isolates concurrent runs. The launcher creates the topics;
 //! the other processes only open them.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use iceoryx2::port::listener::Listener;
 use iceoryx2::prelude::*;
@@ -19,7 +19,7 @@ use crate::reader::RING_BUFFER;
 use crate::refusals::Refusals;
 use crate::role::Role;
 use crate::sample::{Header, Payload};
-use crate::survey::{AnyTopic, TopicState, observe_all};
+use crate::survey::{AnyTopic, TopicState, newest_tick, observe_all};
 use crate::terms::Terms;
 use crate::topic::{OnFullBuffer, Opening, Participant, Topic, TopicRow};
 use crate::wait::{PAUSE, WaitContext};
@@ -96,6 +96,7 @@ const DEFAULT_ROW: TopicRow = TopicRow {
     on_full: OnFullBuffer::BlockInLockStep,
     is_by_uav: false,
     has_several_per_slot: false,
+    is_in_every_slot: true,
     is_heartbeat: false,
     is_linked: true,
     exists: |_| true,
@@ -109,6 +110,7 @@ topics! {
         writer: FieldSim,
         readers: &[FlightSim, Planner, Viewer],
         buffer: RING_BUFFER,
+        is_in_every_slot: false,
     }
 
     /// The rates that the UAV has learnt after each slot [bit/s], for an external planner. Sent before `belief`.
@@ -146,6 +148,7 @@ topics! {
         readers: &[Viewer],
         buffer: 2 * VIEWER_BUFFER,
         on_full: OnFullBuffer::DropSample,
+        is_in_every_slot: false,
     }
 
     /// The schedule and the waypoint of each UAV in each slot.
@@ -178,6 +181,7 @@ topics! {
         writer: Viewer,
         readers: &[Launcher],
         buffer: RING_BUFFER,
+        is_in_every_slot: false,
         is_heartbeat: true,
     }
 
@@ -187,6 +191,7 @@ topics! {
         readers: &[Viewer],
         on_full: OnFullBuffer::DropSample,
         has_several_per_slot: true,
+        is_in_every_slot: false,
         is_linked: false,
     }
 }
@@ -265,6 +270,14 @@ impl<S: Service + 'static> Ring<S> {
     /// If a topic cannot be read.
     pub fn topic_states(&self) -> Result<Vec<TopicState>, RingError> {
         observe_all(&self.topics(), &self.node)
+    }
+
+    /// Wall time from one slot to the next, as the newest tick says; `None` in lock-step, and before the first tick.
+    ///
+    /// # Errors
+    /// If the topic cannot be read.
+    pub fn period(&self) -> Result<Option<Duration>, RingError> {
+        Ok(newest_tick(&self.tick)?.map(|tick| Duration::from_nanos(tick.period_ns)))
     }
 
     /// Hash of the ring's scenario, as hexadecimal text.

@@ -1,6 +1,7 @@
 //! `skysink topics`: the topics of a running ring.
 
 use crate::support::Place;
+use rustix::process::Signal;
 use serde_json::Value;
 
 fn topics(place: &Place, arguments: &[&str]) -> Vec<Value> {
@@ -41,7 +42,43 @@ fn the_topics_of_a_running_ring_are_shown_with_their_types_readers_and_rates() {
     assert_eq!(topics(&place, &[run.folder().to_str().unwrap()]).len(), found.len());
     let table = place.run_ok(&["topics", "--every", "0.01"]).stdout;
     assert!(table.lines().all(|line| line.chars().count() <= 80), "{table}");
-    assert!(table.contains("[SensorNode]") && table.contains("field-sim planner "), "{table}");
+    assert!(table.contains("[SensorNode]") && table.contains("planner skysink "), "{table}");
+    run.terminate();
+    place.assert_clean();
+}
+
+/// Slots of 0.1 s at a tenth of the speed, polled twice within 0.4 s: rates count from the samples before.
+#[test]
+fn slots_longer_than_the_time_between_the_polls_have_their_rate_and_a_stopped_process_is_overdue() {
+    let place = Place::new();
+    let run = place.flight("long").without_viewer().pace("0.1x").start();
+    run.until_slot(3);
+    let found = topics(&place, &["run"]);
+    let of = |found: &[Value], name: &str| {
+        found.iter().find(|topic| topic["service"] == format!("skysink/{name}")).unwrap().clone()
+    };
+    for name in ["queues", "tick", "plan", "flight", "commit"] {
+        let topic = of(&found, name);
+        let [rate_hz, age_s] = ["rate_hz", "age_s"].map(|key| topic[key].as_f64().unwrap());
+        assert!((0.5..1.5).contains(&rate_hz) && age_s < 2.1, "{topic}");
+        assert_eq!((&topic["period_s"], &topic["is_overdue"]), (&1.0.into(), &false.into()), "{topic}");
+    }
+    let sensors = of(&found, "sensors");
+    assert_eq!((&sensors["period_s"], &sensors["is_overdue"]), (&Value::Null, &Value::Null));
+    assert!(sensors["age_s"].as_f64().unwrap() > 2.0, "{sensors}");
+    let table = place.run_ok(&["topics", "--every", "0.01"]).stdout;
+    assert!(table.contains("A slot takes 1 s: 1.0/s expected; overdue: none"), "{table}");
+
+    run.signal_worker("planner", Signal::STOP);
+    run.until_slots_later(4);
+    let found = topics(&place, &["run"]);
+    let plan = of(&found, "plan");
+    // A writer that is stopped sends late joiners nothing.
+    assert_eq!((&plan["is_overdue"], &plan["slot"], &plan["rate_hz"]), (&true.into(), &Value::Null, &0.0.into()));
+    assert_eq!(of(&found, "tick")["is_overdue"], false, "{found:?}");
+    let table = place.run_ok(&["topics", "--every", "0.01"]).stdout;
+    assert!(table.contains("overdue: plan\n"), "{table}");
+    run.signal_worker("planner", Signal::CONT);
     run.terminate();
     place.assert_clean();
 }

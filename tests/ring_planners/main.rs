@@ -1,4 +1,5 @@
-//! External planners in the ring: the examples in Rust and C++ fly as `gfs` does, also when they are killed.
+//! External planners and vehicles in the ring: the examples in Rust and C++ fly as `gfs` does, or at their own speed, also when
+//! they are killed.
 //!
 //! The program is the examples in Rust as well: `skysink run --planner` starts it as one, without an argument, and `--vehicle` as
 //! the other, by a link of the name [`VEHICLE`].
@@ -61,6 +62,7 @@ fn main() -> ExitCode {
         test("a_strategy_in_rust_that_is_killed_flies_the_same", in_rust_by_hand_and_killed),
         test("a_vehicle_in_rust_flies_at_its_own_speed", a_vehicle_in_rust),
         Trial::ignorable_test("a_planner_in_cpp_flies_the_same_also_when_it_is_killed", in_cpp),
+        Trial::ignorable_test("a_vehicle_in_cpp_flies_the_same_also_when_it_and_others_are_killed", a_vehicle_in_cpp),
     ];
     libtest_mimic::run(&Arguments::from_args(), tests).exit_code()
 }
@@ -73,22 +75,14 @@ fn in_rust_by_hand_and_killed() {
     assert_survives_being_killed(&env::current_exe().unwrap());
 }
 
-/// Ends slots of more than 12 m en route, and no slot farther than 12 m from where it began. `resume` and the commands that fly
-/// the mission again read its run.
+/// `resume` and the commands that fly the mission again read its run.
 fn a_vehicle_in_rust() {
     let place = Place::new();
     let vehicle = place.path(VEHICLE);
     std::os::unix::fs::symlink(env::current_exe().unwrap(), &vehicle).unwrap();
     let vehicle = vehicle.to_str().unwrap();
     place.flight("smoke").without_viewer().vehicle(vehicle).run();
-    let trace = place.trace("run");
-    let rows: Vec<Vec<&str>> = trace.lines().skip(1).map(|line| line.split(',').collect()).collect();
-    let positions: Vec<[f64; 2]> =
-        rows.iter().map(|row| [2, 3].map(|column: usize| row[column].parse().unwrap())).collect();
-    let legs_m = positions.windows(2).map(|pair| (pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1]));
-    let longest_m = legs_m.fold(0.0, f64::max);
-    assert!((11.9..=12.0 + 1e-9).contains(&longest_m), "{longest_m} m");
-    assert!(rows.iter().filter(|row| row[9] == "en-route").count() > 5, "{trace}");
+    assert_flies_12_m(&place);
     place.run_ok(&["replay", "run", "--no-viewer"]);
     place.run_ok(&["report", "run", "--sensors"]);
     let two = place.flight("smoke").without_viewer().set("uav.count", "2").vehicle(vehicle).force();
@@ -97,9 +91,52 @@ fn a_vehicle_in_rust() {
     place.assert_clean();
 }
 
+/// Fails unless the run has slots that end en route, and none farther than 12 m from where it began.
+fn assert_flies_12_m(place: &Place) {
+    let trace = place.trace("run");
+    let rows: Vec<Vec<&str>> = trace.lines().skip(1).map(|line| line.split(',').collect()).collect();
+    let positions: Vec<[f64; 2]> =
+        rows.iter().map(|row| [2, 3].map(|column: usize| row[column].parse().unwrap())).collect();
+    let legs_m = positions.windows(2).map(|pair| (pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1]));
+    let longest_m = legs_m.fold(0.0, f64::max);
+    assert!((11.9..=12.0 + 1e-9).contains(&longest_m), "{longest_m} m");
+    assert!(rows.iter().filter(|row| row[9] == "en-route").count() > 5, "{trace}");
+}
+
+/// Its links carry other bits than the scenario's channel, so `replay` refuses its run.
+fn a_vehicle_in_cpp() -> Result<Completion, Failed> {
+    let place = Place::new();
+    let vehicle = match compiled(&place, "ring_vehicle") {
+        Ok(vehicle) => vehicle,
+        Err(missing) => return Ok(Completion::ignored_with(format!("{NEEDS}: {missing}"))),
+    };
+    place.flight("smoke").without_viewer().vehicle(vehicle.to_str().unwrap()).run();
+    assert_flies_12_m(&place);
+    place.run_ok(&["report", "run"]);
+    place.run_refused(&["replay", "run", "--no-viewer"], "external");
+
+    place.write("transit.toml", TRANSIT);
+    let flight = place.flight("transit").without_viewer();
+    flight.vehicle(vehicle.to_str().unwrap()).out("alone").run();
+    let run = flight.external("flight-sim").out("killed").start();
+    run.until_printed("waiting up to 600 s for flight-sim");
+    let first = start_program(&place, &run, &vehicle);
+    for (slot, role) in [(100, "planner"), (300, "field-sim")] {
+        run.until_slot(slot);
+        run.kill_and_await(role);
+    }
+    run.until_slot(600);
+    assert_eq!(signal_and_wait(Signal::KILL, first).signal, Some(9));
+    wait(start_program(&place, &run, &vehicle)).assert_success();
+    run.wait_for_success();
+    place.assert_same_trace("alone", "killed");
+    place.assert_clean();
+    Ok(Completion::Completed)
+}
+
 fn in_cpp() -> Result<Completion, Failed> {
     let place = Place::new();
-    match compiled(&place) {
+    match compiled(&place, "ring_planner") {
         Ok(planner) => {
             assert_flies_smoke_as_gfs(&planner);
             assert_survives_being_killed(&planner);
@@ -109,13 +146,13 @@ fn in_cpp() -> Result<Completion, Failed> {
     }
 }
 
-/// What the example in C++ needs, and the command that runs its test.
+/// What the examples in C++ need, and the command that runs its test.
 const NEEDS: &str = "needs CMake, a C++ compiler and iceoryx2-cxx 0.10: \
     CMAKE_PREFIX_PATH=DIR cargo test --workspace --test ring_planners";
 
-/// The example in C++, compiled; an error that says what is missing, if CMake, a compiler or iceoryx2's C++ bindings
+/// An example in C++, compiled; an error that says what is missing, if CMake, a compiler or iceoryx2's C++ bindings
 /// are.
-fn compiled(place: &Place) -> Result<PathBuf, String> {
+fn compiled(place: &Place, program: &str) -> Result<PathBuf, String> {
     let build = place.path("build");
     let source = format!("{ROOT}/examples");
     let configured = Command::new("cmake").arg("-S").arg(source).arg("-B").arg(&build).output();
@@ -126,9 +163,9 @@ fn compiled(place: &Place) -> Result<PathBuf, String> {
             Err(said.lines().map(str::trim).filter(|line| !line.is_empty()).take(3).collect::<Vec<_>>().join(" "))
         }
         Ok(_) => {
-            let built = Command::new("cmake").arg("--build").arg(&build).output().unwrap();
+            let built = Command::new("cmake").arg("--build").arg(&build).args(["--target", program]).output().unwrap();
             assert!(built.status.success(), "{}", String::from_utf8_lossy(&built.stdout));
-            Ok(build.join("ring_planner"))
+            Ok(build.join(program))
         }
     }
 }
@@ -158,18 +195,18 @@ fn assert_survives_being_killed(planner: &Path) {
     let run = flight.without_viewer().external("planner").start();
     run.until_printed("waiting up to 600 s for planner");
     for killed_after in [100, 1000] {
-        let planner = start_planner(&place, &run, planner);
+        let planner = start_program(&place, &run, planner);
         run.until_slot(killed_after);
         assert_eq!(signal_and_wait(Signal::KILL, planner).signal, Some(9));
     }
-    wait(start_planner(&place, &run, planner)).assert_success();
+    wait(start_program(&place, &run, planner)).assert_success();
     run.wait_for_success();
     place.assert_same_trace("alone", "run");
     place.assert_clean();
 }
 
-/// The planner, started for a ring.
-fn start_planner(place: &Place, run: &RunningFlight, planner: &Path) -> Child {
-    let mut command = place.command(planner.to_str().unwrap(), &[]);
+/// An example, started for a ring.
+fn start_program(place: &Place, run: &RunningFlight, program: &Path) -> Child {
+    let mut command = place.command(program.to_str().unwrap(), &[]);
     command.env("SKYSINK_RING", run.folder()).env("SKYSINK_SCENARIO", run.path("scenario.toml")).spawn().unwrap()
 }
