@@ -148,7 +148,7 @@ fn an_export_says_home_altitudes_time_and_what_may_be_wrong() {
     let text = export(&[]);
     assert!(text.contains("\nhome 47.4005392"), "{text}");
     assert!(text.contains("40 m above the ground below (the autopilot needs terrain data)"), "{text}");
-    assert!(text.contains(" s with 2.5 m/s² (planned: 1500 s)"), "{text}");
+    assert!(text.contains(" s with 2.5 m/s² and 4 m/s³ (planned: 1500 s)"), "{text}");
     assert!(!text.contains("warning"), "{text}");
     let plan: serde_json::Value = serde_json::from_str(&place.read("run.plan")).unwrap();
     assert_eq!(plan["mission"]["firmwareType"], 12);
@@ -197,9 +197,9 @@ fn the_estimated_time_is_within_a_tenth_of_what_the_kinematic_vehicle_takes_for_
     for strategy in ["tour", "horizon"] {
         let place = farm(strategy);
         for (format, more) in [
-            ("qgc-plan", &["--autopilot", "ardupilot"][..]),
-            ("waypoints", &[]),
-            ("waypoints", &["--altitude", "relative", "--min-bits", "4000"]),
+            ("qgc-plan", &["--autopilot", "ardupilot", "--jerk", "1e3"][..]),
+            ("waypoints", &["--jerk", "1e3"]),
+            ("waypoints", &["--jerk", "1e3", "--altitude", "relative", "--min-bits", "4000"]),
         ] {
             let words = ["export", "run", "--force", "--ignore-endurance", "--format", format];
             let text = place.run_ok(&[&words[..], more].concat()).stdout;

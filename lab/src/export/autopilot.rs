@@ -13,15 +13,26 @@ pub enum Autopilot {
     Ardupilot,
 }
 
-/// How a vehicle moves in a mission.
+/// How a vehicle comes to its speed and to rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Motion {
-    /// Horizontal acceleration and braking [m/s²].
+pub struct RampLimits {
+    /// Acceleration and braking [m/s²].
     pub acceleration_mps2: f64,
     /// Change of the acceleration [m/s³]; `None` for any.
     pub jerk_mps3: Option<f64>,
+}
+
+/// How a vehicle moves in a mission.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct VehicleMotion {
+    /// Over ground.
+    pub horizontal: RampLimits,
+    /// Up and down.
+    pub vertical: RampLimits,
     /// Time to turn into the attitude of a leg [s].
     pub response_s: f64,
+    /// The same for a leg that ends in a hold, which begins when the vehicle has settled [s].
+    pub settling_s: f64,
     /// Climb [m/s].
     pub climb_mps: f64,
     /// Descent [m/s].
@@ -38,27 +49,32 @@ pub struct Motion {
     touch_down_mps: f64,
 }
 
+/// Up and down: `WPNAV_ACCEL_Z`, and a jerk that fits flights.
+const VERTICAL: RampLimits = RampLimits { acceleration_mps2: 1.0, jerk_mps3: Some(1.0) };
+
 /// ArduCopter: `WPNAV_ACCEL`, `WPNAV_JERK`, `WPNAV_SPEED_UP`, `WPNAV_SPEED_DN`, `WPNAV_RADIUS`, `RTL_LOIT_TIME`, `LAND_SPEED`
-/// below 10 m by default. Response and the rest are fitted to what version 4.8 has flown in software.
-const ARDUCOPTER: Motion = Motion {
-    acceleration_mps2: 2.5,
-    jerk_mps3: Some(1.0),
+/// below 10 m by default. Response and the rest are fitted to what versions 4.7 and 4.8 have flown in software.
+const ARDUCOPTER: VehicleMotion = VehicleMotion {
+    horizontal: RampLimits { acceleration_mps2: 2.5, jerk_mps3: Some(1.0) },
+    vertical: VERTICAL,
     response_s: 0.3,
+    settling_s: 0.7,
     climb_mps: 2.5,
     descent_mps: 1.5,
     radius_m: 2.0,
     spool_s: 4.8,
-    pause_s: 7.0,
+    pause_s: 11.0,
     slow_m: 10.0,
     touch_down_mps: 0.5,
 };
 
 /// PX4: `MPC_ACC_HOR`, `MPC_JERK_AUTO`, `MPC_TKO_SPEED`, `MPC_Z_V_AUTO_DN`, `MPC_LAND_SPEED` by default. Not compared with a
 /// flight.
-const PX4: Motion = Motion {
-    acceleration_mps2: 3.0,
-    jerk_mps3: Some(4.0),
+const PX4: VehicleMotion = VehicleMotion {
+    horizontal: RampLimits { acceleration_mps2: 3.0, jerk_mps3: Some(4.0) },
+    vertical: VERTICAL,
     response_s: 0.3,
+    settling_s: 0.3,
     climb_mps: 1.5,
     descent_mps: 1.5,
     radius_m: 2.0,
@@ -91,7 +107,7 @@ impl Autopilot {
 
     /// How its vehicles move by default.
     #[must_use]
-    pub fn motion(self) -> Motion {
+    pub fn motion(self) -> VehicleMotion {
         match self {
             Self::Px4 => PX4,
             Self::Ardupilot => ARDUCOPTER,
@@ -99,18 +115,14 @@ impl Autopilot {
     }
 }
 
-impl Motion {
-    /// The same with another acceleration [m/s²] and jerk [m/s³]. An acceleration without a jerk is that of decision D31: it
-    /// begins and ends at once.
+impl VehicleMotion {
+    /// The same with another horizontal acceleration [m/s²] and jerk [m/s³].
     #[must_use]
     pub fn with(self, acceleration_mps2: Option<f64>, jerk_mps3: Option<f64>) -> Self {
-        match (acceleration_mps2, jerk_mps3) {
-            (None, None) => self,
-            (Some(acceleration_mps2), None) => Self { acceleration_mps2, jerk_mps3: None, response_s: 0.0, ..self },
-            (acceleration_mps2, Some(_)) => {
-                let acceleration_mps2 = acceleration_mps2.unwrap_or(self.acceleration_mps2);
-                Self { acceleration_mps2, jerk_mps3, ..self }
-            }
+        let acceleration_mps2 = acceleration_mps2.unwrap_or(self.horizontal.acceleration_mps2);
+        Self {
+            horizontal: RampLimits { acceleration_mps2, jerk_mps3: jerk_mps3.or(self.horizontal.jerk_mps3) },
+            ..self
         }
     }
 

@@ -6,7 +6,7 @@ use nalgebra::{Point2, Point3, Vector2};
 use skysink_common::propulsion::power_w;
 use skysink_common::scenario::Propulsion;
 
-use super::autopilot::Motion;
+use super::autopilot::{RampLimits, VehicleMotion};
 
 /// A leg of a mission, to its waypoint.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,7 +32,7 @@ pub struct MissionEffort {
 /// `aircraft` with a weight of `weight_n` [N].
 #[must_use]
 pub fn effort(
-    motion: &Motion,
+    motion: &VehicleMotion,
     home: Point2<f64>,
     altitude_m: f64,
     legs: &[MissionLeg],
@@ -65,34 +65,37 @@ pub fn effort(
 
 /// Time of a leg from rest to rest [s].
 #[must_use]
-pub fn leg_s(motion: &Motion, from: &Point3<f64>, leg: &MissionLeg) -> f64 {
+pub fn leg_s(motion: &VehicleMotion, from: &Point3<f64>, leg: &MissionLeg) -> f64 {
     let step = leg.to - from;
     let distance_m = step.xy().norm();
-    let flown_s =
-        if distance_m > 0.0 { straight_s(motion, distance_m, leg.speed_mps) + motion.response_s } else { 0.0 };
-    flown_s.max(step.z / motion.climb_mps).max(-step.z / motion.descent_mps)
+    let settling_s = if leg.hold_s > 0.0 { motion.settling_s } else { motion.response_s };
+    let flown_s = if distance_m > 0.0 { straight_s(&motion.horizontal, distance_m, leg.speed_mps) } else { 0.0 };
+    let rate_mps = if step.z > 0.0 { motion.climb_mps } else { motion.descent_mps };
+    let climbed_s = if step.z == 0.0 { 0.0 } else { straight_s(&motion.vertical, step.z.abs(), rate_mps) };
+    let moved_s = flown_s.max(climbed_s);
+    if moved_s > 0.0 { moved_s + settling_s } else { 0.0 }
 }
 
 /// Time of a straight way from rest to rest [s], at most at `speed_mps` [m/s].
-fn straight_s(motion: &Motion, distance_m: f64, speed_mps: f64) -> f64 {
+fn straight_s(ramp: &RampLimits, distance_m: f64, speed_mps: f64) -> f64 {
     // The way from rest to a speed and the time that it takes are half those of the same at constant speed.
-    let ramp_m = |speed_mps: f64| speed_mps * ramp_s(motion, speed_mps) / 2.0;
+    let ramp_m = |speed_mps: f64| speed_mps * ramp_s(ramp, speed_mps) / 2.0;
     let cruise_m = distance_m - 2.0 * ramp_m(speed_mps);
     if cruise_m >= 0.0 {
-        return 2.0 * ramp_s(motion, speed_mps) + cruise_m / speed_mps;
+        return 2.0 * ramp_s(ramp, speed_mps) + cruise_m / speed_mps;
     }
     let mut range_mps = [0.0, speed_mps];
     for _ in 0..60 {
         let middle_mps = (range_mps[0] + range_mps[1]) / 2.0;
         range_mps[usize::from(2.0 * ramp_m(middle_mps) > distance_m)] = middle_mps;
     }
-    2.0 * ramp_s(motion, range_mps[0])
+    2.0 * ramp_s(ramp, range_mps[0])
 }
 
 /// Time from rest to a speed [s], with limited acceleration and jerk.
-fn ramp_s(motion: &Motion, speed_mps: f64) -> f64 {
-    let acceleration_mps2 = motion.acceleration_mps2;
-    match motion.jerk_mps3 {
+fn ramp_s(ramp: &RampLimits, speed_mps: f64) -> f64 {
+    let acceleration_mps2 = ramp.acceleration_mps2;
+    match ramp.jerk_mps3 {
         None => speed_mps / acceleration_mps2,
         // The acceleration is not reached.
         Some(jerk_mps3) if speed_mps * jerk_mps3 < acceleration_mps2 * acceleration_mps2 => {
@@ -103,9 +106,9 @@ fn ramp_s(motion: &Motion, speed_mps: f64) -> f64 {
 }
 
 /// Way from rest [m] after a time [s].
-fn begun_m(motion: &Motion, time_s: f64) -> f64 {
-    let acceleration_mps2 = motion.acceleration_mps2;
-    let Some(jerk_mps3) = motion.jerk_mps3 else { return acceleration_mps2 * time_s * time_s / 2.0 };
+fn begun_m(ramp: &RampLimits, time_s: f64) -> f64 {
+    let acceleration_mps2 = ramp.acceleration_mps2;
+    let Some(jerk_mps3) = ramp.jerk_mps3 else { return acceleration_mps2 * time_s * time_s / 2.0 };
     let full_s = acceleration_mps2 / jerk_mps3;
     let jerked_s = time_s.min(full_s);
     let on_s = time_s - jerked_s;
@@ -115,8 +118,8 @@ fn begun_m(motion: &Motion, time_s: f64) -> f64 {
 }
 
 /// How long before the end of `leg` from `from` the `next` one begins [s]: a waypoint without hold is passed within
-/// [`Motion::radius_m`], while the vehicle still brakes. The two ways overlap for at most half of each leg.
-fn corner_s(motion: &Motion, from: &Point3<f64>, leg: &MissionLeg, next: &MissionLeg) -> f64 {
+/// [`VehicleMotion::radius_m`], while the vehicle still brakes. The two ways overlap for at most half of each leg.
+fn corner_s(motion: &VehicleMotion, from: &Point3<f64>, leg: &MissionLeg, next: &MissionLeg) -> f64 {
     let direction = |from: &Point3<f64>, to: &Point3<f64>| (to - from).xy().try_normalize(1e-9);
     let (Some(before), Some(after)) = (direction(from, &leg.to), direction(&leg.to, &next.to)) else { return 0.0 };
     if leg.hold_s > 0.0 {
@@ -125,7 +128,7 @@ fn corner_s(motion: &Motion, from: &Point3<f64>, leg: &MissionLeg, next: &Missio
     let turn: Vector2<f64> = after - before;
     let most_s =
         (leg_s(motion, from, leg) - motion.response_s).min(leg_s(motion, &leg.to, next) - motion.response_s) / 2.0;
-    let cut_m = |overlap_s: f64| turn.norm() * begun_m(motion, overlap_s / 2.0);
+    let cut_m = |overlap_s: f64| turn.norm() * begun_m(&motion.horizontal, overlap_s / 2.0);
     if cut_m(most_s) <= motion.radius_m {
         return most_s.max(0.0);
     }

@@ -4,7 +4,7 @@ use clap::Args;
 use skysink_common::scenario::Scenario;
 
 use super::altitude::AltitudeReference;
-use super::autopilot::{Autopilot, Motion};
+use super::autopilot::{Autopilot, VehicleMotion};
 
 /// Minimum number of items of a mission: home, take-off, speed, waypoint, speed, waypoint above home, return.
 pub const MIN_ITEMS: usize = 7;
@@ -36,8 +36,7 @@ pub struct VehicleMissionOptions {
     /// autopilot].
     #[arg(long, value_name = "M/S2", value_parser = parse_positive)]
     pub acceleration: Option<f64>,
-    /// Jerk of the vehicle for the estimate of the duration [m/s³] [default: that of the autopilot; without limit if the
-    /// acceleration is given].
+    /// Jerk of the vehicle for the estimate of the duration [m/s³] [default: that of the autopilot].
     #[arg(long, value_name = "M/S3", value_parser = parse_positive)]
     pub jerk: Option<f64>,
     /// Export vehicle missions that take longer, or more energy, than the UAV has.
@@ -79,7 +78,7 @@ impl VehicleMissionOptions {
 
     /// How the vehicle of a scenario moves.
     #[must_use]
-    pub fn motion(&self, scenario: &Scenario) -> Motion {
+    pub fn motion(&self, scenario: &Scenario) -> VehicleMotion {
         let acceleration_mps2 = self.acceleration.or(scenario.uav.acceleration_mps2);
         self.autopilot().motion().with(acceleration_mps2, self.jerk)
     }

@@ -15,7 +15,7 @@ use skysink_mission::replay::RecordedRun;
 use skysink_mission::trace::RecordedSlot;
 
 use super::altitude::AltitudeReference;
-use super::autopilot::Autopilot;
+use super::autopilot::{Autopilot, RampLimits};
 use super::duration::{MissionLeg, effort};
 use super::ground::Ground;
 use super::mission_options::{MIN_ITEMS, VehicleMissionOptions};
@@ -307,7 +307,9 @@ fn the_estimate_is_within_15_percent_of_what_arducopter_has_flown() {
 /// 90 m at 1 m/s² and 10 m/s, from rest to rest: 2 · √90 s = 18.974 s. 200 m reach 10 m/s: 20 s for 100 m, and 10 s.
 #[test]
 fn legs_without_jerk_take_as_long_as_worked_by_hand() {
-    let motion = Autopilot::Px4.motion().with(Some(1.0), None);
+    let mut motion = Autopilot::Px4.motion();
+    motion.horizontal = RampLimits { acceleration_mps2: 1.0, jerk_mps3: None };
+    (motion.response_s, motion.settling_s) = (0.0, 0.0);
     let leg = |x_m: f64, hold_s| MissionLeg { to: Point3::new(x_m, 0.0, 20.0), speed_mps: 10.0, hold_s };
     let start = Point3::new(0.0, 0.0, 20.0);
     let seconds = |x_m| super::duration::leg_s(&motion, &start, &leg(x_m, 0.0));

@@ -298,7 +298,7 @@ impl VehicleMission {
         let range =
             if lowest_m == highest_m { format!("{lowest_m} m") } else { format!("{lowest_m:.1} to {highest_m:.1} m") };
         let motion = options.motion(&track.run.scenario);
-        let jerk = motion.jerk_mps3.map_or(String::new(), |jerk_mps3| format!(" and {jerk_mps3} m/s³"));
+        let jerk = motion.horizontal.jerk_mps3.map_or(String::new(), |jerk_mps3| format!(" and {jerk_mps3} m/s³"));
         let times: Vec<String> = self.parts.iter().map(|part| format!("{:.0} s", part.effort.duration_s)).collect();
         let planned_s = track.run.slots.len() as f64 * track.run.scenario.slot_s;
         let ground_m = track.run.list.ground_m().iter().copied().reduce(f64::max);
@@ -313,7 +313,7 @@ impl VehicleMission {
             format!(
                 "estimated from take-off to landing: {} with {} m/s²{jerk} (planned: {planned_s} s)",
                 times.join(", "),
-                motion.acceleration_mps2
+                motion.horizontal.acceleration_mps2
             ),
         ];
         lines.into_iter().chain(return_line).collect()
