@@ -118,7 +118,7 @@ def test_bits_that_real_sensor_nodes_have_delivered_are_those_of_the_ledger(plac
 @pytest.mark.parametrize(
     ("returned", "expected"),
     [
-        ("(float('nan'), 0.0)", "vehicle: slot 1: position = [nan"),
+        ("(float('nan'), 0.0)", "vehicle: slot 1: position = (nan, 0.0): expected"),
         ("(1.0, 2.0, 3.0, 4.0)", "expected (x, y) or (x, y, z), finite"),
         ("skysink.ring.Flown((1, 2), velocity_mps=(1, 2))", "velocity_mps = (1, 2): expected three finite numbers"),
         ("(1e39, 0.0)", "position = (1e+39, 0.0): expected (x, y) or (x, y, z), finite"),
