@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use skysink::worker;
 use skysink_common::message::{FlightReport, Mode};
-use skysink_flight_sim::outside::{Order, OutsideVehicle};
+use skysink_flight_sim::outside::{OutsideVehicle, SlotOrder};
 
 /// Farthest flight in a slot of 1 s [m].
 const FARTHEST_M: f64 = 12.0;
@@ -13,7 +13,7 @@ const FARTHEST_M: f64 = 12.0;
 struct Slow;
 
 impl OutsideVehicle for Slow {
-    fn fly(&mut self, order: &Order) -> FlightReport {
+    fn fly(&mut self, order: &SlotOrder) -> FlightReport {
         let way = order.plan.waypoint() - order.position;
         let flown = way * (FARTHEST_M / way.norm()).min(1.0); // infinite on the spot
         let mut report = FlightReport::at(order.position + flown, Mode::Serve);

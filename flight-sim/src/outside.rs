@@ -15,7 +15,7 @@ pub const REACHED_M: f64 = 2.0;
 
 /// What a vehicle is to do in a slot.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Order {
+pub struct SlotOrder {
     /// The slot, from 1.
     pub slot: u64,
     /// The number of the UAV.
@@ -32,7 +32,7 @@ pub struct Order {
 pub trait OutsideVehicle {
     /// Flies a slot, and reports where the vehicle is at its end: [`FlightReport::at`], and what else it knows. The mode counts
     /// only if it is [`Mode::Down`]. Links are filled in.
-    fn fly(&mut self, order: &Order) -> FlightReport;
+    fn fly(&mut self, order: &SlotOrder) -> FlightReport;
 }
 
 /// The vehicles of a mission: where they were, and the channel above them.
@@ -75,7 +75,7 @@ impl OutsideFleet {
     /// The orders of a slot by its plans, `None` if there are none in time. A waypoint that is out of reach, outside the area or
     /// behind a zone is refused, and so is charging outside the base.
     #[must_use]
-    pub fn orders(&self, slot: u64, plans: Option<&[Plan]>) -> ByUav<Order> {
+    pub fn orders(&self, slot: u64, plans: Option<&[Plan]>) -> ByUav<SlotOrder> {
         let refusals = plans.map(|plans| self.fleet.refusals(plans));
         let order = |(uav, &position): (usize, &Point3<f64>)| {
             let plan = plans.and_then(|plans| plans.get(uav)).copied();
@@ -87,13 +87,13 @@ impl OutsideFleet {
             let mut plan = plan.filter(|_| hold == HoldReason::None).unwrap_or(stay);
             // Whatever its altitude was: a plan keeps the one that it finds.
             plan.z_m = self.altitude_m.unwrap_or(plan.z_m);
-            Order { slot, uav, position, plan, hold }
+            SlotOrder { slot, uav, position, plan, hold }
         };
         self.positions.iter().enumerate().map(order).collect()
     }
 
     /// Completes the `reports` of the vehicles that have flown these `orders`: modes, refusals, and links.
-    pub fn complete(&mut self, slot: u64, orders: &[Order], reports: &mut [FlightReport]) {
+    pub fn complete(&mut self, slot: u64, orders: &[SlotOrder], reports: &mut [FlightReport]) {
         for (order, report) in orders.iter().zip(&mut *reports) {
             let is_down = report.mode == Mode::Down as u32;
             let is_reached = (report.position() - order.plan.waypoint()).norm() <= self.reached_m;

@@ -25,6 +25,7 @@ __all__ = [
     "SweepPlan",
     "SweepRecord",
     "Table",
+    "VehicleCore",
     "View",
     "__build__",
     "__version__",

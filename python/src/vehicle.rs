@@ -9,7 +9,7 @@ use skysink_common::message::{FlightReport, HoldReason, Mode, Plan, SensorNode};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::ByUav;
-use skysink_flight_sim::outside::{Order, OutsideFleet};
+use skysink_flight_sim::outside::{OutsideFleet, SlotOrder};
 use skysink_planner::settings;
 
 use crate::errors::refused;
@@ -23,7 +23,7 @@ pub struct PyVehicleCore(Mutex<State>);
 
 struct State {
     fleet: OutsideFleet,
-    orders: ByUav<Order>,
+    orders: ByUav<SlotOrder>,
 }
 
 impl PyVehicleCore {
@@ -71,7 +71,7 @@ impl PyVehicleCore {
         let mut state = self.state();
         let plans: Option<Vec<Plan>> = plans.map(messages);
         state.orders = state.fleet.orders(slot, plans.as_deref());
-        let order = |order: &Order| {
+        let order = |order: &SlotOrder| {
             let mode = Mode::from_repr(order.plan.mode).unwrap_or_default();
             let is_late = order.hold == HoldReason::NoPlan;
             let is_refused = !is_late && order.hold != HoldReason::None;

@@ -127,7 +127,11 @@ fn a_bad_row_is_refused_by_its_line() {
 fn a_list_with_another_header_or_without_rows_is_refused() {
     list_refused(
         "x_m,z_m\n1,2\n",
-        &["line 1", "z_m", "x_m,y_m,lat_deg,lon_deg,queue_bits,gain_db,sampling_bps,capacity_bits,weight,name"],
+        &[
+            "line 1",
+            "z_m",
+            "x_m,y_m,lat_deg,lon_deg,queue_bits,gain_db,sampling_bps,capacity_bits,weight,ground_m,name",
+        ],
     );
     list_refused("x_m,queue_bits\n1,2\n", &["line 1", "expected x_m,y_m"]);
     list_refused("x_m,y_m\n", &["expected at least one sensor node"]);
