@@ -43,6 +43,7 @@ mod settings;
 mod support;
 #[cfg(feature = "lab")]
 mod sweep;
+mod tables;
 mod topics;
 mod vehicle;
 #[cfg(feature = "viewer")]
