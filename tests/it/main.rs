@@ -20,6 +20,7 @@ mod folders;
 mod help;
 mod hosts;
 mod imports;
+mod invariants;
 mod keys;
 #[cfg(feature = "lab")]
 mod least_fleet;
