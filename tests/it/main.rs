@@ -35,6 +35,7 @@ mod plot;
 #[cfg(feature = "viewer")]
 mod recording;
 mod refusals;
+mod release;
 mod replay;
 mod report;
 mod resume;
