@@ -1,6 +1,7 @@
-//! The tables of `docs/src/interfaces.md` that restate code: topics, files that are types, and entities of recordings. A
-//! table stands between `<!-- table: WHAT -->` and `<!-- end -->`; WHAT is `topics`, `entities`, or the names of types, of
-//! which the others are the types of fields of the first. (`tests/ring_planners/layouts.rs` writes those of the messages.)
+//! The tables of `docs/src/interfaces.md` that restate code: topics, files that are types, and entities of recordings.
+//!
+//! A table stands between `<!-- table: WHAT -->` and `<!-- end -->`; WHAT is `topics`, `entities`, or names of types, of
+//! which the others are types of fields of the first. `tests/ring_planners/layouts.rs` writes the layouts of messages.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -94,7 +95,8 @@ fn body_of(name: &str) -> Vec<Documented> {
     let folders = crates(root()).into_iter().map(|folder| root().join(folder).join("src"));
     let texts = folders.flat_map(|folder| sources(&folder)).map(|path| fs::read_to_string(path).unwrap());
     let declarations = [format!("struct {name} {{"), format!("enum {name} {{")];
-    let mut bodies = texts.filter_map(|text| declarations.iter().find_map(|line| Some(documented(block(&text, line, "\n}\n")?))));
+    let mut bodies =
+        texts.filter_map(|text| declarations.iter().find_map(|line| Some(documented(block(&text, line, "\n}\n")?))));
     bodies.next().unwrap_or_else(|| panic!("{name}: expected a type with fields or values"))
 }
 
@@ -150,21 +152,19 @@ fn topics() -> String {
         let Some((name, kind)) = line.strip_suffix("> {").and_then(|line| line.split_once(": ")) else { continue };
         let (_, types) = kind.split_once('<').expect("two types");
         let (payload, header) = types.split_once(", ").expect("two types");
-        let mut value = |key: &str| {
-            let line = lines.next().expect("a row").line;
-            let value = line.strip_prefix(key).unwrap_or_else(|| panic!("{name}: expected {key}, found {line}"));
-            value.trim_end_matches(',').trim_matches(['&', '[', ']']).split(", ").map(role).collect::<Vec<_>>().join(", ")
-        };
-        let writer = value("writer: ");
-        let readers = value("readers: ");
+        let mut roles = |key: &str| roles(lines.next().and_then(|item| Some(item.line.strip_prefix(key)?.to_owned())));
+        let writer = roles("writer: ");
+        let readers = roles("readers: ");
         table += &format!("| `skysink/{name}` | `{payload}` | `{header}` | {writer} → {readers} | {words} |\n");
     }
     table
 }
 
-/// The executable of a role.
-fn role(name: &str) -> String {
-    if name == "Launcher" { "skysink".to_owned() } else { kebab_case(name) }
+/// The executables of the roles in a value of a row.
+fn roles(value: Option<String>) -> String {
+    let value = value.expect("the writer, then the readers");
+    let names = value.trim_matches(['&', '[', ']', ',']).split(", ").map(kebab_case);
+    names.collect::<Vec<_>>().join(", ").replace("launcher", "skysink")
 }
 
 /// The table of the entities of recordings.
