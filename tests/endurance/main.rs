@@ -1,13 +1,13 @@
 //! Tests that take minutes: runs whose processes are killed, stopped and restarted with the same results, the
-//! paper's figures, and large fields.
+//! book's tables, and large fields.
 
 mod anywhere;
 mod crashes;
-mod figures;
 mod hostile;
 mod kills;
 mod large;
 mod paced;
+mod reproduce;
 mod resumed;
 mod silence;
 mod soaks;
