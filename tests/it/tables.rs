@@ -1,6 +1,6 @@
 //! The tables of `docs/src/interfaces.md` that restate code: topics, files that are types, and entities of recordings.
 //!
-//! A table stands between `<!-- table: WHAT -->` and `<!-- end -->`; WHAT is `topics`, `entities`, or names of types, of
+//! A table stands between `<!-- table: WHAT -->` and `<!-- end -->`; WHAT is `topics`, `entities`, or type names, of
 //! which the others are types of fields of the first. `tests/ring_planners/layouts.rs` writes the layouts of messages.
 
 use std::fs;
