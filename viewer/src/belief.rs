@@ -28,7 +28,7 @@ use crate::steps::Steps;
 pub const BELIEVED: &str = "belief/believed";
 /// Map of the true queues.
 pub const TRUE: &str = "belief/true";
-/// Map of the difference.
+/// Map of the difference of both.
 pub const ERROR: &str = "belief/error";
 /// Mean absolute error, as a fraction of the buffer.
 pub const MEAN_ERROR: &str = "metrics/belief/mean_error";

@@ -37,7 +37,7 @@ pub const MARK: &str = "los/altitude";
 pub const ALTITUDE: &str = "metrics/los/altitude";
 /// Root of the elevation angles [deg] of the served links.
 pub const ELEVATION: &str = "metrics/los/elevation";
-/// Root of their probabilities of line of sight, 0 to 1.
+/// Root of the probabilities of line of sight of the served links, 0 to 1.
 pub const PROBABILITY: &str = "metrics/los/probability";
 /// Below [`ELEVATION`] and [`PROBABILITY`]: the mean over the served links.
 pub const MEAN: &str = "mean";

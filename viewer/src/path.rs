@@ -18,11 +18,11 @@ use crate::sizes::Sizes;
 
 /// The planned path.
 pub const PATH: &str = "world/path";
-/// Its waypoints, without the slot's own.
+/// The waypoints of the planned path, without the slot's own.
 pub const STOPS: &str = "world/path/stops";
 /// The path on the ground, for the view from above.
 pub const TRACK: &str = "world/path_track";
-/// Its waypoints.
+/// The waypoints of the path on the ground.
 pub const TRACK_STOPS: &str = "world/path_track/stops";
 
 /// The paths of the other UAVs, and on the ground.

@@ -20,11 +20,11 @@ pub const FLEET: &str = "world/uavs";
 pub const UAV: &str = "world/uav";
 /// Frame that follows the heading.
 pub const BODY: &str = "world/uav/body";
-/// A dot at its position, with the same size on the screen at every distance.
+/// A dot at the UAV's position, with the same size on the screen at every distance.
 pub const DOT: &str = "world/uav/dot";
-/// What is written at it: altitude, speed, battery.
+/// What is written at the UAV: altitude, speed, battery.
 pub const LABEL: &str = "world/uav/label";
-/// The same of all UAVs for the views from above, in which rerun draws no text of the scene.
+/// What is written at all UAVs, for the views from above, in which rerun draws no text of the scene.
 pub const LABELS_ABOVE: &str = "cameras/top/uavs";
 /// The path flown since the last drawn slot. Views select how many slots are visible.
 pub const TRAIL: &str = "world/uav_trail";
@@ -34,7 +34,7 @@ pub const TRACK: &str = "world/uav_track";
 pub const WAYPOINTS: &str = "world/waypoints";
 /// The planned waypoint.
 pub const WAYPOINT: &str = "world/waypoint";
-/// The path to it.
+/// The path to the planned waypoint.
 pub const PLAN: &str = "world/plan";
 /// The circle within communication radius, on the ground below the UAV.
 pub const COVERAGE: &str = "world/uav/coverage";
