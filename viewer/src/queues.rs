@@ -18,9 +18,9 @@ use crate::sizes::{MAX_BARS, Sizes};
 
 /// Root of the 3D scene, with the queue scale.
 pub const WORLD: &str = "world";
-/// The points.
+/// Sensor nodes as points.
 pub const POINTS: &str = "world/sensors";
-/// The bars.
+/// Queues as bars.
 pub const BARS: &str = "world/queues";
 /// Marks above the sensor nodes that have lost data, where there are bars.
 pub const LOST: &str = "world/lost";
