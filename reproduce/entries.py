@@ -115,15 +115,21 @@ def error_of(values):
     return stdev(values) / sqrt(len(values)) if len(values) > 1 else 0.0
 
 
+LEAST = 5e-5  # what four digits show
+
+
 def cell(values, sign=""):
-    """Mean and standard error, with the digits that the error leaves."""
+    """Mean and standard error, with the digits that the error leaves, at most four."""
     if not values:
         return ""
     if not any(values):
         return "0"
+    if max(map(abs, values)) < LEAST or not sign and mean(values) < LEAST:
+        return "< 0.0001"
     error = error_of(values)
-    digits = min(5, max(3, -floor(log10(error)))) if error > 0.0 else 4
-    return f"{mean(values):{sign}.{digits}f} ± {error:.{digits}f}"
+    digits = min(4, max(3, -floor(log10(error)))) if error > 0.0 else 4
+    margin = f" ± {error:.{digits}f}" if error >= LEAST else ""
+    return f"{mean(values):{sign}.{digits}f}{margin}"
 
 
 def version():
@@ -259,7 +265,7 @@ def altitude_gain():
 @entry("return-cost", 15)
 def return_cost():
     """The loss of UAVs that return to a base, by battery and charger."""
-    one_slot, ahead = sweep("return"), sweep("return-ahead")
+    missions = sweep("return")
     strategies = ["gfs", "exact", "edf", "mes", "tour"]
     rows = []
     for side in [300, 1000]:
@@ -271,11 +277,10 @@ def return_cost():
             ("20 min, 1 000 W", 224000, 1000),
         ]:
             keys = {SIDE: side, "uav.battery.capacity_j": capacity_j, "base.charge_w": charge_w}
-            here = one_slot.at(keys)
-            losses = [here.loss(strategy) for strategy in strategies]
-            rows.append([f"{side} m, {label}", *losses, ahead.at(keys).loss("horizon")])
-    head = ["side, battery, charger", *strategies, "horizon"]
-    return table("return-cost", head, rows, fields_of(one_slot, ahead, "`horizon`"))
+            here = missions.at(keys)
+            rows.append([f"{side} m, {label}", *(here.loss(strategy) for strategy in strategies)])
+    head = ["side, battery, charger", *strategies]
+    return table("return-cost", head, rows, f"seeds 1 to {missions.fields()}")
 
 
 @entry("models", 20)
@@ -313,9 +318,9 @@ def models():
 @entry("ablation", 25)
 def ablation():
     """What parts and search steps of `horizon` change."""
-    parts, steps, spatial = sweep("ablation"), sweep("ablation-steps"), sweep("ablation-3d")
+    parts, steps = sweep("ablation"), sweep("ablation-steps")
     columns = [{SIDE: 1000} | WIDE, {SIDE: 300} | NARROW, {SIDE: 1000} | NARROW]
-    settings = [parts.at(keys) for keys in columns] + [spatial]
+    settings = [parts.at(keys) for keys in columns]
     everything = [missions.at({"planner.horizon.without": "nothing"}) for missions in settings]
     rows = [["all parts", *(missions.loss("horizon") for missions in everything)]]
     for part in ["rollouts", "offers", "annealing", "groups"]:
@@ -327,10 +332,9 @@ def ablation():
         rows.append([f"without {part}, change", *cells])
     for count in [0, 600, 6000]:
         at_steps = steps.at({"planner.horizon.iterations": count})
-        rows.append([f"{count} steps", *(at_steps.at(keys).loss("horizon") for keys in columns), ""])
-    head = ["`horizon`", "1 000 m", "300 m, 5 kHz", "1 000 m, 5 kHz", "3-D"]
-    seeds = f"{fields_of(parts, steps, 'the last three rows')}, 1 to {spatial.fields()} in 3-D"
-    return table("ablation", head, rows, seeds)
+        rows.append([f"{count} steps", *(at_steps.at(keys).loss("horizon") for keys in columns)])
+    head = ["`horizon`", "1 000 m", "300 m, 5 kHz", "1 000 m, 5 kHz"]
+    return table("ablation", head, rows, fields_of(parts, steps, "the last three rows"))
 
 
 MISSIONS = 300  # of the benchmark, on each map
