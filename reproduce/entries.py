@@ -236,7 +236,7 @@ def look_ahead():
         for label, strategy in [("lower bound", "bound"), ("best known", "best-known")]
         + [(f"`{name}`", name) for name in ["horizon", "offline", "tour", "drift-plus-penalty", "hover"]]
     ]
-    others = "mes edf whittle max-age-first round-robin max-weight exact uts-wide uts gfs rfs".split()
+    others = "mes edf whittle max-age-first max-weight exact uts gfs".split()
     rows += [[f"`{strategy}`", *(missions.loss(strategy) for missions in cheap)] for strategy in others]
     head = ["", *(label for label, _, _ in columns)]
     return table("look-ahead", head, rows, fields_of(cheap[0], ahead[0], "the first seven rows"))
