@@ -2,6 +2,7 @@
 //!
 //! What one UAV does is left to [`crate::flight`].
 
+use nalgebra::Point3;
 use skysink_common::message::{FlightReport, HoldReason, LinkReport, Mode, Plan, SensorNode, SolverOutcome};
 use skysink_common::scenario::Scenario;
 use skysink_common::slot_record::ByUav;
@@ -34,6 +35,11 @@ impl Fleet {
     #[must_use]
     pub fn start(&self) -> ByUav<FlightReport> {
         self.uavs.iter().map(Flight::start).collect()
+    }
+
+    /// Where the UAVs are [m].
+    pub(crate) fn positions(&self) -> impl Iterator<Item = Point3<f64>> {
+        self.uavs.iter().map(Flight::position)
     }
 
     /// Moves the UAVs to the ends of recorded flights of this mission.
@@ -72,8 +78,8 @@ impl Fleet {
         let mut refusals: ByUav<HoldReason> = ByUav::new();
         for (uav, plan) in self.uavs.iter().zip(plans) {
             let is_too_near = |(lower, refusal): (usize, &HoldReason)| {
-                let end =
-                    if *refusal == HoldReason::None { plans[lower].waypoint() } else { self.uavs[lower].position() };
+                let flies = *refusal == HoldReason::None && plans[lower].mode != Mode::Charge as u32;
+                let end = if flies { plans[lower].waypoint() } else { self.uavs[lower].position() };
                 uav.is_too_near(plan, &end.xy(), self.separation_m)
             };
             let flies = self.separation_m > 0.0 && plan.mode != Mode::Charge as u32;
@@ -83,8 +89,8 @@ impl Fleet {
         refusals
     }
 
-    /// Takes in where vehicles are at the end of `slot`, as `reports` say it, and fills in the links of these reports as
-    /// [`Flight::observe`] does. A sensor node that a UAV of lower number serves is not served again.
+    /// Takes in where vehicles are at the end of `slot`, as `reports` say it, and fills in the links of these reports
+    /// as [`Flight::observe`] does. A sensor node that a UAV of lower number serves is not served again.
     pub fn observe<'a>(
         &mut self,
         slot: u64,

@@ -65,7 +65,13 @@ impl Flight {
 
     /// Why a vehicle that is where it was last observed must not follow `plan`; [`HoldReason::None`] if it may.
     pub(crate) fn refusal(&self, plan: &Plan) -> HoldReason {
-        if plan.mode == Mode::Charge as u32 { HoldReason::Base } else { self.vehicle.refusal(plan.waypoint()) }
+        if plan.mode != Mode::Charge as u32 {
+            self.vehicle.refusal(plan.waypoint())
+        } else if self.vehicle.is_base(&self.position().xy()) {
+            HoldReason::None
+        } else {
+            HoldReason::Base
+        }
     }
 
     /// Where it is [m].
@@ -160,7 +166,7 @@ impl Flight {
             self.vehicle.move_to(report.waypoint());
         }
         if report.expected_bits != 0 {
-            self.vehicle.measured(f64::from_bits(report.expected_bits));
+            self.vehicle.correct_energy(f64::from_bits(report.expected_bits));
         }
         let mut repeated = self.report(mode);
         let known = report.scheduled().iter().filter(|&&sensor| (sensor as usize) < self.positions.len());
@@ -176,10 +182,10 @@ impl Flight {
         repeated
     }
 
-    /// Takes in where a vehicle is at the end of `slot`, as its `report` says it, wherever that lies, and fills in the links
-    /// of the report: those of the `plan` to sensor nodes in range of there, with the scenario's channel. There are none
-    /// without a plan, or in a mode in which no sensor node is served. Without an energy in the report, a battery of the
-    /// scenario has that of the model.
+    /// Takes in where a vehicle is at the end of `slot`, as its `report` says it, wherever that lies, and fills in the
+    /// links of the report: those of the `plan` to sensor nodes in range of there, with the scenario's channel. There
+    /// are none without a plan, or in a mode in which no sensor node is served. Without an energy in the report, a
+    /// battery of the scenario has that of the model.
     pub fn observe(&mut self, slot: u64, plan: Option<&Plan>, report: &mut FlightReport) {
         let mode = Mode::from_repr(report.mode).unwrap_or_default();
         if mode == Mode::Charge {
@@ -189,7 +195,7 @@ impl Flight {
             self.vehicle.move_to(report.position());
         }
         if report.energy_j.is_finite() {
-            self.vehicle.measured(report.energy_j);
+            self.vehicle.correct_energy(report.energy_j);
         }
         report.energy_j = self.vehicle.energy_j;
         report.served = 0;

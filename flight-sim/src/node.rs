@@ -3,6 +3,7 @@
 use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::Service;
+use skysink_common::error::InputError;
 use skysink_common::message::{FlightReport, HoldReason, Plan, SensorNode};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
@@ -122,6 +123,8 @@ impl Flying<'_> {
             Self::Outside { fleet, vehicles } => {
                 let orders = fleet.orders(slot, plans);
                 *reports = orders.iter().zip(&mut **vehicles).map(|(order, vehicle)| vehicle.fly(order)).collect();
+                let refuse = |error| InputError::of_argument("slot", &slot.to_string(), error);
+                fleet.check(reports).map_err(refuse)?;
                 fleet.complete(slot, &orders, reports);
             }
         }

@@ -3,15 +3,20 @@
 //! How they fly is left to a [`Vehicle`](OutsideVehicle), the transport to `node` and to other languages.
 
 use nalgebra::Point3;
-use skysink_common::base::Base;
+use skysink_common::error::InputError;
 use skysink_common::message::{FlightReport, HoldReason, Mode, Plan, SensorNode};
-use skysink_common::scenario::Scenario;
+use skysink_common::possible::Message as _;
+use skysink_common::scenario::{Area, Scenario};
 use skysink_common::slot_record::ByUav;
 
 use crate::fleet::Fleet;
 
 /// A slot ends at the waypoint if it ends this near to it [m]; farther away the vehicle is en route.
 pub const REACHED_M: f64 = 2.0;
+
+/// A position farther outside the area than this is not believed [m]. Nearer, a vehicle may be anywhere: a lost link may
+/// have hidden a long flight, and a run may be resumed from elsewhere.
+pub const ASTRAY_M: f64 = 1e5;
 
 /// What a vehicle is to do in a slot.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,8 +35,8 @@ pub struct SlotOrder {
 
 /// A vehicle that flies orders.
 pub trait OutsideVehicle {
-    /// Flies a slot, and reports where the vehicle is at its end: [`FlightReport::at`], and what else it knows. The mode counts
-    /// only if it is [`Mode::Down`]. Links are filled in.
+    /// Flies a slot, and reports where the vehicle is at its end: [`FlightReport::at`], and what else it knows. The mode
+    /// counts only if it is [`Mode::Down`]. Links are filled in.
     fn fly(&mut self, order: &SlotOrder) -> FlightReport;
 }
 
@@ -39,22 +44,20 @@ pub trait OutsideVehicle {
 #[derive(Debug, Clone)]
 pub struct OutsideFleet {
     fleet: Fleet,
-    base: Option<Base>,
-    positions: ByUav<Point3<f64>>,
+    area: Area,
     /// The altitude of all waypoints [m]; `None` if they have their own.
     altitude_m: Option<f64>,
     reached_m: f64,
 }
 
 impl OutsideFleet {
-    /// The vehicles at their starts, over the published sensor nodes. A slot that ends farther than `reached_m` [m] from its
-    /// waypoint has not reached it.
+    /// The vehicles at their starts, over the published sensor nodes. A slot that ends farther than `reached_m` [m] from
+    /// its waypoint has not reached it.
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &[SensorNode], reached_m: f64) -> Self {
         Self {
             fleet: Fleet::new(scenario, sensors),
-            base: scenario.landing_base(),
-            positions: scenario.starts().collect(),
+            area: scenario.area.clone(),
             altitude_m: scenario.uav.climb().is_none().then_some(scenario.uav.altitude_m),
             reached_m,
         }
@@ -69,27 +72,44 @@ impl OutsideFleet {
     /// Moves the vehicles to where they were at the end of a slot that they have reported.
     pub fn restore(&mut self, reports: &[FlightReport]) {
         self.fleet.restore(reports);
-        self.positions = reports.iter().map(FlightReport::position).collect();
     }
 
-    /// The orders of a slot by its plans, `None` if there are none in time. A waypoint that is out of reach, outside the area or
-    /// behind a zone is refused, and so is charging outside the base.
+    /// The orders of a slot by its plans, `None` if there are none in time. A waypoint that is out of reach, outside the
+    /// area or behind a zone is refused, and so is charging outside the base.
     #[must_use]
     pub fn orders(&self, slot: u64, plans: Option<&[Plan]>) -> ByUav<SlotOrder> {
         let refusals = plans.map(|plans| self.fleet.refusals(plans));
-        let order = |(uav, &position): (usize, &Point3<f64>)| {
+        let order = |(uav, position): (usize, Point3<f64>)| {
             let plan = plans.and_then(|plans| plans.get(uav)).copied();
             let refusal = refusals.as_ref().and_then(|refusals| refusals.get(uav)).copied();
-            let is_charging = plan.is_some_and(|plan| plan.mode == Mode::Charge as u32)
-                && self.base.as_ref().is_some_and(|base| base.contains(&position.xy()));
-            let hold = if is_charging { HoldReason::None } else { refusal.unwrap_or(HoldReason::NoPlan) };
+            let hold = refusal.unwrap_or(HoldReason::NoPlan);
             let stay = Plan::fly_to(position, Mode::Hold);
             let mut plan = plan.filter(|_| hold == HoldReason::None).unwrap_or(stay);
             // Whatever its altitude was: a plan keeps the one that it finds.
             plan.z_m = self.altitude_m.unwrap_or(plan.z_m);
             SlotOrder { slot, uav, position, plan, hold }
         };
-        self.positions.iter().enumerate().map(order).collect()
+        self.fleet.positions().enumerate().map(order).collect()
+    }
+
+    /// Checks that the vehicles can be where they say.
+    ///
+    /// # Errors
+    /// If a number is not finite, or a position is farther than [`ASTRAY_M`] from the area.
+    pub fn check(&self, reports: &[FlightReport]) -> Result<(), InputError> {
+        for (uav, report) in reports.iter().enumerate() {
+            let refuse = |message: &str| Err(InputError::of_argument("uav", &uav.to_string(), message));
+            let FlightReport { x_m, y_m, z_m, .. } = *report;
+            if !self.area.contains(&report.position().xy(), ASTRAY_M) || !(-ASTRAY_M..=ASTRAY_M).contains(&z_m) {
+                let km = ASTRAY_M / 1e3;
+                return refuse(&format!("position = ({x_m}, {y_m}, {z_m}): expected at most {km} km from the area"));
+            }
+            let said = FlightReport { served: 0, energy_j: 0.0, ..*report }; // links and energy are filled in
+            if !FlightReport::are_possible(&[said]) {
+                return refuse("time, velocity, heading and covariance: expected finite numbers");
+            }
+        }
+        Ok(())
     }
 
     /// Completes the `reports` of the vehicles that have flown these `orders`: modes, refusals, and links.
@@ -114,7 +134,6 @@ impl OutsideFleet {
         for report in &mut *reports {
             report.mode = report.flown_mode() as u32;
         }
-        self.positions = reports.iter().map(FlightReport::position).collect();
     }
 }
 
@@ -198,6 +217,21 @@ mod tests {
             fleet.complete(1, &orders, &mut reports);
             assert_eq!(reports[0].energy_j, expected_j);
         }
+    }
+
+    #[test]
+    fn a_vehicle_may_be_anywhere_near_the_area_but_must_say_so_in_numbers() {
+        let at = |x_m: f64, z_m: f64| FlightReport::at([x_m, 50.0, z_m], Mode::Serve);
+        for possible in [at(-99_999.0, 20.0), at(50.0, -3.0), FlightReport { energy_j: f64::NAN, ..at(50.0, 20.0) }] {
+            assert_eq!(fleet().check(&[possible]), Ok(()), "{possible:?}");
+        }
+        let says = |report: FlightReport| fleet().check(&[report]).unwrap_err().to_string();
+        let expected = "uav 0: position = (100101, 50, 20): expected at most 100 km from the area";
+        assert_eq!(says(at(100_101.0, 20.0)), expected);
+        assert!(
+            [at(f64::NAN, 20.0), at(50.0, f64::NAN), at(50.0, 1e9)].into_iter().all(|at| says(at).contains("100 km"))
+        );
+        assert!(says(FlightReport { velocity_mps: [0.0, f64::NAN, 0.0], ..at(50.0, 20.0) }).contains("finite"));
     }
 
     #[test]

@@ -49,8 +49,8 @@ impl Vehicle {
         self.energy_j < 0.0
     }
 
-    /// Takes over an energy that was measured [J], if it has a battery; otherwise it has energy without end.
-    pub fn measured(&mut self, energy_j: f64) {
+    /// Replaces the energy of the model by a measured one [J], if there is a battery; otherwise the energy stays infinite.
+    pub fn correct_energy(&mut self, energy_j: f64) {
         if self.battery.is_some() {
             self.energy_j = energy_j;
         }
@@ -119,8 +119,8 @@ impl Vehicle {
         hold
     }
 
-    /// Why [`Self::fly_to`] would refuse `waypoint` [m] from here; [`HoldReason::None`] if it would not. A fixed altitude is
-    /// kept, also by a vehicle that is a little beside it. One outside the area may come back from any distance.
+    /// Why [`Self::fly_to`] would refuse `waypoint` [m] from here; [`HoldReason::None`] if it would not. Where the altitude
+    /// is fixed, that of the vehicle does not matter. One outside the area may come back from any distance.
     pub(crate) fn refusal(&self, waypoint: Point3<f64>) -> HoldReason {
         let mut trial = self.clone();
         if self.scenario.uav.climb().is_none() {

@@ -15,13 +15,13 @@ use crate::preflight::{Assignment, PreflightRefusal};
 use crate::telemetry::{Order, Telemetry};
 
 /// How near to its waypoint a vehicle has reached it [m].
-pub const TOLERANCE_M: f64 = 2.0;
+pub const TOLERANCE_M: f64 = skysink_flight_sim::outside::REACHED_M;
 
 /// Farthest from its start at which a vehicle may take off [m].
-const FARTHEST_M: f64 = 500.0;
+const TAKE_OFF_RADIUS_M: f64 = 500.0;
 
 /// Energy that a battery has to have before take-off in a scenario without one, as a fraction of its capacity.
-const BATTERY: f64 = 0.3;
+const DEFAULT_BATTERY: f64 = 0.3;
 
 /// Time without a plan after which the vehicles return [s], and the fewest slots without one.
 const PATIENCE_S: f64 = 30.0;
@@ -92,8 +92,8 @@ impl Bridge {
             let assignment = Assignment {
                 start: Point3::new(position.x, position.y, altitude_m.unwrap_or(position.z)),
                 speed_mps: scenario.uav.max_speed_mps,
-                battery: battery.map_or(BATTERY, |battery| battery.initial_j / battery.capacity_j),
-                farthest_m: FARTHEST_M,
+                battery: battery.map_or(DEFAULT_BATTERY, |battery| battery.initial_j / battery.capacity_j),
+                farthest_m: TAKE_OFF_RADIUS_M,
                 tolerance_m: TOLERANCE_M,
                 is_restart,
             };

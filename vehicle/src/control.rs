@@ -2,26 +2,31 @@
 //!
 //! Messages in, orders out. The clock is passed in, in seconds of the vehicle.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
+use skysink_flight_sim::outside::ASTRAY_M;
 
 use crate::autopilot::ModeMeaning;
 use crate::frame::AreaFrame;
 use crate::outbox::Outbox;
 use crate::preflight::{Assignment, Preflight, PreflightRefusal};
 use crate::state::VehicleState;
-use crate::telemetry::{ACCEPTED, GlobalTarget, Order, Telemetry};
+use crate::telemetry::{ACCEPTED, Fix, GlobalTarget, Order, Telemetry};
 
 /// Time between two attempts of an order that the vehicle refuses [s].
 const RETRY_S: f64 = 1.0;
 
-/// Time after which a return that has no effect is ordered again [s].
-const REORDER_S: f64 = 3.0;
+/// Time after which an accepted take-off or return that has no effect is ordered again [s]: longer than motors take to
+/// spool up.
+const REORDER_S: f64 = 6.0;
 
 /// Altitude below that of the start at which a take-off is over [m].
 const CLIMBED_M: f64 = 1.0;
 
 /// Greatest speed of a vehicle that hovers [m/s].
 const HOVER_MPS: f64 = 0.5;
+
+/// What is said of a vehicle that others fly.
+const TAKEN_OVER: &str = "has left the mode that follows orders: a pilot or a failsafe flies it";
 
 /// The temporary refusal of MAVLink: the order may be accepted later.
 const TEMPORARILY_REJECTED: u8 = 1;
@@ -37,7 +42,7 @@ pub enum Phase {
     TakeOff,
     /// Flies to its targets.
     Flying,
-    /// Flies home.
+    /// Flies home, or is flown by others.
     Returning,
     /// On the ground, for the rest of the mission.
     Landed,
@@ -57,12 +62,18 @@ pub struct VehicleControl {
     target: Option<Point3<f64>>,
     /// Whether it has refused that.
     has_refused: bool,
+    /// Whether it has been in the mode that follows orders since it was armed.
+    has_followed: bool,
     /// Whether it has hovered at its start, or was in its mission before.
     has_begun: bool,
     /// Whether the bridge has ordered the return, and not a pilot or a failsafe.
     has_ordered_return: bool,
-    /// When a refused order may be tried again [s].
+    /// When an order that was refused, or that has no effect, may be tried again [s].
     retry_s: f64,
+    /// Its last line for people.
+    text: String,
+    /// Whether its last position was not believed.
+    is_astray: bool,
     said: Vec<String>,
 }
 
@@ -79,9 +90,12 @@ impl VehicleControl {
             outbox: Outbox::default(),
             target: None,
             has_refused: false,
+            has_followed: false,
             has_begun: false,
             has_ordered_return: false,
             retry_s: 0.0,
+            text: String::new(),
+            is_astray: false,
             said: Vec::new(),
         }
     }
@@ -124,10 +138,19 @@ impl VehicleControl {
 
     /// Takes in a message of the vehicle.
     pub fn hear(&mut self, telemetry: &Telemetry, now_s: f64) {
+        if let Telemetry::Position(fix) = telemetry
+            && !self.believes(fix)
+        {
+            return;
+        }
         self.vehicle.hear(telemetry, now_s);
         match telemetry {
             Telemetry::Answer { command, result } => self.hear_answer(*command, *result, now_s),
-            Telemetry::Text(text) => self.said.push(format!("says: {text}")),
+            Telemetry::Text(text) if *text == self.text => {} // ArduPilot repeats them
+            Telemetry::Text(text) => {
+                self.said.push(format!("says: {text}"));
+                self.text.clone_from(text);
+            }
             Telemetry::Parameter { name, value } => {
                 let switch = self.vehicle.autopilot.and_then(|autopilot| autopilot.dead_man_switch());
                 if switch == Some(name) {
@@ -138,8 +161,26 @@ impl VehicleControl {
         }
     }
 
+    /// Whether a vehicle that was checked can be at `fix`.
+    fn believes(&mut self, fix: &Fix) -> bool {
+        let away_m = self.frame.position(fix).map(|at| (at - self.assignment.start).norm());
+        let was_astray = self.is_astray;
+        self.is_astray = self.phase != Phase::Preflight && !away_m.is_some_and(|away_m| away_m <= ASTRAY_M);
+        if self.is_astray && !was_astray {
+            let Fix { lat_deg, lon_deg, .. } = fix;
+            self.said.push(format!("is not believed to be at {lat_deg}, {lon_deg}: more than 100 km from its start"));
+        }
+        !self.is_astray
+    }
+
     fn hear_answer(&mut self, command: u16, result: u8, now_s: f64) {
-        let Some(order) = self.outbox.answer(command, result).filter(|_| result != ACCEPTED) else { return };
+        let Some(order) = self.outbox.answer(command, result) else { return };
+        if result == ACCEPTED {
+            if matches!(order, Order::TakeOff(_) | Order::Return) {
+                self.retry_s = now_s + REORDER_S;
+            }
+            return;
+        }
         self.retry_s = now_s + RETRY_S;
         match order {
             Order::Return => self.outbox.send(order, self.retry_s),
@@ -213,6 +254,7 @@ impl VehicleControl {
         if self.vehicle.is_armed && must_change.is_none() {
             self.outbox.clear();
             self.phase = Phase::TakeOff;
+            self.has_followed = false;
             self.retry_s = now_s;
             return;
         }
@@ -227,7 +269,10 @@ impl VehicleControl {
     fn climb(&mut self, now_s: f64) {
         let Some(fix) = self.vehicle.fix() else { return };
         let altitude_m = self.assignment.start.z;
-        if fix.above_home_m > altitude_m - CLIMBED_M {
+        self.has_followed |= self.vehicle.meaning() == ModeMeaning::FollowsOrders;
+        if self.vehicle.is_armed && self.has_followed && self.is_taken_over() {
+            self.give_up(TAKEN_OVER);
+        } else if fix.above_home_m > altitude_m - CLIMBED_M {
             self.said.push(format!("has taken off to {:.1} m", fix.above_home_m));
             self.fly(now_s);
         } else if !self.vehicle.is_armed {
@@ -237,9 +282,10 @@ impl VehicleControl {
             && !self.vehicle.is_in_air()
             && let Some(autopilot) = self.vehicle.autopilot
         {
-            self.retry_s = now_s + REORDER_S;
-            let altitude = autopilot.altitude(altitude_m, fix.above_sea_m - fix.above_home_m);
-            self.outbox.send(Order::TakeOff(altitude), now_s);
+            let order = Order::TakeOff(autopilot.altitude(altitude_m, fix.above_sea_m - fix.above_home_m));
+            if !self.outbox.has(&order) {
+                self.outbox.send(order, now_s);
+            }
         }
     }
 
@@ -279,17 +325,22 @@ impl VehicleControl {
             self.said.push("has disarmed: its mission is over".to_owned());
             self.outbox.clear();
             self.phase = Phase::Landed;
-        } else if matches!(self.vehicle.meaning(), ModeMeaning::Returns | ModeMeaning::IsFlownByOthers) {
-            self.give_up("has left the mode that follows orders: a pilot or a failsafe flies it");
+        } else if self.is_taken_over() {
+            self.give_up(TAKEN_OVER);
         } else if !self.has_begun && self.hovers_at(self.assignment.start, now_s) {
             self.has_begun = true;
             self.said.push("hovers at its start".to_owned());
         }
     }
 
+    /// Whether it is in a mode of a pilot, a mission or a failsafe.
+    fn is_taken_over(&self) -> bool {
+        matches!(self.vehicle.meaning(), ModeMeaning::Returns | ModeMeaning::IsFlownByOthers)
+    }
+
     fn hovers_at(&self, place: Point3<f64>, now_s: f64) -> bool {
         let is_near = self.position().is_some_and(|at| (at - place).norm() <= self.assignment.tolerance_m);
-        let is_slow = self.vehicle.fix().is_some_and(|fix| Point3::from(fix.velocity_mps).coords.norm() <= HOVER_MPS);
+        let is_slow = self.vehicle.fix().is_some_and(|fix| Vector3::from(fix.velocity_mps).norm() <= HOVER_MPS);
         is_near && is_slow && self.vehicle.has_current_fix(now_s)
     }
 
@@ -309,7 +360,6 @@ impl VehicleControl {
             _ => {
                 self.phase = Phase::Returning;
                 self.has_ordered_return = true;
-                self.retry_s = now_s + REORDER_S;
                 self.said.push(format!("returns: {why}"));
             }
         }
@@ -329,7 +379,6 @@ impl VehicleControl {
         }
         let is_ignored = self.vehicle.meaning() == ModeMeaning::FollowsOrders && !self.outbox.has(&Order::Return);
         if self.has_ordered_return && is_ignored && now_s >= self.retry_s {
-            self.retry_s = now_s + REORDER_S;
             self.outbox.send(Order::Return, now_s);
         }
     }

@@ -12,13 +12,13 @@ impl OrderLatencies {
         self.0.push(Duration::from_nanos(to_ns.saturating_sub(from_ns)));
     }
 
-    /// The quantiles of these orders, 0 to 1, by nearest rank; `None` without times.
+    /// The quantiles of these levels, 0 to 1, by nearest rank; `None` without times.
     #[must_use]
-    pub fn quantiles<const N: usize>(&self, orders: [f64; N]) -> Option<[Duration; N]> {
+    pub fn quantiles<const N: usize>(&self, levels: [f64; N]) -> Option<[Duration; N]> {
         let mut sorted = self.0.clone();
         sorted.sort_unstable();
         let last = sorted.len().checked_sub(1)?;
-        Some(orders.map(|order| sorted[((order * sorted.len() as f64).ceil() as usize).clamp(1, last + 1) - 1]))
+        Some(levels.map(|level| sorted[((level * sorted.len() as f64).ceil() as usize).clamp(1, last + 1) - 1]))
     }
 }
 

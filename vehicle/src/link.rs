@@ -231,6 +231,7 @@ fn message_id(stream: Stream) -> u16 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mavlink::dialects::common::{ESTIMATOR_STATUS_DATA, GLOBAL_POSITION_INT_DATA};
 
     #[test]
     fn a_reposition_is_a_command_int_above_home_in_ten_millionths_of_a_degree() {
@@ -240,6 +241,42 @@ mod tests {
         };
         assert_eq!((sent.x, sent.y, sent.z), (473_977_420, -85_455_940, 20.0));
         assert_eq!((sent.frame, sent.param2, sent.target_system), (MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT, 0.0, 3));
+    }
+
+    #[test]
+    fn a_position_is_east_north_up_and_one_without_a_fix_is_none() {
+        let sent = GLOBAL_POSITION_INT_DATA {
+            time_boot_ms: 1_500,
+            lat: 473_977_420,
+            lon: -85_455_940,
+            alt: 508_000,
+            relative_alt: 20_000,
+            vx: 100,
+            vy: 200,
+            vz: -50,
+            hdg: u16::MAX,
+        };
+        let expected = Fix {
+            lat_deg: 47.397_742,
+            lon_deg: -8.545_594,
+            above_home_m: 20.0,
+            above_sea_m: 508.0,
+            velocity_mps: [2.0, 1.0, 0.5],
+            heading_deg: f64::INFINITY,
+            boot_s: 1.5,
+        };
+        let decoded = |sent: &GLOBAL_POSITION_INT_DATA| decode(&MavMessage::GLOBAL_POSITION_INT(sent.clone()));
+        assert_eq!(decoded(&sent), Some(Telemetry::Position(expected)));
+        assert_eq!(decoded(&GLOBAL_POSITION_INT_DATA { lat: 0, lon: 0, ..sent }), None);
+    }
+
+    #[test]
+    fn what_is_not_known_is_no_message() {
+        assert_eq!((battery(-1), battery(40)), (None, Some(Telemetry::Battery(0.4))));
+        let accuracy = |pos_horiz_accuracy: f32| {
+            decode(&MavMessage::ESTIMATOR_STATUS(ESTIMATOR_STATUS_DATA { pos_horiz_accuracy, ..Default::default() }))
+        };
+        assert_eq!((accuracy(f32::NAN), accuracy(0.5)), (None, Some(Telemetry::Accuracy([0.5, 0.0]))));
     }
 
     #[test]

@@ -5,8 +5,8 @@ use nalgebra::Point3;
 use crate::state::VehicleState;
 use crate::telemetry::Order;
 
-/// How often a parameter is asked for before the vehicle is taken to have none, once a second.
-const ASKED: u32 = 5;
+/// Time between two questions for a parameter [s].
+const ASK_S: f64 = 1.0;
 
 /// Time before the first line on what is missing, and between two [s].
 const FIRST_LINE_S: f64 = 3.0;
@@ -42,8 +42,9 @@ pub struct PreflightRefusal(pub String);
 pub struct Preflight {
     /// The parameter of the dead-man switch.
     dead_man: Option<f32>,
-    asked: u32,
+    /// When it is asked for next [s].
     ask_s: f64,
+    /// When the next line on what is missing is due [s].
     line_s: Option<f64>,
 }
 
@@ -63,8 +64,8 @@ impl Preflight {
         is_due
     }
 
-    /// Says what is still missing, in words after "waiting for it"; `None` if the vehicle may take off from `position` [m].
-    /// Adds a question for a parameter to `orders`.
+    /// Says what is still missing, in words after "waiting for it"; `None` if the vehicle may take off from `position`
+    /// [m]. Adds a question for a parameter to `orders`.
     ///
     /// # Errors
     /// If it must not take off.
@@ -93,11 +94,9 @@ impl Preflight {
                 "{switch} = 0: expected a value with which it returns when the bridge is silent, such as 1 of ArduPilot, 2 of PX4"
             )),
             Some(_) => Ok(None),
-            None if self.asked >= ASKED && now_s >= self.ask_s => Ok(None),
             None => {
                 if now_s >= self.ask_s {
-                    self.ask_s = now_s + 1.0;
-                    self.asked += 1;
+                    self.ask_s = now_s + ASK_S;
                     orders.push(Order::Parameter(switch));
                 }
                 Ok(Some("to say what it does when the bridge is silent"))

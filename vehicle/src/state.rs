@@ -3,9 +3,6 @@
 use crate::autopilot::{AutopilotKind, ModeMeaning};
 use crate::telemetry::{Fix, Order, Stream, Telemetry};
 
-/// Time without a heartbeat after which the link is lost [s].
-const LINK_LOST_S: f64 = 5.0;
-
 /// Age from which a position is not current any more [s].
 const OLD_FIX_S: f64 = 2.0;
 
@@ -15,7 +12,7 @@ const IN_AIR_M: f64 = 1.0;
 /// Time between two checks whether the vehicle sends what it should [s].
 const STREAMS_S: f64 = 2.0;
 
-/// The messages that a vehicle has to send, and their periods [s].
+/// The messages that a vehicle has to send, and their periods [s]; the first shows whether it does.
 const STREAMS: [(Stream, f64); 4] =
     [(Stream::Position, 0.05), (Stream::Accuracy, 0.5), (Stream::Battery, 1.0), (Stream::InAir, 0.5)];
 
@@ -31,7 +28,6 @@ pub struct VehicleState {
     /// Standard deviations of the position [m], horizontal and vertical.
     pub accuracy_m: Option<[f64; 2]>,
     mode: u32,
-    heartbeat_s: f64,
     fix: Option<(Fix, f64)>,
     says_in_air: Option<bool>,
     /// Positions since the last check of the streams.
@@ -47,7 +43,6 @@ impl VehicleState {
                 self.autopilot = Some(autopilot);
                 self.mode = mode;
                 self.is_armed = is_armed;
-                self.heartbeat_s = now_s;
             }
             Telemetry::Position(fix) => {
                 self.fix = Some((fix, now_s));
@@ -60,15 +55,18 @@ impl VehicleState {
         }
     }
 
-    /// The requests for messages that the vehicle sends more rarely than it should, or not at all.
+    /// The requests for all messages, if positions come more rarely than they should, or not at all. ArduPilot does not
+    /// send its accuracy.
     pub fn requests(&mut self, now_s: f64) -> impl Iterator<Item = Order> + use<> {
-        let is_due = self.autopilot.is_some() && now_s >= self.streams_due_s;
+        let autopilot = self.autopilot;
+        let is_due = autopilot.is_some() && now_s >= self.streams_due_s;
         let is_slow = is_due && f64::from(self.positions) < STREAMS_S / STREAMS[0].1 / 2.0;
         if is_due {
             self.positions = 0;
             self.streams_due_s = now_s + STREAMS_S;
         }
-        let streams = STREAMS.iter().filter(move |_| is_slow);
+        let is_sent = move |stream| stream != Stream::Accuracy || autopilot != Some(AutopilotKind::ArduPilot);
+        let streams = STREAMS.iter().filter(move |(stream, _)| is_slow && is_sent(*stream));
         streams.map(|&(stream, period_s)| Order::Interval { stream, period_s })
     }
 
@@ -96,12 +94,6 @@ impl VehicleState {
         self.fix.as_ref().is_some_and(|(_, heard_s)| now_s - heard_s < OLD_FIX_S)
     }
 
-    /// Whether its heartbeats have stopped.
-    #[must_use]
-    pub fn is_link_lost(&self, now_s: f64) -> bool {
-        self.autopilot.is_some() && now_s - self.heartbeat_s > LINK_LOST_S
-    }
-
     /// Whether it is in the air.
     #[must_use]
     pub fn is_in_air(&self) -> bool {
@@ -127,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn what_comes_too_rarely_is_asked_for_again() {
+    fn all_messages_are_asked_for_where_positions_come_too_rarely() {
         let mut state = VehicleState::default();
         assert_eq!(state.requests(0.0).count(), 0, "nobody is there");
         state.hear(&Telemetry::Heartbeat { autopilot: AutopilotKind::Px4, mode: 0, is_armed: true }, 0.0);
@@ -137,6 +129,9 @@ mod tests {
         assert_eq!(state.requests(2.0).count(), 4, "5 Hz instead of 20");
         (0..30).for_each(|_| state.hear(&fix(), 3.0));
         assert_eq!(state.requests(4.0).count(), 0);
+        state.hear(&Telemetry::Heartbeat { autopilot: AutopilotKind::ArduPilot, mode: 4, is_armed: true }, 5.0);
+        let is_accuracy = |order| matches!(order, Order::Interval { stream: Stream::Accuracy, .. });
+        assert!(state.requests(6.0).count() == 3 && !state.requests(8.0).any(is_accuracy));
     }
 
     #[test]
@@ -149,6 +144,5 @@ mod tests {
         state.hear(&Telemetry::InAir(false), 0.0);
         assert!(!state.is_in_air());
         assert!(state.has_current_fix(1.9) && !state.has_current_fix(2.1));
-        assert!(!state.is_link_lost(5.0) && state.is_link_lost(5.1));
     }
 }

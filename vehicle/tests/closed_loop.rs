@@ -30,9 +30,14 @@ struct ClosedLoop {
     now_s: f64,
     steps: u64,
     is_bridge_alive: bool,
+    /// Until then it says that it stands on the ground [s].
+    says_on_ground_until_s: f64,
     said: Vec<String>,
+    /// Take-offs that were ordered.
+    take_offs: u32,
     reports: ByUav<FlightReport>,
-    dead_man: f32,
+    /// The parameter of the dead-man switch; `None` if the vehicle does not tell it.
+    dead_man: Option<f32>,
     start_m: Position,
 }
 
@@ -56,10 +61,12 @@ impl ClosedLoop {
             now_s: 0.0,
             steps: 0,
             is_bridge_alive: true,
+            says_on_ground_until_s: 0.0,
             said: Vec::new(),
+            take_offs: 0,
             start_m: reports[0].position().xy(),
             reports,
-            dead_man: f32::from(options.dead_man),
+            dead_man: Some(f32::from(options.dead_man)),
         }
     }
 
@@ -130,8 +137,11 @@ impl ClosedLoop {
         if self.is_lost() {
             return;
         }
+        self.take_offs += u32::from(matches!(order, Order::TakeOff(_)));
         if let Order::Parameter(name) = order {
-            self.hear(&Telemetry::Parameter { name: (*name).to_owned(), value: self.dead_man });
+            if let Some(value) = self.dead_man {
+                self.hear(&Telemetry::Parameter { name: (*name).to_owned(), value });
+            }
         } else if let (Some(given), Some(command)) = (self.given(order), order.command()) {
             let changes_mode = matches!(order, Order::TakeOff(_) | Order::Reposition { may_change_mode: true, .. });
             if self.autopilot != AutopilotKind::ArduPilot && changes_mode && self.copter.is_armed {
@@ -151,11 +161,12 @@ impl ClosedLoop {
             let is_armed = self.copter.is_armed;
             let mode = self.mode();
             self.hear(&Telemetry::Heartbeat { autopilot: self.autopilot, mode, is_armed });
-            self.hear(&Telemetry::InAir(self.copter.is_in_air()));
+            let is_in_air = self.copter.is_in_air() && self.now_s > self.says_on_ground_until_s;
+            self.hear(&Telemetry::InAir(is_in_air));
             self.hear(&Telemetry::Battery(self.copter.battery));
-            if self.is_bridge_alive && !self.is_lost() {
-                self.copter.hear_bridge();
-            }
+        }
+        if self.steps.is_multiple_of(12) && self.is_bridge_alive && !self.is_lost() {
+            self.copter.hear_bridge(); // about four times in a second
         }
         if self.steps.is_multiple_of(5) {
             let fix = self.fix();
@@ -230,6 +241,63 @@ fn a_waypoint_that_is_not_reached_is_flown_on_to() {
 }
 
 #[test]
+fn a_vehicle_whose_dead_man_switch_is_unknown_does_not_take_off() {
+    let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
+    flight.dead_man = None;
+    flight.advance(60.0);
+    assert!(!flight.copter.is_armed, "{:?}", flight.said);
+    assert!(flight.said.iter().any(|line| line.contains("to say what it does when the bridge is silent")));
+}
+
+#[test]
+fn an_accepted_take_off_is_not_ordered_again_while_motors_spool_up() {
+    let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
+    flight.says_on_ground_until_s = 7.5;
+    flight.until(60.0, |flight| flight.bridge.has_begun());
+    assert_eq!(flight.take_offs, 1);
+}
+
+#[test]
+fn a_line_of_the_vehicle_is_said_once_until_another_comes() {
+    let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
+    for text in ["ready", "ready", "EKF variance", "ready"] {
+        flight.hear(&Telemetry::Text(text.to_owned()));
+    }
+    flight.step();
+    assert_eq!(flight.said, ["says: ready", "says: EKF variance", "says: ready"]);
+}
+
+#[test]
+fn a_position_on_another_continent_is_not_believed() {
+    let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
+    flight.until(60.0, |flight| flight.bridge.has_begun());
+    let before = flight.fly_slot(1, Some(plan(50.0, 62.0)));
+    let Telemetry::Position(fix) = flight.fix() else { panic!("not a position") };
+    let report = |flight: &mut ClosedLoop| {
+        flight.bridge.end(2, &mut flight.reports, flight.now_s);
+        flight.reports[0].position()
+    };
+    (0..3).for_each(|_| flight.hear(&Telemetry::Position(Fix { lat_deg: 0.0, lon_deg: 0.001, ..fix })));
+    assert!((report(&mut flight) - before.position()).norm() < 0.5);
+    flight.step();
+    let lines = flight.said.iter().filter(|line| line.contains("is not believed to be at 0, 0.001"));
+    assert_eq!(lines.count(), 1, "{:?}", flight.said);
+}
+
+#[test]
+fn a_pilot_who_takes_over_in_the_climb_keeps_the_vehicle() {
+    for autopilot in [AutopilotKind::ArduPilot, AutopilotKind::Px4] {
+        let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
+        flight.autopilot = autopilot;
+        flight.until(60.0, |flight| flight.copter.body.position_m.z > 10.0);
+        flight.copter.mode = CopterMode::Stabilize;
+        flight.until(10.0, |flight| flight.said.iter().any(|line| line.contains("gives no more orders")));
+        flight.advance(20.0);
+        assert_eq!(flight.copter.mode, CopterMode::Stabilize, "{autopilot:?}: {:?}", flight.said);
+    }
+}
+
+#[test]
 fn without_plans_the_vehicle_returns_and_lands() {
     let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
     flight.until(60.0, |flight| flight.bridge.has_begun());
@@ -299,6 +367,6 @@ proptest! {
         flight.copter.obey(Given::Mode(0));
         flight.until(20.0, |flight| flight.said.iter().any(|line| line.contains("gives no more orders")));
         let _ = flight.fly_slot(1, Some(plan(50.0, 62.0)));
-        prop_assert_eq!(flight.copter.mode, CopterMode::Stabilize);
+        prop_assert_eq!(flight.copter.mode, CopterMode::Stabilize, "{:?}", flight.copter);
     }
 }

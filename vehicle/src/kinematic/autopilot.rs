@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use rand_chacha::ChaCha8Rng;
 
 use super::KinematicOptions;
-use super::body::{Body, MotionLimits};
+use super::body::Body;
 
 /// Time after its start before which it refuses to arm [s].
 const READY_S: f64 = 2.0;
@@ -13,7 +13,7 @@ const READY_S: f64 = 2.0;
 const DISARM_S: f64 = 10.0;
 
 /// Altitude to which it climbs before it flies home [m].
-const RETURN_M: f64 = 15.0;
+pub(super) const RETURN_M: f64 = 15.0;
 
 /// How near to home it begins to land, and how near to its altitude a climb ends [m].
 const NEAR_M: f64 = 0.5;
@@ -185,12 +185,7 @@ impl Copter {
             return;
         };
         self.battery = (self.battery - dt_s / self.options.endurance).max(0.0);
-        let limits = MotionLimits {
-            acceleration_mps2: self.options.acceleration,
-            speed_mps: self.speed_mps,
-            lag_s: self.options.lag,
-            wind_mps: self.options.wind,
-        };
+        let limits = self.options.limits(self.speed_mps);
         self.body.fly(&target_m, &limits, dt_s, random);
         if self.mode == CopterMode::Return {
             self.come_home(target_m);

@@ -10,6 +10,7 @@ use skysink_common::error::InputError;
 use skysink_common::geodata::projection::{Origin, Projection};
 
 use super::KinematicOptions;
+use super::autopilot::RETURN_M;
 use super::body::{Body, MotionLimits};
 
 /// Step of the flight [s].
@@ -124,7 +125,7 @@ pub fn fly(items: &[MissionItem], options: &KinematicOptions) -> Result<MissionT
             }
             CHANGE_SPEED => flight.limits.speed_mps = speed_mps,
             RETURN => {
-                let home_m = Vector3::new(0.0, 0.0, flight.body.position_m.z.max(15.0));
+                let home_m = Vector3::new(0.0, 0.0, flight.body.position_m.z.max(RETURN_M));
                 let up_m = Vector3::new(flight.body.position_m.x, flight.body.position_m.y, home_m.z);
                 flight.stop_at(up_m);
                 flight.stop_at(home_m);
@@ -147,12 +148,7 @@ struct MissionFlight {
 
 impl MissionFlight {
     fn new(options: &KinematicOptions) -> Self {
-        let limits = MotionLimits {
-            acceleration_mps2: options.acceleration,
-            speed_mps: options.speed,
-            lag_s: options.lag,
-            wind_mps: options.wind,
-        };
+        let limits = options.limits(options.speed);
         Self { body: Body::default(), limits, random: ChaCha8Rng::seed_from_u64(options.seed), time_s: 0.0 }
     }
 

@@ -8,8 +8,9 @@ pub mod body;
 pub mod mission;
 pub mod server;
 
-use clap::Args;
+use clap::{Args, Parser};
 
+use self::body::MotionLimits;
 use crate::wire::WireAddress;
 
 /// What the vehicle can do, and what goes wrong.
@@ -68,27 +69,23 @@ pub struct KinematicOptions {
     pub seed: u64,
 }
 
+/// The options alone, to get their defaults.
+#[derive(Parser)]
+struct OptionsAlone {
+    #[command(flatten)]
+    options: KinematicOptions,
+}
+
 impl Default for KinematicOptions {
     fn default() -> Self {
-        Self {
-            connect: "udpout:127.0.0.1:14540".parse().expect("an address"),
-            home: [47.3977, 8.5456],
-            count: 1,
-            speed_factor: 1.0,
-            acceleration: 2.5,
-            speed: 10.0,
-            lag: 0.0,
-            noise: 0.0,
-            wind: 0.0,
-            loss: 0.0,
-            refuse_arming: 0,
-            failsafe_at: None,
-            dead_man: 1,
-            silence: 5.0,
-            endurance: 1200.0,
-            battery: 100,
-            seed: 1,
-        }
+        OptionsAlone::parse_from([""]).options
+    }
+}
+
+impl KinematicOptions {
+    /// The limits of the body at this greatest speed [m/s].
+    fn limits(&self, speed_mps: f64) -> MotionLimits {
+        MotionLimits { acceleration_mps2: self.acceleration, speed_mps, lag_s: self.lag, wind_mps: self.wind }
     }
 }
 
