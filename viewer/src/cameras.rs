@@ -10,14 +10,19 @@ use crate::canvas::Canvas;
 use crate::queues;
 use crate::sizes::Sizes;
 
-/// Frame of the 3D view of a whole area that is wider than 100 m, in units of 10 m, 100 m and so on.
+/// Frame of the 3D view of a whole area with a side longer than 100 m, in units of 10 m, 100 m and so on.
 pub const REDUCED: &str = "cameras/field";
 /// The camera of the views from above.
 pub const TOP: &str = "cameras/top";
 
-/// Height of the camera of the views from above, in longer sides of the area. From so far away the perspective moves a
-/// UAV at an altitude of a tenth of the longer side by less than 1 % of its distance from the middle.
+/// Height of the camera of the views from above, in longer sides of the area, or in heights that it has to show. From so
+/// far away the perspective moves a UAV at an altitude of a tenth of the longer side by less than 1 % of its distance from
+/// the middle.
 const TOP_SIDES: f32 = 20.0;
+
+/// Near clip plane of the views from above: 0.8 of the way down to the ground, so that depths are fine enough for the layers
+/// on it. rerun counts in 1/500 of the focal length, which is the height of the camera.
+pub(crate) const TOP_NEAR: f32 = 0.8 * 500.0;
 
 /// The frame of the views of the whole area.
 pub(crate) fn field_frame(sizes: &Sizes) -> &'static str {
@@ -30,8 +35,8 @@ pub(crate) fn log(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<()> {
         canvas.log_static(REDUCED, &Transform3D::from_scale([sizes.unit_m; 3]))?;
     }
     let [x_m, y_m] = middle_m(sizes);
-    let z_m = TOP_SIDES * longer_m(sizes);
-    // It looks down, and a point of the ground is as many pixels from the north-west corner as metres.
+    let z_m = TOP_SIDES * seen_m(sizes);
+    // It looks down; a pixel is a metre of the ground, counted from the north-west corner.
     let down = RotationAxisAngle::new([1.0, 0.0, 0.0], Angle::from_degrees(180.0));
     canvas.log_static(TOP, &Transform3D::from_translation_rotation([x_m, y_m, z_m], down))?;
     let pinhole = Pinhole::from_focal_length_and_resolution([z_m; 2], [sizes.width_m, sizes.depth_m]);
@@ -40,18 +45,13 @@ pub(crate) fn log(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<()> {
 
 /// The bounds of a view from above in x and y (down) [m]: the area, and the numbers at its axes.
 pub(crate) fn top_bounds(sizes: &Sizes) -> [[f64; 2]; 2] {
-    let [width_m, depth_m, longer_m] = [sizes.width_m, sizes.depth_m, longer_m(sizes)].map(f64::from);
+    let [width_m, depth_m, longer_m] = [sizes.width_m, sizes.depth_m, sizes.longer_m()].map(f64::from);
     [[-0.12 * longer_m, width_m + 0.12 * longer_m], [-0.04 * longer_m, depth_m + 0.1 * longer_m]]
-}
-
-/// The longer side of the area [m].
-fn longer_m(sizes: &Sizes) -> f32 {
-    sizes.width_m.max(sizes.depth_m)
 }
 
 /// Extent of what a camera has to show [m]: the area and the flown altitudes.
 fn seen_m(sizes: &Sizes) -> f32 {
-    longer_m(sizes).max(1.8 * sizes.highest_m)
+    sizes.longer_m().max(1.8 * sizes.highest_m)
 }
 
 /// The middle of the area: x, y [m].

@@ -1,6 +1,7 @@
 //! Colours and colour scales of the scene. Each hue has one meaning: blue to grey to yellow for the queue fill, red for
 //! loss, white for the UAV and its flown path, magenta for the plan, cyan for the range, green for deliveries, light
-//! blue and orange for links with and without line of sight.
+//! blue and orange for links with and without line of sight. A map in degrees has colours of its own, because its
+//! background may be light.
 
 use std::ops::RangeInclusive;
 
@@ -33,16 +34,20 @@ const UAVS: [Rgb; 7] = [
 pub fn of_uav(uav: usize) -> Rgb {
     uav.checked_sub(1).map_or(UAV, |other| UAVS[other % UAVS.len()])
 }
-/// Sensor nodes on a map, whose background may be light or dark.
+
+/// Sensor nodes on a map in degrees.
 pub const MAP_SENSOR: Rgb = [40, 110, 225];
-/// The first UAV on a map.
+/// Border of the area on a map in degrees.
+pub const MAP_AREA: Rgb = [125, 130, 140];
+/// The first UAV on a map in degrees.
 const MAP_UAV: Rgb = [205, 45, 200];
 
-/// The colour of the UAV number `uav` on a map.
+/// The colour of the UAV number `uav` on a map in degrees.
 #[must_use]
 pub fn on_map(uav: usize) -> Rgb {
     if uav == 0 { MAP_UAV } else { of_uav(uav) }
 }
+
 /// Rotors of the UAV.
 pub const ROTOR: Rgb = [170, 175, 185];
 /// Flown path.
@@ -73,6 +78,8 @@ pub const BURST: Rgb = [120, 235, 255];
 pub const FLY: Rgb = [70, 130, 200];
 /// Flying in transit.
 pub const TRANSIT: Rgb = [135, 130, 255];
+/// Not at the waypoint by the end of a slot.
+pub const EN_ROUTE: Rgb = [205, 150, 120];
 /// Holding.
 pub const HOLD: Rgb = [225, 228, 235];
 /// No-fly zones, and the boundary of the area.

@@ -33,11 +33,10 @@ const CONTINUED: &str = "recording continued in a new file: the viewer was resta
 \
                          Up to ten seconds of earlier slots may be missing.";
 
-/// The modes of a simulated UAV; with a base, those of energy and landing, too.
+/// The modes of a UAV; with a base, those of energy and landing, too.
 fn modes(has_base: bool) -> impl Iterator<Item = Mode> {
     let needs_base = |mode: &Mode| matches!(mode, Mode::Charge | Mode::Return | Mode::Down);
-    let is_simulated = |mode: &Mode| *mode != Mode::EnRoute;
-    (0..).map_while(Mode::from_repr).filter(is_simulated).filter(move |mode| has_base || !needs_base(mode))
+    (0..).map_while(Mode::from_repr).filter(move |mode| has_base || !needs_base(mode))
 }
 
 /// The states of the lane.
@@ -163,7 +162,8 @@ fn lane_of(uav: usize) -> String {
 fn colour_of(mode: Mode) -> Rgb {
     match mode {
         Mode::Serve => colour::DELIVERY,
-        Mode::Transit | Mode::EnRoute => colour::TRANSIT,
+        Mode::Transit => colour::TRANSIT,
+        Mode::EnRoute => colour::EN_ROUTE,
         Mode::Hold => colour::HOLD,
         Mode::Fly => colour::FLY,
         Mode::Charge => colour::CHARGE,

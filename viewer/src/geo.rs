@@ -50,8 +50,8 @@ impl GeoMap {
         let corners = [[0.0, 0.0], [width_m, 0.0], [width_m, depth_m], [0.0, depth_m], [0.0, 0.0]];
         let border: Vec<_> = corners.iter().filter_map(|&[x_m, y_m]| map.degrees(&Position::new(x_m, y_m))).collect();
         let thin = [Radius::new_ui_points(1.0)];
-        canvas
-            .log_static(AREA, &GeoLineStrings::from_lat_lon([border]).with_radii(thin).with_colors([colour::EDGE]))?;
+        let border = GeoLineStrings::from_lat_lon([border]).with_radii(thin).with_colors([colour::MAP_AREA]);
+        canvas.log_static(AREA, &border)?;
         let nodes = GeoPoints::from_lat_lon(sensors.positions.iter().filter_map(|at| map.degrees(at)))
             .with_radii([Radius::new_ui_points(4.0)])
             .with_colors([colour::MAP_SENSOR]);

@@ -82,9 +82,6 @@ fn omit_all(entity: &str) -> String {
 /// Slots of the flown path in the top view. A map shows the whole path.
 pub(crate) const TRACK_SLOTS: u32 = 40;
 
-/// Near plane of the views from above, in the unit of rerun's 2D views: 1/500 of the distance of the ground.
-const TOP_NEAR: f32 = 400.0;
-
 /// The tabs: three views of the 3D scene, the maps, the legend, and those for estimated queues and line of sight.
 fn scenes(
     layout: &mut Blueprint,
@@ -167,7 +164,7 @@ pub(crate) fn from_above(
 ) -> RecordingStreamResult<Tile> {
     let view = layout.view(class::PICTURE, title, &name_of(cameras::TOP), shown)?;
     frame(layout, view, cameras::top_bounds(sizes))?;
-    layout.set(view, &NearClipPlane::new(TOP_NEAR))?; // keeps the layers of the ground apart
+    layout.set(view, &NearClipPlane::new(cameras::TOP_NEAR))?;
     Ok(view)
 }
 

@@ -134,7 +134,7 @@ fn readout(scenario: &Scenario) -> String {
 /// Text of the legend for areas that are shown in a larger unit.
 fn unit(sizes: &Sizes) -> String {
     if sizes.unit_m > 1.0 {
-        format!(" Positions that the viewer tells in *Field (3D)* are in units of {} m.", sizes.unit_m)
+        format!(" Positions that the viewer displays in *Field (3D)* are in units of {} m.", sizes.unit_m)
     } else {
         String::new()
     }
@@ -197,8 +197,8 @@ fn format_rate(rate_bps: f64) -> String {
     format!("{value:.digits$} {unit}")
 }
 
-/// The ground, its frame, a grid, and the numbers at the axes. The ground is thick enough to hide sunken
-/// bars.
+/// The ground, its frame, a grid, the numbers at the axes, and the arrow to the north. The ground is thick enough to hide
+/// the sunken part of bars.
 pub(crate) fn log_area(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<()> {
     let Sizes { width_m, depth_m, .. } = *sizes;
     let below_m = sizes.layer_m;
@@ -215,7 +215,7 @@ pub(crate) fn log_area(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<
     let east = sizes.grid_lines(depth_m).map(|y_m| [[0.0, y_m, z_m], [width_m, y_m, z_m]]);
     let grid = line_style(colour::GRID, 0.5).with_strips(north.chain(east));
     canvas.log_static(format!("{AREA}/grid"), &grid)?;
-    let away_m = 0.03 * width_m.max(depth_m);
+    let away_m = 0.03 * sizes.longer_m();
     let at_x = sizes.axis_numbers(width_m).map(|x_m| ([x_m, -away_m, 0.0], format!("{x_m} m")));
     let at_y = sizes.axis_numbers(depth_m).skip(1).map(|y_m| ([-1.5 * away_m, y_m, 0.0], format!("{y_m} m")));
     let (places, texts): (Vec<_>, Vec<_>) = at_x.chain(at_y).unzip();
@@ -239,16 +239,11 @@ fn log_north(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<()> {
 /// Writes the numbers at the axes, the north and the base for the views from above, in which rerun draws no text of the
 /// scene.
 pub(crate) fn log_text_above(canvas: &Canvas, scenario: &Scenario, sizes: &Sizes) -> RecordingStreamResult<()> {
-    let Sizes { width_m, depth_m, north_foot_m, north_m, .. } = *sizes;
-    let longer_m = width_m.max(depth_m);
-    let place = |[x_m, y_m]: [f32; 2]| [x_m, depth_m - y_m];
-    let at_x = sizes.axis_numbers(width_m).map(|x_m| (place([x_m, -0.01 * longer_m]), format!("{x_m} m")));
-    let at_y = sizes.axis_numbers(depth_m).skip(1);
-    let at_y = at_y.map(|y_m| (place([-0.05 * longer_m, y_m + 0.03 * longer_m]), format!("{y_m} m")));
-    let north = (place([north_foot_m[0], north_foot_m[1] + 1.6 * north_m]), "N".to_owned());
-    canvas.log_static(TEXT_ABOVE, &writing(at_x.chain(at_y).chain([north])))?;
+    let Sizes { depth_m, north_foot_m: [x_m, y_m], north_m, .. } = *sizes;
+    let north = ([x_m, depth_m - y_m - 1.6 * north_m], "N".to_owned());
+    canvas.log_static(TEXT_ABOVE, &writing(sizes.numbers_on_map().chain([north])))?;
     let Some(base) = scenario.landing_base() else { return Ok(()) };
-    let names = base.places().map(|at| (place([at.x as f32, at.y as f32]), "base".to_owned()));
+    let names = base.places().map(|at| (sizes.on_map(&at), "base".to_owned()));
     canvas.log_static(BASE_ABOVE, &writing(names).with_colors([colour::CHARGE]))
 }
 

@@ -44,14 +44,8 @@ pub(crate) struct MapFrame {
 
 impl MapFrame {
     pub(crate) fn of(sensors: &Sensors, sizes: &Sizes, names: &SensorNames) -> Self {
-        let on_map = |position: &Position| [position.x as f32, sizes.depth_m - position.y as f32];
-        let positions = sensors.positions.iter().map(on_map).collect();
+        let positions = sensors.positions.iter().map(|position| sizes.on_map(position)).collect();
         Self { sizes: *sizes, positions, names: names.clone() }
-    }
-
-    /// The longer side [m].
-    fn longer_m(&self) -> f32 {
-        self.sizes.width_m.max(self.sizes.depth_m)
     }
 
     /// Draws frame, grid and the numbers at the axes.
@@ -62,13 +56,7 @@ impl MapFrame {
         let east = sizes.grid_lines(depth_m).map(|y_m| depth_m - y_m).map(|y_m| [[0.0, y_m], [width_m, y_m]]);
         let grid = LineStrips2D::new(north.chain(east)).with_colors([colour::GRID]);
         canvas.log_static(AREA, &grid.with_radii([Radius::new_ui_points(0.5)]).with_draw_order(-10.0))?;
-        let away_m = 0.05 * self.longer_m();
-        let at_x = sizes.axis_numbers(width_m).map(|x_m| ([x_m, depth_m + 0.2 * away_m], format!("{x_m} m")));
-        let at_y = sizes
-            .axis_numbers(depth_m)
-            .skip(1)
-            .map(|y_m| ([-away_m, depth_m - y_m - 0.6 * away_m], format!("{y_m} m")));
-        canvas.log_static(format!("{AREA}/numbers"), &writing(at_x.chain(at_y)))?;
+        canvas.log_static(format!("{AREA}/numbers"), &writing(sizes.numbers_on_map()))?;
         let range = Ellipses2D::update_fields()
             .with_half_sizes([[sizes.radius_m; 2]])
             .with_colors([colour::COVERAGE])
@@ -79,7 +67,7 @@ impl MapFrame {
 
     /// Draws the legend at the right of a map, with the first step at the top.
     fn log_legend(&self, canvas: &Canvas, map: &str, steps: &Steps) -> RecordingStreamResult<()> {
-        let longer_m = self.longer_m();
+        let longer_m = self.sizes.longer_m();
         let x_m = self.sizes.width_m + 0.09 * longer_m;
         let y_m = |step: usize| (0.08 + 0.105 * step as f32) * longer_m;
         let entries = &steps.entries;
@@ -95,9 +83,8 @@ impl MapFrame {
 
 /// The bounds of a map in x and y (down) [m]: the area, the numbers at its axes, and the legend.
 pub(crate) fn bounds(sizes: &Sizes) -> [[f64; 2]; 2] {
-    let [width_m, depth_m] = [sizes.width_m, sizes.depth_m].map(f64::from);
-    let longer_m = width_m.max(depth_m);
-    [[-0.12 * longer_m, width_m + 0.52 * longer_m], [-0.05 * longer_m, depth_m.max(longer_m) + 0.1 * longer_m]]
+    let [width_m, longer_m] = [sizes.width_m, sizes.longer_m()].map(f64::from);
+    [[-0.12 * longer_m, width_m + 0.52 * longer_m], [-0.05 * longer_m, 1.1 * longer_m]]
 }
 
 /// A map of SNs or cells, coloured by the steps of a scale.
@@ -180,7 +167,7 @@ pub(crate) struct Maps {
     loss: SteppedMap,
     overflow: SteppedMap,
     coverage: SteppedMap,
-    depth_m: f64,
+    sizes: Sizes,
     slot_s: f64,
     sensors_rhythm: Rhythm,
     coverage_rhythm: Rhythm,
@@ -208,7 +195,7 @@ impl Maps {
             loss: SteppedMap::of_sensors(canvas, LOSS, frame, loss)?,
             overflow: SteppedMap::of_sensors(canvas, OVERFLOW, frame, overflow)?,
             coverage: SteppedMap::of_cells(canvas, COVERAGE, frame, coverage, history.grid)?,
-            depth_m: scenario.area.height_m(),
+            sizes: frame.sizes,
             slot_s: scenario.slot_s,
             sensors_rhythm: Rhythm::of_sensors(frame.positions.len(), scenario.slots),
             coverage_rhythm: Rhythm::every(EVERY, scenario.slots),
@@ -223,8 +210,7 @@ impl Maps {
         history: &SensorHistory,
         uav: Position,
     ) -> RecordingStreamResult<()> {
-        let centre = [uav.x as f32, (self.depth_m - uav.y) as f32];
-        canvas.show(UAV, &Ellipses2D::update_fields().with_centers([centre]))?;
+        canvas.show(UAV, &Ellipses2D::update_fields().with_centers([self.sizes.on_map(&uav)]))?;
         if self.sensors_rhythm.is_due(slot) {
             let lost_kbit = history.sums.lost_bits.iter().map(|&lost_bits| Some(lost_bits as f64 / 1e3));
             self.loss.show_sensors(canvas, lost_kbit)?;

@@ -7,6 +7,9 @@ use skysink_common::sensors::{SensorList, Sensors};
 
 use crate::sizes::MAX_BARS;
 
+/// Most sensor nodes whose labels are always shown.
+const MOST_SHOWN: usize = 30;
+
 /// The names of the sensor nodes of a scenario.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct SensorNames {
@@ -21,9 +24,10 @@ impl SensorNames {
         Self { given: SensorList::names_of(scenario), count }
     }
 
-    /// How many sensor nodes are named by the list; 0 if it has no names.
-    pub(crate) fn given(&self) -> usize {
-        self.given.len()
+    /// Whether there are so few labels of names or weights that all are always shown; those of more, or plain numbers,
+    /// are shown where the pointer is.
+    pub(crate) fn are_always_shown(&self, sensors: &Sensors) -> bool {
+        (!self.given.is_empty() || !sensors.weights.are_equal()) && self.count <= MOST_SHOWN
     }
 
     /// What a sensor node is called.
@@ -31,8 +35,8 @@ impl SensorNames {
         self.given.get(id).filter(|name| !name.is_empty()).map_or_else(|| format!("SN {id}"), Clone::clone)
     }
 
-    /// The labels of all sensor nodes in the scene, with their weights if these differ. None where there are many and
-    /// the list says nothing about them: rerun shows the number of what the pointer is at.
+    /// The labels of all sensor nodes in the scene, with their weights if these differ. `None` if they are many without
+    /// names and with equal weights: rerun shows the number of what the pointer is at.
     pub(crate) fn labels(&self, sensors: &Sensors) -> Option<Vec<String>> {
         if sensors.weights.are_equal() {
             return self.all();
@@ -41,13 +45,13 @@ impl SensorNames {
         Some((0..self.count).map(label).collect())
     }
 
-    /// The names as a component that rerun lists for what the pointer is at; see [`Self::labels`].
+    /// The names as a component that rerun lists for what the pointer is at; `None` as for [`Self::labels`].
     pub(crate) fn component(&self) -> Option<AnyValues> {
         Some(AnyValues::default().with_component::<Text>("name", self.all()?))
     }
 
     fn all(&self) -> Option<Vec<String>> {
-        let is_told = !self.given.is_empty() || self.count <= MAX_BARS;
-        is_told.then(|| (0..self.count).map(|id| self.name(id)).collect())
+        let has_names = !self.given.is_empty() || self.count <= MAX_BARS;
+        has_names.then(|| (0..self.count).map(|id| self.name(id)).collect())
     }
 }

@@ -6,7 +6,6 @@ use re_sdk_types::archetypes::TextDocument;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::estimate::{BYTES_PER_SENSOR, Rates, SavedEstimate};
 use skysink_common::geometry::Position;
-use skysink_common::message::FlightReport;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 
@@ -45,10 +44,8 @@ pub(crate) struct Picture {
     geo: Option<GeoMap>,
     belief: Option<BeliefMaps>,
     names: SensorNames,
-    readout: Readout,
-    slot_s: f64,
-    /// Extent of the area in y [m].
-    depth_m: f32,
+    pub(crate) readout: Readout,
+    sizes: Sizes,
 }
 
 /// Maximum size of the estimate without its sensor nodes [byte].
@@ -88,8 +85,6 @@ impl Picture {
         zones::log_shadows(&canvas, scenario, sensors)?;
         let history = SensorHistory::new(scenario, sensors);
         let readout = Readout::of(scenario);
-        let slot_s = scenario.slot_s;
-        let depth_m = sizes.depth_m;
         Ok(Self {
             canvas,
             queues,
@@ -105,8 +100,7 @@ impl Picture {
             belief: None,
             names,
             readout,
-            slot_s,
-            depth_m,
+            sizes: *sizes,
         })
     }
 
@@ -161,16 +155,14 @@ impl Picture {
         if let Some(maps) = &mut self.maps {
             maps.log_slot(canvas, view.slot, &self.history, Position::new(view.flight().x_m, view.flight().y_m))?;
         }
-        let numbered = self.uavs.iter().zip(view.flights).enumerate();
-        let label = |(number, (uav, flight)): (usize, (&UavShape, &FlightReport))| {
-            self.readout.label(number, view.slot, flight, uav.flown_m())
-        };
-        let labels: Vec<String> = numbered.map(label).collect();
+        let mut labels = Vec::new();
         for (number, uav) in self.uavs.iter_mut().enumerate() {
-            let plan = view.plans.get(number).and_then(Option::as_ref);
-            uav.draw(canvas, &view.flights[number], plan, &labels[number])?;
+            let flight = &view.flights[number];
+            let label = self.readout.label(number, view.slot, flight, uav.flown_m());
+            uav.draw(canvas, flight, view.plans.get(number).and_then(Option::as_ref), &label)?;
+            labels.push(label);
         }
-        let places = view.flights.iter().map(|flight| [flight.x_m as f32, self.depth_m - flight.y_m as f32]);
+        let places = view.flights.iter().map(|flight| self.sizes.on_map(&flight.position().xy()));
         uav::show_labels_above(canvas, places, &labels)?;
         if let Some(geo) = &mut self.geo {
             geo.draw(canvas)?;
@@ -181,7 +173,7 @@ impl Picture {
         if let Some(los) = &mut self.los {
             los.log_slot(canvas, view.flight())?;
         }
-        let status = status(view, &self.history, &self.names, self.slot_s);
+        let status = status(view, &self.history, &self.names, &self.readout.clock(view.slot));
         canvas.show(events::STATUS, &TextDocument::from_markdown(status))?;
         self.curves.log_slot(canvas, view, fill, missed_slots, self.history.sampled_now_bits())?;
         Ok(fill)

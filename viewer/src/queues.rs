@@ -28,9 +28,6 @@ pub const LOST: &str = "world/lost";
 /// Marks at the sensor nodes that have sampled much more than on average in the slot; only of arrivals at random.
 pub const BURSTS: &str = "world/bursts";
 
-/// Most sensor nodes whose names are always shown; those of more are shown where the pointer is.
-const MOST_NAMES: usize = 30;
-
 /// Number of levels of the queue scale above empty, 5 % each. More levels look the same and compress worse.
 const FULL_LEVEL: u16 = 20;
 /// The level of a sensor node that has lost data in the slot.
@@ -70,8 +67,7 @@ impl QueueShapes {
     ) -> RecordingStreamResult<Self> {
         let labels = names.labels(sensors);
         let widths = widths(sensors);
-        let is_told = names.given() > 0 || !sensors.weights.are_equal();
-        let shows_names = is_told && sensors.count() <= MOST_NAMES;
+        let shows_labels = names.are_always_shown(sensors);
         canvas.log_static(WORLD, &AnnotationContext::new((0..=OVERFLOW_LEVEL).map(describe)))?;
         if sensors.sampling.is_drawn() {
             let marks = Points3D::update_fields().with_colors([colour::BURST]).with_radii([Radius::new_ui_points(3.5)]);
@@ -83,7 +79,7 @@ impl QueueShapes {
         if has_points {
             let points = Points3D::new(feet_m.iter().map(|&[x_m, y_m]| [x_m, y_m, 0.0]))
                 .with_radii(widths.iter().map(|width| Radius::new_ui_points(sizes.point_ui * width)))
-                .with_show_labels(!has_bars && shows_names);
+                .with_show_labels(!has_bars && shows_labels);
             let points = match &labels {
                 Some(labels) => points.with_labels(labels.iter().map(String::as_str)),
                 None => points,
@@ -93,13 +89,13 @@ impl QueueShapes {
         if !has_bars {
             return Ok(Self { sensors: Arc::clone(sensors), bars: None, has_points });
         }
-        // All bars are equal, and sink into the ground by what is free of the buffer. rerun tells the name of a bar that
-        // is pointed at only if at most three components differ from bar to bar: centre, level and name.
+        // All bars are equally high; the part of the free buffer is below the ground. rerun shows the label of the bar at
+        // the pointer only if at most three components differ from bar to bar: centre, level and label.
         let half = |width: &f32| [width * sizes.bar_half_m, width * sizes.bar_half_m, 0.5 * sizes.bar_m];
         let style = Boxes3D::update_fields()
             .with_half_sizes(widths.iter().map(half))
             .with_fill_mode(FillMode::Solid)
-            .with_show_labels(shows_names);
+            .with_show_labels(shows_labels);
         let style = match &labels {
             Some(labels) => style.with_labels(labels.iter().map(String::as_str)),
             None => style,

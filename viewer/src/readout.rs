@@ -22,18 +22,20 @@ impl Readout {
     /// The label of a UAV after a slot in which it flew `flown_m` [m]; `None` if that is unknown. The speed is the mean
     /// over the slot.
     pub(crate) fn label(&self, uav: usize, slot: u64, flight: &FlightReport, flown_m: Option<f64>) -> String {
-        let first = if self.uavs == 1 { clock(slot as f64 * self.slot_s) } else { format!("UAV {uav}") };
+        let first = if self.uavs == 1 { self.clock(slot) } else { format!("UAV {uav}") };
         let speed = flown_m.map(|flown_m| format!("{:.1} m/s", flown_m / self.slot_s));
-        let battery = self.capacity_j.map(|capacity_j| format!("{:.0} %", 100.0 * flight.energy_j / capacity_j));
+        // That of a UAV that is down is negative.
+        let filled = |capacity_j| format!("{:.0} %", 100.0 * flight.energy_j.max(0.0) / capacity_j);
+        let battery = self.capacity_j.map(filled);
         let altitude = format!("{:.0} m", flight.z_m);
         [Some(first), Some(altitude), speed, battery].into_iter().flatten().collect::<Vec<_>>().join(" · ")
     }
-}
 
-/// A time since the start of the mission in minutes and seconds.
-pub(crate) fn clock(time_s: f64) -> String {
-    let time_s = time_s.floor() as u64;
-    format!("{:02}:{:02}", time_s / 60, time_s % 60)
+    /// The time since the start of the mission at the end of a slot, in minutes and seconds.
+    pub(crate) fn clock(&self, slot: u64) -> String {
+        let time_s = (slot as f64 * self.slot_s).floor() as u64;
+        format!("{:02}:{:02}", time_s / 60, time_s % 60)
+    }
 }
 
 #[cfg(test)]
@@ -54,6 +56,13 @@ mod tests {
     }
 
     #[test]
+    fn the_battery_of_a_uav_that_is_down_is_empty() {
+        let readout = Readout { slot_s: 1.0, capacity_j: Some(5e5), uavs: 1 };
+        let labels = [0.0, -1.0, -2e4].map(|energy_j| readout.label(0, 0, &flight(energy_j), None));
+        assert_eq!(labels, ["00:00 · 40 m · 0 %"; 3]);
+    }
+
+    #[test]
     fn what_is_unknown_is_left_out() {
         let readout = Readout { slot_s: 1.0, capacity_j: None, uavs: 1 };
         assert_eq!(readout.label(0, 0, &flight(f64::INFINITY), None), "00:00 · 40 m");
@@ -61,6 +70,10 @@ mod tests {
 
     #[test]
     fn the_clock_counts_minutes_beyond_an_hour() {
-        assert_eq!([0.0, 59.9, 60.0, 5_400.0, 360_000.0].map(clock), ["00:00", "00:59", "01:00", "90:00", "6000:00"]);
+        let readout = Readout { slot_s: 59.9, capacity_j: None, uavs: 1 };
+        assert_eq!(
+            [0, 1, 2, 100, 10_000].map(|slot| readout.clock(slot)),
+            ["00:00", "00:59", "01:59", "99:50", "9983:20"]
+        );
     }
 }

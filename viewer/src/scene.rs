@@ -152,7 +152,7 @@ impl Scene {
         if self.recording.port.is_none() {
             return Ok(());
         }
-        let text = status::newest(slot, self.scenario.slots, self.scenario.slot_s);
+        let text = status::newest(slot, self.scenario.slots, &self.picture.readout.clock(slot));
         Ok(self.picture.canvas.log_static(events::NEWEST, &TextDocument::from_markdown(text))?)
     }
 }

@@ -1,13 +1,14 @@
 //! Sizes of drawn objects, relative to the area, the altitude and the communication radius.
 
+use skysink_common::geometry::Position;
 use skysink_common::scenario::Scenario;
 
 /// Maximum number of sensor nodes that are drawn as bars. With more, a recording would take hundreds of megabytes.
 pub(crate) const MAX_BARS: usize = 2_000;
 
-/// Longest side of an area that its views show in metres. Wider ones are reduced to it: the near plane of rerun's 3D
-/// views is fixed, so that WebGL, at a distance of 1.5 km, does not tell heights apart that differ by less than 10 m.
-pub(crate) const UNREDUCED_M: f32 = 100.0;
+/// Longest side of an area in the unit of its 3D view. rerun's near plane is fixed: from 1.5 km away, WebGL does not
+/// distinguish heights that differ by less than 10 m.
+const LONGEST_UNITS: f32 = 100.0;
 
 /// Sizes of drawn objects [m].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -22,13 +23,13 @@ pub(crate) struct Sizes {
     pub(crate) highest_m: f32,
     /// Communication radius on the ground, `d_c`.
     pub(crate) radius_m: f32,
-    /// Unit of the 3D view of the whole area.
+    /// Unit of the 3D view of the whole area: 1, 10, 100 m and so on.
     pub(crate) unit_m: f32,
-    /// Height that keeps what is drawn on the ground apart from it. Layers lie at fractions of it.
+    /// Depth of the ground below the feet of the sensor nodes. What is drawn on it lies at fractions of this depth.
     pub(crate) layer_m: f32,
     /// Distance of grid lines.
     pub(crate) grid_m: f32,
-    /// Distance of grid lines with a number: every first, second, fifth and so on.
+    /// Distance of grid lines with a number: a multiple of `grid_m`.
     pub(crate) number_m: f32,
     /// Where the arrow to the north begins, in x and y.
     pub(crate) north_foot_m: [f32; 2],
@@ -68,7 +69,10 @@ impl Sizes {
             altitude_m,
             highest_m,
             radius_m,
-            unit_m: unit_m(longer_m),
+            unit_m: [1.0, 10.0, 100.0, 1e3]
+                .into_iter()
+                .find(|unit_m| longer_m <= LONGEST_UNITS * unit_m)
+                .unwrap_or(1e4),
             layer_m: (0.001 * longer_m).max(0.01 * radius_m),
             grid_m,
             number_m: number_step(grid_m, longer_m),
@@ -86,6 +90,25 @@ impl Sizes {
                 1.5
             },
         }
+    }
+
+    /// The longer side of the area [m].
+    pub(crate) fn longer_m(&self) -> f32 {
+        self.width_m.max(self.depth_m)
+    }
+
+    /// A position of the area on a map, whose y points down from the north-west corner [m].
+    pub(crate) fn on_map(&self, position: &Position) -> [f32; 2] {
+        [position.x as f32, self.depth_m - position.y as f32]
+    }
+
+    /// The numbers at the axes of a map.
+    pub(crate) fn numbers_on_map(&self) -> impl Iterator<Item = ([f32; 2], String)> {
+        let [longer_m, depth_m] = [self.longer_m(), self.depth_m];
+        let at_x =
+            self.axis_numbers(self.width_m).map(move |x_m| ([x_m, depth_m + 0.01 * longer_m], format!("{x_m} m")));
+        let at_y = self.axis_numbers(depth_m).skip(1);
+        at_x.chain(at_y.map(move |y_m| ([-0.05 * longer_m, depth_m - y_m - 0.03 * longer_m], format!("{y_m} m"))))
     }
 
     /// Positions of the numbers at an axis of this length [m].
@@ -110,23 +133,13 @@ fn round_step(length_m: f32) -> f32 {
     [5.0, 2.0].into_iter().map(|digit| digit * decade).find(|&step| step <= length_m).unwrap_or(decade)
 }
 
-/// Unit of the views of an area whose longer side is this long [m]: a power of ten, so that positions are readable.
-fn unit_m(longer_m: f32) -> f32 {
-    [1.0, 10.0, 100.0, 1e3].into_iter().find(|unit_m| longer_m <= UNREDUCED_M * unit_m).unwrap_or(1e4)
-}
-
-/// Whether a length is a power of ten [m].
-fn is_decade(length_m: f32) -> bool {
-    (length_m.log10() - length_m.log10().round()).abs() < 1e-4
-}
-
-/// Distance of numbers: a multiple of the grid distance with at most seven numbers.
+/// Distance of numbers: a multiple of the grid distance with at most seven numbers. Every third line has one only if
+/// these lines are 1, 10, 100 m ... apart.
 fn number_step(grid_m: f32, longer_m: f32) -> f32 {
     let lines = longer_m / grid_m;
-    let third = (is_decade(grid_m)).then_some(3.0); // of 100 m, but not of 20 m or 50 m
-    let every = [Some(1.0), Some(2.0), third, Some(5.0)].into_iter().flatten();
-    let every = every.into_iter().find(|every| lines / every < 6.5).unwrap_or(10.0);
-    every * grid_m
+    let is_decade = (grid_m.log10() - grid_m.log10().round()).abs() < 1e-4;
+    let steps: &[f32] = if is_decade { &[1.0, 2.0, 3.0, 5.0] } else { &[1.0, 2.0, 5.0] };
+    grid_m * steps.iter().find(|&step| lines / step < 6.5).unwrap_or(&10.0)
 }
 
 #[cfg(test)]
@@ -143,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_on_the_ground_is_as_far_above_it_as_the_area_is_wide() {
+    fn layers_on_the_ground_are_apart_in_proportion_to_the_area() {
         let sizes = |side_m: f64, radius_m: f64| {
             let text = format!("name = \"s\"\n[area]\nside_m = {side_m:?}\n[link]\ncomm_radius_m = {radius_m:?}\n");
             let scenario = Scenario::parse(&text, std::path::Path::new("s.toml"), Overrides::default()).unwrap();

@@ -5,12 +5,11 @@ use skysink_common::message::Totals;
 use crate::curves;
 use crate::history::SensorHistory;
 use crate::names::SensorNames;
-use crate::readout::clock;
 use crate::slot::SlotView;
 
 /// The results of a mission after a slot, as two paragraphs of Markdown; the history includes the slot.
-/// Slots take `slot_s` [s].
-pub(crate) fn status(view: &SlotView, history: &SensorHistory, names: &SensorNames, slot_s: f64) -> String {
+/// `clock` is its time.
+pub(crate) fn status(view: &SlotView, history: &SensorHistory, names: &SensorNames, clock: &str) -> String {
     let Totals { sampled_bits, delivered_bits, lost_bits, .. } = view.header.totals;
     let loss_rate = curves::loss_rate(&view.header.totals);
     let by_sensor = &history.sums.lost_bits;
@@ -25,17 +24,17 @@ pub(crate) fn status(view: &SlotView, history: &SensorHistory, names: &SensorNam
     let next_full =
         next_full.map_or_else(String::new, |(id, full_s)| format!(", next full: {} in {full_s:.0} s", names.name(id)));
     format!(
-        "slot {} at {}: **η so far {loss_rate:.4}** ({lost_bits} of {sampled_bits} bits lost, {delivered_bits} delivered)\n\n\
+        "slot {} at {clock}: **η so far {loss_rate:.4}** ({lost_bits} of {sampled_bits} bits lost, {delivered_bits} \
+         delivered)\n\n\
          **{losers} of {} SNs have lost data**{unseen}, {overflowing} lose some now{next_full}; {:.0} % of the area was in \
          range",
         view.slot,
-        clock(view.slot as f64 * slot_s),
         by_sensor.len(),
         100.0 * history.covered()
     )
 }
 
-/// The newest slot of a running mission of `slots` slots, as Markdown.
-pub(crate) fn newest(slot: u64, slots: u64, slot_s: f64) -> String {
-    format!("newest slot **{slot}** of {slots}, at {}", clock(slot as f64 * slot_s))
+/// The newest slot of a running mission of `slots` slots, as Markdown; `clock` is its time.
+pub(crate) fn newest(slot: u64, slots: u64, clock: &str) -> String {
+    format!("newest slot **{slot}** of {slots}, at {clock}")
 }

@@ -299,15 +299,27 @@ fn states_are_points_of_a_plot_while_a_mission_is_watched() {
                 if slot == 6 {
                     scene.log_missed(3..=5).unwrap();
                 }
-                scene.log_slot(&Slot::new(slot, SENSORS as usize).view()).unwrap();
+                let mut slot = Slot::new(slot, SENSORS as usize);
+                if slot.slot == 2 {
+                    slot.flight.mode = Mode::EnRoute as u32;
+                }
+                scene.log_slot(&slot.view()).unwrap();
             }
             scene.close().unwrap();
             let found = Found::read(path);
-            ["serve", events::GAP].map(|name| found.curve(&format!("{}/{name}", events::STATES)))
+            for state in ["serve", "en-route", "gap"] {
+                assert!(found.text(events::LANE, "StateConfiguration:values", None).contains(state), "{state}");
+            }
+            ["serve", "en-route", events::GAP].map(|name| {
+                let entity = format!("{}/{name}", events::STATES);
+                let is_selected = found.layout.values().flatten().any(|value| value.contains(&entity));
+                assert_eq!(is_selected, live.is_some(), "{entity}");
+                found.curve(&entity)
+            })
         })
     };
-    assert_eq!(states(Some(0)), [[(1, 4.0), (2, 4.0), (6, 4.0)].into(), [(3, 0.0)].into()]);
-    assert_eq!(states(None), [[].into(), [].into()], "a file has the lane");
+    assert_eq!(states(Some(0)), [[(1, 4.0), (6, 4.0)].into(), [(2, 2.0)].into(), [(3, 0.0)].into()]);
+    assert_eq!(states(None), [[].into(), [].into(), [].into()], "a file has the lane");
 }
 
 #[test]

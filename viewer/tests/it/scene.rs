@@ -96,6 +96,15 @@ fn the_camera_of_the_view_from_above_has_a_pixel_for_each_metre_of_the_ground() 
 }
 
 #[test]
+fn the_view_from_above_shows_a_uav_higher_than_the_area_is_long() {
+    let text = "name = \"high\"\n[area]\nside_m = 20.0\n[uav]\naltitude_m = 100.0\n";
+    let scenario = Scenario::parse(text, Path::new("high.toml"), Overrides::default()).unwrap();
+    let found = record(&scenario, &sensors(SENSORS), 0);
+    let camera_m = numbers(&found.text(cameras::TOP, "Transform3D:translation", None))[2];
+    assert!(0.2 * camera_m > 100.0, "{camera_m}: the near plane, at 0.8 of the way down, hides it");
+}
+
+#[test]
 fn an_arrow_as_long_as_a_tenth_of_the_area_points_north() {
     for (found, length_m) in [(record_farm(""), 150.0), (record(&letter(), &sensors(SENSORS), 1), 10.0)] {
         assert_eq!(numbers(&found.text(legend::NORTH, "Arrows3D:vectors", None)), [0.0, length_m, 0.0]);
