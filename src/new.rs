@@ -52,7 +52,7 @@ Examples:
 With --sensors, it also writes sensors.csv and sets the area to enclose the
 sensor nodes. CSV columns are matched by name: x, y [m] or lat, lon [°], and
 optionally sampling_bps, gain_db, queue_bits, capacity_bits, weight, ground_m,
-name. Points with an altitude have it as ground_m, which exports need.
+name. The altitude of points becomes ground_m, for exports over hills.
 
 With --zones, each polygon becomes a no-fly zone; one with a property `height`
 [m] a building; one whose `kind` or `name` is `boundary` the boundary of the

@@ -116,8 +116,9 @@ fn an_origin_is_refused_for_a_scenario_that_has_one() {
 }
 
 /// Four slots of 20 m, the last of which serves (0.1 s): one waypoint, 80 m east. 11 m more, which is slower by more
-/// than a tenth of 20 m/s, then a slot of hovering: 1.1 s. ArduPilot holds for whole seconds, 1 and 2. Then back above home. East x is asin(x/6378137 m): 80 m are 0.000718652°, 91 m
-/// 0.000817467°. North 5 m are 5/6335439 · 180°/π = 0.000045218°, by the radius b²/a of the meridian at the equator.
+/// than a tenth of 20 m/s, then a slot of hovering: 1.1 s. ArduPilot holds for whole seconds, 1 and 2. Then back above
+/// home. East x is asin(x/6378137 m): 80 m are 0.000718652°, 91 m 0.000817467°. North 5 m are 5/6335439 · 180°/π =
+/// 0.000045218°, by the radius b²/a of the meridian at the equator.
 #[test]
 fn a_short_mission_is_written_as_worked_by_hand() {
     let place = Place::new();

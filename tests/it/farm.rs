@@ -29,7 +29,8 @@ fn farm(strategy: &str) -> Place {
     place
 }
 
-/// Position [m] and altitude [m] of home and every waypoint of a file of waypoints, and its frames but for home and take-off.
+/// Position [m] and altitude [m] of home and every waypoint of a file of waypoints, and its frames but for home and
+/// take-off.
 fn waypoints(place: &Place, name: &str) -> (Vec<(Position, f64)>, Vec<u8>) {
     let projection = Projection::at(ORIGIN);
     let text = place.read(name);
@@ -187,8 +188,8 @@ fn a_new_scenario_says_where_its_centre_is() {
     assert_eq!(place.read("two/sensors.csv"), "lat_deg,lon_deg,ground_m\n47.4,8.55,512.5\n47.41,8.56,530\n");
 }
 
-/// The vehicle accelerates with 2.5 m/s² without jerk, as the scenario says. It neither waits above home nor lands more slowly near
-/// the ground, some 25 s of more than 1900 s.
+/// The vehicle accelerates with 2.5 m/s² without jerk, as the scenario says. It neither waits above home nor lands more
+/// slowly near the ground, some 25 s of more than 1900 s.
 #[cfg(feature = "mavlink")]
 #[test]
 fn the_estimated_time_is_within_a_tenth_of_what_the_kinematic_vehicle_takes_for_the_file() {

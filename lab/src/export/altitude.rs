@@ -3,6 +3,7 @@
 use clap::ValueEnum;
 use nalgebra::Point3;
 use skysink_common::error::InputError;
+use skysink_common::geometry::Position;
 
 use super::ground::Ground;
 use super::track::GeodeticTrack;
@@ -45,10 +46,10 @@ impl AltitudeReference {
 pub struct Altitudes {
     /// What they are above.
     pub reference: AltitudeReference,
+    /// The ground at home, as low as it can be [m]; `None` if the list does not tell it.
+    pub home_ground_m: Option<f64>,
     /// The ground; `None` if the list does not tell it.
     ground: Option<Ground>,
-    /// The ground at home, as low as it can be [m]; 0 if it is not known.
-    home_m: f64,
 }
 
 impl Altitudes {
@@ -65,49 +66,54 @@ impl Altitudes {
         }
         let is_hilly = ground.as_ref().is_some_and(Ground::is_hilly);
         let default = if is_hilly { AltitudeReference::Terrain } else { AltitudeReference::Relative };
-        let home_m = ground.as_ref().map_or(0.0, |ground| ground.lowest_m(&track.points[0].position.xy()));
-        Ok(Self { reference: reference.unwrap_or(default), ground, home_m })
+        let home_ground_m = ground.as_ref().map(|ground| ground.lowest_m(&track.points[0].position.xy()));
+        Ok(Self { reference: reference.unwrap_or(default), home_ground_m, ground })
     }
 
-    /// The ground at home, as low as it can be [m]; `None` if the list does not tell it.
-    #[must_use]
-    pub fn home_ground_m(&self) -> Option<f64> {
-        self.ground.as_ref().map(|_| self.home_m)
+    /// The ground at home [m], or the level that home is taken to be on.
+    fn home_m(&self) -> f64 {
+        self.home_ground_m.unwrap_or(0.0)
+    }
+
+    /// The ground that the altitudes have to clear; `None` if they are above the ground, or the list does not tell it.
+    fn ground_to_clear(&self) -> Option<&Ground> {
+        self.ground.as_ref().filter(|_| self.reference != AltitudeReference::Terrain)
     }
 
     /// An altitude of the mission [m] above home; one above the ground below as it is.
     #[must_use]
     pub fn above_home_m(&self, altitude_m: f64) -> f64 {
-        if self.reference == AltitudeReference::Msl { altitude_m - self.home_m } else { altitude_m }
+        if self.reference == AltitudeReference::Msl { altitude_m - self.home_m() } else { altitude_m }
     }
 
-    /// How high above the ground at a place an altitude of the mission can be [m]; `None` if it is above the ground below, or the
-    /// list does not tell the ground.
+    /// How high above the ground at a place an altitude of the mission can be [m]; `None` if it is above the ground
+    /// below, or the list does not tell the ground.
     #[must_use]
-    pub fn above_ground_m(&self, at: &Point3<f64>, altitude_m: f64) -> Option<f64> {
-        let ground = self.ground.as_ref().filter(|_| self.reference != AltitudeReference::Terrain)?;
-        Some(self.above_home_m(altitude_m) + self.home_m - ground.lowest_m(&at.xy()))
+    pub fn above_ground_m(&self, at: &Position, altitude_m: f64) -> Option<f64> {
+        Some(self.above_home_m(altitude_m) + self.home_m() - self.ground_to_clear()?.lowest_m(at))
     }
 
-    /// The altitude of a take-off at `home`, above it, and of each of the waypoints `nodes` after it [m]: so high that every leg
-    /// between them is as far above the ground as the model flies.
+    /// The altitude of a take-off at `home`, above it, and of each of the `waypoints` after it [m]: both ends of a leg
+    /// are as far above its highest ground as the model flies above the ground.
     #[must_use]
-    pub fn along(&self, home: Point3<f64>, nodes: &[Point3<f64>]) -> Vec<f64> {
-        let ground = self.ground.as_ref().filter(|_| self.reference != AltitudeReference::Terrain);
-        let all = || std::iter::once(&home).chain(nodes);
-        let Some(ground) = ground else { return all().map(|node| node.z).collect() };
-        let mut tops_m: Vec<f64> =
-            all().zip(nodes).map(|(from, to)| ground.highest_between_m(&from.xy(), &to.xy())).collect();
-        tops_m.push(f64::NEG_INFINITY);
-        let above_m = if self.reference == AltitudeReference::Relative { self.home_m } else { 0.0 };
-        let mut before_m = ground.highest_m(&home.xy());
-        let mut altitudes_m = Vec::with_capacity(tops_m.len());
-        for (node, &after_m) in all().zip(&tops_m) {
-            // The take-off is above home.
-            let from_m = if altitudes_m.is_empty() { self.home_m } else { above_m };
-            altitudes_m.push(node.z + before_m.max(after_m) - from_m);
-            before_m = after_m;
-        }
-        altitudes_m
+    pub fn along(&self, home: &Point3<f64>, waypoints: &[Point3<f64>]) -> Vec<f64> {
+        let nodes = || std::iter::once(home).chain(waypoints);
+        let Some(ground) = self.ground_to_clear() else { return nodes().map(|node| node.z).collect() };
+        let legs = nodes().zip(waypoints);
+        let mut tops_m = vec![ground.highest_m(&home.xy())];
+        tops_m.extend(legs.map(|(from, to)| ground.highest_between_m(&from.xy(), &to.xy())));
+        tops_m.push(f64::NEG_INFINITY); // no leg after the last waypoint
+        let level_m = if self.reference == AltitudeReference::Relative { self.home_m() } else { 0.0 };
+        let levels_m = std::iter::once(self.home_m()).chain(std::iter::repeat(level_m)); // the take-off is above home
+        let nodes = nodes().zip(tops_m.windows(2)).zip(levels_m);
+        nodes.map(|((node, tops_m), level_m)| node.z + tops_m[0].max(tops_m[1]) - level_m).collect()
+    }
+
+    /// The altitude above home at which a straight way home from any of the `places` is as far above the ground as the
+    /// model flies [m]; `None` if the list does not tell the ground.
+    pub fn return_m(&self, home: &Point3<f64>, places: impl Iterator<Item = Position>) -> Option<f64> {
+        let ground = self.ground.as_ref()?;
+        let tops_m = places.map(|at| ground.highest_between_m(&at, &home.xy()));
+        Some(home.z + tops_m.fold(ground.highest_m(&home.xy()), f64::max) - self.home_m())
     }
 }

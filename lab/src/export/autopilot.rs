@@ -49,11 +49,12 @@ pub struct VehicleMotion {
     touch_down_mps: f64,
 }
 
-/// Up and down: `WPNAV_ACCEL_Z`, and a jerk that fits flights.
+/// Up and down, for both: `WPNAV_ACCEL_Z` of ArduCopter, and a jerk that fits what it has flown.
 const VERTICAL: RampLimits = RampLimits { acceleration_mps2: 1.0, jerk_mps3: Some(1.0) };
 
-/// ArduCopter: `WPNAV_ACCEL`, `WPNAV_JERK`, `WPNAV_SPEED_UP`, `WPNAV_SPEED_DN`, `WPNAV_RADIUS`, `RTL_LOIT_TIME`, `LAND_SPEED`
-/// below 10 m by default. Response and the rest are fitted to what versions 4.7 and 4.8 have flown in software.
+/// ArduCopter: `WPNAV_ACCEL`, `WPNAV_JERK`, `WPNAV_SPEED_UP`, `WPNAV_SPEED_DN`, `WPNAV_RADIUS`, `RTL_LOIT_TIME`,
+/// `LAND_SPEED` below 10 m by default. Response and the rest are fitted to what versions 4.7 and 4.8 have flown in
+/// software.
 const ARDUCOPTER: VehicleMotion = VehicleMotion {
     horizontal: RampLimits { acceleration_mps2: 2.5, jerk_mps3: Some(1.0) },
     vertical: VERTICAL,
@@ -68,8 +69,8 @@ const ARDUCOPTER: VehicleMotion = VehicleMotion {
     touch_down_mps: 0.5,
 };
 
-/// PX4: `MPC_ACC_HOR`, `MPC_JERK_AUTO`, `MPC_TKO_SPEED`, `MPC_Z_V_AUTO_DN`, `MPC_LAND_SPEED` by default. Not compared with a
-/// flight.
+/// PX4: `MPC_ACC_HOR`, `MPC_JERK_AUTO`, `MPC_TKO_SPEED` for all climbs, `MPC_Z_V_AUTO_DN`, `MPC_LAND_SPEED` by default;
+/// the rest is assumed. Not compared with a flight.
 const PX4: VehicleMotion = VehicleMotion {
     horizontal: RampLimits { acceleration_mps2: 3.0, jerk_mps3: Some(4.0) },
     vertical: VERTICAL,

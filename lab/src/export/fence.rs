@@ -1,7 +1,7 @@
 //! The geofence: the boundary of the area, or a wider one.
 
 use geo::algorithm::buffer::{Buffer, BufferStyle, LineJoin};
-use geo::{Coord, LineString, MultiPolygon, Polygon};
+use geo::{Contains, Distance, Euclidean, LineString, MultiPolygon, Point, Polygon};
 use skysink_common::geometry::Position;
 use skysink_common::scenario::Area;
 
@@ -15,8 +15,8 @@ const MAX_FENCE_SIDES: f64 = 15.0;
 /// Sharper corners of a wider fence are cut [rad].
 const SHARPEST: f64 = 0.5;
 
-/// Points along the boundary of the area, `margin_m` [m] outside of it, counter-clockwise: from the south-west corner of the
-/// rectangle, or the corners of its boundary.
+/// Points along the boundary of the area, `margin_m` [m] outside of it, counter-clockwise: the corners of its polygon,
+/// or points on the sides of its rectangle from the south-west corner.
 #[must_use]
 pub fn border(area: &Area, margin_m: f64) -> Vec<Position> {
     if let Some(border) = area.border() {
@@ -39,18 +39,21 @@ fn widened(corners: Vec<Position>, margin_m: f64) -> Vec<Position> {
     if margin_m == 0.0 {
         return corners;
     }
-    let ring: LineString = corners.iter().map(|corner| Coord { x: corner.x, y: corner.y }).collect();
     let style = BufferStyle::new(margin_m).line_join(LineJoin::Miter(SHARPEST));
-    let MultiPolygon(outlines) = Polygon::new(ring, vec![]).buffer_with_style(style);
+    let MultiPolygon(outlines) = polygon(&corners).buffer_with_style(style);
     let outline = outlines.first().expect("a wider polygon is one polygon");
     let corners = outline.exterior().points().skip(1); // the first is the last, too
     corners.map(|corner| Position::new(corner.x(), corner.y())).collect()
 }
 
+fn polygon(corners: &[Position]) -> Polygon {
+    Polygon::new(corners.iter().map(|corner| (corner.x, corner.y)).collect::<LineString>(), vec![])
+}
+
 /// How many of the `positions` lie within `near_m` [m] of the fence with these corners, or outside of it.
 #[must_use]
-pub fn near(corners: &[Position], positions: impl Iterator<Item = Position>, near_m: f64) -> usize {
-    let corners: Vec<[f64; 2]> = corners.iter().map(|corner| [corner.x, corner.y]).collect();
-    let Ok(fence) = skysink_common::airspace::Polygon::of(&corners, false) else { return 0 };
-    positions.filter(|at| !fence.encloses(at) || (fence.nearest(at) - at).norm() < near_m).count()
+pub fn count_near(corners: &[Position], positions: impl Iterator<Item = Position>, near_m: f64) -> usize {
+    let fence = polygon(corners);
+    let is_inside = |at: &Point| fence.contains(at) && Euclidean.distance(at, fence.exterior()) >= near_m;
+    positions.filter(|at| !is_inside(&Point::new(at.x, at.y))).count()
 }

@@ -31,19 +31,21 @@ pub enum WriteFormat {
     /// A vehicle mission with one file per part.
     Mission {
         /// Writes a part.
-        write: fn(&MissionOf<'_>, &MissionPart) -> Vec<u8>,
+        write: fn(&ExportedMission<'_>, &MissionPart) -> Vec<u8>,
         /// The autopilot that reads it, if it is always the same.
         autopilot: Option<Autopilot>,
+        /// Whether it has the geofence.
+        has_fence: bool,
         /// A note for the summary.
         note: &'static str,
     },
     /// The vehicle mission in one file.
-    MissionMap(fn(&MissionOf<'_>) -> Vec<u8>),
+    MissionMap(fn(&ExportedMission<'_>) -> Vec<u8>),
 }
 
-/// A vehicle mission with what it is made of.
+/// A vehicle mission to write, and what else a file may hold.
 #[derive(Debug)]
-pub struct MissionOf<'a> {
+pub struct ExportedMission<'a> {
     /// The flight.
     pub track: &'a GeodeticTrack<'a>,
     /// Its mission.

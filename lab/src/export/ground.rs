@@ -5,47 +5,51 @@ use rstar::{PointDistance, RTree};
 use skysink_common::geometry::Position;
 use skysink_common::sensors::SensorList;
 
-/// Sensor nodes nearer to each other than this [m] say nothing about the slope of the ground: the higher one counts, or the lower.
+/// Pairs of sensor nodes nearer to each other than this [m] tell no slope: the error of their altitudes would make it
+/// too steep. Within this distance of a place their altitudes themselves bound the ground.
 const LEAST_DISTANCE_M: f64 = 5.0;
 
-/// Neighbours of a place that tell its altitude. Fewer than all leave a bound that is as safe, and wider.
+/// Sensor nodes around a place whose bounds on its ground are taken; with fewer than all, the bounds are wider.
 const NEIGHBOURS: usize = 8;
 
-/// Sensor nodes of which every pair tells a slope, evenly taken from the list; others tell those to their neighbours.
-const MOST_PAIRED: usize = 2000;
+/// Maximum number of sensor nodes of which every pair tells a slope, evenly taken from the list; the others tell the
+/// slopes to their neighbours.
+const MAX_PAIRED: usize = 2000;
 
-/// How much steeper the ground may be than the steepest slope between two neighbours: they tell only the mean of a slope.
+/// How much steeper the ground may be than the steepest slope between two sensor nodes, which is a mean.
 const STEEPER: f64 = 1.25;
 
-/// Distance between the places of a leg whose ground is looked at [m].
+/// Distance between the places of a leg whose ground is computed [m].
 const STEP_M: f64 = 5.0;
 
-/// The altitude of the ground at the sensor nodes, and between them as high or as low as a slope allows that is a quarter steeper
-/// than the steepest between two neighbouring sensor nodes: `min_i (g_i + s d_i)` and `max_i (g_i − s d_i)` at distances `d_i`.
+/// The altitude of the ground at the sensor nodes, and its bounds between them for a ground that is nowhere steeper
+/// than a slope:
+/// `min_i (g_i + s d_i)` and `max_i (g_i − s d_i)` at distances `d_i` from ground `g_i`. The slope s is [`STEEPER`]
+/// times the steepest between two sensor nodes.
 #[derive(Debug)]
 pub struct Ground {
     /// The sensor nodes with the altitude of the ground [m].
     sensors: RTree<GeomWithData<[f64; 2], f64>>,
     /// The slope, rise over run.
     slope: f64,
-    /// Lowest and highest altitude at a sensor node [m].
-    range_m: [f64; 2],
 }
 
 impl Ground {
     /// The ground of a list; `None` if the list does not tell it.
     #[must_use]
     pub fn of(list: &SensorList) -> Option<Self> {
-        let altitudes_m = list.ground_m();
-        let sensors = list.sensors().iter().zip(altitudes_m);
-        let sensors = sensors.map(|(sensor, &ground_m)| GeomWithData::new(sensor.position.into(), ground_m)).collect();
-        let fold = |start: f64, pick: fn(f64, f64) -> f64| altitudes_m.iter().copied().fold(start, pick);
-        let range_m = [fold(f64::INFINITY, f64::min), fold(f64::NEG_INFINITY, f64::max)];
-        let mut ground = Self { sensors: RTree::bulk_load(sensors), slope: 0.0, range_m };
-        ground.slope = ground.steepest();
-        (!altitudes_m.is_empty()).then_some(ground)
+        let sensors = list.sensors().iter().zip(list.ground_m());
+        let sensors: Vec<_> =
+            sensors.map(|(sensor, &ground_m)| GeomWithData::new(sensor.position.into(), ground_m)).collect();
+        if sensors.is_empty() {
+            return None;
+        }
+        let mut ground = Self { sensors: RTree::bulk_load(sensors), slope: 0.0 };
+        ground.slope = STEEPER * ground.steepest();
+        Some(ground)
     }
 
+    /// The steepest slope between two sensor nodes.
     fn steepest(&self) -> f64 {
         let slope = |distance_m: f64, rise_m: f64| {
             if distance_m < LEAST_DISTANCE_M { 0.0 } else { rise_m.abs() / distance_m }
@@ -55,12 +59,12 @@ impl Ground {
             let neighbours = self.neighbours(&at);
             neighbours.map(|(distance_m, ground_m)| slope(distance_m, ground_m - sensor.data)).collect::<Vec<_>>()
         });
-        let paired: Vec<_> = self.sensors.iter().step_by(self.sensors.size().div_ceil(MOST_PAIRED).max(1)).collect();
+        let paired: Vec<_> = self.sensors.iter().step_by(self.sensors.size().div_ceil(MAX_PAIRED).max(1)).collect();
         let far = paired.iter().enumerate().flat_map(|(index, first)| {
             let others = paired[..index].iter();
             others.map(move |second| slope(first.distance_2(second.geom()).sqrt(), first.data - second.data))
         });
-        STEEPER * near.chain(far).fold(0.0, f64::max)
+        near.chain(far).fold(0.0, f64::max)
     }
 
     /// Distance [m] and altitude [m] of the sensor nodes that are nearest to `at` [m], one there included.
@@ -72,14 +76,9 @@ impl Ground {
     /// Whether the altitudes differ.
     #[must_use]
     pub fn is_hilly(&self) -> bool {
-        let [lowest_m, highest_m] = self.range_m;
-        highest_m > lowest_m
-    }
-
-    /// Lowest and highest altitude at a sensor node [m].
-    #[must_use]
-    pub fn range_m(&self) -> [f64; 2] {
-        self.range_m
+        let mut altitudes_m = self.sensors.iter().map(|sensor| sensor.data);
+        let first_m = altitudes_m.next();
+        altitudes_m.any(|altitude_m| Some(altitude_m) != first_m)
     }
 
     /// The highest that the ground can be at a place [m].
@@ -96,7 +95,7 @@ impl Ground {
         self.here_m(at).chain([bound_m.fold(f64::NEG_INFINITY, f64::max)]).fold(f64::INFINITY, f64::min)
     }
 
-    /// The altitudes of the sensor nodes that are too near to tell a slope [m].
+    /// The altitudes of the sensor nodes within [`LEAST_DISTANCE_M`] of a place [m].
     fn here_m(&self, at: &Position) -> impl Iterator<Item = f64> {
         self.sensors.locate_within_distance([at.x, at.y], LEAST_DISTANCE_M * LEAST_DISTANCE_M).map(|sensor| sensor.data)
     }
@@ -107,7 +106,7 @@ impl Ground {
         f64::midpoint(self.lowest_m(at), self.highest_m(at))
     }
 
-    /// The highest that the ground can be on the straight way between two places [m].
+    /// The highest that the ground can be on the straight line between two places [m].
     #[must_use]
     pub fn highest_between_m(&self, from: &Position, to: &Position) -> f64 {
         let steps = ((to - from).norm() / STEP_M).ceil().max(1.0);

@@ -7,8 +7,10 @@ use kml::{Kml, KmlDocument, KmlVersion, KmlWriter};
 use skysink_common::geodata::projection::GeodeticPosition;
 
 use super::altitude::AltitudeReference;
-use super::format::{ExportFormat, MissionOf, WriteFormat};
-use super::vehicle::{MissionPart, VehicleItem, VehicleMission};
+use super::format::{ExportFormat, ExportedMission, WriteFormat};
+use super::items::VehicleItem;
+use super::track::GeodeticTrack;
+use super::vehicle::{MissionPart, VehicleMission};
 
 /// The document.
 pub static FORMAT: ExportFormat = ExportFormat {
@@ -21,8 +23,15 @@ pub static FORMAT: ExportFormat = ExportFormat {
 /// Distance between the points of a flight that follows the ground [m].
 const STEP_M: f64 = 50.0;
 
-fn write(of: &MissionOf<'_>) -> Vec<u8> {
-    let MissionOf { track, mission, .. } = of;
+/// Most steps between two waypoints.
+const MAX_STEPS: f64 = 1000.0;
+
+/// Approximate length of a degree of latitude [m].
+const DEGREE_M: f64 = 111_000.0;
+
+fn write(exported: &ExportedMission<'_>) -> Vec<u8> {
+    let ExportedMission { track, mission, .. } = exported;
+    let altitude_mode = altitude_mode(mission);
     let border = track.border.iter().chain(&track.border[..1]).map(ground).collect::<Vec<_>>();
     let area = Geometry::Polygon(Polygon { tessellate: true, ..Polygon::new(LinearRing::from(border), vec![]) });
     let zones = track.zones.iter().map(|zone| {
@@ -39,15 +48,12 @@ fn write(of: &MissionOf<'_>) -> Vec<u8> {
     });
     let flights = (1..).zip(&mission.parts).map(|(number, part)| {
         let name = if mission.parts.len() == 1 { "flight".to_owned() } else { format!("flight, part {number}") };
-        let coords: Vec<Coord> = flight(of, part);
-        let (altitude_mode, _) = altitude(mission, 0.0);
-        let line = LineString { altitude_mode, ..LineString::from(coords) };
+        let line = LineString { altitude_mode, ..LineString::from(flight(track, mission, part)) };
         placemark(name, track.name(), Geometry::LineString(line))
     });
-    let services = mission.services.iter().map(|&(index, altitude_m)| {
+    let services = mission.parts.iter().flat_map(|part| &part.services).map(|&(index, altitude_m)| {
         let point = &track.points[index];
-        let (altitude_mode, z) = altitude(mission, altitude_m);
-        let at = Coord::new(point.place.lon_deg, point.place.lat_deg, Some(z));
+        let at = Coord::new(point.place.lon_deg, point.place.lat_deg, Some(z_m(mission, altitude_m)));
         let geometry = Geometry::Point(Point { altitude_mode, ..Point::from(at) });
         let slot = point.slot.map_or(0, |slot| slot.slot);
         placemark(format!("slot {slot}"), format!("{}, {} s", track.served_labels(point), point.time_s), geometry)
@@ -80,66 +86,59 @@ fn ground(place: &GeodeticPosition) -> Coord {
     Coord::new(place.lon_deg, place.lat_deg, None)
 }
 
-/// The points of the flight of a part: take-off, waypoints and landing.
-fn flight(of: &MissionOf<'_>, part: &MissionPart) -> Vec<Coord> {
-    let home = of.track.points[0].place;
-    let at = |place: &GeodeticPosition, altitude_m: f64| Coord::new(place.lon_deg, place.lat_deg, Some(altitude_m));
-    let mission = of.mission;
-    let ground_m = altitude(mission, if mission.reference == AltitudeReference::Msl { home_m(mission) } else { 0.0 }).1;
-    let mut coords = vec![at(&home, ground_m)];
+/// The points of the flight of a part: home, take-off, waypoints and landing.
+fn flight(track: &GeodeticTrack<'_>, mission: &VehicleMission, part: &MissionPart) -> Vec<Coord> {
+    let at = |place: &GeodeticPosition, z_m: f64| Coord::new(place.lon_deg, place.lat_deg, Some(z_m));
+    let home = at(&track.points[0].place, home_m(mission));
+    let mut coords = vec![home];
     for item in &part.items {
         match item {
-            VehicleItem::TakeOff { home, altitude_m } => coords.push(at(home, ground_m + altitude_m)),
+            VehicleItem::TakeOff { home, altitude_m } => coords.push(at(home, home_m(mission) + altitude_m)),
             VehicleItem::Waypoint { place, altitude_m, .. } => {
-                let end = at(place, altitude(mission, *altitude_m).1);
-                let begin = coords[coords.len() - 1];
-                coords.extend(between(mission, &begin, &end));
+                let end = at(place, z_m(mission, *altitude_m));
+                if mission.reference == AltitudeReference::Terrain {
+                    let begin = coords[coords.len() - 1];
+                    coords.extend(between(&begin, &end));
+                }
                 coords.push(end);
             }
             VehicleItem::Speed { .. } => {}
-            VehicleItem::Return => coords.push(at(&home, ground_m)),
+            VehicleItem::Return => coords.push(home),
         }
     }
     coords
 }
 
-/// The points between two that follow the ground, if the mission does: a line of KML is straight between its points.
-fn between(mission: &VehicleMission, begin: &Coord, end: &Coord) -> Vec<Coord> {
-    if mission.reference != AltitudeReference::Terrain {
-        return Vec::new();
-    }
+/// The points between two that follow the ground: a line of KML is straight between its points.
+fn between(begin: &Coord, end: &Coord) -> impl Iterator<Item = Coord> {
     let north_m = (end.y - begin.y) * DEGREE_M;
-    // The short way around the Earth.
-    let east_deg = (end.x - begin.x + 540.0).rem_euclid(360.0) - 180.0;
+    let east_deg = (end.x - begin.x + 540.0).rem_euclid(360.0) - 180.0; // the short way around the Earth
     let east_m = east_deg * DEGREE_M * begin.y.to_radians().cos();
-    let steps = (north_m.hypot(east_m) / STEP_M).ceil().clamp(1.0, MOST_STEPS) as u32;
-    let step = |step: u32| {
+    let steps = (north_m.hypot(east_m) / STEP_M).ceil().clamp(1.0, MAX_STEPS) as u32;
+    let (begin, end) = (*begin, *end);
+    (1..steps).map(move |step| {
         let along = |from: f64, to: f64| from + (to - from) * f64::from(step) / f64::from(steps);
         let z = begin.z.zip(end.z).map(|(from, to)| along(from, to));
         Coord::new(along(begin.x, begin.x + east_deg), along(begin.y, end.y), z)
-    };
-    (1..steps).map(step).collect()
+    })
 }
 
-/// Most points between two waypoints.
-const MOST_STEPS: f64 = 1000.0;
-
-/// Approximate length of a degree of latitude [m].
-const DEGREE_M: f64 = 111_000.0;
-
-/// The ground at home [m]; 0 if it is not known.
-fn home_m(mission: &VehicleMission) -> f64 {
-    mission.home_ground_m.unwrap_or(0.0)
-}
-
-/// An altitude of the mission as one of KML [m]: above sea level if the ground at home is known or is not needed, otherwise
-/// above the ground.
-fn altitude(mission: &VehicleMission, altitude_m: f64) -> (AltitudeMode, f64) {
-    match (mission.reference, mission.home_ground_m) {
-        (AltitudeReference::Relative, Some(home_m)) => (AltitudeMode::Absolute, home_m + altitude_m),
-        (AltitudeReference::Msl, _) => (AltitudeMode::Absolute, altitude_m),
-        (AltitudeReference::Relative, None) | (AltitudeReference::Terrain, _) => {
-            (AltitudeMode::RelativeToGround, altitude_m)
-        }
+/// What the altitudes of the file are above: sea level if the ground at home is known or is not needed, otherwise the
+/// ground.
+fn altitude_mode(mission: &VehicleMission) -> AltitudeMode {
+    match mission.reference {
+        AltitudeReference::Relative if mission.home_ground_m.is_some() => AltitudeMode::Absolute,
+        AltitudeReference::Msl => AltitudeMode::Absolute,
+        AltitudeReference::Relative | AltitudeReference::Terrain => AltitudeMode::RelativeToGround,
     }
+}
+
+/// Home in the file [m].
+fn home_m(mission: &VehicleMission) -> f64 {
+    if mission.reference == AltitudeReference::Terrain { 0.0 } else { mission.home_ground_m.unwrap_or(0.0) }
+}
+
+/// An altitude of the mission in the file [m].
+fn z_m(mission: &VehicleMission, altitude_m: f64) -> f64 {
+    if mission.reference == AltitudeReference::Relative { home_m(mission) + altitude_m } else { altitude_m }
 }

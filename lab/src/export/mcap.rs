@@ -1,5 +1,5 @@
-//! MCAP with JSON messages, for Foxglove: path, pose, transform and position, map and scene, battery, and the figures of each
-//! slot.
+//! MCAP with JSON messages, for Foxglove: path, pose, transform and position, map and scene, battery, and the figures
+//! of each slot.
 //!
 //! Foxglove identifies messages by the name of their schema, such as `foxglove.LocationFix`. The schemas here contain
 //! only the fields that are written.

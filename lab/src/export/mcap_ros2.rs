@@ -109,7 +109,8 @@ struct NavSatFix {
 #[derive(Serialize)]
 struct BatteryState {
     header: Header,
-    /// Voltage, temperature, current, charge, capacity and design capacity: not a number, which says that they are not measured.
+    /// Voltage, temperature, current, charge, capacity and design capacity: not a number, which says that they are not
+    /// measured.
     not_measured: [f32; 6],
     /// 0 to 1.
     percentage: f32,

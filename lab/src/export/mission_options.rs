@@ -32,8 +32,8 @@ pub struct VehicleMissionOptions {
     /// Widen the geofence of a vehicle mission beyond the area by this [m] [default: 0].
     #[arg(long, value_name = "M", default_value_t = 0.0, hide_default_value = true, value_parser = parse_margin)]
     pub fence_margin: f64,
-    /// Acceleration of the vehicle for the estimate of the duration [m/s²] [default: uav.acceleration_mps2, or that of the
-    /// autopilot].
+    /// Acceleration of the vehicle for the estimate of the duration [m/s²] [default: uav.acceleration_mps2, or that of
+    /// the autopilot].
     #[arg(long, value_name = "M/S2", value_parser = parse_positive)]
     pub acceleration: Option<f64>,
     /// Jerk of the vehicle for the estimate of the duration [m/s³] [default: that of the autopilot].
@@ -42,9 +42,6 @@ pub struct VehicleMissionOptions {
     /// Export vehicle missions that take longer, or more energy, than the UAV has.
     #[arg(long)]
     pub ignore_endurance: bool,
-    /// Whether the mission is only looked at.
-    #[arg(skip)]
-    pub is_map: bool,
 }
 
 impl VehicleMissionOptions {

@@ -1,8 +1,8 @@
 //! Exports a finished run to the formats of other programs.
 //!
-//! A format is one file in this folder, which defines an [`ExportFormat`], and one line in [`FORMATS`]. [`track`] converts
-//! the flight to latitude and longitude, [`vehicle`] to the items of a vehicle mission, in whose altitudes [`ground`] counts and
-//! whose time [`duration`] estimates.
+//! A format is one file in this folder, which defines an [`ExportFormat`], and one line in [`FORMATS`]. [`track`]
+//! converts the flight to latitude and longitude, [`vehicle`] to a vehicle mission: with waypoints of [`stops`],
+//! altitudes of [`altitude`] over the [`ground`], and an estimate of its time by [`duration`].
 
 pub mod altitude;
 pub mod autopilot;
@@ -13,6 +13,7 @@ mod format;
 mod geojson;
 mod gpx;
 pub mod ground;
+pub mod items;
 mod kml;
 mod mcap;
 mod mcap_log;
@@ -22,6 +23,7 @@ mod parquet;
 mod qgc_plan;
 mod scene;
 pub mod stops;
+mod summary;
 #[cfg(test)]
 mod tests;
 pub mod track;
@@ -43,9 +45,10 @@ use skysink_mission::files::write_all;
 use skysink_mission::replay::RecordedRun;
 
 use crate::LabError;
-pub use format::{ExportFormat, MissionOf, WriteFormat};
+pub use format::{ExportFormat, ExportedMission, WriteFormat};
 use mission_options::VehicleMissionOptions;
 use track::GeodeticTrack;
+use vehicle::MissionUse;
 
 /// All formats, in the order of the help.
 pub static FORMATS: [&ExportFormat; 9] = [
@@ -103,7 +106,7 @@ struct Rendered {
 /// Exports a run. No file is left incomplete.
 ///
 /// # Errors
-/// If the folder, the origin, the output file or an option is refused, the UAV has not the time or the energy for a mission, a
+/// If the folder, the origin, the output file or an option is refused, a vehicle must not or cannot fly the mission, a
 /// file cannot be written, or on a stop.
 pub fn export(export: &Export, stop: &Stop) -> Result<Exported, LabError> {
     let run = RecordedRun::read(&export.run, stop)?;
@@ -131,20 +134,18 @@ pub fn export(export: &Export, stop: &Stop) -> Result<Exported, LabError> {
 fn render(export: &Export, run: &RecordedRun, out: &Path) -> Result<Rendered, LabError> {
     let uavs = run.scenario.uav.uavs();
     let track = |uav: usize| Ok::<_, LabError>(GeodeticTrack::new(run, uav, origin(&run.scenario, export.origin)?)?);
-    let refuse = |option: &str, what: &str| {
-        let message = format_args!("{option}: {} has no {what}: omit this option", export.format.name);
-        Err(InputError::new("run folder", &export.run, message).into())
-    };
     let has_mission = matches!(export.format.write, WriteFormat::Mission { .. } | WriteFormat::MissionMap(_));
     if let Some(option) = export.mission.given().filter(|_| !has_mission) {
-        return refuse(option, "vehicle mission");
+        return Err(refuse_option(export, option, "has no vehicle mission").into());
     }
     let files = if uavs == 1 { "1 file".to_owned() } else { format!("{uavs} files, one for each UAV") };
     let counts =
         |files: &str| format!("{} slots, {} sensor nodes → {files}", run.slots.len(), run.list.sensors().len());
     let mut rendered = Rendered { summary: Vec::new(), outputs: Vec::new() };
     match export.format.write {
-        WriteFormat::Slots(_) if export.origin.is_some() => return refuse("--origin", "coordinates"),
+        WriteFormat::Slots(_) if export.origin.is_some() => {
+            return Err(refuse_option(export, "--origin", "has no coordinates").into());
+        }
         WriteFormat::Slots(write) => {
             rendered.summary.push(counts("1 file"));
             rendered.outputs.push((out.to_owned(), vec![write(run)]));
@@ -156,8 +157,11 @@ fn render(export: &Export, run: &RecordedRun, out: &Path) -> Result<Rendered, La
             }
         }
         WriteFormat::Mission { .. } | WriteFormat::MissionMap(_) => {
+            let options = mission_options(export)?;
             for uav in 0..uavs {
-                let texts = render_mission(export, &track(uav)?, &mut rendered.summary)?;
+                let (lines, texts) = render_mission(export.format, &track(uav)?, &options)?;
+                let prefix = if uavs == 1 { String::new() } else { format!("UAV {uav}: ") };
+                rendered.summary.extend(lines.iter().map(|line| prefix.clone() + line));
                 rendered.outputs.push((of_uav(out, uav, uavs), texts));
             }
         }
@@ -165,51 +169,51 @@ fn render(export: &Export, run: &RecordedRun, out: &Path) -> Result<Rendered, La
     Ok(rendered)
 }
 
-/// The content of the files of the mission of a UAV; adds lines to the `summary`.
-fn render_mission(
-    export: &Export,
-    track: &GeodeticTrack<'_>,
-    summary: &mut Vec<String>,
-) -> Result<Vec<Vec<u8>>, LabError> {
-    let (autopilot, note) = match export.format.write {
-        WriteFormat::Mission { autopilot, note, .. } => (autopilot, note),
-        _ => (None, ""),
+/// The options of the mission for the format, which may be for one autopilot only, or without a geofence.
+fn mission_options(export: &Export) -> Result<VehicleMissionOptions, InputError> {
+    let (only, has_fence) = match export.format.write {
+        WriteFormat::Mission { autopilot, has_fence, .. } => (autopilot, has_fence),
+        _ => (None, false),
     };
-    let is_map = matches!(export.format.write, WriteFormat::MissionMap(_)); // which nobody flies
-    let options = VehicleMissionOptions {
-        autopilot: export.mission.autopilot.or(autopilot),
-        ignore_endurance: export.mission.ignore_endurance || is_map,
-        is_map,
-        ..export.mission.clone()
-    };
-    if let Some(only) = autopilot.filter(|only| *only != options.autopilot()) {
-        let message = format_args!("--autopilot: {} is a format of {only}: omit this option", export.format.name);
-        return Err(InputError::new("run folder", &export.run, message).into());
+    let options = VehicleMissionOptions { autopilot: export.mission.autopilot.or(only), ..export.mission.clone() };
+    if let Some(only) = only.filter(|only| *only != options.autopilot()) {
+        return Err(refuse_option(export, "--autopilot", &format!("is a format of {only}")));
     }
-    let has_fence = matches!(export.format.write, WriteFormat::Mission { autopilot: None, .. });
     if options.fence_margin > 0.0 && !has_fence {
-        let message = format_args!("--fence-margin: {} has no geofence: omit this option", export.format.name);
-        return Err(InputError::new("run folder", &export.run, message).into());
+        return Err(refuse_option(export, "--fence-margin", "has no geofence"));
     }
-    let mission = vehicle::plan(track, &options)?;
-    let fence = fence::border(&track.run.scenario.area, options.fence_margin);
-    let places = fence.iter().map(|corner| track.place(corner)).collect::<Result<_, _>>()?;
-    let mut lines = vec![mission.summary.clone()];
-    lines.extend(mission.description(track, &options));
+    Ok(options)
+}
+
+fn refuse_option(export: &Export, option: &str, why: &str) -> InputError {
+    let message = format_args!("{option}: {} {why}: omit this option", export.format.name);
+    InputError::new("run folder", &export.run, message)
+}
+
+/// The lines about the mission of a UAV, and the content of its files.
+fn render_mission(
+    format: &ExportFormat,
+    track: &GeodeticTrack<'_>,
+    options: &VehicleMissionOptions,
+) -> Result<(Vec<String>, Vec<Vec<u8>>), LabError> {
+    let (purpose, has_fence, note) = match format.write {
+        WriteFormat::Mission { has_fence, note, .. } => (MissionUse::Flight, has_fence, note),
+        _ => (MissionUse::Map, false, ""),
+    };
+    let mission = vehicle::plan(track, options, purpose)?;
+    let corners = fence::border(&track.run.scenario.area, options.fence_margin);
+    let mut lines = summary::lines(track, options, &mission);
     lines.extend(Some(note.to_owned()).filter(|note| !note.is_empty()));
-    lines.extend(
-        warnings::of(track, &mission, has_fence.then_some(&fence)).into_iter().map(|text| format!("warning: {text}")),
-    );
-    let of_uav = if track.run.scenario.uav.uavs() == 1 { String::new() } else { format!("UAV {}: ", track.uav) };
-    summary.extend(
-        lines.into_iter().map(|line| line.replace('\n', &format!("\n{of_uav}"))).map(|line| of_uav.clone() + &line),
-    );
-    let of = MissionOf { track, mission: &mission, options: &options, fence: places };
-    Ok(match export.format.write {
-        WriteFormat::Mission { write, .. } => mission.parts.iter().map(|part| write(&of, part)).collect(),
-        WriteFormat::MissionMap(write) => vec![write(&of)],
+    let warnings = warnings::of(track, &mission, has_fence.then_some(&corners[..]));
+    lines.extend(warnings.into_iter().map(|text| format!("warning: {text}")));
+    let fence = corners.iter().map(|corner| track.place(corner)).collect::<Result<_, _>>()?;
+    let exported = ExportedMission { track, mission: &mission, options, fence };
+    let texts = match format.write {
+        WriteFormat::Mission { write, .. } => mission.parts.iter().map(|part| write(&exported, part)).collect(),
+        WriteFormat::MissionMap(write) => vec![write(&exported)],
         WriteFormat::Flight(_) | WriteFormat::Slots(_) => Vec::new(),
-    })
+    };
+    Ok((lines, texts))
 }
 
 /// The origin of the scenario, or the `given` one if the scenario has none.
@@ -239,12 +243,7 @@ fn out_file(export: &Export) -> Result<PathBuf, InputError> {
 
 /// The file of the UAV number `uav` of `uavs`: the given name for a single UAV, else `NAME-uav-0.EXT` and so on.
 fn of_uav(file: &Path, uav: usize, uavs: usize) -> PathBuf {
-    if uavs == 1 {
-        return file.to_owned();
-    }
-    let mut name: OsString = file.file_stem().unwrap_or_default().to_owned();
-    name.push(format!("-uav-{uav}"));
-    file.with_file_name(name).with_added_extension(file.extension().unwrap_or_default())
+    if uavs == 1 { file.to_owned() } else { with_suffix(file, &format!("-uav-{uav}")) }
 }
 
 /// The file names of the parts: the given name for a single part, else `NAME-part-1-of-3.EXT` and so on.
@@ -252,12 +251,14 @@ fn part_names(file: &Path, count: usize) -> Vec<PathBuf> {
     if count == 1 {
         return vec![file.to_owned()];
     }
-    let name = |part: usize| {
-        let mut name: OsString = file.file_stem().unwrap_or_default().to_owned();
-        name.push(format!("-part-{part}-of-{count}"));
-        file.with_file_name(name).with_added_extension(file.extension().unwrap_or_default())
-    };
-    (1..=count).map(name).collect()
+    (1..=count).map(|part| with_suffix(file, &format!("-part-{part}-of-{count}"))).collect()
+}
+
+/// The file with a suffix to its name, before the extension.
+fn with_suffix(file: &Path, suffix: &str) -> PathBuf {
+    let mut name: OsString = file.file_stem().unwrap_or_default().to_owned();
+    name.push(suffix);
+    file.with_file_name(name).with_added_extension(file.extension().unwrap_or_default())
 }
 
 /// The folder of a file.

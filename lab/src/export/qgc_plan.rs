@@ -7,19 +7,20 @@ use serde_json::{Value, json};
 use skysink_common::geodata::projection::GeodeticPosition;
 
 use super::altitude::AltitudeReference;
-use super::format::{ExportFormat, MissionOf, WriteFormat};
-use super::vehicle::{MissionPart, VehicleItem};
+use super::format::{ExportFormat, ExportedMission, WriteFormat};
+use super::items::VehicleItem;
+use super::vehicle::MissionPart;
 
 /// The plan file.
 pub static FORMAT: ExportFormat = ExportFormat {
     name: "qgc-plan",
     about: "QGroundControl plan: a vehicle's mission, with area and zones as geofence",
     extension: "plan",
-    write: WriteFormat::Mission { write, autopilot: None, note: "" },
+    write: WriteFormat::Mission { write, autopilot: None, has_fence: true, note: "" },
 };
 
-fn write(of: &MissionOf<'_>, part: &MissionPart) -> Vec<u8> {
-    let MissionOf { track, mission, options, .. } = of;
+fn write(exported: &ExportedMission<'_>, part: &MissionPart) -> Vec<u8> {
+    let ExportedMission { track, mission, options, fence } = exported;
     let home = track.points[0].place;
     let speed_mps = track.run.scenario.uav.max_speed_mps;
     let reference = mission.reference;
@@ -28,7 +29,7 @@ fn write(of: &MissionOf<'_>, part: &MissionPart) -> Vec<u8> {
         json!({ "version": 1, "inclusion": inclusion, "polygon": corners })
     };
     let zones = track.zones.iter().filter(|zone| zone.is_tall).map(|zone| polygon(false, &zone.corners));
-    let fence: Vec<_> = std::iter::once(polygon(true, &of.fence)).chain(zones).collect();
+    let polygons: Vec<_> = std::iter::once(polygon(true, fence)).chain(zones).collect();
     let items = part.items.iter().zip(1..).map(|(item, number)| simple_item(item, reference, number));
     let plan = json!({
         "fileType": "Plan",
@@ -37,7 +38,7 @@ fn write(of: &MissionOf<'_>, part: &MissionPart) -> Vec<u8> {
         "geoFence": {
             "version": 2,
             "circles": [],
-            "polygons": fence,
+            "polygons": polygons,
         },
         "rallyPoints": { "version": 2, "points": [] },
         "mission": {

@@ -27,8 +27,8 @@ const BLUE: Colour = [0.15, 0.45, 0.85];
 /// The scene: one entity, which stays for the whole log.
 pub fn update(track: &GeodeticTrack<'_>) -> Value {
     let area = &track.run.scenario.area;
-    let corners = [[0.0, 0.0], [area.width_m(), 0.0], [area.width_m(), area.height_m()], [0.0, area.height_m()]];
-    let mut lines = vec![outline(&corners, 0.0, GREY)];
+    let rectangle = [[0.0, 0.0], [area.width_m(), 0.0], [area.width_m(), area.height_m()], [0.0, area.height_m()]];
+    let mut lines = vec![outline(area.boundary_m.as_deref().unwrap_or(&rectangle), 0.0, GREY)];
     lines.extend(area.no_fly.iter().flatten().map(|zone| outline(zone.corners(), 0.0, RED)));
     for building in area.building.iter().flatten() {
         lines.extend([0.0, building.height_m].map(|up_m| outline(&building.polygon_m, up_m, BROWN)));

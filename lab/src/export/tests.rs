@@ -1,5 +1,6 @@
-//! Tests of vehicle missions; of logs in `logs`.
+//! Tests of vehicle missions; over hills in `hills`, of logs in `logs`.
 
+mod hills;
 mod logs;
 
 use std::path::Path;
@@ -18,13 +19,19 @@ use super::altitude::AltitudeReference;
 use super::autopilot::{Autopilot, RampLimits};
 use super::duration::{MissionLeg, effort};
 use super::ground::Ground;
+use super::items::VehicleItem;
 use super::mission_options::{MIN_ITEMS, VehicleMissionOptions};
 use super::track::GeodeticTrack;
-use super::vehicle::{VehicleItem, VehicleMission, plan};
+use super::vehicle::{MissionUse, VehicleMission, plan};
+use super::{fence, summary, warnings};
+
+/// A wall of 20 m × 100 m, from 40 m east of the start.
+const WALL: &str = "[[area.no_fly]]\npolygon_m = [[40.0, -1.0], [60.0, -1.0], [60.0, 99.0], [40.0, 99.0]]\n";
 
 const EQUATOR: Origin = Origin { lat_deg: 0.0, lon_deg: 0.0 };
 
-/// A run over 10 km from the origin at 30 m/s at most, with a step along x [m] and the bits that SN 3 uploads in each slot.
+/// A run over 10 km from the origin at 30 m/s at most, with a step along x [m] and the bits that SN 3 uploads in each
+/// slot.
 fn run_in(more: &str, list: &str, steps: &[(f64, Option<u64>)]) -> RecordedRun {
     let slots = steps.len().max(1);
     let text = format!(
@@ -67,11 +74,15 @@ fn forever() -> VehicleMissionOptions {
 }
 
 fn mission(run: &RecordedRun, options: &VehicleMissionOptions) -> VehicleMission {
-    plan(&track(run), options).unwrap()
+    plan(&track(run), options, MissionUse::Flight).unwrap()
+}
+
+fn lines(run: &RecordedRun, options: &VehicleMissionOptions) -> Vec<String> {
+    summary::lines(&track(run), options, &mission(run, options))
 }
 
 fn refusal(run: &RecordedRun, options: &VehicleMissionOptions) -> String {
-    plan(&track(run), options).unwrap_err().to_string()
+    plan(&track(run), options, MissionUse::Flight).unwrap_err().to_string()
 }
 
 /// Position [m], altitude [m] and hold [s] of every waypoint of a part.
@@ -91,7 +102,7 @@ fn straight_legs_and_holds_are_merged() {
     // On the equator x is a sin λ: 60 m are 60/6378137 · 180°/π = 0.000538989°.
     let served = Some(1);
     let run = run(&[(30.0, None), (30.0, None), (0.0, served), (10.0, served), (0.0, served), (9.0, None)]);
-    let mission = mission(&run, &VehicleMissionOptions::default());
+    let options = VehicleMissionOptions::default();
     let waypoint = |lon_deg: f64, hold_s| {
         let place = GeodeticPosition { lat_deg: 0.0, lon_deg };
         VehicleItem::Waypoint { place, altitude_m: 20.0, hold_s }
@@ -107,9 +118,9 @@ fn straight_legs_and_holds_are_merged() {
         waypoint(0.0, 0.0), // above home
         VehicleItem::Return,
     ];
-    assert_eq!(mission.parts[0].items, expected);
+    assert_eq!(mission(&run, &options).parts[0].items, expected);
     assert_eq!(
-        mission.summary,
+        lines(&run, &options)[0],
         "6 slots (3 serving) → 3 waypoints (2 serving), 3 changes of speed → 10 items → 1 file"
     );
 }
@@ -133,20 +144,20 @@ fn speeds_are_whole_millimetres_per_second() {
     assert_eq!(mission.parts[0].items[1], VehicleItem::Speed { speed_mps: 15.0 });
 }
 
-/// 10, 20 and 30 m east of the start 8, 2 and 5 bits are collected. Without fewer than 3, the leg of 20 m is flown at the
-/// speed of its legs, 10 m/s.
+/// 10, 20 and 30 m east of the start 8, 2 and 5 bits are collected. Without fewer than 3, the leg of 20 m is flown at
+/// the speed of its legs, 10 m/s.
 #[test]
 fn passes_that_carry_little_are_omitted() {
     let run = run(&[(10.0, Some(8)), (10.0, Some(2)), (10.0, Some(5))]);
     let at = |min_bits| {
-        let mission = mission(&run, &VehicleMissionOptions { min_bits, ..VehicleMissionOptions::default() });
-        let xs: Vec<f64> = waypoints(&mission.parts[0].items).iter().map(|(at, ..)| at.x.round()).collect();
-        (xs, mission.summary)
+        let options = VehicleMissionOptions { min_bits, ..VehicleMissionOptions::default() };
+        let items = &mission(&run, &options).parts[0].items;
+        let xs: Vec<f64> = waypoints(items).iter().map(|(at, ..)| at.x.round()).collect();
+        (xs, lines(&run, &options).remove(1))
     };
     assert_eq!(at(0).0, [10.0, 20.0, 30.0, 0.0]);
-    let (xs, summary) = at(3);
-    assert_eq!(xs, [10.0, 30.0, 0.0]);
-    assert!(summary.ends_with("\n1 of 3 waypoints omitted, with 2 of 15 bits (13.33 %)"), "{summary}");
+    let omitted = "1 of 3 waypoints omitted, with 2 of 15 bits (13.33 %)".to_owned();
+    assert_eq!(at(3), (vec![10.0, 30.0, 0.0], omitted));
     let options = VehicleMissionOptions { min_bits: 9, ..VehicleMissionOptions::default() };
     assert!(refusal(&run, &options).contains("--min-bits 9: no pass carries so many"));
 }
@@ -178,11 +189,11 @@ fn with_endurance(scenario: &Scenario, endurance_s: f64) -> Scenario {
     scenario
 }
 
-/// A wall of 20 m × 100 m between the start and the SNs, which a pass beyond it that is left flies around, and the way home.
+/// A wall of 20 m × 100 m between the start and the SNs, which a pass beyond it that is left flies around, and the way
+/// home.
 #[test]
 fn ways_that_the_mission_adds_lead_around_zones() {
-    let wall = "[[area.no_fly]]\npolygon_m = [[40.0, -1.0], [60.0, -1.0], [60.0, 99.0], [40.0, 99.0]]\n";
-    let mut run = run_in(wall, "x_m,y_m\n1,1\n2,2\n3,3\n90,4\n", &[(0.0, None); 12]);
+    let mut run = run_in(WALL, "x_m,y_m\n1,1\n2,2\n3,3\n90,4\n", &[(0.0, None); 12]);
     let around = [[20.0, 40.0], [30.0, 70.0], [40.0, 100.0], [60.0, 100.0], [70.0, 75.0], [80.0, 50.0], [90.0, 25.0]];
     for (slot, [x_m, y_m]) in run.slots.iter_mut().zip(around) {
         slot[UAV].position = Point3::new(x_m, y_m, 20.0);
@@ -199,62 +210,6 @@ fn ways_that_the_mission_adds_lead_around_zones() {
     assert!(nodes.windows(2).all(|pair| airspace.is_free(&pair[0], &pair[1])), "{nodes:?}");
     assert!((nodes[nodes.len() - 1] - Point2::origin()).norm() < 1e-3, "{nodes:?}");
     assert_eq!(places.iter().filter(|(at, ..)| (at.x - 90.0).abs() < 0.1).count(), 1, "one pass: {nodes:?}");
-}
-
-/// Hills of 60 m, told by an SN in each square of 100 m.
-fn hills(x_m: f64, y_m: f64) -> f64 {
-    200.0 + 60.0 * (x_m / 150.0).sin() * (y_m / 130.0).cos()
-}
-
-fn hilly_list() -> String {
-    let cells = (0..10).flat_map(|column| (0..4).map(move |row| (100.0 * f64::from(column), 100.0 * f64::from(row))));
-    let rows: String = cells.map(|(x_m, y_m)| format!("{x_m},{y_m},{}\n", hills(x_m, y_m))).collect();
-    format!("x_m,y_m,ground_m\n{rows}")
-}
-
-#[test]
-fn altitudes_above_home_or_sea_level_clear_every_leg_and_those_above_the_ground_are_the_models() {
-    let steps: Vec<_> = std::iter::repeat_n((27.0, Some(1)), 30).collect();
-    let run = run_in("", &hilly_list(), &steps);
-    let at = |altitude| mission(&run, &VehicleMissionOptions { altitude, ..forever() });
-    let terrain = at(None);
-    assert_eq!(terrain.reference, AltitudeReference::Terrain, "the default over hills");
-    assert!(waypoints(&terrain.parts[0].items).iter().all(|(_, altitude_m, _)| *altitude_m == 20.0));
-    for reference in [AltitudeReference::Relative, AltitudeReference::Msl] {
-        let items = at(Some(reference)).parts.remove(0).items;
-        let VehicleItem::TakeOff { altitude_m: take_off_m, .. } = items[0] else { panic!("{items:?}") };
-        let level_m = if reference == AltitudeReference::Relative { hills(0.0, 0.0) } else { 0.0 };
-        let first = (Point2::origin(), take_off_m + hills(0.0, 0.0), 0.0);
-        let rest = waypoints(&items).into_iter().map(|(at, altitude_m, hold_s)| (at, altitude_m + level_m, hold_s));
-        let nodes: Vec<_> = std::iter::once(first).chain(rest).collect();
-        for pair in nodes.windows(2) {
-            for step in 0..=50 {
-                let fraction = f64::from(step) / 50.0;
-                let at = pair[0].0 + (pair[1].0 - pair[0].0) * fraction;
-                let clearance_m = pair[0].1 + (pair[1].1 - pair[0].1) * fraction - hills(at.x, at.y);
-                assert!((20.0 - 1e-9..200.0).contains(&clearance_m), "{reference:?} {at}: {clearance_m} m");
-            }
-        }
-    }
-    let flat = self::run(&steps);
-    let message = refusal(&flat, &VehicleMissionOptions { altitude: Some(AltitudeReference::Msl), ..forever() });
-    assert!(message.contains("--altitude msl: expected a sensor list with the column ground_m"), "{message}");
-    assert_eq!(mission(&flat, &forever()).reference, AltitudeReference::Relative);
-}
-
-#[test]
-fn the_ground_between_sensor_nodes_is_within_its_bounds() {
-    let run = run_in("", &hilly_list(), &[(1.0, None)]);
-    let ground = Ground::of(&run.list).unwrap();
-    for x in 0..90 {
-        for y in 0..30 {
-            let at = Point2::new(10.0 * f64::from(x), 10.0 * f64::from(y));
-            let truth_m = hills(at.x, at.y);
-            let slack_m = if x % 10 == 0 && y % 10 == 0 { 1e-9 } else { 0.0 };
-            let (low_m, high_m) = (ground.lowest_m(&at) - slack_m, ground.highest_m(&at) + slack_m);
-            assert!(low_m <= truth_m && truth_m <= high_m, "{at}: {low_m} to {high_m}, {truth_m}");
-        }
-    }
 }
 
 /// Home [m], and the legs of a file of waypoints, each held for `hold_s` [s].
@@ -279,9 +234,9 @@ fn legs_of(name: &str, hold_s: f64) -> (Point2<f64>, Vec<MissionLeg>) {
     (Point2::origin(), legs)
 }
 
-/// ArduCopter 4.8 in software has flown tours over these two fields, with waypoints of the version of that day, 60 and 300: the
-/// time from the first waypoint to the last [s], and from arming to the end of the landing [s]. 2.5 m/s² and 1 m/s³ are its
-/// defaults; holds of 0.1 s were stored as 0.
+/// ArduCopter 4.8 in software has flown tours over these two fields, with waypoints of the version of that day, 60 and
+/// 300: the time from the first waypoint to the last [s], and from arming to the end of the landing [s]. 2.5 m/s² and 1
+/// m/s³ are its defaults; holds of 0.1 s were stored as 0.
 #[test]
 fn the_estimate_is_within_15_percent_of_what_arducopter_has_flown() {
     let aircraft = Scenario::letter(Overrides::default()).unwrap().uav.propulsion;
@@ -320,6 +275,26 @@ fn legs_without_jerk_take_as_long_as_worked_by_hand() {
     // Take-off 3 s + 20 m at 1.5 m/s, landing 2 s + 5 m at 0.7 m/s + 15 m at 1.5 m/s.
     let ends_s = 3.0 + 20.0 / 1.5 + 2.0 + 5.0 / 0.7 + 15.0 / 1.5;
     assert!((whole(&[leg(200.0, 4.0)]) - (ends_s + 30.0 + 4.0 + 30.0)).abs() < 1e-9);
+    // A right angle passed at 2 m = √2 · (T/2)²/2 overlaps for T = 2 √(4/√2), twice: at 200 m east, and at 200 m north.
+    let corner = MissionLeg { to: Point3::new(200.0, 200.0, 20.0), ..leg(200.0, 0.0) };
+    let north = MissionLeg { to: Point3::new(0.0, 200.0, 20.0), ..corner };
+    let overlaps_s = 2.0 * 2.0 * (4.0 / 2.0_f64.sqrt()).sqrt();
+    let rounded_s = whole(&[leg(200.0, 0.0), corner, north]);
+    assert!((rounded_s - (ends_s + 4.0 * 30.0 - overlaps_s)).abs() < 1e-9, "{rounded_s}");
+}
+
+/// 2 m/s² and 1 m/s³: 8 m/s take 2 s + 4 s over 24 m, so that 100 m take 12 s and 52 m at 8 m/s. 1 m/s takes 2 s over 1
+/// m, without reaching 2 m/s², so that 2 m take 4 s.
+#[test]
+fn legs_with_jerk_take_as_long_as_worked_by_hand() {
+    let mut motion = Autopilot::Px4.motion();
+    motion.horizontal = RampLimits { acceleration_mps2: 2.0, jerk_mps3: Some(1.0) };
+    motion.response_s = 0.0;
+    for (x_m, expected_s) in [(100.0, 18.5), (2.0, 4.0)] {
+        let leg = MissionLeg { to: Point3::new(x_m, 0.0, 20.0), speed_mps: 8.0, hold_s: 0.0 };
+        let leg_s = super::duration::leg_s(&motion, &Point3::new(0.0, 0.0, 20.0), &leg);
+        assert!((leg_s - expected_s).abs() < 1e-9, "{x_m} m: {leg_s} s");
+    }
 }
 
 proptest! {
@@ -345,37 +320,8 @@ proptest! {
             while places.next_if(|at| !is_here(at)).is_some() {}
             prop_assert!(places.peek().is_some(), "slot {slot}");
         }
-        prop_assert_eq!(mission.services.len(), track.services().count());
-    }
-}
-
-/// The ground in metres of a list of `x_m,y_m,ground_m`.
-fn ground(rows: &str) -> Ground {
-    Ground::of(&run_in("", &format!("x_m,y_m,ground_m\n{rows}"), &[(1.0, None)]).list).unwrap()
-}
-
-#[test]
-fn sensor_nodes_that_stand_together_do_not_hide_the_ground_of_one_another() {
-    let ground = ground("100,100,400\n103,100,425\n100,100,412\n500,100,410\n");
-    for (x_m, truth_m) in [(100.0, 412.0), (103.0, 425.0), (500.0, 410.0)] {
-        assert!(ground.highest_m(&Point2::new(x_m, 100.0)) >= truth_m, "at {x_m} m");
-    }
-    assert!(ground.lowest_m(&Point2::new(100.0, 100.0)) <= 400.0);
-    assert!(ground.highest_between_m(&Point2::new(50.0, 100.0), &Point2::new(150.0, 100.0)) >= 425.0);
-}
-
-/// Two groups of ten, 400 m and 700 m high and some 800 m apart: the slope is that between them.
-#[test]
-fn the_slope_between_groups_of_sensor_nodes_is_known() {
-    let group = |x_m: f64, ground_m: f64| -> String {
-        (0..10).map(|row| format!("{x_m},{},{ground_m}\n", 100.0 + 10.0 * f64::from(row))).collect()
-    };
-    let ground = ground(&(group(100.0, 400.0) + &group(900.0, 700.0)));
-    for step in 0..=80 {
-        let x_m = 100.0 + 10.0 * f64::from(step);
-        let truth_m = 400.0 + 300.0 * f64::from(step) / 80.0;
-        let at = Point2::new(x_m, 145.0);
-        assert!(ground.highest_m(&at) >= truth_m && ground.lowest_m(&at) <= truth_m, "{x_m} m: {truth_m} m");
+        let services: usize = mission.parts.iter().map(|part| part.services.len()).sum();
+        prop_assert_eq!(services, track.services().count());
     }
 }
 
@@ -409,16 +355,69 @@ fn later_parts_fly_to_their_first_waypoint_at_the_highest_speed() {
 
 #[test]
 fn a_mission_on_the_ground_or_through_a_zone_is_refused_and_shown_on_a_map() {
-    let map = VehicleMissionOptions { is_map: true, ..forever() };
     let mut low = run(&[(10.0, Some(1)), (10.0, Some(1))]);
     low.slots[1][UAV].position.z = -0.5;
     let text = refusal(&low, &forever());
     assert!(text.contains("the mission would lead to (20.0 m, 0.0 m) at -0.5 m above the ground"), "{text}");
-    let wall = "[[area.no_fly]]\npolygon_m = [[40.0, -1.0], [60.0, -1.0], [60.0, 99.0], [40.0, 99.0]]\n";
-    let through = run_in(wall, "x_m,y_m\n1,1\n", &[(30.0, Some(1)), (50.0, Some(1))]);
+    let through = run_in(WALL, "x_m,y_m\n1,1\n", &[(30.0, Some(1)), (50.0, Some(1))]);
     let text = refusal(&through, &forever());
     assert!(text.contains("through a zone, a building or the boundary, on the way to (80.0 m, 0.0 m)"), "{text}");
     for run in [&low, &through] {
-        assert_eq!(mission(run, &map).parts.len(), 1);
+        let map = plan(&track(run), &VehicleMissionOptions::default(), MissionUse::Map).unwrap();
+        assert_eq!(map.parts.len(), 1);
     }
+}
+
+/// A slot of rest, a climb with a service, and a leg.
+#[test]
+fn a_climb_at_the_start_sets_no_speed() {
+    let mut run = run(&[(0.0, None), (0.0, Some(1)), (10.0, Some(1))]);
+    for slot in &mut run.slots[1..] {
+        slot[UAV].position.z = 40.0;
+    }
+    let mission = mission(&run, &VehicleMissionOptions { min_bits: 1, ..forever() });
+    assert_eq!(speeds(&mission.parts[0].items), [10.0, 30.0]);
+    assert!(mission.parts[0].effort.duration_s < 120.0, "{:?}", mission.parts[0].effort);
+}
+
+/// A passage of 10 m between two walls at 40 m, the start at the west of it, and slots along the boundary and the
+/// walls.
+#[test]
+fn what_may_be_wrong_with_a_mission_is_said() {
+    let zone = "[[area.no_fly]]\npolygon_m = [[40.0, 3.0], [60.0, 3.0], [60.0, 99.0], [40.0, 99.0]]\n";
+    let mut run = run_in(zone, "x_m,y_m\n1,1\n", &[(20.0, Some(1)); 5]);
+    for (slot, y_m) in run.slots.iter_mut().zip([5.0, 2.0, 1.5, 5.0, 5.0]) {
+        slot[UAV].position.y = y_m;
+    }
+    let track = track(&run);
+    let mission = mission(&run, &VehicleMissionOptions { most_items: Some(8), ..forever() });
+    let near = |margin_m: f64| {
+        let fence = fence::border(&run.scenario.area, margin_m);
+        warnings::of(&track, &mission, Some(&fence)).join("\n")
+    };
+    let said = near(0.0);
+    assert!(said.contains("1 of 5 slots end outside of the geofence or within 2 m of it"), "{said}");
+    assert!(said.contains("2 of 5 slots end within 2 m of a zone"), "{said}");
+    assert!(said.contains("parts: the vehicle lands between them"), "{said}");
+    assert!(!near(1.0).contains("geofence"), "{}", near(1.0));
+}
+
+/// An L whose inner corner is at (60, 60).
+#[test]
+fn a_wider_fence_is_outside_of_the_boundary_by_the_margin() {
+    let text = "boundary_m = [[0.0, 0.0], [90.0, 0.0], [90.0, 60.0], [60.0, 60.0], [60.0, 90.0], [0.0, 90.0]]\n";
+    let area = run_in(text, "x_m,y_m\n1,1\n", &[(1.0, None)]).scenario.area;
+    let wider: Vec<[f64; 2]> = fence::border(&area, 10.0).iter().map(|at| [at.x.round(), at.y.round()]).collect();
+    for corner in [[-10.0, -10.0], [100.0, -10.0], [100.0, 70.0], [70.0, 70.0], [70.0, 100.0], [-10.0, 100.0]] {
+        assert!(wider.contains(&corner), "{corner:?}: {wider:?}");
+    }
+    assert_eq!(wider.len(), 6, "{wider:?}");
+}
+
+/// The wall needs two bends each way.
+#[test]
+fn a_part_that_cannot_hold_one_waypoint_with_its_ways_is_refused() {
+    let run = run_in(WALL, "x_m,y_m\n1,1\n", &[(90.0, Some(1))]);
+    let text = refusal(&run, &VehicleMissionOptions { most_items: Some(7), ..forever() });
+    assert!(text.contains("--most-items 7: expected more, because a single waypoint has so many"), "{text}");
 }

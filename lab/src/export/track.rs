@@ -129,8 +129,8 @@ impl<'a> GeodeticTrack<'a> {
         place(&self.projection, &self.run.scenario, position)
     }
 
-    /// The attitude at each point in the frame of the area: level, the x axis in the direction of the last move, before the
-    /// first move in that of the first.
+    /// The attitude at each point in the frame of the area: level, the x axis in the direction of the last move, before
+    /// the first move in that of the first.
     #[must_use]
     pub fn attitudes(&self) -> Vec<UnitQuaternion<f64>> {
         let yaws = self.points.windows(2).map(|pair| {
@@ -146,8 +146,8 @@ impl<'a> GeodeticTrack<'a> {
         all.collect()
     }
 
-    /// The altitude of each point [m]: above what `ground_m` of the sensor list is above, with the ground midway between its
-    /// bounds, or above the ground below if the list does not tell it.
+    /// The altitude of each point [m]: above what `ground_m` of the sensor list is above, with the ground midway
+    /// between its bounds, or above the ground below if the list does not tell it.
     #[must_use]
     pub fn altitudes_m(&self) -> Vec<f64> {
         let ground = Ground::of(&self.run.list);

@@ -3,8 +3,9 @@
 //! Format: MAVLink's developer guide, "Plain-Text File Format".
 
 use super::autopilot::Autopilot;
-use super::format::{ExportFormat, MissionOf, WriteFormat};
-use super::vehicle::{MavlinkItem, MissionPart};
+use super::format::{ExportFormat, ExportedMission, WriteFormat};
+use super::items::MavlinkItem;
+use super::vehicle::MissionPart;
 
 /// The waypoint file.
 pub static FORMAT: ExportFormat = ExportFormat {
@@ -14,15 +15,16 @@ pub static FORMAT: ExportFormat = ExportFormat {
     write: WriteFormat::Mission {
         write,
         autopilot: Some(Autopilot::Ardupilot),
+        has_fence: false,
         note: "no geofence: QGC WPL does not support it; use qgc-plan",
     },
 };
 
-fn write(of: &MissionOf<'_>, part: &MissionPart) -> Vec<u8> {
-    let home = of.track.points[0].place;
-    let params = [0.0, 0.0, 0.0, 0.0, home.lat_deg, home.lon_deg, of.mission.home_ground_m.unwrap_or(0.0)];
+fn write(exported: &ExportedMission<'_>, part: &MissionPart) -> Vec<u8> {
+    let home = exported.track.points[0].place;
+    let params = [0.0, 0.0, 0.0, 0.0, home.lat_deg, home.lon_deg, exported.mission.home_ground_m.unwrap_or(0.0)];
     let home = MavlinkItem { command: 16, frame: 0, params };
-    let items = part.items.iter().map(|item| item.mavlink(of.mission.reference));
+    let items = part.items.iter().map(|item| item.mavlink(exported.mission.reference));
     let mut text = "QGC WPL 110\n".to_owned();
     for (index, item) in std::iter::once(home).chain(items).enumerate() {
         let MavlinkItem { command, frame, params } = item;

@@ -7,6 +7,7 @@ use serde_json::Value;
 
 use super::super::format::WriteFormat;
 use super::super::{mcap as json_log, mcap_ros2};
+use super::hills::{hills, hilly_list};
 use super::*;
 
 /// The messages of a log by topic, with the name of their schema.
@@ -82,7 +83,8 @@ fn the_battery_is_a_fraction_from_the_start() {
     assert_eq!(fractions, [0.5, 0.45, 0.4]);
 }
 
-/// Two SNs, a no-fly zone and a building: outlines of the area, the zone, and the building at the ground and at its top.
+/// Two SNs, a no-fly zone and a building: outlines of the area, the zone, and the building at the ground and at its
+/// top.
 #[test]
 fn the_scene_has_all_sensor_nodes_with_labels_and_all_outlines() {
     let zones = "[[area.no_fly]]\npolygon_m = [[40.0, 1.0], [60.0, 1.0], [60.0, 99.0]]\n\
@@ -98,8 +100,8 @@ fn the_scene_has_all_sensor_nodes_with_labels_and_all_outlines() {
     assert_eq!(scene["lines"][3]["points"][0]["z"], 12.0);
 }
 
-/// A `TFMessage` by hand: CDR header, one transform, stamp 1 s, `area` and `uav` with their length and zero, and, from the next
-/// multiple of 8 after the header, seven floats.
+/// A `TFMessage` by hand: CDR header, one transform, stamp 1 s, `area` and `uav` with their length and zero, and, from
+/// the next multiple of 8 after the header, seven floats.
 #[test]
 fn messages_of_ros2_are_aligned_as_cdr_demands() {
     let log = messages(&mcap_ros2::FORMAT, &with_battery(run(&[(30.0, None)])));
@@ -118,4 +120,11 @@ fn messages_of_ros2_are_aligned_as_cdr_demands() {
     assert_eq!((bytes.len() - 4) % 8, 0);
     bytes.extend([30.0, 0.0, 20.0, 0.0, 0.0, 0.0, 1.0_f64].iter().flat_map(|number| number.to_le_bytes()));
     assert_eq!(log["/tf"].1[1], bytes);
+}
+
+#[test]
+fn the_scene_has_the_boundary_of_the_area() {
+    let run = run_in("boundary_m = [[0.0, 0.0], [90.0, 0.0], [90.0, 90.0]]\n", "x_m,y_m\n1,1\n", &[(1.0, None)]);
+    let scene = &json_messages(&run)["/scene"][0]["entities"][0];
+    assert_eq!(scene["lines"][0]["points"].as_array().unwrap().len(), 3);
 }
