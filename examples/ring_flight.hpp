@@ -11,6 +11,9 @@ namespace skysink {
 // A slot ends at the waypoint if it ends this near to it [m]; farther away the vehicle is en route.
 constexpr double REACHED_M = 2.0;
 
+// A position farther outside the area than this is not believed [m].
+constexpr double ASTRAY_M = 1e5;
+
 // What a vehicle is to do in a slot.
 struct Order {
     // The slot, from 1.
@@ -54,6 +57,20 @@ inline HoldReason check(const Plan* plan, const Limits& limits, const FlightRepo
     const bool is_inside = plan->x_m >= 0.0 && plan->x_m <= limits.width_m && plan->y_m >= 0.0
                            && plan->y_m <= limits.height_m && std::isfinite(plan->z_m);
     return is_inside && away_m <= limits.reach_m * (1.0 + 1e-9) ? HoldReason::None : HoldReason::Waypoint;
+}
+
+// Whether a vehicle can be where it says; not if a number is none.
+inline bool is_possible(const FlightReport& report, const Limits& limits) {
+    const auto is_near = [](double at_m, double size_m) { return at_m >= -ASTRAY_M && at_m <= size_m + ASTRAY_M; };
+    double sum = report.time_s;
+    for (const double number : report.velocity_mps) {
+        sum += number;
+    }
+    for (const double number : report.covariance_m2) {
+        sum += number;
+    }
+    return is_near(report.x_m, limits.width_m) && is_near(report.y_m, limits.height_m) && is_near(report.z_m, 0.0)
+           && std::isfinite(sum) && !std::isnan(report.heading_deg) && !std::isnan(report.energy_j);
 }
 
 // Flies a slot by its plan, `nullptr` if there is none in time, and completes the report: mode, links and refusals.
@@ -247,6 +264,11 @@ inline int fly_slots(const Vehicle& vehicle) {
             const std::array<double, 3> at_m { before.x_m, before.y_m, before.z_m };
             const Order order { slot, field->user_header().limits, field->payload(), at_m, at_m, ends_ns };
             const auto report = fly_slot(vehicle, order, is_there ? &plan->second : nullptr, before);
+            if (!is_possible(report, order.limits)) {
+                std::cerr << "vehicle: slot " << slot << ": position = (" << report.x_m << ", " << report.y_m << ", "
+                          << report.z_m << "): expected finite numbers, and at most 100 km from the area\n";
+                return REFUSED;
+            }
             saved.save(slot, report); // before it is sent: no slot is flown twice
             send_report(slot, report);
         }

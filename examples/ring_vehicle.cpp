@@ -13,20 +13,20 @@ constexpr double NEAREST_BPS = 2e5;
 constexpr double FARTHEST_BPS = 5e4;
 
 FlightReport fly(const Order& order) {
-    std::array<double, 3> way_m {};
+    std::array<double, 3> leg_m {};
     for (size_t axis = 0; axis < 3; ++axis) {
-        way_m[axis] = order.waypoint_m[axis] - order.position_m[axis];
+        leg_m[axis] = order.waypoint_m[axis] - order.position_m[axis];
     }
-    const double length_m = std::sqrt(way_m[0] * way_m[0] + way_m[1] * way_m[1] + way_m[2] * way_m[2]);
+    const double length_m = std::sqrt(leg_m[0] * leg_m[0] + leg_m[1] * leg_m[1] + leg_m[2] * leg_m[2]);
     const double farthest_m = SPEED_MPS * order.limits.slot_s;
-    const double flown = length_m > farthest_m ? farthest_m / length_m : 1.0; // fraction of the way
+    const double flown = length_m > farthest_m ? farthest_m / length_m : 1.0; // fraction of the leg
     std::array<double, 3> at_m = order.waypoint_m;
     for (size_t axis = 0; axis < 3 && flown < 1.0; ++axis) {
-        at_m[axis] = order.position_m[axis] + flown * way_m[axis];
+        at_m[axis] = order.position_m[axis] + flown * leg_m[axis];
     }
     FlightReport report = report_at(at_m);
     for (size_t axis = 0; axis < 3; ++axis) {
-        report.velocity_mps[axis] = flown * way_m[axis] / order.limits.slot_s;
+        report.velocity_mps[axis] = flown * leg_m[axis] / order.limits.slot_s;
     }
     return report;
 }

@@ -14,10 +14,10 @@ struct Slow;
 
 impl OutsideVehicle for Slow {
     fn fly(&mut self, order: &SlotOrder) -> FlightReport {
-        let way = order.plan.waypoint() - order.position;
-        let flown = way * (FARTHEST_M / way.norm()).min(1.0); // infinite on the spot
+        let leg = order.plan.waypoint() - order.position;
+        let flown = leg * (FARTHEST_M / leg.norm()).min(1.0); // infinite on the spot
         let mut report = FlightReport::at(order.position + flown, Mode::Serve);
-        report.heading_deg = way.x.atan2(way.y).to_degrees().rem_euclid(360.0);
+        report.heading_deg = leg.x.atan2(leg.y).to_degrees().rem_euclid(360.0);
         report
     }
 }

@@ -77,7 +77,8 @@ pub fn fly_by(mut vehicles: Vec<Box<dyn OutsideVehicle>>) -> ExitCode {
     let node = |scenario: &Scenario, folder: &_, stop: &_, NoArguments {}: &_| {
         let (found, expected) = (vehicles.len(), scenario.uav.uavs());
         if found != expected {
-            let message = format_args!("uav.count = {expected}: expected {found}, as the program has vehicles");
+            let message =
+                format_args!("uav.count = {expected}: expected {found}, the number of vehicles of the program");
             return Err(InputError::new("scenario", &scenario.path, message).into());
         }
         skysink_flight_sim::node::run_by::<ipc::Service>(scenario, folder, stop, &mut vehicles)

@@ -68,18 +68,6 @@ FLIGHT = np.dtype(
 )
 """A `FlightReport`."""
 
-PLAN = np.dtype(
-    [
-        ("waypoint_m", "<f8", 3),
-        ("expected_bits", "<u8"),
-        ("plan_ns", "<u8"),
-        ("circles_m", "<f8", (5, 2)),
-        *((name, "<u4") for name in ("anchor", "partner", "chosen", "mode", "solver", "served")),
-        ("ids", "<u4", 64),
-    ]
-)
-"""A `Plan`."""
-
 SERVING = (0, 1, 3, 5, 7)
 """Modes in which SNs may be served: not in a hold, while charging, nor when down."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 import os
 import sys
@@ -135,7 +136,7 @@ class VehicleRing(Participant):
         """Takes in the plans and ticks that are there."""
         while (sample := self.plans.receive()) is not None:
             _, slot, _ = words(sample.user_header())
-            self.received[slot] = bytes(view(sample, 400 * sample.header.number_of_elements, np.uint8))
+            self.received[slot] = bytes(view(sample, ctypes.sizeof(Plan) * sample.header.number_of_elements, np.uint8))
             sample.delete()
         while self.ticks is not None and (sample := self.ticks.receive()) is not None:
             header = sample.user_header().contents.words
@@ -147,8 +148,8 @@ class VehicleRing(Participant):
         """The plans of a slot: waits for them, or in a paced run for the slot to begin; None if there are none in time."""
         while True:
             self.poll()
-            is_there = slot in self.received
-            if self.tick >= slot if self.is_paced else is_there:
+            is_due = self.tick >= slot if self.is_paced else slot in self.received
+            if is_due:
                 plans = self.received.get(slot)
                 self.received = {later: found for later, found in self.received.items() if later > slot}
                 return plans

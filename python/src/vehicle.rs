@@ -81,12 +81,13 @@ impl PyVehicleCore {
         state.orders.iter().map(order).collect()
     }
 
-    /// The reports of the vehicles that have flown the last orders, with modes and links.
-    fn complete(&self, slot: u64, reports: &[u8]) -> Vec<u8> {
+    /// The reports of the vehicles that have flown the last orders, with modes and links. Refuses those that cannot be.
+    fn complete(&self, slot: u64, reports: &[u8]) -> PyResult<Vec<u8>> {
         let mut state = self.state();
         let mut reports: Vec<FlightReport> = messages(reports);
         let State { fleet, orders } = &mut *state;
+        fleet.check(&reports).map_err(refused)?;
         fleet.complete(slot, orders, &mut reports);
-        bytemuck::cast_slice(&reports).to_vec()
+        Ok(bytemuck::cast_slice(&reports).to_vec())
     }
 }

@@ -122,6 +122,7 @@ def test_bits_that_real_sensor_nodes_have_delivered_are_those_of_the_ledger(plac
         ("(1.0, 2.0, 3.0, 4.0)", "expected (x, y) or (x, y, z), finite"),
         ("skysink.ring.Flown((1, 2), velocity_mps=(1, 2))", "velocity_mps = (1, 2): expected three finite numbers"),
         ("(1e39, 0.0)", "position = (1e+39, 0.0): expected (x, y) or (x, y, z), finite"),
+        ("(1e9, 0.0)", "vehicle: slot 1: uav 0: position = (1000000000, 0, 20): expected at most 100 km from the area"),
         ("'nowhere'", "position = nowhere: expected (x, y)"),
         ("None", "position = None: expected (x, y)"),
         ("skysink.ring.Flown((1, 2), energy_j=float('nan'))", "energy_j = nan: expected a number, or infinity"),

@@ -10,6 +10,15 @@ use skysink_ring::wait::Stopwatch;
 use crate::run::heartbeat::SILENT_AFTER;
 use crate::run::supervise::SampleEvent;
 
+/// Why a UAV had no plan when its slot began.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LateMessage {
+    /// The planner had the flight in time.
+    Plan,
+    /// The flight of the slot before came after that slot, this long after its beginning: there was no time to plan.
+    Flight(Duration),
+}
+
 /// The plans of a paced run.
 #[derive(Debug)]
 pub struct PlanWatch {
@@ -30,6 +39,10 @@ pub struct PlanWatch {
     held: i32,
     /// How many of them were reported.
     held_reported: i32,
+    /// How many of them followed a late flight.
+    late_flights: i32,
+    /// How long the last late flight took.
+    flight_took: Duration,
     /// Time since the first of them.
     held_for: Stopwatch,
     /// When they are reported for the next time.
@@ -51,6 +64,8 @@ impl PlanWatch {
             hung_after: limit,
             held: 0,
             held_reported: 0,
+            late_flights: 0,
+            flight_took: Duration::ZERO,
             held_for: Stopwatch::start(now),
             report_held_after: SILENT_AFTER,
         }
@@ -82,13 +97,18 @@ impl PlanWatch {
         Some(event(ProcessEvent::Overdue(ms), is_hung))
     }
 
-    /// Counts a slot in which the UAV held for want of a plan, or not. Held slots in a row are reported after 1, 10,
-    /// 100 seconds, and so on.
-    pub fn count(&mut self, is_held: bool, now: Instant) -> Option<SampleEvent> {
-        if !is_held {
+    /// Counts a slot in which the UAV held for want of a plan, because of a late message, or not. Held slots in a row are
+    /// reported after 1, 10, 100 seconds, and so on.
+    pub fn count(&mut self, held_for: Option<LateMessage>, now: Instant) -> Option<SampleEvent> {
+        let Some(late) = held_for else {
             self.held = 0;
             self.held_reported = 0;
+            self.late_flights = 0;
             return None;
+        };
+        if let LateMessage::Flight(took) = late {
+            self.late_flights += 1;
+            self.flight_took = took;
         }
         if self.held == 0 {
             self.held_for = Stopwatch::start(now);
@@ -100,13 +120,22 @@ impl PlanWatch {
         }
         self.report_held_after = self.report_held_after.saturating_mul(10);
         self.held_reported = self.held;
-        Some(event(ProcessEvent::Held(self.held), false))
+        Some(self.held_event())
+    }
+
+    /// The event of the process that the held slots in a row are due to: of flight-sim, if most followed a late flight.
+    fn held_event(&self) -> SampleEvent {
+        if self.late_flights > self.held / 2 {
+            let ms = i32::try_from(self.flight_took.as_millis()).unwrap_or(i32::MAX);
+            return SampleEvent { from: Role::FlightSim, event: ProcessEvent::Overdue(ms), is_hung: false };
+        }
+        event(ProcessEvent::Held(self.held), false)
     }
 
     /// Reports the slots held in a row up to the end of the mission, unless that is done.
     #[must_use]
     pub fn end(&self) -> Option<SampleEvent> {
-        (self.held > 1 && self.held > self.held_reported).then(|| event(ProcessEvent::Held(self.held), false))
+        (self.held > 1 && self.held > self.held_reported).then(|| self.held_event())
     }
 }
 
@@ -172,7 +201,7 @@ mod tests {
         let start = Instant::now();
         let mut watch = PlanWatch::new(SLOT, LIMIT, 1_000, start);
         let mut held = |ms: u64| {
-            let event = watch.count(true, start + Duration::from_millis(ms));
+            let event = watch.count(Some(LateMessage::Plan), start + Duration::from_millis(ms));
             [event, watch.end()].map(|event| event.map(|event| event.event))
         };
         assert_eq!(held(0), [None, None], "one is not in a row");
@@ -180,19 +209,38 @@ mod tests {
         assert!((200..1_000).step_by(100).all(|ms| held(ms)[0].is_none()));
         assert_eq!(held(1_000), [Some(ProcessEvent::Held(11)), None], "that was reported");
         assert_eq!(held(1_100), [None, Some(ProcessEvent::Held(12))]);
-        assert!(watch.count(false, start).is_none() && watch.end().is_none());
+        assert!(watch.count(None, start).is_none() && watch.end().is_none());
+    }
+
+    #[test]
+    fn a_flight_that_leaves_no_time_to_plan_is_held_against_flight_sim() {
+        let start = Instant::now();
+        let mut watch = PlanWatch::new(SLOT, LIMIT, 1_000, start);
+        let flight = Some(LateMessage::Flight(Duration::from_millis(700)));
+        let mut slot = |ms: u64, held_for| watch.count(held_for, start + Duration::from_millis(ms));
+        assert!(slot(0, Some(LateMessage::Plan)).is_none() && slot(500, flight).is_none());
+        let late = slot(1_000, flight).unwrap();
+        assert_eq!((late.from, late.event, late.is_hung), (Role::FlightSim, ProcessEvent::Overdue(700), false));
+        assert!(slot(1_500, None).is_none() && slot(2_000, flight).is_none());
+        assert!(slot(2_500, Some(LateMessage::Plan)).is_none());
+        let held = slot(3_000, Some(LateMessage::Plan)).unwrap();
+        assert_eq!(
+            (held.from, held.event),
+            (Role::Planner, ProcessEvent::Held(3)),
+            "most plans were late by themselves"
+        );
     }
 
     #[test]
     fn held_slots_in_a_row_are_reported_ever_more_rarely() {
         let start = Instant::now();
         let mut watch = PlanWatch::new(SLOT, LIMIT, 1_000, start);
-        let mut slots = |slots: std::ops::Range<u64>, is_held| {
+        let mut slots = |slots: std::ops::Range<u64>, is_held: bool| {
             let mut events = Vec::new();
             for ms in slots.step_by(100) {
                 let now = start + Duration::from_millis(ms);
                 let _ = watch.poll(Some(ms), Some(ms), now); // there are plans, but late ones
-                let slot = (ms % 500 == 0).then(|| watch.count(is_held, now)).flatten();
+                let slot = (ms % 500 == 0).then(|| watch.count(is_held.then_some(LateMessage::Plan), now)).flatten();
                 events.extend(slot.map(|event| (ms, event.event)));
             }
             events

@@ -23,7 +23,7 @@ use skysink_ring::wait::{Awaited, WaitContext};
 use skysink_ring::writer::Writer;
 
 use crate::error::Error;
-use crate::run::plan_watch::PlanWatch;
+use crate::run::plan_watch::{LateMessage, PlanWatch};
 use crate::run::supervise::SampleEvent;
 
 /// Time between two polls of the processes.
@@ -155,6 +155,8 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         let limit = self.ring.terms.overdue_limit();
         let period = self.ring.terms.pace.period(scenario.slot_s);
         self.plan_watch = period.map(|period| PlanWatch::new(period, limit, scenario.slots, begin));
+        let is_local = self.ring.terms.link.is_none(); // otherwise the clocks of two hosts are not comparable
+        let mut late = LateMessage::Plan;
         for slot in first + 1..=scenario.slots {
             self.supervise(tally, None, supervise)?;
             let plan_of = (self.ring.terms.pace == Pace::Max).then_some(slot);
@@ -174,15 +176,18 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
             };
             trace.add(&record)?;
             tally.add(&record)?;
-            if self.ring.terms.link.is_none() {
-                tally.add_times(times); // the clocks of two hosts are not comparable
+            if is_local {
+                tally.add_times(times);
             }
             tally.set_refused_messages(self.ring.refusals.total());
             self.commit(slot, trace.hash())?;
-            let is_held = record.flights[UAV].hold == HoldReason::NoPlan as u32;
-            if let Some(event) = self.plan_watch.as_mut().and_then(|watch| watch.count(is_held, Instant::now())) {
+            let held_for = (record.flights[UAV].hold == HoldReason::NoPlan as u32).then_some(late);
+            if let Some(event) = self.plan_watch.as_mut().and_then(|watch| watch.count(held_for, Instant::now())) {
                 self.supervise(tally, Some(event), supervise)?;
             }
+            let took = times.tick_ns.map(|tick_ns| Duration::from_nanos(times.flight_ns.saturating_sub(tick_ns)));
+            let late_flight = took.filter(|took| is_local && period.is_some_and(|period| *took >= period));
+            late = late_flight.map_or(LateMessage::Plan, LateMessage::Flight);
         }
         let wall = begin.elapsed();
         if let Some(event) = self.plan_watch.as_ref().and_then(PlanWatch::end) {

@@ -14,7 +14,7 @@ use crate::support::{Output, Place, csv_rows};
 /// Missions at a time.
 const AT_A_TIME: u64 = 2;
 
-/// Flies a mission of 8 slots, and calls `kill` with the number of the instant; then checks the rest by `check`.
+/// Calls `check` with the numbers of ten instants.
 fn fly_ten(check: impl Fn(u64) + Sync) {
     for first in (0..10).step_by(AT_A_TIME as usize) {
         thread::scope(|scope| {

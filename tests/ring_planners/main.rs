@@ -87,7 +87,7 @@ fn a_vehicle_in_rust() {
     place.run_ok(&["report", "run", "--sensors"]);
     let two = place.flight("smoke").without_viewer().set("uav.count", "2").vehicle(vehicle).force();
     let ended = two.try_run().assert_code(1);
-    assert!(ended.stderr.contains("uav.count = 2: expected 1, as the program has vehicles"), "{ended:?}");
+    assert!(ended.stderr.contains("uav.count = 2: expected 1, the number of vehicles of the program"), "{ended:?}");
     place.assert_clean();
 }
 
