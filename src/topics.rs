@@ -13,6 +13,7 @@ use skysink_common::stop::Stop;
 use skysink_ring::folder::{RingFolder, record_path};
 use skysink_ring::home::running_rings;
 use skysink_ring::survey::TopicState;
+use skysink_ring::topic::SamplesPerSlot;
 use skysink_ring::topics::{Ring, monotonic_ns};
 
 use crate::error::Error;
@@ -59,19 +60,19 @@ pub struct TopicsCommand {
 struct RatedTopic {
     #[serde(flatten)]
     state: TopicState,
-    /// Samples per second: slots between two samples, divided by the time between them. `None` for topics with several samples
-    /// per slot.
+    /// Samples per second: slots between two samples, divided by the time between them. `None` for topics with any number of
+    /// samples per slot.
     rate_hz: Option<f64>,
-    /// Time from one sample to the next by the pace [s]; `None` in lock-step, and for topics without a sample in every slot.
+    /// Time from one sample to the next by the pace [s]; `None` in lock-step, and for topics without one in every slot.
     period_s: Option<f64>,
-    /// Time since the newest sample was sent [s]; `None` without a sample, and behind a link, whose hosts have other clocks.
+    /// Time since the newest sample was sent [s]; `None` without a sample, and behind a link: other hosts have other clocks.
     age_s: Option<f64>,
-    /// Whether more than two slots have passed since the newest sample, or there is none of a writer that should have sent some
+    /// Whether more than two slots have passed since the newest sample, or none has arrived of a topic that should have some
     /// by now; `None` without a period, and behind a link.
     is_overdue: Option<bool>,
 }
 
-/// What a run demands of its topics.
+/// What the topics of a run are rated by.
 struct RunClock {
     /// Time from one slot to the next [s]; `None` in lock-step.
     period_s: Option<f64>,
@@ -79,6 +80,20 @@ struct RunClock {
     now_ns: Option<u64>,
     /// Whether each topic should have a sample.
     is_under_way: bool,
+}
+
+impl RunClock {
+    /// Time since a sample was sent [s].
+    fn age_s(&self, topic: &TopicState) -> Option<f64> {
+        Some(self.now_ns?.saturating_sub(topic.sent_ns?) as f64 / 1e9)
+    }
+
+    /// Whether the next sample of a topic should have been sent.
+    fn is_overdue(&self, topic: &TopicState) -> Option<bool> {
+        let period_s = self.period_s.filter(|_| topic.samples == SamplesPerSlot::One && self.now_ns.is_some())?;
+        let is_late = |age_s| age_s > OVERDUE_SLOTS * period_s + OVERDUE_S;
+        Some(self.age_s(topic).map_or(self.is_under_way, is_late))
+    }
 }
 
 impl TopicsCommand {
@@ -105,7 +120,7 @@ impl TopicsCommand {
         }
         print_table(&rated)?;
         match period_s {
-            Some(period_s) => print_pace(&rated, period_s),
+            Some(period_s) => print(pace_line(&rated, period_s)),
             None if ring.terms.pace != Pace::Max => {
                 print("No tick has arrived: slot 1 has not begun, or field-sim does not answer")
             }
@@ -145,21 +160,22 @@ fn list_of(rings: &[PathBuf]) -> String {
 
 /// Rates a topic by its states at two polls.
 fn rate(state: TopicState, before: &TopicState, clock: &RunClock) -> RatedTopic {
-    let period_s = clock.period_s.filter(|_| state.is_in_every_slot);
-    let age_s = state.sent_ns.zip(clock.now_ns).map(|(sent_ns, now_ns)| now_ns.saturating_sub(sent_ns) as f64 / 1e9);
-    let is_overdue = period_s
-        .filter(|_| clock.now_ns.is_some())
-        .map(|period_s| age_s.map_or(clock.is_under_way, |age_s| age_s > OVERDUE_SLOTS * period_s + OVERDUE_S));
-    let newest = state.slot.zip(state.sent_ns);
+    let period_s = clock.period_s.filter(|_| state.samples == SamplesPerSlot::One);
+    let age_s = clock.age_s(&state);
+    let is_overdue = clock.is_overdue(&state);
     // A slot may be longer than the time between the polls: then it counts from the samples before them.
-    let is_between = state.slot > before.slot;
-    let may_be_earlier = period_s.is_some() && is_overdue != Some(true);
-    let begin = if !is_between && may_be_earlier { before.oldest } else { before.slot.zip(before.sent_ns) };
-    let (slots, seconds) = newest.zip(begin).map_or((0.0, 0.0), |((slot, sent_ns), (from, from_ns))| {
-        (slot.saturating_sub(from) as f64, sent_ns.saturating_sub(from_ns) as f64 / 1e9)
-    });
-    let rate_hz = if slots > 0.0 && seconds > 0.0 { slots / seconds } else { 0.0 };
-    RatedTopic { rate_hz: state.is_once_a_slot.then_some(rate_hz), period_s, age_s, is_overdue, state }
+    let has_new = state.slot > before.slot;
+    let counts_earlier = !has_new && period_s.is_some() && is_overdue != Some(true);
+    let begin = if counts_earlier { before.oldest } else { before.slot.zip(before.sent_ns) };
+    let hz = begin.zip(state.slot.zip(state.sent_ns)).map_or(0.0, |(begin, end)| samples_per_s(begin, end));
+    RatedTopic { rate_hz: (state.samples != SamplesPerSlot::Any).then_some(hz), period_s, age_s, is_overdue, state }
+}
+
+/// Slots per second between two samples, each with its slot and when it was sent [ns]; 0 for a sample and itself.
+fn samples_per_s(begin: (u64, u64), end: (u64, u64)) -> f64 {
+    let slots = end.0.saturating_sub(begin.0);
+    let nanoseconds = end.1.saturating_sub(begin.1);
+    if nanoseconds == 0 { 0.0 } else { slots as f64 * 1e9 / nanoseconds as f64 }
 }
 
 fn print_table(topics: &[RatedTopic]) -> Result<(), Error> {
@@ -168,15 +184,9 @@ fn print_table(topics: &[RatedTopic]) -> Result<(), Error> {
     let number = |value: Option<String>| value.unwrap_or_default();
     for RatedTopic { state, rate_hz, age_s, .. } in topics {
         let TopicState { service, payload, writers, readers, slot, .. } = state;
-        let short = |name: &str| {
-            let name = name.replace("skysink/", "").replace("skysink.", "");
-            name.split_once(".v").map_or(name.clone(), |(before, after)| {
-                before.to_owned() + after.trim_start_matches(|digit: char| digit.is_ascii_digit())
-            })
-        };
         table.add_row([
-            short(service),
-            short(payload),
+            without_prefix(service).to_owned(),
+            short_type(payload),
             writers.join(" "),
             readers.join(" "),
             number(slot.map(|slot| slot.to_string())),
@@ -187,14 +197,58 @@ fn print_table(topics: &[RatedTopic]) -> Result<(), Error> {
     print(with_numbers_from(FIRST_NUMBERS, table))
 }
 
-/// Prints the rate that the pace demands, and which topics are behind it.
-fn print_pace(topics: &[RatedTopic], period_s: f64) -> Result<(), Error> {
+/// The rate that the pace demands, and which topics are behind it.
+fn pace_line(topics: &[RatedTopic], period_s: f64) -> String {
+    let is_known = topics.iter().any(|topic| topic.is_overdue.is_some());
     let overdue = topics.iter().filter(|topic| topic.is_overdue == Some(true));
-    let names: Vec<&str> = overdue.map(|topic| topic.state.service.trim_start_matches("skysink/")).collect();
-    let names = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
-    print(format!("A slot takes {period_s} s: {}/s expected; overdue: {names}", rate_text(1.0 / period_s)))
+    let names: Vec<&str> = overdue.map(|topic| without_prefix(&topic.state.service)).collect();
+    let names = match (is_known, names.is_empty()) {
+        (false, _) => "unknown behind a link".to_owned(),
+        (true, true) => "none".to_owned(),
+        (true, false) => names.join(", "),
+    };
+    format!("A slot takes {period_s} s: {}/s expected; overdue: {names}", rate_text(1.0 / period_s))
+}
+
+fn without_prefix(service: &str) -> &str {
+    service.trim_start_matches("skysink/")
+}
+
+/// A payload type without prefix and version: `[Plan]` of `[skysink.Plan.v1]`.
+fn short_type(payload: &str) -> String {
+    let name = payload.replace("skysink.", "");
+    let (name, version) = name.split_once(".v").unwrap_or((&name, ""));
+    name.to_owned() + version.trim_start_matches(|digit: char| digit.is_ascii_digit())
 }
 
 fn rate_text(rate_hz: f64) -> String {
     if rate_hz < 1.0 { format!("{rate_hz:.3}") } else { format!("{rate_hz:.1}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn behind_a_link_no_topic_is_said_to_be_in_time() {
+        let text = |now_ns: Option<u64>, sent_ns: u64| {
+            let state = TopicState {
+                service: "skysink/plan".to_owned(),
+                payload: "[skysink.Plan.v1]".to_owned(),
+                header: "skysink.SlotHeader.v1".to_owned(),
+                writers: Vec::new(),
+                readers: Vec::new(),
+                slot: Some(7),
+                sent_ns: Some(sent_ns),
+                oldest: Some((6, 0)),
+                samples: SamplesPerSlot::One,
+            };
+            let clock = RunClock { period_s: Some(1.0), now_ns, is_under_way: true };
+            pace_line(&[rate(state.clone(), &state, &clock)], 1.0)
+        };
+        let line = "A slot takes 1 s: 1.0/s expected; overdue:";
+        assert_eq!(text(Some(5_000_000_000), 4_000_000_000), format!("{line} none"));
+        assert_eq!(text(Some(5_000_000_000), 2_000_000_000), format!("{line} plan"));
+        assert_eq!(text(None, 2_000_000_000), format!("{line} unknown behind a link"));
+    }
 }

@@ -11,7 +11,7 @@ use skysink_common::possible::Message as _;
 use crate::cleanup::remove_dead_nodes;
 use crate::refusals::Refusal;
 use crate::sample::{Header, Payload};
-use crate::topic::TopicShared;
+use crate::topic::{SamplesPerSlot, TopicShared};
 
 /// The admitted writer of a topic.
 #[derive(Debug, Default)]
@@ -72,7 +72,7 @@ impl Admission {
             Some((writer, _)) if is_linked && *writer == publisher && header.epoch > self.epoch => {}
             Some((writer, _)) if *writer == publisher && !is_possible => return refuse(Refusal::Numbers),
             Some((writer, last)) if *writer == publisher => {
-                if order < *last || order == *last && !topic.row.has_several_per_slot {
+                if order < *last || order == *last && topic.row.samples != SamplesPerSlot::Any {
                     let is_repeated = is_linked || header.flags & FLAG_REPEAT != 0;
                     return if is_repeated { Verdict::Repeated } else { refuse(Refusal::OldSlot) };
                 }

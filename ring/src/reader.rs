@@ -14,7 +14,7 @@ use crate::error::{NodeError, RingError};
 use crate::refusals::Refusal;
 use crate::role::Role;
 use crate::sample::{Header, Payload};
-use crate::topic::{MAX_EARLY, Topic, TopicShared};
+use crate::topic::{MAX_EARLY, SamplesPerSlot, Topic, TopicShared};
 use crate::wait::WaitContext;
 
 /// Most samples received before control returns to the caller, so that a flood of samples cannot block a stop.
@@ -228,7 +228,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
     /// Whether a sample of this order was taken, or is in `early`.
     fn has_seen(&self, header: &SlotHeader) -> bool {
         let order_of = order(header);
-        self.topic.row.has_several_per_slot
+        self.topic.row.samples == SamplesPerSlot::Any
             || self.taken.is_some_and(|taken| order_of <= taken)
             || self.early.iter().any(|sample| order(sample.user_header().head()) == order_of)
     }

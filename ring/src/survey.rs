@@ -17,7 +17,7 @@ use skysink_common::message::{SlotHeader, Tick};
 
 use crate::error::RingError;
 use crate::sample::{Header, Payload};
-use crate::topic::{OBSERVER, Topic, TopicRow};
+use crate::topic::{OBSERVER, SamplesPerSlot, Topic, TopicRow};
 
 /// How long the topics are read: writers serve late joiners every 10 ms while they wait.
 const OBSERVATION: Duration = Duration::from_millis(100);
@@ -42,15 +42,12 @@ pub struct TopicState {
     pub slot: Option<u64>,
     /// When that sample was sent, on the monotonic clock [ns].
     pub sent_ns: Option<u64>,
-    /// Slot of the oldest sample that a late joiner receives, and when it was sent [ns].
+    /// Slot of the oldest observed sample, and when it was sent [ns].
     #[serde(skip)]
     pub oldest: Option<(u64, u64)>,
-    /// Whether each slot has one sample, so that slots count samples.
+    /// How many samples it has in a slot.
     #[serde(skip)]
-    pub is_once_a_slot: bool,
-    /// Whether every slot has a sample, once it is under way.
-    #[serde(skip)]
-    pub is_in_every_slot: bool,
+    pub samples: SamplesPerSlot,
 }
 
 /// The headers of the oldest and the newest of the observed samples.
@@ -107,8 +104,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> AnyTopic<S> for Topic
             slot: None,
             sent_ns: None,
             oldest: None,
-            is_once_a_slot: !shared.row.has_several_per_slot,
-            is_in_every_slot: shared.row.is_in_every_slot,
+            samples: shared.row.samples,
         }
     }
 

@@ -44,6 +44,17 @@ const MAX_NODES: usize = 20;
 /// How long a writer waits for a full reader before it removes dead processes.
 const CLEAN_UP_AFTER: Duration = Duration::from_millis(20);
 
+/// How many samples a topic has in a slot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SamplesPerSlot {
+    /// One.
+    One,
+    /// One or none.
+    AtMostOne,
+    /// Any number.
+    Any,
+}
+
 /// A row of the table of topics.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct TopicRow {
@@ -59,10 +70,7 @@ pub(crate) struct TopicRow {
     pub(crate) on_full: OnFullBuffer,
     /// Whether a sample has one element for each UAV; readers refuse others.
     pub(crate) is_by_uav: bool,
-    /// Whether a slot may have several samples.
-    pub(crate) has_several_per_slot: bool,
-    /// Whether every slot has a sample, once it is under way.
-    pub(crate) is_in_every_slot: bool,
+    pub(crate) samples: SamplesPerSlot,
     /// Whether its notifications are the heartbeats of its writer, which notifies its readers while it waits, too. Each
     /// process writes one such topic.
     pub(crate) is_heartbeat: bool,

@@ -21,7 +21,7 @@ use crate::role::Role;
 use crate::sample::{Header, Payload};
 use crate::survey::{AnyTopic, TopicState, newest_tick, observe_all};
 use crate::terms::Terms;
-use crate::topic::{OnFullBuffer, Opening, Participant, Topic, TopicRow};
+use crate::topic::{OnFullBuffer, Opening, Participant, SamplesPerSlot, Topic, TopicRow};
 use crate::wait::{PAUSE, WaitContext};
 
 /// Version of the messages and their semantics; processes of different versions refuse each other.
@@ -95,8 +95,7 @@ const DEFAULT_ROW: TopicRow = TopicRow {
     history: 2, // slot 1 may be flown before the last process has read the state before it
     on_full: OnFullBuffer::BlockInLockStep,
     is_by_uav: false,
-    has_several_per_slot: false,
-    is_in_every_slot: true,
+    samples: SamplesPerSlot::One,
     is_heartbeat: false,
     is_linked: true,
     exists: |_| true,
@@ -110,7 +109,7 @@ topics! {
         writer: FieldSim,
         readers: &[FlightSim, Planner, Viewer],
         buffer: RING_BUFFER,
-        is_in_every_slot: false,
+        samples: SamplesPerSlot::AtMostOne,
     }
 
     /// The rates that the UAV has learnt after each slot [bit/s], for an external planner. Sent before `belief`.
@@ -148,7 +147,7 @@ topics! {
         readers: &[Viewer],
         buffer: 2 * VIEWER_BUFFER,
         on_full: OnFullBuffer::DropSample,
-        is_in_every_slot: false,
+        samples: SamplesPerSlot::AtMostOne,
     }
 
     /// The schedule and the waypoint of each UAV in each slot.
@@ -181,7 +180,7 @@ topics! {
         writer: Viewer,
         readers: &[Launcher],
         buffer: RING_BUFFER,
-        is_in_every_slot: false,
+        samples: SamplesPerSlot::AtMostOne,
         is_heartbeat: true,
     }
 
@@ -190,8 +189,7 @@ topics! {
         writer: Launcher,
         readers: &[Viewer],
         on_full: OnFullBuffer::DropSample,
-        has_several_per_slot: true,
-        is_in_every_slot: false,
+        samples: SamplesPerSlot::Any,
         is_linked: false,
     }
 }

@@ -79,6 +79,10 @@ fn slots_longer_than_the_time_between_the_polls_have_their_rate_and_a_stopped_pr
     let table = place.run_ok(&["topics", "--every", "0.01"]).stdout;
     assert!(table.contains("overdue: plan\n"), "{table}");
     run.signal_worker("planner", Signal::CONT);
+    run.signal_worker("field-sim", Signal::STOP);
+    let table = place.run_ok(&["topics", "--every", "0.01"]).stdout;
+    assert!(table.contains("No tick has arrived: slot 1 has not begun, or field-sim does not answer\n"), "{table}");
+    run.signal_worker("field-sim", Signal::CONT);
     run.terminate();
     place.assert_clean();
 }
