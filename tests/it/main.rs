@@ -38,6 +38,7 @@ mod refusals;
 mod release;
 mod replay;
 mod report;
+mod reproduce;
 mod resume;
 mod ring;
 mod settings;
