@@ -8,6 +8,15 @@ use crate::geometry::{Position, within};
 /// Slack of a slot on a grid, which may end beside the middle of its move.
 const GRID_SLACK: f64 = 1e-8;
 
+/// ```
+/// use skysink_common::scenario::Scenario;
+/// let text = "name = 'windy'\nuav.max_speed_mps = 13.0\nuav.wind_mps = [3.0, -4.0]"; // 5 m/s, slots of 1 s
+/// let windy = Scenario::parse(text, "windy.toml".as_ref(), Default::default()).unwrap();
+/// assert_eq!((windy.wind_mps().norm(), windy.reach_m(), windy.farthest_m(), windy.move_slots()), (5.0, 8.0, 18.0, 1));
+/// let [from, with_the_wind, against_it] = [[50.0, 50.0].into(), [59.0, 38.0].into(), [41.0, 62.0].into()];
+/// assert!(windy.reaches(&from, &with_the_wind) && !windy.reaches(&from, &against_it));
+/// assert!((windy.end_toward(&from, &against_it) - from).norm() < 9.0);
+/// ```
 impl Scenario {
     /// Horizontal distance that a slot reaches in every direction, for plans [m]: `V_max τ`, or less with wind and
     /// acceleration.
