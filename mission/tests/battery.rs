@@ -123,12 +123,12 @@ fn assert_all_come_home(seeds: impl Iterator<Item = u64>) {
 }
 
 #[test]
-fn every_strategy_comes_home_with_its_reserve() {
+fn every_strategy_returns_with_its_reserve() {
     assert_all_come_home(1..=64);
 }
 
 #[test]
-fn beside_their_waypoints_uavs_reach_a_base_of_four_standard_deviations() {
+fn uavs_with_position_errors_reach_a_base_of_four_standard_deviations() {
     let mut charging = 0;
     for seed in 1..=names().len() as u64 {
         let mut scenario = scenario(seed);
@@ -151,7 +151,7 @@ fn beside_their_waypoints_uavs_reach_a_base_of_four_standard_deviations() {
 
 #[test]
 #[ignore = "takes minutes"]
-fn a_thousand_missions_come_home() {
+fn a_thousand_missions_return_home() {
     assert_all_come_home(1_000..2_000);
 }
 

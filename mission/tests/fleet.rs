@@ -49,7 +49,7 @@ fn contended(record: &SlotRecord) -> usize {
 }
 
 #[test]
-fn a_fleet_of_one_flies_as_a_uav_without_a_count() {
+fn a_fleet_of_one_equals_a_single_uav() {
     for strategy in names() {
         let [alone, counted] = ["", "count = 1\n"].map(|uav| records(&scenario(strategy, 3, uav, "")));
         for (one, other) in alone.iter().zip(&counted) {
@@ -86,7 +86,7 @@ fn no_sn_is_served_twice_in_a_slot_and_every_bit_is_counted() {
 }
 
 #[test]
-fn more_uavs_lose_less_and_least_where_they_share_the_field() {
+fn more_uavs_lose_less_and_least_with_partitioning() {
     let lost = |strategy, uav: &str| -> u64 {
         (1..=3).map(|seed| lost_bits(&records(&scenario(strategy, seed, uav, "")))).sum()
     };
@@ -114,7 +114,7 @@ fn wide(strategy: &'static str, seed: u64, uav: &str) -> Scenario {
 
 /// Plans that know the plans of the others lose no more than half of what plans lose that do not.
 #[test]
-fn look_ahead_counts_what_the_others_will_serve() {
+fn the_look_ahead_includes_visits_of_other_uavs() {
     let lost =
         |strategy, uav: &str| -> u64 { (1..=3).map(|seed| lost_bits(&records(&wide(strategy, seed, uav)))).sum() };
     for strategy in ["horizon", "offline", "tour"] {
@@ -126,7 +126,7 @@ fn look_ahead_counts_what_the_others_will_serve() {
 }
 
 #[test]
-fn uavs_that_collect_do_not_fly_for_the_same_data() {
+fn collecting_uavs_do_not_target_the_same_data() {
     // Far apart, two clusters of data that do not grow; there is time for one.
     let delivered = |coordination: &str| {
         let text = format!(
@@ -178,7 +178,7 @@ fn planned_flights_keep_their_distance() {
 
 /// The distance is wider than a slot leads: whoever goes into the base has to be let in.
 #[test]
-fn uavs_that_keep_their_distance_land_one_after_the_other() {
+fn uavs_with_separation_land_one_after_the_other() {
     for strategy in ["tour", "mes", "uts", "horizon", "rfs"] {
         for coordination in ["sequential", "partition"] {
             for seed in 1..=4 {
@@ -225,7 +225,7 @@ fn moves_on_a_grid_keep_their_distance() {
 
 /// They begin in one cell of the base, in which they need not keep apart, and leave it one after the other.
 #[test]
-fn fleets_leave_a_base_together_and_share_it_where_nothing_else_is_in_reach() {
+fn fleets_share_a_base_where_no_other_is_in_reach() {
     let parse = |text: &str, strategy: &'static str| {
         let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
         Scenario::parse(text, Path::new("base.toml"), overrides).and_then(settings::resolve).unwrap()
@@ -266,7 +266,7 @@ fn fleets_leave_a_base_together_and_share_it_where_nothing_else_is_in_reach() {
 
 /// The first UAV has no energy to go anywhere; the other serves all.
 #[test]
-fn nobody_counts_on_a_uav_that_is_down() {
+fn plans_do_not_rely_on_a_uav_that_is_down() {
     let text = "name = 'down'\nslots = 150\n[area]\nside_m = 150.0\n[sensors]\ncount = 40\nsampling_bps = 300.0\n[planner]\n\
                 horizon.iterations = 60\n[uav]\ncount = 2\nseparation_m = 4.0\nstarts_m = [[20, 20], [75, 75]]\n";
     let of = |strategy: &'static str| {
@@ -299,7 +299,7 @@ fn nobody_counts_on_a_uav_that_is_down() {
 
 /// Rounds begin near the starts; those that share one begin at different parts.
 #[test]
-fn rounds_begin_at_different_places() {
+fn tours_of_a_fleet_start_at_different_points() {
     let starts =
         ["[]", "[[0, 0], [250, 250]]", "[[0, 250], [250, 0]]", "[[100, 100], [104, 100]]", "[[100, 100], [130, 100]]"];
     for (strategy, starts) in
@@ -318,7 +318,7 @@ fn rounds_begin_at_different_places() {
 
 /// On a grid and in the open, with and without a distance to keep.
 #[test]
-fn each_uav_is_home_when_its_own_endurance_ends_and_stays_there() {
+fn each_uav_is_home_at_the_end_of_its_endurance_and_stays() {
     for more in ["", "separation_m = 8.0\n", "moves = 'grid'\nmax_speed_mps = 2.5\nseparation_m = 7.0\n"] {
         for strategy in ["horizon", "tour", "uts"] {
             for coordination in ["sequential", "partition", "independent"] {
@@ -358,7 +358,7 @@ fn each_uav_is_home_when_its_own_endurance_ends_and_stays_there() {
 }
 
 #[test]
-fn a_uav_flies_nowhere_after_its_endurance_whatever_it_is_told() {
+fn a_uav_ignores_plans_after_its_endurance() {
     let (mut plant, _) = line(
         "count = 2\nstarts_m = [[50, 50], [70, 50]]\nendurances_s = [1.0, 2.0]\nmust_land = true\n[base]\nposition_m = [50, 50]\n",
     );
@@ -387,7 +387,7 @@ fn plan(x_m: f64, ids: &[u32]) -> Option<Plan> {
 }
 
 #[test]
-fn an_sn_that_two_uavs_schedule_is_served_by_the_first() {
+fn a_doubly_scheduled_sn_is_served_by_the_first_uav() {
     let (mut plant, _) = line("count = 3\nstarts_m = [[30, 50], [70, 50], [50, 50]]\n");
     let record = plant.step(&[plan(30.0, &[0]), plan(70.0, &[0, 1]), plan(50.0, &[0, 1])]);
     let ids = |uav: usize| record.flights[uav].served_links().iter().map(|link| link.sensor).collect::<Vec<_>>();
@@ -420,7 +420,7 @@ fn uavs_may_meet_in_their_base() {
 }
 
 #[test]
-fn hostile_plans_leave_every_bit_counted() {
+fn every_bit_is_counted_under_hostile_plans() {
     // By a linear congruence.
     let mut state = 7u64;
     let mut next = |count: u64| {
@@ -513,7 +513,7 @@ fn saved(planner: &FleetPlanner) -> Vec<u8> {
 }
 
 #[test]
-fn no_fleet_loses_less_than_the_bound() {
+fn no_fleet_beats_the_bound() {
     let mut bounds = 0;
     for seed in 1..=4 {
         for uavs in 1..=3 {
@@ -541,7 +541,7 @@ fn no_fleet_loses_less_than_the_bound() {
 }
 
 #[test]
-fn starts_that_do_not_fit_the_uavs_are_refused() {
+fn starts_that_do_not_match_the_uavs_are_refused() {
     let refused = |uav: &str| {
         let text = format!("name = 'x'\n[uav]\n{uav}");
         Scenario::parse(&text, Path::new("x.toml"), Overrides::default()).unwrap_err().to_string()

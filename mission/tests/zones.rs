@@ -86,7 +86,7 @@ fn no_strategy_flies_into_a_zone() {
 }
 
 #[test]
-fn a_needle_holds_no_strategy_up() {
+fn a_thin_zone_causes_no_holds() {
     let text = "name='needle'\nslots=700\n[area]\nside_m=300.0\nno_fly=[{polygon_m=[[300.0,200.0],[10.0,200.5],[300.0,201.0]]}]\n\
                 [sensors]\ncount=30\n[uav]\nendurance_s=7000.0\nstart_m=[150.0,50.0]\n";
     for strategy in ["mes", "edf", "tour", "round-robin"] {
@@ -104,7 +104,7 @@ fn a_needle_holds_no_strategy_up() {
 }
 
 #[test]
-fn with_a_battery_the_way_home_leads_around_zones() {
+fn the_return_path_on_battery_leads_around_zones() {
     let keys =
         "must_land = true\nbattery = { capacity_j = 12000.0 }\n[base]\nposition_m = [60.0, 150.0]\ncharge_w = 900.0";
     fly_all(keys);
@@ -146,7 +146,7 @@ fn is_in_sight(sensor: [f64; 3], uav: [f64; 3]) -> bool {
 }
 
 #[test]
-fn among_buildings_links_have_the_rate_of_their_state() {
+fn links_among_buildings_have_the_rate_of_their_state() {
     let rate_bps = |snr_db: f64, exponent: f64, distance_m: f64| {
         5e6 * (1.0 + 10f64.powf(snr_db / 10.0) * distance_m.powf(-exponent)).log2()
     };
@@ -203,7 +203,7 @@ fn strategies_know_the_map_of_buildings() {
 }
 
 #[test]
-fn errors_of_position_lead_into_no_zone() {
+fn position_errors_do_not_enter_zones() {
     for (seed, strategy) in (1..).zip(names()) {
         let scenario = scenario(3, seed, strategy, "position_error_m = 4.0");
         let list = SensorList::of(&scenario).unwrap();
@@ -218,7 +218,7 @@ fn errors_of_position_lead_into_no_zone() {
 }
 
 #[test]
-fn an_area_with_a_boundary_has_its_sensor_nodes_and_flights_within() {
+fn sensor_nodes_and_flights_stay_within_the_boundary() {
     let text = "name = 'x'\nslots = 80\n[area]\nboundary_m = [[10, 10], [90, 10], [90, 40], [40, 40], [40, 90], [10, 90]]\n\
                 [uav]\nstart_m = [20.0, 20.0]\n[sensors]\ncount = 50\n";
     let corners = [(10.0, 10.0), (90.0, 10.0), (90.0, 40.0), (40.0, 40.0), (40.0, 90.0), (10.0, 90.0)];
@@ -248,7 +248,7 @@ proptest! {
 
     /// Whatever is planned, no flight enters a zone.
     #[test]
-    fn no_plan_leads_into_a_zone(
+    fn no_plan_enters_a_zone(
         steps in prop::collection::vec((-40.0f64..40.0, -40.0f64..40.0, any::<bool>()), 100)
     ) {
         let scenario = scenario(3, 1, "uts", "");
@@ -271,7 +271,7 @@ proptest! {
 }
 
 #[test]
-fn rounds_are_short_around_walls() {
+fn tours_around_walls_are_short() {
     // Walls open in turn at the north and at the south: a round that is short in a straight line crosses them.
     let walls: Vec<String> = (1..=4)
         .map(|wall| {

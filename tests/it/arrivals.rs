@@ -24,7 +24,7 @@ fn modelled<'a>(place: &Place, flight: &FlightBuilder<'a>) -> Vec<FlightBuilder<
 }
 
 #[test]
-fn processes_and_one_process_see_the_same_arrivals() {
+fn ring_and_single_process_have_the_same_arrivals() {
     let place = Place::new();
     let flight = place.flight("smoke").set("sensors.sampling_bps", "[100.0, 500.0]").force();
     flight.out("constant").simulate();
@@ -42,7 +42,7 @@ fn processes_and_one_process_see_the_same_arrivals() {
 }
 
 #[test]
-fn the_loss_rate_is_that_of_what_was_sampled() {
+fn the_loss_rate_refers_to_the_sampled_bits() {
     let place = Place::new();
     let flight = place.flight("smoke").force();
     for (model, sampled_bits) in modelled(&place, &flight).iter().zip([None, None, None, Some(60 * 40 / 3 * 900)]) {
@@ -59,7 +59,7 @@ fn the_loss_rate_is_that_of_what_was_sampled() {
 }
 
 #[test]
-fn a_run_folder_flies_again_without_the_file_of_its_arrivals() {
+fn a_run_folder_can_be_repeated_without_its_arrivals_file() {
     let place = Place::new();
     let flight = traced(&place, &place.flight("smoke").force());
     flight.out("flown").simulate();
@@ -77,7 +77,7 @@ fn a_run_folder_flies_again_without_the_file_of_its_arrivals() {
 }
 
 #[test]
-fn a_folder_of_a_sweep_has_the_file_of_the_arrivals() {
+fn a_sweep_folder_contains_its_arrivals_file() {
     let place = Place::new();
     let scenario = place.scenario("smoke");
     let scenario = place.read(&scenario);

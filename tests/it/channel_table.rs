@@ -16,7 +16,7 @@ fn table() -> String {
 }
 
 #[test]
-fn processes_and_one_process_draw_the_same_rates() {
+fn ring_and_single_process_draw_the_same_rates() {
     let place = Place::new();
     let path = place.write("links.csv", &table());
     let flight = place.flight("smoke").set("link.model", "table").set("link.file", path.display()).force();

@@ -15,7 +15,7 @@ fn loss_rate(place: &Place, strategy: &str) -> f64 {
 }
 
 #[test]
-fn check_shows_what_follows_from_the_letter() {
+fn check_shows_the_derived_figures_of_the_paper() {
     let place = Place::new();
     let printed = checked(&place, "");
     let lines: Vec<String> =
@@ -39,7 +39,7 @@ fn check_shows_what_follows_from_the_letter() {
 }
 
 #[test]
-fn the_figures_come_last_behind_the_keys() {
+fn the_figures_follow_the_keys() {
     let place = Place::new();
     let printed = checked(&place, "").stdout;
     let lines: Vec<&str> = printed.lines().collect();
@@ -51,7 +51,7 @@ fn the_figures_come_last_behind_the_keys() {
 }
 
 #[test]
-fn the_figures_are_json_too() {
+fn the_figures_are_available_as_json() {
     let place = Place::new();
     place.write("a.toml", "name = \"a\"\nslots = 150\n[uav]\nacceleration_mps2 = 100.0\n");
     let ended = place.run_ok(&["check", "a.toml", "--json"]);
@@ -67,7 +67,7 @@ fn the_figures_are_json_too() {
 }
 
 #[test]
-fn where_nothing_is_sampled_the_objective_is_to_collect() {
+fn the_objective_is_collect_where_nothing_is_sampled() {
     let place = Place::new();
     place.write("a.toml", "name = \"a\"\nslots = 50\n[sensors]\nsampling_bps = 0.0\n");
     let ended = place.run_ok(&["check", "a.toml"]);
@@ -127,7 +127,7 @@ fn check_warns_of_missions_too_short_for_loss_or_for_the_field() {
 }
 
 #[test]
-fn check_shows_what_wind_errors_and_acceleration_do() {
+fn check_shows_the_effects_of_wind_errors_and_acceleration() {
     let place = Place::new();
     let keys = "[uav]\nwind_mps = [3.0, 4.0]\nposition_error_m = 3.0\nacceleration_mps2 = 50.0\n";
     let printed = checked(&place, keys);

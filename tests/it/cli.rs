@@ -68,7 +68,7 @@ fn any_key_can_be_set_from_the_command_line() {
 }
 
 #[test]
-fn a_summary_holds_what_outside_programs_rely_on() {
+fn a_summary_contains_the_documented_fields() {
     let place = Place::new();
     place.flight("smoke").simulate();
     let summary = place.summary("run");
@@ -98,7 +98,7 @@ fn a_summary_holds_what_outside_programs_rely_on() {
 }
 
 #[test]
-fn results_name_the_commit_the_compiler_and_the_target_of_the_program() {
+fn results_contain_the_commit_compiler_and_target_of_the_build() {
     let place = Place::new();
     place.flight("smoke").simulate();
     let said = place.run_ok(&["--version"]).stdout;
@@ -206,7 +206,7 @@ fn help_shows_examples_and_no_colour_when_piped() {
 
 #[cfg(feature = "viewer")]
 #[test]
-fn a_simulation_can_be_recorded_and_equal_simulations_leave_equal_recordings() {
+fn equal_simulations_leave_equal_recordings() {
     let place = Place::new();
     for folder in ["one", "two"] {
         place.flight("smoke").options(&["--record"]).out(folder).simulate();
@@ -249,7 +249,7 @@ fn a_second_signal_ends_a_command_at_once() {
 }
 
 #[test]
-fn low_limits_are_reported_before_the_start_and_quotes_in_paths_are_accepted() {
+fn low_resource_limits_are_reported_and_quotes_in_paths_accepted() {
     let place = Place::new();
     let limited = format!("ulimit -n 64; exec {} run {SMOKE} --no-viewer --out run", env!("CARGO_BIN_EXE_skysink"));
     let ended = output(place.command("sh", &["-c", &limited]));

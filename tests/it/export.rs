@@ -61,7 +61,7 @@ fn bad_input_is_refused_in_one_line_and_nothing_is_written() {
 }
 
 #[test]
-fn an_export_waits_for_another_one_into_the_same_folder() {
+fn concurrent_exports_into_one_folder_are_serialised() {
     let place = Place::new();
     place.flight("smoke").simulate();
     let folder = File::open(place.path("")).unwrap();
@@ -119,7 +119,7 @@ fn an_origin_is_refused_for_a_scenario_that_has_one() {
 /// than a tenth of 20 m/s, then a slot of hovering: 1.1 s. ArduPilot holds for whole seconds, 1 and 2. Then back above home. East x is asin(x/6378137 m): 80 m are 0.000718652°, 91 m
 /// 0.000817467°. North 5 m are 5/6335439 · 180°/π = 0.000045218°, by the radius b²/a of the meridian at the equator.
 #[test]
-fn a_short_mission_is_written_as_worked_by_hand() {
+fn a_short_mission_matches_the_expected_files() {
     let place = Place::new();
     place.write("two.csv", "x_m,y_m,queue_bits,gain_db,sampling_bps\n90,5,1000,-50,100\n92,5,1000,-50,100\n");
     place.write("corridor.toml", CORRIDOR);
@@ -174,7 +174,7 @@ fn every_service_point_is_in_the_mission_in_order() {
 }
 
 #[test]
-fn every_format_is_in_the_help_which_fits_a_terminal() {
+fn the_help_lists_every_format_and_fits_a_terminal() {
     let place = Place::new();
     let help = place.run_ok(&["export", "--help"]).stdout;
     for name in ["qgc-plan", "waypoints", "geojson", "kml", "gpx", "csv", "mcap", "mcap-ros2"] {
@@ -185,7 +185,7 @@ fn every_format_is_in_the_help_which_fits_a_terminal() {
 }
 
 #[test]
-fn parquet_holds_the_slots_with_the_bits_of_each_sensor_node_and_needs_no_origin() {
+fn parquet_contains_the_slots_and_bits_and_needs_no_origin() {
     let place = Place::new();
     place.flight("smoke").strategy("gfs").simulate();
     refused(&place, &["export", "run", "--format", "parquet", "--origin", ORIGIN], "parquet has no coordinates");

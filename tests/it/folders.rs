@@ -139,13 +139,13 @@ fn assert_never_silent(place: &Place, whole: &str, resume: &[&str], rounds: u32,
 }
 
 #[test]
-fn a_corrupted_run_is_refused_or_ends_with_the_same_bytes() {
+fn a_corrupted_run_is_refused_or_resumed_to_the_same_bytes() {
     spoil_runs(120, 1);
 }
 
 #[test]
 #[ignore = "takes some minutes"]
-fn a_thousand_corrupted_runs_are_refused_or_end_with_the_same_bytes() {
+fn a_thousand_corrupted_runs_are_refused_or_resumed_to_the_same_bytes() {
     spoil_runs(1_000, 3);
 }
 
@@ -160,7 +160,7 @@ fn spoil_runs(rounds: u32, seed: u64) {
 }
 
 #[test]
-fn a_corrupted_run_of_an_external_planner_is_refused_or_ends_with_the_same_bytes() {
+fn a_corrupted_run_of_an_external_planner_is_refused_or_resumed_to_the_same_bytes() {
     let place = Place::new();
     let planner =
         concat!("sh -c 'exec ", env!("CARGO_BIN_EXE_planner"), " --scenario $SKYSINK_SCENARIO --ring $SKYSINK_RING'");
@@ -262,7 +262,7 @@ fn a_corrupted_finished_run_is_refused_or_has_the_same_figures() {
 
 #[test]
 #[ignore = "takes a minute"]
-fn three_hundred_spoilt_finished_runs_are_refused_or_have_the_same_figures() {
+fn three_hundred_corrupted_finished_runs_are_refused_or_have_the_same_figures() {
     spoil_finished_runs(300, 5);
 }
 

@@ -97,7 +97,7 @@ fn a_link_needs_its_configuration_and_an_external_role() {
 }
 
 #[test]
-fn roles_that_contradict_each_other_are_refused() {
+fn contradicting_roles_are_refused() {
     let (place, path) = with_link_that_fails(SCHEMA, hash_of_smoke(), "link");
     for (roles, expected) in [
         (&["planner", "flight-sim", "planner"][..], "planner: expected each role once"),

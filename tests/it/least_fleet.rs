@@ -10,7 +10,7 @@ fn rows(text: &str) -> Vec<Vec<&str>> {
 }
 
 #[test]
-fn the_least_fleet_loses_nothing_and_no_smaller_one_does() {
+fn the_least_fleet_is_the_smallest_without_loss() {
     let place = Place::new();
     place.write("wide.toml", WIDE);
     let fleet = ["fleet", "wide.toml", "--strategies", "tour,mes", "--seeds", "2", "--most", "5"];
@@ -52,7 +52,7 @@ fn the_least_fleet_loses_nothing_and_no_smaller_one_does() {
 }
 
 #[test]
-fn questions_that_are_none_are_refused() {
+fn invalid_fleet_questions_are_refused() {
     let place = Place::new();
     place.write("wide.toml", WIDE);
     for (arguments, expected) in [

@@ -31,7 +31,7 @@ fn existing_files_are_replaced_only_with_force() {
 }
 
 #[test]
-fn a_name_that_no_folder_can_have_is_refused() {
+fn a_name_invalid_for_a_folder_is_refused() {
     let place = Place::new();
     for name in ["../x", "a b", "", "a\"b"] {
         place.run_refused(&["new", name], "expected 1 to 100 of");
@@ -144,7 +144,7 @@ mod imports {
     }
 
     #[test]
-    fn zones_that_are_none_are_refused() {
+    fn invalid_zones_are_refused() {
         let place = Place::new();
         place.write("plane.csv", "x,y\n1,2\n3,4\n");
         place.write("zones.geojson", ZONES);
@@ -218,7 +218,7 @@ mod imports {
     }
 
     #[test]
-    fn maps_that_are_none_are_refused() {
+    fn invalid_maps_are_refused() {
         let place = Place::new();
         place.write("nodes.csv", "lat,lon\n52.505,13.406\n");
         place.write("text.png", "no picture");
@@ -254,7 +254,7 @@ mod imports {
     ];
 
     #[test]
-    fn every_format_gives_the_same_list_which_can_be_flown() {
+    fn every_format_gives_the_same_valid_list() {
         let place = Place::new();
         for (file, text) in POINTS {
             place.write(file, text);
@@ -272,7 +272,7 @@ mod imports {
     }
 
     #[test]
-    fn rates_and_names_of_every_format_come_through_to_results_and_exports() {
+    fn rates_and_names_of_every_format_reach_results_and_exports() {
         let place = Place::new();
         let feature = |name: &str, rate: &str, lon: &str| {
             format!(
@@ -319,7 +319,7 @@ mod imports {
     }
 
     #[test]
-    fn positions_in_metres_are_kept_unless_they_are_far_away() {
+    fn positions_in_metres_are_kept_unless_far_from_the_origin() {
         let place = Place::new();
         place.write("near.csv", "y,x,sampling_bps\n2,1,50\n80,90,60\n");
         place.run_ok(&["new", "near", "--sensors", "near.csv"]);
@@ -331,7 +331,7 @@ mod imports {
     }
 
     #[test]
-    fn positions_on_the_southern_hemisphere_and_far_apart_lie_in_the_area() {
+    fn distant_positions_on_the_southern_hemisphere_lie_in_the_area() {
         let place = Place::new();
         place.write("a.csv", "lat,lon\n-33.9,18.4\n-33.9,18.9\n-33.85,18.45\n");
         place.run_ok(&["new", "cape", "--sensors", "a.csv"]);
@@ -375,7 +375,7 @@ mod imports {
     }
 
     #[test]
-    fn bad_positions_are_refused_in_one_line_and_leave_nothing() {
+    fn bad_positions_are_refused_in_one_line_without_files() {
         let place = Place::new();
         for (file, text, says) in [
             ("a.csv", "x,y\n1,2\n3,four\n", "sensor positions a.csv: line 3: y = four: expected a number"),

@@ -24,7 +24,7 @@ fn plot(place: &Place, arguments: &[&str]) -> Value {
 }
 
 #[test]
-fn a_figure_and_its_tables_hold_the_numbers_of_the_summary() {
+fn a_figure_and_its_tables_have_the_numbers_of_the_summary() {
     let place = swept();
     let request = ["--x", "area.side_m", "--where", "link.gain=per-slot", "--y", "bits_per_waypoint"];
     let drawn = plot(&place, &request);
@@ -134,7 +134,7 @@ fn a_figure_for_print_has_the_given_width_and_its_text_size() {
 }
 
 #[test]
-fn a_request_that_does_not_fit_the_sweep_is_refused_in_one_line_and_nothing_is_written() {
+fn invalid_plots_are_refused_in_one_line_without_files() {
     let place = swept();
     let by_side = ["--x", "area.side_m", "--where", "link.gain=static"];
     let with = |more: &[&'static str]| [&by_side[..], more].concat();
@@ -213,7 +213,7 @@ fn incomplete_points_are_left_out_with_a_note() {
 }
 
 #[test]
-fn a_key_can_have_a_curve_for_each_of_its_values() {
+fn a_key_can_have_a_curve_per_value() {
     let place = swept();
     let by_side = ["--x", "area.side_m"];
     let both = plot(&place, &[&by_side[..], &["--by", "link.gain", "--strategies", "gfs,uts"]].concat());

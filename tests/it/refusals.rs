@@ -96,7 +96,7 @@ fn an_invalid_range_is_refused() {
 }
 
 #[test]
-fn a_name_that_no_folder_can_have_is_refused() {
+fn a_name_invalid_for_a_folder_is_refused() {
     refused("name = \"../x\"\n", &["name = \"../x\"", "folder"]);
 }
 
@@ -143,7 +143,7 @@ fn a_missing_list_is_refused() {
 }
 
 #[test]
-fn a_path_that_is_no_regular_file_is_refused_at_once() {
+fn an_irregular_file_is_refused_at_once() {
     let place = Place::new();
     let pipe = place.path("pipe");
     assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
@@ -158,7 +158,7 @@ fn a_path_that_is_no_regular_file_is_refused_at_once() {
 }
 
 #[test]
-fn a_quoted_value_is_shortened_and_its_control_characters_are_escaped() {
+fn a_refused_value_is_shortened_and_its_control_characters_are_escaped() {
     let place = Place::new();
     let long = "x".repeat(100_000);
     for text in [
@@ -180,7 +180,7 @@ fn a_quoted_value_is_shortened_and_its_control_characters_are_escaped() {
 }
 
 #[test]
-fn a_refusal_suggests_the_probable_name() {
+fn a_refusal_suggests_the_closest_name() {
     refused("name = \"x\"\nslotz = 3\n", &["slotz = 3", "did you mean `slots`?"]);
     refused("name = \"x\"\n[area]\nsid_m = 3\n", &["area.sid_m = 3", "did you mean `side_m`?"]);
     refused("name = \"x\"\n[link]\nmodel = \"freespace\"\n", &["link.model", "did you mean `free-space`?"]);
@@ -200,7 +200,7 @@ fn a_refusal_suggests_the_probable_name() {
 }
 
 #[test]
-fn nothing_that_a_terminal_would_execute_is_printed_and_nothing_long() {
+fn messages_are_escaped_and_limited_in_length() {
     let place = Place::new();
     let folder = "run\u{1b}]0;title\u{7}\u{202e}";
     let is_shown = |character: char| character == '\n' || !character.is_control() && character != '\u{202e}';

@@ -33,7 +33,7 @@ fn a_refused_setting_names_the_option() {
 }
 
 #[test]
-fn a_setting_displaces_the_alternative_form_in_the_file() {
+fn a_setting_replaces_the_alternative_form_in_the_file() {
     let place = Place::new();
     place.write("a.toml", FILE);
     place.write("list.csv", "x_m,y_m\n1,2\n");
@@ -66,7 +66,7 @@ fn a_setting_displaces_the_alternative_form_in_the_file() {
 
 #[cfg(feature = "lab")]
 #[test]
-fn an_axis_of_a_sweep_displaces_and_is_refused_likewise() {
+fn an_axis_of_a_sweep_replaces_and_is_refused_like_a_setting() {
     let place = Place::new();
     place.write("a.toml", FILE);
     let sweep = |axes: &str| {

@@ -76,7 +76,7 @@ fn a_row_is_the_mission_that_simulate_flies() {
 }
 
 #[test]
-fn intervals_of_fractions_stay_fractions_and_data_is_no_younger_than_its_service() {
+fn intervals_of_fractions_lie_in_0_to_1_and_data_age_is_at_least_the_service_age() {
     let place = Place::new();
     write_sweep(&place, 3);
     place.run_ok(&["sweep", "sweep.toml", "--out", "out"]);
@@ -100,7 +100,7 @@ fn intervals_of_fractions_stay_fractions_and_data_is_no_younger_than_its_service
 }
 
 #[test]
-fn a_sweep_with_offline_plans_shows_the_bound_and_the_best_known() {
+fn a_sweep_with_offline_plans_shows_bound_and_best_known() {
     let place = Place::new();
     place.write("far.toml", "name = \"far\"\nslots = 80\n[area]\nside_m = 400.0\n[sensors]\ncount = 30\n");
     let axes = "\"sensors.sampling_bps\" = [500.0]\n\"planner.offline.steps\" = [3000]\n";
@@ -128,7 +128,7 @@ fn a_sweep_with_offline_plans_shows_the_bound_and_the_best_known() {
 }
 
 #[test]
-fn a_sweep_that_is_interrupted_ends_with_the_same_bytes() {
+fn an_interrupted_sweep_is_continued_to_the_same_bytes() {
     let place = Place::new();
     write_sweep(&place, 60);
     place.run_ok(&["sweep", "sweep.toml", "--out", "whole"]);
@@ -283,7 +283,7 @@ const INDEPENDENT: [(f64, f64, &str, f64, f64, f64); 17] = [
 ];
 
 #[test]
-fn the_letters_comparison_agrees_with_an_independent_simulation() {
+fn the_papers_comparison_agrees_with_an_independent_simulation() {
     let place = Place::new();
     place.run_ok(&["sweep", concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/sweeps/letter.toml"), "--out", "out"]);
     let summary = csv_rows(&place.read("out/summary.csv"));

@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn a_vehicle_that_does_not_say_so_is_in_the_air_by_its_altitude() {
+    fn the_air_state_is_inferred_from_altitude_if_not_reported() {
         let mut state = VehicleState::default();
         state.hear(&Telemetry::Heartbeat { autopilot: AutopilotKind::Px4, mode: 0, is_armed: true }, 0.0);
         assert!(!state.is_in_air());

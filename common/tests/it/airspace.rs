@@ -157,20 +157,20 @@ fn fly_mazes(seed: u64, count: usize) -> (usize, usize) {
 }
 
 #[test]
-fn ways_around_zones_enter_none_and_are_the_shortest() {
+fn paths_avoid_zones_and_are_shortest() {
     let (flown, bent) = fly_mazes(1, 100);
     assert!(flown > 60 && bent > 20, "{flown} flown, {bent} with bends");
 }
 
 #[test]
 #[ignore = "takes a minute"]
-fn ways_around_a_thousand_mazes_enter_none_and_are_the_shortest() {
+fn paths_through_a_thousand_mazes_avoid_zones_and_are_shortest() {
     let (flown, bent) = fly_mazes(2, 1_000);
     assert!(flown > 600 && bent > 200, "{flown} flown, {bent} with bends");
 }
 
 #[test]
-fn a_table_of_distances_has_the_lengths_of_the_shortest_ways() {
+fn the_distance_table_has_the_lengths_of_the_shortest_paths() {
     let mut random = ChaCha8Rng::seed_from_u64(7);
     let mut around = [0; 2]; // around zones, and along grids
     for maze in 0..40 {

@@ -17,7 +17,7 @@ fn refusal(text: &str) -> String {
 }
 
 #[test]
-fn every_default_is_the_papers_value() {
+fn defaults_are_the_papers_values() {
     let letter = Scenario::letter(Overrides::default()).unwrap();
     let mut short = parse("name = \"letter\"\n").unwrap();
     short.path = letter.path.clone();
@@ -40,7 +40,7 @@ fn a_resolved_scenario_is_the_same_scenario() {
 }
 
 #[test]
-fn the_planners_keys_are_kept_unchanged_and_are_part_of_the_hash() {
+fn planner_keys_are_preserved_and_hashed() {
     let text = "name = \"x\"\n[planner]\nstrategy = \"my-own\"\nsteps = 5\n[planner.my-own]\ndepth = 3\n";
     let scenario = parse(text).unwrap();
     assert_eq!(scenario.planner.strategy, "my-own");
@@ -84,7 +84,7 @@ fn sampling_rates_and_initial_queues_are_drawn_between_their_ends() {
 }
 
 #[test]
-fn drawing_rates_and_means_changes_nothing_else() {
+fn drawing_rates_does_not_change_other_draws() {
     let plain = SensorList::of(&Scenario::letter(Overrides::default()).unwrap()).unwrap();
     let drawn = parse("name = \"x\"\n[sensors]\nsampling_bps = [50.0, 150.0]\n").unwrap();
     let drawn = SensorList::of(&drawn).unwrap();
@@ -109,13 +109,13 @@ fn drawing_rates_and_means_changes_nothing_else() {
 }
 
 #[test]
-fn a_list_is_relative_to_the_scenario() {
+fn the_path_of_a_list_is_relative_to_the_scenario() {
     let scenario = parse("name = \"x\"\n[sensors]\nfile = \"sub/list.csv\"\n").unwrap();
     assert_eq!(scenario.sensor_file(), Some("folder/sub/list.csv".into()));
 }
 
 #[test]
-fn overrides_take_part_in_the_resolved_scenario_and_its_hash() {
+fn overrides_enter_the_resolved_scenario_and_its_hash() {
     let overrides = Overrides { seed: Some(9), strategy: Some("rfs"), ..Overrides::default() };
     let plain = Scenario::letter(Overrides::default()).unwrap();
     let other = Scenario::letter(overrides).unwrap();
@@ -259,7 +259,7 @@ fn the_probabilistic_model_has_its_own_keys_and_defaults() {
 }
 
 #[test]
-fn noise_is_a_power_or_a_density_and_fading_has_its_factor() {
+fn noise_is_given_as_power_or_density_and_fading_by_its_factor() {
     // -167 dBm/Hz · 5 kHz = 10^−19.7 W/Hz · 5e3 Hz
     let scenario = parse("name = \"x\"\n[link]\nnoise_dbm_per_hz = -167\nbandwidth_hz = 5e3\n").unwrap();
     assert!((scenario.link.noise_w() / (10f64.powf(-19.7) * 5e3) - 1.0).abs() < 1e-12);
@@ -309,7 +309,7 @@ fn a_text_that_is_not_a_scenario_is_refused_in_one_line() {
 }
 
 #[test]
-fn a_drawn_list_stays_what_it_is() {
+fn a_drawn_list_is_stable() {
     let scenario = Scenario::letter(Overrides::default()).unwrap();
     let list = SensorList::of(&scenario).unwrap();
     assert_eq!(list.sensors().len(), 200);
@@ -418,7 +418,7 @@ fn buffers_and_weights_of_a_list_have_priority_and_others_are_refused() {
 }
 
 #[test]
-fn a_list_that_samples_more_than_can_be_counted_is_refused() {
+fn a_list_whose_bits_overflow_the_counters_is_refused() {
     let scenario = parse("name = \"x\"\nslots = 1\n").unwrap();
     let rows = |count| format!("x_m,y_m,sampling_bps\n{}", "1,2,9e15\n".repeat(count));
     assert!(SensorList::parse(&rows(1000), Path::new("l.csv"), &scenario).is_ok());
@@ -428,7 +428,7 @@ fn a_list_that_samples_more_than_can_be_counted_is_refused() {
 }
 
 #[test]
-fn the_error_of_a_list_is_one_line_whatever_it_quotes() {
+fn list_errors_are_one_line_for_any_content() {
     let scenario = parse("name = \"x\"\n").unwrap();
     let error = SensorList::parse("x_m,y_m\n\"1\n2\",3\n", Path::new("l.csv"), &scenario).unwrap_err();
     assert_eq!(error.to_string(), "sensor list l.csv: line 2: x_m = 1\\n2: expected a position in the area, 0 to 100");

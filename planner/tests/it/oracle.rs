@@ -239,7 +239,7 @@ fn the_high_rise_waypoint_is_as_good_as_the_best() {
 }
 
 #[test]
-fn the_conic_waypoint_is_as_good_as_the_best_and_seldom_the_fallbacks() {
+fn the_conic_waypoint_is_as_good_as_the_best_with_few_fallbacks() {
     let fallen_back: u64 = ["suburban", "urban", "dense-urban", "high-rise"]
         .map(|area| assert_near_the_best(area, WaypointSolver::Clarabel, 8))
         .iter()

@@ -16,7 +16,7 @@ fn city(text: &str) -> Result<Scenario, InputError> {
 }
 
 #[test]
-fn every_default_is_the_letters_value_and_visible() {
+fn planner_defaults_are_the_papers_values_and_visible() {
     let scenario = Scenario::letter(Overrides::default()).and_then(resolve).unwrap();
     let settings = Settings::of(&scenario).unwrap();
     assert_eq!((&scenario.planner.strategy[..], settings.waypoint_solver), ("uts", WaypointSolver::Geometric));
@@ -29,7 +29,7 @@ fn every_default_is_the_letters_value_and_visible() {
 }
 
 #[test]
-fn what_the_planner_knows_reads_back_and_is_part_of_what_is_flown() {
+fn knowledge_keys_read_back_and_change_the_hash() {
     let cases = [
         ("", (Knowledge::Oracle, Rates::Known)),
         ("knowledge = \"estimated\"\n", (Knowledge::Estimated, Rates::Known)),
@@ -98,7 +98,7 @@ fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
 }
 
 #[test]
-fn an_unknown_strategy_or_key_is_refused_with_those_that_are_known() {
+fn an_unknown_strategy_or_key_is_refused_with_the_known_ones() {
     let refusal = |key: &str| city(&format!("[planner]\n{key}\n")).unwrap_err().to_string();
     let strategy = refusal("strategy = \"best\"");
     assert!(
@@ -112,7 +112,7 @@ fn an_unknown_strategy_or_key_is_refused_with_those_that_are_known() {
 }
 
 #[test]
-fn a_planner_is_made_of_checked_keys_only() {
+fn a_planner_needs_checked_keys() {
     let overrides = Overrides { strategy: Some("best"), ..Overrides::default() };
     let unknown = Scenario::letter(overrides).unwrap();
     assert!(Planner::new(&unknown, &[]).is_err());

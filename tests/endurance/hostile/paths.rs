@@ -119,7 +119,7 @@ fn paths_of_another_run_slot_or_writer_are_refused_and_valid_ones_drawn() {
 }
 
 #[test]
-fn a_reader_that_takes_no_paths_does_not_block_the_ring() {
+fn a_blocked_reader_of_paths_does_not_block_the_ring() {
     let place = Place::new();
     let flight = place.flight("smoke").strategy("horizon").set("planner.horizon.iterations", 100);
     let run = flight.without_viewer().external("planner").timeout(SHORT_S).start();
