@@ -1,5 +1,7 @@
 //! The command line: output, files and exit codes.
 
+use expect_test::expect_file;
+
 use crate::support::scenarios::SMOKE;
 use crate::support::{Place, assert_balanced, lines, output, pid, until, wait};
 use rustix::process::{Signal, kill_process};
@@ -29,28 +31,6 @@ fn default_folders_are_numbered() {
     }
     place.run_ok(&["simulate", SMOKE, "--strategy", "gfs", "--seed", "7"]);
     assert!(place.path("runs/smoke-gfs-7/slots.csv").is_file());
-}
-
-#[test]
-fn check_prints_every_default_and_its_output_is_a_scenario() {
-    let place = Place::new();
-    place.scenario("short");
-    let printed = place.run_ok(&["check", "short.toml"]).stdout;
-    for line in [
-        "side_m = 100.0",
-        "count = 200",
-        "sampling_bps = 100.0",
-        "start_m = [50.0, 50.0]",
-        "noise_dbm = -100.0",
-        "strategy = \"uts\"",
-        "knowledge = \"oracle\"",
-        "rates = \"known\"",
-    ] {
-        assert!(printed.contains(line), "{line} is missing in {printed}");
-    }
-    place.write("whole.toml", &printed);
-    let again = place.run_ok(&["check", "whole.toml"]).stdout;
-    assert_eq!(again.replace("whole.toml", "short.toml"), printed);
 }
 
 #[test]
@@ -135,17 +115,10 @@ fn every_slot_of_a_trace_balances() {
 }
 
 #[test]
-fn wrong_usage_is_refused() {
+fn invalid_options_are_refused_before_anything_is_written() {
     let place = Place::new();
-    for arguments in [
-        &["fly"][..],
-        &["run", "--pace", "fast"],
-        &["run", "--strategy", "best"],
-        &["run", "--seed", "-1"],
-        &["simulate"],
-    ] {
-        assert_eq!(place.run(arguments).code, Some(2), "{arguments:?}");
-    }
+    place.scenario("smoke");
+    place.assert_transcript(&expect_file!["transcripts/run-options.txt"]);
 }
 
 #[test]

@@ -3,6 +3,7 @@
 #[cfg(feature = "viewer")]
 use crate::support::slots;
 use crate::support::{Place, scenarios};
+use expect_test::expect_file;
 use serde_json::Value;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Summary;
@@ -237,24 +238,7 @@ fn a_run_that_ended_early_is_reported_and_not_compared() {
 
 #[test]
 fn runs_that_cannot_be_compared_are_refused() {
-    let place = with_two_runs();
-    std::fs::create_dir(place.path("taken")).unwrap();
-    place.write("taken/file", "");
-    for (arguments, says) in [
-        (["small.toml", "uts", "magic"], "strategy magic: expected one of rfs"),
-        (["small.toml", "uts", "uts"], "each once"),
-        (["a", "nowhere", "--no-record"], "nowhere"),
-        (["missing.toml", "uts", "gfs"], "missing.toml"),
-        (["a", "b", "--out=taken"], "taken"),
-        (["a", "a", "--no-record"], "given twice"),
-        (["a", "b", "--set=slots=5"], "--set: expected none of them with run folders"),
-        (["a", "b", "--seeds=5"], "--seeds"),
-        (["small.toml", "uts", "--no-record"], "two strategies or more"),
-        (["small.toml", "--seeds=2", "--no-record"], "two strategies or more"),
-        (["a", "--json", "--no-record"], "expected the folders of two runs or more, or of a comparison"),
-    ] {
-        place.run_refused(&[&["compare"], &arguments[..]].concat(), says);
-    }
+    with_two_runs().assert_transcript(&expect_file!["transcripts/compare.txt"]);
 }
 
 #[test]

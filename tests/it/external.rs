@@ -4,7 +4,6 @@
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 
-use crate::support::scenarios::SMOKE;
 use crate::support::{Place, output, signal_and_wait, until, until_exited};
 use rustix::process::{Pid, Signal, kill_process};
 
@@ -65,23 +64,6 @@ fn a_planner_command_that_keeps_exiting_ends_the_run() {
     let last = ended.stderr.lines().last().unwrap();
     assert!(last.contains("planner ended with exit code 1, 8 times in a row in slot 1"), "{ended:?}");
     place.assert_clean();
-}
-
-#[test]
-fn contradicting_options_are_refused_before_anything_is_written() {
-    let place = Place::new();
-    for (arguments, expected) in [
-        (&["--planner", "no-such-command x"][..], "no-such-command"),
-        (&["--planner", "'"], "--planner"),
-        (&["--planner", "true", "--external", "planner"], "--external planner and --planner"),
-        (&["--external", "viewer"], "--external viewer and --no-viewer"),
-        (&["--label", "mine"], "--label"),
-        (&["--planner", "true", "--label", "../mine"], "--label"),
-    ] {
-        let ended = place.run(&[&["run", SMOKE, "--no-viewer", "--out", "run"], arguments].concat()).assert_code(2);
-        assert!(ended.stderr.contains(expected), "{ended:?}");
-        assert!(!place.path("run").exists());
-    }
 }
 
 #[test]

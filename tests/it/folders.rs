@@ -3,7 +3,8 @@
 use std::fs;
 use std::os::unix::fs::symlink;
 
-use crate::support::scenarios::SMOKE;
+use expect_test::expect_file;
+
 use crate::support::{Output, Place, wait};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -48,18 +49,8 @@ fn only_a_run_is_replaced() {
     symlink("nowhere", place.path("linked/slots.csv")).unwrap();
     fs::create_dir(place.path("folder/summary.json")).unwrap();
     place.write("folder/slots.csv", "");
-    for (out, expected) in [
-        ("mine", "something else than a run"),
-        ("sweep", "something else than a run"),
-        ("file", "it is no folder"),
-        ("linked", "expected a file of a run"),
-        ("folder", "expected a file of a run"),
-        ("/proc/skysink", "/proc/skysink"),
-    ] {
-        place.run_refused(&["simulate", SMOKE, "--out", out, "--force"], expected);
-    }
-    place.run_refused(&["simulate", SMOKE, "--out", "file"], "it is no folder");
-    place.run_refused(&["simulate", SMOKE, "--out", "mine"], "it exists");
+    place.scenario("smoke");
+    place.assert_transcript(&expect_file!["transcripts/folders.txt"]);
     fs::create_dir(place.path("new")).unwrap();
     place.flight("smoke").out("new").simulate();
     assert_eq!(place.read("mine/scenario.toml"), "name = \"mine\"\n");

@@ -19,7 +19,6 @@ use skysink_ring::role::Role;
 use skysink_ring::topics::{Ring, is_release};
 
 use crate::support::flight::RunningFlight;
-use crate::support::scenarios::SMOKE;
 use crate::support::{Place, scenarios, until};
 
 /// Flies the plans of a ring as a vehicle in wind: it comes to rest elsewhere, at times outside the area. It always
@@ -210,23 +209,4 @@ fn a_slow_vehicle_is_waited_for() {
     let ended = flight.out("short").timeout("1").try_run().assert_code(1);
     assert!(ended.stderr.contains("flight-sim has not sent flight(0) for 1 s"), "{ended:?}");
     place.assert_clean();
-}
-
-#[test]
-fn invalid_vehicles_are_refused_before_anything_is_written() {
-    let place = Place::new();
-    let udp = "udpin:127.0.0.1:14540";
-    for (arguments, says) in [
-        (&["--vehicle", "no-such-command x"][..], "--vehicle no-such-command: expected an executable"),
-        (&["--vehicle", "true", "--external", "flight-sim"], "--external flight-sim and --vehicle"),
-        (&["--vehicle", udp], "expected a paced run: --pace realtime"),
-        (&["--vehicle", udp, "--pace", "max"], "expected a paced run"),
-        (&["--vehicle", udp, "--pace", "5x"], "expected a scenario with area.origin_lat_deg"),
-    ] {
-        let ended = place.run(&[&["run", SMOKE, "--no-viewer", "--out", "run"], arguments].concat()).assert_code(2);
-        assert!(ended.stderr.contains(says), "{ended:?}");
-        assert!(!place.path("run").exists());
-    }
-    place.flight("smoke").out("run").simulate();
-    place.run_refused(&["replay", "run", "--no-viewer", "--vehicle", "true"], "--vehicle: expected with skysink run");
 }
