@@ -31,7 +31,7 @@ fn star(random: &mut impl Rng, centre: [f64; 2], radius_m: f64) -> Corners {
     (0..count).map(corner).collect()
 }
 
-/// A comb of walls, so that ways are long.
+/// A comb of walls, so that paths are long.
 fn maze(random: &mut impl Rng) -> Vec<Corners> {
     let walls = random.random_range(1..8);
     let wall = |index: usize| {
@@ -89,7 +89,7 @@ fn enters(polygon: &Polygon, from: Coord, to: Coord) -> bool {
         || polygon.contains(&Line::new(from, to))
 }
 
-/// Length of the shortest way by the corners themselves, exactly: segments may touch polygons, but not enter.
+/// Exact length of the shortest path over the corners: segments may touch polygons, but not enter them.
 fn independent_m(polygons: &[Polygon], from: &Position, to: &Position) -> f64 {
     let mut places = vec![coord(from), coord(to)];
     let in_area = |place: &Coord| (0.0..=SIDE_M).contains(&place.x) && (0.0..=SIDE_M).contains(&place.y);

@@ -100,7 +100,7 @@ fn block(height_m: f64, sensors_m: f64) -> Buildings {
 fn a_building_blocks_sight_behind_below_and_inside() {
     let sees = |height_m, x_m, z_m| block(height_m, 0.0).sees(&Position::new(10.0, 50.0), &Point3::new(x_m, 50.0, z_m));
     assert!(sees(30.0, 39.0, 5.0), "in front of it");
-    // The ray to (90, 50, z) leaves the building at x = 60, five eighths of the way; it enters it at three eighths.
+    // The ray to (90, 50, z) leaves the building at x = 60, five eighths of its length; it enters it at three eighths.
     assert!(!sees(30.0, 90.0, 79.9) && sees(30.0, 90.0, 80.1), "over its front edge: 30 m at 3/8 of the way");
     assert!(!sees(30.0, 50.0, 30.0) && !sees(30.0, 50.0, 35.0), "above it, the walls are in the way");
     assert!(!block(30.0, 0.0).sees(&Position::new(50.0, 50.0), &Point3::new(50.0, 50.0, 90.0)), "from within");
