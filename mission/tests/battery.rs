@@ -1,5 +1,7 @@
 //! Missions with a base and a battery (decisions D9 to D13): the return rule, and what flight-sim allows any planner.
 
+mod support;
+
 use std::path::Path;
 
 use proptest::prelude::*;
@@ -12,8 +14,8 @@ use skysink_mission::drive::Observer;
 use skysink_mission::origin::RunMode;
 use skysink_mission::summary::Tally;
 use skysink_mission::{Mission, Plant};
-use skysink_planner::settings;
 use skysink_planner::strategies::names;
+use support::scenario_of;
 
 /// Propulsion power [W] by the closed form of Zeng, Xu and Zhang (2019), table I.
 fn power_w(v_mps: f64) -> f64 {
@@ -94,8 +96,7 @@ fn scenario(seed: u64) -> Scenario {
          capacity_j = {capacity_j:?}\n[planner]\nknowledge = '{knowledge}'\nobjective = '{objective}'\n\
          horizon.iterations = 20\noffline.steps = 2000\n"
     );
-    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-    Scenario::parse(&text, Path::new("x.toml"), overrides).and_then(settings::resolve).unwrap()
+    scenario_of(&text, strategy)
 }
 
 /// Flies the missions of these seeds: no UAV goes below its reserve, and those that have to land are in the base.

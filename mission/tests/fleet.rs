@@ -1,5 +1,7 @@
 //! Missions of several UAVs (decisions D18 to D23).
 
+mod support;
+
 use std::collections::BTreeSet;
 use std::path::Path;
 
@@ -13,14 +15,14 @@ use skysink_mission::{Mission, Plant};
 use skysink_planner::bound::mission_bound;
 use skysink_planner::strategies::names;
 use skysink_planner::{FleetPlanner, settings};
+use support::scenario_of;
 
 fn scenario(strategy: &'static str, seed: u64, uav: &str, more: &str) -> Scenario {
     let text = format!(
         "name = 'fleet'\nseed = {seed}\nslots = 60\n[area]\nside_m = 250.0\n[sensors]\ncount = 60\n\
          sampling_bps = [100.0, 900.0]\n[planner]\nhorizon.iterations = 60\noffline.steps = 2000\n[uav]\n{uav}\n{more}"
     );
-    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-    Scenario::parse(&text, Path::new("fleet.toml"), overrides).and_then(settings::resolve).unwrap()
+    scenario_of(&text, strategy)
 }
 
 fn records(scenario: &Scenario) -> Vec<SlotRecord> {
@@ -108,8 +110,7 @@ fn wide(strategy: &'static str, seed: u64, uav: &str) -> Scenario {
         "name = 'wide'\nseed = {seed}\nslots = 400\n[area]\nside_m = 700.0\n[sensors]\ncount = 80\nsampling_bps = 160.0\n\
          [planner]\nhorizon.iterations = 200\noffline.steps = 100000\n[uav]\n{uav}"
     );
-    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-    Scenario::parse(&text, Path::new("wide.toml"), overrides).and_then(settings::resolve).unwrap()
+    scenario_of(&text, strategy)
 }
 
 /// Plans that know the plans of the others lose no more than half of what plans lose that do not.
@@ -158,9 +159,7 @@ fn planned_flights_keep_their_distance() {
             let uav = format!("count = 4\nseparation_m = 18.0\n{starts}coordination = '{coordination}'\n");
             let text =
                 format!("name = 'near'\nseed = {seed}\nslots = 60\n[planner]\nhorizon.iterations = 60\n[uav]\n{uav}");
-            let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-            let scenario =
-                Scenario::parse(&text, Path::new("near.toml"), overrides).and_then(settings::resolve).unwrap();
+            let scenario = scenario_of(&text, strategy);
             for record in records(&scenario) {
                 let at = format!("{strategy}, {coordination}, slot {}", record.slot());
                 let held = record.flights.iter().filter(|flight| flight.hold == HoldReason::Separation as u32).count();
@@ -176,7 +175,7 @@ fn planned_flights_keep_their_distance() {
     assert!(near > 100, "{near}: UAVs that do not talk come near each other");
 }
 
-/// The distance is wider than a slot leads: whoever goes into the base has to be let in.
+/// The separation exceeds the reach of a slot: a UAV enters the base only where the others leave room.
 #[test]
 fn uavs_with_separation_land_one_after_the_other() {
     for strategy in ["tour", "mes", "uts", "horizon", "rfs"] {
@@ -186,9 +185,7 @@ fn uavs_with_separation_land_one_after_the_other() {
                     "name = 'wait'\nseed = {seed}\nslots = 40\n[planner]\nhorizon.iterations = 60\n[uav]\ncount = 2\nseparation_m = 26.0\n\
                      max_speed_mps = 5.0\nmust_land = true\ncoordination = '{coordination}'\n"
                 );
-                let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-                let scenario =
-                    Scenario::parse(&text, Path::new("wait.toml"), overrides).and_then(settings::resolve).unwrap();
+                let scenario = scenario_of(&text, strategy);
                 let base = scenario.landing_base().unwrap();
                 let records = records(&scenario);
                 let is_home = |flight: &FlightReport| base.contains(&flight.position().xy());
@@ -211,9 +208,8 @@ fn moves_on_a_grid_keep_their_distance() {
     let text = "name = 'grid'\nslots = 300\n[uav]\ncount = 2\nseparation_m = 10.0\nstarts_m = [[60.0, 33.333333333333336], \
                 [33.333333333333336, 60.0]]\nmax_speed_mps = 5.0\nmoves = 'grid'\ncell_m = 13.333333333333334\n";
     let held = |strategy: &'static str, coordination: &str| {
-        let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
         let text = format!("{text}coordination = '{coordination}'\n");
-        let scenario = Scenario::parse(&text, Path::new("grid.toml"), overrides).and_then(settings::resolve).unwrap();
+        let scenario = scenario_of(&text, strategy);
         let is_held = |record: &SlotRecord| record.flights.iter().any(|flight| flight.hold != HoldReason::None as u32);
         records(&scenario).iter().filter(|record| is_held(record)).count()
     };
@@ -226,10 +222,7 @@ fn moves_on_a_grid_keep_their_distance() {
 /// They begin in one cell of the base, in which they need not keep apart, and leave it one after the other.
 #[test]
 fn fleets_share_a_base_where_no_other_is_in_reach() {
-    let parse = |text: &str, strategy: &'static str| {
-        let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-        Scenario::parse(text, Path::new("base.toml"), overrides).and_then(settings::resolve).unwrap()
-    };
+    let parse = |text: &str, strategy: &'static str| scenario_of(text, strategy);
     let held = |records: &[SlotRecord]| {
         let flights = records.iter().flat_map(|record| &record.flights);
         flights.filter(|flight| flight.hold != HoldReason::None as u32).count()
@@ -269,10 +262,7 @@ fn fleets_share_a_base_where_no_other_is_in_reach() {
 fn plans_do_not_rely_on_a_uav_that_is_down() {
     let text = "name = 'down'\nslots = 150\n[area]\nside_m = 150.0\n[sensors]\ncount = 40\nsampling_bps = 300.0\n[planner]\n\
                 horizon.iterations = 60\n[uav]\ncount = 2\nseparation_m = 4.0\nstarts_m = [[20, 20], [75, 75]]\n";
-    let of = |strategy: &'static str| {
-        let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-        Scenario::parse(text, Path::new("down.toml"), overrides).and_then(settings::resolve).unwrap()
-    };
+    let of = |strategy: &'static str| scenario_of(text, strategy);
     for strategy in ["horizon", "mes"] {
         let scenario = of(strategy);
         let list = SensorList::of(&scenario).unwrap();
@@ -327,9 +317,7 @@ fn each_uav_is_home_at_the_end_of_its_endurance_and_stays() {
                      areas_m = [[[30, 30], [70, 30], [70, 70], [30, 70]]]\n[uav]\ncount = 3\nendurances_s = [60.0, 130.5, 200.0]\n\
                      starts_m = [[45, 45], [65, 45], [45, 65]]\nmust_land = true\ncoordination = '{coordination}'\n{more}"
                 );
-                let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-                let scenario =
-                    Scenario::parse(&text, Path::new("own.toml"), overrides).and_then(settings::resolve).unwrap();
+                let scenario = scenario_of(&text, strategy);
                 let base = scenario.landing_base().unwrap();
                 let records = records(&scenario);
                 let mut away = [0; 3];
@@ -522,9 +510,7 @@ fn no_fleet_beats_the_bound() {
                  capacity_bits = 9000\n[uav]\ncount = {uavs}\ncoordination = 'partition'\n"
             );
             for strategy in ["tour", "edf"] {
-                let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-                let scenario =
-                    Scenario::parse(&text, Path::new("x.toml"), overrides).and_then(settings::resolve).unwrap();
+                let scenario = scenario_of(&text, strategy);
                 let list = SensorList::of(&scenario).unwrap();
                 let lost_bits = lost_bits(&records(&scenario));
                 let bound = mission_bound(&scenario, &list.sensors_of(&scenario), &list.queues_bits(), u64::MAX);
