@@ -252,7 +252,7 @@ fn bounds_of_small_missions_in_the_plane_are_reported() {
 
 #[test]
 fn a_free_altitude_is_bounded_at_the_lowest_one() {
-    // By the expected rate at one altitude nobody loses less than 0.51; `uts` loses 0.28.
+    // By the expected rate at one altitude no strategy loses less than 0.51; `uts` loses 0.28.
     let text = "name = 'b'\nseed = 16\nslots = 20\nslot_s = 2.5\n[area]\nside_m = 30.0\n[sensors]\ncapacity_bits = 1000\n\
                 initial_queue_mean_bits = 0.0\nfile = 's.csv'\n[uav]\naltitude_m = 20.0\nmax_speed_mps = 24.0\n\
                 altitude = 'free'\nmax_climb_mps = 5.0\n[link]\nmodel = 'probabilistic-los'\n\
@@ -277,7 +277,7 @@ fn a_free_altitude_is_bounded_at_the_lowest_one() {
 
 #[test]
 fn gains_of_every_slot_are_bounded_by_their_draws() {
-    // By the gains of the list nobody loses less than 0.40; `gfs` loses 0.24 with the gains that are drawn.
+    // By the gains of the list no strategy loses less than 0.40; `gfs` loses 0.24 with the gains that are drawn.
     let text = "slots = 100\n[area]\nside_m = 20.0\n[sensors]\ncount = 2\nsampling_bps = 3000.0\n[link]\n\
                 gain = 'per-slot'\ngain_db = [-70.0, -50.0]\nbandwidth_hz = 2000.0\nresource_blocks = 2\n\
                 comm_radius_m = 50.0\n";

@@ -104,7 +104,7 @@ fn idle_sensor_nodes_are_served_but_not_waited_for() {
     mission.by_ref().take(29).for_each(drop);
     assert_eq!(mission.lost_bits(), 0);
     assert!(first.scheduled().contains(&3) || mission.queues_bits()[3] == 0, "met on the way");
-    // With nobody that samples, the UAV goes to the fullest queue (decision D8).
+    // Where no SN samples, the UAV goes to the fullest queue (decision D8).
     let text = "x_m,y_m,queue_bits,sampling_bps\n20,50,20000,0\n";
     let list = SensorList::parse(text, Path::new("list.csv"), &scenario).unwrap();
     let mut mission = TestMission::over(&scenario, &list);

@@ -71,7 +71,7 @@ proptest! {
         let scenario = scenario_of(&text, strategy, seed);
         let mut mission = TestMission::new(&scenario);
         let prior_bits = mission.estimate().mean_bits(0);
-        // The last contact of each SN, and whether a gap between two contacts told of its rate.
+        // The last contact of each SN, and whether a gap between two contacts revealed its rate.
         let mut contacts = vec![(0, false); mission.nodes.len()];
         for slot in 1..=scenario.slots {
             let before_bits = mission.queues_bits().to_vec();
@@ -168,7 +168,7 @@ fn the_look_ahead_flies_over_idle_sensor_nodes_of_unknown_rate() {
     let text = "slots = 60\n[sensors]\nsampling_bps = 0.0\n[planner]\nhorizon.iterations = 50\nknowledge = 'estimated'\n\
                 rates = 'learnt'\n";
     let scenario = scenario_of(text, "horizon", 1);
-    // The scenario's rate is 0, so nobody is believed to sample before a contact; SNs 1 and 2 do.
+    // The scenario's rate is 0, so no SN is believed to sample before a contact; SNs 1 and 2 do.
     let list = "x_m,y_m,sampling_bps\n20,20,0\n30,20,900\n90,90,900\n50,50,0\n";
     let list = SensorList::parse(list, Path::new("list.csv"), &scenario).unwrap();
     let mut mission = TestMission::over(&scenario, &list);

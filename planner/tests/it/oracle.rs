@@ -180,7 +180,7 @@ impl Case {
         high_m - low_m
     }
 
-    /// How far [m] one can go from the centre before a constraint ends the way.
+    /// Distance [m] from the centre to the first constraint in this direction.
     fn way_to_border_m(&self, direction: &Vector2<f64>) -> f64 {
         let to_circle_m = |centre: &Position, radius_m: f64| {
             let from = self.centre - centre;

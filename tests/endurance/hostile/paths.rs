@@ -33,7 +33,7 @@ fn path(turn: &Turn, more: usize) -> Vec<PathPoint> {
     path
 }
 
-/// Corrupts a path in the way of this number; 0 leaves it valid.
+/// Corrupts a path by the method of this number; 0 leaves it valid.
 fn spoilt(turn: &Turn, number: u64) -> Vec<PathPoint> {
     let mut path = path(turn, 3);
     match number {
