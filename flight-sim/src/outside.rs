@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn a_vehicle_may_be_anywhere_near_the_area_but_must_say_so_in_numbers() {
+    fn a_vehicle_may_report_any_finite_position_near_the_area() {
         let at = |x_m: f64, z_m: f64| FlightReport::at([x_m, 50.0, z_m], Mode::Serve);
         for possible in [at(-99_999.0, 20.0), at(50.0, -3.0), FlightReport { energy_j: f64::NAN, ..at(50.0, 20.0) }] {
             assert_eq!(fleet().check(&[possible]), Ok(()), "{possible:?}");

@@ -258,7 +258,7 @@ fn an_accepted_take_off_is_not_ordered_again_while_motors_spool_up() {
 }
 
 #[test]
-fn a_line_of_the_vehicle_is_said_once_until_another_comes() {
+fn repeated_lines_of_the_vehicle_are_printed_once() {
     let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
     for text in ["ready", "ready", "EKF variance", "ready"] {
         flight.hear(&Telemetry::Text(text.to_owned()));
@@ -268,7 +268,7 @@ fn a_line_of_the_vehicle_is_said_once_until_another_comes() {
 }
 
 #[test]
-fn a_position_on_another_continent_is_not_believed() {
+fn a_position_far_from_the_field_is_ignored() {
     let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
     flight.until(60.0, |flight| flight.bridge.has_begun());
     let before = flight.fly_slot(1, Some(plan(50.0, 62.0)));

@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn layers_on_the_ground_are_apart_in_proportion_to_the_area() {
+    fn ground_layers_are_spaced_in_proportion_to_the_area() {
         let sizes = |side_m: f64, radius_m: f64| {
             let text = format!("name = \"s\"\n[area]\nside_m = {side_m:?}\n[link]\ncomm_radius_m = {radius_m:?}\n");
             let scenario = Scenario::parse(&text, std::path::Path::new("s.toml"), Overrides::default()).unwrap();
