@@ -340,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn every_observer_takes_in_every_slot_in_order() {
+    fn every_observer_receives_every_slot_in_order() {
         let (mut plant, mut planner) = world("uts", 1);
         let (mut first, mut second) = (Kept::default(), Kept::default());
         let end = drive(&mut plant, &mut planner, &mut [&mut first, &mut second], &Stop::default());
@@ -352,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mission_goes_on_where_the_plant_stands() {
+    fn a_mission_continues_from_the_state_of_the_plant() {
         let (mut plant, mut planner) = world("uts", 1);
         for _ in 0..5 {
             step(&mut plant, &mut planner, &Stop::default()).unwrap();
@@ -375,7 +375,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stop_after_the_last_slot_comes_too_late() {
+    fn a_stop_after_the_last_slot_has_no_effect() {
         let stop = Stop::default();
         let (mut plant, mut planner) = world("uts", 1);
         let end = drive(&mut plant, &mut planner, &mut [&mut StopAfter(SLOTS, &stop)], &stop).unwrap();
@@ -393,7 +393,7 @@ mod tests {
     }
 
     #[test]
-    fn known_plans_end_the_mission_with_their_last_and_none_holds() {
+    fn recorded_plans_end_the_mission_and_a_missing_one_is_a_hold() {
         let (mut plant, _) = world("uts", 1);
         let start = plant.flight(UAV).position();
         let mut kept = Kept::default();
@@ -420,7 +420,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(20))]
 
         #[test]
-        fn driving_a_mission_and_stepping_through_it_are_the_same(seed in 1u64..1_000) {
+        fn drive_and_single_steps_give_the_same_mission(seed in 1u64..1_000) {
             let scenario = scenario("gfs", seed);
             let list = SensorList::of(&scenario).unwrap();
             let mut kept = Kept::default();

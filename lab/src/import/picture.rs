@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn any_cells_are_covered() {
+    fn polygons_cover_any_set_of_cells() {
         use rand::{RngExt, SeedableRng};
         let mut random = rand::rngs::StdRng::seed_from_u64(7);
         for round in 0..300 {

@@ -155,7 +155,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn every_strategy_is_registered_by_its_name_and_whether_it_is_stateless() {
+    fn the_registry_lists_every_strategy_with_its_statefulness() {
         for strategy in STRATEGIES {
             let name = strategy.name;
             let overrides = Overrides { strategy: Some(name), ..Overrides::default() };
