@@ -210,7 +210,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_new_scenario_equals_the_letter_except_for_its_name() {
+    fn a_new_scenario_equals_the_papers_except_for_its_name() {
         let path = Path::new("letter (built in)");
         let mut new = scenario("letter", None, path).unwrap();
         let letter = Scenario::letter(Overrides::default()).and_then(settings::resolve).unwrap();

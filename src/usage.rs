@@ -136,7 +136,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_refused_argument_is_quoted() {
+    fn a_refused_argument_is_escaped() {
         let command = || Command::new("fly").arg(clap::arg!(--seed <SEED>).value_parser(clap::value_parser!(u8)));
         let long = "x".repeat(100_000);
         for argument in

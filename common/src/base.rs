@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn a_base_is_where_the_uav_starts_unless_it_is_given() {
+    fn the_base_defaults_to_the_start() {
         assert_eq!(base("[uav.battery]\ncapacity_j = 1000.0\n"), Some(disk(50.0, 50.0, 1.0)));
         assert_eq!(base("[base]\nposition_m = [3.0, 4.0]\nradius_m = 5.0\n"), Some(disk(3.0, 4.0, 5.0)));
         assert_eq!(base(""), None);
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn each_area_has_a_place_deep_in_it() {
+    fn each_area_has_a_landing_point_far_from_its_border() {
         // An L whose mean corner lies outside, a square, and one of which a zone leaves the west.
         let keys = "[area]\nno_fly = [{ polygon_m = [[85, 0], [100, 0], [100, 20], [85, 20]] }]\n[base]\nareas_m = [\
                     [[0, 0], [30, 0], [30, 4], [4, 4], [4, 30], [0, 30]], [[50, 50], [60, 50], [60, 60], [50, 60]],\
@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn areas_that_are_none_are_refused() {
+    fn invalid_base_areas_are_refused() {
         for (areas, expected) in [
             ("[]", "base.areas_m = []: expected at least one polygon"),
             ("[[[0, 0], [9, 0], [9, 0]]]", "base.areas_m[0]"),

@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slot_takes_its_power_and_a_climb_the_weight() {
+    fn energy_of_a_slot_is_power_and_climb_work() {
         let battery = Battery::of(&scenario("weight_n = 30.0\n")).unwrap();
         let at = |x_m: f64, z_m: f64| Point3::new(x_m, 7.0, z_m);
         // Two seconds of hovering: 2 · (79.86 + 88.63) J.
@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn no_speed_takes_less_energy_for_a_metre() {
+    fn the_economic_speed_minimises_energy_per_metre() {
         let battery = Battery::of(&scenario("")).unwrap();
         let thrifty_m = battery.thrifty_m(60.0);
         for step in 1..=600 {

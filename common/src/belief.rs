@@ -258,7 +258,7 @@ mod tests {
     use std::path::Path;
 
     #[test]
-    fn of_learnt_rates_the_uav_knows_the_mean_before_contacts_and_of_known_ones_the_truth() {
+    fn the_uav_knows_the_prior_mean_of_learnt_rates_and_the_truth_of_known_ones() {
         let text = "name = 'x'\nslot_s = 0.5\n[sensors]\nsampling_bps = [50.0, 150.0]\n";
         let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
         let node = |sampling_bps| SensorNode { sampling_bps, capacity_bits: 1_000, ..SensorNode::default() };

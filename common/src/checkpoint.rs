@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn a_state_that_is_cut_or_too_long_is_refused_and_changes_nothing() {
+    fn a_truncated_or_overlong_state_is_refused_and_changes_nothing() {
         let bytes = saved(&Counter(vec![1, 300]));
         let mut counter = Counter(vec![5, 6]);
         for length in 0..bytes.len() {
@@ -122,14 +122,14 @@ mod tests {
     }
 
     #[test]
-    fn a_type_without_state_saves_nothing_and_restores_only_that() {
+    fn a_stateless_type_saves_no_bytes_and_refuses_any() {
         assert!(saved(&Stateless).is_empty() && Stateless.restore(&[]).is_ok());
         assert!(Stateless.restore(&[0]).is_err());
     }
 
     /// The format is part of a run folder: numbers below 128 take a byte, f64 eight.
     #[test]
-    fn the_bytes_stay_what_they_are() {
+    fn the_checkpoint_encoding_is_stable() {
         let mut bytes = vec![9];
         encode(&(5u32, 300u64, Some(1.0f64), "tour"), &mut bytes);
         assert_eq!(bytes, [9, 5, 0xac, 0x02, 1, 0, 0, 0, 0, 0, 0, 0xf0, 0x3f, 4, b't', b'o', b'u', b'r']);

@@ -148,7 +148,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_refused_text_is_cut_and_its_control_characters_are_escaped() {
+    fn a_refused_text_is_shortened_and_its_control_characters_are_escaped() {
         let error =
             InputError::line("scenario", Path::new("a\nb"), 1, &format!("\x1b[31m{}", "x".repeat(1 << 20)), "no");
         assert_eq!(error.to_string(), format!("scenario a\\nb: line 1: `\\u001b[31m{}...`: no", "x".repeat(75)));
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn a_key_for_what_is_not_modelled_leads_to_the_way_around() {
+    fn a_key_of_an_unmodelled_feature_names_the_documentation() {
         let page = include_str!("../../docs/src/not-modelled.md");
         let unknown = |name: &str| suggestion(&format!("unknown field `{name}`, expected `slots` or `width_m`"));
         for (name, heading) in [("terrain", "Terrain"), ("gusts", "Gusts"), ("uavs", "Several UAVs")] {
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn a_path_that_is_not_a_text_file_is_refused() {
+    fn an_irregular_or_binary_file_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a");
         let refused = |path: &Path| read_text("scenario", path).unwrap_err().message;
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn a_misspelt_name_is_taken_for_the_candidate_most_like_it() {
+    fn a_misspelt_name_gets_the_closest_suggestion() {
         let names = ["uts", "uts-wide", "round-robin", "max-age-first", "horizon"];
         for (name, meant) in [
             ("uts_wide", Some("uts-wide")),

@@ -405,7 +405,7 @@ mod tests {
     }
 
     #[test]
-    fn before_the_first_contact_the_mean_queue_grows_at_the_rate_up_to_the_buffer() {
+    fn the_mean_queue_grows_to_the_buffer_before_the_first_contact() {
         let mut estimate = estimate_of(Rates::Known);
         assert_eq!(estimate.predict(0), [300, 300, 300]);
         assert_eq!(estimate.predict(3), [307, 600, 300]); // floor(2.5 · 3) = 7
@@ -415,7 +415,7 @@ mod tests {
     }
 
     #[test]
-    fn the_spread_of_a_queue_is_that_of_draws_capped_at_the_buffer() {
+    fn the_deviation_of_a_queue_is_that_of_draws_capped_at_the_buffer() {
         let sd_bits = |unbounded_bits, initial_bits, rate| {
             let since_contact_bits = 300.0;
             Uncertainty { unbounded_bits, initial_bits, rate, since_contact_bits, arrivals_bits: 0.0 }
@@ -439,7 +439,7 @@ mod tests {
     }
 
     #[test]
-    fn since_a_contact_whole_bits_are_counted_as_the_sensor_node_counts_them() {
+    fn whole_bits_since_a_contact_match_the_sensor_node() {
         let mut estimate = estimate_of(Rates::Known);
         estimate.advance(1, &[serving(&[0, 2])], &ReportedQueues::default(), &[40, 999, 60]);
         // A(1) = 2, A(2) = 5, A(3) = 7, A(4) = 10: 3, 5 and 8 since slot 1.
@@ -454,7 +454,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rate_is_the_bits_of_all_gaps_over_their_length() {
+    fn a_learnt_rate_is_total_bits_over_total_gap_length() {
         let mut estimate = estimate_of(Rates::Learnt);
         contact(&mut estimate, 1, 500, 100);
         assert_eq!(estimate.mean_bits(0), 100.0, "one contact reveals no rate");
@@ -502,7 +502,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_that_ended_full_only_raises_a_rate() {
+    fn a_gap_with_a_full_buffer_only_raises_the_rate() {
         let mut estimate = estimate_of(Rates::Learnt);
         contact(&mut estimate, 1, 500, 100);
         pass(&mut estimate, 2..=6);
@@ -522,7 +522,7 @@ mod tests {
     }
 
     #[test]
-    fn the_estimate_of_a_sensor_node_that_does_not_sample_stays() {
+    fn the_estimate_of_an_idle_sensor_node_is_constant() {
         let mut estimate = estimate_of(Rates::Learnt);
         contact(&mut estimate, 1, 500, 30);
         pass(&mut estimate, 2..=9);

@@ -47,21 +47,21 @@ mod tests {
     }
 
     #[test]
-    fn a_rim_point_is_within_range_and_a_micrometre_more_is_not() {
+    fn range_includes_the_rim_but_not_a_micrometre_more() {
         let centre = Position::new(0.1, 0.2);
         assert!(within(&centre, &Position::new(0.1 + 10.0 + 5e-9, 0.2), 10.0));
         assert!(!within(&centre, &Position::new(0.1 + 10.0 + 1e-6, 0.2), 10.0));
     }
 
     #[test]
-    fn the_rim_of_the_slack_is_within_range() {
+    fn range_includes_the_rim_of_the_slack() {
         let rim_m = 10.0 * (1.0 + RANGE_SLACK);
         assert!(within(&Position::origin(), &Position::new(rim_m, 0.0), 10.0));
         assert!(!within(&Position::origin(), &Position::new(rim_m.next_up(), 0.0), 10.0));
     }
 
     #[test]
-    fn nothing_is_within_range_of_nan() {
+    fn no_point_is_within_range_of_nan() {
         let nan = Position::new(f64::NAN, 0.0);
         assert!(!within(&nan, &Position::origin(), 10.0));
         assert!(!within(&Position::origin(), &Position::origin(), f64::NAN));

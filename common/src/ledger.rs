@@ -313,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn more_bits_than_any_buffer_holds_are_counted_to_the_last() {
+    fn bits_beyond_any_buffer_are_counted_exactly() {
         let mut ledger = ledger(u32::MAX, &[(1u64 << 33) as f64], &[7]);
         assert_eq!(ledger.sample(1), (1 << 33) + 7 - u64::from(u32::MAX));
         assert_eq!(ledger.sample(2), 1 << 33);
@@ -329,7 +329,7 @@ mod tests {
     }
 
     #[test]
-    fn only_a_possible_state_is_restored() {
+    fn an_impossible_ledger_state_is_refused() {
         let new = || ledger(10, &[5.0, 4.0], &[1, 2]);
         let mut ledger = new();
         for (queues_bits, delivered_bits) in [
@@ -356,7 +356,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_bit_is_ever_unaccounted_for(
+        fn every_bit_is_accounted_for(
             capacity_bits in 1u32..50_000,
             mean_bits in prop_oneof![
                 prop::collection::vec(0.0f64..80_000.0, 4),

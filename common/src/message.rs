@@ -400,7 +400,7 @@ mod tests {
 
     /// External programs declare the same structs: a new layout needs a new version in the type name.
     #[test]
-    fn the_layouts_stay_what_they_are() {
+    fn message_layouts_are_stable() {
         assert_eq!(size_of::<SlotHeader>(), 32);
         assert_eq!(size_of::<QueuesHeader>(), 96);
         assert_eq!(size_of::<Limits>(), 136);
@@ -417,7 +417,7 @@ mod tests {
     }
 
     #[test]
-    fn a_count_beyond_the_message_reads_no_further_than_the_message() {
+    fn an_excessive_count_does_not_read_beyond_the_message() {
         let mut plan = Plan::fly_to([0.0, 0.0, 20.0], Mode::Serve);
         plan.served = 1_000_000;
         assert_eq!(plan.scheduled().len(), MAX_SERVED);
@@ -443,7 +443,7 @@ mod tests {
     }
 
     #[test]
-    fn a_flight_serves_if_it_has_links_whatever_it_says() {
+    fn a_flight_with_links_serves_regardless_of_its_mode() {
         let flown = |mode: u32, served| FlightReport { mode, served, ..FlightReport::zeroed() }.flown_mode();
         let modes = [Mode::Serve, Mode::Transit, Mode::Hold, Mode::Fly].map(|mode| mode as u32);
         assert_eq!(modes.map(|mode| flown(mode, 0)), [Mode::Fly, Mode::Transit, Mode::Hold, Mode::Fly]);

@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_flight_does_not_use_may_be_anything() {
+    fn unused_fields_of_a_flight_are_not_checked() {
         let mut flight = flight();
         assert!(FlightReport::are_possible(&[flight]));
         flight.links[2] = LinkReport { sensor: 0, rate_bps: f64::NAN, ..LinkReport::default() };
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn rates_are_numbers_from_0_on() {
+    fn rates_must_be_non_negative_numbers() {
         assert!(f64::are_possible(&[0.0, 175.0]));
         assert!([-0.1, f64::NAN, f64::INFINITY].iter().all(|&bps| !f64::are_possible(&[1.0, bps])));
     }
@@ -169,14 +169,14 @@ mod tests {
     const AREA: Area = Area::new(100.0, 50.0);
 
     #[test]
-    fn one_to_sixty_four_points_are_a_path() {
+    fn a_path_has_1_to_64_points() {
         for (count, is_possible) in [(0, false), (1, true), (64, true), (65, false), (100_000, false)] {
             assert_eq!(are_possible_paths(&vec![PathPoint::default(); count], &AREA, 1), is_possible, "{count} points");
         }
     }
 
     #[test]
-    fn paths_are_those_of_uavs_that_there_are_in_their_order() {
+    fn paths_must_belong_to_existing_uavs_in_order() {
         let of =
             |uavs: &[u32]| -> Vec<_> { uavs.iter().map(|&uav| PathPoint { uav, ..PathPoint::default() }).collect() };
         for (uavs, is_possible) in

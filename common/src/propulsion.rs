@@ -68,7 +68,7 @@ mod tests {
     }
 
     #[test]
-    fn hovering_costs_the_profile_and_the_induced_power() {
+    fn hover_power_is_profile_plus_induced_power() {
         assert!((power_w(&aircraft(), 0.0) - (79.86 + 88.63)).abs() < 1e-12);
     }
 
@@ -81,14 +81,14 @@ mod tests {
     }
 
     #[test]
-    fn moving_slowly_costs_less_than_hovering_and_racing_more() {
+    fn slow_flight_takes_less_power_than_hovering_and_fast_flight_more() {
         let power = |speed_mps| power_w(&aircraft(), speed_mps);
         assert!(power(10.0) < power(0.0) && power(30.0) > power(0.0));
         assert!(power(1e4).is_finite());
     }
 
     #[test]
-    fn no_speed_costs_less_than_that_of_least_power() {
+    fn the_speed_of_least_power_minimises_power() {
         let slow_rotor = Propulsion { induced_w: 1.0, tip_speed_mps: 2.0, ..aircraft() };
         for (aircraft, max_speed_mps, expected_mps) in
             [(aircraft(), 30.0, 10.2), (aircraft(), 5.0, 5.0), (slow_rotor, 30.0, 0.0)]

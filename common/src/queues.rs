@@ -166,7 +166,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn a_snapshot_of_the_queues_does_not_change_and_is_copied_only_while_it_is_held() {
+    fn a_queue_snapshot_is_immutable_and_copied_on_write() {
         let mut queues = Queues::new(vec![100, 200]);
         let held = queues.shared_bits();
         assert_eq!(queues.upload(0, 40), 40);
@@ -197,13 +197,13 @@ mod tests {
     }
 
     #[test]
-    fn a_link_cannot_carry_bits_that_do_not_exist() {
+    fn an_upload_is_limited_to_the_queued_bits() {
         let mut queues = Queues::new(vec![700]);
         assert_eq!([500, 500, 500].map(|capacity_bits| queues.upload(0, capacity_bits)), [500, 200, 0]);
     }
 
     #[test]
-    fn an_unserved_queue_loses_what_its_buffer_does_not_hold() {
+    fn an_unserved_queue_loses_its_overflow() {
         // s τ = 2.5: A = 0, 2, 5, 7, 10, 12 (decision D2)
         let sampler = Sampler { mean_bits: 2.5, capacity_bits: 4 };
         assert_eq!([1, 2, 3, 4, 5].map(|to| overflow_bits(&sampler, 3, 0, to)), [1, 4, 6, 9, 11]);
@@ -212,7 +212,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn queues_advance_like_those_of_their_sensor_nodes_one_by_one(
+        fn batched_queues_advance_like_single_queues(
             means in prop_oneof![
                 (prop_oneof![Just(0.0), Just(2.5), Just(4e9), 0.0..1e4], 1usize..2_500).prop_map(|(mean, count)| vec![mean; count]),
                 prop::collection::vec(prop_oneof![Just(2.5), 0.0..500.0, 0.0..5e9, Just(1e16)], 1..2_500),

@@ -102,7 +102,7 @@ mod tests {
     use rand::{Rng, RngExt};
 
     #[test]
-    fn a_draw_depends_on_its_coordinates_and_not_on_earlier_draws() {
+    fn a_draw_depends_only_on_its_coordinates() {
         let streams = Streams::new(7);
         let first = streams.stream(Purpose::Gain, 3, 5).next_u64();
         let _ = streams.stream(Purpose::Gain, 3, 4).random::<[f64; 4]>();
@@ -120,7 +120,7 @@ mod tests {
 
     /// A golden sequence: seeded results of published missions depend on these numbers.
     #[test]
-    fn the_streams_stay_what_they_are() {
+    fn random_streams_are_stable() {
         let mut stream = Streams::new(1).stream(Purpose::Position, 0, 0);
         assert_eq!([stream.next_u64(), stream.next_u64()], [4_344_717_217_939_160_907, 15_305_578_173_110_765_368]);
     }

@@ -47,7 +47,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_report_is_of_its_slot_and_sensor_node() {
+    fn a_report_must_match_its_slot_and_sensor_node() {
         let reported = ReportedQueues::at(7, [2, 0], &[10, 20, 30]);
         assert_eq!([0, 1, 2].map(|id| reported.queue_bits(7, id)), [Some(10), None, Some(30)]);
         assert_eq!(reported.queue_bits(8, 2), None);

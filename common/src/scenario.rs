@@ -35,6 +35,13 @@ use crate::keys::{self, Keys, Source, dotted};
 pub const LETTER: &str = include_str!("../letter.toml");
 
 /// Changes to a scenario from the command line, made before it is checked.
+///
+/// ```
+/// use skysink_common::scenario::{Overrides, Scenario};
+/// let overrides = Overrides { seed: Some(7), strategy: Some("gfs"), ..Overrides::default() };
+/// let scenario = Scenario::letter(overrides).unwrap();
+/// assert_eq!((scenario.seed, scenario.planner.strategy.as_str()), (7, "gfs"));
+/// ```
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Overrides {
     /// Replaces `seed`.
@@ -49,6 +56,16 @@ pub struct Overrides {
     pub table: Option<&'static RateTable>,
 }
 
+/// ```
+/// use skysink_common::scenario::{Overrides, Scenario};
+/// let letter = Scenario::letter(Overrides::default()).unwrap();
+/// assert_eq!(Scenario::read("letter.toml".as_ref(), Overrides::default()).unwrap().hash(), letter.hash());
+/// let error = Scenario::parse("name = 'a'\nslots = 0", "a.toml".as_ref(), Overrides::default()).unwrap_err();
+/// assert!(error.to_string().starts_with("scenario a.toml: slots = 0: expected"));
+/// let mut table = toml::toml! { sensors.file = "nodes.csv" };
+/// Scenario::apply(&["sensors.count=9".parse().unwrap()], &mut table).unwrap();
+/// assert_eq!(table, toml::toml! { sensors.count = 9 });
+/// ```
 impl Scenario {
     /// Reads and checks a file. A relative sensor list is relative to the file's folder.
     ///

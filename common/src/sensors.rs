@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn a_subset_has_the_same_sensor_nodes_under_new_ids() {
+    fn a_subset_renumbers_the_same_sensor_nodes() {
         let subset = sensors().subset(&[2, 0], |positions| Grid::new(positions, 10.0));
         assert_eq!(subset.positions, [Position::new(3.0, 9.0), Position::new(1.0, 9.0)]);
         assert_eq!(subset.gains, [3.0 * 1e-5, 1e-5]);

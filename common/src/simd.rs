@@ -33,7 +33,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_vectorized_version_returns_the_same_bits() {
+    fn vectorized_code_is_bit_identical() {
         let terms: Vec<f64> = (1..1_000).map(|number| 1.0 / f64::from(number)).collect();
         let work = || terms.iter().map(|term| term * 0.1 + 1e-9).sum::<f64>();
         assert_eq!(vectorized(work).to_bits(), work().to_bits());

@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_a_terminal_would_execute_is_escaped() {
+    fn terminal_control_sequences_are_escaped() {
         let text = "\x1b]0;title\x07 \u{9b}31m \u{202e}txt.exe\u{2066} 1\r2\t3\n4 µs η ✓";
         let safe = "\\u001b]0;title\\u0007 \\u009b31m \\u202etxt.exe\\u2066 1\\r2\t3\n4 µs η ✓";
         assert_eq!(printable(text), safe);
@@ -63,7 +63,7 @@ mod tests {
     }
 
     #[test]
-    fn escaped_toml_is_the_same_toml() {
+    fn escaping_preserves_the_toml_value() {
         let table = toml::Table::from_iter([("\u{202e}name\x7f".to_owned(), "a\u{9b}\x1b\n".into())]);
         let text = table.to_string();
         let safe = printable(&text);

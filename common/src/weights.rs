@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn equal_weights_leave_queues_as_they_are() {
+    fn equal_weights_leave_queue_values_unchanged() {
         let weights = weights(&[7.5; 3], 30_000);
         let mut room = Vec::new();
         assert_eq!(weights.values(&[1, 2, 3], &mut room), [1, 2, 3]);
@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn a_queue_that_is_not_empty_has_a_value_with_any_weights() {
+    fn a_nonempty_queue_has_a_positive_value_for_any_weights() {
         for [low, high] in [[1e-6, 1e6], [1.0, 1e6], [1e-6, 1e-5]] {
             for capacity_bits in [0, 1, 30_000, u32::MAX] {
                 let weights = weights(&[low, high], capacity_bits);

@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn every_change_of_a_file_is_found_though_writing_continues() {
+    fn any_external_change_is_detected_during_writing() {
         let length = |found| Some(FileChange::Length { found, written: 400_002 });
         let copy = |path: &Path| {
             fs::copy(path, path.with_extension("copy")).unwrap();
@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_no_longer_written_may_be_replaced_by_a_copy_and_by_nothing_else() {
+    fn a_closed_file_may_be_replaced_by_an_identical_copy_only() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("file");
         fs::write(&path, "ab").unwrap();
@@ -275,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn known_bytes_and_overwritten_ones_are_compared_too() {
+    fn known_and_overwritten_bytes_are_compared() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("file");
         fs::write(&path, "abc").unwrap();
@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_that_cannot_be_written_are_not_expected() {
+    fn a_failed_write_adds_no_expected_bytes() {
         let full = File::options().write(true).open("/dev/full").unwrap();
         let mut file = WrittenFile::new(Path::new("/dev/full"), full);
         assert!(!FileChange::is_cause_of(&file.append(b"ab").unwrap_err()));

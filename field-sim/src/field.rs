@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn an_overflow_is_lost_even_in_the_slot_of_the_visit() {
+    fn overflow_is_lost_in_the_slot_of_a_visit_too() {
         let mut field = field(29_950);
         let bits = field.step(1, &serving(0, 6_000_000)).unwrap();
         // sample: 29 950 + 100 = 30 050; overflow: 50 lost; upload: all of the 30 000
@@ -337,7 +337,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(100))]
 
         #[test]
-        fn a_field_advances_like_its_sensor_nodes_one_by_one((scenario, list) in lists(), served in 0u32..3_000) {
+        fn a_field_advances_like_single_sensor_nodes((scenario, list) in lists(), served in 0u32..3_000) {
             let count = list.sensors().len();
             let capacity_bits = scenario.sensors.capacity_bits.ends()[1];
             let mean_bits: Vec<f64> = list.sensors().iter().map(|sensor| sensor.sampling_bps * scenario.slot_s).collect();

@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn a_field_is_restored_to_the_slot_before_the_last_with_the_flight_of_the_last() {
+    fn a_field_is_restored_one_slot_back_with_the_last_flight() {
         let folder = folder();
         let mut stepped = field();
         let (mut journal, first) = open(&folder, &mut stepped);

@@ -55,7 +55,7 @@ fn saved(field: &Field) -> Vec<u8> {
 }
 
 #[test]
-fn the_uav_is_told_what_it_left_and_learns_the_rate_from_what_it_finds() {
+fn the_belief_has_the_remaining_queue_and_infers_the_rate_on_the_next_visit() {
     let mut field = telling([(10_000, 700.0), (0, 100.0)]);
     field.step(1, &serving_first(6_000)).unwrap();
     assert_eq!(field.believed_bits()[0], 4_700, "10 000 + 700 − 6 000");
@@ -67,7 +67,7 @@ fn the_uav_is_told_what_it_left_and_learns_the_rate_from_what_it_finds() {
 }
 
 #[test]
-fn a_state_with_another_account_of_what_is_told_is_refused() {
+fn a_state_with_inconsistent_reports_is_refused() {
     let sensors = [(1, 2.0), (3, 4.0)];
     assert!(telling(sensors).restore(&saved(&field(sensors))).is_err());
     assert!(field(sensors).restore(&saved(&telling(sensors))).is_err());
@@ -75,7 +75,7 @@ fn a_state_with_another_account_of_what_is_told_is_refused() {
 }
 
 #[test]
-fn the_state_after_the_last_slot_is_restored_and_none_after_it() {
+fn only_states_up_to_the_last_slot_are_restored() {
     let flown = |slots| {
         let scenario = scenario(slots, 1.0);
         let mut field = Field::new(&scenario, &list(&scenario, [(1, 2.0), (3, 4.0)]));
@@ -89,7 +89,7 @@ fn the_state_after_the_last_slot_is_restored_and_none_after_it() {
 }
 
 #[test]
-fn a_single_bit_that_is_lost_counts_in_slots_of_sampling_too() {
+fn a_single_lost_bit_counts_in_slots_of_sampling() {
     let mut field = field([(29_997, 4.0), (0, 5.0)]);
     let bits = field.step(1, &serving_nobody()).unwrap();
     assert_eq!(bits, SlotBits { delivered_bits: 0, lost_bits: 1 });
@@ -97,7 +97,7 @@ fn a_single_bit_that_is_lost_counts_in_slots_of_sampling_too() {
 }
 
 #[test]
-fn more_bits_than_are_converted_quickly_are_counted_to_the_last_beside_few() {
+fn bits_beyond_the_fast_conversion_are_counted_exactly() {
     let scenario = scenario(1_300, 1_000.0);
     let sensors = [(0, 1.0), (0, 4e9 + 0.001)];
     let mut field = Field::new(&scenario, &list(&scenario, sensors));

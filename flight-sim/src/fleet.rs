@@ -149,7 +149,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn plans_are_refused_to_vehicles_as_they_are_in_flight(
+        fn refusals_before_the_flight_match_those_in_flight(
             waypoints in prop::collection::vec((-5.0..105.0f64, -5.0..105.0f64, any::<bool>()), 3),
         ) {
             let text = "name = 'x'\n[area]\nno_fly = [{ polygon_m = [[60.0, 45.0], [70.0, 45.0], [70.0, 55.0], [60.0, 55.0]] }]\n\

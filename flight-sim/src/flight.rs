@@ -281,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reported_flight_is_repeated_wherever_it_leads() {
+    fn a_reported_flight_is_replayed_exactly() {
         let mut flight = flight();
         let mut report = Plan::fly_to([-3.0, 50.5, 21.0], Mode::Hold);
         report.schedule(&[3, 0]);
@@ -298,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn sensor_nodes_up_to_the_rim_are_served_and_no_others() {
+    fn only_sensor_nodes_in_range_are_served() {
         let report = flight().step(1, Some(&plan(&[2, 0, 3])));
         assert_eq!(served(&report), [0, 2]);
         assert_eq!(report.refused, 1);
@@ -313,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn a_count_beyond_the_message_is_refused_without_reading_beyond_it() {
+    fn an_excessive_count_is_refused_without_reading_beyond_the_message() {
         let mut plan = plan(&[0, 1]);
         plan.served = 1000;
         let report = flight().step(1, Some(&plan));
@@ -321,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn the_mode_says_whether_anybody_is_served() {
+    fn the_mode_follows_from_the_served_links() {
         let mode = |ids: &[u32], mode| {
             let report = flight().step(1, Some(&Plan { mode, ..plan(ids) }));
             Mode::from_repr(report.mode).unwrap()
@@ -361,7 +361,7 @@ mod tests {
     }
 
     #[test]
-    fn a_redrawn_gain_depends_on_the_slot_alone() {
+    fn a_redrawn_gain_depends_only_on_the_slot() {
         let scenario = "name = \"fading\"\n[link]\ngain = \"per-slot\"\n";
         let scenario = Scenario::parse(scenario, std::path::Path::new("fading.toml"), Overrides::default()).unwrap();
         let sensor = SensorNode { x_m: 50.0, y_m: 50.0, gain: 1e-5, ..SensorNode::default() };
@@ -389,7 +389,7 @@ mod tests {
     }
 
     #[test]
-    fn slots_end_beside_their_waypoints_by_a_normal_distribution() {
+    fn position_errors_are_normal() {
         let mut flight = imprecise();
         let waypoint = Plan::fly_to([5_000.0, 5_000.0, 20.0], Mode::Fly);
         let count = 100_000;
@@ -415,7 +415,7 @@ mod tests {
     }
 
     #[test]
-    fn the_error_of_a_slot_depends_on_the_slot_alone_and_a_recorded_end_has_none() {
+    fn position_errors_depend_only_on_the_slot_and_do_not_apply_to_replays() {
         let plan = Plan::fly_to([5_020.0, 4_980.0, 20.0], Mode::Fly);
         let mut flight = imprecise();
         let ends: Vec<FlightReport> = (1..=9).map(|slot| flight.step(slot, Some(&plan))).collect();
@@ -430,7 +430,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_out_of_range_of_where_the_slot_ends_is_refused() {
+    fn service_out_of_range_of_the_end_position_is_refused() {
         let text = "name = \"x\"\n[uav]\nposition_error_m = 3.0\n";
         let scenario = Scenario::parse(text, std::path::Path::new("x.toml"), Overrides::default()).unwrap();
         let sensors = [60.0, 50.0].map(|x_m| SensorNode { x_m, y_m: 50.0, gain: 1e-5, ..SensorNode::default() });
@@ -469,7 +469,7 @@ mod tests {
     }
 
     #[test]
-    fn a_uav_that_hovers_keeps_a_line_of_sight_that_stays() {
+    fn a_hovering_uav_keeps_a_frozen_line_of_sight() {
         let flown = |seed: u64| {
             let text = format!(
                 "name = \"x\"\nseed = {seed}\n[link]\nmodel = \"probabilistic-los\"\nenvironment = \"high-rise\"\n\
@@ -491,7 +491,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn in_wind_every_slot_ends_in_reach_and_area_and_plans_within_reach_are_flown(
+        fn flights_in_wind_stay_in_reach_and_area(
             wind_mps in [-14.0..14.0, -14.0..14.0], sigma_m in 0.0..60.0, acceleration_mps2 in prop::option::of(1.0..200.0),
             start_m in [0.0..=100.0, 0.0..=100.0], seed in 0u64..1000,
             away in [-60.0..60.0, -60.0..60.0],

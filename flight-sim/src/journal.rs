@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn a_flight_that_is_cut_leaves_the_three_before_it() {
+    fn a_truncated_flight_leaves_the_three_before_it() {
         let folder = RingFolder::create(Terms::default()).unwrap();
         let mut flights = journal(&folder, 1).unwrap();
         (1..=5).for_each(|slot| flights.save(slot, &[], &flight(slot)).unwrap());

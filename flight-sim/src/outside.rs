@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn a_vehicle_at_its_waypoint_serves_and_one_before_it_is_en_route_and_serves_who_is_in_range() {
+    fn a_vehicle_serves_at_its_waypoint_and_in_range_while_en_route() {
         let there = flown(Some(&[plan(70.0, &[1])]), 69.0);
         assert_eq!((mode(&there), there.served, there.links[0].sensor), (Mode::Serve, 1, 1));
         let before = flown(Some(&[plan(70.0, &[1])]), 62.0);
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn a_plan_that_must_not_be_followed_or_is_late_is_an_order_to_stay() {
+    fn an_infeasible_or_late_plan_becomes_a_hold_order() {
         for (plans, hold, refused) in [
             (Some([plan(90.0, &[1])]), HoldReason::Waypoint, 1),
             (Some([plan(f64::NAN, &[1])]), HoldReason::Waypoint, 1),
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn an_order_leads_back_to_the_altitude_of_the_scenario() {
+    fn orders_return_to_the_altitude_of_the_scenario() {
         let mut fleet = fleet();
         fleet.restore(&[FlightReport::at([50.0, 50.0, 3.0], Mode::Serve)]);
         let kept = Plan::fly_to([60.0, 50.0, 3.0], Mode::Serve);
@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn an_energy_is_that_of_the_vehicle_if_the_scenario_has_a_battery() {
+    fn measured_energy_is_used_if_the_scenario_has_a_battery() {
         for (battery, expected_j) in [("[uav.battery]\ncapacity_j = 1e5\n", 5e4), ("", f64::INFINITY)] {
             let text = format!("name = 'a'\n{battery}");
             let scenario = Scenario::parse(&text, std::path::Path::new("a"), Overrides::default()).unwrap();
@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn a_vehicle_may_be_anywhere_near_the_area_but_must_say_so_in_numbers() {
+    fn a_vehicle_may_report_any_finite_position_near_the_area() {
         let at = |x_m: f64, z_m: f64| FlightReport::at([x_m, 50.0, z_m], Mode::Serve);
         for possible in [at(-99_999.0, 20.0), at(50.0, -3.0), FlightReport { energy_j: f64::NAN, ..at(50.0, 20.0) }] {
             assert_eq!(fleet().check(&[possible]), Ok(()), "{possible:?}");
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn orders_begin_where_the_vehicle_was() {
+    fn orders_start_at_the_reported_position() {
         let mut fleet = fleet();
         fleet.restore(&[FlightReport::at([10.0, 20.0, 20.0], Mode::Serve)]);
         let order = fleet.orders(2, Some(&[plan(50.0, &[])]))[0];

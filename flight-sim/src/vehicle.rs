@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn a_waypoint_in_reach_is_flown_to() {
+    fn a_waypoint_in_reach_is_reached() {
         let mut vehicle = vehicle();
         assert_eq!(vehicle.fly_to(Point3::new(80.0, 50.0, 20.0), None), HoldReason::None);
         assert_eq!(vehicle.position, Point3::new(80.0, 50.0, 20.0));
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn a_refusal_moves_nothing_and_a_fixed_altitude_need_not_be_met() {
+    fn a_refused_plan_moves_no_uav_and_a_fixed_altitude_is_not_checked() {
         let mut vehicle = vehicle();
         vehicle.position.z = 19.7;
         let before = vehicle.clone();
@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn a_way_into_or_through_a_zone_is_a_hold() {
+    fn a_waypoint_in_or_behind_a_zone_is_a_hold() {
         for (x_m, y_m, expected) in [
             (65.0, 50.0, HoldReason::Zone),
             (75.0, 50.0, HoldReason::Zone),
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn an_error_does_not_lead_into_a_zone() {
+    fn a_position_error_does_not_enter_a_zone() {
         let mut vehicle = hemmed_in("position_error_m = 1.0\n");
         assert_eq!(vehicle.fly_to(Point3::new(59.0, 50.0, 20.0), Some(Vector2::new(5.0, 1.0))), HoldReason::None);
         assert!((60.0 - 1e-5..60.0).contains(&vehicle.position.x), "{}", vehicle.position);

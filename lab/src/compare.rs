@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn differences_are_taken_by_seed() {
+    fn differences_are_paired_by_seed() {
         let first = contender("uts", &[(1, 0.5), (2, 0.7), (3, 0.9)]);
         let second = contender("gfs", &[(2, 0.6), (3, 0.7), (4, 0.0)]);
         let standing = second.standing(Metric::LossRate, Some(&first)).unwrap();
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_has_no_difference_and_metrics_without_values_are_omitted() {
+    fn the_reference_has_no_difference_and_empty_metrics_are_omitted() {
         let all = standings(&[contender("uts", &[(1, 0.5)]), contender("gfs", &[(9, 0.5)])]);
         assert!(all.iter().all(|standing| standing.difference.is_none() && standing.ci95.is_none()));
         assert!(all.iter().all(|standing| standing.metric != "loss_bound"));

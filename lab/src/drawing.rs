@@ -1,4 +1,5 @@
-//! Charts with confidence bands ([`chart`]) and maps of trajectories, written as SVG, PDF and PNG.
+//! Charts with confidence bands ([`chart`]) and maps of trajectories, written as SVG and, with the feature `pictures`,
+//! PDF and PNG.
 //!
 //! The same data give the same bytes: the output depends on no system font, clock or random number.
 
@@ -7,6 +8,8 @@ pub mod chart;
 pub(crate) mod curves;
 pub(crate) mod map;
 pub(crate) mod page;
+#[cfg(feature = "pictures")]
+mod pictures;
 pub(crate) mod style;
 mod table;
 #[cfg(test)]

@@ -192,9 +192,7 @@ impl FleetQuestion {
         let mut files = vec![csv];
         let xs: Option<Vec<f64>> = self.over.iter().map(|setting| number(&setting.value)).collect();
         if let Some(xs) = xs.filter(|xs| xs.len() > 1) {
-            let stem = out.join("fleet");
-            self.chart(fleets, key, &xs).draw(&stem)?;
-            files.extend(["svg", "pdf", "png"].map(|extension| stem.with_added_extension(extension)));
+            files.extend(self.chart(fleets, key, &xs).draw(&out.join("fleet"))?);
         }
         Ok(files)
     }

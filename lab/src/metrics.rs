@@ -370,7 +370,7 @@ mod tests {
     }
 
     #[test]
-    fn a_service_without_a_bit_refreshes_no_data() {
+    fn an_empty_service_does_not_refresh_data() {
         let text = "name = \"a\"\nslots = 4\n";
         let scenario = Scenario::parse(text, Path::new("a.toml"), Overrides::default()).unwrap();
         let list = "x_m,y_m,queue_bits,sampling_bps\n10,10,100,100\n";
@@ -389,7 +389,7 @@ mod tests {
     }
 
     #[test]
-    fn hovering_costs_energy_and_no_distance() {
+    fn hovering_takes_energy_but_no_distance() {
         let scenario = Scenario::letter(Overrides::default()).unwrap();
         let mut metrics = MissionMeter::new(&scenario, &SensorList::of(&scenario).unwrap());
         metrics.add(&[flight(50.0, &[])], &[], &[]);
@@ -402,7 +402,7 @@ mod tests {
     }
 
     #[test]
-    fn fairness_is_one_for_equals_and_one_over_n_for_one_alone() {
+    fn fairness_is_1_for_equal_values_and_1_over_n_for_a_single_one() {
         assert_eq!(jain(&[5, 5, 5, 5]), 1.0);
         assert_eq!(jain(&[8, 0, 0, 0]), 0.25);
         assert_eq!(jain(&[1, 2, 3]), 36.0 / 42.0);

@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_of_many_rows_has_groups_and_reads_back() {
+    fn a_large_file_has_row_groups_and_reads_back() {
         let mut file = ParquetFile::begin(tempfile::tempfile().unwrap(), &column([].into_iter())).unwrap();
         for part in 0..3 {
             let rows = (0..ROWS_PER_GROUP - part).map(|row| (row % 3 > 0).then_some((row + part) as f64));

@@ -99,7 +99,7 @@ pub fn plot(sweep: &Path, request: &PlotRequest, sheet: &SheetOptions) -> Result
     let folder = sheet.out.clone().unwrap_or_else(|| sweep.join("plots"));
     fs::create_dir_all(&folder).at(&folder)?;
     let stem = folder.join(name(request));
-    chart.draw(&stem)?;
+    let mut files = chart.draw(&stem)?;
     let table = chart.table();
     write_whole(&stem.with_added_extension("md"), table.markdown().trim_start().as_bytes())?;
     let latex = table.latex(&chart.look.description, chart.look.width_mm.map(|width_mm| width_mm / MM_PER_PT));
@@ -122,7 +122,7 @@ pub fn plot(sweep: &Path, request: &PlotRequest, sheet: &SheetOptions) -> Result
         }
     };
     let points = (0..selection.xs.len()).flat_map(|index| chart.series.iter().map(move |series| (series, index)));
-    let files = ["svg", "pdf", "png", "tex", "md"].map(|extension| stem.with_added_extension(extension));
+    files.extend(["tex", "md"].map(|extension| stem.with_added_extension(extension)));
     Ok(DrawnPlot {
         x: request.x.clone(),
         metric: request.metric().name(),
@@ -131,7 +131,7 @@ pub fn plot(sweep: &Path, request: &PlotRequest, sheet: &SheetOptions) -> Result
         points: points.map(|(series, index)| point(series, index)).collect(),
         missing: selection.missing.clone(),
         few: few(request, &flown, &selection),
-        files: files.to_vec(),
+        files,
         about: table.about,
     })
 }

@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn the_remaining_time_depends_on_the_strategies() {
+    fn the_remaining_time_is_estimated_per_strategy() {
         let mut work = Workload::new([0, 0, 0, 0, 2, 2, 2].into_iter());
         work.add(0, seconds(1));
         assert_eq!(work.left(1), None, "strategy 2 has no estimate");
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn more_threads_than_missions_do_not_help() {
+    fn idle_threads_do_not_shorten_the_estimate() {
         let mut work = Workload::new([0, 0].into_iter());
         work.add(0, seconds(8));
         assert_eq!(work.left(4), Some(seconds(8)));

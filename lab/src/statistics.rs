@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn the_interval_of_a_real_number_is_students_t() {
+    fn intervals_of_real_numbers_use_students_t() {
         // 1, 2, 3, 4: mean 2.5, s = sqrt(5/3) = 1.290994; t(0.975, 3) = 3.182446; 3.182446 · 1.290994/2 = 2.054260
         let estimate = MeanInterval::of(&[1.0, 2.0, 3.0, 4.0], Support::Real);
         assert_eq!((estimate.n, estimate.mean), (4, 2.5));
@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn the_interval_of_a_fraction_is_computed_on_the_logit_scale() {
+    fn intervals_of_fractions_use_the_logit_scale() {
         // The same / 10: mean 0.25, half width h = 0.205426; logit(0.25) = −1.098612, its slope 1/(0.25 · 0.75) =
         // 5.333333; −1.098612 ± 1.095605; the logistic function of −2.194217 is 0.100271, of −0.003007 0.499248
         let fractions = [0.1, 0.2, 0.3, 0.4];
@@ -255,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn the_interval_of_a_non_negative_number_is_computed_on_the_log_scale() {
+    fn intervals_of_non_negative_numbers_use_the_log_scale() {
         // 2.5 · exp(∓2.054260/2.5) = 2.5 · exp(∓0.821704)
         assert_near(limits(&[1.0, 2.0, 3.0, 4.0], Support::NonNegative), [1.099_204, 5.685_931]);
     }
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn equal_values_have_an_interval_without_width() {
+    fn equal_values_have_an_interval_of_zero_width() {
         for support in [Support::Real, Support::NonNegative, Support::Fraction, Support::FractionDifference] {
             for value in [0.0, 0.25, 1.0] {
                 assert_eq!(limits(&[value; 20], support), [value; 2], "{support:?}");
@@ -285,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn the_test_of_a_difference_is_the_paired_t_test_on_the_scale_of_its_interval() {
+    fn p_values_come_from_the_paired_t_test_on_the_scale_of_the_interval() {
         // 1, 2, 3, 4: t = 2.5/0.645497 = 3.872983 with 3 degrees of freedom, p = 0.030466
         let p = |values: &[f64], support| MeanInterval::of(values, support).p_of_zero(support).unwrap();
         assert!((p(&[1.0, 2.0, 3.0, 4.0], Support::Real) - 0.030_466).abs() < 1e-6);
@@ -300,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn holm_multiplies_the_smallest_p_value_by_the_number_of_tests_and_keeps_the_order() {
+    fn holm_adjustment_scales_the_smallest_p_value_and_keeps_the_order() {
         // 0.01 · 4, 0.02 · 3, 0.03 · 2, which is not below the one before, 0.9 · 1
         let adjusted = holm(&[0.03, 0.01, 0.9, 0.02]);
         zip(adjusted, [0.06, 0.04, 0.9, 0.06]).for_each(|(one, other)| assert!((one - other).abs() < 1e-12));
@@ -309,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mean_of_few_values_is_told() {
+    fn a_mean_dominated_by_few_values_is_flagged() {
         let few = |values: &[f64]| Concentration::of(values.iter().copied());
         assert_eq!(few(&[0.0; 9]), Concentration { n: 9, nonzero: 0, largest_fraction: 0.0 });
         assert_eq!(few(&[0.0, 0.25, 0.75]), Concentration { n: 3, nonzero: 2, largest_fraction: 0.75 });
@@ -322,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn limits_have_the_decimals_that_tell_them_from_0() {
+    fn interval_limits_have_enough_decimals_to_differ_from_0() {
         assert_eq!(limits_text([0.0, 0.0123], 3), "[0.000, 0.012]");
         assert_eq!(limits_text([0.000_04, 0.0123], 3), "[0.00004, 0.01230]");
         assert_eq!(limits_text([-0.000_4, 0.5], 3), "[-0.0004, 0.5000]");
@@ -378,7 +378,7 @@ mod tests {
     }
 
     #[test]
-    fn intervals_of_fractions_cover_the_mean_about_as_often_as_stated() {
+    fn intervals_of_fractions_have_their_nominal_coverage() {
         // The standard error of a coverage of 95 % over 2 000 samples is 0.5 %.
         for (name, draw, mean) in POPULATIONS {
             for (n, least) in [(20, 0.835), (50, 0.91), (300, 0.935)] {

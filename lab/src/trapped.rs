@@ -58,7 +58,7 @@ mod tests {
     use std::path::Path;
 
     #[test]
-    fn a_uav_is_trapped_if_a_quarter_of_the_sensor_nodes_lies_beyond_its_second_half() {
+    fn a_uav_is_trapped_if_its_second_half_never_nears_a_quarter_of_the_sensor_nodes() {
         let scenario = Scenario::parse("name = \"a\"\nslots = 4\n", Path::new("a.toml"), Overrides::default()).unwrap();
         let list = "x_m,y_m\n10,50\n30,50\n50,50\n60,50\n91,50\n";
         let list = SensorList::parse(list, Path::new("list.csv"), &scenario).unwrap();

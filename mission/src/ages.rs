@@ -230,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn without_sensor_nodes_the_ages_are_0() {
+    fn ages_are_0_without_sensor_nodes() {
         let counts = Ages::new(2).counts(9, |_| false);
         assert_eq!((counts.mean(), counts.quantile(0.99)), (0.0, 0));
     }
@@ -252,7 +252,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(500))]
 
         #[test]
-        fn ages_agree_with_counting_one_by_one(services in prop::collection::vec((0usize..7, 1u64..40), 0..60)) {
+        fn ages_agree_with_a_direct_count(services in prop::collection::vec((0usize..7, 1u64..40), 0..60)) {
             let mut ages = Ages::new(7);
             let mut last = [0; 7];
             let mut seen = Vec::new();
@@ -272,7 +272,7 @@ mod tests {
         }
 
         #[test]
-        fn the_age_of_the_data_agrees_with_a_queue_of_single_bits(
+        fn data_ages_agree_with_a_fifo_of_single_bits(
             means in prop::collection::vec(
                 prop_oneof![Just(0.0), Just(0.1), Just(1.0 / 3.0), Just(1.0), Just(2.5), 0.0..9.0f64], 1..4),
             capacity_bits in 1u32..30,

@@ -1,7 +1,5 @@
 //! Driving a mission: a pilot plans its slots, the plant flies them, and observers take them in.
 
-use std::time::Instant;
-
 use nalgebra::Point3;
 use skysink_common::message::{PathPoint, Plan, QueuesHeader};
 use skysink_common::slot_record::{ByUav, Plans, SlotRecord};
@@ -12,6 +10,21 @@ use crate::error::MissionError;
 use crate::plant::Plant;
 
 /// Plans a mission's slots.
+///
+/// ```
+/// use skysink_common::{message::Mode, message::Plan, scenario::Scenario, sensors::SensorList, slot_record::Plans};
+/// use skysink_mission::{Plant, drive, drive::Ended, drive::Pilot};
+/// struct Centre;
+/// impl Pilot for Centre {
+///     fn plans(&mut self, plant: &Plant) -> Result<Plans, Ended> {
+///         Ok(plant.flights().iter().map(|_| Some(Plan::fly_to([50.0, 50.0, 20.0], Mode::Transit))).collect())
+///     }
+/// }
+/// let scenario = Scenario::letter(Default::default()).unwrap();
+/// let mut plant = Plant::new(&scenario, &SensorList::of(&scenario).unwrap());
+/// drive(&mut plant, &mut Centre, &mut [], &Default::default()).unwrap();
+/// assert_eq!(plant.flight(0).position(), [50.0, 50.0, 20.0].into());
+/// ```
 pub trait Pilot {
     /// The plans of the next slot, one for each UAV; `None` holds.
     ///
@@ -27,6 +40,23 @@ pub trait Pilot {
 }
 
 /// Takes in the slots of a mission, in order.
+///
+/// ```
+/// use skysink_common::{scenario::Scenario, sensors::SensorList, slot_record::SlotRecord};
+/// use skysink_mission::{Mission, MissionError, Plant, drive::Observer};
+/// struct SlotsWithLosses(Vec<u64>);
+/// impl Observer for SlotsWithLosses {
+///     fn slot(&mut self, record: &SlotRecord, _: &Plant) -> Result<(), MissionError> {
+///         self.0.extend((record.header.lost_bits > 0).then_some(record.slot()));
+///         Ok(())
+///     }
+/// }
+/// let scenario = Scenario::letter(Default::default()).unwrap();
+/// let mut mission = Mission::new(&scenario, &SensorList::of(&scenario).unwrap()).unwrap();
+/// let mut losses = SlotsWithLosses(Vec::new());
+/// mission.drive(&mut [&mut losses], &Default::default()).unwrap();
+/// assert_eq!(losses.0.is_empty(), mission.header().totals.lost_bits == 0);
+/// ```
 pub trait Observer {
     /// Takes in the plant where the mission begins.
     ///
@@ -45,6 +75,19 @@ pub trait Observer {
 
 /// Takes in the slots of a mission by their records alone, which is all that a ring of processes leaves. Each is also an
 /// [`Observer`].
+///
+/// ```
+/// use skysink_common::slot_record::SlotRecord;
+/// use skysink_mission::{MissionError, drive::Observer, drive::SlotSink};
+/// struct Count(u64);
+/// impl SlotSink for Count {
+///     fn add(&mut self, _: &SlotRecord) -> Result<(), MissionError> {
+///         self.0 += 1;
+///         Ok(())
+///     }
+/// }
+/// let _: &dyn Observer = &Count(0);
+/// ```
 pub trait SlotSink {
     /// Takes in the ledger where the mission begins.
     fn start(&mut self, _header: &QueuesHeader) {}
@@ -68,6 +111,13 @@ impl<T: SlotSink> Observer for T {
 }
 
 /// How a mission ended.
+///
+/// ```
+/// use skysink_common::stop::Stopped;
+/// use skysink_mission::drive::End;
+/// assert_eq!(End::OutOfPlans.unless_stopped(), Ok(()));
+/// assert_eq!(End::Stopped(Stopped(2)).unless_stopped(), Err(Stopped(2)));
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum End {
     /// All slots are flown.
@@ -92,6 +142,12 @@ impl End {
 }
 
 /// Why a slot was not flown.
+///
+/// ```
+/// use skysink_mission::drive::{End, Ended};
+/// let stopped = skysink_common::stop::Stopped(15);
+/// assert!(matches!(Ended::from(stopped), Ended::At(End::Stopped(_)))); // by `?`
+/// ```
 #[derive(Debug)]
 pub enum Ended {
     /// The mission ends here.
@@ -116,6 +172,18 @@ impl From<Stopped> for Ended {
 ///
 /// # Errors
 /// Those of the pilot and of the observers.
+///
+/// ```
+/// use skysink_common::{scenario::Scenario, sensors::SensorList, stop::Stop};
+/// use skysink_mission::{Plant, drive, drive::End};
+/// use skysink_planner::FleetPlanner;
+/// let scenario = Scenario::letter(Default::default()).unwrap();
+/// let list = SensorList::of(&scenario).unwrap();
+/// let mut plant = Plant::new(&scenario, &list);
+/// let mut planner = FleetPlanner::until(&scenario, &list.nodes(), &Stop::default()).unwrap();
+/// assert_eq!(drive(&mut plant, &mut planner, &mut [], &Stop::default()).unwrap(), End::Complete);
+/// assert_eq!(plant.slot(), scenario.slots);
+/// ```
 pub fn drive(
     plant: &mut Plant,
     pilot: &mut dyn Pilot,
@@ -141,6 +209,16 @@ pub fn drive(
 ///
 /// # Errors
 /// If the mission is over, stopped, or fails; the plant is then unchanged.
+///
+/// ```
+/// use skysink_common::{scenario::Scenario, sensors::SensorList};
+/// use skysink_mission::{Plant, drive::Planned, drive::step};
+/// let scenario = Scenario::letter(Default::default()).unwrap();
+/// let mut plant = Plant::new(&scenario, &SensorList::of(&scenario).unwrap());
+/// let mut two_holds = Planned([[None].into(), [None].into()].into_iter());
+/// while step(&mut plant, &mut two_holds, &Default::default()).is_ok() {}
+/// assert_eq!(plant.slot(), 2);
+/// ```
 pub fn step(plant: &mut Plant, pilot: &mut dyn Pilot, stop: &Stop) -> Result<(), Ended> {
     if plant.is_over() {
         return Err(Ended::At(End::Complete));
@@ -174,13 +252,19 @@ pub(crate) fn plan_next(planner: &mut FleetPlanner, plant: &Plant) -> ByUav<Plan
     planner.step(plant.slot() + 1, plant.flights(), queues_bits)
 }
 
-/// The time since `begin` [ns].
-#[must_use]
-pub fn elapsed_ns(begin: Instant) -> u64 {
-    u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX)
-}
-
 /// A pilot whose plans are known before, slot by slot.
+///
+/// ```
+/// use skysink_common::{scenario::Scenario, sensors::SensorList};
+/// use skysink_mission::{Mission, Plant, drive, drive::Planned};
+/// let scenario = Scenario::letter(Default::default()).unwrap();
+/// let list = SensorList::of(&scenario).unwrap();
+/// let mut mission = Mission::new(&scenario, &list).unwrap();
+/// let mut again = Plant::new(&scenario, &list);
+/// let mut same = Planned(mission.by_ref().map(|record| record.plans));
+/// drive(&mut again, &mut same, &mut [], &Default::default()).unwrap();
+/// assert_eq!(again.header(), mission.header());
+/// ```
 #[derive(Debug)]
 pub struct Planned<I>(pub I);
 
@@ -256,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn every_observer_takes_in_every_slot_in_order() {
+    fn every_observer_receives_every_slot_in_order() {
         let (mut plant, mut planner) = world("uts", 1);
         let (mut first, mut second) = (Kept::default(), Kept::default());
         let end = drive(&mut plant, &mut planner, &mut [&mut first, &mut second], &Stop::default());
@@ -268,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mission_goes_on_where_the_plant_stands() {
+    fn a_mission_continues_from_the_state_of_the_plant() {
         let (mut plant, mut planner) = world("uts", 1);
         for _ in 0..5 {
             step(&mut plant, &mut planner, &Stop::default()).unwrap();
@@ -291,7 +375,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stop_after_the_last_slot_comes_too_late() {
+    fn a_stop_after_the_last_slot_has_no_effect() {
         let stop = Stop::default();
         let (mut plant, mut planner) = world("uts", 1);
         let end = drive(&mut plant, &mut planner, &mut [&mut StopAfter(SLOTS, &stop)], &stop).unwrap();
@@ -309,7 +393,7 @@ mod tests {
     }
 
     #[test]
-    fn known_plans_end_the_mission_with_their_last_and_none_holds() {
+    fn recorded_plans_end_the_mission_and_a_missing_one_is_a_hold() {
         let (mut plant, _) = world("uts", 1);
         let start = plant.flight(UAV).position();
         let mut kept = Kept::default();
@@ -336,7 +420,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(20))]
 
         #[test]
-        fn driving_a_mission_and_stepping_through_it_are_the_same(seed in 1u64..1_000) {
+        fn drive_and_single_steps_give_the_same_mission(seed in 1u64..1_000) {
             let scenario = scenario("gfs", seed);
             let list = SensorList::of(&scenario).unwrap();
             let mut kept = Kept::default();

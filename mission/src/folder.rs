@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn results_are_replaced_and_files_of_others_stay() {
+    fn own_results_are_replaced_and_other_files_kept() {
         let place = tempfile::tempdir().unwrap();
         for name in ["a.csv", "notes.md", ".a.csv.x.new", ".notes.md.x.new"] {
             fs::write(place.path().join(name), name).unwrap();
@@ -272,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn unfinished_files_and_folders_are_removed_but_not_where_a_link_leads() {
+    fn unfinished_files_are_removed_without_following_links() {
         let place = tempfile::tempdir().unwrap();
         let path = place.path().join("out");
         for folder in [".film.x.new", ".other.x.new", "mine"] {
@@ -302,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn results_that_are_set_aside_come_back_or_go() {
+    fn results_set_aside_are_restored_or_removed() {
         let place = tempfile::tempdir().unwrap();
         let result = place.path().join("a.csv");
         fs::write(&result, "earlier").unwrap();
@@ -333,7 +333,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lock_that_became_a_link_is_not_opened() {
+    fn a_lock_replaced_by_a_link_is_not_opened() {
         let place = tempfile::tempdir().unwrap();
         let victim = place.path().join("victim");
         fs::write(&victim, "mine").unwrap();

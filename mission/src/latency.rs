@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn hops_are_measured_from_sample_to_sample() {
+    fn hop_latency_is_measured_between_samples() {
         let mut latency = Latency::new(Pace::Max, 1.0);
         assert_eq!(latency.spreads(), None);
         (0..100).for_each(|slot| latency.add(times(slot * 500)));
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn a_paced_slot_is_measured_from_its_beginning() {
+    fn latency_of_a_paced_slot_is_measured_from_its_start() {
         let mut latency = Latency::new(Pace::Factor(2000.0), 1.0); // 500 µs
         (0..100).for_each(|slot| latency.add(times(slot * 500 + slot % 2 * 3)));
         let spreads = latency.spreads().unwrap();
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sample_that_was_missed_or_sent_again_is_not_measured() {
+    fn missed_and_repeated_samples_are_not_measured() {
         let mut latency = Latency::new(Pace::Max, 1.0);
         latency.add(times(0));
         latency.add(SlotTimes { plan_ns: None, ..times(500) });

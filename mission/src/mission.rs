@@ -14,12 +14,36 @@ use crate::error::MissionError;
 use crate::plant::Plant;
 
 /// A mission, as an iterator over its slots.
+///
+/// ```
+/// use skysink_common::{scenario::Scenario, sensors::SensorList};
+/// let scenario = Scenario::letter(Default::default()).unwrap();
+/// let mission = skysink_mission::Mission::new(&scenario, &SensorList::of(&scenario).unwrap()).unwrap();
+/// let totals = mission.last().unwrap().header.totals;
+/// assert!(totals.is_balanced() && totals.delivered_bits > totals.lost_bits);
+/// ```
 pub struct Mission {
     plant: Plant,
     /// The planner after the last slot.
     pub planner: FleetPlanner,
 }
 
+/// ```
+/// use skysink_common::{scenario::Scenario, sensors::SensorList, stop::Stop};
+/// use skysink_mission::{Mission, drive::End};
+/// let scenario = Scenario::letter(Default::default()).unwrap();
+/// let list = SensorList::of(&scenario).unwrap();
+/// let mut mission = Mission::until(&scenario, &list, &Stop::default()).unwrap();
+/// assert_eq!(mission.plant().flight(0).position(), scenario.start());
+/// let plan = mission.plan();
+/// assert_eq!(mission.fly(Some(&plan)).flights[0].position(), plan.waypoint());
+/// assert_eq!((mission.slot(), mission.drive(&mut [], &Stop::default()).unwrap()), (1, End::Complete));
+///
+/// let in_transit = skysink_planner::strategy::rule(|_| None);
+/// let mut transit = Mission::with_strategy(&scenario, &list, in_transit).unwrap();
+/// transit.drive(&mut [], &Stop::default()).unwrap();
+/// assert!(transit.header().totals.delivered_bits < mission.header().totals.delivered_bits);
+/// ```
 impl Mission {
     /// The mission before slot 1.
     ///

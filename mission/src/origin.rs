@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn other_external_roles_keep_the_build_that_has_begun_the_run() {
+    fn the_first_build_is_kept_when_external_roles_change() {
         let folder = folder(&in_python());
         let begun =
             Origin { build: "0123456789ab, another compiler".to_owned(), ..read_origin(folder.path()).unwrap() };
@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn only_names_of_sources_are_taken_for_sources() {
+    fn only_source_file_names_are_read_as_sources() {
         assert!(["strategy.py", "strategy.near.py"].into_iter().all(is_source));
         let others = ["strategy.", "strategypy", "mine.py", "strategy.toml", "strategy./../a.py"];
         assert!(!others.into_iter().any(is_source));

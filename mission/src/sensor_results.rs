@@ -183,13 +183,13 @@ mod tests {
     }
 
     #[test]
-    fn the_age_of_a_sensor_node_that_is_never_served_counts_from_the_start() {
+    fn the_age_of_an_unserved_sensor_node_counts_from_the_start() {
         assert_eq!(SensorSums::NONE.totals_after(4), [1 + 2 + 3 + 4, 4]);
         assert_eq!(SensorSums::NONE.totals_after(0), [0, 0]);
     }
 
     #[test]
-    fn the_age_of_a_sensor_node_that_is_served_in_every_slot_is_0() {
+    fn the_age_of_an_always_served_sensor_node_is_0() {
         let mut sums = SensorSums::NONE;
         (1..=4).for_each(|slot| sums.serve(slot));
         assert_eq!(sums.totals_after(4), [0, 1]);

@@ -219,7 +219,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_that_cannot_be_written_is_not_in_the_hash() {
+    fn a_failed_line_does_not_enter_the_hash() {
         let path = Path::new("/dev/full");
         let file = WrittenFile::new(path, File::options().write(true).open(path).unwrap());
         let trace = TraceHash::default();

@@ -504,7 +504,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lost_bit_counts_by_the_weight_of_its_sensor_node() {
+    fn lost_bits_are_weighted_by_sensor_node() {
         // The first SN loses all its 200 bit, the second none: 200 of 400, and 3 · 200 of (3 + 1) · 200.
         assert_eq!(loss_rates("1,2,100,100,3\n3,4,0,1000,1\n"), (0.5, Some(0.75)));
         assert_eq!(loss_rates("1,2,0,1000,3\n3,4,100,100,1\n"), (0.5, Some(0.25)));

@@ -1,5 +1,7 @@
 //! Missions with a base and a battery (decisions D9 to D13): the return rule, and what flight-sim allows any planner.
 
+mod support;
+
 use std::path::Path;
 
 use proptest::prelude::*;
@@ -12,8 +14,8 @@ use skysink_mission::drive::Observer;
 use skysink_mission::origin::RunMode;
 use skysink_mission::summary::Tally;
 use skysink_mission::{Mission, Plant};
-use skysink_planner::settings;
 use skysink_planner::strategies::names;
+use support::scenario_of;
 
 /// Propulsion power [W] by the closed form of Zeng, Xu and Zhang (2019), table I.
 fn power_w(v_mps: f64) -> f64 {
@@ -94,8 +96,7 @@ fn scenario(seed: u64) -> Scenario {
          capacity_j = {capacity_j:?}\n[planner]\nknowledge = '{knowledge}'\nobjective = '{objective}'\n\
          horizon.iterations = 20\noffline.steps = 2000\n"
     );
-    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-    Scenario::parse(&text, Path::new("x.toml"), overrides).and_then(settings::resolve).unwrap()
+    scenario_of(&text, strategy)
 }
 
 /// Flies the missions of these seeds: no UAV goes below its reserve, and those that have to land are in the base.
@@ -123,12 +124,12 @@ fn assert_all_come_home(seeds: impl Iterator<Item = u64>) {
 }
 
 #[test]
-fn every_strategy_comes_home_with_its_reserve() {
+fn every_strategy_returns_with_its_reserve() {
     assert_all_come_home(1..=64);
 }
 
 #[test]
-fn beside_their_waypoints_uavs_reach_a_base_of_four_standard_deviations() {
+fn uavs_with_position_errors_reach_a_base_of_four_standard_deviations() {
     let mut charging = 0;
     for seed in 1..=names().len() as u64 {
         let mut scenario = scenario(seed);
@@ -151,7 +152,7 @@ fn beside_their_waypoints_uavs_reach_a_base_of_four_standard_deviations() {
 
 #[test]
 #[ignore = "takes minutes"]
-fn a_thousand_missions_come_home() {
+fn a_thousand_missions_return_home() {
     assert_all_come_home(1_000..2_000);
 }
 

@@ -1,5 +1,7 @@
 //! Missions of several UAVs (decisions D18 to D23).
 
+mod support;
+
 use std::collections::BTreeSet;
 use std::path::Path;
 
@@ -13,14 +15,14 @@ use skysink_mission::{Mission, Plant};
 use skysink_planner::bound::mission_bound;
 use skysink_planner::strategies::names;
 use skysink_planner::{FleetPlanner, settings};
+use support::scenario_of;
 
 fn scenario(strategy: &'static str, seed: u64, uav: &str, more: &str) -> Scenario {
     let text = format!(
         "name = 'fleet'\nseed = {seed}\nslots = 60\n[area]\nside_m = 250.0\n[sensors]\ncount = 60\n\
          sampling_bps = [100.0, 900.0]\n[planner]\nhorizon.iterations = 60\noffline.steps = 2000\n[uav]\n{uav}\n{more}"
     );
-    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-    Scenario::parse(&text, Path::new("fleet.toml"), overrides).and_then(settings::resolve).unwrap()
+    scenario_of(&text, strategy)
 }
 
 fn records(scenario: &Scenario) -> Vec<SlotRecord> {
@@ -49,7 +51,7 @@ fn contended(record: &SlotRecord) -> usize {
 }
 
 #[test]
-fn a_fleet_of_one_flies_as_a_uav_without_a_count() {
+fn a_fleet_of_one_equals_a_single_uav() {
     for strategy in names() {
         let [alone, counted] = ["", "count = 1\n"].map(|uav| records(&scenario(strategy, 3, uav, "")));
         for (one, other) in alone.iter().zip(&counted) {
@@ -86,7 +88,7 @@ fn no_sn_is_served_twice_in_a_slot_and_every_bit_is_counted() {
 }
 
 #[test]
-fn more_uavs_lose_less_and_least_where_they_share_the_field() {
+fn more_uavs_lose_less_and_least_with_partitioning() {
     let lost = |strategy, uav: &str| -> u64 {
         (1..=3).map(|seed| lost_bits(&records(&scenario(strategy, seed, uav, "")))).sum()
     };
@@ -108,13 +110,12 @@ fn wide(strategy: &'static str, seed: u64, uav: &str) -> Scenario {
         "name = 'wide'\nseed = {seed}\nslots = 400\n[area]\nside_m = 700.0\n[sensors]\ncount = 80\nsampling_bps = 160.0\n\
          [planner]\nhorizon.iterations = 200\noffline.steps = 100000\n[uav]\n{uav}"
     );
-    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-    Scenario::parse(&text, Path::new("wide.toml"), overrides).and_then(settings::resolve).unwrap()
+    scenario_of(&text, strategy)
 }
 
 /// Plans that know the plans of the others lose no more than half of what plans lose that do not.
 #[test]
-fn look_ahead_counts_what_the_others_will_serve() {
+fn the_look_ahead_includes_visits_of_other_uavs() {
     let lost =
         |strategy, uav: &str| -> u64 { (1..=3).map(|seed| lost_bits(&records(&wide(strategy, seed, uav)))).sum() };
     for strategy in ["horizon", "offline", "tour"] {
@@ -126,7 +127,7 @@ fn look_ahead_counts_what_the_others_will_serve() {
 }
 
 #[test]
-fn uavs_that_collect_do_not_fly_for_the_same_data() {
+fn collecting_uavs_do_not_target_the_same_data() {
     // Far apart, two clusters of data that do not grow; there is time for one.
     let delivered = |coordination: &str| {
         let text = format!(
@@ -158,9 +159,7 @@ fn planned_flights_keep_their_distance() {
             let uav = format!("count = 4\nseparation_m = 18.0\n{starts}coordination = '{coordination}'\n");
             let text =
                 format!("name = 'near'\nseed = {seed}\nslots = 60\n[planner]\nhorizon.iterations = 60\n[uav]\n{uav}");
-            let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-            let scenario =
-                Scenario::parse(&text, Path::new("near.toml"), overrides).and_then(settings::resolve).unwrap();
+            let scenario = scenario_of(&text, strategy);
             for record in records(&scenario) {
                 let at = format!("{strategy}, {coordination}, slot {}", record.slot());
                 let held = record.flights.iter().filter(|flight| flight.hold == HoldReason::Separation as u32).count();
@@ -176,9 +175,9 @@ fn planned_flights_keep_their_distance() {
     assert!(near > 100, "{near}: UAVs that do not talk come near each other");
 }
 
-/// The distance is wider than a slot leads: whoever goes into the base has to be let in.
+/// The separation exceeds the reach of a slot: a UAV enters the base only where the others leave room.
 #[test]
-fn uavs_that_keep_their_distance_land_one_after_the_other() {
+fn uavs_with_separation_land_one_after_the_other() {
     for strategy in ["tour", "mes", "uts", "horizon", "rfs"] {
         for coordination in ["sequential", "partition"] {
             for seed in 1..=4 {
@@ -186,9 +185,7 @@ fn uavs_that_keep_their_distance_land_one_after_the_other() {
                     "name = 'wait'\nseed = {seed}\nslots = 40\n[planner]\nhorizon.iterations = 60\n[uav]\ncount = 2\nseparation_m = 26.0\n\
                      max_speed_mps = 5.0\nmust_land = true\ncoordination = '{coordination}'\n"
                 );
-                let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-                let scenario =
-                    Scenario::parse(&text, Path::new("wait.toml"), overrides).and_then(settings::resolve).unwrap();
+                let scenario = scenario_of(&text, strategy);
                 let base = scenario.landing_base().unwrap();
                 let records = records(&scenario);
                 let is_home = |flight: &FlightReport| base.contains(&flight.position().xy());
@@ -211,9 +208,8 @@ fn moves_on_a_grid_keep_their_distance() {
     let text = "name = 'grid'\nslots = 300\n[uav]\ncount = 2\nseparation_m = 10.0\nstarts_m = [[60.0, 33.333333333333336], \
                 [33.333333333333336, 60.0]]\nmax_speed_mps = 5.0\nmoves = 'grid'\ncell_m = 13.333333333333334\n";
     let held = |strategy: &'static str, coordination: &str| {
-        let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
         let text = format!("{text}coordination = '{coordination}'\n");
-        let scenario = Scenario::parse(&text, Path::new("grid.toml"), overrides).and_then(settings::resolve).unwrap();
+        let scenario = scenario_of(&text, strategy);
         let is_held = |record: &SlotRecord| record.flights.iter().any(|flight| flight.hold != HoldReason::None as u32);
         records(&scenario).iter().filter(|record| is_held(record)).count()
     };
@@ -225,11 +221,8 @@ fn moves_on_a_grid_keep_their_distance() {
 
 /// They begin in one cell of the base, in which they need not keep apart, and leave it one after the other.
 #[test]
-fn fleets_leave_a_base_together_and_share_it_where_nothing_else_is_in_reach() {
-    let parse = |text: &str, strategy: &'static str| {
-        let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-        Scenario::parse(text, Path::new("base.toml"), overrides).and_then(settings::resolve).unwrap()
-    };
+fn fleets_share_a_base_where_no_other_is_in_reach() {
+    let parse = |text: &str, strategy: &'static str| scenario_of(text, strategy);
     let held = |records: &[SlotRecord]| {
         let flights = records.iter().flat_map(|record| &record.flights);
         flights.filter(|flight| flight.hold != HoldReason::None as u32).count()
@@ -266,13 +259,10 @@ fn fleets_leave_a_base_together_and_share_it_where_nothing_else_is_in_reach() {
 
 /// The first UAV has no energy to go anywhere; the other serves all.
 #[test]
-fn nobody_counts_on_a_uav_that_is_down() {
+fn plans_do_not_rely_on_a_uav_that_is_down() {
     let text = "name = 'down'\nslots = 150\n[area]\nside_m = 150.0\n[sensors]\ncount = 40\nsampling_bps = 300.0\n[planner]\n\
                 horizon.iterations = 60\n[uav]\ncount = 2\nseparation_m = 4.0\nstarts_m = [[20, 20], [75, 75]]\n";
-    let of = |strategy: &'static str| {
-        let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-        Scenario::parse(text, Path::new("down.toml"), overrides).and_then(settings::resolve).unwrap()
-    };
+    let of = |strategy: &'static str| scenario_of(text, strategy);
     for strategy in ["horizon", "mes"] {
         let scenario = of(strategy);
         let list = SensorList::of(&scenario).unwrap();
@@ -299,7 +289,7 @@ fn nobody_counts_on_a_uav_that_is_down() {
 
 /// Rounds begin near the starts; those that share one begin at different parts.
 #[test]
-fn rounds_begin_at_different_places() {
+fn tours_of_a_fleet_start_at_different_points() {
     let starts =
         ["[]", "[[0, 0], [250, 250]]", "[[0, 250], [250, 0]]", "[[100, 100], [104, 100]]", "[[100, 100], [130, 100]]"];
     for (strategy, starts) in
@@ -318,7 +308,7 @@ fn rounds_begin_at_different_places() {
 
 /// On a grid and in the open, with and without a distance to keep.
 #[test]
-fn each_uav_is_home_when_its_own_endurance_ends_and_stays_there() {
+fn each_uav_is_home_at_the_end_of_its_endurance_and_stays() {
     for more in ["", "separation_m = 8.0\n", "moves = 'grid'\nmax_speed_mps = 2.5\nseparation_m = 7.0\n"] {
         for strategy in ["horizon", "tour", "uts"] {
             for coordination in ["sequential", "partition", "independent"] {
@@ -327,9 +317,7 @@ fn each_uav_is_home_when_its_own_endurance_ends_and_stays_there() {
                      areas_m = [[[30, 30], [70, 30], [70, 70], [30, 70]]]\n[uav]\ncount = 3\nendurances_s = [60.0, 130.5, 200.0]\n\
                      starts_m = [[45, 45], [65, 45], [45, 65]]\nmust_land = true\ncoordination = '{coordination}'\n{more}"
                 );
-                let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-                let scenario =
-                    Scenario::parse(&text, Path::new("own.toml"), overrides).and_then(settings::resolve).unwrap();
+                let scenario = scenario_of(&text, strategy);
                 let base = scenario.landing_base().unwrap();
                 let records = records(&scenario);
                 let mut away = [0; 3];
@@ -358,7 +346,7 @@ fn each_uav_is_home_when_its_own_endurance_ends_and_stays_there() {
 }
 
 #[test]
-fn a_uav_flies_nowhere_after_its_endurance_whatever_it_is_told() {
+fn a_uav_ignores_plans_after_its_endurance() {
     let (mut plant, _) = line(
         "count = 2\nstarts_m = [[50, 50], [70, 50]]\nendurances_s = [1.0, 2.0]\nmust_land = true\n[base]\nposition_m = [50, 50]\n",
     );
@@ -387,7 +375,7 @@ fn plan(x_m: f64, ids: &[u32]) -> Option<Plan> {
 }
 
 #[test]
-fn an_sn_that_two_uavs_schedule_is_served_by_the_first() {
+fn a_doubly_scheduled_sn_is_served_by_the_first_uav() {
     let (mut plant, _) = line("count = 3\nstarts_m = [[30, 50], [70, 50], [50, 50]]\n");
     let record = plant.step(&[plan(30.0, &[0]), plan(70.0, &[0, 1]), plan(50.0, &[0, 1])]);
     let ids = |uav: usize| record.flights[uav].served_links().iter().map(|link| link.sensor).collect::<Vec<_>>();
@@ -420,7 +408,7 @@ fn uavs_may_meet_in_their_base() {
 }
 
 #[test]
-fn hostile_plans_leave_every_bit_counted() {
+fn every_bit_is_counted_under_hostile_plans() {
     // By a linear congruence.
     let mut state = 7u64;
     let mut next = |count: u64| {
@@ -513,7 +501,7 @@ fn saved(planner: &FleetPlanner) -> Vec<u8> {
 }
 
 #[test]
-fn no_fleet_loses_less_than_the_bound() {
+fn no_fleet_beats_the_bound() {
     let mut bounds = 0;
     for seed in 1..=4 {
         for uavs in 1..=3 {
@@ -522,9 +510,7 @@ fn no_fleet_loses_less_than_the_bound() {
                  capacity_bits = 9000\n[uav]\ncount = {uavs}\ncoordination = 'partition'\n"
             );
             for strategy in ["tour", "edf"] {
-                let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-                let scenario =
-                    Scenario::parse(&text, Path::new("x.toml"), overrides).and_then(settings::resolve).unwrap();
+                let scenario = scenario_of(&text, strategy);
                 let list = SensorList::of(&scenario).unwrap();
                 let lost_bits = lost_bits(&records(&scenario));
                 let bound = mission_bound(&scenario, &list.sensors_of(&scenario), &list.queues_bits(), u64::MAX);
@@ -541,7 +527,7 @@ fn no_fleet_loses_less_than_the_bound() {
 }
 
 #[test]
-fn starts_that_do_not_fit_the_uavs_are_refused() {
+fn starts_that_do_not_match_the_uavs_are_refused() {
     let refused = |uav: &str| {
         let text = format!("name = 'x'\n[uav]\n{uav}");
         Scenario::parse(&text, Path::new("x.toml"), Overrides::default()).unwrap_err().to_string()

@@ -1,5 +1,7 @@
 //! Missions on a grid (decision D17a): every strategy moves from the middle of a cell to that of a neighbour.
 
+mod support;
+
 use std::path::Path;
 
 use nalgebra::Vector2;
@@ -11,8 +13,8 @@ use skysink_common::slot_record::UAV;
 use skysink_mission::{Mission, Plant};
 use skysink_planner::geometry::disks::Disk;
 use skysink_planner::mission_table::MissionTable;
-use skysink_planner::settings;
 use skysink_planner::strategies::names;
+use support::scenario_of;
 
 const CELL_M: f64 = 10.0;
 
@@ -25,8 +27,7 @@ fn city(strategy: &'static str, speed_mps: f64, slots: u64, more: &str) -> Scena
          [sensors]\ncount = 30\n[link]\ncomm_radius_m = 15.0\n[planner]\nhorizon.iterations = 50\noffline.steps = 2000\n\
          [uav]\nmoves = 'grid'\ncell_m = {CELL_M:?}\nmax_speed_mps = {speed_mps:?}\n{more}"
     );
-    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-    Scenario::parse(&text, Path::new("city.toml"), overrides).and_then(settings::resolve).unwrap()
+    scenario_of(&text, strategy)
 }
 
 /// Whether a cell is forbidden, by column and row.

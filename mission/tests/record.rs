@@ -117,7 +117,7 @@ fn json(summary: &Summary) -> String {
 }
 
 #[test]
-fn a_trace_in_a_ring_is_repeated_only_as_its_check_says() {
+fn a_ring_trace_is_replayed_only_if_its_check_value_matches() {
     let case = Case::new().flown(Some(Pace::Max), 5);
     let (_, log, are_same) = case.repeated(5);
     assert_eq!((are_same, log.last_checked(), log.was_checked()), (vec![true; 5], Some(5), true));
@@ -129,7 +129,7 @@ fn a_trace_in_a_ring_is_repeated_only_as_its_check_says() {
 }
 
 #[test]
-fn a_check_may_be_one_slot_behind_the_trace_and_no_more() {
+fn a_check_value_may_lag_the_trace_by_one_slot() {
     let case = Case::new().flown(Some(Pace::Max), 5);
     let before = fs::read(case.file("slots.check")).unwrap();
     for (slot, was_checked) in [(4, true), (3, false)] {
@@ -139,7 +139,7 @@ fn a_check_may_be_one_slot_behind_the_trace_and_no_more() {
 }
 
 #[test]
-fn what_was_not_repeated_is_cut_when_a_run_is_resumed_and_flown_anew() {
+fn slots_that_were_not_replayed_are_cut_and_flown_again_on_resume() {
     let case = Case::new().flown(Some(Pace::Max), 5);
     let whole = case.trace();
     let (_folder, mut log, _) = case.repeated(3);
@@ -155,7 +155,7 @@ fn what_was_not_repeated_is_cut_when_a_run_is_resumed_and_flown_anew() {
 }
 
 #[test]
-fn a_header_that_is_cut_is_written_again() {
+fn a_truncated_header_is_rewritten() {
     let case = Case::new().flown(Some(Pace::Max), 5);
     let header: String = case.trace().split_inclusive('\n').take(1).collect();
     case.write_trace(&header[..20]);
@@ -165,7 +165,7 @@ fn a_header_that_is_cut_is_written_again() {
 }
 
 #[test]
-fn a_run_that_is_as_it_was_written_is_replayed_to_its_end() {
+fn an_unmodified_run_is_replayed_to_its_end() {
     let case = Case::new().flown(None, SLOTS);
     let written = RunFolder::open_to_read(&case.out()).unwrap().summary().unwrap();
     assert!(written.loss_rate > 0.0 && written.complete);
@@ -173,7 +173,7 @@ fn a_run_that_is_as_it_was_written_is_replayed_to_its_end() {
 }
 
 #[test]
-fn a_line_more_less_or_out_of_order_is_refused() {
+fn extra_missing_and_reordered_lines_are_refused() {
     let case = Case::new().flown(None, SLOTS);
     let whole = case.trace();
     let lines: Vec<&str> = whole.split_inclusive('\n').collect();
@@ -189,7 +189,7 @@ fn a_line_more_less_or_out_of_order_is_refused() {
 }
 
 #[test]
-fn a_changed_line_is_refused_at_the_line() {
+fn a_changed_line_is_refused_by_its_number() {
     let case = Case::new().flown(None, SLOTS);
     let whole = case.trace();
     let lines: Vec<&str> = whole.split_inclusive('\n').collect();
@@ -201,7 +201,7 @@ fn a_changed_line_is_refused_at_the_line() {
 }
 
 #[test]
-fn a_summary_is_refused_unless_every_byte_is_as_it_was_written() {
+fn a_modified_summary_is_refused() {
     let case = Case::new().flown(None, SLOTS);
     let path = case.file("summary.json");
     let whole = fs::read(&path).unwrap();
@@ -221,7 +221,7 @@ fn a_summary_is_refused_unless_every_byte_is_as_it_was_written() {
 }
 
 #[test]
-fn figures_come_from_the_trace_and_only_what_it_does_not_hold_from_the_summary() {
+fn figures_are_recomputed_from_the_trace_where_it_holds_them() {
     let case = Case::new().flown(None, SLOTS);
     let folder = RunFolder::reopen(&case.out()).unwrap();
     let written = folder.summary().unwrap();
@@ -234,7 +234,7 @@ fn figures_come_from_the_trace_and_only_what_it_does_not_hold_from_the_summary()
 }
 
 #[test]
-fn force_removes_the_sources_that_a_run_has_written_and_no_others() {
+fn force_removes_only_sources_that_a_run_has_written() {
     let case = Case::new();
     let create = |names: &[&str]| {
         let source = |name: &&str| SourceFile { name: (*name).to_owned(), bytes: name.as_bytes().to_vec() };
@@ -340,7 +340,7 @@ fn the_hash_of_a_trace_depends_on_all_of_its_lines() {
 }
 
 #[test]
-fn a_position_on_record_is_finite() {
+fn recorded_positions_are_finite() {
     let parsed = |x_m: &str| RecordedSlot::parse(format!("1,0,{x_m},2,20,3 4,5,6,7,serve,0\n").as_bytes());
     assert_eq!(parsed("1.5").unwrap().position.x, 1.5);
     for x_m in ["inf", "NaN", "-inf"] {
@@ -349,7 +349,7 @@ fn a_position_on_record_is_finite() {
 }
 
 #[test]
-fn a_run_that_is_replaced_leaves_nothing_of_its_own() {
+fn a_replaced_run_leaves_no_files() {
     let case = Case::new().flown(Some(Pace::Max), SLOTS);
     let folder = case.create(None, true).unwrap();
     assert_eq!(case.trace(), "");
@@ -363,7 +363,7 @@ fn a_run_that_is_replaced_leaves_nothing_of_its_own() {
 }
 
 #[test]
-fn a_run_under_way_is_neither_replaced_nor_resumed_nor_read() {
+fn a_run_in_progress_is_not_replaced_resumed_or_read() {
     let case = Case::new().flown(Some(Pace::Max), 5);
     let _folder = RunFolder::reopen(&case.out()).unwrap();
     let errors = [
@@ -389,7 +389,7 @@ fn a_run_is_complete_once_its_summary_says_so() {
 }
 
 #[test]
-fn a_trace_that_is_a_link_to_another_file_is_not_written() {
+fn a_trace_that_is_a_link_is_not_written() {
     let case = Case::new();
     fs::create_dir(case.out()).unwrap();
     let victim = case.place.path().join("victim");
@@ -400,7 +400,7 @@ fn a_trace_that_is_a_link_to_another_file_is_not_written() {
 }
 
 #[test]
-fn solver_fallbacks_count_without_a_planning_time_but_not_those_of_a_resumed_run() {
+fn solver_fallbacks_are_counted_except_in_a_resumed_run() {
     let case = Case::new();
     let mut tally = Tally::new(&case.scenario, &case.list, &RunMode::default());
     let mut records: Vec<SlotRecord> = case.mission().collect();

@@ -1,6 +1,6 @@
 //! Missions with no-fly zones (decisions D14 and D15): no strategy and no plan leads into one, by the library `geo`.
 
-use std::path::Path;
+mod support;
 
 use geo::{Coord, LineString, Polygon, Relate};
 use proptest::prelude::*;
@@ -14,6 +14,7 @@ use skysink_planner::geometry::turns::Turns;
 use skysink_planner::mission_table::MissionTable;
 use skysink_planner::settings;
 use skysink_planner::strategies::names;
+use support::scenario_of;
 
 /// A wall, a hook, and a block that overlaps the hook.
 const ZONES: [&[[f64; 2]]; 3] = [
@@ -31,8 +32,7 @@ fn scenario(count: usize, seed: u64, strategy: &'static str, keys: &str) -> Scen
          offline.steps = 2000\n",
         zones.join(", ")
     );
-    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-    Scenario::parse(&text, Path::new("x.toml"), overrides).and_then(settings::resolve).unwrap()
+    scenario_of(&text, strategy)
 }
 
 fn polygons(count: usize) -> Vec<Polygon> {
@@ -40,7 +40,7 @@ fn polygons(count: usize) -> Vec<Polygon> {
     ZONES[..count].iter().map(|corners| Polygon::new(line(corners), vec![])).collect()
 }
 
-/// Whether the way between two positions has a point in the interior of a zone (DE-9IM).
+/// Whether the segment between two positions has a point in the interior of a zone (DE-9IM).
 fn enters(zones: &[Polygon], from: &FlightReport, to: &FlightReport) -> bool {
     let [from, to] = [from, to].map(|report| Coord { x: report.x_m, y: report.y_m });
     let way = LineString::from(vec![from, to]);
@@ -86,12 +86,11 @@ fn no_strategy_flies_into_a_zone() {
 }
 
 #[test]
-fn a_needle_holds_no_strategy_up() {
+fn a_thin_zone_causes_no_holds() {
     let text = "name='needle'\nslots=700\n[area]\nside_m=300.0\nno_fly=[{polygon_m=[[300.0,200.0],[10.0,200.5],[300.0,201.0]]}]\n\
                 [sensors]\ncount=30\n[uav]\nendurance_s=7000.0\nstart_m=[150.0,50.0]\n";
     for strategy in ["mes", "edf", "tour", "round-robin"] {
-        let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-        let scenario = Scenario::parse(text, Path::new("x.toml"), overrides).and_then(settings::resolve).unwrap();
+        let scenario = scenario_of(text, strategy);
         let list = SensorList::of(&scenario).unwrap();
         let mut last = *Plant::new(&scenario, &list).flight(UAV);
         for record in Mission::new(&scenario, &list).unwrap() {
@@ -104,7 +103,7 @@ fn a_needle_holds_no_strategy_up() {
 }
 
 #[test]
-fn with_a_battery_the_way_home_leads_around_zones() {
+fn the_return_path_on_battery_leads_around_zones() {
     let keys =
         "must_land = true\nbattery = { capacity_j = 12000.0 }\n[base]\nposition_m = [60.0, 150.0]\ncharge_w = 900.0";
     fly_all(keys);
@@ -128,8 +127,7 @@ fn town(strategy: &'static str) -> Scenario {
                 [sensors]\ncount = 50\nheight_m = 2.0\nsampling_bps = [500.0, 3000.0]\n[uav]\naltitude_m = 40.0\n\
                 [link]\nmodel = 'buildings'\ncomm_radius_m = 50.0\ntx_power_w = 0.002\n\
                 [planner]\nhorizon.iterations = 100\noffline.steps = 2000\n";
-    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-    Scenario::parse(text, Path::new("x.toml"), overrides).and_then(settings::resolve).unwrap()
+    scenario_of(text, strategy)
 }
 
 /// Whether a link of the town is in sight, by hand: the walls are along the axes.
@@ -146,7 +144,7 @@ fn is_in_sight(sensor: [f64; 3], uav: [f64; 3]) -> bool {
 }
 
 #[test]
-fn among_buildings_links_have_the_rate_of_their_state() {
+fn links_among_buildings_have_the_rate_of_their_state() {
     let rate_bps = |snr_db: f64, exponent: f64, distance_m: f64| {
         5e6 * (1.0 + 10f64.powf(snr_db / 10.0) * distance_m.powf(-exponent)).log2()
     };
@@ -203,7 +201,7 @@ fn strategies_know_the_map_of_buildings() {
 }
 
 #[test]
-fn errors_of_position_lead_into_no_zone() {
+fn position_errors_do_not_enter_zones() {
     for (seed, strategy) in (1..).zip(names()) {
         let scenario = scenario(3, seed, strategy, "position_error_m = 4.0");
         let list = SensorList::of(&scenario).unwrap();
@@ -218,14 +216,13 @@ fn errors_of_position_lead_into_no_zone() {
 }
 
 #[test]
-fn an_area_with_a_boundary_has_its_sensor_nodes_and_flights_within() {
+fn sensor_nodes_and_flights_stay_within_the_boundary() {
     let text = "name = 'x'\nslots = 80\n[area]\nboundary_m = [[10, 10], [90, 10], [90, 40], [40, 40], [40, 90], [10, 90]]\n\
                 [uav]\nstart_m = [20.0, 20.0]\n[sensors]\ncount = 50\n";
     let corners = [(10.0, 10.0), (90.0, 10.0), (90.0, 40.0), (40.0, 40.0), (40.0, 90.0), (10.0, 90.0)];
     let boundary = Polygon::new(LineString::from(corners.to_vec()), vec![]);
     for strategy in ["tour", "round-robin", "uts", "horizon"] {
-        let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-        let scenario = Scenario::parse(text, Path::new("x.toml"), overrides).and_then(settings::resolve).unwrap();
+        let scenario = scenario_of(text, strategy);
         let list = SensorList::of(&scenario).unwrap();
         let is_within = |x: f64, y: f64| boundary.relate(&geo::Point::new(x, y)).is_covers();
         assert!(list.sensors().iter().all(|sensor| is_within(sensor.position.x, sensor.position.y)));
@@ -248,7 +245,7 @@ proptest! {
 
     /// Whatever is planned, no flight enters a zone.
     #[test]
-    fn no_plan_leads_into_a_zone(
+    fn no_plan_enters_a_zone(
         steps in prop::collection::vec((-40.0f64..40.0, -40.0f64..40.0, any::<bool>()), 100)
     ) {
         let scenario = scenario(3, 1, "uts", "");
@@ -271,7 +268,7 @@ proptest! {
 }
 
 #[test]
-fn rounds_are_short_around_walls() {
+fn tours_around_walls_are_short() {
     // Walls open in turn at the north and at the south: a round that is short in a straight line crosses them.
     let walls: Vec<String> = (1..=4)
         .map(|wall| {
@@ -285,8 +282,7 @@ fn rounds_are_short_around_walls() {
     let keys = format!("slots = 600\n[area]\nside_m = 500.0\nno_fly = [{}]", walls.join(", "));
     for seed in 1..=3 {
         let text = format!("name = 'walls'\nseed = {seed}\n{keys}\n");
-        let overrides = Overrides { strategy: Some("tour"), ..Overrides::default() };
-        let scenario = Scenario::parse(&text, Path::new("x.toml"), overrides).and_then(settings::resolve).unwrap();
+        let scenario = scenario_of(&text, "tour");
         let list = SensorList::of(&scenario).unwrap();
         let table = MissionTable::of(&scenario, &list.nodes());
         let length_m = |turns: &Turns| -> f64 {

@@ -386,7 +386,7 @@ mod tests {
     }
 
     #[test]
-    fn a_uav_without_battery_that_need_not_land_has_no_way_home() {
+    fn a_uav_without_battery_or_landing_has_no_return_path() {
         let text = "name = 'a'\n[base]\ncharge_w = 9.0\n";
         assert_eq!(made(&Scenario::parse(text, Path::new("a.toml"), Overrides::default()).unwrap()), None);
     }
@@ -408,7 +408,7 @@ mod tests {
     }
 
     #[test]
-    fn the_way_home_takes_the_energy_that_it_was_allowed_for() {
+    fn the_return_takes_at_most_its_energy_allowance() {
         let home = home("[uav.battery]\ncapacity_j = 20000.0\nreserve = 0.05\n");
         let battery = home.battery.unwrap();
         for distance_m in [0.4, 17.0, 18.3, 300.0, 1_111.0] {
@@ -432,7 +432,7 @@ mod tests {
     }
 
     #[test]
-    fn around_a_zone_the_way_home_never_takes_more_than_it_was_allowed_for() {
+    fn the_return_around_a_zone_takes_at_most_its_energy_allowance() {
         let text = "name = 'a'\nslots = 20\n[area]\nwidth_m = 40.0\nheight_m = 33.2\n[[area.no_fly]]\n\
                     polygon_m = [[27.667, 14.581], [37.063, 13.439], [40.523, 21.487], [33.165, 25.19], [27.927, 22.044]]\n\
                     [base]\nareas_m = [[[32.153, 10.294], [29.242, 13.331], [27.107, 10.361], [26.933, 7.581], \
@@ -465,7 +465,7 @@ mod tests {
     }
 
     #[test]
-    fn charging_goes_on_until_the_battery_is_full_or_lasts_to_the_end() {
+    fn charging_ends_when_the_battery_is_full_or_sufficient() {
         let home = home("charge_w = 100.0\n[uav.battery]\ncapacity_j = 5000.0\n");
         let state = |energy_j, is_charging| BatteryState { energy_j, is_charging };
         assert!(home.charges_on(1, &state(4_999.0, true)) && !home.charges_on(1, &state(5_000.0, true)));

@@ -303,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn a_planner_that_is_restarted_late_has_its_last_estimate() {
+    fn a_planner_restarted_late_has_its_last_estimate() {
         let letter = Scenario::letter(Overrides::default()).and_then(settings::resolve).unwrap();
         let scenario = change(letter, |settings| settings.knowledge = Knowledge::Estimated).unwrap();
         let folder = RingFolder::create(Terms::default()).unwrap();

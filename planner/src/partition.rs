@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn each_uav_has_the_piece_that_begins_near_it() {
+    fn each_uav_gets_the_piece_that_begins_near_it() {
         // Two clusters, and a UAV at each.
         let table = table_of(&[[10.0, 10.0], [90.0, 90.0], [12.0, 10.0], [88.0, 90.0]]);
         let of = |starts_m: &str| {

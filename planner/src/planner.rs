@@ -465,7 +465,7 @@ mod tests {
     }
 
     #[test]
-    fn an_anchor_alone_has_neither_partner_nor_circles() {
+    fn a_single_anchor_has_no_partner_and_no_circles() {
         let plan = planner_of("uts", &[[50.0, 60.0]], 30.0).step(1, here(), &[700]);
         assert_eq!((plan.anchor, plan.partner, plan.chosen), (0, NOBODY, NOBODY));
         assert!(plan.circles_m.iter().flatten().all(|coordinate| coordinate.is_nan()));
@@ -473,7 +473,7 @@ mod tests {
     }
 
     #[test]
-    fn without_an_anchor_the_uav_is_in_transit_and_serves_sensor_nodes_on_the_way() {
+    fn a_uav_without_anchor_is_in_transit_and_serves_in_passing() {
         // The fullest queue is 50 m away, (30, 40): 30 m of that are (18, 24). SN 1 is no anchor
         // (24² + 16² = 28.8²), but it is exactly in range of the waypoint, 6² + 8² = 10².
         let mut planner = planner_of("uts", &[[80.0, 90.0], [74.0, 66.0], [0.0, 0.0]], 30.0);
@@ -484,7 +484,7 @@ mod tests {
     }
 
     #[test]
-    fn a_set_that_cannot_be_reached_together_is_replaced_by_transit() {
+    fn an_unreachable_set_is_replaced_by_transit() {
         // V τ = 5 m is below d_c = 10 m. Anchor 0 is 5 m away and its partner 1 another 19 m: nowhere within 5 m of the
         // UAV is in range of SN 1 (24 − 5 = 19 m), so the UAV flies 5 m toward SN 1 and serves SN 0 from there.
         for solver in [WaypointSolver::Geometric, WaypointSolver::Clarabel] {
@@ -510,7 +510,7 @@ mod tests {
     }
 
     #[test]
-    fn an_exact_plan_names_no_anchor_and_no_circle() {
+    fn an_exact_plan_has_no_anchor_and_no_circle() {
         // 40 m away, V τ + d_c: served from the one point in reach that has it in range.
         let plan = planner_of("exact", &[[50.0, 90.0]], 30.0).step(1, here(), &[700]);
         assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (50.0, 80.0, &[0][..]));
@@ -527,7 +527,7 @@ mod tests {
     }
 
     #[test]
-    fn a_set_that_is_feasible_only_with_slack_is_served_from_its_centre_as_a_fallback() {
+    fn a_set_feasible_only_with_slack_is_served_from_its_centre_as_a_fallback() {
         // SNs 0, 1, 2 surround (50, 50). SN 0 is exactly 10 m away, the others 0.9e-9 farther: decision D5 serves them
         // from there, but the three circles leave a gap, and where two of them cross, the third SN is out of range. The
         // crossing with SN 3's circle, exactly 10 m away, too, is at (50, 50).
@@ -559,7 +559,7 @@ mod tests {
     }
 
     #[test]
-    fn the_path_of_a_uav_that_returns_is_its_way_home() {
+    fn the_path_of_a_returning_uav_leads_home() {
         // A wall between the UAV and its base at (50, 50), and 17 slots for some 150 m at 10 m a slot.
         let overrides = Overrides { strategy: Some("gfs"), ..Overrides::default() };
         let text = "name = 'a'\nslots = 17\n[base]\nposition_m = [50.0, 50.0]\n[uav]\nmust_land = true\n\
@@ -603,7 +603,7 @@ mod tests {
     }
 
     #[test]
-    fn the_papers_mission_stays_what_it_is() {
+    fn the_papers_mission_is_stable() {
         let expected = [
             "49.282 69.589 [10, 53, 73, 115]",
             "76.835 70.328 [43, 93, 124, 186]",
@@ -614,7 +614,7 @@ mod tests {
     }
 
     #[test]
-    fn the_wide_mission_stays_what_it_is() {
+    fn the_wide_mission_is_stable() {
         let expected = [
             "36.394 56.314 [23, 53, 84, 102]",
             "45.979 62.593 [6, 73, 115, 180]",
@@ -625,7 +625,7 @@ mod tests {
     }
 
     #[test]
-    fn the_exact_mission_stays_what_it_is() {
+    fn the_exact_mission_is_stable() {
         let expected = [
             "46.006 62.602 [53, 73, 115, 180]",
             "59.073 69.968 [10, 43, 87, 151]",

@@ -23,6 +23,20 @@ use crate::mission_table::MissionTable;
 ///
 /// It reads no clock unless the mission is paced, draws random numbers only from [`skysink_common::random`], and saves
 /// all its state in its checkpoint.
+///
+/// ```
+/// use skysink_common::{checkpoint::Checkpoint, message::SolverOutcome};
+/// use skysink_planner::strategy::{Decision, Strategy, View};
+/// use skysink_planner::waypoint::problem::Waypoint;
+/// struct Stay;
+/// impl Checkpoint for Stay {} // it has no state
+/// impl Strategy for Stay {
+///     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
+///         Some(Decision::serve(view, &Waypoint { point: view.position, outcome: SolverOutcome::Rule }, &[]))
+///     }
+/// }
+/// assert!(Stay.path().is_empty() && Stay.first_of_round().is_none());
+/// ```
 pub trait Strategy: Checkpoint {
     /// The decision for the slot of `view`; `None` if no sensor node is in reach, which leaves the slot to transit
     /// (decision D8).
@@ -51,6 +65,11 @@ pub trait Strategy: Checkpoint {
 }
 
 /// A visit of an SN in a plan.
+///
+/// ```
+/// let visit = skysink_planner::strategy::PlannedVisit { slot: 7, sensor: 3, bits: f64::INFINITY };
+/// assert!(visit.bits > 30_000.0); // it empties the buffer
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlannedVisit {
     /// Its slot.
@@ -62,6 +81,12 @@ pub struct PlannedVisit {
 }
 
 /// A strategy without state, which decides each slot by the rule `decide`, as [`Strategy::plan`] does.
+///
+/// ```
+/// use skysink_planner::strategy::{Registered, rule};
+/// const WAIT: Registered = Registered::new("wait", "never serve", |_| rule(|_| None));
+/// assert!(WAIT.is_stateless);
+/// ```
 #[must_use]
 pub fn rule(decide: impl FnMut(&View<'_>) -> Option<Decision> + 'static) -> Box<dyn Strategy> {
     Box::new(ByRule(decide))
@@ -79,6 +104,19 @@ impl<F: FnMut(&View<'_>) -> Option<Decision>> Strategy for ByRule<F> {
 }
 
 /// The input of a strategy for a slot.
+///
+/// ```
+/// use skysink_common::{battery::BatteryState, belief::Believed, scenario::Scenario, sensors::SensorList};
+/// use skysink_planner::strategy::{OwnedSetup, Timing, View};
+/// let scenario = Scenario::letter(Default::default()).unwrap();
+/// let list = SensorList::of(&scenario).unwrap();
+/// let OwnedSetup { scenario, table, stop, .. } = &OwnedSetup::new(scenario, &list.nodes(), &[]).unwrap();
+/// let (position, battery, queues_bits) = (scenario.start(), BatteryState::default(), list.queues_bits());
+/// let belief = Believed::known(0, &table.sensors, &queues_bits);
+/// let view = View { slot: 1, position, battery, belief, table, timing: Timing::Free, others: None, stop };
+/// assert_eq!((view.ground(), view.value(3)), ([50.0, 50.0].into(), queues_bits[3])); // all weights are equal
+/// assert_eq!(view.values(&mut Vec::new()), queues_bits);
+/// ```
 #[derive(Debug, Clone, Copy)]
 pub struct View<'a> {
     /// The slot to plan, t; the first is 1.
@@ -146,6 +184,16 @@ impl<'a> View<'a> {
 }
 
 /// The decision of a strategy for a slot.
+///
+/// ```
+/// let decision = skysink_planner::strategy::Decision {
+///     waypoint: [50.0, 50.0, 20.0].into(),
+///     schedule: [3, 17].into_iter().collect(),
+///     outcome: skysink_common::message::SolverOutcome::Rule,
+///     winner: None,
+/// };
+/// assert!(decision.schedule.is_sorted());
+/// ```
 #[derive(Debug, Clone)]
 pub struct Decision {
     /// The waypoint [m].
@@ -162,6 +210,12 @@ pub struct Decision {
 pub const CIRCLES: usize = 5;
 
 /// Origin of the set that Algorithm 1 finds.
+///
+/// ```
+/// use skysink_planner::strategy::{CIRCLES, Pair, Winner};
+/// let pair = Pair { partner: 17, circles: [Some([50.0, 50.0].into()); CIRCLES], chosen: 0 };
+/// assert_ne!(Winner { anchor: 3, pair: Some(pair) }, Winner { anchor: 3, pair: None });
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Winner {
     /// Anchor SN i.
@@ -199,6 +253,17 @@ pub struct Setup<'a> {
 }
 
 /// What a [`Setup`] with known queues refers to.
+///
+/// ```
+/// use skysink_common::{scenario::Scenario, sensors::SensorList};
+/// use skysink_planner::{strategies::STRATEGIES, strategy::OwnedSetup};
+/// let scenario = Scenario::letter(Default::default()).unwrap();
+/// let nodes = SensorList::of(&scenario).unwrap().nodes();
+/// let owned = OwnedSetup::new(scenario, &nodes, STRATEGIES).unwrap();
+/// let before_slot_1 = |make: &skysink_planner::strategy::Registered| (make.make)(&owned.setup());
+/// assert!(STRATEGIES.iter().all(|strategy| before_slot_1(strategy).path().is_empty()));
+/// assert_eq!(owned.setup().to_owned().scenario, owned.scenario);
+/// ```
 #[derive(Debug, Clone)]
 pub struct OwnedSetup {
     /// The mission.
@@ -260,6 +325,18 @@ pub struct StrategyKeys {
 }
 
 /// An entry of the registry. It is serialized as its name.
+///
+/// ```
+/// use skysink_planner::keys::Settings;
+/// use skysink_planner::strategy::{Registered, rule};
+/// let wait = Registered::new("wait", "never serve", |_| rule(|_| None)).with_state().with_path();
+/// assert!(!wait.is_stateless && wait.has_path);
+/// let keys = wait.with_keys::<Settings>().keys.unwrap();
+/// assert_eq!(keys.keys[0].name, "sca_iterations");
+/// let mut scenario = skysink_common::scenario::Scenario::letter(Default::default()).unwrap();
+/// wait.set_keys(&mut scenario, toml::toml! { sca_iterations = 2 });
+/// assert!((keys.check)(&scenario, "planner.wait").is_ok());
+/// ```
 #[derive(Debug, Clone, Copy)]
 pub struct Registered {
     /// Its name in scenario files, folders and tables.

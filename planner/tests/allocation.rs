@@ -62,7 +62,7 @@ fn spatial(strategy: &'static str) -> Scenario {
 }
 
 #[test]
-fn no_slot_asks_for_memory() {
+fn no_slot_allocates() {
     for strategy in stateless() {
         for scenario in [letter(strategy), spatial(strategy)] {
             let queues_bits = SensorList::of(&scenario).unwrap().queues_bits();
@@ -73,7 +73,7 @@ fn no_slot_asks_for_memory() {
 
 /// Ties, which have lists of ids compared.
 #[test]
-fn no_slot_of_equal_queues_asks_for_memory() {
+fn no_slot_of_equal_queues_allocates() {
     for strategy in stateless() {
         fly(&letter(strategy), vec![0; 200], 0);
         fly(&letter(strategy), vec![30_000; 200], 30_000);
@@ -82,7 +82,7 @@ fn no_slot_of_equal_queues_asks_for_memory() {
 
 /// A hundred times the letter's field at its density.
 #[test]
-fn no_slot_over_a_large_field_asks_for_memory() {
+fn no_slot_over_a_large_field_allocates() {
     for strategy in stateless() {
         let text = "name = 'a'\n[area]\nside_m = 1e3\n[sensors]\ncount = 20000\n";
         let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };

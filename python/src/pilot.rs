@@ -10,7 +10,7 @@ use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use skysink_common::message::{MAX_SERVED, Mode, Plan};
 use skysink_common::slot_record::{Plans, UAV};
-use skysink_mission::drive::{Ended, Pilot, elapsed_ns};
+use skysink_mission::drive::{Ended, Pilot};
 use skysink_mission::{MissionError, Plant};
 
 use crate::belief::{Contacts, PyBelief, new_object};
@@ -167,7 +167,7 @@ impl PyPlanMaker {
             Some(decision) => decision.plan(field, uav, queues_bits, Mode::Serve),
             None => field.transit(uav, queues_bits),
         };
-        plan.plan_ns = elapsed_ns(begin);
+        plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
         Ok(plan)
     }
 

@@ -45,7 +45,7 @@ def test_pettingzoo_accepts_the_environment(scenario: skysink.Scenario, rules: d
 
 
 @pytest.mark.parametrize("action", ["displacement", "waypoint", "sensor"])
-def test_one_agent_flies_as_the_environment_of_one(action: Any) -> None:
+def test_one_agent_matches_the_single_agent_environment(action: Any) -> None:
     scenario = skysink.Scenario.letter().replace({**KEYS, "sensors.sampling_bps": [100.0, 900.0]})
     env = DataCollectionEnv(scenario, action=action)
     batch = FleetBatch(1, scenario, observation=("uav", "queues", "slot"), action=action)
@@ -64,7 +64,7 @@ def test_one_agent_flies_as_the_environment_of_one(action: Any) -> None:
 
 
 @pytest.mark.parametrize("rules", RULES)
-def test_a_batch_is_its_environments(scenario: skysink.Scenario, rules: dict[str, Any]) -> None:
+def test_a_batch_matches_its_environments(scenario: skysink.Scenario, rules: dict[str, Any]) -> None:
     batch = FleetBatch(5, scenario, **rules)
     singles = [FleetBatch(1, scenario, **rules) for _ in range(5)]
     all_of = batch.arrays()
@@ -88,7 +88,7 @@ def test_a_batch_is_its_environments(scenario: skysink.Scenario, rules: dict[str
     assert lost_bits.dtype == np.uint64
 
 
-def test_others_are_seen_from_each_agent(scenario: skysink.Scenario) -> None:
+def test_observations_of_others_are_relative_to_each_agent(scenario: skysink.Scenario) -> None:
     starts = {"uav.starts_m": [[12.0, 60.0], [60.0, 60.0], [60.0, 108.0]]}
     batch = FleetBatch(1, scenario.replace(starts), observation=("uav", "others", "agent"))
     observations = batch.arrays()[1]
@@ -99,7 +99,7 @@ def test_others_are_seen_from_each_agent(scenario: skysink.Scenario) -> None:
     assert np.allclose(others, expected) and np.allclose(observations[0, :, :2].ravel(), [0.1, 0.5, 0.5, 0.5, 0.5, 0.9])
 
 
-def test_a_difference_is_what_is_delivered_because_of_an_agent() -> None:
+def test_the_difference_reward_is_an_agents_marginal_delivery() -> None:
     # Agents 0 and 1 are over the SNs on the left, agent 2 over those on the right.
     scenario = skysink.Scenario.letter().replace({
         **KEYS,
@@ -127,7 +127,7 @@ def test_a_difference_is_what_is_delivered_because_of_an_agent() -> None:
     assert len(set(rewards["lost"])) == 1
 
 
-def test_clones_copies_and_pickles_go_on_alike(scenario: skysink.Scenario) -> None:
+def test_clones_copies_and_pickles_continue_identically(scenario: skysink.Scenario) -> None:
     batch = FleetBatch(2, scenario)
     arrays = batch.arrays()
     batch.reset_into(arrays[1])
@@ -151,7 +151,7 @@ def test_clones_copies_and_pickles_go_on_alike(scenario: skysink.Scenario) -> No
     assert env.state_space.contains(env.state())
 
 
-def test_actions_may_lie_in_any_order(scenario: skysink.Scenario) -> None:
+def test_actions_may_have_any_memory_layout(scenario: skysink.Scenario) -> None:
     batch = FleetBatch(2, scenario)
     arrays, others = batch.arrays(), batch.arrays()
     batch.reset_into(arrays[1])
@@ -205,7 +205,7 @@ def test_impossible_arrays_and_actions_are_refused(scenario: skysink.Scenario) -
         env.step({"uav_0": np.zeros(2)})
 
 
-def test_agents_stay_until_the_end(scenario: skysink.Scenario) -> None:
+def test_agents_exist_until_the_end(scenario: skysink.Scenario) -> None:
     env = skysink.parallel_env(scenario)
     observations, infos = env.reset(seed=9)
     assert env.agents == ["uav_0", "uav_1", "uav_2"] and infos["uav_1"] == {"seed": 9}
@@ -226,7 +226,7 @@ def test_agents_stay_until_the_end(scenario: skysink.Scenario) -> None:
         ("sensor", 30, r"action.* 30: expected"),
     ],
 )
-def test_actions_of_another_form_are_refused(scenario: skysink.Scenario, action: Any, given: Any, message: str) -> None:
+def test_actions_of_another_shape_are_refused(scenario: skysink.Scenario, action: Any, given: Any, message: str) -> None:
     env = skysink.parallel_env(scenario, action=action)
     env.reset(seed=1)
     actions = {agent: env.action_space(agent).sample() for agent in env.agents}
@@ -234,7 +234,7 @@ def test_actions_of_another_form_are_refused(scenario: skysink.Scenario, action:
         env.step({**actions, "uav_1": given})
 
 
-def test_informations_are_those_of_the_slot(scenario: skysink.Scenario) -> None:
+def test_infos_describe_the_slot(scenario: skysink.Scenario) -> None:
     env = skysink.parallel_env(scenario.replace({"sensors.sampling_bps": 9000.0}))
     env.reset(seed=1)
     lost = delivered = 0
@@ -246,7 +246,7 @@ def test_informations_are_those_of_the_slot(scenario: skysink.Scenario) -> None:
     assert (lost, delivered) == tuple(int(total[0]) for total in env.batch.totals) and lost > 0 < delivered
 
 
-def test_a_single_agent_has_no_others_to_observe() -> None:
+def test_a_single_agent_observes_no_others() -> None:
     alone = skysink.Scenario.letter().replace(KEYS)
     with pytest.raises(skysink.InputError, match=r'observation = \["others"\]: expected more, or several UAVs'):
         FleetBatch(2, alone, observation=("others",))

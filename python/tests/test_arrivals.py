@@ -39,14 +39,14 @@ class Constant(skysink.Arrivals):
 
 
 @pytest.mark.parametrize("strategy", ["uts", "gfs", "edf"])
-def test_arrivals_that_sample_as_the_built_in_ones_lose_the_same(strategy: str) -> None:
+def test_arrivals_equal_to_the_built_in_ones_give_the_same_loss(strategy: str) -> None:
     for seed in (1, 2):
         own = skysink.simulate(SMALL, strategy, seed=seed, arrivals=Constant)
         built_in = skysink.simulate(SMALL, strategy, seed=seed)
         assert np.array_equal(own.queues, built_in.queues)
 
 
-def test_an_object_is_copied_for_each_mission_and_a_class_instantiated() -> None:
+def test_objects_are_copied_and_classes_instantiated_per_mission() -> None:
     held = Bursts()
     runs = [skysink.simulate(SMALL, "gfs", seed=3, arrivals=model) for model in (Bursts, held, held, lambda: Bursts())]
     assert held.phase is None
@@ -55,7 +55,7 @@ def test_an_object_is_copied_for_each_mission_and_a_class_instantiated() -> None
     assert not np.array_equal(other.queues, runs[0].queues)
 
 
-def test_the_planner_is_told_the_dispersion_and_not_the_draws() -> None:
+def test_the_planner_knows_the_dispersion_but_not_the_draws() -> None:
     run = skysink.simulate(SMALL, "gfs", arrivals=Bursts)
     assert run.scenario["sensors.arrivals.dispersion_bits"] == 1000.0
     assert run.scenario["sensors.arrivals.model"] == "trace"
@@ -77,7 +77,7 @@ def plain(entries: Any) -> list[Any]:
     return [entry for entry in entries if not entry["metric"].startswith("plan_")]
 
 
-def test_a_comparison_and_a_sweep_draw_for_each_seed(tmp_path: Path) -> None:
+def test_comparisons_and_sweeps_draw_arrivals_per_seed(tmp_path: Path) -> None:
     entries = skysink.compare(SMALL, ["uts", "gfs"], seeds=3, arrivals=Bursts)
     by_seed = [skysink.simulate(SMALL, "gfs", seed=seed, arrivals=Bursts).loss_rate for seed in (1, 2, 3)]
     assert [entry["mean"] for entry in entries if (entry["label"], entry["metric"]) == ("gfs", "loss_rate")] == [
@@ -135,7 +135,7 @@ class Held(skysink.Arrivals):
         return np.full(len(mean_bits), int(np.sum(self.held)))
 
 
-def test_models_that_differ_in_what_they_hold_have_other_versions() -> None:
+def test_models_with_different_attributes_have_different_versions() -> None:
     def maker(held: int) -> Any:
         return lambda: Held(held)
 

@@ -99,7 +99,7 @@ def noted(scenario: skysink.Scenario, knowledge: str) -> Noting:
     return strategy
 
 
-def test_every_key_is_known_here() -> None:
+def test_views_beliefs_and_fields_have_the_listed_keys() -> None:
     assert keys(skysink.View) == VIEW, "a new key of View: is it what the UAV knows?"
     assert keys(skysink.Belief) == BELIEF, "a new key of Belief: is it what the UAV knows?"
     assert keys(skysink.Field) == FIELD_VALUES | FIELD_METHODS, "a new key of Field: is it what the UAV knows?"
@@ -113,14 +113,14 @@ def test_every_key_is_known_here() -> None:
         ("learnt", set()),
     ],
 )
-def test_before_a_contact_only_what_is_known_tells_two_fields_apart(
+def test_beliefs_before_a_contact_depend_only_on_known_values(
     scenarios: dict[str, skysink.Scenario], knowledge: str, told: set[str]
 ) -> None:
     one, other = (noted(scenario, knowledge).seen[0] for scenario in scenarios.values())
     assert {name for name in one if one[name] != other[name]} == told
 
 
-def test_learnt_rates_are_the_mean_until_contacts_reveal_them(scenarios: dict[str, skysink.Scenario]) -> None:
+def test_learnt_rates_equal_the_prior_mean_before_contacts(scenarios: dict[str, skysink.Scenario]) -> None:
     learning = noted(scenarios["one"], "learnt")
     # Slots 1 and 3 empty SN 0: what it has sampled in slot 2 is known from slot 4 on.
     expected = [[100.0] * 3] * 3 + [[60.0, 100.0, 100.0]] * 9
@@ -131,7 +131,7 @@ def test_learnt_rates_are_the_mean_until_contacts_reveal_them(scenarios: dict[st
         assert all(seen["sampling_bps"] == knowing.begun == TRUE_BPS for seen in knowing.seen)
 
 
-def test_rates_are_read_only_and_those_of_a_slot_stay(scenarios: dict[str, skysink.Scenario]) -> None:
+def test_rates_are_read_only_and_do_not_change_later(scenarios: dict[str, skysink.Scenario]) -> None:
     kept = []
 
     class Keeping(Noting):
@@ -145,7 +145,7 @@ def test_rates_are_read_only_and_those_of_a_slot_stay(scenarios: dict[str, skysi
     assert [rates[0] for rates in kept] == [100.0] * 3 + [60.0] * 9
 
 
-def test_an_environment_knows_the_same(scenarios: dict[str, skysink.Scenario]) -> None:
+def test_an_environment_has_the_same_belief(scenarios: dict[str, skysink.Scenario]) -> None:
     learning = noted(scenarios["one"], "learnt")
     env = DataCollectionEnv(scenarios["one"].replace(KNOWLEDGE["learnt"]))
     env.reset()
@@ -162,13 +162,13 @@ def test_an_environment_knows_the_same(scenarios: dict[str, skysink.Scenario]) -
     assert knowing.sampling_bps.tolist() == TRUE_BPS
 
 
-def test_the_analysis_of_a_mission_has_the_truth(scenarios: dict[str, skysink.Scenario]) -> None:
+def test_the_results_of_a_mission_have_the_true_queues(scenarios: dict[str, skysink.Scenario]) -> None:
     scenario = scenarios["one"].replace(KNOWLEDGE["learnt"])
     flown = skysink.simulate(scenario, Noting())
     assert flown.field.sampling_bps.tolist() == scenario.field().sampling_bps.tolist() == TRUE_BPS
 
 
-def test_known_queues_have_no_spread_and_the_age_of_the_last_service(scenarios: dict[str, skysink.Scenario]) -> None:
+def test_known_queues_have_zero_deviation_and_the_age_of_the_last_service(scenarios: dict[str, skysink.Scenario]) -> None:
     scenario = scenarios["one"]
     knowing = noted(scenario, "oracle")
     queues = skysink.simulate(scenario, Noting()).queues
@@ -183,7 +183,7 @@ def test_known_queues_have_no_spread_and_the_age_of_the_last_service(scenarios: 
     assert ages == expected
 
 
-def test_the_spread_of_an_estimate_is_that_of_its_distribution(scenarios: dict[str, skysink.Scenario]) -> None:
+def test_the_deviation_of_an_estimate_is_that_of_its_distribution(scenarios: dict[str, skysink.Scenario]) -> None:
     learning = noted(scenarios["one"], "learnt")
     queues = skysink.simulate(scenarios["one"].replace(KNOWLEDGE["learnt"]), Noting()).queues
     root = np.sqrt(3.0)
@@ -205,7 +205,7 @@ def test_the_spread_of_an_estimate_is_that_of_its_distribution(scenarios: dict[s
         assert (gaps <= half + 50.0 * (slot - 1)).all(), "the truth is possible"
 
 
-def test_beliefs_are_read_only_and_those_of_a_slot_stay(scenarios: dict[str, skysink.Scenario]) -> None:
+def test_beliefs_are_read_only_and_do_not_change_later(scenarios: dict[str, skysink.Scenario]) -> None:
     for knowledge in KNOWLEDGE:
         kept: list[skysink.Belief] = []
 
@@ -223,7 +223,7 @@ def test_beliefs_are_read_only_and_those_of_a_slot_stay(scenarios: dict[str, sky
             assert all(getattr(belief, name).tolist() == seen[f"belief.{name}"] for name in BELIEF)
 
 
-def test_in_a_ring_there_is_no_belief(scenarios: dict[str, skysink.Scenario]) -> None:
+def test_a_ring_has_no_belief(scenarios: dict[str, skysink.Scenario]) -> None:
     views = []
 
     class Viewing(skysink.Strategy):

@@ -34,14 +34,14 @@ class Shadowed(skysink.Channel):
         return np.where(u < 0.5, 0.0, 6e4) + 0.0 * distance_m + 0.0 * altitude_m
 
 
-def test_a_table_of_the_built_in_channel_plans_and_loses_as_it() -> None:
+def test_a_table_of_the_built_in_channel_gives_the_same_mission() -> None:
     built_in = NARROW.replace({"link.gain_db": -52.5})
     for strategy in ("uts-wide", "tour", "horizon"):
         own, same = skysink.simulate(NARROW, strategy, channel=FreeSpace), skysink.simulate(built_in, strategy)
         assert own.loss_rate == pytest.approx(same.loss_rate, abs=0.005)
 
 
-def test_half_the_visits_carry_nothing() -> None:
+def test_a_shadowed_channel_delivers_less() -> None:
     run = skysink.simulate(NARROW, "tour", channel=Shadowed)
     delivered = np.asarray(run.slots["delivered_bits"])
     steady = np.asarray(skysink.simulate(NARROW, "tour").slots["delivered_bits"])
@@ -59,7 +59,7 @@ def test_a_saved_run_flies_again_without_python(tmp_path: Path) -> None:
     assert np.array_equal(skysink.simulate(copied).queues, run.queues)
 
 
-def test_a_comparison_and_an_environment_fly_it() -> None:
+def test_comparisons_and_environments_use_the_channel() -> None:
     entries = skysink.compare(NARROW, ["uts", "tour"], seeds=2, channel=Shadowed)
     by_seed = [skysink.simulate(NARROW, "tour", seed=seed, channel=Shadowed).loss_rate for seed in (1, 2)]
     assert [entry["mean"] for entry in entries if (entry["label"], entry["metric"]) == ("tour", "loss_rate")] == [
@@ -78,7 +78,7 @@ def flown(env: DataCollectionEnv) -> float:
     return sum(env.step(action)[1] for action in actions)
 
 
-def test_a_file_that_is_named_anew_is_read(tmp_path: Path) -> None:
+def test_a_replaced_file_key_reads_the_new_file(tmp_path: Path) -> None:
     held = skysink.simulate(NARROW, "tour", channel=Shadowed).scenario
     assert held.replace({"seed": 2})["link.file"] == "channel.csv"
     table = tmp_path / "none.csv"

@@ -76,14 +76,14 @@ def command(*words: str | Path, place: Path) -> str:
     return result.stdout
 
 
-def test_parallel_flies_a_shard_again_whose_process_is_killed(place: Path) -> None:
+def test_parallel_repeats_a_shard_whose_process_was_killed(place: Path) -> None:
     need("parallel")
     command(CLUSTER / "parallel.sh", SWEEP_FILE, OUT, str(SHARDS), place=place)
     assert (place / "flag").exists()
     same_files(place / "alone", place / OUT, FILES)
 
 
-def test_snakemake_flies_a_shard_again_whose_process_is_killed(place: Path) -> None:
+def test_snakemake_repeats_a_shard_whose_process_was_killed(place: Path) -> None:
     need("snakemake")
     values = [f"sweep={SWEEP_FILE}", f"out={OUT}", f"shards={SHARDS}"]
     command("snakemake", "--snakefile", CLUSTER / "Snakefile", "--cores", "2", "--config", *values, place=place)
@@ -91,7 +91,7 @@ def test_snakemake_flies_a_shard_again_whose_process_is_killed(place: Path) -> N
     same_files(place / "alone", place / OUT, FILES)
 
 
-def test_slurm_flies_what_the_merge_says_is_missing(place: Path) -> None:
+def test_slurm_runs_the_shards_that_the_merge_reports_missing(place: Path) -> None:
     need("sbatch", "sinfo")
     if subprocess.run(["sinfo"], capture_output=True).returncode != 0:
         pytest.skip("no Slurm controller answers")

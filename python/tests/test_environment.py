@@ -70,7 +70,7 @@ def test_an_episode_is_a_mission_of_the_same_seed(smoke: skysink.Scenario) -> No
 
 
 @pytest.mark.parametrize("strategy", ["gfs", "uts", "horizon"])
-def test_an_episode_that_repeats_a_run_has_its_bytes(tmp_path: Path, strategy: str) -> None:
+def test_an_episode_that_repeats_a_run_has_identical_bytes(tmp_path: Path, strategy: str) -> None:
     for scenario in (skysink.Scenario.load(ROOT / "scenarios" / "sparse.toml").replace({"slots": 80}), free_altitude()):
         flown = skysink.simulate(scenario, strategy)
         slots = flown.slots
@@ -103,7 +103,7 @@ def test_actions_are_displacements_within_reach(smoke: skysink.Scenario) -> None
 
 
 @pytest.mark.parametrize("action", [[np.nan, 0.0], [0.0], [0.0, 0.0, 0.0], "up"])
-def test_what_is_no_action_is_refused(smoke: skysink.Scenario, action: Any) -> None:
+def test_an_invalid_action_is_refused(smoke: skysink.Scenario, action: Any) -> None:
     env = DataCollectionEnv(smoke)
     env.reset()
     with pytest.raises((skysink.InputError, TypeError, ValueError)):
@@ -111,7 +111,7 @@ def test_what_is_no_action_is_refused(smoke: skysink.Scenario, action: Any) -> N
     assert env.step(np.zeros(2, np.float32))[0]["slot"] > 0, "nothing was flown"
 
 
-def test_seeds_count_on_and_fields_repeat(smoke: skysink.Scenario) -> None:
+def test_seeds_increase_and_fields_are_reproducible(smoke: skysink.Scenario) -> None:
     def seeds(env: DataCollectionEnv, first: int | None) -> list[int]:
         return [env.reset(seed=first)[1]["seed"], *(env.reset()[1]["seed"] for _ in range(3))]
 
@@ -166,7 +166,7 @@ def test_vector_and_single_environments_agree_step_by_step(smoke: skysink.Scenar
     "twin_of", [lambda env: env.clone(), copy.copy, copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))]
 )
 @pytest.mark.parametrize("knowledge", ["oracle", "estimated"])
-def test_a_twin_goes_its_own_way_from_the_same_state(smoke: skysink.Scenario, twin_of: Any, knowledge: str) -> None:
+def test_a_clone_continues_independently_from_the_same_state(smoke: skysink.Scenario, twin_of: Any, knowledge: str) -> None:
     scenario = smoke.replace({"planner.knowledge": knowledge})
     for env in (DataCollectionEnv(scenario), DataCollectionVectorEnv(2, scenario)):
         env.action_space.seed(3)
@@ -205,7 +205,7 @@ def test_unknown_options_of_reset_are_refused(smoke: skysink.Scenario) -> None:
 
 
 @pytest.mark.parametrize(("bps", "is_equal"), [(100.0, True), ([50.0, 300.0], False)])
-def test_the_mean_reward_is_minus_the_loss_rate_only_for_equal_samples(
+def test_the_mean_reward_is_the_negative_loss_rate_only_for_equal_samples(
     smoke: skysink.Scenario, bps: Any, is_equal: bool
 ) -> None:
     env = DataCollectionEnv(smoke.replace({"sensors.sampling_bps": bps}))

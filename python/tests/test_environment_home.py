@@ -48,7 +48,7 @@ def test_gymnasium_accepts_base_battery_and_zones(action: Any, return_rule: bool
         check_env(env.unwrapped, skip_render_check=True)
 
 
-def test_energy_falls_by_the_power_of_hovering() -> None:
+def test_hovering_consumes_its_power() -> None:
     env = DataCollectionEnv(scenario(), observation=OBSERVED)
     observation, _ = env.reset()
     assert observed(env, "energy", observation) == [1.0]
@@ -57,7 +57,7 @@ def test_energy_falls_by_the_power_of_hovering() -> None:
         assert observed(env, "energy", observation)[0] == pytest.approx(1.0 - slot * HOVERING_W / 10_000.0)
 
 
-def test_home_is_the_way_to_the_rim_of_the_base() -> None:
+def test_home_is_the_distance_to_the_rim_of_the_base() -> None:
     env = DataCollectionEnv(scenario(), observation=OBSERVED)
     observation, _ = env.reset()
     assert observed(env, "home", observation) == pytest.approx([0.0, 0.0, 0.0, 0.9])
@@ -102,7 +102,7 @@ def test_an_empty_battery_terminates_the_episode() -> None:
     assert begun["energy"].tolist() == [[1.0], [1.0]]
 
 
-def test_the_return_rule_brings_any_action_home() -> None:
+def test_the_return_rule_returns_home_under_any_action() -> None:
     mission = scenario("charge_w = 0.0\n", "must_land = true\n").replace({"uav.battery.capacity_j": 5_000.0})
     random = np.random.default_rng(1)
     for return_rule in (False, True):
@@ -118,7 +118,7 @@ def test_the_return_rule_brings_any_action_home() -> None:
         assert summary["landed"] is return_rule
 
 
-def test_sensors_are_returnable_as_far_as_the_battery_lasts() -> None:
+def test_returnable_sensors_are_those_the_battery_allows() -> None:
     near = scenario()
     env = DataCollectionEnv(near, observation=OBSERVED, action="sensor")
     observation, info = env.reset()

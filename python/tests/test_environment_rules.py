@@ -65,7 +65,7 @@ def test_unknown_rules_are_refused(smoke: skysink.Scenario, arguments: dict[str,
 
 
 @pytest.mark.parametrize("knowledge", [{}, {"planner.knowledge": "estimated"}, LEARNT])
-def test_observations_are_what_the_uav_knows(smoke: skysink.Scenario, knowledge: dict[str, Any]) -> None:
+def test_observations_contain_only_the_belief_of_the_uav(smoke: skysink.Scenario, knowledge: dict[str, Any]) -> None:
     scenario = smoke.replace(UNEQUAL | knowledge | {"sensors.initial_queue_mean_bits": 5000.0})
     env = DataCollectionEnv(scenario, observation=NAMES, nearest=7)
     env.action_space.seed(5)
@@ -99,7 +99,7 @@ def test_observations_are_what_the_uav_knows(smoke: skysink.Scenario, knowledge:
     assert (widest > 0) == bool(knowledge)
 
 
-def test_waypoints_are_fractions_of_the_area_as_far_as_the_reach(smoke: skysink.Scenario) -> None:
+def test_waypoints_are_fractions_of_the_area_limited_by_reach(smoke: skysink.Scenario) -> None:
     env = DataCollectionEnv(smoke, action="waypoint")
     env.reset()
     (width, height), reach = env.field.area_m, env.field.reach_m
@@ -127,7 +127,7 @@ def test_waypoints_are_fractions_of_the_area_as_far_as_the_reach(smoke: skysink.
 
 
 @pytest.mark.parametrize("nearest", [None, 6])
-def test_a_choice_flies_toward_its_sensor_node_and_serves_it(smoke: skysink.Scenario, nearest: int | None) -> None:
+def test_a_discrete_action_flies_to_its_sensor_node_and_serves_it(smoke: skysink.Scenario, nearest: int | None) -> None:
     scenario = smoke.replace(UNEQUAL | {"uav.max_speed_mps": 9.0})
     env = DataCollectionEnv(scenario, action="sensor", nearest=nearest)
     _, info = env.reset(seed=2)
@@ -158,7 +158,7 @@ def test_a_choice_flies_toward_its_sensor_node_and_serves_it(smoke: skysink.Scen
             env.step(wrong)
 
 
-def test_where_no_sensor_node_is_in_reach_all_may_be_chosen(tmp_path: Path) -> None:
+def test_all_sensor_nodes_are_allowed_if_none_is_in_reach(tmp_path: Path) -> None:
     (tmp_path / "list.csv").write_text("x_m,y_m\n5,5\n395,395\n")
     text = "name = 'far'\nslots = 40\narea.side_m = 400.0\n[sensors]\nfile = 'list.csv'\n[uav]\nmax_speed_mps = 20.0\n"
     env = DataCollectionEnv(skysink.Scenario.parse(text, tmp_path / "far.toml"), action="sensor")
@@ -183,7 +183,7 @@ def flown(scenario: skysink.Scenario, reward: Any) -> tuple[list[float], DataCol
     return rewards, env, ages
 
 
-def test_each_reward_is_its_formula(smoke: skysink.Scenario) -> None:
+def test_rewards_match_their_formulas(smoke: skysink.Scenario) -> None:
     scenario = smoke.replace(UNEQUAL)
     lost, env, ages = flown(scenario, "lost")
     slots = env.run().slots
@@ -199,7 +199,7 @@ def test_each_reward_is_its_formula(smoke: skysink.Scenario) -> None:
 
 
 @pytest.mark.parametrize("rates", [[20.3, 900.7], [0.3, 0.9], 300.0])
-def test_the_mean_of_loss_fractions_is_minus_the_loss_rate_whatever_is_sampled(
+def test_the_mean_loss_fraction_reward_is_the_negative_loss_rate(
     smoke: skysink.Scenario, rates: Any
 ) -> None:
     scenario = smoke.replace({"sensors.sampling_bps": rates, "sensors.capacity_bits": 10})
@@ -210,7 +210,7 @@ def test_the_mean_of_loss_fractions_is_minus_the_loss_rate_whatever_is_sampled(
     assert idle == [0.0] * 60
 
 
-def test_decisions_flown_through_an_environment_give_the_ledger_of_a_mission(smoke: skysink.Scenario) -> None:
+def test_decisions_in_an_environment_give_the_ledger_of_a_mission(smoke: skysink.Scenario) -> None:
     """With every reward and observation, by an environment's own actions, too."""
     scenario = smoke.replace(UNEQUAL | LEARNT)
     for reward in REWARDS:
@@ -230,7 +230,7 @@ def test_decisions_flown_through_an_environment_give_the_ledger_of_a_mission(smo
         assert again.summary["trace_hash"] == env.run().summary["trace_hash"]
 
 
-def test_reset_takes_another_scenario_of_the_same_shape(smoke: skysink.Scenario) -> None:
+def test_reset_accepts_another_scenario_of_the_same_shape(smoke: skysink.Scenario) -> None:
     other = smoke.replace(UNEQUAL | {"seed": 50, "slots": 30})
     env = DataCollectionEnv(smoke, observation=NAMES, nearest=3)
     env.action_space.seed(1)
@@ -261,7 +261,7 @@ def test_reset_takes_another_scenario_of_the_same_shape(smoke: skysink.Scenario)
 
 
 @pytest.mark.parametrize("action", ACTIONS)
-def test_a_vector_of_scenarios_is_single_environments_bit_for_bit(smoke: skysink.Scenario, action: Any) -> None:
+def test_a_vector_of_scenarios_matches_single_environments_bit_for_bit(smoke: skysink.Scenario, action: Any) -> None:
     scenarios = [smoke, smoke.replace(UNEQUAL | {"seed": 30, "slots": 25})]
     rules: dict[str, Any] = {"observation": NAMES, "nearest": 5, "action": action, "reward": "loss_fraction"}
     envs = gymnasium.make_vec(ID, num_envs=5, scenario=scenarios, **rules)
@@ -294,7 +294,7 @@ def test_a_vector_of_scenarios_is_single_environments_bit_for_bit(smoke: skysink
     assert equal(twin.step(actions)[0], envs.step(actions)[0])
 
 
-def test_a_vector_takes_other_scenarios_in_reset(smoke: skysink.Scenario) -> None:
+def test_a_vector_accepts_other_scenarios_in_reset(smoke: skysink.Scenario) -> None:
     other = smoke.replace({"seed": 70, "sensors.sampling_bps": 300.0})
     envs = DataCollectionVectorEnv(3, smoke)
     envs.reset()
@@ -312,7 +312,7 @@ def test_a_vector_takes_other_scenarios_in_reset(smoke: skysink.Scenario) -> Non
         DataCollectionVectorEnv(2, [smoke, smoke.replace({"sensors.count": 41})])
 
 
-def test_actions_of_a_vector_that_are_no_choices_are_refused(smoke: skysink.Scenario) -> None:
+def test_invalid_discrete_actions_of_a_vector_are_refused(smoke: skysink.Scenario) -> None:
     envs = DataCollectionVectorEnv(2, smoke, action="sensor")
     envs.reset()
     for wrong in ([0, 40], [-1, 0], [0], [0.5, 1.0], [[0, 1]]):

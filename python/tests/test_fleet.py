@@ -27,7 +27,7 @@ def scenario() -> skysink.Scenario:
     return skysink.Scenario.parse(FLEET)
 
 
-def test_a_run_has_a_row_for_each_uav_and_flies_again(scenario: skysink.Scenario) -> None:
+def test_a_fleet_run_has_a_row_per_uav_and_can_be_repeated(scenario: skysink.Scenario) -> None:
     run = skysink.simulate(scenario, "tour")
     table = run.slots
     assert list(table["uav"][:4]) == [0, 1, 2, 0] and len(table["uav"]) == 3 * 40 and len(run) == 40

@@ -22,7 +22,7 @@ seeds = 4
 """
 
 
-def test_a_value_without_an_end_is_refused() -> None:
+def test_a_recursive_value_is_refused() -> None:
     endless: list[Any] = []
     endless.append(endless)
     table: dict[str, Any] = {}
@@ -32,7 +32,7 @@ def test_a_value_without_an_end_is_refused() -> None:
             skysink.Scenario.letter().replace({"seed": value})
 
 
-def test_missions_without_an_end_in_each_other_are_refused(smoke: skysink.Scenario) -> None:
+def test_recursive_missions_are_refused(smoke: skysink.Scenario) -> None:
     class Endless(skysink.Strategy):
         def plan(self, view: skysink.View) -> skysink.Decision | None:
             skysink.simulate(smoke, Endless())
@@ -42,7 +42,7 @@ def test_missions_without_an_end_in_each_other_are_refused(smoke: skysink.Scenar
         skysink.simulate(smoke, Endless())
 
 
-def test_a_strategy_that_changes_its_view_changes_nothing_else(smoke: skysink.Scenario) -> None:
+def test_modifying_a_view_has_no_effect(smoke: skysink.Scenario) -> None:
     class Bends(skysink.Strategy):
         def plan(self, view: skysink.View) -> skysink.Decision | None:
             with warnings.catch_warnings():
@@ -64,7 +64,7 @@ def test_a_vector_of_an_impossible_size_is_refused(smoke: skysink.Scenario, coun
         DataCollectionVectorEnv(count, smoke)
 
 
-def test_seeds_end_where_skysinks_do(smoke: skysink.Scenario) -> None:
+def test_seeds_have_the_range_of_skysink(smoke: skysink.Scenario) -> None:
     env, envs = DataCollectionEnv(smoke), DataCollectionVectorEnv(3, smoke)
     for seed in (2**63, 2**64 - 1):
         with pytest.raises(skysink.InputError, match="seed"):
@@ -94,7 +94,7 @@ def step(size: int) -> None:
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_a_child_that_was_forked_has_threads_of_its_own() -> None:
+def test_a_forked_child_has_its_own_threads() -> None:
     step(64)
     child = multiprocessing.get_context("fork").Process(target=step, args=(64,))
     child.start()
@@ -119,7 +119,7 @@ class Answers(Executor):
 
 
 @pytest.mark.parametrize("answer", [[], [((0, 0, 99), [0.0] * 16)], [((99, 99, 1), [0.0] * 16)], "no future"])
-def test_an_executor_that_answers_something_else_spoils_nothing(tmp_path: Path, answer: Any) -> None:
+def test_an_invalid_answer_of_an_executor_changes_nothing(tmp_path: Path, answer: Any) -> None:
     (tmp_path / "sweep.toml").write_text(SWEEP)
     with pytest.raises(skysink.InputError, match="executor"):
         skysink.sweep(tmp_path / "sweep.toml", tmp_path / "out", executor=Answers(answer))
@@ -127,14 +127,14 @@ def test_an_executor_that_answers_something_else_spoils_nothing(tmp_path: Path, 
 
 
 @pytest.mark.parametrize("arguments", [{"executor": "processes"}, {"threads": 20_000}, {"threads": -1}])
-def test_what_flies_no_sweep_is_refused(tmp_path: Path, arguments: dict[str, Any]) -> None:
+def test_invalid_executors_and_threads_are_refused(tmp_path: Path, arguments: dict[str, Any]) -> None:
     (tmp_path / "sweep.toml").write_text(SWEEP)
     with pytest.raises(skysink.InputError, match="executor|threads"):
         skysink.sweep(tmp_path / "sweep.toml", tmp_path / "out", **arguments)
     assert not (tmp_path / "out").exists()
 
 
-def test_a_strategy_that_was_changed_a_moment_ago_is_the_new_one(
+def test_a_strategy_file_is_reloaded_after_a_change(
     smoke: skysink.Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("sys.dont_write_bytecode", False)

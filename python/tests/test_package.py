@@ -25,11 +25,11 @@ def test_the_stubs_are_those_of_the_module(tmp_path: Path) -> None:
     tool("-m", "mypy.stubtest", "skysink._skysink", "--concise", cwd=tmp_path)
 
 
-def test_the_types_are_sound() -> None:
+def test_the_type_hints_pass_the_type_checker() -> None:
     tool("-m", "mypy", "skysink", "tests", "examples", "--exclude", "ppo_train")  # which needs JAX
 
 
-def test_the_documentation_of_the_package_is_true() -> None:
+def test_the_examples_of_the_documentation_run() -> None:
     tried = doctest.testmod(skysink)
     assert tried.attempted > 2 and tried.failed == 0
 

@@ -136,7 +136,7 @@ def children(process: subprocess.Popen[str], word: str) -> list[int]:
 
 
 @pytest.mark.parametrize("knowledge", ["oracle", "estimated"])
-def test_a_strategy_in_python_has_the_bytes_of_the_same_in_rust(place: Path, knowledge: str) -> None:
+def test_a_python_strategy_has_the_bytes_of_its_rust_counterpart(place: Path, knowledge: str) -> None:
     chosen = ["--set", f"planner.knowledge={knowledge}", "--strategy", "gfs"]
     scenario = str(ROOT / "scenarios" / "smoke.toml")
     run("simulate", scenario, *chosen, "--out", "alone", cwd=place)
@@ -146,7 +146,7 @@ def test_a_strategy_in_python_has_the_bytes_of_the_same_in_rust(place: Path, kno
     assert json.loads((place / "run" / "summary.json").read_text())["strategy"] == "mine"
 
 
-def test_it_learns_the_rates_that_it_learns_in_one_process(place: Path) -> None:
+def test_learnt_rates_equal_those_of_a_single_process(place: Path) -> None:
     learnt = {"planner.knowledge": "estimated", "planner.rates": "learnt", "sensors.sampling_bps": [50.0, 300.0]}
     smoke = skysink.Scenario.load(ROOT / "scenarios" / "smoke.toml").replace(learnt)
     (place / "learnt.toml").write_text(smoke.to_toml())
@@ -160,7 +160,7 @@ def test_it_learns_the_rates_that_it_learns_in_one_process(place: Path) -> None:
 @pytest.mark.parametrize(
     ("file", "killed"), [("mine.py", "mine.py"), ("counting.py", "counting.py"), ("mine.py", "flight-sim")]
 )
-def test_killed_and_started_again_it_flies_the_same(place: Path, file: str, killed: str) -> None:
+def test_a_killed_and_restarted_planner_flies_the_same(place: Path, file: str, killed: str) -> None:
     planner = ["run", "long.toml", "--no-viewer", "--planner", f"{sys.executable} {file}"]
     run(*planner, "--out", "whole", cwd=place)
     process = begin(place, *planner, "--out", "run")
@@ -173,7 +173,7 @@ def test_killed_and_started_again_it_flies_the_same(place: Path, file: str, kill
     assert json.loads((place / "run" / "summary.json").read_text())["restarts"] >= 1
 
 
-def test_it_is_started_by_hand_and_ends_on_a_signal(place: Path) -> None:
+def test_a_manually_started_planner_ends_on_a_signal(place: Path) -> None:
     process = begin(place, "run", "long.toml", "--no-viewer", "--external", "planner", "--out", "run")
     said = place / "said"
     until("ring", process, lambda: re.search(r"--ring (/\S+)", said.read_text()))
@@ -191,7 +191,7 @@ def test_it_is_started_by_hand_and_ends_on_a_signal(place: Path) -> None:
     same_files(place / "alone", place / "run", ["slots.csv"])
 
 
-def test_in_a_paced_ring_it_plans_for_the_newest_queues(place: Path) -> None:
+def test_a_planner_in_a_paced_ring_uses_the_newest_queues(place: Path) -> None:
     stall = "def plan(self, view):\n        __import__('time').sleep((view.slot == 9) * 0.8)"
     slow = MINE.replace("def plan(self, view):", stall)
     (place / "slow.py").write_text(slow)
@@ -204,7 +204,7 @@ def test_in_a_paced_ring_it_plans_for_the_newest_queues(place: Path) -> None:
     assert timing["plan_p50_us"] > 1.0
 
 
-def test_one_that_hangs_in_a_paced_ring_is_reported_killed_and_started_again(place: Path) -> None:
+def test_a_hanging_planner_in_a_paced_ring_is_reported_and_restarted(place: Path) -> None:
     hang = """def plan(self, view):
         import pathlib, time
         if view.slot >= 20 and not pathlib.Path("hung").exists():
@@ -223,7 +223,7 @@ def test_one_that_hangs_in_a_paced_ring_is_reported_killed_and_started_again(pla
     assert all(",hold," not in line for line in trace[-5:]), "it plans again"
 
 
-def test_one_that_was_stopped_continues(place: Path) -> None:
+def test_a_suspended_planner_continues(place: Path) -> None:
     paced = ["--pace", "realtime", "--set", "slots=50", "--planner", f"{sys.executable} mine.py"]
     process = begin(place, "run", "long.toml", "--no-viewer", *paced, "--out", "run")
     until("flight", process, lambda: slots(place) > 20)
@@ -235,7 +235,7 @@ def test_one_that_was_stopped_continues(place: Path) -> None:
     assert json.loads((place / "run" / "summary.json").read_text())["restarts"] == 0
 
 
-def test_it_ends_with_its_launcher(place: Path) -> None:
+def test_a_planner_ends_with_its_launcher(place: Path) -> None:
     long = ["run", "long.toml", "--set", "slots=100000", "--no-viewer"]
     process = begin(place, *long, "--external", "planner", "--out", "run")
     said = place / "said"
@@ -256,7 +256,7 @@ def test_it_ends_with_its_launcher(place: Path) -> None:
     run("run", str(ROOT / "scenarios" / "smoke.toml"), "--no-viewer", "--out", "next", cwd=place)
 
 
-def test_what_a_strategy_raises_ends_the_run_and_is_shown(place: Path) -> None:
+def test_an_exception_of_a_strategy_ends_the_run_and_is_printed(place: Path) -> None:
     failing = MINE.replace("def plan(self, view):", "def plan(self, view):\n        1 / (view.slot < 9)")
     (place / "fails.py").write_text(failing)
     arguments = [str(ROOT / "scenarios" / "smoke.toml"), "--no-viewer", "--planner", f"{sys.executable} fails.py"]
@@ -265,7 +265,7 @@ def test_what_a_strategy_raises_ends_the_run_and_is_shown(place: Path) -> None:
     assert "planner ended with exit code 1" in failed.stderr
 
 
-def test_a_folder_that_is_no_ring_is_refused(place: Path) -> None:
+def test_a_folder_without_ring_is_refused(place: Path) -> None:
     no_ring = {**os.environ, "SKYSINK_RING": str(place)}
     words = [sys.executable, "mine.py"]
     result = subprocess.run(words, cwd=place, capture_output=True, text=True, timeout=60, env=no_ring)
@@ -306,7 +306,7 @@ def flight_of(**spoilt: Any) -> Sent:
     return Sent(flight)
 
 
-def test_every_sample_is_checked_as_the_processes_in_rust_do(capsys: pytest.CaptureFixture[str]) -> None:
+def test_samples_are_checked_like_in_rust(capsys: pytest.CaptureFixture[str]) -> None:
     assert ring_topics.possible_flight(flight_of())
     assert ring_topics.possible_flight(flight_of(mode=2, served=0)), "a hold"
     assert not ring_topics.possible_flight(Sent(np.zeros(2, ring_topics.FLIGHT))), "one for each UAV"

@@ -15,7 +15,7 @@ RANDOM = np.random.default_rng(1)
 POSITIONS = RANDOM.uniform(0.0, 500.0, (40, 2))
 
 
-def test_a_round_touches_all_and_is_no_shorter_than_its_bound() -> None:
+def test_a_round_touches_all_disks_and_respects_its_bound() -> None:
     for start, closed in (((250.0, 250.0), True), ((0.0, 0.0), False), (None, True)):
         found = skysink.round_over_disks(POSITIONS, 15.0, start, closed=closed, steps=500)
         points = found.points_m
@@ -38,7 +38,7 @@ def distance(point: Any, begin: Any, to: Any) -> float:
     return float(np.linalg.norm(begin + fraction * along - point))
 
 
-def test_steps_repeat_and_few_disks_are_solved() -> None:
+def test_equal_steps_give_equal_rounds_and_few_disks_are_solved() -> None:
     one, other = (skysink.round_over_disks(POSITIONS, 15.0, steps=300) for _ in range(2))
     assert np.array_equal(one.points_m, other.points_m) and one.bound_m == other.bound_m
     square = np.array([[0.0, 0.0], [50.0, 0.0], [50.0, 50.0], [0.0, 50.0]])
@@ -50,7 +50,7 @@ def test_steps_repeat_and_few_disks_are_solved() -> None:
         found.points_m[0] = 0.0
 
 
-def test_none_and_one_disk_have_a_round() -> None:
+def test_zero_and_one_disk_have_a_round() -> None:
     assert skysink.round_over_disks(np.empty((0, 2)), 5.0, steps=10).length_m == 0.0
     assert skysink.round_over_disks(np.array([[30.0, 40.0]]), 5.0, (0.0, 0.0), steps=10).length_m == pytest.approx(90.0, rel=1e-6)
 
@@ -66,7 +66,7 @@ def test_none_and_one_disk_have_a_round() -> None:
         ({"seconds": -1.0}, "seconds = -1: expected 0 to 1e6"),
     ],
 )
-def test_what_is_no_round_is_refused(arguments: dict[str, Any], message: str) -> None:
+def test_invalid_rounds_are_refused(arguments: dict[str, Any], message: str) -> None:
     settings: dict[str, Any] = {"positions_m": POSITIONS, "radius_m": 5.0} | arguments
     with pytest.raises(skysink.InputError, match=message):
         skysink.round_over_disks(**settings)

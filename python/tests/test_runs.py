@@ -49,7 +49,7 @@ def near(tmp_path: Path) -> Path:
     return tmp_path / "near.py"
 
 
-def test_a_saved_run_names_its_strategy_and_holds_its_source(smoke: skysink.Scenario, gfs: Path) -> None:
+def test_a_saved_run_contains_the_name_and_source_of_its_strategy(smoke: skysink.Scenario, gfs: Path) -> None:
     flown = skysink.simulate(smoke, f"python:{gfs}:GFS", label="mine")
     assert flown.scenario.strategy == f"python:{gfs}:GFS"
     folder = flown.save(gfs.parent / "run")
@@ -63,7 +63,7 @@ def test_a_saved_run_names_its_strategy_and_holds_its_source(smoke: skysink.Scen
     assert (summary["strategy"], summary["external"]) == ("mine", ["planner"])
 
 
-def test_a_new_run_of_a_saved_one_flies_the_same_with_its_neighbours(smoke: skysink.Scenario, near: Path) -> None:
+def test_a_saved_strategy_flies_the_same_with_its_imported_files(smoke: skysink.Scenario, near: Path) -> None:
     place = near.parent
     flown = skysink.simulate(smoke, f"python:{near}:Near")
     flown.save(place / "run")
@@ -92,7 +92,7 @@ def test_a_changed_source_is_refused(smoke: skysink.Scenario, near: Path) -> Non
     assert "strategy.neighbour.py: it was modified" in refused.stderr
 
 
-def test_an_object_and_an_episode_are_named_and_a_new_run_of_them_is_refused(
+def test_runs_of_objects_and_episodes_are_labelled_and_cannot_be_repeated(
     smoke: skysink.Scenario, tmp_path: Path
 ) -> None:
     env = DataCollectionEnv(smoke)
@@ -135,7 +135,7 @@ def test_a_scenario_file_may_name_a_strategy_beside_it(smoke: skysink.Scenario, 
     assert flown.strategy == "GFS"
 
 
-def test_the_source_of_an_earlier_run_goes_with_it(smoke: skysink.Scenario, near: Path) -> None:
+def test_replacing_a_run_removes_its_source(smoke: skysink.Scenario, near: Path) -> None:
     folder = skysink.simulate(smoke, f"python:{near}:Near").save(near.parent / "run")
     (folder / "notes.py").write_text("mine")
     skysink.simulate(smoke, "gfs").save(folder, force=True)
@@ -171,7 +171,7 @@ def test_a_saved_strategy_flies_again_with_packages_and_late_imports(tmp_path: P
     assert again.stdout.strip() == str(flown.summary["trace_hash"])
 
 
-def test_the_source_of_an_object_is_that_of_its_definition(
+def test_the_source_of_an_object_is_its_class_definition(
     tmp_path: Path, smoke: skysink.Scenario, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     slots = "from dataclasses import dataclass\n@dataclass(slots=True)\n"  # makes the class twice

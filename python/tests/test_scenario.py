@@ -13,7 +13,7 @@ from conftest import ROOT
 import skysink
 
 
-def test_keys_are_replaced_as_an_axis_of_a_sweep_replaces_them() -> None:
+def test_keys_are_replaced_like_an_axis_of_a_sweep() -> None:
     letter = skysink.Scenario.letter()
     wide = letter.replace({"area.side_m": 500.0, "seed": 7, "sensors.sampling_bps": [50, 150]})
     assert (wide["area.side_m"], wide.seed, wide["sensors.sampling_bps"]) == (500.0, 7, [50.0, 150.0])
@@ -44,7 +44,7 @@ def test_a_bad_value_is_refused_in_one_line(changes: dict[str, object], said: st
     assert "\n" not in str(refusal.value)
 
 
-def test_a_file_that_is_none_is_refused_by_its_name(tmp_path: Path) -> None:
+def test_an_invalid_file_is_refused_by_its_name(tmp_path: Path) -> None:
     with pytest.raises(skysink.InputError, match="missing.toml"):
         skysink.Scenario.load(tmp_path / "missing.toml")
     with pytest.raises(TypeError):
@@ -53,7 +53,7 @@ def test_a_file_that_is_none_is_refused_by_its_name(tmp_path: Path) -> None:
         skysink.Scenario.letter()["area.colour"]
 
 
-def test_a_scenario_is_pickled_and_copied_with_what_was_replaced_in_it() -> None:
+def test_pickles_and_copies_of_a_scenario_keep_replaced_keys() -> None:
     scenario = skysink.Scenario.load(ROOT / "scenarios" / "sparse.toml").replace({"area.side_m": 400.0})
     for other in (pickle.loads(pickle.dumps(scenario)), copy.deepcopy(scenario)):
         assert other == scenario
@@ -62,7 +62,7 @@ def test_a_scenario_is_pickled_and_copied_with_what_was_replaced_in_it() -> None
     assert scenario != scenario.replace({"seed": 2})
 
 
-def test_the_sensor_nodes_are_those_of_the_command_line() -> None:
+def test_sensor_nodes_equal_those_of_the_command_line() -> None:
     scenario = skysink.Scenario.letter()
     sensors, field = scenario.sensors(), scenario.field()
     assert sensors.columns == ["x_m", "y_m", "queue_bits", "gain_db", "sampling_bps", "capacity_bits", "weight"]

@@ -48,7 +48,7 @@ def test_a_run_folder_is_read_again(tmp_path: Path, smoke: skysink.Scenario) -> 
         skysink.Run.load(tmp_path / "run")
 
 
-def test_a_folder_is_not_replaced_unasked(tmp_path: Path, smoke: skysink.Scenario) -> None:
+def test_a_folder_is_replaced_only_with_force(tmp_path: Path, smoke: skysink.Scenario) -> None:
     flown = skysink.simulate(smoke, "gfs")
     flown.save(tmp_path / "run")
     with pytest.raises(skysink.InputError, match="exists"):
@@ -71,7 +71,7 @@ def test_every_bit_of_the_queues_is_accounted_for(smoke: skysink.Scenario) -> No
     assert flown.loss_rate == flown.metrics["loss_rate"] == slots["lost_bits"].sum() / sampled.sum()
 
 
-def test_the_results_of_each_sensor_node_are_those_of_the_report(tmp_path: Path, smoke: skysink.Scenario) -> None:
+def test_sensor_results_equal_those_of_the_report(tmp_path: Path, smoke: skysink.Scenario) -> None:
     flown = skysink.simulate(smoke.replace({"sensors.sampling_bps": [0.0, 900.0]}), "uts")
     flown.save(tmp_path / "run")
     run("report", "run", "--sensors", cwd=tmp_path)
@@ -106,7 +106,7 @@ def test_columns_are_shared_with_other_libraries_and_not_copied(smoke: skysink.S
     assert np.array_equal(mine, copy), "the memory lives as long as the array"
 
 
-def test_what_goes_between_processes_is_pickled(smoke: skysink.Scenario) -> None:
+def test_values_passed_between_processes_can_be_pickled(smoke: skysink.Scenario) -> None:
     flown = skysink.simulate(smoke, "uts")
     for value in (flown, flown.slots, flown.field, skysink.Decision((1.0, 2.0), serve=[3]), flown.scenario):
         assert repr(pickle.loads(pickle.dumps(value))) == repr(value)
@@ -120,7 +120,7 @@ def test_what_goes_between_processes_is_pickled(smoke: skysink.Scenario) -> None
 
 
 @pytest.mark.parametrize("label", ["uts", "a/b", "", "x" * 65])
-def test_a_label_that_is_none_is_refused(smoke: skysink.Scenario, label: str) -> None:
+def test_an_invalid_label_is_refused(smoke: skysink.Scenario, label: str) -> None:
     with pytest.raises(skysink.InputError, match="label"):
         skysink.simulate(smoke, "uts", label=label)
 
@@ -137,7 +137,7 @@ def test_a_mission_can_be_interrupted() -> None:
     timer.join()
 
 
-def test_other_threads_go_on_while_a_mission_flies() -> None:
+def test_other_threads_run_during_a_mission() -> None:
     counted = 0
     done = threading.Event()
 

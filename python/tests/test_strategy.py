@@ -64,14 +64,14 @@ class Watch(skysink.Strategy):
         return skysink.Decision(view.uav[:2])
 
 
-def test_the_view_of_the_queues_is_the_memory_of_the_field(smoke: skysink.Scenario) -> None:
+def test_the_view_of_the_queues_shares_memory_with_the_field(smoke: skysink.Scenario) -> None:
     watch = Watch()
     flown = skysink.simulate(smoke, watch)
     assert len(set(watch.places)) == 1, "no slot has an array of its own"
     assert np.array_equal(np.array(watch.copies), flown.queues[:-1])
 
 
-def test_a_view_that_is_kept_stays_as_it_was(smoke: skysink.Scenario) -> None:
+def test_a_kept_view_does_not_change(smoke: skysink.Scenario) -> None:
     watch = Watch()
     watch.keeps = True
     flown = skysink.simulate(smoke, watch)
@@ -85,7 +85,7 @@ class Fails(skysink.Strategy):
         return None
 
 
-def test_what_a_strategy_raises_comes_through_with_its_traceback(smoke: skysink.Scenario) -> None:
+def test_an_exception_of_a_strategy_keeps_its_traceback(smoke: skysink.Scenario) -> None:
     with pytest.raises(ZeroDivisionError, match="no such slot") as raised:
         skysink.simulate(smoke, Fails())
     assert raised.value.__notes__ == ["while planning slot 4"]
@@ -93,7 +93,7 @@ def test_what_a_strategy_raises_comes_through_with_its_traceback(smoke: skysink.
 
 
 @pytest.mark.parametrize("decided", [7, "here", (1.0, 2.0)])
-def test_what_is_no_decision_is_refused(smoke: skysink.Scenario, decided: object) -> None:
+def test_an_invalid_decision_is_refused(smoke: skysink.Scenario, decided: object) -> None:
     class Wrong(skysink.Strategy):
         def plan(self, view: skysink.View) -> Any:
             return decided
@@ -108,7 +108,7 @@ def test_a_waypoint_of_another_shape_is_refused(waypoint: tuple[float, ...]) -> 
         skysink.Decision(waypoint)
 
 
-def test_a_plan_that_cannot_be_flown_is_refused_and_counted(smoke: skysink.Scenario) -> None:
+def test_an_infeasible_plan_is_refused_and_counted(smoke: skysink.Scenario) -> None:
     class Away(skysink.Strategy):
         def plan(self, view: skysink.View) -> skysink.Decision:
             return skysink.Decision((1e6, float("nan")), serve=[0, 0, 99])
@@ -117,7 +117,7 @@ def test_a_plan_that_cannot_be_flown_is_refused_and_counted(smoke: skysink.Scena
     assert flown.summary["refused"] == flown.summary["held_slots"] == 60
 
 
-def test_a_comparison_is_that_of_the_command_line(smoke: skysink.Scenario, gfs: Path) -> None:
+def test_a_comparison_equals_that_of_the_command_line(smoke: skysink.Scenario, gfs: Path) -> None:
     standings = skysink.compare(smoke, ["gfs", made(), f"python:{gfs}:GFS", "uts"], seeds=4)
     losses = {entry["label"]: entry for entry in standings if entry["metric"] == "loss_rate"}
     assert list(losses) == ["gfs", "GFS", f"python:{gfs}:GFS", "uts"]
@@ -165,7 +165,7 @@ def test_a_comparison_in_a_folder_is_resumed_and_extended(smoke: skysink.Scenari
         skysink.compare(smoke, ["gfs", made()], seeds=1, out=out)
 
 
-def test_strategies_with_parameters_have_names_of_their_own(smoke: skysink.Scenario) -> None:
+def test_strategies_with_parameters_have_distinct_names(smoke: skysink.Scenario) -> None:
     class Within(skysink.Strategy):
         def __init__(self, radius_m: float) -> None:
             self.radius_m = radius_m
@@ -198,7 +198,7 @@ def test_a_comparison_on_processes_is_the_same(smoke: skysink.Scenario, gfs: Pat
         skysink.compare(smoke, ["uts", made()()], seeds=1)  # type: ignore[list-item]
 
 
-def test_a_strategy_in_a_file_may_import_its_neighbours(smoke: skysink.Scenario, tmp_path: Path) -> None:
+def test_a_strategy_file_may_import_files_beside_it(smoke: skysink.Scenario, tmp_path: Path) -> None:
     (tmp_path / "neighbour.py").write_text("HEIGHT = 3.0\n")
     (tmp_path / "mine.py").write_text(
         "from __future__ import annotations\nimport skysink, neighbour\nfrom dataclasses import dataclass\n"
@@ -211,7 +211,7 @@ def test_a_strategy_in_a_file_may_import_its_neighbours(smoke: skysink.Scenario,
 @pytest.mark.parametrize(
     "name", ["python:mine.py", "python:missing.py:GFS", "python:mine.py:Other", "python::GFS", "nobody"]
 )
-def test_a_strategy_that_is_not_there_is_refused(
+def test_a_missing_strategy_is_refused(
     smoke: skysink.Scenario, gfs: Path, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(gfs.parent)

@@ -76,7 +76,7 @@ class Dying(Executor):
         return future
 
 
-def test_what_was_flown_before_an_executor_gave_up_is_not_flown_again(
+def test_results_before_the_failure_of_an_executor_are_kept(
     by_command: Path, file: Path, tmp_path: Path
 ) -> None:
     with pytest.raises(BrokenProcessPool):
@@ -116,7 +116,7 @@ def kill_and_fly(flag: str, function: Any, *arguments: Any) -> Any:
     return function(*arguments)
 
 
-def test_a_dask_cluster_of_which_a_worker_is_killed_gives_the_same_bytes(
+def test_dask_gives_the_same_bytes_after_a_worker_is_killed(
     by_command: Path, file: Path, tmp_path: Path
 ) -> None:
     distributed = pytest.importorskip("distributed")
@@ -128,7 +128,7 @@ def test_a_dask_cluster_of_which_a_worker_is_killed_gives_the_same_bytes(
     same_files(by_command, tmp_path / "mine", FILES)
 
 
-def test_ray_of_which_a_worker_is_killed_gives_the_same_bytes(by_command: Path, file: Path, tmp_path: Path) -> None:
+def test_ray_gives_the_same_bytes_after_a_worker_is_killed(by_command: Path, file: Path, tmp_path: Path) -> None:
     ray = pytest.importorskip("ray")
     here = {"env_vars": {"PYTHONPATH": os.path.dirname(__file__)}}
     ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False, runtime_env=here)
@@ -141,7 +141,7 @@ def test_ray_of_which_a_worker_is_killed_gives_the_same_bytes(by_command: Path, 
     same_files(by_command, tmp_path / "mine", FILES)
 
 
-def test_a_strategy_in_python_flies_in_a_sweep(tmp_path: Path, gfs: Path) -> None:
+def test_a_python_strategy_runs_in_a_sweep(tmp_path: Path, gfs: Path) -> None:
     text = SWEEP.replace('["uts", "gfs"]', '["gfs", "python:mine.py:GFS"]').replace("seeds = 30", "seeds = 3")
     (tmp_path / "sweep.toml").write_text(text)
     results = polars.DataFrame(skysink.sweep(tmp_path / "sweep.toml", tmp_path / "alone"))
@@ -156,7 +156,7 @@ def test_a_strategy_in_python_flies_in_a_sweep(tmp_path: Path, gfs: Path) -> Non
     assert "skysink.sweep()" in refused.stderr
 
 
-def test_a_sweep_whose_strategy_was_changed_is_another_one(tmp_path: Path, gfs: Path) -> None:
+def test_a_changed_strategy_makes_another_sweep(tmp_path: Path, gfs: Path) -> None:
     text = SWEEP.replace('["uts", "gfs"]', '["python:mine.py:GFS"]').replace("seeds = 30", "seeds = 1")
     (tmp_path / "sweep.toml").write_text(text)
     skysink.sweep(tmp_path / "sweep.toml", tmp_path / "mine")
@@ -199,7 +199,7 @@ def test_a_folder_alone_repeats_a_sweep_of_strategies_in_python(tmp_path: Path, 
         skysink.sweep(tmp_path / "first", tmp_path / "fourth")
 
 
-def test_a_strategy_in_python_extends_a_sweep(by_command: Path, tmp_path: Path, gfs: Path) -> None:
+def test_a_python_strategy_extends_a_sweep(by_command: Path, tmp_path: Path, gfs: Path) -> None:
     text = SWEEP.replace('["uts", "gfs"]', '["uts", "gfs", "python:mine.py:GFS"]')
     (tmp_path / "larger.toml").write_text(text)
     skysink.sweep(tmp_path / "larger.toml", tmp_path / "whole")

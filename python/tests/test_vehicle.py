@@ -61,7 +61,7 @@ def test_an_ideal_vehicle_leaves_the_trace_of_flight_sim(place: Path) -> None:
     assert summary(place)["external"] == ["flight-sim"]
 
 
-def test_so_does_one_with_a_base_a_battery_and_zones(place: Path) -> None:
+def test_an_ideal_vehicle_with_base_battery_and_zones_leaves_the_trace_of_flight_sim(place: Path) -> None:
     (place / "base.toml").write_text("""
 name = "base"
 slots = 400
@@ -91,7 +91,7 @@ def test_a_fleet_of_ideal_vehicles_leaves_the_trace_of_flight_sim(place: Path) -
     same_files(place / "alone", place / "run", ["slots.csv"])
 
 
-def test_one_that_lags_is_en_route_and_loses_more(place: Path) -> None:
+def test_a_lagging_vehicle_is_en_route_and_loses_more(place: Path) -> None:
     assert skysink.simulate(skysink.Scenario.load(LETTER), "uts").loss_rate == 0.0
     noise = "np.random.default_rng(order.slot).normal(0.0, 1.0, 3) * [1, 1, 0]"
     fly(place, f"order.position + 0.5 * (order.waypoint - order.position) + {noise}", scenario=LETTER)
@@ -105,7 +105,7 @@ def test_one_that_lags_is_en_route_and_loses_more(place: Path) -> None:
     assert json.loads((place / "run-replay" / "replay.json").read_text())["trace_hash"] == summary(place)["trace_hash"]
 
 
-def test_bits_that_real_sensor_nodes_have_delivered_are_those_of_the_ledger(place: Path) -> None:
+def test_bits_reported_by_sensor_nodes_enter_the_ledger(place: Path) -> None:
     fly(place, "skysink.ring.Flown(order.waypoint, bits={sensor: 700 for sensor in order.serve})")
     served = [row for row in rows(place) if row[5]]
     assert len(served) > 40
@@ -129,25 +129,25 @@ def test_bits_that_real_sensor_nodes_have_delivered_are_those_of_the_ledger(plac
         ("skysink.ring.Flown((1, 2), bits={-1: 5})", "bits = {-1: 5}: expected at most 64 ids of sensor nodes"),
     ],
 )
-def test_what_cannot_be_is_one_line_and_ends_the_run(place: Path, returned: str, expected: str) -> None:
+def test_an_impossible_report_ends_the_run_with_one_line(place: Path, returned: str, expected: str) -> None:
     said = fly(place, returned, code=1).stderr.splitlines()
     assert len(said) == 2 and expected in said[0], said
     assert said[1] == "skysink: flight-sim ended with exit code 2 in slot 1: nothing was flown"
 
 
-def test_one_that_jumps_out_of_the_area_is_called_back(place: Path) -> None:
+def test_a_vehicle_outside_the_area_is_ordered_back(place: Path) -> None:
     fly(place, "(900.0, -40.0) if order.slot == 20 else order.waypoint")
     jumped, back = rows(place)[19:21]
     assert jumped[2:5] == ["900", "-40", "20"] and jumped[9] == "en-route"
     assert back[9] != "hold" and 0.0 <= float(back[2]) <= 100.0, back
 
 
-def test_one_that_is_silent_ends_the_run_with_one_line(place: Path) -> None:
+def test_a_silent_vehicle_ends_the_run_with_one_line(place: Path) -> None:
     said = fly(place, "__import__('time').sleep(60 * (order.slot == 9)) or order.waypoint", "--timeout", "3", code=1).stderr
     assert "flight-sim has not sent flight(9) for 3 s" in said
 
 
-def test_killed_and_started_again_it_flies_no_slot_twice(place: Path) -> None:
+def test_a_killed_and_restarted_vehicle_flies_no_slot_twice(place: Path) -> None:
     flown = "open('flown', 'a').write(f'{order.slot}\\n') and order.waypoint"
     (place / "vehicle.py").write_text(VEHICLE.format(returned=flown))
     vehicle = ["--vehicle", f"{sys.executable} vehicle.py"]
@@ -187,7 +187,7 @@ skysink.ring.vehicle(Mine())
     assert json.loads((place / "begins").read_text().splitlines()[-1]) == last
 
 
-def test_the_energy_that_it_measures_is_that_of_the_run(place: Path) -> None:
+def test_measured_energy_enters_the_run(place: Path) -> None:
     battery = ["--set", "uav.battery.capacity_j=100000.0"]
     fly(place, "skysink.ring.Flown(order.waypoint, energy_j=9e4 - 100 * order.slot)", *battery)
     assert [float(row[11]) for row in rows(place)] == [9e4 - 100.0 * (slot + 1) for slot in range(60)]
@@ -198,7 +198,7 @@ def test_the_energy_that_it_measures_is_that_of_the_run(place: Path) -> None:
     run("report", "run", cwd=place)
 
 
-def test_its_altitude_is_led_back_to_that_of_the_scenario(place: Path) -> None:
+def test_the_altitude_returns_to_that_of_the_scenario(place: Path) -> None:
     fly(place, "order.waypoint - [0.0, 0.0, 0.3]")
     assert {row[4] for row in rows(place)} == {"19.7"}
 
@@ -216,7 +216,7 @@ def test_the_scenario_of_another_run_is_refused(place: Path) -> None:
     assert "expected the scenario of the run, whose sensor nodes are others" in said
 
 
-def test_in_a_paced_ring_it_knows_when_a_slot_ends_and_holds_where_a_plan_is_late(place: Path) -> None:
+def test_a_vehicle_in_a_paced_ring_knows_its_deadline_and_holds_on_late_plans(place: Path) -> None:
     (place / "vehicle.py").write_text("""
 import time
 import skysink.ring
@@ -240,7 +240,7 @@ skysink.ring.vehicle(Mine())
     assert summary(place)["timing"]["missed_deadlines"] == late  # type: ignore[index]
 
 
-def test_it_is_started_by_hand(place: Path) -> None:
+def test_a_vehicle_can_be_started_by_hand(place: Path) -> None:
     (place / "vehicle.py").write_text(VEHICLE.format(returned="order.waypoint"))
     process = begin(place, "run", SMOKE, "--no-viewer", "--external", "flight-sim", "--out", "run")
     said = place / "said"

@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn a_host_joins_with_the_terms_of_another_and_only_once() {
+    fn a_host_joins_once_with_the_terms_of_the_first_host() {
         let first = new(LINK);
         let copies = tempfile::tempdir().unwrap();
         let copy = copies.path().join("ring.toml");

@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ring_under_way_is_not_removed() {
+    fn a_running_ring_is_not_removed() {
         let home = tempfile::tempdir().unwrap();
         let folder = abandoned(home.path());
         let lock = File::open(lock_path(&folder)).unwrap();
@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn a_process_joins_an_abandoned_ring_or_the_ring_is_removed_but_not_both() {
+    fn joining_and_removing_an_abandoned_ring_are_exclusive() {
         let home = tempfile::tempdir().unwrap();
         let mut joined = 0;
         for _ in 0..200 {

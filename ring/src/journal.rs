@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn the_newest_state_before_a_slot_that_is_accepted_is_restored() {
+    fn the_newest_acceptable_state_before_a_slot_is_restored() {
         let folder = tempfile::tempdir().unwrap();
         let mut journal = journal(&folder, 1, None);
         let mut state = Number(0);
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn who_has_no_state_leaves_the_record_before_it() {
+    fn an_empty_state_keeps_the_previous_record() {
         let folder = tempfile::tempdir().unwrap();
         let mut journal = journal(&folder, 1, None);
         journal.save(1, &[], &Number(1)).unwrap();
@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn the_state_is_saved_once_in_so_many_slots_and_the_input_in_each() {
+    fn the_state_is_saved_at_its_interval_and_the_input_in_every_slot() {
         let folder = tempfile::tempdir().unwrap();
         for slot in 5..=27 {
             journal(&folder, 8, Some(2)).save(slot, &[slot as u8; 2], &Number(1)).unwrap();
@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slot_that_is_run_again_replaces_its_state() {
+    fn a_repeated_slot_replaces_its_state() {
         let folder = tempfile::tempdir().unwrap();
         let mut journal = journal(&folder, 1, None);
         [(7, 70), (8, 80), (9, 90), (8, 81)]

@@ -309,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sample_that_a_link_has_lost_is_taken_from_its_repeat() {
+    fn a_sample_lost_by_a_link_is_received_from_its_repeat() {
         let linked = Linked::new(LINK);
         let mut reader = linked.ring.commit.reader().unwrap();
         [1, 3].into_iter().for_each(|slot| linked.send(slot, 0, 0));
@@ -322,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn repeats_do_not_fill_the_buffer_of_a_reader_that_receives_them() {
+    fn repeats_do_not_fill_the_buffer_of_an_active_reader() {
         let linked = Linked::new(LINK);
         let mut reader = linked.ring.commit.reader().unwrap();
         linked.send(1, 0, 0);
@@ -336,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn a_new_reader_behind_a_link_begins_with_the_oldest_repeat() {
+    fn a_new_reader_behind_a_link_starts_with_the_oldest_repeat() {
         let linked = Linked::new(LINK);
         let mut reader = linked.ring.commit.reader().unwrap();
         linked.send(8, FLAG_REPEAT, 0);
@@ -371,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_taken_is_not_taken_again_from_its_repeat() {
+    fn a_received_sample_is_not_received_again_from_its_repeat() {
         let linked = Linked::new(LINK);
         let mut reader = linked.ring.commit.reader().unwrap();
         [1, 2].into_iter().for_each(|slot| linked.send(slot, 0, 0));
@@ -385,7 +385,7 @@ mod tests {
     }
 
     #[test]
-    fn a_new_reader_with_no_room_for_an_older_repeat_waits_for_none() {
+    fn a_new_reader_with_a_full_buffer_does_not_wait_for_older_repeats() {
         let linked = Linked::new(LINK);
         let mut reader = linked.ring.commit.reader().unwrap();
         (5..5 + MAX_EARLY as u64).for_each(|slot| linked.send(slot, FLAG_REPEAT, 0));
@@ -393,7 +393,7 @@ mod tests {
     }
 
     #[test]
-    fn an_observer_has_missed_a_slot_only_once_no_older_repeat_can_come() {
+    fn an_observer_reports_a_missed_slot_only_after_its_last_possible_repeat() {
         let linked = Linked::new(LINK);
         let mut reader = linked.observer();
         linked.send(3, FLAG_REPEAT, 0);
@@ -405,7 +405,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sample_of_another_run_or_of_a_slot_that_the_ring_cannot_have_reached_is_refused() {
+    fn a_sample_of_another_run_or_a_future_slot_is_refused() {
         let linked = Linked::new(None);
         let mut reader = linked.ring.commit.reader().unwrap();
         let header = linked.ring.header(1, 0);
@@ -419,7 +419,7 @@ mod tests {
     }
 
     #[test]
-    fn beside_a_writer_that_is_alive_another_is_not_heard() {
+    fn a_second_writer_is_ignored_while_the_first_is_alive() {
         let linked = Linked::new(None);
         let mut reader = linked.ring.commit.reader().unwrap();
         linked.send(1, 0, 0);
@@ -432,7 +432,7 @@ mod tests {
     }
 
     #[test]
-    fn the_end_comes_after_a_sample_of_the_same_slot() {
+    fn the_end_is_delivered_after_the_sample_of_the_same_slot() {
         let linked = Linked::new(None);
         let mut reader = linked.ring.commit.reader().unwrap();
         [0, FLAG_END].into_iter().for_each(|flags| linked.send(5, flags, 0));

@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn records_without_a_byte_of_room_to_spare_leave_each_other_whole() {
+    fn records_of_maximum_size_do_not_overlap() {
         let folder = tempfile::tempdir().unwrap();
         let records = Records::open(&folder.path().join("journal"), 3, 1, 4096).unwrap();
         for slot in [3, 2, 1] {
@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn a_record_counts_only_in_its_own_place_and_for_its_own_slot() {
+    fn a_record_is_valid_only_in_its_own_cell_and_slot() {
         let folder = tempfile::tempdir().unwrap();
         let records = records(&folder);
         (1..=3).for_each(|slot| records.write(slot, b"state").unwrap());
@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_saved_others_may_not_read() {
+    fn saved_files_are_private_to_the_owner() {
         let folder = tempfile::tempdir().unwrap();
         let mode = records(&folder).file.metadata().unwrap().permissions().mode();
         assert_eq!(mode & 0o777, 0o600);
@@ -199,7 +199,7 @@ mod tests {
     proptest! {
         /// A kill leaves the first of the new bytes, and after them those of the record before.
         #[test]
-        fn a_record_that_is_cut_anywhere_does_not_damage_the_others(cut in 0usize..=4024, new in any::<u8>()) {
+        fn a_truncated_record_does_not_damage_the_others(cut in 0usize..=4024, new in any::<u8>()) {
             let folder = tempfile::tempdir().unwrap();
             let records = records(&folder);
             for slot in 1..=3u64 {
@@ -218,7 +218,7 @@ mod tests {
         }
 
         #[test]
-        fn no_record_is_found_in_a_file_of_arbitrary_bytes(bytes in prop::collection::vec(any::<u8>(), 0..20_000)) {
+        fn arbitrary_bytes_contain_no_record(bytes in prop::collection::vec(any::<u8>(), 0..20_000)) {
             let folder = tempfile::tempdir().unwrap();
             std::fs::write(folder.path().join("journal"), bytes).unwrap();
             prop_assert_eq!(records(&folder).read().unwrap(), []);

@@ -105,7 +105,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_power_of_ten_is_logged() {
+    fn refusals_are_logged_at_powers_of_ten() {
         let said = |before, now| line("plan", 7, Refusal::Mission, before, now);
         assert_eq!(said(0, 1).unwrap(), "plan(7) refused: it belongs to another run");
         assert_eq!(said(1, 2), None);

@@ -153,7 +153,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_process_at_a_time_has_a_role_and_its_starts_are_counted() {
+    fn a_role_is_exclusive_and_counts_its_starts() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(last_heartbeat(folder.path(), Role::Planner), None);
         let first = RoleLock::acquire(folder.path(), Role::Planner).unwrap();
@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn a_heartbeat_is_seen_from_outside() {
+    fn a_heartbeat_is_visible_to_other_processes() {
         let folder = tempfile::tempdir().unwrap();
         let lock = RoleLock::acquire(folder.path(), Role::Planner).unwrap();
         let long_ago = SystemTime::now() - Duration::from_secs(60);

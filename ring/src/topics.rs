@@ -371,7 +371,7 @@ mod tests {
     use skysink_common::estimate::Rates;
 
     #[test]
-    fn a_link_carries_the_topics_that_the_processes_of_a_host_read_or_write() {
+    fn a_link_carries_the_topics_of_the_processes_of_its_host() {
         let of = |roles: &[Role]| LinkedServices::of(&Terms::default(), roles);
         let services = |names: &[&str]| names.iter().map(|name| format!("skysink/{name}")).collect::<Vec<_>>();
         let planner = of(&[Planner]);

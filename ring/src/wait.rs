@@ -360,7 +360,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn waits_sleep_at_once_while_another_program_uses_the_core() {
+    fn waits_do_not_spin_on_a_busy_core() {
         let mut core = CoreContention::default();
         let poll = |core: &mut CoreContention, yielded_us| {
             let slept = (0..).take_while(|_| !core.may_poll()).count();
@@ -375,7 +375,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stopwatch_counts_little_of_the_time_in_which_the_process_was_stopped() {
+    fn a_stopwatch_excludes_most_of_a_suspension() {
         let begin = Instant::now();
         let mut watch = Stopwatch::start(begin);
         assert_eq!(watch.advance(begin + Duration::from_millis(150)), Duration::from_millis(150));
@@ -384,7 +384,7 @@ mod tests {
     }
 
     #[test]
-    fn a_topic_that_was_long_in_coming_is_waited_for_asleep_until_it_is_quick_again() {
+    fn a_slow_topic_is_waited_for_asleep_until_it_is_fast_again() {
         let now = Instant::now();
         let mut wait = WaitContext {
             stop: Stop::default(),
@@ -414,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn the_names_of_waiting_round_trip() {
+    fn wait_mode_names_round_trip() {
         for (waiting, text) in [(Waiting::Adaptive, "adaptive"), (Waiting::Event, "event"), (Waiting::Poll, "poll")] {
             assert_eq!(text.parse(), Ok(waiting));
             assert_eq!(waiting.to_string(), text);

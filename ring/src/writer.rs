@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn a_writer_of_a_linked_ring_repeats_its_last_samples_while_it_has_nothing_new() {
+    fn an_idle_writer_of_a_linked_ring_repeats_its_last_samples() {
         let folder = linked_folder();
         let (ring, mut wait) =
             Ring::<local::Service>::join(&folder, &scenario(), Role::Launcher, &Stop::default()).unwrap();
@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_repeated_is_not_due_at_once_again() {
+    fn repeats_have_an_interval() {
         let folder = linked_folder();
         let (ring, _) = Ring::<local::Service>::join(&folder, &scenario(), Role::Launcher, &Stop::default()).unwrap();
         let commits = ring.commit.writer().unwrap();
@@ -302,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_sleeps_is_woken_by_each_sample() {
+    fn sleeping_readers_are_notified_of_each_sample() {
         let folder = RingFolder::create(Terms::default()).unwrap();
         let (ring, _) = Ring::<local::Service>::join(&folder, &scenario(), Role::Launcher, &Stop::default()).unwrap();
         let is_woken = |listener: &iceoryx2::port::listener::Listener<local::Service>| {

@@ -40,7 +40,7 @@ fn stopped_later(stop: &Stop) -> std::thread::JoinHandle<()> {
 }
 
 #[test]
-fn a_process_of_another_scenario_is_refused_with_what_it_should_have() {
+fn a_process_of_another_scenario_is_refused_with_the_expected_one() {
     let folder = folder(60.0);
     let _launcher = join(&folder, Role::Launcher, &Stop::default()).unwrap();
     let theirs = RingFolder::open(folder.path()).unwrap();
@@ -53,7 +53,7 @@ fn a_process_of_another_scenario_is_refused_with_what_it_should_have() {
 }
 
 #[test]
-fn a_process_that_was_started_again_says_so_in_its_headers() {
+fn headers_carry_the_restart_count() {
     let folder = folder(60.0);
     let _launcher = join(&folder, Role::Launcher, &Stop::default()).unwrap();
     let theirs = RingFolder::open(folder.path()).unwrap();
@@ -65,7 +65,7 @@ fn a_process_that_was_started_again_says_so_in_its_headers() {
 }
 
 #[test]
-fn a_launcher_has_its_own_writer_behind_a_link_too() {
+fn a_launcher_behind_a_link_has_its_own_writer() {
     let link = Some(LinkTerms { version: 0, scenario: 0 });
     let folder = RingFolder::create(Terms { link, ..Terms::default() }).unwrap();
     let (ring, _) = join(&folder, Role::Launcher, &Stop::default()).unwrap();
@@ -75,7 +75,7 @@ fn a_launcher_has_its_own_writer_behind_a_link_too() {
 }
 
 #[test]
-fn a_sample_that_does_not_come_ends_the_launchers_wait_and_is_named() {
+fn a_missing_sample_ends_the_launchers_wait_and_is_named() {
     let folder = folder(0.05);
     let (ring, mut wait) = join(&folder, Role::Launcher, &Stop::default()).unwrap();
     let mut plans = ring.plan.reader().unwrap();
@@ -98,7 +98,7 @@ fn a_wait_ends_when_the_process_is_stopped() {
 }
 
 #[test]
-fn a_wait_ends_when_the_launcher_has_gone() {
+fn a_wait_ends_with_its_launcher() {
     let folder = folder(1e6);
     let launcher = join(&folder, Role::Launcher, &Stop::default()).unwrap();
     let theirs = RingFolder::open(folder.path()).unwrap();
@@ -109,7 +109,7 @@ fn a_wait_ends_when_the_launcher_has_gone() {
 }
 
 #[test]
-fn a_ring_is_running_as_long_as_its_launcher_lives() {
+fn a_ring_runs_as_long_as_its_launcher() {
     let folder = folder(60.0);
     let path = folder.path().to_owned();
     assert!(running_rings().contains(&path));
@@ -118,7 +118,7 @@ fn a_ring_is_running_as_long_as_its_launcher_lives() {
 }
 
 #[test]
-fn terms_with_a_timeout_that_is_none_are_refused() {
+fn terms_with_an_invalid_timeout_are_refused() {
     let folder = folder(60.0);
     let file = folder.path().join("ring.toml");
     let text = fs::read_to_string(&file).unwrap();

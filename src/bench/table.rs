@@ -75,7 +75,7 @@ mod tests {
     use crate::bench::ring::RingRow;
 
     #[test]
-    fn the_widest_rings_fit_a_terminal() {
+    fn the_widest_ring_rows_fit_a_terminal() {
         let case =
             RingCase { sensors: 1_000_000, wait: Waiting::Adaptive, pace: Pace::Factor(200.0), slots: 1, uavs: 1 };
         let times = Spread { p50_us: 12.34, p99_us: 12.34, p999_us: 12.34, max_us: 12.34 };

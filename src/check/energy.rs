@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mission_that_has_to_land_flies_out_for_half_of_it() {
+    fn a_mission_with_landing_flies_outward_for_half_of_it() {
         // Ten slots of 30 m: 150 m out and back, 1 m of base and 10 m of range.
         let figures = figures("[uav]\nmust_land = true\n").unwrap();
         assert_eq!((figures.timed_m, figures.beyond, figures.hovering_s), (Some(151.0), 2, None));

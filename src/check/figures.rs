@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn the_nearest_neighbour_is_another_one() {
+    fn the_nearest_neighbour_is_a_different_sensor_node() {
         // 0 to 3: 3 m; 3 to 0: 3 m; 10 to 3: 7 m; mean 13/3 m.
         let positions = row(&[0.0, 3.0, 10.0]);
         let mean_m = mean_neighbour_m(&positions, &Grid::new(&positions, 5.0)).unwrap();
@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn sensor_nodes_that_are_too_far_away_are_counted() {
+    fn sensor_nodes_out_of_reach_are_counted() {
         // 3 slots of 30 m from (500, 500), and d_c = 10 m: within 100 m.
         let keys = "slots = 3\n[area]\nside_m = 1000.0\n";
         assert_eq!(figures(keys, "x_m,y_m\n500,599\n500,602\n500,500\n").unreachable, 1);

@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn the_letter_demands_what_no_copter_flies_and_slots_of_a_minute_do_not() {
+    fn the_papers_acceleration_is_warned_of_and_that_of_long_slots_is_not() {
         // 30 m = a/4 · 1 s²; 2.5/4 · 6.93² = 30 m.
         let letter = motion("");
         assert_eq!(letter.demanded_mps2, Some(120.0));

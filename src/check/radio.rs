@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn buildings_leave_a_part_of_the_range_in_sight() {
+    fn buildings_leave_a_fraction_of_the_range_in_sight() {
         let rows = |building: &str| rows(&format!("model = 'buildings'\n[area]\n{building}"));
         assert_eq!(
             rows("").last().unwrap(),
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn a_table_is_given_with_what_it_covers() {
+    fn a_channel_table_is_described_with_its_extent() {
         let table = |distances_m, altitudes_m: Vec<f64>| {
             let rates_bps = vec![7.0; altitudes_m.len() * 4];
             Some(RateTable::new(distances_m, altitudes_m, vec![0.1, 0.9], rates_bps).unwrap().held())
@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn fading_is_given_with_its_mean_rate_and_frozen_sight_with_its_distance() {
+    fn fading_is_described_with_its_mean_rate_and_frozen_sight_with_its_distance() {
         // γ = 1.58e6/500 = 3162: log2 = 11.627; less 0.8327 bit of Rayleigh: 10.796, 92.9 %.
         let rayleigh = "Rayleigh: 92.9 % of the mean rate at d_c";
         assert_eq!(rows("fading = 'rician'\nk_db = -inf\n")[1], ("fading", rayleigh.to_owned()));

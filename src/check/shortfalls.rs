@@ -35,7 +35,7 @@ mod tests {
     use skysink_common::scenario::Overrides;
 
     #[test]
-    fn each_model_has_its_sentence_and_the_papers_none() {
+    fn each_optional_model_adds_its_sentence() {
         let of = |keys: &str, list: &str, flown: &[&str]| {
             let scenario =
                 Scenario::parse(&format!("name = 'a'\n{keys}"), Path::new("a.toml"), Overrides::default()).unwrap();

@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn a_round_is_bounded_by_blocks_paths_and_the_farthest() {
+    fn a_round_is_bounded_by_blocks_paths_and_the_farthest_sensor_node() {
         // Five SNs in one spot below the UAV, n = 4: two slots, and `tour` takes as many.
         let (round, _) = known("", &format!("x_m,y_m\n{}", "50,50\n".repeat(5)));
         assert_eq!((round.least_slots, round.because, round.tour_slots), (2, RoundBound::Blocks, Some(2)));
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn packets_beyond_the_buffers_are_lost_whatever_flies() {
+    fn packets_larger_than_the_buffers_are_always_lost() {
         let keys = "slots = 400\n[sensors.arrivals]\nmodel = 'poisson'\npacket_bits = 40000\n";
         let list = "x_m,y_m,queue_bits,sampling_bps\n50,50,0,10000\n";
         let (_, verdict) = known(keys, list);
@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sensor_node_that_zones_hide_loses_what_its_buffer_does_not_hold() {
+    fn a_sensor_node_enclosed_by_zones_loses_its_overflow() {
         let keys = "slots = 400\n[uav]\nstart_m = [5, 5]\n[[area.no_fly]]\npolygon_m = [[10, 10], [90, 10], [90, 90], [10, 90]]\n";
         let list = |x_m: f64| format!("x_m,y_m,queue_bits,sampling_bps\n{x_m},50,0,100\n95,95,0,100\n");
         // In 400 slots come 40 000 bit for each; a buffer holds 30 000.

@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn replacements_are_printed_as_they_are_typed() {
+    fn replacement_commands_are_printed_with_shell_quoting() {
         let planner = "python3 'my file.py'".parse().unwrap();
         let vehicle = "udpin:127.0.0.1:14540".parse().unwrap();
         let replacements = Replacements { planner: Some(&planner), vehicle: Some(&vehicle) };

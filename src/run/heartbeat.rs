@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn suspending_the_machine_makes_no_process_silent() {
+    fn a_suspended_machine_makes_no_process_silent() {
         let start = Instant::now();
         let mut heartbeat = Heartbeat { since: Stopwatch::start(start), ..Heartbeat::after(None) };
         assert_eq!(poll(&mut heartbeat, start, 0..100, beat(1)), []);

@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn a_limit_of_the_size_of_files_is_refused_before_it_ends_a_process() {
+    fn a_file_size_limit_is_refused_before_the_start() {
         let error = check_file_size(Some(1_000), LARGEST_SHARED).unwrap_err().to_string();
         assert!(error.ends_with("at most 1000 bytes: expected 2097152: raise ulimit -f"), "{error}");
         assert!(check_file_size(Some(LARGEST_SHARED), LARGEST_SHARED).is_ok());
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn the_nearest_ancestor_exists() {
+    fn the_nearest_existing_ancestor_is_found() {
         assert_eq!(existing("/tmp/nowhere/at/all".into()), Path::new("/tmp"));
     }
 }

@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn a_planner_without_a_plan_is_reported_once_and_hung_again_and_again() {
+    fn a_missing_plan_is_overdue_once_and_then_hung_at_intervals() {
         let start = Instant::now();
         let mut watch = PlanWatch::new(SLOT, LIMIT, 1_000, start);
         let overdue = |ms: u64, is_hung| (ms, ProcessEvent::Overdue(ms as i32), is_hung);
@@ -180,14 +180,14 @@ mod tests {
     }
 
     #[test]
-    fn after_the_plan_of_the_last_slot_none_is_awaited() {
+    fn no_plan_is_awaited_after_the_last_slot() {
         let start = Instant::now();
         let mut watch = PlanWatch::new(SLOT, LIMIT, 7, start);
         assert_eq!(poll(&mut watch, start, 0..60_000, 7), []);
     }
 
     #[test]
-    fn a_planner_is_awaited_only_from_the_queues_on_that_it_plans_for() {
+    fn a_plan_is_awaited_only_after_its_queues() {
         let start = Instant::now();
         let mut watch = PlanWatch::new(SLOT, LIMIT, 1_000, start);
         let mut idle = |ms: u64| watch.poll(Some(8), Some(7), start + Duration::from_millis(ms));
@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn held_slots_in_a_row_are_reported_ever_more_rarely() {
+    fn consecutive_held_slots_are_reported_at_growing_intervals() {
         let start = Instant::now();
         let mut watch = PlanWatch::new(SLOT, LIMIT, 1_000, start);
         let mut slots = |slots: std::ops::Range<u64>, is_held: bool| {

@@ -197,7 +197,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_back_off_doubles_up_to_its_limit_and_is_reset() {
+    fn the_backoff_doubles_to_its_limit_and_is_reset() {
         let mut restarts = Restarts::new(Restart::OnFailure, &OF_WORKERS);
         let start = Instant::now();
         let wait =
@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn a_process_that_would_fail_again_is_not_restarted() {
+    fn a_process_with_a_permanent_failure_is_not_restarted() {
         for (policy, cause) in [(Restart::Never, EndCause::Killed), (Restart::OnFailure, EndCause::Refused)] {
             let mut restarts = Restarts::new(policy, &OF_WORKERS);
             assert_eq!(restarts.schedule(Instant::now(), cause), None);

@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn the_newest_recording_is_shown_and_not_the_newest_run() {
+    fn the_newest_recording_is_shown_instead_of_the_newest_run() {
         let place = tempfile::tempdir().unwrap();
         assert!(newest(place.path()).is_err());
         for (name, recording, seconds) in [("old", true, 1), ("replay", true, 5), ("simulated", false, 9)] {

@@ -195,12 +195,12 @@ fn sample(singles: usize, pair_count: usize) {
 }
 
 #[test]
-fn a_process_may_die_before_any_of_its_system_calls() {
+fn a_crash_before_any_system_call_does_not_change_the_trace() {
     sample(120, 24);
 }
 
 #[test]
-fn a_file_may_change_before_any_system_call() {
+fn a_file_change_before_any_system_call_is_detected() {
     let missions = Missions::new();
     let calls = missions.calls();
     let total: u64 = calls.values().sum();
@@ -217,7 +217,7 @@ fn a_file_may_change_before_any_system_call() {
 
 #[test]
 #[ignore = "takes hours"]
-fn every_crash_point_changes_nothing() {
+fn no_crash_point_changes_the_trace() {
     let calls = Missions::new().calls();
     let threads = available_parallelism().unwrap().get();
     let points = every(&calls, 1);

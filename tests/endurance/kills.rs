@@ -32,7 +32,7 @@ fn kill_at_random(run: &mut RunningFlight, random: &mut ChaCha8Rng) -> u64 {
 }
 
 #[test]
-fn kills_at_any_instant_change_nothing() {
+fn kills_at_any_time_do_not_change_the_trace() {
     let place = Place::new();
     let mut kills = 0;
     let fleets = [(1, "independent"); 6].into_iter().chain([(2, "sequential"), (4, "partition"), (8, "sequential")]);
@@ -114,7 +114,7 @@ fn killed_processes_recover_in_a_polling_ring() {
 }
 
 #[test]
-fn every_restart_is_on_record() {
+fn every_restart_is_recorded() {
     let place = Place::new();
     let run = longer(&place).without_viewer().pace("1000x").start();
     for role in RING {
@@ -141,7 +141,7 @@ fn every_restart_is_on_record() {
 }
 
 #[test]
-fn a_process_started_by_hand_may_die_and_be_started_by_hand_again() {
+fn a_manually_started_process_can_be_restarted_by_hand() {
     let place = Place::new();
     let run = longer(&place).without_viewer().external("planner").start();
     for kill in 1..=3 {

@@ -3,7 +3,7 @@
 use crate::support::Place;
 
 #[test]
-fn a_million_sensor_nodes_are_checked() {
+fn check_accepts_a_million_sensor_nodes() {
     let place = Place::new();
     place.write("a.toml", "name = \"a\"\n[area]\nside_m = 10000.0\n[sensors]\ncount = 1000000\n");
     let ended = place.run_ok(&["check", "a.toml"]);

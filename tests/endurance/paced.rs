@@ -6,7 +6,7 @@ use crate::support::flight::RING;
 use crate::support::{Place, assert_balanced};
 
 #[test]
-fn in_a_paced_run_every_process_may_die_and_every_bit_is_accounted_for() {
+fn every_bit_is_accounted_for_after_kills_in_a_paced_run() {
     let place = Place::new();
     let run = place.flight("paced").without_viewer().pace("20x").start();
     for (kills, role) in (1..).zip(RING) {

@@ -48,7 +48,7 @@ fn a_run_may_be_resumed_from_any_slot_again_and_again() {
 }
 
 #[test]
-fn what_cannot_be_resumed_is_refused() {
+fn runs_that_cannot_be_resumed_are_refused() {
     let place = Place::new();
     longer(&place).strategy("gfs").simulate();
     let trace = place.trace("run");
@@ -82,7 +82,7 @@ fn what_cannot_be_resumed_is_refused() {
 }
 
 #[test]
-fn a_running_run_is_neither_resumed_nor_replaced() {
+fn a_running_run_is_not_resumed_or_replaced() {
     let place = Place::new();
     let run = longer(&place).without_viewer().pace("4x").start();
     run.until_slot(5);

@@ -31,7 +31,7 @@ fn a_silent_process_is_reported_and_recovers() {
 }
 
 #[test]
-fn a_process_that_stays_silent_is_replaced() {
+fn a_permanently_silent_process_is_replaced() {
     let place = Place::new();
     let run = longer(&place).without_viewer().timeout("6").start();
     run.until_slot(100);
@@ -43,7 +43,7 @@ fn a_process_that_stays_silent_is_replaced() {
 }
 
 #[test]
-fn in_a_paced_run_only_the_process_that_is_stopped_is_named_and_replaced() {
+fn only_the_suspended_process_of_a_paced_run_is_named_and_replaced() {
     for role in RING {
         let place = Place::new();
         let run = place.flight("paced").without_viewer().pace("10x").timeout("3").start();
@@ -61,7 +61,7 @@ fn in_a_paced_run_only_the_process_that_is_stopped_is_named_and_replaced() {
 }
 
 #[test]
-fn slots_that_are_held_up_to_the_end_are_all_named() {
+fn slots_held_up_to_the_end_are_all_reported() {
     let place = Place::new();
     let run = place.flight("paced").without_viewer().pace("20x").start();
     run.until_slot(60);

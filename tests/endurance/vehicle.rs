@@ -64,7 +64,7 @@ fn a_bridge_killed_at_ten_instants_flies_on() {
 }
 
 #[test]
-fn a_planner_killed_at_ten_instants_costs_a_slot() {
+fn a_planner_killed_at_ten_instants_misses_one_slot_each() {
     fly_ten(|instant| {
         let (_, modes) = kill_and_complete("planner", instant);
         let flown = modes.iter().filter(|mode| ["serve", "fly", "en-route"].contains(&mode.as_str())).count();
@@ -73,7 +73,7 @@ fn a_planner_killed_at_ten_instants_costs_a_slot() {
 }
 
 #[test]
-fn the_vehicle_lands_whenever_the_launcher_is_killed() {
+fn the_vehicle_lands_after_a_kill_of_the_launcher_in_any_phase() {
     fly_ten(|instant| {
         let place = Place::new();
         let vehicle = vehicle();

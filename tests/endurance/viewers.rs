@@ -78,7 +78,7 @@ fn a_killed_viewer_is_restarted_and_continues_its_recording_in_other_files() {
 }
 
 #[test]
-fn in_lock_step_the_ring_waits_for_a_restarted_viewer() {
+fn a_lock_step_ring_waits_for_a_restarted_viewer() {
     let place = Place::new();
     let run = longer(&place).start();
     run.until_slot(200);
@@ -101,7 +101,7 @@ fn in_lock_step_the_ring_waits_for_a_restarted_viewer() {
 }
 
 #[test]
-fn flight_sim_and_planner_may_die_before_the_viewer_has_started() {
+fn kills_before_the_start_of_the_viewer_do_not_change_the_recording() {
     let place = Place::new();
     let run = place.flight("long").set("slots", 300).external("viewer").timeout("20").start();
     for (role, journal) in [("flight-sim", "flights.journal"), ("planner", "plans.journal")] {
@@ -134,7 +134,7 @@ fn a_stopped_viewer_causes_no_other_restart() {
 }
 
 #[test]
-fn a_viewer_killed_as_soon_as_its_file_has_begun_leaves_a_whole_one() {
+fn a_viewer_killed_after_creating_its_file_leaves_a_complete_recording() {
     let place = Place::new();
     place.flight("smoke").out("recorded").options(&["--record"]).simulate();
     let undisturbed = verify(&place.path("recorded/mission.rrd"));

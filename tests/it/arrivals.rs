@@ -2,6 +2,8 @@
 
 use std::fs;
 
+use expect_test::expect_file;
+
 use crate::support::flight::FlightBuilder;
 use crate::support::{Place, assert_balanced, csv_rows};
 
@@ -24,7 +26,7 @@ fn modelled<'a>(place: &Place, flight: &FlightBuilder<'a>) -> Vec<FlightBuilder<
 }
 
 #[test]
-fn processes_and_one_process_see_the_same_arrivals() {
+fn ring_and_single_process_have_the_same_arrivals() {
     let place = Place::new();
     let flight = place.flight("smoke").set("sensors.sampling_bps", "[100.0, 500.0]").force();
     flight.out("constant").simulate();
@@ -42,7 +44,7 @@ fn processes_and_one_process_see_the_same_arrivals() {
 }
 
 #[test]
-fn the_loss_rate_is_that_of_what_was_sampled() {
+fn the_loss_rate_refers_to_the_sampled_bits() {
     let place = Place::new();
     let flight = place.flight("smoke").force();
     for (model, sampled_bits) in modelled(&place, &flight).iter().zip([None, None, None, Some(60 * 40 / 3 * 900)]) {
@@ -59,7 +61,7 @@ fn the_loss_rate_is_that_of_what_was_sampled() {
 }
 
 #[test]
-fn a_run_folder_flies_again_without_the_file_of_its_arrivals() {
+fn a_run_folder_can_be_repeated_without_its_arrivals_file() {
     let place = Place::new();
     let flight = traced(&place, &place.flight("smoke").force());
     flight.out("flown").simulate();
@@ -77,7 +79,7 @@ fn a_run_folder_flies_again_without_the_file_of_its_arrivals() {
 }
 
 #[test]
-fn a_folder_of_a_sweep_has_the_file_of_the_arrivals() {
+fn a_sweep_folder_contains_its_arrivals_file() {
     let place = Place::new();
     let scenario = place.scenario("smoke");
     let scenario = place.read(&scenario);
@@ -99,28 +101,6 @@ fn a_folder_of_a_sweep_has_the_file_of_the_arrivals() {
 #[test]
 fn impossible_arrivals_are_refused() {
     let place = Place::new();
-    let smoke = place.scenario("smoke");
-    let refused = |settings: &[&str], says: &str| {
-        let sets = settings.iter().flat_map(|setting| ["--set", *setting]);
-        let arguments: Vec<&str> = ["simulate", &smoke].into_iter().chain(sets).collect();
-        place.run_refused(&arguments, says);
-    };
-    let model = |model: &'static str| {
-        ["sensors.arrivals.model=poisson", "sensors.arrivals.model=on-off"]
-            .into_iter()
-            .find(|setting| setting.ends_with(model))
-            .unwrap()
-    };
-    refused(&[model("poisson"), "sensors.arrivals.packet_bits=0"], "sensors.arrivals.packet_bits=0: expected 1 to");
-    refused(&[model("poisson"), "sensors.arrivals.on_s=5"], "expected it only with model = \"on-off\"");
-    refused(&[model("on-off"), "sensors.arrivals.off_s=0.5"], "off_s=0.5: expected at least the slot's 1 s");
-    refused(
-        &[model("poisson"), "slots=5000000", "uav.endurance_s=1e7"],
-        "slots = 5000000: expected at most 2500000 with arrivals at random",
-    );
-    refused(&[model("on-off"), "sensors.arrivals.off_s=1e300"], "at most 9e15 bits in the mission from a sensor node");
-    refused(&["sensors.arrivals.model=trace"], "a CSV file as sensors.arrivals.file");
-    place.write("bad.csv", "slot,sensor,bits\n1,40,3\n");
-    let file = format!("sensors.arrivals.file={}", place.path("bad.csv").display());
-    refused(&["sensors.arrivals.model=trace", &file], "sensor = 40 in slot 1: expected 0 to 39");
+    place.scenario("smoke");
+    place.assert_transcript(&expect_file!["transcripts/arrivals.txt"]);
 }

@@ -48,7 +48,7 @@ fn a_quick_benchmark_measures_everything() {
 }
 
 #[test]
-fn a_part_is_measured_by_itself_and_printed_as_a_table() {
+fn a_single_part_is_measured_and_printed_as_a_table() {
     let place = Place::new();
     let ended = place.run_ok(&["bench", "--quick", "--only", "field"]);
     assert!(ended.stdout.contains("\nfield\n") && !ended.stdout.contains("\nring\n"), "{ended:?}");

@@ -2,6 +2,8 @@
 
 use std::fs;
 
+use expect_test::expect_file;
+
 use crate::support::Place;
 
 /// Rates that fall with the distance, at random by half, from 20 m.
@@ -16,7 +18,7 @@ fn table() -> String {
 }
 
 #[test]
-fn processes_and_one_process_draw_the_same_rates() {
+fn ring_and_single_process_draw_the_same_rates() {
     let place = Place::new();
     let path = place.write("links.csv", &table());
     let flight = place.flight("smoke").set("link.model", "table").set("link.file", path.display()).force();
@@ -42,17 +44,7 @@ fn processes_and_one_process_draw_the_same_rates() {
 #[test]
 fn an_impossible_table_is_refused() {
     let place = Place::new();
-    let smoke = place.scenario("smoke");
-    let refused = |settings: &[&str], says: &str| {
-        let sets = settings.iter().flat_map(|setting| ["--set", *setting]);
-        let arguments: Vec<&str> = ["simulate", &smoke].into_iter().chain(sets).collect();
-        place.run_refused(&arguments, says);
-    };
-    refused(&["link.model=table"], "a CSV file as link.file");
-    refused(&["link.file=a.csv"], "it only with model = \"table\"");
-    refused(&["link.model=table", "link.file=none.csv"], "channel none.csv: No such file");
-    place.write("bad.csv", "distance_m,altitude_m,probability,rate_bps\n0,20,0.5,-1\n");
-    refused(&["link.model=table", "link.file=bad.csv"], "rate_bps = -1e0: expected a rate from 0 to 1e300");
+    place.scenario("smoke");
     place.write("good.csv", &table());
-    refused(&["link.model=table", "link.file=good.csv", "link.fading=rician"], "none with model = \"table\"");
+    place.assert_transcript(&expect_file!["transcripts/channel-table.txt"]);
 }

@@ -126,7 +126,7 @@ fn the_commands_of_the_tutorial_and_the_guides_run() {
 }
 
 #[test]
-fn commands_that_are_not_run_say_why() {
+fn commands_that_are_not_run_state_the_reason() {
     let blocks: Vec<Block> = guides().iter().flat_map(|page| blocks(page)).filter(Block::has_commands).collect();
     let mut reasons = Vec::new();
     for block in &blocks {
@@ -144,7 +144,7 @@ fn commands_that_are_not_run_say_why() {
 }
 
 #[test]
-fn what_a_page_quotes_from_a_file_is_in_the_file() {
+fn quotations_from_files_are_up_to_date() {
     let pages = summary().into_iter().map(|(_, page)| page);
     let mut quoted = 0;
     for block in pages.flat_map(|page| blocks(&page)) {
@@ -186,7 +186,7 @@ fn prose(page: &Path) -> Vec<String> {
 }
 
 #[test]
-fn every_link_of_the_documentation_leads_to_a_file_and_a_heading() {
+fn every_link_of_the_documentation_has_a_target() {
     let root = Path::new(ROOT);
     let pages = summary().into_iter().map(|(_, page)| book().join(page));
     let mut broken = Vec::new();

@@ -7,6 +7,7 @@ use std::time::Duration;
 use crate::support::Place;
 use arrow_array::cast::AsArray;
 use arrow_array::types::{Float64Type, UInt32Type, UInt64Type};
+use expect_test::expect_file;
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use skysink_common::geodata::projection::Projection;
 use skysink_common::geometry::Position;
@@ -35,33 +36,14 @@ fn files(place: &Place) -> Vec<String> {
 }
 
 #[test]
-fn bad_input_is_refused_in_one_line_and_nothing_is_written() {
+fn bad_input_is_refused_and_nothing_is_written() {
     let place = Place::new();
     place.flight("smoke").simulate();
-    let kml = ["export", "run", "--format", "kml"];
-    let with = |more: &[&'static str]| [&kml[..], more].concat();
-    refused(&place, &kml, "no area.origin_lat_deg, area.origin_lon_deg: expected --origin LAT,LON");
-    refused(&place, &with(&["--origin", "91,0"]), "expected a latitude, -90 to 90");
-    refused(&place, &with(&["--origin", "1"]), "expected a latitude, -90 to 90");
-    refused(&place, &["export", "nothing", "--format", "kml"], "expected the folder of a run");
-    refused(&place, &["export", "run", "--format", "shp"], "possible values: qgc-plan, waypoints");
-    let csv = ["export", "run", "--format", "csv", "--origin", ORIGIN, "--most-items", "9"];
-    refused(&place, &csv, "--most-items: csv has no vehicle mission");
-    refused(&place, &with(&["--origin", ORIGIN, "--out", "run"]), "it is not a regular file");
-    refused(&place, &with(&["--origin", ORIGIN, "--out", "no/a.kml"]), "its folder does not exist");
-    refused(&place, &["export", "run", "--format", "qgc-plan", "--most-items", "6"], "6 is not in 7..");
-    let plan = |more: &[&'static str]| [&["export", "run", "--format", "qgc-plan", "--origin", ORIGIN], more].concat();
-    refused(&place, &plan(&["--altitude", "msl"]), "--altitude msl: expected a sensor list with the column ground_m");
-    refused(&place, &plan(&["--acceleration", "0"]), "expected a number above 0");
-    refused(&place, &plan(&["--fence-margin=-1"]), "expected metres, 0 to 10000");
-    refused(&place, &plan(&["--min-bits", "1000000000"]), "--min-bits 1000000000: no pass carries so many");
-    let waypoints = ["export", "run", "--format", "waypoints", "--autopilot", "px4", "--origin", ORIGIN];
-    refused(&place, &waypoints, "--autopilot: waypoints is a format of ardupilot: omit this option");
-    assert_eq!(files(&place), ["run", "smoke.toml"]);
+    place.assert_transcript(&expect_file!["transcripts/export.txt"]);
 }
 
 #[test]
-fn an_export_waits_for_another_one_into_the_same_folder() {
+fn concurrent_exports_into_one_folder_are_serialised() {
     let place = Place::new();
     place.flight("smoke").simulate();
     let folder = File::open(place.path("")).unwrap();
@@ -120,7 +102,7 @@ fn an_origin_is_refused_for_a_scenario_that_has_one() {
 /// home. East x is asin(x/6378137 m): 80 m are 0.000718652°, 91 m 0.000817467°. North 5 m are 5/6335439 · 180°/π =
 /// 0.000045218°, by the radius b²/a of the meridian at the equator.
 #[test]
-fn a_short_mission_is_written_as_worked_by_hand() {
+fn a_short_mission_matches_the_expected_files() {
     let place = Place::new();
     place.write("two.csv", "x_m,y_m,queue_bits,gain_db,sampling_bps\n90,5,1000,-50,100\n92,5,1000,-50,100\n");
     place.write("corridor.toml", CORRIDOR);
@@ -175,21 +157,14 @@ fn every_service_point_is_in_the_mission_in_order() {
 }
 
 #[test]
-fn every_format_is_in_the_help_which_fits_a_terminal() {
-    let place = Place::new();
-    let help = place.run_ok(&["export", "--help"]).stdout;
-    for name in ["qgc-plan", "waypoints", "geojson", "kml", "gpx", "csv", "mcap", "mcap-ros2"] {
-        assert!(help.contains(&format!("- {name}:")), "{name}: {help}");
-    }
-    let examples = help.split("Examples:").nth(1).unwrap();
-    assert!(examples.lines().all(|line| line.chars().count() <= 80), "{help}");
+fn the_help_lists_every_format() {
+    Place::new().assert_transcript(&expect_file!["transcripts/export-help.txt"]);
 }
 
 #[test]
-fn parquet_holds_the_slots_with_the_bits_of_each_sensor_node_and_needs_no_origin() {
+fn parquet_contains_the_slots_and_bits_and_needs_no_origin() {
     let place = Place::new();
     place.flight("smoke").strategy("gfs").simulate();
-    refused(&place, &["export", "run", "--format", "parquet", "--origin", ORIGIN], "parquet has no coordinates");
     place.run_ok(&["export", "run", "--format", "parquet"]);
     let file = File::open(place.path("run.parquet")).unwrap();
     let reader = ParquetRecordBatchReaderBuilder::try_new(file).unwrap().build().unwrap();

@@ -72,7 +72,7 @@ fn least_clearance_m(nodes: &[(Position, f64)]) -> f64 {
 }
 
 #[test]
-fn every_leg_of_every_exported_mission_clears_the_hills_by_the_altitude_of_the_model() {
+fn every_leg_of_an_exported_mission_clears_the_hills() {
     let relative_frame = 3;
     for strategy in ["tour", "horizon"] {
         let place = farm(strategy);
@@ -142,7 +142,7 @@ fn a_map_for_google_earth_shows_the_flight_of_the_mission() {
 }
 
 #[test]
-fn an_export_says_home_altitudes_time_and_what_may_be_wrong() {
+fn an_export_prints_home_altitudes_time_and_warnings() {
     let place = farm("tour");
     let export =
         |more: &[&str]| place.run_ok(&[&["export", "run", "--format", "qgc-plan", "--force"], more].concat()).stdout;
@@ -180,7 +180,7 @@ fn an_export_says_home_altitudes_time_and_what_may_be_wrong() {
 }
 
 #[test]
-fn a_new_scenario_says_where_its_centre_is() {
+fn a_new_scenario_prints_its_centre() {
     let place = Place::new();
     place.write("two.csv", "lat,lon,elevation\n47.40,8.55,512.5\n47.41,8.56,530\n");
     let text = place.run_ok(&["new", "two", "--sensors", "two.csv"]).stdout;
@@ -192,7 +192,7 @@ fn a_new_scenario_says_where_its_centre_is() {
 /// slowly near the ground, some 25 s of more than 1900 s.
 #[cfg(feature = "mavlink")]
 #[test]
-fn the_estimated_time_is_within_a_tenth_of_what_the_kinematic_vehicle_takes_for_the_file() {
+fn the_estimated_time_is_within_a_tenth_of_the_kinematic_vehicle() {
     use skysink_vehicle::kinematic::{KinematicOptions, mission};
 
     for strategy in ["tour", "horizon"] {

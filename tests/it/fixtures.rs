@@ -76,7 +76,7 @@ fn a_resolved_scenario_flies_the_same_mission_again() {
 
 /// A change here is value-breaking: published results of seeded missions would change.
 #[test]
-fn seeded_missions_stay_what_they_are() {
+fn seeded_missions_are_stable() {
     for strategy in ["uts", "gfs", "rfs"] {
         let place = Place::new();
         place.flight("smoke").strategy(strategy).simulate();

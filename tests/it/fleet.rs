@@ -13,7 +13,7 @@ fn place() -> Place {
 }
 
 #[test]
-fn processes_and_one_process_fly_the_same_fleet() {
+fn ring_and_single_process_fly_the_same_fleet() {
     let place = place();
     for (strategy, coordination) in
         [("uts", "independent"), ("horizon", "sequential"), ("edf", "sequential"), ("tour", "partition")]
@@ -76,7 +76,7 @@ fn a_run_of_a_fleet_is_resumed_replayed_exported_and_mapped() {
 
 /// UAVs at rest whose plans still fly the end of a move.
 #[test]
-fn the_trace_of_a_fleet_whose_endurances_end_is_that_of_its_scenario() {
+fn a_fleet_with_limited_endurances_is_replayed() {
     let place = Place::new();
     place.write(
         "rest.toml",

@@ -3,7 +3,8 @@
 use std::fs;
 use std::os::unix::fs::symlink;
 
-use crate::support::scenarios::SMOKE;
+use expect_test::expect_file;
+
 use crate::support::{Output, Place, wait};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -48,18 +49,8 @@ fn only_a_run_is_replaced() {
     symlink("nowhere", place.path("linked/slots.csv")).unwrap();
     fs::create_dir(place.path("folder/summary.json")).unwrap();
     place.write("folder/slots.csv", "");
-    for (out, expected) in [
-        ("mine", "something else than a run"),
-        ("sweep", "something else than a run"),
-        ("file", "it is no folder"),
-        ("linked", "expected a file of a run"),
-        ("folder", "expected a file of a run"),
-        ("/proc/skysink", "/proc/skysink"),
-    ] {
-        place.run_refused(&["simulate", SMOKE, "--out", out, "--force"], expected);
-    }
-    place.run_refused(&["simulate", SMOKE, "--out", "file"], "it is no folder");
-    place.run_refused(&["simulate", SMOKE, "--out", "mine"], "it exists");
+    place.scenario("smoke");
+    place.assert_transcript(&expect_file!["transcripts/folders.txt"]);
     fs::create_dir(place.path("new")).unwrap();
     place.flight("smoke").out("new").simulate();
     assert_eq!(place.read("mine/scenario.toml"), "name = \"mine\"\n");
@@ -139,13 +130,13 @@ fn assert_never_silent(place: &Place, whole: &str, resume: &[&str], rounds: u32,
 }
 
 #[test]
-fn a_corrupted_run_is_refused_or_ends_with_the_same_bytes() {
+fn a_corrupted_run_is_refused_or_resumed_to_the_same_bytes() {
     spoil_runs(120, 1);
 }
 
 #[test]
 #[ignore = "takes some minutes"]
-fn a_thousand_corrupted_runs_are_refused_or_end_with_the_same_bytes() {
+fn a_thousand_corrupted_runs_are_refused_or_resumed_to_the_same_bytes() {
     spoil_runs(1_000, 3);
 }
 
@@ -160,7 +151,7 @@ fn spoil_runs(rounds: u32, seed: u64) {
 }
 
 #[test]
-fn a_corrupted_run_of_an_external_planner_is_refused_or_ends_with_the_same_bytes() {
+fn a_corrupted_run_of_an_external_planner_is_refused_or_resumed_to_the_same_bytes() {
     let place = Place::new();
     let planner =
         concat!("sh -c 'exec ", env!("CARGO_BIN_EXE_planner"), " --scenario $SKYSINK_SCENARIO --ring $SKYSINK_RING'");
@@ -262,7 +253,7 @@ fn a_corrupted_finished_run_is_refused_or_has_the_same_figures() {
 
 #[test]
 #[ignore = "takes a minute"]
-fn three_hundred_spoilt_finished_runs_are_refused_or_have_the_same_figures() {
+fn three_hundred_corrupted_finished_runs_are_refused_or_have_the_same_figures() {
     spoil_finished_runs(300, 5);
 }
 

@@ -49,7 +49,7 @@ fn the_help_of_every_command_fits_into_a_terminal_of_80_columns() {
 }
 
 #[test]
-fn the_usage_beside_a_refusal_fits_whatever_options_were_given() {
+fn the_usage_line_of_a_refusal_fits_for_any_options() {
     let place = Place::new();
     let refused = [
         "run",

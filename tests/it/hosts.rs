@@ -1,22 +1,16 @@
 //! The ring across hosts: refusals before the start. The missions are in `tests/machine/hosts.rs`.
 
-use std::env;
 use std::ffi::OsString;
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
-use std::path::Path;
+
+use expect_test::expect_file;
 
 use crate::support::scenarios::{self, SMOKE};
-use crate::support::{Output, Place, output};
+use crate::support::{Output, Place, output, path_with};
 use skysink::run::link;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_ring::topics::SCHEMA;
-
-/// The PATH with `folder` in front.
-fn path_with(folder: &Path) -> OsString {
-    let rest = env::var_os("PATH").unwrap_or_default();
-    env::join_paths([folder.to_owned()].into_iter().chain(env::split_paths(&rest))).unwrap()
-}
 
 /// A folder with a link that exits at once, and a copy of a ring's `ring.toml`.
 fn with_link_that_fails(version: u32, scenario: u64, section: &str) -> (Place, OsString) {
@@ -27,7 +21,7 @@ fn with_link_that_fails(version: u32, scenario: u64, section: &str) -> (Place, O
     let terms = "mission = '00000000000000ab'\npace = 'max'\nwait = 'event'\ntimeout_s = 30.0\nviewer = false\n";
     let link = format!("[{section}]\nversion = {version}\nscenario = '{scenario:016x}'\n");
     place.write("ring.toml", &if section.is_empty() { terms.to_owned() } else { terms.to_owned() + &link });
-    let path = path_with(&place.path(""));
+    let path = path_with([&*place.path("")]);
     (place, path)
 }
 
@@ -62,51 +56,11 @@ fn a_host_with_another_scenario_version_or_ring_is_refused_with_the_remedy() {
 }
 
 #[test]
-fn a_link_that_exits_at_once_ends_its_command_with_the_reason() {
-    let (place, path) = with_link_that_fails(SCHEMA, hash_of_smoke(), "link");
-    let run = ["run", SMOKE, "--no-viewer", "--external", "planner", "--link", "link.json5", "--out", "run"];
-    let launcher = output(place.skysink(&run).env("PATH", &path));
-    for ended in [launcher, join(&place, &path)] {
-        assert_eq!(ended.code, Some(1), "{ended:?}");
-        assert!(ended.stderr.contains("link: no such mode\n"), "{ended:?}");
-        let expected = "skysink-link ended with exit status: 7: expected a valid zenoh configuration and a free port";
-        assert!(ended.stderr.contains(expected), "{ended:?}");
-    }
+fn failing_links_and_contradicting_roles_end_a_command_with_the_reason() {
+    let (place, _) = with_link_that_fails(SCHEMA, hash_of_smoke(), "link");
+    place.scenario("smoke");
+    place.assert_transcript(&expect_file!["transcripts/hosts.txt"]);
     place.assert_clean();
-    let resumed = ["run", "--resume", "run", "--no-viewer", "--external", "planner", "--external", "flight-sim"];
-    let resumed = [&resumed[..], &["--link", "link.json5"]].concat();
-    let ended = output(place.skysink(&resumed).env("PATH", &path));
-    assert_eq!(ended.code, Some(2), "{ended:?}");
-    let expected = "flight-sim restores its checkpoint on this host: omit --external flight-sim";
-    assert!(ended.stderr.contains(expected), "{ended:?}");
-}
-
-#[test]
-fn a_link_needs_its_configuration_and_an_external_role() {
-    let (place, path) = with_link_that_fails(SCHEMA, 0, "link");
-    let run = |arguments: &[&str]| {
-        let arguments = [&["run", SMOKE, "--no-viewer"], arguments].concat();
-        output(place.skysink(&arguments).env("PATH", &path))
-    };
-    let ended = run(&["--external", "planner", "--link", "none.json5"]);
-    assert_eq!(ended.code, Some(2), "{ended:?}");
-    assert!(ended.stderr.contains("--link none.json5: expected a zenoh configuration file"), "{ended:?}");
-    let ended = run(&["--link", "link.json5"]);
-    assert_eq!(ended.code, Some(2), "{ended:?}");
-    assert!(ended.stderr.contains("--external"), "{ended:?}");
-}
-
-#[test]
-fn roles_that_contradict_each_other_are_refused() {
-    let (place, path) = with_link_that_fails(SCHEMA, hash_of_smoke(), "link");
-    for (roles, expected) in [
-        (&["planner", "flight-sim", "planner"][..], "planner: expected each role once"),
-        (&["flight-sim", "--planner", "true"], "--planner: expected with the role planner"),
-    ] {
-        let files = ["--ring", "ring.toml", "--scenario", SMOKE, "--link", "link.json5"];
-        let ended = output(place.skysink(&[&["join"], roles, &files].concat()).env("PATH", &path));
-        assert!(ended.code == Some(2) && ended.stderr.contains(expected), "{ended:?}");
-    }
 }
 
 #[test]

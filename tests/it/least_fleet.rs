@@ -1,5 +1,7 @@
 //! `skysink fleet`: the least fleet by strategy and by the bound.
 
+use expect_test::expect_file;
+
 use crate::support::Place;
 
 const WIDE: &str = "name = 'wide'\nslots = 200\n[area]\nside_m = 500.0\n[sensors]\ncount = 60\nsampling_bps = 300.0\n\
@@ -10,7 +12,7 @@ fn rows(text: &str) -> Vec<Vec<&str>> {
 }
 
 #[test]
-fn the_least_fleet_loses_nothing_and_no_smaller_one_does() {
+fn the_least_fleet_is_the_smallest_without_loss() {
     let place = Place::new();
     place.write("wide.toml", WIDE);
     let fleet = ["fleet", "wide.toml", "--strategies", "tour,mes", "--seeds", "2", "--most", "5"];
@@ -52,26 +54,8 @@ fn the_least_fleet_loses_nothing_and_no_smaller_one_does() {
 }
 
 #[test]
-fn questions_that_are_none_are_refused() {
+fn invalid_fleet_questions_are_refused() {
     let place = Place::new();
     place.write("wide.toml", WIDE);
-    for (arguments, expected) in [
-        (&["--over", "uav.count=1,2"][..], "uav.count is what is looked for"),
-        (&["--over", "area.side_m"], "expected KEY=VALUE,..."),
-        (&["--over", "area.side_m=100,-1", "--out", "f"], "area.side_m=-1: expected a finite number above 0"),
-        (&["--loss", "1.5"], "expected a fraction from 0 to 1"),
-        (&["--loss", "-1"], "expected a fraction from 0 to 1"),
-        (
-            &["--set", "uav.count=2", "--set", "uav.starts_m=[[1, 1], [2, 2]]"],
-            "uav.starts_m: expected none, because the number of UAVs is what is looked for",
-        ),
-        (&["--over", "seed=1,2"], "seed: expected another key, and --seeds"),
-        (&["--over", "planner.strategy=tour,mes"], "planner.strategy: expected another key, and --strategies"),
-        (&["--strategies", "best"], "'best'"),
-    ] {
-        let refused = place.run(&[&["fleet", "wide.toml"], arguments].concat());
-        assert_eq!(refused.code, Some(2), "{refused:?}");
-        assert!(refused.stderr.contains(expected), "{refused:?}");
-    }
-    assert!(!place.path("f").exists());
+    place.assert_transcript(&expect_file!["transcripts/fleet.txt"]);
 }

@@ -20,7 +20,7 @@ fn percent_reached(stderr: &str) -> f64 {
 }
 
 #[test]
-fn a_vehicle_flies_a_mission_that_every_command_reads() {
+fn a_vehicle_flies_a_run_that_every_command_reads() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions { lag: 0.2, noise: 0.1, ..KinematicOptions::default() });
     let ended = vehicle.flight(&place).run();
@@ -39,7 +39,7 @@ fn a_vehicle_flies_a_mission_that_every_command_reads() {
 }
 
 #[test]
-fn lost_messages_gusts_and_a_vehicle_that_does_not_arm_at_once_do_not_end_a_mission() {
+fn lost_messages_gusts_and_delayed_arming_do_not_end_a_mission() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions {
         lag: 0.3,
@@ -56,7 +56,7 @@ fn lost_messages_gusts_and_a_vehicle_that_does_not_arm_at_once_do_not_end_a_miss
 }
 
 #[test]
-fn a_failsafe_ends_the_orders_and_the_rest_of_the_mission_is_recorded() {
+fn a_failsafe_ends_the_orders_and_the_mission_is_recorded_to_its_end() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions { failsafe_at: Some(90.0), ..KinematicOptions::default() });
     let ended = vehicle.flight(&place).run();
@@ -70,7 +70,7 @@ fn a_failsafe_ends_the_orders_and_the_rest_of_the_mission_is_recorded() {
 }
 
 #[test]
-fn a_killed_bridge_takes_over_the_vehicle_in_the_air() {
+fn a_restarted_bridge_takes_over_the_vehicle_in_the_air() {
     let place = Place::new();
     // It returns after 3 s of wall time without a bridge.
     let vehicle = TestVehicle::start_at(5, KinematicOptions { silence: 15.0, ..KinematicOptions::default() });
@@ -89,7 +89,7 @@ fn a_killed_bridge_takes_over_the_vehicle_in_the_air() {
 }
 
 #[test]
-fn a_killed_planner_is_restarted_and_a_silent_one_sends_the_vehicle_home() {
+fn a_killed_planner_is_restarted_and_a_silent_one_makes_the_vehicle_return() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions::default());
     let run = vehicle.flight(&place).start();
@@ -155,7 +155,7 @@ fn one_bridge_flies_a_fleet() {
 }
 
 #[test]
-fn the_vehicles_of_a_fleet_may_have_an_address_each() {
+fn the_vehicles_of_a_fleet_may_have_separate_addresses() {
     let place = Place::new();
     let [first, second] =
         [0.3, 0.0].map(|lag| TestVehicle::start(KinematicOptions { lag, ..KinematicOptions::default() }));
@@ -167,7 +167,7 @@ fn the_vehicles_of_a_fleet_may_have_an_address_each() {
 }
 
 #[test]
-fn a_vehicle_that_must_not_take_off_is_refused_in_a_line() {
+fn a_vehicle_that_must_not_take_off_is_refused_in_one_line() {
     let refused = |options: KinematicOptions, says: &str| {
         let place = Place::new();
         let vehicle = TestVehicle::start(options);
@@ -182,7 +182,7 @@ fn a_vehicle_that_must_not_take_off_is_refused_in_a_line() {
 }
 
 #[test]
-fn addresses_that_cannot_be_used_are_refused_in_a_line() {
+fn invalid_addresses_are_refused_in_one_line() {
     let place = Place::new();
     place.write("slow.toml", SLOW);
     let taken = UdpSocket::bind("127.0.0.1:0").unwrap();

@@ -39,7 +39,7 @@ fn scenario(field: &str, motion: &str, strategy: &str) -> Scenario {
 }
 
 #[test]
-fn every_strategy_keeps_within_reach_in_every_motion_and_no_bound_is_above_its_loss() {
+fn every_strategy_stays_in_reach_in_every_motion_model_and_respects_the_bound() {
     for (field, motion) in FIELDS.iter().flat_map(|field| MOTIONS.map(|motion| (field, motion))) {
         for strategy in STRATEGIES {
             let case = format!("{}, {motion:?}, {field:?}", strategy.name);
@@ -72,7 +72,7 @@ fn every_strategy_keeps_within_reach_in_every_motion_and_no_bound_is_above_its_l
 }
 
 #[test]
-fn a_flight_with_the_wind_is_not_below_its_bound() {
+fn a_flight_with_wind_respects_its_bound() {
     // 65 m downwind, d_c = 10 m: 25 m/s and 30 m/s of wind lead into range in one slot, where the bound has to be 0.
     // Planned are 0 m/s more than the wind: in no slot.
     let text = "name = 'x'\nslots = 3\n[area]\nside_m = 200.0\n[sensors]\nfile = 's.csv'\nsampling_bps = 30000.0\n\

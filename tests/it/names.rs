@@ -34,7 +34,7 @@ fn declared(line: &str) -> Option<&str> {
 }
 
 #[test]
-fn a_public_type_has_a_name_of_its_own_in_the_workspace() {
+fn public_type_names_are_unique_in_the_workspace() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut places: BTreeMap<String, Vec<PathBuf>> = BTreeMap::new();
     let folders = FOLDERS.map(str::to_owned).into_iter().chain(crates(root));

@@ -1,5 +1,7 @@
 //! `skysink new`: what it writes can be checked and flown, and what it refuses leaves nothing.
 
+use expect_test::expect_file;
+
 use crate::support::Place;
 
 #[test]
@@ -16,27 +18,8 @@ fn a_new_scenario_is_the_papers_mission() {
 }
 
 #[test]
-fn existing_files_are_replaced_only_with_force() {
-    let place = Place::new();
-    place.run_ok(&["new", "city"]);
-    place.write("city/city.toml", "mine");
-    let refused = place.run(&["new", "city"]);
-    assert_eq!(refused.code, Some(2), "{refused:?}");
-    assert!(refused.stderr.contains("city/city.toml: it exists") && refused.stderr.contains("--force"), "{refused:?}");
-    assert_eq!(place.read("city/city.toml"), "mine");
-    place.run_ok(&["new", "city", "--force"]);
-    assert!(place.read("city/city.toml").contains("name = \"city\""));
-    place.run_ok(&["new", "city", "--out", "elsewhere/deep"]);
-    assert!(place.path("elsewhere/deep/city.toml").is_file());
-}
-
-#[test]
-fn a_name_that_no_folder_can_have_is_refused() {
-    let place = Place::new();
-    for name in ["../x", "a b", "", "a\"b"] {
-        place.run_refused(&["new", name], "expected 1 to 100 of");
-    }
-    assert_eq!(std::fs::read_dir(place.path(".")).unwrap().count(), 0);
+fn invalid_names_are_refused_and_files_are_replaced_only_with_force() {
+    Place::new().assert_transcript(&expect_file!["transcripts/new.txt"]);
 }
 
 #[cfg(feature = "lab")]
@@ -144,19 +127,10 @@ mod imports {
     }
 
     #[test]
-    fn zones_that_are_none_are_refused() {
+    fn invalid_zones_are_refused() {
         let place = Place::new();
-        place.write("plane.csv", "x,y\n1,2\n3,4\n");
         place.write("zones.geojson", ZONES);
-        place.write("points.geojson", "{\"type\":\"Point\",\"coordinates\":[1,2]}");
-        place.write("crossed.geojson", &ZONES.replacen("[13.415,52.509]", "[13.405,52.495]", 1));
-        place.run_refused(&["new", "a", "--zones", "points.geojson"], "no polygons: expected at least one zone");
-        place.run_refused(&["new", "a", "--zones", "zones.gpx"], "`.gpx`: expected a file named .kml, .geojson, .json");
-        place.run_refused(&["new", "a", "--zones", "none.kml"], "none.kml");
-        place.run_refused(&["new", "a", "--zones", "crossed.geojson"], "without crossings");
-        let expected = "positions in metres: expected latitudes and longitudes";
-        place.run_refused(&["new", "a", "--zones", "zones.geojson", "--sensors", "plane.csv"], expected);
-        assert!(!place.path("a").exists());
+        place.assert_transcript(&expect_file!["transcripts/zones.txt"]);
     }
 
     /// A PNG picture of 6 × 6 pixels, made for this test, with red R, green G, yellow Y, blue B and white W:
@@ -218,25 +192,10 @@ mod imports {
     }
 
     #[test]
-    fn maps_that_are_none_are_refused() {
+    fn invalid_maps_are_refused() {
         let place = Place::new();
-        place.write("nodes.csv", "lat,lon\n52.505,13.406\n");
-        place.write("text.png", "no picture");
         std::fs::write(place.path("map.png"), picture()).unwrap();
-        let refused = |arguments: &[&str], expected: &str| {
-            place.run_refused(&[&["new", "a", "--map"], arguments].concat(), expected);
-        };
-        refused(&["text.png", "--cell-m", "10"], "text.png: ");
-        refused(&["none.png", "--cell-m", "10"], "none.png");
-        refused(&[".", "--cell-m", "10"], "it is a folder");
-        refused(&["map.png", "--cell-m", "10", "--sensors", "nodes.csv"], "positions in degrees: expected metres");
-        for (arguments, expected) in [(&["--cell-m", "0"][..], "expected metres, 0.001 to 1000000"), (&[], "--cell-m")]
-        {
-            let ended = place.run(&[&["new", "a", "--map", "map.png"], arguments].concat());
-            assert_eq!(ended.code, Some(2), "{ended:?}");
-            assert!(ended.stderr.contains(expected), "{ended:?}");
-        }
-        assert!(!place.path("a").exists());
+        place.assert_transcript(&expect_file!["transcripts/maps.txt"]);
     }
 
     const POINTS: &[(&str, &str)] = &[
@@ -254,7 +213,7 @@ mod imports {
     ];
 
     #[test]
-    fn every_format_gives_the_same_list_which_can_be_flown() {
+    fn every_format_gives_the_same_valid_list() {
         let place = Place::new();
         for (file, text) in POINTS {
             place.write(file, text);
@@ -272,7 +231,7 @@ mod imports {
     }
 
     #[test]
-    fn rates_and_names_of_every_format_come_through_to_results_and_exports() {
+    fn rates_and_names_of_every_format_reach_results_and_exports() {
         let place = Place::new();
         let feature = |name: &str, rate: &str, lon: &str| {
             format!(
@@ -318,81 +277,15 @@ mod imports {
         place.run_ok(&["compare", "run", "again", "--no-record"]);
     }
 
+    /// Metres are kept unless they are far from the origin. Taveuni, Fiji: 0.02 degrees of longitude at 16.8° south are
+    /// 2 132 m, with margins a bit more than 2 152 m. Features without a point are counted.
     #[test]
-    fn positions_in_metres_are_kept_unless_they_are_far_away() {
-        let place = Place::new();
-        place.write("near.csv", "y,x,sampling_bps\n2,1,50\n80,90,60\n");
-        place.run_ok(&["new", "near", "--sensors", "near.csv"]);
-        assert_eq!(place.read("near/sensors.csv"), "x_m,y_m,sampling_bps\n1,2,50\n90,80,60\n");
-        place.write("utm.csv", "easting,northing\n500100,-20\n500200,40\n");
-        place.run_ok(&["new", "utm", "--sensors", "utm.csv"]);
-        assert_eq!(place.read("utm/sensors.csv"), "x_m,y_m\n10,10\n110,70\n");
-        assert!(place.read("utm/utm.toml").contains("translated by -500090 m and 30 m"));
+    fn positions_become_fields_that_can_be_checked() {
+        Place::new().assert_transcript(&expect_file!["transcripts/points.txt"]);
     }
 
     #[test]
-    fn positions_on_the_southern_hemisphere_and_far_apart_lie_in_the_area() {
-        let place = Place::new();
-        place.write("a.csv", "lat,lon\n-33.9,18.4\n-33.9,18.9\n-33.85,18.45\n");
-        place.run_ok(&["new", "cape", "--sensors", "a.csv"]);
-        place.run_ok(&["check", "cape/cape.toml"]);
-    }
-
-    #[test]
-    fn positions_on_both_sides_of_the_180th_meridian_are_one_field() {
-        let place = Place::new();
-        // Taveuni, Fiji: 0.02 degrees of longitude at 16.8° south are 2 132 m, with margins a bit more than 2 152 m.
-        place.write("a.csv", "lat,lon\n-16.8,179.99\n-16.79,-179.99\n");
-        let printed = place.run_ok(&["new", "fiji", "--sensors", "a.csv"]).stdout;
-        assert!(printed.contains("2 sensor nodes in 2153 m × 1127 m"), "{printed}");
-        place.flight("fiji/fiji").simulate();
-        // The margin alone lies west of it.
-        place.write("b.csv", "lat,lon\n10,-179.99999\n10,-179.99\n");
-        place.run_ok(&["new", "east", "--sensors", "b.csv"]);
-        assert!(place.read("east/east.toml").contains("origin_lon_deg = 179.99"), "{}", place.read("east/east.toml"));
-        place.run_ok(&["check", "east/east.toml"]);
-    }
-
-    #[test]
-    fn features_without_a_point_are_counted() {
-        let place = Place::new();
-        let feature = |geometry: &str| format!("{{\"type\":\"Feature\",\"properties\":null,\"geometry\":{geometry}}}");
-        let point = "{\"type\":\"Point\",\"coordinates\":[13.40,52.50]}";
-        let features = [feature("null"), feature(point), feature("null")].join(",");
-        place.write("a.geojson", &format!("{{\"type\":\"FeatureCollection\",\"features\":[{features}]}}"));
-        let placemark = "<Placemark><name>a</name></Placemark>";
-        let point = "<Placemark><Point><coordinates>13.40,52.50</coordinates></Point></Placemark>";
-        place.write("a.kml", &format!("<kml><Document>{placemark}{point}{placemark}</Document></kml>"));
-        let point = "<wpt lat=\"52.50\" lon=\"13.40\"/>";
-        place.write("a.gpx", &format!("<gpx version=\"1.1\" creator=\"a\">{point}<rte/><trk/></gpx>"));
-        for file in ["a.geojson", "a.kml", "a.gpx"] {
-            let printed = place.run_ok(&["new", "city", "--sensors", file, "--force"]).stdout;
-            assert!(
-                printed.contains("ignored: 2 lines, polygons or other items without a point\n"),
-                "{file}: {printed}"
-            );
-        }
-    }
-
-    #[test]
-    fn bad_positions_are_refused_in_one_line_and_leave_nothing() {
-        let place = Place::new();
-        for (file, text, says) in [
-            ("a.csv", "x,y\n1,2\n3,four\n", "sensor positions a.csv: line 3: y = four: expected a number"),
-            ("a.csv", "x,z\n1,2\n", "line 1: header `x,z`: expected columns x and y [m], or lat and lon [°]"),
-            ("a.csv", "x,y\n", "no points: expected at least one sensor node"),
-            ("a.csv", "x,y,queue\n1,2,40000\n", "sensor list a.csv: line 2: queue_bits = 40000"),
-            ("a.csv", "lat,lon\n0,0\n10,100\n", "a.csv: line 3: lat_deg = 10, lon_deg = 100"),
-            ("a.csv", "x,y,queue\n\n\n1,2,3\n\n1,2,40000\n", "a.csv: line 6: queue_bits = 40000"),
-            ("a.json", "{\"type\":\"MultiPoint\",\"coordinates\":[[0,0],[100,10]]}", "a.json: point 2: lat_deg = 10"),
-            ("a.kml", "<kml", "expected a KML file"),
-            ("a.gpx", "<gpx/>", "a.gpx"),
-            ("a.json", "[1, 2]", "expected GeoJSON"),
-            ("a.shp", "x", "`.shp`: expected a file named .csv"),
-        ] {
-            place.write(file, text);
-            place.run_refused(&["new", "bad", "--sensors", file], says);
-            assert!(!place.path("bad").exists());
-        }
+    fn invalid_positions_are_refused_without_files() {
+        Place::new().assert_transcript(&expect_file!["transcripts/positions.txt"]);
     }
 }

@@ -125,7 +125,7 @@ fn spectate<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop
 }
 
 #[test]
-fn local_and_ipc_nodes_leave_the_trace_and_paths_of_plain_calls_in_any_starting_order() {
+fn local_and_ipc_nodes_match_plain_calls_in_any_starting_order() {
     let out = tempfile::tempdir().unwrap();
     let orders = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
     for (round, strategy) in names().into_iter().enumerate() {
@@ -174,7 +174,7 @@ fn the_paths_of_all_uavs_arrive_with_their_plans() {
 }
 
 #[test]
-fn a_requested_stop_ends_a_waiting_node() {
+fn a_stop_request_ends_a_waiting_node() {
     let scenario = smoke("uts", 1);
     for &wait in Waiting::ALL {
         let ring_folder = RingFolder::create(Terms { wait, timeout_s: 60.0, ..Terms::default() }).unwrap();

@@ -6,7 +6,7 @@ use crate::support::{Place, rows, slots, until, wait};
 use rustix::process::Signal;
 
 #[test]
-fn a_lock_step_recording_holds_every_slot_and_the_loss_so_far() {
+fn a_lock_step_recording_contains_every_slot_and_the_cumulative_loss() {
     let place = Place::new();
     place.flight("smoke").run();
     let recording = place.path("run/mission.rrd");
@@ -21,7 +21,7 @@ fn a_lock_step_recording_holds_every_slot_and_the_loss_so_far() {
 }
 
 #[test]
-fn record_every_draws_the_same_slots_in_a_ring_and_in_one_process() {
+fn record_every_draws_the_same_slots_in_ring_and_single_process() {
     let place = Place::new();
     let flight = place.flight("smoke").options(&["--record-every", "25"]);
     flight.out("alone").simulate();
@@ -45,7 +45,7 @@ fn ahead(place: &Place) -> FlightBuilder<'_> {
 }
 
 #[test]
-fn the_planned_path_is_recorded_equally_by_a_ring_and_by_one_process() {
+fn ring_and_single_process_record_the_same_planned_path() {
     let place = Place::new();
     let flight = ahead(&place);
     flight.out("alone").options(&["--record"]).simulate();
@@ -74,7 +74,7 @@ const ANSWERS: [&str; 7] = [
 ];
 
 #[test]
-fn losses_coverage_and_beliefs_are_recorded_equally_by_a_ring_and_by_one_process() {
+fn ring_and_single_process_record_the_same_losses_coverage_and_beliefs() {
     let place = Place::new();
     let sensors = "[sensors]\ncount = 60\nsampling_bps = [50.0, 350.0]\ninitial_queue_mean_bits = [0.0, 20000.0]\n";
     let planner = "[planner]\nstrategy = \"gfs\"\nknowledge = \"estimated\"\nrates = \"learnt\"\n";
@@ -89,7 +89,7 @@ fn losses_coverage_and_beliefs_are_recorded_equally_by_a_ring_and_by_one_process
 }
 
 #[test]
-fn the_planned_path_is_that_of_the_undisturbed_mission_whenever_the_planner_is_killed() {
+fn kills_of_the_planner_do_not_change_the_planned_path() {
     let place = Place::new();
     let flight = ahead(&place).set("slots", 400);
     flight.out("alone").options(&["--record"]).simulate();
@@ -118,7 +118,7 @@ fn with_a_stopped_viewer(flight: FlightBuilder) -> RunningFlight {
 }
 
 #[test]
-fn in_lock_step_the_ring_waits_for_a_viewer_that_lags() {
+fn a_lock_step_ring_waits_for_a_slow_viewer() {
     let place = Place::new();
     let run = with_a_stopped_viewer(place.flight("fine"));
     // The ring has stopped: the same slot in two polls that are far apart.
@@ -135,7 +135,7 @@ fn in_lock_step_the_ring_waits_for_a_viewer_that_lags() {
 }
 
 #[test]
-fn a_paced_run_does_not_wait_for_the_viewer_and_marks_what_it_missed() {
+fn a_paced_run_does_not_wait_for_the_viewer_and_marks_missed_slots() {
     let place = Place::new();
     let run = with_a_stopped_viewer(place.flight("fine").set("slots", 900).pace("4x"));
     run.until_slots_later(300);
@@ -177,7 +177,7 @@ fn a_resumed_run_continues_the_recording_in_the_next_file_and_force_replaces_bot
 }
 
 #[test]
-fn a_live_port_in_use_ends_the_run_with_one_clear_line() {
+fn a_live_port_in_use_ends_the_run_with_one_line() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port();
     let place = Place::new();

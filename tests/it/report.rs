@@ -25,7 +25,7 @@ fn the_table_of_a_run_is_printed_again() {
 }
 
 #[test]
-fn lost_and_delivered_bits_of_the_sensor_nodes_add_up() {
+fn lost_and_delivered_bits_sum_to_the_totals() {
     let place = Place::new();
     place.flight("small").simulate();
     place.run_ok(&["report", "run", "--sensors"]);
@@ -90,7 +90,7 @@ fn the_figures_of_a_modified_trace_are_not_printed() {
 }
 
 #[test]
-fn missing_and_modified_runs_are_refused_and_nothing_is_written() {
+fn missing_and_modified_runs_are_refused_without_files() {
     let place = Place::new();
     place.flight("small").simulate();
     let trace = place.trace("run");

@@ -64,7 +64,7 @@ fn nudged(slot: u64, own: Plan) -> Option<Plan> {
 }
 
 #[test]
-fn a_feasible_line_that_was_not_planned_is_refused() {
+fn an_unplanned_feasible_line_is_refused() {
     assert_eq!(resumed("uts", PlansBy::Planner, |_, own| Some(own)), Ok(SLOTS));
     let error = resumed("uts", PlansBy::Planner, nudged).unwrap_err();
     assert!(
@@ -90,7 +90,7 @@ fn a_late_plan_is_a_hold_with_any_strategy() {
 }
 
 #[test]
-fn after_a_hold_a_planner_with_a_state_may_have_planned_differently() {
+fn plans_of_a_stateful_planner_after_a_hold_are_not_compared() {
     let late_and_nudged = |slot, own| if slot == 5 { None } else { nudged(slot, own) };
     assert_eq!(resumed("tour", PlansBy::Planner, late_and_nudged), Ok(SLOTS));
     assert!(resumed("uts", PlansBy::Planner, late_and_nudged).is_err(), "uts plans each slot by itself");
@@ -114,7 +114,7 @@ fn record_holds(out: &Path, slots: u64) -> (Scenario, SensorList, RunFolder) {
 }
 
 #[test]
-fn a_complete_run_is_not_planned_again_where_no_plan_is_used() {
+fn a_complete_run_without_plans_is_not_planned_again() {
     let place = tempfile::tempdir().unwrap();
     let (scenario, list, folder) = record_holds(&place.path().join("run"), scenarios::smoke("uts").slots);
     let mut tally = Tally::new(&scenario, &list, folder.run_mode());
@@ -130,7 +130,7 @@ fn a_complete_run_is_not_planned_again_where_no_plan_is_used() {
 }
 
 #[test]
-fn a_long_resumption_says_what_it_does() {
+fn a_long_resumption_reports_its_progress() {
     let place = Place::new();
     record_holds(&place.path("run"), SLOTS);
     let stderr = place.path("stderr");

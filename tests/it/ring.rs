@@ -32,7 +32,7 @@ fn assert_cut(place: &Place) -> usize {
 }
 
 #[test]
-fn processes_and_one_process_leave_the_same_trace() {
+fn ring_and_single_process_leave_the_same_trace() {
     let place = Place::new();
     for strategy in ["uts", "gfs", "rfs"] {
         for seed in 1..=3 {
@@ -64,7 +64,7 @@ fn write_list(place: &Place, weight_of: impl Fn(u32) -> Option<u32>) {
 }
 
 #[test]
-fn processes_and_one_process_agree_over_buffers_and_weights_that_differ() {
+fn ring_and_single_process_agree_with_individual_buffers_and_weights() {
     let place = Place::new();
     write_list(&place, |id| Some(1 + id % 4 * 5));
     for strategy in ["uts", "max-weight", "horizon"] {
@@ -88,7 +88,7 @@ fn processes_and_one_process_agree_over_buffers_and_weights_that_differ() {
 }
 
 #[test]
-fn equal_weights_change_no_flight() {
+fn equal_weights_do_not_change_the_flight() {
     let place = Place::new();
     for strategy in
         ["uts", "uts-wide", "exact", "gfs", "max-weight", "drift-plus-penalty", "whittle", "horizon", "offline"]
@@ -106,7 +106,7 @@ fn equal_weights_change_no_flight() {
 }
 
 #[test]
-fn processes_and_one_process_spend_the_same_energy_around_a_zone() {
+fn ring_and_single_process_spend_the_same_energy_around_a_zone() {
     let place = Place::new();
     let text = "name = 'home'\nslots = 80\n[area]\nside_m = 400.0\n\
                 no_fly = [{ polygon_m = [[230, 100], [260, 100], [260, 300], [230, 300]] }]\n[base]\ncharge_w = 500.0\n\
@@ -127,7 +127,7 @@ fn processes_and_one_process_spend_the_same_energy_around_a_zone() {
 }
 
 #[test]
-fn processes_and_one_process_fly_the_same_in_three_dimensions() {
+fn ring_and_single_process_agree_in_three_dimensions() {
     let place = Place::new();
     for strategy in ["uts", "gfs", "rfs", "uts-wide", "exact"] {
         let flight = place.flight("plos-high-rise").set("slots", 40).strategy(strategy).force().without_viewer();
@@ -140,7 +140,7 @@ fn processes_and_one_process_fly_the_same_in_three_dimensions() {
 }
 
 #[test]
-fn processes_and_one_process_have_the_same_estimates() {
+fn ring_and_single_process_have_the_same_estimates() {
     let place = Place::new();
     let known = place.flight("smoke").set("sensors.sampling_bps", "[50.0, 800.0]").force();
     for strategy in ["uts", "horizon"] {
@@ -154,18 +154,13 @@ fn processes_and_one_process_have_the_same_estimates() {
 }
 
 #[test]
-fn processes_that_poll_leave_the_same_trace() {
+fn polling_processes_leave_the_same_trace() {
     let place = Place::new();
     let smoke = place.flight("smoke").without_viewer();
     for wait in ["adaptive", "event", "poll"] {
         smoke.options(&["--wait", wait]).out(wait).run();
         place.assert_trace_as_simulated(wait);
     }
-    let ended = smoke.options(&["--wait", "spin"]).try_run().assert_code(2);
-    assert!(
-        ended.stderr.contains("invalid value 'spin' for '--wait") && ended.stderr.contains("adaptive, event, poll"),
-        "{ended:?}"
-    );
     place.assert_clean();
 }
 
@@ -204,7 +199,7 @@ fn killing_a_worker_that_is_not_restarted_ends_the_run_with_its_name() {
 }
 
 #[test]
-fn a_worker_killed_at_full_speed_ends_the_run_too() {
+fn killing_a_worker_at_full_speed_ends_the_run() {
     for role in RING {
         let place = Place::new();
         let run = place.flight("endless").without_viewer().options(&["--restart", "never"]).start();
@@ -218,7 +213,7 @@ fn a_worker_killed_at_full_speed_ends_the_run_too() {
 }
 
 #[test]
-fn signals_end_a_run_in_order() {
+fn signals_end_a_run_cleanly() {
     for (signal, code) in [(Signal::INT, 130), (Signal::TERM, 143)] {
         let place = Place::new();
         let run = place.flight("long").pace("20x").start();
@@ -247,7 +242,7 @@ fn killing_the_launcher_ends_the_workers_and_the_next_run_cleans_up() {
 }
 
 #[test]
-fn a_test_that_fails_leaves_no_process_and_no_shared_memory() {
+fn a_failing_test_leaves_no_process_and_no_shared_memory() {
     let place = Place::new();
     let run = place.flight("long").without_viewer().pace("1x").timeout("3600").start();
     run.until_slot(1);
@@ -275,7 +270,7 @@ fn two_simultaneous_runs_do_not_interfere() {
 }
 
 #[test]
-fn two_simultaneous_equal_runs_take_two_folders() {
+fn two_simultaneous_equal_runs_use_two_folders() {
     let place = Place::new();
     let both = [(); 2].map(|()| place.skysink(&["run", SMOKE, "--no-viewer"]).spawn().unwrap());
     for run in both {
@@ -285,7 +280,7 @@ fn two_simultaneous_equal_runs_take_two_folders() {
 }
 
 #[test]
-fn a_paced_run_that_keeps_its_deadlines_flies_the_same_mission() {
+fn a_paced_run_without_missed_deadlines_flies_the_same_mission() {
     let place = Place::new();
     let smoke = place.flight("smoke").pace("40x").without_viewer();
     for (out, flight) in [("known", &smoke), ("estimated", &estimated(&smoke))] {
@@ -301,7 +296,7 @@ fn a_paced_run_that_keeps_its_deadlines_flies_the_same_mission() {
 }
 
 #[test]
-fn a_stopped_planner_makes_the_uav_hold_and_every_miss_is_counted() {
+fn a_suspended_planner_causes_holds_and_every_miss_is_counted() {
     let place = Place::new();
     let run = place.flight("long").pace("20x").start();
     run.until_slot(20);
@@ -324,7 +319,7 @@ fn a_stopped_planner_makes_the_uav_hold_and_every_miss_is_counted() {
 }
 
 #[test]
-fn a_role_can_be_left_to_a_process_started_by_hand() {
+fn a_role_can_be_filled_by_a_manually_started_process() {
     for role in RING {
         let place = Place::new();
         let run = place.flight("smoke").without_viewer().external(role).start();
@@ -342,12 +337,4 @@ fn a_role_can_be_left_to_a_process_started_by_hand() {
         place.assert_trace_as_simulated("run");
         place.assert_clean();
     }
-}
-
-#[test]
-fn a_worker_without_a_ring_reports_what_it_needs() {
-    let place = Place::new();
-    let arguments = ["--scenario", SMOKE, "--ring", "nowhere"];
-    let ended = output(place.command(executable("planner"), &arguments)).assert_code(2);
-    assert!(ended.stderr.contains("nowhere") && ended.stderr.contains("skysink run prints"), "{ended:?}");
 }

@@ -44,7 +44,7 @@ fn written() -> String {
 }
 
 #[test]
-fn the_tables_of_the_interfaces_are_those_of_the_code() {
+fn the_interface_tables_match_the_code() {
     assert!(written().matches(MARKS[2]).count() > 5);
     let is_current = fs::read_to_string(page()).unwrap() == written();
     assert!(is_current, "{} is stale: `{COMMAND}` writes it anew", page().display());

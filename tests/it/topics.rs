@@ -49,7 +49,7 @@ fn the_topics_of_a_running_ring_are_shown_with_their_types_readers_and_rates() {
 
 /// Slots of 0.1 s at a tenth of the speed, polled twice within 0.4 s: rates count from the samples before.
 #[test]
-fn slots_longer_than_the_time_between_the_polls_have_their_rate_and_a_stopped_process_is_overdue() {
+fn slow_slots_have_a_rate_and_a_suspended_process_is_overdue() {
     let place = Place::new();
     let run = place.flight("long").without_viewer().pace("0.1x").start();
     run.until_slot(3);
@@ -88,7 +88,7 @@ fn slots_longer_than_the_time_between_the_polls_have_their_rate_and_a_stopped_pr
 }
 
 #[test]
-fn observing_a_ring_in_lock_step_does_not_change_its_flight() {
+fn observing_a_lock_step_ring_does_not_change_its_flight() {
     let place = Place::new();
     let long = place.flight("long").without_viewer();
     let run = long.set("slots", 50_000_000).start();
@@ -105,7 +105,7 @@ fn observing_a_ring_in_lock_step_does_not_change_its_flight() {
 }
 
 #[test]
-fn a_ring_that_does_not_run_is_refused() {
+fn a_ring_that_is_not_running_is_refused() {
     let place = Place::new();
     place.flight("long").set("slots", 10).simulate();
     for (arguments, says) in [

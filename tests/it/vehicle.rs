@@ -19,7 +19,6 @@ use skysink_ring::role::Role;
 use skysink_ring::topics::{Ring, is_release};
 
 use crate::support::flight::RunningFlight;
-use crate::support::scenarios::SMOKE;
 use crate::support::{Place, scenarios, until};
 
 /// Flies the plans of a ring as a vehicle in wind: it comes to rest elsewhere, at times outside the area. It always
@@ -63,7 +62,7 @@ fn flown(place: &Place, slower: u64) {
 }
 
 #[test]
-fn a_run_of_a_foreign_vehicle_is_named_as_such_and_read_by_every_command() {
+fn a_run_of_an_external_vehicle_is_labelled_and_read_by_every_command() {
     let place = Place::new();
     flown(&place, 1);
     let summary = place.summary("run");
@@ -95,7 +94,7 @@ fn a_run_of_a_foreign_vehicle_is_named_as_such_and_read_by_every_command() {
 }
 
 #[test]
-fn the_results_of_a_vehicle_with_another_channel_are_those_of_its_trace() {
+fn the_results_of_a_vehicle_with_another_channel_follow_its_trace() {
     let place = Place::new();
     flown(&place, 1000);
     let summary = place.summary("run");
@@ -132,7 +131,7 @@ fn the_results_of_a_vehicle_with_another_channel_are_those_of_its_trace() {
 }
 
 #[test]
-fn a_run_of_a_foreign_vehicle_is_resumed_by_skysinks() {
+fn a_run_of_an_external_vehicle_is_resumed_by_flight_sim() {
     let place = Place::new();
     let run = place.flight("long").without_viewer().external("flight-sim").start();
     thread::scope(|scope| {
@@ -187,7 +186,7 @@ fn a_vehicle_command_is_started_restarted_and_named() {
 }
 
 #[test]
-fn a_run_of_a_vehicle_command_says_how_it_is_resumed() {
+fn a_run_of_a_vehicle_command_prints_its_resume_command() {
     let place = Place::new();
     let command = &place.external_vehicle(0);
     let run = place.flight("long").without_viewer().vehicle(command).start();
@@ -202,7 +201,7 @@ fn a_run_of_a_vehicle_command_says_how_it_is_resumed() {
 
 /// A vehicle needs longer to get ready than a process of Skysink may take: it is neither killed nor given up.
 #[test]
-fn a_vehicle_that_takes_its_time_is_waited_for() {
+fn a_slow_vehicle_is_waited_for() {
     let place = Place::new();
     let flight = place.flight("smoke").without_viewer().vehicle(&place.external_vehicle(5));
     flight.timeout("6").run();
@@ -210,23 +209,4 @@ fn a_vehicle_that_takes_its_time_is_waited_for() {
     let ended = flight.out("short").timeout("1").try_run().assert_code(1);
     assert!(ended.stderr.contains("flight-sim has not sent flight(0) for 1 s"), "{ended:?}");
     place.assert_clean();
-}
-
-#[test]
-fn vehicles_that_cannot_be_flown_are_refused_before_anything_is_written() {
-    let place = Place::new();
-    let udp = "udpin:127.0.0.1:14540";
-    for (arguments, says) in [
-        (&["--vehicle", "no-such-command x"][..], "--vehicle no-such-command: expected an executable"),
-        (&["--vehicle", "true", "--external", "flight-sim"], "--external flight-sim and --vehicle"),
-        (&["--vehicle", udp], "expected a paced run: --pace realtime"),
-        (&["--vehicle", udp, "--pace", "max"], "expected a paced run"),
-        (&["--vehicle", udp, "--pace", "5x"], "expected a scenario with area.origin_lat_deg"),
-    ] {
-        let ended = place.run(&[&["run", SMOKE, "--no-viewer", "--out", "run"], arguments].concat()).assert_code(2);
-        assert!(ended.stderr.contains(says), "{ended:?}");
-        assert!(!place.path("run").exists());
-    }
-    place.flight("smoke").out("run").simulate();
-    place.run_refused(&["replay", "run", "--no-viewer", "--vehicle", "true"], "--vehicle: expected with skysink run");
 }

@@ -22,14 +22,14 @@ macro_rules! trials {
 
 fn main() -> ExitCode {
     let trials = trials![
-        hosts::a_disconnected_host_is_reported_and_waited_for_and_the_trace_is_that_of_one_process,
+        hosts::a_disconnected_host_is_reported_and_does_not_change_the_trace,
         hosts::a_paced_run_continues_without_the_planners_host_and_counts_missed_slots,
         medium::a_full_disk_ends_a_run_with_whole_lines,
-        medium::a_full_disk_ends_a_run_with_a_viewer_too,
+        medium::a_full_disk_ends_a_run_with_a_viewer,
         medium::a_folder_that_cannot_be_written_is_named,
-        medium::a_folder_for_rings_that_belongs_to_another_user_is_refused,
-        medium::a_shared_memory_that_is_too_small_is_refused_before_anything_is_written,
-        medium::a_file_that_may_not_grow_further_ends_a_run_with_a_line,
+        medium::a_ring_folder_of_another_user_is_refused,
+        medium::too_little_shared_memory_is_refused_before_anything_is_written,
+        medium::a_file_at_its_size_limit_ends_a_run_with_one_line,
     ];
     libtest_mimic::run(&Arguments::from_args(), trials).exit_code()
 }

@@ -46,7 +46,7 @@ pub fn a_full_disk_ends_a_run_with_whole_lines() -> Result<(), Missing> {
     Ok(())
 }
 
-pub fn a_full_disk_ends_a_run_with_a_viewer_too() -> Result<(), Missing> {
+pub fn a_full_disk_ends_a_run_with_a_viewer() -> Result<(), Missing> {
     if !cfg!(feature = "viewer") {
         return Err(Missing("needs the feature viewer: cargo test --workspace".to_owned()));
     }
@@ -82,7 +82,7 @@ pub fn a_folder_that_cannot_be_written_is_named() -> Result<(), Missing> {
     Ok(())
 }
 
-pub fn a_folder_for_rings_that_belongs_to_another_user_is_refused() -> Result<(), Missing> {
+pub fn a_ring_folder_of_another_user_is_refused() -> Result<(), Missing> {
     let place = Place::new();
     place.scenario("smoke");
     std::fs::create_dir_all(place.rings_folder()).unwrap();
@@ -95,7 +95,7 @@ pub fn a_folder_for_rings_that_belongs_to_another_user_is_refused() -> Result<()
     Ok(())
 }
 
-pub fn a_shared_memory_that_is_too_small_is_refused_before_anything_is_written() -> Result<(), Missing> {
+pub fn too_little_shared_memory_is_refused_before_anything_is_written() -> Result<(), Missing> {
     let place = Place::new();
     place.scenario("smoke");
     let script = format!("mount -t tmpfs -o size=4m none /dev/shm && {SKYSINK} run smoke.toml --no-viewer --out run");
@@ -107,7 +107,7 @@ pub fn a_shared_memory_that_is_too_small_is_refused_before_anything_is_written()
     Ok(())
 }
 
-pub fn a_file_that_may_not_grow_further_ends_a_run_with_a_line() -> Result<(), Missing> {
+pub fn a_file_at_its_size_limit_ends_a_run_with_one_line() -> Result<(), Missing> {
     let place = Place::new();
     place.scenario("long");
     let script = format!("ulimit -f 60; exec {SKYSINK} simulate long.toml --set slots=200000 --out run");

@@ -54,15 +54,15 @@ fn main() -> ExitCode {
         })
     };
     let tests = vec![
-        test("the_header_for_cpp_is_what_the_types_generate", header::is_what_the_types_generate),
-        test("the_layouts_in_the_documentation_are_those_of_the_types", || {
+        test("the_cpp_header_is_up_to_date", header::is_what_the_types_generate),
+        test("the_documented_layouts_match_the_types", || {
             layouts::are_those_of(&header::generated());
         }),
-        test("a_strategy_in_rust_flies_what_it_flies_in_process", in_rust_as_a_command),
-        test("a_strategy_in_rust_that_is_killed_flies_the_same", in_rust_by_hand_and_killed),
-        test("a_vehicle_in_rust_flies_at_its_own_speed", a_vehicle_in_rust),
-        Trial::ignorable_test("a_planner_in_cpp_flies_the_same_also_when_it_is_killed", in_cpp),
-        Trial::ignorable_test("a_vehicle_in_cpp_flies_the_same_also_when_it_and_others_are_killed", a_vehicle_in_cpp),
+        test("a_rust_strategy_flies_the_same_as_a_planner_command", in_rust_as_a_command),
+        test("a_killed_rust_strategy_flies_the_same", in_rust_by_hand_and_killed),
+        test("a_rust_vehicle_flies_at_its_own_speed", a_vehicle_in_rust),
+        Trial::ignorable_test("a_cpp_planner_flies_the_same_even_when_killed", in_cpp),
+        Trial::ignorable_test("a_cpp_vehicle_flies_the_same_even_after_kills", a_vehicle_in_cpp),
     ];
     libtest_mimic::run(&Arguments::from_args(), tests).exit_code()
 }

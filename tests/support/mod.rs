@@ -9,6 +9,8 @@ pub mod vehicles;
 
 use std::borrow::BorrowMut;
 use std::collections::BTreeMap;
+use std::env;
+use std::ffi::OsString;
 use std::fs;
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
@@ -16,6 +18,7 @@ use std::process::{Child, Command, Stdio};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
+use expect_test::ExpectFile;
 use flight::FlightBuilder;
 pub use recordings::*;
 use rustix::process::{Pid, Signal, kill_process};
@@ -179,6 +182,43 @@ impl Place {
         self.run(arguments).assert_refused(says);
     }
 
+    /// Runs the commands of a transcript, its lines `$ …`, by a shell in this place. Fails unless they print what follows
+    /// them there: standard output and error, and in brackets an exit code other than 0. With `UPDATE_EXPECT=1` it is
+    /// written anew.
+    pub fn assert_transcript(&self, transcript: &ExpectFile) {
+        let program = Path::new(env!("CARGO_BIN_EXE_skysink")).parent().unwrap();
+        let path = path_with([&self.path(""), program]);
+        let mut printed = String::new();
+        for line in transcript.data().lines().filter(|line| line.starts_with("$ ")) {
+            let mut command = self.command("sh", &["-c", &line[2..]]);
+            let ended = output(command.env("PATH", &path).env("LC_ALL", "C").env_remove("COLUMNS"));
+            printed += &format!("{line}\n{}{}", ended.stdout, ended.stderr);
+            if ended.code != Some(0) {
+                printed += &format!("[{}]\n", ended.code.expect("an exit"));
+            }
+        }
+        transcript.assert_eq(&printed.replace(self.folder.path().to_str().unwrap(), "[place]"));
+    }
+
+    /// Writes each text of `refusals`, which empty lines divide, to `bad.toml`, and runs the commands with it. Fails unless
+    /// all refuse it with the line at its end, and write nothing.
+    pub fn assert_refusals(&self, refusals: &ExpectFile, commands: &[&str]) {
+        let data = refusals.data();
+        let said = data.trim_end().split("\n\n").map(|block| {
+            let text: String = block.split_inclusive('\n').filter(|line| !line.starts_with("skysink: ")).collect();
+            self.write("bad.toml", &text);
+            let lines = commands.iter().map(|command| {
+                let ended = self.run(&[command, "bad.toml", "--out", "out"][..if *command == "check" { 2 } else { 4 }]);
+                ended.assert_code(2).assert_one_line(&[]).stderr
+            });
+            let lines: Vec<String> = lines.collect();
+            assert!(lines.iter().all(|line| *line == lines[0]), "{commands:?}: {lines:?}");
+            text + &lines[0]
+        });
+        refusals.assert_eq(&said.collect::<Vec<_>>().join("\n"));
+        assert!(!self.path("out").exists());
+    }
+
     /// The rings of this place, by the name of their folder.
     pub fn rings(&self) -> Vec<String> {
         let entries = fs::read_dir(self.rings_folder()).into_iter().flatten().flatten();
@@ -270,6 +310,12 @@ impl Place {
         events.retain(|event| !silence.contains(&without_digits(event["event"].as_str().unwrap())));
         summary
     }
+}
+
+/// The PATH with these folders in front.
+pub fn path_with<'a>(folders: impl IntoIterator<Item = &'a Path>) -> OsString {
+    let rest = env::var_os("PATH").unwrap_or_default();
+    env::join_paths(folders.into_iter().map(Path::to_owned).chain(env::split_paths(&rest))).unwrap()
 }
 
 /// Fails unless every bit is accounted for.

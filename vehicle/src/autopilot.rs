@@ -107,7 +107,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn modes_are_read_as_their_autopilots_number_them() {
+    fn mode_numbers_are_decoded_per_autopilot() {
         let arducopter = [0, 4, 6, 9, 5].map(|mode| AutopilotKind::ArduPilot.meaning(mode));
         use ModeMeaning::{FollowsOrders, IsFlownByOthers, Returns, Unknown};
         assert_eq!(arducopter, [IsFlownByOthers, FollowsOrders, Returns, Returns, IsFlownByOthers]);

@@ -27,7 +27,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_quantile_is_one_of_the_times() {
+    fn a_quantile_is_a_measured_time() {
         let mut latencies = OrderLatencies::default();
         assert_eq!(latencies.quantiles([0.5]), None);
         (1..=10).rev().for_each(|ns| latencies.add(100, 100 + ns));

@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn a_position_is_east_north_up_and_one_without_a_fix_is_none() {
+    fn a_position_is_east_north_up_and_absent_without_a_fix() {
         let sent = GLOBAL_POSITION_INT_DATA {
             time_boot_ms: 1_500,
             lat: 473_977_420,
@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_known_is_no_message() {
+    fn unknown_values_are_decoded_to_none() {
         assert_eq!((battery(-1), battery(40)), (None, Some(Telemetry::Battery(0.4))));
         let accuracy = |pos_horiz_accuracy: f32| {
             decode(&MavMessage::ESTIMATOR_STATUS(ESTIMATOR_STATUS_DATA { pos_horiz_accuracy, ..Default::default() }))

@@ -66,7 +66,7 @@ mod tests {
     }
 
     #[test]
-    fn an_order_is_repeated_until_it_is_answered() {
+    fn an_order_is_repeated_until_acknowledged() {
         let mut outbox = Outbox::default();
         outbox.send(Order::Arm, 1.0);
         outbox.send(Order::Return, 1.0);

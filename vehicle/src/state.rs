@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn all_messages_are_asked_for_where_positions_come_too_rarely() {
+    fn all_messages_are_requested_if_positions_are_rare() {
         let mut state = VehicleState::default();
         assert_eq!(state.requests(0.0).count(), 0, "nobody is there");
         state.hear(&Telemetry::Heartbeat { autopilot: AutopilotKind::Px4, mode: 0, is_armed: true }, 0.0);
@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn a_vehicle_that_does_not_say_so_is_in_the_air_by_its_altitude() {
+    fn the_air_state_is_inferred_from_altitude_if_not_reported() {
         let mut state = VehicleState::default();
         state.hear(&Telemetry::Heartbeat { autopilot: AutopilotKind::Px4, mode: 0, is_armed: true }, 0.0);
         assert!(!state.is_in_air());

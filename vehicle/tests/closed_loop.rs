@@ -231,7 +231,7 @@ fn a_slot_reports_where_the_vehicle_is_and_what_it_serves_from_there() {
 }
 
 #[test]
-fn a_waypoint_that_is_not_reached_is_flown_on_to() {
+fn a_missed_waypoint_is_pursued_in_the_next_slot() {
     let mut flight = ClosedLoop::new(&KinematicOptions { acceleration: 0.3, ..KinematicOptions::default() }, 0.0);
     flight.until(60.0, |flight| flight.bridge.has_begun());
     let report = flight.fly_slot(1, Some(plan(50.0, 66.0)));
@@ -258,7 +258,7 @@ fn an_accepted_take_off_is_not_ordered_again_while_motors_spool_up() {
 }
 
 #[test]
-fn a_line_of_the_vehicle_is_said_once_until_another_comes() {
+fn repeated_lines_of_the_vehicle_are_printed_once() {
     let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
     for text in ["ready", "ready", "EKF variance", "ready"] {
         flight.hear(&Telemetry::Text(text.to_owned()));
@@ -268,7 +268,7 @@ fn a_line_of_the_vehicle_is_said_once_until_another_comes() {
 }
 
 #[test]
-fn a_position_on_another_continent_is_not_believed() {
+fn a_position_far_from_the_field_is_ignored() {
     let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
     flight.until(60.0, |flight| flight.bridge.has_begun());
     let before = flight.fly_slot(1, Some(plan(50.0, 62.0)));
@@ -326,7 +326,7 @@ fn without_a_link_slots_report_the_last_position_as_holds() {
 }
 
 #[test]
-fn the_vehicle_of_a_dead_bridge_returns_by_itself() {
+fn the_vehicle_returns_itself_when_the_bridge_is_dead() {
     let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
     flight.until(60.0, |flight| flight.bridge.has_begun());
     flight.fly_slot(1, Some(plan(50.0, 62.0)));
@@ -339,7 +339,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
 
     #[test]
-    fn with_any_losses_the_mission_begins_is_flown_and_ends_on_the_ground(
+    fn a_mission_with_message_losses_ends_on_the_ground(
         seed in 0u64..1_000, loss in 0.0..0.4, refuse_arming in 0u32..5, lag in 0.0..0.3, kill in any::<bool>(),
         autopilot in prop::sample::select(vec![AutopilotKind::ArduPilot, AutopilotKind::Px4, AutopilotKind::Other]),
     ) {
@@ -361,7 +361,7 @@ proptest! {
     }
 
     #[test]
-    fn a_vehicle_that_is_taken_over_by_others_gets_no_more_orders(seed in 0u64..100, loss in 0.0..0.3) {
+    fn a_vehicle_taken_over_by_a_pilot_gets_no_more_orders(seed in 0u64..100, loss in 0.0..0.3) {
         let mut flight = ClosedLoop::new(&KinematicOptions { seed, ..KinematicOptions::default() }, loss);
         flight.until(120.0, |flight| flight.bridge.has_begun());
         flight.copter.obey(Given::Mode(0));

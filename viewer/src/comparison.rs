@@ -218,7 +218,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn equal_labels_have_different_roots() {
+    fn equal_labels_get_distinct_roots() {
         assert_eq!(root(0, "uts wide/é"), "1-uts-wide--");
         assert_ne!(root(0, "uts"), root(1, "uts"));
     }

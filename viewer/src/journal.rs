@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn after_incomplete_sums_the_previous_ones_are_restored() {
+    fn the_previous_sums_are_restored_after_incomplete_ones() {
         let folder = folder();
         let (mut journal, ..) = resumed(&folder);
         (0..=63).for_each(|slot| journal.save(slot, &[], &Sums(slot)).unwrap());

@@ -175,7 +175,7 @@ mod tests {
     use std::path::Path;
 
     #[test]
-    fn a_line_of_sight_that_stays_is_shown_as_it_is_drawn() {
+    fn a_frozen_line_of_sight_is_shown_as_drawn() {
         let shown = |keys: &str| {
             let text = format!("name = 'x'\n[link]\nmodel = 'probabilistic-los'\nenvironment = 'high-rise'\n{keys}");
             let scenario = Scenario::parse(&text, Path::new("x.toml"), Overrides::default()).unwrap();

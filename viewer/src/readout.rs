@@ -48,7 +48,7 @@ mod tests {
     }
 
     #[test]
-    fn a_single_uav_shows_the_clock_and_one_of_a_fleet_its_number() {
+    fn a_single_uav_shows_the_clock_and_a_fleet_its_numbers() {
         let single = Readout { slot_s: 6.0, capacity_j: Some(5e5), uavs: 1 };
         assert_eq!(single.label(0, 51, &flight(4e5), Some(43.2)), "05:06 · 40 m · 7.2 m/s · 80 %");
         let fleet = Readout { uavs: 3, ..single };
@@ -63,7 +63,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_unknown_is_left_out() {
+    fn unknown_values_are_omitted() {
         let readout = Readout { slot_s: 1.0, capacity_j: None, uavs: 1 };
         assert_eq!(readout.label(0, 0, &flight(f64::INFINITY), None), "00:00 · 40 m");
     }

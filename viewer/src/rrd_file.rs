@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_error_ends_the_file_and_is_that_of_its_end() {
+    fn the_first_error_ends_the_file_and_is_reported_at_its_end() {
         let (reader, writer) = io::pipe().unwrap();
         let file = Some(WrittenFile::new(Path::new("pipe"), File::from(OwnedFd::from(writer))));
         let file = RrdFile::new(Batches { path: PathBuf::new(), file, batch: Vec::new() }).unwrap();

@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn layers_on_the_ground_are_apart_in_proportion_to_the_area() {
+    fn ground_layers_are_spaced_in_proportion_to_the_area() {
         let sizes = |side_m: f64, radius_m: f64| {
             let text = format!("name = \"s\"\n[area]\nside_m = {side_m:?}\n[link]\ncomm_radius_m = {radius_m:?}\n");
             let scenario = Scenario::parse(&text, std::path::Path::new("s.toml"), Overrides::default()).unwrap();
@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bar_is_seen_in_a_wide_field() {
+    fn a_bar_is_visible_in_a_wide_field() {
         let text = "name = \"wide\"\n[area]\nside_m = 1000.0\n";
         let scenario = Scenario::parse(text, std::path::Path::new("wide.toml"), Overrides::default()).unwrap();
         let sizes = Sizes::of(&scenario, 200);
@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_at_grid_lines_and_leave_each_other_room() {
+    fn axis_numbers_are_at_grid_lines_without_overlap() {
         for (longer_m, number_m) in [(100.0, 20.0), (300.0, 100.0), (600.0, 100.0), (1_000.0, 200.0), (1_500.0, 300.0)]
         {
             assert_eq!(number_step(round_step(longer_m / 8.0), longer_m), number_m, "{longer_m}");

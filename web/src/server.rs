@@ -167,7 +167,7 @@ mod tests {
     use crate::page::WebPage;
 
     #[test]
-    fn clients_that_do_not_read_are_cut_off_and_make_room_for_those_that_wait() {
+    fn clients_that_do_not_read_are_disconnected_in_favour_of_waiting_ones() {
         let limits = Limits { connections: 4, head: Duration::from_secs(60), stall: Duration::from_millis(200) };
         let site = Arc::new(Site::with_token(WebPage::new("x", &[], None), "0badcafe"));
         let runtime = runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn odd_requests_are_answered_or_refused_and_hold_nothing() {
+    fn invalid_requests_are_refused_and_release_their_connection() {
         let site = Arc::new(Site::with_token(WebPage::new("x", &[], None), "0badcafe"));
         let page = "GET /0badcafe/ HTTP/1.1\r\nHost: localhost\r\n";
         let endless = format!("{page}X: {}", "a".repeat(2 * MAX_HEAD_BYTES));

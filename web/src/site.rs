@@ -275,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn what_takes_the_place_of_a_recording_is_not_served() {
+    fn a_file_that_replaces_a_recording_is_not_served() {
         let place = tempfile::tempdir().unwrap();
         let (site, recording) = site(place.path());
         let (other, folder) = (place.path().join("other"), place.path().join("run"));
@@ -300,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn a_recording_that_is_cut_while_it_is_served_is_an_error_and_one_that_grows_is_not() {
+    fn a_recording_truncated_while_served_is_an_error_but_growth_is_not() {
         let place = tempfile::tempdir().unwrap();
         let (site, recording) = site(place.path());
         for (new_bytes, is_whole) in [(PART_BYTES, false), (2 * PART_BYTES, true)] {

@@ -403,7 +403,7 @@ mod tests {
     }
 
     #[test]
-    fn ways_lead_around_zones_from_cell_to_cell() {
+    fn grid_paths_lead_around_zones() {
         let airspace = walled(4);
         let [from, to] = [at(25.0, 15.0), at(45.0, 15.0)];
         // Four north, two east, four south.
@@ -420,7 +420,7 @@ mod tests {
     }
 
     #[test]
-    fn ways_are_as_short_as_those_of_another_search() {
+    fn grid_paths_are_as_short_as_those_of_a_reference_search() {
         // Bellman–Ford over all pairs of neighbours.
         let airspace = walled(1);
         let cells: Vec<Position> = airspace.cells().collect();
@@ -441,7 +441,7 @@ mod tests {
 
     /// A move that has begun goes on, whatever the UAV is told: the place and the slot say where it leads.
     #[test]
-    fn a_move_is_flown_to_its_end() {
+    fn a_move_in_progress_is_completed() {
         for move_slots in 1..=6 {
             let airspace = walled(move_slots);
             let reach_m = 10.0 / move_slots as f64;

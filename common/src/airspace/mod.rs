@@ -429,7 +429,7 @@ mod tests {
     }
 
     #[test]
-    fn the_way_around_a_wall_bends_at_its_corners() {
+    fn a_path_around_a_wall_turns_at_its_corners() {
         let airspace = walled("");
         let way = airspace.way(&at(20.0, 50.0), &at(84.0, 50.0));
         // 2 · √(30² + 30²) + 4
@@ -439,7 +439,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slot_flies_beyond_a_bend_where_that_brings_it_nearer() {
+    fn a_slot_passes_a_turning_point_if_that_ends_nearer_the_target() {
         let airspace = walled("");
         // The bend at (50, 80) is 2.8 m away; straight on leads out of the way to the next, at (54, 80).
         let end = airspace.toward(&at(48.0, 78.0), &at(84.0, 50.0), 30.0);
@@ -448,7 +448,7 @@ mod tests {
     }
 
     #[test]
-    fn a_way_into_a_disk_ends_at_its_rim() {
+    fn a_path_to_a_disk_ends_at_its_rim() {
         let airspace = walled("");
         let centre = at(52.0, 40.0); // in the wall
         let nearest = airspace.nearest(&centre);
@@ -462,7 +462,7 @@ mod tests {
 
     /// Two bars that cross at (50, 50): of a point in both, all nearest points of edges lie in the other bar.
     #[test]
-    fn the_nearest_point_beside_zones_that_overlap_is_where_they_cross() {
+    fn the_nearest_free_point_at_overlapping_zones_is_their_crossing() {
         let text = "name = 'a'\n[area]\nno_fly = [{ polygon_m = [[10, 40], [90, 40], [90, 60], [10, 60]] },\
                     { polygon_m = [[40, 10], [60, 10], [60, 90], [40, 90]] }]\n[uav]\nstart_m = [5.0, 5.0]\n";
         let airspace = Scenario::parse(text, Path::new("a.toml"), Overrides::default()).unwrap().airspace();
@@ -473,7 +473,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_way_leads_to_is_not_reachable() {
+    fn an_enclosed_point_is_not_reachable() {
         let closed = "building = [{ polygon_m = [[50.0, 79.0], [100.0, 79.0], [100.0, 90.0], [50.0, 90.0]], height_m = 99.0 }]\n";
         let airspace = walled(closed);
         assert!(!airspace.is_reachable(&at(80.0, 50.0)) && airspace.is_reachable(&at(80.0, 95.0)));

@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn a_way_through_the_interior_enters_it_where_it_crosses_an_edge() {
+    fn a_segment_enters_the_interior_where_it_crosses_an_edge() {
         assert_eq!(entry(&square(), [0.0, 20.0], [40.0, 20.0]), Some(0.25));
         assert_eq!(entry(&square(), [0.0, 20.0], [20.0, 20.0]), Some(0.5), "it ends inside");
         assert_eq!(entry(&square(), [0.0, 0.0], [40.0, 40.0]), Some(0.25), "through two corners");
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn a_way_along_an_edge_or_past_a_corner_does_not_enter() {
+    fn a_segment_along_an_edge_or_past_a_corner_does_not_enter() {
         assert_eq!(entry(&square(), [0.0, 10.0], [40.0, 10.0]), None);
         assert_eq!(entry(&square(), [10.0, 10.0], [30.0, 10.0]), None);
         assert_eq!(entry(&square(), [0.0, 20.0], [20.0, 0.0]), None, "it touches (10, 10)");
@@ -245,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn a_way_out_of_the_interior_is_allowed_but_not_back_into_it() {
+    fn a_segment_may_leave_the_interior_but_not_reenter() {
         assert_eq!(entry(&square(), [20.0, 20.0], [40.0, 20.0]), None);
         let bay = [
             [0.0, 0.0],
@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn outside_of_a_border_is_forbidden() {
+    fn points_outside_the_boundary_are_forbidden() {
         let border = Polygon::of(&[[10.0, 10.0], [30.0, 10.0], [30.0, 30.0], [10.0, 30.0]], true).unwrap();
         assert_eq!(entry(&border, [12.0, 20.0], [28.0, 20.0]), None);
         assert_eq!(entry(&border, [20.0, 20.0], [40.0, 20.0]), Some(0.5));
@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_polygon_is_refused() {
+    fn an_invalid_polygon_is_refused() {
         for corners in [
             &[[0.0, 0.0], [1.0, 0.0]][..],
             &[[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]],

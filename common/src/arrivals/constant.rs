@@ -77,14 +77,14 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn a_bit_is_neither_lost_to_rounding_nor_sampled_early() {
+    fn whole_bits_are_sampled_in_the_exact_slot() {
         assert_eq!(sampled_bits(0.29, 100), 29, "of a product that rounding puts below its integer");
         assert_eq!([0.999_999_998, 0.999_999_999_5].map(|mean_bits| sampled_bits(mean_bits, 1)), [0, 1]);
         assert_eq!(sampled_bits(4.35, 100), 435, "4.35 × 100 is 434.99999999999994 in f64");
     }
 
     #[test]
-    fn the_bits_between_two_slots_are_those_of_the_slots_between_them() {
+    fn bits_between_slots_sum_the_slots_in_between() {
         // s τ = 2.5: A = 0, 2, 5, 7, 10
         assert_eq!([0, 1, 2, 3, 4].map(|slot| sampled_bits(2.5, slot)), [0, 2, 5, 7, 10]);
         assert_eq!((bits_between(2.5, 1, 4), bits_between(2.5, 0, 3), bits_between(2.5, 3, 3)), (8, 7, 0));
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bit_belongs_to_the_slot_in_which_it_is_sampled() {
+    fn each_bit_is_assigned_to_its_sampling_slot() {
         assert_eq!([1, 2, 3, 5, 6].map(|bit| slot_of_bit(2.5, bit, 9)), [1, 1, 2, 2, 3]);
         for mean_bits in [0.1, 0.3, 1.0 / 3.0, 0.9999999999, 1.0, 2.5, 7.7, 100.0, 4e9] {
             for last in [1, 2, 30, 1_000] {
@@ -108,19 +108,19 @@ mod tests {
 
     #[test]
     #[should_panic(expected = "sampled up to slot 3")]
-    fn a_bit_that_is_not_sampled_has_no_slot() {
+    fn an_unsampled_bit_has_no_slot() {
         let _ = slot_of_bit(2.5, 8, 3);
     }
 
     proptest! {
         #[test]
-        fn a_quick_integer_is_the_number(number in prop_oneof![0u64..100, 0u64..1 << 52, Just((1 << 52) - 1)]) {
+        fn fast_integer_conversion_is_exact(number in prop_oneof![0u64..100, 0u64..1 << 52, Just((1 << 52) - 1)]) {
             prop_assert!(is_quick(number as f64, 1));
             prop_assert_eq!(quick_bits(number as f64, 1), number);
         }
 
         #[test]
-        fn arrivals_never_drift_from_the_rate(mean_bits in 0.0f64..1e5, slots in 1u64..3000) {
+        fn arrivals_do_not_drift_from_the_rate(mean_bits in 0.0f64..1e5, slots in 1u64..3000) {
             let total: u64 = (1..=slots).map(|slot| bits_between(mean_bits, slot - 1, slot)).sum();
             prop_assert!((total as f64 - mean_bits * slots as f64).abs() <= 1.0);
         }

@@ -82,7 +82,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_variance_of_on_off_bits_follows_the_chain() {
+    fn on_off_variance_matches_the_markov_chain() {
         // on 2, off 2: π = 1/2, r = 2 · 10, ρ = 0: independent slots of variance 400/4 = 100.
         let law = ArrivalLaw::OnOff { on_slots: 2.0, off_slots: 2.0 };
         assert_eq!([1.0, 3.0].map(|slots| law.variance_bits2(10.0, slots)), [100.0, 300.0]);
@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn packets_vary_with_their_size() {
+    fn packet_variance_depends_on_packet_size() {
         let law = ArrivalLaw::Packets { packet_bits: 50.0 };
         assert_eq!((law.variance_bits2(100.0, 3.0), law.dispersion_bits(100.0)), (15_000.0, 50.0));
         assert_eq!(ArrivalLaw::Constant.variance_bits2(100.0, 3.0), 0.0);

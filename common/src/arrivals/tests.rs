@@ -35,7 +35,7 @@ fn moments(values: impl Iterator<Item = f64> + Clone) -> [f64; 2] {
 }
 
 #[test]
-fn packets_are_poisson_in_every_slot() {
+fn packet_counts_are_poisson_in_every_slot() {
     for (mean_bits, packet_bits) in [(100.0, 1.0), (100.0, 50.0), (3.5, 7.0), (0.02, 1.0)] {
         let arrivals = Poisson::new(packet_bits, Streams::new(3));
         let draws: Vec<u64> =
@@ -53,7 +53,7 @@ fn packets_are_poisson_in_every_slot() {
 }
 
 #[test]
-fn imagined_packets_have_the_same_mean_and_variance() {
+fn look_ahead_packets_have_the_same_mean_and_variance() {
     let law = ArrivalLaw::Packets { packet_bits: 5.0 };
     let imagined = Imagined::new(law, Streams::new(3), 1_000, 1..1_001).unwrap();
     let mut draws = vec![0; DRAWS];
@@ -76,7 +76,7 @@ fn chains() -> (OnOff, ArrivalLaw) {
 }
 
 #[test]
-fn on_off_bits_have_the_mean_the_variance_and_the_autocorrelation_of_the_chain() {
+fn on_off_bits_have_the_moments_and_autocorrelation_of_the_markov_chain() {
     let (arrivals, law) = chains();
     let bits = |sensor: u32, slot: u64| arrivals.bits(slot, sensor, 10.0) as f64;
     // On, 40 bit a slot, a quarter of the time.
@@ -106,7 +106,7 @@ fn on_off_bits_have_the_mean_the_variance_and_the_autocorrelation_of_the_chain()
 }
 
 #[test]
-fn times_on_and_off_have_their_means_and_no_memory() {
+fn on_and_off_times_are_exponential_with_their_means() {
     let (arrivals, _) = chains();
     for (is_on, mean) in [(true, 5.0), (false, 15.0)] {
         let mut lasted = Vec::new();
@@ -125,7 +125,7 @@ fn times_on_and_off_have_their_means_and_no_memory() {
 }
 
 #[test]
-fn times_of_a_slot_alternate() {
+fn on_and_off_times_alternate_within_a_slot() {
     let arrivals = OnOff::new([1.0, 1.0], Streams::new(1), 4, 1..100);
     for sensor in 0..4 {
         assert!((1..99).all(|slot| arrivals.bits(slot, sensor, 3.0) + arrivals.bits(slot + 1, sensor, 3.0) == 6));
@@ -133,7 +133,7 @@ fn times_of_a_slot_alternate() {
 }
 
 #[test]
-fn times_longer_than_any_mission_never_end() {
+fn times_longer_than_any_mission_do_not_end() {
     let arrivals = OnOff::new([1e300, 1e300], Streams::new(1), 50, 1..1_000_000_000);
     let is_on = |sensor: u32| [1, 7, 999_999_998].map(|slot| arrivals.bits(slot, sensor, 10.0));
     let on = (0..50).filter(|&sensor| is_on(sensor) == [20; 3]).count();
@@ -142,7 +142,7 @@ fn times_longer_than_any_mission_never_end() {
 }
 
 #[test]
-fn a_draw_does_not_depend_on_the_others() {
+fn draws_are_independent_of_each_other() {
     let streams = Streams::new(5);
     let drawn: [Arrivals; 2] =
         [Poisson::new(2.0, streams).into(), OnOff::new([3.0, 4.0], streams, 3_000, 1..400).into()];

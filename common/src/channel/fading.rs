@@ -332,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn rayleigh_fading_costs_what_the_closed_form_says() {
+    fn rayleigh_fading_loss_matches_the_closed_form() {
         // E[ln(1 + γ g)] = e^{1/γ} E1(1/γ). γ = 1: e · 0.219383934 = 0.596347362. γ → ∞: ln γ − 0.577215665.
         let rayleigh = Fading::rician(f64::NEG_INFINITY);
         assert!((rayleigh.mean(1.0) - 0.596_347_362 * LOG2_E).abs() < 1e-7, "{}", rayleigh.mean(1.0));
@@ -343,7 +343,7 @@ mod tests {
     }
 
     #[test]
-    fn the_slope_is_the_derivative_and_the_mean_rises_and_is_concave() {
+    fn the_mean_rate_is_increasing_and_concave_with_the_right_derivative() {
         for k_db in [f64::NEG_INFINITY, 0.0, 10.0, 20.0, 45.0] {
             let fading = Fading::rician(k_db);
             let mut last = f64::INFINITY;
@@ -359,7 +359,7 @@ mod tests {
     }
 
     #[test]
-    fn both_ways_to_the_bessel_function_meet() {
+    fn series_and_asymptotic_bessel_functions_agree_at_the_switch() {
         // I0(z) e^{−z} falls by the factor 1 − 1/(2z) for each unit of z.
         let [below, above] = [LARGE - 1e-6, LARGE + 1e-6].map(scaled_bessel);
         assert!((above / below - 1.0 + 1e-6 / LARGE).abs() < 1e-10, "{below} {above}");
@@ -369,7 +369,7 @@ mod tests {
 
     /// A million draws against their law: mean 1, variance `(1 + 2K)/(1 + K)²`, and Kolmogorov's test at 0.1 %.
     #[test]
-    fn draws_follow_their_law() {
+    fn draws_follow_their_distribution() {
         const DRAWS: u32 = 1_000_000;
         for k_db in FACTORS_DB {
             let fading = Fading::rician(k_db);
@@ -434,7 +434,7 @@ mod tests {
     }
 
     #[test]
-    fn the_mean_over_steps_is_not_below_the_mean_and_near_it() {
+    fn the_stepwise_mean_is_an_upper_bound_near_the_mean() {
         for k_db in FACTORS_DB {
             let fading = Fading::rician(k_db);
             for snr in [0.1, 10.0, 1e4] {

@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn the_normal_law_is_exact() {
+    fn the_normal_distribution_function_is_exact() {
         for (x, expected) in [(0.0, 0.5), (1.0, 0.841_344_746_068_543), (-1.96, 0.024_997_895_148_220), (9.0, 1.0)] {
             assert!((normal_cdf(x) - expected).abs() < 1e-13, "{x}: {}", normal_cdf(x));
         }
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn links_are_as_often_in_line_of_sight_as_without_and_stay_so() {
+    fn frozen_links_keep_the_line_of_sight_frequency_and_their_state() {
         let (sensor, uav) = (Position::new(0.0, 0.0), Point3::new(40.0, 30.0, 30.0));
         let uplink = Uplink::new(1.0, &sensor, &uav);
         let probability = channel().line_of_sight().unwrap().los_probability(&uplink);
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn without_the_key_the_draws_are_those_of_each_slot() {
+    fn draws_are_independent_per_slot_without_the_correlation_key() {
         let text = "name = 'x'\n[link]\nmodel = 'probabilistic-los'\nlos_correlation_m = 0.0\n";
         let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
         let channel = Channel::of(&scenario.link);

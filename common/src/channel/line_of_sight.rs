@@ -371,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn a_logistic_curve_below_zero_is_held_there_and_is_flat() {
+    fn a_negative_logistic_curve_is_clamped_to_zero_with_zero_slope() {
         // At 0°: −0.63 + 1.63/(1 + exp(2)) = −0.43; at 90°: −0.63 + 1.63/(1 + exp(2 − 4.23)) = 0.84
         let curve = LosCurve::Logistic { b1: -2.0, b2: 0.047, b3: -0.63, b4: 1.63 };
         assert_eq!((curve.probability(0.0), curve.slope(0.0)), (0.0, 0.0));
@@ -379,7 +379,7 @@ mod tests {
     }
 
     #[test]
-    fn the_expected_rate_lies_between_the_two() {
+    fn the_expected_rate_lies_between_los_and_nlos_rates() {
         let link = LineOfSight {
             bandwidth_hz: 1e6,
             comm_s: 0.1,

@@ -373,14 +373,14 @@ mod tests {
     }
 
     #[test]
-    fn a_table_is_read_as_it_was_written() {
+    fn a_written_table_reads_back_exactly() {
         let text = table().to_csv();
         assert_eq!(RateTable::parse(&text, Path::new("a.csv")).unwrap(), table());
         assert_eq!(table().held() as *const _, table().held() as *const _, "held once");
     }
 
     #[test]
-    fn what_is_no_table_is_refused() {
+    fn an_invalid_channel_table_is_refused() {
         let head = "distance_m,altitude_m,probability,rate_bps\n";
         for (text, message) in [
             ("d,z\n".to_owned(), "header `d,z`: expected distance_m,altitude_m,probability,rate_bps"),
@@ -421,7 +421,7 @@ mod tests {
         }
 
         #[test]
-        fn no_draw_is_better_than_the_best(d_m in 0.0..20.0f64, z_m in 5.0..60.0f64, slot in 1u64..1_000) {
+        fn no_draw_exceeds_the_best_rate(d_m in 0.0..20.0f64, z_m in 5.0..60.0f64, slot in 1u64..1_000) {
             let streams = Streams::new(1);
             let drawn_bps = channel().draw(&uplink(d_m, z_m), &streams, slot, 3).rate_bps;
             let best_bps = channel().best_drawn_rate_bps(&uplink(d_m, z_m), &streams, slot, 3);

@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_moves_the_mean_towards_what_it_held() {
+    fn a_gap_moves_the_mean_towards_its_observed_rate() {
         // Shape 12, rate 0.12. 10 slots with 2 000 bit in packets of 50: shape 12 + 40, rate 0.12 + 0.2.
         let mut posterior = RatePosterior::prior(100.0, 0.5).unwrap();
         posterior.add(10, Gained::Exactly(2_000.0), 50.0);
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn packets_above_a_limit_are_summed_or_taken_as_normal() {
+    fn packet_tails_are_summed_or_approximated_as_normal() {
         // Shape 2, exposure 1: P(0) = 1/4, P(1) = 1/4, mean 2, variance 4. Above: (2 − 1/4)/(1/2) = 3.5;
         // (8 − 1/4)/(1/2) − 3.5² = 3.25.
         let posterior = RatePosterior { shape: 2.0, rate: 1.0 };
@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn the_mean_above_a_limit_follows_the_normal_law() {
+    fn the_truncated_mean_follows_the_normal_distribution() {
         assert!((inverse_mills(0.0) - (2.0 / std::f64::consts::PI).sqrt()).abs() < 1e-12);
         assert!((inverse_mills(2.0) - 2.373_215_5).abs() < 1e-6);
         assert!((inverse_mills(20.0) - inverse_mills(20.000_001)).abs() < 1e-3);
@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn posteriors_cover_the_truth_at_their_level() {
+    fn credible_intervals_cover_the_truth_at_their_level() {
         // 900 ± 2.1 standard deviations of sqrt(1000 · 0.9 · 0.1) = 9.5
         for (packet_bits, full_bits) in [(1.0, u64::MAX), (100.0, u64::MAX), (100.0, 1_000), (300.0, 1_200)] {
             let covered = covered(packet_bits, full_bits);

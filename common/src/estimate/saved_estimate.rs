@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn a_restored_estimate_is_the_saved_one_whatever_it_was_before() {
+    fn restoring_an_estimate_replaces_any_earlier_one() {
         for rates in ALL {
             let estimate = advanced(rates);
             for into in [fresh(rates), estimate.clone()] {
@@ -132,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_over_missed_slots_teaches_nothing_after_a_restart_either() {
+    fn a_gap_over_missed_slots_is_ignored_after_a_restart_too() {
         let mut estimate = advanced(Rates::Learnt);
         let mut flight = FlightReport::at([0.0, 0.0, 20.0], Mode::Serve);
         estimate.advance(44, &[flight], &ReportedQueues::default(), &[0; 5]); // slots 41 to 43 were missed, in which SN 1 may have been served

@@ -116,7 +116,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn due_east_of_an_equatorial_origin_the_longitude_is_the_arc_sine_of_the_distance() {
+    fn longitude_due_east_of_an_equatorial_origin_matches_the_closed_form() {
         // On the equator, a circle of radius a: x = a sin λ, so x = a/2 is at 30°. Past the rim there is no ground.
         let projection = Projection::at(Origin { lat_deg: 0.0, lon_deg: 10.0 });
         let point = projection.unproject(&Position::new(SEMI_AXES_M[0] / 2.0, 0.0)).unwrap();
@@ -127,7 +127,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn projecting_an_unprojected_position_returns_it(
+        fn projection_inverts_unprojection(
             lat_deg in -90.0..90.0f64,
             lon_deg in -180.0..180.0f64,
             [x_m, y_m] in prop::array::uniform2(-100e3..100e3f64),

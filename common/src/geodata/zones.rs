@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn properties_tell_buildings_and_the_boundary_from_zones() {
+    fn properties_distinguish_zones_buildings_and_the_boundary() {
         assert_eq!(kind(&[("name", "airfield")]), Ok(ZoneKind::NoFly));
         assert_eq!(kind(&[("building", "yes"), ("Height", "12.5 m")]), Ok(ZoneKind::Building(12.5)));
         assert_eq!(kind(&[("height", "9"), ("height_m", "10")]), Ok(ZoneKind::Building(10.0)));

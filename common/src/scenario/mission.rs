@@ -95,6 +95,26 @@ crate::keys! {
     }
 }
 
+/// ```
+/// use skysink_common::scenario::Scenario;
+/// let text = "name = 'a'\nsensors.file = 'nodes.csv'\n\
+///             [uav]\ncount = 2\nmust_land = true\nstarts_m = [[5, 5], [95, 95]]\nendurances_s = [600.0, 90.0]";
+/// let scenario = Scenario::parse(text, "fields/a.toml".as_ref(), Default::default()).unwrap();
+/// assert_eq!(scenario.sensor_file().unwrap(), std::path::Path::new("fields/nodes.csv"));
+/// assert!(scenario.trace_file().is_none() && !scenario.arrival_law().is_random() && scenario.must_land());
+/// assert!(scenario.starts().eq([scenario.start(), scenario.start_of(1)]));
+/// assert_eq!((scenario.slots_of(1), scenario.of_uav(1).start()), (90, scenario.start_of(1)));
+/// assert_eq!(scenario.altitudes_m(20.0), [20.0, 20.0]); // it does not climb
+///
+/// let again = Scenario::parse(&scenario.to_toml(), &scenario.path, Default::default()).unwrap();
+/// assert_eq!(again.hash(), scenario.hash());
+/// assert!(again.to_toml_with_list("b.csv").contains("file = \"b.csv\""));
+///
+/// let error = scenario.refusal("uav.speed", &(-1.0).into(), "a speed above 0").to_string();
+/// assert!(error.ends_with("uav.speed = -1.0: expected a speed above 0"), "{error}");
+/// let greedy = scenario.with_planner_keys(&toml::toml! { strategy = "gfs" }).unwrap();
+/// assert_eq!(greedy.planner.strategy, "gfs");
+/// ```
 impl Scenario {
     /// The origin of its values, for messages.
     fn source(&self) -> Source<'_> {
@@ -224,6 +244,17 @@ impl Scenario {
     ///
     /// # Errors
     /// If `T` refuses a key or its value; the error names it.
+    ///
+    /// ```
+    /// use serde::{Deserialize, Serialize};
+    /// use skysink_common::{keys::POSITIVE, scenario::Scenario};
+    /// skysink_common::keys! {
+    ///     #[derive(Serialize, Deserialize)]
+    ///     pub struct NearestKeys { /** Radius [m]. */ radius_m: f64 = 25.0, POSITIVE; }
+    /// }
+    /// let scenario = Scenario::letter(Default::default()).unwrap();
+    /// assert_eq!(scenario.planner_keys::<NearestKeys>("planner.nearest").unwrap().radius_m, 25.0);
+    /// ```
     pub fn planner_keys<T: Keys>(&self, table: &str) -> Result<T, InputError> {
         let mut keys = match table.strip_prefix("planner.").map(|name| self.planner.others.get(name)) {
             Some(Some(Value::Table(keys))) => keys.clone(),

@@ -8,6 +8,15 @@ use crate::geometry::{Position, within};
 /// Slack of a slot on a grid, which may end beside the middle of its move.
 const GRID_SLACK: f64 = 1e-8;
 
+/// ```
+/// use skysink_common::scenario::Scenario;
+/// let text = "name = 'windy'\nuav.max_speed_mps = 13.0\nuav.wind_mps = [3.0, -4.0]"; // 5 m/s, slots of 1 s
+/// let windy = Scenario::parse(text, "windy.toml".as_ref(), Default::default()).unwrap();
+/// assert_eq!((windy.wind_mps().norm(), windy.reach_m(), windy.farthest_m(), windy.move_slots()), (5.0, 8.0, 18.0, 1));
+/// let [from, with_the_wind, against_it] = [[50.0, 50.0].into(), [59.0, 38.0].into(), [41.0, 62.0].into()];
+/// assert!(windy.reaches(&from, &with_the_wind) && !windy.reaches(&from, &against_it));
+/// assert!((windy.end_toward(&from, &against_it) - from).norm() < 9.0);
+/// ```
 impl Scenario {
     /// Horizontal distance that a slot reaches in every direction, for plans [m]: `V_max τ`, or less with wind and
     /// acceleration.
@@ -97,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slot_from_rest_to_rest_reaches_what_its_acceleration_allows() {
+    fn rest_to_rest_reach_follows_from_the_acceleration() {
         // V = 30 m/s, a = 2.5 m/s²: 12 s to top speed. 24 s: 12 s · 30 m/s up and down, 360 m = 2.5 · 24²/4. 30 s: 6 s
         // at top speed more, 540 m. 6.928 s: 2.5 · 48/4 = 30 m, what the letter flies in 1 s. 4 s: 10 m.
         for (slot_s, reach_m) in [(24.0, 360.0), (30.0, 540.0), (48f64.sqrt(), 30.0), (4.0, 10.0)] {
@@ -111,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn a_plan_keeps_to_the_largest_disk_about_the_uav_and_bounds_to_the_farthest_point() {
+    fn plans_use_the_inscribed_disk_and_bounds_the_farthest_point() {
         let windy = scenario(2.0, "max_speed_mps = 13.0\nwind_mps = [3.0, -4.0]\n"); // 5 m/s
         assert_eq!((windy.reach_m(), windy.farthest_m()), (16.0, 36.0));
         let calm = scenario(2.0, "max_speed_mps = 13.0\nwind_mps = [0.0, 0.0]\n");
@@ -119,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn in_wind_a_slot_reaches_the_disk_about_where_the_wind_leads() {
+    fn wind_displaces_the_centre_of_reach() {
         let windy = scenario(2.0, "max_speed_mps = 13.0\nwind_mps = [3.0, -4.0]\n");
         let from = Position::new(50.0, 50.0);
         let drifted = Position::new(56.0, 42.0);
@@ -137,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_uav_flies_is_refused() {
+    fn impossible_motion_keys_are_refused() {
         for (uav, expected) in [
             (
                 "wind_mps = [18.0, -24.0]\n",

@@ -202,7 +202,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_form_displaces_the_other_and_nothing_else() {
+    fn setting_one_form_of_a_key_removes_only_the_alternative_form() {
         let of = |key: &str, value: &str| displaced(key, &Value::String(value.to_owned()));
         assert_eq!(of("area.height_m", ""), ["area.side_m"]);
         assert_eq!(of("area.side_m", ""), ["area.width_m", "area.height_m"]);

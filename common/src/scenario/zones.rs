@@ -156,6 +156,17 @@ fn check_areas(scenario: &Scenario) -> Result<(), InputError> {
     Ok(())
 }
 
+/// ```
+/// use skysink_common::scenario::Scenario;
+/// let text = "name = 'a'\nuav.must_land = true\nuav.start_m = [5, 50]\nbase.radius_m = 3.0\n\
+///             [[area.no_fly]]\npolygon_m = [[40, 20], [60, 20], [60, 80], [40, 80]]";
+/// let scenario = Scenario::parse(text, "a.toml".as_ref(), Default::default()).unwrap();
+/// let [west, east] = [[30.0, 50.0].into(), [70.0, 50.0].into()];
+/// assert!(!scenario.airspace_without_ways().is_free(&west, &east));
+/// assert!(!scenario.airspace_of_slots().is_free(&west, &east));
+/// assert!(scenario.airspace().distance_m(&west, &east) > 40.0); // about the zone
+/// assert!(scenario.landing_base().unwrap().contains(&[7.0, 50.0].into()));
+/// ```
 impl Scenario {
     /// Where the UAV may fly at its lowest altitude. The shortest ways between corners are found here, which takes time by the
     /// cube of their number.

@@ -203,14 +203,14 @@ mod tests {
     }
 
     #[test]
-    fn of_points_equally_near_those_of_the_lowest_ids_are_nearest() {
+    fn ties_of_distance_go_to_the_lowest_ids() {
         let positions = [[51.0, 50.0], [50.0, 50.0], [50.0, 49.0], [49.0, 50.0], [50.0, 51.0]].map(Position::from);
         let grid = Grid::new(&positions, 10.0);
         assert_eq!(grid.nearest(&Position::new(50.0, 50.0), 4), [1, 0, 2, 3]);
     }
 
     #[test]
-    fn nearest_ends_wherever_the_centre_is() {
+    fn the_nearest_search_terminates_for_any_centre() {
         let grid = Grid::new(&[Position::origin(), Position::new(f64::NAN, 0.0)], 10.0);
         for x_m in [f64::NAN, f64::INFINITY, f64::MAX] {
             assert!(grid.nearest(&Position::new(x_m, 0.0), 2).len() < 2, "{x_m}");
@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn cells_without_a_side_grow_until_they_are_few() {
+    fn cells_of_zero_side_grow_to_a_limited_count() {
         for extent_m in [5e-324, 1e-300, 1e-150, 1.0] {
             let positions = [Position::origin(), Position::new(extent_m, extent_m)];
             let grid = Grid::new(&positions, 0.0);
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn an_empty_country_costs_no_memory() {
+    fn sparse_areas_need_no_memory() {
         // 10^12 cells of 10 m, and two SNs.
         let grid = Grid::new(&[Position::origin(), Position::new(1e7, 1e7)], 10.0);
         assert!(grid.columns * grid.rows <= 64, "{} by {}", grid.columns, grid.rows);
@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn cells_have_the_side_asked_for_and_are_numbered_row_by_row() {
+    fn cells_have_the_requested_side_and_row_major_numbers() {
         // 100 m × 100 m, an SN in the middle of every cell of 10 m.
         let middle = |step: u32| f64::from(step) * 10.0 + 5.0;
         let positions: Vec<Position> =
@@ -278,7 +278,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(1_000))]
 
         #[test]
-        fn the_grid_finds_the_points_that_a_loop_finds(
+        fn the_grid_query_agrees_with_a_linear_scan(
             positions in fields(),
             near in 0usize..120,
             side_m in prop::sample::select(vec![0.1, 5.0, 10.0, 33.3, 1e6]),
@@ -297,7 +297,7 @@ mod tests {
         }
 
         #[test]
-        fn the_nearest_are_those_that_a_loop_over_all_finds(
+        fn the_nearest_query_agrees_with_a_linear_scan(
             positions in prop::collection::vec((0.0..90.0, 0.0..60.0), 1..60),
             centre in (-5.0..95.0, -5.0..65.0), side_m in 0.5..80.0, count in 1usize..20,
         ) {

@@ -31,7 +31,7 @@ fn star(random: &mut impl Rng, centre: [f64; 2], radius_m: f64) -> Corners {
     (0..count).map(corner).collect()
 }
 
-/// A comb of walls, so that ways are long.
+/// A comb of walls, so that paths are long.
 fn maze(random: &mut impl Rng) -> Vec<Corners> {
     let walls = random.random_range(1..8);
     let wall = |index: usize| {
@@ -89,7 +89,7 @@ fn enters(polygon: &Polygon, from: Coord, to: Coord) -> bool {
         || polygon.contains(&Line::new(from, to))
 }
 
-/// Length of the shortest way by the corners themselves, exactly: segments may touch polygons, but not enter.
+/// Exact length of the shortest path over the corners: segments may touch polygons, but not enter them.
 fn independent_m(polygons: &[Polygon], from: &Position, to: &Position) -> f64 {
     let mut places = vec![coord(from), coord(to)];
     let in_area = |place: &Coord| (0.0..=SIDE_M).contains(&place.x) && (0.0..=SIDE_M).contains(&place.y);
@@ -157,20 +157,20 @@ fn fly_mazes(seed: u64, count: usize) -> (usize, usize) {
 }
 
 #[test]
-fn ways_around_zones_enter_none_and_are_the_shortest() {
+fn paths_avoid_zones_and_are_shortest() {
     let (flown, bent) = fly_mazes(1, 100);
     assert!(flown > 60 && bent > 20, "{flown} flown, {bent} with bends");
 }
 
 #[test]
 #[ignore = "takes a minute"]
-fn ways_around_a_thousand_mazes_enter_none_and_are_the_shortest() {
+fn paths_through_a_thousand_mazes_avoid_zones_and_are_shortest() {
     let (flown, bent) = fly_mazes(2, 1_000);
     assert!(flown > 600 && bent > 200, "{flown} flown, {bent} with bends");
 }
 
 #[test]
-fn a_table_of_distances_has_the_lengths_of_the_shortest_ways() {
+fn the_distance_table_has_the_lengths_of_the_shortest_paths() {
     let mut random = ChaCha8Rng::seed_from_u64(7);
     let mut around = [0; 2]; // around zones, and along grids
     for maze in 0..40 {

@@ -103,7 +103,7 @@ fn a_point_off_the_earth_or_outside_the_area_is_refused_with_its_line_and_values
 }
 
 #[test]
-fn a_hundredth_of_a_degree_north_is_an_arc_of_the_meridian() {
+fn a_hundredth_of_a_degree_north_matches_the_meridian_arc() {
     // The radius of the meridian is M = a (1 − e²) / (1 − e² sin² φ)^1.5 with a = 6378137 m, e² = 0.00669437999.
     // Equator: M = 6335439.327 m, times 0.01° = 1.745329252e-4 rad: 1105.743 m.
     assert!((project(0.01, 0.0, &area_at(0.0, 0.0, 2000.0)).y - 1105.743).abs() < 0.0005);
@@ -112,7 +112,7 @@ fn a_hundredth_of_a_degree_north_is_an_arc_of_the_meridian() {
 }
 
 #[test]
-fn a_degree_north_of_the_equator_is_the_height_above_it() {
+fn a_degree_north_of_the_equator_matches_the_closed_form() {
     // On the equator north is the Earth's axis: y = N (1 − e²) sin 1° with N = a / sqrt(1 − e² sin² 1°) = 6378143.503
     // m, 1 − e² = 0.99330562 and sin 1° = 0.0174524064: 110568.775 m. The arc is 110574.389 m, of which the plane loses
     // 6 m.
@@ -121,7 +121,7 @@ fn a_degree_north_of_the_equator_is_the_height_above_it() {
 }
 
 #[test]
-fn a_hundredth_of_a_degree_east_at_60_degrees_is_half_of_that_at_the_equator() {
+fn a_hundredth_of_a_degree_east_at_60_degrees_is_half_the_equatorial_arc() {
     // East is N cos φ sin Δλ. At 60°, N = a / sqrt(1 − 0.75 e²) = 6394209.174 m, cos φ = 1/2, sin 0.01° =
     // 1.745329243e-4: 558.000 m. Due east at the same latitude the parallel curves to the north, by x² tan φ / 2N =
     // 0.042 m.
@@ -132,7 +132,7 @@ fn a_hundredth_of_a_degree_east_at_60_degrees_is_half_of_that_at_the_equator() {
 }
 
 #[test]
-fn the_origin_and_its_meridian_are_on_the_rim_of_the_area() {
+fn the_origin_and_its_meridian_map_to_the_border_of_the_area() {
     for (lat_deg, lon_deg) in [(0.0, 0.0), (41.65, -87.81), (-33.9, 151.2), (64.1, -180.0), (-90.0, 30.0)] {
         let scenario = area_at(lat_deg, lon_deg, 1e5);
         let corner = project(lat_deg, lon_deg, &scenario);
@@ -143,7 +143,7 @@ fn the_origin_and_its_meridian_are_on_the_rim_of_the_area() {
 }
 
 #[test]
-fn an_area_across_the_date_line_is_one_area() {
+fn an_area_may_cross_the_date_line() {
     let scenario = area_at(-17.0, 179.99, 5000.0);
     let east = project(-16.99, -179.99, &scenario);
     let west = project(-16.99, 179.99, &scenario);
@@ -170,7 +170,7 @@ fn by_reduced_latitude(lat_deg: f64, lon_deg: f64, origin: Origin) -> Position {
 
 proptest! {
     #[test]
-    fn projected_points_agree_with_another_formula_and_are_written_as_flown(
+    fn projection_agrees_with_an_independent_formula_and_is_written_as_flown(
         (lat0_deg, lon0_deg) in (-75.0f64..75.0, -180.0f64..=180.0),
         offsets_deg in prop::collection::vec((0.05f64..0.5, 0.01f64..0.5), 1..20),
     ) {

@@ -57,7 +57,7 @@ fn clearance_m(polygon: &Polygon, height_m: f64, sensor: &Point3<f64>, uav: &Poi
 }
 
 #[test]
-fn a_hundred_thousand_links_are_in_sight_as_an_independent_library_says() {
+fn line_of_sight_agrees_with_an_independent_library_on_100_000_links() {
     let mut random = ChaCha8Rng::seed_from_u64(16);
     let (mut seen, mut hidden, mut close) = (0, 0, 0);
     for _ in 0..LINKS / 100 {
@@ -97,10 +97,10 @@ fn block(height_m: f64, sensors_m: f64) -> Buildings {
 }
 
 #[test]
-fn a_building_hides_what_is_behind_under_and_in_it() {
+fn a_building_blocks_sight_behind_below_and_inside() {
     let sees = |height_m, x_m, z_m| block(height_m, 0.0).sees(&Position::new(10.0, 50.0), &Point3::new(x_m, 50.0, z_m));
     assert!(sees(30.0, 39.0, 5.0), "in front of it");
-    // The ray to (90, 50, z) leaves the building at x = 60, five eighths of the way; it enters it at three eighths.
+    // The ray to (90, 50, z) leaves the building at x = 60, five eighths of its length; it enters it at three eighths.
     assert!(!sees(30.0, 90.0, 79.9) && sees(30.0, 90.0, 80.1), "over its front edge: 30 m at 3/8 of the way");
     assert!(!sees(30.0, 50.0, 30.0) && !sees(30.0, 50.0, 35.0), "above it, the walls are in the way");
     assert!(!block(30.0, 0.0).sees(&Position::new(50.0, 50.0), &Point3::new(50.0, 50.0, 90.0)), "from within");

@@ -33,7 +33,7 @@ fn parse(folder: &Path, area: &str) -> Result<Scenario, String> {
 }
 
 #[test]
-fn a_file_stands_for_its_zones_buildings_and_boundary() {
+fn a_zone_file_equals_its_inline_polygons() {
     let features = [feature("", AIRFIELD), feature("\"height\":30.5", TOWER), feature("\"kind\":\"boundary\"", BORDER)];
     let folder = folder(&features);
     let own = "{ polygon_m = [[900, 900], [950, 900], [950, 950]] }";
@@ -62,7 +62,7 @@ fn a_file_stands_for_its_zones_buildings_and_boundary() {
 
 /// A run folder holds the corners, and needs the file no more.
 #[test]
-fn the_copy_of_a_run_needs_no_file_of_zones() {
+fn a_copied_run_needs_no_zone_file() {
     let folder = folder(&[feature("", AIRFIELD)]);
     let read = parse(folder.path(), &format!("{ORIGIN}no_fly = [{{ file = 'zones.geojson' }}]")).unwrap();
     let copy = read.to_toml_with_list("sensors.csv");
@@ -73,7 +73,7 @@ fn the_copy_of_a_run_needs_no_file_of_zones() {
 }
 
 #[test]
-fn a_file_that_cannot_stand_for_zones_is_refused_by_name() {
+fn an_invalid_zone_file_is_refused_by_name() {
     let zones = folder(&[feature("", AIRFIELD), feature("\"kind\":\"area\"", BORDER)]);
     let crossed =
         folder(&[feature("", "[13.401,52.501],[13.405,52.505],[13.401,52.505],[13.405,52.501],[13.401,52.501]")]);

@@ -245,14 +245,14 @@ mod tests {
     }
 
     #[test]
-    fn ticks_of_a_linear_axis_are_round_and_share_their_decimals() {
+    fn linear_ticks_are_round_with_equal_decimals() {
         assert_eq!(labels(Axis::exact("", [-0.01, 0.26]), 7), ["0.00", "0.05", "0.10", "0.15", "0.20", "0.25"]);
         assert_eq!(labels(Axis::exact("", [-120.0, 120.0]), 5), ["−100", "−50", "0", "50", "100"]);
         assert_eq!(labels(Axis::exact("", [0.0, 4e-5]), 5), ["0", "10⁻⁵", "2·10⁻⁵", "3·10⁻⁵", "4·10⁻⁵"]);
     }
 
     #[test]
-    fn ticks_of_a_logarithmic_axis_are_powers_of_ten_and_round_steps_between_few() {
+    fn logarithmic_ticks_are_powers_of_ten_or_round_steps() {
         let log = |low, high| Axis { scale: Scale::Log, ..Axis::exact("", [low, high]) };
         assert_eq!(labels(log(0.9, 30.0), 9), ["1", "2", "5", "10", "20"]);
         assert_eq!(labels(log(1.5e-7, 1.5e4), 7), ["10⁻⁶", "10⁻⁴", "0.01", "1", "100", "10000"]);
@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn a_single_value_has_an_axis() {
+    fn an_axis_accepts_a_single_value() {
         for scale in [Scale::Linear, Scale::Log] {
             let position = Axis::around("", [7.0].into_iter(), scale).position(7.0);
             assert!((position - 0.5).abs() < 1e-12, "{scale:?}: {position}");

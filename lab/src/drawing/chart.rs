@@ -1,6 +1,6 @@
 //! Charts: curves of means with 95 % confidence bands.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 pub use super::axis::Scale;
 use super::axis::{Axis, Panel};
@@ -60,12 +60,12 @@ pub struct Chart {
 }
 
 impl Chart {
-    /// Writes `stem`.svg, `stem`.pdf and `stem`.png; the same chart gives the same bytes.
+    /// Writes `stem`.svg, and as pictures `stem`.pdf and `stem`.png; the same chart gives the same bytes.
     ///
     /// # Errors
     /// If a mean is not finite or negative on a logarithmic scale, all means are 0 on a logarithmic scale, the embedded
     /// font lacks a character, or a file cannot be written.
-    pub fn draw(&self, stem: &Path) -> Result<(), LabError> {
+    pub fn draw(&self, stem: &Path) -> Result<Vec<PathBuf>, LabError> {
         self.check()?;
         let mut page = Page::new(&self.look);
         let width = self.look.width();

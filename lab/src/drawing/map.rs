@@ -1,6 +1,6 @@
 //! Maps of trajectories and final queues: one panel per mission on one sheet, with a shared colour bar.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use svg::node::element::{Circle, Group, Rectangle};
 
@@ -63,11 +63,11 @@ pub struct MapSheet {
 }
 
 impl MapSheet {
-    /// Writes `stem`.svg, `stem`.pdf and `stem`.png; the same sheet gives the same bytes.
+    /// Writes `stem`.svg, and as pictures `stem`.pdf and `stem`.png; the same sheet gives the same bytes.
     ///
     /// # Errors
     /// If the embedded font lacks a character, or a file cannot be written.
-    pub fn draw(&self, stem: &Path) -> Result<(), LabError> {
+    pub fn draw(&self, stem: &Path) -> Result<Vec<PathBuf>, LabError> {
         let cells = self.maps.len() + 1; // the last cell is the legend
         let width = self.look.width() - 2.0 * MARGIN;
         let most = ((width / NARROWEST) as usize).clamp(1, 3);

@@ -1,20 +1,16 @@
 //! The page of a figure: its size, title, legend, description and font, and its files.
 //!
-//! Everything is drawn as SVG. krilla and resvg convert the same document to PDF and PNG. Text stays text in SVG and
-//! PDF.
+//! Everything is drawn as SVG. `pictures` converts the same document to PDF and PNG. Text stays text in SVG and PDF.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use krilla::metadata::Metadata;
-use krilla::page::PageSettings;
-use krilla_svg::{SurfaceExt, SvgSettings};
-use resvg::{tiny_skia, usvg};
-use skrifa::instance::{LocationRef, Size};
-use skrifa::{FontRef, MetadataProvider};
 use skysink_mission::files::write_whole;
 use svg::node::element::{Description, Group, Path as Stroke, Rectangle, Text};
 use svg::{Document, Node};
+use ttf_parser::Face;
 
+#[cfg(feature = "pictures")]
+use super::pictures;
 use crate::error::{DrawingError, LabError, MissingGlyph};
 
 /// Width of a page for a screen [units], and minimum width of a PNG [pixels].
@@ -33,15 +29,13 @@ const TITLE_EM: f64 = 34.0;
 const FOOTER_EM: f64 = 21.0;
 /// Units per point in print, so that the text of axes and legends (28 units) has 8 pt.
 const UNITS_PER_PT: f64 = 3.5;
-/// Points per pixel of a document.
-const PT_PER_PIXEL: f32 = 0.75;
 /// Points per millimetre.
 const PT_PER_MM: f64 = 72.0 / 25.4;
 
 /// The font families in the SVG. Text is measured with the first one, which is embedded.
 const FAMILIES: &str = "DejaVu Sans, Verdana, Arial, sans-serif";
 /// A subset of DejaVu Sans; licence and command in `DejaVuSans-subset.LICENSE.txt`.
-const DEJAVU_SANS: &[u8] = include_bytes!("DejaVuSans-subset.ttf");
+pub const DEJAVU_SANS: &[u8] = include_bytes!("DejaVuSans-subset.ttf");
 
 /// The texts and the width of a page.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -114,11 +108,12 @@ impl Page {
         top + 1.6 * em * entries.len().div_ceil(columns) as f64
     }
 
-    /// Writes `stem`.svg, `stem`.pdf and `stem`.png. The page ends with the footer and a margin below `bottom` [units].
+    /// Writes `stem`.svg, and with the feature `pictures` `stem`.pdf and `stem`.png; returns these files. The page ends
+    /// with the footer and a margin below `bottom` [units].
     ///
     /// # Errors
     /// If the embedded font lacks a character, or a file cannot be written.
-    pub fn write(mut self, stem: &Path, mut bottom: f64) -> Result<(), LabError> {
+    pub fn write(mut self, stem: &Path, mut bottom: f64) -> Result<Vec<PathBuf>, LabError> {
         let look = self.look.clone();
         if !look.footer.is_empty() {
             bottom += 2.0 * FOOTER_EM;
@@ -132,42 +127,20 @@ impl Page {
             let refuse = |missing| LabError::Drawing(DrawingError::Text { text: text.to_owned(), missing });
             check_text(text).map_err(refuse)?;
         }
-        let mut options = usvg::Options::default();
-        options.fontdb_mut().load_font_data(DEJAVU_SANS.to_vec());
-        let tree = usvg::Tree::from_str(&svg, &options).expect("the document is valid SVG");
-        write_whole(&stem.with_added_extension("svg"), svg.as_bytes())?;
-        write_whole(&stem.with_added_extension("pdf"), &pdf(&tree, &look))?;
-        Ok(write_whole(&stem.with_added_extension("png"), &png(&tree, width.max(WIDTH)))?)
+        let file = stem.with_added_extension("svg");
+        write_whole(&file, svg.as_bytes())?;
+        #[allow(unused_mut)] // a build without pictures writes no more
+        let mut files = vec![file];
+        #[cfg(feature = "pictures")]
+        files.extend(pictures::write(&svg, &look, width.max(WIDTH), stem)?);
+        Ok(files)
     }
 }
 
 /// Refuses a text with characters that the embedded font lacks.
 pub fn check_text(text: &str) -> Result<(), MissingGlyph> {
-    let missing = text.chars().find(|&character| font().charmap().map(character).is_none());
+    let missing = text.chars().find(|&character| font().glyph_index(character).is_none());
     missing.map_or(Ok(()), |character| Err(MissingGlyph(character)))
-}
-
-/// The page as PDF.
-fn pdf(tree: &usvg::Tree, look: &Look) -> Vec<u8> {
-    let size = tree.size().scale_by(PT_PER_PIXEL).expect("a page is not empty");
-    let size = krilla::geom::Size::from_wh(size.width(), size.height()).expect("a page is not empty");
-    let mut document = krilla::Document::new();
-    document.set_metadata(Metadata::new().title(look.title.clone()).description(look.description.clone()));
-    let mut page = document.start_page_with(PageSettings::new(size));
-    let mut surface = page.surface();
-    surface.draw_svg(tree, size, SvgSettings::default()).expect("the document uses supported features only");
-    surface.finish();
-    page.finish();
-    document.finish().expect("the document uses supported features only")
-}
-
-/// The page as PNG with this width [pixels].
-fn png(tree: &usvg::Tree, width: f64) -> Vec<u8> {
-    let scale = width as f32 / tree.size().width();
-    let [width, height] = [tree.size().width(), tree.size().height()].map(|pixels| (pixels * scale).round() as u32);
-    let mut pixels = tiny_skia::Pixmap::new(width, height).expect("a page fits into memory");
-    resvg::render(tree, tiny_skia::Transform::from_scale(scale, scale), &mut pixels.as_mut());
-    pixels.encode_png().expect("memory takes everything")
 }
 
 /// Text with its `anchor` (`start`, `middle`, `end`) at a point on the base line.
@@ -195,11 +168,11 @@ pub fn fitting(text: &str, em: f64, room: f64) -> f64 {
 
 /// Width [units] of `text` in the embedded font.
 pub fn text_width(text: &str, em: f64) -> f64 {
-    let metrics = font().glyph_metrics(Size::new(em as f32), LocationRef::default());
-    let advance = |character| metrics.advance_width(font().charmap().map(character)?);
-    text.chars().filter_map(advance).map(f64::from).sum()
+    let font = font();
+    let advance = |character| font.glyph_hor_advance(font.glyph_index(character)?);
+    em / f64::from(font.units_per_em()) * text.chars().filter_map(advance).map(f64::from).sum::<f64>()
 }
 
-fn font() -> FontRef<'static> {
-    FontRef::new(DEJAVU_SANS).expect("the embedded font is valid")
+fn font() -> Face<'static> {
+    Face::parse(DEJAVU_SANS, 0).expect("the embedded font is valid")
 }

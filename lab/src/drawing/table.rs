@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn a_table_that_is_too_wide_for_a_column_has_a_line_for_each_cell() {
+    fn a_table_too_wide_for_the_page_has_a_line_per_cell() {
         let cells = |cells: &[&str]| cells.iter().map(|cell| (*cell).to_owned()).collect::<Vec<_>>();
         let interval = "0.0163 [0.0151, 0.0175]";
         let table = NumberTable {

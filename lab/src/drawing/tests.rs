@@ -138,7 +138,7 @@ fn a_point_without_an_interval_has_no_band() {
 }
 
 #[test]
-fn a_mean_that_is_not_on_the_axis_is_refused() {
+fn a_mean_outside_the_axis_is_refused() {
     let drawn =
         |mean: f64, y_scale| Chart { y_scale, ..chart(vec![series("uts", &[(0.5, 0.1, 0.0), (1.0, mean, 0.0)])]) };
     for (mean, scale) in [(f64::NAN, Scale::Linear), (f64::INFINITY, Scale::Linear), (-0.5, Scale::Log)] {
@@ -186,7 +186,7 @@ fn latin_greek_and_common_symbols_have_glyphs() {
 }
 
 #[test]
-fn any_number_of_curves_is_distinguishable() {
+fn any_number_of_curves_has_distinct_styles() {
     let curves = (0..40).map(|i| series(&format!("curve {i}"), &[(f64::from(i), 0.1, 0.0)])).collect();
     let chart = chart(curves);
     let (svg, _) = files(|stem| chart.draw(stem));
@@ -199,7 +199,7 @@ fn any_number_of_curves_is_distinguishable() {
 }
 
 #[test]
-fn a_strategy_has_the_same_style_in_every_chart_and_no_two_have_one() {
+fn each_strategy_has_a_unique_style_in_every_chart() {
     let names = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>();
     let all: Vec<String> = skysink_planner::strategies::names().into_iter().map(str::to_owned).collect();
     let styles = style::styles_of(&[&all[..], &names(&["python:a.py:A", "python:b.py:B"])].concat());

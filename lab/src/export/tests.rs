@@ -126,7 +126,7 @@ fn straight_legs_and_holds_are_merged() {
 }
 
 #[test]
-fn ardupilot_holds_for_whole_seconds_and_px4_for_what_is_asked() {
+fn ardupilot_holds_are_whole_seconds_and_px4_holds_exact() {
     let run = run(&[(30.0, Some(1)), (0.0, Some(1)), (20.0, None)]); // 0.25 s and a slot
     let holds = |autopilot| {
         let options = VehicleMissionOptions { autopilot: Some(autopilot), ..VehicleMissionOptions::default() };
@@ -147,7 +147,7 @@ fn speeds_are_whole_millimetres_per_second() {
 /// 10, 20 and 30 m east of the start 8, 2 and 5 bits are collected. Without fewer than 3, the leg of 20 m is flown at
 /// the speed of its legs, 10 m/s.
 #[test]
-fn passes_that_carry_little_are_omitted() {
+fn passes_with_little_data_are_omitted() {
     let run = run(&[(10.0, Some(8)), (10.0, Some(2)), (10.0, Some(5))]);
     let at = |min_bits| {
         let options = VehicleMissionOptions { min_bits, ..VehicleMissionOptions::default() };
@@ -163,7 +163,7 @@ fn passes_that_carry_little_are_omitted() {
 }
 
 #[test]
-fn a_mission_longer_than_the_endurance_or_the_battery_is_refused_with_both_numbers() {
+fn a_mission_beyond_endurance_or_battery_is_refused_with_both_numbers() {
     // 1000 m and back within 34 slots, from rest to rest: 64 s at 30 m/s and 2.5 m/s² and more.
     let steps: Vec<_> = std::iter::repeat_n((30.0, Some(1)), 34).collect();
     let far = run(&steps);
@@ -192,7 +192,7 @@ fn with_endurance(scenario: &Scenario, endurance_s: f64) -> Scenario {
 /// A wall of 20 m × 100 m between the start and the SNs, which a pass beyond it that is left flies around, and the way
 /// home.
 #[test]
-fn ways_that_the_mission_adds_lead_around_zones() {
+fn added_legs_lead_around_zones() {
     let mut run = run_in(WALL, "x_m,y_m\n1,1\n2,2\n3,3\n90,4\n", &[(0.0, None); 12]);
     let around = [[20.0, 40.0], [30.0, 70.0], [40.0, 100.0], [60.0, 100.0], [70.0, 75.0], [80.0, 50.0], [90.0, 25.0]];
     for (slot, [x_m, y_m]) in run.slots.iter_mut().zip(around) {
@@ -238,7 +238,7 @@ fn legs_of(name: &str, hold_s: f64) -> (Point2<f64>, Vec<MissionLeg>) {
 /// 300: the time from the first waypoint to the last [s], and from arming to the end of the landing [s]. 2.5 m/s² and 1
 /// m/s³ are its defaults; holds of 0.1 s were stored as 0.
 #[test]
-fn the_estimate_is_within_15_percent_of_what_arducopter_has_flown() {
+fn the_estimated_time_is_within_15_percent_of_arducopter() {
     let aircraft = Scenario::letter(Overrides::default()).unwrap().uav.propulsion;
     let default = Autopilot::Ardupilot.motion();
     for (file, motion, hold_s, waypoints, legs_s, whole_s) in [
@@ -261,7 +261,7 @@ fn the_estimate_is_within_15_percent_of_what_arducopter_has_flown() {
 
 /// 90 m at 1 m/s² and 10 m/s, from rest to rest: 2 · √90 s = 18.974 s. 200 m reach 10 m/s: 20 s for 100 m, and 10 s.
 #[test]
-fn legs_without_jerk_take_as_long_as_worked_by_hand() {
+fn leg_times_without_jerk_limit_match_the_closed_form() {
     let mut motion = Autopilot::Px4.motion();
     motion.horizontal = RampLimits { acceleration_mps2: 1.0, jerk_mps3: None };
     (motion.response_s, motion.settling_s) = (0.0, 0.0);
@@ -299,7 +299,7 @@ fn legs_with_jerk_take_as_long_as_worked_by_hand() {
 
 proptest! {
     #[test]
-    fn whoever_is_served_is_served_in_the_mission_in_order(
+    fn the_mission_contains_every_service_in_order(
         steps in prop::collection::vec(
             (prop::sample::select(vec![0.0, 0.03, 7.0, 20.0]), prop::option::of(0..2_u64)), 1..80),
         most_items in MIN_ITEMS..60,
@@ -334,7 +334,7 @@ fn speeds(items: &[VehicleItem]) -> Vec<f64> {
 }
 
 #[test]
-fn no_leg_is_flown_slower_than_it_was_and_none_at_no_speed() {
+fn no_leg_is_slower_than_recorded_or_stationary() {
     // 1 cm/s, then 1 m/s, which is less than a tenth of 30 m/s more.
     let crawling = mission(&run(&[(0.06, Some(1)), (1.0, Some(1)), (1.05, Some(1))]), &forever());
     assert_eq!(speeds(&crawling.parts[0].items), [0.1, 1.0, 1.05, 30.0]);
@@ -345,7 +345,7 @@ fn no_leg_is_flown_slower_than_it_was_and_none_at_no_speed() {
 }
 
 #[test]
-fn later_parts_fly_to_their_first_waypoint_at_the_highest_speed() {
+fn later_parts_fly_to_their_first_waypoint_at_maximum_speed() {
     let steps: Vec<_> = std::iter::repeat_n((2.0, Some(1)), 12).collect();
     let parts = mission(&run(&steps), &VehicleMissionOptions { most_items: Some(8), ..forever() }).parts;
     assert!(parts.len() > 2);
@@ -354,7 +354,7 @@ fn later_parts_fly_to_their_first_waypoint_at_the_highest_speed() {
 }
 
 #[test]
-fn a_mission_on_the_ground_or_through_a_zone_is_refused_and_shown_on_a_map() {
+fn a_mission_through_ground_or_zone_is_refused_as_vehicle_file_but_mapped() {
     let mut low = run(&[(10.0, Some(1)), (10.0, Some(1))]);
     low.slots[1][UAV].position.z = -0.5;
     let text = refusal(&low, &forever());

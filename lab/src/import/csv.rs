@@ -132,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bad_file_is_refused_by_its_line() {
+    fn a_bad_file_is_refused_with_its_line_number() {
         assert!(read("x,y\n1,2\n3,four\n").unwrap_err().starts_with("line 3: y = four: expected a number"));
         assert!(read("x,y\n\n\"1\",2\n\n3,four\n").unwrap_err().starts_with("line 5: y"), "empty lines count");
         assert!(read("x,y\n1\n").unwrap_err().starts_with("line 2: 1 fields: expected 2, as in the header"));

@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn properties_become_columns_and_the_rest_is_listed() {
+    fn known_properties_become_columns_and_others_are_listed() {
         let one = point([1.0, 2.0], &[("Rate", "50"), ("name", "a, \"b\""), ("colour", "red"), ("height", "3")]);
         let other = point([1.0, 3.0], &[("rate", "60.5"), ("colour", "blue")]);
         let both = imported(&[one, other]).unwrap();
@@ -231,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn a_property_that_is_no_number_or_missing_or_twice_is_listed_as_ignored() {
+    fn an_invalid_missing_or_repeated_property_is_listed_as_ignored() {
         let list = |points: &[&[(&str, &str)]]| {
             let points: Vec<FoundPoint> = points.iter().map(|properties| point([1.0, 2.0], properties)).collect();
             let imported = imported(&points).unwrap();
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn names_are_on_one_line_and_follow_the_rules_of_the_list() {
+    fn imported_names_are_one_line_and_valid_in_a_list() {
         let named = |name: &str| imported(&[point([1.0, 2.0], &[]), point([1.0, 2.0], &[("name", name)])]);
         let list = named("soil\n  \"7\",\r\nwest").unwrap().to_csv([0.0; 2]);
         assert_eq!(list, "lat_deg,lon_deg,name\n1,2,\n1,2,\"soil \"\"7\"\", west\"\n");
@@ -272,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn the_westernmost_point_is_east_of_the_widest_gap() {
+    fn the_westernmost_point_follows_the_widest_gap() {
         let west = |longitudes: &[f64]| {
             let points = longitudes.iter().map(|&lon_deg| point([1.0, lon_deg], &[])).collect();
             Imported::geodetic(FoundPoints { points, ..FoundPoints::default() }).unwrap().south_west()

@@ -2,12 +2,12 @@
 //! what must not be entered, green for buildings, both (yellow) for buildings that must not be entered, blue for where to
 //! start and land.
 
-use resvg::tiny_skia::Pixmap;
-
 /// Most pixels along a side.
+#[cfg(feature = "pictures")]
 const MOST_CELLS: u32 = 1_000;
 
 /// From which value on a colour is there.
+#[cfg(feature = "pictures")]
 const PRESENT: u8 = 128;
 
 /// How far the corners of cells that touch at a corner only keep apart, in cells.
@@ -30,18 +30,28 @@ pub struct MapPicture {
     pub start: [f64; 2],
 }
 
-/// Reads a picture in the format PNG.
-pub fn read(bytes: &[u8]) -> Result<MapPicture, String> {
-    let pixels = Pixmap::decode_png(bytes).map_err(|error| format!("{error}: expected a PNG picture"))?;
+/// Columns and rows of a PNG picture, and which colours are in each of its pixels.
+#[cfg(feature = "pictures")]
+fn decode(bytes: &[u8]) -> Result<([u32; 2], Vec<[bool; 3]>), String> {
+    let pixels = resvg::tiny_skia::Pixmap::decode_png(bytes);
+    let pixels = pixels.map_err(|error| format!("{error}: expected a PNG picture"))?;
     let (columns, rows) = (pixels.width(), pixels.height());
     if columns > MOST_CELLS || rows > MOST_CELLS {
         return Err(format!("{columns} × {rows} pixels: expected at most {MOST_CELLS} × {MOST_CELLS}"));
     }
-    let colours: Vec<[bool; 3]> = pixels
-        .pixels()
-        .iter()
-        .map(|pixel| [pixel.red(), pixel.green(), pixel.blue()].map(|value| value >= PRESENT))
-        .collect();
+    let is_present = |value| value >= PRESENT;
+    let colours = pixels.pixels().iter().map(|pixel| [pixel.red(), pixel.green(), pixel.blue()].map(is_present));
+    Ok(([columns, rows], colours.collect()))
+}
+
+#[cfg(not(feature = "pictures"))]
+fn decode(_: &[u8]) -> Result<([u32; 2], Vec<[bool; 3]>), String> {
+    Err("this build reads no pictures: build with the default features".to_owned())
+}
+
+/// Reads a picture in the format PNG.
+pub fn read(bytes: &[u8]) -> Result<MapPicture, String> {
+    let ([columns, rows], colours) = decode(bytes)?;
     // White is no colour of the code: it is ground, as black is.
     let of = |is_there: fn([bool; 3]) -> bool| {
         let at = |x: u32, y: u32| {
@@ -236,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn any_cells_are_covered() {
+    fn polygons_cover_any_set_of_cells() {
         use rand::{RngExt, SeedableRng};
         let mut random = rand::rngs::StdRng::seed_from_u64(7);
         for round in 0..300 {

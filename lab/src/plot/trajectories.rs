@@ -73,9 +73,7 @@ pub fn draw_maps(folders: &[PathBuf], sheet: &SheetOptions, stop: &Stop) -> Resu
     let folder = sheet.out.clone().unwrap_or_else(beside);
     fs::create_dir_all(&folder).at(&folder)?;
     let stem = folder.join(file_name(folders)?);
-    drawn.draw(&stem)?;
-    let files = ["svg", "pdf", "png"].map(|extension| stem.with_added_extension(extension)).to_vec();
-    Ok(DrawnMaps { runs, files })
+    Ok(DrawnMaps { runs, files: drawn.draw(&stem)? })
 }
 
 /// The flight of a run, and its map without a title.

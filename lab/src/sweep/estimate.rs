@@ -54,7 +54,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_the_slots_after_the_first_are_multiplied() {
+    fn the_estimate_scales_all_slots_but_the_first() {
         let seconds = Duration::from_secs;
         assert_eq!(extrapolate(seconds(30), seconds(31), 11, 501), seconds(30 + 50));
         assert_eq!(extrapolate(seconds(30), seconds(30), 1, 1), seconds(30));

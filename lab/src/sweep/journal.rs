@@ -336,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_stay_when_the_sweep_is_extended_and_belong_to_their_strategy() {
+    fn an_extended_sweep_keeps_the_lines_of_each_strategy() {
         let (_folder, path) = journal(&[row(0, 0, 1), row(0, 0, 2)]);
         let mut other = definition("a");
         other.seeds.push(3);

@@ -185,7 +185,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn neighbours_are_ranges() {
+    fn consecutive_numbers_are_printed_as_ranges() {
         for (numbers, text) in [(&[][..], ""), (&[4], "4"), (&[1, 3, 4, 5, 9, 10], "1,3-5,9-10")] {
             assert_eq!(ranges(&numbers.iter().copied().collect()), text);
         }

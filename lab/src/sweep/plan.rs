@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn an_external_strategy_gets_the_same_field() {
+    fn external_strategies_get_the_same_field() {
         let sweep = sweep(&["uts", "python:mine.py:Mine"], "1").unwrap();
         let key = |strategy| MissionKey { point: 0, strategy, seed: 2 };
         assert_eq!(sweep.strategy(key(0)).unwrap().name, "uts");
@@ -209,14 +209,14 @@ mod tests {
     }
 
     #[test]
-    fn another_version_of_an_external_strategy_makes_another_sweep() {
+    fn a_changed_external_strategy_changes_the_sweep() {
         let identity = |version: &str| sweep(&["python:mine.py:Mine"], version).unwrap().definition.identity;
         assert_eq!(identity("1"), identity("1"));
         assert_ne!(identity("1"), identity("2"));
     }
 
     #[test]
-    fn strategies_are_added_behind_the_others_and_their_sources_stay() {
+    fn strategies_are_appended_and_keep_their_sources() {
         let definition = |strategies: &[&str], version: &str| sweep(strategies, version).unwrap().definition;
         let mine = "python:mine.py:Mine";
         let small = definition(&["uts", mine], "1");

@@ -292,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn all_rows_are_written_for_every_part_size() {
+    fn all_rows_are_written_for_any_part_size() {
         for seeds in 0..5 {
             let [csv, _] = written(seeds, 2);
             let rows: String = (0..seeds).map(|seed| format!("60,uts,{seed},0.5\n")).collect();

@@ -128,7 +128,7 @@ mod tests {
     use std::path::Path;
 
     #[test]
-    fn overflow_is_counted_in_whole_bits_since_the_last_visit_or_with_the_first_queue() {
+    fn overflow_is_counted_in_whole_bits_since_the_last_visit_or_the_start() {
         // Sampled up to slots 1 to 5: 2, 5, 7, 10 and 12 bit (decision D2).
         let sensor = SensorBits {
             sampler: Sampler { mean_bits: 2.5, capacity_bits: 4 },

@@ -90,7 +90,7 @@ mod tests {
 
     /// Where line of sight stays, a planner may know where it is: then a link carries what it carries in it.
     #[test]
-    fn a_line_of_sight_that_stays_is_assumed() {
+    fn the_bound_assumes_a_permanent_line_of_sight() {
         let links = |keys: &str| {
             let text = format!("name = 'x'\n[link]\nmodel = 'probabilistic-los'\nenvironment = 'high-rise'\n{keys}");
             let scenario = Scenario::parse(&text, Path::new("x.toml"), Overrides::default()).unwrap();
@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn the_best_link_is_that_from_the_lowest_altitude_within_reach() {
+    fn the_best_link_is_from_the_lowest_altitude_in_reach() {
         let text = "name = 'x'\nslots = 9\nslot_s = 2.0\n[uav]\naltitude = 'free'\naltitude_m = 60.0\nmin_altitude_m = 45.0\n\
                     max_climb_mps = 4.0\n[link]\nmodel = 'probabilistic-los'\nenvironment = 'urban'\n";
         let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();

@@ -175,7 +175,7 @@ mod tests {
     use crate::mission_table::tests::table_of;
 
     #[test]
-    fn the_paths_bound_how_many_are_served() {
+    fn path_lengths_bound_the_number_of_visits() {
         // On a line, 50 m apart: 30 m from rim to rim, one slot. From the first to the third rim are 80 m, three slots,
         // as each has to be met on the way; to the last 190 m, seven slots, of which cells of 5 m leave six.
         let paths = PathBound::new(&table_of(&[100.0, 150.0, 200.0, 310.0].map(|x_m| [x_m, 200.0])));

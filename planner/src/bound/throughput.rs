@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_best_links_in_reach_carry_before_the_last_slot_is_not_lost() {
+    fn bits_carried_by_the_best_links_in_reach_are_not_lost() {
         let link_bits = |_slot, index: usize| [7, 100][index];
         // In slots 1 and 2 one link of 7 bit, in slots 3 and 4 one that carries a full buffer: 100 − 54.
         assert_eq!(by_throughput(&field_of(1), link_bits), 46);
@@ -87,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn links_of_a_random_channel_carry_what_is_expected_of_each_in_reach() {
+    fn random_links_carry_their_expected_bits() {
         // One link of 6 bit in slots 1 and 2, two in slots 3 and 4: 100 − 36.
         assert!((by_expected_throughput(&field_of(2), |_| 6.0) - 64.0).abs() < 1e-6);
         assert!((by_expected_throughput(&field_of(1), |_| 6.0) - 76.0).abs() < 1e-6);

@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn of_three_sensor_nodes_with_a_visit_a_slot_one_is_late() {
+    fn one_of_three_sensor_nodes_is_late_with_one_visit_per_slot() {
         // One visit a slot; two fill from empty in 2 slots, one is full and fills in 2.5. Slot 1 loses 10 bit of the
         // full one, slot 2 none after one visit. Slot 3: unserved, all three lose 10 bit, and two were served. Slots 4
         // and 5: of those not served in 2 slots two lose 10 bit and one 5, and two were served.
@@ -105,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sensor_node_out_of_reach_loses_whoever_else_is_served() {
+    fn a_sensor_node_out_of_reach_loses_data_in_any_schedule() {
         // Full, and first served at the end of slot 3, whose overflow precedes the visit (decision D1).
         let field = FieldBits { sensors: vec![sensor(10, 10, 3)], slots: 6, blocks: 1, beyond_buffers_bits: 0 };
         assert_eq!(by_visits(&field, |slots| slots as usize), 30);

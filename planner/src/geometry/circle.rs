@@ -76,21 +76,21 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn a_right_triangle_lies_in_the_circle_over_its_hypotenuse() {
+    fn the_circle_of_a_right_triangle_spans_its_hypotenuse() {
         let points = [[0.0, 0.0], [6.0, 0.0], [0.0, 8.0], [3.0, 4.0]].map(Position::from);
         let circle = Circle::around(&points);
         assert_eq!((circle.centre, circle.radius_m2), (Position::new(3.0, 4.0), 25.0));
     }
 
     #[test]
-    fn points_on_a_line_and_coincident_points_have_a_circle() {
+    fn collinear_and_coincident_points_have_a_circle() {
         let circle = Circle::around(&[[0.0, 0.0], [4.0, 0.0], [10.0, 0.0], [10.0, 0.0]].map(Position::from));
         assert_eq!((circle.centre, circle.radius_m2), (Position::new(5.0, 0.0), 25.0));
         assert_eq!(Circle::around(&[Position::new(1.0, 2.0); 3]).radius_m2, 0.0);
     }
 
     #[test]
-    fn the_circle_through_three_points_on_a_line_is_that_over_the_outer_two() {
+    fn the_circle_of_collinear_points_spans_the_outer_two() {
         let points = [[0.0, 0.0], [4.0, 4.0], [1.0, 1.0]].map(Position::from);
         for [a, b, c] in [[0, 1, 2], [1, 2, 0], [2, 0, 1]] {
             let circle = Circle::through_three(&points[a], &points[b], &points[c]);

@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn undoes_a_crossing() {
+    fn removes_a_crossing() {
         // A rectangle of 10 m × 1 m; over the diagonals 44 m.
         let lengths = of(&[(0.0, 0.0), (10.0, 1.0), (10.0, 0.0), (0.0, 1.0)]);
         let mut round = vec![0, 1, 2, 3];
@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn leaves_points_apart_as_they_are() {
+    fn leaves_distant_points_unchanged() {
         let mut lengths = of(&[(0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (1.0, 5.0)]);
         lengths.lengths_m[3] = f64::INFINITY;
         lengths.lengths_m[12] = f64::INFINITY;
@@ -139,7 +139,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn is_no_longer_than_before_and_close_to_the_shortest(
+        fn is_not_longer_than_the_input_and_close_to_the_shortest(
             points in prop::collection::vec((0.0..100.0, 0.0..100.0), 0..8),
         ) {
             let lengths = of(&points);

@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn a_target_in_all_disks_is_the_answer() {
+    fn a_target_inside_all_disks_is_returned() {
         assert_nearest([1.0, 2.0], &[disk(0.0, 0.0, 10.0), disk(5.0, 0.0, 10.0)], [1.0, 2.0]);
     }
 
@@ -158,14 +158,14 @@ mod tests {
     }
 
     #[test]
-    fn of_candidates_equally_near_the_first_is_taken() {
+    fn ties_of_distance_go_to_the_first_candidate() {
         let target = Position::origin();
         let candidates = [[6.0, 8.0], [3.0, 4.0], [-3.0, 4.0], [5.0, 0.0]].map(Position::from);
         assert_eq!(nearest_in_all(&target, &[disk(0.0, 0.0, 20.0)], candidates), Some(candidates[1]));
     }
 
     #[test]
-    fn circles_that_touch_from_inside_cross_where_they_touch_whatever_the_rounding() {
+    fn internally_tangent_circles_cross_at_the_tangent_point() {
         for step in 1..2_000 {
             let radius_m = f64::from(step) * 0.01;
             let inner_m = radius_m / 3.0;
@@ -187,13 +187,13 @@ mod tests {
     }
 
     #[test]
-    fn unequal_circles_cross_where_pythagoras_says() {
+    fn crossings_of_unequal_circles_match_the_closed_form() {
         // Radii 15 and 13 about (0, 0) and (14, 0): (9, ±12), for 9² + 12² = 15² and 5² + 12² = 13².
         assert_nearest([9.0, 40.0], &[disk(0.0, 0.0, 15.0), disk(14.0, 0.0, 13.0)], [9.0, 12.0]);
     }
 
     #[test]
-    fn touching_disks_leave_their_one_common_point() {
+    fn tangent_disks_intersect_in_one_point() {
         let far_apart_m = 20.0 * (1.0 + 0.9e-9); // within the slack of decision D5
         for apart_m in [20.0, 20.0 - 1e-14, far_apart_m] {
             let disks = [disk(0.0, 0.0, 10.0), disk(0.0, apart_m, 10.0), disk(0.0, 0.0, 10.0)];
@@ -211,14 +211,14 @@ mod tests {
     }
 
     #[test]
-    fn four_circles_through_one_point_leave_that_point() {
+    fn four_circles_through_one_point_intersect_there() {
         let disks = [disk(0.1, 0.3, 10.0), disk(20.1, 0.3, 10.0), disk(10.1, 10.3, 10.0), disk(10.1, -9.7, 10.0)];
         let nearest = project(&Position::new(17.0, 5.0), &disks).expect("(10.1, 0.3) is in range of all");
         assert!((nearest - Position::new(10.1, 0.3)).norm() < 1e-6, "{nearest}");
     }
 
     #[test]
-    fn disks_that_miss_each_other_have_no_nearest_point() {
+    fn disjoint_disks_have_no_nearest_point() {
         assert_eq!(project(&Position::origin(), &[disk(0.0, 0.0, 10.0), disk(20.001, 0.0, 10.0)]), None);
         let nested_but_one = [disk(0.0, 0.0, 30.0), disk(1.0, 0.0, 2.0), disk(-4.0, 0.0, 2.0)];
         assert_eq!(project(&Position::new(9.0, 9.0), &nested_but_one), None);
@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_nearest_to_nan() {
+    fn nan_has_no_nearest_point() {
         assert_eq!(project(&Position::new(f64::NAN, 0.0), &[disk(0.0, 0.0, 10.0)]), None);
     }
 
@@ -307,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn a_disk_is_reached_in_whole_slots() {
+    fn the_slots_to_a_disk_are_rounded_up() {
         assert_eq!(slots_between(&Position::origin(), &disk(70.0, 0.0, 10.0), 30.0), 2.0); // 60 m
         assert_eq!(slots_between(&Position::origin(), &disk(5.0, 0.0, 10.0), 30.0), 1.0);
     }

@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn disks_in_a_ring_have_their_turns_around_it() {
+    fn disks_on_a_circle_are_visited_around_it() {
         let centres: Vec<Position> = (0..20).map(|step| at(f64::from(step * 7 % 20) * 18.0)).collect();
         let Turns { order, points } = Turns::new(&centres, 1.0, &Stop::default());
         let place = |turn: usize| order[turn % 20] as i32 * 7 % 20; // around the ring
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn a_disk_that_is_touched_in_passing_has_its_turn_there() {
+    fn a_disk_touched_in_passing_is_visited_there() {
         // The round is a line from x = 10 to x = 90 and back; the disk in the middle is 3 m beside it.
         let centres = [Position::new(5.0, 50.0), Position::new(95.0, 50.0), Position::new(40.0, 53.0)];
         let Turns { order, points } = Turns::new(&centres, 5.0, &Stop::default());
@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn turns_begin_at_the_point_nearest_to_the_start() {
+    fn the_visiting_order_begins_at_the_point_nearest_the_start() {
         let points = vec![Position::new(0.0, 0.0), Position::new(50.0, 0.0), Position::new(90.0, 0.0)];
         let mut turns = Turns { order: vec![5, 3, 4], points };
         turns.begin_near(|point| distance_squared(point, &Position::new(60.0, 9.0)));
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn a_field_too_large_for_a_search_is_toured_by_the_nearest() {
+    fn large_fields_use_the_nearest_neighbour_order() {
         let centres: Vec<Position> =
             (0..=MOST).map(|index| Position::new((index * 7919 % (MOST + 1)) as f64, 0.0)).collect();
         let Turns { order, points } = Turns::new(&centres, 1.0, &Stop::default());
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn a_disk_without_a_place_has_its_turn_too() {
+    fn a_disk_at_an_invalid_position_is_visited_too() {
         for odd_m in [f64::NAN, f64::INFINITY, 1e300, 1e17] {
             let mut centres: Vec<Position> = (0..10).map(|index| Position::new(f64::from(index), 0.0)).collect();
             centres[7] = Position::new(odd_m, 0.0);
@@ -197,7 +197,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn every_disk_has_one_turn_at_a_point_within_it(
+        fn every_disk_is_visited_once_at_a_point_inside(
             coordinates in prop::collection::vec((0.0..100.0, 0.0..100.0), 0..60),
             radius_m in prop_oneof![Just(0.0), 0.0..30.0],
             is_stopped: bool,

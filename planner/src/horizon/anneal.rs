@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn a_change_that_loses_as_much_is_accepted_without_any_temperature() {
+    fn a_change_of_equal_loss_is_accepted_at_zero_temperature() {
         // Nobody loses anything within 20 slots, whatever the plan.
         let model = model_of(&[([200.0, 200.0], 1.0), ([240.0, 200.0], 1.0)], 1, 5e6);
         let window = PlanningWindow::new(&model, Position::new(200.0, 200.0), &[0; 2], 20, 0);
@@ -201,13 +201,13 @@ mod tests {
     }
 
     #[test]
-    fn a_search_that_is_never_over_takes_all_steps() {
+    fn an_unlimited_search_takes_all_steps() {
         assert!(steps_until(3, || false).eq(0..3));
         assert_eq!(steps_until(0, || false).count(), 0);
     }
 
     #[test]
-    fn a_search_that_is_over_ends_at_the_next_check() {
+    fn a_stopped_search_ends_at_the_next_check() {
         assert_eq!(steps_until(1_000, || true).count(), 0);
         let done = Cell::new(0);
         let late = steps_until(1_000, || done.get() > 0).inspect(|_| done.set(done.get() + 1));

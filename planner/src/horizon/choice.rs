@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn a_narrow_link_saves_no_more_than_it_carries() {
+    fn savings_are_limited_by_the_link() {
         let model = model(5e3, 50.0);
         let carried = model.capacity_slots(0, 0.0, true);
         assert!((6.0..7.0).contains(&carried), "{carried} slots of 1000 bit");
@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_queue_counts_the_same_however_long_it_has_been_full() {
+    fn the_savings_of_a_full_queue_do_not_depend_on_its_age() {
         let model = model(5e6, 50.0);
         let weighed = |gap_slots| {
             let mut candidate = Candidate::new(&model, 0, 0.0, &Position::origin());
@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn of_equal_savings_the_least_room_comes_first_and_then_the_lowest_number() {
+    fn ties_of_savings_go_to_the_least_room_then_the_lowest_number() {
         // With 25 or 20 slots of room nothing is lost before a visit within 10 slots.
         let model = model(5e6, 10.0);
         let weighed = |sensor: u32, gap_slots: f64| {

@@ -439,7 +439,7 @@ mod tests {
     use crate::horizon::tests::{model_of, window_of};
 
     #[test]
-    fn a_delayed_plan_keeps_the_stops_up_to_the_last_slot_of_the_window() {
+    fn a_delayed_plan_keeps_its_stops_within_the_window() {
         // 40 m apart, 30 m from the one to the rim of the other: a slot for each stop, from above the first on.
         let model = model_of(&[([200.0, 200.0], 500.0), ([240.0, 200.0], 500.0)], 1, 5e6);
         for (slots, ends) in [(4, vec![1, 2, 3, 4]), (3, vec![1, 2, 3])] {

@@ -229,7 +229,7 @@ mod tests {
     use crate::horizon::tests::model_of;
 
     #[test]
-    fn a_stop_ends_the_search_for_groups_and_tours() {
+    fn a_stop_signal_ends_the_search_for_groups_and_tours() {
         let sensors: Vec<_> =
             (0..40).map(|i| ([150.0 + f64::from(i * 7 % 40), 150.0 + f64::from(i * 13 % 40)], 500.0)).collect();
         let stop = Stop::default();

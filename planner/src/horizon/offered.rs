@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn of_a_flight_and_the_plan_the_one_is_taken_that_loses_less_after_a_search() {
+    fn the_better_of_flight_and_plan_is_chosen_after_a_search() {
         // In fields where the flight loses less before any search.
         let taken = (1..=24).filter_map(offered_in);
         let [flights, plans] = taken.fold([0, 0], |[flights, plans], is_flight| match is_flight {

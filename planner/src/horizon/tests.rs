@@ -73,7 +73,7 @@ fn models() -> impl Strategy<Value = PlanningModel> {
 }
 
 #[test]
-fn a_stop_takes_the_slots_to_the_rim_and_overflow_counts_to_the_end_of_the_mission() {
+fn a_stop_takes_the_slots_to_the_rim_and_overflow_counts_to_the_end() {
     // 85 m away, 75 m to the rim: 3 slots. 10 kbit + 3 · 2000 bit fit; emptied at 3, full again at 18, 22 − 18 = 4
     // late.
     let model = model_of(&[([285.0, 200.0], 2_000.0)], 4, 5e6);
@@ -130,7 +130,7 @@ fn enumerated(model: &PlanningModel, planning: &PlanningWindow, most: usize) -> 
 }
 
 #[test]
-fn annealing_loses_as_little_as_the_best_of_all_plans() {
+fn annealing_finds_the_optimum_of_small_instances() {
     let mut found_bits = 0.0;
     let mut best_bits = 0.0;
     for seed in 1..=12 {
@@ -197,7 +197,7 @@ proptest! {
     }
 
     #[test]
-    fn stored_states_do_not_change_the_loss(
+    fn cached_states_do_not_change_the_loss(
         model in models(), drawn in prop::collection::vec(any::<prop::sample::Index>(), 40..200), slots in 60i32..400,
         changes in prop::collection::vec((any::<[prop::sample::Index; 4]>(), 0usize..3), 1..20),
     ) {
@@ -223,7 +223,7 @@ proptest! {
     }
 
     #[test]
-    fn no_plan_loses_less_than_the_bound(
+    fn no_plan_beats_the_bound(
         model in models(), drawn in prop::collection::vec(any::<prop::sample::Index>(), 1..60), slots in 1i32..80,
     ) {
         let planning = window_of(&model, slots);
@@ -255,7 +255,7 @@ proptest! {
 }
 
 #[test]
-fn a_plan_in_overload_is_flown_as_predicted_slot_by_slot() {
+fn the_flight_in_overload_matches_the_prediction_in_every_slot() {
     // 60 SNs in 55 m × 55 m that fill within 37.5 slots, served 4 at a time: 15 slots a round would do, but for the
     // links.
     let mut random = Streams::new(7).stream(Purpose::Position, 0, 0);
@@ -284,7 +284,7 @@ fn a_plan_in_overload_is_flown_as_predicted_slot_by_slot() {
 }
 
 #[test]
-fn only_sensors_in_range_of_a_point_are_served_from_there() {
+fn only_sensors_in_range_of_a_stop_are_served() {
     let model = model_of(&[([200.0, 200.0], 9.0), ([212.0, 200.0], 9.0), ([230.0, 200.0], 9.0)], 2, 5e6);
     let middle = Position::new(206.0, 200.0);
     assert_eq!(ServiceDisk::at(&model.table, middle, vec![0, 1]).map(|stop| stop.disk.radius_m), Some(4.0));
@@ -329,7 +329,7 @@ fn overflow_before_the_window_is_not_counted_as_loss() {
 }
 
 #[test]
-fn capacities_with_a_free_altitude_are_those_of_one_altitude() {
+fn capacities_with_a_free_altitude_equal_those_of_the_best_fixed_one() {
     let text = "name = 'x'\n[uav]\naltitude = 'free'\n[link]\nmodel = 'probabilistic-los'\nenvironment = 'high-rise'\n\
                 bandwidth_hz = 5e3\ncomm_radius_m = 60.0\n";
     let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
@@ -445,7 +445,7 @@ fn visits_of_other_uavs_empty_their_sensors() {
 proptest! {
     /// The loss of a plan that was changed beside the visits of others is that of all its visits, one after the other.
     #[test]
-    fn changed_plans_beside_others_lose_what_their_visits_lose(
+    fn changed_plans_of_a_fleet_have_the_loss_of_their_visits(
         stops in prop::collection::vec(0u32..6, 1..40),
         visits in prop::collection::vec((1u64..120, 0u32..6), 1..30),
         changes in prop::collection::vec((0usize..40, 0usize..3, prop::collection::vec(0u32..6, 0..3)), 1..12),

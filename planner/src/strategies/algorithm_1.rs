@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn an_anchor_without_a_partner_is_served_alone() {
+    fn an_anchor_without_partner_is_served_alone() {
         let mut table = table_of(&[[50.0, 50.0], [50.0, 70.1], [50.0, 52.0]]);
         assert_eq!(search(&table, &[0, 0, 0]).unwrap().1, [0, 2], "an empty queue is scheduled too");
         table.limits.resource_blocks = 1;
@@ -274,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn anchors_are_sought_where_every_circle_about_them_is_in_reach() {
+    fn anchors_are_limited_to_those_with_all_circles_in_reach() {
         // V τ − d_c = 20 m: the SN at 20 m is an anchor, the one at 20.1 m is not.
         assert_eq!(search(&table_of(&[[50.0, 70.0]]), &[1]).unwrap().1, [0]);
         assert_eq!(search(&table_of(&[[50.0, 70.1]]), &[1]), None);
@@ -292,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fuller_queue_within_the_slack_of_decision_d5_is_found() {
+    fn a_fuller_queue_within_the_slack_is_found() {
         // SNs 0 and 1 are 20 (1 + 0.9e-9) m apart: partners by the slack. C1 about them is 4.2e-4 m off their middle,
         // by 10 (1 + 1.8e-9) m from either, and has SN 2 in range, 20 (1 + 2.7e-9) m from SN 0, whose partner it cannot
         // be.
@@ -310,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn wide_anchors_are_sought_as_far_as_the_uav_can_serve() {
+    fn wide_anchors_extend_to_reach_plus_range() {
         // V τ + d_c = 40 m.
         let alone = (Winner { anchor: 0, pair: None }, vec![0]);
         assert_eq!(search_wide(&table_of(&[[50.0, 90.0]]), &[1]), Some(alone));
@@ -329,14 +329,14 @@ mod tests {
     }
 
     #[test]
-    fn a_wide_anchor_with_no_circle_in_reach_counts_alone() {
+    fn a_wide_anchor_with_no_circle_in_reach_is_scored_alone() {
         // 39 m to the north, 12 m apart: even C2 is 31 m away.
         let table = table_of(&[[56.0, 89.0], [44.0, 89.0]]);
         assert_eq!(search_wide(&table, &[7, 8]), Some((Winner { anchor: 1, pair: None }, vec![1])));
     }
 
     #[test]
-    fn with_little_reach_the_papers_set_can_be_worth_more_than_the_wide_one() {
+    fn the_papers_set_can_exceed_the_wide_set_with_little_reach() {
         // V τ = 5 m: no circle about SNs 19 m apart is in reach. The letter does not ask; its set cannot be served.
         let mut table = table_of(&[[55.0, 50.0], [74.0, 50.0]]);
         table.limits.reach_m = 5.0;
@@ -358,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn the_five_circles_are_those_of_the_paper() {
+    fn the_five_circles_match_the_paper() {
         // d = 12: V = sqrt(10² − 6²) = 8. u = (1, 0).
         let expected = [[46.0, 58.0], [46.0, 42.0], [50.0, 50.0], [42.0, 50.0], [46.0, 50.0]];
         assert_circles([52.0, 50.0], [40.0, 50.0], expected);
@@ -376,7 +376,7 @@ mod tests {
     }
 
     #[test]
-    fn the_circles_of_a_pair_farther_apart_take_the_magnitude_of_the_offset() {
+    fn the_circles_of_a_distant_pair_use_the_magnitude_of_the_offset() {
         // d = 25: V = sqrt(|10² − 12.5²|) = 7.5.
         let expected = [[50.0, 57.5], [50.0, 42.5], [47.5, 50.0], [52.5, 50.0], [50.0, 50.0]];
         assert_circles([62.5, 50.0], [37.5, 50.0], expected);

@@ -48,7 +48,7 @@ mod tests {
     use skysink_common::keys::Keys;
 
     #[test]
-    fn a_price_that_is_none_is_refused() {
+    fn an_invalid_price_is_refused() {
         let is_refused = |price: f64| DriftPlusPenaltyKeys::KEYS[0].accepts.refusal(&price.into()).is_some();
         assert!([-1.0, 1.1e18, f64::NAN, f64::INFINITY].into_iter().all(is_refused));
         assert!(![0.0, 1e18].into_iter().any(is_refused));

@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sensor_node_that_overflows_soonest_is_flown_to_not_the_fullest() {
+    fn edf_flies_to_the_earliest_overflow_not_the_fullest_queue() {
         // 100 bit of room at 10 bit a slot last 10 slots, 500 at 100 last 5.
         assert_eq!(waypoint(&[([50.0, 60.0], 10.0), ([60.0, 50.0], 100.0)], &[900, 500]), Some([60.0, 50.0]));
         // 50 m away, (30, 40): 30 m of it are (18, 24).
@@ -85,13 +85,13 @@ mod tests {
     }
 
     #[test]
-    fn equal_deadlines_go_to_the_nearest_and_then_to_the_lowest_index() {
+    fn ties_of_deadline_go_to_the_nearest_then_the_lowest_index() {
         let sensors = [([50.0, 75.0], 10.0), ([50.0, 30.0], 10.0), ([70.0, 50.0], 10.0)];
         assert_eq!(waypoint(&sensors, &[500, 500, 500]), Some([50.0, 30.0]));
     }
 
     #[test]
-    fn who_never_samples_has_no_deadline_and_without_any_nothing_is_decided() {
+    fn idle_sensor_nodes_have_no_deadline_and_give_no_decision() {
         assert_eq!(waypoint(&[([50.0, 60.0], 0.0), ([60.0, 50.0], 1.0)], &[1_000, 0]), Some([60.0, 50.0]));
         assert_eq!(waypoint(&[([50.0, 60.0], 0.0)], &[1_000]), None);
         assert_eq!(waypoint(&[], &[]), None);
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_flown_to_is_served_before_fuller_queues() {
+    fn the_target_is_served_before_fuller_queues() {
         // SN 0 has 2 slots of room, the others 10 and more.
         let sensor = |x_m, sampling_bps| ([x_m, 50.0], sampling_bps);
         let sensors = [sensor(50.0, 400.0), sensor(51.0, 1.0), sensor(52.0, 1.0), sensor(53.0, 1.0), sensor(54.0, 1.0)];

@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn no_set_is_found_from_nan() {
+    fn nan_positions_give_no_set() {
         let table = table_of(&[[50.0, 50.0]]);
         let nowhere = Position::new(f64::NAN, 50.0);
         assert_eq!(ExactSearch::new(&table).best_set(&table, &nowhere, &[9], &mut Vec::new()), None);
@@ -292,14 +292,14 @@ mod tests {
     }
 
     #[test]
-    fn a_reach_smaller_than_range_leaves_what_is_in_range_of_all_of_it() {
+    fn a_reach_smaller_than_range_keeps_sensor_nodes_in_range_of_all_of_it() {
         let mut table = table_of(&[[56.0, 50.0], [44.0, 50.0], [50.0, 62.0]]);
         table.limits.reach_m = 1.0;
         assert_found(&table, &[1, 1, 99], [50.0, 50.0], &[0, 1]);
     }
 
     #[test]
-    fn a_set_without_the_fullest_queue_wins_where_it_holds_more() {
+    fn a_larger_sum_without_the_fullest_queue_wins() {
         // SN 0 is the partner of every anchor of Algorithm 1, more than 19.6 m from the others, and no circle of radius
         // 10 m has two of them in it as well. The other three are in range of (70, 50).
         let mut table = table_of(&[[50.0, 50.0], [69.8, 50.0], [68.0, 58.0], [68.0, 42.0]]);
@@ -319,7 +319,7 @@ mod tests {
     }
 
     #[test]
-    fn of_equal_sums_the_smallest_list_of_ids_wins() {
+    fn ties_of_sum_go_to_the_lexicographically_smallest_ids() {
         // Three pairs that no point serves together.
         let mut table = table_of(&[[50.0, 70.0], [25.0, 50.0], [75.0, 50.0], [76.0, 50.0], [26.0, 50.0], [50.0, 71.0]]);
         assert_eq!(search(&table, &[5, 5, 5, 5, 5, 5]).unwrap().1, [0, 5]);
@@ -331,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn an_empty_queue_is_better_than_a_free_block() {
+    fn empty_queues_are_served_while_blocks_are_free() {
         // SN 0 can be served alone, or with the empty SN 2.
         assert_eq!(search(&table_of(&[[50.0, 50.0], [95.0, 50.0], [50.0, 65.0]]), &[5, 9, 0]).unwrap().1, [0, 2]);
         // With the empty SN 1, or with the empty SNs 2 and 3: ids count, not how many.

@@ -51,7 +51,7 @@ mod tests {
     use crate::mission_table::tests::table_of;
 
     #[test]
-    fn greedy_flight_takes_the_fullest_queue_in_reach_and_the_lowest_index_of_equals() {
+    fn gfs_takes_the_fullest_queue_in_reach_then_the_lowest_index() {
         let table = table_of(&[[50.0, 81.0], [50.0, 80.0], [20.0, 50.0], [60.0, 50.0]]);
         let position = Position::new(50.0, 50.0);
         // SN 0 is 31 m away, out of reach; SNs 1 and 2 exactly 30 m.

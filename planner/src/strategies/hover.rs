@@ -276,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn the_point_is_where_most_is_saved_of_what_would_be_lost() {
+    fn the_hover_point_maximises_the_savings() {
         // 20 slots. Each SN loses 2 000 − 300 bit unserved. In range of (50, 50) is one; of (80, 50), in one slot, two,
         // that lose nothing until served; of (5, 50), in two slots, three, and in the first two slots they lose nothing.
         let near = [([50.0, 50.0], 100.0), ([72.0, 50.0], 100.0), ([88.0, 50.0], 100.0)];
@@ -295,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn weights_decide_where_to_hover_and_whom_to_serve() {
+    fn weights_change_the_hover_point_and_the_schedule() {
         // Two SNs within a slot, three farther away: by their bits the far ones count more, by weights of 4 the near ones.
         let sensors = [[50.0, 50.0], [60.0, 50.0], [5.0, 42.0], [5.0, 50.0], [5.0, 58.0]];
         let weighted = |weights: [f64; 5]| {
@@ -318,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_link_carries_limits_what_it_saves() {
+    fn savings_are_limited_by_the_capacity_of_the_link() {
         // One SN of 300 bit/s, and a silent one, over 21 slots: 20 visits of what W = 100 Hz carries from above.
         let field = field(21, "[link]\nbandwidth_hz = 100.0\n", &[([50.0, 50.0], 300.0), ([50.0, 51.0], 0.0)]);
         let uplink = Uplink::at(10f64.powf(-5.2), 0.0, 20.0);
@@ -329,7 +329,7 @@ mod tests {
     }
 
     #[test]
-    fn visits_over_a_random_channel_are_interpolated() {
+    fn capacities_of_a_random_channel_are_interpolated() {
         let link = "[link]\nmodel = 'probabilistic-los'\nbandwidth_hz = 300.0\ncomm_radius_m = 60.0\n";
         let field = field(21, link, &[([50.0, 50.0], 300.0), ([50.0, 51.0], 300.0)]);
         let mut search = BestPoint::new(&field.table, &field.scenario);
@@ -345,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn no_point_of_a_fine_grid_saves_more() {
+    fn no_point_of_a_fine_grid_has_larger_savings() {
         for seed in 0..40 {
             let mut random = Streams::new(seed).stream(Purpose::Position, 0, 0);
             let mut sensor =
@@ -364,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn it_flies_straight_to_the_point_and_serves_on_the_way() {
+    fn hover_flies_straight_to_its_point_and_serves_in_passing() {
         let sensors = [[10.0, 8.0], [10.0, 12.0], [50.0, 50.0], [90.0, 90.0]].map(|position| (position, 100.0));
         let field = field(60, "", &sensors);
         let mut hover = (STRATEGY.make)(&field.setup());
@@ -385,7 +385,7 @@ mod tests {
     }
 
     #[test]
-    fn all_in_range_are_served_in_turns_without_loss_if_that_is_possible() {
+    fn hover_serves_all_in_range_by_turns_without_loss_if_feasible() {
         // 300 bit fill in 3 slots, and n = 4 serve 12 SNs in 3 slots, each just in time.
         let sensors: Vec<_> = (0..12).map(|index| ([50.0 + 0.5 * f64::from(index), 50.0], 100.0)).collect();
         let field = field(60, "", &sensors);
@@ -402,7 +402,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stop_ends_the_search() {
+    fn a_stop_signal_ends_the_search() {
         let field = field(20, "", &[([72.0, 50.0], 100.0)]);
         let stop = Stop::default();
         stop.flag().store(2, std::sync::atomic::Ordering::Relaxed);

@@ -61,7 +61,7 @@ mod tests {
     use crate::strategy::tests::view;
 
     #[test]
-    fn who_has_waited_longest_is_flown_to_and_served_first() {
+    fn the_oldest_sensor_node_is_the_target_and_served_first() {
         let positions = [[50.0, 50.0], [51.0, 50.0], [52.0, 50.0], [53.0, 50.0], [54.0, 50.0], [50.0, 75.0]];
         let (table, mut oldest_first) = made("max-age-first", &positions);
         let mut plan = |slot, ground| {

@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn the_least_weighted_sum_is_flown_to() {
+    fn mes_flies_to_the_least_weighted_sum() {
         // SN 0: 1 slot to go (30 m), 10 slots of room (100 bit at 10). SN 1: 1/3 slot (10 m), 10.5 slots.
         let sensors = [[50.0, 80.0, 10.0], [60.0, 50.0, 10.0]];
         let queues_bits = [900, 895];
@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_weight_on_the_deadline_the_nearest_that_samples_is_flown_to() {
+    fn mes_without_deadline_weight_flies_to_the_nearest_sampling_node() {
         let sensors = [[50.0, 51.0, 0.0], [50.0, 90.0, 400.0], [45.0, 50.0, 1.0]];
         assert_eq!(waypoint(0.0, &sensors, &[1_000, 1_000, 0]), Some([45.0, 50.0]));
         assert_eq!(waypoint(0.5, &sensors[..1], &[1_000]), None, "nobody samples");
@@ -106,7 +106,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn with_all_weight_on_the_deadline_it_is_edf(
+        fn mes_with_full_deadline_weight_equals_edf(
             sensors in prop::collection::vec(([0.0..100.0, 0.0..100.0, 0.0..90.0], 0u32..1_000), 0..12),
         ) {
             let (sensors, queues_bits): (Vec<[f64; 3]>, Vec<u32>) = sensors.into_iter().unzip();

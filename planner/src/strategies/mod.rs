@@ -64,6 +64,11 @@ pub static STRATEGIES: &[&Registered] = &[
 pub const PYTHON: &str = "python:";
 
 /// The names of all strategies.
+///
+/// ```
+/// use skysink_planner::strategies::{names, stateless};
+/// assert!(names().contains(&"horizon") && !stateless().contains(&"horizon"));
+/// ```
 #[must_use]
 pub fn names() -> Vec<&'static str> {
     STRATEGIES.iter().map(|strategy| strategy.name).collect()
@@ -75,6 +80,13 @@ pub fn stateless() -> Vec<&'static str> {
     STRATEGIES.iter().filter(|strategy| strategy.is_stateless).map(|strategy| strategy.name).collect()
 }
 
+/// ```
+/// use skysink_planner::strategy::Registered;
+/// let mut scenario = skysink_common::scenario::Scenario::letter(Default::default()).unwrap();
+/// assert_eq!(Some(Registered::of(&scenario).unwrap()), Registered::find("uts"));
+/// scenario.planner.strategy = "utz".to_owned();
+/// assert!(Registered::of(&scenario).unwrap_err().to_string().ends_with("did you mean `uts`?"));
+/// ```
 impl Registered {
     /// The strategy called `name`, if there is one.
     #[must_use]
@@ -102,6 +114,11 @@ impl<'de> Deserialize<'de> for &'static Registered {
 }
 
 /// The expected names of strategies instead of the unknown `name`, for messages.
+///
+/// ```
+/// let expected = skysink_planner::strategies::expected("horizom");
+/// assert!(expected.starts_with("one of `rfs`") && expected.ends_with("did you mean `horizon`?"));
+/// ```
 #[must_use]
 pub fn expected(name: &str) -> String {
     let hint = did_you_mean(name, names()).map(|meant| format!("; did you mean `{meant}`?"));
@@ -138,7 +155,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn every_strategy_is_registered_by_its_name_and_whether_it_is_stateless() {
+    fn the_registry_lists_every_strategy_with_its_statefulness() {
         for strategy in STRATEGIES {
             let name = strategy.name;
             let overrides = Overrides { strategy: Some(name), ..Overrides::default() };

@@ -52,7 +52,7 @@ mod tests {
     use crate::mission_table::tests::table_of;
 
     #[test]
-    fn candidates_come_fullest_first_and_equals_by_index() {
+    fn candidates_are_sorted_by_queue_then_index() {
         let table = table_of(&[[50.0, 50.0], [52.0, 50.0], [54.0, 50.0], [56.0, 50.0], [61.0, 50.0]]);
         let mut spots = vec![Spot::default()];
         preselect(&mut spots, &table, &Position::new(50.0, 50.0), 10.0, &[3, 9, 0, 9, 99]);
@@ -63,7 +63,7 @@ mod tests {
     }
 
     #[test]
-    fn the_key_orders_the_largest_numbers() {
+    fn the_sort_key_orders_the_largest_numbers() {
         assert!(fullest_first(u32::MAX, u32::MAX) < fullest_first(u32::MAX - 1, 0));
         assert!(fullest_first(0, 0) < fullest_first(0, 1));
     }

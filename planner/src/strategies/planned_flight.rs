@@ -80,7 +80,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_path_within_a_circle_ends_on_it() {
+    fn a_path_clipped_to_a_circle_ends_on_it() {
         let at = Position::new;
         // From 4 m west of the centre of a circle of 10 m eastward: 14 m of 28 m.
         let fraction = fraction_within(&at(46.0, 50.0), &at(74.0, 50.0), &at(50.0, 50.0), 10.0);

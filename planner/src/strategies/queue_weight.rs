@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn where_links_limit_it_the_queue_weighs_what_the_link_carries() {
+    fn queue_weights_are_limited_by_the_capacity_of_the_link() {
         // From straight above a link of 5 kHz carries 6 472 bit (see `mission_table`), so that SN 0 is worth 20 000 · 6
         // 472 = 1.29e8, and each of the pair, in range of one point and 10 m from it, at most 8 000 · 6 472 = 5.2e7,
         // both 1.04e8.
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn a_price_on_energy_keeps_it_from_flying_fast() {
+    fn a_price_on_energy_reduces_speed() {
         // 25 m/s cost P = 90.258 + 14.282 + 144.416 = 248.96 W (profile, induced and drag power), 15 m/s, to where it
         // is in range, 83.603 + 23.750 + 31.194 = 138.55 W, and to hover 168.49 W.
         let field = field_of(&[[50.0, 75.0]], 5e6);
@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn at_a_high_price_it_flies_at_the_speed_of_least_power_toward_the_fullest_and_past_it() {
+    fn a_high_price_gives_the_speed_of_least_power_toward_and_past_the_fullest() {
         // 10.213 m/s cost 126.007 W, and nothing costs less.
         let field = field_of(&[[50.0, 20.0], [50.0, 80.0], [50.0, 54.0]], 5e6);
         let far = decided(&field, 1e9, &[7, 9, 0]).unwrap();
@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn by_the_capacity_a_queue_weighs_what_the_link_carries_whatever_it_holds() {
+    fn capacity_weights_do_not_depend_on_the_queue() {
         // A link carries about 6.7e6 bit from wherever it is in range: two of 60 bit outweigh one of 100.
         let field = field_of(&[[50.0, 75.0], [25.0, 50.0], [25.0, 52.0]], 5e6);
         let queues_bits = [100, 60, 60];
@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn with_nothing_to_collect_in_reach_nothing_is_decided() {
+    fn empty_queues_in_reach_give_no_decision() {
         assert!(decided(&field_of(&[[50.0, 90.1]], 5e6), 0.0, &[9]).is_none(), "40.1 m away");
         assert!(decided(&field_of(&[[50.0, 90.0]], 5e6), 0.0, &[9]).is_some(), "40 m away");
         assert!(decided(&field_of(&[[50.0, 60.0]], 5e6), 0.0, &[0]).is_none(), "empty");
@@ -288,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn more_sensor_nodes_than_are_compared_lose_the_emptiest() {
+    fn the_emptiest_candidates_beyond_the_limit_are_dropped() {
         let positions: Vec<[f64; 2]> = (0..MOST_NEARBY + 50).map(|id| [40.0 + 0.05 * id as f64, 50.0]).collect();
         let field = field_of(&positions, 5e6);
         let mut strategy = QueueWeight::new(&field.setup(), 0.0, Service::Upload);
@@ -315,7 +315,7 @@ mod tests {
         /// Against every set of SNs in range of every SN in reach and of where the UAV is; and, where a slot serves one
         /// SN whose queue it empties, against the fullest queue that can be served.
         #[test]
-        fn no_candidate_and_no_set_is_better(
+        fn no_other_candidate_or_set_is_better(
             sensors in prop::collection::vec(([20.0..80.0, 20.0..80.0], 0u32..9_000), 1..8),
             blocks in 1usize..5, bandwidth_hz in prop_oneof![Just(5e6), Just(2e3)],
             price in prop_oneof![Just(0.0), 1e2..1e6],

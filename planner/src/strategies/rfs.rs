@@ -63,7 +63,7 @@ mod tests {
     }
 
     #[test]
-    fn random_waypoints_spread_evenly_over_the_disk() {
+    fn random_waypoints_are_uniform_over_the_disk() {
         let table = table_of(&[[50.0, 50.0]]);
         let position = Position::new(50.0, 50.0);
         let (mut sum, mut sum_m2) = (nalgebra::Vector2::zeros(), 0.0);
@@ -88,7 +88,7 @@ mod tests {
 
     /// A golden draw: missions flown with `rfs` depend on it.
     #[test]
-    fn random_flight_stays_what_it_is() {
+    fn random_flight_is_stable() {
         let table = table_of(&[[50.0, 50.0]]);
         let waypoints = [1, 2].map(|slot| random_waypoint(&table, &Streams::new(1), slot, &Position::new(50.0, 50.0)));
         assert_eq!(

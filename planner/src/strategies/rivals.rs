@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn hover_is_a_candidate_where_no_other_loses_less_and_nowhere_else() {
+    fn hover_is_a_candidate_only_where_it_loses_least() {
         // A cluster that n = 4 can just serve in turns, one SN near the start that traps, and two that lead away.
         let cluster = (0..40).map(|index| [300.0 + f64::from(index % 8), 300.0 + f64::from(index / 8)]);
         let crowded: Vec<[f64; 2]> = cluster.chain([[205.0, 200.0], [20.0, 380.0], [380.0, 20.0]]).collect();

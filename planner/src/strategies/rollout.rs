@@ -324,7 +324,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_lost_before_the_upload() {
+    fn overflow_is_lost_before_the_upload() {
         // 950 bit and 100 a slot into 1 000: 50 are lost in slot 1, which then empties the queue; later none.
         assert_eq!(hovering("", 100.0, 950, [5, 0], 1), 50.0);
         // 2.5 bit a slot: A = 2, 5, 7, 10 (decision D2); 999 + 2 is 1 too many, and slot 1 empties it.
@@ -332,21 +332,21 @@ mod tests {
     }
 
     #[test]
-    fn a_narrow_link_takes_whole_bits() {
+    fn a_slow_link_carries_whole_bits() {
         // γ = 10^−5 · 0.05/10^−13 = 5e6, x = 400: log2(12 501) = 13.6098; W τ_c = 10 · 0.1: 13 bit a slot. 1 000 full
         // and 100 more a slot: slot 1 loses 100, then 87 in each.
         assert_eq!(hovering("[link]\nbandwidth_hz = 10.0\n", 100.0, 1_000, [4, 0], 1), 100.0 + 3.0 * 87.0);
     }
 
     #[test]
-    fn what_is_stored_at_the_end_counts_where_the_mission_goes_on() {
+    fn bits_stored_at_the_end_of_the_window_count_by_their_expected_overflow() {
         // Emptied in slot 1, 5 slots of room of 200 bit are left; next visits within 10 slots: (10 − 5)²/20 slots.
         assert_eq!(hovering("", 200.0, 0, [1, 600], 1), 1.25 * 200.0);
         assert_eq!(hovering("", 200.0, 0, [1, 1], 1), 200.0, "at most what the rest of the mission samples");
     }
 
     #[test]
-    fn drawn_links_lose_on_average_what_their_gain_loses() {
+    fn random_links_lose_the_expected_bits_on_average() {
         // Gains of −70 to −50 dB: about 10 or 14 bit a slot. The mean over many futures lies between the ends.
         let keys = "[link]\nbandwidth_hz = 10.0\ngain = 'per-slot'\ngain_db = [-70.0, -50.0]\n";
         let lost_bits = hovering(keys, 100.0, 1_000, [40, 0], 32);
@@ -356,7 +356,7 @@ mod tests {
     }
 
     #[test]
-    fn rates_that_are_not_known_are_drawn_from_what_is_believed() {
+    fn unknown_rates_are_drawn_from_the_belief() {
         // Rates of 0 to 200 bit/s, whatever the SN's own; 13 bit a slot go up. From a full queue at the mean rate
         // slots 2 to 40 lose 87 bit each; at the ends 0 or 187.
         let keys = "[sensors]\nsampling_bps = [0.0, 200.0]\ninitial_queue_mean_bits = 1000.0\n\
@@ -383,7 +383,7 @@ mod tests {
     }
 
     #[test]
-    fn a_strategy_is_shown_the_queues_expected_at_the_end_of_the_slot_before() {
+    fn strategies_see_the_queues_expected_at_the_end_of_the_previous_slot() {
         let text = "name = 'x'\n[sensors]\ninitial_queue_mean_bits = 0.0\n[planner]\nknowledge = 'estimated'\n";
         let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
         let sensor = SensorNode { sampling_bps: 100.0, capacity_bits: 250, ..SensorNode::default() };
@@ -413,7 +413,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rollout_ends_as_soon_as_it_has_lost_too_much() {
+    fn a_rollout_ends_once_its_loss_exceeds_the_limit() {
         let scenario = Scenario::letter(Overrides::default()).unwrap();
         let sensor =
             SensorNode { x_m: 0.0, y_m: 0.0, sampling_bps: 100.0, capacity_bits: 500, ..SensorNode::default() };

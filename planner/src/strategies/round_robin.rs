@@ -22,7 +22,7 @@ mod tests {
     use crate::strategy::tests::view;
 
     #[test]
-    fn round_robin_flies_straight_over_each_in_turn() {
+    fn round_robin_flies_straight_over_each_sensor_node_in_order() {
         let (table, mut round_robin) = made("round-robin", &[[80.0, 90.0], [50.0, 60.0]]);
         let mut waypoint = |slot, ground| {
             let decision = round_robin.plan(&view(&table, slot, ground, &[9, 9])).unwrap();
@@ -38,7 +38,7 @@ mod tests {
     }
 
     #[test]
-    fn whose_turn_it_is_is_served_before_fuller_queues() {
+    fn the_current_turn_is_served_before_fuller_queues() {
         let positions = [[50.0, 50.0], [51.0, 50.0], [52.0, 50.0], [53.0, 50.0], [54.0, 50.0]];
         let (table, mut round_robin) = made("round-robin", &positions);
         let mut served = |slot| round_robin.plan(&view(&table, slot, [50.0, 50.0], &[1, 9, 8, 7, 6])).unwrap().schedule;

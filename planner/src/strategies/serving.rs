@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn a_waypoint_that_rounding_put_outside_the_area_is_on_its_border() {
+    fn a_waypoint_rounded_outside_the_area_is_moved_to_its_border() {
         let field = field([([100.0, 50.0], 100.0, 30_000)].into_iter());
         let view = view(&field.table, 1, [90.0, 50.0], &[9]);
         let decision = Serving::new(&field.setup()).serve_fullest(&view, &Position::new(100.0 + 1e-12, 50.0));
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn whom_a_key_puts_first_is_served_before_fuller_queues_if_in_range() {
+    fn a_priority_key_precedes_the_queue_in_range() {
         let table = table_of(&[[50.0, 50.0], [51.0, 50.0], [52.0, 50.0], [53.0, 50.0], [54.0, 50.0], [90.0, 90.0]]);
         let queues_bits = [1, 5, 6, 7, 8, 9];
         let key = |id: u32| (![0, 5].contains(&id), fullest_first(queues_bits[id as usize], id));

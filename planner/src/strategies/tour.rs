@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tour_leaves_out_what_it_has_served_in_passing() {
+    fn a_tour_skips_sensor_nodes_served_in_passing() {
         let positions: Vec<[f64; 2]> =
             (0..40).map(|index| [f64::from(index * 37 % 100), f64::from(index * 53 % 97)]).collect();
         let (table, mut tour) = made("tour", &positions);
@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn an_empty_field_has_a_tour_of_one_state() {
+    fn the_tour_of_an_empty_field_stays_at_its_start() {
         let (table, mut tour) = made("tour", &[]);
         let decision = tour.plan(&view(&table, 1, [7.0, 8.0], &[])).unwrap();
         assert_eq!((decision.waypoint.xy(), decision.schedule.len()), (Position::new(7.0, 8.0), 0));

@@ -56,14 +56,14 @@ mod tests {
     }
 
     #[test]
-    fn transit_stops_on_a_nearer_goal() {
+    fn transit_stops_at_a_goal_within_reach() {
         let table = table_of(&[[50.1, 79.9]]);
         assert_eq!(transit(&table, &Position::new(50.1, 50.0), &[8]), table.sensors.positions[0]);
         assert_eq!(transit(&table, &table.sensors.positions[0], &[8]), table.sensors.positions[0]);
     }
 
     #[test]
-    fn transit_prefers_the_nearest_of_equals_and_then_the_lowest_index() {
+    fn transit_ties_go_to_the_nearest_then_the_lowest_index() {
         let table = table_of(&[[10.0, 50.0], [50.0, 71.0], [50.0, 30.0], [70.0, 50.0]]);
         let position = Position::new(50.0, 50.0);
         assert_eq!(transit(&table, &position, &[5, 5, 5, 5]), table.sensors.positions[2]);

@@ -136,7 +136,7 @@ mod tests {
     use crate::strategy::tests::view;
 
     #[test]
-    fn a_slot_ends_the_turns_of_all_that_it_serves() {
+    fn a_service_ends_the_turn() {
         // SN 1 is within 10 m of (50, 80), where the slot toward SN 0 ends; SN 2 is beside SN 0.
         let (table, mut strategy) = made("round-robin", &[[50.0, 95.0], [50.0, 75.0], [50.0, 94.0]]);
         let mut served = |slot, ground| strategy.plan(&view(&table, slot, ground, &[9; 3])).unwrap().schedule;
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn an_sn_out_of_range_of_where_the_slot_ended_keeps_its_turn() {
+    fn an_sn_out_of_range_keeps_its_turn() {
         // SNs 0 and 1 are in range of (50, 80), and SN 2 is not.
         let (table, mut strategy) = made("round-robin", &[[50.0, 80.0], [50.0, 88.0], [50.0, 20.0]]);
         let mut served = |slot, ground| strategy.plan(&view(&table, slot, ground, &[9; 3])).unwrap().schedule;
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn an_sn_served_at_most_half_a_round_early_loses_its_turn() {
+    fn an_sn_served_up_to_half_a_round_early_loses_its_turn() {
         // On the way to SN 0 the UAV passes SN 2, two turns early, and SN 4, four turns early.
         let positions = [[50.0, 90.0], [80.0, 90.0], [50.0, 40.0], [20.0, 90.0], [50.0, 62.0]];
         let field = setup_of(&positions);
@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tour_goes_on_from_its_checkpoint() {
+    fn a_tour_continues_from_its_checkpoint() {
         let positions: Vec<[f64; 2]> =
             (0..9).map(|index| [f64::from(index * 37 % 90), f64::from(index * 53 % 90)]).collect();
         let (table, mut tour) = made("tour", &positions);

@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn the_index_of_an_overflow_follows_the_sum() {
+    fn the_whittle_index_matches_the_sum() {
         // 10 bit a slot into 30 bit: f = 0, 0, 0, 10, 20, 30. W(2) = 2 · 0 = 0, W(3) = 3 · 10 = 30, W(4) = 4 · 20 − 10
         // = 70, W(5) = 5 · 30 − 30 = 120.
         assert_eq!(
@@ -188,7 +188,7 @@ mod tests {
     proptest! {
         /// The definition: at the price W(h) services at age h and at h + 1 cost the same, and no other age less.
         #[test]
-        fn at_the_price_of_the_index_it_is_as_good_to_serve_as_to_wait(
+        fn serving_and_waiting_are_equal_at_the_price_of_the_index(
             mean_bits in 1.0..50.0, capacity_bits in 1u32..400, age in 1u32..60,
         ) {
             let capacity_bits = f64::from(capacity_bits);
@@ -203,7 +203,7 @@ mod tests {
         }
 
         #[test]
-        fn the_index_never_falls_with_age(mean_bits in 0.1..50.0, capacity_bits in 1u32..400, age in 0u32..500) {
+        fn the_index_does_not_decrease_with_age(mean_bits in 0.1..50.0, capacity_bits in 1u32..400, age in 0u32..500) {
             let index = |age: u32| overflow_index(mean_bits, capacity_bits.into(), age.into());
             prop_assert!(index(age) >= 0.0 && index(age + 1) >= index(age) * (1.0 - 1e-12));
         }
@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn the_largest_index_per_slot_of_flight_is_flown_to() {
+    fn whittle_flies_to_the_largest_index_per_slot_of_flight() {
         // 100 bit a slot, C = 10; both full, age 10. SN 0 is 30 m away, in range after 1 slot: h = 11, f(11) = 100, W =
         // 11 · 200 − 100 = 2100. SN 1 is 48 m away, in range after 2: h = 12, W = 12 · 300 − 300 = 3300, 1650 a slot.
         let sensors = [[50.0, 80.0, 100.0], [98.0, 50.0, 100.0]];
@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn without_any_index_the_earliest_deadline_decides_then_the_nearest_then_the_lowest_index() {
+    fn ties_of_index_go_to_the_earliest_deadline_then_the_nearest_then_the_lowest_id() {
         let sensors = [[50.0, 80.0, 10.0], [60.0, 50.0, 10.0], [50.0, 40.0, 10.0], [50.0, 51.0, 0.0]];
         assert_eq!(waypoint(&sensors, &[20, 10, 10, 1_000]), Some([50.0, 80.0]));
         assert_eq!(waypoint(&sensors, &[10, 10, 10, 1_000]), Some([60.0, 50.0]));
@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn who_has_been_full_for_longer_comes_first() {
+    fn the_longest_full_buffer_comes_first() {
         let field = field_of(&[[50.0, 20.0, 100.0], [50.0, 80.0, 100.0]]);
         let mut whittle = Whittle::new(&field.setup());
         let mut goal = |slot, queues_bits: &[u32]| {
@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn of_those_in_range_the_largest_indices_are_served() {
+    fn the_largest_indices_in_range_are_served() {
         // All above 50 m; SN 5 samples slowly and is full: C = 1000, W = 1001 · 2 − 1 = 2001. The others sample 100:
         // with 1000, 950, 900 and 800 bit W(11) = 2100, W(10) = 1000, W(10) = 1000, W(9) = 0.
         let sensors = [0.0, 1.0, 2.0, 3.0, 4.0].map(|step| [50.0 + step, 50.0, 100.0]);
@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn a_restored_checkpoint_flies_on_and_that_of_another_field_is_refused() {
+    fn a_restored_checkpoint_continues_and_one_of_another_field_is_refused() {
         let field = field_of(&[[50.0, 20.0, 100.0], [50.0, 80.0, 100.0]]);
         let mut whittle = Whittle::new(&field.setup());
         whittle.plan(&view(&field.table, 1, [50.0, 50.0], &[900, 1_000]));

@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pair_is_served_from_above_its_middle() {
+    fn a_pair_is_served_from_its_midpoint() {
         // 40 m apart in dense urban surroundings at 50 m, θ = 68°: nearer to one is farther from the other.
         let problem = posed(dense_urban(), &[[-20.0, 7.0], [20.0, 7.0]], [50.0, 50.0]);
         let end = solve(&problem).unwrap();
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn no_start_is_followed_twice() {
+    fn coinciding_starts_are_ascended_once() {
         // A lone SN is its mean, and half-way from the mean to it.
         let problem = posed(dense_urban(), &[[10.0, 0.0]], [50.0, 50.0]);
         let mut starts = Vec::new();
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_that_hardly_rises_is_shortened() {
+    fn a_step_of_insufficient_increase_is_shortened() {
         // From 20 m to one side of a pair to nearly as far on the other, where by symmetry the rate is nearly the same.
         let problem = posed(dense_urban(), &[[-20.0, 0.0], [20.0, 0.0]], [50.0, 50.0]);
         let at = problem.rated(Point3::new(0.0, 20.0, 50.0));
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn reach_limits_the_path_to_a_sensor_node() {
+    fn reach_limits_the_ascent() {
         let mut problem = posed(dense_urban(), &[[30.0, 40.0]], [20.0, 120.0]);
         problem.disks[0].radius_m = 10.0;
         let end = solve(&problem).unwrap();
@@ -170,13 +170,13 @@ mod tests {
     }
 
     #[test]
-    fn sensor_nodes_that_no_point_can_serve_together_have_no_waypoint() {
+    fn sensor_nodes_without_a_common_point_have_no_waypoint() {
         let problem = posed(dense_urban(), &[[-60.1, 0.0], [60.1, 0.0]], [20.0, 120.0]);
         assert_eq!(solve(&problem), None);
     }
 
     #[test]
-    fn links_that_carry_nothing_leave_the_ascent_where_it_starts() {
+    fn links_of_zero_rate_leave_the_ascent_at_its_start() {
         let silent = LineOfSight { los_snr: 0.0, nlos_snr: 0.0, ..dense_urban() };
         let end = solve(&posed(silent, &[[10.0, 0.0], [20.0, 0.0]], [20.0, 120.0]));
         assert_eq!(end.map(|end| end.rate_bps), Some(0.0));
@@ -184,7 +184,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_step_from_the_end_raises_the_rate(
+        fn the_ascent_ends_at_a_local_maximum(
             curve in curves(),
             fading in fadings(),
             positions in prop::collection::vec((-40.0..40.0, -40.0..40.0), 1..7),

@@ -122,13 +122,13 @@ mod tests {
     }
 
     #[test]
-    fn disks_that_miss_each_other_are_refused() {
+    fn disjoint_disks_are_refused() {
         let disks = [disk(-10.1, 0.0, 10.0), disk(10.1, 0.0, 10.0)];
         assert_eq!(ConicSolver::default().project(&Position::origin(), &disks), None);
     }
 
     #[test]
-    fn a_solution_too_far_outside_the_disks_is_none() {
+    fn a_solution_outside_the_disks_is_rejected() {
         // A reach of 1 m at the rim of a range of 5 km, to whose distance Clarabel's tolerance is relative.
         let mut refused = 0;
         for step in 0..100 {
@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn a_result_does_not_depend_on_the_problems_solved_before() {
+    fn a_result_does_not_depend_on_earlier_problems() {
         let mut used = ConicSolver::default();
         for step in 0..60 {
             let shift_m = f64::from(step);
@@ -175,7 +175,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(4_000))]
 
         #[test]
-        fn both_solvers_agree_to_a_millimetre_wherever_both_answer((target, disks) in problems()) {
+        fn both_solvers_agree_to_a_millimetre((target, disks) in problems()) {
             let exact = disks::project(&target, &disks);
             if let Some(conic) = ConicSolver::default().project(&target, &disks) {
                 let off_m = (conic - exact.expect("the conic answer lies in all disks")).norm();

@@ -125,7 +125,7 @@ mod tests {
     use skysink_common::scenario::Overrides;
 
     #[test]
-    fn where_convex_steps_end_lower_the_end_of_the_ascent_alone_is_the_waypoint() {
+    fn the_ascent_is_used_where_convex_steps_end_lower() {
         // A link that is better out of line of sight, where the SN is served best from beside it. A convex step leads
         // right above it instead, where the tip holds the ascent.
         let curve = LosCurve::Sigmoid { a: 9.66, b: 0.067 };

@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn the_flatter_link_draws_the_waypoint_less() {
+    fn a_link_of_smaller_gradient_attracts_the_waypoint_less() {
         // q0 = (50, 50) is 6 m from both: x = 400 + 36 = 436. The first link has γ = x, the second γ = 3x, so that with
         // k = W log2(e), c_1 = k x / (x · 2x) = k/(2x) and c_2 = k 3x / (x · 4x) = 3k/(4x): weights 2 and 3.
         let mut field = table_of(&[[44.0, 50.0], [56.0, 50.0]]);
@@ -130,14 +130,14 @@ mod tests {
     }
 
     #[test]
-    fn touching_disks_are_served_from_the_point_between_them() {
+    fn tangent_disks_are_served_from_their_common_point() {
         let problem = posed(&table_of(&[[50.0, 50.0], [50.0, 50.0], [50.0, 70.0]]), [50.0, 40.0]);
         let waypoint = solve(&problem, None, 1).unwrap();
         assert!((waypoint.point.xy() - Position::new(50.0, 60.0)).norm() < 1e-9, "{}", waypoint.point);
     }
 
     #[test]
-    fn a_program_that_clarabel_does_not_solve_falls_back_and_says_so() {
+    fn a_program_that_clarabel_fails_to_solve_is_a_reported_fallback() {
         // The disks miss each other by 0.9e-9 of their radii, which decision D5 accepts and an interior-point method
         // does not.
         let problem = posed(&table_of(&[[50.0, 50.0], [50.0, 50.0 + 20.0 * (1.0 + 0.9e-9)]]), [50.0, 40.0]);
@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fallback_in_any_step_is_that_of_the_waypoint() {
+    fn a_fallback_in_any_step_is_reported_for_the_waypoint() {
         // Two disks that nearly touch, a third SN beside, and links that draw the waypoint to one side: Clarabel solves
         // some of the programs.
         let mut fallen_back = 0;
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn sensor_nodes_that_no_point_can_serve_together_have_no_waypoint() {
+    fn sensor_nodes_without_a_common_point_have_no_waypoint() {
         let problem = posed(&table_of(&[[50.0, 50.0], [50.0, 70.1]]), [50.0, 50.0]);
         for choice in [WaypointSolver::Geometric, WaypointSolver::Clarabel] {
             assert_eq!(solved(&problem, choice, 5), None, "{choice:?}");
@@ -176,14 +176,14 @@ mod tests {
     }
 
     #[test]
-    fn links_that_carry_nothing_are_served_from_their_mean() {
+    fn links_of_zero_rate_are_served_from_their_mean() {
         let mut field = table_of(&[[44.0, 50.0], [56.0, 50.0], [50.0, 53.0]]);
         Arc::make_mut(&mut field.sensors).gains = vec![0.0; 3];
         assert_waypoint(&posed(&field, [50.0, 50.0]), [50.0, 51.0]);
     }
 
     #[test]
-    fn a_reused_problem_forgets_the_last_slot() {
+    fn a_reused_problem_keeps_no_state_of_the_last_slot() {
         let field = table_of(&[[44.0, 50.0], [56.0, 50.0], [50.0, 53.0]]);
         let mut problem = posed(&field, [50.0, 50.0]);
         problem.pose(&field, &Position::new(30.0, 50.0), [20.0; 2], &[1]);
@@ -246,7 +246,7 @@ mod tests {
         }
 
         #[test]
-        fn the_true_rate_never_falls_from_a_feasible_start(field in clusters(), from in (35.0..65.0, 35.0..65.0)) {
+        fn the_true_rate_does_not_decrease_from_a_feasible_start(field in clusters(), from in (35.0..65.0, 35.0..65.0)) {
             let problem = posed_at(&field, [from.0, from.1], LOW_M);
             for (choice, slack) in [(WaypointSolver::Geometric, 1e-12), (WaypointSolver::Clarabel, 1e-9)] {
                 let mut last_bps = 0.0;
@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn re_expansion_ends_where_it_settles() {
+    fn re_expansion_ends_at_convergence() {
         let mut field = table_of(&[[44.0, 50.0], [56.0, 50.0], [50.0, 53.0]]);
         Arc::make_mut(&mut field.sensors).gains = vec![1e-9, 1e-6, 1e-7];
         let problem = posed_at(&field, [50.0, 50.0], LOW_M);

@@ -237,7 +237,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_lone_sensor_node_is_served_best_from_straight_above_and_the_tip_holds() {
+    fn a_lone_sensor_node_is_served_best_from_straight_above() {
         let problem = posed(dense_urban(), &[[3.0, 4.0]], [20.0, 120.0]);
         let slope = problem.ascent(&Point3::new(3.0, 4.0, 50.0));
         assert_eq!((slope.x, slope.y), (0.0, 0.0));
@@ -246,7 +246,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_tip_gives_way_to_a_stronger_pull() {
+    fn a_stronger_gradient_overcomes_the_nonsmooth_point_above_a_sensor_node() {
         // P_L hardly depends on the angle at 90° in dense urban surroundings: 1 − P_L = 12.08 e^{−0.11 · 77.92} =
         // 0.0023.
         let problem = posed(dense_urban(), &[[0.0, 0.0], [50.0, 0.0], [50.0, 1.0], [50.0, -1.0]], [20.0, 120.0]);
@@ -259,7 +259,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn the_best_altitude_of_a_far_sensor_node_lies_between() {
+    fn the_best_altitude_for_a_far_sensor_node_is_inside_the_range() {
         // From where it is hardly ever in line of sight to where it is far away: no end of the range is best.
         let problem = posed(dense_urban(), &[[50.0, 0.0]], [1.0, 5_000.0]);
         let best_m = problem.best_altitude_m(&Position::origin());
@@ -268,14 +268,14 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn of_equally_good_altitudes_the_lowest_is_best() {
+    fn ties_of_rate_go_to_the_lowest_altitude() {
         let silent = LineOfSight { los_snr: 0.0, nlos_snr: 0.0, ..dense_urban() };
         let problem = posed(silent, &[[50.0, 0.0]], [20.1, 119.7]);
         assert_eq!(problem.best_altitude_m(&Position::origin()), 20.1);
     }
 
     #[test]
-    fn the_ends_of_the_range_are_met_to_the_bit() {
+    fn the_ends_of_the_altitude_range_are_exact() {
         let problem = posed(dense_urban(), &[[0.0, 0.0]], [20.1, 119.7]);
         assert_eq!([problem.altitude_m(0.0), problem.altitude_m(1.0)], [20.1, 119.7]);
         let projected = problem.project(&Point3::new(0.0, 0.0, 500.0)).unwrap();

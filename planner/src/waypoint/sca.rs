@@ -298,7 +298,7 @@ mod tests {
         }
 
         #[test]
-        fn the_true_rate_never_falls_and_the_constraints_are_kept(problem in problems(), fraction in 0.0..1.0) {
+        fn sca_steps_do_not_lower_the_rate_or_violate_constraints(problem in problems(), fraction in 0.0..1.0) {
             let mut last = start_of(&problem, fraction);
             for _ in 0..5 {
                 let (next, _) = approximate(&problem, last, 1);
@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn many_steps_come_close_to_where_the_ascent_ends() {
+    fn many_steps_converge_to_the_end_of_the_ascent() {
         for (a, b) in [(4.88, 0.43), (9.61, 0.16), (12.08, 0.11), (27.23, 0.08)] {
             let link = LineOfSight { sight: Sight::Curve(LosCurve::Sigmoid { a, b }), ..dense_urban() };
             let problem = posed(link, &[[-30.0, 5.0], [30.0, 0.0], [5.0, 35.0], [0.0, -25.0]], [20.0, 120.0]);
@@ -323,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn one_step_crosses_most_of_the_way_to_the_middle_of_a_pair() {
+    fn one_step_covers_most_of_the_distance_to_the_midpoint_of_a_pair() {
         // Two SNs 60 m apart, the UAV 20 m off their middle at 60 m: by symmetry the best point is above the middle.
         let problem = posed(dense_urban(), &[[-30.0, 0.0], [30.0, 0.0]], [60.0, 60.0]);
         let start = problem.rated(Point3::new(0.0, 20.0, 60.0));

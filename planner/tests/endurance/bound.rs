@@ -67,21 +67,21 @@ fn fly_random_missions(
 }
 
 #[test]
-fn no_flight_of_a_random_mission_loses_less_than_the_bound() {
+fn no_flight_of_random_missions_beats_the_bound() {
     let [above_zero, met, violated] = fly_random_missions(random_mission, 1..=200, 5);
     assert_eq!(violated, 0, "see above");
     assert!(above_zero >= 80 && met >= 10, "the bound is above 0 in {above_zero}, and met in {met}");
 }
 
 #[test]
-fn nor_does_one_with_the_models_of_the_channel_that_are_off_by_default() {
+fn no_flight_over_optional_channel_models_beats_the_bound() {
     let [above_zero, _, violated] = fly_random_missions(with_models, 3_001..=3_300, 6);
     assert_eq!(violated, 0, "see above");
     assert!(above_zero >= 80, "the bound is above 0 in {above_zero}");
 }
 
 #[test]
-fn nor_does_one_with_weights_own_buffers_wind_acceleration_and_position_errors() {
+fn no_flight_with_weights_buffers_wind_acceleration_and_errors_beats_the_bound() {
     let [above_zero, _, violated] = fly_random_missions(in_a_real_world, 4_001..=4_200, 6);
     assert_eq!(violated, 0, "see above");
     assert!(above_zero >= 80, "the bound is above 0 in {above_zero}");
@@ -90,7 +90,7 @@ fn nor_does_one_with_weights_own_buffers_wind_acceleration_and_position_errors()
 /// `cargo test --release -p skysink-planner --test endurance -- --ignored --nocapture another_three_hundred`
 #[test]
 #[ignore = "takes minutes"]
-fn nor_does_another_three_hundred_with_all_models() {
+fn no_flight_of_300_missions_with_all_models_beats_the_bound() {
     let [above_zero, met, violated] = fly_random_missions(in_a_real_world, 5_001..=5_300, 3);
     eprintln!("bound above 0 in {above_zero} of 300, met by a flight in {met}, {violated} violations");
     assert_eq!(violated, 0, "see above");
@@ -99,7 +99,7 @@ fn nor_does_another_three_hundred_with_all_models() {
 /// `cargo test --release -p skysink-planner --test endurance -- --ignored --nocapture thousand`
 #[test]
 #[ignore = "takes a minute"]
-fn no_flight_of_another_thousand_random_missions_does() {
+fn no_flight_of_1000_random_missions_beats_the_bound() {
     let [above_zero, met, violated] = fly_random_missions(random_mission, 1_001..=2_000, 1);
     eprintln!("bound above 0 in {above_zero} of 1 000, met by a flight in {met}, {violated} violations");
     assert_eq!(violated, 0, "see above");
@@ -114,7 +114,7 @@ fn mean_and_error(values: &[f64]) -> [f64; 2] {
 }
 
 #[test]
-fn the_mean_of_clairvoyant_bounds_is_below_the_least_expected_loss_of_any_policy() {
+fn the_mean_clairvoyant_bound_is_below_the_optimal_expected_loss() {
     let tiny = |means: &[f64], capacity, queues: &[usize], slots| Tiny {
         means: means.to_vec(),
         capacity,
@@ -181,7 +181,7 @@ fn measure_lines(seeds: std::ops::RangeInclusive<u64>, steps: u64) -> (Vec<f64>,
 }
 
 #[test]
-fn the_bound_is_no_higher_than_the_proven_optimum_of_missions_on_a_line() {
+fn the_bound_does_not_exceed_the_optimum_of_missions_on_a_line() {
     let (ratios, _) = measure_lines(1..=30, 2_000);
     assert!(ratios.len() >= 20 && ratios[ratios.len() / 2] >= 0.4, "{ratios:?}");
 }
@@ -189,7 +189,7 @@ fn the_bound_is_no_higher_than_the_proven_optimum_of_missions_on_a_line() {
 /// `cargo test --release -p skysink-planner --test endurance -- --ignored --nocapture hundred`
 #[test]
 #[ignore = "takes a minute"]
-fn a_hundred_missions_on_a_line_are_measured() {
+fn bounds_of_100_missions_on_a_line_are_reported() {
     let (ratios, found) = measure_lines(1..=100, 200_000);
     let mean = ratios.iter().sum::<f64>() / ratios.len() as f64;
     let median = ratios[ratios.len() / 2];
@@ -231,7 +231,7 @@ fn ratios(measured: &[[u64; 3]]) -> [Vec<f64>; 2] {
 }
 
 #[test]
-fn the_proven_optimum_in_the_plane_lies_between_bound_and_flights() {
+fn the_optimum_in_the_plane_lies_between_bound_and_flights() {
     let measured = measure_planes(1..=12, 500, 20_000);
     let [of_bounds, of_flights] = ratios(&measured);
     assert!(of_bounds.len() >= 6 && of_bounds[of_bounds.len() / 2] >= 0.3, "{measured:?}");
@@ -241,7 +241,7 @@ fn the_proven_optimum_in_the_plane_lies_between_bound_and_flights() {
 /// `cargo test --release -p skysink-planner --test endurance -- --ignored --nocapture small_missions`
 #[test]
 #[ignore = "takes a minute"]
-fn small_missions_in_the_plane_are_measured() {
+fn bounds_of_small_missions_in_the_plane_are_reported() {
     let [of_bounds, of_flights] = ratios(&measure_planes(101..=200, 6_000, 200_000));
     let found = of_flights.iter().filter(|ratio| **ratio == 1.0).count();
     let losing = of_bounds.len();
@@ -252,7 +252,7 @@ fn small_missions_in_the_plane_are_measured() {
 
 #[test]
 fn a_free_altitude_is_bounded_at_the_lowest_one() {
-    // By the expected rate at one altitude nobody loses less than 0.51; `uts` loses 0.28.
+    // By the expected rate at one altitude no strategy loses less than 0.51; `uts` loses 0.28.
     let text = "name = 'b'\nseed = 16\nslots = 20\nslot_s = 2.5\n[area]\nside_m = 30.0\n[sensors]\ncapacity_bits = 1000\n\
                 initial_queue_mean_bits = 0.0\nfile = 's.csv'\n[uav]\naltitude_m = 20.0\nmax_speed_mps = 24.0\n\
                 altitude = 'free'\nmax_climb_mps = 5.0\n[link]\nmodel = 'probabilistic-los'\n\
@@ -277,7 +277,7 @@ fn a_free_altitude_is_bounded_at_the_lowest_one() {
 
 #[test]
 fn gains_of_every_slot_are_bounded_by_their_draws() {
-    // By the gains of the list nobody loses less than 0.40; `gfs` loses 0.24 with the gains that are drawn.
+    // By the gains of the list no strategy loses less than 0.40; `gfs` loses 0.24 with the gains that are drawn.
     let text = "slots = 100\n[area]\nside_m = 20.0\n[sensors]\ncount = 2\nsampling_bps = 3000.0\n[link]\n\
                 gain = 'per-slot'\ngain_db = [-70.0, -50.0]\nbandwidth_hz = 2000.0\nresource_blocks = 2\n\
                 comm_radius_m = 50.0\n";

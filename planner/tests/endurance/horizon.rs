@@ -52,7 +52,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
     #[test]
-    fn flight_sim_refuses_nothing_and_a_restarted_planner_flies_the_same(
+    fn no_plan_is_refused_and_a_restart_does_not_change_the_flight(
         text in texts(), strategy in prop::sample::select(&REMEMBERING[..]), seed in 1u64..1_000, restart in 1u64..20,
     ) {
         let scenario = scenario_of(&text, strategy, seed);
@@ -75,7 +75,7 @@ proptest! {
 }
 
 #[test]
-fn a_checkpoint_that_is_cut_or_of_another_strategy_is_refused_and_changes_nothing() {
+fn a_truncated_or_foreign_checkpoint_is_refused_and_changes_nothing() {
     for strategy in REMEMBERING {
         let scenario =
             scenario_of("slots = 10\n[planner]\nhorizon.iterations = 10\noffline.steps = 400\n", strategy, 1);
@@ -95,7 +95,7 @@ fn a_checkpoint_that_is_cut_or_of_another_strategy_is_refused_and_changes_nothin
 }
 
 #[test]
-fn sensor_nodes_that_do_not_sample_are_served_but_not_waited_for() {
+fn idle_sensor_nodes_are_served_but_not_waited_for() {
     let scenario = scenario_of("slots = 30\n[planner]\nhorizon.iterations = 50\n", "horizon", 1);
     let text = "x_m,y_m,queue_bits,sampling_bps\n20,20,20000,0\n30,20,100,900\n90,90,100,900\n50,50,7000,0\n";
     let list = SensorList::parse(text, Path::new("list.csv"), &scenario).unwrap();
@@ -104,7 +104,7 @@ fn sensor_nodes_that_do_not_sample_are_served_but_not_waited_for() {
     mission.by_ref().take(29).for_each(drop);
     assert_eq!(mission.lost_bits(), 0);
     assert!(first.scheduled().contains(&3) || mission.queues_bits()[3] == 0, "met on the way");
-    // With nobody that samples, the UAV goes to the fullest queue (decision D8).
+    // Where no SN samples, the UAV goes to the fullest queue (decision D8).
     let text = "x_m,y_m,queue_bits,sampling_bps\n20,50,20000,0\n";
     let list = SensorList::parse(text, Path::new("list.csv"), &scenario).unwrap();
     let mut mission = TestMission::over(&scenario, &list);
@@ -113,7 +113,7 @@ fn sensor_nodes_that_do_not_sample_are_served_but_not_waited_for() {
 }
 
 #[test]
-fn a_limit_in_time_ends_a_search_and_none_or_a_long_one_changes_nothing() {
+fn only_a_short_time_limit_changes_a_search() {
     let text = "slots = 40\n[area]\nside_m = 600.0\n[sensors]\nsampling_bps = 700.0\n";
     let fly = |steps: u32, budget: &str, timing| {
         let keys = format!("{text}[planner]\nhorizon.iterations = {steps}\n{budget}\n");
@@ -137,7 +137,7 @@ fn a_limit_in_time_ends_a_search_and_none_or_a_long_one_changes_nothing() {
 }
 
 #[test]
-fn a_planner_that_starts_in_mid_mission_plans_from_what_it_finds() {
+fn a_planner_started_in_mid_mission_plans_from_the_current_state() {
     let text = "slots = 200\n[area]\nside_m = 300.0\n[sensors]\ncount = 60\n[planner]\nhorizon.iterations = 200\n";
     let scenario = scenario_of(text, "horizon", 3);
     let mut mission = TestMission::new(&scenario);
@@ -153,7 +153,7 @@ fn a_planner_that_starts_in_mid_mission_plans_from_what_it_finds() {
 
 /// Where the letter's strategy is trapped: 300 m, it loses more than half.
 #[test]
-fn looking_ahead_loses_nothing_where_the_letters_strategy_is_trapped() {
+fn the_look_ahead_loses_nothing_where_uts_is_trapped() {
     for seed in 1..=3 {
         let text = "slots = 500\n[area]\nside_m = 300.0\n[planner]\nhorizon.iterations = 100\n";
         let scenario = scenario_of(text, "horizon", seed);
@@ -162,7 +162,7 @@ fn looking_ahead_loses_nothing_where_the_letters_strategy_is_trapped() {
 }
 
 #[test]
-fn looking_ahead_loses_less_than_every_other_strategy() {
+fn the_look_ahead_loses_less_than_every_other_strategy() {
     let settings = [
         "slots = 200\n[area]\nside_m = 500.0\n[sensors]\ncount = 60\n",
         "slots = 150\n[sensors]\ncount = 120\nsampling_bps = 900.0\n",
@@ -190,7 +190,7 @@ const SIGHT: &str = "comm_s = 0.2\nmodel = 'probabilistic-los'\ntx_power_w = 0.1
 /// Short missions of few SNs in which looking ahead once lost 0.79, 0.19 and 0.48 where a strategy of one slot loses
 /// 0.53, 0.06 and 0.43: hovering low and right above an SN, or staying with the one that samples most, was not valued.
 #[test]
-fn looking_ahead_is_no_worse_than_strategies_of_one_slot_that_hover() {
+fn the_look_ahead_is_no_worse_than_hovering_single_slot_strategies() {
     let free = "altitude = 'free'\nstart_m = [0.0, 0.0]\nendurance_s = 1e6\n";
     let cases = [
         (
@@ -260,7 +260,7 @@ fn looking_ahead_is_no_worse_than_strategies_of_one_slot_that_hover() {
 }
 
 #[test]
-fn an_offline_plan_loses_what_it_says_and_no_less_than_the_bound() {
+fn an_offline_plan_has_its_predicted_loss_and_respects_the_bound() {
     for seed in 1..=4 {
         let text = "slots = 200\n[area]\nside_m = 600.0\n[sensors]\ncount = 50\nsampling_bps = 300.0\n\
                     [planner]\nhorizon.iterations = 0\noffline.steps = 20000\n";
@@ -293,7 +293,7 @@ fn an_offline_plan_loses_what_it_says_and_no_less_than_the_bound() {
 }
 
 #[test]
-fn a_search_that_is_broken_off_finds_nothing() {
+fn an_interrupted_search_returns_no_plan() {
     let text = "slots = 50\n[sensors]\ncount = 60\nsampling_bps = 5000.0\n[planner]\noffline.steps = 2000\n";
     let scenario = scenario_of(text, "offline", 1);
     let list = SensorList::of(&scenario).unwrap();
@@ -308,7 +308,7 @@ fn a_search_that_is_broken_off_finds_nothing() {
 
 /// Golden traces: waypoint [m] and schedule of the first slots.
 #[test]
-fn the_missions_stay_what_they_are() {
+fn missions_are_stable() {
     let text = "slots = 60\n[area]\nside_m = 400.0\n[sensors]\ncount = 40\nsampling_bps = 900.0\n\
                 [planner]\nhorizon.iterations = 200\noffline.steps = 5000\n";
     let trace = |strategy| {

@@ -223,7 +223,7 @@ fn reaches() -> impl Strategy<Value = f64> {
 /// Three SNs whose smallest circle is wider than `d_c` by 5e-13 m: the circles of the outer two touch in a point that
 /// is 3e-6 m out of range of the third.
 #[test]
-fn three_sensor_nodes_on_a_circle_but_for_rounding_are_served_together() {
+fn three_sensor_nodes_on_a_circle_are_served_together_despite_rounding() {
     let places_m = [[60.0, 60.0], [50.008_016_800_160_94, 50.0], [40.0, 60.0]];
     let nodes = places_m.map(|[x_m, y_m]| SensorNode { x_m, y_m, gain: 1e-5, ..SensorNode::default() });
     let table = MissionTable::of(&Scenario::letter(Overrides::default()).unwrap(), &nodes);
@@ -237,7 +237,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(200 * crate::CASES_FACTOR))]
 
     #[test]
-    fn algorithm_1_finds_what_a_direct_enumeration_finds(case in cases(40, 10, 90, reaches())) {
+    fn algorithm_1_agrees_with_enumeration(case in cases(40, 10, 90, reaches())) {
         for reach in [Reach::Letter, Reach::Wide] {
             let mut ids = Vec::new();
             let found = Search::default().best_set(reach, &case.table, &case.position, &case.queues_bits, &mut ids);
@@ -247,12 +247,12 @@ proptest! {
     }
 
     #[test]
-    fn the_exact_search_finds_the_best_of_all_sets(case in cases(10, 30, 70, reaches())) {
+    fn the_exact_search_agrees_with_enumeration(case in cases(10, 30, 70, reaches())) {
         prop_assert_eq!(case.exact(), best_of_all_sets(&case));
     }
 
     #[test]
-    fn the_exact_search_finds_the_best_of_all_sets_of_a_crowd(case in cases(10, 40, 60, reaches())) {
+    fn the_exact_search_agrees_with_enumeration_in_a_dense_field(case in cases(10, 40, 60, reaches())) {
         prop_assert_eq!(case.exact(), best_of_all_sets(&case));
     }
 }
@@ -273,7 +273,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(100 * crate::CASES_FACTOR))]
 
     #[test]
-    fn with_weights_the_exact_search_maximises_the_weighted_sum_and_algorithm_1_is_the_enumeration_of_it(
+    fn weighted_searches_agree_with_enumeration(
         case in cases(9, 30, 70, reaches()),
         logs in prop::collection::vec(-2.0f64..2.0, 9),
     ) {
@@ -297,7 +297,7 @@ proptest! {
     /// The grid cannot win. Nor can it miss a set that smaller disks would still have: from any of their common points
     /// the next of the grid is at most half a diagonal away.
     #[test]
-    fn no_point_of_a_fine_grid_does_better_and_only_slivers_escape_it(case in cases(30, 20, 80, 1.0..25.0)) {
+    fn no_point_of_a_fine_grid_is_better_where_the_lens_is_not_narrow(case in cases(30, 20, 80, 1.0..25.0)) {
         let step_m = case.table.limits.comm_radius_m / 50.0;
         let half_diagonal_m = step_m * std::f64::consts::FRAC_1_SQRT_2;
         let on_grid = best_on_grid(&case, step_m);

@@ -26,7 +26,7 @@ fn mean_power_w(scenario: &Scenario) -> f64 {
 }
 
 #[test]
-fn without_a_price_on_energy_drift_plus_penalty_is_max_weight() {
+fn drift_plus_penalty_at_zero_price_equals_max_weight() {
     let price = |price: &str| format!("{FIELD}[planner]\ndrift-plus-penalty.price_bits2_per_j = {price}\n");
     for seed in 1..=5 {
         let mut plans = TestMission::new(&scenario_of(FIELD, "max-weight", seed));
@@ -42,7 +42,7 @@ fn without_a_price_on_energy_drift_plus_penalty_is_max_weight() {
 }
 
 #[test]
-fn where_nobody_samples_deadlines_and_ages_leave_the_flight_to_transit() {
+fn deadline_strategies_fly_in_transit_over_idle_sensor_nodes() {
     let text = "slots = 20\n[area]\nside_m = 300.0\n[sensors]\ncount = 9\nsampling_bps = 0.0\n";
     for strategy in ["edf", "mes", "whittle"] {
         let mut mission = TestMission::new(&scenario_of(text, strategy, 3));
@@ -55,7 +55,7 @@ fn where_nobody_samples_deadlines_and_ages_leave_the_flight_to_transit() {
 }
 
 #[test]
-fn a_lone_sensor_node_is_flown_to_and_never_loses_what_its_link_carries() {
+fn a_lone_sensor_node_loses_nothing_its_link_can_carry() {
     let text = "slots = 100\n[area]\nside_m = 200.0\n[sensors]\ncount = 1\ninitial_queue_mean_bits = 500.0\n\
                 sampling_bps = 900.0\n";
     for strategy in BASELINES {
@@ -68,7 +68,7 @@ fn a_lone_sensor_node_is_flown_to_and_never_loses_what_its_link_carries() {
 
 /// Golden traces: waypoint [m] and schedule of the first slots, and bits lost in the mission.
 #[test]
-fn the_missions_stay_what_they_are() {
+fn missions_are_stable() {
     let trace = |strategy| {
         let mut mission = TestMission::new(&scenario_of(FIELD, strategy, 1));
         let mut plans: Vec<String> = (0..60)

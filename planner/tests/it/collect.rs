@@ -67,7 +67,7 @@ fn best_bits(field: &[([f64; 2], f64)], queues_bits: &mut [f64], cell: [i64; 2],
 }
 
 #[test]
-fn plans_deliver_nearly_as_much_as_the_best_of_all_flights() {
+fn plans_deliver_nearly_the_optimum() {
     let (mut flown_bits, mut most_bits) = (0.0, 0.0);
     for seed in 1..=6 {
         for strategy in ["horizon", "offline"] {
@@ -94,7 +94,7 @@ const OPEN: &str = "slots = 150\n[area]\nside_m = 300.0\n[sensors]\ncount = 30\n
                     objective = 'collect'\nhorizon.iterations = 40\noffline.steps = 40000\n";
 
 #[test]
-fn a_restarted_planner_goes_on_with_its_plan() {
+fn a_restarted_planner_continues_its_plan() {
     for strategy in ["horizon", "offline"] {
         for knowledge in ["oracle", "estimated"] {
             let scenario = scenario_of(&format!("{OPEN}knowledge = '{knowledge}'\n"), strategy, 3);
@@ -114,7 +114,7 @@ fn a_restarted_planner_goes_on_with_its_plan() {
 }
 
 #[test]
-fn more_is_delivered_than_by_the_plan_of_least_loss_where_nothing_is_sampled() {
+fn collect_delivers_more_than_horizon_where_nothing_is_sampled() {
     // Nothing can be lost, so the look-ahead for the loss has nothing to plan.
     let text = "slots = 40\n[area]\nside_m = 300.0\n[sensors]\ncount = 30\nsampling_bps = 0.0\n[planner]\n\
                 horizon.iterations = 100\nobjective = ";
@@ -128,7 +128,7 @@ fn more_is_delivered_than_by_the_plan_of_least_loss_where_nothing_is_sampled() {
 }
 
 #[test]
-fn a_uav_that_ends_its_slots_beside_its_waypoints_goes_on_to_the_next_stop() {
+fn a_uav_with_position_errors_continues_to_the_next_stop() {
     for strategy in ["horizon", "offline"] {
         let text = "slots = 60\n[area]\nside_m = 200.0\n[sensors]\ncount = 8\nsampling_bps = 0.0\n[planner]\n\
                     objective = 'collect'\nhorizon.iterations = 20\noffline.steps = 20000\n[uav]\nposition_error_m = ";
@@ -143,7 +143,7 @@ fn a_uav_that_ends_its_slots_beside_its_waypoints_goes_on_to_the_next_stop() {
 }
 
 #[test]
-fn the_path_leads_over_the_stops_and_home() {
+fn the_path_contains_the_stops_and_the_return() {
     let (scenario, list, _) = small("horizon", 1);
     let mut mission = TestMission::over(&scenario, &list);
     mission.advance();
@@ -152,7 +152,7 @@ fn the_path_leads_over_the_stops_and_home() {
 }
 
 #[test]
-fn plans_that_another_field_has_saved_are_refused() {
+fn saved_plans_of_another_field_are_refused() {
     let scenario = scenario_of(OPEN, "horizon", 3);
     let mut mission = TestMission::new(&scenario);
     mission.advance();
@@ -165,7 +165,7 @@ fn plans_that_another_field_has_saved_are_refused() {
 }
 
 #[test]
-fn delivers_more_than_plans_for_the_least_loss_where_sensor_nodes_sample() {
+fn collect_delivers_more_than_horizon_where_sensor_nodes_sample() {
     for strategy in ["horizon", "offline"] {
         for seed in 1..=3 {
             let delivered = |objective: &str| {

@@ -34,7 +34,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(20 * crate::CASES_FACTOR))]
 
     #[test]
-    fn with_known_rates_whoever_was_contacted_is_known_to_the_bit(
+    fn contacted_queues_are_known_exactly_with_known_rates(
         text in texts("known"), strategy in prop::sample::select(names().to_vec()), seed in 1u64..10_000,
         void in 1u64..60,
     ) {
@@ -65,13 +65,13 @@ proptest! {
     }
 
     #[test]
-    fn learnt_rates_are_right_to_a_bit_per_slot_and_never_above_what_can_be(
+    fn learnt_rates_are_exact_to_a_bit_per_slot_and_bounded(
         text in texts("learnt"), strategy in prop::sample::select(names().to_vec()), seed in 1u64..10_000,
     ) {
         let scenario = scenario_of(&text, strategy, seed);
         let mut mission = TestMission::new(&scenario);
         let prior_bits = mission.estimate().mean_bits(0);
-        // The last contact of each SN, and whether a gap between two contacts told of its rate.
+        // The last contact of each SN, and whether a gap between two contacts revealed its rate.
         let mut contacts = vec![(0, false); mission.nodes.len()];
         for slot in 1..=scenario.slots {
             let before_bits = mission.queues_bits().to_vec();
@@ -96,7 +96,7 @@ proptest! {
     }
 
     #[test]
-    fn a_restarted_planner_believes_and_flies_the_same(
+    fn a_restarted_planner_has_the_same_belief_and_flight(
         text in prop_oneof![texts("known"), texts("learnt")], strategy in prop::sample::select(names().to_vec()),
         seed in 1u64..10_000, restart in 1u64..60,
     ) {
@@ -113,7 +113,7 @@ proptest! {
 }
 
 #[test]
-fn a_missed_contact_leaves_an_older_belief_until_the_next() {
+fn a_missed_contact_keeps_the_older_belief() {
     let text = "slots = 150\n[sensors]\nsampling_bps = [50.0, 150.0]\n[planner]\nknowledge = 'estimated'\n";
     let scenario = scenario_of(text, "gfs", 3);
     let mut mission = TestMission::new(&scenario);
@@ -147,7 +147,7 @@ fn a_missed_contact_leaves_an_older_belief_until_the_next() {
 }
 
 #[test]
-fn what_is_learnt_of_equal_rates_is_what_is_known() {
+fn learnt_rates_equal_known_ones_where_all_are_equal() {
     for strategy in ["horizon", "uts", "exact"] {
         let text = |rates: &str| {
             format!(
@@ -164,11 +164,11 @@ fn what_is_learnt_of_equal_rates_is_what_is_known() {
 }
 
 #[test]
-fn the_look_ahead_flies_over_sensor_nodes_that_turn_out_not_to_sample() {
+fn the_look_ahead_flies_over_idle_sensor_nodes_of_unknown_rate() {
     let text = "slots = 60\n[sensors]\nsampling_bps = 0.0\n[planner]\nhorizon.iterations = 50\nknowledge = 'estimated'\n\
                 rates = 'learnt'\n";
     let scenario = scenario_of(text, "horizon", 1);
-    // The scenario's rate is 0, so nobody is believed to sample before a contact; SNs 1 and 2 do.
+    // The scenario's rate is 0, so no SN is believed to sample before a contact; SNs 1 and 2 do.
     let list = "x_m,y_m,sampling_bps\n20,20,0\n30,20,900\n90,90,900\n50,50,0\n";
     let list = SensorList::parse(list, Path::new("list.csv"), &scenario).unwrap();
     let mut mission = TestMission::over(&scenario, &list);
@@ -181,7 +181,7 @@ fn the_look_ahead_flies_over_sensor_nodes_that_turn_out_not_to_sample() {
 }
 
 #[test]
-fn a_planner_that_sees_the_queues_saves_nothing_of_them() {
+fn a_planner_with_known_queues_saves_no_belief() {
     let scenario = scenario_of("slots = 10\n", "uts", 1);
     let mut mission = TestMission::new(&scenario);
     mission.advance();
@@ -194,7 +194,7 @@ fn a_planner_that_sees_the_queues_saves_nothing_of_them() {
 }
 
 #[test]
-fn what_a_planner_of_another_strategy_has_saved_is_refused() {
+fn the_checkpoint_of_another_strategy_is_refused() {
     let text = "slots = 10\n[planner]\nknowledge = 'estimated'\n";
     let [mut uts, mut gfs, mut again] =
         ["uts", "gfs", "uts"].map(|strategy| TestMission::new(&scenario_of(text, strategy, 1)));
@@ -204,7 +204,7 @@ fn what_a_planner_of_another_strategy_has_saved_is_refused() {
 }
 
 #[test]
-fn a_planner_that_is_not_sure_of_the_queues_comes_early_enough() {
+fn uncertain_queues_are_visited_early_enough() {
     let text = "slots = 300\n[area]\nside_m = 250.0\n[sensors]\ncount = 100\nsampling_bps = [50.0, 150.0]\n\
                 initial_queue_mean_bits = [0.0, 20000.0]\n[planner]\nknowledge = 'estimated'\nrates = 'learnt'\n\
                 horizon.iterations = 300\n";

@@ -105,21 +105,21 @@ fn replay(name: &str, strategy: &'static str, solver: WaypointSolver, tolerance_
 const MISSIONS: [&str; 4] = ["coincident-and-touching", "dense-paper", "link-limited", "sparse-trap"];
 
 #[test]
-fn the_letters_strategy_flies_as_an_independent_program_does() {
+fn uts_flies_like_the_reference_program() {
     for name in MISSIONS {
         replay(name, "uts", WaypointSolver::Geometric, 1e-6);
     }
 }
 
 #[test]
-fn the_letters_strategy_flies_the_same_missions_with_the_conic_solver() {
+fn uts_flies_the_same_missions_with_the_conic_solver() {
     for name in MISSIONS {
         replay(name, "uts", WaypointSolver::Clarabel, 1e-3);
     }
 }
 
 #[test]
-fn greedy_flight_flies_as_an_independent_program_does() {
+fn gfs_flies_like_the_reference_program() {
     for name in MISSIONS {
         replay(name, "gfs", WaypointSolver::Geometric, 1e-6);
     }

@@ -89,7 +89,7 @@ proptest! {
 
     /// Debug output shows every bit of a float but a NaN's, of which a plan has some.
     #[test]
-    fn a_plan_is_the_same_with_the_grid_and_without(case in cases()) {
+    fn plans_do_not_depend_on_the_spatial_index(case in cases()) {
         for strategy in names() {
             let scenario = case.scenario(strategy);
             let mut divided = Planner::new(&scenario, &case.sensors).unwrap();

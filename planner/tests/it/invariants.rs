@@ -166,7 +166,7 @@ fn flown(case: &Case) -> Result<Totals, TestCaseError> {
 }
 
 #[test]
-fn a_plan_keeps_range_reach_area_and_resource_blocks_while_data_are_collected_and_lost() {
+fn plans_respect_range_reach_area_and_resource_blocks() {
     for strategy in names() {
         let cases_each = if ["horizon", "offline"].contains(&strategy) { 8 } else { 20 };
         let mut runner = TestRunner::new(ProptestConfig {
@@ -192,7 +192,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(200 * crate::CASES_FACTOR))]
 
     #[test]
-    fn the_letters_plan_serves_its_anchor_and_partner_from_a_solved_waypoint(case in cases(&["uts"])) {
+    fn a_uts_plan_serves_its_anchor_and_partner_from_a_solved_waypoint(case in cases(&["uts"])) {
         let plan = case.fresh_plan(0);
         let rule = plan.solver == SolverOutcome::Rule as u32;
         if plan.mode == Mode::Transit as u32 {
@@ -206,7 +206,7 @@ proptest! {
     }
 
     #[test]
-    fn a_wide_plan_shows_the_circles_in_reach_and_serves_from_one_of_them(case in cases(&["uts-wide"])) {
+    fn a_wide_plan_reports_its_circles_and_serves_from_one_of_them(case in cases(&["uts-wide"])) {
         let plan = case.fresh_plan(0);
         if plan.mode == Mode::Serve as u32 {
             prop_assert!(plan.solver != SolverOutcome::Rule as u32 && plan.scheduled().contains(&plan.anchor));
@@ -221,7 +221,7 @@ proptest! {
     }
 
     #[test]
-    fn whoever_can_be_served_from_within_reach_makes_the_exact_and_the_wide_plan_serve(
+    fn exact_and_wide_plans_serve_if_any_sensor_node_can_be_served(
         case in cases(&["uts-wide", "exact"]),
     ) {
         let in_sight_m = case.scenario.reach_m() + case.scenario.link.comm_radius_m;
@@ -235,7 +235,7 @@ proptest! {
     /// Where reach exceeds range, the letter's anchors are among the wide ones and all their circles in reach. Where it
     /// does not, no such thing holds: see the search's own tests.
     #[test]
-    fn with_reach_beyond_range_the_wide_plan_schedules_no_less_than_the_letters(
+    fn wide_plans_schedule_no_less_than_uts_plans_where_reach_exceeds_range(
         mut case in cases(&["uts"]),
         reach_m in prop_oneof![Just(10.5), Just(20.0), 10.5..40.0],
     ) {
@@ -261,7 +261,7 @@ proptest! {
     }
 
     #[test]
-    fn with_reach_beyond_range_whatever_has_an_anchor_is_served(
+    fn every_anchor_is_served_where_reach_exceeds_range(
         mut case in cases(&["uts"]),
         reach_m in prop_oneof![Just(10.5), Just(20.0), 10.5..40.0],
     ) {

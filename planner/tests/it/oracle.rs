@@ -180,7 +180,7 @@ impl Case {
         high_m - low_m
     }
 
-    /// How far [m] one can go from the centre before a constraint ends the way.
+    /// Distance [m] from the centre to the first constraint in this direction.
     fn way_to_border_m(&self, direction: &Vector2<f64>) -> f64 {
         let to_circle_m = |centre: &Position, radius_m: f64| {
             let from = self.centre - centre;
@@ -239,7 +239,7 @@ fn the_high_rise_waypoint_is_as_good_as_the_best() {
 }
 
 #[test]
-fn the_conic_waypoint_is_as_good_as_the_best_and_seldom_the_fallbacks() {
+fn the_conic_waypoint_is_as_good_as_the_best_with_few_fallbacks() {
     let fallen_back: u64 = ["suburban", "urban", "dense-urban", "high-rise"]
         .map(|area| assert_near_the_best(area, WaypointSolver::Clarabel, 8))
         .iter()

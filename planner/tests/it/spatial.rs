@@ -58,7 +58,7 @@ fn ground(plan: &Plan) -> Position {
 }
 
 #[test]
-fn a_lone_sensor_node_is_served_from_straight_above_as_low_as_it_goes() {
+fn a_lone_sensor_node_is_served_from_straight_above_at_the_lowest_altitude() {
     for solver in SOLVERS {
         for strategy in ["uts", "uts-wide", "exact", "gfs"] {
             let found = plan(&dense_urban(strategy, solver, FREE), &[[100.0, 100.0]], 60.0);
@@ -72,7 +72,7 @@ fn a_lone_sensor_node_is_served_from_straight_above_as_low_as_it_goes() {
 }
 
 #[test]
-fn who_cannot_climb_stays_at_its_altitude_to_the_bit() {
+fn a_uav_that_cannot_climb_keeps_its_exact_altitude() {
     let places = [[90.0, 100.0], [130.0, 100.0], [95.0, 140.0]];
     let altitude_m = 60.1 + 0.2;
     let cannot = ["altitude = 'free'\nmax_climb_mps = 0.0\naltitude_m = 60.0", "altitude_m = 60.0"];
@@ -88,7 +88,7 @@ fn who_cannot_climb_stays_at_its_altitude_to_the_bit() {
 }
 
 #[test]
-fn a_range_of_one_altitude_is_that_altitude() {
+fn an_altitude_range_of_one_value_equals_a_fixed_altitude() {
     let uav = "altitude = 'free'\naltitude_m = 43.7\nmin_altitude_m = 43.7\nmax_altitude_m = 43.7";
     for solver in SOLVERS {
         let found = plan(&dense_urban("exact", solver, uav), &[[90.0, 100.0], [130.0, 100.0]], 43.7);
@@ -96,10 +96,10 @@ fn a_range_of_one_altitude_is_that_altitude() {
     }
 }
 
-/// The letter's geometry: H = 20 m, d_c = 10 m. In suburban surroundings at θ ≥ 63.4° the chance of line of sight falls
-/// short of 1 by 4.88 e^{−0.43 · 58.5} = 6e-11, and with `α_L` = 2 the expected rate is that of free space over Γ.
+/// The letter's geometry: H = 20 m, d_c = 10 m. In suburban surroundings at θ ≥ 63.4° the probability of line of sight
+/// falls short of 1 by 4.88 e^{−0.43 · 58.5} = 6e-11, and with `α_L` = 2 the expected rate is that of free space over Γ.
 #[test]
-fn at_the_letters_geometry_the_waypoint_is_that_of_free_space() {
+fn the_waypoint_at_the_papers_geometry_equals_that_of_free_space() {
     let places = [[95.0, 100.0], [107.0, 103.0], [99.0, 91.0], [101.0, 105.0]];
     let free_text = "name = 'free'\n[area]\nside_m = 200.0\n[link]\ntx_power_w = 0.1\nnoise_dbm = -109.0\n\
                      [planner]\nsca_iterations = 1000\n";
@@ -123,7 +123,7 @@ fn at_the_letters_geometry_the_waypoint_is_that_of_free_space() {
 }
 
 #[test]
-fn beyond_the_convexity_argument_the_fallback_finds_the_same_and_says_so() {
+fn the_fallback_beyond_convexity_finds_the_same_and_is_reported() {
     let places = [[90.0, 100.0], [130.0, 100.0], [95.0, 140.0]];
     for link in ["los_exponent = 4.5", "los = { b1 = -0.4568, b2 = 0.0470, b3 = -0.63, b4 = 1.63 }"] {
         let link = format!("{link}\ncomm_radius_m = 60.0");
@@ -135,7 +135,7 @@ fn beyond_the_convexity_argument_the_fallback_finds_the_same_and_says_so() {
 }
 
 #[test]
-fn both_solvers_take_part_where_the_argument_holds() {
+fn both_solvers_are_used_where_convexity_holds() {
     let places = [[90.0, 100.0], [130.0, 100.0], [95.0, 140.0]];
     let [ascent, conic] = SOLVERS.map(|solver| plan(&dense_urban("exact", solver, FREE), &places, 60.0));
     assert_eq!((ascent.solver, conic.solver), (SolverOutcome::Solved as u32, SolverOutcome::Solved as u32));
@@ -148,7 +148,7 @@ fn both_solvers_take_part_where_the_argument_holds() {
 }
 
 #[test]
-fn the_baselines_choose_their_ground_by_rule_and_their_altitude_by_expected_rate() {
+fn baselines_choose_position_by_rule_and_altitude_by_expected_rate() {
     // Greedy flight goes to SN 0, the first of equals, and serves the others from there, 50 m away: it climbs for them.
     let scenario = dense_urban("gfs", WaypointSolver::Geometric, FREE);
     let found = plan(&scenario, &[[100.0, 110.0], [100.0, 60.0], [50.0, 110.0], [150.0, 110.0]], 60.0);
@@ -164,7 +164,7 @@ fn the_baselines_choose_their_ground_by_rule_and_their_altitude_by_expected_rate
 }
 
 #[test]
-fn a_set_that_only_the_slack_holds_together_is_served_from_where_it_was_found_and_says_so() {
+fn a_set_feasible_only_with_slack_is_served_where_it_was_found_as_a_fallback() {
     // SNs 0, 1, 2 surround (100, 100): SN 0 is exactly 10 m away, the others 0.9e-9 farther, and SN 3's circle passes
     // there.
     let slack = 1.0 + 0.9e-9;
@@ -187,7 +187,7 @@ fn a_set_that_only_the_slack_holds_together_is_served_from_where_it_was_found_an
 }
 
 #[test]
-fn with_nobody_to_serve_the_altitude_stays() {
+fn the_altitude_is_kept_without_service() {
     for strategy in names() {
         let found = plan(&dense_urban(strategy, WaypointSolver::Geometric, FREE), &[[0.0, 0.0]], 61.3);
         assert_eq!((found.scheduled(), found.z_m), (&[][..], 61.3), "{strategy:?}");
@@ -274,7 +274,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(60 * crate::CASES_FACTOR))]
 
     #[test]
-    fn a_plan_keeps_reach_range_area_and_climb_and_forgets_the_slots_before_if_its_strategy_does(case in cases()) {
+    fn spatial_plans_respect_all_limits_and_keep_no_hidden_state(case in cases()) {
         let mut planner = Planner::new(&case.scenario, &case.sensors).unwrap();
         for (number, (position, altitude_m, queues_bits)) in (1..).zip(&case.slots) {
             let plan = planner.step(number, above(position, *altitude_m), queues_bits);

@@ -14,7 +14,7 @@ use skysink_common::slot_record::UAV;
 use skysink_mission::Mission;
 use skysink_planner::Planner;
 
-/// A mission under way, and what its tests ask of it.
+/// A mission in progress, with the queries of its tests.
 pub struct TestMission {
     pub scenario: Scenario,
     pub nodes: Vec<SensorNode>,

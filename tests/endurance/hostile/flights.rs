@@ -107,7 +107,7 @@ fn impossible_flights_are_refused_by_every_process_and_change_nothing() {
 }
 
 #[test]
-fn a_vehicle_that_sends_nothing_possible_is_named_when_the_run_times_out() {
+fn a_vehicle_with_only_invalid_flights_is_named_when_the_run_times_out() {
     let place = Place::new();
     let (run, mut vehicle) = Vehicle::start(&place.flight("smoke").without_viewer(), SHORT_S);
     for slot in 0..5 {

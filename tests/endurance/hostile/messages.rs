@@ -65,7 +65,7 @@ fn plans_of_distant_slots_are_refused_from_the_first_slot_on() {
 }
 
 #[test]
-fn plans_of_slots_that_have_passed_are_refused() {
+fn plans_of_past_slots_are_refused() {
     let place = Place::new();
     let ended = fly_disturbed(&place, |rogue, turn| {
         let old = (0..turn.slot).rev().filter(|_| turn.slot > 1);
@@ -75,7 +75,7 @@ fn plans_of_slots_that_have_passed_are_refused() {
 }
 
 #[test]
-fn the_first_plan_of_a_slot_counts() {
+fn the_first_plan_of_a_slot_is_used() {
     let place = Place::new();
     let mut last: Option<SlotHeader> = None;
     let ended = fly_disturbed(&place, |rogue, turn| {
@@ -123,7 +123,7 @@ fn a_flood_of_ten_thousand_plans_is_counted_in_full_and_reported_five_times() {
 }
 
 #[test]
-fn restart_counts_flags_and_times_in_headers_change_nothing() {
+fn header_restart_counts_flags_and_times_do_not_change_the_trace() {
     let place = Place::new();
     let (run, mut rogue) = start_with_rogue(&place.flight("smoke"), LONG_S);
     while let Some(turn) = rogue.next() {

@@ -33,7 +33,7 @@ fn path(turn: &Turn, more: usize) -> Vec<PathPoint> {
     path
 }
 
-/// Corrupts a path in the way of this number; 0 leaves it valid.
+/// Corrupts a path by the method of this number; 0 leaves it valid.
 fn spoilt(turn: &Turn, number: u64) -> Vec<PathPoint> {
     let mut path = path(turn, 3);
     match number {
@@ -119,7 +119,7 @@ fn paths_of_another_run_slot_or_writer_are_refused_and_valid_ones_drawn() {
 }
 
 #[test]
-fn a_reader_that_takes_no_paths_does_not_block_the_ring() {
+fn a_blocked_reader_of_paths_does_not_block_the_ring() {
     let place = Place::new();
     let flight = place.flight("smoke").strategy("horizon").set("planner.horizon.iterations", 100);
     let run = flight.without_viewer().external("planner").timeout(SHORT_S).start();

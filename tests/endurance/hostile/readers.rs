@@ -86,7 +86,7 @@ fn a_paced_run_does_not_wait_for_a_blocked_reader() {
 }
 
 #[test]
-fn an_observer_that_takes_nothing_is_not_waited_for() {
+fn a_blocked_observer_is_not_waited_for() {
     let place = Place::new();
     let ended = fly_with_deaf_reader(&place, &["--restart", "never"], |intruder| {
         (intruder.observer::<[FlightReport], SlotHeader>("flight"), intruder.observer::<Commit, SlotHeader>("commit"))

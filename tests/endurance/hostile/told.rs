@@ -12,7 +12,7 @@ use super::rogue::{LONG_S, start_with_rogue};
 use crate::support::{Place, scenarios};
 
 #[test]
-fn the_limits_of_plans_come_with_the_sensor_nodes() {
+fn the_limits_of_plans_are_sent_with_the_sensor_nodes() {
     let place = Place::new();
     let (run, mut rogue) = start_with_rogue(&place.flight("smoke"), LONG_S);
     assert_eq!(rogue.limits, Limits::of(&rogue.scenario));

@@ -15,7 +15,7 @@ fn forged_plan() -> Plan {
 }
 
 #[test]
-fn second_writers_on_every_topic_are_refused_and_change_nothing_up_to_the_last_slot() {
+fn second_writers_are_refused_on_every_topic_and_in_every_slot() {
     let place = Place::new();
     let (run, mut rogue) = start_with_rogue(&place.flight("smoke"), LONG_S);
     let intruder = Intruder::join(&rogue.folder);
@@ -56,7 +56,7 @@ fn second_writers_on_every_topic_are_refused_and_change_nothing_up_to_the_last_s
 }
 
 #[test]
-fn a_second_planner_that_never_stops_writing_does_not_disturb_the_real_one() {
+fn a_flooding_second_planner_does_not_disturb_the_first() {
     let place = Place::new();
     let long = place.flight("long").without_viewer();
     let mut run = long.start();
@@ -103,7 +103,7 @@ fn a_flood_before_the_planner_starts_does_not_stop_it() {
 }
 
 #[test]
-fn killed_processes_recover_while_one_publisher_of_each_topic_is_taken() {
+fn killed_processes_recover_while_one_publisher_slot_of_each_topic_is_occupied() {
     let place = Place::new();
     let long = place.flight("long");
     let (run, mut rogue) = start_with_rogue(&long, LONG_S);
@@ -127,7 +127,7 @@ fn killed_processes_recover_while_one_publisher_of_each_topic_is_taken() {
 }
 
 #[test]
-fn a_process_reports_that_all_publishers_of_its_topic_are_taken() {
+fn a_process_reports_that_all_publisher_slots_of_its_topic_are_occupied() {
     let place = Place::new();
     let run = place.flight("smoke").without_viewer().external("planner").timeout(SHORT_S).start();
     let folder = open_folder(&run);

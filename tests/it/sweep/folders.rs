@@ -22,7 +22,7 @@ fn a_folder_of_another_sweep_is_refused() {
 }
 
 #[test]
-fn a_folder_that_another_process_flies_is_refused_until_that_process_ends() {
+fn a_folder_in_use_is_refused_until_its_process_ends() {
     let place = Place::new();
     write_sweep(&place, 400);
     let first = sweep_until(&place, "out", &[], 3);

@@ -35,7 +35,7 @@ fn forge_build(place: &Place, folder: &str, build: &str) {
 }
 
 #[test]
-fn a_folder_alone_repeats_its_sweep() {
+fn a_sweep_folder_alone_repeats_its_sweep() {
     let place = Place::new();
     write_listed(&place);
     place.run_ok(&["sweep", "listed.toml", "--out", "first"]);
@@ -131,7 +131,7 @@ fn a_sweep_is_extended_by_seeds_and_strategies_and_flies_only_what_is_missing() 
 }
 
 #[test]
-fn an_extension_that_is_interrupted_leaves_no_results_of_the_smaller_sweep() {
+fn an_interrupted_extension_leaves_no_results_of_the_smaller_sweep() {
     let place = Place::new();
     write_sweep(&place, 60);
     place.run_ok(&["sweep", "sweep.toml", "--out", "whole"]);
@@ -144,7 +144,7 @@ fn an_extension_that_is_interrupted_leaves_no_results_of_the_smaller_sweep() {
 }
 
 #[test]
-fn extended_shards_merge_into_the_whole_sweep_and_what_is_merged_can_be_repeated() {
+fn extended_shards_merge_into_the_whole_sweep_which_can_be_repeated() {
     let place = Place::new();
     write_sweep(&place, 5);
     place.run_ok(&["sweep", "sweep.toml", "--out", "whole"]);
@@ -163,7 +163,7 @@ fn extended_shards_merge_into_the_whole_sweep_and_what_is_merged_can_be_repeated
 }
 
 #[test]
-fn a_sweep_names_the_builds_that_flew_its_missions() {
+fn a_sweep_lists_the_builds_of_its_missions() {
     let place = Place::new();
     write_sweep(&place, 2);
     place.run_ok(&["sweep", "sweep.toml", "--out", "sweep"]);

@@ -49,7 +49,7 @@ fn merged_shards_are_the_whole_sweep() {
 }
 
 #[test]
-fn shards_of_other_numbers_are_merged_unless_they_contradict_each_other() {
+fn shards_of_different_counts_are_merged_unless_contradicting() {
     let place = Place::new();
     write_sweep(&place, 2);
     place.run_ok(&["sweep", "sweep.toml", "--out", "whole"]);
@@ -70,7 +70,7 @@ fn shards_of_other_numbers_are_merged_unless_they_contradict_each_other() {
 }
 
 #[test]
-fn any_number_of_shards_divides_any_sweep() {
+fn any_number_of_shards_partitions_any_sweep() {
     let place = Place::new();
     place.scenario("smoke");
     place.write("sweep.toml", "scenario = \"smoke.toml\"\nstrategies = [\"uts\", \"gfs\"]\nseeds = 5\n");
@@ -100,7 +100,7 @@ fn any_number_of_shards_divides_any_sweep() {
 }
 
 #[test]
-fn a_plan_estimates_the_sweep_and_flies_nothing() {
+fn a_plan_estimates_the_sweep_without_flying() {
     let place = Place::new();
     write_sweep(&place, 5);
     let ended = place.run_ok(&["sweep", "sweep.toml", "--plan"]);

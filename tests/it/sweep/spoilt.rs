@@ -43,13 +43,13 @@ fn spoil(bytes: &mut Vec<u8>, state: &mut u64) {
 }
 
 #[test]
-fn a_corrupted_folder_is_refused_or_ends_with_the_same_bytes() {
+fn a_corrupted_folder_is_refused_or_continued_to_the_same_bytes() {
     assert_never_silent(1..=60);
 }
 
 #[test]
 #[ignore = "takes a minute"]
-fn hundreds_of_corrupted_folders_are_refused_or_end_with_the_same_bytes() {
+fn hundreds_of_corrupted_folders_are_refused_or_continued_to_the_same_bytes() {
     assert_never_silent(61..=360);
 }
 
@@ -110,7 +110,7 @@ fn assert_never_silent(seeds: std::ops::RangeInclusive<u64>) {
 }
 
 #[test]
-fn a_pipe_or_an_endless_file_in_a_folder_neither_hangs_nor_fills_the_memory() {
+fn a_pipe_or_an_endless_file_in_a_folder_is_refused_without_hanging() {
     let place = Place::new();
     write_sweep(&place, 1);
     for name in ["sweep.json", "sweep.toml", "scenario.toml", "journal.csv"] {

@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn it_takes_off_only_armed_and_disarms_by_itself() {
+    fn the_autopilot_takes_off_only_armed_and_disarms_itself() {
         let mut copter = Copter::new(&KinematicOptions::default());
         advance(&mut copter, 3.0);
         assert_eq!(copter.obey(Given::TakeOff(20.0)), GivenResult::Failed);
@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn it_holds_its_target_and_returns_when_the_bridge_is_silent() {
+    fn the_autopilot_holds_its_target_and_returns_when_the_bridge_is_silent() {
         let mut copter = in_air();
         copter.obey(Given::Reposition(Vector3::new(30.0, 10.0, 20.0)));
         advance(&mut copter, 60.0);

@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_mission_is_refused() {
+    fn invalid_mission_files_are_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("x.plan");
         for text in ["", "{}", "QGC WPL 110\n0 1 2\n1 2\n"] {

@@ -112,7 +112,7 @@ fn each_viewer_writes_the_next_file_of_one_recording() {
 }
 
 #[test]
-fn the_log_contains_the_start_and_the_first_loss_once() {
+fn the_log_contains_start_and_first_loss_once() {
     let (_folder, first) = place();
     let parts = [0..=2, 3..=5].map(|slots| record(&first, &letter(), "x", plain(slots)).log());
     let [begin, rest] = parts;
@@ -190,7 +190,7 @@ fn funnels_of_an_earlier_file_are_cleared() {
 }
 
 #[test]
-fn a_truncated_file_is_not_changed_and_its_recording_continues() {
+fn a_truncated_file_is_kept_and_its_recording_continued() {
     let (_folder, first) = place();
     write(&first, &letter(), "the recording", plain(0..=2));
     let bytes = fs::read(&first).unwrap();
@@ -226,7 +226,7 @@ fn a_file_without_a_recording_of_this_application_is_not_changed() {
 }
 
 #[test]
-fn a_file_cut_in_a_batch_is_completed_to_the_end_of_the_batch_before() {
+fn a_file_truncated_in_a_batch_is_completed_to_the_previous_batch() {
     let (_folder, first) = place();
     let sinks = Sinks { save: Some(first.clone()), live: Some(0), ..Sinks::default() }; // batches in quick succession
     let mut scene = Scene::open(&sinks, &letter(), &sensors(SENSORS), "x", WallClock::Unmeasured, None).unwrap();
@@ -277,7 +277,7 @@ fn is_name(message: &LogMsg) -> bool {
 }
 
 #[test]
-fn a_recording_of_an_earlier_version_that_names_it_once_keeps_all_its_slots() {
+fn a_recording_of_an_earlier_version_keeps_all_slots() {
     let (_folder, first) = place();
     write(&first, &letter(), "x", plain(0..=60));
     let whole = Found::read(&first);
@@ -306,7 +306,7 @@ fn a_recording_of_an_earlier_version_that_names_it_once_keeps_all_its_slots() {
 }
 
 #[test]
-fn what_a_viewer_killed_at_its_beginning_has_left_is_removed() {
+fn leftovers_of_a_viewer_killed_at_its_start_are_removed() {
     let (folder, first) = place();
     write(&first, &letter(), "x", plain(0..=1));
     let path = |name: &str| folder.path().join(name);
@@ -321,7 +321,7 @@ fn what_a_viewer_killed_at_its_beginning_has_left_is_removed() {
 }
 
 #[test]
-fn an_empty_file_that_was_passed_over_is_completed() {
+fn a_skipped_empty_file_is_completed() {
     let (folder, first) = place();
     fs::write(&first, "").unwrap();
     let dying = fs::File::open(&first).unwrap();
@@ -356,7 +356,7 @@ fn a_live_viewer_continues_a_recording_in_the_next_file() {
 }
 
 #[test]
-fn each_scenario_and_strategy_is_an_application_of_its_own() {
+fn each_scenario_and_strategy_has_its_own_application_id() {
     let (_folder, first) = place();
     let application = |name: &str, strategy: &str| {
         let mut scenario = letter();

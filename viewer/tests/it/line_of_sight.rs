@@ -64,7 +64,7 @@ fn below(root: &str, name: &str) -> String {
 }
 
 #[test]
-fn the_altitude_is_what_was_flown() {
+fn the_altitude_curve_is_the_flown_one() {
     let found = town_until(9);
     let altitudes_m = found.curve(los::ALTITUDE);
     assert_eq!(altitudes_m, (0..=9).map(|slot| (slot, 50.0 + 2.0 * slot as f64)).collect());

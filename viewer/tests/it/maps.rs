@@ -146,7 +146,7 @@ fn the_estimate_is_logged_only_if_queues_are_estimated() {
 }
 
 #[test]
-fn without_the_first_slot_no_estimate_is_drawn() {
+fn no_estimate_is_drawn_without_the_first_slot() {
     let found = record_slots(5..=6, Some(Rates::Learnt), |_| {});
     assert!(found.slots_of(belief::MEAN_ERROR).is_empty());
     assert!(steps(&found, belief::BELIEVED, 5).is_empty());

@@ -91,7 +91,7 @@ fn record_some(missed: std::ops::RangeInclusive<u64>, change: impl Fn(&mut Slot)
 }
 
 #[test]
-fn every_kth_slot_is_drawn_with_the_first_and_the_last() {
+fn every_kth_slot_and_the_first_and_last_are_drawn() {
     let found = record_some(40..=40, |slot| match slot.slot {
         3 => slot.flight.hold = HoldReason::NoPlan as u32,
         10 => slot.flight.y_m = 77.0,
@@ -289,7 +289,7 @@ fn missed_slots_are_marked_and_counted() {
 }
 
 #[test]
-fn states_are_points_of_a_plot_while_a_mission_is_watched() {
+fn states_are_plot_points_in_a_live_view() {
     let states = |live| {
         in_folder(|path| {
             let sinks = Sinks { save: Some(path.to_owned()), live, ..Sinks::default() };

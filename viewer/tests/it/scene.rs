@@ -74,7 +74,7 @@ fn numbers(text: &str) -> Vec<f64> {
 }
 
 #[test]
-fn an_area_wider_than_100_m_is_seen_in_a_larger_unit() {
+fn an_area_wider_than_100_m_is_drawn_in_a_larger_unit() {
     let wide = record_farm("");
     assert!(wide.text(cameras::REDUCED, "Transform3D:scale", None).contains("100.0"));
     assert!(is_arranged(&wide, "/cameras/field"));
@@ -105,7 +105,7 @@ fn the_view_from_above_shows_a_uav_higher_than_the_area_is_long() {
 }
 
 #[test]
-fn an_arrow_as_long_as_a_tenth_of_the_area_points_north() {
+fn a_north_arrow_has_a_tenth_of_the_area_width() {
     for (found, length_m) in [(record_farm(""), 150.0), (record(&letter(), &sensors(SENSORS), 1), 10.0)] {
         assert_eq!(numbers(&found.text(legend::NORTH, "Arrows3D:vectors", None)), [0.0, length_m, 0.0]);
         let east_m = numbers(&found.text(legend::NORTH, "Arrows3D:origins", None))[0];
@@ -199,7 +199,7 @@ fn a_map_shows_sensor_nodes_once_and_where_the_uav_is() {
 }
 
 #[test]
-fn only_a_mission_that_is_watched_tells_its_newest_slot() {
+fn only_a_live_mission_shows_its_newest_slot() {
     let newest = |live: Option<u16>, path: &Path| {
         let sinks = Sinks { save: Some(path.to_owned()), live, ..Sinks::default() };
         let mut scene = Scene::open(&sinks, &letter(), &sensors(SENSORS), "live", WallClock::Unmeasured, None).unwrap();
@@ -217,7 +217,7 @@ fn only_a_mission_that_is_watched_tells_its_newest_slot() {
 }
 
 #[test]
-fn every_uav_has_a_place_a_path_and_a_waypoint_of_its_own() {
+fn every_uav_has_its_own_position_path_and_waypoint() {
     let found = in_folder(|path| {
         let mut scenario = letter();
         scenario.uav.count = Some(2);

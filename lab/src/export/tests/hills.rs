@@ -14,7 +14,7 @@ pub(super) fn hilly_list() -> String {
 }
 
 #[test]
-fn altitudes_above_home_or_sea_level_clear_every_leg_and_those_above_the_ground_are_the_models() {
+fn altitudes_above_home_or_sea_level_clear_every_leg() {
     let steps: Vec<_> = std::iter::repeat_n((27.0, Some(1)), 30).collect();
     let run = run_in("", &hilly_list(), &steps);
     let at = |altitude| mission(&run, &VehicleMissionOptions { altitude, ..forever() });
@@ -44,7 +44,7 @@ fn altitudes_above_home_or_sea_level_clear_every_leg_and_those_above_the_ground_
 }
 
 #[test]
-fn the_ground_between_sensor_nodes_is_within_its_bounds() {
+fn ground_heights_between_sensor_nodes_stay_within_their_bounds() {
     let run = run_in("", &hilly_list(), &[(1.0, None)]);
     let ground = Ground::of(&run.list).unwrap();
     for x in 0..90 {
@@ -64,7 +64,7 @@ fn ground(rows: &str) -> Ground {
 }
 
 #[test]
-fn sensor_nodes_that_stand_together_do_not_hide_the_ground_of_one_another() {
+fn clustered_sensor_nodes_all_contribute_ground_heights() {
     let ground = ground("100,100,400\n103,100,425\n100,100,412\n500,100,410\n");
     for (x_m, truth_m) in [(100.0, 412.0), (103.0, 425.0), (500.0, 410.0)] {
         assert!(ground.highest_m(&Point2::new(x_m, 100.0)) >= truth_m, "at {x_m} m");
@@ -75,7 +75,7 @@ fn sensor_nodes_that_stand_together_do_not_hide_the_ground_of_one_another() {
 
 /// Two groups of ten, 400 m and 700 m high and some 800 m apart: the slope is that between them.
 #[test]
-fn the_slope_between_groups_of_sensor_nodes_is_known() {
+fn slopes_between_groups_of_sensor_nodes_are_interpolated() {
     let group = |x_m: f64, ground_m: f64| -> String {
         (0..10).map(|row| format!("{x_m},{},{ground_m}\n", 100.0 + 10.0 * f64::from(row))).collect()
     };

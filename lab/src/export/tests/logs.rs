@@ -43,7 +43,7 @@ fn with_battery(mut run: RecordedRun) -> RecordedRun {
 
 /// East for 30 m, a hold, and west: half a turn, (0, 0, 1, 0).
 #[test]
-fn poses_transforms_and_the_path_point_where_the_uav_flies() {
+fn poses_transforms_and_the_path_have_the_heading_of_the_flight() {
     let run = run(&[(30.0, None), (0.0, Some(1)), (-10.0, None)]);
     let log = json_messages(&run);
     let path = log["/uav/path"][0]["poses"].as_array().unwrap();
@@ -65,7 +65,7 @@ fn poses_transforms_and_the_path_point_where_the_uav_flies() {
 
 /// The first SN stands at the start, on ground of 200 m; the UAV flies 20 m above.
 #[test]
-fn a_fix_over_hills_is_above_what_the_ground_is_above() {
+fn a_fix_over_hills_adds_the_ground_height() {
     let steps = [(100.0, None), (50.0, None)];
     let hilly = json_messages(&run_in("", &hilly_list(), &steps));
     let altitudes_m: Vec<f64> = hilly["/uav/fix"].iter().map(|fix| fix["altitude"].as_f64().unwrap()).collect();
@@ -76,7 +76,7 @@ fn a_fix_over_hills_is_above_what_the_ground_is_above() {
 }
 
 #[test]
-fn the_battery_is_a_fraction_from_the_start() {
+fn the_battery_state_is_a_fraction_from_the_first_message() {
     let log = json_messages(&with_battery(run(&[(30.0, None), (0.0, Some(1))])));
     let fractions: Vec<f64> =
         log["/uav/battery"].iter().map(|battery| battery["percentage"].as_f64().unwrap()).collect();
@@ -103,7 +103,7 @@ fn the_scene_has_all_sensor_nodes_with_labels_and_all_outlines() {
 /// A `TFMessage` by hand: CDR header, one transform, stamp 1 s, `area` and `uav` with their length and zero, and, from
 /// the next multiple of 8 after the header, seven floats.
 #[test]
-fn messages_of_ros2_are_aligned_as_cdr_demands() {
+fn ros2_messages_have_cdr_alignment() {
     let log = messages(&mcap_ros2::FORMAT, &with_battery(run(&[(30.0, None)])));
     let schemas: Vec<(&str, &str)> = log.iter().map(|(topic, (schema, _))| (&topic[..], &schema[..])).collect();
     let expected = [

@@ -153,7 +153,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_set_is_worth_more_than_the_best_set(
+        fn no_set_exceeds_the_best_set(
             prices in prop::collection::vec(-2.0..5.0, SENSORS * (SENSORS - 1) / 2),
             rewards in prop::collection::vec(-3.0..4.0, SENSORS),
         ) {

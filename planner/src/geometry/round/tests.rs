@@ -49,7 +49,7 @@ fn bound_m(disks: &Disks, round: &DiskRound) -> f64 {
 }
 
 #[test]
-fn a_round_far_from_the_origin_is_as_long_and_ends() {
+fn a_round_far_from_the_origin_has_the_same_length() {
     let centres = |x_m: f64| positions(&[[x_m, 0.0], [x_m + 50.0, 0.0], [x_m + 50.0, 50.0], [x_m, 50.0]]);
     let length_m = |x_m: f64, radius_m: f64| closed(&centres(x_m), radius_m).round(STEPS, &Stop::default()).length_m;
     for radius_m in [10.0, 0.3, 1e-6, 0.0] {
@@ -95,7 +95,7 @@ fn from_a_start_to_one_disk_is_straight() {
 }
 
 #[test]
-fn disks_with_a_common_point_need_no_flight() {
+fn disks_with_a_common_point_have_a_round_of_zero_length() {
     let centres = positions(&[[0.0, 0.0], [8.0, 0.0], [4.0, 7.0], [4.0, 2.0]]);
     for is_closed in [true, false] {
         let disks = Disks { centres: &centres, radius_m: 5.0, start: None, is_closed };
@@ -111,7 +111,7 @@ fn disks_with_a_common_point_need_no_flight() {
 }
 
 #[test]
-fn points_are_disks_of_no_radius() {
+fn points_are_accepted_as_disks_of_zero_radius() {
     let centres = positions(&[[0.0, 0.0], [30.0, 40.0], [30.0, 0.0], [0.0, 40.0], [15.0, 0.0]]);
     let round = closed(&centres, 0.0).round(STEPS, &Stop::default());
     check(&closed(&centres, 0.0), &round);
@@ -138,7 +138,7 @@ fn shortest_m(disks: &Disks) -> f64 {
 }
 
 #[test]
-fn the_shortest_of_all_orders_is_found_and_proven() {
+fn the_shortest_order_is_found_and_proven() {
     for seed in 0..30 {
         let mut random = Streams::new(seed).stream(Purpose::Position, 0, 0);
         let mut coordinate_m = || 100.0 * skysink_common::random::fraction(&mut random);
@@ -156,7 +156,7 @@ fn the_shortest_of_all_orders_is_found_and_proven() {
 }
 
 #[test]
-fn the_same_steps_find_the_same_round_and_more_no_longer_one() {
+fn equal_steps_give_equal_rounds_and_more_steps_no_longer_ones() {
     let mut random = Streams::new(1).stream(Purpose::Position, 0, 0);
     let mut coordinate_m = || 1_000.0 * skysink_common::random::fraction(&mut random);
     let centres: Vec<Position> = (0..100).map(|_| Position::new(coordinate_m(), coordinate_m())).collect();
@@ -186,7 +186,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
 
     #[test]
-    fn every_round_touches_all_and_is_no_shorter_than_its_bound(
+    fn every_round_touches_all_disks_and_respects_its_bound(
         centres in centres(), radius_m in prop_oneof![Just(0.0), Just(5.0), Just(10.0), 0.1..60.0f64],
         has_start in any::<bool>(), is_closed in any::<bool>(),
     ) {

@@ -107,7 +107,7 @@ impl Line {
         all.iter().map(|flights| flights.lost_bits).min().unwrap()
     }
 
-    /// The flights after `slot`, by whom they serve in it: sample, overflow, upload.
+    /// The flights after `slot`, by the SNs served in it: sample, overflow, upload.
     fn advanced(&self, before: &Flights, slot: u64) -> Vec<Flights> {
         let mut flown = before.clone();
         flown.west_m = (before.west_m - self.reach_m).max(0.0);
