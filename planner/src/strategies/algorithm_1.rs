@@ -3,12 +3,10 @@
 //! It maximises `Σ B_i(t−1)` over the set (decision D6), with ties to the lowest index (decision D7). The waypoint is
 //! left to [`crate::waypoint`].
 
-use std::cmp::Reverse;
-
 use skysink_common::geometry::{Position, within};
 
 use crate::mission_table::MissionTable;
-use crate::strategies::nearby::{Spot, may_share, preselect};
+use crate::strategies::nearby::{Nearby, Spot, may_share, sum_bits};
 use crate::strategy::{CIRCLES, Pair, Winner};
 
 /// The anchors and circles that Algorithm 1 considers reachable from `L_u(t−1)`.
@@ -41,8 +39,8 @@ impl Reach {
 /// The search, with its working memory.
 #[derive(Debug, Clone, Default)]
 pub struct Search {
-    /// The SNs that can be in a set of this slot, fullest first: the first n that pass a test are the n fullest.
-    nearby: Vec<Spot>,
+    /// The SNs that can be in a set of this slot.
+    nearby: Nearby,
 }
 
 /// A candidate set: `Ω_opt(i)` of an anchor, without the SNs that its circle adds.
@@ -57,7 +55,7 @@ impl Search {
     /// A search that never allocates for up to `sensors` SNs.
     #[must_use]
     pub fn with_room_for(sensors: usize) -> Self {
-        Self { nearby: Vec::with_capacity(sensors) }
+        Self { nearby: Nearby::with_room_for(sensors) }
     }
 
     /// Algorithm 1: the best set over all anchors that can be reached from `position`, `L_u(t−1)`.
@@ -77,11 +75,16 @@ impl Search {
     ) -> Option<Winner> {
         // Step 1: the anchors. Their partners, and everything within d_c of a circle's centre, are within 2 d_c of one.
         let anchor_radius_m = reach.anchor_radius_m(table);
-        preselect(&mut self.nearby, table, position, anchor_radius_m + 2.0 * table.limits.comm_radius_m, queues_bits);
-        let anchors = self.nearby.iter().filter(|spot| within(&spot.position, position, anchor_radius_m));
-        let mut best = None;
-        // Step 2: for each anchor.
-        for anchor in anchors {
+        let radius_m = anchor_radius_m + 2.0 * table.limits.comm_radius_m;
+        self.nearby.preselect(table, position, radius_m, queues_bits);
+        let most_bits = self.nearby.most_bits(table.limits.blocks() - 1);
+        let is_anchor = |spot: &&Spot| within(&spot.position, position, anchor_radius_m);
+        let mut best: Option<Candidate> = None;
+        // Step 2: for each anchor, fullest first, as long as one could be in a better set.
+        for anchor in self.nearby.spots.iter().filter(is_anchor) {
+            if best.is_some_and(|best| u64::from(anchor.queue_bits) + most_bits < best.sum_bits) {
+                break;
+            }
             // Step 3: its partner.
             let Some(partner) = self.partner(table, anchor) else {
                 Candidate::alone(anchor).replace(&mut best);
@@ -94,7 +97,7 @@ impl Search {
             let circles = circles(&anchor.position, &partner.position, table.limits.comm_radius_m)
                 .map(|centre| reach.admits(table, position, &centre).then_some(centre));
             // Step 5: the circle with the largest queues.
-            let set = self.fullest_circle(table, anchor, partner, circles);
+            let set = self.fullest_circle(table, anchor, partner, circles, &best);
             set.unwrap_or(Candidate::alone(anchor)).replace(&mut best);
         }
         // Output: the best of these sets.
@@ -108,42 +111,66 @@ impl Search {
         let in_range = |spot: &&Spot| {
             spot.id != anchor.id && within(&anchor.position, &spot.position, 2.0 * table.limits.comm_radius_m)
         };
-        self.nearby.iter().find(in_range).filter(|_| table.limits.blocks() > 1)
+        self.nearby.spots.iter().find(in_range).filter(|_| table.limits.blocks() > 1)
     }
 
     /// Upper-bound test: whether the set of `anchor` and `partner` could beat the best so far. A circle has both in
     /// range, so each of the at most n−2 SNs that it adds may share a waypoint with either, and the fullest of those
     /// are counted. Most pairs fail, and need no circles.
     fn could_win(&self, table: &MissionTable, anchor: &Spot, partner: &Spot, best: &Option<Candidate>) -> bool {
-        let mut sum_bits = sum_bits([anchor, partner].into_iter());
-        let mut blocks = table.limits.blocks() as u64 - 2;
-        for spot in self.others(anchor.id, partner.id) {
-            if blocks == 0 || !is_better(best, sum_bits + blocks * u64::from(spot.queue_bits), anchor.id) {
-                break;
-            }
-            if may_share(table, partner, spot) && may_share(table, anchor, spot) {
-                sum_bits += u64::from(spot.queue_bits);
-                blocks -= 1;
-            }
-        }
-        is_better(best, sum_bits, anchor.id)
+        let may_add = |spot: &Spot| may_share(table, partner, spot) && may_share(table, anchor, spot);
+        let wins = |sum_bits| is_better(best, sum_bits, anchor.id);
+        self.fullest_set(table, [anchor, partner], may_add, wins).is_some()
     }
 
-    /// The set of the best of `circles`, the first of equals; `None` where no circle is left.
+    /// The set of the best of `circles`, the first of equals; `None` where no circle is left, or none is better than
+    /// `best`.
     fn fullest_circle(
         &self,
         table: &MissionTable,
         anchor: &Spot,
         partner: &Spot,
         circles: [Option<Position>; CIRCLES],
+        best: &Option<Candidate>,
     ) -> Option<Candidate> {
-        let in_reach = (0..).zip(&circles).filter_map(|(chosen, centre)| Some((chosen, centre.as_ref()?)));
-        let added_bits = |centre| sum_bits(self.in_circle(table, anchor.id, partner.id, centre));
-        let sums = in_reach.map(|(chosen, centre)| (added_bits(centre), chosen));
-        let (added_bits, chosen) = sums.max_by_key(|&(added_bits, chosen)| (added_bits, Reverse(chosen)))?;
-        let pair = Some(Pair { partner: partner.id, circles, chosen });
-        let sum_bits = added_bits + sum_bits([anchor, partner].into_iter());
-        Some(Candidate { sum_bits, winner: Winner { anchor: anchor.id, pair } })
+        let mut fullest: Option<Candidate> = None;
+        for (chosen, centre) in (0..).zip(&circles) {
+            let Some(centre) = centre else { continue };
+            let is_in = |spot: &Spot| within(&spot.position, centre, table.limits.comm_radius_m);
+            let wins = |sum_bits| match &fullest {
+                Some(fullest) => sum_bits > fullest.sum_bits,
+                None => is_better(best, sum_bits, anchor.id),
+            };
+            if let Some(sum_bits) = self.fullest_set(table, [anchor, partner], is_in, wins) {
+                let pair = Some(Pair { partner: partner.id, circles, chosen });
+                fullest = Some(Candidate { sum_bits, winner: Winner { anchor: anchor.id, pair } });
+            }
+        }
+        fullest
+    }
+
+    /// `Σ B_i` [bit] of `pair` and the n−2 largest queues beside it that `may_add` admits, if it `wins`. The search ends
+    /// as soon as an upper bound does not win.
+    #[inline]
+    fn fullest_set(
+        &self,
+        table: &MissionTable,
+        pair: [&Spot; 2],
+        may_add: impl Fn(&Spot) -> bool,
+        wins: impl Fn(u64) -> bool,
+    ) -> Option<u64> {
+        let mut sum_bits = sum_bits(pair);
+        let mut blocks = table.limits.blocks() as u64 - 2;
+        for spot in &self.nearby.spots {
+            if blocks == 0 || !wins(sum_bits + blocks * u64::from(spot.queue_bits)) {
+                break;
+            }
+            if may_add(spot) && pair.iter().all(|member| member.id != spot.id) {
+                sum_bits += u64::from(spot.queue_bits);
+                blocks -= 1;
+            }
+        }
+        wins(sum_bits).then_some(sum_bits)
     }
 
     /// The n−2 largest queues in the circle about `centre` beside those of anchor and partner.
@@ -160,7 +187,7 @@ impl Search {
 
     /// All SNs except anchor and partner, fullest first.
     fn others(&self, anchor: u32, partner: u32) -> impl Iterator<Item = &Spot> {
-        self.nearby.iter().filter(move |spot| spot.id != anchor && spot.id != partner)
+        self.nearby.spots.iter().filter(move |spot| spot.id != anchor && spot.id != partner)
     }
 
     /// Fills `ids` with the winner's set, ascending.
@@ -174,11 +201,6 @@ impl Search {
         }
         ids.sort_unstable();
     }
-}
-
-/// `Σ B_i` [bit].
-fn sum_bits<'a>(spots: impl Iterator<Item = &'a Spot>) -> u64 {
-    spots.map(|spot| u64::from(spot.queue_bits)).sum()
 }
 
 /// Whether a set of `anchor` with `sum_bits` [bit] is better than the best so far: it holds more, or as much and the

@@ -25,7 +25,7 @@ use skysink_common::message::SolverOutcome;
 
 use crate::geometry::disks::{Disk, crossings, project};
 use crate::mission_table::MissionTable;
-use crate::strategies::nearby::{Spot, may_share, preselect};
+use crate::strategies::nearby::{Nearby, Spot, may_share, sum_bits};
 use crate::strategies::serving::Serving;
 use crate::strategy::{Decision, Registered, rule};
 use crate::waypoint::problem::Waypoint;
@@ -52,8 +52,8 @@ pub const STRATEGY: Registered =
 /// The search, with its working memory.
 #[derive(Debug, Clone)]
 pub struct ExactSearch {
-    /// The SNs that can be served from within reach, fullest first: the first n that pass a test are the n fullest.
-    nearby: Vec<Spot>,
+    /// The SNs that can be served from within reach, fullest first.
+    nearby: Nearby,
     /// Those of `nearby`, in the same order, that one waypoint may serve together with the SN under consideration.
     around: Vec<Spot>,
     /// The best set so far; at first the empty set, which any other beats.
@@ -80,7 +80,7 @@ impl ExactSearch {
         let sensors = table.sensors.positions.len();
         let empty = || Schedule { sum_bits: 0, ids: Vec::with_capacity(table.limits.blocks()) };
         Self {
-            nearby: Vec::with_capacity(sensors),
+            nearby: Nearby::with_room_for(sensors),
             around: Vec::with_capacity(sensors),
             best: empty(),
             centre: None,
@@ -99,12 +99,17 @@ impl ExactSearch {
         queues_bits: &[u32],
         ids: &mut Vec<u32>,
     ) -> Option<Position> {
-        preselect(&mut self.nearby, table, position, table.limits.reach_m + table.limits.comm_radius_m, queues_bits);
+        let radius_m = table.limits.reach_m + table.limits.comm_radius_m;
+        self.nearby.preselect(table, position, radius_m, queues_bits);
+        let most_bits = self.nearby.most_bits(table.limits.blocks() - 1);
         self.best.fill([].iter());
         self.centre = None;
-        for index in 0..self.nearby.len() {
-            let i = self.nearby[index];
-            if self.trial.could_beat(&self.best, table, [&i], &self.nearby) {
+        for index in 0..self.nearby.spots.len() {
+            let i = self.nearby.spots[index];
+            if u64::from(i.queue_bits) + most_bits < self.best.sum_bits {
+                break; // and so do all others, which are less full
+            }
+            if self.trial.could_beat(&self.best, table, [&i], &self.nearby.spots) {
                 self.search_around(table, position, &i);
             }
         }
@@ -117,7 +122,7 @@ impl ExactSearch {
     /// the UAV.
     fn search_around(&mut self, table: &MissionTable, position: &Position, i: &Spot) {
         self.around.clear();
-        self.around.extend(self.nearby.iter().filter(|other| may_share(table, i, other)));
+        self.around.extend(self.nearby.spots.iter().filter(|other| may_share(table, i, other)));
         let reach = Disk { centre: *position, radius_m: table.limits.reach_m };
         let disk = Disk { centre: i.position, radius_m: table.limits.comm_radius_m };
         if let Some(centre) = project(position, &[reach, disk]) {
@@ -127,8 +132,12 @@ impl ExactSearch {
             return;
         }
         let own = self.around.iter().position(|spot| spot.id == i.id).expect("an SN is where it is itself");
+        let most_bits = u64::from(i.queue_bits) + sum_bits(self.around.iter().take(table.limits.blocks() - 2));
         for index in own + 1..self.around.len() {
             let k = self.around[index];
+            if u64::from(k.queue_bits) + most_bits < self.best.sum_bits {
+                break;
+            }
             if !self.trial.could_beat(&self.best, table, [i, &k], &self.around) {
                 continue;
             }
