@@ -1,7 +1,7 @@
 //! What the files must hold, and what is refused.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::chart::{Chart, CurvePoint, Scale, Series};
 use super::map::{MapSensor, MapSheet, TrajectoryMap};
@@ -58,7 +58,7 @@ fn sheet() -> MapSheet {
 }
 
 /// Draws into a folder of its own and returns SVG and PNG.
-fn files(draw: impl Fn(&Path) -> Result<(), LabError>) -> (String, Vec<u8>) {
+fn files(draw: impl Fn(&Path) -> Result<Vec<PathBuf>, LabError>) -> (String, Vec<u8>) {
     let folder = tempfile::tempdir().unwrap();
     draw(&folder.path().join("fig.2a")).unwrap();
     let read = |name| fs::read(folder.path().join(name)).unwrap();
