@@ -217,7 +217,12 @@ mod tests {
         let start = Instant::now();
         let mut watch = PlanWatch::new(SLOT, LIMIT, 1_000, start);
         let flight = Some(LateMessage::Flight(Duration::from_millis(700)));
-        let mut slot = |ms: u64, held_for| watch.count(held_for, start + Duration::from_millis(ms));
+        let mut slot = |ms: u64, held_for| {
+            for ms in (ms.saturating_sub(400)..=ms).step_by(100) {
+                let _ = watch.poll(Some(ms), Some(ms), start + Duration::from_millis(ms));
+            }
+            watch.count(held_for, start + Duration::from_millis(ms))
+        };
         assert!(slot(0, Some(LateMessage::Plan)).is_none() && slot(500, flight).is_none());
         let late = slot(1_000, flight).unwrap();
         assert_eq!((late.from, late.event, late.is_hung), (Role::FlightSim, ProcessEvent::Overdue(700), false));
