@@ -435,3 +435,44 @@ def plot_example():
     """The example of the page on figures."""
     sweep("letter")
     return plot("plot", OUT / "sweeps/letter", "--x", SIDE, "--where", "link.bandwidth_hz=5e3", "--width", "88mm")
+
+
+# Timings
+
+
+def bench(part):
+    """The table of a part of `skysink bench`, with version, machine and command below."""
+    machine, measured = run("skysink", "bench", "--only", part).split("┘", 1)
+    cpu = next(line.strip("│ ").removeprefix("cpu").strip() for line in machine.splitlines() if "│ cpu " in line)
+    command = f"`reproduce/run bench-{part}`"
+    return f"```\n{measured.strip()}\n```\n\n*{version()}, {cpu}, {os.cpu_count()} cores: {command}*"
+
+
+@entry("bench-planner", 1, is_timing=True)
+def bench_planner():
+    """The time of a plan."""
+    return bench("planner")
+
+
+@entry("bench-field", 1, is_timing=True)
+def bench_field():
+    """The time of a slot of the field."""
+    return bench("field")
+
+
+@entry("bench-mission", 1, is_timing=True)
+def bench_mission():
+    """The slots per second of missions in one process."""
+    return bench("mission")
+
+
+@entry("bench-ring", 5, is_timing=True)
+def bench_ring():
+    """The time of a round trip of the ring."""
+    return bench("ring")
+
+
+@entry("bench-fleet", 2, is_timing=True)
+def bench_fleet():
+    """The time of the plans and the ring of several UAVs."""
+    return bench("fleet")
