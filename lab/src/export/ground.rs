@@ -24,7 +24,7 @@ const STEP_M: f64 = 5.0;
 
 /// The altitude of the ground at the sensor nodes, and its bounds between them for a ground that is nowhere steeper
 /// than a slope:
-/// `min_i (g_i + s d_i)` and `max_i (g_i − s d_i)` at distances `d_i` from ground `g_i`. The slope s is [`STEEPER`]
+/// `min_i (g_i + s d_i)` and `max_i (g_i − s d_i)` at distances `d_i` from ground `g_i`. The slope s is `STEEPER`
 /// times the steepest between two sensor nodes.
 #[derive(Debug)]
 pub struct Ground {

@@ -113,7 +113,7 @@ pub fn merge(track: &GeodeticTrack<'_>) -> Vec<VehicleStop> {
     stops
 }
 
-/// A speed [m/s] in whole millimetres per second, at least [`LOWEST_MPS`].
+/// A speed [m/s] in whole millimetres per second, at least `LOWEST_MPS`.
 #[must_use]
 pub fn rounded(speed_mps: f64) -> f64 {
     ((speed_mps * 1e3).round() / 1e3).max(LOWEST_MPS)
