@@ -165,9 +165,7 @@ impl Flight {
         } else if !self.vehicle.is_down() {
             self.vehicle.move_to(report.waypoint());
         }
-        if report.expected_bits != 0 {
-            self.vehicle.correct_energy(f64::from_bits(report.expected_bits));
-        }
+        self.vehicle.correct_energy(f64::from_bits(report.expected_bits));
         let mut repeated = self.report(mode);
         let known = report.scheduled().iter().filter(|&&sensor| (sensor as usize) < self.positions.len());
         for (link, &sensor) in repeated.links.iter_mut().zip(known) {
@@ -295,6 +293,17 @@ mod tests {
         assert!((repeated.links[0].distance_m - 63.0).abs() < 0.01, "from where the UAV was: {repeated:?}");
         let next = flight.step(2, Some(&plan(&[0])));
         assert_eq!((next.mode, next.x_m), (Mode::Hold as u32, -3.0), "53 m are beyond the reach of a slot");
+    }
+
+    #[test]
+    fn a_repeated_flight_has_the_reported_energy_even_if_it_is_zero() {
+        for (battery, expected_j) in [("[uav.battery]\ncapacity_j = 1e5\n", 0.0), ("", f64::INFINITY)] {
+            let text = format!("name = 'a'\n{battery}");
+            let scenario = Scenario::parse(&text, std::path::Path::new("a"), Overrides::default()).unwrap();
+            let mut flight = Flight::new(&scenario, &[]);
+            let report = Plan { expected_bits: 0.0_f64.to_bits(), ..plan(&[]) };
+            assert_eq!(flight.repeat(1, &report).energy_j, expected_j);
+        }
     }
 
     #[test]

@@ -188,8 +188,7 @@ impl RecordedSlot {
     /// The recorded flight in the form of a plan, as [`Flight::repeat`] takes it, with the energy that was reported.
     #[must_use]
     pub fn report(&self) -> Plan {
-        let expected_bits = if self.energy_j.is_finite() { self.energy_j.to_bits() } else { 0 };
-        Plan { expected_bits, ..self.flown() }
+        Plan { expected_bits: self.energy_j.to_bits(), ..self.flown() }
     }
 
     fn flown(&self) -> Plan {
