@@ -1,5 +1,6 @@
 //! What the autopilot of the vehicle does with orders: as ArduCopter, with its traps.
 
+use mavlink::dialects::common::MavResult;
 use nalgebra::Vector3;
 use rand_chacha::ChaCha8Rng;
 
@@ -45,18 +46,6 @@ pub enum Given {
     Reposition(Vector3<f64>),
     /// Return and land.
     Return,
-}
-
-/// How it answers an order, by MAVLink's numbers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u8)]
-pub enum GivenResult {
-    /// It does it.
-    Accepted = 0,
-    /// It does not.
-    Denied = 2,
-    /// It cannot.
-    Failed = 4,
 }
 
 /// The vehicle.
@@ -123,55 +112,55 @@ impl Copter {
     }
 
     /// Does what it is told, or refuses.
-    pub fn obey(&mut self, given: Given) -> GivenResult {
+    pub fn obey(&mut self, given: Given) -> MavResult {
         let is_guided = self.mode == CopterMode::Guided;
         match given {
             Given::Mode(4) => self.change_to(CopterMode::Guided),
             Given::Mode(0) => self.change_to(CopterMode::Stabilize),
             Given::Mode(6) | Given::Return => self.change_to(CopterMode::Return),
-            Given::Mode(_) => GivenResult::Failed,
+            Given::Mode(_) => MavResult::MAV_RESULT_FAILED,
             Given::Arm => self.arm(),
             Given::TakeOff(z_m) if is_guided && self.is_armed && !self.is_in_air() => {
                 self.target_m = Some(Vector3::new(self.body.position_m.x, self.body.position_m.y, z_m));
                 self.took_off_s.get_or_insert(self.boot_s);
-                GivenResult::Accepted
+                MavResult::MAV_RESULT_ACCEPTED
             }
-            Given::TakeOff(_) => GivenResult::Failed,
+            Given::TakeOff(_) => MavResult::MAV_RESULT_FAILED,
             Given::Speed(speed_mps) => {
                 self.speed_mps = speed_mps;
-                GivenResult::Accepted
+                MavResult::MAV_RESULT_ACCEPTED
             }
             Given::Reposition(target_m) if is_guided => {
                 if self.is_in_air() {
                     self.target_m = Some(target_m);
                 } // on the ground it is accepted, without effect
-                GivenResult::Accepted
+                MavResult::MAV_RESULT_ACCEPTED
             }
-            Given::Reposition(_) => GivenResult::Denied,
+            Given::Reposition(_) => MavResult::MAV_RESULT_DENIED,
         }
     }
 
-    fn change_to(&mut self, mode: CopterMode) -> GivenResult {
+    fn change_to(&mut self, mode: CopterMode) -> MavResult {
         self.mode = mode;
         if let Some(target_m) = &mut self.target_m {
             *target_m = self.body.position_m; // stops where it is
             target_m.z = target_m.z.max(if mode == CopterMode::Return { RETURN_M } else { 0.0 });
         }
-        GivenResult::Accepted
+        MavResult::MAV_RESULT_ACCEPTED
     }
 
-    fn arm(&mut self) -> GivenResult {
+    fn arm(&mut self) -> MavResult {
         if self.is_armed {
-            return GivenResult::Accepted;
+            return MavResult::MAV_RESULT_ACCEPTED;
         }
         if self.boot_s < READY_S || self.refusals_left > 0 {
             self.refusals_left = self.refusals_left.saturating_sub(u32::from(self.boot_s >= READY_S));
             self.said.push("Arm: Need Position Estimate");
-            return GivenResult::Failed;
+            return MavResult::MAV_RESULT_FAILED;
         }
         self.is_armed = true;
         self.armed_s = self.boot_s;
-        GivenResult::Accepted
+        MavResult::MAV_RESULT_ACCEPTED
     }
 
     /// Advances by `dt_s` [s].
@@ -242,12 +231,12 @@ mod tests {
 
     fn in_air() -> Copter {
         let mut copter = Copter::new(&KinematicOptions { refuse_arming: 2, ..KinematicOptions::default() });
-        assert_eq!(copter.obey(Given::Arm), GivenResult::Failed, "too early");
+        assert_eq!(copter.obey(Given::Arm), MavResult::MAV_RESULT_FAILED, "too early");
         advance(&mut copter, 3.0);
         let results = [Given::Mode(4), Given::Arm, Given::Arm, Given::Arm].map(|given| copter.obey(given));
-        use GivenResult::{Accepted, Failed};
-        assert_eq!(results, [Accepted, Failed, Failed, Accepted]);
-        assert_eq!(copter.obey(Given::TakeOff(20.0)), Accepted);
+        use MavResult::{MAV_RESULT_ACCEPTED, MAV_RESULT_FAILED};
+        assert_eq!(results, [MAV_RESULT_ACCEPTED, MAV_RESULT_FAILED, MAV_RESULT_FAILED, MAV_RESULT_ACCEPTED]);
+        assert_eq!(copter.obey(Given::TakeOff(20.0)), MAV_RESULT_ACCEPTED);
         advance(&mut copter, 12.0);
         assert!((copter.body.position_m.z - 20.0).abs() < 0.1, "{copter:?}");
         copter
@@ -257,10 +246,10 @@ mod tests {
     fn the_autopilot_takes_off_only_armed_and_disarms_itself() {
         let mut copter = Copter::new(&KinematicOptions::default());
         advance(&mut copter, 3.0);
-        assert_eq!(copter.obey(Given::TakeOff(20.0)), GivenResult::Failed);
+        assert_eq!(copter.obey(Given::TakeOff(20.0)), MavResult::MAV_RESULT_FAILED);
         copter.obey(Given::Mode(4));
         copter.obey(Given::Arm);
-        assert_eq!(copter.obey(Given::Reposition(Vector3::new(5.0, 0.0, 20.0))), GivenResult::Accepted);
+        assert_eq!(copter.obey(Given::Reposition(Vector3::new(5.0, 0.0, 20.0))), MavResult::MAV_RESULT_ACCEPTED);
         advance(&mut copter, 9.0);
         assert!(copter.is_armed && !copter.is_in_air(), "a reposition on the ground has no effect");
         advance(&mut copter, 2.0);
@@ -279,7 +268,7 @@ mod tests {
         advance(&mut copter, 0.3);
         assert_eq!(
             (copter.mode, copter.obey(Given::Reposition(Vector3::zeros()))),
-            (CopterMode::Return, GivenResult::Denied)
+            (CopterMode::Return, MavResult::MAV_RESULT_DENIED)
         );
         advance(&mut copter, 60.0);
         assert!(!copter.is_armed && copter.body.position_m.norm() < 0.6, "{copter:?}");

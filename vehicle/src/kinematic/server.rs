@@ -17,7 +17,7 @@ use skysink_common::geometry::Position;
 use skysink_common::stop::Stop;
 
 use super::KinematicOptions;
-use super::autopilot::{Copter, Given, GivenResult};
+use super::autopilot::{Copter, Given};
 use super::body::normal;
 use crate::wire::Wire;
 
@@ -39,6 +39,19 @@ const DEFAULT_S: f64 = 0.25;
 /// System of a ground station.
 const BRIDGE: u32 = 255;
 
+/// The connection of the vehicles, on which messages get lost, and what is at random.
+struct Air<'a> {
+    wire: Wire,
+    random: ChaCha8Rng,
+    options: &'a KinematicOptions,
+}
+
+impl Air<'_> {
+    fn loses(&mut self) -> bool {
+        self.random.random::<f64>() < self.options.loss
+    }
+}
+
 /// A vehicle on the connection.
 struct Served {
     copter: Copter,
@@ -54,25 +67,25 @@ struct Served {
 /// # Errors
 /// If the connection cannot be opened.
 pub fn serve(options: &KinematicOptions, stop: &Stop, mut seen: impl FnMut(usize, &Copter)) -> io::Result<()> {
-    let wire = Wire::open(&options.connect)?;
-    let mut random = ChaCha8Rng::seed_from_u64(options.seed);
+    let random = ChaCha8Rng::seed_from_u64(options.seed);
+    let mut air = Air { wire: Wire::open(&options.connect)?, random, options };
     let [lat_deg, lon_deg] = options.home;
     let first = Projection::at(Origin { lat_deg, lon_deg });
     let mut vehicles: Vec<Served> = (1..=options.count).map(|system| Served::new(options, system, &first)).collect();
     let begin = Instant::now();
     let mut steps: u64 = 0;
     while stop.requested().is_none() {
-        while let Some((header, message)) = wire.receive() {
-            if random.random::<f64>() >= options.loss {
-                vehicles.iter_mut().for_each(|vehicle| vehicle.hear(&header, &message, &wire, options, &mut random));
+        while let Some((header, message)) = air.wire.receive() {
+            if !air.loses() {
+                vehicles.iter_mut().for_each(|vehicle| vehicle.hear(&header, &message, &mut air));
             }
         }
         let now = (begin.elapsed().as_secs_f64() * options.speed_factor / STEP_S) as u64;
         while steps < now {
             steps += 1;
             for vehicle in &mut vehicles {
-                vehicle.copter.step(STEP_S, &mut random);
-                vehicle.speak(&wire, options, &mut random);
+                vehicle.copter.step(STEP_S, &mut air.random);
+                vehicle.speak(&mut air);
             }
         }
         vehicles.iter().enumerate().for_each(|(index, vehicle)| seen(index, &vehicle.copter));
@@ -95,47 +108,40 @@ impl Served {
         }
     }
 
-    fn send(&self, message: &MavMessage, wire: &Wire, options: &KinematicOptions, random: &mut ChaCha8Rng) {
-        if random.random::<f64>() >= options.loss {
-            wire.send(&MavHeader { system_id: self.system.into(), component_id: 1, sequence: 0 }, message);
+    fn send(&self, message: &MavMessage, air: &mut Air) {
+        if !air.loses() {
+            air.wire.send(&MavHeader { system_id: self.system.into(), component_id: 1, sequence: 0 }, message);
         }
     }
 
     /// Takes in a message, if it is for this vehicle.
-    fn hear(
-        &mut self,
-        header: &MavHeader,
-        message: &MavMessage,
-        wire: &Wire,
-        options: &KinematicOptions,
-        random: &mut ChaCha8Rng,
-    ) {
+    fn hear(&mut self, header: &MavHeader, message: &MavMessage, air: &mut Air) {
         let is_mine = |target: u8| target == 0 || target == self.system;
         match message {
             MavMessage::HEARTBEAT(_) if header.system_id == BRIDGE => self.copter.hear_bridge(),
             MavMessage::COMMAND_LONG(command) if is_mine(command.target_system) => {
                 let [p1, p2, p7] = [command.param1, command.param2, command.param7].map(f64::from);
                 let result = self.obey_long(command.command, p1, p2, p7);
-                self.answer(command.command, result, wire, options, random);
+                self.answer(command.command, result, air);
             }
             MavMessage::COMMAND_INT(command) if is_mine(command.target_system) => {
                 let result = match command.command {
                     MavCmd::MAV_CMD_DO_REPOSITION => self.reposition(command.x, command.y, command.z, command.frame),
                     _ => MavResult::MAV_RESULT_UNSUPPORTED,
                 };
-                self.answer(command.command, result, wire, options, random);
+                self.answer(command.command, result, air);
             }
             MavMessage::PARAM_REQUEST_READ(request)
                 if is_mine(request.target_system) && request.param_id.to_str() == Ok("FS_GCS_ENABLE") =>
             {
                 let value = MavMessage::PARAM_VALUE(PARAM_VALUE_DATA {
-                    param_value: f32::from(options.dead_man),
+                    param_value: f32::from(air.options.dead_man),
                     param_count: 1,
                     param_index: 0,
                     param_id: request.param_id,
                     param_type: MavParamType::MAV_PARAM_TYPE_INT8,
                 });
-                self.send(&value, wire, options, random);
+                self.send(&value, air);
             }
             _ => {}
         }
@@ -156,7 +162,7 @@ impl Served {
             }
             _ => return MavResult::MAV_RESULT_UNSUPPORTED, // also a reposition
         };
-        result(self.copter.obey(given))
+        self.copter.obey(given)
     }
 
     fn reposition(&mut self, x: i32, y: i32, z: f32, frame: MavFrame) -> MavResult {
@@ -167,47 +173,38 @@ impl Served {
         };
         let [lat_deg, lon_deg] = [x, y].map(|e7| f64::from(e7) / 1e7);
         match self.projection.project(lat_deg, lon_deg) {
-            Some(place) if (x, y) != (0, 0) => {
-                result(self.copter.obey(Given::Reposition(Vector3::new(place.x, place.y, z_m))))
-            }
+            Some(place) if (x, y) != (0, 0) => self.copter.obey(Given::Reposition(Vector3::new(place.x, place.y, z_m))),
             _ => MavResult::MAV_RESULT_DENIED,
         }
     }
 
-    fn answer(
-        &self,
-        command: MavCmd,
-        result: MavResult,
-        wire: &Wire,
-        options: &KinematicOptions,
-        random: &mut ChaCha8Rng,
-    ) {
-        self.send(&MavMessage::COMMAND_ACK(COMMAND_ACK_DATA { command, result }), wire, options, random);
+    fn answer(&self, command: MavCmd, result: MavResult, air: &mut Air) {
+        self.send(&MavMessage::COMMAND_ACK(COMMAND_ACK_DATA { command, result }), air);
     }
 
     /// Sends what is due.
-    fn speak(&mut self, wire: &Wire, options: &KinematicOptions, random: &mut ChaCha8Rng) {
+    fn speak(&mut self, air: &mut Air) {
         let now_s = self.copter.boot_s;
         for line in self.copter.take_said() {
             let severity = MavSeverity::MAV_SEVERITY_CRITICAL;
-            self.send(&MavMessage::STATUSTEXT(STATUSTEXT_DATA { severity, text: line.into() }), wire, options, random);
+            self.send(&MavMessage::STATUSTEXT(STATUSTEXT_DATA { severity, text: line.into() }), air);
         }
         if now_s >= self.position_due_s {
             self.position_due_s = now_s + self.position_every_s;
-            let position = self.position(options, random);
-            self.send(&position, wire, options, random);
+            let position = self.position(air);
+            self.send(&position, air);
         }
         if now_s >= self.slow_due_s {
             self.slow_due_s = now_s + SLOW_S;
             for message in [self.heartbeat(), self.battery(), self.landed_state()] {
-                self.send(&message, wire, options, random);
+                self.send(&message, air);
             }
         }
     }
 
-    fn position(&self, options: &KinematicOptions, random: &mut ChaCha8Rng) -> MavMessage {
+    fn position(&self, air: &mut Air) -> MavMessage {
         let body = &self.copter.body;
-        let noise_m = [0; 3].map(|_| options.noise * normal(random));
+        let noise_m = [0; 3].map(|_| air.options.noise * normal(&mut air.random));
         let at_m = body.position_m + Vector3::from(noise_m);
         let place = self.projection.unproject(&at_m.xy().into()).expect("near its home");
         let cm = |mps: f64| (mps * 100.0).round() as i16;
@@ -251,13 +248,5 @@ impl Served {
             MavLandedState::MAV_LANDED_STATE_ON_GROUND
         };
         MavMessage::EXTENDED_SYS_STATE(EXTENDED_SYS_STATE_DATA { landed_state, ..EXTENDED_SYS_STATE_DATA::default() })
-    }
-}
-
-fn result(given: GivenResult) -> MavResult {
-    match given {
-        GivenResult::Accepted => MavResult::MAV_RESULT_ACCEPTED,
-        GivenResult::Denied => MavResult::MAV_RESULT_DENIED,
-        GivenResult::Failed => MavResult::MAV_RESULT_FAILED,
     }
 }
