@@ -147,6 +147,42 @@ mod tests {
     use proptest::prelude::*;
     use skysink_common::scenario::Overrides;
 
+    fn fleet(keys: &str) -> Fleet {
+        let text =
+            format!("name = 'x'\nslots = 100\nslot_s = 2.0\n[uav]\ncount = 2\nstarts_m = [[50, 50], [60, 50]]\n{keys}");
+        Fleet::new(&Scenario::parse(&text, std::path::Path::new("x.toml"), Overrides::default()).unwrap(), &[])
+    }
+
+    #[test]
+    fn a_repeated_slot_has_the_time_of_the_slot() {
+        let mut fleet = fleet("");
+        let plan = Plan::fly_to([55.0, 50.0, 20.0], Mode::Fly);
+        let mut reports = fleet.start();
+        fleet.repeat(3, |_| Some(&plan), &mut reports);
+        assert!(reports.iter().all(|report| report.time_s == 6.0 && report.x_m == 55.0), "{reports:?}");
+    }
+
+    #[test]
+    fn each_uav_has_its_own_position_errors() {
+        let mut fleet = fleet("position_error_m = 1.0\n");
+        let plan = Plan::fly_to([55.0, 50.0, 20.0], Mode::Fly);
+        let mut reports = fleet.start();
+        fleet.step(1, |_| Some(&plan), &mut reports);
+        assert_ne!(reports[0].position(), reports[1].position());
+    }
+
+    #[test]
+    fn after_its_own_endurance_a_uav_refuses_every_plan_but_charging() {
+        let mut fleet = fleet("must_land = true\nendurances_s = [2.0, 4.0]\n[base]\nposition_m = [10, 10]\n");
+        let refused = |fleet: &mut Fleet, mode| {
+            let plan = Plan::fly_to([50.0, 50.0, 20.0], mode);
+            let mut reports = fleet.start();
+            fleet.step(2, |_| Some(&plan), &mut reports);
+            reports[0].refused
+        };
+        assert_eq!([Mode::Fly, Mode::Charge].map(|mode| refused(&mut fleet, mode)), [1, 0]);
+    }
+
     proptest! {
         #[test]
         fn refusals_before_the_flight_match_those_in_flight(

@@ -1,7 +1,7 @@
 //! Folders of results: a command knows the files that it writes into its folder, locks the folder while it does, and
 //! replaces or sets aside earlier results. It touches no other file.
 
-use std::fs::{self, File, TryLockError};
+use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io;
 use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
@@ -115,13 +115,10 @@ impl FolderLayout {
     /// # Errors
     /// If the lock file cannot be opened, or is a link.
     pub fn lock(&'static self, path: &Path) -> Result<Option<OutputFolder>, MissionError> {
-        let lock_path = path.join(self.lock);
-        let mut open = File::options();
-        open.read(true).append(true).create(true);
-        let lock = open.custom_flags(rustix::fs::OFlags::NOFOLLOW.bits().cast_signed()).open(&lock_path);
-        let lock = lock.at(&lock_path)?;
-        let locked = lock.try_lock();
-        OutputFolder { layout: self, path: path.to_owned(), lock }.when(locked)
+        let mut options = File::options();
+        options.read(true).append(true).create(true);
+        options.custom_flags(rustix::fs::OFlags::NOFOLLOW.bits().cast_signed());
+        self.lock_by(File::try_lock, path, &options)
     }
 
     /// Locks the folder `path` for reading, like [`FolderLayout::lock`]. The lock file must exist.
@@ -129,10 +126,22 @@ impl FolderLayout {
     /// # Errors
     /// If the lock file cannot be opened.
     pub fn lock_shared(&'static self, path: &Path) -> Result<Option<OutputFolder>, MissionError> {
+        self.lock_by(File::try_lock_shared, path, File::options().read(true))
+    }
+
+    fn lock_by(
+        &'static self,
+        lock: fn(&File) -> Result<(), TryLockError>,
+        path: &Path,
+        options: &OpenOptions,
+    ) -> Result<Option<OutputFolder>, MissionError> {
         let lock_path = path.join(self.lock);
-        let lock = File::open(&lock_path).at(&lock_path)?;
-        let locked = lock.try_lock_shared();
-        OutputFolder { layout: self, path: path.to_owned(), lock }.when(locked)
+        let file = options.open(&lock_path).at(&lock_path)?;
+        match lock(&file) {
+            Ok(()) => Ok(Some(OutputFolder { layout: self, path: path.to_owned(), lock: file })),
+            Err(TryLockError::WouldBlock) => Ok(None),
+            Err(TryLockError::Error(error)) => Err(error).at(&lock_path),
+        }
     }
 }
 
@@ -146,15 +155,6 @@ pub struct OutputFolder {
 }
 
 impl OutputFolder {
-    /// The folder, if it is locked.
-    fn when(self, locked: Result<(), TryLockError>) -> Result<Option<Self>, MissionError> {
-        match locked {
-            Ok(()) => Ok(Some(self)),
-            Err(TryLockError::WouldBlock) => Ok(None),
-            Err(TryLockError::Error(error)) => Err(error).at(&self.path.join(self.layout.lock)),
-        }
-    }
-
     /// The folder.
     #[must_use]
     pub fn path(&self) -> &Path {

@@ -8,19 +8,19 @@ use super::verdict::LossFree;
 /// The warnings for these figures, one line each.
 #[must_use]
 pub fn of(figures: &Figures) -> Vec<String> {
-    let rules = [
+    let rules: [fn(&Figures) -> Option<String>; 12] = [
         in_transit,
         slow_link,
         overloaded,
         unreachable,
         hidden,
-        beyond_return,
-        missed_base,
-        stranded,
+        |figures| figures.energy.as_ref()?.warning(),
+        |figures| figures.energy.as_ref()?.landing_warning(),
+        |figures| figures.energy.as_ref()?.stranded_warning(),
         unserved,
         told_otherwise,
         told_steadier,
-        unflyable,
+        |figures| figures.motion.warning(),
     ];
     rules.into_iter().filter_map(|rule| rule(figures)).collect()
 }
@@ -82,21 +82,6 @@ fn hidden(figures: &Figures) -> Option<String> {
     ))
 }
 
-/// Some SNs are too far from the base.
-fn beyond_return(figures: &Figures) -> Option<String> {
-    figures.energy.as_ref()?.warning()
-}
-
-/// The UAV may miss the base.
-fn missed_base(figures: &Figures) -> Option<String> {
-    figures.energy.as_ref()?.landing_warning()
-}
-
-/// A UAV may not come home from its start.
-fn stranded(figures: &Figures) -> Option<String> {
-    figures.energy.as_ref()?.stranded_warning()
-}
-
 /// No strategy can lose anything.
 fn unserved(figures: &Figures) -> Option<String> {
     let advice = match figures.fill_slots {
@@ -143,9 +128,4 @@ fn told_steadier(figures: &Figures) -> Option<String> {
             scaled(told_bits, "bit")
         )
     })
-}
-
-/// No copter accelerates as the slots demand.
-fn unflyable(figures: &Figures) -> Option<String> {
-    figures.motion.warning()
 }

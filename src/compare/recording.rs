@@ -8,30 +8,14 @@ use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_lab::metrics::Metric;
 use skysink_lab::sweep::manifest::RECORDING;
-use skysink_mission::drive::Observer;
 use skysink_mission::error::FileContext as _;
 use skysink_mission::files::UNFINISHED;
-use skysink_mission::{Mission, MissionError, Replay};
+use skysink_mission::{Mission, Replay};
 use skysink_viewer::{self as viewer, Comparison, Sinks, SlotView};
 
 use super::contenders::ShownContender;
 use crate::error::Error;
 use crate::slot_views::SlotViews;
-
-/// A mission in the recording.
-enum RecordedMission {
-    Planned(Box<Mission>),
-    Replayed(Box<Replay>),
-}
-
-impl RecordedMission {
-    fn drive(&mut self, observer: &mut dyn Observer, stop: &Stop) -> Result<(), MissionError> {
-        match self {
-            Self::Planned(mission) => Ok(mission.drive(&mut [observer], stop)?.unless_stopped()?),
-            Self::Replayed(replay) => replay.drive(&mut [observer], stop),
-        }
-    }
-}
 
 /// Simulates the missions one after another, and writes the recording `path`.
 pub fn record(shown: &[ShownContender], path: &Path, stop: &Stop) -> Result<(), Error> {
@@ -39,16 +23,9 @@ pub fn record(shown: &[ShownContender], path: &Path, stop: &Stop) -> Result<(), 
     let folder = path.parent().unwrap_or(Path::new("."));
     let temporary = tempfile::Builder::new().prefix(".comparison.").suffix(UNFINISHED).tempdir_in(folder).at(folder)?;
     let unfinished = temporary.path().join(RECORDING);
-    let mut missions = Vec::new();
-    let mut sensors = Vec::new();
-    for one in shown {
-        let list = SensorList::of(&one.scenario)?;
-        missions.push(match &one.run {
-            None => RecordedMission::Planned(Box::new(Mission::new(&one.scenario, &list)?)),
-            Some(folder) => RecordedMission::Replayed(Box::new(Replay::open(folder)?)),
-        });
-        sensors.push(Arc::new(list.sensors_of(&one.scenario)));
-    }
+    let lists = shown.iter().map(|one| SensorList::of(&one.scenario)).collect::<Result<Vec<_>, _>>()?;
+    let sensors = shown.iter().zip(&lists).map(|(one, list)| Arc::new(list.sensors_of(&one.scenario)));
+    let sensors: Vec<_> = sensors.collect();
     let compared = shown.iter().zip(&sensors).map(|(one, sensors)| viewer::ComparedMission {
         label: one.contender.label.clone(),
         title: title(one),
@@ -58,8 +35,12 @@ pub fn record(shown: &[ShownContender], path: &Path, stop: &Stop) -> Result<(), 
     let sinks = Sinks { save: Some(unfinished.clone()), ..Sinks::default() };
     let name = shown.iter().map(|one| one.contender.label.as_str()).collect::<Vec<_>>().join(" vs ");
     let mut comparison = Comparison::open(&sinks, &name, compared, &page(shown))?;
-    for (index, mut mission) in missions.into_iter().enumerate() {
-        mission.drive(&mut SlotViews(|view: &SlotView| comparison.log_slot(index, view)), stop)?;
+    for (index, (one, list)) in shown.iter().zip(&lists).enumerate() {
+        let views = &mut SlotViews(|view: &SlotView| comparison.log_slot(index, view));
+        match &one.run {
+            None => Mission::new(&one.scenario, list)?.drive(&mut [views], stop)?.unless_stopped()?,
+            Some(folder) => Replay::open(folder)?.drive(&mut [views], stop)?,
+        }
     }
     comparison.close()?;
     fs::rename(&unfinished, path).at(path)?;

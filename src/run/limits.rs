@@ -1,5 +1,6 @@
 //! Checks the resources of the machine before a run: running out of them later would kill processes.
 
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use rustix::fs::{Access, StatVfs, access, statvfs};
@@ -53,33 +54,22 @@ fn check_files() -> Result<(), Error> {
         return Ok(());
     }
     let found = format!("at most {}", maximum.or(current).unwrap_or_default());
-    Err(Error::Insufficient {
-        what: "open files".to_owned(),
-        found,
-        expected: FILES.to_string(),
-        remedy: "raise ulimit -n",
-    })
+    Err(insufficient("open files", found, FILES, "raise ulimit -n"))
 }
 
 /// Checks that a file may have this many bytes.
 fn check_file_size(limit: Option<u64>, bytes: u64) -> Result<(), Error> {
-    match limit.filter(|limit| *limit < bytes) {
-        None => Ok(()),
-        Some(limit) => Err(Error::Insufficient {
-            what: "size of a file in shared memory".to_owned(),
-            found: format!("at most {limit} bytes"),
-            expected: bytes.to_string(),
-            remedy: "raise ulimit -f",
-        }),
-    }
+    let refuse = |limit| {
+        let found = format!("at most {limit} bytes");
+        Err(insufficient("size of a file in shared memory", found, bytes, "raise ulimit -f"))
+    };
+    limit.filter(|limit| *limit < bytes).map_or(Ok(()), refuse)
 }
 
 /// Checks that `folder` is writable and has this many free bytes and inodes.
 fn check_space(folder: &Path, bytes: u64, inodes: u64, remedy: &'static str) -> Result<(), Error> {
-    let refuse = |found: String| {
-        let expected = format!("{} MiB for this run", bytes.div_ceil(MIB));
-        Error::Insufficient { what: folder.display().to_string(), found, expected, remedy }
-    };
+    let expected = format!("{} MiB for this run", bytes.div_ceil(MIB));
+    let refuse = |found: String| insufficient(folder.display(), found, &expected, remedy);
     let StatVfs { f_bavail, f_frsize, f_favail, f_files, .. } =
         statvfs(folder).map_err(|error| refuse(error.to_string()))?;
     access(folder, Access::WRITE_OK).map_err(|error| refuse(format!("not writable ({error})")))?;
@@ -90,6 +80,11 @@ fn check_space(folder: &Path, bytes: u64, inodes: u64, remedy: &'static str) -> 
         return Err(refuse(format!("room for {f_favail} files")));
     }
     Ok(())
+}
+
+/// The error for too little of a resource.
+fn insufficient(what: impl Display, found: String, expected: impl Display, remedy: &'static str) -> Error {
+    Error::Insufficient { what: what.to_string(), found, expected: expected.to_string(), remedy }
 }
 
 /// The folder, or its nearest ancestor that exists.

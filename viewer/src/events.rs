@@ -65,7 +65,7 @@ impl Events {
         has_base: bool,
         uavs: usize,
     ) -> RecordingStreamResult<Self> {
-        let colours: Vec<Rgb> = modes(has_base).map(colour_of).chain([colour::MISSED]).collect();
+        let colours: Vec<Rgb> = modes(has_base).map(|mode| look_of(mode).0).chain([colour::MISSED]).collect();
         let style = StateConfiguration::new().with_values(states(has_base)).with_colors(colours.iter().copied());
         for uav in 0..uavs {
             canvas.log_static(lane_of(uav), &style)?;
@@ -112,7 +112,7 @@ impl Events {
         if self.is_live && view.slot > 0 {
             let mode = view.flight().flown_mode();
             let name: &'static str = mode.into();
-            canvas.append(format!("{STATES}/{name}"), &Scalars::single(height(mode)))?;
+            canvas.append(format!("{STATES}/{name}"), &Scalars::single(look_of(mode).1))?;
         }
         let totals = &view.header.totals;
         // In a later file, an earlier file contains the first loss if there was one before this slot.
@@ -158,30 +158,17 @@ fn lane_of(uav: usize) -> String {
     if uav == 0 { LANE.to_owned() } else { format!("{FLEET_LANES}/{uav}") }
 }
 
-/// Colour of a state.
-fn colour_of(mode: Mode) -> Rgb {
+/// Colour of a state, and its height in the plot of states; that of a gap is 0.
+fn look_of(mode: Mode) -> (Rgb, f64) {
     match mode {
-        Mode::Serve => colour::DELIVERY,
-        Mode::Transit => colour::TRANSIT,
-        Mode::EnRoute => colour::EN_ROUTE,
-        Mode::Hold => colour::HOLD,
-        Mode::Fly => colour::FLY,
-        Mode::Charge => colour::CHARGE,
-        Mode::Return => colour::RETURN,
-        Mode::Down => colour::LOSS,
-    }
-}
-
-/// Height of a state in its plot; that of a gap is 0.
-fn height(mode: Mode) -> f64 {
-    match mode {
-        Mode::Hold => 1.0,
-        Mode::Transit | Mode::EnRoute => 2.0,
-        Mode::Fly => 3.0,
-        Mode::Serve => 4.0,
-        Mode::Charge => 5.0,
-        Mode::Return => 6.0,
-        Mode::Down => -1.0,
+        Mode::Down => (colour::LOSS, -1.0),
+        Mode::Hold => (colour::HOLD, 1.0),
+        Mode::Transit => (colour::TRANSIT, 2.0),
+        Mode::EnRoute => (colour::EN_ROUTE, 2.0),
+        Mode::Fly => (colour::FLY, 3.0),
+        Mode::Serve => (colour::DELIVERY, 4.0),
+        Mode::Charge => (colour::CHARGE, 5.0),
+        Mode::Return => (colour::RETURN, 6.0),
     }
 }
 

@@ -41,51 +41,21 @@ pub const COVERAGE: &str = "world/uav/coverage";
 /// The plumb line from the UAV to the ground.
 pub const PLUMB: &str = "world/uav/plumb";
 
-/// The entity of the UAV number `uav` instead of that of the first, for what does not move with it.
+/// The entity of the UAV number `uav` instead of `first`, that of the first UAV, so that views and tests find those.
 pub(crate) fn name_of(first: &str, uav: usize) -> String {
-    if uav == 0 { first.to_owned() } else { format!("{first}/{uav}") }
-}
-
-/// The entities of one UAV. Those of the first have the names above, so that views and tests find them.
-struct Entities {
-    uav: String,
-    body: String,
-    dot: String,
-    label: String,
-    trail: String,
-    track: String,
-    waypoint: String,
-    plan: String,
-    coverage: String,
-    plumb: String,
-}
-
-impl Entities {
-    /// Those of the UAV number `uav`.
-    fn of(uav: usize) -> Self {
-        let frame = if uav == 0 { UAV.to_owned() } else { format!("{FLEET}/{uav}") };
-        let name = |first: &str| name_of(first, uav);
-        // Below the frame they move with it.
-        let inside = |first: &str| format!("{frame}{}", first.trim_start_matches(UAV));
-        Self {
-            body: inside(BODY),
-            dot: inside(DOT),
-            label: inside(LABEL),
-            trail: name(TRAIL),
-            track: name(TRACK),
-            // Not below that of the first, whose frame is where it is.
-            waypoint: if uav == 0 { WAYPOINT.to_owned() } else { format!("{WAYPOINTS}/{uav}") },
-            plan: name(PLAN),
-            coverage: inside(COVERAGE),
-            plumb: inside(PLUMB),
-            uav: frame.clone(),
-        }
+    let inside = first.strip_prefix(UAV).filter(|rest| rest.is_empty() || rest.starts_with('/'));
+    match (uav, inside) {
+        (0, _) => first.to_owned(),
+        (_, Some(rest)) => format!("{FLEET}/{uav}{rest}"), // below the frame, with which it moves
+        _ if first == WAYPOINT => format!("{WAYPOINTS}/{uav}"), // not below that of the first, whose frame is where it is
+        _ => format!("{first}/{uav}"),
     }
 }
 
 /// A UAV of the scene.
 pub(crate) struct UavShape {
-    at: Entities,
+    /// Its number.
+    uav: usize,
     ring_m: f32,
     track_z_m: f32,
     /// Positions since the last drawn slot, that slot first.
@@ -95,18 +65,17 @@ pub(crate) struct UavShape {
 impl UavShape {
     /// Builds the UAV number `uav` and styles what moves with it.
     pub(crate) fn open(canvas: &Canvas, sizes: &Sizes, uav: usize) -> RecordingStreamResult<Self> {
-        let at = Entities::of(uav);
         let paint = colour::of_uav(uav);
-        log_body(canvas, &at, sizes.arm_m, paint)?;
-        log_coverage(canvas, &at, sizes)?;
-        canvas.log_static(&*at.trail, &line_style(if uav == 0 { colour::TRAIL } else { paint }, 1.2))?;
-        canvas.log_static(&*at.track, &line_style(if uav == 0 { colour::TRACK } else { paint }, 0.7))?;
-        for entity in [&at.waypoint, &at.plan] {
-            canvas.log_static(&**entity, &line_style(colour::PLAN, 1.5))?;
+        log_body(canvas, uav, sizes.arm_m, paint)?;
+        log_coverage(canvas, uav, sizes)?;
+        canvas.log_static(name_of(TRAIL, uav), &line_style(if uav == 0 { colour::TRAIL } else { paint }, 1.2))?;
+        canvas.log_static(name_of(TRACK, uav), &line_style(if uav == 0 { colour::TRACK } else { paint }, 0.7))?;
+        for entity in [WAYPOINT, PLAN] {
+            canvas.log_static(name_of(entity, uav), &line_style(colour::PLAN, 1.5))?;
         }
-        canvas.log_static(&*at.label, &text_style(paint).with_positions([[0.0; 3]]))?;
-        canvas.log_static(&*at.plumb, &line_style(colour::COVERAGE, 0.7))?;
-        Ok(Self { at, ring_m: 1.8 * sizes.arm_m, track_z_m: -0.6 * sizes.layer_m, flown: Vec::new() })
+        canvas.log_static(name_of(LABEL, uav), &text_style(paint).with_positions([[0.0; 3]]))?;
+        canvas.log_static(name_of(PLUMB, uav), &line_style(colour::COVERAGE, 0.7))?;
+        Ok(Self { uav, ring_m: 1.8 * sizes.arm_m, track_z_m: -0.6 * sizes.layer_m, flown: Vec::new() })
     }
 
     /// Adds the position after a slot.
@@ -130,15 +99,15 @@ impl UavShape {
     ) -> RecordingStreamResult<()> {
         let here = drawn(flight.position());
         let before = self.flown.iter().rev().nth(1).copied();
-        canvas.show(&*self.at.uav, &Transform3D::update_fields().with_translation(here))?;
-        canvas.show(&*self.at.label, &Points3D::update_fields().with_labels([label]))?;
+        canvas.show(name_of(UAV, self.uav), &Transform3D::update_fields().with_translation(here))?;
+        canvas.show(name_of(LABEL, self.uav), &Points3D::update_fields().with_labels([label]))?;
         let foot = [0.0, 0.0, -here[2]];
-        canvas.show(&*self.at.coverage, &Transform3D::update_fields().with_translation(foot))?;
-        canvas.show(&*self.at.plumb, &LineStrips3D::update_fields().with_strips([[[0.0; 3], foot]]))?;
+        canvas.show(name_of(COVERAGE, self.uav), &Transform3D::update_fields().with_translation(foot))?;
+        canvas.show(name_of(PLUMB, self.uav), &LineStrips3D::update_fields().with_strips([[[0.0; 3], foot]]))?;
         if let Some(before) = before.filter(|before| before[..2] != here[..2]) {
             let heading = Angle::from_radians((here[1] - before[1]).atan2(here[0] - before[0]));
             let turn = RotationAxisAngle::new([0.0, 0.0, 1.0], heading);
-            canvas.show(&*self.at.body, &Transform3D::update_fields().with_rotation_axis_angle(turn))?;
+            canvas.show(name_of(BODY, self.uav), &Transform3D::update_fields().with_rotation_axis_angle(turn))?;
         }
         self.log_flown(canvas)?;
         self.flown.push(here);
@@ -157,16 +126,16 @@ impl UavShape {
         let trail = (flown.len() > 1).then_some(flown);
         let track = trail.iter().map(|flown| flown.iter().map(|&[x_m, y_m, _]| [x_m, y_m, self.track_z_m]));
         let track: Vec<Vec<_>> = track.map(Iterator::collect).collect();
-        canvas.append(&*self.at.trail, &LineStrips3D::update_fields().with_strips(trail))?;
-        canvas.append(&*self.at.track, &LineStrips3D::update_fields().with_strips(track))
+        canvas.append(name_of(TRAIL, self.uav), &LineStrips3D::update_fields().with_strips(trail))?;
+        canvas.append(name_of(TRACK, self.uav), &LineStrips3D::update_fields().with_strips(track))
     }
 
     fn log_plan(&self, canvas: &Canvas, plan: Option<&Plan>, from: Point) -> RecordingStreamResult<()> {
         let waypoint = plan.map(|plan| drawn(plan.waypoint()));
         let waypoint = waypoint.filter(|waypoint| waypoint.iter().all(|coordinate| coordinate.is_finite()));
-        show_circle(canvas, &self.at.waypoint, waypoint, self.ring_m)?;
+        show_circle(canvas, &name_of(WAYPOINT, self.uav), waypoint, self.ring_m)?;
         let path = waypoint.map(|waypoint| [from, waypoint]);
-        canvas.show(&*self.at.plan, &LineStrips3D::update_fields().with_strips(path))
+        canvas.show(name_of(PLAN, self.uav), &LineStrips3D::update_fields().with_strips(path))
     }
 }
 
@@ -190,7 +159,7 @@ pub(crate) fn show_labels_above(
 }
 
 /// A quadrotor with arms of length `arm_m` [m] and heading along x, and its dot.
-fn log_body(canvas: &Canvas, at: &Entities, arm_m: f32, paint: colour::Rgb) -> RecordingStreamResult<()> {
+fn log_body(canvas: &Canvas, uav: usize, arm_m: f32, paint: colour::Rgb) -> RecordingStreamResult<()> {
     let hub = [0.38 * arm_m, 0.3 * arm_m, 0.13 * arm_m];
     let arm = [arm_m, 0.07 * arm_m, 0.05 * arm_m];
     let turns_deg = [0.0, 45.0, -45.0].map(|deg| RotationAxisAngle::new([0.0, 0.0, 1.0], Angle::from_degrees(deg)));
@@ -198,31 +167,33 @@ fn log_body(canvas: &Canvas, at: &Entities, arm_m: f32, paint: colour::Rgb) -> R
         .with_rotation_axis_angles(turns_deg)
         .with_colors([paint])
         .with_fill_mode(FillMode::Solid);
-    canvas.log_static(&*at.body, &body)?;
+    let frame = name_of(BODY, uav);
+    canvas.log_static(&frame, &body)?;
     let reach_m = arm_m * FRAC_1_SQRT_2;
     let rotors = [[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]];
     let centres = rotors.map(|[x, y]| [x * reach_m, y * reach_m, 0.12 * arm_m]);
     let rotors = Ellipsoids3D::from_centers_and_half_sizes(centres, [[0.45 * arm_m, 0.45 * arm_m, 0.03 * arm_m]])
         .with_colors([colour::ROTOR])
         .with_fill_mode(FillMode::Solid);
-    canvas.log_static(format!("{}/rotors", at.body), &rotors)?;
+    canvas.log_static(format!("{frame}/rotors"), &rotors)?;
     let heading = Arrows3D::from_vectors([[1.6 * arm_m, 0.0, 0.0]])
         .with_origins([[0.4 * arm_m, 0.0, 0.0]])
         .with_radii([0.1 * arm_m])
         .with_colors([paint]);
-    canvas.log_static(format!("{}/heading", at.body), &heading)?;
+    canvas.log_static(format!("{frame}/heading"), &heading)?;
     let dot = Points3D::new([[0.0; 3]]).with_radii([Radius::new_ui_points(5.0)]).with_colors([paint]);
-    canvas.log_static(&*at.dot, &dot)
+    canvas.log_static(name_of(DOT, uav), &dot)
 }
 
 /// A disc just below the sensor nodes, and its border.
-fn log_coverage(canvas: &Canvas, at: &Entities, sizes: &Sizes) -> RecordingStreamResult<()> {
+fn log_coverage(canvas: &Canvas, uav: usize, sizes: &Sizes) -> RecordingStreamResult<()> {
     let Sizes { radius_m, layer_m, .. } = *sizes;
+    let frame = name_of(COVERAGE, uav);
     let disc =
         Ellipsoids3D::from_centers_and_half_sizes([[0.0, 0.0, -0.4 * layer_m]], [[radius_m, radius_m, 0.1 * layer_m]])
             .with_colors([colour::COVERED])
             .with_fill_mode(FillMode::Solid);
-    canvas.log_static(format!("{}/disc", at.coverage), &disc)?;
+    canvas.log_static(format!("{frame}/disc"), &disc)?;
     let rim = line_style(colour::COVERAGE, 1.2).with_strips([circle([0.0; 3], radius_m)]);
-    canvas.log_static(format!("{}/rim", at.coverage), &rim)
+    canvas.log_static(format!("{frame}/rim"), &rim)
 }

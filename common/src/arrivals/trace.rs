@@ -7,7 +7,7 @@ use std::sync::Arc;
 use serde::Deserialize;
 
 use super::{DrawnArrivals, MAX_SAMPLED_BITS};
-use crate::error::{InputError, line_of, quoted, read_text};
+use crate::error::{InputError, read_rows, read_text};
 use crate::per_sensor::PerSensor;
 
 /// A row of a trace.
@@ -79,27 +79,8 @@ impl ArrivalTrace {
     /// If a row is invalid.
     pub fn parse(text: &str, path: &Path, sampling_bps: &[f64]) -> Result<Self, InputError> {
         let refuse = |message: String| InputError::new("arrivals", path, message);
-        let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
-        let header = reader.headers().map_err(|error| refuse(format!("line 1: {error}")))?.clone();
-        let mut named: Vec<&str> = header.iter().collect();
-        named.sort_unstable_by_key(|name| COLUMNS.iter().position(|column| column == name));
-        if named != COLUMNS {
-            let header = quoted(&header.iter().collect::<Vec<_>>().join(","));
-            return Err(refuse(format!("header `{header}`: expected {}", COLUMNS.join(","))));
-        }
-        let mut rows = Vec::new();
-        for record in reader.records() {
-            let record = record.map_err(|error| {
-                let line = line_of(text, error.position());
-                refuse(format!("line {line}: expected three fields, as in the header"))
-            })?;
-            let line = line_of(text, record.position());
-            let row = record.deserialize(Some(&header)).map_err(|_| {
-                let fields = quoted(&record.iter().collect::<Vec<_>>().join(","));
-                refuse(format!("line {line}: `{fields}`: expected a slot from 1, an SN and whole bits below 2^32"))
-            })?;
-            rows.push(row);
-        }
+        let expected = "a slot from 1, an SN and whole bits below 2^32";
+        let rows = read_rows(text, &COLUMNS, "three", expected, |_| true).map_err(refuse)?;
         Self::new(rows, sampling_bps).map_err(refuse)
     }
 

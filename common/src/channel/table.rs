@@ -8,7 +8,7 @@ use rand::RngExt;
 use xxhash_rust::xxh3::xxh3_128;
 
 use super::model::{ChannelModel, Draw, Slopes, Uplink};
-use crate::error::{InputError, line_of, quoted, read_text};
+use crate::error::{InputError, read_rows, read_text};
 use crate::keys::Only;
 use crate::random::{Purpose, Streams};
 
@@ -112,28 +112,8 @@ impl RateTable {
     /// If a row is invalid, or the rows are no grid.
     pub fn parse(text: &str, path: &Path) -> Result<Self, InputError> {
         let refuse = |message: String| InputError::new("channel", path, message);
-        let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
-        let header = reader.headers().map_err(|error| refuse(format!("line 1: {error}")))?.clone();
-        let place = |name: &str| header.iter().position(|column| column == name);
-        let places = COLUMNS.iter().map(|name| place(name)).collect::<Option<Vec<usize>>>();
-        let Some(places) = places.filter(|places| places.len() == header.len()) else {
-            let found = quoted(&header.iter().collect::<Vec<_>>().join(","));
-            return Err(refuse(format!("header `{found}`: expected {}", COLUMNS.join(","))));
-        };
-        let mut rows: Vec<[f64; 4]> = Vec::new();
-        for record in reader.records() {
-            let record = record.map_err(|error| {
-                let line = line_of(text, error.position());
-                refuse(format!("line {line}: expected {} fields, as in the header", header.len()))
-            })?;
-            let number = |&place: &usize| record[place].parse::<f64>().ok().filter(|number| number.is_finite());
-            let Some(row) = places.iter().map(number).collect::<Option<Vec<f64>>>() else {
-                let line = line_of(text, record.position());
-                let fields = quoted(&record.iter().collect::<Vec<_>>().join(","));
-                return Err(refuse(format!("line {line}: `{fields}`: expected finite numbers")));
-            };
-            rows.push([row[0], row[1], row[2], row[3]]);
-        }
+        let is_finite = |row: &[f64; 4]| row.iter().all(|number| number.is_finite());
+        let mut rows = read_rows(text, &COLUMNS, "4", "finite numbers", is_finite).map_err(refuse)?;
         if rows.is_empty() {
             return Err(refuse("line 1: no rows: expected a row for each point of a grid".to_owned()));
         }

@@ -32,46 +32,30 @@ pub struct SeriesStyle {
 static BOUNDS: [SeriesStyle; 3] =
     [series("#662255", 2.0, SOLID, ""), series("#555555", 3.0, "3 6", ""), series("#8C8C8C", 3.0, "12 4", "")];
 
-/// The styles of [`STYLED`], and of the first strategies that are not in the registry.
-static SERIES: [SeriesStyle; 18] = [
-    series("#E69F00", 6.0, SOLID, "m-9,0a9,9 0 1,0 18,0a9,9 0 1,0 -18,0z"), // circle
-    series("#009E73", 5.0, "30 14", "m-15.5,-15.5h31v31h-31z"),             // square
-    series("#0072B2", 3.5, SOLID, "m0,-26l22.5,39h-45z"),                   // triangle
-    series("#D55E00", 4.0, "20 8 4 8", "m-12,-12l24,24m0,-24l-24,24"),      // cross
-    series("#000000", 4.0, "5 7", "m-4,0a4,4 0 1,0 8,0a4,4 0 1,0 -8,0m1.5,0h5"), // dot
-    series("#56B4E9", 4.0, SOLID, "m0,-15l15,15l-15,15l-15,-15z"),          // diamond
-    series("#999999", 4.0, "10 6", "m-13,0h26m-13,-13v26"),                 // plus
-    series("#B8A400", 4.0, "18 6", "m0,20l17.3,-30h-34.6z"),                // nabla
-    series("#CC79A7", 6.0, SOLID, "m0,-17v34m-14.7,-25.5l29.4,17m0,-17l-29.4,17"), // star
-    series("#332288", 4.0, "24 6 6 6", "m-7,-18h14v36h-14z"),               // upright bar
-    series("#88CCEE", 4.0, SOLID, "m-18,-7h36v14h-36z"),                    // lying bar
-    series("#117733", 4.0, "8 8", "m-15,-9h30l-15,24z"),                    // wedge
-    series("#882255", 4.0, "16 4 4 4 4 4", "m-14,-14h28l-28,28h28z"),       // hourglass
-    series("#AA4499", 4.0, "26 10", "m-16,0h32m-24,-14v28m16,-28v28"),      // hash
-    series("#44AA99", 4.0, SOLID, "m-16,8l16,-16l16,16"),                   // roof
-    series("#EE3377", 5.0, "14 8", "m-16,-8l16,16l16,-16"),                 // valley
-    series("#663300", 4.0, SOLID, "m-12,0a12,12 0 1,0 24,0a12,12 0 1,0 -24,0m0,0h24"), // circle with a bar
-    series("#99B300", 4.0, "4 4 12 4", "m-14,-8h28m-28,16h28"),             // two bars
+/// The styles of the strategies of the registry.
+static STYLED: [(&Registered, SeriesStyle); 16] = [
+    (&rfs::STRATEGY, series("#E69F00", 6.0, SOLID, "m-9,0a9,9 0 1,0 18,0a9,9 0 1,0 -18,0z")), // circle
+    (&gfs::STRATEGY, series("#009E73", 5.0, "30 14", "m-15.5,-15.5h31v31h-31z")),             // square
+    (&uts::STRATEGY, series("#0072B2", 3.5, SOLID, "m0,-26l22.5,39h-45z")),                   // triangle
+    (&uts_wide::STRATEGY, series("#D55E00", 4.0, "20 8 4 8", "m-12,-12l24,24m0,-24l-24,24")), // cross
+    (&exact::STRATEGY, series("#000000", 4.0, "5 7", "m-4,0a4,4 0 1,0 8,0a4,4 0 1,0 -8,0m1.5,0h5")), // dot
+    (&tour::STRATEGY, series("#56B4E9", 4.0, SOLID, "m0,-15l15,15l-15,15l-15,-15z")),         // diamond
+    (&round_robin::STRATEGY, series("#999999", 4.0, "10 6", "m-13,0h26m-13,-13v26")),         // plus
+    (&max_age_first::STRATEGY, series("#B8A400", 4.0, "18 6", "m0,20l17.3,-30h-34.6z")),      // nabla
+    (&horizon::STRATEGY, series("#CC79A7", 6.0, SOLID, "m0,-17v34m-14.7,-25.5l29.4,17m0,-17l-29.4,17")), // star
+    (&edf::STRATEGY, series("#332288", 4.0, "24 6 6 6", "m-7,-18h14v36h-14z")),               // upright bar
+    (&mes::STRATEGY, series("#88CCEE", 4.0, SOLID, "m-18,-7h36v14h-36z")),                    // lying bar
+    (&max_weight::STRATEGY, series("#117733", 4.0, "8 8", "m-15,-9h30l-15,24z")),             // wedge
+    (&drift_plus_penalty::STRATEGY, series("#882255", 4.0, "16 4 4 4 4 4", "m-14,-14h28l-28,28h28z")), // hourglass
+    (&whittle::STRATEGY, series("#AA4499", 4.0, "26 10", "m-16,0h32m-24,-14v28m16,-28v28")),  // hash
+    (&offline::STRATEGY, series("#44AA99", 4.0, SOLID, "m-16,8l16,-16l16,16")),               // roof
+    (&hover::STRATEGY, series("#EE3377", 5.0, "14 8", "m-16,-8l16,16l16,-16")),               // valley
 ];
 
-/// The strategies with the first styles, in their order.
-const STYLED: [&Registered; 16] = [
-    &rfs::STRATEGY,
-    &gfs::STRATEGY,
-    &uts::STRATEGY,
-    &uts_wide::STRATEGY,
-    &exact::STRATEGY,
-    &tour::STRATEGY,
-    &round_robin::STRATEGY,
-    &max_age_first::STRATEGY,
-    &horizon::STRATEGY,
-    &edf::STRATEGY,
-    &mes::STRATEGY,
-    &max_weight::STRATEGY,
-    &drift_plus_penalty::STRATEGY,
-    &whittle::STRATEGY,
-    &offline::STRATEGY,
-    &hover::STRATEGY,
+/// The styles of the first strategies that are not in the registry.
+static OTHERS: [SeriesStyle; 2] = [
+    series("#663300", 4.0, SOLID, "m-12,0a12,12 0 1,0 24,0a12,12 0 1,0 -24,0m0,0h24"), // circle with a bar
+    series("#99B300", 4.0, "4 4 12 4", "m-14,-8h28m-28,16h28"),                        // two bars
 ];
 
 /// The index of the style of the best known loss. Those of the bounds follow.
@@ -84,7 +68,7 @@ pub const FIRST_STYLE: usize = BOUNDS.len();
 /// charts, the others get those after it, in their order.
 pub fn styles_of(names: &[String]) -> Vec<usize> {
     let mut others = STYLED.len()..;
-    let place = |name: &String| STYLED.iter().position(|strategy| strategy.name == name);
+    let place = |name: &String| STYLED.iter().position(|(strategy, _)| strategy.name == name);
     let style = |name| FIRST_STYLE + place(name).or_else(|| others.next()).expect("there is no last one");
     names.iter().map(style).collect()
 }
@@ -105,12 +89,15 @@ impl SeriesStyle {
     pub fn of(index: usize, is_print: bool) -> Self {
         let style = match index.checked_sub(FIRST_STYLE) {
             None => BOUNDS[index].clone(),
-            Some(place) => SERIES.get(place).cloned().unwrap_or_else(|| Self::made(place - SERIES.len())),
+            Some(place) => {
+                let listed = STYLED.iter().map(|(_, style)| style).chain(&OTHERS).nth(place);
+                listed.cloned().unwrap_or_else(|| Self::made(place - STYLED.len() - OTHERS.len()))
+            }
         };
         Self { scale: if is_print { IN_PRINT } else { 1.0 }, ..style }
     }
 
-    /// A style after the last of [`SERIES`]: a hue of its own, and a polygon with a corner more.
+    /// A style after the last of [`OTHERS`]: a hue of its own, and a polygon with a corner more.
     fn made(number: usize) -> Self {
         let hue = (137.508 * number as f64).rem_euclid(360.0); // the golden angle
         let sides = number + 5;

@@ -8,26 +8,22 @@ use skysink_common::geometry::Position;
 use super::ground::Ground;
 use super::track::GeodeticTrack;
 
-/// What altitudes are above.
+/// What altitudes are above, by its `MAV_FRAME`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum AltitudeReference {
     /// Home; over hills high enough for the highest ground of each leg.
-    Relative,
+    Relative = 3,
     /// The ground below, by the terrain data of the autopilot.
-    Terrain,
+    Terrain = 10,
     /// Sea level, or what the altitudes of the sensor list are above; high enough for the highest ground of each leg.
-    Msl,
+    Msl = 0,
 }
 
 impl AltitudeReference {
     /// Its `MAV_FRAME`.
     #[must_use]
     pub fn frame(self) -> u8 {
-        match self {
-            Self::Relative => 3,
-            Self::Terrain => 10,
-            Self::Msl => 0,
-        }
+        self as u8
     }
 
     /// QGroundControl's code.

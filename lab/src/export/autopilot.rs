@@ -3,14 +3,14 @@
 use clap::ValueEnum;
 use strum::Display;
 
-/// An autopilot.
+/// An autopilot, by its `MAV_AUTOPILOT`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Display)]
 #[strum(serialize_all = "lowercase")]
 pub enum Autopilot {
     /// PX4.
-    Px4,
+    Px4 = 12,
     /// ArduPilot, which holds for whole seconds only.
-    Ardupilot,
+    Ardupilot = 3,
 }
 
 /// How a vehicle comes to its speed and to rest.
@@ -89,10 +89,7 @@ impl Autopilot {
     /// Its `MAV_AUTOPILOT`.
     #[must_use]
     pub fn mav_autopilot(self) -> u32 {
-        match self {
-            Self::Px4 => 12,
-            Self::Ardupilot => 3,
-        }
+        self as u32
     }
 
     /// The hold that it makes of `hold_s` [s], at least as long.

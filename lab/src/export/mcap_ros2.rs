@@ -57,7 +57,7 @@ const DEFINITIONS: [(&str, &str); 14] = [
     ("builtin_interfaces/Time", "int32 sec\nuint32 nanosec"),
 ];
 
-#[derive(Serialize)]
+#[derive(Serialize, Default)]
 struct Header {
     sec: i32,
     nanosec: u32,
@@ -91,7 +91,7 @@ struct TransformStamped {
     transform: RosPose,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, Default)]
 struct NavSatFix {
     header: Header,
     /// 0: a fix.
@@ -106,7 +106,7 @@ struct NavSatFix {
     position_covariance_type: u8,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, Default)]
 struct BatteryState {
     header: Header,
     /// Voltage, temperature, current, charge, capacity and design capacity: not a number, which says that they are not
@@ -172,13 +172,11 @@ fn pose(position: &Point3<f64>, attitude: &UnitQuaternion<f64>) -> RosPose {
 fn fix(point: &TrackPoint<'_>, altitude_m: f64) -> NavSatFix {
     NavSatFix {
         header: header(point.time_s, UAV),
-        status: 0,
         service: 1,
         latitude_deg: point.place.lat_deg,
         longitude_deg: point.place.lon_deg,
         altitude_m,
-        position_covariance_m2: [0.0; 9],
-        position_covariance_type: 0,
+        ..NavSatFix::default()
     }
 }
 
@@ -188,13 +186,8 @@ fn battery(time_s: f64, level: BatteryLevel) -> BatteryState {
         not_measured: [f32::NAN; 6],
         percentage: level.fraction as f32,
         power_supply_status: level.power_supply_status(),
-        power_supply_health: 0,
-        power_supply_technology: 0,
         present: true,
-        cell_voltage: Vec::new(),
-        cell_temperature: Vec::new(),
-        location: "",
-        serial_number: "",
+        ..BatteryState::default()
     }
 }
 

@@ -6,23 +6,14 @@ use skysink_common::geodata::{NAME, check_geodetic};
 
 use super::imported::{Frame, Imported, ImportedSensor, OTHERS};
 
-/// The names of the columns in lower case: first the name in a sensor list, then its aliases.
-const COLUMNS: [&[&str]; 11] = [
+/// The names of the columns with coordinates in lower case: first the name in a sensor list, then its aliases. Those of
+/// [`OTHERS`] follow.
+const COORDINATES: [&[&str]; 4] = [
     &["x_m", "x", "east", "easting"],
     &["y_m", "y", "north", "northing"],
     &["lat_deg", "lat", "latitude"],
     &["lon_deg", "lon", "lng", "long", "longitude"],
-    OTHERS[0],
-    OTHERS[1],
-    OTHERS[2],
-    OTHERS[3],
-    OTHERS[4],
-    OTHERS[5],
-    OTHERS[6],
 ];
-
-/// The number of [`COLUMNS`] with coordinates, which come first.
-const COORDINATES: usize = 4;
 
 /// Reads the text of a file.
 pub fn read(text: &str) -> Result<Imported, String> {
@@ -66,19 +57,20 @@ struct Columns {
 
 impl Columns {
     fn of(header: &StringRecord) -> Result<Self, String> {
-        let mut places: [Option<usize>; COLUMNS.len()] = [None; COLUMNS.len()];
+        let columns = [&COORDINATES[..], &OTHERS].concat();
+        let mut places = vec![None; columns.len()];
         let mut ignored = Vec::new();
         for (place, name) in header.iter().enumerate() {
             let lower = name.to_lowercase();
-            match COLUMNS.iter().position(|names| names.contains(&lower.as_str())) {
+            match columns.iter().position(|names| names.contains(&lower.as_str())) {
                 Some(column) if places[column].is_some() => {
-                    return Err(format!("column `{}`: expected {} once", quoted(name), COLUMNS[column][0]));
+                    return Err(format!("column `{}`: expected {} once", quoted(name), columns[column][0]));
                 }
                 Some(column) => places[column] = Some(place),
                 None => ignored.push(format!("column {}", quoted(name))),
             }
         }
-        let (frame, first, second) = match places[..COORDINATES] {
+        let (frame, first, second) = match places[..COORDINATES.len()] {
             [Some(x), Some(y), _, _] => (Frame::Plane, x, y),
             [_, _, Some(lat), Some(lon)] => (Frame::Geodetic, lat, lon),
             _ => {
@@ -87,7 +79,7 @@ impl Columns {
             }
         };
         let named = |place: usize| (header[place].to_owned(), place);
-        let others = COLUMNS.iter().zip(places).skip(COORDINATES);
+        let others = columns.iter().zip(places).skip(COORDINATES.len());
         let others = others.filter_map(|(names, place)| Some((names[0], place?))).collect();
         Ok(Self { frame, position: [named(first), named(second)], others, ignored })
     }
