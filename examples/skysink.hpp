@@ -195,8 +195,8 @@ struct Plan {
     double y_m;
     /// Waypoint, up [m].
     double z_m;
-    /// Bits that the planner expects to collect in the slot; in a flight that another flight-sim has reported, and that is repeated,
-    /// the IEEE 754 bits of its energy after the slot [J], or 0 for that of the model.
+    /// Bits that the planner expects to collect in the slot; in a flight that another flight-sim has reported, and that
+    /// is repeated, the IEEE 754 bits of its energy after the slot [J].
     uint64_t expected_bits;
     /// Time that planning took [ns]; 0 if not measured.
     uint64_t plan_ns;

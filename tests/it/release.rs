@@ -32,6 +32,8 @@ fn the_files_for_citation_agree_with_cargo_toml_and_the_changelog() {
     assert_eq!(zenodo["publication_date"], *date);
     let section = format!("\n## [{version}] - {date}\n");
     assert!(read("CHANGELOG.md").contains(&section), "CHANGELOG.md: expected a section{section}");
+    let bibtex = format!("  version = {{{version}}},\n  date    = {{{date}}}\n");
+    assert!(read("docs/src/cite.md").contains(&bibtex), "cite.md: expected{bibtex}");
 
     let repository = package.get("repository").and_then(|url| url.as_str());
     assert_eq!(cited("repository-code").as_deref(), repository);
