@@ -587,9 +587,9 @@ def numpy():
     text = run(sys.executable, "python/benchmarks/compare.py", "--skysink", which("skysink"))
     rows = defaultdict(list)
     for line in text.splitlines():
-        name, cells = line[:24].strip(), line[24:].split()
-        if name and len(cells) >= 4 and cells[0].replace(".", "").isdigit():
-            rows[name] += cells[:4]
+        name, cells = line[:24].strip(), line[24:].split()[:4]
+        if len(cells) == 4 and all(cell.replace(".", "").isdigit() for cell in cells):
+            rows[name] += cells
     head = ["plan [µs]"]
     for scenario in ["letter", "link-limited"]:
         head += [f"{scenario}: p50", "p99", "p50 ÷ Skysink's", "p99 ÷"]
