@@ -30,7 +30,7 @@ fn every_reproduced_block_of_the_book_has_an_entry_and_conversely() {
     }
     let in_book: BTreeSet<String> = blocks.iter().map(|(name, _)| (*name).to_owned()).collect();
     assert_eq!(in_book.len(), blocks.len(), "a name occurs twice: {blocks:?}");
-    let entries = read(&Path::new(ROOT).join("reproduce/entries.py"));
+    let entries = ["entries.py", "timings.py"].map(|file| read(&Path::new(ROOT).join("reproduce").join(file))).concat();
     let names = entries.split("\n@entry(\"").skip(1).map(|rest| rest.split_once('"').unwrap().0.to_owned());
     assert_eq!(in_book, names.collect());
 }
