@@ -354,7 +354,7 @@ def harvesting():
             else:
                 rows.append([name, *cells])
     head = ["map", "UAVs", "missions", "landed [%]", "collected [%]", "both [%]"]
-    return table("harvesting", head, rows, "seed of the missions 1")
+    return table("harvesting", head, rows, f"missions 700000 to {700000 + MISSIONS - 1}")
 
 
 @entry("rounds", 10, is_timing=True, needs="instances")
