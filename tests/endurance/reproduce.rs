@@ -10,16 +10,19 @@ const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 /// What a page of the book has before its tables are computed.
 const PAGE: &str = "<!-- reproduce bits -->\n\n<!-- end -->\n\n<!-- reproduce plot -->\n![](plot.png)\n<!-- end -->\n";
 
-/// A place with the script, the paper's sweeps over two fields, and a page.
+/// A place with the script and all that it imports, the paper's sweeps over two fields, and a page.
 fn book() -> Place {
     let place = Place::new();
     for folder in ["docs/src", "scenarios/sweeps", "reproduce"] {
         fs::create_dir_all(place.path(folder)).unwrap();
     }
     let root = Path::new(ROOT);
-    for name in ["reproduce/run", "reproduce/entries.py", "scenarios/letter.toml"] {
-        fs::copy(root.join(name), place.path(name)).unwrap();
+    for file in fs::read_dir(root.join("reproduce")).unwrap().map(|file| file.unwrap()) {
+        if file.file_type().unwrap().is_file() {
+            fs::copy(file.path(), place.path("reproduce").join(file.file_name())).unwrap();
+        }
     }
+    fs::copy(root.join("scenarios/letter.toml"), place.path("scenarios/letter.toml")).unwrap();
     for name in ["scenarios/sweeps/letter.toml", "scenarios/sweeps/loss-area.toml"] {
         let sweep = fs::read_to_string(root.join(name)).unwrap();
         let lines = sweep.lines().map(|line| if line.starts_with("seeds = ") { "seeds = 2" } else { line });
