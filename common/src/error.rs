@@ -4,8 +4,6 @@ use std::fmt::Display;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use serde::de::DeserializeOwned;
-
 use crate::terminal::one_line;
 
 /// Most characters of a line or a value that are quoted.
@@ -121,36 +119,6 @@ pub fn suggestion(message: &str) -> String {
         format!("{joint} it is not modelled, see \"{heading}\" in \"What Skysink does not model\" of the documentation")
     });
     [meant, page].into_iter().flatten().collect()
-}
-
-/// Reads a CSV table that has exactly these `columns`, in any order, as rows in their order. Messages say that a row has
-/// `count` fields, and what is `expected` instead of one that is of another type or not accepted.
-pub(crate) fn read_rows<T: DeserializeOwned>(
-    text: &str,
-    columns: &[&str],
-    count: &str,
-    expected: &str,
-    is_accepted: impl Fn(&T) -> bool,
-) -> Result<Vec<T>, String> {
-    let listed = |record: &csv::StringRecord| quoted(&record.iter().collect::<Vec<_>>().join(","));
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
-    let header = reader.headers().map_err(|error| format!("line 1: {error}"))?.clone();
-    let place = |name: &&str| header.iter().position(|column| column == *name);
-    let places = columns.iter().map(place).collect::<Option<Vec<usize>>>();
-    let places = places.filter(|places| places.len() == header.len());
-    let places = places.ok_or_else(|| format!("header `{}`: expected {}", listed(&header), columns.join(",")))?;
-    let mut rows = Vec::new();
-    for record in reader.records() {
-        let record = record.map_err(|error| {
-            format!("line {}: expected {count} fields, as in the header", line_of(text, error.position()))
-        })?;
-        let ordered: csv::StringRecord = places.iter().map(|&place| &record[place]).collect();
-        let row = ordered.deserialize(None).ok().filter(&is_accepted);
-        rows.push(row.ok_or_else(|| {
-            format!("line {}: `{}`: expected {expected}", line_of(text, record.position()), listed(&record))
-        })?);
-    }
-    Ok(rows)
 }
 
 /// The line of a record in `text`, from 1. The position of [`csv`] is that of the first empty line before the record.

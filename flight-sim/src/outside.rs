@@ -14,9 +14,21 @@ use crate::fleet::Fleet;
 /// A slot ends at the waypoint if it ends this near to it [m]; farther away the vehicle is en route.
 pub const REACHED_M: f64 = 2.0;
 
-/// A position farther outside the area than this is not believed [m]. Nearer, a vehicle may be anywhere: a lost link may
-/// have hidden a long flight, and a run may be resumed from elsewhere.
+/// A position farther than this from the area, or over MAVLink from the start, is not believed [m]. Nearer, a vehicle
+/// may be anywhere: a lost link may have hidden a long flight, and a run may be resumed from elsewhere.
 pub const ASTRAY_M: f64 = 1e5;
+
+/// The mode of a slot that has followed `plan` and ends at `position` [m]; farther than `reached_m` [m] from the
+/// waypoint the vehicle is en route.
+#[must_use]
+pub fn mode_at_end(plan: &Plan, position: &Point3<f64>, reached_m: f64) -> Mode {
+    match Mode::from_repr(plan.mode).unwrap_or_default() {
+        Mode::Charge => Mode::Charge,
+        _ if (position - plan.waypoint()).norm() > reached_m => Mode::EnRoute,
+        mode @ (Mode::Transit | Mode::Return) => mode,
+        _ => Mode::Serve,
+    }
+}
 
 /// What a vehicle is to do in a slot.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,8 +47,8 @@ pub struct SlotOrder {
 
 /// A vehicle that flies orders.
 pub trait OutsideVehicle {
-    /// Flies a slot, and reports where the vehicle is at its end: [`FlightReport::at`], and what else it knows. The mode
-    /// counts only if it is [`Mode::Down`]. Links are filled in.
+    /// Flies a slot, and reports where the vehicle is at its end: [`FlightReport::at`], and what else it knows. The
+    /// mode counts only if it is [`Mode::Down`]. Links are filled in.
     fn fly(&mut self, order: &SlotOrder) -> FlightReport;
 }
 
@@ -51,14 +63,14 @@ pub struct OutsideFleet {
 }
 
 impl OutsideFleet {
-    /// The vehicles at their starts, over the published sensor nodes. A slot that ends farther than `reached_m` [m] from
-    /// its waypoint has not reached it.
+    /// The vehicles at their starts, over the published sensor nodes. A slot that ends farther than `reached_m` [m]
+    /// from its waypoint has not reached it.
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &[SensorNode], reached_m: f64) -> Self {
         Self {
             fleet: Fleet::new(scenario, sensors),
             area: scenario.area.clone(),
-            altitude_m: scenario.uav.climb().is_none().then_some(scenario.uav.altitude_m),
+            altitude_m: scenario.uav.fixed_altitude_m(),
             reached_m,
         }
     }
@@ -74,8 +86,8 @@ impl OutsideFleet {
         self.fleet.restore(reports);
     }
 
-    /// The orders of a slot by its plans, `None` if there are none in time. A waypoint that is out of reach, outside the
-    /// area or behind a zone is refused, and so is charging outside the base.
+    /// The orders of a slot by its plans, `None` if there are none in time. A waypoint that is out of reach, outside
+    /// the area or behind a zone is refused, and so is charging outside the base.
     #[must_use]
     pub fn orders(&self, slot: u64, plans: Option<&[Plan]>) -> ByUav<SlotOrder> {
         let refusals = plans.map(|plans| self.fleet.refusals(plans));
@@ -106,7 +118,7 @@ impl OutsideFleet {
             }
             let said = FlightReport { served: 0, energy_j: 0.0, ..*report }; // links and energy are filled in
             if !FlightReport::are_possible(&[said]) {
-                return refuse("time, velocity, heading and covariance: expected finite numbers");
+                return refuse("time, velocity, heading and covariance: expected numbers, finite but for the heading");
             }
         }
         Ok(())
@@ -115,18 +127,12 @@ impl OutsideFleet {
     /// Completes the `reports` of the vehicles that have flown these `orders`: modes, refusals, and links.
     pub fn complete(&mut self, slot: u64, orders: &[SlotOrder], reports: &mut [FlightReport]) {
         for (order, report) in orders.iter().zip(&mut *reports) {
-            let is_down = report.mode == Mode::Down as u32;
-            let is_reached = (report.position() - order.plan.waypoint()).norm() <= self.reached_m;
             report.hold = order.hold as u32;
             report.refused = u32::from(!matches!(order.hold, HoldReason::None | HoldReason::NoPlan));
-            report.mode = match Mode::from_repr(order.plan.mode).unwrap_or_default() {
-                _ if is_down => Mode::Down as u32,
-                _ if order.hold != HoldReason::None => Mode::Hold as u32,
-                Mode::Charge => Mode::Charge as u32,
-                _ if !is_reached => Mode::EnRoute as u32,
-                mode @ (Mode::Transit | Mode::Return) => mode as u32,
-                _ => Mode::Serve as u32,
-            };
+            if report.mode != Mode::Down as u32 {
+                let flown = mode_at_end(&order.plan, &report.position(), self.reached_m);
+                report.mode = if order.hold == HoldReason::None { flown } else { Mode::Hold } as u32;
+            }
         }
         let plan_of =
             |uav: usize| orders.get(uav).filter(|order| order.hold == HoldReason::None).map(|order| &order.plan);

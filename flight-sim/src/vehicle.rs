@@ -49,7 +49,8 @@ impl Vehicle {
         self.energy_j < 0.0
     }
 
-    /// Replaces the energy of the model by a measured one [J], if there is a battery; otherwise the energy stays infinite.
+    /// Replaces the energy of the model by a measured one [J], if there is a battery; otherwise the energy stays
+    /// infinite.
     pub fn correct_energy(&mut self, energy_j: f64) {
         if self.battery.is_some() {
             self.energy_j = energy_j;
@@ -80,12 +81,12 @@ impl Vehicle {
         is_in_base
     }
 
-    /// Flies to `waypoint` [m] if it lies in the area and in reach of one slot (UTS eq. 3, and the climb), and if no zone
-    /// is in the way (decision D14); otherwise hovers, and says why. At a fixed altitude, the altitude of the waypoint only
-    /// has to be finite.
+    /// Flies to `waypoint` [m] if it lies in the area and in reach of one slot (UTS eq. 3, and the climb), and if no
+    /// zone is in the way (decision D14); otherwise hovers, and says why. At a fixed altitude, the altitude of the
+    /// waypoint only has to be finite.
     ///
-    /// With an error `error_m` [m] the slot ends beside the waypoint, but in the area, in reach (decision D29) and outside
-    /// of zones.
+    /// With an error `error_m` [m] the slot ends beside the waypoint, but in the area, in reach (decision D29) and
+    /// outside of zones.
     pub fn fly_to(&mut self, waypoint: Point3<f64>, error_m: Option<Vector2<f64>>) -> HoldReason {
         let area = &self.scenario.area;
         let border_m = SLACK * area.width_m().max(area.height_m());
@@ -119,13 +120,11 @@ impl Vehicle {
         hold
     }
 
-    /// Why [`Self::fly_to`] would refuse `waypoint` [m] from here; [`HoldReason::None`] if it would not. Where the altitude
-    /// is fixed, that of the vehicle does not matter. One outside the area may come back from any distance.
+    /// Why [`Self::fly_to`] would refuse `waypoint` [m] from here; [`HoldReason::None`] if it would not. Where the
+    /// altitude is fixed, that of the vehicle does not matter. One outside the area may come back from any distance.
     pub(crate) fn refusal(&self, waypoint: Point3<f64>) -> HoldReason {
         let mut trial = self.clone();
-        if self.scenario.uav.climb().is_none() {
-            trial.position.z = self.scenario.uav.altitude_m;
-        }
+        trial.position.z = self.scenario.uav.fixed_altitude_m().unwrap_or(trial.position.z);
         if !self.scenario.area.contains(&self.position.xy(), 0.0)
             && waypoint.iter().all(|coordinate| coordinate.is_finite())
         {

@@ -5,6 +5,7 @@ use std::net::UdpSocket;
 use crate::support::vehicles::{SLOW, TestVehicle};
 use crate::support::{Place, csv_rows};
 use rustix::process::Signal;
+use skysink_common::geodata::projection::Origin;
 use skysink_vehicle::kinematic::KinematicOptions;
 use skysink_vehicle::kinematic::autopilot::CopterMode;
 
@@ -178,7 +179,7 @@ fn a_vehicle_that_must_not_take_off_is_refused_in_one_line() {
     let default = KinematicOptions::default;
     refused(KinematicOptions { dead_man: 0, ..default() }, "FS_GCS_ENABLE = 0: expected a value");
     refused(KinematicOptions { battery: 20, ..default() }, "its battery is at 20 %: expected 30 %");
-    refused(KinematicOptions { home: [47.4077, 8.5456], ..default() }, "it is 10");
+    refused(KinematicOptions { home: Origin { lat_deg: 47.4077, lon_deg: 8.5456 }, ..default() }, "it is 10");
 }
 
 #[test]

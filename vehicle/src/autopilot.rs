@@ -75,8 +75,8 @@ impl AutopilotKind {
         }
     }
 
-    /// Whether a reposition has to be allowed to change the mode. PX4 refuses it otherwise; ArduPilot would be taken out of
-    /// the hands of a pilot whose change of mode has not arrived here yet.
+    /// Whether a reposition has to be allowed to change the mode. PX4 refuses it otherwise; ArduPilot would be taken
+    /// out of the hands of a pilot whose change of mode has not arrived here yet.
     #[must_use]
     pub fn needs_mode_change(self) -> bool {
         self != Self::ArduPilot

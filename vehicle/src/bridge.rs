@@ -8,17 +8,12 @@ use skysink_common::message::{FlightReport, HoldReason, Mode, Plan, SensorNode};
 use skysink_common::scenario::Scenario;
 use skysink_common::slot_record::ByUav;
 use skysink_flight_sim::Fleet;
+use skysink_flight_sim::outside::{REACHED_M, mode_at_end};
 
 use crate::control::{Phase, VehicleControl};
 use crate::frame::AreaFrame;
 use crate::preflight::{Assignment, PreflightRefusal};
 use crate::telemetry::{Order, Telemetry};
-
-/// How near to its waypoint a vehicle has reached it [m].
-pub const TOLERANCE_M: f64 = skysink_flight_sim::outside::REACHED_M;
-
-/// Farthest from its start at which a vehicle may take off [m].
-const TAKE_OFF_RADIUS_M: f64 = 500.0;
 
 /// Energy that a battery has to have before take-off in a scenario without one, as a fraction of its capacity.
 const DEFAULT_BATTERY: f64 = 0.3;
@@ -41,7 +36,7 @@ pub struct VehicleRefusal {
 pub struct SlotEnds {
     /// Slots that were flown to a waypoint.
     pub flown: u64,
-    /// Those that have ended within [`TOLERANCE_M`] of it.
+    /// Those that have ended within [`REACHED_M`] of it.
     pub reached: u64,
     /// The greatest distance [m].
     pub farthest_m: f64,
@@ -73,8 +68,8 @@ pub struct Bridge {
 }
 
 impl Bridge {
-    /// The vehicles of `scenario` at `frame`, over the published sensor nodes. They begin where `reports` say: at the starts,
-    /// or where a run that is resumed has left them.
+    /// The vehicles of `scenario` at `frame`, over the published sensor nodes. They begin where `reports` say: at the
+    /// starts, or where a run that is resumed has left them.
     #[must_use]
     pub fn new(
         scenario: &Scenario,
@@ -86,15 +81,13 @@ impl Bridge {
         let mut fleet = Fleet::new(scenario, sensors);
         fleet.restore(reports);
         let battery = Battery::of(scenario);
-        let altitude_m = scenario.uav.climb().is_none().then_some(scenario.uav.altitude_m);
+        let altitude_m = scenario.uav.fixed_altitude_m();
         let member = |report: &FlightReport| {
             let position = report.position();
             let assignment = Assignment {
                 start: Point3::new(position.x, position.y, altitude_m.unwrap_or(position.z)),
                 speed_mps: scenario.uav.max_speed_mps,
                 battery: battery.map_or(DEFAULT_BATTERY, |battery| battery.initial_j / battery.capacity_j),
-                farthest_m: TAKE_OFF_RADIUS_M,
-                tolerance_m: TOLERANCE_M,
                 is_restart,
             };
             Member {
@@ -165,7 +158,8 @@ impl Bridge {
         self.members.iter_mut().for_each(|Member { control, .. }| control.return_home(why, now_s));
     }
 
-    /// Expects the plan of the next slot: until there is one, the vehicles go on to their last waypoints, and hold there.
+    /// Expects the plan of the next slot: until there is one, the vehicles go on to their last waypoints, and hold
+    /// there.
     pub fn await_plan(&mut self) {
         for member in &mut self.members {
             member.plan = None;
@@ -182,21 +176,22 @@ impl Bridge {
         }
     }
 
-    /// Flies the plans of the slot, in the order of the UAVs. Those that flight-sim would refuse are not flown.
+    /// Flies the plans of the slot, in the order of the UAVs. Those that flight-sim would refuse are not flown, and
+    /// nobody charges.
     pub fn fly(&mut self, plans: &[Plan], now_s: f64) {
         let refusals = self.fleet.refusals(plans);
         for ((member, plan), refusal) in self.members.iter_mut().zip(plans).zip(refusals) {
-            member.plan = Some(*plan);
-            member.refusal = refusal;
-            if refusal == HoldReason::None {
-                let waypoint = plan.waypoint();
-                let z_m = self.altitude_m.unwrap_or(waypoint.z);
-                member.control.fly_to(Point3::new(waypoint.x, waypoint.y, z_m), now_s);
+            let plan = Plan { z_m: self.altitude_m.unwrap_or(plan.z_m), ..*plan };
+            member.refusal = if plan.mode == Mode::Charge as u32 { HoldReason::Base } else { refusal };
+            member.plan = Some(plan);
+            if member.refusal == HoldReason::None {
+                member.control.fly_to(plan.waypoint(), now_s);
             }
         }
     }
 
-    /// Ends `slot`: writes where the vehicles are to `reports`, with their links. Without plans for too long, they return.
+    /// Ends `slot`: writes where the vehicles are to `reports`, with their links. Without plans for too long, they
+    /// return.
     pub fn end(&mut self, slot: u64, reports: &mut [FlightReport], now_s: f64) {
         for (member, report) in self.members.iter().zip(reports.iter_mut()) {
             *report = member.report(report, self.capacity_j, now_s);
@@ -204,9 +199,9 @@ impl Bridge {
                 report.time_s = slot as f64 * self.slot_s;
             }
             if let Some(plan) = member.plan.filter(|_| member.flies_plan()) {
-                let away_m = (report.position().xy() - plan.waypoint().xy()).norm();
+                let away_m = (report.position() - plan.waypoint()).norm();
                 self.ends.flown += 1;
-                self.ends.reached += u64::from(away_m <= TOLERANCE_M);
+                self.ends.reached += u64::from(away_m <= REACHED_M);
                 self.ends.farthest_m = self.ends.farthest_m.max(away_m);
             }
         }
@@ -249,12 +244,7 @@ impl Member {
             (Phase::Landed, _) => Mode::Down,
             (Phase::Returning, _) => Mode::Return,
             (_, Some(plan)) if self.flies_plan() && vehicle.has_current_fix(now_s) => {
-                let away_m = (position.xy() - plan.waypoint().xy()).norm();
-                match Mode::from_repr(plan.mode).unwrap_or_default() {
-                    _ if away_m > TOLERANCE_M => Mode::EnRoute,
-                    mode @ (Mode::Transit | Mode::Return) => mode,
-                    _ => Mode::Serve,
-                }
+                mode_at_end(plan, &position, REACHED_M)
             }
             _ => Mode::Hold,
         };

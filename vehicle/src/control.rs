@@ -3,7 +3,7 @@
 //! Messages in, orders out. The clock is passed in, in seconds of the vehicle.
 
 use nalgebra::{Point3, Vector3};
-use skysink_flight_sim::outside::ASTRAY_M;
+use skysink_flight_sim::outside::{ASTRAY_M, REACHED_M};
 
 use crate::autopilot::ModeMeaning;
 use crate::frame::AreaFrame;
@@ -58,9 +58,7 @@ pub struct VehicleControl {
     preflight: Preflight,
     phase: Phase,
     outbox: Outbox,
-    /// Where it flies to [m]; `None` where it is.
-    target: Option<Point3<f64>>,
-    /// Whether it has refused that.
+    /// Whether it has refused its target.
     has_refused: bool,
     /// Whether it has been in the mode that follows orders since it was armed.
     has_followed: bool,
@@ -88,7 +86,6 @@ impl VehicleControl {
             preflight: Preflight::default(),
             phase: Phase::Preflight,
             outbox: Outbox::default(),
-            target: None,
             has_refused: false,
             has_followed: false,
             has_begun: false,
@@ -139,7 +136,7 @@ impl VehicleControl {
     /// Takes in a message of the vehicle.
     pub fn hear(&mut self, telemetry: &Telemetry, now_s: f64) {
         if let Telemetry::Position(fix) = telemetry
-            && !self.believes(fix)
+            && !self.admit_fix(fix)
         {
             return;
         }
@@ -161,14 +158,15 @@ impl VehicleControl {
         }
     }
 
-    /// Whether a vehicle that was checked can be at `fix`.
-    fn believes(&mut self, fix: &Fix) -> bool {
+    /// Notes, and says, whether a vehicle that was checked can be at `fix`.
+    fn admit_fix(&mut self, fix: &Fix) -> bool {
         let away_m = self.frame.position(fix).map(|at| (at - self.assignment.start).norm());
         let was_astray = self.is_astray;
         self.is_astray = self.phase != Phase::Preflight && !away_m.is_some_and(|away_m| away_m <= ASTRAY_M);
         if self.is_astray && !was_astray {
             let Fix { lat_deg, lon_deg, .. } = fix;
-            self.said.push(format!("is not believed to be at {lat_deg}, {lon_deg}: more than 100 km from its start"));
+            let km = ASTRAY_M / 1e3;
+            self.said.push(format!("is not believed to be at {lat_deg}, {lon_deg}: more than {km} km from its start"));
         }
         !self.is_astray
     }
@@ -303,7 +301,6 @@ impl VehicleControl {
 
     /// Flies to `target` [m] and holds there. Without effect before take-off and on the way home.
     pub fn fly_to(&mut self, target: Point3<f64>, now_s: f64) {
-        self.target = Some(target);
         self.has_refused = false;
         let (Some(place), Some(fix), Some(autopilot)) =
             (self.frame.geodetic(&target), self.vehicle.fix(), self.vehicle.autopilot)
@@ -339,7 +336,7 @@ impl VehicleControl {
     }
 
     fn hovers_at(&self, place: Point3<f64>, now_s: f64) -> bool {
-        let is_near = self.position().is_some_and(|at| (at - place).norm() <= self.assignment.tolerance_m);
+        let is_near = self.position().is_some_and(|at| (at - place).norm() <= REACHED_M);
         let is_slow = self.vehicle.fix().is_some_and(|fix| Vector3::from(fix.velocity_mps).norm() <= HOVER_MPS);
         is_near && is_slow && self.vehicle.has_current_fix(now_s)
     }

@@ -12,6 +12,7 @@ use skysink_common::scenario::Scenario;
 use skysink_common::slot_record::ByUav;
 use skysink_common::stop::Stop;
 use skysink_flight_sim::journal::{journal, restore};
+use skysink_flight_sim::outside::REACHED_M;
 use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::reader::Reader;
@@ -19,13 +20,13 @@ use skysink_ring::role::Role;
 use skysink_ring::topics::{Ring, is_release, monotonic_ns};
 use skysink_ring::wait::WaitContext;
 
-use crate::bridge::{Bridge, TOLERANCE_M, start};
+use crate::bridge::{Bridge, start};
 use crate::frame::AreaFrame;
 use crate::latency::OrderLatencies;
 use crate::link::Link;
 use crate::wire::WireAddress;
 
-/// Longest time between two looks at the links.
+/// Longest time between two polls of the links.
 const POLL_EVERY: Duration = Duration::from_millis(2);
 
 /// How long before its end a slot is reported, as a fraction of it, and at most: the planner plans in this time.
@@ -44,11 +45,12 @@ const ORPHAN_TIMEOUT: Duration = Duration::from_secs(10);
 /// Time between two heartbeats of the bridge [s], in seconds of the vehicles.
 const HEARTBEAT_S: f64 = 0.25;
 
-/// Flies vehicles at `addresses` until the mission ends: waits until they hover at their starts, and sends them home at the
-/// end, and whenever it cannot go on. A restarted process takes over the vehicles in the air.
+/// Flies vehicles at `addresses` until the mission ends: waits until they hover at their starts, and sends them home at
+/// the end, and after an error. A restarted process continues with the vehicles in the air.
 ///
 /// # Errors
-/// If an address cannot be opened, a vehicle must not take off, a peer is missing, the ring fails, or `stop` is requested.
+/// If an address cannot be opened, a vehicle must not take off, a peer is missing, the ring fails, or `stop` is
+/// requested.
 pub fn run<S: Service + 'static>(
     scenario: &Scenario,
     folder: &RingFolder,
@@ -67,7 +69,7 @@ pub fn run<S: Service + 'static>(
         Ok(()) => return process.land(),
         Err(NodeError::Orphaned) => ("skysink run has ended", ORPHAN_TIMEOUT),
         Err(NodeError::Stopped(_)) => ("the run is stopped", STOP_TIMEOUT),
-        Err(_) => ("the bridge cannot go on", STOP_TIMEOUT),
+        Err(_) => ("the bridge has failed", STOP_TIMEOUT),
     };
     process.return_home(why, timeout);
     result
@@ -112,7 +114,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let origin = scenario.area.origin();
         let origin = origin.ok_or_else(|| refuse("expected a scenario with area.origin_lat_deg and origin_lon_deg"))?;
         if addresses.len() != 1 && addresses.len() != uavs {
-            let (addresses, uavs) = (addresses.len(), uavs);
+            let addresses = addresses.len();
             return Err(refuse(&format!("{addresses} addresses for {uavs} UAVs: expected one, or one for each")).into());
         }
         let cannot_open = |(address, error): (WireAddress, std::io::Error)| {
@@ -298,7 +300,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
         if ends.flown > 0 {
             let percent = 100.0 * ends.reached as f64 / ends.flown as f64;
             Role::FlightSim.log(format_args!(
-                "{percent:.1} % of {} slots ended within {TOLERANCE_M} m of the waypoint, the farthest {:.1} m from it",
+                "{percent:.1} % of {} slots ended within {REACHED_M} m of the waypoint, the farthest {:.1} m from it",
                 ends.flown, ends.farthest_m
             ));
         }

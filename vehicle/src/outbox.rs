@@ -21,13 +21,8 @@ struct Unanswered {
 impl Outbox {
     /// Sends `order` at `now_s` [s], again and again until it is answered.
     pub fn send(&mut self, order: Order, now_s: f64) {
-        self.withdraw(&order);
-        self.orders.push(Unanswered { order, due_s: now_s });
-    }
-
-    /// No longer repeats the order of the command of `order`.
-    pub fn withdraw(&mut self, order: &Order) {
         self.orders.retain(|unanswered| unanswered.order.command() != order.command());
+        self.orders.push(Unanswered { order, due_s: now_s });
     }
 
     /// Forgets all orders.

@@ -15,6 +15,9 @@ const LINE_S: f64 = 10.0;
 /// How far below the expected energy a battery may be, as a fraction of its capacity: what it says is rounded.
 const BATTERY_SLACK: f64 = 0.05;
 
+/// Farthest from its start at which a vehicle may take off [m].
+const TAKE_OFF_RADIUS_M: f64 = 500.0;
+
 /// What a vehicle has to do.
 #[derive(Debug, Clone, Copy)]
 pub struct Assignment {
@@ -24,10 +27,6 @@ pub struct Assignment {
     pub speed_mps: f64,
     /// Energy that its battery has to have before take-off, as a fraction of its capacity.
     pub battery: f64,
-    /// Farthest from the start at which it may take off [m].
-    pub farthest_m: f64,
-    /// How near to a waypoint it has reached it [m].
-    pub tolerance_m: f64,
     /// Whether the bridge was restarted: a vehicle in the air is in its mission.
     pub is_restart: bool,
 }
@@ -80,9 +79,8 @@ impl Preflight {
         let Some(autopilot) = vehicle.autopilot else { return Ok(Some("to send heartbeats")) };
         let Some(position) = position else { return Ok(Some("to know its position")) };
         let away_m = (position.xy() - assignment.start.xy()).norm();
-        if away_m > assignment.farthest_m {
-            let farthest_m = assignment.farthest_m;
-            return refuse(format!("it is {away_m:.0} m from its start: expected at most {farthest_m} m"));
+        if away_m > TAKE_OFF_RADIUS_M {
+            return refuse(format!("it is {away_m:.0} m from its start: expected at most {TAKE_OFF_RADIUS_M} m"));
         }
         if let Some(battery) = vehicle.battery.filter(|battery| *battery < assignment.battery - BATTERY_SLACK) {
             let [has, needs] = [battery, assignment.battery].map(|fraction| (100.0 * fraction).round());

@@ -8,8 +8,9 @@ use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, HoldReason, Mode, Plan, SensorNode};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::slot_record::ByUav;
+use skysink_flight_sim::outside::REACHED_M;
 use skysink_vehicle::autopilot::{Altitude, AutopilotKind};
-use skysink_vehicle::bridge::{Bridge, TOLERANCE_M, start};
+use skysink_vehicle::bridge::{Bridge, start};
 use skysink_vehicle::frame::AreaFrame;
 use skysink_vehicle::kinematic::KinematicOptions;
 use skysink_vehicle::kinematic::autopilot::{Copter, CopterMode, Given};
@@ -41,19 +42,23 @@ struct ClosedLoop {
     start_m: Position,
 }
 
-fn scenario() -> Scenario {
-    let text = "name = 'x'\nslots = 20\nslot_s = 6.0\n[area]\nside_m = 100.0\norigin_lat_deg = 47.3977\n\
-                origin_lon_deg = 8.5456\n[uav]\nmax_speed_mps = 10.0\nacceleration_mps2 = 2.0\n[link]\ncomm_radius_m = 10.0\n";
-    Scenario::parse(text, std::path::Path::new("x.toml"), Overrides::default()).unwrap()
+/// The mission, with these keys.
+fn scenario(keys: &str) -> Scenario {
+    let text = "name = 'x'\nslots = 20\nslot_s = 6.0\narea.side_m = 100.0\narea.origin_lat_deg = 47.3977\n\
+                area.origin_lon_deg = 8.5456\nlink.comm_radius_m = 10.0\nuav.max_speed_mps = 10.0\nuav.acceleration_mps2 = 2.0\n";
+    Scenario::parse(&format!("{text}{keys}"), std::path::Path::new("x.toml"), Overrides::default()).unwrap()
 }
 
 impl ClosedLoop {
     fn new(options: &KinematicOptions, loss: f64) -> Self {
-        let scenario = scenario();
-        let reports = start(&scenario);
+        Self::over(&scenario(""), options, loss)
+    }
+
+    fn over(scenario: &Scenario, options: &KinematicOptions, loss: f64) -> Self {
+        let reports = start(scenario);
         let sensors = [SensorNode { x_m: 50.0, y_m: 60.0, gain: 1e-5, ..SensorNode::default() }];
         Self {
-            bridge: Bridge::new(&scenario, &sensors, AreaFrame::at(HOME), &reports, false),
+            bridge: Bridge::new(scenario, &sensors, AreaFrame::at(HOME), &reports, false),
             copter: Copter::new(options),
             random: ChaCha8Rng::seed_from_u64(options.seed),
             loss,
@@ -216,18 +221,42 @@ fn a_slot_reports_where_the_vehicle_is_and_what_it_serves_from_there() {
     flight.until(60.0, |flight| flight.bridge.has_begun());
     let report = flight.fly_slot(1, Some(plan(50.0, 62.0)));
     assert_eq!((report.mode, report.served), (Mode::Serve as u32, 1));
-    assert!((report.position() - nalgebra::Point3::new(50.0, 62.0, 20.0)).norm() < TOLERANCE_M, "{report:?}");
+    assert!((report.position() - nalgebra::Point3::new(50.0, 62.0, 20.0)).norm() < REACHED_M, "{report:?}");
     assert!((report.time_s - 6.0).abs() < 0.2, "{report:?}");
 
     let report = flight.fly_slot(2, None);
     assert_eq!((report.mode, report.hold), (Mode::Hold as u32, HoldReason::NoPlan as u32));
-    assert!((report.y_m - 62.0).abs() < TOLERANCE_M && report.served == 0, "it holds: {report:?}");
+    assert!((report.y_m - 62.0).abs() < REACHED_M && report.served == 0, "it holds: {report:?}");
 
     for (x_m, y_m) in [(f64::NAN, 60.0), (50.0, 101.0), (50.0, 20.0)] {
         let report = flight.fly_slot(3, Some(plan(x_m, y_m)));
         assert_eq!((report.hold, report.refused), (HoldReason::Waypoint as u32, 1), "({x_m}, {y_m})");
-        assert!((report.y_m - 62.0).abs() < TOLERANCE_M, "outside, or out of reach: {report:?}");
+        assert!((report.y_m - 62.0).abs() < REACHED_M, "outside, or out of reach: {report:?}");
     }
+}
+
+#[test]
+fn charging_is_refused_also_in_the_base() {
+    let scenario = scenario("uav.battery.capacity_j = 4e5\nbase.radius_m = 5.0\n");
+    let mut flight = ClosedLoop::over(&scenario, &KinematicOptions::default(), 0.0);
+    flight.until(60.0, |flight| flight.bridge.has_begun());
+    let report = flight.fly_slot(1, Some(Plan { mode: Mode::Charge as u32, ..plan(50.0, 50.0) }));
+    let refused = (Mode::Hold as u32, HoldReason::Base as u32, 1);
+    assert_eq!((report.mode, report.hold, report.refused), refused);
+    assert_eq!(flight.bridge.ends.flown, 0);
+}
+
+#[test]
+fn a_waypoint_is_not_reached_too_low() {
+    let keys = "link.model = 'probabilistic-los'\nlink.environment = 'suburban'\nuav.altitude = 'free'\n\
+                uav.min_altitude_m = 20.0\nuav.max_altitude_m = 90.0\nuav.max_climb_mps = 5.0\n";
+    let scenario = scenario(keys);
+    let mut flight = ClosedLoop::over(&scenario, &KinematicOptions::default(), 0.0);
+    flight.until(60.0, |flight| flight.bridge.has_begun());
+    let report = flight.fly_slot(1, Some(Plan { z_m: 45.0, ..plan(50.0, 50.0) })); // it climbs 15 m in a slot
+    assert_eq!((report.mode, report.hold), (Mode::EnRoute as u32, HoldReason::None as u32), "{report:?}");
+    let reached = flight.bridge.ends;
+    assert!((reached.flown, reached.reached) == (1, 0) && reached.farthest_m > 8.0, "{reached:?}");
 }
 
 #[test]

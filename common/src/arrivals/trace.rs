@@ -7,7 +7,8 @@ use std::sync::Arc;
 use serde::Deserialize;
 
 use super::{DrawnArrivals, MAX_SAMPLED_BITS};
-use crate::error::{InputError, read_rows, read_text};
+use crate::csv_rows::read_rows;
+use crate::error::{InputError, read_text};
 use crate::per_sensor::PerSensor;
 
 /// A row of a trace.
@@ -80,7 +81,7 @@ impl ArrivalTrace {
     pub fn parse(text: &str, path: &Path, sampling_bps: &[f64]) -> Result<Self, InputError> {
         let refuse = |message: String| InputError::new("arrivals", path, message);
         let expected = "a slot from 1, an SN and whole bits below 2^32";
-        let rows = read_rows(text, &COLUMNS, "three", expected, |_| true).map_err(refuse)?;
+        let rows = read_rows(text, &COLUMNS, expected, |_| true).map_err(refuse)?;
         Self::new(rows, sampling_bps).map_err(refuse)
     }
 
@@ -147,7 +148,7 @@ mod tests {
                 "slot,sensor,bits\n1,0,2.5\n",
                 "line 2: `1,0,2.5`: expected a slot from 1, an SN and whole bits below 2^32",
             ),
-            ("slot,sensor,bits\n1,0\n", "line 2: expected three fields, as in the header"),
+            ("slot,sensor,bits\n1,0\n", "line 2: expected 3 fields, as in the header"),
             ("slot,sensor,bits\n0,0,4\n", "slot = 0: expected a slot from 1"),
             ("slot,sensor,bits\n1,3,4\n", "sensor = 3 in slot 1: expected 0 to 2"),
             ("slot,sensor,bits\n1,1,4\n", "bits = 4 of SN 1 in slot 1: expected 0, because its sampling_bps is 0"),

@@ -8,7 +8,8 @@ use rand::RngExt;
 use xxhash_rust::xxh3::xxh3_128;
 
 use super::model::{ChannelModel, Draw, Slopes, Uplink};
-use crate::error::{InputError, read_rows, read_text};
+use crate::csv_rows::read_rows;
+use crate::error::{InputError, read_text};
 use crate::keys::Only;
 use crate::random::{Purpose, Streams};
 
@@ -113,7 +114,7 @@ impl RateTable {
     pub fn parse(text: &str, path: &Path) -> Result<Self, InputError> {
         let refuse = |message: String| InputError::new("channel", path, message);
         let is_finite = |row: &[f64; 4]| row.iter().all(|number| number.is_finite());
-        let mut rows = read_rows(text, &COLUMNS, "4", "finite numbers", is_finite).map_err(refuse)?;
+        let mut rows = read_rows(text, &COLUMNS, "finite numbers", is_finite).map_err(refuse)?;
         if rows.is_empty() {
             return Err(refuse("line 1: no rows: expected a row for each point of a grid".to_owned()));
         }
@@ -256,8 +257,8 @@ impl ChannelModel for TableChannel {
         self.table.interpolated(d2_m2.sqrt(), z_m, |point| self.table.means_bps[point])
     }
 
-    /// With the mean `f(d, z)`, `d = D cos θ` and `z = D sin θ`: `∂f/∂D² = (f_d d + f_z z)/2D²`, and `∂f/∂θ = f_z d − f_d z`
-    /// per radian.
+    /// With the mean `f(d, z)`, `d = D cos θ` and `z = D sin θ`: `∂f/∂D² = (f_d d + f_z z)/2D²`, and `∂f/∂θ = f_z d −
+    /// f_d z` per radian.
     fn slopes(&self, &Uplink { d2_m2, z_m, .. }: &Uplink) -> Slopes {
         let d_m = d2_m2.sqrt();
         let length_m = (d2_m2 + z_m * z_m).sqrt();

@@ -202,15 +202,22 @@ impl Scenario {
         (0..self.uav.uavs()).map(|uav| self.start_of(uav))
     }
 
+    /// The own endurance of the UAV number `uav` [s]; `None` if it has that of all.
+    #[must_use]
+    pub fn endurance_s_of(&self, uav: usize) -> Option<f64> {
+        self.uav.endurances_s.as_ref()?.get(uav).copied()
+    }
+
     /// The last slot that the UAV number `uav` flies in: that of the mission, or where its own endurance ends.
     #[must_use]
     pub fn slots_of(&self, uav: usize) -> u64 {
-        let own_s = self.uav.endurances_s.as_ref().and_then(|endurances_s| endurances_s.get(uav));
-        let own = own_s.map(|endurance_s| (endurance_s / self.slot_s * (1.0 + 1e-12)).floor() as u64);
+        let own =
+            self.endurance_s_of(uav).map(|endurance_s| (endurance_s / self.slot_s * (1.0 + 1e-12)).floor() as u64);
         own.map_or(self.slots, |own| own.min(self.slots))
     }
 
-    /// The mission of the UAV number `uav` alone, with its own start and random numbers; the scenario itself for one UAV.
+    /// The mission of the UAV number `uav` alone, with its own start and random numbers; the scenario itself for one
+    /// UAV.
     #[must_use]
     pub fn of_uav(&self, uav: usize) -> Self {
         let mut alone = self.clone();
@@ -239,8 +246,8 @@ impl Scenario {
         })
     }
 
-    /// Reads `[planner]` as a `T`, with all defaults: `table` is `"planner"`, or the dotted name of one of its tables, such as
-    /// `"planner.horizon"`. A missing table is read as an empty one.
+    /// Reads `[planner]` as a `T`, with all defaults: `table` is `"planner"`, or the dotted name of one of its tables,
+    /// such as `"planner.horizon"`. A missing table is read as an empty one.
     ///
     /// # Errors
     /// If `T` refuses a key or its value; the error names it.

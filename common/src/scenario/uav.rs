@@ -17,7 +17,8 @@ crate::keys! {
     #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, expecting = "a table")]
     pub struct UavKeys {
-        /// Whether the altitude may change; `"free"` needs `link.model = "probabilistic-los"`, or a `"table"` of several altitudes.
+        /// Whether the altitude may change; `"free"` needs `link.model = "probabilistic-los"`, or a `"table"` of
+        /// several altitudes.
         altitude: AltitudeMode = "fixed", Accepts::OneOf(AltitudeMode::VARIANTS);
         /// Altitude, `H` [m]; the initial one if it is free.
         altitude_m: f64 = 20.0, POSITIVE;
@@ -48,12 +49,13 @@ crate::keys! {
         count: Option<u32>, Accepts::Whole(1, MAX_UAVS as u64);
         /// Start of each UAV, `[[x, y], ...]` [m], instead of `start_m` for all.
         starts_m: Option<Vec<[f64; 2]>>, Accepts::Rule("a position in the area for each UAV");
-        /// Longest flight of each UAV [s], `[s, s, ...]`, with `must_land`: it is in the base when its own ends, and stays there.
+        /// Longest flight of each UAV [s], `[s, s, ...]`, with `must_land`: it is in the base when its own ends, and
+        /// stays there.
         endurances_s: Option<Vec<f64>>, Accepts::Rule("a time of at least a slot for each of several UAVs, with must_land");
         /// How the UAVs share the field (decision D22); `"sequential"` if absent.
         coordination: Option<Coordination>, Accepts::OneOf(Coordination::VARIANTS);
-        /// A UAV may not fly to within this distance of where one of lower number ends the slot, outside of bases [m]; those that
-        /// are not `independent` plan for it (decision D23).
+        /// A UAV may not fly to within this distance of where one of lower number ends the slot, outside of bases [m];
+        /// those that are not `independent` plan for it (decision D23).
         separation_m: Option<f64>, POSITIVE;
         /// Whether the UAV has to be in the base at the end of the mission (decision D13).
         must_land: Option<bool>, Accepts::Rule("true or false");
@@ -74,8 +76,8 @@ pub const MAX_UAVS: u32 = 64;
 pub enum Coordination {
     /// Each plans on the whole field as if it were alone.
     Independent,
-    /// Each plans after those of lower number, and counts the SNs that they have just scheduled as empty; strategies that look
-    /// ahead count what all others plan to serve.
+    /// Each plans after those of lower number, and counts the SNs that they have just scheduled as empty; strategies
+    /// that look ahead count what all others plan to serve.
     #[default]
     Sequential,
     /// Each plans for its piece of a closed tour over all SNs, alone.
@@ -104,6 +106,12 @@ impl UavKeys {
     #[must_use]
     pub fn grid_m(&self) -> Option<f64> {
         self.cell_m.filter(|_| self.moves == Some(Moves::Grid))
+    }
+
+    /// The altitude of all waypoints [m]; `None` if it is free.
+    #[must_use]
+    pub fn fixed_altitude_m(&self) -> Option<f64> {
+        self.climb().is_none().then_some(self.altitude_m)
     }
 
     /// The limits of a free altitude; `None` if the altitude is fixed.

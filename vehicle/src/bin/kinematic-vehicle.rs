@@ -12,8 +12,8 @@ use skysink_vehicle::kinematic::{KinematicOptions, mission, server};
 struct Cli {
     #[command(flatten)]
     options: KinematicOptions,
-    /// Fly the mission of this file (.plan, or QGC WPL 110) without a link, as fast as it can be computed; print how long it
-    /// takes.
+    /// Fly the mission of this file (.plan, or QGC WPL 110) without a link, as fast as it can be computed; print how
+    /// long it takes.
     #[arg(long, value_name = "FILE")]
     mission: Option<PathBuf>,
 }

@@ -3,6 +3,7 @@
 use mavlink::dialects::common::MavResult;
 use nalgebra::Vector3;
 use rand_chacha::ChaCha8Rng;
+use strum::FromRepr;
 
 use super::KinematicOptions;
 use super::body::Body;
@@ -20,7 +21,7 @@ pub(super) const RETURN_M: f64 = 15.0;
 const NEAR_M: f64 = 0.5;
 
 /// Flight modes, by ArduCopter's numbers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, FromRepr)]
 #[repr(u32)]
 pub enum CopterMode {
     /// Flown by a pilot.
@@ -115,10 +116,10 @@ impl Copter {
     pub fn obey(&mut self, given: Given) -> MavResult {
         let is_guided = self.mode == CopterMode::Guided;
         match given {
-            Given::Mode(4) => self.change_to(CopterMode::Guided),
-            Given::Mode(0) => self.change_to(CopterMode::Stabilize),
-            Given::Mode(6) | Given::Return => self.change_to(CopterMode::Return),
-            Given::Mode(_) => MavResult::MAV_RESULT_FAILED,
+            Given::Mode(mode) => {
+                CopterMode::from_repr(mode).map_or(MavResult::MAV_RESULT_FAILED, |mode| self.change_to(mode))
+            }
+            Given::Return => self.change_to(CopterMode::Return),
             Given::Arm => self.arm(),
             Given::TakeOff(z_m) if is_guided && self.is_armed && !self.is_in_air() => {
                 self.target_m = Some(Vector3::new(self.body.position_m.x, self.body.position_m.y, z_m));
@@ -127,7 +128,9 @@ impl Copter {
             }
             Given::TakeOff(_) => MavResult::MAV_RESULT_FAILED,
             Given::Speed(speed_mps) => {
-                self.speed_mps = speed_mps;
+                if speed_mps > 0.0 {
+                    self.speed_mps = speed_mps; // others keep it
+                }
                 MavResult::MAV_RESULT_ACCEPTED
             }
             Given::Reposition(target_m) if is_guided => {

@@ -1,7 +1,8 @@
-//! A copter without dynamics of its own, for tests: it accelerates, lags, drifts in gusts, and behaves towards its bridge as
-//! ArduCopter does.
+//! A copter without dynamics of its own, for tests: it accelerates, lags, drifts in gusts, and behaves towards its
+//! bridge as ArduCopter does.
 //!
-//! It is no proof that a real autopilot can be flown; it shows what the bridge does when one refuses, fails, or is silent.
+//! It is no proof that a real autopilot can be flown; it shows what the bridge does when one refuses, fails, or is
+//! silent.
 
 pub mod autopilot;
 pub mod body;
@@ -9,6 +10,8 @@ pub mod mission;
 pub mod server;
 
 use clap::{Args, Parser};
+use skysink_common::geodata::projection::Origin;
+use skysink_common::option_value::{number, positive};
 
 use self::body::MotionLimits;
 use crate::wire::WireAddress;
@@ -20,46 +23,46 @@ pub struct KinematicOptions {
     #[arg(long, value_name = "ADDRESS", default_value = "udpout:127.0.0.1:14540")]
     pub connect: WireAddress,
     /// Home: latitude and longitude of the first vehicle [deg].
-    #[arg(long, value_name = "LAT,LON", default_value = "47.3977,8.5456", value_parser = parse_pair, allow_hyphen_values = true)]
-    pub home: [f64; 2],
+    #[arg(long, value_name = "LAT,LON", default_value = "47.3977,8.5456", allow_hyphen_values = true)]
+    pub home: Origin,
     /// Number of vehicles on the link: the systems 1 to N, with homes 5 m apart, to the east.
     #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u8).range(1..=254))]
     pub count: u8,
     /// Seconds of the vehicle in a second.
-    #[arg(long, value_name = "X", default_value = "1", value_parser = parse_positive)]
+    #[arg(long, value_name = "X", default_value = "1", value_parser = positive())]
     pub speed_factor: f64,
     /// Greatest horizontal acceleration [m/s²].
-    #[arg(long, value_name = "MPS2", default_value = "2.5", value_parser = parse_positive)]
+    #[arg(long, value_name = "MPS2", default_value = "2.5", value_parser = positive())]
     pub acceleration: f64,
     /// Speed unless the bridge asks for another [m/s].
-    #[arg(long, value_name = "MPS", default_value = "10", value_parser = parse_positive)]
+    #[arg(long, value_name = "MPS", default_value = "10", value_parser = positive())]
     pub speed: f64,
     /// Time constant of the velocity [s].
-    #[arg(long, value_name = "S", default_value = "0", value_parser = parse_least)]
+    #[arg(long, value_name = "S", default_value = "0", value_parser = least())]
     pub lag: f64,
     /// Standard deviation of the reported position [m].
-    #[arg(long, value_name = "M", default_value = "0", value_parser = parse_least)]
+    #[arg(long, value_name = "M", default_value = "0", value_parser = least())]
     pub noise: f64,
     /// Wind toward the east [m/s]; its gusts have 0.3 of that as standard deviation.
-    #[arg(long, value_name = "MPS", default_value = "0", value_parser = parse_least)]
+    #[arg(long, value_name = "MPS", default_value = "0", value_parser = least())]
     pub wind: f64,
     /// Probability of a message to be lost, in both directions.
-    #[arg(long, value_name = "P", default_value = "0", value_parser = parse_least)]
+    #[arg(long, value_name = "P", default_value = "0", value_parser = least())]
     pub loss: f64,
     /// Refuse to arm this many times.
     #[arg(long, value_name = "N", default_value = "0")]
     pub refuse_arming: u32,
     /// Time after take-off at which a failsafe returns the vehicle [s].
-    #[arg(long, value_name = "S", value_parser = parse_positive)]
+    #[arg(long, value_name = "S", value_parser = positive())]
     pub failsafe_at: Option<f64>,
     /// FS_GCS_ENABLE: whether it returns when the bridge is silent (1), or not (0).
     #[arg(long, value_name = "0|1", default_value = "1", value_parser = clap::value_parser!(u8).range(0..=1))]
     pub dead_man: u8,
     /// FS_GCS_TIMEOUT: how long the bridge is silent before it returns [s].
-    #[arg(long, value_name = "S", default_value = "5", value_parser = parse_positive)]
+    #[arg(long, value_name = "S", default_value = "5", value_parser = positive())]
     pub silence: f64,
     /// Time that it hovers with a full battery [s].
-    #[arg(long, value_name = "S", default_value = "1200", value_parser = parse_positive)]
+    #[arg(long, value_name = "S", default_value = "1200", value_parser = positive())]
     pub endurance: f64,
     /// Charge of the battery at the start [%].
     #[arg(long, value_name = "PERCENT", default_value = "100", value_parser = clap::value_parser!(u8).range(0..=100))]
@@ -89,18 +92,6 @@ impl KinematicOptions {
     }
 }
 
-fn parse_pair(text: &str) -> Result<[f64; 2], String> {
-    let pair = text.split_once(',').and_then(|(lat, lon)| Some([lat.trim().parse().ok()?, lon.trim().parse().ok()?]));
-    let is_place = |[lat, lon]: &[f64; 2]| lat.abs() <= 90.0 && lon.abs() <= 180.0;
-    pair.filter(is_place).ok_or_else(|| "expected LAT,LON in degrees".to_owned())
-}
-
-fn parse_positive(text: &str) -> Result<f64, String> {
-    let number = text.parse().ok().filter(|&number: &f64| number > 0.0 && number.is_finite());
-    number.ok_or_else(|| "expected a number above 0".to_owned())
-}
-
-fn parse_least(text: &str) -> Result<f64, String> {
-    let number = text.parse().ok().filter(|&number: &f64| number >= 0.0 && number.is_finite());
-    number.ok_or_else(|| "expected a number, at least 0".to_owned())
+fn least() -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync {
+    number("a number, at least 0", |number| number >= 0.0 && number.is_finite())
 }

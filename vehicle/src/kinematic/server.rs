@@ -39,21 +39,21 @@ const DEFAULT_S: f64 = 0.25;
 /// System of a ground station.
 const BRIDGE: u32 = 255;
 
-/// The connection of the vehicles, on which messages get lost, and what is at random.
-struct Air<'a> {
+/// The connection of the vehicles, on which messages get lost, with its random numbers.
+struct LossyLink<'a> {
     wire: Wire,
     random: ChaCha8Rng,
     options: &'a KinematicOptions,
 }
 
-impl Air<'_> {
+impl LossyLink<'_> {
     fn loses(&mut self) -> bool {
         self.random.random::<f64>() < self.options.loss
     }
 }
 
 /// A vehicle on the connection.
-struct Served {
+struct LinkedCopter {
     copter: Copter,
     system: u8,
     projection: Projection,
@@ -68,24 +68,24 @@ struct Served {
 /// If the connection cannot be opened.
 pub fn serve(options: &KinematicOptions, stop: &Stop, mut seen: impl FnMut(usize, &Copter)) -> io::Result<()> {
     let random = ChaCha8Rng::seed_from_u64(options.seed);
-    let mut air = Air { wire: Wire::open(&options.connect)?, random, options };
-    let [lat_deg, lon_deg] = options.home;
-    let first = Projection::at(Origin { lat_deg, lon_deg });
-    let mut vehicles: Vec<Served> = (1..=options.count).map(|system| Served::new(options, system, &first)).collect();
+    let mut link = LossyLink { wire: Wire::open(&options.connect)?, random, options };
+    let first = Projection::at(options.home);
+    let mut vehicles: Vec<LinkedCopter> =
+        (1..=options.count).map(|system| LinkedCopter::new(options, system, &first)).collect();
     let begin = Instant::now();
     let mut steps: u64 = 0;
     while stop.requested().is_none() {
-        while let Some((header, message)) = air.wire.receive() {
-            if !air.loses() {
-                vehicles.iter_mut().for_each(|vehicle| vehicle.hear(&header, &message, &mut air));
+        while let Some((header, message)) = link.wire.receive() {
+            if !link.loses() {
+                vehicles.iter_mut().for_each(|vehicle| vehicle.hear(&header, &message, &mut link));
             }
         }
         let now = (begin.elapsed().as_secs_f64() * options.speed_factor / STEP_S) as u64;
         while steps < now {
             steps += 1;
             for vehicle in &mut vehicles {
-                vehicle.copter.step(STEP_S, &mut air.random);
-                vehicle.speak(&mut air);
+                vehicle.copter.step(STEP_S, &mut link.random);
+                vehicle.speak(&mut link);
             }
         }
         vehicles.iter().enumerate().for_each(|(index, vehicle)| seen(index, &vehicle.copter));
@@ -94,7 +94,7 @@ pub fn serve(options: &KinematicOptions, stop: &Stop, mut seen: impl FnMut(usize
     Ok(())
 }
 
-impl Served {
+impl LinkedCopter {
     fn new(options: &KinematicOptions, system: u8, first: &Projection) -> Self {
         let east_m = APART_M * f64::from(system - 1);
         let home = first.unproject(&Position::new(east_m, 0.0)).expect("beside the first home");
@@ -108,40 +108,40 @@ impl Served {
         }
     }
 
-    fn send(&self, message: &MavMessage, air: &mut Air) {
-        if !air.loses() {
-            air.wire.send(&MavHeader { system_id: self.system.into(), component_id: 1, sequence: 0 }, message);
+    fn send(&self, message: &MavMessage, link: &mut LossyLink) {
+        if !link.loses() {
+            link.wire.send(&MavHeader { system_id: self.system.into(), component_id: 1, sequence: 0 }, message);
         }
     }
 
     /// Takes in a message, if it is for this vehicle.
-    fn hear(&mut self, header: &MavHeader, message: &MavMessage, air: &mut Air) {
+    fn hear(&mut self, header: &MavHeader, message: &MavMessage, link: &mut LossyLink) {
         let is_mine = |target: u8| target == 0 || target == self.system;
         match message {
             MavMessage::HEARTBEAT(_) if header.system_id == BRIDGE => self.copter.hear_bridge(),
             MavMessage::COMMAND_LONG(command) if is_mine(command.target_system) => {
                 let [p1, p2, p7] = [command.param1, command.param2, command.param7].map(f64::from);
                 let result = self.obey_long(command.command, p1, p2, p7);
-                self.answer(command.command, result, air);
+                self.answer(command.command, result, link);
             }
             MavMessage::COMMAND_INT(command) if is_mine(command.target_system) => {
                 let result = match command.command {
                     MavCmd::MAV_CMD_DO_REPOSITION => self.reposition(command.x, command.y, command.z, command.frame),
                     _ => MavResult::MAV_RESULT_UNSUPPORTED,
                 };
-                self.answer(command.command, result, air);
+                self.answer(command.command, result, link);
             }
             MavMessage::PARAM_REQUEST_READ(request)
                 if is_mine(request.target_system) && request.param_id.to_str() == Ok("FS_GCS_ENABLE") =>
             {
                 let value = MavMessage::PARAM_VALUE(PARAM_VALUE_DATA {
-                    param_value: f32::from(air.options.dead_man),
+                    param_value: f32::from(link.options.dead_man),
                     param_count: 1,
                     param_index: 0,
                     param_id: request.param_id,
                     param_type: MavParamType::MAV_PARAM_TYPE_INT8,
                 });
-                self.send(&value, air);
+                self.send(&value, link);
             }
             _ => {}
         }
@@ -156,7 +156,7 @@ impl Served {
             MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH => Given::Return,
             MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
                 if p1 == 33.0 {
-                    self.position_every_s = p2 / 1e6;
+                    self.position_every_s = if p2 > 0.0 { p2 / 1e6 } else { DEFAULT_S };
                 }
                 return MavResult::MAV_RESULT_ACCEPTED;
             }
@@ -178,33 +178,33 @@ impl Served {
         }
     }
 
-    fn answer(&self, command: MavCmd, result: MavResult, air: &mut Air) {
-        self.send(&MavMessage::COMMAND_ACK(COMMAND_ACK_DATA { command, result }), air);
+    fn answer(&self, command: MavCmd, result: MavResult, link: &mut LossyLink) {
+        self.send(&MavMessage::COMMAND_ACK(COMMAND_ACK_DATA { command, result }), link);
     }
 
     /// Sends what is due.
-    fn speak(&mut self, air: &mut Air) {
+    fn speak(&mut self, link: &mut LossyLink) {
         let now_s = self.copter.boot_s;
         for line in self.copter.take_said() {
             let severity = MavSeverity::MAV_SEVERITY_CRITICAL;
-            self.send(&MavMessage::STATUSTEXT(STATUSTEXT_DATA { severity, text: line.into() }), air);
+            self.send(&MavMessage::STATUSTEXT(STATUSTEXT_DATA { severity, text: line.into() }), link);
         }
         if now_s >= self.position_due_s {
             self.position_due_s = now_s + self.position_every_s;
-            let position = self.position(air);
-            self.send(&position, air);
+            let position = self.position(link);
+            self.send(&position, link);
         }
         if now_s >= self.slow_due_s {
             self.slow_due_s = now_s + SLOW_S;
             for message in [self.heartbeat(), self.battery(), self.landed_state()] {
-                self.send(&message, air);
+                self.send(&message, link);
             }
         }
     }
 
-    fn position(&self, air: &mut Air) -> MavMessage {
+    fn position(&self, link: &mut LossyLink) -> MavMessage {
         let body = &self.copter.body;
-        let noise_m = [0; 3].map(|_| air.options.noise * normal(&mut air.random));
+        let noise_m = [0; 3].map(|_| link.options.noise * normal(&mut link.random));
         let at_m = body.position_m + Vector3::from(noise_m);
         let place = self.projection.unproject(&at_m.xy().into()).expect("near its home");
         let cm = |mps: f64| (mps * 100.0).round() as i16;
