@@ -14,19 +14,15 @@ pub mod shortfalls;
 pub mod verdict;
 pub mod warnings;
 
-use std::path::PathBuf;
-
 use clap::Args;
 use serde::Serialize;
-use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
-use skysink_planner::settings;
 use skysink_planner::strategies::STRATEGIES;
 use skysink_ring::role::Role;
 
 use crate::error::Error;
-use crate::options::Changes;
+use crate::options::{Changes, ScenarioFile};
 use crate::report::print;
 use figures::Figures;
 use quantity::{joined, percent, scaled};
@@ -53,8 +49,8 @@ Examples:
 
 Warnings go to standard error and do not change the exit code.")]
 pub struct CheckCommand {
-    /// Scenario file.
-    scenario: PathBuf,
+    #[command(flatten)]
+    scenario: ScenarioFile,
     #[command(flatten)]
     changes: Changes,
     /// Print only the derived figures and the warnings, as JSON.
@@ -69,7 +65,7 @@ impl CheckCommand {
     /// # Errors
     /// If the scenario or its sensor list is refused, or the output cannot be written.
     pub fn run(self, _: &Stop) -> Result<(), Error> {
-        let scenario = Scenario::read(&self.scenario, self.changes.overrides()).and_then(settings::resolve)?;
+        let scenario = self.scenario.read(self.changes.overrides())?;
         let list = SensorList::of(&scenario)?;
         let figures = Figures::of(&scenario, &list)?;
         let warnings = warnings::of(&figures);
@@ -81,7 +77,7 @@ impl CheckCommand {
         }
         // The figures come last, so that they and the warnings stay visible.
         print(format_args!("{}\n", scenario.to_toml().trim_end()))?;
-        print(format_args!("# {}: {} sensor nodes", self.scenario.display(), list.sensors().len()))?;
+        print(format_args!("# {}: {} sensor nodes", self.scenario, list.sensors().len()))?;
         print(commented(&figures).trim_end())?;
         planned.iter().try_for_each(|sentence| print(format_args!("# planned: {sentence}")))?;
         warnings.iter().for_each(|warning| Role::Launcher.log(format_args!("warning: {warning}")));
@@ -160,7 +156,7 @@ fn loss_free(known: &LossFree) -> String {
 mod tests {
     use std::path::Path;
 
-    use skysink_common::scenario::Overrides;
+    use skysink_common::scenario::{Overrides, Scenario};
 
     use super::*;
 

@@ -21,7 +21,7 @@ use crate::report::TerminalProgress;
 use crate::run::commands::{CommandLine, Replacements, VehicleOption};
 use crate::run::limits;
 use crate::run::link;
-use crate::run::options::{Launch, RunOptions, parse_seconds};
+use crate::run::options::{Launch, RunOptions, seconds};
 use crate::run::process::POLL_EVERY;
 use crate::run::restart::{Rule, worker};
 use crate::run::ring_mission::END_TIMEOUT;
@@ -65,7 +65,7 @@ pub struct JoinCommand {
     #[arg(long, value_name = "POLICY")]
     restart: Vec<Rule>,
     /// Timeout for the launcher's heartbeat [s].
-    #[arg(long, value_name = "SECONDS", default_value = "600", value_parser = parse_seconds)]
+    #[arg(long, value_name = "SECONDS", default_value = "600", value_parser = seconds())]
     timeout: f64,
 }
 

@@ -12,6 +12,8 @@ use skysink_common::error::InputError;
 use skysink_common::geodata::projection::{GeodeticPosition, Projection};
 use skysink_common::geometry::Position;
 use skysink_common::keys::{self, Accepts, Key, Keys};
+#[cfg(feature = "lab")]
+use skysink_common::option_value::number;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
@@ -86,7 +88,7 @@ pub struct NewCommand {
     map: Option<PathBuf>,
     /// Side of a pixel of the map [m].
     #[cfg(feature = "lab")]
-    #[arg(long, value_name = "M", requires = "map", value_parser = parse_side)]
+    #[arg(long, value_name = "M", requires = "map", value_parser = number("metres, 0.001 to 1000000", |side_m| (1e-3..=1e6).contains(&side_m)))]
     cell_m: Option<f64>,
     /// Output folder [default: ./NAME].
     #[arg(long, value_name = "DIR")]
@@ -143,13 +145,6 @@ impl NewCommand {
 fn centre_deg(scenario: &Scenario) -> Option<GeodeticPosition> {
     let [width_m, height_m] = [scenario.area.width_m(), scenario.area.height_m()];
     Projection::at(scenario.area.origin()?).unproject(&Position::new(width_m / 2.0, height_m / 2.0))
-}
-
-/// The side of a pixel [m].
-#[cfg(feature = "lab")]
-fn parse_side(text: &str) -> Result<f64, String> {
-    let side_m: Option<f64> = text.parse().ok();
-    side_m.filter(|side_m| (1e-3..=1e6).contains(side_m)).ok_or_else(|| "expected metres, 0.001 to 1000000".to_owned())
 }
 
 /// The text of the scenario: every key that has a default beside the other defaults, with its meaning as a comment.

@@ -1,14 +1,42 @@
 //! Options that several commands share.
 
+use std::fmt;
 use std::num::NonZeroU64;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use skysink_common::scenario::{Overrides, Setting};
+use skysink_common::error::InputError;
+use skysink_common::scenario::{Overrides, Scenario, Setting};
 use skysink_mission::folder::Earlier;
+use skysink_planner::settings;
 use skysink_planner::strategies::STRATEGIES;
 use skysink_planner::strategy::Registered;
+
+/// The scenario of a command.
+#[derive(Debug, Args)]
+pub struct ScenarioFile {
+    /// Scenario file [default: the paper's mission].
+    #[arg(id = "scenario", value_name = "SCENARIO")]
+    path: Option<PathBuf>,
+}
+
+impl ScenarioFile {
+    /// Reads it, with the keys of the planner completed.
+    ///
+    /// # Errors
+    /// If the scenario is refused.
+    pub fn read(&self, overrides: Overrides) -> Result<Scenario, InputError> {
+        let scenario = self.path.as_deref().map(|path| Scenario::read(path, overrides.clone()));
+        scenario.unwrap_or_else(|| Scenario::letter(overrides)).and_then(settings::resolve)
+    }
+}
+
+impl fmt::Display for ScenarioFile {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.path.as_deref().unwrap_or(Path::new("the paper's mission")).display().fmt(f)
+    }
+}
 
 /// Options of every command that flies one mission.
 #[derive(Debug, Args)]

@@ -53,12 +53,15 @@ impl TerminalProgress {
             }
         };
         let bar = Self::new(style("{bar:25} mission {pos}/{len}  {left}").with_key("left", left));
-        bar.0.enable_steady_tick(Duration::from_secs(1)); // updates the remaining time between two missions
         move |progress| {
+            let is_first = bar.0.length() == Some(0);
             let now = Instant::now();
             let ends = progress.left.and_then(|left| now.checked_add(left));
             *end.lock().unwrap_or_else(PoisonError::into_inner) = ends;
             bar.show(progress.done, progress.of, String::new());
+            if is_first {
+                bar.0.enable_steady_tick(Duration::from_secs(1)); // updates the remaining time between two missions
+            }
         }
     }
 
@@ -81,8 +84,8 @@ impl TerminalProgress {
     fn show(&self, done: u64, total: u64, message: String) {
         let Self(bar) = self;
         if bar.length() != Some(total) || done < bar.position() {
-            bar.reset(); // a new sweep or mission
-            bar.set_length(total);
+            bar.set_length(total); // a new sweep or mission
+            bar.reset();
             bar.set_position(done);
             bar.reset_eta();
         }

@@ -1,7 +1,6 @@
 //! `skysink simulate`: a mission in one process.
 
 use std::num::NonZeroU64;
-use std::path::PathBuf;
 use std::time::Instant;
 
 use clap::Args;
@@ -20,7 +19,7 @@ use skysink_planner::settings;
 use skysink_viewer::{Scene, Sinks, SlotView, WallClock};
 
 use crate::error::Error;
-use crate::options::{MissionOptions, NewFolder, RecordingOptions};
+use crate::options::{MissionOptions, NewFolder, RecordingOptions, ScenarioFile};
 use crate::report::{OutputForm, TerminalProgress, print_run};
 #[cfg(feature = "viewer")]
 use crate::slot_views::SlotViews;
@@ -36,8 +35,8 @@ Examples:
   skysink simulate scenarios/sparse.toml --strategy gfs --seed 3 --record
   skysink simulate scenarios/letter.toml --set link.bandwidth_hz=5e3")]
 pub struct SimulateCommand {
-    /// Scenario file.
-    scenario: PathBuf,
+    #[command(flatten)]
+    scenario: ScenarioFile,
     #[command(flatten)]
     options: MissionOptions,
     #[command(flatten)]
@@ -52,7 +51,7 @@ impl SimulateCommand {
     /// # Errors
     /// If the scenario is refused, something cannot be written, or on a stop.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
-        let scenario = Scenario::read(&self.scenario, self.options.overrides()).and_then(settings::resolve)?;
+        let scenario = self.scenario.read(self.options.overrides())?;
         let list = SensorList::of(&scenario)?;
         let mission = Mission::until(&scenario, &list, stop)?;
         let simulation = Simulation { scenario, folder: self.options.folder, record: self.recording.every() };
@@ -149,7 +148,7 @@ impl SlotSink for ShownTally {
 fn recording(scenario: &Scenario, folder: &RunFolder, list: &SensorList, every: NonZeroU64) -> Result<Scene, Error> {
     let sinks = Sinks { save: Some(folder.recording()), every: Some(every), ..Sinks::default() };
     let name = format!("{}-{}-{}", scenario.name, scenario.planner.strategy, scenario.seed);
-    let estimated = skysink_planner::settings::estimated(scenario).map_err(MissionError::from)?;
+    let estimated = settings::estimated(scenario).map_err(MissionError::from)?;
     Ok(Scene::open(
         &sinks,
         scenario,

@@ -18,7 +18,7 @@ use skysink_ring::topics::{Ring, monotonic_ns};
 
 use crate::error::Error;
 use crate::report::{print, table, with_numbers_from};
-use crate::run::options::parse_seconds;
+use crate::run::options::seconds;
 
 /// Index of the first numeric column of the table.
 const FIRST_NUMBERS: usize = 4;
@@ -48,7 +48,7 @@ pub struct TopicsCommand {
     #[arg(value_name = "DIR")]
     folder: Option<PathBuf>,
     /// Time over which the rates are measured [s]; in a paced run at least one slot, by samples sent before.
-    #[arg(long, value_name = "SECONDS", default_value = "1", value_parser = parse_seconds)]
+    #[arg(long, value_name = "SECONDS", default_value = "1", value_parser = seconds())]
     every: f64,
     /// Print JSON instead of the table.
     #[arg(long)]
@@ -60,15 +60,16 @@ pub struct TopicsCommand {
 struct RatedTopic {
     #[serde(flatten)]
     state: TopicState,
-    /// Samples per second: slots between two samples, divided by the time between them. `None` for topics with any number of
-    /// samples per slot.
+    /// Samples per second: slots between two samples, divided by the time between them. `None` for topics with any
+    /// number of samples per slot.
     rate_hz: Option<f64>,
     /// Time from one sample to the next by the pace [s]; `None` in lock-step, and for topics without one in every slot.
     period_s: Option<f64>,
-    /// Time since the newest sample was sent [s]; `None` without a sample, and behind a link: other hosts have other clocks.
+    /// Time since the newest sample was sent [s]; `None` without a sample, and behind a link: other hosts have other
+    /// clocks.
     age_s: Option<f64>,
-    /// Whether more than two slots have passed since the newest sample, or none has arrived of a topic that should have some
-    /// by now; `None` without a period, and behind a link.
+    /// Whether more than two slots have passed since the newest sample, or none has arrived of a topic that should have
+    /// some by now; `None` without a period, and behind a link.
     is_overdue: Option<bool>,
 }
 

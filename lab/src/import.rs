@@ -1,4 +1,5 @@
-//! Imports positions of sensor nodes from CSV, KML, GPX and GeoJSON, and maps from pictures. The caller derives the scenario.
+//! Imports positions of sensor nodes from CSV, KML, GPX and GeoJSON, and maps from pictures. The caller derives the
+//! scenario.
 
 mod csv;
 mod gpx;

@@ -1,5 +1,5 @@
-//! The least fleet of a mission: the fewest UAVs with which at most a fraction of the data is lost, and a number of UAVs below
-//! which no fleet of any strategy can do it.
+//! The least fleet of a mission: the fewest UAVs with which at most a fraction of the data is lost, and a number of
+//! UAVs below which no fleet of any strategy can do it.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -172,8 +172,8 @@ impl FleetQuestion {
         Ok(fleets)
     }
 
-    /// Writes `fleet.csv`, and over a key of numbers the figure `fleet.svg`, `.pdf` and `.png`, into the folder `out`; returns
-    /// the files.
+    /// Writes `fleet.csv`, and over a key of numbers the figure `fleet.svg`, `.pdf` and `.png`, into the folder `out`;
+    /// returns the files.
     ///
     /// # Errors
     /// If a file cannot be written.

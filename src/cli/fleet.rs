@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use skysink_common::option_value::number;
 use skysink_common::scenario::Setting;
 use skysink_common::stop::Stop;
 use skysink_lab::least_fleet::{BOUND, FleetQuestion, LeastFleets};
@@ -32,7 +33,7 @@ pub struct FleetCommand {
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', value_parser = strategy())]
     strategies: Vec<&'static str>,
     /// Most loss rate.
-    #[arg(long, value_name = "LOSS", default_value_t = 0.0, value_parser = parse_rate, allow_negative_numbers = true)]
+    #[arg(long, value_name = "LOSS", default_value_t = 0.0, value_parser = number("a fraction from 0 to 1", |loss| (0.0..=1.0).contains(&loss)), allow_negative_numbers = true)]
     loss: f64,
     /// Fields, with consecutive seeds starting at the scenario's.
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=100_000))]
@@ -113,12 +114,6 @@ fn print_fleets(question: &FleetQuestion, fleets: &[LeastFleets]) -> Result<(), 
         ]);
     }
     print(with_numbers_from(2, table))
-}
-
-/// Parses a loss rate.
-fn parse_rate(text: &str) -> Result<f64, String> {
-    let rate = text.parse().ok().filter(|rate| (0.0..=1.0).contains(rate));
-    rate.ok_or_else(|| "expected a fraction from 0 to 1".to_owned())
 }
 
 /// Parses `KEY=VALUE,...`.

@@ -1,19 +1,16 @@
 //! `skysink optimize`: arguments and printed results.
 
-use std::path::PathBuf;
-
 use clap::Args;
 use indicatif::HumanCount;
-use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::scenario::Overrides;
 use skysink_common::stop::Stop;
 use skysink_lab::optimize::{BestKnown, Budget, SearchEnd, optimize};
 use skysink_mission::record::RunFolder;
-use skysink_planner::settings;
 use skysink_planner::strategies::STRATEGIES;
 use skysink_planner::strategy::Registered;
 
 use crate::error::{Error, ended_early};
-use crate::options::{Changes, NewFolder, RecordingOptions};
+use crate::options::{Changes, NewFolder, RecordingOptions, ScenarioFile};
 use crate::report::{OutputForm, TerminalProgress, print, print_run, table, with_numbers_from};
 use crate::simulate::{Simulation, simulate};
 
@@ -28,8 +25,8 @@ The result is the best known flight, not a proven optimum; the command also
 prints a lower bound on the loss of any flight. The same --steps find the same
 flight on every machine; --budget is converted to steps by a short trial.")]
 pub struct OptimizeCommand {
-    /// Scenario file.
-    scenario: PathBuf,
+    #[command(flatten)]
+    scenario: ScenarioFile,
     #[command(flatten)]
     budget: Budget,
     #[command(flatten)]
@@ -50,7 +47,7 @@ impl OptimizeCommand {
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         let scenario_of = |strategy: &Registered| {
             let overrides = Overrides { strategy: Some(strategy.name), ..self.changes.overrides() };
-            Scenario::read(&self.scenario, overrides).and_then(settings::resolve)
+            self.scenario.read(overrides)
         };
         let scenarios = STRATEGIES.iter().copied().map(scenario_of).collect::<Result<Vec<_>, _>>()?;
         let Self { budget, folder, recording, form, .. } = self;

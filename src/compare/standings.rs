@@ -48,14 +48,14 @@ pub fn print_tables(contenders: &[Contender], standings: &[MetricStanding], holm
     let loss = |contender: &Contender| find(contender, Metric::LossRate);
     let losses = [
         column("loss\nrate η", &|contender| Some(format!("{:.4}", loss(contender)?.mean))),
-        column("95 %\ninterval", &|contender| Some(limits_text(loss(contender)?.ci95?, 3))),
+        column("its 95 %\ninterval", &|contender| Some(limits_text(loss(contender)?.ci95?, 3))),
         column("weighted\nη_w", &|contender| Some(format!("{:.4}", find(contender, Metric::WeightedLossRate)?.mean))),
-        column("trap\nped", &|contender| {
+        column("\ntrapped", &|contender| {
             let trapped = find(contender, Metric::Trapped)?;
             (trapped.n > 1).then(|| format!("{:.0}%", 100.0 * trapped.mean))
         }),
-        column("vs. the\nfirst", &|contender| Some(format!("{:+.4}", loss(contender)?.difference?))),
-        column(if holm { "p\n(Holm)" } else { "95 %\ninterval" }, &|contender| {
+        column("less the\nfirst", &|contender| Some(format!("{:+.4}", loss(contender)?.difference?))),
+        column(if holm { "p\n(Holm)" } else { "its 95 %\ninterval" }, &|contender| {
             let loss = loss(contender)?;
             let p = || loss.difference_p_holm.map(|p| if p < 0.001 { "< 0.001".to_owned() } else { format!("{p:.3}") });
             if holm { p() } else { Some(limits_text(loss.difference_ci95?, 3)) }

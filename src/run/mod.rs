@@ -29,7 +29,7 @@ use skysink_planner::settings;
 use skysink_planner::strategy::Registered;
 
 use crate::error::Error;
-use crate::options::{MissionOptions, NewFolder};
+use crate::options::{MissionOptions, NewFolder, ScenarioFile};
 use crate::report::{OutputForm, print_run};
 use options::{Launch, RunOptions};
 use resume::resume;
@@ -45,8 +45,8 @@ Examples:
   skysink run --external planner       waits for a planner that you start
   skysink run --resume runs/letter-uts-1")]
 pub struct RunCommand {
-    /// Scenario file [default: the paper's mission].
-    scenario: Option<PathBuf>,
+    #[command(flatten)]
+    scenario: ScenarioFile,
     #[command(flatten)]
     mission: MissionOptions,
     /// Resume the interrupted run in this folder.
@@ -65,12 +65,12 @@ impl RunCommand {
     /// If this build has no viewer, the scenario or the sensor list is refused, a process ends and is not restarted or
     /// does not answer, a file cannot be written or is changed by another process, or on a stop.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
-        let scenario = match (&self.resume, &self.scenario) {
-            (Some(folder), _) => Scenario::read(&folder.join("scenario.toml"), Overrides::default()),
-            (None, Some(path)) => Scenario::read(path, self.mission.overrides()),
-            (None, None) => Scenario::letter(self.mission.overrides()),
+        let scenario = match &self.resume {
+            Some(folder) => {
+                Scenario::read(&folder.join("scenario.toml"), Overrides::default()).and_then(settings::resolve)?
+            }
+            None => self.scenario.read(self.mission.overrides())?,
         };
-        let scenario = settings::resolve(scenario?)?;
         let (folder, summary) = self.fly(&scenario, stop)?;
         self.form.print(&summary, || print_run(&folder, &summary))
     }

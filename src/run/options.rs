@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use skysink_common::error::InputError;
+use skysink_common::option_value::number;
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
@@ -73,7 +74,7 @@ pub struct RunOptions {
     #[arg(long, value_name = "POLICY")]
     pub restart: Vec<Rule>,
     /// Timeout for a message [s] [default: 30; from --external processes 600].
-    #[arg(long, value_name = "SECONDS", value_parser = parse_seconds)]
+    #[arg(long, value_name = "SECONDS", value_parser = seconds())]
     pub timeout: Option<f64>,
 }
 
@@ -133,15 +134,9 @@ impl Launch {
     }
 }
 
-/// Parses a time [s] above 0 and at most 10⁶.
-///
-/// # Errors
-/// If the text is not such a number.
-pub fn parse_seconds(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(seconds) if seconds > 0.0 && seconds <= 1e6 => Ok(seconds),
-        _ => Err("expected seconds, above 0, at most 1000000".to_owned()),
-    }
+/// A parser of times [s] above 0 and at most 10⁶.
+pub fn seconds() -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync {
+    number("seconds, above 0, at most 1000000", |seconds| seconds > 0.0 && seconds <= 1e6)
 }
 
 /// Parses the name of a planner, which may become a part of the folder's name.
@@ -166,8 +161,8 @@ impl RunOptions {
         Replacements { planner: self.planner.as_ref(), vehicle: self.vehicle.as_ref() }
     }
 
-    /// The roles whose processes are waited for as long as for one that the user starts: these, and a vehicle, which has
-    /// to get ready and to take off.
+    /// The roles whose processes are waited for as long as for one that the user starts: these, and a vehicle, which
+    /// has to get ready and to take off.
     pub(crate) fn patient_roles(&self) -> Vec<Role> {
         let vehicle = self.vehicle.iter().map(|_| Role::FlightSim);
         self.external.iter().copied().chain(vehicle).collect()

@@ -97,10 +97,10 @@ impl PlanWatch {
         Some(event(ProcessEvent::Overdue(ms), is_hung))
     }
 
-    /// Counts a slot in which the UAV held for want of a plan, because of a late message, or not. Held slots in a row are
-    /// reported after 1, 10, 100 seconds, and so on.
-    pub fn count(&mut self, held_for: Option<LateMessage>, now: Instant) -> Option<SampleEvent> {
-        let Some(late) = held_for else {
+    /// Counts a slot in which the UAV held for want of a plan, because of a late message, or not. Held slots in a row
+    /// are reported after 1, 10, 100 seconds, and so on.
+    pub fn count(&mut self, late: Option<LateMessage>, now: Instant) -> Option<SampleEvent> {
+        let Some(late) = late else {
             self.held = 0;
             self.held_reported = 0;
             self.late_flights = 0;

@@ -154,7 +154,8 @@ pub fn estimated_rates(scenario: &Scenario, run_mode: &RunMode) -> Result<Option
     Ok(settings::estimated(scenario)?.filter(|_| run_mode.external_planner.is_some()))
 }
 
-/// The last flights in the ring folder, for a vehicle in Python (`python/skysink/ring_vehicle.py`): their bytes by slot.
+/// The last flights in the ring folder, for a vehicle in Python (`python/skysink/ring_vehicle.py`): their bytes by
+/// slot.
 const VEHICLE_FLIGHTS: &str = "vehicle-flights.json";
 
 impl ResumedRun {

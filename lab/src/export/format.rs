@@ -34,10 +34,8 @@ pub enum WriteFormat {
         write: fn(&ExportedMission<'_>, &MissionPart) -> Vec<u8>,
         /// The autopilot that reads it, if it is always the same.
         autopilot: Option<Autopilot>,
-        /// Whether it has the geofence.
-        has_fence: bool,
-        /// A note for the summary.
-        note: &'static str,
+        /// What the summary says if it has no geofence.
+        without_fence: Option<&'static str>,
     },
     /// The vehicle mission in one file.
     MissionMap(fn(&ExportedMission<'_>) -> Vec<u8>),

@@ -1,6 +1,7 @@
 //! The options of vehicle missions.
 
 use clap::Args;
+use skysink_common::option_value::{number, positive};
 use skysink_common::scenario::Scenario;
 
 use super::altitude::AltitudeReference;
@@ -30,14 +31,14 @@ pub struct VehicleMissionOptions {
     #[arg(long, value_name = "BITS", default_value_t = 0, hide_default_value = true, value_parser = parse_bits)]
     pub min_bits: u64,
     /// Widen the geofence of a vehicle mission beyond the area by this [m] [default: 0].
-    #[arg(long, value_name = "M", default_value_t = 0.0, hide_default_value = true, value_parser = parse_margin)]
+    #[arg(long, value_name = "M", default_value_t = 0.0, hide_default_value = true, value_parser = number("metres, 0 to 10000", |margin_m| (0.0..=1e4).contains(&margin_m)))]
     pub fence_margin: f64,
     /// Acceleration of the vehicle for the estimate of the duration [m/s²] [default: uav.acceleration_mps2, or that of
     /// the autopilot].
-    #[arg(long, value_name = "M/S2", value_parser = parse_positive)]
+    #[arg(long, value_name = "M/S2", value_parser = positive())]
     pub acceleration: Option<f64>,
     /// Jerk of the vehicle for the estimate of the duration [m/s³] [default: that of the autopilot].
-    #[arg(long, value_name = "M/S3", value_parser = parse_positive)]
+    #[arg(long, value_name = "M/S3", value_parser = positive())]
     pub jerk: Option<f64>,
     /// Export vehicle missions that take longer, or more energy, than the UAV has.
     #[arg(long)]
@@ -86,16 +87,4 @@ fn parse_bits(text: &str) -> Result<u64, String> {
     let is_count = |bits: &f64| (0.0..=9e15).contains(bits) && bits.fract() == 0.0;
     let bits = text.parse().ok().filter(is_count).map(|bits| bits as u64);
     bits.ok_or_else(|| "expected whole bits, 0 to 9e15".to_owned())
-}
-
-/// Parses metres from 0 to 10 km.
-fn parse_margin(text: &str) -> Result<f64, String> {
-    let margin_m = text.parse().ok().filter(|margin_m| (0.0..=1e4).contains(margin_m));
-    margin_m.ok_or_else(|| "expected metres, 0 to 10000".to_owned())
-}
-
-/// Parses a finite number above 0.
-fn parse_positive(text: &str) -> Result<f64, String> {
-    let value = text.parse().ok().filter(|value: &f64| *value > 0.0 && value.is_finite());
-    value.ok_or_else(|| "expected a number above 0".to_owned())
 }

@@ -73,7 +73,7 @@ pub struct Export {
     pub format: &'static ExportFormat,
     /// Latitude and longitude of the south-west corner of the area [°]; required if the scenario does not set
     /// area.origin_lat_deg and area.origin_lon_deg.
-    #[arg(long, value_name = "LAT,LON", value_parser = parse_origin, allow_hyphen_values = true)]
+    #[arg(long, value_name = "LAT,LON", allow_hyphen_values = true)]
     pub origin: Option<Origin>,
     /// Output file [default: RUN with the extension of the format].
     #[arg(long, value_name = "PATH")]
@@ -120,7 +120,7 @@ pub fn export(export: &Export, stop: &Stop) -> Result<Exported, LabError> {
     let other_parts = outputs.iter().flat_map(|(out, _)| parts_of(out)).filter(|part| !files.contains(part));
     for part in other_parts {
         if !export.force {
-            let message = "it is a part of an earlier export: choose another --out, or pass --force to remove it";
+            let message = "it is of an earlier export: choose another --out, or pass --force to remove it";
             return Err(InputError::new("output file", &part, message).into());
         }
         fs::remove_file(&part).at(&part)?;
@@ -172,7 +172,7 @@ fn render(export: &Export, run: &RecordedRun, out: &Path) -> Result<Rendered, La
 /// The options of the mission for the format, which may be for one autopilot only, or without a geofence.
 fn mission_options(export: &Export) -> Result<VehicleMissionOptions, InputError> {
     let (only, has_fence) = match export.format.write {
-        WriteFormat::Mission { autopilot, has_fence, .. } => (autopilot, has_fence),
+        WriteFormat::Mission { autopilot, without_fence, .. } => (autopilot, without_fence.is_none()),
         _ => (None, false),
     };
     let options = VehicleMissionOptions { autopilot: export.mission.autopilot.or(only), ..export.mission.clone() };
@@ -197,13 +197,13 @@ fn render_mission(
     options: &VehicleMissionOptions,
 ) -> Result<(Vec<String>, Vec<Vec<u8>>), LabError> {
     let (purpose, has_fence, note) = match format.write {
-        WriteFormat::Mission { has_fence, note, .. } => (MissionUse::Flight, has_fence, note),
-        _ => (MissionUse::Map, false, ""),
+        WriteFormat::Mission { without_fence: note, .. } => (MissionUse::Flight, note.is_none(), note),
+        _ => (MissionUse::Map, false, None),
     };
     let mission = vehicle::plan(track, options, purpose)?;
     let corners = fence::border(&track.run.scenario.area, options.fence_margin);
     let mut lines = summary::lines(track, options, &mission);
-    lines.extend(Some(note.to_owned()).filter(|note| !note.is_empty()));
+    lines.extend(note.map(str::to_owned));
     let warnings = warnings::of(track, &mission, has_fence.then_some(&corners[..]));
     lines.extend(warnings.into_iter().map(|text| format!("warning: {text}")));
     let fence = corners.iter().map(|corner| track.place(corner)).collect::<Result<_, _>>()?;
@@ -266,7 +266,7 @@ fn folder_of(file: &Path) -> &Path {
     file.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// The existing parts of the file `out`, of any number of parts.
+/// The existing files of the mission `out`: in one part, or in any number.
 fn parts_of(out: &Path) -> Vec<PathBuf> {
     let begin = format!("{}-part-", out.file_stem().unwrap_or_default().to_string_lossy());
     let entries =
@@ -275,7 +275,8 @@ fn parts_of(out: &Path) -> Vec<PathBuf> {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         let numbers = stem.strip_prefix(&begin).and_then(|rest| rest.split_once("-of-"));
         let is_number = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
-        path.extension() == out.extension() && numbers.is_some_and(|(part, of)| is_number(part) && is_number(of))
+        let is_one_of = numbers.is_some_and(|(part, of)| is_number(part) && is_number(of));
+        path == out || path.extension() == out.extension() && is_one_of
     };
     entries.filter(is_part).collect()
 }
@@ -296,17 +297,6 @@ fn check_out(file: &Path, export: &Export) -> Result<(), InputError> {
 fn format_parser() -> impl TypedValueParser<Value = &'static ExportFormat> {
     PossibleValuesParser::new(FORMATS.map(|format| PossibleValue::new(format.name).help(format.about)))
         .map(|name| FORMATS.into_iter().find(|format| format.name == name).expect("one of the possible values"))
-}
-
-/// Parses `LAT,LON` [°].
-fn parse_origin(text: &str) -> Result<Origin, String> {
-    let parts = text.split_once(',').and_then(|(lat, lon)| Some((lat.trim().parse().ok()?, lon.trim().parse().ok()?)));
-    parts
-        .map(|(lat_deg, lon_deg)| Origin { lat_deg, lon_deg })
-        .filter(|origin| (-90.0..=90.0).contains(&origin.lat_deg) && (-180.0..=180.0).contains(&origin.lon_deg))
-        .ok_or_else(|| {
-            "expected a latitude, -90 to 90, and a longitude, -180 to 180, such as 47.3977,8.5456".to_owned()
-        })
 }
 
 #[cfg(test)]

@@ -16,7 +16,7 @@ pub static FORMAT: ExportFormat = ExportFormat {
     name: "qgc-plan",
     about: "QGroundControl plan: a vehicle's mission, with area and zones as geofence",
     extension: "plan",
-    write: WriteFormat::Mission { write, autopilot: None, has_fence: true, note: "" },
+    write: WriteFormat::Mission { write, autopilot: None, without_fence: None },
 };
 
 fn write(exported: &ExportedMission<'_>, part: &MissionPart) -> Vec<u8> {

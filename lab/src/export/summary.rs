@@ -63,7 +63,7 @@ fn home(track: &GeodeticTrack<'_>, mission: &VehicleMission) -> String {
 
 fn times(track: &GeodeticTrack<'_>, options: &VehicleMissionOptions, mission: &VehicleMission) -> String {
     let time = |part: &MissionPart| format!("{:.0} s", part.effort.duration_s);
-    let times = mission.parts.iter().map(time).collect::<Vec<_>>().join(", ");
+    let times = mission.parts.iter().map(time).collect::<Vec<_>>().join(" + ");
     let ramp = options.motion(&track.run.scenario).horizontal;
     let jerk = ramp.jerk_mps3.map_or(String::new(), |jerk_mps3| format!(" and {jerk_mps3} m/s³"));
     let planned_s = track.run.slots.len() as f64 * track.run.scenario.slot_s;

@@ -159,7 +159,7 @@ fn passes_with_little_data_are_omitted() {
     let omitted = "1 of 3 waypoints omitted, with 2 of 15 bits (13.33 %)".to_owned();
     assert_eq!(at(3), (vec![10.0, 30.0, 0.0], omitted));
     let options = VehicleMissionOptions { min_bits: 9, ..VehicleMissionOptions::default() };
-    assert!(refusal(&run, &options).contains("--min-bits 9: no pass carries so many"));
+    assert!(refusal(&run, &options).contains("--min-bits 9: no waypoint collects so many"));
 }
 
 #[test]

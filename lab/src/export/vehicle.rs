@@ -84,7 +84,7 @@ pub fn plan(
     let flown = stops::merge(track);
     let stops = stops::with_bits(&flown, options.min_bits, planner.home(), &planner.airspace);
     if stops.is_empty() {
-        let message = format_args!("--min-bits {}: no pass carries so many: expected fewer", options.min_bits);
+        let message = format_args!("--min-bits {}: no waypoint collects so many: expected fewer", options.min_bits);
         return Err(InputError::new("scenario", &scenario.path, message));
     }
     let parts = planner.split(&stops)?;
@@ -239,8 +239,7 @@ impl MissionPlanner<'_> {
 /// Checks that the UAV has the time and the energy for each part.
 fn check_effort(track: &GeodeticTrack<'_>, parts: &[MissionPart]) -> Result<(), InputError> {
     let scenario = &track.run.scenario;
-    let own_s = scenario.uav.endurances_s.as_ref().and_then(|own| own.get(track.uav).copied());
-    let endurance_s = own_s.unwrap_or(scenario.uav.endurance_s);
+    let endurance_s = scenario.endurance_s_of(track.uav).unwrap_or(scenario.uav.endurance_s);
     let battery = Battery::of(scenario);
     let usable_j = battery.map_or(f64::INFINITY, |battery| battery.initial_j - battery.reserve_j);
     for (part, number) in parts.iter().zip(1..) {

@@ -15,8 +15,7 @@ pub static FORMAT: ExportFormat = ExportFormat {
     write: WriteFormat::Mission {
         write,
         autopilot: Some(Autopilot::Ardupilot),
-        has_fence: false,
-        note: "no geofence: QGC WPL does not support it; use qgc-plan",
+        without_fence: Some("no geofence: QGC WPL does not support it; use qgc-plan"),
     },
 };
 

@@ -33,7 +33,9 @@ pub fn read(text: &str) -> Result<Imported, String> {
         let line = line_of(text, row.position());
         if row.len() != header.len() {
             let [found, expected] = [row.len(), header.len()];
-            return Err(format!("line {line}: {found} fields: expected {expected}, as in the header (decimal points)"));
+            return Err(format!(
+                "line {line}: {found} fields: expected {expected}, as in the header, and numbers with decimal points"
+            ));
         }
         let place = format!("line {line}");
         let sensor = table.sensor(&row, place.clone()).map_err(|message| format!("{place}: {message}"))?;
@@ -104,7 +106,8 @@ impl Columns {
 fn number(row: &StringRecord, (name, place): &(String, usize)) -> Result<f64, String> {
     let text = row.get(*place).unwrap_or_default();
     let value = text.parse().ok().filter(|value: &f64| value.is_finite());
-    value.ok_or_else(|| format!("{} = {}: expected a number", quoted(name), quoted(text)))
+    let point = if text.contains(',') { " with a decimal point" } else { "" };
+    value.ok_or_else(|| format!("{} = {}: expected a number{point}", quoted(name), quoted(text)))
 }
 
 #[cfg(test)]
@@ -129,6 +132,7 @@ mod tests {
         assert!(read("x,y\n\n\"1\",2\n\n3,four\n").unwrap_err().starts_with("line 5: y"), "empty lines count");
         assert!(read("x,y\n1\n").unwrap_err().starts_with("line 2: 1 fields: expected 2, as in the header"));
         assert!(read("x,y\n1,5,2,5\n").unwrap_err().contains("line 2: 4 fields: expected 2"), "decimal commas");
+        assert!(read("x;y\n1;2,5\n").unwrap_err().ends_with("y = 2,5: expected a number with a decimal point"));
         assert!(read("x,y\n1,\n").unwrap_err().starts_with("line 2: y = : expected a number"));
         assert!(read("lat,lon\n95,2\n").unwrap_err().starts_with("line 2: latitude 95: expected -90 to 90"));
         assert!(read("x,z\n1,2\n").unwrap_err().contains("expected columns x and y [m], or lat and lon [°]"));

@@ -1,6 +1,6 @@
-//! Zones, buildings and bases from a picture of a map, in the colours of the public data harvesting environments: red for
-//! what must not be entered, green for buildings, both (yellow) for buildings that must not be entered, blue for where to
-//! start and land.
+//! Zones, buildings and bases from a picture of a map, in the colours of the public data harvesting environments: red
+//! for what must not be entered, green for buildings, both (yellow) for buildings that must not be entered, blue for
+//! where to start and land.
 
 /// Most pixels along a side.
 #[cfg(feature = "pictures")]
@@ -26,7 +26,8 @@ pub struct MapPicture {
     pub buildings: Vec<Vec<[f64; 2]>>,
     /// Outlines of where to start and land.
     pub landing: Vec<Vec<[f64; 2]>>,
-    /// The middle of a pixel to start from: one to land in, or the free one that is nearest to the middle of the picture.
+    /// The middle of a pixel to start from: one to land in, or the free one that is nearest to the middle of the
+    /// picture.
     pub start: [f64; 2],
 }
 
@@ -131,8 +132,8 @@ impl Cells {
         hole.is_in.iter().position(|is_in| *is_in).map(|index| index as u32 % self.columns)
     }
 
-    /// Polygons that cover the set, none of which has a hole. Those of a part with holes overlap by a column, so that no
-    /// seam is left between them.
+    /// Polygons that cover the set, none of which has a hole. Those of a part with holes overlap by a column, so that
+    /// no seam is left between them.
     fn outlines(&self) -> Vec<Vec<[f64; 2]>> {
         let mut pending = self.parts();
         let mut outlines = Vec::new();
