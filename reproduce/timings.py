@@ -2,6 +2,7 @@
 
 import json
 import os
+import platform
 import subprocess
 import sys
 import time
@@ -12,12 +13,16 @@ from shutil import rmtree, which
 from entries import OUT, SIDE, entry, run, table, version
 
 
+def machine():
+    """The processor, and the number of cores."""
+    names = [line.split(":")[1].strip() for line in open("/proc/cpuinfo") if line.startswith("model name")]
+    return f"{names[0] if names else platform.machine()}, {os.cpu_count()} cores"
+
+
 def bench(part):
     """The table of a part of `skysink bench`, with version, machine and command below."""
-    machine, measured = run("skysink", "bench", "--only", part).split("┘", 1)
-    cpu = next(line.strip("│ ").removeprefix("cpu").strip() for line in machine.splitlines() if "│ cpu " in line)
-    command = f"`reproduce/run bench-{part}`"
-    return f"```\n{measured.strip()}\n```\n\n*{version()}, {cpu}, {os.cpu_count()} cores: {command}*"
+    _, measured = run("skysink", "bench", "--only", part).split("┘", 1)
+    return f"```\n{measured.strip()}\n```\n\n*{version()}, {machine()}: `reproduce/run bench-{part}`*"
 
 
 @entry("bench-planner", 1, is_timing=True)
@@ -52,8 +57,7 @@ def bench_fleet():
 
 def timed_table(name, head, rows):
     """A table of timings, with the processor below."""
-    processor = next(line for line in open("/proc/cpuinfo") if line.startswith("model name")).split(":")[1].strip()
-    return table(name, head, rows, f"{processor}, {os.cpu_count()} cores")
+    return table(name, head, rows, machine())
 
 
 def words_of(keys):
@@ -103,17 +107,18 @@ WAITS = ["adaptive", "event"]
 def few_cores():
     """Slots per second of the ring with few cores, and its missed deadlines."""
     rows = []
-    for label, before, busy, words in [
-        ("two cores", [], 0, ["--no-viewer"]),
-        ("one core (`taskset -c 1`)", ["taskset", "-c", "1"], 0, ["--no-viewer"]),
-        ("two cores, one of them busy", [], 1, ["--no-viewer"]),
-        ("two cores, both busy", [], 2, ["--no-viewer"]),
-        ("two cores, with a viewer", [], 0, []),
+    for label, cores, busy, words in [
+        ("two cores", "0,1", 0, ["--no-viewer"]),
+        ("one core", "1", 0, ["--no-viewer"]),
+        ("two cores, one of them busy", "0,1", 1, ["--no-viewer"]),
+        ("two cores, both busy", "0,1", 2, ["--no-viewer"]),
+        ("two cores, with a viewer", "0,1", 0, []),
     ]:
-        programs = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(busy)]
+        on_cores = ["taskset", "-c", cores]
+        programs = [subprocess.Popen([*on_cores, sys.executable, "-c", "while True: pass"]) for _ in range(busy)]
         try:
             turns = [
-                [ring_run(20_000, "--wait", wait, *words, before=before)["slots_per_s"] for wait in WAITS]
+                [ring_run(20_000, "--wait", wait, *words, before=on_cores)["slots_per_s"] for wait in WAITS]
                 for _ in range(3)
             ]
         finally:
@@ -122,7 +127,10 @@ def few_cores():
                 program.wait()
         adaptive, event = (sorted(speeds)[1] for speeds in zip(*turns))
         rows.append([label, f"{adaptive:.0f}", f"{event:.0f}", f"{adaptive / event:.2f}"])
-    paced = [ring_run(30_000, "--no-viewer", "--pace", "1000x", "--wait", wait) for wait in WAITS]
+    paced = [
+        ring_run(30_000, "--no-viewer", "--pace", "1000x", "--wait", wait, before=["taskset", "-c", "0,1"])
+        for wait in WAITS
+    ]
     missed = [timing["missed_deadlines"] for timing in paced]
     rows.append(["missed plans of 30 000, slots of 1 ms", *missed, ""])
     return timed_table("few-cores", ["", *WAITS, "adaptive ÷ event"], rows)

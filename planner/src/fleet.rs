@@ -28,7 +28,8 @@ use crate::strategy::{PlannedVisit, Registered, Strategy, Timing};
 /// A place that is near to none [m].
 const NOWHERE: [f64; 2] = [f64::NEG_INFINITY; 2];
 
-/// Moves by which UAVs that have to land and keep apart plan to be home before they must: they may lose them to each other.
+/// Moves by which UAVs that have to land and keep apart plan to be home before they must: they may lose them to each
+/// other.
 const SPARE_MOVES: u64 = 3;
 
 /// The planners of the UAVs of a mission.
@@ -37,8 +38,8 @@ pub struct FleetPlanner {
     coordination: Coordination,
     /// Least distance between the ends of slots of two UAVs [m]; 0 for any, or if they do not talk.
     separation_m: f64,
-    /// Whether a place that a UAV leaves is kept clear for the slot: two moves around a corner of a grid, one after the other,
-    /// would come too near.
+    /// Whether a place that a UAV leaves is kept clear for the slot: two moves around a corner of a grid, one after the
+    /// other, would come too near.
     keeps_begins: bool,
     /// The SNs that each UAV is expected to serve before it has planned ahead; empty if none does.
     claims: Vec<Vec<u32>>,
@@ -66,8 +67,8 @@ struct Told {
 }
 
 impl Told {
-    /// What is told to the UAV number `uav`, that keeps `separation_m` [m] and `stays` or gives way: where the others are, and
-    /// in a `sequential` fleet what they serve.
+    /// What is told to the UAV number `uav`, that keeps `separation_m` [m] and `stays` or gives way: where the others
+    /// are, and in a `sequential` fleet what they serve.
     fn to(&mut self, uav: usize, separation_m: f64, stays: bool, is_sequential: bool) -> Others<'_> {
         self.others.clear();
         self.others.extend_from_slice(&self.places[..uav]);
@@ -141,8 +142,8 @@ impl From<Planner> for FleetPlanner {
 }
 
 impl FleetPlanner {
-    /// The planners of a scenario with the sensor nodes `sensors`, SN i at entry i. `stop` ends long preparations and searches; a
-    /// plan made after the request must not be flown.
+    /// The planners of a scenario with the sensor nodes `sensors`, SN i at entry i. `stop` ends long preparations and
+    /// searches; a plan made after the request must not be flown.
     ///
     /// # Errors
     /// As [`Planner::new`].
@@ -219,8 +220,8 @@ impl FleetPlanner {
         self.members[0].planner.stop()
     }
 
-    /// Observes the flights of `slot`, and the queues after it [bit], by id ([`Planner::observe`]). UAVs that plan on their own
-    /// have only their own contacts.
+    /// Observes the flights of `slot`, and the queues after it [bit], by id ([`Planner::observe`]). UAVs that plan on
+    /// their own have only their own contacts.
     ///
     /// # Panics
     /// If there is not one flight for each UAV.
@@ -238,8 +239,8 @@ impl FleetPlanner {
         }
     }
 
-    /// Plans `slot` from where the UAVs are after `flights`, and the queues `B_i(t−1)` [bit], by id ([`Planner::step`]). The
-    /// plans have the time that each of them took.
+    /// Plans `slot` from where the UAVs are after `flights`, and the queues `B_i(t−1)` [bit], by id
+    /// ([`Planner::step`]). The plans have the time that each of them took.
     ///
     /// # Panics
     /// If there is not one flight for each UAV.
@@ -358,7 +359,8 @@ fn alone(scenario: &Scenario, uav: usize, separation_m: f64) -> Scenario {
     if separation_m == 0.0 || !scenario.must_land() {
         return alone;
     }
-    // Into the base one after the other, those of lower number first, which those of higher number await beyond the distance.
+    // Into the base one after the other, those of lower number first, which those of higher number await beyond the
+    // distance.
     let move_m = scenario.uav.grid_m().unwrap_or_else(|| scenario.reach_m());
     let each = (separation_m / move_m) as u64; // saturates
     let behind = (scenario.uav.uavs() - 1 - uav) as u64;

@@ -13,8 +13,8 @@ use smallvec::{SmallVec, smallvec};
 /// Slack of the number of slots of a way home, so that rounding adds none.
 const SLACK_SLOTS: f64 = 1e-9;
 
-/// The way home: straight, or in straight pieces around zones. Each is flown in equal steps at the speed of least energy per
-/// metre, or faster where time is short.
+/// The way home: straight, or in straight pieces around zones. Each is flown in equal steps at the speed of least
+/// energy per metre, or faster where time is short.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Home {
     /// Where it ends.
@@ -115,8 +115,9 @@ impl Home {
         })
     }
 
-    /// Where the way home from `ground` [m] ends, with `left` slots for it: in the nearest point of the base, or, where slots
-    /// end beside their waypoints, or zones make it better, in the place well inside that the shortest way leads to.
+    /// Where the way home from `ground` [m] ends, with `left` slots for it: in the nearest point of the base, or, where
+    /// slots end beside their waypoints, or zones make it better, in the place well inside that the shortest way leads
+    /// to.
     #[must_use]
     pub fn end_of(&self, ground: &Position, left: u64) -> Position {
         match &self.ends_from(ground)[..] {
@@ -156,15 +157,16 @@ impl Home {
         away_m.min_by(|(a_m, _), (b_m, _)| a_m.total_cmp(b_m)).map_or(*ground, |(_, end)| *end)
     }
 
-    /// The way home from `ground` [m] after `slot`: its bends, and its end. Empty in the base, and if no way leads home.
+    /// The way home from `ground` [m] after `slot`: its bends, and its end. Empty in the base, and if no way leads
+    /// home.
     #[must_use]
     pub fn way_from(&self, slot: u64, ground: &Position) -> Bends {
         let end = self.end_of(ground, self.left_after(slot));
         if end == *ground { Bends::new() } else { self.airspace.way(ground, &end) }
     }
 
-    /// The pieces of the way home from `ground` [m], with `left` slots for it, that takes the least energy; they take more than
-    /// `left` if it is too far. Empty if no way leads home.
+    /// The pieces of the way home from `ground` [m], with `left` slots for it, that takes the least energy; they take
+    /// more than `left` if it is too far. Empty if no way leads home.
     fn pieces(&self, ground: &Position, left: u64) -> Pieces {
         match &self.ends_from(ground)[..] {
             [only] => self.pieces_to(ground, only, left),
@@ -206,8 +208,8 @@ impl Home {
             .map_or(0.0, |battery| flown.map(|piece| piece.slots * battery.slot_j(piece.length_m / piece.slots)).sum())
     }
 
-    /// Whether a full battery may fly from the base or from the start into range of an SN at `sensor` [m] and home, at the
-    /// least energy per metre.
+    /// Whether a full battery may fly from the base or from the start into range of an SN at `sensor` [m] and home, at
+    /// the least energy per metre.
     #[must_use]
     pub fn may_serve(&self, sensor: &Position) -> bool {
         let from_base_m = self.base.away_m(sensor);
@@ -243,7 +245,8 @@ impl Home {
         self.battery.map_or(f64::INFINITY, |battery| energy_j - way_j - battery.reserve_j)
     }
 
-    /// Slots and energy [J] of the way home from `ground` [m] at the least energy per metre; infinite slots if there is none.
+    /// Slots and energy [J] of the way home from `ground` [m] at the least energy per metre; infinite slots if there is
+    /// none.
     #[must_use]
     pub fn thrifty_way(&self, ground: &Position) -> (f64, f64) {
         self.way_within(ground, u64::MAX)
@@ -256,12 +259,6 @@ impl Home {
             return (f64::INFINITY, 0.0);
         }
         (slots_of(&pieces), self.way_j(&pieces))
-    }
-
-    /// Slots of the way home from `ground` [m], of which `slot` is the first; 0 in the base.
-    #[must_use]
-    pub fn slots_from(&self, slot: u64, ground: &Position) -> f64 {
-        slots_of(&self.pieces(ground, self.left_after(slot.saturating_sub(1))))
     }
 
     /// The way home from `ground` [m], of which `slot` is the first slot.

@@ -69,7 +69,8 @@ impl MissionTable {
         }
     }
 
-    /// The table of a scenario over the same area with other SNs, or other rates; it shares the airspace, and the turns if positions and range are the same.
+    /// The table of a scenario over the same area with other SNs, or other rates; it shares the airspace, and the turns
+    /// if positions and range are the same.
     #[must_use]
     pub fn over(&self, scenario: &Scenario, sensors: Arc<Sensors>) -> Self {
         let mut other = Self::within(scenario, sensors, Arc::clone(&self.airspace));
@@ -80,8 +81,8 @@ impl MissionTable {
         other
     }
 
-    /// The turns of the SNs that can be served, in a closed round that touches the disks of radius `d_c` about them, around
-    /// zones. `stop` ends the search for a shorter one.
+    /// The turns of the SNs that can be served, in a closed round that touches the disks of radius `d_c` about them,
+    /// around zones. `stop` ends the search for a shorter one.
     #[must_use]
     pub fn turns(&self, stop: &Stop) -> Arc<Turns> {
         let find = || {
@@ -115,7 +116,8 @@ impl MissionTable {
         self.sensors.ids().filter(|&id| self.is_servable(id))
     }
 
-    /// Whether one slot, or a move on a grid, leads from `from` into the range of an SN at `sensor` [m], around zones, and so may serve it.
+    /// Whether one slot, or a move on a grid, leads from `from` into the range of an SN at `sensor` [m], around zones,
+    /// and so may serve it.
     #[must_use]
     pub fn may_serve_next(&self, from: &Position, sensor: &Position) -> bool {
         let range = Disk { centre: *sensor, radius_m: self.limits.comm_radius_m };
@@ -129,8 +131,8 @@ impl MissionTable {
         self.is_hidden.iter().any(|is_hidden| *is_hidden)
     }
 
-    /// The end of a slot that flies toward `goal` [m], as far as one slot reaches, stopping on it if it is nearer: straight,
-    /// or around zones.
+    /// The end of a slot that flies toward `goal` [m], as far as one slot reaches, stopping on it if it is nearer:
+    /// straight, or around zones.
     #[must_use]
     pub fn toward(&self, position: &Position, goal: &Position) -> Position {
         if self.airspace.is_open() {
@@ -151,8 +153,8 @@ impl MissionTable {
         if self.airspace.is_open() { distance_squared(from, to) } else { self.airspace.distance_m(from, to).powi(2) }
     }
 
-    /// Slots of the shortest way from `from` into `disk`, at least 1, on a grid at least those of a hover; infinite if there is
-    /// none.
+    /// Slots of the shortest way from `from` into `disk`, at least 1, on a grid at least those of a hover; infinite if
+    /// there is none.
     #[must_use]
     pub fn slots_into(&self, from: &Position, disk: &Disk) -> f64 {
         let reach_m = self.limits.reach_m;
@@ -167,8 +169,8 @@ impl MissionTable {
         if slots == 0.0 { self.airspace.move_slots() as f64 } else { slots }
     }
 
-    /// The shortest way from `from` into `disk`, toward its centre or the point beside zones that is nearest to it; empty if
-    /// there is none.
+    /// The shortest way from `from` into `disk`, toward its centre or the point beside zones that is nearest to it;
+    /// empty if there is none.
     #[must_use]
     pub fn way_into(&self, from: &Position, disk: &Disk) -> Bends {
         self.airspace.way_into(from, &self.airspace.nearest(&disk.centre), &disk.centre, disk.radius_m)

@@ -1,5 +1,5 @@
-//! Pieces of a closed tour over all sensor nodes (SNs), one for each UAV: route first, cluster second (Frederickson, Hecht and
-//! Kim, SIAM Journal on Computing 7(2), 1978).
+//! Pieces of a closed tour over all sensor nodes (SNs), one for each UAV: route first, cluster second (Frederickson,
+//! Hecht and Kim, SIAM Journal on Computing 7(2), 1978).
 
 use skysink_common::geometry::Position;
 use skysink_common::scenario::Scenario;
@@ -8,8 +8,8 @@ use skysink_common::stop::Stop;
 use crate::geometry::turns::Turns;
 use crate::mission_table::MissionTable;
 
-/// The SNs of each UAV, ascending: consecutive pieces of the tour, whose durations are as the `slots` that the UAVs have. SNs
-/// that cannot be served are in no piece.
+/// The SNs of each UAV, ascending: consecutive pieces of the tour, whose durations are as the `slots` that the UAVs
+/// have. SNs that cannot be served are in no piece.
 #[must_use]
 pub fn pieces(table: &MissionTable, scenario: &Scenario, slots: &[u64], stop: &Stop) -> Vec<Vec<u32>> {
     let mut turns = table.turns(stop).as_ref().clone();
@@ -48,8 +48,8 @@ fn durations(table: &MissionTable, turns: &Turns) -> Vec<f64> {
     before.zip(&turns.points).map(|ends| way_slots(ends) + served).collect()
 }
 
-/// The piece of each turn, of consecutive ones whose durations are as `shares`: a turn belongs to the piece in which its middle
-/// lies. The way to the first turn is in none.
+/// The piece of each turn, of consecutive ones whose durations are as `shares`: a turn belongs to the piece in which
+/// its middle lies. The way to the first turn is in none.
 fn cut(durations: &[f64], shares: &[f64]) -> Vec<usize> {
     let total: f64 = durations.iter().skip(1).sum();
     let all: f64 = shares.iter().sum();

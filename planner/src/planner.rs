@@ -253,7 +253,8 @@ impl Planner {
         Plan::fly_to(position, Mode::Hold)
     }
 
-    /// The plan for `slot` of a UAV whose endurance ends: it serves nobody, and flies home from `position` or stays there.
+    /// The plan for `slot` of a UAV whose endurance ends: it serves nobody, and flies home from `position` or stays
+    /// there.
     pub(crate) fn rest(&mut self, slot: u64, position: Point3<f64>, queues_bits: &[u32], apart: &Apart<'_>) -> Plan {
         let is_home = self.is_home(&position.xy());
         let Self { belief, table, stop, .. } = self;

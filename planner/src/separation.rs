@@ -29,7 +29,8 @@ pub(crate) struct Apart<'a> {
 }
 
 impl Apart<'_> {
-    /// Where to fly in the slot of `view` instead of `told` [m]; `None` if that is far enough away, or nothing else is better.
+    /// Where to fly in the slot of `view` instead of `told` [m]; `None` if that is far enough away, or nothing else is
+    /// better.
     pub fn end_instead_of(&self, view: &View, told: &Position) -> Option<Position> {
         let airspace = &view.table.airspace;
         let ground = view.ground();
@@ -62,7 +63,8 @@ impl Apart<'_> {
         if let Some(in_time) = clear.iter().find(|to| comes_home(to)) {
             return Some(*in_time);
         }
-        // UAVs of higher number have to plan for this one. In the base it may be near to others, before it comes home too late.
+        // UAVs of higher number have to plan for this one. In the base it may be near to others, before it comes home
+        // too late.
         if !is_near(lower, told) && (clear.is_empty() || !airspace.has_grid()) || is_in_base(&end_of(told)) {
             return None;
         }
@@ -78,9 +80,9 @@ impl Apart<'_> {
         others.into_iter().min_by(|a, b| way_m(a).total_cmp(&way_m(b)))
     }
 
-    /// Whether `end` [m] is too near to one of the `places` of other UAVs, and neither is in the base. On a grid a UAV also comes
-    /// near to none in the base to which it is not near already, and where a move takes several slots, which end outside of the
-    /// base, to none at all.
+    /// Whether `end` [m] is too near to one of the `places` of other UAVs, and neither is in the base. On a grid a UAV
+    /// also comes near to none in the base to which it is not near already, and where a move takes several slots, which
+    /// end outside of the base, to none at all.
     fn is_near(&self, view: &View, places: &[Position], end: &Position) -> bool {
         let is_in_base = |at: &Position| self.base.is_some_and(|base| base.contains(at));
         let is_near = |from: &Position, place: &Position| (from - place).norm() < self.separation_m;

@@ -50,8 +50,8 @@ pub trait Strategy: Checkpoint {
         &[]
     }
 
-    /// Appends what the plan of the slot of `view` serves from that slot on; before it is made, what the plan of the slot before
-    /// would. Nothing from strategies that do not look ahead.
+    /// Appends what the plan of the slot of `view` serves from that slot on; before it is made, what the plan of the
+    /// slot before would. Nothing from strategies that do not look ahead.
     fn visits(&mut self, _view: &View<'_>, _into: &mut Vec<PlannedVisit>) {}
 
     /// The SN that its round begins with; `None` from strategies without a round.
@@ -59,8 +59,8 @@ pub trait Strategy: Checkpoint {
         None
     }
 
-    /// Prepares to share its round with other UAVs of the same strategy: this is number `uav`, and the round of each UAV would
-    /// begin with the SN of `firsts`.
+    /// Prepares to share its round with other UAVs of the same strategy: this is number `uav`, and the round of each
+    /// UAV would begin with the SN of `firsts`.
     fn take_part(&mut self, _uav: usize, _firsts: &[u32]) {}
 }
 
@@ -154,7 +154,8 @@ impl<'a> View<'a> {
     }
 
     /// The value of the queue of SN `id`, by which strategies compare queues: its bits where all weights are equal
-    /// ([`Weights::value`](skysink_common::weights::Weights::value), decision D25); 0 if zones leave no place to serve it from.
+    /// ([`Weights::value`](skysink_common::weights::Weights::value), decision D25); 0 if zones leave no place to serve
+    /// it from.
     ///
     /// # Panics
     /// If the SN is unknown.

@@ -20,8 +20,8 @@ pub struct PlannedStop {
     pub sensor: u32,
     /// The most hovers there [moves]; a move takes one slot, or more on a grid.
     pub hovers: u32,
-    /// Whether the UAV is on its way there: it then flies on, also if the SN was served in passing. Otherwise the flight would
-    /// differ from the plan.
+    /// Whether the UAV is on its way there: it then flies on, also if the SN was served in passing. Otherwise the
+    /// flight would differ from the plan.
     pub is_begun: bool,
 }
 
@@ -393,8 +393,8 @@ impl<'a> PlanFlight<'a> {
         states.truncate(kept + 1);
     }
 
-    /// What a plan of `stops` does first, and the index of the stop that it does it for; as many as there are for the way
-    /// home.
+    /// What a plan of `stops` does first, and the index of the stop that it does it for; as many as there are for the
+    /// way home.
     pub fn first(&mut self, stops: &[PlannedStop]) -> (Next, usize) {
         self.attempt(stops, 0);
         let begin = self.window.begin;

@@ -1,8 +1,8 @@
 //! `planner.objective = "collect"`: the plan that delivers most until the mission's end, and is home then.
 //!
-//! A plan is a sequence of stops: a place, the sensor node (SN) that the UAV hovers for, and how long at most. It is flown
-//! slot by slot in a model of expected rates, in which stops that leave no way home are left out, and improved by simulated
-//! annealing. The decision for a slot is left to [`crate::strategies::collecting`].
+//! A plan is a sequence of stops: a place, the sensor node (SN) that the UAV hovers for, and how long at most. It is
+//! flown slot by slot in a model of expected rates, in which stops that leave no way home are left out, and improved by
+//! simulated annealing. The decision for a slot is left to [`crate::strategies::collecting`].
 //!
 //! | module | contents |
 //! |---|---|
@@ -99,9 +99,9 @@ impl Collector {
         self.stops.is_some()
     }
 
-    /// Searches in up to `steps` steps for a plan from the slot of `view` on, or improves the one there is; returns what it
-    /// does first, and keeps the rest. The first search may begin with the stops of `offered`. The result depends only on the
-    /// view and the plan, unless `is_over` ends the search.
+    /// Searches in up to `steps` steps for a plan from the slot of `view` on, or improves the one there is; returns
+    /// what it does first, and keeps the rest. The first search may begin with the stops of `offered`. The result
+    /// depends only on the view and the plan, unless `is_over` ends the search.
     pub fn plan(
         &mut self,
         view: &View,

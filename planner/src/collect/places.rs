@@ -1,4 +1,5 @@
-//! Places: which sensor nodes (SNs) are served from there, how long the ways between them take, and from where to serve an SN.
+//! Places: which sensor nodes (SNs) are served from there, how long the ways between them take, and from where to serve
+//! an SN.
 
 use std::collections::HashMap;
 use std::hash::Hash;
@@ -154,8 +155,8 @@ impl Places {
         Some(ends)
     }
 
-    /// The end of a slot from `from` to `to` [m]: a straight way is flown in equal steps. `slot` counts from the begin of a
-    /// move on a grid.
+    /// The end of a slot from `from` to `to` [m]: a straight way is flown in equal steps. `slot` counts from the begin
+    /// of a move on a grid.
     #[must_use]
     pub fn step(&self, slot: u64, from: &Position, to: &Position) -> Position {
         let MissionTable { airspace, limits, .. } = &self.table;

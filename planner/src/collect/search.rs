@@ -33,8 +33,8 @@ pub struct PlanSearch<'a, 'b> {
 }
 
 impl PlanSearch<'_, '_> {
-    /// A first plan: a stop for each SN, the fullest first, where the plan then delivers most. Where SNs sample it is the same
-    /// round again and again, that of `tour`, or `offered`, whichever delivers most.
+    /// A first plan: a stop for each SN, the fullest first, where the plan then delivers most. Where SNs sample it is
+    /// the same round again and again, that of `tour`, or `offered`, whichever delivers most.
     pub fn insert_all(&mut self, offered: Vec<PlannedStop>, stop: &Stop) -> Vec<PlannedStop> {
         let mut stops: Vec<PlannedStop> = Vec::new();
         let mut value = self.flight.attempt(&stops, 0);
@@ -91,7 +91,8 @@ impl PlanSearch<'_, '_> {
         }
     }
 
-    /// Appends `round` to a plan of this value as often as that delivers more: what was sampled meanwhile. Returns the value.
+    /// Appends `round` to a plan of this value as often as that delivers more: what was sampled meanwhile. Returns the
+    /// value.
     fn repeat(&mut self, stops: &mut Vec<PlannedStop>, round: &[PlannedStop], mut value: f64) -> f64 {
         while !round.is_empty() && !(self.is_over)() {
             let same = stops.len();
@@ -129,7 +130,8 @@ impl PlanSearch<'_, '_> {
         hovers.clamp(1.0, f64::from(MOST_HOVERS)) as u32
     }
 
-    /// The best plan that up to `steps` changes of `stops` lead to, from a temperature in parts of the mean data of an SN.
+    /// The best plan that up to `steps` changes of `stops` lead to, from a temperature in parts of the mean data of an
+    /// SN.
     pub fn anneal(&mut self, mut stops: Vec<PlannedStop>, steps: u64, temperature: f64) -> Vec<PlannedStop> {
         if steps == 0 {
             return stops; // with those that now take no slot: they may again

@@ -1,4 +1,5 @@
-//! The order of a round where straight lines are no measure: improved by the lengths of the shortest ways between its points.
+//! The order of a round where straight lines are no measure: improved by the lengths of the shortest ways between its
+//! points.
 
 use skysink_common::stop::Stop;
 
@@ -31,8 +32,8 @@ impl Lengths {
         round.iter().zip(next).map(|(&from, &to)| self.between(from, to)).sum()
     }
 
-    /// Shortens the closed `round`: reverses parts (2-opt) and moves short ones (Or-opt) as long as a change makes it shorter.
-    /// The result depends on the round alone, unless `stop` ends it.
+    /// Shortens the closed `round`: reverses parts (2-opt) and moves short ones (Or-opt) as long as a change makes it
+    /// shorter. The result depends on the round alone, unless `stop` ends it.
     pub fn shorten(&self, round: &mut [u32], stop: &Stop) {
         let least_m = LEAST * self.round_m(round);
         if !least_m.is_finite() {

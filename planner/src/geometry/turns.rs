@@ -71,8 +71,8 @@ impl Turns {
         }
     }
 
-    /// Shortens the round by the lengths of the ways around zones or along a grid; in an open field it stays as it is. Its points
-    /// stay, too. `stop` ends it early.
+    /// Shortens the round by the lengths of the ways around zones or along a grid; in an open field it stays as it is.
+    /// Its points stay, too. `stop` ends it early.
     pub fn shorten_within(&mut self, airspace: &Airspace, stop: &Stop) {
         let count = self.points.len();
         if airspace.is_open() || count > detour::MOST || stop.requested().is_some() {

@@ -117,7 +117,8 @@ struct Route {
 }
 
 impl Route {
-    /// From `from` to `stop`, ending as near to the stop `next` as possible. Around zones it ends where it comes into range.
+    /// From `from` to `stop`, ending as near to the stop `next` as possible. Around zones it ends where it comes into
+    /// range.
     fn to_stop(model: &PlanningModel, from: &Position, stop: u32, next: Option<u32>) -> Self {
         let table = &model.table;
         let disk = model.disk(stop);

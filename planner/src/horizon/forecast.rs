@@ -289,8 +289,8 @@ impl Forecast {
         })
     }
 
-    /// Least margin [J] of the legs from `leg` to the next visit to the base. How long that charges is not adapted to the
-    /// energy of a changed plan before it, until the plan is loaded again.
+    /// Least margin [J] of the legs from `leg` to the next visit to the base. How long that charges is not adapted to
+    /// the energy of a changed plan before it, until the plan is loaded again.
     fn least_margin_j(&self, leg: usize) -> f64 {
         let legs = self.trace.legs[leg..].iter().take_while(|leg| leg.via.is_none());
         legs.map(|leg| leg.margin_j).fold(f64::INFINITY, f64::min)

@@ -86,13 +86,13 @@ skysink_common::keys! {
     pub struct HorizonKeys {
         /// Search steps in each slot.
         iterations: u32 = 6000, Accepts::Whole(0, 1_000_000_000);
-        /// Longest planning window [slots]; 2400 if absent. A window that reaches to the mission's end loses less than a
-        /// shorter one that moves with the slot.
+        /// Longest planning window [slots]; 2400 if absent. A window that reaches to the mission's end loses less than
+        /// a shorter one that moves with the slot.
         window: Option<u64>, Accepts::Whole(1, 1_000_000);
         /// A part of the method to leave out, for ablations.
         without: Option<LookAheadPart>, Accepts::OneOf(LookAheadPart::VARIANTS);
-        /// Time limit for the plan of a slot in paced runs [ms]. It has no effect in lock-step and in one process, where
-        /// results must not depend on a clock.
+        /// Time limit for the plan of a slot in paced runs [ms]. It has no effect in lock-step and in one process,
+        /// where results must not depend on a clock.
         budget_ms: Option<f64>, BUDGET_MS;
     }
 }

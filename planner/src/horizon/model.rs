@@ -135,8 +135,8 @@ pub(super) fn noise_slots2(law: ArrivalLaw, mean_bits: f64, fill_slots: f64) -> 
 /// Least part of a full buffer that a visit of another UAV takes, to count as one that empties its sensor.
 const MOST_OF_BUFFER: f64 = 0.5;
 
-/// The visits of other UAVs in a planning window, each of which is expected to empty its sensor; those that take little are left
-/// out.
+/// The visits of other UAVs in a planning window, each of which is expected to empty its sensor; those that take little
+/// are left out.
 #[derive(Debug, Clone, Default)]
 pub struct OtherVisits {
     /// By sensor: their slots, ascending; 1 is the first of the window. Empty without visits.
@@ -180,9 +180,9 @@ pub struct PlanningModel {
     pub others: OtherVisits,
     /// Altitude of service where the rate depends on the distance alone [m].
     altitude_m: f64,
-    /// Where it depends on the elevation or on buildings: expected bits of a visit by `d²`, in sight and not, from the best
-    /// altitude for nearby sensors, over an uplink of the highest gain. One altitude is used, because all sensors of a slot
-    /// are served from one, and climbs are slow.
+    /// Where it depends on the elevation or on buildings: expected bits of a visit by `d²`, in sight and not, from the
+    /// best altitude for nearby sensors, over an uplink of the highest gain. One altitude is used, because all sensors
+    /// of a slot are served from one, and climbs are slow.
     capacities_bits: Option<Box<[[f64; TABLE + 1]; 2]>>,
     /// All disks: first those of single sensors, then groups, then added ones.
     pub disks: Vec<ServiceDisk>,
@@ -327,8 +327,8 @@ impl PlanningModel {
         tour.iter().zip(tour.iter().cycle().skip(1)).map(leg).sum()
     }
 
-    /// The expected overflow of `sensor` [slots of sampling] until the end of `slot` if it was empty in the slot `empty`, and the
-    /// slot in which it was empty last, with the visits of other UAVs in between.
+    /// The expected overflow of `sensor` [slots of sampling] until the end of `slot` if it was empty in the slot
+    /// `empty`, and the slot in which it was empty last, with the visits of other UAVs in between.
     #[inline]
     #[must_use]
     pub fn overflow_slots(&self, sensor: usize, slot: f64, mut empty: f64) -> (f64, f64) {

@@ -149,8 +149,8 @@ impl Search {
         fullest
     }
 
-    /// `Σ B_i` [bit] of `pair` and the n−2 largest queues beside it that `may_add` admits, if it `wins`. The search ends
-    /// as soon as an upper bound does not win.
+    /// `Σ B_i` [bit] of `pair` and the n−2 largest queues beside it that `may_add` admits, if it `wins`. The search
+    /// ends as soon as an upper bound does not win.
     #[inline]
     fn fullest_set(
         &self,
@@ -173,31 +173,18 @@ impl Search {
         wins(sum_bits).then_some(sum_bits)
     }
 
-    /// The n−2 largest queues in the circle about `centre` beside those of anchor and partner.
-    fn in_circle(
-        &self,
-        table: &MissionTable,
-        anchor: u32,
-        partner: u32,
-        centre: &Position,
-    ) -> impl Iterator<Item = &Spot> {
-        let is_in = move |spot: &&Spot| within(&spot.position, centre, table.limits.comm_radius_m);
-        self.others(anchor, partner).filter(is_in).take(table.limits.blocks() - 2)
-    }
-
-    /// All SNs except anchor and partner, fullest first.
-    fn others(&self, anchor: u32, partner: u32) -> impl Iterator<Item = &Spot> {
-        self.nearby.spots.iter().filter(move |spot| spot.id != anchor && spot.id != partner)
-    }
-
-    /// Fills `ids` with the winner's set, ascending.
+    /// Fills `ids` with the winner's set, ascending: beside the pair, the n−2 largest queues in its circle.
     fn collect(&self, table: &MissionTable, winner: &Winner, ids: &mut Vec<u32>) {
         ids.clear();
         ids.push(winner.anchor);
         if let Some(pair) = &winner.pair {
             ids.push(pair.partner);
             let centre = pair.circles[pair.chosen as usize].expect("only a circle in reach can win");
-            ids.extend(self.in_circle(table, winner.anchor, pair.partner, &centre).map(|spot| spot.id));
+            let is_in = |spot: &&Spot| {
+                ![winner.anchor, pair.partner].contains(&spot.id)
+                    && within(&spot.position, &centre, table.limits.comm_radius_m)
+            };
+            ids.extend(self.nearby.spots.iter().filter(is_in).take(table.limits.blocks() - 2).map(|spot| spot.id));
         }
         ids.sort_unstable();
     }

@@ -1,7 +1,7 @@
 //! `horizon` and `offline` with `planner.objective = "collect"`: the plan that delivers most until the mission's end.
 //!
-//! The plan is left to [`crate::collect`]. Where sensor nodes sample, most is delivered if little is lost, so its search may
-//! begin with the plan of [`crate::horizon`].
+//! The plan is left to [`crate::collect`]. Where sensor nodes sample, most is delivered if little is lost, so its
+//! search may begin with the plan of [`crate::horizon`].
 
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};

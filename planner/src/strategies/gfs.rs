@@ -19,8 +19,8 @@ pub const STRATEGY: Registered = Registered::new("gfs", "greedy flight to the fu
     })
 });
 
-/// The SN with the largest queue within `V τ`, ties to the lowest index (decision D7); `None` if there is none. Among zones
-/// only SNs whose range one slot leads into.
+/// The SN with the largest queue within `V τ`, ties to the lowest index (decision D7); `None` if there is none. Among
+/// zones only SNs whose range one slot leads into.
 fn greedy_waypoint(table: &MissionTable, position: &Position, queues_bits: &[u32]) -> Option<Position> {
     if table.airspace.is_open() {
         return fullest(table, position, queues_bits, |_| true);

@@ -72,7 +72,8 @@ impl LookAhead {
         }
     }
 
-    /// The visits of the carried plan, or of the one that was made for the slot of `view`; none while another strategy is flown.
+    /// The visits of the carried plan, or of the one that was made for the slot of `view`; none while another strategy
+    /// is flown.
     pub fn visits(&mut self, view: &View, into: &mut Vec<PlannedVisit>) {
         if self.rivals.choice.followed.is_some() {
             return;

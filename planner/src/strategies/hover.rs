@@ -2,7 +2,8 @@
 //!
 //! The point is chosen once, from what is known before slot 1: of the centres of all maximal sets of sensor nodes (SNs)
 //! that fit into a disk of radius `d_c`, and the nearest points from which these sets are in range, the one where most
-//! bits, by their weights, are predicted not to be lost. On the way and at the point the UAV serves the n most urgent SNs in range.
+//! bits, by their weights, are predicted not to be lost. On the way and at the point the UAV serves the n most urgent
+//! SNs in range.
 
 use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
@@ -63,8 +64,8 @@ struct BestPoint<'a> {
     altitude_m: f64,
     /// Predicted queue of every SN before slot 1 [bit].
     initial_bits: f64,
-    /// Bits that a visit is expected to take over a random channel, at equal steps of distance up to `d_c`, by the gain of
-    /// the link, the buffer, and whether it is in sight.
+    /// Bits that a visit is expected to take over a random channel, at equal steps of distance up to `d_c`, by the gain
+    /// of the link, the buffer, and whether it is in sight.
     taken_bits: HashMap<(u64, u32, bool), [f64; DISTANCES]>,
     /// The best point so far, and the bits, by their weights, that are not lost because the UAV hovers there.
     best: (f64, Position),
@@ -92,8 +93,8 @@ impl<'a> BestPoint<'a> {
         self.best.1
     }
 
-    /// Tries all sets that fit into a disk with SN `id` on its rim and that no such disk nearby extends: its centre goes
-    /// around the SN.
+    /// Tries all sets that fit into a disk with SN `id` on its rim and that no such disk nearby extends: its centre
+    /// goes around the SN.
     fn sweep(&mut self, id: u32) {
         let table = self.table;
         let radius_m = table.limits.comm_radius_m;
@@ -192,8 +193,8 @@ impl<'a> BestPoint<'a> {
         self.table.sensors.weights.factor(id as usize) * f64::from(self.table.sensors.sampler(id).capacity_bits)
     }
 
-    /// Weighted bits that are not lost because the UAV hovers at `point`: the resource blocks from its arrival on go to the links
-    /// that carry most, each at most as often as its SN needs it.
+    /// Weighted bits that are not lost because the UAV hovers at `point`: the resource blocks from its arrival on go to
+    /// the links that carry most, each at most as often as its SN needs it.
     fn saved_bits(&mut self, point: &Position) -> f64 {
         let table = self.table;
         let MissionTable { sensors, limits, .. } = table;
@@ -278,7 +279,8 @@ mod tests {
     #[test]
     fn the_hover_point_maximises_the_savings() {
         // 20 slots. Each SN loses 2 000 − 300 bit unserved. In range of (50, 50) is one; of (80, 50), in one slot, two,
-        // that lose nothing until served; of (5, 50), in two slots, three, and in the first two slots they lose nothing.
+        // that lose nothing until served; of (5, 50), in two slots, three, and in the first two slots they lose
+        // nothing.
         let near = [([50.0, 50.0], 100.0), ([72.0, 50.0], 100.0), ([88.0, 50.0], 100.0)];
         assert_eq!(best(&field(20, "", &near)), (2.0 * 1_700.0, Position::new(80.0, 50.0)));
         let far = [([5.0, 42.0], 100.0), ([5.0, 50.0], 100.0), ([5.0, 58.0], 100.0)];
@@ -296,7 +298,8 @@ mod tests {
 
     #[test]
     fn weights_change_the_hover_point_and_the_schedule() {
-        // Two SNs within a slot, three farther away: by their bits the far ones count more, by weights of 4 the near ones.
+        // Two SNs within a slot, three farther away: by their bits the far ones count more, by weights of 4 the near
+        // ones.
         let sensors = [[50.0, 50.0], [60.0, 50.0], [5.0, 42.0], [5.0, 50.0], [5.0, 58.0]];
         let weighted = |weights: [f64; 5]| {
             let plain = field(20, "[link]\nresource_blocks = 1\n", &sensors.map(|position| (position, 100.0)));

@@ -1,4 +1,4 @@
-//! The sensor nodes that can be served from within reach: the candidates of both searches, fullest first.
+//! The sensor nodes within a radius of the UAV: the candidates of both searches, fullest first.
 
 use skysink_common::geometry::{Position, within};
 
@@ -19,6 +19,11 @@ pub(crate) struct Spot {
 /// Sort key of an SN with `queue_bits` [bit]: larger queues come first, then lower indices (decision D7).
 pub(crate) fn fullest_first(queue_bits: u32, id: u32) -> u64 {
     u64::from(u32::MAX - queue_bits) << 32 | u64::from(id)
+}
+
+/// The queue [bit] and the index of a sort key.
+fn unpacked(key: u64) -> (u32, u32) {
+    (u32::MAX - (key >> 32) as u32, key as u32)
 }
 
 /// The candidates of a slot, with working memory.
@@ -49,8 +54,7 @@ impl Nearby {
         keys.sort_unstable();
         spots.clear();
         spots.extend(keys.iter().map(|&key| {
-            let id = key as u32;
-            let queue_bits = u32::MAX - (key >> 32) as u32;
+            let (queue_bits, id) = unpacked(key);
             Spot { position: table.sensors.positions[id as usize], queue_bits, id }
         }));
     }
@@ -89,5 +93,6 @@ mod tests {
     fn the_sort_key_orders_the_largest_numbers() {
         assert!(fullest_first(u32::MAX, u32::MAX) < fullest_first(u32::MAX - 1, 0));
         assert!(fullest_first(0, 0) < fullest_first(0, 1));
+        assert_eq!(unpacked(fullest_first(7, u32::MAX)), (7, u32::MAX));
     }
 }

@@ -3,8 +3,8 @@
 //! The objective is `Σ Q_i b_i − V E` over candidate waypoints and all sets of at most n sensor nodes (SNs) in range of
 //! them. `Q_i = B_i(t−1)` is the known or estimated queue [bit], `E = P(v) τ` the propulsion energy [J] of a slot at
 //! the speed v that it takes to get there, with `P` of [`skysink_common::propulsion`], and `b_i` the [`Service`], of
-//! the (expected) rate `r_i` from the waypoint. Where weights differ, `w_i Q_i` is in place of `Q_i` (decision D25). For a given waypoint the best set is found exactly: the n largest
-//! terms.
+//! the (expected) rate `r_i` from the waypoint. Where weights differ, `w_i Q_i` is in place of `Q_i` (decision D25).
+//! For a given waypoint the best set is found exactly: the n largest terms.
 //!
 //! Without a price, and with the upload as the service, the candidate waypoints are:
 //! - the position of the UAV;

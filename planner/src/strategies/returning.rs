@@ -44,8 +44,8 @@ pub(crate) fn battery_after(view: &View, decision: &Decision, mode: Mode) -> Bat
 /// How far a waypoint may be from the place where a slot ends on a grid, for the same schedule [m].
 const BESIDE_M: f64 = 1e-5;
 
-/// The decision of `strategy`, or transit. Where a zone is in its way: to fly around it toward the same waypoint and serve
-/// the fullest queues in range (decision D15). On a grid: to fly along its lines (decision D17a).
+/// The decision of `strategy`, or transit. Where a zone is in its way: to fly around it toward the same waypoint and
+/// serve the fullest queues in range (decision D15). On a grid: to fly along its lines (decision D17a).
 fn decide_freely(strategy: &mut dyn Strategy, serving: &mut Serving, view: &View) -> (Decision, Mode) {
     let airspace = &view.table.airspace;
     let (mut decision, mode) = match strategy.plan(view) {

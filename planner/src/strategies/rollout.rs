@@ -101,8 +101,9 @@ impl<'a> Rollout<'a> {
         Self { view, sampling, ahead: *ahead, streams: Streams::new(seed), futures }
     }
 
-    /// Mean loss [bit] of `strategy` over all samples; its `state` is restored before each, unless it has none. `None` as soon as the
-    /// mean exceeds `most_bits`, or once `is_over`. `watch` is called with each slot of the first sample.
+    /// Mean loss [bit] of `strategy` over all samples; its `state` is restored before each, unless it has none. `None`
+    /// as soon as the mean exceeds `most_bits`, or once `is_over`. `watch` is called with each slot of the first
+    /// sample.
     pub fn mean_loss_bits(
         &self,
         strategy: &mut dyn Strategy,

@@ -40,8 +40,8 @@ impl Serving {
         self.solver.above(view.table, ground, &view.position, ids)
     }
 
-    /// The decision to fly to `ground`, clamped to the area, and serve the n fullest queues in range, by their values; those
-    /// that upload most where data is to be collected.
+    /// The decision to fly to `ground`, clamped to the area, and serve the n fullest queues in range, by their values;
+    /// those that upload most where data is to be collected.
     pub fn serve_fullest(&mut self, view: &View, ground: &Position) -> Decision {
         if self.objective == PlanningObjective::Collect {
             return self.serve_most(view, ground);
@@ -53,8 +53,8 @@ impl Serving {
         self.serve_by(view, ground, |id| fullest_first(view.value(id), id))
     }
 
-    /// As [`Self::serve_fullest`], for the n SNs in range that are expected to upload most from the altitude of the UAV, by
-    /// its value.
+    /// As [`Self::serve_fullest`], for the n SNs in range that are expected to upload most from the altitude of the
+    /// UAV, by its value.
     pub fn serve_most(&mut self, view: &View, ground: &Position) -> Decision {
         let uav = above(&view.table.clamp_to_area(ground), view.position.z);
         self.serve_by(view, ground, |id| {

@@ -1,7 +1,7 @@
 //! `tour`: a short round that touches the disks of radius `d_c` about all sensor nodes (SNs), flown repeatedly.
 //!
-//! The round is that of [`Disks::round`](crate::geometry::round::Disks::round), a close-enough travelling salesman tour.
-//! Each SN has its turn where the round touches its disk. The UAV flies from disk to disk.
+//! The round is that of [`Disks::round`](crate::geometry::round::Disks::round), a close-enough travelling salesman
+//! tour. Each SN has its turn where the round touches its disk. The UAV flies from disk to disk.
 
 use skysink_common::geometry::Position;
 
@@ -25,8 +25,8 @@ pub const STRATEGY: Registered =
 const MANY_SLOTS: f64 = 3.0;
 
 /// Where to fly from `position`: in as few slots as it takes to get in range of `current`, and to the point in range
-/// that is nearest to `next`; on a long leg to `point`, where the round touches the range. Around zones it is the shortest way
-/// into the range.
+/// that is nearest to `next`; on a long leg to `point`, where the round touches the range. Around zones it is the
+/// shortest way into the range.
 fn waypoint(table: &MissionTable, position: &Position, [current, next]: [&Position; 2], point: &Position) -> Position {
     let MissionTable { limits, .. } = table;
     let range = Disk { centre: *current, radius_m: limits.comm_radius_m };

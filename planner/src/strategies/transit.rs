@@ -13,8 +13,8 @@ pub fn transit_decision(serving: &mut Serving, view: &View) -> Decision {
     serving.serve_fullest(view, &goal.map_or(ground, |goal| view.table.toward(&ground, goal)))
 }
 
-/// The goal of transit (decision D8): the SN with the largest queue; `None` in an empty field. The UAV flies there at full
-/// speed, and stops on it. `positions` and `queues_bits` [bit] are by id.
+/// The goal of transit (decision D8): the SN with the largest queue; `None` in an empty field. The UAV flies there at
+/// full speed, and stops on it. `positions` and `queues_bits` [bit] are by id.
 ///
 /// Ties go to the nearest, then to the lowest index. It reads all N queues in order, and the positions of those that
 /// are not below the fullest so far. At N = 10^6 that takes about a third of a millisecond, and one to two where all

@@ -23,8 +23,8 @@ pub(crate) struct InTurn {
     turns: Turns,
     /// The turn of each SN.
     turn_of: Vec<usize>,
-    /// Most turns before its own at which an SN is served instead of in it. `None`: all, but only if all turns between end
-    /// in the same slot.
+    /// Most turns before its own at which an SN is served instead of in it. `None`: all, but only if all turns between
+    /// end in the same slot.
     early: Option<usize>,
     waypoint: Waypoint,
     serving: Serving,
@@ -97,8 +97,8 @@ impl Strategy for InTurn {
         self.turns.order.first().copied()
     }
 
-    /// Begins at its part of the round, which begins with the first SN of UAV 0. The parts go to the UAVs in the order of their
-    /// own first SNs along the round.
+    /// Begins at its part of the round, which begins with the first SN of UAV 0. The parts go to the UAVs in the order
+    /// of their own first SNs along the round.
     fn take_part(&mut self, uav: usize, firsts: &[u32]) {
         let count = self.turns.order.len();
         // Those that others alone can serve have no turn here.

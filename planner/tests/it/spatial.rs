@@ -97,7 +97,8 @@ fn an_altitude_range_of_one_value_equals_a_fixed_altitude() {
 }
 
 /// The letter's geometry: H = 20 m, d_c = 10 m. In suburban surroundings at θ ≥ 63.4° the probability of line of sight
-/// falls short of 1 by 4.88 e^{−0.43 · 58.5} = 6e-11, and with `α_L` = 2 the expected rate is that of free space over Γ.
+/// falls short of 1 by 4.88 e^{−0.43 · 58.5} = 6e-11, and with `α_L` = 2 the expected rate is that of free space over
+/// Γ.
 #[test]
 fn the_waypoint_at_the_papers_geometry_equals_that_of_free_space() {
     let places = [[95.0, 100.0], [107.0, 103.0], [99.0, 91.0], [101.0, 105.0]];

@@ -1,10 +1,10 @@
 //! Lower bounds on the length of every round.
 //!
 //! - *Branch and bound*: the shortest path that touches some disks in a given order is a convex problem, and no longer
-//!   than with a further disk in between. From few disks on, the disk whose insertion costs most at its cheapest place is
-//!   inserted at each. The least length of the orders that are left bounds all rounds.
-//! - *1-trees*: legs between disks are at least their centres' distance less two radii. The ascent of Held and Karp bounds
-//!   the rounds over a spread subset of the disks, and so those over all.
+//!   than with a further disk in between. From few disks on, the disk whose insertion costs most at its cheapest place
+//!   is inserted at each. The least length of the orders that are left bounds all rounds.
+//! - *1-trees*: legs between disks are at least their centres' distance less two radii. The ascent of Held and Karp
+//!   bounds the rounds over a spread subset of the disks, and so those over all.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -220,9 +220,9 @@ fn directions(field: &DiskField, points: &[Position]) -> Vec<Vector2<f64>> {
 
 /// A lower bound on the length of every path that touches `disks` in this order [m], from `first` if it has a start.
 ///
-/// For any vectors `u_k` no longer than 1, one for each leg, the length is at least `Σ u_k · (p_{k+1} − p_k)`, whose least
-/// value over the points is `Σ c_k · g_k − r ‖g_k‖` with `g_k = u_{k−1} − u_k`. The directions of the shortest path make
-/// them equal.
+/// For any vectors `u_k` no longer than 1, one for each leg, the length is at least `Σ u_k · (p_{k+1} − p_k)`, whose
+/// least value over the points is `Σ c_k · g_k − r ‖g_k‖` with `g_k = u_{k−1} − u_k`. The directions of the shortest
+/// path make them equal.
 fn dual_m(field: &DiskField, disks: &[u32], first: &Position, directions: &[Vector2<f64>]) -> f64 {
     let fixed = field.fixed();
     let turn = |stop: usize| {

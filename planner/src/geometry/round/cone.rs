@@ -20,8 +20,8 @@ pub struct Shortest {
 
 /// The points of the disks `order`, after the start if there is one; `None` if Clarabel does not solve it.
 ///
-/// Minimises `Σ t_k` with `‖p_{k+1} − p_k‖ ≤ t_k` for each leg, and `‖p_k − c_k‖ ≤ r` for each disk. Lengths are relative
-/// to the start, or the first centre, and in units of the largest distance to it.
+/// Minimises `Σ t_k` with `‖p_{k+1} − p_k‖ ≤ t_k` for each leg, and `‖p_k − c_k‖ ≤ r` for each disk. Lengths are
+/// relative to the start, or the first centre, and in units of the largest distance to it.
 pub fn shortest(field: &DiskField, order: &[u32]) -> Option<Shortest> {
     let fixed = field.fixed();
     let stops = fixed + order.len();

@@ -49,8 +49,8 @@ impl Cover {
         Self { centres: sorted, ids, radius_m, lowest, cell_m, columns, rows, begins }
     }
 
-    /// Adds `change` to the counts of the disks that the leg between two points touches; modulo 2^16, so that `u16::MAX`
-    /// takes one away.
+    /// Adds `change` to the counts of the disks that the leg between two points touches; modulo 2^16, so that
+    /// `u16::MAX` takes one away.
     pub fn count(&self, counts: &mut [u16], one: &Position, other: &Position, change: u16) {
         // The same disks in both directions, whatever the rounding.
         let [from, to] = if (one.x, one.y) <= (other.x, other.y) { [one, other] } else { [other, one] };

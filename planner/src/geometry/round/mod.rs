@@ -74,8 +74,8 @@ impl Disks<'_> {
         }
     }
 
-    /// A lower bound on the length of every round [m], if one of `known_m` is known. A step evaluates an order of some of
-    /// the disks.
+    /// A lower bound on the length of every round [m], if one of `known_m` is known. A step evaluates an order of some
+    /// of the disks.
     #[must_use]
     pub fn bound_m(&self, known_m: f64, effort: RoundEffort, stop: &Stop) -> f64 {
         bound::bound_m(&self.field(), known_m, effort, stop)

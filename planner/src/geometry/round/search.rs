@@ -244,8 +244,8 @@ impl<'a> RoundSearch<'a> {
         (best.1, best.2)
     }
 
-    /// Takes out stops that have changed, or whose neighbours have, and whose disk another leg touches, unless that opens
-    /// another disk.
+    /// Takes out stops that have changed, or whose neighbours have, and whose disk another leg touches, unless that
+    /// opens another disk.
     fn leave_out(&self, round: &mut Itinerary) {
         let mut index = 1;
         while index < round.stops.len() {

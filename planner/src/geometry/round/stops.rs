@@ -152,7 +152,8 @@ impl Itinerary {
         round
     }
 
-    /// The stop after stop `index`; `None` after the last of an open round. The only stop of a closed one is after itself.
+    /// The stop after stop `index`; `None` after the last of an open round. The only stop of a closed one is after
+    /// itself.
     pub fn next(&self, field: &DiskField, index: usize) -> Option<usize> {
         match index + 1 {
             next if next < self.stops.len() => Some(next),

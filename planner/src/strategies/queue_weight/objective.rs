@@ -56,8 +56,8 @@ impl Objective {
             })
     }
 
-    /// The term of SN `id` with the UAV at `uav` [bit²]: queue times service, times its weight (decision D25). Terms above
-    /// 2^64 − 1 count as that.
+    /// The term of SN `id` with the UAV at `uav` [bit²]: queue times service, times its weight (decision D25). Terms
+    /// above 2^64 − 1 count as that.
     pub(super) fn term_bits2(&self, view: &View, uav: &Point3<f64>, id: u32) -> u64 {
         let table = view.table;
         let queue_bits = u64::from(view.belief.queues_bits[id as usize]);

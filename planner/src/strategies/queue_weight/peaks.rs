@@ -34,8 +34,8 @@ const ROUNDING: f64 = 1e-12;
 /// First and last step [m] of a search.
 const STEPS_M: [f64; 2] = [4.0, 1e-3];
 
-/// Most steps of a search, more than any over a reach of some hundred metres takes. Over a far longer one, the objective
-/// may rise all the way.
+/// Most steps of a search, more than any over a reach of some hundred metres takes. Over a far longer one, the
+/// objective may rise all the way.
 const MAX_STEPS: u32 = 500;
 
 /// Horizontal directions of a step.

@@ -11,7 +11,8 @@ const PACKET_BITS: u32 = 10;
 /// Packets of a slot that are counted: more are as unlikely as 10^-12 for a mean of at most 3.
 const MOST_ARRIVALS: usize = 24;
 
-/// SNs at the start of the UAV, and one that it reaches in a slot from there; a visit empties a queue, one in each slot.
+/// SNs at the start of the UAV, and one that it reaches in a slot from there; a visit empties a queue, one in each
+/// slot.
 #[derive(Debug, Clone)]
 pub struct Tiny {
     /// Mean packets per slot, by SN.

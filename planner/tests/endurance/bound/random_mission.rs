@@ -46,8 +46,8 @@ pub fn random_scenario(text: &str, strategy: &'static str, seed: u64) -> Scenari
     Scenario::parse(&format!("name = 'case'\n{text}"), Path::new("case.toml"), overrides).unwrap()
 }
 
-/// The same mission with the models of the field and of the UAV that are off by default: own buffers, wind, acceleration
-/// and position errors, each in every second mission.
+/// The same mission with the models of the field and of the UAV that are off by default: own buffers, wind,
+/// acceleration and position errors, each in every second mission.
 pub fn in_a_real_world(seed: u64) -> String {
     let mut text = with_models(seed);
     let mut random = Streams::new(seed).stream(Purpose::Position, 3, 0);
