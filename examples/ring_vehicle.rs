@@ -1,5 +1,5 @@
-//! A vehicle of your own in the place of flight-sim: it flies at most 12 m/s, so that longer legs end before their waypoint.
-//! Start it with `skysink run SCENARIO --vehicle target/debug/examples/ring_vehicle`, or by hand.
+//! A vehicle of your own in the place of flight-sim: it flies at most 12 m/s, so that longer legs end before their
+//! waypoint. Start it with `skysink run SCENARIO --vehicle target/debug/examples/ring_vehicle`, or by hand.
 
 use std::process::ExitCode;
 

@@ -43,8 +43,8 @@ enum class Mode : uint32_t {
     Return,
     /// Is down where its energy ended, for the rest of the mission (decision D12).
     Down,
-    /// Has not reached the waypoint by the end of the slot: the next plan begins where the vehicle is. Only vehicles from
-    /// outside report it.
+    /// Has not reached the waypoint by the end of the slot: the next plan begins where the vehicle is. Only vehicles
+    /// from outside report it.
     EnRoute,
 };
 
@@ -261,7 +261,8 @@ struct FlightReport {
     double z_m;
     /// Energy in the battery after the slot, `E(t)` [J]; infinite without a battery.
     double energy_j;
-    /// When the vehicle was there [s], from the start of slot 1, by its own clock; the end of the slot if it is simulated.
+    /// When the vehicle was there [s], from the start of slot 1, by its own clock; the end of the slot if it is
+    /// simulated.
     double time_s;
     /// Velocity there, east, north, up [m/s].
     double velocity_mps[3];

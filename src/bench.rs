@@ -1,5 +1,5 @@
-//! `skysink bench`: planner, field, missions and ring against their lower bounds, and fleets against one UAV, measured in the same
-//! run.
+//! `skysink bench`: planner, field, missions and ring against their lower bounds, and fleets against one UAV, measured
+//! in the same run.
 
 mod field;
 mod fleet;

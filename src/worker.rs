@@ -70,8 +70,8 @@ pub fn plan_by(strategy: Box<dyn Strategy>) -> ExitCode {
     run(Role::Planner, std::env::args_os().collect(), node).into()
 }
 
-/// Flies `vehicles`, one for each UAV, in the place of flight-sim. `skysink run --vehicle` starts such an executable; for
-/// `skysink run --external flight-sim`, start it with `--scenario` and `--ring`.
+/// Flies `vehicles`, one for each UAV, in the place of flight-sim. `skysink run --vehicle` starts such an executable;
+/// for `skysink run --external flight-sim`, start it with `--scenario` and `--ring`.
 #[must_use]
 pub fn fly_by(mut vehicles: Vec<Box<dyn OutsideVehicle>>) -> ExitCode {
     let node = |scenario: &Scenario, folder: &_, stop: &_, NoArguments {}: &_| {

@@ -35,8 +35,8 @@ pub enum Rates {
 ///
 /// After slot t the estimate of SN i, last contacted in slot t0, is `min(B, B_i(t0) + A_i(t) − A_i(t0))`, where `A_i`
 /// counts whole bits as the SN does (decision D2). With a known rate and constant arrivals it is exact after the first
-/// contact. Before, t0 is 0, and `B_i(0)` the mean of the scenario's initial queues. Arrivals at random are estimated by
-/// their mean, and their rates are learnt as a Gamma distribution.
+/// contact. Before, t0 is 0, and `B_i(0)` the mean of the scenario's initial queues. Arrivals at random are estimated
+/// by their mean, and their rates are learnt as a Gamma distribution.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Estimate {
     rates: Rates,

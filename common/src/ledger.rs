@@ -1,7 +1,7 @@
 //! The queue ledger: every bit of every sensor node (SN), accounted for exactly.
 //!
-//! `initial + sampled = delivered + lost + queued` holds as an equality of integers, for each SN and for the field. What
-//! a slot does to the queues is left to [`crate::queues`], what a link carries to the caller.
+//! `initial + sampled = delivered + lost + queued` holds as an equality of integers, for each SN and for the field.
+//! What a slot does to the queues is left to [`crate::queues`], what a link carries to the caller.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -264,8 +264,8 @@ impl Ledger {
     }
 }
 
-/// The loss of the SNs of a block [slots of sampling], `Σ_i lost_i / (s_i τ)`. Pairwise summation vectorizes and has the
-/// same order on every processor.
+/// The loss of the SNs of a block [slots of sampling], `Σ_i lost_i / (s_i τ)`. Pairwise summation vectorizes and has
+/// the same order on every processor.
 #[inline(always)]
 fn in_slots(lost_bits: impl Iterator<Item = u64>, mean_bits: impl Iterator<Item = f64>) -> f64 {
     let mut slots = [0.0; BLOCK];

@@ -120,8 +120,8 @@ pub enum Mode {
     Return,
     /// Is down where its energy ended, for the rest of the mission (decision D12).
     Down,
-    /// Has not reached the waypoint by the end of the slot: the next plan begins where the vehicle is. Only vehicles from
-    /// outside report it.
+    /// Has not reached the waypoint by the end of the slot: the next plan begins where the vehicle is. Only vehicles
+    /// from outside report it.
     #[strum(serialize = "en-route")]
     EnRoute,
 }
@@ -284,7 +284,8 @@ pub struct FlightReport {
     pub z_m: f64,
     /// Energy in the battery after the slot, `E(t)` [J]; infinite without a battery.
     pub energy_j: f64,
-    /// When the vehicle was there [s], from the start of slot 1, by its own clock; the end of the slot if it is simulated.
+    /// When the vehicle was there [s], from the start of slot 1, by its own clock; the end of the slot if it is
+    /// simulated.
     pub time_s: f64,
     /// Velocity there, east, north, up [m/s].
     pub velocity_mps: [f64; 3],

@@ -33,9 +33,9 @@ impl Message for f64 {
 }
 
 impl Message for FlightReport {
-    /// Positions, velocities, covariances and links have finite numbers. The links are at most [`MAX_SERVED`], by ascending sensor node, and
-    /// none if the UAV holds, charges or is down: a trace with others could not be flown again. A position outside the area is possible,
-    /// because a real vehicle may have been there.
+    /// Positions, velocities, covariances and links have finite numbers. The links are at most [`MAX_SERVED`], by
+    /// ascending sensor node, and none if the UAV holds, charges or is down: a trace with others could not be flown
+    /// again. A position outside the area is possible, because a real vehicle may have been there.
     fn are_possible(flights: &[Self]) -> bool {
         flights.iter().all(|flight| {
             let links = flight.served_links();
@@ -75,8 +75,8 @@ fn are_finite(numbers: impl IntoIterator<Item = f64>) -> bool {
     numbers.into_iter().all(|number| (number as f32).is_finite())
 }
 
-/// Whether these are paths of some of so many UAVs, in the order of their numbers: each of 1 to [`MAX_PATH_POINTS`] points over
-/// the area, with altitudes that are finite in single precision, in which they are drawn.
+/// Whether these are paths of some of so many UAVs, in the order of their numbers: each of 1 to [`MAX_PATH_POINTS`]
+/// points over the area, with altitudes that are finite in single precision, in which they are drawn.
 #[must_use]
 pub fn are_possible_paths(points: &[PathPoint], area: &Area, uavs: usize) -> bool {
     let border_m = RANGE_SLACK * area.width_m().max(area.height_m());

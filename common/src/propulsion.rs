@@ -40,8 +40,8 @@ pub fn least_power_mps(aircraft: &Propulsion, max_speed_mps: f64) -> f64 {
 
 /// The speed of least energy per metre [m/s], above 0 and up to `max_speed_mps`.
 ///
-/// With `u = V²`, `P/√u` falls where `2 u P' < P`. Where `2 u P' ≥ P`, `P' > 0` and, since P is convex in u, `2 u P' − P`
-/// rises. So the energy per metre falls up to one speed and rises beyond it.
+/// With `u = V²`, `P/√u` falls where `2 u P' < P`. Where `2 u P' ≥ P`, `P' > 0` and, since P is convex in u, `2 u P' −
+/// P` rises. So the energy per metre falls up to one speed and rises beyond it.
 #[must_use]
 pub fn farthest_mps(aircraft: &Propulsion, max_speed_mps: f64) -> f64 {
     let per_metre = |speed_mps: f64| power_w(aircraft, speed_mps) / speed_mps;

@@ -162,7 +162,8 @@ impl Sampling {
         (u64::from(queue_bits) + self.bits(sensor, slot)).saturating_sub(self.capacity_bits.of(sensor).into())
     }
 
-    /// Whether [`quick_bits`](crate::arrivals::quick_bits) counts the bits that any SN has sampled up to the end of `slot`.
+    /// Whether [`quick_bits`](crate::arrivals::quick_bits) counts the bits that any SN has sampled up to the end of
+    /// `slot`.
     pub(crate) fn is_quick(&self, slot: u64) -> bool {
         is_quick(self.highest_mean_bits, slot)
     }

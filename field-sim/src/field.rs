@@ -81,8 +81,8 @@ impl Field {
     }
 
     /// Advances by `slot`, from 1: all sensor nodes sample, full ones lose the excess, and served ones upload
-    /// `Thr_i = min(floor(r_i τ_c), q)` (UTS eq. 7 in the order of decision D1). Of several UAVs that serve one, the first
-    /// does (decision D19).
+    /// `Thr_i = min(floor(r_i τ_c), q)` (UTS eq. 7 in the order of decision D1). Of several UAVs that serve one, the
+    /// first does (decision D19).
     ///
     /// # Errors
     /// If a UAV serves an unknown sensor node; the field is then unchanged.

@@ -49,8 +49,8 @@ impl Fleet {
 
     /// Flies `slot`, from 1, each UAV by its plan as [`Flight::step`] does; writes the reports to `reports`.
     ///
-    /// A waypoint too near to the end of a UAV of lower number is refused (decision D23). A sensor node that a UAV of lower
-    /// number serves is not served again; such requests count among those refused (decision D19).
+    /// A waypoint too near to the end of a UAV of lower number is refused (decision D23). A sensor node that a UAV of
+    /// lower number serves is not served again; such requests count among those refused (decision D19).
     pub fn step<'a>(&mut self, slot: u64, plan_of: impl Fn(usize) -> Option<&'a Plan>, reports: &mut [FlightReport]) {
         for (number, uav) in self.uavs.iter_mut().enumerate() {
             let (lower, rest) = reports.split_at_mut(number);

@@ -55,8 +55,8 @@ impl Flight {
         other
     }
 
-    /// Whether a slot that flies by `plan` would end within `separation_m` [m] of another UAV's `end`, outside of the base
-    /// (decision D23).
+    /// Whether a slot that flies by `plan` would end within `separation_m` [m] of another UAV's `end`, outside of the
+    /// base (decision D23).
     pub(crate) fn is_too_near(&self, plan: &Plan, end: &Position, separation_m: f64) -> bool {
         let is_in_base = |at: &Position| self.vehicle.is_base(at);
         let to = plan.waypoint().xy();
@@ -109,9 +109,9 @@ impl Flight {
 
     /// Flies `slot`, from 1. Without a plan, or with an impossible waypoint, the UAV holds and serves no sensor node. A
     /// sensor node that is unknown, out of range (UTS eq. 5), scheduled twice, or beyond the n resource blocks (UTS
-    /// eq. 6) is not served. All refusals are counted. A UAV charges only in the base, where it serves no sensor node, and
-    /// one whose energy ends in the slot is down from its end on. After the end of its own endurance it stays where it is,
-    /// whatever it is told: in the base, or holding.
+    /// eq. 6) is not served. All refusals are counted. A UAV charges only in the base, where it serves no sensor node,
+    /// and one whose energy ends in the slot is down from its end on. After the end of its own endurance it stays where
+    /// it is, whatever it is told: in the base, or holding.
     #[must_use]
     pub fn step(&mut self, slot: u64, plan: Option<&Plan>) -> FlightReport {
         if self.vehicle.is_down() {

@@ -10,8 +10,8 @@ use skysink_ring::folder::RingFolder;
 use skysink_ring::journal::{Journal, Policy};
 use skysink_ring::topics::FLIGHT_HISTORY;
 
-/// The journal of flight-sim in the ring's folder, of `uavs` UAVs: their last flights, and one that may be cut. The state
-/// after a slot is the flights of its UAVs.
+/// The journal of flight-sim in the ring's folder, of `uavs` UAVs: their last flights, and one that may be cut. The
+/// state after a slot is the flights of its UAVs.
 ///
 /// # Errors
 /// If the file cannot be opened.

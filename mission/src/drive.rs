@@ -73,8 +73,8 @@ pub trait Observer {
     fn slot(&mut self, record: &SlotRecord, plant: &Plant) -> Result<(), MissionError>;
 }
 
-/// Takes in the slots of a mission by their records alone, which is all that a ring of processes leaves. Each is also an
-/// [`Observer`].
+/// Takes in the slots of a mission by their records alone, which is all that a ring of processes leaves. Each is also
+/// an [`Observer`].
 ///
 /// ```
 /// use skysink_common::slot_record::SlotRecord;

@@ -59,7 +59,8 @@ pub struct Summary {
     pub loss_rate: f64,
     /// `Σ_i Σ_t D_i(t) / (s_i τ T)`, the loss rate of the paper, which grows with N (decision D3).
     pub eta_letter: f64,
-    /// `η_w = Σ_t Σ_i w_i D_i(t) / (Σ_i w_i s_i τ T)` (decision D25); `None` where all weights are equal: it is then `η`.
+    /// `η_w = Σ_t Σ_i w_i D_i(t) / (Σ_i w_i s_i τ T)` (decision D25); `None` where all weights are equal: it is then
+    /// `η`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub weighted_loss_rate: Option<f64>,
     /// Bits before slot 1, sampled, uploaded, lost, and queued at the end.
@@ -140,8 +141,8 @@ pub struct FleetUse {
     pub uavs: usize,
     /// Scheduled SNs that a UAV of lower number served in that slot (decision D19); since the last resumption.
     pub contended: u64,
-    /// Least distance between two UAVs at the end of a slot, neither of them in the base [m] (decision D23); `None` if all
-    /// pairs always were.
+    /// Least distance between two UAVs at the end of a slot, neither of them in the base [m] (decision D23); `None` if
+    /// all pairs always were.
     pub min_separation_m: Option<f64>,
 }
 

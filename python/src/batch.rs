@@ -1,4 +1,5 @@
-//! The core of the environments that fly many episodes in parallel: the Gymnasium vector, and the batch of several agents.
+//! The core of the environments that fly many episodes in parallel: the Gymnasium vector, and the batch of several
+//! agents.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -51,8 +52,8 @@ fn check(scenarios: usize, count: usize) -> PyResult<()> {
     Ok(())
 }
 
-/// The `episodes` with the first ones over other scenarios where `mask` is true. Environment i gets scenario i, modulo their
-/// number.
+/// The `episodes` with the first ones over other scenarios where `mask` is true. Environment i gets scenario i, modulo
+/// their number.
 fn begun_over(episodes: &[Episode], scenarios: &[Bound<'_, PyScenario>], mask: &[bool]) -> PyResult<Vec<Episode>> {
     check(scenarios.len(), episodes.len())?;
     if mask.len() != episodes.len() {
@@ -101,8 +102,8 @@ pub struct PyBatchCore {
     actions: Actions,
 }
 
-/// Flies the next slot of `episode`, which is number `index` of `count`, and writes the rewards of its UAVs; if it is over, the
-/// next one of its environment begins instead.
+/// Flies the next slot of `episode`, which is number `index` of `count`, and writes the rewards of its UAVs; if it is
+/// over, the next one of its environment begins instead.
 fn fly(
     (index, count): (usize, usize),
     episode: &mut Episode,
@@ -165,7 +166,8 @@ impl PyBatchCore {
 
 #[pymethods]
 impl PyBatchCore {
-    /// `agents`: whether the scenario may have several UAVs, whose actions and rewards then are arrays of one more dimension.
+    /// `agents`: whether the scenario may have several UAVs, whose actions and rewards then are arrays of one more
+    /// dimension.
     #[new]
     #[expect(clippy::too_many_arguments, reason = "those of the environment")]
     fn new(
@@ -195,8 +197,8 @@ impl PyBatchCore {
         Ok(Self { episodes, actions: Actions::default() })
     }
 
-    /// Begins the first episodes over other scenarios, where `mask` is true. Environment i gets scenario i, modulo their
-    /// number.
+    /// Begins the first episodes over other scenarios, where `mask` is true. Environment i gets scenario i, modulo
+    /// their number.
     fn replace(&mut self, scenarios: Vec<Bound<'_, PyScenario>>, mask: Vec<bool>) -> PyResult<()> {
         self.episodes = begun_over(&self.episodes, &scenarios, &mask)?;
         Ok(())
@@ -309,7 +311,8 @@ impl PyBatchCore {
         ))
     }
 
-    /// The same, and writes into the other arrays: observations [E, U, width], rewards [E, U], terminated and truncated [E].
+    /// The same, and writes into the other arrays: observations [E, U, width], rewards [E, U], terminated and truncated
+    /// [E].
     fn step_into(
         &mut self,
         py: Python<'_>,
@@ -336,7 +339,8 @@ impl PyBatchCore {
         })
     }
 
-    /// For each agent whether each sensor node to choose from is within the reach of one slot, [E, size] or [E, U, size].
+    /// For each agent whether each sensor node to choose from is within the reach of one slot, [E, size] or [E, U,
+    /// size].
     fn action_masks<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<bool>>> {
         let size = self.action_size();
         let mut masks = vec![false; self.episodes.len() * self.uavs() * size];

@@ -97,8 +97,8 @@ impl FieldData {
         if self.airspace.is_open() { toward(reach_m, from, goal) } else { self.airspace.toward(from, goal, reach_m) }
     }
 
-    /// What becomes of the plan for `slot`, after the flight `last`, by the rules that hold for all strategies: it flies
-    /// around zones (decision D15), and home in time (decision D13).
+    /// What becomes of the plan for `slot`, after the flight `last`, by the rules that hold for all strategies: it
+    /// flies around zones (decision D15), and home in time (decision D13).
     pub fn ruled(&self, slot: u64, last: &FlightReport, plan: Plan, queues_bits: &[u32]) -> Plan {
         let at = last.position();
         let waypoint = plan.waypoint();

@@ -174,9 +174,9 @@ fn of_capacity(episode: &Episode, energy_j: f64) -> f32 {
     battery.map_or(1.0, |battery| (energy_j / battery.capacity_j).clamp(-1.0, 1.0) as f32)
 }
 
-/// The end of the way home from the UAV, x and y as fractions of the area; the length of the way as a fraction of the longer
-/// side; the energy beyond it and the reserve as a fraction of the capacity, or −1 if it takes too long. Zeros and 1 where
-/// the UAV need not come home.
+/// The end of the way home from the UAV, x and y as fractions of the area; the length of the way as a fraction of the
+/// longer side; the energy beyond it and the reserve as a fraction of the capacity, or −1 if it takes too long. Zeros
+/// and 1 where the UAV need not come home.
 fn home(episode: &Episode, numbers: &mut [f32]) {
     let Some(home) = &episode.field.home else {
         numbers.copy_from_slice(&[0.0, 0.0, 0.0, 1.0]);
@@ -316,7 +316,8 @@ impl Observations {
         (rows, kinds)
     }
 
-    /// As a dictionary of arrays. `count` is their first dimension in a vector; those of a single environment have none.
+    /// As a dictionary of arrays. `count` is their first dimension in a vector; those of a single environment have
+    /// none.
     pub fn into_dict<'py>(
         self,
         py: Python<'py>,
@@ -393,8 +394,8 @@ impl Episode {
         self.field.sensors.grid.nearest(&self.flight().position().xy(), count)
     }
 
-    /// Whether the UAV can fly into the range of sensor node `id`, around zones at full speed, and home from there in time and
-    /// with its reserve.
+    /// Whether the UAV can fly into the range of sensor node `id`, around zones at full speed, and home from there in
+    /// time and with its reserve.
     pub fn returns_from(&self, id: u32) -> bool {
         let field = &self.field;
         let flight = self.flight();

@@ -137,8 +137,8 @@ impl PyPlanMaker {
 }
 
 impl PyPlanMaker {
-    /// The plan of a slot, from the position of the UAV, the queues [bit], the learnt rates [bit/s] and the belief, with
-    /// the time that it took.
+    /// The plan of a slot, from the position of the UAV, the queues [bit], the learnt rates [bit/s] and the belief,
+    /// with the time that it took.
     fn timed_plan(
         &self,
         py: Python<'_>,

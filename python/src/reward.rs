@@ -38,7 +38,8 @@ impl Reward {
                 let ages_slots: u64 = episode.contacts.ages_slots(episode.plant.slot()).sum();
                 -(ages_slots as f64 / episode.field.count() as f64)
             }
-            // What the loss rate divides by is known in the last slot: with its reward, the mean is minus the loss rate.
+            // What the loss rate divides by is known in the last slot: with its reward, the mean is minus the loss
+            // rate.
             Self::LossFraction if episode.plant.is_over() => {
                 let loss = fraction(after.lost as f64, counted_bits(episode));
                 slots * (loss - fraction(before.lost as f64, episode.expected_bits))
@@ -69,8 +70,9 @@ fn fraction(lost: f64, sampled: f64) -> f64 {
     if sampled > 0.0 { -(lost / sampled) } else { 0.0 }
 }
 
-/// Flies the next slot of `episode`, and writes the difference reward of each UAV: the bits that are delivered because of it, as
-/// a fraction of the mean bits that are sampled in a slot. What another UAV would have collected in its place does not count.
+/// Flies the next slot of `episode`, and writes the difference reward of each UAV: the bits that are delivered because
+/// of it, as a fraction of the mean bits that are sampled in a slot. What another UAV would have collected in its place
+/// does not count.
 pub fn differences(episode: &mut Episode, plans: &Plans, rewards: &mut [f32]) -> Outcome {
     let delivered_bits = |episode: &Episode, id: u32| episode.plant.field().delivered_bits()[id as usize];
     let scheduled = |plan: &Option<Plan>| plan.as_ref().map_or(&[][..], |plan| plan.scheduled()).to_vec();

@@ -27,7 +27,8 @@ pub struct PyDiskRound {
     /// Its length [m], with the leg back to its first point if it is closed.
     #[pyo3(get)]
     length_m: f64,
-    /// A lower bound on the length of every such path [m]. If it equals ``length_m`` within 1e-6 of it, none is shorter.
+    /// A lower bound on the length of every such path [m]. If it equals ``length_m`` within 1e-6 of it, none is
+    /// shorter.
     #[pyo3(get)]
     bound_m: f64,
 }
@@ -45,8 +46,8 @@ impl PyDiskRound {
 
 /// A short path that touches the disks of ``radius_m`` about ``positions_m``, and a lower bound on all of them.
 ///
-/// It begins at ``start_m``, or anywhere, and ends there if it is ``closed``. ``seconds`` (1 by default) are spent on the
-/// path, and as many on the bound, beside the first path, whose time grows with N²; with ``steps`` instead, results
+/// It begins at ``start_m``, or anywhere, and ends there if it is ``closed``. ``seconds`` (1 by default) are spent on
+/// the path, and as many on the bound, beside the first path, whose time grows with N²; with ``steps`` instead, results
 /// repeat. A disk counts as touched within a billionth of the range of the coordinates. Raises ``InputError``.
 #[pyfunction]
 #[pyo3(signature = (positions_m, radius_m, start_m=None, *, closed=true, seconds=None, steps=None))]

@@ -133,8 +133,8 @@ impl PyScenario {
         Ok(parsed.holding(Some(trace)))
     }
 
-    /// A copy with a channel of these rates [bit/s], by distance, altitude and probability (``docs/src/model.md``). Raises
-    /// :class:`InputError`.
+    /// A copy with a channel of these rates [bit/s], by distance, altitude and probability (``docs/src/model.md``).
+    /// Raises :class:`InputError`.
     fn with_channel(
         &self,
         distances_m: Vec<f64>,

@@ -39,8 +39,8 @@ fn messages<T: bytemuck::Pod>(bytes: &[u8]) -> Vec<T> {
 
 #[pymethods]
 impl PyVehicleCore {
-    /// The vehicles of the scenario in a file at their starts, over published sensor nodes. A slot that ends farther than
-    /// `reached_m` [m] from its waypoint has not reached it.
+    /// The vehicles of the scenario in a file at their starts, over published sensor nodes. A slot that ends farther
+    /// than `reached_m` [m] from its waypoint has not reached it.
     #[new]
     fn new(scenario: PathBuf, nodes: &[u8], reached_m: f64) -> PyResult<Self> {
         let scenario = Scenario::read(&scenario, Overrides::default()).and_then(settings::resolve).map_err(refused)?;

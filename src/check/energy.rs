@@ -20,8 +20,8 @@ pub struct EnergyFigures {
     pub cruising_s: Option<f64>,
     /// Time to charge from the reserve to full [s]; `None` without a battery or a charger.
     pub charging_s: Option<f64>,
-    /// Distance from the middle of the base [m] to which a full battery flies and comes home, at the least energy per metre; `None`
-    /// without a battery.
+    /// Distance from the middle of the base [m] to which a full battery flies and comes home, at the least energy per
+    /// metre; `None` without a battery.
     pub radius_m: Option<f64>,
     /// Distance [m] from the base to which a mission leaves time to fly and come home; `None` if the UAV need not land.
     pub timed_m: Option<f64>,

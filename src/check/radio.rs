@@ -35,8 +35,8 @@ pub struct RadioFigures {
     pub faded: Option<f64>,
     /// Correlation distance of a line of sight that stays [m]; `None` if it is redrawn.
     pub los_correlation_m: Option<f64>,
-    /// Fraction of the places in range of SNs, over flyable ground, that are in line of sight of them among buildings; `None` with
-    /// other channels.
+    /// Fraction of the places in range of SNs, over flyable ground, that are in line of sight of them among buildings;
+    /// `None` with other channels.
     pub in_sight: Option<f64>,
     /// The grid of the table from which the rates are, whatever the noise; `None` with other channels.
     pub table: Option<TableFigures>,
@@ -146,7 +146,8 @@ const LOOKED_AT: usize = 1_000;
 /// Rings of places about a sensor node, and places on each.
 const RINGS: [u32; 2] = [4, 16];
 
-/// Fraction of the places in range of the sensor nodes that see them, at the altitude of the start; 0 without such places.
+/// Fraction of the places in range of the sensor nodes that see them, at the altitude of the start; 0 without such
+/// places.
 fn in_sight(scenario: &Scenario, nodes: &[SensorNode], buildings: &Buildings) -> f64 {
     let airspace = scenario.airspace_without_ways();
     let [rings, steps] = RINGS;
@@ -201,7 +202,8 @@ mod tests {
             rows("").last().unwrap(),
             &("line of sight", "from 100 % of the places in range of an SN".to_owned())
         );
-        // The SN stands in the corner (0, 0). A wall to its north-east leaves nothing behind it, where the UAV flies low.
+        // The SN stands in the corner (0, 0). A wall to its north-east leaves nothing behind it, where the UAV flies
+        // low.
         let wall =
             "building = [{ polygon_m = [[0.0, 3.0], [100.0, 3.0], [100.0, 3.1], [0.0, 3.1]], height_m = 19.0 }]\n";
         let behind: f64 = rows(wall).last().unwrap().1["from ".len()..].split(' ').next().unwrap().parse().unwrap();

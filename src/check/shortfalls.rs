@@ -6,8 +6,8 @@ use skysink_common::sensors::SensorList;
 /// Strategies that fly as if all weights were equal.
 const UNWEIGHTED: [&str; 5] = ["tour", "round-robin", "max-age-first", "edf", "mes"];
 
-/// How the models of this scenario with the SNs `list` are planned for where the strategies `flown` ignore a part, a line
-/// each.
+/// How the models of this scenario with the SNs `list` are planned for where the strategies `flown` ignore a part, a
+/// line each.
 #[must_use]
 pub fn of(scenario: &Scenario, list: &SensorList, flown: &[&str]) -> Vec<String> {
     let weights = list.weights(&list.sampling(scenario));

@@ -116,8 +116,8 @@ impl Bounds<'_> {
 
     /// A cheap lower bound on the loss of every flight [bit]: the overflow if no SN is served, minus n uploads over the
     /// strongest link in every slot but the last, where the overflow precedes the upload (decision D1). 0 where more
-    /// than gains is drawn, because a drawn rate may exceed the expected rate, and with a table, whose rates may rise with
-    /// the distance.
+    /// than gains is drawn, because a drawn rate may exceed the expected rate, and with a table, whose rates may rise
+    /// with the distance.
     fn load_bound_bits(&self) -> u64 {
         let field = self.field;
         let channel = &self.table.channel;

@@ -1,4 +1,5 @@
-//! The field of imported positions and zones: the sensor list and an area around it, georeferenced for geodetic positions.
+//! The field of imported positions and zones: the sensor list and an area around it, georeferenced for geodetic
+//! positions.
 
 use std::path::Path;
 
@@ -24,7 +25,8 @@ const VAST_M: f64 = 1e6;
 /// southern hemisphere, a point far to the east of the corner, on the same parallel, has y < 0 in the tangent plane.
 const CORNERS_M: [f64; 4] = [MARGIN_M, 100.0, 1e3, 1e4];
 
-/// Imports the positions, the zones and the map in these files; `None` without files. The map has a side of its pixels [m].
+/// Imports the positions, the zones and the map in these files; `None` without files. The map has a side of its pixels
+/// [m].
 ///
 /// # Errors
 /// If a file is refused, zones in degrees are to lie among positions in metres, or positions in degrees on a map.

@@ -1,5 +1,5 @@
-//! Long missions whose processes are killed at random in the first half and measured in the second. The trace is that of
-//! the undisturbed mission, every bit is accounted for, and neither memory nor file descriptors grow.
+//! Long missions whose processes are killed at random in the first half and measured in the second. The trace is that
+//! of the undisturbed mission, every bit is accounted for, and neither memory nor file descriptors grow.
 
 use std::collections::BTreeMap;
 use std::fs;

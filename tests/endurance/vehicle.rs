@@ -1,5 +1,5 @@
-//! A vehicle over MAVLink whose bridge, planner or launcher is killed at ten instants of a mission, from the checks before
-//! take-off to the last slots.
+//! A vehicle over MAVLink whose bridge, planner or launcher is killed at ten instants of a mission, from the checks
+//! before take-off to the last slots.
 
 use std::thread;
 use std::time::Duration;

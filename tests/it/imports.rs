@@ -1,4 +1,5 @@
-//! The imports in the source: files and folders lie above each other, so that each can be read before those that use it.
+//! The imports in the source: files and folders lie above each other, so that each can be read before those that use
+//! it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;

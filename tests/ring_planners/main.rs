@@ -1,8 +1,8 @@
-//! External planners and vehicles in the ring: the examples in Rust and C++ fly as `gfs` does, or at their own speed, also when
-//! they are killed.
+//! External planners and vehicles in the ring: the examples in Rust and C++ fly as `gfs` does, or at their own speed,
+//! also when they are killed.
 //!
-//! The program is the examples in Rust as well: `skysink run --planner` starts it as one, without an argument, and `--vehicle` as
-//! the other, by a link of the name [`VEHICLE`].
+//! The program is the examples in Rust as well: `skysink run --planner` starts it as one, without an argument, and
+//! `--vehicle` as the other, by a link of the name [`VEHICLE`].
 
 mod header;
 mod layouts;

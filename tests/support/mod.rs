@@ -182,9 +182,9 @@ impl Place {
         self.run(arguments).assert_refused(says);
     }
 
-    /// Runs the commands of a transcript, its lines `$ …`, by a shell in this place. Fails unless they print what follows
-    /// them there: standard output and error, and in brackets an exit code other than 0. With `UPDATE_EXPECT=1` it is
-    /// written anew.
+    /// Runs the commands of a transcript, its lines `$ …`, by a shell in this place. Fails unless they print what
+    /// follows them there: standard output and error, and in brackets an exit code other than 0. With `UPDATE_EXPECT=1`
+    /// it is written anew.
     pub fn assert_transcript(&self, transcript: &ExpectFile) {
         let program = Path::new(env!("CARGO_BIN_EXE_skysink")).parent().unwrap();
         let path = path_with([&self.path(""), program]);
@@ -200,8 +200,8 @@ impl Place {
         transcript.assert_eq(&printed.replace(self.folder.path().to_str().unwrap(), "[place]"));
     }
 
-    /// Writes each text of `refusals`, which empty lines divide, to `bad.toml`, and runs the commands with it. Fails unless
-    /// all refuse it with the line at its end, and write nothing.
+    /// Writes each text of `refusals`, which empty lines divide, to `bad.toml`, and runs the commands with it. Fails
+    /// unless all refuse it with the line at its end, and write nothing.
     pub fn assert_refusals(&self, refusals: &ExpectFile, commands: &[&str]) {
         let data = refusals.data();
         let said = data.trim_end().split("\n\n").map(|block| {

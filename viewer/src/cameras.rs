@@ -15,13 +15,13 @@ pub const REDUCED: &str = "cameras/field";
 /// The camera of the views from above.
 pub const TOP: &str = "cameras/top";
 
-/// Height of the camera of the views from above, in longer sides of the area, or in heights that it has to show. From so
-/// far away the perspective moves a UAV at an altitude of a tenth of the longer side by less than 1 % of its distance from
-/// the middle.
+/// Height of the camera of the views from above, in longer sides of the area, or in heights that it has to show. From
+/// so far away the perspective moves a UAV at an altitude of a tenth of the longer side by less than 1 % of its
+/// distance from the middle.
 const TOP_SIDES: f32 = 20.0;
 
-/// Near clip plane of the views from above: 0.8 of the way down to the ground, so that depths are fine enough for the layers
-/// on it. rerun counts in 1/500 of the focal length, which is the height of the camera.
+/// Near clip plane of the views from above: 0.8 of the way down to the ground, so that depths are fine enough for the
+/// layers on it. rerun counts in 1/500 of the focal length, which is the height of the camera.
 pub(crate) const TOP_NEAR: f32 = 0.8 * 500.0;
 
 /// The frame of the views of the whole area.

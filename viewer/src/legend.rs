@@ -197,8 +197,8 @@ fn format_rate(rate_bps: f64) -> String {
     format!("{value:.digits$} {unit}")
 }
 
-/// The ground, its frame, a grid, the numbers at the axes, and the arrow to the north. The ground is thick enough to hide
-/// the sunken part of bars.
+/// The ground, its frame, a grid, the numbers at the axes, and the arrow to the north. The ground is thick enough to
+/// hide the sunken part of bars.
 pub(crate) fn log_area(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<()> {
     let Sizes { width_m, depth_m, .. } = *sizes;
     let below_m = sizes.layer_m;

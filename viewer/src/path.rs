@@ -1,5 +1,5 @@
-//! The planned paths: from the planned waypoint to the following ones, for planners with a path. That of the first UAV fades
-//! with distance; those of the others have the colours of their UAVs.
+//! The planned paths: from the planned waypoint to the following ones, for planners with a path. That of the first UAV
+//! fades with distance; those of the others have the colours of their UAVs.
 //!
 //! A recording of a planner without a path contains none of these entities. From the first path on, every slot logs a
 //! path, which may be empty, so that no earlier path stays visible.

@@ -89,8 +89,8 @@ impl QueueShapes {
         if !has_bars {
             return Ok(Self { sensors: Arc::clone(sensors), bars: None, has_points });
         }
-        // All bars are equally high; the part of the free buffer is below the ground. rerun shows the label of the bar at
-        // the pointer only if at most three components differ from bar to bar: centre, level and label.
+        // All bars are equally high; the part of the free buffer is below the ground. rerun shows the label of the bar
+        // at the pointer only if at most three components differ from bar to bar: centre, level and label.
         let half = |width: &f32| [width * sizes.bar_half_m, width * sizes.bar_half_m, 0.5 * sizes.bar_m];
         let style = Boxes3D::update_fields()
             .with_half_sizes(widths.iter().map(half))

@@ -152,7 +152,8 @@ impl CornerGraph {
         best.length_m.is_finite().then_some(best)
     }
 
-    /// Appends the bends of the shortest way from `from` to `to`, neither of which sees the other; false if there is none.
+    /// Appends the bends of the shortest way from `from` to `to`, neither of which sees the other; false if there is
+    /// none.
     pub fn connect(&self, airspace: &Airspace, from: &Position, to: &Position, way: &mut Bends) -> bool {
         let Some(best) = self.shortest(&self.seen(airspace, from), &self.seen(airspace, to)) else { return false };
         let mut node = best.first;

@@ -1,7 +1,8 @@
-//! Grid flight (decision D17a): the UAV flies between the middles of neighbouring cells, to the east, north, west or south.
+//! Grid flight (decision D17a): the UAV flies between the middles of neighbouring cells, to the east, north, west or
+//! south.
 //!
-//! A move from one middle to the next takes `n` slots of equal length, and begins in every nth slot of the mission. A hover
-//! takes as many. So the position of the UAV, and the slot, say where it is going: it keeps no other state.
+//! A move from one middle to the next takes `n` slots of equal length, and begins in every nth slot of the mission. A
+//! hover takes as many. So the position of the UAV, and the slot, say where it is going: it keeps no other state.
 
 use std::collections::VecDeque;
 use std::sync::OnceLock;
@@ -17,8 +18,8 @@ pub const MAX_CELLS: u32 = 10_000;
 /// How far a UAV may be from a line of the grid, in cells.
 const BESIDE: f64 = 1e-6;
 
-/// How far before the middle of a move a slot ends that would end there, in cells, so that its position says which end it
-/// came from.
+/// How far before the middle of a move a slot ends that would end there, in cells, so that its position says which end
+/// it came from.
 const BEFORE_MIDDLE: f64 = 1e-10;
 
 /// The distance to a cell that no way leads to.
@@ -58,8 +59,8 @@ enum Spot {
 }
 
 impl CellGrid {
-    /// The grid of cells of this side [m] in an area of these sides [m], with moves of this many slots, for a UAV that begins
-    /// at `start`. `is_clear` says whether a straight way is.
+    /// The grid of cells of this side [m] in an area of these sides [m], with moves of this many slots, for a UAV that
+    /// begins at `start`. `is_clear` says whether a straight way is.
     pub(super) fn new(
         sides_m: [f64; 2],
         cell_m: f64,
@@ -325,7 +326,8 @@ impl CellGrid {
         slot.saturating_sub(1) % self.move_slots
     }
 
-    /// The end of `slot` of a UAV at `from` that is under way, or hovers out of turn [m]; `None` where a move may begin.
+    /// The end of `slot` of a UAV at `from` that is under way, or hovers out of turn [m]; `None` where a move may
+    /// begin.
     pub(super) fn under_way(&self, slot: u64, from: &Position) -> Option<Position> {
         let phase = self.phase(slot);
         match self.spot(from) {

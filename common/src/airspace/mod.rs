@@ -1,8 +1,8 @@
 //! Where a UAV may fly: an area without no-fly zones and buildings (decisions D14 to D16).
 //!
-//! The straight way of a slot must not enter the interior of a zone. The shortest way between two points bends at corners
-//! of zones only: it is the shortest path in the graph of the corners that see each other. In an open field every way is
-//! straight. On a grid (decision D17a) ways lead from the middle of a cell to that of a neighbour.
+//! The straight way of a slot must not enter the interior of a zone. The shortest way between two points bends at
+//! corners of zones only: it is the shortest path in the graph of the corners that see each other. In an open field
+//! every way is straight. On a grid (decision D17a) ways lead from the middle of a cell to that of a neighbour.
 
 mod graph;
 mod grid;
@@ -54,8 +54,8 @@ pub struct Airspace {
 }
 
 impl Airspace {
-    /// The airspace over an area of these sides [m], for a UAV that flies `lowest_m` [m] high or higher, with zones up to their
-    /// tops [m]. It checks single ways; all its ways are straight.
+    /// The airspace over an area of these sides [m], for a UAV that flies `lowest_m` [m] high or higher, with zones up
+    /// to their tops [m]. It checks single ways; all its ways are straight.
     #[must_use]
     pub fn new(sides_m: [f64; 2], lowest_m: f64, zones: impl Iterator<Item = (Polygon, f64)>) -> Self {
         Self {
@@ -69,8 +69,8 @@ impl Airspace {
         }
     }
 
-    /// The same with ways along a grid of cells of this side [m], with moves of `move_slots` slots, for a UAV that begins at
-    /// `start` [m].
+    /// The same with ways along a grid of cells of this side [m], with moves of `move_slots` slots, for a UAV that
+    /// begins at `start` [m].
     #[must_use]
     pub fn on_grid(mut self, cell_m: f64, move_slots: u64, start: &Position) -> Self {
         let sides_m = [self.corner.x, self.corner.y];
@@ -120,7 +120,8 @@ impl Airspace {
         self.zones.iter().filter(move |zone| zone.top_m > z_m).map(|zone| &zone.polygon)
     }
 
-    /// The middles of the cells that a move leads to from the middle of one, at `at` [m]; none elsewhere, and without a grid.
+    /// The middles of the cells that a move leads to from the middle of one, at `at` [m]; none elsewhere, and without a
+    /// grid.
     #[must_use]
     pub fn neighbours(&self, at: &Position) -> Vec<Position> {
         self.grid.as_ref().map_or_else(Vec::new, |grid| grid.neighbouring(at))
@@ -143,8 +144,8 @@ impl Airspace {
         is_in_area && self.polygons().all(|polygon| !polygon.forbids(point, ROUNDING * self.extent_m))
     }
 
-    /// Whether the straight way enters no zone, and on a grid leads along a line of it, within a move. A way that begins in a
-    /// zone may leave it.
+    /// Whether the straight way enters no zone, and on a grid leads along a line of it, within a move. A way that
+    /// begins in a zone may leave it.
     #[inline]
     #[must_use]
     pub fn is_free(&self, from: &Position, to: &Position) -> bool {
@@ -159,8 +160,8 @@ impl Airspace {
         self.zones.is_empty() || self.entry(from, to, [self.lowest_m; 2], ROUNDING * self.extent_m).is_none()
     }
 
-    /// The fraction of the straight way from `from` to `to` [m] at which it enters a zone, by more than `slack_m` [m], between the
-    /// altitudes `z_m` [m] at its ends; `None` if it enters none.
+    /// The fraction of the straight way from `from` to `to` [m] at which it enters a zone, by more than `slack_m` [m],
+    /// between the altitudes `z_m` [m] at its ends; `None` if it enters none.
     #[must_use]
     pub fn entry(&self, from: &Position, to: &Position, z_m: [f64; 2], slack_m: f64) -> Option<f64> {
         let [from_m, to_m] = z_m;
@@ -183,8 +184,8 @@ impl Airspace {
         from + along * before.max(0.0)
     }
 
-    /// The point that a UAV which comes from the start can fly to, nearest to `point` [m]: the point itself, or beside the
-    /// zone that it lies in.
+    /// The point that a UAV which comes from the start can fly to, nearest to `point` [m]: the point itself, or beside
+    /// the zone that it lies in.
     #[must_use]
     pub fn nearest(&self, point: &Position) -> Position {
         if self.is_open() || self.is_reachable(point) {
@@ -219,8 +220,8 @@ impl Airspace {
         }
     }
 
-    /// The shortest way from `from` to `to` [m]: its bends, and `to`; where `to` lies in a zone, the nearest point beside it.
-    /// Empty if no way leads there.
+    /// The shortest way from `from` to `to` [m]: its bends, and `to`; where `to` lies in a zone, the nearest point
+    /// beside it. Empty if no way leads there.
     #[must_use]
     pub fn way(&self, from: &Position, to: &Position) -> Bends {
         if self.is_free(from, to) {
@@ -250,7 +251,8 @@ impl Airspace {
         way
     }
 
-    /// The shortest way from `from` to `to`, up to where it comes within `radius_m` [m] of `centre`; empty if it does not.
+    /// The shortest way from `from` to `to`, up to where it comes within `radius_m` [m] of `centre`; empty if it does
+    /// not.
     #[must_use]
     pub fn way_into(&self, from: &Position, to: &Position, centre: &Position, radius_m: f64) -> Bends {
         if let Some(grid) = &self.grid {
@@ -291,8 +293,8 @@ impl Airspace {
         if way.is_empty() { f64::INFINITY } else { length_m(from, &way) }
     }
 
-    /// Lengths of the shortest ways between all `points` [m], by rows; infinite where there is none. A point in a zone counts as
-    /// the nearest one beside it.
+    /// Lengths of the shortest ways between all `points` [m], by rows; infinite where there is none. A point in a zone
+    /// counts as the nearest one beside it.
     #[must_use]
     pub fn distances_m(&self, points: &[Position]) -> Vec<f64> {
         let count = points.len();
@@ -317,9 +319,9 @@ impl Airspace {
         lengths_m
     }
 
-    /// The end of `slot` of a UAV at `from` that is told to fly to `to` [m], up to `reach_m` [m]: `to` if the way is free,
-    /// otherwise a part of the shortest way. On a grid a move that is under way is flown to its end, and the next begins in
-    /// its turn.
+    /// The end of `slot` of a UAV at `from` that is told to fly to `to` [m], up to `reach_m` [m]: `to` if the way is
+    /// free, otherwise a part of the shortest way. On a grid a move that is under way is flown to its end, and the next
+    /// begins in its turn.
     #[inline]
     #[must_use]
     pub fn slot_end(&self, slot: u64, from: &Position, to: &Position, reach_m: f64) -> Position {
@@ -330,30 +332,30 @@ impl Airspace {
         }
     }
 
-    /// The end of `slot` of a UAV at `from` that is under way on a grid, or hovers until the next move may begin [m]; `None`
-    /// where it may be told a waypoint.
+    /// The end of `slot` of a UAV at `from` that is under way on a grid, or hovers until the next move may begin [m];
+    /// `None` where it may be told a waypoint.
     #[must_use]
     pub fn under_way(&self, slot: u64, from: &Position) -> Option<Position> {
         self.grid.as_ref().and_then(|grid| grid.under_way(slot, from))
     }
 
-    /// The slots from `slot` on that are decided with a flight from `from` to `to` [m], and where the UAV is after them: on a
-    /// grid a whole move.
+    /// The slots from `slot` on that are decided with a flight from `from` to `to` [m], and where the UAV is after
+    /// them: on a grid a whole move.
     #[must_use]
     pub fn committed(&self, slot: u64, from: &Position, to: &Position) -> (u64, Position) {
         self.grid.as_ref().map_or((1, *to), |grid| grid.committed(slot, from, to))
     }
 
-    /// The end of a slot that flies up to `reach_m` [m] along the shortest way from `from` to `to`: the point at that length,
-    /// or the first bend. Beyond a bend it flies straight on where that brings it nearer to the next one.
+    /// The end of a slot that flies up to `reach_m` [m] along the shortest way from `from` to `to`: the point at that
+    /// length, or the first bend. Beyond a bend it flies straight on where that brings it nearer to the next one.
     #[must_use]
     pub fn toward(&self, from: &Position, to: &Position, reach_m: f64) -> Position {
         let way = self.way(from, to);
         if way.is_empty() { *from } else { self.step(from, &way, reach_m).0 }
     }
 
-    /// The ends of the slots of [`Self::toward`] up to the end of the `way` from `from`, without those of its last straight
-    /// part.
+    /// The ends of the slots of [`Self::toward`] up to the end of the `way` from `from`, without those of its last
+    /// straight part.
     #[must_use]
     pub fn bent_part(&self, from: &Position, way: &[Position], reach_m: f64) -> Vec<Position> {
         let mut ends = Vec::new();

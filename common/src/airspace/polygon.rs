@@ -161,8 +161,8 @@ impl Polygon {
         pairs.filter_map(crossing).collect()
     }
 
-    /// The fraction of the straight way from `from` to `to` [m] at which it becomes forbidden, by more than `slack_m` [m];
-    /// `None` if it does not. With `may_leave`, a way that begins at a forbidden point may leave it.
+    /// The fraction of the straight way from `from` to `to` [m] at which it becomes forbidden, by more than `slack_m`
+    /// [m]; `None` if it does not. With `may_leave`, a way that begins at a forbidden point may leave it.
     #[must_use]
     pub fn entry(&self, from: &Position, to: &Position, slack_m: f64, mut may_leave: bool) -> Option<f64> {
         if !self.is_border {

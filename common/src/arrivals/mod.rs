@@ -102,8 +102,8 @@ crate::keys! {
 }
 
 impl Arrivals {
-    /// The arrivals of `count` SNs by `law` in the first `slots` slots, drawn from `streams`, or those of a `trace`; `None`
-    /// if they are constant.
+    /// The arrivals of `count` SNs by `law` in the first `slots` slots, drawn from `streams`, or those of a `trace`;
+    /// `None` if they are constant.
     #[must_use]
     pub fn of(
         law: ArrivalLaw,

@@ -9,8 +9,8 @@ use rand_chacha::ChaCha8Rng;
 use super::{DrawnArrivals, sampled_bits};
 use crate::random::{Purpose, Streams, fraction};
 
-/// A two-state Markov chain for each SN, begun in its stationary law. On, an SN samples at `s (on + off)/on`, whole bits
-/// without drift (decision D2) counted over its slots on.
+/// A two-state Markov chain for each SN, begun in its stationary law. On, an SN samples at `s (on + off)/on`, whole
+/// bits without drift (decision D2) counted over its slots on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OnOff {
     /// Rate while on, as a multiple of the mean rate.

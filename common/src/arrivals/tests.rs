@@ -12,7 +12,8 @@ fn critical() -> f64 {
     1.628 / (DRAWS as f64).sqrt()
 }
 
-/// The largest distance of the distribution of `bits`, which are multiples of `packet_bits`, from `cumulative` of packets.
+/// The largest distance of the distribution of `bits`, which are multiples of `packet_bits`, from `cumulative` of
+/// packets.
 fn distance(bits: impl Iterator<Item = u64>, packet_bits: u64, cumulative: impl Fn(u64) -> f64) -> f64 {
     let mut counts = std::collections::BTreeMap::new();
     for bits in bits {

@@ -1,5 +1,5 @@
-//! Line of sight among buildings: a link has it exactly if the segment from the sensor node to the UAV meets no building
-//! (decision D16). The planner knows the map.
+//! Line of sight among buildings: a link has it exactly if the segment from the sensor node to the UAV meets no
+//! building (decision D16). The planner knows the map.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -47,8 +47,8 @@ impl Buildings {
         self.sensors_height_m
     }
 
-    /// Whether a sensor node at `sensor` and a UAV at `uav` [m] see each other. A building that is as high as the UAV below
-    /// it hides it.
+    /// Whether a sensor node at `sensor` and a UAV at `uav` [m] see each other. A building that is as high as the UAV
+    /// below it hides it.
     #[must_use]
     pub fn sees(&self, sensor: &Position, uav: &Point3<f64>) -> bool {
         let sensor = Point3::new(sensor.x, sensor.y, self.sensors_height_m);

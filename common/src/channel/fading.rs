@@ -401,8 +401,8 @@ mod tests {
         }
     }
 
-    /// A million draws: the levels are normal in dB with the standard deviation, and the mean rate is that of the table,
-    /// which has its slope.
+    /// A million draws: the levels are normal in dB with the standard deviation, and the mean rate is that of the
+    /// table, which has its slope.
     #[test]
     fn shadowing_is_normal_in_decibels() {
         const DRAWS: u32 = 1_000_000;

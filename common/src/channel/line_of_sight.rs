@@ -1,7 +1,8 @@
 //! Line of sight: an air-to-ground channel that is in or out of it, with a rate for either.
 //!
-//! Either at random, with a probability by the elevation angle of the UAV as seen from the sensor node (UTS section IV), of
-//! which the planner knows the probability, but not the draw; or by a map of buildings, which the planner knows.
+//! Either at random, with a probability by the elevation angle of the UAV as seen from the sensor node (UTS section
+//! IV), of which the planner knows the probability, but not the draw; or by a map of buildings, which the planner
+//! knows.
 
 use std::f64::consts::LOG2_E;
 

@@ -1,8 +1,8 @@
 //! The registry of the channel models, and the keys of `[link]`.
 //!
 //! A model is a file of this folder, a variant of [`Channel`] and of [`LinkModel`], and its keys in [`LinkBudget`]. All
-//! others use its properties, [`ChannelModel`]: the expected rate of an uplink, its slopes with the position of the UAV,
-//! and its rate in a slot. Planners use the expected rate; only flight-sim draws.
+//! others use its properties, [`ChannelModel`]: the expected rate of an uplink, its slopes with the position of the
+//! UAV, and its rate in a slot. Planners use the expected rate; only flight-sim draws.
 //!
 //! Levels are in dB in the keys and in the sensor list; messages and channels are linear.
 
@@ -90,8 +90,8 @@ crate::keys! {
         tx_power_w: f64 = 0.05, POSITIVE;
         /// Noise power, `σ²` [dBm], for any bandwidth.
         noise_dbm: Option<f64> = -100.0, NOISE_DBM;
-        /// Noise power density [dBm/Hz], `σ²` for each hertz of `bandwidth_hz`; instead of `noise_dbm`. Thermal noise is
-        /// -174, to which the noise figure of the receiver adds.
+        /// Noise power density [dBm/Hz], `σ²` for each hertz of `bandwidth_hz`; instead of `noise_dbm`. Thermal noise
+        /// is -174, to which the noise figure of the receiver adds.
         noise_dbm_per_hz: Option<f64>, NOISE_DBM;
         /// Reference gain at 1 m, `α` [dB]; from an interval each SN draws its own, uniformly in dB.
         gain_db: Option<Interval> = [-55.0, -50.0], LEVEL_DB.or_interval(), free_space::ONLY;
@@ -112,12 +112,13 @@ crate::keys! {
         nlos_extra_db: Option<f64> = -20.0, LEVEL_DB, line_of_sight::EITHER;
         /// SNR gap of a real modem, `Γ` [dB].
         snr_gap_db: Option<f64> = 8.2, line_of_sight::GAP_DB, line_of_sight::EITHER;
-        /// Standard deviations of log-normal shadowing in and out of line of sight [dB], redrawn in every slot; absent: none.
+        /// Standard deviations of log-normal shadowing in and out of line of sight [dB], redrawn in every slot; absent:
+        /// none.
         shadowing_db: Option<[f64; 2]>, Accepts::Rule("[in, out of line of sight], 0 to 20 dB each"), buildings::ONLY;
         /// Correlation distance [m] of a line of sight that stays for the mission; 0 or absent: redrawn in every slot.
         los_correlation_m: Option<f64>, CORRELATION_M, line_of_sight::ONLY;
-        /// CSV file with the columns `distance_m,altitude_m,probability,rate_bps`: the rates [bit/s] that a link does not
-        /// exceed with these probabilities, at a grid of horizontal distances and altitudes of the UAV.
+        /// CSV file with the columns `distance_m,altitude_m,probability,rate_bps`: the rates [bit/s] that a link does
+        /// not exceed with these probabilities, at a grid of horizontal distances and altitudes of the UAV.
         file: Option<PathBuf>, PATH, table::ONLY;
         /// Fading of the power, redrawn in every slot; absent: none.
         fading: Option<FadingModel>, Accepts::OneOf(FadingModel::VARIANTS);
@@ -179,8 +180,8 @@ impl Channel {
         Uplink { in_sight: buildings.sees(sensor, uav), ..uplink }
     }
 
-    /// The uplink of a sensor node with `gain` at the squared horizontal distance `d2_m2` [m²], to the UAV at the altitude
-    /// `z_m` [m], in sight of each other.
+    /// The uplink of a sensor node with `gain` at the squared horizontal distance `d2_m2` [m²], to the UAV at the
+    /// altitude `z_m` [m], in sight of each other.
     #[must_use]
     #[inline]
     pub fn uplink_at(&self, gain: f64, d2_m2: f64, z_m: f64) -> Uplink {

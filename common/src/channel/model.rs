@@ -41,16 +41,16 @@ pub struct Slopes {
 }
 
 impl Uplink {
-    /// The uplink of a sensor node with `gain` on the ground at the position `sensor`, to the UAV at `uav`, in sight of each
-    /// other.
+    /// The uplink of a sensor node with `gain` on the ground at the position `sensor`, to the UAV at `uav`, in sight of
+    /// each other.
     #[must_use]
     #[inline]
     pub fn new(gain: f64, sensor: &Position, uav: &Point3<f64>) -> Self {
         Self::at(gain, distance_squared(&uav.xy(), sensor), uav.z)
     }
 
-    /// The uplink of a sensor node with `gain` on the ground at the squared horizontal distance `d2_m2` [m²], to the UAV at
-    /// the altitude `z_m` [m], in sight of each other.
+    /// The uplink of a sensor node with `gain` on the ground at the squared horizontal distance `d2_m2` [m²], to the
+    /// UAV at the altitude `z_m` [m], in sight of each other.
     #[must_use]
     #[inline]
     pub fn at(gain: f64, d2_m2: f64, z_m: f64) -> Self {

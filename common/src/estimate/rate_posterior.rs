@@ -33,8 +33,8 @@ const LEAST_ABOVE: f64 = 1e-6;
 const SHAPES: [f64; 2] = [1e-6, 1e18];
 
 impl RatePosterior {
-    /// The distribution before any contact: with the mean [bit per slot] and the variance of a rate that is uniform within
-    /// `half_fraction` of it. `None` if that is one rate, which is known.
+    /// The distribution before any contact: with the mean [bit per slot] and the variance of a rate that is uniform
+    /// within `half_fraction` of it. `None` if that is one rate, which is known.
     pub(super) fn prior(mean_bits: f64, half_fraction: f64) -> Option<Self> {
         let shape = 3.0 / (half_fraction * half_fraction);
         (half_fraction > 0.0 && mean_bits > 0.0).then(|| Self { shape, rate: shape / mean_bits })
@@ -75,8 +75,9 @@ impl RatePosterior {
         }
     }
 
-    /// Mean and variance of the packets of a gap, of which at least `least` arrive, a whole number. Their law is negative
-    /// binomial, with the mean `shape · exposure`; taken as normal for very many packets, or very few above the limit.
+    /// Mean and variance of the packets of a gap, of which at least `least` arrive, a whole number. Their law is
+    /// negative binomial, with the mean `shape · exposure`; taken as normal for very many packets, or very few above
+    /// the limit.
     fn packets_above(&self, exposure: f64, least: f64) -> [f64; 2] {
         let mean = self.shape * exposure;
         let variance = mean * (1.0 + exposure);
@@ -156,8 +157,9 @@ mod tests {
         assert!((inverse_mills(20.0) - inverse_mills(20.000_001)).abs() < 1e-3);
     }
 
-    /// 1 000 SNs whose rates are uniform on 50 to 150 bit per slot, learnt over 30 gaps of up to 20 slots; a gap with more
-    /// than `full_bits` ends with a full buffer. Returns how many rates lie within the middle 90 % of their posterior.
+    /// 1 000 SNs whose rates are uniform on 50 to 150 bit per slot, learnt over 30 gaps of up to 20 slots; a gap with
+    /// more than `full_bits` ends with a full buffer. Returns how many rates lie within the middle 90 % of their
+    /// posterior.
     fn covered(packet_bits: f64, full_bits: u64) -> usize {
         let arrivals = Poisson::new(packet_bits, Streams::new(11));
         let is_covered = |sensor: u32| {

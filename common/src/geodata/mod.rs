@@ -1,7 +1,7 @@
 //! Files of geodetic positions: the points and polygons of GeoJSON and KML, and the zones among them.
 //!
-//! Each format has its own file; `projection` leads into the plane of an area and back. What the points and polygons mean is left to
-//! the callers.
+//! Each format has its own file; `projection` leads into the plane of an area and back. What the points and polygons
+//! mean is left to the callers.
 
 pub mod geojson;
 pub mod kml;

@@ -194,8 +194,8 @@ fn number(value: &Value) -> Option<f64> {
     value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64))
 }
 
-/// All keys below `keys`, the keys of the table `name`, by their dotted names; those of the tables in a list have `[]` after
-/// its name. `name` is empty for the scenario itself.
+/// All keys below `keys`, the keys of the table `name`, by their dotted names; those of the tables in a list have `[]`
+/// after its name. `name` is empty for the scenario itself.
 #[must_use]
 pub fn all(keys: &'static [Key], name: &str) -> Vec<(String, &'static Key)> {
     let mut found = Vec::new();

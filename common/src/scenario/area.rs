@@ -25,9 +25,11 @@ crate::keys! {
         origin_lat_deg: Option<f64>, Accepts::Number("a latitude, -90 to 90", |lat_deg| lat_deg.abs() <= 90.0);
         /// Longitude of the same corner [°]; with `origin_lat_deg`.
         origin_lon_deg: Option<f64>, Accepts::Number("a longitude, -180 to 180", |lon_deg| lon_deg.abs() <= 180.0);
-        /// Corners of a polygon that the UAV must not leave, `[[x, y], ...]` [m]; without it the whole area. Drawn SNs lie in it.
+        /// Corners of a polygon that the UAV must not leave, `[[x, y], ...]` [m]; without it the whole area. Drawn SNs
+        /// lie in it.
         boundary_m: Option<Vec<[f64; 2]>>, CORNERS;
-        /// `[[area.no_fly]]`: polygons that the UAV must not enter, at any altitude, or files of them (decision D14). SNs may stand in them.
+        /// `[[area.no_fly]]`: polygons that the UAV must not enter, at any altitude, or files of them (decision D14).
+        /// SNs may stand in them.
         no_fly: Option<Vec<NoFlyKeys>>, Accepts::TablesOf(NoFlyKeys::KEYS);
         /// `[[area.building]]`: buildings (decision D16).
         building: Option<Vec<BuildingKeys>>, Accepts::TablesOf(BuildingKeys::KEYS);
@@ -44,8 +46,8 @@ crate::keys! {
     pub struct NoFlyKeys {
         /// Its corners, `[[x, y], ...]` [m]; required without `file`.
         polygon_m: Option<Vec<[f64; 2]>>, CORNERS;
-        /// A KML or GeoJSON file of zones, buildings and a boundary, relative to the scenario's folder; replaces `polygon_m`. A run
-        /// keeps their corners.
+        /// A KML or GeoJSON file of zones, buildings and a boundary, relative to the scenario's folder; replaces
+        /// `polygon_m`. A run keeps their corners.
         file: Option<PathBuf>, Accepts::Rule("a path");
     }
 }

@@ -13,7 +13,8 @@ crate::keys! {
         position_m: Option<[f64; 2]>, Accepts::Rule("a position in the area");
         /// Its radius [m].
         radius_m: Option<f64> = 1.0, Accepts::Number("metres, 0.001 or above", |radius_m| radius_m >= 0.001 && radius_m.is_finite());
-        /// Corners of polygons, `[[[x, y], ...], ...]` [m], instead of `position_m` and `radius_m`; a UAV may land in any of them.
+        /// Corners of polygons, `[[[x, y], ...], ...]` [m], instead of `position_m` and `radius_m`; a UAV may land in
+        /// any of them.
         areas_m: Option<Vec<Vec<[f64; 2]>>>, Accepts::Rule("a list of polygons, `[[[x, y], [x, y], [x, y], ...], ...]` [m]");
         /// Power of the charger [W]; at 0 a UAV only lands.
         charge_w: f64 = 0.0, NOT_NEGATIVE;

@@ -1,5 +1,5 @@
-//! The rules between the keys of a scenario, and its alternative forms: groups of keys for the same quantity, of which a
-//! scenario has one.
+//! The rules between the keys of a scenario, and its alternative forms: groups of keys for the same quantity, of which
+//! a scenario has one.
 //!
 //! The defaults of a form are not filled in beside the other form. A setting in one form removes the other form of the
 //! file.

@@ -29,12 +29,12 @@ crate::keys! {
         count: Option<u32> = 200, Accepts::Whole(1, MAX_SENSORS);
         /// CSV file of the sensor list; instead of `count`.
         file: Option<PathBuf>, PATH;
-        /// Buffer of each SN, `B` [bit]; overflow is lost. From an interval each SN draws its own, uniformly. A column of
-        /// the sensor list has priority.
+        /// Buffer of each SN, `B` [bit]; overflow is lost. From an interval each SN draws its own, uniformly. A column
+        /// of the sensor list has priority.
         capacity_bits: WholeInterval = 30000, Accepts::WholeInterval(1, u32::MAX as u64);
-        /// Sampling rate, `s` [bit/s]; from an interval each SN draws its own, uniformly. A column of the sensor list has
-        /// priority. At the highest rate an SN samples at most 9·10^15 bits in the mission, and all together at most
-        /// 9·10^18.
+        /// Sampling rate, `s` [bit/s]; from an interval each SN draws its own, uniformly. A column of the sensor list
+        /// has priority. At the highest rate an SN samples at most 9·10^15 bits in the mission, and all together at
+        /// most 9·10^18.
         sampling_bps: Interval = 100.0, NOT_NEGATIVE.or_interval();
         /// Mean of the Poisson queue before slot 1, `λ` [bit]; from an interval each SN draws its own mean, uniformly.
         /// Draws are capped at the buffer. A column of the sensor list has priority.

@@ -1,4 +1,5 @@
-//! The airspace of a scenario, and the rules of its zones, buildings and bases: polygons, and ways that lead where the UAV has to go.
+//! The airspace of a scenario, and the rules of its zones, buildings and bases: polygons, and ways that lead where the
+//! UAV has to go.
 
 use std::path::Path;
 
@@ -15,13 +16,15 @@ use crate::geodata::projection::Projection;
 use crate::geodata::{Zone, ZoneKind, read_zones};
 use crate::geometry::Position;
 
-/// Least part of its bounding box that a boundary fills: sensor nodes are drawn in the box until they lie in the boundary.
+/// Least part of its bounding box that a boundary fills: sensor nodes are drawn in the box until they lie in the
+/// boundary.
 const LEAST_FILLED: f64 = 0.01;
 
 /// Replaces the files of `[[area.no_fly]]` by their zones, buildings and boundary, as polygons.
 ///
 /// # Errors
-/// If a table has a polygon and a file or neither, a file is refused, the area has no origin, or there are two boundaries.
+/// If a table has a polygon and a file or neither, a file is refused, the area has no origin, or there are two
+/// boundaries.
 pub(super) fn read_files(scenario: &mut Scenario) -> Result<(), InputError> {
     let Some(tables) = scenario.area.no_fly.take() else { return Ok(()) };
     let mut no_fly = Vec::with_capacity(tables.len());
@@ -168,8 +171,8 @@ fn check_areas(scenario: &Scenario) -> Result<(), InputError> {
 /// assert!(scenario.landing_base().unwrap().contains(&[7.0, 50.0].into()));
 /// ```
 impl Scenario {
-    /// Where the UAV may fly at its lowest altitude. The shortest ways between corners are found here, which takes time by the
-    /// cube of their number.
+    /// Where the UAV may fly at its lowest altitude. The shortest ways between corners are found here, which takes time
+    /// by the cube of their number.
     #[must_use]
     pub fn airspace(&self) -> Airspace {
         let airspace = self.airspace_without_ways();

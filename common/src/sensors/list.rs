@@ -155,8 +155,9 @@ impl SensorList {
         self.trace.as_ref()
     }
 
-    /// The list as a CSV file with all columns: that of buffers if one is not that of the scenario, that of weights if one
-    /// is not 1, that of the ground if the list had it, and that of names if there are some. Floats round-trip exactly.
+    /// The list as a CSV file with all columns: that of buffers if one is not that of the scenario, that of weights if
+    /// one is not 1, that of the ground if the list had it, and that of names if there are some. Floats round-trip
+    /// exactly.
     #[must_use]
     pub fn to_csv(&self) -> String {
         let has_buffers = self.has_own_buffers;
@@ -220,7 +221,8 @@ impl SensorList {
         &self.sensors
     }
 
-    /// The altitude of the ground at each sensor node [m], above the same level, by id; empty if the list does not have it.
+    /// The altitude of the ground at each sensor node [m], above the same level, by id; empty if the list does not have
+    /// it.
     #[must_use]
     pub fn ground_m(&self) -> &[f64] {
         &self.ground_m

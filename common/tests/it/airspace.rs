@@ -108,7 +108,8 @@ fn independent_m(polygons: &[Polygon], from: &Position, to: &Position) -> f64 {
     dijkstra(&graph, nodes[0], Some(nodes[1]), |edge| *edge.weight()).get(&nodes[1]).copied().unwrap_or(f64::INFINITY)
 }
 
-/// Flies from one point to another in each of `count` mazes; returns how many were flown and how many of them had bends.
+/// Flies from one point to another in each of `count` mazes; returns how many were flown and how many of them had
+/// bends.
 fn fly_mazes(seed: u64, count: usize) -> (usize, usize) {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let place =

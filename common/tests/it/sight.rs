@@ -33,8 +33,8 @@ fn outline(random: &mut impl Rng) -> Vec<[f64; 2]> {
     (0..count).map(corner).collect()
 }
 
-/// How far [m] the lowest point of the link above or in the ground plan lies above the top of the building; infinite if the
-/// link passes by. `None` where the ground plan is hardly touched.
+/// How far [m] the lowest point of the link above or in the ground plan lies above the top of the building; infinite if
+/// the link passes by. `None` where the ground plan is hardly touched.
 fn clearance_m(polygon: &Polygon, height_m: f64, sensor: &Point3<f64>, uav: &Point3<f64>) -> Option<f64> {
     let ground = Line::new((sensor.x, sensor.y), (uav.x, uav.y));
     let inside = polygon.clip(&MultiLineString::new(vec![LineString::from(ground)]), false);
