@@ -112,6 +112,37 @@ fn a_short_mission_matches_the_expected_files() {
     assert_eq!(place.read("run.waypoints"), golden, "{}", place.trace("run"));
 }
 
+#[test]
+fn no_file_of_an_earlier_export_is_left() {
+    let place = Place::new();
+    place.flight("smoke").simulate();
+    let export = ["export", "run", "--format", "qgc-plan", "--ignore-endurance", "--origin", ORIGIN];
+    let in_parts = [&export[..], &["--most-items", "9"]].concat();
+    place.run_ok(&export);
+    refused(
+        &place,
+        &in_parts,
+        "output file run.plan: it is of an earlier export: choose another --out, or pass --force",
+    );
+    assert_eq!(files(&place), ["run", "run.plan", "smoke.toml"]);
+    place.run_ok(&[&in_parts[..], &["--force"]].concat());
+    let parts = files(&place);
+    assert!(parts.len() > 3 && !parts.contains(&"run.plan".to_owned()), "{parts:?}");
+    refused(&place, &export, "it is of an earlier export");
+    place.run_ok(&[&export[..], &["--force"]].concat());
+    assert_eq!(files(&place), ["run", "run.plan", "smoke.toml"]);
+}
+
+#[test]
+fn files_of_a_fleet_have_the_extension_of_the_format() {
+    let place = Place::new();
+    place.flight("smoke").set("uav.count", 2).simulate();
+    place.run_ok(&["export", "run", "--format", "mcap-ros2", "--origin", ORIGIN]);
+    place.run_ok(&["export", "run", "--format", "gpx", "--origin", ORIGIN, "--out", "v1.2"]);
+    let expected = ["run", "run-uav-0.ros2.mcap", "run-uav-1.ros2.mcap", "smoke.toml", "v1-uav-0.2", "v1-uav-1.2"];
+    assert_eq!(files(&place), expected);
+}
+
 /// Position [m] and altitude [m] of every waypoint of the files, in order.
 fn waypoints(place: &Place, names: &[String], origin: Origin) -> Vec<(Position, f64)> {
     let projection = Projection::at(origin);

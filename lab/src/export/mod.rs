@@ -31,7 +31,7 @@ pub mod vehicle;
 mod warnings;
 mod waypoints;
 
-use std::ffi::OsString;
+use std::ffi::{OsStr, OsString};
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
@@ -153,7 +153,7 @@ fn render(export: &Export, run: &RecordedRun, out: &Path) -> Result<Rendered, La
         WriteFormat::Flight(write) => {
             rendered.summary.push(counts(&files));
             for uav in 0..uavs {
-                rendered.outputs.push((of_uav(out, uav, uavs), vec![write(&track(uav)?)]));
+                rendered.outputs.push((of_uav(out, export.format, uav, uavs), vec![write(&track(uav)?)]));
             }
         }
         WriteFormat::Mission { .. } | WriteFormat::MissionMap(_) => {
@@ -162,7 +162,7 @@ fn render(export: &Export, run: &RecordedRun, out: &Path) -> Result<Rendered, La
                 let (lines, texts) = render_mission(export.format, &track(uav)?, &options)?;
                 let prefix = if uavs == 1 { String::new() } else { format!("UAV {uav}: ") };
                 rendered.summary.extend(lines.iter().map(|line| prefix.clone() + line));
-                rendered.outputs.push((of_uav(out, uav, uavs), texts));
+                rendered.outputs.push((of_uav(out, export.format, uav, uavs), texts));
             }
         }
     }
@@ -242,8 +242,13 @@ fn out_file(export: &Export) -> Result<PathBuf, InputError> {
 }
 
 /// The file of the UAV number `uav` of `uavs`: the given name for a single UAV, else `NAME-uav-0.EXT` and so on.
-fn of_uav(file: &Path, uav: usize, uavs: usize) -> PathBuf {
-    if uavs == 1 { file.to_owned() } else { with_suffix(file, &format!("-uav-{uav}")) }
+fn of_uav(file: &Path, format: &ExportFormat, uav: usize, uavs: usize) -> PathBuf {
+    let name = file.file_name().and_then(OsStr::to_str).unwrap_or_default();
+    match name.strip_suffix(format.extension).and_then(|name| name.strip_suffix('.')) {
+        _ if uavs == 1 => file.to_owned(),
+        Some(stem) => file.with_file_name(format!("{stem}-uav-{uav}.{}", format.extension)),
+        None => with_suffix(file, &format!("-uav-{uav}")),
+    }
 }
 
 /// The file names of the parts: the given name for a single part, else `NAME-part-1-of-3.EXT` and so on.
