@@ -42,9 +42,16 @@ pub(crate) fn toward_least(setup: &Setup, cost: impl Fn(&View<'_>, u32) -> Optio
 /// The SN of least `cost`, ties to the nearest and then to the lowest index; `None` if none has a cost.
 fn least(view: &View, cost: impl Fn(u32) -> Option<f64>) -> Option<u32> {
     let ground = view.ground();
-    let rated = |id| cost(id).map(|cost| (cost, distance_squared(view.table.sensors.position(id), &ground), id));
-    let cheaper = |a: &(f64, f64, u32), b: &(f64, f64, u32)| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1));
-    view.table.servable().filter_map(rated).min_by(cheaper).map(|(_, _, id)| id)
+    let away_m2 = |id: u32| distance_squared(view.table.sensors.position(id), &ground);
+    let mut least: Option<(f64, u32)> = None;
+    for id in view.table.servable() {
+        let Some(cost) = cost(id) else { continue };
+        let is_less = least.is_none_or(|(least, other)| cost < least || cost == least && away_m2(id) < away_m2(other));
+        if is_less {
+            least = Some((cost, id));
+        }
+    }
+    least.map(|(_, id)| id)
 }
 
 #[cfg(test)]
