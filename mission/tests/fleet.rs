@@ -5,6 +5,7 @@ mod support;
 use std::collections::BTreeSet;
 use std::path::Path;
 
+use nalgebra::Point3;
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::message::{FlightReport, HoldReason, Mode, Plan};
 use skysink_common::scenario::{Overrides, Scenario};
@@ -255,6 +256,30 @@ fn fleets_share_a_base_where_no_other_is_in_reach() {
     let records = records(&scenario);
     let last = &records.last().unwrap().flights;
     assert!(last.iter().all(|flight| base.contains(&flight.position().xy()) && flight.energy_j > 0.0), "{last:?}");
+}
+
+/// They plan to be home some moves early, and use those where a cell of the base is taken.
+#[test]
+fn fleets_on_a_grid_share_no_cell_of_the_base_while_they_fly() {
+    let text = "name = 'cells'\nslots = 160\nslot_s = 0.25\n[area]\nside_m = 120.0\n[sensors]\ncount = 8\nsampling_bps = 0.0\n\
+                capacity_bits = 30000000\ninitial_queue_mean_bits = [5e6, 2e7]\n[link]\ncomm_radius_m = 60.0\ncomm_s = 0.25\n\
+                resource_blocks = 1\n[base]\nareas_m = [[[0, 0], [20, 0], [20, 20], [0, 20]]]\n[planner]\nobjective = 'collect'\n\
+                horizon.iterations = 100\n[uav]\ncount = 3\nmax_speed_mps = 10.0\nmoves = 'grid'\ncell_m = 10.0\n\
+                must_land = true\nseparation_m = 7.0\nendurances_s = [30.0, 33.0, 40.0]\nendurance_s = 40.0\n\
+                starts_m = [[5, 5], [15, 5], [5, 15]]\n";
+    for seed in [9, 37, 38, 55, 58] {
+        let scenario = scenario_of(&format!("seed = {seed}\n{text}"), "horizon");
+        let base = scenario.landing_base().unwrap();
+        let records = records(&scenario);
+        for record in &records {
+            let flies = |flight: &&FlightReport| flight.mode != Mode::Charge as u32;
+            let flying: Vec<_> = record.flights.iter().filter(flies).map(|flight| flight.position()).collect();
+            let are_apart = |(uav, at): (usize, &Point3<f64>)| flying[..uav].iter().all(|it| (it - at).norm() > 7.0);
+            assert!(flying.iter().enumerate().all(are_apart), "seed {seed}, slot {}: {flying:?}", record.slot());
+        }
+        let last = &records.last().unwrap().flights;
+        assert!(last.iter().all(|flight| base.contains(&flight.position().xy())), "seed {seed}: {last:?}");
+    }
 }
 
 /// The first UAV has no energy to go anywhere; the other serves all.

@@ -64,6 +64,8 @@ struct Told {
     others: Vec<Position>,
     /// The base, which is exempt from their distance.
     base: Option<Base>,
+    /// The last slot of each UAV.
+    lasts: Vec<u64>,
 }
 
 impl Told {
@@ -75,7 +77,8 @@ impl Told {
         self.others.extend_from_slice(&self.begins[..uav.min(self.begins.len())]);
         let lower = self.others.len();
         self.others.extend_from_slice(&self.places[uav + 1..]);
-        let apart = Apart { separation_m, places: &self.others, lower, stays, base: self.base.as_ref() };
+        let (base, last) = (self.base.as_ref(), self.lasts[uav]);
+        let apart = Apart { separation_m, places: &self.others, lower, stays, base, last };
         if !is_sequential {
             return Others { scheduled: &[], visits: None, apart };
         }
@@ -179,6 +182,7 @@ impl FleetPlanner {
             }
         }
         let planned = vec![Vec::new(); uavs];
+        let lasts = (0..uavs).map(|uav| scenario.slots_of(uav)).collect();
         let is_wide = |cell_m: f64| separation_m > cell_m * FRAC_1_SQRT_2 && scenario.move_slots() > 1;
         let keeps_begins = scenario.uav.grid_m().is_some_and(is_wide);
         Ok(Self {
@@ -187,7 +191,7 @@ impl FleetPlanner {
             separation_m,
             keeps_begins,
             claims,
-            told: Told { planned, base: scenario.landing_base(), ..Told::default() },
+            told: Told { planned, base: scenario.landing_base(), lasts, ..Told::default() },
         })
     }
 

@@ -26,6 +26,8 @@ pub(crate) struct Apart<'a> {
     pub stays: bool,
     /// The base, in which they may be near to each other.
     pub base: Option<&'a Base>,
+    /// The last slot of the UAV, before which it plans to be home.
+    pub last: u64,
 }
 
 impl Apart<'_> {
@@ -63,9 +65,8 @@ impl Apart<'_> {
         if let Some(in_time) = clear.iter().find(|to| comes_home(to)) {
             return Some(*in_time);
         }
-        // UAVs of higher number have to plan for this one. In the base it may be near to others, before it comes home
-        // too late.
-        if !is_near(lower, told) && (clear.is_empty() || !airspace.has_grid()) || is_in_base(&end_of(told)) {
+        // UAVs of higher number have to plan for this one.
+        if !is_near(lower, told) && (clear.is_empty() || !airspace.has_grid()) {
             return None;
         }
         let free = |place: &&Position| !self.is_near(view, self.places, place);
@@ -77,7 +78,13 @@ impl Apart<'_> {
             let ways_m = places.iter().map(|place| airspace.distance_m(&end_of(to), place));
             ways_m.fold(f64::INFINITY, f64::min)
         };
-        others.into_iter().min_by(|a, b| way_m(a).total_cmp(&way_m(b)))
+        let soonest = others.into_iter().min_by(|a, b| way_m(a).total_cmp(&way_m(b)));
+        // In the base it may be near to others, before it comes home too late.
+        let is_in_time = |to: &Position| {
+            let slots = airspace.move_slots() as f64 + (way_m(to) / view.table.limits.reach_m).round();
+            home.is_some_and(|home| home.battery.is_none()) && (view.slot - 1) as f64 + slots <= self.last as f64
+        };
+        soonest.filter(|to| !is_in_base(&end_of(told)) || is_in_time(to))
     }
 
     /// Whether `end` [m] is too near to one of the `places` of other UAVs, and neither is in the base. On a grid a UAV
