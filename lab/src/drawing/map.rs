@@ -63,7 +63,7 @@ pub struct MapSheet {
 }
 
 impl MapSheet {
-    /// Writes `stem`.svg, and as pictures `stem`.pdf and `stem`.png; the same sheet gives the same bytes.
+    /// Writes `stem`.svg, and with the feature `pictures` `stem`.pdf and `stem`.png; the same sheet gives the same bytes.
     ///
     /// # Errors
     /// If the embedded font lacks a character, or a file cannot be written.

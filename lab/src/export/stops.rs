@@ -35,11 +35,10 @@ impl VehicleStop {
     /// A waypoint on the way to another one, at `speed_mps` [m/s].
     #[must_use]
     pub fn on_way(position: Point3<f64>, speed_mps: f64) -> Self {
-        let speed_mps = Some(speed_mps);
         Self {
             position,
             hold_s: 0.0,
-            speed_mps,
+            speed_mps: Some(speed_mps),
             services: Vec::new(),
             bits: 0,
             from: position,

@@ -49,7 +49,7 @@ pub struct VehicleMission {
     pub return_m: Option<f64>,
     /// The waypoints of the flight.
     pub flown: Vec<VehicleStop>,
-    /// Those of them that are left by `--min-bits`, with those of the ways between them that this adds.
+    /// The waypoints of the mission: those of the flight that `--min-bits` keeps, and the bends of new ways between them.
     pub stops: Vec<VehicleStop>,
 }
 

@@ -2,9 +2,10 @@
 //!
 //! Format: MAVLink's developer guide, "Plain-Text File Format".
 
+use super::altitude::AltitudeReference;
 use super::autopilot::Autopilot;
 use super::format::{ExportFormat, ExportedMission, WriteFormat};
-use super::items::MavlinkItem;
+use super::items::{MavlinkItem, VehicleItem};
 use super::vehicle::MissionPart;
 
 /// The waypoint file.
@@ -20,9 +21,9 @@ pub static FORMAT: ExportFormat = ExportFormat {
 };
 
 fn write(exported: &ExportedMission<'_>, part: &MissionPart) -> Vec<u8> {
-    let home = exported.track.points[0].place;
-    let params = [0.0, 0.0, 0.0, 0.0, home.lat_deg, home.lon_deg, exported.mission.home_ground_m.unwrap_or(0.0)];
-    let home = MavlinkItem { command: 16, frame: 0, params };
+    let place = exported.track.points[0].place;
+    let altitude_m = exported.mission.home_ground_m.unwrap_or(0.0);
+    let home = VehicleItem::Waypoint { place, altitude_m, hold_s: 0.0 }.mavlink(AltitudeReference::Msl);
     let items = part.items.iter().map(|item| item.mavlink(exported.mission.reference));
     let mut text = "QGC WPL 110\n".to_owned();
     for (index, item) in std::iter::once(home).chain(items).enumerate() {
