@@ -58,7 +58,7 @@ fn home(track: &GeodeticTrack<'_>, mission: &VehicleMission) -> String {
     let [low_m, high_m] =
         altitudes_m.fold(widest, |[low, high], altitude_m| [low.min(altitude_m), high.max(altitude_m)]);
     let range = if low_m == high_m { format!("{low_m} m") } else { format!("{low_m:.1} to {high_m:.1} m") };
-    format!("home {} {} (latitude, longitude), {range} above {above}", home.lat_deg, home.lon_deg)
+    format!("home {} {} (latitude, longitude), waypoints {range} above {above}", home.lat_deg, home.lon_deg)
 }
 
 fn times(track: &GeodeticTrack<'_>, options: &VehicleMissionOptions, mission: &VehicleMission) -> String {
