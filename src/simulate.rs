@@ -14,7 +14,6 @@ use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::{Summary, Tally};
 use skysink_mission::{Mission, MissionError};
-use skysink_planner::settings;
 #[cfg(feature = "viewer")]
 use skysink_viewer::{Scene, Sinks, SlotView, WallClock};
 
@@ -148,7 +147,7 @@ impl SlotSink for ShownTally {
 fn recording(scenario: &Scenario, folder: &RunFolder, list: &SensorList, every: NonZeroU64) -> Result<Scene, Error> {
     let sinks = Sinks { save: Some(folder.recording()), every: Some(every), ..Sinks::default() };
     let name = format!("{}-{}-{}", scenario.name, scenario.planner.strategy, scenario.seed);
-    let estimated = settings::estimated(scenario).map_err(MissionError::from)?;
+    let estimated = skysink_planner::settings::estimated(scenario).map_err(MissionError::from)?;
     Ok(Scene::open(
         &sinks,
         scenario,
