@@ -12,6 +12,7 @@ const FILE: &str = "name = \"a\"\nslots = 30\n[area]\nside_m = 90.0\n[sensors]\n
 fn a_refused_setting_names_the_option() {
     let place = Place::new();
     place.write("a.toml", "name = \"a\"\nslots = 30\n");
+    place.write("list.csv", "x_m,y_m,sampling_bps\n1,2,300\n");
     place.assert_transcript(&expect_file!["transcripts/settings.txt"]);
 }
 
@@ -56,6 +57,11 @@ fn an_axis_of_a_sweep_replaces_and_is_refused_like_a_setting() {
     assert_eq!(refused.code, Some(2), "{refused:?}");
     let says = "sweep sweep.toml: at slots = 0: axis slots=0: expected 1 to 1000000000\n";
     assert!(refused.stderr.ends_with(says), "{refused:?}");
+    place.write("list.csv", "x_m,y_m,queue_bits\n1,2,300\n");
+    let refused = sweep("\"sensors.file\" = [\"list.csv\"]\n\"sensors.initial_queue_mean_bits\" = [5]");
+    let says = "line 1: column `queue_bits`: expected none, as it has priority over axis \
+                sensors.initial_queue_mean_bits=5\n";
+    assert!(refused.code == Some(2) && refused.stderr.ends_with(says), "{refused:?}");
     let flown = sweep("\"area.width_m\" = [50.0, 60.0]\n\"area.height_m\" = [70.0]");
     assert_eq!(flown.code, Some(0), "{flown:?}");
     assert_eq!(place.read("swept/results.csv").lines().count(), 3);

@@ -36,6 +36,13 @@ const GROUND_M: RangeInclusive<f64> = -500.0..=9000.0;
 /// The column of names, which is written if a sensor node has one.
 pub(super) const NAME: &str = "name";
 
+/// Columns with priority over keys of the scenario, and these keys.
+const PRIOR: [(&str, &str); 3] = [
+    ("sampling_bps", "sensors.sampling_bps"),
+    (CAPACITY, "sensors.capacity_bits"),
+    ("queue_bits", "sensors.initial_queue_mean_bits"),
+];
+
 /// Most characters of a name.
 const MOST_CHARACTERS: usize = 100;
 
@@ -123,6 +130,12 @@ impl<'a> Table<'a> {
             }
             if names[..index].contains(name) {
                 return Err(format!("column `{}` twice: expected it once", quoted(name)));
+            }
+        }
+        for setting in &scenario.settings {
+            if let Some((name, _)) = PRIOR.iter().find(|(name, key)| setting.key == *key && names.contains(name)) {
+                let origin = setting.origin;
+                return Err(format!("column `{name}`: expected none, as it has priority over {origin} {setting}"));
             }
         }
         let refuse = |expected: &str| format!("header `{}`: expected {expected}", quoted(&names.join(",")));
