@@ -18,7 +18,7 @@ def need(module: str, extra: str) -> Any:
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:
-        raise ImportError(f"{error}: pip install 'skysink[{extra}]'") from error
+        raise ImportError(f"{error}: pip install './python[{extra}]' in Skysink's sources") from error
 
 
 def to_pandas(table: Table) -> Any:

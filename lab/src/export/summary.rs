@@ -27,9 +27,17 @@ fn counts(track: &GeodeticTrack<'_>, VehicleMission { parts, stops, .. }: &Vehic
     let items: usize = parts.iter().map(|part| part.items.len() + 1).sum(); // and home
     let files = if parts.len() == 1 { "1 file".to_owned() } else { format!("{} files", parts.len()) };
     format!(
-        "{slots} slots ({services} serving) → {waypoints} waypoints ({serving} serving), {speeds} changes of speed → \
-         {items} items → {files}"
+        "{slots} slot{} ({services} serving) → {waypoints} waypoint{} ({serving} serving), {speeds} change{} of speed → \
+         {items} items → {files}",
+        plural(slots),
+        plural(waypoints),
+        plural(speeds)
     )
+}
+
+/// The ending of a noun after a count.
+fn plural(count: usize) -> &'static str {
+    if count == 1 { "" } else { "s" }
 }
 
 fn omitted(VehicleMission { flown, stops, .. }: &VehicleMission) -> String {
