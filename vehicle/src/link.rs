@@ -2,18 +2,19 @@
 
 use std::io;
 
-use mavlink::MavHeader;
 use mavlink::dialects::common::{
-    COMMAND_INT_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavFrame, MavLandedState, MavMessage,
-    MavModeFlag, MavState, MavType, PARAM_REQUEST_READ_DATA,
+    BATTERY_STATUS_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA, ESTIMATOR_STATUS_DATA, EXTENDED_SYS_STATE_DATA,
+    GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavFrame, MavLandedState, MavMessage, MavModeFlag,
+    MavState, MavType, PARAM_REQUEST_READ_DATA,
 };
+use mavlink::{MavHeader, MessageData as _};
 
 use crate::autopilot::{Altitude, AutopilotKind};
 use crate::telemetry::{Fix, GlobalTarget, Order, Stream, Telemetry};
 use crate::wire::{Wire, WireAddress};
 
 /// System of the bridge: that of a ground station, whose silence autopilots notice.
-const SYSTEM: u32 = 255;
+pub(crate) const SYSTEM: u32 = 255;
 
 /// Component of the bridge: a ground station.
 const COMPONENT: u8 = 190;
@@ -219,19 +220,18 @@ fn frame_of(altitude: Altitude) -> (MavFrame, f32) {
 }
 
 /// The number of the message of a stream.
-fn message_id(stream: Stream) -> u16 {
+fn message_id(stream: Stream) -> u32 {
     match stream {
-        Stream::Position => 33,
-        Stream::Accuracy => 230,
-        Stream::Battery => 147,
-        Stream::InAir => 245,
+        Stream::Position => GLOBAL_POSITION_INT_DATA::ID,
+        Stream::Accuracy => ESTIMATOR_STATUS_DATA::ID,
+        Stream::Battery => BATTERY_STATUS_DATA::ID,
+        Stream::InAir => EXTENDED_SYS_STATE_DATA::ID,
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mavlink::dialects::common::{ESTIMATOR_STATUS_DATA, GLOBAL_POSITION_INT_DATA};
 
     #[test]
     fn a_reposition_is_a_command_int_above_home_in_ten_millionths_of_a_degree() {
@@ -241,6 +241,37 @@ mod tests {
         };
         assert_eq!((sent.x, sent.y, sent.z), (473_977_420, -85_455_940, 20.0));
         assert_eq!((sent.frame, sent.param2, sent.target_system), (MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT, 0.0, 3));
+    }
+
+    #[test]
+    fn a_heartbeat_tells_the_autopilot_its_mode_and_whether_it_is_armed() {
+        let decoded = |autopilot, base_mode| {
+            let heartbeat = HEARTBEAT_DATA { autopilot, base_mode, custom_mode: 4, ..HEARTBEAT_DATA::default() };
+            decode(&MavMessage::HEARTBEAT(heartbeat))
+        };
+        for (sent, autopilot) in [
+            (MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA, AutopilotKind::ArduPilot),
+            (MavAutopilot::MAV_AUTOPILOT_PX4, AutopilotKind::Px4),
+            (MavAutopilot::MAV_AUTOPILOT_GENERIC, AutopilotKind::Other),
+        ] {
+            for (base_mode, is_armed) in [(ARMED, true), (MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, false)] {
+                assert_eq!(decoded(sent, base_mode), Some(Telemetry::Heartbeat { autopilot, mode: 4, is_armed }));
+            }
+        }
+        assert_eq!(decoded(MavAutopilot::MAV_AUTOPILOT_INVALID, ARMED), None, "a ground station");
+    }
+
+    #[test]
+    fn a_stream_is_asked_for_by_the_number_of_its_message_with_its_period_in_microseconds() {
+        // Numbers of the MAVLink common message set.
+        let asked =
+            [(Stream::Position, 33.0), (Stream::Accuracy, 230.0), (Stream::Battery, 147.0), (Stream::InAir, 245.0)];
+        for (stream, number) in asked {
+            let MavMessage::COMMAND_LONG(sent) = encode(&Order::Interval { stream, period_s: 0.25 }, 1) else {
+                panic!("another message");
+            };
+            assert_eq!((sent.param1, sent.param2), (number, 250_000.0), "{stream:?}");
+        }
     }
 
     #[test]

@@ -56,9 +56,20 @@ impl ClosedLoop {
 
     fn over(scenario: &Scenario, options: &KinematicOptions, loss: f64) -> Self {
         let reports = start(scenario);
+        Self::after(scenario, options, loss, reports, false)
+    }
+
+    /// With a bridge that begins after the slot of `reports`, as the successor of another one if `is_restart`.
+    fn after(
+        scenario: &Scenario,
+        options: &KinematicOptions,
+        loss: f64,
+        reports: ByUav<FlightReport>,
+        is_restart: bool,
+    ) -> Self {
         let sensors = [SensorNode { x_m: 50.0, y_m: 60.0, gain: 1e-5, ..SensorNode::default() }];
         Self {
-            bridge: Bridge::new(scenario, &sensors, AreaFrame::at(HOME), &reports, false),
+            bridge: Bridge::new(scenario, &sensors, AreaFrame::at(HOME), &reports, is_restart),
             copter: Copter::new(options),
             random: ChaCha8Rng::seed_from_u64(options.seed),
             loss,
@@ -276,6 +287,53 @@ fn a_vehicle_whose_dead_man_switch_is_unknown_does_not_take_off() {
     flight.advance(60.0);
     assert!(!flight.copter.is_armed, "{:?}", flight.said);
     assert!(flight.said.iter().any(|line| line.contains("to say what it does when the bridge is silent")));
+}
+
+#[test]
+fn a_vehicle_too_far_from_its_start_does_not_take_off() {
+    let scenario = scenario("");
+    let refusal = |away_m: f64| {
+        let mut flight = ClosedLoop::over(&scenario, &KinematicOptions::default(), 0.0);
+        flight.start_m.x += away_m - 3.0; // home is 3 m beside
+        let fix = flight.fix();
+        flight.hear(&Telemetry::Heartbeat { autopilot: AutopilotKind::ArduPilot, mode: 0, is_armed: false });
+        flight.hear(&fix);
+        flight.bridge.poll(0.0, |_, _| {}, |_, _| {}).err().map(|refusal| refusal.why.to_string())
+    };
+    let far = |away_m: u32| Some(format!("it is {away_m} m from its start: expected at most 500 m"));
+    assert_eq!([4.0, 499.4, 501.0, 900.0].map(refusal), [None, None, far(501), far(900)]);
+}
+
+#[test]
+fn a_restarted_bridge_leaves_a_vehicle_that_others_fly_and_keeps_one_in_guided_mode() {
+    for (mode, is_kept) in [(CopterMode::Stabilize, false), (CopterMode::Return, false), (CopterMode::Guided, true)] {
+        let mut before = ClosedLoop::new(&KinematicOptions::default(), 0.0);
+        before.until(60.0, |flight| flight.bridge.has_begun());
+        before.fly_slot(1, Some(plan(50.0, 62.0)));
+        let mut flight =
+            ClosedLoop::after(&scenario(""), &KinematicOptions::default(), 0.0, before.reports.clone(), true);
+        flight.copter = before.copter;
+        flight.copter.mode = mode;
+        flight.advance(5.0);
+        let has_given_up = flight.said.iter().any(|line| line.contains("is flown by others"));
+        assert_eq!((has_given_up, flight.copter.mode), (!is_kept, mode), "{:?}", flight.said);
+        if is_kept {
+            let report = flight.fly_slot(2, Some(plan(50.0, 66.0)));
+            assert!((report.y_m - 66.0).abs() < REACHED_M, "{report:?}");
+        }
+    }
+}
+
+#[test]
+fn a_report_has_the_accuracy_and_the_energy_that_the_vehicle_tells() {
+    let scenario = scenario("uav.battery.capacity_j = 4e5\nbase.radius_m = 5.0\n");
+    let mut flight = ClosedLoop::over(&scenario, &KinematicOptions::default(), 0.0);
+    flight.until(60.0, |flight| flight.bridge.has_begun());
+    flight.hear(&Telemetry::Accuracy([0.5, 3.0]));
+    let report = flight.fly_slot(1, None);
+    assert_eq!(report.covariance_m2, [0.25, 0.0, 0.0, 0.25, 0.0, 9.0]);
+    let told_j = 4e5 * flight.copter.battery;
+    assert!((report.energy_j - told_j).abs() < 4e5 / 1200.0 && told_j < 4e5, "{report:?}"); // told every second
 }
 
 #[test]

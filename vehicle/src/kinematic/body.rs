@@ -3,6 +3,7 @@
 use nalgebra::{Vector2, Vector3};
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
 
 /// Fastest climb and descent [m/s], and their acceleration [m/s²].
 const CLIMB_MPS: f64 = 2.5;
@@ -80,7 +81,9 @@ impl Body {
     fn gust(&mut self, sigma_mps: f64, dt_s: f64, random: &mut ChaCha8Rng) {
         if sigma_mps > 0.0 {
             let kept = (-dt_s / GUST_S).exp();
-            let fresh = Vector2::new(normal(random), normal(random)) * sigma_mps * (1.0 - kept * kept).sqrt();
+            let fresh = Vector2::from([0; 2].map(|_| random.sample::<f64, _>(StandardNormal)))
+                * sigma_mps
+                * (1.0 - kept * kept).sqrt();
             self.gust_mps = self.gust_mps * kept + fresh;
         }
     }
@@ -99,12 +102,6 @@ fn approach(away_m: Vector2<f64>, limits: &MotionLimits, dt_s: f64) -> Vector2<f
     let fastest_mps = (through_mps + direction.dot(&wind_mps)).clamp(0.0, limits.speed_mps);
     let speed_mps = fastest_mps.min((2.0 * braking_mps2 * distance_m).sqrt()).min(distance_m / last_s);
     direction.into_inner() * speed_mps
-}
-
-/// A number of the standard normal distribution (Box and Muller, 1958).
-pub fn normal(random: &mut ChaCha8Rng) -> f64 {
-    let radius = (-2.0 * (1.0 - random.random::<f64>()).ln()).sqrt();
-    radius * (std::f64::consts::TAU * random.random::<f64>()).cos()
 }
 
 #[cfg(test)]

@@ -3,22 +3,23 @@
 use std::io;
 use std::time::{Duration, Instant};
 
-use mavlink::MavHeader;
 use mavlink::dialects::common::{
     COMMAND_ACK_DATA, EXTENDED_SYS_STATE_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd,
     MavFrame, MavLandedState, MavMessage, MavModeFlag, MavParamType, MavResult, MavSeverity, MavState, MavType,
     PARAM_VALUE_DATA, STATUSTEXT_DATA, SYS_STATUS_DATA,
 };
+use mavlink::{MavHeader, MessageData as _};
 use nalgebra::Vector3;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
 use skysink_common::geodata::projection::{Origin, Projection};
 use skysink_common::geometry::Position;
 use skysink_common::stop::Stop;
 
 use super::KinematicOptions;
 use super::autopilot::{Copter, Given};
-use super::body::normal;
+use crate::link::SYSTEM;
 use crate::wire::Wire;
 
 /// Step of the vehicles [s].
@@ -35,9 +36,6 @@ const SLOW_S: f64 = 1.0;
 
 /// Period of positions that nobody has asked for [s].
 const DEFAULT_S: f64 = 0.25;
-
-/// System of a ground station.
-const BRIDGE: u32 = 255;
 
 /// The connection of the vehicles, on which messages get lost, with its random numbers.
 struct LossyLink<'a> {
@@ -118,7 +116,7 @@ impl LinkedCopter {
     fn hear(&mut self, header: &MavHeader, message: &MavMessage, link: &mut LossyLink) {
         let is_mine = |target: u8| target == 0 || target == self.system;
         match message {
-            MavMessage::HEARTBEAT(_) if header.system_id == BRIDGE => self.copter.hear_bridge(),
+            MavMessage::HEARTBEAT(_) if header.system_id == SYSTEM => self.copter.hear_bridge(),
             MavMessage::COMMAND_LONG(command) if is_mine(command.target_system) => {
                 let [p1, p2, p7] = [command.param1, command.param2, command.param7].map(f64::from);
                 let result = self.obey_long(command.command, p1, p2, p7);
@@ -155,7 +153,7 @@ impl LinkedCopter {
             MavCmd::MAV_CMD_DO_CHANGE_SPEED => Given::Speed(p2),
             MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH => Given::Return,
             MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
-                if p1 == 33.0 {
+                if p1 == GLOBAL_POSITION_INT_DATA::ID as f64 {
                     self.position_every_s = if p2 > 0.0 { p2 / 1e6 } else { DEFAULT_S };
                 }
                 return MavResult::MAV_RESULT_ACCEPTED;
@@ -204,7 +202,7 @@ impl LinkedCopter {
 
     fn position(&self, link: &mut LossyLink) -> MavMessage {
         let body = &self.copter.body;
-        let noise_m = [0; 3].map(|_| link.options.noise * normal(&mut link.random));
+        let noise_m = [0; 3].map(|_| link.options.noise * link.random.sample::<f64, _>(StandardNormal));
         let at_m = body.position_m + Vector3::from(noise_m);
         let place = self.projection.unproject(&at_m.xy().into()).expect("near its home");
         let cm = |mps: f64| (mps * 100.0).round() as i16;
@@ -248,5 +246,99 @@ impl LinkedCopter {
             MavLandedState::MAV_LANDED_STATE_ON_GROUND
         };
         MavMessage::EXTENDED_SYS_STATE(EXTENDED_SYS_STATE_DATA { landed_state, ..EXTENDED_SYS_STATE_DATA::default() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::autopilot::CopterMode;
+    use super::*;
+    use mavlink::dialects::common::{COMMAND_INT_DATA, PARAM_REQUEST_READ_DATA};
+
+    /// A vehicle with these options, and its link to a wire that hears it.
+    fn linked(options: &KinematicOptions) -> (LinkedCopter, LossyLink<'_>, Wire) {
+        let port = std::net::UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()).unwrap().port();
+        let wire = |scheme: &str| Wire::open(&format!("{scheme}:127.0.0.1:{port}").parse().unwrap()).unwrap();
+        let peer = wire("udpin");
+        let link = LossyLink { wire: wire("udpout"), random: ChaCha8Rng::seed_from_u64(1), options };
+        (LinkedCopter::new(options, 1, &Projection::at(options.home)), link, peer)
+    }
+
+    /// The next `count` messages that the peer receives, within 10 s.
+    fn heard(peer: &Wire, count: usize) -> Vec<MavMessage> {
+        let begin = Instant::now();
+        let mut messages = Vec::new();
+        while messages.len() < count {
+            assert!(begin.elapsed() < Duration::from_secs(10), "only {messages:?}");
+            messages.extend(peer.receive().map(|(_, message)| message));
+        }
+        messages
+    }
+
+    #[test]
+    fn a_position_is_in_units_of_the_message_from_north_east_down() {
+        let options = KinematicOptions::default();
+        let (mut vehicle, mut link, _) = linked(&options);
+        vehicle.copter.body.position_m = Vector3::new(10.0, -20.0, 30.5);
+        vehicle.copter.body.velocity_mps = Vector3::new(1.25, -2.5, 0.75);
+        vehicle.copter.boot_s = 4.5;
+        let MavMessage::GLOBAL_POSITION_INT(sent) = vehicle.position(&mut link) else { panic!("another message") };
+        assert_eq!([sent.vx, sent.vy, sent.vz], [-250, 125, -75]);
+        assert_eq!((sent.relative_alt, sent.alt, sent.time_boot_ms), (30_500, 518_500, 4_500));
+        let at_m = vehicle.projection.project(f64::from(sent.lat) / 1e7, f64::from(sent.lon) / 1e7).unwrap();
+        assert!((at_m - Position::new(10.0, -20.0)).norm() < 0.02, "{at_m:?}");
+    }
+
+    #[test]
+    fn it_tells_its_own_dead_man_switch_and_no_other_parameter() {
+        let options = KinematicOptions { dead_man: 0, ..KinematicOptions::default() };
+        let (mut vehicle, mut link, peer) = linked(&options);
+        let header = MavHeader { system_id: SYSTEM, component_id: 190, sequence: 0 };
+        for (target_system, name) in [(1, "FS_GCS_TIMEOUT"), (2, "FS_GCS_ENABLE"), (1, "FS_GCS_ENABLE")] {
+            let asked = PARAM_REQUEST_READ_DATA { target_system, param_id: name.into(), ..Default::default() };
+            vehicle.hear(&header, &MavMessage::PARAM_REQUEST_READ(asked), &mut link);
+        }
+        vehicle.send(&vehicle.heartbeat(), &mut link);
+        let [MavMessage::PARAM_VALUE(told), MavMessage::HEARTBEAT(_)] = &heard(&peer, 2)[..] else { panic!("others") };
+        assert_eq!((told.param_id.to_str(), told.param_value), (Ok("FS_GCS_ENABLE"), 0.0));
+    }
+
+    #[test]
+    fn a_reposition_in_an_unknown_frame_or_without_a_place_is_denied() {
+        let options = KinematicOptions::default();
+        let (mut vehicle, mut link, peer) = linked(&options);
+        let home = options.home;
+        let [lat, lon] = [home.lat_deg, home.lon_deg].map(|degrees| (degrees * 1e7) as i32);
+        let [above_home, above_sea] = [MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT, MavFrame::MAV_FRAME_GLOBAL];
+        for ((x, y), z, frame) in [
+            ((lat, lon), 20.0, above_home),
+            ((lat, lon), 508.0, above_sea),
+            ((0, 0), 20.0, above_home),
+            ((lat, lon), 20.0, MavFrame::MAV_FRAME_LOCAL_NED),
+        ] {
+            vehicle.copter.is_armed = true;
+            vehicle.copter.mode = CopterMode::Guided;
+            vehicle.copter.body.position_m.z = 5.0;
+            let command = MavCmd::MAV_CMD_DO_REPOSITION;
+            let sent = COMMAND_INT_DATA { target_system: 1, command, x, y, z, frame, ..Default::default() };
+            vehicle.hear(&MavHeader::default(), &MavMessage::COMMAND_INT(sent), &mut link);
+        }
+        let results: Vec<MavResult> = heard(&peer, 4)
+            .iter()
+            .map(|message| match message {
+                MavMessage::COMMAND_ACK(answer) => answer.result,
+                other => panic!("{other:?}"),
+            })
+            .collect();
+        let [accepted, denied] = [MavResult::MAV_RESULT_ACCEPTED, MavResult::MAV_RESULT_DENIED];
+        assert_eq!(results, [accepted, accepted, denied, denied]);
+    }
+
+    #[test]
+    fn messages_are_lost_with_their_probability() {
+        let options = KinematicOptions { loss: 0.3, ..KinematicOptions::default() };
+        let (_, mut link, _) = linked(&options);
+        let lost = (0..10_000).filter(|_| link.loses()).count();
+        assert!((2_800..3_200).contains(&lost), "{lost} of 10 000"); // 4 standard deviations are 183
     }
 }
