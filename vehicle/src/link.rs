@@ -232,6 +232,7 @@ fn message_id(stream: Stream) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mavlink::dialects::common::{COMMAND_ACK_DATA, MavResult, PARAM_VALUE_DATA, STATUSTEXT_DATA, SYS_STATUS_DATA};
 
     #[test]
     fn a_reposition_is_a_command_int_above_home_in_ten_millionths_of_a_degree() {
@@ -259,6 +260,78 @@ mod tests {
             }
         }
         assert_eq!(decoded(MavAutopilot::MAV_AUTOPILOT_INVALID, ARMED), None, "a ground station");
+    }
+
+    #[test]
+    fn other_messages_are_decoded_in_si_units() {
+        let text = STATUSTEXT_DATA { text: "EKF variance".into(), ..Default::default() };
+        assert_eq!(decode(&MavMessage::STATUSTEXT(text)), Some(Telemetry::Text("EKF variance".to_owned())));
+        let told = PARAM_VALUE_DATA { param_id: "FS_GCS_ENABLE".into(), param_value: 1.0, ..Default::default() };
+        let parameter = Telemetry::Parameter { name: "FS_GCS_ENABLE".to_owned(), value: 1.0 };
+        assert_eq!(decode(&MavMessage::PARAM_VALUE(told)), Some(parameter));
+        let answer = COMMAND_ACK_DATA { command: MavCmd::MAV_CMD_NAV_TAKEOFF, result: MavResult::MAV_RESULT_DENIED };
+        assert_eq!(decode(&MavMessage::COMMAND_ACK(answer)), Some(Telemetry::Answer { command: 22, result: 2 }));
+        for (landed_state, telemetry) in [
+            (MavLandedState::MAV_LANDED_STATE_UNDEFINED, None),
+            (MavLandedState::MAV_LANDED_STATE_ON_GROUND, Some(Telemetry::InAir(false))),
+            (MavLandedState::MAV_LANDED_STATE_IN_AIR, Some(Telemetry::InAir(true))),
+            (MavLandedState::MAV_LANDED_STATE_TAKEOFF, Some(Telemetry::InAir(true))),
+        ] {
+            let state = EXTENDED_SYS_STATE_DATA { landed_state, ..Default::default() };
+            assert_eq!(decode(&MavMessage::EXTENDED_SYS_STATE(state)), telemetry, "{landed_state:?}");
+        }
+        let status = |id| BATTERY_STATUS_DATA { id, battery_remaining: 40, ..Default::default() };
+        let [main, second] = [0, 1].map(|id| decode(&MavMessage::BATTERY_STATUS(status(id))));
+        assert_eq!((main, second), (Some(Telemetry::Battery(0.4)), None));
+    }
+
+    #[test]
+    fn orders_have_the_parameters_of_their_commands() {
+        let params = |order: Order| match encode(&order, 7) {
+            MavMessage::COMMAND_LONG(sent) => {
+                assert_eq!((sent.target_system, sent.target_component), (7, 1));
+                [sent.param1, sent.param2, sent.param3, sent.param4, sent.param7]
+            }
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(params(Order::Mode(4)), [1.0, 4.0, 0.0, 0.0, 0.0]);
+        assert_eq!(params(Order::Arm), [1.0, 0.0, 0.0, 0.0, 0.0]);
+        assert_eq!(params(Order::Speed(7.0)), [1.0, 7.0, -1.0, 0.0, 0.0], "over ground, without throttle");
+        assert_eq!(params(Order::TakeOff(Altitude::AboveHome(20.0))), [0.0, 0.0, 0.0, 0.0, 20.0]);
+        let [.., yaw, z_m] = params(Order::TakeOff(Altitude::AboveSea(508.0)));
+        assert!(yaw.is_nan() && z_m == 508.0);
+        let to = GlobalTarget { lat_deg: 1.0, lon_deg: 2.0, altitude: Altitude::AboveSea(3.0) };
+        let MavMessage::COMMAND_INT(sent) = encode(&Order::Reposition { to, may_change_mode: true }, 7) else {
+            panic!("another message");
+        };
+        assert!(sent.param1 == -1.0 && sent.param2 == 1.0 && sent.param4.is_nan(), "its speed and yaw: {sent:?}");
+        let MavMessage::PARAM_REQUEST_READ(sent) = encode(&Order::Parameter("NAV_DLL_ACT"), 7) else {
+            panic!("another message");
+        };
+        assert_eq!((sent.param_index, sent.target_system, sent.param_id.to_str()), (-1, 7, Ok("NAV_DLL_ACT")));
+    }
+
+    #[test]
+    fn vehicles_on_one_link_are_told_apart_by_their_systems_and_only_autopilots_are_heard() {
+        let port = std::net::UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()).unwrap().port();
+        let address = |scheme: &str| format!("{scheme}:127.0.0.1:{port}").parse::<WireAddress>().unwrap();
+        let mut link =
+            Link::open(&[address("udpin")], 2).unwrap_or_else(|(address, error)| panic!("{address}: {error}"));
+        let peer = Wire::open(&address("udpout")).unwrap();
+        let say = |system_id: u32, component_id: u8, percent: i8| {
+            let status = SYS_STATUS_DATA { battery_remaining: percent, ..Default::default() };
+            peer.send(&MavHeader { system_id, component_id, sequence: 0 }, &MavMessage::SYS_STATUS(status));
+        };
+        for (system, component, percent) in [(2, AUTOPILOT, 20), (2, 100, 21), (3, AUTOPILOT, 30), (1, AUTOPILOT, 10)] {
+            say(system, component, percent);
+        }
+        let mut heard = Vec::new();
+        let begin = std::time::Instant::now();
+        while heard.len() < 2 {
+            assert!(begin.elapsed().as_secs() < 10, "only {heard:?}");
+            heard.extend(link.receive());
+        }
+        assert_eq!(heard, [(1, Telemetry::Battery(0.2)), (0, Telemetry::Battery(0.1))]);
     }
 
     #[test]
@@ -298,6 +371,8 @@ mod tests {
         };
         let decoded = |sent: &GLOBAL_POSITION_INT_DATA| decode(&MavMessage::GLOBAL_POSITION_INT(sent.clone()));
         assert_eq!(decoded(&sent), Some(Telemetry::Position(expected)));
+        let east = Telemetry::Position(Fix { heading_deg: 90.0, ..expected });
+        assert_eq!(decoded(&GLOBAL_POSITION_INT_DATA { hdg: 9_000, ..sent.clone() }), Some(east));
         assert_eq!(decoded(&GLOBAL_POSITION_INT_DATA { lat: 0, lon: 0, ..sent }), None);
     }
 
@@ -307,7 +382,8 @@ mod tests {
         let accuracy = |pos_horiz_accuracy: f32| {
             decode(&MavMessage::ESTIMATOR_STATUS(ESTIMATOR_STATUS_DATA { pos_horiz_accuracy, ..Default::default() }))
         };
-        assert_eq!((accuracy(f32::NAN), accuracy(0.5)), (None, Some(Telemetry::Accuracy([0.5, 0.0]))));
+        assert_eq!((accuracy(f32::NAN), accuracy(-0.5)), (None, None));
+        assert_eq!(accuracy(0.5), Some(Telemetry::Accuracy([0.5, 0.0])));
     }
 
     #[test]

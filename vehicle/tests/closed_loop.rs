@@ -1,5 +1,6 @@
 //! The bridge and kinematic vehicles, without sockets, clocks and processes: messages are lost at random.
 
+use mavlink::dialects::common::MavResult;
 use proptest::prelude::*;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
@@ -37,6 +38,8 @@ struct ClosedLoop {
     /// Take-offs that were ordered.
     take_offs: u32,
     reports: ByUav<FlightReport>,
+    /// A command that it refuses.
+    refused: Option<u16>,
     /// The parameter of the dead-man switch; `None` if the vehicle does not tell it.
     dead_man: Option<f32>,
     start_m: Position,
@@ -80,6 +83,7 @@ impl ClosedLoop {
             says_on_ground_until_s: 0.0,
             said: Vec::new(),
             take_offs: 0,
+            refused: None,
             start_m: reports[0].position().xy(),
             reports,
             dead_man: Some(f32::from(options.dead_man)),
@@ -163,7 +167,8 @@ impl ClosedLoop {
             if self.autopilot != AutopilotKind::ArduPilot && changes_mode && self.copter.is_armed {
                 self.copter.mode = CopterMode::Guided;
             }
-            let result = self.copter.obey(given) as u8;
+            let is_refused = self.refused == Some(command);
+            let result = if is_refused { MavResult::MAV_RESULT_FAILED } else { self.copter.obey(given) } as u8;
             self.hear(&Telemetry::Answer { command, result });
         }
     }
@@ -410,6 +415,44 @@ fn without_a_link_slots_report_the_last_position_as_holds() {
     let report = flight.fly_slot(3, Some(plan(50.0, 62.0)));
     assert_eq!(report.mode, Mode::Return as u32);
     assert!(flight.said.iter().any(|line| line.contains("gives no more orders")), "{:?}", flight.said);
+}
+
+#[test]
+fn a_vehicle_is_homebound_once_it_says_so_and_has_landed_once_it_is_disarmed() {
+    let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
+    assert!(!flight.bridge.is_homebound() && !flight.bridge.has_landed());
+    flight.until(60.0, |flight| flight.bridge.has_begun());
+    assert!(!flight.bridge.is_homebound() && !flight.bridge.has_landed());
+    flight.loss = 1.0; // the order does not arrive
+    flight.bridge.return_home("the test is over", flight.now_s);
+    flight.advance(3.0);
+    assert!(!flight.bridge.is_homebound(), "nobody has confirmed it");
+    flight.loss = 0.0;
+    flight.until(10.0, |flight| flight.bridge.is_homebound());
+    assert!(flight.copter.mode == CopterMode::Return && !flight.bridge.has_landed());
+    flight.until(120.0, |flight| flight.bridge.has_landed());
+    assert!(!flight.copter.is_armed && flight.bridge.is_homebound());
+}
+
+#[test]
+fn a_vehicle_that_refuses_another_speed_is_said_to_keep_its_own() {
+    let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
+    flight.refused = Order::Speed(10.0).command();
+    flight.until(60.0, |flight| flight.said.iter().any(|line| line.contains("has taken off")));
+    flight.advance(0.1);
+    assert!(flight.said.iter().any(|line| line == "keeps its own speed, not 10 m/s"), "{:?}", flight.said);
+}
+
+#[test]
+fn a_mission_begins_once_the_vehicle_hovers_at_its_start() {
+    // It takes off 3 m beside, and is there and slow at different times.
+    for lag in [0.0, 0.3] {
+        let mut flight = ClosedLoop::new(&KinematicOptions { lag, ..KinematicOptions::default() }, 0.0);
+        flight.until(60.0, |flight| flight.bridge.has_begun());
+        let away_m = flight.home_m() + flight.copter.body.position_m.xy() - flight.start_m;
+        assert!(away_m.norm() < REACHED_M + 0.2, "{away_m:?}");
+        assert!(flight.copter.body.velocity_mps.norm() < 1.2, "{:?}", flight.copter);
+    }
 }
 
 #[test]

@@ -265,6 +265,7 @@ mod tests {
         copter.obey(Given::Reposition(Vector3::new(30.0, 10.0, 20.0)));
         advance(&mut copter, 60.0);
         assert!((copter.body.position_m - Vector3::new(30.0, 10.0, 20.0)).norm() < 0.1, "no bridge was ever heard");
+        assert!((copter.battery - (1.0 - 72.0 / 1200.0)).abs() < 1e-9, "since it took off: {}", copter.battery);
         copter.hear_bridge();
         advance(&mut copter, 4.9);
         assert_eq!(copter.mode, CopterMode::Guided);

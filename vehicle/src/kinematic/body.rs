@@ -135,6 +135,42 @@ mod tests {
         }
     }
 
+    #[test]
+    fn a_climb_accelerates_brakes_and_is_faster_than_a_descent() {
+        for (from_m, to_m, expected_s) in [(0.0, 20.0, 9.0), (20.0, 0.0, 14.0)] {
+            let mut random = ChaCha8Rng::seed_from_u64(1);
+            let mut body = Body { position_m: Vector3::new(0.0, 0.0, from_m), ..Body::default() };
+            let mut steps = 0;
+            while (body.position_m.z - to_m).abs() > 0.05 {
+                body.fly(&Vector3::new(0.0, 0.0, to_m), &LIMITS, 0.01, &mut random);
+                steps += 1;
+                assert!(steps < 3_000, "{body:?}");
+            }
+            let taken_s = f64::from(steps) * 0.01; // d / v + v / a, less what braking saves at the end
+            assert!((taken_s - expected_s).abs() < 0.5, "{from_m} m to {to_m} m: {taken_s} s");
+        }
+    }
+
+    #[test]
+    fn gusts_have_their_standard_deviation_and_correlation_time() {
+        let limits = MotionLimits { wind_mps: 10.0, ..LIMITS };
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        let mut body = Body::default();
+        let gusts: Vec<f64> = (0..200_000)
+            .map(|_| {
+                body.fly(&Vector3::zeros(), &limits, 0.1, &mut random);
+                body.gust_mps.x
+            })
+            .collect();
+        let mean = |terms: &mut dyn Iterator<Item = f64>| terms.sum::<f64>() / gusts.len() as f64;
+        let variance = mean(&mut gusts.iter().map(|gust| gust * gust));
+        let after_3_s = mean(&mut gusts.iter().zip(&gusts[30..]).map(|(gust, later)| gust * later)) / variance;
+        assert!((variance.sqrt() - 3.0).abs() < 0.15, "{}", variance.sqrt());
+        assert!((after_3_s - (-1.0f64).exp()).abs() < 0.05, "{after_3_s}");
+        body.stand();
+        assert!(body.measured_mps() == Vector3::zeros() && body.position_m.z == 0.0);
+    }
+
     proptest! {
         #[test]
         fn a_vehicle_with_lag_arrives_and_does_not_overshoot(away_m in 1.0..80.0, lag_s in 0.05..0.5) {
