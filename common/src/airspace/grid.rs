@@ -422,6 +422,29 @@ mod tests {
     }
 
     #[test]
+    fn a_slot_leads_along_a_line_of_the_grid_or_stays() {
+        let airspace = walled(4);
+        let from = at(15.0, 15.0);
+        assert_eq!(airspace.last_free(&from, &at(15.0, 25.0), [20.0; 2]), at(15.0, 25.0));
+        assert_eq!(airspace.last_free(&from, &at(20.0, 20.0), [20.0; 2]), from, "beside the lines");
+        assert_eq!(airspace.last_free(&at(25.0, 15.0), &at(35.0, 15.0), [20.0; 2]), at(25.0, 15.0), "into the wall");
+        let grid = airspace.grid.as_deref().unwrap();
+        assert_eq!(grid.step(&from, &at(15.0, 25.0), 2.5), (at(15.0, 17.5), 0));
+        assert_eq!(grid.step(&from, &at(15.0, 25.0), 10.0), (at(15.0, 25.0), 1));
+        // In the second of four slots two are left after it, to the cell that it flies to.
+        assert_eq!(grid.committed(2, &at(17.5, 15.0), &at(20.0, 15.0)), (3, at(25.0, 15.0)));
+        assert_eq!(grid.committed(2, &at(22.5, 15.0), &at(20.0, 15.0)), (3, from));
+        assert_eq!(grid.committed(1, &from, &from), (4, from), "a hover");
+    }
+
+    #[test]
+    fn grids_are_equal_by_their_cells_and_moves() {
+        assert!(walled(4) == walled(4) && walled(4) != walled(2));
+        let open = Airspace::new([80.0, 60.0], 20.0, std::iter::empty()).on_grid(10.0, 4, &at(5.0, 5.0));
+        assert!(walled(4).grid != open.grid, "other ways between the same cells");
+    }
+
+    #[test]
     fn grid_paths_are_as_short_as_those_of_a_reference_search() {
         // Bellman–Ford over all pairs of neighbours.
         let airspace = walled(1);

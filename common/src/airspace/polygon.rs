@@ -228,6 +228,12 @@ mod tests {
     }
 
     #[test]
+    fn a_polygon_fills_a_part_of_its_bounding_box() {
+        let triangle = Polygon::of(&[[10.0, 10.0], [30.0, 10.0], [30.0, 20.0]], false).unwrap();
+        assert_eq!([square(), triangle].map(|polygon| polygon.filled()), [1.0, 0.5]);
+    }
+
+    #[test]
     fn a_segment_enters_the_interior_where_it_crosses_an_edge() {
         assert_eq!(entry(&square(), [0.0, 20.0], [40.0, 20.0]), Some(0.25));
         assert_eq!(entry(&square(), [0.0, 20.0], [20.0, 20.0]), Some(0.5), "it ends inside");

@@ -107,6 +107,17 @@ fn on_off_bits_have_the_moments_and_autocorrelation_of_the_markov_chain() {
 }
 
 #[test]
+fn arrivals_of_a_shorter_mission_begin_those_of_a_longer_one() {
+    for law in [ArrivalLaw::OnOff { on_slots: 2.0, off_slots: 3.0 }, ArrivalLaw::Packets { packet_bits: 5.0 }] {
+        let [short, long] = [50, 80].map(|slots| Arrivals::of(law, None, Streams::new(9), 100, slots).unwrap());
+        for (sensor, slot) in (0..100).flat_map(|sensor| (1..=50).map(move |slot| (sensor, slot))) {
+            assert_eq!(short.bits(slot, sensor, 10.0), long.bits(slot, sensor, 10.0), "SN {sensor}, slot {slot}");
+        }
+    }
+    assert!(Arrivals::of(ArrivalLaw::Constant, None, Streams::new(9), 100, 50).is_none());
+}
+
+#[test]
 fn on_and_off_times_are_exponential_with_their_means() {
     let (arrivals, _) = chains();
     for (is_on, mean) in [(true, 5.0), (false, 15.0)] {
