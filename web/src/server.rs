@@ -6,10 +6,8 @@
 use std::convert::Infallible;
 use std::io;
 use std::net::{SocketAddr, TcpListener};
-use std::pin::Pin;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, channel};
-use std::task::{Context, Poll};
 use std::time::Duration;
 
 use hyper::Request;
@@ -17,10 +15,10 @@ use hyper::body::Incoming;
 use hyper::server::conn::http1;
 use hyper::service::service_fn;
 use hyper_util::rt::{TokioIo, TokioTimer};
-use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWrite, AsyncWriteExt as _, ReadBuf};
+use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWrite, AsyncWriteExt as _};
 use tokio::runtime;
 use tokio::task::JoinSet;
-use tokio::time::{Sleep, sleep};
+use tokio_io_timeout::TimeoutWriter;
 
 use crate::site::Site;
 
@@ -99,50 +97,16 @@ async fn accept(listener: TcpListener, site: Arc<Site>, limits: Limits) -> io::E
 }
 
 /// Answers the requests of a connection until either side closes it.
-async fn connection(stream: impl AsyncRead + AsyncWrite + Unpin, site: Arc<Site>, limits: Limits) {
+async fn connection(stream: impl AsyncRead + AsyncWrite, site: Arc<Site>, limits: Limits) {
     let service = service_fn(|request: Request<Incoming>| {
         let answer = site.answer(&request);
         async move { Ok::<_, Infallible>(answer) }
     });
     let mut http = http1::Builder::new();
     http.timer(TokioTimer::new()).header_read_timeout(limits.head).max_buf_size(MAX_HEAD_BYTES).half_close(true);
-    let stream = ReadStream { stream, stall: limits.stall, stalled: None };
+    let mut stream = Box::pin(TimeoutWriter::new(stream));
+    stream.as_mut().set_timeout_pinned(Some(limits.stall)); // the client has to read
     let _ = http.serve_connection(TokioIo::new(stream), service).await; // an error means that the client has gone
-}
-
-/// A stream to a client that has to read: writing fails if nothing could be written for `stall`.
-struct ReadStream<S> {
-    stream: S,
-    stall: Duration,
-    /// Ends when the write that waits has waited too long.
-    stalled: Option<Pin<Box<Sleep>>>,
-}
-
-impl<S: AsyncRead + Unpin> AsyncRead for ReadStream<S> {
-    fn poll_read(mut self: Pin<&mut Self>, context: &mut Context<'_>, to: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.stream).poll_read(context, to)
-    }
-}
-
-impl<S: AsyncWrite + Unpin> AsyncWrite for ReadStream<S> {
-    fn poll_write(mut self: Pin<&mut Self>, context: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
-        let written = Pin::new(&mut self.stream).poll_write(context, bytes);
-        if written.is_ready() {
-            self.stalled = None;
-            return written;
-        }
-        let stall = self.stall;
-        let stalled = self.stalled.get_or_insert_with(|| Box::pin(sleep(stall)));
-        stalled.as_mut().poll(context).map(|()| Err(io::ErrorKind::TimedOut.into()))
-    }
-
-    fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.stream).poll_flush(context)
-    }
-
-    fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.stream).poll_shutdown(context)
-    }
 }
 
 /// The first `limit` bytes that a client receives which sends `bytes` and no more: for tests and fuzzing.
