@@ -84,6 +84,12 @@ mod tests {
     }
 
     #[test]
+    fn fast_conversion_ends_where_floats_are_one_apart() {
+        assert_eq!([(1u64 << 52) - 1, 1 << 52].map(|bits| is_quick(bits as f64, 1)), [true, false]);
+        assert!(!is_quick(9e15, 1));
+    }
+
+    #[test]
     fn bits_between_slots_sum_the_slots_in_between() {
         // s τ = 2.5: A = 0, 2, 5, 7, 10
         assert_eq!([0, 1, 2, 3, 4].map(|slot| sampled_bits(2.5, slot)), [0, 2, 5, 7, 10]);

@@ -99,5 +99,6 @@ mod tests {
         let law = ArrivalLaw::Packets { packet_bits: 50.0 };
         assert_eq!((law.variance_bits2(100.0, 3.0), law.dispersion_bits(100.0)), (15_000.0, 50.0));
         assert_eq!(ArrivalLaw::Constant.variance_bits2(100.0, 3.0), 0.0);
+        assert!(law.is_random() && !ArrivalLaw::Constant.is_random());
     }
 }
