@@ -290,6 +290,45 @@ mod tests {
     }
 
     #[test]
+    fn it_speaks_of_its_state_every_second_and_of_its_position_as_often_as_asked() {
+        let options = KinematicOptions { battery: 60, ..KinematicOptions::default() };
+        let (mut vehicle, mut link, peer) = linked(&options);
+        vehicle.copter.is_armed = true;
+        vehicle.copter.mode = CopterMode::Return;
+        vehicle.speak(&mut link);
+        use MavMessage::{EXTENDED_SYS_STATE, GLOBAL_POSITION_INT, HEARTBEAT, SYS_STATUS};
+        let heard_first = heard(&peer, 4);
+        let [GLOBAL_POSITION_INT(_), HEARTBEAT(heartbeat), SYS_STATUS(status), EXTENDED_SYS_STATE(state)] =
+            &heard_first[..]
+        else {
+            panic!("others: {heard_first:?}")
+        };
+        let bits = MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
+        assert_eq!((heartbeat.custom_mode, heartbeat.base_mode, status.battery_remaining), (6, bits, 60));
+        assert_eq!(state.landed_state, MavLandedState::MAV_LANDED_STATE_ON_GROUND);
+        let mut positions = |asked_us: f64| {
+            let command = MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL;
+            vehicle.obey_long(command, f64::from(GLOBAL_POSITION_INT_DATA::ID), asked_us, 0.0);
+            let begin_s = vehicle.copter.boot_s;
+            (1..=400).for_each(|step| {
+                vehicle.copter.boot_s = begin_s + f64::from(step) * 0.01;
+                vehicle.speak(&mut link);
+            });
+            vehicle.answer(command, MavResult::MAV_RESULT_ACCEPTED, &mut link); // the last message
+            let mut said = Vec::new();
+            while !matches!(said.last(), Some(MavMessage::COMMAND_ACK(_))) {
+                said.extend(heard(&peer, 1));
+            }
+            said.into_iter().filter(|message| matches!(message, GLOBAL_POSITION_INT(_))).count()
+        };
+        // In four seconds; the first may be due, and a period is rounded up to steps.
+        for (asked_us, expected) in [(500_000.0, 7..=9), (50_000.0, 65..=81), (0.0, 14..=17)] {
+            let positions = positions(asked_us);
+            assert!(expected.contains(&positions), "{positions} with a period of {asked_us} µs");
+        }
+    }
+
+    #[test]
     fn it_tells_its_own_dead_man_switch_and_no_other_parameter() {
         let options = KinematicOptions { dead_man: 0, ..KinematicOptions::default() };
         let (mut vehicle, mut link, peer) = linked(&options);
