@@ -332,6 +332,15 @@ mod tests {
             heard.extend(link.receive());
         }
         assert_eq!(heard, [(1, Telemetry::Battery(0.2)), (0, Telemetry::Battery(0.1))]);
+        link.send(1, &Order::Arm);
+        let (header, order) = loop {
+            assert!(begin.elapsed().as_secs() < 20, "no order");
+            if let Some(received) = peer.receive() {
+                break received;
+            }
+        };
+        assert_eq!((header.system_id, header.component_id), (255, 190), "a ground station");
+        assert_eq!(order, encode(&Order::Arm, 2));
     }
 
     #[test]

@@ -38,6 +38,8 @@ struct ClosedLoop {
     /// Take-offs that were ordered.
     take_offs: u32,
     reports: ByUav<FlightReport>,
+    /// Parameters that were asked for.
+    questions: u32,
     /// A command that it refuses.
     refused: Option<u16>,
     /// The parameter of the dead-man switch; `None` if the vehicle does not tell it.
@@ -83,6 +85,7 @@ impl ClosedLoop {
             says_on_ground_until_s: 0.0,
             said: Vec::new(),
             take_offs: 0,
+            questions: 0,
             refused: None,
             start_m: reports[0].position().xy(),
             reports,
@@ -159,6 +162,7 @@ impl ClosedLoop {
         }
         self.take_offs += u32::from(matches!(order, Order::TakeOff(_)));
         if let Order::Parameter(name) = order {
+            self.questions += 1;
             if let Some(value) = self.dead_man {
                 self.hear(&Telemetry::Parameter { name: (*name).to_owned(), value });
             }
@@ -252,6 +256,33 @@ fn a_slot_reports_where_the_vehicle_is_and_what_it_serves_from_there() {
 }
 
 #[test]
+fn a_slot_that_began_before_the_bridge_noticed_is_that_much_longer() {
+    let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
+    flight.until(60.0, |flight| flight.bridge.has_begun());
+    flight.bridge.begin(1, 0.75);
+    flight.advance(5.0);
+    flight.bridge.end(1, &mut flight.reports, flight.now_s);
+    assert!((flight.reports[0].time_s - 5.75).abs() < 0.2, "{:?}", flight.reports[0]);
+}
+
+#[test]
+fn a_vehicle_that_was_never_heard_ends_its_slots_on_time() {
+    let mut flight = ClosedLoop::new(&KinematicOptions::default(), 1.0);
+    let report = flight.fly_slot(3, Some(plan(50.0, 62.0)));
+    assert_eq!((report.time_s, report.mode), (18.0, Mode::Hold as u32));
+}
+
+#[test]
+fn a_vehicle_on_the_ground_does_not_take_off_to_return() {
+    let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
+    flight.advance(1.0);
+    flight.bridge.return_home("the test is over", flight.now_s);
+    assert!(flight.bridge.has_landed());
+    flight.advance(10.0);
+    assert!(!flight.copter.is_armed && flight.take_offs == 0, "{:?}", flight.said);
+}
+
+#[test]
 fn charging_is_refused_also_in_the_base() {
     let scenario = scenario("uav.battery.capacity_j = 4e5\nbase.radius_m = 5.0\n");
     let mut flight = ClosedLoop::over(&scenario, &KinematicOptions::default(), 0.0);
@@ -290,6 +321,7 @@ fn a_vehicle_whose_dead_man_switch_is_unknown_does_not_take_off() {
     let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
     flight.dead_man = None;
     flight.advance(60.0);
+    assert!((55..=60).contains(&flight.questions), "one a second: {}", flight.questions);
     assert!(!flight.copter.is_armed, "{:?}", flight.said);
     assert!(flight.said.iter().any(|line| line.contains("to say what it does when the bridge is silent")));
 }

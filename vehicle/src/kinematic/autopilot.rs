@@ -274,6 +274,7 @@ mod tests {
             (copter.mode, copter.obey(Given::Reposition(Vector3::zeros()))),
             (CopterMode::Return, MavResult::MAV_RESULT_DENIED)
         );
+        assert_eq!(copter.take_said().last(), Some(&"GCS Failsafe"));
         advance(&mut copter, 60.0);
         assert!(!copter.is_armed && copter.body.position_m.norm() < 0.6, "{copter:?}");
     }

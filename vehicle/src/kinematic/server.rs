@@ -253,7 +253,7 @@ impl LinkedCopter {
 mod tests {
     use super::super::autopilot::CopterMode;
     use super::*;
-    use mavlink::dialects::common::{COMMAND_INT_DATA, PARAM_REQUEST_READ_DATA};
+    use mavlink::dialects::common::{COMMAND_INT_DATA, COMMAND_LONG_DATA, PARAM_REQUEST_READ_DATA};
 
     /// A vehicle with these options, and its link to a wire that hears it.
     fn linked(options: &KinematicOptions) -> (LinkedCopter, LossyLink<'_>, Wire) {
@@ -346,6 +346,9 @@ mod tests {
     fn a_reposition_in_an_unknown_frame_or_without_a_place_is_denied() {
         let options = KinematicOptions::default();
         let (mut vehicle, mut link, peer) = linked(&options);
+        (0..300).for_each(|_| vehicle.copter.step(STEP_S, &mut link.random));
+        let begun = [Given::Mode(4), Given::Arm, Given::TakeOff(10.0)].map(|given| vehicle.copter.obey(given));
+        assert_eq!(begun, [MavResult::MAV_RESULT_ACCEPTED; 3]);
         let home = options.home;
         let [lat, lon] = [home.lat_deg, home.lon_deg].map(|degrees| (degrees * 1e7) as i32);
         let [above_home, above_sea] = [MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT, MavFrame::MAV_FRAME_GLOBAL];
@@ -355,12 +358,12 @@ mod tests {
             ((0, 0), 20.0, above_home),
             ((lat, lon), 20.0, MavFrame::MAV_FRAME_LOCAL_NED),
         ] {
-            vehicle.copter.is_armed = true;
-            vehicle.copter.mode = CopterMode::Guided;
-            vehicle.copter.body.position_m.z = 5.0;
             let command = MavCmd::MAV_CMD_DO_REPOSITION;
             let sent = COMMAND_INT_DATA { target_system: 1, command, x, y, z, frame, ..Default::default() };
             vehicle.hear(&MavHeader::default(), &MavMessage::COMMAND_INT(sent), &mut link);
+            (0..2_000).for_each(|_| vehicle.copter.step(STEP_S, &mut link.random));
+            let z_m = vehicle.copter.body.position_m.z;
+            assert!((z_m - 20.0).abs() < 0.1, "{z} m in {frame:?} is 20 m above home, not {z_m} m");
         }
         let results: Vec<MavResult> = heard(&peer, 4)
             .iter()
@@ -371,6 +374,20 @@ mod tests {
             .collect();
         let [accepted, denied] = [MavResult::MAV_RESULT_ACCEPTED, MavResult::MAV_RESULT_DENIED];
         assert_eq!(results, [accepted, accepted, denied, denied]);
+    }
+
+    #[test]
+    fn it_obeys_orders_for_its_system_and_for_all() {
+        let options = KinematicOptions::default();
+        for (target_system, obeys) in [(1, true), (0, true), (2, false)] {
+            let (mut vehicle, mut link, _) = linked(&options);
+            vehicle.copter.is_armed = true;
+            vehicle.copter.body.position_m.z = 20.0;
+            let command = MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH;
+            let order = COMMAND_LONG_DATA { target_system, command, ..Default::default() };
+            vehicle.hear(&MavHeader::default(), &MavMessage::COMMAND_LONG(order), &mut link);
+            assert_eq!(vehicle.copter.mode == CopterMode::Return, obeys, "system {target_system}");
+        }
     }
 
     #[test]
