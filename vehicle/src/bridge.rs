@@ -194,10 +194,7 @@ impl Bridge {
     /// return.
     pub fn end(&mut self, slot: u64, reports: &mut [FlightReport], now_s: f64) {
         for (member, report) in self.members.iter().zip(reports.iter_mut()) {
-            *report = member.report(report, self.capacity_j, now_s);
-            if report.time_s.is_nan() {
-                report.time_s = slot as f64 * self.slot_s;
-            }
+            *report = member.report(report, slot as f64 * self.slot_s, self.capacity_j, now_s);
             if let Some(plan) = member.plan.filter(|_| member.flies_plan()) {
                 let away_m = (report.position() - plan.waypoint()).norm();
                 self.ends.flown += 1;
@@ -224,8 +221,9 @@ impl Member {
         self.plan.is_some() && is_accepted && self.control.phase() == Phase::Flying
     }
 
-    /// What it reports at the end of a slot, without links, after the report `before`.
-    fn report(&self, before: &FlightReport, capacity_j: Option<f64>, now_s: f64) -> FlightReport {
+    /// What it reports at the end of a slot, at `end_s` of the mission [s] if its clock is not known, without links,
+    /// after the report `before`.
+    fn report(&self, before: &FlightReport, end_s: f64, capacity_j: Option<f64>, now_s: f64) -> FlightReport {
         let Self { control, plan, .. } = self;
         let vehicle = &control.vehicle;
         let position = control.position().unwrap_or_else(|| before.position());
@@ -233,8 +231,8 @@ impl Member {
         if let Some(fix) = vehicle.fix() {
             report.velocity_mps = fix.velocity_mps;
             report.heading_deg = fix.heading_deg;
-            report.time_s = self.begin_s.map_or(f64::NAN, |begin_s| fix.boot_s - begin_s);
         }
+        report.time_s = vehicle.fix().zip(self.begin_s).map_or(end_s, |(fix, begin_s)| fix.boot_s - begin_s);
         if let Some([horizontal_m, vertical_m]) = vehicle.accuracy_m {
             let [horizontal_m2, vertical_m2] = [horizontal_m.powi(2), vertical_m.powi(2)];
             report.covariance_m2 = [horizontal_m2, 0.0, 0.0, horizontal_m2, 0.0, vertical_m2];
