@@ -157,6 +157,20 @@ mod tests {
     }
 
     #[test]
+    fn only_a_repeated_first_corner_is_left_out() {
+        let projection = Projection::at(crate::scenario::Origin { lat_deg: 1.0, lon_deg: 2.0 });
+        let corners = |closing: &[[f64; 2]]| {
+            let mut zone = zone(&found(&[])).unwrap();
+            zone.corners.extend(closing);
+            zone.corners_m(&projection, Path::new("a.kml")).unwrap()
+        };
+        let open = corners(&[]);
+        assert_eq!((open.len(), open[0]), (3, [0.0, 0.0]));
+        assert_eq!(corners(&[[1.0, 2.0]]), open, "a closed ring");
+        assert_eq!(corners(&[[2.0, 2.0]]).len(), 4);
+    }
+
+    #[test]
     fn holes_second_boundaries_and_invalid_corners_are_refused() {
         let all = |polygons: Vec<FoundPolygon>| zones(&FoundPoints { polygons, ..FoundPoints::default() });
         assert!(all(vec![]).unwrap_err().contains("no polygons"));
