@@ -14,6 +14,8 @@ fn a_refused_setting_names_the_option() {
     place.write("a.toml", "name = \"a\"\nslots = 30\n");
     place.write("list.csv", "x_m,y_m,sampling_bps\n1,2,300\n");
     place.assert_transcript(&expect_file!["transcripts/settings.txt"]);
+    let told = ["check", "a.toml", "--set", "sensors.file=list.csv", "--set", "sensors.sampling_bps=[50, 400]"];
+    place.run_ok(&[&told[..], &["--set", "planner.knowledge=estimated", "--set", "planner.rates=learnt"]].concat());
 }
 
 #[test]
@@ -57,10 +59,9 @@ fn an_axis_of_a_sweep_replaces_and_is_refused_like_a_setting() {
     assert_eq!(refused.code, Some(2), "{refused:?}");
     let says = "sweep sweep.toml: at slots = 0: axis slots=0: expected 1 to 1000000000\n";
     assert!(refused.stderr.ends_with(says), "{refused:?}");
-    place.write("list.csv", "x_m,y_m,queue_bits\n1,2,300\n");
-    let refused = sweep("\"sensors.file\" = [\"list.csv\"]\n\"sensors.initial_queue_mean_bits\" = [5]");
-    let says = "line 1: column `queue_bits`: expected none, as it has priority over axis \
-                sensors.initial_queue_mean_bits=5\n";
+    place.write("list.csv", "x_m,y_m,capacity_bits\n1,2,300\n");
+    let refused = sweep("\"sensors.file\" = [\"list.csv\"]\n\"sensors.capacity_bits\" = [5]");
+    let says = "line 1: column `capacity_bits`: expected none, as it has priority over axis sensors.capacity_bits=5\n";
     assert!(refused.code == Some(2) && refused.stderr.ends_with(says), "{refused:?}");
     let flown = sweep("\"area.width_m\" = [50.0, 60.0]\n\"area.height_m\" = [70.0]");
     assert_eq!(flown.code, Some(0), "{flown:?}");

@@ -36,12 +36,9 @@ const GROUND_M: RangeInclusive<f64> = -500.0..=9000.0;
 /// The column of names, which is written if a sensor node has one.
 pub(super) const NAME: &str = "name";
 
-/// Columns with priority over keys of the scenario, and these keys.
-const PRIOR: [(&str, &str); 3] = [
-    ("sampling_bps", "sensors.sampling_bps"),
-    (CAPACITY, "sensors.capacity_bits"),
-    ("queue_bits", "sensors.initial_queue_mean_bits"),
-];
+/// Columns beside which these keys of the scenario are not read. A planner that estimates queues is told the range of
+/// rates, and of initial queues.
+const PRIOR: [(&str, &str); 2] = [("sampling_bps", "sensors.sampling_bps"), (CAPACITY, "sensors.capacity_bits")];
 
 /// Most characters of a name.
 const MOST_CHARACTERS: usize = 100;
@@ -132,7 +129,8 @@ impl<'a> Table<'a> {
                 return Err(format!("column `{}` twice: expected it once", quoted(name)));
             }
         }
-        for setting in &scenario.settings {
+        let knowledge = scenario.planner.others.get("knowledge").and_then(toml::Value::as_str);
+        for setting in scenario.settings.iter().filter(|_| knowledge != Some("estimated")) {
             if let Some((name, _)) = PRIOR.iter().find(|(name, key)| setting.key == *key && names.contains(name)) {
                 let origin = setting.origin;
                 return Err(format!("column `{name}`: expected none, as it has priority over {origin} {setting}"));
