@@ -107,9 +107,11 @@ fn a_short_mission_matches_the_expected_files() {
     place.write("two.csv", "x_m,y_m,queue_bits,gain_db,sampling_bps\n90,5,1000,-50,100\n92,5,1000,-50,100\n");
     place.write("corridor.toml", CORRIDOR);
     place.flight("corridor").simulate();
-    place.run_ok(&["export", "run", "--format", "waypoints"]);
-    let golden = std::fs::read_to_string(format!("{ROOT}/tests/golden/corridor.waypoints")).unwrap();
-    assert_eq!(place.read("run.waypoints"), golden, "{}", place.trace("run"));
+    for format in ["waypoints", "qgc-plan", "kml", "gpx", "geojson", "csv"] {
+        place.run_ok(&["export", "run", "--format", format, "--out", "corridor"]);
+        expect_file![format!("{ROOT}/tests/golden/corridor.{format}")].assert_eq(&place.read("corridor"));
+        std::fs::remove_file(place.path("corridor")).unwrap();
+    }
 }
 
 #[test]

@@ -142,3 +142,23 @@ fn home_m(mission: &VehicleMission) -> f64 {
 fn z_m(mission: &VehicleMission, altitude_m: f64) -> f64 {
     if mission.reference == AltitudeReference::Relative { home_m(mission) + altitude_m } else { altitude_m }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_between_divide_a_line_the_short_way_around_the_earth() {
+        let [begin, end] =
+            [(179.9995, 10.0), (-179.9985, 20.0)].map(|(lon_deg, z_m)| Coord::new(lon_deg, 0.0, Some(z_m)));
+        let points: Vec<Coord> = between(&begin, &end).collect();
+        let steps = (0.002 * DEGREE_M / STEP_M).ceil();
+        assert!(steps > 2.0 && points.len() as f64 == steps - 1.0, "{points:?}");
+        for (point, step) in points.iter().zip(1..) {
+            let part = f64::from(step) / steps;
+            let z_m = point.z.expect("both ends have one");
+            assert!((point.x - (179.9995 + 0.002 * part)).abs() < 1e-9, "{point:?}");
+            assert!(point.y == 0.0 && (z_m - (10.0 + 10.0 * part)).abs() < 1e-9, "{point:?}");
+        }
+    }
+}
