@@ -1,5 +1,7 @@
 //! How autopilots differ: the numbers of their modes, their altitudes, and the parameter of their dead-man switch.
 
+use crate::telemetry::Order;
+
 /// The autopilot of a vehicle, by its heartbeat.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AutopilotKind {
@@ -82,6 +84,17 @@ impl AutopilotKind {
         self != Self::ArduPilot
     }
 
+    /// Whether an order could undo what a pilot has just done: it changes the mode, or arms.
+    #[must_use]
+    pub fn may_overrule(self, order: &Order) -> bool {
+        match order {
+            Order::Mode(_) | Order::Arm | Order::Return => true,
+            Order::TakeOff(_) => self.needs_mode_change(), // ArduPilot refuses it in other modes
+            Order::Reposition { may_change_mode, .. } => *may_change_mode,
+            Order::Speed(_) | Order::Interval { .. } | Order::Parameter(_) => false,
+        }
+    }
+
     /// The altitude `z_m` above home [m] as the autopilot expects it. PX4 reads it above sea, whatever frame is named.
     #[must_use]
     pub fn altitude(self, z_m: f64, home_above_sea_m: f64) -> Altitude {
@@ -91,14 +104,61 @@ impl AutopilotKind {
         }
     }
 
-    /// The parameter that makes it return when the bridge is silent, unless it is 0.
+    /// What makes it come down when the bridge is silent.
     #[must_use]
-    pub fn dead_man_switch(self) -> Option<&'static str> {
+    pub fn dead_man_switch(self) -> Option<&'static DeadManSwitch> {
         match self {
-            Self::ArduPilot => Some("FS_GCS_ENABLE"),
-            Self::Px4 => Some("NAV_DLL_ACT"),
+            Self::ArduPilot => Some(&DeadManSwitch {
+                parameter: "FS_GCS_ENABLE",
+                values: &[
+                    (1, "returns"),
+                    (3, "returns along its path, or else directly"),
+                    (4, "returns along its path, or else lands"),
+                ],
+            }),
+            Self::Px4 => Some(&DeadManSwitch { parameter: "NAV_DLL_ACT", values: &[(2, "returns"), (3, "lands")] }),
             Self::Other => None,
         }
+    }
+
+    /// The parameters, by version, that hold the system of the ground station whose silence it notices; it notices that
+    /// of every one if there are none.
+    #[must_use]
+    pub fn ground_station(self) -> &'static [&'static str] {
+        match self {
+            Self::ArduPilot => &["SYSID_MYGCS", "MAV_GCS_SYSID"],
+            Self::Px4 | Self::Other => &[],
+        }
+    }
+
+    /// The value of a parameter that was sent as `value`. PX4 sends the bits of an integer.
+    #[must_use]
+    pub fn parameter(self, value: f32, is_integer: bool) -> f64 {
+        if self == Self::Px4 && is_integer { f64::from(value.to_bits().cast_signed()) } else { f64::from(value) }
+    }
+}
+
+/// The parameter of what a vehicle does when its ground station is silent.
+#[derive(Debug)]
+pub struct DeadManSwitch {
+    /// Its name.
+    pub parameter: &'static str,
+    /// The values with which it comes down safely, and what it does.
+    values: &'static [(i32, &'static str)],
+}
+
+impl DeadManSwitch {
+    /// What the vehicle does with this value; `None` if it does not come down safely.
+    #[must_use]
+    pub fn effect(&self, value: f64) -> Option<&'static str> {
+        self.values.iter().find(|(accepted, _)| f64::from(*accepted) == value).map(|(_, effect)| *effect)
+    }
+
+    /// The accepted values, for people.
+    #[must_use]
+    pub fn expected(&self) -> String {
+        let rows: Vec<String> = self.values.iter().map(|(value, effect)| format!("{value} ({effect})")).collect();
+        rows.join(", ")
     }
 }
 
@@ -115,5 +175,25 @@ mod tests {
         let px4 = px4.map(|mode| AutopilotKind::Px4.meaning(mode));
         assert_eq!(px4, [IsFlownByOthers, FollowsOrders, FollowsOrders, Returns, IsFlownByOthers, IsFlownByOthers]);
         assert_eq!(AutopilotKind::Other.meaning(4), Unknown);
+    }
+
+    #[test]
+    fn only_values_that_bring_a_vehicle_down_safely_are_accepted() {
+        let accepted = |autopilot: AutopilotKind| {
+            let switch = autopilot.dead_man_switch().unwrap();
+            (-1..=8).filter(|value| switch.effect(f64::from(*value)).is_some()).collect::<Vec<i32>>()
+        };
+        assert_eq!(accepted(AutopilotKind::ArduPilot), [1, 3, 4]);
+        assert_eq!(accepted(AutopilotKind::Px4), [2, 3], "neither hold (1) nor terminate (5) nor lockdown (6)");
+        let expected = AutopilotKind::Px4.dead_man_switch().unwrap().expected();
+        assert_eq!(expected, "2 (returns), 3 (lands)");
+    }
+
+    #[test]
+    fn px4_sends_the_bits_of_an_integer_and_ardupilot_its_value() {
+        assert_eq!(AutopilotKind::Px4.parameter(f32::from_bits(2), true), 2.0);
+        assert_eq!(AutopilotKind::Px4.parameter(f32::from_bits(u32::MAX), true), -1.0);
+        assert_eq!(AutopilotKind::Px4.parameter(2.0, false), 2.0);
+        assert_eq!(AutopilotKind::ArduPilot.parameter(3.0, true), 3.0);
     }
 }

@@ -12,15 +12,19 @@ use skysink_flight_sim::outside::{REACHED_M, mode_at_end};
 
 use crate::control::{Phase, VehicleControl};
 use crate::frame::AreaFrame;
-use crate::preflight::{Assignment, PreflightRefusal};
-use crate::telemetry::{Order, Telemetry};
+use crate::preflight::{Assignment, Beginning, PreflightRefusal};
+use crate::telemetry::{Fix, Order, Telemetry};
 
 /// Energy that a battery has to have before take-off in a scenario without one, as a fraction of its capacity.
 const DEFAULT_BATTERY: f64 = 0.3;
 
-/// Time without a plan after which the vehicles return [s], and the fewest slots without one.
+/// Energy below which a vehicle returns in a scenario without a battery, as a fraction of its capacity.
+const DEFAULT_LOW_BATTERY: f64 = 0.15;
+
+/// Time without a plan after which the vehicles return [s], and in slots: the longer of the two. It is measured by clock,
+/// as a run that stands still ends no slots.
 const PATIENCE_S: f64 = 30.0;
-const PATIENCE_SLOTS: u64 = 3;
+const PATIENCE_SLOTS: f64 = 3.0;
 
 /// A refusal to take off, with the number of the vehicle, from 1.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -61,34 +65,37 @@ pub struct Bridge {
     /// The altitude of all waypoints [m]; `None` if they have their own.
     altitude_m: Option<f64>,
     capacity_j: Option<f64>,
-    /// Slots without a plan since the last one.
-    slots_without_plan: u64,
+    /// When the last plan has come, or the vehicles were ready for one [s].
+    planned_s: Option<f64>,
     /// What the vehicles have achieved.
     pub ends: SlotEnds,
 }
 
 impl Bridge {
     /// The vehicles of `scenario` at `frame`, over the published sensor nodes. They begin where `reports` say: at the
-    /// starts, or where a run that is resumed has left them.
+    /// starts, or where a run that is resumed has left them. `own_systems` are those of the bridge on their links.
     #[must_use]
     pub fn new(
         scenario: &Scenario,
         sensors: &[SensorNode],
         frame: AreaFrame,
         reports: &[FlightReport],
-        is_restart: bool,
+        beginning: Beginning,
+        own_systems: &[u8],
     ) -> Self {
         let mut fleet = Fleet::new(scenario, sensors);
         fleet.restore(reports);
         let battery = Battery::of(scenario);
         let altitude_m = scenario.uav.fixed_altitude_m();
-        let member = |report: &FlightReport| {
+        let member = |(report, &own_system): (&FlightReport, &u8)| {
             let position = report.position();
             let assignment = Assignment {
                 start: Point3::new(position.x, position.y, altitude_m.unwrap_or(position.z)),
                 speed_mps: scenario.uav.max_speed_mps,
                 battery: battery.map_or(DEFAULT_BATTERY, |battery| battery.initial_j / battery.capacity_j),
-                is_restart,
+                low_battery: battery.map_or(DEFAULT_LOW_BATTERY, |battery| battery.reserve_j / battery.capacity_j),
+                beginning,
+                own_system,
             };
             Member {
                 control: VehicleControl::new(assignment, frame),
@@ -98,12 +105,12 @@ impl Bridge {
             }
         };
         Self {
-            members: reports.iter().map(member).collect(),
+            members: reports.iter().zip(own_systems).map(member).collect(),
             fleet,
             slot_s: scenario.slot_s,
             altitude_m,
             capacity_j: battery.map(|battery| battery.capacity_j),
-            slots_without_plan: 0,
+            planned_s: None,
             ends: SlotEnds::default(),
         }
     }
@@ -123,6 +130,7 @@ impl Bridge {
         mut send: impl FnMut(usize, &Order),
         mut say: impl FnMut(usize, String),
     ) -> Result<(), VehicleRefusal> {
+        self.check_patience(now_s);
         let mut orders = Vec::new();
         for (uav, Member { control, .. }) in self.members.iter_mut().enumerate() {
             let polled = control.poll(now_s, &mut orders);
@@ -137,8 +145,39 @@ impl Bridge {
     #[must_use]
     pub fn has_begun(&self) -> bool {
         self.members.iter().all(|Member { control, .. }| {
-            control.has_begun() || matches!(control.phase(), Phase::Returning | Phase::Landed)
+            control.has_begun() || matches!(control.phase(), Phase::Returning | Phase::TakenOver | Phase::Landed)
         })
+    }
+
+    /// Whether the vehicle of a UAV, by its number from 0, was armed by an order.
+    #[must_use]
+    pub fn is_committed(&self, uav: usize) -> bool {
+        self.members[uav].control.is_committed()
+    }
+
+    /// How far from the start of a UAV, by its number from 0, a vehicle is [m].
+    #[must_use]
+    pub fn away_m(&self, uav: usize, fix: &Fix) -> Option<f64> {
+        self.members[uav].control.away_m(fix)
+    }
+
+    /// The numbers of the vehicles that others fly, from 1.
+    #[must_use]
+    pub fn taken_over(&self) -> Vec<usize> {
+        let members = self.members.iter().enumerate();
+        let taken = members.filter(|(_, member)| member.control.phase() == Phase::TakenOver);
+        taken.map(|(uav, _)| uav + 1).collect()
+    }
+
+    /// Sends the vehicles home if there has been no plan for too long.
+    fn check_patience(&mut self, now_s: f64) {
+        if self.planned_s.is_none() && self.has_begun() {
+            self.planned_s = Some(now_s);
+        }
+        let patience_s = PATIENCE_S.max(PATIENCE_SLOTS * self.slot_s);
+        if self.planned_s.is_some_and(|planned_s| now_s - planned_s > patience_s) {
+            self.return_home("the planner is silent", now_s);
+        }
     }
 
     /// Whether no vehicle will fly any more: all fly home, as far as they say so, or have landed.
@@ -179,6 +218,7 @@ impl Bridge {
     /// Flies the plans of the slot, in the order of the UAVs. Those that flight-sim would refuse are not flown, and
     /// nobody charges.
     pub fn fly(&mut self, plans: &[Plan], now_s: f64) {
+        self.planned_s = Some(now_s);
         let refusals = self.fleet.refusals(plans);
         for ((member, plan), refusal) in self.members.iter_mut().zip(plans).zip(refusals) {
             let plan = Plan { z_m: self.altitude_m.unwrap_or(plan.z_m), ..*plan };
@@ -190,8 +230,7 @@ impl Bridge {
         }
     }
 
-    /// Ends `slot`: writes where the vehicles are to `reports`, with their links. Without plans for too long, they
-    /// return.
+    /// Ends `slot`: writes where the vehicles are to `reports`, with their links.
     pub fn end(&mut self, slot: u64, reports: &mut [FlightReport], now_s: f64) {
         for (member, report) in self.members.iter().zip(reports.iter_mut()) {
             *report = member.report(report, slot as f64 * self.slot_s, self.capacity_j, now_s);
@@ -204,13 +243,6 @@ impl Bridge {
         }
         let members = &self.members;
         self.fleet.observe(slot, |uav| members[uav].plan.as_ref().filter(|_| members[uav].flies_plan()), reports);
-        let has_plan = self.members.iter().any(|member| member.plan.is_some());
-        self.slots_without_plan = if has_plan { 0 } else { self.slots_without_plan + 1 };
-        let is_patient =
-            self.slots_without_plan < PATIENCE_SLOTS || (self.slots_without_plan as f64) * self.slot_s < PATIENCE_S;
-        if !is_patient {
-            self.return_home("the planner is silent", now_s);
-        }
     }
 }
 
@@ -240,8 +272,8 @@ impl Member {
         report.energy_j = capacity_j.zip(vehicle.battery).map_or(f64::INFINITY, |(full_j, left)| full_j * left);
         let mode = match (control.phase(), plan) {
             (Phase::Landed, _) => Mode::Down,
-            (Phase::Returning, _) => Mode::Return,
-            (_, Some(plan)) if self.flies_plan() && vehicle.has_current_fix(now_s) => {
+            (Phase::Returning | Phase::TakenOver, _) => Mode::Return,
+            (_, Some(plan)) if self.flies_plan() && control.has_current_position(now_s) => {
                 mode_at_end(plan, &position, REACHED_M)
             }
             _ => Mode::Hold,

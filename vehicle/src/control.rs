@@ -1,15 +1,19 @@
 //! The bridge's side of one vehicle: gets it ready, takes off, flies it from target to target, and brings it home.
 //!
-//! Messages in, orders out. The clock is passed in, in seconds of the vehicle.
+//! Messages in, orders out. The clock is passed in, in seconds of the vehicle. The pilot wins: what the orders of the
+//! bridge do not explain ends them ([`crate::takeover`]), and a doubt holds them back.
 
 use nalgebra::{Point3, Vector3};
-use skysink_flight_sim::outside::{ASTRAY_M, REACHED_M};
+use skysink_flight_sim::outside::REACHED_M;
 
 use crate::autopilot::ModeMeaning;
 use crate::frame::AreaFrame;
+use crate::jumps::{Jumps, Plausibility};
 use crate::outbox::Outbox;
-use crate::preflight::{Assignment, Preflight, PreflightRefusal};
+use crate::preflight::{Assignment, Beginning, Preflight, PreflightRefusal};
+use crate::said::Said;
 use crate::state::VehicleState;
+use crate::takeover::Takeover;
 use crate::telemetry::{ACCEPTED, Fix, GlobalTarget, Order, Telemetry};
 
 /// Time between two attempts of an order that the vehicle refuses [s].
@@ -19,14 +23,14 @@ const RETRY_S: f64 = 1.0;
 /// spool up.
 const REORDER_S: f64 = 6.0;
 
+/// Time after which a vehicle that has accepted to be armed, and is not, has disarmed [s]: longer than two heartbeats.
+const DISARMED_S: f64 = 3.0;
+
 /// Altitude below that of the start at which a take-off is over [m].
 const CLIMBED_M: f64 = 1.0;
 
 /// Greatest speed of a vehicle that hovers [m/s].
 const HOVER_MPS: f64 = 0.5;
-
-/// What is said of a vehicle that others fly.
-const TAKEN_OVER: &str = "has left the mode that follows orders: a pilot or a failsafe flies it";
 
 /// The temporary refusal of MAVLink: the order may be accepted later.
 const TEMPORARILY_REJECTED: u8 = 1;
@@ -42,8 +46,10 @@ pub enum Phase {
     TakeOff,
     /// Flies to its targets.
     Flying,
-    /// Flies home, or is flown by others.
+    /// Flies home by an order of the bridge.
     Returning,
+    /// Flown by others, for the rest of the mission.
+    TakenOver,
     /// On the ground, for the rest of the mission.
     Landed,
 }
@@ -56,23 +62,22 @@ pub struct VehicleControl {
     assignment: Assignment,
     frame: AreaFrame,
     preflight: Preflight,
+    takeover: Takeover,
     phase: Phase,
     outbox: Outbox,
+    jumps: Jumps,
+    /// Whether it was on the ground, disarmed, before.
+    has_been_disarmed: bool,
     /// Whether it has refused its target.
     has_refused: bool,
-    /// Whether it has been in the mode that follows orders since it was armed.
-    has_followed: bool,
     /// Whether it has hovered at its start, or was in its mission before.
     has_begun: bool,
-    /// Whether the bridge has ordered the return, and not a pilot or a failsafe.
-    has_ordered_return: bool,
+    /// When it has accepted to be armed [s].
+    armed_s: Option<f64>,
     /// When an order that was refused, or that has no effect, may be tried again [s].
     retry_s: f64,
-    /// Its last line for people.
-    text: String,
-    /// Whether its last position was not believed.
-    is_astray: bool,
-    said: Vec<String>,
+    is_lost: bool,
+    said: Said,
 }
 
 impl VehicleControl {
@@ -81,19 +86,20 @@ impl VehicleControl {
     pub fn new(assignment: Assignment, frame: AreaFrame) -> Self {
         Self {
             vehicle: VehicleState::default(),
+            jumps: Jumps::at_most(assignment.speed_mps),
             assignment,
             frame,
             preflight: Preflight::default(),
+            takeover: Takeover::default(),
             phase: Phase::Preflight,
             outbox: Outbox::default(),
+            has_been_disarmed: false,
             has_refused: false,
-            has_followed: false,
             has_begun: false,
-            has_ordered_return: false,
+            armed_s: None,
             retry_s: 0.0,
-            text: String::new(),
-            is_astray: false,
-            said: Vec::new(),
+            is_lost: false,
+            said: Said::default(),
         }
     }
 
@@ -109,6 +115,12 @@ impl VehicleControl {
         self.has_begun
     }
 
+    /// Whether the bridge has ordered it to be armed, or has taken it over in the air.
+    #[must_use]
+    pub fn is_committed(&self) -> bool {
+        self.takeover.has_armed() || !matches!(self.phase, Phase::Preflight | Phase::Arming)
+    }
+
     /// Whether it has refused to fly to its target.
     #[must_use]
     pub fn has_refused(&self) -> bool {
@@ -121,58 +133,78 @@ impl VehicleControl {
         self.frame.position(self.vehicle.fix()?)
     }
 
-    /// Whether it flies home, as far as it says so, or has landed.
+    /// Whether its position is current, and believed.
+    #[must_use]
+    pub fn has_current_position(&self, now_s: f64) -> bool {
+        self.vehicle.has_current_fix(now_s) && !self.jumps.is_doubtful(now_s)
+    }
+
+    /// How far from its start a vehicle is [m].
+    #[must_use]
+    pub fn away_m(&self, fix: &Fix) -> Option<f64> {
+        Some((self.frame.position(fix)?.xy() - self.assignment.start.xy()).norm())
+    }
+
+    /// Whether it flies home, as far as it says so, is flown by others, or has landed.
     #[must_use]
     pub fn is_homebound(&self) -> bool {
         let is_confirmed = !self.outbox.has(&Order::Return) || self.vehicle.meaning() == ModeMeaning::Returns;
-        self.phase == Phase::Landed || self.phase == Phase::Returning && is_confirmed
+        matches!(self.phase, Phase::Landed | Phase::TakenOver) || self.phase == Phase::Returning && is_confirmed
     }
 
     /// Takes the lines for people that have come up.
     pub fn take_said(&mut self) -> Vec<String> {
-        std::mem::take(&mut self.said)
+        self.said.take()
     }
 
     /// Takes in a message of the vehicle.
     pub fn hear(&mut self, telemetry: &Telemetry, now_s: f64) {
+        if self.is_lost {
+            self.is_lost = false;
+            self.said.say("is heard again".to_owned());
+        }
         if let Telemetry::Position(fix) = telemetry
-            && !self.admit_fix(fix)
+            && !self.admit_fix(fix, now_s)
         {
             return;
         }
-        self.vehicle.hear(telemetry, now_s);
+        self.vehicle.hear(telemetry, self.assignment.low_battery, now_s);
         match telemetry {
             Telemetry::Answer { command, result } => self.hear_answer(*command, *result, now_s),
-            Telemetry::Text(text) if *text == self.text => {} // ArduPilot repeats them
-            Telemetry::Text(text) => {
-                self.said.push(format!("says: {text}"));
-                self.text.clone_from(text);
-            }
-            Telemetry::Parameter { name, value } => {
-                let switch = self.vehicle.autopilot.and_then(|autopilot| autopilot.dead_man_switch());
-                if switch == Some(name) {
-                    self.preflight.hear_dead_man_switch(*value);
+            Telemetry::Text(text) => self.said.quote(text, now_s),
+            Telemetry::Parameter { name, value, is_integer } => {
+                if let Some(autopilot) = self.vehicle.autopilot {
+                    self.preflight.hear_parameter(autopilot, name, autopilot.parameter(*value, *is_integer));
                 }
             }
             _ => {}
         }
     }
 
-    /// Notes, and says, whether a vehicle that was checked can be at `fix`.
-    fn admit_fix(&mut self, fix: &Fix) -> bool {
-        let away_m = self.frame.position(fix).map(|at| (at - self.assignment.start).norm());
-        let was_astray = self.is_astray;
-        self.is_astray = self.phase != Phase::Preflight && !away_m.is_some_and(|away_m| away_m <= ASTRAY_M);
-        if self.is_astray && !was_astray {
-            let Fix { lat_deg, lon_deg, .. } = fix;
-            let km = ASTRAY_M / 1e3;
-            self.said.push(format!("is not believed to be at {lat_deg}, {lon_deg}: more than {km} km from its start"));
+    /// Notes, and says, whether the vehicle can be at `fix`.
+    fn admit_fix(&mut self, fix: &Fix, now_s: f64) -> bool {
+        let plausibility = self.jumps.admit(self.frame.position(fix), now_s);
+        let Fix { lat_deg, lon_deg, .. } = fix;
+        match plausibility {
+            Plausibility::Plausible => {}
+            Plausibility::Again => self.said.say(format!("is believed again to be at {lat_deg}, {lon_deg}")),
+            Plausibility::Jump { away_m } => {
+                let km = away_m.map_or("far".to_owned(), |away_m| format!("{:.1} km", away_m / 1e3));
+                self.said.say(format!(
+                    "is not believed to be at {lat_deg}, {lon_deg}, {km} from where it was: it gets no waypoints meanwhile"
+                ));
+            }
+            Plausibility::StillAway => {}
         }
-        !self.is_astray
+        matches!(plausibility, Plausibility::Plausible | Plausibility::Again)
     }
 
     fn hear_answer(&mut self, command: u16, result: u8, now_s: f64) {
         let Some(order) = self.outbox.answer(command, result) else { return };
+        if order == Order::Arm {
+            self.takeover.answer_arming(result == ACCEPTED);
+            self.armed_s = self.armed_s.or((result == ACCEPTED).then_some(now_s));
+        }
         if result == ACCEPTED {
             if matches!(order, Order::TakeOff(_) | Order::Return) {
                 self.retry_s = now_s + REORDER_S;
@@ -185,9 +217,9 @@ impl VehicleControl {
             Order::Reposition { .. } if result == TEMPORARILY_REJECTED => self.outbox.send(order, self.retry_s),
             Order::Reposition { .. } => {
                 self.has_refused = true;
-                self.said.push(format!("refuses its waypoint: MAVLink result {result}"));
+                self.said.say(format!("refuses its waypoint: MAVLink result {result}"));
             }
-            Order::Speed(speed_mps) => self.said.push(format!("keeps its own speed, not {speed_mps} m/s")),
+            Order::Speed(speed_mps) => self.said.say(format!("keeps its own speed, not {speed_mps} m/s")),
             _ => {} // tried again
         }
     }
@@ -197,41 +229,71 @@ impl VehicleControl {
     /// # Errors
     /// If the vehicle must not take off.
     pub fn poll(&mut self, now_s: f64, orders: &mut Vec<Order>) -> Result<(), PreflightRefusal> {
-        orders.extend(self.vehicle.requests(now_s));
+        if !matches!(self.phase, Phase::TakenOver | Phase::Landed) {
+            orders.extend(self.vehicle.requests(now_s));
+        }
+        let has_new_mode = self.vehicle.take_new_mode();
+        self.notice_silence(now_s);
         match self.phase {
             Phase::Preflight => self.check(now_s, orders)?,
             Phase::Arming => self.arm(now_s),
             Phase::TakeOff => self.climb(now_s),
             Phase::Flying => self.watch(now_s),
             Phase::Returning => self.come_home(now_s),
+            Phase::TakenOver => self.await_landing(now_s),
             Phase::Landed => {}
         }
-        orders.extend(self.outbox.due(now_s));
+        let says_disarmed = self.is_committed() && self.vehicle.is_armed() == Some(false);
+        let is_in_doubt = self.vehicle.is_in_doubt() || says_disarmed;
+        let is_astray = self.jumps.is_doubtful(now_s);
+        // What could undo the decision of a pilot follows at once a report of the mode that leaves no doubt.
+        let may_overrule = |order: &Order| self.vehicle.autopilot.is_none_or(|autopilot| autopilot.may_overrule(order));
+        let may_send = |order: &Order| {
+            let may_fly = !is_astray || *order == Order::Return;
+            !is_in_doubt && may_fly && (has_new_mode || !may_overrule(order))
+        };
+        for order in self.outbox.due(now_s, may_send) {
+            self.takeover.order(&order);
+            orders.push(order);
+        }
         Ok(())
+    }
+
+    /// Says once that the vehicle is not heard any more.
+    fn notice_silence(&mut self, now_s: f64) {
+        if let Some(silence_s) = self.vehicle.silence_s(now_s).filter(|_| !self.is_lost && self.phase != Phase::Landed)
+        {
+            self.is_lost = true;
+            self.said.say(format!("is not heard any more, for {silence_s:.0} s"));
+        }
     }
 
     /// Checks whether the vehicle may take off, or is in the air already.
     fn check(&mut self, now_s: f64, orders: &mut Vec<Order>) -> Result<(), PreflightRefusal> {
-        let position = self.position().filter(|_| self.vehicle.has_current_fix(now_s));
-        if self.vehicle.is_in_air() && position.is_some() {
-            match self.vehicle.meaning() {
-                ModeMeaning::FollowsOrders | ModeMeaning::Unknown => {
-                    self.said.push("is in the air: flying on".to_owned());
-                    self.fly(now_s);
-                }
-                _ if self.assignment.is_restart => self.give_up("is flown by others"),
-                _ => self.say_waiting("to be on the ground, or in the mode that follows orders", now_s),
-            }
+        let position = self.position().filter(|_| self.has_current_position(now_s));
+        if position.is_none() || self.vehicle.is_armed().is_none() || self.vehicle.mode().is_none() {
+            let missing = if self.vehicle.autopilot.is_none() { "to send heartbeats" } else { "to know its position" };
+            self.say_waiting(missing, now_s);
             return Ok(());
         }
-        if self.assignment.is_restart && position.is_some() && self.vehicle.autopilot.is_some() {
-            self.give_up("is on the ground in the middle of the mission");
+        let beginning = self.assignment.beginning;
+        if self.vehicle.is_armed() == Some(true) {
+            return self.check_armed(position, now_s, orders);
+        }
+        self.has_been_disarmed = true;
+        if beginning == (Beginning::Restarted { in_mission: true }) {
+            self.give_up("it is on the ground in the middle of the mission");
+            return Ok(());
+        }
+        if let Some(why) = self.takeover.check(&self.vehicle) {
+            self.give_up(&why);
             return Ok(());
         }
         match self.preflight.check(&self.vehicle, position, &self.assignment, now_s, orders)? {
             Some(missing) => self.say_waiting(missing, now_s),
             None => {
-                self.said.push("is checked: arming".to_owned());
+                self.say_findings();
+                self.said.say("is checked: arming".to_owned());
                 self.phase = Phase::Arming;
                 self.retry_s = now_s;
             }
@@ -239,22 +301,110 @@ impl VehicleControl {
         Ok(())
     }
 
+    /// Checks a vehicle that somebody has armed: only after an earlier bridge, in the air, it is flown on.
+    fn check_armed(
+        &mut self,
+        position: Option<Point3<f64>>,
+        now_s: f64,
+        orders: &mut Vec<Order>,
+    ) -> Result<(), PreflightRefusal> {
+        let mode = self.vehicle.mode().unwrap_or_default();
+        let (meaning, is_in_air) = (self.vehicle.meaning(), self.vehicle.is_in_air());
+        let follows = matches!(meaning, ModeMeaning::FollowsOrders | ModeMeaning::Unknown);
+        match self.assignment.beginning {
+            Beginning::New if self.has_been_disarmed => {
+                self.give_up("somebody else has armed it");
+                Ok(())
+            }
+            Beginning::New => {
+                let state = if is_in_air { "in the air" } else { "armed" };
+                Err(PreflightRefusal(format!("it is {state} (mode {mode}): expected it on the ground, disarmed")))
+            }
+            Beginning::Resumed if meaning == ModeMeaning::Returns => {
+                self.say_waiting("to land", now_s);
+                Ok(())
+            }
+            Beginning::Resumed if !(is_in_air && follows) => Err(PreflightRefusal(format!(
+                "it is armed, in mode {mode}: expected it on the ground, or in the air in the mode that follows orders"
+            ))),
+            Beginning::Restarted { .. } if !(is_in_air && follows) => {
+                self.give_up(&format!("it is flown by others (mode {mode})"));
+                Ok(())
+            }
+            Beginning::Resumed | Beginning::Restarted { .. } => {
+                match self.preflight.check(&self.vehicle, position, &self.assignment, now_s, orders) {
+                    Ok(Some(missing)) => self.say_waiting(missing, now_s),
+                    Ok(None) => {
+                        self.say_findings();
+                        self.said.say("is in the air: flying on".to_owned());
+                        self.takeover.adopt(mode);
+                        self.fly(now_s);
+                    }
+                    Err(refusal) if self.assignment.beginning == Beginning::Resumed => return Err(refusal),
+                    Err(PreflightRefusal(why)) => self.give_up(&why),
+                }
+                Ok(())
+            }
+        }
+    }
+
+    fn say_findings(&mut self) {
+        for line in self.preflight.findings(&self.vehicle) {
+            self.said.say(line);
+        }
+    }
+
     fn say_waiting(&mut self, missing: &str, now_s: f64) {
         if self.preflight.is_line_due(now_s) {
-            self.said.push(format!("waiting for it {missing}"));
+            self.said.say(format!("waiting for it {missing}"));
         }
+    }
+
+    /// Ends the orders if somebody else flies the vehicle. Returns whether.
+    fn is_taken_over(&mut self) -> bool {
+        let why = self.takeover.check(&self.vehicle);
+        if let Some(why) = &why {
+            self.give_up(why);
+        }
+        why.is_some()
+    }
+
+    /// Ends the mission of a vehicle that has disarmed. Returns whether.
+    fn is_down(&mut self, now_s: f64) -> bool {
+        let is_down = self.vehicle.has_disarmed(now_s);
+        if is_down {
+            self.said.say("has disarmed: its mission is over".to_owned());
+            self.land();
+        }
+        is_down
+    }
+
+    fn land(&mut self) {
+        self.outbox.clear();
+        self.phase = Phase::Landed;
     }
 
     /// Arms in the mode that follows orders.
     fn arm(&mut self, now_s: f64) {
+        if self.is_taken_over() {
+            return;
+        }
         let guided = self.vehicle.autopilot.and_then(|autopilot| autopilot.guided_mode());
-        let must_change = guided.filter(|&mode| mode != self.vehicle.mode());
-        if self.vehicle.is_armed && must_change.is_none() {
+        let must_change = guided.filter(|&mode| self.vehicle.mode() != Some(mode));
+        if self.vehicle.is_armed() == Some(true) && must_change.is_none() {
             self.outbox.clear();
             self.phase = Phase::TakeOff;
-            self.has_followed = false;
             self.retry_s = now_s;
             return;
+        }
+        if self.vehicle.may_be_armed() && self.armed_s.is_none() {
+            self.armed_s = Some(now_s); // its answer is lost
+        }
+        if let Some(armed_s) = self.armed_s {
+            if now_s - armed_s > DISARMED_S {
+                self.is_down(now_s);
+            }
+            return; // it is not armed a second time
         }
         let order = must_change.map_or(Order::Arm, Order::Mode);
         if now_s >= self.retry_s && !self.outbox.has(&order) {
@@ -265,17 +415,14 @@ impl VehicleControl {
 
     /// Takes off, until the altitude of the start is reached.
     fn climb(&mut self, now_s: f64) {
+        if self.is_taken_over() || self.is_down(now_s) {
+            return;
+        }
         let Some(fix) = self.vehicle.fix() else { return };
         let altitude_m = self.assignment.start.z;
-        self.has_followed |= self.vehicle.meaning() == ModeMeaning::FollowsOrders;
-        if self.vehicle.is_armed && self.has_followed && self.is_taken_over() {
-            self.give_up(TAKEN_OVER);
-        } else if fix.above_home_m > altitude_m - CLIMBED_M {
-            self.said.push(format!("has taken off to {:.1} m", fix.above_home_m));
+        if fix.above_home_m > altitude_m - CLIMBED_M {
+            self.said.say(format!("has taken off to {:.1} m", fix.above_home_m));
             self.fly(now_s);
-        } else if !self.vehicle.is_armed {
-            self.outbox.clear();
-            self.phase = Phase::Arming; // disarmed by itself
         } else if now_s >= self.retry_s
             && !self.vehicle.is_in_air()
             && let Some(autopilot) = self.vehicle.autopilot
@@ -292,7 +439,7 @@ impl VehicleControl {
         self.outbox.clear();
         self.phase = Phase::Flying;
         self.outbox.send(Order::Speed(self.assignment.speed_mps), now_s);
-        if self.assignment.is_restart {
+        if self.assignment.beginning == (Beginning::Restarted { in_mission: true }) {
             self.has_begun = true;
         } else {
             self.fly_to(self.assignment.start, now_s);
@@ -316,67 +463,72 @@ impl VehicleControl {
         self.outbox.send(order, now_s);
     }
 
-    /// Notices the arrival at the start, and whoever takes the vehicle out of the bridge's hands.
+    /// Notices the arrival at the start, whoever takes the vehicle out of the bridge's hands, and a low battery.
     fn watch(&mut self, now_s: f64) {
-        if !self.vehicle.is_armed {
-            self.said.push("has disarmed: its mission is over".to_owned());
-            self.outbox.clear();
-            self.phase = Phase::Landed;
-        } else if self.is_taken_over() {
-            self.give_up(TAKEN_OVER);
+        if self.is_taken_over() || self.is_down(now_s) {
+            return;
+        }
+        if self.vehicle.is_battery_low() {
+            let [has, limit] = [self.vehicle.battery.unwrap_or_default(), self.assignment.low_battery];
+            self.return_home(&format!("its battery is at {:.0} %, below {:.0} %", 100.0 * has, 100.0 * limit), now_s);
         } else if !self.has_begun && self.hovers_at(self.assignment.start, now_s) {
             self.has_begun = true;
-            self.said.push("hovers at its start".to_owned());
+            self.said.say("hovers at its start".to_owned());
+            self.takeover.begin(self.vehicle.mode().unwrap_or_default());
         }
-    }
-
-    /// Whether it is in a mode of a pilot, a mission or a failsafe.
-    fn is_taken_over(&self) -> bool {
-        matches!(self.vehicle.meaning(), ModeMeaning::Returns | ModeMeaning::IsFlownByOthers)
     }
 
     fn hovers_at(&self, place: Point3<f64>, now_s: f64) -> bool {
         let is_near = self.position().is_some_and(|at| (at - place).norm() <= REACHED_M);
         let is_slow = self.vehicle.fix().is_some_and(|fix| Vector3::from(fix.velocity_mps).norm() <= HOVER_MPS);
-        is_near && is_slow && self.vehicle.has_current_fix(now_s)
+        is_near && is_slow && self.has_current_position(now_s) && !self.vehicle.is_in_doubt()
     }
 
     /// Leaves the vehicle to whoever flies it.
     fn give_up(&mut self, why: &str) {
-        self.said.push(format!("{why} (mode {}): the bridge gives no more orders", self.vehicle.mode()));
+        self.said.say(format!(
+            "is taken over: {why}. The bridge gives it no more orders in this run, which goes on until it has landed; \
+             Ctrl-C ends the run, and with it the heartbeats for which its dead-man switch waits"
+        ));
         self.outbox.clear();
-        self.phase = Phase::Returning;
-        self.has_ordered_return = false;
+        self.phase = Phase::TakenOver;
     }
 
     /// Ends its mission, because of `why`: it flies home, or does not take off.
     pub fn return_home(&mut self, why: &str, now_s: f64) {
         match self.phase {
-            Phase::Returning | Phase::Landed => return,
-            Phase::Preflight | Phase::Arming if !self.vehicle.is_in_air() => self.phase = Phase::Landed,
-            _ => {
-                self.phase = Phase::Returning;
-                self.has_ordered_return = true;
-                self.said.push(format!("returns: {why}"));
-            }
+            Phase::Returning | Phase::TakenOver | Phase::Landed => return,
+            Phase::Preflight | Phase::Arming | Phase::TakeOff if !self.vehicle.may_be_armed() => return self.land(),
+            Phase::Preflight => return self.land(), // it is not the bridge's
+            Phase::Arming | Phase::TakeOff | Phase::Flying => {}
         }
+        self.phase = Phase::Returning;
+        self.said.say(format!("returns: {why}"));
         self.outbox.clear();
-        if self.phase == Phase::Returning {
+        self.outbox.send(Order::Return, now_s);
+    }
+
+    /// Notices the landing, and who stops the return; orders it again if it has no effect.
+    fn come_home(&mut self, now_s: f64) {
+        if self.vehicle.has_disarmed(now_s) {
+            self.said.say("has landed".to_owned());
+            self.land();
+            return;
+        }
+        if self.is_taken_over() {
+            return;
+        }
+        let is_ignored = self.vehicle.meaning() == ModeMeaning::FollowsOrders && !self.outbox.has(&Order::Return);
+        if is_ignored && now_s >= self.retry_s {
             self.outbox.send(Order::Return, now_s);
         }
     }
 
-    /// Notices the landing; orders the return again if it has no effect.
-    fn come_home(&mut self, now_s: f64) {
-        if !self.vehicle.is_armed {
-            self.said.push("has landed".to_owned());
-            self.outbox.clear();
-            self.phase = Phase::Landed;
-            return;
-        }
-        let is_ignored = self.vehicle.meaning() == ModeMeaning::FollowsOrders && !self.outbox.has(&Order::Return);
-        if self.has_ordered_return && is_ignored && now_s >= self.retry_s {
-            self.outbox.send(Order::Return, now_s);
+    /// Notices the landing of a vehicle that others fly.
+    fn await_landing(&mut self, now_s: f64) {
+        if self.vehicle.has_disarmed(now_s) {
+            self.said.say("is on the ground, disarmed".to_owned());
+            self.land();
         }
     }
 }

@@ -1,23 +1,20 @@
 //! The links to the vehicles of a fleet: which vehicle is at which address, and messages and orders as MAVLink.
 
+use std::collections::BTreeSet;
 use std::io;
+use std::net::SocketAddr;
 
 use mavlink::dialects::common::{
-    BATTERY_STATUS_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA, ESTIMATOR_STATUS_DATA, EXTENDED_SYS_STATE_DATA,
-    GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavFrame, MavLandedState, MavMessage, MavModeFlag,
-    MavState, MavType, PARAM_REQUEST_READ_DATA,
+    BATTERY_STATUS_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA, CURRENT_MODE_DATA, ESTIMATOR_STATUS_DATA,
+    EXTENDED_SYS_STATE_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavFrame, MavLandedState,
+    MavMessage, MavModeFlag, MavParamType, MavState, MavType, PARAM_REQUEST_READ_DATA, SYS_STATUS_DATA,
 };
 use mavlink::{MavHeader, MessageData as _};
 
 use crate::autopilot::{Altitude, AutopilotKind};
+use crate::identity::{Sender, Vehicles};
 use crate::telemetry::{Fix, GlobalTarget, Order, Stream, Telemetry};
-use crate::wire::{Wire, WireAddress};
-
-/// System of the bridge: that of a ground station, whose silence autopilots notice.
-pub(crate) const SYSTEM: u32 = 255;
-
-/// Component of the bridge: a ground station.
-const COMPONENT: u8 = 190;
+use crate::wire::{Received, Wire, WireAddress};
 
 /// Component of an autopilot.
 const AUTOPILOT: u8 = 1;
@@ -25,55 +22,199 @@ const AUTOPILOT: u8 = 1;
 /// Bit of the base mode of an armed vehicle.
 const ARMED: MavModeFlag = MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
 
+/// Messages that are taken in a poll at most, so that a flood of them does not stop the bridge.
+const MOST_IN_A_POLL: usize = 4096;
+
+/// Lines on strangers that are said of a connection at most.
+const MOST_NOTICES: usize = 8;
+
 /// The links to a fleet.
 pub struct Link {
-    wires: Vec<Wire>,
-    /// Wire and system of each vehicle; the system is `None` until it is heard, where a wire has one vehicle.
-    routes: Vec<(usize, Option<u8>)>,
+    connections: Vec<LinkedWire>,
+    routes: Vec<Route>,
+    /// Messages that may still be taken in this poll.
+    budget: usize,
+    said: Vec<String>,
+}
+
+/// A connection with what was heard on it.
+struct LinkedWire {
+    address: WireAddress,
+    wire: Wire,
+    vehicles: Vehicles,
+    noticed: BTreeSet<String>,
+}
+
+/// The vehicle of a UAV.
+struct Route {
+    connection: usize,
+    /// Its system, if it is named.
+    named: Option<u8>,
+    /// Its system, once it is chosen.
+    system: Option<u8>,
 }
 
 impl Link {
-    /// Opens the links to `uavs` vehicles: all at one address, as the systems 1 to `uavs`, or each at its own.
+    /// Opens the links to `uavs` vehicles: all at one address, as the systems 1 to `uavs` if it names none, or each at
+    /// its own; the same address may name several systems.
     ///
     /// # Errors
     /// If an address cannot be opened; the error has the address.
     pub fn open(addresses: &[WireAddress], uavs: usize) -> Result<Self, (WireAddress, io::Error)> {
-        let open = |address: &WireAddress| Wire::open(address).map_err(|error| (address.clone(), error));
-        let wires = addresses.iter().map(open).collect::<Result<Vec<_>, _>>()?;
-        let is_shared = wires.len() < uavs;
-        let route = |uav: usize| if is_shared { (0, u8::try_from(uav + 1).ok()) } else { (uav, None) };
-        Ok(Self { wires, routes: (0..uavs).map(route).collect() })
+        let mut link = Self { connections: Vec::new(), routes: Vec::new(), budget: 0, said: Vec::new() };
+        let is_shared = addresses.len() < uavs;
+        for uav in 0..uavs {
+            let address = &addresses[if is_shared { 0 } else { uav }];
+            let is_same = |connection: &LinkedWire| connection.address.shares_wire(address);
+            let connection = match link.connections.iter().position(is_same) {
+                Some(connection) => connection,
+                None => {
+                    let wire = Wire::open(address).map_err(|error| (address.clone(), error))?;
+                    let address = address.clone();
+                    let vehicles = Vehicles::default();
+                    link.connections.push(LinkedWire { address, wire, vehicles, noticed: BTreeSet::new() });
+                    link.connections.len() - 1
+                }
+            };
+            let named = if is_shared { u8::try_from(uav + 1).ok() } else { address.system };
+            link.routes.push(Route { connection, named, system: None });
+        }
+        Ok(link)
     }
 
-    /// The next message of a vehicle, with the number of its UAV, from 0; messages that mean nothing here are left out.
-    pub fn receive(&mut self) -> Option<(usize, Telemetry)> {
-        for (index, wire) in self.wires.iter().enumerate() {
-            while let Some((header, message)) = wire.receive() {
-                if header.component_id != AUTOPILOT {
-                    continue;
+    /// Begins a poll: chooses the vehicles, and checks that those which are not `is_committed`, by the number of their
+    /// UAV, are still the only ones that can be meant. `away` says how far from the start of a UAV a vehicle is [m].
+    ///
+    /// # Errors
+    /// If a vehicle must not be flown: the number of its UAV, from 0, and why.
+    pub fn choose(
+        &mut self,
+        now_s: f64,
+        is_committed: impl Fn(usize) -> bool,
+        away: impl Fn(usize, &Fix) -> Option<f64>,
+    ) -> Result<(), (usize, String)> {
+        self.budget = MOST_IN_A_POLL;
+        for (uav, route) in self.routes.iter_mut().enumerate() {
+            let vehicles = &self.connections[route.connection].vehicles;
+            let away = |fix: &Fix| away(uav, fix);
+            match route.system {
+                None => route.system = vehicles.choose(route.named, now_s, away).map_err(|why| (uav, why))?,
+                Some(system) if !is_committed(uav) => {
+                    let alone = if route.named.is_none() { vehicles.check_alone(away) } else { Ok(()) };
+                    alone.and_then(|()| vehicles.check(system)).map_err(|why| (uav, why))?;
                 }
-                let Ok(heard) = u8::try_from(header.system_id) else { continue };
-                let is_route = |(wire, system): &(usize, Option<u8>)| {
-                    *wire == index && system.is_none_or(|system| system == heard)
-                };
-                let Some(uav) = self.routes.iter().position(is_route) else { continue };
-                if let Some(telemetry) = decode(&message) {
-                    self.routes[uav].1 = Some(heard);
-                    return Some((uav, telemetry));
+                Some(_) => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes the lines for people that have come up.
+    pub fn take_said(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.said)
+    }
+
+    /// The next message of a chosen vehicle, with the number of its UAV, from 0; messages that mean nothing here are
+    /// left out.
+    pub fn receive(&mut self, now_s: f64) -> Option<(usize, Telemetry)> {
+        for index in 0..self.connections.len() {
+            while self.budget > 0
+                && let Some(received) = self.connections[index].wire.receive()
+            {
+                self.budget -= 1;
+                if let Some(heard) = self.hear(index, &received, now_s) {
+                    return Some(heard);
                 }
             }
         }
         None
     }
 
-    /// Sends an order to the vehicle of a UAV, unless that was never heard.
-    pub fn send(&self, uav: usize, order: &Order) {
-        if let (wire, Some(system)) = self.routes[uav] {
-            self.wires[wire].send(&header(), &encode(order, system));
+    /// What a message means, and for which UAV.
+    fn hear(&mut self, index: usize, received: &Received, now_s: f64) -> Option<(usize, Telemetry)> {
+        let Received { from, header, message } = received;
+        let LinkedWire { address, vehicles, .. } = &mut self.connections[index];
+        let system = u8::try_from(header.system_id).ok()?;
+        if system == address.own_system {
+            if matches!(message, MavMessage::HEARTBEAT(_)) {
+                self.notice(index, format!(
+                    "another ground station of system {system} is there: its heartbeats keep the vehicle from returning                      when the bridge is silent; ?own_system=N behind the address gives the bridge another"
+                ));
+            }
+            return None;
+        }
+        if header.component_id != AUTOPILOT {
+            self.notice_stranger(index, from.as_ref(), header);
+            return None;
+        }
+        let telemetry = decode(message);
+        if let (MavMessage::HEARTBEAT(heartbeat), Some(_)) = (message, &telemetry) {
+            let is_flown = self.routes.iter().any(|route| route.connection == index && route.system.is_some());
+            if vehicles.hear_heartbeat(system, heartbeat.mavtype, *from, now_s) && is_flown {
+                let other = vehicles.describe(system);
+                self.notice(index, format!("another vehicle is there, {other}: it gets no orders"));
+            }
+        }
+        let vehicles = &mut self.connections[index].vehicles;
+        match vehicles.hear(system, *from, now_s) {
+            Sender::Known => {}
+            Sender::Moved => {
+                let from = from.map_or_else(String::new, |from| format!(" at {from}"));
+                self.notice(index, format!("system {system} is heard{from} now: it is spoken to there"));
+            }
+            Sender::Second => {
+                let from = from.map_or_else(String::new, |from| format!(", {from}"));
+                self.notice(index, format!("a second address{from}, sends as system {system}: it is not believed"));
+                return None;
+            }
+            Sender::Unknown => {
+                self.notice_stranger(index, from.as_ref(), header);
+                return None;
+            }
+        }
+        let vehicles = &mut self.connections[index].vehicles;
+        if let Some(Telemetry::Position(fix)) = &telemetry {
+            vehicles.locate(system, fix);
+        }
+        if let MavMessage::HEARTBEAT(heartbeat) = message
+            && !vehicles.is_of_type(system, heartbeat.mavtype)
+        {
+            self.notice(index, format!("a vehicle of another type sends as system {system}, too: it is not believed"));
+            return None;
+        }
+        let is_route = |route: &Route| route.connection == index && route.system == Some(system);
+        Some((self.routes.iter().position(is_route)?, telemetry?))
+    }
+
+    /// Says once that somebody who is no vehicle of this run speaks on a connection.
+    fn notice_stranger(&mut self, index: usize, from: Option<&SocketAddr>, header: &MavHeader) {
+        if let Some(from) = from.filter(|from| !self.connections[index].vehicles.is_at(**from)) {
+            let MavHeader { system_id, component_id, .. } = header;
+            self.notice(index, format!(
+                "{from} speaks as system {system_id}, component {component_id}, which is no vehicle of this run: it is                  neither answered nor believed"
+            ));
         }
     }
 
-    /// Says on all links that the bridge is there.
+    /// Says a line once, and few of them.
+    fn notice(&mut self, index: usize, line: String) {
+        let LinkedWire { address, noticed, .. } = &mut self.connections[index];
+        if noticed.len() < MOST_NOTICES && noticed.insert(line.clone()) {
+            self.said.push(format!("{address}: {line}"));
+        }
+    }
+
+    /// Sends an order to the vehicle of a UAV, unless none is chosen.
+    pub fn send(&self, uav: usize, order: &Order) {
+        let route = &self.routes[uav];
+        if let Some(system) = route.system {
+            let connection = &self.connections[route.connection];
+            connection.wire.send(&connection.header(), &encode(order, system), connection.vehicles.address(system));
+        }
+    }
+
+    /// Says to all chosen vehicles that the bridge is there, and where nobody was heard yet, to the address of the
+    /// connection.
     pub fn send_heartbeats(&self) {
         let heartbeat = MavMessage::HEARTBEAT(HEARTBEAT_DATA {
             custom_mode: 0,
@@ -83,12 +224,22 @@ impl Link {
             system_status: MavState::MAV_STATE_ACTIVE,
             mavlink_version: 3,
         });
-        self.wires.iter().for_each(|wire| wire.send(&header(), &heartbeat));
+        let mut told = BTreeSet::new();
+        for Route { connection, system, .. } in &self.routes {
+            let linked = &self.connections[*connection];
+            let to = system.and_then(|system| linked.vehicles.address(system));
+            if told.insert((*connection, to)) {
+                linked.wire.send(&linked.header(), &heartbeat, to);
+            }
+        }
     }
 }
 
-fn header() -> MavHeader {
-    MavHeader { system_id: SYSTEM, component_id: COMPONENT, sequence: 0 } // the connection counts
+impl LinkedWire {
+    fn header(&self) -> MavHeader {
+        let WireAddress { own_system, own_component, .. } = self.address;
+        MavHeader { system_id: own_system.into(), component_id: own_component, sequence: 0 } // the connection counts
+    }
 }
 
 /// What a message of an autopilot means; `None` for one that means nothing here.
@@ -103,7 +254,12 @@ fn decode(message: &MavMessage) -> Option<Telemetry> {
             },
             mode: heartbeat.custom_mode,
             is_armed: heartbeat.base_mode.contains(ARMED),
+            is_booting: matches!(
+                heartbeat.system_status,
+                MavState::MAV_STATE_UNINIT | MavState::MAV_STATE_BOOT | MavState::MAV_STATE_CALIBRATING
+            ),
         },
+        MavMessage::CURRENT_MODE(current) => Telemetry::Mode(current.custom_mode),
         MavMessage::GLOBAL_POSITION_INT(position) if position.lat != 0 || position.lon != 0 => {
             let cm = |value: i16| f64::from(value) / 100.0;
             let heading_deg = f64::from(position.hdg) / 100.0;
@@ -122,8 +278,8 @@ fn decode(message: &MavMessage) -> Option<Telemetry> {
             let is_known = accuracy_m.iter().all(|sigma_m| sigma_m.is_finite() && *sigma_m >= 0.0);
             is_known.then_some(Telemetry::Accuracy(accuracy_m))?
         }
-        MavMessage::BATTERY_STATUS(status) if status.id == 0 => battery(status.battery_remaining)?,
-        MavMessage::SYS_STATUS(status) => battery(status.battery_remaining)?,
+        MavMessage::BATTERY_STATUS(status) if status.id == 0 => battery(status.battery_remaining),
+        MavMessage::SYS_STATUS(status) => battery(status.battery_remaining),
         MavMessage::EXTENDED_SYS_STATE(state) => match state.landed_state {
             MavLandedState::MAV_LANDED_STATE_UNDEFINED => return None,
             landed => Telemetry::InAir(landed != MavLandedState::MAV_LANDED_STATE_ON_GROUND),
@@ -133,16 +289,18 @@ fn decode(message: &MavMessage) -> Option<Telemetry> {
             result: u8::try_from(ack.result as u32).ok()?,
         },
         MavMessage::STATUSTEXT(status) => Telemetry::Text(status.text.to_str().ok()?.to_owned()),
-        MavMessage::PARAM_VALUE(parameter) => {
-            Telemetry::Parameter { name: parameter.param_id.to_str().ok()?.to_owned(), value: parameter.param_value }
-        }
+        MavMessage::PARAM_VALUE(parameter) => Telemetry::Parameter {
+            name: parameter.param_id.to_str().ok()?.to_owned(),
+            value: parameter.param_value,
+            is_integer: parameter.param_type != MavParamType::MAV_PARAM_TYPE_REAL32,
+        },
         _ => return None,
     })
 }
 
-/// The energy that is left [%]; `None` if it is not known.
-fn battery(remaining: i8) -> Option<Telemetry> {
-    (remaining >= 0).then(|| Telemetry::Battery(f64::from(remaining) / 100.0))
+/// The energy that is left [%]; negative if it is not known.
+fn battery(remaining: i8) -> Telemetry {
+    Telemetry::Battery((remaining >= 0).then(|| f64::from(remaining) / 100.0))
 }
 
 /// An order to the system `target_system`.
@@ -224,7 +382,10 @@ fn message_id(stream: Stream) -> u32 {
     match stream {
         Stream::Position => GLOBAL_POSITION_INT_DATA::ID,
         Stream::Accuracy => ESTIMATOR_STATUS_DATA::ID,
+        Stream::Heartbeat => HEARTBEAT_DATA::ID,
+        Stream::Mode => CURRENT_MODE_DATA::ID,
         Stream::Battery => BATTERY_STATUS_DATA::ID,
+        Stream::Status => SYS_STATUS_DATA::ID,
         Stream::InAir => EXTENDED_SYS_STATE_DATA::ID,
     }
 }
@@ -256,7 +417,10 @@ mod tests {
             (MavAutopilot::MAV_AUTOPILOT_GENERIC, AutopilotKind::Other),
         ] {
             for (base_mode, is_armed) in [(ARMED, true), (MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, false)] {
-                assert_eq!(decoded(sent, base_mode), Some(Telemetry::Heartbeat { autopilot, mode: 4, is_armed }));
+                assert_eq!(
+                    decoded(sent, base_mode),
+                    Some(Telemetry::Heartbeat { autopilot, mode: 4, is_armed, is_booting: true })
+                );
             }
         }
         assert_eq!(decoded(MavAutopilot::MAV_AUTOPILOT_INVALID, ARMED), None, "a ground station");
@@ -267,7 +431,8 @@ mod tests {
         let text = STATUSTEXT_DATA { text: "EKF variance".into(), ..Default::default() };
         assert_eq!(decode(&MavMessage::STATUSTEXT(text)), Some(Telemetry::Text("EKF variance".to_owned())));
         let told = PARAM_VALUE_DATA { param_id: "FS_GCS_ENABLE".into(), param_value: 1.0, ..Default::default() };
-        let parameter = Telemetry::Parameter { name: "FS_GCS_ENABLE".to_owned(), value: 1.0 };
+        let name = "FS_GCS_ENABLE".to_owned();
+        let parameter = Telemetry::Parameter { name, value: 1.0, is_integer: true };
         assert_eq!(decode(&MavMessage::PARAM_VALUE(told)), Some(parameter));
         let answer = COMMAND_ACK_DATA { command: MavCmd::MAV_CMD_NAV_TAKEOFF, result: MavResult::MAV_RESULT_DENIED };
         assert_eq!(decode(&MavMessage::COMMAND_ACK(answer)), Some(Telemetry::Answer { command: 22, result: 2 }));
@@ -282,7 +447,7 @@ mod tests {
         }
         let status = |id| BATTERY_STATUS_DATA { id, battery_remaining: 40, ..Default::default() };
         let [main, second] = [0, 1].map(|id| decode(&MavMessage::BATTERY_STATUS(status(id))));
-        assert_eq!((main, second), (Some(Telemetry::Battery(0.4)), None));
+        assert_eq!((main, second), (Some(Telemetry::Battery(Some(0.4))), None));
     }
 
     #[test]
@@ -311,43 +476,144 @@ mod tests {
         assert_eq!((sent.param_index, sent.target_system, sent.param_id.to_str()), (-1, 7, Ok("NAV_DLL_ACT")));
     }
 
+    /// A link with these options behind its address, which listens where nobody speaks.
+    fn link(options: &[&str], uavs: usize) -> Link {
+        let port = std::net::UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()).unwrap().port();
+        let addresses: Vec<WireAddress> =
+            options.iter().map(|options| format!("udpin:127.0.0.1:{port}{options}").parse().unwrap()).collect();
+        Link::open(&addresses, uavs).unwrap_or_else(|(address, error)| panic!("{address}: {error}"))
+    }
+
+    /// A message of an autopilot of this system from this port.
+    fn sent(port: u16, system_id: u32, component_id: u8, message: MavMessage) -> Received {
+        let header = MavHeader { system_id, component_id, sequence: 0 };
+        Received { from: Some(SocketAddr::from(([127, 0, 0, 1], port))), header, message }
+    }
+
+    fn beat(mavtype: MavType) -> MavMessage {
+        let autopilot = MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA;
+        MavMessage::HEARTBEAT(HEARTBEAT_DATA { mavtype, autopilot, ..HEARTBEAT_DATA::default() })
+    }
+
+    fn charge(percent: i8) -> MavMessage {
+        MavMessage::SYS_STATUS(SYS_STATUS_DATA { battery_remaining: percent, ..SYS_STATUS_DATA::default() })
+    }
+
+    const QUADROTOR: MavType = MavType::MAV_TYPE_QUADROTOR;
+
+    /// A link to the vehicle of system 1 at port 1, which is chosen.
+    fn chosen(options: &str) -> Link {
+        let mut link = link(&[options], 1);
+        assert_eq!(link.hear(0, &sent(1, 1, AUTOPILOT, beat(QUADROTOR)), 0.0), None, "not chosen yet");
+        link.choose(5.0, |_| false, |_, _| None).unwrap();
+        link
+    }
+
+    fn address_of(link: &Link, uav: usize) -> Option<u16> {
+        let Route { connection, system, .. } = link.routes[uav];
+        link.connections[connection].vehicles.address(system?).map(|address| address.port())
+    }
+
     #[test]
     fn vehicles_on_one_link_are_told_apart_by_their_systems_and_only_autopilots_are_heard() {
-        let port = std::net::UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()).unwrap().port();
-        let address = |scheme: &str| format!("{scheme}:127.0.0.1:{port}").parse::<WireAddress>().unwrap();
-        let mut link =
-            Link::open(&[address("udpin")], 2).unwrap_or_else(|(address, error)| panic!("{address}: {error}"));
-        let peer = Wire::open(&address("udpout")).unwrap();
-        let say = |system_id: u32, component_id: u8, percent: i8| {
-            let status = SYS_STATUS_DATA { battery_remaining: percent, ..Default::default() };
-            peer.send(&MavHeader { system_id, component_id, sequence: 0 }, &MavMessage::SYS_STATUS(status));
-        };
-        for (system, component, percent) in [(2, AUTOPILOT, 20), (2, 100, 21), (3, AUTOPILOT, 30), (1, AUTOPILOT, 10)] {
-            say(system, component, percent);
-        }
-        let mut heard = Vec::new();
-        let begin = std::time::Instant::now();
-        while heard.len() < 2 {
-            assert!(begin.elapsed().as_secs() < 10, "only {heard:?}");
-            heard.extend(link.receive());
-        }
-        assert_eq!(heard, [(1, Telemetry::Battery(0.2)), (0, Telemetry::Battery(0.1))]);
-        link.send(1, &Order::Arm);
-        let (header, order) = loop {
-            assert!(begin.elapsed().as_secs() < 20, "no order");
-            if let Some(received) = peer.receive() {
-                break received;
+        for options in [&[""][..], &["?system=1", "?system=2"]] {
+            let mut link = link(options, 2);
+            for system in [2, 3, 1] {
+                assert_eq!(link.hear(0, &sent(system as u16, system, AUTOPILOT, beat(QUADROTOR)), 0.0), None);
             }
-        };
-        assert_eq!((header.system_id, header.component_id), (255, 190), "a ground station");
-        assert_eq!(order, encode(&Order::Arm, 2));
+            link.choose(0.0, |_| false, |_, _| None).unwrap();
+            let mut heard =
+                |system: u32, component: u8| link.hear(0, &sent(system as u16, system, component, charge(20)), 1.0);
+            let battery = Telemetry::Battery(Some(0.2));
+            assert_eq!(heard(2, AUTOPILOT), Some((1, battery.clone())));
+            assert_eq!((heard(2, 100), heard(3, AUTOPILOT)), (None, None), "a camera, and a vehicle that is not named");
+            assert_eq!(heard(1, AUTOPILOT), Some((0, battery)));
+            assert_eq!([0, 1].map(|uav| address_of(&link, uav)), [Some(1), Some(2)]);
+        }
+    }
+
+    #[test]
+    fn orders_go_to_the_vehicle_and_not_to_whoever_spoke_last() {
+        let mut link = chosen("");
+        let station = MavMessage::HEARTBEAT(HEARTBEAT_DATA {
+            mavtype: MavType::MAV_TYPE_GCS,
+            autopilot: MavAutopilot::MAV_AUTOPILOT_INVALID,
+            ..HEARTBEAT_DATA::default()
+        });
+        for second in 0..20 {
+            let now_s = 5.0 + f64::from(second);
+            assert!(link.hear(0, &sent(1, 1, AUTOPILOT, beat(QUADROTOR)), now_s).is_some());
+            assert_eq!(link.hear(0, &sent(7, 254, 190, station.clone()), now_s), None);
+            assert_eq!(link.hear(0, &sent(8, 9, AUTOPILOT, charge(1)), now_s), None);
+            assert_eq!(link.hear(0, &sent(9, 1, AUTOPILOT, charge(1)), now_s), None, "as system 1, from elsewhere");
+            assert_eq!(address_of(&link, 0), Some(1));
+        }
+        let said = link.take_said();
+        assert_eq!(said.len(), 3, "each once: {said:?}");
+        assert!(said[0].contains("127.0.0.1:7 speaks as system 254, component 190, which is no vehicle of this run"));
+        assert!(said[2].contains("a second address, 127.0.0.1:9, sends as system 1: it is not believed"));
+        assert!(
+            link.hear(0, &sent(9, 1, AUTOPILOT, charge(40)), 60.0).is_some(),
+            "it speaks from elsewhere after silence"
+        );
+        assert_eq!(address_of(&link, 0), Some(9));
+    }
+
+    #[test]
+    fn a_flood_of_strangers_is_a_few_lines() {
+        let mut link = chosen("");
+        (1_000..3_000).for_each(|port| drop(link.hear(0, &sent(port, 254, 190, charge(1)), 5.0)));
+        assert_eq!(link.take_said().len(), MOST_NOTICES);
+    }
+
+    #[test]
+    fn a_second_ground_station_of_the_own_system_is_said_once() {
+        for (options, system, is_own) in [("", 255, true), ("", 250, false), ("?own_system=250", 250, true)] {
+            let mut link = chosen(options);
+            (0..3).for_each(|_| drop(link.hear(0, &sent(1, system, 190, beat(MavType::MAV_TYPE_GCS)), 5.0)));
+            let said = link.take_said();
+            let told = said.iter().filter(|line| line.contains(&format!("another ground station of system {system}")));
+            assert_eq!(told.count(), usize::from(is_own), "{said:?}");
+        }
+    }
+
+    #[test]
+    fn another_vehicle_is_refused_before_arming_and_said_in_flight() {
+        let other = |link: &mut Link| link.hear(0, &sent(2, 2, AUTOPILOT, beat(QUADROTOR)), 6.0);
+        let mut link = chosen("");
+        assert_eq!(other(&mut link), None);
+        let refused = link.choose(6.0, |_| false, |_, _| None).unwrap_err();
+        assert!(
+            refused.0 == 0 && refused.1.starts_with("2 vehicles at its address: system 1 (quadrotor"),
+            "{refused:?}"
+        );
+        link.choose(6.0, |_| true, |_, _| None).unwrap();
+        let expected = "another vehicle is there, system 2 (quadrotor): it gets no orders";
+        assert!(link.take_said().iter().any(|line| line.ends_with(expected)));
+        let mut named = chosen("?system=1");
+        assert_eq!(other(&mut named), None);
+        named.choose(6.0, |_| false, |_, _| None).unwrap();
+    }
+
+    #[test]
+    fn a_heartbeat_of_another_type_is_not_that_of_the_vehicle() {
+        let mut link = chosen("");
+        assert_eq!(link.hear(0, &sent(1, 1, AUTOPILOT, beat(MavType::MAV_TYPE_GROUND_ROVER)), 5.0), None);
+        assert!(link.take_said()[0].contains("a vehicle of another type sends as system 1, too"));
     }
 
     #[test]
     fn a_stream_is_asked_for_by_the_number_of_its_message_with_its_period_in_microseconds() {
         // Numbers of the MAVLink common message set.
-        let asked =
-            [(Stream::Position, 33.0), (Stream::Accuracy, 230.0), (Stream::Battery, 147.0), (Stream::InAir, 245.0)];
+        let asked = [
+            (Stream::Position, 33.0),
+            (Stream::Accuracy, 230.0),
+            (Stream::Battery, 147.0),
+            (Stream::InAir, 245.0),
+            (Stream::Heartbeat, 0.0),
+            (Stream::Mode, 436.0),
+            (Stream::Status, 1.0),
+        ];
         for (stream, number) in asked {
             let MavMessage::COMMAND_LONG(sent) = encode(&Order::Interval { stream, period_s: 0.25 }, 1) else {
                 panic!("another message");
@@ -387,7 +653,7 @@ mod tests {
 
     #[test]
     fn unknown_values_are_decoded_to_none() {
-        assert_eq!((battery(-1), battery(40)), (None, Some(Telemetry::Battery(0.4))));
+        assert_eq!((battery(-1), battery(40)), (Telemetry::Battery(None), Telemetry::Battery(Some(0.4))));
         let accuracy = |pos_horiz_accuracy: f32| {
             decode(&MavMessage::ESTIMATOR_STATUS(ESTIMATOR_STATUS_DATA { pos_horiz_accuracy, ..Default::default() }))
         };

@@ -20,10 +20,11 @@ use skysink_ring::role::Role;
 use skysink_ring::topics::{Ring, is_release, monotonic_ns};
 use skysink_ring::wait::WaitContext;
 
-use crate::bridge::{Bridge, start};
+use crate::bridge::{Bridge, VehicleRefusal, start};
 use crate::frame::AreaFrame;
 use crate::latency::OrderLatencies;
 use crate::link::Link;
+use crate::preflight::{Beginning, PreflightRefusal};
 use crate::wire::WireAddress;
 
 /// Longest time between two polls of the links.
@@ -125,8 +126,14 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let nodes = sensors.wait_for_next(&mut wait, 0)?;
         let reports = &flown.last().expect("at least slot 0").1;
         // The journal of a run that is resumed begins with one slot.
-        let is_restart = ring.restarts > 0 && flown.len() > 1;
-        let bridge = Bridge::new(scenario, nodes.payload(), AreaFrame::at(origin), reports, is_restart);
+        let beginning = match (ring.restarts, flown.last()) {
+            (0, Some((0, _)) | None) => Beginning::New,
+            (0, Some(_)) => Beginning::Resumed,
+            _ => Beginning::Restarted { in_mission: flown.len() > 1 },
+        };
+        let own_systems: Vec<u8> = (0..uavs).map(|uav| addresses[uav.min(addresses.len() - 1)].own_system).collect();
+        let frame = AreaFrame::at(origin);
+        let bridge = Bridge::new(scenario, nodes.payload(), frame, reports, beginning, &own_systems);
         Ok(Self {
             bridge,
             link,
@@ -233,8 +240,15 @@ impl<S: Service + 'static> BridgeProcess<S> {
     /// Takes in what the vehicles say, and sends what is due.
     fn poll(&mut self) -> Result<(), NodeError> {
         let now_s = self.now_s();
-        while let Some((uav, telemetry)) = self.link.receive() {
+        let bridge = &self.bridge;
+        self.link
+            .choose(now_s, |uav| bridge.is_committed(uav), |uav, fix| bridge.away_m(uav, fix))
+            .map_err(|(uav, why)| refusal(&VehicleRefusal { number: uav + 1, why: PreflightRefusal(why) }))?;
+        while let Some((uav, telemetry)) = self.link.receive(now_s) {
             self.bridge.hear(uav, &telemetry, now_s);
+        }
+        for line in self.link.take_said() {
+            Role::FlightSim.log(format_args!("{line}"));
         }
         if now_s >= self.heartbeat_s {
             self.heartbeat_s = now_s + HEARTBEAT_S;
@@ -242,9 +256,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
         }
         let link = &self.link;
         let say = |uav: usize, line: String| Role::FlightSim.log(format_args!("vehicle {}: {line}", uav + 1));
-        self.bridge
-            .poll(now_s, |uav, order| link.send(uav, order), say)
-            .map_err(|refusal| InputError::new("vehicle", Path::new(&refusal.number.to_string()), refusal.why).into())
+        self.bridge.poll(now_s, |uav, order| link.send(uav, order), say).map_err(|refused| refusal(&refused))
     }
 
     /// Sleeps until there is a plan, for at most [`POLL_EVERY`].
@@ -274,6 +286,9 @@ impl<S: Service + 'static> BridgeProcess<S> {
 
     /// Waits until the vehicles have landed, or the launcher ends.
     fn land(&mut self) -> Result<(), NodeError> {
+        for number in self.bridge.taken_over() {
+            Role::FlightSim.log(format_args!("vehicle {number}: the run waits for its landing; Ctrl-C ends the run"));
+        }
         while !self.bridge.has_landed() {
             self.poll()?;
             match self.pause() {
@@ -312,6 +327,10 @@ impl<S: Service + 'static> BridgeProcess<S> {
             ));
         }
     }
+}
+
+fn refusal(refused: &VehicleRefusal) -> NodeError {
+    InputError::new("vehicle", Path::new(&refused.number.to_string()), &refused.why).into()
 }
 
 fn list(addresses: &[WireAddress]) -> String {

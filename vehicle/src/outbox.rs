@@ -42,9 +42,11 @@ impl Outbox {
         (result != IN_PROGRESS).then(|| self.orders.remove(index).order)
     }
 
-    /// The orders that are due at `now_s` [s], in the order in which they were given.
-    pub fn due(&mut self, now_s: f64) -> impl Iterator<Item = Order> {
-        let due = self.orders.iter_mut().filter(move |unanswered| now_s >= unanswered.due_s);
+    /// The orders that are due at `now_s` [s] and that `may_send`, in the order in which they were given; the others
+    /// stay due.
+    pub fn due(&mut self, now_s: f64, may_send: impl Fn(&Order) -> bool) -> impl Iterator<Item = Order> {
+        let is_due = move |unanswered: &&mut Unanswered| now_s >= unanswered.due_s && may_send(&unanswered.order);
+        let due = self.orders.iter_mut().filter(is_due);
         due.map(move |unanswered| {
             unanswered.due_s = now_s + REPEAT_S;
             unanswered.order
@@ -57,7 +59,7 @@ mod tests {
     use super::*;
 
     fn due(outbox: &mut Outbox, now_s: f64) -> Vec<Order> {
-        outbox.due(now_s).collect()
+        outbox.due(now_s, |_| true).collect()
     }
 
     #[test]
@@ -71,6 +73,15 @@ mod tests {
         assert_eq!(outbox.answer(20, IN_PROGRESS), None);
         assert_eq!(due(&mut outbox, 1.5), [Order::Return]);
         assert_eq!(outbox.answer(192, 0), None, "nobody has asked");
+    }
+
+    #[test]
+    fn an_order_that_may_not_be_sent_stays_due() {
+        let mut outbox = Outbox::default();
+        outbox.send(Order::Arm, 0.0);
+        outbox.send(Order::Speed(1.0), 0.0);
+        let held: Vec<Order> = outbox.due(0.0, |order| *order != Order::Arm).collect();
+        assert_eq!((held, due(&mut outbox, 0.1)), (vec![Order::Speed(1.0)], vec![Order::Arm]));
     }
 
     #[test]

@@ -1,12 +1,17 @@
-//! The checks before take-off: position, battery, dead-man switch, and the distance to the start.
+//! The checks before take-off, and before a vehicle in the air is taken over from an earlier bridge: position, battery,
+//! dead-man switch, and the distance to the start.
 
 use nalgebra::Point3;
 
+use crate::autopilot::AutopilotKind;
 use crate::state::VehicleState;
 use crate::telemetry::Order;
 
 /// Time between two questions for a parameter [s].
 const ASK_S: f64 = 1.0;
+
+/// Time after which a parameter that only some versions have is not waited for [s].
+const OPTIONAL_S: f64 = 3.0;
 
 /// Time before the first line on what is missing, and between two [s].
 const FIRST_LINE_S: f64 = 3.0;
@@ -18,6 +23,20 @@ const BATTERY_SLACK: f64 = 0.05;
 /// Farthest from its start at which a vehicle may take off [m].
 const TAKE_OFF_RADIUS_M: f64 = 500.0;
 
+/// How the mission of a bridge begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Beginning {
+    /// With a vehicle on the ground, disarmed.
+    New,
+    /// Where a stopped run has ended: the vehicle may be in the air.
+    Resumed,
+    /// After the end of the bridge before, in this run; the mission has begun if `in_mission`.
+    Restarted {
+        /// Whether slots were flown.
+        in_mission: bool,
+    },
+}
+
 /// What a vehicle has to do.
 #[derive(Debug, Clone, Copy)]
 pub struct Assignment {
@@ -27,8 +46,12 @@ pub struct Assignment {
     pub speed_mps: f64,
     /// Energy that its battery has to have before take-off, as a fraction of its capacity.
     pub battery: f64,
-    /// Whether the bridge was restarted: a vehicle in the air is in its mission.
-    pub is_restart: bool,
+    /// Energy below which it returns, as a fraction of the capacity of its battery.
+    pub low_battery: f64,
+    /// How the mission begins.
+    pub beginning: Beginning,
+    /// The system of the bridge.
+    pub own_system: u8,
 }
 
 /// A vehicle that must not take off. Its `Display` is one line.
@@ -40,17 +63,25 @@ pub struct PreflightRefusal(pub String);
 #[derive(Debug, Clone, Default)]
 pub struct Preflight {
     /// The parameter of the dead-man switch.
-    dead_man: Option<f32>,
-    /// When it is asked for next [s].
+    dead_man: Option<f64>,
+    /// The system of the ground station whose silence the vehicle notices.
+    ground_station: Option<f64>,
+    /// When parameters are asked for next [s].
     ask_s: f64,
+    /// When they were asked for first [s].
+    asked_s: Option<f64>,
     /// When the next line on what is missing is due [s].
     line_s: Option<f64>,
 }
 
 impl Preflight {
-    /// Takes in the parameter of the dead-man switch.
-    pub fn hear_dead_man_switch(&mut self, value: f32) {
-        self.dead_man = Some(value);
+    /// Takes in the parameter `name`.
+    pub fn hear_parameter(&mut self, autopilot: AutopilotKind, name: &str, value: f64) {
+        if autopilot.dead_man_switch().is_some_and(|switch| switch.parameter == name) {
+            self.dead_man = Some(value);
+        } else if autopilot.ground_station().contains(&name) {
+            self.ground_station = Some(value);
+        }
     }
 
     /// Whether it is time for another line on what is missing.
@@ -64,7 +95,7 @@ impl Preflight {
     }
 
     /// Says what is still missing, in words after "waiting for it"; `None` if the vehicle may take off from `position`
-    /// [m]. Adds a question for a parameter to `orders`.
+    /// [m]. Adds questions for parameters to `orders`.
     ///
     /// # Errors
     /// If it must not take off.
@@ -82,24 +113,75 @@ impl Preflight {
         if away_m > TAKE_OFF_RADIUS_M {
             return refuse(format!("it is {away_m:.0} m from its start: expected at most {TAKE_OFF_RADIUS_M} m"));
         }
-        if let Some(battery) = vehicle.battery.filter(|battery| *battery < assignment.battery - BATTERY_SLACK) {
-            let [has, needs] = [battery, assignment.battery].map(|fraction| (100.0 * fraction).round());
-            return refuse(format!("its battery is at {has} %: expected {needs} %"));
+        let needed = if vehicle.is_in_air() { assignment.low_battery } else { assignment.battery - BATTERY_SLACK };
+        if let Some(battery) = vehicle.battery.filter(|battery| *battery < needed) {
+            let expected = if vehicle.is_in_air() { assignment.low_battery } else { assignment.battery };
+            let [has, expected] = [battery, expected].map(|fraction| (100.0 * fraction).round());
+            return refuse(format!("its battery is at {has} %: expected {expected} %"));
         }
+        let missing = self.check_parameters(autopilot, assignment.own_system, now_s, orders)?;
+        Ok(missing.or((!vehicle.has_reported_battery).then_some("to report its battery")))
+    }
+
+    /// Says which parameter is missing; `None` if none is.
+    fn check_parameters(
+        &mut self,
+        autopilot: AutopilotKind,
+        own_system: u8,
+        now_s: f64,
+        orders: &mut Vec<Order>,
+    ) -> Result<Option<&'static str>, PreflightRefusal> {
         let Some(switch) = autopilot.dead_man_switch() else { return Ok(None) };
-        match self.dead_man {
-            Some(0.0) => refuse(format!(
-                "{switch} = 0: expected a value with which it returns when the bridge is silent, such as 1 of ArduPilot, 2 of PX4"
-            )),
-            Some(_) => Ok(None),
-            None => {
-                if now_s >= self.ask_s {
-                    self.ask_s = now_s + ASK_S;
-                    orders.push(Order::Parameter(switch));
-                }
-                Ok(Some("to say what it does when the bridge is silent"))
-            }
+        let parameter = switch.parameter;
+        if let Some(value) = self.dead_man.filter(|value| switch.effect(*value).is_none()) {
+            let expected = switch.expected();
+            return refuse(format!("{parameter} = {value}: when the bridge is silent, expected {expected}"));
         }
+        let stations = autopilot.ground_station();
+        if let Some(system) = self.ground_station.filter(|system| *system != f64::from(own_system)) {
+            return refuse(format!(
+                "{} = {system}: expected {own_system}, the system of the bridge, or ?own_system={system} behind the address",
+                stations.join(" or ")
+            ));
+        }
+        if now_s >= self.ask_s && (self.dead_man.is_none() || self.ground_station.is_none()) {
+            self.ask_s = now_s + ASK_S;
+            self.asked_s.get_or_insert(now_s);
+            orders.extend(self.dead_man.is_none().then_some(Order::Parameter(parameter)));
+            let is_open = self.ground_station.is_none() && !self.is_patience_over(now_s);
+            orders.extend(stations.iter().filter(|_| is_open).map(|name| Order::Parameter(name)));
+        }
+        if self.dead_man.is_none() {
+            return Ok(Some("to say what it does when the bridge is silent"));
+        }
+        let is_awaited = !stations.is_empty() && self.ground_station.is_none() && !self.is_patience_over(now_s);
+        Ok(is_awaited.then_some("to say which ground station it listens to"))
+    }
+
+    fn is_patience_over(&self, now_s: f64) -> bool {
+        self.asked_s.is_some_and(|asked_s| now_s - asked_s >= OPTIONAL_S)
+    }
+
+    /// What was found, for people: what the vehicle does when the bridge is silent, and what could not be checked.
+    #[must_use]
+    pub fn findings(&self, vehicle: &VehicleState) -> Vec<String> {
+        let mut lines = Vec::new();
+        let switch = vehicle.autopilot.and_then(AutopilotKind::dead_man_switch);
+        match switch.zip(self.dead_man) {
+            Some((switch, value)) => {
+                let effect = switch.effect(value).unwrap_or("is not known");
+                lines.push(format!("{effect} when the bridge is silent ({} = {value})", switch.parameter));
+            }
+            None => lines.push("may stay in the air when the bridge is silent: its autopilot is not known".to_owned()),
+        }
+        let stations = vehicle.autopilot.map_or(&[][..], AutopilotKind::ground_station);
+        if !stations.is_empty() && self.ground_station.is_none() {
+            lines.push(format!("does not tell {}: not checked", stations.join(" or ")));
+        }
+        if vehicle.battery.is_none() {
+            lines.push("does not measure its battery: its charge is not checked".to_owned());
+        }
+        lines
     }
 }
 

@@ -1,5 +1,7 @@
 //! What is known of a vehicle from its messages.
 
+use nalgebra::Vector3;
+
 use crate::autopilot::{AutopilotKind, ModeMeaning};
 use crate::telemetry::{Fix, Order, Stream, Telemetry};
 
@@ -12,57 +14,127 @@ const IN_AIR_M: f64 = 1.0;
 /// Time between two checks whether the vehicle sends what it should [s].
 const STREAMS_S: f64 = 2.0;
 
+/// Requests for what a vehicle that sends its position does not send, or not as often as it should: it may be unable to.
+const MOST_REQUESTS: u32 = 5;
+
 /// The messages that a vehicle has to send, and their periods [s]; the first shows whether it does.
-const STREAMS: [(Stream, f64); 4] =
-    [(Stream::Position, 0.05), (Stream::Accuracy, 0.5), (Stream::Battery, 1.0), (Stream::InAir, 0.5)];
+const STREAMS: [(Stream, f64); 7] = [
+    (Stream::Position, 0.05),
+    (Stream::Heartbeat, 0.2),
+    (Stream::Mode, 0.2),
+    (Stream::Accuracy, 0.5),
+    (Stream::Battery, 1.0),
+    (Stream::Status, 1.0),
+    (Stream::InAir, 0.5),
+];
+
+/// Time after which a vehicle that says nothing is lost [s].
+const LOST_S: f64 = 3.0;
+
+/// Reports of a battery in a row below its limit that are believed.
+const LOW_REPORTS: u32 = 3;
+
+/// Speed up to which a vehicle may have landed anywhere [m/s], and how long it has to be disarmed there [s].
+const STANDS_MPS: f64 = 0.3;
+const STANDS_S: f64 = 5.0;
+
+/// A state that is believed when two reports in a row agree on it.
+#[derive(Debug, Clone, Copy, Default)]
+struct Confirmed<T> {
+    believed: Option<T>,
+    last: Option<T>,
+    /// Whether the last two reports agree.
+    is_certain: bool,
+}
+
+impl<T: Copy + PartialEq> Confirmed<T> {
+    fn hear(&mut self, report: T) {
+        self.is_certain = self.last.replace(report) == Some(report);
+        if self.is_certain {
+            self.believed = Some(report);
+        }
+    }
+}
 
 /// The last messages of a vehicle.
 #[derive(Debug, Clone, Default)]
 pub struct VehicleState {
     /// Its autopilot; `None` before the first heartbeat.
     pub autopilot: Option<AutopilotKind>,
-    /// Whether its motors may run.
-    pub is_armed: bool,
-    /// Energy that is left, as a fraction of the battery's capacity.
+    /// Energy that is left, as a fraction of the battery's capacity; `None` if that is not known.
     pub battery: Option<f64>,
+    /// Whether it has reported its battery, or that it does not measure it.
+    pub has_reported_battery: bool,
     /// Standard deviations of the position [m], horizontal and vertical.
     pub accuracy_m: Option<[f64; 2]>,
-    mode: u32,
+    mode: Confirmed<u32>,
+    is_armed: Confirmed<bool>,
+    /// Since when it says that it is disarmed [s].
+    disarmed_s: Option<f64>,
+    is_booting: bool,
+    /// Whether a report of the mode has come since the last poll.
+    has_new_mode: bool,
     fix: Option<(Fix, f64)>,
     says_in_air: Option<bool>,
-    /// Positions since the last check of the streams.
+    heard_s: Option<f64>,
+    /// Reports in a row of a battery below `low_battery`.
+    low_reports: u32,
+    /// Positions and reports of the mode since the last check of the streams.
     positions: u32,
+    modes: u32,
+    requests: u32,
     streams_due_s: f64,
 }
 
 impl VehicleState {
-    /// Takes in a message.
-    pub fn hear(&mut self, telemetry: &Telemetry, now_s: f64) {
+    /// Takes in a message. A battery below `low_battery`, as a fraction of its capacity, is low.
+    pub fn hear(&mut self, telemetry: &Telemetry, low_battery: f64, now_s: f64) {
+        self.heard_s = Some(now_s);
         match *telemetry {
-            Telemetry::Heartbeat { autopilot, mode, is_armed } => {
+            Telemetry::Heartbeat { autopilot, mode, is_armed, is_booting } => {
                 self.autopilot = Some(autopilot);
-                self.mode = mode;
-                self.is_armed = is_armed;
+                self.is_booting = is_booting;
+                self.is_armed.hear(is_armed);
+                self.disarmed_s = (!is_armed).then(|| self.disarmed_s.unwrap_or(now_s));
+                self.hear_mode(mode);
             }
+            Telemetry::Mode(mode) => self.hear_mode(mode),
             Telemetry::Position(fix) => {
                 self.fix = Some((fix, now_s));
                 self.positions += 1;
             }
             Telemetry::Accuracy(accuracy_m) => self.accuracy_m = Some(accuracy_m),
-            Telemetry::Battery(fraction) => self.battery = Some(fraction),
+            Telemetry::Battery(battery) => {
+                self.has_reported_battery = true;
+                // Of a battery monitor that is only there sometimes, the last value stays.
+                self.battery = battery.or(self.battery);
+                let is_low = battery.is_some_and(|battery| battery < low_battery);
+                self.low_reports = if is_low { self.low_reports + 1 } else { 0 };
+            }
             Telemetry::InAir(is_in_air) => self.says_in_air = Some(is_in_air),
             Telemetry::Answer { .. } | Telemetry::Text(_) | Telemetry::Parameter { .. } => {}
         }
     }
 
-    /// The requests for all messages, if positions come more rarely than they should, or not at all. ArduPilot does not
-    /// send its accuracy.
+    fn hear_mode(&mut self, mode: u32) {
+        self.mode.hear(mode);
+        self.has_new_mode = true;
+        self.modes += 1;
+    }
+
+    /// The requests for all messages, if positions come more rarely than they should, or not at all, and up to
+    /// [`MOST_REQUESTS`] times if others do. ArduPilot does not send its accuracy.
     pub fn requests(&mut self, now_s: f64) -> impl Iterator<Item = Order> + use<> {
         let autopilot = self.autopilot;
         let is_due = autopilot.is_some() && now_s >= self.streams_due_s;
-        let is_slow = is_due && f64::from(self.positions) < STREAMS_S / STREAMS[0].1 / 2.0;
+        let is_rare = |count: u32, period_s: f64| f64::from(count) < STREAMS_S / period_s / 2.0;
+        let has_no_position = is_rare(self.positions, STREAMS[0].1) || !self.has_reported_battery;
+        let is_incomplete = is_rare(self.modes, STREAMS[1].1) && self.requests < MOST_REQUESTS;
+        let is_slow = is_due && (has_no_position || is_incomplete);
+        self.requests += u32::from(is_slow);
         if is_due {
             self.positions = 0;
+            self.modes = 0;
             self.streams_due_s = now_s + STREAMS_S;
         }
         let is_sent = move |stream| stream != Stream::Accuracy || autopilot != Some(AutopilotKind::ArduPilot);
@@ -70,16 +142,56 @@ impl VehicleState {
         streams.map(|&(stream, period_s)| Order::Interval { stream, period_s })
     }
 
+    /// Its mode, by the number that the autopilot gives it, once two reports agree.
+    #[must_use]
+    pub fn mode(&self) -> Option<u32> {
+        self.mode.believed
+    }
+
     /// What its mode means.
     #[must_use]
     pub fn meaning(&self) -> ModeMeaning {
-        self.autopilot.map_or(ModeMeaning::Unknown, |autopilot| autopilot.meaning(self.mode))
+        let meaning = |(autopilot, mode): (AutopilotKind, u32)| autopilot.meaning(mode);
+        self.autopilot.zip(self.mode.believed).map_or(ModeMeaning::Unknown, meaning)
     }
 
-    /// Its mode, by the number that the autopilot gives it.
+    /// Whether a mode that two reports agree on can be that of its pilot: not while its autopilot starts.
     #[must_use]
-    pub fn mode(&self) -> u32 {
-        self.mode
+    pub fn is_booting(&self) -> bool {
+        self.is_booting
+    }
+
+    /// Whether its motors may run, once two heartbeats agree on it.
+    #[must_use]
+    pub fn is_armed(&self) -> Option<bool> {
+        self.is_armed.believed
+    }
+
+    /// Whether the last heartbeat says that it is armed.
+    #[must_use]
+    pub fn may_be_armed(&self) -> bool {
+        self.is_armed.last == Some(true)
+    }
+
+    /// Whether the last report of its mode, or of whether it is armed, differs from the one before.
+    #[must_use]
+    pub fn is_in_doubt(&self) -> bool {
+        !self.mode.is_certain || !self.is_armed.is_certain
+    }
+
+    /// Whether a report of its mode has come since the last call: what may change the mode is sent only then.
+    pub fn take_new_mode(&mut self) -> bool {
+        std::mem::take(&mut self.has_new_mode)
+    }
+
+    /// Whether it has disarmed on the ground: it says so, and where it is agrees with that.
+    #[must_use]
+    pub fn has_disarmed(&self, now_s: f64) -> bool {
+        let stands = || {
+            let is_slow = self.fix().is_some_and(|fix| Vector3::from(fix.velocity_mps).norm() < STANDS_MPS);
+            is_slow && self.disarmed_s.is_some_and(|disarmed_s| now_s - disarmed_s >= STANDS_S)
+        };
+        self.is_armed.believed == Some(false) && (!self.is_high() || stands())
     }
 
     /// Its last position.
@@ -88,23 +200,48 @@ impl VehicleState {
         self.fix.as_ref().map(|(fix, _)| fix)
     }
 
+    /// When its last position came [s].
+    #[must_use]
+    pub fn fix_s(&self) -> Option<f64> {
+        self.fix.as_ref().map(|(_, heard_s)| *heard_s)
+    }
+
     /// Whether its position is current.
     #[must_use]
     pub fn has_current_fix(&self, now_s: f64) -> bool {
         self.fix.as_ref().is_some_and(|(_, heard_s)| now_s - heard_s < OLD_FIX_S)
     }
 
+    /// How long it has said nothing [s], if that is too long.
+    #[must_use]
+    pub fn silence_s(&self, now_s: f64) -> Option<f64> {
+        self.heard_s.map(|heard_s| now_s - heard_s).filter(|silence_s| *silence_s >= LOST_S)
+    }
+
+    /// Whether its battery is low.
+    #[must_use]
+    pub fn is_battery_low(&self) -> bool {
+        self.low_reports >= LOW_REPORTS
+    }
+
     /// Whether it is in the air.
     #[must_use]
     pub fn is_in_air(&self) -> bool {
-        let is_high = self.fix().is_some_and(|fix| fix.above_home_m > IN_AIR_M);
-        self.is_armed && self.says_in_air.unwrap_or(is_high)
+        self.is_armed.believed == Some(true) && self.is_high()
+    }
+
+    /// Whether it is above the ground, by its own judgement or by its altitude.
+    fn is_high(&self) -> bool {
+        let is_above_home = self.fix().is_some_and(|fix| fix.above_home_m > IN_AIR_M);
+        self.says_in_air.unwrap_or(is_above_home)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const LOW: f64 = 0.15;
 
     fn fix() -> Telemetry {
         Telemetry::Position(Fix {
@@ -118,31 +255,97 @@ mod tests {
         })
     }
 
+    fn heartbeat(autopilot: AutopilotKind, mode: u32, is_armed: bool) -> Telemetry {
+        Telemetry::Heartbeat { autopilot, mode, is_armed, is_booting: false }
+    }
+
     #[test]
     fn all_messages_are_requested_if_positions_are_rare() {
         let mut state = VehicleState::default();
         assert_eq!(state.requests(0.0).count(), 0, "nobody is there");
-        state.hear(&Telemetry::Heartbeat { autopilot: AutopilotKind::Px4, mode: 0, is_armed: true }, 0.0);
-        assert_eq!(state.requests(0.0).count(), 4);
+        state.hear(&heartbeat(AutopilotKind::Px4, 0, true), LOW, 0.0);
+        assert_eq!(state.requests(0.0).count(), 7);
         assert_eq!(state.requests(1.0).count(), 0);
-        (0..10).for_each(|_| state.hear(&fix(), 1.0));
-        assert_eq!(state.requests(2.0).count(), 4, "5 Hz instead of 20");
-        (0..30).for_each(|_| state.hear(&fix(), 3.0));
+        let hear = |state: &mut VehicleState, positions: u32, modes: u32, now_s: f64| {
+            (0..positions).for_each(|_| state.hear(&fix(), LOW, now_s));
+            (0..modes).for_each(|_| state.hear(&Telemetry::Mode(0), LOW, now_s));
+        };
+        state.hear(&Telemetry::Battery(None), LOW, 1.0);
+        hear(&mut state, 10, 10, 1.0);
+        assert_eq!(state.requests(2.0).count(), 7, "5 Hz instead of 20");
+        hear(&mut state, 30, 10, 3.0);
         assert_eq!(state.requests(4.0).count(), 0);
-        state.hear(&Telemetry::Heartbeat { autopilot: AutopilotKind::ArduPilot, mode: 4, is_armed: true }, 5.0);
+        state.hear(&heartbeat(AutopilotKind::ArduPilot, 4, true), LOW, 5.0);
         let is_accuracy = |order| matches!(order, Order::Interval { stream: Stream::Accuracy, .. });
-        assert!(state.requests(6.0).count() == 3 && !state.requests(8.0).any(is_accuracy));
+        assert!(state.requests(6.0).count() == 6 && !state.requests(8.0).any(is_accuracy));
+    }
+
+    #[test]
+    fn the_battery_is_requested_until_it_is_reported_and_modes_a_few_times() {
+        let mut state = VehicleState::default();
+        state.hear(&heartbeat(AutopilotKind::Px4, 0, false), LOW, 0.0);
+        let requests = |state: &mut VehicleState, checks: u32| {
+            let requests = (0..checks).map(|_| {
+                (0..40).for_each(|_| state.hear(&fix(), LOW, 0.0));
+                state.streams_due_s = 0.0;
+                usize::from(state.requests(0.0).next().is_some())
+            });
+            requests.sum::<usize>()
+        };
+        assert_eq!(requests(&mut state, 20), 20, "without a battery");
+        state.hear(&Telemetry::Battery(Some(0.5)), LOW, 0.0);
+        state.requests = 0;
+        assert_eq!(requests(&mut state, 20), 5, "it says its mode once a second, whatever is requested");
     }
 
     #[test]
     fn the_air_state_is_inferred_from_altitude_if_not_reported() {
         let mut state = VehicleState::default();
-        state.hear(&Telemetry::Heartbeat { autopilot: AutopilotKind::Px4, mode: 0, is_armed: true }, 0.0);
+        (0..2).for_each(|_| state.hear(&heartbeat(AutopilotKind::Px4, 0, true), LOW, 0.0));
         assert!(!state.is_in_air());
-        state.hear(&fix(), 0.0);
+        state.hear(&fix(), LOW, 0.0);
         assert!(state.is_in_air());
-        state.hear(&Telemetry::InAir(false), 0.0);
+        state.hear(&Telemetry::InAir(false), LOW, 0.0);
         assert!(!state.is_in_air());
         assert!(state.has_current_fix(1.9) && !state.has_current_fix(2.1));
+    }
+
+    #[test]
+    fn one_odd_heartbeat_is_a_doubt_and_two_are_believed() {
+        let mut state = VehicleState::default();
+        let mut hear = |mode: u32, is_armed: bool| {
+            state.hear(&heartbeat(AutopilotKind::ArduPilot, mode, is_armed), LOW, 0.0);
+            (state.mode(), state.is_armed(), state.is_in_doubt())
+        };
+        assert_eq!(hear(4, true), (None, None, true));
+        assert_eq!(hear(4, true), (Some(4), Some(true), false));
+        assert_eq!(hear(0, false), (Some(4), Some(true), true));
+        assert_eq!(hear(4, true), (Some(4), Some(true), true), "which of them was odd?");
+        assert_eq!(hear(4, true), (Some(4), Some(true), false));
+        assert_eq!(hear(0, true), (Some(4), Some(true), true));
+        assert_eq!(hear(0, true), (Some(0), Some(true), false));
+    }
+
+    #[test]
+    fn a_disarmed_vehicle_is_believed_where_its_position_agrees() {
+        let mut state = VehicleState::default();
+        let says = |state: &mut VehicleState, now_s| state.hear(&heartbeat(AutopilotKind::Px4, 0, false), LOW, now_s);
+        state.hear(&fix(), LOW, 0.0);
+        says(&mut state, 0.0);
+        says(&mut state, 1.0);
+        assert!(!state.has_disarmed(1.0), "20 m up");
+        assert!(!state.has_disarmed(4.9) && state.has_disarmed(5.0), "it stands on a roof");
+        state.hear(&Telemetry::InAir(false), LOW, 1.0);
+        assert!(state.has_disarmed(1.0), "it says that it is on the ground");
+    }
+
+    #[test]
+    fn three_low_reports_in_a_row_are_a_low_battery() {
+        let mut state = VehicleState::default();
+        let mut low = |percent: u32| {
+            state.hear(&Telemetry::Battery(Some(f64::from(percent) / 100.0)), LOW, 0.0);
+            state.is_battery_low()
+        };
+        assert_eq!([14, 14, 15, 14, 14, 14, 13].map(&mut low), [false, false, false, false, false, true, true]);
     }
 }

@@ -43,13 +43,17 @@ pub enum Telemetry {
         mode: u32,
         /// Whether its motors may run.
         is_armed: bool,
+        /// Whether its autopilot is still starting.
+        is_booting: bool,
     },
+    /// The flight mode, beside heartbeats.
+    Mode(u32),
     /// Where it is.
     Position(Fix),
     /// Standard deviations of the position [m], horizontal and vertical.
     Accuracy([f64; 2]),
-    /// Energy that is left, as a fraction of the battery's capacity.
-    Battery(f64),
+    /// Energy that is left, as a fraction of the battery's capacity; `None` if it does not measure it.
+    Battery(Option<f64>),
     /// Whether it is in the air, by its own judgement.
     InAir(bool),
     /// The answer to an order.
@@ -65,8 +69,10 @@ pub enum Telemetry {
     Parameter {
         /// Its name.
         name: String,
-        /// Its value. PX4 sends the bits of an integer; 0 is 0 in both.
+        /// Its value as it was sent ([`AutopilotKind::parameter`]).
         value: f32,
+        /// Whether it is an integer.
+        is_integer: bool,
     },
 }
 
@@ -83,8 +89,14 @@ pub enum Stream {
     Position,
     /// [`Telemetry::Accuracy`].
     Accuracy,
-    /// [`Telemetry::Battery`].
+    /// [`Telemetry::Heartbeat`].
+    Heartbeat,
+    /// [`Telemetry::Mode`].
+    Mode,
+    /// [`Telemetry::Battery`], of each battery.
     Battery,
+    /// [`Telemetry::Battery`], of the vehicle.
+    Status,
     /// [`Telemetry::InAir`].
     InAir,
 }

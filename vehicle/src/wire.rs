@@ -1,62 +1,157 @@
 //! A MAVLink connection that is opened again when it breaks, and a thread that receives from it.
+//!
+//! Over UDP every message has the address of its sender, and is sent to an address: who is answered is decided in
+//! [`crate::link`], not by whoever spoke last.
 
 use std::fmt;
 use std::io;
+use std::net::{SocketAddr, ToSocketAddrs as _, UdpSocket};
 use std::str::FromStr;
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
 
 use mavlink::dialects::common::MavMessage;
 use mavlink::error::MessageReadError;
-use mavlink::{Connection, MavConnection as _, MavHeader};
+use mavlink::{Connection, MAVLinkV2MessageRaw, MavConnection as _, MavHeader, MavlinkReader};
 
 /// Time between two attempts to open a connection.
 const REOPEN_EVERY: Duration = Duration::from_millis(500);
 
-/// The address of a MAVLink connection, such as `udpin:127.0.0.1:14540`.
+/// Messages that wait to be taken; further ones wait in the system, which loses those that it cannot keep.
+const WAITING: usize = 4096;
+
+/// Greatest datagram [byte].
+const DATAGRAM: usize = 65_536;
+
+/// The address of a MAVLink connection, such as `udpin:127.0.0.1:14540?system=3`.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct WireAddress(String);
+pub struct WireAddress {
+    /// As it was written.
+    text: String,
+    /// Scheme, host and port, or device and rate.
+    endpoint: String,
+    /// The system of the vehicle, if it is named.
+    pub system: Option<u8>,
+    /// System of the bridge: that of a ground station, whose silence autopilots notice.
+    pub own_system: u8,
+    /// Component of the bridge: a ground station.
+    pub own_component: u8,
+}
 
 impl FromStr for WireAddress {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
+        let (endpoint, options) = text.split_once('?').map_or((text, None), |(endpoint, all)| (endpoint, Some(all)));
         let is_known = ["udpin", "udpout", "udpbcast", "tcpin", "tcpout", "serial"]
             .iter()
-            .any(|scheme| text.strip_prefix(scheme).is_some_and(|rest| rest.starts_with(':')));
-        let has_place = text.splitn(3, ':').filter(|part| !part.is_empty()).count() == 3;
-        let is_address = is_known && has_place;
-        is_address.then(|| Self(text.to_owned())).ok_or_else(|| {
-            "expected udpin, udpout, udpbcast, tcpin or tcpout with :HOST:PORT, or serial:DEVICE:BAUD".to_owned()
-        })
+            .any(|scheme| endpoint.strip_prefix(scheme).is_some_and(|rest| rest.starts_with(':')));
+        let has_place = endpoint.splitn(3, ':').filter(|part| !part.is_empty()).count() == 3;
+        if !is_known || !has_place {
+            let schemes = "expected udpin, udpout, udpbcast, tcpin or tcpout with :HOST:PORT, or serial:DEVICE:BAUD";
+            return Err(schemes.to_owned());
+        }
+        let [text, endpoint] = [text, endpoint].map(str::to_owned);
+        let mut address = Self { text, endpoint, system: None, own_system: 255, own_component: 190 };
+        for option in options.iter().flat_map(|options| options.split('&')) {
+            let (key, value) = option.split_once('=').unwrap_or((option, ""));
+            let number = value.parse().ok().filter(|number| *number > 0);
+            let expected =
+                |number: Option<u8>| number.ok_or_else(|| format!("{option}: expected {key}=1 to {key}=255"));
+            match key {
+                "system" => address.system = Some(expected(number)?),
+                "own_system" => address.own_system = expected(number)?,
+                "own_component" => address.own_component = expected(number)?,
+                _ => return Err(format!("{option}: expected system=N, own_system=N or own_component=N after the `?`")),
+            }
+        }
+        Ok(address)
     }
 }
 
 impl fmt::Display for WireAddress {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter.write_str(&self.0)
+        formatter.write_str(&self.text)
     }
 }
 
 impl WireAddress {
-    fn open(&self) -> io::Result<Connection<MavMessage>> {
-        let mut connection = mavlink::connect::<MavMessage>(&self.0)?;
+    /// Whether both name the same connection, whatever their options.
+    #[must_use]
+    pub fn shares_wire(&self, other: &Self) -> bool {
+        self.endpoint == other.endpoint
+    }
+
+    fn open(&self) -> io::Result<Transport> {
+        let is_udp = |scheme: &str| self.endpoint.strip_prefix(scheme);
+        if let Some(place) = is_udp("udpin:") {
+            return Ok(Transport::Udp(Datagrams::new(UdpSocket::bind(place)?, None)));
+        }
+        if let Some(place) = is_udp("udpout:").or_else(|| is_udp("udpbcast:")) {
+            let peer = place.to_socket_addrs()?.next().ok_or(io::ErrorKind::NotFound)?;
+            let any = if peer.is_ipv6() { "[::]:0" } else { "0.0.0.0:0" };
+            let socket = UdpSocket::bind(any)?;
+            socket.set_broadcast(self.endpoint.starts_with("udpbcast:"))?;
+            return Ok(Transport::Udp(Datagrams::new(socket, Some(peer))));
+        }
+        let mut connection = mavlink::connect::<MavMessage>(&self.endpoint)?;
         mavlink::MavConnection::set_allow_recv_any_version(&mut connection, true);
-        Ok(connection)
+        Ok(Transport::Stream(Box::new(connection)))
     }
 
     /// Whether opening it waits for nobody: it then fails at once if it cannot be opened at all.
     fn opens_at_once(&self) -> bool {
-        self.0.starts_with("udp") || self.0.starts_with("serial")
+        self.endpoint.starts_with("udp") || self.endpoint.starts_with("serial")
     }
+}
+
+/// An open connection.
+enum Transport {
+    Udp(Datagrams),
+    /// TCP, or serial: it has one peer.
+    Stream(Box<Connection<MavMessage>>),
+}
+
+/// A UDP socket.
+struct Datagrams {
+    socket: UdpSocket,
+    /// Who is spoken to before anybody was heard.
+    peer: Option<SocketAddr>,
+    sequence: AtomicU8,
+}
+
+impl Datagrams {
+    fn new(socket: UdpSocket, peer: Option<SocketAddr>) -> Self {
+        Self { socket, peer, sequence: AtomicU8::new(0) }
+    }
+
+    fn send(&self, header: &MavHeader, message: &MavMessage, to: Option<SocketAddr>) -> io::Result<()> {
+        let Some(to) = to.or(self.peer) else { return Ok(()) };
+        let header = MavHeader { sequence: self.sequence.fetch_add(1, Ordering::Relaxed), ..*header };
+        let mut frame = MAVLinkV2MessageRaw::new();
+        frame.serialize_message(header, message);
+        self.socket.send_to(frame.raw_bytes(), to).map(drop)
+    }
+}
+
+/// A message that was received.
+#[derive(Debug)]
+pub struct Received {
+    /// The address of its sender, over UDP.
+    pub from: Option<SocketAddr>,
+    /// Its sender by its own account.
+    pub header: MavHeader,
+    /// The message.
+    pub message: MavMessage,
 }
 
 /// A connection, open or not.
 pub struct Wire {
-    open: Arc<Mutex<Option<Arc<Connection<MavMessage>>>>>,
-    received: Receiver<(MavHeader, MavMessage)>,
+    open: Arc<Mutex<Option<Arc<Transport>>>>,
+    received: Receiver<Received>,
 }
 
 impl Wire {
@@ -67,7 +162,7 @@ impl Wire {
     pub fn open(address: &WireAddress) -> io::Result<Self> {
         let first = address.opens_at_once().then(|| address.open()).transpose()?;
         let open = Arc::new(Mutex::new(first.map(Arc::new)));
-        let (sender, received) = channel();
+        let (sender, received) = sync_channel(WAITING);
         let wire = Self { open: Arc::clone(&open), received };
         let address = address.clone();
         thread::spawn(move || receive(&address, &open, &sender));
@@ -75,47 +170,81 @@ impl Wire {
     }
 
     /// The next message that was received, if there is one.
-    pub fn receive(&self) -> Option<(MavHeader, MavMessage)> {
+    pub fn receive(&self) -> Option<Received> {
         self.received.try_recv().ok()
     }
 
-    /// Sends a message, unless the connection is not open: then it is lost, as on any link.
-    pub fn send(&self, header: &MavHeader, message: &MavMessage) {
-        let connection = self.open.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        if let Some(connection) = connection {
-            let _ = connection.send(header, message); // the receiver notices a broken connection
+    /// Sends a message, over UDP to the address `to`, or to that of the connection without one. Unless the connection
+    /// is open, and has an address: then it is lost, as on any link.
+    pub fn send(&self, header: &MavHeader, message: &MavMessage, to: Option<SocketAddr>) {
+        let transport = self.open.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        match transport.as_deref() {
+            Some(Transport::Udp(datagrams)) => drop(datagrams.send(header, message, to)),
+            Some(Transport::Stream(stream)) => drop(stream.send(header, message)), // the receiver notices a broken one
+            None => {}
         }
     }
 }
 
 /// Receives until nobody takes the messages.
-fn receive(
-    address: &WireAddress,
-    open: &Mutex<Option<Arc<Connection<MavMessage>>>>,
-    sender: &Sender<(MavHeader, MavMessage)>,
-) {
+fn receive(address: &WireAddress, open: &Mutex<Option<Arc<Transport>>>, sender: &SyncSender<Received>) {
     let slot = || open.lock().unwrap_or_else(PoisonError::into_inner);
     loop {
         let current = slot().clone();
-        let Some(connection) = current.or_else(|| address.open().ok().map(Arc::new)) else {
+        let Some(transport) = current.or_else(|| address.open().ok().map(Arc::new)) else {
             thread::sleep(REOPEN_EVERY);
             continue;
         };
-        *slot() = Some(Arc::clone(&connection));
-        loop {
-            match connection.recv() {
-                Ok(message) => {
-                    if sender.send(message).is_err() {
-                        return;
-                    }
-                }
-                Err(MessageReadError::Parse(_)) => {} // a message of another dialect
-                Err(MessageReadError::Io(error)) if is_pause(&error) => {}
-                Err(MessageReadError::Io(_)) => break,
-            }
+        *slot() = Some(Arc::clone(&transport));
+        let is_wanted = match &*transport {
+            Transport::Udp(datagrams) => receive_datagrams(&datagrams.socket, sender),
+            Transport::Stream(stream) => receive_stream(stream, sender),
+        };
+        if !is_wanted {
+            return;
         }
         *slot() = None;
         thread::sleep(REOPEN_EVERY);
+    }
+}
+
+/// Receives until the socket fails; returns whether messages are still wanted.
+fn receive_datagrams(socket: &UdpSocket, sender: &SyncSender<Received>) -> bool {
+    let mut buffer = vec![0; DATAGRAM];
+    loop {
+        let (length, from) = match socket.recv_from(&mut buffer) {
+            Ok(datagram) => datagram,
+            Err(error) if is_pause(&error) => continue,
+            Err(_) => return true,
+        };
+        let mut reader = MavlinkReader::new(&buffer[..length]);
+        loop {
+            match reader.read_any_message::<MavMessage>() {
+                Ok((header, message)) => {
+                    if sender.send(Received { from: Some(from), header, message }).is_err() {
+                        return false;
+                    }
+                }
+                Err(MessageReadError::Parse(_)) => {} // a message of another dialect
+                Err(MessageReadError::Io(_)) => break, // the end of the datagram
+            }
+        }
+    }
+}
+
+/// Receives until the connection breaks; returns whether messages are still wanted.
+fn receive_stream(stream: &Connection<MavMessage>, sender: &SyncSender<Received>) -> bool {
+    loop {
+        match stream.recv() {
+            Ok((header, message)) => {
+                if sender.send(Received { from: None, header, message }).is_err() {
+                    return false;
+                }
+            }
+            Err(MessageReadError::Parse(_)) => {} // a message of another dialect
+            Err(MessageReadError::Io(error)) if is_pause(&error) => {}
+            Err(MessageReadError::Io(_)) => return true,
+        }
     }
 }
 
@@ -138,6 +267,26 @@ mod tests {
         for address in ["", "udpin", "udpin:", "udpin:14540", "udp:127.0.0.1:14540", "serial:/dev/ttyUSB0", "file:x:y"]
         {
             assert!(address.parse::<WireAddress>().is_err(), "{address}");
+        }
+    }
+
+    #[test]
+    fn an_address_may_name_the_vehicle_and_the_bridge() {
+        let parsed = |text: &str| text.parse::<WireAddress>();
+        let ids = |address: WireAddress| (address.system, address.own_system, address.own_component);
+        assert_eq!(parsed("udpin:127.0.0.1:14540").map(ids), Ok((None, 255, 190)));
+        assert_eq!(parsed("tcpout:drone:5760?system=3").map(ids), Ok((Some(3), 255, 190)));
+        let named = parsed("serial:/dev/ttyUSB0:57600?own_system=250&system=255&own_component=1").unwrap();
+        assert!(named.shares_wire(&parsed("serial:/dev/ttyUSB0:57600").unwrap()));
+        assert_eq!(ids(named), (Some(255), 250, 1));
+        for (options, expected) in [
+            ("system=0", "system=0: expected system=1 to system=255"),
+            ("system=256", "system=256: expected system=1 to system=255"),
+            ("own_system=", "own_system=: expected own_system=1 to own_system=255"),
+            ("sysid=1", "sysid=1: expected system=N, own_system=N or own_component=N after the `?`"),
+            ("", ": expected system=N, own_system=N or own_component=N after the `?`"),
+        ] {
+            assert_eq!(parsed(&format!("udpin:127.0.0.1:14540?{options}")), Err(expected.to_owned()));
         }
     }
 }

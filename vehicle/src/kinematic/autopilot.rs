@@ -28,6 +28,8 @@ pub enum CopterMode {
     Stabilize = 0,
     /// Follows orders.
     Guided = 4,
+    /// Flown by a pilot who lets it hover.
+    Loiter = 5,
     /// Returns and lands.
     Return = 6,
 }
@@ -143,13 +145,30 @@ impl Copter {
         }
     }
 
-    fn change_to(&mut self, mode: CopterMode) -> MavResult {
+    /// Changes to `mode`, as a pilot or a failsafe does.
+    pub fn change_to(&mut self, mode: CopterMode) -> MavResult {
         self.mode = mode;
         if let Some(target_m) = &mut self.target_m {
             *target_m = self.body.position_m; // stops where it is
             target_m.z = target_m.z.max(if mode == CopterMode::Return { RETURN_M } else { 0.0 });
         }
         MavResult::MAV_RESULT_ACCEPTED
+    }
+
+    /// Disarms at once, also in the air: it falls.
+    pub fn disarm(&mut self) {
+        self.is_armed = false;
+        self.target_m = None;
+        self.body.position_m.z = 0.0;
+        self.body.stand();
+    }
+
+    /// Is armed and taken off to `z_m` [m] by its pilot.
+    pub fn take_off_by_hand(&mut self, z_m: f64) {
+        self.change_to(CopterMode::Loiter);
+        self.is_armed = true;
+        self.armed_s = self.boot_s;
+        self.target_m = Some(Vector3::new(self.body.position_m.x, self.body.position_m.y, z_m));
     }
 
     fn arm(&mut self) -> MavResult {

@@ -55,8 +55,8 @@ pub struct KinematicOptions {
     /// Time after take-off at which a failsafe returns the vehicle [s].
     #[arg(long, value_name = "S", value_parser = positive())]
     pub failsafe_at: Option<f64>,
-    /// FS_GCS_ENABLE: whether it returns when the bridge is silent (1), or not (0).
-    #[arg(long, value_name = "0|1", default_value = "1", value_parser = clap::value_parser!(u8).range(0..=1))]
+    /// FS_GCS_ENABLE: it returns when the bridge is silent, unless it is 0.
+    #[arg(long, value_name = "0..7", default_value = "1", value_parser = clap::value_parser!(u8).range(0..=7))]
     pub dead_man: u8,
     /// FS_GCS_TIMEOUT: how long the bridge is silent before it returns [s].
     #[arg(long, value_name = "S", default_value = "5", value_parser = positive())]

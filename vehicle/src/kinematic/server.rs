@@ -1,6 +1,7 @@
 //! The vehicles on a MAVLink connection: takes orders, and sends telemetry.
 
 use std::io;
+use std::net::SocketAddr;
 use std::time::{Duration, Instant};
 
 use mavlink::dialects::common::{
@@ -19,8 +20,7 @@ use skysink_common::stop::Stop;
 
 use super::KinematicOptions;
 use super::autopilot::{Copter, Given};
-use crate::link::SYSTEM;
-use crate::wire::Wire;
+use crate::wire::{Received, Wire};
 
 /// Step of the vehicles [s].
 const STEP_S: f64 = 0.01;
@@ -31,7 +31,10 @@ const HOME_M: f64 = 488.0;
 /// Distance between the homes of two vehicles [m].
 const APART_M: f64 = 5.0;
 
-/// Period of heartbeats and of the other telemetry [s].
+/// MAV_GCS_SYSID: the system of the ground station whose heartbeats it counts.
+const GROUND_STATION: u8 = 255;
+
+/// Period of the other telemetry, and of heartbeats that nobody has asked for [s].
 const SLOW_S: f64 = 1.0;
 
 /// Period of positions that nobody has asked for [s].
@@ -40,11 +43,39 @@ const DEFAULT_S: f64 = 0.25;
 /// The connection of the vehicles, on which messages get lost, with its random numbers.
 struct LossyLink<'a> {
     wire: Wire,
+    /// Who was heard over UDP: everybody hears the vehicles.
+    peers: Vec<SocketAddr>,
     random: ChaCha8Rng,
     options: &'a KinematicOptions,
 }
 
-impl LossyLink<'_> {
+impl<'a> LossyLink<'a> {
+    fn new(wire: Wire, options: &'a KinematicOptions) -> Self {
+        Self { wire, peers: Vec::new(), random: ChaCha8Rng::seed_from_u64(options.seed), options }
+    }
+
+    /// The next message. The heartbeat of one ground station is passed on to the others, as autopilots do.
+    fn receive(&mut self) -> Option<Received> {
+        let received = self.wire.receive()?;
+        if let Some(from) = received.from {
+            if !self.peers.contains(&from) {
+                self.peers.push(from);
+            }
+            if matches!(received.message, MavMessage::HEARTBEAT(_)) {
+                let others = self.peers.iter().filter(|peer| **peer != from);
+                others.for_each(|peer| self.wire.send(&received.header, &received.message, Some(*peer)));
+            }
+        }
+        Some(received)
+    }
+
+    fn send(&self, header: &MavHeader, message: &MavMessage) {
+        if self.peers.is_empty() {
+            self.wire.send(header, message, None);
+        }
+        self.peers.iter().for_each(|peer| self.wire.send(header, message, Some(*peer)));
+    }
+
     fn loses(&mut self) -> bool {
         self.random.random::<f64>() < self.options.loss
     }
@@ -57,23 +88,25 @@ struct LinkedCopter {
     projection: Projection,
     position_every_s: f64,
     position_due_s: f64,
+    heartbeat_every_s: f64,
+    heartbeat_due_s: f64,
     slow_due_s: f64,
 }
 
-/// Flies until `stop`. Shows the vehicles, in the order of their systems, to `seen` about every millisecond.
+/// Flies until `stop`. Shows the vehicles, in the order of their systems, to `seen` about every millisecond, which may be
+/// their pilot.
 ///
 /// # Errors
 /// If the connection cannot be opened.
-pub fn serve(options: &KinematicOptions, stop: &Stop, mut seen: impl FnMut(usize, &Copter)) -> io::Result<()> {
-    let random = ChaCha8Rng::seed_from_u64(options.seed);
-    let mut link = LossyLink { wire: Wire::open(&options.connect)?, random, options };
+pub fn serve(options: &KinematicOptions, stop: &Stop, mut seen: impl FnMut(usize, &mut Copter)) -> io::Result<()> {
+    let mut link = LossyLink::new(Wire::open(&options.connect)?, options);
     let first = Projection::at(options.home);
     let mut vehicles: Vec<LinkedCopter> =
         (1..=options.count).map(|system| LinkedCopter::new(options, system, &first)).collect();
     let begin = Instant::now();
     let mut steps: u64 = 0;
     while stop.requested().is_none() {
-        while let Some((header, message)) = link.wire.receive() {
+        while let Some(Received { header, message, .. }) = link.receive() {
             if !link.loses() {
                 vehicles.iter_mut().for_each(|vehicle| vehicle.hear(&header, &message, &mut link));
             }
@@ -86,7 +119,7 @@ pub fn serve(options: &KinematicOptions, stop: &Stop, mut seen: impl FnMut(usize
                 vehicle.speak(&mut link);
             }
         }
-        vehicles.iter().enumerate().for_each(|(index, vehicle)| seen(index, &vehicle.copter));
+        vehicles.iter_mut().enumerate().for_each(|(index, vehicle)| seen(index, &mut vehicle.copter));
         std::thread::sleep(Duration::from_millis(1));
     }
     Ok(())
@@ -102,13 +135,15 @@ impl LinkedCopter {
             projection: Projection::at(Origin { lat_deg: home.lat_deg, lon_deg: home.lon_deg }),
             position_every_s: DEFAULT_S,
             position_due_s: 0.0,
+            heartbeat_every_s: SLOW_S,
+            heartbeat_due_s: 0.0,
             slow_due_s: 0.0,
         }
     }
 
     fn send(&self, message: &MavMessage, link: &mut LossyLink) {
         if !link.loses() {
-            link.wire.send(&MavHeader { system_id: self.system.into(), component_id: 1, sequence: 0 }, message);
+            link.send(&MavHeader { system_id: self.system.into(), component_id: 1, sequence: 0 }, message);
         }
     }
 
@@ -116,7 +151,7 @@ impl LinkedCopter {
     fn hear(&mut self, header: &MavHeader, message: &MavMessage, link: &mut LossyLink) {
         let is_mine = |target: u8| target == 0 || target == self.system;
         match message {
-            MavMessage::HEARTBEAT(_) if header.system_id == SYSTEM => self.copter.hear_bridge(),
+            MavMessage::HEARTBEAT(_) if header.system_id == u32::from(GROUND_STATION) => self.copter.hear_bridge(),
             MavMessage::COMMAND_LONG(command) if is_mine(command.target_system) => {
                 let [p1, p2, p7] = [command.param1, command.param2, command.param7].map(f64::from);
                 let result = self.obey_long(command.command, p1, p2, p7);
@@ -129,11 +164,14 @@ impl LinkedCopter {
                 };
                 self.answer(command.command, result, link);
             }
-            MavMessage::PARAM_REQUEST_READ(request)
-                if is_mine(request.target_system) && request.param_id.to_str() == Ok("FS_GCS_ENABLE") =>
-            {
+            MavMessage::PARAM_REQUEST_READ(request) if is_mine(request.target_system) => {
+                let param_value = match request.param_id.to_str() {
+                    Ok("FS_GCS_ENABLE") => f32::from(link.options.dead_man),
+                    Ok("MAV_GCS_SYSID") => f32::from(GROUND_STATION),
+                    _ => return,
+                };
                 let value = MavMessage::PARAM_VALUE(PARAM_VALUE_DATA {
-                    param_value: f32::from(link.options.dead_man),
+                    param_value,
                     param_count: 1,
                     param_index: 0,
                     param_id: request.param_id,
@@ -153,8 +191,11 @@ impl LinkedCopter {
             MavCmd::MAV_CMD_DO_CHANGE_SPEED => Given::Speed(p2),
             MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH => Given::Return,
             MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
-                if p1 == GLOBAL_POSITION_INT_DATA::ID as f64 {
-                    self.position_every_s = if p2 > 0.0 { p2 / 1e6 } else { DEFAULT_S };
+                let asked_s = (p2 > 0.0).then_some(p2 / 1e6);
+                if p1 == f64::from(GLOBAL_POSITION_INT_DATA::ID) {
+                    self.position_every_s = asked_s.unwrap_or(DEFAULT_S);
+                } else if p1 == f64::from(HEARTBEAT_DATA::ID) {
+                    self.heartbeat_every_s = asked_s.unwrap_or(SLOW_S);
                 }
                 return MavResult::MAV_RESULT_ACCEPTED;
             }
@@ -192,9 +233,13 @@ impl LinkedCopter {
             let position = self.position(link);
             self.send(&position, link);
         }
+        if now_s >= self.heartbeat_due_s {
+            self.heartbeat_due_s = now_s + self.heartbeat_every_s;
+            self.send(&self.heartbeat(), link);
+        }
         if now_s >= self.slow_due_s {
             self.slow_due_s = now_s + SLOW_S;
-            for message in [self.heartbeat(), self.battery(), self.landed_state()] {
+            for message in [self.battery(), self.landed_state()] {
                 self.send(&message, link);
             }
         }
@@ -260,7 +305,7 @@ mod tests {
         let port = std::net::UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()).unwrap().port();
         let wire = |scheme: &str| Wire::open(&format!("{scheme}:127.0.0.1:{port}").parse().unwrap()).unwrap();
         let peer = wire("udpin");
-        let link = LossyLink { wire: wire("udpout"), random: ChaCha8Rng::seed_from_u64(1), options };
+        let link = LossyLink::new(wire("udpout"), options);
         (LinkedCopter::new(options, 1, &Projection::at(options.home)), link, peer)
     }
 
@@ -270,7 +315,7 @@ mod tests {
         let mut messages = Vec::new();
         while messages.len() < count {
             assert!(begin.elapsed() < Duration::from_secs(10), "only {messages:?}");
-            messages.extend(peer.receive().map(|(_, message)| message));
+            messages.extend(peer.receive().map(|received| received.message));
         }
         messages
     }
@@ -332,7 +377,7 @@ mod tests {
     fn it_tells_its_own_dead_man_switch_and_no_other_parameter() {
         let options = KinematicOptions { dead_man: 0, ..KinematicOptions::default() };
         let (mut vehicle, mut link, peer) = linked(&options);
-        let header = MavHeader { system_id: SYSTEM, component_id: 190, sequence: 0 };
+        let header = MavHeader { system_id: GROUND_STATION.into(), component_id: 190, sequence: 0 };
         for (target_system, name) in [(1, "FS_GCS_TIMEOUT"), (2, "FS_GCS_ENABLE"), (1, "FS_GCS_ENABLE")] {
             let asked = PARAM_REQUEST_READ_DATA { target_system, param_id: name.into(), ..Default::default() };
             vehicle.hear(&header, &MavMessage::PARAM_REQUEST_READ(asked), &mut link);

@@ -1,0 +1,265 @@
+//! Which of the vehicles on a connection is flown: the one that the address names, or the only one there. An autopilot
+//! that nobody has named gets no order while there is another.
+
+use std::collections::BTreeMap;
+use std::net::SocketAddr;
+
+use mavlink::dialects::common::MavType;
+
+use crate::telemetry::Fix;
+
+/// How long a connection is listened to before the only vehicle on it is chosen [s].
+const LISTEN_S: f64 = 4.0;
+
+/// How long a vehicle keeps its address against a second sender of its system [s].
+const KEEPS_ADDRESS_S: f64 = 2.0;
+
+/// Types of vehicles that hover, and whose modes are those of copters.
+const HOVERING: [MavType; 9] = [
+    MavType::MAV_TYPE_QUADROTOR,
+    MavType::MAV_TYPE_COAXIAL,
+    MavType::MAV_TYPE_HELICOPTER,
+    MavType::MAV_TYPE_HEXAROTOR,
+    MavType::MAV_TYPE_OCTOROTOR,
+    MavType::MAV_TYPE_TRICOPTER,
+    MavType::MAV_TYPE_DODECAROTOR,
+    MavType::MAV_TYPE_DECAROTOR,
+    MavType::MAV_TYPE_GENERIC_MULTIROTOR,
+];
+
+/// The vehicles on a connection, by their systems.
+#[derive(Debug, Clone, Default)]
+pub struct Vehicles {
+    heard: BTreeMap<u8, Heard>,
+    /// When the first was heard [s].
+    first_s: Option<f64>,
+}
+
+/// A vehicle on a connection.
+#[derive(Debug, Clone)]
+struct Heard {
+    kind: MavType,
+    address: Option<SocketAddr>,
+    /// When it was heard from that address [s].
+    heard_s: f64,
+    /// Another address that has sent for its system.
+    second: Option<SocketAddr>,
+    fix: Option<Fix>,
+}
+
+/// Whether a message is believed to come from the vehicle of its system.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sender {
+    /// From where it was before.
+    Known,
+    /// From a new address, as the old one is silent.
+    Moved,
+    /// From a second address of a system that is heard from another.
+    Second,
+    /// Of a system without an autopilot, so far.
+    Unknown,
+}
+
+impl Vehicles {
+    /// Takes in a heartbeat of an autopilot. Returns whether its system is new.
+    pub fn hear_heartbeat(&mut self, system: u8, kind: MavType, address: Option<SocketAddr>, now_s: f64) -> bool {
+        self.first_s.get_or_insert(now_s);
+        let is_new = !self.heard.contains_key(&system);
+        let new = Heard { kind, address, heard_s: now_s, second: None, fix: None };
+        self.heard.entry(system).or_insert(new);
+        is_new
+    }
+
+    /// Whether a heartbeat of `system` is that of a vehicle of the same type as before.
+    #[must_use]
+    pub fn is_of_type(&self, system: u8, kind: MavType) -> bool {
+        self.heard.get(&system).is_some_and(|heard| heard.kind == kind)
+    }
+
+    /// Takes in that `system` has sent a valid message from `from`.
+    pub fn hear(&mut self, system: u8, from: Option<SocketAddr>, now_s: f64) -> Sender {
+        let Some(heard) = self.heard.get_mut(&system) else { return Sender::Unknown };
+        if heard.address == from {
+            heard.heard_s = now_s;
+            return Sender::Known;
+        }
+        if now_s - heard.heard_s < KEEPS_ADDRESS_S {
+            heard.second = heard.second.or(from);
+            return Sender::Second;
+        }
+        heard.address = from;
+        heard.second = None;
+        heard.heard_s = now_s;
+        Sender::Moved
+    }
+
+    /// Takes in where `system` is.
+    pub fn locate(&mut self, system: u8, fix: &Fix) {
+        if let Some(heard) = self.heard.get_mut(&system) {
+            heard.fix = Some(*fix);
+        }
+    }
+
+    /// The address of `system`; `None` if it was not heard, or not over UDP.
+    #[must_use]
+    pub fn address(&self, system: u8) -> Option<SocketAddr> {
+        self.heard.get(&system)?.address
+    }
+
+    /// Whether somebody at this address is one of the vehicles.
+    #[must_use]
+    pub fn is_at(&self, address: SocketAddr) -> bool {
+        self.heard.values().any(|heard| heard.address == Some(address))
+    }
+
+    /// Which system is flown where the address names `named`, or none; `None` if that is not known yet. `away` says how
+    /// far from its start a vehicle is [m].
+    ///
+    /// # Errors
+    /// If none may be flown, in words.
+    pub fn choose(
+        &self,
+        named: Option<u8>,
+        now_s: f64,
+        away: impl Fn(&Fix) -> Option<f64>,
+    ) -> Result<Option<u8>, String> {
+        let system = match named {
+            Some(named) if self.heard.contains_key(&named) => named,
+            Some(_) => return Ok(None),
+            None => {
+                let has_listened = self.first_s.is_some_and(|first_s| now_s - first_s >= LISTEN_S);
+                let Some((&system, _)) = self.heard.first_key_value().filter(|_| has_listened) else { return Ok(None) };
+                self.check_alone(away)?;
+                system
+            }
+        };
+        self.check(system)?;
+        Ok(Some(system))
+    }
+
+    /// Checks that there is one vehicle.
+    ///
+    /// # Errors
+    /// If there are several, in words.
+    pub fn check_alone(&self, away: impl Fn(&Fix) -> Option<f64>) -> Result<(), String> {
+        if self.heard.len() < 2 {
+            return Ok(());
+        }
+        let row = |(system, heard): (&u8, &Heard)| {
+            let place = heard.fix.as_ref().and_then(&away);
+            let place =
+                place.map_or("at an unknown place".to_owned(), |away_m| format!("{away_m:.0} m from the start"));
+            format!("system {system} ({}, {place})", name(heard.kind))
+        };
+        let rows: Vec<String> = self.heard.iter().map(row).collect();
+        Err(format!(
+            "{} vehicles at its address: {}: expected one, or ?system=N behind the address",
+            rows.len(),
+            rows.join(", ")
+        ))
+    }
+
+    /// Checks that `system` hovers, and is one vehicle.
+    ///
+    /// # Errors
+    /// If not, in words.
+    pub fn check(&self, system: u8) -> Result<(), String> {
+        let Some(heard) = self.heard.get(&system) else { return Ok(()) };
+        if !HOVERING.contains(&heard.kind) {
+            let number = heard.kind as u32;
+            return Err(format!("system {system} is a {} (MAV_TYPE {number}): expected a copter", name(heard.kind)));
+        }
+        if let (Some(first), Some(second)) = (heard.address, heard.second) {
+            return Err(format!("system {system} is heard from {first} and from {second}: expected one vehicle"));
+        }
+        Ok(())
+    }
+
+    /// What `system` is, for people.
+    #[must_use]
+    pub fn describe(&self, system: u8) -> String {
+        let kind = self.heard.get(&system).map(|heard| format!(" ({})", name(heard.kind)));
+        format!("system {system}{}", kind.unwrap_or_default())
+    }
+}
+
+/// The name of a type, such as `ground rover`.
+fn name(kind: MavType) -> String {
+    format!("{kind:?}").trim_start_matches("MAV_TYPE_").to_lowercase().replace('_', " ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use MavType::{MAV_TYPE_FIXED_WING, MAV_TYPE_GCS, MAV_TYPE_GROUND_ROVER, MAV_TYPE_HEXAROTOR, MAV_TYPE_QUADROTOR};
+
+    fn address(port: u16) -> Option<SocketAddr> {
+        Some(SocketAddr::from(([127, 0, 0, 1], port)))
+    }
+
+    fn heard(vehicles: &[(u8, MavType)]) -> Vehicles {
+        let mut all = Vehicles::default();
+        for &(system, kind) in vehicles {
+            let _ = all.hear_heartbeat(system, kind, address(system.into()), 0.0);
+        }
+        all
+    }
+
+    fn choose(vehicles: &[(u8, MavType)], named: Option<u8>, now_s: f64) -> Result<Option<u8>, String> {
+        heard(vehicles).choose(named, now_s, |_| None)
+    }
+
+    #[test]
+    fn the_only_vehicle_is_chosen_after_listening_for_others_and_a_named_one_at_once() {
+        let one = [(7, MAV_TYPE_HEXAROTOR)];
+        assert_eq!(choose(&[], None, 60.0), Ok(None));
+        assert_eq!([0.0, 3.9, 4.0].map(|now_s| choose(&one, None, now_s)), [Ok(None), Ok(None), Ok(Some(7))]);
+        assert_eq!((choose(&one, Some(7), 0.0), choose(&one, Some(1), 60.0)), (Ok(Some(7)), Ok(None)));
+        let two = [(7, MAV_TYPE_HEXAROTOR), (1, MAV_TYPE_QUADROTOR)];
+        assert_eq!(choose(&two, Some(1), 0.0), Ok(Some(1)));
+    }
+
+    #[test]
+    fn of_two_vehicles_none_is_chosen_and_both_are_listed() {
+        let mut two = heard(&[(3, MAV_TYPE_QUADROTOR), (1, MAV_TYPE_GROUND_ROVER)]);
+        let fix = Fix {
+            lat_deg: 0.0,
+            lon_deg: 0.0,
+            above_home_m: 0.0,
+            above_sea_m: 0.0,
+            velocity_mps: [0.0; 3],
+            heading_deg: 0.0,
+            boot_s: 0.0,
+        };
+        two.locate(3, &fix);
+        let expected = "2 vehicles at its address: system 1 (ground rover, at an unknown place), system 3 (quadrotor, 12 m \
+                        from the start): expected one, or ?system=N behind the address";
+        assert_eq!(two.choose(None, 9.0, |_| Some(12.3)), Err(expected.to_owned()));
+    }
+
+    #[test]
+    fn only_what_hovers_is_chosen_even_if_it_is_named() {
+        for (kind, words) in
+            [(MAV_TYPE_GROUND_ROVER, "ground rover"), (MAV_TYPE_FIXED_WING, "fixed wing"), (MAV_TYPE_GCS, "gcs")]
+        {
+            for named in [None, Some(1)] {
+                let number = kind as u32;
+                let expected = format!("system 1 is a {words} (MAV_TYPE {number}): expected a copter");
+                assert_eq!(choose(&[(1, kind)], named, 9.0), Err(expected));
+            }
+        }
+    }
+
+    #[test]
+    fn a_vehicle_keeps_its_address_until_it_is_silent_there() {
+        let mut one = heard(&[(1, MAV_TYPE_QUADROTOR)]);
+        assert_eq!(one.hear(2, address(1), 0.5), Sender::Unknown);
+        assert_eq!(one.hear(1, address(1), 1.0), Sender::Known);
+        assert_eq!(one.hear(1, address(9), 2.9), Sender::Second);
+        assert_eq!(one.address(1), address(1));
+        let two = "system 1 is heard from 127.0.0.1:1 and from 127.0.0.1:9: expected one vehicle";
+        assert_eq!(one.choose(Some(1), 3.0, |_| None), Err(two.to_owned()));
+        assert_eq!(one.hear(1, address(9), 3.0), Sender::Moved);
+        assert_eq!((one.address(1), one.is_at(address(1).unwrap())), (address(9), false));
+    }
+}

@@ -1,0 +1,227 @@
+//! Whether the mode of a vehicle, and that it is armed, follow from the orders of the bridge; otherwise somebody else
+//! flies it.
+
+use crate::autopilot::{AutopilotKind, ModeMeaning};
+use crate::state::VehicleState;
+use crate::telemetry::Order;
+
+/// The modes that the orders of the bridge explain.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+enum Explained {
+    /// None was reported yet.
+    #[default]
+    Nothing,
+    /// The one that it was found in.
+    Found(u32),
+    /// That, and those that an order to follow the bridge leads to.
+    Changing(u32),
+    /// Those that follow orders; of an unknown autopilot the one that it was in when it hovered at its start.
+    Following(u32),
+    /// Those of a return; before it is in effect, those that follow orders, too.
+    Returning {
+        /// Whether it is in effect.
+        is_in_effect: bool,
+    },
+}
+
+/// Who has armed a vehicle.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+enum Arming {
+    /// Not the bridge.
+    #[default]
+    NotOrdered,
+    /// Ordered, and neither accepted nor refused.
+    Ordered,
+    /// The bridge: its order was accepted, or was in effect before it was answered.
+    Ours,
+}
+
+/// What the orders of the bridge explain.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Takeover {
+    modes: Explained,
+    arming: Arming,
+    has_ordered_take_off: bool,
+}
+
+impl Takeover {
+    /// Notes that `order` is sent.
+    pub fn order(&mut self, order: &Order) {
+        match order {
+            Order::Arm if self.arming == Arming::NotOrdered => self.arming = Arming::Ordered,
+            Order::TakeOff(_) => self.has_ordered_take_off = true,
+            Order::Return => self.modes = Explained::Returning { is_in_effect: false },
+            _ => {}
+        }
+        if let (Order::Mode(_) | Order::TakeOff(_), Explained::Found(mode)) = (order, self.modes) {
+            self.modes = Explained::Changing(mode);
+        }
+    }
+
+    /// Notes the answer to an order to arm.
+    pub fn answer_arming(&mut self, is_accepted: bool) {
+        self.arming = match (self.arming, is_accepted) {
+            (Arming::Ours, _) | (Arming::Ordered, true) => Arming::Ours,
+            _ => Arming::NotOrdered,
+        };
+    }
+
+    /// Whether the bridge has armed it.
+    #[must_use]
+    pub fn has_armed(&self) -> bool {
+        self.arming == Arming::Ours
+    }
+
+    /// Notes that a vehicle in the air, in this mode, is that of a bridge before.
+    pub fn adopt(&mut self, mode: u32) {
+        *self = Self { modes: Explained::Following(mode), arming: Arming::Ours, has_ordered_take_off: true };
+    }
+
+    /// Notes that the vehicle hovers at its start: from now on it stays in the modes that follow orders.
+    pub fn begin(&mut self, mode: u32) {
+        self.modes = Explained::Following(mode);
+    }
+
+    /// Why somebody else flies the vehicle, in words after "is taken over:"; `None` if orders explain what it reports.
+    pub fn check(&mut self, vehicle: &VehicleState) -> Option<String> {
+        let (autopilot, mode) = (vehicle.autopilot?, vehicle.mode()?);
+        if self.arming == Arming::Ordered && vehicle.is_armed() == Some(true) {
+            self.arming = Arming::Ours; // its answer is lost
+        }
+        if vehicle.is_armed() == Some(true) && self.arming == Arming::NotOrdered {
+            return Some("somebody else has armed it".to_owned());
+        }
+        if vehicle.is_in_air() && !self.has_ordered_take_off {
+            return Some("it took off without an order of the bridge".to_owned());
+        }
+        if vehicle.is_booting() || self.modes == Explained::Nothing {
+            self.modes = Explained::Found(mode);
+        }
+        let meaning = autopilot.meaning(mode);
+        let is_following = meaning == ModeMeaning::FollowsOrders;
+        let is_explained = match self.modes {
+            Explained::Nothing => true,
+            Explained::Found(found) => mode == found,
+            Explained::Changing(found) => {
+                if is_following {
+                    self.modes = Explained::Following(mode);
+                }
+                mode == found || is_following || autopilot == AutopilotKind::Other
+            }
+            Explained::Following(own) => is_following || autopilot == AutopilotKind::Other && mode == own,
+            Explained::Returning { is_in_effect } => {
+                let returns = meaning == ModeMeaning::Returns;
+                self.modes = Explained::Returning { is_in_effect: is_in_effect || returns };
+                returns || is_following && !is_in_effect || autopilot == AutopilotKind::Other
+            }
+        };
+        (!is_explained).then(|| format!("its mode changed to {mode} without an order of the bridge"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::autopilot::Altitude;
+    use crate::telemetry::{Fix, Telemetry};
+
+    const TAKE_OFF: Order = Order::TakeOff(Altitude::AboveHome(20.0));
+
+    /// What is said of a vehicle that reports this, twice.
+    fn report(
+        takeover: &mut Takeover,
+        autopilot: AutopilotKind,
+        mode: u32,
+        is_armed: bool,
+        above_home_m: f64,
+    ) -> Option<String> {
+        let mut vehicle = VehicleState::default();
+        let heartbeat = Telemetry::Heartbeat { autopilot, mode, is_armed, is_booting: false };
+        (0..2).for_each(|_| vehicle.hear(&heartbeat, 0.15, 0.0));
+        let fix = Fix {
+            lat_deg: 47.0,
+            lon_deg: 8.0,
+            above_home_m,
+            above_sea_m: above_home_m,
+            velocity_mps: [0.0; 3],
+            heading_deg: 0.0,
+            boot_s: 0.0,
+        };
+        vehicle.hear(&Telemetry::Position(fix), 0.15, 0.0);
+        takeover.check(&vehicle)
+    }
+
+    #[test]
+    fn orders_explain_guided_mode_arming_take_off_and_return() {
+        for (autopilot, found, guided, returns) in
+            [(AutopilotKind::ArduPilot, 0, 4, 6), (AutopilotKind::Px4, 0x0001_0000, 0x0304_0000, 0x0504_0000)]
+        {
+            let mut takeover = Takeover::default();
+            assert_eq!(report(&mut takeover, autopilot, found, false, 0.0), None);
+            takeover.order(&Order::Mode(guided));
+            assert_eq!(report(&mut takeover, autopilot, found, false, 0.0), None, "not in effect yet");
+            assert_eq!(report(&mut takeover, autopilot, guided, false, 0.0), None);
+            takeover.order(&Order::Arm);
+            takeover.answer_arming(true);
+            assert_eq!(report(&mut takeover, autopilot, guided, true, 0.0), None);
+            takeover.order(&TAKE_OFF);
+            assert_eq!(report(&mut takeover, autopilot, guided, true, 20.0), None);
+            takeover.order(&Order::Return);
+            assert_eq!(report(&mut takeover, autopilot, guided, true, 20.0), None, "not in effect yet");
+            assert_eq!(report(&mut takeover, autopilot, returns, true, 20.0), None);
+            let changed = Some(format!("its mode changed to {guided} without an order of the bridge"));
+            assert_eq!(report(&mut takeover, autopilot, guided, true, 20.0), changed, "a pilot stops the return");
+        }
+    }
+
+    #[test]
+    fn a_mode_that_no_order_explains_is_a_takeover_in_every_phase() {
+        let changed = Some("its mode changed to 5 without an order of the bridge".to_owned());
+        let orders = [Order::Mode(4), Order::Arm, TAKE_OFF, Order::Return];
+        for given in 0..=orders.len() {
+            let mut takeover = Takeover::default();
+            assert_eq!(report(&mut takeover, AutopilotKind::ArduPilot, 0, false, 0.0), None);
+            for order in &orders[..given] {
+                takeover.order(order);
+                assert_eq!(report(&mut takeover, AutopilotKind::ArduPilot, 4, false, 0.0), None, "{order:?}");
+            }
+            assert_eq!(report(&mut takeover, AutopilotKind::ArduPilot, 5, false, 0.0), changed, "{given} orders");
+        }
+    }
+
+    #[test]
+    fn an_armed_vehicle_is_ours_if_its_order_was_not_refused() {
+        let armed_after = |answer: Option<bool>| {
+            let mut takeover = Takeover::default();
+            takeover.order(&Order::Arm);
+            answer.into_iter().for_each(|is_accepted| takeover.answer_arming(is_accepted));
+            report(&mut takeover, AutopilotKind::ArduPilot, 4, true, 0.0)
+        };
+        assert_eq!((armed_after(Some(true)), armed_after(None)), (None, None));
+        let other = Some("somebody else has armed it".to_owned());
+        assert_eq!(armed_after(Some(false)), other);
+        assert_eq!(report(&mut Takeover::default(), AutopilotKind::Px4, 0, true, 0.0), other);
+    }
+
+    #[test]
+    fn a_climb_without_an_order_is_a_takeover() {
+        let mut takeover = Takeover::default();
+        takeover.order(&Order::Arm);
+        takeover.answer_arming(true);
+        assert_eq!(report(&mut takeover, AutopilotKind::ArduPilot, 4, true, 0.0), None);
+        let climbs = report(&mut takeover, AutopilotKind::ArduPilot, 4, true, 5.0);
+        assert_eq!(climbs.as_deref(), Some("it took off without an order of the bridge"));
+    }
+
+    #[test]
+    fn an_unknown_autopilot_stays_in_the_mode_of_its_hover() {
+        let mut takeover = Takeover::default();
+        let mode = |takeover: &mut Takeover, mode| report(takeover, AutopilotKind::Other, mode, false, 0.0);
+        assert_eq!(mode(&mut takeover, 1), None);
+        takeover.order(&TAKE_OFF);
+        assert_eq!((mode(&mut takeover, 7), mode(&mut takeover, 8)), (None, None), "its own take-off and hold");
+        takeover.begin(8);
+        assert_eq!(mode(&mut takeover, 8), None);
+        assert!(mode(&mut takeover, 7).is_some());
+    }
+}

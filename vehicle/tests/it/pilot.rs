@@ -1,0 +1,345 @@
+//! Pilots who do what they want, and vehicles that are not what they seem: the bridge gives way.
+
+use rand::seq::IndexedRandom as _;
+use rand::{RngExt as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
+use skysink_common::message::Mode;
+use skysink_vehicle::autopilot::AutopilotKind;
+use skysink_vehicle::kinematic::KinematicOptions;
+use skysink_vehicle::kinematic::autopilot::CopterMode;
+use skysink_vehicle::preflight::Beginning;
+use skysink_vehicle::telemetry::{Order, Telemetry};
+
+use crate::flight::{ClosedLoop, RESTARTED, plan, scenario};
+
+const KINDS: [AutopilotKind; 2] = [AutopilotKind::ArduPilot, AutopilotKind::Px4];
+
+/// A vehicle of this autopilot that says its mode once a second, whatever it is asked for.
+fn flight_over(autopilot: AutopilotKind) -> ClosedLoop {
+    let mut flight = ClosedLoop::new(&KinematicOptions::default(), 0.0);
+    flight.is_a(autopilot);
+    flight.is_deaf = true;
+    flight
+}
+
+fn hovering(autopilot: AutopilotKind) -> ClosedLoop {
+    let mut flight = flight_over(autopilot);
+    flight.until(90.0, |flight| flight.bridge.has_begun());
+    flight
+}
+
+fn count(flight: &ClosedLoop, words: &str) -> usize {
+    flight.said.iter().filter(|line| line.contains(words)).count()
+}
+
+/// Flies on for some slots; no order comes, and the takeover is said once.
+fn assert_left_alone(flight: &mut ClosedLoop, what: &str) {
+    let since_s = flight.now_s;
+    flight.advance(2.5); // two heartbeats
+    for slot in 1..=6 {
+        let report = flight.fly_slot(slot, Some(plan(50.0, 60.0 + slot as f64)));
+        assert!([Mode::Return, Mode::Down].contains(&report.flown_mode()), "{what}: {report:?}");
+    }
+    let now_s = flight.now_s;
+    flight.bridge.return_home("the mission is over", now_s);
+    flight.advance(10.0);
+    let late: Vec<_> = flight.orders.iter().filter(|(at_s, _)| *at_s > since_s).collect();
+    assert!(late.is_empty(), "{what}: {late:?}");
+    let ends = count(flight, "is taken over: ") + count(flight, "has disarmed: its mission is over");
+    assert_eq!(ends, 1, "{what}: {:?}", flight.said);
+}
+
+#[test]
+fn a_vehicle_that_somebody_else_arms_and_flies_while_the_bridge_tries_to_arm_is_left_alone() {
+    for autopilot in KINDS {
+        let mut flight = ClosedLoop::new(&KinematicOptions { refuse_arming: 50, ..KinematicOptions::default() }, 0.0);
+        flight.is_a(autopilot);
+        flight.is_deaf = true;
+        let arms = |flight: &ClosedLoop| flight.orders.iter().filter(|(_, order)| *order == Order::Arm).count();
+        flight.until(60.0, |flight| arms(flight) >= 3);
+        flight.copter.take_off_by_hand(15.0);
+        assert_left_alone(&mut flight, "flown by hand");
+        assert_eq!(flight.copter.mode, CopterMode::Loiter);
+    }
+}
+
+#[test]
+fn a_vehicle_that_is_disarmed_while_its_motors_spool_up_is_not_armed_again() {
+    for autopilot in KINDS {
+        for after_s in [0.0, 0.3, 0.9, 1.5, 2.5] {
+            let mut flight = flight_over(autopilot);
+            flight.until(60.0, |flight| flight.copter.is_armed);
+            flight.advance(after_s);
+            flight.copter.disarm();
+            assert_left_alone(&mut flight, "disarmed");
+            assert!(!flight.copter.is_armed, "{after_s} s after it was armed");
+        }
+    }
+}
+
+#[test]
+fn a_pilot_who_takes_over_between_two_heartbeats_is_never_overruled() {
+    // In steps through a slot, and so through the second between two heartbeats.
+    for autopilot in KINDS {
+        for step in 0..24 {
+            let mut flight = hovering(autopilot);
+            flight.fly_slot(1, Some(plan(50.0, 62.0)));
+            flight.advance(0.25 * f64::from(step));
+            flight.copter.change_to(CopterMode::Loiter);
+            assert_left_alone(&mut flight, "between two heartbeats");
+            assert_eq!(flight.copter.mode, CopterMode::Loiter, "{autopilot:?} after {step} quarters of a second");
+        }
+    }
+}
+
+#[test]
+fn a_pilot_who_stops_the_return_keeps_the_vehicle() {
+    for autopilot in KINDS {
+        let mut flight = hovering(autopilot);
+        flight.fly_slot(1, Some(plan(50.0, 68.0)));
+        let now_s = flight.now_s;
+        flight.bridge.return_home("the mission is over", now_s);
+        flight.advance(5.0);
+        assert_eq!(flight.copter.mode, CopterMode::Return);
+        flight.copter.change_to(CopterMode::Loiter);
+        flight.advance(20.0);
+        assert_eq!((flight.copter.mode, count(&flight, "is taken over")), (CopterMode::Loiter, 1), "{:?}", flight.said);
+    }
+}
+
+#[test]
+fn one_odd_heartbeat_holds_orders_back_and_ends_nothing() {
+    for autopilot in KINDS {
+        let mut flight = hovering(autopilot);
+        flight.fly_slot(1, Some(plan(50.0, 62.0)));
+        flight.is_odd = true; // says that it is disarmed
+        flight.until(2.0, |flight| !flight.is_odd);
+        let report = flight.fly_slot(2, Some(plan(50.0, 66.0)));
+        assert_eq!(report.flown_mode(), Mode::Serve, "{autopilot:?}: {:?}", flight.said);
+        flight.bridge.return_home("the test is over", flight.now_s);
+        flight.until(120.0, |flight| flight.bridge.has_landed());
+        assert!(!flight.copter.is_armed);
+    }
+}
+
+#[test]
+fn a_new_run_takes_no_vehicle_from_the_air_and_none_that_is_armed() {
+    for is_in_air in [true, false] {
+        let mut flight = flight_over(AutopilotKind::ArduPilot);
+        flight.copter.take_off_by_hand(30.0);
+        flight.copter.mode = CopterMode::Guided;
+        if is_in_air {
+            flight.copter.body.position_m.z = 30.0;
+        } else {
+            flight.copter.body.stand();
+        }
+        flight.advance(3.0);
+        let expected = if is_in_air { "it is in the air (mode 4)" } else { "it is armed (mode 4)" };
+        let refusal = flight.refusal.clone().map(|refusal| refusal.why.to_string()).unwrap_or_default();
+        assert!(refusal.starts_with(expected) || !is_in_air && refusal.starts_with("it is in the air"), "{refusal}");
+        assert!(flight.orders.is_empty(), "{:?}", flight.orders);
+    }
+}
+
+#[test]
+fn a_vehicle_in_the_air_is_adopted_after_the_checks_of_a_take_off() {
+    let adopted = |beginning: Beginning, battery: f64, dead_man: f32, away_m: f64| {
+        let mut before = hovering(AutopilotKind::ArduPilot);
+        before.fly_slot(1, Some(plan(50.0, 62.0)));
+        let reports = before.reports.clone();
+        let mut flight = ClosedLoop::after(&scenario(""), &KinematicOptions::default(), 0.0, reports, beginning);
+        (flight.copter, flight.start_m) = (before.copter, before.start_m);
+        flight.jump_m = away_m;
+        flight.copter.battery = battery;
+        flight.dead_man = Some(dead_man);
+        flight.advance(8.0);
+        let is_refused = flight.refusal.is_some();
+        let is_adopted = count(&flight, "is in the air: flying on") == 1;
+        assert!(is_adopted || flight.orders.is_empty(), "{:?}", flight.orders);
+        (is_adopted, is_refused, count(&flight, "is taken over") == 1)
+    };
+    for (battery, dead_man, away_m) in [(0.04, 1.0, 0.0), (0.5, 0.0, 0.0), (0.5, 1.0, 30_000.0)] {
+        assert_eq!(adopted(Beginning::Resumed, battery, dead_man, away_m), (false, true, false), "{battery} {away_m}");
+        assert_eq!(
+            adopted(RESTARTED, battery, dead_man, away_m),
+            (false, false, true),
+            "{battery} {dead_man} {away_m}"
+        );
+    }
+    for beginning in [Beginning::Resumed, RESTARTED] {
+        assert_eq!(adopted(beginning, 0.5, 1.0, 0.0), (true, false, false), "half empty, as after half a mission");
+    }
+}
+
+#[test]
+fn a_vehicle_takes_off_with_a_charged_battery_or_if_it_says_that_it_measures_none() {
+    let after = |says: Option<Telemetry>, seconds: f64| {
+        let mut flight = flight_over(AutopilotKind::ArduPilot);
+        flight.says_battery = says;
+        flight.advance(seconds);
+        (flight.copter.is_armed, flight.refusal.is_some(), count(&flight, "does not measure its battery"))
+    };
+    assert_eq!(after(Some(Telemetry::Battery(Some(0.05))), 20.0), (false, true, 0));
+    assert_eq!(after(Some(Telemetry::Battery(None)), 20.0), (true, false, 1));
+    let silent = Telemetry::Text(String::new());
+    assert_eq!(after(Some(silent), 60.0), (false, false, 0), "it waits for the battery");
+}
+
+#[test]
+fn only_a_dead_man_switch_that_brings_the_vehicle_down_is_accepted() {
+    for (autopilot, accepted) in [(AutopilotKind::ArduPilot, [1, 3, 4].as_slice()), (AutopilotKind::Px4, &[2, 3])] {
+        for value in 0..=7_u8 {
+            let mut flight = flight_over(autopilot);
+            flight.dead_man = Some(f32::from(value));
+            flight.advance(20.0);
+            let is_accepted = accepted.contains(&value);
+            assert_eq!((flight.copter.is_armed, flight.refusal.is_some()), (is_accepted, !is_accepted), "{value}");
+            assert_eq!(count(&flight, "when the bridge is silent ("), usize::from(is_accepted), "{:?}", flight.said);
+        }
+    }
+}
+
+#[test]
+fn a_low_battery_in_flight_ends_the_mission_at_home() {
+    let mut flight = hovering(AutopilotKind::ArduPilot);
+    flight.fly_slot(1, Some(plan(50.0, 62.0)));
+    flight.says_battery = Some(Telemetry::Battery(Some(0.03)));
+    flight.advance(6.0);
+    assert_eq!(count(&flight, "returns: its battery is at 3 %, below 15 %"), 1, "{:?}", flight.said);
+    flight.until(120.0, |flight| flight.bridge.has_landed());
+}
+
+#[test]
+fn a_lost_vehicle_and_its_return_are_said_once_each() {
+    let mut flight = hovering(AutopilotKind::ArduPilot);
+    flight.loss = 1.0;
+    flight.advance(4.5);
+    flight.loss = 0.0;
+    flight.advance(3.0);
+    assert_eq!(
+        (count(&flight, "is not heard any more"), count(&flight, "is heard again")),
+        (1, 1),
+        "{:?}",
+        flight.said
+    );
+    let report = flight.fly_slot(1, Some(plan(50.0, 62.0)));
+    assert_eq!(report.flown_mode(), Mode::Serve);
+}
+
+#[test]
+fn a_vehicle_that_jumps_gets_no_waypoints_until_its_position_is_plausible() {
+    let mut flight = hovering(AutopilotKind::ArduPilot);
+    let before = flight.fly_slot(1, Some(plan(50.0, 62.0)));
+    flight.jump_m = 50_000.0;
+    flight.advance(0.2);
+    let orders = flight.orders.len();
+    let report = flight.fly_slot(2, Some(plan(50.0, 66.0)));
+    assert_eq!((report.flown_mode(), flight.orders.len()), (Mode::Hold, orders), "{:?}", flight.orders.last());
+    assert!((report.position() - before.position()).norm() < 0.5, "{report:?}");
+    assert_eq!(count(&flight, "50.0 km from where it was: it gets no waypoints meanwhile"), 1, "{:?}", flight.said);
+    flight.jump_m = 0.0;
+    let report = flight.fly_slot(3, Some(plan(50.0, 66.0)));
+    assert_eq!((report.flown_mode(), count(&flight, "is believed again")), (Mode::Serve, 1), "{:?}", flight.said);
+}
+
+#[test]
+fn a_run_that_stands_still_sends_its_vehicle_home() {
+    let mut flight = hovering(AutopilotKind::ArduPilot);
+    flight.fly_slot(1, Some(plan(50.0, 62.0)));
+    flight.bridge.await_plan(); // of a slot that never begins
+    flight.advance(23.0);
+    assert_eq!(flight.copter.mode, CopterMode::Guided);
+    flight.advance(4.0);
+    assert_eq!((flight.copter.mode, count(&flight, "returns: the planner is silent")), (CopterMode::Return, 1));
+}
+
+/// What a pilot does.
+#[derive(Debug, Clone, Copy)]
+enum Act {
+    Change(CopterMode),
+    Disarm,
+    TakeOff,
+}
+
+/// 200 pilots act once or twice at random instants between the first heartbeat and the landing, on vehicles of both
+/// kinds that say their mode once a second or five times, over links that lose messages or not. From two heartbeats after
+/// an act the bridge gives no order; before that, none that undoes it.
+#[test]
+fn two_hundred_random_pilots_get_no_orders_after_they_act() {
+    for seed in 0..200 {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let loss = *[0.0, 0.0, 0.1].choose(&mut random).unwrap();
+        let options =
+            KinematicOptions { seed, refuse_arming: random.random_range(0..3), ..KinematicOptions::default() };
+        let mut flight = ClosedLoop::new(&options, loss);
+        flight.is_a(KINDS[(seed % 2) as usize]);
+        flight.is_deaf = random.random();
+        let act_s: f64 = random.random_range(3.0..75.0);
+        let act = *[
+            Act::Change(CopterMode::Loiter),
+            Act::Change(CopterMode::Loiter),
+            Act::Change(CopterMode::Return),
+            Act::Disarm,
+            Act::TakeOff,
+        ]
+        .choose(&mut random)
+        .unwrap();
+        let mut slot = 0;
+        while flight.now_s < act_s {
+            fly_on(&mut flight, &mut slot, act_s);
+        }
+        let who = format!("pilot {seed}, {act:?} at {act_s:.2} s over {:?}", flight.autopilot);
+        let before = (flight.copter.mode, flight.copter.is_armed);
+        match act {
+            Act::Change(mode) => drop(flight.copter.change_to(mode)),
+            Act::Disarm if flight.copter.is_armed => flight.copter.disarm(),
+            Act::TakeOff if !flight.copter.is_armed => flight.copter.take_off_by_hand(15.0),
+            Act::Disarm | Act::TakeOff => {}
+        }
+        let after = (flight.copter.mode, flight.copter.is_armed);
+        let is_noticed = flight.said.len();
+        let acted_s = flight.now_s;
+        let mut commanded = Vec::new();
+        while flight.now_s < acted_s + 60.0 {
+            let end_s = flight.now_s + 6.0;
+            fly_on(&mut flight, &mut slot, end_s);
+            commanded.extend(flight.orders.iter().filter(|(at_s, _)| *at_s > acted_s).copied());
+            flight.orders.clear();
+        }
+        if before == after {
+            continue; // nobody could see that
+        }
+        // Two reports in a row, the longest interval between which is that of a lossy link.
+        let heartbeats_s = if loss > 0.0 { 6.0 } else { 2.1 };
+        let late: Vec<_> = commanded.iter().filter(|(at_s, _)| *at_s > acted_s + heartbeats_s).collect();
+        assert!(late.is_empty(), "{who}: {late:?}, {:?}", flight.said);
+        let autopilot = flight.autopilot;
+        let overruling: Vec<_> =
+            commanded.iter().filter(|(at_s, order)| autopilot.may_overrule(order) && *at_s > acted_s + 0.02).collect();
+        assert!(overruling.is_empty(), "{who}: {overruling:?}, {:?}", flight.said);
+        let said = &flight.said[is_noticed..];
+        let is_said = said.iter().any(|line| {
+            ["is taken over", "its mission is over", "has landed"].iter().any(|words| line.contains(words))
+        });
+        assert!(is_said || flight.refusal.is_some() || flight.bridge.has_landed(), "{who}: {said:?}");
+    }
+}
+
+/// Flies slots until `end_s` [s], and home in the tenth.
+fn fly_on(flight: &mut ClosedLoop, slot: &mut u64, end_s: f64) {
+    if flight.bridge.has_begun() && *slot < 8 {
+        *slot += 1;
+        flight.bridge.await_plan();
+        flight.bridge.begin(*slot, 0.0);
+        let now_s = flight.now_s;
+        flight.bridge.fly(&[plan(50.0, 58.0 + *slot as f64)], now_s);
+    } else if *slot == 8 {
+        *slot += 1;
+        let now_s = flight.now_s;
+        flight.bridge.return_home("the mission is over", now_s);
+    }
+    let slot_end_s = (flight.now_s + 6.0).min(end_s);
+    while flight.now_s < slot_end_s {
+        flight.step();
+    }
+}
