@@ -269,6 +269,8 @@ pub enum HoldReason {
     Zone,
     /// The slot would have ended too near to a UAV of lower number (decision D23).
     Separation,
+    /// There was a plan, but the vehicle was not heard, or not believed to be where it said.
+    Unknown,
 }
 
 /// Payload element of `flight`: the position of a UAV after the slot, and the capacity of each of its links.

@@ -189,7 +189,7 @@ fn count_refusals(refusals: &Refusals, slot: u64, report: &FlightReport) {
             HoldReason::Base => Refusal::Base,
             HoldReason::Zone => Refusal::Zone,
             HoldReason::Separation => Refusal::Separation,
-            HoldReason::None | HoldReason::NoPlan => Refusal::Sensor,
+            HoldReason::None | HoldReason::NoPlan | HoldReason::Unknown => Refusal::Sensor,
         };
         refusals.add("plan", slot, refusal, u64::from(report.refused));
     }

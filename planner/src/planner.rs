@@ -2,6 +2,7 @@
 //!
 //! Decisions are left to [`crate::strategies`], what the UAV believes to [`skysink_common::belief`].
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use nalgebra::Point3;
@@ -77,6 +78,15 @@ struct Head {
     estimate: Option<SavedEstimate>,
 }
 
+/// The scenario whose range is smaller by `uav.waypoint_margin_m`: waypoints keep that distance from `d_c`.
+fn with_waypoint_margin(scenario: &Scenario) -> Cow<'_, Scenario> {
+    let Some(margin_m) = scenario.uav.waypoint_margin_m else { return Cow::Borrowed(scenario) };
+    let mut within = scenario.clone();
+    within.link.comm_radius_m -= margin_m;
+    within.uav.waypoint_margin_m = None;
+    Cow::Owned(within)
+}
+
 impl Planner {
     /// The planner of a scenario with the sensor nodes `sensors`, SN i at entry i.
     ///
@@ -120,6 +130,7 @@ impl Planner {
         make: impl FnOnce(&Setup) -> Box<dyn Strategy>,
         stop: &Stop,
     ) -> Result<Self, InputError> {
+        let scenario = &*with_waypoint_margin(scenario);
         let settings = settings::check(scenario)?;
         let belief = Belief::new(scenario, &sensors, settings.estimated());
         let table = MissionTable::new(scenario, belief.known_sensors(sensors));

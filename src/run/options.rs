@@ -289,6 +289,9 @@ impl RunOptions {
         if count != 1 && count != uavs {
             return refuse(&format!("{count} addresses for {uavs} UAVs: expected one, or one for each"));
         }
+        if count < uavs && addresses.split(['?', '&']).any(|option| option.starts_with("system=")) {
+            return refuse(&format!("one system for {uavs} UAVs: expected none, or an address with ?system=N for each"));
+        }
         Ok(())
     }
 

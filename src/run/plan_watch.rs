@@ -71,6 +71,12 @@ impl PlanWatch {
         }
     }
 
+    /// How long after the beginning of a slot its flight is reported as overdue: a second after it was due.
+    #[must_use]
+    pub fn report_after(&self) -> Duration {
+        self.report_after
+    }
+
     /// Takes in the slots of the newest plan and of the newest queues; returns a change of the planner. Before there
     /// are queues after those of its newest plan, the planner has nothing to plan for: another process may be silent.
     pub fn poll(&mut self, newest: Option<u64>, queues: Option<u64>, now: Instant) -> Option<SampleEvent> {

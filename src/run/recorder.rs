@@ -102,6 +102,11 @@ struct SlotMessages {
     tick_ns: Option<u64>,
 }
 
+/// How long a message was waited for [ms].
+fn ms(awaited: &Awaited) -> i32 {
+    i32::try_from(awaited.waited.elapsed().as_millis()).unwrap_or(i32::MAX)
+}
+
 /// Callback that supervises the processes of the run; an error ends the run. Returns the restart count of the current
 /// viewer.
 pub type Supervise<'a> = dyn FnMut(&mut Tally, Option<SampleEvent>) -> Result<u32, Error> + 'a;
@@ -225,8 +230,15 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         let queues = Expected::on(&self.ring.queues, slot, false);
         let mut awaited = self.begin_wait(&queues)?;
         let mut is_reported = false; // an overdue process is reported and killed once
+        let mut is_late = false; // the flight of a paced run, which is reported long before
         loop {
             let missing = self.poll(slot, plan_of)?;
+            if is_late && self.received.flight.is_some() {
+                is_late = false;
+                let event = ProcessEvent::Recovered(ms(&awaited));
+                let recovered = SampleEvent { from: self.ring.flight.written_by(), event, is_hung: false };
+                self.supervise(tally, Some(recovered), supervise)?;
+            }
             if missing.is_none()
                 && let Some(header) = self.received.queues
                 && let Some(flights) = self.received.flight.take()
@@ -244,12 +256,17 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
             let waited = awaited.waited.elapsed();
             let is_overdue = !is_reported && waited >= self.ring.terms.overdue_limit();
             is_reported |= is_overdue;
-            let ms = i32::try_from(waited.as_millis()).unwrap_or(i32::MAX);
-            let is_hung = !self.external.roles.contains(&missing.from);
-            let overdue = SampleEvent { from: missing.from, event: ProcessEvent::Overdue(ms), is_hung };
+            let report_after = self.plan_watch.as_ref().map(PlanWatch::report_after);
+            let is_late_now = !is_late
+                && !is_overdue
+                && missing.topic == self.ring.flight.name()
+                && report_after.is_some_and(|report_after| waited >= report_after);
+            is_late |= is_late_now;
+            let is_hung = is_overdue && !self.external.roles.contains(&missing.from);
+            let overdue = SampleEvent { from: missing.from, event: ProcessEvent::Overdue(ms(&awaited)), is_hung };
             let [plan, queues] = [self.plans.newest_slot(), self.queues.newest_slot()];
             let plans = self.plan_watch.as_mut().and_then(|watch| watch.poll(plan, queues, Instant::now()));
-            for event in [Some(overdue).filter(|_| is_overdue), plans].into_iter().flatten() {
+            for event in [Some(overdue).filter(|_| is_overdue || is_late_now), plans].into_iter().flatten() {
                 self.supervise(tally, Some(event), supervise)?;
             }
             self.supervise(tally, None, supervise)?;

@@ -280,9 +280,13 @@ impl Member {
         };
         report.mode = mode as u32;
         if mode == Mode::Hold {
-            let refusal = if control.has_refused() { HoldReason::Waypoint } else { self.refusal };
-            report.refused = u32::from(!matches!(refusal, HoldReason::None | HoldReason::NoPlan));
-            report.hold = if report.refused > 0 { refusal } else { HoldReason::NoPlan } as u32;
+            let hold = match self.refusal {
+                HoldReason::None if control.has_refused() => HoldReason::Waypoint,
+                HoldReason::None => HoldReason::Unknown,
+                refusal => refusal,
+            };
+            report.refused = u32::from(!matches!(hold, HoldReason::Unknown | HoldReason::NoPlan));
+            report.hold = hold as u32;
         }
         report
     }

@@ -407,7 +407,7 @@ impl VehicleControl {
             return; // it is not armed a second time
         }
         let order = must_change.map_or(Order::Arm, Order::Mode);
-        if now_s >= self.retry_s && !self.outbox.has(&order) {
+        if now_s >= self.retry_s && !self.vehicle.is_in_doubt() && !self.outbox.has(&order) {
             self.retry_s = now_s + RETRY_S;
             self.outbox.send(order, now_s);
         }
@@ -519,7 +519,7 @@ impl VehicleControl {
             return;
         }
         let is_ignored = self.vehicle.meaning() == ModeMeaning::FollowsOrders && !self.outbox.has(&Order::Return);
-        if is_ignored && now_s >= self.retry_s {
+        if is_ignored && !self.vehicle.is_in_doubt() && now_s >= self.retry_s {
             self.outbox.send(Order::Return, now_s);
         }
     }

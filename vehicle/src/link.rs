@@ -138,7 +138,8 @@ impl Link {
         if system == address.own_system {
             if matches!(message, MavMessage::HEARTBEAT(_)) {
                 self.notice(index, format!(
-                    "another ground station of system {system} is there: its heartbeats keep the vehicle from returning                      when the bridge is silent; ?own_system=N behind the address gives the bridge another"
+                    "another ground station of system {system} is there: its heartbeats keep the vehicle from returning \
+                         when the bridge is silent; ?own_system=N behind the address gives the bridge another"
                 ));
             }
             return None;
@@ -168,7 +169,9 @@ impl Link {
                 return None;
             }
             Sender::Unknown => {
-                self.notice_stranger(index, from.as_ref(), header);
+                if self.routes.iter().any(|route| route.connection == index && route.system.is_some()) {
+                    self.notice_stranger(index, from.as_ref(), header);
+                }
                 return None;
             }
         }
@@ -191,7 +194,8 @@ impl Link {
         if let Some(from) = from.filter(|from| !self.connections[index].vehicles.is_at(**from)) {
             let MavHeader { system_id, component_id, .. } = header;
             self.notice(index, format!(
-                "{from} speaks as system {system_id}, component {component_id}, which is no vehicle of this run: it is                  neither answered nor believed"
+                "{from} speaks as system {system_id}, component {component_id}, which is no vehicle of this run: it is \
+                     neither answered nor believed"
             ));
         }
     }

@@ -14,7 +14,7 @@ const ASK_S: f64 = 1.0;
 const OPTIONAL_S: f64 = 3.0;
 
 /// Time before the first line on what is missing, and between two [s].
-const FIRST_LINE_S: f64 = 3.0;
+const FIRST_LINE_S: f64 = 6.0;
 const LINE_S: f64 = 10.0;
 
 /// How far below the expected energy a battery may be, as a fraction of its capacity: what it says is rounded.

@@ -96,6 +96,7 @@ impl Events {
             match HoldReason::from_repr(flight.hold).unwrap_or_default() {
                 HoldReason::None => {}
                 HoldReason::NoPlan => warn("hold: no plan in time")?,
+                HoldReason::Unknown => warn("hold: the vehicle is not heard, or not believed to be where it says")?,
                 HoldReason::Base => warn("hold: to charge, but not in the base")?,
                 HoldReason::Separation => warn("hold: too near to another UAV")?,
                 HoldReason::Zone => warn("hold: a zone or a building in the way")?,

@@ -101,6 +101,8 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
         rule(uav.starts_m.is_some() || is_cell(scenario.start()), "uav.start_m", &expected)?;
         rule(scenario.starts().all(is_cell), "uav.starts_m", &format!("each {expected}"))?;
     }
+    let is_within = uav.waypoint_margin_m.is_none_or(|margin_m| margin_m < link.comm_radius_m);
+    rule(is_within, "uav.waypoint_margin_m", "less than link.comm_radius_m")?;
     zones::check(scenario)?;
     let is_table = link.model == LinkModel::Table;
     let expected = "another model, or a CSV file as link.file";

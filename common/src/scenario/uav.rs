@@ -41,6 +41,9 @@ crate::keys! {
         wind_mps: Option<[f64; 2]>, Accepts::Rule("[x, y], slower than max_speed_mps");
         /// Standard deviation of where a slot ends about its waypoint, in x and in y [m] (decision D29).
         position_error_m: Option<f64>, NOT_NEGATIVE;
+        /// How far within `d_c` of a sensor node waypoints are planned [m], for a vehicle that misses them by as much; less
+        /// than `link.comm_radius_m`. The node is served up to `d_c`.
+        waypoint_margin_m: Option<f64>, NOT_NEGATIVE;
         /// Longest flight, `T_e` [s], at least `slots × slot_s`.
         endurance_s: f64 = 600.0, POSITIVE;
         /// Start, `[x, y]` [m]; the default is the centre of the area, and a checked scenario has the key.

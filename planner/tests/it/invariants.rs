@@ -142,7 +142,8 @@ fn flown(case: &Case) -> Result<Totals, TestCaseError> {
         prop_assert!(ids.len() <= scenario.link.resource_blocks, "slot {number}: {ids:?}");
         prop_assert!(ids.is_sorted_by(|a, b| a < b), "slot {number}: ascending and unique, {ids:?}");
         for &id in ids {
-            let in_range = within(&place(case, id), &waypoint, scenario.link.comm_radius_m);
+            let planned_m = scenario.link.comm_radius_m - scenario.uav.waypoint_margin_m.unwrap_or_default();
+            let in_range = within(&place(case, id), &waypoint, planned_m);
             prop_assert!(in_range, "slot {number}: SN {id}, {waypoint}");
         }
         let queued_bits: u64 = ids.iter().map(|&id| u64::from(ledger.queues_bits()[id as usize])).sum();
@@ -175,7 +176,8 @@ fn plans_respect_range_reach_area_and_resource_blocks() {
         });
         let sums = RefCell::new([0; 2]);
         runner
-            .run(&cases(&[strategy]), |case| {
+            .run(&(cases(&[strategy]), prop::option::of(0.0..4.0)), |(mut case, margin_m)| {
+                case.scenario.uav.waypoint_margin_m = margin_m;
                 let totals = flown(&case)?;
                 let [delivered_bits, lost_bits] = &mut *sums.borrow_mut();
                 *delivered_bits += totals.delivered_bits;

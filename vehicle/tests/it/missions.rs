@@ -204,7 +204,8 @@ fn without_a_link_slots_report_the_last_position_as_holds() {
     let before = flight.fly_slot(1, Some(plan(50.0, 62.0)));
     flight.loss = 1.0;
     let report = flight.fly_slot(2, Some(plan(50.0, 68.0)));
-    assert_eq!((report.mode, report.hold, report.served), (Mode::Hold as u32, HoldReason::NoPlan as u32, 0));
+    assert_eq!((report.mode, report.hold, report.served), (Mode::Hold as u32, HoldReason::Unknown as u32, 0));
+    assert_eq!(report.refused, 0, "nothing was wrong with the plan");
     assert!((report.position() - before.position()).norm() < 0.5, "{report:?}");
     flight.advance(10.0);
     assert_eq!(flight.copter.mode, CopterMode::Return, "by its dead-man switch");
