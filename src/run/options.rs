@@ -290,7 +290,9 @@ impl RunOptions {
             return refuse(&format!("{count} addresses for {uavs} UAVs: expected one, or one for each"));
         }
         if count < uavs && addresses.split(['?', '&']).any(|option| option.starts_with("system=")) {
-            return refuse(&format!("one system for {uavs} UAVs: expected none, or an address with ?system=N for each"));
+            return refuse(&format!(
+                "one system for {uavs} UAVs: expected none, or an address with ?system=N for each"
+            ));
         }
         Ok(())
     }

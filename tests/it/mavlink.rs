@@ -9,6 +9,9 @@ use skysink_common::geodata::projection::Origin;
 use skysink_vehicle::kinematic::KinematicOptions;
 use skysink_vehicle::kinematic::autopilot::CopterMode;
 
+/// A heartbeat of a ground station of system 254 in MAVLink 2.
+const STATION: [u8; 21] = [253, 9, 0, 0, 0, 254, 190, 0, 0, 0, 0, 0, 0, 0, 6, 8, 0, 4, 3, 23, 0];
+
 /// The modes of the trace, by slot.
 fn modes(place: &Place) -> Vec<String> {
     csv_rows(&place.trace("run")).iter().map(|row| row["mode"].clone()).collect()
@@ -61,13 +64,65 @@ fn a_failsafe_ends_the_orders_and_the_mission_is_recorded_to_its_end() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions { failsafe_at: Some(90.0), ..KinematicOptions::default() });
     let ended = vehicle.flight(&place).run();
-    assert!(ended.stderr.contains("a pilot or a failsafe flies it (mode 6)"), "{ended:?}");
+    assert!(ended.stderr.contains("vehicle 1: is taken over: its mode changed to 6 without an order"), "{ended:?}");
     let modes = modes(&place);
     let first = modes.iter().position(|mode| mode == "return").expect("it returns");
     let landed = modes.iter().position(|mode| mode == "down").expect("it lands");
     assert!(first > 5 && landed > first && modes[landed..].iter().all(|mode| mode == "down"), "{modes:?}");
     assert!(!modes[first..].iter().any(|mode| mode == "serve"), "{modes:?}");
     place.run_ok(&["report", "run", "--sensors"]);
+}
+
+#[test]
+fn a_pilot_who_takes_over_ends_the_orders_and_the_run_says_how_to_end_it() {
+    let place = Place::new();
+    let vehicle = TestVehicle::start(KinematicOptions::default());
+    let run = vehicle.flight(&place).set("slots", 12).start();
+    run.until_slot(4);
+    vehicle.act(|copter| {
+        let _ = copter.change_to(CopterMode::Loiter);
+    });
+    run.until_printed("vehicle 1: is taken over: its mode changed to 5 without an order of the bridge");
+    run.until_printed("vehicle 1: the run waits for its landing; Ctrl-C ends the run");
+    assert_eq!(vehicle.copter().mode, CopterMode::Loiter);
+    run.terminate();
+    let modes = modes(&place);
+    assert!(modes.len() == 12 && modes.last().unwrap() == "return", "{modes:?}");
+}
+
+#[test]
+fn a_stopped_launcher_is_noticed_by_clock_and_the_vehicle_returns() {
+    let place = Place::new();
+    let vehicle = TestVehicle::start(KinematicOptions::default());
+    let run = vehicle.flight(&place).start();
+    run.until_slot(4);
+    run.signal_launcher(Signal::STOP);
+    vehicle.until("return", |copter| copter.mode == CopterMode::Return);
+    vehicle.until_landed();
+    run.signal_launcher(Signal::CONT);
+    let ended = run.wait_for_success();
+    assert!(ended.stderr.contains("vehicle 1: returns: the planner is silent"), "{ended:?}");
+}
+
+#[test]
+fn orders_reach_the_vehicle_whoever_else_speaks_to_the_port() {
+    let place = Place::new();
+    let vehicle = TestVehicle::start(KinematicOptions::default());
+    let run = vehicle.flight(&place).set("slots", 10).start();
+    run.until_slot(2);
+    let stranger = UdpSocket::bind("127.0.0.1:0").unwrap();
+    stranger.set_nonblocking(true).unwrap();
+    for slot in 3..=9 {
+        run.until_slot(slot);
+        for _ in 0..20 {
+            stranger.send_to(&STATION, format!("127.0.0.1:{}", vehicle.port())).unwrap();
+            stranger.send_to(b"no MAVLink", format!("127.0.0.1:{}", vehicle.port())).unwrap();
+        }
+    }
+    let ended = run.wait_for_success();
+    assert!(percent_reached(&ended.stderr) >= 95.0, "{ended:?}");
+    assert_eq!(ended.stderr.matches("speaks as system 254, component 190").count(), 1, "{ended:?}");
+    assert!(stranger.recv(&mut [0; 300]).is_err(), "it got what was meant for the vehicle");
 }
 
 #[test]
@@ -177,7 +232,12 @@ fn a_vehicle_that_must_not_take_off_is_refused_in_one_line() {
         assert!(!vehicle.copter().is_armed);
     };
     let default = KinematicOptions::default;
-    refused(KinematicOptions { dead_man: 0, ..default() }, "FS_GCS_ENABLE = 0: expected a value");
+    refused(
+        KinematicOptions { dead_man: 0, ..default() },
+        "FS_GCS_ENABLE = 0: when the bridge is silent, expected 1 (returns)",
+    );
+    refused(KinematicOptions { dead_man: 5, ..default() }, "FS_GCS_ENABLE = 5: when the bridge is silent");
+    refused(KinematicOptions { count: 2, ..default() }, "2 vehicles at its address: system 1 (quadrotor, ");
     refused(KinematicOptions { battery: 20, ..default() }, "its battery is at 20 %: expected 30 %");
     refused(KinematicOptions { home: Origin { lat_deg: 47.4077, lon_deg: 8.5456 }, ..default() }, "it is 10");
 }

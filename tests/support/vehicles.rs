@@ -19,18 +19,27 @@ pub const SLOW: &str = "name = \"slow\"\nseed = 1\nslots = 30\nslot_s = 6.0\n[ar
 /// Seconds of the vehicles in a second.
 const PACE: u32 = 20;
 
+/// What its pilot does to a vehicle.
+type Act = Box<dyn FnOnce(&mut Copter) + Send>;
+
 /// A vehicle on a link of its own, which flies until it is dropped.
-#[derive(Debug)]
 pub struct TestVehicle {
     /// Where the bridge listens.
     pub address: String,
     pace: u32,
     copters: Arc<Mutex<Vec<Copter>>>,
+    /// What the pilot of the first vehicle does next.
+    acts: Arc<Mutex<Vec<Act>>>,
     stop: Stop,
     thread: Option<JoinHandle<()>>,
 }
 
 impl TestVehicle {
+    /// The port of the bridge.
+    pub fn port(&self) -> &str {
+        self.address.rsplit(':').next().expect("a port")
+    }
+
     /// Starts it, at 20 times real time.
     pub fn start(options: KinematicOptions) -> Self {
         Self::start_at(PACE, KinematicOptions { silence: 60.0, ..options }) // 3 s of wall time
@@ -42,13 +51,19 @@ impl TestVehicle {
         let connect = format!("udpout:127.0.0.1:{port}").parse().unwrap();
         let options = KinematicOptions { connect, speed_factor: pace.into(), ..options };
         let copters = Arc::new(Mutex::new(vec![Copter::new(&options); options.count.into()]));
+        let acts: Arc<Mutex<Vec<Act>>> = Arc::default();
         let stop = Stop::default();
-        let [seen, ended] = [(); 2].map(|()| (Arc::clone(&copters), stop.clone()));
+        let (seen, due, ended) = (Arc::clone(&copters), Arc::clone(&acts), stop.clone());
         let thread = thread::spawn(move || {
-            let see = |index: usize, copter: &Copter| seen.0.lock().unwrap()[index].clone_from(copter);
-            server::serve(&options, &ended.1, see).unwrap();
+            let see = |index: usize, copter: &mut Copter| {
+                if index == 0 {
+                    due.lock().unwrap().drain(..).for_each(|act| act(copter));
+                }
+                seen.lock().unwrap()[index].clone_from(copter);
+            };
+            server::serve(&options, &ended, see).unwrap();
         });
-        Self { address: format!("udpin:127.0.0.1:{port}"), pace, copters, stop, thread: Some(thread) }
+        Self { address: format!("udpin:127.0.0.1:{port}"), pace, copters, acts, stop, thread: Some(thread) }
     }
 
     /// A flight of `slow` in a ring by this vehicle.
@@ -60,6 +75,11 @@ impl TestVehicle {
     pub fn flight_of<'a>(&self, place: &'a Place, addresses: &str) -> FlightBuilder<'a> {
         place.write("slow.toml", SLOW);
         place.flight("slow").without_viewer().pace(&format!("{}x", self.pace)).vehicle(addresses)
+    }
+
+    /// Lets its pilot do something.
+    pub fn act(&self, act: impl FnOnce(&mut Copter) + Send + 'static) {
+        self.acts.lock().unwrap().push(Box::new(act));
     }
 
     /// Its state.

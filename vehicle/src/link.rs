@@ -189,21 +189,27 @@ impl Link {
         Some((self.routes.iter().position(is_route)?, telemetry?))
     }
 
-    /// Says once that somebody who is no vehicle of this run speaks on a connection.
+    /// Says once for each address that somebody who is no vehicle of this run speaks on a connection.
     fn notice_stranger(&mut self, index: usize, from: Option<&SocketAddr>, header: &MavHeader) {
         if let Some(from) = from.filter(|from| !self.connections[index].vehicles.is_at(**from)) {
             let MavHeader { system_id, component_id, .. } = header;
-            self.notice(index, format!(
+            let line = format!(
                 "{from} speaks as system {system_id}, component {component_id}, which is no vehicle of this run: it is \
-                     neither answered nor believed"
-            ));
+                 neither answered nor believed"
+            );
+            self.notice_of(index, from.to_string(), &line);
         }
     }
 
     /// Says a line once, and few of them.
     fn notice(&mut self, index: usize, line: String) {
+        self.notice_of(index, line.clone(), &line);
+    }
+
+    /// Says a line on `what` once, and few of them.
+    fn notice_of(&mut self, index: usize, what: String, line: &str) {
         let LinkedWire { address, noticed, .. } = &mut self.connections[index];
-        if noticed.len() < MOST_NOTICES && noticed.insert(line.clone()) {
+        if noticed.len() < MOST_NOTICES && noticed.insert(what) {
             self.said.push(format!("{address}: {line}"));
         }
     }
