@@ -2,7 +2,7 @@
 
     pip install mavsdk
     python3 examples/mavsdk_vehicle.py [--speed-factor 5] [--connect udpout://127.0.0.1:14540]
-    skysink run FIELD.toml --pace realtime --vehicle udpin:127.0.0.1:14540
+    skysink run FIELD.toml --pace realtime --vehicle 'udpin:127.0.0.1:14540?system=1'  # MAVSDK gives it no type
 
 MAVSDK answers arming, take-off, changes of mode and parameters as it does for a ground station, and encodes the telemetry. It
 has no answer to repositions, speeds and returns: these commands are taken from its MavlinkDirectServer and answered here.

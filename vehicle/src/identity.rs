@@ -133,7 +133,7 @@ impl Vehicles {
                 system
             }
         };
-        self.check(system)?;
+        self.check(system, named.is_some())?;
         Ok(Some(system))
     }
 
@@ -159,15 +159,18 @@ impl Vehicles {
         ))
     }
 
-    /// Checks that `system` hovers, and is one vehicle.
+    /// Checks that `system` hovers, and is one vehicle. A generic one, of which nothing is known, hovers if it is named.
     ///
     /// # Errors
     /// If not, in words.
-    pub fn check(&self, system: u8) -> Result<(), String> {
+    pub fn check(&self, system: u8, is_named: bool) -> Result<(), String> {
         let Some(heard) = self.heard.get(&system) else { return Ok(()) };
-        if !HOVERING.contains(&heard.kind) {
+        let is_generic = heard.kind == MavType::MAV_TYPE_GENERIC;
+        if !(HOVERING.contains(&heard.kind) || is_generic && is_named) {
             let number = heard.kind as u32;
-            return Err(format!("system {system} is a {} (MAV_TYPE {number}): expected a copter", name(heard.kind)));
+            let or_named = if is_generic { ", or ?system=N behind the address" } else { "" };
+            let kind = name(heard.kind);
+            return Err(format!("system {system} is a {kind} (MAV_TYPE {number}): expected a copter{or_named}"));
         }
         if let (Some(first), Some(second)) = (heard.address, heard.second) {
             return Err(format!("system {system} is heard from {first} and from {second}: expected one vehicle"));
@@ -191,7 +194,10 @@ fn name(kind: MavType) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use MavType::{MAV_TYPE_FIXED_WING, MAV_TYPE_GCS, MAV_TYPE_GROUND_ROVER, MAV_TYPE_HEXAROTOR, MAV_TYPE_QUADROTOR};
+    use MavType::{
+        MAV_TYPE_FIXED_WING, MAV_TYPE_GCS, MAV_TYPE_GENERIC, MAV_TYPE_GROUND_ROVER, MAV_TYPE_HEXAROTOR,
+        MAV_TYPE_QUADROTOR,
+    };
 
     fn address(port: u16) -> Option<SocketAddr> {
         Some(SocketAddr::from(([127, 0, 0, 1], port)))
@@ -248,6 +254,8 @@ mod tests {
                 assert_eq!(choose(&[(1, kind)], named, 9.0), Err(expected));
             }
         }
+        assert!(choose(&[(1, MAV_TYPE_GENERIC)], None, 9.0).is_err());
+        assert_eq!(choose(&[(1, MAV_TYPE_GENERIC)], Some(1), 9.0), Ok(Some(1)), "somebody vouches for it");
     }
 
     #[test]

@@ -101,7 +101,7 @@ impl Link {
                 None => route.system = vehicles.choose(route.named, now_s, away).map_err(|why| (uav, why))?,
                 Some(system) if !is_committed(uav) => {
                     let alone = if route.named.is_none() { vehicles.check_alone(away) } else { Ok(()) };
-                    alone.and_then(|()| vehicles.check(system)).map_err(|why| (uav, why))?;
+                    alone.and_then(|()| vehicles.check(system, route.named.is_some())).map_err(|why| (uav, why))?;
                 }
                 Some(_) => {}
             }
