@@ -3,6 +3,7 @@
 //! [`figures`] computes the figures and [`warnings`] evaluates them; this module prints both.
 
 pub mod arrivals;
+pub mod doubts;
 pub mod energy;
 pub mod figures;
 pub mod flights;
@@ -68,7 +69,8 @@ impl CheckCommand {
         let scenario = self.scenario.read(self.changes.overrides())?;
         let list = SensorList::of(&scenario)?;
         let figures = Figures::of(&scenario, &list)?;
-        let warnings = warnings::of(&figures);
+        let mut warnings = doubts::of(&scenario, &list);
+        warnings.extend(warnings::of(&figures));
         let all: Vec<&str> = STRATEGIES.iter().map(|strategy| strategy.name).collect();
         let planned = shortfalls::of(&scenario, &list, &all);
         if self.json {

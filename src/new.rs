@@ -21,6 +21,7 @@ use skysink_mission::error::FileContext;
 use skysink_mission::files::write_all;
 use skysink_mission::folder::Earlier;
 use skysink_planner::settings;
+use skysink_ring::role::Role;
 use toml::{Table, Value};
 
 use crate::error::Error;
@@ -57,8 +58,9 @@ optionally sampling_bps, gain_db, queue_bits, capacity_bits, weight, ground_m,
 name. The altitude of points becomes ground_m, for exports over hills.
 
 With --zones, each polygon becomes a no-fly zone; one with a property `height`
-[m] a building; one whose `kind` or `name` is `boundary` the boundary of the
-area. Without --sensors, the sensor nodes are drawn at random.
+[m] a building; one whose `kind` or `name` is `boundary`, or which encloses all
+sensor nodes, the boundary of the area. Without --sensors, the sensor nodes are
+drawn at random.
 
 With --map, each pixel of a PNG picture is a square of --cell-m metres, the
 north at the top: red ones must not be entered, green ones are buildings as
@@ -74,11 +76,11 @@ const EXAMPLES: &str = "Example:\n  skysink new city    writes city/city.toml";
 pub struct NewCommand {
     /// Name of the mission.
     name: String,
-    /// Positions of the sensor nodes: CSV with columns x, y [m] or lat, lon [°], KML, GPX or GeoJSON.
+    /// Positions of the sensor nodes: CSV with columns x, y [m] or lat, lon [°], KML, KMZ, GPX or GeoJSON.
     #[cfg(feature = "lab")]
     #[arg(long, value_name = "FILE")]
     sensors: Option<PathBuf>,
-    /// No-fly zones, buildings and a boundary of the area: polygons of a KML or GeoJSON file.
+    /// No-fly zones, buildings and a boundary of the area: polygons of a KML, KMZ or GeoJSON file.
     #[cfg(feature = "lab")]
     #[arg(long, value_name = "FILE")]
     zones: Option<PathBuf>,
@@ -90,6 +92,10 @@ pub struct NewCommand {
     #[cfg(feature = "lab")]
     #[arg(long, value_name = "M", requires = "map", value_parser = number("metres, 0.001 to 1000000", |side_m| (1e-3..=1e6).contains(&side_m)))]
     cell_m: Option<f64>,
+    /// Where the UAV starts, in the coordinates of the positions: x,y [m] or lat,lon [°].
+    #[cfg(feature = "lab")]
+    #[arg(long, value_name = "X,Y", value_parser = place, allow_hyphen_values = true)]
+    start: Option<[f64; 2]>,
     /// Output folder [default: ./NAME].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -117,6 +123,8 @@ impl NewCommand {
         let files: Vec<_> = list.into_iter().chain([(path.clone(), text.as_bytes())]).collect();
         write_into(&folder, &files, Earlier::by_force(self.force))?;
         field.iter().flat_map(|field| &field.notes).try_for_each(print)?;
+        let warnings = field.iter().flat_map(|field| &field.warnings);
+        warnings.for_each(|warning| Role::Launcher.log(format_args!("warning: {warning}")));
         let [width_m, height_m] = [checked.area.width_m(), checked.area.height_m()];
         let count = sensors.sensors().len();
         if let Some(centre) = centre_deg(&checked) {
@@ -131,14 +139,26 @@ impl NewCommand {
 
     #[cfg(feature = "lab")]
     fn field(&self) -> Result<Option<NewField>, Error> {
-        let map = self.map.as_deref().zip(self.cell_m);
-        Ok(import::field(self.sensors.as_deref(), self.zones.as_deref(), map)?)
+        Ok(import::field(&import::Sources {
+            sensors: self.sensors.as_deref(),
+            zones: self.zones.as_deref(),
+            map: self.map.as_deref().zip(self.cell_m),
+            start: self.start,
+        })?)
     }
 
     #[cfg(not(feature = "lab"))]
     fn field(&self) -> Result<Option<NewField>, Error> {
         Ok(None)
     }
+}
+
+/// Parses the two numbers of a place.
+#[cfg(feature = "lab")]
+fn place(text: &str) -> Result<[f64; 2], String> {
+    let numbers: Option<Vec<f64>> =
+        text.split(',').map(|number| number.trim().parse().ok().filter(|number: &f64| number.is_finite())).collect();
+    numbers.and_then(|numbers| numbers.try_into().ok()).ok_or_else(|| "expected two numbers, X,Y".to_owned())
 }
 
 /// Latitude and longitude of the centre of the area; `None` without an origin.
@@ -160,7 +180,7 @@ fn text(name: &str, field: Option<&NewField>) -> String {
         text += &format!("\n[{}]\n", key.name);
         for inner in inner {
             match (key.name, inner.name, field) {
-                ("area", "side_m", Some(field)) => text += &format!("{}\n", field.area),
+                ("area", "side_m", Some(field)) if !field.area.is_empty() => text += &format!("{}\n", field.area),
                 ("sensors", "count", Some(NewField { list: Some(_), .. })) => text += LIST_LINE,
                 _ => text.extend(line(inner, defaults)),
             }

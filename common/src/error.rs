@@ -10,7 +10,7 @@ use crate::terminal::one_line;
 const MAX_QUOTED: usize = 80;
 
 /// Most characters of a path.
-const MAX_PATH: usize = 400;
+pub(crate) const MAX_PATH: usize = 400;
 
 /// Most characters of a message; those of other libraries may hold a value of any length.
 const MAX_MESSAGE: usize = 600;

@@ -25,6 +25,7 @@ pub use mission::{CHANNEL, MAX_SEED, PlannerKeys, Scenario, TRACE};
 pub use sensors::SensorKeys;
 pub(crate) use sensors::{MAX_FIELD_BITS, MAX_SENSORS};
 pub use uav::{AltitudeMode, Climb, Coordination, MAX_UAVS, Moves, Propulsion, UavKeys};
+pub use zones::LEAST_FILLED;
 
 use crate::airspace::cells_along;
 use crate::channel::{LinkModel, RateTable};
@@ -36,6 +37,10 @@ pub const LETTER: &str = include_str!("../letter.toml");
 
 /// Changes to a scenario from the command line, made before it is checked.
 ///
+/// Extensions of files that are no scenarios, but become one by an option of `skysink new`.
+const IMPORTED: [(&[&str], &str); 2] =
+    [(&["csv", "kml", "kmz", "gpx", "geojson", "json"], "--sensors"), (&["png"], "--cell-m M --map")];
+
 /// ```
 /// use skysink_common::scenario::{Overrides, Scenario};
 /// let overrides = Overrides { seed: Some(7), strategy: Some("gfs"), ..Overrides::default() };
@@ -72,6 +77,13 @@ impl Scenario {
     /// # Errors
     /// If the file cannot be read, is not a scenario, or has a value out of range.
     pub fn read(path: &Path, overrides: Overrides) -> Result<Self, InputError> {
+        let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default().to_lowercase();
+        if let Some((_, option)) = IMPORTED.iter().find(|(names, _)| names.contains(&extension.as_str()))
+            && path.is_file()
+        {
+            let message = format!("expected a scenario, TOML: `skysink new NAME {option} FILE` makes one of it");
+            return Err(InputError::new("scenario", path, message));
+        }
         let text = read_text("scenario", path)?;
         Self::parse(&text, path, overrides)
     }

@@ -2,10 +2,11 @@
 
 use std::borrow::Cow;
 
-/// Whether a terminal would execute the character, or let it change the order of others, instead of showing it.
+/// Whether a terminal would execute the character, or let it change the order of others, instead of showing it, or
+/// whether it is none.
 fn is_control(character: char) -> bool {
     let is_directional = matches!(character, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2066}'..='\u{2069}');
-    character.is_control() || is_directional || matches!(character, '\u{2028}'..='\u{202e}')
+    character.is_control() || is_directional || matches!(character, '\u{2028}'..='\u{202e}' | '\u{fffe}' | '\u{ffff}')
 }
 
 /// The text with its control characters escaped as in JSON and TOML (`\u001b`), except line breaks and tabs.

@@ -9,17 +9,23 @@ mod picture;
 use std::path::Path;
 
 use skysink_common::error::{InputError, read_bytes};
-use skysink_common::geodata::{self, ReadFormat, geojson, kml};
+use skysink_common::geodata::{self, KMZ, ReadFormat, geojson, kml};
 
-pub use imported::{Frame, Imported, ImportedSensor};
+pub use imported::{Frame, GROUND, Imported, ImportedSensor, south_west};
 pub use picture::MapPicture;
 
 /// The kind of input in error messages.
 const WHAT: &str = "sensor positions";
 
 /// File extensions with their readers.
-const FORMATS: [(&str, ReadFormat<Imported>); 5] =
-    [("csv", csv::read), ("kml", of_kml), ("gpx", gpx::read), ("geojson", of_geojson), ("json", of_geojson)];
+const FORMATS: [(&str, ReadFormat<Imported>); 6] = [
+    ("csv", csv::read),
+    ("kml", of_kml),
+    (KMZ, of_kml),
+    ("gpx", gpx::read),
+    ("geojson", of_geojson),
+    ("json", of_geojson),
+];
 
 /// Reads the sensor nodes of the file `path`. Its extension determines the format.
 ///

@@ -26,6 +26,8 @@ pub struct NewField {
     pub source: PathBuf,
     /// Notes to print about the import.
     pub notes: Vec<String>,
+    /// What is probably unintended.
+    pub warnings: Vec<String>,
 }
 
 impl NewField {

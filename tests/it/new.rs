@@ -60,7 +60,7 @@ mod imports {
         format!(
             "<kml><Document><Folder>{}{}</Folder>{}</Document></kml>",
             placemark("boundary", "", corners[0]),
-            placemark("tower", "<extrude>1</extrude>", corners[1]),
+            placemark("tower", "<extrude>1</extrude><altitudeMode>relativeToGround</altitudeMode>", corners[1]),
             placemark("airfield", "", corners[2])
         )
     }
@@ -282,6 +282,68 @@ mod imports {
     #[test]
     fn positions_become_fields_that_can_be_checked() {
         Place::new().assert_transcript(&expect_file!["transcripts/points.txt"]);
+    }
+
+    /// `sh poly FILE PROPERTIES CORNERS` writes a polygon as GeoJSON; a UAV starts in the middle of the area.
+    const POLY: &str = r#"
+        printf '{"type":"Feature","properties":{%s},"geometry":{"type":"Polygon","coordinates":[[[%s]]]}}' \
+            "$2" "$(echo "$3" | sed 's/ /],[/g')" > $1"#;
+
+    /// What other programs write becomes the field that was meant, or a line says what is odd, with its file and place.
+    #[test]
+    fn implausible_places_are_refused_or_said() {
+        let place = Place::new();
+        place.write("poly", POLY);
+        place.write("nodes.csv", "lat,lon,name\n47.3972,8.5452,n1\n47.3988,8.5478,n2\n47.3990,8.5452,n3\n");
+        place.assert_transcript(&expect_file!["transcripts/places.txt"]);
+    }
+
+    /// A flight that is exported comes back as its sensor nodes, in every format that has points.
+    #[test]
+    fn exported_sensor_nodes_come_back() {
+        let place = Place::new();
+        place.write("nodes.csv", "lat,lon,name\n-16.501,180,post & pier\n-16.5,-179.999,\n");
+        place.run_ok(&["new", "city", "--sensors", "nodes.csv"]);
+        place.run_ok(&["simulate", "city/city.toml", "--strategy", "tour", "--set", "slots=9", "--out", "run"]);
+        for format in ["geojson", "kml", "gpx"] {
+            place.run_ok(&["export", "run", "--format", format]);
+            place.run_ok(&["new", "back", "--force", "--sensors", &format!("run.{format}")]);
+            let [first, back] = ["city/city.toml", "back/back.toml"].map(|name| {
+                let list = SensorList::of(&read(&place, name)).unwrap();
+                let places: Vec<Position> = list.sensors().iter().map(|sensor| sensor.position).collect();
+                (places, [0, 1].map(|id| list.label(id)))
+            });
+            assert_eq!((first.0.len(), back.0.len(), &first.1), (2, 2, &back.1), "{format}");
+            let moved_m = (first.0[1] - first.0[0] - (back.0[1] - back.0[0])).norm();
+            assert!(moved_m < 1e-3, "{format}: {moved_m} m");
+        }
+        assert!(!place.read("run.gpx").contains("\"180\""));
+        place.run_ok(&["export", "run", "--format", "csv"]);
+        place.run_refused(
+            &["new", "back", "--force", "--sensors", "run.csv"],
+            "columns slot and scheduled, of a flight",
+        );
+    }
+
+    /// A KML document in a KMZ archive, deflated, and in UTF-16.
+    #[test]
+    fn archives_and_encodings_of_xml_are_read() {
+        let place = Place::new();
+        let document = "<?xml version=\"1.0\" encoding=\"utf-16\"?><kml><Placemark><name>Wäldli</name><Point>\
+                        <coordinates>8.5456,47.3977</coordinates></Point></Placemark></kml>";
+        let utf16: Vec<u8> = document.encode_utf16().flat_map(u16::to_le_bytes).collect();
+        let mut archive = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+        archive.start_file("files/photo.png", zip::write::SimpleFileOptions::default()).unwrap();
+        archive.start_file("doc.kml", zip::write::SimpleFileOptions::default()).unwrap();
+        std::io::Write::write_all(&mut archive, document.as_bytes()).unwrap();
+        std::fs::write(place.path("a.kmz"), archive.finish().unwrap().into_inner()).unwrap();
+        std::fs::write(place.path("a.kml"), utf16).unwrap();
+        for file in ["a.kmz", "a.kml"] {
+            place.run_ok(&["new", "a", "--force", "--sensors", file]);
+            assert_eq!(place.read("a/sensors.csv"), "lat_deg,lon_deg,name\n47.3977,8.5456,Wäldli\n", "{file}");
+        }
+        std::fs::write(place.path("b.kmz"), document).unwrap();
+        place.run_refused(&["new", "b", "--sensors", "b.kmz"], "expected a KMZ file, a zip archive with a KML file");
     }
 
     #[test]

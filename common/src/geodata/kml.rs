@@ -1,74 +1,192 @@
 //! KML: imports the points and polygons of placemarks, at any depth of folders.
 
-use ::kml::types::{AltitudeMode, Geometry, LinearRing, Placemark, Point};
-use ::kml::{Kml, KmlReader};
+use super::xml::{self, XmlElement};
+use super::{Extrusion, FoundPoint, FoundPoints, FoundPolygon, IgnoredItem, KIND, NAME, check_geodetic};
+use crate::error::quoted;
 
-use super::{FoundPoint, FoundPoints, FoundPolygon, NAME, with_causes, xml};
+/// The outermost elements of files and of parts of them.
+const ROOTS: [&str; 4] = ["kml", "Document", "Folder", "Placemark"];
+
+/// Items without a placemark that have a position, and what they are called.
+const ITEMS: [(&str, &str); 5] = [
+    ("NetworkLink", "link"),
+    ("GroundOverlay", "overlay"),
+    ("PhotoOverlay", "overlay"),
+    ("ScreenOverlay", "overlay"),
+    ("Tour", "tour"),
+];
+
+/// Geometries that are neither points nor polygons, and what they are called.
+const OTHERS: [(&str, &str); 5] =
+    [("LineString", "line"), ("LinearRing", "line"), ("Model", "model"), ("Track", "track"), ("MultiTrack", "track")];
+
+/// The folders that `skysink export` writes, with the kind of their points.
+const FOLDERS: [(&str, &str); 2] = [("sensor nodes", "sensor node"), ("service points", "service")];
 
 /// Finds the points and polygons of the text of a file.
 ///
 /// # Errors
-/// If it is not KML.
+/// If it is not KML, or a position is invalid.
 pub fn find(text: &str) -> Result<FoundPoints, String> {
-    let refuse = |error: ::kml::Error| format!("{}: expected a KML file", with_causes(&error));
-    let ignored = xml::check(text, "KML")?;
-    let file: Kml<f64> = KmlReader::from_string(text).read().map_err(refuse)?;
-    let mut found = FoundPoints { ignored, ..FoundPoints::default() };
-    found.add_element(&file);
+    let root = xml::parse(text, "KML", &ROOTS)?;
+    let mut found = FoundPoints::default();
+    found.add_items(&[root], None)?;
     Ok(found)
 }
 
 /// Name, description and extended data of a placemark.
-fn properties(placemark: &Placemark<f64>) -> Vec<(String, String)> {
-    let texts = [(NAME, &placemark.name), ("description", &placemark.description)];
-    let mut properties: Vec<(String, String)> =
-        texts.into_iter().filter_map(|(name, text)| Some((name.to_owned(), text.clone()?))).collect();
-    let extended = placemark.children.iter().filter(|child| child.name == "ExtendedData");
-    for data in extended.flat_map(|extended| &extended.children) {
+fn properties(placemark: &XmlElement) -> Vec<(String, String)> {
+    let texts = [NAME, "description"].map(|name| Some((name.to_owned(), placemark.text_of(name)?.to_owned())));
+    let mut properties: Vec<(String, String)> = texts.into_iter().flatten().collect();
+    let has_name = placemark.text_of(NAME).is_some();
+    for data in placemark.named("ExtendedData").flat_map(|extended| &extended.children) {
         let fields = if data.name == "SchemaData" { &data.children[..] } else { std::slice::from_ref(data) };
         for field in fields {
-            let value = field.children.iter().find(|child| child.name == "value").unwrap_or(field);
-            let name = field.attrs.get("name").filter(|name| *name != NAME || placemark.name.is_none());
-            properties.extend(name.zip(value.content.as_ref()).map(|(name, value)| (name.clone(), value.clone())));
+            let value = field.text_of("value").or_else(|| field.text());
+            let name = field.attribute("name").filter(|name| *name != NAME || !has_name);
+            properties.extend(name.zip(value).map(|(name, value)| (name.to_owned(), value.to_owned())));
         }
     }
     properties
 }
 
-impl FoundPoints {
-    fn add_element(&mut self, element: &Kml<f64>) {
-        match element {
-            Kml::KmlDocument(document) => document.elements.iter().for_each(|inner| self.add_element(inner)),
-            Kml::Document { elements, .. } => elements.iter().for_each(|inner| self.add_element(inner)),
-            Kml::Folder(folder) => folder.elements.iter().for_each(|inner| self.add_element(inner)),
-            Kml::Placemark(placemark) => {
-                let properties = properties(placemark);
-                placemark.geometry.iter().for_each(|geometry| self.add_kml(geometry, &properties));
+/// Latitude and longitude [°] and altitude [m] of the tuples of an element `coordinates`, which blanks divide.
+fn tuples(geometry: &XmlElement) -> Result<Vec<([f64; 2], Option<f64>)>, String> {
+    let text = geometry.text_of("coordinates").unwrap_or_default();
+    // Blanks after commas, which hands type, divide nothing.
+    let text = text.split(',').map(str::trim).collect::<Vec<_>>().join(",");
+    let tuple = |tuple: &str| {
+        let numbers = tuple.split(',').map(|number| number.parse().ok().filter(|number: &f64| number.is_finite()));
+        let numbers: Option<Vec<f64>> = numbers.collect();
+        match numbers.as_deref() {
+            Some(&[lon_deg, lat_deg, ref altitude_m @ ..]) if altitude_m.len() < 2 => {
+                check_geodetic([lat_deg, lon_deg])?;
+                Ok(([lat_deg, lon_deg], altitude_m.first().copied()))
             }
-            _ => {} // styles, schemas and the like have no position
+            other => {
+                let count = other.map_or(0, <[f64]>::len);
+                let what = if count > 3 { format!("{count} numbers: ") } else { String::new() };
+                let expected = "longitude, latitude and altitude with commas, and a blank between positions";
+                Err(format!("coordinates `{}`: {what}expected {expected}", quoted(tuple)))
+            }
         }
+    };
+    text.split_whitespace().map(tuple).collect()
+}
+
+/// Whether the boolean of XML Schema in an element of this name is true; false without the element.
+fn is_true(geometry: &XmlElement, name: &str) -> Result<bool, String> {
+    match geometry.text_of(name) {
+        Some("1" | "true") => Ok(true),
+        None | Some("0" | "false") => Ok(false),
+        Some(other) => Err(format!("{name} `{}`: expected 0, 1, false or true", quoted(other))),
+    }
+}
+
+/// What the altitudes of a geometry are measured from; without a mode the standard clamps it to the ground.
+fn altitude_mode(geometry: &XmlElement) -> &str {
+    geometry.text_of("altitudeMode").unwrap_or("clampToGround")
+}
+
+impl FoundPoints {
+    fn add_items(&mut self, items: &[XmlElement], kind: Option<&str>) -> Result<(), String> {
+        for child in items {
+            match child.name.as_str() {
+                "kml" | "Document" | "Folder" => {
+                    let folder = FOLDERS.iter().find(|(name, _)| child.text_of(NAME) == Some(*name));
+                    self.add_items(&child.children, folder.map(|(_, kind)| *kind).or(kind))?;
+                }
+                "Placemark" => self.add_placemark(child, kind)?,
+                name => {
+                    let item = ITEMS.iter().find(|(item, _)| *item == name);
+                    let named = child.text_of(NAME).map(str::to_owned);
+                    self.ignored.extend(item.map(|(_, kind)| IgnoredItem { kind, name: named }));
+                }
+            }
+        }
+        Ok(())
     }
 
-    fn add_kml(&mut self, geometry: &Geometry<f64>, properties: &[(String, String)]) {
-        match geometry {
-            Geometry::Point(Point { coord, altitude_mode, .. }) => self.points.push(FoundPoint {
-                position: [coord.y, coord.x],
-                altitude_m: coord.z.filter(|_| *altitude_mode != AltitudeMode::RelativeToGround),
-                properties: properties.to_vec(),
-            }),
-            Geometry::MultiGeometry(several) => {
-                several.geometries.iter().for_each(|inner| self.add_kml(inner, properties));
-            }
-            Geometry::Polygon(polygon) => {
-                let ring = |ring: &LinearRing<f64>| ring.coords.iter().map(|corner| [corner.y, corner.x]).collect();
-                let altitudes_m = polygon.outer.coords.iter().filter_map(|corner| corner.z);
-                let extruded_m = altitudes_m.reduce(f64::max).filter(|_| polygon.extrude);
-                let rings = std::iter::once(&polygon.outer).chain(&polygon.inner).map(ring).collect();
-                self.polygons.push(FoundPolygon { rings, extruded_m, properties: properties.to_vec() });
-            }
-            _ => {}
+    fn add_placemark(&mut self, placemark: &XmlElement, kind: Option<&str>) -> Result<(), String> {
+        let mut properties = properties(placemark);
+        properties.extend(kind.map(|kind| (KIND.to_owned(), kind.to_owned())));
+        if !self.add_geometries(placemark, &properties)? {
+            self.ignored.push(IgnoredItem::of("placemark without a position", &properties));
         }
+        Ok(())
     }
+
+    /// Adds the geometries in an element; returns whether there are some.
+    fn add_geometries(&mut self, element: &XmlElement, properties: &[(String, String)]) -> Result<bool, String> {
+        let mut has_some = false;
+        for child in &element.children {
+            has_some |= match child.name.as_str() {
+                "Point" => {
+                    let point =
+                        point(child).map_err(|message| format!("{}: {message}", self.next_point(properties)))?;
+                    self.points.push(FoundPoint { properties: properties.to_vec(), ..point });
+                    true
+                }
+                "Polygon" => {
+                    let polygon = polygon(child);
+                    let polygon = polygon.map_err(|message| format!("{}: {message}", self.next_polygon(properties)))?;
+                    let is_clamped = altitude_mode(child).starts_with("clamp");
+                    if is_clamped && polygon.has_altitude && polygon.is_extruded {
+                        self.ignored.push(IgnoredItem::of("altitude of a polygon clamped to the ground", properties));
+                    }
+                    self.polygons.push(FoundPolygon { properties: properties.to_vec(), ..polygon.found });
+                    true
+                }
+                "MultiGeometry" => self.add_geometries(child, properties)?,
+                name => {
+                    let other = OTHERS.iter().find(|(other, _)| *other == name);
+                    self.ignored.extend(other.map(|(_, kind)| IgnoredItem::of(kind, properties)));
+                    other.is_some()
+                }
+            };
+        }
+        Ok(has_some)
+    }
+}
+
+fn point(point: &XmlElement) -> Result<FoundPoint, String> {
+    match tuples(point)?[..] {
+        [(position, altitude_m)] => {
+            let altitude_m = altitude_m.filter(|_| altitude_mode(point) != "relativeToGround");
+            Ok(FoundPoint { position, altitude_m, ..FoundPoint::default() })
+        }
+        [] => Err("no coordinates: expected a position".to_owned()),
+        ref several => Err(format!("{} positions: expected one", several.len())),
+    }
+}
+
+/// A polygon with what its altitudes are.
+struct ReadPolygon {
+    found: FoundPolygon,
+    is_extruded: bool,
+    has_altitude: bool,
+}
+
+fn polygon(polygon: &XmlElement) -> Result<ReadPolygon, String> {
+    let rings = |boundary| polygon.named(boundary).flat_map(|boundary| boundary.named("LinearRing"));
+    let outer = rings("outerBoundaryIs").map(tuples).collect::<Result<Vec<_>, _>>()?;
+    let inner = rings("innerBoundaryIs").map(tuples).collect::<Result<Vec<_>, _>>()?;
+    let is_extruded = is_true(polygon, "extrude")?;
+    let highest_m = outer.iter().flatten().filter_map(|(_, altitude_m)| *altitude_m).reduce(f64::max);
+    let extrusion = match (altitude_mode(polygon), highest_m.filter(|_| is_extruded)) {
+        ("relativeToGround" | "relativeToSeaFloor", Some(highest_m)) if highest_m > 0.0 => {
+            Extrusion::AboveGround(highest_m)
+        }
+        ("absolute", Some(highest_m)) => Extrusion::AboveSea(highest_m),
+        _ => Extrusion::Flat,
+    };
+    let corners = |ring: Vec<([f64; 2], Option<f64>)>| ring.into_iter().map(|(corner, _)| corner).collect();
+    let rings = outer.into_iter().chain(inner).map(corners).collect();
+    Ok(ReadPolygon {
+        found: FoundPolygon { rings, extrusion, properties: Vec::new() },
+        is_extruded,
+        has_altitude: highest_m.is_some_and(|altitude_m| altitude_m != 0.0),
+    })
 }
 
 #[cfg(test)]
@@ -83,7 +201,7 @@ mod tests {
     fn placemarks_are_points() {
         let found = find(FILE).unwrap();
         let [point] = &found.points[..] else { panic!("one point") };
-        assert_eq!((point.position, point.altitude_m, found.ignored), ([52.5, 13.4], Some(30.0), 1));
+        assert_eq!((point.position, point.altitude_m, found.ignored.len()), ([52.5, 13.4], Some(30.0), 1));
         assert_eq!(point.properties, [("name".to_owned(), "a".to_owned())]);
     }
 
@@ -104,7 +222,7 @@ mod tests {
                      <Placemark><gx:Track><when>2020</when></gx:Track></Placemark>";
         let text = FILE.replace("<Folder>", &format!("<Folder>{inner}"));
         let found = find(&text).unwrap();
-        assert_eq!((found.points.len(), found.ignored), (1, 7));
+        assert_eq!((found.points.len(), found.ignored.len()), (1, 7));
     }
 
     #[test]
@@ -118,13 +236,63 @@ mod tests {
     #[test]
     fn invalid_kml_is_refused() {
         assert!(find("<gpx>").unwrap_err().contains("ends within an element"));
-        assert!(find("<gpx></gpx></gpx>").is_err());
+        assert_eq!(find("<gpx></gpx>").unwrap_err(), "`gpx`: expected a KML file");
+        assert!(find("<kml></kml></kml>").is_err());
         for empty in ["<coordinates></coordinates>", "<coordinates/>", ""] {
             let file = format!("<kml><Placemark><Point>{empty}</Point></Placemark></kml>");
-            assert!(find(&file).unwrap_err().contains("Point without coordinates"), "{empty}");
+            assert_eq!(find(&file).unwrap_err(), "point 1: no coordinates: expected a position", "{empty}");
         }
         let deep = format!("<kml>{}{}</kml>", "<Folder>".repeat(100_000), "</Folder>".repeat(100_000));
         assert!(find(&deep).unwrap_err().contains("nested"));
-        assert!(find(&FILE.replace("13.4", "east")).unwrap_err().ends_with("expected a KML file"));
+        for (coordinates, message) in [
+            ("east,52.5,30", "`east,52.5,30`: "),
+            ("13.4", "`13.4`: "),
+            ("13.4,NaN", "`13.4,NaN`: "),
+            ("1,2,3,4", "`1,2,3,4`: 4 numbers: "),
+        ] {
+            let file = FILE.replace("13.4,52.5,30", coordinates);
+            let expected = "expected longitude, latitude and altitude with commas, and a blank between positions";
+            assert_eq!(find(&file).unwrap_err(), format!("point 1 (`a`): coordinates {message}{expected}"));
+        }
+        let two = find(&FILE.replace("13.4,52.5,30", "1,2 3,4")).unwrap_err();
+        assert_eq!(two, "point 1 (`a`): 2 positions: expected one");
+        assert_eq!(find(&FILE.replace("13.4,52.5,30", "\n13.4, 52.5, 30\n")).unwrap().points[0].altitude_m, Some(30.0));
+    }
+
+    /// The polygon of a file with these elements before its boundary, and corners of this altitude.
+    fn polygon_with(elements: &str, altitude: &str) -> Result<FoundPoints, String> {
+        let corners = ["1,2", "1,3", "2,3", "1,2"].map(|corner| format!("{corner}{altitude}")).join(" ");
+        find(&format!(
+            "<kml><Placemark><Polygon>{elements}<outerBoundaryIs><LinearRing><coordinates>{corners}</coordinates>\
+             </LinearRing></outerBoundaryIs></Polygon></Placemark></kml>"
+        ))
+    }
+
+    #[test]
+    fn only_altitudes_that_the_mode_does_not_ignore_become_heights() {
+        let mode = |mode: &str| format!("<extrude>1</extrude><altitudeMode>{mode}</altitudeMode>");
+        for (elements, altitude, extrusion, ignored) in [
+            ("<extrude>1</extrude>".to_owned(), ",471", Extrusion::Flat, 1),
+            ("<extrude>1</extrude>".to_owned(), ",0", Extrusion::Flat, 0),
+            (mode("clampToGround"), ",471", Extrusion::Flat, 1),
+            (mode("clampToSeaFloor").replace("altitudeMode", "gx:altitudeMode"), ",471", Extrusion::Flat, 1),
+            (mode("relativeToGround"), ",9", Extrusion::AboveGround(9.0), 0),
+            (mode(" relativeToGround\n").replace(">1<", "> 1 <"), ",9", Extrusion::AboveGround(9.0), 0),
+            (mode("relativeToGround").replace(">1<", ">true<"), ",9", Extrusion::AboveGround(9.0), 0),
+            (mode("relativeToGround").replace(">1<", ">false<"), ",9", Extrusion::Flat, 0),
+            (mode("relativeToGround").replace("<extrude>1</extrude>", "<extrude/>"), ",9", Extrusion::Flat, 0),
+            (mode("relativeToGround"), ",0", Extrusion::Flat, 0),
+            (mode("relativeToGround"), "", Extrusion::Flat, 0),
+            (mode("absolute"), ",480", Extrusion::AboveSea(480.0), 0),
+        ] {
+            let found = polygon_with(&elements, altitude).unwrap();
+            assert_eq!(
+                (found.polygons[0].extrusion, found.ignored.len()),
+                (extrusion, ignored),
+                "{elements} {altitude}"
+            );
+        }
+        let refused = polygon_with("<extrude>yes</extrude>", "").unwrap_err();
+        assert_eq!(refused, "polygon 1: extrude `yes`: expected 0, 1, false or true");
     }
 }

@@ -5,18 +5,26 @@
 
 pub mod geojson;
 pub mod kml;
+pub mod plausible;
 pub mod projection;
+mod text;
 pub mod xml;
 mod zones;
 
 use std::path::Path;
 
-use crate::error::{InputError, read_text};
+use crate::error::{InputError, quoted, read_bytes};
 
-pub use zones::{Zone, ZoneKind, read_zones};
+pub use zones::{Zone, ZoneKind, Zones, read_zones};
 
 /// The property that names a point or a polygon.
 pub const NAME: &str = "name";
+
+/// The property that says what a point or a polygon is.
+pub const KIND: &str = "kind";
+
+/// The extension of an archive with a KML document.
+pub const KMZ: &str = "kmz";
 
 /// A point of a file.
 #[derive(Debug, Clone, Default)]
@@ -34,21 +42,101 @@ pub struct FoundPoint {
 pub struct FoundPolygon {
     /// Latitude and longitude [°] of the corners of each ring.
     pub rings: Vec<Vec<[f64; 2]>>,
-    /// The height to which its sides are drawn [m].
-    pub extruded_m: Option<f64>,
+    /// How high its sides are drawn.
+    pub extrusion: Extrusion,
     /// Names and values of its properties.
     pub properties: Vec<(String, String)>,
 }
 
-/// The points and polygons of a file, and the number of items without a point.
+/// How high the sides of a polygon are drawn.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub enum Extrusion {
+    /// Not at all.
+    #[default]
+    Flat,
+    /// Up to this height above the ground [m].
+    AboveGround(f64),
+    /// Up to this altitude above sea level [m].
+    AboveSea(f64),
+}
+
+/// An item of a file that is no point and no polygon.
+#[derive(Debug, Clone, PartialEq)]
+pub struct IgnoredItem {
+    /// What it is, such as `line`.
+    pub kind: &'static str,
+    /// Its name, if it has one.
+    pub name: Option<String>,
+}
+
+/// The points and polygons of a file, and what else is in it.
 #[derive(Debug, Default)]
 pub struct FoundPoints {
     /// The points.
     pub points: Vec<FoundPoint>,
     /// The polygons.
     pub polygons: Vec<FoundPolygon>,
-    /// The number of items without a point.
-    pub ignored: usize,
+    /// All other items.
+    pub ignored: Vec<IgnoredItem>,
+}
+
+/// Most names of ignored items in a message.
+const MOST_NAMES: usize = 5;
+
+/// The location of an item in a file: its number, and its name if it has one.
+fn place(kind: &str, number: usize, properties: &[(String, String)]) -> String {
+    let name = properties.iter().find(|(name, value)| name.to_lowercase() == NAME && !value.trim().is_empty());
+    let name = name.map(|(_, name)| format!(" (`{}`)", quoted(name))).unwrap_or_default();
+    format!("{kind} {number}{name}")
+}
+
+impl FoundPoints {
+    /// The location of the next point, for messages.
+    fn next_point(&self, properties: &[(String, String)]) -> String {
+        place("point", self.points.len() + 1, properties)
+    }
+
+    /// The location of the next polygon, for messages.
+    fn next_polygon(&self, properties: &[(String, String)]) -> String {
+        place("polygon", self.polygons.len() + 1, properties)
+    }
+
+    /// Its polygons as ignored items.
+    pub fn ignored_polygons(&self) -> impl Iterator<Item = IgnoredItem> {
+        self.polygons.iter().map(|polygon| IgnoredItem::of("polygon", &polygon.properties))
+    }
+}
+
+impl IgnoredItem {
+    /// The item with these properties.
+    #[must_use]
+    pub fn of(kind: &'static str, properties: &[(String, String)]) -> Self {
+        let name = properties.iter().find(|(name, value)| name.to_lowercase() == NAME && !value.trim().is_empty());
+        Self { kind, name: name.map(|(_, name)| name.clone()) }
+    }
+
+    /// Counts and names of items by kind, such as `2 × line (`a`), polygon`; `None` without items.
+    #[must_use]
+    pub fn summary(items: &[Self]) -> Option<String> {
+        let mut kinds: Vec<&str> = items.iter().map(|item| item.kind).collect();
+        kinds.sort_unstable();
+        kinds.dedup();
+        let of_kind = |kind: &&str| {
+            let count = items.iter().filter(|item| item.kind == *kind).count();
+            let mut names: Vec<String> = items
+                .iter()
+                .filter(|item| item.kind == *kind)
+                .filter_map(|item| Some(format!("`{}`", quoted(item.name.as_ref()?))))
+                .collect();
+            if names.len() > MOST_NAMES {
+                names.truncate(MOST_NAMES);
+                names.push("...".to_owned());
+            }
+            let names = if names.is_empty() { String::new() } else { format!(" ({})", names.join(", ")) };
+            format!("{count} × {kind}{names}")
+        };
+        (!items.is_empty()).then(|| kinds.iter().map(of_kind).collect::<Vec<_>>().join(", "))
+    }
 }
 
 /// Reads the text of a file. The error contains location, value and expectation.
@@ -64,20 +152,30 @@ pub fn read<T>(what: &'static str, path: &Path, formats: &[(&str, ReadFormat<T>)
     let names = formats.iter().map(|(name, _)| format!(".{name}")).collect::<Vec<_>>().join(", ");
     let format = formats.iter().find(|(name, _)| *name == extension);
     let (_, reader) = format.ok_or_else(|| refuse(format!("`.{extension}`: expected a file named {names}")))?;
-    let text = read_text(what, path)?;
-    reader(text.trim_start_matches('\u{feff}')).map_err(refuse) // without the byte order mark
+    let bytes = read_bytes(what, path)?;
+    let bytes = if extension == KMZ { text::unzip(&bytes).map_err(refuse)? } else { bytes };
+    text::decode(&bytes).and_then(|text| reader(&text)).map_err(refuse)
 }
 
 /// Checks the range of a latitude and a longitude.
 ///
 /// # Errors
-/// If one is out of range, with what was expected.
+/// If one is out of range, with what was expected, and the probable cause.
 pub fn check_geodetic([lat_deg, lon_deg]: [f64; 2]) -> Result<(), String> {
-    if !(-90.0..=90.0).contains(&lat_deg) {
-        return Err(format!("latitude {lat_deg}: expected -90 to 90"));
+    let is_latitude = |deg: f64| (-90.0..=90.0).contains(&deg);
+    let is_longitude = |deg: f64| (-180.0..=180.0).contains(&deg);
+    let cause = if is_longitude(lat_deg) && is_latitude(lon_deg) {
+        "; are latitude and longitude swapped?"
+    } else if lat_deg.abs().max(lon_deg.abs()) > 360.0 {
+        "; no degrees of WGS84 (EPSG:4326), but metres of a projection such as UTM?"
+    } else {
+        ""
+    };
+    if !is_latitude(lat_deg) {
+        return Err(format!("latitude {lat_deg}: expected -90 to 90{cause}"));
     }
-    if !(-180.0..=180.0).contains(&lon_deg) {
-        return Err(format!("longitude {lon_deg}: expected -180 to 180"));
+    if !is_longitude(lon_deg) {
+        return Err(format!("longitude {lon_deg}: expected -180 to 180{cause}"));
     }
     Ok(())
 }

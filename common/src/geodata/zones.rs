@@ -2,14 +2,15 @@
 
 use std::path::Path;
 
-use super::{FoundPoints, FoundPolygon, NAME, ReadFormat, check_geodetic, geojson, kml};
+use super::{Extrusion, FoundPoints, FoundPolygon, IgnoredItem, KIND, KMZ, NAME, ReadFormat, geojson, kml};
+use crate::airspace::Polygon;
 use crate::error::{InputError, quoted};
 use crate::geodata::projection::Projection;
 use crate::geometry::Position;
 
 /// File extensions with their readers.
-const FORMATS: [(&str, ReadFormat<FoundPoints>); 3] =
-    [("kml", kml::find), ("geojson", geojson::find), ("json", geojson::find)];
+const FORMATS: [(&str, ReadFormat<FoundPoints>); 4] =
+    [("kml", kml::find), (KMZ, kml::find), ("geojson", geojson::find), ("json", geojson::find)];
 
 /// The kind of input in error messages.
 const WHAT: &str = "zones";
@@ -18,7 +19,7 @@ const WHAT: &str = "zones";
 const HEIGHTS: [&str; 2] = ["height_m", "height"];
 
 /// Properties that say what a polygon is.
-const KINDS: [&str; 2] = ["kind", NAME];
+const KINDS: [&str; 2] = [KIND, NAME];
 
 /// Values of them for the boundary of an area.
 const BOUNDARIES: [&str; 2] = ["boundary", "area"];
@@ -30,6 +31,8 @@ pub enum ZoneKind {
     NoFly,
     /// A building of this height [m].
     Building(f64),
+    /// A building up to this altitude above sea level [m].
+    BuildingAboveSea(f64),
     /// The boundary of the area.
     Boundary,
 }
@@ -45,20 +48,33 @@ pub struct Zone {
     pub kind: ZoneKind,
 }
 
-/// Reads the zones of the file `path`, KML or GeoJSON.
+/// The zones of a file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Zones {
+    /// The polygons.
+    pub zones: Vec<Zone>,
+    /// Counts and names of all that is no polygon; `None` without such items.
+    pub ignored: Option<String>,
+}
+
+/// Reads the zones of the file `path`, KML, KMZ or GeoJSON.
 ///
 /// # Errors
-/// If the format is unknown, the file cannot be read, a polygon has a hole or an invalid position, or there is none.
-pub fn read_zones(path: &Path) -> Result<Vec<Zone>, InputError> {
+/// If the format is unknown, the file cannot be read, a polygon has a hole, no corners or an invalid position, or there
+/// is none.
+pub fn read_zones(path: &Path) -> Result<Zones, InputError> {
     let found = super::read(WHAT, path, &FORMATS)?;
-    zones(&found).map_err(|message| InputError::new(WHAT, path, message))
+    let zones = zones(&found).map_err(|message| InputError::new(WHAT, path, message))?;
+    let points = found.points.iter().map(|point| IgnoredItem::of("point", &point.properties));
+    let ignored: Vec<IgnoredItem> = found.ignored.iter().cloned().chain(points).collect();
+    Ok(Zones { zones, ignored: IgnoredItem::summary(&ignored) })
 }
 
 impl Zone {
     /// Its corners in the plane of an area [m], to the millimetre, without the last one if it is the first again.
     ///
     /// # Errors
-    /// If a corner is beyond the horizon; `path` is the file of the zone.
+    /// If a corner is beyond the horizon, or they are not those of a polygon; `path` is the file of the zone.
     pub fn corners_m(&self, projection: &Projection, path: &Path) -> Result<Vec<[f64; 2]>, InputError> {
         let open = match &self.corners[..] {
             [first, between @ .., last] if first == last && !between.is_empty() => &self.corners[..=between.len()],
@@ -69,7 +85,16 @@ impl Zone {
             let expected = "expected a position within the horizon of the area";
             position.ok_or_else(|| self.refusal(path, expected)).map(|at: Position| [at.x, at.y].map(to_millimetre))
         };
-        open.iter().map(in_plane).collect()
+        let corners = open.iter().map(in_plane).collect::<Result<Vec<_>, _>>()?;
+        let expected = "expected at least three corners of a polygon without crossings";
+        Polygon::of(&corners, self.kind == ZoneKind::Boundary).map_err(|_| self.refusal(path, expected))?;
+        Ok(corners)
+    }
+
+    /// Its name in messages, with its file `path`.
+    #[must_use]
+    pub fn name(&self, path: &Path) -> String {
+        self.refusal(path, "").to_string().trim_end_matches(": ").to_owned()
     }
 
     /// The error for this zone of the file `path`.
@@ -91,7 +116,7 @@ fn zones(found: &FoundPoints) -> Result<Vec<Zone>, String> {
     }
     let numbered = found.polygons.iter().zip(1..);
     let zones = numbered.map(|(polygon, number)| {
-        let place = format!("polygon {number}");
+        let place = super::place("polygon", number, &polygon.properties);
         let zone = zone(polygon).map_err(|message| format!("{place}: {message}"))?;
         Ok(Zone { place, ..zone })
     });
@@ -103,8 +128,12 @@ fn zones(found: &FoundPoints) -> Result<Vec<Zone>, String> {
 }
 
 fn zone(polygon: &FoundPolygon) -> Result<Zone, String> {
-    let [outer] = &polygon.rings[..] else { return Err("a hole: expected a polygon without holes".to_owned()) };
-    outer.iter().try_for_each(|corner| check_geodetic(*corner))?;
+    let outer = match &polygon.rings[..] {
+        [] => return Err("no corners: expected at least three".to_owned()),
+        [outer, ..] if outer.is_empty() => return Err("no corners: expected at least three".to_owned()),
+        [outer] => outer,
+        _ => return Err("a hole: expected a polygon without holes".to_owned()),
+    };
     let property = |names: &[&str]| {
         let called = |name: &&str| polygon.properties.iter().find(|(own, _)| own.to_lowercase() == **name);
         names.iter().find_map(called).map(|(_, value)| value.trim())
@@ -113,17 +142,20 @@ fn zone(polygon: &FoundPolygon) -> Result<Zone, String> {
     let kind = if property(&KINDS).is_some_and(is_boundary) {
         ZoneKind::Boundary
     } else {
-        let height_m = match property(&HEIGHTS) {
-            None => polygon.extruded_m,
+        let height = match property(&HEIGHTS) {
+            None => polygon.extrusion,
             Some(value) => {
                 let number = value.trim_end_matches('m').trim_end().parse().ok();
-                Some(number.ok_or_else(|| format!("height {}: expected metres", quoted(value)))?)
+                Extrusion::AboveGround(number.ok_or_else(|| format!("height {}: expected metres", quoted(value)))?)
             }
         };
-        match height_m {
-            None => ZoneKind::NoFly,
-            Some(height_m) if height_m > 0.0 && f64::is_finite(height_m) => ZoneKind::Building(height_m),
-            Some(height_m) => return Err(format!("height {height_m}: expected a finite number above 0")),
+        match height {
+            Extrusion::Flat => ZoneKind::NoFly,
+            Extrusion::AboveSea(altitude_m) => ZoneKind::BuildingAboveSea(altitude_m),
+            Extrusion::AboveGround(height_m) if height_m > 0.0 && height_m.is_finite() => ZoneKind::Building(height_m),
+            Extrusion::AboveGround(height_m) => {
+                return Err(format!("height {height_m}: expected a finite number above 0"));
+            }
         }
     };
     Ok(Zone { place: String::new(), corners: outer.clone(), kind })
@@ -135,7 +167,7 @@ mod tests {
 
     fn found(properties: &[(&str, &str)]) -> FoundPolygon {
         let properties = properties.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect();
-        FoundPolygon { rings: vec![vec![[1.0, 2.0], [1.0, 3.0], [2.0, 3.0]]], extruded_m: None, properties }
+        FoundPolygon { rings: vec![vec![[1.0, 2.0], [1.0, 3.0], [2.0, 3.0]]], properties, ..FoundPolygon::default() }
     }
 
     fn kind(properties: &[(&str, &str)]) -> Result<ZoneKind, String> {
@@ -149,7 +181,7 @@ mod tests {
         assert_eq!(kind(&[("height", "9"), ("height_m", "10")]), Ok(ZoneKind::Building(10.0)));
         assert_eq!(kind(&[("kind", "area"), ("name", "field")]), Ok(ZoneKind::Boundary));
         assert_eq!(kind(&[("name", "Boundary")]), Ok(ZoneKind::Boundary));
-        let extruded = FoundPolygon { extruded_m: Some(7.0), ..found(&[]) };
+        let extruded = FoundPolygon { extrusion: Extrusion::AboveGround(7.0), ..found(&[]) };
         assert_eq!(zone(&extruded).unwrap().kind, ZoneKind::Building(7.0));
         for height in ["tall", "-3", "0", "inf", "NaN", ""] {
             assert!(kind(&[("height", height)]).unwrap_err().starts_with("height "), "{height}");
@@ -167,7 +199,7 @@ mod tests {
         let open = corners(&[]);
         assert_eq!((open.len(), open[0]), (3, [0.0, 0.0]));
         assert_eq!(corners(&[[1.0, 2.0]]), open, "a closed ring");
-        assert_eq!(corners(&[[2.0, 2.0]]).len(), 4);
+        assert_eq!(corners(&[[1.5, 2.0]]).len(), 4);
     }
 
     #[test]
@@ -179,8 +211,9 @@ mod tests {
         assert_eq!(all(vec![found(&[]), pierced]).unwrap_err(), "polygon 2: a hole: expected a polygon without holes");
         let boundary = || found(&[("kind", "boundary")]);
         assert_eq!(all(vec![boundary(), boundary()]).unwrap_err(), "polygon 2: a second boundary: expected one");
-        let mut far = found(&[]);
-        far.rings[0][1] = [1.0, 200.0];
-        assert_eq!(all(vec![far]).unwrap_err(), "polygon 1: longitude 200: expected -180 to 180");
+        for rings in [vec![], vec![vec![]], vec![vec![], vec![[1.0, 2.0]]]] {
+            let empty = FoundPolygon { rings, ..found(&[("name", "pond")]) };
+            assert_eq!(all(vec![empty]).unwrap_err(), "polygon 1 (`pond`): no corners: expected at least three");
+        }
     }
 }

@@ -13,6 +13,7 @@ use super::uav::UavKeys;
 use crate::arrivals::{ArrivalKeys, ArrivalLaw, ArrivalTrace};
 use crate::channel::{LinkBudget, LinkModel};
 use crate::error::InputError;
+use crate::geodata::plausible::NamedPolygon;
 use crate::keys::{self, Accepts, Keys, POSITIVE, Setting, Source};
 
 /// The file of the arrivals in a run folder.
@@ -75,6 +76,12 @@ crate::keys! {
             /// The settings that replaced values of the file, for messages.
             #[serde(skip)]
             pub settings: Vec<Setting>,
+            /// The polygons of zones, buildings and the boundary, with their keys or their files, for messages.
+            #[serde(skip)]
+            pub polygons: Vec<NamedPolygon>,
+            /// What was ignored in its files, for messages.
+            #[serde(skip)]
+            pub notes: Vec<String>,
         }
     }
 }

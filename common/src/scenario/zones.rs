@@ -1,8 +1,6 @@
 //! The airspace of a scenario, and the rules of its zones, buildings and bases: polygons, and ways that lead where the
 //! UAV has to go.
 
-use std::path::Path;
-
 use serde::Serialize;
 use toml::Value;
 
@@ -11,22 +9,34 @@ use super::mission::Scenario;
 use crate::airspace::{Airspace, MAX_CORNERS, Polygon};
 use crate::base::{Base, BaseArea};
 use crate::channel::Buildings;
-use crate::error::InputError;
+use crate::error::{InputError, MAX_PATH};
+use crate::geodata::plausible::{NamedPolygon, PolygonRole};
 use crate::geodata::projection::Projection;
-use crate::geodata::{Zone, ZoneKind, read_zones};
+use crate::geodata::{ZoneKind, read_zones};
 use crate::geometry::Position;
+use crate::terminal::one_line;
 
 /// Least part of its bounding box that a boundary fills: sensor nodes are drawn in the box until they lie in the
 /// boundary.
-const LEAST_FILLED: f64 = 0.01;
+pub const LEAST_FILLED: f64 = 0.01;
 
-/// Replaces the files of `[[area.no_fly]]` by their zones, buildings and boundary, as polygons.
+/// Replaces the files of `[[area.no_fly]]` by their zones, buildings and boundary, as polygons, and names all polygons
+/// for messages.
 ///
 /// # Errors
 /// If a table has a polygon and a file or neither, a file is refused, the area has no origin, or there are two
 /// boundaries.
 pub(super) fn read_files(scenario: &mut Scenario) -> Result<(), InputError> {
-    let Some(tables) = scenario.area.no_fly.take() else { return Ok(()) };
+    let mut polygons = Vec::new();
+    let mut name = |name: String, role, corners_m: &[[f64; 2]]| {
+        polygons.push(NamedPolygon { name, role, corners_m: corners_m.to_vec() });
+    };
+    let area = &scenario.area;
+    area.boundary_m.iter().for_each(|corners| name("area.boundary_m".to_owned(), PolygonRole::Boundary, corners));
+    for (index, building) in area.building.iter().flatten().enumerate() {
+        name(format!("area.building[{index}].polygon_m"), PolygonRole::Building, &building.polygon_m);
+    }
+    let tables = scenario.area.no_fly.take().unwrap_or_default();
     let mut no_fly = Vec::with_capacity(tables.len());
     for (index, table) in tables.into_iter().enumerate() {
         let key = format!("area.no_fly[{index}]");
@@ -38,6 +48,7 @@ pub(super) fn read_files(scenario: &mut Scenario) -> Result<(), InputError> {
             if let Err(expected) = Polygon::of(table.corners(), false) {
                 return Err(scenario.refusal(&format!("{key}.polygon_m"), &toml_of(table.corners()), expected));
             }
+            name(format!("{key}.polygon_m"), PolygonRole::NoFly, table.corners());
             no_fly.push(table);
             continue;
         };
@@ -46,29 +57,39 @@ pub(super) fn read_files(scenario: &mut Scenario) -> Result<(), InputError> {
             return Err(scenario.refusal(&format!("{key}.file"), &toml_of(file), expected));
         };
         let path = scenario.beside(file);
-        for zone in read_zones(&path)? {
-            let corners = polygon_of(&zone, &Projection::at(origin), &path)?;
+        let read = read_zones(&path)?;
+        let note = |ignored| format!("zones {}: ignored: {ignored}", one_line(&path.to_string_lossy(), MAX_PATH));
+        scenario.notes.extend(read.ignored.map(note));
+        for zone in read.zones {
+            let corners = zone.corners_m(&Projection::at(origin), &path)?;
+            let mut named = |role| name(zone.name(&path), role, &corners);
             match zone.kind {
-                ZoneKind::NoFly => no_fly.push(NoFlyKeys { polygon_m: Some(corners), file: None }),
+                ZoneKind::NoFly => {
+                    named(PolygonRole::NoFly);
+                    no_fly.push(NoFlyKeys { polygon_m: Some(corners), file: None });
+                }
                 ZoneKind::Building(height_m) => {
+                    named(PolygonRole::Building);
                     scenario.area.building.get_or_insert_default().push(BuildingKeys { polygon_m: corners, height_m });
+                }
+                ZoneKind::BuildingAboveSea(altitude_m) => {
+                    let expected = "expected a height above the ground (altitudeMode relativeToGround, or height_m); \
+                                    `skysink new --zones` measures it against the ground of the sensor nodes";
+                    return Err(zone.refusal(&path, &format!("{altitude_m} m above sea level: {expected}")));
                 }
                 ZoneKind::Boundary if scenario.area.boundary_m.is_some() => {
                     return Err(zone.refusal(&path, "a second boundary: expected one, here or in area.boundary_m"));
                 }
-                ZoneKind::Boundary => scenario.area.boundary_m = Some(corners),
+                ZoneKind::Boundary => {
+                    named(PolygonRole::Boundary);
+                    scenario.area.boundary_m = Some(corners);
+                }
             }
         }
     }
+    scenario.polygons = polygons;
     scenario.area.no_fly = Some(no_fly).filter(|zones| !zones.is_empty());
     Ok(())
-}
-
-/// The corners [m] of `zone`, of the file `path`, which are a polygon.
-fn polygon_of(zone: &Zone, projection: &Projection, path: &Path) -> Result<Vec<[f64; 2]>, InputError> {
-    let corners = zone.corners_m(projection, path)?;
-    let polygon = Polygon::of(&corners, zone.kind == ZoneKind::Boundary);
-    polygon.map(|_| corners).map_err(|expected| zone.refusal(path, &format!("expected {expected}")))
 }
 
 /// Checks the border, the zones and the buildings of `scenario`, and that its start and its base lie outside of them.

@@ -102,6 +102,13 @@ impl SensorList {
         Self::new(rows::read(text, scenario, locate).map_err(refuse)?, scenario)
     }
 
+    /// The location of sensor node `id` in the list `path`, for messages: its line, or its id if the list is gone.
+    #[must_use]
+    pub fn place_of(path: &Path, id: usize) -> String {
+        let line = read_text("sensor list", path).ok().and_then(|text| rows::line_of_row(&text, id));
+        line.map_or_else(|| format!("SN {id}"), |line| format!("line {line}"))
+    }
+
     fn new(rows: Rows, scenario: &Scenario) -> Result<Self, InputError> {
         let Rows { sensors, mut names, ground_m } = rows;
         if names.iter().all(String::is_empty) {

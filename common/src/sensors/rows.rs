@@ -43,12 +43,13 @@ const PRIOR: [(&str, &str); 2] = [("sampling_bps", "sensors.sampling_bps"), (CAP
 /// Most characters of a name.
 const MOST_CHARACTERS: usize = 100;
 
-/// Checks the name of a sensor node: at most 100 characters, none of them a control character.
+/// Checks the name of a sensor node: at most 100 characters, none of them a control character or one that XML forbids.
 ///
 /// # Errors
 /// A message with the name, if it is another.
 pub fn check_name(name: &str) -> Result<(), String> {
-    let is_accepted = name.chars().count() <= MOST_CHARACTERS && !name.chars().any(char::is_control);
+    let is_forbidden = |character: char| character.is_control() || "\u{fffe}\u{ffff}".contains(character);
+    let is_accepted = name.chars().count() <= MOST_CHARACTERS && !name.chars().any(is_forbidden);
     let expected = format_args!("at most {MOST_CHARACTERS} characters, on one line");
     if is_accepted { Ok(()) } else { Err(format!("name = {}: expected {expected}", quoted(name))) }
 }
@@ -106,6 +107,13 @@ pub(super) fn read(text: &str, scenario: &Scenario, locate: impl Fn(usize, u64) 
         return Err(in_header("no rows: expected at least one sensor node".to_owned()));
     }
     Ok(Rows { sensors, names, ground_m })
+}
+
+/// The line of a row of a list, from 1.
+pub(super) fn line_of_row(text: &str, row: usize) -> Option<u64> {
+    let mut reader = csv::ReaderBuilder::new().flexible(true).from_reader(text.as_bytes());
+    let row = reader.records().nth(row)?.ok()?;
+    Some(line_of(text, row.position()))
 }
 
 /// The columns of one list.

@@ -1,45 +1,73 @@
-//! CSV: columns by name in any order, separated by commas, semicolons or tabs.
+//! CSV: columns by name in any order, separated by commas, semicolons or tabs, as GIS programs and spreadsheets write
+//! them: with units, a line `sep=;`, and decimal commas where commas separate nothing.
 
 use ::csv::{ReaderBuilder, StringRecord, Trim};
 use skysink_common::error::{line_of, quoted};
-use skysink_common::geodata::{NAME, check_geodetic};
+use skysink_common::geodata::{NAME, check_geodetic, plausible};
 
 use super::imported::{Frame, Imported, ImportedSensor, OTHERS};
 
 /// The names of the columns with coordinates in lower case: first the name in a sensor list, then its aliases. Those of
 /// [`OTHERS`] follow.
 const COORDINATES: [&[&str]; 4] = [
-    &["x_m", "x", "east", "easting"],
-    &["y_m", "y", "north", "northing"],
-    &["lat_deg", "lat", "latitude"],
-    &["lon_deg", "lon", "lng", "long", "longitude"],
+    &["x_m", "x", "east", "easting", "point_x", "xcoord", "x_coord"],
+    &["y_m", "y", "north", "northing", "point_y", "ycoord", "y_coord"],
+    &["lat_deg", "lat", "latitude", "decimallatitude"],
+    &["lon_deg", "lon", "lng", "long", "longitude", "decimallongitude"],
 ];
+
+/// The units that a header may name, by the ends of the names in a sensor list.
+const UNITS: [(&str, &[&str]); 5] = [
+    ("_m", &["m", "metre", "metres", "meter", "meters"]),
+    ("_deg", &["deg", "°", "degree", "degrees", "decimal degrees", "dd", "wgs84"]),
+    ("_bps", &["bit/s", "bits/s", "bps"]),
+    ("_bits", &["bit", "bits"]),
+    ("_db", &["db"]),
+];
+
+/// Columns of the flight that `skysink export` and runs write.
+const SLOTS: [&str; 2] = ["slot", "scheduled"];
 
 /// Reads the text of a file.
 pub fn read(text: &str) -> Result<Imported, String> {
-    let first = text.lines().next().unwrap_or_default();
-    let separator =
-        [b',', b';', b'\t'].into_iter().max_by_key(|&byte| (first.matches(byte as char).count(), byte == b','));
-    let mut reader = ReaderBuilder::new()
-        .trim(Trim::All)
-        .delimiter(separator.expect("three to choose from"))
-        .flexible(true)
-        .from_reader(text.as_bytes());
+    let (line, declared) = match text.lines().next().and_then(|line| line.trim().strip_prefix("sep=")) {
+        Some(separator) => (1, separator.bytes().next()),
+        None => (0, None),
+    };
+    let header = text.lines().nth(line).unwrap_or_default();
+    let separators = [b',', b';', b'\t'].into_iter();
+    let likeliest = separators.max_by_key(|&byte| (header.matches(byte as char).count(), byte == b','));
+    let separator = declared.or(likeliest).expect("three to choose from");
+    let start = if line == 0 { 0 } else { text.find('\n').map_or(text.len(), |end| end + 1) };
+    let body = &text[start..];
+    let mut reader =
+        ReaderBuilder::new().trim(Trim::All).delimiter(separator).flexible(true).from_reader(body.as_bytes());
     let header = reader.headers().map_err(|error| error.to_string())?.clone();
-    let table = Columns::of(&header).map_err(|message| format!("line 1: {message}"))?;
+    let table = Columns::of(&header, separator).map_err(|message| format!("line {}: {message}", line + 1))?;
     let mut sensors = Vec::new();
     for row in reader.records() {
         let row = row.map_err(|error| error.to_string())?;
-        let line = line_of(text, row.position());
+        let place = format!("line {}", line_of(body, row.position()) + line as u64);
+        if row.len() > 1 && row.iter().all(str::is_empty) {
+            continue; // spreadsheets end with such rows
+        }
         if row.len() != header.len() {
             let [found, expected] = [row.len(), header.len()];
             return Err(format!(
-                "line {line}: {found} fields: expected {expected}, as in the header, and numbers with decimal points"
+                "{place}: {found} fields: expected {expected}, as in the header, and numbers with decimal points"
             ));
         }
-        let place = format!("line {line}");
         let sensor = table.sensor(&row, place.clone()).map_err(|message| format!("{place}: {message}"))?;
         sensors.push(sensor);
+    }
+    let positions: Vec<[f64; 2]> = sensors.iter().map(|sensor| sensor.position).collect();
+    if table.frame == Frame::Plane && plausible::are_degrees(&positions) {
+        let [x, y] = table.position.each_ref().map(|(name, _)| quoted(name));
+        return Err(format!(
+            "columns {x} and {y}: {} sensor nodes within a metre, as if their degrees were metres: expected metres, or \
+             columns lat and lon",
+            positions.len()
+        ));
     }
     Ok(Imported {
         frame: table.frame,
@@ -55,59 +83,97 @@ struct Columns {
     position: [(String, usize); 2],
     others: Vec<(&'static str, usize)>,
     ignored: Vec<String>,
+    /// Whether numbers may have decimal commas.
+    has_commas: bool,
+}
+
+/// The name of a column in lower case without its unit, and the unit, as in `X [m]` and `Latitude (deg)`.
+fn name_and_unit(header: &str) -> (String, Option<String>) {
+    let lower = header.to_lowercase();
+    let unit = lower.strip_suffix([')', ']']).and_then(|rest| rest.rsplit_once(['(', '[']));
+    match unit {
+        Some((name, unit)) => (name.trim_end_matches([' ', '_']).to_owned(), Some(unit.trim().to_owned())),
+        None => (lower, None),
+    }
+}
+
+/// Whether the values of the column `name` of a sensor list are in this unit.
+fn is_in(name: &str, unit: &str) -> bool {
+    UNITS.iter().any(|(end, units)| name.ends_with(end) && units.contains(&unit))
 }
 
 impl Columns {
-    fn of(header: &StringRecord) -> Result<Self, String> {
+    fn of(header: &StringRecord, separator: u8) -> Result<Self, String> {
+        if SLOTS.iter().all(|name| header.iter().any(|column| column == *name)) {
+            let expected = "a row for each sensor node (a run has a sensor list, sensors.csv)";
+            return Err(format!("columns slot and scheduled, of a flight: expected {expected}"));
+        }
         let columns = [&COORDINATES[..], &OTHERS].concat();
         let mut places = vec![None; columns.len()];
         let mut ignored = Vec::new();
-        for (place, name) in header.iter().enumerate() {
-            let lower = name.to_lowercase();
-            match columns.iter().position(|names| names.contains(&lower.as_str())) {
-                Some(column) if places[column].is_some() => {
-                    return Err(format!("column `{}`: expected {} once", quoted(name), columns[column][0]));
-                }
-                Some(column) => places[column] = Some(place),
-                None => ignored.push(format!("column {}", quoted(name))),
+        for (place, header) in header.iter().enumerate() {
+            let (name, unit) = name_and_unit(header);
+            let found = columns.iter().position(|names| names.contains(&name.as_str()));
+            // Degrees in columns x and y are a longitude and a latitude.
+            let found = match (found, &unit) {
+                (Some(axis @ (0 | 1)), Some(unit)) if is_in("lat_deg", unit) => Some(3 - axis),
+                _ => found,
+            };
+            let Some(column) = found else {
+                ignored.extend((!header.is_empty()).then(|| format!("column {}", quoted(header))));
+                continue;
+            };
+            let own = columns[column][0];
+            if let Some(unit) = unit.filter(|unit| !is_in(own, unit)) {
+                return Err(format!("column `{}`: unit `{}`: expected that of {own}", quoted(header), quoted(&unit)));
+            }
+            if places[column].replace(place).is_some() {
+                return Err(format!("column `{}`: expected {own} once", quoted(header)));
             }
         }
+        let named = |place: usize| (header[place].to_owned(), place);
         let (frame, first, second) = match places[..COORDINATES.len()] {
+            [x, y, Some(lat), Some(lon)] => {
+                // Degrees say more than metres from an unknown origin.
+                let metres = [x, y].into_iter().flatten().map(|place| format!("column {}", quoted(&header[place])));
+                ignored.extend(metres);
+                (Frame::Geodetic, lat, lon)
+            }
             [Some(x), Some(y), _, _] => (Frame::Plane, x, y),
-            [_, _, Some(lat), Some(lon)] => (Frame::Geodetic, lat, lon),
             _ => {
                 let header = quoted(&header.iter().collect::<Vec<_>>().join(","));
                 return Err(format!("header `{header}`: expected columns x and y [m], or lat and lon [°]"));
             }
         };
-        let named = |place: usize| (header[place].to_owned(), place);
         let others = columns.iter().zip(places).skip(COORDINATES.len());
         let others = others.filter_map(|(names, place)| Some((names[0], place?))).collect();
-        Ok(Self { frame, position: [named(first), named(second)], others, ignored })
+        Ok(Self { frame, position: [named(first), named(second)], others, ignored, has_commas: separator != b',' })
     }
 
     /// Parses a row at the location `place`.
     fn sensor(&self, row: &StringRecord, place: String) -> Result<ImportedSensor, String> {
         let [first, second] = &self.position;
-        let position = [number(row, first)?, number(row, second)?];
+        let position = [self.number(row, first)?, self.number(row, second)?];
         if self.frame == Frame::Geodetic {
             check_geodetic(position)?;
         }
         let other = |&(name, place): &(&str, usize)| match name {
             NAME => Ok(row.get(place).unwrap_or_default().to_owned()),
-            _ => number(row, &(name.to_owned(), place)).map(|value| value.to_string()),
+            _ => self.number(row, &(name.to_owned(), place)).map(|value| value.to_string()),
         };
         let others = self.others.iter().map(other).collect::<Result<_, _>>()?;
         Ok(ImportedSensor { place, position, others })
     }
-}
 
-/// Parses the finite number in a column.
-fn number(row: &StringRecord, (name, place): &(String, usize)) -> Result<f64, String> {
-    let text = row.get(*place).unwrap_or_default();
-    let value = text.parse().ok().filter(|value: &f64| value.is_finite());
-    let point = if text.contains(',') { " with a decimal point" } else { "" };
-    value.ok_or_else(|| format!("{} = {}: expected a number{point}", quoted(name), quoted(text)))
+    /// Parses the finite number in a column.
+    fn number(&self, row: &StringRecord, (name, place): &(String, usize)) -> Result<f64, String> {
+        let text = row.get(*place).unwrap_or_default();
+        let is_decimal = self.has_commas && !text.contains('.') && text.matches(',').count() == 1;
+        let with_point = if is_decimal { text.replace(',', ".") } else { text.to_owned() };
+        let value = with_point.parse().ok().filter(|value: &f64| value.is_finite());
+        let point = if text.contains(',') { " with a decimal point" } else { "" };
+        value.ok_or_else(|| format!("{} = {}: expected a number{point}", quoted(name), quoted(text)))
+    }
 }
 
 #[cfg(test)]
@@ -132,10 +198,59 @@ mod tests {
         assert!(read("x,y\n\n\"1\",2\n\n3,four\n").unwrap_err().starts_with("line 5: y"), "empty lines count");
         assert!(read("x,y\n1\n").unwrap_err().starts_with("line 2: 1 fields: expected 2, as in the header"));
         assert!(read("x,y\n1,5,2,5\n").unwrap_err().contains("line 2: 4 fields: expected 2"), "decimal commas");
-        assert!(read("x;y\n1;2,5\n").unwrap_err().ends_with("y = 2,5: expected a number with a decimal point"));
+        assert!(read("x,y\n1,\"2,5\"\n").unwrap_err().ends_with("y = 2,5: expected a number with a decimal point"));
+        assert!(read("x;y\n1;1.234,5\n").unwrap_err().ends_with("y = 1.234,5: expected a number with a decimal point"));
+        assert!(read("sep=;\nx;y\n1;two\n").unwrap_err().starts_with("line 3: y = two"));
+        assert!(
+            read("x [ft],y [ft]\n1,2\n").unwrap_err().ends_with("column `x [ft]`: unit `ft`: expected that of x_m")
+        );
+        assert!(
+            read("lat,lon,rate [kbit/s]\n1,2,3\n")
+                .unwrap_err()
+                .contains("unit `kbit/s`: expected that of sampling_bps")
+        );
+        assert!(
+            read("slot,time_s,lat_deg,lon_deg,scheduled\n0,0,1,2,\n")
+                .unwrap_err()
+                .contains("of a flight: expected a row")
+        );
         assert!(read("x,y\n1,\n").unwrap_err().starts_with("line 2: y = : expected a number"));
         assert!(read("lat,lon\n95,2\n").unwrap_err().starts_with("line 2: latitude 95: expected -90 to 90"));
         assert!(read("x,z\n1,2\n").unwrap_err().contains("expected columns x and y [m], or lat and lon [°]"));
         assert!(read("x,x_m,y\n1,2,3\n").unwrap_err().contains("column `x_m`: expected x_m once"));
+    }
+
+    #[test]
+    fn headers_of_other_programs_are_understood() {
+        let degrees = (Frame::Geodetic, [47.5, 8.5]);
+        let metres = (Frame::Plane, [8.5, 47.5]);
+        for (text, (frame, position)) in [
+            ("sep=;\nlat;lon\n47.5;8.5\n", degrees),
+            ("sep=;\r\nlat;lon\r\n47,5;8,5\r\n;\r\n", degrees),
+            ("sep=,\nlat,lon\n47.5,8.5\n", degrees),
+            ("X [m],Y [m]\n8.5,47.5\n", metres),
+            ("x (metres);y (metres)\n8,5;47,5\n", metres),
+            ("Latitude (deg),Longitude (deg)\n47.5,8.5\n", degrees),
+            ("lat_[°]\tlon_[°]\n47,5\t8,5\n", degrees),
+            ("OID_,POINT_X,POINT_Y\n1,8.5,47.5\n", metres),
+            ("X [deg],Y [deg]\n8.5,47.5\n", degrees),
+            ("decimalLatitude,decimalLongitude\n47.5,8.5\n", degrees),
+            ("\"Latitude\";\"Longitude\";\n\"47,5\";\"8,5\";\n;;\n", degrees),
+            ("X,Y,lat,lon\n1,2,47.5,8.5\n", degrees),
+        ] {
+            let imported = read(text).unwrap_or_else(|message| panic!("{text}: {message}"));
+            assert_eq!((imported.frame, imported.sensors.len()), (frame, 1), "{text}");
+            assert_eq!(imported.sensors[0].position, position, "{text}");
+        }
+    }
+
+    #[test]
+    fn degrees_in_columns_of_metres_are_refused() {
+        let expected = "columns X and Y: 2 sensor nodes within a metre, as if their degrees were metres: expected \
+                        metres, or columns lat and lon";
+        assert_eq!(read("X,Y\n8.5452,47.3972\n8.5478,47.3988\n").unwrap_err(), expected);
+        assert!(read("easting,northing\n8.5452,47.3972\n8.5478,47.3988\n").is_err());
+        let both = read("X,Y,lat,lon\n8.5452,47.3972,47.3972,8.5452\n8.5478,47.3988,47.3988,8.5478\n").unwrap();
+        assert_eq!((both.frame, both.ignored), (Frame::Geodetic, vec!["column X".to_owned(), "column Y".to_owned()]));
     }
 }

@@ -1,7 +1,7 @@
 //! The sensor nodes that were found in a file, in the frame of the file.
 
 use skysink_common::error::quoted;
-use skysink_common::geodata::{FoundPoint, FoundPoints, NAME, check_geodetic};
+use skysink_common::geodata::{FoundPoint, FoundPoints, IgnoredItem, KIND, NAME, check_geodetic};
 use skysink_common::sensors::check_name;
 
 /// Longitudes are equal modulo this angle [°].
@@ -52,7 +52,7 @@ pub const OTHERS: [&[&str]; 7] = [
 ];
 
 /// The column of the ground's altitudes, which points of three coordinates have, too.
-const GROUND: &str = "ground_m";
+pub const GROUND: &str = "ground_m";
 
 /// The further column of a sensor list that a column or property called `name` is for.
 pub fn other(name: &str) -> Option<&'static str> {
@@ -86,10 +86,29 @@ fn is_for(name: &str, value: &str, alias: &str) -> bool {
     name.to_lowercase() == alias && !value.trim().is_empty()
 }
 
+/// Whether a point is a sensor node of a file that `skysink export` wrote.
+fn is_own_node(point: &FoundPoint) -> bool {
+    point.properties.iter().any(|(name, value)| name == KIND && value == "sensor node")
+}
+
+/// A point of such a file that is none.
+fn ignored_point() -> IgnoredItem {
+    IgnoredItem { kind: "point that is no sensor node", name: None }
+}
+
 impl Imported {
     /// Sensor nodes with latitude and longitude [°], and the properties that a sensor list has columns for.
-    /// The third coordinate of points is the ground's altitude, unless all are 0.
-    pub fn geodetic(FoundPoints { mut points, ignored, .. }: FoundPoints) -> Result<Self, String> {
+    /// The third coordinate of points is the ground's altitude, unless all are 0. If some are of the kind `sensor node`,
+    /// as in files of `skysink export`, the others are ignored.
+    pub fn geodetic(mut found: FoundPoints) -> Result<Self, String> {
+        let polygons: Vec<IgnoredItem> = found.ignored_polygons().collect();
+        found.ignored.extend(polygons);
+        let FoundPoints { mut points, mut ignored, .. } = found;
+        // Of what `skysink export` writes, only some points are sensor nodes.
+        if points.iter().any(is_own_node) {
+            ignored.extend(points.extract_if(.., |point| !is_own_node(point)).map(|_| ignored_point()));
+            points.iter_mut().for_each(|point| point.properties.retain(|(name, _)| name != KIND && name != "id"));
+        }
         let has_ground = points.iter().any(|point| point.altitude_m.is_some_and(|altitude_m| altitude_m != 0.0));
         for point in points.iter_mut().filter(|_| has_ground) {
             point.properties.extend(point.altitude_m.map(|altitude_m| (GROUND.to_owned(), altitude_m.to_string())));
@@ -135,7 +154,7 @@ impl Imported {
                 }
             }
         }
-        let items = (ignored > 0).then(|| format!("{ignored} lines, polygons or other items without a point"));
+        let items = IgnoredItem::summary(&ignored);
         let properties = points.iter().flat_map(|point| &point.properties).zip(unread.iter().flatten());
         let is_ignored =
             |name: &str, text: &str, is_unread| is_unread && (other(name).is_none() || !text.trim().is_empty());
@@ -167,18 +186,6 @@ impl Imported {
         String::from_utf8(list.into_inner().expect(IN_MEMORY)).expect("cells are text")
     }
 
-    /// The latitude [°] of the southernmost sensor node and the longitude [°] of the westernmost one. The westernmost
-    /// node is the one east of the widest gap, so that a field may cross the 180th meridian.
-    #[must_use]
-    pub fn south_west(&self) -> [f64; 2] {
-        let mut longitudes: Vec<f64> = self.sensors.iter().map(|sensor| sensor.position[1]).collect();
-        longitudes.sort_by(f64::total_cmp);
-        let gaps_before = longitudes.iter().zip(longitudes.iter().cycle().skip(longitudes.len().saturating_sub(1)));
-        let gap = |(east, west): &(&f64, &f64)| (**east - **west).rem_euclid(FULL_CIRCLE_DEG);
-        let widest = gaps_before.max_by(|a, b| gap(a).total_cmp(&gap(b)));
-        [self.bounds()[0][0], widest.map_or(f64::NAN, |(east, _)| *east)]
-    }
-
     /// The lower and upper corner of the bounding box.
     #[must_use]
     pub fn bounds(&self) -> [[f64; 2]; 2] {
@@ -187,6 +194,19 @@ impl Imported {
         };
         [fold(f64::INFINITY, f64::min), fold(f64::NEG_INFINITY, f64::max)]
     }
+}
+
+/// The latitude [°] of the southernmost position and the longitude [°] of the westernmost one. The westernmost one is
+/// the one east of the widest gap, so that a field may cross the 180th meridian.
+#[must_use]
+pub fn south_west(positions: &[[f64; 2]]) -> [f64; 2] {
+    let mut longitudes: Vec<f64> = positions.iter().map(|position| position[1]).collect();
+    longitudes.sort_by(f64::total_cmp);
+    let gaps_before = longitudes.iter().zip(longitudes.iter().cycle().skip(longitudes.len().saturating_sub(1)));
+    let gap = |(east, west): &(&f64, &f64)| (**east - **west).rem_euclid(FULL_CIRCLE_DEG);
+    let widest = gaps_before.max_by(|a, b| gap(a).total_cmp(&gap(b)));
+    let southernmost = positions.iter().map(|position| position[0]).fold(f64::INFINITY, f64::min);
+    [southernmost, widest.map_or(f64::NAN, |(east, _)| *east)]
 }
 
 #[cfg(test)]
@@ -274,8 +294,8 @@ mod tests {
     #[test]
     fn the_westernmost_point_follows_the_widest_gap() {
         let west = |longitudes: &[f64]| {
-            let points = longitudes.iter().map(|&lon_deg| point([1.0, lon_deg], &[])).collect();
-            Imported::geodetic(FoundPoints { points, ..FoundPoints::default() }).unwrap().south_west()
+            let positions: Vec<[f64; 2]> = longitudes.iter().map(|&lon_deg| [1.0, lon_deg]).collect();
+            south_west(&positions)
         };
         assert_eq!(west(&[13.4, 13.1, 13.5]), [1.0, 13.1]);
         assert_eq!(west(&[-179.9, 179.8, 179.9, -179.8]), [1.0, 179.8]);
@@ -289,7 +309,7 @@ mod tests {
     fn a_point_with_invalid_coordinates_is_refused_by_its_number() {
         assert_eq!(
             imported(&[point([1.0, 2.0], &[]), point([91.0, 0.0], &[])]).unwrap_err(),
-            "point 2: latitude 91: expected -90 to 90"
+            "point 2: latitude 91: expected -90 to 90; are latitude and longitude swapped?"
         );
         assert!(imported(&[point([0.0, f64::NAN], &[])]).unwrap_err().contains("longitude NaN"));
     }

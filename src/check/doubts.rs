@@ -1,0 +1,25 @@
+//! Warnings about the places of sensor nodes, zones, buildings and the boundary.
+
+use skysink_common::error::InputError;
+use skysink_common::geodata::plausible::FieldPlaces;
+use skysink_common::geometry::Position;
+use skysink_common::scenario::Scenario;
+use skysink_common::sensors::SensorList;
+
+/// What was ignored in the files of the scenario, and which of its places were probably not meant, a line each.
+#[must_use]
+pub fn of(scenario: &Scenario, list: &SensorList) -> Vec<String> {
+    let nodes: Vec<Position> = list.sensors().iter().map(|sensor| sensor.position).collect();
+    let node_name = |node: usize| match scenario.sensor_file() {
+        Some(path) => InputError::new("sensor list", &path, SensorList::place_of(&path, node)).to_string(),
+        None => format!("SN {node}"),
+    };
+    let places = FieldPlaces {
+        sides_m: [scenario.area.width_m(), scenario.area.height_m()],
+        origin: scenario.area.origin(),
+        nodes: &nodes,
+        node_name: &node_name,
+        polygons: &scenario.polygons,
+    };
+    scenario.notes.iter().cloned().chain(places.doubts()).collect()
+}
