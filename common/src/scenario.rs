@@ -81,7 +81,9 @@ impl Scenario {
         if let Some((_, option)) = IMPORTED.iter().find(|(names, _)| names.contains(&extension.as_str()))
             && path.is_file()
         {
-            let message = format!("expected a scenario, TOML: `skysink new NAME {option} FILE` makes one of it");
+            let name = path.file_stem().unwrap_or_default().to_string_lossy();
+            let command = format!("skysink new {name} {option} {}", path.display());
+            let message = format!("expected a scenario, TOML, as `{command}` makes one of this file");
             return Err(InputError::new("scenario", path, message));
         }
         let text = read_text("scenario", path)?;

@@ -3,6 +3,7 @@
 //! A target is a function of an input that panics when a promise is broken, not only when the code under it crashes.
 //! libFuzzer makes the inputs, by `main.rs`, and `tests/inputs.rs` runs it for each target.
 
+mod import;
 mod journals;
 mod messages;
 mod planner;
@@ -16,9 +17,10 @@ use arbitrary::{Result, Unstructured};
 pub type Check = fn(&[u8]);
 
 /// The fuzz targets, with the names of their corpora.
-pub const TARGETS: [(&str, Check); 15] = [
+pub const TARGETS: [(&str, Check); 16] = [
     ("scenario", text::scenario),
     ("sensors", text::sensors),
+    ("import", import::files),
     ("mission", text::mission),
     ("trace", text::trace),
     ("sweep_journal", text::sweep_journal),
@@ -35,7 +37,7 @@ pub const TARGETS: [(&str, Check); 15] = [
 ];
 
 /// Number of targets that read text; they come first.
-pub const TEXTS: usize = 6;
+pub const TEXTS: usize = 7;
 
 /// Runs a check that reads numbers from the input.
 fn numbers(input: &[u8], check: fn(&mut Unstructured) -> Result<()>) {

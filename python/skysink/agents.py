@@ -23,7 +23,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from skysink._skysink import BatchCore, Field, InputError, Scenario
-from skysink.environment import Action, Control, NativeEnvironment, Observation, Reward, Source, one_of, some_of
+from skysink.environment import Action, Control, NativeEnvironment, Observation, Reward, Source, one_of, some_of, whole_seed
 from skysink.flight import scenario_of
 from skysink.models import Arrivals, Channel, Model, Models
 
@@ -117,6 +117,7 @@ class FleetBatch(NativeEnvironment):
 
     def reset_into(self, observations: NDArray[np.float32], seed: int | None = None) -> None:
         """Begins all episodes, environment i with the seed ``seed + i``, by default with the next ones."""
+        seed = whole_seed(seed)
         if seed is not None:
             numbers = [seed + index for index in range(self.num_envs)]
         else:
@@ -199,12 +200,13 @@ class DataCollectionParallelEnv(ParallelEnv[str, Observation, Action]):  # type:
         """Begins an episode; each information has its Skysink ``seed``. ``options["scenario"]`` replaces the scenario by another,
         with as many SNs and UAVs; other options are ignored, as PettingZoo expects.
         """
+        seed = whole_seed(seed)
         if options and options.get("scenario") is not None:
             scenario: Scenario = scenario_of(one_of(options["scenario"])[0])
             self.batch._core.replace([scenario], [True])
             self.batch.scenarios = (scenario,)
             self.batch._has_begun = False
-        self.batch.reset_into(self._observations, None if seed is None else int(seed))
+        self.batch.reset_into(self._observations, seed)
         self.agents = list(self.possible_agents)
         return self._observed(), self._infos({"seed": self.batch.seeds[0]})
 

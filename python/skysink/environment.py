@@ -73,6 +73,9 @@ Observation = dict[str, NDArray[np.float32]]
 Action = Any
 """float32 [2] or [3], or an integer if the action is a sensor node; of a vector [num_envs] of them."""
 
+MAX_SEED = 2**63 - 1
+"""The largest seed of a scenario."""
+
 Control = Literal["displacement", "waypoint", "sensor"]
 Reward = Literal["lost", "weighted", "age", "loss_fraction"]
 Source = Scenario | str | PathLike[str]
@@ -172,6 +175,15 @@ class NativeEnvironment:
         self._core.restore(state["_core"])
 
 
+def whole_seed(seed: Any) -> int | None:
+    """The seed of an episode, or None; refuses all but whole numbers in the range of Skysink."""
+    if seed is None:
+        return None
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= seed <= MAX_SEED:
+        raise InputError(f"seed {seed!r}: expected 0 to {MAX_SEED}")
+    return int(seed)
+
+
 def check_options(options: dict[str, Any] | None, *possible: str) -> None:
     """Refuses other options of ``reset`` than these."""
     unknown = [name for name in options or {} if name not in possible]
@@ -236,6 +248,7 @@ class DataCollectionEnv(NativeEnvironment, gymnasium.Env[Observation, Action]):
         another, with as many SNs.
         """
         check_options(options, "scenario")
+        seed = whole_seed(seed)
         if options and options.get("scenario") is not None:
             scenario = scenario_of(one_of(options["scenario"])[0])
             self._core.replace(scenario)
@@ -244,7 +257,7 @@ class DataCollectionEnv(NativeEnvironment, gymnasium.Env[Observation, Action]):
         super().reset(seed=seed)
         following = self._core.number if self._is_new else self._core.number + 1
         self._is_new = False
-        observation = self._core.reset(following if seed is None else int(seed))
+        observation = self._core.reset(following if seed is None else seed)
         info: dict[str, Any] = {"seed": self._core.seed}
         if self._chooses_sensors:
             info["action_mask"] = self.action_masks()
@@ -331,7 +344,8 @@ class DataCollectionVectorEnv(NativeEnvironment, VectorEnv[Observation, Action, 
         ``options["scenario"]``, one or a list, replaces their scenarios.
         """
         check_options(options, "reset_mask", "scenario")
-        first = None if seed is None or isinstance(seed, Sequence) else int(seed)
+        several = [whole_seed(one) for one in seed] if isinstance(seed, Sequence) and not isinstance(seed, str) else None
+        first = None if several is not None else whole_seed(seed)
         super().reset(seed=first)
         mask = (options or {}).get("reset_mask")
         mask = [True] * self.num_envs if mask is None else [bool(one) for one in mask]
@@ -341,10 +355,10 @@ class DataCollectionVectorEnv(NativeEnvironment, VectorEnv[Observation, Action, 
         following = [number + (self.num_envs if has_begun else 0) for number, has_begun in begun]
         if first is not None:
             following = [first + index for index in range(self.num_envs)]
-        elif isinstance(seed, Sequence):
-            if len(seed) != self.num_envs:
-                raise InputError(f"{len(seed)} seeds: expected {self.num_envs}")
-            following = [number if one is None else one for one, number in zip(seed, following, strict=True)]
+        elif several is not None:
+            if len(several) != self.num_envs:
+                raise InputError(f"{len(several)} seeds: expected {self.num_envs}")
+            following = [number if one is None else one for one, number in zip(several, following, strict=True)]
         observation = self._core.reset(following, mask)
         self._has_begun = [begun or now for begun, now in zip(self._has_begun, mask, strict=True)]
         return observation, self._info(seed=np.array(self._core.seeds))

@@ -78,6 +78,19 @@ def test_seeds_have_the_range_of_skysink(smoke: skysink.Scenario) -> None:
         skysink.simulate(smoke, seed=-1)
 
 
+@pytest.mark.parametrize("seed", [-1, 2**63, 2**64, 1.5, "1", True, np.float64(2), np.bool_(True), [1]])
+def test_every_environment_refuses_the_same_seeds(smoke: skysink.Scenario, seed: Any) -> None:
+    one, agents = DataCollectionEnv(smoke), skysink.parallel_env(smoke)
+    vector = DataCollectionVectorEnv(2, smoke)
+    for reset in (one.reset, agents.reset, vector.reset) if seed != [1] else (one.reset, agents.reset):
+        with pytest.raises(skysink.InputError) as refused:
+            reset(seed=seed)
+        assert str(refused.value) == f"seed {seed!r}: expected 0 to 9223372036854775807"
+    with pytest.raises(skysink.InputError, match="expected 0 to"):
+        vector.reset(seed=[5, seed])
+    assert vector.reset(seed=np.int64(7))[1]["seed"].tolist() == [7, 8]
+
+
 def test_environments_that_are_not_reset_together_have_seeds_of_their_own(smoke: skysink.Scenario) -> None:
     envs = DataCollectionVectorEnv(4, smoke)
     assert envs._core.seeds == [1, 2, 3, 4], "also without a reset"

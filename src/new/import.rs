@@ -30,6 +30,9 @@ const CORNERS_M: [f64; 4] = [MARGIN_M, 100.0, 1e3, 1e4];
 /// Places along each side of the area among which a free start is searched.
 const START_PLACES: u32 = 100;
 
+/// Distance [m] from which on a boundary is not that of the sensor nodes.
+const FAR_M: f64 = 1e3;
+
 /// The files of a new scenario.
 pub struct Sources<'a> {
     /// The file of positions.
@@ -190,6 +193,11 @@ fn of_degrees(
                 let expected = "expected a boundary that fills at least a hundredth of its extent";
                 return Err(zone.refusal(zones_path, expected));
             }
+            PolygonRole::Boundary if distance_to(&polygon, nodes_m) > FAR_M => {
+                let far = distance(distance_to(&polygon, nodes_m));
+                let expected = format!("it lies {far} from the nearest sensor node: expected a boundary around them");
+                return Err(zone.refusal(zones_path, &expected));
+            }
             PolygonRole::Boundary => field.area += &format!("\nboundary_m = {corners_m:?}"),
             PolygonRole::NoFly => field.zones += &format!("\n[[area.no_fly]]\npolygon_m = {corners_m:?}\n"),
             PolygonRole::Building => {
@@ -208,6 +216,7 @@ fn of_degrees(
         polygons: &polygons,
     };
     field.warnings = places.doubts();
+    let border = closed.iter().find(|(polygon, _)| polygon.is_border()).map(|(polygon, _)| polygon.extent());
     let airspace = Airspace::new(area.sides_m, lowest_m, closed.into_iter());
     let middle = Position::from(area.sides_m.map(|side_m| side_m / 2.0));
     if start.is_some() {
@@ -218,12 +227,23 @@ fn of_degrees(
         }
         field.uav = start_line(&at, "");
     } else if !airspace.contains(&middle) {
-        let free = free_place(&airspace, area.sides_m);
-        let expected = "they leave no free place in the area: expected one to start from";
-        let free = free.ok_or_else(|| InputError::new("zones", zones_path, expected))?;
+        let extent = border.unwrap_or([Position::origin(), Position::from(area.sides_m)]);
+        let free = free_place(&airspace, &middle, extent);
+        let refuse = || {
+            let causes: Vec<String> = field.warnings.iter().map(|warning| format!("; {warning}")).collect();
+            let message = format!("they leave no free place to start from in the area{}", causes.concat());
+            InputError::new("zones", zones_path, message)
+        };
+        let free = free.ok_or_else(refuse)?;
         field.uav = start_line(&free, " # the free place nearest to the middle of the area");
     }
     Ok(field)
+}
+
+/// The distance of the nearest sensor node from a boundary [m]; 0 if one lies in it, or without sensor nodes.
+fn distance_to(boundary: &Polygon, nodes_m: &[Position]) -> f64 {
+    let away_m = |node: &Position| if boundary.encloses(node) { 0.0 } else { (boundary.nearest(node) - node).norm() };
+    nodes_m.iter().map(away_m).reduce(f64::min).unwrap_or(0.0)
 }
 
 /// The line of a start.
@@ -242,7 +262,8 @@ fn positions<'a>(imported: &'a Imported, path: &'a Path) -> impl Iterator<Item =
     })
 }
 
-/// Takes the zone around all sensor nodes as the boundary, if no zone is marked as such. Returns a note about it.
+/// Takes the zone around all sensor nodes as the boundary, if no zone is marked as such, nor this one as a no-fly zone.
+/// Returns a note about it.
 fn find_boundary(zones: &mut [Zone], nodes: &[SourcePosition<'_>], path: &Path) -> Result<Option<String>, InputError> {
     let Some(first) = nodes.first() else { return Ok(None) };
     let [lat_deg, lon_deg] = first.position;
@@ -250,7 +271,7 @@ fn find_boundary(zones: &mut [Zone], nodes: &[SourcePosition<'_>], path: &Path) 
     let nodes_m = nodes.iter().map(|node| projection.project(node.position[0], node.position[1]));
     let Some(nodes_m) = nodes_m.collect::<Option<Vec<Position>>>() else { return Ok(None) };
     let mut around = Vec::new();
-    for (index, zone) in zones.iter().enumerate().filter(|(_, zone)| zone.kind == ZoneKind::NoFly) {
+    for (index, zone) in zones.iter().enumerate().filter(|(_, zone)| zone.kind == ZoneKind::NoFly && !zone.is_marked) {
         let corners_m = zone.corners_m(&projection, path)?;
         let polygon = Polygon::of(&corners_m, false).expect("its corners were checked");
         if nodes_m.iter().all(|node| polygon.encloses(node)) {
@@ -286,19 +307,18 @@ fn ground_at(imported: &Imported, nodes_m: &[Position], polygon: &Polygon) -> Op
     nearest.others[column].parse().ok()
 }
 
-/// The free place nearest to the middle of an area, of a grid.
-fn free_place(airspace: &Airspace, sides_m: [f64; 2]) -> Option<Position> {
-    let steps_m = sides_m.map(|side_m| side_m / f64::from(START_PLACES));
-    let middle = Position::from(sides_m.map(|side_m| side_m / 2.0));
-    let along = |axis: usize, index: u32| f64::from(index) * steps_m[axis];
-    let column = |x: u32| (1..START_PLACES).map(move |y| Position::new(along(0, x), along(1, y)));
-    let mut places: Vec<Position> = (1..START_PLACES).flat_map(column).collect();
+/// The free place nearest to the middle of an area, of a grid between two corners.
+fn free_place(airspace: &Airspace, middle: &Position, [low, high]: [Position; 2]) -> Option<Position> {
+    let steps_m = (high - low) / f64::from(START_PLACES);
+    let column = |x: u32| (1..START_PLACES).map(move |y| [x, y].map(f64::from));
+    let place = |[x, y]: [f64; 2]| Position::new(low.x + x * steps_m.x, low.y + y * steps_m.y);
+    let mut places: Vec<Position> = (1..START_PLACES).flat_map(column).map(place).collect();
     let away_m = |at: &Position| (at - middle).norm();
     places.sort_by(|a, b| away_m(a).total_cmp(&away_m(b)));
     // With free ground around it, so that it lies on no edge.
     let is_free = |at: &Position| {
         let beside = [[0.4, 0.0], [-0.4, 0.0], [0.0, 0.4], [0.0, -0.4]];
-        let mut beside = beside.map(|[x, y]| Position::new(at.x + x * steps_m[0], at.y + y * steps_m[1])).into_iter();
+        let mut beside = beside.map(|[x, y]| Position::new(at.x + x * steps_m.x, at.y + y * steps_m.y)).into_iter();
         airspace.contains(at) && beside.all(|at| airspace.contains(&at))
     };
     places.into_iter().find(is_free)

@@ -46,6 +46,8 @@ pub struct Zone {
     pub corners: Vec<[f64; 2]>,
     /// What it is.
     pub kind: ZoneKind,
+    /// Whether a property `kind` of the file says so.
+    pub is_marked: bool,
 }
 
 /// The zones of a file.
@@ -83,7 +85,8 @@ impl Zone {
         let in_plane = |[lat_deg, lon_deg]: &[f64; 2]| {
             let position = projection.project(*lat_deg, *lon_deg);
             let expected = "expected a position within the horizon of the area";
-            position.ok_or_else(|| self.refusal(path, expected)).map(|at: Position| [at.x, at.y].map(to_millimetre))
+            let refuse = || self.refusal(path, &format!("latitude {lat_deg}, longitude {lon_deg}: {expected}"));
+            position.ok_or_else(refuse).map(|at: Position| [at.x, at.y].map(to_millimetre))
         };
         let corners = open.iter().map(in_plane).collect::<Result<Vec<_>, _>>()?;
         let expected = "expected at least three corners of a polygon without crossings";
@@ -139,6 +142,7 @@ fn zone(polygon: &FoundPolygon) -> Result<Zone, String> {
         names.iter().find_map(called).map(|(_, value)| value.trim())
     };
     let is_boundary = |value: &str| BOUNDARIES.contains(&value.to_lowercase().as_str());
+    let is_marked = property(&[KIND]).is_some();
     let kind = if property(&KINDS).is_some_and(is_boundary) {
         ZoneKind::Boundary
     } else {
@@ -158,7 +162,7 @@ fn zone(polygon: &FoundPolygon) -> Result<Zone, String> {
             }
         }
     };
-    Ok(Zone { place: String::new(), corners: outer.clone(), kind })
+    Ok(Zone { place: String::new(), corners: outer.clone(), kind, is_marked })
 }
 
 #[cfg(test)]

@@ -46,7 +46,7 @@ crate::keys! {
     pub struct NoFlyKeys {
         /// Its corners, `[[x, y], ...]` [m]; required without `file`.
         polygon_m: Option<Vec<[f64; 2]>>, CORNERS;
-        /// A KML or GeoJSON file of zones, buildings and a boundary, relative to the scenario's folder; replaces
+        /// A KML, KMZ or GeoJSON file of zones, buildings and a boundary, relative to the scenario's folder; replaces
         /// `polygon_m`. A run keeps their corners.
         file: Option<PathBuf>, Accepts::Rule("a path");
     }

@@ -95,7 +95,7 @@ fn an_invalid_zone_file_is_refused_by_name() {
         (
             &zones,
             format!("{ORIGIN}no_fly = [{{ file = 'a.shp' }}]"),
-            "a.shp: `.shp`: expected a file named .kml, .geojson, .json",
+            "a.shp: `.shp`: expected a file named .kml, .kmz, .geojson, .json",
         ),
         (&zones, format!("{ORIGIN}no_fly = [{{ file = 7 }}]"), "area.no_fly[0].file"),
         (
@@ -107,7 +107,7 @@ fn an_invalid_zone_file_is_refused_by_name() {
         (
             &far,
             format!("{ORIGIN}no_fly = [{{ file = 'zones.geojson' }}]"),
-            "polygon 1: expected a position within the horizon",
+            "polygon 1: latitude -52, longitude -166: expected a position within the horizon",
         ),
     ] {
         let error = parse(folder.path(), &area).unwrap_err();

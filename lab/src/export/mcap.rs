@@ -20,7 +20,8 @@ pub static FORMAT: ExportFormat = ExportFormat {
     write: WriteFormat::Flight(write),
 };
 
-const ENCODING: LogEncoding = LogEncoding { profile: "", schema: "jsonschema", message: "json" };
+const ENCODING: LogEncoding =
+    LogEncoding { profile: "", schema: "jsonschema", message: "json", metadata: |_| std::collections::BTreeMap::new() };
 
 const MAP: LogTopic = LogTopic { name: "/map", schema: "foxglove.GeoJSON" };
 const SCENE: LogTopic = LogTopic { name: "/scene", schema: "foxglove.SceneUpdate" };

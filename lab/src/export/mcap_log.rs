@@ -30,6 +30,8 @@ pub struct LogEncoding {
     pub schema: &'static str,
     /// The encoding of its messages.
     pub message: &'static str,
+    /// The metadata of the channel of a topic, names and values.
+    pub metadata: fn(&LogTopic) -> BTreeMap<String, String>,
 }
 
 /// Why writing cannot fail.
@@ -62,10 +64,10 @@ impl Log {
         schema: impl FnOnce() -> Vec<u8>,
     ) {
         let writer = &mut self.writer;
-        let LogEncoding { schema: schema_encoding, message: message_encoding, .. } = self.encoding;
+        let LogEncoding { schema: schema_encoding, message: message_encoding, metadata, .. } = self.encoding;
         let channel_id = *self.channels.entry(topic.name).or_insert_with(|| {
             let schema_id = writer.add_schema(topic.schema, schema_encoding, &schema()).expect(TO_MEMORY);
-            writer.add_channel(schema_id, topic.name, message_encoding, &BTreeMap::new()).expect(TO_MEMORY)
+            writer.add_channel(schema_id, topic.name, message_encoding, &metadata(topic)).expect(TO_MEMORY)
         });
         let time_ns = nanoseconds(time_s);
         let header = MessageHeader { channel_id, sequence, log_time: time_ns, publish_time: time_ns };

@@ -2,6 +2,8 @@
 //!
 //! The structs have the fields of the message definitions in [`DEFINITIONS`], in their order: CDR has no names.
 
+use std::collections::BTreeMap;
+
 use cdr_encoding::{Error, to_vec};
 use nalgebra::{Point3, UnitQuaternion};
 use serde::Serialize;
@@ -18,13 +20,26 @@ pub static FORMAT: ExportFormat = ExportFormat {
     write: WriteFormat::Flight(write),
 };
 
-const ENCODING: LogEncoding = LogEncoding { profile: "ros2", schema: "ros2msg", message: "cdr" };
+const ENCODING: LogEncoding = LogEncoding { profile: "ros2", schema: "ros2msg", message: "cdr", metadata };
 
 const PATH: LogTopic = LogTopic { name: "/uav/path", schema: "nav_msgs/msg/Path" };
 const TRANSFORM: LogTopic = LogTopic { name: "/tf", schema: "tf2_msgs/msg/TFMessage" };
 const POSE: LogTopic = LogTopic { name: "/uav/pose", schema: "geometry_msgs/msg/PoseStamped" };
 const FIX: LogTopic = LogTopic { name: "/uav/fix", schema: "sensor_msgs/msg/NavSatFix" };
 const BATTERY: LogTopic = LogTopic { name: "/uav/battery", schema: "sensor_msgs/msg/BatteryState" };
+
+/// The quality of service of a topic, as rosbag2 stores it in YAML by the numbers of `rmw/types.h`: reliable, and the
+/// last messages kept. The path, which is published once, is kept for those who subscribe later (transient local).
+fn metadata(topic: &LogTopic) -> BTreeMap<String, String> {
+    let (depth, durability) = if topic.name == PATH.name { (1, 1) } else { (10, 2) };
+    let unlimited = "\n    sec: 9223372036\n    nsec: 854775807";
+    let profile = format!(
+        "- history: 1\n  depth: {depth}\n  reliability: 1\n  durability: {durability}\n  deadline:{unlimited}\n  \
+         lifespan:{unlimited}\n  liveliness: 1\n  liveliness_lease_duration:{unlimited}\n  \
+         avoid_ros_namespace_conventions: false\n"
+    );
+    BTreeMap::from([("offered_qos_profiles".to_owned(), profile)])
+}
 
 /// The fields of the messages, by type; a type is named with its package.
 const DEFINITIONS: [(&str, &str); 14] = [

@@ -122,6 +122,28 @@ fn ros2_messages_have_cdr_alignment() {
     assert_eq!(log["/tf"].1[1], bytes);
 }
 
+/// Only the path is published once, and kept for late subscribers.
+#[test]
+fn ros2_topics_have_a_quality_of_service() {
+    let WriteFormat::Flight(write) = mcap_ros2::FORMAT.write else { panic!("a flight") };
+    let log = write(&track(&with_battery(run(&[(30.0, None)]))));
+    let mut latched = BTreeMap::new();
+    for message in MessageStream::new(&log).unwrap() {
+        let channel = message.unwrap().channel;
+        let profile = &channel.metadata["offered_qos_profiles"];
+        assert!(
+            profile.starts_with("- history: 1\n  depth: ") && profile.contains("\n  reliability: 1\n"),
+            "{profile}"
+        );
+        assert_eq!(profile.matches("\n    sec: 9223372036\n    nsec: 854775807\n").count(), 3, "{profile}");
+        latched
+            .insert(channel.topic.clone(), profile.contains("  depth: 1\n") && profile.contains("\n  durability: 1\n"));
+    }
+    let topics: Vec<&str> =
+        latched.iter().filter(|(_, is_latched)| **is_latched).map(|(topic, _)| &topic[..]).collect();
+    assert_eq!((topics, latched.len()), (vec!["/uav/path"], 5));
+}
+
 #[test]
 fn the_scene_has_the_boundary_of_the_area() {
     let run = run_in("boundary_m = [[0.0, 0.0], [90.0, 0.0], [90.0, 90.0]]\n", "x_m,y_m\n1,1\n", &[(1.0, None)]);
