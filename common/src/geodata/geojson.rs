@@ -74,7 +74,10 @@ impl FoundPoints {
         let properties = properties(feature);
         match &feature.geometry {
             Some(geometry) => self.add_geojson(geometry, &properties),
-            None => Ok(self.ignore("feature without geometry", &properties)),
+            None => {
+                self.ignore("feature without geometry", &properties);
+                Ok(())
+            }
         }
     }
 

@@ -50,10 +50,10 @@ fn properties(placemark: &XmlElement) -> Vec<(String, String)> {
     properties
 }
 
-/// Latitude and longitude [°] and altitude [m] of the tuples of an element `coordinates`, which blanks divide.
-fn tuples(geometry: &XmlElement) -> Result<Vec<([f64; 2], Option<f64>)>, String> {
+/// The points of an element `coordinates`, tuples that blanks divide.
+fn tuples(geometry: &XmlElement) -> Result<Vec<FoundPoint>, String> {
     let text = geometry.text_of("coordinates").unwrap_or_default();
-    // Blanks after commas, which hands type, divide nothing.
+    // Blanks after commas, which people type, divide nothing.
     let text = text.split(',').map(str::trim).collect::<Vec<_>>().join(",");
     let tuple = |tuple: &str| {
         let numbers = tuple.split(',').map(|number| number.parse().ok().filter(|number: &f64| number.is_finite()));
@@ -61,7 +61,8 @@ fn tuples(geometry: &XmlElement) -> Result<Vec<([f64; 2], Option<f64>)>, String>
         match numbers.as_deref() {
             Some(&[lon_deg, lat_deg, ref altitude_m @ ..]) if altitude_m.len() < 2 => {
                 check_geodetic([lat_deg, lon_deg])?;
-                Ok(([lat_deg, lon_deg], altitude_m.first().copied()))
+                let altitude_m = altitude_m.first().copied();
+                Ok(FoundPoint { position: [lat_deg, lon_deg], altitude_m, properties: Vec::new() })
             }
             other => {
                 let count = other.map_or(0, <[f64]>::len);
@@ -150,13 +151,13 @@ impl FoundPoints {
 }
 
 fn point(point: &XmlElement) -> Result<FoundPoint, String> {
-    match tuples(point)?[..] {
-        [(position, altitude_m)] => {
-            let altitude_m = altitude_m.filter(|_| altitude_mode(point) != "relativeToGround");
-            Ok(FoundPoint { position, altitude_m, ..FoundPoint::default() })
+    match &tuples(point)?[..] {
+        [found] => {
+            let altitude_m = found.altitude_m.filter(|_| altitude_mode(point) != "relativeToGround");
+            Ok(FoundPoint { altitude_m, ..found.clone() })
         }
         [] => Err("no coordinates: expected a position".to_owned()),
-        ref several => Err(format!("{} positions: expected one", several.len())),
+        several => Err(format!("{} positions: expected one", several.len())),
     }
 }
 
@@ -171,8 +172,12 @@ fn polygon(polygon: &XmlElement) -> Result<ReadPolygon, String> {
     let rings = |boundary| polygon.named(boundary).flat_map(|boundary| boundary.named("LinearRing"));
     let outer = rings("outerBoundaryIs").map(tuples).collect::<Result<Vec<_>, _>>()?;
     let inner = rings("innerBoundaryIs").map(tuples).collect::<Result<Vec<_>, _>>()?;
+    if outer.len() > 1 {
+        return Err(format!("{} outer boundaries: expected one", outer.len()));
+    }
+    let outer = outer.into_iter().next().unwrap_or_default();
     let is_extruded = is_true(polygon, "extrude")?;
-    let highest_m = outer.iter().flatten().filter_map(|(_, altitude_m)| *altitude_m).reduce(f64::max);
+    let highest_m = outer.iter().filter_map(|corner| corner.altitude_m).reduce(f64::max);
     let extrusion = match (altitude_mode(polygon), highest_m.filter(|_| is_extruded)) {
         ("relativeToGround" | "relativeToSeaFloor", Some(highest_m)) if highest_m > 0.0 => {
             Extrusion::AboveGround(highest_m)
@@ -180,8 +185,8 @@ fn polygon(polygon: &XmlElement) -> Result<ReadPolygon, String> {
         ("absolute", Some(highest_m)) => Extrusion::AboveSea(highest_m),
         _ => Extrusion::Flat,
     };
-    let corners = |ring: Vec<([f64; 2], Option<f64>)>| ring.into_iter().map(|(corner, _)| corner).collect();
-    let rings = outer.into_iter().chain(inner).map(corners).collect();
+    let corners = |ring: Vec<FoundPoint>| ring.into_iter().map(|corner| corner.position).collect();
+    let rings = std::iter::once(outer).chain(inner).map(corners).collect();
     Ok(ReadPolygon {
         found: FoundPolygon { rings, extrusion, properties: Vec::new() },
         is_extruded,
@@ -292,6 +297,11 @@ mod tests {
                 "{elements} {altitude}"
             );
         }
+        let inner =
+            "<innerBoundaryIs><LinearRing><coordinates>1,2 1,3 2,3</coordinates></LinearRing></innerBoundaryIs>";
+        assert_eq!(polygon_with(inner, "").unwrap().polygons[0].rings.len(), 2);
+        let twice = polygon_with(&inner.replace("inner", "outer"), "").unwrap_err();
+        assert_eq!(twice, "polygon 1: 2 outer boundaries: expected one");
         let refused = polygon_with("<extrude>yes</extrude>", "").unwrap_err();
         assert_eq!(refused, "polygon 1: extrude `yes`: expected 0, 1, false or true");
     }
