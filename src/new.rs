@@ -1,5 +1,7 @@
 //! `skysink new`: creates a scenario file, with zones if they are imported, and a sensor list if positions are.
 
+#[cfg(feature = "lab")]
+mod degrees;
 mod field;
 #[cfg(feature = "lab")]
 mod import;

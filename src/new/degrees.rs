@@ -1,0 +1,316 @@
+//! The field of positions and zones in degrees: a georeferenced area around them, and a free place to start from.
+
+use std::path::Path;
+
+use skysink_common::airspace::{Airspace, Polygon};
+use skysink_common::error::InputError;
+use skysink_common::geodata::plausible::{FieldPlaces, NamedPolygon, PolygonRole, distance};
+use skysink_common::geodata::projection::Projection;
+use skysink_common::geodata::{Zone, ZoneKind, Zones};
+use skysink_common::geometry::Position;
+use skysink_common::scenario::{LEAST_FILLED, Origin, Overrides, Scenario};
+use skysink_lab::import::{self, Imported};
+
+use super::field::NewField;
+use super::import::{MARGIN_M, beyond, of_sensors, sides, start_line};
+
+/// Approximate length of a degree of latitude [m].
+const DEGREE_M: f64 = 111_000.0;
+
+/// Side of an area that contains all positions for which the tangent plane is accurate [m].
+const VAST_M: f64 = 1e6;
+
+/// Distances of the corner of the area from the sensor nodes, tried in this order [m]. A small one can fail: on the
+/// southern hemisphere, a point far to the east of the corner, on the same parallel, has y < 0 in the tangent plane.
+const CORNERS_M: [f64; 4] = [MARGIN_M, 100.0, 1e3, 1e4];
+
+/// Places along each side of the area among which a free start is searched.
+const START_PLACES: u32 = 100;
+
+/// Distance [m] from which on a boundary is not that of the sensor nodes.
+const FAR_M: f64 = 1e3;
+
+/// A position with its origin.
+struct SourcePosition<'a> {
+    what: &'static str,
+    path: &'a Path,
+    place: &'a str,
+    /// Latitude and longitude [°].
+    position: [f64; 2],
+}
+
+impl SourcePosition<'_> {
+    /// Its name in messages.
+    fn name(&self) -> String {
+        self.refusal("").to_string().trim_end_matches(": ").to_owned()
+    }
+
+    /// Whether it is that of the option.
+    fn is_start(&self) -> bool {
+        self.what == "option"
+    }
+
+    fn refusal(&self, message: &str) -> InputError {
+        InputError::new(self.what, self.path, format_args!("{}: {message}", self.place))
+    }
+}
+
+/// The field of positions in degrees and of zones, with a start [°] or one that is free.
+///
+/// # Errors
+/// If all together are no field, a zone is refused, or no place to start from is free.
+pub fn of_degrees(
+    imported: Option<(&Imported, &Path)>,
+    zones: Option<(Zones, &Path)>,
+    start: Option<[f64; 2]>,
+) -> Result<NewField, InputError> {
+    let mut field = imported.map_or_else(NewField::default, |(imported, path)| of_sensors(imported, path));
+    let nodes: Vec<SourcePosition> = imported.iter().flat_map(|(imported, path)| positions(imported, path)).collect();
+    let (mut zones, path) = zones.unwrap_or((Zones { zones: Vec::new(), ignored: None }, Path::new("")));
+    field.notes.extend(zones.ignored.take().map(|what| format!("ignored in {}: {what}", path.display())));
+    field.notes.extend(find_boundary(&mut zones.zones, &nodes, path)?);
+    let zones = zones.zones;
+
+    // The area encloses the sensor nodes, the start and the boundary, or without sensor nodes all zones.
+    let has_boundary = zones.iter().any(|zone| zone.kind == ZoneKind::Boundary);
+    let count = nodes.len();
+    let is_enclosed = |zone: &&Zone| if has_boundary { zone.kind == ZoneKind::Boundary } else { count == 0 };
+    let corners = |zone| corners(zone, path);
+    let start_text = start.map(|[lat_deg, lon_deg]| format!("{lat_deg},{lon_deg}")).unwrap_or_default();
+    let start = start.map(|position| SourcePosition {
+        what: "option",
+        path: Path::new("--start"),
+        place: &start_text,
+        position,
+    });
+    let mut enclosed = nodes;
+    enclosed.extend(zones.iter().filter(is_enclosed).flat_map(corners));
+    enclosed.extend(start);
+    let area = GeodeticArea::around(&enclosed)?;
+    let nodes_m = &area.positions[..count];
+    field.area = area.keys();
+
+    let grounded = |zone: &Zone, polygon: &Polygon, altitude_m| {
+        let ground_m = imported.and_then(|(imported, _)| ground_at(imported, nodes_m, polygon));
+        height_above(ground_m, altitude_m).map_err(|expected| zone.refusal(path, &expected))
+    };
+    let mut polygons = Vec::with_capacity(zones.len());
+    let mut closed = Vec::with_capacity(zones.len());
+    for zone in &zones {
+        let corners_m = zone.corners_m(&area.projection(), path)?;
+        let polygon = Polygon::of(&corners_m, zone.kind == ZoneKind::Boundary).expect("its corners were checked");
+        let (role, height_m) = match zone.kind {
+            ZoneKind::NoFly => (PolygonRole::NoFly, f64::INFINITY),
+            ZoneKind::Boundary => (PolygonRole::Boundary, f64::INFINITY),
+            ZoneKind::Building(height_m) => (PolygonRole::Building, height_m),
+            ZoneKind::BuildingAboveSea(altitude_m) => (PolygonRole::Building, grounded(zone, &polygon, altitude_m)?),
+        };
+        match role {
+            PolygonRole::Boundary => {
+                check_boundary(&polygon, nodes_m).map_err(|expected| zone.refusal(path, &expected))?;
+                field.area += &format!("\nboundary_m = {corners_m:?}");
+            }
+            PolygonRole::NoFly => field.zones += &format!("\n[[area.no_fly]]\npolygon_m = {corners_m:?}\n"),
+            PolygonRole::Building => {
+                field.zones += &format!("\n[[area.building]]\npolygon_m = {corners_m:?}\nheight_m = {height_m:?}\n");
+            }
+        }
+        polygons.push(NamedPolygon { name: zone.name(path), role, corners_m });
+        closed.push((polygon, height_m));
+    }
+    let places = FieldPlaces {
+        sides_m: area.sides_m,
+        origin: Some(area.origin),
+        nodes: nodes_m,
+        node_name: &|node| enclosed[node].name(),
+        polygons: &polygons,
+    };
+    field.warnings = places.doubts();
+    let lowest_m = Scenario::letter(Overrides::default())?.uav.altitude_m;
+    let extent = closed.iter().find(|(polygon, _)| polygon.is_border()).map(|(polygon, _)| polygon.extent());
+    let airspace = Airspace::new(area.sides_m, lowest_m, closed.into_iter());
+    let middle = Position::from(area.sides_m.map(|side_m| side_m / 2.0));
+    if let Some(start) = enclosed.last().filter(|last| last.is_start()) {
+        let at = area.positions[enclosed.len() - 1];
+        if !airspace.contains(&at) {
+            return Err(start.refusal("expected a place outside of zones and buildings, within the boundary"));
+        }
+        field.uav = start_line(&at, "");
+    } else if !airspace.contains(&middle) {
+        let extent = extent.unwrap_or([Position::origin(), Position::from(area.sides_m)]);
+        let free = free_place(&airspace, &middle, extent).ok_or_else(|| {
+            let causes: Vec<String> = field.warnings.iter().map(|warning| format!("; {warning}")).collect();
+            let message = format!("they leave no free place to start from in the area{}", causes.concat());
+            InputError::new("zones", path, message)
+        })?;
+        field.uav = start_line(&free, " # the free place nearest to the middle of the area");
+    }
+    Ok(field)
+}
+
+/// The corners of a zone of the file `path` with their location.
+fn corners<'a>(zone: &'a Zone, path: &'a Path) -> impl Iterator<Item = SourcePosition<'a>> {
+    zone.corners.iter().map(move |&position| SourcePosition { what: "zones", path, place: &zone.place, position })
+}
+
+/// The positions of a file with their locations.
+fn positions<'a>(imported: &'a Imported, path: &'a Path) -> impl Iterator<Item = SourcePosition<'a>> {
+    imported.sensors.iter().map(move |sensor| SourcePosition {
+        what: "sensor positions",
+        path,
+        place: &sensor.place,
+        position: sensor.position,
+    })
+}
+
+/// The height of a building [m] up to an altitude above sea level [m], or the reason why it has none.
+fn height_above(ground_m: Option<f64>, altitude_m: f64) -> Result<f64, String> {
+    let expected = match ground_m {
+        Some(ground_m) if altitude_m > ground_m => return Ok(altitude_m - ground_m),
+        Some(ground_m) => format!("more than {ground_m}, the ground at the nearest sensor node"),
+        None => "the altitude of the ground of each sensor node (ground_m) to measure it against, altitudeMode \
+                 relativeToGround, or height_m"
+            .to_owned(),
+    };
+    Err(format!("{altitude_m} m above sea level: expected {expected}"))
+}
+
+/// Checks that a boundary has an extent, and is that of the sensor nodes.
+fn check_boundary(boundary: &Polygon, nodes_m: &[Position]) -> Result<(), String> {
+    if boundary.filled() < LEAST_FILLED {
+        return Err("expected a boundary that fills at least a hundredth of its extent".to_owned());
+    }
+    let nearest_m = nodes_m.iter().map(|node| distance_to(boundary, node)).reduce(f64::min).unwrap_or(0.0);
+    if nearest_m > FAR_M {
+        let far = distance(nearest_m);
+        return Err(format!("it lies {far} from the nearest sensor node: expected a boundary around them"));
+    }
+    Ok(())
+}
+
+/// The distance of a position from a polygon [m]; 0 in it.
+fn distance_to(polygon: &Polygon, at: &Position) -> f64 {
+    if polygon.encloses(at) { 0.0 } else { (polygon.nearest(at) - at).norm() }
+}
+
+/// Takes the zone around all sensor nodes as the boundary, if no zone is marked as such, nor this one as a no-fly zone.
+/// Returns a note about it.
+fn find_boundary(zones: &mut [Zone], nodes: &[SourcePosition<'_>], path: &Path) -> Result<Option<String>, InputError> {
+    let Some(first) = nodes.first() else { return Ok(None) };
+    let [lat_deg, lon_deg] = first.position;
+    let projection = Projection::at(Origin { lat_deg, lon_deg });
+    let nodes_m = nodes.iter().map(|node| projection.project(node.position[0], node.position[1]));
+    let Some(nodes_m) = nodes_m.collect::<Option<Vec<Position>>>() else { return Ok(None) };
+    let mut around = Vec::new();
+    for (index, zone) in zones.iter().enumerate().filter(|(_, zone)| zone.kind == ZoneKind::NoFly && !zone.is_marked) {
+        let corners_m = zone.corners_m(&projection, path)?;
+        let polygon = Polygon::of(&corners_m, false).expect("its corners were checked");
+        if nodes_m.iter().all(|node| polygon.encloses(node)) {
+            around.push(index);
+        }
+    }
+    let boundary = zones.iter().position(|zone| zone.kind == ZoneKind::Boundary);
+    let mut all = boundary.into_iter().chain(around);
+    match [all.next(), all.next()] {
+        [Some(first), Some(second)] => {
+            let first = &zones[first].place;
+            let expected =
+                format!("around all sensor nodes, beside {first}: expected one boundary, and zones within it");
+            Err(zones[second].refusal(path, &expected))
+        }
+        [Some(index), None] if boundary.is_none() => {
+            zones[index].kind = ZoneKind::Boundary;
+            let name = zones[index].name(path);
+            Ok(Some(format!("{name}: taken as the boundary of the area, as it encloses all sensor nodes")))
+        }
+        _ => Ok(None),
+    }
+}
+
+/// The altitude of the ground [m] at the sensor node that is nearest to a polygon; `None` if the list has none.
+fn ground_at(imported: &Imported, nodes_m: &[Position], polygon: &Polygon) -> Option<f64> {
+    let column = imported.others.iter().position(|name| *name == import::GROUND)?;
+    let away_m = |node: &Position| {
+        if polygon.encloses(node) { 0.0 } else { (polygon.nearest(node) - node).norm() }
+    };
+    let nodes = nodes_m.iter().zip(&imported.sensors);
+    let (_, nearest) = nodes.min_by(|(a, _), (b, _)| away_m(a).total_cmp(&away_m(b)))?;
+    nearest.others[column].parse().ok()
+}
+
+/// The free place nearest to the middle of an area, of a grid between two corners.
+fn free_place(airspace: &Airspace, middle: &Position, [low, high]: [Position; 2]) -> Option<Position> {
+    let steps_m = (high - low) / f64::from(START_PLACES);
+    let column = |x: u32| (1..START_PLACES).map(move |y| [x, y].map(f64::from));
+    let place = |[x, y]: [f64; 2]| Position::new(low.x + x * steps_m.x, low.y + y * steps_m.y);
+    let mut places: Vec<Position> = (1..START_PLACES).flat_map(column).map(place).collect();
+    let away_m = |at: &Position| (at - middle).norm();
+    places.sort_by(|a, b| away_m(a).total_cmp(&away_m(b)));
+    // With free ground around it, so that it lies on no edge.
+    let is_free = |at: &Position| {
+        let beside = [[0.4, 0.0], [-0.4, 0.0], [0.0, 0.4], [0.0, -0.4]];
+        let mut beside = beside.map(|[x, y]| Position::new(at.x + x * steps_m.x, at.y + y * steps_m.y)).into_iter();
+        airspace.contains(at) && beside.all(|at| airspace.contains(&at))
+    };
+    places.into_iter().find(is_free)
+}
+
+/// An area in degrees.
+struct GeodeticArea {
+    /// Its south-west corner.
+    origin: Origin,
+    /// Its sides [m].
+    sides_m: [f64; 2],
+    /// The positions in it [m].
+    positions: Vec<Position>,
+}
+
+impl GeodeticArea {
+    /// The area north and east of a corner, in whose tangent plane all positions have positive coordinates.
+    fn around(places: &[SourcePosition<'_>]) -> Result<Self, InputError> {
+        let positions: Vec<[f64; 2]> = places.iter().map(|place| place.position).collect();
+        let [low_lat_deg, low_lon_deg] = import::south_west(&positions);
+        for corner_m in CORNERS_M {
+            let lat_deg = (low_lat_deg - corner_m / DEGREE_M).max(-90.0);
+            let lon_deg = low_lon_deg - corner_m / DEGREE_M / low_lat_deg.to_radians().cos().max(0.01);
+            let lon_deg = if lon_deg < -180.0 { lon_deg + 360.0 } else { lon_deg }; // west of the 180th meridian
+            let [lat_deg, lon_deg] = [lat_deg, lon_deg].map(|deg| (deg * 1e7).round() / 1e7);
+            let origin = Origin { lat_deg, lon_deg };
+            let projection = Projection::at(origin);
+            let is_within = |at: &Position| at.iter().all(|along_m| (0.0..=VAST_M).contains(along_m));
+            let project = |[lat_deg, lon_deg]: &[f64; 2]| projection.project(*lat_deg, *lon_deg).filter(is_within);
+            if let Some(positions) = positions.iter().map(project).collect::<Option<Vec<Position>>>() {
+                let last_m = positions.iter().fold(Position::origin(), |last, at| last.sup(at));
+                return Ok(Self { origin, sides_m: [last_m.x, last_m.y].map(beyond), positions });
+            }
+        }
+        let median = [0, 1].map(|axis| {
+            let mut along: Vec<f64> = positions.iter().map(|position| position[axis]).collect();
+            along.sort_by(f64::total_cmp);
+            along[along.len() / 2]
+        });
+        let projection = Projection::at(Origin { lat_deg: median[0], lon_deg: median[1] });
+        let away_m = |place: &&SourcePosition<'_>| {
+            let projected = projection.project(place.position[0], place.position[1]);
+            projected.map_or(f64::INFINITY, |at| at.coords.norm())
+        };
+        let farthest = places.iter().max_by(|a, b| away_m(a).total_cmp(&away_m(b))).expect("there are several");
+        let [lat_deg, lon_deg] = farthest.position;
+        let away = away_m(&farthest);
+        let away = if away.is_finite() { distance(away) } else { "half the Earth".to_owned() };
+        let expected = format!("expected a field of at most {}", distance(VAST_M));
+        Err(farthest.refusal(&format!("{lat_deg},{lon_deg}: {away} from the middle of the positions: {expected}")))
+    }
+
+    fn projection(&self) -> Projection {
+        Projection::at(self.origin)
+    }
+
+    /// Its keys.
+    fn keys(&self) -> String {
+        let Origin { lat_deg, lon_deg } = self.origin;
+        let origin =
+            format!("origin_lat_deg = {lat_deg:.7} # of its south-west corner, WGS84\norigin_lon_deg = {lon_deg:.7}");
+        format!("{}\n{origin}", sides(self.sides_m))
+    }
+}
