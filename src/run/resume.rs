@@ -10,7 +10,7 @@ use std::time::Duration;
 use skysink_common::belief::Belief;
 use skysink_common::error::InputError;
 use skysink_common::estimate::Rates;
-use skysink_common::message::Plan;
+use skysink_common::message::{FlightReport, Mode, Plan};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
@@ -125,11 +125,13 @@ impl Pilot for Repeating {
             return Ok(recorded.iter().map(|slot| Some(slot.report())).collect());
         }
         let is_repeatable = self.is_repeatable;
-        let plan = |(recorded, planned): (&RecordedSlot, Option<Plan>)| {
-            let plan = planned.filter(|_| is_repeatable).unwrap_or_else(|| recorded.plan());
+        let plan = |((recorded, planned), flown): ((&RecordedSlot, Option<Plan>), &FlightReport)| {
+            // Whether there was a plan in time is not in the line of a UAV that stayed and went down: it hovers again.
+            let is_down = recorded.mode == Mode::Down && recorded.position == flown.position();
+            let plan = planned.filter(|_| is_repeatable && !is_down).unwrap_or_else(|| recorded.plan());
             (!recorded.is_missed()).then_some(plan)
         };
-        Ok(recorded.iter().zip(planned).map(plan).collect())
+        Ok(recorded.iter().zip(planned).zip(plant.flights()).map(plan).collect())
     }
 }
 

@@ -48,9 +48,17 @@ fn record(scenario: &Scenario, list: &SensorList, out: &Path, plans_by: PlansBy,
 
 /// The last slot that a resumed run begins after, or why it is refused.
 fn resumed(strategy: &'static str, plans_by: PlansBy, substitute: Substitute) -> Result<u64, String> {
+    resumed_with("", strategy, plans_by, substitute)
+}
+
+/// The same with further `keys` of the scenario.
+fn resumed_with(keys: &str, strategy: &'static str, plans_by: PlansBy, substitute: Substitute) -> Result<u64, String> {
     let place = tempfile::tempdir().unwrap();
     let out: PathBuf = place.path().join("run");
-    let (scenario, list) = scenarios::smoke_with_sensors(strategy);
+    let text = format!("{}{keys}", scenarios::text("smoke"));
+    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
+    let scenario = Scenario::parse(&text, Path::new("smoke.toml"), overrides).and_then(settings::resolve).unwrap();
+    let list = SensorList::of(&scenario).unwrap();
     let folder = record(&scenario, &list, &out, plans_by, substitute);
     let mut tally = Tally::new(&scenario, &list, folder.run_mode());
     let resumed = resume(&folder, &scenario, &list, &mut tally, &Stop::default());
@@ -87,6 +95,19 @@ fn a_late_plan_is_a_hold_with_any_strategy() {
     for strategy in ["uts", "rfs", "tour", "max-age-first"] {
         assert_eq!(resumed(strategy, PlansBy::Planner, late), Ok(SLOTS), "{strategy:?}");
     }
+}
+
+#[test]
+fn a_battery_may_end_while_plans_are_late() {
+    let battery = "[uav.battery]\ncapacity_j = 3000.0\n";
+    for strategy in ["uts", "rfs", "tour", "max-age-first"] {
+        let resumed = |substitute| resumed_with(battery, strategy, PlansBy::Planner, substitute);
+        assert_eq!(resumed(|slot, own| (slot < 5).then_some(own)), Ok(SLOTS), "{strategy}");
+        assert_eq!(resumed(|_, _| None), Ok(SLOTS), "{strategy}: in the base, where its plan would be to charge");
+    }
+    let nudged = |slot, own| if slot < 5 { nudged(slot + 16, own) } else { None };
+    let error = resumed_with(battery, "uts", PlansBy::Planner, nudged).unwrap_err();
+    assert!(error.contains("slots.csv: line 5: "), "the plan of slot 4 was in time: {error}");
 }
 
 #[test]
