@@ -99,7 +99,6 @@ impl Figures {
         let rim = LinkFigures::at(scenario, &nodes, comm_radius_m);
         let flights = trial_flights(scenario, list)?;
         let links = BestLinks::new(scenario, &sensors);
-        let is_late = |first_slot: u64| (scenario.slots + 1..u64::MAX).contains(&first_slot); // others are hidden
         let uavs = scenario.uav.uavs();
         let bounds = Bounds { table: &table, uavs, field: &field, links, above, paths: PathBound::by_legs(&table) };
         Ok(Self {
@@ -123,7 +122,7 @@ impl Figures {
             round: bounds.round(flights.first().and_then(|tour| tour.round_slots)),
             load: Load::of(scenario, &sensors, &above),
             hidden: (!table.airspace.is_open()).then(|| sensors.count() - table.servable().count()),
-            unreachable: field.sensors.iter().filter(|sensor| is_late(sensor.first_slot)).count(),
+            unreachable: field.sensors.iter().filter(|sensor| sensor.first_slot > Some(scenario.slots)).count(),
             arrivals: ArrivalFigures::of(scenario, list),
             loss_free: bounds.loss_free(&flights),
         })

@@ -14,6 +14,9 @@ use skysink_planner::mission_table::MissionTable;
 use super::flights::TrialFlight;
 use super::links::LinkFigures;
 
+/// Bounds on slots are not computed beyond this one, up to which numbers are exact.
+const MOST_SLOTS: u64 = 1 << 53;
+
 /// Whether the mission can be flown without loss, as far as fast bounds and simulations tell.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "answer", rename_all = "kebab-case")]
@@ -44,8 +47,8 @@ pub enum LossFree {
 /// Slots from the start of the mission until every SN has been served once.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Round {
-    /// Lower bound for all flights.
-    pub least_slots: u64,
+    /// Lower bound for all flights; `None` if zones hide an SN, so that no flight serves all.
+    pub least_slots: Option<u64>,
     /// The reason for this bound.
     pub because: RoundBound,
     /// Slots that the strategy `tour` takes, if it was simulated and the mission is long enough.
@@ -71,7 +74,8 @@ impl fmt::Display for Round {
             RoundBound::Farthest => "farthest SN",
             RoundBound::Paths => "path length",
         };
-        write!(formatter, "at least {} ({reason})", self.least_slots)?;
+        let Some(least_slots) = self.least_slots else { return formatter.write_str("none: zones hide an SN") };
+        write!(formatter, "at least {least_slots} ({reason})")?;
         self.tour_slots.map_or(Ok(()), |slots| write!(formatter, "; tour takes {slots}"))
     }
 }
@@ -136,19 +140,21 @@ impl Bounds<'_> {
     pub fn round(&self, tour_slots: Option<u64>) -> Round {
         let sensors = self.table.sensors.positions.len().div_ceil(self.uavs);
         let blocks = sensors.div_ceil(self.table.limits.blocks()) as u64;
-        let farthest = self.field.sensors.iter().map(|sensor| sensor.first_slot).max().unwrap_or(1);
+        let farthest = self.field.sensors.iter().filter_map(|sensor| sensor.first_slot).max();
+        let farthest = farthest.map_or(1, |slot| slot.min(MOST_SLOTS));
         let paths = least_slots(&self.paths, sensors);
         let bounds = [(blocks, RoundBound::Blocks), (farthest, RoundBound::Farthest), (paths, RoundBound::Paths)];
         let best = bounds.into_iter().reduce(|best, next| if next.0 > best.0 { next } else { best });
         let (least_slots, because) = best.expect("three bounds");
-        Round { least_slots, because, tour_slots }
+        let is_possible = self.field.sensors.iter().all(|sensor| sensor.first_slot.is_some());
+        Round { least_slots: is_possible.then_some(least_slots), because, tour_slots }
     }
 }
 
 /// The smallest number of slots in which [`PathBound`] allows `sensors` SNs to be served, by bisection.
 fn least_slots(paths: &PathBound, sensors: usize) -> u64 {
     let mut high = 1u64;
-    while paths.most(high) < sensors && high < 1 << 53 {
+    while paths.most(high) < sensors && high < MOST_SLOTS {
         high *= 2;
     }
     let mut low = high / 2; // too few
@@ -182,14 +188,20 @@ mod tests {
     fn a_round_is_bounded_by_blocks_paths_and_the_farthest_sensor_node() {
         // Five SNs in one spot below the UAV, n = 4: two slots, and `tour` takes as many.
         let (round, _) = known("", &format!("x_m,y_m\n{}", "50,50\n".repeat(5)));
-        assert_eq!((round.least_slots, round.because, round.tour_slots), (2, RoundBound::Blocks, Some(2)));
+        assert_eq!((round.least_slots, round.because, round.tour_slots), (Some(2), RoundBound::Blocks, Some(2)));
         // 200 m from the start: 190 m to within d_c, 6.33 slots of 30 m, so 7.
         let (round, _) = known("[area]\nside_m = 400.0\n", "x_m,y_m\n200,400\n");
-        assert_eq!((round.least_slots, round.because, round.tour_slots), (7, RoundBound::Farthest, Some(7)));
+        assert_eq!((round.least_slots, round.because, round.tour_slots), (Some(7), RoundBound::Farthest, Some(7)));
         // Two SNs 200 m apart, the UAV between them: 90 m to within d_c of the first, 3 slots; then 180 m, 6 slots. The
         // path alone takes 1 + 6.
         let (round, _) = known("[area]\nside_m = 200.0\n", "x_m,y_m\n0,100\n200,100\n");
-        assert_eq!((round.least_slots, round.because, round.tour_slots), (7, RoundBound::Paths, Some(9)));
+        assert_eq!((round.least_slots, round.because, round.tour_slots), (Some(7), RoundBound::Paths, Some(9)));
+    }
+
+    #[test]
+    fn a_round_has_no_more_slots_than_numbers_are_exact_to() {
+        let (round, _) = known("slots = 5\n[uav]\nmax_speed_mps = 1e-18\n", "x_m,y_m\n1,1\n99,99\n");
+        assert_eq!(round.least_slots, Some(MOST_SLOTS));
     }
 
     #[test]
@@ -226,8 +238,9 @@ mod tests {
         let keys = "slots = 400\n[uav]\nstart_m = [5, 5]\n[[area.no_fly]]\npolygon_m = [[10, 10], [90, 10], [90, 90], [10, 90]]\n";
         let list = |x_m: f64| format!("x_m,y_m,queue_bits,sampling_bps\n{x_m},50,0,100\n95,95,0,100\n");
         // In 400 slots come 40 000 bit for each; a buffer holds 30 000.
-        let (_, verdict) = known(keys, &list(50.0));
+        let (round, verdict) = known(keys, &list(50.0));
         assert!(matches!(verdict, LossFree::Impossible { lost_bits: 10_000 }), "{verdict:?}");
+        assert_eq!((round.least_slots, round.to_string()), (None, "none: zones hide an SN".to_owned()));
         let (_, verdict) = known(keys, &list(19.0));
         assert!(matches!(verdict, LossFree::Flown { .. }), "in range from beside the zone: {verdict:?}");
     }
@@ -237,6 +250,6 @@ mod tests {
         let list = "x_m,y_m,queue_bits\n".to_owned() + &"50,50,0\n".repeat(super::super::flights::MAX_SENSORS + 1);
         let (round, verdict) = known("slots = 301\n", &list);
         // 5 001 SNs that sample 100 bit overflow by 100 bit each in slot 301; 300 · 4 visits can carry more than that.
-        assert_eq!((round.least_slots, round.tour_slots, verdict), (1_251, None, LossFree::NotFlown));
+        assert_eq!((round.least_slots, round.tour_slots, verdict), (Some(1_251), None, LossFree::NotFlown));
     }
 }

@@ -22,11 +22,18 @@ pub struct SensorBits {
     pub drawn_bits: Option<Vec<u64>>,
     /// Its queue before slot 1 [bit].
     pub queue_bits: u32,
-    /// The first slot at whose end the UAV can be in range, at least 1; [`u64::MAX`] if zones leave no place in range.
-    pub first_slot: u64,
+    /// The first slot at whose end the UAV can be in range, at least 1; `None` if zones leave no place in range.
+    pub first_slot: Option<u64>,
 }
 
 impl SensorBits {
+    /// Whether the UAV can be in range at the end of `slot`.
+    #[inline]
+    #[must_use]
+    pub fn is_reached(&self, slot: u64) -> bool {
+        self.first_slot.is_some_and(|first_slot| first_slot <= slot)
+    }
+
     /// Overflow up to the end of `slot` [bit], if the SN is never served after the slot `emptied`, which left it empty;
     /// or never at all if that is `None`.
     #[inline]
@@ -88,7 +95,7 @@ impl FieldBits {
                     bits
                 }),
                 queue_bits: queues_bits[id as usize],
-                first_slot: if has_place(sensors.position(id)) { (slots as u64).max(1) } else { u64::MAX },
+                first_slot: has_place(sensors.position(id)).then_some((slots as u64).max(1)),
             }
         };
         Self {
@@ -134,7 +141,7 @@ mod tests {
             sampler: Sampler { mean_bits: 2.5, capacity_bits: 4 },
             drawn_bits: None,
             queue_bits: 3,
-            first_slot: 1,
+            first_slot: Some(1),
         };
         assert_eq!([1, 2, 3, 4, 5].map(|slot| sensor.overflow_bits(None, slot)), [1, 4, 6, 9, 11]);
         assert_eq!([1, 2, 3, 4, 5].map(|slot| sensor.lost_bits(None, slot)), [1, 3, 2, 3, 2]);
@@ -151,8 +158,8 @@ mod tests {
         let node = |x_m: f64, sampling_bps: f64| SensorNode { x_m, y_m: 200.0, sampling_bps, ..SensorNode::default() };
         let nodes = [node(200.0, 9.0), node(230.0, 0.0), node(280.0, 9.0), node(100.0, 9.0)];
         let field = FieldBits::new(&scenario, &Sensors::of(&scenario, &nodes), &[1, 2, 3, 4]);
-        let found: Vec<(u64, u32)> =
+        let found: Vec<(Option<u64>, u32)> =
             field.sensors.iter().map(|sensor| (sensor.first_slot, sensor.queue_bits)).collect();
-        assert_eq!(found, [(1, 1), (3, 3), (3, 4)]);
+        assert_eq!(found, [(Some(1), 1), (Some(3), 3), (Some(3), 4)]);
     }
 }

@@ -23,7 +23,7 @@ pub fn by_throughput(field: &FieldBits, link_bits: impl Fn(u64, usize) -> u64) -
         carried.clear();
         for &index in &overflowing {
             let sensor = &field.sensors[index];
-            if sensor.first_slot <= slot {
+            if sensor.is_reached(slot) {
                 carried.push(link_bits(slot, index).min(sensor.sampler.capacity_bits.into()));
             }
         }
@@ -41,7 +41,7 @@ pub fn by_throughput(field: &FieldBits, link_bits: impl Fn(u64, usize) -> u64) -
 #[must_use]
 pub fn by_expected_throughput(field: &FieldBits, mut expected_bits: impl FnMut(u64) -> f64) -> f64 {
     let (excess_bits, overflowing) = overflowing(field);
-    let mut first_slots: Vec<u64> = overflowing.iter().map(|&index| field.sensors[index].first_slot).collect();
+    let mut first_slots: Vec<u64> = overflowing.iter().filter_map(|&index| field.sensors[index].first_slot).collect();
     first_slots.sort_unstable();
     let mut carried_bits = 0.0;
     for slot in 1..field.slots {
@@ -73,7 +73,8 @@ mod tests {
     /// can be served from slot 3 on.
     fn field_of(blocks: usize) -> FieldBits {
         let sampler = Sampler { mean_bits: 10.0, capacity_bits: 20 };
-        let sensor = |first_slot| SensorBits { sampler, drawn_bits: None, queue_bits: 20, first_slot };
+        let sensor =
+            |first_slot| SensorBits { sampler, drawn_bits: None, queue_bits: 20, first_slot: Some(first_slot) };
         FieldBits { sensors: vec![sensor(1), sensor(3)], slots: 5, blocks, beyond_buffers_bits: 0 }
     }
 

@@ -42,8 +42,8 @@ fn lost_after(field: &FieldBits, slot: u64, gap: u64, served: usize, losses: &mu
     losses.clear();
     let mut unreached_bits = 0;
     for sensor in &field.sensors {
-        let lost_bits = sensor.lost_bits(Some(before).filter(|before| *before >= sensor.first_slot), slot);
-        if sensor.first_slot < slot {
+        let lost_bits = sensor.lost_bits(Some(before).filter(|before| sensor.is_reached(*before)), slot);
+        if sensor.is_reached(slot - 1) {
             losses.push(lost_bits);
         } else {
             unreached_bits += lost_bits;
@@ -87,7 +87,8 @@ mod tests {
 
     /// An SN that samples 10 bit a slot.
     fn sensor(capacity_bits: u32, queue_bits: u32, first_slot: u64) -> SensorBits {
-        SensorBits { sampler: Sampler { mean_bits: 10.0, capacity_bits }, drawn_bits: None, queue_bits, first_slot }
+        let sampler = Sampler { mean_bits: 10.0, capacity_bits };
+        SensorBits { sampler, drawn_bits: None, queue_bits, first_slot: Some(first_slot) }
     }
 
     #[test]
