@@ -22,6 +22,8 @@ pub struct Flight {
     streams: Streams,
     comm_radius_m: f64,
     resource_blocks: usize,
+    /// Whether a vehicle has reported that it is down.
+    is_reported_down: bool,
     /// Standard deviation of the end of a slot in x and in y [m]; `None` if it ends at the waypoint.
     position_error_m: Option<f64>,
     vehicle: Vehicle,
@@ -40,6 +42,7 @@ impl Flight {
             channel: DrawnChannel::new(Channel::of(&scenario.link), Streams::new(scenario.seed)),
             comm_radius_m: scenario.link.comm_radius_m,
             resource_blocks: scenario.link.resource_blocks,
+            is_reported_down: false,
             position_error_m: scenario.uav.position_error_m,
             vehicle: Vehicle::new(scenario),
             positions: sensors.iter().map(|sensor| Position::new(sensor.x_m, sensor.y_m)).collect(),
@@ -105,6 +108,7 @@ impl Flight {
     pub fn restore(&mut self, report: &FlightReport) {
         self.vehicle.position = report.position();
         self.vehicle.energy_j = report.energy_j;
+        self.is_reported_down = report.mode == Mode::Down as u32;
     }
 
     /// Flies `slot`, from 1. Without a plan, or with an impossible waypoint, the UAV holds and serves no sensor node. A
@@ -183,8 +187,12 @@ impl Flight {
     /// Takes in where a vehicle is at the end of `slot`, as its `report` says it, wherever that lies, and fills in the
     /// links of the report: those of the `plan` to sensor nodes in range of there, with the scenario's channel. There
     /// are none without a plan, or in a mode in which no sensor node is served. Without an energy in the report, a
-    /// battery of the scenario has that of the model.
+    /// battery of the scenario has that of the model. A vehicle that has reported to be down stays down (decision D12).
     pub fn observe(&mut self, slot: u64, plan: Option<&Plan>, report: &mut FlightReport) {
+        if self.is_reported_down {
+            *report = FlightReport { mode: Mode::Down as u32, hold: HoldReason::None as u32, refused: 0, ..*report };
+        }
+        self.is_reported_down = report.mode == Mode::Down as u32;
         let mode = Mode::from_repr(report.mode).unwrap_or_default();
         if mode == Mode::Charge {
             let _ = self.vehicle.charge();

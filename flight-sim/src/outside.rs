@@ -48,7 +48,7 @@ pub struct SlotOrder {
 /// A vehicle that flies orders.
 pub trait OutsideVehicle {
     /// Flies a slot, and reports where the vehicle is at its end: [`FlightReport::at`], and what else it knows. The
-    /// mode counts only if it is [`Mode::Down`]. Links are filled in.
+    /// mode counts only if it is [`Mode::Down`], which is final. Links are filled in.
     fn fly(&mut self, order: &SlotOrder) -> FlightReport;
 }
 
@@ -238,6 +238,23 @@ mod tests {
             [at(f64::NAN, 20.0), at(50.0, f64::NAN), at(50.0, 1e9)].into_iter().all(|at| says(at).contains("100 km"))
         );
         assert!(says(FlightReport { velocity_mps: [0.0, f64::NAN, 0.0], ..at(50.0, 20.0) }).contains("finite"));
+    }
+
+    #[test]
+    fn a_vehicle_that_was_down_stays_down_whatever_it_reports() {
+        let mut fleet = fleet();
+        let mut fly = |fleet: &mut OutsideFleet, slot, mode| {
+            let orders = fleet.orders(slot, Some(&[plan(50.0, &[0])]));
+            let mut reports = [FlightReport::at([50.0, 50.0, 20.0], mode)];
+            fleet.complete(slot, &orders, &mut reports);
+            reports[0]
+        };
+        let flown = [(1, Mode::Fly), (2, Mode::Down), (3, Mode::Fly)].map(|(slot, mode)| fly(&mut fleet, slot, mode));
+        assert_eq!(flown.each_ref().map(mode), [Mode::Serve, Mode::Down, Mode::Down]);
+        assert_eq!(flown.map(|report| (report.served, report.refused)), [(1, 0), (0, 0), (0, 0)]);
+        let mut restarted = self::fleet();
+        restarted.restore(&flown[2..]);
+        assert_eq!(mode(&fly(&mut restarted, 4, Mode::Fly)), Mode::Down);
     }
 
     #[test]
