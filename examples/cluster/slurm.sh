@@ -1,9 +1,9 @@
-#!/bin/bash
+#!/bin/sh
 # A sweep as a Slurm job array, followed by a merge. The folders must be on a shared file system.
 #
 #   examples/cluster/slurm.sh area.toml runs/area 100           # 100 shards
 #   examples/cluster/slurm.sh area.toml runs/area 100 7,12-14   # repeats the shards that the merge lists as missing
-set -euo pipefail
+set -eu
 
 usage='usage: slurm.sh SWEEP OUT SHARDS [ARRAY]'
 sweep=${1:?$usage} out=${2:?$usage} shards=${3:?$usage} array=${4:-1-$3}

@@ -1,4 +1,4 @@
-#!/bin/bash
+#!/bin/sh
 # A ring across three hosts, emulated on one machine: each host is a network namespace with its own shared memory and
 # temporary folder, so that only the network connects them.
 #
@@ -12,7 +12,7 @@
 #
 # It compares the trace with that of one process. With --cut it disconnects a host for this time during the run.
 # Example: three_hosts.sh scenarios/letter.toml --cut b 5
-set -euo pipefail
+set -eu
 
 here=$(cd "$(dirname "$0")" && pwd)
 scenario=$(realpath "$1")
@@ -27,7 +27,7 @@ work=$(mktemp -d /tmp/hosts.XXXX) # short: iceoryx2 puts sockets there
 # The network: a bridge, and a cable from each host to it. The names are those of this script, so that two can run.
 id=$$
 tidy() {
-    jobs -p | xargs -r kill 2>/dev/null || true
+    jobs -p >"$work/jobs" && xargs -r kill <"$work/jobs" 2>/dev/null || true
     wait || true
     for host in a b c; do ip netns del "sky$id$host" 2>/dev/null || true; done
     ip link del "sky$id" 2>/dev/null || true
@@ -52,11 +52,11 @@ done
 
 # on HOST COMMAND...: runs it on that host. `ip netns exec` has given the command mounts of its own.
 on() {
-    local host=$1
+    on_host=$1
     shift
-    exec ip netns exec "sky$id$host" sh -c '
+    exec ip netns exec "sky$id$on_host" sh -c '
         mount -t tmpfs -o size=4g tmpfs /dev/shm
-        export TMPDIR="$0" && cd "$0" && exec "$@"' "$work/$host" "$@"
+        export TMPDIR="$0" && cd "$0" && exec "$@"' "$work/$on_host" "$@"
 }
 
 # Host a: the launcher. It waits for the processes of the other hosts, and says what to start there.
