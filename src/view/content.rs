@@ -48,7 +48,6 @@ pub fn newest(runs: &Path) -> Result<PathBuf, InputError> {
 pub fn recordings(runs: &[PathBuf]) -> Result<Vec<PathBuf>, Error> {
     let mut recordings = Vec::new();
     for run in runs {
-        let refuse = |message: &str| Err(InputError::new("recording", run, message).into());
         if !run.is_dir() {
             check(run)?;
             recordings.push(run.clone());
@@ -56,7 +55,10 @@ pub fn recordings(runs: &[PathBuf]) -> Result<Vec<PathBuf>, Error> {
         }
         let found = recordings_in(run).at(run)?;
         if found.is_empty() {
-            return refuse("it contains no recording: make one of a finished run with `skysink replay RUN`");
+            let run_path = run.display();
+            let message =
+                format_args!("it contains no recording: make one of a finished run with `skysink replay {run_path}`");
+            return Err(InputError::new("recording", run, message).into());
         }
         found.iter().try_for_each(|recording| check(recording))?;
         recordings.extend(found);
