@@ -1,6 +1,7 @@
 //! What the slots of a scenario demand of a vehicle (decisions D29 and D31).
 
 use serde::Serialize;
+use skysink_common::geometry::Position;
 use skysink_common::scenario::Scenario;
 
 use super::quantity::scaled;
@@ -26,6 +27,9 @@ pub struct Motion {
     pub ground_mps: Option<[f64; 2]>,
     /// Standard deviation of where a slot ends [m]; `None` if it ends at the waypoint.
     pub position_error_m: Option<f64>,
+    /// Number of UAVs that start outside of a base and within `uav.separation_m` of another; `None` if there are none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub crowded: Option<usize>,
 }
 
 impl Motion {
@@ -40,6 +44,7 @@ impl Motion {
             copter_s: is_instant.then(|| 2.0 * (hop_m / COPTER_MPS2).sqrt()),
             ground_mps: uav.wind_mps.map(|_| [uav.max_speed_mps - wind_mps, uav.max_speed_mps + wind_mps]),
             position_error_m: uav.position_error_m,
+            crowded: Some(crowded(scenario)).filter(|crowded| *crowded > 0),
         }
     }
 
@@ -64,6 +69,15 @@ impl Motion {
             rows.push(("visits missed by σ", format!("half at d_c, 5 % from {inside} inside")));
         }
         rows
+    }
+
+    /// The warning about UAVs that start too near to each other.
+    pub fn start_warning(&self) -> Option<String> {
+        let crowded = self.crowded?;
+        Some(format!(
+            "{crowded} UAVs start within uav.separation_m of another and outside of a base: waypoints near to a UAV that \
+             waits there are refused (give uav.starts_m farther apart, or a [base] around the starts)"
+        ))
     }
 
     /// The warning if no copter flies the slots.
@@ -111,4 +125,16 @@ mod tests {
         assert_eq!(rows[1].1, "25 m/s upwind, 35 m/s downwind");
         assert!(rows[2].1.starts_with("half at d_c, 5 % from 4.9"), "{rows:?}");
     }
+}
+
+/// Number of UAVs that start outside of a base and within the least distance of another one (decision D23).
+fn crowded(scenario: &Scenario) -> usize {
+    let separation_m = scenario.uav.separation_m.unwrap_or(0.0);
+    let base = scenario.landing_base();
+    let starts: Vec<Position> = scenario.starts().map(|start| start.xy()).collect();
+    let outside = || starts.iter().enumerate().filter(|(_, at)| !base.as_ref().is_some_and(|base| base.contains(at)));
+    let is_crowded = |(uav, at): &(usize, &Position)| {
+        outside().any(|(other, near)| other != *uav && (near - *at).norm() < separation_m)
+    };
+    outside().filter(is_crowded).count()
 }

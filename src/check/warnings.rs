@@ -8,7 +8,7 @@ use super::verdict::LossFree;
 /// The warnings for these figures, one line each.
 #[must_use]
 pub fn of(figures: &Figures) -> Vec<String> {
-    let rules: [fn(&Figures) -> Option<String>; 12] = [
+    let rules: [fn(&Figures) -> Option<String>; 13] = [
         in_transit,
         slow_link,
         overloaded,
@@ -20,6 +20,7 @@ pub fn of(figures: &Figures) -> Vec<String> {
         unserved,
         told_otherwise,
         told_steadier,
+        |figures| figures.motion.start_warning(),
         |figures| figures.motion.warning(),
     ];
     rules.into_iter().filter_map(|rule| rule(figures)).collect()
