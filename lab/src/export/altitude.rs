@@ -42,19 +42,33 @@ impl AltitudeReference {
 pub struct Altitudes {
     /// What they are above.
     pub reference: AltitudeReference,
-    /// The ground at home, as low as it can be [m]; `None` if the list does not tell it.
+    /// The ground at home [m], as it was given or as low as it can be; `None` if nothing tells it.
     pub home_ground_m: Option<f64>,
     /// The ground; `None` if the list does not tell it.
     ground: Option<Ground>,
 }
 
 impl Altitudes {
-    /// The altitudes above `reference`, by default the ground below if the list has hills, and otherwise home.
+    /// The altitudes above `reference`, by default the ground below if the list has hills, and otherwise home. The
+    /// ground at home is `home_ground_m` [m] if it is given.
     ///
     /// # Errors
-    /// If they are to be above sea level, and the list has no altitudes.
-    pub fn of(track: &GeodeticTrack<'_>, reference: Option<AltitudeReference>) -> Result<Self, InputError> {
-        let ground = Ground::of(&track.run.list);
+    /// If they are to be above sea level or the ground at home is given, and the list has no altitudes.
+    pub fn of(
+        track: &GeodeticTrack<'_>,
+        reference: Option<AltitudeReference>,
+        home_ground_m: Option<f64>,
+    ) -> Result<Self, InputError> {
+        let mut ground = Ground::of(&track.run.list);
+        let home = track.points[0].position.xy();
+        match (home_ground_m, &mut ground) {
+            (Some(ground_m), Some(ground)) => ground.add(&home, ground_m),
+            (Some(ground_m), None) => {
+                let message = format_args!("--home-ground {ground_m}: expected a sensor list with the column ground_m");
+                return Err(InputError::new("scenario", &track.run.scenario.path, message));
+            }
+            (None, _) => {}
+        }
         if reference == Some(AltitudeReference::Msl) && ground.is_none() {
             let scenario = &track.run.scenario.path;
             let message = "--altitude msl: expected a sensor list with the column ground_m, or another --altitude";
@@ -62,7 +76,7 @@ impl Altitudes {
         }
         let is_hilly = ground.as_ref().is_some_and(Ground::is_hilly);
         let default = if is_hilly { AltitudeReference::Terrain } else { AltitudeReference::Relative };
-        let home_ground_m = ground.as_ref().map(|ground| ground.lowest_m(&track.points[0].position.xy()));
+        let home_ground_m = home_ground_m.or_else(|| ground.as_ref().map(|ground| ground.lowest_m(&home)));
         Ok(Self { reference: reference.unwrap_or(default), home_ground_m, ground })
     }
 

@@ -49,6 +49,12 @@ impl Ground {
         Some(ground)
     }
 
+    /// Adds a place [m] whose ground is known [m].
+    pub fn add(&mut self, at: &Position, ground_m: f64) {
+        self.sensors.insert(GeomWithData::new((*at).into(), ground_m));
+        self.slope = STEEPER * self.steepest();
+    }
+
     /// The steepest slope between two sensor nodes.
     fn steepest(&self) -> f64 {
         let slope = |distance_m: f64, rise_m: f64| {

@@ -24,6 +24,9 @@ pub struct VehicleMissionOptions {
     /// otherwise relative].
     #[arg(long, value_name = "ABOVE")]
     pub altitude: Option<AltitudeReference>,
+    /// The ground at home [m], above what the ground_m of the sensor list are above [default: as low as they allow].
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = number("metres, -1e4 to 1e4", |ground_m| (-1e4..=1e4).contains(&ground_m)))]
+    pub home_ground: Option<f64>,
     /// Autopilot of a vehicle mission [default: px4; of waypoints ardupilot].
     #[arg(long)]
     pub autopilot: Option<Autopilot>,
@@ -52,6 +55,7 @@ impl VehicleMissionOptions {
         let given = [
             (self.most_items.is_some(), "--most-items"),
             (self.altitude.is_some(), "--altitude"),
+            (self.home_ground.is_some(), "--home-ground"),
             (self.autopilot.is_some(), "--autopilot"),
             (self.min_bits > 0, "--min-bits"),
             (self.fence_margin > 0.0, "--fence-margin"),

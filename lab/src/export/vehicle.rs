@@ -42,7 +42,7 @@ pub struct VehicleMission {
     pub parts: Vec<MissionPart>,
     /// What the altitudes of waypoints are above.
     pub reference: AltitudeReference,
-    /// The ground at home, as low as it can be [m]; `None` if the list does not tell it.
+    /// The ground at home [m], as it was given or as low as it can be; `None` if nothing tells it.
     pub home_ground_m: Option<f64>,
     /// The altitude above home that clears the ground on all straight ways home as the model flies [m]; `None`
     /// likewise.
@@ -79,7 +79,7 @@ pub fn plan(
     purpose: MissionUse,
 ) -> Result<VehicleMission, InputError> {
     let scenario = &track.run.scenario;
-    let altitudes = Altitudes::of(track, options.altitude)?;
+    let altitudes = Altitudes::of(track, options.altitude, options.home_ground)?;
     let planner = MissionPlanner { track, options, altitudes, airspace: scenario.airspace() };
     let flown = stops::merge(track);
     let stops = stops::with_bits(&flown, options.min_bits, planner.home(), &planner.airspace);

@@ -3,12 +3,16 @@
 use skysink_common::geometry::Position;
 use skysink_common::scenario::{Overrides, Scenario};
 
+use super::altitude::AltitudeReference;
 use super::fence;
 use super::track::{GeodeticTrack, TrackPoint};
 use super::vehicle::VehicleMission;
 
 /// Distance from the geofence or a zone within which a vehicle may breach it [m].
 const NEAR_M: f64 = 2.0;
+
+/// Altitude above the ground up to which many countries let UAVs fly without a permission [m].
+const PERMITTED_M: f64 = 120.0;
 
 /// Corners of a geofence that most vehicles take.
 const MAX_CORNERS: usize = 60;
@@ -18,6 +22,7 @@ pub fn of(track: &GeodeticTrack<'_>, mission: &VehicleMission, fence: Option<&[P
     let mut warnings = Vec::from_iter(paper_values(&track.run.scenario));
     warnings.extend(fence.and_then(|fence| near_fence(track, fence)));
     warnings.extend(near_zones(track));
+    warnings.extend(high(mission));
     let uavs = track.run.scenario.uav.uavs();
     if uavs > 1 {
         warnings.push(format!(
@@ -45,6 +50,19 @@ fn near_fence(track: &GeodeticTrack<'_>, fence: &[Position]) -> Option<String> {
             "{near} of {of} slots end outside of the geofence or within {NEAR_M} m of it: widen it with --fence-margin"
         )
     })
+}
+
+/// Waypoints that are high above the ground.
+fn high(mission: &VehicleMission) -> Option<String> {
+    let over_hills_m = mission.parts.iter().filter_map(|part| part.highest_m).reduce(f64::max);
+    let flown_m = || mission.stops.iter().map(|stop| stop.position.z).reduce(f64::max);
+    let highest_m = over_hills_m.or_else(flown_m).filter(|highest_m| *highest_m > PERMITTED_M)?;
+    let remedy = match mission.reference {
+        AltitudeReference::Terrain => "",
+        _ if over_hills_m.is_none() => "",
+        _ => ": give --home-ground, or fly --altitude terrain",
+    };
+    Some(format!("waypoints up to {highest_m:.0} m above the ground, more than {PERMITTED_M} m{remedy}"))
 }
 
 /// Slots that end near a zone.

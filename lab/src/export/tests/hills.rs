@@ -43,6 +43,25 @@ fn altitudes_above_home_or_sea_level_clear_every_leg() {
     assert_eq!(mission(&flat, &forever()).reference, AltitudeReference::Relative);
 }
 
+/// SNs on a slope of 20 % from 400 m east of home on, whose ground is as high as theirs.
+#[test]
+fn a_known_ground_at_home_keeps_a_relative_mission_low() {
+    let steps: Vec<_> = std::iter::repeat_n((27.0, Some(1)), 15).collect();
+    let run = run_in("", "x_m,y_m,ground_m\n400,0,100\n500,0,120\n400,9,100\n409,9,100\n", &steps);
+    let at = |home_ground| {
+        let altitude = Some(AltitudeReference::Relative);
+        mission(&run, &VehicleMissionOptions { altitude, home_ground, ..forever() })
+    };
+    let said = |mission: &VehicleMission| warnings::of(&track(&run), mission, None).join("\n");
+    let guessed = at(None);
+    // With 25 %, home is at 0 to 200 m: 20 m above the highest are 220 m above the lowest.
+    assert_eq!((guessed.home_ground_m, guessed.parts[0].highest_m), (Some(0.0), Some(220.0)));
+    assert!(said(&guessed).contains("waypoints up to 220 m above the ground, more than 120 m: give --home-ground"));
+    let known = at(Some(100.0));
+    assert_eq!(known.home_ground_m, Some(100.0));
+    assert!(known.parts[0].highest_m.unwrap() < 120.0 && !said(&known).contains("above the ground"));
+}
+
 #[test]
 fn ground_heights_between_sensor_nodes_stay_within_their_bounds() {
     let run = run_in("", &hilly_list(), &[(1.0, None)]);
