@@ -15,10 +15,12 @@ use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_lab::compare::{Contender, standings};
 use skysink_lab::metrics::Metric;
+use skysink_lab::sweep::folder::remove_comparison;
 use skysink_lab::sweep::manifest::{RECORDING, STANDINGS};
 use skysink_lab::sweep::plan::Sweep;
 use skysink_lab::sweep::settings::{Seeds, SweepChanges};
 use skysink_mission::files::write_whole;
+use skysink_mission::folder::Earlier;
 use skysink_planner::strategies::names;
 use skysink_planner::strategy::Registered;
 
@@ -54,6 +56,9 @@ pub struct CompareCommand {
     /// runs/compare-NAMES-IDENTITY, or COMPARISON].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Replace another comparison in the folder --out.
+    #[arg(long, requires = "out")]
+    force: bool,
     /// Do not write a recording.
     #[arg(long)]
     no_record: bool,
@@ -114,7 +119,7 @@ impl CompareCommand {
             return Err(Error::Usage(message.to_owned()));
         }
         let shown = read_runs(runs, stop)?;
-        let folder = folder::make_for_runs(runs, out)?;
+        let folder = folder::make_for_runs(runs, out, Earlier::by_force(self.force))?;
         self.write(&shown, &differing_keys(&shown), folder.path(), stop)
     }
 
@@ -133,6 +138,9 @@ impl CompareCommand {
             seeds: self.seeds.unwrap_or(SEEDS),
         };
         let sweep = compared.sweep()?;
+        if let Some(out) = self.out.as_ref().filter(|_| self.force) {
+            remove_comparison(out)?;
+        }
         let out = self.out.clone().unwrap_or_else(|| folder::of_strategies(&sweep, &compared.scenario));
         self.write(&fly_contenders(&sweep, &out, stop)?, &[], &out, stop)
     }

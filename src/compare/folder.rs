@@ -11,7 +11,7 @@ use skysink_lab::sweep::plan::Sweep;
 use skysink_mission::MissionError;
 use skysink_mission::error::FileContext;
 use skysink_mission::files::{read_regular, write_whole};
-use skysink_mission::folder::{FolderLayout, OutputFolder};
+use skysink_mission::folder::{Earlier, FolderLayout, OutputFolder};
 use xxhash_rust::xxh3::xxh3_64;
 
 use super::contenders::name_of;
@@ -68,11 +68,11 @@ pub fn of_strategies(sweep: &Sweep, scenario: &Path) -> PathBuf {
 }
 
 /// Creates and locks the folder for a comparison of these runs, `out` or the default one. Removes an earlier comparison
-/// of the same runs.
+/// of the same runs, and with `earlier` replaced of any.
 ///
 /// # Errors
 /// If the folder contains other files, is in use by another process, or cannot be created.
-pub fn make_for_runs(runs: &[PathBuf], out: Option<&Path>) -> Result<OutputFolder, Error> {
+pub fn make_for_runs(runs: &[PathBuf], out: Option<&Path>, earlier: Earlier) -> Result<OutputFolder, Error> {
     let absolute = |run: &PathBuf| Ok(fs::canonicalize(run).at(run)?.to_string_lossy().into_owned().into());
     let absolute = runs.iter().map(absolute).collect::<Result<_, Error>>()?;
     let text = format!("{:#}\n", json!(Manifest { runs: absolute }));
@@ -89,8 +89,11 @@ pub fn make_for_runs(runs: &[PathBuf], out: Option<&Path>) -> Result<OutputFolde
         if !content.foreign.is_empty() {
             return Err(refuse("it contains other files than a comparison of runs: choose another --out"));
         }
-        if !content.is_empty() && read_regular(&out.join(MANIFEST)).ok().as_deref() != Some(text.as_bytes()) {
-            return Err(refuse("it contains a comparison of other runs: choose another --out"));
+        let is_kept = earlier == Earlier::Kept && !content.is_empty();
+        if is_kept && read_regular(&out.join(MANIFEST)).ok().as_deref() != Some(text.as_bytes()) {
+            return Err(refuse(
+                "it contains a comparison of other runs: choose another --out, or pass --force to replace it",
+            ));
         }
         Ok(())
     };

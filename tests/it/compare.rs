@@ -172,10 +172,12 @@ fn runs_of_the_same_names_in_other_folders_are_another_comparison() {
     for other in [["other/uts", "other/gfs"], ["one/gfs", "one/uts"]] {
         place.run_refused(
             &["compare", other[0], other[1], "--out", "both", "--no-record"],
-            "both: it contains a comparison of other runs: choose another --out",
+            "both: it contains a comparison of other runs: choose another --out, or pass --force to replace it",
         );
     }
     assert_eq!(place.read("both/comparison.json"), standings);
+    assert_eq!(folder(&["other/uts", "other/gfs", "--out", "both", "--force"]), "both/comparison.json");
+    assert_eq!(place.read("both/comparison.json"), place.read(&second));
 }
 
 #[test]

@@ -8,6 +8,7 @@ use std::path::Path;
 
 use skysink_common::build::build;
 use skysink_common::error::InputError;
+use skysink_common::scenario::{CHANNEL, TRACE};
 use skysink_common::stop::Stop;
 use skysink_mission::MissionError;
 use skysink_mission::error::FileContext;
@@ -16,7 +17,9 @@ use skysink_mission::folder::OutputFolder;
 
 use super::definition::{Definition, MissionKey};
 use super::journal::{self, MissionRow, MissionRows, SweepJournal, missions_of};
-use super::manifest::{LAYOUT, MANIFEST, Manifest, RECORDING, RESULTS, STANDINGS, SWEEP, add_builds};
+use super::manifest::{
+    LAYOUT, MANIFEST, Manifest, RECORDING, RESULTS, SCENARIO, SENSORS, STANDINGS, SWEEP, add_builds,
+};
 use super::plan::Sweep;
 use super::results;
 use super::saved::SavedFile;
@@ -159,6 +162,28 @@ fn check(path: &Path, manifest: &Manifest) -> Result<Option<Manifest>, LabError>
         }
         Err(source) => Err(MissionError::File { path: file, source }.into()),
     }
+}
+
+/// Removes the comparison in the folder `path`, a sweep over one scenario, if there is one. Its lock stays.
+///
+/// # Errors
+/// If it is a sweep of several points, which is kept; if it is in use by another process, or a file cannot be removed.
+pub fn remove_comparison(path: &Path) -> Result<(), LabError> {
+    let Ok(text) = read_regular(&path.join(MANIFEST)) else { return Ok(()) };
+    let refuse = |message| LabError::from(InputError::new("sweep folder", path, message));
+    let is_one = |held: Manifest| held.definition.points.len() == 1;
+    if !serde_json::from_slice(&text).is_ok_and(is_one) {
+        return Err(refuse("its sweep.json is not that of a comparison: --force replaces nothing else"));
+    }
+    let message = "another process is writing it: stop it, or choose another --out";
+    let folder = LAYOUT.lock(path)?.ok_or_else(|| refuse(message))?;
+    for name in RESULTS.into_iter().chain([JOURNAL, STANDINGS, RECORDING, SCENARIO, SENSORS, TRACE, CHANNEL, SWEEP]) {
+        match fs::remove_file(path.join(name)) {
+            Err(error) if error.kind() != ErrorKind::NotFound => return Err(error).at(&path.join(name))?,
+            _ => {}
+        }
+    }
+    Ok(folder.remove_results()?)
 }
 
 /// The finished missions of a sweep.
