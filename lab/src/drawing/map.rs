@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use svg::Node;
 use svg::node::element::{Circle, Group, Rectangle};
 
 use super::axis::{Axis, Panel};
@@ -24,6 +25,14 @@ const END: &str = "m-12,-12l24,24m0,-24l-24,24";
 /// Colour of a path.
 const PATH: &str = "#909090";
 
+/// Outline and fill of each kind of area, and its name in the legend.
+const AREAS: [(AreaKind, &str, &str, &str); 4] = [
+    (AreaKind::Boundary, "#c03d3e", "none", "boundary"),
+    (AreaKind::NoFly, "#c03d3e", "#f4d3d3", "no-fly zone"),
+    (AreaKind::Building, "#707070", "#dcdcdc", "building"),
+    (AreaKind::Base, "#3f8f2f", "#d9efd3", "base"),
+];
+
 /// Paths of several UAVs, in turn.
 const PATHS: [&str; 6] = [PATH, "#3b75af", "#d07f2c", "#519e3e", "#8d69b8", "#c03d3e"];
 
@@ -36,6 +45,28 @@ pub struct MapSensor {
     pub fraction: f64,
 }
 
+/// What an area of a map is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AreaKind {
+    /// The boundary of the area.
+    Boundary,
+    /// A no-fly zone.
+    NoFly,
+    /// A building.
+    Building,
+    /// The base, or a part of it.
+    Base,
+}
+
+/// The outline of an area.
+#[derive(Debug, Clone, PartialEq)]
+pub enum AreaOutline {
+    /// Corners: x, y [m].
+    Polygon(Vec<[f64; 2]>),
+    /// Centre and radius [m].
+    Disk([f64; 2], f64),
+}
+
 /// The trajectory of one mission.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrajectoryMap {
@@ -45,6 +76,8 @@ pub struct TrajectoryMap {
     pub width_m: f64,
     /// Extent of the area in y [m].
     pub height_m: f64,
+    /// Zones, buildings and the base, below the rest.
+    pub areas: Vec<(AreaKind, AreaOutline)>,
     /// The sensors.
     pub sensors: Vec<MapSensor>,
     /// Position of each UAV at the start, then after each slot: x, y [m].
@@ -120,6 +153,13 @@ impl MapSheet {
         let mut entries = vec![(sign(at, START), "start"), (sign(at, END), "end")];
         entries.extend(names.iter().enumerate().map(|(uav, name)| (path(uav), name.as_str())));
         entries.push((Group::new().add(sensor(at, 0.5)), "sensor"));
+        let has = |kind| self.maps.iter().flat_map(|map| &map.areas).any(|(other, _)| *other == kind);
+        let square = |kind| {
+            let corners = [[0.0, -9.0], [SAMPLE, -9.0], [SAMPLE, 9.0], [0.0, 9.0]];
+            Group::new().add(filled(line(corners) + "z", kind))
+        };
+        let shown = AREAS.into_iter().filter(|(kind, ..)| has(*kind));
+        entries.extend(shown.map(|(kind, .., name)| (square(kind), name)));
         page.add_legend([left, top + 5.0 * EM], width, EM, &entries);
     }
 }
@@ -150,6 +190,18 @@ impl TrajectoryMap {
         page.add(text(&self.title, [corner[0], top - 0.6 * EM], fitting(&self.title, 1.1 * EM, size[0]), "start"));
 
         let at = |[x, y]: [f64; 2]| panel.at(x, y);
+        for (kind, outline) in &self.areas {
+            let data = match outline {
+                AreaOutline::Polygon(corners_m) => line(corners_m.iter().copied().map(at)) + "z",
+                AreaOutline::Disk(centre_m, radius_m) => {
+                    let [x, y] = at(*centre_m);
+                    let r = radius_m * units_per_m;
+                    let [left, across] = [x - r, 2.0 * r];
+                    format!("M{left:.1},{y:.1}a{r:.1},{r:.1} 0 1 0 {across:.1},0a{r:.1},{r:.1} 0 1 0 -{across:.1},0z")
+                }
+            };
+            page.add(filled(data, *kind));
+        }
         for (uav, path_m) in self.paths_m.iter().enumerate() {
             page.add(stroke(line(path_m.iter().copied().map(at)), 2.0, PATHS[uav % PATHS.len()]));
         }
@@ -161,6 +213,12 @@ impl TrajectoryMap {
             path_m.last().into_iter().for_each(|&end_m| page.add(sign(at(end_m), END)));
         }
     }
+}
+
+/// The area within the SVG path `data`.
+fn filled(data: String, kind: AreaKind) -> impl Into<Box<dyn Node>> {
+    let (_, edge, fill, _) = AREAS.into_iter().find(|(other, ..)| *other == kind).expect("each kind has its colours");
+    stroke(data, 2.0, edge).set("fill", fill)
 }
 
 /// A disc with a dark edge, so that light ones are visible on white.

@@ -5,8 +5,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
+use skysink_common::base::{Base, BaseArea};
 use skysink_common::build::{VERSION, build, commit_of};
 use skysink_common::error::InputError;
+use skysink_common::scenario::Scenario;
 use skysink_common::slot_record::ByUav;
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
@@ -14,7 +16,7 @@ use skysink_mission::replay::Replay;
 use skysink_mission::trace::RecordedSlot;
 
 use super::request::SheetOptions;
-use crate::drawing::map::{MapSensor, MapSheet, TrajectoryMap};
+use crate::drawing::map::{AreaKind, AreaOutline, MapSensor, MapSheet, TrajectoryMap};
 use crate::error::LabError;
 
 /// The maximum number of runs whose names are part of the file name.
@@ -95,6 +97,7 @@ fn map(run: &Path, stop: &Stop) -> Result<(MappedRun, TrajectoryMap), LabError> 
         title: String::new(),
         width_m: scenario.area.width_m(),
         height_m: scenario.area.height_m(),
+        areas: areas(scenario),
         sensors: sensors.collect(),
         paths_m: (0..scenario.uav.uavs()).map(path_m).collect(),
     };
@@ -107,6 +110,25 @@ fn map(run: &Path, stop: &Stop) -> Result<(MappedRun, TrajectoryMap), LabError> 
         loss_rate: replay.summary().loss_rate,
     };
     Ok((mapped, map))
+}
+
+/// The boundary, the zones, the buildings and the base of a scenario.
+fn areas(scenario: &Scenario) -> Vec<(AreaKind, AreaOutline)> {
+    let area = &scenario.area;
+    let of = |kind: AreaKind| move |corners: &[[f64; 2]]| (kind, AreaOutline::Polygon(corners.to_vec()));
+    let boundary = area.boundary_m.iter().map(|corners_m| of(AreaKind::Boundary)(corners_m));
+    let no_fly = area.no_fly.iter().flatten().map(|zone| of(AreaKind::NoFly)(zone.corners()));
+    let buildings = area.building.iter().flatten().map(|building| of(AreaKind::Building)(&building.polygon_m));
+    let base = match scenario.landing_base() {
+        None => Vec::new(),
+        Some(Base::Disk { centre, radius_m }) => vec![AreaOutline::Disk(centre.coords.into(), radius_m)],
+        Some(Base::Areas(areas)) => {
+            let corners_m = |area: &BaseArea| area.polygon.corners().iter().map(|at| at.coords.into()).collect();
+            areas.iter().map(|area| AreaOutline::Polygon(corners_m(area))).collect()
+        }
+    };
+    let base = base.into_iter().map(|outline| (AreaKind::Base, outline));
+    boundary.chain(no_fly).chain(buildings).chain(base).collect()
 }
 
 /// The file name without extension: the names of the first runs.
