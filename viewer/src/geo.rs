@@ -13,10 +13,11 @@ use crate::canvas::Canvas;
 use crate::colour;
 use crate::names::SensorNames;
 use crate::uav::name_of;
+use crate::zones::outlines;
 
 /// Root of the map.
 pub const GEO: &str = "geo";
-/// The border of the area.
+/// The border of the area; below it the outlines of zones, buildings and base.
 pub const AREA: &str = "geo/area";
 /// The sensor nodes.
 pub const SENSORS: &str = "geo/sensors";
@@ -52,6 +53,12 @@ impl GeoMap {
         let thin = [Radius::new_ui_points(1.0)];
         let border = GeoLineStrings::from_lat_lon([border]).with_radii(thin).with_colors([colour::MAP_AREA]);
         canvas.log_static(AREA, &border)?;
+        for (name, outlines, colour) in outlines(scenario) {
+            let in_degrees =
+                |outline: &Vec<Position>| outline.iter().filter_map(|at| map.degrees(at)).collect::<Vec<_>>();
+            let lines = GeoLineStrings::from_lat_lon(outlines.iter().map(in_degrees));
+            canvas.log_static(format!("{AREA}/{name}"), &lines.with_radii(thin).with_colors([colour]))?;
+        }
         let nodes = GeoPoints::from_lat_lon(sensors.positions.iter().filter_map(|at| map.degrees(at)))
             .with_radii([Radius::new_ui_points(4.0)])
             .with_colors([colour::MAP_SENSOR]);

@@ -17,8 +17,9 @@ use crate::rhythm::Rhythm;
 use crate::shapes::writing;
 use crate::sizes::{MAX_BARS, Sizes};
 use crate::steps::{ScaleStep, Steps};
+use crate::zones::outlines;
 
-/// Root of the entities that all maps share: frame, grid, numbers at the axes.
+/// Root of the entities that all maps share: frame, grid, numbers at the axes, outlines of zones and base.
 pub const AREA: &str = "maps/area";
 /// The UAV and its range.
 pub const UAV: &str = "maps/uav";
@@ -48,8 +49,8 @@ impl MapFrame {
         Self { sizes: *sizes, positions, names: names.clone() }
     }
 
-    /// Draws frame, grid and the numbers at the axes.
-    pub(crate) fn log(&self, canvas: &Canvas) -> RecordingStreamResult<()> {
+    /// Draws frame, grid, the numbers at the axes, and the areas of the scenario.
+    pub(crate) fn log(&self, canvas: &Canvas, scenario: &Scenario) -> RecordingStreamResult<()> {
         let sizes = &self.sizes;
         let Sizes { width_m, depth_m, .. } = *sizes;
         let north = sizes.grid_lines(width_m).map(|x_m| [[x_m, 0.0], [x_m, depth_m]]);
@@ -57,12 +58,24 @@ impl MapFrame {
         let grid = LineStrips2D::new(north.chain(east)).with_colors([colour::GRID]);
         canvas.log_static(AREA, &grid.with_radii([Radius::new_ui_points(0.5)]).with_draw_order(-10.0))?;
         canvas.log_static(format!("{AREA}/numbers"), &writing(sizes.numbers_on_map()))?;
+        self.log_areas(canvas, scenario)?;
         let range = Ellipses2D::update_fields()
             .with_half_sizes([[sizes.radius_m; 2]])
             .with_colors([colour::COVERAGE])
             .with_line_radii([Radius::new_ui_points(1.0)])
             .with_draw_order(40.0);
         canvas.log_static(UAV, &range)
+    }
+
+    /// Draws the outlines of boundary, zones, buildings and base, if there are any.
+    fn log_areas(&self, canvas: &Canvas, scenario: &Scenario) -> RecordingStreamResult<()> {
+        for (name, outlines, colour) in outlines(scenario) {
+            let on_map = |outline: &Vec<Position>| outline.iter().map(|at| self.sizes.on_map(at)).collect::<Vec<_>>();
+            let lines = LineStrips2D::new(outlines.iter().map(on_map)).with_colors([colour]);
+            let lines = lines.with_radii([Radius::new_ui_points(1.0)]).with_draw_order(-5.0);
+            canvas.log_static(format!("{AREA}/{name}"), &lines)?;
+        }
+        Ok(())
     }
 
     /// Draws the legend at the right of a map, with the first step at the top.
@@ -181,7 +194,7 @@ impl Maps {
         frame: &MapFrame,
         history: &SensorHistory,
     ) -> RecordingStreamResult<Self> {
-        frame.log(canvas)?;
+        frame.log(canvas, scenario)?;
         let entry = |name: &str, colour| ScaleStep { name: name.to_owned(), colour };
         let most_kbit = history.most_sampled_bits(scenario.slots) / 1e3;
         let loss = Steps::of(most_kbit, "kbit", entry("nothing lost", colour::GRID), colour::of_loss);

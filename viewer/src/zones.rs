@@ -1,11 +1,15 @@
 //! The no-fly zones and the buildings of the scenario, as solids, and the shadows of the buildings.
 
+use std::f64::consts::TAU;
+
 use earcut::Earcut;
+use nalgebra::Vector2;
 use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::{GridMap, LineStrips3D, Mesh3D};
 use re_sdk_types::components::{AlbedoFactor, Colormap, ImageFormat};
 use re_sdk_types::datatypes::{ChannelDatatype, ColorModel, Rgba32};
 use skysink_common::airspace::Polygon;
+use skysink_common::base::Base;
 use skysink_common::channel::Channel;
 use skysink_common::geometry::{Position, above};
 use skysink_common::scenario::Scenario;
@@ -35,6 +39,9 @@ const SHADOW_OPACITY: f32 = 0.3;
 
 /// Opacity of a no-fly zone, which has no walls to see.
 const NO_FLY_OPACITY: u8 = 70;
+
+/// Corners of the base on maps, where it is a disk.
+const DISK_CORNERS: u32 = 48;
 
 /// Draws the boundary, the no-fly zones up to the highest altitude of the UAV, and the buildings.
 pub(crate) fn log_zones(canvas: &Canvas, scenario: &Scenario) -> RecordingStreamResult<()> {
@@ -80,6 +87,32 @@ pub(crate) fn log_shadows(canvas: &Canvas, scenario: &Scenario, sensors: &Sensor
     canvas.log_static(SHADOWS, &map.with_opacity(SHADOW_OPACITY))
 }
 
+/// The closed outlines on maps [m], by kind: its name and its colour. Kinds that the scenario lacks are left out.
+pub(crate) fn outlines(scenario: &Scenario) -> impl Iterator<Item = (&'static str, Vec<Vec<Position>>, Rgb)> {
+    let area = &scenario.area;
+    let closed = |corners: &[Position]| corners.iter().chain(corners.first()).copied().collect::<Vec<_>>();
+    let of_keys = |corners: &[[f64; 2]]| closed(&corners.iter().copied().map(Position::from).collect::<Vec<_>>());
+    let boundary = area.boundary_m.iter().map(|corners| of_keys(corners));
+    let no_fly = area.no_fly.iter().flatten().map(|zone| of_keys(zone.corners()));
+    let buildings = area.building.iter().flatten().map(|building| of_keys(&building.polygon_m));
+    let base = match scenario.landing_base() {
+        None => Vec::new(),
+        Some(Base::Areas(areas)) => areas.iter().map(|area| closed(area.polygon.corners())).collect(),
+        Some(Base::Disk { centre, radius_m }) => {
+            let angle = |corner: u32| TAU * f64::from(corner) / f64::from(DISK_CORNERS);
+            let rim = |corner: u32| centre + Vector2::from(<[f64; 2]>::from(angle(corner).sin_cos())) * radius_m;
+            vec![(0..=DISK_CORNERS).map(rim).collect()]
+        }
+    };
+    let kinds = [
+        ("boundary", boundary.collect(), colour::NO_FLY),
+        ("no-fly", no_fly.collect(), colour::NO_FLY),
+        ("buildings", buildings.collect(), colour::EDGE),
+        ("base", base, colour::CHARGE),
+    ];
+    kinds.into_iter().filter(|(_, outlines, _): &(_, Vec<Vec<Position>>, _)| !outlines.is_empty())
+}
+
 fn draw(
     canvas: &Canvas,
     name: &str,
@@ -122,6 +155,29 @@ fn solid(corners: &[Position], top_m: f64, colour: Rgb, opacity: u8) -> Mesh3D {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn maps_outline_what_the_scenario_has_and_close_each_outline() {
+        let of = |keys: &str| {
+            let text = format!("name = 'x'\n{keys}");
+            let scenario = Scenario::parse(&text, std::path::Path::new("x.toml"), Default::default()).unwrap();
+            outlines(&scenario).map(|(name, outlines, _)| (name, outlines)).collect::<Vec<_>>()
+        };
+        assert!(of("").is_empty());
+        let zones = "[area]\nno_fly = [{ polygon_m = [[60.0, 45.0], [70.0, 45.0], [70.0, 55.0]] }]\n\
+                     building = [{ polygon_m = [[30.0, 45.0], [40.0, 45.0], [40.0, 55.0]], height_m = 9.0 }]\n\
+                     [base]\nradius_m = 5.0\n";
+        let found = of(zones);
+        assert_eq!(found.iter().map(|(name, _)| *name).collect::<Vec<_>>(), ["no-fly", "buildings", "base"]);
+        assert!(
+            found
+                .iter()
+                .flat_map(|(_, outlines)| outlines)
+                .all(|outline| { (outline[0] - outline[outline.len() - 1]).norm() < 1e-9 })
+        );
+        let rim = &found[2].1[0];
+        assert!(rim.iter().all(|at| ((at - Position::new(50.0, 50.0)).norm() - 5.0).abs() < 1e-9));
+    }
 
     #[test]
     fn a_solid_has_two_triangles_for_each_wall_and_covers_its_ground_plan() {
