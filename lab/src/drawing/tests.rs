@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::chart::{Chart, CurvePoint, Scale, Series};
-use super::map::{MapSensor, MapSheet, TrajectoryMap};
+use super::map::{AreaKind, AreaOutline, MapSensor, MapSheet, TrajectoryMap};
 use super::page::{self, Look};
 use super::style;
 use crate::error::LabError;
@@ -230,4 +230,21 @@ fn a_higher_fraction_is_darker() {
     };
     let lightness: Vec<_> = (0..=100).map(|percent| lightness(f64::from(percent) / 100.0)).collect();
     assert!(lightness.windows(2).all(|pair| pair[0] > pair[1]), "{lightness:?}");
+}
+
+#[test]
+fn a_map_shows_its_areas_and_names_their_kinds_alone() {
+    let mut sheet = sheet();
+    let corners_m = vec![[10.0, 10.0], [40.0, 10.0], [40.0, 30.0]];
+    sheet.maps[0].areas = vec![
+        (AreaKind::NoFly, AreaOutline::Polygon(corners_m)),
+        (AreaKind::Base, AreaOutline::Disk([50.0, 40.0], 5.0)),
+    ];
+    let (svg, _) = files(|stem| sheet.draw(stem));
+    for (name, fill, is_shown) in
+        [("no-fly zone", "#f4d3d3", true), ("base", "#d9efd3", true), ("building", "#dcdcdc", false)]
+    {
+        assert_eq!(svg.matches(fill).count(), if is_shown { 2 } else { 0 }, "{name}: on the map and in the legend");
+        assert_eq!(svg.contains(name), is_shown, "{name}");
+    }
 }
