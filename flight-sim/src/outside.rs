@@ -243,7 +243,7 @@ mod tests {
     #[test]
     fn a_vehicle_that_was_down_stays_down_whatever_it_reports() {
         let mut fleet = fleet();
-        let mut fly = |fleet: &mut OutsideFleet, slot, mode| {
+        let fly = |fleet: &mut OutsideFleet, slot, mode| {
             let orders = fleet.orders(slot, Some(&[plan(50.0, &[0])]));
             let mut reports = [FlightReport::at([50.0, 50.0, 20.0], mode)];
             fleet.complete(slot, &orders, &mut reports);

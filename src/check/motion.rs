@@ -92,6 +92,18 @@ impl Motion {
     }
 }
 
+/// Number of UAVs that start outside of a base and within the least distance of another one (decision D23).
+fn crowded(scenario: &Scenario) -> usize {
+    let separation_m = scenario.uav.separation_m.unwrap_or(0.0);
+    let base = scenario.landing_base();
+    let starts: Vec<Position> = scenario.starts().map(|start| start.xy()).collect();
+    let outside = || starts.iter().enumerate().filter(|(_, at)| !base.as_ref().is_some_and(|base| base.contains(at)));
+    let is_crowded = |(uav, at): &(usize, &Position)| {
+        outside().any(|(other, near)| other != *uav && (near - *at).norm() < separation_m)
+    };
+    outside().filter(is_crowded).count()
+}
+
 #[cfg(test)]
 mod tests {
     use std::path::Path;
@@ -125,16 +137,4 @@ mod tests {
         assert_eq!(rows[1].1, "25 m/s upwind, 35 m/s downwind");
         assert!(rows[2].1.starts_with("half at d_c, 5 % from 4.9"), "{rows:?}");
     }
-}
-
-/// Number of UAVs that start outside of a base and within the least distance of another one (decision D23).
-fn crowded(scenario: &Scenario) -> usize {
-    let separation_m = scenario.uav.separation_m.unwrap_or(0.0);
-    let base = scenario.landing_base();
-    let starts: Vec<Position> = scenario.starts().map(|start| start.xy()).collect();
-    let outside = || starts.iter().enumerate().filter(|(_, at)| !base.as_ref().is_some_and(|base| base.contains(at)));
-    let is_crowded = |(uav, at): &(usize, &Position)| {
-        outside().any(|(other, near)| other != *uav && (near - *at).norm() < separation_m)
-    };
-    outside().filter(is_crowded).count()
 }

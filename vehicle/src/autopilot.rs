@@ -1,7 +1,5 @@
 //! How autopilots differ: the numbers of their modes, their altitudes, and the parameter of their dead-man switch.
 
-use crate::telemetry::Order;
-
 /// The autopilot of a vehicle, by its heartbeat.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AutopilotKind {
@@ -82,17 +80,6 @@ impl AutopilotKind {
     #[must_use]
     pub fn needs_mode_change(self) -> bool {
         self != Self::ArduPilot
-    }
-
-    /// Whether an order could undo what a pilot has just done: it changes the mode, or arms.
-    #[must_use]
-    pub fn may_overrule(self, order: &Order) -> bool {
-        match order {
-            Order::Mode(_) | Order::Arm | Order::Return => true,
-            Order::TakeOff(_) => self.needs_mode_change(), // ArduPilot refuses it in other modes
-            Order::Reposition { may_change_mode, .. } => *may_change_mode,
-            Order::Speed(_) | Order::Interval { .. } | Order::Parameter(_) => false,
-        }
     }
 
     /// The altitude `z_m` above home [m] as the autopilot expects it. PX4 reads it above sea, whatever frame is named.

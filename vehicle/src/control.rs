@@ -247,7 +247,7 @@ impl VehicleControl {
         let is_in_doubt = self.vehicle.is_in_doubt() || says_disarmed;
         let is_astray = self.jumps.is_doubtful(now_s);
         // What could undo the decision of a pilot follows at once a report of the mode that leaves no doubt.
-        let may_overrule = |order: &Order| self.vehicle.autopilot.is_none_or(|autopilot| autopilot.may_overrule(order));
+        let may_overrule = |order: &Order| self.vehicle.autopilot.is_none_or(|autopilot| order.may_overrule(autopilot));
         let may_send = |order: &Order| {
             let may_fly = !is_astray || *order == Order::Return;
             !is_in_doubt && may_fly && (has_new_mode || !may_overrule(order))

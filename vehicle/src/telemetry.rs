@@ -146,4 +146,15 @@ impl Order {
             Self::Interval { .. } | Self::Parameter(_) => None,
         }
     }
+
+    /// Whether it could undo what a pilot has just done: it changes the mode, or arms.
+    #[must_use]
+    pub fn may_overrule(&self, autopilot: AutopilotKind) -> bool {
+        match self {
+            Self::Mode(_) | Self::Arm | Self::Return => true,
+            Self::TakeOff(_) => autopilot.needs_mode_change(), // ArduPilot refuses it in other modes
+            Self::Reposition { may_change_mode, .. } => *may_change_mode,
+            Self::Speed(_) | Self::Interval { .. } | Self::Parameter(_) => false,
+        }
+    }
 }

@@ -317,7 +317,7 @@ fn two_hundred_random_pilots_get_no_orders_after_they_act() {
         assert!(late.is_empty(), "{who}: {late:?}, {:?}", flight.said);
         let autopilot = flight.autopilot;
         let overruling: Vec<_> =
-            commanded.iter().filter(|(at_s, order)| autopilot.may_overrule(order) && *at_s > acted_s + 0.02).collect();
+            commanded.iter().filter(|(at_s, order)| order.may_overrule(autopilot) && *at_s > acted_s + 0.02).collect();
         assert!(overruling.is_empty(), "{who}: {overruling:?}, {:?}", flight.said);
         let said = &flight.said[is_noticed..];
         let is_said = said.iter().any(|line| {
