@@ -272,7 +272,11 @@ impl VehicleControl {
     fn check(&mut self, now_s: f64, orders: &mut Vec<Order>) -> Result<(), PreflightRefusal> {
         let position = self.position().filter(|_| self.has_current_position(now_s));
         if position.is_none() || self.vehicle.is_armed().is_none() || self.vehicle.mode().is_none() {
-            let missing = if self.vehicle.autopilot.is_none() { "to send heartbeats" } else { "to know its position" };
+            let missing = match (self.vehicle.autopilot, position) {
+                (None, _) => "to send heartbeats",
+                (_, None) => "to know its position",
+                _ => "to say the same mode twice in a row",
+            };
             self.say_waiting(missing, now_s);
             return Ok(());
         }

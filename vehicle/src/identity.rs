@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
 
-use mavlink::dialects::common::MavType;
+use mavlink::dialects::common::{HEARTBEAT_DATA, MavAutopilot, MavType};
 
 use crate::telemetry::Fix;
 
@@ -39,6 +39,7 @@ pub struct Vehicles {
 #[derive(Debug, Clone)]
 struct Heard {
     kind: MavType,
+    autopilot: MavAutopilot,
     address: Option<SocketAddr>,
     /// When it was heard from that address [s].
     heard_s: f64,
@@ -62,18 +63,26 @@ pub enum Sender {
 
 impl Vehicles {
     /// Takes in a heartbeat of an autopilot. Returns whether its system is new.
-    pub fn hear_heartbeat(&mut self, system: u8, kind: MavType, address: Option<SocketAddr>, now_s: f64) -> bool {
+    pub fn hear_heartbeat(
+        &mut self,
+        system: u8,
+        heartbeat: &HEARTBEAT_DATA,
+        address: Option<SocketAddr>,
+        now_s: f64,
+    ) -> bool {
         self.first_s.get_or_insert(now_s);
         let is_new = !self.heard.contains_key(&system);
-        let new = Heard { kind, address, heard_s: now_s, second: None, fix: None };
+        let HEARTBEAT_DATA { mavtype: kind, autopilot, .. } = *heartbeat;
+        let new = Heard { kind, autopilot, address, heard_s: now_s, second: None, fix: None };
         self.heard.entry(system).or_insert(new);
         is_new
     }
 
-    /// Whether a heartbeat of `system` is that of a vehicle of the same type as before.
+    /// Whether a heartbeat of `system` is that of a vehicle of the same type, with the same autopilot, as before.
     #[must_use]
-    pub fn is_of_type(&self, system: u8, kind: MavType) -> bool {
-        self.heard.get(&system).is_some_and(|heard| heard.kind == kind)
+    pub fn is_of_type(&self, system: u8, heartbeat: &HEARTBEAT_DATA) -> bool {
+        let is_same = |heard: &Heard| heard.kind == heartbeat.mavtype && heard.autopilot == heartbeat.autopilot;
+        self.heard.get(&system).is_some_and(is_same)
     }
 
     /// Takes in that `system` has sent a valid message from `from`.
@@ -206,7 +215,8 @@ mod tests {
     fn heard(vehicles: &[(u8, MavType)]) -> Vehicles {
         let mut all = Vehicles::default();
         for &(system, kind) in vehicles {
-            let _ = all.hear_heartbeat(system, kind, address(system.into()), 0.0);
+            let heartbeat = HEARTBEAT_DATA { mavtype: kind, ..HEARTBEAT_DATA::default() };
+            let _ = all.hear_heartbeat(system, &heartbeat, address(system.into()), 0.0);
         }
         all
     }

@@ -151,7 +151,7 @@ impl Link {
         let telemetry = decode(message);
         if let (MavMessage::HEARTBEAT(heartbeat), Some(_)) = (message, &telemetry) {
             let is_flown = self.routes.iter().any(|route| route.connection == index && route.system.is_some());
-            if vehicles.hear_heartbeat(system, heartbeat.mavtype, *from, now_s) && is_flown {
+            if vehicles.hear_heartbeat(system, heartbeat, *from, now_s) && is_flown {
                 let other = vehicles.describe(system);
                 self.notice(index, format!("another vehicle is there, {other}: it gets no orders"));
             }
@@ -180,7 +180,7 @@ impl Link {
             vehicles.locate(system, fix);
         }
         if let MavMessage::HEARTBEAT(heartbeat) = message
-            && !vehicles.is_of_type(system, heartbeat.mavtype)
+            && !vehicles.is_of_type(system, heartbeat)
         {
             self.notice(index, format!("a vehicle of another type sends as system {system}, too: it is not believed"));
             return None;
@@ -608,7 +608,14 @@ mod tests {
     #[test]
     fn a_heartbeat_of_another_type_is_not_that_of_the_vehicle() {
         let mut link = chosen("");
-        assert_eq!(link.hear(0, &sent(1, 1, AUTOPILOT, beat(MavType::MAV_TYPE_GROUND_ROVER)), 5.0), None);
+        let px4 = HEARTBEAT_DATA {
+            mavtype: QUADROTOR,
+            autopilot: MavAutopilot::MAV_AUTOPILOT_PX4,
+            ..HEARTBEAT_DATA::default()
+        };
+        for odd in [beat(MavType::MAV_TYPE_GROUND_ROVER), MavMessage::HEARTBEAT(px4)] {
+            assert_eq!(link.hear(0, &sent(1, 1, AUTOPILOT, odd), 5.0), None);
+        }
         assert!(link.take_said()[0].contains("a vehicle of another type sends as system 1, too"));
     }
 
