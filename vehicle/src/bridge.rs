@@ -87,22 +87,25 @@ impl Bridge {
         fleet.restore(reports);
         let battery = Battery::of(scenario);
         let altitude_m = scenario.uav.fixed_altitude_m();
+        // Where the vehicle has landed before, it climbs again.
+        let in_range_m =
+            |z_m: f64| scenario.uav.climb().map_or(z_m, |climb| z_m.clamp(climb.min_altitude_m, climb.max_altitude_m));
         let member = |(report, &own_system): (&FlightReport, &u8)| {
             let position = report.position();
             let assignment = Assignment {
-                start: Point3::new(position.x, position.y, altitude_m.unwrap_or(position.z)),
+                start: Point3::new(position.x, position.y, altitude_m.unwrap_or_else(|| in_range_m(position.z))),
                 speed_mps: scenario.uav.max_speed_mps,
                 battery: battery.map_or(DEFAULT_BATTERY, |battery| battery.initial_j / battery.capacity_j),
                 low_battery: battery.map_or(DEFAULT_LOW_BATTERY, |battery| battery.reserve_j / battery.capacity_j),
                 beginning,
                 own_system,
             };
-            Member {
-                control: VehicleControl::new(assignment, frame),
-                plan: None,
-                refusal: HoldReason::NoPlan,
-                begin_s: None,
+            let mut control = VehicleControl::new(assignment, frame);
+            let has_ended = [Mode::Return, Mode::Down].contains(&report.flown_mode());
+            if has_ended && matches!(beginning, Beginning::Restarted { .. }) {
+                control.leave();
             }
+            Member { control, plan: None, refusal: HoldReason::NoPlan, begin_s: None }
         };
         Self {
             members: reports.iter().zip(own_systems).map(member).collect(),
@@ -131,6 +134,9 @@ impl Bridge {
         mut say: impl FnMut(usize, String),
     ) -> Result<(), VehicleRefusal> {
         self.check_patience(now_s);
+        if self.members.iter().all(|member| member.control.phase() != Phase::Preflight) {
+            self.members.iter_mut().for_each(|member| member.control.allow_arming());
+        }
         let mut orders = Vec::new();
         for (uav, Member { control, .. }) in self.members.iter_mut().enumerate() {
             let polled = control.poll(now_s, &mut orders);
@@ -159,6 +165,11 @@ impl Bridge {
     #[must_use]
     pub fn away_m(&self, uav: usize, fix: &Fix) -> Option<f64> {
         self.members[uav].control.away_m(fix)
+    }
+
+    /// Believes nothing of the vehicles that was heard before: the bridge was stopped meanwhile.
+    pub fn doubt(&mut self) {
+        self.members.iter_mut().for_each(|member| member.control.doubt());
     }
 
     /// The numbers of the vehicles that others fly, from 1.

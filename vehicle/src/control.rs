@@ -10,7 +10,7 @@ use crate::autopilot::ModeMeaning;
 use crate::frame::AreaFrame;
 use crate::jumps::{Jumps, Plausibility};
 use crate::outbox::Outbox;
-use crate::preflight::{Assignment, Beginning, Preflight, PreflightRefusal};
+use crate::preflight::{Assignment, Beginning, Preflight, PreflightRefusal, TAKE_OFF_RADIUS_M};
 use crate::said::Said;
 use crate::state::VehicleState;
 use crate::takeover::Takeover;
@@ -25,6 +25,12 @@ const REORDER_S: f64 = 6.0;
 
 /// Time after which a vehicle that has accepted to be armed, and is not, has disarmed [s]: longer than two heartbeats.
 const DISARMED_S: f64 = 3.0;
+
+/// Time after which a climb that does not end is given up [s].
+const CLIMB_S: f64 = 120.0;
+
+/// Time after which positions far from the first one are believed before take-off: that one was wrong [s].
+const MOVED_S: f64 = 3.0;
 
 /// Altitude below that of the start at which a take-off is over [m].
 const CLIMBED_M: f64 = 1.0;
@@ -74,9 +80,17 @@ pub struct VehicleControl {
     has_begun: bool,
     /// When it has accepted to be armed [s].
     armed_s: Option<f64>,
+    /// When it began to climb [s].
+    climbs_s: Option<f64>,
     /// When an order that was refused, or that has no effect, may be tried again [s].
     retry_s: f64,
     is_lost: bool,
+    /// Whether a return had no effect, so that it was ordered again.
+    has_repeated_return: bool,
+    /// Whether it has said where it is, and does not any more.
+    is_blind: bool,
+    /// Whether all vehicles are checked, so that it may be armed.
+    may_arm: bool,
     said: Said,
 }
 
@@ -97,10 +111,29 @@ impl VehicleControl {
             has_refused: false,
             has_begun: false,
             armed_s: None,
+            climbs_s: None,
             retry_s: 0.0,
             is_lost: false,
+            has_repeated_return: false,
+            is_blind: false,
+            may_arm: false,
             said: Said::default(),
         }
+    }
+
+    /// Leaves a vehicle alone that had ended its mission, or was taken over, before this bridge was restarted.
+    pub fn leave(&mut self) {
+        self.give_up("it was, or has returned, before the bridge was restarted");
+    }
+
+    /// Lets it be armed, as soon as it is checked itself.
+    pub fn allow_arming(&mut self) {
+        self.may_arm = true;
+    }
+
+    /// Believes nothing that was heard before: the bridge was stopped meanwhile.
+    pub fn doubt(&mut self) {
+        self.vehicle.doubt();
     }
 
     /// The phase of its mission.
@@ -183,6 +216,9 @@ impl VehicleControl {
 
     /// Notes, and says, whether the vehicle can be at `fix`.
     fn admit_fix(&mut self, fix: &Fix, now_s: f64) -> bool {
+        if self.phase == Phase::Preflight && self.jumps.away_for_s(now_s) >= MOVED_S {
+            self.jumps = Jumps::at_most(self.assignment.speed_mps);
+        }
         let plausibility = self.jumps.admit(self.frame.position(fix), now_s);
         let Fix { lat_deg, lon_deg, .. } = fix;
         match plausibility {
@@ -203,7 +239,9 @@ impl VehicleControl {
         let Some(order) = self.outbox.answer(command, result) else { return };
         if order == Order::Arm {
             self.takeover.answer_arming(result == ACCEPTED);
-            self.armed_s = self.armed_s.or((result == ACCEPTED).then_some(now_s));
+            if result == ACCEPTED {
+                self.note_arming(now_s);
+            }
         }
         if result == ACCEPTED {
             if matches!(order, Order::TakeOff(_) | Order::Return) {
@@ -221,6 +259,14 @@ impl VehicleControl {
             }
             Order::Speed(speed_mps) => self.said.say(format!("keeps its own speed, not {speed_mps} m/s")),
             _ => {} // tried again
+        }
+    }
+
+    /// Notes that the vehicle was armed by an order.
+    fn note_arming(&mut self, now_s: f64) {
+        if self.armed_s.is_none() {
+            self.armed_s = Some(now_s);
+            self.vehicle.recount_disarmed();
         }
     }
 
@@ -245,11 +291,11 @@ impl VehicleControl {
         }
         let says_disarmed = self.is_committed() && self.vehicle.is_armed() == Some(false);
         let is_in_doubt = self.vehicle.is_in_doubt() || says_disarmed;
-        let is_astray = self.jumps.is_doubtful(now_s);
+        let is_astray = self.jumps.is_doubtful(now_s) || self.is_blind;
         // What could undo the decision of a pilot follows at once a report of the mode that leaves no doubt.
         let may_overrule = |order: &Order| self.vehicle.autopilot.is_none_or(|autopilot| order.may_overrule(autopilot));
         let may_send = |order: &Order| {
-            let may_fly = !is_astray || *order == Order::Return;
+            let may_fly = !(is_astray && matches!(order, Order::Reposition { .. }));
             !is_in_doubt && may_fly && (has_new_mode || !may_overrule(order))
         };
         for order in self.outbox.due(now_s, may_send) {
@@ -265,6 +311,10 @@ impl VehicleControl {
         {
             self.is_lost = true;
             self.said.say(format!("is not heard any more, for {silence_s:.0} s"));
+        }
+        let was_blind = std::mem::replace(&mut self.is_blind, !self.vehicle.has_current_fix(now_s));
+        if self.is_blind && !was_blind && !self.is_lost && self.phase == Phase::Flying {
+            self.said.say("does not say where it is any more: it gets no waypoints meanwhile".to_owned());
         }
     }
 
@@ -314,12 +364,12 @@ impl VehicleControl {
     ) -> Result<(), PreflightRefusal> {
         let mode = self.vehicle.mode().unwrap_or_default();
         let (meaning, is_in_air) = (self.vehicle.meaning(), self.vehicle.is_in_air());
-        let follows = matches!(meaning, ModeMeaning::FollowsOrders | ModeMeaning::Unknown);
+        let follows = meaning == ModeMeaning::FollowsOrders;
+        if self.has_been_disarmed {
+            self.give_up("somebody else has armed it");
+            return Ok(());
+        }
         match self.assignment.beginning {
-            Beginning::New if self.has_been_disarmed => {
-                self.give_up("somebody else has armed it");
-                Ok(())
-            }
             Beginning::New => {
                 let state = if is_in_air { "in the air" } else { "armed" };
                 Err(PreflightRefusal(format!("it is {state} (mode {mode}): expected it on the ground, disarmed")))
@@ -365,7 +415,7 @@ impl VehicleControl {
     }
 
     /// Ends the orders if somebody else flies the vehicle. Returns whether.
-    fn is_taken_over(&mut self) -> bool {
+    fn end_if_taken_over(&mut self) -> bool {
         let why = self.takeover.check(&self.vehicle);
         if let Some(why) = &why {
             self.give_up(why);
@@ -374,7 +424,7 @@ impl VehicleControl {
     }
 
     /// Ends the mission of a vehicle that has disarmed. Returns whether.
-    fn is_down(&mut self, now_s: f64) -> bool {
+    fn end_if_disarmed(&mut self, now_s: f64) -> bool {
         let is_down = self.vehicle.has_disarmed(now_s);
         if is_down {
             self.said.say("has disarmed: its mission is over".to_owned());
@@ -390,7 +440,7 @@ impl VehicleControl {
 
     /// Arms in the mode that follows orders.
     fn arm(&mut self, now_s: f64) {
-        if self.is_taken_over() {
+        if self.end_if_taken_over() {
             return;
         }
         let guided = self.vehicle.autopilot.and_then(|autopilot| autopilot.guided_mode());
@@ -401,12 +451,15 @@ impl VehicleControl {
             self.retry_s = now_s;
             return;
         }
-        if self.vehicle.may_be_armed() && self.armed_s.is_none() {
-            self.armed_s = Some(now_s); // its answer is lost
+        if self.vehicle.may_be_armed() && self.outbox.has(&Order::Arm) {
+            self.note_arming(now_s); // its answer is lost
+        }
+        if !self.may_arm {
+            return; // the other vehicles are not checked yet
         }
         if let Some(armed_s) = self.armed_s {
-            if now_s - armed_s > DISARMED_S {
-                self.is_down(now_s);
+            if now_s - armed_s > DISARMED_S && self.vehicle.says_disarmed() {
+                self.end_if_disarmed(now_s);
             }
             return; // it is not armed a second time
         }
@@ -419,7 +472,15 @@ impl VehicleControl {
 
     /// Takes off, until the altitude of the start is reached.
     fn climb(&mut self, now_s: f64) {
-        if self.is_taken_over() || self.is_down(now_s) {
+        if self.end_if_taken_over() || self.end_if_disarmed(now_s) {
+            return;
+        }
+        if self.return_if_low(now_s) {
+            return;
+        }
+        let climbs_s = *self.climbs_s.get_or_insert(now_s);
+        if now_s - climbs_s > CLIMB_S && self.vehicle.is_in_air() {
+            self.return_home(&format!("it does not reach its altitude within {CLIMB_S} s"), now_s);
             return;
         }
         let Some(fix) = self.vehicle.fix() else { return };
@@ -469,17 +530,24 @@ impl VehicleControl {
 
     /// Notices the arrival at the start, whoever takes the vehicle out of the bridge's hands, and a low battery.
     fn watch(&mut self, now_s: f64) {
-        if self.is_taken_over() || self.is_down(now_s) {
+        if self.end_if_taken_over() || self.end_if_disarmed(now_s) {
             return;
         }
-        if self.vehicle.is_battery_low() {
-            let [has, limit] = [self.vehicle.battery.unwrap_or_default(), self.assignment.low_battery];
-            self.return_home(&format!("its battery is at {:.0} %, below {:.0} %", 100.0 * has, 100.0 * limit), now_s);
-        } else if !self.has_begun && self.hovers_at(self.assignment.start, now_s) {
+        if !self.return_if_low(now_s) && !self.has_begun && self.hovers_at(self.assignment.start, now_s) {
             self.has_begun = true;
             self.said.say("hovers at its start".to_owned());
             self.takeover.begin(self.vehicle.mode().unwrap_or_default());
         }
+    }
+
+    /// Sends the vehicle home if its battery is low. Returns whether.
+    fn return_if_low(&mut self, now_s: f64) -> bool {
+        let is_low = self.vehicle.is_battery_low();
+        if is_low {
+            let [has, limit] = [self.vehicle.battery.unwrap_or_default(), self.assignment.low_battery];
+            self.return_home(&format!("its battery is at {:.0} %, below {:.0} %", 100.0 * has, 100.0 * limit), now_s);
+        }
+        is_low
     }
 
     fn hovers_at(&self, place: Point3<f64>, now_s: f64) -> bool {
@@ -500,16 +568,28 @@ impl VehicleControl {
 
     /// Ends its mission, because of `why`: it flies home, or does not take off.
     pub fn return_home(&mut self, why: &str, now_s: f64) {
+        let is_disarmed = self.vehicle.is_armed() != Some(true) && !self.vehicle.may_be_armed();
         match self.phase {
             Phase::Returning | Phase::TakenOver | Phase::Landed => return,
-            Phase::Preflight | Phase::Arming | Phase::TakeOff if !self.vehicle.may_be_armed() => return self.land(),
+            Phase::Preflight if self.is_of_earlier_bridge() => {
+                self.takeover.adopt(self.vehicle.mode().unwrap_or_default());
+            }
             Phase::Preflight => return self.land(), // it is not the bridge's
+            Phase::Arming | Phase::TakeOff if is_disarmed => return self.land(),
             Phase::Arming | Phase::TakeOff | Phase::Flying => {}
         }
         self.phase = Phase::Returning;
         self.said.say(format!("returns: {why}"));
         self.outbox.clear();
         self.outbox.send(Order::Return, now_s);
+    }
+
+    /// Whether a vehicle that is not checked yet is in the air where an earlier bridge has left it.
+    fn is_of_earlier_bridge(&self) -> bool {
+        let is_near =
+            self.vehicle.fix().and_then(|fix| self.away_m(fix)).is_some_and(|away_m| away_m <= TAKE_OFF_RADIUS_M);
+        let is_left = self.assignment.beginning != Beginning::New && !self.has_been_disarmed;
+        is_left && is_near && self.vehicle.is_in_air() && self.vehicle.meaning() == ModeMeaning::FollowsOrders
     }
 
     /// Notices the landing, and who stops the return; orders it again if it has no effect.
@@ -519,11 +599,15 @@ impl VehicleControl {
             self.land();
             return;
         }
-        if self.is_taken_over() {
+        if self.end_if_taken_over() {
             return;
         }
         let is_ignored = self.vehicle.meaning() == ModeMeaning::FollowsOrders && !self.outbox.has(&Order::Return);
         if is_ignored && !self.vehicle.is_in_doubt() && now_s >= self.retry_s {
+            if self.retry_s > 0.0 && !self.has_repeated_return {
+                self.has_repeated_return = true;
+                self.said.say("does not return yet: it is told again".to_owned());
+            }
             self.outbox.send(Order::Return, now_s);
         }
     }

@@ -38,6 +38,8 @@ pub struct Vehicles {
 /// A vehicle on a connection.
 #[derive(Debug, Clone)]
 struct Heard {
+    /// Its first heartbeat.
+    first: HEARTBEAT_DATA,
     kind: MavType,
     autopilot: MavAutopilot,
     address: Option<SocketAddr>,
@@ -46,6 +48,8 @@ struct Heard {
     /// Another address that has sent for its system.
     second: Option<SocketAddr>,
     fix: Option<Fix>,
+    /// Whether its type is believed for good: ArduCopter tells its own only after a while.
+    is_fixed: bool,
 }
 
 /// Whether a message is believed to come from the vehicle of its system.
@@ -73,8 +77,12 @@ impl Vehicles {
         self.first_s.get_or_insert(now_s);
         let is_new = !self.heard.contains_key(&system);
         let HEARTBEAT_DATA { mavtype: kind, autopilot, .. } = *heartbeat;
-        let new = Heard { kind, autopilot, address, heard_s: now_s, second: None, fix: None };
-        self.heard.entry(system).or_insert(new);
+        let first = heartbeat.clone();
+        let new = Heard { first, kind, autopilot, address, heard_s: now_s, second: None, fix: None, is_fixed: false };
+        let heard = self.heard.entry(system).or_insert(new);
+        if !heard.is_fixed && heard.address == address {
+            (heard.kind, heard.autopilot) = (kind, autopilot);
+        }
         is_new
     }
 
@@ -92,14 +100,27 @@ impl Vehicles {
             heard.heard_s = now_s;
             return Sender::Known;
         }
-        if now_s - heard.heard_s < KEEPS_ADDRESS_S {
+        // One that has spoken beside the vehicle is not the vehicle, now or later.
+        if now_s - heard.heard_s < KEEPS_ADDRESS_S || from.is_some() && heard.second == from {
             heard.second = heard.second.or(from);
             return Sender::Second;
         }
         heard.address = from;
-        heard.second = None;
         heard.heard_s = now_s;
         Sender::Moved
+    }
+
+    /// The first heartbeat of `system`.
+    #[must_use]
+    pub fn first_heartbeat(&self, system: u8) -> Option<&HEARTBEAT_DATA> {
+        Some(&self.heard.get(&system)?.first)
+    }
+
+    /// Believes the type of `system` for good.
+    pub fn fix_type(&mut self, system: u8) {
+        if let Some(heard) = self.heard.get_mut(&system) {
+            heard.is_fixed = true;
+        }
     }
 
     /// Takes in where `system` is.
@@ -277,7 +298,8 @@ mod tests {
         assert_eq!(one.address(1), address(1));
         let two = "system 1 is heard from 127.0.0.1:1 and from 127.0.0.1:9: expected one vehicle";
         assert_eq!(one.choose(Some(1), 3.0, |_| None), Err(two.to_owned()));
-        assert_eq!(one.hear(1, address(9), 3.0), Sender::Moved);
-        assert_eq!((one.address(1), one.is_at(address(1).unwrap())), (address(9), false));
+        assert_eq!(one.hear(1, address(9), 60.0), Sender::Second, "it was beside the vehicle");
+        assert_eq!(one.hear(1, address(8), 61.0), Sender::Moved);
+        assert_eq!((one.address(1), one.is_at(address(1).unwrap())), (address(8), false));
     }
 }

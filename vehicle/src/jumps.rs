@@ -41,6 +41,8 @@ pub struct Jumps {
     /// When the last one came that was not [s].
     jumped_s: Option<f64>,
     is_away: bool,
+    /// Since when no position was plausible [s].
+    away_s: f64,
 }
 
 impl Jumps {
@@ -48,7 +50,7 @@ impl Jumps {
     #[must_use]
     pub fn at_most(speed_mps: f64) -> Self {
         let limit_mps = (2.0 * speed_mps).max(LEAST_MPS);
-        Self { limit_mps, last: None, heard_s: 0.0, jumped_s: None, is_away: false }
+        Self { limit_mps, last: None, heard_s: 0.0, jumped_s: None, is_away: false, away_s: 0.0 }
     }
 
     /// Takes in a position [m].
@@ -70,9 +72,18 @@ impl Jumps {
             }
             _ => {
                 self.jumped_s = Some(now_s);
+                if !was_away {
+                    self.away_s = now_s;
+                }
                 if was_away { Plausibility::StillAway } else { Plausibility::Jump { away_m } }
             }
         }
+    }
+
+    /// How long no position was plausible [s]; 0 if the last one was.
+    #[must_use]
+    pub fn away_for_s(&self, now_s: f64) -> f64 {
+        if self.is_away { now_s - self.away_s } else { 0.0 }
     }
 
     /// Whether a position was not plausible just now.

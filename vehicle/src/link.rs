@@ -25,8 +25,9 @@ const ARMED: MavModeFlag = MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
 /// Messages that are taken in a poll at most, so that a flood of them does not stop the bridge.
 const MOST_IN_A_POLL: usize = 4096;
 
-/// Lines on strangers that are said of a connection at most.
-const MOST_NOTICES: usize = 8;
+/// Lines that are said of a connection at most, and those of them on strangers.
+const MOST_NOTICES: usize = 64;
+const MOST_STRANGERS: usize = 8;
 
 /// The links to a fleet.
 pub struct Link {
@@ -34,6 +35,9 @@ pub struct Link {
     routes: Vec<Route>,
     /// Messages that may still be taken in this poll.
     budget: usize,
+    /// The first heartbeats of vehicles that were chosen since, twice: whoever changes their modes while the link listens
+    /// is noticed.
+    first: Vec<(usize, Telemetry)>,
     said: Vec<String>,
 }
 
@@ -61,7 +65,8 @@ impl Link {
     /// # Errors
     /// If an address cannot be opened; the error has the address.
     pub fn open(addresses: &[WireAddress], uavs: usize) -> Result<Self, (WireAddress, io::Error)> {
-        let mut link = Self { connections: Vec::new(), routes: Vec::new(), budget: 0, said: Vec::new() };
+        let mut link =
+            Self { connections: Vec::new(), routes: Vec::new(), budget: 0, first: Vec::new(), said: Vec::new() };
         let is_shared = addresses.len() < uavs;
         for uav in 0..uavs {
             let address = &addresses[if is_shared { 0 } else { uav }];
@@ -93,20 +98,44 @@ impl Link {
         is_committed: impl Fn(usize) -> bool,
         away: impl Fn(usize, &Fix) -> Option<f64>,
     ) -> Result<(), (usize, String)> {
-        self.budget = MOST_IN_A_POLL;
         for (uav, route) in self.routes.iter_mut().enumerate() {
-            let vehicles = &self.connections[route.connection].vehicles;
+            let vehicles = &mut self.connections[route.connection].vehicles;
             let away = |fix: &Fix| away(uav, fix);
             match route.system {
-                None => route.system = vehicles.choose(route.named, now_s, away).map_err(|why| (uav, why))?,
+                // It has ended its mission before: it is only listened to.
+                None if is_committed(uav) => route.system = vehicles.choose(route.named, now_s, away).unwrap_or(None),
+                None => {
+                    route.system = vehicles.choose(route.named, now_s, away).map_err(|why| (uav, why))?;
+                    let first = route.system.and_then(|system| vehicles.first_heartbeat(system));
+                    let first = first.and_then(|heartbeat| decode(&MavMessage::HEARTBEAT(heartbeat.clone())));
+                    self.first.extend(first.iter().flat_map(|first| [(uav, first.clone()), (uav, first.clone())]));
+                }
                 Some(system) if !is_committed(uav) => {
                     let alone = if route.named.is_none() { vehicles.check_alone(away) } else { Ok(()) };
                     alone.and_then(|()| vehicles.check(system, route.named.is_some())).map_err(|why| (uav, why))?;
                 }
-                Some(_) => {}
+                Some(system) => vehicles.fix_type(system),
             }
         }
         Ok(())
+    }
+
+    /// Begins to take messages, a limited number until the next call.
+    pub fn begin_poll(&mut self) {
+        self.budget = MOST_IN_A_POLL;
+    }
+
+    /// The systems of the vehicles that are chosen, by the numbers of their UAVs.
+    #[must_use]
+    pub fn systems(&self) -> Vec<Option<u8>> {
+        self.routes.iter().map(|route| route.system).collect()
+    }
+
+    /// Names the vehicles that the bridge before has chosen.
+    pub fn name(&mut self, systems: &[Option<u8>]) {
+        for (route, system) in self.routes.iter_mut().zip(systems) {
+            route.named = route.named.or(*system);
+        }
     }
 
     /// Takes the lines for people that have come up.
@@ -117,6 +146,9 @@ impl Link {
     /// The next message of a chosen vehicle, with the number of its UAV, from 0; messages that mean nothing here are
     /// left out.
     pub fn receive(&mut self, now_s: f64) -> Option<(usize, Telemetry)> {
+        if let Some(first) = self.first.pop() {
+            return Some(first);
+        }
         for index in 0..self.connections.len() {
             while self.budget > 0
                 && let Some(received) = self.connections[index].wire.receive()
@@ -197,7 +229,10 @@ impl Link {
                 "{from} speaks as system {system_id}, component {component_id}, which is no vehicle of this run: it is \
                  neither answered nor believed"
             );
-            self.notice_of(index, from.to_string(), &line);
+            let strangers = self.connections[index].noticed.iter().filter(|what| what.parse::<SocketAddr>().is_ok());
+            if strangers.count() < MOST_STRANGERS {
+                self.notice_of(index, from.to_string(), &line);
+            }
         }
     }
 
@@ -563,17 +598,17 @@ mod tests {
         assert!(said[0].contains("127.0.0.1:7 speaks as system 254, component 190, which is no vehicle of this run"));
         assert!(said[2].contains("a second address, 127.0.0.1:9, sends as system 1: it is not believed"));
         assert!(
-            link.hear(0, &sent(9, 1, AUTOPILOT, charge(40)), 60.0).is_some(),
+            link.hear(0, &sent(10, 1, AUTOPILOT, charge(40)), 60.0).is_some(),
             "it speaks from elsewhere after silence"
         );
-        assert_eq!(address_of(&link, 0), Some(9));
+        assert_eq!(address_of(&link, 0), Some(10));
     }
 
     #[test]
     fn a_flood_of_strangers_is_a_few_lines() {
         let mut link = chosen("");
         (1_000..3_000).for_each(|port| drop(link.hear(0, &sent(port, 254, 190, charge(1)), 5.0)));
-        assert_eq!(link.take_said().len(), MOST_NOTICES);
+        assert_eq!(link.take_said().len(), MOST_STRANGERS);
     }
 
     #[test]
@@ -608,6 +643,7 @@ mod tests {
     #[test]
     fn a_heartbeat_of_another_type_is_not_that_of_the_vehicle() {
         let mut link = chosen("");
+        link.choose(5.0, |_| true, |_, _| None).unwrap(); // it is flown
         let px4 = HEARTBEAT_DATA {
             mavtype: QUADROTOR,
             autopilot: MavAutopilot::MAV_AUTOPILOT_PX4,

@@ -1,6 +1,6 @@
 //! The bridge as a process of the ring: takes the plans, and publishes where the vehicles are at the end of each slot.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use iceoryx2::port::listener::Listener;
@@ -43,6 +43,12 @@ const STOP_TIMEOUT: Duration = Duration::from_millis(2_500);
 /// How long a bridge whose launcher has died waits for it.
 const ORPHAN_TIMEOUT: Duration = Duration::from_secs(10);
 
+/// Time after which messages that wait are out of date: the bridge was stopped, or its machine.
+const STALE: Duration = Duration::from_secs(1);
+
+/// The file of the ring with the systems of the vehicles.
+const SYSTEMS: &str = "systems.json";
+
 /// Time between two heartbeats of the bridge [s], in seconds of the vehicles.
 const HEARTBEAT_S: f64 = 0.25;
 
@@ -64,7 +70,7 @@ pub fn run<S: Service + 'static>(
     if is_new {
         flown.push((0, start(scenario)));
     }
-    let mut process = BridgeProcess::new(&ring, scenario, wait, addresses, &flown)?;
+    let mut process = BridgeProcess::new(&ring, scenario, folder, wait, addresses, &flown)?;
     let result = process.fly(scenario, folder, &ring, &flown, is_new);
     let (why, timeout) = match &result {
         Ok(()) => return process.land(),
@@ -97,12 +103,18 @@ struct BridgeProcess<S: Service + 'static> {
     /// Whether the other processes have the same clock.
     is_local: bool,
     latencies: OrderLatencies,
+    /// When messages were taken in last.
+    polled: Instant,
+    /// The systems of the vehicles as they were saved, and where.
+    systems: Vec<Option<u8>>,
+    systems_file: PathBuf,
 }
 
 impl<S: Service + 'static> BridgeProcess<S> {
     fn new(
         ring: &Ring<S>,
         scenario: &Scenario,
+        folder: &RingFolder,
         mut wait: WaitContext,
         addresses: &[WireAddress],
         flown: &Flown,
@@ -121,7 +133,20 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let cannot_open = |(address, error): (WireAddress, std::io::Error)| {
             InputError::of_argument("vehicle", &address.to_string(), format_args!("cannot be opened: {error}"))
         };
-        let link = Link::open(addresses, uavs).map_err(cannot_open)?;
+        let is_conflict =
+            |(index, first): (usize, &WireAddress)| addresses[index + 1..].iter().any(|second| first.conflicts(second));
+        if addresses.iter().enumerate().any(is_conflict) {
+            let expected =
+                "expected another ?system=N for each UAV at one address, and one own_system and own_component";
+            return Err(refuse(expected).into());
+        }
+        let mut link = Link::open(addresses, uavs).map_err(cannot_open)?;
+        let systems_file = folder.path().join(SYSTEMS);
+        if ring.restarts > 0
+            && let Ok(text) = std::fs::read_to_string(&systems_file)
+        {
+            link.name(&serde_json::from_str::<Vec<Option<u8>>>(&text).unwrap_or_default());
+        }
         let mut sensors = ring.sensors.reader()?;
         let nodes = sensors.wait_for_next(&mut wait, 0)?;
         let reports = &flown.last().expect("at least slot 0").1;
@@ -146,6 +171,9 @@ impl<S: Service + 'static> BridgeProcess<S> {
             has_flown: false,
             is_local: ring.terms.link.is_none(),
             latencies: OrderLatencies::default(),
+            polled: Instant::now(),
+            systems: Vec::new(),
+            systems_file,
         })
     }
 
@@ -237,13 +265,37 @@ impl<S: Service + 'static> BridgeProcess<S> {
         Ok(Some(begin_ns))
     }
 
-    /// Takes in what the vehicles say, and sends what is due.
+    /// Chooses the vehicles, takes in what they say, and sends what is due.
     fn poll(&mut self) -> Result<(), NodeError> {
         let now_s = self.now_s();
         let bridge = &self.bridge;
         self.link
             .choose(now_s, |uav| bridge.is_committed(uav), |uav, fix| bridge.away_m(uav, fix))
             .map_err(|(uav, why)| refusal(&VehicleRefusal { number: uav + 1, why: PreflightRefusal(why) }))?;
+        self.save_systems();
+        self.exchange()
+    }
+
+    /// Saves which vehicles are chosen, for the bridge after this one.
+    fn save_systems(&mut self) {
+        let systems = self.link.systems();
+        if systems != self.systems {
+            let text = serde_json::to_string(&systems).expect("numbers are JSON");
+            let _ = std::fs::write(&self.systems_file, text); // without it, the next bridge listens again
+            self.systems = systems;
+        }
+    }
+
+    /// Takes in what the chosen vehicles say, and sends what is due.
+    fn exchange(&mut self) -> Result<(), NodeError> {
+        let now_s = self.now_s();
+        self.link.begin_poll();
+        if self.polled.elapsed() > STALE {
+            // The bridge was stopped: what has waited since is not how it is now.
+            while self.link.receive(now_s).is_some() {}
+            self.bridge.doubt();
+        }
+        self.polled = Instant::now();
         while let Some((uav, telemetry)) = self.link.receive(now_s) {
             self.bridge.hear(uav, &telemetry, now_s);
         }
@@ -304,7 +356,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let now_s = self.now_s();
         self.bridge.return_home(why, now_s);
         let begin = Instant::now();
-        while self.poll().is_ok() && !self.bridge.is_homebound() && begin.elapsed() < timeout {
+        while self.exchange().is_ok() && !self.bridge.is_homebound() && begin.elapsed() < timeout {
             std::thread::sleep(POLL_EVERY);
         }
     }

@@ -5,6 +5,9 @@ use crate::telemetry::{IN_PROGRESS, Order};
 /// Time after which an order without an answer is repeated [s].
 const REPEAT_S: f64 = 0.5;
 
+/// The same of an order to arm [s]: longer than answers take on slow links, so that there is one answer.
+const REPEAT_ARMING_S: f64 = 3.0;
+
 /// Unanswered orders, one of each command: a newer one replaces it.
 #[derive(Debug, Clone, Default)]
 pub struct Outbox {
@@ -48,7 +51,7 @@ impl Outbox {
         let is_due = move |unanswered: &&mut Unanswered| now_s >= unanswered.due_s && may_send(&unanswered.order);
         let due = self.orders.iter_mut().filter(is_due);
         due.map(move |unanswered| {
-            unanswered.due_s = now_s + REPEAT_S;
+            unanswered.due_s = now_s + if unanswered.order == Order::Arm { REPEAT_ARMING_S } else { REPEAT_S };
             unanswered.order
         })
     }

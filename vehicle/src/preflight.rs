@@ -21,7 +21,7 @@ const LINE_S: f64 = 10.0;
 const BATTERY_SLACK: f64 = 0.05;
 
 /// Farthest from its start at which a vehicle may take off [m].
-const TAKE_OFF_RADIUS_M: f64 = 500.0;
+pub(crate) const TAKE_OFF_RADIUS_M: f64 = 500.0;
 
 /// How the mission of a bridge begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -118,6 +118,9 @@ impl Preflight {
             let expected = if vehicle.is_in_air() { assignment.low_battery } else { assignment.battery };
             let [has, expected] = [battery, expected].map(|fraction| (100.0 * fraction).round());
             return refuse(format!("its battery is at {has} %: expected {expected} %"));
+        }
+        if vehicle.is_high() && !vehicle.is_in_air() {
+            return Ok(Some("to be on the ground, at the altitude of its home"));
         }
         let missing = self.check_parameters(autopilot, assignment.own_system, now_s, orders)?;
         Ok(missing.or((!vehicle.has_reported_battery).then_some("to report its battery")))

@@ -31,8 +31,11 @@ const STREAMS: [(Stream, f64); 7] = [
 /// Time after which a vehicle that says nothing is lost [s].
 const LOST_S: f64 = 3.0;
 
-/// Reports of a battery in a row below its limit that are believed.
-const LOW_REPORTS: u32 = 3;
+/// What a low report of a battery counts, a sufficient one takes off, and makes it low: three low ones in a row, or four
+/// of every other, as of two batteries.
+const LOW_REPORT: u32 = 2;
+const SUFFICIENT_REPORT: u32 = 1;
+const LOW: u32 = 5;
 
 /// Speed up to which a vehicle may have landed anywhere [m/s], and how long it has to be disarmed there [s].
 const STANDS_MPS: f64 = 0.3;
@@ -77,8 +80,10 @@ pub struct VehicleState {
     fix: Option<(Fix, f64)>,
     says_in_air: Option<bool>,
     heard_s: Option<f64>,
-    /// Reports in a row of a battery below `low_battery`.
+    /// What reports of a battery below `low_battery` have counted.
     low_reports: u32,
+    /// Heartbeats in a row that say it is disarmed.
+    disarmed_reports: u32,
     /// Positions and reports of the mode since the last check of the streams.
     positions: u32,
     modes: u32,
@@ -95,6 +100,7 @@ impl VehicleState {
                 self.autopilot = Some(autopilot);
                 self.is_booting = is_booting;
                 self.is_armed.hear(is_armed);
+                self.disarmed_reports = if is_armed { 0 } else { self.disarmed_reports.saturating_add(1) };
                 self.disarmed_s = (!is_armed).then(|| self.disarmed_s.unwrap_or(now_s));
                 self.hear_mode(mode);
             }
@@ -108,8 +114,11 @@ impl VehicleState {
                 self.has_reported_battery = true;
                 // Of a battery monitor that is only there sometimes, the last value stays.
                 self.battery = battery.or(self.battery);
-                let is_low = battery.is_some_and(|battery| battery < low_battery);
-                self.low_reports = if is_low { self.low_reports + 1 } else { 0 };
+                self.low_reports = match battery {
+                    Some(battery) if battery < low_battery => (self.low_reports + LOW_REPORT).min(LOW),
+                    Some(_) => self.low_reports.saturating_sub(SUFFICIENT_REPORT),
+                    None => self.low_reports,
+                };
             }
             Telemetry::InAir(is_in_air) => self.says_in_air = Some(is_in_air),
             Telemetry::Answer { .. } | Telemetry::Text(_) | Telemetry::Parameter { .. } => {}
@@ -155,7 +164,7 @@ impl VehicleState {
         self.autopilot.zip(self.mode.believed).map_or(ModeMeaning::Unknown, meaning)
     }
 
-    /// Whether a mode that two reports agree on can be that of its pilot: not while its autopilot starts.
+    /// Whether its autopilot is still starting: then it changes its mode itself.
     #[must_use]
     pub fn is_booting(&self) -> bool {
         self.is_booting
@@ -177,6 +186,24 @@ impl VehicleState {
     #[must_use]
     pub fn is_in_doubt(&self) -> bool {
         !self.mode.is_certain || !self.is_armed.is_certain
+    }
+
+    /// Forgets how it was: two new reports have to agree on its mode, and on whether it is armed.
+    pub fn doubt(&mut self) {
+        self.mode = Confirmed { last: None, is_certain: false, ..self.mode };
+        self.is_armed = Confirmed { last: None, is_certain: false, ..self.is_armed };
+        self.has_new_mode = false;
+    }
+
+    /// Counts anew the heartbeats that say it is disarmed.
+    pub fn recount_disarmed(&mut self) {
+        self.disarmed_reports = 0;
+    }
+
+    /// Whether two heartbeats in a row, since they were counted anew, say that it is disarmed.
+    #[must_use]
+    pub fn says_disarmed(&self) -> bool {
+        self.disarmed_reports >= 2
     }
 
     /// Whether a report of its mode has come since the last call: what may change the mode is sent only then.
@@ -221,7 +248,7 @@ impl VehicleState {
     /// Whether its battery is low.
     #[must_use]
     pub fn is_battery_low(&self) -> bool {
-        self.low_reports >= LOW_REPORTS
+        self.low_reports >= LOW
     }
 
     /// Whether it is in the air.
@@ -231,7 +258,8 @@ impl VehicleState {
     }
 
     /// Whether it is above the ground, by its own judgement or by its altitude.
-    fn is_high(&self) -> bool {
+    #[must_use]
+    pub fn is_high(&self) -> bool {
         let is_above_home = self.fix().is_some_and(|fix| fix.above_home_m > IN_AIR_M);
         self.says_in_air.unwrap_or(is_above_home)
     }
@@ -241,7 +269,7 @@ impl VehicleState {
 mod tests {
     use super::*;
 
-    const LOW: f64 = 0.15;
+    const LIMIT: f64 = 0.15;
 
     fn fix() -> Telemetry {
         Telemetry::Position(Fix {
@@ -263,19 +291,19 @@ mod tests {
     fn all_messages_are_requested_if_positions_are_rare() {
         let mut state = VehicleState::default();
         assert_eq!(state.requests(0.0).count(), 0, "nobody is there");
-        state.hear(&heartbeat(AutopilotKind::Px4, 0, true), LOW, 0.0);
+        state.hear(&heartbeat(AutopilotKind::Px4, 0, true), LIMIT, 0.0);
         assert_eq!(state.requests(0.0).count(), 7);
         assert_eq!(state.requests(1.0).count(), 0);
         let hear = |state: &mut VehicleState, positions: u32, modes: u32, now_s: f64| {
-            (0..positions).for_each(|_| state.hear(&fix(), LOW, now_s));
-            (0..modes).for_each(|_| state.hear(&Telemetry::Mode(0), LOW, now_s));
+            (0..positions).for_each(|_| state.hear(&fix(), LIMIT, now_s));
+            (0..modes).for_each(|_| state.hear(&Telemetry::Mode(0), LIMIT, now_s));
         };
-        state.hear(&Telemetry::Battery(None), LOW, 1.0);
+        state.hear(&Telemetry::Battery(None), LIMIT, 1.0);
         hear(&mut state, 10, 10, 1.0);
         assert_eq!(state.requests(2.0).count(), 7, "5 Hz instead of 20");
         hear(&mut state, 30, 10, 3.0);
         assert_eq!(state.requests(4.0).count(), 0);
-        state.hear(&heartbeat(AutopilotKind::ArduPilot, 4, true), LOW, 5.0);
+        state.hear(&heartbeat(AutopilotKind::ArduPilot, 4, true), LIMIT, 5.0);
         let is_accuracy = |order| matches!(order, Order::Interval { stream: Stream::Accuracy, .. });
         assert!(state.requests(6.0).count() == 6 && !state.requests(8.0).any(is_accuracy));
     }
@@ -283,17 +311,17 @@ mod tests {
     #[test]
     fn the_battery_is_requested_until_it_is_reported_and_modes_a_few_times() {
         let mut state = VehicleState::default();
-        state.hear(&heartbeat(AutopilotKind::Px4, 0, false), LOW, 0.0);
+        state.hear(&heartbeat(AutopilotKind::Px4, 0, false), LIMIT, 0.0);
         let requests = |state: &mut VehicleState, checks: u32| {
             let requests = (0..checks).map(|_| {
-                (0..40).for_each(|_| state.hear(&fix(), LOW, 0.0));
+                (0..40).for_each(|_| state.hear(&fix(), LIMIT, 0.0));
                 state.streams_due_s = 0.0;
                 usize::from(state.requests(0.0).next().is_some())
             });
             requests.sum::<usize>()
         };
         assert_eq!(requests(&mut state, 20), 20, "without a battery");
-        state.hear(&Telemetry::Battery(Some(0.5)), LOW, 0.0);
+        state.hear(&Telemetry::Battery(Some(0.5)), LIMIT, 0.0);
         state.requests = 0;
         assert_eq!(requests(&mut state, 20), 5, "it says its mode once a second, whatever is requested");
     }
@@ -301,11 +329,11 @@ mod tests {
     #[test]
     fn the_air_state_is_inferred_from_altitude_if_not_reported() {
         let mut state = VehicleState::default();
-        (0..2).for_each(|_| state.hear(&heartbeat(AutopilotKind::Px4, 0, true), LOW, 0.0));
+        (0..2).for_each(|_| state.hear(&heartbeat(AutopilotKind::Px4, 0, true), LIMIT, 0.0));
         assert!(!state.is_in_air());
-        state.hear(&fix(), LOW, 0.0);
+        state.hear(&fix(), LIMIT, 0.0);
         assert!(state.is_in_air());
-        state.hear(&Telemetry::InAir(false), LOW, 0.0);
+        state.hear(&Telemetry::InAir(false), LIMIT, 0.0);
         assert!(!state.is_in_air());
         assert!(state.has_current_fix(1.9) && !state.has_current_fix(2.1));
     }
@@ -314,7 +342,7 @@ mod tests {
     fn one_odd_heartbeat_is_a_doubt_and_two_are_believed() {
         let mut state = VehicleState::default();
         let mut hear = |mode: u32, is_armed: bool| {
-            state.hear(&heartbeat(AutopilotKind::ArduPilot, mode, is_armed), LOW, 0.0);
+            state.hear(&heartbeat(AutopilotKind::ArduPilot, mode, is_armed), LIMIT, 0.0);
             (state.mode(), state.is_armed(), state.is_in_doubt())
         };
         assert_eq!(hear(4, true), (None, None, true));
@@ -329,23 +357,31 @@ mod tests {
     #[test]
     fn a_disarmed_vehicle_is_believed_where_its_position_agrees() {
         let mut state = VehicleState::default();
-        let says = |state: &mut VehicleState, now_s| state.hear(&heartbeat(AutopilotKind::Px4, 0, false), LOW, now_s);
-        state.hear(&fix(), LOW, 0.0);
+        let says = |state: &mut VehicleState, now_s| state.hear(&heartbeat(AutopilotKind::Px4, 0, false), LIMIT, now_s);
+        state.hear(&fix(), LIMIT, 0.0);
         says(&mut state, 0.0);
         says(&mut state, 1.0);
         assert!(!state.has_disarmed(1.0), "20 m up");
         assert!(!state.has_disarmed(4.9) && state.has_disarmed(5.0), "it stands on a roof");
-        state.hear(&Telemetry::InAir(false), LOW, 1.0);
+        state.hear(&Telemetry::InAir(false), LIMIT, 1.0);
         assert!(state.has_disarmed(1.0), "it says that it is on the ground");
     }
 
     #[test]
-    fn three_low_reports_in_a_row_are_a_low_battery() {
+    fn three_low_reports_in_a_row_or_every_other_one_are_a_low_battery() {
         let mut state = VehicleState::default();
         let mut low = |percent: u32| {
-            state.hear(&Telemetry::Battery(Some(f64::from(percent) / 100.0)), LOW, 0.0);
+            state.hear(&Telemetry::Battery(Some(f64::from(percent) / 100.0)), LIMIT, 0.0);
             state.is_battery_low()
         };
-        assert_eq!([14, 14, 15, 14, 14, 14, 13].map(&mut low), [false, false, false, false, false, true, true]);
+        assert_eq!([14, 60, 60, 14, 60, 60].map(&mut low), [false; 6], "odd ones");
+        assert_eq!([14, 14, 14].map(&mut low), [false, false, true]);
+        let mut state = VehicleState::default();
+        let mut low = |percent: u32| {
+            state.hear(&Telemetry::Battery(Some(f64::from(percent) / 100.0)), LIMIT, 0.0);
+            state.hear(&Telemetry::Battery(None), LIMIT, 0.0);
+            state.is_battery_low()
+        };
+        assert_eq!([14, 60, 14, 60, 14, 60, 14].map(&mut low), [false, false, false, false, false, false, true]);
     }
 }

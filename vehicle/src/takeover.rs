@@ -19,8 +19,10 @@ enum Explained {
     Following(u32),
     /// Those of a return; before it is in effect, those that follow orders, too.
     Returning {
-        /// Whether it is in effect.
-        is_in_effect: bool,
+        /// The mode before, if it was known.
+        own: Option<u32>,
+        /// The mode in which it is in effect.
+        seen: Option<u32>,
     },
 }
 
@@ -50,7 +52,10 @@ impl Takeover {
         match order {
             Order::Arm if self.arming == Arming::NotOrdered => self.arming = Arming::Ordered,
             Order::TakeOff(_) => self.has_ordered_take_off = true,
-            Order::Return => self.modes = Explained::Returning { is_in_effect: false },
+            Order::Return if !matches!(self.modes, Explained::Returning { .. }) => {
+                let own = if let Explained::Following(mode) = self.modes { Some(mode) } else { None };
+                self.modes = Explained::Returning { own, seen: None };
+            }
             _ => {}
         }
         if let (Order::Mode(_) | Order::TakeOff(_), Explained::Found(mode)) = (order, self.modes) {
@@ -94,7 +99,8 @@ impl Takeover {
         if vehicle.is_in_air() && !self.has_ordered_take_off {
             return Some("it took off without an order of the bridge".to_owned());
         }
-        if vehicle.is_booting() || self.modes == Explained::Nothing {
+        let is_free = vehicle.is_booting() && matches!(self.modes, Explained::Found(_));
+        if is_free || self.modes == Explained::Nothing {
             self.modes = Explained::Found(mode);
         }
         let meaning = autopilot.meaning(mode);
@@ -109,10 +115,16 @@ impl Takeover {
                 mode == found || is_following || autopilot == AutopilotKind::Other
             }
             Explained::Following(own) => is_following || autopilot == AutopilotKind::Other && mode == own,
-            Explained::Returning { is_in_effect } => {
-                let returns = meaning == ModeMeaning::Returns;
-                self.modes = Explained::Returning { is_in_effect: is_in_effect || returns };
-                returns || is_following && !is_in_effect || autopilot == AutopilotKind::Other
+            Explained::Returning { own, seen } => {
+                let (is_return, is_before) = match autopilot {
+                    AutopilotKind::Other => (seen.is_none_or(|seen| seen == mode), own == Some(mode)),
+                    _ => (meaning == ModeMeaning::Returns, is_following),
+                };
+                let is_before = is_before && seen.is_none();
+                if is_return && !is_before {
+                    self.modes = Explained::Returning { own, seen: seen.or(Some(mode)) };
+                }
+                is_return || is_before
             }
         };
         (!is_explained).then(|| format!("its mode changed to {mode} without an order of the bridge"))
@@ -222,6 +234,25 @@ mod tests {
         assert_eq!((mode(&mut takeover, 7), mode(&mut takeover, 8)), (None, None), "its own take-off and hold");
         takeover.begin(8);
         assert_eq!(mode(&mut takeover, 8), None);
-        assert!(mode(&mut takeover, 7).is_some());
+        assert!(mode(&mut Takeover { ..takeover }, 7).is_some());
+        takeover.order(&Order::Return);
+        assert_eq!([8, 3, 3].map(|number| mode(&mut takeover, number)), [None, None, None], "its own return");
+        assert!(mode(&mut takeover, 8).is_some(), "a pilot stops it");
+    }
+
+    #[test]
+    fn the_modes_of_a_start_count_only_before_the_first_order() {
+        let mut takeover = Takeover::default();
+        let mut vehicle = VehicleState::default();
+        let mut says = |takeover: &mut Takeover, mode, is_booting| {
+            let autopilot = AutopilotKind::ArduPilot;
+            let heartbeat = Telemetry::Heartbeat { autopilot, mode, is_armed: false, is_booting };
+            (0..2).for_each(|_| vehicle.hear(&heartbeat, 0.15, 0.0));
+            takeover.check(&vehicle).is_some()
+        };
+        assert!(!says(&mut takeover, 0, true) && !says(&mut takeover, 2, true), "it starts");
+        takeover.order(&Order::Mode(4));
+        assert!(!says(&mut takeover, 4, true));
+        assert!(says(&mut takeover, 5, true), "whatever it says of its start");
     }
 }

@@ -68,6 +68,9 @@ impl FromStr for WireAddress {
                 _ => return Err(format!("{option}: expected system=N, own_system=N or own_component=N after the `?`")),
             }
         }
+        if address.system == Some(address.own_system) {
+            return Err(format!("system={}: expected another than own_system", address.own_system));
+        }
         Ok(address)
     }
 }
@@ -85,12 +88,21 @@ impl WireAddress {
         self.endpoint == other.endpoint
     }
 
+    /// Whether one connection cannot serve two vehicles at these addresses: they name no systems, or the same, or
+    /// another system of the bridge.
+    #[must_use]
+    pub fn conflicts(&self, other: &Self) -> bool {
+        let own = |address: &Self| [address.own_system, address.own_component];
+        let is_named = self.system.is_some() && other.system.is_some() && self.system != other.system;
+        self.shares_wire(other) && !(is_named && own(self) == own(other))
+    }
+
     fn open(&self) -> io::Result<Transport> {
-        let is_udp = |scheme: &str| self.endpoint.strip_prefix(scheme);
-        if let Some(place) = is_udp("udpin:") {
+        let place_of = |scheme: &str| self.endpoint.strip_prefix(scheme);
+        if let Some(place) = place_of("udpin:") {
             return Ok(Transport::Udp(Datagrams::new(UdpSocket::bind(place)?, None)));
         }
-        if let Some(place) = is_udp("udpout:").or_else(|| is_udp("udpbcast:")) {
+        if let Some(place) = place_of("udpout:").or_else(|| place_of("udpbcast:")) {
             let peer = place.to_socket_addrs()?.next().ok_or(io::ErrorKind::NotFound)?;
             let any = if peer.is_ipv6() { "[::]:0" } else { "0.0.0.0:0" };
             let socket = UdpSocket::bind(any)?;
@@ -174,8 +186,8 @@ impl Wire {
         self.received.try_recv().ok()
     }
 
-    /// Sends a message, over UDP to the address `to`, or to that of the connection without one. Unless the connection
-    /// is open, and has an address: then it is lost, as on any link.
+    /// Sends a message, over UDP to the address `to`, or to that of the connection without one. If the connection is not
+    /// open, or has no address, the message is lost, as on any link.
     pub fn send(&self, header: &MavHeader, message: &MavMessage, to: Option<SocketAddr>) {
         let transport = self.open.lock().unwrap_or_else(PoisonError::into_inner).clone();
         match transport.as_deref() {
@@ -279,11 +291,24 @@ mod tests {
         let named = parsed("serial:/dev/ttyUSB0:57600?own_system=250&system=255&own_component=1").unwrap();
         assert!(named.shares_wire(&parsed("serial:/dev/ttyUSB0:57600").unwrap()));
         assert_eq!(ids(named), (Some(255), 250, 1));
+        let conflicts = |options: [&str; 2]| {
+            let [first, second] = options.map(|options| parsed(&format!("udpin:127.0.0.1:1{options}")).unwrap());
+            first.conflicts(&second)
+        };
+        let together = [
+            ["", ""],
+            ["?system=1", "?system=1"],
+            ["?system=1", ""],
+            ["?system=1", "?system=2"],
+            ["?system=1", "?system=2&own_system=250"],
+        ];
+        assert_eq!(together.map(conflicts), [true, true, true, false, true]);
         for (options, expected) in [
             ("system=0", "system=0: expected system=1 to system=255"),
             ("system=256", "system=256: expected system=1 to system=255"),
             ("own_system=", "own_system=: expected own_system=1 to own_system=255"),
             ("sysid=1", "sysid=1: expected system=N, own_system=N or own_component=N after the `?`"),
+            ("system=255", "system=255: expected another than own_system"),
             ("", ": expected system=N, own_system=N or own_component=N after the `?`"),
         ] {
             assert_eq!(parsed(&format!("udpin:127.0.0.1:14540?{options}")), Err(expected.to_owned()));
