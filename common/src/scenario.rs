@@ -26,6 +26,7 @@ pub use sensors::SensorKeys;
 pub(crate) use sensors::{MAX_FIELD_BITS, MAX_SENSORS};
 pub use uav::{AltitudeMode, Climb, Coordination, MAX_UAVS, Moves, Propulsion, UavKeys};
 pub use zones::LEAST_FILLED;
+pub use zones::SimplifiedZones;
 
 use crate::airspace::cells_along;
 use crate::channel::{LinkModel, RateTable};

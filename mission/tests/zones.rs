@@ -295,3 +295,33 @@ fn tours_around_walls_are_short() {
         assert!(around_m < 0.75 * straight_m, "seed {seed}: {around_m} m and {straight_m} m");
     }
 }
+
+#[test]
+fn zones_that_share_an_edge_are_flown_around_as_one() {
+    let west = "[[100.0, 100.0], [200.0, 100.0], [200.0, 300.0], [100.0, 300.0]]";
+    let east = "[[200.0, 100.0], [300.0, 100.0], [300.0, 300.0], [200.0, 300.0]]";
+    let on_edge = "[[0.0, 100.0], [300.0, 100.0], [300.0, 300.0], [0.0, 300.0]]";
+    for (zones, what) in [
+        (format!("no_fly = [{{ polygon_m = {west} }}, {{ polygon_m = {east} }}]"), "parcels"),
+        (
+            format!(
+                "building = [{{ polygon_m = {west}, height_m = 30.0 }}, {{ polygon_m = {east}, height_m = 60.0 }}]"
+            ),
+            "houses",
+        ),
+        (format!("no_fly = [{{ polygon_m = {on_edge} }}]"), "a zone on the edge of the area"),
+    ] {
+        let text = format!(
+            "name = 'parcels'\nslots = 150\n[area]\nside_m = 400.0\n{zones}\n[sensors]\ncount = 60\n[uav]\nstart_m = [350.0, 50.0]\n"
+        );
+        let scenario = scenario_of(&text, "tour");
+        let list = SensorList::of(&scenario).unwrap();
+        let is_inside = |flight: &FlightReport| {
+            let is_between = |at_m: f64, low_m: f64| low_m < at_m && at_m < 299.99;
+            let west_m = if what.contains("edge") { -1.0 } else { 100.01 };
+            is_between(flight.x_m, west_m) && is_between(flight.y_m, 100.01)
+        };
+        let inside = Mission::new(&scenario, &list).unwrap().filter(|record| is_inside(&record.flights[UAV])).count();
+        assert_eq!(inside, 0, "slots in {what}");
+    }
+}

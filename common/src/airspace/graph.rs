@@ -1,29 +1,77 @@
 //! The corners of an airspace that see each other, and the shortest ways between them.
+//!
+//! A shortest way is taut: at each bend the zone lies within the bend. So a corner is joined only to those that it sees
+//! along its zone, not across it. What is asked for is kept: the ways to a corner, and those to a point.
 
 use std::cmp::Ordering;
-use std::collections::BinaryHeap;
+use std::collections::{BinaryHeap, HashMap};
+use std::sync::{Arc, OnceLock, PoisonError, RwLock};
 
 use nalgebra::Vector2;
 
 use super::{Airspace, Bends, Polygon};
-use crate::geometry::Position;
+use crate::geometry::{Position, distance_squared};
+
+/// Most lengths that are kept for points [8 bytes].
+const MOST_KEPT: usize = 4_000_000;
+
+/// Slack of the lengths of ways that are compared, relative to them.
+const LENGTH_SLACK: f64 = 1e-9;
 
 /// The corners that ways bend at, and the shortest ways between them.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Default)]
 pub(super) struct CornerGraph {
-    nodes: Vec<Position>,
-    /// Length of the shortest way from node `row` to node `column` [m], by rows; infinite without one.
-    lengths_m: Vec<f64>,
-    /// The node after `row` on that way.
-    next: Vec<u16>,
-    /// Whether a way leads from the start to the node.
-    is_reached: Vec<bool>,
+    nodes: Vec<Node>,
+    clearance_m: f64,
     start: Position,
+    /// The nodes that each sees, with the distances [m].
+    neighbours: OnceLock<Vec<Vec<(usize, f64)>>>,
+    /// Whether a way leads from the start to the node.
+    is_reached: OnceLock<Vec<bool>>,
+    /// The ways to each node.
+    ways_to: Vec<OnceLock<WaysTo>>,
+    /// Ways to points, by their bits.
+    goals: RwLock<HashMap<[u64; 2], Arc<Goal>>>,
+    /// Points beside zones that are nearest to points, by their bits.
+    nearest: RwLock<HashMap<[u64; 2], Position>>,
+}
+
+impl PartialEq for CornerGraph {
+    /// What is found from the rest is not compared.
+    fn eq(&self, other: &Self) -> bool {
+        self.nodes == other.nodes && self.start == other.start
+    }
+}
+
+/// A place beside a corner.
+#[derive(Debug, Clone, PartialEq)]
+struct Node {
+    at: Position,
+    /// Unit vectors from the corner along the edges of its zone.
+    edges: [Vector2<f64>; 2],
+}
+
+/// The shortest ways from all nodes to one.
+#[derive(Debug)]
+struct WaysTo {
+    /// Their lengths [m]; infinite without one.
+    lengths_m: Box<[f64]>,
+    /// The next node of each.
+    next: Box<[u16]>,
+}
+
+/// A point that ways lead to.
+#[derive(Debug)]
+pub(super) struct Goal {
+    /// The nodes that it sees.
+    seen: Vec<SeenNode>,
+    /// Length of the shortest way from each node [m], up to rounding.
+    to_go_m: Box<[f64]>,
 }
 
 /// A node that a point sees.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct SeenNode {
+struct SeenNode {
     node: usize,
     /// Distance from the point [m].
     away_m: f64,
@@ -62,59 +110,70 @@ impl PartialOrd for Pending {
 impl CornerGraph {
     /// The graph of an airspace in which the UAV begins at `start`.
     pub fn of(airspace: &Airspace, start: &Position) -> Self {
-        let corners = airspace.polygons().flat_map(|polygon| beside_corners(polygon, airspace.clearance_m()));
-        let nodes: Vec<Position> = corners.filter(|node| airspace.contains(node)).collect();
-        let count = nodes.len();
-        let mut neighbours: Vec<Vec<(usize, f64)>> = vec![Vec::new(); count];
-        for first in 0..count {
-            for second in first + 1..count {
-                if airspace.is_free(&nodes[first], &nodes[second]) {
-                    let length_m = (nodes[second] - nodes[first]).norm();
-                    neighbours[first].push((second, length_m));
-                    neighbours[second].push((first, length_m));
-                }
-            }
-        }
-        let mut graph = Self {
-            lengths_m: vec![f64::INFINITY; count * count],
-            next: vec![0; count * count],
-            is_reached: vec![false; count],
-            start: *start,
-            nodes,
-        };
-        for goal in 0..count {
-            graph.find_ways_to(goal, &neighbours);
-        }
-        let seen: Vec<usize> = (0..count).filter(|&node| airspace.is_free(start, &graph.nodes[node])).collect();
-        for node in 0..count {
-            graph.is_reached[node] = seen.iter().any(|&from| graph.length_m(from, node).is_finite());
-        }
-        graph
+        let clearance_m = airspace.clearance_m();
+        let corners = airspace.polygons().flat_map(|polygon| beside_corners(polygon, clearance_m));
+        let nodes: Vec<Node> = corners.filter(|node| airspace.contains(&node.at)).collect();
+        let ways_to = nodes.iter().map(|_| OnceLock::new()).collect();
+        Self { nodes, clearance_m, start: *start, ways_to, ..Self::default() }
     }
 
-    /// Dijkstra's algorithm, backward from `goal`.
-    fn find_ways_to(&mut self, goal: usize, neighbours: &[Vec<(usize, f64)>]) {
-        let count = self.nodes.len();
-        let mut pending = BinaryHeap::from([Pending { length_m: 0.0, node: goal }]);
-        self.lengths_m[goal * count + goal] = 0.0;
-        self.next[goal * count + goal] = goal as u16; // at most MAX_CORNERS
-        while let Some(Pending { length_m, node }) = pending.pop() {
-            if length_m > self.lengths_m[node * count + goal] {
-                continue;
-            }
-            for &(other, step_m) in &neighbours[node] {
-                let at = other * count + goal;
-                if length_m + step_m < self.lengths_m[at] {
-                    self.lengths_m[at] = length_m + step_m;
-                    self.next[at] = node as u16;
-                    pending.push(Pending { length_m: length_m + step_m, node: other });
+    /// The nodes that each node sees.
+    fn neighbours(&self, airspace: &Airspace) -> &[Vec<(usize, f64)>] {
+        self.neighbours.get_or_init(|| {
+            let mut neighbours: Vec<Vec<(usize, f64)>> = vec![Vec::new(); self.nodes.len()];
+            for (first, node) in self.nodes.iter().enumerate() {
+                for (second, other) in self.nodes.iter().enumerate().skip(first + 1) {
+                    let may_bend =
+                        node.may_bend(&other.at, self.clearance_m) && other.may_bend(&node.at, self.clearance_m);
+                    if may_bend && airspace.is_free(&node.at, &other.at) {
+                        let length_m = (other.at - node.at).norm();
+                        neighbours[first].push((second, length_m));
+                        neighbours[second].push((first, length_m));
+                    }
                 }
             }
-        }
+            neighbours
+        })
     }
 
-    fn length_m(&self, from: usize, to: usize) -> f64 {
-        self.lengths_m[from * self.nodes.len() + to]
+    /// The ways to the node `goal`, by Dijkstra's algorithm.
+    fn ways_to(&self, airspace: &Airspace, goal: usize) -> &WaysTo {
+        self.ways_to[goal].get_or_init(|| {
+            let neighbours = self.neighbours(airspace);
+            let count = self.nodes.len();
+            let mut ways = WaysTo { lengths_m: vec![f64::INFINITY; count].into(), next: vec![0; count].into() };
+            let mut pending = BinaryHeap::from([Pending { length_m: 0.0, node: goal }]);
+            ways.lengths_m[goal] = 0.0;
+            ways.next[goal] = goal as u16; // at most MAX_CORNERS
+            while let Some(Pending { length_m, node }) = pending.pop() {
+                if length_m > ways.lengths_m[node] {
+                    continue;
+                }
+                for &(other, step_m) in &neighbours[node] {
+                    if length_m + step_m < ways.lengths_m[other] {
+                        ways.lengths_m[other] = length_m + step_m;
+                        ways.next[other] = node as u16;
+                        pending.push(Pending { length_m: length_m + step_m, node: other });
+                    }
+                }
+            }
+            ways
+        })
+    }
+
+    /// Whether a way leads from the start to each node.
+    fn is_reached(&self, airspace: &Airspace) -> &[bool] {
+        self.is_reached.get_or_init(|| {
+            let neighbours = self.neighbours(airspace);
+            let mut pending: Vec<usize> = self.seen(airspace, &self.start).iter().map(|seen| seen.node).collect();
+            let mut is_reached = vec![false; self.nodes.len()];
+            while let Some(node) = pending.pop() {
+                if !std::mem::replace(&mut is_reached[node], true) {
+                    pending.extend(neighbours[node].iter().map(|(other, _)| other));
+                }
+            }
+            is_reached
+        })
     }
 
     /// Where the UAV begins.
@@ -123,29 +182,79 @@ impl CornerGraph {
     }
 
     /// The nodes that a way leads to from the start.
-    pub fn reachable(&self) -> impl Iterator<Item = &Position> {
-        self.nodes.iter().zip(&self.is_reached).filter(|(_, is_reached)| **is_reached).map(|(node, _)| node)
+    pub fn reachable(&self, airspace: &Airspace) -> impl Iterator<Item = &Position> {
+        let nodes = self.nodes.iter().zip(self.is_reached(airspace));
+        nodes.filter(|(_, is_reached)| **is_reached).map(|(node, _)| &node.at)
     }
 
     /// Whether a way leads from the start to a free `point`.
     pub fn reaches(&self, airspace: &Airspace, point: &Position) -> bool {
-        airspace.is_free(&self.start, point) || self.reachable().any(|node| airspace.is_free(node, point))
+        if airspace.is_free(&self.start, point) {
+            return true;
+        }
+        // The nearest ones are the likeliest.
+        let mut nodes: Vec<&Position> = self.reachable(airspace).collect();
+        nodes.sort_by(|a, b| distance_squared(a, point).total_cmp(&distance_squared(b, point)));
+        nodes.iter().any(|node| airspace.is_free(node, point))
     }
 
-    /// The nodes that `point` sees.
-    pub fn seen(&self, airspace: &Airspace, point: &Position) -> Vec<SeenNode> {
-        let nodes = self.nodes.iter().enumerate().filter(|(_, node)| airspace.is_free(point, node));
-        nodes.map(|(node, at)| SeenNode { node, away_m: (at - point).norm() }).collect()
+    /// The kept point beside zones for `point`, or that which `find` finds.
+    pub fn nearest(&self, point: &Position, find: impl FnOnce() -> Position) -> Position {
+        kept(&self.nearest, MOST_KEPT / 40, point, find)
     }
 
-    /// The shortest way between two points that see these nodes, but not each other; `None` if there is none.
-    pub fn shortest(&self, seen: &[SeenNode], ends: &[SeenNode]) -> Option<NodeWay> {
+    /// The nodes that `point` sees, and a way that comes from there may bend at.
+    fn seen(&self, airspace: &Airspace, point: &Position) -> Vec<SeenNode> {
+        let nodes = self.nodes.iter().enumerate();
+        let seen =
+            nodes.filter(|(_, node)| node.may_bend(point, self.clearance_m) && airspace.is_free(point, &node.at));
+        seen.map(|(node, Node { at, .. })| SeenNode { node, away_m: (at - point).norm() }).collect()
+    }
+
+    /// What is known of the ways to `point`.
+    fn goal(&self, airspace: &Airspace, point: &Position) -> Arc<Goal> {
+        let find = || {
+            let seen = self.seen(airspace, point);
+            let mut to_go_m = vec![f64::INFINITY; self.nodes.len()].into_boxed_slice();
+            for SeenNode { node, away_m } in &seen {
+                for (least_m, length_m) in to_go_m.iter_mut().zip(&self.ways_to(airspace, *node).lengths_m) {
+                    *least_m = least_m.min(length_m + away_m);
+                }
+            }
+            Arc::new(Goal { seen, to_go_m })
+        };
+        kept(&self.goals, MOST_KEPT / self.nodes.len().max(1), point, find)
+    }
+
+    /// The shortest way between two points that do not see each other; `None` if there is none.
+    pub fn shortest(&self, airspace: &Airspace, from: &Position, to: &Position) -> Option<NodeWay> {
+        let goal = self.goal(airspace, to);
+        // The nodes that `from` sees, in the order of the lengths of the ways over them, as far as they may be the first.
+        let over = self.nodes.iter().zip(&goal.to_go_m).enumerate();
+        let mut over: Vec<(f64, usize)> = over
+            .filter(|(_, (node, to_go_m))| to_go_m.is_finite() && node.may_bend(from, self.clearance_m))
+            .map(|(index, (node, to_go_m))| ((node.at - from).norm() + to_go_m, index))
+            .collect();
+        over.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        let mut least_m = f64::INFINITY;
+        let mut firsts: Vec<usize> = Vec::new();
+        for (length_m, node) in over {
+            if length_m > least_m * (1.0 + LENGTH_SLACK) {
+                break;
+            }
+            if airspace.is_free(from, &self.nodes[node].at) {
+                least_m = least_m.min(length_m);
+                firsts.push(node);
+            }
+        }
+        firsts.sort_unstable(); // of equal ways the first one
         let mut best = NodeWay { length_m: f64::INFINITY, first: 0, last: 0 };
-        for first in seen {
-            for last in ends {
-                let length_m = first.away_m + self.length_m(first.node, last.node) + last.away_m;
+        for first in firsts {
+            let away_m = (self.nodes[first].at - from).norm();
+            for last in &goal.seen {
+                let length_m = away_m + self.ways_to(airspace, last.node).lengths_m[first] + last.away_m;
                 if length_m < best.length_m {
-                    best = NodeWay { length_m, first: first.node, last: last.node };
+                    best = NodeWay { length_m, first, last: last.node };
                 }
             }
         }
@@ -155,19 +264,46 @@ impl CornerGraph {
     /// Appends the bends of the shortest way from `from` to `to`, neither of which sees the other; false if there is
     /// none.
     pub fn connect(&self, airspace: &Airspace, from: &Position, to: &Position, way: &mut Bends) -> bool {
-        let Some(best) = self.shortest(&self.seen(airspace, from), &self.seen(airspace, to)) else { return false };
+        let Some(best) = self.shortest(airspace, from, to) else { return false };
+        let ways = self.ways_to(airspace, best.last);
         let mut node = best.first;
-        way.push(self.nodes[node]);
+        way.push(self.nodes[node].at);
         while node != best.last {
-            node = usize::from(self.next[node * self.nodes.len() + best.last]);
-            way.push(self.nodes[node]);
+            node = usize::from(ways.next[node]);
+            way.push(self.nodes[node].at);
         }
         true
     }
 }
 
-/// Points `clearance_m` [m] beside the corners that a way around the polygon bends at.
-fn beside_corners(polygon: &Polygon, clearance_m: f64) -> impl Iterator<Item = Position> {
+/// What is kept in `all`, up to `most` points, for `point`, or else what `find` finds.
+fn kept<T: Clone>(all: &RwLock<HashMap<[u64; 2], T>>, most: usize, point: &Position, find: impl FnOnce() -> T) -> T {
+    let key = [point.x.to_bits(), point.y.to_bits()];
+    if let Some(known) = all.read().unwrap_or_else(PoisonError::into_inner).get(&key) {
+        return known.clone();
+    }
+    let found = find();
+    let mut all = all.write().unwrap_or_else(PoisonError::into_inner);
+    if all.len() >= most {
+        all.clear();
+    }
+    all.insert(key, found.clone());
+    found
+}
+
+impl Node {
+    /// Whether a shortest way from or to `other` [m] may bend here: whether it passes beside the zone of this corner.
+    fn may_bend(&self, other: &Position, clearance_m: f64) -> bool {
+        let along = other - self.at;
+        let sides_m = self.edges.map(|edge| along.perp(&edge));
+        // Nodes lie beside their corners, which turns the way between near ones.
+        let slack_m = 4.0 * clearance_m + 1e-9 * along.norm();
+        sides_m.iter().all(|side_m| *side_m >= -slack_m) || sides_m.iter().all(|side_m| *side_m <= slack_m)
+    }
+}
+
+/// Places `clearance_m` [m] beside the corners that a way around the polygon bends at.
+fn beside_corners(polygon: &Polygon, clearance_m: f64) -> impl Iterator<Item = Node> {
     let corners = polygon.corners();
     let count = corners.len();
     (0..count).filter_map(move |index| {
@@ -178,6 +314,6 @@ fn beside_corners(polygon: &Polygon, clearance_m: f64) -> impl Iterator<Item = P
         let turn = on.perp(&back);
         let is_flat = turn < 1e-9 && back.dot(&on) < 0.0;
         let outward = if is_flat { Vector2::new(on.y, -on.x) } else { -(back + on).normalize() };
-        (turn > 0.0).then_some(at + outward * clearance_m)
+        (turn > 0.0).then_some(Node { at: at + outward * clearance_m, edges: [back, on] })
     })
 }

@@ -1,30 +1,46 @@
 //! Where a UAV may fly: an area without no-fly zones and buildings (decisions D14 to D16).
 //!
-//! The straight way of a slot must not enter the interior of a zone. The shortest way between two points bends at
-//! corners of zones only: it is the shortest path in the graph of the corners that see each other. In an open field
-//! every way is straight. On a grid (decision D17a) ways lead from the middle of a cell to that of a neighbour.
+//! The straight way of a slot must not enter the closed ground: the interior of what all zones, and the outside of the
+//! area, cover together. The shortest way between two points bends at corners of zones only: it is the shortest path in
+//! the graph of the corners that see each other. In an open field every way is straight. On a grid (decision D17a) ways
+//! lead from the middle of a cell to that of a neighbour.
 
+mod boxes;
+mod contacts;
 mod graph;
 mod grid;
 mod polygon;
+mod simplify;
 
 use std::sync::Arc;
 
 pub use grid::{MAX_CELLS, cells_along};
 pub use polygon::{Bends, Polygon};
+pub use simplify::simplify;
 
 use crate::geometry::{Position, distance_squared, within};
+use boxes::BoxIndex;
+use contacts::Contacts;
 use graph::CornerGraph;
 use grid::CellGrid;
 
 /// Most corners of all zones and buildings of a scenario.
-pub const MAX_CORNERS: usize = 1_000;
+pub const MAX_CORNERS: usize = 100_000;
+
+/// Corners of all zones and buildings up to which they are not simplified.
+pub const SIMPLIFIED_CORNERS: usize = 1_000;
+
+/// Most corners of all zones and buildings that ways lead around.
+pub const MAX_SIMPLIFIED_CORNERS: usize = 2_000;
 
 /// How far ways keep from the corners that they bend at, relative to the area.
 const CLEARANCE: f64 = 1e-8;
 
 /// Depth in a zone that rounding may lead to, relative to the area.
 const ROUNDING: f64 = 1e-12;
+
+/// Farther than any corner lies from the origin along an axis [m].
+const FARTHEST_M: f64 = 1e12;
 
 /// A zone up to an altitude.
 #[derive(Debug, Clone, PartialEq)]
@@ -40,13 +56,17 @@ struct Zone {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Airspace {
     zones: Vec<Zone>,
+    /// The zones by the boxes around them, but for a boundary.
+    index: BoxIndex,
+    contacts: Contacts,
     /// The lowest altitude of the UAV [m].
     lowest_m: f64,
     /// The north-east corner of the area.
     corner: Position,
     /// The longer side of the area [m].
     extent_m: f64,
-    graph: CornerGraph,
+    /// Clones share it.
+    graph: Arc<CornerGraph>,
     /// Where the boundaries of zones that overlap cross [m].
     crossings: Vec<Position>,
     /// The grid that all ways lead along; clones share it.
@@ -58,12 +78,33 @@ impl Airspace {
     /// to their tops [m]. It checks single ways; all its ways are straight.
     #[must_use]
     pub fn new(sides_m: [f64; 2], lowest_m: f64, zones: impl Iterator<Item = (Polygon, f64)>) -> Self {
+        let extent_m = sides_m[0].max(sides_m[1]);
+        let mut zones: Vec<Zone> = zones.map(|(polygon, top_m)| Zone { polygon, top_m }).collect();
+        let mut contacts = Contacts::default();
+        if !zones.is_empty() {
+            let [width_m, height_m] = sides_m;
+            let edge = Polygon::of(&[[0.0, 0.0], [width_m, 0.0], [width_m, height_m], [0.0, height_m]], true);
+            zones.extend(edge.map(|polygon| Zone { polygon, top_m: f64::INFINITY }));
+            contacts::close_gaps(&mut zones, extent_m);
+            contacts = Contacts::of(&zones, extent_m, CLEARANCE * extent_m);
+            // Ways between two points of the area stay in it, if no gap at its edge is closed.
+            let is_on_edge = |at: &Position| [0.0, width_m].contains(&at.x) || [0.0, height_m].contains(&at.y);
+            if zones.last().is_some_and(|edge| edge.polygon.corners().iter().all(is_on_edge)) {
+                zones.pop();
+            }
+        }
+        let boxes = zones.iter().map(|zone| match zone.polygon.is_border() {
+            true => [-FARTHEST_M, FARTHEST_M].map(|side_m| Position::new(side_m, side_m)),
+            false => zone.polygon.extent(),
+        });
         Self {
-            zones: zones.map(|(polygon, top_m)| Zone { polygon, top_m }).collect(),
+            index: BoxIndex::new(boxes),
+            zones,
+            contacts,
             lowest_m,
             corner: Position::from(sides_m),
-            extent_m: sides_m[0].max(sides_m[1]),
-            graph: CornerGraph::default(),
+            extent_m,
+            graph: Arc::default(),
             crossings: Vec::new(),
             grid: None,
         }
@@ -101,7 +142,7 @@ impl Airspace {
     /// The same with ways around zones, for a UAV that begins at `start` [m].
     #[must_use]
     pub fn with_ways(mut self, start: &Position) -> Self {
-        self.graph = CornerGraph::of(&self, start);
+        self.graph = Arc::new(CornerGraph::of(&self, start));
         let polygons: Vec<&Polygon> = self.polygons().collect();
         let pairs = (1..polygons.len()).flat_map(|second| (0..second).map(move |first| [first, second]));
         self.crossings = pairs.flat_map(|[first, second]| polygons[first].crossings(polygons[second])).collect();
@@ -137,11 +178,20 @@ impl Airspace {
         CLEARANCE * self.extent_m
     }
 
-    /// Whether `point` [m] lies in the area, and not in the interior of a zone.
+    /// Zones that rise above the altitude `z_m` [m], and may be met on the straight way.
+    fn zones_near(&self, from: &Position, to: &Position, z_m: f64) -> impl Iterator<Item = &Zone> {
+        let near = self.index.near(from, to, self.clearance_m()).map(|number| &self.zones[number]);
+        near.filter(move |zone| zone.top_m > z_m)
+    }
+
+    /// Whether `point` [m] lies in the area, and not in closed ground.
     #[must_use]
     pub fn contains(&self, point: &Position) -> bool {
         let is_in_area = Position::origin() <= *point && *point <= self.corner;
-        is_in_area && self.polygons().all(|polygon| !polygon.forbids(point, ROUNDING * self.extent_m))
+        let slack_m = ROUNDING * self.extent_m;
+        is_in_area
+            && self.zones_near(point, point, self.lowest_m).all(|zone| !zone.polygon.forbids(point, slack_m))
+            && !self.contacts.forbid(point, self.lowest_m)
     }
 
     /// Whether the straight way enters no zone, and on a grid leads along a line of it, within a move. A way that
@@ -157,18 +207,25 @@ impl Airspace {
 
     /// Whether the straight way enters no zone, wherever it leads.
     fn is_clear(&self, from: &Position, to: &Position) -> bool {
-        self.zones.is_empty() || self.entry(from, to, [self.lowest_m; 2], ROUNDING * self.extent_m).is_none()
+        if self.zones.is_empty() {
+            return true;
+        }
+        let slack_m = ROUNDING * self.extent_m;
+        let mut zones = self.zones_near(from, to, self.lowest_m);
+        zones.all(|zone| zone.polygon.entry(from, to, slack_m, true).is_none())
+            && self.contacts.entry(from, to, self.lowest_m, slack_m).is_none()
     }
 
-    /// The fraction of the straight way from `from` to `to` [m] at which it enters a zone, by more than `slack_m` [m],
+    /// The fraction of the straight way from `from` to `to` [m] at which it enters closed ground, by more than `slack_m` [m],
     /// between the altitudes `z_m` [m] at its ends; `None` if it enters none.
     #[must_use]
     pub fn entry(&self, from: &Position, to: &Position, z_m: [f64; 2], slack_m: f64) -> Option<f64> {
         let [from_m, to_m] = z_m;
-        let zones = self.zones.iter().filter(|zone| zone.top_m > from_m.min(to_m));
+        let z_m = from_m.min(to_m);
         // From above a building the way leads into it, not out of it.
-        let entries = zones.filter_map(|zone| zone.polygon.entry(from, to, slack_m, zone.top_m > from_m));
-        entries.min_by(f64::total_cmp)
+        let of_zone = |zone: &Zone| zone.polygon.entry(from, to, slack_m, zone.top_m > from_m);
+        let entries = self.zones_near(from, to, z_m).filter_map(of_zone);
+        entries.chain(self.contacts.entry(from, to, z_m, slack_m)).min_by(f64::total_cmp)
     }
 
     /// The farthest point of the straight way from `from` to `to` [m] before it enters a zone, between the
@@ -194,18 +251,24 @@ impl Airspace {
         if let Some(grid) = &self.grid {
             return grid.nearest(point).unwrap_or(*point);
         }
+        self.graph.nearest(point, || self.find_nearest(point))
+    }
+
+    /// The point beside zones that is nearest to `point` [m], which is not reachable.
+    fn find_nearest(&self, point: &Position) -> Position {
         let projections = self.polygons().flat_map(|polygon| polygon.projections(point));
-        let mut beside: Vec<Position> = projections.chain(self.crossings.iter().copied()).collect();
-        beside.sort_by(|a, b| distance_squared(a, point).total_cmp(&distance_squared(b, point)));
-        let outward = |projected: &Position| {
+        let rims = projections.chain(self.crossings.iter().copied()).map(|rim| (rim, true));
+        let mut beside: Vec<(Position, bool)> = rims.chain(self.contacts.beside().map(|rim| (rim, false))).collect();
+        beside.sort_by(|a, b| distance_squared(&a.0, point).total_cmp(&distance_squared(&b.0, point)));
+        let outward = |&(projected, is_rim): &(Position, bool)| {
             let away = projected - point;
+            let clearance_m = if is_rim { self.clearance_m() } else { 0.0 };
             // To either side of the edge; one of them is free.
-            [1.0, -1.0]
-                .map(|side| projected + away.try_normalize(0.0).unwrap_or_default() * (side * self.clearance_m()))
+            [1.0, -1.0].map(|side| projected + away.try_normalize(0.0).unwrap_or_default() * (side * clearance_m))
         };
         let free = beside.iter().flat_map(outward).find(|point| self.is_reachable(point));
         free.unwrap_or_else(|| {
-            let nodes = self.graph.reachable();
+            let nodes = self.graph.reachable(self);
             let nearest = nodes.min_by(|a, b| distance_squared(a, point).total_cmp(&distance_squared(b, point)));
             nearest.copied().unwrap_or(self.graph.start())
         })
@@ -299,14 +362,10 @@ impl Airspace {
     pub fn distances_m(&self, points: &[Position]) -> Vec<f64> {
         let count = points.len();
         let points: Vec<Position> = points.iter().map(|point| self.nearest(point)).collect();
-        let seen: Vec<_> = match &self.grid {
-            None if !self.is_open() => points.iter().map(|point| self.graph.seen(self, point)).collect(),
-            _ => Vec::new(),
-        };
         let between_m = |from: usize, to: usize| match &self.grid {
             Some(grid) => grid.distance_m(&points[from], &points[to]),
             None if self.is_clear(&points[from], &points[to]) => (points[to] - points[from]).norm(),
-            None => self.graph.shortest(&seen[from], &seen[to]).map_or(f64::INFINITY, |way| way.length_m),
+            None => self.graph.shortest(self, &points[from], &points[to]).map_or(f64::INFINITY, |way| way.length_m),
         };
         let mut lengths_m = vec![0.0; count * count];
         for from in 0..count {

@@ -77,31 +77,54 @@ impl Polygon {
         self.is_border
     }
 
+    /// The polygon with other corners [m], in the same direction; `None` if it would cross itself.
+    pub(super) fn with_corners(&self, corners: Vec<Position>) -> Option<Self> {
+        let [lowest, highest] =
+            corners.iter().fold([corners[0]; 2], |[low, high], corner| [low.inf(corner), high.sup(corner)]);
+        let ring = Self { corners, lowest, highest, is_border: self.is_border };
+        (!ring.crosses_itself()).then_some(ring)
+    }
+
     /// Whether two edges have more in common than the corner between neighbours.
     fn crosses_itself(&self) -> bool {
         let count = self.corners.len();
         let edge = |index: usize| [self.corners[index], self.corners[(index + 1) % count]];
-        (0..count).any(|first| {
-            (first + 1..count).any(|second| {
-                let [a, b] = edge(first);
-                let [c, d] = edge(second);
-                let are_neighbours = second == first + 1 || (first == 0 && second == count - 1);
-                if are_neighbours {
-                    // Back along the same line.
-                    let [before, at, after] = if second == first + 1 { [a, b, d] } else { [c, d, b] };
-                    let [back, on] = [before - at, after - at];
-                    return back.perp(&on) == 0.0 && back.dot(&on) > 0.0;
-                }
-                let side = |p: &Position, q: &Position, r: &Position| (q - p).perp(&(r - p));
-                let (of_c, of_d) = (side(&a, &b, &c), side(&a, &b, &d));
-                let (of_a, of_b) = (side(&c, &d, &a), side(&c, &d, &b));
-                if [of_a, of_b, of_c, of_d] == [0.0; 4] {
-                    let overlap = a.inf(&b).sup(&c.inf(&d)) <= a.sup(&b).inf(&c.sup(&d));
-                    return overlap;
-                }
-                of_c * of_d <= 0.0 && of_a * of_b <= 0.0
-            })
+        // Those apart in x are not compared: after each edge only those that begin before it ends.
+        let mut order: Vec<usize> = (0..count).collect();
+        let west_m = |index: &usize| edge(*index).map(|end| end.x).into_iter().fold(f64::INFINITY, f64::min);
+        order.sort_by(|a, b| west_m(a).total_cmp(&west_m(b)));
+        (0..count).any(|at| {
+            let first = order[at];
+            let east_m = edge(first).map(|end| end.x).into_iter().fold(f64::NEG_INFINITY, f64::max);
+            let others = order[at + 1..].iter().take_while(|other| west_m(other) <= east_m);
+            others.into_iter().any(|&other| self.do_edges_meet(first.min(other), first.max(other)))
         })
+    }
+
+    /// Whether two edges, `first` before `second`, have more in common than the corner between neighbours.
+    fn do_edges_meet(&self, first: usize, second: usize) -> bool {
+        let count = self.corners.len();
+        let edge = |index: usize| [self.corners[index], self.corners[(index + 1) % count]];
+        let [a, b] = edge(first);
+        let [c, d] = edge(second);
+        let are_apart = a.y.max(b.y) < c.y.min(d.y) || c.y.max(d.y) < a.y.min(b.y);
+        let are_neighbours = second == first + 1 || (first == 0 && second == count - 1);
+        if are_neighbours {
+            // Back along the same line.
+            let [before, at, after] = if second == first + 1 { [a, b, d] } else { [c, d, b] };
+            let [back, on] = [before - at, after - at];
+            return back.perp(&on) == 0.0 && back.dot(&on) > 0.0;
+        }
+        if are_apart {
+            return false;
+        }
+        let side = |p: &Position, q: &Position, r: &Position| (q - p).perp(&(r - p));
+        let (of_c, of_d) = (side(&a, &b, &c), side(&a, &b, &d));
+        let (of_a, of_b) = (side(&c, &d, &a), side(&c, &d, &b));
+        if [of_a, of_b, of_c, of_d] == [0.0; 4] {
+            return a.inf(&b).sup(&c.inf(&d)) <= a.sup(&b).inf(&c.sup(&d));
+        }
+        of_c * of_d <= 0.0 && of_a * of_b <= 0.0
     }
 
     /// Whether `point` [m] lies within the polygon, by the crossings of a ray; on an edge it is either.

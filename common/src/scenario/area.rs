@@ -28,6 +28,9 @@ crate::keys! {
         /// Corners of a polygon that the UAV must not leave, `[[x, y], ...]` [m]; without it the whole area. Drawn SNs
         /// lie in it.
         boundary_m: Option<Vec<[f64; 2]>>, CORNERS;
+        /// Farthest that zones and buildings may grow, and the boundary may shrink [m], where all of them have more than
+        /// 1 000 corners and are simplified; default 5, and 0 is not at all (decision D14).
+        simplify_m: Option<f64>, Accepts::Number("a distance, at least 0", |simplify_m| simplify_m >= 0.0);
         /// `[[area.no_fly]]`: polygons that the UAV must not enter, at any altitude, or files of them (decision D14).
         /// SNs may stand in them.
         no_fly: Option<Vec<NoFlyKeys>>, Accepts::TablesOf(NoFlyKeys::KEYS);
@@ -83,6 +86,7 @@ impl Area {
             origin_lat_deg: None,
             origin_lon_deg: None,
             boundary_m: None,
+            simplify_m: None,
             no_fly: None,
             building: None,
         }

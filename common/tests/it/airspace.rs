@@ -195,3 +195,86 @@ fn the_distance_table_has_the_lengths_of_the_shortest_paths() {
     }
     assert!(around.iter().all(|&ways| ways > 300), "{around:?}");
 }
+
+/// Rectangles on a lattice, so that most share edges or corners, overlap, or lie on the edge of the area.
+fn parcels(random: &mut impl Rng) -> Vec<Corners> {
+    let count = random.random_range(2..14);
+    let mut parcel = || {
+        let [west, south] = [0, 0].map(|_| f64::from(random.random_range(0..9_u32)) * 100.0);
+        let [width, height] = [0, 0].map(|_| f64::from(random.random_range(1..4_u32)) * 100.0);
+        let [east, north] = [(west + width).min(SIDE_M), (south + height).min(SIDE_M)];
+        vec![[west, south], [east, south], [east, north], [west, north]]
+    };
+    (0..count).map(|_| parcel()).collect()
+}
+
+/// Whether there is closed ground around `point`: in all directions, a little away, it lies in a zone or outside.
+fn is_walled_in(zones: &[Corners], point: &Position) -> bool {
+    let is_closed = |at: Position| {
+        let [x, y] = [at.x, at.y];
+        let is_outside = !(0.0..=SIDE_M).contains(&x) || !(0.0..=SIDE_M).contains(&y);
+        is_outside || zones.iter().any(|c| c[0][0] <= x && x <= c[2][0] && c[0][1] <= y && y <= c[2][1])
+    };
+    (0..16).all(|step| {
+        let (sin, cos) = (f64::from(step) * std::f64::consts::PI / 8.0 + 0.1).sin_cos();
+        is_closed(point + 0.05 * nalgebra::Vector2::new(cos, sin))
+    })
+}
+
+#[test]
+fn no_path_leads_between_zones_that_touch() {
+    let mut random = ChaCha8Rng::seed_from_u64(14);
+    let (mut arrangements, mut bends) = (0, 0);
+    while arrangements < 1_000 {
+        let zones = parcels(&mut random);
+        let mut place = || Position::new(random.random::<f64>() * SIDE_M, random.random::<f64>() * SIDE_M);
+        let (start, ends) = (place(), [place(), place(), place()]);
+        let Some(scenario) = scenario(&zones, start) else { continue };
+        arrangements += 1;
+        let airspace = scenario.airspace();
+        for end in ends {
+            let to = airspace.nearest(&end);
+            let mut from = start;
+            for bend in airspace.way(&start, &to) {
+                bends += 1;
+                for part in 0..=100 {
+                    let at = from + (bend - from) * (f64::from(part) / 100.0);
+                    assert!(!is_walled_in(&zones, &at), "{at} from {start} to {to} among {zones:?}");
+                }
+                from = bend;
+            }
+        }
+    }
+    assert!(bends > 3_000, "{bends}");
+}
+
+/// An outline of many corners about a point, with inlets.
+fn lake(count: u32) -> Corners {
+    let corner = |index: u32| {
+        let angle = f64::from(index) / f64::from(count) * std::f64::consts::TAU;
+        let away_m = 150.0 + 30.0 * (5.0 * angle).sin() + 10.0 * (23.0 * angle).sin() + (397.0 * angle).sin();
+        [400.0 + away_m * angle.cos(), 500.0 + away_m * angle.sin()]
+    };
+    (0..count).map(corner).collect()
+}
+
+#[test]
+fn a_zone_of_many_corners_grows_by_its_tolerance_and_never_shrinks() {
+    for (corners, tolerance_m) in [(900, 5.0), (3_000, 5.0), (3_000, 0.5)] {
+        let lake = lake(corners);
+        let text = format!(
+            "name = 'lake'\n[uav]\nstart_m = [900.0, 900.0]\nmax_speed_mps = 30.0\n[area]\nside_m = {SIDE_M:?}\n\
+             simplify_m = {tolerance_m:?}\nno_fly = [{{ polygon_m = {lake:?} }}]\n"
+        );
+        let scenario = Scenario::parse(&text, Path::new("lake.toml"), Overrides::default()).unwrap();
+        let simplified = scenario.simplified_zones();
+        assert_eq!(simplified.grown_m == 0.0, corners < 1_000, "as it is up to 1 000 corners");
+        assert!(simplified.grown_m <= tolerance_m, "{} m", simplified.grown_m);
+        assert!(simplified.corners <= 1_000, "{} corners", simplified.corners);
+        let grown = &simplified.zones[0].0;
+        assert!(lake.iter().all(|[x, y]| {
+            let at = Position::new(*x, *y);
+            grown.encloses(&at) || grown.projections(&at).any(|rim| (rim - at).norm() < 1e-6)
+        }));
+    }
+}

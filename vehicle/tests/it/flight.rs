@@ -52,6 +52,7 @@ pub struct ClosedLoop {
     pub is_odd: bool,
     /// How far north of where it is it says that it is [m].
     pub jump_m: f64,
+    pub says_no_position: bool,
     pub refusal: Option<VehicleRefusal>,
     /// A command that it refuses.
     pub refused: Option<u16>,
@@ -105,6 +106,7 @@ impl ClosedLoop {
             says_battery: None,
             is_odd: false,
             jump_m: 0.0,
+            says_no_position: false,
             refusal: None,
             refused: None,
             start_m: reports[0].position().xy(),
@@ -232,7 +234,7 @@ impl ClosedLoop {
         if self.steps.is_multiple_of(12) && self.is_bridge_alive && !self.is_lost() {
             self.copter.hear_bridge(); // about four times in a second
         }
-        if self.steps.is_multiple_of(5) {
+        if self.steps.is_multiple_of(5) && !self.says_no_position {
             let fix = self.fix();
             self.hear(&fix);
         }

@@ -345,3 +345,78 @@ fn fly_on(flight: &mut ClosedLoop, slot: &mut u64, end_s: f64) {
         flight.step();
     }
 }
+
+#[test]
+fn a_vehicle_that_somebody_else_arms_before_a_resumed_run_has_checked_it_is_left_alone() {
+    for beginning in [Beginning::New, Beginning::Resumed, Beginning::Restarted { in_mission: false }] {
+        let reports = ClosedLoop::new(&KinematicOptions::default(), 0.0).reports;
+        let mut flight = ClosedLoop::after(&scenario(""), &KinematicOptions::default(), 0.0, reports, beginning);
+        flight.dead_man = None; // the bridge waits for it
+        flight.advance(5.0);
+        flight.copter.take_off_by_hand(15.0);
+        flight.copter.mode = CopterMode::Guided;
+        flight.dead_man = Some(1.0);
+        assert_left_alone(&mut flight, "armed before the checks were over");
+    }
+}
+
+#[test]
+fn a_takeover_outlives_the_bridge() {
+    let mut before = hovering(AutopilotKind::ArduPilot);
+    before.fly_slot(1, Some(plan(50.0, 62.0)));
+    before.copter.change_to(CopterMode::Loiter);
+    before.advance(2.5);
+    assert_eq!(before.fly_slot(2, Some(plan(50.0, 66.0))).flown_mode(), Mode::Return);
+    let reports = before.reports.clone();
+    let mut flight = ClosedLoop::after(&scenario(""), &KinematicOptions::default(), 0.0, reports, RESTARTED);
+    (flight.copter, flight.start_m) = (before.copter, before.start_m);
+    flight.copter.mode = CopterMode::Guided; // handed to another ground station
+    assert_left_alone(&mut flight, "restarted");
+}
+
+#[test]
+fn one_odd_heartbeat_while_the_vehicle_is_armed_or_climbs_ends_nothing() {
+    let mut flight = ClosedLoop::new(&KinematicOptions { refuse_arming: 4, ..KinematicOptions::default() }, 0.0);
+    let arms = |flight: &ClosedLoop| flight.orders.iter().filter(|(_, order)| *order == Order::Arm).count();
+    flight.until(60.0, |flight| arms(flight) >= 2);
+    flight.advance(0.05);
+    let (autopilot, mode) = (flight.autopilot, CopterMode::Guided as u32);
+    flight.hear(&Telemetry::Heartbeat { autopilot, mode, is_armed: true, is_booting: false });
+    flight.until(60.0, |flight| flight.copter.body.position_m.z > 5.0);
+    flight.is_odd = true; // says that it is disarmed
+    flight.until(2.0, |flight| !flight.is_odd);
+    let now_s = flight.now_s;
+    flight.bridge.return_home("the run is stopped", now_s);
+    flight.until(120.0, |flight| flight.bridge.has_landed());
+    assert!(!flight.copter.is_armed, "{:?}", flight.said);
+    assert_eq!((count(&flight, "returns: the run is stopped"), count(&flight, "is taken over")), (1, 0));
+}
+
+#[test]
+fn a_run_that_ends_while_a_restarted_bridge_checks_sends_the_vehicle_home() {
+    let mut before = hovering(AutopilotKind::ArduPilot);
+    before.fly_slot(1, Some(plan(50.0, 62.0)));
+    let reports = before.reports.clone();
+    let mut flight = ClosedLoop::after(&scenario(""), &KinematicOptions::default(), 0.0, reports, RESTARTED);
+    (flight.copter, flight.start_m) = (before.copter, before.start_m);
+    flight.dead_man = None; // the bridge waits for it
+    flight.advance(3.0);
+    let now_s = flight.now_s;
+    flight.bridge.return_home("the run is stopped", now_s);
+    flight.until(120.0, |flight| flight.bridge.has_landed());
+    assert!(!flight.copter.is_armed, "{:?}", flight.said);
+}
+
+#[test]
+fn a_vehicle_that_does_not_know_where_it_is_gets_no_waypoints() {
+    let mut flight = hovering(AutopilotKind::ArduPilot);
+    flight.fly_slot(1, Some(plan(50.0, 62.0)));
+    flight.says_no_position = true;
+    flight.advance(2.5);
+    let orders = flight.orders.len();
+    let report = flight.fly_slot(2, Some(plan(50.0, 66.0)));
+    assert_eq!((report.flown_mode(), flight.orders.len()), (Mode::Hold, orders), "{:?}", flight.orders.last());
+    assert_eq!(count(&flight, "does not say where it is any more"), 1, "{:?}", flight.said);
+    flight.says_no_position = false;
+    assert_eq!(flight.fly_slot(3, Some(plan(50.0, 66.0))).flown_mode(), Mode::Serve);
+}
