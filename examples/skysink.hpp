@@ -74,6 +74,8 @@ enum class HoldReason : uint32_t {
     Zone,
     /// The slot would have ended too near to a UAV of lower number (decision D23).
     Separation,
+    /// There was a plan, but the vehicle was not heard, or not believed to be where it said.
+    Unknown,
 };
 
 /// User header of every sample; those of `sensors`, `belief` and `queues` begin with it.

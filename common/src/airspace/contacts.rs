@@ -10,8 +10,7 @@ use std::f64::consts::TAU;
 use nalgebra::Vector2;
 
 use super::boxes::BoxIndex;
-use super::polygon::Polygon;
-use super::{ROUNDING, Zone};
+use super::polygon::{Polygon, ROUNDING, Zone};
 use crate::geometry::{Position, distance_squared};
 
 /// Gaps between zones, and beside the edge of the area, up to this width are closed [m]: corners in files are rounded.
@@ -34,7 +33,7 @@ struct Contact {
 
 /// The contacts of zones.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Contacts {
+pub(super) struct ZoneContacts {
     contacts: Vec<Contact>,
     index: BoxIndex,
     /// How near to a corner it is met [m].
@@ -43,7 +42,7 @@ pub(super) struct Contacts {
     beside: Vec<Position>,
 }
 
-impl PartialEq for Contacts {
+impl PartialEq for ZoneContacts {
     fn eq(&self, other: &Self) -> bool {
         self.contacts == other.contacts && self.beside == other.beside
     }
@@ -122,7 +121,7 @@ fn joined(polygon: &Polygon, corners: &[Position], other: &Polygon, gap_m: f64, 
     polygon.with_corners(ring)
 }
 
-impl Contacts {
+impl ZoneContacts {
     /// The contacts of `zones`, whose gaps are closed, in an area of this extent, with points `clearance_m` beside them
     /// [m].
     pub fn of(zones: &[Zone], extent_m: f64, clearance_m: f64) -> Self {

@@ -20,9 +20,10 @@ pub use simplify::simplify;
 
 use crate::geometry::{Position, distance_squared, within};
 use boxes::BoxIndex;
-use contacts::Contacts;
+use contacts::ZoneContacts;
 use graph::CornerGraph;
 use grid::CellGrid;
+use polygon::{ROUNDING, Zone, nearest_between};
 
 /// Most corners of all zones and buildings of a scenario.
 pub const MAX_CORNERS: usize = 100_000;
@@ -36,19 +37,8 @@ pub const MAX_SIMPLIFIED_CORNERS: usize = 2_000;
 /// How far ways keep from the corners that they bend at, relative to the area.
 const CLEARANCE: f64 = 1e-8;
 
-/// Depth in a zone that rounding may lead to, relative to the area.
-const ROUNDING: f64 = 1e-12;
-
 /// Farther than any corner lies from the origin along an axis [m].
 const FARTHEST_M: f64 = 1e12;
-
-/// A zone up to an altitude.
-#[derive(Debug, Clone, PartialEq)]
-struct Zone {
-    polygon: Polygon,
-    /// Its top [m]; infinite for a no-fly zone.
-    top_m: f64,
-}
 
 /// Where a UAV may fly.
 ///
@@ -58,7 +48,7 @@ pub struct Airspace {
     zones: Vec<Zone>,
     /// The zones by the boxes around them, but for a boundary.
     index: BoxIndex,
-    contacts: Contacts,
+    contacts: ZoneContacts,
     /// The lowest altitude of the UAV [m].
     lowest_m: f64,
     /// The north-east corner of the area.
@@ -86,7 +76,7 @@ impl Airspace {
             let edge = Polygon::of(&[[0.0, 0.0], [width_m, 0.0], [width_m, height_m], [0.0, height_m]], true);
             zones.extend(edge.map(|polygon| Zone { polygon, top_m: f64::INFINITY }));
             contacts::close_gaps(&mut zones, extent_m);
-            contacts = Contacts::of(&zones, extent_m, CLEARANCE * extent_m);
+            contacts = ZoneContacts::of(&zones, extent_m, CLEARANCE * extent_m);
             // Ways between two points of the area stay in it, if no gap at its edge is closed.
             let is_on_edge = |at: &Position| [0.0, width_m].contains(&at.x) || [0.0, height_m].contains(&at.y);
             if zones.last().is_some_and(|edge| edge.polygon.corners().iter().all(is_on_edge)) {
@@ -458,16 +448,6 @@ impl Airspace {
 pub fn length_m(from: &Position, bends: &[Position]) -> f64 {
     let begins = std::iter::once(from).chain(bends);
     begins.zip(bends).map(|(a, b)| (b - a).norm()).sum()
-}
-
-/// The point between `from` and `to` that is nearest to `point`.
-fn nearest_between(point: &Position, from: &Position, to: &Position) -> Position {
-    let along = to - from;
-    if along == nalgebra::Vector2::zeros() {
-        return *from;
-    }
-    let fraction = (point - from).dot(&along) / along.norm_squared();
-    if fraction < 1.0 { from + along * fraction.max(0.0) } else { *to }
 }
 
 #[cfg(test)]

@@ -20,6 +20,18 @@ pub struct Polygon {
     is_border: bool,
 }
 
+/// Depth in a zone that rounding may lead to, relative to the area.
+pub(super) const ROUNDING: f64 = 1e-12;
+
+/// A zone up to an altitude.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Zone {
+    /// Its outline.
+    pub polygon: Polygon,
+    /// Its top [m]; infinite for a no-fly zone.
+    pub top_m: f64,
+}
+
 impl Polygon {
     /// The polygon with these corners, in either direction.
     ///
@@ -236,6 +248,16 @@ impl Polygon {
 fn edges(corners: &[Position]) -> impl Iterator<Item = [Position; 2]> {
     let next = corners.iter().cycle().skip(1);
     corners.iter().zip(next).map(|(a, b)| [*a, *b])
+}
+
+/// The point between `from` and `to` that is nearest to `point`.
+pub(super) fn nearest_between(point: &Position, from: &Position, to: &Position) -> Position {
+    let along = to - from;
+    if along == nalgebra::Vector2::zeros() {
+        return *from;
+    }
+    let fraction = (point - from).dot(&along) / along.norm_squared();
+    if fraction < 1.0 { from + along * fraction.max(0.0) } else { *to }
 }
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ use std::collections::BinaryHeap;
 use rstar::primitives::{GeomWithData, Rectangle};
 use rstar::{AABB, RTree};
 
-use super::polygon::Polygon;
+use super::polygon::{Polygon, nearest_between};
 use crate::geometry::Position;
 
 /// A corner of a ring, and the edge from it to the next one.
@@ -234,7 +234,7 @@ fn edge_box(corners: &[Corner], edge: [usize; 2]) -> GeomWithData<Rectangle<[f64
 
 /// Distance of `point` from the segment between `a` and `b` [m].
 fn away_m(point: &Position, a: &Position, b: &Position) -> f64 {
-    (super::nearest_between(point, a, b) - point).norm()
+    (nearest_between(point, a, b) - point).norm()
 }
 
 /// Whether a closed triangle holds `point`.
