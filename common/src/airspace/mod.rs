@@ -70,7 +70,7 @@ impl Airspace {
     pub fn new(sides_m: [f64; 2], lowest_m: f64, zones: impl Iterator<Item = (Polygon, f64)>) -> Self {
         let extent_m = sides_m[0].max(sides_m[1]);
         let mut zones: Vec<Zone> = zones.map(|(polygon, top_m)| Zone { polygon, top_m }).collect();
-        let mut contacts = Contacts::default();
+        let mut contacts = ZoneContacts::default();
         if !zones.is_empty() {
             let [width_m, height_m] = sides_m;
             let edge = Polygon::of(&[[0.0, 0.0], [width_m, 0.0], [width_m, height_m], [0.0, height_m]], true);
