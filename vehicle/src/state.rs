@@ -132,7 +132,7 @@ impl VehicleState {
     }
 
     /// The requests for all messages, if positions come more rarely than they should, or not at all, and up to
-    /// [`MOST_REQUESTS`] times if others do. ArduPilot does not send its accuracy.
+    /// a few times if others do. ArduPilot does not send its accuracy.
     pub fn requests(&mut self, now_s: f64) -> impl Iterator<Item = Order> + use<> {
         let autopilot = self.autopilot;
         let is_due = autopilot.is_some() && now_s >= self.streams_due_s;
