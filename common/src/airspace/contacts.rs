@@ -10,7 +10,7 @@ use std::f64::consts::TAU;
 use nalgebra::Vector2;
 
 use super::boxes::BoxIndex;
-use super::polygon::{Polygon, ROUNDING, Zone};
+use super::polygon::{ClosedZone, Polygon, ROUNDING};
 use crate::geometry::{Position, distance_squared};
 
 /// Gaps between zones, and beside the edge of the area, up to this width are closed [m]: corners in files are rounded.
@@ -63,7 +63,7 @@ fn key(point: &Position) -> [u64; 2] {
 
 /// Closes gaps between zones that are too narrow to fly through, and between zones and the edge of the area `edge`: a
 /// corner beside the edge of another zone becomes a corner of that, too, so that they share corners and edges.
-pub(super) fn close_gaps(zones: &mut [Zone], extent_m: f64) {
+pub(super) fn close_gaps(zones: &mut [ClosedZone], extent_m: f64) {
     let gap_m = WIDEST_GAP_M.min(WIDEST_GAP * extent_m);
     for grown in 0..zones.len() {
         for other in (0..zones.len()).filter(|&other| other != grown) {
@@ -124,10 +124,10 @@ fn joined(polygon: &Polygon, corners: &[Position], other: &Polygon, gap_m: f64, 
 impl ZoneContacts {
     /// The contacts of `zones`, whose gaps are closed, in an area of this extent, with points `clearance_m` beside them
     /// [m].
-    pub fn of(zones: &[Zone], extent_m: f64, clearance_m: f64) -> Self {
+    pub fn of(zones: &[ClosedZone], extent_m: f64, clearance_m: f64) -> Self {
         let mut tops_m: BTreeMap<[[u64; 2]; 2], f64> = BTreeMap::new();
         let mut sectors: BTreeMap<[u64; 2], (Position, Vec<Sector>)> = BTreeMap::new();
-        for Zone { polygon, top_m } in zones {
+        for ClosedZone { polygon, top_m } in zones {
             let corners = polygon.corners();
             for (index, at) in corners.iter().enumerate() {
                 let next = corners[(index + 1) % corners.len()];

@@ -23,7 +23,7 @@ use boxes::BoxIndex;
 use contacts::ZoneContacts;
 use graph::CornerGraph;
 use grid::CellGrid;
-use polygon::{ROUNDING, Zone, nearest_between};
+use polygon::{ClosedZone, ROUNDING, nearest_between};
 
 /// Most corners of all zones and buildings of a scenario.
 pub const MAX_CORNERS: usize = 100_000;
@@ -45,7 +45,7 @@ const FARTHEST_M: f64 = 1e12;
 /// The default is open.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Airspace {
-    zones: Vec<Zone>,
+    zones: Vec<ClosedZone>,
     /// The zones by the boxes around them, but for a boundary.
     index: BoxIndex,
     contacts: ZoneContacts,
@@ -69,12 +69,12 @@ impl Airspace {
     #[must_use]
     pub fn new(sides_m: [f64; 2], lowest_m: f64, zones: impl Iterator<Item = (Polygon, f64)>) -> Self {
         let extent_m = sides_m[0].max(sides_m[1]);
-        let mut zones: Vec<Zone> = zones.map(|(polygon, top_m)| Zone { polygon, top_m }).collect();
+        let mut zones: Vec<ClosedZone> = zones.map(|(polygon, top_m)| ClosedZone { polygon, top_m }).collect();
         let mut contacts = ZoneContacts::default();
         if !zones.is_empty() {
             let [width_m, height_m] = sides_m;
             let edge = Polygon::of(&[[0.0, 0.0], [width_m, 0.0], [width_m, height_m], [0.0, height_m]], true);
-            zones.extend(edge.map(|polygon| Zone { polygon, top_m: f64::INFINITY }));
+            zones.extend(edge.map(|polygon| ClosedZone { polygon, top_m: f64::INFINITY }));
             contacts::close_gaps(&mut zones, extent_m);
             contacts = ZoneContacts::of(&zones, extent_m, CLEARANCE * extent_m);
             // Ways between two points of the area stay in it, if no gap at its edge is closed.
@@ -169,7 +169,7 @@ impl Airspace {
     }
 
     /// Zones that rise above the altitude `z_m` [m], and may be met on the straight way.
-    fn zones_near(&self, from: &Position, to: &Position, z_m: f64) -> impl Iterator<Item = &Zone> {
+    fn zones_near(&self, from: &Position, to: &Position, z_m: f64) -> impl Iterator<Item = &ClosedZone> {
         let near = self.index.near(from, to, self.clearance_m()).map(|number| &self.zones[number]);
         near.filter(move |zone| zone.top_m > z_m)
     }
@@ -213,7 +213,7 @@ impl Airspace {
         let [from_m, to_m] = z_m;
         let z_m = from_m.min(to_m);
         // From above a building the way leads into it, not out of it.
-        let of_zone = |zone: &Zone| zone.polygon.entry(from, to, slack_m, zone.top_m > from_m);
+        let of_zone = |zone: &ClosedZone| zone.polygon.entry(from, to, slack_m, zone.top_m > from_m);
         let entries = self.zones_near(from, to, z_m).filter_map(of_zone);
         entries.chain(self.contacts.entry(from, to, z_m, slack_m)).min_by(f64::total_cmp)
     }

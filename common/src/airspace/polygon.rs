@@ -25,7 +25,7 @@ pub(super) const ROUNDING: f64 = 1e-12;
 
 /// A zone up to an altitude.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Zone {
+pub(super) struct ClosedZone {
     /// Its outline.
     pub polygon: Polygon,
     /// Its top [m]; infinite for a no-fly zone.
