@@ -88,7 +88,8 @@ def test_every_environment_refuses_the_same_seeds(smoke: skysink.Scenario, seed:
         assert str(refused.value) == f"seed {seed!r}: expected 0 to 9223372036854775807"
     with pytest.raises(skysink.InputError, match="expected 0 to"):
         vector.reset(seed=[5, seed])
-    assert vector.reset(seed=np.int64(7))[1]["seed"].tolist() == [7, 8]
+    whole: Any = np.int64(7)
+    assert vector.reset(seed=whole)[1]["seed"].tolist() == [7, 8]
 
 
 def test_environments_that_are_not_reset_together_have_seeds_of_their_own(smoke: skysink.Scenario) -> None:
