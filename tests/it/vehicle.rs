@@ -204,7 +204,7 @@ fn a_run_of_a_vehicle_command_prints_its_resume_command() {
 fn a_slow_vehicle_is_waited_for() {
     let place = Place::new();
     let flight = place.flight("smoke").without_viewer().vehicle(&place.external_vehicle(5));
-    flight.timeout("6").run();
+    flight.timeout("60").run();
     assert_eq!(place.summary("run")["restarts"], 0);
     let ended = flight.out("short").timeout("1").try_run().assert_code(1);
     assert!(ended.stderr.contains("flight-sim has not sent flight(0) for 1 s"), "{ended:?}");

@@ -12,6 +12,7 @@ use crate::queues::Fill;
 use crate::rhythm::Rhythm;
 use crate::shapes::curve_style;
 use crate::slot::SlotView;
+use crate::uav::name_of;
 
 /// Lost ÷ sampled bits since the start.
 pub const LOSS: &str = "metrics/loss_rate";
@@ -25,7 +26,8 @@ pub const FILL_MAX: &str = "metrics/queue_fill/max";
 pub const DELIVERED: &str = "metrics/delivered";
 /// Bits sampled in a slot, in kbit; only of arrivals at random.
 pub const SAMPLED: &str = "metrics/sampled";
-/// Energy in the battery, in per cent of its capacity; only with a battery.
+/// Energy in the battery of the first UAV, in per cent of its capacity, and below it, by number, in those of the others;
+/// only with a battery.
 pub const BATTERY: &str = "metrics/battery";
 /// Wall time of planning a slot, in ms.
 pub const PLAN_LATENCY: &str = "metrics/plan_latency";
@@ -54,6 +56,13 @@ pub(crate) fn loss_rate(totals: &Totals) -> f64 {
     if totals.sampled_bits == 0 { 0.0 } else { totals.lost_bits as f64 / totals.sampled_bits as f64 }
 }
 
+/// The entities of the batteries of a mission, UAV by UAV, and their colours; none without batteries.
+pub(crate) fn batteries(scenario: &Scenario) -> Vec<(String, Rgb)> {
+    let uavs = scenario.uav.battery.map_or(0, |_| scenario.uav.uavs());
+    let paint = |uav| if uavs == 1 { colour::CHARGE } else { colour::of_uav(uav) };
+    (0..uavs).map(|uav| (name_of(BATTERY, uav), paint(uav))).collect()
+}
+
 /// Curves that rarely change.
 const RARE: [&str; 2] = [LOSS_MARK, MISSED];
 
@@ -74,8 +83,9 @@ impl Curves {
     /// Logs names and colours of the curves of a mission.
     pub(crate) fn open(canvas: &Canvas, scenario: &Scenario, has_random_arrivals: bool) -> RecordingStreamResult<Self> {
         let capacity_j = scenario.uav.battery.map(|battery| battery.capacity_j);
-        if capacity_j.is_some() {
-            canvas.log_static(BATTERY, &curve_style("battery [%]", colour::CHARGE))?;
+        for (uav, (entity, paint)) in batteries(scenario).into_iter().enumerate() {
+            let name = if scenario.uav.uavs() == 1 { "battery [%]".to_owned() } else { format!("UAV {uav} [%]") };
+            canvas.log_static(entity, &curve_style(&name, paint))?;
         }
         if has_random_arrivals {
             canvas.log_static(SAMPLED, &curve_style("sampled [kbit]", colour::BURST))?;
@@ -108,7 +118,9 @@ impl Curves {
             }
         }
         if let Some(capacity_j) = self.capacity_j {
-            canvas.append(BATTERY, &Scalars::single(100.0 * view.flight().energy_j / capacity_j))?;
+            for (uav, flight) in view.flights.iter().enumerate() {
+                canvas.append(name_of(BATTERY, uav), &Scalars::single(100.0 * flight.energy_j / capacity_j))?;
+            }
         }
         if let Some(sampled_bits) = sampled_bits {
             canvas.append(SAMPLED, &Scalars::single(sampled_bits as f64 / 1e3))?;

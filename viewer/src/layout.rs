@@ -260,8 +260,10 @@ fn beside(
         plot(layout, "Delivered [kbit]", &[curves::DELIVERED])?
     };
     let mut others = vec![(1.0, delivered)];
-    if scenario.uav.battery.is_some() {
-        let battery = plot(layout, "Battery [%]", &[curves::BATTERY])?;
+    let (batteries, _): (Vec<String>, Vec<_>) = curves::batteries(scenario).into_iter().unzip();
+    if !batteries.is_empty() {
+        let title = if batteries.len() == 1 { "Battery [%]" } else { "Batteries [%], in the colours of the UAVs" };
+        let battery = plot(layout, title, &batteries)?;
         lock_axis(layout, battery, [-4.0, 110.0])?;
         others.insert(0, (1.0, battery));
     }

@@ -32,7 +32,7 @@ pub(super) struct CornerGraph {
     ways_to: Vec<OnceLock<WaysTo>>,
     /// Ways to points, by their bits.
     goals: RwLock<HashMap<[u64; 2], Arc<Goal>>>,
-    /// Points beside zones that are nearest to points, by their bits.
+    /// Reachable points that are nearest to points, by their bits.
     nearest: RwLock<HashMap<[u64; 2], Position>>,
 }
 
@@ -198,7 +198,7 @@ impl CornerGraph {
         nodes.iter().any(|node| airspace.is_free(node, point))
     }
 
-    /// The kept point beside zones for `point`, or that which `find` finds.
+    /// The kept reachable point nearest to `point`, or that which `find` finds.
     pub fn nearest(&self, point: &Position, find: impl FnOnce() -> Position) -> Position {
         kept(&self.nearest, MOST_KEPT / 40, point, find)
     }
@@ -230,21 +230,19 @@ impl CornerGraph {
     pub fn shortest(&self, airspace: &Airspace, from: &Position, to: &Position) -> Option<NodeWay> {
         let goal = self.goal(airspace, to);
         // The nodes that `from` sees, in the order of the lengths of the ways over them, as far as they may be the first.
-        let over = self.nodes.iter().zip(&goal.to_go_m).enumerate();
-        let mut over: Vec<(f64, usize)> = over
-            .filter(|(_, (node, to_go_m))| to_go_m.is_finite() && node.may_bend(from, self.clearance_m))
-            .map(|(index, (node, to_go_m))| ((node.at - from).norm() + to_go_m, index))
-            .collect();
-        over.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        let over = self.nodes.iter().zip(&goal.to_go_m).enumerate().filter(|(_, (_, to_go_m))| to_go_m.is_finite());
+        let over = over.map(|(node, (at, to_go_m))| Pending { length_m: (at.at - from).norm() + to_go_m, node });
+        let mut over = BinaryHeap::from(over.collect::<Vec<_>>());
         let mut least_m = f64::INFINITY;
         let mut firsts: Vec<usize> = Vec::new();
-        for (length_m, node) in over {
+        while let Some(Pending { length_m, node: first }) = over.pop() {
             if length_m > least_m * (1.0 + LENGTH_SLACK) {
                 break;
             }
-            if airspace.is_free(from, &self.nodes[node].at) {
+            let node = &self.nodes[first];
+            if node.may_bend(from, self.clearance_m) && airspace.is_free(from, &node.at) {
                 least_m = least_m.min(length_m);
-                firsts.push(node);
+                firsts.push(first);
             }
         }
         firsts.sort_unstable(); // of equal ways the first one

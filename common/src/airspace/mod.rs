@@ -235,13 +235,15 @@ impl Airspace {
     /// the zone that it lies in.
     #[must_use]
     pub fn nearest(&self, point: &Position) -> Position {
-        if self.is_open() || self.is_reachable(point) {
+        if self.is_open() {
             return *point;
         }
-        if let Some(grid) = &self.grid {
-            return grid.nearest(point).unwrap_or(*point);
+        let find = || if self.is_reachable(point) { *point } else { self.find_nearest(point) };
+        match &self.grid {
+            Some(grid) if !grid.is_reachable(point) => grid.nearest(point).unwrap_or(*point),
+            Some(_) => *point,
+            None => self.graph.nearest(point, find),
         }
-        self.graph.nearest(point, || self.find_nearest(point))
     }
 
     /// The point beside zones that is nearest to `point` [m], which is not reachable.

@@ -30,6 +30,9 @@ const FIRST_TEMPERATURE: f64 = 0.3;
 /// The same of a search that improves a plan.
 const LATER_TEMPERATURE: f64 = 0.02;
 
+/// How often the steps of a search are halved, at most, after searches that found no better plan.
+const MOST_HALVINGS: u32 = 4;
+
 /// Standard deviations of position errors within which a UAV has arrived.
 const MOST_DEVIATIONS: f64 = 6.0;
 
@@ -44,6 +47,8 @@ pub struct Collector {
     window_slots: u64,
     /// The remaining stops; `None` before the first search.
     stops: Option<Vec<PlannedStop>>,
+    /// Searches in a row that found no better plan: each next one takes half as many steps.
+    vain_searches: u32,
     /// Where the last planned slot should have ended, if slots end beside their waypoints [m].
     told: Option<Position>,
     /// How far from its waypoint a slot may end [m].
@@ -59,6 +64,7 @@ type SavedStop = ([f64; 2], u32, u32, bool);
 #[derive(Serialize, Deserialize)]
 struct Saved {
     stops: Option<Vec<SavedStop>>,
+    vain_searches: u32,
     told: Option<[f64; 2]>,
 }
 
@@ -71,6 +77,7 @@ impl Collector {
             streams: Streams::new(setup.scenario.seed),
             window_slots: window_slots.unwrap_or(MOST_SLOTS),
             stops: None,
+            vain_searches: 0,
             told: None,
             beside_m: MOST_DEVIATIONS * setup.scenario.uav.position_error_m.unwrap_or(0.0),
             told_others: (0, Vec::new()),
@@ -100,8 +107,9 @@ impl Collector {
     }
 
     /// Searches in up to `steps` steps for a plan from the slot of `view` on, or improves the one there is; returns
-    /// what it does first, and keeps the rest. The first search may begin with the stops of `offered`. The result
-    /// depends only on the view and the plan, unless `is_over` ends the search.
+    /// what it does first, and keeps the rest. The first search may begin with the stops of `offered`; after searches
+    /// that found no better plan the next ones take fewer steps. The result depends only on the view and the plan,
+    /// unless `is_over` ends the search.
     pub fn plan(
         &mut self,
         view: &View,
@@ -115,13 +123,14 @@ impl Collector {
         let at = self.told.filter(|told| within(told, &ground, self.beside_m)).unwrap_or(ground);
         let mut flight = PlanFlight::new(Window::of(view, at, last), &mut self.places);
         let mut random = self.streams.stream(Purpose::Collect, view.slot, 0);
-        let (begun, temperature) = match self.stops.take() {
-            Some(stops) => (Some(stops), LATER_TEMPERATURE),
-            None => (None, FIRST_TEMPERATURE),
+        let (begun, steps, temperature) = match self.stops.take() {
+            Some(stops) => (Some(stops), steps >> self.vain_searches.min(MOST_HALVINGS), LATER_TEMPERATURE),
+            None => (None, steps, FIRST_TEMPERATURE),
         };
         let mut search = PlanSearch { flight: &mut flight, random: &mut random, is_over };
         let begun = begun.unwrap_or_else(|| search.insert_all(offered(), view.stop));
-        let mut stops = search.anneal(begun, steps, temperature);
+        let (mut stops, is_better) = search.anneal(begun, steps, temperature);
+        self.vain_searches = if is_better { 0 } else { self.vain_searches.saturating_add(1) };
         let (next, first) = flight.first(&stops);
         if view.others.is_some() {
             self.told_others = (view.slot, flight.visits().collect());
@@ -169,17 +178,18 @@ impl Checkpoint for Collector {
     fn save(&self, bytes: &mut Vec<u8>) {
         let saved = |stop: &PlannedStop| (stop.place.into(), stop.sensor, stop.hovers, stop.is_begun);
         let stops = self.stops.as_ref().map(|stops| stops.iter().map(saved).collect());
-        encode(&Saved { stops, told: self.told.map(Into::into) }, bytes);
+        encode(&Saved { stops, vain_searches: self.vain_searches, told: self.told.map(Into::into) }, bytes);
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        let Saved { stops, told } = decode(bytes)?;
+        let Saved { stops, vain_searches, told } = decode(bytes)?;
         let count = self.places.count();
         let is_known = |(place, sensor, ..): &SavedStop| {
             (*sensor as usize) < count && place.iter().all(|coordinate_m| coordinate_m.is_finite())
         };
         CheckpointError::ensure(stops.iter().flatten().all(is_known), "stops of this field")?;
         CheckpointError::ensure(told.iter().flatten().all(|coordinate_m| coordinate_m.is_finite()), "a place")?;
+        self.vain_searches = vain_searches;
         self.told = told.map(Into::into);
         self.told_others = (0, Vec::new());
         let stop = |(place, sensor, hovers, is_begun): SavedStop| PlannedStop {

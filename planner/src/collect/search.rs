@@ -131,17 +131,18 @@ impl PlanSearch<'_, '_> {
     }
 
     /// The best plan that up to `steps` changes of `stops` lead to, from a temperature in parts of the mean data of an
-    /// SN.
-    pub fn anneal(&mut self, mut stops: Vec<PlannedStop>, steps: u64, temperature: f64) -> Vec<PlannedStop> {
+    /// SN, and whether it is better than `stops`.
+    pub fn anneal(&mut self, mut stops: Vec<PlannedStop>, steps: u64, temperature: f64) -> (Vec<PlannedStop>, bool) {
         if steps == 0 {
-            return stops; // with those that now take no slot: they may again
+            return (stops, false); // with those that now take no slot: they may again
         }
         let mut value = self.flight.attempt(&stops, 0);
         self.flight.keep(&mut stops);
         let open = self.flight.open();
         if open.is_empty() {
-            return stops;
+            return (stops, false);
         }
+        let begun = value;
         let mean_bits = self.flight.mean_bits();
 
         let mut best = (value, stops.clone());
@@ -168,7 +169,7 @@ impl PlanSearch<'_, '_> {
                 best.1.clone_from(&stops);
             }
         }
-        best.1
+        (best.1, best.0 > begun)
     }
 
     /// Changes a plan by chance; returns how many stops at its beginning stay the same. `None` if it changes nothing.

@@ -10,7 +10,7 @@ use skysink_common::geodata::projection::{Origin, Projection};
 use skysink_common::message::{Mode, PathPoint, SensorNode};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::Sensors;
-use skysink_viewer::{Scene, Sinks, SlotView, WallClock, cameras, events, geo, legend, maps, path, queues, uav};
+use skysink_viewer::{Scene, Sinks, SlotView, WallClock, cameras, curves, events, geo, legend, maps, path, queues, uav};
 
 const SENSORS: u32 = 20;
 
@@ -218,9 +218,12 @@ fn only_a_live_mission_shows_its_newest_slot() {
 
 #[test]
 fn every_uav_has_its_own_position_path_and_waypoint() {
+    let folder = tempfile::tempdir().unwrap();
+    let battery = farm(folder.path(), "").0.uav.battery; // of 200 J
     let found = in_folder(|path| {
         let mut scenario = letter();
         scenario.uav.count = Some(2);
+        scenario.uav.battery = battery;
         let sinks = Sinks { save: Some(path.to_owned()), ..Sinks::default() };
         let mut scene =
             Scene::open(&sinks, &scenario, &sensors(SENSORS), "test-run", WallClock::Unmeasured, None).unwrap();
@@ -229,6 +232,7 @@ fn every_uav_has_its_own_position_path_and_waypoint() {
             let mut other = slot.flight;
             other.y_m = 80.0;
             other.x_m *= 2.0;
+            other.energy_j = 150.0 - slot.slot as f64;
             if slot.slot >= 4 {
                 other.mode = Mode::Transit as u32;
             }
@@ -262,4 +266,7 @@ fn every_uav_has_its_own_position_path_and_waypoint() {
     assert!(found.slots_of(&format!("{}/1", uav::WAYPOINT)).is_empty(), "it would move with the first one's");
     let label = found.shown_in(&format!("{}/1/label", uav::FLEET), "Points3D:labels", 9);
     assert!(label.contains("UAV 1 · 20 m · 2.0 m/s"), "{label}");
+    let battery = format!("{}/1", curves::BATTERY);
+    assert_eq!((found.curve(curves::BATTERY).len(), found.curve(&battery)[&9]), (10, 70.5));
+    assert!(found.layout.values().flatten().any(|value| value.contains(&battery)), "it is plotted");
 }
