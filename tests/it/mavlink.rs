@@ -64,7 +64,7 @@ fn a_failsafe_ends_the_orders_and_the_mission_is_recorded_to_its_end() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions { failsafe_at: Some(90.0), ..KinematicOptions::default() });
     let ended = vehicle.flight(&place).run();
-    assert!(ended.stderr.contains("vehicle 1: is taken over: its mode changed to 6 without an order"), "{ended:?}");
+    assert!(ended.stderr.contains("vehicle 1: is taken over: its mode changed to RTL without an order"), "{ended:?}");
     let modes = modes(&place);
     let first = modes.iter().position(|mode| mode == "return").expect("it returns");
     let landed = modes.iter().position(|mode| mode == "down").expect("it lands");
@@ -82,7 +82,7 @@ fn a_pilot_who_takes_over_ends_the_orders_and_the_run_says_how_to_end_it() {
     vehicle.act(|copter| {
         let _ = copter.change_to(CopterMode::Loiter);
     });
-    run.until_printed("vehicle 1: is taken over: its mode changed to 5 without an order of the bridge");
+    run.until_printed("vehicle 1: is taken over: its mode changed to LOITER without an order of the bridge");
     run.until_printed("vehicle 1: the run waits for its landing; Ctrl-C ends the run");
     assert_eq!(vehicle.copter().mode, CopterMode::Loiter);
     run.terminate();

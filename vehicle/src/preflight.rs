@@ -159,20 +159,19 @@ impl Preflight {
         now_s: f64,
         orders: &mut Vec<Order>,
     ) -> Result<Verdict, PreflightRefusal> {
+        let name = vehicle.mode_name();
         let is_in_air = vehicle.is_in_air();
         let is_left = is_in_air && vehicle.meaning() == ModeMeaning::FollowsOrders;
         match assignment.beginning {
             Beginning::New => {
                 let state = if is_in_air { "in the air" } else { "armed" };
-                refuse(format!("it is {state} (mode {mode}): expected it on the ground, disarmed"))
+                refuse(format!("it is {state} ({name}): expected it on the ground, disarmed"))
             }
             Beginning::Resumed if vehicle.meaning() == ModeMeaning::Returns => Ok(Verdict::Wait("to land")),
             Beginning::Resumed if !is_left => refuse(format!(
-                "it is armed, in mode {mode}: expected it on the ground, or in the air in the mode that follows orders"
+                "it is armed ({name}): expected it on the ground, or in the air in the mode that follows orders"
             )),
-            Beginning::Restarted { .. } if !is_left => {
-                Ok(Verdict::GiveUp(format!("it is flown by others (mode {mode})")))
-            }
+            Beginning::Restarted { .. } if !is_left => Ok(Verdict::GiveUp(format!("it is flown by others ({name})"))),
             Beginning::Resumed | Beginning::Restarted { .. } => {
                 match self.check(vehicle, position, assignment, now_s, orders) {
                     Ok(missing) => Ok(missing.map_or(Verdict::FlyOn { mode }, Verdict::Wait)),

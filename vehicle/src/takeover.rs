@@ -160,7 +160,8 @@ impl Takeover {
                 is_return || is_before
             }
         };
-        (!is_explained).then(|| format!("its mode changed to {mode} without an order of the bridge"))
+        (!is_explained)
+            .then(|| format!("its mode changed to {} without an order of the bridge", autopilot.mode_name(mode)))
     }
 }
 
@@ -214,6 +215,7 @@ mod tests {
             takeover.order(&Order::Return);
             assert_eq!(report(&mut takeover, autopilot, guided, true, 20.0), None, "not in effect yet");
             assert_eq!(report(&mut takeover, autopilot, returns, true, 20.0), None);
+            let guided = autopilot.mode_name(guided);
             let changed = Some(format!("its mode changed to {guided} without an order of the bridge"));
             assert_eq!(report(&mut takeover, autopilot, guided, true, 20.0), changed, "a pilot stops the return");
         }
@@ -221,7 +223,7 @@ mod tests {
 
     #[test]
     fn a_mode_that_no_order_explains_is_a_takeover_in_every_phase() {
-        let changed = Some("its mode changed to 5 without an order of the bridge".to_owned());
+        let changed = Some("its mode changed to LOITER without an order of the bridge".to_owned());
         let orders = [Order::Mode(4), Order::Arm, TAKE_OFF, Order::Return];
         for given in 0..=orders.len() {
             let mut takeover = Takeover::default();

@@ -134,7 +134,7 @@ fn a_new_run_takes_no_vehicle_from_the_air_and_none_that_is_armed() {
             flight.copter.body.stand();
         }
         flight.advance(3.0);
-        let expected = if is_in_air { "it is in the air (mode 4)" } else { "it is armed (mode 4)" };
+        let expected = if is_in_air { "it is in the air (GUIDED)" } else { "it is armed (GUIDED)" };
         let refusal = flight.refusal.clone().map(|refusal| refusal.why.to_string()).unwrap_or_default();
         assert!(refusal.starts_with(expected) || !is_in_air && refusal.starts_with("it is in the air"), "{refusal}");
         assert!(flight.orders.is_empty(), "{:?}", flight.orders);
