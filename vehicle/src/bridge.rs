@@ -26,7 +26,7 @@ const DEFAULT_LOW_BATTERY: f64 = 0.15;
 const PATIENCE_S: f64 = 30.0;
 const PATIENCE_SLOTS: f64 = 3.0;
 
-/// A refusal to take off, with the number of the vehicle, from 1.
+/// A refusal to take off, or a mission that was over before it began, with the number of the vehicle, from 1.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct VehicleRefusal {
     /// The number of the vehicle.
@@ -65,6 +65,8 @@ pub struct Bridge {
     /// The altitude of all waypoints [m]; `None` if they have their own.
     altitude_m: Option<f64>,
     capacity_j: Option<f64>,
+    /// Whether a bridge before has begun the mission.
+    is_in_mission: bool,
     /// When the last plan has come, or the vehicles were ready for one [s].
     planned_s: Option<f64>,
     /// What the vehicles have achieved.
@@ -113,6 +115,7 @@ impl Bridge {
             slot_s: scenario.slot_s,
             altitude_m,
             capacity_j: battery.map(|battery| battery.capacity_j),
+            is_in_mission: beginning == Beginning::Restarted { in_mission: true },
             planned_s: None,
             ends: SlotEnds::default(),
         }
@@ -147,12 +150,28 @@ impl Bridge {
         Ok(())
     }
 
-    /// Whether all vehicles have hovered at their starts, or will not.
+    /// Whether the slots can begin: all vehicles have hovered at their starts, or will not, but one has.
     #[must_use]
     pub fn has_begun(&self) -> bool {
-        self.members.iter().all(|Member { control, .. }| {
-            control.has_begun() || matches!(control.phase(), Phase::Returning | Phase::TakenOver | Phase::Landed)
-        })
+        let is_over =
+            |control: &VehicleControl| matches!(control.phase(), Phase::Returning | Phase::TakenOver | Phase::Landed);
+        let is_flown = self.is_in_mission || self.members.iter().any(|member| member.control.has_begun());
+        is_flown && self.members.iter().all(|member| member.control.has_begun() || is_over(&member.control))
+    }
+
+    /// Checks that there is a vehicle to fly.
+    ///
+    /// # Errors
+    /// If all are on the ground again, and none has begun its mission.
+    pub fn check_flyable(&self) -> Result<(), VehicleRefusal> {
+        let ends: Option<Vec<&str>> = self.members.iter().map(|member| member.control.unbegun_end()).collect();
+        match ends.filter(|_| !self.is_in_mission).and_then(|ends| ends.first().map(|end| (*end).to_owned())) {
+            Some(end) => {
+                let why = PreflightRefusal(format!("its mission was over before it began: {end}: no slot was flown"));
+                Err(VehicleRefusal { number: 1, why })
+            }
+            None => Ok(()),
+        }
     }
 
     /// Whether the vehicle of a UAV, by its number from 0, was armed by an order.

@@ -76,6 +76,8 @@ pub struct VehicleControl {
     has_refused: bool,
     /// Whether it has hovered at its start, or was in its mission before.
     has_begun: bool,
+    /// Why its mission is over, in a sentence about "it"; empty before.
+    end: String,
     /// When it began to climb [s].
     climbs_s: Option<f64>,
     /// When an order that was refused, or that has no effect, may be tried again [s].
@@ -105,6 +107,7 @@ impl VehicleControl {
             outbox: Outbox::default(),
             has_refused: false,
             has_begun: false,
+            end: String::new(),
             climbs_s: None,
             retry_s: 0.0,
             is_lost: false,
@@ -140,6 +143,12 @@ impl VehicleControl {
     #[must_use]
     pub fn has_begun(&self) -> bool {
         self.has_begun
+    }
+
+    /// Why its mission is over, if it has never begun.
+    #[must_use]
+    pub fn unbegun_end(&self) -> Option<&str> {
+        (!self.has_begun && self.phase == Phase::Landed).then_some(&*self.end)
     }
 
     /// Whether the bridge has ordered it to be armed, or has taken it over in the air.
@@ -360,14 +369,22 @@ impl VehicleControl {
         let is_down = self.vehicle.has_disarmed(now_s);
         if is_down {
             self.said.say("has disarmed: its mission is over".to_owned());
-            self.land();
+            self.land("it has disarmed");
         }
         is_down
     }
 
-    fn land(&mut self) {
+    /// Ends its mission on the ground, because of `why` unless it had ended before.
+    fn land(&mut self, why: &str) {
+        self.note_end(why);
         self.outbox.clear();
         self.phase = Phase::Landed;
+    }
+
+    fn note_end(&mut self, why: &str) {
+        if self.end.is_empty() {
+            why.clone_into(&mut self.end);
+        }
     }
 
     /// Arms in the mode that follows orders.
@@ -494,6 +511,7 @@ impl VehicleControl {
             "is taken over: {why}. The bridge gives it no more orders in this run, which goes on until it has landed; \
              Ctrl-C ends the run, and with it the heartbeats for which its dead-man switch waits"
         ));
+        self.note_end(&format!("it was taken over: {why}"));
         self.outbox.clear();
         self.phase = Phase::TakenOver;
     }
@@ -506,11 +524,12 @@ impl VehicleControl {
             Phase::Preflight if self.is_of_earlier_bridge() => {
                 self.takeover.adopt(self.vehicle.mode().unwrap_or_default());
             }
-            Phase::Preflight => return self.land(), // it is not the bridge's
-            Phase::Arming | Phase::TakeOff if is_disarmed => return self.land(),
+            Phase::Preflight => return self.land(why), // it is not the bridge's
+            Phase::Arming | Phase::TakeOff if is_disarmed => return self.land(why),
             Phase::Arming | Phase::TakeOff | Phase::Flying => {}
         }
         self.phase = Phase::Returning;
+        self.note_end(&format!("it has returned: {why}"));
         self.said.say(format!("returns: {why}"));
         self.outbox.clear();
         self.outbox.send(Order::Return, now_s);
@@ -528,7 +547,7 @@ impl VehicleControl {
     fn come_home(&mut self, now_s: f64) {
         if self.vehicle.has_disarmed(now_s) {
             self.said.say("has landed".to_owned());
-            self.land();
+            self.land("it has landed");
             return;
         }
         if self.end_if_taken_over() {
@@ -548,7 +567,7 @@ impl VehicleControl {
     fn await_landing(&mut self, now_s: f64) {
         if self.vehicle.has_disarmed(now_s) {
             self.said.say("is on the ground, disarmed".to_owned());
-            self.land();
+            self.land("it is on the ground");
         }
     }
 }

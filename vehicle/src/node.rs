@@ -49,6 +49,9 @@ const STALE: Duration = Duration::from_secs(1);
 /// The file of the ring with the systems of the vehicles.
 const SYSTEMS: &str = "systems.json";
 
+/// The file of the ring that is there once a vehicle was taken over.
+pub const TAKEN_OVER: &str = "taken-over.json";
+
 /// Time between two heartbeats of the bridge [s], in seconds of the vehicles.
 const HEARTBEAT_S: f64 = 0.25;
 
@@ -56,8 +59,8 @@ const HEARTBEAT_S: f64 = 0.25;
 /// the end, and after an error. A restarted process continues with the vehicles in the air.
 ///
 /// # Errors
-/// If an address cannot be opened, a vehicle must not take off, a peer is missing, the ring fails, or `stop` is
-/// requested.
+/// If an address cannot be opened, a vehicle must not take off, or none begins its mission, a peer is missing, the ring
+/// fails, or `stop` is requested.
 pub fn run<S: Service + 'static>(
     scenario: &Scenario,
     folder: &RingFolder,
@@ -108,6 +111,9 @@ struct BridgeProcess<S: Service + 'static> {
     /// The systems of the vehicles as they were saved, and where.
     systems: Vec<Option<u8>>,
     systems_file: PathBuf,
+    /// The numbers of the vehicles that were taken over, as they were saved, and where.
+    taken_over: Vec<usize>,
+    taken_over_file: PathBuf,
 }
 
 impl<S: Service + 'static> BridgeProcess<S> {
@@ -174,6 +180,8 @@ impl<S: Service + 'static> BridgeProcess<S> {
             polled: Instant::now(),
             systems: Vec::new(),
             systems_file,
+            taken_over: Vec::new(),
+            taken_over_file: folder.path().join(TAKEN_OVER),
         })
     }
 
@@ -192,6 +200,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let mut journal = journal(folder, scenario.uav.uavs())?;
         while !self.bridge.has_begun() {
             self.poll()?;
+            self.bridge.check_flyable().map_err(|refused| refusal(&refused))?;
             self.pause()?;
         }
         let (last, mut reports) = flown.last().expect("at least slot 0").clone();
@@ -273,7 +282,19 @@ impl<S: Service + 'static> BridgeProcess<S> {
             .choose(now_s, |uav| bridge.is_committed(uav), |uav, fix| bridge.away_m(uav, fix))
             .map_err(|(uav, why)| refusal(&VehicleRefusal { number: uav + 1, why: PreflightRefusal(why) }))?;
         self.save_systems();
-        self.exchange()
+        self.exchange()?;
+        self.save_taken_over();
+        Ok(())
+    }
+
+    /// Saves which vehicles were taken over, for the launcher: such a run is not to be resumed.
+    fn save_taken_over(&mut self) {
+        let taken_over = self.bridge.taken_over();
+        if taken_over.iter().any(|number| !self.taken_over.contains(number)) {
+            let text = serde_json::to_string(&taken_over).expect("numbers are JSON");
+            let _ = std::fs::write(&self.taken_over_file, text); // without it, the launcher offers to resume the run
+            self.taken_over = taken_over;
+        }
     }
 
     /// Saves which vehicles are chosen, for the bridge after this one.
