@@ -101,7 +101,7 @@ fn a_stopped_launcher_is_noticed_by_clock_and_the_vehicle_returns() {
     vehicle.until_landed();
     run.signal_launcher(Signal::CONT);
     let ended = run.wait_for_success();
-    assert!(ended.stderr.contains("vehicle 1: returns: the planner is silent"), "{ended:?}");
+    assert!(ended.stderr.contains("vehicle 1: returns: no plan has come for "), "{ended:?}");
 }
 
 #[test]
@@ -154,7 +154,7 @@ fn a_killed_planner_is_restarted_and_a_silent_one_makes_the_vehicle_return() {
     run.until_slots_later(3);
     assert_eq!(vehicle.copter().mode, CopterMode::Guided);
     run.signal_worker("planner", Signal::STOP);
-    run.until_printed("vehicle 1: returns: the planner is silent");
+    run.until_printed("vehicle 1: returns: no plan has come for ");
     vehicle.until_landed();
     run.signal_worker("planner", Signal::CONT);
     run.wait_for_success();
@@ -238,7 +238,10 @@ fn a_vehicle_that_must_not_take_off_is_refused_in_one_line() {
     );
     refused(KinematicOptions { dead_man: 5, ..default() }, "FS_GCS_ENABLE = 5: when the bridge is silent");
     refused(KinematicOptions { count: 2, ..default() }, "2 vehicles at its address: system 1 (quadrotor, ");
-    refused(KinematicOptions { battery: 20, ..default() }, "its battery is at 20 %: expected 30 %");
+    refused(
+        KinematicOptions { battery: 20, ..default() },
+        "its battery is at 20 %: at least 25 % is needed to take off",
+    );
     refused(KinematicOptions { home: Origin { lat_deg: 47.4077, lon_deg: 8.5456 }, ..default() }, "it is 10");
 }
 

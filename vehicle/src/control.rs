@@ -145,6 +145,12 @@ impl VehicleControl {
         self.has_begun
     }
 
+    /// What it is waited for before take-off, in words after "waiting for it"; `None` if nothing is.
+    #[must_use]
+    pub fn missing(&self) -> Option<&'static str> {
+        self.preflight.missing.filter(|_| self.phase == Phase::Preflight)
+    }
+
     /// Why its mission is over, if it has never begun.
     #[must_use]
     pub fn unbegun_end(&self) -> Option<&str> {
@@ -239,7 +245,7 @@ impl VehicleControl {
     }
 
     fn hear_answer(&mut self, command: u16, result: u8, now_s: f64) {
-        let Some(order) = self.outbox.answer(command, result) else { return };
+        let Some(order) = self.outbox.answer(command, result, now_s) else { return };
         if order == Order::Arm {
             self.takeover.answer_arming(result == ACCEPTED);
             if result == ACCEPTED {
@@ -350,6 +356,7 @@ impl VehicleControl {
     }
 
     fn say_waiting(&mut self, missing: &str, now_s: f64) {
+        self.preflight.missing = Some(missing);
         if self.preflight.is_line_due(now_s) {
             self.said.say(format!("waiting for it {missing}"));
         }

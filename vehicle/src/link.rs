@@ -122,6 +122,13 @@ impl Link {
         self.routes.iter().map(|route| route.system).collect()
     }
 
+    /// Where the vehicle of a UAV, by its number from 0, was waited for, if none is chosen.
+    #[must_use]
+    pub fn awaited_at(&self, uav: usize) -> Option<&WireAddress> {
+        let route = &self.routes[uav];
+        route.system.is_none().then(|| &self.connections[route.connection].address)
+    }
+
     /// Names the vehicles that the bridge before has chosen.
     pub fn name(&mut self, systems: &[Option<u8>]) {
         for (route, system) in self.routes.iter_mut().zip(systems) {

@@ -43,7 +43,7 @@ const STOP_TIMEOUT: Duration = Duration::from_millis(2_500);
 /// How long a bridge whose launcher has died waits for it.
 const ORPHAN_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Time after which messages that wait are out of date: the bridge was stopped, or its machine.
+/// Time after which messages that wait are out of date: the bridge was suspended, or its machine.
 const STALE: Duration = Duration::from_secs(1);
 
 /// The file of the ring with the systems of the vehicles.
@@ -81,6 +81,9 @@ pub fn run<S: Service + 'static>(
         Err(NodeError::Stopped(_)) => ("the run is stopped", STOP_TIMEOUT),
         Err(_) => ("the bridge has failed", STOP_TIMEOUT),
     };
+    if let Err(NodeError::Stopped(_)) = &result {
+        process.say_awaited();
+    }
     process.return_home(why, timeout);
     result
 }
@@ -311,10 +314,12 @@ impl<S: Service + 'static> BridgeProcess<S> {
     fn exchange(&mut self) -> Result<(), NodeError> {
         let now_s = self.now_s();
         self.link.begin_poll();
-        if self.polled.elapsed() > STALE {
-            // The bridge was stopped: what has waited since is not how it is now.
+        let suspended = self.polled.elapsed();
+        if suspended > STALE {
+            // What has waited since is not how it is now.
             while self.link.receive(now_s).is_some() {}
-            self.bridge.doubt();
+            Role::FlightSim.log(format_args!("the bridge was suspended for {:.1} s", suspended.as_secs_f64()));
+            self.bridge.doubt(suspended.as_secs_f64() * self.factor);
         }
         self.polled = Instant::now();
         while let Some((uav, telemetry)) = self.link.receive(now_s) {
@@ -382,9 +387,28 @@ impl<S: Service + 'static> BridgeProcess<S> {
         }
     }
 
+    /// Says which vehicles were waited for until now, where, and for what.
+    fn say_awaited(&self) {
+        let seconds = self.begin.elapsed().as_secs_f64();
+        for uav in 0..self.link.systems().len() {
+            let number = uav + 1;
+            if let Some(address) = self.link.awaited_at(uav) {
+                Role::FlightSim.log(format_args!("vehicle {number}: none was heard at {address} for {seconds:.0} s"));
+            } else if let Some(missing) = self.bridge.missing(uav) {
+                Role::FlightSim.log(format_args!("vehicle {number}: it was waited {seconds:.0} s for it {missing}"));
+            }
+        }
+    }
+
     /// Says how near the vehicles came to their waypoints, and how soon they were told.
     fn say_results(&self) {
         let ends = self.bridge.ends;
+        if ends.doubtful > 0 {
+            Role::FlightSim.log(format_args!(
+                "in {} slots with a waypoint the position was not known or not believed: they are not counted as flown",
+                ends.doubtful
+            ));
+        }
         if ends.flown > 0 {
             let percent = 100.0 * ends.reached as f64 / ends.flown as f64;
             Role::FlightSim.log(format_args!(

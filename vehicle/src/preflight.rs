@@ -87,6 +87,8 @@ pub struct Preflight {
     ask_s: f64,
     /// When they were asked for first [s].
     asked_s: Option<f64>,
+    /// What was missing last, in words after "waiting for it".
+    pub missing: Option<&'static str>,
     /// When the next line on what is missing is due [s].
     line_s: Option<f64>,
 }
@@ -203,9 +205,9 @@ impl Preflight {
         }
         let needed = if vehicle.is_in_air() { assignment.low_battery } else { assignment.battery - BATTERY_SLACK };
         if let Some(battery) = vehicle.battery.filter(|battery| *battery < needed) {
-            let expected = if vehicle.is_in_air() { assignment.low_battery } else { assignment.battery };
-            let [has, expected] = [battery, expected].map(|fraction| (100.0 * fraction).round());
-            return refuse(format!("its battery is at {has} %: expected {expected} %"));
+            let [has, needed] = [battery, needed].map(|fraction| (100.0 * fraction).round());
+            let purpose = if vehicle.is_in_air() { "fly on" } else { "take off" };
+            return refuse(format!("its battery is at {has} %: at least {needed} % is needed to {purpose}"));
         }
         if vehicle.is_high() && !vehicle.is_in_air() {
             return Ok(Some("to be on the ground, at the altitude of its home"));

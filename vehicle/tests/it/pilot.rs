@@ -250,7 +250,7 @@ fn a_run_that_stands_still_sends_its_vehicle_home() {
     flight.advance(23.0);
     assert_eq!(flight.copter.mode, CopterMode::Guided);
     flight.advance(4.0);
-    assert_eq!((flight.copter.mode, count(&flight, "returns: the planner is silent")), (CopterMode::Return, 1));
+    assert_eq!((flight.copter.mode, count(&flight, "returns: no plan has come for 30 s")), (CopterMode::Return, 1));
 }
 
 /// What a pilot does.
