@@ -7,6 +7,7 @@ use std::net::SocketAddr;
 
 use mavlink::MavHeader;
 use mavlink::dialects::common::{HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavState, MavType};
+use serde::{Deserialize, Serialize};
 
 use crate::codec::{AUTOPILOT, decode, encode};
 use crate::identity::{Sender, Vehicles};
@@ -40,6 +41,15 @@ struct LinkedWire {
     noticed: BTreeSet<String>,
 }
 
+/// A vehicle that is chosen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ChosenVehicle {
+    /// Its system.
+    pub system: u8,
+    /// Its address, over UDP.
+    pub address: Option<SocketAddr>,
+}
+
 /// The vehicle of a UAV.
 struct Route {
     connection: usize,
@@ -47,6 +57,8 @@ struct Route {
     named: Option<u8>,
     /// Its system, once it is chosen.
     system: Option<u8>,
+    /// What the bridge before has chosen.
+    before: Option<ChosenVehicle>,
 }
 
 impl Link {
@@ -73,7 +85,7 @@ impl Link {
                 }
             };
             let named = if is_shared { u8::try_from(uav + 1).ok() } else { address.system };
-            link.routes.push(Route { connection, named, system: None });
+            link.routes.push(Route { connection, named, system: None, before: None });
         }
         Ok(link)
     }
@@ -116,10 +128,14 @@ impl Link {
         self.budget = MOST_IN_A_POLL;
     }
 
-    /// The systems of the vehicles that are chosen, by the numbers of their UAVs.
+    /// The vehicles that are chosen, or were by the bridge before, by the numbers of their UAVs.
     #[must_use]
-    pub fn systems(&self) -> Vec<Option<u8>> {
-        self.routes.iter().map(|route| route.system).collect()
+    pub fn chosen(&self) -> Vec<Option<ChosenVehicle>> {
+        let chosen = |route: &Route| {
+            let address = |system| self.connections[route.connection].vehicles.address(system);
+            route.system.map(|system| ChosenVehicle { system, address: address(system) }).or(route.before)
+        };
+        self.routes.iter().map(chosen).collect()
     }
 
     /// Where the vehicle of a UAV, by its number from 0, was waited for, if none is chosen.
@@ -129,10 +145,12 @@ impl Link {
         route.system.is_none().then(|| &self.connections[route.connection].address)
     }
 
-    /// Names the vehicles that the bridge before has chosen.
-    pub fn name(&mut self, systems: &[Option<u8>]) {
-        for (route, system) in self.routes.iter_mut().zip(systems) {
-            route.named = route.named.or(*system);
+    /// Names the vehicles that the bridge before has chosen. They get heartbeats where it has heard them, before they are
+    /// heard again.
+    pub fn name(&mut self, chosen: &[Option<ChosenVehicle>]) {
+        for (route, vehicle) in self.routes.iter_mut().zip(chosen) {
+            route.named = route.named.or(vehicle.map(|vehicle| vehicle.system));
+            route.before = *vehicle;
         }
     }
 
@@ -256,8 +274,8 @@ impl Link {
         }
     }
 
-    /// Says to all chosen vehicles that the bridge is there, and where nobody was heard yet, to the address of the
-    /// connection.
+    /// Says to all chosen vehicles that the bridge is there; to those that were not heard yet, where the bridge before has
+    /// heard them, or at the address of the connection.
     pub fn send_heartbeats(&self) {
         let heartbeat = MavMessage::HEARTBEAT(HEARTBEAT_DATA {
             custom_mode: 0,
@@ -268,9 +286,12 @@ impl Link {
             mavlink_version: 3,
         });
         let mut told = BTreeSet::new();
-        for Route { connection, system, .. } in &self.routes {
+        for Route { connection, system, before, .. } in &self.routes {
             let linked = &self.connections[*connection];
-            let to = system.and_then(|system| linked.vehicles.address(system));
+            let to = match system {
+                Some(system) => linked.vehicles.address(*system),
+                None => before.and_then(|before| before.address),
+            };
             if told.insert((*connection, to)) {
                 linked.wire.send(&linked.header(), &heartbeat, to);
             }

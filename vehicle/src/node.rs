@@ -23,7 +23,7 @@ use skysink_ring::wait::WaitContext;
 use crate::bridge::{Bridge, VehicleRefusal, start};
 use crate::frame::AreaFrame;
 use crate::latency::OrderLatencies;
-use crate::link::Link;
+use crate::link::{ChosenVehicle, Link};
 use crate::preflight::{Beginning, PreflightRefusal};
 use crate::wire::WireAddress;
 
@@ -46,8 +46,8 @@ const ORPHAN_TIMEOUT: Duration = Duration::from_secs(10);
 /// Time after which messages that wait are out of date: the bridge was suspended, or its machine.
 const STALE: Duration = Duration::from_secs(1);
 
-/// The file of the ring with the systems of the vehicles.
-const SYSTEMS: &str = "systems.json";
+/// The file of the ring with the vehicles that are chosen.
+const CHOSEN: &str = "vehicles.json";
 
 /// The file of the ring that is there once a vehicle was taken over.
 pub const TAKEN_OVER: &str = "taken-over.json";
@@ -111,9 +111,9 @@ struct BridgeProcess<S: Service + 'static> {
     latencies: OrderLatencies,
     /// When messages were taken in last.
     polled: Instant,
-    /// The systems of the vehicles as they were saved, and where.
-    systems: Vec<Option<u8>>,
-    systems_file: PathBuf,
+    /// The vehicles that are chosen, as they were saved, and where.
+    chosen: Vec<Option<ChosenVehicle>>,
+    chosen_file: PathBuf,
     /// The numbers of the vehicles that were taken over, as they were saved, and where.
     taken_over: Vec<usize>,
     taken_over_file: PathBuf,
@@ -150,11 +150,11 @@ impl<S: Service + 'static> BridgeProcess<S> {
             return Err(refuse(expected).into());
         }
         let mut link = Link::open(addresses, uavs).map_err(cannot_open)?;
-        let systems_file = folder.path().join(SYSTEMS);
+        let chosen_file = folder.path().join(CHOSEN);
         if ring.restarts > 0
-            && let Ok(text) = std::fs::read_to_string(&systems_file)
+            && let Ok(text) = std::fs::read_to_string(&chosen_file)
         {
-            link.name(&serde_json::from_str::<Vec<Option<u8>>>(&text).unwrap_or_default());
+            link.name(&serde_json::from_str::<Vec<Option<ChosenVehicle>>>(&text).unwrap_or_default());
         }
         let mut sensors = ring.sensors.reader()?;
         let nodes = sensors.wait_for_next(&mut wait, 0)?;
@@ -181,8 +181,8 @@ impl<S: Service + 'static> BridgeProcess<S> {
             is_local: ring.terms.link.is_none(),
             latencies: OrderLatencies::default(),
             polled: Instant::now(),
-            systems: Vec::new(),
-            systems_file,
+            chosen: Vec::new(),
+            chosen_file,
             taken_over: Vec::new(),
             taken_over_file: folder.path().join(TAKEN_OVER),
         })
@@ -284,7 +284,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
         self.link
             .choose(now_s, |uav| bridge.is_committed(uav), |uav, fix| bridge.away_m(uav, fix))
             .map_err(|(uav, why)| refusal(&VehicleRefusal { number: uav + 1, why: PreflightRefusal(why) }))?;
-        self.save_systems();
+        self.save_chosen();
         self.exchange()?;
         self.save_taken_over();
         Ok(())
@@ -301,12 +301,12 @@ impl<S: Service + 'static> BridgeProcess<S> {
     }
 
     /// Saves which vehicles are chosen, for the bridge after this one.
-    fn save_systems(&mut self) {
-        let systems = self.link.systems();
-        if systems != self.systems {
-            let text = serde_json::to_string(&systems).expect("numbers are JSON");
-            let _ = std::fs::write(&self.systems_file, text); // without it, the next bridge listens again
-            self.systems = systems;
+    fn save_chosen(&mut self) {
+        let chosen = self.link.chosen();
+        if chosen != self.chosen {
+            let text = serde_json::to_string(&chosen).expect("numbers and addresses are JSON");
+            let _ = std::fs::write(&self.chosen_file, text); // without it, the next bridge listens again
+            self.chosen = chosen;
         }
     }
 
@@ -390,12 +390,13 @@ impl<S: Service + 'static> BridgeProcess<S> {
     /// Says which vehicles were waited for until now, where, and for what.
     fn say_awaited(&self) {
         let seconds = self.begin.elapsed().as_secs_f64();
-        for uav in 0..self.link.systems().len() {
+        for uav in 0..self.link.chosen().len() {
             let number = uav + 1;
             if let Some(address) = self.link.awaited_at(uav) {
-                Role::FlightSim.log(format_args!("vehicle {number}: none was heard at {address} for {seconds:.0} s"));
+                Role::FlightSim
+                    .log(format_args!("vehicle {number}: no vehicle was heard at {address} for {seconds:.0} s"));
             } else if let Some(missing) = self.bridge.missing(uav) {
-                Role::FlightSim.log(format_args!("vehicle {number}: it was waited {seconds:.0} s for it {missing}"));
+                Role::FlightSim.log(format_args!("vehicle {number}: waited {seconds:.0} s for it {missing}"));
             }
         }
     }
