@@ -138,7 +138,7 @@ impl AutopilotKind {
         let name = match self {
             Self::ArduPilot => name_in(&arducopter::NAMES, mode),
             Self::Px4 => match px4_modes(mode) {
-                [px4::AUTO, sub @ 1..] => name_in(&px4::AUTO_NAMES, sub),
+                [px4::AUTO, sub] if sub > 0 => name_in(&px4::AUTO_NAMES, sub),
                 [main, _] => name_in(&px4::NAMES, main),
             },
             Self::Other => None,

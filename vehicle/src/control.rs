@@ -355,7 +355,7 @@ impl VehicleControl {
         }
     }
 
-    fn say_waiting(&mut self, missing: &str, now_s: f64) {
+    fn say_waiting(&mut self, missing: &'static str, now_s: f64) {
         self.preflight.missing = Some(missing);
         if self.preflight.is_line_due(now_s) {
             self.said.say(format!("waiting for it {missing}"));

@@ -215,8 +215,8 @@ mod tests {
             takeover.order(&Order::Return);
             assert_eq!(report(&mut takeover, autopilot, guided, true, 20.0), None, "not in effect yet");
             assert_eq!(report(&mut takeover, autopilot, returns, true, 20.0), None);
-            let guided = autopilot.mode_name(guided);
-            let changed = Some(format!("its mode changed to {guided} without an order of the bridge"));
+            let name = autopilot.mode_name(guided);
+            let changed = Some(format!("its mode changed to {name} without an order of the bridge"));
             assert_eq!(report(&mut takeover, autopilot, guided, true, 20.0), changed, "a pilot stops the return");
         }
     }
