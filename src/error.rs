@@ -142,6 +142,20 @@ pub enum Error {
     },
 }
 
+/// What is left to fly of a run that has ended early.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum LeftToFly {
+    /// Slots, which `skysink run --resume` flies.
+    Slots {
+        /// Its additional options.
+        options: String,
+    },
+    /// Nothing: all slots are recorded.
+    Nothing,
+    /// Slots that are not flown, as somebody else flies a vehicle.
+    TakenOver,
+}
+
 impl From<MissionError> for Error {
     fn from(error: MissionError) -> Self {
         match error {
@@ -165,20 +179,28 @@ impl From<Error> for MissionError {
 
 impl Error {
     /// The error of a run that has ended early, after `slots` slots. Its message contains the command that resumes it,
-    /// with the additional options `options`.
+    /// if there is something `left` to fly.
     #[must_use]
-    pub fn ended_early(self, folder: &RunFolder, slots: u64, options: &str) -> Self {
+    pub fn ended_early(self, folder: &RunFolder, slots: u64, left: &LeftToFly) -> Self {
         let path = folder.path().to_string_lossy();
         let path = shlex::try_quote(&path).unwrap_or(Cow::Borrowed(&path));
-        let left = match (slots, &self) {
-            (0, _) => "nothing was flown".to_owned(),
-            (_, Self::Mission(MissionError::File { source, .. })) if FileChange::is_cause_of(source) => {
+        let left = match (left, &self) {
+            _ if slots == 0 => "no slot was flown".to_owned(),
+            (LeftToFly::Nothing, _) => format!("all {slots} slots are recorded"),
+            (LeftToFly::TakenOver, _) => {
+                format!("the run is recorded up to slot {slots}; it is not resumed, as a vehicle was taken over")
+            }
+            (LeftToFly::Slots { options }, Self::Mission(MissionError::File { source, .. }))
+                if FileChange::is_cause_of(source) =>
+            {
                 format!(
                     "the run was flown up to slot {slots}; if the file can be restored, `skysink run --resume \
                      {path}{options}` continues it"
                 )
             }
-            _ => format!("the run is recorded up to slot {slots}; `skysink run --resume {path}{options}` continues it"),
+            (LeftToFly::Slots { options }, _) => {
+                format!("the run is recorded up to slot {slots}; `skysink run --resume {path}{options}` continues it")
+            }
         };
         Self::EndedEarly { cause: Box::new(self), left }
     }

@@ -132,7 +132,7 @@ def test_bits_reported_by_sensor_nodes_enter_the_ledger(place: Path) -> None:
 def test_an_impossible_report_ends_the_run_with_one_line(place: Path, returned: str, expected: str) -> None:
     said = fly(place, returned, code=1).stderr.splitlines()
     assert len(said) == 2 and expected in said[0], said
-    assert said[1] == "skysink: flight-sim ended with exit code 2 in slot 1: nothing was flown"
+    assert said[1] == "skysink: flight-sim ended with exit code 2 in slot 1: no slot was flown"
 
 
 def test_a_vehicle_outside_the_area_is_ordered_back(place: Path) -> None:

@@ -54,8 +54,8 @@ pub enum VehicleOption {
     Command(CommandLine),
 }
 
-/// What an address of MAVLink begins with.
-const SCHEMES: [&str; 6] = ["udpin:", "udpout:", "udpbcast:", "tcpin:", "tcpout:", "serial:"];
+/// What an address of MAVLink begins with, here or, in the last two, in other programs.
+const SCHEMES: [&str; 8] = ["udpin:", "udpout:", "udpbcast:", "tcpin:", "tcpout:", "serial:", "udp:", "tcp:"];
 
 impl FromStr for VehicleOption {
     type Err = String;

@@ -27,8 +27,9 @@ use skysink_mission::record::RunFolder;
 use skysink_mission::summary::{Summary, Tally};
 use skysink_planner::settings;
 use skysink_planner::strategy::Registered;
+use skysink_ring::folder::RingFolder;
 
-use crate::error::Error;
+use crate::error::{Error, LeftToFly};
 use crate::options::{MissionOptions, NewFolder, ScenarioFile};
 use crate::report::{OutputForm, print_run};
 use options::{Launch, RunOptions};
@@ -121,11 +122,26 @@ impl RunCommand {
         let recorded = mission.record(&mut log, &mut tally);
         let wall = *recorded.as_ref().unwrap_or(&begin.elapsed());
         let mut summary = tally.summary(wall, log.hash());
-        summary.complete &= recorded.is_ok();
+        let left = self.left_to_fly(&ring, tally.last_slot() == scenario.slots && stop.requested().is_some());
+        summary.complete &= recorded.is_ok() || left == LeftToFly::Nothing;
         let written = folder.finish(&log, &mut summary).map_err(Error::from);
         match recorded.and(written) {
-            Err(first) => Err(first.ended_early(&folder, summary.slots, &options.resume_options())),
+            Err(first) => Err(first.ended_early(&folder, summary.slots, &left)),
             Ok(()) => Ok((folder, summary)),
+        }
+    }
+
+    /// What is left to fly of a run that ends early, if not all slots `are_recorded`. After the last slot, only a stop
+    /// leaves a run as complete as a resumed one.
+    fn left_to_fly(&self, ring: &RingFolder, are_recorded: bool) -> LeftToFly {
+        #[cfg(feature = "mavlink")]
+        let is_taken_over = ring.path().join(skysink_vehicle::node::TAKEN_OVER).exists();
+        #[cfg(not(feature = "mavlink"))]
+        let is_taken_over = false;
+        match (are_recorded, is_taken_over) {
+            (true, _) => LeftToFly::Nothing,
+            (false, true) => LeftToFly::TakenOver,
+            (false, false) => LeftToFly::Slots { options: self.options.resume_options() },
         }
     }
 }

@@ -7,7 +7,7 @@ use crate::support::{Place, csv_rows};
 use rustix::process::Signal;
 use skysink_common::geodata::projection::Origin;
 use skysink_vehicle::kinematic::KinematicOptions;
-use skysink_vehicle::kinematic::autopilot::CopterMode;
+use skysink_vehicle::kinematic::autopilot::{Copter, CopterMode};
 
 /// A heartbeat of a ground station of system 254 in MAVLink 2.
 const STATION: [u8; 21] = [253, 9, 0, 0, 0, 254, 190, 0, 0, 0, 0, 0, 0, 0, 6, 8, 0, 4, 3, 23, 0];
@@ -64,7 +64,7 @@ fn a_failsafe_ends_the_orders_and_the_mission_is_recorded_to_its_end() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions { failsafe_at: Some(90.0), ..KinematicOptions::default() });
     let ended = vehicle.flight(&place).run();
-    assert!(ended.stderr.contains("vehicle 1: is taken over: its mode changed to 6 without an order"), "{ended:?}");
+    assert!(ended.stderr.contains("vehicle 1: is taken over: its mode changed to RTL without an order"), "{ended:?}");
     let modes = modes(&place);
     let first = modes.iter().position(|mode| mode == "return").expect("it returns");
     let landed = modes.iter().position(|mode| mode == "down").expect("it lands");
@@ -82,12 +82,64 @@ fn a_pilot_who_takes_over_ends_the_orders_and_the_run_says_how_to_end_it() {
     vehicle.act(|copter| {
         let _ = copter.change_to(CopterMode::Loiter);
     });
-    run.until_printed("vehicle 1: is taken over: its mode changed to 5 without an order of the bridge");
+    run.until_printed("vehicle 1: is taken over: its mode changed to LOITER without an order of the bridge");
     run.until_printed("vehicle 1: the run waits for its landing; Ctrl-C ends the run");
     assert_eq!(vehicle.copter().mode, CopterMode::Loiter);
-    run.terminate();
+    let ended = run.terminate();
+    assert!(ended.stderr.contains(": all 12 slots are recorded") && !ended.stderr.contains("--resume"), "{ended:?}");
+    assert_eq!(place.summary("run")["complete"], true);
     let modes = modes(&place);
     assert!(modes.len() == 12 && modes.last().unwrap() == "return", "{modes:?}");
+}
+
+#[test]
+fn a_run_whose_vehicle_was_taken_over_is_not_offered_to_be_resumed() {
+    let place = Place::new();
+    let vehicle = TestVehicle::start(KinematicOptions::default());
+    let run = vehicle.flight(&place).start();
+    run.until_slot(2);
+    vehicle.act(|copter| {
+        let _ = copter.change_to(CopterMode::Loiter);
+    });
+    run.until_printed("vehicle 1: is taken over");
+    let ended = run.terminate();
+    assert!(ended.stderr.contains("; it is not resumed, as a vehicle was taken over"), "{ended:?}");
+    assert!(!ended.stderr.contains("--resume"), "{ended:?}");
+}
+
+#[test]
+fn a_run_in_which_nothing_is_flown_fails_and_says_why() {
+    let place = Place::new();
+    let vehicle = TestVehicle::start(KinematicOptions::default());
+    let run = vehicle.flight(&place).start();
+    vehicle.until("arming", |copter| copter.is_armed);
+    vehicle.act(|copter| copter.disarm());
+    let ended = run.wait().assert_code(1);
+    let says = "flight-sim: vehicle 1: its mission was over before it began: it has disarmed: no slot was flown";
+    assert!(ended.stderr.contains(says), "{ended:?}");
+}
+
+#[test]
+fn a_run_that_is_stopped_in_the_climb_does_not_say_that_nothing_was_flown() {
+    let place = Place::new();
+    let vehicle = TestVehicle::start(KinematicOptions::default());
+    let run = vehicle.flight(&place).start();
+    vehicle.until("take-off", Copter::is_in_air);
+    let ended = run.terminate();
+    assert!(ended.stderr.contains("vehicle 1: returns: the run is stopped"), "{ended:?}");
+    assert!(ended.stderr.contains(": no slot was flown") && !ended.stderr.contains("nothing was flown"), "{ended:?}");
+    vehicle.until_landed();
+}
+
+#[test]
+fn a_vehicle_that_is_not_there_is_named_by_its_address() {
+    let place = Place::new();
+    place.write("slow.toml", SLOW);
+    let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let address = format!("udpin:127.0.0.1:{port}?system=3");
+    let flight = place.flight("slow").without_viewer().pace("20x").timeout("2").vehicle(&address);
+    let ended = flight.try_run().assert_code(1);
+    assert!(ended.stderr.contains(&format!("vehicle 1: no vehicle was heard at {address} for 2 s")), "{ended:?}");
 }
 
 #[test]
@@ -101,7 +153,7 @@ fn a_stopped_launcher_is_noticed_by_clock_and_the_vehicle_returns() {
     vehicle.until_landed();
     run.signal_launcher(Signal::CONT);
     let ended = run.wait_for_success();
-    assert!(ended.stderr.contains("vehicle 1: returns: the planner is silent"), "{ended:?}");
+    assert!(ended.stderr.contains("vehicle 1: returns: no plan has come for "), "{ended:?}");
 }
 
 #[test]
@@ -145,6 +197,25 @@ fn a_restarted_bridge_takes_over_the_vehicle_in_the_air() {
 }
 
 #[test]
+fn a_restarted_bridge_keeps_a_vehicle_with_a_dead_man_time_of_five_seconds() {
+    let place = Place::new();
+    // At twice real time, so that 2.5 s without heartbeats make it return.
+    let vehicle = TestVehicle::start_at(2, KinematicOptions { silence: 5.0, ..KinematicOptions::default() });
+    let run = vehicle.flight(&place).set("slots", 5).start();
+    run.until_slot(1);
+    for _ in 0..2 {
+        run.until_slots_later(1);
+        run.kill_and_await("mavlink");
+    }
+    let ended = run.wait_for_success();
+    assert_eq!(ended.stderr.matches("is in the air: flying on").count(), 2, "{ended:?}");
+    for line in ["is taken over", "GCS Failsafe"] {
+        assert!(!ended.stderr.contains(line), "{ended:?}");
+    }
+    vehicle.until_landed();
+}
+
+#[test]
 fn a_killed_planner_is_restarted_and_a_silent_one_makes_the_vehicle_return() {
     let place = Place::new();
     let vehicle = TestVehicle::start(KinematicOptions::default());
@@ -154,7 +225,7 @@ fn a_killed_planner_is_restarted_and_a_silent_one_makes_the_vehicle_return() {
     run.until_slots_later(3);
     assert_eq!(vehicle.copter().mode, CopterMode::Guided);
     run.signal_worker("planner", Signal::STOP);
-    run.until_printed("vehicle 1: returns: the planner is silent");
+    run.until_printed("vehicle 1: returns: no plan has come for ");
     vehicle.until_landed();
     run.signal_worker("planner", Signal::CONT);
     run.wait_for_success();
@@ -238,7 +309,10 @@ fn a_vehicle_that_must_not_take_off_is_refused_in_one_line() {
     );
     refused(KinematicOptions { dead_man: 5, ..default() }, "FS_GCS_ENABLE = 5: when the bridge is silent");
     refused(KinematicOptions { count: 2, ..default() }, "2 vehicles at its address: system 1 (quadrotor, ");
-    refused(KinematicOptions { battery: 20, ..default() }, "its battery is at 20 %: expected 30 %");
+    refused(
+        KinematicOptions { battery: 20, ..default() },
+        "its battery is at 20 %: at least 25 % is needed to take off",
+    );
     refused(KinematicOptions { home: Origin { lat_deg: 47.4077, lon_deg: 8.5456 }, ..default() }, "it is 10");
 }
 
@@ -257,6 +331,10 @@ fn invalid_addresses_are_refused_in_one_line() {
     let flight = flight.out("none");
     let ended = flight.vehicle("udpin:14540").try_run().assert_code(2);
     assert!(ended.stderr.contains("expected udpin, udpout"), "{ended:?}");
+    let ended = flight.vehicle("udp:127.0.0.1:14550").try_run().assert_code(2);
+    assert!(ended.stderr.contains("expected udpin:127.0.0.1:14550 to listen there"), "{ended:?}");
+    let ended = flight.vehicle("udpin:127.0.0.1:14550?system=1&system=2").try_run().assert_code(2);
+    assert!(ended.stderr.contains("system=2: expected system once"), "{ended:?}");
     flight
         .vehicle("udpout:127.0.0.1:1,udpout:127.0.0.1:2")
         .try_run()

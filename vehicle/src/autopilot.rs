@@ -1,4 +1,4 @@
-//! How autopilots differ: the numbers of their modes, their altitudes, and the parameter of their dead-man switch.
+//! How autopilots differ: the numbers and names of their modes, their altitudes, and the parameter of their dead-man switch.
 
 /// The autopilot of a vehicle, by its heartbeat.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,6 +35,36 @@ pub enum ModeMeaning {
 
 /// Modes of ArduCopter.
 mod arducopter {
+    /// The names of all modes, by their numbers.
+    pub const NAMES: [(u32, &str); 27] = [
+        (0, "STABILIZE"),
+        (1, "ACRO"),
+        (2, "ALT_HOLD"),
+        (3, "AUTO"),
+        (4, "GUIDED"),
+        (5, "LOITER"),
+        (6, "RTL"),
+        (7, "CIRCLE"),
+        (9, "LAND"),
+        (11, "DRIFT"),
+        (13, "SPORT"),
+        (14, "FLIP"),
+        (15, "AUTOTUNE"),
+        (16, "POSHOLD"),
+        (17, "BRAKE"),
+        (18, "THROW"),
+        (19, "AVOID_ADSB"),
+        (20, "GUIDED_NOGPS"),
+        (21, "SMART_RTL"),
+        (22, "FLOWHOLD"),
+        (23, "FOLLOW"),
+        (24, "ZIGZAG"),
+        (25, "SYSTEMID"),
+        (26, "AUTOROTATE"),
+        (27, "AUTO_RTL"),
+        (28, "TURTLE"),
+        (29, "RATE_ACRO"),
+    ];
     pub const GUIDED: u32 = 4;
     pub const RTL: u32 = 6;
     pub const LAND: u32 = 9;
@@ -43,6 +73,30 @@ mod arducopter {
 
 /// Modes of PX4: the main mode in bits 16 to 23, its sub-mode in bits 24 to 31.
 mod px4 {
+    /// The names of the main modes.
+    pub const NAMES: [(u32, &str); 10] = [
+        (1, "MANUAL"),
+        (2, "ALTCTL"),
+        (3, "POSCTL"),
+        (AUTO, "AUTO"),
+        (5, "ACRO"),
+        (6, "OFFBOARD"),
+        (7, "STABILIZED"),
+        (8, "RATTITUDE"),
+        (9, "SIMPLE"),
+        (10, "TERMINATION"),
+    ];
+    /// The names of the sub-modes of AUTO, as ground stations show them.
+    pub const AUTO_NAMES: [(u32, &str); 8] = [
+        (1, "READY"),
+        (TAKE_OFF, "TAKEOFF"),
+        (LOITER, "HOLD"),
+        (4, "MISSION"),
+        (RTL, "RETURN"),
+        (LAND, "LAND"),
+        (8, "FOLLOW_TARGET"),
+        (9, "PRECLAND"),
+    ];
     pub const AUTO: u32 = 4;
     pub const TAKE_OFF: u32 = 2;
     pub const LOITER: u32 = 3;
@@ -66,13 +120,30 @@ impl AutopilotKind {
                 arducopter::RTL | arducopter::LAND | arducopter::SMART_RTL => ModeMeaning::Returns,
                 _ => ModeMeaning::IsFlownByOthers,
             },
-            Self::Px4 => match [mode >> 16 & 0xFF, mode >> 24] {
+            Self::Px4 => match px4_modes(mode) {
                 [px4::AUTO, px4::TAKE_OFF | px4::LOITER] => ModeMeaning::FollowsOrders,
                 [px4::AUTO, px4::RTL | px4::LAND] => ModeMeaning::Returns,
                 _ => ModeMeaning::IsFlownByOthers,
             },
             Self::Other => ModeMeaning::Unknown,
         }
+    }
+
+    /// The name of its mode number `mode`, such as `LOITER`; the number, as in `mode 31`, of one that is not known.
+    #[must_use]
+    pub fn mode_name(self, mode: u32) -> String {
+        let name_in = |names: &[(u32, &'static str)], number: u32| {
+            names.iter().find(|(known, _)| *known == number).map(|(_, name)| *name)
+        };
+        let name = match self {
+            Self::ArduPilot => name_in(&arducopter::NAMES, mode),
+            Self::Px4 => match px4_modes(mode) {
+                [px4::AUTO, sub] if sub > 0 => name_in(&px4::AUTO_NAMES, sub),
+                [main, _] => name_in(&px4::NAMES, main),
+            },
+            Self::Other => None,
+        };
+        name.map_or_else(|| format!("mode {mode}"), str::to_owned)
     }
 
     /// Whether a reposition has to be allowed to change the mode. PX4 refuses it otherwise; ArduPilot would be taken
@@ -125,6 +196,11 @@ impl AutopilotKind {
     }
 }
 
+/// The main mode and the sub-mode of a mode number of PX4.
+fn px4_modes(mode: u32) -> [u32; 2] {
+    [mode >> 16 & 0xFF, mode >> 24]
+}
+
 /// The parameter of what a vehicle does when its ground station is silent.
 #[derive(Debug)]
 pub struct DeadManSwitch {
@@ -162,6 +238,17 @@ mod tests {
         let px4 = px4.map(|mode| AutopilotKind::Px4.meaning(mode));
         assert_eq!(px4, [IsFlownByOthers, FollowsOrders, FollowsOrders, Returns, IsFlownByOthers, IsFlownByOthers]);
         assert_eq!(AutopilotKind::Other.meaning(4), Unknown);
+    }
+
+    #[test]
+    fn modes_have_the_names_of_their_autopilots_and_unknown_ones_their_numbers() {
+        let arducopter = [0, 4, 5, 6, 21, 8, 99].map(|mode| AutopilotKind::ArduPilot.mode_name(mode));
+        assert_eq!(arducopter, ["STABILIZE", "GUIDED", "LOITER", "RTL", "SMART_RTL", "mode 8", "mode 99"]);
+        // PX4's custom mode: main mode << 16, sub-mode << 24.
+        let px4 = [0x0003_0000, 0x0006_0000, 0x0304_0000, 0x0404_0000, 0x0504_0000, 0x0204_0000, 0x6304_0000, 0];
+        let names = ["POSCTL", "OFFBOARD", "HOLD", "MISSION", "RETURN", "TAKEOFF", "mode 1661206528", "mode 0"];
+        assert_eq!(px4.map(|mode| AutopilotKind::Px4.mode_name(mode)), names);
+        assert_eq!(AutopilotKind::Other.mode_name(4), "mode 4");
     }
 
     #[test]

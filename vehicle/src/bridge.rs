@@ -26,7 +26,7 @@ const DEFAULT_LOW_BATTERY: f64 = 0.15;
 const PATIENCE_S: f64 = 30.0;
 const PATIENCE_SLOTS: f64 = 3.0;
 
-/// A refusal to take off, with the number of the vehicle, from 1.
+/// A refusal to take off, or a mission that was over before it began, with the number of the vehicle, from 1.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct VehicleRefusal {
     /// The number of the vehicle.
@@ -38,12 +38,14 @@ pub struct VehicleRefusal {
 /// The distances to the waypoints at the ends of slots.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct SlotEnds {
-    /// Slots that were flown to a waypoint.
+    /// Slots that were flown to a waypoint, with a position that was believed all the time.
     pub flown: u64,
     /// Those that have ended within [`REACHED_M`] of it.
     pub reached: u64,
     /// The greatest distance [m].
     pub farthest_m: f64,
+    /// Further slots with a waypoint, in which the position was not known or not believed at some time.
+    pub doubtful: u64,
 }
 
 /// A vehicle with the order of the slot.
@@ -55,6 +57,8 @@ struct Member {
     refusal: HoldReason,
     /// The time since boot [s] at the start of slot 1.
     begin_s: Option<f64>,
+    /// Whether its position was not known or not believed at some time of the slot.
+    is_doubtful: bool,
 }
 
 /// The vehicles of a fleet.
@@ -65,8 +69,12 @@ pub struct Bridge {
     /// The altitude of all waypoints [m]; `None` if they have their own.
     altitude_m: Option<f64>,
     capacity_j: Option<f64>,
+    /// Whether a bridge before has begun the mission.
+    is_in_mission: bool,
     /// When the last plan has come, or the vehicles were ready for one [s].
     planned_s: Option<f64>,
+    /// How long the bridge was suspended since then [s].
+    suspended_s: f64,
     /// What the vehicles have achieved.
     pub ends: SlotEnds,
 }
@@ -105,7 +113,7 @@ impl Bridge {
             if has_ended && matches!(beginning, Beginning::Restarted { .. }) {
                 control.leave();
             }
-            Member { control, plan: None, refusal: HoldReason::NoPlan, begin_s: None }
+            Member { control, plan: None, refusal: HoldReason::NoPlan, begin_s: None, is_doubtful: false }
         };
         Self {
             members: reports.iter().zip(own_systems).map(member).collect(),
@@ -113,7 +121,9 @@ impl Bridge {
             slot_s: scenario.slot_s,
             altitude_m,
             capacity_j: battery.map(|battery| battery.capacity_j),
+            is_in_mission: beginning == Beginning::Restarted { in_mission: true },
             planned_s: None,
+            suspended_s: 0.0,
             ends: SlotEnds::default(),
         }
     }
@@ -138,8 +148,9 @@ impl Bridge {
             self.members.iter_mut().for_each(|member| member.control.allow_arming());
         }
         let mut orders = Vec::new();
-        for (uav, Member { control, .. }) in self.members.iter_mut().enumerate() {
+        for (uav, Member { control, is_doubtful, .. }) in self.members.iter_mut().enumerate() {
             let polled = control.poll(now_s, &mut orders);
+            *is_doubtful |= !control.has_current_position(now_s);
             orders.drain(..).for_each(|order| send(uav, &order));
             control.take_said().into_iter().for_each(|line| say(uav, line));
             polled.map_err(|why| VehicleRefusal { number: uav + 1, why })?;
@@ -147,12 +158,34 @@ impl Bridge {
         Ok(())
     }
 
-    /// Whether all vehicles have hovered at their starts, or will not.
+    /// Whether the slots can begin: all vehicles have hovered at their starts, or will not, but one has.
     #[must_use]
     pub fn has_begun(&self) -> bool {
-        self.members.iter().all(|Member { control, .. }| {
-            control.has_begun() || matches!(control.phase(), Phase::Returning | Phase::TakenOver | Phase::Landed)
-        })
+        let is_over =
+            |control: &VehicleControl| matches!(control.phase(), Phase::Returning | Phase::TakenOver | Phase::Landed);
+        let is_flown = self.is_in_mission || self.members.iter().any(|member| member.control.has_begun());
+        is_flown && self.members.iter().all(|member| member.control.has_begun() || is_over(&member.control))
+    }
+
+    /// What the vehicle of a UAV, by its number from 0, is waited for before take-off, in words after "waiting for it".
+    #[must_use]
+    pub fn missing(&self, uav: usize) -> Option<&'static str> {
+        self.members[uav].control.missing()
+    }
+
+    /// Checks that there is a vehicle to fly.
+    ///
+    /// # Errors
+    /// If all are on the ground again, and none has begun its mission.
+    pub fn check_flyable(&self) -> Result<(), VehicleRefusal> {
+        let ends: Option<Vec<&str>> = self.members.iter().map(|member| member.control.unbegun_end()).collect();
+        match ends.filter(|_| !self.is_in_mission).and_then(|ends| ends.first().map(|end| (*end).to_owned())) {
+            Some(end) => {
+                let why = PreflightRefusal(format!("its mission was over before it began: {end}: no slot was flown"));
+                Err(VehicleRefusal { number: 1, why })
+            }
+            None => Ok(()),
+        }
     }
 
     /// Whether the vehicle of a UAV, by its number from 0, was armed by an order.
@@ -167,8 +200,9 @@ impl Bridge {
         self.members[uav].control.away_m(fix)
     }
 
-    /// Believes nothing of the vehicles that was heard before: the bridge was stopped meanwhile.
-    pub fn doubt(&mut self) {
+    /// Believes nothing of the vehicles that was heard before: the bridge was suspended for `suspended_s` [s].
+    pub fn doubt(&mut self, suspended_s: f64) {
+        self.suspended_s += suspended_s;
         self.members.iter_mut().for_each(|member| member.control.doubt());
     }
 
@@ -187,7 +221,14 @@ impl Bridge {
         }
         let patience_s = PATIENCE_S.max(PATIENCE_SLOTS * self.slot_s);
         if self.planned_s.is_some_and(|planned_s| now_s - planned_s > patience_s) {
-            self.return_home("the planner is silent", now_s);
+            let suspended_s = self.suspended_s;
+            let cause = if suspended_s > 0.0 {
+                format!(": the bridge itself was suspended for {suspended_s:.0} s of them")
+            } else {
+                String::new()
+            };
+            let planned_s = self.planned_s.unwrap_or(now_s);
+            self.return_home(&format!("no plan has come for {:.0} s{cause}", now_s - planned_s), now_s);
         }
     }
 
@@ -214,6 +255,7 @@ impl Bridge {
         for member in &mut self.members {
             member.plan = None;
             member.refusal = HoldReason::NoPlan;
+            member.is_doubtful = false;
         }
     }
 
@@ -230,6 +272,7 @@ impl Bridge {
     /// nobody charges.
     pub fn fly(&mut self, plans: &[Plan], now_s: f64) {
         self.planned_s = Some(now_s);
+        self.suspended_s = 0.0;
         let refusals = self.fleet.refusals(plans);
         for ((member, plan), refusal) in self.members.iter_mut().zip(plans).zip(refusals) {
             let plan = Plan { z_m: self.altitude_m.unwrap_or(plan.z_m), ..*plan };
@@ -245,7 +288,10 @@ impl Bridge {
     pub fn end(&mut self, slot: u64, reports: &mut [FlightReport], now_s: f64) {
         for (member, report) in self.members.iter().zip(reports.iter_mut()) {
             *report = member.report(report, slot as f64 * self.slot_s, self.capacity_j, now_s);
-            if let Some(plan) = member.plan.filter(|_| member.flies_plan()) {
+            let Some(plan) = member.plan.filter(|_| member.flies_plan()) else { continue };
+            if member.is_doubtful || !member.control.has_current_position(now_s) {
+                self.ends.doubtful += 1;
+            } else {
                 let away_m = (report.position() - plan.waypoint()).norm();
                 self.ends.flown += 1;
                 self.ends.reached += u64::from(away_m <= REACHED_M);

@@ -10,7 +10,7 @@ use crate::autopilot::ModeMeaning;
 use crate::frame::AreaFrame;
 use crate::jumps::{Jumps, Plausibility};
 use crate::outbox::Outbox;
-use crate::preflight::{Assignment, Beginning, Preflight, PreflightRefusal, TAKE_OFF_RADIUS_M};
+use crate::preflight::{Assignment, Beginning, Preflight, PreflightRefusal, TAKE_OFF_RADIUS_M, Verdict};
 use crate::said::Said;
 use crate::state::VehicleState;
 use crate::takeover::Takeover;
@@ -72,14 +72,12 @@ pub struct VehicleControl {
     phase: Phase,
     outbox: Outbox,
     jumps: Jumps,
-    /// Whether it was on the ground, disarmed, before.
-    has_been_disarmed: bool,
     /// Whether it has refused its target.
     has_refused: bool,
     /// Whether it has hovered at its start, or was in its mission before.
     has_begun: bool,
-    /// When it has accepted to be armed [s].
-    armed_s: Option<f64>,
+    /// Why its mission is over, in a sentence about "it"; empty before.
+    end: String,
     /// When it began to climb [s].
     climbs_s: Option<f64>,
     /// When an order that was refused, or that has no effect, may be tried again [s].
@@ -107,10 +105,9 @@ impl VehicleControl {
             takeover: Takeover::default(),
             phase: Phase::Preflight,
             outbox: Outbox::default(),
-            has_been_disarmed: false,
             has_refused: false,
             has_begun: false,
-            armed_s: None,
+            end: String::new(),
             climbs_s: None,
             retry_s: 0.0,
             is_lost: false,
@@ -146,6 +143,18 @@ impl VehicleControl {
     #[must_use]
     pub fn has_begun(&self) -> bool {
         self.has_begun
+    }
+
+    /// What it is waited for before take-off, in words after "waiting for it"; `None` if nothing is.
+    #[must_use]
+    pub fn missing(&self) -> Option<&'static str> {
+        self.preflight.missing.filter(|_| self.phase == Phase::Preflight)
+    }
+
+    /// Why its mission is over, if it has never begun.
+    #[must_use]
+    pub fn unbegun_end(&self) -> Option<&str> {
+        (!self.has_begun && self.phase == Phase::Landed).then_some(&*self.end)
     }
 
     /// Whether the bridge has ordered it to be armed, or has taken it over in the air.
@@ -236,7 +245,7 @@ impl VehicleControl {
     }
 
     fn hear_answer(&mut self, command: u16, result: u8, now_s: f64) {
-        let Some(order) = self.outbox.answer(command, result) else { return };
+        let Some(order) = self.outbox.answer(command, result, now_s) else { return };
         if order == Order::Arm {
             self.takeover.answer_arming(result == ACCEPTED);
             if result == ACCEPTED {
@@ -264,8 +273,7 @@ impl VehicleControl {
 
     /// Notes that the vehicle was armed by an order.
     fn note_arming(&mut self, now_s: f64) {
-        if self.armed_s.is_none() {
-            self.armed_s = Some(now_s);
+        if self.takeover.note_armed(now_s) {
             self.vehicle.recount_disarmed();
         }
     }
@@ -321,85 +329,24 @@ impl VehicleControl {
     /// Checks whether the vehicle may take off, or is in the air already.
     fn check(&mut self, now_s: f64, orders: &mut Vec<Order>) -> Result<(), PreflightRefusal> {
         let position = self.position().filter(|_| self.has_current_position(now_s));
-        if position.is_none() || self.vehicle.is_armed().is_none() || self.vehicle.mode().is_none() {
-            let missing = match (self.vehicle.autopilot, position) {
-                (None, _) => "to send heartbeats",
-                (_, None) => "to know its position",
-                _ => "to say the same mode twice in a row",
-            };
-            self.say_waiting(missing, now_s);
-            return Ok(());
-        }
-        let beginning = self.assignment.beginning;
-        if self.vehicle.is_armed() == Some(true) {
-            return self.check_armed(position, now_s, orders);
-        }
-        self.has_been_disarmed = true;
-        if beginning == (Beginning::Restarted { in_mission: true }) {
-            self.give_up("it is on the ground in the middle of the mission");
-            return Ok(());
-        }
-        if let Some(why) = self.takeover.check(&self.vehicle) {
-            self.give_up(&why);
-            return Ok(());
-        }
-        match self.preflight.check(&self.vehicle, position, &self.assignment, now_s, orders)? {
-            Some(missing) => self.say_waiting(missing, now_s),
-            None => {
+        let Self { preflight, vehicle, takeover, assignment, .. } = self;
+        match preflight.judge(vehicle, position, takeover, assignment, now_s, orders)? {
+            Verdict::Wait(missing) => self.say_waiting(missing, now_s),
+            Verdict::GiveUp(why) => self.give_up(&why),
+            Verdict::Arm => {
                 self.say_findings();
                 self.said.say("is checked: arming".to_owned());
                 self.phase = Phase::Arming;
                 self.retry_s = now_s;
             }
+            Verdict::FlyOn { mode } => {
+                self.say_findings();
+                self.said.say("is in the air: flying on".to_owned());
+                self.takeover.adopt(mode);
+                self.fly(now_s);
+            }
         }
         Ok(())
-    }
-
-    /// Checks a vehicle that somebody has armed: only after an earlier bridge, in the air, it is flown on.
-    fn check_armed(
-        &mut self,
-        position: Option<Point3<f64>>,
-        now_s: f64,
-        orders: &mut Vec<Order>,
-    ) -> Result<(), PreflightRefusal> {
-        let mode = self.vehicle.mode().unwrap_or_default();
-        let (meaning, is_in_air) = (self.vehicle.meaning(), self.vehicle.is_in_air());
-        let follows = meaning == ModeMeaning::FollowsOrders;
-        if self.has_been_disarmed {
-            self.give_up("somebody else has armed it");
-            return Ok(());
-        }
-        match self.assignment.beginning {
-            Beginning::New => {
-                let state = if is_in_air { "in the air" } else { "armed" };
-                Err(PreflightRefusal(format!("it is {state} (mode {mode}): expected it on the ground, disarmed")))
-            }
-            Beginning::Resumed if meaning == ModeMeaning::Returns => {
-                self.say_waiting("to land", now_s);
-                Ok(())
-            }
-            Beginning::Resumed if !(is_in_air && follows) => Err(PreflightRefusal(format!(
-                "it is armed, in mode {mode}: expected it on the ground, or in the air in the mode that follows orders"
-            ))),
-            Beginning::Restarted { .. } if !(is_in_air && follows) => {
-                self.give_up(&format!("it is flown by others (mode {mode})"));
-                Ok(())
-            }
-            Beginning::Resumed | Beginning::Restarted { .. } => {
-                match self.preflight.check(&self.vehicle, position, &self.assignment, now_s, orders) {
-                    Ok(Some(missing)) => self.say_waiting(missing, now_s),
-                    Ok(None) => {
-                        self.say_findings();
-                        self.said.say("is in the air: flying on".to_owned());
-                        self.takeover.adopt(mode);
-                        self.fly(now_s);
-                    }
-                    Err(refusal) if self.assignment.beginning == Beginning::Resumed => return Err(refusal),
-                    Err(PreflightRefusal(why)) => self.give_up(&why),
-                }
-                Ok(())
-            }
-        }
     }
 
     fn say_findings(&mut self) {
@@ -408,7 +355,8 @@ impl VehicleControl {
         }
     }
 
-    fn say_waiting(&mut self, missing: &str, now_s: f64) {
+    fn say_waiting(&mut self, missing: &'static str, now_s: f64) {
+        self.preflight.missing = Some(missing);
         if self.preflight.is_line_due(now_s) {
             self.said.say(format!("waiting for it {missing}"));
         }
@@ -428,14 +376,22 @@ impl VehicleControl {
         let is_down = self.vehicle.has_disarmed(now_s);
         if is_down {
             self.said.say("has disarmed: its mission is over".to_owned());
-            self.land();
+            self.land("it has disarmed");
         }
         is_down
     }
 
-    fn land(&mut self) {
+    /// Ends its mission on the ground, because of `why` unless it had ended before.
+    fn land(&mut self, why: &str) {
+        self.note_end(why);
         self.outbox.clear();
         self.phase = Phase::Landed;
+    }
+
+    fn note_end(&mut self, why: &str) {
+        if self.end.is_empty() {
+            why.clone_into(&mut self.end);
+        }
     }
 
     /// Arms in the mode that follows orders.
@@ -457,7 +413,7 @@ impl VehicleControl {
         if !self.may_arm {
             return; // the other vehicles are not checked yet
         }
-        if let Some(armed_s) = self.armed_s {
+        if let Some(armed_s) = self.takeover.armed_s() {
             if now_s - armed_s > DISARMED_S && self.vehicle.says_disarmed() {
                 self.end_if_disarmed(now_s);
             }
@@ -562,6 +518,7 @@ impl VehicleControl {
             "is taken over: {why}. The bridge gives it no more orders in this run, which goes on until it has landed; \
              Ctrl-C ends the run, and with it the heartbeats for which its dead-man switch waits"
         ));
+        self.note_end(&format!("it was taken over: {why}"));
         self.outbox.clear();
         self.phase = Phase::TakenOver;
     }
@@ -574,11 +531,12 @@ impl VehicleControl {
             Phase::Preflight if self.is_of_earlier_bridge() => {
                 self.takeover.adopt(self.vehicle.mode().unwrap_or_default());
             }
-            Phase::Preflight => return self.land(), // it is not the bridge's
-            Phase::Arming | Phase::TakeOff if is_disarmed => return self.land(),
+            Phase::Preflight => return self.land(why), // it is not the bridge's
+            Phase::Arming | Phase::TakeOff if is_disarmed => return self.land(why),
             Phase::Arming | Phase::TakeOff | Phase::Flying => {}
         }
         self.phase = Phase::Returning;
+        self.note_end(&format!("it has returned: {why}"));
         self.said.say(format!("returns: {why}"));
         self.outbox.clear();
         self.outbox.send(Order::Return, now_s);
@@ -588,7 +546,7 @@ impl VehicleControl {
     fn is_of_earlier_bridge(&self) -> bool {
         let is_near =
             self.vehicle.fix().and_then(|fix| self.away_m(fix)).is_some_and(|away_m| away_m <= TAKE_OFF_RADIUS_M);
-        let is_left = self.assignment.beginning != Beginning::New && !self.has_been_disarmed;
+        let is_left = self.assignment.beginning != Beginning::New && !self.takeover.has_been_disarmed();
         is_left && is_near && self.vehicle.is_in_air() && self.vehicle.meaning() == ModeMeaning::FollowsOrders
     }
 
@@ -596,7 +554,7 @@ impl VehicleControl {
     fn come_home(&mut self, now_s: f64) {
         if self.vehicle.has_disarmed(now_s) {
             self.said.say("has landed".to_owned());
-            self.land();
+            self.land("it has landed");
             return;
         }
         if self.end_if_taken_over() {
@@ -616,7 +574,7 @@ impl VehicleControl {
     fn await_landing(&mut self, now_s: f64) {
         if self.vehicle.has_disarmed(now_s) {
             self.said.say("is on the ground, disarmed".to_owned());
-            self.land();
+            self.land("it is on the ground");
         }
     }
 }

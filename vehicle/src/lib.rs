@@ -1,9 +1,10 @@
 //! A bridge to vehicles that speak MAVLink, in the place of flight-sim; and a kinematic vehicle to fly it with.
 //!
-//! [`bridge`] and [`control`] decide, [`link`] and [`wire`] know MAVLink, [`node`] knows iceoryx2.
+//! [`bridge`] and [`control`] decide, [`link`], [`codec`] and [`wire`] know MAVLink, [`node`] knows iceoryx2.
 
 pub mod autopilot;
 pub mod bridge;
+pub mod codec;
 pub mod control;
 pub mod frame;
 pub mod identity;

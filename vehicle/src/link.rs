@@ -1,26 +1,18 @@
-//! The links to the vehicles of a fleet: which vehicle is at which address, and messages and orders as MAVLink.
+//! The links to the vehicles of a fleet: which vehicle is at which address. The messages themselves
+//! are left to [`crate::codec`].
 
 use std::collections::BTreeSet;
 use std::io;
 use std::net::SocketAddr;
 
-use mavlink::dialects::common::{
-    BATTERY_STATUS_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA, CURRENT_MODE_DATA, ESTIMATOR_STATUS_DATA,
-    EXTENDED_SYS_STATE_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavFrame, MavLandedState,
-    MavMessage, MavModeFlag, MavParamType, MavState, MavType, PARAM_REQUEST_READ_DATA, SYS_STATUS_DATA,
-};
-use mavlink::{MavHeader, MessageData as _};
+use mavlink::MavHeader;
+use mavlink::dialects::common::{HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavState, MavType};
+use serde::{Deserialize, Serialize};
 
-use crate::autopilot::{Altitude, AutopilotKind};
+use crate::codec::{AUTOPILOT, decode, encode};
 use crate::identity::{Sender, Vehicles};
-use crate::telemetry::{Fix, GlobalTarget, Order, Stream, Telemetry};
+use crate::telemetry::{Fix, Order, Telemetry};
 use crate::wire::{Received, Wire, WireAddress};
-
-/// Component of an autopilot.
-const AUTOPILOT: u8 = 1;
-
-/// Bit of the base mode of an armed vehicle.
-const ARMED: MavModeFlag = MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
 
 /// Messages that are taken in a poll at most, so that a flood of them does not stop the bridge.
 const MOST_IN_A_POLL: usize = 4096;
@@ -49,6 +41,15 @@ struct LinkedWire {
     noticed: BTreeSet<String>,
 }
 
+/// A vehicle that is chosen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ChosenVehicle {
+    /// Its system.
+    pub system: u8,
+    /// Its address, over UDP.
+    pub address: Option<SocketAddr>,
+}
+
 /// The vehicle of a UAV.
 struct Route {
     connection: usize,
@@ -56,6 +57,8 @@ struct Route {
     named: Option<u8>,
     /// Its system, once it is chosen.
     system: Option<u8>,
+    /// What the bridge before has chosen.
+    before: Option<ChosenVehicle>,
 }
 
 impl Link {
@@ -82,7 +85,7 @@ impl Link {
                 }
             };
             let named = if is_shared { u8::try_from(uav + 1).ok() } else { address.system };
-            link.routes.push(Route { connection, named, system: None });
+            link.routes.push(Route { connection, named, system: None, before: None });
         }
         Ok(link)
     }
@@ -125,16 +128,29 @@ impl Link {
         self.budget = MOST_IN_A_POLL;
     }
 
-    /// The systems of the vehicles that are chosen, by the numbers of their UAVs.
+    /// The vehicles that are chosen, or were by the bridge before, by the numbers of their UAVs.
     #[must_use]
-    pub fn systems(&self) -> Vec<Option<u8>> {
-        self.routes.iter().map(|route| route.system).collect()
+    pub fn chosen(&self) -> Vec<Option<ChosenVehicle>> {
+        let chosen = |route: &Route| {
+            let address = |system| self.connections[route.connection].vehicles.address(system);
+            route.system.map(|system| ChosenVehicle { system, address: address(system) }).or(route.before)
+        };
+        self.routes.iter().map(chosen).collect()
     }
 
-    /// Names the vehicles that the bridge before has chosen.
-    pub fn name(&mut self, systems: &[Option<u8>]) {
-        for (route, system) in self.routes.iter_mut().zip(systems) {
-            route.named = route.named.or(*system);
+    /// Where the vehicle of a UAV, by its number from 0, was waited for, if none is chosen.
+    #[must_use]
+    pub fn awaited_at(&self, uav: usize) -> Option<&WireAddress> {
+        let route = &self.routes[uav];
+        route.system.is_none().then(|| &self.connections[route.connection].address)
+    }
+
+    /// Names the vehicles that the bridge before has chosen. They get heartbeats where it has heard them, before they are
+    /// heard again.
+    pub fn name(&mut self, chosen: &[Option<ChosenVehicle>]) {
+        for (route, vehicle) in self.routes.iter_mut().zip(chosen) {
+            route.named = route.named.or(vehicle.map(|vehicle| vehicle.system));
+            route.before = *vehicle;
         }
     }
 
@@ -258,8 +274,8 @@ impl Link {
         }
     }
 
-    /// Says to all chosen vehicles that the bridge is there, and where nobody was heard yet, to the address of the
-    /// connection.
+    /// Says to all chosen vehicles that the bridge is there; to those that were not heard yet, where the bridge before has
+    /// heard them, or at the address of the connection.
     pub fn send_heartbeats(&self) {
         let heartbeat = MavMessage::HEARTBEAT(HEARTBEAT_DATA {
             custom_mode: 0,
@@ -270,9 +286,12 @@ impl Link {
             mavlink_version: 3,
         });
         let mut told = BTreeSet::new();
-        for Route { connection, system, .. } in &self.routes {
+        for Route { connection, system, before, .. } in &self.routes {
             let linked = &self.connections[*connection];
-            let to = system.and_then(|system| linked.vehicles.address(system));
+            let to = match system {
+                Some(system) => linked.vehicles.address(*system),
+                None => before.and_then(|before| before.address),
+            };
             if told.insert((*connection, to)) {
                 linked.wire.send(&linked.header(), &heartbeat, to);
             }
@@ -287,239 +306,10 @@ impl LinkedWire {
     }
 }
 
-/// What a message of an autopilot means; `None` for one that means nothing here.
-fn decode(message: &MavMessage) -> Option<Telemetry> {
-    Some(match message {
-        MavMessage::HEARTBEAT(heartbeat) => Telemetry::Heartbeat {
-            autopilot: match heartbeat.autopilot {
-                MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA => AutopilotKind::ArduPilot,
-                MavAutopilot::MAV_AUTOPILOT_PX4 => AutopilotKind::Px4,
-                MavAutopilot::MAV_AUTOPILOT_INVALID => return None, // no autopilot
-                _ => AutopilotKind::Other,
-            },
-            mode: heartbeat.custom_mode,
-            is_armed: heartbeat.base_mode.contains(ARMED),
-            is_booting: matches!(
-                heartbeat.system_status,
-                MavState::MAV_STATE_UNINIT | MavState::MAV_STATE_BOOT | MavState::MAV_STATE_CALIBRATING
-            ),
-        },
-        MavMessage::CURRENT_MODE(current) => Telemetry::Mode(current.custom_mode),
-        MavMessage::GLOBAL_POSITION_INT(position) if position.lat != 0 || position.lon != 0 => {
-            let cm = |value: i16| f64::from(value) / 100.0;
-            let heading_deg = f64::from(position.hdg) / 100.0;
-            Telemetry::Position(Fix {
-                lat_deg: f64::from(position.lat) / 1e7,
-                lon_deg: f64::from(position.lon) / 1e7,
-                above_home_m: f64::from(position.relative_alt) / 1e3,
-                above_sea_m: f64::from(position.alt) / 1e3,
-                velocity_mps: [cm(position.vy), cm(position.vx), -cm(position.vz)], // from north, east, down
-                heading_deg: if position.hdg == u16::MAX { f64::INFINITY } else { heading_deg },
-                boot_s: f64::from(position.time_boot_ms) / 1e3,
-            })
-        }
-        MavMessage::ESTIMATOR_STATUS(status) => {
-            let accuracy_m = [status.pos_horiz_accuracy, status.pos_vert_accuracy].map(f64::from);
-            let is_known = accuracy_m.iter().all(|sigma_m| sigma_m.is_finite() && *sigma_m >= 0.0);
-            is_known.then_some(Telemetry::Accuracy(accuracy_m))?
-        }
-        MavMessage::BATTERY_STATUS(status) if status.id == 0 => battery(status.battery_remaining),
-        MavMessage::SYS_STATUS(status) => battery(status.battery_remaining),
-        MavMessage::EXTENDED_SYS_STATE(state) => match state.landed_state {
-            MavLandedState::MAV_LANDED_STATE_UNDEFINED => return None,
-            landed => Telemetry::InAir(landed != MavLandedState::MAV_LANDED_STATE_ON_GROUND),
-        },
-        MavMessage::COMMAND_ACK(ack) => Telemetry::Answer {
-            command: u16::try_from(ack.command as u32).ok()?,
-            result: u8::try_from(ack.result as u32).ok()?,
-        },
-        MavMessage::STATUSTEXT(status) => Telemetry::Text(status.text.to_str().ok()?.to_owned()),
-        MavMessage::PARAM_VALUE(parameter) => Telemetry::Parameter {
-            name: parameter.param_id.to_str().ok()?.to_owned(),
-            value: parameter.param_value,
-            is_integer: parameter.param_type != MavParamType::MAV_PARAM_TYPE_REAL32,
-        },
-        _ => return None,
-    })
-}
-
-/// The energy that is left [%]; negative if it is not known.
-fn battery(remaining: i8) -> Telemetry {
-    Telemetry::Battery((remaining >= 0).then(|| f64::from(remaining) / 100.0))
-}
-
-/// An order to the system `target_system`.
-fn encode(order: &Order, target_system: u8) -> MavMessage {
-    let long = |command: MavCmd, params: [f32; 7]| {
-        let [param1, param2, param3, param4, param5, param6, param7] = params;
-        MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
-            param1,
-            param2,
-            param3,
-            param4,
-            param5,
-            param6,
-            param7,
-            command,
-            target_system,
-            target_component: AUTOPILOT,
-            confirmation: 0,
-        })
-    };
-    match *order {
-        Order::Mode(mode) => {
-            let is_custom = MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED.bits();
-            long(MavCmd::MAV_CMD_DO_SET_MODE, [f32::from(is_custom), mode as f32, 0.0, 0.0, 0.0, 0.0, 0.0])
-        }
-        Order::Arm => long(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
-        Order::TakeOff(altitude) => {
-            let (frame, z_m) = frame_of(altitude);
-            // PX4 takes 0 for a place; ArduPilot makes an integer of it.
-            let here = if frame == MavFrame::MAV_FRAME_GLOBAL { f32::NAN } else { 0.0 };
-            long(MavCmd::MAV_CMD_NAV_TAKEOFF, [0.0, 0.0, 0.0, here, here, here, z_m])
-        }
-        Order::Speed(mps) => long(MavCmd::MAV_CMD_DO_CHANGE_SPEED, [1.0, mps as f32, -1.0, 0.0, 0.0, 0.0, 0.0]),
-        Order::Reposition { to, may_change_mode } => reposition(&to, may_change_mode, target_system),
-        Order::Return => long(MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH, [0.0; 7]),
-        Order::Interval { stream, period_s } => {
-            let [id, period_us] = [message_id(stream) as f32, (period_s * 1e6) as f32];
-            long(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL, [id, period_us, 0.0, 0.0, 0.0, 0.0, 0.0])
-        }
-        Order::Parameter(name) => MavMessage::PARAM_REQUEST_READ(PARAM_REQUEST_READ_DATA {
-            param_index: -1,
-            target_system,
-            target_component: AUTOPILOT,
-            param_id: name.into(),
-        }),
-    }
-}
-
-fn reposition(to: &GlobalTarget, may_change_mode: bool, target_system: u8) -> MavMessage {
-    let (frame, z) = frame_of(to.altitude);
-    let e7 = |degrees: f64| (degrees * 1e7).round() as i32;
-    MavMessage::COMMAND_INT(COMMAND_INT_DATA {
-        param1: -1.0, // the speed stays
-        param2: f32::from(u8::from(may_change_mode)),
-        param3: 0.0,
-        param4: f32::NAN, // so does the yaw
-        x: e7(to.lat_deg),
-        y: e7(to.lon_deg),
-        z,
-        command: MavCmd::MAV_CMD_DO_REPOSITION,
-        target_system,
-        target_component: AUTOPILOT,
-        frame,
-        current: 0,
-        autocontinue: 0,
-    })
-}
-
-/// An altitude as a frame and a number [m].
-fn frame_of(altitude: Altitude) -> (MavFrame, f32) {
-    match altitude {
-        Altitude::AboveHome(z_m) => (MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT, z_m as f32),
-        Altitude::AboveSea(z_m) => (MavFrame::MAV_FRAME_GLOBAL, z_m as f32),
-    }
-}
-
-/// The number of the message of a stream.
-fn message_id(stream: Stream) -> u32 {
-    match stream {
-        Stream::Position => GLOBAL_POSITION_INT_DATA::ID,
-        Stream::Accuracy => ESTIMATOR_STATUS_DATA::ID,
-        Stream::Heartbeat => HEARTBEAT_DATA::ID,
-        Stream::Mode => CURRENT_MODE_DATA::ID,
-        Stream::Battery => BATTERY_STATUS_DATA::ID,
-        Stream::Status => SYS_STATUS_DATA::ID,
-        Stream::InAir => EXTENDED_SYS_STATE_DATA::ID,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mavlink::dialects::common::{COMMAND_ACK_DATA, MavResult, PARAM_VALUE_DATA, STATUSTEXT_DATA, SYS_STATUS_DATA};
-
-    #[test]
-    fn a_reposition_is_a_command_int_above_home_in_ten_millionths_of_a_degree() {
-        let to = GlobalTarget { lat_deg: 47.397_742, lon_deg: -8.545_594, altitude: Altitude::AboveHome(20.0) };
-        let MavMessage::COMMAND_INT(sent) = encode(&Order::Reposition { to, may_change_mode: false }, 3) else {
-            panic!("another message");
-        };
-        assert_eq!((sent.x, sent.y, sent.z), (473_977_420, -85_455_940, 20.0));
-        assert_eq!((sent.frame, sent.param2, sent.target_system), (MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT, 0.0, 3));
-    }
-
-    #[test]
-    fn a_heartbeat_tells_the_autopilot_its_mode_and_whether_it_is_armed() {
-        let decoded = |autopilot, base_mode| {
-            let heartbeat = HEARTBEAT_DATA { autopilot, base_mode, custom_mode: 4, ..HEARTBEAT_DATA::default() };
-            decode(&MavMessage::HEARTBEAT(heartbeat))
-        };
-        for (sent, autopilot) in [
-            (MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA, AutopilotKind::ArduPilot),
-            (MavAutopilot::MAV_AUTOPILOT_PX4, AutopilotKind::Px4),
-            (MavAutopilot::MAV_AUTOPILOT_GENERIC, AutopilotKind::Other),
-        ] {
-            for (base_mode, is_armed) in [(ARMED, true), (MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, false)] {
-                assert_eq!(
-                    decoded(sent, base_mode),
-                    Some(Telemetry::Heartbeat { autopilot, mode: 4, is_armed, is_booting: true })
-                );
-            }
-        }
-        assert_eq!(decoded(MavAutopilot::MAV_AUTOPILOT_INVALID, ARMED), None, "a ground station");
-    }
-
-    #[test]
-    fn other_messages_are_decoded_in_si_units() {
-        let text = STATUSTEXT_DATA { text: "EKF variance".into(), ..Default::default() };
-        assert_eq!(decode(&MavMessage::STATUSTEXT(text)), Some(Telemetry::Text("EKF variance".to_owned())));
-        let told = PARAM_VALUE_DATA { param_id: "FS_GCS_ENABLE".into(), param_value: 1.0, ..Default::default() };
-        let name = "FS_GCS_ENABLE".to_owned();
-        let parameter = Telemetry::Parameter { name, value: 1.0, is_integer: true };
-        assert_eq!(decode(&MavMessage::PARAM_VALUE(told)), Some(parameter));
-        let answer = COMMAND_ACK_DATA { command: MavCmd::MAV_CMD_NAV_TAKEOFF, result: MavResult::MAV_RESULT_DENIED };
-        assert_eq!(decode(&MavMessage::COMMAND_ACK(answer)), Some(Telemetry::Answer { command: 22, result: 2 }));
-        for (landed_state, telemetry) in [
-            (MavLandedState::MAV_LANDED_STATE_UNDEFINED, None),
-            (MavLandedState::MAV_LANDED_STATE_ON_GROUND, Some(Telemetry::InAir(false))),
-            (MavLandedState::MAV_LANDED_STATE_IN_AIR, Some(Telemetry::InAir(true))),
-            (MavLandedState::MAV_LANDED_STATE_TAKEOFF, Some(Telemetry::InAir(true))),
-        ] {
-            let state = EXTENDED_SYS_STATE_DATA { landed_state, ..Default::default() };
-            assert_eq!(decode(&MavMessage::EXTENDED_SYS_STATE(state)), telemetry, "{landed_state:?}");
-        }
-        let status = |id| BATTERY_STATUS_DATA { id, battery_remaining: 40, ..Default::default() };
-        let [main, second] = [0, 1].map(|id| decode(&MavMessage::BATTERY_STATUS(status(id))));
-        assert_eq!((main, second), (Some(Telemetry::Battery(Some(0.4))), None));
-    }
-
-    #[test]
-    fn orders_have_the_parameters_of_their_commands() {
-        let params = |order: Order| match encode(&order, 7) {
-            MavMessage::COMMAND_LONG(sent) => {
-                assert_eq!((sent.target_system, sent.target_component), (7, 1));
-                [sent.param1, sent.param2, sent.param3, sent.param4, sent.param7]
-            }
-            other => panic!("{other:?}"),
-        };
-        assert_eq!(params(Order::Mode(4)), [1.0, 4.0, 0.0, 0.0, 0.0]);
-        assert_eq!(params(Order::Arm), [1.0, 0.0, 0.0, 0.0, 0.0]);
-        assert_eq!(params(Order::Speed(7.0)), [1.0, 7.0, -1.0, 0.0, 0.0], "over ground, without throttle");
-        assert_eq!(params(Order::TakeOff(Altitude::AboveHome(20.0))), [0.0, 0.0, 0.0, 0.0, 20.0]);
-        let [.., yaw, z_m] = params(Order::TakeOff(Altitude::AboveSea(508.0)));
-        assert!(yaw.is_nan() && z_m == 508.0);
-        let to = GlobalTarget { lat_deg: 1.0, lon_deg: 2.0, altitude: Altitude::AboveSea(3.0) };
-        let MavMessage::COMMAND_INT(sent) = encode(&Order::Reposition { to, may_change_mode: true }, 7) else {
-            panic!("another message");
-        };
-        assert!(sent.param1 == -1.0 && sent.param2 == 1.0 && sent.param4.is_nan(), "its speed and yaw: {sent:?}");
-        let MavMessage::PARAM_REQUEST_READ(sent) = encode(&Order::Parameter("NAV_DLL_ACT"), 7) else {
-            panic!("another message");
-        };
-        assert_eq!((sent.param_index, sent.target_system, sent.param_id.to_str()), (-1, 7, Ok("NAV_DLL_ACT")));
-    }
+    use mavlink::dialects::common::SYS_STATUS_DATA;
 
     /// A link with these options behind its address, which listens where nobody speaks.
     fn link(options: &[&str], uavs: usize) -> Link {
@@ -653,84 +443,5 @@ mod tests {
             assert_eq!(link.hear(0, &sent(1, 1, AUTOPILOT, odd), 5.0), None);
         }
         assert!(link.take_said()[0].contains("a vehicle of another type sends as system 1, too"));
-    }
-
-    #[test]
-    fn a_stream_is_asked_for_by_the_number_of_its_message_with_its_period_in_microseconds() {
-        // Numbers of the MAVLink common message set.
-        let asked = [
-            (Stream::Position, 33.0),
-            (Stream::Accuracy, 230.0),
-            (Stream::Battery, 147.0),
-            (Stream::InAir, 245.0),
-            (Stream::Heartbeat, 0.0),
-            (Stream::Mode, 436.0),
-            (Stream::Status, 1.0),
-        ];
-        for (stream, number) in asked {
-            let MavMessage::COMMAND_LONG(sent) = encode(&Order::Interval { stream, period_s: 0.25 }, 1) else {
-                panic!("another message");
-            };
-            assert_eq!((sent.param1, sent.param2), (number, 250_000.0), "{stream:?}");
-        }
-    }
-
-    #[test]
-    fn a_position_is_east_north_up_and_absent_without_a_fix() {
-        let sent = GLOBAL_POSITION_INT_DATA {
-            time_boot_ms: 1_500,
-            lat: 473_977_420,
-            lon: -85_455_940,
-            alt: 508_000,
-            relative_alt: 20_000,
-            vx: 100,
-            vy: 200,
-            vz: -50,
-            hdg: u16::MAX,
-        };
-        let expected = Fix {
-            lat_deg: 47.397_742,
-            lon_deg: -8.545_594,
-            above_home_m: 20.0,
-            above_sea_m: 508.0,
-            velocity_mps: [2.0, 1.0, 0.5],
-            heading_deg: f64::INFINITY,
-            boot_s: 1.5,
-        };
-        let decoded = |sent: &GLOBAL_POSITION_INT_DATA| decode(&MavMessage::GLOBAL_POSITION_INT(sent.clone()));
-        assert_eq!(decoded(&sent), Some(Telemetry::Position(expected)));
-        let east = Telemetry::Position(Fix { heading_deg: 90.0, ..expected });
-        assert_eq!(decoded(&GLOBAL_POSITION_INT_DATA { hdg: 9_000, ..sent.clone() }), Some(east));
-        assert_eq!(decoded(&GLOBAL_POSITION_INT_DATA { lat: 0, lon: 0, ..sent }), None);
-    }
-
-    #[test]
-    fn unknown_values_are_decoded_to_none() {
-        assert_eq!((battery(-1), battery(40)), (Telemetry::Battery(None), Telemetry::Battery(Some(0.4))));
-        let accuracy = |pos_horiz_accuracy: f32| {
-            decode(&MavMessage::ESTIMATOR_STATUS(ESTIMATOR_STATUS_DATA { pos_horiz_accuracy, ..Default::default() }))
-        };
-        assert_eq!((accuracy(f32::NAN), accuracy(-0.5)), (None, None));
-        assert_eq!(accuracy(0.5), Some(Telemetry::Accuracy([0.5, 0.0])));
-    }
-
-    #[test]
-    fn an_order_has_the_command_of_its_message() {
-        let to = GlobalTarget { lat_deg: 1.0, lon_deg: 2.0, altitude: Altitude::AboveSea(3.0) };
-        for order in [
-            Order::Mode(4),
-            Order::Arm,
-            Order::TakeOff(Altitude::AboveHome(20.0)),
-            Order::Speed(7.0),
-            Order::Reposition { to, may_change_mode: true },
-            Order::Return,
-        ] {
-            let command = match encode(&order, 1) {
-                MavMessage::COMMAND_LONG(sent) => sent.command,
-                MavMessage::COMMAND_INT(sent) => sent.command,
-                other => panic!("{other:?}"),
-            };
-            assert_eq!(order.command().map(u32::from), Some(command as u32), "{order:?}");
-        }
     }
 }

@@ -23,7 +23,7 @@ use skysink_ring::wait::WaitContext;
 use crate::bridge::{Bridge, VehicleRefusal, start};
 use crate::frame::AreaFrame;
 use crate::latency::OrderLatencies;
-use crate::link::Link;
+use crate::link::{ChosenVehicle, Link};
 use crate::preflight::{Beginning, PreflightRefusal};
 use crate::wire::WireAddress;
 
@@ -43,11 +43,14 @@ const STOP_TIMEOUT: Duration = Duration::from_millis(2_500);
 /// How long a bridge whose launcher has died waits for it.
 const ORPHAN_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Time after which messages that wait are out of date: the bridge was stopped, or its machine.
+/// Time after which messages that wait are out of date: the bridge was suspended, or its machine.
 const STALE: Duration = Duration::from_secs(1);
 
-/// The file of the ring with the systems of the vehicles.
-const SYSTEMS: &str = "systems.json";
+/// The file of the ring with the vehicles that are chosen.
+const CHOSEN: &str = "vehicles.json";
+
+/// The file of the ring that is there once a vehicle was taken over.
+pub const TAKEN_OVER: &str = "taken-over.json";
 
 /// Time between two heartbeats of the bridge [s], in seconds of the vehicles.
 const HEARTBEAT_S: f64 = 0.25;
@@ -56,8 +59,8 @@ const HEARTBEAT_S: f64 = 0.25;
 /// the end, and after an error. A restarted process continues with the vehicles in the air.
 ///
 /// # Errors
-/// If an address cannot be opened, a vehicle must not take off, a peer is missing, the ring fails, or `stop` is
-/// requested.
+/// If an address cannot be opened, a vehicle must not take off, or none begins its mission, a peer is missing, the ring
+/// fails, or `stop` is requested.
 pub fn run<S: Service + 'static>(
     scenario: &Scenario,
     folder: &RingFolder,
@@ -78,6 +81,9 @@ pub fn run<S: Service + 'static>(
         Err(NodeError::Stopped(_)) => ("the run is stopped", STOP_TIMEOUT),
         Err(_) => ("the bridge has failed", STOP_TIMEOUT),
     };
+    if let Err(NodeError::Stopped(_)) = &result {
+        process.say_awaited();
+    }
     process.return_home(why, timeout);
     result
 }
@@ -105,9 +111,12 @@ struct BridgeProcess<S: Service + 'static> {
     latencies: OrderLatencies,
     /// When messages were taken in last.
     polled: Instant,
-    /// The systems of the vehicles as they were saved, and where.
-    systems: Vec<Option<u8>>,
-    systems_file: PathBuf,
+    /// The vehicles that are chosen, as they were saved, and where.
+    chosen: Vec<Option<ChosenVehicle>>,
+    chosen_file: PathBuf,
+    /// The numbers of the vehicles that were taken over, as they were saved, and where.
+    taken_over: Vec<usize>,
+    taken_over_file: PathBuf,
 }
 
 impl<S: Service + 'static> BridgeProcess<S> {
@@ -141,11 +150,11 @@ impl<S: Service + 'static> BridgeProcess<S> {
             return Err(refuse(expected).into());
         }
         let mut link = Link::open(addresses, uavs).map_err(cannot_open)?;
-        let systems_file = folder.path().join(SYSTEMS);
+        let chosen_file = folder.path().join(CHOSEN);
         if ring.restarts > 0
-            && let Ok(text) = std::fs::read_to_string(&systems_file)
+            && let Ok(text) = std::fs::read_to_string(&chosen_file)
         {
-            link.name(&serde_json::from_str::<Vec<Option<u8>>>(&text).unwrap_or_default());
+            link.name(&serde_json::from_str::<Vec<Option<ChosenVehicle>>>(&text).unwrap_or_default());
         }
         let mut sensors = ring.sensors.reader()?;
         let nodes = sensors.wait_for_next(&mut wait, 0)?;
@@ -172,8 +181,10 @@ impl<S: Service + 'static> BridgeProcess<S> {
             is_local: ring.terms.link.is_none(),
             latencies: OrderLatencies::default(),
             polled: Instant::now(),
-            systems: Vec::new(),
-            systems_file,
+            chosen: Vec::new(),
+            chosen_file,
+            taken_over: Vec::new(),
+            taken_over_file: folder.path().join(TAKEN_OVER),
         })
     }
 
@@ -192,6 +203,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let mut journal = journal(folder, scenario.uav.uavs())?;
         while !self.bridge.has_begun() {
             self.poll()?;
+            self.bridge.check_flyable().map_err(|refused| refusal(&refused))?;
             self.pause()?;
         }
         let (last, mut reports) = flown.last().expect("at least slot 0").clone();
@@ -272,17 +284,29 @@ impl<S: Service + 'static> BridgeProcess<S> {
         self.link
             .choose(now_s, |uav| bridge.is_committed(uav), |uav, fix| bridge.away_m(uav, fix))
             .map_err(|(uav, why)| refusal(&VehicleRefusal { number: uav + 1, why: PreflightRefusal(why) }))?;
-        self.save_systems();
-        self.exchange()
+        self.save_chosen();
+        self.exchange()?;
+        self.save_taken_over();
+        Ok(())
+    }
+
+    /// Saves which vehicles were taken over, for the launcher: such a run is not to be resumed.
+    fn save_taken_over(&mut self) {
+        let taken_over = self.bridge.taken_over();
+        if taken_over.iter().any(|number| !self.taken_over.contains(number)) {
+            let text = serde_json::to_string(&taken_over).expect("numbers are JSON");
+            let _ = std::fs::write(&self.taken_over_file, text); // without it, the launcher offers to resume the run
+            self.taken_over = taken_over;
+        }
     }
 
     /// Saves which vehicles are chosen, for the bridge after this one.
-    fn save_systems(&mut self) {
-        let systems = self.link.systems();
-        if systems != self.systems {
-            let text = serde_json::to_string(&systems).expect("numbers are JSON");
-            let _ = std::fs::write(&self.systems_file, text); // without it, the next bridge listens again
-            self.systems = systems;
+    fn save_chosen(&mut self) {
+        let chosen = self.link.chosen();
+        if chosen != self.chosen {
+            let text = serde_json::to_string(&chosen).expect("numbers and addresses are JSON");
+            let _ = std::fs::write(&self.chosen_file, text); // without it, the next bridge listens again
+            self.chosen = chosen;
         }
     }
 
@@ -290,10 +314,12 @@ impl<S: Service + 'static> BridgeProcess<S> {
     fn exchange(&mut self) -> Result<(), NodeError> {
         let now_s = self.now_s();
         self.link.begin_poll();
-        if self.polled.elapsed() > STALE {
-            // The bridge was stopped: what has waited since is not how it is now.
+        let suspended = self.polled.elapsed();
+        if suspended > STALE {
+            // What has waited since is not how it is now.
             while self.link.receive(now_s).is_some() {}
-            self.bridge.doubt();
+            Role::FlightSim.log(format_args!("the bridge was suspended for {:.1} s", suspended.as_secs_f64()));
+            self.bridge.doubt(suspended.as_secs_f64() * self.factor);
         }
         self.polled = Instant::now();
         while let Some((uav, telemetry)) = self.link.receive(now_s) {
@@ -361,9 +387,29 @@ impl<S: Service + 'static> BridgeProcess<S> {
         }
     }
 
+    /// Says which vehicles were waited for until now, where, and for what.
+    fn say_awaited(&self) {
+        let seconds = self.begin.elapsed().as_secs_f64();
+        for uav in 0..self.link.chosen().len() {
+            let number = uav + 1;
+            if let Some(address) = self.link.awaited_at(uav) {
+                Role::FlightSim
+                    .log(format_args!("vehicle {number}: no vehicle was heard at {address} for {seconds:.0} s"));
+            } else if let Some(missing) = self.bridge.missing(uav) {
+                Role::FlightSim.log(format_args!("vehicle {number}: waited {seconds:.0} s for it {missing}"));
+            }
+        }
+    }
+
     /// Says how near the vehicles came to their waypoints, and how soon they were told.
     fn say_results(&self) {
         let ends = self.bridge.ends;
+        if ends.doubtful > 0 {
+            Role::FlightSim.log(format_args!(
+                "in {} slots with a waypoint the position was not known or not believed: they are not counted as flown",
+                ends.doubtful
+            ));
+        }
         if ends.flown > 0 {
             let percent = 100.0 * ends.reached as f64 / ends.flown as f64;
             Role::FlightSim.log(format_args!(

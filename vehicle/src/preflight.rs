@@ -3,8 +3,9 @@
 
 use nalgebra::Point3;
 
-use crate::autopilot::AutopilotKind;
+use crate::autopilot::{AutopilotKind, ModeMeaning};
 use crate::state::VehicleState;
+use crate::takeover::Takeover;
 use crate::telemetry::Order;
 
 /// Time between two questions for a parameter [s].
@@ -59,6 +60,22 @@ pub struct Assignment {
 #[error("{0}")]
 pub struct PreflightRefusal(pub String);
 
+/// What follows from the checks.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Verdict {
+    /// Something is missing, in words after "waiting for it".
+    Wait(&'static str),
+    /// The vehicle may be armed.
+    Arm,
+    /// It is in the air, where an earlier bridge has left it.
+    FlyOn {
+        /// Its mode.
+        mode: u32,
+    },
+    /// Others fly it, in words after "is taken over:".
+    GiveUp(String),
+}
+
 /// What is known before take-off.
 #[derive(Debug, Clone, Default)]
 pub struct Preflight {
@@ -70,6 +87,8 @@ pub struct Preflight {
     ask_s: f64,
     /// When they were asked for first [s].
     asked_s: Option<f64>,
+    /// What was missing last, in words after "waiting for it".
+    pub missing: Option<&'static str>,
     /// When the next line on what is missing is due [s].
     line_s: Option<f64>,
 }
@@ -94,12 +113,83 @@ impl Preflight {
         is_due
     }
 
+    /// Checks whether the vehicle may take off from `position` [m], which is `None` unless it is current and believed, or
+    /// whether it is in the air already. Adds questions for parameters to `orders`.
+    ///
+    /// # Errors
+    /// If it must not take off.
+    pub fn judge(
+        &mut self,
+        vehicle: &VehicleState,
+        position: Option<Point3<f64>>,
+        takeover: &mut Takeover,
+        assignment: &Assignment,
+        now_s: f64,
+        orders: &mut Vec<Order>,
+    ) -> Result<Verdict, PreflightRefusal> {
+        let (Some(is_armed), Some(mode), Some(_)) = (vehicle.is_armed(), vehicle.mode(), position) else {
+            return Ok(Verdict::Wait(match (vehicle.autopilot, position) {
+                (None, _) => "to send heartbeats",
+                (_, None) => "to know its position",
+                _ => "to say the same mode twice in a row",
+            }));
+        };
+        if is_armed {
+            if takeover.has_been_disarmed() {
+                return Ok(Verdict::GiveUp("somebody else has armed it".to_owned()));
+            }
+            return self.judge_armed(vehicle, mode, position, assignment, now_s, orders);
+        }
+        takeover.note_disarmed();
+        if assignment.beginning == (Beginning::Restarted { in_mission: true }) {
+            return Ok(Verdict::GiveUp("it is on the ground in the middle of the mission".to_owned()));
+        }
+        if let Some(why) = takeover.check(vehicle) {
+            return Ok(Verdict::GiveUp(why));
+        }
+        let missing = self.check(vehicle, position, assignment, now_s, orders)?;
+        Ok(missing.map_or(Verdict::Arm, Verdict::Wait))
+    }
+
+    /// Checks a vehicle in this mode that somebody has armed: only after an earlier bridge, in the air, it is flown on.
+    fn judge_armed(
+        &mut self,
+        vehicle: &VehicleState,
+        mode: u32,
+        position: Option<Point3<f64>>,
+        assignment: &Assignment,
+        now_s: f64,
+        orders: &mut Vec<Order>,
+    ) -> Result<Verdict, PreflightRefusal> {
+        let name = vehicle.mode_name();
+        let is_in_air = vehicle.is_in_air();
+        let is_left = is_in_air && vehicle.meaning() == ModeMeaning::FollowsOrders;
+        match assignment.beginning {
+            Beginning::New => {
+                let state = if is_in_air { "in the air" } else { "armed" };
+                refuse(format!("it is {state} ({name}): expected it on the ground, disarmed"))
+            }
+            Beginning::Resumed if vehicle.meaning() == ModeMeaning::Returns => Ok(Verdict::Wait("to land")),
+            Beginning::Resumed if !is_left => refuse(format!(
+                "it is armed ({name}): expected it on the ground, or in the air in the mode that follows orders"
+            )),
+            Beginning::Restarted { .. } if !is_left => Ok(Verdict::GiveUp(format!("it is flown by others ({name})"))),
+            Beginning::Resumed | Beginning::Restarted { .. } => {
+                match self.check(vehicle, position, assignment, now_s, orders) {
+                    Ok(missing) => Ok(missing.map_or(Verdict::FlyOn { mode }, Verdict::Wait)),
+                    Err(refusal) if assignment.beginning == Beginning::Resumed => Err(refusal),
+                    Err(PreflightRefusal(why)) => Ok(Verdict::GiveUp(why)),
+                }
+            }
+        }
+    }
+
     /// Says what is still missing, in words after "waiting for it"; `None` if the vehicle may take off from `position`
     /// [m]. Adds questions for parameters to `orders`.
     ///
     /// # Errors
     /// If it must not take off.
-    pub fn check(
+    fn check(
         &mut self,
         vehicle: &VehicleState,
         position: Option<Point3<f64>>,
@@ -115,9 +205,9 @@ impl Preflight {
         }
         let needed = if vehicle.is_in_air() { assignment.low_battery } else { assignment.battery - BATTERY_SLACK };
         if let Some(battery) = vehicle.battery.filter(|battery| *battery < needed) {
-            let expected = if vehicle.is_in_air() { assignment.low_battery } else { assignment.battery };
-            let [has, expected] = [battery, expected].map(|fraction| (100.0 * fraction).round());
-            return refuse(format!("its battery is at {has} %: expected {expected} %"));
+            let [has, needed] = [battery, needed].map(|fraction| (100.0 * fraction).round());
+            let purpose = if vehicle.is_in_air() { "fly on" } else { "take off" };
+            return refuse(format!("its battery is at {has} %: at least {needed} % is needed to {purpose}"));
         }
         if vehicle.is_high() && !vehicle.is_in_air() {
             return Ok(Some("to be on the ground, at the altitude of its home"));

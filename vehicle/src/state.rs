@@ -157,6 +157,13 @@ impl VehicleState {
         self.mode.believed
     }
 
+    /// The name of its mode ([`AutopilotKind::mode_name`]); `unknown` before two reports agree.
+    #[must_use]
+    pub fn mode_name(&self) -> String {
+        let named = self.autopilot.zip(self.mode.believed);
+        named.map_or_else(|| "unknown".to_owned(), |(autopilot, mode)| autopilot.mode_name(mode))
+    }
+
     /// What its mode means.
     #[must_use]
     pub fn meaning(&self) -> ModeMeaning {

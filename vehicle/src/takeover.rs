@@ -44,6 +44,10 @@ pub struct Takeover {
     modes: Explained,
     arming: Arming,
     has_ordered_take_off: bool,
+    /// Whether it was on the ground, disarmed, before the bridge armed it.
+    has_been_disarmed: bool,
+    /// When it was first known to be armed by an order [s].
+    armed_s: Option<f64>,
 }
 
 impl Takeover {
@@ -77,9 +81,38 @@ impl Takeover {
         self.arming == Arming::Ours
     }
 
+    /// Notes that the vehicle was armed by an order. Returns whether that is new.
+    pub fn note_armed(&mut self, now_s: f64) -> bool {
+        let is_new = self.armed_s.is_none();
+        self.armed_s.get_or_insert(now_s);
+        is_new
+    }
+
+    /// When it was first known to be armed by an order [s].
+    #[must_use]
+    pub fn armed_s(&self) -> Option<f64> {
+        self.armed_s
+    }
+
+    /// Notes that it is on the ground, disarmed: whoever arms it from now on is the bridge, or somebody else.
+    pub fn note_disarmed(&mut self) {
+        self.has_been_disarmed = true;
+    }
+
+    /// Whether it was on the ground, disarmed, before the bridge armed it.
+    #[must_use]
+    pub fn has_been_disarmed(&self) -> bool {
+        self.has_been_disarmed
+    }
+
     /// Notes that a vehicle in the air, in this mode, is that of a bridge before.
     pub fn adopt(&mut self, mode: u32) {
-        *self = Self { modes: Explained::Following(mode), arming: Arming::Ours, has_ordered_take_off: true };
+        *self = Self {
+            modes: Explained::Following(mode),
+            arming: Arming::Ours,
+            has_ordered_take_off: true,
+            ..Self::default()
+        };
     }
 
     /// Notes that the vehicle hovers at its start: from now on it stays in the modes that follow orders.
@@ -127,7 +160,8 @@ impl Takeover {
                 is_return || is_before
             }
         };
-        (!is_explained).then(|| format!("its mode changed to {mode} without an order of the bridge"))
+        (!is_explained)
+            .then(|| format!("its mode changed to {} without an order of the bridge", autopilot.mode_name(mode)))
     }
 }
 
@@ -181,14 +215,15 @@ mod tests {
             takeover.order(&Order::Return);
             assert_eq!(report(&mut takeover, autopilot, guided, true, 20.0), None, "not in effect yet");
             assert_eq!(report(&mut takeover, autopilot, returns, true, 20.0), None);
-            let changed = Some(format!("its mode changed to {guided} without an order of the bridge"));
+            let name = autopilot.mode_name(guided);
+            let changed = Some(format!("its mode changed to {name} without an order of the bridge"));
             assert_eq!(report(&mut takeover, autopilot, guided, true, 20.0), changed, "a pilot stops the return");
         }
     }
 
     #[test]
     fn a_mode_that_no_order_explains_is_a_takeover_in_every_phase() {
-        let changed = Some("its mode changed to 5 without an order of the bridge".to_owned());
+        let changed = Some("its mode changed to LOITER without an order of the bridge".to_owned());
         let orders = [Order::Mode(4), Order::Arm, TAKE_OFF, Order::Return];
         for given in 0..=orders.len() {
             let mut takeover = Takeover::default();

@@ -1,4 +1,4 @@
-//! What a vehicle says and what it is told, without the encoding of MAVLink, which is left to [`crate::link`].
+//! What a vehicle says and what it is told, without the encoding of MAVLink, which is left to [`crate::codec`].
 
 use crate::autopilot::{Altitude, AutopilotKind};
 

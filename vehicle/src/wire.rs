@@ -50,14 +50,22 @@ impl FromStr for WireAddress {
             .iter()
             .any(|scheme| endpoint.strip_prefix(scheme).is_some_and(|rest| rest.starts_with(':')));
         let has_place = endpoint.splitn(3, ':').filter(|part| !part.is_empty()).count() == 3;
+        if let Some(hint) = hint(endpoint) {
+            return Err(hint);
+        }
         if !is_known || !has_place {
             let schemes = "expected udpin, udpout, udpbcast, tcpin or tcpout with :HOST:PORT, or serial:DEVICE:BAUD";
             return Err(schemes.to_owned());
         }
         let [text, endpoint] = [text, endpoint].map(str::to_owned);
         let mut address = Self { text, endpoint, system: None, own_system: 255, own_component: 190 };
+        let mut keys = Vec::new();
         for option in options.iter().flat_map(|options| options.split('&')) {
             let (key, value) = option.split_once('=').unwrap_or((option, ""));
+            if keys.contains(&key) {
+                return Err(format!("{option}: expected {key} once"));
+            }
+            keys.push(key);
             let number = value.parse().ok().filter(|number| *number > 0);
             let expected =
                 |number: Option<u8>| number.ok_or_else(|| format!("{option}: expected {key}=1 to {key}=255"));
@@ -73,6 +81,23 @@ impl FromStr for WireAddress {
         }
         Ok(address)
     }
+}
+
+/// What is meant by an address with the scheme `udp` or `tcp` of other programs; `None` for another.
+fn hint(endpoint: &str) -> Option<String> {
+    let (scheme, place) = ["udp", "tcp"].into_iter().find_map(|scheme| {
+        let place = endpoint.strip_prefix(scheme)?.strip_prefix(':')?;
+        Some((scheme, place.trim_start_matches('/')))
+    })?;
+    let place = if place.starts_with(':') { format!("0.0.0.0{place}") } else { place.to_owned() };
+    Some(match scheme {
+        "udp" => format!(
+            "{endpoint}: expected udpin:{place} to listen there for the vehicle, or udpout:{place} to send there first"
+        ),
+        _ => format!(
+            "{endpoint}: expected tcpout:{place} to connect to the vehicle, or tcpin:{place} to wait there for it"
+        ),
+    })
 }
 
 impl fmt::Display for WireAddress {
@@ -283,6 +308,21 @@ mod tests {
     }
 
     #[test]
+    fn an_address_of_another_program_is_refused_with_those_that_may_be_meant() {
+        for (address, expected) in [
+            (
+                "udp:0.0.0.0:14550",
+                "expected udpin:0.0.0.0:14550 to listen there for the vehicle, or udpout:0.0.0.0:14550",
+            ),
+            ("udp://:14540", "expected udpin:0.0.0.0:14540 to listen"),
+            ("tcp:drone:5760?system=1", "expected tcpout:drone:5760 to connect to the vehicle, or tcpin:drone:5760"),
+        ] {
+            let refusal = address.parse::<WireAddress>().unwrap_err();
+            assert!(refusal.contains(expected), "{refusal}");
+        }
+    }
+
+    #[test]
     fn an_address_may_name_the_vehicle_and_the_bridge() {
         let parsed = |text: &str| text.parse::<WireAddress>();
         let ids = |address: WireAddress| (address.system, address.own_system, address.own_component);
@@ -308,6 +348,9 @@ mod tests {
             ("system=256", "system=256: expected system=1 to system=255"),
             ("own_system=", "own_system=: expected own_system=1 to own_system=255"),
             ("sysid=1", "sysid=1: expected system=N, own_system=N or own_component=N after the `?`"),
+            ("system=1&system=1", "system=1: expected system once"),
+            ("own_system=2&system=1&own_system=3", "own_system=3: expected own_system once"),
+            ("own_component=2&own_component=3", "own_component=3: expected own_component once"),
             ("system=255", "system=255: expected another than own_system"),
             ("", ": expected system=N, own_system=N or own_component=N after the `?`"),
         ] {

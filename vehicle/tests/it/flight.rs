@@ -1,5 +1,7 @@
 //! A bridge and its vehicle in a loop, without sockets, clocks and processes.
 
+use std::collections::VecDeque;
+
 use mavlink::dialects::common::MavResult;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
@@ -29,6 +31,11 @@ pub struct ClosedLoop {
     pub copter: Copter,
     pub random: ChaCha8Rng,
     pub loss: f64,
+    /// Probability of an answer to be lost, and how late the others come [s].
+    pub answer_loss: f64,
+    pub answer_delay_s: f64,
+    /// The answers on their way, and when they come [s].
+    answers: VecDeque<(f64, Telemetry)>,
     pub autopilot: AutopilotKind,
     pub now_s: f64,
     pub steps: u64,
@@ -92,6 +99,9 @@ impl ClosedLoop {
             copter: Copter::new(options),
             random: ChaCha8Rng::seed_from_u64(options.seed),
             loss,
+            answer_loss: 0.0,
+            answer_delay_s: 0.0,
+            answers: VecDeque::new(),
             autopilot: AutopilotKind::ArduPilot,
             now_s: 0.0,
             steps: 0,
@@ -211,13 +221,24 @@ impl ClosedLoop {
             }
             let is_refused = self.refused == Some(command);
             let result = if is_refused { MavResult::MAV_RESULT_FAILED } else { self.copter.obey(given) } as u8;
-            self.hear(&Telemetry::Answer { command, result });
+            if self.random.random::<f64>() >= self.answer_loss {
+                self.answers.push_back((self.now_s + self.answer_delay_s, Telemetry::Answer { command, result }));
+            }
+            self.hear_answers();
+        }
+    }
+
+    /// The answers that have arrived by now.
+    fn hear_answers(&mut self) {
+        while let Some((_, answer)) = self.answers.pop_front_if(|(at_s, _)| *at_s <= self.now_s) {
+            self.hear(&answer);
         }
     }
 
     pub fn step(&mut self) {
         self.steps += 1;
         self.now_s += STEP_S;
+        self.hear_answers();
         self.copter.step(STEP_S, &mut self.random);
         if self.steps.is_multiple_of((self.heartbeat_s / STEP_S).round() as u64) {
             let is_armed = self.copter.is_armed && !std::mem::take(&mut self.is_odd);
@@ -262,12 +283,16 @@ impl ClosedLoop {
     }
 
     pub fn fly_slot(&mut self, slot: u64, plan: Option<Plan>) -> FlightReport {
+        self.fly_slot_of(6.0, slot, plan)
+    }
+
+    pub fn fly_slot_of(&mut self, seconds: f64, slot: u64, plan: Option<Plan>) -> FlightReport {
         self.bridge.await_plan();
         self.bridge.begin(slot, 0.0);
         if let Some(plan) = plan {
             self.bridge.fly(&[plan], self.now_s);
         }
-        self.advance(6.0);
+        self.advance(seconds);
         self.bridge.end(slot, &mut self.reports, self.now_s);
         self.reports[0]
     }

@@ -242,6 +242,31 @@ fn a_vehicle_that_refuses_another_speed_is_said_to_keep_its_own() {
 }
 
 #[test]
+fn lost_and_late_answers_refuse_no_waypoint_but_their_own() {
+    for seed in 0..20 {
+        let mut flight = ClosedLoop::new(&KinematicOptions { seed, ..KinematicOptions::default() }, 0.0);
+        flight.until(60.0, |flight| flight.bridge.has_begun());
+        flight.answer_loss = 0.5;
+        flight.answer_delay_s = 2.5;
+        let mut plan_of = |slot: u64, is_refused: bool| {
+            let repositions = flight.orders.iter().find(|(_, order)| matches!(order, Order::Reposition { .. }));
+            let command = repositions.and_then(|(_, order)| order.command());
+            flight.refused = command.filter(|_| is_refused);
+            let report = flight.fly_slot_of(3.0, slot, Some(plan(50.0, 60.0 + (slot % 4) as f64)));
+            (report, flight.said.clone())
+        };
+        for slot in 1..=12 {
+            let is_refused = slot % 2 == 1;
+            let (report, said) = plan_of(slot, is_refused);
+            assert!(is_refused || report.refused == 0, "seed {seed}, slot {slot}: {report:?}, {said:?}");
+        }
+        let (report, said) = plan_of(13, false);
+        assert!((report.y_m - 61.0).abs() < REACHED_M, "seed {seed}: {report:?}, {said:?}");
+        assert!(!said.iter().any(|line| line.contains("is taken over")), "seed {seed}: {said:?}");
+    }
+}
+
+#[test]
 fn a_mission_begins_once_the_vehicle_hovers_at_its_start() {
     // It takes off 3 m beside, and is there and slow at different times.
     for lag in [0.0, 0.3] {

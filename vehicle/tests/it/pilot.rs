@@ -73,6 +73,10 @@ fn a_vehicle_that_is_disarmed_while_its_motors_spool_up_is_not_armed_again() {
             flight.copter.disarm();
             assert_left_alone(&mut flight, "disarmed");
             assert!(!flight.copter.is_armed, "{after_s} s after it was armed");
+            assert!(!flight.bridge.has_begun());
+            let refusal = flight.bridge.check_flyable().unwrap_err();
+            let expected = "its mission was over before it began: it has disarmed: no slot was flown";
+            assert_eq!((refusal.number, &*refusal.why.to_string()), (1, expected));
         }
     }
 }
@@ -85,7 +89,13 @@ fn a_pilot_who_takes_over_between_two_heartbeats_is_never_overruled() {
             let mut flight = hovering(autopilot);
             flight.fly_slot(1, Some(plan(50.0, 62.0)));
             flight.advance(0.25 * f64::from(step));
+            flight.bridge.await_plan();
+            flight.bridge.begin(2, 0.0);
+            let now_s = flight.now_s;
+            flight.bridge.fly(&[plan(50.0, 66.0)], now_s); // waits when the pilot acts
             flight.copter.change_to(CopterMode::Loiter);
+            flight.advance(2.5);
+            assert_eq!(flight.copter.mode, CopterMode::Loiter, "{autopilot:?} after {step} quarters of a second");
             assert_left_alone(&mut flight, "between two heartbeats");
             assert_eq!(flight.copter.mode, CopterMode::Loiter, "{autopilot:?} after {step} quarters of a second");
         }
@@ -134,7 +144,7 @@ fn a_new_run_takes_no_vehicle_from_the_air_and_none_that_is_armed() {
             flight.copter.body.stand();
         }
         flight.advance(3.0);
-        let expected = if is_in_air { "it is in the air (mode 4)" } else { "it is armed (mode 4)" };
+        let expected = if is_in_air { "it is in the air (GUIDED)" } else { "it is armed (GUIDED)" };
         let refusal = flight.refusal.clone().map(|refusal| refusal.why.to_string()).unwrap_or_default();
         assert!(refusal.starts_with(expected) || !is_in_air && refusal.starts_with("it is in the air"), "{refusal}");
         assert!(flight.orders.is_empty(), "{:?}", flight.orders);
@@ -240,6 +250,9 @@ fn a_vehicle_that_jumps_gets_no_waypoints_until_its_position_is_plausible() {
     flight.jump_m = 0.0;
     let report = flight.fly_slot(3, Some(plan(50.0, 66.0)));
     assert_eq!((report.flown_mode(), count(&flight, "is believed again")), (Mode::Serve, 1), "{:?}", flight.said);
+    flight.fly_slot(4, Some(plan(50.0, 62.0)));
+    let ends = flight.bridge.ends;
+    assert_eq!((ends.flown, ends.reached, ends.doubtful), (2, 2, 2), "slots 2 and 3 apart: {ends:?}");
 }
 
 #[test]
@@ -250,7 +263,42 @@ fn a_run_that_stands_still_sends_its_vehicle_home() {
     flight.advance(23.0);
     assert_eq!(flight.copter.mode, CopterMode::Guided);
     flight.advance(4.0);
-    assert_eq!((flight.copter.mode, count(&flight, "returns: the planner is silent")), (CopterMode::Return, 1));
+    assert_eq!((flight.copter.mode, count(&flight, "returns: no plan has come for 30 s")), (CopterMode::Return, 1));
+}
+
+#[test]
+fn a_bridge_that_was_suspended_says_so_and_sends_its_vehicle_home() {
+    let mut flight = hovering(AutopilotKind::ArduPilot);
+    flight.fly_slot(1, Some(plan(50.0, 62.0)));
+    flight.is_bridge_alive = false;
+    flight.advance(35.0);
+    flight.is_bridge_alive = true;
+    flight.bridge.doubt(35.0);
+    flight.advance(1.0);
+    let said = "returns: no plan has come for 41 s: the bridge itself was suspended for 35 s of them";
+    assert_eq!(count(&flight, said), 1, "{:?}", flight.said);
+}
+
+#[test]
+fn a_vehicle_taken_over_on_the_ground_ends_its_run_and_one_in_the_climb_once_it_has_landed() {
+    for is_in_climb in [false, true] {
+        let mut flight = ClosedLoop::new(&KinematicOptions { refuse_arming: 50, ..KinematicOptions::default() }, 0.0);
+        if is_in_climb {
+            flight = flight_over(AutopilotKind::ArduPilot);
+            flight.until(60.0, |flight| flight.copter.body.position_m.z > 10.0);
+        } else {
+            flight.until(60.0, |flight| flight.orders.iter().any(|(_, order)| *order == Order::Arm));
+        }
+        flight.copter.change_to(CopterMode::Loiter);
+        flight.advance(10.0);
+        assert_eq!((flight.bridge.check_flyable().is_ok(), flight.bridge.has_begun()), (is_in_climb, false));
+        flight.copter.disarm();
+        flight.advance(10.0);
+        let refusal = flight.bridge.check_flyable().unwrap_err().why.to_string();
+        let expected =
+            "it was taken over: its mode changed to LOITER without an order of the bridge: no slot was flown";
+        assert!(refusal.ends_with(expected), "{refusal}");
+    }
 }
 
 /// What a pilot does.
