@@ -146,11 +146,22 @@ impl AutopilotKind {
         name.map_or_else(|| format!("mode {mode}"), str::to_owned)
     }
 
-    /// Whether a reposition has to be allowed to change the mode. PX4 refuses it otherwise; ArduPilot would be taken
-    /// out of the hands of a pilot whose change of mode has not arrived here yet.
+    /// Whether take-off and reposition may change the mode. ArduPilot's may not: it would be taken out of the hands of a
+    /// pilot whose change of mode has not arrived here yet.
     #[must_use]
-    pub fn needs_mode_change(self) -> bool {
+    pub fn may_change_mode(self) -> bool {
         self != Self::ArduPilot
+    }
+
+    /// Whether a vehicle in `mode` is asked first to follow a reposition without a change of its mode. Newer releases of
+    /// PX4 answer that this is unsupported.
+    #[must_use]
+    pub fn may_keep_mode(self, mode: u32) -> bool {
+        match self {
+            Self::ArduPilot => true,
+            Self::Px4 => px4_modes(mode) == [px4::AUTO, px4::LOITER],
+            Self::Other => false,
+        }
     }
 
     /// The altitude `z_m` above home [m] as the autopilot expects it. PX4 reads it above sea, whatever frame is named.

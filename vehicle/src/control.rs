@@ -6,7 +6,7 @@
 use nalgebra::{Point3, Vector3};
 use skysink_flight_sim::outside::REACHED_M;
 
-use crate::autopilot::ModeMeaning;
+use crate::autopilot::{AutopilotKind, ModeMeaning};
 use crate::frame::AreaFrame;
 use crate::jumps::{Jumps, Plausibility};
 use crate::outbox::Outbox;
@@ -41,6 +41,9 @@ const HOVER_MPS: f64 = 0.5;
 /// The temporary refusal of MAVLink: the order may be accepted later.
 const TEMPORARILY_REJECTED: u8 = 1;
 
+/// The result of an order that a vehicle does not support.
+const UNSUPPORTED: u8 = 3;
+
 /// The phase of a vehicle's mission.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Phase {
@@ -74,6 +77,8 @@ pub struct VehicleControl {
     jumps: Jumps,
     /// Whether it has refused its target.
     has_refused: bool,
+    /// Whether it follows a reposition only if that may change its mode.
+    must_change_mode: bool,
     /// Whether it has hovered at its start, or was in its mission before.
     has_begun: bool,
     /// Why its mission is over, in a sentence about "it"; empty before.
@@ -106,6 +111,7 @@ impl VehicleControl {
             phase: Phase::Preflight,
             outbox: Outbox::default(),
             has_refused: false,
+            must_change_mode: false,
             has_begun: false,
             end: String::new(),
             climbs_s: None,
@@ -262,6 +268,13 @@ impl VehicleControl {
         match order {
             Order::Return => self.outbox.send(order, self.retry_s),
             Order::Reposition { .. } if result == TEMPORARILY_REJECTED => self.outbox.send(order, self.retry_s),
+            Order::Reposition { to, may_change_mode: false }
+                if result == UNSUPPORTED
+                    && self.vehicle.autopilot.is_some_and(AutopilotKind::may_change_mode) =>
+            {
+                self.must_change_mode = true;
+                self.outbox.send(Order::Reposition { to, may_change_mode: true }, now_s);
+            }
             Order::Reposition { .. } => {
                 self.has_refused = true;
                 self.said.say(format!("refuses its waypoint: MAVLink result {result}"));
@@ -480,7 +493,8 @@ impl VehicleControl {
         }
         let altitude = autopilot.altitude(target.z, fix.above_sea_m - fix.above_home_m);
         let to = GlobalTarget { lat_deg: place.lat_deg, lon_deg: place.lon_deg, altitude };
-        let order = Order::Reposition { to, may_change_mode: autopilot.needs_mode_change() };
+        let keeps_mode = self.vehicle.mode().is_some_and(|mode| autopilot.may_keep_mode(mode));
+        let order = Order::Reposition { to, may_change_mode: self.must_change_mode || !keeps_mode };
         self.outbox.send(order, now_s);
     }
 

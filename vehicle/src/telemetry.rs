@@ -152,7 +152,7 @@ impl Order {
     pub fn may_overrule(&self, autopilot: AutopilotKind) -> bool {
         match self {
             Self::Mode(_) | Self::Arm | Self::Return => true,
-            Self::TakeOff(_) => autopilot.needs_mode_change(), // ArduPilot refuses it in other modes
+            Self::TakeOff(_) => autopilot.may_change_mode(), // ArduPilot refuses it in other modes
             Self::Reposition { may_change_mode, .. } => *may_change_mode,
             Self::Speed(_) | Self::Interval { .. } | Self::Parameter(_) => false,
         }

@@ -53,6 +53,10 @@ pub struct ClosedLoop {
     /// Period of its heartbeats [s], and whether it keeps it, whatever it is asked for.
     pub heartbeat_s: f64,
     pub is_deaf: bool,
+    /// Whether PX4 follows a reposition only if that may change its mode, as newer releases do.
+    pub must_change_mode: bool,
+    /// The mode that its pilot chooses just before the next reposition arrives.
+    pub crossing: Option<CopterMode>,
     /// What it says of its battery, unless it says its charge.
     pub says_battery: Option<Telemetry>,
     /// Whether it says that it is disarmed in its next heartbeat, whatever it is.
@@ -113,6 +117,8 @@ impl ClosedLoop {
             orders: Vec::new(),
             heartbeat_s: 1.0,
             is_deaf: false,
+            must_change_mode: true,
+            crossing: None,
             says_battery: None,
             is_odd: false,
             jump_m: 0.0,
@@ -215,12 +221,23 @@ impl ClosedLoop {
                 self.hear(&Telemetry::Parameter { name, value, is_integer: false });
             }
         } else if let (Some(given), Some(command)) = (self.given(order), order.command()) {
+            if let Some(mode) = self.crossing.take_if(|_| matches!(order, Order::Reposition { .. })) {
+                self.copter.change_to(mode);
+            }
             let changes_mode = matches!(order, Order::TakeOff(_) | Order::Reposition { may_change_mode: true, .. });
             if self.autopilot != AutopilotKind::ArduPilot && changes_mode && self.copter.is_armed {
                 self.copter.mode = CopterMode::Guided;
             }
-            let is_refused = self.refused == Some(command);
-            let result = if is_refused { MavResult::MAV_RESULT_FAILED } else { self.copter.obey(given) } as u8;
+            let is_unsupported = self.autopilot == AutopilotKind::Px4
+                && self.must_change_mode
+                && matches!(order, Order::Reposition { may_change_mode: false, .. });
+            let result = if is_unsupported {
+                MavResult::MAV_RESULT_UNSUPPORTED
+            } else if self.refused == Some(command) {
+                MavResult::MAV_RESULT_FAILED
+            } else {
+                self.copter.obey(given)
+            } as u8;
             if self.random.random::<f64>() >= self.answer_loss {
                 self.answers.push_back((self.now_s + self.answer_delay_s, Telemetry::Answer { command, result }));
             }

@@ -103,6 +103,38 @@ fn a_pilot_who_takes_over_between_two_heartbeats_is_never_overruled() {
 }
 
 #[test]
+fn a_pilot_whose_act_crosses_a_waypoint_keeps_a_vehicle_that_need_not_change_its_mode() {
+    for autopilot in KINDS {
+        let mut flight = flight_over(autopilot);
+        flight.must_change_mode = false;
+        flight.until(90.0, |flight| flight.bridge.has_begun());
+        flight.fly_slot(1, Some(plan(50.0, 62.0)));
+        flight.orders.clear();
+        flight.crossing = Some(CopterMode::Loiter);
+        flight.fly_slot(2, Some(plan(50.0, 66.0)));
+        assert_eq!((flight.crossing, flight.copter.mode), (None, CopterMode::Loiter), "{autopilot:?}");
+        assert_left_alone(&mut flight, "while a waypoint was under way");
+        assert_eq!(flight.copter.mode, CopterMode::Loiter, "{autopilot:?}");
+        assert!(!flight.orders.iter().any(|(_, order)| order.may_overrule(autopilot)), "{:?}", flight.orders);
+    }
+}
+
+#[test]
+fn a_vehicle_that_does_not_support_to_keep_its_mode_is_asked_once() {
+    let mut flight = hovering(AutopilotKind::Px4);
+    for (slot, y_m) in [(1, 62.0), (2, 66.0)] {
+        let report = flight.fly_slot(slot, Some(plan(50.0, y_m)));
+        assert_eq!(report.flown_mode(), Mode::Serve, "{:?}", flight.said);
+    }
+    let repositions = flight.orders.iter().filter_map(|(_, order)| match order {
+        Order::Reposition { may_change_mode, .. } => Some(*may_change_mode),
+        _ => None,
+    });
+    assert_eq!(repositions.collect::<Vec<_>>(), [false, true, true]);
+    assert_eq!(count(&flight, "refuses"), 0, "{:?}", flight.said);
+}
+
+#[test]
 fn a_pilot_who_stops_the_return_keeps_the_vehicle() {
     for autopilot in KINDS {
         let mut flight = hovering(autopilot);
@@ -322,6 +354,7 @@ fn two_hundred_random_pilots_get_no_orders_after_they_act() {
         let mut flight = ClosedLoop::new(&options, loss);
         flight.is_a(KINDS[(seed % 2) as usize]);
         flight.is_deaf = random.random();
+        flight.must_change_mode = seed % 4 == 1;
         let act_s: f64 = random.random_range(3.0..75.0);
         let act = *[
             Act::Change(CopterMode::Loiter),
