@@ -17,7 +17,7 @@ use skysink_mission::{Mission, MissionError};
 #[cfg(feature = "viewer")]
 use skysink_viewer::{Scene, Sinks, SlotView, WallClock};
 
-use crate::error::Error;
+use crate::error::{Error, LeftToFly};
 use crate::options::{MissionOptions, NewFolder, RecordingOptions, ScenarioFile};
 use crate::report::{OutputForm, TerminalProgress, print_run};
 #[cfg(feature = "viewer")]
@@ -115,7 +115,7 @@ pub fn simulate(
     summary.complete &= flown.is_ok();
     let written = folder.finish(&log, &mut summary).map_err(Error::from);
     match flown.and(written) {
-        Err(first) => Err(first.ended_early(&folder, summary.slots, "")),
+        Err(first) => Err(first.ended_early(&folder, summary.slots, &LeftToFly::Slots { options: String::new() })),
         Ok(()) => Ok((folder, summary)),
     }
 }

@@ -139,7 +139,7 @@ fn a_vehicle_that_is_not_there_is_named_by_its_address() {
     let address = format!("udpin:127.0.0.1:{port}?system=3");
     let flight = place.flight("slow").without_viewer().pace("20x").timeout("2").vehicle(&address);
     let ended = flight.try_run().assert_code(1);
-    assert!(ended.stderr.contains(&format!("vehicle 1: no vehicle was heard at {address} for 2 s")), "{ended:?}");
+    assert!(ended.stderr.contains(&format!("vehicle 1: no vehicle was heard at {address} for ")), "{ended:?}");
 }
 
 #[test]
