@@ -269,8 +269,7 @@ impl VehicleControl {
             Order::Return => self.outbox.send(order, self.retry_s),
             Order::Reposition { .. } if result == TEMPORARILY_REJECTED => self.outbox.send(order, self.retry_s),
             Order::Reposition { to, may_change_mode: false }
-                if result == UNSUPPORTED
-                    && self.vehicle.autopilot.is_some_and(AutopilotKind::may_change_mode) =>
+                if result == UNSUPPORTED && self.vehicle.autopilot.is_some_and(AutopilotKind::may_change_mode) =>
             {
                 self.must_change_mode = true;
                 self.outbox.send(Order::Reposition { to, may_change_mode: true }, now_s);

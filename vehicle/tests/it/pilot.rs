@@ -130,7 +130,7 @@ fn a_vehicle_that_does_not_support_to_keep_its_mode_is_asked_once() {
         Order::Reposition { may_change_mode, .. } => Some(*may_change_mode),
         _ => None,
     });
-    assert_eq!(repositions.collect::<Vec<_>>(), [false, true, true]);
+    assert_eq!(repositions.collect::<Vec<_>>(), [false, true, true, true], "to its start, and two waypoints");
     assert_eq!(count(&flight, "refuses"), 0, "{:?}", flight.said);
 }
 

@@ -10,7 +10,9 @@ use skysink_common::geodata::projection::{Origin, Projection};
 use skysink_common::message::{Mode, PathPoint, SensorNode};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::Sensors;
-use skysink_viewer::{Scene, Sinks, SlotView, WallClock, cameras, curves, events, geo, legend, maps, path, queues, uav};
+use skysink_viewer::{
+    Scene, Sinks, SlotView, WallClock, cameras, curves, events, geo, legend, maps, path, queues, uav,
+};
 
 const SENSORS: u32 = 20;
 
