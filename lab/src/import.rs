@@ -5,8 +5,6 @@ mod csv;
 mod gpx;
 mod imported;
 mod picture;
-#[cfg(test)]
-mod tests;
 
 use std::path::Path;
 
@@ -36,7 +34,9 @@ const FORMATS: [(&str, ReadFormat<Imported>); 6] = [
 pub fn read(path: &Path) -> Result<Imported, InputError> {
     let imported = geodata::read(WHAT, path, &FORMATS)?;
     if imported.sensors.is_empty() {
-        return Err(InputError::new(WHAT, path, "no points: expected at least one sensor node"));
+        let only = if imported.ignored.is_empty() { "" } else { ", only " };
+        let message = format!("no points{only}{}: expected at least one sensor node", imported.ignored.join(", "));
+        return Err(InputError::new(WHAT, path, message));
     }
     Ok(imported)
 }
@@ -58,4 +58,14 @@ fn of_kml(text: &str) -> Result<Imported, String> {
 /// Reads the sensor nodes of the text of a GeoJSON file.
 fn of_geojson(text: &str) -> Result<Imported, String> {
     Imported::geodetic(geojson::find(text)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_of_an_unknown_format_is_refused() {
+        assert!(read(Path::new("a.shp")).unwrap_err().to_string().contains("`.shp`: expected a file named .csv, .kml"));
+    }
 }

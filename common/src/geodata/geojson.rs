@@ -3,9 +3,7 @@
 use ::geojson::{Feature, GeoJson, Geometry, GeometryValue, JsonObject, Position};
 use serde_json::Value;
 
-use super::{
-    FoundPoint, FoundPoints, FoundPolygon, IgnoredItem, check_geodetic, is_closed, kind_of_line, with_causes,
-};
+use super::{FoundPoint, FoundPoints, FoundPolygon, IgnoredItem, check_geodetic, is_closed, kind_of_line, with_causes};
 use crate::error::quoted;
 
 /// What names of WGS84, with longitude first or not, end with. GeoJSON files have longitude first in both.

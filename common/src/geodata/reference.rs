@@ -58,7 +58,8 @@ mod tests {
 
     #[test]
     fn a_reference_system_is_named_and_told_apart_from_wgs84() {
-        let geographic = "GEOGCS[\"GCS_WGS_1984\",DATUM[\"D_WGS_1984\",SPHEROID[\"WGS_1984\",6378137.0,298.257223563]]]";
+        let geographic =
+            "GEOGCS[\"GCS_WGS_1984\",DATUM[\"D_WGS_1984\",SPHEROID[\"WGS_1984\",6378137.0,298.257223563]]]";
         let projected = format!("PROJCS[\"WGS_1984_UTM_Zone_32N\",{geographic},PROJECTION[\"Transverse_Mercator\"]]");
         for (text, name, is_projected, is_wgs84) in [
             (geographic, "GCS_WGS_1984", false, true),

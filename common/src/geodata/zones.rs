@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use super::{
-    CLOSED_LINE, Extrusion, FoundPoint, FoundPoints, FoundPolygon, IgnoredItem, KIND, KMZ, NAME, ReadFormat, geojson, kml,
+    CLOSED_LINE, Extrusion, FoundPoint, FoundPoints, FoundPolygon, IgnoredItem, KIND, KMZ, NAME, ReadFormat, geojson,
+    kml,
 };
 use crate::airspace::Polygon;
 use crate::error::{InputError, quoted};
