@@ -139,7 +139,8 @@ pub fn of_degrees(
     let extent = outlines.iter().find(|polygon| polygon.is_border()).map(Polygon::extent);
     // As the scenario will be, which keeps its start free.
     let [width_m, height_m] = area.sides_m;
-    let at_start: Vec<Position> = enclosed.iter().zip(&area.positions).filter(|(place, _)| place.is_start()).map(|(_, at)| *at).collect();
+    let at_start: Vec<Position> =
+        enclosed.iter().zip(&area.positions).filter(|(place, _)| place.is_start()).map(|(_, at)| *at).collect();
     let kept = KeptGround { places: &at_start, areas: &[] };
     simplify(&mut outlines, SIMPLIFIED_CORNERS, Area::new(width_m, height_m).simplify_m(), kept);
     let airspace = Airspace::new(area.sides_m, lowest_m, outlines.into_iter().zip(tops_m));
@@ -158,7 +159,7 @@ pub fn of_degrees(
             InputError::new("zones", path, message)
         })?;
         if free != middle {
-            field.uav = start_line(&free, " # a free place near the middle, with ways to sensor nodes");
+            field.uav = start_line(&free, " # a free place near the middle of the area");
         }
     }
     Ok(field)
@@ -289,8 +290,8 @@ fn around_most(airspace: &Airspace, nodes_m: &[Position]) -> Option<Airspace> {
     let mut parts: Vec<(usize, Airspace)> = Vec::new();
     let some = nodes_m.iter().step_by(nodes_m.len().div_ceil(MOST_NODES).max(1));
     for node in some.filter(|node| airspace.contains(node)) {
-        match parts.iter_mut().find(|(_, part)| part.is_reachable(node)) {
-            Some((count, _)) => *count += 1,
+        match parts.iter().position(|(_, part)| part.is_reachable(node)) {
+            Some(index) => parts[index].0 += 1,
             None if parts.len() < MOST_PARTS => parts.push((1, airspace.clone().with_ways(node))),
             None => {}
         }
