@@ -79,8 +79,7 @@ pub struct KeptGround<'a> {
 impl KeptGround<'_> {
     /// Whether a triangle covers a part of it.
     fn meets(&self, triangle: &[Position; 3]) -> bool {
-        self.places.iter().any(|place| holds(triangle, place))
-            || self.areas.iter().any(|area| do_meet(area, triangle))
+        self.places.iter().any(|place| holds(triangle, place)) || self.areas.iter().any(|area| do_meet(area, triangle))
     }
 }
 

@@ -294,7 +294,8 @@ fn a_zone_that_grows_covers_nothing_of_a_base_that_was_free() {
     let outline = skysink_common::airspace::Polygon::of(&lake, false).unwrap();
     let dry = |at: &Position| !outline.encloses(at);
     let grid = (0..=110).flat_map(|x| (0..=80).map(move |y| [f64::from(x), f64::from(y)]));
-    let places: Vec<Position> = grid.map(|[x, y]| Position::new(545.0 + x / 2.0, 480.0 + y / 2.0)).filter(dry).collect();
+    let places: Vec<Position> =
+        grid.map(|[x, y]| Position::new(545.0 + x / 2.0, 480.0 + y / 2.0)).filter(dry).collect();
     let flooded = |base: &str| {
         let scenario = shore(&lake, base);
         let zones = scenario.simplified_zones();
