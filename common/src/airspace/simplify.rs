@@ -267,7 +267,8 @@ fn extent(triangle: &[Position; 3]) -> [Position; 2] {
 fn do_meet(polygon: &Polygon, triangle: &[Position; 3]) -> bool {
     let [low, high] = extent(triangle);
     let [lowest, highest] = polygon.extent();
-    if !(low.sup(&lowest) <= high.inf(&highest)) {
+    let is_near = low.sup(&lowest) <= high.inf(&highest);
+    if !is_near {
         return false;
     }
     let corners = polygon.corners();
