@@ -10,6 +10,7 @@ mod mission;
 mod motion;
 mod rules;
 mod sensors;
+mod simplified;
 mod uav;
 mod zones;
 
@@ -24,9 +25,9 @@ pub use base::{BaseKeys, BatteryKeys};
 pub use mission::{CHANNEL, MAX_SEED, PlannerKeys, Scenario, TRACE};
 pub use sensors::SensorKeys;
 pub(crate) use sensors::{MAX_FIELD_BITS, MAX_SENSORS};
+pub use simplified::{SharedZones, SimplifiedZones};
 pub use uav::{AltitudeMode, Climb, Coordination, MAX_UAVS, Moves, Propulsion, UavKeys};
 pub use zones::LEAST_FILLED;
-pub use zones::SimplifiedZones;
 
 use crate::airspace::cells_along;
 use crate::channel::{LinkModel, RateTable};
@@ -36,12 +37,12 @@ use crate::keys::{self, Keys, Source, dotted};
 /// The built-in `letter.toml`: the mission of the UTS letter (arXiv 2103.00753, section V).
 pub const LETTER: &str = include_str!("../letter.toml");
 
-/// Changes to a scenario from the command line, made before it is checked.
-///
 /// Extensions of files that are no scenarios, but become one by an option of `skysink new`.
 const IMPORTED: [(&[&str], &str); 2] =
     [(&["csv", "kml", "kmz", "gpx", "geojson", "json"], "--sensors"), (&["png"], "--cell-m M --map")];
 
+/// Changes to a scenario from the command line, made before it is checked.
+///
 /// ```
 /// use skysink_common::scenario::{Overrides, Scenario};
 /// let overrides = Overrides { seed: Some(7), strategy: Some("gfs"), ..Overrides::default() };

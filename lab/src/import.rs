@@ -34,7 +34,9 @@ const FORMATS: [(&str, ReadFormat<Imported>); 6] = [
 pub fn read(path: &Path) -> Result<Imported, InputError> {
     let imported = geodata::read(WHAT, path, &FORMATS)?;
     if imported.sensors.is_empty() {
-        return Err(InputError::new(WHAT, path, "no points: expected at least one sensor node"));
+        let only = if imported.ignored.is_empty() { "" } else { ", only " };
+        let message = format!("no points{only}{}: expected at least one sensor node", imported.ignored.join(", "));
+        return Err(InputError::new(WHAT, path, message));
     }
     Ok(imported)
 }

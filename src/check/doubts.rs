@@ -1,12 +1,12 @@
 //! Warnings about the places of sensor nodes, zones, buildings and the boundary.
 
 use skysink_common::error::InputError;
-use skysink_common::geodata::plausible::FieldPlaces;
+use skysink_common::geodata::plausible::{FieldPlaces, distance};
 use skysink_common::geometry::Position;
-use skysink_common::scenario::Scenario;
+use skysink_common::scenario::{Scenario, SimplifiedZones};
 use skysink_common::sensors::SensorList;
 
-/// What was ignored in the files of the scenario, and which of its places were probably not meant, a line each.
+/// What was ignored in the files of the scenario, how its zones are simplified, and which of its places were probably not meant, a line each.
 #[must_use]
 pub fn of(scenario: &Scenario, list: &SensorList) -> Vec<String> {
     let nodes: Vec<Position> = list.sensors().iter().map(|sensor| sensor.position).collect();
@@ -21,5 +21,18 @@ pub fn of(scenario: &Scenario, list: &SensorList) -> Vec<String> {
         node_name: &node_name,
         polygons: &scenario.polygons,
     };
-    scenario.notes.iter().cloned().chain(places.doubts()).collect()
+    scenario.notes.iter().cloned().chain(simplified(scenario)).chain(places.doubts()).collect()
+}
+
+/// How the outlines of zones are simplified; `None` if they are not.
+fn simplified(scenario: &Scenario) -> Option<String> {
+    let SimplifiedZones { corners, given_corners, grown_m, .. } = scenario.simplified_zones();
+    (corners < given_corners).then(|| {
+        let most_m = scenario.area.simplify_m();
+        let grown = distance(grown_m);
+        format!(
+            "the {given_corners} corners of zones, buildings and boundary are simplified to {corners}: closed ground grows \
+             by up to {grown} (area.simplify_m, at most {most_m} m)"
+        )
+    })
 }

@@ -2,17 +2,17 @@
 
 use std::path::Path;
 
-use skysink_common::airspace::{Airspace, Polygon};
+use skysink_common::airspace::{Airspace, KeptGround, Polygon, SIMPLIFIED_CORNERS, simplify};
 use skysink_common::error::InputError;
 use skysink_common::geodata::plausible::{FieldPlaces, NamedPolygon, PolygonRole, distance};
 use skysink_common::geodata::projection::Projection;
 use skysink_common::geodata::{Zone, ZoneKind, Zones};
 use skysink_common::geometry::Position;
-use skysink_common::scenario::{LEAST_FILLED, Origin, Overrides, Scenario};
+use skysink_common::scenario::{Area, LEAST_FILLED, Origin, Overrides, Scenario};
 use skysink_lab::import::{self, Imported};
 
 use super::field::NewField;
-use super::import::{MARGIN_M, beyond, of_sensors, sides, start_line};
+use super::import::{MARGIN_M, beyond, doubted_system, of_sensors, sides, start_line};
 
 /// Approximate length of a degree of latitude [m].
 const DEGREE_M: f64 = 111_000.0;
@@ -26,6 +26,12 @@ const CORNERS_M: [f64; 4] = [MARGIN_M, 100.0, 1e3, 1e4];
 
 /// Places along each side of the area among which a free start is searched.
 const START_PLACES: u32 = 100;
+
+/// Most sensor nodes, about, of which is checked whether ways lead to them from a start.
+const MOST_NODES: usize = 500;
+
+/// Most parts of an area, divided by zones, among which one with a start is chosen.
+const MOST_PARTS: usize = 20;
 
 /// Distance [m] from which on a boundary is not that of the sensor nodes.
 const FAR_M: f64 = 1e3;
@@ -95,7 +101,8 @@ pub fn of_degrees(
         height_above(ground_m, altitude_m).map_err(|expected| zone.refusal(path, &expected))
     };
     let mut polygons = Vec::with_capacity(zones.len());
-    let mut closed = Vec::with_capacity(zones.len());
+    let mut outlines = Vec::with_capacity(zones.len());
+    let mut tops_m = Vec::with_capacity(zones.len());
     for zone in &zones {
         let corners_m = zone.corners_m(&area.projection(), path)?;
         let polygon = Polygon::of(&corners_m, zone.kind == ZoneKind::Boundary).expect("its corners were checked");
@@ -116,7 +123,8 @@ pub fn of_degrees(
             }
         }
         polygons.push(NamedPolygon { name: zone.name(path), role, corners_m });
-        closed.push((polygon, height_m));
+        outlines.push(polygon);
+        tops_m.push(height_m);
     }
     let places = FieldPlaces {
         sides_m: area.sides_m,
@@ -125,25 +133,34 @@ pub fn of_degrees(
         node_name: &|node| enclosed[node].name(),
         polygons: &polygons,
     };
-    field.warnings = places.doubts();
+    field.warnings.extend((!zones.is_empty()).then(|| doubted_system("zones", path, false)).flatten());
+    field.warnings.extend(places.doubts());
     let lowest_m = Scenario::letter(Overrides::default())?.uav.altitude_m;
-    let extent = closed.iter().find(|(polygon, _)| polygon.is_border()).map(|(polygon, _)| polygon.extent());
-    let airspace = Airspace::new(area.sides_m, lowest_m, closed.into_iter());
-    let middle = Position::from(area.sides_m.map(|side_m| side_m / 2.0));
+    let extent = outlines.iter().find(|polygon| polygon.is_border()).map(Polygon::extent);
+    // As the scenario will be, which keeps its start free.
+    let [width_m, height_m] = area.sides_m;
+    let at_start: Vec<Position> =
+        enclosed.iter().zip(&area.positions).filter(|(place, _)| place.is_start()).map(|(_, at)| *at).collect();
+    let kept = KeptGround { places: &at_start, areas: &[] };
+    simplify(&mut outlines, SIMPLIFIED_CORNERS, Area::new(width_m, height_m).simplify_m(), kept);
+    let airspace = Airspace::new(area.sides_m, lowest_m, outlines.into_iter().zip(tops_m));
     if let Some(start) = enclosed.last().filter(|last| last.is_start()) {
         let at = area.positions[enclosed.len() - 1];
         if !airspace.contains(&at) {
             return Err(start.refusal("expected a place outside of zones and buildings, within the boundary"));
         }
         field.uav = start_line(&at, "");
-    } else if !airspace.contains(&middle) {
+    } else if !airspace.is_open() {
+        let middle = Position::from([width_m / 2.0, height_m / 2.0]);
         let extent = extent.unwrap_or([Position::origin(), Position::from(area.sides_m)]);
-        let free = free_place(&airspace, &middle, extent).ok_or_else(|| {
+        let free = free_place(&airspace, nodes_m, &middle, extent).ok_or_else(|| {
             let causes: Vec<String> = field.warnings.iter().map(|warning| format!("; {warning}")).collect();
             let message = format!("they leave no free place to start from in the area{}", causes.concat());
             InputError::new("zones", path, message)
         })?;
-        field.uav = start_line(&free, " # the free place nearest to the middle of the area");
+        if free != middle {
+            field.uav = start_line(&free, " # a free place near the middle of the area");
+        }
     }
     Ok(field)
 }
@@ -238,8 +255,19 @@ fn ground_at(imported: &Imported, nodes_m: &[Position], polygon: &Polygon) -> Op
     nearest.others[column].parse().ok()
 }
 
-/// The free place nearest to the middle of an area, of a grid between two corners.
-fn free_place(airspace: &Airspace, middle: &Position, [low, high]: [Position; 2]) -> Option<Position> {
+/// The middle of an area, or the place of a grid between two corners that is nearest to it: where it is free, and ways
+/// lead from there to sensor nodes, to most of them if zones divide the area.
+fn free_place(
+    airspace: &Airspace,
+    nodes_m: &[Position],
+    middle: &Position,
+    [low, high]: [Position; 2],
+) -> Option<Position> {
+    let around = around_most(airspace, nodes_m);
+    let leads_on = |at: &Position| around.as_ref().is_none_or(|airspace| airspace.is_reachable(at));
+    if airspace.contains(middle) && leads_on(middle) {
+        return Some(*middle);
+    }
     let steps_m = (high - low) / f64::from(START_PLACES);
     let column = |x: u32| (1..START_PLACES).map(move |y| [x, y].map(f64::from));
     let place = |[x, y]: [f64; 2]| Position::new(low.x + x * steps_m.x, low.y + y * steps_m.y);
@@ -252,7 +280,24 @@ fn free_place(airspace: &Airspace, middle: &Position, [low, high]: [Position; 2]
         let mut beside = beside.map(|[x, y]| Position::new(at.x + x * steps_m.x, at.y + y * steps_m.y)).into_iter();
         airspace.contains(at) && beside.all(|at| airspace.contains(&at))
     };
-    places.into_iter().find(is_free)
+    let free: Vec<Position> = places.into_iter().filter(is_free).collect();
+    free.iter().find(|at| leads_on(at)).or(free.first()).copied()
+}
+
+/// The airspace with the ways of the part of an area in which most of the sensor nodes stand; `None` if all stand in
+/// zones.
+fn around_most(airspace: &Airspace, nodes_m: &[Position]) -> Option<Airspace> {
+    let mut parts: Vec<(usize, Airspace)> = Vec::new();
+    let some = nodes_m.iter().step_by(nodes_m.len().div_ceil(MOST_NODES).max(1));
+    for node in some.filter(|node| airspace.contains(node)) {
+        match parts.iter().position(|(_, part)| part.is_reachable(node)) {
+            Some(index) => parts[index].0 += 1,
+            None if parts.len() < MOST_PARTS => parts.push((1, airspace.clone().with_ways(node))),
+            None => {}
+        }
+    }
+    // The first of equal ones.
+    parts.into_iter().rev().max_by_key(|(count, _)| *count).map(|(_, part)| part)
 }
 
 /// An area in degrees.

@@ -5,8 +5,8 @@
 use std::path::Path;
 
 use skysink_common::error::InputError;
-use skysink_common::geodata::plausible::FieldPlaces;
-use skysink_common::geodata::read_zones;
+use skysink_common::geodata::plausible::{FieldPlaces, may_be_degrees};
+use skysink_common::geodata::{ReferenceSystem, read_zones};
 use skysink_common::geometry::Position;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_lab::import::{self, Frame, Imported, MapPicture};
@@ -108,6 +108,7 @@ pub(super) fn of_sensors(imported: &Imported, path: &Path) -> NewField {
         locations: imported.sensors.iter().map(|sensor| sensor.place.clone()).collect(),
         source: path.to_owned(),
         notes: imported.ignored.iter().map(|what| format!("ignored: {what}")).collect(),
+        warnings: doubted_system("sensor positions", path, imported.frame == Frame::Plane).into_iter().collect(),
         ..NewField::default()
     }
 }
@@ -138,8 +139,27 @@ fn of_plane(imported: &Imported, path: &Path, start: Option<[f64; 2]>) -> Result
     }
     let node_name = |node: usize| format!("sensor positions {}: {}", path.display(), imported.sensors[node].place);
     let places = FieldPlaces { sides_m, origin: None, nodes: &nodes, node_name: &node_name, polygons: &[] };
-    field.warnings = places.doubts();
+    field.warnings.extend(places.doubts());
+    if let [sensor] = &imported.sensors[..]
+        && may_be_degrees(&sensor.position)
+    {
+        let [x, y] = sensor.position;
+        let taken = format!("{x}, {y}: taken as metres: if they are degrees, name the columns lat and lon");
+        field.warnings.push(format!("{}: {taken}", node_name(0)));
+    }
     Ok(field)
+}
+
+/// What a file `.prj` beside positions in metres or degrees says against them.
+pub(super) fn doubted_system(what: &str, path: &Path, is_plane: bool) -> Option<String> {
+    let system = ReferenceSystem::beside(path)?;
+    let taken = match (is_plane, system.is_projected) {
+        (true, true) => "its metres are taken as those of a plane without latitude and longitude",
+        (true, false) => "are its metres degrees?",
+        (false, _) if system.is_wgs84 => return None,
+        (false, _) => "its degrees are taken as those of WGS84",
+    };
+    Some(format!("{what} {}: {system}: {taken}", path.display()))
 }
 
 /// The translation of positions in a plane [m]: to the origin if some are negative, or if all are farther from it than

@@ -9,6 +9,27 @@ fn check_prints_keys_figures_and_warnings() {
     Place::new().assert_transcript(&expect_file!["transcripts/check.txt"]);
 }
 
+/// `sh lake CORNERS KEYS` writes a scenario with a no-fly zone of so many corners, wrinkled by a metre, and these keys in
+/// `[area]`.
+const LAKE: &str = r#"
+    awk -v count="$1" -v keys="$2" 'BEGIN {
+        printf "name = \"lake\"\nslots = 5\nuav.start_m = [10, 10]\n[area]\nside_m = 1000\n%s\nno_fly = [{ polygon_m = [", keys
+        for (index_ = 0; index_ < count; index_++) {
+            angle = index_ / count * 6.283185307179586
+            away_m = 200 + 60 * sin(5 * angle) + sin(397 * angle)
+            printf "[%.3f, %.3f], ", 500 + away_m * cos(angle), 500 + away_m * sin(angle)
+        }
+        print "] }]"
+    }'"#;
+
+/// What is generated here is simplified, and said, or has too many corners.
+#[test]
+fn check_says_how_zones_of_many_corners_are_simplified() {
+    let place = Place::new();
+    place.write("lake", LAKE);
+    place.assert_transcript(&expect_file!["transcripts/corners.txt"]);
+}
+
 #[test]
 fn flights_agree_with_the_figures_and_warnings_of_check() {
     let place = Place::new();

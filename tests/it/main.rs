@@ -17,6 +17,8 @@ mod farm;
 mod fixtures;
 mod fleet;
 mod folders;
+#[cfg(feature = "lab")]
+mod foreign_lists;
 mod help;
 mod hosts;
 mod imports;

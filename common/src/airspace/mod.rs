@@ -16,7 +16,7 @@ use std::sync::Arc;
 
 pub use grid::{MAX_CELLS, cells_along};
 pub use polygon::{Bends, Polygon};
-pub use simplify::simplify;
+pub use simplify::{KeptGround, simplify};
 
 use crate::geometry::{Position, distance_squared, within};
 use boxes::BoxIndex;

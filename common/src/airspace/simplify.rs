@@ -67,6 +67,22 @@ impl PartialOrd for Change {
     }
 }
 
+/// What stays free where zones grow.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct KeptGround<'a> {
+    /// Positions [m].
+    pub places: &'a [Position],
+    /// Polygons: what is free of them.
+    pub areas: &'a [Polygon],
+}
+
+impl KeptGround<'_> {
+    /// Whether a triangle covers a part of it.
+    fn meets(&self, triangle: &[Position; 3]) -> bool {
+        self.places.iter().any(|place| holds(triangle, place)) || self.areas.iter().any(|area| do_meet(area, triangle))
+    }
+}
+
 /// The rings of polygons that are simplified.
 struct Outlines<'k> {
     corners: Vec<Corner>,
@@ -75,13 +91,12 @@ struct Outlines<'k> {
     /// Edges by their first and second corner; some are gone.
     edges: RTree<GeomWithData<Rectangle<[f64; 2]>, [usize; 2]>>,
     changes: BinaryHeap<Change>,
-    kept: &'k [Position],
+    kept: KeptGround<'k>,
 }
 
 /// Leaves out corners of `polygons` until all of them together have at most `most`, or no change deviates by at most
-/// `tolerance_m` [m]; returns the farthest deviation [m]. What is forbidden only grows, but not over the positions
-/// `kept` [m].
-pub fn simplify(polygons: &mut [Polygon], most: usize, tolerance_m: f64, kept: &[Position]) -> f64 {
+/// `tolerance_m` [m]; returns the farthest deviation [m]. What is forbidden only grows, but not over what is `kept`.
+pub fn simplify(polygons: &mut [Polygon], most: usize, tolerance_m: f64, kept: KeptGround<'_>) -> f64 {
     let mut count: usize = polygons.iter().map(|polygon| polygon.corners().len()).sum();
     if count <= most || tolerance_m.is_nan() || tolerance_m <= 0.0 {
         return 0.0;
@@ -114,7 +129,7 @@ pub fn simplify(polygons: &mut [Polygon], most: usize, tolerance_m: f64, kept: &
 }
 
 impl<'k> Outlines<'k> {
-    fn of(polygons: &[Polygon], kept: &'k [Position]) -> Self {
+    fn of(polygons: &[Polygon], kept: KeptGround<'k>) -> Self {
         let mut corners = Vec::new();
         for (ring, polygon) in polygons.iter().enumerate() {
             let first = corners.len();
@@ -161,8 +176,7 @@ impl<'k> Outlines<'k> {
         }
     }
 
-    /// Whether the corners of `change` are still in a row, and its triangle is free of the ring and of positions that
-    /// are kept.
+    /// Whether the corners of `change` are still in a row, and its triangle is free of the ring and of what is kept.
     fn is_possible(&self, change: &Change) -> bool {
         let row = change.row();
         let is_row = row.windows(2).all(|pair| {
@@ -175,10 +189,10 @@ impl<'k> Outlines<'k> {
             return false;
         }
         let triangle = change.triangle(&self.corners);
-        if self.kept.iter().any(|position| holds(&triangle, position)) {
+        if self.kept.meets(&triangle) {
             return false;
         }
-        let [low, high] = triangle.iter().fold([triangle[0]; 2], |[low, high], at| [low.inf(at), high.sup(at)]);
+        let [low, high] = extent(&triangle);
         let near = self.edges.locate_in_envelope_intersecting(&AABB::from_corners([low.x, low.y], [high.x, high.y]));
         near.map(|edge| edge.data).all(|[from, to]| {
             let is_gone = self.corners[from].is_left_out || self.corners[from].after != to;
@@ -242,6 +256,28 @@ fn holds([a, b, c]: &[Position; 3], point: &Position) -> bool {
     let side = |from: &Position, to: &Position| (to - from).perp(&(point - from));
     let sides = [side(a, b), side(b, c), side(c, a)];
     sides.iter().all(|side| *side >= 0.0) || sides.iter().all(|side| *side <= 0.0)
+}
+
+/// The corners of the bounding box of a triangle.
+fn extent(triangle: &[Position; 3]) -> [Position; 2] {
+    triangle.iter().fold([triangle[0]; 2], |[low, high], at| [low.inf(at), high.sup(at)])
+}
+
+/// Whether a polygon and a triangle have a point in common; also true of some that are in line with each other.
+fn do_meet(polygon: &Polygon, triangle: &[Position; 3]) -> bool {
+    let [low, high] = extent(triangle);
+    let [lowest, highest] = polygon.extent();
+    let is_near = low.sup(&lowest) <= high.inf(&highest);
+    if !is_near {
+        return false;
+    }
+    let corners = polygon.corners();
+    let mut edges = corners.iter().zip(corners.iter().cycle().skip(1)).map(|(from, to)| [*from, *to]);
+    let [a, b, c] = *triangle;
+    let sides = [[a, b], [b, c], [c, a]];
+    edges.any(|edge| sides.iter().any(|side| do_cross(&edge, side)))
+        || polygon.encloses(&a)
+        || holds(triangle, &corners[0])
 }
 
 /// Whether two segments have a point in common.

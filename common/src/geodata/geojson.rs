@@ -3,7 +3,7 @@
 use ::geojson::{Feature, GeoJson, Geometry, GeometryValue, JsonObject, Position};
 use serde_json::Value;
 
-use super::{FoundPoint, FoundPoints, FoundPolygon, IgnoredItem, check_geodetic, with_causes};
+use super::{FoundPoint, FoundPoints, FoundPolygon, IgnoredItem, check_geodetic, is_closed, kind_of_line, with_causes};
 use crate::error::quoted;
 
 /// What names of WGS84, with longitude first or not, end with. GeoJSON files have longitude first in both.
@@ -99,7 +99,12 @@ impl FoundPoints {
             GeometryValue::MultiPolygon { coordinates } if !coordinates.is_empty() => {
                 coordinates.iter().try_for_each(|polygon| self.add_polygon(polygon, properties))?;
             }
-            GeometryValue::LineString { .. } | GeometryValue::MultiLineString { .. } => self.ignore("line", properties),
+            GeometryValue::LineString { coordinates } => {
+                self.ignore(kind_of_line(is_closed(coordinates)), properties);
+            }
+            GeometryValue::MultiLineString { coordinates } if !coordinates.is_empty() => {
+                coordinates.iter().for_each(|line| self.ignore(kind_of_line(is_closed(line)), properties));
+            }
             _ => self.ignore("feature without geometry", properties),
         }
         Ok(())

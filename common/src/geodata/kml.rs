@@ -1,7 +1,10 @@
 //! KML: imports the points and polygons of placemarks, at any depth of folders.
 
 use super::xml::{self, XmlElement};
-use super::{Extrusion, FoundPoint, FoundPoints, FoundPolygon, IgnoredItem, KIND, NAME, check_geodetic};
+use super::{
+    CLOSED_LINE, Extrusion, FoundPoint, FoundPoints, FoundPolygon, IgnoredItem, KIND, NAME, check_geodetic, is_closed,
+    kind_of_line,
+};
 use crate::error::quoted;
 
 /// The outermost elements of files and of parts of them.
@@ -17,8 +20,8 @@ const ITEMS: [(&str, &str); 5] = [
 ];
 
 /// Geometries that are neither points nor polygons, and what they are called.
-const OTHERS: [(&str, &str); 5] =
-    [("LineString", "line"), ("LinearRing", "line"), ("Model", "model"), ("Track", "track"), ("MultiTrack", "track")];
+const OTHERS: [(&str, &str); 4] =
+    [("LinearRing", CLOSED_LINE), ("Model", "model"), ("Track", "track"), ("MultiTrack", "track")];
 
 /// The folders that `skysink export` writes, with the kind of their points.
 const FOLDERS: [(&str, &str); 2] = [("sensor nodes", "sensor node"), ("service points", "service")];
@@ -136,6 +139,12 @@ impl FoundPoints {
                         self.ignored.push(IgnoredItem::of("altitude of a polygon clamped to the ground", properties));
                     }
                     self.polygons.push(FoundPolygon { properties: properties.to_vec(), ..polygon.found });
+                    true
+                }
+                "LineString" => {
+                    let positions = tuples(child).unwrap_or_default();
+                    let positions: Vec<[f64; 2]> = positions.iter().map(|point| point.position).collect();
+                    self.ignored.push(IgnoredItem::of(kind_of_line(is_closed(&positions)), properties));
                     true
                 }
                 "MultiGeometry" => self.add_geometries(child, properties)?,

@@ -7,6 +7,7 @@ pub mod geojson;
 pub mod kml;
 pub mod plausible;
 pub mod projection;
+mod reference;
 mod text;
 pub mod xml;
 mod zones;
@@ -15,6 +16,7 @@ use std::path::Path;
 
 use crate::error::{InputError, quoted, read_bytes};
 
+pub use reference::ReferenceSystem;
 pub use zones::{Zone, ZoneKind, Zones, read_zones};
 
 /// The property that names a point or a polygon.
@@ -78,6 +80,19 @@ pub struct FoundPoints {
     pub polygons: Vec<FoundPolygon>,
     /// All other items.
     pub ignored: Vec<IgnoredItem>,
+}
+
+/// The kind of a line that ends where it begins, such as one around ground that must not be entered.
+const CLOSED_LINE: &str = "closed line";
+
+/// The kind of a line.
+fn kind_of_line(is_closed: bool) -> &'static str {
+    if is_closed { CLOSED_LINE } else { "line" }
+}
+
+/// Whether the first of at least four positions is the last again.
+fn is_closed<T: PartialEq>(positions: &[T]) -> bool {
+    positions.len() > 3 && positions.first() == positions.last()
 }
 
 /// Most names of ignored items in a message.
@@ -154,7 +169,11 @@ pub fn read<T>(what: &'static str, path: &Path, formats: &[(&str, ReadFormat<T>)
     let (_, reader) = format.ok_or_else(|| refuse(format!("`.{extension}`: expected a file named {names}")))?;
     let bytes = read_bytes(what, path)?;
     let bytes = if extension == KMZ { text::unzip(&bytes).map_err(refuse)? } else { bytes };
-    text::decode(&bytes).and_then(|text| reader(&text)).map_err(refuse)
+    let read = text::decode(&bytes).and_then(|text| reader(&text));
+    read.map_err(|message| match ReferenceSystem::beside(path).filter(|system| !system.is_wgs84) {
+        Some(system) => refuse(format!("{message} ({system})")),
+        None => refuse(message),
+    })
 }
 
 /// Checks the range of a latitude and a longitude.

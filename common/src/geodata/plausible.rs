@@ -64,9 +64,24 @@ pub struct FieldPlaces<'a> {
 /// and closer together than nodes can stand.
 #[must_use]
 pub fn are_degrees(positions: &[[f64; 2]]) -> bool {
-    let in_range = positions.iter().all(|[x, y]| x.abs() <= 180.0 && y.abs() <= 180.0 && x.abs().min(y.abs()) <= 90.0);
     let extent = extent(positions.iter().map(|&position| position.into()));
-    in_range && extent.is_some_and(|[low, high]| is_point(high - low))
+    positions.iter().all(is_in_degrees) && extent.is_some_and(|[low, high]| is_point(high - low))
+}
+
+/// Whether the coordinates of a single position that should be metres may be degrees: they are in the range of degrees,
+/// and finer than a centimetre.
+#[must_use]
+pub fn may_be_degrees(position: &[f64; 2]) -> bool {
+    let is_fine = |coordinate: &f64| {
+        let hundredths = coordinate * 100.0;
+        (hundredths - hundredths.round()).abs() > 1e-6
+    };
+    is_in_degrees(position) && position.iter().all(is_fine)
+}
+
+/// Whether a position is in the range of a latitude and a longitude, in either order.
+fn is_in_degrees([x, y]: &[f64; 2]) -> bool {
+    x.abs().max(y.abs()) <= 180.0 && x.abs().min(y.abs()) <= 90.0
 }
 
 /// Whether an extent is too small for a field, but not that of one position.
@@ -240,6 +255,20 @@ mod tests {
             (&[[465_700.1, 5_249_600.1], [465_700.2, 5_249_600.2]], false),
         ] {
             assert_eq!(are_degrees(positions), expected, "{positions:?}");
+        }
+    }
+
+    #[test]
+    fn a_single_position_of_fine_metres_may_be_degrees() {
+        for (position, expected) in [
+            ([8.5452, 47.3972], true),
+            ([-122.4194, 37.7749], true),
+            ([8.5452, 247.3972], false),
+            ([8.5, 47.25], false),
+            ([8.5452, 47.0], false),
+            ([91.123, 92.123], false),
+        ] {
+            assert_eq!(may_be_degrees(&position), expected, "{position:?}");
         }
     }
 

@@ -48,15 +48,19 @@ fn declared(bytes: &[u8]) -> Option<String> {
     Some(value[1..].split(quote).next()?.to_owned())
 }
 
-/// The document of a KMZ archive: its first file named `.kml`.
+/// The document of a KMZ archive: its first file named `.kml` in the outermost folder that has one.
 ///
 /// # Errors
 /// If it is no zip archive, has no such file, or one that is damaged or too large.
 pub fn unzip(bytes: &[u8]) -> Result<Vec<u8>, String> {
     let refuse = |error: &dyn std::fmt::Display| format!("{error}: expected a KMZ file, a zip archive with a KML file");
     let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|error| refuse(&error))?;
-    let index = (0..archive.len())
-        .find(|&index| archive.name_for_index(index).is_some_and(|name| name.to_lowercase().ends_with(".kml")));
+    let documents = (0..archive.len()).filter_map(|index| {
+        let name = archive.name_for_index(index)?.replace('\\', "/");
+        let is_own = !name.rsplit('/').next()?.starts_with('.'); // macOS adds files such as `__MACOSX/._doc.kml`
+        (is_own && name.to_lowercase().ends_with(".kml")).then(|| (name.matches('/').count(), index))
+    });
+    let index = documents.min().map(|(_, index)| index);
     let index = index.ok_or_else(|| refuse(&"no KML file in it"))?;
     let document = archive.by_index(index).map_err(|error| refuse(&error))?;
     let mut text = Vec::new();

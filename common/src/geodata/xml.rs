@@ -71,8 +71,11 @@ pub fn parse(text: &str, format: &str, roots: &[&str]) -> Result<XmlElement, Str
             current.children.push(closed);
         }
     }
-    let root = current.children.into_iter().next();
-    let root = root.ok_or_else(|| refuse(&"no element"))?;
+    let mut roots_found = current.children.into_iter();
+    let root = roots_found.next().ok_or_else(|| refuse(&"no element"))?;
+    if let Some(second) = roots_found.next() {
+        return Err(refuse(&format_args!("`{}` after the outermost element", quoted(&second.name))));
+    }
     if !roots.contains(&root.name.as_str()) {
         return Err(refuse(&format_args!("`{}`", quoted(&root.name))));
     }

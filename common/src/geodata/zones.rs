@@ -2,7 +2,10 @@
 
 use std::path::Path;
 
-use super::{Extrusion, FoundPoints, FoundPolygon, IgnoredItem, KIND, KMZ, NAME, ReadFormat, geojson, kml};
+use super::{
+    CLOSED_LINE, Extrusion, FoundPoint, FoundPoints, FoundPolygon, IgnoredItem, KIND, KMZ, NAME, ReadFormat, geojson,
+    kml,
+};
 use crate::airspace::Polygon;
 use crate::error::{InputError, quoted};
 use crate::geodata::projection::Projection;
@@ -17,6 +20,12 @@ const WHAT: &str = "zones";
 
 /// Properties for the height of a building [m].
 const HEIGHTS: [&str; 2] = ["height_m", "height"];
+
+/// Properties of a point in the middle of a circle, as programs for geofences write them.
+const RADII: [&str; 2] = ["radius", "radius_m"];
+
+/// The kind of such a point.
+const CIRCLE: &str = "circle";
 
 /// Properties that say what a polygon is.
 const KINDS: [&str; 2] = [KIND, NAME];
@@ -55,7 +64,7 @@ pub struct Zone {
 pub struct Zones {
     /// The polygons.
     pub zones: Vec<Zone>,
-    /// Counts and names of all that is no polygon; `None` without such items.
+    /// Counts and names of all that is no polygon, with the remedy; `None` without such items.
     pub ignored: Option<String>,
 }
 
@@ -65,11 +74,23 @@ pub struct Zones {
 /// If the format is unknown, the file cannot be read, a polygon has a hole, no corners or an invalid position, or there
 /// is none.
 pub fn read_zones(path: &Path) -> Result<Zones, InputError> {
+    if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("gpx")) {
+        let message = "GPX has no polygons: expected KML, KMZ or GeoJSON, with a polygon for each zone";
+        return Err(InputError::new(WHAT, path, message));
+    }
     let found = super::read(WHAT, path, &FORMATS)?;
-    let zones = zones(&found).map_err(|message| InputError::new(WHAT, path, message))?;
-    let points = found.points.iter().map(|point| IgnoredItem::of("point", &point.properties));
+    let points = found.points.iter().map(ignored_point);
     let ignored: Vec<IgnoredItem> = found.ignored.iter().cloned().chain(points).collect();
-    Ok(Zones { zones, ignored: IgnoredItem::summary(&ignored) })
+    let zones = zones(&found, &ignored).map_err(|message| InputError::new(WHAT, path, message))?;
+    let has_closed = ignored.iter().any(|item| [CLOSED_LINE, CIRCLE].contains(&item.kind));
+    let remedy = if has_closed { "; only polygons are zones: draw what must not be entered as such" } else { "" };
+    Ok(Zones { zones, ignored: IgnoredItem::summary(&ignored).map(|summary| summary + remedy) })
+}
+
+/// A point among zones.
+fn ignored_point(point: &FoundPoint) -> IgnoredItem {
+    let is_circle = point.properties.iter().any(|(name, _)| RADII.contains(&name.to_lowercase().as_str()));
+    IgnoredItem::of(if is_circle { CIRCLE } else { "point" }, &point.properties)
 }
 
 impl Zone {
@@ -112,10 +133,11 @@ fn to_millimetre(length_m: f64) -> f64 {
     (length_m * 1e3).round() / 1e3 + 0.0
 }
 
-/// The polygons as zones.
-fn zones(found: &FoundPoints) -> Result<Vec<Zone>, String> {
+/// The polygons as zones, beside what is `ignored`.
+fn zones(found: &FoundPoints, ignored: &[IgnoredItem]) -> Result<Vec<Zone>, String> {
     if found.polygons.is_empty() {
-        return Err("no polygons: expected at least one zone".to_owned());
+        let only = IgnoredItem::summary(ignored).map(|summary| format!(", only {summary}")).unwrap_or_default();
+        return Err(format!("no polygons{only}: expected a polygon for each zone"));
     }
     let numbered = found.polygons.iter().zip(1..);
     let zones = numbered.map(|(polygon, number)| {
@@ -208,7 +230,7 @@ mod tests {
 
     #[test]
     fn holes_second_boundaries_and_invalid_corners_are_refused() {
-        let all = |polygons: Vec<FoundPolygon>| zones(&FoundPoints { polygons, ..FoundPoints::default() });
+        let all = |polygons: Vec<FoundPolygon>| zones(&FoundPoints { polygons, ..FoundPoints::default() }, &[]);
         assert!(all(vec![]).unwrap_err().contains("no polygons"));
         let mut pierced = found(&[]);
         pierced.rings.push(Vec::new());

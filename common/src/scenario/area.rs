@@ -39,6 +39,9 @@ crate::keys! {
     }
 }
 
+/// Farthest that zones grow where they have many corners, by default [m].
+const SIMPLIFY_M: f64 = 5.0;
+
 /// Corners of a polygon.
 const CORNERS: Accepts = Accepts::Rule("corners of a polygon, `[[x, y], [x, y], [x, y], ...]` [m]");
 
@@ -114,6 +117,12 @@ impl Area {
     #[must_use]
     pub fn border(&self) -> Option<Polygon> {
         Polygon::of(self.boundary_m.as_ref()?, true).ok()
+    }
+
+    /// Farthest that zones grow where they have many corners [m].
+    #[must_use]
+    pub fn simplify_m(&self) -> f64 {
+        self.simplify_m.unwrap_or(SIMPLIFY_M)
     }
 
     /// Whether a position lies in the closed area, up to `slack_m` [m]; false for NaN.

@@ -9,6 +9,7 @@ use toml::{Table, Value};
 use super::area::Area;
 use super::base::BaseKeys;
 use super::sensors::SensorKeys;
+use super::simplified::SharedZones;
 use super::uav::UavKeys;
 use crate::arrivals::{ArrivalKeys, ArrivalLaw, ArrivalTrace};
 use crate::channel::{LinkBudget, LinkModel};
@@ -82,6 +83,9 @@ crate::keys! {
             /// What was ignored in its files, for messages.
             #[serde(skip)]
             pub notes: Vec<String>,
+            /// Its simplified zones, once they were asked for.
+            #[serde(skip)]
+            pub shared_zones: SharedZones,
         }
     }
 }

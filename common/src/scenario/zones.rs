@@ -6,7 +6,7 @@ use toml::Value;
 
 use super::area::{BuildingKeys, NoFlyKeys};
 use super::mission::Scenario;
-use crate::airspace::{Airspace, MAX_CORNERS, MAX_SIMPLIFIED_CORNERS, Polygon, SIMPLIFIED_CORNERS, simplify};
+use crate::airspace::{Airspace, MAX_CORNERS, MAX_SIMPLIFIED_CORNERS, Polygon};
 use crate::base::{Base, BaseArea};
 use crate::channel::Buildings;
 use crate::error::{InputError, MAX_PATH};
@@ -15,9 +15,6 @@ use crate::geodata::projection::Projection;
 use crate::geodata::{ZoneKind, read_zones};
 use crate::geometry::Position;
 use crate::terminal::one_line;
-
-/// Farthest that zones grow where they have many corners, by default [m].
-const SIMPLIFY_M: f64 = 5.0;
 
 /// Least part of its bounding box that a boundary fills: sensor nodes are drawn in the box until they lie in the
 /// boundary.
@@ -129,7 +126,7 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), InputError> {
              {count}: a larger tolerance, or fewer zones",
             simplified.corners
         );
-        return Err(scenario.refusal("area.simplify_m", &area.simplify_m.unwrap_or(SIMPLIFY_M).into(), &expected));
+        return Err(scenario.refusal("area.simplify_m", &area.simplify_m().into(), &expected));
     }
     let start = scenario.start().xy();
     let refuse = |key: &str, position: &Position, expected: &str| {
@@ -253,39 +250,6 @@ impl Scenario {
         let lowest_m = self.uav.climb().map_or(self.uav.altitude_m, |climb| climb.min_altitude_m);
         Airspace::new([area.width_m(), area.height_m()], lowest_m, self.simplified_zones().zones.into_iter())
     }
-
-    /// The boundary, the zones and the buildings that the UAV keeps to: where they have many corners, simpler ones that
-    /// lie around them. Starts and bases that are free stay so.
-    ///
-    /// # Panics
-    /// If a zone is no polygon; never in a checked scenario.
-    #[must_use]
-    pub fn simplified_zones(&self) -> SimplifiedZones {
-        let area = &self.area;
-        let polygon = |corners: &[[f64; 2]], is_border| Polygon::of(corners, is_border).expect("zones are checked");
-        let border = area.boundary_m.iter().map(|corners| (polygon(corners, true), f64::INFINITY));
-        let no_fly = area.no_fly.iter().flatten().map(|zone| (polygon(zone.corners(), false), f64::INFINITY));
-        let buildings = area.building.iter().flatten();
-        let buildings = buildings.map(|building| (polygon(&building.polygon_m, false), building.height_m));
-        let (mut polygons, tops_m): (Vec<_>, Vec<_>) = border.chain(no_fly).chain(buildings).unzip();
-        let base = self.base.as_ref().and_then(|base| base.position_m).map(Position::from);
-        let kept: Vec<Position> = self.starts().map(|start| start.xy()).chain(base).collect();
-        let tolerance_m = area.simplify_m.unwrap_or(SIMPLIFY_M);
-        let grown_m = simplify(&mut polygons, SIMPLIFIED_CORNERS, tolerance_m, &kept);
-        let corners = polygons.iter().map(|polygon| polygon.corners().len()).sum();
-        SimplifiedZones { corners, grown_m, zones: polygons.into_iter().zip(tops_m).collect() }
-    }
-}
-
-/// The zones that a UAV keeps to.
-#[derive(Debug, Clone)]
-pub struct SimplifiedZones {
-    /// Their outlines and tops [m].
-    pub zones: Vec<(Polygon, f64)>,
-    /// Their corners.
-    pub corners: usize,
-    /// How far they lie around those of the scenario, at most [m]; 0 if they are the same.
-    pub grown_m: f64,
 }
 
 fn toml_of(value: &(impl Serialize + ?Sized)) -> Value {

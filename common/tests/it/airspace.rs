@@ -278,3 +278,42 @@ fn a_zone_of_many_corners_grows_by_its_tolerance_and_never_shrinks() {
         }));
     }
 }
+
+/// The zone of a lake on whose shore the base has a polygon, or its place, as the scenario simplifies it.
+fn shore(lake: &Corners, base: &str) -> Scenario {
+    let text = format!(
+        "name = 'shore'\n[uav]\nstart_m = [900.0, 900.0]\nmax_speed_mps = 30.0\n[area]\nside_m = {SIDE_M:?}\n\
+         no_fly = [{{ polygon_m = {lake:?} }}]\n[base]\n{base}\n"
+    );
+    Scenario::parse(&text, Path::new("shore.toml"), Overrides::default()).unwrap()
+}
+
+#[test]
+fn a_zone_that_grows_covers_nothing_of_a_base_that_was_free() {
+    let lake = lake(3_000);
+    let outline = skysink_common::airspace::Polygon::of(&lake, false).unwrap();
+    let dry = |at: &Position| !outline.encloses(at);
+    let grid = (0..=110).flat_map(|x| (0..=80).map(move |y| [f64::from(x), f64::from(y)]));
+    let places: Vec<Position> =
+        grid.map(|[x, y]| Position::new(545.0 + x / 2.0, 480.0 + y / 2.0)).filter(dry).collect();
+    let flooded = |base: &str| {
+        let scenario = shore(&lake, base);
+        let zones = scenario.simplified_zones();
+        assert!(zones.grown_m > 0.0 && zones.corners < 1_500, "{} corners", zones.corners);
+        let grown = &zones.zones[0].0;
+        let is_deep = |at: &&Position| grown.encloses(at) && (grown.nearest(at) - *at).norm() > 1e-6;
+        places.iter().filter(is_deep).count()
+    };
+    assert_eq!(flooded("areas_m = [[[545, 480], [600, 480], [600, 520], [545, 520]]]"), 0);
+    assert!(flooded("position_m = [570.0, 500.0]") > 0, "what the polygon keeps free");
+}
+
+/// Clones share what is simplified, and a changed key has its own.
+#[test]
+fn zones_are_simplified_again_only_if_their_keys_change() {
+    let scenario = shore(&lake(3_000), "position_m = [570.0, 500.0]");
+    let mut other = scenario.clone();
+    assert_eq!(other.simplified_zones().grown_m, scenario.simplified_zones().grown_m);
+    other.area.simplify_m = Some(1e-3);
+    assert!(other.simplified_zones().grown_m <= 1e-3 && scenario.simplified_zones().grown_m > 1e-3);
+}
