@@ -11,6 +11,9 @@ use crate::strategy::{PlannedVisit, View};
 /// What a slot in the air costs, as a fraction of all data: of plans that deliver the same the shortest is best.
 const SLOT_COST: f64 = 1e-6;
 
+/// Fraction of all data that is little.
+const LITTLE: f64 = 0.05;
+
 /// A stop of a plan.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlannedStop {
@@ -221,6 +224,12 @@ impl<'a> PlanFlight<'a> {
     pub fn is_complete(&self, value: f64) -> bool {
         let slots = (self.window.last - self.window.begin.slot) as f64;
         value >= self.window.all_bits * (1.0 - SLOT_COST * (slots + 1.0))
+    }
+
+    /// Whether a plan of this value leaves little of what it could deliver.
+    #[must_use]
+    pub fn leaves_little(&self, value: f64) -> bool {
+        value >= self.window.all_bits * (1.0 - LITTLE)
     }
 
     /// The bits in the queue of an SN at the beginning of `slot`.

@@ -30,7 +30,7 @@ const FIRST_TEMPERATURE: f64 = 0.3;
 /// The same of a search that improves a plan.
 const LATER_TEMPERATURE: f64 = 0.02;
 
-/// How often the steps of a search are halved, at most, after searches that found no better plan.
+/// How often the steps of a search are halved, at most, after searches in vain.
 const MOST_HALVINGS: u32 = 4;
 
 /// Standard deviations of position errors within which a UAV has arrived.
@@ -47,7 +47,7 @@ pub struct Collector {
     window_slots: u64,
     /// The remaining stops; `None` before the first search.
     stops: Option<Vec<PlannedStop>>,
-    /// Searches in a row that found no better plan: each next one takes half as many steps.
+    /// Searches in vain in a row: each next one takes half as many steps.
     vain_searches: u32,
     /// Where the last planned slot should have ended, if slots end beside their waypoints [m].
     told: Option<Position>,
@@ -108,7 +108,7 @@ impl Collector {
 
     /// Searches in up to `steps` steps for a plan from the slot of `view` on, or improves the one there is; returns
     /// what it does first, and keeps the rest. The first search may begin with the stops of `offered`; after searches
-    /// that found no better plan the next ones take fewer steps. The result depends only on the view and the plan,
+    /// in vain the next ones take fewer steps. The result depends only on the view and the plan,
     /// unless `is_over` ends the search.
     pub fn plan(
         &mut self,
@@ -129,8 +129,8 @@ impl Collector {
         };
         let mut search = PlanSearch { flight: &mut flight, random: &mut random, is_over };
         let begun = begun.unwrap_or_else(|| search.insert_all(offered(), view.stop));
-        let (mut stops, is_better) = search.anneal(begun, steps, temperature);
-        self.vain_searches = if is_better { 0 } else { self.vain_searches.saturating_add(1) };
+        let (mut stops, is_vain) = search.anneal(begun, steps, temperature);
+        self.vain_searches = if is_vain { self.vain_searches.saturating_add(1) } else { 0 };
         let (next, first) = flight.first(&stops);
         if view.others.is_some() {
             self.told_others = (view.slot, flight.visits().collect());

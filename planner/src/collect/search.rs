@@ -131,7 +131,7 @@ impl PlanSearch<'_, '_> {
     }
 
     /// The best plan that up to `steps` changes of `stops` lead to, from a temperature in parts of the mean data of an
-    /// SN, and whether it is better than `stops`.
+    /// SN, and whether the search was in vain: it found no better plan than `stops`, which leaves little to deliver.
     pub fn anneal(&mut self, mut stops: Vec<PlannedStop>, steps: u64, temperature: f64) -> (Vec<PlannedStop>, bool) {
         if steps == 0 {
             return (stops, false); // with those that now take no slot: they may again
@@ -140,7 +140,7 @@ impl PlanSearch<'_, '_> {
         self.flight.keep(&mut stops);
         let open = self.flight.open();
         if open.is_empty() {
-            return (stops, false);
+            return (stops, true);
         }
         let begun = value;
         let mean_bits = self.flight.mean_bits();
@@ -169,7 +169,8 @@ impl PlanSearch<'_, '_> {
                 best.1.clone_from(&stops);
             }
         }
-        (best.1, best.0 > begun)
+        let is_vain = best.0 <= begun && self.flight.leaves_little(best.0);
+        (best.1, is_vain)
     }
 
     /// Changes a plan by chance; returns how many stops at its beginning stay the same. `None` if it changes nothing.
