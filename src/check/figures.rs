@@ -76,12 +76,18 @@ pub struct Figures {
     /// Number of SNs that zones leave no place to serve from; `None` without zones.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hidden: Option<usize>,
+    /// The labels of the first ones.
+    #[serde(skip)]
+    pub hidden_nodes: Vec<String>,
     /// Arrivals at random; `None` if they are constant.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub arrivals: Option<ArrivalFigures>,
     /// Whether a flight without loss exists.
     pub loss_free: LossFree,
 }
+
+/// Most sensor nodes that a warning names.
+const MOST_NAMED: usize = 5;
 
 impl Figures {
     /// The figures of `scenario` with the SNs `list`.
@@ -122,6 +128,10 @@ impl Figures {
             round: bounds.round(flights.first().and_then(|tour| tour.round_slots)),
             load: Load::of(scenario, &sensors, &above),
             hidden: (!table.airspace.is_open()).then(|| sensors.count() - table.servable().count()),
+            hidden_nodes: {
+                let hidden = sensors.ids().filter(|&id| !table.is_servable(id));
+                hidden.take(MOST_NAMED).map(|id| list.label(id as usize)).collect()
+            },
             unreachable: field.sensors.iter().filter(|sensor| sensor.first_slot > Some(scenario.slots)).count(),
             arrivals: ArrivalFigures::of(scenario, list),
             loss_free: bounds.loss_free(&flights),

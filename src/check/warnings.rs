@@ -78,8 +78,11 @@ fn unreachable(figures: &Figures) -> Option<String> {
 fn hidden(figures: &Figures) -> Option<String> {
     let hidden = figures.hidden.filter(|&hidden| hidden > 0)?;
     let sensors = figures.sensors;
+    let names = figures.hidden_nodes.join(", ");
+    let more = if hidden > figures.hidden_nodes.len() { ", …" } else { "" };
     Some(format!(
-        "{hidden} of the {sensors} sensor nodes cannot be served: no way leads into their range around the zones"
+        "{hidden} of the {sensors} sensor nodes cannot be served: no way leads into their range around the zones \
+         ({names}{more})"
     ))
 }
 

@@ -133,6 +133,7 @@ pub fn of_degrees(
         node_name: &|node| enclosed[node].name(),
         polygons: &polygons,
     };
+    field.notes.extend(listed(&zones, &outlines, &tops_m, nodes_m, path));
     field.warnings.extend((!zones.is_empty()).then(|| doubted_system("zones", path, false)).flatten());
     field.warnings.extend(places.doubts());
     let lowest_m = Scenario::letter(Overrides::default())?.uav.altitude_m;
@@ -163,6 +164,36 @@ pub fn of_degrees(
         }
     }
     Ok(field)
+}
+
+/// Most zones of a kind that are listed.
+const MOST_LISTED: usize = 5;
+
+/// What the zones of the file `path` are taken as, with the sensor nodes in no-fly zones; `None` without any.
+fn listed(zones: &[Zone], outlines: &[Polygon], tops_m: &[f64], nodes_m: &[Position], path: &Path) -> Option<String> {
+    let mut kinds: [(&str, Vec<String>); 3] =
+        [("boundary", Vec::new()), ("no-fly zone", Vec::new()), ("building", Vec::new())];
+    for ((zone, outline), top_m) in zones.iter().zip(outlines).zip(tops_m) {
+        let within = || match nodes_m.iter().filter(|node| outline.encloses(node)).count() {
+            0 => String::new(),
+            1 => " around 1 sensor node".to_owned(),
+            count => format!(" around {count} sensor nodes"),
+        };
+        let place = &zone.place;
+        match zone.kind {
+            ZoneKind::Boundary => kinds[0].1.push(place.clone()),
+            ZoneKind::NoFly => kinds[1].1.push(format!("{place}{}", within())),
+            ZoneKind::Building(_) | ZoneKind::BuildingAboveSea(_) => kinds[2].1.push(format!("{place}, {top_m:.1} m")),
+        }
+    }
+    let listed = |(kind, names): &(&str, Vec<String>)| {
+        let more = names.len().saturating_sub(MOST_LISTED);
+        let more = if more > 0 { format!("; and {more} more") } else { String::new() };
+        let names = names.iter().take(MOST_LISTED).cloned().collect::<Vec<_>>().join("; ");
+        format!("{kind}: {names}{more}")
+    };
+    let listed: Vec<String> = kinds.iter().filter(|(_, names)| !names.is_empty()).map(listed).collect();
+    (!listed.is_empty()).then(|| format!("zones {}: {}", path.display(), listed.join(" · ")))
 }
 
 /// The corners of a zone of the file `path` with their location.

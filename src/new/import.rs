@@ -2,6 +2,7 @@
 //!
 //! What is in degrees is left to `degrees`.
 
+use std::collections::HashMap;
 use std::path::Path;
 
 use skysink_common::error::InputError;
@@ -67,6 +68,7 @@ fn on_plane(imported: &Imported, path: &Path) -> Result<NewField, InputError> {
         let expected = "positions in degrees: expected metres from the south-west corner of the map";
         return Err(InputError::new("sensor positions", path, expected));
     }
+    check_metres(path)?;
     Ok(NewField { list: Some(imported.to_csv([0.0; 2])), ..of_sensors(imported, path) })
 }
 
@@ -108,13 +110,44 @@ pub(super) fn of_sensors(imported: &Imported, path: &Path) -> NewField {
         locations: imported.sensors.iter().map(|sensor| sensor.place.clone()).collect(),
         source: path.to_owned(),
         notes: imported.ignored.iter().map(|what| format!("ignored: {what}")).collect(),
-        warnings: doubted_system("sensor positions", path, imported.frame == Frame::Plane).into_iter().collect(),
+        warnings: doubted_system("sensor positions", path, imported.frame == Frame::Plane)
+            .into_iter()
+            .chain(repeated(imported, path))
+            .collect(),
         ..NewField::default()
     }
 }
 
+/// The sensor nodes that stand exactly where an earlier one stands.
+fn repeated(imported: &Imported, path: &Path) -> Option<String> {
+    let mut places: HashMap<[u64; 2], &str> = HashMap::new();
+    let mut repeated = imported.sensors.iter().filter_map(|sensor| {
+        let first = *places.entry(sensor.position.map(f64::to_bits)).or_insert(&sensor.place);
+        (first != sensor.place).then_some((&sensor.place, first))
+    });
+    let (place, first) = repeated.next()?;
+    let others = match repeated.count() {
+        0 => String::new(),
+        1 => ", and 1 more does so".to_owned(),
+        others => format!(", and {others} more do so"),
+    };
+    Some(format!(
+        "sensor positions {}: {place}: it stands where {first} stands{others}: are they repeated?",
+        path.display()
+    ))
+}
+
+/// Refuses lengths that the file `.prj` beside positions says are not metres on the ground.
+fn check_metres(path: &Path) -> Result<(), InputError> {
+    let Some(system) = ReferenceSystem::beside(path) else { return Ok(()) };
+    let Some(why) = &system.no_metres else { return Ok(()) };
+    let expected = "expected metres on the ground, such as those of UTM, or latitudes and longitudes";
+    Err(InputError::new("sensor positions", path, format_args!("{system}: {why}: {expected}")))
+}
+
 /// The field of positions in metres, in the file `path`.
 fn of_plane(imported: &Imported, path: &Path, start: Option<[f64; 2]>) -> Result<NewField, InputError> {
+    check_metres(path)?;
     let mut field = of_sensors(imported, path);
     let shift = shift(imported);
     let in_area = |position: [f64; 2]| Position::new(position[0] + shift[0], position[1] + shift[1]);
@@ -154,7 +187,10 @@ fn of_plane(imported: &Imported, path: &Path, start: Option<[f64; 2]>) -> Result
 pub(super) fn doubted_system(what: &str, path: &Path, is_plane: bool) -> Option<String> {
     let system = ReferenceSystem::beside(path)?;
     let taken = match (is_plane, system.is_projected) {
-        (true, true) => "its metres are taken as those of a plane without latitude and longitude",
+        (true, true) => {
+            "its metres are taken as those of a plane without latitude and longitude; its north is up to 3° beside true \
+             north: for flights outdoors convert them to lat and lon"
+        }
         (true, false) => "are its metres degrees?",
         (false, _) if system.is_wgs84 => return None,
         (false, _) => "its degrees are taken as those of WGS84",

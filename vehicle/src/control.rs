@@ -10,7 +10,7 @@ use crate::autopilot::{AutopilotKind, ModeMeaning};
 use crate::frame::AreaFrame;
 use crate::jumps::{Jumps, Plausibility};
 use crate::outbox::Outbox;
-use crate::preflight::{Assignment, Beginning, Preflight, PreflightRefusal, TAKE_OFF_RADIUS_M, Verdict};
+use crate::preflight::{Assignment, Beginning, Clearance, Preflight, PreflightRefusal, TAKE_OFF_RADIUS_M};
 use crate::said::Said;
 use crate::state::VehicleState;
 use crate::takeover::Takeover;
@@ -343,15 +343,15 @@ impl VehicleControl {
         let position = self.position().filter(|_| self.has_current_position(now_s));
         let Self { preflight, vehicle, takeover, assignment, .. } = self;
         match preflight.judge(vehicle, position, takeover, assignment, now_s, orders)? {
-            Verdict::Wait(missing) => self.say_waiting(missing, now_s),
-            Verdict::GiveUp(why) => self.give_up(&why),
-            Verdict::Arm => {
+            Clearance::Wait(missing) => self.say_waiting(missing, now_s),
+            Clearance::GiveUp(why) => self.give_up(&why),
+            Clearance::Arm => {
                 self.say_findings();
                 self.said.say("is checked: arming".to_owned());
                 self.phase = Phase::Arming;
                 self.retry_s = now_s;
             }
-            Verdict::FlyOn { mode } => {
+            Clearance::FlyOn { mode } => {
                 self.say_findings();
                 self.said.say("is in the air: flying on".to_owned());
                 self.takeover.adopt(mode);

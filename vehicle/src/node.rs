@@ -79,7 +79,7 @@ pub fn run<S: Service + 'static>(
         Ok(()) => return process.land(),
         Err(NodeError::Orphaned) => ("skysink run has ended", ORPHAN_TIMEOUT),
         Err(NodeError::Stopped(_)) => ("the run is stopped", STOP_TIMEOUT),
-        Err(_) => ("the bridge has failed", STOP_TIMEOUT),
+        Err(_) => ("the bridge ends, with the error that follows", STOP_TIMEOUT),
     };
     if let Err(NodeError::Stopped(_)) = &result {
         process.say_awaited();

@@ -62,7 +62,7 @@ pub struct PreflightRefusal(pub String);
 
 /// What follows from the checks.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Verdict {
+pub enum Clearance {
     /// Something is missing, in words after "waiting for it".
     Wait(&'static str),
     /// The vehicle may be armed.
@@ -126,9 +126,9 @@ impl Preflight {
         assignment: &Assignment,
         now_s: f64,
         orders: &mut Vec<Order>,
-    ) -> Result<Verdict, PreflightRefusal> {
+    ) -> Result<Clearance, PreflightRefusal> {
         let (Some(is_armed), Some(mode), Some(_)) = (vehicle.is_armed(), vehicle.mode(), position) else {
-            return Ok(Verdict::Wait(match (vehicle.autopilot, position) {
+            return Ok(Clearance::Wait(match (vehicle.autopilot, position) {
                 (None, _) => "to send heartbeats",
                 (_, None) => "to know its position",
                 _ => "to say the same mode twice in a row",
@@ -136,19 +136,19 @@ impl Preflight {
         };
         if is_armed {
             if takeover.has_been_disarmed() {
-                return Ok(Verdict::GiveUp("somebody else has armed it".to_owned()));
+                return Ok(Clearance::GiveUp("somebody else has armed it".to_owned()));
             }
             return self.judge_armed(vehicle, mode, position, assignment, now_s, orders);
         }
         takeover.note_disarmed();
         if assignment.beginning == (Beginning::Restarted { in_mission: true }) {
-            return Ok(Verdict::GiveUp("it is on the ground in the middle of the mission".to_owned()));
+            return Ok(Clearance::GiveUp("it is on the ground in the middle of the mission".to_owned()));
         }
         if let Some(why) = takeover.check(vehicle) {
-            return Ok(Verdict::GiveUp(why));
+            return Ok(Clearance::GiveUp(why));
         }
         let missing = self.check(vehicle, position, assignment, now_s, orders)?;
-        Ok(missing.map_or(Verdict::Arm, Verdict::Wait))
+        Ok(missing.map_or(Clearance::Arm, Clearance::Wait))
     }
 
     /// Checks a vehicle in this mode that somebody has armed: only after an earlier bridge, in the air, it is flown on.
@@ -160,7 +160,7 @@ impl Preflight {
         assignment: &Assignment,
         now_s: f64,
         orders: &mut Vec<Order>,
-    ) -> Result<Verdict, PreflightRefusal> {
+    ) -> Result<Clearance, PreflightRefusal> {
         let name = vehicle.mode_name();
         let is_in_air = vehicle.is_in_air();
         let is_left = is_in_air && vehicle.meaning() == ModeMeaning::FollowsOrders;
@@ -169,16 +169,16 @@ impl Preflight {
                 let state = if is_in_air { "in the air" } else { "armed" };
                 refuse(format!("it is {state} ({name}): expected it on the ground, disarmed"))
             }
-            Beginning::Resumed if vehicle.meaning() == ModeMeaning::Returns => Ok(Verdict::Wait("to land")),
+            Beginning::Resumed if vehicle.meaning() == ModeMeaning::Returns => Ok(Clearance::Wait("to land")),
             Beginning::Resumed if !is_left => refuse(format!(
                 "it is armed ({name}): expected it on the ground, or in the air in the mode that follows orders"
             )),
-            Beginning::Restarted { .. } if !is_left => Ok(Verdict::GiveUp(format!("it is flown by others ({name})"))),
+            Beginning::Restarted { .. } if !is_left => Ok(Clearance::GiveUp(format!("it is flown by others ({name})"))),
             Beginning::Resumed | Beginning::Restarted { .. } => {
                 match self.check(vehicle, position, assignment, now_s, orders) {
-                    Ok(missing) => Ok(missing.map_or(Verdict::FlyOn { mode }, Verdict::Wait)),
+                    Ok(missing) => Ok(missing.map_or(Clearance::FlyOn { mode }, Clearance::Wait)),
                     Err(refusal) if assignment.beginning == Beginning::Resumed => Err(refusal),
-                    Err(PreflightRefusal(why)) => Ok(Verdict::GiveUp(why)),
+                    Err(PreflightRefusal(why)) => Ok(Clearance::GiveUp(why)),
                 }
             }
         }

@@ -12,6 +12,9 @@ const EXTENSIONS: [&str; 2] = ["prj", "PRJ"];
 /// Parts of the words for a system of metres on a plane.
 const PROJECTED: [&str; 4] = ["PROJCS", "PROJCRS", "PROJECTEDCRS", "UTM"];
 
+/// Parts of the names of the projection of web maps, whose metres are longer than those on the ground.
+const WEB: [&str; 4] = ["PSEUDO-MERCATOR", "AUXILIARY_SPHERE", "WEB_MERCATOR", "POPULAR VISUALISATION"];
+
 /// A reference system, as a file `.prj` names it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ReferenceSystem {
@@ -23,6 +26,8 @@ pub struct ReferenceSystem {
     pub is_projected: bool,
     /// Whether they are the degrees of WGS84.
     pub is_wgs84: bool,
+    /// Why its coordinates are not metres on the ground, if they are lengths; `None` for metres.
+    pub no_metres: Option<String>,
 }
 
 impl ReferenceSystem {
@@ -41,8 +46,21 @@ impl ReferenceSystem {
         let capitals = text.to_uppercase();
         let is_projected = PROJECTED.iter().any(|word| capitals.contains(word));
         let is_wgs84 = !is_projected && ["WGS", "84"].iter().all(|word| name.to_uppercase().contains(word));
-        Some(Self { file, name: name.to_owned(), is_projected, is_wgs84 })
+        let no_metres = is_projected.then(|| no_metres(text, &capitals)).flatten();
+        Some(Self { file, name: name.to_owned(), is_projected, is_wgs84, no_metres })
     }
+}
+
+/// Why the lengths of a projected system are not metres on the ground; `None` if they are. `capitals` are those of `text`.
+fn no_metres(text: &str, capitals: &str) -> Option<String> {
+    if WEB.iter().any(|name| capitals.contains(name)) {
+        return Some("its metres, those of web maps, are longer than on the ground".to_owned());
+    }
+    // The last unit is that of lengths: `UNIT["Foot_US",0.3048006]`, also within `LENGTHUNIT`.
+    let unit = &text[capitals.rfind("UNIT[").filter(|_| capitals.len() == text.len())?..];
+    let name = unit.split('"').nth(1)?;
+    let length_m: f64 = unit.split([',', ']']).nth(1)?.trim().parse().ok()?;
+    ((length_m - 1.0).abs() > 1e-9).then(|| format!("its unit is `{}`, {length_m} m", quoted(name)))
 }
 
 /// Such as "nodes.prj says `WGS 84 / UTM zone 32N`".
@@ -70,9 +88,20 @@ mod tests {
             ("Projection    UTM\nZone          32\n", "Projection    UTM", true, false),
         ] {
             let system = ReferenceSystem::of("a.prj".to_owned(), text).unwrap();
-            let expected = ReferenceSystem { file: "a.prj".to_owned(), name: name.to_owned(), is_projected, is_wgs84 };
+            let (file, name) = ("a.prj".to_owned(), name.to_owned());
+            let expected = ReferenceSystem { file, name, is_projected, is_wgs84, no_metres: None };
             assert_eq!(system, expected, "{text}");
         }
         assert_eq!(ReferenceSystem::of("a.prj".to_owned(), " \n"), None);
+        let metres =
+            "PROJCS[\"WGS_1984_UTM_Zone_32N\",GEOGCS[\"GCS\",UNIT[\"Degree\",0.0174532925199433]],UNIT[\"Meter\",1.0]]";
+        let feet = metres.replace("\"Meter\",1.0", "\"Foot_US\",0.3048006096012192");
+        let web = "PROJCS[\"WGS_1984_Web_Mercator_Auxiliary_Sphere\",UNIT[\"Meter\",1.0]]";
+        let newer = "PROJCRS[\"a\",CS[Cartesian,2],LENGTHUNIT[\"US survey foot\",0.304800609601219]]";
+        let no_metres = |text: &str| ReferenceSystem::of("a.prj".to_owned(), text).unwrap().no_metres;
+        assert_eq!(no_metres(metres), None);
+        assert_eq!(no_metres(&feet).unwrap(), "its unit is `Foot_US`, 0.3048006096012192 m");
+        assert_eq!(no_metres(newer).unwrap(), "its unit is `US survey foot`, 0.304800609601219 m");
+        assert_eq!(no_metres(web).unwrap(), "its metres, those of web maps, are longer than on the ground");
     }
 }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use svg::Node;
-use svg::node::element::{Circle, Group, Rectangle};
+use svg::node::element::{Circle, ClipPath, Group, Rectangle};
 
 use super::axis::{Axis, Panel};
 use super::page::{INK, Look, MARGIN, Page, SAMPLE, fitting, line, stroke, text};
@@ -190,6 +190,12 @@ impl TrajectoryMap {
         page.add(text(&self.title, [corner[0], top - 0.6 * EM], fitting(&self.title, 1.1 * EM, size[0]), "start"));
 
         let at = |[x, y]: [f64; 2]| panel.at(x, y);
+        // Zones may go on beyond the map.
+        let clip = format!("map-{:.0}-{:.0}", corner[0], corner[1]);
+        let frame =
+            Rectangle::new().set("x", corner[0]).set("y", corner[1]).set("width", size[0]).set("height", size[1]);
+        page.add(ClipPath::new().set("id", clip.clone()).add(frame));
+        let mut areas = Group::new().set("clip-path", format!("url(#{clip})"));
         for (kind, outline) in &self.areas {
             let data = match outline {
                 AreaOutline::Polygon(corners_m) => line(corners_m.iter().copied().map(at)) + "z",
@@ -200,8 +206,9 @@ impl TrajectoryMap {
                     format!("M{left:.1},{y:.1}a{r:.1},{r:.1} 0 1 0 {across:.1},0a{r:.1},{r:.1} 0 1 0 -{across:.1},0z")
                 }
             };
-            page.add(filled(data, *kind));
+            areas = areas.add(filled(data, *kind));
         }
+        page.add(areas);
         for (uav, path_m) in self.paths_m.iter().enumerate() {
             page.add(stroke(line(path_m.iter().copied().map(at)), 2.0, PATHS[uav % PATHS.len()]));
         }

@@ -45,6 +45,7 @@ pub fn read(text: &str) -> Result<Imported, String> {
     let header = reader.headers().map_err(|error| error.to_string())?.clone();
     let table = Columns::of(&header, separator).map_err(|message| format!("line {}: {message}", line + 1))?;
     let mut sensors = Vec::new();
+    let mut decimal: Option<(char, String)> = None;
     for row in reader.records() {
         let row = row.map_err(|error| error.to_string())?;
         let place = format!("line {}", line_of(body, row.position()) + line as u64);
@@ -58,6 +59,7 @@ pub fn read(text: &str) -> Result<Imported, String> {
             ));
         }
         let sensor = table.sensor(&row, place.clone()).map_err(|message| format!("{place}: {message}"))?;
+        table.check_decimals(&row, &place, &mut decimal).map_err(|message| format!("{place}: {message}"))?;
         sensors.push(sensor);
     }
     let positions: Vec<[f64; 2]> = sensors.iter().map(|sensor| sensor.position).collect();
@@ -165,6 +167,29 @@ impl Columns {
         Ok(ImportedSensor { place, position, others })
     }
 
+    /// Checks that all numbers have the same decimal sign, where they may have commas; another one separates thousands.
+    /// `decimal` is the first one, with its location.
+    fn check_decimals(
+        &self,
+        row: &StringRecord,
+        place: &str,
+        decimal: &mut Option<(char, String)>,
+    ) -> Result<(), String> {
+        let others = self.others.iter().filter(|(name, _)| *name != NAME).copied();
+        let columns = self.position.iter().map(|(name, place)| (name.as_str(), *place)).chain(others);
+        for (name, column) in columns.filter(|_| self.has_commas) {
+            let text = row.get(column).unwrap_or_default();
+            let Some(sign) = text.chars().find(|sign| [',', '.'].contains(sign)) else { continue };
+            let (first, line) = decimal.get_or_insert_with(|| (sign, place.to_owned()));
+            if *first != sign {
+                let (found, expected) = if sign == '.' { ("point", "comma") } else { ("comma", "point") };
+                let expected = format!("a decimal {expected}, as in {line}, and no separator of thousands");
+                return Err(format!("{} = {}: has a {found}: expected {expected}", quoted(name), quoted(text)));
+            }
+        }
+        Ok(())
+    }
+
     /// Parses the finite number in a column.
     fn number(&self, row: &StringRecord, (name, place): &(String, usize)) -> Result<f64, String> {
         let text = row.get(*place).unwrap_or_default();
@@ -242,6 +267,23 @@ mod tests {
             assert_eq!((imported.frame, imported.sensors.len()), (frame, 1), "{text}");
             assert_eq!(imported.sensors[0].position, position, "{text}");
         }
+    }
+
+    #[test]
+    fn separators_of_thousands_are_no_decimal_signs() {
+        let refused = |text: &str| read(text).unwrap_err();
+        assert_eq!(
+            refused("lat;lon;buffer\n47,5;8,5;500\n47,6;8,6;30.000\n"),
+            "line 3: capacity_bits = 30.000: has a point: expected a decimal comma, as in line 2, and no separator of \
+             thousands"
+        );
+        assert!(refused("x\ty\tbuffer\n1.5\t2\t30,000\n").starts_with("line 2: capacity_bits = 30,000: has a comma"));
+        assert!(
+            refused("x\ty\n1.5\t2\n3\t4,000\n").starts_with("line 3: y = 4,000: has a comma: expected a decimal point")
+        );
+        assert!(refused("x;y\n1,5;2.5\n").starts_with("line 2: y = 2.5: has a point"), "in one row");
+        let names = read("x;y;name\n1,5;2,5;a. b\n3;4;c, d\n").unwrap();
+        assert_eq!(names.sensors.len(), 2, "names are no numbers");
     }
 
     #[test]
