@@ -75,6 +75,8 @@ pub struct Bridge {
     planned_s: Option<f64>,
     /// How long the bridge was suspended since then [s].
     suspended_s: f64,
+    /// Time without a plan after which the vehicles return [s].
+    patience_s: f64,
     /// What the vehicles have achieved.
     pub ends: SlotEnds,
 }
@@ -124,6 +126,7 @@ impl Bridge {
             is_in_mission: beginning == Beginning::Restarted { in_mission: true },
             planned_s: None,
             suspended_s: 0.0,
+            patience_s: PATIENCE_S.max(PATIENCE_SLOTS * scenario.slot_s),
             ends: SlotEnds::default(),
         }
     }
@@ -200,10 +203,19 @@ impl Bridge {
         self.members[uav].control.away_m(fix)
     }
 
-    /// Believes nothing of the vehicles that was heard before: the bridge was suspended for `suspended_s` [s].
-    pub fn doubt(&mut self, suspended_s: f64) {
+    /// Notes that the bridge was suspended for `suspended_s` [s].
+    pub fn note_suspension(&mut self, suspended_s: f64) {
         self.suspended_s += suspended_s;
-        self.members.iter_mut().for_each(|member| member.control.doubt());
+    }
+
+    /// Believes nothing of the vehicles that was heard before `now_s` [s].
+    pub fn doubt(&mut self, now_s: f64) {
+        self.members.iter_mut().for_each(|member| member.control.doubt(now_s));
+    }
+
+    /// Waits at least `seconds` [s] for a plan before the vehicles return.
+    pub fn wait_at_least(&mut self, seconds: f64) {
+        self.patience_s = self.patience_s.max(seconds);
     }
 
     /// The numbers of the vehicles that others fly, from 1.
@@ -219,8 +231,7 @@ impl Bridge {
         if self.planned_s.is_none() && self.has_begun() {
             self.planned_s = Some(now_s);
         }
-        let patience_s = PATIENCE_S.max(PATIENCE_SLOTS * self.slot_s);
-        if self.planned_s.is_some_and(|planned_s| now_s - planned_s > patience_s) {
+        if self.planned_s.is_some_and(|planned_s| now_s - planned_s > self.patience_s) {
             let suspended_s = self.suspended_s;
             let cause = if suspended_s > 0.0 {
                 format!(": the bridge itself was suspended for {suspended_s:.0} s of them")

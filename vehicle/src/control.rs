@@ -135,8 +135,8 @@ impl VehicleControl {
     }
 
     /// Believes nothing that was heard before: the bridge was stopped meanwhile.
-    pub fn doubt(&mut self) {
-        self.vehicle.doubt();
+    pub fn doubt(&mut self, now_s: f64) {
+        self.vehicle.doubt(now_s);
     }
 
     /// The phase of its mission.
@@ -298,7 +298,7 @@ impl VehicleControl {
         if !matches!(self.phase, Phase::TakenOver | Phase::Landed) {
             orders.extend(self.vehicle.requests(now_s));
         }
-        let has_new_mode = self.vehicle.take_new_mode();
+        let [has_new_mode, has_new_heartbeat] = self.vehicle.take_new_reports();
         self.notice_silence(now_s);
         match self.phase {
             Phase::Preflight => self.check(now_s, orders)?,
@@ -312,15 +312,23 @@ impl VehicleControl {
         let says_disarmed = self.is_committed() && self.vehicle.is_armed() == Some(false);
         let is_in_doubt = self.vehicle.is_in_doubt() || says_disarmed;
         let is_astray = self.jumps.is_doubtful(now_s) || self.is_blind;
-        // What could undo the decision of a pilot follows at once a report of the mode that leaves no doubt.
+        // What could undo the decision of a pilot follows at once a report of the mode that leaves no doubt; before it is
+        // in the air, one that says whether it is armed, too.
         let may_overrule = |order: &Order| self.vehicle.autopilot.is_none_or(|autopilot| order.may_overrule(autopilot));
         let may_send = |order: &Order| {
             let may_fly = !(is_astray && matches!(order, Order::Reposition { .. }));
-            !is_in_doubt && may_fly && (has_new_mode || !may_overrule(order))
+            let is_before_flight = matches!(order, Order::Mode(_) | Order::Arm | Order::TakeOff(_));
+            let is_told = if is_before_flight { has_new_heartbeat } else { has_new_mode };
+            !is_in_doubt && may_fly && (is_told || !may_overrule(order))
         };
+        let mut has_ordered_arming = false;
         for order in self.outbox.due(now_s, may_send) {
             self.takeover.order(&order);
+            has_ordered_arming |= order == Order::Arm;
             orders.push(order);
+        }
+        if has_ordered_arming {
+            self.vehicle.recount_disarmed();
         }
         Ok(())
     }
@@ -333,7 +341,8 @@ impl VehicleControl {
             self.said.say(format!("is not heard any more, for {silence_s:.0} s"));
         }
         let was_blind = std::mem::replace(&mut self.is_blind, !self.vehicle.has_current_fix(now_s));
-        if self.is_blind && !was_blind && !self.is_lost && self.phase == Phase::Flying {
+        let is_heard = !self.is_lost && !self.vehicle.is_in_doubt();
+        if self.is_blind && !was_blind && is_heard && self.phase == Phase::Flying {
             self.said.say("does not say where it is any more: it gets no waypoints meanwhile".to_owned());
         }
     }
@@ -532,13 +541,18 @@ impl VehicleControl {
              Ctrl-C ends the run, and with it the heartbeats for which its dead-man switch waits"
         ));
         self.note_end(&format!("it was taken over: {why}"));
+        self.vehicle.recount_disarmed(); // it may have been armed since
         self.outbox.clear();
         self.phase = Phase::TakenOver;
     }
 
     /// Ends its mission, because of `why`: it flies home, or does not take off.
     pub fn return_home(&mut self, why: &str, now_s: f64) {
-        let is_disarmed = self.vehicle.is_armed() != Some(true) && !self.vehicle.may_be_armed();
+        let is_disarmed = if self.takeover.is_arming() {
+            self.vehicle.says_disarmed()
+        } else {
+            self.vehicle.is_armed() != Some(true) && !self.vehicle.may_be_armed()
+        };
         match self.phase {
             Phase::Returning | Phase::TakenOver | Phase::Landed => return,
             Phase::Preflight if self.is_of_earlier_bridge() => {

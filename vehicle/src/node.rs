@@ -46,6 +46,12 @@ const ORPHAN_TIMEOUT: Duration = Duration::from_secs(10);
 /// Time after which messages that wait are out of date: the bridge was suspended, or its machine.
 const STALE: Duration = Duration::from_secs(1);
 
+/// Time after that in which messages may still have waited somewhere.
+const SETTLED: Duration = Duration::from_millis(300);
+
+/// Time without a plan that the vehicles wait at least, of the clock of this machine: its processes need time to start.
+const LEAST_PATIENCE: Duration = Duration::from_secs(10);
+
 /// The file of the ring with the vehicles that are chosen.
 const CHOSEN: &str = "vehicles.json";
 
@@ -111,6 +117,8 @@ struct BridgeProcess<S: Service + 'static> {
     latencies: OrderLatencies,
     /// When messages were taken in last.
     polled: Instant,
+    /// Until when messages may have waited while the bridge was suspended.
+    stale_until: Option<Instant>,
     /// The vehicles that are chosen, as they were saved, and where.
     chosen: Vec<Option<ChosenVehicle>>,
     chosen_file: PathBuf,
@@ -167,7 +175,8 @@ impl<S: Service + 'static> BridgeProcess<S> {
         };
         let own_systems: Vec<u8> = (0..uavs).map(|uav| addresses[uav.min(addresses.len() - 1)].own_system).collect();
         let frame = AreaFrame::at(origin);
-        let bridge = Bridge::new(scenario, nodes.payload(), frame, reports, beginning, &own_systems);
+        let mut bridge = Bridge::new(scenario, nodes.payload(), frame, reports, beginning, &own_systems);
+        bridge.wait_at_least(LEAST_PATIENCE.as_secs_f64() * factor);
         Ok(Self {
             bridge,
             link,
@@ -181,6 +190,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
             is_local: ring.terms.link.is_none(),
             latencies: OrderLatencies::default(),
             polled: Instant::now(),
+            stale_until: None,
             chosen: Vec::new(),
             chosen_file,
             taken_over: Vec::new(),
@@ -315,15 +325,20 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let now_s = self.now_s();
         self.link.begin_poll();
         let suspended = self.polled.elapsed();
-        if suspended > STALE {
-            // What has waited since is not how it is now.
-            while self.link.receive(now_s).is_some() {}
-            Role::FlightSim.log(format_args!("the bridge was suspended for {:.1} s", suspended.as_secs_f64()));
-            self.bridge.doubt(suspended.as_secs_f64() * self.factor);
-        }
         self.polled = Instant::now();
+        if suspended > STALE {
+            Role::FlightSim.log(format_args!("the bridge was suspended for {:.1} s", suspended.as_secs_f64()));
+            self.bridge.note_suspension(suspended.as_secs_f64() * self.factor);
+            self.stale_until = Some(self.polled + SETTLED);
+        }
+        let is_stale = self.stale_until.is_some_and(|until| self.polled < until);
         while let Some((uav, telemetry)) = self.link.receive(now_s) {
-            self.bridge.hear(uav, &telemetry, now_s);
+            if !is_stale {
+                self.bridge.hear(uav, &telemetry, now_s);
+            }
+        }
+        if is_stale {
+            self.bridge.doubt(now_s); // what has waited is not how it is now
         }
         for line in self.link.take_said() {
             Role::FlightSim.log(format_args!("{line}"));
@@ -410,7 +425,9 @@ impl<S: Service + 'static> BridgeProcess<S> {
                 ends.doubtful
             ));
         }
-        if ends.flown > 0 {
+        if ends.flown + ends.doubtful == 0 {
+            Role::FlightSim.log("no slot was flown to a waypoint");
+        } else if ends.flown > 0 {
             let percent = 100.0 * ends.reached as f64 / ends.flown as f64;
             Role::FlightSim.log(format_args!(
                 "{percent:.1} % of {} slots ended within {REACHED_M} m of the waypoint, the farthest {:.1} m from it",

@@ -77,6 +77,8 @@ pub struct VehicleState {
     is_booting: bool,
     /// Whether a report of the mode has come since the last poll.
     has_new_mode: bool,
+    /// Whether a heartbeat has come since the last poll, which says whether it is armed, too.
+    has_new_heartbeat: bool,
     fix: Option<(Fix, f64)>,
     says_in_air: Option<bool>,
     heard_s: Option<f64>,
@@ -102,6 +104,7 @@ impl VehicleState {
                 self.is_armed.hear(is_armed);
                 self.disarmed_reports = if is_armed { 0 } else { self.disarmed_reports.saturating_add(1) };
                 self.disarmed_s = (!is_armed).then(|| self.disarmed_s.unwrap_or(now_s));
+                self.has_new_heartbeat = true;
                 self.hear_mode(mode);
             }
             Telemetry::Mode(mode) => self.hear_mode(mode),
@@ -131,16 +134,18 @@ impl VehicleState {
         self.modes += 1;
     }
 
-    /// The requests for all messages, if positions come more rarely than they should, or not at all, and up to
-    /// a few times if others do. ArduPilot does not send its accuracy.
+    /// The requests for all messages, if no positions come, or no report of the battery, and up to a few times if they or
+    /// reports of the mode come more rarely than they should. ArduPilot does not send its accuracy.
     pub fn requests(&mut self, now_s: f64) -> impl Iterator<Item = Order> + use<> {
         let autopilot = self.autopilot;
         let is_due = autopilot.is_some() && now_s >= self.streams_due_s;
         let is_rare = |count: u32, period_s: f64| f64::from(count) < STREAMS_S / period_s / 2.0;
-        let has_no_position = is_rare(self.positions, STREAMS[0].1) || !self.has_reported_battery;
-        let is_incomplete = is_rare(self.modes, STREAMS[1].1) && self.requests < MOST_REQUESTS;
-        let is_slow = is_due && (has_no_position || is_incomplete);
-        self.requests += u32::from(is_slow);
+        let is_missing = self.positions == 0 || !self.has_reported_battery;
+        let is_incomplete = is_rare(self.positions, STREAMS[0].1) || is_rare(self.modes, STREAMS[1].1);
+        let is_slow = is_due && (is_missing || is_incomplete && self.requests < MOST_REQUESTS);
+        if is_slow {
+            self.requests = if self.positions == 0 { 0 } else { self.requests + 1 };
+        }
         if is_due {
             self.positions = 0;
             self.modes = 0;
@@ -195,11 +200,13 @@ impl VehicleState {
         !self.mode.is_certain || !self.is_armed.is_certain
     }
 
-    /// Forgets how it was: two new reports have to agree on its mode, and on whether it is armed.
-    pub fn doubt(&mut self) {
+    /// Forgets how it was, at `now_s` [s]: two new reports have to agree on its mode, and on whether it is armed.
+    pub fn doubt(&mut self, now_s: f64) {
+        self.heard_s = self.heard_s.map(|_| now_s); // it was not silent, but nobody listened
         self.mode = Confirmed { last: None, is_certain: false, ..self.mode };
         self.is_armed = Confirmed { last: None, is_certain: false, ..self.is_armed };
         self.has_new_mode = false;
+        self.has_new_heartbeat = false;
     }
 
     /// Counts anew the heartbeats that say it is disarmed.
@@ -213,9 +220,10 @@ impl VehicleState {
         self.disarmed_reports >= 2
     }
 
-    /// Whether a report of its mode has come since the last call: what may change the mode is sent only then.
-    pub fn take_new_mode(&mut self) -> bool {
-        std::mem::take(&mut self.has_new_mode)
+    /// Whether a report of its mode, and whether a heartbeat has come since the last call: what may change the mode, or
+    /// arms, is sent only then.
+    pub fn take_new_reports(&mut self) -> [bool; 2] {
+        [&mut self.has_new_mode, &mut self.has_new_heartbeat].map(std::mem::take)
     }
 
     /// Whether it has disarmed on the ground: it says so, and where it is agrees with that.
@@ -225,7 +233,7 @@ impl VehicleState {
             let is_slow = self.fix().is_some_and(|fix| Vector3::from(fix.velocity_mps).norm() < STANDS_MPS);
             is_slow && self.disarmed_s.is_some_and(|disarmed_s| now_s - disarmed_s >= STANDS_S)
         };
-        self.is_armed.believed == Some(false) && (!self.is_high() || stands())
+        self.is_armed.believed == Some(false) && self.says_disarmed() && (!self.is_high() || stands())
     }
 
     /// Its last position.

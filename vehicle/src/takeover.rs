@@ -81,6 +81,12 @@ impl Takeover {
         self.arming == Arming::Ours
     }
 
+    /// Whether it was ordered to arm, and has not refused.
+    #[must_use]
+    pub fn is_arming(&self) -> bool {
+        self.arming != Arming::NotOrdered
+    }
+
     /// Notes that the vehicle was armed by an order. Returns whether that is new.
     pub fn note_armed(&mut self, now_s: f64) -> bool {
         let is_new = self.armed_s.is_none();

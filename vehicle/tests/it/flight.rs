@@ -57,6 +57,8 @@ pub struct ClosedLoop {
     pub must_change_mode: bool,
     /// The mode that its pilot chooses just before the next reposition arrives.
     pub crossing: Option<CopterMode>,
+    /// Period of reports of the mode alone [s], if it sends any.
+    pub mode_s: Option<f64>,
     /// What it says of its battery, unless it says its charge.
     pub says_battery: Option<Telemetry>,
     /// Whether it says that it is disarmed in its next heartbeat, whatever it is.
@@ -119,6 +121,7 @@ impl ClosedLoop {
             is_deaf: false,
             must_change_mode: true,
             crossing: None,
+            mode_s: None,
             says_battery: None,
             is_odd: false,
             jump_m: 0.0,
@@ -261,6 +264,9 @@ impl ClosedLoop {
             let is_armed = self.copter.is_armed && !std::mem::take(&mut self.is_odd);
             let mode = self.mode();
             self.hear(&Telemetry::Heartbeat { autopilot: self.autopilot, mode, is_armed, is_booting: false });
+        }
+        if self.mode_s.is_some_and(|mode_s| self.steps.is_multiple_of((mode_s / STEP_S).round() as u64)) {
+            self.hear(&Telemetry::Mode(self.mode()));
         }
         if self.steps.is_multiple_of(50) {
             let is_in_air = self.copter.is_in_air() && self.now_s > self.says_on_ground_until_s;

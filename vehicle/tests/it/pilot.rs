@@ -134,6 +134,59 @@ fn a_vehicle_that_does_not_support_to_keep_its_mode_is_asked_once() {
     assert_eq!(count(&flight, "refuses"), 0, "{:?}", flight.said);
 }
 
+/// A vehicle that says its mode four times in a second, and whether it is armed once, just after it was armed.
+fn just_armed(autopilot: AutopilotKind) -> ClosedLoop {
+    let mut flight = flight_over(autopilot);
+    flight.is_deaf = true;
+    flight.mode_s = Some(0.24);
+    flight.until(60.0, |flight| flight.copter.is_armed);
+    flight.orders.clear();
+    flight
+}
+
+#[test]
+fn a_vehicle_that_is_taken_over_just_after_it_was_armed_is_not_on_the_ground_disarmed() {
+    for autopilot in KINDS {
+        let mut flight = just_armed(autopilot);
+        flight.copter.change_to(CopterMode::Loiter);
+        flight.advance(5.0);
+        assert_eq!((count(&flight, "is taken over"), count(&flight, "disarmed")), (1, 0), "{:?}", flight.said);
+        assert!(!flight.bridge.has_landed(), "{autopilot:?}: it waits for the landing");
+        flight.copter.disarm();
+        flight.until(10.0, |flight| flight.bridge.has_landed());
+    }
+}
+
+#[test]
+fn no_take_off_is_ordered_before_a_heartbeat_says_that_the_vehicle_is_still_armed() {
+    for autopilot in KINDS {
+        for step in 0..20 {
+            let mut flight = just_armed(autopilot);
+            flight.advance(0.1 * f64::from(step));
+            let begun_s = flight.now_s;
+            if flight.orders.iter().any(|(_, order)| matches!(order, Order::TakeOff(_))) {
+                continue;
+            }
+            flight.copter.disarm();
+            flight.advance(6.0);
+            let late = flight.orders.iter().filter(|(at_s, _)| *at_s > begun_s + 0.02);
+            let overruling: Vec<_> = late.filter(|(_, order)| order.may_overrule(autopilot)).collect();
+            assert!(overruling.is_empty(), "{autopilot:?}, {step}: {overruling:?}");
+        }
+    }
+}
+
+#[test]
+fn a_run_that_is_stopped_just_after_arming_does_not_leave_an_armed_vehicle() {
+    for autopilot in KINDS {
+        let mut flight = just_armed(autopilot);
+        flight.bridge.return_home("the run is stopped", flight.now_s);
+        assert!(!flight.bridge.has_landed(), "{autopilot:?}: it is armed");
+        flight.until(10.0, |flight| flight.bridge.is_homebound());
+        assert!(flight.orders.iter().any(|(_, order)| *order == Order::Return), "{:?}", flight.orders);
+    }
+}
+
 #[test]
 fn a_pilot_who_stops_the_return_keeps_the_vehicle() {
     for autopilot in KINDS {
@@ -305,7 +358,8 @@ fn a_bridge_that_was_suspended_says_so_and_sends_its_vehicle_home() {
     flight.is_bridge_alive = false;
     flight.advance(35.0);
     flight.is_bridge_alive = true;
-    flight.bridge.doubt(35.0);
+    flight.bridge.note_suspension(35.0);
+    flight.bridge.doubt(flight.now_s);
     flight.advance(1.0);
     let said = "returns: no plan has come for 41 s: the bridge itself was suspended for 35 s of them";
     assert_eq!(count(&flight, said), 1, "{:?}", flight.said);
