@@ -160,9 +160,9 @@ fn a_vehicle_that_is_taken_over_just_after_it_was_armed_is_not_on_the_ground_dis
 #[test]
 fn no_take_off_is_ordered_before_a_heartbeat_says_that_the_vehicle_is_still_armed() {
     for autopilot in KINDS {
-        for step in 0..20 {
+        for step in 0..45 {
             let mut flight = just_armed(autopilot);
-            flight.advance(0.1 * f64::from(step));
+            flight.advance(0.06 * f64::from(step));
             let begun_s = flight.now_s;
             if flight.orders.iter().any(|(_, order)| matches!(order, Order::TakeOff(_))) {
                 continue;
