@@ -134,11 +134,12 @@ fn a_vehicle_that_does_not_support_to_keep_its_mode_is_asked_once() {
     assert_eq!(count(&flight, "refuses"), 0, "{:?}", flight.said);
 }
 
-/// A vehicle that says its mode four times in a second, and whether it is armed once, just after it was armed.
+/// A vehicle that says its mode four times in a second, and whether it is armed once, with late answers, just after it was armed.
 fn just_armed(autopilot: AutopilotKind) -> ClosedLoop {
     let mut flight = flight_over(autopilot);
     flight.is_deaf = true;
     flight.mode_s = Some(0.24);
+    flight.answer_delay_s = 0.9;
     flight.until(60.0, |flight| flight.copter.is_armed);
     flight.orders.clear();
     flight
