@@ -134,16 +134,24 @@ impl RunCommand {
     /// What is left to fly of a run that ends early, if not all slots `are_recorded`. After the last slot, only a stop
     /// leaves a run as complete as a resumed one.
     fn left_to_fly(&self, ring: &RingFolder, are_recorded: bool) -> LeftToFly {
-        #[cfg(feature = "mavlink")]
-        let is_taken_over = ring.path().join(skysink_vehicle::node::TAKEN_OVER).exists();
-        #[cfg(not(feature = "mavlink"))]
-        let is_taken_over = false;
-        match (are_recorded, is_taken_over) {
+        match (are_recorded, is_taken_over(ring)) {
             (true, _) => LeftToFly::Nothing,
             (false, true) => LeftToFly::TakenOver,
             (false, false) => LeftToFly::Slots { options: self.options.resume_options() },
         }
     }
+}
+
+/// Whether the bridge has left a vehicle to others.
+#[cfg(feature = "mavlink")]
+fn is_taken_over(ring: &RingFolder) -> bool {
+    ring.path().join(skysink_vehicle::node::TAKEN_OVER).exists()
+}
+
+/// Whether the bridge has left a vehicle to others: there is none.
+#[cfg(not(feature = "mavlink"))]
+fn is_taken_over(_: &RingFolder) -> bool {
+    false
 }
 
 /// Completes the folder of a run whose slots are all there.

@@ -77,6 +77,8 @@ pub struct Bridge {
     suspended_s: f64,
     /// Time without a plan after which the vehicles return [s].
     patience_s: f64,
+    /// The same for the next plan: longer before the first.
+    waits_s: f64,
     /// What the vehicles have achieved.
     pub ends: SlotEnds,
 }
@@ -127,6 +129,7 @@ impl Bridge {
             planned_s: None,
             suspended_s: 0.0,
             patience_s: PATIENCE_S.max(PATIENCE_SLOTS * scenario.slot_s),
+            waits_s: PATIENCE_S.max(PATIENCE_SLOTS * scenario.slot_s),
             ends: SlotEnds::default(),
         }
     }
@@ -213,9 +216,9 @@ impl Bridge {
         self.members.iter_mut().for_each(|member| member.control.doubt(now_s));
     }
 
-    /// Waits at least `seconds` [s] for a plan before the vehicles return.
-    pub fn wait_at_least(&mut self, seconds: f64) {
-        self.patience_s = self.patience_s.max(seconds);
+    /// Waits at least `seconds` [s] for the first plan before the vehicles return.
+    pub fn wait_at_first(&mut self, seconds: f64) {
+        self.waits_s = self.waits_s.max(seconds);
     }
 
     /// The numbers of the vehicles that others fly, from 1.
@@ -231,7 +234,7 @@ impl Bridge {
         if self.planned_s.is_none() && self.has_begun() {
             self.planned_s = Some(now_s);
         }
-        if self.planned_s.is_some_and(|planned_s| now_s - planned_s > self.patience_s) {
+        if self.planned_s.is_some_and(|planned_s| now_s - planned_s > self.waits_s) {
             let suspended_s = self.suspended_s;
             let cause = if suspended_s > 0.0 {
                 format!(": the bridge itself was suspended for {suspended_s:.0} s of them")
@@ -283,6 +286,7 @@ impl Bridge {
     /// nobody charges.
     pub fn fly(&mut self, plans: &[Plan], now_s: f64) {
         self.planned_s = Some(now_s);
+        self.waits_s = self.patience_s;
         self.suspended_s = 0.0;
         let refusals = self.fleet.refusals(plans);
         for ((member, plan), refusal) in self.members.iter_mut().zip(plans).zip(refusals) {

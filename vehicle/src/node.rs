@@ -49,8 +49,8 @@ const STALE: Duration = Duration::from_secs(1);
 /// Time after that in which messages may still have waited somewhere.
 const SETTLED: Duration = Duration::from_millis(300);
 
-/// Time without a plan that the vehicles wait at least, of the clock of this machine: its processes need time to start.
-const LEAST_PATIENCE: Duration = Duration::from_secs(10);
+/// Time that the vehicles wait at least for the first plan, of the clock of this machine: its processes need time to start.
+const FIRST_PATIENCE: Duration = Duration::from_secs(10);
 
 /// The file of the ring with the vehicles that are chosen.
 const CHOSEN: &str = "vehicles.json";
@@ -176,7 +176,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
         let own_systems: Vec<u8> = (0..uavs).map(|uav| addresses[uav.min(addresses.len() - 1)].own_system).collect();
         let frame = AreaFrame::at(origin);
         let mut bridge = Bridge::new(scenario, nodes.payload(), frame, reports, beginning, &own_systems);
-        bridge.wait_at_least(LEAST_PATIENCE.as_secs_f64() * factor);
+        bridge.wait_at_first(FIRST_PATIENCE.as_secs_f64() * factor);
         Ok(Self {
             bridge,
             link,
