@@ -50,7 +50,7 @@ fn lost_messages_gusts_and_delayed_arming_do_not_end_a_mission() {
         noise: 0.2,
         wind: 3.0,
         loss: 0.2,
-        refuse_arming: 3,
+        refuse_arming: 8, // each is said, and one of the texts arrives
         ..KinematicOptions::default()
     });
     let ended = vehicle.flight(&place).run();
