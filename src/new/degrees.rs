@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use skysink_common::airspace::{Airspace, KeptGround, Polygon, SIMPLIFIED_CORNERS, simplify};
+use skysink_common::airspace::{Airspace, KeptGround, MAX_SIMPLIFIED_CORNERS, Polygon, SIMPLIFIED_CORNERS, simplify};
 use skysink_common::error::InputError;
 use skysink_common::geodata::plausible::{FieldPlaces, NamedPolygon, PolygonRole, distance};
 use skysink_common::geodata::projection::Projection;
@@ -144,6 +144,9 @@ pub fn of_degrees(
         enclosed.iter().zip(&area.positions).filter(|(place, _)| place.is_start()).map(|(_, at)| *at).collect();
     let kept = KeptGround { places: &at_start, areas: &[] };
     simplify(&mut outlines, SIMPLIFIED_CORNERS, Area::new(width_m, height_m).simplify_m(), kept);
+    let corners: usize = outlines.iter().map(|outline| outline.corners().len()).sum();
+    // A scenario with more is refused.
+    let nodes_m = if corners <= MAX_SIMPLIFIED_CORNERS { nodes_m } else { &[] };
     let airspace = Airspace::new(area.sides_m, lowest_m, outlines.into_iter().zip(tops_m));
     if let Some(start) = enclosed.last().filter(|last| last.is_start()) {
         let at = area.positions[enclosed.len() - 1];
@@ -166,6 +169,9 @@ pub fn of_degrees(
     Ok(field)
 }
 
+/// Most sensor nodes times corners for which is counted how many stand in a zone.
+const MOST_CHECKED: usize = 10_000_000;
+
 /// Most zones of a kind that are listed.
 const MOST_LISTED: usize = 5;
 
@@ -174,6 +180,8 @@ fn listed(zones: &[Zone], outlines: &[Polygon], tops_m: &[f64], nodes_m: &[Posit
     let mut kinds: [(&str, Vec<String>); 3] =
         [("boundary", Vec::new()), ("no-fly zone", Vec::new()), ("building", Vec::new())];
     for ((zone, outline), top_m) in zones.iter().zip(outlines).zip(tops_m) {
+        let is_counted = nodes_m.len().saturating_mul(outline.corners().len()) <= MOST_CHECKED;
+        let nodes_m = if is_counted { nodes_m } else { &[] };
         let within = || match nodes_m.iter().filter(|node| outline.encloses(node)).count() {
             0 => String::new(),
             1 => " around 1 sensor node".to_owned(),
@@ -182,7 +190,8 @@ fn listed(zones: &[Zone], outlines: &[Polygon], tops_m: &[f64], nodes_m: &[Posit
         let place = &zone.place;
         match zone.kind {
             ZoneKind::Boundary => kinds[0].1.push(place.clone()),
-            ZoneKind::NoFly => kinds[1].1.push(format!("{place}{}", within())),
+            ZoneKind::NoFly if kinds[1].1.len() < MOST_LISTED => kinds[1].1.push(format!("{place}{}", within())),
+            ZoneKind::NoFly => kinds[1].1.push(place.clone()),
             ZoneKind::Building(_) | ZoneKind::BuildingAboveSea(_) => kinds[2].1.push(format!("{place}, {top_m:.1} m")),
         }
     }

@@ -141,7 +141,8 @@ fn repeated(imported: &Imported, path: &Path) -> Option<String> {
 fn check_metres(path: &Path) -> Result<(), InputError> {
     let Some(system) = ReferenceSystem::beside(path) else { return Ok(()) };
     let Some(why) = &system.no_metres else { return Ok(()) };
-    let expected = "expected metres on the ground, such as those of UTM, or latitudes and longitudes";
+    let expected = "expected metres on the ground, such as those of UTM, or latitudes and longitudes (or this .prj belongs to \
+                    another file: move it away)";
     Err(InputError::new("sensor positions", path, format_args!("{system}: {why}: {expected}")))
 }
 

@@ -225,7 +225,7 @@ impl Bridge {
     #[must_use]
     pub fn taken_over(&self) -> Vec<usize> {
         let members = self.members.iter().enumerate();
-        let taken = members.filter(|(_, member)| member.control.phase() == Phase::TakenOver);
+        let taken = members.filter(|(_, member)| member.control.is_taken_over());
         taken.map(|(uav, _)| uav + 1).collect()
     }
 
@@ -233,6 +233,7 @@ impl Bridge {
     fn check_patience(&mut self, now_s: f64) {
         if self.planned_s.is_none() && self.has_begun() {
             self.planned_s = Some(now_s);
+            self.suspended_s = 0.0;
         }
         if self.planned_s.is_some_and(|planned_s| now_s - planned_s > self.waits_s) {
             let suspended_s = self.suspended_s;

@@ -32,6 +32,9 @@ const CLIMB_S: f64 = 120.0;
 /// Time after which positions far from the first one are believed before take-off: that one was wrong [s].
 const MOVED_S: f64 = 3.0;
 
+/// Time after a silence of the link in which messages may still have waited in it [s].
+const SETTLED_S: f64 = 0.3;
+
 /// Altitude below that of the start at which a take-off is over [m].
 const CLIMBED_M: f64 = 1.0;
 
@@ -88,6 +91,12 @@ pub struct VehicleControl {
     /// When an order that was refused, or that has no effect, may be tried again [s].
     retry_s: f64,
     is_lost: bool,
+    /// Until when messages may have waited in the link [s].
+    stale_until_s: f64,
+    /// When an order to arm was sent last [s].
+    arming_s: f64,
+    /// Whether it is left alone because its mission was over before the bridge was restarted.
+    is_left: bool,
     /// Whether a return had no effect, so that it was ordered again.
     has_repeated_return: bool,
     /// Whether it has said where it is, and does not any more.
@@ -117,6 +126,9 @@ impl VehicleControl {
             climbs_s: None,
             retry_s: 0.0,
             is_lost: false,
+            stale_until_s: 0.0,
+            arming_s: f64::NEG_INFINITY,
+            is_left: false,
             has_repeated_return: false,
             is_blind: false,
             may_arm: false,
@@ -126,6 +138,7 @@ impl VehicleControl {
 
     /// Leaves a vehicle alone that had ended its mission, or was taken over, before this bridge was restarted.
     pub fn leave(&mut self) {
+        self.is_left = true;
         self.give_up("it was, or has returned, before the bridge was restarted");
     }
 
@@ -137,6 +150,12 @@ impl VehicleControl {
     /// Believes nothing that was heard before: the bridge was stopped meanwhile.
     pub fn doubt(&mut self, now_s: f64) {
         self.vehicle.doubt(now_s);
+    }
+
+    /// Whether others have taken it over while this bridge flew it.
+    #[must_use]
+    pub fn is_taken_over(&self) -> bool {
+        self.phase == Phase::TakenOver && !self.is_left
     }
 
     /// The phase of its mission.
@@ -210,6 +229,13 @@ impl VehicleControl {
         if self.is_lost {
             self.is_lost = false;
             self.said.say("is heard again".to_owned());
+        }
+        if self.vehicle.was_silent(now_s) {
+            self.vehicle.doubt(now_s);
+            self.stale_until_s = now_s + SETTLED_S;
+        }
+        if now_s < self.stale_until_s {
+            return; // it has waited in the link
         }
         if let Telemetry::Position(fix) = telemetry
             && !self.admit_fix(fix, now_s)
@@ -329,6 +355,7 @@ impl VehicleControl {
         }
         if has_ordered_arming {
             self.vehicle.recount_disarmed();
+            self.arming_s = now_s;
         }
         Ok(())
     }
@@ -430,6 +457,8 @@ impl VehicleControl {
         }
         if self.vehicle.may_be_armed() && self.outbox.has(&Order::Arm) {
             self.note_arming(now_s); // its answer is lost
+            self.takeover.answer_arming(true);
+            self.outbox.clear();
         }
         if !self.may_arm {
             return; // the other vehicles are not checked yet
@@ -549,7 +578,7 @@ impl VehicleControl {
     /// Ends its mission, because of `why`: it flies home, or does not take off.
     pub fn return_home(&mut self, why: &str, now_s: f64) {
         let is_disarmed = if self.takeover.is_arming() {
-            self.vehicle.says_disarmed()
+            self.vehicle.says_disarmed() && !self.may_still_arm(now_s)
         } else {
             self.vehicle.is_armed() != Some(true) && !self.vehicle.may_be_armed()
         };
@@ -569,6 +598,11 @@ impl VehicleControl {
         self.outbox.send(Order::Return, now_s);
     }
 
+    /// Whether an order to arm may still be on its way, or its effect.
+    fn may_still_arm(&self, now_s: f64) -> bool {
+        now_s - self.arming_s < DISARMED_S
+    }
+
     /// Whether a vehicle that is not checked yet is in the air where an earlier bridge has left it.
     fn is_of_earlier_bridge(&self) -> bool {
         let is_near =
@@ -579,7 +613,7 @@ impl VehicleControl {
 
     /// Notices the landing, and who stops the return; orders it again if it has no effect.
     fn come_home(&mut self, now_s: f64) {
-        if self.vehicle.has_disarmed(now_s) {
+        if self.vehicle.has_disarmed(now_s) && !self.may_still_arm(now_s) {
             self.said.say("has landed".to_owned());
             self.land("it has landed");
             return;

@@ -159,12 +159,14 @@ impl Link {
         std::mem::take(&mut self.said)
     }
 
+    /// The first heartbeats of the vehicles that were chosen since the last call.
+    pub fn take_first(&mut self) -> Vec<(usize, Telemetry)> {
+        std::mem::take(&mut self.first)
+    }
+
     /// The next message of a chosen vehicle, with the number of its UAV, from 0; messages that mean nothing here are
     /// left out.
     pub fn receive(&mut self, now_s: f64) -> Option<(usize, Telemetry)> {
-        if let Some(first) = self.first.pop() {
-            return Some(first);
-        }
         for index in 0..self.connections.len() {
             while self.budget > 0
                 && let Some(received) = self.connections[index].wire.receive()

@@ -332,6 +332,9 @@ impl<S: Service + 'static> BridgeProcess<S> {
             self.stale_until = Some(self.polled + SETTLED);
         }
         let is_stale = self.stale_until.is_some_and(|until| self.polled < until);
+        for (uav, telemetry) in self.link.take_first() {
+            self.bridge.hear(uav, &telemetry, now_s);
+        }
         while let Some((uav, telemetry)) = self.link.receive(now_s) {
             if !is_stale {
                 self.bridge.hear(uav, &telemetry, now_s);
@@ -385,8 +388,15 @@ impl<S: Service + 'static> BridgeProcess<S> {
         while !self.bridge.has_landed() {
             self.poll()?;
             match self.pause() {
-                Err(NodeError::Orphaned) => return Ok(()),
-                paused => paused?,
+                Err(NodeError::Orphaned) => {
+                    self.return_home("skysink run has ended", ORPHAN_TIMEOUT);
+                    return Ok(());
+                }
+                Err(error) => {
+                    self.return_home("the run is stopped", STOP_TIMEOUT);
+                    return Err(error);
+                }
+                Ok(()) => {}
             }
         }
         Ok(())

@@ -31,6 +31,9 @@ const STREAMS: [(Stream, f64); 7] = [
 /// Time after which a vehicle that says nothing is lost [s].
 const LOST_S: f64 = 3.0;
 
+/// Silence after which a link may have been frozen [s].
+const FROZEN_S: f64 = 1.5;
+
 /// What a low report of a battery counts, a sufficient one takes off, and makes it low: three low ones in a row, or four
 /// of every other, as of two batteries.
 const LOW_REPORT: u32 = 2;
@@ -203,6 +206,8 @@ impl VehicleState {
     /// Forgets how it was, at `now_s` [s]: two new reports have to agree on its mode, and on whether it is armed.
     pub fn doubt(&mut self, now_s: f64) {
         self.heard_s = self.heard_s.map(|_| now_s); // it was not silent, but nobody listened
+        self.disarmed_reports = 0;
+        self.disarmed_s = None;
         self.mode = Confirmed { last: None, is_certain: false, ..self.mode };
         self.is_armed = Confirmed { last: None, is_certain: false, ..self.is_armed };
         self.has_new_mode = false;
@@ -258,6 +263,12 @@ impl VehicleState {
     #[must_use]
     pub fn silence_s(&self, now_s: f64) -> Option<f64> {
         self.heard_s.map(|heard_s| now_s - heard_s).filter(|silence_s| *silence_s >= LOST_S)
+    }
+
+    /// Whether nothing was heard of it for so long that what comes now may have waited in the link.
+    #[must_use]
+    pub fn was_silent(&self, now_s: f64) -> bool {
+        self.heard_s.is_some_and(|heard_s| now_s - heard_s >= FROZEN_S)
     }
 
     /// Whether its battery is low.

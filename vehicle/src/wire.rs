@@ -89,7 +89,10 @@ fn hint(endpoint: &str) -> Option<String> {
         let place = endpoint.strip_prefix(scheme)?.strip_prefix(':')?;
         Some((scheme, place.trim_start_matches('/')))
     })?;
-    let place = if place.starts_with(':') { format!("0.0.0.0{place}") } else { place.to_owned() };
+    let place = match place.strip_prefix(':').unwrap_or(place) {
+        port if !port.contains(':') => format!("0.0.0.0:{port}"),
+        place => place.to_owned(),
+    };
     Some(match scheme {
         "udp" => format!(
             "{endpoint}: expected udpin:{place} to listen there for the vehicle, or udpout:{place} to send there first"

@@ -10,10 +10,21 @@ use crate::error::quoted;
 const EXTENSIONS: [&str; 2] = ["prj", "PRJ"];
 
 /// Parts of the words for a system of metres on a plane.
-const PROJECTED: [&str; 4] = ["PROJCS", "PROJCRS", "PROJECTEDCRS", "UTM"];
+const PROJECTED: [&str; 8] =
+    ["PROJCS", "PROJCRS", "PROJECTEDCRS", "UTM", "LOCAL_CS", "ENGCRS", "ENGINEERINGCRS", "LOCALCS"];
+
+/// Beginnings of the parts of a text that are not about places on a plane: heights, and the aim of a transformation.
+const OTHERS: [&str; 5] = ["VERT_CS[", "VERTCS[", "VERTCRS[", "VERTICALCRS[", "TARGETCRS["];
 
 /// Parts of the names of the projection of web maps, whose metres are longer than those on the ground.
-const WEB: [&str; 4] = ["PSEUDO-MERCATOR", "AUXILIARY_SPHERE", "WEB_MERCATOR", "POPULAR VISUALISATION"];
+const WEB: [&str; 6] = [
+    "PSEUDO-MERCATOR",
+    "AUXILIARY_SPHERE",
+    "WEB_MERCATOR",
+    "POPULAR VISUALISATION",
+    "GOOGLE MAPS GLOBAL",
+    "WORLD_MERCATOR",
+];
 
 /// A reference system, as a file `.prj` names it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -43,7 +54,7 @@ impl ReferenceSystem {
     fn of(file: String, text: &str) -> Option<Self> {
         let text = text.trim_start_matches('\u{feff}').trim();
         let name = text.split('"').nth(1).or_else(|| text.lines().next())?.trim();
-        let capitals = text.to_uppercase();
+        let capitals = text.to_ascii_uppercase();
         let is_projected = PROJECTED.iter().any(|word| capitals.contains(word));
         let is_wgs84 = !is_projected && ["WGS", "84"].iter().all(|word| name.to_uppercase().contains(word));
         let no_metres = is_projected.then(|| no_metres(text, &capitals)).flatten();
@@ -57,10 +68,11 @@ fn no_metres(text: &str, capitals: &str) -> Option<String> {
         return Some("its metres, those of web maps, are longer than on the ground".to_owned());
     }
     // The last unit is that of lengths: `UNIT["Foot_US",0.3048006]`, also within `LENGTHUNIT`.
-    let unit = &text[capitals.rfind("UNIT[").filter(|_| capitals.len() == text.len())?..];
+    let end = OTHERS.iter().filter_map(|other| capitals.find(other)).min().unwrap_or(capitals.len());
+    let unit = &text[capitals[..end].rfind("UNIT[")?..end];
     let name = unit.split('"').nth(1)?;
     let length_m: f64 = unit.split([',', ']']).nth(1)?.trim().parse().ok()?;
-    ((length_m - 1.0).abs() > 1e-9).then(|| format!("its unit is `{}`, {length_m} m", quoted(name)))
+    ((length_m - 1.0).abs() > 1e-4).then(|| format!("its unit is `{}`, {length_m} m", quoted(name)))
 }
 
 /// Such as "nodes.prj says `WGS 84 / UTM zone 32N`".
@@ -102,6 +114,13 @@ mod tests {
         assert_eq!(no_metres(metres), None);
         assert_eq!(no_metres(&feet).unwrap(), "its unit is `Foot_US`, 0.3048006096012192 m");
         assert_eq!(no_metres(newer).unwrap(), "its unit is `US survey foot`, 0.304800609601219 m");
+        let above = |plane: &str, name: &str, unit: &str| {
+            format!("COMPD_CS[\"a + b\",{plane},VERT_CS[\"b\",UNIT[\"{name}\",{unit}]]]")
+        };
+        assert_eq!(no_metres(&above(metres, "US survey foot", "0.3048006")), None, "heights are in feet");
+        assert!(no_metres(&above(&feet, "metre", "1")).is_some());
+        assert_eq!(no_metres("PROJCS[\"\u{131}\",\u{e9}UNIT[\"m\",1],AUTHORITY[\"\u{250}\",\"1\"]]"), None);
+        assert_eq!(no_metres("LOCAL_CS[\"site\",UNIT[\"German legal metre\",1.0000135965]]"), None);
         assert_eq!(no_metres(web).unwrap(), "its metres, those of web maps, are longer than on the ground");
     }
 }

@@ -124,7 +124,9 @@ impl Collector {
         let mut flight = PlanFlight::new(Window::of(view, at, last), &mut self.places);
         let mut random = self.streams.stream(Purpose::Collect, view.slot, 0);
         let (begun, steps, temperature) = match self.stops.take() {
-            Some(stops) => (Some(stops), steps >> self.vain_searches.min(MOST_HALVINGS), LATER_TEMPERATURE),
+            Some(stops) => {
+                (Some(stops), (steps >> self.vain_searches.min(MOST_HALVINGS)).max(steps.min(1)), LATER_TEMPERATURE)
+            }
             None => (None, steps, FIRST_TEMPERATURE),
         };
         let mut search = PlanSearch { flight: &mut flight, random: &mut random, is_over };

@@ -59,6 +59,8 @@ pub struct ClosedLoop {
     pub crossing: Option<CopterMode>,
     /// Period of reports of the mode alone [s], if it sends any.
     pub mode_s: Option<f64>,
+    /// What it says while its link is frozen.
+    pub frozen: Option<Vec<Telemetry>>,
     /// What it says of its battery, unless it says its charge.
     pub says_battery: Option<Telemetry>,
     /// Whether it says that it is disarmed in its next heartbeat, whatever it is.
@@ -122,6 +124,7 @@ impl ClosedLoop {
             must_change_mode: true,
             crossing: None,
             mode_s: None,
+            frozen: None,
             says_battery: None,
             is_odd: false,
             jump_m: 0.0,
@@ -150,8 +153,21 @@ impl ClosedLoop {
     }
 
     pub fn hear(&mut self, telemetry: &Telemetry) {
-        if !self.is_lost() && self.is_bridge_alive {
-            self.bridge.hear(0, telemetry, self.now_s);
+        if self.is_lost() || !self.is_bridge_alive {
+            return;
+        }
+        match &mut self.frozen {
+            Some(waiting) => waiting.push(telemetry.clone()),
+            None => self.bridge.hear(0, telemetry, self.now_s),
+        }
+    }
+
+    /// Lets the link go on: what has waited comes in two parts.
+    pub fn thaw(&mut self) {
+        let waiting = self.frozen.take().unwrap_or_default();
+        for part in waiting.chunks(waiting.len().div_ceil(2).max(1)) {
+            part.iter().for_each(|telemetry| self.bridge.hear(0, telemetry, self.now_s));
+            self.step();
         }
     }
 

@@ -189,6 +189,58 @@ fn a_run_that_is_stopped_just_after_arming_does_not_leave_an_armed_vehicle() {
 }
 
 #[test]
+fn a_vehicle_whose_answer_is_lost_is_not_armed_again_after_its_pilot_has_disarmed_it() {
+    for autopilot in KINDS {
+        let mut flight = flight_over(autopilot);
+        (flight.answer_loss, flight.is_deaf) = (1.0, false);
+        flight.until(60.0, |flight| flight.copter.is_armed);
+        flight.advance(0.2); // one heartbeat
+        flight.orders.clear();
+        flight.copter.disarm();
+        flight.advance(12.0);
+        let again = |order: &Order| matches!(order, Order::Arm | Order::TakeOff(_));
+        assert!(!flight.orders.iter().any(|(_, order)| again(order)), "{autopilot:?}: {:?}", flight.orders);
+        assert!(!flight.copter.is_armed && flight.bridge.has_landed(), "{:?}", flight.said);
+    }
+}
+
+#[test]
+fn what_has_waited_in_a_frozen_link_overrules_no_pilot() {
+    for autopilot in KINDS {
+        let mut flight = hovering(autopilot);
+        flight.fly_slot(1, Some(plan(50.0, 62.0)));
+        flight.frozen = Some(Vec::new());
+        flight.advance(3.0);
+        flight.copter.change_to(CopterMode::Loiter);
+        flight.advance(3.0);
+        flight.bridge.await_plan();
+        flight.bridge.begin(2, 0.0);
+        flight.bridge.fly(&[plan(50.0, 66.0)], flight.now_s); // waits for a report
+        flight.orders.clear();
+        flight.thaw();
+        assert_left_alone(&mut flight, "while the link was frozen");
+        let overruling = flight.orders.iter().filter(|(_, order)| order.may_overrule(autopilot)).count();
+        assert_eq!((flight.copter.mode, overruling), (CopterMode::Loiter, 0), "{autopilot:?}: {:?}", flight.orders);
+    }
+}
+
+#[test]
+fn a_run_that_is_stopped_while_an_order_to_arm_is_under_way_waits_for_its_effect() {
+    for is_suspended in [false, true] {
+        let mut flight = flight_over(AutopilotKind::ArduPilot);
+        (flight.answer_loss, flight.refused) = (1.0, Some(400));
+        flight.until(60.0, |flight| flight.orders.iter().any(|(_, order)| *order == Order::Arm));
+        flight.advance(2.0); // it still says that it is disarmed
+        if is_suspended {
+            flight.bridge.doubt(flight.now_s);
+        }
+        flight.bridge.return_home("the run is stopped", flight.now_s);
+        assert!(!flight.bridge.has_landed(), "the order may be on its way");
+        flight.until(10.0, |flight| flight.bridge.has_landed());
+    }
+}
+
+#[test]
 fn a_pilot_who_stops_the_return_keeps_the_vehicle() {
     for autopilot in KINDS {
         let mut flight = hovering(autopilot);
