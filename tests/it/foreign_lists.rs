@@ -8,6 +8,8 @@ use skysink_lab::import::read;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
+use crate::outcomes::assert_outcomes;
+
 /// What `file` with these bytes becomes: its positions, further columns and what is ignored, or the refusal.
 fn outcome(file: &str, bytes: &[u8]) -> String {
     let folder = tempfile::tempdir().unwrap();
@@ -24,24 +26,10 @@ fn outcome(file: &str, bytes: &[u8]) -> String {
     }
 }
 
-/// Fails with all differences at once.
-#[track_caller]
-fn assert_outcomes<T: AsRef<[u8]>>(file: &str, cases: &[(T, &str)]) {
-    let wrong: Vec<String> = cases
-        .iter()
-        .map(|(input, expected)| (input, outcome(file, input.as_ref()), expected))
-        .filter(|(_, found, expected)| found != *expected)
-        .map(|(input, found, expected)| {
-            let input = String::from_utf8_lossy(input.as_ref()).into_owned();
-            format!("{file}: {input:?}\n   found {found:?}\nexpected {expected:?}")
-        })
-        .collect();
-    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
-}
-
 #[test]
 fn tables_of_other_programs_become_lists_or_say_why_not() {
     assert_outcomes(
+        outcome,
         "a.csv",
         &[
             ("\u{feff}lat,lon\n47.5,8.5\n", "lat_deg,lon_deg | 47.5,8.5"),
@@ -112,6 +100,7 @@ fn encodings_of_tables_are_told_apart() {
     let latin = b"lat,lon,name\n47.5,8.5,a\n47.5,8.5,W\xe4ldli\n".to_vec();
     let binary = b"PK\x03\x04\x14\x00\x06\x00\x08\x00\xff\xfe".to_vec();
     assert_outcomes(
+        outcome,
         "a.csv",
         &[
             (unicode, "lat_deg,lon_deg,name | 47.5,8.5,Wäldli"),
@@ -119,12 +108,13 @@ fn encodings_of_tables_are_told_apart() {
             (binary, "refused: line 1: expected UTF-8 text"),
         ],
     );
-    assert_outcomes("A.CSV", &[("lat,lon\n47.5,8.5\n", "lat_deg,lon_deg | 47.5,8.5")]);
+    assert_outcomes(outcome, "A.CSV", &[("lat,lon\n47.5,8.5\n", "lat_deg,lon_deg | 47.5,8.5")]);
 }
 
 #[test]
 fn geojson_of_other_programs_becomes_a_list_or_says_why_not() {
     assert_outcomes(
+        outcome,
         "a.geojson",
         &[
             (
@@ -221,6 +211,7 @@ fn encodings_of_geojson_and_gpx_are_told_apart() {
     let utf16: Vec<u8> = format!("\u{feff}{point}").encode_utf16().flat_map(u16::to_be_bytes).collect();
     let latin: Vec<u8> = point.chars().map(|character| character as u8).collect();
     assert_outcomes(
+        outcome,
         "a.JSON",
         &[(utf16, "lat_deg,lon_deg,name | 47.5,8.5,Wäldli"), (latin, "refused: line 1: expected UTF-8 text")],
     );
@@ -228,7 +219,7 @@ fn encodings_of_geojson_and_gpx_are_told_apart() {
         .encode_utf16()
         .flat_map(u16::to_le_bytes)
         .collect();
-    assert_outcomes("a.GPX", &[(gpx, "lat_deg,lon_deg | 47.5,8.5")]);
+    assert_outcomes(outcome, "a.GPX", &[(gpx, "lat_deg,lon_deg | 47.5,8.5")]);
 }
 
 #[test]
@@ -253,7 +244,7 @@ fn gpx_of_other_programs_becomes_a_list_or_says_why_not() {
         (format!("<gpx>{point}</gpx><gpx>{point}</gpx>"), "refused: `gpx` after the outermost element: expected a GPX file"),
         (format!("<gpx>{}</gpx>", point.replace("/>", "><name>\u{7f}x</name></wpt>")), "refused: point 1: name = \\u007fx: expected at most 100 characters, on one line"),
     ];
-    assert_outcomes("a.gpx", &cases);
+    assert_outcomes(outcome, "a.gpx", &cases);
 }
 
 /// A placemark of this name with a geometry.
@@ -348,7 +339,7 @@ fn kml_of_other_programs_becomes_a_list_or_says_why_not() {
             "lat_deg,lon_deg,name | 47.5,8.5,a",
         ),
     ];
-    assert_outcomes("a.kml", &cases);
+    assert_outcomes(outcome, "a.kml", &cases);
 }
 
 /// An archive of files by name and content, with this compression.
@@ -418,5 +409,5 @@ fn archives_of_other_programs_become_lists_or_say_why_not() {
             "refused: no KML file in it: expected a KMZ file, a zip archive with a KML file",
         ),
     ];
-    assert_outcomes("a.kmz", &cases);
+    assert_outcomes(outcome, "a.kmz", &cases);
 }

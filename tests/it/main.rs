@@ -19,6 +19,8 @@ mod fleet;
 mod folders;
 #[cfg(feature = "lab")]
 mod foreign_lists;
+#[cfg(feature = "lab")]
+mod foreign_zones;
 mod help;
 mod hosts;
 mod imports;
@@ -33,6 +35,8 @@ mod names;
 mod new;
 mod nodes;
 mod optimize;
+#[cfg(feature = "lab")]
+mod outcomes;
 mod plot;
 #[cfg(feature = "viewer")]
 mod recording;

@@ -1,7 +1,6 @@
 //! Scenarios and sensor lists.
 
 mod airspace;
-mod foreign_zones;
 mod geodetic;
 mod keys;
 mod scenario;

@@ -7,6 +7,8 @@ use std::path::Path;
 use skysink_common::geodata::projection::{Origin, Projection};
 use skysink_common::geodata::{ZoneKind, read_zones};
 
+use crate::outcomes::assert_outcomes;
+
 /// What `file` with these bytes becomes: each zone with its number of corners in the plane, and what is ignored, or the
 /// refusal.
 fn outcome(file: &str, bytes: &[u8]) -> String {
@@ -35,21 +37,6 @@ fn outcome(file: &str, bytes: &[u8]) -> String {
     let zones: Vec<String> = read.zones.iter().map(zone).collect();
     let ignored = read.ignored.map(|what| format!("; ignored {what}")).unwrap_or_default();
     format!("{}{ignored}", zones.join(" | "))
-}
-
-/// Fails with all differences at once.
-#[track_caller]
-fn assert_outcomes<T: AsRef<[u8]>>(file: &str, cases: &[(T, &str)]) {
-    let wrong: Vec<String> = cases
-        .iter()
-        .map(|(input, expected)| (input, outcome(file, input.as_ref()), expected))
-        .filter(|(_, found, expected)| found != *expected)
-        .map(|(input, found, expected)| {
-            let input = String::from_utf8_lossy(input.as_ref()).into_owned();
-            format!("{file}: {input:?}\n   found {found:?}\nexpected {expected:?}")
-        })
-        .collect();
-    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
 /// A closed triangle, longitudes first.
@@ -105,8 +92,9 @@ fn geojson_zones_of_other_programs_are_taken_or_refused() {
         (format!("{{\"type\":\"GeometryCollection\",\"geometries\":[{{\"type\":\"Polygon\",\"coordinates\":[[{TRIANGLE}]]}},{{\"type\":\"Point\",\"coordinates\":[8,47]}}]}}"), "zone, 3 corners; ignored 1 × point"),
         ("{\"fileType\":\"Plan\",\"geoFence\":{\"circles\":[],\"polygons\":[],\"version\":2},\"version\":1}".to_owned(), "refused: Error while deserializing GeoJSON: missing field `type` at line 1 column 83: expected GeoJSON"),
     ];
-    assert_outcomes("a.geojson", &cases);
+    assert_outcomes(outcome, "a.geojson", &cases);
     assert_outcomes(
+        outcome,
         "a.gpx",
         &[(
             "<gpx><trk><name>fence</name></trk></gpx>",
@@ -114,6 +102,7 @@ fn geojson_zones_of_other_programs_are_taken_or_refused() {
         )],
     );
     assert_outcomes(
+        outcome,
         "a.plan",
         &[("{\"fileType\":\"Plan\"}", "refused: `.plan`: expected a file named .kml, .kmz, .geojson, .json")],
     );
@@ -207,7 +196,7 @@ fn kml_zones_of_other_programs_are_taken_or_refused() {
             "refused: ill-formed document: expected `</Document>`, but `</kml>` was found: expected a KML file",
         ),
     ];
-    assert_outcomes("a.kml", &cases);
+    assert_outcomes(outcome, "a.kml", &cases);
 }
 
 #[test]
@@ -229,7 +218,7 @@ fn buildings_of_other_programs_have_heights_or_are_refused() {
         (triangle("\"height\":[12]"), "refused: polygon 1: height [12]: expected metres"),
         (triangle("\"height\":\"12\",\"kind\":\"building\",\"name\":\"shed\""), "building of 12 m, 3 corners"),
     ];
-    assert_outcomes("a.geojson", &cases);
+    assert_outcomes(outcome, "a.geojson", &cases);
     let extruded = |mode: &str, altitude: &str| {
         let elements = format!("<extrude>1</extrude><altitudeMode>{mode}</altitudeMode>");
         kml(&placemark("shed", &polygon(&elements, &TUPLES.replace("47.5 ", &format!("47.5,{altitude} ")))))
@@ -253,7 +242,7 @@ fn buildings_of_other_programs_have_heights_or_are_refused() {
             "building of 7 m, 3 corners",
         ),
     ];
-    assert_outcomes("a.kml", &cases);
+    assert_outcomes(outcome, "a.kml", &cases);
 }
 
 #[test]
@@ -289,7 +278,7 @@ fn boundaries_of_other_programs_are_recognised_or_refused() {
             "refused: polygon 1: no corners: expected at least three",
         ),
     ];
-    assert_outcomes("a.geojson", &cases);
+    assert_outcomes(outcome, "a.geojson", &cases);
     let data = "<ExtendedData><Data name=\"kind\"><value>boundary</value></Data></ExtendedData>";
     let field = placemark("field", &polygon("", TUPLES));
     let cases = [
@@ -297,5 +286,5 @@ fn boundaries_of_other_programs_are_recognised_or_refused() {
         (kml(&field.replace("field", "boundary")), "boundary, 3 corners"),
         (kml(&format!("<Folder><name>boundary</name>{field}</Folder>")), "zone, 3 corners"),
     ];
-    assert_outcomes("a.kml", &cases);
+    assert_outcomes(outcome, "a.kml", &cases);
 }
