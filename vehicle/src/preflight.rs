@@ -173,6 +173,9 @@ impl Preflight {
             Beginning::Resumed if !is_left => refuse(format!(
                 "it is armed ({name}): expected it on the ground, or in the air in the mode that follows orders"
             )),
+            Beginning::Restarted { .. } if !is_in_air => Ok(Clearance::GiveUp(format!(
+                "it is armed on the ground ({name}), and who has armed it is not known after a restart"
+            ))),
             Beginning::Restarted { .. } if !is_left => Ok(Clearance::GiveUp(format!("it is flown by others ({name})"))),
             Beginning::Resumed | Beginning::Restarted { .. } => {
                 match self.check(vehicle, position, assignment, now_s, orders) {

@@ -137,6 +137,21 @@ fn a_restarted_bridge_leaves_a_vehicle_that_others_fly_and_keeps_one_in_guided_m
 }
 
 #[test]
+fn a_restarted_bridge_leaves_a_vehicle_that_is_armed_on_the_ground() {
+    let options = KinematicOptions::default();
+    let mut before = ClosedLoop::new(&options, 0.0);
+    before.until(60.0, |flight| flight.copter.is_armed);
+    assert!(!before.copter.is_in_air());
+    let restarted = Beginning::Restarted { in_mission: false };
+    let mut flight = ClosedLoop::after(&scenario(""), &options, 0.0, before.reports.clone(), restarted);
+    flight.copter = before.copter;
+    flight.start_m = before.start_m;
+    flight.advance(60.0);
+    assert!(flight.said.iter().any(|line| line.contains("it is armed on the ground (GUIDED)")), "{:?}", flight.said);
+    assert!(!flight.copter.is_in_air() && !flight.copter.is_armed, "{:?}", flight.said);
+}
+
+#[test]
 fn a_report_has_the_accuracy_and_the_energy_that_the_vehicle_tells() {
     let scenario = scenario("uav.battery.capacity_j = 4e5\nbase.radius_m = 5.0\n");
     let mut flight = ClosedLoop::over(&scenario, &KinematicOptions::default(), 0.0);
