@@ -269,7 +269,7 @@ fn an_offline_plan_has_its_predicted_loss_and_respects_the_bound() {
         let nodes = list.nodes();
         let mut mission = TestMission::new(&scenario);
         let mut steps = Vec::new();
-        let setup = OwnedSetup::new(scenario.clone(), &nodes, STRATEGIES).unwrap();
+        let setup = OwnedSetup::new(scenario.clone(), &nodes).unwrap();
         let queues_bits = list.queues_bits();
         let found = Offline::search(&setup.setup(), &queues_bits, &Stop::default(), &mut |progress| {
             steps.push(progress.steps);
@@ -297,7 +297,7 @@ fn an_interrupted_search_returns_no_plan() {
     let text = "slots = 50\n[sensors]\ncount = 60\nsampling_bps = 5000.0\n[planner]\noffline.steps = 2000\n";
     let scenario = scenario_of(text, "offline", 1);
     let list = SensorList::of(&scenario).unwrap();
-    let setup = OwnedSetup::new(scenario, &list.nodes(), STRATEGIES).unwrap();
+    let setup = OwnedSetup::new(scenario, &list.nodes()).unwrap();
     let watch = &mut |progress: SearchProgress| match progress.steps {
         1_001.. => ControlFlow::Break(()),
         _ => ControlFlow::Continue(()),
