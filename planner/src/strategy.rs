@@ -332,6 +332,8 @@ pub struct Registered {
     pub is_stateless: bool,
     /// Whether it plans beyond a slot ([`Strategy::path`]).
     pub has_path: bool,
+    /// Whether it flies as if all weights were equal (decision D25).
+    pub ignores_weights: bool,
     /// Its own keys, `[planner.<name>]`; `None` if it has none.
     pub keys: Option<StrategyKeys>,
     /// Constructs it, for a scenario with checked keys.
@@ -342,7 +344,7 @@ impl Registered {
     /// A strategy without state, path and keys of its own.
     #[must_use]
     pub const fn new(name: &'static str, about: &'static str, make: fn(&Setup<'_>) -> Box<dyn Strategy>) -> Self {
-        Self { name, about, is_stateless: true, has_path: false, keys: None, make }
+        Self { name, about, is_stateless: true, has_path: false, ignores_weights: false, keys: None, make }
     }
 
     /// The same with state between slots.
@@ -355,6 +357,12 @@ impl Registered {
     #[must_use]
     pub const fn with_path(self) -> Self {
         Self { has_path: true, ..self }
+    }
+
+    /// The same for one that flies as if all weights were equal.
+    #[must_use]
+    pub const fn without_weights(self) -> Self {
+        Self { ignores_weights: true, ..self }
     }
 
     /// The same with the keys that `T` declares.

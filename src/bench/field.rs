@@ -10,6 +10,7 @@ use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_field_sim::Field;
 use skysink_mission::latency::{Spread, histogram};
+use skysink_planner::strategies::uts;
 
 use super::setting::{BenchEffort, letter, nanoseconds};
 use crate::error::Error;
@@ -40,7 +41,7 @@ pub fn measure(effort: BenchEffort, stop: &Stop) -> Result<Vec<FieldRow>, Error>
 }
 
 fn row(sensors: u32, effort: BenchEffort) -> Result<FieldRow, Error> {
-    let scenario = letter(sensors, "uts");
+    let scenario = letter(sensors, uts::STRATEGY.name);
     let list = SensorList::of(&scenario)?;
     let mut field = Field::new(&scenario, &list);
     let idle = [FlightReport::at([50.0, 50.0, 20.0], Mode::Hold)];

@@ -11,6 +11,7 @@ use skysink_mission::Plant;
 use skysink_mission::drive::Pilot as _;
 use skysink_mission::latency::{Spread, histogram};
 use skysink_planner::fleet::FleetPlanner;
+use skysink_planner::strategies::uts;
 use skysink_ring::wait::Waiting;
 
 use super::hop::RingCase;
@@ -75,7 +76,7 @@ pub fn measure(effort: BenchEffort, stop: &Stop) -> Result<Vec<FleetRow>, Error>
 
 /// Times of the plans of all UAVs for a slot.
 fn plan_times(uavs: u32, effort: BenchEffort, stop: &Stop) -> Result<Spread, Error> {
-    let mut scenario = letter(SENSORS, "uts");
+    let mut scenario = letter(SENSORS, uts::STRATEGY.name);
     scenario.uav.count = Some(uavs);
     let list = SensorList::of(&scenario)?;
     let begun = || Ok::<_, Error>((Plant::new(&scenario, &list), FleetPlanner::until(&scenario, &list.nodes(), stop)?));

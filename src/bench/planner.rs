@@ -8,7 +8,7 @@ use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::Mission;
 use skysink_mission::latency::{Spread, histogram};
-use skysink_planner::strategies::stateless;
+use skysink_planner::strategies::{stateless, uts};
 
 use super::setting::{BenchEffort, letter, nanoseconds};
 use crate::error::Error;
@@ -31,7 +31,7 @@ pub struct PlanRow {
 pub fn measure(effort: BenchEffort, stop: &Stop) -> Result<Vec<PlanRow>, Error> {
     let mut rows = Vec::new();
     for &sensors in effort.counts() {
-        let list = SensorList::of(&letter(sensors, "uts"))?;
+        let list = SensorList::of(&letter(sensors, uts::STRATEGY.name))?;
         for strategy in stateless() {
             stop.check()?;
             rows.push(PlanRow { sensors, strategy, plan: plan_times(strategy, &list, effort)? });

@@ -6,9 +6,11 @@ use skysink_common::slot_record::{SlotRecord, uploads};
 use skysink_common::stop::Stop;
 use skysink_mission::drive::SlotSink;
 use skysink_mission::{Mission, MissionError};
+use skysink_planner::strategies::{edf, tour, uts_wide};
+use skysink_planner::strategy::Registered;
 
 /// Strategies to simulate, in this order, until one loses nothing. The first one determines the round.
-const STRATEGIES: [&str; 3] = ["tour", "uts-wide", "edf"];
+const FAST: [&Registered; 3] = [&tour::STRATEGY, &uts_wide::STRATEGY, &edf::STRATEGY];
 
 /// Maximum number of sensor nodes (SNs) of a simulated mission. Computing a tour over more takes too long.
 pub const MAX_SENSORS: usize = 5_000;
@@ -39,9 +41,9 @@ pub fn trial_flights(scenario: &Scenario, list: &SensorList) -> Result<Vec<Trial
     if sensors > MAX_SENSORS || (sensors as u64).saturating_mul(scenario.slots) > MAX_SENSOR_SLOTS {
         return Ok(flights);
     }
-    for strategy in STRATEGIES {
+    for strategy in FAST {
         if flights.iter().all(|flight| flight.lost_bits > 0) {
-            flights.push(TrialFlight::simulate(strategy, scenario, list)?);
+            flights.push(TrialFlight::simulate(strategy.name, scenario, list)?);
         }
     }
     Ok(flights)

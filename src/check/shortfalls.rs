@@ -2,20 +2,19 @@
 
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
-
-/// Strategies that fly as if all weights were equal.
-const UNWEIGHTED: [&str; 5] = ["tour", "round-robin", "max-age-first", "edf", "mes"];
+use skysink_planner::strategies::STRATEGIES;
 
 /// How the models of this scenario with the SNs `list` are planned for where the strategies `flown` ignore a part, a
 /// line each.
 #[must_use]
 pub fn of(scenario: &Scenario, list: &SensorList, flown: &[&str]) -> Vec<String> {
     let weights = list.weights(&list.sampling(scenario));
-    let unweighted: Vec<&str> = UNWEIGHTED.into_iter().filter(|name| flown.contains(name)).collect();
+    let unweighted = STRATEGIES.iter().filter(|strategy| strategy.ignores_weights).map(|strategy| strategy.name);
+    let unweighted: Vec<&str> = unweighted.filter(|name| flown.contains(name)).collect();
     let without_weights = format!("weights: {} fly without them", unweighted.join(", "));
     let is_windy = scenario.uav.wind_mps.is_some_and(|wind_mps| wind_mps != [0.0; 2]);
     let rules = [
-        (scenario.arrival_law().is_random(), "arrivals: by their means; horizon and offline also imagine draws"),
+        (scenario.arrival_law().is_random(), "arrivals: by their means; horizon and offline also by their spread"),
         (scenario.link.stays_in_sight(), "line of sight: by its probability, whatever a link had before"),
         (
             scenario.uav.position_error_m.is_some_and(|error_m| error_m > 0.0),

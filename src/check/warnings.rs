@@ -1,6 +1,8 @@
 //! Warnings about scenarios that are probably unintended, from the figures alone. `tests/it/check.rs` tries each rule
 //! on missions where it applies and where it does not.
 
+use skysink_planner::strategies::uts;
+
 use super::figures::Figures;
 use super::quantity::{percent, scaled};
 use super::verdict::LossFree;
@@ -29,7 +31,7 @@ pub fn of(figures: &Figures) -> Vec<String> {
 /// For a reach `V τ ≤ d_c`, most sets that Algorithm 1 finds have no waypoint in reach.
 fn in_transit(figures: &Figures) -> Option<String> {
     let Figures { reach_m, comm_radius_m, .. } = *figures;
-    (figures.strategy == "uts" && reach_m <= comm_radius_m).then(|| {
+    (figures.strategy == uts::STRATEGY.name && reach_m <= comm_radius_m).then(|| {
         let reach = scaled(reach_m, "m");
         let radius = scaled(comm_radius_m, "m");
         format!(

@@ -25,7 +25,8 @@ use crate::strategy::{Registered, Setup, Strategy, View, rule};
 pub const STRATEGY: Registered =
     Registered::new("edf", "earliest deadline first: fly to the sensor node that overflows soonest", |setup| {
         toward_least(setup, |view, id| view.belief.deadline_slots(id))
-    });
+    })
+    .without_weights();
 
 /// Straight toward the SN of least `cost`, until above it; ties go to the nearest, then to the lowest index. It is
 /// served as soon as it is in range, with the fullest of the others. No decision if none has a cost.

@@ -12,7 +12,8 @@ pub const STRATEGY: Registered =
     Registered::new("max-age-first", "maximum age first: fly to the sensor node served longest ago", |setup| {
         Box::new(MaxAgeFirst::new(setup))
     })
-    .with_state();
+    .with_state()
+    .without_weights();
 
 struct MaxAgeFirst {
     /// Slot in which each SN was scheduled last, 0 before the first, by id.

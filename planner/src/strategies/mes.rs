@@ -33,6 +33,7 @@ pub const STRATEGY: Registered =
         let keys: MesKeys = setup.scenario.planner_keys("planner.mes").expect("they were checked");
         mes(setup, keys.deadline_weight)
     })
+    .without_weights()
     .with_keys::<MesKeys>();
 
 skysink_common::keys! {

@@ -14,7 +14,8 @@ pub const STRATEGY: Registered =
         let turns = Turns { order: sensors.ids().collect(), points: sensors.positions.clone() };
         Box::new(InTurn::new(setup, turns, false, waypoint))
     })
-    .with_state();
+    .with_state()
+    .without_weights();
 
 #[cfg(test)]
 mod tests {

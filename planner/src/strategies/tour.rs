@@ -18,7 +18,8 @@ pub const STRATEGY: Registered =
         turns.begin_near(|point| setup.table.distance_m2(point, &start));
         Box::new(InTurn::new(setup, turns, true, waypoint))
     })
-    .with_state();
+    .with_state()
+    .without_weights();
 
 /// Slots to the range of an SN from which on the UAV flies to the point of the round: over short legs whole slots count
 /// more than metres.
