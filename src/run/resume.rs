@@ -156,10 +156,6 @@ pub fn estimated_rates(scenario: &Scenario, run_mode: &RunMode) -> Result<Option
     Ok(settings::estimated(scenario)?.filter(|_| run_mode.external_planner.is_some()))
 }
 
-/// The last flights in the ring folder, for a vehicle in Python (`python/skysink/ring_vehicle.py`): their bytes by
-/// slot.
-const VEHICLE_FLIGHTS: &str = "vehicle-flights.json";
-
 impl ResumedRun {
     /// Writes the checkpoints for the processes of the ring in `ring_folder`, and returns the trace, truncated after
     /// the last complete line.
@@ -180,10 +176,6 @@ impl ResumedRun {
         }
         fields::resume(&mut fields::journal(ring_folder, count, uavs)?, &mut field, uavs)?; // an empty journal starts with this state
         flights::journal(ring_folder, uavs)?.save(slot, &[], self.plant.flights())?;
-        let saved = ring_folder.path().join(VEHICLE_FLIGHTS);
-        let hexadecimal: String =
-            bytemuck::cast_slice(self.plant.flights()).iter().map(|byte: &u8| format!("{byte:02x}")).collect();
-        fs::write(&saved, serde_json::json!({ slot.to_string(): hexadecimal }).to_string()).at(&saved)?;
         Ok(self.log)
     }
 }

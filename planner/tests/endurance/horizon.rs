@@ -277,7 +277,9 @@ fn an_offline_plan_has_its_predicted_loss_and_respects_the_bound() {
         });
         let (offline, SearchOutcome { loss_bits: predicted_bits, steps: done, is_optimal }) = found.unwrap().unwrap();
         assert_eq!((done, is_optimal), (20_000, false), "seed {seed}");
-        mission.planner = Planner::with_strategy(&scenario, &nodes, Box::new(offline)).unwrap().into();
+        let mut offline = Some(offline);
+        let mut make = |_: &Setup<'_>| -> Result<Box<dyn Strategy>, _> { Ok(Box::new(offline.take().unwrap())) };
+        mission.planner = FleetPlanner::by(&scenario, &nodes, &mut make, &Stop::default()).unwrap();
         assert!(steps.len() > 100 && steps.is_sorted() && steps[0] == 0, "{steps:?}");
         mission.by_ref().take(200).for_each(drop);
         let lost_bits = mission.lost_bits() as f64;
