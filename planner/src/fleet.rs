@@ -342,6 +342,26 @@ impl FleetPlanner {
         plans
     }
 
+    /// Takes in that `plans`, one for each UAV, are flown in `slot` instead of those of the last [`Self::step`]. The
+    /// queues are those before the slot [bit], by id.
+    pub fn follow(&mut self, slot: u64, plans: &[Plan], queues_bits: &[u32]) {
+        let is_known = |id: &u32| (*id as usize) < queues_bits.len();
+        let scheduled_by = |plan: &Plan| plan.scheduled().iter().copied().filter(is_known).collect::<Vec<u32>>();
+        let all: Vec<u32> = plans.iter().flat_map(scheduled_by).collect();
+        for (Member { planner, piece, .. }, plan) in self.members.iter_mut().zip(plans) {
+            let own = scheduled_by(plan);
+            match piece {
+                Some(piece) => {
+                    let number = |id: &u32| piece.ids.binary_search(id).ok().map(|number| number as u32);
+                    let own: Vec<u32> = own.iter().filter_map(number).collect();
+                    planner.await_reports(slot, &own, piece.select(queues_bits));
+                }
+                None if self.coordination == Coordination::Sequential => planner.await_reports(slot, &all, queues_bits),
+                None => planner.await_reports(slot, &own, queues_bits),
+            }
+        }
+    }
+
     /// The last slot planned by these planners or their restored predecessors; 0 before the first.
     #[must_use]
     pub fn slot(&self) -> u64 {

@@ -8,27 +8,32 @@ from typing import Any, Final, Self, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from skysink.ring import Vehicle
 from skysink.strategy import Strategy
 
 __all__ = [
     "STRATEGIES",
+    "Base",
     "BatchCore",
     "Belief",
     "Decision",
     "DiskRound",
     "EnvironmentCore",
     "Field",
+    "Flight",
     "InputError",
-    "PlanMaker",
+    "Neighbours",
+    "Route",
     "Run",
     "Scenario",
     "SweepPlan",
     "SweepRecord",
     "Table",
-    "VehicleCore",
     "View",
     "__build__",
     "__version__",
+    "fly_ring",
+    "plan_ring",
     "round_over_disks",
     "run_program",
     "simulate",
@@ -157,6 +162,18 @@ class Field:
         """Weights w_i of the bits of the SNs, [N]; 1 without weights in the sensor list."""
 
     @property
+    def servable(self) -> NDArray[np.bool_]:
+        """x"""
+
+    @property
+    def base(self) -> Base | None:
+        """x"""
+
+    @property
+    def move_slots(self) -> int:
+        """x"""
+
+    @property
     def area_m(self) -> tuple[float, float]:
         """Width and height of the area [m]."""
 
@@ -201,9 +218,8 @@ class Field:
     def toward(self, from_: ArrayLike, to: ArrayLike, /) -> NDArray[np.float64]:
         """The point that one slot at full speed reaches from ``from_`` toward ``to``, at most ``to`` [m], [2]."""
 
-    @staticmethod
-    def _from_messages(limits: bytes, nodes: bytes) -> Field:
-        """Creates a field from limits and sensor nodes in the layout of the messages of the ring."""
+    def route(self, from_: ArrayLike, goal: ArrayLike | int, /) -> Route | None:
+        """x"""
 
 @final
 class View:
@@ -230,7 +246,7 @@ class View:
         """Sampling rates as known at the start of the slot, true or learnt [bit/s], [N], read-only."""
 
     @property
-    def belief(self) -> Belief | None:
+    def belief(self) -> Belief:
         """Queues and rates as known at the start of the slot, each with its standard deviation, and the ages of the
         contacts. None in a ring.
         """
@@ -238,6 +254,116 @@ class View:
     @property
     def field(self) -> Field:
         """What stays the same."""
+
+    @property
+    def energy_j(self) -> float:
+        """x"""
+
+    @property
+    def is_charging(self) -> bool:
+        """x"""
+
+    @property
+    def energy_left_home_j(self) -> float:
+        """x"""
+
+    @property
+    def slots_left_home(self) -> int | None:
+        """x"""
+
+    @property
+    def neighbours(self) -> Neighbours | None:
+        """x"""
+
+    @property
+    def values(self) -> NDArray[np.uint32]:
+        """x"""
+
+    @property
+    def reachable(self) -> NDArray[np.uint32]:
+        """x"""
+
+    def route_to(self, goal: ArrayLike | int) -> Route | None:
+        """x"""
+
+@final
+class Route:
+    """x"""
+
+    @property
+    def length_m(self) -> float:
+        """x"""
+
+    @property
+    def slots(self) -> int:
+        """x"""
+
+    @property
+    def energy_j(self) -> float:
+        """x"""
+
+    @property
+    def end_m(self) -> tuple[float, float]:
+        """x"""
+
+@final
+class Base:
+    """x"""
+
+    @property
+    def places_m(self) -> list[tuple[float, float]]:
+        """x"""
+
+    @property
+    def radius_m(self) -> float | None:
+        """x"""
+
+    def contains(self, point: ArrayLike) -> bool:
+        """x"""
+
+@final
+class Neighbours:
+    """x"""
+
+    @property
+    def own(self) -> int:
+        """x"""
+
+    @property
+    def uavs(self) -> list[int]:
+        """x"""
+
+    @property
+    def positions_m(self) -> NDArray[np.float64]:
+        """x"""
+
+    @property
+    def scheduled(self) -> NDArray[np.uint32]:
+        """x"""
+
+    @property
+    def intents(self) -> list[tuple[int, int, float]]:
+        """x"""
+
+@final
+class Flight:
+    """x"""
+
+    @property
+    def position_m(self) -> NDArray[np.float64]:
+        """x"""
+
+    @property
+    def energy_j(self) -> float:
+        """x"""
+
+    @property
+    def mode(self) -> str:
+        """x"""
+
+    @property
+    def served(self) -> list[int]:
+        """x"""
 
 @final
 class Belief:
@@ -391,7 +517,7 @@ class Run:
 
 def simulate(
     scenario: Scenario,
-    strategy: Strategy | str | None = None,
+    strategy: Strategy | Callable[[], Strategy] | str | None = None,
     *,
     seed: int | None = None,
     label: str | None = None,
@@ -408,6 +534,8 @@ def round_over_disks(
 ) -> DiskRound:
     """A short path that touches the disks."""
 
+def plan_ring(strategy: Strategy | Callable[[], Strategy], ring: Path, scenario: Path) -> int: ...
+def fly_ring(vehicle: Vehicle, ring: Path, scenario: Path, reached_m: float) -> int: ...
 def run_program(name: str, arguments: Sequence[str], interpreter: Sequence[str]) -> int: ...
 
 _Observation = dict[str, NDArray[np.float32]]
@@ -513,29 +641,6 @@ class BatchCore:
     def clone(self) -> BatchCore: ...
     def save(self) -> list[bytes]: ...
     def restore(self, saved: Sequence[bytes]) -> None: ...
-
-@final
-class PlanMaker:
-    def __new__(cls, strategy: Strategy, field: Field) -> Self: ...
-    def plan(
-        self,
-        slot: int,
-        uav: tuple[float, float, float],
-        queues_bits: NDArray[np.uint32],
-        learnt_bps: NDArray[np.float64] | None = None,
-    ) -> bytes: ...
-
-@final
-class VehicleCore:
-    def __new__(cls, scenario: Path, nodes: bytes, reached_m: float) -> Self: ...
-    def start(self) -> bytes: ...
-    def restore(self, reports: bytes) -> None: ...
-    def orders(
-        self, slot: int, plans: bytes | None
-    ) -> list[
-        tuple[tuple[float, float, float], tuple[float, float, float], list[int], str, bool, bool]
-    ]: ...
-    def complete(self, slot: int, reports: bytes) -> bytes: ...
 
 @final
 class SweepPlan:
