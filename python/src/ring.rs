@@ -7,6 +7,7 @@ use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 use skysink::worker::{self, RingArguments};
 use skysink_common::scenario::Scenario;
+use skysink_common::stop::Stopped;
 use skysink_flight_sim::node as flight_sim;
 use skysink_planner::node as planner;
 use skysink_ring::error::{NodeError, RingError};
@@ -53,11 +54,13 @@ fn join(ring: PathBuf, scenario: PathBuf) -> PyResult<(Scenario, RingFolder)> {
 /// The exit code of a process, or the exception of its Python code.
 fn end(py: Python<'_>, role: Role, result: Result<(), NodeError>, raised: &Raised) -> PyResult<u8> {
     let _ = py.check_signals(); // the handler in Python of a signal that has stopped the process
-    match raised.check() {
-        Err(error) if !error.is_instance_of::<PyKeyboardInterrupt>(py) => Err(error),
-        _ => match result {
-            Err(NodeError::Ring(RingError::Folder(error))) => Err(refused(error)),
-            result => Ok(worker::exit_code(role, result)),
-        },
+    let interrupted = |_| Err(NodeError::Stopped(Stopped(2)));
+    let result = match raised.check() {
+        Err(error) if !error.is_instance_of::<PyKeyboardInterrupt>(py) => return Err(error),
+        raised => raised.map_or_else(interrupted, |()| result),
+    };
+    match result {
+        Err(NodeError::Ring(RingError::Folder(error))) => Err(refused(error)),
+        result => Ok(worker::exit_code(role, result)),
     }
 }
