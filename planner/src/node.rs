@@ -24,12 +24,15 @@ const STATES: u64 = 4;
 /// Most bytes of a checkpoint besides those per sensor node.
 pub const ROOM: usize = 1 << 23;
 
+/// Most bytes of the slot of the last contact with a sensor node, which a strategy may keep.
+const BYTES_PER_CONTACT: usize = 5;
+
 /// The journal in the ring's folder of a planner for `uavs` UAVs over `count` sensor nodes.
 ///
 /// # Errors
 /// If the file cannot be opened.
 pub fn journal(folder: &RingFolder, count: usize, uavs: usize) -> Result<Journal, RingError> {
-    let state_bytes = (ROOM + BYTES_PER_SENSOR * count) * uavs;
+    let state_bytes = (ROOM + (BYTES_PER_SENSOR + BYTES_PER_CONTACT) * count) * uavs;
     let policy = Policy { state_every: 1, states: STATES, state_bytes, input_bytes: None };
     Journal::open(&folder.journal("plans"), policy)
 }
@@ -58,6 +61,7 @@ impl Journaled {
         let plans = self.planner.step(slot, flights, queues_bits);
         self.planner.stop().check()?;
         self.journal.save(slot, &[], &self.planner)?;
+        self.planner.stop().check()?; // a strategy that cannot be saved has failed
         Ok(plans)
     }
 }

@@ -163,15 +163,17 @@ class Field:
 
     @property
     def servable(self) -> NDArray[np.bool_]:
-        """x"""
+        """Whether each SN has a place in its range that the UAV can fly to, and so can be served, [N]. Zones hide
+        others.
+        """
 
     @property
     def base(self) -> Base | None:
-        """x"""
+        """The base that the UAV has to come back to; None if it need not."""
 
     @property
     def move_slots(self) -> int:
-        """x"""
+        """Slots of a move on a grid; 1 without one."""
 
     @property
     def area_m(self) -> tuple[float, float]:
@@ -213,13 +215,17 @@ class Field:
         """Ids of the SNs within ``radius_m`` [m] of ``point`` on the ground, ascending; tolerance as in decision D5."""
 
     def fullest(self, point: ArrayLike, queues_bits: NDArray[np.uint32]) -> NDArray[np.uint32]:
-        """Ids of the n SNs with the fullest queues within d_c of ``point``, ascending. Ties go to the lowest id."""
+        """Ids of the n SNs with the fullest queues within d_c of ``point``, by their values, ascending. Ties go to the
+        lowest id.
+        """
 
     def toward(self, from_: ArrayLike, to: ArrayLike, /) -> NDArray[np.float64]:
         """The point that one slot at full speed reaches from ``from_`` toward ``to``, at most ``to`` [m], [2]."""
 
     def route(self, from_: ArrayLike, goal: ArrayLike | int, /) -> Route | None:
-        """x"""
+        """The route from ``from_`` to ``goal``: a point [m], or the id of an SN, into whose range it leads. None if
+        there is none.
+        """
 
 @final
 class View:
@@ -235,10 +241,10 @@ class View:
 
     @property
     def queues_bits(self) -> NDArray[np.uint32]:
-        """Queues at the start of the slot, true or estimated, B_i(t-1) [bit], [N], read-only.
+        """Queues at the start of the slot, true or estimated, B_i(t-1) [bit], [N], read-only. Those of SNs that other
+        UAVs have scheduled in this slot count as empty.
 
-        The array shares memory with the field. In ``simulate`` and sweeps, a stored array does not change. In a ring,
-        it is valid only during ``plan``; copy it to store it. It is unsigned: use ``astype(np.int64)`` for differences.
+        It is unsigned: use ``astype(np.int64)`` for differences.
         """
 
     @property
@@ -248,7 +254,7 @@ class View:
     @property
     def belief(self) -> Belief:
         """Queues and rates as known at the start of the slot, each with its standard deviation, and the ages of the
-        contacts. None in a ring.
+        contacts.
         """
 
     @property
@@ -257,113 +263,127 @@ class View:
 
     @property
     def energy_j(self) -> float:
-        """x"""
+        """Energy in the battery at the start of the slot, E(t-1) [J]; infinite without a battery."""
 
     @property
     def is_charging(self) -> bool:
-        """x"""
+        """Whether the UAV has charged in the slot before."""
 
     @property
     def energy_left_home_j(self) -> float:
-        """x"""
+        """Energy beyond the way home and the reserve [J]: minus infinity if the way takes too long, infinite without a
+        battery.
+        """
 
     @property
     def slots_left_home(self) -> int | None:
-        """x"""
+        """Slots left beyond those of the way home at full speed, below 0 if it takes too long; None if the UAV need not
+        be home in time.
+        """
 
     @property
     def neighbours(self) -> Neighbours | None:
-        """x"""
+        """The other UAVs; None for a UAV that plans alone."""
 
     @property
     def values(self) -> NDArray[np.uint32]:
-        """x"""
+        """The values of the queues by which built-in strategies compare them, w_i B_i in a common unit, uint32 [N],
+        read-only: the queues themselves if all weights are equal, and 0 for SNs that zones hide.
+        """
 
     @property
     def reachable(self) -> NDArray[np.uint32]:
-        """x"""
+        """Ids of the SNs whose range one slot leads into, around zones, of those that are nearer than the reach of a
+        slot; ascending.
+        """
 
     def route_to(self, goal: ArrayLike | int) -> Route | None:
-        """x"""
+        """The route from the UAV to ``goal``: a point [m], or the id of an SN, into whose range it leads. None if there
+        is none.
+        """
 
 @final
 class Route:
-    """x"""
+    """A route at full speed, straight or around zones, and on a grid along its lines."""
 
     @property
     def length_m(self) -> float:
-        """x"""
+        """Its length [m]."""
 
     @property
     def slots(self) -> int:
-        """x"""
+        """Its slots, at least 1."""
 
     @property
     def energy_j(self) -> float:
-        """x"""
+        """The energy that it takes [J]; 0 without a battery."""
 
     @property
     def end_m(self) -> tuple[float, float]:
-        """x"""
+        """Where it ends [m]."""
 
 @final
 class Base:
-    """x"""
+    """Where UAVs land and charge (decision D9)."""
 
     @property
     def places_m(self) -> list[tuple[float, float]]:
-        """x"""
+        """A place well inside of each of its areas [m], [K, 2]; the centre of a disk."""
 
     @property
     def radius_m(self) -> float | None:
-        """x"""
+        """Its radius [m]; None if it is made of polygons."""
 
     def contains(self, point: ArrayLike) -> bool:
-        """x"""
+        """Whether ``point`` [m] lies in it."""
 
 @final
 class Neighbours:
-    """x"""
+    """What the other UAVs of a fleet tell a UAV before it plans a slot."""
 
     @property
     def own(self) -> int:
-        """x"""
+        """The number of the UAV that plans."""
 
     @property
     def uavs(self) -> list[int]:
-        """x"""
+        """The numbers of the others, ascending."""
 
     @property
     def positions_m(self) -> NDArray[np.float64]:
-        """x"""
+        """Their positions at the start of the slot [m], [U - 1, 3], read-only."""
 
     @property
     def scheduled(self) -> NDArray[np.uint32]:
-        """x"""
+        """Ids of the SNs that they have scheduled in this slot, uint32, read-only. Empty where each has a part of the
+        field.
+        """
 
     @property
     def intents(self) -> list[tuple[int, int, float]]:
-        """x"""
+        """What they plan to serve from this slot on, by slot: slot, id, and bits, infinite for all that is there. From
+        strategies that look ahead.
+        """
 
 @final
 class Flight:
-    """x"""
+    """The flight of a UAV in a slot."""
 
     @property
     def position_m(self) -> NDArray[np.float64]:
-        """x"""
+        """Where it ended [m], [3], read-only."""
 
     @property
     def energy_j(self) -> float:
-        """x"""
+        """Energy in the battery after it [J]; infinite without a battery."""
 
     @property
     def mode(self) -> str:
-        """x"""
+        """What was flown, as in the column ``mode`` of ``slots.csv``."""
 
     @property
     def served(self) -> list[int]:
-        """x"""
+        """Ids of the SNs that it served, ascending."""
 
 @final
 class Belief:
