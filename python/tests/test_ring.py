@@ -272,3 +272,15 @@ def test_a_folder_without_ring_is_refused(place: Path) -> None:
     assert "InputError: ring" in result.stderr
     result = subprocess.run(words, cwd=place, capture_output=True, text=True, timeout=60)
     assert "expected the folder of a running ring, or SKYSINK_RING from skysink run --planner" in result.stderr
+
+
+def test_a_resumed_run_with_estimated_queues_flies_the_same(place: Path) -> None:
+    estimated = ["--set", "planner.knowledge=estimated"]
+    planner = ["--no-viewer", "--planner", f"{sys.executable} mine.py"]
+    process = begin(place, "run", "long.toml", *estimated, *planner, "--out", "run")
+    until("flight", process, lambda: slots(place) > 300)
+    process.send_signal(signal.SIGINT)
+    assert end(process) == 130, (place / "said").read_text()
+    run("run", "--resume", "run", *planner, cwd=place)
+    run("simulate", "long.toml", *estimated, "--strategy", "gfs", "--out", "alone", cwd=place)
+    same_files(place / "alone", place / "run", ["slots.csv"])
