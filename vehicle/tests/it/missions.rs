@@ -10,6 +10,7 @@ use skysink_vehicle::kinematic::autopilot::{CopterMode, Given};
 use skysink_vehicle::telemetry::{Fix, Order, Telemetry};
 
 use crate::flight::{ClosedLoop, RESTARTED, plan, scenario};
+use skysink_vehicle::preflight::Beginning;
 
 #[test]
 fn a_slot_reports_where_the_vehicle_is_and_what_it_serves_from_there() {

@@ -1,0 +1,111 @@
+//! Traces that a redesign must keep: the hashes of missions by strategy and model, in `traces.txt`.
+//!
+//! After a change that is meant to change them: `UPDATE_EXPECT=1 cargo test -p skysink-mission --test traces`.
+
+mod support;
+
+use std::path::Path;
+
+use skysink_common::sensors::SensorList;
+use skysink_common::stop::Stop;
+use skysink_mission::Mission;
+use skysink_mission::trace::TraceHash;
+use support::scenario_of;
+
+/// The strategies, with an objective of their own.
+const STRATEGIES: [(&str, &str, &str); 7] = [
+    ("gfs", "gfs", ""),
+    ("edf", "edf", ""),
+    ("mes", "mes", ""),
+    ("tour", "tour", ""),
+    ("horizon", "horizon", ""),
+    ("offline", "offline", ""),
+    ("collect", "horizon", "objective = 'collect'\n"),
+];
+
+/// No-fly zones: a wall, and a hook.
+const ZONES: &str = "no_fly = [{ polygon_m = [[70, 40], [90, 40], [90, 160], [70, 160]] }, \
+                     { polygon_m = [[120, 60], [180, 60], [180, 80], [140, 80], [140, 130], [120, 130]] }]\n";
+
+/// A battery that has to be charged, and a base where the UAV has to land.
+const BATTERY: &str =
+    "base.radius_m = 10.0\nbase.charge_w = 2000.0\nuav.battery.capacity_j = 12000.0\nuav.must_land = true\n";
+
+/// Models by name: keys before the first table, and keys of `[area]`.
+const MODELS: [(&str, &str, &str); 9] = [
+    ("open", "", ""),
+    ("battery", BATTERY, ""),
+    ("zones", "", ZONES),
+    ("zones and battery", BATTERY, ZONES),
+    ("grid", "uav.moves = 'grid'\nuav.cell_m = 20.0\nuav.max_speed_mps = 20.0\n", ZONES),
+    (
+        "grid of four slots a move, battery",
+        "uav.moves = 'grid'\nuav.cell_m = 20.0\nuav.max_speed_mps = 5.0\nbase.areas_m = [[[80, 0], [120, 0], [120, 30], [80, 30]]]\n\
+         uav.start_m = [90, 10]\nbase.charge_w = 2000.0\nuav.battery.capacity_j = 12000.0\nuav.must_land = true\n",
+        "",
+    ),
+    ("estimated", "planner.knowledge = 'estimated'\nplanner.rates = 'learnt'\n", ""),
+    ("fleet", "uav.count = 3\nuav.separation_m = 5.0\n", ""),
+    ("fleet, zones and battery", "FLEET", ZONES),
+];
+
+/// The mission of a strategy with a model; `None` if the model is not for it.
+fn text((_, _, planner): (&str, &str, &str), (_, keys, area): (&str, &str, &str)) -> String {
+    let keys =
+        if keys == "FLEET" { format!("uav.count = 3\nuav.separation_m = 5.0\n{BATTERY}") } else { keys.to_owned() };
+    format!(
+        "name = 'trace'\nseed = 5\nslots = 80\narea.side_m = 200.0\n{}sensors.count = 60\n\
+         sensors.sampling_bps = [100.0, 900.0]\nplanner.horizon.iterations = 200\nplanner.offline.steps = 4000\n{keys}{}",
+        area.lines().map(|line| format!("area.{line}\n")).collect::<String>(),
+        planner.lines().map(|line| format!("planner.{line}\n")).collect::<String>(),
+    )
+}
+
+/// The loss and the hash of a mission, in a line.
+fn line(strategy: (&'static str, &'static str, &'static str), model: (&str, &str, &str), coordination: &str) -> String {
+    let keys = if coordination.is_empty() { String::new() } else { format!("uav.coordination = '{coordination}'\n") };
+    let scenario = scenario_of(&(text(strategy, model) + &keys), strategy.1);
+    let mut mission = Mission::new(&scenario, &SensorList::of(&scenario).unwrap()).unwrap();
+    let mut hash = TraceHash::default();
+    mission.drive(&mut [&mut hash], &Stop::default()).unwrap();
+    let coordination = if coordination.is_empty() { String::new() } else { format!(" {coordination}") };
+    format!(
+        "{:016x} {:>8} {} | {}{coordination}\n",
+        hash.value(),
+        mission.header().totals.lost_bits,
+        strategy.0,
+        model.0
+    )
+}
+
+#[test]
+fn traces_are_the_recorded_ones() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/traces.txt");
+    let cases: Vec<_> = MODELS
+        .iter()
+        .flat_map(|&model| {
+            let fleets = ["sequential", "partition", "independent"].as_slice();
+            let coordinations = if model.0.starts_with("fleet") { fleets } else { &[""] };
+            let strategies = move |coordination| STRATEGIES.map(|strategy| (strategy, model, coordination));
+            coordinations.iter().flat_map(move |coordination| strategies(*coordination))
+        })
+        .collect();
+    let half = cases.len().div_ceil(2);
+    let lines = |cases: &[_]| {
+        cases.iter().map(|&(strategy, model, coordination)| line(strategy, model, coordination)).collect::<String>()
+    };
+    let found = std::thread::scope(|scope| {
+        let threads: Vec<_> = cases.chunks(half).map(|cases| scope.spawn(move || lines(cases))).collect();
+        threads.into_iter().map(|thread| thread.join().unwrap()).collect::<String>()
+    });
+    if std::env::var_os("UPDATE_EXPECT").is_some() {
+        std::fs::write(path, found).unwrap();
+        return;
+    }
+    let expected = std::fs::read_to_string(path).unwrap();
+    let differing: Vec<_> = found.lines().zip(expected.lines()).filter(|(found, expected)| found != expected).collect();
+    assert!(
+        differing.is_empty() && found.lines().count() == expected.lines().count(),
+        "(found, expected): {differing:#?}"
+    );
+}
