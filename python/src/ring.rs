@@ -10,7 +10,7 @@ use skysink_common::scenario::Scenario;
 use skysink_common::stop::Stopped;
 use skysink_flight_sim::node as flight_sim;
 use skysink_planner::node as planner;
-use skysink_ring::error::{NodeError, RingError};
+use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::role::Role;
 
@@ -59,8 +59,5 @@ fn end(py: Python<'_>, role: Role, result: Result<(), NodeError>, raised: &Raise
         Err(error) if !error.is_instance_of::<PyKeyboardInterrupt>(py) => return Err(error),
         raised => raised.map_or_else(interrupted, |()| result),
     };
-    match result {
-        Err(NodeError::Ring(RingError::Folder(error))) => Err(refused(error)),
-        result => Ok(worker::exit_code(role, result)),
-    }
+    Ok(worker::exit_code(role, result))
 }

@@ -86,7 +86,7 @@ impl OutsideVehicle for PyVehicle {
     fn fly(&mut self, order: &SlotOrder) -> Result<FlightReport, InputError> {
         Python::attach(|py| {
             let flown = self.call_fly(py, order).map_err(|error| self.failed(error))?;
-            let says = Says { flown: &flown };
+            let says = Says { uav: self.uav, flown: &flown };
             self.delivered = says.delivered()?;
             says.report(order, self.scenario.slot_s)
         })
@@ -99,6 +99,7 @@ impl OutsideVehicle for PyVehicle {
 
 /// What a vehicle says of a slot.
 struct Says<'a, 'py> {
+    uav: usize,
     flown: &'a Bound<'py, PyAny>,
 }
 
@@ -160,7 +161,8 @@ impl Says<'_, '_> {
 
     fn refuse(&self, name: &'static str, expected: impl Display) -> InputError {
         let value = self.flown.getattr(name).and_then(|value| value.str().map(|text| text.to_string()));
-        InputError::of_argument(name, "=", format_args!("{}: expected {expected}", value.unwrap_or_default()))
+        let value = value.unwrap_or_default();
+        InputError::of_argument("uav", &self.uav.to_string(), format_args!("{name} = {value}: expected {expected}"))
     }
 }
 

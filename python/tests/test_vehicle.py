@@ -118,7 +118,7 @@ def test_bits_reported_by_sensor_nodes_enter_the_ledger(place: Path) -> None:
 @pytest.mark.parametrize(
     ("returned", "expected"),
     [
-        ("(float('nan'), 0.0)", "flight-sim: slot 1: position = (nan, 0.0): expected"),
+        ("(float('nan'), 0.0)", "flight-sim: slot 1: uav 0: position = (nan, 0.0): expected"),
         ("(1.0, 2.0, 3.0, 4.0)", "expected (x, y) or (x, y, z), finite"),
         ("skysink.ring.Flown((1, 2), velocity_mps=(1, 2))", "velocity_mps = (1, 2): expected three finite numbers"),
         ("(1e39, 0.0)", "position = (1e+39, 0.0): expected (x, y) or (x, y, z), finite"),
@@ -213,7 +213,7 @@ def test_the_scenario_of_another_run_is_refused(place: Path) -> None:
     (place / "vehicle.py").write_text(other)
     command = f"{sys.executable} vehicle.py"
     said = run("run", SMOKE, "--no-viewer", "--vehicle", command, "--restart", "never", cwd=place, code=1).stderr
-    assert "expected the scenario of the run, whose sensor nodes are others" in said
+    assert "pass the scenario.toml of the run's folder" in said
 
 
 def test_a_vehicle_in_a_paced_ring_knows_its_deadline_and_holds_on_late_plans(place: Path) -> None:
