@@ -72,7 +72,7 @@ pub fn run_by<S: Service + 'static>(
     reached_m: f64,
 ) -> Result<(), NodeError> {
     fly::<S>(scenario, folder, stop, |nodes| Flying::Outside {
-        fleet: OutsideFleet::new(scenario, nodes, reached_m),
+        fleet: Box::new(OutsideFleet::new(scenario, nodes, reached_m)),
         vehicles,
     })
 }
@@ -84,7 +84,7 @@ enum Flying<'a> {
     /// The simulated UAVs, on a recorded flight.
     Recorded { fleet: Fleet, recorded: &'a RecordedFlight<'a>, next: Instant },
     /// Vehicles from outside, one for each UAV.
-    Outside { fleet: OutsideFleet, vehicles: &'a mut [Box<dyn OutsideVehicle>] },
+    Outside { fleet: Box<OutsideFleet>, vehicles: &'a mut [Box<dyn OutsideVehicle>] },
 }
 
 impl Flying<'_> {
