@@ -322,7 +322,7 @@ def ablation():
     settings = [parts.at(keys) for keys in columns]
     everything = [missions.at({"planner.horizon.without": "nothing"}) for missions in settings]
     rows = [["all parts", *(missions.loss("horizon") for missions in everything)]]
-    for part in ["rollouts", "offers", "annealing", "groups"]:
+    for part in ["annealing", "groups"]:
         cells = []
         for missions, whole in zip(settings, everything):
             without = missions.at({"planner.horizon.without": part}).values("loss_rate")

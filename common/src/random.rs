@@ -28,8 +28,6 @@ pub enum Purpose {
     SamplingRate = 8,
     /// Mean of the initial queue of a sensor node.
     InitialQueueMean = 9,
-    /// A sample of a rollout of the look-ahead: channel draws, queues and rates.
-    Rollout = 10,
     /// Fading of the link of a sensor node in a slot.
     Fading = 11,
     /// A wave of the line of sight that stays for the mission.

@@ -19,7 +19,6 @@ use skysink_mission::Mission;
 use skysink_planner::bound::{MissionBound, mission_bound};
 use skysink_planner::fleet::require_one;
 use skysink_planner::settings::{Knowledge, PlanningObjective, Rates, Settings, change};
-use skysink_planner::strategies::STRATEGIES;
 use skysink_planner::strategies::offline::{self, MAX_STEPS, Offline, OfflineKeys};
 use skysink_planner::strategy::{OwnedSetup, Registered, Setup, Strategy};
 
@@ -253,7 +252,7 @@ fn search(
     stop: &Stop,
     on_progress: OnProgress,
 ) -> Result<SearchResult, LabError> {
-    let mut setup = OwnedSetup::new(offline.clone(), &list.nodes(), STRATEGIES)?;
+    let mut setup = OwnedSetup::new(offline.clone(), &list.nodes())?;
     setup.stop = stop.clone();
     let mut stopped = Ok(());
     let sampling = list.sampling(offline);
@@ -282,7 +281,7 @@ fn mission(scenario: &Scenario, plan: Option<&[u8]>, list: &SensorList) -> Resul
     let Some(plan) = plan else {
         return Mission::new(scenario, list);
     };
-    let setup = OwnedSetup::new(scenario.clone(), &list.nodes(), STRATEGIES)?;
+    let setup = OwnedSetup::new(scenario.clone(), &list.nodes())?;
     let mut planned = Offline::new(&setup.setup())?;
     planned.restore(plan).expect("the plan of this mission");
     let mut planned = Some(planned);

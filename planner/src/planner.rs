@@ -22,7 +22,6 @@ use skysink_common::stop::Stop;
 use crate::mission_table::MissionTable;
 use crate::separation::Apart;
 use crate::settings;
-use crate::strategies::STRATEGIES;
 use crate::strategies::returning::decide;
 use crate::strategies::serving::Serving;
 use crate::strategy::{Decision, MakeStrategy, Neighbours, PlannedVisit, Registered, Setup, Strategy, Timing, View};
@@ -149,8 +148,7 @@ impl Planner {
         let settings = settings::check(scenario)?;
         let belief = Belief::new(scenario, &sensors, settings.estimated());
         let table = MissionTable::new(scenario, belief.known_sensors(sensors));
-        let strategies = STRATEGIES;
-        let setup = Setup { scenario, settings: &settings, table: &table, belief: &belief, strategies, stop };
+        let setup = Setup { scenario, settings: &settings, table: &table, belief: &belief, stop };
         Ok(Self {
             strategy: make(&setup)?,
             transit: Serving::new(&setup),

@@ -7,6 +7,7 @@ use nalgebra::Point3;
 use serde::{Serialize, Serializer};
 use skysink_common::battery::BatteryState;
 use skysink_common::belief::{Belief, Believed};
+use skysink_common::channel::ChannelModel;
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::error::InputError;
 use skysink_common::geometry::Position;
@@ -145,7 +146,7 @@ impl<F: FnMut(&View<'_>) -> Option<Decision>> Strategy for ByRule<F> {
 /// use skysink_planner::strategy::{OwnedSetup, Timing, View};
 /// let scenario = Scenario::letter(Default::default()).unwrap();
 /// let list = SensorList::of(&scenario).unwrap();
-/// let OwnedSetup { scenario, table, stop, .. } = &OwnedSetup::new(scenario, &list.nodes(), &[]).unwrap();
+/// let OwnedSetup { scenario, table, stop, .. } = &OwnedSetup::new(scenario, &list.nodes()).unwrap();
 /// let (position, battery, queues_bits) = (scenario.start(), BatteryState::default(), list.queues_bits());
 /// let belief = Believed::known(0, &table.sensors, &queues_bits);
 /// let view = View { slot: 1, position, battery, belief, table, timing: Timing::Free, others: None, stop };
@@ -182,6 +183,12 @@ pub enum Timing {
 }
 
 impl<'a> View<'a> {
+    /// Whether links, arrivals, queues and rates are known: then a forecast is what comes.
+    #[must_use]
+    pub fn is_certain(&self) -> bool {
+        !self.belief.belief.is_estimated() && !self.table.channel.is_random() && !self.table.arrivals.is_random()
+    }
+
     /// Horizontal position of the UAV.
     #[must_use]
     pub fn ground(&self) -> Position {
@@ -277,8 +284,6 @@ pub struct Setup<'a> {
     pub table: &'a MissionTable,
     /// The belief before any contact.
     pub belief: &'a Belief,
-    /// All strategies, for one that compares itself with the others.
-    pub strategies: &'static [&'static Registered],
     /// Ends long preparations; the strategy is then not flown.
     pub stop: &'a Stop,
 }
@@ -290,10 +295,9 @@ pub struct Setup<'a> {
 /// use skysink_planner::{strategies::STRATEGIES, strategy::OwnedSetup};
 /// let scenario = Scenario::letter(Default::default()).unwrap();
 /// let nodes = SensorList::of(&scenario).unwrap().nodes();
-/// let owned = OwnedSetup::new(scenario, &nodes, STRATEGIES).unwrap();
+/// let owned = OwnedSetup::new(scenario, &nodes).unwrap();
 /// let before_slot_1 = |make: &skysink_planner::strategy::Registered| (make.make)(&owned.setup());
 /// assert!(STRATEGIES.iter().all(|strategy| before_slot_1(strategy).path().is_empty()));
-/// assert_eq!(owned.setup().to_owned().scenario, owned.scenario);
 /// ```
 #[derive(Debug, Clone)]
 pub struct OwnedSetup {
@@ -303,46 +307,26 @@ pub struct OwnedSetup {
     pub settings: Settings,
     /// The SNs and the limits of the UAV.
     pub table: MissionTable,
-    /// All strategies.
-    pub strategies: &'static [&'static Registered],
     /// Ends long preparations.
     pub stop: Stop,
 }
 
 impl OwnedSetup {
-    /// The setup of a mission with these sensor nodes, by id, and these strategies to compare with.
+    /// The setup of a mission with these sensor nodes, by id.
     ///
     /// # Errors
     /// If a value of `[planner]` is refused; never for a scenario that was resolved.
-    pub fn new(
-        scenario: Scenario,
-        nodes: &[SensorNode],
-        strategies: &'static [&'static Registered],
-    ) -> Result<Self, InputError> {
+    pub fn new(scenario: Scenario, nodes: &[SensorNode]) -> Result<Self, InputError> {
         let settings = Settings::of(&scenario)?;
         let table = MissionTable::of(&scenario, nodes);
-        Ok(Self { scenario, settings, table, strategies, stop: Stop::default() })
+        Ok(Self { scenario, settings, table, stop: Stop::default() })
     }
 
     /// The input for the construction of a strategy.
     #[must_use]
     pub fn setup(&self) -> Setup<'_> {
-        let Self { scenario, settings, table, strategies, stop } = self;
-        Setup { scenario, settings, table, belief: &Belief::Known, strategies, stop }
-    }
-}
-
-impl Setup<'_> {
-    /// A copy for a mission with known queues.
-    #[must_use]
-    pub fn to_owned(&self) -> OwnedSetup {
-        OwnedSetup {
-            scenario: self.scenario.clone(),
-            settings: *self.settings,
-            table: self.table.clone(),
-            strategies: self.strategies,
-            stop: self.stop.clone(),
-        }
+        let Self { scenario, settings, table, stop } = self;
+        Setup { scenario, settings, table, belief: &Belief::Known, stop }
     }
 }
 
@@ -440,9 +424,9 @@ pub(crate) mod tests {
     use skysink_common::scenario::Overrides;
     use std::sync::LazyLock;
 
-    /// What a strategy is made of before it flies over these SNs, with no other strategies.
+    /// What a strategy is made of before it flies over these SNs.
     pub(crate) fn over(scenario: Scenario, sensors: Vec<SensorNode>) -> OwnedSetup {
-        OwnedSetup::new(scenario, &sensors, &[]).unwrap()
+        OwnedSetup::new(scenario, &sensors).unwrap()
     }
 
     /// SNs by position [m], rate [bit/s] and buffer [bit] in the letter's scenario.

@@ -96,7 +96,7 @@ impl FieldData {
     pub fn serving(&self) -> Serving {
         let Self { table, scenario, settings, .. } = self;
         let stop = &Stop::default();
-        Serving::new(&Setup { scenario, settings, table, belief: &Belief::Known, strategies: &[], stop })
+        Serving::new(&Setup { scenario, settings, table, belief: &Belief::Known, stop })
     }
 
     /// Refuses queues of another field.

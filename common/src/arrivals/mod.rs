@@ -5,7 +5,6 @@
 //! [`Arrivals`], what is drawn; a planner knows the [`ArrivalLaw`] alone.
 
 mod constant;
-mod imagined;
 mod law;
 mod on_off;
 mod poisson;
@@ -19,7 +18,6 @@ use serde::{Deserialize, Serialize};
 use strum::VariantNames;
 
 pub use constant::*;
-pub use imagined::Imagined;
 pub use law::ArrivalLaw;
 pub use on_off::OnOff;
 pub use poisson::Poisson;
@@ -39,8 +37,6 @@ pub enum Arrivals {
     OnOff(OnOff),
     /// Those of a file.
     Trace(ArrivalTrace),
-    /// Those of an imagined mission.
-    Imagined(Imagined),
 }
 
 /// The properties of realised arrivals.

@@ -1,6 +1,6 @@
 //! The draws of the arrival models against their laws.
 
-use statrs::distribution::{ContinuousCDF, DiscreteCDF, Normal, Poisson as PoissonLaw};
+use statrs::distribution::{DiscreteCDF, Poisson as PoissonLaw};
 
 use super::*;
 
@@ -51,23 +51,6 @@ fn packet_counts_are_poisson_in_every_slot() {
         assert!((variance / law.variance_bits2(mean_bits, 1.0) - 1.0).abs() < 0.02, "{variance}");
     }
     assert_eq!(Poisson::new(1.0, Streams::new(3)).bits(1, 0, 0.0), 0, "an SN that does not sample");
-}
-
-#[test]
-fn look_ahead_packets_have_the_same_mean_and_variance() {
-    let law = ArrivalLaw::Packets { packet_bits: 5.0 };
-    let imagined = Imagined::new(law, Streams::new(3), 1_000, 1..1_001).unwrap();
-    let mut draws = vec![0; DRAWS];
-    for (slot, bits) in (1..).zip(draws.chunks_mut(1_000)) {
-        imagined.fill(slot, 0..1_000, &PerSensor::Equal(400.0), bits);
-    }
-    let [mean, variance] = moments(draws.iter().map(|&bits| bits as f64));
-    assert!((mean - 400.0).abs() < 0.2, "{mean}");
-    assert!((variance / 2_000.0 - 1.0).abs() < 0.02, "{variance}");
-    // Rounded to packets: the distance from the normal law of 80 packets with a deviation of 8.94, shifted by a half.
-    let normal = Normal::new(80.5, 80f64.sqrt()).unwrap();
-    let distance = distance(draws.into_iter(), 5, |packets| normal.cdf(packets as f64 + 1.0));
-    assert!(distance < critical(), "{distance}");
 }
 
 /// On-off chains with mean times of 5 and 15 slots: 1 000 SNs over 1 000 slots.

@@ -17,6 +17,9 @@ const LONGEST_MOVED: usize = 40;
 /// Slots ahead from which on changes have the full temperature.
 const FAR_SLOTS: f64 = 60.0;
 
+/// Temperature of a change in the next slot, as a fraction of that of one far ahead.
+const NEAR_FRACTION: f64 = 0.02;
+
 /// Steps between two checks whether a search is over.
 const CHECK_STEPS: u32 = 8;
 
@@ -24,16 +27,27 @@ const CHECK_STEPS: u32 = 8;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Temperature {
     /// Loss [bit] that is accepted with probability 1/e, for a change at least 60 slots ahead.
-    pub far_bits: f64,
-    /// The first slot that may change, from which slots ahead are counted.
-    pub now: i32,
+    far_bits: f64,
     /// The temperature of a change in the next slot, as a fraction of `far_bits`.
-    pub near_fraction: f64,
+    near_fraction: f64,
 }
 
 impl Temperature {
+    /// The same temperature [bit] for all changes.
+    #[must_use]
+    pub fn everywhere(bits: f64) -> Self {
+        Self { far_bits: bits, near_fraction: 1.0 }
+    }
+
+    /// Lower for changes in the next slots: those at least 60 slots ahead have `far_bits` [bit].
+    #[must_use]
+    pub fn far_ahead(far_bits: f64) -> Self {
+        Self { far_bits, near_fraction: NEAR_FRACTION }
+    }
+
+    /// Of a change in `slot` of the window.
     fn at(&self, slot: i32) -> f64 {
-        self.far_bits * (f64::from(slot - self.now) / FAR_SLOTS).clamp(self.near_fraction, 1.0)
+        self.far_bits * (f64::from(slot) / FAR_SLOTS).clamp(self.near_fraction, 1.0)
     }
 }
 
@@ -54,11 +68,8 @@ pub fn anneal(
     let mut inserted = Vec::new();
     for _ in steps_until(steps, is_over) {
         let legs = &forecast.trace.legs;
-        let first = if temperature.now > 0 { legs.partition_point(|leg| leg.end <= temperature.now) } else { 0 };
         inserted.clear();
-        let Some(replaced) = Proposal { model, legs, random, inserted: &mut inserted }.draw(first) else {
-            continue;
-        };
+        let replaced = Proposal { model, legs, random, inserted: &mut inserted }.draw();
         let slot = legs.get(replaced.start).map_or(forecast.window.slots, |leg| leg.end);
         let limit_bits = forecast.loss_bits - temperature.at(slot) * fraction(random).ln();
         let loss_bits = forecast.attempt(model, replaced.start, replaced.end, &inserted);
@@ -90,14 +101,11 @@ impl Proposal<'_> {
         if near.is_empty() || below(self.random, 16) == 0 { self.any() } else { near[below(self.random, near.len())] }
     }
 
-    /// The nearest leg, before or after leg `leg`, to a stop near that of `leg`.
-    fn near(&mut self, leg: usize) -> Option<usize> {
-        let stop = self.other(leg);
-        if self.random.next_u32() & 1 == 0 {
-            self.legs[leg + 1..].iter().position(|other| other.stop == stop).map(|away| leg + 1 + away)
-        } else {
-            self.legs[..leg].iter().rposition(|other| other.stop == stop)
-        }
+    /// The nearest leg with this stop, in one direction from leg `leg`, or in the other if there is none.
+    fn nearest(&mut self, leg: usize, stop: u32) -> Option<usize> {
+        let after = || self.legs[leg + 1..].iter().position(|other| other.stop == stop).map(|away| leg + 1 + away);
+        let before = || self.legs[..leg].iter().rposition(|other| other.stop == stop);
+        if self.random.next_u32() & 1 == 0 { after().or_else(before) } else { before().or_else(after) }
     }
 
     fn keep(&mut self, legs: Range<usize>) {
@@ -108,39 +116,54 @@ impl Proposal<'_> {
         self.inserted.extend(legs.rev().map(|leg| (self.legs[leg].stop, FRESH)));
     }
 
-    /// Draws a change of leg `first` or later ones: fills `inserted` and returns the legs that it replaces.
-    fn draw(&mut self, first: usize) -> Option<Range<usize>> {
+    /// Draws a change: fills `inserted` and returns the legs that it replaces.
+    fn draw(&mut self) -> Range<usize> {
         if self.legs.is_empty() {
             let stop = self.any();
             self.inserted.push((stop, FRESH));
-            return Some(0..0);
+            return 0..0;
         }
-        let first = first.min(self.legs.len() - 1);
-        let leg = first + below(self.random, self.legs.len() - first);
+        let leg = below(self.random, self.legs.len());
         match below(self.random, 100) {
             0..20 => {
                 let stop = self.other(leg);
-                self.inserted.push((stop, FRESH));
-                let at = leg + below(self.random, 2);
-                Some(at..at)
+                self.insert(leg, stop)
             }
-            20..35 => Some(leg..leg + 1),
+            20..35 => leg..leg + 1,
             35..50 => {
                 let stop = self.other(leg);
-                self.inserted.push((stop, FRESH));
-                Some(leg..leg + 1)
+                self.replace(leg, stop)
             }
             50..85 => self.move_from(leg),
             _ => self.swap(leg),
         }
     }
 
-    /// Moves a few stops, from leg `leg` on, to after another one.
-    fn move_from(&mut self, leg: usize) -> Option<Range<usize>> {
+    /// Inserts `stop` before or after leg `leg`.
+    fn insert(&mut self, leg: usize, stop: u32) -> Range<usize> {
+        self.inserted.push((stop, FRESH));
+        let at = leg + below(self.random, 2);
+        at..at
+    }
+
+    /// Stops at `stop` instead.
+    fn replace(&mut self, leg: usize, stop: u32) -> Range<usize> {
+        self.inserted.push((stop, FRESH));
+        leg..leg + 1
+    }
+
+    /// Moves a few stops, from leg `leg` on, to after the nearest one at a stop near the first of them; inserts that
+    /// stop where the plan has none.
+    fn move_from(&mut self, leg: usize) -> Range<usize> {
         let longest = LONGEST_MOVED.min(self.legs.len() - leg);
         let longest = if below(self.random, 2) == 0 { longest.min(3) } else { longest };
         let end = leg + 1 + below(self.random, longest);
-        let target = self.near(leg)? + 1;
+        let stop = self.other(leg);
+        let Some(target) =
+            self.nearest(leg, stop).map(|near| near + 1).filter(|target| !(leg + 1..=end).contains(target))
+        else {
+            return self.insert(leg, stop);
+        };
         let is_reversed = below(self.random, 2) == 0;
         let carry = |proposal: &mut Self| {
             if is_reversed { proposal.reverse(leg..end) } else { proposal.keep(leg..end) }
@@ -148,25 +171,24 @@ impl Proposal<'_> {
         if target > end {
             self.keep(end..target);
             carry(self);
-            Some(leg..target)
-        } else if target <= leg {
+            leg..target
+        } else {
             carry(self);
             self.keep(target..leg);
-            Some(target..end)
-        } else {
-            None
+            target..end
         }
     }
 
-    /// Exchanges two stops.
-    fn swap(&mut self, leg: usize) -> Option<Range<usize>> {
-        let other = self.near(leg)?;
+    /// Exchanges a stop and the nearest one at a stop near it; replaces it by that where the plan has none.
+    fn swap(&mut self, leg: usize) -> Range<usize> {
+        let stop = self.other(leg);
+        let Some(other) = self.nearest(leg, stop) else { return self.replace(leg, stop) };
         let first = leg.min(other);
         let second = leg.max(other);
         self.keep(second..second + 1);
         self.keep(first + 1..second);
         self.keep(first..first + 1);
-        Some(first..second + 1)
+        first..second + 1
     }
 }
 
@@ -183,8 +205,8 @@ mod tests {
 
     #[test]
     fn the_temperature_of_a_change_grows_with_the_slots_ahead() {
-        let temperature = Temperature { far_bits: 100.0, now: 2, near_fraction: 0.02 };
-        assert_eq!([2, 3, 32, 62, 500].map(|slot| temperature.at(slot)), [2.0, 2.0, 50.0, 100.0, 100.0]);
+        let temperature = Temperature::far_ahead(100.0);
+        assert_eq!([0, 1, 30, 60, 500].map(|slot| temperature.at(slot)), [2.0, 2.0, 50.0, 100.0, 100.0]);
     }
 
     #[test]
@@ -194,8 +216,7 @@ mod tests {
         let window = PlanningWindow::new(&model, Position::new(200.0, 200.0), &[0; 2], 20, 0);
         let mut forecast = Forecast::new(&model, window);
         forecast.load(&model, [0]);
-        let temperature = Temperature { far_bits: 0.0, now: 0, near_fraction: 0.5 };
-        anneal(&model, &mut forecast, temperature, 50, || false, &mut ChaCha8Rng::seed_from_u64(1));
+        anneal(&model, &mut forecast, Temperature::everywhere(0.0), 50, || false, &mut ChaCha8Rng::seed_from_u64(1));
         assert_ne!(forecast.stops(), [0]);
         assert_eq!(forecast.loss_bits, 0.0);
     }

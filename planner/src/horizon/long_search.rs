@@ -6,20 +6,24 @@ use skysink_common::random::Purpose;
 
 use super::anneal::{Temperature, anneal};
 use super::forecast::Forecast;
-use super::{COOLING, Horizon, LAST_CEILING, LEAST_TEMPERATURE, MOST_RISE, NEAR_FRACTION, REHEATING, start};
+use super::{COOLING, Horizon, LookAheadPart, MOST_RISE, REHEATING, start};
 use crate::strategy::View;
 
 /// Parts of the search, each with its temperature.
 const ROUNDS: u64 = 400;
 
-/// Those of them that sweep over the mission; the rest polish the whole plan.
-const SWEEPING: u64 = 360;
+/// Those in which the temperature falls; the rest polish the best plan.
+const FALLING: u64 = 360;
+
+/// Temperatures between which it falls, as fractions of the mean loss per stop beyond the bound; the last is that of the
+/// polish.
+const TEMPERATURES: [f64; 2] = [0.2, 0.01];
+
+/// Temperature of the first search in a slot after this one.
+const LATER_TEMPERATURE: f64 = 0.02;
 
 /// Most steps between two calls of `watch`: some milliseconds.
-const WATCHED: u64 = 1 << 14;
-
-/// Temperature of the polish, as a fraction of the mean loss per stop beyond the bound.
-const POLISH: f64 = 0.01;
+const WATCHED: u64 = 1 << 10;
 
 /// Progress of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,7 +47,7 @@ pub struct SearchOutcome {
 
 impl Horizon {
     /// Improves the plan of `forecast` by up to `steps` search steps, and carries it. `watch` is called with the
-    /// progress; if it ends the search, the result is `None`, and no plan is carried.
+    /// progress; if it ends the search, the result is `None`, and `forecast` is the best plan until then.
     pub(crate) fn prepare(
         &mut self,
         view: &View,
@@ -51,63 +55,64 @@ impl Horizon {
         steps: u64,
         watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
     ) -> Option<SearchOutcome> {
-        let (steps, is_optimal) = self.cool(forecast, view.slot, steps, watch).continue_value()?;
+        let mut best = (forecast.loss_bits, forecast.stops());
+        let ended = self.cool(forecast, &mut best, view.slot, steps, watch);
+        forecast.load(&self.model, best.1);
+        start::extend(&self.model, forecast); // as a planner does when it resumes the plan
+        let (steps, is_optimal) = ended.continue_value()?;
         self.carried = forecast.stops();
-        self.temperature = LEAST_TEMPERATURE;
+        self.temperature = LATER_TEMPERATURE;
         Some(SearchOutcome { loss_bits: forecast.loss_bits, steps, is_optimal })
     }
 
-    /// Anneals `forecast` by up to `steps` search steps. While the temperature falls, the first slot that may change
-    /// moves from the beginning of the mission to its end; then the whole plan is polished. Keeps the best plan found
-    /// between rounds. Returns the steps done, and whether the bound ended the search.
+    /// Anneals `forecast` by up to `steps` search steps, by a temperature that falls; then polishes the best plan found
+    /// between rounds, which it keeps in `best` with its loss [bit]. Returns the steps done, and whether the bound ended
+    /// the search.
     fn cool(
         &self,
         forecast: &mut Forecast,
+        best: &mut (f64, Vec<u32>),
         slot: u64,
         steps: u64,
         watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
     ) -> ControlFlow<(), (u64, bool)> {
         let model = &self.model;
         let bound_bits = forecast.window.least_loss_bits(model);
-        let slots = forecast.window.slots as u64;
-        let mut best_bits = forecast.loss_bits;
-        let mut best = forecast.stops();
         let mut random = self.streams.stream(Purpose::Horizon, slot.saturating_sub(1), 0);
-        let mut adapted: f64 = 1.0;
+        let [first, last] = TEMPERATURES;
+        let mut adapted = first;
         let mut done = 0;
         for round in 0..ROUNDS {
-            watch(SearchProgress { steps: done, loss_bits: best_bits })?;
-            if best_bits <= bound_bits {
+            watch(SearchProgress { steps: done, loss_bits: best.0 })?;
+            if best.0 <= bound_bits {
                 break;
+            }
+            if round == FALLING {
+                forecast.load(model, best.1.iter().copied());
             }
             let begun_bits = forecast.loss_bits;
             let begun = forecast.stops();
-            let avoidable_bits = (forecast.loss_bits - forecast.beyond_bits - bound_bits).max(0.0);
-            let stop_bits = avoidable_bits / best.len().max(1) as f64;
-            let temperature = if round < SWEEPING {
-                let far_bits = stop_bits * adapted.min(LAST_CEILING.powf(round as f64 / SWEEPING as f64));
-                let now = i32::try_from(slots * round / SWEEPING).expect("as many slots as a window has");
-                Temperature { far_bits, now, near_fraction: NEAR_FRACTION }
-            } else {
-                Temperature { far_bits: stop_bits * POLISH, now: 0, near_fraction: 1.0 }
+            let avoidable_bits = (begun_bits - forecast.beyond_bits - bound_bits).max(0.0);
+            let falling = first * (last / first).powf(round as f64 / FALLING as f64);
+            let temperature = match self.keys.without {
+                Some(LookAheadPart::Annealing) => 0.0,
+                _ if round < FALLING => falling.min(adapted),
+                _ => last,
             };
-            if round == SWEEPING {
-                forecast.load(model, best.iter().copied());
-            }
+            let far_bits = avoidable_bits / begun.len().max(1) as f64 * temperature;
             let end = steps_before(steps, round + 1);
             while done < end {
                 let next = WATCHED.min(end - done);
-                anneal(model, forecast, temperature, next as u32, || false, &mut random);
+                anneal(model, forecast, Temperature::everywhere(far_bits), next as u32, || false, &mut random);
                 done += next;
-                watch(SearchProgress { steps: done, loss_bits: best_bits })?;
+                watch(SearchProgress { steps: done, loss_bits: best.0 })?;
             }
-            if forecast.loss_bits < best_bits {
+            if forecast.loss_bits < best.0 {
                 // A reload may schedule other sensors, which changes the loss.
                 let found = forecast.stops();
                 forecast.load(model, found.iter().copied());
-                if forecast.loss_bits < best_bits {
-                    best_bits = forecast.loss_bits;
-                    best = found;
+                if forecast.loss_bits < best.0 {
+                    *best = (forecast.loss_bits, found);
                 }
             }
             let rise_bits = forecast.loss_bits - begun_bits;
@@ -116,9 +121,7 @@ impl Horizon {
                 forecast.load(model, begun);
             }
         }
-        forecast.load(model, best);
-        start::extend(model, forecast); // as a planner does when it resumes the plan
-        ControlFlow::Continue((done, best_bits <= bound_bits))
+        ControlFlow::Continue((done, best.0 <= bound_bits))
     }
 }
 

@@ -1,7 +1,7 @@
 //! `horizon`: the plan of least predicted loss over many slots, improved in every slot and flown a slot at a time.
 //!
-//! A plan is a sequence of stops. Decisions for slots, and the choice of another strategy, are left to the strategy
-//! `horizon`, lower bounds on the loss to [`crate::bound`].
+//! A plan is a sequence of stops. Decisions for slots are left to the strategy `horizon`, lower bounds on the loss to
+//! [`crate::bound`].
 //!
 //! | module | contents |
 //! |---|---|
@@ -9,9 +9,9 @@
 //! | [`groups`] | the stops of a plan |
 //! | [`flight`], [`choice`] | the flight to a stop, and the sensor nodes served on the way |
 //! | [`forecast`], [`states`] | the predicted loss of a plan, or of a change |
-//! | [`start`], [`offered`] | initial plans |
+//! | [`start`] | initial plans |
 //! | [`anneal`] | the search |
-//! | [`long_search`] | the search before the mission, of `offline` |
+//! | [`long_search`] | the search before the mission |
 
 pub mod anneal;
 pub mod choice;
@@ -20,12 +20,12 @@ pub mod forecast;
 pub mod groups;
 pub mod long_search;
 pub mod model;
-pub mod offered;
 pub mod start;
 pub mod states;
 #[cfg(test)]
 mod tests;
 
+use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -44,12 +44,20 @@ use crate::strategy::{PlannedVisit, Setup, Timing, View};
 use anneal::Temperature;
 use flight::{BaseVisit, Trace, Visit};
 use forecast::{Forecast, PlanningWindow};
-use groups::ServiceDisk;
 use model::{OtherVisits, PlanningModel, noise_slots2};
 
 /// Lower limit on the estimated bits per slot of an SN: one that does not sample cannot be distinguished from one that
 /// rarely does.
 const LEAST_MEAN_BITS: f64 = 1e-3;
+
+/// Temperature of the first search.
+const FIRST_TEMPERATURE: f64 = 0.05;
+
+/// Slots of which a long search before the first of them makes [`ADVANCED`] of the steps, where all is known; each of
+/// them has [`LEFT`] of its steps then.
+const ADVANCE_SLOTS: u64 = 500;
+const ADVANCED: f64 = 0.75;
+const LEFT: f64 = 0.25;
 
 /// Ceiling of the temperature at the mission's end; 1 at its beginning.
 const LAST_CEILING: f64 = 0.1;
@@ -68,9 +76,6 @@ const COOLING: f64 = 0.95;
 
 /// Factor of the temperature after a search that reduced the loss.
 const REHEATING: f64 = 1.05;
-
-/// Temperature of a change in the next slot, as a fraction of that of one far ahead.
-const NEAR_FRACTION: f64 = 0.02;
 
 /// Longest planning window [slots] unless the scenario has another: four times the mission of the UTS letter.
 const MOST_SLOTS: u64 = 2_400;
@@ -119,13 +124,9 @@ impl HorizonKeys {
 pub enum LookAheadPart {
     /// All parts are there, as if the key were absent.
     Nothing,
-    /// Rollouts of the other strategies.
-    Rollouts,
-    /// Their flights as initial plans; they can still be followed.
-    Offers,
     /// Changes that lose more for a while: only improvements are accepted.
     Annealing,
-    /// Groups of sensor nodes as stops, except those that offered flights serve together.
+    /// Groups of sensor nodes as stops.
     Groups,
 }
 
@@ -139,28 +140,23 @@ pub struct Horizon {
     slots: u64,
     pub(crate) keys: HorizonKeys,
     /// The remaining stops, as disks of the model.
-    pub(crate) carried: Vec<u32>,
+    carried: Vec<u32>,
     /// Temperature of the next search, 0 to 1: the loss accepted with probability 1/e, as a fraction of the mean loss
     /// per stop beyond the bound.
     temperature: f64,
+    /// Whether it has searched.
+    has_begun: bool,
+    /// The slot before which searches were made in part; 0 if they were not.
+    advanced: u64,
 }
 
 /// The checkpoint of a look-ahead.
 #[derive(Serialize, Deserialize)]
 struct Saved {
     temperature: f64,
-    /// Added disks: centre [m] and members.
-    added: Vec<([f64; 2], Vec<u32>)>,
     carried: Vec<u32>,
-}
-
-/// A search in a slot.
-#[derive(Debug, Clone, Copy)]
-struct Search {
-    slot: u64,
-    /// Index of the search within the slot.
-    round: u32,
-    steps: u32,
+    has_begun: bool,
+    advanced: u64,
 }
 
 /// A slot of a plan.
@@ -200,7 +196,9 @@ impl Horizon {
             slots: scenario.slots,
             keys,
             carried: Vec::new(),
-            temperature: 1.0,
+            temperature: FIRST_TEMPERATURE,
+            has_begun: false,
+            advanced: 0,
         }
     }
 
@@ -245,7 +243,6 @@ impl Horizon {
         }
         let mut forecast = Forecast::new(&self.model, self.window(view));
         if self.carried.is_empty() {
-            self.model.replace_added(Vec::new());
             start::begin(&self.model, &mut forecast);
         } else {
             forecast.load(&self.model, self.carried.iter().copied());
@@ -271,12 +268,28 @@ impl Horizon {
         forecast.loss_bits <= forecast.window.least_loss_bits(&self.model)
     }
 
+    /// Whether a plan is carried from the slot before.
+    #[must_use]
+    pub fn has_plan(&self) -> bool {
+        !self.carried.is_empty()
+    }
+
     /// Improves the plan of `forecast`, and carries the part after the slot of `view`.
     ///
     /// Without a budget the number of steps is fixed. The search draws from the random stream of the slot, so the
-    /// result depends only on the view and the carried plan.
+    /// result depends only on the view and the carried plan. Where all is known, the first search makes most of the
+    /// steps of the slots after it, which have fewer then.
     pub fn search(&mut self, view: &View, forecast: &mut Forecast, is_over: impl Fn() -> bool) {
-        self.improve(Search { slot: view.slot, round: 0, steps: self.keys.iterations }, forecast, is_over);
+        let steps = self.keys.iterations;
+        if !std::mem::replace(&mut self.has_begun, true) && view.is_certain() {
+            let slots = ADVANCE_SLOTS.min(forecast.window.slots as u64);
+            let watch = &mut |_| if is_over() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+            if self.prepare(view, forecast, (f64::from(steps) * ADVANCED) as u64 * slots, watch).is_some() {
+                self.advanced = view.slot + slots;
+            }
+        }
+        let steps = if view.slot < self.advanced { (f64::from(steps) * LEFT) as u32 } else { steps };
+        self.improve(view.slot, steps, forecast, is_over);
         self.carried.clear();
         self.carried.extend(forecast.trace.legs.iter().filter(|leg| leg.end > 1).map(|leg| leg.stop));
     }
@@ -294,8 +307,7 @@ impl Horizon {
     /// The temperature is proportional to the loss per stop beyond the bound, and falls with the fraction of free
     /// resource blocks, because a cycle of full groups can only get worse. It is lowered after a search that increased
     /// the loss, and raised after one that reduced it, up to a ceiling that falls over the mission.
-    fn improve(&mut self, search: Search, forecast: &mut Forecast, is_over: impl Fn() -> bool) {
-        let Search { slot, round, steps } = search;
+    fn improve(&mut self, slot: u64, steps: u32, forecast: &mut Forecast, is_over: impl Fn() -> bool) {
         if steps == 0 {
             return;
         }
@@ -317,9 +329,8 @@ impl Horizon {
         let temperature =
             if self.keys.without == Some(LookAheadPart::Annealing) { 0.0 } else { self.temperature.min(ceiling) };
         let far_bits = avoidable_bits / begun.len().max(1) as f64 * temperature;
-        let temperature = Temperature { far_bits, now: 0, near_fraction: NEAR_FRACTION };
-        let mut random = self.streams.stream(Purpose::Horizon, slot, round);
-        anneal::anneal(model, forecast, temperature, steps, is_over, &mut random);
+        let mut random = self.streams.stream(Purpose::Horizon, slot, 0);
+        anneal::anneal(model, forecast, Temperature::far_ahead(far_bits), steps, is_over, &mut random);
         // The schedules depend on the queues, and the search copies legs without recomputing them. Reload the plan, so
         // that the next slot resumes from exactly this plan.
         forecast.load(model, forecast.stops());
@@ -337,24 +348,18 @@ impl Horizon {
 
 impl Checkpoint for Horizon {
     fn save(&self, bytes: &mut Vec<u8>) {
-        let added = self.model.added().iter().map(|added| (added.disk.centre.into(), added.members.clone())).collect();
-        encode(&Saved { temperature: self.temperature, added, carried: self.carried.clone() }, bytes);
+        let Self { temperature, has_begun, advanced, .. } = *self;
+        encode(&Saved { temperature, carried: self.carried.clone(), has_begun, advanced }, bytes);
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        let Saved { temperature, added, carried } = decode(bytes)?;
+        let Saved { temperature, carried, has_begun, advanced } = decode(bytes)?;
         CheckpointError::ensure((0.0..=1.0).contains(&temperature), "a temperature from 0 to 1")?;
-        let disk = |(centre, members): ([f64; 2], Vec<u32>)| {
-            let disk = ServiceDisk::at(&self.model.table, centre.into(), members);
-            disk.filter(|_| centre.iter().all(|coordinate| coordinate.is_finite()))
-        };
-        let saved_disks = added.len();
-        let added: Vec<ServiceDisk> = added.into_iter().map_while(disk).collect();
-        CheckpointError::ensure(added.len() == saved_disks, "service disks in range of their members")?;
-        let disks = self.model.disks.len() - self.model.added().len() + added.len();
+        let disks = self.model.disks.len();
         CheckpointError::ensure(carried.iter().all(|&stop| (stop as usize) < disks), "stops of this field")?;
-        self.model.replace_added(added);
         self.carried = carried;
+        self.has_begun = has_begun;
+        self.advanced = advanced;
         self.temperature = temperature;
         Ok(())
     }

@@ -184,10 +184,8 @@ pub struct PlanningModel {
     /// best altitude for nearby sensors, over an uplink of the highest gain. One altitude is used, because all sensors
     /// of a slot are served from one, and climbs are slow.
     capacities_bits: Option<Box<[[f64; TABLE + 1]; 2]>>,
-    /// All disks: first those of single sensors, then groups, then added ones.
+    /// All disks: first those of single sensors, then groups.
     pub disks: Vec<ServiceDisk>,
-    /// Number of disks that were not added.
-    permanent: usize,
     /// Short closed tours: over the single sensors, and over groups of most of them.
     pub tours: Vec<Vec<u32>>,
     /// Approximate slots of the shortest tour.
@@ -224,7 +222,6 @@ impl PlanningModel {
             others: OtherVisits::default(),
             ids,
             disks: Vec::new(),
-            permanent: 0,
             round_slots: 1.0,
             stops: Vec::new(),
             neighbours: Vec::new(),
@@ -235,7 +232,6 @@ impl PlanningModel {
         }
         let tours_slots = model.tours.iter().map(|tour| model.slots_of(tour));
         model.round_slots = tours_slots.fold(f64::INFINITY, f64::min).max(1.0);
-        model.permanent = model.disks.len();
         model.find_stops();
         model
     }
@@ -360,21 +356,6 @@ impl PlanningModel {
     #[must_use]
     pub fn disk(&self, stop: u32) -> &Disk {
         &self.disks[stop as usize].disk
-    }
-
-    /// The added disks.
-    #[must_use]
-    pub fn added(&self) -> &[ServiceDisk] {
-        &self.disks[self.permanent..]
-    }
-
-    /// Replaces the added disks by `disks`. Plans must not stop at the replaced ones.
-    pub fn replace_added(&mut self, disks: Vec<ServiceDisk>) {
-        if self.added() != disks {
-            self.disks.truncate(self.permanent);
-            self.disks.extend(disks);
-            self.find_stops();
-        }
     }
 
     /// Determines the stops, and the nearest stops of each disk.

@@ -13,7 +13,6 @@ use skysink_common::scenario::{Overrides, Scenario};
 use super::anneal::{Temperature, anneal};
 use super::flight::{Visit, serve};
 use super::forecast::{FRESH, Forecast, PlanningWindow};
-use super::groups::ServiceDisk;
 use super::model::{OtherVisits, PlanningModel, SensorModel};
 use super::start;
 use super::{Horizon, HorizonKeys};
@@ -147,8 +146,7 @@ fn annealing_finds_the_optimum_of_small_instances() {
         let mut random = Streams::new(seed).stream(Purpose::Horizon, 1, 0);
         let mut lowest_bits = forecast.loss_bits;
         for far_bits in [3_000.0, 1_000.0, 300.0, 0.0] {
-            let temperature = Temperature { far_bits, now: 0, near_fraction: 0.5 };
-            anneal(&model, &mut forecast, temperature, 2_000, || false, &mut random);
+            anneal(&model, &mut forecast, Temperature::everywhere(far_bits), 2_000, || false, &mut random);
             lowest_bits = lowest_bits.min(forecast.loss_bits);
         }
         // Plans of more than six stops may lose even less.
@@ -281,16 +279,6 @@ fn the_flight_in_overload_matches_the_prediction_in_every_slot() {
     let mut next = Forecast::new(&model, PlanningWindow { start, empty, ..window_of(&model, 79) });
     next.load(&model, first.legs[legs..].iter().map(|leg| leg.stop));
     assert!((lost_bits + next.loss_bits - predicted_bits).abs() < 1e-6, "{predicted_bits} against {}", next.loss_bits);
-}
-
-#[test]
-fn only_sensors_in_range_of_a_stop_are_served() {
-    let model = model_of(&[([200.0, 200.0], 9.0), ([212.0, 200.0], 9.0), ([230.0, 200.0], 9.0)], 2, 5e6);
-    let middle = Position::new(206.0, 200.0);
-    assert_eq!(ServiceDisk::at(&model.table, middle, vec![0, 1]).map(|stop| stop.disk.radius_m), Some(4.0));
-    for members in [vec![], vec![1, 0], vec![0, 0], vec![0, 2], vec![0, 3], vec![0, 1, 2]] {
-        assert_eq!(ServiceDisk::at(&model.table, middle, members.clone()), None, "{members:?}");
-    }
 }
 
 #[test]

@@ -20,8 +20,6 @@ mod planned_flight;
 pub(crate) mod queue_weight;
 pub mod returning;
 pub mod rfs;
-mod rivals;
-mod rollout;
 pub mod round_robin;
 pub mod serving;
 pub mod tour;
@@ -144,7 +142,7 @@ pub(crate) mod tests {
         let sensor = |&[x_m, y_m]: &[f64; 2]| SensorNode { x_m, y_m, gain: 10f64.powf(-5.2), ..SensorNode::default() };
         let scenario = Scenario::letter(Overrides::default()).unwrap();
         let nodes: Vec<SensorNode> = positions_m.iter().map(sensor).collect();
-        OwnedSetup::new(scenario, &nodes, STRATEGIES).unwrap()
+        OwnedSetup::new(scenario, &nodes).unwrap()
     }
 
     /// The strategy of that name in [`setup_of`].

@@ -81,7 +81,7 @@ impl Offline {
     /// strategy and what was found. Without this call the first slot runs it.
     ///
     /// `watch` is called with the progress. `None`, without a plan, if no sensor node can lose data or `watch` ends the
-    /// search. `stop` ends the rollouts before and after the search.
+    /// search.
     ///
     /// # Errors
     /// As [`Self::new`].

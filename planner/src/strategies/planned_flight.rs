@@ -1,4 +1,4 @@
-//! Flies a plan of the look-ahead slot by slot, without changes.
+//! The first slot of a plan of the look-ahead.
 
 use skysink_common::channel::ChannelModel;
 use skysink_common::geometry::Position;
@@ -10,25 +10,22 @@ use super::serving::Serving;
 use crate::horizon::forecast::Forecast;
 use crate::horizon::model::PlanningModel;
 use crate::horizon::{PlannedSlot, planned_slot};
-use crate::strategy::{ByRule, Decision, Strategy, View};
+use crate::strategy::{Decision, View};
 
-/// Flies the plan of `forecast` from the slot `first` on. No decision after the last stop.
-pub(crate) fn planned_flight<'a>(
-    model: &'a PlanningModel,
-    forecast: &'a Forecast,
-    first: u64,
-    serving: &'a mut Serving,
-) -> impl Strategy + 'a {
-    ByRule(move |view: &View<'_>| {
-        let slot = i32::try_from(view.slot - first + 1).ok()?;
-        let next = planned_slot(model, forecast, slot, &view.ground())?;
-        if next.is_charging {
-            return Some(stay(view));
-        }
-        let (waypoint, outcome) = between_stops(serving, view, &next);
-        let key = |id: u32| (!next.ids.contains(&id), fullest_first(view.value(id), id));
-        Some(Decision { outcome, ..serving.serve_by(view, &waypoint, key) })
-    })
+/// The first slot of the plan of `forecast`, that of `view`. No decision after the last stop.
+pub(crate) fn fly_slot(
+    model: &PlanningModel,
+    forecast: &Forecast,
+    serving: &mut Serving,
+    view: &View,
+) -> Option<Decision> {
+    let next = planned_slot(model, forecast, 1, &view.ground())?;
+    if next.is_charging {
+        return Some(stay(view));
+    }
+    let (waypoint, outcome) = between_stops(serving, view, &next);
+    let key = |id: u32| (!next.ids.contains(&id), fullest_first(view.value(id), id));
+    Some(Decision { outcome, ..serving.serve_by(view, &waypoint, key) })
 }
 
 /// The waypoint of a planned slot. If links limit the collected bits, or depend on the elevation, it is moved

@@ -2,7 +2,6 @@
 //! home. Otherwise the slot is a part of the way home.
 
 use arrayvec::ArrayVec;
-use skysink_common::battery::BatteryState;
 use skysink_common::message::{Mode, SolverOutcome};
 
 use super::serving::Serving;
@@ -30,17 +29,6 @@ pub fn decide(strategy: &mut dyn Strategy, serving: &mut Serving, view: &View) -
             (decision, Mode::Return)
         }
     }
-}
-
-/// The battery after a decided slot.
-pub(crate) fn battery_after(view: &View, decision: &Decision, mode: Mode) -> BatteryState {
-    let Some(home) = &view.table.home else { return view.battery };
-    let is_charging = mode == Mode::Charge;
-    let energy_j = match home.battery {
-        Some(battery) if is_charging => battery.charged_j(view.battery.energy_j),
-        _ => home.flown_j(&view.battery, &view.position, &decision.waypoint),
-    };
-    BatteryState { energy_j, is_charging }
 }
 
 /// How far a waypoint may be from the place where a slot ends on a grid, for the same schedule [m].

@@ -9,12 +9,12 @@ use proptest::prelude::{Strategy as Generator, *};
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::sensors::{SensorList, Sensors};
 use skysink_common::stop::Stop;
-use skysink_planner::Planner;
 use skysink_planner::bound::mission_bound;
 use skysink_planner::horizon::long_search::{SearchOutcome, SearchProgress};
+use skysink_planner::strategies::names;
 use skysink_planner::strategies::offline::Offline;
-use skysink_planner::strategies::{STRATEGIES, names};
-use skysink_planner::strategy::{OwnedSetup, Timing};
+use skysink_planner::strategy::{OwnedSetup, Setup, Strategy, Timing};
+use skysink_planner::{FleetPlanner, Planner};
 
 /// The strategies that carry something from slot to slot.
 const REMEMBERING: [&str; 6] = ["tour", "round-robin", "max-age-first", "whittle", "horizon", "offline"];
@@ -269,7 +269,7 @@ fn an_offline_plan_has_its_predicted_loss_and_respects_the_bound() {
         let nodes = list.nodes();
         let mut mission = TestMission::new(&scenario);
         let mut steps = Vec::new();
-        let setup = OwnedSetup::new(scenario.clone(), &nodes, STRATEGIES).unwrap();
+        let setup = OwnedSetup::new(scenario.clone(), &nodes).unwrap();
         let queues_bits = list.queues_bits();
         let found = Offline::search(&setup.setup(), &queues_bits, &Stop::default(), &mut |progress| {
             steps.push(progress.steps);
@@ -299,7 +299,7 @@ fn an_interrupted_search_returns_no_plan() {
     let text = "slots = 50\n[sensors]\ncount = 60\nsampling_bps = 5000.0\n[planner]\noffline.steps = 2000\n";
     let scenario = scenario_of(text, "offline", 1);
     let list = SensorList::of(&scenario).unwrap();
-    let setup = OwnedSetup::new(scenario, &list.nodes(), STRATEGIES).unwrap();
+    let setup = OwnedSetup::new(scenario, &list.nodes()).unwrap();
     let watch = &mut |progress: SearchProgress| match progress.steps {
         1_001.. => ControlFlow::Break(()),
         _ => ControlFlow::Continue(()),
