@@ -6,6 +6,7 @@ use skysink_common::geometry::{above, distance_squared, within};
 use skysink_common::message::SolverOutcome;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
+use skysink_common::stop::Stop;
 use skysink_mission::Mission;
 use skysink_planner::strategy::{Decision, Strategy, View};
 use skysink_planner::waypoint::problem::Waypoint;
@@ -32,7 +33,8 @@ impl Strategy for Nearest {
 pub fn main() {
     let scenario = Scenario::letter(Overrides::default()).expect("built in");
     let list = SensorList::of(&scenario).expect("drawn");
-    let mission = Mission::with_strategy(&scenario, &list, Box::new(Nearest)).expect("a checked scenario");
+    let mission = Mission::by(&scenario, &list, &mut |_| Ok(Box::new(Nearest)), &Stop::default());
+    let mission = mission.expect("a checked scenario");
     let totals = mission.last().expect("at least one slot").header.totals;
     println!("lost {} of {} bit", totals.lost_bits, totals.sampled_bits);
     assert!(totals.is_balanced() && totals.delivered_bits > 0);

@@ -2,7 +2,7 @@
 
     skysink run scenarios/letter.toml --no-viewer --planner "python3 examples/ring_planner.py"
 
-needs `pip install ./python[ring]`. The same class works in `skysink.simulate(scenario, Greedy())`.
+needs `pip install ./python`. The same class works in `skysink.simulate(scenario, Greedy())`.
 """
 
 import skysink
@@ -19,4 +19,4 @@ class Greedy(skysink.Strategy):
 
 
 if __name__ == "__main__":
-    skysink.ring.planner(Greedy())
+    skysink.ring.planner(Greedy)

@@ -35,5 +35,5 @@ impl Strategy for Greedy {
 
 /// Plans until the mission ends.
 pub fn main() -> ExitCode {
-    worker::plan_by(Box::new(Greedy))
+    worker::plan_by(|_| Box::new(Greedy))
 }

@@ -2,7 +2,7 @@
 
     skysink run scenarios/letter.toml --no-viewer --vehicle "python3 examples/ring_vehicle.py"
 
-needs `pip install ./python[ring]`.
+needs `pip install ./python`.
 """
 
 import skysink.ring

@@ -4,6 +4,7 @@
 use std::process::ExitCode;
 
 use skysink::worker;
+use skysink_common::error::InputError;
 use skysink_common::message::{FlightReport, Mode};
 use skysink_flight_sim::outside::{OutsideVehicle, SlotOrder};
 
@@ -13,12 +14,12 @@ const FARTHEST_M: f64 = 12.0;
 struct Slow;
 
 impl OutsideVehicle for Slow {
-    fn fly(&mut self, order: &SlotOrder) -> FlightReport {
+    fn fly(&mut self, order: &SlotOrder) -> Result<FlightReport, InputError> {
         let leg = order.plan.waypoint() - order.position;
         let flown = leg * (FARTHEST_M / leg.norm()).min(1.0); // infinite on the spot
         let mut report = FlightReport::at(order.position + flown, Mode::Serve);
         report.heading_deg = leg.x.atan2(leg.y).to_degrees().rem_euclid(360.0);
-        report
+        Ok(report)
     }
 }
 

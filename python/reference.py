@@ -29,11 +29,11 @@ SOURCES = {
     "skysink": ["_skysink.pyi", "strategy.py", "models.py", "flight.py", "sweeps.py"],
     "skysink.environment": ["environment.py"],
     "skysink.agents": ["agents.py"],
-    "skysink.ring": ["ring.py", "ring_vehicle.py"],
+    "skysink.ring": ["ring.py"],
 }
 PUBLIC = {
     "skysink": [
-        "Scenario", "simulate", "Run", "Table", "Strategy", "Arrivals", "Channel", "View", "Belief", "Field", "Decision", "compare", "sweep", "round_over_disks", "DiskRound", "InputError",
+        "Scenario", "simulate", "Run", "Table", "Strategy", "Arrivals", "Channel", "View", "Belief", "Field", "Route", "Base", "Neighbours", "Flight", "Decision", "compare", "sweep", "round_over_disks", "DiskRound", "InputError",
     ],
     "skysink.environment": ["DataCollectionEnv", "DataCollectionVectorEnv"],
     "skysink.agents": ["parallel_env", "DataCollectionParallelEnv", "FleetBatch"],

@@ -9,9 +9,9 @@ use iceoryx2::prelude::{LogLevel, ipc, set_log_level_from_env_or};
 use skysink_common::error::InputError;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
-use skysink_flight_sim::outside::OutsideVehicle;
+use skysink_flight_sim::outside::{OutsideVehicle, REACHED_M};
 use skysink_planner::settings;
-use skysink_planner::strategy::Strategy;
+use skysink_planner::strategy::{Setup, Strategy};
 use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::role::Role;
@@ -60,12 +60,12 @@ pub fn run<A: Args>(
     exit_code(role, result)
 }
 
-/// Runs `strategy` as the planner of a ring. `skysink run --planner` starts such an executable; for `skysink run
+/// Runs the strategies that `make` makes, one for each UAV, as the planner of a ring. `skysink run --planner` starts such an executable; for `skysink run
 /// --external planner`, start it with `--scenario` and `--ring`.
 #[must_use]
-pub fn plan_by(strategy: Box<dyn Strategy>) -> ExitCode {
+pub fn plan_by(mut make: impl FnMut(&Setup<'_>) -> Box<dyn Strategy>) -> ExitCode {
     let node = |scenario: &_, folder: &_, stop: &_, NoArguments {}: &_| {
-        skysink_planner::node::run_by::<ipc::Service>(scenario, folder, stop, strategy)
+        skysink_planner::node::run_by::<ipc::Service>(scenario, folder, stop, &mut |setup| Ok(make(setup)))
     };
     run(Role::Planner, std::env::args_os().collect(), node).into()
 }
@@ -81,7 +81,7 @@ pub fn fly_by(mut vehicles: Vec<Box<dyn OutsideVehicle>>) -> ExitCode {
                 format_args!("uav.count = {expected}: expected {found}, the number of vehicles of the program");
             return Err(InputError::new("scenario", &scenario.path, message).into());
         }
-        skysink_flight_sim::node::run_by::<ipc::Service>(scenario, folder, stop, &mut vehicles)
+        skysink_flight_sim::node::run_by::<ipc::Service>(scenario, folder, stop, &mut vehicles, REACHED_M)
     };
     run(Role::FlightSim, std::env::args_os().collect(), node).into()
 }

@@ -4,7 +4,6 @@
 //! What a slot does to the queues is left to [`crate::queues`], what a link carries to the caller.
 
 use std::ops::Range;
-use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "node")]
@@ -134,12 +133,6 @@ impl Ledger {
     #[must_use]
     pub fn queues_bits(&self) -> &[u32] {
         self.queues.bits()
-    }
-
-    /// A snapshot of the queue lengths [bit], by id, without a copy. Later changes of the ledger do not affect it.
-    #[must_use]
-    pub fn shared_queues_bits(&self) -> Arc<Vec<u32>> {
-        self.queues.shared_bits()
     }
 
     /// The sampling that fills the queues.

@@ -4,7 +4,6 @@
 
 use std::iter::repeat;
 use std::ops::Range;
-use std::sync::Arc;
 
 use crate::arrivals::{bits_between, quick_bits, sampled_bits};
 use crate::per_sensor::PerSensor;
@@ -14,8 +13,7 @@ use crate::simd::{BLOCK, vectorized};
 /// Queue lengths `B_i` [bit], by id.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Queues {
-    /// Copied before a change if a caller holds a reference.
-    bits: Arc<Vec<u32>>,
+    bits: Vec<u32>,
 }
 
 /// Bits that some SNs sample in a slot.
@@ -31,7 +29,7 @@ impl Queues {
     /// Queues of these lengths [bit], by id, none of which exceeds its buffer.
     #[must_use]
     pub fn new(bits: Vec<u32>) -> Self {
-        Self { bits: Arc::new(bits) }
+        Self { bits }
     }
 
     /// Queue lengths [bit], by id.
@@ -41,18 +39,12 @@ impl Queues {
         &self.bits
     }
 
-    /// A snapshot of the queue lengths [bit], by id, without a copy. Later changes do not affect it.
-    #[must_use]
-    pub fn shared_bits(&self) -> Arc<Vec<u32>> {
-        Arc::clone(&self.bits)
-    }
-
     /// Replaces the queue lengths by `bits` [bit], by id, none of which exceeds its buffer.
     ///
     /// # Panics
     /// If there is not one for each SN.
     pub fn set(&mut self, bits: &[u32]) {
-        Arc::make_mut(&mut self.bits).copy_from_slice(bits);
+        self.bits.copy_from_slice(bits);
     }
 
     /// All SNs sample in `slot`, from 1, and full ones lose the excess; returns the lost bits.
@@ -71,7 +63,7 @@ impl Queues {
             sampling.fill(slot, sensors.clone(), bits);
             return self.store_block(sensors, bits, sampling);
         }
-        let queues_bits = &mut Arc::make_mut(&mut self.bits)[sensors.clone()];
+        let queues_bits = &mut self.bits[sensors.clone()];
         let before = slot.saturating_sub(1);
         match (&sampling.mean_bits, &sampling.capacity_bits) {
             (PerSensor::Equal(mean_bits), PerSensor::Equal(capacity_bits)) => {
@@ -91,7 +83,7 @@ impl Queues {
 
     /// Each of the consecutive `sensors` samples these `bits`, and full ones lose the excess.
     pub(crate) fn store_block(&mut self, sensors: Range<usize>, bits: &[u64], sampling: &Sampling) -> Sampled {
-        let queues_bits = &mut Arc::make_mut(&mut self.bits)[sensors.clone()];
+        let queues_bits = &mut self.bits[sensors.clone()];
         fill(queues_bits, bits.iter().copied(), sensors.map(|sensor| sampling.capacity_bits.of(sensor)))
     }
 
@@ -101,7 +93,7 @@ impl Queues {
     /// # Panics
     /// If the SN is unknown.
     pub fn upload(&mut self, sensor: usize, capacity_bits: u64) -> u64 {
-        let queue_bits = &mut Arc::make_mut(&mut self.bits)[sensor];
+        let queue_bits = &mut self.bits[sensor];
         let taken_bits = capacity_bits.min(u64::from(*queue_bits)) as u32;
         *queue_bits -= taken_bits;
         taken_bits.into()
@@ -164,21 +156,6 @@ fn fill(
 mod tests {
     use super::*;
     use proptest::prelude::*;
-
-    #[test]
-    fn a_queue_snapshot_is_immutable_and_copied_on_write() {
-        let mut queues = Queues::new(vec![100, 200]);
-        let held = queues.shared_bits();
-        assert_eq!(queues.upload(0, 40), 40);
-        assert_eq!((&held[..], queues.bits()), (&[100, 200][..], &[60, 200][..]));
-        drop(held);
-        let address = queues.bits().as_ptr();
-        let held = queues.shared_bits();
-        assert_eq!(held.as_ptr(), address, "no copy");
-        drop(held);
-        assert_eq!(queues.sample(&Sampling::new(vec![5.0; 2], vec![1_000; 2]), 1), 0);
-        assert_eq!((queues.bits(), queues.bits().as_ptr()), (&[65, 205][..], address));
-    }
 
     #[test]
     fn an_overflowing_queue_loses_exactly_the_excess() {

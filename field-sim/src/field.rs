@@ -1,8 +1,5 @@
 //! One slot of the field: sample, overflow, upload (decision D1).
 
-use std::mem::MaybeUninit;
-use std::sync::Arc;
-
 use serde::{Deserialize, Serialize};
 use skysink_common::belief::Belief;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
@@ -13,6 +10,7 @@ use skysink_common::queues::blocks;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::uploads;
+use std::mem::MaybeUninit;
 
 /// The sensor field and its queues after a slot.
 #[derive(Debug, Clone, PartialEq)]
@@ -149,12 +147,6 @@ impl Field {
     #[must_use]
     pub fn queues_bits(&self) -> &[u32] {
         self.ledger.queues_bits()
-    }
-
-    /// A snapshot of the queue lengths [bit], by sensor node, without a copy. Later steps do not affect it.
-    #[must_use]
-    pub fn shared_queues_bits(&self) -> Arc<Vec<u32>> {
-        self.ledger.shared_queues_bits()
     }
 
     /// Bits uploaded so far, by sensor node.

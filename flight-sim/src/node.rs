@@ -20,7 +20,7 @@ use crate::fleet::Fleet;
 #[cfg(doc)]
 use crate::flight::Flight;
 use crate::journal::{journal, restore};
-use crate::outside::{OutsideFleet, OutsideVehicle, REACHED_M};
+use crate::outside::{OutsideFleet, OutsideVehicle};
 
 /// A recorded flight, which is flown again regardless of the plans received.
 pub struct RecordedFlight<'a> {
@@ -58,18 +58,21 @@ pub fn replay<S: Service + 'static>(
     })
 }
 
-/// Lets vehicles from outside fly until the mission ends, with the scenario's channel above where they are.
+/// Lets vehicles from outside fly until the mission ends, with the scenario's channel above where they are. A slot that
+/// ends farther than `reached_m` [m] from its waypoint, such as [`REACHED_M`](crate::outside::REACHED_M), has not reached
+/// it.
 ///
 /// # Errors
-/// As [`run`].
+/// As [`run`], and those of the vehicles.
 pub fn run_by<S: Service + 'static>(
     scenario: &Scenario,
     folder: &RingFolder,
     stop: &Stop,
     vehicles: &mut [Box<dyn OutsideVehicle>],
+    reached_m: f64,
 ) -> Result<(), NodeError> {
     fly::<S>(scenario, folder, stop, |nodes| Flying::Outside {
-        fleet: OutsideFleet::new(scenario, nodes, REACHED_M),
+        fleet: Box::new(OutsideFleet::new(scenario, nodes, reached_m)),
         vehicles,
     })
 }
@@ -81,7 +84,7 @@ enum Flying<'a> {
     /// The simulated UAVs, on a recorded flight.
     Recorded { fleet: Fleet, recorded: &'a RecordedFlight<'a>, next: Instant },
     /// Vehicles from outside, one for each UAV.
-    Outside { fleet: OutsideFleet, vehicles: &'a mut [Box<dyn OutsideVehicle>] },
+    Outside { fleet: Box<OutsideFleet>, vehicles: &'a mut [Box<dyn OutsideVehicle>] },
 }
 
 impl Flying<'_> {
@@ -99,10 +102,19 @@ impl Flying<'_> {
         }
     }
 
-    /// Flies a slot by its plans, if they are there.
+    /// Lets the vehicles begin over these sensor nodes, where they are.
+    fn begin(&mut self, nodes: &[SensorNode], reports: &[FlightReport]) -> Result<(), NodeError> {
+        if let Self::Outside { vehicles, .. } = self {
+            vehicles.iter_mut().try_for_each(|vehicle| vehicle.begin(nodes, reports))?;
+        }
+        Ok(())
+    }
+
+    /// Flies a slot by its plans, if they are there; in a paced run it ends at `ends_ns` of the monotonic clock.
     fn step(
         &mut self,
         slot: u64,
+        ends_ns: Option<u64>,
         plans: Option<&[Plan]>,
         reports: &mut ByUav<FlightReport>,
         wait: &mut WaitContext,
@@ -121,11 +133,19 @@ impl Flying<'_> {
                 }
             }
             Self::Outside { fleet, vehicles } => {
-                let orders = fleet.orders(slot, plans);
-                *reports = orders.iter().zip(&mut **vehicles).map(|(order, vehicle)| vehicle.fly(order)).collect();
+                let mut orders = fleet.orders(slot, plans);
+                orders.iter_mut().for_each(|order| order.ends_ns = ends_ns);
                 let refuse = |error| InputError::of_argument("slot", &slot.to_string(), error);
+                for (order, (report, vehicle)) in orders.iter().zip(reports.iter_mut().zip(&mut **vehicles)) {
+                    *report = vehicle.fly(order).map_err(refuse)?;
+                }
                 fleet.check(reports).map_err(refuse)?;
                 fleet.complete(slot, &orders, reports);
+                for (report, vehicle) in reports.iter_mut().zip(&mut **vehicles) {
+                    if let Some(bits) = vehicle.delivered() {
+                        fleet.deliver(&bits, report).map_err(refuse)?;
+                    }
+                }
             }
         }
         Ok(())
@@ -158,19 +178,23 @@ fn fly<'a, S: Service + 'static>(
         journal.save(0, &[], &start)?;
         flown.push((0, start));
     }
+    flying.begin(nodes.payload(), &flown[flown.len() - 1].1)?;
     for (slot, reports) in &flown {
         flights.send_list(ring.header(*slot, 0), reports)?;
     }
 
+    let mut ends_ns = None;
     for slot in flown.last().map_or(0, |(slot, _)| *slot) + 1..=scenario.slots {
         let plan = match ring.terms.pace {
             Pace::Max => plans.wait_for_slot(&mut wait, slot)?,
             Pace::Factor(_) => {
-                ticks.wait_until(&mut wait, slot)?;
+                if let Some(tick) = ticks.wait_until(&mut wait, slot)? {
+                    ends_ns = Some(tick.user_header().sent_ns + tick.payload().period_ns);
+                }
                 plans.poll_slot(slot)?.available()
             }
         };
-        flying.step(slot, plan.as_ref().map(|plans| &plans[..]), &mut reports, &mut wait)?;
+        flying.step(slot, ends_ns, plan.as_ref().map(|plans| &plans[..]), &mut reports, &mut wait)?;
         drop(plan);
         if !is_recorded {
             reports.iter().for_each(|report| count_refusals(&ring.refusals, slot, report));

@@ -4,7 +4,7 @@
 
 use nalgebra::Point3;
 use skysink_common::error::InputError;
-use skysink_common::message::{FlightReport, HoldReason, Mode, Plan, SensorNode};
+use skysink_common::message::{FlightReport, HoldReason, LinkReport, MAX_SERVED, Mode, Plan, SensorNode};
 use skysink_common::possible::Message as _;
 use skysink_common::scenario::{Area, Scenario};
 use skysink_common::slot_record::ByUav;
@@ -43,13 +43,33 @@ pub struct SlotOrder {
     pub plan: Plan,
     /// Why it holds.
     pub hold: HoldReason,
+    /// When the slot ends in a paced run, on the monotonic clock [ns]; `None` without a pace.
+    pub ends_ns: Option<u64>,
 }
 
 /// A vehicle that flies orders.
 pub trait OutsideVehicle {
+    /// Called once before the first slot, or after a restart: the published sensor nodes, and the last report of each
+    /// UAV, by its number.
+    ///
+    /// # Errors
+    /// If it cannot fly there.
+    fn begin(&mut self, _sensors: &[SensorNode], _reports: &[FlightReport]) -> Result<(), InputError> {
+        Ok(())
+    }
+
     /// Flies a slot, and reports where the vehicle is at its end: [`FlightReport::at`], and what else it knows. The
     /// mode counts only if it is [`Mode::Down`], which is final. Links are filled in.
-    fn fly(&mut self, order: &SlotOrder) -> FlightReport;
+    ///
+    /// # Errors
+    /// If it fails, which ends the run.
+    fn fly(&mut self, order: &SlotOrder) -> Result<FlightReport, InputError>;
+
+    /// Bits that real sensor nodes have delivered in the last slot, by id; `None` for what the scenario's channel
+    /// carries to those in range. They do not count while the UAV holds, charges or is down.
+    fn delivered(&mut self) -> Option<Vec<(u32, u64)>> {
+        None
+    }
 }
 
 /// The vehicles of a mission: where they were, and the channel above them.
@@ -57,6 +77,10 @@ pub trait OutsideVehicle {
 pub struct OutsideFleet {
     fleet: Fleet,
     area: Area,
+    /// The published sensor nodes.
+    sensors: Vec<SensorNode>,
+    /// Time of communication in a slot [s].
+    comm_s: f64,
     /// The altitude of all waypoints [m]; `None` if they have their own.
     altitude_m: Option<f64>,
     reached_m: f64,
@@ -70,6 +94,8 @@ impl OutsideFleet {
         Self {
             fleet: Fleet::new(scenario, sensors),
             area: scenario.area.clone(),
+            sensors: sensors.to_vec(),
+            comm_s: scenario.link.comm_s,
             altitude_m: scenario.uav.fixed_altitude_m(),
             reached_m,
         }
@@ -99,7 +125,7 @@ impl OutsideFleet {
             let mut plan = plan.filter(|_| hold == HoldReason::None).unwrap_or(stay);
             // Whatever its altitude was: a plan keeps the one that it finds.
             plan.z_m = self.altitude_m.unwrap_or(plan.z_m);
-            SlotOrder { slot, uav, position, plan, hold }
+            SlotOrder { slot, uav, position, plan, hold, ends_ns: None }
         };
         self.fleet.positions().enumerate().map(order).collect()
     }
@@ -141,7 +167,46 @@ impl OutsideFleet {
             report.mode = report.flown_mode() as u32;
         }
     }
+
+    /// Replaces the links of a completed `report` by those over which real sensor nodes have delivered these bits, by
+    /// id; none in a slot in which its UAV holds, charges or is down.
+    ///
+    /// # Errors
+    /// If there are more than [`MAX_SERVED`], a sensor node is unknown or named twice, or its bits are impossible.
+    pub fn deliver(&self, bits: &[(u32, u64)], report: &mut FlightReport) -> Result<(), InputError> {
+        let is_possible = |(id, bits): &(u32, u64)| (*id as usize) < self.sensors.len() && *bits <= MOST_BITS;
+        let mut bits = bits.to_vec();
+        bits.sort_unstable();
+        let is_twice = bits.windows(2).any(|pair| pair[0].0 == pair[1].0);
+        if bits.len() > MAX_SERVED || is_twice || !bits.iter().all(is_possible) {
+            let expected =
+                format_args!("expected at most {MAX_SERVED} ids of sensor nodes, each with whole bits, 0 or above");
+            return Err(InputError::of_argument("bits", &format!("{bits:?}"), expected));
+        }
+        if !matches!(report.flown_mode(), Mode::Serve | Mode::Fly | Mode::Transit | Mode::Return | Mode::EnRoute) {
+            return Ok(());
+        }
+        report.links = [LinkReport::default(); MAX_SERVED];
+        report.served = u32::try_from(bits.len()).expect("at most MAX_SERVED");
+        for (link, (sensor, delivered)) in report.links.iter_mut().zip(bits) {
+            let node = &self.sensors[sensor as usize];
+            let distance_m = (report.x_m - node.x_m).hypot(report.y_m - node.y_m);
+            *link = LinkReport {
+                sensor,
+                line_of_sight: 1,
+                distance_m,
+                elevation_deg: report.z_m.atan2(distance_m).to_degrees(),
+                rate_bps: delivered as f64 / self.comm_s,
+                capacity_bits: delivered,
+            };
+        }
+        report.mode = report.flown_mode() as u32;
+        Ok(())
+    }
 }
+
+/// Most bits of a sensor node in a slot.
+const MOST_BITS: u64 = (1 << 62) - 1;
 
 #[cfg(test)]
 mod tests {

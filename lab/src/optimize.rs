@@ -20,7 +20,7 @@ use skysink_planner::bound::{MissionBound, mission_bound};
 use skysink_planner::fleet::require_one;
 use skysink_planner::settings::{Knowledge, PlanningObjective, Rates, Settings, change};
 use skysink_planner::strategies::offline::{self, MAX_STEPS, Offline, OfflineKeys};
-use skysink_planner::strategy::{OwnedSetup, Registered};
+use skysink_planner::strategy::{OwnedSetup, Registered, Setup, Strategy};
 
 use crate::error::LabError;
 use crate::progress::{LabProgress, OnProgress};
@@ -284,7 +284,11 @@ fn mission(scenario: &Scenario, plan: Option<&[u8]>, list: &SensorList) -> Resul
     let setup = OwnedSetup::new(scenario.clone(), &list.nodes())?;
     let mut planned = Offline::new(&setup.setup())?;
     planned.restore(plan).expect("the plan of this mission");
-    Mission::with_strategy(scenario, list, Box::new(planned))
+    let mut planned = Some(planned);
+    let mut make = |_: &Setup<'_>| -> Result<Box<dyn Strategy>, InputError> {
+        Ok(Box::new(planned.take().expect("the scenario has one UAV")))
+    };
+    Mission::by(scenario, list, &mut make, &Stop::default())
 }
 
 /// Simulates the strategy of a scenario and returns its loss, as a loss rate and in bits.

@@ -7,7 +7,7 @@ use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{SlotRecord, UAV};
 use skysink_common::stop::Stop;
 use skysink_planner::FleetPlanner;
-use skysink_planner::strategy::Strategy;
+use skysink_planner::strategy::MakeStrategy;
 
 use crate::drive::{End, Observer, drive, plan_next, step};
 use crate::error::MissionError;
@@ -39,8 +39,8 @@ pub struct Mission {
 /// assert_eq!(mission.fly(Some(&plan)).flights[0].position(), plan.waypoint());
 /// assert_eq!((mission.slot(), mission.drive(&mut [], &Stop::default()).unwrap()), (1, End::Complete));
 ///
-/// let in_transit = skysink_planner::strategy::rule(|_| None);
-/// let mut transit = Mission::with_strategy(&scenario, &list, in_transit).unwrap();
+/// let mut in_transit = |_: &_| Ok(skysink_planner::strategy::rule(|_| None));
+/// let mut transit = Mission::by(&scenario, &list, &mut in_transit, &Stop::default()).unwrap();
 /// transit.drive(&mut [], &Stop::default()).unwrap();
 /// assert!(transit.header().totals.delivered_bits < mission.header().totals.delivered_bits);
 /// ```
@@ -61,16 +61,17 @@ impl Mission {
         Ok(Self { planner: FleetPlanner::until(scenario, &list.nodes(), stop)?, plant: Plant::new(scenario, list) })
     }
 
-    /// The mission before slot 1, planned by `strategy` instead of the scenario's.
+    /// The same with the strategies that `make` makes, one for each UAV, instead of the scenario's.
     ///
     /// # Errors
-    /// As [`Mission::new`].
-    pub fn with_strategy(
+    /// As [`Mission::new`], and those of `make`.
+    pub fn by(
         scenario: &Scenario,
         list: &SensorList,
-        strategy: Box<dyn Strategy>,
+        make: &mut MakeStrategy<'_>,
+        stop: &Stop,
     ) -> Result<Self, InputError> {
-        let planner = FleetPlanner::with_strategy(scenario, &list.nodes(), strategy)?;
+        let planner = FleetPlanner::by(scenario, &list.nodes(), make, stop)?;
         Ok(Self { planner, plant: Plant::new(scenario, list) })
     }
 

@@ -23,7 +23,7 @@ use crate::partition;
 use crate::planner::{Others, Planner};
 use crate::separation::Apart;
 use crate::settings;
-use crate::strategy::{PlannedVisit, Registered, Strategy, Timing};
+use crate::strategy::{MakeStrategy, PlannedVisit, Registered, Timing};
 
 /// A place that is near to none [m].
 const NOWHERE: [f64; 2] = [f64::NEG_INFINITY; 2];
@@ -71,7 +71,14 @@ struct Told {
 impl Told {
     /// What is told to the UAV number `uav`, that keeps `separation_m` [m] and `stays` or gives way: where the others
     /// are, and in a `sequential` fleet what they serve.
-    fn to(&mut self, uav: usize, separation_m: f64, stays: bool, is_sequential: bool) -> Others<'_> {
+    fn to<'a>(
+        &'a mut self,
+        uav: usize,
+        flights: &'a [FlightReport],
+        separation_m: f64,
+        stays: bool,
+        is_sequential: bool,
+    ) -> Others<'a> {
         self.others.clear();
         self.others.extend_from_slice(&self.places[..uav]);
         self.others.extend_from_slice(&self.begins[..uav.min(self.begins.len())]);
@@ -80,14 +87,14 @@ impl Told {
         let (base, last) = (self.base.as_ref(), self.lasts[uav]);
         let apart = Apart { separation_m, places: &self.others, lower, stays, base, last };
         if !is_sequential {
-            return Others { scheduled: &[], visits: None, apart };
+            return Others { scheduled: &[], visits: None, apart, uav, flights };
         }
         self.visits.clear();
         for (_, planned) in self.planned.iter().enumerate().filter(|(other, _)| *other != uav) {
             self.visits.extend_from_slice(planned);
         }
         self.visits.sort_by_key(|visit| (visit.slot, visit.sensor));
-        Others { scheduled: &self.scheduled, visits: Some(&self.visits), apart }
+        Others { scheduled: &self.scheduled, visits: Some(&self.visits), apart, uav, flights }
     }
 }
 
@@ -151,27 +158,46 @@ impl FleetPlanner {
     /// # Errors
     /// As [`Planner::new`].
     pub fn until(scenario: &Scenario, sensors: &[SensorNode], stop: &Stop) -> Result<Self, InputError> {
+        let Registered { make, has_path, .. } = Registered::of(scenario)?;
+        let mut planners = Self::by(scenario, sensors, &mut |setup| Ok(make(setup)), stop)?;
+        if *has_path && planners.members.len() > 1 && planners.coordination == Coordination::Sequential {
+            let slots: Vec<u64> = planners.members.iter().map(|member| member.last).collect();
+            planners.claims = partition::pieces(&MissionTable::of(scenario, sensors), scenario, &slots, stop);
+        }
+        Ok(planners)
+    }
+
+    /// The same with the strategies that `make` makes, one for each UAV, instead of the scenario's. Where each UAV has a
+    /// part of the field, the SNs of its setup are those of its part, numbered from 0.
+    ///
+    /// # Errors
+    /// As [`Planner::new`], and those of `make`.
+    pub fn by(
+        scenario: &Scenario,
+        sensors: &[SensorNode],
+        make: &mut MakeStrategy<'_>,
+        stop: &Stop,
+    ) -> Result<Self, InputError> {
         let uavs = scenario.uav.uavs();
         if uavs == 1 {
-            return Ok(Planner::until(scenario, sensors, stop)?.into());
+            return Ok(Planner::by(scenario, sensors, make, stop)?.into());
         }
         let coordination = scenario.uav.coordination.unwrap_or_default();
         let talks = coordination != Coordination::Independent;
         let separation_m = scenario.uav.separation_m.filter(|_| talks).unwrap_or(0.0);
         let alone: Vec<Scenario> = (0..uavs).map(|uav| alone(scenario, uav, separation_m)).collect();
+        let is_divided = coordination == Coordination::Partition;
         let slots: Vec<u64> = alone.iter().map(|alone| alone.slots).collect();
         let pieces = || partition::pieces(&MissionTable::of(scenario, sensors), scenario, &slots, stop);
-        let looks_ahead = Registered::of(scenario)?.has_path;
-        let claims = if coordination == Coordination::Sequential && looks_ahead { pieces() } else { Vec::new() };
-        let mut pieces = if coordination == Coordination::Partition { pieces() } else { Vec::new() };
+        let mut pieces = if is_divided { pieces() } else { Vec::new() };
         pieces.reverse();
         let member = |alone: &Scenario| {
             let Some(ids) = pieces.pop() else {
-                let planner = Planner::until(alone, sensors, stop)?;
+                let planner = Planner::by(alone, sensors, make, stop)?;
                 return Ok(Member { planner, last: alone.slots, piece: None });
             };
             let own: Vec<SensorNode> = ids.iter().map(|&id| sensors[id as usize]).collect();
-            let planner = Planner::until(alone, &own, stop)?;
+            let planner = Planner::by(alone, &own, make, stop)?;
             Ok(Member { planner, last: alone.slots, piece: Some(Piece { ids, queues_bits: Vec::new() }) })
         };
         let mut members = alone.iter().map(member).collect::<Result<ByUav<Member>, InputError>>()?;
@@ -190,22 +216,9 @@ impl FleetPlanner {
             coordination,
             separation_m,
             keeps_begins,
-            claims,
+            claims: Vec::new(),
             told: Told { planned, base: scenario.landing_base(), lasts, ..Told::default() },
         })
-    }
-
-    /// The planner with `strategy` instead of the scenario's.
-    ///
-    /// # Errors
-    /// If the scenario has several UAVs, which one strategy cannot plan for; as [`Planner::new`].
-    pub fn with_strategy(
-        scenario: &Scenario,
-        sensors: &[SensorNode],
-        strategy: Box<dyn Strategy>,
-    ) -> Result<Self, InputError> {
-        require_one(scenario)?;
-        Ok(Planner::with_strategy(scenario, sensors, strategy)?.into())
     }
 
     /// Sets what paces the mission ([`Planner::set_timing`]).
@@ -293,19 +306,19 @@ impl FleetPlanner {
                 }
                 _ if slot > *last => {
                     let stays = planner.stays(slot, uav);
-                    let apart = told.to(uav, *separation_m, stays, false).apart;
+                    let apart = told.to(uav, flights, *separation_m, stays, false).apart;
                     planner.rest(slot, position, queues_bits, &apart)
                 }
                 Some(piece) => {
                     let stays = planner.stays(slot, uav);
-                    let others = Some(told.to(uav, *separation_m, stays, false));
+                    let others = Some(told.to(uav, flights, *separation_m, stays, false));
                     let mut plan = planner.step_beside(slot, position, piece.select(queues_bits), others);
                     plan.renumber(&piece.ids);
                     plan
                 }
                 None if is_sequential => {
                     let stays = planner.stays(slot, uav);
-                    let others = Some(told.to(uav, *separation_m, stays, true));
+                    let others = Some(told.to(uav, flights, *separation_m, stays, true));
                     let plan = planner.step_beside(slot, position, queues_bits, others);
                     let planned = &mut told.planned[uav];
                     planned.clear();
@@ -327,6 +340,26 @@ impl FleetPlanner {
             }
         }
         plans
+    }
+
+    /// Takes in that `plans`, one for each UAV, are flown in `slot` instead of those of the last [`Self::step`]. The
+    /// queues are those before the slot [bit], by id.
+    pub fn follow(&mut self, slot: u64, plans: &[Plan], queues_bits: &[u32]) {
+        let is_known = |id: &u32| (*id as usize) < queues_bits.len();
+        let scheduled_by = |plan: &Plan| plan.scheduled().iter().copied().filter(is_known).collect::<Vec<u32>>();
+        let all: Vec<u32> = plans.iter().flat_map(scheduled_by).collect();
+        for (Member { planner, piece, .. }, plan) in self.members.iter_mut().zip(plans) {
+            let own = scheduled_by(plan);
+            match piece {
+                Some(piece) => {
+                    let number = |id: &u32| piece.ids.binary_search(id).ok().map(|number| number as u32);
+                    let own: Vec<u32> = own.iter().filter_map(number).collect();
+                    planner.await_reports(slot, &own, piece.select(queues_bits));
+                }
+                None if self.coordination == Coordination::Sequential => planner.await_reports(slot, &all, queues_bits),
+                None => planner.await_reports(slot, &own, queues_bits),
+            }
+        }
     }
 
     /// The last slot planned by these planners or their restored predecessors; 0 before the first.

@@ -245,6 +245,15 @@ impl Home {
         self.battery.map_or(f64::INFINITY, |battery| energy_j - way_j - battery.reserve_j)
     }
 
+    /// Slots after `slot` beyond those of the way home from `ground` [m] at full speed, below 0 if it comes home too late;
+    /// `None` if it need not be home in time, or no way leads there.
+    #[must_use]
+    pub fn spare_slots(&self, slot: u64, ground: &Position) -> Option<i64> {
+        let (slots, _) = self.way_within(ground, 0);
+        let is_bound = self.must_land && slots.is_finite();
+        is_bound.then(|| i64::try_from(self.left_after(slot)).unwrap_or(i64::MAX) - slots as i64)
+    }
+
     /// Slots and energy [J] of the way home from `ground` [m] at the least energy per metre; infinite slots if there is
     /// none.
     #[must_use]

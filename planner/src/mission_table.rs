@@ -124,6 +124,18 @@ impl MissionTable {
         self.airspace.is_open() || self.slots_into(from, &range) <= self.airspace.move_slots() as f64
     }
 
+    /// The value of a queue of `queue_bits` [bit] of SN `id`, by which strategies compare queues: its bits where all
+    /// weights are equal ([`Weights::value`](skysink_common::weights::Weights::value), decision D25); 0 if zones leave
+    /// no place to serve it from.
+    ///
+    /// # Panics
+    /// If the SN is unknown.
+    #[inline]
+    #[must_use]
+    pub fn value(&self, id: u32, queue_bits: u32) -> u32 {
+        if self.is_servable(id) { self.sensors.weights.value(id, queue_bits) } else { 0 }
+    }
+
     /// Whether any SN cannot be served because of zones.
     #[inline]
     #[must_use]

@@ -15,21 +15,24 @@ use skysink_ring::role::Role;
 use skysink_ring::topics::{Ring, is_release};
 
 use crate::fleet::FleetPlanner;
-use crate::strategy::{Registered, Strategy, Timing};
+use crate::strategy::{MakeStrategy, Registered, Timing};
 use skysink_common::estimate::BYTES_PER_SENSOR;
 
 /// States in the journal: those of the three slots that may be planned again, and one that may be cut.
 const STATES: u64 = 4;
 
 /// Most bytes of a checkpoint besides those per sensor node.
-const ROOM: usize = 1 << 23;
+pub const ROOM: usize = 1 << 23;
+
+/// Most bytes of the slot of the last contact with a sensor node, which a strategy may keep.
+const BYTES_PER_CONTACT: usize = 5;
 
 /// The journal in the ring's folder of a planner for `uavs` UAVs over `count` sensor nodes.
 ///
 /// # Errors
 /// If the file cannot be opened.
 pub fn journal(folder: &RingFolder, count: usize, uavs: usize) -> Result<Journal, RingError> {
-    let state_bytes = (ROOM + BYTES_PER_SENSOR * count) * uavs;
+    let state_bytes = (ROOM + (BYTES_PER_SENSOR + BYTES_PER_CONTACT) * count) * uavs;
     let policy = Policy { state_every: 1, states: STATES, state_bytes, input_bytes: None };
     Journal::open(&folder.journal("plans"), policy)
 }
@@ -58,6 +61,7 @@ impl Journaled {
         let plans = self.planner.step(slot, flights, queues_bits);
         self.planner.stop().check()?;
         self.journal.save(slot, &[], &self.planner)?;
+        self.planner.stop().check()?; // a strategy that cannot be saved has failed
         Ok(plans)
     }
 }
@@ -70,24 +74,24 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     run_with::<S>(scenario, folder, stop, None)
 }
 
-/// As [`run`], with `strategy` instead of the scenario's.
+/// As [`run`], with the strategies that `make` makes, one for each UAV, instead of the scenario's.
 ///
 /// # Errors
-/// As [`run`].
+/// As [`run`], and those of `make`.
 pub fn run_by<S: Service + 'static>(
     scenario: &Scenario,
     folder: &RingFolder,
     stop: &Stop,
-    strategy: Box<dyn Strategy>,
+    make: &mut MakeStrategy<'_>,
 ) -> Result<(), NodeError> {
-    run_with::<S>(scenario, folder, stop, Some(strategy))
+    run_with::<S>(scenario, folder, stop, Some(make))
 }
 
 fn run_with<S: Service + 'static>(
     scenario: &Scenario,
     folder: &RingFolder,
     stop: &Stop,
-    own: Option<Box<dyn Strategy>>,
+    own: Option<&mut MakeStrategy<'_>>,
 ) -> Result<(), NodeError> {
     let has_path = own.is_some() || Registered::of(scenario)?.has_path || scenario.landing_base().is_some();
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::Planner, stop)?;
@@ -102,7 +106,7 @@ fn run_with<S: Service + 'static>(
     let nodes = sensors.wait_for_next(&mut wait, 0)?;
     let _sensors = ring.terms.link.is_none().then_some(sensors); // behind a link its repeats would pile up
     let mut planner = match own {
-        Some(strategy) => FleetPlanner::with_strategy(scenario, nodes.payload(), strategy)?,
+        Some(make) => FleetPlanner::by(scenario, nodes.payload(), make, stop)?,
         None => FleetPlanner::until(scenario, nodes.payload(), stop)?,
     };
     planner.set_stop(stop);
@@ -161,7 +165,7 @@ mod tests {
     use super::*;
     use crate::planner::Planner;
     use crate::settings::{self, Knowledge, Rates, change};
-    use crate::strategy::{Decision, View};
+    use crate::strategy::{Decision, Setup, Strategy, View};
     use crate::waypoint::problem::Waypoint;
     use nalgebra::Point3;
     use skysink_common::belief::Belief;
@@ -288,7 +292,8 @@ mod tests {
         let scenario = Scenario::letter(Overrides::default()).and_then(settings::resolve).unwrap();
         let folder = RingFolder::create(Terms::default()).unwrap();
         let process = || {
-            let planner = Planner::with_strategy(&scenario, &nodes(), Box::new(Counting(0))).unwrap().into();
+            let mut make = |_: &Setup<'_>| -> Result<Box<dyn Strategy>, _> { Ok(Box::new(Counting(0))) };
+            let planner = FleetPlanner::by(&scenario, &nodes(), &mut make, &Stop::default()).unwrap();
             Journaled { planner, journal: journal(&folder, 12, 1).unwrap() }
         };
         let flight = FlightReport::at(scenario.start(), Mode::Hold);

@@ -24,7 +24,7 @@ use crate::separation::Apart;
 use crate::settings;
 use crate::strategies::returning::decide;
 use crate::strategies::serving::Serving;
-use crate::strategy::{Decision, PlannedVisit, Registered, Setup, Strategy, Timing, View};
+use crate::strategy::{Decision, MakeStrategy, Neighbours, PlannedVisit, Registered, Setup, Strategy, Timing, View};
 
 /// The planner of a mission.
 ///
@@ -66,6 +66,18 @@ pub(crate) struct Others<'a> {
     pub visits: Option<&'a [PlannedVisit]>,
     /// Where they are.
     pub apart: Apart<'a>,
+    /// The number of the UAV that plans.
+    pub uav: usize,
+    /// The last flight of each UAV, by its number.
+    pub flights: &'a [FlightReport],
+}
+
+impl<'a> Others<'a> {
+    /// What they tell a strategy.
+    fn neighbours(&self) -> Neighbours<'a> {
+        let intents = self.visits.unwrap_or(&[]);
+        Neighbours { uav: self.uav, flights: self.flights, scheduled: self.scheduled, intents }
+    }
 }
 
 /// Beginning of a checkpoint; the state of the strategy follows.
@@ -100,7 +112,8 @@ impl Planner {
     /// # Errors
     /// As [`Planner::new`].
     pub fn until(scenario: &Scenario, sensors: &[SensorNode], stop: &Stop) -> Result<Self, InputError> {
-        Self::build(scenario, Arc::new(Sensors::of(scenario, sensors)), Registered::of(scenario)?.make, stop)
+        let make = Registered::of(scenario)?.make;
+        Self::by(scenario, sensors, &mut |setup| Ok(make(setup)), stop)
     }
 
     /// The planner of a scenario with these sensor nodes, whatever the cells of their grid.
@@ -108,25 +121,27 @@ impl Planner {
     /// # Errors
     /// As [`Planner::new`].
     pub fn over(scenario: &Scenario, sensors: Arc<Sensors>) -> Result<Self, InputError> {
-        Self::build(scenario, sensors, Registered::of(scenario)?.make, &Stop::default())
+        let make = Registered::of(scenario)?.make;
+        Self::build(scenario, sensors, &mut |setup| Ok(make(setup)), &Stop::default())
     }
 
-    /// The planner with `strategy` instead of the scenario's.
+    /// The planner with the strategy that `make` makes instead of the scenario's.
     ///
     /// # Errors
-    /// As [`Planner::new`].
-    pub fn with_strategy(
+    /// As [`Planner::new`], and those of `make`.
+    pub fn by(
         scenario: &Scenario,
         sensors: &[SensorNode],
-        strategy: Box<dyn Strategy>,
+        make: &mut MakeStrategy<'_>,
+        stop: &Stop,
     ) -> Result<Self, InputError> {
-        Self::build(scenario, Arc::new(Sensors::of(scenario, sensors)), |_| strategy, &Stop::default())
+        Self::build(scenario, Arc::new(Sensors::of(scenario, sensors)), make, stop)
     }
 
     fn build(
         scenario: &Scenario,
         sensors: Arc<Sensors>,
-        make: impl FnOnce(&Setup) -> Box<dyn Strategy>,
+        make: &mut MakeStrategy<'_>,
         stop: &Stop,
     ) -> Result<Self, InputError> {
         let scenario = &*with_waypoint_margin(scenario);
@@ -135,7 +150,7 @@ impl Planner {
         let table = MissionTable::new(scenario, belief.known_sensors(sensors));
         let setup = Setup { scenario, settings: &settings, table: &table, belief: &belief, stop };
         Ok(Self {
-            strategy: make(&setup),
+            strategy: make(&setup)?,
             transit: Serving::new(&setup),
             strategy_name: scenario.planner.strategy.clone(),
             belief,
@@ -184,7 +199,7 @@ impl Planner {
     ) {
         self.belief.advance(slot, flights, &self.reported, queues_bits);
         self.battery = BatteryState::after(flight);
-        self.strategy.observe(flight, &self.belief);
+        self.strategy.observe(slot, flights, &self.belief);
     }
 
     /// Plans `slot` from the position of the UAV, `L_u(t−1)` [m], and the queues `B_i(t−1)` [bit], by id. If the queues
@@ -229,6 +244,9 @@ impl Planner {
             others: others.and_then(|others| others.visits),
             stop: &self.stop,
         };
+        if let Some(others) = &others {
+            self.strategy.meet(&others.neighbours());
+        }
         let (mut decision, mode) = decide(self.strategy.as_mut(), &mut self.transit, &view);
         let apart = others.map(|others| others.apart).filter(|_| mode != Mode::Charge);
         if let Some(end) = apart.and_then(|apart| apart.end_instead_of(&view, &decision.waypoint.xy())) {

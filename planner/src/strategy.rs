@@ -43,8 +43,12 @@ pub trait Strategy: Checkpoint {
     /// (decision D8).
     fn plan(&mut self, view: &View<'_>) -> Option<Decision>;
 
-    /// Observes a flight, and what is believed after it.
-    fn observe(&mut self, _report: &FlightReport, _belief: &Belief) {}
+    /// Observes the flights of `slot` that the UAV knows of, and what is believed after them: its own, and in a fleet
+    /// that talks those of all UAVs, by their numbers. Their links are its contacts.
+    fn observe(&mut self, _slot: u64, _flights: &[FlightReport], _belief: &Belief) {}
+
+    /// Takes in what the other UAVs tell before it plans a slot. Not called for a UAV that plans alone.
+    fn meet(&mut self, _neighbours: &Neighbours<'_>) {}
 
     /// The planned waypoints after the last decided one, from strategies that look ahead.
     fn path(&self) -> &[Point3<f64>] {
@@ -63,6 +67,37 @@ pub trait Strategy: Checkpoint {
     /// Prepares to share its round with other UAVs of the same strategy: this is number `uav`, and the round of each
     /// UAV would begin with the SN of `firsts`.
     fn take_part(&mut self, _uav: usize, _firsts: &[u32]) {}
+}
+
+/// Makes the strategy of a UAV from its setup. In a fleet it is called for one UAV after the other, by their numbers.
+pub type MakeStrategy<'a> = dyn FnMut(&Setup<'_>) -> Result<Box<dyn Strategy>, InputError> + 'a;
+
+/// What the other UAVs of a fleet tell a UAV before it plans a slot.
+///
+/// ```
+/// use skysink_planner::strategy::Neighbours;
+/// let alone = Neighbours { uav: 0, flights: &[], scheduled: &[], intents: &[] };
+/// assert_eq!(alone.others().count(), 0);
+/// ```
+#[derive(Debug, Clone, Copy)]
+pub struct Neighbours<'a> {
+    /// The number of the UAV that plans.
+    pub uav: usize,
+    /// The last flight of each UAV, by its number.
+    pub flights: &'a [FlightReport],
+    /// The SNs that the others have scheduled in this slot, which count as empty. Empty where each has a part of the
+    /// field.
+    pub scheduled: &'a [u32],
+    /// What the others plan to serve, by slot; from those that look ahead.
+    pub intents: &'a [PlannedVisit],
+}
+
+impl<'a> Neighbours<'a> {
+    /// The numbers of the other UAVs, and their last flights.
+    pub fn others(&self) -> impl Iterator<Item = (usize, &'a FlightReport)> {
+        let uav = self.uav;
+        self.flights.iter().enumerate().filter(move |(number, _)| *number != uav)
+    }
 }
 
 /// A visit of an SN in a plan.
@@ -160,19 +195,14 @@ impl<'a> View<'a> {
         self.position.xy()
     }
 
-    /// The value of the queue of SN `id`, by which strategies compare queues: its bits where all weights are equal
-    /// ([`Weights::value`](skysink_common::weights::Weights::value), decision D25); 0 if zones leave no place to serve
-    /// it from.
+    /// The value of the queue of SN `id` ([`MissionTable::value`]).
     ///
     /// # Panics
     /// If the SN is unknown.
     #[inline]
     #[must_use]
     pub fn value(&self, id: u32) -> u32 {
-        if !self.table.is_servable(id) {
-            return 0;
-        }
-        self.table.sensors.weights.value(id, self.belief.queues_bits[id as usize])
+        self.table.value(id, self.belief.queues_bits[id as usize])
     }
 
     /// The values of all queues, by id; `room` is memory for them.

@@ -2,8 +2,7 @@
 
     python python/benchmarks/flight.py                  # about a minute
 
-Both fly the same mission alternately; the medians of the times in summary.json are printed. The ring needs
-`pip install './python[ring]'`.
+Both fly the same mission alternately; the medians of the times in summary.json are printed.
 """
 
 from __future__ import annotations

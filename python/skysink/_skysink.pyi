@@ -8,27 +8,32 @@ from typing import Any, Final, Self, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from skysink.ring import Vehicle
 from skysink.strategy import Strategy
 
 __all__ = [
     "STRATEGIES",
+    "Base",
     "BatchCore",
     "Belief",
     "Decision",
     "DiskRound",
     "EnvironmentCore",
     "Field",
+    "Flight",
     "InputError",
-    "PlanMaker",
+    "Neighbours",
+    "Route",
     "Run",
     "Scenario",
     "SweepPlan",
     "SweepRecord",
     "Table",
-    "VehicleCore",
     "View",
     "__build__",
     "__version__",
+    "fly_ring",
+    "plan_ring",
     "round_over_disks",
     "run_program",
     "simulate",
@@ -157,6 +162,20 @@ class Field:
         """Weights w_i of the bits of the SNs, [N]; 1 without weights in the sensor list."""
 
     @property
+    def servable(self) -> NDArray[np.bool_]:
+        """Whether each SN has a place in its range that the UAV can fly to, and so can be served, [N]. Zones hide
+        others.
+        """
+
+    @property
+    def base(self) -> Base | None:
+        """The base that the UAV has to come back to; None if it need not."""
+
+    @property
+    def move_slots(self) -> int:
+        """Slots of a move on a grid; 1 without one."""
+
+    @property
     def area_m(self) -> tuple[float, float]:
         """Width and height of the area [m]."""
 
@@ -196,14 +215,17 @@ class Field:
         """Ids of the SNs within ``radius_m`` [m] of ``point`` on the ground, ascending; tolerance as in decision D5."""
 
     def fullest(self, point: ArrayLike, queues_bits: NDArray[np.uint32]) -> NDArray[np.uint32]:
-        """Ids of the n SNs with the fullest queues within d_c of ``point``, ascending. Ties go to the lowest id."""
+        """Ids of the n SNs with the fullest queues within d_c of ``point``, by their values, ascending. Ties go to the
+        lowest id.
+        """
 
     def toward(self, from_: ArrayLike, to: ArrayLike, /) -> NDArray[np.float64]:
         """The point that one slot at full speed reaches from ``from_`` toward ``to``, at most ``to`` [m], [2]."""
 
-    @staticmethod
-    def _from_messages(limits: bytes, nodes: bytes) -> Field:
-        """Creates a field from limits and sensor nodes in the layout of the messages of the ring."""
+    def route(self, from_: ArrayLike, goal: ArrayLike | int, /) -> Route | None:
+        """The route from ``from_`` to ``goal``: a point [m], or the id of an SN, into whose range it leads. None if
+        there is none.
+        """
 
 @final
 class View:
@@ -219,10 +241,10 @@ class View:
 
     @property
     def queues_bits(self) -> NDArray[np.uint32]:
-        """Queues at the start of the slot, true or estimated, B_i(t-1) [bit], [N], read-only.
+        """Queues at the start of the slot, true or estimated, B_i(t-1) [bit], [N], read-only. Those of SNs that other
+        UAVs have scheduled in this slot count as empty.
 
-        The array shares memory with the field. In ``simulate`` and sweeps, a stored array does not change. In a ring,
-        it is valid only during ``plan``; copy it to store it. It is unsigned: use ``astype(np.int64)`` for differences.
+        It is unsigned: use ``astype(np.int64)`` for differences.
         """
 
     @property
@@ -230,14 +252,138 @@ class View:
         """Sampling rates as known at the start of the slot, true or learnt [bit/s], [N], read-only."""
 
     @property
-    def belief(self) -> Belief | None:
+    def belief(self) -> Belief:
         """Queues and rates as known at the start of the slot, each with its standard deviation, and the ages of the
-        contacts. None in a ring.
+        contacts.
         """
 
     @property
     def field(self) -> Field:
         """What stays the same."""
+
+    @property
+    def energy_j(self) -> float:
+        """Energy in the battery at the start of the slot, E(t-1) [J]; infinite without a battery."""
+
+    @property
+    def is_charging(self) -> bool:
+        """Whether the UAV has charged in the slot before."""
+
+    @property
+    def energy_left_home_j(self) -> float:
+        """Energy beyond the way home and the reserve [J]: minus infinity if the way takes too long, infinite without a
+        battery.
+        """
+
+    @property
+    def slots_left_home(self) -> int | None:
+        """Slots left beyond those of the way home at full speed, below 0 if it takes too long; None if the UAV need not
+        be home in time.
+        """
+
+    @property
+    def neighbours(self) -> Neighbours | None:
+        """The other UAVs; None for a UAV that plans alone."""
+
+    @property
+    def values(self) -> NDArray[np.uint32]:
+        """The values of the queues by which built-in strategies compare them, w_i B_i in a common unit, uint32 [N],
+        read-only: the queues themselves if all weights are equal, and 0 for SNs that zones hide.
+        """
+
+    @property
+    def reachable(self) -> NDArray[np.uint32]:
+        """Ids of the SNs whose range one slot leads into, around zones, of those that are nearer than the reach of a
+        slot; ascending.
+        """
+
+    def route_to(self, goal: ArrayLike | int) -> Route | None:
+        """The route from the UAV to ``goal``: a point [m], or the id of an SN, into whose range it leads. None if there
+        is none.
+        """
+
+@final
+class Route:
+    """A route at full speed, straight or around zones, and on a grid along its lines."""
+
+    @property
+    def length_m(self) -> float:
+        """Its length [m]."""
+
+    @property
+    def slots(self) -> int:
+        """Its slots, at least 1."""
+
+    @property
+    def energy_j(self) -> float:
+        """The energy that it takes [J]; 0 without a battery."""
+
+    @property
+    def end_m(self) -> tuple[float, float]:
+        """Where it ends [m]."""
+
+@final
+class Base:
+    """Where UAVs land and charge (decision D9)."""
+
+    @property
+    def places_m(self) -> list[tuple[float, float]]:
+        """A place well inside of each of its areas [m], [K, 2]; the centre of a disk."""
+
+    @property
+    def radius_m(self) -> float | None:
+        """Its radius [m]; None if it is made of polygons."""
+
+    def contains(self, point: ArrayLike) -> bool:
+        """Whether ``point`` [m] lies in it."""
+
+@final
+class Neighbours:
+    """What the other UAVs of a fleet tell a UAV before it plans a slot."""
+
+    @property
+    def own(self) -> int:
+        """The number of the UAV that plans."""
+
+    @property
+    def uavs(self) -> list[int]:
+        """The numbers of the others, ascending."""
+
+    @property
+    def positions_m(self) -> NDArray[np.float64]:
+        """Their positions at the start of the slot [m], [U - 1, 3], read-only."""
+
+    @property
+    def scheduled(self) -> NDArray[np.uint32]:
+        """Ids of the SNs that they have scheduled in this slot, uint32, read-only. Empty where each has a part of the
+        field.
+        """
+
+    @property
+    def intents(self) -> list[tuple[int, int, float]]:
+        """What they plan to serve from this slot on, by slot: slot, id, and bits, infinite for all that is there. From
+        strategies that look ahead.
+        """
+
+@final
+class Flight:
+    """The flight of a UAV in a slot."""
+
+    @property
+    def position_m(self) -> NDArray[np.float64]:
+        """Where it ended [m], [3], read-only."""
+
+    @property
+    def energy_j(self) -> float:
+        """Energy in the battery after it [J]; infinite without a battery."""
+
+    @property
+    def mode(self) -> str:
+        """What was flown, as in the column ``mode`` of ``slots.csv``."""
+
+    @property
+    def served(self) -> list[int]:
+        """Ids of the SNs that it served, ascending."""
 
 @final
 class Belief:
@@ -391,7 +537,7 @@ class Run:
 
 def simulate(
     scenario: Scenario,
-    strategy: Strategy | str | None = None,
+    strategy: Strategy | Callable[[], Strategy] | str | None = None,
     *,
     seed: int | None = None,
     label: str | None = None,
@@ -408,6 +554,8 @@ def round_over_disks(
 ) -> DiskRound:
     """A short path that touches the disks."""
 
+def plan_ring(strategy: Strategy | Callable[[], Strategy], ring: Path, scenario: Path) -> int: ...
+def fly_ring(vehicle: Vehicle, ring: Path, scenario: Path, reached_m: float) -> int: ...
 def run_program(name: str, arguments: Sequence[str], interpreter: Sequence[str]) -> int: ...
 
 _Observation = dict[str, NDArray[np.float32]]
@@ -513,29 +661,6 @@ class BatchCore:
     def clone(self) -> BatchCore: ...
     def save(self) -> list[bytes]: ...
     def restore(self, saved: Sequence[bytes]) -> None: ...
-
-@final
-class PlanMaker:
-    def __new__(cls, strategy: Strategy, field: Field) -> Self: ...
-    def plan(
-        self,
-        slot: int,
-        uav: tuple[float, float, float],
-        queues_bits: NDArray[np.uint32],
-        learnt_bps: NDArray[np.float64] | None = None,
-    ) -> bytes: ...
-
-@final
-class VehicleCore:
-    def __new__(cls, scenario: Path, nodes: bytes, reached_m: float) -> Self: ...
-    def start(self) -> bytes: ...
-    def restore(self, reports: bytes) -> None: ...
-    def orders(
-        self, slot: int, plans: bytes | None
-    ) -> list[
-        tuple[tuple[float, float, float], tuple[float, float, float], list[int], str, bool, bool]
-    ]: ...
-    def complete(self, slot: int, reports: bytes) -> bytes: ...
 
 @final
 class SweepPlan:

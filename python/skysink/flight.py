@@ -11,7 +11,7 @@ from typing import Any
 from skysink import _skysink
 from skysink._skysink import InputError, Run, Scenario, Table
 from skysink.models import Arrivals, Channel, Model, Models
-from skysink.strategy import PREFIX, PythonStrategy, Strategy, labelled, named, origin
+from skysink.strategy import PREFIX, PythonStrategy, Strategy, labelled, named
 from skysink.sweeps import ComparisonSource, fly_all, load
 
 
@@ -42,7 +42,7 @@ def scenario_of(scenario: Scenario | str | PathLike[str]) -> Scenario:
 
 def simulate(
     scenario: Scenario | str | PathLike[str],
-    strategy: Strategy | type[Strategy] | str | None = None,
+    strategy: Strategy | Callable[[], Strategy] | str | None = None,
     *,
     seed: int | None = None,
     label: str | None = None,
@@ -51,8 +51,8 @@ def simulate(
 ) -> Run:
     """Simulates a mission in this process and returns it.
 
-    ``strategy`` is the name of a built-in strategy (:data:`skysink.STRATEGIES`), a Python strategy, or
-    ``"python:FILE:CLASS"``; by default the scenario's, whose FILE is relative to its folder. ``seed`` overrides the
+    ``strategy`` is the name of a built-in strategy (:data:`skysink.STRATEGIES`), a Python strategy, as a class or for one
+    UAV as an object, or ``"python:FILE:CLASS"``; by default the scenario's, whose FILE is relative to its folder. ``seed`` overrides the
     scenario's. ``label`` is the name of a Python strategy in the results, by default that of its class. ``arrivals``
     is what the SNs sample, a subclass of :class:`skysink.Arrivals`, ``channel`` the rates of their links, of
     :class:`skysink.Channel`. Built-in strategies release the interpreter lock.
@@ -74,9 +74,8 @@ def simulate(
         found = named(strategy or base.strategy, None if strategy else base.path.parent)
         if isinstance(found, str):
             return _skysink.simulate(base, found, seed=seed, label=label)
-        return _skysink.simulate(base, found.make(), seed=seed, label=label, origin=(str(found.spec), found.sources))
-    flown = strategy if isinstance(strategy, Strategy) else strategy()
-    return _skysink.simulate(base, flown, seed=seed, label=label, origin=origin(flown))
+        return _skysink.simulate(base, found.make, seed=seed, label=label, origin=(str(found.spec), found.sources))
+    return _skysink.simulate(base, strategy, seed=seed, label=label)
 
 
 def compare(

@@ -16,7 +16,7 @@ from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 
-from skysink._skysink import STRATEGIES, Decision, Field, InputError, View
+from skysink._skysink import STRATEGIES, Decision, Field, Flight, InputError, View
 
 PREFIX = "python:"
 
@@ -40,7 +40,9 @@ class Strategy(ABC):
     """A planning strategy: decides waypoint and schedule of every slot.
 
     The same class works in :func:`skysink.simulate`, :func:`skysink.compare`, :func:`skysink.sweep` and in a
-    running ring (:func:`skysink.ring.planner`). If a class is passed, each mission creates an instance.
+    running ring (:func:`skysink.ring.planner`), and for several UAVs. It is flown by the rules of all strategies: around
+    zones, home before energy or time end, and apart from other UAVs. If a class is passed, each mission creates an
+    instance for each UAV.
     """
 
     def __init_subclass__(cls, **arguments: object) -> None:
@@ -57,19 +59,28 @@ class Strategy(ABC):
         setattr(cls, DEFINED, sources)
 
     def begin(self, field: Field) -> None:
-        """Called once before slot 1, with the constant data of the mission."""
+        """Called once before slot 1, with the constant data of the mission.
+
+        In a fleet whose ``uav.coordination`` is ``partition``, the SNs are those of the UAV's part, with ids from 0.
+        """
+
+    def observe(self, slot: int, flights: list[Flight]) -> None:
+        """Called after each slot, also while the UAV charges, with the flight of the UAV; in a fleet that talks with those
+        of all UAVs, by their numbers. Slot 0 is the start.
+        """
 
     @abstractmethod
     def plan(self, view: View) -> Decision | None:
         """Returns the decision for slot ``view.slot``.
 
-        ``None`` applies the transit rule: fly straight at full speed toward the fullest queue, and serve the
-        fullest queues in range. A waypoint that is out of reach or outside the area is refused: the UAV holds its
-        position. SNs out of range are not served. ``refused`` in the results counts both.
+        ``None`` applies the transit rule: fly at full speed toward the fullest queue, by weight, of those that zones do
+        not hide, and serve the fullest queues in range. A waypoint that is out of reach or outside the area is refused:
+        the UAV holds its position. SNs out of range are not served. ``refused`` in the results counts both. Not called
+        while the UAV charges.
         """
 
     def save(self) -> bytes:
-        """Returns the state of the strategy, so that it can be restarted in a ring."""
+        """Returns the state of the strategy, so that it can be restarted in a ring; at most 4 MiB."""
         return b""
 
     def restore(self, state: bytes) -> None:
@@ -130,12 +141,12 @@ def labelled(label: str, strategy: str | Callable[[], Strategy]) -> str | Python
     return PythonStrategy(label, found.make, found.version, found.spec, found.sources)
 
 
-def make(strategy: Strategy | type[Strategy] | str) -> str | Strategy:
-    """The name of a built-in strategy, or an instance of a Python strategy."""
-    if isinstance(strategy, Strategy):
-        return strategy
-    found = named(strategy)
-    return found if isinstance(found, str) else found.make()
+def maker(spec: str | Callable[[], Strategy]) -> Callable[[], Strategy]:
+    """The factory of a Python strategy."""
+    found = named(spec)
+    if isinstance(found, str):
+        raise InputError(f"strategy {found}: expected a Python strategy")
+    return found.make
 
 
 def origin(strategy: Strategy) -> tuple[str, Sources]:
@@ -286,4 +297,4 @@ def _source(strategy: object) -> str:
         return ""
 
 
-__all__ = ["PREFIX", "STRATEGIES", "PythonStrategy", "Sources", "Strategy", "labelled", "make", "named", "origin"]
+__all__ = ["PREFIX", "STRATEGIES", "PythonStrategy", "Sources", "Strategy", "labelled", "maker", "named", "origin"]

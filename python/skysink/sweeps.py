@@ -15,7 +15,7 @@ from typing import Any
 
 from skysink._skysink import InputError, Scenario, SweepPlan, Table
 from skysink.models import Arrivals, Channel, Model, Models
-from skysink.strategy import MAIN, PREFIX, PythonStrategy, Sources, Strategy, named
+from skysink.strategy import MAIN, PREFIX, PythonStrategy, Sources, Strategy, maker, named
 
 Key = tuple[int, int, int]
 """A mission: point of the grid, index of the strategy, seed."""
@@ -121,14 +121,6 @@ def in_file(path: Path, index: int, name: str) -> str | PythonStrategy:
     if path.is_dir():
         return named(f"{PREFIX}strategy-{index}/{MAIN}:{name.rpartition(':')[2]}", path)
     return named(name, path.parent)
-
-
-def maker(spec: str | Callable[[], Strategy]) -> Callable[[], Strategy]:
-    """The factory of a Python strategy."""
-    found = named(spec)
-    if isinstance(found, str):
-        raise InputError(f"strategy {found}: expected a Python strategy")
-    return found.make
 
 
 @lru_cache(maxsize=8)

@@ -59,6 +59,14 @@ pub fn believed<'a>(plant: &'a Plant, field: &'a FieldData) -> Believed<'a> {
     plant.field().belief().predicted(plant.slot(), &field.sensors, plant.field().queues_bits())
 }
 
+/// The sampling rates that the UAV of `plant` believes in over `field` [bit/s].
+pub fn believed_bps<'py>(py: Python<'py>, plant: &Plant, field: &FieldData) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    match plant.field().belief().learnt_bps(field.limits.slot_s) {
+        Some(learnt_bps) => read_only(PyArray1::from_iter(py, learnt_bps)),
+        None => field.sampling_bps(py),
+    }
+}
+
 /// What the UAV knows of the sensor nodes at the start of a slot: queues and rates, each with its standard deviation,
 /// and the ages of its contacts.
 #[pyclass(name = "Belief", module = "skysink", frozen)]
@@ -73,17 +81,18 @@ pub struct PyBelief {
 }
 
 impl PyBelief {
-    /// That of the UAV of `plant` over `field`, with the queues [bit], the rates [bit/s] and its contacts.
+    /// What is `believed` of the sensor nodes of `field` at the end of `slot`, with the queues [bit], the rates [bit/s]
+    /// and the contacts.
     pub fn of(
         py: Python<'_>,
-        plant: &Plant,
+        believed: &Believed<'_>,
         field: &FieldData,
         queues_bits: &Bound<'_, PyArray1<u32>>,
         sampling_bps: &Bound<'_, PyArray1<f64>>,
-        contacts: Contacts,
+        contacts: &Contacts,
+        slot: u64,
     ) -> PyResult<Self> {
         let spreads = || {
-            let believed = believed(plant, field);
             let queues = field.sensors.ids().map(|id| believed.queue_sd_bits(id));
             let rates = field.sensors.ids().map(|id| believed.mean_sd_bits(id) / field.limits.slot_s);
             PyResult::Ok([array(py, queues)?, array(py, rates)?])
@@ -91,9 +100,9 @@ impl PyBelief {
         Ok(Self {
             queues_bits: queues_bits.clone().unbind(),
             sampling_bps: sampling_bps.clone().unbind(),
-            spreads: plant.field().belief().is_estimated().then(spreads).transpose()?,
-            contacts,
-            slot: plant.slot(),
+            spreads: believed.belief.is_estimated().then(spreads).transpose()?,
+            contacts: contacts.clone(),
+            slot,
         })
     }
 

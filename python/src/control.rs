@@ -1,10 +1,12 @@
 //! The actions of an environment, and what the UAV plans by them.
 
+use nalgebra::Point3;
 use numpy::{AllowTypeChange, PyArrayLike1, PyReadonlyArrayDyn};
 use pyo3::prelude::*;
 use skysink_common::geometry::{Position, above, within};
-use skysink_common::message::{MAX_SERVED, Mode, Plan};
+use skysink_common::message::{MAX_SERVED, Mode, SolverOutcome};
 use skysink_common::slot_record::Plans;
+use skysink_planner::strategy::Decision;
 
 use crate::episode::Episode;
 use crate::errors::refused;
@@ -74,18 +76,19 @@ impl Actions {
         let mut plans = Plans::new();
         for uav in 0..uavs {
             episode.uav = uav;
-            plans.push(Some(episode.ruled(self.plan(index * uavs + uav, episode))));
+            let decision = self.decision(index * uavs + uav, episode);
+            plans.push(Some(episode.ruled(decision, Mode::Serve)));
         }
         plans
     }
 
-    /// The plan of `episode` by action number `index`.
-    pub fn plan(&self, index: usize, episode: &Episode) -> Plan {
+    /// The decision of `episode` by action number `index`.
+    pub fn decision(&self, index: usize, episode: &Episode) -> Decision {
         match self {
-            Self::Choices(choices) => episode.plan_choice(choices[index]),
+            Self::Choices(choices) => episode.choose(choices[index]),
             Self::Components(components) => {
                 let axes = episode.axes();
-                episode.plan_components(&components[index * axes..][..axes])
+                episode.move_by(&components[index * axes..][..axes])
             }
         }
     }
@@ -151,16 +154,17 @@ impl Episode {
         if mask.contains(&true) { mask } else { some(returns) }
     }
 
-    /// The plan by the components of a displacement or waypoint.
-    pub fn plan_components(&self, action: &[f32]) -> Plan {
-        match self.control() {
-            Control::Waypoint => self.plan_waypoint(action),
-            _ => self.plan_displacement(action),
-        }
+    /// The decision by the components of a displacement or waypoint. Serves the fullest queues in range.
+    fn move_by(&self, action: &[f32]) -> Decision {
+        let waypoint = match self.control() {
+            Control::Waypoint => self.waypoint(action),
+            Control::Displacement | Control::Sensor => self.displaced(action),
+        };
+        decided(waypoint, &self.field.fullest(&waypoint, self.plant.field().believed_bits()))
     }
 
-    /// A displacement as a fraction of the reach of a slot. Serves the fullest queues in range.
-    fn plan_displacement(&self, action: &[f32]) -> Plan {
+    /// The waypoint of a displacement as a fraction of the reach of a slot.
+    fn displaced(&self, action: &[f32]) -> Point3<f64> {
         let limits = self.field.limits;
         let uav = self.flight().position();
         let step = Position::new(action[0].into(), action[1].into()).coords;
@@ -169,28 +173,26 @@ impl Episode {
             let climb_m = f64::from(climb).clamp(-1.0, 1.0) * limits.climb_m;
             (uav.z + climb_m).clamp(limits.min_altitude_m, limits.max_altitude_m)
         });
-        let ground = self.field.clamp_to_area(uav.xy() + step);
-        let ground = self.field.airspace.last_free(&uav.xy(), &ground, [limits.min_altitude_m; 2]);
-        self.field.plan(above(&ground, z_m), None, self.plant.field().believed_bits(), Mode::Serve)
+        let ground = self.field.clamp_to_area(&(uav.xy() + step));
+        above(&self.field.airspace.last_free(&uav.xy(), &ground, [limits.min_altitude_m; 2]), z_m)
     }
 
-    /// A waypoint as fractions of the area and of the altitudes, moved into reach. Serves the fullest queues in range.
-    fn plan_waypoint(&self, action: &[f32]) -> Plan {
+    /// The waypoint as fractions of the area and of the altitudes, moved into reach.
+    fn waypoint(&self, action: &[f32]) -> Point3<f64> {
         let limits = self.field.limits;
         let uav = self.flight().position();
         let goal = Position::new(f64::from(action[0]) * limits.width_m, f64::from(action[1]) * limits.height_m);
-        let ground = self.field.toward(&uav.xy(), &self.field.clamp_to_area(goal));
+        let ground = self.field.toward(&uav.xy(), &self.field.clamp_to_area(&goal));
         let z_m = action.get(2).map_or(uav.z, |&fraction| {
             let range_m = limits.max_altitude_m - limits.min_altitude_m;
             let goal_m = limits.min_altitude_m + f64::from(fraction).clamp(0.0, 1.0) * range_m;
             goal_m.clamp(uav.z - limits.climb_m, uav.z + limits.climb_m)
         });
-        let ground = self.field.clamp_to_area(ground);
-        self.field.plan(above(&ground, z_m), None, self.plant.field().believed_bits(), Mode::Serve)
+        above(&self.field.clamp_to_area(&ground), z_m)
     }
 
     /// The flight toward a sensor node, which is served if it is then in range, with the fullest others.
-    pub fn plan_choice(&self, choice: usize) -> Plan {
+    fn choose(&self, choice: usize) -> Decision {
         let limits = self.field.limits;
         let uav = self.flight().position();
         let id = match self.observed().nearest {
@@ -198,20 +200,26 @@ impl Episode {
             None => choice as u32,
         };
         let goal = self.field.sensors.position(id);
-        let ground = self.field.clamp_to_area(self.field.toward(&uav.xy(), goal));
+        let waypoint = above(&self.field.clamp_to_area(&self.field.toward(&uav.xy(), goal)), uav.z);
         let believed_bits = self.plant.field().believed_bits();
-        let mut served = self.field.fullest(&ground, believed_bits);
+        let mut served = self.field.fullest(&waypoint, believed_bits);
         let most = (limits.resource_blocks as usize).min(MAX_SERVED);
-        if within(goal, &ground, limits.comm_radius_m) && !served.contains(&id) {
+        if within(goal, &waypoint.xy(), limits.comm_radius_m) && !served.contains(&id) {
             if served.len() == most {
-                let emptiest = (0..most).rev().min_by_key(|&at| believed_bits[served[at] as usize]);
+                let value = |id: u32| self.field.value(id, believed_bits[id as usize]);
+                let emptiest = (0..most).rev().min_by_key(|&at| value(served[at]));
                 emptiest.map(|at| served.remove(at));
             }
             served.push(id);
             served.sort_unstable();
         }
-        self.field.plan(above(&ground, uav.z), Some(&served), believed_bits, Mode::Serve)
+        decided(waypoint, &served)
     }
+}
+
+/// The decision to fly to `waypoint` [m] and serve these sensor nodes.
+fn decided(waypoint: Point3<f64>, ids: &[u32]) -> Decision {
+    Decision { waypoint, schedule: ids.iter().copied().collect(), outcome: SolverOutcome::Rule, winner: None }
 }
 
 /// The mask, or one of all if it has none.

@@ -12,17 +12,17 @@ use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{Plans, UAV};
 use skysink_planner::strategies::PYTHON;
 
-use crate::belief::PyBelief;
+use crate::belief::{PyBelief, believed, believed_bps};
 use crate::control::Actions;
 use crate::episode::{Episode, Outcome};
 use crate::errors::{of_mission, refused};
 use crate::field::PyField;
 use crate::observation::Observations;
-use crate::pilot::{PyDecision, believed_bps};
 use crate::rules::{Control, Kind, Rules};
 use crate::run::{PyRun, python_mode};
 use crate::scenario::PyScenario;
 use crate::simulate::checked_label;
+use crate::strategy::PyDecision;
 
 /// Observation, reward, terminated, truncated, information.
 type Step<'py> = (Bound<'py, PyDict>, f64, bool, bool, Bound<'py, PyDict>);
@@ -48,7 +48,6 @@ impl PyEnvironmentCore {
         if self.episode.is_over() {
             return Err(refused("the episode is over: expected reset()"));
         }
-        let plan = self.episode.ruled(plan);
         let Outcome { reward, delivered_bits, lost_bits, is_over, is_down } = self.episode.fly(&[Some(plan)]);
         self.plans.push(Arc::new(plan));
         let information = PyDict::new(py);
@@ -107,7 +106,8 @@ impl PyEnvironmentCore {
     fn belief(&self, py: Python<'_>) -> PyResult<PyBelief> {
         let Episode { field, plant, contacts, .. } = &self.episode;
         let sampling_bps = believed_bps(py, plant, field)?;
-        PyBelief::of(py, plant, field, &self.queues_bits(py), &sampling_bps, contacts.clone())
+        let believed = believed(plant, field);
+        PyBelief::of(py, &believed, field, &self.queues_bits(py), &sampling_bps, contacts, plant.slot())
     }
 
     #[getter]
@@ -148,15 +148,15 @@ impl PyEnvironmentCore {
     }
 
     fn step<'py>(&mut self, py: Python<'py>, action: &Bound<'py, PyAny>) -> PyResult<Step<'py>> {
-        let plan = Actions::one(&self.episode, action)?.plan(0, &self.episode);
+        let decision = Actions::one(&self.episode, action)?.decision(0, &self.episode);
+        let plan = self.episode.ruled(decision, Mode::Serve);
         self.fly_plan(py, plan)
     }
 
     #[pyo3(signature = (decision, transit = false))]
     fn fly<'py>(&mut self, py: Python<'py>, decision: &Bound<'py, PyDecision>, transit: bool) -> PyResult<Step<'py>> {
-        let Episode { field, plant, .. } = &self.episode;
         let mode = if transit { Mode::Transit } else { Mode::Serve };
-        let plan = decision.get().plan(field, plant.flight(UAV).position(), plant.field().believed_bits(), mode);
+        let plan = self.episode.decided(decision.get(), mode)?;
         self.fly_plan(py, plan)
     }
 

@@ -1,25 +1,31 @@
 //! An episode of the environment: a mission flown by actions.
 
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 
 use pyo3::prelude::*;
 use skysink_common::arrivals::mean_bits;
+use skysink_common::battery::BatteryState;
 use skysink_common::belief::Belief;
-use skysink_common::checkpoint::{Checkpoint as _, decode, encode};
+use skysink_common::checkpoint::{Checkpoint, decode, encode};
 use skysink_common::error::InputError;
 use skysink_common::message::{FlightReport, Mode, Plan};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::UAV;
+use skysink_common::stop::Stop;
 use skysink_mission::Plant;
 use skysink_planner::fleet::require_one;
 use skysink_planner::settings;
+use skysink_planner::strategies::returning::decide;
+use skysink_planner::strategies::serving::Serving;
+use skysink_planner::strategy::{Decision, Strategy, Timing, View};
 
-use crate::belief::Contacts;
+use crate::belief::{Contacts, believed};
 use crate::errors::refused;
 use crate::field::FieldData;
 use crate::rules::{Kind, Reward, Rules};
 use crate::scenario::PyScenario;
+use crate::strategy::PyDecision;
 
 /// The field and the UAVs of a scenario, with what the UAVs believe of the queues.
 pub fn plant(scenario: &Scenario, list: &SensorList) -> PyResult<Plant> {
@@ -62,6 +68,20 @@ impl Course {
     }
 }
 
+/// The stop that nobody requests.
+static NEVER: LazyLock<Stop> = LazyLock::new(Stop::default);
+
+/// The strategy whose decision for one slot is known.
+struct Proposed(Option<Decision>);
+
+impl Checkpoint for Proposed {}
+
+impl Strategy for Proposed {
+    fn plan(&mut self, _view: &View<'_>) -> Option<Decision> {
+        self.0.take()
+    }
+}
+
 /// A running episode.
 #[derive(Clone)]
 pub struct Episode {
@@ -75,6 +95,7 @@ pub struct Episode {
     /// The plant before slot 1.
     fresh: Arc<Plant>,
     pub contacts: Contacts,
+    serving: OwnServing,
     /// Positions of the sensor nodes, x and y alternating, as fractions of the area; empty if they are not observed.
     pub positions: Arc<[f32]>,
     /// Weights of the sensor nodes, by id; empty if the reward is not weighted.
@@ -85,6 +106,16 @@ pub struct Episode {
     pub has_random_arrivals: bool,
     /// The highest mean that a sensor node can have [bit per slot].
     pub highest_mean_bits: f64,
+}
+
+/// What computes schedules and altitudes: made when it is first asked for, and not copied with an episode.
+#[derive(Default)]
+struct OwnServing(Option<Box<Serving>>);
+
+impl Clone for OwnServing {
+    fn clone(&self) -> Self {
+        Self::default()
+    }
 }
 
 /// The result of one slot of an episode.
@@ -156,13 +187,14 @@ impl Episode {
         let scenario = course.prepared(number)?;
         let list = SensorList::of(&scenario).map_err(refused)?;
         let plant = plant(&scenario, &list)?;
-        let field = Arc::new(FieldData::of(&scenario, &list, plant.field().belief()));
+        let field = Arc::new(FieldData::of(&scenario, &list, plant.field().belief()).map_err(refused)?);
         let Rules { observed, reward, .. } = &*course.rules;
         let known_bits = field.sensors.ids().map(|id| field.sensors.sampler(id).mean_bits);
         let highest_of_range = mean_bits(scenario.sensors.sampling_bps.ends()[1], scenario.slot_s);
         Ok(Self {
             number,
             uav: UAV,
+            serving: OwnServing::default(),
             contacts: Contacts::none(if course.rules.keeps_contacts { field.count() } else { 0 }),
             positions: if observed.has("positions") { field.position_fractions().collect() } else { Arc::default() },
             weights: if *reward == Reward::Weighted { weights(&list) } else { Arc::default() },
@@ -244,13 +276,45 @@ impl Episode {
         }
     }
 
-    /// What becomes of `plan` by the rules for strategies, if the environment has them.
-    pub fn ruled(&self, plan: Plan) -> Plan {
-        if !self.course.rules.has_return_rule {
-            return plan;
+    /// What the UAV sees of the next slot.
+    pub fn view(&self) -> View<'_> {
+        let flight = self.flight();
+        View {
+            slot: self.plant.slot() + 1,
+            position: flight.position(),
+            battery: BatteryState::after(flight),
+            belief: believed(&self.plant, &self.field),
+            table: &self.field,
+            timing: Timing::Free,
+            others: None,
+            stop: &NEVER,
         }
-        let queues_bits = self.plant.field().believed_bits();
-        self.field.ruled(self.plant.slot() + 1, self.flight(), plan, queues_bits)
+    }
+
+    /// Calls `work` with what the UAV sees, and with what computes schedules and altitudes.
+    fn served<T>(&mut self, work: impl FnOnce(&View<'_>, &mut Serving) -> T) -> T {
+        let mut serving = self.serving.0.take().unwrap_or_else(|| Box::new(self.field.serving()));
+        let done = work(&self.view(), &mut serving);
+        self.serving.0 = Some(serving);
+        done
+    }
+
+    /// The plan by a decision of a strategy in Python.
+    pub fn decided(&mut self, decision: &PyDecision, mode: Mode) -> PyResult<Plan> {
+        let decision = self.served(|view, serving| decision.decide(view, serving))?;
+        Ok(self.ruled(decision, mode))
+    }
+
+    /// The plan by `decision`. If the environment has the rules for strategies, what becomes of it by them.
+    pub fn ruled(&mut self, decision: Decision, mode: Mode) -> Plan {
+        let decided = match self.course.rules.has_return_rule {
+            true => self.served(|view, serving| decide(&mut Proposed(Some(decision)), serving, view)),
+            false => (decision, Mode::Serve),
+        };
+        let (decision, by_rule) = decided;
+        let mut plan = Plan::fly_to(decision.waypoint, if by_rule == Mode::Serve { mode } else { by_rule });
+        plan.schedule(&decision.schedule);
+        plan
     }
 
     /// Whether all UAVs are down (decision D12).

@@ -1,55 +1,102 @@
 //! `skysink.Field`: the constant data of a mission.
 
+use std::ops::Deref;
 use std::sync::Arc;
 
 use nalgebra::Point3;
 use numpy::ndarray::Array2;
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, ToPyArray};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods as _, PyReadonlyArray1, ToPyArray};
 use pyo3::prelude::*;
-use skysink_common::airspace::Airspace;
-use skysink_common::battery::BatteryState;
+use skysink_common::airspace::length_m;
+use skysink_common::base::Base;
 use skysink_common::belief::Belief;
-use skysink_common::geometry::{Position, above};
-use skysink_common::message::{FlightReport, Limits, MAX_SERVED, Mode, Plan, SensorNode};
+use skysink_common::error::InputError;
+use skysink_common::geometry::Position;
+use skysink_common::message::SensorNode;
 use skysink_common::scenario::Scenario;
-use skysink_common::sensors::{SensorList, Sensors};
-use skysink_planner::geometry::disks::toward;
-use skysink_planner::home::{Home, Returning};
-use skysink_planner::strategies::serving::fill_fullest_in_range;
-use skysink_planner::strategies::transit::transit_goal;
+use skysink_common::sensors::SensorList;
+use skysink_common::stop::Stop;
+use skysink_planner::geometry::disks::Disk;
+use skysink_planner::keys::{PlanningObjective, Settings};
+use skysink_planner::mission_table::MissionTable;
+use skysink_planner::strategies::serving::{Serving, fill_fullest_in_range, fill_most_in_range};
+use skysink_planner::strategy::Setup;
 
 use crate::errors::refused;
+use crate::scenario::PyScenario;
 use crate::values::Reduced;
+use crate::view::PyRoute;
 
-/// The sensor nodes of a mission and the limits of its plans.
+/// The sensor nodes of a mission and the limits of its plans, as a planner knows them.
 pub struct FieldData {
-    /// The limits of plans.
-    pub limits: Limits,
-    /// The sensor nodes.
-    pub sensors: Sensors,
-    /// Their buffers [bit], for observations.
+    table: MissionTable,
+    /// The scenario without what a UAV is not told.
+    scenario: Scenario,
+    settings: Settings,
+    /// The buffers of the sensor nodes [bit], for observations.
     pub buffers_bits: Vec<f32>,
-    /// The way home; `None` if the UAV need not come back, and in a ring.
-    pub home: Option<Home>,
-    /// Where the UAV may fly; in a ring everywhere.
-    pub airspace: Arc<Airspace>,
-    /// The same as published.
+    /// The sensor nodes as published.
     nodes: Vec<SensorNode>,
+}
+
+impl Deref for FieldData {
+    type Target = MissionTable;
+
+    fn deref(&self) -> &MissionTable {
+        &self.table
+    }
 }
 
 impl FieldData {
     /// The field of a scenario as the UAV knows it by `belief`.
-    pub fn of(scenario: &Scenario, list: &SensorList, belief: &Belief) -> Self {
-        let field = Self::new(Limits::of(scenario), belief.known_nodes(list.nodes(), scenario.slot_s));
-        let airspace = Arc::new(scenario.airspace());
-        Self { home: Home::of(scenario, &airspace), airspace, ..field }
+    ///
+    /// # Errors
+    /// If `[planner]` of the scenario is refused.
+    pub fn of(scenario: &Scenario, list: &SensorList, belief: &Belief) -> Result<Self, InputError> {
+        Self::of_nodes(scenario, belief.known_nodes(list.nodes(), scenario.slot_s))
     }
 
-    /// The field with these limits and sensor nodes.
-    fn new(limits: Limits, nodes: Vec<SensorNode>) -> Self {
+    /// The field of a scenario with these sensor nodes.
+    ///
+    /// # Errors
+    /// If `[planner]` of the scenario is refused.
+    pub fn of_nodes(scenario: &Scenario, nodes: Vec<SensorNode>) -> Result<Self, InputError> {
+        let settings = Settings::of(scenario)?;
+        Ok(Self::new(MissionTable::of(scenario, &nodes), scenario, settings, nodes))
+    }
+
+    /// The field of a strategy.
+    pub fn of_setup(setup: &Setup<'_>) -> Self {
+        let sensors = &setup.table.sensors;
+        let node = |id: u32| {
+            let (at, sampler) = (sensors.position(id), sensors.sampler(id));
+            SensorNode {
+                x_m: at.x,
+                y_m: at.y,
+                gain: sensors.gains[id as usize],
+                sampling_bps: sampler.mean_bits / setup.scenario.slot_s,
+                capacity_bits: sampler.capacity_bits,
+                reserved: 0,
+                weight: sensors.weights.of(id as usize),
+            }
+        };
+        Self::new(setup.table.clone(), setup.scenario, *setup.settings, sensors.ids().map(node).collect())
+    }
+
+    fn new(table: MissionTable, scenario: &Scenario, settings: Settings, nodes: Vec<SensorNode>) -> Self {
         let buffers_bits = nodes.iter().map(|node| node.capacity_bits as f32).collect();
-        let sensors = Sensors::new(&limits, &nodes);
-        Self { sensors, limits, buffers_bits, home: None, airspace: Arc::default(), nodes }
+        let mut told = scenario.clone();
+        told.sensors.file = None;
+        told.sensors.arrivals = None;
+        told.trace = None;
+        Self { table, scenario: told, settings, buffers_bits, nodes }
+    }
+
+    /// What computes schedules and altitudes.
+    pub fn serving(&self) -> Serving {
+        let Self { table, scenario, settings, .. } = self;
+        let stop = &Stop::default();
+        Serving::new(&Setup { scenario, settings, table, belief: &Belief::Known, stop })
     }
 
     /// Refuses queues of another field.
@@ -81,69 +128,26 @@ impl FieldData {
         self.sensors.positions.iter().flat_map(fractions).map(|fraction| fraction as f32)
     }
 
-    /// The plan to fly to `waypoint` [m] and serve these SNs, or the fullest in range.
-    pub fn plan(&self, waypoint: Point3<f64>, serve: Option<&[u32]>, queues_bits: &[u32], mode: Mode) -> Plan {
-        let mut plan = Plan::fly_to(waypoint, mode);
-        match serve {
-            Some(ids) => plan.schedule(ids),
-            None => plan.schedule(&self.fullest(&waypoint.xy(), queues_bits)),
+    /// The sensor nodes that a UAV at `uav` [m] serves by default.
+    pub fn fullest(&self, uav: &Point3<f64>, queues_bits: &[u32]) -> Vec<u32> {
+        let mut ids = Vec::new();
+        match self.settings.objective {
+            PlanningObjective::Collect => fill_most_in_range(&self.table, uav, queues_bits, &mut ids),
+            PlanningObjective::Loss => fill_fullest_in_range(&self.table, &uav.xy(), queues_bits, &mut ids),
         }
-        plan
-    }
-
-    /// The end of a slot toward `goal`: straight, or around zones.
-    pub fn toward(&self, from: &Position, goal: &Position) -> Position {
-        let reach_m = self.limits.reach_m;
-        if self.airspace.is_open() { toward(reach_m, from, goal) } else { self.airspace.toward(from, goal, reach_m) }
-    }
-
-    /// What becomes of the plan for `slot`, after the flight `last`, by the rules that hold for all strategies: it
-    /// flies around zones (decision D15), and home in time (decision D13).
-    pub fn ruled(&self, slot: u64, last: &FlightReport, plan: Plan, queues_bits: &[u32]) -> Plan {
-        let at = last.position();
-        let waypoint = plan.waypoint();
-        let end = self.airspace.slot_end(slot, &at.xy(), &waypoint.xy(), self.limits.reach_m);
-        let plan = if end == waypoint.xy() {
-            plan
-        } else {
-            let around = above(&end, waypoint.z);
-            let mode = Mode::from_repr(plan.mode).unwrap_or_default();
-            Plan { plan_ns: plan.plan_ns, ..self.plan(around, None, queues_bits, mode) }
-        };
-        let Some(home) = &self.home else { return plan };
-        let state = BatteryState::after(last);
-        let way = [&at, &plan.waypoint()];
-        let returning = if home.charges_on(slot, &state) {
-            Returning::Charges
-        } else {
-            home.rule(slot, &state, way, plan.served == 0)
-        };
-        let returned = match returning {
-            Returning::Not => return plan,
-            Returning::Charges => self.plan(at, Some(&[]), queues_bits, Mode::Charge),
-            Returning::Flies(waypoint) => self.plan(waypoint, None, queues_bits, Mode::Return),
-        };
-        Plan { plan_ns: plan.plan_ns, ..returned }
-    }
-
-    /// The plan of the transit rule (decision D8).
-    pub fn transit(&self, uav: Point3<f64>, queues_bits: &[u32]) -> Plan {
-        let from = uav.xy();
-        let goal = transit_goal(&self.sensors.positions, &from, queues_bits);
-        let ground = goal.map_or(from, |goal| self.toward(&from, goal));
-        self.plan(above(&self.clamp_to_area(ground), uav.z), None, queues_bits, Mode::Transit)
-    }
-
-    /// The n fullest queues within `d_c` of `ground`.
-    pub fn fullest(&self, ground: &Position, queues_bits: &[u32]) -> Vec<u32> {
-        let mut ids = Vec::with_capacity(MAX_SERVED);
-        fill_fullest_in_range(&self.sensors.grid, &self.limits, ground, queues_bits, &mut ids);
         ids
     }
 
-    /// The point of the area nearest to `ground`.
-    pub fn clamp_to_area(&self, ground: Position) -> Position {
-        Position::new(ground.x.clamp(0.0, self.limits.width_m), ground.y.clamp(0.0, self.limits.height_m))
+    /// The route from `from` into the disk of `radius_m` about `centre` [m]; `None` if there is none.
+    pub fn route_into(&self, from: &Position, centre: &Position, radius_m: f64) -> Option<PyRoute> {
+        let disk = Disk { centre: *centre, radius_m };
+        let way = self.table.way_into(from, &disk);
+        let end = way.last()?;
+        let slots = self.table.slots_into(from, &disk);
+        let length_m = length_m(from, &way);
+        let battery = self.home.as_ref().and_then(|home| home.battery);
+        let energy_j = battery.map_or(0.0, |battery| slots * battery.slot_j(length_m / slots));
+        Some(PyRoute { length_m, slots: slots as u64, energy_j, end_m: (end.x, end.y) })
     }
 }
 
@@ -204,8 +208,32 @@ impl PyField {
     }
 
     /// The field of a scenario as the UAV knows it by `belief`.
-    pub fn of(scenario: &Scenario, list: &SensorList, belief: &Belief) -> Self {
-        Self::new(Arc::new(FieldData::of(scenario, list, belief)))
+    pub fn of(scenario: &Scenario, list: &SensorList, belief: &Belief) -> PyResult<Self> {
+        Ok(Self::new(Arc::new(FieldData::of(scenario, list, belief).map_err(refused)?)))
+    }
+
+    /// The values of queues [bit].
+    pub fn values<'py>(
+        &self,
+        py: Python<'py>,
+        queues_bits: &Bound<'py, PyArray1<u32>>,
+    ) -> PyResult<Bound<'py, PyArray1<u32>>> {
+        let queues_bits = queues_bits.try_readonly()?;
+        let values = (0..).zip(queues_bits.as_slice()?).map(|(id, &bits)| self.data.value(id, bits));
+        read_only(PyArray1::from_iter(py, values))
+    }
+
+    /// The sensor nodes that one slot from `from` may serve.
+    pub fn reachable<'py>(&self, py: Python<'py>, from: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray1<u32>>> {
+        let from = ground(from)?;
+        let mut ids = Vec::new();
+        self.data.sensors.grid.visit_within(&from, self.reach_m, |node| {
+            if self.data.may_serve_next(&from, &node.position) {
+                ids.push(node.id);
+            }
+        });
+        ids.sort_unstable();
+        Ok(ids.into_pyarray(py))
     }
 }
 
@@ -235,19 +263,18 @@ pub fn coordinates(point: &Bound<'_, PyAny>) -> PyResult<Vec<f64>> {
 #[pymethods]
 impl PyField {
     /// For pickle and copy.
-    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py, (Vec<u8>, Vec<u8>)>> {
-        let field = &slf.get().data;
-        let limits = bytemuck::bytes_of(&field.limits).to_vec();
-        let nodes = bytemuck::cast_slice(&field.nodes).to_vec();
-        Ok((slf.get_type().getattr("_from_messages")?, (limits, nodes)))
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py, (PyScenario, Vec<u8>)>> {
+        let FieldData { scenario, nodes, .. } = &*slf.get().data;
+        let nodes = bytemuck::cast_slice(nodes).to_vec();
+        Ok((slf.get_type().getattr("_restore")?, (PyScenario::on_record(scenario)?, nodes)))
     }
 
-    /// Creates a field from limits and sensor nodes in the layout of the messages of the ring.
+    /// The field of a scenario with these sensor nodes, in the layout of their messages.
     #[staticmethod]
-    fn _from_messages(limits: &[u8], nodes: &[u8]) -> PyResult<Self> {
-        let refuse = |_| refused("messages of another version: use the package of the running Skysink");
-        let limits = bytemuck::try_pod_read_unaligned(limits).map_err(refuse)?;
-        Ok(Self::new(Arc::new(FieldData::new(limits, bytemuck::pod_collect_to_vec(nodes)))))
+    fn _restore(scenario: &Bound<'_, PyScenario>, nodes: &[u8]) -> PyResult<Self> {
+        let nodes = bytemuck::pod_collect_to_vec(nodes);
+        let data = FieldData::of_nodes(&scenario.get().scenario, nodes).map_err(refused)?;
+        Ok(Self::new(Arc::new(data)))
     }
 
     fn __len__(&self) -> usize {
@@ -299,7 +326,27 @@ impl PyField {
         Ok(ids.into_pyarray(py))
     }
 
-    /// Ids of the n SNs with the fullest queues within d_c of ``point``, ascending. Ties go to the lowest id.
+    /// Whether each SN has a place in its range that the UAV can fly to, and so can be served, [N]. Zones hide others.
+    #[getter]
+    fn servable<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<bool>>> {
+        let ids = self.data.sensors.ids();
+        read_only(PyArray1::from_iter(py, ids.map(|id| self.data.is_servable(id))))
+    }
+
+    /// The base that the UAV has to come back to; None if it need not.
+    #[getter]
+    fn base(&self) -> Option<PyBase> {
+        self.data.home.as_ref().map(|home| PyBase(home.base.clone()))
+    }
+
+    /// Slots of a move on a grid; 1 without one.
+    #[getter]
+    fn move_slots(&self) -> u64 {
+        self.data.airspace.move_slots()
+    }
+
+    /// Ids of the n SNs with the fullest queues within d_c of ``point``, by their values, ascending. Ties go to the
+    /// lowest id.
     fn fullest<'py>(
         &self,
         py: Python<'py>,
@@ -307,7 +354,24 @@ impl PyField {
         queues_bits: PyReadonlyArray1<'py, u32>,
     ) -> PyResult<Bound<'py, PyArray1<u32>>> {
         self.data.check(queues_bits.len()?)?;
-        Ok(self.data.fullest(&ground(point)?, queues_bits.as_slice()?).into_pyarray(py))
+        let mut ids = Vec::new();
+        fill_fullest_in_range(&self.data, &ground(point)?, queues_bits.as_slice()?, &mut ids);
+        Ok(ids.into_pyarray(py))
+    }
+
+    /// The route from ``from_`` to ``goal``: a point [m], or the id of an SN, into whose range it leads. None if there
+    /// is none.
+    pub fn route(&self, from: &Bound<'_, PyAny>, goal: &Bound<'_, PyAny>) -> PyResult<Option<PyRoute>> {
+        let from = ground(from)?;
+        if goal.hasattr("__len__")? {
+            return Ok(self.data.route_into(&from, &ground(goal)?, 0.0));
+        }
+        let id: u32 =
+            goal.extract().map_err(|_| refused(format!("goal {goal}: expected a point, or the id of an SN")))?;
+        if id as usize >= self.data.count() {
+            return Err(refused(format!("goal {id}: expected the id of a sensor node, below {}", self.data.count())));
+        }
+        Ok(self.data.route_into(&from, self.data.sensors.position(id), self.comm_radius_m))
     }
 
     /// The point that one slot at full speed reaches from ``from_`` toward ``to``, at most ``to`` [m], [2].
@@ -328,5 +392,36 @@ impl PyField {
              resource_blocks={resource_blocks})",
             self.data.count()
         )
+    }
+}
+
+/// Where UAVs land and charge (decision D9).
+#[pyclass(name = "Base", module = "skysink", frozen)]
+pub struct PyBase(Base);
+
+#[pymethods]
+impl PyBase {
+    /// A place well inside of each of its areas [m], [K, 2]; the centre of a disk.
+    #[getter]
+    fn places_m(&self) -> Vec<(f64, f64)> {
+        self.0.places().map(|place| (place.x, place.y)).collect()
+    }
+
+    /// Its radius [m]; None if it is made of polygons.
+    #[getter]
+    fn radius_m(&self) -> Option<f64> {
+        match &self.0 {
+            Base::Disk { radius_m, .. } => Some(*radius_m),
+            Base::Areas(_) => None,
+        }
+    }
+
+    /// Whether ``point`` [m] lies in it.
+    fn contains(&self, point: &Bound<'_, PyAny>) -> PyResult<bool> {
+        Ok(self.0.contains(&ground(point)?))
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Base({:?}, radius_m={:?})", self.places_m(), self.radius_m())
     }
 }

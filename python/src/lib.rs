@@ -2,7 +2,7 @@
 //! exactly.
 //!
 //! Names, shapes and units are documented in the package's stubs, `skysink/_skysink.pyi`, and in its modules. Spaces,
-//! registration, executors and the ring are implemented in Python.
+//! registration and executors are implemented in Python.
 
 mod batch;
 mod belief;
@@ -13,18 +13,20 @@ mod episode;
 mod errors;
 mod field;
 mod observation;
-mod pilot;
 mod reward;
+mod ring;
 mod rounds;
 mod rules;
 mod run;
 mod scenario;
 mod signals;
 mod simulate;
+mod strategy;
 mod sweeps;
 mod table;
 mod values;
 mod vehicle;
+mod view;
 
 #[pyo3::pymodule]
 mod _skysink {
@@ -41,9 +43,9 @@ mod _skysink {
     #[pymodule_export]
     use super::errors::InputError;
     #[pymodule_export]
-    use super::field::PyField;
+    use super::field::{PyBase, PyField};
     #[pymodule_export]
-    use super::pilot::{PyDecision, PyPlanMaker, PyView};
+    use super::ring::{fly_ring, plan_ring};
     #[pymodule_export]
     use super::rounds::{PyDiskRound, round_over_disks};
     #[pymodule_export]
@@ -53,11 +55,13 @@ mod _skysink {
     #[pymodule_export]
     use super::simulate::simulate;
     #[pymodule_export]
+    use super::strategy::PyDecision;
+    #[pymodule_export]
     use super::sweeps::{PySweepPlan, PySweepRecord};
     #[pymodule_export]
     use super::table::PyTable;
     #[pymodule_export]
-    use super::vehicle::PyVehicleCore;
+    use super::view::{PyFlight, PyNeighbours, PyRoute, PyView};
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -4,7 +4,6 @@ use arrayvec::ArrayVec;
 use numpy::{IntoPyArray, PyArray1, PyArrayMethods as _};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
-use skysink_common::airspace::length_m;
 use skysink_common::geometry::within;
 
 use crate::belief::believed;
@@ -400,13 +399,10 @@ impl Episode {
         let field = &self.field;
         let flight = self.flight();
         let (from, sensor) = (flight.position().xy(), field.sensors.position(id));
-        let way = field.airspace.way_into(&from, &field.airspace.nearest(sensor), sensor, field.limits.comm_radius_m);
-        let Some(end) = way.last() else { return false };
-        let Some(home) = &field.home else { return true };
-        let way_m = length_m(&from, &way);
-        let slots = (way_m / field.limits.reach_m - 1e-9).ceil().max(1.0);
-        let energy_j = flight.energy_j - home.battery.map_or(0.0, |battery| slots * battery.slot_j(way_m / slots));
-        home.is_in_reach(self.plant.slot() + slots as u64, energy_j, end)
+        let Some(route) = field.route_into(&from, sensor, field.limits.comm_radius_m) else { return false };
+        let after = self.plant.slot() + route.slots;
+        let energy_j = flight.energy_j - route.energy_j;
+        field.home.as_ref().is_none_or(|home| home.is_in_reach(after, energy_j, &route.end()))
     }
 
     /// Whether the UAV reaches sensor node `id` in one slot.

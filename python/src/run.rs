@@ -215,7 +215,7 @@ impl PyRun {
 
     /// The sensor nodes, with their true sampling rates, and the limits of plans.
     #[getter]
-    fn field(&self) -> PyField {
+    fn field(&self) -> PyResult<PyField> {
         PyField::of(&self.scenario.scenario, &self.list, &Belief::Known)
     }
 

@@ -261,7 +261,7 @@ impl PyScenario {
 
     /// The sensor nodes, with their true sampling rates, and the limits of plans.
     fn field(&self) -> PyResult<PyField> {
-        Ok(PyField::of(&self.scenario, &self.list()?, &Belief::Known))
+        PyField::of(&self.scenario, &self.list()?, &Belief::Known)
     }
 
     /// For pickle and copy: the text and the path.

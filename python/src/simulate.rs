@@ -11,24 +11,20 @@ use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::drive::Observer;
 use skysink_mission::origin::RunMode;
-use skysink_mission::{Mission, MissionError, Plant, drive};
-use skysink_planner::fleet::require_one;
-use skysink_planner::strategies::PYTHON;
+use skysink_mission::{Mission, MissionError, Plant};
 use skysink_planner::strategy::Registered;
 
-use crate::episode::plant;
 use crate::errors::{of_mission, refused};
-use crate::field::PyField;
-use crate::pilot::PyPlanMaker;
 use crate::run::{PyRun, RunRecorder, Sources, python_mode};
 use crate::scenario::PyScenario;
 use crate::signals::interruptible;
+use crate::strategy::{PyStrategies, Raised};
 
 /// Maximum number of missions in each other, limited by the stack.
 const MAX_DEPTH: u32 = 10;
 
-/// Simulates a mission in this process, with a built-in strategy, given by name, or a Python strategy, of which
-/// `origin` is the name in the scenario and the source files.
+/// Simulates a mission in this process, with a built-in strategy, given by name, or in Python: an object, or what makes
+/// one for each UAV. `origin` is its name in the scenario and the source files, by default those of its class.
 #[pyfunction]
 #[pyo3(signature = (scenario, strategy = None, *, seed = None, label = None, origin = None))]
 pub fn simulate(
@@ -48,11 +44,17 @@ pub fn simulate(
     let Some(strategy) = strategy.filter(|_| name.is_none()) else {
         return interruptible(py, |stop| by_registry(scenario, list, stop))?.map_err(of_mission);
     };
-    let class = strategy.get_type().name()?.to_string();
-    let (name, sources) = origin.unwrap_or_else(|| (format!("{PYTHON}{class}"), Vec::new()));
+    let stop = Stop::default();
+    let raised = Raised::new(&stop);
+    let strategies = PyStrategies::new(strategy, scenario.scenario.uav.uavs(), &raised)?;
+    let class = strategies.class.clone();
+    let (name, sources) = match origin {
+        Some(origin) => origin,
+        None => py.import("skysink.strategy")?.call_method1("origin", (&strategies.first,))?.extract()?,
+    };
     let scenario = scenario.flown_by(&name)?;
     let mut recorder = RunRecorder::new(&scenario.scenario, &list);
-    let plant = drive_python(py, &scenario.scenario, &list, strategy.clone().unbind(), &mut recorder)?;
+    let plant = drive_python(py, &scenario.scenario, &list, strategies, &mut recorder)?;
     Ok(recorder.end(scenario, list, &plant, python_mode(label.unwrap_or(class), sources)))
 }
 
@@ -73,22 +75,25 @@ fn by_registry(scenario: PyScenario, list: SensorList, stop: &Stop) -> Result<Py
     Ok(recorder.end(scenario, list, mission.plant(), RunMode::default()))
 }
 
-/// Drives a mission with a Python strategy, and returns the plant after it.
+/// Drives a mission with Python strategies, in this thread, and returns the plant after it.
 pub fn drive_python(
     py: Python<'_>,
     scenario: &Scenario,
     list: &SensorList,
-    strategy: Py<PyAny>,
-    observer: &mut dyn Observer,
+    mut strategies: PyStrategies,
+    observer: &mut (dyn Observer + Send),
 ) -> PyResult<Plant> {
-    require_one(scenario).map_err(refused)?;
-    let mut plant = plant(scenario, list)?;
-    nested(|| {
-        let field = PyField::of(scenario, list, plant.field().belief());
-        let mut pilot = PyPlanMaker::new(py, strategy, Py::new(py, field)?)?;
-        drive(&mut plant, &mut pilot, &mut [observer], &Stop::default()).map_err(of_mission)
+    let raised = strategies.raised.clone();
+    let stop = raised.stop();
+    let driven = nested(|| {
+        Ok(py.detach(|| {
+            let mut mission = Mission::by(scenario, list, &mut |setup| strategies.next(setup), stop)?;
+            mission.drive(&mut [observer], stop)?.unless_stopped()?;
+            Ok(mission.plant().clone())
+        }))
     })?;
-    Ok(plant)
+    raised.check()?;
+    driven.map_err(of_mission)
 }
 
 /// Runs `work`, in which a strategy may simulate missions of its own. Refuses more than [`MAX_DEPTH`] in each other.

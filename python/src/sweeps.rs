@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use pyo3::prelude::*;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
+use skysink_common::stop::Stop;
 use skysink_lab::compare::{Contender, standings as of_contenders};
 use skysink_lab::metrics::{MetricValues, MissionMeter};
 use skysink_lab::sweep::definition::MissionKey;
@@ -25,6 +26,7 @@ use crate::run::{Sources, source_files};
 use crate::scenario::PyScenario;
 use crate::signals::interruptible;
 use crate::simulate::drive_python;
+use crate::strategy::{PyStrategies, Raised};
 use crate::table::PyTable;
 use crate::values::json;
 
@@ -122,7 +124,7 @@ impl PySweepPlan {
                 scenario = prepared.bind(py).cast::<PyScenario>()?.get().scenario.clone();
             }
             let row = match strategies.get(name) {
-                Some(make) => fly_python(py, &scenario, key(mission), make.call0(py)?)?,
+                Some(make) => fly_python(py, &scenario, key(mission), make)?,
                 None => {
                     interruptible(py, |stop| sweep::fly_scenario(&scenario, key(mission), stop))?.map_err(of_lab)?
                 }
@@ -185,11 +187,12 @@ impl PySweepPlan {
     }
 }
 
-/// Runs a mission of a sweep with a Python strategy.
-fn fly_python(py: Python<'_>, scenario: &Scenario, key: MissionKey, strategy: Py<PyAny>) -> PyResult<MissionRow> {
+/// Runs a mission of a sweep with the Python strategies that `make` makes.
+fn fly_python(py: Python<'_>, scenario: &Scenario, key: MissionKey, make: &Py<PyAny>) -> PyResult<MissionRow> {
     let list = SensorList::of(scenario).map_err(refused)?;
     let mut meter = MissionMeter::new(scenario, &list);
-    let plant = drive_python(py, scenario, &list, strategy, &mut meter)?;
+    let strategies = PyStrategies::new(make.bind(py), scenario.uav.uavs(), &Raised::new(&Stop::default()))?;
+    let plant = drive_python(py, scenario, &list, strategies, &mut meter)?;
     Ok(MissionRow { key, values: meter.values(&plant, None, None) })
 }
 

@@ -1,93 +1,177 @@
-//! Vehicles in Python in the place of flight-sim: their orders, and the links above them.
+//! Vehicles in Python in the place of flight-sim: a class becomes the [`OutsideVehicle`] of each UAV.
 
-use std::path::PathBuf;
-use std::sync::{Mutex, MutexGuard};
+use std::fmt::Display;
+use std::sync::Arc;
 
+use numpy::ndarray::Array2;
+use numpy::{IntoPyArray, ToPyArray};
+use pyo3::intern;
 use pyo3::prelude::*;
+use pyo3::types::{PyComplex, PyString};
 use skysink_common::error::InputError;
-use skysink_common::message::{FlightReport, HoldReason, Mode, Plan, SensorNode};
-use skysink_common::scenario::{Overrides, Scenario};
-use skysink_common::sensors::SensorList;
-use skysink_common::slot_record::ByUav;
-use skysink_flight_sim::outside::{OutsideFleet, SlotOrder};
-use skysink_planner::settings;
+use skysink_common::message::{FlightReport, HoldReason, Mode, SensorNode};
+use skysink_common::scenario::Scenario;
+use skysink_flight_sim::outside::{OutsideVehicle, SlotOrder};
 
-use crate::errors::refused;
+use crate::field::{FieldData, PyField};
+use crate::strategy::Raised;
 
-/// Position [m], waypoint [m], sensor nodes to serve, mode, and whether the plan is late and refused.
-type PyOrder = ([f64; 3], [f64; 3], Vec<u32>, String, bool, bool);
-
-/// The vehicles of a ring, in the layout of its messages.
-#[pyclass(name = "VehicleCore", module = "skysink", frozen)]
-pub struct PyVehicleCore(Mutex<State>);
-
-struct State {
-    fleet: OutsideFleet,
-    orders: ByUav<SlotOrder>,
+/// The vehicle of a UAV. All UAVs have the same object.
+pub struct PyVehicle {
+    object: Arc<Py<PyAny>>,
+    uav: usize,
+    scenario: Arc<Scenario>,
+    raised: Raised,
+    /// What real sensor nodes have delivered in the last slot, by id [bit].
+    delivered: Option<Vec<(u32, u64)>>,
 }
 
-impl PyVehicleCore {
-    fn state(&self) -> MutexGuard<'_, State> {
-        self.0.lock().expect("no call panics with it")
-    }
-}
-
-/// Messages of one layout.
-fn messages<T: bytemuck::Pod>(bytes: &[u8]) -> Vec<T> {
-    bytemuck::pod_collect_to_vec(bytes)
-}
-
-#[pymethods]
-impl PyVehicleCore {
-    /// The vehicles of the scenario in a file at their starts, over published sensor nodes. A slot that ends farther
-    /// than `reached_m` [m] from its waypoint has not reached it.
-    #[new]
-    fn new(scenario: PathBuf, nodes: &[u8], reached_m: f64) -> PyResult<Self> {
-        let scenario = Scenario::read(&scenario, Overrides::default()).and_then(settings::resolve).map_err(refused)?;
-        let nodes: Vec<SensorNode> = messages(nodes);
-        let place = |node: &SensorNode| [node.x_m, node.y_m];
-        let list = SensorList::of(&scenario).map_err(refused)?;
-        if !list.nodes().iter().map(place).eq(nodes.iter().map(place)) {
-            let expected = "expected the scenario of the run, whose sensor nodes are others";
-            return Err(refused(InputError::new("scenario", &scenario.path, expected)));
-        }
-        let fleet = OutsideFleet::new(&scenario, &nodes, reached_m);
-        Ok(Self(Mutex::new(State { fleet, orders: ByUav::new() })))
-    }
-
-    /// The reports of slot 0.
-    fn start(&self) -> Vec<u8> {
-        bytemuck::cast_slice(&self.state().fleet.start()).to_vec()
-    }
-
-    /// Moves the vehicles to where they were at the end of a slot that they have reported.
-    fn restore(&self, reports: &[u8]) {
-        self.state().fleet.restore(&messages::<FlightReport>(reports));
-    }
-
-    /// What the vehicles are to do in a slot, by its plans, or None if there are none in time.
-    #[pyo3(signature = (slot, plans))]
-    fn orders(&self, slot: u64, plans: Option<&[u8]>) -> Vec<PyOrder> {
-        let mut state = self.state();
-        let plans: Option<Vec<Plan>> = plans.map(messages);
-        state.orders = state.fleet.orders(slot, plans.as_deref());
-        let order = |order: &SlotOrder| {
-            let mode = Mode::from_repr(order.plan.mode).unwrap_or_default();
-            let is_late = order.hold == HoldReason::NoPlan;
-            let is_refused = !is_late && order.hold != HoldReason::None;
-            let [position, waypoint] = [order.position, order.plan.waypoint()].map(Into::into);
-            (position, waypoint, order.plan.scheduled().to_vec(), mode.to_string(), is_late, is_refused)
+impl PyVehicle {
+    /// The vehicles of a scenario, flown by an object.
+    pub fn of_uavs(object: Py<PyAny>, scenario: &Scenario, raised: &Raised) -> Vec<Box<dyn OutsideVehicle>> {
+        let (object, scenario) = (Arc::new(object), Arc::new(scenario.clone()));
+        let vehicle = |uav| -> Box<dyn OutsideVehicle> {
+            let (object, scenario) = (Arc::clone(&object), Arc::clone(&scenario));
+            Box::new(Self { object, uav, scenario, raised: raised.clone(), delivered: None })
         };
-        state.orders.iter().map(order).collect()
+        (0..scenario.uav.uavs()).map(vehicle).collect()
     }
 
-    /// The reports of the vehicles that have flown the last orders, with modes and links. Refuses those that cannot be.
-    fn complete(&self, slot: u64, reports: &[u8]) -> PyResult<Vec<u8>> {
-        let mut state = self.state();
-        let mut reports: Vec<FlightReport> = messages(reports);
-        let State { fleet, orders } = &mut *state;
-        fleet.check(&reports).map_err(refused)?;
-        fleet.complete(slot, orders, &mut reports);
-        Ok(bytemuck::cast_slice(&reports).to_vec())
+    fn call_begin(&self, py: Python<'_>, sensors: &[SensorNode], reports: &[FlightReport]) -> PyResult<()> {
+        let data = FieldData::of_nodes(&self.scenario, sensors.to_vec()).map_err(crate::errors::refused)?;
+        let starts: Vec<[f64; 3]> = reports.iter().map(|report| report.position().into()).collect();
+        let starts = Array2::from_shape_fn((starts.len(), 3), |(uav, axis)| starts[uav][axis]).into_pyarray(py);
+        self.object.call_method1(py, intern!(py, "begin"), (PyField::new(Arc::new(data)), starts))?;
+        Ok(())
     }
+
+    /// What the object returns for an order, as a `Flown`.
+    fn call_fly<'py>(&self, py: Python<'py>, order: &SlotOrder) -> PyResult<Bound<'py, PyAny>> {
+        py.check_signals()?;
+        let array = |point: [f64; 3]| point.to_pyarray(py);
+        let module = py.import(intern!(py, "skysink.ring"))?;
+        let is_late = order.hold == HoldReason::NoPlan;
+        let arguments = (
+            order.slot,
+            order.uav,
+            array(order.position.into()),
+            array(order.plan.waypoint().into()),
+            order.plan.scheduled().to_vec(),
+            Mode::from_repr(order.plan.mode).unwrap_or_default().to_string(),
+            is_late,
+            !is_late && order.hold != HoldReason::None,
+            order.ends_ns.map_or(f64::INFINITY, |ends_ns| ends_ns as f64 / 1e9),
+        );
+        let order = module.getattr(intern!(py, "Order"))?.call1(arguments)?;
+        let flown = self.object.bind(py).call_method1(intern!(py, "fly"), (order,))?;
+        let class = module.getattr(intern!(py, "Flown"))?;
+        if flown.is_instance(&class)? { Ok(flown) } else { class.call1((flown,)) }
+    }
+
+    /// Keeps the exception, which ends the run.
+    fn failed(&self, error: PyErr) -> InputError {
+        self.raised.keep(error);
+        InputError::of_argument("vehicle", &self.uav.to_string(), "it failed")
+    }
+}
+
+impl OutsideVehicle for PyVehicle {
+    fn begin(&mut self, sensors: &[SensorNode], reports: &[FlightReport]) -> Result<(), InputError> {
+        if self.uav > 0 {
+            return Ok(()); // the object has begun
+        }
+        Python::attach(|py| self.call_begin(py, sensors, reports)).map_err(|error| self.failed(error))
+    }
+
+    fn fly(&mut self, order: &SlotOrder) -> Result<FlightReport, InputError> {
+        Python::attach(|py| {
+            let flown = self.call_fly(py, order).map_err(|error| self.failed(error))?;
+            let says = Says { uav: self.uav, flown: &flown };
+            self.delivered = says.delivered()?;
+            says.report(order, self.scenario.slot_s)
+        })
+    }
+
+    fn delivered(&mut self) -> Option<Vec<(u32, u64)>> {
+        self.delivered.take()
+    }
+}
+
+/// What a vehicle says of a slot.
+struct Says<'a, 'py> {
+    uav: usize,
+    flown: &'a Bound<'py, PyAny>,
+}
+
+impl Says<'_, '_> {
+    /// Its report, as far as it is the vehicle that says it.
+    fn report(&self, order: &SlotOrder, slot_s: f64) -> Result<FlightReport, InputError> {
+        let at_m = self.numbers("position", &[2, 3], "(x, y) or (x, y, z), finite")?;
+        let z_m = at_m.get(2).copied().unwrap_or(order.position.z);
+        let velocity_mps = self.numbers("velocity_mps", &[3], "three finite numbers")?;
+        let covariance_m2 = self.numbers("covariance_m2", &[6], "six finite numbers")?;
+        let is_down = self.value("is_down")?.is_truthy().unwrap_or(false);
+        let time_s = self.value("time_s")?;
+        let time_s = if time_s.is_none() { Some(order.slot as f64 * slot_s) } else { number(&time_s) };
+        Ok(FlightReport {
+            velocity_mps: velocity_mps.try_into().expect("three of them"),
+            covariance_m2: covariance_m2.try_into().expect("six of them"),
+            time_s: time_s
+                .filter(|time_s| is_drawn(*time_s))
+                .ok_or_else(|| self.refuse("time_s", "a finite number"))?,
+            energy_j: self.number("energy_j")?,
+            heading_deg: self.number("heading_deg")?,
+            ..FlightReport::at([at_m[0], at_m[1], z_m], if is_down { Mode::Down } else { Mode::Serve })
+        })
+    }
+
+    /// The bits that real sensor nodes have delivered, by id.
+    fn delivered(&self) -> Result<Option<Vec<(u32, u64)>>, InputError> {
+        let bits = self.value("bits")?;
+        if bits.is_none() {
+            return Ok(None);
+        }
+        let pairs = bits.call_method0("items").and_then(|items| {
+            items.try_iter()?.map(|pair| pair?.extract::<(u32, u64)>()).collect::<PyResult<Vec<_>>>()
+        });
+        let expected = "at most 64 ids of sensor nodes, each with whole bits, 0 or above";
+        pairs.map(Some).map_err(|_| self.refuse("bits", expected))
+    }
+
+    fn value(&self, name: &'static str) -> Result<Bound<'_, PyAny>, InputError> {
+        self.flown.getattr(name).map_err(|error| InputError::of_argument("vehicle", name, error))
+    }
+
+    /// So many numbers, which are finite in single precision, in which they are drawn.
+    fn numbers(&self, name: &'static str, lengths: &[usize], expected: &str) -> Result<Vec<f64>, InputError> {
+        let value = self.value(name)?;
+        let elements = value.try_iter().ok().filter(|_| !value.is_instance_of::<PyString>());
+        let numbers: Option<Vec<f64>> =
+            elements.and_then(|elements| elements.map(|element| number(&element.ok()?)).collect());
+        numbers
+            .filter(|numbers| lengths.contains(&numbers.len()) && numbers.iter().all(|number| is_drawn(*number)))
+            .ok_or_else(|| self.refuse(name, expected))
+    }
+
+    /// A number that may be infinite.
+    fn number(&self, name: &'static str) -> Result<f64, InputError> {
+        let found = number(&self.value(name)?).filter(|number| !number.is_nan());
+        found.ok_or_else(|| self.refuse(name, "a number, or infinity"))
+    }
+
+    fn refuse(&self, name: &'static str, expected: impl Display) -> InputError {
+        let value = self.flown.getattr(name).and_then(|value| value.str().map(|text| text.to_string()));
+        let value = value.unwrap_or_default();
+        InputError::of_argument("uav", &self.uav.to_string(), format_args!("{name} = {value}: expected {expected}"))
+    }
+}
+
+/// A real number.
+fn number(value: &Bound<'_, PyAny>) -> Option<f64> {
+    let is_real = !value.is_instance_of::<PyComplex>() && !value.is_instance_of::<PyString>();
+    value.extract().ok().filter(|_| is_real)
+}
+
+fn is_drawn(number: f64) -> bool {
+    (number as f32).is_finite()
 }

@@ -9,20 +9,24 @@ import numpy as np
 import pytest
 
 import skysink
-from skysink._skysink import PlanMaker
 from skysink.environment import DataCollectionEnv
 
-VIEW = {"slot", "uav", "queues_bits", "sampling_bps", "belief", "field"}
+VIEW = {
+    "slot", "uav", "queues_bits", "sampling_bps", "belief", "field", "energy_j", "is_charging", "energy_left_home_j",
+    "slots_left_home", "neighbours", "values", "reachable",
+}  # fmt: skip
+
+VIEW_METHODS = {"route_to"}
 
 BELIEF = {"queue_bits", "queue_sd_bits", "rate_bps", "rate_sd_bps", "age_slots"}
 
 FIELD_VALUES = {
     "positions_m", "gains", "sampling_bps", "capacity_bits", "capacities_bits", "weights", "area_m",
     "reach_m", "comm_radius_m", "resource_blocks",
-    "altitudes_m", "climb_m", "slots", "slot_s", "comm_s",
+    "altitudes_m", "climb_m", "slots", "slot_s", "comm_s", "servable", "base", "move_slots",
 }  # fmt: skip
 
-FIELD_METHODS = {"within", "fullest", "toward"}
+FIELD_METHODS = {"within", "fullest", "toward", "route"}
 
 SCENARIO = """
 name = "known"
@@ -69,9 +73,11 @@ def content(view: skysink.View) -> dict[str, Any]:
         "within": field.within(view.uav, 30.0),
         "fullest": field.fullest(view.uav, queues_bits),
         "toward": field.toward(view.uav, (1.0, 2.0)),
+        "route": repr(field.route(view.uav, 1)),
     }
     assert called.keys() == FIELD_METHODS
     found = {name: getattr(view, name) for name in VIEW - {"belief", "field"}}
+    found["route_to"] = repr(view.route_to(0))
     found |= {f"belief.{name}": getattr(view.belief, name) for name in BELIEF}
     found |= {f"field.{name}": getattr(field, name) for name in FIELD_VALUES} | called
     found |= {"len": len(field), "repr": repr(field), "pickle": field.__reduce__()[1:]}
@@ -100,7 +106,7 @@ def noted(scenario: skysink.Scenario, knowledge: str) -> Noting:
 
 
 def test_views_beliefs_and_fields_have_the_listed_keys() -> None:
-    assert keys(skysink.View) == VIEW, "a new key of View: is it what the UAV knows?"
+    assert keys(skysink.View) == VIEW | VIEW_METHODS, "a new key of View: is it what the UAV knows?"
     assert keys(skysink.Belief) == BELIEF, "a new key of Belief: is it what the UAV knows?"
     assert keys(skysink.Field) == FIELD_VALUES | FIELD_METHODS, "a new key of Field: is it what the UAV knows?"
 
@@ -108,7 +114,7 @@ def test_views_beliefs_and_fields_have_the_listed_keys() -> None:
 @pytest.mark.parametrize(
     ("knowledge", "told"),
     [
-        ("oracle", {"queues_bits", "belief.queue_bits", "sampling_bps", "belief.rate_bps", "field.sampling_bps", "pickle"}),
+        ("oracle", {"queues_bits", "values", "belief.queue_bits", "sampling_bps", "belief.rate_bps", "field.sampling_bps", "pickle"}),
         ("estimated", {"sampling_bps", "belief.rate_bps", "field.sampling_bps", "pickle"}),
         ("learnt", set()),
     ],
@@ -221,15 +227,3 @@ def test_beliefs_are_read_only_and_do_not_change_later(scenarios: dict[str, skys
         skysink.simulate(scenarios["one"].replace(KNOWLEDGE[knowledge]), keeping)
         for belief, seen in zip(kept, keeping.seen, strict=True):
             assert all(getattr(belief, name).tolist() == seen[f"belief.{name}"] for name in BELIEF)
-
-
-def test_a_ring_has_no_belief(scenarios: dict[str, skysink.Scenario]) -> None:
-    views = []
-
-    class Viewing(skysink.Strategy):
-        def plan(self, view: skysink.View) -> None:
-            views.append(view)
-
-    maker = PlanMaker(Viewing(), scenarios["one"].field())
-    maker.plan(1, (50.0, 50.0, 20.0), np.array([700, 100, 5], np.uint32))
-    assert views[0].belief is None and views[0].queues_bits.tolist() == [700, 100, 5]

@@ -13,15 +13,11 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
-import numpy as np
 import pytest
 from conftest import GFS, ROOT, run, same_files
 
 import skysink
-from skysink import ring_topics
 
 LONG = """
 name = "long"
@@ -125,6 +121,14 @@ def slots(place: Path) -> int:
     return trace.read_text().count("\n") - 1 if trace.exists() else 0
 
 
+def by_hand(place: Path) -> dict[str, str]:
+    """The environment of a program that is started by hand, as the run has printed it."""
+    said = (place / "said").read_text()
+    ring, scenario = (re.search(rf"--{name} (\S+)", said) for name in ("ring", "scenario"))
+    assert ring is not None and scenario is not None
+    return {**os.environ, "SKYSINK_RING": ring[1], "SKYSINK_SCENARIO": scenario[1]}
+
+
 def children(process: subprocess.Popen[str], word: str) -> list[int]:
     """The children of a process whose command has this word."""
     found = []
@@ -173,19 +177,17 @@ def test_a_killed_and_restarted_planner_flies_the_same(place: Path, file: str, k
     assert json.loads((place / "run" / "summary.json").read_text())["restarts"] >= 1
 
 
-def test_a_manually_started_planner_ends_on_a_signal(place: Path) -> None:
+@pytest.mark.parametrize(("sent", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_a_manually_started_planner_ends_on_a_signal(place: Path, sent: signal.Signals, code: int) -> None:
     process = begin(place, "run", "long.toml", "--no-viewer", "--external", "planner", "--out", "run")
     said = place / "said"
     until("ring", process, lambda: re.search(r"--ring (/\S+)", said.read_text()))
-    found = re.search(r"--ring (/\S+)", said.read_text())
-    assert found is not None
-    by_hand = {**os.environ, "SKYSINK_RING": found[1]}
-    for slot in (100, 10**9):
-        planner = subprocess.Popen([sys.executable, "mine.py"], cwd=place, env=by_hand)
+    for slot, expected in ((100, code), (10**9, 0)):
+        planner = subprocess.Popen([sys.executable, "mine.py"], cwd=place, env=by_hand(place))
         if slot < 1500:
             until("flight", process, lambda slot=slot: slots(place) > slot)
-            planner.send_signal(signal.SIGTERM)
-        assert planner.wait(TIMEOUT_S) == 0
+            planner.send_signal(sent)
+        assert planner.wait(TIMEOUT_S) == expected
     assert end(process) == 0, said.read_text()
     run("simulate", "long.toml", "--strategy", "gfs", "--out", "alone", cwd=place)
     same_files(place / "alone", place / "run", ["slots.csv"])
@@ -240,15 +242,12 @@ def test_a_planner_ends_with_its_launcher(place: Path) -> None:
     process = begin(place, *long, "--external", "planner", "--out", "run")
     said = place / "said"
     until("ring", process, lambda: re.search(r"--ring (/\S+)", said.read_text()))
-    found = re.search(r"--ring (/\S+)", said.read_text())
-    assert found is not None
-    planner = subprocess.Popen([sys.executable, "mine.py"], cwd=place, env={**os.environ, "SKYSINK_RING": found[1]})
+    planner = subprocess.Popen([sys.executable, "mine.py"], cwd=place, env=by_hand(place))
     until("flight", process, lambda: slots(place) > 50)
     second = subprocess.run(
-        [sys.executable, "mine.py"], cwd=place, capture_output=True, text=True, timeout=60,
-        env={**os.environ, "SKYSINK_RING": found[1]},
+        [sys.executable, "mine.py"], cwd=place, capture_output=True, text=True, timeout=60, env=by_hand(place)
     )  # fmt: skip
-    assert "another planner is running" in second.stderr
+    assert second.returncode != 0 and "there is a planner already: end it first" in second.stderr
     process.kill()
     process.wait(TIMEOUT_S)
     assert planner.wait(TIMEOUT_S) != 0
@@ -266,83 +265,22 @@ def test_an_exception_of_a_strategy_ends_the_run_and_is_printed(place: Path) -> 
 
 
 def test_a_folder_without_ring_is_refused(place: Path) -> None:
-    no_ring = {**os.environ, "SKYSINK_RING": str(place)}
+    no_ring = {**os.environ, "SKYSINK_RING": str(place), "SKYSINK_SCENARIO": str(ROOT / "scenarios" / "smoke.toml")}
     words = [sys.executable, "mine.py"]
     result = subprocess.run(words, cwd=place, capture_output=True, text=True, timeout=60, env=no_ring)
     assert result.returncode != 0
-    assert "expected the folder of a running ring" in result.stderr
+    assert "InputError: ring" in result.stderr
+    result = subprocess.run(words, cwd=place, capture_output=True, text=True, timeout=60)
+    assert "expected the folder of a running ring, or SKYSINK_RING from skysink run --planner" in result.stderr
 
 
-class Sent:
-    """A sample that holds these numbers, in slot 7 of a mission."""
-
-    def __init__(self, payload: np.ndarray, lost_slots: float = 0.0) -> None:
-        self.payload = payload
-        self.payload_ptr = payload.ctypes.data
-        self.header = SimpleNamespace(number_of_elements=len(payload))
-        self.head = ring_topics.QueuesHeader()
-        self.head.words[1] = 7
-        self.head.words[9] = int(np.float64(lost_slots).view(np.uint64))
-        self.is_deleted = False
-
-    def user_header(self) -> Any:
-        """The header, as through a pointer."""
-        return SimpleNamespace(contents=self.head)
-
-    def delete(self) -> None:
-        """Is not there any more."""
-        self.is_deleted = True
-
-
-def flight_of(**spoilt: Any) -> Sent:
-    """A flight that serves the SNs 3 and 7, but for what is spoilt."""
-    flight = np.zeros(1, ring_topics.FLIGHT)
-    assert flight.dtype.itemsize == 2696
-    flight["at_m"], flight["served"] = (50.0, 20.0, 30.0), 2
-    flight["links"]["sensor"][0, :2] = spoilt.pop("sensors", (3, 7))
-    flight["links"]["numbers"][0, :3, 2] = spoilt.pop("rates", (1e6, 1e6, np.nan))  # the third link does not count
-    for name, value in spoilt.items():
-        flight[name] = value
-    return Sent(flight)
-
-
-def test_samples_are_checked_like_in_rust(capsys: pytest.CaptureFixture[str]) -> None:
-    assert ring_topics.possible_flight(flight_of())
-    assert ring_topics.possible_flight(flight_of(mode=2, served=0)), "a hold"
-    assert not ring_topics.possible_flight(Sent(np.zeros(2, ring_topics.FLIGHT))), "one for each UAV"
-    for spoilt in (
-        {"at_m": (np.nan, 0.0, 0.0)},
-        {"at_m": (0.0, 0.0, 1e300)},
-        {"rates": (1e6, np.nan, 0.0)},
-        {"sensors": (3, 3)},
-        {"sensors": (7, 3)},
-        {"served": 65},
-        {"mode": 2},
-        {"mode": 77},
-    ):
-        assert not ring_topics.possible_flight(flight_of(**spoilt)), spoilt
-    queues = np.zeros(3, np.uint32)
-    assert ring_topics.possible_queues(Sent(queues), 3)
-    assert not ring_topics.possible_queues(Sent(queues), 4)
-    assert not any(ring_topics.possible_queues(Sent(queues, lost), 3) for lost in (np.nan, -1.0))
-    nodes = np.zeros(2, ring_topics.NODE)
-    assert nodes.dtype.itemsize == 48
-    assert ring_topics.possible_nodes(Sent(nodes))
-    for column, value in ((0, np.inf), (2, -1.0), (3, np.nan)):
-        nodes["numbers"][:] = 1.0
-        nodes["numbers"][1, column] = value
-        assert not ring_topics.possible_nodes(Sent(nodes)), column
-
-    rates = [np.array(bps) for bps in ([1.0], [1.0, -1.0], [1.0, np.nan], [0.0, 175.0])]
-    samples = [Sent(bps) for bps in rates]
-    waiting = iter(samples)
-    reader = SimpleNamespace(receive=lambda: next(waiting, None))
-    refused: set[str] = set()
-    listening = SimpleNamespace(refused=refused, role="planner")
-    is_possible = lambda sample: ring_topics.possible_rates(sample, 2)  # noqa: E731
-    found = ring_topics.Participant.receive(listening, reader, "rates", is_possible)  # type: ignore[arg-type]
-    assert found is samples[3], "a short, a negative and an impossible one are refused"
-    assert [sample.is_deleted for sample in samples] == [True, True, True, False]
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert said.startswith("planner: rates(7) refused: expected a number for each SN")
+def test_a_resumed_run_with_estimated_queues_flies_the_same(place: Path) -> None:
+    estimated = ["--set", "planner.knowledge=estimated"]
+    planner = ["--no-viewer", "--planner", f"{sys.executable} mine.py"]
+    process = begin(place, "run", "long.toml", *estimated, *planner, "--out", "run")
+    until("flight", process, lambda: slots(place) > 300)
+    process.send_signal(signal.SIGINT)
+    assert end(process) == 130, (place / "said").read_text()
+    run("run", "--resume", "run", *planner, cwd=place)
+    run("simulate", "long.toml", *estimated, "--strategy", "gfs", "--out", "alone", cwd=place)
+    same_files(place / "alone", place / "run", ["slots.csv"])

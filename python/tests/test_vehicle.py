@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ROOT, run, same_files
-from test_ring import begin, children, end, place, slots, until
+from test_ring import begin, by_hand, children, end, place, slots, until
 
 import skysink
 
@@ -118,11 +118,11 @@ def test_bits_reported_by_sensor_nodes_enter_the_ledger(place: Path) -> None:
 @pytest.mark.parametrize(
     ("returned", "expected"),
     [
-        ("(float('nan'), 0.0)", "vehicle: slot 1: position = (nan, 0.0): expected"),
+        ("(float('nan'), 0.0)", "flight-sim: slot 1: uav 0: position = (nan, 0.0): expected"),
         ("(1.0, 2.0, 3.0, 4.0)", "expected (x, y) or (x, y, z), finite"),
         ("skysink.ring.Flown((1, 2), velocity_mps=(1, 2))", "velocity_mps = (1, 2): expected three finite numbers"),
         ("(1e39, 0.0)", "position = (1e+39, 0.0): expected (x, y) or (x, y, z), finite"),
-        ("(1e9, 0.0)", "vehicle: slot 1: uav 0: position = (1000000000, 0, 20): expected at most 100 km from the area"),
+        ("(1e9, 0.0)", "flight-sim: slot 1: uav 0: position = (1000000000, 0, 20): expected at most 100 km from the area"),
         ("'nowhere'", "position = nowhere: expected (x, y)"),
         ("None", "position = None: expected (x, y)"),
         ("skysink.ring.Flown((1, 2), energy_j=float('nan'))", "energy_j = nan: expected a number, or infinity"),
@@ -213,7 +213,7 @@ def test_the_scenario_of_another_run_is_refused(place: Path) -> None:
     (place / "vehicle.py").write_text(other)
     command = f"{sys.executable} vehicle.py"
     said = run("run", SMOKE, "--no-viewer", "--vehicle", command, "--restart", "never", cwd=place, code=1).stderr
-    assert "expected the scenario of the run, whose sensor nodes are others" in said
+    assert "pass the scenario.toml of the run's folder" in said
 
 
 def test_a_vehicle_in_a_paced_ring_knows_its_deadline_and_holds_on_late_plans(place: Path) -> None:
@@ -245,13 +245,9 @@ def test_a_vehicle_can_be_started_by_hand(place: Path) -> None:
     process = begin(place, "run", SMOKE, "--no-viewer", "--external", "flight-sim", "--out", "run")
     said = place / "said"
     until("ring", process, lambda: re.search(r"--ring (/\S+)", said.read_text()))
-    words = said.read_text()
-    ring, scenario = (re.search(rf"--{name} (\S+)", words) for name in ("ring", "scenario"))
-    assert ring is not None and scenario is not None
     refused = subprocess.run([sys.executable, "vehicle.py"], cwd=place, capture_output=True, text=True, timeout=60)
     assert "expected the folder of a running ring, or SKYSINK_RING from skysink run --vehicle" in refused.stderr
-    by_hand = {**os.environ, "SKYSINK_RING": ring[1], "SKYSINK_SCENARIO": scenario[1]}
-    vehicle = subprocess.Popen([sys.executable, "vehicle.py"], cwd=place, env=by_hand)
+    vehicle = subprocess.Popen([sys.executable, "vehicle.py"], cwd=place, env=by_hand(place))
     assert vehicle.wait(60) == 0 and end(process) == 0, said.read_text()
     run("simulate", SMOKE, "--out", "alone", cwd=place)
     same_files(place / "alone", place / "run", ["slots.csv"])

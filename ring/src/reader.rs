@@ -159,15 +159,18 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
         self.wait(wait, slot, Self::next_sample)
     }
 
-    /// Waits for a sample of `slot` or a later slot, and drops all samples.
+    /// Waits for a sample of `slot` or a later slot, and drops those before; `None` if there was one already.
     ///
     /// # Errors
     /// As [`Reader::wait_for_slot`].
-    pub fn wait_until(&mut self, wait: &mut WaitContext, slot: u64) -> Result<(), NodeError> {
+    pub fn wait_until(&mut self, wait: &mut WaitContext, slot: u64) -> Result<Option<Sample<S, P, H>>, NodeError> {
+        let mut last = None;
         while self.reached.is_none_or(|reached| reached < slot) {
-            self.reached = Some(self.wait_for_next(wait, slot)?.user_header().head().slot);
+            let sample = self.wait_for_next(wait, slot)?;
+            self.reached = Some(sample.user_header().head().slot);
+            last = Some(sample);
         }
-        Ok(())
+        Ok(last)
     }
 
     /// Waits until `poll` returns a value. It polls before the first pause and after each, because notifications may be

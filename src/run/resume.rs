@@ -31,7 +31,7 @@ use skysink_planner::FleetPlanner;
 use skysink_planner::horizon::HorizonKeys;
 use skysink_planner::node::journal;
 use skysink_planner::settings;
-use skysink_planner::strategy::Registered;
+use skysink_planner::strategy::rule;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::role::Role;
 
@@ -45,8 +45,7 @@ pub struct ResumedRun {
     /// The trace, to be continued.
     pub log: SlotLog,
     plant: Plant,
-    /// `None` if only an external planner has the strategy.
-    planner: Option<FleetPlanner>,
+    planner: FleetPlanner,
 }
 
 /// Simulates the recorded slots of `folder` and adds them to `tally`. An incomplete last line is dropped, and its slot
@@ -74,12 +73,15 @@ pub fn resume(
     let are_reports = folder.run_mode().has_reported_flights();
     let mut plant = Plant::new(scenario, list).with_belief(belief).repeating_reports(are_reports);
     let is_ours = folder.run_mode().external_planner.is_none();
-    let has_planner = is_ours || Registered::of(scenario).is_ok();
-    let planner = has_planner.then(|| FleetPlanner::until(scenario, &list.nodes(), stop)).transpose()?;
+    // An external planner finds what it believed of the queues; what its strategy has kept is lost.
+    let planner = match is_ours {
+        true => FleetPlanner::until(scenario, &list.nodes(), stop)?,
+        false => FleetPlanner::by(scenario, &list.nodes(), &mut |_| Ok(rule(|_| None)), stop)?,
+    };
     let has_free_budget = budget_ms.is_none() || !trace.log().was_in_a_ring();
     let is_continued = count_lines(&folder.slots())? <= scenario.slots * scenario.uav.uavs() as u64;
     let is_repeatable = is_ours && has_free_budget;
-    let mut pilot = Repeating { trace, planner, are_reports, is_repeatable, is_continued };
+    let mut pilot = Repeating { trace, planner, is_ours, are_reports, is_repeatable, is_continued };
     drive(&mut plant, &mut pilot, &mut [&mut *tally], stop)?.unless_stopped()?;
     pilot.trace.finish(&plant)?;
     let Repeating { trace, planner, .. } = pilot;
@@ -101,7 +103,9 @@ pub fn resume(
 /// Plans the slots of a trace again, and takes from the trace what cannot be repeated.
 struct Repeating {
     trace: Recorded,
-    planner: Option<FleetPlanner>,
+    planner: FleetPlanner,
+    /// Whether that planner has planned the trace.
+    is_ours: bool,
     /// Whether an external flight-sim has reported the flights.
     are_reports: bool,
     /// Whether the next plan is that of the planner.
@@ -114,12 +118,16 @@ impl Pilot for Repeating {
     fn plans(&mut self, plant: &Plant) -> Result<Plans, Ended> {
         let recorded = self.trace.next_slot(plant)?.ok_or(Ended::At(End::OutOfPlans))?;
         let is_planned = self.is_repeatable || self.is_continued;
-        let planned = match self.planner.as_mut().filter(|_| is_planned) {
-            Some(planner) => planner.plans(plant)?,
-            None => recorded.iter().map(|_| None).collect(),
+        let planned = match is_planned {
+            true => self.planner.plans(plant)?,
+            false => recorded.iter().map(|_| None).collect(),
         };
+        if !self.is_ours && is_planned {
+            let plans: Vec<Plan> = recorded.iter().map(RecordedSlot::plan).collect();
+            self.planner.follow(plant.slot() + 1, &plans, plant.field().queues_bits());
+        }
         if recorded.iter().any(RecordedSlot::is_missed) {
-            self.is_repeatable &= !self.planner.as_ref().is_some_and(FleetPlanner::has_state);
+            self.is_repeatable &= !self.planner.has_state();
         }
         if self.are_reports {
             return Ok(recorded.iter().map(|slot| Some(slot.report())).collect());
@@ -156,10 +164,6 @@ pub fn estimated_rates(scenario: &Scenario, run_mode: &RunMode) -> Result<Option
     Ok(settings::estimated(scenario)?.filter(|_| run_mode.external_planner.is_some()))
 }
 
-/// The last flights in the ring folder, for a vehicle in Python (`python/skysink/ring_vehicle.py`): their bytes by
-/// slot.
-const VEHICLE_FLIGHTS: &str = "vehicle-flights.json";
-
 impl ResumedRun {
     /// Writes the checkpoints for the processes of the ring in `ring_folder`, and returns the trace, truncated after
     /// the last complete line.
@@ -175,15 +179,9 @@ impl ResumedRun {
         let mut field = self.plant.field().clone();
         let count = field.queues_bits().len();
         let uavs = self.plant.flights().len();
-        if let Some(planner) = &self.planner {
-            journal(ring_folder, count, uavs)?.save(slot, &[], planner)?;
-        }
+        journal(ring_folder, count, uavs)?.save(slot, &[], &self.planner)?;
         fields::resume(&mut fields::journal(ring_folder, count, uavs)?, &mut field, uavs)?; // an empty journal starts with this state
         flights::journal(ring_folder, uavs)?.save(slot, &[], self.plant.flights())?;
-        let saved = ring_folder.path().join(VEHICLE_FLIGHTS);
-        let hexadecimal: String =
-            bytemuck::cast_slice(self.plant.flights()).iter().map(|byte: &u8| format!("{byte:02x}")).collect();
-        fs::write(&saved, serde_json::json!({ slot.to_string(): hexadecimal }).to_string()).at(&saved)?;
         Ok(self.log)
     }
 }

@@ -11,7 +11,9 @@ use crate::strategy::{Decision, Strategy, View};
 
 /// Decides the slot of `view`: by `strategy`, by transit where it has no decision, or by the way home. A decision that
 /// stays in the base and serves nobody charges, and the strategy is not asked while the UAV charges.
-pub(crate) fn decide(strategy: &mut dyn Strategy, serving: &mut Serving, view: &View) -> (Decision, Mode) {
+///
+/// Where its waypoint lies behind a zone, or beside the lines of a grid, it is led around (decisions D15 and D17a).
+pub fn decide(strategy: &mut dyn Strategy, serving: &mut Serving, view: &View) -> (Decision, Mode) {
     let Some(home) = &view.table.home else { return decide_freely(strategy, serving, view) };
     if home.charges_on(view.slot, &view.battery) {
         return (stay(view), Mode::Charge);

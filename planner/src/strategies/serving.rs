@@ -2,9 +2,7 @@
 
 use nalgebra::Point3;
 use skysink_common::geometry::{Position, above};
-use skysink_common::limits::Limits;
 use skysink_common::message::SolverOutcome;
-use skysink_common::sensors::grid::Grid;
 
 use super::nearby::fullest_first;
 use crate::keys::{PlanningObjective, Settings};
@@ -46,30 +44,31 @@ impl Serving {
         if self.objective == PlanningObjective::Collect {
             return self.serve_most(view, ground);
         }
-        if view.table.sensors.weights.are_equal() {
-            // Not `View::value`: it would look at the weights for every SN.
-            return self.serve_by(view, ground, |id| fullest_first(view.belief.queues_bits[id as usize], id));
-        }
-        self.serve_by(view, ground, |id| fullest_first(view.value(id), id))
+        let ground = view.table.clamp_to_area(ground);
+        fill_fullest_in_range(view.table, &ground, view.belief.queues_bits, &mut self.ids);
+        self.decision(view, &ground)
     }
 
     /// As [`Self::serve_fullest`], for the n SNs in range that are expected to upload most from the altitude of the
     /// UAV, by its value.
     pub fn serve_most(&mut self, view: &View, ground: &Position) -> Decision {
-        let uav = above(&view.table.clamp_to_area(ground), view.position.z);
-        self.serve_by(view, ground, |id| {
-            let bits = view.table.expected_bits(&uav, &[id], view.belief.queues_bits) as u32; // no more than its queue
-            fullest_first(view.table.sensors.weights.value(id, bits), id)
-        })
+        let ground = view.table.clamp_to_area(ground);
+        let uav = above(&ground, view.position.z);
+        fill_most_in_range(view.table, &uav, view.belief.queues_bits, &mut self.ids);
+        self.decision(view, &ground)
     }
 
     /// As [`Self::serve_fullest`], for the n SNs in range with the smallest `key`, which must be unique.
     pub fn serve_by<K: Ord>(&mut self, view: &View, ground: &Position, key: impl Fn(u32) -> K) -> Decision {
         let ground = view.table.clamp_to_area(ground);
+        fill_in_range(view.table, &ground, key, &mut self.ids);
+        self.decision(view, &ground)
+    }
+
+    /// The decision to serve the SNs of the working memory from above `ground`.
+    fn decision(&mut self, view: &View, ground: &Position) -> Decision {
         let Self { solver, ids, .. } = self;
-        let MissionTable { sensors, limits, .. } = view.table;
-        fill_in_range(&sensors.grid, limits, &ground, key, ids);
-        let waypoint = solver.above(view.table, &ground, &view.position, ids);
+        let waypoint = solver.above(view.table, ground, &view.position, ids);
         Decision { waypoint, schedule: ids.iter().copied().collect(), outcome: SolverOutcome::Rule, winner: None }
     }
 }
@@ -87,16 +86,30 @@ impl Decision {
     }
 }
 
-/// Fills `ids` with the SNs of the n fullest queues within `d_c` of `ground`, ascending by id: of equals those with the
-/// lowest. `queues_bits` [bit] are by id.
-pub fn fill_fullest_in_range(grid: &Grid, limits: &Limits, ground: &Position, queues_bits: &[u32], ids: &mut Vec<u32>) {
-    fill_in_range(grid, limits, ground, |id| fullest_first(queues_bits[id as usize], id), ids);
+/// Fills `ids` with the SNs of the n fullest queues within `d_c` of `ground`, by their values, ascending by id: of equals
+/// those with the lowest. `queues_bits` [bit] are by id.
+pub fn fill_fullest_in_range(table: &MissionTable, ground: &Position, queues_bits: &[u32], ids: &mut Vec<u32>) {
+    if table.sensors.weights.are_equal() {
+        // Not the values: they would look at the weights for every SN.
+        return fill_in_range(table, ground, |id| fullest_first(queues_bits[id as usize], id), ids);
+    }
+    fill_in_range(table, ground, |id| fullest_first(table.value(id, queues_bits[id as usize]), id), ids);
+}
+
+/// Fills `ids` with the n SNs within `d_c` of `uav` that are expected to upload most there, by its value, ascending.
+pub fn fill_most_in_range(table: &MissionTable, uav: &Point3<f64>, queues_bits: &[u32], ids: &mut Vec<u32>) {
+    let key = |id| {
+        let bits = table.expected_bits(uav, &[id], queues_bits) as u32; // no more than its queue
+        fullest_first(table.sensors.weights.value(id, bits), id)
+    };
+    fill_in_range(table, &uav.xy(), key, ids);
 }
 
 /// Fills `ids` with the n SNs within `d_c` of `ground` that have the smallest `key`, ascending by id.
-fn fill_in_range<K: Ord>(grid: &Grid, limits: &Limits, ground: &Position, key: impl Fn(u32) -> K, ids: &mut Vec<u32>) {
+fn fill_in_range<K: Ord>(table: &MissionTable, ground: &Position, key: impl Fn(u32) -> K, ids: &mut Vec<u32>) {
+    let MissionTable { sensors, limits, .. } = table;
     ids.clear();
-    grid.visit_within(ground, limits.comm_radius_m, |node| ids.push(node.id));
+    sensors.grid.visit_within(ground, limits.comm_radius_m, |node| ids.push(node.id));
     let blocks = limits.blocks();
     if ids.len() > blocks {
         ids.select_nth_unstable_by_key(blocks, |&id| key(id));
@@ -114,7 +127,7 @@ mod tests {
     /// The n fullest queues in range.
     fn fullest(table: &MissionTable, ground: [f64; 2], queues_bits: &[u32]) -> Vec<u32> {
         let mut ids = vec![77];
-        fill_fullest_in_range(&table.sensors.grid, &table.limits, &ground.into(), queues_bits, &mut ids);
+        fill_fullest_in_range(table, &ground.into(), queues_bits, &mut ids);
         ids
     }
 
@@ -145,7 +158,7 @@ mod tests {
         let queues_bits = [1, 5, 6, 7, 8, 9];
         let key = |id: u32| (![0, 5].contains(&id), fullest_first(queues_bits[id as usize], id));
         let mut ids = Vec::new();
-        fill_in_range(&table.sensors.grid, &table.limits, &Position::new(50.0, 50.0), key, &mut ids);
+        fill_in_range(&table, &Position::new(50.0, 50.0), key, &mut ids);
         assert_eq!(ids, [0, 2, 3, 4]);
     }
 }

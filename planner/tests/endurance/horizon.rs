@@ -9,12 +9,12 @@ use proptest::prelude::{Strategy as Generator, *};
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::sensors::{SensorList, Sensors};
 use skysink_common::stop::Stop;
-use skysink_planner::Planner;
 use skysink_planner::bound::mission_bound;
 use skysink_planner::horizon::long_search::{SearchOutcome, SearchProgress};
+use skysink_planner::strategies::names;
 use skysink_planner::strategies::offline::Offline;
-use skysink_planner::strategies::{STRATEGIES, names};
-use skysink_planner::strategy::{OwnedSetup, Timing};
+use skysink_planner::strategy::{OwnedSetup, Setup, Strategy, Timing};
+use skysink_planner::{FleetPlanner, Planner};
 
 /// The strategies that carry something from slot to slot.
 const REMEMBERING: [&str; 6] = ["tour", "round-robin", "max-age-first", "whittle", "horizon", "offline"];
@@ -277,7 +277,9 @@ fn an_offline_plan_has_its_predicted_loss_and_respects_the_bound() {
         });
         let (offline, SearchOutcome { loss_bits: predicted_bits, steps: done, is_optimal }) = found.unwrap().unwrap();
         assert_eq!((done, is_optimal), (20_000, false), "seed {seed}");
-        mission.planner = Planner::with_strategy(&scenario, &nodes, Box::new(offline)).unwrap().into();
+        let mut offline = Some(offline);
+        let mut make = |_: &Setup<'_>| -> Result<Box<dyn Strategy>, _> { Ok(Box::new(offline.take().unwrap())) };
+        mission.planner = FleetPlanner::by(&scenario, &nodes, &mut make, &Stop::default()).unwrap();
         assert!(steps.len() > 100 && steps.is_sorted() && steps[0] == 0, "{steps:?}");
         mission.by_ref().take(200).for_each(drop);
         let lost_bits = mission.lost_bits() as f64;

@@ -1,0 +1,188 @@
+//! What a strategy in Python sees of a slot: its view, the other UAVs, their flights, and routes.
+
+use numpy::ndarray::Array2;
+use numpy::{IntoPyArray, PyArray1, PyArray2, ToPyArray};
+use pyo3::prelude::*;
+use skysink_common::geometry::Position;
+use skysink_common::message::FlightReport;
+use skysink_planner::strategy::{Neighbours, View};
+
+use crate::belief::{Contacts, PyBelief, new_object};
+use crate::field::{PyField, read_only};
+
+/// The input of a strategy in one slot.
+#[pyclass(name = "View", module = "skysink", frozen, get_all)]
+pub struct PyView {
+    /// The slot to plan, t, from 1.
+    slot: u64,
+    /// Position of the UAV at the start of the slot, L_u(t-1) [m], [3], read-only.
+    uav: Py<PyArray1<f64>>,
+    /// Queues at the start of the slot, true or estimated, B_i(t-1) [bit], [N], read-only. Those of SNs that other UAVs
+    /// have scheduled in this slot count as empty.
+    ///
+    /// It is unsigned: use ``astype(np.int64)`` for differences.
+    queues_bits: Py<PyArray1<u32>>,
+    /// Sampling rates as known at the start of the slot, true or learnt [bit/s], [N], read-only.
+    sampling_bps: Py<PyArray1<f64>>,
+    /// Queues and rates as known at the start of the slot, each with its standard deviation, and the ages of the
+    /// contacts.
+    belief: Py<PyBelief>,
+    /// What stays the same.
+    field: Py<PyField>,
+    /// Energy in the battery at the start of the slot, E(t-1) [J]; infinite without a battery.
+    energy_j: f64,
+    /// Whether the UAV has charged in the slot before.
+    is_charging: bool,
+    /// Energy beyond the way home and the reserve [J]: minus infinity if the way takes too long, infinite without a
+    /// battery.
+    energy_left_home_j: f64,
+    /// Slots left beyond those of the way home at full speed, below 0 if it takes too long; None if the UAV need not be
+    /// home in time.
+    slots_left_home: Option<i64>,
+    /// The other UAVs; None for a UAV that plans alone.
+    neighbours: Option<Py<PyNeighbours>>,
+}
+
+impl PyView {
+    /// What a strategy sees of `view`, with the rates before slot 1.
+    pub fn of(
+        py: Python<'_>,
+        view: &View<'_>,
+        field: &Py<PyField>,
+        known_bps: &Py<PyArray1<f64>>,
+        contacts: &Contacts,
+        neighbours: Option<Py<PyNeighbours>>,
+    ) -> PyResult<Self> {
+        let queues_bits = read_only(view.belief.queues_bits.to_pyarray(py))?;
+        let sampling_bps = match view.belief.belief.learnt_bps(view.table.limits.slot_s) {
+            Some(learnt_bps) => read_only(PyArray1::from_iter(py, learnt_bps))?,
+            None => new_object(known_bps.bind(py))?,
+        };
+        let data = &field.get().data;
+        let belief = PyBelief::of(py, &view.belief, data, &queues_bits, &sampling_bps, contacts, view.slot - 1)?;
+        let home = view.table.home.as_ref();
+        let (after, ground) = (view.slot - 1, view.ground());
+        Ok(Self {
+            slot: view.slot,
+            uav: read_only([view.position.x, view.position.y, view.position.z].to_pyarray(py))?.unbind(),
+            queues_bits: queues_bits.unbind(),
+            sampling_bps: sampling_bps.unbind(),
+            belief: Py::new(py, belief)?,
+            field: field.clone_ref(py),
+            energy_j: view.battery.energy_j,
+            is_charging: view.battery.is_charging,
+            energy_left_home_j: home.map_or(f64::INFINITY, |home| home.margin_j(after, view.battery.energy_j, &ground)),
+            slots_left_home: home.and_then(|home| home.spare_slots(after, &ground)),
+            neighbours,
+        })
+    }
+}
+
+#[pymethods]
+impl PyView {
+    /// The values of the queues by which built-in strategies compare them, w_i B_i in a common unit, uint32 [N],
+    /// read-only: the queues themselves if all weights are equal, and 0 for SNs that zones hide.
+    #[getter]
+    fn values<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<u32>>> {
+        self.field.get().values(py, self.queues_bits.bind(py))
+    }
+
+    /// Ids of the SNs whose range one slot leads into, around zones, of those that are nearer than the reach of a slot;
+    /// ascending.
+    #[getter]
+    fn reachable<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<u32>>> {
+        self.field.get().reachable(py, self.uav.bind(py).as_any())
+    }
+
+    /// The route from the UAV to ``goal``: a point [m], or the id of an SN, into whose range it leads. None if there is
+    /// none.
+    fn route_to(&self, py: Python<'_>, goal: &Bound<'_, PyAny>) -> PyResult<Option<PyRoute>> {
+        self.field.get().route(self.uav.bind(py).as_any(), goal)
+    }
+}
+
+/// A route at full speed, straight or around zones, and on a grid along its lines.
+#[pyclass(name = "Route", module = "skysink", frozen, get_all)]
+pub struct PyRoute {
+    /// Its length [m].
+    pub length_m: f64,
+    /// Its slots, at least 1.
+    pub slots: u64,
+    /// The energy that it takes [J]; 0 without a battery.
+    pub energy_j: f64,
+    /// Where it ends [m].
+    pub end_m: (f64, f64),
+}
+
+impl PyRoute {
+    /// Where it ends.
+    pub fn end(&self) -> Position {
+        Position::new(self.end_m.0, self.end_m.1)
+    }
+}
+
+#[pymethods]
+impl PyRoute {
+    fn __repr__(&self) -> String {
+        let Self { length_m, slots, energy_j, .. } = self;
+        format!("Route({length_m:.3} m, {slots} slots, {energy_j:.1} J)")
+    }
+}
+
+/// What the other UAVs of a fleet tell a UAV before it plans a slot.
+#[pyclass(name = "Neighbours", module = "skysink", frozen, get_all)]
+pub struct PyNeighbours {
+    /// The number of the UAV that plans.
+    own: usize,
+    /// The numbers of the others, ascending.
+    uavs: Vec<usize>,
+    /// Their positions at the start of the slot [m], [U - 1, 3], read-only.
+    positions_m: Py<PyArray2<f64>>,
+    /// Ids of the SNs that they have scheduled in this slot, uint32, read-only. Empty where each has a part of the
+    /// field.
+    scheduled: Py<PyArray1<u32>>,
+    /// What they plan to serve from this slot on, by slot: slot, id, and bits, infinite for all that is there. From
+    /// strategies that look ahead.
+    intents: Vec<(u64, u32, f64)>,
+}
+
+impl PyNeighbours {
+    /// What `neighbours` tell.
+    pub fn of(py: Python<'_>, neighbours: &Neighbours<'_>) -> PyResult<Py<Self>> {
+        let positions: Vec<[f64; 3]> = neighbours.others().map(|(_, flight)| flight.position().into()).collect();
+        let positions_m = Array2::from_shape_fn((positions.len(), 3), |(uav, axis)| positions[uav][axis]);
+        let met = Self {
+            own: neighbours.uav,
+            uavs: neighbours.others().map(|(uav, _)| uav).collect(),
+            positions_m: read_only(positions_m.into_pyarray(py))?.unbind(),
+            scheduled: read_only(neighbours.scheduled.to_pyarray(py))?.unbind(),
+            intents: neighbours.intents.iter().map(|visit| (visit.slot, visit.sensor, visit.bits)).collect(),
+        };
+        Py::new(py, met)
+    }
+}
+
+/// The flight of a UAV in a slot.
+#[pyclass(name = "Flight", module = "skysink", frozen, get_all)]
+pub struct PyFlight {
+    /// Where it ended [m], [3], read-only.
+    position_m: Py<PyArray1<f64>>,
+    /// Energy in the battery after it [J]; infinite without a battery.
+    energy_j: f64,
+    /// What was flown, as in the column ``mode`` of ``slots.csv``.
+    mode: String,
+    /// Ids of the SNs that it served, ascending.
+    served: Vec<u32>,
+}
+
+impl PyFlight {
+    /// The flight of `report`.
+    pub fn of(py: Python<'_>, report: &FlightReport) -> PyResult<Self> {
+        Ok(Self {
+            position_m: read_only([report.x_m, report.y_m, report.z_m].to_pyarray(py))?.unbind(),
+            energy_j: report.energy_j,
+            mode: report.flown_mode().to_string(),
+            served: report.served_links().iter().map(|link| link.sensor).collect(),
+        })
+    }
+}
