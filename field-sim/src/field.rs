@@ -1,5 +1,7 @@
 //! One slot of the field: sample, overflow, upload (decision D1).
 
+use std::mem::MaybeUninit;
+
 use serde::{Deserialize, Serialize};
 use skysink_common::belief::Belief;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
@@ -10,7 +12,6 @@ use skysink_common::queues::blocks;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::uploads;
-use std::mem::MaybeUninit;
 
 /// The sensor field and its queues after a slot.
 #[derive(Debug, Clone, PartialEq)]

@@ -13,7 +13,7 @@ use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::refusals::{Refusal, Refusals};
 use skysink_ring::role::Role;
-use skysink_ring::topics::{Ring, is_release};
+use skysink_ring::topics::{Ring, is_release, monotonic_ns};
 use skysink_ring::wait::WaitContext;
 
 use crate::fleet::Fleet;
@@ -189,7 +189,10 @@ fn fly<'a, S: Service + 'static>(
             Pace::Max => plans.wait_for_slot(&mut wait, slot)?,
             Pace::Factor(_) => {
                 if let Some(tick) = ticks.wait_until(&mut wait, slot)? {
-                    ends_ns = Some(tick.user_header().sent_ns + tick.payload().period_ns);
+                    // The clock of another host is not this one's.
+                    let is_local = ring.terms.link.is_none();
+                    let begin_ns = if is_local { tick.user_header().sent_ns } else { monotonic_ns() };
+                    ends_ns = Some(begin_ns.saturating_add(tick.payload().period_ns));
                 }
                 plans.poll_slot(slot)?.available()
             }

@@ -49,7 +49,7 @@ const MODELS: [(&str, &str, &str); 9] = [
     ("fleet, zones and battery", "FLEET", ZONES),
 ];
 
-/// The mission of a strategy with a model; `None` if the model is not for it.
+/// The scenario of a strategy with a model.
 fn text((_, _, planner): (&str, &str, &str), (_, keys, area): (&str, &str, &str)) -> String {
     let keys =
         if keys == "FLEET" { format!("uav.count = 3\nuav.separation_m = 5.0\n{BATTERY}") } else { keys.to_owned() };

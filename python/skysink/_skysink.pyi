@@ -359,12 +359,6 @@ class Neighbours:
         field.
         """
 
-    @property
-    def intents(self) -> list[tuple[int, int, float]]:
-        """What they plan to serve from this slot on, by slot: slot, id, and bits, infinite for all that is there. From
-        strategies that look ahead.
-        """
-
 @final
 class Flight:
     """The flight of a UAV in a slot."""

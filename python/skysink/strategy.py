@@ -65,8 +65,8 @@ class Strategy(ABC):
         """
 
     def observe(self, slot: int, flights: list[Flight]) -> None:
-        """Called after each slot, also while the UAV charges, with the flight of the UAV; in a fleet that talks with those
-        of all UAVs, by their numbers. Slot 0 is the start.
+        """Called before each slot is planned, also while the UAV charges, with its flight in ``slot``, the one before: 0
+        at the start. In a ``sequential`` fleet with those of all UAVs, by their numbers.
         """
 
     @abstractmethod
@@ -75,12 +75,14 @@ class Strategy(ABC):
 
         ``None`` applies the transit rule: fly at full speed toward the fullest queue, by weight, of those that zones do
         not hide, and serve the fullest queues in range. A waypoint that is out of reach or outside the area is refused:
-        the UAV holds its position. SNs out of range are not served. ``refused`` in the results counts both. Not called
+        the UAV holds its position. With zones or on a grid it is flown around or along them instead. SNs out of range are not served. ``refused`` in the results counts both. Not called
         while the UAV charges.
         """
 
     def save(self) -> bytes:
-        """Returns the state of the strategy, so that it can be restarted in a ring; at most 4 MiB."""
+        """Returns the state of the strategy, so that it can be restarted in a ring; at most 4 MiB. It may be called before
+        the first plan.
+        """
         return b""
 
     def restore(self, state: bytes) -> None:

@@ -10,7 +10,8 @@ use skysink_common::checkpoint::CheckpointError;
 use skysink_common::message::FlightReport;
 use skysink_mission::Plant;
 
-use crate::field::{FieldData, read_only};
+use crate::field::FieldData;
+use crate::values::read_only;
 
 /// The slot of the last contact with each sensor node, by id; 0 before the first.
 #[derive(Clone, Default)]
@@ -33,12 +34,12 @@ impl Contacts {
 
     /// Slots from the last contact, or from the mission's start, to the end of `slot`, by id.
     pub fn ages_slots(&self, slot: u64) -> impl Iterator<Item = u64> {
-        self.0.iter().map(move |contact| slot - contact)
+        self.0.iter().map(move |contact| slot.saturating_sub(*contact))
     }
 
     /// The same of sensor node `id`.
     pub fn age_slots(&self, slot: u64, id: u32) -> u64 {
-        slot - self.0[id as usize]
+        slot.saturating_sub(self.0[id as usize])
     }
 
     /// The slots, to be saved.

@@ -23,9 +23,9 @@ use skysink_planner::strategies::serving::{Serving, fill_fullest_in_range, fill_
 use skysink_planner::strategy::Setup;
 
 use crate::errors::refused;
+use crate::route::PyRoute;
 use crate::scenario::PyScenario;
-use crate::values::Reduced;
-use crate::view::PyRoute;
+use crate::values::{Reduced, read_only};
 
 /// The sensor nodes of a mission and the limits of its plans, as a planner knows them.
 pub struct FieldData {
@@ -89,6 +89,7 @@ impl FieldData {
         told.sensors.file = None;
         told.sensors.arrivals = None;
         told.trace = None;
+        told.seed = 0; // by which rates and queues are drawn
         Self { table, scenario: told, settings, buffers_bits, nodes }
     }
 
@@ -235,12 +236,6 @@ impl PyField {
         ids.sort_unstable();
         Ok(ids.into_pyarray(py))
     }
-}
-
-/// Makes the array read-only.
-pub fn read_only<'py, T>(array: Bound<'py, T>) -> PyResult<Bound<'py, T>> {
-    array.as_any().call_method1("setflags", (false,))?;
-    Ok(array)
 }
 
 /// Parses a point on the ground: the first two coordinates.

@@ -16,6 +16,7 @@ mod observation;
 mod reward;
 mod ring;
 mod rounds;
+mod route;
 mod rules;
 mod run;
 mod scenario;
@@ -49,6 +50,8 @@ mod _skysink {
     #[pymodule_export]
     use super::rounds::{PyDiskRound, round_over_disks};
     #[pymodule_export]
+    use super::route::PyRoute;
+    #[pymodule_export]
     use super::run::PyRun;
     #[pymodule_export]
     use super::scenario::PyScenario;
@@ -61,7 +64,7 @@ mod _skysink {
     #[pymodule_export]
     use super::table::PyTable;
     #[pymodule_export]
-    use super::view::{PyFlight, PyNeighbours, PyRoute, PyView};
+    use super::view::{PyFlight, PyNeighbours, PyView};
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

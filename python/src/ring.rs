@@ -53,7 +53,12 @@ fn join(ring: PathBuf, scenario: PathBuf) -> PyResult<(Scenario, RingFolder)> {
 
 /// The exit code of a process, or the exception of its Python code.
 fn end(py: Python<'_>, role: Role, result: Result<(), NodeError>, raised: &Raised) -> PyResult<u8> {
-    let _ = py.check_signals(); // the handler in Python of a signal that has stopped the process
+    // The handler in Python of a signal that has stopped the process may raise an exception.
+    if let Err(error) = py.check_signals()
+        && !error.is_instance_of::<PyKeyboardInterrupt>(py)
+    {
+        return Err(error);
+    }
     let interrupted = |_| Err(NodeError::Stopped(Stopped(2)));
     let result = match raised.check() {
         Err(error) if !error.is_instance_of::<PyKeyboardInterrupt>(py) => return Err(error),

@@ -9,8 +9,8 @@ use skysink_common::geometry::Position;
 use skysink_planner::geometry::round::{Disks, RoundEffort};
 
 use crate::errors::refused;
-use crate::field::read_only;
 use crate::signals::interruptible;
+use crate::values::read_only;
 
 /// Most disks of a round: the first one takes time proportional to the square.
 const MOST: usize = 100_000;

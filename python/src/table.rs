@@ -16,8 +16,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyCapsule, PyList};
 
 use crate::errors::refused;
-use crate::field::read_only;
-use crate::values::Reduced;
+use crate::values::{Reduced, read_only};
 
 /// The name of the capsule in Arrow's interface.
 const STREAM: &CStr = c"arrow_array_stream";

@@ -54,3 +54,9 @@ pub fn json<'py>(py: Python<'py>, value: &impl serde::Serialize) -> PyResult<Bou
     let text = serde_json::to_string(value).expect("plain numbers and strings");
     py.import("json")?.call_method1("loads", (text,))
 }
+
+/// Makes the array read-only.
+pub fn read_only<'py, T>(array: Bound<'py, T>) -> PyResult<Bound<'py, T>> {
+    array.as_any().call_method1("setflags", (false,))?;
+    Ok(array)
+}

@@ -110,7 +110,7 @@ impl Says<'_, '_> {
         let z_m = at_m.get(2).copied().unwrap_or(order.position.z);
         let velocity_mps = self.numbers("velocity_mps", &[3], "three finite numbers")?;
         let covariance_m2 = self.numbers("covariance_m2", &[6], "six finite numbers")?;
-        let is_down = self.value("is_down")?.is_truthy().unwrap_or(false);
+        let is_down = self.value("is_down")?.is_truthy().map_err(|_| self.refuse("is_down", "True or False"))?;
         let time_s = self.value("time_s")?;
         let time_s = if time_s.is_none() { Some(order.slot as f64 * slot_s) } else { number(&time_s) };
         Ok(FlightReport {

@@ -3,12 +3,13 @@
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2, ToPyArray};
 use pyo3::prelude::*;
-use skysink_common::geometry::Position;
 use skysink_common::message::FlightReport;
 use skysink_planner::strategy::{Neighbours, View};
 
 use crate::belief::{Contacts, PyBelief, new_object};
-use crate::field::{PyField, read_only};
+use crate::field::PyField;
+use crate::route::PyRoute;
+use crate::values::read_only;
 
 /// The input of a strategy in one slot.
 #[pyclass(name = "View", module = "skysink", frozen, get_all)]
@@ -101,34 +102,6 @@ impl PyView {
     }
 }
 
-/// A route at full speed, straight or around zones, and on a grid along its lines.
-#[pyclass(name = "Route", module = "skysink", frozen, get_all)]
-pub struct PyRoute {
-    /// Its length [m].
-    pub length_m: f64,
-    /// Its slots, at least 1.
-    pub slots: u64,
-    /// The energy that it takes [J]; 0 without a battery.
-    pub energy_j: f64,
-    /// Where it ends [m].
-    pub end_m: (f64, f64),
-}
-
-impl PyRoute {
-    /// Where it ends.
-    pub fn end(&self) -> Position {
-        Position::new(self.end_m.0, self.end_m.1)
-    }
-}
-
-#[pymethods]
-impl PyRoute {
-    fn __repr__(&self) -> String {
-        let Self { length_m, slots, energy_j, .. } = self;
-        format!("Route({length_m:.3} m, {slots} slots, {energy_j:.1} J)")
-    }
-}
-
 /// What the other UAVs of a fleet tell a UAV before it plans a slot.
 #[pyclass(name = "Neighbours", module = "skysink", frozen, get_all)]
 pub struct PyNeighbours {
@@ -141,9 +114,6 @@ pub struct PyNeighbours {
     /// Ids of the SNs that they have scheduled in this slot, uint32, read-only. Empty where each has a part of the
     /// field.
     scheduled: Py<PyArray1<u32>>,
-    /// What they plan to serve from this slot on, by slot: slot, id, and bits, infinite for all that is there. From
-    /// strategies that look ahead.
-    intents: Vec<(u64, u32, f64)>,
 }
 
 impl PyNeighbours {
@@ -156,7 +126,6 @@ impl PyNeighbours {
             uavs: neighbours.others().map(|(uav, _)| uav).collect(),
             positions_m: read_only(positions_m.into_pyarray(py))?.unbind(),
             scheduled: read_only(neighbours.scheduled.to_pyarray(py))?.unbind(),
-            intents: neighbours.intents.iter().map(|visit| (visit.slot, visit.sensor, visit.bits)).collect(),
         };
         Py::new(py, met)
     }

@@ -118,13 +118,13 @@ fn plans_of_a_stateful_planner_after_a_hold_are_not_compared() {
 }
 
 /// Records so many slots without a plan in time, paced, in the folder `out`, of a planner whose search takes hours.
-fn record_holds(out: &Path, slots: u64) -> (Scenario, SensorList, RunFolder) {
+fn record_holds(out: &Path, slots: u64, external_planner: Option<&str>) -> (Scenario, SensorList, RunFolder) {
     let text = format!("{}[planner.horizon]\niterations = 1000000000\n", scenarios::text("smoke"));
     let overrides = Overrides { strategy: Some("horizon"), ..Overrides::default() };
     let scenario = Scenario::parse(&text, Path::new("smoke.toml"), overrides).and_then(settings::resolve).unwrap();
     let list = SensorList::of(&scenario).unwrap();
-    let run_mode =
-        RunMode { pace: "10x".parse().ok(), external_planner: Some("mine".to_owned()), ..RunMode::default() };
+    let external_planner = external_planner.map(str::to_owned);
+    let run_mode = RunMode { pace: "10x".parse().ok(), external_planner, ..RunMode::default() };
     let folder = RunFolder::create(Some(out), Earlier::Kept, &scenario, &list, &run_mode).unwrap();
     let mut log = folder.slot_log().unwrap();
     let mut plant = Plant::new(&scenario, &list);
@@ -137,7 +137,7 @@ fn record_holds(out: &Path, slots: u64) -> (Scenario, SensorList, RunFolder) {
 #[test]
 fn a_complete_run_without_plans_is_not_planned_again() {
     let place = tempfile::tempdir().unwrap();
-    let (scenario, list, folder) = record_holds(&place.path().join("run"), scenarios::smoke("uts").slots);
+    let (scenario, list, folder) = record_holds(&place.path().join("run"), scenarios::smoke("uts").slots, Some("mine"));
     let mut tally = Tally::new(&scenario, &list, folder.run_mode());
     let stop = Stop::default();
     let flag = stop.flag();
@@ -153,9 +153,9 @@ fn a_complete_run_without_plans_is_not_planned_again() {
 #[test]
 fn a_long_resumption_reports_its_progress() {
     let place = Place::new();
-    record_holds(&place.path("run"), SLOTS);
+    record_holds(&place.path("run"), SLOTS, None);
     let stderr = place.path("stderr");
-    let mut command = place.skysink(&["run", "--resume", "run", "--no-viewer", "--external", "planner"]);
+    let mut command = place.skysink(&["run", "--resume", "run", "--no-viewer"]);
     let child = command.stderr(std::fs::File::create(&stderr).unwrap()).spawn().unwrap();
     let said = || std::fs::read_to_string(&stderr).unwrap();
     until("a line", || said().contains("simulating the recorded slots again").then_some(()));

@@ -55,6 +55,7 @@ impl Horizon {
         steps: u64,
         watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
     ) -> Option<SearchOutcome> {
+        self.has_begun = true;
         let mut best = (forecast.loss_bits, forecast.stops());
         let ended = self.cool(forecast, &mut best, view.slot, steps, watch);
         forecast.load(&self.model, best.1);

@@ -53,11 +53,18 @@ const LEAST_MEAN_BITS: f64 = 1e-3;
 /// Temperature of the first search.
 const FIRST_TEMPERATURE: f64 = 0.05;
 
-/// Slots of which a long search before the first of them makes [`ADVANCED`] of the steps, where all is known; each of
-/// them has [`LEFT`] of its steps then.
+/// Most slots for which a long search before the first of them makes all but one in [`LEFT`] of the steps, where all is
+/// known.
 const ADVANCE_SLOTS: u64 = 500;
-const ADVANCED: f64 = 0.75;
-const LEFT: f64 = 0.25;
+const LEFT: u32 = 4;
+
+/// Most steps of the long search: some two seconds, counted and not timed. Fewer where a step takes longer: by the factor
+/// of a battery, of zones, and of other UAVs, which search as long, and by the number of sensors beyond so many.
+const MOST_ADVANCED: u64 = 1_000_000;
+const BATTERY_EFFORT: u64 = 2;
+const ZONES_EFFORT: u64 = 8;
+const FLEET_EFFORT: u64 = 4;
+const EASY_SENSORS: usize = 200;
 
 /// Ceiling of the temperature at the mission's end; 1 at its beginning.
 const LAST_CEILING: f64 = 0.1;
@@ -262,12 +269,6 @@ impl Horizon {
         forecast.trace.visits.iter().map(visit).collect()
     }
 
-    /// Whether the loss of the plan of `forecast` equals the lower bound.
-    #[must_use]
-    pub fn is_optimal(&self, forecast: &Forecast) -> bool {
-        forecast.loss_bits <= forecast.window.least_loss_bits(&self.model)
-    }
-
     /// Whether a plan is carried from the slot before.
     #[must_use]
     pub fn has_plan(&self) -> bool {
@@ -281,17 +282,30 @@ impl Horizon {
     /// steps of the slots after it, which have fewer then.
     pub fn search(&mut self, view: &View, forecast: &mut Forecast, is_over: impl Fn() -> bool) {
         let steps = self.keys.iterations;
-        if !std::mem::replace(&mut self.has_begun, true) && view.is_certain() {
-            let slots = ADVANCE_SLOTS.min(forecast.window.slots as u64);
+        let left = steps.div_ceil(LEFT);
+        if !self.has_begun && view.is_certain() {
+            let advanced = u64::from(steps - left);
+            let most = (self.most_advanced(view) / advanced.max(1)).min(forecast.window.slots as u64);
+            let slots = most.min(ADVANCE_SLOTS);
             let watch = &mut |_| if is_over() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
-            if self.prepare(view, forecast, (f64::from(steps) * ADVANCED) as u64 * slots, watch).is_some() {
+            if self.prepare(view, forecast, advanced * slots, watch).is_some() {
                 self.advanced = view.slot + slots;
             }
         }
-        let steps = if view.slot < self.advanced { (f64::from(steps) * LEFT) as u32 } else { steps };
-        self.improve(view.slot, steps, forecast, is_over);
+        self.has_begun = true;
+        self.improve(view.slot, if view.slot < self.advanced { left } else { steps }, forecast, is_over);
         self.carried.clear();
         self.carried.extend(forecast.trace.legs.iter().filter(|leg| leg.end > 1).map(|leg| leg.stop));
+    }
+
+    /// Most steps of the long search.
+    fn most_advanced(&self, view: &View) -> u64 {
+        let table = &self.model.table;
+        let sensors = self.model.sensors.len().div_ceil(EASY_SENSORS).max(1) as u64;
+        let zones = if table.airspace.is_open() { 1 } else { ZONES_EFFORT };
+        let battery = if table.home.is_some() { BATTERY_EFFORT } else { 1 };
+        let fleet = if view.others.is_some() { FLEET_EFFORT } else { 1 };
+        MOST_ADVANCED / (sensors * zones * battery * fleet)
     }
 
     /// The planning window that starts at the slot of `view`.
