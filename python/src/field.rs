@@ -10,6 +10,7 @@ use pyo3::prelude::*;
 use skysink_common::airspace::length_m;
 use skysink_common::base::Base;
 use skysink_common::belief::Belief;
+use skysink_common::channel::RateTable;
 use skysink_common::error::InputError;
 use skysink_common::geometry::Position;
 use skysink_common::message::SensorNode;
@@ -24,7 +25,6 @@ use skysink_planner::strategy::Setup;
 
 use crate::errors::refused;
 use crate::route::PyRoute;
-use crate::scenario::PyScenario;
 use crate::values::{Reduced, read_only};
 
 /// The sensor nodes of a mission and the limits of its plans, as a planner knows them.
@@ -213,6 +213,11 @@ impl PyField {
         Ok(Self::new(Arc::new(FieldData::of(scenario, list, belief).map_err(refused)?)))
     }
 
+    /// The field of a scenario with these sensor nodes.
+    pub fn of_nodes(scenario: &Scenario, nodes: Vec<SensorNode>) -> PyResult<Self> {
+        Ok(Self::new(Arc::new(FieldData::of_nodes(scenario, nodes).map_err(refused)?)))
+    }
+
     /// The values of queues [bit].
     pub fn values<'py>(
         &self,
@@ -258,18 +263,12 @@ pub fn coordinates(point: &Bound<'_, PyAny>) -> PyResult<Vec<f64>> {
 #[pymethods]
 impl PyField {
     /// For pickle and copy.
-    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py, (PyScenario, Vec<u8>)>> {
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py, (Vec<u8>,)>> {
         let FieldData { scenario, nodes, .. } = &*slf.get().data;
-        let nodes = bytemuck::cast_slice(nodes).to_vec();
-        Ok((slf.get_type().getattr("_restore")?, (PyScenario::on_record(scenario)?, nodes)))
-    }
-
-    /// The field of a scenario with these sensor nodes, in the layout of their messages.
-    #[staticmethod]
-    fn _restore(scenario: &Bound<'_, PyScenario>, nodes: &[u8]) -> PyResult<Self> {
-        let nodes = bytemuck::pod_collect_to_vec(nodes);
-        let data = FieldData::of_nodes(&scenario.get().scenario, nodes).map_err(refused)?;
-        Ok(Self::new(Arc::new(data)))
+        let channel = scenario.link.table.map(RateTable::to_csv);
+        let text = (scenario.to_toml(), &scenario.path, None::<&str>, channel);
+        let scenario = slf.py().import("skysink")?.getattr("Scenario")?.call_method1("parse", text)?;
+        Ok((scenario.getattr("_field")?, (bytemuck::cast_slice(nodes).to_vec(),)))
     }
 
     fn __len__(&self) -> usize {

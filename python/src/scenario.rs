@@ -264,6 +264,11 @@ impl PyScenario {
         PyField::of(&self.scenario, &self.list()?, &Belief::Known)
     }
 
+    /// The field with these sensor nodes, in the layout of their messages.
+    fn _field(&self, nodes: &[u8]) -> PyResult<PyField> {
+        PyField::of_nodes(&self.scenario, bytemuck::pod_collect_to_vec(nodes))
+    }
+
     /// For pickle and copy: the text and the path.
     fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py, Parsed>> {
         let PyScenario { text, scenario } = slf.get();
