@@ -41,7 +41,7 @@ fn fly(strategy: &'static str, count: u32) {
 const AHEAD_SLOTS: u64 = 12;
 
 /// Search steps in a slot.
-const STEPS: &str = "planner.horizon.iterations = 200\n";
+const STEPS: &str = "planner.horizon.iterations = 40\n";
 
 /// A battery, and a base where the UAV has to land.
 const BATTERY: &str =
@@ -54,7 +54,7 @@ const ZONES: &str = "area.no_fly = [{ polygon_m = [[100, 60], [120, 60], [120, 2
 /// Plans slots by `horizon` for 200 sensor nodes in 300 m × 300 m, with queues emptied where they are served, and 300 J
 /// of a battery taken in each slot.
 fn look_ahead(keys: &str) {
-    let text = format!("name = 'a'\narea.side_m = 300.0\nslots = 400\n{keys}");
+    let text = format!("name = 'a'\narea.side_m = 300.0\nslots = 150\n{keys}");
     let overrides = Overrides { strategy: Some("horizon"), ..Overrides::default() };
     let scenario = Scenario::parse(&text, Path::new("a.toml"), overrides).unwrap();
     let list = SensorList::of(&scenario).unwrap();
@@ -97,12 +97,12 @@ fn main() -> std::process::ExitCode {
         Case {
             name: "horizon, zones and battery",
             steps: AHEAD_SLOTS,
-            work: || look_ahead(&format!("{STEPS}{ZONES}{BATTERY}link.bandwidth_hz = 5e3\n")),
+            work: || look_ahead(&format!("planner.horizon.iterations = 10\n{ZONES}{BATTERY}link.bandwidth_hz = 5e3\n")),
         },
         Case {
             name: "horizon, collect",
             steps: AHEAD_SLOTS,
-            work: || look_ahead(&format!("{BATTERY}planner.objective = 'collect'\nplanner.horizon.iterations = 20\n")),
+            work: || look_ahead(&format!("{BATTERY}planner.objective = 'collect'\nplanner.horizon.iterations = 10\n")),
         },
         Case { name: "geometric waypoint", steps: WAYPOINTS, work: waypoints },
     ];

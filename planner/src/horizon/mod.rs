@@ -58,11 +58,11 @@ const FIRST_TEMPERATURE: f64 = 0.05;
 const ADVANCE_SLOTS: u64 = 500;
 const LEFT: u32 = 4;
 
-/// Most steps of the long search: some two seconds, counted and not timed. Fewer where a step takes longer: by the factor
-/// of a battery, of zones, and of other UAVs, which search as long, and by the number of sensors beyond so many.
-const MOST_ADVANCED: u64 = 1_000_000;
-const BATTERY_EFFORT: u64 = 2;
-const ZONES_EFFORT: u64 = 8;
+/// Most steps of the long search: some seconds, counted and not timed. Fewer where a step takes longer: by the factor of a
+/// battery, of zones, and of other UAVs, which search as long, and by the number of sensors beyond so many.
+const MOST_ADVANCED: u64 = 600_000;
+const BATTERY_EFFORT: u64 = 10;
+const ZONES_EFFORT: u64 = 3;
 const FLEET_EFFORT: u64 = 4;
 const EASY_SENSORS: usize = 200;
 
