@@ -31,6 +31,7 @@ pub struct Mission {
 /// ```
 /// use skysink_common::{scenario::Scenario, sensors::SensorList, stop::Stop};
 /// use skysink_mission::{Mission, drive::End};
+/// use skysink_planner::strategy::rule;
 /// let scenario = Scenario::letter(Default::default()).unwrap();
 /// let list = SensorList::of(&scenario).unwrap();
 /// let mut mission = Mission::until(&scenario, &list, &Stop::default()).unwrap();
@@ -39,8 +40,7 @@ pub struct Mission {
 /// assert_eq!(mission.fly(Some(&plan)).flights[0].position(), plan.waypoint());
 /// assert_eq!((mission.slot(), mission.drive(&mut [], &Stop::default()).unwrap()), (1, End::Complete));
 ///
-/// let mut in_transit = |_: &_| Ok(skysink_planner::strategy::rule(|_| None));
-/// let mut transit = Mission::by(&scenario, &list, &mut in_transit, &Stop::default()).unwrap();
+/// let mut transit = Mission::by(&scenario, &list, &mut |_| Ok(rule(|_| None)), &Stop::default()).unwrap();
 /// transit.drive(&mut [], &Stop::default()).unwrap();
 /// assert!(transit.header().totals.delivered_bits < mission.header().totals.delivered_bits);
 /// ```
