@@ -6,7 +6,8 @@ use std::sync::Arc;
 use skysink_common::geometry::Position;
 
 use super::places::{Links, Places, Way, is_there};
-use crate::strategy::{PlannedVisit, View};
+use crate::neighbours::PlannedVisit;
+use crate::strategy::View;
 
 /// What a slot in the air costs, as a fraction of all data: of plans that deliver the same the shortest is best.
 const SLOT_COST: f64 = 1e-6;
@@ -142,7 +143,7 @@ impl Window {
         let mut begun: Vec<Queue> =
             view.belief.queues_bits.iter().map(|&bits| Queue { bits: f64::from(bits), slot }).collect();
         // What other UAVs will take is theirs: a queue begins with what they leave.
-        for visit in view.others.unwrap_or_default() {
+        for visit in view.intents().unwrap_or_default() {
             let (node, queue) = (&nodes[visit.sensor as usize], &mut begun[visit.sensor as usize]);
             let waited = visit.slot.saturating_sub(1 + queue.slot);
             let bits = (queue.bits + waited as f64 * node.mean_bits).min(node.capacity_bits.max(queue.bits));

@@ -19,7 +19,8 @@ use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::geometry::{Position, within};
 use skysink_common::random::{Purpose, Streams};
 
-use crate::strategy::{PlannedVisit, Setup, View};
+use crate::neighbours::PlannedVisit;
+use crate::strategy::{Setup, View};
 use flight::{Next, PlanFlight, PlannedStop, Window};
 use places::Places;
 use search::PlanSearch;
@@ -134,7 +135,7 @@ impl Collector {
         let (mut stops, is_vain) = search.anneal(begun, steps, temperature);
         self.vain_searches = if is_vain { self.vain_searches.saturating_add(1) } else { 0 };
         let (next, first) = flight.first(&stops);
-        if view.others.is_some() {
+        if view.intents().is_some() {
             self.told_others = (view.slot, flight.visits().collect());
         }
         stops.drain(..first);
@@ -150,7 +151,7 @@ impl Collector {
         match next {
             Next::Flies(end) if self.beside_m > 0.0 => {
                 self.told = Some(end);
-                Next::Flies(view.table.toward(&ground, &end))
+                Next::Flies(view.table.motion.toward(&ground, &end))
             }
             _ => next,
         }
@@ -169,7 +170,8 @@ impl Collector {
             path.extend(airspace.way(&before, &stop.place));
             before = stop.place;
         }
-        path.extend(view.table.home.iter().flat_map(|home| airspace.way(&before, &home.end_of(&before, u64::MAX))));
+        let home = view.table.home.as_ref().and_then(|home| home.route_within(&before, u64::MAX));
+        path.extend(home.iter().flat_map(|route| airspace.way(&before, &route.end())));
         path.dedup();
         path.truncate(most);
         path

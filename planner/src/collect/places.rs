@@ -12,8 +12,8 @@ use skysink_common::geometry::{Position, above, distance_squared};
 use skysink_common::random::{below, fraction};
 use skysink_common::scenario::Scenario;
 
-use crate::home::WayHome;
-use crate::mission_table::{MissionTable, SLACK_SLOTS};
+use crate::mission_table::MissionTable;
+use crate::route::motion::SLACK_SLOTS;
 
 /// Most kept links and ways; more are found again.
 const MOST_KEPT: usize = 50_000;
@@ -182,7 +182,7 @@ impl Places {
     pub fn way_home(&mut self, slot: u64, from: &Position) -> Option<Arc<Way>> {
         let home = self.table.home.as_ref()?;
         if home.battery.is_none() || self.table.airspace.has_grid() {
-            let end = home.end_of(from, u64::MAX); // one of a grid, or without energy: the same
+            let end = home.route_within(from, u64::MAX)?.end(); // one of a grid, or without energy: the same
             return self.leg(from, &end);
         }
         let is_ample = self.thrifty(from)?.slots <= self.left_after(slot);
@@ -190,14 +190,8 @@ impl Places {
             return Some(Arc::clone(way));
         }
         let home = self.table.home.as_ref()?;
-        let ends = match home.slot_ends(slot + 1, from) {
-            WayHome::Straight { slots, .. } if slots > self.table.limits.slots as f64 => return None,
-            WayHome::Straight { slots, end } => {
-                let step = |step: u64| from + (end - from) * (step as f64 / slots);
-                (1..=slots as u64).map(|index| if index as f64 == slots { end } else { step(index) }).collect()
-            }
-            WayHome::Bent(ends) => ends,
-        };
+        let route = home.route(slot, from).filter(|route| u64::from(route.slots()) <= self.table.limits.slots)?;
+        let ends: Vec<Position> = (1..=route.slots()).map(|slot| route.at(slot)).collect();
         let way = Arc::new(self.leg_along(from, &ends));
         if is_ample {
             insert(&mut self.ways_home, key(from), Arc::clone(&way));
@@ -216,8 +210,11 @@ impl Places {
         if let Some(found) = self.returns.get(&key(place)) {
             return Some(*found);
         }
-        let (slots, energy_j) = home.thrifty_way(place);
-        let found = Return { slots, energy_j };
+        let found =
+            home.route_within(place, u64::MAX).map_or(Return { slots: f64::INFINITY, energy_j: 0.0 }, |route| Return {
+                slots: route.slots().into(),
+                energy_j: route.energy_j(),
+            });
         insert(&mut self.returns, key(place), found);
         Some(found)
     }

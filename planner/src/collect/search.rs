@@ -73,7 +73,7 @@ impl PlanSearch<'_, '_> {
         let table = &self.flight.places.table;
         let mut turns = table.turns(stop).as_ref().clone();
         let start = self.flight.begin();
-        turns.begin_near(|point| table.distance_m2(point, &start));
+        turns.begin_near(|point| table.motion.distance_m2(point, &start));
         let place = |point: &Position| table.airspace.nearest(point);
         let round = turns.order.iter().zip(&turns.points);
         let round: Vec<PlannedStop> = round.map(|(&sensor, point)| PlannedStop::new(place(point), sensor, 0)).collect();

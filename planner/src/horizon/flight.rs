@@ -1,19 +1,15 @@
 //! The decoder: flies a plan stop by stop, and schedules sensors on the way.
 
-use skysink_common::battery::Battery;
 use skysink_common::geometry::{Position, distance_squared};
 
 use super::choice::Candidate;
 use super::model::PlanningModel;
-use crate::geometry::disks::{Disk, nearest_in_both, slots_between};
-use crate::home::{Home, WayHome};
-use crate::mission_table::{MissionTable, SLACK_SLOTS};
+use crate::route::home::Home;
+use crate::route::motion::MOST_SLOTS;
+use crate::route::route::{Part, Route};
 
 /// Slack of range, relative to the communication radius: half that of decision D5, which flight-sim applies.
 const RANGE_SLACK: f64 = 0.5e-9;
-
-/// Most slots of a leg; no mission has more.
-const MOST_SLOTS: i32 = 1_000_000_000;
 
 /// One sensor served in one slot.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -60,7 +56,7 @@ impl Leg {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BaseVisit {
     /// Slots of the way home.
-    pub way: i32,
+    pub slots: i32,
     /// Slots in the base.
     pub charged: i32,
     /// Where the UAV charges.
@@ -103,77 +99,7 @@ pub fn serve(model: &PlanningModel, empty: &mut [f64], visit: &Visit) -> f64 {
 #[inline]
 #[must_use]
 pub fn slots_to(model: &PlanningModel, from: &Position, stop: u32) -> i32 {
-    model.table.slots_into(from, model.disk(stop)).min(f64::from(MOST_SLOTS)) as i32
-}
-
-/// A flight that serves nobody at its end: straight in equal steps, or first around zones.
-#[derive(Debug, Clone, PartialEq)]
-struct Route {
-    from: Position,
-    /// The ends of the first slots, around zones; empty if all of it is straight.
-    bent: Vec<Position>,
-    slots: i32,
-    end: Position,
-}
-
-impl Route {
-    /// From `from` to `stop`, ending as near to the stop `next` as possible. Around zones it ends where it comes into
-    /// range.
-    fn to_stop(model: &PlanningModel, from: &Position, stop: u32, next: Option<u32>) -> Self {
-        let table = &model.table;
-        let disk = model.disk(stop);
-        let reach_m = table.limits.reach_m;
-        if table.airspace.has_grid() {
-            return Self::along(table, from, &table.way_into(from, disk));
-        }
-        let slots = slots_between(from, disk, reach_m).min(f64::from(MOST_SLOTS)) as i32;
-        let reach = Disk { centre: *from, radius_m: reach_m * f64::from(slots) };
-        let end = nearest_in_both(&model.disk(next.unwrap_or(stop)).centre, &reach, disk);
-        if table.airspace.is_free(from, &end) {
-            return Self { from: *from, bent: Vec::new(), slots, end };
-        }
-        Self::along(table, from, &table.way_into(from, disk))
-    }
-
-    /// Along `way`; without one it takes longer than any mission.
-    fn along(table: &MissionTable, from: &Position, way: &[Position]) -> Self {
-        let reach_m = table.limits.reach_m;
-        let Some(&end) = way.last() else {
-            return Self { from: *from, bent: Vec::new(), slots: MOST_SLOTS, end: *from };
-        };
-        let bent = table.airspace.bent_part(from, way, reach_m);
-        let rest_m = (end - bent.last().unwrap_or(from)).norm();
-        let mut slots = (rest_m / reach_m - SLACK_SLOTS).ceil().max(0.0);
-        if bent.is_empty() && slots == 0.0 {
-            slots = table.airspace.move_slots() as f64; // a hover takes as many
-        }
-        Self { from: *from, slots: bent.len() as i32 + slots.min(f64::from(MOST_SLOTS / 2)) as i32, bent, end }
-    }
-
-    /// Its position after `step` slots.
-    fn at(&self, step: i32) -> Position {
-        if step == self.slots {
-            return self.end;
-        }
-        let bent = self.bent.len() as i32;
-        if (1..=bent).contains(&step) {
-            return self.bent[step as usize - 1];
-        }
-        let from = self.bent.last().unwrap_or(&self.from);
-        from + (self.end - from) * (f64::from(step - bent) / f64::from(self.slots - bent))
-    }
-
-    /// Its energy [J].
-    fn energy_j(&self, battery: &Battery) -> f64 {
-        let mut from = self.from;
-        let mut energy_j = 0.0;
-        for end in &self.bent {
-            energy_j += battery.slot_j((end - from).norm());
-            from = *end;
-        }
-        let slots = f64::from(self.slots - self.bent.len() as i32);
-        if slots == 0.0 { energy_j } else { energy_j + slots * battery.slot_j((self.end - from).norm() / slots) }
-    }
+    model.table.motion.slots_into(from, model.disk(stop)).min(f64::from(MOST_SLOTS)) as i32
 }
 
 /// The state of a decoded flight.
@@ -207,36 +133,41 @@ impl Decoder {
         empty: &mut [f64],
         visits: &mut Vec<Visit>,
     ) -> Option<f64> {
-        let mut route = Route::to_stop(model, &self.at, stop, next);
+        let disk = model.disk(stop);
+        let near = &model.disk(next.unwrap_or(stop)).centre;
+        let enter = |from: &Position| model.table.motion.enter(from, disk, near);
+        let mut route = enter(&self.at);
         let mut lost_bits = 0.0;
         self.via = None;
-        if let Some(home) = &model.table.home
-            && self.next_margin_j(home, &route) < 0.0
-        {
-            let (visit, way) = self.base_visit(home);
+        let home = model.table.home.as_ref();
+        let mut margin_j = route.as_ref().map_or(f64::NEG_INFINITY, |route| self.next_margin_j(home, route));
+        if let Some(home) = home.filter(|_| margin_j < 0.0) {
+            let (visit, back) = self.base_visit(home);
             let Decoder { at, slot, energy_j, .. } = *self;
-            route = Route::to_stop(model, &visit.at, stop, next);
-            let end = [slot, visit.way, visit.charged, route.slots].map(i64::from).iter().sum::<i64>();
+            let from_base = enter(&visit.at)?;
+            let end =
+                i64::from(slot) + i64::from(visit.slots) + i64::from(visit.charged) + i64::from(from_base.slots());
             if end > i64::from(last) {
                 return None;
             }
             // Whether the stop can be served from the base, with what it charges.
-            self.leave_base(home, &visit, &way);
-            let is_possible = self.next_margin_j(home, &route) >= 0.0;
+            self.leave_base(home, &visit, back.energy_j());
+            margin_j = self.next_margin_j(Some(home), &from_base);
             (self.at, self.slot, self.energy_j) = (at, slot, energy_j);
-            if !is_possible {
+            if margin_j < 0.0 {
                 // It is left out, unless the base does not charge: then the flights end.
                 return home.battery.is_some_and(|battery| battery.is_charged()).then_some(0.0);
             }
-            lost_bits = self.fly_along(model, &way, &[], empty, visits);
-            self.leave_base(home, &visit, &way);
+            lost_bits = self.fly_along(model, &back, &[], empty, visits);
+            self.leave_base(home, &visit, 0.0);
             self.via = Some(visit);
-        } else if route.slots == MOST_SLOTS && !model.table.airspace.is_open() {
-            return Some(0.0); // no way leads there: it is left out
-        } else if route.slots > last - self.slot {
+            route = Some(from_base);
+        }
+        let Some(route) = route else { return Some(0.0) }; // no path leads there: it is left out
+        if self.via.is_none() && i64::from(route.slots()) > i64::from(last - self.slot) {
             return None;
         }
-        self.margin_j = model.table.home.as_ref().map_or(f64::INFINITY, |home| self.next_margin_j(home, &route));
+        self.margin_j = margin_j;
         let members = &model.disks[stop as usize].members;
         Some(lost_bits + self.fly_along(model, &route, members, empty, visits))
     }
@@ -250,61 +181,51 @@ impl Decoder {
         empty: &mut [f64],
         visits: &mut Vec<Visit>,
     ) -> f64 {
-        if route.slots == 0 {
+        if route.slots() == 0 {
             return 0.0;
         }
         let begin = self.slot;
         let mut lost_bits = 0.0;
-        for step in 1..route.slots {
+        for step in 1..route.slots() {
             self.at = route.at(step);
-            self.slot = begin + step;
+            self.slot = begin + step as i32;
             lost_bits += self.serve_in_range(model, &[], empty, visits);
         }
-        self.at = route.end;
-        self.slot = begin + route.slots;
-        if let Some(battery) = model.table.home.as_ref().and_then(|home| home.battery) {
-            self.energy_j -= route.energy_j(&battery);
+        self.at = route.end();
+        self.slot = begin + route.slots() as i32;
+        if model.table.home.as_ref().is_some_and(|home| home.battery.is_some()) {
+            self.energy_j -= route.energy_j();
         }
         lost_bits + self.serve_in_range(model, members, empty, visits)
     }
 
     /// Energy beyond the way home and the reserve after a leg along `route` [J].
-    fn next_margin_j(&self, home: &Home, route: &Route) -> f64 {
-        let energy_j = home.battery.map_or(f64::INFINITY, |battery| self.energy_j - route.energy_j(&battery));
-        // As a number of 64 bits: a stop that no way leads to is later than any slot.
-        home.margin_j(self.flown_slots + (i64::from(self.slot) + i64::from(route.slots)) as u64, energy_j, &route.end)
+    fn next_margin_j(&self, home: Option<&Home>, route: &Route) -> f64 {
+        let Some(home) = home else { return f64::INFINITY };
+        let energy_j = home.battery.map_or(f64::INFINITY, |_| self.energy_j - route.energy_j());
+        home.margin_j(self.flown_slots + self.slot as u64 + u64::from(route.slots()), energy_j, &route.end())
     }
 
     /// The visit to the base that begins now, and the way there.
     fn base_visit(&self, home: &Home) -> (BaseVisit, Route) {
         let flown = self.flown_slots + self.slot as u64;
-        let ends = home.slot_ends(flown + 1, &self.at);
-        let (at, way) = match ends {
-            WayHome::Straight { slots, end } => {
-                let slots = slots.min(f64::from(MOST_SLOTS)) as i32;
-                (end, Route { from: self.at, bent: Vec::new(), slots, end })
-            }
-            WayHome::Bent(bent) => {
-                let end = bent.last().copied().unwrap_or(self.at);
-                (end, Route { from: self.at, slots: bent.len() as i32, bent, end })
-            }
-        };
-        let Some(battery) = home.battery else { return (BaseVisit { way: way.slots, charged: 0, at }, way) };
-        let arrived_j = self.energy_j - way.energy_j(&battery);
-        let charged = home.charging_slots(flown + way.slots as u64 + 1, arrived_j).min(MOST_SLOTS as u64) as i32;
-        (BaseVisit { way: way.slots, charged, at }, way)
+        let route = home.route(flown, &self.at);
+        // Longer than any mission if there is none.
+        let route = route.unwrap_or_else(|| Route::new(self.at, [Part { end: self.at, slots: MOST_SLOTS }], None));
+        let (slots, at) = (route.slots().min(MOST_SLOTS) as i32, route.end());
+        if home.battery.is_none() {
+            return (BaseVisit { slots, charged: 0, at }, route);
+        }
+        let charged = home.charging_slots(flown + slots as u64 + 1, self.energy_j - route.energy_j());
+        (BaseVisit { slots, charged: charged.min(MOST_SLOTS.into()) as i32, at }, route)
     }
 
-    /// Moves to the end of `visit`, which `way` leads to, and charges.
-    fn leave_base(&mut self, home: &Home, visit: &BaseVisit, way: &Route) {
+    /// Moves to the end of `visit`, the way to which takes `more_j` [J], and charges.
+    fn leave_base(&mut self, home: &Home, visit: &BaseVisit, more_j: f64) {
         if let Some(battery) = &home.battery {
-            // The way has taken its energy already if it was flown.
-            if self.at != visit.at {
-                self.energy_j -= way.energy_j(battery);
-            }
-            self.energy_j = battery.charged_for_j(self.energy_j, f64::from(visit.charged));
+            self.energy_j = battery.charged_for_j(self.energy_j - more_j, f64::from(visit.charged));
         }
-        self.slot += visit.charged + if self.at == visit.at { 0 } else { visit.way };
+        self.slot += visit.charged + if self.at == visit.at { 0 } else { visit.slots };
         self.at = visit.at;
     }
 

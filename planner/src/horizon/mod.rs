@@ -40,7 +40,8 @@ use skysink_common::sampling::Sampler;
 use skysink_common::sensors::Sensors;
 use strum::VariantNames;
 
-use crate::strategy::{PlannedVisit, Setup, Timing, View};
+use crate::neighbours::PlannedVisit;
+use crate::strategy::{Setup, Timing, View};
 use anneal::Temperature;
 use flight::{BaseVisit, Trace, Visit};
 use forecast::{Forecast, PlanningWindow};
@@ -244,7 +245,7 @@ impl Horizon {
     pub fn forecast(&mut self, view: &View) -> Option<Forecast> {
         self.update_sensors(view);
         let model = &mut self.model;
-        model.others = OtherVisits::of(view.others.unwrap_or_default(), &model.ids, &model.sensors, view.slot);
+        model.others = OtherVisits::of(view.intents().unwrap_or_default(), &model.ids, &model.sensors, view.slot);
         if self.model.sensors.is_empty() {
             return None;
         }
@@ -304,7 +305,7 @@ impl Horizon {
         let sensors = self.model.sensors.len().div_ceil(EASY_SENSORS).max(1) as u64;
         let zones = if table.airspace.is_open() { 1 } else { ZONES_EFFORT };
         let battery = if table.home.is_some() { BATTERY_EFFORT } else { 1 };
-        let fleet = if view.others.is_some() { FLEET_EFFORT } else { 1 };
+        let fleet = if view.intents().is_some() { FLEET_EFFORT } else { 1 };
         MOST_ADVANCED / (sensors * zones * battery * fleet)
     }
 
@@ -394,7 +395,7 @@ pub fn planned_slot(model: &PlanningModel, forecast: &Forecast, slot: i32, from:
     // Where the leg leads, and when it is there: to the base first, if it is due.
     let mut end = (leg.at, leg.end);
     let mut next = legs.get(legs.partition_point(|leg| leg.end <= slot)).map(|leg| (leg.at, leg.end));
-    if let Some(BaseVisit { way, charged, at }) = leg.via {
+    if let Some(BaseVisit { slots: way, charged, at }) = leg.via {
         if slot > begin + way && slot <= begin + way + charged {
             return Some(PlannedSlot { waypoint: *from, ids: Vec::new(), next_stop: None, is_charging: true });
         }
@@ -408,7 +409,7 @@ pub fn planned_slot(model: &PlanningModel, forecast: &Forecast, slot: i32, from:
     let waypoint = if airspace.is_free(from, &end.0) {
         from + (end.0 - from) / f64::from(end.1 - slot + 1)
     } else {
-        airspace.toward(from, &end.0, model.table.limits.reach_m)
+        model.table.motion.toward(from, &end.0)
     };
     let visits = visits[visits.partition_point(|visit| visit.slot < slot)..].iter();
     let visits = visits.take_while(|visit| visit.slot == slot);

@@ -17,7 +17,7 @@ use super::groups::{self, ServiceDisk};
 use crate::geometry::disks::Disk;
 use crate::geometry::turns::Turns;
 use crate::mission_table::MissionTable;
-use crate::strategy::PlannedVisit;
+use crate::neighbours::PlannedVisit;
 
 /// Entries of the capacity table where the rate depends on the elevation, over `d²` from 0 to `d_c²`.
 const TABLE: usize = 64;
@@ -317,7 +317,7 @@ impl PlanningModel {
             let from = self.disk(from);
             let to = self.disk(to);
             let [begin, end] = [from, to].map(|disk| self.table.airspace.nearest(&disk.centre));
-            let away_m = self.table.distance_m(&begin, &end) - from.radius_m - to.radius_m;
+            let away_m = self.table.motion.distance_m(&begin, &end) - from.radius_m - to.radius_m;
             (away_m / self.table.limits.reach_m).max(1.0)
         };
         tour.iter().zip(tour.iter().cycle().skip(1)).map(leg).sum()

@@ -20,7 +20,7 @@ pub fn begin(model: &PlanningModel, forecast: &mut Forecast) {
     offer(forecast);
     let start = forecast.window.start;
     for tour in &model.tours {
-        let away_m2 = |index: &usize| model.table.distance_m2(&model.disk(tour[*index]).centre, &start);
+        let away_m2 = |index: &usize| model.table.motion.distance_m2(&model.disk(tour[*index]).centre, &start);
         let Some(first) = (0..tour.len()).min_by(|a, b| away_m2(a).total_cmp(&away_m2(b))) else {
             continue;
         };

@@ -18,9 +18,10 @@ use super::start;
 use super::{Horizon, HorizonKeys};
 use crate::bound::paths::PathBound;
 use crate::mission_table::MissionTable;
+use crate::neighbours::PlannedVisit;
 use crate::settings::Rates;
 use crate::strategy::tests::over;
-use crate::strategy::{PlannedVisit, Setup, Timing, View};
+use crate::strategy::{Setup, Timing, View};
 use skysink_common::random::{Purpose, Streams};
 use skysink_common::reported::ReportedQueues;
 
@@ -390,7 +391,7 @@ fn learnt_rates_replace_the_prior() {
             belief,
             table,
             timing: Timing::Free,
-            others: None,
+            neighbours: None,
             stop,
         });
         horizon.model.sensors.iter().map(|sensor| (sensor.mean_bits, sensor.fill_slots)).collect::<Vec<_>>()

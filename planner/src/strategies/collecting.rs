@@ -11,13 +11,13 @@ use skysink_common::checkpoint::{Checkpoint, CheckpointError};
 use skysink_common::geometry::above;
 use skysink_common::message::MAX_PATH_POINTS;
 
-use super::returning::stay;
 use super::serving::Serving;
 use crate::collect::Collector;
 use crate::collect::flight::{Next, PlannedStop};
 use crate::horizon::flight::Leg;
 use crate::horizon::{Horizon, HorizonKeys};
-use crate::strategy::{Decision, PlannedVisit, Setup, Strategy, View};
+use crate::neighbours::PlannedVisit;
+use crate::strategy::{Decision, Setup, Strategy, View};
 
 /// Steps of the search for the least loss that take as long as one for the most data delivered.
 pub(super) const LOSS_STEPS_PER_STEP: u64 = 20;
@@ -71,7 +71,7 @@ impl Strategy for Collecting {
         if let Some(end) = view.table.airspace.under_way(view.slot, &ground) {
             // A hover in the base, until the next move may begin, that charged goes on charging.
             let is_charging = view.battery.is_charging && end == ground;
-            return Some(if is_charging { stay(view) } else { self.serving.serve_most(view, &end) });
+            return Some(if is_charging { Decision::stay(view) } else { self.serving.serve_most(view, &end) });
         }
         let budget = self.keys.budget(view).map(|budget| (Instant::now(), budget));
         let is_after = |fraction: f64| {
@@ -89,8 +89,10 @@ impl Strategy for Collecting {
         let home = view.table.home.as_ref();
         let is_home = home.is_some_and(|home| home.base.contains(&ground));
         let waypoint = match next {
-            Next::Charges => return Some(stay(view)),
-            Next::Returns if is_home && home.is_some_and(|home| home.battery.is_some()) => return Some(stay(view)),
+            Next::Charges => return Some(Decision::stay(view)),
+            Next::Returns if is_home && home.is_some_and(|home| home.battery.is_some()) => {
+                return Some(Decision::stay(view));
+            }
             Next::Returns => home.map_or(ground, |home| home.next_waypoint(view.slot, &ground)),
             Next::Flies(end) => end,
         };

@@ -18,7 +18,8 @@ use crate::horizon::forecast::Forecast;
 use crate::horizon::long_search::{SearchOutcome, SearchProgress};
 use crate::horizon::{Horizon, HorizonKeys, planned_path};
 use crate::keys::PlanningObjective;
-use crate::strategy::{Decision, PlannedVisit, Registered, Setup, Strategy, View};
+use crate::neighbours::PlannedVisit;
+use crate::strategy::{Decision, Registered, Setup, Strategy, View};
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered =
@@ -84,7 +85,7 @@ impl LookAhead {
     /// The first slot of the plan.
     fn decide(&mut self, view: &View, forecast: &Forecast) -> Option<Decision> {
         self.path.clear();
-        if view.others.is_some() {
+        if view.intents().is_some() {
             self.told = (view.slot, self.horizon.visits(view, forecast));
         }
         let model = &self.horizon.model;

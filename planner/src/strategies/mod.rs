@@ -18,7 +18,6 @@ pub(crate) mod nearby;
 pub mod offline;
 mod planned_flight;
 pub(crate) mod queue_weight;
-pub mod returning;
 pub mod rfs;
 pub mod round_robin;
 pub mod serving;

@@ -19,7 +19,8 @@ use super::horizon::LookAhead;
 use crate::horizon::HorizonKeys;
 use crate::horizon::long_search::{SearchOutcome, SearchProgress};
 use crate::keys::PlanningObjective;
-use crate::strategy::{Decision, PlannedVisit, Registered, Setup, Strategy, Timing, View};
+use crate::neighbours::PlannedVisit;
+use crate::strategy::{Decision, Registered, Setup, Strategy, Timing, View};
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered =
@@ -101,7 +102,7 @@ impl Offline {
             belief: Believed::known(0, &table.sensors, queues_bits),
             table,
             timing: Timing::Free,
-            others: None,
+            neighbours: None,
             stop,
         };
         Ok(offline.prepare(&view, watch).map(|found| (offline, found)))

@@ -5,7 +5,6 @@ use skysink_common::geometry::Position;
 use skysink_common::message::SolverOutcome;
 
 use super::nearby::fullest_first;
-use super::returning::stay;
 use super::serving::Serving;
 use crate::horizon::forecast::Forecast;
 use crate::horizon::model::PlanningModel;
@@ -21,7 +20,7 @@ pub(crate) fn fly_slot(
 ) -> Option<Decision> {
     let next = planned_slot(model, forecast, 1, &view.ground())?;
     if next.is_charging {
-        return Some(stay(view));
+        return Some(Decision::stay(view));
     }
     let (waypoint, outcome) = between_stops(serving, view, &next);
     let key = |id: u32| (!next.ids.contains(&id), fullest_first(view.value(id), id));
