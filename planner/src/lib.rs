@@ -15,21 +15,22 @@
 //! | [`strategy`] | what a strategy is: its trait, input and output |
 //! | [`strategies`] | schedule and waypoint by each strategy |
 //! | [`waypoint`] | sP2, the waypoint of a schedule, in the plane and in three dimensions |
-//! | [`horizon`] | the look-ahead over many slots |
+//! | [`plan`] | plans over many slots |
+//! | [`operator_counts`] | what became of the changes that a search proposed |
 //! | [`bound`] | lower bounds on the loss of a mission |
 //! | [`geometry`] | disks and tours |
 //! | [`node`] | the planner as a process of the ring |
 
 pub mod bound;
-pub mod collect;
 pub mod fleet;
 pub mod geometry;
-pub mod horizon;
 pub mod keys;
 pub mod mission_table;
 pub mod neighbours;
 #[cfg(feature = "node")]
 pub mod node;
+pub mod operator_counts;
+pub mod plan;
 pub mod planner;
 pub mod route;
 pub mod rules;

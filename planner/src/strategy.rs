@@ -20,6 +20,7 @@ use toml::Table;
 use crate::keys::Settings;
 use crate::mission_table::MissionTable;
 use crate::neighbours::{Neighbours, PlannedVisit};
+use crate::operator_counts::OperatorCounts;
 
 /// A planning strategy: decides one slot from the state after the one before.
 ///
@@ -51,6 +52,11 @@ pub trait Strategy: Checkpoint {
     /// The planned waypoints after the last decided one, from strategies that look ahead.
     fn path(&self) -> &[Point3<f64>] {
         &[]
+    }
+
+    /// What became of the changes that its searches proposed, by operator; nothing from strategies that do not search.
+    fn counts(&self) -> Vec<(&'static str, OperatorCounts)> {
+        Vec::new()
     }
 
     /// Appends what the plan of the slot of `view` serves from that slot on; before it is made, what the plan of the

@@ -190,6 +190,18 @@ impl Motion {
         (!parts.is_empty()).then(|| Route::new(*from, parts, self.battery.as_ref()))
     }
 
+    /// The route of no slots of a UAV at `at` [m].
+    #[must_use]
+    pub fn stay(&self, at: &Position) -> Route {
+        Route::new(*at, [Part { end: *at, slots: 0 }], None)
+    }
+
+    /// A hover at `at` [m]: a slot, on a grid as many as a move takes.
+    #[must_use]
+    pub fn wait(&self, at: &Position) -> Route {
+        Route::new(*at, [Part { end: *at, slots: self.move_slots() as u32 }], self.battery.as_ref())
+    }
+
     /// The end of `slot` of a UAV at `from` that is told to fly to `to` [m]: `to` if the path is free, otherwise a part
     /// of the shortest path. On a grid a move that is under way is flown to its end.
     #[inline]
