@@ -148,6 +148,8 @@ fn land(view: &View<'_>) -> Ruled {
     match table.motion.under_way(view.slot, &ground).filter(|end| *end != ground) {
         Some(end) => flies(end),
         None if table.is_home(&ground) => Ruled { decision: Decision::stay(view), mode: Mode::Charge },
-        None => flies(table.home.as_ref().map_or(ground, |home| home.next_waypoint(view.slot, &ground))),
+        None => flies(
+            table.home.as_ref().map_or(ground, |home| home.landing_waypoint(view.slot, view.battery.energy_j, &ground)),
+        ),
     }
 }
