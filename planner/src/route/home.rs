@@ -83,8 +83,8 @@ impl Home {
         if self.motion.is_by_cells() {
             return smallvec![self.place_from(ground)];
         }
-        let nearest = self.base.nearest(ground);
-        if self.airspace.is_open() && !self.has_errors || self.base.contains(ground) {
+        let nearest = self.base.nearest(ground); // the place itself in the base
+        if self.airspace.is_open() && !self.has_errors || nearest == *ground {
             return smallvec![nearest];
         }
         if self.has_errors || !self.airspace.is_free(ground, &nearest) {
