@@ -10,7 +10,7 @@ use arrow_array::{ArrayRef, Float64Array, Int64Array, StringArray, UInt64Array};
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
 use skysink_mission::files::{write_unfinished, write_whole};
-use skysink_planner::strategies::offline;
+use skysink_planner::strategies::look_ahead;
 use strum::VariantArray;
 
 use super::definition::Definition;
@@ -144,7 +144,7 @@ fn summary_csv(journal: &SweepJournal, metrics: &[Metric], stop: &Stop) -> Resul
             }
         }
     }
-    if definition.strategies.iter().any(|name| name == offline::STRATEGY.name) {
+    if definition.strategies.iter().any(|name| name == look_ahead::OFFLINE.name) {
         for point in 0..definition.points.len() {
             stop.check()?;
             let losses = best_known_of(journal, point, definition.strategies.len())?;
