@@ -88,7 +88,7 @@ struct MeteredMission<'a> {
     data_ages: AgeCounts,
     /// The bits delivered by each sensor node.
     delivered_bits: &'a [u64],
-    /// Those of `offline` only.
+    /// The bounds; only `offline` has them.
     bounds: Option<LossBounds>,
 }
 
