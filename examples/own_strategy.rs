@@ -21,7 +21,7 @@ impl Strategy for Nearest {
         let away_m2 = |id: u32| distance_squared(table.sensors.position(id), &uav);
         let waiting = table.sensors.ids().filter(|&id| view.belief.queues_bits[id as usize] >= 5_000);
         let nearest = waiting.min_by(|&a, &b| away_m2(a).total_cmp(&away_m2(b)))?;
-        let ground = table.toward(&uav, table.sensors.position(nearest));
+        let ground = table.motion.toward(&uav, table.sensors.position(nearest));
         let is_in_range = within(table.sensors.position(nearest), &ground, table.limits.comm_radius_m);
         let waypoint = Waypoint { point: above(&ground, view.position.z), outcome: SolverOutcome::Rule };
         let served = if is_in_range { vec![nearest] } else { vec![] };

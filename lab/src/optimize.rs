@@ -19,7 +19,7 @@ use skysink_mission::Mission;
 use skysink_planner::bound::{MissionBound, mission_bound};
 use skysink_planner::fleet::require_one;
 use skysink_planner::settings::{Knowledge, PlanningObjective, Rates, Settings, change};
-use skysink_planner::strategies::offline::{self, MAX_STEPS, Offline, OfflineKeys};
+use skysink_planner::strategies::look_ahead::{self, MAX_STEPS, OfflineKeys, search_offline};
 use skysink_planner::strategy::{OwnedSetup, Registered, Setup, Strategy};
 
 use crate::error::LabError;
@@ -162,7 +162,7 @@ pub fn optimize(
     stop: &Stop,
     on_progress: OnProgress,
 ) -> Result<BestKnown, LabError> {
-    let is_offline = |scenario: &&Scenario| scenario.planner.strategy == offline::STRATEGY.name;
+    let is_offline = |scenario: &&Scenario| scenario.planner.strategy == look_ahead::OFFLINE.name;
     let others = || scenarios.iter().filter(|scenario| !is_offline(scenario));
     let offline = scenarios.iter().find(is_offline).expect("the mission with every strategy");
     if Settings::of(offline)?.objective == PlanningObjective::Collect {
@@ -229,7 +229,7 @@ fn steps_in(time: Duration, offline: &Scenario, list: &SensorList, stop: &Stop) 
 /// The mission with known queues and `steps` steps of the offline search.
 fn with_search(offline: &Scenario, steps: u64) -> Result<Scenario, InputError> {
     let mut scenario = offline.clone();
-    offline::STRATEGY.set_keys(&mut scenario, OfflineKeys { steps });
+    look_ahead::OFFLINE.set_keys(&mut scenario, OfflineKeys { steps });
     change(scenario, |settings| {
         settings.knowledge = Knowledge::Oracle;
         settings.rates = Rates::Known;
@@ -260,14 +260,14 @@ fn search(
     let mean_bits = |id: usize| sampling.of(id).mean_bits * offline.slots as f64;
     let weighted_bits = (!weights.are_equal()).then(|| weights.sum((0..list.sensors().len()).map(mean_bits)));
     let sampled_bits = weighted_bits.unwrap_or_else(|| list.mission_bits(offline));
-    let found = Offline::search(&setup.setup(), &list.queues_bits(), stop, &mut |search| {
-        let loss_rate = Some(fraction(search.loss_bits, sampled_bits));
+    let found = search_offline(&setup.setup(), &list.queues_bits(), stop, &mut |search| {
+        let loss_rate = Some(fraction(search.cost, sampled_bits));
         on_progress(LabProgress { done: search.steps, of: steps, loss_rate, left: None });
         stopped = stop.check();
         if stopped.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     });
     stopped?;
-    let Some((planned, found)) = found? else {
+    let Some((planned, found)) = found else {
         return Ok(SearchResult { plan: None, steps_done: 0, end: SearchEnd::NothingInReach });
     };
     let mut plan = Vec::new();
@@ -282,11 +282,11 @@ fn mission(scenario: &Scenario, plan: Option<&[u8]>, list: &SensorList) -> Resul
         return Mission::new(scenario, list);
     };
     let setup = OwnedSetup::new(scenario.clone(), &list.nodes())?;
-    let mut planned = Offline::new(&setup.setup())?;
+    let mut planned = (look_ahead::OFFLINE.make)(&setup.setup());
     planned.restore(plan).expect("the plan of this mission");
     let mut planned = Some(planned);
     let mut make = |_: &Setup<'_>| -> Result<Box<dyn Strategy>, InputError> {
-        Ok(Box::new(planned.take().expect("the scenario has one UAV")))
+        Ok(planned.take().expect("the scenario has one UAV"))
     };
     Mission::by(scenario, list, &mut make, &Stop::default())
 }

@@ -26,7 +26,7 @@ use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::Mission;
 use skysink_mission::error::FileContext;
-use skysink_planner::strategies::offline;
+use skysink_planner::strategies::look_ahead;
 
 use crate::error::LabError;
 use crate::metrics::MissionMeter;
@@ -123,7 +123,7 @@ pub fn fly_scenario(scenario: &Scenario, key: MissionKey, stop: &Stop) -> Result
     let mut mission = Mission::until(scenario, &list, stop)?;
     let mut meter = MissionMeter::new(scenario, &list);
     mission.drive(&mut [&mut meter], stop)?.unless_stopped()?;
-    let is_bounded = scenario.planner.strategy == offline::STRATEGY.name;
+    let is_bounded = scenario.planner.strategy == look_ahead::OFFLINE.name;
     let bounds = is_bounded.then(|| loss_bounds(scenario, &list, mission.header().totals.lost_bits));
     Ok(MissionRow { key, values: meter.values(mission.plant(), None, bounds) })
 }

@@ -165,6 +165,6 @@ fn a_hover_takes_as_many_slots_as_a_move() {
         let start = scenario.start().xy();
         let [here, next] =
             [0.0, CELL_M].map(|away_m| Disk { centre: start + Vector2::new(-away_m, 0.0), radius_m: 1.0 });
-        assert_eq!([table.slots_into(&start, &here), table.slots_into(&start, &next)], [n, n], "{speed_mps} m/s");
+        assert_eq!([&here, &next].map(|disk| table.motion.slots_into(&start, disk)), [n, n], "{speed_mps} m/s");
     }
 }

@@ -8,28 +8,32 @@
 //! | [`settings`], [`keys`] | `[planner]` of the scenario file |
 //! | [`planner`] | one slot: schedule, then waypoint |
 //! | [`fleet`] | the planners of all UAVs, and how they share the field |
+//! | [`neighbours`] | what the UAVs of a fleet tell each other |
+//! | [`rules`] | the rules between what a strategy proposes and what is flown |
+//! | [`route`] | how a UAV gets somewhere, and home |
 //! | [`mission_table`] | the constant data of a mission |
 //! | [`strategy`] | what a strategy is: its trait, input and output |
 //! | [`strategies`] | schedule and waypoint by each strategy |
 //! | [`waypoint`] | sP2, the waypoint of a schedule, in the plane and in three dimensions |
-//! | [`horizon`] | the look-ahead over many slots |
+//! | [`plan`] | plans over many slots |
+//! | [`operator_counts`] | what became of the changes that a search proposed |
 //! | [`bound`] | lower bounds on the loss of a mission |
 //! | [`geometry`] | disks and tours |
 //! | [`node`] | the planner as a process of the ring |
 
 pub mod bound;
-pub mod collect;
 pub mod fleet;
 pub mod geometry;
-pub mod home;
-pub mod horizon;
 pub mod keys;
 pub mod mission_table;
+pub mod neighbours;
 #[cfg(feature = "node")]
 pub mod node;
-mod partition;
+pub mod operator_counts;
+pub mod plan;
 pub mod planner;
-mod separation;
+pub mod route;
+pub mod rules;
 pub mod settings;
 pub mod strategies;
 pub mod strategy;

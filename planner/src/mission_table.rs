@@ -3,21 +3,19 @@
 use std::sync::{Arc, OnceLock};
 
 use nalgebra::Point3;
-use skysink_common::airspace::{Airspace, Bends};
+use skysink_common::airspace::Airspace;
 use skysink_common::arrivals::ArrivalLaw;
 use skysink_common::channel::{Channel, ChannelModel};
-use skysink_common::geometry::{Position, distance_squared, within};
+use skysink_common::geometry::{Position, within};
 use skysink_common::message::{Limits, SensorNode};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 use skysink_common::stop::Stop;
 
-use crate::geometry::disks::{Disk, slots_between, toward};
+use crate::geometry::disks::Disk;
 use crate::geometry::turns::Turns;
-use crate::home::Home;
-
-/// Slack of a number of slots, so that rounding adds none.
-pub(crate) const SLACK_SLOTS: f64 = 1e-9;
+use crate::route::home::Home;
+use crate::route::motion::Motion;
 
 /// The sensor nodes (SNs) and the constraints on a plan.
 #[derive(Debug, Clone)]
@@ -34,6 +32,8 @@ pub struct MissionTable {
     pub farthest_m: f64,
     /// Where the UAV may fly.
     pub airspace: Arc<Airspace>,
+    /// How it flies there.
+    pub motion: Motion,
     /// Whether zones leave no place to serve the SN from, by id; empty in an open field.
     is_hidden: Arc<[bool]>,
     /// The way home; `None` if the UAV need not come back.
@@ -59,6 +59,7 @@ impl MissionTable {
         Self {
             is_hidden: hidden.collect(),
             home: Home::of(scenario, &airspace),
+            motion: Motion::of(scenario, &airspace),
             airspace,
             sensors,
             arrivals: scenario.arrival_law(),
@@ -111,6 +112,12 @@ impl MissionTable {
         self.is_hidden.get(id as usize).is_none_or(|is_hidden| !is_hidden)
     }
 
+    /// Whether `ground` [m] lies in the base; true if the UAV need not come back.
+    #[must_use]
+    pub fn is_home(&self, ground: &Position) -> bool {
+        self.home.as_ref().is_none_or(|home| home.base.contains(ground))
+    }
+
     /// The SNs that can be served, by id.
     pub fn servable(&self) -> impl Iterator<Item = u32> + '_ {
         self.sensors.ids().filter(|&id| self.is_servable(id))
@@ -120,8 +127,7 @@ impl MissionTable {
     /// and so may serve it.
     #[must_use]
     pub fn may_serve_next(&self, from: &Position, sensor: &Position) -> bool {
-        let range = Disk { centre: *sensor, radius_m: self.limits.comm_radius_m };
-        self.airspace.is_open() || self.slots_into(from, &range) <= self.airspace.move_slots() as f64
+        self.motion.is_next(from, &Disk { centre: *sensor, radius_m: self.limits.comm_radius_m })
     }
 
     /// The value of a queue of `queue_bits` [bit] of SN `id`, by which strategies compare queues: its bits where all
@@ -141,51 +147,6 @@ impl MissionTable {
     #[must_use]
     pub fn has_hidden(&self) -> bool {
         self.is_hidden.iter().any(|is_hidden| *is_hidden)
-    }
-
-    /// The end of a slot that flies toward `goal` [m], as far as one slot reaches, stopping on it if it is nearer:
-    /// straight, or around zones.
-    #[must_use]
-    pub fn toward(&self, position: &Position, goal: &Position) -> Position {
-        if self.airspace.is_open() {
-            return toward(self.limits.reach_m, position, goal);
-        }
-        self.airspace.toward(position, goal, self.limits.reach_m)
-    }
-
-    /// Length of the shortest way [m]; infinite if there is none.
-    #[must_use]
-    pub fn distance_m(&self, from: &Position, to: &Position) -> f64 {
-        self.distance_m2(from, to).sqrt()
-    }
-
-    /// Its square [m²], for comparisons: without a root, in an open field.
-    #[must_use]
-    pub fn distance_m2(&self, from: &Position, to: &Position) -> f64 {
-        if self.airspace.is_open() { distance_squared(from, to) } else { self.airspace.distance_m(from, to).powi(2) }
-    }
-
-    /// Slots of the shortest way from `from` into `disk`, at least 1, on a grid at least those of a hover; infinite if
-    /// there is none.
-    #[must_use]
-    pub fn slots_into(&self, from: &Position, disk: &Disk) -> f64 {
-        let reach_m = self.limits.reach_m;
-        if self.airspace.is_open() {
-            return slots_between(from, disk, reach_m);
-        }
-        let way = self.way_into(from, disk);
-        let Some(last) = way.len().checked_sub(1) else { return f64::INFINITY };
-        let bent = self.airspace.bent_part(from, &way, reach_m);
-        let begin = bent.last().unwrap_or(from);
-        let slots = bent.len() as f64 + ((way[last] - begin).norm() / reach_m - SLACK_SLOTS).ceil().max(0.0);
-        if slots == 0.0 { self.airspace.move_slots() as f64 } else { slots }
-    }
-
-    /// The shortest way from `from` into `disk`, toward its centre or the point beside zones that is nearest to it;
-    /// empty if there is none.
-    #[must_use]
-    pub fn way_into(&self, from: &Position, disk: &Disk) -> Bends {
-        self.airspace.way_into(from, &self.airspace.nearest(&disk.centre), &disk.centre, disk.radius_m)
     }
 
     /// Expected bits collected from the SNs `ids` with the UAV at `uav`: `Σ min(floor(r_i τ_c), B_i(t−1))`, with the

@@ -12,7 +12,7 @@ use skysink_common::belief::Belief;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, encode};
 use skysink_common::error::InputError;
 use skysink_common::estimate::SavedEstimate;
-use skysink_common::geometry::{Position, above};
+use skysink_common::geometry::above;
 use skysink_common::message::{FlightReport, MAX_PATH_POINTS, Mode, Plan, SensorNode};
 use skysink_common::reported::ReportedQueues;
 use skysink_common::scenario::Scenario;
@@ -20,11 +20,10 @@ use skysink_common::sensors::Sensors;
 use skysink_common::stop::Stop;
 
 use crate::mission_table::MissionTable;
-use crate::separation::Apart;
+use crate::neighbours::{Neighbours, PlannedVisit};
+use crate::rules::{Duty, RuleBook, Ruled};
 use crate::settings;
-use crate::strategies::returning::decide;
-use crate::strategies::serving::Serving;
-use crate::strategy::{Decision, MakeStrategy, Neighbours, PlannedVisit, Registered, Setup, Strategy, Timing, View};
+use crate::strategy::{Decision, MakeStrategy, Registered, Setup, Strategy, Team, Timing, View};
 
 /// The planner of a mission.
 ///
@@ -35,7 +34,7 @@ pub struct Planner {
     strategy_name: String,
     table: MissionTable,
     strategy: Box<dyn Strategy>,
-    transit: Serving,
+    rules: RuleBook,
     belief: Belief,
     /// After the last observed flight.
     battery: BatteryState,
@@ -51,34 +50,12 @@ pub struct Planner {
     left_bits: Vec<u32>,
 }
 
-/// Between the visits of an SN that another UAV is expected to serve, as a part of the time in which its buffer fills.
+/// Time between the visits of an SN that another UAV is expected to serve, as a fraction of that in which its buffer
+/// fills.
 const CLAIMED_FILL: f64 = 0.5;
 
-/// Most of them, about.
+/// Most visits, about, that are expected of an SN.
 const MOST_CLAIMED: u64 = 64;
-
-/// What other UAVs do.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Others<'a> {
-    /// The SNs that they have scheduled in this slot.
-    pub scheduled: &'a [u32],
-    /// What they plan to serve, by slot; `None` if they do not tell.
-    pub visits: Option<&'a [PlannedVisit]>,
-    /// Where they are.
-    pub apart: Apart<'a>,
-    /// The number of the UAV that plans.
-    pub uav: usize,
-    /// The last flight of each UAV, by its number.
-    pub flights: &'a [FlightReport],
-}
-
-impl<'a> Others<'a> {
-    /// What they tell a strategy.
-    fn neighbours(&self) -> Neighbours<'a> {
-        let intents = self.visits.unwrap_or(&[]);
-        Neighbours { uav: self.uav, flights: self.flights, scheduled: self.scheduled, intents }
-    }
-}
 
 /// Beginning of a checkpoint; the state of the strategy follows.
 #[derive(Serialize, Deserialize)]
@@ -122,7 +99,7 @@ impl Planner {
     /// As [`Planner::new`].
     pub fn over(scenario: &Scenario, sensors: Arc<Sensors>) -> Result<Self, InputError> {
         let make = Registered::of(scenario)?.make;
-        Self::build(scenario, sensors, &mut |setup| Ok(make(setup)), &Stop::default())
+        Self::build(scenario, sensors, &mut |setup| Ok(make(setup)), None, &Stop::default())
     }
 
     /// The planner with the strategy that `make` makes instead of the scenario's.
@@ -135,23 +112,35 @@ impl Planner {
         make: &mut MakeStrategy<'_>,
         stop: &Stop,
     ) -> Result<Self, InputError> {
-        Self::build(scenario, Arc::new(Sensors::of(scenario, sensors)), make, stop)
+        Self::in_team(scenario, sensors, make, None, stop)
+    }
+
+    /// The same for a UAV of a team.
+    pub(crate) fn in_team(
+        scenario: &Scenario,
+        sensors: &[SensorNode],
+        make: &mut MakeStrategy<'_>,
+        team: Option<Team<'_>>,
+        stop: &Stop,
+    ) -> Result<Self, InputError> {
+        Self::build(scenario, Arc::new(Sensors::of(scenario, sensors)), make, team, stop)
     }
 
     fn build(
         scenario: &Scenario,
         sensors: Arc<Sensors>,
         make: &mut MakeStrategy<'_>,
+        team: Option<Team<'_>>,
         stop: &Stop,
     ) -> Result<Self, InputError> {
         let scenario = &*with_waypoint_margin(scenario);
         let settings = settings::check(scenario)?;
         let belief = Belief::new(scenario, &sensors, settings.estimated());
         let table = MissionTable::new(scenario, belief.known_sensors(sensors));
-        let setup = Setup { scenario, settings: &settings, table: &table, belief: &belief, stop };
+        let setup = Setup { scenario, settings: &settings, table: &table, belief: &belief, team, stop };
         Ok(Self {
             strategy: make(&setup)?,
-            transit: Serving::new(&setup),
+            rules: RuleBook::new(&setup),
             strategy_name: scenario.planner.strategy.clone(),
             belief,
             battery: BatteryState::initial(scenario),
@@ -214,55 +203,42 @@ impl Planner {
     /// If there is not one queue per sensor node.
     #[must_use]
     pub fn step(&mut self, slot: u64, position: Point3<f64>, queues_bits: &[u32]) -> Plan {
-        self.step_beside(slot, position, queues_bits, None)
+        self.plan(slot, position, queues_bits, Duty::Mission, None)
     }
 
-    /// The same beside other UAVs: the SNs that they have scheduled in this slot count as empty, and are not scheduled.
-    pub(crate) fn step_beside(
+    /// The plan of a UAV with this duty beside other UAVs: the SNs that they have scheduled in this slot count as empty,
+    /// and are not scheduled.
+    pub(crate) fn plan(
         &mut self,
         slot: u64,
         position: Point3<f64>,
         queues_bits: &[u32],
-        others: Option<Others<'_>>,
+        duty: Duty,
+        neighbours: Option<&Neighbours<'_>>,
     ) -> Plan {
-        let taken = others.map_or(&[][..], |others| others.scheduled);
+        let scheduled = neighbours.map_or(&[][..], |neighbours| neighbours.scheduled);
         assert_eq!(queues_bits.len(), self.table.sensors.positions.len(), "expected one queue per sensor node");
-        let mut belief = self.belief.at(slot.saturating_sub(1), &self.table.sensors, queues_bits);
-        if !taken.is_empty() {
-            self.left_bits.clear();
-            self.left_bits.extend_from_slice(belief.queues_bits);
-            taken.iter().for_each(|&id| self.left_bits[id as usize] = 0);
-            belief.queues_bits = &self.left_bits;
+        let Self { strategy, rules, table, stop, left_bits, .. } = self;
+        let mut belief = self.belief.at(slot.saturating_sub(1), &table.sensors, queues_bits);
+        if !scheduled.is_empty() {
+            left_bits.clear();
+            left_bits.extend_from_slice(belief.queues_bits);
+            scheduled.iter().for_each(|&id| left_bits[id as usize] = 0);
+            belief.queues_bits = left_bits;
         }
-        let view = View {
-            slot,
-            position,
-            battery: self.battery,
-            belief,
-            table: &self.table,
-            timing: self.timing,
-            others: others.and_then(|others| others.visits),
-            stop: &self.stop,
-        };
-        if let Some(others) = &others {
-            self.strategy.meet(&others.neighbours());
-        }
-        let (mut decision, mode) = decide(self.strategy.as_mut(), &mut self.transit, &view);
-        let apart = others.map(|others| others.apart).filter(|_| mode != Mode::Charge);
-        if let Some(end) = apart.and_then(|apart| apart.end_instead_of(&view, &decision.waypoint.xy())) {
-            decision = self.transit.serve_fullest(&view, &end);
-            decision.waypoint.z = decision.waypoint.z.min(position.z); // a climb would take energy
-        }
-        decision.schedule.retain(|id| !taken.contains(id));
+        let (battery, timing) = (self.battery, self.timing);
+        let view = View { slot, position, battery, belief, table, timing, neighbours, stop };
+        let Ruled { decision, mode } = rules.decide(&view, duty, &mut |view| strategy.plan(view));
         let plan = message(&view, &decision, mode);
         self.path.clear();
         self.path.push(decision.waypoint);
         let most = MAX_PATH_POINTS - 1;
-        match (mode, &self.table.home) {
-            (Mode::Serve, _) => self.path.extend(self.strategy.path().iter().take(most)),
-            (Mode::Return, Some(home)) => {
-                let bends = home.way_from(slot, &decision.waypoint.xy());
-                self.path.extend(bends.iter().take(most).map(|bend| above(bend, decision.waypoint.z)));
+        match (mode, &table.home) {
+            (Mode::Serve, _) => self.path.extend(strategy.path().iter().take(most)),
+            (Mode::Return, Some(home)) if duty == Duty::Mission => {
+                let route = home.route(slot, &decision.waypoint.xy());
+                let ends = route.iter().flat_map(|route| route.parts()).filter(|part| part.slots > 0);
+                self.path.extend(ends.take(most).map(|part| above(&part.end, decision.waypoint.z)));
             }
             _ => {}
         }
@@ -271,74 +247,25 @@ impl Planner {
         plan
     }
 
-    /// The plan for `slot` of a UAV that is down at `position`.
-    pub(crate) fn lie(&mut self, slot: u64, position: Point3<f64>, queues_bits: &[u32]) -> Plan {
-        self.path.clear();
-        self.path.push(position);
-        self.await_reports(slot, &[], queues_bits);
-        self.slot = slot;
-        Plan::fly_to(position, Mode::Hold)
-    }
-
-    /// The plan for `slot` of a UAV whose endurance ends: it serves nobody, and flies home from `position` or stays
-    /// there.
-    pub(crate) fn rest(&mut self, slot: u64, position: Point3<f64>, queues_bits: &[u32], apart: &Apart<'_>) -> Plan {
-        let is_home = self.is_home(&position.xy());
-        let Self { belief, table, stop, .. } = self;
-        let belief = belief.at(slot.saturating_sub(1), &table.sensors, queues_bits);
-        let (battery, timing) = (self.battery, self.timing);
-        let view = View { slot, position, battery, belief, table, timing, others: None, stop };
-        let ground = view.ground();
-        let under_way = table.airspace.under_way(slot, &ground).filter(|end| *end != ground);
-        let plan = if let Some(end) = under_way {
-            Plan::fly_to(above(&end, position.z), Mode::Return)
-        } else if is_home {
-            Plan::fly_to(position, Mode::Charge)
-        } else {
-            let next = table.home.as_ref().map_or(ground, |home| home.next_waypoint(slot, &ground));
-            let end = table.airspace.slot_end(slot, &ground, &next, table.limits.reach_m);
-            let end = apart.end_instead_of(&view, &end).unwrap_or(end);
-            Plan::fly_to(above(&end, position.z), Mode::Return)
-        };
-        self.path.clear();
-        self.path.push(plan.waypoint());
-        self.await_reports(slot, &[], queues_bits);
-        self.slot = slot;
-        plan
-    }
-
-    /// Appends what its strategy plans to serve from `slot` on ([`Strategy::visits`]).
+    /// Appends what its strategy plans to serve from `slot` on ([`Strategy::visits`]), beside `neighbours` without
+    /// intents.
     pub(crate) fn visits(
         &mut self,
         slot: u64,
         position: Point3<f64>,
         queues_bits: &[u32],
+        neighbours: &Neighbours<'_>,
         into: &mut Vec<PlannedVisit>,
     ) {
         let Self { strategy, belief, table, stop, .. } = self;
         let belief = belief.at(slot.saturating_sub(1), &table.sensors, queues_bits);
-        let (battery, timing) = (self.battery, self.timing);
-        strategy.visits(&View { slot, position, battery, belief, table, timing, others: Some(&[]), stop }, into);
+        let (battery, timing, neighbours) = (self.battery, self.timing, Some(neighbours));
+        strategy.visits(&View { slot, position, battery, belief, table, timing, neighbours, stop }, into);
     }
 
-    /// Whether the UAV number `uav` stays in `slot` where it would have to give way: every other one does, in turns.
-    pub(crate) fn stays(&self, slot: u64, uav: usize) -> bool {
-        (slot / self.table.airspace.move_slots() + uav as u64).is_multiple_of(2)
-    }
-
-    /// Where a flight from `from` to `to` in `slot` ends [m]: on a grid with its whole move.
-    pub(crate) fn end_of(&self, slot: u64, from: &Position, to: &Position) -> Position {
-        self.table.airspace.committed(slot, from, to).1
-    }
-
-    /// Slots of a move on a grid; 1 without one.
-    pub(crate) fn move_slots(&self) -> u64 {
-        self.table.airspace.move_slots()
-    }
-
-    /// Whether `ground` [m] lies in the base of the mission; true without one.
-    pub(crate) fn is_home(&self, ground: &Position) -> bool {
-        self.table.home.as_ref().is_none_or(|home| home.base.contains(ground))
+    /// The constant data of its mission.
+    pub(crate) fn table(&self) -> &MissionTable {
+        &self.table
     }
 
     /// Visits that keep the SN `id` from losing data from `slot` on, as the plan of a UAV that is yet to be made.
@@ -348,16 +275,6 @@ impl Planner {
         let gap = (gap as u64).max((last - slot) / MOST_CLAIMED).max(1); // saturates where it never fills
         let slots = (slot..=last).step_by(usize::try_from(gap).unwrap_or(usize::MAX));
         slots.map(move |slot| PlannedVisit { slot, sensor: id, bits: f64::INFINITY })
-    }
-
-    /// The SN that its strategy's round begins with ([`Strategy::first_of_round`]).
-    pub(crate) fn first_of_round(&self) -> Option<u32> {
-        self.strategy.first_of_round()
-    }
-
-    /// Prepares its strategy to share a round with others ([`Strategy::take_part`]).
-    pub(crate) fn take_part(&mut self, uav: usize, firsts: &[u32]) {
-        self.strategy.take_part(uav, firsts);
     }
 
     /// Notes the SNs that report their queues in `slot` if they are served, and their queues before it [bit], by id.

@@ -10,8 +10,8 @@ use skysink_common::geometry::Position;
 use skysink_common::scenario::Scenario;
 use toml::Table;
 
-use crate::home::Home;
 pub use crate::keys::{Knowledge, PlanningObjective, Settings};
+use crate::route::home::Home;
 use crate::strategies::{PYTHON, STRATEGIES, one_of};
 use crate::strategy::{Registered, StrategyKeys};
 pub use crate::waypoint::WaypointSolver;

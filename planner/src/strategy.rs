@@ -19,6 +19,8 @@ use toml::Table;
 
 use crate::keys::Settings;
 use crate::mission_table::MissionTable;
+use crate::neighbours::{Neighbours, PlannedVisit};
+use crate::operator_counts::OperatorCounts;
 
 /// A planning strategy: decides one slot from the state after the one before.
 ///
@@ -36,7 +38,7 @@ use crate::mission_table::MissionTable;
 ///         Some(Decision::serve(view, &Waypoint { point: view.position, outcome: SolverOutcome::Rule }, &[]))
 ///     }
 /// }
-/// assert!(Stay.path().is_empty() && Stay.first_of_round().is_none());
+/// assert!(Stay.path().is_empty());
 /// ```
 pub trait Strategy: Checkpoint {
     /// The decision for the slot of `view`; `None` if no sensor node is in reach, which leaves the slot to transit
@@ -47,74 +49,23 @@ pub trait Strategy: Checkpoint {
     /// that talks those of all UAVs, by their numbers. Their links are its contacts.
     fn observe(&mut self, _slot: u64, _flights: &[FlightReport], _belief: &Belief) {}
 
-    /// Takes in what the other UAVs tell before it plans a slot. Not called for a UAV that plans alone.
-    fn meet(&mut self, _neighbours: &Neighbours<'_>) {}
-
     /// The planned waypoints after the last decided one, from strategies that look ahead.
     fn path(&self) -> &[Point3<f64>] {
         &[]
     }
 
+    /// What became of the changes that its searches proposed, by operator; nothing from strategies that do not search.
+    fn counts(&self) -> Vec<(&'static str, OperatorCounts)> {
+        Vec::new()
+    }
+
     /// Appends what the plan of the slot of `view` serves from that slot on; before it is made, what the plan of the
     /// slot before would. Nothing from strategies that do not look ahead.
     fn visits(&mut self, _view: &View<'_>, _into: &mut Vec<PlannedVisit>) {}
-
-    /// The SN that its round begins with; `None` from strategies without a round.
-    fn first_of_round(&self) -> Option<u32> {
-        None
-    }
-
-    /// Prepares to share its round with other UAVs of the same strategy: this is number `uav`, and the round of each
-    /// UAV would begin with the SN of `firsts`.
-    fn take_part(&mut self, _uav: usize, _firsts: &[u32]) {}
 }
 
 /// Makes the strategy of a UAV from its setup. In a fleet it is called for one UAV after the other, by their numbers.
 pub type MakeStrategy<'a> = dyn FnMut(&Setup<'_>) -> Result<Box<dyn Strategy>, InputError> + 'a;
-
-/// What the other UAVs of a fleet tell a UAV before it plans a slot.
-///
-/// ```
-/// use skysink_planner::strategy::Neighbours;
-/// let alone = Neighbours { uav: 0, flights: &[], scheduled: &[], intents: &[] };
-/// assert_eq!(alone.others().count(), 0);
-/// ```
-#[derive(Debug, Clone, Copy)]
-pub struct Neighbours<'a> {
-    /// The number of the UAV that plans.
-    pub uav: usize,
-    /// The last flight of each UAV, by its number.
-    pub flights: &'a [FlightReport],
-    /// The SNs that the others have scheduled in this slot, which count as empty. Empty where each has a part of the
-    /// field.
-    pub scheduled: &'a [u32],
-    /// What the others plan to serve, by slot; from those that look ahead.
-    pub intents: &'a [PlannedVisit],
-}
-
-impl<'a> Neighbours<'a> {
-    /// The numbers of the other UAVs, and their last flights.
-    pub fn others(&self) -> impl Iterator<Item = (usize, &'a FlightReport)> {
-        let uav = self.uav;
-        self.flights.iter().enumerate().filter(move |(number, _)| *number != uav)
-    }
-}
-
-/// A visit of an SN in a plan.
-///
-/// ```
-/// let visit = skysink_planner::strategy::PlannedVisit { slot: 7, sensor: 3, bits: f64::INFINITY };
-/// assert!(visit.bits > 30_000.0); // it empties the buffer
-/// ```
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PlannedVisit {
-    /// Its slot.
-    pub slot: u64,
-    /// The SN.
-    pub sensor: u32,
-    /// What it is expected to take [bit]; infinite for all that is there.
-    pub bits: f64,
-}
 
 /// A strategy without state, which decides each slot by the rule `decide`, as [`Strategy::plan`] does.
 ///
@@ -149,7 +100,7 @@ impl<F: FnMut(&View<'_>) -> Option<Decision>> Strategy for ByRule<F> {
 /// let OwnedSetup { scenario, table, stop, .. } = &OwnedSetup::new(scenario, &list.nodes()).unwrap();
 /// let (position, battery, queues_bits) = (scenario.start(), BatteryState::default(), list.queues_bits());
 /// let belief = Believed::known(0, &table.sensors, &queues_bits);
-/// let view = View { slot: 1, position, battery, belief, table, timing: Timing::Free, others: None, stop };
+/// let view = View { slot: 1, position, battery, belief, table, timing: Timing::Free, neighbours: None, stop };
 /// assert_eq!((view.ground(), view.value(3)), ([50.0, 50.0].into(), queues_bits[3])); // all weights are equal
 /// assert_eq!(view.values(&mut Vec::new()), queues_bits);
 /// ```
@@ -167,8 +118,8 @@ pub struct View<'a> {
     pub table: &'a MissionTable,
     /// Whether a search may read a clock.
     pub timing: Timing,
-    /// What other UAVs plan to serve, by slot; `None` if none tells.
-    pub others: Option<&'a [PlannedVisit]>,
+    /// What the other UAVs tell; `None` for a UAV that plans alone.
+    pub neighbours: Option<&'a Neighbours<'a>>,
     /// Ends long searches; the decision is then not flown.
     pub stop: &'a Stop,
 }
@@ -187,6 +138,12 @@ impl<'a> View<'a> {
     #[must_use]
     pub fn is_certain(&self) -> bool {
         !self.belief.belief.is_estimated() && !self.table.channel.is_random() && !self.table.arrivals.is_random()
+    }
+
+    /// What other UAVs plan to serve, by slot; `None` if none tells.
+    #[must_use]
+    pub fn intents(&self) -> Option<&'a [PlannedVisit]> {
+        self.neighbours.and_then(|neighbours| neighbours.intents)
     }
 
     /// Horizontal position of the UAV.
@@ -244,6 +201,14 @@ pub struct Decision {
     pub winner: Option<Winner>,
 }
 
+impl Decision {
+    /// The decision to stay and serve nobody.
+    #[must_use]
+    pub fn stay(view: &View<'_>) -> Self {
+        Self { waypoint: view.position, schedule: ArrayVec::new(), outcome: SolverOutcome::Rule, winner: None }
+    }
+}
+
 /// Candidate circles of Algorithm 1 about one pair, C1 to C5.
 pub const CIRCLES: usize = 5;
 
@@ -284,8 +249,19 @@ pub struct Setup<'a> {
     pub table: &'a MissionTable,
     /// The belief before any contact.
     pub belief: &'a Belief,
+    /// The UAVs that share a field and its rounds; `None` for a UAV that plans alone, or for a part of the field.
+    pub team: Option<Team<'a>>,
     /// Ends long preparations; the strategy is then not flown.
     pub stop: &'a Stop,
+}
+
+/// The UAVs that plan one after another for the same SNs.
+#[derive(Debug, Clone, Copy)]
+pub struct Team<'a> {
+    /// The number of the UAV that plans.
+    pub uav: usize,
+    /// Where each UAV starts, by its number [m].
+    pub starts: &'a [Position],
 }
 
 /// What a [`Setup`] with known queues refers to.
@@ -326,7 +302,7 @@ impl OwnedSetup {
     #[must_use]
     pub fn setup(&self) -> Setup<'_> {
         let Self { scenario, settings, table, stop } = self;
-        Setup { scenario, settings, table, belief: &Belief::Known, stop }
+        Setup { scenario, settings, table, belief: &Belief::Known, team: None, stop }
     }
 }
 
@@ -456,6 +432,6 @@ pub(crate) mod tests {
         static STOP: LazyLock<Stop> = LazyLock::new(Stop::default);
         let belief = Believed::known(slot - 1, &table.sensors, queues_bits);
         let battery = BatteryState::default();
-        View { slot, position, battery, belief, table, timing: Timing::Free, others: None, stop: &STOP }
+        View { slot, position, battery, belief, table, timing: Timing::Free, neighbours: None, stop: &STOP }
     }
 }

@@ -182,7 +182,7 @@ impl Episode {
         let limits = self.field.limits;
         let uav = self.flight().position();
         let goal = Position::new(f64::from(action[0]) * limits.width_m, f64::from(action[1]) * limits.height_m);
-        let ground = self.field.toward(&uav.xy(), &self.field.clamp_to_area(&goal));
+        let ground = self.field.motion.toward(&uav.xy(), &self.field.clamp_to_area(&goal));
         let z_m = action.get(2).map_or(uav.z, |&fraction| {
             let range_m = limits.max_altitude_m - limits.min_altitude_m;
             let goal_m = limits.min_altitude_m + f64::from(fraction).clamp(0.0, 1.0) * range_m;
@@ -200,7 +200,7 @@ impl Episode {
             None => choice as u32,
         };
         let goal = self.field.sensors.position(id);
-        let waypoint = above(&self.field.clamp_to_area(&self.field.toward(&uav.xy(), goal)), uav.z);
+        let waypoint = above(&self.field.clamp_to_area(&self.field.motion.toward(&uav.xy(), goal)), uav.z);
         let believed_bits = self.plant.field().believed_bits();
         let mut served = self.field.fullest(&waypoint, believed_bits);
         let most = (limits.resource_blocks as usize).min(MAX_SERVED);

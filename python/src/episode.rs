@@ -15,10 +15,9 @@ use skysink_common::slot_record::UAV;
 use skysink_common::stop::Stop;
 use skysink_mission::Plant;
 use skysink_planner::fleet::require_one;
+use skysink_planner::rules::{Duty, RuleBook, Ruled};
 use skysink_planner::settings;
-use skysink_planner::strategies::returning::decide;
-use skysink_planner::strategies::serving::Serving;
-use skysink_planner::strategy::{Decision, Strategy, Timing, View};
+use skysink_planner::strategy::{Decision, Timing, View};
 
 use crate::belief::{Contacts, believed};
 use crate::errors::refused;
@@ -71,17 +70,6 @@ impl Course {
 /// The stop that nobody requests.
 static NEVER: LazyLock<Stop> = LazyLock::new(Stop::default);
 
-/// The strategy whose decision for one slot is known.
-struct Proposed(Option<Decision>);
-
-impl Checkpoint for Proposed {}
-
-impl Strategy for Proposed {
-    fn plan(&mut self, _view: &View<'_>) -> Option<Decision> {
-        self.0.take()
-    }
-}
-
 /// A running episode.
 #[derive(Clone)]
 pub struct Episode {
@@ -95,7 +83,7 @@ pub struct Episode {
     /// The plant before slot 1.
     fresh: Arc<Plant>,
     pub contacts: Contacts,
-    serving: OwnServing,
+    decided: OwnRules,
     /// Positions of the sensor nodes, x and y alternating, as fractions of the area; empty if they are not observed.
     pub positions: Arc<[f32]>,
     /// Weights of the sensor nodes, by id; empty if the reward is not weighted.
@@ -110,9 +98,9 @@ pub struct Episode {
 
 /// What computes schedules and altitudes: made when it is first asked for, and not copied with an episode.
 #[derive(Default)]
-struct OwnServing(Option<Box<Serving>>);
+struct OwnRules(Option<Box<RuleBook>>);
 
-impl Clone for OwnServing {
+impl Clone for OwnRules {
     fn clone(&self) -> Self {
         Self::default()
     }
@@ -194,7 +182,7 @@ impl Episode {
         Ok(Self {
             number,
             uav: UAV,
-            serving: OwnServing::default(),
+            decided: OwnRules::default(),
             contacts: Contacts::none(if course.rules.keeps_contacts { field.count() } else { 0 }),
             positions: if observed.has("positions") { field.position_fractions().collect() } else { Arc::default() },
             weights: if *reward == Reward::Weighted { weights(&list) } else { Arc::default() },
@@ -286,32 +274,32 @@ impl Episode {
             belief: believed(&self.plant, &self.field),
             table: &self.field,
             timing: Timing::Free,
-            others: None,
+            neighbours: None,
             stop: &NEVER,
         }
     }
 
-    /// Calls `work` with what the UAV sees, and with what computes schedules and altitudes.
-    fn served<T>(&mut self, work: impl FnOnce(&View<'_>, &mut Serving) -> T) -> T {
-        let mut serving = self.serving.0.take().unwrap_or_else(|| Box::new(self.field.serving()));
-        let done = work(&self.view(), &mut serving);
-        self.serving.0 = Some(serving);
+    /// Calls `work` with what the UAV sees, and with the rules for it.
+    fn served<T>(&mut self, work: impl FnOnce(&View<'_>, &mut RuleBook) -> T) -> T {
+        let mut rules = self.decided.0.take().unwrap_or_else(|| Box::new(self.field.rules()));
+        let done = work(&self.view(), &mut rules);
+        self.decided.0 = Some(rules);
         done
     }
 
     /// The plan by a decision of a strategy in Python.
     pub fn decided(&mut self, decision: &PyDecision, mode: Mode) -> PyResult<Plan> {
-        let decision = self.served(|view, serving| decision.decide(view, serving))?;
+        let decision = self.served(|view, rules| decision.decide(view, &mut rules.serving))?;
         Ok(self.ruled(decision, mode))
     }
 
     /// The plan by `decision`. If the environment has the rules for strategies, what becomes of it by them.
     pub fn ruled(&mut self, decision: Decision, mode: Mode) -> Plan {
-        let decided = match self.course.rules.has_return_rule {
-            true => self.served(|view, serving| decide(&mut Proposed(Some(decision)), serving, view)),
-            false => (decision, Mode::Serve),
+        let ruled = match self.course.rules.has_return_rule {
+            true => self.served(|view, rules| rules.decide(view, Duty::Mission, &mut |_| Some(decision.clone()))),
+            false => Ruled { decision, mode: Mode::Serve },
         };
-        let (decision, by_rule) = decided;
+        let Ruled { decision, mode: by_rule } = ruled;
         let mut plan = Plan::fly_to(decision.waypoint, if by_rule == Mode::Serve { mode } else { by_rule });
         plan.schedule(&decision.schedule);
         plan

@@ -7,7 +7,6 @@ use nalgebra::Point3;
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods as _, PyReadonlyArray1, ToPyArray};
 use pyo3::prelude::*;
-use skysink_common::airspace::length_m;
 use skysink_common::base::Base;
 use skysink_common::belief::Belief;
 use skysink_common::channel::RateTable;
@@ -20,7 +19,8 @@ use skysink_common::stop::Stop;
 use skysink_planner::geometry::disks::Disk;
 use skysink_planner::keys::{PlanningObjective, Settings};
 use skysink_planner::mission_table::MissionTable;
-use skysink_planner::strategies::serving::{Serving, fill_fullest_in_range, fill_most_in_range};
+use skysink_planner::rules::RuleBook;
+use skysink_planner::strategies::serving::{fill_fullest_in_range, fill_most_in_range};
 use skysink_planner::strategy::Setup;
 
 use crate::errors::refused;
@@ -93,11 +93,11 @@ impl FieldData {
         Self { table, scenario: told, settings, buffers_bits, nodes }
     }
 
-    /// What computes schedules and altitudes.
-    pub fn serving(&self) -> Serving {
+    /// The rules for decisions, which also compute schedules and altitudes.
+    pub fn rules(&self) -> RuleBook {
         let Self { table, scenario, settings, .. } = self;
         let stop = &Stop::default();
-        Serving::new(&Setup { scenario, settings, table, belief: &Belief::Known, stop })
+        RuleBook::new(&Setup { scenario, settings, table, belief: &Belief::Known, team: None, stop })
     }
 
     /// Refuses queues of another field.
@@ -142,13 +142,10 @@ impl FieldData {
     /// The route from `from` into the disk of `radius_m` about `centre` [m]; `None` if there is none.
     pub fn route_into(&self, from: &Position, centre: &Position, radius_m: f64) -> Option<PyRoute> {
         let disk = Disk { centre: *centre, radius_m };
-        let way = self.table.way_into(from, &disk);
-        let end = way.last()?;
-        let slots = self.table.slots_into(from, &disk);
-        let length_m = length_m(from, &way);
-        let battery = self.home.as_ref().and_then(|home| home.battery);
-        let energy_j = battery.map_or(0.0, |battery| slots * battery.slot_j(length_m / slots));
-        Some(PyRoute { length_m, slots: slots as u64, energy_j, end_m: (end.x, end.y) })
+        let route = self.motion.shortest_into(from, &disk)?;
+        let end_m = (route.end().x, route.end().y);
+        let slots = u64::from(route.slots()).max(1);
+        Some(PyRoute { length_m: route.length_m(), slots, energy_j: route.energy_j(), end_m })
     }
 }
 
@@ -375,7 +372,7 @@ impl PyField {
         from: &Bound<'py, PyAny>,
         to: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let point = self.data.toward(&ground(from)?, &ground(to)?);
+        let point = self.data.motion.toward(&ground(from)?, &ground(to)?);
         Ok([point.x, point.y].to_pyarray(py))
     }
 

@@ -184,10 +184,10 @@ fn home(episode: &Episode, numbers: &mut [f32]) {
     let limits = episode.field.limits;
     let flight = episode.flight();
     let uav = flight.position().xy();
-    let end = home.end_of(&uav, home.left_after(episode.plant.slot()));
-    let offset = end - uav;
-    let way_m = episode.field.airspace.distance_m(&uav, &end);
-    let row = [offset.x / limits.width_m, offset.y / limits.height_m, way_m / limits.width_m.max(limits.height_m)];
+    let route = home.route(episode.plant.slot(), &uav);
+    let offset = route.as_ref().map_or(uav, |route| route.end()) - uav;
+    let length_m = route.map_or(f64::INFINITY, |route| route.length_m());
+    let row = [offset.x / limits.width_m, offset.y / limits.height_m, length_m / limits.width_m.max(limits.height_m)];
     numbers.iter_mut().zip(row).for_each(|(number, value)| *number = value.clamp(-1.0, 1.0) as f32);
     numbers[3] = match home.margin_j(episode.plant.slot(), flight.energy_j, &uav) {
         f64::NEG_INFINITY => -1.0,

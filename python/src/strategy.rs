@@ -16,14 +16,14 @@ use skysink_common::message::{FlightReport, MAX_SERVED, SolverOutcome};
 use skysink_common::stop::Stop;
 use skysink_planner::node::ROOM;
 use skysink_planner::strategies::serving::Serving;
-use skysink_planner::strategy::{Decision, Neighbours, Setup, Strategy, View};
+use skysink_planner::strategy::{Decision, Setup, Strategy, View};
 
 use crate::belief::Contacts;
 use crate::errors::refused;
 use crate::field::{FieldData, PyField, coordinates};
 use crate::signals::INTERRUPT;
 use crate::values::Reduced;
-use crate::view::{PyFlight, PyNeighbours, PyView};
+use crate::view::{PyFlight, PyView};
 
 /// The decision of a strategy: ``Decision((x, y))`` or ``Decision((x, y, z), serve=[3, 7])``.
 #[pyclass(name = "Decision", module = "skysink", frozen, get_all)]
@@ -200,7 +200,6 @@ struct PyStrategy {
     sampling_bps: Py<PyArray1<f64>>,
     contacts: Contacts,
     serving: Serving,
-    neighbours: Option<Py<PyNeighbours>>,
     /// Whether its class has an `observe`.
     observes: bool,
     raised: Raised,
@@ -217,13 +216,12 @@ impl PyStrategy {
         let base = py.import("skysink.strategy")?.getattr("Strategy")?;
         let observes = !object.bind(py).get_type().getattr("observe")?.is(&base.getattr("observe")?);
         let (serving, raised) = (Serving::new(setup), raised.clone());
-        Ok(Self { object, field, sampling_bps, contacts, serving, neighbours: None, observes, raised })
+        Ok(Self { object, field, sampling_bps, contacts, serving, observes, raised })
     }
 
     /// What it decides; `None` for transit.
     fn decide(&mut self, py: Python<'_>, view: &View<'_>) -> PyResult<Option<Decision>> {
-        let neighbours = self.neighbours.as_ref().map(|neighbours| neighbours.clone_ref(py));
-        let seen = PyView::of(py, view, &self.field, &self.sampling_bps, &self.contacts, neighbours)?;
+        let seen = PyView::of(py, view, &self.field, &self.sampling_bps, &self.contacts)?;
         let decided = self.object.call_method1(py, intern!(py, "plan"), (seen,))?;
         let decision: Option<PyRef<'_, PyDecision>> = decided.extract(py).map_err(|_| wrong(&decided))?;
         decision.map(|decision| decision.decide(view, &mut self.serving)).transpose()
@@ -278,13 +276,6 @@ impl Strategy for PyStrategy {
             if let Err(error) = self.take_in(py, slot, flights) {
                 self.raised.keep_in_slot(py, slot + 1, error);
             }
-        });
-    }
-
-    fn meet(&mut self, neighbours: &Neighbours<'_>) {
-        Python::attach(|py| match PyNeighbours::of(py, neighbours) {
-            Ok(met) => self.neighbours = Some(met),
-            Err(error) => self.raised.keep(error),
         });
     }
 }

@@ -4,7 +4,8 @@ use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2, ToPyArray};
 use pyo3::prelude::*;
 use skysink_common::message::FlightReport;
-use skysink_planner::strategy::{Neighbours, View};
+use skysink_planner::neighbours::Neighbours;
+use skysink_planner::strategy::View;
 
 use crate::belief::{Contacts, PyBelief, new_object};
 use crate::field::PyField;
@@ -52,7 +53,6 @@ impl PyView {
         field: &Py<PyField>,
         known_bps: &Py<PyArray1<f64>>,
         contacts: &Contacts,
-        neighbours: Option<Py<PyNeighbours>>,
     ) -> PyResult<Self> {
         let queues_bits = read_only(view.belief.queues_bits.to_pyarray(py))?;
         let sampling_bps = match view.belief.belief.learnt_bps(view.table.limits.slot_s) {
@@ -74,7 +74,7 @@ impl PyView {
             is_charging: view.battery.is_charging,
             energy_left_home_j: home.map_or(f64::INFINITY, |home| home.margin_j(after, view.battery.energy_j, &ground)),
             slots_left_home: home.and_then(|home| home.spare_slots(after, &ground)),
-            neighbours,
+            neighbours: view.neighbours.map(|neighbours| PyNeighbours::of(py, neighbours)).transpose()?,
         })
     }
 }

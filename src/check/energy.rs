@@ -7,7 +7,7 @@ use skysink_common::battery::Battery;
 use skysink_common::propulsion::least_power_mps;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
-use skysink_planner::home::Home;
+use skysink_planner::route::home::Home;
 
 use super::quantity::scaled;
 

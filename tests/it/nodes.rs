@@ -21,10 +21,10 @@ use skysink_mission::folder::Earlier;
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
-use skysink_planner::horizon::HorizonKeys;
-use skysink_planner::strategies::horizon;
+use skysink_planner::plan::lookahead::HorizonKeys;
+use skysink_planner::strategies::look_ahead;
+use skysink_planner::strategies::look_ahead::{self, OfflineKeys};
 use skysink_planner::strategies::names;
-use skysink_planner::strategies::offline::{self, OfflineKeys};
 use skysink_planner::strategy::Registered;
 use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
@@ -38,8 +38,8 @@ use crate::support::scenarios;
 fn smoke(strategy: &'static str, seed: u64) -> Scenario {
     let overrides = Overrides { seed: Some(seed), strategy: Some(strategy), ..Overrides::default() };
     let mut scenario = scenarios::read(Path::new(scenarios::SMOKE), overrides);
-    offline::STRATEGY.set_keys(&mut scenario, OfflineKeys { steps: 5_000 });
-    horizon::STRATEGY.set_keys(&mut scenario, HorizonKeys::of(200));
+    look_ahead::OFFLINE.set_keys(&mut scenario, OfflineKeys { steps: 5_000 });
+    look_ahead::HORIZON.set_keys(&mut scenario, HorizonKeys::of(200));
     scenario
 }
 

@@ -3,8 +3,8 @@
 use std::borrow::Cow;
 
 use skysink_planner::strategies::{
-    drift_plus_penalty, edf, exact, gfs, horizon, hover, max_age_first, max_weight, mes, offline, rfs, round_robin,
-    tour, uts, uts_wide, whittle,
+    drift_plus_penalty, edf, exact, gfs, hover, look_ahead, max_age_first, max_weight, mes, rfs, round_robin, tour,
+    uts, uts_wide, whittle,
 };
 use skysink_planner::strategy::Registered;
 use svg::node::element::{Group, Path};
@@ -42,13 +42,13 @@ static STYLED: [(&Registered, SeriesStyle); 16] = [
     (&tour::STRATEGY, series("#56B4E9", 4.0, SOLID, "m0,-15l15,15l-15,15l-15,-15z")),         // diamond
     (&round_robin::STRATEGY, series("#999999", 4.0, "10 6", "m-13,0h26m-13,-13v26")),         // plus
     (&max_age_first::STRATEGY, series("#B8A400", 4.0, "18 6", "m0,20l17.3,-30h-34.6z")),      // nabla
-    (&horizon::STRATEGY, series("#CC79A7", 6.0, SOLID, "m0,-17v34m-14.7,-25.5l29.4,17m0,-17l-29.4,17")), // star
+    (&look_ahead::HORIZON, series("#CC79A7", 6.0, SOLID, "m0,-17v34m-14.7,-25.5l29.4,17m0,-17l-29.4,17")), // star
     (&edf::STRATEGY, series("#332288", 4.0, "24 6 6 6", "m-7,-18h14v36h-14z")),               // upright bar
     (&mes::STRATEGY, series("#88CCEE", 4.0, SOLID, "m-18,-7h36v14h-36z")),                    // lying bar
     (&max_weight::STRATEGY, series("#117733", 4.0, "8 8", "m-15,-9h30l-15,24z")),             // wedge
     (&drift_plus_penalty::STRATEGY, series("#882255", 4.0, "16 4 4 4 4 4", "m-14,-14h28l-28,28h28z")), // hourglass
     (&whittle::STRATEGY, series("#AA4499", 4.0, "26 10", "m-16,0h32m-24,-14v28m16,-28v28")),  // hash
-    (&offline::STRATEGY, series("#44AA99", 4.0, SOLID, "m-16,8l16,-16l16,16")),               // roof
+    (&look_ahead::OFFLINE, series("#44AA99", 4.0, SOLID, "m-16,8l16,-16l16,16")),             // roof
     (&hover::STRATEGY, series("#EE3377", 5.0, "14 8", "m-16,-8l16,16l16,-16")),               // valley
 ];
 

@@ -5,7 +5,7 @@ use std::iter::zip;
 
 use skysink_common::error::did_you_mean;
 use skysink_common::scenario::Setting;
-use skysink_planner::strategies::offline;
+use skysink_planner::strategies::look_ahead;
 use toml::Value;
 
 use super::request::PlotRequest;
@@ -114,7 +114,7 @@ fn offline_of(request: &PlotRequest, definition: &Definition) -> Result<Option<u
     if request.metric() != Metric::LossRate {
         return Err(format!("--bounds: {} has none: expected --y loss_rate", request.metric().name()));
     }
-    let offline = definition.strategies.iter().position(|name| name == offline::STRATEGY.name);
+    let offline = definition.strategies.iter().position(|name| name == look_ahead::OFFLINE.name);
     offline.map(Some).ok_or_else(|| "--bounds: expected a sweep with the strategy offline".to_owned())
 }
 

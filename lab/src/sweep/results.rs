@@ -9,7 +9,7 @@ use arrow_array::{ArrayRef, Float64Array, Int64Array, StringArray, UInt64Array};
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
 use skysink_mission::files::{write_unfinished, write_whole};
-use skysink_planner::strategies::offline;
+use skysink_planner::strategies::look_ahead;
 use strum::VariantArray;
 
 use super::definition::{Definition, MissionKey};
@@ -151,7 +151,7 @@ fn summary_csv(
             }
         }
     }
-    if definition.strategies.iter().any(|name| name == offline::STRATEGY.name) {
+    if definition.strategies.iter().any(|name| name == look_ahead::OFFLINE.name) {
         let strategies = 0..definition.strategies.len();
         for (point, least) in best_known(rows.values()) {
             let is_flown = |strategy, seed| rows.contains_key(&MissionKey { point, strategy, seed });

@@ -93,10 +93,16 @@ impl Turns {
         (self.order, self.points) = turns.unzip();
     }
 
-    /// Begins with the turn whose point is nearest, by the square of its distance [m²].
-    pub fn begin_near(&mut self, distance_m2: impl Fn(&Position) -> f64) {
+    /// The turn whose point is nearest, by the square of its distance [m²]; the first of none.
+    #[must_use]
+    pub fn near(&self, distance_m2: impl Fn(&Position) -> f64) -> usize {
         let away_m2 = |&turn: &usize| distance_m2(&self.points[turn]);
-        let first = (0..self.points.len()).min_by(|a, b| away_m2(a).total_cmp(&away_m2(b))).unwrap_or(0);
+        (0..self.points.len()).min_by(|a, b| away_m2(a).total_cmp(&away_m2(b))).unwrap_or(0)
+    }
+
+    /// Begins with that turn.
+    pub fn begin_near(&mut self, distance_m2: impl Fn(&Position) -> f64) {
+        let first = self.near(distance_m2);
         self.order.rotate_left(first);
         self.points.rotate_left(first);
     }

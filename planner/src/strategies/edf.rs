@@ -34,7 +34,7 @@ pub(crate) fn toward_least(setup: &Setup, cost: impl Fn(&View<'_>, u32) -> Optio
     let mut serving = Serving::new(setup);
     rule(move |view| {
         let first = least(view, |id| cost(view, id))?;
-        let waypoint = view.table.toward(&view.ground(), view.table.sensors.position(first));
+        let waypoint = view.table.motion.toward(&view.ground(), view.table.sensors.position(first));
         let key = |id| (id != first, fullest_first(view.value(id), id));
         Some(serving.serve_by(view, &waypoint, key))
     })

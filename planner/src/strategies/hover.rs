@@ -29,7 +29,7 @@ pub const STRATEGY: Registered =
     Registered::new("hover", "hover: straight to the best fixed point, to serve all in range in turns", |setup| {
         let mut serving = Serving::new(setup);
         let point = BestPoint::new(setup.table, setup.scenario).found(setup.stop);
-        rule(move |view| Some(serve_urgent(&mut serving, view, &view.table.toward(&view.ground(), &point))))
+        rule(move |view| Some(serve_urgent(&mut serving, view, &view.table.motion.toward(&view.ground(), &point))))
     });
 
 /// The decision to fly to `ground` and serve the n most urgent SNs in range.
@@ -161,7 +161,7 @@ impl<'a> BestPoint<'a> {
 
     /// The slots into `disk`, the last of which serves from there.
     fn slots_to(&self, disk: &Disk) -> f64 {
-        self.table.slots_into(&self.start, disk)
+        self.table.motion.slots_into(&self.start, disk)
     }
 
     /// Slots that serve at the end of the slot `first` and later, and before the last sample.

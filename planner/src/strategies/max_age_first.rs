@@ -35,7 +35,8 @@ impl Strategy for MaxAgeFirst {
         let oldest_first = |id: u32| (last[id as usize], fullest_first(view.value(id), id));
         let ground = view.ground();
         let oldest = view.table.servable().min_by_key(|&id| oldest_first(id));
-        let waypoint = oldest.map_or(ground, |oldest| view.table.toward(&ground, view.table.sensors.position(oldest)));
+        let waypoint =
+            oldest.map_or(ground, |oldest| view.table.motion.toward(&ground, view.table.sensors.position(oldest)));
         let decision = serving.serve_by(view, &waypoint, oldest_first);
         let slot = u32::try_from(view.slot).unwrap_or(u32::MAX);
         decision.schedule.iter().for_each(|&id| last[id as usize] = slot);

@@ -50,7 +50,7 @@ skysink_common::keys! {
 fn mes(setup: &Setup, deadline_weight: f64) -> Box<dyn Strategy> {
     toward_least(setup, move |view, id| {
         let deadline_slots = view.belief.deadline_slots(id)?;
-        let away_m = view.table.distance_m(view.table.sensors.position(id), &view.ground());
+        let away_m = view.table.motion.distance_m(view.table.sensors.position(id), &view.ground());
         let flight_slots = away_m / view.table.limits.reach_m;
         Some(deadline_weight * deadline_slots + (1.0 - deadline_weight) * flight_slots)
     })

@@ -4,21 +4,17 @@
 //! [`crate::strategy`]. Messages, and transit without a decision, are left to [`crate::planner`].
 
 pub mod algorithm_1;
-mod collecting;
 pub mod drift_plus_penalty;
 pub mod edf;
 pub mod exact;
 pub mod gfs;
-pub mod horizon;
 pub mod hover;
+pub mod look_ahead;
 pub mod max_age_first;
 pub mod max_weight;
 pub mod mes;
 pub(crate) mod nearby;
-pub mod offline;
-mod planned_flight;
 pub(crate) mod queue_weight;
-pub mod returning;
 pub mod rfs;
 pub mod round_robin;
 pub mod serving;
@@ -54,8 +50,8 @@ pub static STRATEGIES: &[&Registered] = &[
     &drift_plus_penalty::STRATEGY,
     &whittle::STRATEGY,
     &hover::STRATEGY,
-    &horizon::STRATEGY,
-    &offline::STRATEGY,
+    &look_ahead::HORIZON,
+    &look_ahead::OFFLINE,
 ];
 
 /// Prefix of the names of strategies in Python, which only the Python package can fly.

@@ -116,7 +116,7 @@ impl QueueWeight {
         let reach = Disk { centre: ground, radius_m: table.limits.reach_m };
         for &id in &*nearby {
             let position = table.sensors.position(id);
-            offer(table.toward(&ground, position));
+            offer(table.motion.toward(&ground, position));
             let range = Disk { centre: *position, radius_m: table.limits.comm_radius_m };
             if !within(position, &ground, table.limits.comm_radius_m)
                 && let Some(nearest) = project(&ground, &[reach, range])

@@ -9,10 +9,10 @@ use crate::strategy::Registered;
 pub const STRATEGY: Registered =
     Registered::new("round-robin", "round robin: over one sensor node after the other, by id", |setup| {
         // Straight toward the SN whose turn it is, until above it.
-        let waypoint = |table: &MissionTable, position: &_, _: [&_; 2], above: &_| table.toward(position, above);
+        let waypoint = |table: &MissionTable, position: &_, _: [&_; 2], above: &_| table.motion.toward(position, above);
         let sensors = &setup.table.sensors;
         let turns = Turns { order: sensors.ids().collect(), points: sensors.positions.clone() };
-        Box::new(InTurn::new(setup, turns, false, waypoint))
+        Box::new(InTurn::new(setup, turns, false, |_, _| 0, waypoint))
     })
     .with_state()
     .without_weights();

@@ -7,16 +7,16 @@ use skysink_common::geometry::Position;
 
 use super::turns::InTurn;
 use crate::geometry::disks::{Disk, nearest_in_both, slots_between};
+use crate::geometry::turns::Turns;
 use crate::mission_table::MissionTable;
 use crate::strategy::Registered;
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered =
     Registered::new("tour", "a short round that passes in range of all sensor nodes, flown repeatedly", |setup| {
-        let mut turns = setup.table.turns(setup.stop).as_ref().clone();
-        let start = setup.scenario.start().xy();
-        turns.begin_near(|point| setup.table.distance_m2(point, &start));
-        Box::new(InTurn::new(setup, turns, true, waypoint))
+        let turns = setup.table.turns(setup.stop).as_ref().clone();
+        let begin = |turns: &Turns, start: &Position| turns.near(|at| setup.table.motion.distance_m2(at, start));
+        Box::new(InTurn::new(setup, turns, true, begin, waypoint))
     })
     .with_state()
     .without_weights();
@@ -33,9 +33,10 @@ fn waypoint(table: &MissionTable, position: &Position, [current, next]: [&Positi
     let range = Disk { centre: *current, radius_m: limits.comm_radius_m };
     let slots = slots_between(position, &range, limits.reach_m);
     let airspace = &table.airspace;
-    let around = || table.way_into(position, &range).last().map_or(*position, |end| table.toward(position, end));
+    let around =
+        || table.motion.path_into(position, &range).last().map_or(*position, |end| table.motion.toward(position, end));
     if slots >= MANY_SLOTS {
-        return if airspace.is_free(position, point) { table.toward(position, point) } else { around() };
+        return if airspace.is_free(position, point) { table.motion.toward(position, point) } else { around() };
     }
     let reach = Disk { centre: *position, radius_m: limits.reach_m * slots };
     let end = nearest_in_both(next, &reach, &range);
@@ -102,8 +103,8 @@ mod tests {
         let (table, mut tour) = made("tour", &positions);
         let field = setup_of(&positions);
         let mut turns = field.table.turns(&Stop::default()).as_ref().clone();
-        turns.begin_near(|point| field.table.distance_m2(point, &Position::new(50.0, 50.0)));
-        let mut forgetful = InTurn::new(&field.setup(), turns, false, waypoint);
+        turns.begin_near(|point| field.table.motion.distance_m2(point, &Position::new(50.0, 50.0)));
+        let mut forgetful = InTurn::new(&field.setup(), turns, false, |_, _| 0, waypoint);
         let [with, without] =
             [tour.as_mut(), &mut forgetful].map(|strategy| least_visits(&table, strategy, positions.len()));
         assert!(with > without, "{with} {without}");

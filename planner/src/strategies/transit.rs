@@ -10,7 +10,7 @@ pub fn transit_decision(serving: &mut Serving, view: &View) -> Decision {
     let mut values = Vec::new(); // allocated only where weights differ
     let ground = view.ground();
     let goal = transit_goal(&view.table.sensors.positions, &ground, view.values(&mut values));
-    serving.serve_fullest(view, &goal.map_or(ground, |goal| view.table.toward(&ground, goal)))
+    serving.serve_fullest(view, &goal.map_or(ground, |goal| view.table.motion.toward(&ground, goal)))
 }
 
 /// The goal of transit (decision D8): the SN with the largest queue; `None` in an empty field. The UAV flies there at
@@ -44,7 +44,7 @@ mod tests {
     use crate::mission_table::tests::table_of;
 
     fn transit(table: &MissionTable, position: &Position, queues_bits: &[u32]) -> Position {
-        table.toward(position, transit_goal(&table.sensors.positions, position, queues_bits).unwrap())
+        table.motion.toward(position, transit_goal(&table.sensors.positions, position, queues_bits).unwrap())
     }
 
     #[test]

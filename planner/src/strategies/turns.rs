@@ -9,7 +9,7 @@ use super::nearby::fullest_first;
 use super::serving::Serving;
 use crate::geometry::turns::Turns;
 use crate::mission_table::MissionTable;
-use crate::strategy::{Decision, Setup, Strategy, View};
+use crate::strategy::{Decision, Setup, Strategy, Team, View};
 
 /// The waypoint from a position toward the current SN, `[0]`, given the next one, `[1]`, and the current one's point of
 /// the round.
@@ -37,15 +37,33 @@ pub(crate) struct InTurn {
 }
 
 impl InTurn {
-    /// Starts with the first of `turns`. With `remembers`, an SN that was served at most half a round before its turn
-    /// loses it.
-    pub fn new(setup: &Setup, mut turns: Turns, remembers: bool, waypoint: Waypoint) -> Self {
+    /// A round of `turns` from where it begins for a UAV that starts at a point. With `remembers`, an SN that was served
+    /// at most half a round before its turn loses it.
+    ///
+    /// The UAVs of a team begin at parts of the round of UAV 0, in the order of where each would begin along it.
+    pub fn new(
+        setup: &Setup,
+        mut turns: Turns,
+        remembers: bool,
+        begin: impl Fn(&Turns, &Position) -> usize,
+        waypoint: Waypoint,
+    ) -> Self {
         turns.retain(|id| setup.table.is_servable(id));
+        let count = turns.order.len();
+        let turn = match setup.team {
+            Some(Team { uav, starts }) if count > 0 => {
+                let firsts: Vec<usize> = starts.iter().map(|start| begin(&turns, start)).collect();
+                let ahead = |other: usize| ((firsts[other] + count - firsts[0]) % count, other);
+                let part = (0..starts.len()).filter(|&other| ahead(other) < ahead(uav)).count();
+                (firsts[0] + part * count / starts.len()) % count
+            }
+            _ => begin(&turns, &setup.scenario.start().xy()),
+        };
         let mut turn_of = vec![NO_TURN; setup.table.sensors.count()];
         turns.order.iter().enumerate().for_each(|(turn, &id)| turn_of[id as usize] = turn);
         let early = remembers.then_some(turns.order.len().saturating_sub(1) / 2);
         let serving = Serving::new(setup);
-        Self { turns, turn_of, early, waypoint, serving, turn: 0, served: BTreeSet::new(), planned: Vec::new() }
+        Self { turns, turn_of, early, waypoint, serving, turn, served: BTreeSet::new(), planned: Vec::new() }
     }
 
     /// Ends the turns of the SNs that the slot before served: those in range of where it ended, at `ground`.
@@ -91,23 +109,6 @@ impl Strategy for InTurn {
         let decision = self.serving.serve_by(view, &waypoint, key);
         self.planned.extend(decision.schedule.iter().filter(|id| view.table.is_servable(**id)));
         Some(decision)
-    }
-
-    fn first_of_round(&self) -> Option<u32> {
-        self.turns.order.first().copied()
-    }
-
-    /// Begins at its part of the round, which begins with the first SN of UAV 0. The parts go to the UAVs in the order
-    /// of their own first SNs along the round.
-    fn take_part(&mut self, uav: usize, firsts: &[u32]) {
-        let count = self.turns.order.len();
-        // Those that others alone can serve have no turn here.
-        let turn_of = |other: usize| Some(self.turn_of[firsts[other] as usize]).filter(|turn| *turn != NO_TURN);
-        let Some(begin) = turn_of(0) else { return };
-        let ahead = |other: usize| turn_of(other).map_or(count, |turn| (turn + count - begin) % count);
-        let is_before = |other: &usize| (ahead(*other), *other) < (ahead(uav), uav);
-        let part = (0..firsts.len()).filter(is_before).count();
-        self.turn = (begin + part * count / firsts.len()) % count;
     }
 }
 
@@ -165,8 +166,8 @@ mod tests {
         let positions = [[50.0, 90.0], [80.0, 90.0], [50.0, 40.0], [20.0, 90.0], [50.0, 62.0]];
         let field = setup_of(&positions);
         let turns = Turns { order: (0..5).collect(), points: positions.map(Position::from).to_vec() };
-        let straight: Waypoint = |table, position, [current, _], _| table.toward(position, current);
-        let mut strategy = InTurn::new(&field.setup(), turns, true, straight);
+        let straight: Waypoint = |table, position, [current, _], _| table.motion.toward(position, current);
+        let mut strategy = InTurn::new(&field.setup(), turns, true, |_, _| 0, straight);
         let mut ground = [50.0, 10.0];
         let mut flown = Vec::new();
         for slot in 1..=8 {

@@ -104,7 +104,7 @@ impl Ages {
         let rated = |id: u32| {
             let deadline_slots = view.belief.deadline_slots(id)?;
             let range = Disk { centre: *view.table.sensors.position(id), radius_m: view.table.limits.comm_radius_m };
-            let flight = view.table.slots_into(&ground, &range);
+            let flight = view.table.motion.slots_into(&ground, &range);
             let rating =
                 [-self.index(view, id, flight) / flight, deadline_slots, distance_squared(&range.centre, &ground)];
             Some((rating, id))
@@ -134,7 +134,7 @@ impl Strategy for Whittle {
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         self.ages.update(view);
         let goal = self.ages.goal(view)?;
-        let waypoint = view.table.toward(&view.ground(), view.table.sensors.position(goal));
+        let waypoint = view.table.motion.toward(&view.ground(), view.table.sensors.position(goal));
         // For non-negative floats the order of the bit patterns is the order of the numbers.
         let index = |id: u32| self.ages.index(view, id, 1.0).to_bits();
         let key = |id: u32| (Reverse(index(id)), fullest_first(view.value(id), id));

@@ -10,9 +10,9 @@ use skysink_common::checkpoint::Checkpoint;
 use skysink_common::sensors::{SensorList, Sensors};
 use skysink_common::stop::Stop;
 use skysink_planner::bound::mission_bound;
-use skysink_planner::horizon::long_search::{SearchOutcome, SearchProgress};
+use skysink_planner::plan::long_search::{SearchOutcome, SearchProgress};
+use skysink_planner::strategies::look_ahead::search_offline;
 use skysink_planner::strategies::names;
-use skysink_planner::strategies::offline::Offline;
 use skysink_planner::strategy::{OwnedSetup, Setup, Strategy, Timing};
 use skysink_planner::{FleetPlanner, Planner};
 
@@ -258,11 +258,11 @@ fn an_offline_plan_has_its_predicted_loss_and_respects_the_bound() {
         let mut steps = Vec::new();
         let setup = OwnedSetup::new(scenario.clone(), &nodes).unwrap();
         let queues_bits = list.queues_bits();
-        let found = Offline::search(&setup.setup(), &queues_bits, &Stop::default(), &mut |progress| {
+        let found = search_offline(&setup.setup(), &queues_bits, &Stop::default(), &mut |progress| {
             steps.push(progress.steps);
             ControlFlow::Continue(())
         });
-        let (offline, SearchOutcome { loss_bits: predicted_bits, steps: done, is_optimal }) = found.unwrap().unwrap();
+        let (offline, SearchOutcome { cost: predicted_bits, steps: done, is_optimal }) = found.unwrap();
         assert_eq!((done, is_optimal), (20_000, false), "seed {seed}");
         let mut offline = Some(offline);
         let mut make = |_: &Setup<'_>| -> Result<Box<dyn Strategy>, _> { Ok(Box::new(offline.take().unwrap())) };
@@ -291,8 +291,8 @@ fn an_interrupted_search_returns_no_plan() {
         1_001.. => ControlFlow::Break(()),
         _ => ControlFlow::Continue(()),
     };
-    let broken_off = Offline::search(&setup.setup(), &list.queues_bits(), &Stop::default(), watch);
-    assert!(broken_off.unwrap().is_none());
+    let broken_off = search_offline(&setup.setup(), &list.queues_bits(), &Stop::default(), watch);
+    assert!(broken_off.is_none());
 }
 
 /// Golden traces: waypoint [m] and schedule of the first slots.

@@ -10,8 +10,8 @@ use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::Sensors;
 use skysink_common::sensors::grid::Grid;
 use skysink_planner::Planner;
+use skysink_planner::strategies::look_ahead::{self, OfflineKeys};
 use skysink_planner::strategies::names;
-use skysink_planner::strategies::offline::{self, OfflineKeys};
 
 /// A field over which both planners plan.
 #[derive(Debug, Clone)]
@@ -27,7 +27,7 @@ impl Case {
     fn scenario(&self, strategy: &'static str) -> Scenario {
         let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
         let mut scenario = Scenario::parse(&self.text, Path::new("case.toml"), overrides).unwrap();
-        offline::STRATEGY.set_keys(&mut scenario, OfflineKeys { steps: 500 });
+        look_ahead::OFFLINE.set_keys(&mut scenario, OfflineKeys { steps: 500 });
         scenario
     }
 }

@@ -105,7 +105,7 @@ pub(super) fn visit(view: &View, slow_m: f64, ids: &[u32], mut visit: impl FnMut
     visit_borders(view.table, &slow, &mut visit);
     for (index, &id) in ids.iter().enumerate() {
         let range = Disk { centre: *sensors.position(id), radius_m: limits.comm_radius_m };
-        visit(view.table.toward(&ground, &range.centre));
+        visit(view.table.motion.toward(&ground, &range.centre));
         project(&ground, &[reach, range]).into_iter().for_each(&mut visit);
         match (range.centre - ground).try_normalize(0.0) {
             Some(direction) => visit(range.centre + direction * range.radius_m),

@@ -211,7 +211,7 @@ mod tests {
     use std::sync::atomic::Ordering;
 
     use super::*;
-    use crate::horizon::tests::model_of;
+    use crate::plan::tests::model_of;
 
     #[test]
     fn a_stop_signal_ends_the_search_for_groups_and_tours() {

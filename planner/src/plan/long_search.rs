@@ -2,11 +2,11 @@
 
 use std::ops::ControlFlow;
 
-use skysink_common::random::Purpose;
-
-use super::anneal::{Temperature, anneal};
+use super::anneal::{Best, Cooling, Search, anneal};
 use super::forecast::Forecast;
-use super::{COOLING, Horizon, LookAheadPart, MOST_RISE, REHEATING, start};
+use super::lookahead::{COOLING, LookAheadPart, Lookahead, MOST_RISE, REHEATING};
+use super::objective::Objective;
+use super::start;
 use crate::strategy::View;
 
 /// Parts of the search, each with its temperature.
@@ -15,7 +15,7 @@ const ROUNDS: u64 = 400;
 /// Those in which the temperature falls; the rest polish the best plan.
 const FALLING: u64 = 360;
 
-/// Temperatures between which it falls, as fractions of the mean loss per stop beyond the bound; the last is that of the
+/// Temperatures between which it falls, as fractions of the mean cost per stop beyond the bound; the last is that of the
 /// polish.
 const TEMPERATURES: [f64; 2] = [0.2, 0.01];
 
@@ -30,99 +30,100 @@ const WATCHED: u64 = 1 << 10;
 pub struct SearchProgress {
     /// Steps done.
     pub steps: u64,
-    /// Loss of the best plan so far [bit].
-    pub loss_bits: f64,
+    /// Cost of the best plan so far: for the loss [bit].
+    pub cost: f64,
 }
 
 /// Result of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SearchOutcome {
-    /// Loss of the plan [bit].
-    pub loss_bits: f64,
+    /// Cost of the plan: for the loss [bit].
+    pub cost: f64,
     /// Steps done.
     pub steps: u64,
-    /// Whether the loss of the plan equals the lower bound, which ends the search early.
+    /// Whether the cost of the plan equals the lower bound, which ends the search early.
     pub is_optimal: bool,
 }
 
-impl Horizon {
+impl<O: Objective> Lookahead<O> {
     /// Improves the plan of `forecast` by up to `steps` search steps, and carries it. `watch` is called with the
     /// progress; if it ends the search, the result is `None`, and `forecast` is the best plan until then.
     pub(crate) fn prepare(
         &mut self,
         view: &View,
-        forecast: &mut Forecast,
+        forecast: &mut Forecast<O>,
         steps: u64,
         watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
     ) -> Option<SearchOutcome> {
-        self.has_begun = true;
-        let mut best = (forecast.loss_bits, forecast.stops());
+        self.begin();
+        let mut best = (forecast.cost, forecast.stops());
         let ended = self.cool(forecast, &mut best, view.slot, steps, watch);
         forecast.load(&self.model, best.1);
         start::extend(&self.model, forecast); // as a planner does when it resumes the plan
         let (steps, is_optimal) = ended.continue_value()?;
-        self.carried = forecast.stops();
-        self.temperature = LATER_TEMPERATURE;
-        Some(SearchOutcome { loss_bits: forecast.loss_bits, steps, is_optimal })
+        self.resume_at(forecast.stops(), LATER_TEMPERATURE);
+        Some(SearchOutcome { cost: forecast.cost, steps, is_optimal })
     }
 
     /// Anneals `forecast` by up to `steps` search steps, by a temperature that falls; then polishes the best plan found
-    /// between rounds, which it keeps in `best` with its loss [bit]. Returns the steps done, and whether the bound ended
+    /// between rounds, which it keeps in `best`. Returns the steps done, and whether the bound ended
     /// the search.
     fn cool(
-        &self,
-        forecast: &mut Forecast,
-        best: &mut (f64, Vec<u32>),
+        &mut self,
+        forecast: &mut Forecast<O>,
+        best: &mut Best,
         slot: u64,
         steps: u64,
         watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
     ) -> ControlFlow<(), (u64, bool)> {
-        let model = &self.model;
-        let bound_bits = forecast.window.least_loss_bits(model);
-        let mut random = self.streams.stream(Purpose::Horizon, slot.saturating_sub(1), 0);
+        let mut random = self.long_random(slot);
+        let model = &mut self.model;
+        let bound = O::least(model, &forecast.window);
         let [first, last] = TEMPERATURES;
         let mut adapted = first;
         let mut done = 0;
         for round in 0..ROUNDS {
-            watch(SearchProgress { steps: done, loss_bits: best.0 })?;
-            if best.0 <= bound_bits {
+            watch(SearchProgress { steps: done, cost: best.0 })?;
+            if best.0 <= bound {
                 break;
             }
             if round == FALLING {
                 forecast.load(model, best.1.iter().copied());
             }
-            let begun_bits = forecast.loss_bits;
+            let begun_cost = forecast.cost;
             let begun = forecast.stops();
-            let avoidable_bits = (begun_bits - forecast.beyond_bits - bound_bits).max(0.0);
+            let avoidable = (begun_cost - forecast.beyond - bound).max(0.0);
             let falling = first * (last / first).powf(round as f64 / FALLING as f64);
             let temperature = match self.keys.without {
                 Some(LookAheadPart::Annealing) => 0.0,
                 _ if round < FALLING => falling.min(adapted),
                 _ => last,
             };
-            let far_bits = avoidable_bits / begun.len().max(1) as f64 * temperature;
+            let far = avoidable / begun.len().max(1) as f64 * temperature;
             let end = steps_before(steps, round + 1);
             while done < end {
                 let next = WATCHED.min(end - done);
-                anneal(model, forecast, Temperature::everywhere(far_bits), next as u32, || false, &mut random);
+                let counts = &mut self.counts;
+                let mut search = Search { is_over: &|| false, random: &mut random, counts };
+                anneal(model, forecast, Cooling::everywhere(far), next, &mut search, None);
                 done += next;
-                watch(SearchProgress { steps: done, loss_bits: best.0 })?;
+                watch(SearchProgress { steps: done, cost: best.0 })?;
             }
-            if forecast.loss_bits < best.0 {
+            if forecast.cost < best.0 {
                 // A reload may schedule other sensors, which changes the loss.
                 let found = forecast.stops();
                 forecast.load(model, found.iter().copied());
-                if forecast.loss_bits < best.0 {
-                    *best = (forecast.loss_bits, found);
+                if forecast.cost < best.0 {
+                    *best = (forecast.cost, found);
                 }
             }
-            let rise_bits = forecast.loss_bits - begun_bits;
-            adapted = if rise_bits > 0.0 { adapted * COOLING } else { (adapted * REHEATING).min(1.0) };
-            if rise_bits > avoidable_bits * MOST_RISE {
+            let rise = forecast.cost - begun_cost;
+            adapted = if rise > 0.0 { adapted * COOLING } else { (adapted * REHEATING).min(1.0) };
+            if rise > avoidable * MOST_RISE {
                 forecast.load(model, begun);
             }
         }
-        ControlFlow::Continue((done, best.0 <= bound_bits))
+        ControlFlow::Continue((done, best.0 <= bound))
     }
 }
 

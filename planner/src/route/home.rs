@@ -3,18 +3,18 @@
 use std::sync::Arc;
 
 use nalgebra::Point3;
-use skysink_common::airspace::{Airspace, Bends};
+use skysink_common::airspace::Airspace;
 use skysink_common::base::Base;
 use skysink_common::battery::{Battery, BatteryState};
 use skysink_common::geometry::{Position, above, within};
 use skysink_common::scenario::Scenario;
 use smallvec::{SmallVec, smallvec};
 
-/// Slack of the number of slots of a way home, so that rounding adds none.
-const SLACK_SLOTS: f64 = 1e-9;
+use super::motion::Motion;
+use super::route::Route;
 
-/// The way home: straight, or in straight pieces around zones. Each is flown in equal steps at the speed of least
-/// energy per metre, or faster where time is short.
+/// The route to the base: straight, or in straight parts around zones. Each is flown in equal steps at the speed of
+/// least energy per metre, or faster where time is short.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Home {
     /// Where it ends.
@@ -25,10 +25,6 @@ pub struct Home {
     pub must_land: bool,
     /// Slots of the mission.
     slots: u64,
-    /// Farthest flight in a slot [m].
-    reach_m: f64,
-    /// Flight in a slot at the least energy per metre [m].
-    thrifty_m: f64,
     start: Position,
     /// Whether slots end beside their waypoints.
     has_errors: bool,
@@ -37,34 +33,10 @@ pub struct Home {
     farthest_m: f64,
     /// The most energy that a level slot takes [J].
     most_j: f64,
+    motion: Motion,
     airspace: Arc<Airspace>,
-    /// Where it ends: the places of the base, or on a grid the middles of its cells [m].
-    ends: Arc<[Position]>,
-}
-
-/// A straight piece of the way home.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Piece {
-    end: Position,
-    length_m: f64,
-    slots: f64,
-}
-
-/// A way around zones.
-type Pieces = SmallVec<[Piece; 4]>;
-
-/// A way home.
-#[derive(Debug, Clone, PartialEq)]
-pub enum WayHome {
-    /// Straight, in equal steps.
-    Straight {
-        /// Its slots.
-        slots: f64,
-        /// Its end [m].
-        end: Position,
-    },
-    /// Around zones: the ends of its slots [m].
-    Bent(Vec<Position>),
+    /// Places well inside of the base [m].
+    places: Arc<[Position]>,
 }
 
 /// What becomes of a decision for a slot by the return rule.
@@ -85,50 +57,30 @@ impl Home {
         let battery = Battery::of(scenario);
         let must_land = scenario.must_land();
         let base = scenario.landing_base().filter(|_| battery.is_some() || must_land)?;
-        let reach_m = scenario.reach_m();
-        // On a grid all moves take the same time.
-        let thrifty_m = match battery {
-            Some(battery) if !airspace.has_grid() => battery.thrifty_m(reach_m),
-            _ => reach_m,
-        };
-        let ends = match airspace.has_grid() {
-            false => base.places().collect(),
-            true => airspace.cells().filter(|cell| base.contains(cell)).collect(),
-        };
-        let comm_radius_m = scenario.link.comm_radius_m;
+        let motion = Motion::of(scenario, airspace);
         // The power falls up to one speed and rises beyond it.
-        let most_j = battery.map_or(0.0, |battery| battery.slot_j(reach_m).max(battery.slot_j(0.0)));
+        let most_j = battery.map_or(0.0, |battery| battery.slot_j(motion.reach_m()).max(battery.slot_j(0.0)));
         Some(Self {
+            places: motion.places_in(&base),
             base,
             battery,
             must_land,
             slots: scenario.slots,
-            reach_m,
-            thrifty_m,
             start: scenario.start().xy(),
             has_errors: scenario.uav.position_error_m.is_some_and(|sigma_m| sigma_m > 0.0),
-            comm_radius_m,
+            comm_radius_m: scenario.link.comm_radius_m,
             farthest_m: scenario.farthest_m(),
             most_j,
+            motion,
             airspace: Arc::clone(airspace),
-            ends,
         })
     }
 
-    /// Where the way home from `ground` [m] ends, with `left` slots for it: in the nearest point of the base, or, where
-    /// slots end beside their waypoints, or zones make it better, in the place well inside that the shortest way leads
-    /// to.
-    #[must_use]
-    pub fn end_of(&self, ground: &Position, left: u64) -> Position {
-        match &self.ends_from(ground)[..] {
-            [only] => *only,
-            ends => self.pieces(ground, left).last().map_or(ends[0], |piece| piece.end),
-        }
-    }
-
-    /// Where a way home from `ground` [m] may end. One that was begun can go on: its end stays among them.
+    /// Where a way home from `ground` [m] may end: in the nearest point of the base, or, where slots end beside their
+    /// waypoints, or zones make it better, in the place well inside that the shortest path leads to. One that was begun
+    /// can go on: its end stays among them.
     fn ends_from(&self, ground: &Position) -> SmallVec<[Position; 2]> {
-        if self.airspace.has_grid() {
+        if self.motion.is_by_cells() {
             return smallvec![self.place_from(ground)];
         }
         let nearest = self.base.nearest(ground);
@@ -145,67 +97,36 @@ impl Home {
     /// Places well inside of the base [m].
     #[must_use]
     pub fn places(&self) -> &[Position] {
-        &self.ends
+        &self.places
     }
 
-    /// The place well inside of the base that the shortest way from `ground` leads to [m].
+    /// The place well inside of the base that the shortest path from `ground` leads to [m].
     fn place_from(&self, ground: &Position) -> Position {
-        if let [only] = &self.ends[..] {
+        if let [only] = &self.places[..] {
             return *only;
         }
-        let away_m = self.ends.iter().map(|end| (self.airspace.distance_m(ground, end), end));
-        away_m.min_by(|(a_m, _), (b_m, _)| a_m.total_cmp(b_m)).map_or(*ground, |(_, end)| *end)
+        let away_m = self.places.iter().map(|place| (self.airspace.distance_m(ground, place), place));
+        away_m.min_by(|(a_m, _), (b_m, _)| a_m.total_cmp(b_m)).map_or(*ground, |(_, place)| *place)
     }
 
-    /// The way home from `ground` [m] after `slot`: its bends, and its end. Empty in the base, and if no way leads
-    /// home.
+    /// The way home from `ground` [m] after `slot`: the route of least energy, in the slots that are left; it takes more
+    /// if it is too far. `None` if there is none.
     #[must_use]
-    pub fn way_from(&self, slot: u64, ground: &Position) -> Bends {
-        let end = self.end_of(ground, self.left_after(slot));
-        if end == *ground { Bends::new() } else { self.airspace.way(ground, &end) }
+    pub fn route(&self, slot: u64, ground: &Position) -> Option<Route> {
+        self.route_within(ground, self.left_after(slot))
     }
 
-    /// The pieces of the way home from `ground` [m], with `left` slots for it, that takes the least energy; they take
-    /// more than `left` if it is too far. Empty if no way leads home.
-    fn pieces(&self, ground: &Position, left: u64) -> Pieces {
+    /// The same with `left` slots for it.
+    #[must_use]
+    pub fn route_within(&self, ground: &Position, left: u64) -> Option<Route> {
         match &self.ends_from(ground)[..] {
-            [only] => self.pieces_to(ground, only, left),
+            [only] => self.motion.thrifty(ground, only, left),
             ends => {
-                let ways = ends.iter().map(|end| self.pieces_to(ground, end, left)).filter(|pieces| !pieces.is_empty());
-                let cost = |pieces: &Pieces| {
-                    let slots = slots_of(pieces);
-                    (slots > left as f64, self.way_j(pieces), slots)
-                };
-                let least = ways.min_by(|a, b| cost(a).partial_cmp(&cost(b)).expect("energy is finite"));
-                least.unwrap_or_default()
+                let routes = ends.iter().filter_map(|end| self.motion.thrifty(ground, end, left));
+                let cost = |route: &Route| (u64::from(route.slots()) > left, route.energy_j(), route.slots());
+                routes.min_by(|a, b| cost(a).partial_cmp(&cost(b)).expect("energy is finite"))
             }
         }
-    }
-
-    /// The pieces of the way from `ground` to `end` [m]. The first have the slots that are not needed for full speed.
-    fn pieces_to(&self, ground: &Position, end: &Position, left: u64) -> Pieces {
-        let way = self.airspace.way(ground, end);
-        let slots = |length_m: f64, slot_m: f64| (length_m / slot_m - SLACK_SLOTS).ceil().max(0.0);
-        let begins = std::iter::once(ground).chain(&way);
-        let fastest = |(begin, end): (&Position, &Position)| {
-            let length_m = (end - begin).norm();
-            Piece { end: *end, length_m, slots: slots(length_m, self.reach_m) }
-        };
-        let mut pieces: Pieces = begins.zip(&way).map(fastest).collect();
-        let mut spare = left as f64 - slots_of(&pieces);
-        for piece in &mut pieces {
-            let more = (slots(piece.length_m, self.thrifty_m) - piece.slots).min(spare).max(0.0);
-            piece.slots += more;
-            spare -= more;
-        }
-        pieces
-    }
-
-    /// Energy of a way [J].
-    fn way_j(&self, pieces: &[Piece]) -> f64 {
-        let flown = pieces.iter().filter(|piece| piece.slots > 0.0);
-        self.battery
-            .map_or(0.0, |battery| flown.map(|piece| piece.slots * battery.slot_j(piece.length_m / piece.slots)).sum())
     }
 
     /// Whether a full battery may fly from the base or from the start into range of an SN at `sensor` [m] and home, at
@@ -214,10 +135,11 @@ impl Home {
     pub fn may_serve(&self, sensor: &Position) -> bool {
         let from_base_m = self.base.away_m(sensor);
         let from_start_m = (sensor - self.start).norm();
-        let way_m = from_base_m + from_base_m.min(from_start_m) - 2.0 * self.comm_radius_m;
+        let path_m = from_base_m + from_base_m.min(from_start_m) - 2.0 * self.comm_radius_m;
         self.battery.is_none_or(|battery| {
-            let way_j = way_m * battery.slot_j(self.thrifty_m) / self.thrifty_m;
-            battery.capacity_j - way_j >= battery.reserve_j
+            let thrifty_m = self.motion.thrifty_m();
+            let path_j = path_m * battery.slot_j(thrifty_m) / thrifty_m;
+            battery.capacity_j - path_j >= battery.reserve_j
         })
     }
 
@@ -238,67 +160,27 @@ impl Home {
     #[must_use]
     pub fn margin_j(&self, slot: u64, energy_j: f64, ground: &Position) -> f64 {
         let left = self.left_after(slot);
-        let (slots, way_j) = self.way_within(ground, left);
-        if slots > left as f64 {
-            return f64::NEG_INFINITY;
+        match self.route_within(ground, left).filter(|route| u64::from(route.slots()) <= left) {
+            None => f64::NEG_INFINITY,
+            Some(route) => {
+                self.battery.map_or(f64::INFINITY, |battery| energy_j - route.energy_j() - battery.reserve_j)
+            }
         }
-        self.battery.map_or(f64::INFINITY, |battery| energy_j - way_j - battery.reserve_j)
     }
 
     /// Slots after `slot` beyond those of the way home from `ground` [m] at full speed, below 0 if it comes home too late;
-    /// `None` if it need not be home in time, or no way leads there.
+    /// `None` if it need not be home in time, or no path leads there.
     #[must_use]
     pub fn spare_slots(&self, slot: u64, ground: &Position) -> Option<i64> {
-        let (slots, _) = self.way_within(ground, 0);
-        let is_bound = self.must_land && slots.is_finite();
-        is_bound.then(|| i64::try_from(self.left_after(slot)).unwrap_or(i64::MAX) - slots as i64)
-    }
-
-    /// Slots and energy [J] of the way home from `ground` [m] at the least energy per metre; infinite slots if there is
-    /// none.
-    #[must_use]
-    pub fn thrifty_way(&self, ground: &Position) -> (f64, f64) {
-        self.way_within(ground, u64::MAX)
-    }
-
-    /// Slots and energy [J] of the way home from `ground` [m], with `left` slots for it.
-    fn way_within(&self, ground: &Position, left: u64) -> (f64, f64) {
-        let pieces = self.pieces(ground, left);
-        if pieces.is_empty() {
-            return (f64::INFINITY, 0.0);
-        }
-        (slots_of(&pieces), self.way_j(&pieces))
-    }
-
-    /// The way home from `ground` [m], of which `slot` is the first slot.
-    #[must_use]
-    pub fn slot_ends(&self, slot: u64, ground: &Position) -> WayHome {
-        let pieces = self.pieces(ground, self.left_after(slot.saturating_sub(1)));
-        let Some(last) = pieces.last() else { return WayHome::Straight { slots: f64::INFINITY, end: *ground } };
-        if pieces.len() == 1 {
-            return WayHome::Straight { slots: last.slots, end: last.end };
-        }
-        let mut ends = Vec::new();
-        let mut from = *ground;
-        for piece in &pieces {
-            let step = |step: u64| from + (piece.end - from) * (step as f64 / piece.slots);
-            ends.extend((1..piece.slots as u64).map(step));
-            ends.extend((piece.slots > 0.0).then_some(piece.end));
-            from = piece.end;
-        }
-        WayHome::Bent(ends)
+        let route = self.route_within(ground, 0).filter(|_| self.must_land)?;
+        Some(i64::try_from(self.left_after(slot)).unwrap_or(i64::MAX) - i64::from(route.slots()))
     }
 
     /// The next waypoint of the way home from `ground` [m] in `slot`; `ground` itself in the base.
     #[must_use]
     pub fn next_waypoint(&self, slot: u64, ground: &Position) -> Position {
-        let pieces = self.pieces(ground, self.left_after(slot.saturating_sub(1)));
-        let last = pieces.last().map_or(*ground, |piece| piece.end);
-        match pieces.iter().find(|piece| piece.slots > 0.0) {
-            Some(piece) if piece.slots > 1.0 => ground + (piece.end - ground) / piece.slots,
-            Some(piece) => piece.end,
-            None => last,
-        }
+        let next = self.route(slot.saturating_sub(1), ground).map_or(*ground, |route| route.first());
+        self.motion.slot_end(slot, ground, &next)
     }
 
     /// What becomes of the decision to fly from `from` to `to` [m] in `slot`; `is_idle` if it serves nobody there.
@@ -311,7 +193,7 @@ impl Home {
         let is_flown = within(&from.xy(), &to.xy(), self.farthest_m);
         let to = if is_flown { to } else { from };
         let comes_home = |to: &Point3<f64>| {
-            let (slots, end) = self.airspace.committed(slot, &from.xy(), &to.xy());
+            let (slots, end) = self.motion.committed(slot, &from.xy(), &to.xy());
             let mut energy_j = self.flown_j(state, from, to);
             if slots > 1 && self.battery.is_some() {
                 energy_j -= (slots - 1) as f64 * (state.energy_j - energy_j);
@@ -321,12 +203,7 @@ impl Home {
         if comes_home(to) {
             return Returning::Not;
         }
-        let next = self.next_waypoint(slot, &from.xy());
-        let next = match self.airspace.has_grid() {
-            true => self.airspace.slot_end(slot, &from.xy(), &next, self.reach_m),
-            false => next,
-        };
-        let next = above(&next, from.z);
+        let next = above(&self.next_waypoint(slot, &from.xy()), from.z);
         if self.base.contains(&from.xy()) && !comes_home(&next) { Returning::Charges } else { Returning::Flies(next) }
     }
 
@@ -367,11 +244,6 @@ impl Home {
         }
         low
     }
-}
-
-/// Slots of a way.
-fn slots_of(pieces: &[Piece]) -> f64 {
-    pieces.iter().map(|piece| piece.slots).sum()
 }
 
 #[cfg(test)]
@@ -449,12 +321,13 @@ mod tests {
         let places = (0..=160).flat_map(|x| (0..=132).map(move |y| Position::new(f64::from(x), f64::from(y)) / 4.0));
         let mut bent = 0;
         for ground in places.filter(|place| home.airspace.contains(place)) {
-            bent += usize::from(home.way_from(1, &ground).len() > 1);
+            bent += usize::from(home.route(1, &ground).is_some_and(|route| route.parts().len() > 1));
             for slot in [1, 14, 16, 18] {
-                let (slots, mut energy_j) = home.way_within(&ground, home.left_after(slot));
-                if slots > home.left_after(slot) as f64 {
+                let Some(route) = home.route(slot, &ground) else { continue };
+                if u64::from(route.slots()) > home.left_after(slot) {
                     continue;
                 }
+                let mut energy_j = route.energy_j();
                 let mut at = ground;
                 for after in slot + 1.. {
                     if home.base.contains(&at) {

@@ -2,6 +2,7 @@
 //! plans.
 
 use std::borrow::Cow;
+use std::cell::RefCell;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
@@ -14,10 +15,13 @@ use skysink_common::sensors::grid::Grid;
 use skysink_common::stop::Stop;
 
 use super::groups::{self, ServiceDisk};
+use super::objective::Objective;
+use super::points::PointMemory;
 use crate::geometry::disks::Disk;
 use crate::geometry::turns::Turns;
 use crate::mission_table::MissionTable;
-use crate::strategy::PlannedVisit;
+use crate::neighbours::PlannedVisit;
+use crate::route::route::Route;
 
 /// Entries of the capacity table where the rate depends on the elevation, over `d²` from 0 to `d_c²`.
 const TABLE: usize = 64;
@@ -55,7 +59,7 @@ const NEAR_RADII: u32 = 32;
 /// Directions in which buildings are looked for around a sensor.
 const LOOKS: u32 = 64;
 
-/// A sensor node (SN) that can lose data, in slots.
+/// A sensor node (SN) of a plan, in slots.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SensorModel {
     /// Slots in which its empty buffer fills, `C_i = B / (s_i τ)`.
@@ -64,6 +68,10 @@ pub struct SensorModel {
     pub mean_bits: f64,
     /// What a slot of overflow costs [bit]: `w_i s_i τ`, by the weight of its bits (decision D25).
     pub cost_bits: f64,
+    /// That weight, `w_i`.
+    pub weight: f64,
+    /// Its buffer [bit].
+    pub capacity_bits: f64,
     /// Whether a visit from any point in range empties even a full queue.
     pub is_emptied: bool,
     /// Half-width of the uniform distribution of the queue before its first visit [slots of sampling]; 0 if known.
@@ -167,9 +175,10 @@ impl OtherVisits {
     }
 }
 
-/// The constants of a mission. *Sensors* are the SNs that can lose data, numbered from 0 in the order of their ids.
+/// The constants of a mission. *Sensors* are the SNs that can lose data, where plans hover all SNs that can be served,
+/// numbered from 0 in the order of their ids.
 #[derive(Debug, Clone)]
-pub struct PlanningModel {
+pub struct PlanModel {
     /// Positions and channel of the sensors, and the limits of the UAV. The grid covers the area.
     pub table: MissionTable,
     /// The sensors.
@@ -179,12 +188,12 @@ pub struct PlanningModel {
     /// What other UAVs serve in the window.
     pub others: OtherVisits,
     /// Altitude of service where the rate depends on the distance alone [m].
-    altitude_m: f64,
+    pub(super) altitude_m: f64,
     /// Where it depends on the elevation or on buildings: expected bits of a visit by `d²`, in sight and not, from the
     /// best altitude for nearby sensors, over an uplink of the highest gain. One altitude is used, because all sensors
     /// of a slot are served from one, and climbs are slow.
     capacities_bits: Option<Box<[[f64; TABLE + 1]; 2]>>,
-    /// All disks: first those of single sensors, then groups.
+    /// All disks: first those of single sensors, then groups; where plans hover, points.
     pub disks: Vec<ServiceDisk>,
     /// Short closed tours: over the single sensors, and over groups of most of them.
     pub tours: Vec<Vec<u32>>,
@@ -194,29 +203,35 @@ pub struct PlanningModel {
     pub stops: Vec<u32>,
     /// For each disk the nearest of these.
     pub neighbours: Vec<Vec<u32>>,
+    /// Whether any sensor samples.
+    pub has_sampling: bool,
+    /// What is known of points, where plans hover.
+    pub(super) points: RefCell<PointMemory>,
 }
 
-impl PlanningModel {
+impl PlanModel {
     /// The model of a scenario with the SNs of `mission`; if it `may_group`, with groups if resource blocks
     /// or time are scarce. After `stop` it is made without search, and must not be flown.
     #[must_use]
-    pub fn new(scenario: &Scenario, mission: &MissionTable, may_group: bool, stop: &Stop) -> Self {
-        let scenario = &*with_margin(scenario);
+    pub fn new<O: Objective>(scenario: &Scenario, mission: &MissionTable, may_group: bool, stop: &Stop) -> Self {
+        let scenario = &*if O::HOVERS { Cow::Borrowed(scenario) } else { with_margin(scenario) };
         let is_near = |id: &u32| mission.home.as_ref().is_none_or(|home| home.may_serve(mission.sensors.position(*id)));
-        let ids = mission.sensors.sampling_ids().filter(is_near).filter(|&id| mission.is_servable(id));
-        let ids: Vec<u32> = ids.collect();
+        let samples = |id: &u32| O::HOVERS || mission.sensors.sampler(*id).mean_bits > 0.0;
+        let ids: Vec<u32> = mission.servable().filter(samples).filter(is_near).collect();
         let grid = |positions: &[Position]| Grid::over(&scenario.area, positions, scenario.link.comm_radius_m);
         let table = mission.over(scenario, Arc::new(mission.sensors.subset(&ids, grid)));
         let is_tabulated = table.channel.depends_on_elevation() || table.channel.buildings().is_some();
-        let capacities_bits = is_tabulated.then(|| {
+        let capacities_bits = (is_tabulated && !O::HOVERS).then(|| {
             let seen = best_capacities_bits(scenario, &table, true);
             let hidden = table.channel.buildings().map(|_| best_capacities_bits(scenario, &table, false));
             Box::new([seen, hidden.unwrap_or(seen)])
         });
+        let has_sampling = table.sensors.sampling_ids().next().is_some();
         let mut model = Self {
             altitude_m: scenario.uav.altitude_m,
             capacities_bits,
-            tours: vec![table.turns(stop).order.clone()],
+            tours: if O::HOVERS { Vec::new() } else { vec![table.turns(stop).order.clone()] },
+            has_sampling,
             table,
             sensors: Vec::new(),
             others: OtherVisits::default(),
@@ -225,9 +240,17 @@ impl PlanningModel {
             round_slots: 1.0,
             stops: Vec::new(),
             neighbours: Vec::new(),
+            points: RefCell::default(),
         };
         model.table.sensors.ids().for_each(|index| model.add_sensor(index));
-        if may_group && model.is_scarce() {
+        if O::HOVERS {
+            return model;
+        }
+        for index in model.table.sensors.ids() {
+            let disk = Disk { centre: *model.table.sensors.position(index), radius_m: model.near_m::<O>(index) };
+            model.disks.push(ServiceDisk { disk, members: vec![index] });
+        }
+        if may_group && model.is_scarce::<O>() {
             model.group(scenario.seed, stop);
         }
         let tours_slots = model.tours.iter().map(|tour| model.slots_of(tour));
@@ -236,14 +259,17 @@ impl PlanningModel {
         model
     }
 
-    /// Adds the sensor `index` and its disk.
+    /// Adds the sensor `index`.
     fn add_sensor(&mut self, index: u32) {
         let sampler = self.table.sensors.sampler(index);
         let rim_m2 = self.table.limits.comm_radius_m * self.table.limits.comm_radius_m;
+        let weight = self.table.sensors.weights.factor(index as usize);
         self.sensors.push(SensorModel {
             fill_slots: sampler.fill_slots(),
             mean_bits: sampler.mean_bits,
-            cost_bits: self.table.sensors.weights.factor(index as usize) * sampler.mean_bits,
+            cost_bits: weight * sampler.mean_bits,
+            weight,
+            capacity_bits: sampler.capacity_bits.into(),
             is_emptied: self.capacity_bits(index, rim_m2, self.table.channel.buildings().is_none())
                 >= f64::from(sampler.capacity_bits),
             initial_half_slots: 0.0,
@@ -253,16 +279,16 @@ impl PlanningModel {
             noise_slots2: noise_slots2(self.table.arrivals, sampler.mean_bits, sampler.fill_slots()),
             noise_before_slots2: 0.0,
         });
-        let disk = Disk { centre: *self.table.sensors.position(index), radius_m: self.near_m(index) };
-        self.disks.push(ServiceDisk { disk, members: vec![index] });
     }
 
     /// Radius of the disk of a single sensor [m]: the farthest at which the link carries most of its best capacity, or
     /// of a full buffer, and up to which no building hides the sensor.
-    fn near_m(&self, sensor: u32) -> f64 {
-        let enough_slots = self.capacity_slots(sensor, 0.0, true).min(self.sensors[sensor as usize].fill_slots) * NEAR;
+    fn near_m<O: Objective>(&self, sensor: u32) -> f64 {
+        let model = &self.sensors[sensor as usize];
+        let full = O::capacity(model, model.capacity_bits);
+        let enough = self.capacity::<O>(sensor, 0.0, true).min(full) * NEAR;
         let radius_m = |step: u32| self.table.limits.comm_radius_m * f64::from(step) / f64::from(NEAR_RADII);
-        let is_enough = |step: &u32| self.capacity_slots(sensor, radius_m(*step).powi(2), true) >= enough_slots;
+        let is_enough = |step: &u32| self.capacity::<O>(sensor, radius_m(*step).powi(2), true) >= enough;
         let centre = self.table.sensors.position(sensor);
         let around = |step: u32| {
             let angle = |turn: u32| f64::from(turn) * TAU / f64::from(LOOKS);
@@ -277,9 +303,10 @@ impl PlanningModel {
 
     /// Whether loss may be hard to avoid, because many resource blocks are needed for the sampled bits, or a tour takes
     /// most of the time in which a buffer fills. Otherwise groups would only take time.
-    fn is_scarce(&self) -> bool {
-        let visits =
-            |(sensor, index): (&SensorModel, u32)| 1.0 / self.capacity_slots(index, 0.0, true).min(sensor.fill_slots);
+    fn is_scarce<O: Objective>(&self) -> bool {
+        let visits = |(sensor, index): (&SensorModel, u32)| {
+            sensor.mean_bits / self.carried_bits(index, 0.0, true).min(sensor.capacity_bits)
+        };
         let needed: f64 = self.sensors.iter().zip(0..).map(visits).sum();
         let fills = self.sensors.iter().map(|sensor| sensor.fill_slots);
         needed >= SCARCE_BLOCKS * self.table.limits.blocks() as f64
@@ -317,38 +344,50 @@ impl PlanningModel {
             let from = self.disk(from);
             let to = self.disk(to);
             let [begin, end] = [from, to].map(|disk| self.table.airspace.nearest(&disk.centre));
-            let away_m = self.table.distance_m(&begin, &end) - from.radius_m - to.radius_m;
+            let away_m = self.table.motion.distance_m(&begin, &end) - from.radius_m - to.radius_m;
             (away_m / self.table.limits.reach_m).max(1.0)
         };
         tour.iter().zip(tour.iter().cycle().skip(1)).map(leg).sum()
     }
 
-    /// The expected overflow of `sensor` [slots of sampling] until the end of `slot` if it was empty in the slot
-    /// `empty`, and the slot in which it was empty last, with the visits of other UAVs in between.
+    /// What the visits of other UAVs to `sensor` cost up to the end of `slot`, after `level`, and the buffer after them.
     #[inline]
     #[must_use]
-    pub fn overflow_slots(&self, sensor: usize, slot: f64, mut empty: f64) -> (f64, f64) {
-        let model = &self.sensors[sensor];
+    pub fn until<O: Objective>(&self, sensor: usize, slot: f64, level: O::Level) -> (f64, O::Level) {
         if self.others.is_empty() {
-            return (model.overflow_slots(slot, empty), empty);
+            return (0.0, level);
         }
-        let mut lost_slots = 0.0;
         let visits = &self.others.slots[sensor];
-        let after = visits.partition_point(|visit| *visit <= empty);
+        let since = O::since(level);
+        let after = visits.partition_point(|visit| *visit <= since);
+        let mut reached = (0.0, level);
         for &visit in visits[after..].iter().take_while(|visit| **visit <= slot) {
-            lost_slots += model.overflow_slots(visit, empty);
-            empty = visit;
+            let (units, left) = O::visit(&self.sensors[sensor], reached.1, visit, f64::INFINITY);
+            reached = (reached.0 + units, left);
         }
-        (lost_slots + model.overflow_slots(slot, empty), empty)
+        reached
     }
 
-    /// The slot, up to `slot`, in which `sensor` was empty last if it was in the slot `empty`.
+    /// The buffer of `sensor` at the end of `slot`, after the visits of other UAVs.
     #[inline]
     #[must_use]
-    pub fn last_empty(&self, sensor: usize, slot: f64, empty: f64) -> f64 {
-        let visits = self.others.slots.get(sensor).map_or(&[][..], Vec::as_slice);
-        let last = visits.partition_point(|visit| *visit <= slot).checked_sub(1);
-        last.map_or(empty, |last| visits[last].max(empty))
+    pub fn level_at<O: Objective>(&self, sensor: usize, slot: f64, level: O::Level) -> O::Level {
+        self.until::<O>(sensor, slot, level).1
+    }
+
+    /// What the gap up to the end of `slot` costs, with the visits of other UAVs in it.
+    #[inline]
+    #[must_use]
+    pub fn rest<O: Objective>(&self, sensor: usize, slot: f64, level: O::Level) -> f64 {
+        let (before, reached) = self.until::<O>(sensor, slot, level);
+        before + O::rest(&self.sensors[sensor], reached, slot)
+    }
+
+    /// The route from `from` into `disk`, as near to `next` as possible.
+    #[inline]
+    #[must_use]
+    pub fn route_into<O: Objective>(&self, from: &Position, disk: &Disk, next: &Position) -> Option<Route> {
+        if O::HOVERS { self.route_to_point(from, disk) } else { self.table.motion.enter(from, disk, next) }
     }
 
     /// The disk from which `stop` is served.
@@ -385,7 +424,7 @@ impl PlanningModel {
     }
 
     /// Capacity of a visit of `sensor` at the squared distance `d2_m2` [m²], in its sight or not [bit].
-    fn capacity_bits(&self, sensor: u32, d2_m2: f64, in_sight: bool) -> f64 {
+    pub(super) fn capacity_bits(&self, sensor: u32, d2_m2: f64, in_sight: bool) -> f64 {
         if let Some(capacities_bits) = &self.capacities_bits {
             let fraction = d2_m2 / (self.table.limits.comm_radius_m * self.table.limits.comm_radius_m);
             return capacities_bits[usize::from(!in_sight)][((fraction * TABLE as f64).round() as usize).min(TABLE)];
@@ -403,16 +442,22 @@ impl PlanningModel {
         buildings.sees(self.table.sensors.position(sensor), &above(at, self.altitude_m))
     }
 
-    /// Capacity of a visit of `sensor` at the squared distance `d2_m2` [m²], in its sight or not [slots of sampling];
-    /// infinite if any visit empties it.
+    /// Capacity of a visit of `sensor` at the squared distance `d2_m2` [m²], in its sight or not, in the unit of the
+    /// objective; infinite if any visit empties it.
     #[inline]
     #[must_use]
-    pub fn capacity_slots(&self, sensor: u32, d2_m2: f64, in_sight: bool) -> f64 {
+    pub fn capacity<O: Objective>(&self, sensor: u32, d2_m2: f64, in_sight: bool) -> f64 {
         let model = &self.sensors[sensor as usize];
         if model.is_emptied {
             return f64::INFINITY;
         }
-        self.capacity_bits(sensor, d2_m2, in_sight) / model.mean_bits
+        O::capacity(model, self.capacity_bits(sensor, d2_m2, in_sight))
+    }
+
+    /// The same in bits [bit].
+    fn carried_bits(&self, sensor: u32, d2_m2: f64, in_sight: bool) -> f64 {
+        let is_emptied = self.sensors[sensor as usize].is_emptied;
+        if is_emptied { f64::INFINITY } else { self.capacity_bits(sensor, d2_m2, in_sight) }
     }
 }
 
@@ -469,7 +514,12 @@ mod tests {
                 gain: 1e-5,
                 ..SensorNode::default()
             };
-            let model = PlanningModel::new(&scenario, &MissionTable::of(&scenario, &[node]), true, &Stop::default());
+            let model = PlanModel::new::<crate::plan::objective::Loss>(
+                &scenario,
+                &MissionTable::of(&scenario, &[node]),
+                true,
+                &Stop::default(),
+            );
             (model.table.limits.comm_radius_m, model.disks[0].disk.radius_m)
         };
         assert_eq!(radius_m(""), (10.0, 10.0));

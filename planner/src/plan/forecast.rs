@@ -1,26 +1,28 @@
-//! The forecast of a plan: its predicted loss, and that of changes.
+//! The forecast of a plan: its cost, and that of changes.
 //!
-//! Loss depends on the visits alone, so a forecast advances from visit to visit, not from slot to slot. Parts of a plan
+//! Costs depend on the visits alone, so a forecast advances from visit to visit, not from slot to slot. Parts of a plan
 //! that a change does not affect are not recomputed. [`Forecast::attempt`] evaluates a change in four parts:
 //!
 //! ```text
-//! plan      a b c d e f g h i j k l    stops; the state of all queues is stored before a, e and i
+//! plan      a b c d e f g h i j k l    stops; the state of all buffers is stored before a, e and i
 //! change    a b x y e f g h i j k l    x and y instead of c and d
 //!
 //! restored  a                          visits served again from the stored state before, without flight
 //! flown       b x y e                  from one stop before the change, because b ends near the stop after it,
 //!                                      until a leg begins where it began in the plan, here the one to f
 //! repeated            f g h            the legs of the plan, shifted in time; their visits are served again
-//! rejoined                  i j k l    all queues equal those stored before i, shifted: the rest of the loss is known
+//! rejoined                  i j k l    all buffers equal those stored before i, shifted: the rest of the cost is known
 //! ```
+//!
+//! Where plans hover, legs depend on the buffers: all that follows a change is flown.
 
 use skysink_common::geometry::Position;
 
-use super::choice::late_slots;
-use super::flight::{Decoder, Leg, Trace, Visit, serve};
-use super::model::{PlanningModel, SensorModel};
+use super::decoder::{Decoder, Leg, Stop, Trace, Visit, serve};
+use super::model::{PlanModel, SensorModel};
+use super::objective::Objective;
 use super::states::{Change, Rejoined, States};
-use crate::bound::window::{WindowField, WindowSensor};
+use super::window::PlanningWindow;
 
 /// Marks an inserted stop without a corresponding leg in the old plan.
 pub const FRESH: u32 = u32::MAX;
@@ -28,173 +30,137 @@ pub const FRESH: u32 = u32::MAX;
 /// Most stops in sequence that are left out because the battery does not reach them; a plan ends with more.
 const MOST_LEFT_OUT: usize = 64;
 
-/// The planning window of a forecast.
-#[derive(Debug, Clone)]
-pub struct PlanningWindow {
-    /// Initial position of the UAV.
-    pub start: Position,
-    /// By sensor: the slot, at most 0, in which it was or would have been empty.
-    pub empty: Vec<f64>,
-    /// Slots of the window.
-    pub slots: i32,
-    /// Slots of the mission after the window.
-    pub beyond_slots: f64,
-    /// Slots of the mission before the window.
-    pub flown_slots: u64,
-    /// Energy in the battery at its beginning [J]; infinite without one.
-    pub energy_j: f64,
-}
-
-impl PlanningWindow {
-    /// A window of `slots` slots, followed by `beyond_slots` slots of the mission, with the UAV at `start` and the
-    /// queues `queues_bits` [bit], by id.
-    ///
-    /// # Panics
-    /// If there are more slots than an `i32` holds; a mission has at most 10^9.
-    #[must_use]
-    pub fn new(model: &PlanningModel, start: Position, queues_bits: &[u32], slots: u64, beyond_slots: u64) -> Self {
-        let empty = |(sensor, &id): (&SensorModel, &u32)| {
-            -f64::from(queues_bits[id as usize]) / sensor.mean_bits - sensor.overdue_slots
-        };
-        Self {
-            start,
-            empty: model.sensors.iter().zip(&model.ids).map(empty).collect(),
-            slots: i32::try_from(slots).expect("a mission has at most 10^9 slots"),
-            beyond_slots: beyond_slots as f64,
-            flown_slots: 0,
-            energy_j: f64::INFINITY,
-        }
-    }
-
-    /// The same after `flown_slots` slots, with `energy_j` [J] in the battery.
-    #[must_use]
-    pub fn with_battery(self, flown_slots: u64, energy_j: f64) -> Self {
-        Self { flown_slots, energy_j, ..self }
-    }
-
-    /// Lower bound on the loss [bit] of every plan over this window.
-    #[must_use]
-    pub fn least_loss_bits(&self, model: &PlanningModel) -> f64 {
-        if !model.others.is_empty() {
-            return 0.0; // the bounds are those of one UAV
-        }
-        let sensor = |((index, sensor), empty): ((u32, &SensorModel), &f64)| WindowSensor {
-            fill_slots: sensor.fill_slots,
-            mean_bits: sensor.cost_bits,
-            empty: *empty,
-            capacity_slots: model.capacity_slots(index, 0.0, true),
-        };
-        let sensors = (0..).zip(&model.sensors).zip(&self.empty).map(sensor).collect();
-        WindowField { sensors, slots: self.slots, blocks: model.table.limits.blocks() }.least_loss_bits()
-    }
-}
-
 /// The forecast of a plan.
 #[derive(Debug, Clone)]
-pub struct Forecast {
+pub struct Forecast<O: Objective> {
     /// The planning window.
-    pub window: PlanningWindow,
+    pub window: PlanningWindow<O>,
     /// The plan as flown.
     pub trace: Trace,
-    /// Expected loss [bit].
-    pub loss_bits: f64,
-    /// Expected loss after the window, of the plan as loaded [bit]; part of `loss_bits`.
-    pub beyond_bits: f64,
-    /// Expected overflow before the window [bit], which is not counted as loss.
-    sunk_bits: f64,
+    /// Its cost.
+    pub cost: f64,
+    /// What is expected after the window, of the plan as loaded; part of `cost`.
+    pub beyond: f64,
+    /// What gaps have cost before the window, which is not counted.
+    sunk: f64,
+    /// Cost of a slot in the air.
+    slot_cost: f64,
+    /// Whether stops that take no slot stay in the plan where it hovers: later they may take one.
+    pub keeps_idle: bool,
+    /// The visits after the last stop of the plan that was tried last, where it hovers.
+    tail: Vec<Visit>,
     change: Change,
     decoder: Decoder,
-    pub(crate) states: States,
-    work: Vec<f64>,
+    pub(crate) states: States<O>,
+    work: Vec<O::Level>,
 }
 
-impl Forecast {
+impl<O: Objective> Forecast<O> {
     /// The forecast of an empty plan.
     #[must_use]
-    pub fn new(model: &PlanningModel, window: PlanningWindow) -> Self {
-        let sunk_bits = |(sensor, empty): (&SensorModel, &f64)| sensor.overflow_slots(0.0, *empty) * sensor.cost_bits;
+    pub fn new(model: &PlanModel, window: PlanningWindow<O>) -> Self {
+        let sunk = |(sensor, level): (&SensorModel, &O::Level)| O::rest(sensor, *level, 0.0) * O::price(sensor);
         let mut forecast = Self {
             trace: Trace::default(),
-            loss_bits: 0.0,
-            beyond_bits: 0.0,
-            sunk_bits: model.sensors.iter().zip(&window.empty).map(sunk_bits).sum(),
+            cost: 0.0,
+            beyond: 0.0,
+            sunk: model.sensors.iter().zip(&window.levels).map(sunk).sum(),
+            slot_cost: O::slot_cost(model, &window),
+            keeps_idle: true,
+            tail: Vec::new(),
             change: Change::default(),
             decoder: Decoder::default(),
-            states: States::new(&window.empty),
-            work: window.empty.clone(),
+            states: States::new(&window.levels),
+            work: window.levels.clone(),
             window,
         };
-        forecast.loss_bits = forecast.final_loss(model);
+        forecast.load(model, []);
         forecast
     }
 
     /// The stops of the plan.
     #[must_use]
-    pub fn stops(&self) -> Vec<u32> {
+    pub fn stops(&self) -> Vec<Stop> {
         self.trace.legs.iter().map(|leg| leg.stop).collect()
     }
 
-    /// By sensor: the slot in which it would have been empty, after the last visit.
-    pub fn levels(&mut self, model: &PlanningModel) -> Vec<f64> {
+    /// All visits: those of the stops, and of a plan that was tried last, those after its last stop.
+    pub fn visits(&self) -> impl Iterator<Item = &Visit> {
+        self.trace.visits.iter().chain(&self.tail)
+    }
+
+    /// The sensors that have, or will have, data, and their queues at the beginning [bit]; none but where plans hover.
+    #[must_use]
+    pub fn open(&self, model: &PlanModel) -> Vec<(u32, f64)> {
+        let queue_bits = |(sensor, level): (&SensorModel, &O::Level)| O::queue_bits(sensor, *level, 1.0);
+        let all = (0..).zip(model.sensors.iter().zip(&self.window.levels).map(queue_bits)).zip(&model.sensors);
+        let open = all.filter(|((_, bits), sensor)| O::HOVERS && (*bits > 0.0 || sensor.mean_bits > 0.0));
+        open.map(|(open, _)| open).collect()
+    }
+
+    /// The buffers after the last visit, by sensor.
+    pub fn levels(&mut self, model: &PlanModel) -> Vec<O::Level> {
         self.restore(model, self.trace.legs.len());
         self.work.clone()
     }
 
-    /// Sets `work` to the state before leg `leg`; returns the loss until then [bit].
-    fn restore(&mut self, model: &PlanningModel, leg: usize) -> f64 {
+    /// Sets `work` to the state before leg `leg`; returns the cost until then.
+    fn restore(&mut self, model: &PlanModel, leg: usize) -> f64 {
         let state = self.states.last_known(leg);
-        let mut lost_bits = self.states.load(state, 0, &mut self.work);
+        let mut cost = self.states.load(state, 0, &mut self.work);
         let mut at = self.states.leg(state);
         for state in state + 1.. {
             let to = leg.min(self.states.leg(state));
-            lost_bits = self.serve_legs(model, at, to, 0, lost_bits);
+            cost = self.serve_legs(model, at, to, 0, cost);
             at = to;
             if to != self.states.leg(state) {
                 break;
             }
-            self.states.store(state, lost_bits, &self.work);
+            self.states.store(state, cost, &self.work);
         }
-        lost_bits
+        cost
     }
 
-    /// Applies the visits of the legs `from..to`, `shift` slots later, to `work`; returns `lost_bits` plus their loss
-    /// [bit].
-    fn serve_legs(&mut self, model: &PlanningModel, from: usize, to: usize, shift: i32, mut lost_bits: f64) -> f64 {
+    /// Applies the visits of the legs `from..to`, `shift` slots later, to `work`; returns `cost` plus theirs.
+    fn serve_legs(&mut self, model: &PlanModel, from: usize, to: usize, shift: i32, mut cost: f64) -> f64 {
         for visit in &self.trace.visits[self.trace.first_visit(from)..self.trace.first_visit(to)] {
-            lost_bits += serve(model, &mut self.work, &Visit { slot: visit.slot + shift, ..*visit });
+            cost += serve::<O>(model, &mut self.work, &Visit { slot: visit.slot + shift, ..*visit });
         }
-        lost_bits
+        cost
     }
 
-    /// Loss after the last visit [bit], from the state `work`.
-    fn final_loss(&self, model: &PlanningModel) -> f64 {
-        let end = f64::from(self.window.slots);
-        let mut lost_bits = 0.0;
-        for (index, (sensor, empty)) in model.sensors.iter().zip(&self.work).enumerate() {
-            lost_bits += model.overflow_slots(index, end, *empty).0 * sensor.cost_bits;
+    /// Cost after the last visit, from the state `work`.
+    fn final_cost(&mut self, model: &PlanModel) -> f64 {
+        if O::HOVERS {
+            self.tail.clear();
+            return self.decoder.finish::<O>(model, self.window.slots, self.slot_cost, &mut self.work, &mut self.tail);
         }
-        lost_bits - self.sunk_bits + self.beyond(model)
+        let end = f64::from(self.window.slots);
+        let mut cost = 0.0;
+        for (index, (sensor, level)) in model.sensors.iter().zip(&self.work).enumerate() {
+            cost += model.rest::<O>(index, end, *level) * O::price(sensor);
+        }
+        cost - self.sunk + self.cost_beyond(model)
     }
 
-    /// Expected loss after the window [bit], from the state `work`.
-    fn beyond(&self, model: &PlanningModel) -> f64 {
+    /// Expected cost after the window, from the state `work`.
+    fn cost_beyond(&self, model: &PlanModel) -> f64 {
         let end = f64::from(self.window.slots);
-        let mut lost_bits = 0.0;
+        let mut cost = 0.0;
         if self.window.beyond_slots > 0.0 {
-            for (index, (sensor, empty)) in model.sensors.iter().zip(&self.work).enumerate() {
-                let empty = model.last_empty(index, end, *empty);
-                let left = (sensor.fill_slots - (end - empty)).max(0.0);
-                lost_bits += late_slots(left, model.round_slots).min(self.window.beyond_slots) * sensor.cost_bits;
+            for (index, (sensor, level)) in model.sensors.iter().zip(&self.work).enumerate() {
+                let level = model.level_at::<O>(index, end, *level);
+                cost += O::beyond(sensor, level, end, model.round_slots, self.window.beyond_slots) * O::price(sensor);
             }
         }
-        lost_bits
+        cost
     }
 
-    /// Tries the plan with `inserted` instead of the stops `from..to`; returns its loss [bit]. Each inserted stop has
+    /// Tries the plan with `inserted` instead of the stops `from..to`; returns its cost. Each inserted stop has
     /// its index in the old plan, or [`FRESH`].
-    pub fn attempt(&mut self, model: &PlanningModel, from: usize, to: usize, inserted: &[(u32, u32)]) -> f64 {
+    pub fn attempt(&mut self, model: &PlanModel, from: usize, to: usize, inserted: &[(Stop, u32)]) -> f64 {
         let start = from.saturating_sub(1); // the waypoint before a change depends on what comes next
-        let mut lost_bits = self.restore(model, start);
+        let mut cost = self.restore(model, start);
         (self.decoder.at, self.decoder.slot, self.decoder.energy_j) = self.begin(start);
         self.decoder.margin_j = start.checked_sub(1).map_or(f64::INFINITY, |before| self.trace.legs[before].margin_j);
         self.decoder.flown_slots = self.window.flown_slots;
@@ -219,7 +185,7 @@ impl Forecast {
             };
             let next = item(&self.trace.legs, step + 1);
             let follows = last.take().is_some_and(|last: u32| old != FRESH && last + 1 == old);
-            let lost_on_leg_bits = if self.is_as_before(model, &change, old, next, follows) {
+            let leg_cost = if self.is_as_before(model, &change, old, next, follows) {
                 let (_, slot, energy_j) = self.begin(old as usize);
                 let shift = self.decoder.slot - slot;
                 let has_battery = model.table.home.as_ref().is_some_and(|home| home.battery.is_some());
@@ -228,7 +194,7 @@ impl Forecast {
                     change.rest = old as usize;
                     change.shift = shift;
                     change.more_j = more_j;
-                    (lost_bits, change.rejoined) = self.repeat(model, old as usize, shift, lost_bits);
+                    (cost, change.rejoined) = self.repeat(model, old as usize, shift, cost);
                     break;
                 }
                 last = Some(old);
@@ -236,13 +202,13 @@ impl Forecast {
             } else {
                 self.fly_leg(model, stop, next.map(|(next, _)| next), &mut change)
             };
-            let Some(lost_on_leg_bits) = lost_on_leg_bits else {
+            let Some(leg_cost) = leg_cost else {
                 break; // after the end of the window
             };
-            lost_bits += lost_on_leg_bits;
+            cost += leg_cost;
         }
         self.change = change;
-        lost_bits + self.final_loss(model)
+        cost + self.final_cost(model)
     }
 
     /// Whether the leg to stop `old` of the old plan, followed by `next`, is unchanged; `follows` if the leg before it
@@ -250,13 +216,13 @@ impl Forecast {
     #[inline]
     fn is_as_before(
         &self,
-        model: &PlanningModel,
+        model: &PlanModel,
         change: &Change,
         old: u32,
-        next: Option<(u32, u32)>,
+        next: Option<(Stop, u32)>,
         follows: bool,
     ) -> bool {
-        if old == FRESH {
+        if O::HOVERS || old == FRESH {
             return false;
         }
         let index = old as usize;
@@ -276,16 +242,16 @@ impl Forecast {
     }
 
     /// Whether the last slot of `change` serves all members of `stop` without a stop for them.
-    fn is_met(&self, model: &PlanningModel, change: &Change, stop: u32) -> bool {
+    fn is_met(&self, model: &PlanModel, change: &Change, stop: Stop) -> bool {
         let slot = self.decoder.slot;
         let Self { trace: Trace { legs, visits }, .. } = self;
         let visits = change.trace.visits.iter().rev().chain(visits[..self.trace.first_visit(change.from)].iter().rev());
         let legs = change.trace.legs.iter().rev().chain(legs[..change.from].iter().rev());
         let served = visits.take_while(|visit| visit.slot == slot);
         let stopped = legs.take_while(|leg| leg.end == slot);
-        model.disks[stop as usize].members.iter().all(|member| {
+        model.disks[stop.disk as usize].members.iter().all(|member| {
             let is_served = served.clone().any(|visit| visit.sensor == *member);
-            is_served && !stopped.clone().any(|leg| model.disks[leg.stop as usize].members.contains(member))
+            is_served && !stopped.clone().any(|leg| model.disks[leg.stop.disk as usize].members.contains(member))
         })
     }
 
@@ -305,16 +271,9 @@ impl Forecast {
         })
     }
 
-    /// Copies leg `old`, `shift` slots later and with `more_j` [J] more; returns its loss [bit], or `None` if it ends
+    /// Copies leg `old`, `shift` slots later and with `more_j` [J] more; returns its cost, or `None` if it ends
     /// after the window.
-    fn copy_leg(
-        &mut self,
-        model: &PlanningModel,
-        old: usize,
-        shift: i32,
-        more_j: f64,
-        into: &mut Trace,
-    ) -> Option<f64> {
+    fn copy_leg(&mut self, model: &PlanModel, old: usize, shift: i32, more_j: f64, into: &mut Trace) -> Option<f64> {
         let leg = self.trace.legs[old].with_more(more_j);
         let end = leg.end + shift;
         if end > self.window.slots {
@@ -330,23 +289,39 @@ impl Forecast {
         Some(self.serve_legs(model, old, old + 1, shift, 0.0))
     }
 
-    /// Flies to `stop`, as near to the stop `next` as possible; returns the loss [bit], or `None` if the leg ends after
+    /// Flies to `stop`, as near to the stop `next` as possible; returns the cost, or `None` if the leg ends after
     /// the window. A stop whose members the last slot serves takes no time.
-    fn fly_leg(&mut self, model: &PlanningModel, stop: u32, next: Option<u32>, change: &mut Change) -> Option<f64> {
+    fn fly_leg(&mut self, model: &PlanModel, stop: Stop, next: Option<Stop>, change: &mut Change) -> Option<f64> {
         let first = change.trace.visits.len() as u32;
-        let mut lost_bits = 0.0;
-        self.decoder.via = None;
-        if !self.is_met(model, change, stop) {
-            let begin = self.decoder.slot;
+        let mut cost = 0.0;
+        (self.decoder.via, self.decoder.hovered) = (None, 0);
+        let begin = self.decoder.slot;
+        if !self.is_idle(model, change, stop) {
             let visits = &mut change.trace.visits;
-            lost_bits = self.decoder.fly(model, stop, next, self.window.slots, &mut self.work, visits)?;
-            if self.decoder.slot == begin && self.left_out(change) >= MOST_LEFT_OUT {
+            let flown = self.decoder.fly::<O>(model, stop, next, self.window.slots, &mut self.work, visits);
+            cost = if O::HOVERS { flown.unwrap_or(0.0) } else { flown? };
+            if !O::HOVERS && self.decoder.slot == begin && self.left_out(change) >= MOST_LEFT_OUT {
                 return None;
             }
         }
-        let Decoder { at, slot: end, energy_j, margin_j, via, .. } = self.decoder;
-        change.trace.legs.push(Leg { stop, end, at, first, energy_j, margin_j, via });
-        Some(lost_bits)
+        let Decoder { at, slot: end, hovered, energy_j, margin_j, via, .. } = self.decoder;
+        if self.keeps_idle || !O::HOVERS || end > begin {
+            change.trace.legs.push(Leg { stop, end, hovered, at, first, energy_j, margin_j, via });
+        }
+        Some(cost)
+    }
+
+    /// Whether there is nothing to do at `stop`: the last slot serves its members, or, where plans hover, its sensor was
+    /// served in passing, and the UAV is not on its way there.
+    fn is_idle(&self, model: &PlanModel, change: &Change, stop: Stop) -> bool {
+        if !O::HOVERS {
+            return self.is_met(model, change, stop);
+        }
+        let is_first = change.from == 0 && change.trace.legs.is_empty();
+        let sensor = model.disks[stop.disk as usize].members[0] as usize;
+        let slot = f64::from(self.decoder.slot + 1);
+        let there_bits = O::queue_bits(&model.sensors[sensor], self.work[sensor], slot);
+        there_bits < 2.0 * model.sensors[sensor].mean_bits && !(is_first && self.window.under_way == Some(stop.disk))
     }
 
     /// The number of legs that end in the last slot of `change`.
@@ -355,31 +330,31 @@ impl Forecast {
         legs.take_while(|leg| leg.end == self.decoder.slot).count()
     }
 
-    /// Repeats the old plan from leg `old` on, `shift` slots later, after a loss of `lost_bits`; returns the loss up to
-    /// the end of its last leg [bit].
+    /// Repeats the old plan from leg `old` on, `shift` slots later, after `cost`; returns the cost up to the end of its
+    /// last leg.
     ///
-    /// As soon as all queues agree with a stored state, the remaining loss is known.
-    fn repeat(&mut self, model: &PlanningModel, old: usize, shift: i32, mut lost_bits: f64) -> (f64, Option<Rejoined>) {
+    /// As soon as all queues agree with a stored state, the remaining cost is known.
+    fn repeat(&mut self, model: &PlanModel, old: usize, shift: i32, mut cost: f64) -> (f64, Option<Rejoined>) {
         let end = self.in_time(old, shift);
         let mut at = old;
         let mut rejoined = None;
         for state in self.states.after(old).. {
             let to = end.min(self.states.leg(state));
-            lost_bits = self.serve_legs(model, at, to, shift, lost_bits);
+            cost = self.serve_legs(model, at, to, shift, cost);
             at = to;
             if to == end {
                 break;
             }
             let now = self.begin(at).1 + shift;
-            rejoined = self.states.rejoin(model, state, shift, now, &self.work, lost_bits);
-            if let Some(Rejoined { more_bits, .. }) = rejoined {
+            rejoined = self.states.rejoin(model, state, shift, now, &self.work, cost);
+            if let Some(Rejoined { more, .. }) = rejoined {
                 let last = self.states.last_known(end);
-                lost_bits = self.states.load(last, shift, &mut self.work) + more_bits;
+                cost = self.states.load(last, shift, &mut self.work) + more;
                 at = self.states.leg(last);
                 break;
             }
         }
-        (self.serve_legs(model, at, end, shift, lost_bits), rejoined)
+        (self.serve_legs(model, at, end, shift, cost), rejoined)
     }
 
     /// The end of the legs, from leg `old` on, that end within the window `shift` slots later.
@@ -390,8 +365,8 @@ impl Forecast {
         old + self.trace.legs[old..].partition_point(|leg| leg.end <= self.window.slots - shift)
     }
 
-    /// Accepts the last attempt, whose loss is `loss_bits`, as the plan.
-    pub fn accept(&mut self, loss_bits: f64) {
+    /// Accepts the last attempt, whose cost is `cost`, as the plan.
+    pub fn accept(&mut self, cost: f64) {
         let end = self.in_time(self.change.rest, self.change.shift);
         let Self { change: Change { from, trace: changed, rest, shift, more_j, .. }, trace, .. } = self;
         let begin = trace.first_visit(*from);
@@ -411,32 +386,32 @@ impl Forecast {
         trace.legs.splice(*from..*rest, changed.legs.iter().map(moved));
         trace.visits.splice(begin..rest_begin, changed.visits.iter().copied());
         self.states.change(&self.change, self.trace.legs.len());
-        self.loss_bits = loss_bits;
+        self.cost = cost;
     }
 
     /// Appends `stop`, unless it cannot be served within the window.
-    pub fn append(&mut self, model: &PlanningModel, stop: u32) {
+    pub fn append(&mut self, model: &PlanModel, stop: Stop) {
         let stops = self.trace.legs.len();
-        let loss_bits = self.attempt(model, stops, stops, &[(stop, FRESH)]);
-        self.accept(loss_bits);
+        let cost = self.attempt(model, stops, stops, &[(stop, FRESH)]);
+        self.accept(cost);
     }
 
     /// Replaces the plan by `stops`, as far as they can be flown within the window.
-    pub fn load(&mut self, model: &PlanningModel, stops: impl IntoIterator<Item = u32>) {
+    pub fn load(&mut self, model: &PlanModel, stops: impl IntoIterator<Item = Stop>) {
         self.trace = Trace::default();
         self.states.forget();
-        let inserted: Vec<(u32, u32)> = stops.into_iter().map(|stop| (stop, FRESH)).collect();
-        let loss_bits = self.attempt(model, 0, 0, &inserted);
-        self.accept(loss_bits);
+        let inserted: Vec<(Stop, u32)> = stops.into_iter().map(|stop| (stop, FRESH)).collect();
+        let cost = self.attempt(model, 0, 0, &inserted);
+        self.accept(cost);
         self.states.spread(self.trace.legs.len());
-        self.beyond_bits = self.beyond(model);
+        self.beyond = self.cost_beyond(model);
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::horizon::tests::{model_of, window_of};
+    use crate::plan::tests::{model_of, window_of};
 
     #[test]
     fn a_delayed_plan_keeps_its_stops_within_the_window() {
@@ -444,9 +419,9 @@ mod tests {
         let model = model_of(&[([200.0, 200.0], 500.0), ([240.0, 200.0], 500.0)], 1, 5e6);
         for (slots, ends) in [(4, vec![1, 2, 3, 4]), (3, vec![1, 2, 3])] {
             let mut forecast = Forecast::new(&model, window_of(&model, slots));
-            forecast.load(&model, [0, 1, 0]);
-            let loss_bits = forecast.attempt(&model, 0, 0, &[(0, FRESH)]);
-            forecast.accept(loss_bits);
+            forecast.load(&model, [0, 1, 0].map(Stop::at));
+            let cost = forecast.attempt(&model, 0, 0, &[(Stop::at(0), FRESH)]);
+            forecast.accept(cost);
             assert_eq!(forecast.trace.legs.iter().map(|leg| leg.end).collect::<Vec<_>>(), ends);
         }
     }

@@ -10,17 +10,21 @@ use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, Mode, SensorNode};
 use skysink_common::scenario::{Overrides, Scenario};
 
-use super::anneal::{Temperature, anneal};
-use super::flight::{Visit, serve};
-use super::forecast::{FRESH, Forecast, PlanningWindow};
-use super::model::{OtherVisits, PlanningModel, SensorModel};
+use super::anneal::{Cooling, Search, anneal};
+use super::decoder::{Stop as PlanStop, Visit, serve};
+use super::forecast::{FRESH, Forecast};
+use super::lookahead::{HorizonKeys, Lookahead};
+use super::model::{OtherVisits, PlanModel, SensorModel};
+use super::objective::{Loss, Objective};
 use super::start;
-use super::{Horizon, HorizonKeys};
+use super::window::PlanningWindow;
 use crate::bound::paths::PathBound;
 use crate::mission_table::MissionTable;
+use crate::neighbours::PlannedVisit;
+use crate::operator_counts::OperatorCounts;
 use crate::settings::Rates;
 use crate::strategy::tests::over;
-use crate::strategy::{PlannedVisit, Setup, Timing, View};
+use crate::strategy::{Setup, Timing, View};
 use skysink_common::random::{Purpose, Streams};
 use skysink_common::reported::ReportedQueues;
 
@@ -28,7 +32,7 @@ use skysink_common::stop::Stop;
 
 /// SNs of gain −52 dB, B = 30 kbit, at `positions_m` [m] with their rates [bit/s], in an area of 400 m; d_c = 10 m,
 /// V τ = 30 m.
-pub(crate) fn model_of(positions_m: &[([f64; 2], f64)], blocks: u32, width_hz: f64) -> PlanningModel {
+pub(crate) fn model_of(positions_m: &[([f64; 2], f64)], blocks: u32, width_hz: f64) -> PlanModel {
     let text = format!(
         "name = 'x'\n[area]\nside_m = 400.0\n[link]\nbandwidth_hz = {width_hz:?}\nresource_blocks = {blocks}\n"
     );
@@ -42,28 +46,34 @@ pub(crate) fn model_of(positions_m: &[([f64; 2], f64)], blocks: u32, width_hz: f
         ..SensorNode::default()
     };
     let nodes: Vec<SensorNode> = positions_m.iter().map(sensor).collect();
-    PlanningModel::new(&scenario, &MissionTable::of(&scenario, &nodes), true, &Stop::default())
+    PlanModel::new::<Loss>(&scenario, &MissionTable::of(&scenario, &nodes), true, &Stop::default())
 }
 
 /// From (200, 200), with all queues at 10 kbit, to the mission's end after `slots`.
-pub(crate) fn window_of(model: &PlanningModel, slots: i32) -> PlanningWindow {
-    let empty = model.sensors.iter().map(|sensor| -10_000.0 / sensor.mean_bits).collect();
+pub(crate) fn window_of(model: &PlanModel, slots: i32) -> PlanningWindow<Loss> {
+    let levels = model.sensors.iter().map(|sensor| -10_000.0 / sensor.mean_bits).collect();
     PlanningWindow {
         start: Position::new(200.0, 200.0),
-        empty,
+        levels,
         slots,
         beyond_slots: 0.0,
         flown_slots: 0,
         energy_j: f64::INFINITY,
+        under_way: None,
     }
 }
 
-fn stops(forecast: &Forecast) -> Vec<u32> {
-    forecast.trace.legs.iter().map(|leg| leg.stop).collect()
+fn stops(forecast: &Forecast<Loss>) -> Vec<u32> {
+    forecast.trace.legs.iter().map(|leg| leg.stop.disk).collect()
+}
+
+/// Loads the plan that stops in these disks.
+fn load(forecast: &mut Forecast<Loss>, model: &PlanModel, disks: impl IntoIterator<Item = u32>) {
+    forecast.load(model, disks.into_iter().map(PlanStop::at));
 }
 
 /// Three to nine SNs, some of them close together, that fill within 8 to 150 slots.
-fn models() -> impl Strategy<Value = PlanningModel> {
+fn models() -> impl Strategy<Value = PlanModel> {
     let sensor = ([100.0..300.0, 100.0..300.0], prop_oneof![Just(200.0), Just(900.0), 100.0..2_500.0]);
     let near = ([190.0..215.0, 190.0..215.0], Just(700.0));
     let sensors = prop::collection::vec(prop_oneof![2 => sensor, 1 => near], 3..10);
@@ -77,23 +87,23 @@ fn a_stop_takes_the_slots_to_the_rim_and_overflow_counts_to_the_end() {
     // late.
     let model = model_of(&[([285.0, 200.0], 2_000.0)], 4, 5e6);
     let mut forecast = Forecast::new(&model, window_of(&model, 22));
-    assert_eq!(forecast.loss_bits, 24_000.0); // unserved: full at slot 10
-    forecast.load(&model, [0]);
-    assert_eq!((forecast.loss_bits, forecast.trace.legs[0].end), (8_000.0, 3));
+    assert_eq!(forecast.cost, 24_000.0); // unserved: full at slot 10
+    load(&mut forecast, &model, [0]);
+    assert_eq!((forecast.cost, forecast.trace.legs[0].end), (8_000.0, 3));
 }
 
 #[test]
 fn a_stop_that_cannot_be_reached_in_time_is_left_out() {
     let model = model_of(&[([285.0, 200.0], 2_000.0), ([200.0, 285.0], 10.0)], 4, 5e6);
     let mut forecast = Forecast::new(&model, window_of(&model, 5));
-    forecast.load(&model, [0, 1]); // from the rim of SN 0 at least 3 slots to that of SN 1
+    load(&mut forecast, &model, [0, 1]); // from the rim of SN 0 at least 3 slots to that of SN 1
     assert_eq!(stops(&forecast), [0]);
     start::extend(&model, &mut forecast);
     assert!(forecast.trace.legs.iter().all(|leg| leg.end <= 5));
     // 75 m to the rim of SN 0 take three slots.
     let stops_within = |slots: i32| {
         let mut forecast = Forecast::new(&model, window_of(&model, slots));
-        forecast.load(&model, [0]);
+        load(&mut forecast, &model, [0]);
         stops(&forecast)
     };
     assert_eq!([2, 3].map(stops_within), [vec![], vec![0]]);
@@ -114,13 +124,13 @@ fn sensor_nodes_too_close_together_for_the_blocks_are_grouped() {
 }
 
 /// All plans of up to `most` stops, by their least loss [bit].
-fn enumerated(model: &PlanningModel, planning: &PlanningWindow, most: usize) -> f64 {
+fn enumerated(model: &PlanModel, planning: &PlanningWindow<Loss>, most: usize) -> f64 {
     let mut forecast = Forecast::new(model, planning.clone());
-    let mut least_bits = forecast.loss_bits;
+    let mut least_bits = forecast.cost;
     let mut plans: Vec<Vec<u32>> = vec![Vec::new()];
     while let Some(plan) = plans.pop() {
-        forecast.load(model, plan.iter().copied());
-        least_bits = least_bits.min(forecast.loss_bits);
+        load(&mut forecast, model, plan.iter().copied());
+        least_bits = least_bits.min(forecast.cost);
         if plan.len() < most && forecast.trace.legs.len() == plan.len() {
             plans.extend((0..model.disks.len() as u32).map(|stop| [&plan[..], &[stop]].concat()));
         }
@@ -137,17 +147,19 @@ fn annealing_finds_the_optimum_of_small_instances() {
         let mut draw = || f64::from(rand::Rng::next_u32(&mut random)) / 4_294_967_296.0;
         let sensors: Vec<_> =
             (0..4).map(|_| ([140.0 + 120.0 * draw(), 140.0 + 120.0 * draw()], 1_000.0 + 2_000.0 * draw())).collect();
-        let model = model_of(&sensors, 2, 5e6);
+        let mut model = model_of(&sensors, 2, 5e6);
         let planning = window_of(&model, 16);
         let least_bits = enumerated(&model, &planning, 6);
-        assert!(planning.least_loss_bits(&model) <= least_bits, "seed {seed}");
+        assert!(Loss::least(&model, &planning) <= least_bits, "seed {seed}");
         let mut forecast = Forecast::new(&model, planning);
         start::begin(&model, &mut forecast);
         let mut random = Streams::new(seed).stream(Purpose::Horizon, 1, 0);
-        let mut lowest_bits = forecast.loss_bits;
+        let mut lowest_bits = forecast.cost;
         for far_bits in [3_000.0, 1_000.0, 300.0, 0.0] {
-            anneal(&model, &mut forecast, Temperature::everywhere(far_bits), 2_000, || false, &mut random);
-            lowest_bits = lowest_bits.min(forecast.loss_bits);
+            let mut counts = [OperatorCounts::default(); 5];
+            let mut search = Search { is_over: &|| false, random: &mut random, counts: &mut counts };
+            anneal(&mut model, &mut forecast, Cooling::everywhere(far_bits), 2_000, &mut search, None);
+            lowest_bits = lowest_bits.min(forecast.cost);
         }
         // Plans of more than six stops may lose even less.
         assert!(lowest_bits <= 1.1 * least_bits, "seed {seed}: {lowest_bits} against {least_bits}");
@@ -168,26 +180,26 @@ proptest! {
         let planning = window_of(&model, 100_000);
         let stop = |index: &prop::sample::Index| index.index(model.disks.len()) as u32;
         let mut forecast = Forecast::new(&model, planning.clone());
-        forecast.load(&model, drawn.iter().map(stop));
+        load(&mut forecast, &model, drawn.iter().map(stop));
         for (indices, kept, moved) in changes {
             let plan = stops(&forecast);
             let [a, b] = [indices[0].index(plan.len() + 1), indices[1].index(plan.len() + 1)];
             let from = a.min(b);
             let to = a.max(b);
-            let mut inserted = vec![(stop(&indices[2]), FRESH); moved];
+            let mut inserted = vec![(PlanStop::at(stop(&indices[2])), FRESH); moved];
             if kept {
-                inserted.extend((from..to).map(|leg| (plan[leg], leg as u32)));
+                inserted.extend((from..to).map(|leg| (PlanStop::at(plan[leg]), leg as u32)));
                 let turn = indices[3].index(inserted.len() + 1);
                 inserted.rotate_left(turn);
             }
             let changed: Vec<u32> = plan[..from].iter().copied()
-                .chain(inserted.iter().map(|(stop, _)| *stop)).chain(plan[to..].iter().copied()).collect();
-            let loss_bits = forecast.attempt(&model, from, to, &inserted);
+                .chain(inserted.iter().map(|(stop, _)| stop.disk)).chain(plan[to..].iter().copied()).collect();
+            let cost = forecast.attempt(&model, from, to, &inserted);
             let mut flown = Forecast::new(&model, planning.clone());
-            flown.load(&model, changed.iter().copied());
-            prop_assert!((loss_bits - flown.loss_bits).abs() <= 1e-9 * flown.loss_bits.max(1.0));
+            load(&mut flown, &model, changed.iter().copied());
+            prop_assert!((cost - flown.cost).abs() <= 1e-9 * flown.cost.max(1.0));
             if indices[3].index(2) == 0 && !changed.is_empty() {
-                forecast.accept(loss_bits);
+                forecast.accept(cost);
                 prop_assert_eq!(&forecast.trace.legs, &flown.trace.legs);
                 prop_assert_eq!(&forecast.trace.visits, &flown.trace.visits);
             }
@@ -201,21 +213,21 @@ proptest! {
     ) {
         let stop = |index: &prop::sample::Index| index.index(model.disks.len()) as u32;
         let mut kept = Forecast::new(&model, window_of(&model, slots));
-        kept.load(&model, drawn.iter().map(stop));
+        load(&mut kept, &model, drawn.iter().map(stop));
         for (indices, fresh) in changes {
             let _ = kept.levels(&model); // all states are known from here on
             let stops = kept.trace.legs.len();
             let [a, b] = [indices[0].index(stops + 1), indices[1].index(stops + 1)];
-            let inserted = vec![(stop(&indices[2]), FRESH); fresh];
+            let inserted = vec![(PlanStop::at(stop(&indices[2])), FRESH); fresh];
             let mut forgotten = kept.clone();
             forgotten.states.forget();
             let from = a.min(b);
             let to = a.max(b).min(from + 2);
-            let loss_bits = kept.attempt(&model, from, to, &inserted);
+            let cost = kept.attempt(&model, from, to, &inserted);
             let expected_bits = forgotten.attempt(&model, from, to, &inserted);
-            prop_assert!((loss_bits - expected_bits).abs() <= 1e-9 * expected_bits.max(1.0));
+            prop_assert!((cost - expected_bits).abs() <= 1e-9 * expected_bits.max(1.0));
             if indices[3].index(2) == 0 {
-                kept.accept(loss_bits);
+                kept.accept(cost);
             }
         }
     }
@@ -226,12 +238,12 @@ proptest! {
     ) {
         let planning = window_of(&model, slots);
         let mut forecast = Forecast::new(&model, planning.clone());
-        let bound_bits = planning.least_loss_bits(&model);
-        prop_assert!(bound_bits <= forecast.loss_bits + 1e-6);
-        forecast.load(&model, drawn.iter().map(|index| index.index(model.disks.len()) as u32));
-        prop_assert!(bound_bits <= forecast.loss_bits + 1e-6);
+        let bound_bits = Loss::least(&model, &planning);
+        prop_assert!(bound_bits <= forecast.cost + 1e-6);
+        load(&mut forecast, &model, drawn.iter().map(|index| index.index(model.disks.len()) as u32));
+        prop_assert!(bound_bits <= forecast.cost + 1e-6);
         start::extend(&model, &mut forecast);
-        prop_assert!(bound_bits <= forecast.loss_bits + 1e-6, "{} > {}", bound_bits, forecast.loss_bits);
+        prop_assert!(bound_bits <= forecast.cost + 1e-6, "{} > {}", bound_bits, forecast.cost);
     }
 
     #[test]
@@ -239,7 +251,7 @@ proptest! {
         model in models(), drawn in prop::collection::vec(any::<prop::sample::Index>(), 1..40), window in 1i32..20,
     ) {
         let mut forecast = Forecast::new(&model, window_of(&model, 100));
-        forecast.load(&model, drawn.iter().map(|index| index.index(model.disks.len()) as u32));
+        load(&mut forecast, &model, drawn.iter().map(|index| index.index(model.disks.len()) as u32));
         let most = PathBound::new(&model.table).most(window as u64);
         for slot in 0..100 {
             let within = |visit: &&Visit| (slot + 1..=slot + window).contains(&visit.slot);
@@ -263,22 +275,22 @@ fn the_flight_in_overload_matches_the_prediction_in_every_slot() {
     let mut forecast = Forecast::new(&model, window_of(&model, 80));
     start::begin(&model, &mut forecast);
     let first = forecast.trace.clone();
-    let predicted_bits = forecast.loss_bits;
+    let predicted_bits = forecast.cost;
     let legs = first.legs.iter().filter(|leg| leg.end == 1).count();
     // After the first slot a queue that has overflowed is seen as a full one.
-    let mut empty = forecast.window.empty.clone();
+    let mut empty = forecast.window.levels.clone();
     let mut lost_bits = 0.0;
     for visit in first.visits.iter().filter(|visit| visit.slot == 1) {
-        lost_bits += serve(&model, &mut empty, visit);
+        lost_bits += serve::<Loss>(&model, &mut empty, visit);
     }
     for (empty, sensor) in empty.iter_mut().zip(&model.sensors) {
         lost_bits += (1.0 - *empty - sensor.fill_slots).max(0.0) * sensor.mean_bits;
         *empty = (*empty - 1.0).max(-sensor.fill_slots);
     }
     let start = first.legs[legs - 1].at;
-    let mut next = Forecast::new(&model, PlanningWindow { start, empty, ..window_of(&model, 79) });
-    next.load(&model, first.legs[legs..].iter().map(|leg| leg.stop));
-    assert!((lost_bits + next.loss_bits - predicted_bits).abs() < 1e-6, "{predicted_bits} against {}", next.loss_bits);
+    let mut next = Forecast::new(&model, PlanningWindow { start, levels: empty, ..window_of(&model, 79) });
+    load(&mut next, &model, first.legs[legs..].iter().map(|leg| leg.stop.disk));
+    assert!((lost_bits + next.cost - predicted_bits).abs() < 1e-6, "{predicted_bits} against {}", next.cost);
 }
 
 #[test]
@@ -311,9 +323,9 @@ fn overflow_before_the_window_is_not_counted_as_loss() {
     let mut model = model_of(&[([200.0, 200.0], 1_000.0)], 1, 5e6);
     model.sensors[0].initial_half_slots = 8.0;
     // 2 slots before it is full, give or take 8; 40 slots late for sure by the end.
-    let planning = PlanningWindow { empty: vec![-28.0], ..window_of(&model, 42) };
+    let planning = PlanningWindow { levels: vec![-28.0], ..window_of(&model, 42) };
     let sunk_bits = (6.0f64 * 6.0 / 32.0) * 1_000.0;
-    assert!((Forecast::new(&model, planning).loss_bits - (40_000.0 - sunk_bits)).abs() < 1e-6);
+    assert!((Forecast::new(&model, planning).cost - (40_000.0 - sunk_bits)).abs() < 1e-6);
 }
 
 #[test]
@@ -322,7 +334,7 @@ fn capacities_with_a_free_altitude_equal_those_of_the_best_fixed_one() {
                 bandwidth_hz = 5e3\ncomm_radius_m = 60.0\n";
     let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
     let sensor = SensorNode { x_m: 50.0, y_m: 50.0, sampling_bps: 1.0, capacity_bits: 30_000, ..SensorNode::default() };
-    let model = PlanningModel::new(&scenario, &MissionTable::of(&scenario, &[sensor]), true, &Stop::default());
+    let model = PlanModel::new::<Loss>(&scenario, &MissionTable::of(&scenario, &[sensor]), true, &Stop::default());
     let channel = model.table.channel;
     let climb = scenario.uav.climb().unwrap();
     let range_m = climb.max_altitude_m - climb.min_altitude_m;
@@ -338,7 +350,7 @@ fn capacities_with_a_free_altitude_equal_those_of_the_best_fixed_one() {
         let z_m = climb.min_altitude_m + range_m * f64::from(*level) / 16.0;
         // Entries are 56.25 m² apart; in between, the nearest counts.
         let asked_m2 = [(0.0, 0.0), (880.0, 900.0), (900.0, 900.0), (920.0, 900.0), (3_590.0, 3_600.0)];
-        asked_m2.iter().all(|&(d2_m2, entry_m2)| model.capacity_slots(0, d2_m2, true) == carried(entry_m2, z_m))
+        asked_m2.iter().all(|&(d2_m2, entry_m2)| model.capacity::<Loss>(0, d2_m2, true) == carried(entry_m2, z_m))
     };
     assert!((0..=16).any(|level| explains(&level)));
 }
@@ -378,8 +390,8 @@ fn learnt_rates_replace_the_prior() {
     let table = &field.table;
     let mut belief = Belief::new(&scenario, &table.sensors, Some(Rates::Learnt));
     let setup = Setup { belief: &belief, ..field.setup() };
-    let mut horizon = Horizon::new(&setup, HorizonKeys::of(0));
-    let believed = |horizon: &mut Horizon, belief: &mut Belief, slot: u64| {
+    let mut horizon = Lookahead::<Loss>::new(&setup, HorizonKeys::of(0));
+    let believed = |horizon: &mut Lookahead<Loss>, belief: &mut Belief, slot: u64| {
         let position = scenario.start();
         let belief = belief.at(slot - 1, &table.sensors, &[0; 3]);
         let stop = &Stop::default();
@@ -390,7 +402,7 @@ fn learnt_rates_replace_the_prior() {
             belief,
             table,
             timing: Timing::Free,
-            others: None,
+            neighbours: None,
             stop,
         });
         horizon.model.sensors.iter().map(|sensor| (sensor.mean_bits, sensor.fill_slots)).collect::<Vec<_>>()
@@ -416,18 +428,21 @@ fn visits_of_other_uavs_empty_their_sensors() {
     let mut model = model_of(&[([200.0, 200.0], 1_000.0), ([240.0, 200.0], 300.0)], 1, 5e6);
     let visit = |slot: u64| PlannedVisit { slot, sensor: 0, bits: f64::INFINITY };
     model.others = OtherVisits::of(&[5, 26, 46, 96].map(visit), &model.ids, &model.sensors, 7);
-    assert_eq!(model.overflow_slots(0, 30.0, 0.0), (0.0, 20.0));
-    assert_eq!(model.overflow_slots(0, 89.0, 0.0), (19.0, 40.0), "40 to 89 less 30");
-    assert_eq!(model.overflow_slots(0, 95.0, 0.0), (20.0, 90.0), "40 to 90 less 30");
-    assert_eq!(model.overflow_slots(0, 89.0, 50.0), (9.0, 50.0), "a visit of its own in between");
-    assert_eq!(model.overflow_slots(1, 110.0, 0.0), (10.0, 0.0));
+    let until = |model: &PlanModel, sensor, slot, empty| {
+        (model.rest::<Loss>(sensor, slot, empty), model.level_at::<Loss>(sensor, slot, empty))
+    };
+    assert_eq!(until(&model, 0, 30.0, 0.0), (0.0, 20.0));
+    assert_eq!(until(&model, 0, 89.0, 0.0), (19.0, 40.0), "40 to 89 less 30");
+    assert_eq!(until(&model, 0, 95.0, 0.0), (20.0, 90.0), "40 to 90 less 30");
+    assert_eq!(until(&model, 0, 89.0, 50.0), (9.0, 50.0), "a visit of its own in between");
+    assert_eq!(until(&model, 1, 110.0, 0.0), (10.0, 0.0));
     let little = [PlannedVisit { bits: 14_000.0, ..visit(20) }, PlannedVisit { bits: 15_000.0, ..visit(30) }];
     let counted = OtherVisits::of(&little, &model.ids, &model.sensors, 1);
     model.others = counted;
-    assert_eq!(model.overflow_slots(0, 29.0, 0.0), (0.0, 0.0), "less than half of the buffer");
-    assert_eq!(model.overflow_slots(0, 30.0, 0.0), (0.0, 30.0));
+    assert_eq!(until(&model, 0, 29.0, 0.0), (0.0, 0.0), "less than half of the buffer");
+    assert_eq!(until(&model, 0, 30.0, 0.0), (0.0, 30.0));
     model.others = OtherVisits::of(&[5, 26, 46, 96].map(visit), &model.ids, &model.sensors, 7);
-    assert_eq!([39.0, 40.0].map(|slot| model.last_empty(0, slot, 30.0)), [30.0, 40.0]);
+    assert_eq!([39.0, 40.0].map(|slot| model.level_at::<Loss>(0, slot, 30.0)), [30.0, 40.0]);
 }
 
 proptest! {
@@ -445,23 +460,23 @@ proptest! {
             visits.into_iter().map(|(slot, sensor)| PlannedVisit { slot, sensor, bits: f64::INFINITY }).collect();
         model.others = OtherVisits::of(&visits, &model.ids, &model.sensors, 1);
         let mut forecast = Forecast::new(&model, window_of(&model, 120));
-        forecast.load(&model, stops);
+        load(&mut forecast, &model, stops);
         for (at, removed, inserted) in changes {
             let legs = forecast.trace.legs.len();
             let from = at.min(legs);
             let to = (from + removed).min(legs);
-            let inserted: Vec<(u32, u32)> = inserted.into_iter().map(|stop| (stop, FRESH)).collect();
-            let loss_bits = forecast.attempt(&model, from, to, &inserted);
-            forecast.accept(loss_bits);
+            let inserted: Vec<_> = inserted.into_iter().map(|stop| (PlanStop::at(stop), FRESH)).collect();
+            let cost = forecast.attempt(&model, from, to, &inserted);
+            forecast.accept(cost);
             let mut lost_bits = 0.0;
-            let mut empty = forecast.window.empty.clone();
+            let mut empty = forecast.window.levels.clone();
             for visit in &forecast.trace.visits {
-                lost_bits += serve(&model, &mut empty, visit);
+                lost_bits += serve::<Loss>(&model, &mut empty, visit);
             }
             for (index, (sensor, empty)) in model.sensors.iter().zip(&empty).enumerate() {
-                lost_bits += model.overflow_slots(index, 120.0, *empty).0 * sensor.cost_bits;
+                lost_bits += model.rest::<Loss>(index, 120.0, *empty) * sensor.cost_bits;
             }
-            prop_assert!((lost_bits - forecast.loss_bits).abs() < 1e-6 * lost_bits.max(1.0), "{lost_bits} {}", forecast.loss_bits);
+            prop_assert!((lost_bits - forecast.cost).abs() < 1e-6 * lost_bits.max(1.0), "{lost_bits} {}", forecast.cost);
         }
     }
 }

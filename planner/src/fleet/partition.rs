@@ -14,7 +14,7 @@ use crate::mission_table::MissionTable;
 pub fn pieces(table: &MissionTable, scenario: &Scenario, slots: &[u64], stop: &Stop) -> Vec<Vec<u32>> {
     let mut turns = table.turns(stop).as_ref().clone();
     let starts: Vec<Position> = scenario.starts().map(|start| start.xy()).collect();
-    turns.begin_near(|point| table.distance_m2(point, &starts[0]));
+    turns.begin_near(|point| table.motion.distance_m2(point, &starts[0]));
     let uavs = starts.len();
     let durations = durations(table, &turns);
     // The UAVs in the order of the tour, beginning with the one that makes the ways to the first points shortest.
@@ -24,7 +24,7 @@ pub fn pieces(table: &MissionTable, scenario: &Scenario, slots: &[u64], stop: &S
         let uav_of: Vec<usize> = cut(&durations, &shares).into_iter().map(|piece| order[piece]).collect();
         let way_m = |uav: usize| {
             let turn = uav_of.iter().position(|other| *other == uav)?;
-            Some(table.distance_m(&starts[uav], &turns.points[turn]))
+            Some(table.motion.distance_m(&starts[uav], &turns.points[turn]))
         };
         let ways_m: f64 = (0..uavs).filter_map(way_m).sum();
         (ways_m, uav_of)
@@ -43,7 +43,7 @@ pub fn pieces(table: &MissionTable, scenario: &Scenario, slots: &[u64], stop: &S
 /// The time of each turn [slots]: the way from the one before, and its part of a slot that serves n SNs.
 fn durations(table: &MissionTable, turns: &Turns) -> Vec<f64> {
     let before = turns.points.iter().cycle().skip(turns.points.len().saturating_sub(1));
-    let way_slots = |(from, to): (&Position, &Position)| table.distance_m(from, to) / table.limits.reach_m;
+    let way_slots = |(from, to): (&Position, &Position)| table.motion.distance_m(from, to) / table.limits.reach_m;
     let served = 1.0 / table.limits.blocks() as f64;
     before.zip(&turns.points).map(|ends| way_slots(ends) + served).collect()
 }

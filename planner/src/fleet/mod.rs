@@ -2,6 +2,8 @@
 //!
 //! A strategy sees one UAV. With one UAV, its planner plans as if this were not here.
 
+mod partition;
+
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::time::Instant;
 
@@ -19,14 +21,11 @@ use skysink_common::stop::Stop;
 use toml::Value;
 
 use crate::mission_table::MissionTable;
-use crate::partition;
-use crate::planner::{Others, Planner};
-use crate::separation::Apart;
+use crate::neighbours::{Neighbours, PlannedVisit, Reservation, Reservations, Reserved};
+use crate::planner::Planner;
+use crate::rules::Duty;
 use crate::settings;
-use crate::strategy::{MakeStrategy, PlannedVisit, Registered, Timing};
-
-/// A place that is near to none [m].
-const NOWHERE: [f64; 2] = [f64::NEG_INFINITY; 2];
+use crate::strategy::{MakeStrategy, Registered, Team, Timing};
 
 /// Moves by which UAVs that have to land and keep apart plan to be home before they must: they may lose them to each
 /// other.
@@ -38,92 +37,78 @@ pub struct FleetPlanner {
     coordination: Coordination,
     /// Least distance between the ends of slots of two UAVs [m]; 0 for any, or if they do not talk.
     separation_m: f64,
-    /// Whether a place that a UAV leaves is kept clear for the slot: two moves around a corner of a grid, one after the
+    /// Whether a place that a UAV leaves is reserved for the slot: two moves around a corner of a grid, one after the
     /// other, would come too near.
-    keeps_begins: bool,
+    reserves_begins: bool,
+    /// The base, in which the UAVs may be near to each other.
+    base: Option<Base>,
     /// The SNs that each UAV is expected to serve before it has planned ahead; empty if none does.
     claims: Vec<Vec<u32>>,
-    /// What is told to the next UAV; working memory.
-    told: Told,
+    /// What each UAV plans to serve.
+    intents: Vec<Vec<PlannedVisit>>,
+    /// Working memory of a slot.
+    shared: Shared,
 }
 
 /// What the UAVs tell each other in a slot.
 #[derive(Default)]
-struct Told {
+struct Shared {
     /// The SNs that are scheduled.
     scheduled: Vec<u32>,
-    /// What each UAV plans to serve.
-    planned: Vec<Vec<PlannedVisit>>,
-    /// What all but one plan to serve, by slot.
-    visits: Vec<PlannedVisit>,
-    /// Where the UAVs end that have planned, and where the others are [m].
-    places: Vec<Position>,
-    /// Where they begin [m].
-    begins: Vec<Position>,
-    /// Both for one of them.
-    others: Vec<Position>,
-    /// The base, which is exempt from their distance.
-    base: Option<Base>,
-    /// The last slot of each UAV.
-    lasts: Vec<u64>,
+    /// What all but one UAV plan to serve, by slot.
+    intents: Vec<PlannedVisit>,
+    /// The place that is reserved for each UAV; `None` for one that has landed.
+    places: Vec<Option<Reservation>>,
+    /// Where each UAV is before the slot [m]; empty if such places are not reserved.
+    begins: Vec<Option<Position>>,
+    /// What is reserved for all but one.
+    reserved: Vec<Reservation>,
 }
 
-impl Told {
-    /// What is told to the UAV number `uav`, that keeps `separation_m` [m] and `stays` or gives way: where the others
-    /// are, and in a `sequential` fleet what they serve.
-    fn to<'a>(
-        &'a mut self,
-        uav: usize,
-        flights: &'a [FlightReport],
-        separation_m: f64,
-        stays: bool,
-        is_sequential: bool,
-    ) -> Others<'a> {
-        self.others.clear();
-        self.others.extend_from_slice(&self.places[..uav]);
-        self.others.extend_from_slice(&self.begins[..uav.min(self.begins.len())]);
-        let lower = self.others.len();
-        self.others.extend_from_slice(&self.places[uav + 1..]);
-        let (base, last) = (self.base.as_ref(), self.lasts[uav]);
-        let apart = Apart { separation_m, places: &self.others, lower, stays, base, last };
-        if !is_sequential {
-            return Others { scheduled: &[], visits: None, apart, uav, flights };
+impl Shared {
+    /// Fills in what is told to the UAV number `uav`.
+    fn tell(&mut self, uav: usize, intents: &[Vec<PlannedVisit>]) {
+        self.reserved.clear();
+        let others = self.places.iter().enumerate().filter(|(other, _)| *other != uav);
+        self.reserved.extend(others.filter_map(|(_, reservation)| *reservation));
+        let before = self.begins.iter().take(uav).flatten();
+        self.reserved.extend(before.map(|&at| Reservation { at, kind: Reserved::Leaves }));
+        self.intents.clear();
+        for (_, planned) in intents.iter().enumerate().filter(|(other, _)| *other != uav) {
+            self.intents.extend_from_slice(planned);
         }
-        self.visits.clear();
-        for (_, planned) in self.planned.iter().enumerate().filter(|(other, _)| *other != uav) {
-            self.visits.extend_from_slice(planned);
-        }
-        self.visits.sort_by_key(|visit| (visit.slot, visit.sensor));
-        Others { scheduled: &self.scheduled, visits: Some(&self.visits), apart, uav, flights }
+        self.intents.sort_by_key(|visit| (visit.slot, visit.sensor));
     }
 }
 
 /// A UAV of a fleet.
 struct Member {
     planner: Planner,
-    /// The last slot of its mission; after it, it only rests ([`Planner::rest`]).
+    /// The last slot in which it serves; after it, it flies home.
     last: u64,
-    /// The SNs that it plans for, ascending; `None` for all of them.
-    piece: Option<Piece>,
+    /// The last slot of its endurance.
+    endurance: u64,
+    /// The SNs that it plans for; `None` for all of them.
+    subfield: Option<Subfield>,
 }
 
 /// A part of the SNs: a planner numbers them from 0.
-struct Piece {
+struct Subfield {
     /// The id of each in the mission, ascending.
     ids: Vec<u32>,
     /// Their queues [bit]; working memory.
     queues_bits: Vec<u32>,
 }
 
-impl Piece {
-    /// The queues of the piece [bit].
+impl Subfield {
+    /// The queues of its SNs [bit].
     fn select(&mut self, queues_bits: &[u32]) -> &[u32] {
         self.queues_bits.clear();
         self.queues_bits.extend(self.ids.iter().map(|&id| queues_bits[id as usize]));
         &self.queues_bits
     }
 
-    /// The flight with the links to SNs of the piece, by their numbers in it.
+    /// The flight with the links to its SNs, by their numbers.
     fn numbered(&self, flight: &FlightReport) -> FlightReport {
         let mut own = FlightReport { served: 0, links: [LinkReport::default(); MAX_SERVED], ..*flight };
         for link in flight.served_links() {
@@ -139,14 +124,16 @@ impl Piece {
 impl From<Planner> for FleetPlanner {
     /// The planner of a single UAV.
     fn from(planner: Planner) -> Self {
-        let members = ByUav::from_iter([Member { planner, last: u64::MAX, piece: None }]);
+        let members = ByUav::from_iter([Member { planner, last: u64::MAX, endurance: u64::MAX, subfield: None }]);
         Self {
             members,
-            coordination: Coordination::default(),
+            coordination: Coordination::Independent,
             separation_m: 0.0,
-            keeps_begins: false,
+            reserves_begins: false,
+            base: None,
             claims: Vec::new(),
-            told: Told::default(),
+            intents: Vec::new(),
+            shared: Shared::default(),
         }
     }
 }
@@ -186,38 +173,37 @@ impl FleetPlanner {
         let talks = coordination != Coordination::Independent;
         let separation_m = scenario.uav.separation_m.filter(|_| talks).unwrap_or(0.0);
         let alone: Vec<Scenario> = (0..uavs).map(|uav| alone(scenario, uav, separation_m)).collect();
-        let is_divided = coordination == Coordination::Partition;
         let slots: Vec<u64> = alone.iter().map(|alone| alone.slots).collect();
-        let pieces = || partition::pieces(&MissionTable::of(scenario, sensors), scenario, &slots, stop);
-        let mut pieces = if is_divided { pieces() } else { Vec::new() };
-        pieces.reverse();
-        let member = |alone: &Scenario| {
-            let Some(ids) = pieces.pop() else {
-                let planner = Planner::by(alone, sensors, make, stop)?;
-                return Ok(Member { planner, last: alone.slots, piece: None });
+        let mut parts = match coordination {
+            Coordination::Partition => {
+                partition::pieces(&MissionTable::of(scenario, sensors), scenario, &slots, stop).into_iter()
+            }
+            _ => Vec::new().into_iter(),
+        };
+        let starts: Vec<Position> = scenario.starts().map(|start| start.xy()).collect();
+        let member = |(uav, alone): (usize, &Scenario)| {
+            let (last, endurance) = (alone.slots, scenario.slots_of(uav));
+            let Some(ids) = parts.next() else {
+                let team = Team { uav, starts: &starts };
+                let team = Some(team).filter(|_| coordination == Coordination::Sequential);
+                let planner = Planner::in_team(alone, sensors, make, team, stop)?;
+                return Ok(Member { planner, last, endurance, subfield: None });
             };
             let own: Vec<SensorNode> = ids.iter().map(|&id| sensors[id as usize]).collect();
             let planner = Planner::by(alone, &own, make, stop)?;
-            Ok(Member { planner, last: alone.slots, piece: Some(Piece { ids, queues_bits: Vec::new() }) })
+            Ok(Member { planner, last, endurance, subfield: Some(Subfield { ids, queues_bits: Vec::new() }) })
         };
-        let mut members = alone.iter().map(member).collect::<Result<ByUav<Member>, InputError>>()?;
-        if coordination == Coordination::Sequential {
-            let firsts: Option<Vec<u32>> = members.iter().map(|member| member.planner.first_of_round()).collect();
-            if let Some(firsts) = firsts {
-                members.iter_mut().enumerate().for_each(|(uav, member)| member.planner.take_part(uav, &firsts));
-            }
-        }
-        let planned = vec![Vec::new(); uavs];
-        let lasts = (0..uavs).map(|uav| scenario.slots_of(uav)).collect();
+        let members = alone.iter().enumerate().map(member).collect::<Result<ByUav<Member>, InputError>>()?;
         let is_wide = |cell_m: f64| separation_m > cell_m * FRAC_1_SQRT_2 && scenario.move_slots() > 1;
-        let keeps_begins = scenario.uav.grid_m().is_some_and(is_wide);
         Ok(Self {
             members,
             coordination,
             separation_m,
-            keeps_begins,
+            reserves_begins: scenario.uav.grid_m().is_some_and(is_wide),
+            base: scenario.landing_base(),
             claims: Vec::new(),
-            told: Told { planned, base: scenario.landing_base(), lasts, ..Told::default() },
+            intents: vec![Vec::new(); uavs],
+            shared: Shared::default(),
         })
     }
 
@@ -244,11 +230,11 @@ impl FleetPlanner {
     /// If there is not one flight for each UAV.
     pub fn observe(&mut self, slot: u64, flights: &[FlightReport], queues_bits: &[u32]) {
         assert_eq!(flights.len(), self.members.len(), "expected a flight for each UAV");
-        for (Member { planner, piece, .. }, flight) in self.members.iter_mut().zip(flights) {
-            match (piece, self.coordination) {
-                (Some(piece), _) => {
-                    let own = piece.numbered(flight);
-                    planner.observe(slot, &own, piece.select(queues_bits));
+        for (Member { planner, subfield, .. }, flight) in self.members.iter_mut().zip(flights) {
+            match (subfield, self.coordination) {
+                (Some(subfield), _) => {
+                    let own = subfield.numbered(flight);
+                    planner.observe(slot, &own, subfield.select(queues_bits));
                 }
                 (None, Coordination::Independent) => planner.observe(slot, flight, queues_bits),
                 (None, _) => planner.observe_with(slot, flight, flights, queues_bits),
@@ -264,82 +250,97 @@ impl FleetPlanner {
     #[must_use]
     pub fn step(&mut self, slot: u64, flights: &[FlightReport], queues_bits: &[u32]) -> ByUav<Plan> {
         assert_eq!(flights.len(), self.members.len(), "expected a flight for each UAV");
-        let Self { members, coordination, separation_m, keeps_begins, claims, told } = self;
-        let is_several = members.len() > 1;
-        let is_sequential = *coordination == Coordination::Sequential && is_several;
         let begin = Instant::now();
-        told.scheduled.clear();
-        let is_first = members[0].planner.slot() == 0;
-        for (uav, planned) in told.planned.iter_mut().enumerate() {
-            let Member { planner, last, .. } = &mut members[uav];
-            planned.clear();
-            if is_first {
-                let claims = claims.get(uav).into_iter().flatten();
-                planned.extend(claims.flat_map(|&id| planner.claimed_visits(slot, id)));
-            } else if is_sequential && slot <= *last && !is_down(&flights[uav]) {
-                planner.visits(slot, flights[uav].position(), queues_bits, planned);
-            }
-        }
-        told.places.clear();
-        told.places.extend(members.iter().zip(flights).map(|(member, flight)| {
-            let ground = flight.position().xy();
-            // One that has landed is in nobody's way.
-            if slot > member.last.saturating_add(member.planner.move_slots()) && member.planner.is_home(&ground) {
-                NOWHERE.into()
-            } else {
-                ground
-            }
-        }));
-        told.begins.clear();
-        if *keeps_begins {
-            told.begins.extend_from_slice(&told.places);
-        }
+        let duties = self.duties(slot, flights);
+        self.begin_slot(slot, flights, queues_bits, &duties);
+        let Self { members, coordination, separation_m, base, intents, shared, .. } = self;
+        let is_sequential = *coordination == Coordination::Sequential;
         let before = begin.elapsed() / members.len() as u32; // at most MAX_UAVS
         let mut plans = ByUav::with_capacity(members.len());
-        for (uav, (Member { planner, last, piece }, flight)) in members.iter_mut().zip(flights).enumerate() {
+        for (uav, (Member { planner, endurance, subfield, .. }, flight)) in members.iter_mut().zip(flights).enumerate()
+        {
             let begin = Instant::now();
-            let position = flight.position();
-            let mut plan = match piece {
-                _ if is_several && is_down(flight) => {
-                    told.planned[uav].clear();
-                    planner.lie(slot, position, queues_bits)
-                }
-                _ if slot > *last => {
-                    let stays = planner.stays(slot, uav);
-                    let apart = told.to(uav, flights, *separation_m, stays, false).apart;
-                    planner.rest(slot, position, queues_bits, &apart)
-                }
-                Some(piece) => {
-                    let stays = planner.stays(slot, uav);
-                    let others = Some(told.to(uav, flights, *separation_m, stays, false));
-                    let mut plan = planner.step_beside(slot, position, piece.select(queues_bits), others);
-                    plan.renumber(&piece.ids);
-                    plan
-                }
-                None if is_sequential => {
-                    let stays = planner.stays(slot, uav);
-                    let others = Some(told.to(uav, flights, *separation_m, stays, true));
-                    let plan = planner.step_beside(slot, position, queues_bits, others);
-                    let planned = &mut told.planned[uav];
-                    planned.clear();
-                    planner.visits(slot, position, queues_bits, planned);
-                    plan
-                }
-                None => planner.step(slot, position, queues_bits),
+            shared.tell(uav, intents);
+            let reservations = Reservations {
+                separation_m: *separation_m,
+                reserved: &shared.reserved,
+                has_right_of_way: has_right_of_way(planner.table(), slot, uav),
+                base: base.as_ref(),
+                last: *endurance,
             };
+            let scheduled: &[u32] = if is_sequential { &shared.scheduled } else { &[] };
+            let told = is_sequential.then_some(&shared.intents[..]);
+            let neighbours = Neighbours { uav, flights, scheduled, intents: told, reservations };
+            let neighbours = Some(&neighbours).filter(|_| *coordination != Coordination::Independent);
+            let own_bits = subfield.as_mut().map_or(queues_bits, |subfield| subfield.select(queues_bits));
+            let mut plan = planner.plan(slot, flight.position(), own_bits, duties[uav], neighbours);
+            subfield.iter().for_each(|subfield| plan.renumber(&subfield.ids));
+            if is_sequential {
+                intents[uav].clear();
+                if duties[uav] == Duty::Mission {
+                    let intending = neighbours.expect("they talk");
+                    planner.visits(slot, flight.position(), queues_bits, intending, &mut intents[uav]);
+                }
+            }
             plan.plan_ns = u64::try_from((before + begin.elapsed()).as_nanos()).unwrap_or(u64::MAX);
-            told.scheduled.extend_from_slice(plan.scheduled());
-            if told.places[uav] != NOWHERE.into() {
-                told.places[uav] = planner.end_of(slot, &position.xy(), &plan.waypoint().xy());
+            shared.scheduled.extend_from_slice(plan.scheduled());
+            if let Some(place) = &mut shared.places[uav] {
+                let (_, at) = planner.table().motion.committed(slot, &flight.position().xy(), &plan.waypoint().xy());
+                *place = Reservation { at, kind: Reserved::Ends };
             }
             plans.push(plan);
         }
         if is_sequential {
             for member in members {
-                member.planner.await_reports(slot, &told.scheduled, queues_bits);
+                member.planner.await_reports(slot, &shared.scheduled, queues_bits);
             }
         }
         plans
+    }
+
+    /// What each UAV has to do in `slot`.
+    fn duties(&self, slot: u64, flights: &[FlightReport]) -> ByUav<Duty> {
+        let duty = |(member, flight): (&Member, &FlightReport)| match () {
+            () if self.members.len() > 1 && flight.flown_mode() == Mode::Down => Duty::Down,
+            () if slot > member.last => Duty::Landing,
+            () => Duty::Mission,
+        };
+        self.members.iter().zip(flights).map(duty).collect()
+    }
+
+    /// Takes down where the UAVs are, and what they plan to serve before they plan `slot`.
+    fn begin_slot(&mut self, slot: u64, flights: &[FlightReport], queues_bits: &[u32], duties: &[Duty]) {
+        let Self { members, coordination, separation_m, reserves_begins, base, claims, intents, shared } = self;
+        let is_first = members[0].planner.slot() == 0;
+        shared.scheduled.clear();
+        for (uav, planned) in intents.iter_mut().enumerate() {
+            let Member { planner, endurance, .. } = &mut members[uav];
+            planned.clear();
+            if is_first {
+                let claims = claims.get(uav).into_iter().flatten();
+                planned.extend(claims.flat_map(|&id| planner.claimed_visits(slot, id)));
+            } else if *coordination == Coordination::Sequential && duties[uav] == Duty::Mission {
+                let reservations = Reservations {
+                    separation_m: *separation_m,
+                    reserved: &[],
+                    has_right_of_way: true,
+                    base: base.as_ref(),
+                    last: *endurance,
+                };
+                let neighbours = Neighbours { uav, flights, scheduled: &[], intents: Some(&[]), reservations };
+                planner.visits(slot, flights[uav].position(), queues_bits, &neighbours, planned);
+            }
+        }
+        shared.places.clear();
+        shared.places.extend(members.iter().zip(flights).map(|(member, flight)| {
+            let (table, ground) = (member.planner.table(), flight.position().xy());
+            let has_ended = slot > member.last.saturating_add(table.motion.move_slots());
+            (!has_ended || !table.is_home(&ground)).then_some(Reservation { at: ground, kind: Reserved::MayStay })
+        }));
+        shared.begins.clear();
+        if *reserves_begins {
+            shared.begins.extend(shared.places.iter().map(|place| place.map(|place| place.at)));
+        }
     }
 
     /// Takes in that `plans`, one for each UAV, are flown in `slot` instead of those of the last [`Self::step`]. The
@@ -348,13 +349,13 @@ impl FleetPlanner {
         let is_known = |id: &u32| (*id as usize) < queues_bits.len();
         let scheduled_by = |plan: &Plan| plan.scheduled().iter().copied().filter(is_known).collect::<Vec<u32>>();
         let all: Vec<u32> = plans.iter().flat_map(scheduled_by).collect();
-        for (Member { planner, piece, .. }, plan) in self.members.iter_mut().zip(plans) {
+        for (Member { planner, subfield, .. }, plan) in self.members.iter_mut().zip(plans) {
             let own = scheduled_by(plan);
-            match piece {
-                Some(piece) => {
-                    let number = |id: &u32| piece.ids.binary_search(id).ok().map(|number| number as u32);
+            match subfield {
+                Some(subfield) => {
+                    let number = |id: &u32| subfield.ids.binary_search(id).ok().map(|number| number as u32);
                     let own: Vec<u32> = own.iter().filter_map(number).collect();
-                    planner.await_reports(slot, &own, piece.select(queues_bits));
+                    planner.await_reports(slot, &own, subfield.select(queues_bits));
                 }
                 None if self.coordination == Coordination::Sequential => planner.await_reports(slot, &all, queues_bits),
                 None => planner.await_reports(slot, &own, queues_bits),
@@ -410,9 +411,9 @@ fn alone(scenario: &Scenario, uav: usize, separation_m: f64) -> Scenario {
     found.unwrap_or(alone)
 }
 
-/// Whether the energy of the UAV has ended.
-fn is_down(flight: &FlightReport) -> bool {
-    flight.flown_mode() == Mode::Down
+/// Whether the UAV number `uav` stays in `slot` where it would have to give way: every other one does, in turns.
+fn has_right_of_way(table: &MissionTable, slot: u64, uav: usize) -> bool {
+    (slot / table.motion.move_slots() + uav as u64).is_multiple_of(2)
 }
 
 /// Refuses a scenario with several UAVs.

@@ -1,8 +1,9 @@
 //! Stored states of a plan. A change is evaluated from the last state before it to the first state after it that is
 //! reached again.
 
-use super::flight::Trace;
-use super::model::{PlanningModel, SensorModel};
+use super::decoder::Trace;
+use super::model::{PlanModel, SensorModel};
+use super::objective::{Objective, Reached};
 
 /// Fewest legs between two stored states.
 const STRIDE: usize = 16;
@@ -10,16 +11,13 @@ const STRIDE: usize = 16;
 /// Approximate number of stored states of a loaded plan; each takes O(N) memory.
 const STATES: usize = 64;
 
-/// States that differ by less [slots] are equal up to rounding.
-const ROUNDING: f64 = 1e-9;
-
 /// A stored state of the old plan whose queues a changed plan has reached, at a shift in time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rejoined {
     /// The state.
     pub state: usize,
-    /// Additional loss of the changed plan until then, including overflow [bit].
-    pub more_bits: f64,
+    /// Additional cost of the changed plan until then, with that of the gaps up to the state.
+    pub more: f64,
 }
 
 /// An attempted change: `trace` replaces the legs `from..rest` of the old trace, and the rest is `shift` slots later.
@@ -35,28 +33,28 @@ pub(crate) struct Change {
     pub(crate) rejoined: Option<Rejoined>,
 }
 
-/// A state before a leg: when each sensor would have been empty, and the loss until then [bit].
+/// A state before a leg: the buffer of each sensor, and the cost until then.
 #[derive(Debug, Clone)]
-struct State {
+struct State<O: Objective> {
     is_known: bool,
-    lost_bits: f64,
-    empty: Vec<f64>,
+    cost: f64,
+    levels: Vec<O::Level>,
 }
 
 /// The known states before the legs whose indices are multiples of a stride.
 #[derive(Debug, Clone)]
-pub struct States {
+pub struct States<O: Objective> {
     stride: usize,
-    states: Vec<State>,
+    states: Vec<State<O>>,
     /// The sensor that differed in the last comparison of two states; it is compared first.
     suspect: usize,
 }
 
-impl States {
-    /// The states of an empty plan that starts from `empty`.
+impl<O: Objective> States<O> {
+    /// The states of an empty plan that starts from `levels`.
     #[must_use]
-    pub fn new(empty: &[f64]) -> Self {
-        let start = State { is_known: true, lost_bits: 0.0, empty: empty.to_vec() };
+    pub fn new(levels: &[O::Level]) -> Self {
+        let start = State { is_known: true, cost: 0.0, levels: levels.to_vec() };
         Self { stride: STRIDE, states: vec![start], suspect: 0 }
     }
 
@@ -90,51 +88,49 @@ impl States {
         until.rposition(|state| state.is_known).expect("the start is known")
     }
 
-    /// Loads `state`, `shift` slots later, into `work`; returns the loss until then [bit].
-    pub fn load(&self, state: usize, shift: i32, work: &mut [f64]) -> f64 {
-        let State { lost_bits, empty, .. } = &self.states[state];
-        work.copy_from_slice(empty);
-        later(work, shift);
-        *lost_bits
+    /// Loads `state`, `shift` slots later, into `work`; returns the cost until then.
+    pub fn load(&self, state: usize, shift: i32, work: &mut [O::Level]) -> f64 {
+        let State { cost, levels, .. } = &self.states[state];
+        work.copy_from_slice(levels);
+        later::<O>(work, shift);
+        *cost
     }
 
-    /// Stores `work` as `state`, with the loss `lost_bits`.
-    pub fn store(&mut self, state: usize, lost_bits: f64, work: &[f64]) {
+    /// Stores `work` as `state`, with the cost until then.
+    pub fn store(&mut self, state: usize, cost: f64, work: &[O::Level]) {
         while self.states.len() <= state {
-            self.states.push(State { is_known: false, lost_bits: 0.0, empty: work.to_vec() });
+            self.states.push(State { is_known: false, cost: 0.0, levels: work.to_vec() });
         }
         let stored = &mut self.states[state];
         stored.is_known = true;
-        stored.lost_bits = lost_bits;
-        stored.empty.copy_from_slice(work);
+        stored.cost = cost;
+        stored.levels.copy_from_slice(work);
     }
 
-    /// Compares the queues `work` at the end of slot `now` with `state`, `shift` slots before. If they agree, returns
-    /// the additional loss over that state, including the overflow of full queues that were not visited since.
+    /// Compares the buffers `work` at the end of slot `now` with `state`, `shift` slots before. If they agree, returns
+    /// the additional cost over that state, with that of the gaps that have not ended.
     pub fn rejoin(
         &mut self,
-        model: &PlanningModel,
+        model: &PlanModel,
         state: usize,
         shift: i32,
         now: i32,
-        work: &[f64],
-        lost_bits: f64,
+        work: &[O::Level],
+        cost: f64,
     ) -> Option<Rejoined> {
-        let State { lost_bits: stored_bits, empty: stored, .. } =
-            self.states.get(state).filter(|state| state.is_known)?;
+        let State { cost: stored_cost, levels: stored, .. } = self.states.get(state).filter(|state| state.is_known)?;
         if shift != 0 && !model.others.is_empty() {
             return None; // their visits are not shifted
         }
         let then = f64::from(now - shift);
         let now = f64::from(now);
         let differs = |index: usize| {
-            let sensor = &model.sensors[index];
-            let full = if sensor.is_known() { sensor.fill_slots } else { f64::INFINITY };
-            let [own, before] = [(now, work[index]), (then, stored[index])]
-                .map(|(slot, empty)| (slot - model.last_empty(index, slot, empty)).min(full));
-            (own - before).abs() > ROUNDING
-                || (sensor.initial_half_slots > 0.0 || sensor.left_slots > 0.0 || sensor.noise_slots2 > 0.0)
-                    && (work[index] <= 0.0) != (stored[index] <= 0.0)
+            let reached = |slot: f64, visited: O::Level| Reached {
+                slot,
+                visited,
+                level: model.level_at::<O>(index, slot, visited),
+            };
+            !O::agree(&model.sensors[index], &reached(now, work[index]), &reached(then, stored[index]))
         };
         if work.get(self.suspect).is_some_and(|_| differs(self.suspect)) {
             return None;
@@ -143,12 +139,12 @@ impl States {
             self.suspect = sensor;
             return None;
         }
-        let more_bits = |(index, sensor): (usize, &SensorModel)| {
-            let lost_slots = |slot: f64, empty: f64| model.overflow_slots(index, slot, empty).0;
-            (lost_slots(now, work[index]) - lost_slots(then, stored[index])) * sensor.cost_bits
+        let more = |(index, sensor): (usize, &SensorModel)| {
+            let rest = |slot: f64, level: O::Level| model.rest::<O>(index, slot, level);
+            (rest(now, work[index]) - rest(then, stored[index])) * O::price(sensor)
         };
-        let overflowed_bits: f64 = model.sensors.iter().enumerate().map(more_bits).sum();
-        Some(Rejoined { state, more_bits: lost_bits + overflowed_bits - stored_bits })
+        let gaps: f64 = model.sensors.iter().enumerate().map(more).sum();
+        Some(Rejoined { state, more: cost + gaps - stored_cost })
     }
 
     /// Keeps the states that are still valid after `change`, which leaves `legs` legs.
@@ -159,8 +155,8 @@ impl States {
         for (index, state) in self.states.iter_mut().enumerate().skip(change.from / stride + 1) {
             match rejoined {
                 Some(rejoined) if index >= rejoined.state && index * stride <= legs => {
-                    state.lost_bits += rejoined.more_bits;
-                    later(&mut state.empty, change.shift);
+                    state.cost += rejoined.more;
+                    later::<O>(&mut state.levels, change.shift);
                 }
                 _ => state.is_known = false,
             }
@@ -168,9 +164,9 @@ impl States {
     }
 }
 
-/// Shifts the slots in which sensors are empty by `shift`.
-fn later(empty: &mut [f64], shift: i32) {
+/// Shifts buffers by `shift` slots.
+fn later<O: Objective>(levels: &mut [O::Level], shift: i32) {
     if shift != 0 {
-        empty.iter_mut().for_each(|empty| *empty += f64::from(shift));
+        levels.iter_mut().for_each(|level| *level = O::later(*level, f64::from(shift)));
     }
 }

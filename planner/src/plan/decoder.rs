@@ -1,0 +1,387 @@
+//! The decoder: flies a plan stop by stop, and schedules sensors on the way.
+
+use std::cmp::Ordering;
+
+use skysink_common::geometry::{Position, distance_squared};
+
+use super::model::PlanModel;
+use super::objective::Objective;
+use crate::route::home::Home;
+use crate::route::motion::MOST_SLOTS;
+use crate::route::route::{Part, Route};
+
+/// Slack of range, relative to the communication radius: half that of decision D5, which flight-sim applies.
+const RANGE_SLACK: f64 = 0.5e-9;
+
+/// A stop of a plan.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Stop {
+    /// The disk of the model that it is served from.
+    pub disk: u32,
+    /// The most hovers there [moves], where plans hover; a move takes one slot, or more on a grid.
+    pub hovers: u16,
+}
+
+impl Stop {
+    /// A stop without hovers.
+    #[must_use]
+    pub fn at(disk: u32) -> Self {
+        Self { disk, hovers: 0 }
+    }
+}
+
+/// One sensor served in one slot.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Visit {
+    /// The sensor.
+    pub sensor: u32,
+    /// The slot; 1 is the slot to plan.
+    pub slot: i32,
+    /// The most that the visit takes, in the unit of the objective.
+    pub capacity: f64,
+}
+
+/// One stop as flown.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Leg {
+    /// The stop.
+    pub stop: Stop,
+    /// Slot at whose end the stop is served, or left after its hovers.
+    pub end: i32,
+    /// Slots of its hovers.
+    pub hovered: i32,
+    /// Position of the UAV at that time.
+    pub at: Position,
+    /// Index of the first visit of the leg, including those on the way.
+    pub first: u32,
+    /// Energy after the leg [J]; infinite without a battery.
+    pub energy_j: f64,
+    /// Energy after the leg beyond the way home and the reserve [J].
+    pub margin_j: f64,
+    /// The visit to the base with which the leg begins.
+    pub via: Option<BaseVisit>,
+}
+
+impl Leg {
+    /// The leg with `more_j` [J] more at its beginning; after a visit to the base the energy is the same.
+    #[must_use]
+    pub fn with_more(self, more_j: f64) -> Self {
+        if self.via.is_some() || more_j == 0.0 {
+            return self;
+        }
+        Self { energy_j: self.energy_j + more_j, margin_j: self.margin_j + more_j, ..self }
+    }
+}
+
+/// A way home and the charging after it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BaseVisit {
+    /// Slots of the way home.
+    pub slots: i32,
+    /// Slots in the base.
+    pub charged: i32,
+    /// Where the UAV charges.
+    pub at: Position,
+}
+
+/// Legs with their visits.
+#[derive(Debug, Clone, Default)]
+pub struct Trace {
+    /// Stops in the order of flight.
+    pub legs: Vec<Leg>,
+    /// Visits by time.
+    pub visits: Vec<Visit>,
+}
+
+impl Trace {
+    /// Index of the first visit of leg `leg`; the number of visits if there is no such leg.
+    #[inline]
+    #[must_use]
+    pub fn first_visit(&self, leg: usize) -> usize {
+        self.legs.get(leg).map_or(self.visits.len(), |leg| leg.first as usize)
+    }
+}
+
+/// Applies one visit and returns what the gap before it costs.
+#[inline]
+pub fn serve<O: Objective>(model: &PlanModel, levels: &mut [O::Level], visit: &Visit) -> f64 {
+    let sensor = &model.sensors[visit.sensor as usize];
+    let slot = f64::from(visit.slot);
+    let level = &mut levels[visit.sensor as usize];
+    let (before, reached) = model.until::<O>(visit.sensor as usize, slot, *level);
+    let (units, left) = O::visit(sensor, reached, slot, visit.capacity);
+    *level = left;
+    (before + units) * O::price(sensor)
+}
+
+/// A sensor in range at the end of a slot.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Candidate {
+    sensor: u32,
+    /// The most that a visit takes.
+    capacity: f64,
+    /// What a visit saves; infinite for the members of the stop.
+    saved: f64,
+    /// Of equals the least counts.
+    left: f64,
+}
+
+impl Candidate {
+    /// Most saved first; ties by the least room, then by the lowest number.
+    fn order(a: &Self, b: &Self) -> Ordering {
+        b.saved.total_cmp(&a.saved).then(a.left.total_cmp(&b.left)).then(a.sensor.cmp(&b.sensor))
+    }
+}
+
+/// The state of a decoded flight.
+#[derive(Debug, Clone, Default)]
+pub struct Decoder {
+    /// Position of the UAV.
+    pub at: Position,
+    /// The last flown slot.
+    pub slot: i32,
+    /// Energy in the battery [J]; infinite without one.
+    pub energy_j: f64,
+    /// Its part beyond the way home and the reserve, after the last leg [J].
+    pub margin_j: f64,
+    /// The visit to the base at the beginning of the last leg.
+    pub via: Option<BaseVisit>,
+    /// Slots of the hovers at its end.
+    pub hovered: i32,
+    /// Slots of the mission before the window.
+    pub flown_slots: u64,
+    /// Sensors in range at the end of a slot; working memory.
+    found: Vec<Candidate>,
+}
+
+impl Decoder {
+    /// Flies to `stop`, as near to the stop `next` as possible, and serves sensors in range at the end of each slot.
+    /// Returns what the gaps before the visits cost; `None`, without a change, if it would arrive after slot `last`.
+    pub fn fly<O: Objective>(
+        &mut self,
+        model: &PlanModel,
+        stop: Stop,
+        next: Option<Stop>,
+        last: i32,
+        levels: &mut [O::Level],
+        visits: &mut Vec<Visit>,
+    ) -> Option<f64> {
+        (self.via, self.hovered) = (None, 0);
+        let disk = model.disk(stop.disk);
+        let near = &model.disk(next.unwrap_or(stop).disk).centre;
+        let enter = |from: &Position| model.route_into::<O>(from, disk, near);
+        let mut route = enter(&self.at);
+        let mut cost = 0.0;
+        let home = model.table.home.as_ref();
+        let mut margin_j = route.as_ref().map_or(f64::NEG_INFINITY, |route| self.next_margin_j::<O>(model, route));
+        if let Some(home) = home.filter(|_| margin_j < 0.0) {
+            let (visit, back) = self.base_visit(home);
+            let Decoder { at, slot, energy_j, .. } = *self;
+            let from_base = enter(&visit.at)?;
+            let end =
+                i64::from(slot) + i64::from(visit.slots) + i64::from(visit.charged) + i64::from(from_base.slots());
+            if end > i64::from(last) {
+                return None;
+            }
+            // Whether the stop can be served from the base, with what it charges.
+            self.leave_base(home, &visit, back.energy_j());
+            margin_j = self.next_margin_j::<O>(model, &from_base);
+            (self.at, self.slot, self.energy_j) = (at, slot, energy_j);
+            if margin_j < 0.0 {
+                // It is left out, unless the base does not charge: then the flights end.
+                return home.battery.is_some_and(|battery| battery.is_charged()).then_some(0.0);
+            }
+            cost = self.fly_along::<O>(model, &back, &[], levels, visits);
+            self.leave_base(home, &visit, 0.0);
+            self.via = Some(visit);
+            route = Some(from_base);
+        }
+        let Some(route) = route else { return Some(0.0) }; // no path leads there: it is left out
+        if self.via.is_none() && i64::from(route.slots()) > i64::from(last - self.slot) {
+            return None;
+        }
+        self.margin_j = margin_j;
+        let members = &model.disks[stop.disk as usize].members;
+        cost += self.fly_along::<O>(model, &route, members, levels, visits);
+        if O::HOVERS {
+            cost += self.hover::<O>(model, stop, last, levels, visits);
+        }
+        Some(cost)
+    }
+
+    /// Flies along `route`, and serves `members` from its end. Returns what the gaps before the visits cost.
+    pub fn fly_along<O: Objective>(
+        &mut self,
+        model: &PlanModel,
+        route: &Route,
+        members: &[u32],
+        levels: &mut [O::Level],
+        visits: &mut Vec<Visit>,
+    ) -> f64 {
+        if route.slots() == 0 {
+            return 0.0;
+        }
+        let begin = self.slot;
+        let mut cost = 0.0;
+        for step in 1..route.slots() {
+            self.at = route.at(step);
+            self.slot = begin + step as i32;
+            cost += self.serve_in_range::<O>(model, &[], levels, visits);
+        }
+        self.at = route.end();
+        self.slot = begin + route.slots() as i32;
+        if model.table.home.as_ref().is_some_and(|home| home.battery.is_some()) {
+            self.energy_j -= route.energy_j();
+        }
+        cost + self.serve_in_range::<O>(model, members, levels, visits)
+    }
+
+    /// Hovers at `stop` until its sensor has nothing left, as often as the stop says, and as a way home is left.
+    fn hover<O: Objective>(
+        &mut self,
+        model: &PlanModel,
+        stop: Stop,
+        last: i32,
+        levels: &mut [O::Level],
+        visits: &mut Vec<Visit>,
+    ) -> f64 {
+        let sensor = model.disks[stop.disk as usize].members[0] as usize;
+        let least_bits = 1.5 * model.sensors[sensor].mean_bits + 0.5;
+        let wait = model.wait(&self.at);
+        let mut cost = 0.0;
+        for _ in 0..stop.hovers {
+            let there_bits = O::queue_bits(&model.sensors[sensor], levels[sensor], f64::from(self.slot + 1));
+            let margin_j = self.next_margin_j::<O>(model, &wait);
+            if there_bits < least_bits || wait.slots() as i32 > last - self.slot || margin_j < 0.0 {
+                break;
+            }
+            self.margin_j = margin_j;
+            self.hovered += wait.slots() as i32;
+            cost += self.fly_along::<O>(model, &wait, &[], levels, visits);
+        }
+        cost
+    }
+
+    /// Flies home at the end of a plan that hovers, and stays there as long as that delivers something, unless the UAV
+    /// charges. Returns what that costs, with `slot_cost` for every slot in the air.
+    pub fn finish<O: Objective>(
+        &mut self,
+        model: &PlanModel,
+        last: i32,
+        slot_cost: f64,
+        levels: &mut [O::Level],
+        visits: &mut Vec<Visit>,
+    ) -> f64 {
+        let mut cost = 0.0;
+        let home = model.table.home.as_ref();
+        if let Some(route) = model.route_home(self.flown_slots + self.slot as u64, &self.at)
+            && i64::from(route.slots()) <= i64::from(last - self.slot)
+        {
+            cost += self.fly_along::<O>(model, &route, &[], levels, visits);
+        }
+        cost += slot_cost * f64::from(self.slot);
+        if home.is_none_or(|home| home.battery.is_none()) {
+            while self.slot < last {
+                self.slot += 1;
+                let more = self.serve_in_range::<O>(model, &[], levels, visits);
+                cost += more;
+                if more == 0.0 && !model.has_sampling {
+                    break;
+                }
+            }
+        }
+        cost
+    }
+
+    /// Energy beyond the way home and the reserve after a flight along `route` [J].
+    fn next_margin_j<O: Objective>(&self, model: &PlanModel, route: &Route) -> f64 {
+        let Some(home) = &model.table.home else { return f64::INFINITY };
+        let energy_j = home.battery.map_or(f64::INFINITY, |_| self.energy_j - route.energy_j());
+        let slot = self.flown_slots + self.slot as u64 + u64::from(route.slots());
+        if O::HOVERS {
+            model.margin_j(home, slot, energy_j, &route.end())
+        } else {
+            home.margin_j(slot, energy_j, &route.end())
+        }
+    }
+
+    /// The visit to the base that begins now, and the way there.
+    fn base_visit(&self, home: &Home) -> (BaseVisit, Route) {
+        let flown = self.flown_slots + self.slot as u64;
+        let route = home.route(flown, &self.at);
+        // Longer than any mission if there is none.
+        let route = route.unwrap_or_else(|| Route::new(self.at, [Part { end: self.at, slots: MOST_SLOTS }], None));
+        let (slots, at) = (route.slots().min(MOST_SLOTS) as i32, route.end());
+        if home.battery.is_none() {
+            return (BaseVisit { slots, charged: 0, at }, route);
+        }
+        let charged = home.charging_slots(flown + slots as u64 + 1, self.energy_j - route.energy_j());
+        (BaseVisit { slots, charged: charged.min(MOST_SLOTS.into()) as i32, at }, route)
+    }
+
+    /// Moves to the end of `visit`, the way to which takes `more_j` [J], and charges.
+    fn leave_base(&mut self, home: &Home, visit: &BaseVisit, more_j: f64) {
+        if let Some(battery) = &home.battery {
+            self.energy_j = battery.charged_for_j(self.energy_j - more_j, f64::from(visit.charged));
+        }
+        self.slot += visit.charged + if self.at == visit.at { 0 } else { visit.slots };
+        self.at = visit.at;
+    }
+
+    /// Serves `members`, and of the other sensors in range those whose visits save most.
+    fn serve_in_range<O: Objective>(
+        &mut self,
+        model: &PlanModel,
+        members: &[u32],
+        levels: &mut [O::Level],
+        visits: &mut Vec<Visit>,
+    ) -> f64 {
+        let slot = self.slot;
+        let blocks = model.table.limits.blocks();
+        let found = &mut self.found;
+        found.clear();
+        let at = &self.at;
+        let candidate = |sensor, capacity| Candidate { sensor, capacity, saved: 0.0, left: 0.0 };
+        let linked =
+            |sensor: u32, d2_m2: f64| candidate(sensor, model.capacity::<O>(sensor, d2_m2, model.sees(sensor, at)));
+        if O::HOVERS {
+            model.links(at).iter().for_each(|&(sensor, capacity)| found.push(candidate(sensor, capacity)));
+        } else if members.len() == blocks {
+            let away_m2 = |&sensor: &u32| distance_squared(model.table.sensors.position(sensor), at);
+            found.extend(members.iter().map(|sensor| linked(*sensor, away_m2(sensor))));
+        } else {
+            let range_m = model.table.limits.comm_radius_m * (1.0 + RANGE_SLACK);
+            model.table.sensors.grid.visit(at, range_m, |node, d2_m2| found.push(linked(node.id, d2_m2)));
+        }
+        if found.len() > blocks {
+            for candidate in found.iter_mut() {
+                let sensor = candidate.sensor as usize;
+                let level = model.level_at::<O>(sensor, f64::from(slot), levels[sensor]);
+                if !O::HOVERS && members.contains(&candidate.sensor) {
+                    candidate.saved = f64::INFINITY;
+                } else {
+                    (candidate.saved, candidate.left) = O::saving(
+                        &model.sensors[sensor],
+                        level,
+                        f64::from(slot),
+                        candidate.capacity,
+                        model.round_slots,
+                    );
+                }
+            }
+            found.select_nth_unstable_by(blocks - 1, Candidate::order);
+            found.truncate(blocks);
+        }
+        let mut cost = 0.0;
+        for &Candidate { sensor, capacity, .. } in found.iter() {
+            let visit = Visit { sensor, slot, capacity };
+            let more = serve::<O>(model, levels, &visit);
+            cost += more;
+            // Of an empty buffer there is nothing to fetch.
+            if !O::HOVERS || more != 0.0 {
+                visits.push(visit);
+            }
+        }
+        cost
+    }
+}

@@ -1,0 +1,635 @@
+//! The look-ahead: the plan of least predicted cost over many slots, carried from slot to slot and improved in each.
+
+use std::marker::PhantomData;
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
+use skysink_common::estimate::Uncertainty;
+use skysink_common::geometry::{Position, within};
+use skysink_common::keys::Accepts;
+use skysink_common::message::MAX_PATH_POINTS;
+use skysink_common::random::{Purpose, Streams};
+use skysink_common::sampling::Sampler;
+use skysink_common::sensors::Sensors;
+use strum::VariantNames;
+
+use super::anneal::{Best, Cooling, Search, anneal};
+use super::decoder::{BaseVisit, Leg, Stop};
+use super::forecast::Forecast;
+use super::model::{OtherVisits, PlanModel, noise_slots2};
+use super::objective::Objective;
+use super::operators::operators;
+use super::points::is_there;
+use super::start;
+use super::window::PlanningWindow;
+use crate::neighbours::PlannedVisit;
+use crate::operator_counts::OperatorCounts;
+use crate::strategy::{Setup, Timing, View};
+
+/// Lower limit on the estimated bits per slot of an SN: one that does not sample cannot be distinguished from one that
+/// rarely does.
+const LEAST_MEAN_BITS: f64 = 1e-3;
+
+/// Temperature of the first search.
+const FIRST_TEMPERATURE: f64 = 0.05;
+
+/// Most slots for which a long search before the first of them makes all but one in [`LEFT`] of the steps, where all is
+/// known.
+const ADVANCE_SLOTS: u64 = 500;
+const LEFT: u32 = 4;
+
+/// Most steps of the long search: some seconds, counted and not timed. Fewer where a step takes longer: by the factor of a
+/// battery, of zones, and of other UAVs, which search as long, and by the number of sensors beyond so many.
+const MOST_ADVANCED: u64 = 600_000;
+const BATTERY_EFFORT: u64 = 10;
+const ZONES_EFFORT: u64 = 3;
+const FLEET_EFFORT: u64 = 4;
+const EASY_SENSORS: usize = 200;
+
+/// Ceiling of the temperature at the mission's end; 1 at its beginning.
+const LAST_CEILING: f64 = 0.1;
+
+/// Fraction of free resource blocks from which on the temperature is not reduced.
+const FREE: f64 = 0.5;
+
+/// Largest increase of the cost by a search, as a fraction of the avoidable cost; beyond it the search is undone.
+pub(super) const MOST_RISE: f64 = 0.02;
+
+/// Lowest temperature; above 0, so that [`REHEATING`] can raise it.
+const LEAST_TEMPERATURE: f64 = 1e-9;
+
+/// Factor of the temperature after a search that increased the cost.
+pub(super) const COOLING: f64 = 0.95;
+
+/// Factor of the temperature after a search that reduced the cost.
+pub(super) const REHEATING: f64 = 1.05;
+
+/// Temperatures of a search for a plan that hovers, as fractions of the mean data of a sensor: at the beginning of the
+/// first search, of later ones, and at the end.
+const HOVER_TEMPERATURES: [f64; 3] = [0.3, 0.02, 1e-3];
+
+/// Fraction of all data that is little to leave.
+const LITTLE: f64 = 0.05;
+
+/// How often the steps of a search are halved, at most, after searches in vain.
+const MOST_HALVINGS: u32 = 4;
+
+/// Standard deviations of position errors within which a UAV has arrived.
+const MOST_DEVIATIONS: f64 = 6.0;
+
+/// Longest planning window [slots] unless the scenario has another: four times the mission of the UTS letter.
+const MOST_SLOTS: u64 = 2_400;
+
+/// Times for a search.
+const BUDGET_MS: Accepts =
+    Accepts::Number("milliseconds above 0, at most 3600000", |budget_ms| budget_ms > 0.0 && budget_ms <= 3.6e6);
+
+skysink_common::keys! {
+    /// `[planner.horizon]`.
+    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    pub struct HorizonKeys {
+        /// Search steps in each slot.
+        iterations: u32 = 6000, Accepts::Whole(0, 1_000_000_000);
+        /// Longest planning window [slots]; 2400 if absent. A window that reaches to the mission's end loses less than
+        /// a shorter one that moves with the slot.
+        window: Option<u64>, Accepts::Whole(1, 1_000_000);
+        /// A part of the method to leave out, for ablations.
+        without: Option<LookAheadPart>, Accepts::OneOf(LookAheadPart::VARIANTS);
+        /// Time limit for the plan of a slot in paced runs [ms]. It has no effect in lock-step and in one process,
+        /// where results must not depend on a clock.
+        budget_ms: Option<f64>, BUDGET_MS;
+    }
+}
+
+impl HorizonKeys {
+    /// All parts of the method, over the default window.
+    #[must_use]
+    pub fn of(iterations: u32) -> Self {
+        Self { iterations, window: None, without: None, budget_ms: None }
+    }
+
+    /// Longest planning time for the slot of `view`; `None` if the mission is not paced.
+    #[must_use]
+    pub fn budget(&self, view: &View) -> Option<Duration> {
+        let budget_ms = self.budget_ms.filter(|_| view.timing == Timing::Paced);
+        budget_ms.map(|budget_ms| Duration::from_secs_f64(budget_ms / 1e3))
+    }
+}
+
+/// A part of the look-ahead that an ablation leaves out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, VariantNames)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum LookAheadPart {
+    /// All parts are there, as if the key were absent.
+    Nothing,
+    /// Changes that lose more for a while: only improvements are accepted.
+    Annealing,
+    /// Groups of sensor nodes as stops.
+    Groups,
+}
+
+/// The look-ahead of a mission: its parameters, and the plan carried from slot to slot.
+#[derive(Debug, Clone)]
+pub struct Lookahead<O: Objective> {
+    /// The sensors and their stops.
+    pub(crate) model: PlanModel,
+    streams: Streams,
+    /// Slots of the mission.
+    slots: u64,
+    pub(crate) keys: HorizonKeys,
+    /// How far from its waypoint a slot may end, where plans hover [m].
+    beside_m: f64,
+    /// What became of the proposals of each operator.
+    pub(super) counts: Vec<OperatorCounts>,
+    plan: Carried,
+    objective: PhantomData<O>,
+}
+
+/// The plan carried from slot to slot, and how it is searched for.
+#[derive(Debug, Clone)]
+struct Carried {
+    /// The remaining stops.
+    stops: Vec<Stop>,
+    /// Temperature of the next search, 0 to 1: the cost accepted with probability 1/e, as a fraction of the mean cost
+    /// per stop beyond the bound.
+    temperature: f64,
+    /// Whether it has searched.
+    has_begun: bool,
+    /// The slot before which searches were made in part; 0 if they were not.
+    advanced: u64,
+    /// Whether the UAV is on its way to the first stop, where plans hover.
+    is_under_way: bool,
+    /// Searches in vain in a row, where plans hover: each next one takes half as many steps.
+    vain_searches: u32,
+    /// Where the last planned slot should have ended, if slots end beside their waypoints [m].
+    waypoint: Option<Position>,
+}
+
+/// The checkpoint of a look-ahead. Stops are disks and hovers; points, by their numbers, are positions [m] and sensors.
+#[derive(Serialize, Deserialize)]
+struct Saved {
+    stops: Vec<(u32, u16)>,
+    points: Vec<([f64; 2], u32)>,
+    temperature: f64,
+    has_begun: bool,
+    advanced: u64,
+    is_under_way: bool,
+    vain_searches: u32,
+    waypoint: Option<[f64; 2]>,
+    counts: Vec<OperatorCounts>,
+}
+
+/// A slot of a plan.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlannedSlot {
+    /// Waypoint at the end of the slot.
+    pub waypoint: Position,
+    /// The served sensor nodes, ascending.
+    pub ids: Vec<u32>,
+    /// The waypoint of the next stop, and the slots to it.
+    pub next_stop: Option<(Position, i32)>,
+    /// Whether the UAV charges, and serves nobody.
+    pub is_charging: bool,
+}
+
+impl<O: Objective> Lookahead<O> {
+    /// The look-ahead before slot 1.
+    ///
+    /// If sampling rates are learnt, all SNs can lose data, at their estimated rates. The setup's stop ends the search
+    /// for groups and tours.
+    #[must_use]
+    pub fn new(setup: &Setup, keys: HorizonKeys) -> Self {
+        let Setup { scenario, belief, stop, .. } = *setup;
+        let sensors = &setup.table.sensors;
+        let may_group = keys.without != Some(LookAheadPart::Groups);
+        let model = if belief.has_learnt_rates() {
+            let mean_bits = sensors.ids().map(|id| least_mean_bits(belief.mean_bits(sensors, id))).collect();
+            let sampling = sensors.sampling.with_means(mean_bits);
+            let estimated = Sensors { sampling, ..Sensors::clone(sensors) };
+            PlanModel::new::<O>(scenario, &setup.table.over(scenario, Arc::new(estimated)), may_group, stop)
+        } else {
+            PlanModel::new::<O>(scenario, setup.table, may_group, stop)
+        };
+        Self {
+            model,
+            streams: Streams::new(scenario.seed),
+            slots: scenario.slots,
+            keys,
+            beside_m: if O::HOVERS { MOST_DEVIATIONS * scenario.uav.position_error_m.unwrap_or(0.0) } else { 0.0 },
+            counts: vec![OperatorCounts::default(); operators::<O>().len()],
+            plan: Carried {
+                stops: Vec::new(),
+                temperature: FIRST_TEMPERATURE,
+                has_begun: false,
+                advanced: 0,
+                is_under_way: false,
+                vain_searches: 0,
+                waypoint: None,
+            },
+            objective: PhantomData,
+        }
+    }
+
+    /// Updates the model with the estimate at the beginning of the slot: learnt rates, and the uncertainty of the
+    /// queues.
+    pub(super) fn update_sensors(&mut self, view: &View) {
+        let belief = view.belief.belief;
+        if !belief.is_estimated() {
+            return;
+        }
+        let law = view.table.arrivals;
+        for (sensor, &id) in self.model.sensors.iter_mut().zip(&self.model.ids) {
+            if belief.has_learnt_rates() {
+                let mean_bits = least_mean_bits(view.belief.mean_bits(id));
+                sensor.mean_bits = mean_bits;
+                sensor.cost_bits = sensor.weight * mean_bits;
+                sensor.fill_slots = Sampler { mean_bits, ..view.table.sensors.sampler(id) }.fill_slots();
+                sensor.noise_slots2 = noise_slots2(law, mean_bits, sensor.fill_slots);
+            }
+            let uncertainty = view.belief.uncertainty(id);
+            let Uncertainty { unbounded_bits, initial_bits, rate, since_contact_bits, arrivals_bits } = uncertainty;
+            sensor.noise_before_slots2 = 3.0 * (arrivals_bits / sensor.mean_bits).powi(2);
+            sensor.initial_half_slots = initial_bits / sensor.mean_bits;
+            sensor.rate_half_fraction = rate;
+            // Before the first contact its uncertainty is in `initial_half_slots`.
+            sensor.left_slots = if rate > 0.0 { (unbounded_bits - since_contact_bits) / sensor.mean_bits } else { 0.0 };
+            let capacity_bits = sensor.fill_slots * sensor.mean_bits;
+            let overdue_bits = if sensor.is_known() { 0.0 } else { (unbounded_bits - capacity_bits).max(0.0) };
+            sensor.overdue_slots = overdue_bits / sensor.mean_bits;
+        }
+    }
+
+    /// The forecast of the carried plan from the slot of `view` on, or of an initial plan; `None` if no SN can lose data.
+    /// Where plans hover there is none before [`Self::begin_at_points`].
+    #[must_use]
+    pub fn forecast(&mut self, view: &View) -> Option<Forecast<O>> {
+        self.update_sensors(view);
+        let model = &mut self.model;
+        if !O::HOVERS {
+            let intents = view.intents().unwrap_or_default();
+            model.others = OtherVisits::of(intents, &model.ids, &model.sensors, view.slot);
+            if model.sensors.is_empty() {
+                return None;
+            }
+        }
+        let mut forecast = Forecast::new(&self.model, self.window(view));
+        if O::HOVERS {
+            forecast.load(&self.model, self.plan.stops.iter().copied());
+        } else if self.plan.stops.is_empty() {
+            start::begin(&self.model, &mut forecast);
+        } else {
+            forecast.load(&self.model, self.plan.stops.iter().copied());
+            start::extend(&self.model, &mut forecast);
+        }
+        Some(forecast)
+    }
+
+    /// The visits of the plan of `forecast`, from the slot of `view` on.
+    #[must_use]
+    pub fn visits(&self, view: &View, forecast: &Forecast<O>) -> Vec<PlannedVisit> {
+        let mut levels = forecast.window.levels.clone();
+        let planned = forecast.visits().map(|visit| {
+            let (index, slot) = (visit.sensor as usize, f64::from(visit.slot));
+            let sensor = &self.model.sensors[index];
+            let (units, left) = O::visit(sensor, levels[index], slot, visit.capacity);
+            levels[index] = left;
+            PlannedVisit {
+                slot: view.slot - 1 + visit.slot as u64,
+                sensor: self.model.ids[index],
+                bits: O::visit_bits(sensor, units, visit.capacity),
+            }
+        });
+        planned.collect()
+    }
+
+    /// Whether it has searched.
+    #[must_use]
+    pub fn has_searched(&self) -> bool {
+        self.plan.has_begun
+    }
+
+    /// Whether it has searched, or carries a plan from the slot before.
+    #[must_use]
+    pub fn has_plan(&self) -> bool {
+        if O::HOVERS { self.plan.has_begun } else { !self.plan.stops.is_empty() }
+    }
+
+    /// Loads a first plan that hovers: see [`start::begin_at_points`]. `offered` are points, each with a sensor by its id.
+    pub fn begin_at_points(
+        &mut self,
+        view: &View,
+        forecast: &mut Forecast<O>,
+        offered: &[(Position, u32)],
+        is_over: &dyn Fn() -> bool,
+    ) {
+        let turns = self.model.has_sampling.then(|| {
+            let mut turns = self.model.table.turns(view.stop).as_ref().clone();
+            turns.begin_near(|point| self.model.table.motion.distance_m2(point, &forecast.window.start));
+            turns
+        });
+        let number = |id: &u32| self.model.ids.binary_search(id).ok();
+        let offered: Vec<(Position, u32)> =
+            offered.iter().filter_map(|(at, id)| number(id).map(|sensor| (*at, sensor as u32))).collect();
+        let offered = offered.into_iter().map(|(at, sensor)| self.model.add_point(sensor, at, 0)).collect();
+        start::begin_at_points(&mut self.model, forecast, turns.as_ref(), offered, is_over);
+    }
+
+    /// Improves the plan of `forecast` in the steps of its keys, `first_steps` where plans hover and it is the first.
+    ///
+    /// Without a budget the number of steps is fixed. The search draws from the random stream of the slot, so the
+    /// result depends only on the view and the carried plan. Where all is known, the first search makes most of the
+    /// steps of the slots after it, which have fewer then.
+    pub fn search(&mut self, view: &View, forecast: &mut Forecast<O>, first_steps: u64, is_over: &dyn Fn() -> bool) {
+        if O::HOVERS {
+            let (steps, temperature) = match self.plan.has_begun {
+                false => (first_steps, HOVER_TEMPERATURES[0]),
+                true => {
+                    let steps = u64::from(self.keys.iterations);
+                    let halved = steps >> self.plan.vain_searches.min(MOST_HALVINGS);
+                    (halved.max(steps.min(1)), HOVER_TEMPERATURES[1])
+                }
+            };
+            self.plan.has_begun = true;
+            return self.improve_points(view.slot, steps, temperature, forecast, is_over);
+        }
+        let steps = self.keys.iterations;
+        let left = steps.div_ceil(LEFT);
+        if !self.plan.has_begun && view.is_certain() {
+            let advanced = u64::from(steps - left);
+            let most = (self.most_advanced(view) / advanced.max(1)).min(forecast.window.slots as u64);
+            let slots = most.min(ADVANCE_SLOTS);
+            let watch = &mut |_| if is_over() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+            if self.prepare(view, forecast, advanced * slots, watch).is_some() {
+                self.plan.advanced = view.slot + slots;
+            }
+        }
+        self.plan.has_begun = true;
+        self.improve(view.slot, if view.slot < self.plan.advanced { left } else { steps }, forecast, is_over);
+    }
+
+    /// Carries the part of the plan of `forecast` after the slot of `view`, whose waypoint is `waypoint` [m]; where plans
+    /// hover all stops that are left.
+    pub fn carry(&mut self, forecast: &Forecast<O>, waypoint: &Position) {
+        let legs = &forecast.trace.legs;
+        self.plan.stops.clear();
+        if !O::HOVERS {
+            self.plan.stops.extend(legs.iter().filter(|leg| leg.end > 1).map(|leg| leg.stop));
+            return;
+        }
+        let first = legs.partition_point(|leg| leg.end == 0);
+        self.plan.stops.extend(legs[first..].iter().map(|leg| leg.stop));
+        self.plan.is_under_way = legs.get(first).is_some_and(|leg| leg.via.is_none());
+        if let Some(stop) = self.plan.stops.first_mut().filter(|_| self.plan.is_under_way)
+            && is_there(&forecast.window.start, waypoint)
+        {
+            stop.hovers = stop.hovers.saturating_sub(1);
+        }
+        self.plan.waypoint = Some(*waypoint).filter(|_| self.beside_m > 0.0 && self.plan.is_under_way);
+        self.model.keep_points(&mut self.plan.stops);
+    }
+
+    /// Most steps of the long search.
+    fn most_advanced(&self, view: &View) -> u64 {
+        let table = &self.model.table;
+        let sensors = self.model.sensors.len().div_ceil(EASY_SENSORS).max(1) as u64;
+        let zones = if table.airspace.is_open() { 1 } else { ZONES_EFFORT };
+        let battery = if table.home.is_some() { BATTERY_EFFORT } else { 1 };
+        let fleet = if view.intents().is_some() { FLEET_EFFORT } else { 1 };
+        MOST_ADVANCED / (sensors * zones * battery * fleet)
+    }
+
+    /// The planning window that starts at the slot of `view`.
+    fn window(&self, view: &View) -> PlanningWindow<O> {
+        let left = (self.slots + 1).saturating_sub(view.slot).max(1);
+        let slots = left.min(self.keys.window.unwrap_or(MOST_SLOTS));
+        // A UAV beside its waypoint has arrived: otherwise a hover would never be over.
+        let ground = view.ground();
+        let start = self.plan.waypoint.filter(|at| within(at, &ground, self.beside_m)).unwrap_or(ground);
+        let mut window = PlanningWindow::new(&self.model, start, view.belief.queues_bits, slots, left - slots)
+            .with_battery(view.slot.saturating_sub(1), view.battery.energy_j);
+        if O::HOVERS {
+            window.under_way = self.plan.stops.first().filter(|_| self.plan.is_under_way).map(|stop| stop.disk);
+            // What other UAVs will take is theirs.
+            for visit in view.intents().unwrap_or_default() {
+                if let Ok(sensor) = self.model.ids.binary_search(&visit.sensor) {
+                    let slot = (visit.slot + 1).saturating_sub(view.slot) as f64;
+                    window.levels[sensor] =
+                        O::leave(&self.model.sensors[sensor], window.levels[sensor], slot, visit.bits);
+                }
+            }
+        }
+        window
+    }
+
+    /// Anneals the plan; restores the initial plan if the cost ends much higher.
+    ///
+    /// The temperature is proportional to the cost per stop beyond the bound, and falls with the fraction of free
+    /// resource blocks, because a cycle of full groups can only get worse. It is lowered after a search that increased
+    /// the cost, and raised after one that reduced it, up to a ceiling that falls over the mission.
+    fn improve(&mut self, slot: u64, steps: u32, forecast: &mut Forecast<O>, is_over: &dyn Fn() -> bool) {
+        if steps == 0 {
+            return;
+        }
+        let model = &mut self.model;
+        let begun = forecast.stops();
+        let begun_cost = forecast.cost;
+        let window = &forecast.window;
+        let least = O::least(model, window);
+        if begun_cost <= least {
+            return; // nothing can be better
+        }
+        let blocks = model.table.limits.blocks() as f64 * f64::from(window.slots);
+        let free = (1.0 - forecast.trace.visits.len() as f64 / blocks).max(0.0);
+        let freedom = (free / FREE).min(1.0).powi(2);
+        let avoidable = (begun_cost - forecast.beyond - least).max(0.0) * freedom;
+        // A window that ends before the mission has no final temperature.
+        let progress = if window.beyond_slots > 0.0 { 1.0 } else { slot as f64 / self.slots as f64 };
+        let ceiling = LAST_CEILING.powf(progress);
+        let is_annealed = self.keys.without != Some(LookAheadPart::Annealing);
+        let temperature = if is_annealed { self.plan.temperature.min(ceiling) } else { 0.0 };
+        let cooling = Cooling::far_ahead(avoidable / begun.len().max(1) as f64 * temperature);
+        let mut random = self.streams.stream(Purpose::Horizon, slot, 0);
+        let mut search = Search { is_over, random: &mut random, counts: &mut self.counts };
+        anneal(model, forecast, cooling, steps.into(), &mut search, None);
+        // The schedules depend on the buffers, and the search copies legs without recomputing them. Reload the plan, so
+        // that the next slot resumes from exactly this plan.
+        forecast.load(model, forecast.stops());
+        let rise = forecast.cost - begun_cost;
+        if rise > 0.0 {
+            self.plan.temperature = (self.plan.temperature * COOLING).max(LEAST_TEMPERATURE);
+        } else if rise < 0.0 {
+            self.plan.temperature = (self.plan.temperature * REHEATING).min(1.0);
+        }
+        if rise > avoidable * MOST_RISE {
+            forecast.load(model, begun);
+        }
+    }
+
+    /// Anneals a plan that hovers from a temperature in parts of the mean data of a sensor, and loads the best plan
+    /// found. The next search takes fewer steps if this one was in vain: it found no better plan, and little is left.
+    fn improve_points(
+        &mut self,
+        slot: u64,
+        steps: u64,
+        temperature: f64,
+        forecast: &mut Forecast<O>,
+        is_over: &dyn Fn() -> bool,
+    ) {
+        if steps == 0 {
+            return; // with the stops that now take no slot: they may again
+        }
+        let model = &mut self.model;
+        forecast.keeps_idle = false;
+        forecast.load(model, forecast.stops());
+        let least = O::least(model, &forecast.window);
+        let mean = -least / forecast.open(model).len().max(1) as f64;
+        let cooling = match self.keys.without {
+            Some(LookAheadPart::Annealing) => Cooling::everywhere(0.0),
+            _ => Cooling::Geometric { first: mean * temperature, last: mean * HOVER_TEMPERATURES[2] },
+        };
+        let mut best: Best = (forecast.cost, forecast.stops());
+        let begun_cost = best.0;
+        let mut random = self.streams.stream(Purpose::Collect, slot, 0);
+        let mut search = Search { is_over, random: &mut random, counts: &mut self.counts };
+        anneal(model, forecast, cooling, steps, &mut search, Some(&mut best));
+        let is_vain = best.0 >= begun_cost && best.0 <= least * (1.0 - LITTLE);
+        forecast.load(model, best.1);
+        forecast.keeps_idle = true;
+        self.plan.vain_searches = if is_vain { self.plan.vain_searches.saturating_add(1) } else { 0 };
+    }
+
+    /// What became of the proposals of each operator, by its name.
+    pub fn counts(&self) -> impl Iterator<Item = (&'static str, &OperatorCounts)> {
+        operators::<O>().iter().map(|operator| operator.name).zip(&self.counts)
+    }
+
+    /// Begins the next search at this temperature.
+    pub(super) fn resume_at(&mut self, stops: Vec<Stop>, temperature: f64) {
+        self.plan.stops = stops;
+        self.plan.temperature = temperature;
+    }
+
+    /// Notes that it has searched.
+    pub(super) fn begin(&mut self) {
+        self.plan.has_begun = true;
+    }
+
+    /// The random numbers of the long search before `slot`.
+    pub(super) fn long_random(&self, slot: u64) -> rand_chacha::ChaCha8Rng {
+        self.streams.stream(Purpose::Horizon, slot.saturating_sub(1), 0)
+    }
+}
+
+impl<O: Objective> Checkpoint for Lookahead<O> {
+    fn save(&self, bytes: &mut Vec<u8>) {
+        let Carried { stops, temperature, has_begun, advanced, is_under_way, vain_searches, waypoint } = &self.plan;
+        let points = self.model.disks.iter().filter(|_| O::HOVERS);
+        let saved = Saved {
+            stops: stops.iter().map(|stop| (stop.disk, stop.hovers)).collect(),
+            points: points.map(|point| (point.disk.centre.into(), point.members[0])).collect(),
+            temperature: *temperature,
+            has_begun: *has_begun,
+            advanced: *advanced,
+            is_under_way: *is_under_way,
+            vain_searches: *vain_searches,
+            waypoint: waypoint.map(Into::into),
+            counts: self.counts.clone(),
+        };
+        encode(&saved, bytes);
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
+        let saved: Saved = decode(bytes)?;
+        CheckpointError::ensure((0.0..=1.0).contains(&saved.temperature), "a temperature from 0 to 1")?;
+        let disks = if O::HOVERS { saved.points.len() } else { self.model.disks.len() };
+        CheckpointError::ensure(saved.stops.iter().all(|(disk, _)| (*disk as usize) < disks), "stops of this field")?;
+        let is_point = |point: &[f64; 2]| point.iter().all(|coordinate_m| coordinate_m.is_finite());
+        let is_known =
+            |(point, sensor): &([f64; 2], u32)| (*sensor as usize) < self.model.sensors.len() && is_point(point);
+        CheckpointError::ensure(saved.points.iter().all(is_known), "points of this field")?;
+        CheckpointError::ensure(saved.waypoint.iter().all(is_point), "a waypoint")?;
+        CheckpointError::ensure(saved.counts.len() == self.counts.len(), "the operators of this objective")?;
+        if O::HOVERS {
+            self.model.disks.clear();
+            saved.points.iter().for_each(|(point, sensor)| _ = self.model.add_point(*sensor, (*point).into(), 0));
+        }
+        self.counts = saved.counts;
+        self.plan = Carried {
+            stops: saved.stops.into_iter().map(|(disk, hovers)| Stop { disk, hovers }).collect(),
+            temperature: saved.temperature,
+            has_begun: saved.has_begun,
+            advanced: saved.advanced,
+            is_under_way: saved.is_under_way,
+            vain_searches: saved.vain_searches,
+            waypoint: saved.waypoint.map(Into::into),
+        };
+        Ok(())
+    }
+}
+
+/// Estimated bits per slot of an SN, raised above 0.
+fn least_mean_bits(mean_bits: f64) -> f64 {
+    mean_bits.max(LEAST_MEAN_BITS)
+}
+
+/// Slot `slot`, from 1, of a plan, with the UAV at `from` at its beginning; `None` after the last stop.
+#[must_use]
+pub fn planned_slot<O: Objective>(
+    model: &PlanModel,
+    forecast: &Forecast<O>,
+    slot: i32,
+    from: &Position,
+) -> Option<PlannedSlot> {
+    let (legs, visits) = (&forecast.trace.legs, &forecast.trace.visits);
+    let index = legs.partition_point(|leg| leg.end < slot);
+    let leg = legs.get(index)?;
+    let begin = index.checked_sub(1).map_or(0, |before| legs[before].end);
+    // Where the leg leads, and when it is there: to the base first, if it is due.
+    let arrives = |leg: &Leg| leg.end - leg.hovered;
+    let mut end = (leg.at, arrives(leg));
+    let mut next = legs.get(legs.partition_point(|leg| leg.end <= slot)).map(|leg| (leg.at, arrives(leg)));
+    if let Some(BaseVisit { slots: way, charged, at }) = leg.via {
+        if slot > begin + way && slot <= begin + way + charged {
+            return Some(PlannedSlot { waypoint: *from, ids: Vec::new(), next_stop: None, is_charging: true });
+        }
+        if slot <= begin + way {
+            end = (at, begin + way);
+            next = Some(end);
+        }
+    }
+    // A leg of several slots is flown in equal steps, after the slots around zones.
+    let airspace = &model.table.airspace;
+    let waypoint = if airspace.is_free(from, &end.0) {
+        from + (end.0 - from) / f64::from((end.1 - slot + 1).max(1))
+    } else {
+        model.table.motion.toward(from, &end.0)
+    };
+    let visits = visits[visits.partition_point(|visit| visit.slot < slot)..].iter();
+    let visits = visits.take_while(|visit| visit.slot == slot);
+    let mut ids: Vec<u32> = visits.map(|visit| model.ids[visit.sensor as usize]).collect();
+    ids.sort_unstable();
+    let next_stop = next.map(|(at, end)| (at, end - slot));
+    Some(PlannedSlot { waypoint, ids, next_stop, is_charging: false })
+}
+
+/// The stops [m] of a plan after its first slot, and the bends around zones between them, at most 63 points.
+#[must_use]
+pub fn planned_path<O: Objective>(model: &PlanModel, forecast: &Forecast<O>) -> Vec<Position> {
+    let airspace = &model.table.airspace;
+    let mut path: Vec<Position> = Vec::new();
+    for leg in forecast.trace.legs.iter().filter(|leg| leg.end > 1) {
+        match path.last().copied() {
+            Some(_) if !airspace.is_open() && path.len() >= MAX_PATH_POINTS => break,
+            Some(before) if !airspace.is_open() => path.extend(airspace.way(&before, &leg.at)),
+            _ => path.push(leg.at),
+        }
+    }
+    path.dedup();
+    path.truncate(MAX_PATH_POINTS - 1);
+    path
+}

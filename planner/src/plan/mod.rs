@@ -1,0 +1,32 @@
+//! Plans over many slots: the plan of least predicted cost, improved in every slot and flown a slot at a time.
+//!
+//! A plan is a sequence of stops. What it costs is the objective's. Decisions for slots are left to the strategies
+//! `horizon` and `offline`, lower bounds on the loss to [`crate::bound`].
+//!
+//! | module | contents |
+//! |---|---|
+//! | [`objective`] | what a plan costs: the loss, or the data that is not delivered |
+//! | [`model`], [`window`] | the sensor nodes of a plan, in slots instead of bits, and what it begins with |
+//! | [`groups`], [`points`] | the stops of a plan: disks, and points to hover at |
+//! | [`decoder`] | the flight to a stop, and the sensor nodes served on the way |
+//! | [`forecast`], [`states`] | the predicted cost of a plan, or of a change |
+//! | [`start`] | initial plans |
+//! | [`operators`], [`anneal`] | the changes that are proposed, and the search |
+//! | [`long_search`] | the search before the mission |
+//! | [`lookahead`] | the plan that is carried from slot to slot |
+
+pub mod anneal;
+pub mod decoder;
+pub mod forecast;
+pub mod groups;
+pub mod long_search;
+pub mod lookahead;
+pub mod model;
+pub mod objective;
+pub mod operators;
+pub mod points;
+pub mod start;
+pub mod states;
+#[cfg(test)]
+mod tests;
+pub mod window;

@@ -1,0 +1,159 @@
+//! Initial plans.
+
+use skysink_common::geometry::distance_squared;
+
+use super::decoder::Stop;
+use super::forecast::{FRESH, Forecast};
+use super::model::PlanModel;
+use super::objective::Objective;
+use super::operators::detours_m;
+use crate::geometry::turns::Turns;
+use crate::route::motion::MOST_SLOTS;
+
+/// Points that are tried for a first stop to hover at.
+const FIRST_POINTS: usize = 4;
+
+/// Positions in a plan that are tried for it: those of the least detour.
+const FIRST_POSITIONS: usize = 8;
+
+/// Loads the best of several initial plans: a greedy one, and repeated rounds over single sensors and over groups, in
+/// both directions.
+pub fn begin<O: Objective>(model: &PlanModel, forecast: &mut Forecast<O>) {
+    let mut best: Option<(f64, Vec<Stop>)> = None;
+    let mut offer = |forecast: &Forecast<O>| {
+        if best.as_ref().is_none_or(|(cost, _)| forecast.cost < *cost) {
+            best = Some((forecast.cost, forecast.stops()));
+        }
+    };
+    forecast.load(model, []);
+    extend(model, forecast);
+    offer(forecast);
+    let start = forecast.window.start;
+    for tour in &model.tours {
+        let away_m2 = |index: &usize| model.table.motion.distance_m2(&model.disk(tour[*index]).centre, &start);
+        let Some(first) = (0..tour.len()).min_by(|a, b| away_m2(a).total_cmp(&away_m2(b))) else {
+            continue;
+        };
+        let rounds = 2 * forecast.window.slots as usize * model.table.limits.blocks();
+        forecast.load(model, tour.iter().cycle().skip(first).take(rounds).map(|&disk| Stop::at(disk)));
+        offer(forecast);
+        let backward = tour.iter().rev().cycle().skip(tour.len() - 1 - first);
+        forecast.load(model, backward.take(rounds).map(|&disk| Stop::at(disk)));
+        offer(forecast);
+    }
+    let (_, stops) = best.expect("at least one plan was offered");
+    forecast.load(model, stops);
+}
+
+/// Appends stops until none fits, each time the one with most data per slot of flight, of equals the nearest: the bits
+/// that its members will have sampled since they were empty, including overflow.
+pub fn extend<O: Objective>(model: &PlanModel, forecast: &mut Forecast<O>) {
+    loop {
+        let levels = forecast.levels(model);
+        let legs = forecast.trace.legs.len();
+        let (at, slot) = forecast.trace.legs.last().map_or((forecast.window.start, 0), |leg| (leg.at, leg.end));
+        let mut best: Option<(f64, f64, u32)> = None;
+        for &stop in &model.stops {
+            let slots = model.table.motion.slots_into(&at, model.disk(stop)).min(f64::from(MOST_SLOTS)) as i32;
+            if slots > forecast.window.slots - slot {
+                continue;
+            }
+            let now = f64::from(slot + slots);
+            let waited_bits = |&member: &u32| {
+                let sensor = member as usize;
+                let since = O::since(model.level_at::<O>(sensor, now, levels[sensor]));
+                (now - since) * O::price(&model.sensors[sensor])
+            };
+            let worth = model.disks[stop as usize].members.iter().map(waited_bits).sum::<f64>() / f64::from(slots);
+            let away_m2 = distance_squared(&at, &model.disk(stop).centre);
+            if best.is_none_or(|(most, nearest_m2, _)| worth > most || worth == most && away_m2 < nearest_m2) {
+                best = Some((worth, away_m2, stop));
+            }
+        }
+        let Some((.., stop)) = best else {
+            return;
+        };
+        forecast.append(model, Stop::at(stop));
+        if forecast.trace.legs.len() <= legs {
+            return;
+        }
+    }
+}
+
+/// Loads a first plan that hovers: a stop for each sensor, the fullest first, where the plan then delivers most. Where
+/// sensors sample it is the same round again and again, that of `turns`, or the stops `offered`, whichever delivers most.
+pub fn begin_at_points<O: Objective>(
+    model: &mut PlanModel,
+    forecast: &mut Forecast<O>,
+    turns: Option<&Turns>,
+    offered: Vec<Stop>,
+    is_over: &dyn Fn() -> bool,
+) {
+    forecast.keeps_idle = false;
+    forecast.load(model, []);
+    let mut open = forecast.open(model);
+    open.sort_by(|(_, a), (_, b)| b.total_cmp(a));
+    for (sensor, queue_bits) in open {
+        if is_over() {
+            break;
+        }
+        let mut best: Option<(f64, usize, Stop)> = None;
+        for point in model.first_points(sensor, FIRST_POINTS) {
+            let hovers = model.hovers(sensor, queue_bits, &point);
+            let stop = model.add_point(sensor, point, hovers);
+            let detours = detours_m(model, &forecast.trace.legs, &forecast.window.start, &point);
+            let mut by_detour: Vec<(f64, usize)> = detours.zip(0..).collect();
+            by_detour.sort_by(|(a, _), (b, _)| a.total_cmp(b));
+            for (_, index) in by_detour.into_iter().take(FIRST_POSITIONS) {
+                let found = forecast.attempt(model, index, index, &[(stop, FRESH)]);
+                if found < best.map_or(forecast.cost, |(best, ..)| best) {
+                    best = Some((found, index, stop));
+                }
+            }
+        }
+        if let Some((_, index, stop)) = best {
+            let cost = forecast.attempt(model, index, index, &[(stop, FRESH)]);
+            forecast.accept(cost);
+        }
+    }
+    let mut best = (forecast.cost, forecast.stops());
+    if let Some(turns) = turns {
+        // What is sampled has to be fetched again and again: perhaps better in the round of `tour`.
+        let round = forecast.stops();
+        repeat(model, forecast, &round, is_over);
+        best = (forecast.cost, forecast.stops());
+        let round: Vec<Stop> = turns
+            .order
+            .iter()
+            .zip(&turns.points)
+            .map(|(&sensor, point)| {
+                let point = model.table.airspace.nearest(point);
+                model.add_point(sensor, point, 0)
+            })
+            .collect();
+        forecast.load(model, []);
+        repeat(model, forecast, &round, is_over);
+        if forecast.cost < best.0 {
+            best = (forecast.cost, forecast.stops());
+        }
+        forecast.load(model, offered.iter().copied());
+        if forecast.cost < best.0 {
+            best = (forecast.cost, forecast.stops());
+        }
+    }
+    forecast.load(model, best.1);
+    forecast.keeps_idle = true;
+}
+
+/// Appends `round` to the plan as often as that lowers the cost: what was sampled meanwhile.
+fn repeat<O: Objective>(model: &PlanModel, forecast: &mut Forecast<O>, round: &[Stop], is_over: &dyn Fn() -> bool) {
+    let round: Vec<(Stop, u32)> = round.iter().map(|stop| (*stop, FRESH)).collect();
+    while !round.is_empty() && !is_over() {
+        let legs = forecast.trace.legs.len();
+        let cost = forecast.attempt(model, legs, legs, &round);
+        if cost >= forecast.cost {
+            break;
+        }
+        forecast.accept(cost);
+    }
+}

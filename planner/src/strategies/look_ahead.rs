@@ -1,0 +1,347 @@
+//! `horizon`: receding-horizon planning. Each slot it improves a plan for the rest of the mission and flies the first
+//! slot of the plan. `offline`: open-loop planning. One search before take-off plans the whole mission; the plan is flown
+//! without changes.
+//!
+//! The search, by simulated annealing against a forecast of the objective, is left to [`crate::plan`].
+
+use std::ops::ControlFlow;
+use std::time::{Duration, Instant};
+
+use nalgebra::Point3;
+use serde::{Deserialize, Serialize};
+use skysink_common::battery::BatteryState;
+use skysink_common::belief::Believed;
+use skysink_common::channel::ChannelModel;
+use skysink_common::checkpoint::{Checkpoint, CheckpointError};
+use skysink_common::geometry::{Position, above};
+use skysink_common::keys::Accepts;
+use skysink_common::message::{MAX_PATH_POINTS, SolverOutcome};
+use skysink_common::stop::Stop;
+
+use super::nearby::fullest_first;
+use super::serving::Serving;
+use crate::keys::PlanningObjective;
+use crate::neighbours::PlannedVisit;
+use crate::operator_counts::OperatorCounts;
+use crate::plan::forecast::Forecast;
+use crate::plan::long_search::{SearchOutcome, SearchProgress};
+use crate::plan::lookahead::{HorizonKeys, Lookahead, PlannedSlot, planned_path, planned_slot};
+use crate::plan::objective::{Collect, Loss, Objective};
+use crate::strategy::{Decision, Registered, Setup, Strategy, Timing, View};
+
+/// `horizon` in the registry.
+pub const HORIZON: Registered =
+    Registered::new("horizon", "receding horizon: a plan over many slots, improved in every slot", |setup| {
+        let keys: HorizonKeys = setup.scenario.planner_keys("planner.horizon").expect("they were checked");
+        let first_steps = u64::from(keys.iterations) * FIRST_SEARCH;
+        match setup.settings.objective {
+            PlanningObjective::Loss => Box::new(LookAhead::<Loss>::new(setup, keys, first_steps)),
+            PlanningObjective::Collect => Box::new(LookAhead::<Collect>::new(setup, keys, first_steps)),
+        }
+    })
+    .with_state()
+    .with_path()
+    .with_keys::<HorizonKeys>();
+
+/// `offline` in the registry.
+pub const OFFLINE: Registered =
+    Registered::new("offline", "open loop: one plan for the whole mission, made before take-off", |setup| {
+        let OfflineKeys { steps } = setup.scenario.planner_keys("planner.offline").expect("they were checked");
+        match setup.settings.objective {
+            PlanningObjective::Loss => Box::new(LookAhead::<Loss>::offline(setup, steps)),
+            PlanningObjective::Collect => {
+                Box::new(LookAhead::<Collect>::offline(setup, steps.div_ceil(LOSS_STEPS_PER_STEP)))
+            }
+        }
+    })
+    .with_state()
+    .with_path()
+    .with_keys::<OfflineKeys>();
+
+/// Most search steps before the mission; they take a month.
+pub const MAX_STEPS: u64 = 1_000_000_000_000;
+
+skysink_common::keys! {
+    /// `[planner.offline]`.
+    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    pub struct OfflineKeys {
+        /// Search steps before slot 1; a million take about two seconds.
+        steps: u64 = 1000000, Accepts::Whole(0, MAX_STEPS);
+    }
+}
+
+/// Longest planning window before take-off [slots].
+const MOST_SLOTS: u64 = 10_000;
+
+/// Steps of the first search for a plan that hovers, divided by those of each later one.
+const FIRST_SEARCH: u64 = 30;
+
+/// Steps of the search for the least loss that take as long as one for the most data delivered.
+const LOSS_STEPS_PER_STEP: u64 = 20;
+
+/// End of that search, as a fraction of the budget.
+const LOSS_END: f64 = 0.3;
+
+/// End of the search, as a fraction of the budget; the rest is for the decision.
+const SEARCH_END: f64 = 0.9;
+
+/// A plan over many slots.
+pub struct LookAhead<O: Objective> {
+    ahead: Lookahead<O>,
+    /// Steps before slot 1 of a plan that is flown without changes; `None` if it is improved in every slot.
+    offline_steps: Option<u64>,
+    /// Steps of the first search for a plan that hovers.
+    first_steps: u64,
+    /// The look-ahead for the least loss, with which a first plan that hovers may begin; `None` where no SN samples.
+    loss: Option<Lookahead<Loss>>,
+    serving: Serving,
+    /// The planned waypoints after the last decided one.
+    path: Vec<Point3<f64>>,
+    /// For other UAVs: the last slot that was planned, and the visits of its plan.
+    intents: (u64, Vec<PlannedVisit>),
+}
+
+impl<O: Objective> LookAhead<O> {
+    /// As [`Lookahead::new`].
+    fn new(setup: &Setup, keys: HorizonKeys, first_steps: u64) -> Self {
+        let is_sampling = setup.belief.has_learnt_rates() || setup.table.sensors.sampling_ids().next().is_some();
+        Self {
+            ahead: Lookahead::new(setup, keys),
+            offline_steps: None,
+            first_steps,
+            loss: (O::HOVERS && is_sampling).then(|| Lookahead::new(setup, keys)),
+            serving: Serving::new(setup),
+            path: Vec::with_capacity(MAX_PATH_POINTS),
+            intents: (0, Vec::new()),
+        }
+    }
+
+    /// One that searches before take-off only, in `steps` steps.
+    fn offline(setup: &Setup, steps: u64) -> Self {
+        let keys = HorizonKeys { window: Some(MOST_SLOTS), ..HorizonKeys::of(0) };
+        Self { offline_steps: Some(steps).filter(|_| !O::HOVERS), ..Self::new(setup, keys, steps) }
+    }
+
+    /// Runs the search before take-off. `watch` is called with the progress. `None`, without a plan, if no SN can lose
+    /// data or `watch` ends the search.
+    fn prepare(
+        &mut self,
+        view: &View,
+        steps: u64,
+        watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
+    ) -> Option<SearchOutcome> {
+        let mut forecast = self.ahead.forecast(view)?;
+        self.ahead.prepare(view, &mut forecast, steps, watch)
+    }
+
+    /// Decides the slot of `view` by the plan of `forecast`, and carries the rest. No decision after the last stop, but
+    /// where plans hover, which end at home.
+    fn decide(&mut self, view: &View, forecast: &Forecast<O>) -> Option<Decision> {
+        self.path.clear();
+        if view.intents().is_some() {
+            self.intents = (view.slot, self.ahead.visits(view, forecast));
+        }
+        let next = planned_slot(&self.ahead.model, forecast, 1, &view.ground());
+        let path = planned_path(&self.ahead.model, forecast);
+        self.ahead.carry(forecast, &next.as_ref().map_or(view.ground(), |next| next.waypoint));
+        let decision = match next {
+            None if !O::HOVERS => return None,
+            None => self.return_home(view),
+            Some(next) if next.is_charging => return Some(Decision::stay(view)),
+            Some(next) if O::HOVERS => {
+                let waypoint = match view.table.airspace.is_free(&view.ground(), &next.waypoint) {
+                    true => view.table.motion.toward(&view.ground(), &next.waypoint),
+                    false => next.waypoint,
+                };
+                self.serving.serve_most(view, &waypoint)
+            }
+            Some(next) => {
+                let (waypoint, outcome) = between_stops(&mut self.serving, view, &next);
+                let key = |id: u32| (!next.ids.contains(&id), fullest_first(view.value(id), id));
+                Decision { outcome, ..self.serving.serve_by(view, &waypoint, key) }
+            }
+        };
+        self.path.extend(path.iter().map(|point| above(point, decision.waypoint.z)));
+        Some(decision)
+    }
+
+    /// The decision to fly home, or to stay there and charge.
+    fn return_home(&mut self, view: &View) -> Decision {
+        let (home, ground) = (view.table.home.as_ref(), view.ground());
+        if home.is_some_and(|home| home.battery.is_some() && home.base.contains(&ground)) {
+            return Decision::stay(view);
+        }
+        let waypoint = home.map_or(ground, |home| home.next_waypoint(view.slot, &ground));
+        self.serving.serve_most(view, &waypoint)
+    }
+}
+
+impl<O: Objective> Strategy for LookAhead<O> {
+    /// Improves the plan, and decides by it; `None` if no SN that can lose data is in reach.
+    fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
+        if let Some(end) = view.table.motion.under_way(view.slot, &view.ground()).filter(|_| O::HOVERS) {
+            // A hover in the base, until the next move may begin, that charged goes on charging.
+            let is_charging = view.battery.is_charging && end == view.ground();
+            return Some(if is_charging { Decision::stay(view) } else { self.serving.serve_most(view, &end) });
+        }
+        let budget = self.ahead.keys.budget(view).map(|budget| (Instant::now(), budget));
+        let is_after = |fraction: f64| {
+            let has_passed = |(begin, budget): (Instant, Duration)| begin.elapsed() >= budget.mul_f64(fraction);
+            view.stop.requested().is_some() || budget.is_some_and(has_passed)
+        };
+        let is_over = || is_after(SEARCH_END);
+        let watch = &mut |_| if is_over() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+        if let Some(steps) = self.offline_steps.filter(|_| !self.ahead.has_searched()) {
+            self.prepare(view, steps, watch)?;
+        }
+        let mut forecast = self.ahead.forecast(view)?;
+        if O::HOVERS && !self.ahead.has_searched() {
+            let steps = self.first_steps.saturating_mul(LOSS_STEPS_PER_STEP);
+            let offered =
+                self.loss.take().map_or_else(Vec::new, |loss| of_least_loss(loss, view, steps, &|| is_after(LOSS_END)));
+            self.ahead.begin_at_points(view, &mut forecast, &offered, &is_over);
+        }
+        self.ahead.search(view, &mut forecast, self.first_steps, &is_over);
+        self.decide(view, &forecast)
+    }
+
+    fn path(&self) -> &[Point3<f64>] {
+        &self.path
+    }
+
+    /// The visits of the carried plan, or of the one that was made for the slot of `view`.
+    fn visits(&mut self, view: &View<'_>, into: &mut Vec<PlannedVisit>) {
+        if self.intents.0 == view.slot {
+            into.extend_from_slice(&self.intents.1);
+        } else if self.ahead.has_plan()
+            && let Some(forecast) = self.ahead.forecast(view)
+        {
+            into.extend(self.ahead.visits(view, &forecast));
+        }
+    }
+
+    fn counts(&self) -> Vec<(&'static str, OperatorCounts)> {
+        self.ahead.counts().map(|(name, counts)| (name, *counts)).collect()
+    }
+}
+
+impl<O: Objective> Checkpoint for LookAhead<O> {
+    fn save(&self, bytes: &mut Vec<u8>) {
+        self.ahead.save(bytes);
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
+        self.ahead.restore(bytes)?;
+        self.intents = (0, Vec::new());
+        Ok(())
+    }
+}
+
+/// The plan of `offline` for the least loss of a mission whose queues are known, `queues_bits` [bit] by id before slot 1;
+/// returns the strategy and what was found.
+///
+/// `watch` is called with the progress. `None`, without a plan, if no sensor node can lose data or `watch` ends the
+/// search.
+pub fn search_offline(
+    setup: &Setup,
+    queues_bits: &[u32],
+    stop: &Stop,
+    watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
+) -> Option<(LookAhead<Loss>, SearchOutcome)> {
+    let OfflineKeys { steps } = setup.scenario.planner_keys("planner.offline").expect("they were checked");
+    let mut offline = LookAhead::offline(setup, steps);
+    let Setup { scenario, table, .. } = *setup;
+    let view = View {
+        slot: 1,
+        position: scenario.start(),
+        battery: BatteryState::initial(scenario),
+        belief: Believed::known(0, &table.sensors, queues_bits),
+        table,
+        timing: Timing::Free,
+        neighbours: None,
+        stop,
+    };
+    offline.prepare(&view, steps, watch).map(|found| (offline, found))
+}
+
+/// The points of a plan for the least loss, improved in `steps` steps, each with the id of an SN; one for each member of
+/// a group.
+fn of_least_loss(
+    mut loss: Lookahead<Loss>,
+    view: &View,
+    steps: u64,
+    is_over: &dyn Fn() -> bool,
+) -> Vec<(Position, u32)> {
+    let Some(mut forecast) = loss.forecast(view) else { return Vec::new() };
+    let watch = &mut |_| if is_over() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+    let begun = forecast.stops();
+    if loss.prepare(view, &mut forecast, steps, watch).is_none() {
+        forecast.load(&loss.model, begun); // ended early, its plan may be worse
+    }
+    let model = &loss.model;
+    let members = |disk: u32| model.disks[disk as usize].members.iter().map(|&member| model.ids[member as usize]);
+    forecast.trace.legs.iter().flat_map(|leg| members(leg.stop.disk).map(|id| (leg.at, id))).collect()
+}
+
+/// The waypoint of a planned slot. If links limit the collected bits, or depend on the elevation, it is moved
+/// toward the solution of sP2*, as far as the next stop stays in reach.
+fn between_stops(serving: &mut Serving, view: &View, next: &PlannedSlot) -> (Position, SolverOutcome) {
+    let above = serving.above(view, &next.waypoint, &next.ids);
+    let queued_bits: u64 = next.ids.iter().map(|&id| u64::from(view.belief.queues_bits[id as usize])).sum();
+    let expected_bits = view.table.expected_bits(&above, &next.ids, view.belief.queues_bits);
+    if expected_bits == queued_bits && !view.table.channel.depends_on_elevation() {
+        return (next.waypoint, SolverOutcome::Rule);
+    }
+    let Some(best) = serving.waypoint(view, &next.ids) else {
+        return (next.waypoint, SolverOutcome::Rule);
+    };
+    let best_ground = best.point.xy();
+    let Some((next_stop, slots)) = next.next_stop else {
+        return (best_ground, best.outcome);
+    };
+    let reach_m = view.table.limits.reach_m * f64::from(slots);
+    let fraction = fraction_within(&next.waypoint, &best_ground, &next_stop, reach_m);
+    let moved = next.waypoint + (best_ground - next.waypoint) * fraction;
+    // Behind a zone it would not be flown.
+    if view.table.airspace.is_free(&view.ground(), &moved) {
+        (moved, best.outcome)
+    } else {
+        (next.waypoint, SolverOutcome::Rule)
+    }
+}
+
+/// The largest fraction of the path from `from` to `to` that stays within `radius_m` [m] of `centre`; 0 if `from` does
+/// not.
+fn fraction_within(from: &Position, to: &Position, centre: &Position, radius_m: f64) -> f64 {
+    let path = to - from;
+    let away = from - centre;
+    let a = path.norm_squared();
+    let b = path.dot(&away);
+    let c = away.norm_squared() - radius_m * radius_m;
+    if c > 0.0 {
+        return 0.0;
+    }
+    // The larger root of a t² + 2 b t + c = 0, c ≤ 0.
+    let root = (b * b - a * c).max(0.0).sqrt();
+    let fraction = if b > 0.0 { -c / (b + root) } else { (root - b) / a };
+    if fraction.is_finite() { fraction.clamp(0.0, 1.0) } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_path_clipped_to_a_circle_ends_on_it() {
+        let at = Position::new;
+        // From 4 m west of the centre of a circle of 10 m eastward: 14 m of 28 m.
+        let fraction = fraction_within(&at(46.0, 50.0), &at(74.0, 50.0), &at(50.0, 50.0), 10.0);
+        assert!((fraction - 0.5).abs() < 1e-12, "{fraction}");
+        let fraction = fraction_within(&at(54.0, 50.0), &at(26.0, 50.0), &at(50.0, 50.0), 10.0);
+        assert!((fraction - 0.5).abs() < 1e-12, "{fraction}");
+        assert_eq!(fraction_within(&at(46.0, 50.0), &at(48.0, 50.0), &at(50.0, 50.0), 10.0), 1.0, "never leaves it");
+        assert_eq!(fraction_within(&at(30.0, 50.0), &at(50.0, 50.0), &at(50.0, 50.0), 10.0), 0.0, "starts outside");
+        assert_eq!(fraction_within(&at(46.0, 50.0), &at(46.0, 50.0), &at(50.0, 50.0), 10.0), 0.0, "nowhere to go");
+    }
+}
