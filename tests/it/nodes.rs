@@ -22,7 +22,6 @@ use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
 use skysink_planner::plan::lookahead::HorizonKeys;
-use skysink_planner::strategies::look_ahead;
 use skysink_planner::strategies::look_ahead::{self, OfflineKeys};
 use skysink_planner::strategies::names;
 use skysink_planner::strategy::Registered;
