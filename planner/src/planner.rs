@@ -235,10 +235,11 @@ impl Planner {
         let most = MAX_PATH_POINTS - 1;
         match (mode, &table.home) {
             (Mode::Serve, _) => self.path.extend(strategy.path().iter().take(most)),
-            (Mode::Return, Some(home)) if duty == Duty::Mission => {
-                let route = home.route(slot, &decision.waypoint.xy());
-                let ends = route.iter().flat_map(|route| route.parts()).filter(|part| part.slots > 0);
-                self.path.extend(ends.take(most).map(|part| above(&part.end, decision.waypoint.z)));
+            (Mode::Return, Some(home)) => {
+                let from = decision.waypoint.xy();
+                let route = home.route(slot, &from).filter(|route| route.slots() > 0);
+                let path = route.map(|route| table.airspace.way(&from, &route.end())).unwrap_or_default();
+                self.path.extend(path.iter().take(most).map(|bend| above(bend, decision.waypoint.z)));
             }
             _ => {}
         }

@@ -11,6 +11,7 @@ use skysink_common::scenario::Scenario;
 use toml::Table;
 
 pub use crate::keys::{Knowledge, PlanningObjective, Settings};
+use crate::plan::lookahead::{HorizonKeys, LookAheadPart};
 use crate::route::home::Home;
 use crate::strategies::{PYTHON, STRATEGIES, one_of};
 use crate::strategy::{Registered, StrategyKeys};
@@ -52,8 +53,19 @@ pub fn change(scenario: Scenario, change: impl FnOnce(&mut Settings)) -> Result<
 pub fn check(scenario: &Scenario) -> Result<Settings, InputError> {
     let settings = Settings::of(scenario)?;
     every_key(scenario, &settings)?;
+    check_parts(scenario, &settings)?;
     check_landing(scenario)?;
     Ok(settings)
+}
+
+/// Checks that an ablation leaves out a part that the search has.
+fn check_parts(scenario: &Scenario, settings: &Settings) -> Result<(), InputError> {
+    let HorizonKeys { without, .. } = scenario.planner_keys("planner.horizon")?;
+    if settings.objective == PlanningObjective::Collect && without == Some(LookAheadPart::Groups) {
+        let expected = "`nothing` or `annealing`: a plan that collects has no groups (planner.objective)";
+        return Err(scenario.refusal("planner.horizon.without", &"groups".into(), expected));
+    }
+    Ok(())
 }
 
 /// Checks that UAVs that have to land can fly home from their starts.

@@ -2,14 +2,23 @@
 
 use rstar::primitives::{GeomWithData, Rectangle};
 use rstar::{AABB, RTree, RTreeObject, SelectionFunction};
+use smallvec::SmallVec;
 
 use crate::geometry::Position;
 
 type IndexedBox = GeomWithData<Rectangle<[f64; 2]>, usize>;
 
+/// Boxes up to which each is looked at, which is faster than a tree.
+const FEW: usize = 16;
+
 /// Boxes, by number.
 #[derive(Debug, Clone, Default)]
-pub(super) struct BoxIndex(RTree<IndexedBox>);
+pub(super) struct BoxIndex {
+    /// Those of an index of few.
+    few: Vec<AABB<[f64; 2]>>,
+    /// Those of one of many.
+    many: RTree<IndexedBox>,
+}
 
 /// The boxes that a straight way touches, or comes nearer to than a margin.
 struct Near {
@@ -58,15 +67,26 @@ impl PartialEq for BoxIndex {
 impl BoxIndex {
     /// The index of boxes by their south-west and north-east corners [m].
     pub fn new(boxes: impl Iterator<Item = [Position; 2]>) -> Self {
-        let indexed = boxes.enumerate().map(|(number, [low, high])| {
-            GeomWithData::new(Rectangle::from_corners([low.x, low.y], [high.x, high.y]), number)
-        });
-        Self(RTree::bulk_load(indexed.collect()))
+        let boxes: Vec<_> = boxes.map(|[low, high]| ([low.x, low.y], [high.x, high.y])).collect();
+        if boxes.len() <= FEW {
+            let few = boxes.into_iter().map(|(low, high)| AABB::from_corners(low, high)).collect();
+            return Self { few, many: RTree::new() };
+        }
+        let indexed = boxes
+            .into_iter()
+            .zip(0..)
+            .map(|((low, high), number)| GeomWithData::new(Rectangle::from_corners(low, high), number));
+        Self { few: Vec::new(), many: RTree::bulk_load(indexed.collect()) }
     }
 
     /// The numbers of the boxes that the way from `from` to `to` comes as near as `margin_m` [m], in any order.
     pub fn near(&self, from: &Position, to: &Position, margin_m: f64) -> impl Iterator<Item = usize> {
         let near = Near { from: *from, to: *to, margin_m };
-        self.0.locate_with_selection_function(near).map(|found| found.data)
+        let few = self.few.iter().enumerate().filter(|(_, few)| near.touches(few));
+        let mut found: SmallVec<[usize; FEW]> = few.map(|(number, _)| number).collect();
+        if self.many.size() > 0 {
+            found.extend(self.many.locate_with_selection_function(near).map(|found| found.data));
+        }
+        found.into_iter()
     }
 }

@@ -208,9 +208,16 @@ impl Polygon {
                 return None;
             }
         }
+        let along = to - from;
+        if !self.is_border {
+            // All of it lies to one side of the line: at most its boundary is touched.
+            let sides = || self.corners.iter().map(|corner| along.perp(&(corner - from)));
+            if sides().all(|side| side >= 0.0) || sides().all(|side| side <= 0.0) {
+                return None;
+            }
+        }
         let mut turns: SmallVec<[f64; 8]> = SmallVec::new();
         turns.extend([0.0, 1.0]);
-        let along = to - from;
         let length_m = along.norm();
         for [a, b] in edges(&self.corners) {
             let edge = b - a;

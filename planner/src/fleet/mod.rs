@@ -301,7 +301,7 @@ impl FleetPlanner {
     /// What each UAV has to do in `slot`.
     fn duties(&self, slot: u64, flights: &[FlightReport]) -> ByUav<Duty> {
         let duty = |(member, flight): (&Member, &FlightReport)| match () {
-            () if self.members.len() > 1 && flight.flown_mode() == Mode::Down => Duty::Down,
+            () if flight.flown_mode() == Mode::Down => Duty::Down,
             () if slot > member.last => Duty::Landing,
             () => Duty::Mission,
         };

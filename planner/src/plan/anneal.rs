@@ -3,8 +3,8 @@
 use rand_chacha::ChaCha8Rng;
 use skysink_common::random::fraction;
 
-use super::decoder::Stop;
 use super::forecast::Forecast;
+use super::groups::PlannedStop;
 use super::model::PlanModel;
 use super::objective::Objective;
 use super::operators::{Draft, operators};
@@ -71,7 +71,7 @@ pub struct Search<'a> {
 }
 
 /// The best plan of a search, and its cost.
-pub type Best = (f64, Vec<Stop>);
+pub type Best = (f64, Vec<PlannedStop>);
 
 /// The indices of up to `steps` steps, until the search `is_over`.
 fn steps_until(steps: u64, is_over: impl Fn() -> bool) -> impl Iterator<Item = u64> {
@@ -89,7 +89,7 @@ pub fn anneal<O: Objective>(
 ) {
     let mut inserted = Vec::new();
     let open = forecast.open(model);
-    let least = if best.is_some() { O::least(model, &forecast.window) } else { f64::NEG_INFINITY };
+    let least = if best.is_some() { forecast.window.least(model) } else { f64::NEG_INFINITY };
     for step in steps_until(steps, search.is_over) {
         if best.as_ref().is_some_and(|best| best.0 <= least) {
             break; // nothing can be better
@@ -148,12 +148,12 @@ mod tests {
         let mut model = model_of(&[([200.0, 200.0], 1.0), ([240.0, 200.0], 1.0)], 1, 5e6);
         let mut forecast: Forecast<Loss> =
             Forecast::new(&model, PlanningWindow { levels: vec![0.0; 2], ..window_of(&model, 20) });
-        forecast.load(&model, [Stop::at(0)]);
+        forecast.load(&model, [PlannedStop::at(0)]);
         let mut counts = [OperatorCounts::default(); 5];
         let random = &mut ChaCha8Rng::seed_from_u64(1);
         let mut search = Search { is_over: &|| false, random, counts: &mut counts };
         anneal(&mut model, &mut forecast, Cooling::everywhere(0.0), 50, &mut search, None);
-        assert_ne!(forecast.stops(), [Stop::at(0)]);
+        assert_ne!(forecast.stops(), [PlannedStop::at(0)]);
         assert_eq!(forecast.cost, 0.0);
         let [proposed, accepted] = [|count: &OperatorCounts| count.proposed, |count: &OperatorCounts| count.accepted]
             .map(|of| counts.iter().map(of).sum::<u64>());

@@ -4,6 +4,7 @@ use std::cmp::Ordering;
 
 use skysink_common::geometry::{Position, distance_squared};
 
+use super::groups::PlannedStop;
 use super::model::PlanModel;
 use super::objective::Objective;
 use crate::route::home::Home;
@@ -12,23 +13,6 @@ use crate::route::route::{Part, Route};
 
 /// Slack of range, relative to the communication radius: half that of decision D5, which flight-sim applies.
 const RANGE_SLACK: f64 = 0.5e-9;
-
-/// A stop of a plan.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Stop {
-    /// The disk of the model that it is served from.
-    pub disk: u32,
-    /// The most hovers there [moves], where plans hover; a move takes one slot, or more on a grid.
-    pub hovers: u16,
-}
-
-impl Stop {
-    /// A stop without hovers.
-    #[must_use]
-    pub fn at(disk: u32) -> Self {
-        Self { disk, hovers: 0 }
-    }
-}
 
 /// One sensor served in one slot.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,7 +29,7 @@ pub struct Visit {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Leg {
     /// The stop.
-    pub stop: Stop,
+    pub stop: PlannedStop,
     /// Slot at whose end the stop is served, or left after its hovers.
     pub end: i32,
     /// Slots of its hovers.
@@ -160,8 +144,8 @@ impl Decoder {
     pub fn fly<O: Objective>(
         &mut self,
         model: &PlanModel,
-        stop: Stop,
-        next: Option<Stop>,
+        stop: PlannedStop,
+        next: Option<PlannedStop>,
         last: i32,
         levels: &mut [O::Level],
         visits: &mut Vec<Visit>,
@@ -240,7 +224,7 @@ impl Decoder {
     fn hover<O: Objective>(
         &mut self,
         model: &PlanModel,
-        stop: Stop,
+        stop: PlannedStop,
         last: i32,
         levels: &mut [O::Level],
         visits: &mut Vec<Visit>,

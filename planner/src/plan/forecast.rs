@@ -18,9 +18,11 @@
 
 use skysink_common::geometry::Position;
 
-use super::decoder::{Decoder, Leg, Stop, Trace, Visit, serve};
-use super::model::{PlanModel, SensorModel};
+use super::decoder::{Decoder, Leg, Trace, Visit, serve};
+use super::groups::PlannedStop;
+use super::model::PlanModel;
 use super::objective::Objective;
+use super::sensor::SensorModel;
 use super::states::{Change, Rejoined, States};
 use super::window::PlanningWindow;
 
@@ -65,7 +67,7 @@ impl<O: Objective> Forecast<O> {
             cost: 0.0,
             beyond: 0.0,
             sunk: model.sensors.iter().zip(&window.levels).map(sunk).sum(),
-            slot_cost: O::slot_cost(model, &window),
+            slot_cost: O::slot_cost(&model.sensors, &window.levels, window.slots),
             keeps_idle: true,
             tail: Vec::new(),
             change: Change::default(),
@@ -80,7 +82,7 @@ impl<O: Objective> Forecast<O> {
 
     /// The stops of the plan.
     #[must_use]
-    pub fn stops(&self) -> Vec<Stop> {
+    pub fn stops(&self) -> Vec<PlannedStop> {
         self.trace.legs.iter().map(|leg| leg.stop).collect()
     }
 
@@ -158,7 +160,7 @@ impl<O: Objective> Forecast<O> {
 
     /// Tries the plan with `inserted` instead of the stops `from..to`; returns its cost. Each inserted stop has
     /// its index in the old plan, or [`FRESH`].
-    pub fn attempt(&mut self, model: &PlanModel, from: usize, to: usize, inserted: &[(Stop, u32)]) -> f64 {
+    pub fn attempt(&mut self, model: &PlanModel, from: usize, to: usize, inserted: &[(PlannedStop, u32)]) -> f64 {
         let start = from.saturating_sub(1); // the waypoint before a change depends on what comes next
         let mut cost = self.restore(model, start);
         (self.decoder.at, self.decoder.slot, self.decoder.energy_j) = self.begin(start);
@@ -219,7 +221,7 @@ impl<O: Objective> Forecast<O> {
         model: &PlanModel,
         change: &Change,
         old: u32,
-        next: Option<(Stop, u32)>,
+        next: Option<(PlannedStop, u32)>,
         follows: bool,
     ) -> bool {
         if O::HOVERS || old == FRESH {
@@ -242,7 +244,7 @@ impl<O: Objective> Forecast<O> {
     }
 
     /// Whether the last slot of `change` serves all members of `stop` without a stop for them.
-    fn is_met(&self, model: &PlanModel, change: &Change, stop: Stop) -> bool {
+    fn is_met(&self, model: &PlanModel, change: &Change, stop: PlannedStop) -> bool {
         let slot = self.decoder.slot;
         let Self { trace: Trace { legs, visits }, .. } = self;
         let visits = change.trace.visits.iter().rev().chain(visits[..self.trace.first_visit(change.from)].iter().rev());
@@ -291,7 +293,13 @@ impl<O: Objective> Forecast<O> {
 
     /// Flies to `stop`, as near to the stop `next` as possible; returns the cost, or `None` if the leg ends after
     /// the window. A stop whose members the last slot serves takes no time.
-    fn fly_leg(&mut self, model: &PlanModel, stop: Stop, next: Option<Stop>, change: &mut Change) -> Option<f64> {
+    fn fly_leg(
+        &mut self,
+        model: &PlanModel,
+        stop: PlannedStop,
+        next: Option<PlannedStop>,
+        change: &mut Change,
+    ) -> Option<f64> {
         let first = change.trace.visits.len() as u32;
         let mut cost = 0.0;
         (self.decoder.via, self.decoder.hovered) = (None, 0);
@@ -313,7 +321,7 @@ impl<O: Objective> Forecast<O> {
 
     /// Whether there is nothing to do at `stop`: the last slot serves its members, or, where plans hover, its sensor was
     /// served in passing, and the UAV is not on its way there.
-    fn is_idle(&self, model: &PlanModel, change: &Change, stop: Stop) -> bool {
+    fn is_idle(&self, model: &PlanModel, change: &Change, stop: PlannedStop) -> bool {
         if !O::HOVERS {
             return self.is_met(model, change, stop);
         }
@@ -390,17 +398,17 @@ impl<O: Objective> Forecast<O> {
     }
 
     /// Appends `stop`, unless it cannot be served within the window.
-    pub fn append(&mut self, model: &PlanModel, stop: Stop) {
+    pub fn append(&mut self, model: &PlanModel, stop: PlannedStop) {
         let stops = self.trace.legs.len();
         let cost = self.attempt(model, stops, stops, &[(stop, FRESH)]);
         self.accept(cost);
     }
 
     /// Replaces the plan by `stops`, as far as they can be flown within the window.
-    pub fn load(&mut self, model: &PlanModel, stops: impl IntoIterator<Item = Stop>) {
+    pub fn load(&mut self, model: &PlanModel, stops: impl IntoIterator<Item = PlannedStop>) {
         self.trace = Trace::default();
         self.states.forget();
-        let inserted: Vec<(Stop, u32)> = stops.into_iter().map(|stop| (stop, FRESH)).collect();
+        let inserted: Vec<(PlannedStop, u32)> = stops.into_iter().map(|stop| (stop, FRESH)).collect();
         let cost = self.attempt(model, 0, 0, &inserted);
         self.accept(cost);
         self.states.spread(self.trace.legs.len());
@@ -419,8 +427,8 @@ mod tests {
         let model = model_of(&[([200.0, 200.0], 500.0), ([240.0, 200.0], 500.0)], 1, 5e6);
         for (slots, ends) in [(4, vec![1, 2, 3, 4]), (3, vec![1, 2, 3])] {
             let mut forecast = Forecast::new(&model, window_of(&model, slots));
-            forecast.load(&model, [0, 1, 0].map(Stop::at));
-            let cost = forecast.attempt(&model, 0, 0, &[(Stop::at(0), FRESH)]);
+            forecast.load(&model, [0, 1, 0].map(PlannedStop::at));
+            let cost = forecast.attempt(&model, 0, 0, &[(PlannedStop::at(0), FRESH)]);
             forecast.accept(cost);
             assert_eq!(forecast.trace.legs.iter().map(|leg| leg.end).collect::<Vec<_>>(), ends);
         }

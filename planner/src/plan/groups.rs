@@ -37,6 +37,23 @@ const FILL: f64 = 1.0 - 1e-9;
 /// Energies that differ by less are equal up to rounding.
 const ROUNDING: f64 = 1e-9;
 
+/// A stop of a plan.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PlannedStop {
+    /// The disk of the model that it is served from.
+    pub disk: u32,
+    /// The most hovers there [moves], where plans hover; a move takes one slot, or more on a grid.
+    pub hovers: u16,
+}
+
+impl PlannedStop {
+    /// A stop without hovers.
+    #[must_use]
+    pub fn at(disk: u32) -> Self {
+        Self { disk, hovers: 0 }
+    }
+}
+
 /// Sensors that are served together from any point of a disk.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ServiceDisk {

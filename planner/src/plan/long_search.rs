@@ -78,7 +78,7 @@ impl<O: Objective> Lookahead<O> {
     ) -> ControlFlow<(), (u64, bool)> {
         let mut random = self.long_random(slot);
         let model = &mut self.model;
-        let bound = O::least(model, &forecast.window);
+        let bound = forecast.window.least(model);
         let [first, last] = TEMPERATURES;
         let mut adapted = first;
         let mut done = 0;

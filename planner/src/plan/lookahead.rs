@@ -17,12 +17,14 @@ use skysink_common::sensors::Sensors;
 use strum::VariantNames;
 
 use super::anneal::{Best, Cooling, Search, anneal};
-use super::decoder::{BaseVisit, Leg, Stop};
+use super::decoder::{BaseVisit, Leg};
 use super::forecast::Forecast;
-use super::model::{OtherVisits, PlanModel, noise_slots2};
+use super::groups::PlannedStop;
+use super::model::{OtherVisits, PlanModel};
 use super::objective::Objective;
 use super::operators::operators;
 use super::points::is_there;
+use super::sensor::noise_slots2;
 use super::start;
 use super::window::PlanningWindow;
 use crate::neighbours::PlannedVisit;
@@ -154,7 +156,7 @@ pub struct Lookahead<O: Objective> {
 #[derive(Debug, Clone)]
 struct Carried {
     /// The remaining stops.
-    stops: Vec<Stop>,
+    stops: Vec<PlannedStop>,
     /// Temperature of the next search, 0 to 1: the cost accepted with probability 1/e, as a fraction of the mean cost
     /// per stop beyond the bound.
     temperature: f64,
@@ -439,7 +441,7 @@ impl<O: Objective> Lookahead<O> {
         let begun = forecast.stops();
         let begun_cost = forecast.cost;
         let window = &forecast.window;
-        let least = O::least(model, window);
+        let least = window.least(model);
         if begun_cost <= least {
             return; // nothing can be better
         }
@@ -486,7 +488,7 @@ impl<O: Objective> Lookahead<O> {
         let model = &mut self.model;
         forecast.keeps_idle = false;
         forecast.load(model, forecast.stops());
-        let least = O::least(model, &forecast.window);
+        let least = forecast.window.least(model);
         let mean = -least / forecast.open(model).len().max(1) as f64;
         let cooling = match self.keys.without {
             Some(LookAheadPart::Annealing) => Cooling::everywhere(0.0),
@@ -509,7 +511,7 @@ impl<O: Objective> Lookahead<O> {
     }
 
     /// Begins the next search at this temperature.
-    pub(super) fn resume_at(&mut self, stops: Vec<Stop>, temperature: f64) {
+    pub(super) fn resume_at(&mut self, stops: Vec<PlannedStop>, temperature: f64) {
         self.plan.stops = stops;
         self.plan.temperature = temperature;
     }
@@ -560,7 +562,7 @@ impl<O: Objective> Checkpoint for Lookahead<O> {
         }
         self.counts = saved.counts;
         self.plan = Carried {
-            stops: saved.stops.into_iter().map(|(disk, hovers)| Stop { disk, hovers }).collect(),
+            stops: saved.stops.into_iter().map(|(disk, hovers)| PlannedStop { disk, hovers }).collect(),
             temperature: saved.temperature,
             has_begun: saved.has_begun,
             advanced: saved.advanced,

@@ -6,7 +6,8 @@
 //! | module | contents |
 //! |---|---|
 //! | [`objective`] | what a plan costs: the loss, or the data that is not delivered |
-//! | [`model`], [`window`] | the sensor nodes of a plan, in slots instead of bits, and what it begins with |
+//! | [`sensor`], [`model`] | the sensor nodes of a plan, in slots instead of bits, and the constants of a mission |
+//! | [`window`] | what a plan begins with |
 //! | [`groups`], [`points`] | the stops of a plan: disks, and points to hover at |
 //! | [`decoder`] | the flight to a stop, and the sensor nodes served on the way |
 //! | [`forecast`], [`states`] | the predicted cost of a plan, or of a change |
@@ -25,6 +26,7 @@ pub mod model;
 pub mod objective;
 pub mod operators;
 pub mod points;
+pub mod sensor;
 pub mod start;
 pub mod states;
 #[cfg(test)]

@@ -7,7 +7,6 @@ use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use nalgebra::Vector2;
-use skysink_common::arrivals::ArrivalLaw;
 use skysink_common::channel::{ChannelModel, Uplink};
 use skysink_common::geometry::{Position, above};
 use skysink_common::scenario::Scenario;
@@ -17,6 +16,7 @@ use skysink_common::stop::Stop;
 use super::groups::{self, ServiceDisk};
 use super::objective::Objective;
 use super::points::PointMemory;
+use super::sensor::{SensorModel, noise_slots2};
 use crate::geometry::disks::Disk;
 use crate::geometry::turns::Turns;
 use crate::mission_table::MissionTable;
@@ -58,87 +58,6 @@ const NEAR_RADII: u32 = 32;
 
 /// Directions in which buildings are looked for around a sensor.
 const LOOKS: u32 = 64;
-
-/// A sensor node (SN) of a plan, in slots.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SensorModel {
-    /// Slots in which its empty buffer fills, `C_i = B / (s_i τ)`.
-    pub fill_slots: f64,
-    /// Bits sampled per slot, and lost per slot when full, `s_i τ`, above 0.
-    pub mean_bits: f64,
-    /// What a slot of overflow costs [bit]: `w_i s_i τ`, by the weight of its bits (decision D25).
-    pub cost_bits: f64,
-    /// That weight, `w_i`.
-    pub weight: f64,
-    /// Its buffer [bit].
-    pub capacity_bits: f64,
-    /// Whether a visit from any point in range empties even a full queue.
-    pub is_emptied: bool,
-    /// Half-width of the uniform distribution of the queue before its first visit [slots of sampling]; 0 if known.
-    pub initial_half_slots: f64,
-    /// Half-width of the uniform distribution of the rate, as a fraction of its estimate; 0 if known.
-    pub rate_half_fraction: f64,
-    /// Queue after the last contact before the window [slots of sampling]; it does not depend on the rate.
-    pub left_slots: f64,
-    /// Estimated queue beyond the buffer [slots of sampling]; 0 if known.
-    pub overdue_slots: f64,
-    /// Three times the variance of what is sampled in a slot [slots² of sampling]; 0 for constant arrivals.
-    pub noise_slots2: f64,
-    /// The same of the queue before the window, if that is estimated.
-    pub noise_before_slots2: f64,
-}
-
-impl SensorModel {
-    /// Whether queue and rate are known.
-    #[inline]
-    #[must_use]
-    pub fn is_known(&self) -> bool {
-        self.initial_half_slots == 0.0 && self.rate_half_fraction == 0.0 && self.noise_slots2 == 0.0
-    }
-
-    /// Expected overflow [slots of sampling] at the end of `slot`, if the estimated queue was empty in the slot
-    /// `empty`.
-    ///
-    /// The overflow is uniform within a half-width h of `late` slots, clamped to 0: its mean is `(late + h)²/4h` for
-    /// `|late| < h`. The first visit, after slot 0, ends the uncertainty of the initial queue. Before it, `left_slots`
-    /// are certain. Arrivals at random widen it by the uniform distribution with their variance.
-    #[inline]
-    #[must_use]
-    pub fn overflow_slots(&self, slot: f64, empty: f64) -> f64 {
-        let gap = slot - empty;
-        let late = gap - self.fill_slots;
-        let mut half = if empty <= 0.0 {
-            self.rate_half_fraction * (gap - self.left_slots).max(0.0) + self.initial_half_slots
-        } else {
-            self.rate_half_fraction * gap
-        };
-        if self.noise_slots2 > 0.0 {
-            let noise_slots2 = if empty <= 0.0 {
-                self.noise_before_slots2 + self.noise_slots2 * slot
-            } else {
-                self.noise_slots2 * gap
-            };
-            half = (half * half + noise_slots2).sqrt();
-        }
-        if late >= half {
-            late
-        } else if late <= -half {
-            0.0
-        } else {
-            (late + half) * (late + half) / (4.0 * half)
-        }
-    }
-}
-
-/// [`SensorModel::noise_slots2`] of a sensor that samples `mean_bits` [bit] per slot by `law`, as a mean over the
-/// `fill_slots` in which it fills.
-pub(super) fn noise_slots2(law: ArrivalLaw, mean_bits: f64, fill_slots: f64) -> f64 {
-    if law.is_random() {
-        3.0 * law.variance_bits2(mean_bits, fill_slots) / (mean_bits * mean_bits * fill_slots)
-    } else {
-        0.0
-    }
-}
 
 /// Least part of a full buffer that a visit of another UAV takes, to count as one that empties its sensor.
 const MOST_OF_BUFFER: f64 = 0.5;
@@ -250,7 +169,7 @@ impl PlanModel {
             let disk = Disk { centre: *model.table.sensors.position(index), radius_m: model.near_m::<O>(index) };
             model.disks.push(ServiceDisk { disk, members: vec![index] });
         }
-        if may_group && model.is_scarce::<O>() {
+        if may_group && model.is_scarce() {
             model.group(scenario.seed, stop);
         }
         let tours_slots = model.tours.iter().map(|tour| model.slots_of(tour));
@@ -278,7 +197,10 @@ impl PlanModel {
             overdue_slots: 0.0,
             noise_slots2: noise_slots2(self.table.arrivals, sampler.mean_bits, sampler.fill_slots()),
             noise_before_slots2: 0.0,
+            best_bits: f64::INFINITY,
         });
+        let best_bits = self.carried_bits(index, 0.0, true);
+        self.sensors[index as usize].best_bits = best_bits;
     }
 
     /// Radius of the disk of a single sensor [m]: the farthest at which the link carries most of its best capacity, or
@@ -286,7 +208,7 @@ impl PlanModel {
     fn near_m<O: Objective>(&self, sensor: u32) -> f64 {
         let model = &self.sensors[sensor as usize];
         let full = O::capacity(model, model.capacity_bits);
-        let enough = self.capacity::<O>(sensor, 0.0, true).min(full) * NEAR;
+        let enough = O::capacity(model, model.best_bits).min(full) * NEAR;
         let radius_m = |step: u32| self.table.limits.comm_radius_m * f64::from(step) / f64::from(NEAR_RADII);
         let is_enough = |step: &u32| self.capacity::<O>(sensor, radius_m(*step).powi(2), true) >= enough;
         let centre = self.table.sensors.position(sensor);
@@ -303,11 +225,9 @@ impl PlanModel {
 
     /// Whether loss may be hard to avoid, because many resource blocks are needed for the sampled bits, or a tour takes
     /// most of the time in which a buffer fills. Otherwise groups would only take time.
-    fn is_scarce<O: Objective>(&self) -> bool {
-        let visits = |(sensor, index): (&SensorModel, u32)| {
-            sensor.mean_bits / self.carried_bits(index, 0.0, true).min(sensor.capacity_bits)
-        };
-        let needed: f64 = self.sensors.iter().zip(0..).map(visits).sum();
+    fn is_scarce(&self) -> bool {
+        let visits = |sensor: &SensorModel| sensor.mean_bits / sensor.best_bits.min(sensor.capacity_bits);
+        let needed: f64 = self.sensors.iter().map(visits).sum();
         let fills = self.sensors.iter().map(|sensor| sensor.fill_slots);
         needed >= SCARCE_BLOCKS * self.table.limits.blocks() as f64
             || self.slots_of(&self.tours[0]) >= SCARCE_TIME * fills.fold(f64::INFINITY, f64::min)
@@ -454,7 +374,7 @@ impl PlanModel {
         O::capacity(model, self.capacity_bits(sensor, d2_m2, in_sight))
     }
 
-    /// The same in bits [bit].
+    /// Bits of such a visit [bit].
     fn carried_bits(&self, sensor: u32, d2_m2: f64, in_sight: bool) -> f64 {
         let is_emptied = self.sensors[sensor as usize].is_emptied;
         if is_emptied { f64::INFINITY } else { self.capacity_bits(sensor, d2_m2, in_sight) }

@@ -3,8 +3,7 @@
 
 use std::fmt::Debug;
 
-use super::model::{PlanModel, SensorModel};
-use super::window::PlanningWindow;
+use super::sensor::SensorModel;
 use crate::bound::window::{WindowField, WindowSensor};
 
 /// States that differ by less [slots] are equal up to rounding.
@@ -70,14 +69,14 @@ pub trait Objective: Debug + Clone + Copy + PartialEq + 'static {
         0.0
     }
 
-    /// What each slot in the air costs.
-    fn slot_cost(model: &PlanModel, window: &PlanningWindow<Self>) -> f64 {
-        let _ = (model, window);
+    /// What each slot in the air costs, over a window of `slots` slots that begins with these buffers.
+    fn slot_cost(sensors: &[SensorModel], levels: &[Self::Level], slots: i32) -> f64 {
+        let _ = (sensors, levels, slots);
         0.0
     }
 
-    /// Lower bound on the cost of every plan over a window.
-    fn least(model: &PlanModel, window: &PlanningWindow<Self>) -> f64;
+    /// Lower bound on the cost of every plan of one UAV over such a window, with so many resource blocks.
+    fn least(sensors: &[SensorModel], levels: &[Self::Level], slots: i32, blocks: usize) -> f64;
 }
 
 /// A buffer at some time.
@@ -171,18 +170,15 @@ impl Objective for Loss {
         !((own - before).abs() > ROUNDING || has_begun && (now.visited <= 0.0) != (then.visited <= 0.0))
     }
 
-    fn least(model: &PlanModel, window: &PlanningWindow<Self>) -> f64 {
-        if !model.others.is_empty() {
-            return 0.0; // the bounds are those of one UAV
-        }
-        let sensor = |((index, sensor), empty): ((u32, &SensorModel), &f64)| WindowSensor {
+    fn least(sensors: &[SensorModel], levels: &[f64], slots: i32, blocks: usize) -> f64 {
+        let sensor = |(sensor, empty): (&SensorModel, &f64)| WindowSensor {
             fill_slots: sensor.fill_slots,
             mean_bits: sensor.cost_bits,
             empty: *empty,
-            capacity_slots: model.capacity::<Self>(index, 0.0, true),
+            capacity_slots: Self::capacity(sensor, sensor.best_bits),
         };
-        let sensors = (0..).zip(&model.sensors).zip(&window.levels).map(sensor).collect();
-        WindowField { sensors, slots: window.slots, blocks: model.table.limits.blocks() }.least_loss_bits()
+        let sensors = sensors.iter().zip(levels).map(sensor).collect();
+        WindowField { sensors, slots, blocks }.least_loss_bits()
     }
 }
 
@@ -265,19 +261,19 @@ impl Objective for Collect {
         if slots <= 0.0 { level.bits } else { (level.bits + slots * sensor.mean_bits).min(sensor.capacity_bits) }
     }
 
-    fn slot_cost(model: &PlanModel, window: &PlanningWindow<Self>) -> f64 {
-        all_bits(model, window) * SLOT_COST
+    fn slot_cost(sensors: &[SensorModel], levels: &[QueueLevel], slots: i32) -> f64 {
+        all_bits(sensors, levels, slots) * SLOT_COST
     }
 
-    fn least(model: &PlanModel, window: &PlanningWindow<Self>) -> f64 {
-        -all_bits(model, window) * (1.0 - SLOT_COST * (f64::from(window.slots) + 1.0))
+    fn least(sensors: &[SensorModel], levels: &[QueueLevel], slots: i32, _: usize) -> f64 {
+        -all_bits(sensors, levels, slots) * (1.0 - SLOT_COST * (f64::from(slots) + 1.0))
     }
 }
 
 /// All data that can be delivered in a window, weighted [bit].
-pub fn all_bits(model: &PlanModel, window: &PlanningWindow<Collect>) -> f64 {
+fn all_bits(sensors: &[SensorModel], levels: &[QueueLevel], slots: i32) -> f64 {
     let left_bits = |(sensor, level): (&SensorModel, &QueueLevel)| {
-        sensor.weight * (level.bits + (f64::from(window.slots) - level.slot).max(0.0) * sensor.mean_bits)
+        sensor.weight * (level.bits + (f64::from(slots) - level.slot).max(0.0) * sensor.mean_bits)
     };
-    model.sensors.iter().zip(&window.levels).map(left_bits).sum()
+    sensors.iter().zip(levels).map(left_bits).sum()
 }

@@ -8,8 +8,9 @@ use rand_chacha::ChaCha8Rng;
 use skysink_common::geometry::Position;
 use skysink_common::random::below;
 
-use super::decoder::{Leg, Stop};
+use super::decoder::Leg;
 use super::forecast::FRESH;
+use super::groups::PlannedStop;
 use super::model::PlanModel;
 use super::objective::Objective;
 use super::points::MOST_HOVERS;
@@ -66,7 +67,7 @@ pub struct Draft<'a> {
     /// Its random numbers.
     pub random: &'a mut ChaCha8Rng,
     /// The new stops, each with its index in the old plan, or [`FRESH`].
-    pub inserted: &'a mut Vec<(Stop, u32)>,
+    pub inserted: &'a mut Vec<(PlannedStop, u32)>,
 }
 
 impl Draft<'_> {
@@ -88,22 +89,22 @@ impl Draft<'_> {
     }
 
     /// Any stop of the model.
-    fn any(&mut self) -> Stop {
-        Stop::at(self.model.stops[below(self.random, self.model.stops.len())])
+    fn any(&mut self) -> PlannedStop {
+        PlannedStop::at(self.model.stops[below(self.random, self.model.stops.len())])
     }
 
     /// A stop of the model near that of leg `leg`, or any.
-    fn other(&mut self, leg: usize) -> Stop {
+    fn other(&mut self, leg: usize) -> PlannedStop {
         let near = &self.model.neighbours[self.legs[leg].stop.disk as usize];
         if near.is_empty() || below(self.random, 16) == 0 {
             self.any()
         } else {
-            Stop::at(near[below(self.random, near.len())])
+            PlannedStop::at(near[below(self.random, near.len())])
         }
     }
 
     /// The nearest leg with this stop, in one direction from leg `leg`, or in the other if there is none.
-    fn nearest(&mut self, leg: usize, stop: Stop) -> Option<usize> {
+    fn nearest(&mut self, leg: usize, stop: PlannedStop) -> Option<usize> {
         let after = || self.legs[leg + 1..].iter().position(|other| other.stop == stop).map(|away| leg + 1 + away);
         let before = || self.legs[..leg].iter().rposition(|other| other.stop == stop);
         if self.random.next_u32() & 1 == 0 { after().or_else(before) } else { before().or_else(after) }
@@ -124,7 +125,7 @@ impl Draft<'_> {
     }
 
     /// Inserts `stop` before or after leg `leg`.
-    fn insert(&mut self, leg: usize, stop: Stop) -> Range<usize> {
+    fn insert(&mut self, leg: usize, stop: PlannedStop) -> Range<usize> {
         self.inserted.push((stop, FRESH));
         let at = leg + below(self.random, 2);
         at..at
@@ -136,7 +137,7 @@ impl Draft<'_> {
     }
 
     /// Stops at `stop` instead.
-    fn replace(&mut self, leg: usize, stop: Stop) -> Range<usize> {
+    fn replace(&mut self, leg: usize, stop: PlannedStop) -> Range<usize> {
         self.inserted.push((stop, FRESH));
         leg..leg + 1
     }
@@ -241,7 +242,7 @@ impl Draft<'_> {
             1 => (stop.hovers + 1).min(MOST_HOVERS),
             _ => below(self.random, usize::from(MOST_HOVERS) + 1) as u16,
         };
-        self.inserted.push((Stop { hovers, ..stop }, FRESH));
+        self.inserted.push((PlannedStop { hovers, ..stop }, FRESH));
         (hovers != stop.hovers).then_some(leg..leg + 1)
     }
 }

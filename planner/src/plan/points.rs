@@ -10,8 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::random::{below, fraction};
 
-use super::decoder::Stop;
-use super::groups::ServiceDisk;
+use super::groups::{PlannedStop, ServiceDisk};
 use super::model::PlanModel;
 use crate::geometry::disks::Disk;
 use crate::mission_table::MissionTable;
@@ -137,14 +136,14 @@ impl PlanModel {
     }
 
     /// Adds the stop at `point` [m] for `sensor`.
-    pub fn add_point(&mut self, sensor: u32, point: Position, hovers: u16) -> Stop {
+    pub fn add_point(&mut self, sensor: u32, point: Position, hovers: u16) -> PlannedStop {
         let disk = Disk { centre: point, radius_m: 0.0 };
         self.disks.push(ServiceDisk { disk, members: vec![sensor] });
-        Stop { disk: (self.disks.len() - 1) as u32, hovers }
+        PlannedStop { disk: (self.disks.len() - 1) as u32, hovers }
     }
 
     /// Keeps only the points of `stops`, which are numbered anew.
-    pub fn keep_points(&mut self, stops: &mut [Stop]) {
+    pub fn keep_points(&mut self, stops: &mut [PlannedStop]) {
         let kept = stops.iter().map(|stop| self.disks[stop.disk as usize].clone()).collect();
         self.disks = kept;
         stops.iter_mut().zip(0..).for_each(|(stop, disk)| stop.disk = disk);

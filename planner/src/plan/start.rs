@@ -2,8 +2,8 @@
 
 use skysink_common::geometry::distance_squared;
 
-use super::decoder::Stop;
 use super::forecast::{FRESH, Forecast};
+use super::groups::PlannedStop;
 use super::model::PlanModel;
 use super::objective::Objective;
 use super::operators::detours_m;
@@ -19,7 +19,7 @@ const FIRST_POSITIONS: usize = 8;
 /// Loads the best of several initial plans: a greedy one, and repeated rounds over single sensors and over groups, in
 /// both directions.
 pub fn begin<O: Objective>(model: &PlanModel, forecast: &mut Forecast<O>) {
-    let mut best: Option<(f64, Vec<Stop>)> = None;
+    let mut best: Option<(f64, Vec<PlannedStop>)> = None;
     let mut offer = |forecast: &Forecast<O>| {
         if best.as_ref().is_none_or(|(cost, _)| forecast.cost < *cost) {
             best = Some((forecast.cost, forecast.stops()));
@@ -35,10 +35,10 @@ pub fn begin<O: Objective>(model: &PlanModel, forecast: &mut Forecast<O>) {
             continue;
         };
         let rounds = 2 * forecast.window.slots as usize * model.table.limits.blocks();
-        forecast.load(model, tour.iter().cycle().skip(first).take(rounds).map(|&disk| Stop::at(disk)));
+        forecast.load(model, tour.iter().cycle().skip(first).take(rounds).map(|&disk| PlannedStop::at(disk)));
         offer(forecast);
         let backward = tour.iter().rev().cycle().skip(tour.len() - 1 - first);
-        forecast.load(model, backward.take(rounds).map(|&disk| Stop::at(disk)));
+        forecast.load(model, backward.take(rounds).map(|&disk| PlannedStop::at(disk)));
         offer(forecast);
     }
     let (_, stops) = best.expect("at least one plan was offered");
@@ -73,7 +73,7 @@ pub fn extend<O: Objective>(model: &PlanModel, forecast: &mut Forecast<O>) {
         let Some((.., stop)) = best else {
             return;
         };
-        forecast.append(model, Stop::at(stop));
+        forecast.append(model, PlannedStop::at(stop));
         if forecast.trace.legs.len() <= legs {
             return;
         }
@@ -86,7 +86,7 @@ pub fn begin_at_points<O: Objective>(
     model: &mut PlanModel,
     forecast: &mut Forecast<O>,
     turns: Option<&Turns>,
-    offered: Vec<Stop>,
+    offered: Vec<PlannedStop>,
     is_over: &dyn Fn() -> bool,
 ) {
     forecast.keeps_idle = false;
@@ -97,7 +97,7 @@ pub fn begin_at_points<O: Objective>(
         if is_over() {
             break;
         }
-        let mut best: Option<(f64, usize, Stop)> = None;
+        let mut best: Option<(f64, usize, PlannedStop)> = None;
         for point in model.first_points(sensor, FIRST_POINTS) {
             let hovers = model.hovers(sensor, queue_bits, &point);
             let stop = model.add_point(sensor, point, hovers);
@@ -122,7 +122,7 @@ pub fn begin_at_points<O: Objective>(
         let round = forecast.stops();
         repeat(model, forecast, &round, is_over);
         best = (forecast.cost, forecast.stops());
-        let round: Vec<Stop> = turns
+        let round: Vec<PlannedStop> = turns
             .order
             .iter()
             .zip(&turns.points)
@@ -146,8 +146,13 @@ pub fn begin_at_points<O: Objective>(
 }
 
 /// Appends `round` to the plan as often as that lowers the cost: what was sampled meanwhile.
-fn repeat<O: Objective>(model: &PlanModel, forecast: &mut Forecast<O>, round: &[Stop], is_over: &dyn Fn() -> bool) {
-    let round: Vec<(Stop, u32)> = round.iter().map(|stop| (*stop, FRESH)).collect();
+fn repeat<O: Objective>(
+    model: &PlanModel,
+    forecast: &mut Forecast<O>,
+    round: &[PlannedStop],
+    is_over: &dyn Fn() -> bool,
+) {
+    let round: Vec<(PlannedStop, u32)> = round.iter().map(|stop| (*stop, FRESH)).collect();
     while !round.is_empty() && !is_over() {
         let legs = forecast.trace.legs.len();
         let cost = forecast.attempt(model, legs, legs, &round);

@@ -2,8 +2,9 @@
 //! reached again.
 
 use super::decoder::Trace;
-use super::model::{PlanModel, SensorModel};
+use super::model::PlanModel;
 use super::objective::{Objective, Reached};
+use super::sensor::SensorModel;
 
 /// Fewest legs between two stored states.
 const STRIDE: usize = 16;

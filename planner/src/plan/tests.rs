@@ -11,11 +11,13 @@ use skysink_common::message::{FlightReport, Mode, SensorNode};
 use skysink_common::scenario::{Overrides, Scenario};
 
 use super::anneal::{Cooling, Search, anneal};
-use super::decoder::{Stop as PlanStop, Visit, serve};
+use super::decoder::{Visit, serve};
 use super::forecast::{FRESH, Forecast};
+use super::groups::PlannedStop;
 use super::lookahead::{HorizonKeys, Lookahead};
-use super::model::{OtherVisits, PlanModel, SensorModel};
-use super::objective::{Loss, Objective};
+use super::model::{OtherVisits, PlanModel};
+use super::objective::Loss;
+use super::sensor::SensorModel;
 use super::start;
 use super::window::PlanningWindow;
 use crate::bound::paths::PathBound;
@@ -69,7 +71,7 @@ fn stops(forecast: &Forecast<Loss>) -> Vec<u32> {
 
 /// Loads the plan that stops in these disks.
 fn load(forecast: &mut Forecast<Loss>, model: &PlanModel, disks: impl IntoIterator<Item = u32>) {
-    forecast.load(model, disks.into_iter().map(PlanStop::at));
+    forecast.load(model, disks.into_iter().map(PlannedStop::at));
 }
 
 /// Three to nine SNs, some of them close together, that fill within 8 to 150 slots.
@@ -150,7 +152,7 @@ fn annealing_finds_the_optimum_of_small_instances() {
         let mut model = model_of(&sensors, 2, 5e6);
         let planning = window_of(&model, 16);
         let least_bits = enumerated(&model, &planning, 6);
-        assert!(Loss::least(&model, &planning) <= least_bits, "seed {seed}");
+        assert!(planning.least(&model) <= least_bits, "seed {seed}");
         let mut forecast = Forecast::new(&model, planning);
         start::begin(&model, &mut forecast);
         let mut random = Streams::new(seed).stream(Purpose::Horizon, 1, 0);
@@ -186,9 +188,9 @@ proptest! {
             let [a, b] = [indices[0].index(plan.len() + 1), indices[1].index(plan.len() + 1)];
             let from = a.min(b);
             let to = a.max(b);
-            let mut inserted = vec![(PlanStop::at(stop(&indices[2])), FRESH); moved];
+            let mut inserted = vec![(PlannedStop::at(stop(&indices[2])), FRESH); moved];
             if kept {
-                inserted.extend((from..to).map(|leg| (PlanStop::at(plan[leg]), leg as u32)));
+                inserted.extend((from..to).map(|leg| (PlannedStop::at(plan[leg]), leg as u32)));
                 let turn = indices[3].index(inserted.len() + 1);
                 inserted.rotate_left(turn);
             }
@@ -218,7 +220,7 @@ proptest! {
             let _ = kept.levels(&model); // all states are known from here on
             let stops = kept.trace.legs.len();
             let [a, b] = [indices[0].index(stops + 1), indices[1].index(stops + 1)];
-            let inserted = vec![(PlanStop::at(stop(&indices[2])), FRESH); fresh];
+            let inserted = vec![(PlannedStop::at(stop(&indices[2])), FRESH); fresh];
             let mut forgotten = kept.clone();
             forgotten.states.forget();
             let from = a.min(b);
@@ -238,7 +240,7 @@ proptest! {
     ) {
         let planning = window_of(&model, slots);
         let mut forecast = Forecast::new(&model, planning.clone());
-        let bound_bits = Loss::least(&model, &planning);
+        let bound_bits = planning.least(&model);
         prop_assert!(bound_bits <= forecast.cost + 1e-6);
         load(&mut forecast, &model, drawn.iter().map(|index| index.index(model.disks.len()) as u32));
         prop_assert!(bound_bits <= forecast.cost + 1e-6);
@@ -465,7 +467,7 @@ proptest! {
             let legs = forecast.trace.legs.len();
             let from = at.min(legs);
             let to = (from + removed).min(legs);
-            let inserted: Vec<_> = inserted.into_iter().map(|stop| (PlanStop::at(stop), FRESH)).collect();
+            let inserted: Vec<_> = inserted.into_iter().map(|stop| (PlannedStop::at(stop), FRESH)).collect();
             let cost = forecast.attempt(&model, from, to, &inserted);
             forecast.accept(cost);
             let mut lost_bits = 0.0;

@@ -2,8 +2,9 @@
 
 use skysink_common::geometry::Position;
 
-use super::model::{PlanModel, SensorModel};
+use super::model::PlanModel;
 use super::objective::Objective;
+use super::sensor::SensorModel;
 
 /// The planning window of a forecast.
 #[derive(Debug, Clone)]
@@ -49,5 +50,14 @@ impl<O: Objective> PlanningWindow<O> {
     #[must_use]
     pub fn with_battery(self, flown_slots: u64, energy_j: f64) -> Self {
         Self { flown_slots, energy_j, ..self }
+    }
+
+    /// Lower bound on the cost of every plan over this window.
+    #[must_use]
+    pub fn least(&self, model: &PlanModel) -> f64 {
+        if !model.others.is_empty() {
+            return 0.0; // the bounds are those of one UAV
+        }
+        O::least(&model.sensors, &self.levels, self.slots, model.table.limits.blocks())
     }
 }

@@ -83,8 +83,8 @@ impl Home {
         if self.motion.is_by_cells() {
             return smallvec![self.place_from(ground)];
         }
-        let nearest = self.base.nearest(ground);
-        if self.airspace.is_open() && !self.has_errors || self.base.contains(ground) {
+        let nearest = self.base.nearest(ground); // the place itself in the base
+        if self.airspace.is_open() && !self.has_errors || nearest == *ground {
             return smallvec![nearest];
         }
         if self.has_errors || !self.airspace.is_free(ground, &nearest) {
@@ -179,8 +179,18 @@ impl Home {
     /// The next waypoint of the way home from `ground` [m] in `slot`; `ground` itself in the base.
     #[must_use]
     pub fn next_waypoint(&self, slot: u64, ground: &Position) -> Position {
-        let next = self.route(slot.saturating_sub(1), ground).map_or(*ground, |route| route.first());
-        self.motion.slot_end(slot, ground, &next)
+        self.waypoint_of(self.route(slot.saturating_sub(1), ground), slot, ground)
+    }
+
+    /// The same of a UAV with `energy_j` [J] whose time is over: at full speed, if the energy lasts for that.
+    #[must_use]
+    pub fn landing_waypoint(&self, slot: u64, energy_j: f64, ground: &Position) -> Position {
+        let in_time = self.route(slot.saturating_sub(1), ground).filter(|route| route.energy_j() <= energy_j);
+        self.waypoint_of(in_time.or_else(|| self.route_within(ground, u64::MAX)), slot, ground)
+    }
+
+    fn waypoint_of(&self, route: Option<Route>, slot: u64, ground: &Position) -> Position {
+        self.motion.slot_end(slot, ground, &route.map_or(*ground, |route| route.first()))
     }
 
     /// What becomes of the decision to fly from `from` to `to` [m] in `slot`; `is_idle` if it serves nobody there.
@@ -242,7 +252,9 @@ impl Home {
             let middle = low + (high - low) / 2;
             if self.charges_on(slot + middle, &state(middle)) { low = middle + 1 } else { high = middle }
         }
-        low
+        // Until the next move may begin.
+        let (moves, before) = (self.motion.move_slots(), slot.saturating_sub(1));
+        if low == 0 { 0 } else { (before + low).next_multiple_of(moves) - before }
     }
 }
 

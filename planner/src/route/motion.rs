@@ -92,7 +92,7 @@ impl Motion {
     /// nearer: straight, or around zones.
     #[must_use]
     pub fn toward(&self, from: &Position, goal: &Position) -> Position {
-        if self.airspace.is_open() {
+        if self.is_straight(from, goal) {
             return toward(self.reach_m, from, goal);
         }
         self.airspace.toward(from, goal, self.reach_m)
@@ -107,7 +107,14 @@ impl Motion {
     /// Its square [m²], for comparisons: without a root, in an open field.
     #[must_use]
     pub fn distance_m2(&self, from: &Position, to: &Position) -> f64 {
-        if self.airspace.is_open() { distance_squared(from, to) } else { self.airspace.distance_m(from, to).powi(2) }
+        if self.is_straight(from, to) { distance_squared(from, to) } else { self.airspace.distance_m(from, to).powi(2) }
+    }
+
+    /// Whether it flies straight from `from` to `to` [m]: as in an open field, to the last bit, where no zone is in the
+    /// way.
+    #[inline]
+    fn is_straight(&self, from: &Position, to: &Position) -> bool {
+        self.airspace.is_open() || !self.is_by_cells() && self.airspace.is_free(from, to)
     }
 
     /// Whether one slot, or a move on a grid, leads from `from` into `disk`, around zones.
@@ -120,7 +127,7 @@ impl Motion {
     /// there is none.
     #[must_use]
     pub fn slots_into(&self, from: &Position, disk: &Disk) -> f64 {
-        if self.airspace.is_open() {
+        if self.is_straight(from, &disk.centre) {
             return slots_between(from, disk, self.reach_m);
         }
         self.shortest_into(from, disk).map_or(f64::INFINITY, |route| f64::from(route.slots()))
@@ -170,8 +177,9 @@ impl Motion {
         Some(Route::new(*from, bent.chain([rest]), self.battery.as_ref()))
     }
 
-    /// The route from `from` to `end` [m] of least energy in `left` slots, at full speed where more are needed; of its
-    /// parts the first have the slots that are not needed for full speed. `None` if there is none.
+    /// The route from `from` to `end` [m] of least energy in `left` slots: its straight parts at the speed of least energy
+    /// per metre, of which the first have the slots that are not needed for full speed. Around zones at full speed, as
+    /// every other flight, where there is no time for whole slots in each part, or no battery. `None` if there is none.
     #[must_use]
     pub fn thrifty(&self, from: &Position, end: &Position, left: u64) -> Option<Route> {
         let path = self.airspace.way(from, end);
@@ -179,6 +187,9 @@ impl Motion {
         let begins = std::iter::once(from).chain(&path);
         let lengths_m: SmallVec<[f64; 4]> = begins.zip(&path).map(|(begin, end)| (end - begin).norm()).collect();
         let fastest = lengths_m.iter().map(|length_m| slots(*length_m, self.reach_m)).sum::<f64>();
+        if path.len() > 1 && (self.battery.is_none() || fastest > left as f64) {
+            return self.along(from, &path);
+        }
         let mut spare = left as f64 - fastest;
         let part = |(end, length_m): (&Position, &f64)| {
             let fastest = slots(*length_m, self.reach_m);

@@ -38,8 +38,8 @@ pub struct Ruled {
     pub mode: Mode,
 }
 
-/// A rule: what becomes of what those before it have decided.
-type Apply = fn(&mut RuleBook, &View<'_>, Duty, Ruled) -> Ruled;
+/// A rule: it changes what those before it have decided.
+type Apply = fn(&mut RuleBook, &View<'_>, Duty, &mut Ruled);
 
 /// The rules of a mission.
 pub struct RuleBook {
@@ -66,7 +66,7 @@ impl RuleBook {
         propose: &mut dyn FnMut(&View<'_>) -> Option<Decision>,
     ) -> Ruled {
         let charges = view.table.home.as_ref().is_some_and(|home| home.charges_on(view.slot, &view.battery));
-        let ruled = match duty {
+        let mut ruled = match duty {
             Duty::Down => return Ruled { decision: Decision::stay(view), mode: Mode::Hold },
             Duty::Landing => land(view),
             Duty::Mission if charges => Ruled { decision: Decision::stay(view), mode: Mode::Charge },
@@ -75,66 +75,62 @@ impl RuleBook {
                 None => Ruled { decision: transit_decision(&mut self.serving, view), mode: Mode::Transit },
             },
         };
-        Self::ORDER.iter().fold(ruled, |ruled, apply| apply(self, view, duty, ruled))
+        Self::ORDER.iter().for_each(|apply| apply(self, view, duty, &mut ruled));
+        ruled
     }
 
     /// Where a zone is in the way: to fly around it toward the same waypoint and serve the fullest queues in range. On a
     /// grid: to fly along its lines.
-    fn keep_to_airspace(&mut self, view: &View<'_>, duty: Duty, mut ruled: Ruled) -> Ruled {
-        if duty != Duty::Mission || ruled.mode == Mode::Charge || view.table.airspace.is_open() {
-            return ruled;
+    fn keep_to_airspace(&mut self, view: &View<'_>, duty: Duty, ruled: &mut Ruled) {
+        if view.table.airspace.is_open() || duty != Duty::Mission || ruled.mode == Mode::Charge {
+            return;
         }
         let proposed = ruled.decision.waypoint.xy();
         let end = view.table.motion.slot_end(view.slot, &view.ground(), &proposed);
-        if !view.table.motion.is_same(&end, &proposed) {
-            return Ruled { decision: self.serving.serve_fullest(view, &end), ..ruled };
+        if view.table.motion.is_same(&end, &proposed) {
+            (ruled.decision.waypoint.x, ruled.decision.waypoint.y) = (end.x, end.y);
+        } else {
+            ruled.decision = self.serving.serve_fullest(view, &end);
         }
-        (ruled.decision.waypoint.x, ruled.decision.waypoint.y) = (end.x, end.y);
-        ruled
     }
 
     /// A decision that leaves too little energy or time for the way home is replaced by a part of it; one that stays in
     /// the base and serves nobody charges.
-    fn come_home(&mut self, view: &View<'_>, duty: Duty, ruled: Ruled) -> Ruled {
+    fn come_home(&mut self, view: &View<'_>, duty: Duty, ruled: &mut Ruled) {
         let Some(home) = view.table.home.as_ref().filter(|_| duty == Duty::Mission && ruled.mode != Mode::Charge)
         else {
-            return ruled;
+            return;
         };
-        let Ruled { decision, .. } = &ruled;
+        let Ruled { decision, mode } = ruled;
         let flight = [&view.position, &decision.waypoint];
         match home.rule(view.slot, &view.battery, flight, decision.schedule.is_empty()) {
-            Returning::Not => ruled,
-            Returning::Charges => Ruled { decision: Decision::stay(view), mode: Mode::Charge },
+            Returning::Not => {}
+            Returning::Charges => (*decision, *mode) = (Decision::stay(view), Mode::Charge),
             Returning::Flies(waypoint) => {
-                let mut decision = self.serving.serve_fullest(view, &waypoint.xy());
+                (*decision, *mode) = (self.serving.serve_fullest(view, &waypoint.xy()), Mode::Return);
                 decision.waypoint.z = decision.waypoint.z.min(waypoint.z); // a climb would take energy
-                Ruled { decision, mode: Mode::Return }
             }
         }
     }
 
     /// A slot that would end too near to another UAV ends elsewhere.
-    fn keep_apart(&mut self, view: &View<'_>, duty: Duty, mut ruled: Ruled) -> Ruled {
-        let neighbours = view.neighbours.filter(|_| ruled.mode != Mode::Charge);
-        let proposed = ruled.decision.waypoint.xy();
-        let Some(end) = neighbours.and_then(|neighbours| neighbours.reservations.end_instead_of(view, &proposed))
-        else {
-            return ruled;
-        };
+    fn keep_apart(&mut self, view: &View<'_>, duty: Duty, ruled: &mut Ruled) {
+        let Some(neighbours) = view.neighbours.filter(|_| ruled.mode != Mode::Charge) else { return };
+        let decision = &mut ruled.decision;
+        let Some(end) = neighbours.reservations.end_instead_of(view, &decision.waypoint.xy()) else { return };
         if duty == Duty::Landing {
-            ruled.decision.waypoint = above(&end, view.position.z);
+            decision.waypoint = above(&end, view.position.z);
         } else {
-            ruled.decision = self.serving.serve_fullest(view, &end);
-            ruled.decision.waypoint.z = ruled.decision.waypoint.z.min(view.position.z); // a climb would take energy
+            *decision = self.serving.serve_fullest(view, &end);
+            decision.waypoint.z = decision.waypoint.z.min(view.position.z); // a climb would take energy
         }
-        ruled
     }
 
     /// SNs that other UAVs have scheduled are left to them.
-    fn leave_scheduled(&mut self, view: &View<'_>, _: Duty, mut ruled: Ruled) -> Ruled {
-        let scheduled = view.neighbours.map_or(&[][..], |neighbours| neighbours.scheduled);
-        ruled.decision.schedule.retain(|id| !scheduled.contains(id));
-        ruled
+    fn leave_scheduled(&mut self, view: &View<'_>, _: Duty, ruled: &mut Ruled) {
+        if let Some(neighbours) = view.neighbours {
+            ruled.decision.schedule.retain(|id| !neighbours.scheduled.contains(id));
+        }
     }
 }
 
@@ -148,6 +144,8 @@ fn land(view: &View<'_>) -> Ruled {
     match table.motion.under_way(view.slot, &ground).filter(|end| *end != ground) {
         Some(end) => flies(end),
         None if table.is_home(&ground) => Ruled { decision: Decision::stay(view), mode: Mode::Charge },
-        None => flies(table.home.as_ref().map_or(ground, |home| home.next_waypoint(view.slot, &ground))),
+        None => flies(
+            table.home.as_ref().map_or(ground, |home| home.landing_waypoint(view.slot, view.battery.energy_j, &ground)),
+        ),
     }
 }
