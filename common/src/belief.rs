@@ -28,7 +28,7 @@ impl Belief {
         estimated.map_or(Self::Known, |rates| Self::Estimated(Box::new(Estimate::new(scenario, rates, sensors))))
     }
 
-    /// The same over the SNs of a list.
+    /// The belief before slot 1 over the SNs of a list.
     #[must_use]
     pub fn of(scenario: &Scenario, list: &SensorList, estimated: Option<Rates>) -> Self {
         let over_list = |rates| Self::new(scenario, &Sensors::of(scenario, &list.nodes()), Some(rates));
@@ -89,7 +89,7 @@ impl Belief {
         nodes
     }
 
-    /// The same of `sensors`.
+    /// The `sensors` with the rates that the UAV has learnt instead of the true ones; unchanged if it has learnt none.
     #[must_use]
     pub fn known_sensors(&self, sensors: Arc<Sensors>) -> Arc<Sensors> {
         match self {
@@ -137,7 +137,7 @@ impl Belief {
         self.predicted(slot, sensors, queues_bits)
     }
 
-    /// The same at the `slot` of the last [`Self::predict`].
+    /// What is believed at the end of `slot`, the one of the last [`Self::predict`].
     #[must_use]
     pub fn predicted<'a>(&'a self, slot: u64, sensors: &'a Sensors, queues_bits: &'a [u32]) -> Believed<'a> {
         Believed { slot, sensors, queues_bits: self.queues_bits(queues_bits), belief: self }

@@ -76,7 +76,7 @@ pub struct Uncertainty {
 }
 
 impl Uncertainty {
-    /// That of a known queue [bit] and rate.
+    /// The uncertainty of a known queue [bit] and rate.
     #[must_use]
     pub fn none(queue_bits: u32) -> Self {
         Self {
@@ -281,7 +281,7 @@ impl Estimate {
         self.sensors[id as usize].mean_bits()
     }
 
-    /// The same of all SNs, by id.
+    /// Estimate of the bits per slot of all SNs, by id.
     pub fn means_bits(&self) -> impl Iterator<Item = f64> {
         self.sensors.iter().map(SensorEstimate::mean_bits)
     }

@@ -46,7 +46,7 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// Those of a scenario.
+    /// The limits in a scenario.
     #[must_use]
     pub fn of(scenario: &Scenario) -> Self {
         let climb = scenario.uav.climb();

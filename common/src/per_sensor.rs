@@ -19,7 +19,7 @@ impl<T: Copy + PartialEq> PerSensor<T> {
         }
     }
 
-    /// That of SN `sensor`.
+    /// The value of SN `sensor`.
     ///
     /// # Panics
     /// If the values differ, and the SN is unknown.

@@ -44,7 +44,7 @@ impl Sampling {
         Self::of_buffers(mean_bits, PerSensor::new(capacity_bits))
     }
 
-    /// The same buffers with other means [bit], by id.
+    /// The sampling with these means [bit], by id, and the same buffers.
     #[must_use]
     pub fn with_means(&self, mean_bits: Vec<f64>) -> Self {
         Self::of_buffers(mean_bits, self.capacity_bits.clone())
@@ -55,7 +55,7 @@ impl Sampling {
         Self { mean_bits: PerSensor::new(mean_bits), capacity_bits, highest_mean_bits, arrivals: None }
     }
 
-    /// The same with these arrivals, or with constant ones.
+    /// The sampling with these arrivals, or with constant ones.
     #[must_use]
     pub fn with_arrivals(self, arrivals: Option<Arrivals>) -> Self {
         Self { arrivals: arrivals.map(Arc::new), ..self }
@@ -118,7 +118,8 @@ impl Sampling {
         }
     }
 
-    /// The same, from an earlier `counted` slot and the bits sampled up to its end. Takes time by the slots between.
+    /// Bits that SN `sensor` samples up to the end of `slot`, from an earlier `counted` slot and the bits up to its
+    /// end. Takes time by the slots between.
     ///
     /// # Panics
     /// As [`Self::of`].

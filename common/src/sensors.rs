@@ -62,7 +62,7 @@ impl Sensors {
         Self::new(&Limits::of(scenario), nodes)
     }
 
-    /// Those of them with the given `ids`, which get the ids 0, 1, … in that order, and the `grid` of their positions.
+    /// The SNs with the given `ids`, which get the ids 0, 1, … in that order, and the `grid` of their positions.
     ///
     /// # Panics
     /// If an SN is unknown.

@@ -37,7 +37,7 @@ impl Weights {
         Self { weights: PerSensor::new(weights), scale }
     }
 
-    /// Those of the SNs `ids`, which get the ids 0, 1, … in that order; values and factors stay the same.
+    /// The weights of the SNs `ids`, which get the ids 0, 1, … in that order; values and factors stay the same.
     ///
     /// # Panics
     /// If an SN is unknown.

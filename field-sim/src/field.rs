@@ -59,7 +59,7 @@ impl Field {
         }
     }
 
-    /// The same with what the UAV believes before slot 1, instead of known queues.
+    /// The field with what the UAV believes before slot 1, instead of known queues.
     #[must_use]
     pub fn with_belief(mut self, belief: Belief) -> Self {
         self.belief = belief;

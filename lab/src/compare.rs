@@ -42,7 +42,7 @@ pub struct MetricStanding {
     pub difference_ci95: Option<[f64; 2]>,
     /// The p-value of the paired test that the difference is 0.
     pub difference_p: Option<f64>,
-    /// The same, adjusted for the number of differences of this metric by Holm's method.
+    /// The p-value, adjusted for the number of differences of this metric by Holm's method.
     pub difference_p_holm: Option<f64>,
     /// By how few missions the mean is determined.
     #[serde(flatten)]

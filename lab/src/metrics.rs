@@ -20,36 +20,6 @@ use crate::optimize::LossBounds;
 use crate::statistics::Support;
 use crate::trapped::Stay;
 
-/// A metric, which is a column of the results; defined in `docs/src/metrics.md`. A new one is a variant and its row.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, EnumCount, VariantArray)]
-#[expect(missing_docs, reason = "the rows of `MetricRow` describe them")]
-pub enum Metric {
-    LossRate,
-    EtaLetter,
-    WeightedLossRate,
-    DeliveredBits,
-    BitsPerWaypoint,
-    MeanServed,
-    FlownM,
-    EnergyJ,
-    EnergyLeftJ,
-    ChargedJ,
-    ChargedS,
-    CollectionRatio,
-    Landed,
-    LandedRatio,
-    AoiMeanS,
-    AoiP99S,
-    DataAgeMeanS,
-    DataAgeP99S,
-    Jain,
-    Trapped,
-    LossBound,
-    ExpectedLossBound,
-    PlanP50Us,
-    PlanP99Us,
-}
-
 /// The values of all metrics, in the order of [`Metric`].
 pub type MetricValues = [f64; Metric::COUNT];
 
@@ -88,7 +58,7 @@ struct MeteredMission<'a> {
     data_ages: AgeCounts,
     /// The bits delivered by each sensor node.
     delivered_bits: &'a [u64],
-    /// Those of `offline` only.
+    /// The bounds; only `offline` has them.
     bounds: Option<LossBounds>,
 }
 
@@ -109,79 +79,64 @@ const JOULES: MetricRow = MetricRow { unit: "J", ..REAL };
 const SECONDS: MetricRow = MetricRow { unit: "s", ..REAL };
 const WALL_CLOCK: MetricRow = MetricRow { kind: MetricKind::WallClock, unit: "µs", ..REAL };
 
-impl MetricRow {
-    /// The row with this name, description and value.
-    fn row(self, name: &'static str, words: &'static str, of: fn(&MeteredMission<'_>) -> f64) -> Self {
-        Self { name, words, of, ..self }
-    }
+/// Declares the metrics: the kind of their rows, name, description and value. A new one is a line.
+macro_rules! metrics {
+    ($($variant:ident: $common:ident, $name:literal, $words:literal, $of:expr;)*) => {
+        /// A metric, which is a column of the results; defined in `docs/src/metrics.md`.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, EnumCount, VariantArray)]
+        pub enum Metric {
+            $(#[doc = $words] $variant,)*
+        }
+
+        impl Metric {
+            fn row(self) -> MetricRow {
+                match self {
+                    $(Self::$variant => MetricRow { name: $name, words: $words, of: $of, ..$common },)*
+                }
+            }
+        }
+    };
+}
+
+// NaN stands for a figure that the mission does not have.
+metrics! {
+    LossRate: FRACTION, "loss_rate", "data loss rate η", |m| m.summary.loss_rate;
+    EtaLetter: REAL, "eta_letter", "η as in the paper", |m| m.summary.eta_letter;
+    WeightedLossRate: FRACTION, "weighted_loss_rate", "weighted data loss rate η_w",
+        |m| m.summary.weighted_loss_rate.unwrap_or(f64::NAN); // equal weights: it is then the loss rate
+    DeliveredBits: BIT_COUNT, "delivered_bits", "bits delivered",
+        |m| m.summary.totals.delivered_bits as f64; // exact below 2^53
+    BitsPerWaypoint: BITS, "bits_per_waypoint", "bits delivered per waypoint", |m| m.summary.bits_per_waypoint;
+    MeanServed: REAL, "mean_served", "SNs served per slot", |m| m.summary.mean_served;
+    FlownM: METRES, "flown_m", "flown distance", |m| m.meter.flown_m;
+    EnergyJ: JOULES, "energy_j", "propulsion energy", |m| m.meter.energy_j;
+    EnergyLeftJ: JOULES, "energy_left_j", "energy left in the battery",
+        |m| m.summary.energy.map_or(f64::NAN, |energy| energy.left_j);
+    ChargedJ: JOULES, "charged_j", "energy charged", |m| m.summary.energy.map_or(f64::NAN, |energy| energy.charged_j);
+    ChargedS: SECONDS, "charged_s", "time charging", |m| m.summary.energy.map_or(f64::NAN, |energy| energy.charged_s);
+    CollectionRatio: FRACTION, "collection_ratio", "fraction of all bits collected", |m| m.summary.collection_ratio;
+    Landed: FRACTION, "landed", "fraction of missions that end in the base", |m| landed(m.summary);
+    LandedRatio: FRACTION, "landed_ratio", "collection ratio of those that end in the base, else 0",
+        |m| landed(m.summary) * m.summary.collection_ratio;
+    AoiMeanS: SECONDS, "aoi_mean_s", "mean time since the last service",
+        |m| m.service_ages.mean() * m.meter.slot_s;
+    AoiP99S: SECONDS, "aoi_p99_s", "99th percentile of the time since the last service",
+        |m| m.service_ages.quantile(0.99) as f64 * m.meter.slot_s;
+    DataAgeMeanS: SECONDS, "data_age_mean_s", "mean age of the delivered data",
+        |m| m.data_ages.mean() * m.meter.slot_s;
+    DataAgeP99S: SECONDS, "data_age_p99_s", "99th percentile of the age of the delivered data",
+        |m| m.data_ages.quantile(0.99) as f64 * m.meter.slot_s;
+    Jain: FRACTION, "jain", "Jain's fairness index", |m| jain(m.delivered_bits);
+    Trapped: FRACTION, "trapped", "fraction of trapped fields", |m| f64::from(u8::from(m.meter.stay.is_trapped()));
+    LossBound: FRACTION, "loss_bound", "lower bound of the data loss rate",
+        |m| m.bounds.map_or(f64::NAN, |bounds| bounds.loss_bound);
+    ExpectedLossBound: FRACTION, "expected_loss_bound", "lower bound of the expected data loss rate",
+        |m| m.bounds.and_then(|bounds| bounds.expected_loss_bound).unwrap_or(f64::NAN); // of a random channel
+    PlanP50Us: WALL_CLOCK, "plan_p50_us", "planning time", |m| m.summary.timing.plan_p50_us;
+    PlanP99Us: WALL_CLOCK, "plan_p99_us", "99th percentile of the planning time", |m| m.summary.timing.plan_p99_us;
 }
 
 impl Metric {
-    fn row(self) -> MetricRow {
-        match self {
-            Self::LossRate => FRACTION.row("loss_rate", "data loss rate η", |m| m.summary.loss_rate),
-            // NaN where all weights are equal: it is then the loss rate.
-            Self::WeightedLossRate => FRACTION.row("weighted_loss_rate", "weighted data loss rate η_w", |m| {
-                m.summary.weighted_loss_rate.unwrap_or(f64::NAN)
-            }),
-            Self::EtaLetter => REAL.row("eta_letter", "η as in the paper", |m| m.summary.eta_letter),
-            Self::DeliveredBits => BIT_COUNT.row("delivered_bits", "bits delivered", |m| {
-                m.summary.totals.delivered_bits as f64 // exact below 2^53
-            }),
-            Self::BitsPerWaypoint => {
-                BITS.row("bits_per_waypoint", "bits delivered per waypoint", |m| m.summary.bits_per_waypoint)
-            }
-            Self::MeanServed => REAL.row("mean_served", "SNs served per slot", |m| m.summary.mean_served),
-            Self::FlownM => METRES.row("flown_m", "flown distance", |m| m.meter.flown_m),
-            Self::EnergyJ => JOULES.row("energy_j", "propulsion energy", |m| m.meter.energy_j),
-            // NaN without a battery, or a base.
-            Self::EnergyLeftJ => JOULES.row("energy_left_j", "energy left in the battery", |m| {
-                m.summary.energy.map_or(f64::NAN, |energy| energy.left_j)
-            }),
-            Self::ChargedJ => JOULES
-                .row("charged_j", "energy charged", |m| m.summary.energy.map_or(f64::NAN, |energy| energy.charged_j)),
-            Self::ChargedS => SECONDS
-                .row("charged_s", "time charging", |m| m.summary.energy.map_or(f64::NAN, |energy| energy.charged_s)),
-            Self::CollectionRatio => {
-                FRACTION.row("collection_ratio", "fraction of all bits collected", |m| m.summary.collection_ratio)
-            }
-            Self::Landed => FRACTION.row("landed", "fraction of missions that end in the base", |m| landed(m.summary)),
-            Self::LandedRatio => {
-                FRACTION.row("landed_ratio", "collection ratio of those that end in the base, else 0", |m| {
-                    landed(m.summary) * m.summary.collection_ratio
-                })
-            }
-            Self::AoiMeanS => SECONDS
-                .row("aoi_mean_s", "mean time since the last service", |m| m.service_ages.mean() * m.meter.slot_s),
-            Self::AoiP99S => SECONDS.row("aoi_p99_s", "99th percentile of the time since the last service", |m| {
-                m.service_ages.quantile(0.99) as f64 * m.meter.slot_s
-            }),
-            Self::DataAgeMeanS => SECONDS
-                .row("data_age_mean_s", "mean age of the delivered data", |m| m.data_ages.mean() * m.meter.slot_s),
-            Self::DataAgeP99S => {
-                SECONDS.row("data_age_p99_s", "99th percentile of the age of the delivered data", |m| {
-                    m.data_ages.quantile(0.99) as f64 * m.meter.slot_s
-                })
-            }
-            Self::Jain => FRACTION.row("jain", "Jain's fairness index", |m| jain(m.delivered_bits)),
-            Self::Trapped => FRACTION
-                .row("trapped", "fraction of trapped fields", |m| f64::from(u8::from(m.meter.stay.is_trapped()))),
-            Self::LossBound => FRACTION.row("loss_bound", "lower bound of the data loss rate", |m| {
-                m.bounds.map_or(f64::NAN, |bounds| bounds.loss_bound)
-            }),
-            // NaN unless the channel is random, too.
-            Self::ExpectedLossBound => {
-                FRACTION.row("expected_loss_bound", "lower bound of the expected data loss rate", |m| {
-                    m.bounds.and_then(|bounds| bounds.expected_loss_bound).unwrap_or(f64::NAN)
-                })
-            }
-            Self::PlanP50Us => WALL_CLOCK.row("plan_p50_us", "planning time", |m| m.summary.timing.plan_p50_us),
-            Self::PlanP99Us => {
-                WALL_CLOCK.row("plan_p99_us", "99th percentile of the planning time", |m| m.summary.timing.plan_p99_us)
-            }
-        }
-    }
-
     /// All metrics.
     pub fn all() -> impl Iterator<Item = Self> {
         Self::VARIANTS.iter().copied()

@@ -84,21 +84,14 @@ impl MeanInterval {
     /// If `values` is empty.
     #[must_use]
     pub fn of(values: &[f64], support: Support) -> Self {
-        let mean = values.iter().sum::<f64>() / values.len() as f64;
-        Self::of_moments(values.len(), mean, values.iter().map(|value| (value - mean).powi(2)).sum(), support)
-    }
-
-    /// The same from the number of values, their mean, and the sum of squared deviations.
-    ///
-    /// # Panics
-    /// If `n` is 0.
-    #[must_use]
-    pub fn of_moments(n: usize, mean: f64, squares: f64, support: Support) -> Self {
+        let n = values.len();
         assert!(n > 0, "a mean needs a value");
+        let mean = values.iter().sum::<f64>() / n as f64;
         if n == 1 {
             return Self { n, mean, deviation: None, limits: None };
         }
         let freedom = (n - 1) as f64;
+        let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
         let deviation = (squares / freedom).sqrt();
         let t = StudentsT::new(0.0, 1.0, freedom).expect("a positive degree of freedom").inverse_cdf(0.975);
         let limits = support.limits(mean, t * deviation / (n as f64).sqrt());
@@ -156,7 +149,7 @@ pub struct Concentration {
 }
 
 impl Concentration {
-    /// That of these values.
+    /// The concentration of these values.
     #[must_use]
     pub fn of(values: impl Iterator<Item = f64>) -> Self {
         let mut sum = 0.0;

@@ -171,7 +171,7 @@ impl From<Stopped> for Ended {
 /// Drives a mission from where the plant stands to its end, or until `stop`.
 ///
 /// # Errors
-/// Those of the pilot and of the observers.
+/// If the pilot or an observer fails.
 ///
 /// ```
 /// use skysink_common::{scenario::Scenario, sensors::SensorList, stop::Stop};

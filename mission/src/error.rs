@@ -55,7 +55,7 @@ pub trait FileContext<T> {
     /// The value, or [`MissionError::File`] about `path`.
     ///
     /// # Errors
-    /// That of the file system.
+    /// If the file system has refused.
     fn at(self, path: &Path) -> Result<T, MissionError>;
 }
 

@@ -94,7 +94,7 @@ impl FolderLayout {
     /// processes have left. `check` refuses what it holds: before the lock file is created, and again under the lock.
     ///
     /// # Errors
-    /// That of `cannot_create` or `check`, or if the folder cannot be locked.
+    /// If the folder cannot be created or locked, or `check` refuses it.
     pub fn open<E: From<MissionError>>(
         &'static self,
         path: &Path,

@@ -53,7 +53,7 @@ impl Mission {
         Self::until(scenario, list, &Stop::default())
     }
 
-    /// The same; `stop` ends its long preparations, after which it flies nothing, and the iterator.
+    /// The mission before slot 1. `stop` ends its long preparations, after which it flies nothing, and the iterator.
     ///
     /// # Errors
     /// As [`Mission::new`].
@@ -61,7 +61,7 @@ impl Mission {
         Ok(Self { planner: FleetPlanner::until(scenario, &list.nodes(), stop)?, plant: Plant::new(scenario, list) })
     }
 
-    /// The same with the strategies that `make` makes, one for each UAV, instead of the scenario's.
+    /// The mission with the strategies that `make` makes, one for each UAV, instead of the scenario's.
     ///
     /// # Errors
     /// As [`Mission::new`], and those of `make`.
@@ -96,7 +96,7 @@ impl Mission {
     /// Drives the mission to its end, or until `stop`, which also ends a search.
     ///
     /// # Errors
-    /// Those of the observers.
+    /// If an observer fails.
     pub fn drive(&mut self, observers: &mut [&mut dyn Observer], stop: &Stop) -> Result<End, MissionError> {
         self.planner.set_stop(stop);
         drive(&mut self.plant, &mut self.planner, observers, stop)

@@ -36,13 +36,13 @@ impl Plant {
         Self { field, fleet, slots: scenario.slots, repeats_reports: false, record }
     }
 
-    /// The same for the flights that another flight-sim has reported: each plan is one, as [`Flight::repeat`] takes it.
+    /// The plant of flights that another flight-sim has reported: each plan is one, as [`Flight::repeat`] takes it.
     #[must_use]
     pub fn repeating_reports(self, repeats_reports: bool) -> Self {
         Self { repeats_reports, ..self }
     }
 
-    /// The same with what the UAV believes before slot 1, for external planners, instead of known queues.
+    /// The plant with what the UAV believes before slot 1, for external planners, instead of known queues.
     #[must_use]
     pub fn with_belief(self, belief: Belief) -> Self {
         Self { field: self.field.with_belief(belief), ..self }

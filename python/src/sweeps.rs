@@ -165,7 +165,7 @@ impl PySweepPlan {
         out: PathBuf,
     ) -> PyResult<(Bound<'py, PyAny>, PyTable)> {
         let journal = finish(py, record)?;
-        let contenders = Contender::of_sweep(&self.0.definition, &journal.all().map_err(of_lab)?);
+        let contenders = Contender::of_sweep(&self.0.definition, &journal.rows);
         let standings = of_contenders(&contenders);
         let text = serde_json::to_string_pretty(&standings).expect("plain numbers and strings");
         write_whole(&out.join(STANDINGS), (text + "\n").as_bytes()).map_err(of_mission)?;
@@ -181,7 +181,7 @@ fn finish(py: Python<'_>, record: &Bound<'_, PySweepRecord>) -> PyResult<SweepJo
 
 impl PySweepPlan {
     fn table(&self, journal: &SweepJournal) -> PyResult<PyTable> {
-        let rows = journal.rows().collect::<Result<Vec<_>, _>>().map_err(of_lab)?;
+        let rows: Vec<MissionRow> = journal.rows.values().copied().collect();
         let columns = mission_columns(&self.0.definition, &rows);
         PyTable::new(columns)
     }

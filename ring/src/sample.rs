@@ -53,7 +53,7 @@ pub trait Payload: IceoryxSend + Debug + 'static {
     /// Sends a copy of `messages`, of which there is one unless the payload is a list.
     ///
     /// # Errors
-    /// That of iceoryx2.
+    /// If iceoryx2 fails.
     fn send<S: Service, H: Header>(
         publisher: &Publisher<S, Self, H>,
         header: H,
@@ -63,7 +63,7 @@ pub trait Payload: IceoryxSend + Debug + 'static {
     /// Creates a topic's service with the attributes `terms`, or opens it if there are none.
     ///
     /// # Errors
-    /// That of iceoryx2.
+    /// If iceoryx2 fails.
     fn service<S: Service, H: Header>(
         builder: Builder<Self, H, S>,
         terms: Option<&AttributeSpecifier>,

@@ -329,7 +329,7 @@ impl<S: Service + 'static> Ring<S> {
     /// launcher. Until then this process serves restarted ones. `repeat` is called every 10 ms.
     ///
     /// # Errors
-    /// Those of `repeat`, on a requested stop, or if iceoryx2 fails.
+    /// If `repeat` or iceoryx2 fails, or on a requested stop.
     pub fn wait_for_commit(
         &self,
         wait: &mut WaitContext,

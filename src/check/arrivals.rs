@@ -16,7 +16,7 @@ const MOST_DRAWS: f64 = 5e6;
 pub struct ArrivalFigures {
     /// Standard deviation of the bits of an SN in a slot, divided by their mean.
     pub slot_spread: f64,
-    /// The same over the slots in which an empty buffer fills.
+    /// Standard deviation of the bits of an SN, divided by their mean, over the slots in which an empty buffer fills.
     pub fill_spread: f64,
     /// Variance of the bits of a slot divided by their mean, as the planner is told of a trace [bit].
     pub told_dispersion_bits: Option<f64>,
@@ -31,7 +31,7 @@ pub struct SampledFigures {
     pub sampled_bits: u64,
     /// Divided by their mean, `Σ s_i τ T`.
     pub of_mean: f64,
-    /// Those of the slot with most of them.
+    /// The bits of the slot with most of them.
     pub busiest_bits: u64,
     /// Variance of the bits of an SN in a slot, divided by their mean, over all SNs [bit].
     pub dispersion_bits: f64,

@@ -16,7 +16,7 @@ use super::quantity::scaled;
 pub struct EnergyFigures {
     /// Time in the air from a full battery to its reserve, hovering [s]; `None` without a battery.
     pub hovering_s: Option<f64>,
-    /// The same at the speed of least power [s].
+    /// Time in the air from a full battery to its reserve at the speed of least power [s].
     pub cruising_s: Option<f64>,
     /// Time to charge from the reserve to full [s]; `None` without a battery or a charger.
     pub charging_s: Option<f64>,

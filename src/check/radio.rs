@@ -23,7 +23,7 @@ const HIGH_DB: f64 = 20.0;
 pub struct RadioFigures {
     /// Noise power in the bandwidth of a link [dBm].
     pub noise_dbm: f64,
-    /// The same relative to thermal noise, -174 dBm/Hz [dB].
+    /// Noise power relative to thermal noise, -174 dBm/Hz [dB].
     pub above_thermal_db: f64,
     /// Bandwidth of a link [Hz].
     pub bandwidth_hz: f64,

@@ -11,13 +11,13 @@ use crate::report::print;
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  skysink export runs/chicago-uts-1 --format kml
+  skysink export runs/chicago-uts-1 --format geojson
   skysink export runs/letter-uts-1 --format qgc-plan --origin 47.3977,8.5456
   skysink export runs/farm-tour-1 --format qgc-plan --min-bits 1000
 
-Vehicle missions (qgc-plan, waypoints; kml shows them) are refused if a part
-takes longer than uav.endurance_s, or more energy than uav.battery has. They
-assume still air. The pilot in command is responsible.")]
+Vehicle missions (qgc-plan, waypoints) are refused if a part takes longer than
+uav.endurance_s, or more energy than uav.battery has. They assume still air.
+The pilot in command is responsible.")]
 pub struct ExportCommand {
     #[command(flatten)]
     export: Export,

@@ -92,7 +92,7 @@ impl SweepCommand {
             return print("Merge all shards: skysink merge SHARD... --out DIR");
         }
         print(format_args!("Means: {}", out.join("summary.csv").display()))?;
-        warn_of_few(few(&journal)?.into_iter());
+        warn_of_few(few(&journal).into_iter());
         print(format_args!("Draw them: skysink plot {} --x KEY", out.display()))
     }
 }

@@ -63,8 +63,8 @@ impl ComparedStrategies {
 pub fn fly_contenders(plan: &Sweep, out: &Path, stop: &Stop) -> Result<Vec<ShownContender>, Error> {
     let task = SweepTask { out, shard: Shard::WHOLE, threads: 0 };
     let journal = sweep(plan, task, stop, &TerminalProgress::of_missions());
-    let rows = journal.and_then(|journal| journal.all()).map_err(|error| ended_early(error, &flown_in(out)))?;
-    let contenders = Contender::of_sweep(&plan.definition, &rows);
+    let journal = journal.map_err(|error| ended_early(error, &flown_in(out)))?;
+    let contenders = Contender::of_sweep(&plan.definition, &journal.rows);
     let shown = |(strategy, contender): (usize, Contender)| {
         let scenario = plan.scenario(MissionKey { point: 0, strategy, seed: plan.definition.seeds[0] })?;
         Ok(ShownContender { contender, scenario, run: None })

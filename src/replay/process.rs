@@ -41,7 +41,7 @@ pub struct PlannerArguments {
 /// Runs flight-sim: flies the plans, or replays a recorded flight.
 ///
 /// # Errors
-/// Those of [`skysink_flight_sim::node`], or if the trace cannot be read.
+/// As [`skysink_flight_sim::node`], or if the trace cannot be read.
 pub fn flight_sim(
     scenario: &Scenario,
     folder: &RingFolder,

@@ -140,7 +140,7 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
     /// from the first to the last. Calls `supervise` periodically.
     ///
     /// # Errors
-    /// Those of `supervise` and of the trace; if a peer is missing or wrong, the ring is broken, or on a stop.
+    /// If `supervise` or the trace fails, a peer is missing or wrong, the ring is broken, or on a stop.
     pub fn record(
         &mut self,
         scenario: &Scenario,

@@ -48,19 +48,19 @@ fn concurrent_exports_into_one_folder_are_serialised() {
     place.flight("smoke").simulate();
     let folder = File::open(place.path("")).unwrap();
     folder.lock().unwrap();
-    let mut export = place.skysink(&["export", "run", "--format", "kml", "--origin", ORIGIN]).spawn().unwrap();
+    let mut export = place.skysink(&["export", "run", "--format", "geojson", "--origin", ORIGIN]).spawn().unwrap();
     thread::sleep(Duration::from_millis(300));
     assert_eq!((export.try_wait().unwrap(), files(&place)), (None, vec!["run".to_owned(), "smoke.toml".to_owned()]));
     folder.unlock().unwrap();
     assert!(export.wait().unwrap().success());
-    assert_eq!(files(&place), ["run", "run.kml", "smoke.toml"]);
+    assert_eq!(files(&place), ["run", "run.geojson", "smoke.toml"]);
 }
 
 #[test]
 fn a_modified_or_unfinished_trace_is_refused() {
     let place = Place::new();
     place.flight("smoke").simulate();
-    let kml = ["export", "run", "--format", "kml", "--origin", ORIGIN];
+    let geojson = ["export", "run", "--format", "geojson", "--origin", ORIGIN];
     let whole = place.trace("run");
     let lines: Vec<&str> = whole.split_inclusive('\n').collect();
     let without_last = lines[..lines.len() - 1].concat();
@@ -74,18 +74,18 @@ fn a_modified_or_unfinished_trace_is_refused() {
         ("", "as in summary.json"),
     ] {
         place.write("run/slots.csv", spoilt);
-        refused(&place, &kml, expected);
+        refused(&place, &geojson, expected);
     }
     place.write("run/slots.csv", &whole);
     let summary = place.read("run/summary.json");
     std::fs::remove_file(place.path("run/summary.json")).unwrap();
-    refused(&place, &kml, "expected the folder of a run that has ended");
+    refused(&place, &geojson, "expected the folder of a run that has ended");
     place.write("run/summary.json", &summary);
-    place.run_ok(&kml);
-    refused(&place, &kml, "run.kml: it exists");
-    place.run_ok(&[&kml[..], &["--force"]].concat());
+    place.run_ok(&geojson);
+    refused(&place, &geojson, "run.geojson: it exists");
+    place.run_ok(&[&geojson[..], &["--force"]].concat());
     place.write("run/scenario.toml", &place.read("run/scenario.toml").replace("seed = 1", "seed = 2"));
-    refused(&place, &kml, "it was modified after the start of the run");
+    refused(&place, &geojson, "it was modified after the start of the run");
 }
 
 #[test]
@@ -94,7 +94,7 @@ fn an_origin_is_refused_for_a_scenario_that_has_one() {
     place.write("two.csv", "x_m,y_m\n90,5\n92,5\n");
     place.write("corridor.toml", CORRIDOR);
     place.flight("corridor").simulate();
-    refused(&place, &["export", "run", "--format", "kml", "--origin", ORIGIN], "omit --origin");
+    refused(&place, &["export", "run", "--format", "geojson", "--origin", ORIGIN], "omit --origin");
 }
 
 /// Four slots of 20 m, the last of which serves (0.1 s): one waypoint, 80 m east. 11 m more, which is slower by more
@@ -107,7 +107,7 @@ fn a_short_mission_matches_the_expected_files() {
     place.write("two.csv", "x_m,y_m,queue_bits,gain_db,sampling_bps\n90,5,1000,-50,100\n92,5,1000,-50,100\n");
     place.write("corridor.toml", CORRIDOR);
     place.flight("corridor").simulate();
-    for format in ["waypoints", "qgc-plan", "kml", "gpx", "geojson", "csv"] {
+    for format in ["waypoints", "qgc-plan", "geojson", "csv"] {
         place.run_ok(&["export", "run", "--format", format, "--out", "corridor"]);
         expect_file![format!("{ROOT}/tests/golden/corridor.{format}")].assert_eq(&place.read("corridor"));
         std::fs::remove_file(place.path("corridor")).unwrap();
@@ -139,9 +139,9 @@ fn no_file_of_an_earlier_export_is_left() {
 fn files_of_a_fleet_have_the_extension_of_the_format() {
     let place = Place::new();
     place.flight("smoke").set("uav.count", 2).simulate();
-    place.run_ok(&["export", "run", "--format", "mcap-ros2", "--origin", ORIGIN]);
-    place.run_ok(&["export", "run", "--format", "gpx", "--origin", ORIGIN, "--out", "v1.2"]);
-    let expected = ["run", "run-uav-0.ros2.mcap", "run-uav-1.ros2.mcap", "smoke.toml", "v1-uav-0.2", "v1-uav-1.2"];
+    place.run_ok(&["export", "run", "--format", "mcap", "--origin", ORIGIN]);
+    place.run_ok(&["export", "run", "--format", "geojson", "--origin", ORIGIN, "--out", "v1.2"]);
+    let expected = ["run", "run-uav-0.mcap", "run-uav-1.mcap", "smoke.toml", "v1-uav-0.2", "v1-uav-1.2"];
     assert_eq!(files(&place), expected);
 }
 

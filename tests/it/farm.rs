@@ -104,44 +104,6 @@ fn every_leg_of_an_exported_mission_clears_the_hills() {
 }
 
 #[test]
-fn a_map_for_google_earth_shows_the_flight_of_the_mission() {
-    let place = farm("tour");
-    let export = |format: &str, out: &str, more: &[&str]| {
-        place.run_ok(&[&["export", "run", "--format", format, "--out", out, "--force"], more].concat());
-        place.read(out)
-    };
-    // The corners of the first line.
-    let line = |text: &str| -> Vec<[f64; 3]> {
-        let line = text.split("<LineString>").nth(1).unwrap();
-        let coordinates = line.split("<coordinates>").nth(1).unwrap().split("</coordinates>").next().unwrap();
-        let corner = |text: &str| {
-            let numbers: Vec<f64> = text.split(',').map(|number| number.parse().unwrap()).collect();
-            numbers.try_into().unwrap()
-        };
-        coordinates.split_whitespace().map(corner).collect()
-    };
-    for above in ["msl", "relative"] {
-        let options = ["--altitude", above, "--min-bits", "4000", "--autopilot", "ardupilot", "--ignore-endurance"];
-        let text = export("kml", "a.kml", &options);
-        assert!(text.contains("<altitudeMode>absolute</altitudeMode>"), "{above}");
-        export("waypoints", "a.waypoints", &options);
-        let (nodes, _) = waypoints(&place, "a.waypoints");
-        let home_m = nodes[0].1;
-        let corners = line(&text);
-        assert_eq!(corners.len(), nodes.len() + 1, "home, take-off, waypoints, and down");
-        for (corner, (index, (at, altitude_m))) in corners[1..].iter().zip(nodes[1..].iter().enumerate()) {
-            let place = Projection::at(ORIGIN).project(corner[1], corner[0]).unwrap();
-            let is_above_home = above == "relative" || index == 0;
-            let expected_m = if is_above_home { home_m + altitude_m } else { *altitude_m };
-            assert!((place - at).norm() < 1e-3 && (corner[2] - expected_m).abs() < 2e-3, "{above} {index}: {corner:?}");
-        }
-    }
-    let terrain = line(&export("kml", "a.kml", &[]));
-    assert!(terrain.len() > 200, "points that follow the ground: {}", terrain.len());
-    assert!(terrain[1..terrain.len() - 1].iter().all(|corner| corner[2] == ALTITUDE_M));
-}
-
-#[test]
 fn an_export_prints_home_altitudes_time_and_warnings() {
     let place = farm("tour");
     let export =

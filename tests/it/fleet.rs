@@ -60,7 +60,7 @@ fn a_run_of_a_fleet_is_resumed_replayed_exported_and_mapped() {
     for format in ["csv", "parquet"] {
         place.run_ok(&["export", "run", "--format", format]);
     }
-    for format in ["qgc-plan", "kml", "gpx", "geojson", "waypoints", "mcap", "mcap-ros2"] {
+    for format in ["qgc-plan", "geojson", "waypoints", "mcap"] {
         let out = format!("run.{format}");
         let has_endurance = ["qgc-plan", "waypoints"].contains(&format);
         let longer = has_endurance.then_some("--ignore-endurance");

@@ -112,18 +112,15 @@ mod imports {
         place.run_refused(&["simulate", "named.toml"], "zones zones.geojson: ");
         // What is exported comes back: the boundary of the area, and what is flown around.
         place.run_ok(&["simulate", "city/city.toml", "--set", "slots=5", "--out", "run", "--force"]);
-        for format in ["geojson", "kml"] {
-            let file = format!("back.{format}");
-            place.run_ok(&["export", "run", "--format", format, "--out", &file]);
-            place.run_ok(&["new", "back", "--force", "--zones", &file]);
-            let [first, back] = ["city/city.toml", "back/back.toml"].map(|name| read(&place, name).area);
-            assert_eq!(back.no_fly.as_ref().map_or(0, Vec::len), 1, "{format}");
-            let heights_m =
-                |area: &Area| area.building.iter().flatten().map(|building| building.height_m).collect::<Vec<_>>();
-            assert_eq!((heights_m(&first), heights_m(&back)), (vec![30.5], vec![30.5]), "{format}");
-            let [first, back] = [first, back].map(|area| area.boundary_m.unwrap());
-            assert_eq!(first.len(), back.len());
-        }
+        place.run_ok(&["export", "run", "--format", "geojson", "--out", "back.geojson"]);
+        place.run_ok(&["new", "back", "--force", "--zones", "back.geojson"]);
+        let [first, back] = ["city/city.toml", "back/back.toml"].map(|name| read(&place, name).area);
+        assert_eq!(back.no_fly.as_ref().map_or(0, Vec::len), 1);
+        let heights_m =
+            |area: &Area| area.building.iter().flatten().map(|building| building.height_m).collect::<Vec<_>>();
+        assert_eq!((heights_m(&first), heights_m(&back)), (vec![30.5], vec![30.5]));
+        let [first, back] = [first, back].map(|area| area.boundary_m.unwrap());
+        assert_eq!(first.len(), back.len());
     }
 
     #[test]
@@ -200,14 +197,9 @@ mod imports {
         let names: Vec<&str> = results.lines().map(|line| line.splitn(13, ',').nth(12).unwrap()).collect();
         assert_eq!(names, ["name", "soil-07", "\"soil, dry\""]);
         assert!(place.read("run/sensors.csv").starts_with("x_m,y_m,queue_bits,gain_db,sampling_bps,ground_m,name\n"));
-        for format in ["kml", "gpx", "geojson"] {
-            place.run_ok(&["export", "run", "--format", format]);
-            let text = place.read(&format!("run.{format}"));
-            assert!(
-                text.contains("soil-07") && text.contains("soil, dry") && !text.contains("SN 0"),
-                "{format}: {text}"
-            );
-        }
+        place.run_ok(&["export", "run", "--format", "geojson"]);
+        let text = place.read("run.geojson");
+        assert!(text.contains("soil-07") && text.contains("soil, dry") && !text.contains("SN 0"), "{text}");
         place.flight("city/city").out("again").simulate();
         place.run_ok(&["compare", "run", "again", "--no-record"]);
     }
@@ -233,26 +225,23 @@ mod imports {
         place.assert_transcript(&expect_file!["transcripts/places.txt"]);
     }
 
-    /// A flight that is exported comes back as its sensor nodes, in every format that has points.
+    /// A flight that is exported comes back as its sensor nodes, in GeoJSON.
     #[test]
     fn exported_sensor_nodes_come_back() {
         let place = Place::new();
         place.write("nodes.csv", "lat,lon,name\n-16.501,180,post & pier\n-16.5,-179.999,\n");
         place.run_ok(&["new", "city", "--sensors", "nodes.csv"]);
         place.run_ok(&["simulate", "city/city.toml", "--strategy", "tour", "--set", "slots=9", "--out", "run"]);
-        for format in ["geojson", "kml", "gpx"] {
-            place.run_ok(&["export", "run", "--format", format]);
-            place.run_ok(&["new", "back", "--force", "--sensors", &format!("run.{format}")]);
-            let [first, back] = ["city/city.toml", "back/back.toml"].map(|name| {
-                let list = SensorList::of(&read(&place, name)).unwrap();
-                let places: Vec<Position> = list.sensors().iter().map(|sensor| sensor.position).collect();
-                (places, [0, 1].map(|id| list.label(id)))
-            });
-            assert_eq!((first.0.len(), back.0.len(), &first.1), (2, 2, &back.1), "{format}");
-            let moved_m = (first.0[1] - first.0[0] - (back.0[1] - back.0[0])).norm();
-            assert!(moved_m < 1e-3, "{format}: {moved_m} m");
-        }
-        assert!(!place.read("run.gpx").contains("\"180\""));
+        place.run_ok(&["export", "run", "--format", "geojson"]);
+        place.run_ok(&["new", "back", "--force", "--sensors", "run.geojson"]);
+        let [first, back] = ["city/city.toml", "back/back.toml"].map(|name| {
+            let list = SensorList::of(&read(&place, name)).unwrap();
+            let places: Vec<Position> = list.sensors().iter().map(|sensor| sensor.position).collect();
+            (places, [0, 1].map(|id| list.label(id)))
+        });
+        assert_eq!((first.0.len(), back.0.len(), &first.1), (2, 2, &back.1));
+        let moved_m = (first.0[1] - first.0[0] - (back.0[1] - back.0[0])).norm();
+        assert!(moved_m < 1e-3, "{moved_m} m");
         place.run_ok(&["export", "run", "--format", "csv"]);
         place.run_refused(
             &["new", "back", "--force", "--sensors", "run.csv"],

@@ -135,9 +135,9 @@ pub(crate) fn of_error(error: f64) -> Rgb {
     colorous::PURPLE_ORANGE.eval_continuous(0.5 - 0.34 * error).into_array()
 }
 
-/// Colour of a probability of line of sight, from 0 (black) to 1 (white), as in the slice.
-pub(crate) fn of_probability(probability: f64) -> Rgb {
-    [(255.0 * probability).round() as u8; 3]
+/// Colour of the fraction of sensor nodes in sight, from 0 (black) to 1 (white), as on the ground among buildings.
+pub(crate) fn of_sight(fraction: f64) -> Rgb {
+    [(255.0 * fraction).round() as u8; 3]
 }
 
 /// Colour of a link rate in the range of possible rates, from dark green for the lowest to pale green for the highest.
@@ -188,7 +188,7 @@ mod tests {
 
     #[test]
     fn probabilities_turn_from_black_to_white() {
-        assert_eq!([0.0, 1.0].map(of_probability), [[0; 3], [255; 3]]);
+        assert_eq!([0.0, 1.0].map(of_sight), [[0; 3], [255; 3]]);
     }
 
     #[test]

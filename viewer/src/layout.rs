@@ -204,7 +204,7 @@ fn line_of_sight(layout: &mut Blueprint, sizes: &Sizes, slot_s: f64) -> Recordin
     let shown = [select_all(queues::WORLD), select_all(los::SPACE), omit_all(path::TRACK)];
     let hidden = [uav::TRACK, uav::DOT, links::CHOSEN, legend::AXES].map(omit);
     let contents = [&shown[..], &hidden, &[omit_all(links::CANDIDATES)]].concat();
-    let room = layout.view(class::SCENE, "Probability of sight around the UAV", uav::COVERAGE, &contents)?;
+    let room = layout.view(class::SCENE, "Links around the UAV", uav::COVERAGE, &contents)?;
     layout.show_past(room, uav::TRAIL, Some(30), slot_s)?;
     film(layout, room, &around_uav(sizes))?;
     let page = layout.view(class::TEXT, "What it shows", legend::LOS_PAGE, &[select(legend::LOS_PAGE)])?;
@@ -273,9 +273,11 @@ fn beside(
     }
     others.push((1.0, plot(layout, "Missed slots", &[curves::MISSED])?));
     rows.push((1.5, layout.container(ContainerKind::Tabs, &others)?));
-    let colours = match Channel::of(&scenario.link).line_of_sight() {
+    let channel = Channel::of(&scenario.link);
+    let colours = match channel.line_of_sight() {
         None => "Colours: queue fill, link rate; more in the tab Legend",
-        Some(_) => "Colours: queue fill, probability of sight; more in Legend",
+        Some(_) if channel.buildings().is_some() => "Colours: queue fill, SNs in sight; more in Legend",
+        Some(_) => "Colours: queue fill; more in the tab Legend",
     };
     rows.push((0.7, picture(layout, colours, legend::SCALE, &[], legend::SCALE_BOUNDS)?));
     layout.container(ContainerKind::Vertical, &rows)

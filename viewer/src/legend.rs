@@ -1,4 +1,4 @@
-//! The legend for first-time users: pages of text and two colour scales.
+//! The legend for first-time users: pages of text and colour scales.
 
 use std::ops::RangeInclusive;
 
@@ -14,7 +14,6 @@ use skysink_common::scenario::Scenario;
 
 use crate::canvas::Canvas;
 use crate::colour::{self, Rgb};
-use crate::los::field;
 use crate::shapes::{circle, line_style, text_style, writing};
 use crate::sizes::{MAX_BARS, Sizes};
 
@@ -77,7 +76,7 @@ const BASE_ROWS: &str = "\
 const ZONE_ROWS: &str = "| grey solid / translucent solid | building / no-fly zone |\n";
 
 /// Row of the legend for buildings that block links.
-const SHADOW_ROW: &str = "| ground, dark → light | share of the SNs in range that see a UAV there: 0 → 100 % |\n";
+const SHADOW_ROW: &str = "| ground, dark → light | fraction of the SNs in range that see a UAV there: 0 → 100 % |\n";
 
 fn page(scenario: &Scenario, count: usize, sizes: &Sizes, estimated: Option<Rates>) -> String {
     let fixed = || format!("an altitude of {} m", scenario.uav.altitude_m);
@@ -143,31 +142,33 @@ fn unit(sizes: &Sizes) -> String {
 /// The page on line of sight and the altitude of the UAV.
 fn los_page(scenario: &Scenario, link: &LineOfSight) -> String {
     let fixed = if scenario.uav.climb().is_none() { " This UAV may not choose: its altitude is fixed." } else { "" };
-    let (drawn, square) = match link.correlation_m {
-        None => ("drawn anew in each slot", "mean probability over the served sensor nodes for a UAV there"),
-        Some(_) => {
-            ("as it stays for the mission", "share of the served sensor nodes that see a UAV there, in all slots")
-        }
-    };
-    let percent = 100.0 * field::funnel_probability(link);
-    format!(include_str!("los.md"), fixed = fixed, percent = percent, drawn = drawn, square = square)
+    let drawn = if link.correlation_m.is_none() { "drawn anew in each slot" } else { "as it stays for the mission" };
+    format!(include_str!("los.md"), fixed = fixed, drawn = drawn)
 }
 
-/// Two colour scales: queue fill and overflow at the left; link rate, or the probability of line of sight, at the
-/// right.
-pub(crate) fn log_scales(canvas: &Canvas, rates_bps: Option<&RangeInclusive<f64>>) -> RecordingStreamResult<()> {
+/// The colour scales: queue fill and overflow at the left; at the right the link rate, or, among buildings, the
+/// fraction of the sensor nodes that see a UAV.
+pub(crate) fn log_scales(
+    canvas: &Canvas,
+    scenario: &Scenario,
+    rates_bps: Option<&RangeInclusive<f64>>,
+) -> RecordingStreamResult<()> {
     let per_cent = [0.0, 0.5, 1.0].map(|fraction| (fraction, format!("{:.0} %", 100.0 * fraction)));
     log_scale(canvas, "queue", 160, &colour::of_fill, per_cent.clone())?;
     canvas.log_static(format!("{SCALE}/overflow"), &Transform3D::from_translation([222.0, 0.0, 0.0]))?;
     log_scale(canvas, "overflow", 40, &|_| colour::LOSS, [(0.5, "loses data".to_owned())])?;
-    let right = if rates_bps.is_some() { "rate" } else { "probability" };
-    canvas.log_static(format!("{SCALE}/{right}"), &Transform3D::from_translation([360.0, 0.0, 0.0]))?;
+    let at_the_right = Transform3D::from_translation([360.0, 0.0, 0.0]);
     let Some(rates_bps) = rates_bps else {
-        return log_scale(canvas, right, 200, &colour::of_probability, per_cent);
+        if Channel::of(&scenario.link).buildings().is_none() {
+            return Ok(());
+        }
+        canvas.log_static(format!("{SCALE}/sight"), &at_the_right)?;
+        return log_scale(canvas, "sight", 200, &colour::of_sight, per_cent);
     };
+    canvas.log_static(format!("{SCALE}/rate"), &at_the_right)?;
     let rate_bps = |fraction: f64| rates_bps.start() + fraction * (rates_bps.end() - rates_bps.start());
     let colour = |fraction: f64| colour::of_rate(rate_bps(fraction), rates_bps);
-    log_scale(canvas, right, 200, &colour, [0.0, 1.0].map(|fraction| (fraction, format_rate(rate_bps(fraction)))))
+    log_scale(canvas, "rate", 200, &colour, [0.0, 1.0].map(|fraction| (fraction, format_rate(rate_bps(fraction)))))
 }
 
 /// A bar from the colour of 0 to that of 1, with labels below at fractions of its width.

@@ -1,32 +1,26 @@
 //! Random line of sight: the elevation, the probability and the outcome of line of sight of each served link.
 //! Recordings with another channel contain none of this.
 //!
-//! [`field`] draws the probability around the UAV, [`profile`] the rates over the altitude. A missing value is logged
-//! as NaN, which interrupts a curve; rerun would draw an empty row as 0.
+//! [`profile`] draws the rates over the altitude. A missing value is logged as NaN, which interrupts a curve; rerun
+//! would draw an empty row as 0.
 
-pub mod field;
 pub mod profile;
 
 use std::sync::Arc;
 
-use nalgebra::Point3;
 use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::{Points3D, Scalars, SeriesPoints};
 use re_sdk_types::components::MarkerShape;
 use re_sdk_types::components::Radius;
-use skysink_common::channel::{Channel, DrawnChannel, LineOfSight, Uplink};
-use skysink_common::geometry::Position;
+use skysink_common::channel::{Channel, LineOfSight, Uplink};
 use skysink_common::message::{FlightReport, LinkReport};
-use skysink_common::random::Streams;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 
 use crate::canvas::Canvas;
 use crate::colour;
-use crate::files::Part;
 use crate::shapes::{curve_style, drawn};
 use crate::sizes::Sizes;
-use field::Surroundings;
 use profile::Profile;
 
 /// Root of the 3D entities.
@@ -49,11 +43,9 @@ pub const BLOCKED: &str = "blocked";
 /// The line-of-sight entities of the scene.
 pub(crate) struct Los {
     link: LineOfSight,
-    channel: DrawnChannel,
     sensors: Arc<Sensors>,
     most_links: usize,
     mark_above_m: f32,
-    surroundings: Surroundings,
     profile: Profile,
 }
 
@@ -64,23 +56,17 @@ impl Los {
         scenario: &Scenario,
         sensors: &Arc<Sensors>,
         sizes: &Sizes,
-        part: Part,
     ) -> RecordingStreamResult<Option<Self>> {
-        let channel = Channel::of(&scenario.link);
-        let Some(&link) = channel.random_sight() else {
+        let Some(&link) = Channel::of(&scenario.link).random_sight() else {
             return Ok(None);
         };
         log_styles(canvas)?;
-        let most_links = scenario.link.resource_blocks;
-        let surroundings = Surroundings::open(canvas, &link, most_links, sizes, part)?;
         let profile = Profile::open(canvas, scenario)?;
         Ok(Some(Self {
             link,
-            channel: DrawnChannel::new(channel, Streams::new(scenario.seed)),
             sensors: Arc::clone(sensors),
-            most_links,
+            most_links: scenario.link.resource_blocks,
             mark_above_m: 1.8 * sizes.arm_m,
-            surroundings,
             profile,
         }))
     }
@@ -95,10 +81,8 @@ impl Los {
         let position = |link: &LinkReport| self.sensors.positions.get(link.sensor as usize).copied();
         let served: Vec<_> = flight.served_links().iter().filter_map(position).collect();
         if served.is_empty() {
-            return self.clear(canvas);
+            return self.profile.clear(canvas);
         }
-        let visible = |sensor: &Position, uav: &Point3<f64>| visible(&self.channel, &self.link, sensor, uav);
-        self.surroundings.log(canvas, &visible, flight.position(), &served)?;
         self.profile.log(canvas, &self.link, flight.position(), &served)
     }
 
@@ -106,12 +90,6 @@ impl Los {
     pub(crate) fn log_missed(&mut self, canvas: &Canvas) -> RecordingStreamResult<()> {
         canvas.append(ALTITUDE, &Scalars::single(f64::NAN))?;
         self.log_links(canvas, 0.0, &[])?;
-        self.clear(canvas)
-    }
-
-    /// Clears what needs a served sensor node.
-    fn clear(&mut self, canvas: &Canvas) -> RecordingStreamResult<()> {
-        self.surroundings.clear(canvas)?;
         self.profile.clear(canvas)
     }
 
@@ -143,14 +121,6 @@ impl Los {
     }
 }
 
-/// Whether a sensor node sees the UAV, 0 or 1, if that stays for the mission, else its probability.
-fn visible(channel: &DrawnChannel, link: &LineOfSight, sensor: &Position, uav: &Point3<f64>) -> f64 {
-    match channel.sees(sensor, uav) {
-        Some(is_seen) => f64::from(u8::from(is_seen)),
-        None => link.los_probability(&Uplink::new(1.0, sensor, uav)),
-    }
-}
-
 fn log_styles(canvas: &Canvas) -> RecordingStreamResult<()> {
     canvas.log_static(ALTITUDE, &curve_style("altitude [m]", colour::UAV))?;
     for (root, mean) in [(ELEVATION, "mean elevation [°]"), (PROBABILITY, "mean probability of line of sight")] {
@@ -166,33 +136,4 @@ fn log_styles(canvas: &Canvas) -> RecordingStreamResult<()> {
     }
     let mark = Points3D::update_fields().with_show_labels(true).with_radii([Radius::new_ui_points(1.0)]);
     canvas.log_static(MARK, &mark.with_colors([colour::WRITING]))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use skysink_common::scenario::Overrides;
-    use std::path::Path;
-
-    #[test]
-    fn a_frozen_line_of_sight_is_shown_as_drawn() {
-        let shown = |keys: &str| {
-            let text = format!("name = 'x'\n[link]\nmodel = 'probabilistic-los'\nenvironment = 'high-rise'\n{keys}");
-            let scenario = Scenario::parse(&text, Path::new("x.toml"), Overrides::default()).unwrap();
-            let channel = Channel::of(&scenario.link);
-            let (drawn, link) = (DrawnChannel::new(channel, Streams::new(1)), *channel.line_of_sight().unwrap());
-            let sensor = Position::new(10.0, 10.0);
-            let at = |step: u32| Point3::new(10.0 + 5.0 * f64::from(step), 10.0, 40.0);
-            (0..40)
-                .map(|step| {
-                    let uplink = Uplink::new(1.0, &sensor, &at(step));
-                    let is_drawn = drawn.draw(&uplink, &sensor, &at(step), 7, 0).line_of_sight;
-                    (visible(&drawn, &link, &sensor, &at(step)), is_drawn, link.los_probability(&uplink))
-                })
-                .collect::<Vec<_>>()
-        };
-        let frozen = shown("los_correlation_m = 30.0\n");
-        assert!(frozen.iter().all(|&(value, is_drawn, _)| value == f64::from(u8::from(is_drawn))), "{frozen:?}");
-        assert!(shown("").iter().all(|&(value, _, probability)| value == probability));
-    }
 }

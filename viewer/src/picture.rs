@@ -72,10 +72,10 @@ impl Picture {
         let uavs = (0..scenario.uav.uavs()).map(open).collect::<Result<_, _>>()?;
         let path = Path::open(&canvas, sizes, scenario.uav.uavs(), part)?;
         let links = Links::open(&canvas, scenario, sensors, sizes)?;
-        let los = Los::open(&canvas, scenario, sensors, sizes, part)?;
+        let los = Los::open(&canvas, scenario, sensors, sizes)?;
         let events = Events::open(&canvas, recording, scenario.base.is_some(), scenario.uav.uavs())?;
         let curves = Curves::open(&canvas, scenario, sensors.sampling.is_drawn())?;
-        legend::log_scales(&canvas, links.rates_bps.as_ref())?;
+        legend::log_scales(&canvas, scenario, links.rates_bps.as_ref())?;
         legend::log_area(&canvas, sizes)?;
         cameras::log(&canvas, sizes)?;
         legend::log_text_above(&canvas, scenario, sizes)?;

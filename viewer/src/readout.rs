@@ -13,7 +13,7 @@ pub(crate) struct Readout {
 }
 
 impl Readout {
-    /// That of a scenario.
+    /// The readout of a scenario.
     pub(crate) fn of(scenario: &Scenario) -> Self {
         let capacity_j = scenario.uav.battery.map(|battery| battery.capacity_j);
         Self { slot_s: scenario.slot_s, capacity_j, uavs: scenario.uav.uavs() }

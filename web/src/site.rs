@@ -3,10 +3,11 @@
 use std::fs::{self, File};
 use std::io::{self, Read as _};
 use std::net::IpAddr;
-use std::pin::Pin;
-use std::task::{Context, Poll};
 
-use hyper::body::{Body, Bytes, Frame, SizeHint};
+use futures_util::stream;
+use http_body_util::combinators::UnsyncBoxBody;
+use http_body_util::{BodyExt as _, Full, StreamBody};
+use hyper::body::{Bytes, Frame};
 use hyper::header::{self, HOST, HeaderName, HeaderValue, LOCATION};
 use hyper::{Method, Request, Response, StatusCode, Uri};
 
@@ -79,8 +80,8 @@ impl Site {
         let Some((content, kind)) = self.page.find(path) else {
             return refusal(StatusCode::NOT_FOUND, "no such file");
         };
-        match FileBody::of(content) {
-            Ok(body) => response(StatusCode::OK, kind, body),
+        match body_of(content) {
+            Ok((body, length)) => response(StatusCode::OK, kind, body, length),
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
                 refusal(StatusCode::NOT_FOUND, "the recording is no longer there")
             }
@@ -116,16 +117,16 @@ fn is_same(one: &str, other: &str) -> bool {
 }
 
 fn refusal(status: StatusCode, text: &str) -> Response<FileBody> {
-    let body = FileBody::Bytes(Bytes::from(format!("{text}\n")));
-    response(status, "text/plain; charset=utf-8", body)
+    let text = Bytes::from(format!("{text}\n"));
+    let length = text.len() as u64;
+    response(status, "text/plain; charset=utf-8", whole(text), length)
 }
 
-fn response(status: StatusCode, kind: &'static str, body: FileBody) -> Response<FileBody> {
-    let length = body.size_hint().lower(); // with a length, the browser can show the progress
+fn response(status: StatusCode, kind: &'static str, body: FileBody, length: u64) -> Response<FileBody> {
     let mut response = Response::new(body);
     *response.status_mut() = status;
     let headers = response.headers_mut();
-    headers.insert(header::CONTENT_LENGTH, length.into());
+    headers.insert(header::CONTENT_LENGTH, length.into()); // the browser can show the progress
     for (name, value) in [
         (header::CONTENT_TYPE, kind),
         (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
@@ -138,70 +139,32 @@ fn response(status: StatusCode, kind: &'static str, body: FileBody) -> Response<
     response
 }
 
-/// The body of an answer.
-#[derive(Debug)]
-pub(crate) enum FileBody {
-    /// In memory.
-    Bytes(Bytes),
-    /// The rest of a recording. A growing one is read up to its length at the request.
-    Recording {
-        /// The file, at the next byte to send.
-        file: File,
-        /// Bytes that are still to be sent.
-        left: u64,
-    },
+/// The body of an answer: in memory, or read from a file in parts.
+type FileBody = UnsyncBoxBody<Bytes, io::Error>;
+
+fn whole(bytes: Bytes) -> FileBody {
+    Full::new(bytes).map_err(|never| match never {}).boxed_unsync()
 }
 
-impl FileBody {
-    fn of(content: &Content) -> io::Result<Self> {
-        Ok(match content {
-            Content::Text(text) => Self::Bytes(Bytes::from(text.clone())),
-            Content::Embedded(bytes) => Self::Bytes(Bytes::from_static(bytes)),
-            Content::File(path) => {
-                let file = open(path)?;
-                let left = file.metadata()?.len();
-                Self::Recording { file, left }
-            }
-        })
-    }
-
-    /// The next bytes; `None` after the last one.
-    fn next(&mut self) -> io::Result<Option<Bytes>> {
-        Ok(match self {
-            Self::Bytes(bytes) if bytes.is_empty() => None,
-            Self::Bytes(bytes) => Some(std::mem::take(bytes)),
-            Self::Recording { left: 0, .. } => None,
-            Self::Recording { file, left } => {
-                let mut bytes = Vec::new();
-                file.take(PART_BYTES.min(*left)).read_to_end(&mut bytes)?;
-                if bytes.is_empty() {
-                    return Err(io::ErrorKind::UnexpectedEof.into()); // cut: the connection ends before its length
-                }
-                *left -= bytes.len() as u64;
-                Some(bytes.into())
-            }
-        })
-    }
-}
-
-impl Body for FileBody {
-    type Data = Bytes;
-    type Error = io::Error;
-
-    fn poll_frame(mut self: Pin<&mut Self>, _: &mut Context) -> Poll<Option<io::Result<Frame<Bytes>>>> {
-        Poll::Ready(self.next().map(|bytes| bytes.map(Frame::data)).transpose())
-    }
-
-    fn is_end_stream(&self) -> bool {
-        self.size_hint().exact() == Some(0)
-    }
-
-    fn size_hint(&self) -> SizeHint {
-        SizeHint::with_exact(match self {
-            Self::Bytes(bytes) => bytes.len() as u64,
-            Self::Recording { left, .. } => *left,
-        })
-    }
+/// The body with a content, and its length. A growing recording is read up to its length at the request.
+fn body_of(content: &Content) -> io::Result<(FileBody, u64)> {
+    let bytes = match content {
+        Content::Text(text) => Bytes::from(text.clone()),
+        Content::Embedded(bytes) => Bytes::from_static(bytes),
+        Content::File(path) => {
+            let file = open(path)?;
+            let length = file.metadata()?.len();
+            let parts = (0..length).step_by(PART_BYTES as usize).map(move |begin| {
+                let mut bytes = vec![0; PART_BYTES.min(length - begin) as usize];
+                // Of a truncated file: the connection ends before its length.
+                (&file).read_exact(&mut bytes)?;
+                Ok(Frame::data(bytes.into()))
+            });
+            return Ok((StreamBody::new(stream::iter(parts)).boxed_unsync(), length));
+        }
+    };
+    let length = bytes.len() as u64;
+    Ok((whole(bytes), length))
 }
 
 #[cfg(test)]
@@ -303,11 +266,14 @@ mod tests {
     fn a_recording_truncated_while_served_is_an_error_but_growth_is_not() {
         let place = tempfile::tempdir().unwrap();
         let (site, recording) = site(place.path());
+        let runtime = tokio::runtime::Builder::new_current_thread().build().unwrap();
         for (new_bytes, is_whole) in [(PART_BYTES, false), (2 * PART_BYTES, true)] {
             let mut body = answer(&site, Method::GET, "/0badcafe/run/mission.rrd", &["localhost"]).into_body();
-            assert_eq!(body.next().unwrap().unwrap().len() as u64, PART_BYTES);
+            let mut next =
+                || runtime.block_on(body.frame()).unwrap().map(|part| part.into_data().unwrap().len() as u64);
+            assert_eq!(next().unwrap(), PART_BYTES);
             File::options().write(true).open(&recording).unwrap().set_len(new_bytes).unwrap();
-            assert_eq!(body.next().is_ok_and(|bytes| bytes.is_some_and(|bytes| bytes.len() == 1)), is_whole);
+            assert_eq!(next().is_ok_and(|bytes| bytes == 1), is_whole);
             File::options().write(true).open(&recording).unwrap().set_len(PART_BYTES + 1).unwrap();
         }
     }

@@ -35,7 +35,7 @@ pub enum Arrivals {
     Poisson(Poisson),
     /// SNs that are at random on or off.
     OnOff(OnOff),
-    /// Those of a file.
+    /// Bits of a file, by slot and SN.
     Trace(ArrivalTrace),
 }
 
@@ -45,7 +45,7 @@ pub trait DrawnArrivals {
     /// Bits that SN `sensor` with the mean `mean_bits` [bit per slot] samples in `slot`, from 1.
     fn bits(&self, slot: u64, sensor: u32, mean_bits: f64) -> u64;
 
-    /// The same of the consecutive `sensors`, a block that begins where those of other slots do, into `bits`.
+    /// Writes the bits that the consecutive `sensors` sample in `slot` into `bits`. Blocks of all slots begin alike.
     fn fill(&self, slot: u64, sensors: Range<usize>, mean_bits: &PerSensor<f64>, bits: &mut [u64]) {
         for (bits, sensor) in bits.iter_mut().zip(sensors) {
             *bits = self.bits(slot, sensor as u32, mean_bits.of(sensor)); // a scenario has at most 10^7 SNs

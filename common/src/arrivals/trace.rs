@@ -74,7 +74,7 @@ impl ArrivalTrace {
         Self::parse(&text, path, sampling_bps)
     }
 
-    /// The same of its text.
+    /// Parses the text of the file `path`.
     ///
     /// # Errors
     /// If a row is invalid.

@@ -28,7 +28,8 @@ impl Buildings {
         Self { outlines: outlines.collect(), sensors_height_m }
     }
 
-    /// The same for the rest of the process, so that a channel is copied as a number. Equal ones are held once.
+    /// Holds the buildings for the rest of the process, so that a channel is copied as a number. Equal ones are held
+    /// once.
     #[must_use]
     pub fn held(self) -> &'static Self {
         static HELD: Mutex<Vec<&'static Buildings>> = Mutex::new(Vec::new());

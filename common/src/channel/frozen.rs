@@ -57,16 +57,6 @@ impl DrawnChannel {
         }
     }
 
-    /// Whether a sensor node at `sensor` and a UAV at `uav` see each other in all slots; `None` if that is redrawn.
-    #[must_use]
-    pub fn sees(&self, sensor: &Position, uav: &Point3<f64>) -> Option<bool> {
-        if let Some(buildings) = self.channel.buildings() {
-            return Some(buildings.sees(sensor, uav));
-        }
-        let uplink = Uplink::new(1.0, sensor, uav);
-        self.frozen().map(|model| self.level(sensor, uav) < model.los_probability(&uplink))
-    }
-
     fn frozen(&self) -> Option<&LineOfSight> {
         self.channel.line_of_sight().filter(|_| !self.waves.is_empty())
     }
@@ -194,7 +184,6 @@ mod tests {
             for (slot, id) in [(2, 0), (700, 0), (3, 8)] {
                 assert_eq!(drawn.draw(&uplink, &sensor, &uav, slot, id).line_of_sight, first, "seed {seed}");
             }
-            assert_eq!(drawn.sees(&sensor, &uav), Some(first));
             let best_bps = channel().best_drawn_rate_bps(&uplink, &Streams::new(seed), 1, 0);
             assert!(drawn.draw(&uplink, &sensor, &uav, 1, 0).rate_bps <= best_bps);
         }
@@ -212,6 +201,5 @@ mod tests {
         for slot in 1..200 {
             assert_eq!(drawn.draw(&uplink, &sensor, &uav, slot, 3), channel.draw(&uplink, &Streams::new(4), slot, 3));
         }
-        assert_eq!(drawn.sees(&sensor, &uav), None);
     }
 }

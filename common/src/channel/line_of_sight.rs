@@ -122,7 +122,7 @@ pub struct LineOfSight {
     pub sight: Sight,
     /// Signal-to-noise ratio at 1 m in line of sight, `γ = p β0/(σ² Γ)`.
     pub los_snr: f64,
-    /// The same out of line of sight, `μ γ`.
+    /// Signal-to-noise ratio at 1 m out of line of sight, `μ γ`.
     pub nlos_snr: f64,
     /// Path loss exponent in line of sight, `α_L`.
     pub los_exponent: f64,

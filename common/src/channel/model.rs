@@ -85,7 +85,8 @@ pub trait ChannelModel {
     /// The highest rate [bit/s] that can be drawn for this uplink, or for one that is longer and not steeper.
     fn best_rate_bps(&self, uplink: &Uplink) -> f64;
 
-    /// The same with the draw of `sensor` in `slot`, which does not depend on the position.
+    /// The highest rate [bit/s] for this uplink, or for one that is longer and not steeper, with the draw of `sensor`
+    /// in `slot`, which does not depend on the position.
     fn best_drawn_rate_bps(&self, uplink: &Uplink, streams: &Streams, slot: u64, sensor: u32) -> f64;
 
     /// Mean over the draws of `value`, a function of the rate [bit/s] that never falls; not below it where the mean is

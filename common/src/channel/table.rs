@@ -164,7 +164,7 @@ impl RateTable {
         text
     }
 
-    /// The same table for the rest of the process, so that a channel is copied as a number. Equal ones are held once.
+    /// Holds the table for the rest of the process, so that a channel is copied as a number. Equal ones are held once.
     #[must_use]
     pub fn held(self) -> &'static Self {
         static HELD: LazyLock<Mutex<HashMap<u128, &'static RateTable>>> = LazyLock::new(Mutex::default);

@@ -42,7 +42,7 @@ pub struct ReferenceSystem {
 }
 
 impl ReferenceSystem {
-    /// That of the file of positions `path`; `None` if there is no file `.prj` of its name, or nothing in it.
+    /// The system of the file of positions `path`; `None` if there is no file `.prj` of its name, or nothing in it.
     #[must_use]
     pub fn beside(path: &Path) -> Option<Self> {
         let path = EXTENSIONS.iter().map(|extension| path.with_extension(extension)).find(|path| path.is_file())?;

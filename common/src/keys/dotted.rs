@@ -28,7 +28,7 @@ pub fn value<'a>(table: &'a Table, key: &str) -> Option<&'a Value> {
     names.try_fold(first, |table, name| table.get(name))
 }
 
-/// The same to change it.
+/// The value under a dotted key, to change it.
 #[must_use]
 pub fn value_mut<'a>(table: &'a mut Table, key: &str) -> Option<&'a mut Value> {
     let mut names = key.split('.');

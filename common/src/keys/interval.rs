@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(untagged, expecting = "expected a number or [lowest, highest]")]
 pub enum Interval {
-    /// The same for all.
+    /// One number for all.
     One(f64),
     /// The lowest and the highest; drawn uniformly, levels uniformly in dB.
     Range([f64; 2]),
@@ -16,7 +16,7 @@ pub enum Interval {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(untagged, expecting = "expected a whole number or [lowest, highest]")]
 pub enum WholeInterval {
-    /// The same for all.
+    /// One number for all.
     One(u32),
     /// The lowest and the highest; each whole number between them, the ends included, is as likely.
     Range([u32; 2]),

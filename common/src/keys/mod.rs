@@ -45,13 +45,13 @@ impl Key {
         Self { name, words: words.trim_ascii(), default: None, accepts, only: None }
     }
 
-    /// The same key with a default.
+    /// This key with a default.
     #[must_use]
     pub const fn or(self, default: &'static str) -> Self {
         Self { default: Some(default), ..self }
     }
 
-    /// The same key under a condition.
+    /// This key under a condition.
     #[must_use]
     pub const fn only(self, only: Only) -> Self {
         Self { only: Some(only), ..self }

@@ -284,7 +284,7 @@ impl Scenario {
         keys::read(keys, table, self.source())
     }
 
-    /// The same scenario with `keys` as `[planner]`, such as the checked keys with all defaults.
+    /// This scenario with `keys` as `[planner]`, such as the checked keys with all defaults.
     ///
     /// # Errors
     /// If `keys` have no strategy.

@@ -240,7 +240,7 @@ impl Scenario {
         Buildings::new(buildings.filter_map(outline), self.sensors.height_m.unwrap_or_default())
     }
 
-    /// The same for checks of single ways: all ways are straight.
+    /// The airspace for checks of single moves: all its paths are straight.
     ///
     /// # Panics
     /// If a zone is no polygon; never in a checked scenario.

@@ -184,7 +184,7 @@ mod tests {
         nodes
     }
 
-    /// The same by a loop over all of them.
+    /// The nodes within a radius, by a loop over all of them.
     fn by_loop(positions: &[Position], centre: &Position, radius_m: f64) -> Vec<Node> {
         let nodes = (0..).zip(positions).map(|(id, position)| Node { position: *position, id });
         nodes.filter(|node| within(&node.position, centre, radius_m)).collect()

@@ -129,7 +129,7 @@ impl NumberTable {
         (0..self.head.len()).map(width).sum::<f64>() + GAP_PT * self.head.len() as f64
     }
 
-    /// The same with a line for each cell, below the x value of its first.
+    /// The table with a line for each cell, below the x value of its first.
     fn narrow(&self) -> Self {
         let cells = |row: &Vec<String>| -> Vec<Vec<String>> {
             let x = |index: usize| if index == 0 { row[0].clone() } else { String::new() };

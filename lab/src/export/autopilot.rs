@@ -31,7 +31,7 @@ pub struct VehicleMotion {
     pub vertical: RampLimits,
     /// Time to turn into the attitude of a leg [s].
     pub response_s: f64,
-    /// The same for a leg that ends in a hold, which begins when the vehicle has settled [s].
+    /// Time to turn into the attitude of a leg that ends in a hold, which begins when the vehicle has settled [s].
     pub settling_s: f64,
     /// Climb [m/s].
     pub climb_mps: f64,
@@ -114,7 +114,7 @@ impl Autopilot {
 }
 
 impl VehicleMotion {
-    /// The same with another horizontal acceleration [m/s²] and jerk [m/s³].
+    /// The motion with another horizontal acceleration [m/s²] and jerk [m/s³].
     #[must_use]
     pub fn with(self, acceleration_mps2: Option<f64>, jerk_mps3: Option<f64>) -> Self {
         let acceleration_mps2 = acceleration_mps2.unwrap_or(self.horizontal.acceleration_mps2);

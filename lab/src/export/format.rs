@@ -37,8 +37,6 @@ pub enum WriteFormat {
         /// What the summary says if it has no geofence.
         without_fence: Option<&'static str>,
     },
-    /// The vehicle mission in one file.
-    MissionMap(fn(&ExportedMission<'_>) -> Vec<u8>),
 }
 
 /// A vehicle mission to write, and what else a file may hold.

@@ -11,16 +11,13 @@ pub mod duration;
 mod fence;
 mod format;
 mod geojson;
-mod gpx;
 pub mod ground;
 pub mod items;
-mod kml;
 mod mcap;
-mod mcap_log;
-mod mcap_ros2;
 pub mod mission_options;
 mod parquet;
 mod qgc_plan;
+mod ros2;
 mod scene;
 pub mod stops;
 mod summary;
@@ -45,23 +42,15 @@ use skysink_mission::files::write_all;
 use skysink_mission::replay::RecordedRun;
 
 use crate::LabError;
+use autopilot::Autopilot;
 pub use format::{ExportFormat, ExportedMission, WriteFormat};
 use mission_options::VehicleMissionOptions;
 use track::GeodeticTrack;
-use vehicle::MissionUse;
+use vehicle::MissionPart;
 
 /// All formats, in the order of the help.
-pub static FORMATS: [&ExportFormat; 9] = [
-    &qgc_plan::FORMAT,
-    &waypoints::FORMAT,
-    &geojson::FORMAT,
-    &kml::FORMAT,
-    &gpx::FORMAT,
-    &csv::FORMAT,
-    &mcap::FORMAT,
-    &mcap_ros2::FORMAT,
-    &parquet::FORMAT,
-];
+pub static FORMATS: [&ExportFormat; 6] =
+    [&qgc_plan::FORMAT, &waypoints::FORMAT, &geojson::FORMAT, &csv::FORMAT, &mcap::FORMAT, &parquet::FORMAT];
 
 /// The parameters of an export.
 #[derive(Debug, Args)]
@@ -134,7 +123,7 @@ pub fn export(export: &Export, stop: &Stop) -> Result<Exported, LabError> {
 fn render(export: &Export, run: &RecordedRun, out: &Path) -> Result<Rendered, LabError> {
     let uavs = run.scenario.uav.uavs();
     let track = |uav: usize| Ok::<_, LabError>(GeodeticTrack::new(run, uav, origin(&run.scenario, export.origin)?)?);
-    let has_mission = matches!(export.format.write, WriteFormat::Mission { .. } | WriteFormat::MissionMap(_));
+    let has_mission = matches!(export.format.write, WriteFormat::Mission { .. });
     if let Some(option) = export.mission.given().filter(|_| !has_mission) {
         return Err(refuse_option(export, option, "has no vehicle mission").into());
     }
@@ -156,10 +145,10 @@ fn render(export: &Export, run: &RecordedRun, out: &Path) -> Result<Rendered, La
                 rendered.outputs.push((of_uav(out, export.format, uav, uavs), vec![write(&track(uav)?)]));
             }
         }
-        WriteFormat::Mission { .. } | WriteFormat::MissionMap(_) => {
-            let options = mission_options(export)?;
+        WriteFormat::Mission { write, autopilot, without_fence } => {
+            let options = mission_options(export, autopilot, without_fence.is_none())?;
             for uav in 0..uavs {
-                let (lines, texts) = render_mission(export.format, &track(uav)?, &options)?;
+                let (lines, texts) = render_mission(write, without_fence, &track(uav)?, &options)?;
                 let prefix = if uavs == 1 { String::new() } else { format!("UAV {uav}: ") };
                 rendered.summary.extend(lines.iter().map(|line| prefix.clone() + line));
                 rendered.outputs.push((of_uav(out, export.format, uav, uavs), texts));
@@ -170,11 +159,11 @@ fn render(export: &Export, run: &RecordedRun, out: &Path) -> Result<Rendered, La
 }
 
 /// The options of the mission for the format, which may be for one autopilot only, or without a geofence.
-fn mission_options(export: &Export) -> Result<VehicleMissionOptions, InputError> {
-    let (only, has_fence) = match export.format.write {
-        WriteFormat::Mission { autopilot, without_fence, .. } => (autopilot, without_fence.is_none()),
-        _ => (None, false),
-    };
+fn mission_options(
+    export: &Export,
+    only: Option<Autopilot>,
+    has_fence: bool,
+) -> Result<VehicleMissionOptions, InputError> {
     let options = VehicleMissionOptions { autopilot: export.mission.autopilot.or(only), ..export.mission.clone() };
     if let Some(only) = only.filter(|only| *only != options.autopilot()) {
         return Err(refuse_option(export, "--autopilot", &format!("is a format of {only}")));
@@ -192,28 +181,20 @@ fn refuse_option(export: &Export, option: &str, why: &str) -> InputError {
 
 /// The lines about the mission of a UAV, and the content of its files.
 fn render_mission(
-    format: &ExportFormat,
+    write: fn(&ExportedMission<'_>, &MissionPart) -> Vec<u8>,
+    without_fence: Option<&'static str>,
     track: &GeodeticTrack<'_>,
     options: &VehicleMissionOptions,
 ) -> Result<(Vec<String>, Vec<Vec<u8>>), LabError> {
-    let (purpose, has_fence, note) = match format.write {
-        WriteFormat::Mission { without_fence: note, .. } => (MissionUse::Flight, note.is_none(), note),
-        _ => (MissionUse::Map, false, None),
-    };
-    let mission = vehicle::plan(track, options, purpose)?;
+    let mission = vehicle::plan(track, options)?;
     let corners = fence::border(&track.run.scenario.area, options.fence_margin);
     let mut lines = summary::lines(track, options, &mission);
-    lines.extend(note.map(str::to_owned));
-    let warnings = warnings::of(track, &mission, has_fence.then_some(&corners[..]));
+    lines.extend(without_fence.map(str::to_owned));
+    let warnings = warnings::of(track, &mission, without_fence.is_none().then_some(&corners[..]));
     lines.extend(warnings.into_iter().map(|text| format!("warning: {text}")));
     let fence = corners.iter().map(|corner| track.place(corner)).collect::<Result<_, _>>()?;
     let exported = ExportedMission { track, mission: &mission, options, fence };
-    let texts = match format.write {
-        WriteFormat::Mission { write, .. } => mission.parts.iter().map(|part| write(&exported, part)).collect(),
-        WriteFormat::MissionMap(write) => vec![write(&exported)],
-        WriteFormat::Flight(_) | WriteFormat::Slots(_) => Vec::new(),
-    };
-    Ok((lines, texts))
+    Ok((lines, mission.parts.iter().map(|part| write(&exported, part)).collect()))
 }
 
 /// The origin of the scenario, or the `given` one if the scenario has none.

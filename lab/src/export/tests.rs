@@ -22,7 +22,7 @@ use super::ground::Ground;
 use super::items::VehicleItem;
 use super::mission_options::{MIN_ITEMS, VehicleMissionOptions};
 use super::track::GeodeticTrack;
-use super::vehicle::{MissionUse, VehicleMission, plan};
+use super::vehicle::{VehicleMission, plan};
 use super::{fence, summary, warnings};
 
 /// A wall of 20 m × 100 m, from 40 m east of the start.
@@ -74,7 +74,7 @@ fn forever() -> VehicleMissionOptions {
 }
 
 fn mission(run: &RecordedRun, options: &VehicleMissionOptions) -> VehicleMission {
-    plan(&track(run), options, MissionUse::Flight).unwrap()
+    plan(&track(run), options).unwrap()
 }
 
 fn lines(run: &RecordedRun, options: &VehicleMissionOptions) -> Vec<String> {
@@ -82,7 +82,7 @@ fn lines(run: &RecordedRun, options: &VehicleMissionOptions) -> Vec<String> {
 }
 
 fn refusal(run: &RecordedRun, options: &VehicleMissionOptions) -> String {
-    plan(&track(run), options, MissionUse::Flight).unwrap_err().to_string()
+    plan(&track(run), options).unwrap_err().to_string()
 }
 
 /// Position [m], altitude [m] and hold [s] of every waypoint of a part.
@@ -318,7 +318,7 @@ proptest! {
             while places.next_if(|at| !is_here(at)).is_some() {}
             prop_assert!(places.peek().is_some(), "slot {slot}");
         }
-        let services: usize = mission.parts.iter().map(|part| part.services.len()).sum();
+        let services: usize = mission.stops.iter().map(|stop| stop.services.len()).sum();
         prop_assert_eq!(services, track.services().count());
     }
 }
@@ -352,7 +352,7 @@ fn later_parts_fly_to_their_first_waypoint_at_maximum_speed() {
 }
 
 #[test]
-fn a_mission_through_ground_or_zone_is_refused_as_vehicle_file_but_mapped() {
+fn a_mission_through_ground_or_zone_is_refused() {
     let mut low = run(&[(10.0, Some(1)), (10.0, Some(1))]);
     low.slots[1][UAV].position.z = -0.5;
     let text = refusal(&low, &forever());
@@ -360,10 +360,6 @@ fn a_mission_through_ground_or_zone_is_refused_as_vehicle_file_but_mapped() {
     let through = run_in(WALL, "x_m,y_m\n1,1\n", &[(30.0, Some(1)), (50.0, Some(1))]);
     let text = refusal(&through, &forever());
     assert!(text.contains("through a zone, a building or the boundary, on the way to (80.0 m, 0.0 m)"), "{text}");
-    for run in [&low, &through] {
-        let map = plan(&track(run), &VehicleMissionOptions::default(), MissionUse::Map).unwrap();
-        assert_eq!(map.parts.len(), 1);
-    }
 }
 
 /// A slot of rest, a climb with a service, and a leg.

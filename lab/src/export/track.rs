@@ -58,14 +58,6 @@ pub struct BatteryLevel {
     pub is_charging: bool,
 }
 
-impl BatteryLevel {
-    /// `power_supply_status` of `sensor_msgs/BatteryState`: charging or discharging.
-    #[must_use]
-    pub fn power_supply_status(&self) -> u8 {
-        if self.is_charging { 1 } else { 2 }
-    }
-}
-
 /// A finished mission in geodetic coordinates.
 #[derive(Debug)]
 pub struct GeodeticTrack<'a> {
@@ -170,17 +162,6 @@ impl<'a> GeodeticTrack<'a> {
     pub fn delivered_bits(&self, index: usize) -> u64 {
         let slot = index.checked_sub(1).and_then(|slot| self.run.uploads_bits.get(slot));
         slot.map_or(0, |slot| slot[self.uav].iter().sum())
-    }
-
-    /// The names of the sensor nodes that are served from a point: `soil-07, soil-12`, or `SN 7 12` without names.
-    #[must_use]
-    pub fn served_labels(&self, point: &TrackPoint<'_>) -> String {
-        let list = &self.run.list;
-        let ids = point.served();
-        if ids.is_empty() || ids.iter().all(|&id| list.name(id as usize).is_none()) {
-            return if ids.is_empty() { String::new() } else { format!("SN {}", point.served_text()) };
-        }
-        ids.iter().map(|&id| list.label(id as usize)).collect::<Vec<_>>().join(", ")
     }
 
     /// Scenario, strategy and seed.

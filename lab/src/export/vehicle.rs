@@ -26,15 +26,6 @@ const MAX_FASTER: f64 = 0.01;
 /// How far a mission may lead into a zone [m]: the rounding of a run.
 const ZONE_SLACK_M: f64 = 0.01;
 
-/// What a mission is for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum MissionUse {
-    /// A vehicle flies it: a mission that it must not or cannot fly is refused.
-    Flight,
-    /// A map shows it.
-    Map,
-}
-
 /// A mission of a vehicle.
 #[derive(Debug)]
 pub struct VehicleMission {
@@ -63,21 +54,15 @@ pub struct MissionPart {
     /// How high above the ground a waypoint can be [m]; `None` if altitudes are above the ground, or the list does not
     /// tell it.
     pub highest_m: Option<f64>,
-    /// The points of the track at which sensor nodes are served, with the altitude of the vehicle [m].
-    pub services: Vec<(usize, f64)>,
 }
 
 /// The vehicle mission of a track. Each part takes off, flies around zones to its first waypoint and home from its last
 /// one, and lands.
 ///
 /// # Errors
-/// If no waypoint is left, or an altitude is not known. For [`MissionUse::Flight`] also if it leads below the ground or
-/// through a zone, or a part takes longer or more energy than the UAV has.
-pub fn plan(
-    track: &GeodeticTrack<'_>,
-    options: &VehicleMissionOptions,
-    purpose: MissionUse,
-) -> Result<VehicleMission, InputError> {
+/// If no waypoint is left, an altitude is not known, the mission leads below the ground or through a zone, or a part
+/// takes longer or more energy than the UAV has.
+pub fn plan(track: &GeodeticTrack<'_>, options: &VehicleMissionOptions) -> Result<VehicleMission, InputError> {
     let scenario = &track.run.scenario;
     let altitudes = Altitudes::of(track, options.altitude, options.home_ground)?;
     let planner = MissionPlanner { track, options, altitudes, airspace: scenario.airspace() };
@@ -88,13 +73,11 @@ pub fn plan(
         return Err(InputError::new("scenario", &scenario.path, message));
     }
     let parts = planner.split(&stops)?;
-    if purpose == MissionUse::Flight {
-        parts.iter().try_for_each(|waypoints| planner.check_path(waypoints))?;
-    }
+    parts.iter().try_for_each(|waypoints| planner.check_path(waypoints))?;
     let positions = parts.iter().flatten().map(|waypoint| waypoint.position.xy());
     let return_m = planner.altitudes.return_m(&planner.home(), positions);
     let parts: Vec<_> = parts.iter().map(|waypoints| planner.part(waypoints)).collect::<Result<_, _>>()?;
-    if purpose == MissionUse::Flight && !options.ignore_endurance {
+    if !options.ignore_endurance {
         check_effort(track, &parts)?;
     }
     let Altitudes { reference, home_ground_m, .. } = planner.altitudes;
@@ -214,7 +197,6 @@ impl MissionPlanner<'_> {
         let (take_off_m, altitudes_m) = (altitudes_m[0], &altitudes_m[1..]);
         let mut items = vec![VehicleItem::TakeOff { home: self.track.points[0].place, altitude_m: take_off_m }];
         let mut legs = Vec::with_capacity(waypoints.len());
-        let mut services = Vec::new();
         let mut set_mps = None;
         for (waypoint, &altitude_m) in waypoints.iter().zip(altitudes_m) {
             let at = waypoint.position.xy();
@@ -223,7 +205,6 @@ impl MissionPlanner<'_> {
             items.push(VehicleItem::Waypoint { place: self.track.place(&at)?, altitude_m, hold_s });
             let to = Point3::new(at.x, at.y, self.altitudes.above_home_m(altitude_m));
             legs.push(MissionLeg { to, speed_mps: set_mps.unwrap_or(self.max_speed_mps()), hold_s });
-            services.extend(waypoint.services.iter().map(|&point| (point, altitude_m)));
         }
         items.push(VehicleItem::Return);
         let motion = self.options.motion(&self.track.run.scenario);
@@ -231,7 +212,7 @@ impl MissionPlanner<'_> {
         let effort = effort(&motion, self.home().xy(), take_off_m, &legs, battery.as_ref());
         let above_ground_m = positions.iter().zip(altitudes_m);
         let above_ground_m = above_ground_m.filter_map(|(at, &up_m)| self.altitudes.above_ground_m(&at.xy(), up_m));
-        Ok(MissionPart { items, effort, highest_m: above_ground_m.reduce(f64::max), services })
+        Ok(MissionPart { items, effort, highest_m: above_ground_m.reduce(f64::max) })
     }
 }
 

@@ -93,7 +93,10 @@ impl SweepRecord {
 
     /// The missions that are not in the journal, in the order of the results.
     pub fn missing(&self) -> impl Iterator<Item = MissionKey> {
-        self.manifest.definition.missions(self.manifest.shard).filter(|&mission| !self.journal.has(mission))
+        self.manifest
+            .definition
+            .missions(self.manifest.shard)
+            .filter(|&mission| !self.journal.rows.contains_key(&mission))
     }
 
     /// Adds a mission unless it exists. When this returns, the mission survives a crash of the process.
@@ -101,7 +104,7 @@ impl SweepRecord {
     /// # Errors
     /// If the mission does not belong to the sweep, or the journal cannot be written.
     pub fn add(&mut self, row: &MissionRow) -> Result<(), LabError> {
-        if self.journal.has(row.key) { Ok(()) } else { self.journal.add(row) }
+        if self.journal.rows.contains_key(&row.key) { Ok(()) } else { self.journal.add(row) }
     }
 
     /// Writes the results, and returns the journal.

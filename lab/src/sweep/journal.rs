@@ -7,7 +7,6 @@ use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::ops::Index;
-use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
 use csv::ByteRecord;
@@ -47,9 +46,6 @@ pub fn missions_of(rows: &MissionRows, point: usize, strategy: usize) -> impl It
     rows.range(key(0)..=key(u64::MAX)).map(|(_, row)| row)
 }
 
-/// The offset of a mission that was not flown.
-const NOT_FLOWN: u64 = u64::MAX;
-
 /// Maximum length of a line with its line break [byte].
 const MAX_LINE: usize = 4096;
 
@@ -58,7 +54,7 @@ const MAX_NUMBER: usize = 26;
 
 const _: () = assert!((4 + Metric::VARIANTS.len()) * MAX_NUMBER <= MAX_LINE);
 
-/// The journal of a running sweep. The rows stay in the file; only their offsets are in memory.
+/// The journal of a running sweep, with its missions.
 #[derive(Debug)]
 pub struct SweepJournal {
     path: PathBuf,
@@ -66,8 +62,9 @@ pub struct SweepJournal {
     seeds: CheckSeeds,
     /// The sweep.
     pub(crate) definition: Definition,
-    /// The offset of each mission's line, in the order of the results, or [`NOT_FLOWN`].
-    begins: Vec<u64>,
+    /// The finished missions.
+    pub rows: MissionRows,
+    /// Length of the file.
     end: u64,
 }
 
@@ -82,27 +79,15 @@ impl SweepJournal {
         }
         let file = OpenOptions::new().read(true).append(true).create(true).open(path).at(path)?;
         let seeds = CheckSeeds::of(definition);
-        let mut begins = vec![NOT_FLOWN; definition.mission_count()];
-        let mut lines = JournalLines::open(path, definition, &seeds)?;
-        let mut end = 0;
-        while let Some(row) = lines.next() {
-            begins[definition.index(row?.key).expect("lines of other missions are refused")] = end;
-            end = lines.end;
-        }
+        let (rows, end) = read_lines(path, definition, &seeds)?;
         file.set_len(end).at(path)?;
-        Ok(Self { path: path.to_owned(), file, seeds, definition: definition.clone(), begins, end })
+        Ok(Self { path: path.to_owned(), file, seeds, definition: definition.clone(), rows, end })
     }
 
-    /// Whether the journal contains this mission.
-    #[must_use]
-    pub fn has(&self, mission: MissionKey) -> bool {
-        self.definition.index(mission).is_some_and(|index| self.begins[index] != NOT_FLOWN)
-    }
-
-    /// The number of missions in the journal.
+    /// The number of missions.
     #[must_use]
     pub fn count(&self) -> usize {
-        self.begins.iter().filter(|&&begin| begin != NOT_FLOWN).count()
+        self.rows.len()
     }
 
     /// Adds a mission. When this returns, the line survives a crash of the process.
@@ -110,102 +95,18 @@ impl SweepJournal {
     /// # Errors
     /// If the mission does not belong to the sweep, or the file cannot be written.
     pub fn add(&mut self, row: &MissionRow) -> Result<(), LabError> {
-        let Some(index) = self.definition.index(row.key) else {
+        if self.definition.index(row.key).is_none() {
             let message = format_args!("{:?}: expected a mission of the sweep", row.key);
             return Err(InputError::new("sweep journal", &self.path, message).into());
-        };
+        }
         let line = line(row, &self.seeds);
         if let Err(error) = self.file.write_all(&line) {
             self.file.set_len(self.end).at(&self.path)?; // the next mission starts on a new line
             return Err(error).at(&self.path)?;
         }
-        self.begins[index] = self.end;
+        self.rows.insert(row.key, *row);
         self.end += line.len() as u64;
         Ok(())
-    }
-
-    /// Reads the missions one by one, in the order of the results.
-    pub fn rows(&self) -> impl Iterator<Item = Result<MissionRow, LabError>> {
-        self.rows_between(0, self.begins.len())
-    }
-
-    /// Reads the missions of a point and a strategy, by ascending seed.
-    ///
-    /// # Panics
-    /// If the sweep has no such point or strategy.
-    pub fn rows_of(&self, point: usize, strategy: usize) -> impl Iterator<Item = Result<MissionRow, LabError>> {
-        let seeds = &self.definition.seeds;
-        let first = self.definition.index(MissionKey { point, strategy, seed: seeds[0] });
-        let first = first.expect("a point and a strategy of the sweep");
-        self.rows_between(first, first + seeds.len())
-    }
-
-    /// Reads all missions.
-    ///
-    /// # Errors
-    /// If the file cannot be read.
-    pub fn all(&self) -> Result<MissionRows, LabError> {
-        self.rows().map(|row| row.map(|row| (row.key, row))).collect()
-    }
-
-    fn rows_between(&self, first: usize, end: usize) -> impl Iterator<Item = Result<MissionRow, LabError>> {
-        self.begins[first..end].iter().filter(|&&begin| begin != NOT_FLOWN).map(|&begin| self.row_at(begin))
-    }
-
-    fn row_at(&self, begin: u64) -> Result<MissionRow, LabError> {
-        let mut text = [0; MAX_LINE];
-        let count = self.file.read_at(&mut text, begin).at(&self.path)?;
-        let line = text[..count].split(|&byte| byte == b'\n').next().unwrap_or_default();
-        let refuse = |message| InputError::new("sweep journal", &self.path, format_args!("byte {begin}: {message}"));
-        Ok(mission(line, &self.seeds).map_err(refuse)?)
-    }
-}
-
-/// Iterator over the missions of a journal, in the order of its lines. It stops at an incomplete line.
-#[derive(Debug)]
-pub struct JournalLines<'a> {
-    path: &'a Path,
-    definition: &'a Definition,
-    seeds: &'a CheckSeeds,
-    reader: BufReader<File>,
-    number: usize,
-    /// The offset after the last line that was read.
-    end: u64,
-}
-
-impl<'a> JournalLines<'a> {
-    /// Opens the journal of this sweep; `seeds` are its own.
-    ///
-    /// # Errors
-    /// If the file cannot be opened.
-    pub fn open(path: &'a Path, definition: &'a Definition, seeds: &'a CheckSeeds) -> Result<Self, LabError> {
-        let reader = BufReader::new(File::open(path).at(path)?);
-        Ok(Self { path, definition, seeds, reader, number: 0, end: 0 })
-    }
-}
-
-impl Iterator for JournalLines<'_> {
-    type Item = Result<MissionRow, LabError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        let mut line = Vec::new();
-        let read = self.reader.by_ref().take(MAX_LINE as u64).read_until(b'\n', &mut line);
-        if let Err(error) = read.at(self.path) {
-            return Some(Err(error.into()));
-        }
-        self.number += 1;
-        self.end += line.len() as u64;
-        let row = match line.strip_suffix(b"\n") {
-            Some(text) => mission(text, self.seeds),
-            None if line.len() < MAX_LINE => return None,
-            None => Err(format!("expected at most {MAX_LINE} bytes")),
-        };
-        let row = row.and_then(|row| {
-            self.definition.index(row.key).map(|_| row).ok_or_else(|| "expected a mission of the sweep".to_owned())
-        });
-        let quoted = String::from_utf8_lossy(&line);
-        let refuse = |message| InputError::line("sweep journal", self.path, self.number, &quoted, message).into();
-        Some(row.map_err(refuse))
     }
 }
 
@@ -214,17 +115,39 @@ impl Iterator for JournalLines<'_> {
 /// # Errors
 /// If the journal cannot be read, or belongs to another sweep.
 pub fn read(path: &Path, definition: &Definition) -> Result<MissionRows, LabError> {
-    let seeds = CheckSeeds::of(definition);
-    JournalLines::open(path, definition, &seeds)?.map(|row| row.map(|row| (row.key, row))).collect()
+    let (rows, _) = read_lines(path, definition, &CheckSeeds::of(definition))?;
+    Ok(rows)
 }
 
-/// The seeds of the hashes in the journal of a sweep. That of a line depends on the sweep's grid and on the name and
-/// the source of the line's strategy.
+/// The missions of a journal, and its length without an incomplete last line.
+fn read_lines(path: &Path, definition: &Definition, seeds: &CheckSeeds) -> Result<(MissionRows, u64), LabError> {
+    let mut reader = BufReader::new(File::open(path).at(path)?);
+    let mut rows = MissionRows::new();
+    let mut end = 0;
+    for number in 1.. {
+        let mut line = Vec::new();
+        reader.by_ref().take(MAX_LINE as u64).read_until(b'\n', &mut line).at(path)?;
+        let row = match line.strip_suffix(b"\n") {
+            Some(text) => mission(text, definition, seeds),
+            None if line.len() < MAX_LINE => break,
+            None => Err(format!("expected at most {MAX_LINE} bytes")),
+        };
+        let refuse =
+            |message| InputError::line("sweep journal", path, number, &String::from_utf8_lossy(&line), message);
+        let row = row.map_err(refuse)?;
+        rows.insert(row.key, row);
+        end += line.len() as u64;
+    }
+    Ok((rows, end))
+}
+
+/// The seeds of the hashes in the journal of a sweep. The seed of a line depends on the sweep's grid and on the name
+/// and the source of the line's strategy.
 #[derive(Debug)]
 pub struct CheckSeeds(Vec<u64>);
 
 impl CheckSeeds {
-    /// Those of this sweep, and one for lines of no strategy of it.
+    /// The seeds of this sweep, and one for lines of no strategy of it.
     #[must_use]
     pub fn of(definition: &Definition) -> Self {
         let seed = |name: &str| {
@@ -234,7 +157,7 @@ impl CheckSeeds {
         Self(definition.strategies.iter().map(String::as_str).chain([""]).map(seed).collect())
     }
 
-    /// That of the line with the numbers `text`, which begin with the point and the strategy.
+    /// The seed of the line with the numbers `text`, which begin with the point and the strategy.
     fn seed(&self, text: &[u8]) -> u64 {
         let strategy = text.split(|&byte| byte == b',').nth(1).and_then(|number| str::from_utf8(number).ok());
         let last = self.0.len() - 1;
@@ -262,7 +185,7 @@ fn check(text: &[u8], seeds: &CheckSeeds) -> String {
 }
 
 /// Parses and checks a line.
-fn mission(line: &[u8], seeds: &CheckSeeds) -> Result<MissionRow, String> {
+fn mission(line: &[u8], definition: &Definition, seeds: &CheckSeeds) -> Result<MissionRow, String> {
     let (text, found) = line.split_at(line.iter().rposition(|&byte| byte == b',').unwrap_or(0));
     let expected = check(text, seeds);
     if found.strip_prefix(b",") != Some(expected.as_bytes()) {
@@ -270,7 +193,8 @@ fn mission(line: &[u8], seeds: &CheckSeeds) -> Result<MissionRow, String> {
         return Err(format!("expected the checksum {expected}: the line or sweep.json was modified: {remedy}"));
     }
     let numbers: ByteRecord = text.split(|&byte| byte == b',').collect();
-    numbers.deserialize(None).map_err(|error| error.to_string())
+    let row: MissionRow = numbers.deserialize(None).map_err(|error| error.to_string())?;
+    definition.index(row.key).map(|_| row).ok_or_else(|| "expected a mission of the sweep".to_owned())
 }
 
 #[cfg(test)]
@@ -303,7 +227,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("journal.csv");
         let mut journal = SweepJournal::open(&path, &definition("a")).unwrap();
-        assert_eq!(journal.count(), 0);
+        assert!(journal.rows.is_empty());
         rows.iter().for_each(|row| journal.add(row).unwrap());
         (folder, path)
     }
@@ -367,23 +291,10 @@ mod tests {
     fn rows_are_in_the_order_of_the_results() {
         let (_folder, path) = journal(&[row(0, 0, 2), row(0, 0, 1)]);
         let journal = SweepJournal::open(&path, &definition("a")).unwrap();
-        let seeds = |rows: Vec<MissionRow>| rows.iter().map(|row| row.key.seed).collect::<Vec<_>>();
-        assert_eq!(seeds(journal.rows().collect::<Result<_, _>>().unwrap()), [1, 2]);
-        assert_eq!(seeds(journal.rows_of(0, 0).collect::<Result<_, _>>().unwrap()), [1, 2]);
-        let first = journal.rows().next().unwrap().unwrap();
+        assert_eq!(journal.rows.keys().map(|key| key.seed).collect::<Vec<_>>(), [1, 2]);
+        assert_eq!(missions_of(&journal.rows, 0, 0).map(|row| row.key.seed).collect::<Vec<_>>(), [1, 2]);
+        let first = journal.rows.values().next().unwrap();
         assert!(first.values[3].is_nan() && first.values[4].to_bits() == row(0, 0, 1).values[4].to_bits());
-    }
-
-    #[test]
-    fn a_row_changed_after_opening_is_refused() {
-        let (_folder, path) = journal(&[row(0, 0, 1), row(0, 0, 2)]);
-        let journal = SweepJournal::open(&path, &definition("a")).unwrap();
-        let mut text = std::fs::read(&path).unwrap();
-        let second = text.iter().position(|&byte| byte == b'\n').unwrap() + 1;
-        text[second] = b'1';
-        std::fs::write(&path, &text).unwrap();
-        let refusal = journal.all().unwrap_err().to_string();
-        assert!(refusal.contains(&format!("byte {second}: expected the checksum ")), "{refusal}");
     }
 
     #[test]
@@ -392,7 +303,7 @@ mod tests {
         let text = std::fs::read(&path).unwrap();
         std::fs::write(&path, &text[..text.len() - 1]).unwrap();
         let mut journal = SweepJournal::open(&path, &definition("a")).unwrap();
-        assert!(journal.has(row(0, 0, 1).key) && !journal.has(row(0, 0, 2).key));
+        assert_eq!(journal.rows.keys().collect::<Vec<_>>(), [&row(0, 0, 1).key]);
         journal.add(&row(0, 0, 2)).unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), text);
     }

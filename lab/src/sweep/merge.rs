@@ -8,11 +8,10 @@ use clap::Args;
 use skysink_common::error::InputError;
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
-use xxhash_rust::xxh3::Xxh3;
 
 use super::definition::Definition;
 use super::folder::{JOURNAL, SweepRecord};
-use super::journal::{CheckSeeds, JournalLines, MissionRow, SweepJournal};
+use super::journal::{MissionRow, MissionRows, SweepJournal, read};
 use super::manifest::{Manifest, SCENARIO, add_builds};
 use super::plan::Sweep;
 use super::saved::external;
@@ -88,35 +87,29 @@ pub fn merge(Merge { shards, out, partial }: &Merge, stop: &Stop) -> Result<Merg
         }
         None => Vec::new(), // all were killed before they wrote it
     };
-    let Shards { definition, builds, .. } = &found;
-    let manifest = Manifest { shard: Shard::WHOLE, builds: builds.clone(), definition: definition.clone() };
-    let mut record = SweepRecord::of(manifest, &files, out)?;
-    for journal in &found.journals {
-        for row in JournalLines::open(journal, definition, &found.seeds)? {
-            stop.check()?;
-            record.add(&row?)?;
-        }
+    let Shards { definition, builds, rows, .. } = found;
+    let mut record =
+        SweepRecord::of(Manifest { shard: Shard::WHOLE, builds: builds.clone(), definition }, &files, out)?;
+    for row in rows.values() {
+        stop.check()?;
+        record.add(row)?;
     }
-    Ok(Merged { journal: record.write(stop)?, missing, builds: found.builds })
+    Ok(Merged { journal: record.write(stop)?, missing, builds })
 }
 
 /// The missions in the shards of a sweep.
 struct Shards {
     definition: Definition,
-    seeds: CheckSeeds,
     /// The builds of all shards, in order.
     builds: Vec<String>,
     /// The largest number of shards in the manifests.
     n: usize,
-    journals: Vec<PathBuf>,
-    /// The hash of each mission's metrics, in the order of the results; 0 if it was not flown.
-    hashes: Vec<u64>,
+    rows: MissionRows,
 }
 
 impl Shards {
     fn of(definition: Definition) -> Self {
-        let hashes = vec![0; definition.mission_count()];
-        Self { seeds: CheckSeeds::of(&definition), builds: Vec::new(), definition, n: 1, journals: Vec::new(), hashes }
+        Self { builds: Vec::new(), definition, n: 1, rows: MissionRows::new() }
     }
 
     /// Adds the missions in the journal of a folder, if it has one.
@@ -125,46 +118,36 @@ impl Shards {
         if !journal.is_file() {
             return Ok(());
         }
-        for row in JournalLines::open(&journal, &self.definition, &self.seeds)? {
+        for (key, row) in read(&journal, &self.definition)? {
             stop.check()?;
-            let row = row?;
-            let index = self.definition.index(row.key).expect("lines of other missions are refused");
-            let hash = hash(&row);
-            if self.hashes[index] != 0 && self.hashes[index] != hash {
+            if self.rows.insert(key, row).is_some_and(|other| !is_same(&row, &other)) {
                 let message = "its results differ from those of another shard for the same missions: \
                                expected shards from the same executable";
                 return Err(InputError::new("shard", folder, message).into());
             }
-            self.hashes[index] = hash;
         }
-        self.journals.push(journal);
         Ok(())
     }
 
     /// The number of missions, and the shards with missing ones; `None` if all are present.
     fn missing(&self) -> Option<String> {
-        let expected = self.hashes.len();
-        let is_missing = |&index: &usize| self.hashes[index] == 0;
-        let missing = (0..expected).filter(is_missing).count();
-        if missing == 0 {
+        let expected = self.definition.mission_count();
+        let count = self.rows.len();
+        if count == expected {
             return None;
         }
         let n = self.n;
-        let shards = (0..expected).filter(is_missing).map(|index| self.definition.shard_of(index, n));
-        let shards = ranges(&shards.collect());
-        let count = expected - missing;
+        let all = self.definition.missions(Shard::WHOLE).enumerate();
+        let missing = all.filter(|(_, mission)| !self.rows.contains_key(mission));
+        let shards = ranges(&missing.map(|(index, _)| self.definition.shard_of(index, n)).collect());
         let remedy = format!("for example by --array={shards} and --shard $SLURM_ARRAY_TASK_ID/{n}");
         Some(format!("{count} of {expected} missions are present: run shards {shards} of {n}, {remedy}"))
     }
 }
 
-/// Hash of the metrics that do not depend on the clock; never 0.
-fn hash(row: &MissionRow) -> u64 {
-    let mut hash = Xxh3::new();
-    for metric in Metric::all().filter(|metric| !metric.is_timing()) {
-        hash.update(&row[metric].to_bits().to_le_bytes());
-    }
-    hash.digest().max(1)
+/// Whether two missions have the same metrics, but for those that depend on the clock.
+fn is_same(row: &MissionRow, other: &MissionRow) -> bool {
+    Metric::all().filter(|metric| !metric.is_timing()).all(|metric| row[metric].to_bits() == other[metric].to_bits())
 }
 
 /// Formats numbers as a list of ranges, such as `1,3-5`.

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::io::{self, BufWriter};
-use std::iter::zip;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -13,8 +12,8 @@ use skysink_mission::files::{write_unfinished, write_whole};
 use skysink_planner::strategies::look_ahead;
 use strum::VariantArray;
 
-use super::definition::Definition;
-use super::journal::{MissionRow, SweepJournal};
+use super::definition::{Definition, MissionKey};
+use super::journal::{MissionRow, MissionRows, SweepJournal, missions_of};
 use crate::error::LabError;
 use crate::metrics::Metric;
 use crate::parquet_file::{ParquetFile, ROWS_PER_GROUP};
@@ -31,7 +30,7 @@ pub fn write(folder: &Path, journal: &SweepJournal, stop: &Stop) -> Result<(), L
     let (timings, results): (Vec<_>, Vec<_>) = Metric::VARIANTS.iter().partition(|metric| metric.is_timing());
     let tables = [("results.csv", &results[..]), ("timings.csv", &timings)];
     write_missions(folder, journal, tables, ROWS_PER_GROUP, stop)?;
-    Ok(write_whole(&folder.join("summary.csv"), &summary_csv(journal, &results, stop)?)?)
+    Ok(write_whole(&folder.join("summary.csv"), &summary_csv(&journal.definition, &journal.rows, &results, stop)?)?)
 }
 
 /// Writes the files with one row per mission, `part` rows at a time: two tables with these metrics, and the Parquet
@@ -55,10 +54,10 @@ fn write_missions(
         csv.write_record(definition.keys.iter().map(String::as_str).chain(names)).map_err(io::Error::from).at(&path)?;
         csvs.push((path, csv, metrics));
     }
-    let mut rows = journal.rows();
+    let mut rows = journal.rows.values().copied();
     loop {
         stop.check()?;
-        let read = rows.by_ref().take(part).collect::<Result<Vec<_>, _>>()?;
+        let read: Vec<MissionRow> = rows.by_ref().take(part).collect();
         for (path, csv, metrics) in &mut csvs {
             let mut lines = read.iter().map(|row| mission_line(definition, row, metrics));
             lines.try_for_each(|line| csv.write_record(line)).map_err(io::Error::from).at(path)?;
@@ -125,8 +124,12 @@ fn swept(definition: &Definition, rows: &[MissionRow], place: usize) -> ArrayRef
 
 /// The summary, with one row per point, strategy and metric: mean, standard deviation and confidence interval over the
 /// seeds. If the sweep contains `offline`, the best known loss of each point follows.
-fn summary_csv(journal: &SweepJournal, metrics: &[Metric], stop: &Stop) -> Result<Vec<u8>, LabError> {
-    let definition = &journal.definition;
+fn summary_csv(
+    definition: &Definition,
+    rows: &MissionRows,
+    metrics: &[Metric],
+    stop: &Stop,
+) -> Result<Vec<u8>, LabError> {
     let names = ["strategy", "metric", "n", "mean", "standard_deviation", "ci95_low", "ci95_high"];
     let line = |point: usize, strategy: &str, metric: Metric, interval: MeanInterval| {
         let MeanInterval { n, mean, deviation, limits } = interval;
@@ -139,15 +142,21 @@ fn summary_csv(journal: &SweepJournal, metrics: &[Metric], stop: &Stop) -> Resul
     for point in 0..definition.points.len() {
         stop.check()?;
         for (strategy, name) in definition.strategies.iter().enumerate() {
-            for (&metric, interval) in metrics.iter().zip(intervals(journal, point, strategy, metrics)?) {
-                lines.extend(interval.map(|interval| line(point, name, metric, interval)));
+            for &metric in metrics {
+                let values: Vec<f64> = missions_of(rows, point, strategy).map(|row| row[metric]).collect();
+                // None if a mission has no value, or there is no mission.
+                if !values.is_empty() && !values.iter().any(|value| value.is_nan()) {
+                    lines.push(line(point, name, metric, MeanInterval::of(&values, metric.support())));
+                }
             }
         }
     }
     if definition.strategies.iter().any(|name| name == look_ahead::OFFLINE.name) {
-        for point in 0..definition.points.len() {
-            stop.check()?;
-            let losses = best_known_of(journal, point, definition.strategies.len())?;
+        let strategies = 0..definition.strategies.len();
+        for (point, least) in best_known(rows.values()) {
+            let is_flown = |strategy, seed| rows.contains_key(&MissionKey { point, strategy, seed });
+            let is_whole = |(seed, _): &(u64, f64)| strategies.clone().all(|strategy| is_flown(strategy, *seed));
+            let losses: Vec<f64> = least.into_iter().filter(is_whole).map(|(_, least)| least).collect();
             if !losses.is_empty() {
                 let interval = MeanInterval::of(&losses, Metric::LossRate.support());
                 lines.push(line(point, BEST_KNOWN, Metric::LossRate, interval));
@@ -164,23 +173,19 @@ fn summary_csv(journal: &SweepJournal, metrics: &[Metric], stop: &Stop) -> Resul
 }
 
 /// The means of η that few fields determine, by strategy and point; none for a single seed.
-///
-/// # Errors
-/// If the journal cannot be read.
-pub fn few(journal: &SweepJournal) -> Result<Vec<(String, Concentration)>, LabError> {
-    let definition = &journal.definition;
+#[must_use]
+pub fn few(SweepJournal { definition, rows, .. }: &SweepJournal) -> Vec<(String, Concentration)> {
     let mut few = Vec::new();
     for point in 0..definition.points.len() {
         for (strategy, name) in definition.strategies.iter().enumerate() {
-            let losses = journal.rows_of(point, strategy).map(|row| Ok(row?[Metric::LossRate]));
-            let losses = losses.collect::<Result<Vec<f64>, LabError>>()?;
-            let concentration = Concentration::of(losses.iter().copied());
+            let losses = missions_of(rows, point, strategy).map(|row| row[Metric::LossRate]);
+            let concentration = Concentration::of(losses);
             if concentration.is_few() {
                 few.push((named(definition, name, point), concentration));
             }
         }
     }
-    Ok(few)
+    few
 }
 
 /// A strategy at a point, for messages: only keys that vary are named.
@@ -192,48 +197,6 @@ pub fn named(definition: &Definition, strategy: &str, point: usize) -> String {
     let values: Vec<String> =
         places.map(|place| format!("{} = {}", definition.keys[place], text(&point[place]))).collect();
     if values.is_empty() { strategy.to_owned() } else { format!("{strategy} at {}", values.join(", ")) }
-}
-
-/// The mean of each metric over the missions of a point and a strategy; `None` if a mission has no value, or there is
-/// no mission. Reads the missions twice instead of keeping them in memory.
-fn intervals(
-    journal: &SweepJournal,
-    point: usize,
-    strategy: usize,
-    metrics: &[Metric],
-) -> Result<Vec<Option<MeanInterval>>, LabError> {
-    let mut n = 0;
-    let mut means = vec![-0.0; metrics.len()]; // the neutral element of addition
-    for row in journal.rows_of(point, strategy) {
-        let row = row?;
-        n += 1;
-        zip(&mut means, metrics).for_each(|(sum, &metric)| *sum += row[metric]);
-    }
-    means.iter_mut().for_each(|sum| *sum /= n as f64);
-    let mut squares = vec![-0.0; metrics.len()];
-    for row in journal.rows_of(point, strategy) {
-        let row = row?;
-        let values = zip(metrics, &means).map(|(&metric, mean)| (row[metric] - mean).powi(2));
-        zip(&mut squares, values).for_each(|(sum, square)| *sum += square);
-    }
-    let interval = |((&metric, &mean), &squares): ((&Metric, &f64), &f64)| {
-        (!mean.is_nan()).then(|| MeanInterval::of_moments(n, mean, squares, metric.support()))
-    };
-    Ok(zip(zip(metrics, &means), &squares).map(interval).collect())
-}
-
-/// The minimum loss over all strategies, for each field of a point with results of all strategies, by ascending seed.
-fn best_known_of(journal: &SweepJournal, point: usize, strategies: usize) -> Result<Vec<f64>, LabError> {
-    let mut fields: BTreeMap<u64, (usize, f64)> = BTreeMap::new();
-    for strategy in 0..strategies {
-        for row in journal.rows_of(point, strategy) {
-            let row = row?;
-            let (flown, least) = fields.entry(row.key.seed).or_insert((0, f64::INFINITY));
-            *flown += 1;
-            *least = least.min(row[Metric::LossRate]);
-        }
-    }
-    Ok(fields.into_values().filter(|(flown, _)| *flown == strategies).map(|(_, least)| least).collect())
 }
 
 /// The minimum loss over all strategies, by point and seed.
@@ -263,7 +226,6 @@ pub(crate) fn text(value: &toml::Value) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sweep::definition::MissionKey;
     use strum::EnumCount;
 
     /// The files of a sweep with these seeds, written `part` rows at a time.

@@ -62,7 +62,7 @@ fn shards_of_different_counts_are_merged_unless_contradicting() {
     // As an executable with another C library might have it.
     let Manifest { definition, .. } = serde_json::from_str(&place.read("whole/sweep.json")).unwrap();
     let open = |shard: &str| SweepJournal::open(&place.path(shard).join("journal.csv"), &definition).unwrap();
-    let mut row = open("b").rows().next().unwrap().unwrap();
+    let mut row = *open("b").rows.values().next().unwrap();
     row.values[Metric::LossRate as usize] += 1e-16;
     open("c").add(&row).unwrap();
     place.run_refused(&["merge", "a", "b", "c", "--out", "contradiction"], "shard c: its results differ");

@@ -16,9 +16,8 @@ use re_sdk::EntityPath;
 use re_sdk::log::{Chunk, LogMsg};
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::estimate::Rates;
-use skysink_common::message::{LinkReport, PathPoint};
+use skysink_common::message::PathPoint;
 use skysink_common::scenario::Scenario;
-use skysink_viewer::los::field;
 use skysink_viewer::{Scene, Sinks, WallClock, complete, curves, events, has_footer, links, path, queues, uav};
 
 const SENSORS: u32 = 30;
@@ -167,26 +166,6 @@ fn a_path_of_an_earlier_file_is_cleared() {
     let found = record(&first, &letter(), "x", plain(6..=8));
     assert_eq!(found.slots_of(path::PATH), [6].into(), "empty from there on");
     assert!(!found.text(path::PATH, "LineStrips3D:strips", Some(6)).contains("Float32>"));
-}
-
-#[test]
-fn funnels_of_an_earlier_file_are_cleared() {
-    let (_folder, first) = place();
-    let serve = |slot: u64, sensors: u32| {
-        let mut served = Slot::new(slot, SENSORS as usize);
-        served.flight.served = sensors;
-        for (sensor, link) in (0..sensors).zip(&mut served.flight.links) {
-            *link = LinkReport { sensor, rate_bps: 1e6, ..LinkReport::default() };
-        }
-        served
-    };
-    write(&first, &town(), "x", [serve(0, 3)]);
-    let found = record(&first, &town(), "x", [serve(1, 1), serve(2, 1)]);
-    let funnel = |place: u8| format!("{}/{place}", field::FUNNELS);
-    let cleared = |place: u8| found.slots_of_component(&funnel(place), "Clear:is_recursive");
-    let drawn = |place: u8| found.slots_of_component(&funnel(place), "VoxelGridMap:voxel_indices");
-    assert_eq!([0, 1, 2].map(cleared), [BTreeSet::new(), BTreeSet::from([1]), BTreeSet::from([1])]);
-    assert_eq!([0, 1].map(drawn), [BTreeSet::from([1]), BTreeSet::new()]);
 }
 
 #[test]
