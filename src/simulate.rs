@@ -12,7 +12,7 @@ use skysink_common::stop::Stop;
 use skysink_mission::drive::{Observer, SlotSink};
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
-use skysink_mission::summary::{Summary, Tally};
+use skysink_mission::summary::{OperatorUse, Summary, Tally};
 use skysink_mission::{Mission, MissionError};
 #[cfg(feature = "viewer")]
 use skysink_viewer::{Scene, Sinks, SlotView, WallClock};
@@ -112,6 +112,7 @@ pub fn simulate(
     #[cfg(feature = "viewer")]
     let flown = flown.and(recording.map_or(Ok(()), Scene::close).map_err(Error::from));
     let mut summary = tally.summary(wall, log.hash());
+    summary.search = OperatorUse::of(&mission.planner);
     summary.complete &= flown.is_ok();
     let written = folder.finish(&log, &mut summary).map_err(Error::from);
     match flown.and(written) {

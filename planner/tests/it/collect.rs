@@ -183,3 +183,27 @@ fn collect_delivers_more_than_horizon_where_sensor_nodes_sample() {
         }
     }
 }
+
+/// What became of the proposals of a search is counted, by operator, and a restart counts on.
+#[test]
+fn operators_count_what_they_proposed_and_what_became_of_it() {
+    for (objective, operators) in [("loss", 5), ("collect", 6)] {
+        let text = format!("slots = 20\n[planner]\nobjective = '{objective}'\nhorizon.iterations = 40\n");
+        let scenario = scenario_of(&text, "horizon", 3);
+        let (mut mission, mut restarted) = (TestMission::new(&scenario), TestMission::new(&scenario));
+        mission.by_ref().take(20).for_each(drop);
+        restarted.by_ref().take(7).for_each(drop);
+        restarted.restart();
+        restarted.by_ref().take(13).for_each(drop);
+        let counts = mission.planner.counts();
+        assert_eq!((counts.len(), &counts), (operators, &restarted.planner.counts()));
+        for (name, counts) in counts {
+            let left = counts.proposed - counts.void;
+            assert!(counts.proposed > 0 && counts.improved <= counts.accepted && counts.accepted <= left, "{name}");
+            assert!(objective == "collect" || counts.void == 0, "{name} of the loss finds no change");
+        }
+    }
+    let mut none = TestMission::new(&scenario_of("slots = 3\n", "gfs", 1));
+    none.by_ref().take(3).for_each(drop);
+    assert!(none.planner.counts().is_empty());
+}
