@@ -33,7 +33,7 @@ SOURCES = {
 }
 PUBLIC = {
     "skysink": [
-        "Scenario", "simulate", "Run", "Table", "Strategy", "Arrivals", "Channel", "View", "Belief", "Field", "Route", "Base", "Neighbours", "Flight", "Decision", "compare", "sweep", "round_over_disks", "DiskRound", "InputError",
+        "Scenario", "simulate", "Run", "Table", "Strategy", "Arrivals", "Channel", "View", "Belief", "Field", "Route", "Base", "Neighbours", "Flight", "Decision", "compare", "sweep", "InputError",
     ],
     "skysink.environment": ["DataCollectionEnv", "DataCollectionVectorEnv"],
     "skysink.agents": ["parallel_env", "DataCollectionParallelEnv", "FleetBatch"],

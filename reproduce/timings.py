@@ -20,8 +20,8 @@ def machine():
 
 
 def bench(part):
-    """The table of a part of `skysink bench`, with version, machine and command below."""
-    _, measured = run("skysink", "bench", "--only", part).split("┘", 1)
+    """The table of a part of `skysink-bench`, with version, machine and command below."""
+    _, measured = run("skysink-bench", "--only", part).split("┘", 1)
     return f"```\n{measured.strip()}\n```\n\n*{version()}, {machine()}: `reproduce/run bench-{part}`*"
 
 

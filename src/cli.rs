@@ -24,10 +24,10 @@ use skysink_common::stop::Stop;
 use skysink_ring::role::Role;
 use skysink_ring::wait::{exit_on_second_signal, stop_on_signals};
 
+#[cfg(feature = "lab")]
+use crate::compare;
 use crate::error::Error;
 use crate::usage::VERSION;
-#[cfg(feature = "lab")]
-use crate::{bench, compare};
 use crate::{check, join, new, replay, run, simulate, topics, usage, view, worker};
 
 /// Plans and flies a UAV that collects data from wireless sensor nodes, slot by slot.
@@ -79,8 +79,6 @@ enum Command {
     Merge(merge::MergeCommand),
     #[cfg(feature = "lab")]
     Export(export::ExportCommand),
-    #[cfg(feature = "lab")]
-    Bench(bench::BenchCommand),
     Completions(manual::CompletionsCommand),
     Man(manual::ManCommand),
 }
@@ -112,8 +110,6 @@ impl Command {
             Self::Merge(command) => command.run(stop),
             #[cfg(feature = "lab")]
             Self::Export(command) => command.run(stop),
-            #[cfg(feature = "lab")]
-            Self::Bench(command) => command.run(stop),
             Self::Completions(command) => command.run(Cli::command()),
             Self::Man(command) => command.run(Cli::command()),
         }

@@ -3,7 +3,6 @@
 use std::borrow::Cow;
 use std::io;
 use std::path::PathBuf;
-use std::process::ExitStatus;
 
 use skysink_common::error::InputError;
 use skysink_common::stop::Stopped;
@@ -125,20 +124,6 @@ pub enum Error {
         expected: String,
         /// How to get more.
         remedy: &'static str,
-    },
-    /// The run of a benchmark fails.
-    #[error("bench: skysink run: {status}: {message}")]
-    BenchmarkRun {
-        /// Its exit status.
-        status: ExitStatus,
-        /// What it has written to standard error.
-        message: String,
-    },
-    /// A message of a benchmark does not arrive.
-    #[error("bench: hop: no message within {seconds} s")]
-    BenchmarkHop {
-        /// Time waited [s].
-        seconds: u64,
     },
 }
 

@@ -1,9 +1,7 @@
-//! The command line, the launcher of the ring's processes ([`run`]) and benchmarks.
+//! The command line, and the launcher of the ring's processes ([`run`]).
 //!
 //! The model, the planner and the evaluation are in the other crates of the workspace.
 
-#[cfg(feature = "lab")]
-mod bench;
 pub mod check;
 pub mod cli;
 #[cfg(feature = "lab")]

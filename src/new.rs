@@ -14,8 +14,6 @@ use skysink_common::error::InputError;
 use skysink_common::geodata::projection::{GeodeticPosition, Projection};
 use skysink_common::geometry::Position;
 use skysink_common::keys::{self, Accepts, Key, Keys};
-#[cfg(feature = "lab")]
-use skysink_common::option_value::number;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
@@ -52,7 +50,6 @@ Examples:
   skysink new city --sensors nodes.geojson
   skysink new city --sensors nodes.csv --out scenarios/city
   skysink new city --sensors nodes.kml --zones zones.geojson
-  skysink new city --map city.png --cell-m 10
 
 With --sensors, it also writes sensors.csv and sets the area to enclose the
 sensor nodes. CSV columns are matched by name: x, y [m] or lat, lon [°], and
@@ -62,11 +59,7 @@ name. The altitude of points becomes ground_m, for exports over hills.
 With --zones, each polygon becomes a no-fly zone; one with a property `height`
 [m] a building; one whose `kind` or `name` is `boundary`, or which encloses all
 sensor nodes, the boundary of the area. Without --sensors, the sensor nodes are
-drawn at random.
-
-With --map, each pixel of a PNG picture is a square of --cell-m metres, the
-north at the top: red ones must not be entered, green ones are buildings as
-high as the UAV flies, yellow ones both, and in blue ones it starts and lands.";
+drawn at random.";
 
 /// Examples of `skysink new` in a build without imports.
 #[cfg(not(feature = "lab"))]
@@ -86,14 +79,6 @@ pub struct NewCommand {
     #[cfg(feature = "lab")]
     #[arg(long, value_name = "FILE")]
     zones: Option<PathBuf>,
-    /// A map as a PNG picture, a pixel for each cell: red no-fly zones, green buildings, blue for start and landing.
-    #[cfg(feature = "lab")]
-    #[arg(long, value_name = "FILE", conflicts_with = "zones", requires = "cell_m")]
-    map: Option<PathBuf>,
-    /// Side of a pixel of the map [m].
-    #[cfg(feature = "lab")]
-    #[arg(long, value_name = "M", requires = "map", value_parser = number("metres, 0.001 to 1000000", |side_m| (1e-3..=1e6).contains(&side_m)))]
-    cell_m: Option<f64>,
     /// Where the UAV starts, in the coordinates of the positions: x,y [m] or lat,lon [°].
     #[cfg(feature = "lab")]
     #[arg(long, value_name = "X,Y", value_parser = place, allow_hyphen_values = true)]
@@ -144,7 +129,6 @@ impl NewCommand {
         Ok(import::field(&import::Sources {
             sensors: self.sensors.as_deref(),
             zones: self.zones.as_deref(),
-            map: self.map.as_deref().zip(self.cell_m),
             start: self.start,
         })?)
     }

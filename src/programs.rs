@@ -1,12 +1,25 @@
-//! The entry points of the programs of the ring.
+//! The entry points of the programs.
 
 use std::ffi::OsString;
 
 use iceoryx2::prelude::ipc;
 use skysink_ring::role::Role;
 
+use crate::cli;
 use crate::replay::process;
 use crate::worker::{self, NoArguments};
+
+/// The entry point of the program `name`, for executables that contain all programs; `None` if there is no such one.
+#[must_use]
+pub fn of(name: &str) -> Option<fn(Vec<OsString>) -> u8> {
+    match name {
+        "skysink" => Some(cli::execute),
+        "field-sim" => Some(field_sim),
+        "flight-sim" => Some(flight_sim),
+        "planner" => Some(planner),
+        _ => None,
+    }
+}
 
 /// Runs field-sim with these arguments, program name first, and returns its exit code.
 #[must_use]

@@ -16,6 +16,9 @@ use crate::report::TERMINAL_WIDTH;
 /// What the executables are built from: commit, compiler and target.
 pub const BUILD: &str = env!("SKYSINK_BUILD");
 
+/// The compiler of the executables.
+pub const COMPILER: &str = env!("SKYSINK_RUSTC");
+
 /// Version of the executables, with [`BUILD`].
 pub const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("SKYSINK_BUILD"), ")");
 

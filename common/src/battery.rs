@@ -2,7 +2,7 @@
 //!
 //! When to fly home is left to the planner.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 use crate::message::{FlightReport, Mode};
 use crate::propulsion::{farthest_mps, power_w};
@@ -75,13 +75,24 @@ impl Battery {
     /// Energy [J] of a slot over the horizontal distance `distance_m` [m].
     #[must_use]
     pub fn slot_j(&self, distance_m: f64) -> f64 {
-        self.slot_s * power_w(&self.aircraft, distance_m / self.slot_s)
+        self.leg_j(self.slot_s, distance_m, 0.0)
+    }
+
+    /// Energy [J] of a flight of `duration_s` [s] over the horizontal distance `distance_m` with the climb `climb_m` [m].
+    #[must_use]
+    pub fn leg_j(&self, duration_s: f64, distance_m: f64, climb_m: f64) -> f64 {
+        let speed_mps = if duration_s > 0.0 { distance_m / duration_s } else { 0.0 };
+        duration_s * power_w(&self.aircraft, speed_mps) + self.climb_j(climb_m)
+    }
+
+    fn climb_j(&self, climb_m: f64) -> f64 {
+        self.weight_n * climb_m.max(0.0)
     }
 
     /// Energy [J] after a slot that begins with `energy_j` at `from` and ends at `to` [m].
     #[must_use]
     pub fn flown_j(&self, energy_j: f64, from: &Point3<f64>, to: &Point3<f64>) -> f64 {
-        energy_j - self.slot_j((to.xy() - from.xy()).norm()) - self.weight_n * (to.z - from.z).max(0.0)
+        energy_j - self.slot_j((to.xy() - from.xy()).norm()) - self.climb_j(to.z - from.z)
     }
 
     /// Energy [J] after a slot in the base that begins with `energy_j` (decision D11).
@@ -109,6 +120,16 @@ impl Battery {
     }
 }
 
+/// Energy [J] of flying `step` [m] in a slot of `slot_s` [s]: what the battery gives; without one, the propulsion power at
+/// the speed along the step, which is then all that is known of a climb.
+#[must_use]
+pub fn flight_j(battery: Option<&Battery>, aircraft: &Propulsion, slot_s: f64, step: &Vector3<f64>) -> f64 {
+    match battery {
+        Some(battery) => battery.leg_j(slot_s, step.xy().norm(), step.z),
+        None => slot_s * power_w(aircraft, step.norm() / slot_s),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -131,6 +152,22 @@ mod tests {
         assert!((climbed_j - (900.0 - battery.slot_j(20.0) - 90.0)).abs() < 1e-9);
         let sunk_j = battery.flown_j(900.0, &at(1.0, 20.0), &at(21.0, 17.0));
         assert!((sunk_j - (900.0 - battery.slot_j(20.0))).abs() < 1e-9, "a descent gives nothing back");
+    }
+
+    #[test]
+    fn a_flight_takes_what_the_battery_gives_or_the_power_along_it() {
+        let scenario = scenario("weight_n = 30.0\n");
+        let battery = Battery::of(&scenario).unwrap();
+        let flight_j = |battery, step| flight_j(battery, &scenario.uav.propulsion, 2.0, &step);
+        for step in
+            [Vector3::zeros(), Vector3::new(6.0, 8.0, 0.0), Vector3::new(6.0, 0.0, 8.0), Vector3::new(6.0, 0.0, -8.0)]
+        {
+            let given_j = 900.0 - battery.flown_j(900.0, &Point3::origin(), &(Point3::origin() + step));
+            assert!((flight_j(Some(&battery), step) - given_j).abs() < 1e-9, "{step}");
+            // Along all of them but the first 10 m.
+            let distance_m = if step.norm() > 0.0 { 10.0 } else { 0.0 };
+            assert!((flight_j(None, step) - battery.slot_j(distance_m)).abs() < 1e-9, "{step}");
+        }
     }
 
     #[test]

@@ -37,9 +37,8 @@ use crate::keys::{self, Keys, Source, dotted};
 /// The built-in `letter.toml`: the mission of the UTS letter (arXiv 2103.00753, section V).
 pub const LETTER: &str = include_str!("../letter.toml");
 
-/// Extensions of files that are no scenarios, but become one by an option of `skysink new`.
-const IMPORTED: [(&[&str], &str); 2] =
-    [(&["csv", "kml", "kmz", "gpx", "geojson", "json"], "--sensors"), (&["png"], "--cell-m M --map")];
+/// Extensions of files that are no scenarios, but become one by `skysink new --sensors`.
+const IMPORTED: [&str; 6] = ["csv", "kml", "kmz", "gpx", "geojson", "json"];
 
 /// Changes to a scenario from the command line, made before it is checked.
 ///
@@ -80,11 +79,9 @@ impl Scenario {
     /// If the file cannot be read, is not a scenario, or has a value out of range.
     pub fn read(path: &Path, overrides: Overrides) -> Result<Self, InputError> {
         let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default().to_lowercase();
-        if let Some((_, option)) = IMPORTED.iter().find(|(names, _)| names.contains(&extension.as_str()))
-            && path.is_file()
-        {
+        if IMPORTED.contains(&extension.as_str()) && path.is_file() {
             let name = path.file_stem().unwrap_or_default().to_string_lossy();
-            let command = format!("skysink new {name} {option} {}", path.display());
+            let command = format!("skysink new {name} --sensors {}", path.display());
             let message = format!("expected a scenario, TOML, as `{command}` makes one of this file");
             return Err(InputError::new("scenario", path, message));
         }

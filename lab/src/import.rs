@@ -1,18 +1,15 @@
-//! Imports positions of sensor nodes from CSV, KML, GPX and GeoJSON, and maps from pictures. The caller derives the
-//! scenario.
+//! Imports positions of sensor nodes from CSV, KML, GPX and GeoJSON. The caller derives the scenario.
 
 mod csv;
 mod gpx;
 mod imported;
-mod picture;
 
 use std::path::Path;
 
-use skysink_common::error::{InputError, read_bytes};
+use skysink_common::error::InputError;
 use skysink_common::geodata::{self, KMZ, ReadFormat, geojson, kml};
 
 pub use imported::{Frame, GROUND, Imported, ImportedSensor, south_west};
-pub use picture::MapPicture;
 
 /// The kind of input in error messages.
 const WHAT: &str = "sensor positions";
@@ -39,15 +36,6 @@ pub fn read(path: &Path) -> Result<Imported, InputError> {
         return Err(InputError::new(WHAT, path, message));
     }
     Ok(imported)
-}
-
-/// Reads the map in the picture `path`, PNG.
-///
-/// # Errors
-/// If the file cannot be read, is no PNG picture, is larger than 1000 × 1000 pixels, or has no free pixel.
-pub fn read_picture(path: &Path) -> Result<MapPicture, InputError> {
-    let bytes = read_bytes("map", path)?;
-    picture::read(&bytes).map_err(|message| InputError::new("map", path, message))
 }
 
 /// Reads the sensor nodes of the text of a KML file.

@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use nalgebra::Point3;
+use skysink_common::battery::{Battery, flight_j};
 use skysink_common::message::{FlightReport, Mode};
-use skysink_common::propulsion::power_w;
 use skysink_common::scenario::{Propulsion, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::SlotRecord;
@@ -182,6 +182,7 @@ pub struct MissionMeter {
     tally: Tally,
     slot_s: f64,
     aircraft: Propulsion,
+    battery: Option<Battery>,
     uavs: ByUav<MeteredUav>,
     flown_m: f64,
     energy_j: f64,
@@ -199,6 +200,7 @@ impl MissionMeter {
             tally: Tally::new(scenario, list, &RunMode::default()),
             slot_s: scenario.slot_s,
             aircraft: scenario.uav.propulsion,
+            battery: Battery::of(scenario),
             uavs: scenario.starts().map(|position| MeteredUav { position, is_down: false }).collect(),
             flown_m: 0.0,
             energy_j: 0.0,
@@ -246,14 +248,13 @@ impl MissionMeter {
         self.slot += 1;
         self.stay.add(self.slot, flights[UAV].position().xy());
         for (uav, flight) in self.uavs.iter_mut().zip(flights) {
-            let position = flight.position();
-            let step_m = (position - uav.position).norm();
-            uav.position = position;
-            self.flown_m += step_m;
+            let step = flight.position() - uav.position;
+            uav.position = flight.position();
+            self.flown_m += step.norm();
             // A UAV that goes down has flown in that slot.
             let was_down = std::mem::replace(&mut uav.is_down, flight.flown_mode() == Mode::Down);
             if flight.flown_mode() != Mode::Charge && !was_down {
-                self.energy_j += power_w(&self.aircraft, step_m / self.slot_s) * self.slot_s;
+                self.energy_j += flight_j(self.battery.as_ref(), &self.aircraft, self.slot_s, &step);
             }
         }
         for link in uploads(flights) {
@@ -291,7 +292,9 @@ fn jain(values: &[u64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Vector3;
     use skysink_common::message::LinkReport;
+    use skysink_common::propulsion::power_w;
     use skysink_common::scenario::Overrides;
     use std::path::Path;
 
@@ -354,6 +357,27 @@ mod tests {
         let [flown_m, flown_j] = values(&metrics, [Metric::FlownM, Metric::EnergyJ]);
         assert_eq!((hover_m, flown_m), (0.0, 10.0));
         assert!((flown_j - hover_j - power_w(&scenario.uav.propulsion, 10.0)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_energy_is_what_the_battery_has_given() {
+        let text =
+            "name = 'a'\nslots = 9\n[base]\ncharge_w = 200.0\n[uav.battery]\ncapacity_j = 5e4\nweight_n = 30.0\n";
+        let scenario = Scenario::parse(text, Path::new("a.toml"), Overrides::default()).unwrap();
+        let mut metrics = MissionMeter::new(&scenario, &SensorList::of(&scenario).unwrap());
+        let battery = Battery::of(&scenario).unwrap();
+        let mut at = metrics.uavs[0].position;
+        let mut left_j = battery.initial_j;
+        // A climb, a descent and a flight; what is charged after that is no flight.
+        for step in [Vector3::new(3.0, 4.0, 6.0), Vector3::new(0.0, 8.0, -6.0), Vector3::new(9.0, 0.0, 0.0)] {
+            let to = at + step;
+            left_j = battery.flown_j(left_j, &at, &to);
+            at = to;
+            metrics.add(&[FlightReport::at(at, Mode::Fly)], &[], &[]);
+        }
+        metrics.add(&[FlightReport::at(at, Mode::Charge)], &[], &[]);
+        let [flown_j] = values(&metrics, [Metric::EnergyJ]);
+        assert!((flown_j - (battery.initial_j - left_j)).abs() < 1e-9, "{flown_j}");
     }
 
     #[test]

@@ -15,6 +15,8 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{ByUav, SlotRecord, uploads};
 use skysink_common::weights::Weights;
+use skysink_planner::FleetPlanner;
+use skysink_planner::operator_counts::OperatorCounts;
 
 use crate::drive::SlotSink;
 use crate::error::MissionError;
@@ -82,6 +84,10 @@ pub struct Summary {
     /// What several UAVs did together; `None` with one. All other figures are sums over them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fleet: Option<FleetUse>,
+    /// What became of the changes that the searches of `horizon` and `offline` proposed, by operator; empty without a
+    /// search, and where the planner is a process of its own.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub search: Vec<OperatorUse>,
     /// Slots in which the UAV held its position.
     pub held_slots: u64,
     /// Slots in transit (decision D8).
@@ -123,6 +129,7 @@ impl Summary {
             solver_fallbacks: run.solver_fallbacks,
             refused_messages: run.refused_messages,
             restarts: run.restarts,
+            search: run.search,
             events: run.events,
             resumed_after: run.resumed_after,
             complete: run.complete,
@@ -131,6 +138,24 @@ impl Summary {
             timing: run.timing,
             ..again
         };
+    }
+}
+
+/// What became of the changes that an operator of a search proposed.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct OperatorUse {
+    /// The operator.
+    pub operator: Cow<'static, str>,
+    /// How often it proposed, how many proposals were void, accepted, and lowered the cost.
+    #[serde(flatten)]
+    pub counts: OperatorCounts,
+}
+
+impl OperatorUse {
+    /// Those of a planner.
+    #[must_use]
+    pub fn of(planner: &FleetPlanner) -> Vec<Self> {
+        planner.counts().into_iter().map(|(name, counts)| Self { operator: name.into(), counts }).collect()
     }
 }
 

@@ -21,6 +21,7 @@ use skysink_common::stop::Stop;
 
 use crate::mission_table::MissionTable;
 use crate::neighbours::{Neighbours, PlannedVisit};
+use crate::operator_counts::OperatorCounts;
 use crate::rules::{Duty, RuleBook, Ruled};
 use crate::settings;
 use crate::strategy::{Decision, MakeStrategy, Registered, Setup, Strategy, Team, Timing, View};
@@ -295,6 +296,12 @@ impl Planner {
         let mut bytes = Vec::new();
         self.save(&mut bytes);
         !bytes.is_empty()
+    }
+
+    /// What became of the changes that its strategy's searches proposed, by operator ([`Strategy::counts`]).
+    #[must_use]
+    pub fn counts(&self) -> Vec<(&'static str, OperatorCounts)> {
+        self.strategy.counts()
     }
 
     /// What the UAV believes of the queues after the last observed slot.

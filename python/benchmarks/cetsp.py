@@ -8,6 +8,7 @@
 The file maps names to instances: {"name": {"radius": 10, "depot": [x, y], "nodes": [[x, y], ...], "best": length}}, where
 best is the length of the best known closed tour, and the radius above 0. With --flown a way need not return, so that it may be
 shorter than the best known tour. None comes with Skysink: docs/src/rounds.md says where they are published.
+`skysink-cetsp` in PATH finds the rounds and bounds: cargo build --release -p skysink-cetsp.
 The exit code is 1 if a round misses a disk, if a bound is above a best known tour, or if tour does not serve all in time.
 """
 
@@ -15,19 +16,55 @@ from __future__ import annotations
 
 import argparse
 import json
+import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import dataclass
 from pathlib import Path
+from shutil import which
 from statistics import mean, median
 from typing import Any
 
 import numpy as np
 import skysink
 
+SOLVER = "skysink-cetsp"
 ROUNDED = 1e-5  # the best known lengths are rounded
 STEPS = 300  # of each of several rounds
 LEGS = 4000  # slots in which a mission flies the best known length
+
+
+class Solver:
+    """The program that finds rounds: a line in, a line out."""
+
+    def __init__(self) -> None:
+        self.process = subprocess.Popen([SOLVER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+    def solve(self, instance: dict[str, Any], round: dict[str, float], bound: dict[str, float] | None = None) -> Round:
+        """A closed round from the depot that touches the disks of the instance."""
+        asked = {
+            "centres_m": np.asarray(instance["nodes"], float).tolist(),
+            "radius_m": instance["radius"],
+            "start_m": instance["depot"],
+            "is_closed": True,
+            "round": round,
+            "bound": bound,
+        }
+        assert self.process.stdin and self.process.stdout
+        print(json.dumps(asked), file=self.process.stdin, flush=True)
+        answer = json.loads(self.process.stdout.readline())
+        return Round(np.array(answer["points_m"]), answer["order"], answer["length_m"], answer["bound_m"])
+
+
+@dataclass
+class Round:
+    """A round: its points, the disk of each after the depot, its length, and a bound on that of every round."""
+
+    points_m: np.ndarray
+    order: list[int]
+    length_m: float
+    bound_m: float | None
 
 
 def away(centres: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -53,10 +90,11 @@ class Rounds:
     is shortest. Then disks move from the longest round to the one that passes nearest, as long as that makes the longest shorter.
     """
 
-    def __init__(self, instance: dict[str, Any], uavs: int, seconds: float) -> None:
+    def __init__(self, solver: Solver, instance: dict[str, Any], uavs: int, seconds: float) -> None:
         end = time.perf_counter() + seconds
-        self.instance, self.centres = instance, np.array(instance["nodes"], float)
-        whole = skysink.round_over_disks(self.centres, instance["radius"], instance["depot"], seconds=seconds / 4)
+        self.solver, self.instance, self.centres = solver, instance, np.array(instance["nodes"], float)
+        whole = solver.solve(instance, {"seconds": seconds / 4}, {"seconds": seconds / 4})
+        assert whole.bound_m is not None
         depot = np.array(instance["depot"], float)
         farthest = np.linalg.norm(self.centres - depot, axis=1).max() - instance["radius"]
         self.bound = max(whole.bound_m / uavs, 2.0 * farthest)
@@ -73,8 +111,8 @@ class Rounds:
     def longest(self) -> float:
         return max(one.length_m for one in self.rounds)
 
-    def solve(self, chosen: np.ndarray) -> skysink.DiskRound:
-        return skysink.round_over_disks(self.centres[chosen], self.instance["radius"], self.instance["depot"], steps=STEPS)
+    def solve(self, chosen: np.ndarray) -> Round:
+        return self.solver.solve({**self.instance, "nodes": self.centres[chosen]}, {"steps": STEPS})
 
     def move(self, random: np.random.Generator) -> None:
         """Moves some of the disks of the longest round that lie together to the round that is nearest to one of them."""
@@ -140,7 +178,7 @@ def flown(instance: dict[str, Any]) -> float:
     return float("inf")
 
 
-def several(instances: dict[str, Any], uavs: list[int], seconds: float) -> int:
+def several(solver: Solver, instances: dict[str, Any], uavs: list[int], seconds: float) -> int:
     """Prints the longest of several rounds, over the best known round and over the lower bound, and returns the exit code."""
     print("| instance |" + "".join(f" U = {count} | ÷ bound |" for count in uavs))
     print("|---|" + "---|---|" * len(uavs))
@@ -150,7 +188,7 @@ def several(instances: dict[str, Any], uavs: list[int], seconds: float) -> int:
     for name, one in sorted(instances.items()):
         row = f"| {name} |"
         for count in uavs:
-            found = Rounds(one, count, seconds)
+            found = Rounds(solver, one, count, seconds)
             ratios[count].append(found.longest / one["best"])
             gaps[count].append(found.longest / found.bound)
             row += f" {ratios[count][-1]:.3f} | {gaps[count][-1]:.3f} |"
@@ -188,14 +226,20 @@ def main() -> int:
         return int(bool(late))
     if min(arguments.uavs, default=2) < 2:
         parser.error("--uavs: expected numbers from 2 on")
+    if not which(SOLVER):
+        print(f"{SOLVER}: not found: expected it in PATH (cargo build --release -p skysink-cetsp)", file=sys.stderr)
+        return 1
+    solver = Solver()
     if arguments.uavs:
-        return several(instances, arguments.uavs, arguments.seconds)
+        return several(solver, instances, arguments.uavs, arguments.seconds)
+    effort = {"seconds": arguments.seconds}
     print("| instance | disks | points | length ÷ best known | bound ÷ best known | time [s] |\n|---|---|---|---|---|---|")
     ratios, bounds, failed = [], [], []
     for name, one in sorted(instances.items()):
         begin = time.perf_counter()
-        found = skysink.round_over_disks(np.array(one["nodes"], float), one["radius"], one["depot"], seconds=arguments.seconds)
+        found = solver.solve(one, effort, effort)
         took = time.perf_counter() - begin
+        assert found.bound_m is not None
         ratio, bound = found.length_m / one["best"], found.bound_m / one["best"]
         print(f"| {name} | {len(one['nodes'])} | {len(found.order)} | {ratio:.4f} | {bound:.4f} | {took:.2f} |", flush=True)
         ratios.append(ratio)

@@ -14,8 +14,6 @@ import argparse
 import copy
 import json
 import os
-import re
-import subprocess
 import sys
 import tempfile
 import time
@@ -24,6 +22,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
+from outlines import outlines
 
 import skysink
 
@@ -59,7 +58,6 @@ class Reference:
         channel = self.config.physics_params.channel_params
         for params in (self.config.grid_params, channel):
             params.map_path = str(checkout / params.map_path)
-        self.map = Path(channel.map_path)
         self.grid = Grid(self.config.grid_params, NoStatistics())
         self.physics = Physics(self.config.physics_params, NoStatistics())
         self.cells = self.grid.map_image.start_land_zone.shape[0]
@@ -94,11 +92,22 @@ class Reference:
 
 def field_of(reference, name, folder):
     """Writes the scenario of a map, and returns its path."""
-    made = ["skysink", "new", name, "--map", str(reference.map), "--cell-m", str(CELL_M), "--out", str(folder), "--force"]
-    subprocess.run(made, check=True, stdout=subprocess.DEVNULL)
-    path = folder / f"{name}.toml"
+    cells = reference.grid.map_image
+    no_fly, buildings, landing = (np.flipud(colour) for colour in (cells.nfz, cells.obstacles, cells.start_land_zone))
+    places = np.argwhere(landing)[:, ::-1] + 0.5
+    start = places[np.hypot(*(places - reference.cells / 2).T).argmin()]  # the missions have their own
+
+    def polygons_m(colour):
+        return [[[CELL_M * along for along in corner] for corner in polygon] for polygon in outlines(colour)]
+
+    side_m = CELL_M * reference.cells
+    text = f"name = '{name}'\n[area]\nwidth_m = {side_m}\nheight_m = {side_m}\n[uav]\nstart_m = {(CELL_M * start).tolist()}\n"
+    text += f"[base]\nareas_m = {polygons_m(landing)}\n"
+    text += "".join(f"[[area.no_fly]]\npolygon_m = {polygon}\n" for polygon in polygons_m(no_fly))
     # Their buildings can be flown over and block every link that crosses them, whatever their height.
-    path.write_text(re.sub(r"(?m)^height_m = 20\.0$", "height_m = 10.0", path.read_text()))
+    text += "".join(f"[[area.building]]\npolygon_m = {polygon}\nheight_m = 10.0\n" for polygon in polygons_m(buildings))
+    path = folder / f"{name}.toml"
+    path.write_text(text)
     return path
 
 

@@ -15,7 +15,6 @@ from skysink._skysink import (
     Base,
     Belief,
     Decision,
-    DiskRound,
     Field,
     Flight,
     InputError,
@@ -27,7 +26,6 @@ from skysink._skysink import (
     View,
     __build__,
     __version__,
-    round_over_disks,
 )
 from skysink.flight import compare, simulate
 from skysink.models import Arrivals, Channel
@@ -41,7 +39,6 @@ __all__ = [
     "Belief",
     "Channel",
     "Decision",
-    "DiskRound",
     "Field",
     "Flight",
     "InputError",
@@ -55,7 +52,6 @@ __all__ = [
     "__build__",
     "__version__",
     "compare",
-    "round_over_disks",
     "simulate",
     "sweep",
 ]

@@ -17,7 +17,6 @@ __all__ = [
     "BatchCore",
     "Belief",
     "Decision",
-    "DiskRound",
     "EnvironmentCore",
     "Field",
     "Flight",
@@ -34,7 +33,6 @@ __all__ = [
     "__version__",
     "fly_ring",
     "plan_ring",
-    "round_over_disks",
     "run_program",
     "simulate",
 ]
@@ -423,28 +421,6 @@ class Decision:
     def serve(self) -> list[int] | None: ...
 
 @final
-class DiskRound:
-    """A path that touches disks."""
-
-    @property
-    def points_m(self) -> NDArray[np.float64]:
-        """Its points in order, the start first if there is one [m], float64 [K, 2], read-only."""
-
-    @property
-    def order(self) -> NDArray[np.uint32]:
-        """The disk in which each point behind the start lies, uint32, read-only. All others are touched in passing."""
-
-    @property
-    def length_m(self) -> float:
-        """Its length [m], with the leg back to its first point if it is closed."""
-
-    @property
-    def bound_m(self) -> float:
-        """A lower bound on the length of every such path [m]. If it equals ``length_m`` within 1e-6 of it, none is
-        shorter.
-        """
-
-@final
 class Table:
     """A table of columns that other libraries import without a copy, by Arrow's C stream interface.
 
@@ -537,17 +513,6 @@ def simulate(
     label: str | None = None,
     origin: tuple[str, Sequence[tuple[str, bytes]]] | None = None,
 ) -> Run: ...
-def round_over_disks(
-    positions_m: ArrayLike,
-    radius_m: float,
-    start_m: Sequence[float] | NDArray[np.float64] | None = None,
-    *,
-    closed: bool = True,
-    seconds: float | None = None,
-    steps: int | None = None,
-) -> DiskRound:
-    """A short path that touches the disks."""
-
 def plan_ring(strategy: Strategy | Callable[[], Strategy], ring: Path, scenario: Path) -> int: ...
 def fly_ring(vehicle: Vehicle, ring: Path, scenario: Path, reached_m: float) -> int: ...
 def run_program(name: str, arguments: Sequence[str], interpreter: Sequence[str]) -> int: ...

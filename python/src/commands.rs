@@ -12,12 +12,8 @@ use crate::errors::refused;
 /// exit code. `interpreter` is the command `python -m skysink.programs`.
 #[pyfunction]
 pub fn run_program(py: Python<'_>, name: &str, arguments: Vec<OsString>, interpreter: Vec<OsString>) -> PyResult<u8> {
-    let program = match name {
-        "skysink" => skysink::cli::execute,
-        "field-sim" => programs::field_sim,
-        "flight-sim" => programs::flight_sim,
-        "planner" => programs::planner,
-        _ => return Err(refused(format!("{name}: expected skysink, field-sim, flight-sim or planner"))),
+    let Some(program) = programs::of(name) else {
+        return Err(refused(format!("{name}: expected skysink, field-sim, flight-sim or planner")));
     };
     set_interpreter(Interpreter(interpreter));
     Ok(py.detach(|| program(arguments)))

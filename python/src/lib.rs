@@ -15,7 +15,6 @@ mod field;
 mod observation;
 mod reward;
 mod ring;
-mod rounds;
 mod route;
 mod rules;
 mod run;
@@ -47,8 +46,6 @@ mod _skysink {
     use super::field::{PyBase, PyField};
     #[pymodule_export]
     use super::ring::{fly_ring, plan_ring};
-    #[pymodule_export]
-    use super::rounds::{PyDiskRound, round_over_disks};
     #[pymodule_export]
     use super::route::PyRoute;
     #[pymodule_export]

@@ -10,13 +10,13 @@ use skysink_common::sensors::SensorList;
 pub const LIST: &str = "sensors.csv";
 
 /// The field of a new scenario, converted from an imported file.
-#[derive(Clone, Default)]
+#[derive(Default)]
 pub struct NewField {
     /// Lines instead of `side_m` in `[area]`.
     pub area: String,
     /// Lines of `[uav]`.
     pub uav: String,
-    /// The tables of zones, buildings and the base.
+    /// The tables of zones and buildings.
     pub zones: String,
     /// The text of the sensor list; `None` without imported positions.
     pub list: Option<String>,

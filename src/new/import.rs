@@ -1,4 +1,4 @@
-//! The field of imported positions, zones and maps: the sensor list and an area around it.
+//! The field of imported positions and zones: the sensor list and an area around it.
 //!
 //! What is in degrees is left to `degrees`.
 
@@ -9,8 +9,7 @@ use skysink_common::error::InputError;
 use skysink_common::geodata::plausible::{FieldPlaces, may_be_degrees};
 use skysink_common::geodata::{ReferenceSystem, read_zones};
 use skysink_common::geometry::Position;
-use skysink_common::scenario::{Overrides, Scenario};
-use skysink_lab::import::{self, Frame, Imported, MapPicture};
+use skysink_lab::import::{self, Frame, Imported};
 
 use super::degrees::of_degrees;
 use super::field::NewField;
@@ -24,27 +23,17 @@ pub struct Sources<'a> {
     pub sensors: Option<&'a Path>,
     /// The file of zones.
     pub zones: Option<&'a Path>,
-    /// The map, with the side of its pixels [m].
-    pub map: Option<(&'a Path, f64)>,
     /// Where the UAV starts, in the coordinates of the positions.
     pub start: Option<[f64; 2]>,
 }
 
-/// Imports the positions, the zones and the map of these files; `None` without any, and without a start.
+/// Imports the positions and the zones of these files; `None` without any, and without a start.
 ///
 /// # Errors
-/// If a file is refused, zones in degrees are to lie among positions in metres, positions in degrees on a map, or if the
-/// start lies in a zone.
+/// If a file is refused, zones in degrees are to lie among positions in metres, or if the start lies in a zone.
 pub fn field(sources: &Sources<'_>) -> Result<Option<NewField>, InputError> {
     let imported = sources.sensors.map(|path| Ok((import::read(path)?, path))).transpose()?;
     let uav = sources.start.map(|start_m| format!("start_m = {start_m:?}\n"));
-    if let Some((map, cell_m)) = sources.map {
-        let mut field = imported.as_ref().map(|(imported, path)| on_plane(imported, path)).transpose()?;
-        let field = field.get_or_insert_with(|| NewField { source: map.to_owned(), ..NewField::default() });
-        add_map(field, &import::read_picture(map)?, cell_m)?;
-        field.uav = uav.unwrap_or_else(|| field.uav.clone());
-        return Ok(Some(field.clone()));
-    }
     let zones = sources.zones.map(|path| Ok((read_zones(path)?, path))).transpose()?;
     match (imported, zones) {
         (None, None) => Ok(uav.map(|uav| NewField { uav, ..NewField::default() })),
@@ -60,40 +49,6 @@ pub fn field(sources: &Sources<'_>) -> Result<Option<NewField>, InputError> {
             of_degrees(imported, zones, sources.start).map(Some)
         }
     }
-}
-
-/// The field of positions in metres from the corner of a map, in the file `path`.
-fn on_plane(imported: &Imported, path: &Path) -> Result<NewField, InputError> {
-    if imported.frame != Frame::Plane {
-        let expected = "positions in degrees: expected metres from the south-west corner of the map";
-        return Err(InputError::new("sensor positions", path, expected));
-    }
-    check_metres(path)?;
-    Ok(NewField { list: Some(imported.to_csv([0.0; 2])), ..of_sensors(imported, path) })
-}
-
-/// Adds the keys of a map with cells of this side [m].
-fn add_map(field: &mut NewField, map: &MapPicture, cell_m: f64) -> Result<(), InputError> {
-    let corners = |outline: &[[f64; 2]]| {
-        let corners = outline.iter().map(|[x, y]| format!("[{}, {}]", x * cell_m, y * cell_m));
-        format!("[{}]", corners.collect::<Vec<_>>().join(", "))
-    };
-    let [width_m, height_m] = [map.columns, map.rows].map(|count| f64::from(count) * cell_m);
-    field.area = format!("width_m = {width_m:?} # of the map [m]\nheight_m = {height_m:?}");
-    let [x_m, y_m] = map.start.map(|index| index * cell_m);
-    field.uav = format!("start_m = [{x_m:?}, {y_m:?}]\n");
-    for outline in &map.no_fly {
-        field.zones += &format!("\n[[area.no_fly]]\npolygon_m = {}\n", corners(outline));
-    }
-    let height_m = Scenario::letter(Overrides::default())?.uav.altitude_m;
-    for outline in &map.buildings {
-        field.zones += &format!("\n[[area.building]]\npolygon_m = {}\nheight_m = {height_m:?}\n", corners(outline));
-    }
-    if !map.landing.is_empty() {
-        let areas: Vec<String> = map.landing.iter().map(|outline| corners(outline)).collect();
-        field.zones += &format!("\n[base]\nareas_m = [\n    {},\n]\n", areas.join(",\n    "));
-    }
-    Ok(())
 }
 
 /// The line of a start.

@@ -5,8 +5,8 @@ use std::thread;
 use std::time::Duration;
 
 use rustix::process::Signal;
-use skysink_vehicle::kinematic::KinematicOptions;
-use skysink_vehicle::kinematic::autopilot::CopterMode;
+use skysink_kinematic_vehicle::KinematicOptions;
+use skysink_kinematic_vehicle::autopilot::CopterMode;
 
 use crate::support::vehicles::TestVehicle;
 use crate::support::{Output, Place, csv_rows};

@@ -155,7 +155,7 @@ fn a_new_scenario_prints_its_centre() {
 #[cfg(feature = "mavlink")]
 #[test]
 fn the_estimated_time_is_within_a_tenth_of_the_kinematic_vehicle() {
-    use skysink_vehicle::kinematic::{KinematicOptions, mission};
+    use skysink_kinematic_vehicle::{KinematicOptions, mission};
 
     for strategy in ["tour", "horizon"] {
         let place = farm(strategy);

@@ -1,7 +1,6 @@
 //! The executables, as a user runs them.
 
 mod arrivals;
-mod bench;
 mod changes;
 mod channel_table;
 mod check;

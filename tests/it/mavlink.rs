@@ -6,8 +6,8 @@ use crate::support::vehicles::{SLOW, TestVehicle};
 use crate::support::{Place, csv_rows};
 use rustix::process::Signal;
 use skysink_common::geodata::projection::Origin;
-use skysink_vehicle::kinematic::KinematicOptions;
-use skysink_vehicle::kinematic::autopilot::{Copter, CopterMode};
+use skysink_kinematic_vehicle::KinematicOptions;
+use skysink_kinematic_vehicle::autopilot::{Copter, CopterMode};
 
 /// A heartbeat of a ground station of system 254 in MAVLink 2.
 const STATION: [u8; 21] = [253, 9, 0, 0, 0, 254, 190, 0, 0, 0, 0, 0, 0, 0, 6, 8, 0, 4, 3, 23, 0];

@@ -5,8 +5,8 @@ use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 
 use skysink_common::stop::Stop;
-use skysink_vehicle::kinematic::autopilot::Copter;
-use skysink_vehicle::kinematic::{KinematicOptions, server};
+use skysink_kinematic_vehicle::autopilot::Copter;
+use skysink_kinematic_vehicle::{KinematicOptions, server};
 
 use super::flight::FlightBuilder;
 use super::{Place, until};

@@ -1,4 +1,4 @@
-//! A bridge to vehicles that speak MAVLink, in the place of flight-sim; and a kinematic vehicle to fly it with.
+//! A bridge to vehicles that speak MAVLink, in the place of flight-sim.
 //!
 //! [`bridge`] and [`control`] decide, [`link`], [`codec`] and [`wire`] know MAVLink, [`node`] knows iceoryx2.
 
@@ -9,7 +9,6 @@ pub mod control;
 pub mod frame;
 pub mod identity;
 pub mod jumps;
-pub mod kinematic;
 pub mod latency;
 pub mod link;
 pub mod node;

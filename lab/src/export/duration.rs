@@ -4,8 +4,7 @@
 //! without a hold overlap. A test compares four missions that ArduCopter 4.8 has flown in software.
 
 use nalgebra::{Point2, Point3, Vector2};
-use skysink_common::propulsion::power_w;
-use skysink_common::scenario::Propulsion;
+use skysink_common::battery::Battery;
 
 use super::autopilot::{RampLimits, VehicleMotion};
 
@@ -25,27 +24,24 @@ pub struct MissionLeg {
 pub struct MissionEffort {
     /// Time from arming to landing [s].
     pub duration_s: f64,
-    /// Energy, by the propulsion power at the mean speed of each leg [J].
+    /// Energy from the battery, at the mean speed of each leg [J]; 0 without one.
     pub energy_j: f64,
 }
 
-/// What take-off at `home` to `altitude_m` [m], the legs, and the return and landing take. The energy is that of the
-/// `aircraft` with a weight of `weight_n` [N].
+/// What take-off at `home` to `altitude_m` [m], the legs, and the return and landing take. The energy is that of
+/// `battery`.
 #[must_use]
 pub fn effort(
     motion: &VehicleMotion,
     home: Point2<f64>,
     altitude_m: f64,
     legs: &[MissionLeg],
-    aircraft: &Propulsion,
-    weight_n: f64,
+    battery: Option<&Battery>,
 ) -> MissionEffort {
     let mut whole = MissionEffort::default();
-    let hover_w = power_w(aircraft, 0.0);
     let mut add = |duration_s: f64, distance_m: f64, climb_m: f64| {
-        let power_w = if duration_s > 0.0 { power_w(aircraft, distance_m / duration_s) } else { hover_w };
         whole.duration_s += duration_s;
-        whole.energy_j += power_w * duration_s + weight_n * climb_m.max(0.0);
+        whole.energy_j += battery.map_or(0.0, |battery| battery.leg_j(duration_s, distance_m, climb_m));
     };
     let start = Point3::new(home.x, home.y, altitude_m);
     add(motion.take_off_s(altitude_m), 0.0, altitude_m);

@@ -239,7 +239,6 @@ fn legs_of(name: &str, hold_s: f64) -> (Point2<f64>, Vec<MissionLeg>) {
 /// m/s³ are its defaults; holds of 0.1 s were stored as 0.
 #[test]
 fn the_estimated_time_is_within_15_percent_of_arducopter() {
-    let aircraft = Scenario::letter(Overrides::default()).unwrap().uav.propulsion;
     let default = Autopilot::Ardupilot.motion();
     for (file, motion, hold_s, waypoints, legs_s, whole_s) in [
         ("smoke-tour.waypoints", default, 0.0, 60.0, 248.0, 313.0),
@@ -248,9 +247,9 @@ fn the_estimated_time_is_within_15_percent_of_arducopter() {
         ("letter-tour-1.waypoints", default, 0.0, 300.0, 1190.0, 1257.0),
     ] {
         let (home, legs) = legs_of(file, hold_s);
-        let whole = effort(&motion, home, 20.0, &legs, &aircraft, 0.0).duration_s;
+        let whole = effort(&motion, home, 20.0, &legs, None).duration_s;
         // Without the legs after the first waypoint.
-        let ends = effort(&motion, home, 20.0, &legs[..1], &aircraft, 0.0).duration_s;
+        let ends = effort(&motion, home, 20.0, &legs[..1], None).duration_s;
         let per_leg_s = (whole - ends) / (legs.len() - 1) as f64;
         let ratio = per_leg_s * (waypoints - 1.0) / legs_s;
         assert!((0.85..1.15).contains(&ratio), "{file}, {motion:?}: {per_leg_s} s a leg, {ratio} of the flown");
@@ -270,8 +269,7 @@ fn leg_times_without_jerk_limit_match_the_closed_form() {
     let seconds = |x_m| super::duration::leg_s(&motion, &start, &leg(x_m, 0.0));
     assert!((seconds(90.0) - 2.0 * 90.0_f64.sqrt()).abs() < 1e-9, "{}", seconds(90.0));
     assert!((seconds(200.0) - 30.0).abs() < 1e-9, "{}", seconds(200.0));
-    let aircraft = Scenario::letter(Overrides::default()).unwrap().uav.propulsion;
-    let whole = |legs: &[MissionLeg]| effort(&motion, Point2::origin(), 20.0, legs, &aircraft, 0.0).duration_s;
+    let whole = |legs: &[MissionLeg]| effort(&motion, Point2::origin(), 20.0, legs, None).duration_s;
     // Take-off 3 s + 20 m at 1.5 m/s, landing 2 s + 5 m at 0.7 m/s + 15 m at 1.5 m/s.
     let ends_s = 3.0 + 20.0 / 1.5 + 2.0 + 5.0 / 0.7 + 15.0 / 1.5;
     assert!((whole(&[leg(200.0, 4.0)]) - (ends_s + 30.0 + 4.0 + 30.0)).abs() < 1e-9);

@@ -192,7 +192,6 @@ impl MissionPlanner<'_> {
 
     /// The part with these waypoints.
     fn part(&self, waypoints: &[VehicleStop]) -> Result<MissionPart, InputError> {
-        let uav = &self.track.run.scenario.uav;
         let positions: Vec<Point3<f64>> = waypoints.iter().map(|waypoint| waypoint.position).collect();
         let altitudes_m = self.altitudes.along(&self.home(), &positions);
         let (take_off_m, altitudes_m) = (altitudes_m[0], &altitudes_m[1..]);
@@ -209,8 +208,8 @@ impl MissionPlanner<'_> {
         }
         items.push(VehicleItem::Return);
         let motion = self.options.motion(&self.track.run.scenario);
-        let weight_n = uav.battery.map_or(0.0, |battery| battery.weight_n);
-        let effort = effort(&motion, self.home().xy(), take_off_m, &legs, &uav.propulsion, weight_n);
+        let battery = Battery::of(&self.track.run.scenario);
+        let effort = effort(&motion, self.home().xy(), take_off_m, &legs, battery.as_ref());
         let above_ground_m = positions.iter().zip(altitudes_m);
         let above_ground_m = above_ground_m.filter_map(|(at, &up_m)| self.altitudes.above_ground_m(&at.xy(), up_m));
         Ok(MissionPart { items, effort, highest_m: above_ground_m.reduce(f64::max) })

@@ -22,6 +22,7 @@ use toml::Value;
 
 use crate::mission_table::MissionTable;
 use crate::neighbours::{Neighbours, PlannedVisit, Reservation, Reservations, Reserved};
+use crate::operator_counts::OperatorCounts;
 use crate::planner::Planner;
 use crate::rules::Duty;
 use crate::settings;
@@ -373,6 +374,19 @@ impl FleetPlanner {
     #[must_use]
     pub fn has_state(&self) -> bool {
         self.members.iter().any(|member| member.planner.has_state())
+    }
+
+    /// What became of the changes that the searches of all UAVs proposed, by operator; empty without a search.
+    #[must_use]
+    pub fn counts(&self) -> Vec<(&'static str, OperatorCounts)> {
+        let mut all: Vec<(&'static str, OperatorCounts)> = Vec::new();
+        for (name, counts) in self.members.iter().flat_map(|member| member.planner.counts()) {
+            match all.iter_mut().find(|(known, _)| *known == name) {
+                Some((_, sum)) => sum.add(&counts),
+                None => all.push((name, counts)),
+            }
+        }
+        all
     }
 
     /// What the first UAV believes of the queues after the last observed slot.

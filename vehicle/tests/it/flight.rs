@@ -10,11 +10,11 @@ use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, Mode, Plan, SensorNode};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::slot_record::ByUav;
+use skysink_kinematic_vehicle::KinematicOptions;
+use skysink_kinematic_vehicle::autopilot::{Copter, CopterMode, Given};
 use skysink_vehicle::autopilot::{Altitude, AutopilotKind};
 use skysink_vehicle::bridge::{Bridge, VehicleRefusal, start};
 use skysink_vehicle::frame::AreaFrame;
-use skysink_vehicle::kinematic::KinematicOptions;
-use skysink_vehicle::kinematic::autopilot::{Copter, CopterMode, Given};
 use skysink_vehicle::preflight::Beginning;
 use skysink_vehicle::telemetry::{Fix, Order, Stream, Telemetry};
 

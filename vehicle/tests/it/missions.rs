@@ -4,9 +4,9 @@ use nalgebra::Point3;
 use proptest::prelude::*;
 use skysink_common::message::{HoldReason, Mode, Plan};
 use skysink_flight_sim::outside::REACHED_M;
+use skysink_kinematic_vehicle::KinematicOptions;
+use skysink_kinematic_vehicle::autopilot::{CopterMode, Given};
 use skysink_vehicle::autopilot::AutopilotKind;
-use skysink_vehicle::kinematic::KinematicOptions;
-use skysink_vehicle::kinematic::autopilot::{CopterMode, Given};
 use skysink_vehicle::telemetry::{Fix, Order, Telemetry};
 
 use crate::flight::{ClosedLoop, RESTARTED, plan, scenario};

@@ -4,9 +4,9 @@ use rand::seq::IndexedRandom as _;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use skysink_common::message::Mode;
+use skysink_kinematic_vehicle::KinematicOptions;
+use skysink_kinematic_vehicle::autopilot::CopterMode;
 use skysink_vehicle::autopilot::AutopilotKind;
-use skysink_vehicle::kinematic::KinematicOptions;
-use skysink_vehicle::kinematic::autopilot::CopterMode;
 use skysink_vehicle::preflight::Beginning;
 use skysink_vehicle::telemetry::{Order, Telemetry};
 

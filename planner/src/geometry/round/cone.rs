@@ -14,7 +14,9 @@ const ROWS: usize = 3;
 
 /// A solution: points, and for each leg a vector no longer than 1, which bounds the length from below.
 pub struct Shortest {
+    /// The points, after the start if there is one [m].
     pub points: Vec<Position>,
+    /// The vectors.
     pub directions: Vec<Vector2<f64>>,
 }
 
@@ -22,6 +24,7 @@ pub struct Shortest {
 ///
 /// Minimises `Σ t_k` with `‖p_{k+1} − p_k‖ ≤ t_k` for each leg, and `‖p_k − c_k‖ ≤ r` for each disk. Lengths are
 /// relative to the start, or the first centre, and in units of the largest distance to it.
+#[must_use]
 pub fn shortest(field: &DiskField, order: &[u32]) -> Option<Shortest> {
     let fixed = field.fixed();
     let stops = fixed + order.len();

@@ -22,6 +22,8 @@ pub struct Cover {
 }
 
 impl Cover {
+    /// The disks of this radius [m].
+    #[must_use]
     pub fn new(centres: &[Position], radius_m: f64) -> Self {
         let corner = |of: fn(f64, f64) -> f64, from: f64| {
             let fold = |axis: usize| centres.iter().map(|centre| centre[axis]).fold(from, of);
@@ -91,6 +93,7 @@ impl Cover {
 }
 
 /// Squared distance [m²] of `point` to the leg from `from` to `to`.
+#[must_use]
 pub fn distance_to_leg_squared(point: &Position, from: &Position, to: &Position) -> f64 {
     distance_squared(point, &nearest_of_leg(point, from, to))
 }

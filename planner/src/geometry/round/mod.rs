@@ -7,9 +7,7 @@
 //! | `search` | ruin and recreate |
 //! | `exchange` | parts of a round that change places |
 //! | `cone` | the best points of an order, by Clarabel |
-//! | `bound` | lower bounds on the length of every round |
 
-mod bound;
 mod cone;
 mod cover;
 mod exchange;
@@ -21,10 +19,13 @@ use skysink_common::geometry::Position;
 use skysink_common::random::{Purpose, Streams};
 use skysink_common::stop::Stop;
 
+pub use cone::{Shortest, shortest};
 pub(crate) use cover::nearest_of_leg;
+pub use cover::{Cover, distance_to_leg_squared};
 pub use search::RoundEffort;
 use search::RoundSearch;
-use stops::{DiskField, Itinerary, NO_DISK};
+pub use stops::DiskField;
+use stops::{Itinerary, NO_DISK};
 
 /// Largest coordinate [m] of a first centre at which lengths are not yet computed relative to it.
 const FAR_M: f64 = 1e6;
@@ -61,7 +62,7 @@ impl Disks<'_> {
         let mut search = RoundSearch::new(&field, Streams::new(0).stream(Purpose::Round, 0, 0), stop);
         let found = search.run(Itinerary::of_one(&field), effort);
         let order: Vec<u32> = found.stops.iter().map(|stop| stop.disk).filter(|&disk| disk != NO_DISK).collect();
-        let straightened = cone::shortest(&field, &order).map(|shortest| found.at(&field, shortest.points));
+        let straightened = shortest(&field, &order).map(|shortest| found.at(&field, shortest.points));
         let shorter = straightened.filter(|round| round.is_whole() && round.length_m < found.length_m);
         let round = shorter.unwrap_or(found);
         let free = round.stops[field.fixed().min(round.stops.len())..].iter();
@@ -74,15 +75,9 @@ impl Disks<'_> {
         }
     }
 
-    /// A lower bound on the length of every round [m], if one of `known_m` is known. A step evaluates an order of some
-    /// of the disks.
+    /// The same, prepared for the search: sorted, and relative to the first centre if they lie far from the origin.
     #[must_use]
-    pub fn bound_m(&self, known_m: f64, effort: RoundEffort, stop: &Stop) -> f64 {
-        bound::bound_m(&self.field(), known_m, effort, stop)
-    }
-
-    /// Relative to [`Self::origin`].
-    fn field(&self) -> DiskField {
+    pub fn field(&self) -> DiskField {
         let centres: Vec<Position> = self.centres.iter().map(|centre| centre - self.origin()).collect();
         DiskField::new(&centres, self.radius_m, self.start.map(|start| start - self.origin()), self.is_closed)
     }

@@ -27,14 +27,19 @@ const LEAST_M: f64 = 1e-150;
 
 /// What a round has to touch, and where it begins and ends.
 pub struct DiskField {
+    /// The disks.
     pub cover: Cover,
     /// Radius on which stops lie [m].
     pub inner_m: f64,
+    /// Where a round begins; `None` for anywhere.
     pub start: Option<Position>,
+    /// Whether a round ends where it begins.
     pub is_closed: bool,
 }
 
 impl DiskField {
+    /// The disks of this radius [m] about these centres.
+    #[must_use]
     pub fn new(centres: &[Position], radius_m: f64, start: Option<Position>, is_closed: bool) -> Self {
         let all = || centres.iter().chain(&start).flat_map(|point| [point.x, point.y]);
         let [lowest_m, highest_m] = [all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max)];
@@ -45,11 +50,13 @@ impl DiskField {
     }
 
     /// Stops that never move.
+    #[must_use]
     pub fn fixed(&self) -> usize {
         usize::from(self.start.is_some())
     }
 
     /// The least detour to a disk on the way from `from` to `to` [m], and its point.
+    #[must_use]
     pub fn touch(&self, disk: u32, from: &Position, to: Option<&Position>) -> (f64, Position) {
         let centre = &self.cover.centres[disk as usize];
         let Some(to) = to else {
@@ -66,6 +73,7 @@ impl DiskField {
     }
 
     /// The point of a disk where the path from `from` over it to `to` is shortest.
+    #[must_use]
     pub fn turning_point(&self, disk: u32, from: &Position, to: &Position) -> Position {
         let centre = &self.cover.centres[disk as usize];
         let foot = nearest_of_leg(centre, from, to);

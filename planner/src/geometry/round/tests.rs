@@ -2,7 +2,6 @@ use std::time::Duration;
 
 use proptest::prelude::*;
 
-use super::cover::distance_to_leg_squared;
 use super::*;
 
 const STEPS: RoundEffort = RoundEffort::Steps(2_000);
@@ -44,10 +43,6 @@ fn check(disks: &Disks, round: &DiskRound) {
     assert_eq!(order.len(), round.order.len(), "each disk has at most one point");
 }
 
-fn bound_m(disks: &Disks, round: &DiskRound) -> f64 {
-    disks.bound_m(round.length_m, RoundEffort::Steps(3_000), &Stop::default())
-}
-
 #[test]
 fn a_round_far_from_the_origin_has_the_same_length() {
     let centres = |x_m: f64| positions(&[[x_m, 0.0], [x_m + 50.0, 0.0], [x_m + 50.0, 50.0], [x_m, 50.0]]);
@@ -80,7 +75,6 @@ fn four_corners_are_touched_on_their_diagonals() {
     check(&disks, &round);
     let expected_m = 4.0 * (50.0 - 10.0 * 2f64.sqrt());
     assert!((round.length_m / expected_m - 1.0).abs() < 1e-6, "{}", round.length_m);
-    assert!((bound_m(&disks, &round) / expected_m - 1.0).abs() < 1e-6);
 }
 
 #[test]
@@ -90,7 +84,7 @@ fn from_a_start_to_one_disk_is_straight() {
         let disks = Disks { centres: &centres, radius_m: 10.0, start: Some(Position::origin()), is_closed };
         let round = disks.round(STEPS, &Stop::default());
         check(&disks, &round);
-        assert!((round.length_m - expected_m).abs() < 1e-5 && (bound_m(&disks, &round) - expected_m).abs() < 1e-4);
+        assert!((round.length_m - expected_m).abs() < 1e-5);
     }
 }
 
@@ -107,7 +101,6 @@ fn disks_with_a_common_point_have_a_round_of_zero_length() {
     }
     let none = closed(&[], 5.0).round(STEPS, &Stop::default());
     assert_eq!(none, DiskRound::default());
-    assert_eq!(closed(&[], 5.0).bound_m(0.0, STEPS, &Stop::default()), 0.0);
 }
 
 #[test]
@@ -138,7 +131,7 @@ fn shortest_m(disks: &Disks) -> f64 {
 }
 
 #[test]
-fn the_shortest_order_is_found_and_proven() {
+fn the_shortest_order_is_found() {
     for seed in 0..30 {
         let mut random = Streams::new(seed).stream(Purpose::Position, 0, 0);
         let mut coordinate_m = || 100.0 * skysink_common::random::fraction(&mut random);
@@ -148,10 +141,8 @@ fn the_shortest_order_is_found_and_proven() {
         let disks = Disks { centres: &centres, radius_m, start, is_closed: seed % 2 == 0 };
         let round = disks.round(STEPS, &Stop::default());
         check(&disks, &round);
-        let (shortest_m, bound_m) = (shortest_m(&disks), bound_m(&disks, &round));
+        let shortest_m = shortest_m(&disks);
         assert!(round.length_m <= shortest_m * (1.0 + 1e-5) + 1e-4, "seed {seed}: {} > {shortest_m}", round.length_m);
-        assert!(bound_m <= shortest_m + 1e-9, "seed {seed}: {bound_m} > {shortest_m}");
-        assert!(bound_m >= shortest_m * (1.0 - 1e-4) - 1e-3, "seed {seed}: {bound_m} < {shortest_m}");
     }
 }
 
@@ -165,15 +156,12 @@ fn equal_steps_give_equal_rounds_and_more_steps_no_longer_ones() {
     assert_eq!(few, again);
     [&few, &many].into_iter().for_each(|round| check(&disks, round));
     assert!(many.length_m < few.length_m, "{} and {}", many.length_m, few.length_m);
-    let bound_m = bound_m(&disks, &many);
-    assert!((0.6..1.0).contains(&(bound_m / many.length_m)), "{bound_m}");
     let timed = disks.round(RoundEffort::Time(Duration::from_millis(20)), &Stop::default());
     check(&disks, &timed);
     let stop = Stop::default();
     stop.flag().store(2, std::sync::atomic::Ordering::Relaxed);
     let stopped = disks.round(RoundEffort::Steps(u64::MAX), &stop);
     assert_eq!(stopped.points[0], disks.start.unwrap());
-    assert!(disks.bound_m(stopped.length_m, RoundEffort::Steps(u64::MAX), &stop) <= stopped.length_m);
 }
 
 /// Lattice points give disks that touch, coincide, or lie on a line.
@@ -186,7 +174,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
 
     #[test]
-    fn every_round_touches_all_disks_and_respects_its_bound(
+    fn every_round_touches_all_disks(
         centres in centres(), radius_m in prop_oneof![Just(0.0), Just(5.0), Just(10.0), 0.1..60.0f64],
         has_start in any::<bool>(), is_closed in any::<bool>(),
     ) {
@@ -196,7 +184,5 @@ proptest! {
         check(&disks, &round);
         let better = disks.round(RoundEffort::Steps(400), &Stop::default());
         check(&disks, &better);
-        let bound_m = disks.bound_m(round.length_m, RoundEffort::Steps(100), &Stop::default());
-        prop_assert!(bound_m <= better.length_m * (1.0 + 1e-9) + 1e-9, "{} > {}", bound_m, better.length_m);
     }
 }

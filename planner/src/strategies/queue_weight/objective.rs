@@ -5,9 +5,9 @@ use std::cmp::Reverse;
 use arrayvec::ArrayVec;
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
+use skysink_common::battery::flight_j;
 use skysink_common::channel::{ChannelModel, Uplink};
 use skysink_common::message::MAX_SERVED;
-use skysink_common::propulsion::power_w;
 use skysink_common::scenario::Propulsion;
 use strum::VariantNames;
 
@@ -73,7 +73,8 @@ impl Objective {
 
     /// The energy [J] of flying to `uav` in the slot.
     pub(super) fn energy_j(&self, view: &View, uav: &Point3<f64>) -> f64 {
-        power_w(&self.aircraft, (uav - view.position).norm() / self.slot_s) * self.slot_s
+        let battery = view.table.home.as_ref().and_then(|home| home.battery.as_ref());
+        flight_j(battery, &self.aircraft, self.slot_s, &(uav - view.position))
     }
 
     /// The objective [bit²] at `uav`, with the SNs that contribute `terms_bits2`.

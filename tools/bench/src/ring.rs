@@ -3,6 +3,7 @@
 use std::process::{Command, Stdio};
 
 use serde::Serialize;
+use skysink::run::executables;
 use skysink_common::pace::Pace;
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
@@ -10,10 +11,9 @@ use skysink_mission::latency::Spread;
 use skysink_mission::summary::{RunTiming, Summary};
 use skysink_ring::wait::Waiting;
 
-use super::hop::{self, RingCase};
-use super::setting::{BenchEffort, letter_keys, median_by, temporary_folder};
-use crate::error::Error;
-use crate::run::executables;
+use crate::error::BenchError;
+use crate::hop::{self, RingCase};
+use crate::setting::{BenchEffort, letter_keys, median_by, temporary_folder};
 
 /// A ring against its lower bound.
 #[derive(Debug, Serialize)]
@@ -36,7 +36,7 @@ pub struct RingRow {
 }
 
 /// Measures rings and lower bounds in turns.
-pub fn measure(effort: BenchEffort, stop: &Stop) -> Result<Vec<RingRow>, Error> {
+pub fn measure(effort: BenchEffort, stop: &Stop) -> Result<Vec<RingRow>, BenchError> {
     let mut rows = Vec::new();
     // With 10^6 SNs a ring does not keep up with 200 slots a second.
     for (pace, counts) in [(Pace::Max, effort.counts()), (Pace::Factor(200.0), BenchEffort::Quick.counts())] {
@@ -54,7 +54,7 @@ pub fn measure(effort: BenchEffort, stop: &Stop) -> Result<Vec<RingRow>, Error> 
     Ok(rows)
 }
 
-fn row(case: RingCase, effort: BenchEffort, stop: &Stop) -> Result<RingRow, Error> {
+fn row(case: RingCase, effort: BenchEffort, stop: &Stop) -> Result<RingRow, BenchError> {
     let mut hops = Vec::new();
     let mut runs = Vec::new();
     for _ in 0..effort.choose(5, 1) {
@@ -83,7 +83,7 @@ fn row(case: RingCase, effort: BenchEffort, stop: &Stop) -> Result<RingRow, Erro
 }
 
 /// One run of the whole ring by `skysink run`.
-pub fn run_ring(case: RingCase, stop: &Stop) -> Result<RunTiming, Error> {
+pub fn run_ring(case: RingCase, stop: &Stop) -> Result<RunTiming, BenchError> {
     stop.check()?;
     let folder = temporary_folder()?;
     let (program, words) = executables::command_of("skysink").at("skysink".as_ref())?;
@@ -98,7 +98,7 @@ pub fn run_ring(case: RingCase, stop: &Stop) -> Result<RunTiming, Error> {
     if !run.status.success() {
         stop.check()?; // Ctrl-C at a terminal stops the run, too
         let message = String::from_utf8_lossy(&run.stderr).trim().to_owned();
-        return Err(Error::BenchmarkRun { status: run.status, message });
+        return Err(BenchError::Run { status: run.status, message });
     }
     let summary: Summary = serde_json::from_slice(&run.stdout).expect("the summary of this version");
     Ok(summary.timing)

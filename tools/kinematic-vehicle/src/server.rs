@@ -17,10 +17,10 @@ use rand_distr::StandardNormal;
 use skysink_common::geodata::projection::{Origin, Projection};
 use skysink_common::geometry::Position;
 use skysink_common::stop::Stop;
+use skysink_vehicle::wire::{Received, Wire};
 
-use super::KinematicOptions;
-use super::autopilot::{Copter, Given};
-use crate::wire::{Received, Wire};
+use crate::autopilot::{Copter, Given};
+use crate::options::KinematicOptions;
 
 /// Step of the vehicles [s].
 const STEP_S: f64 = 0.01;
@@ -296,8 +296,8 @@ impl LinkedCopter {
 
 #[cfg(test)]
 mod tests {
-    use super::super::autopilot::CopterMode;
     use super::*;
+    use crate::autopilot::CopterMode;
     use mavlink::dialects::common::{COMMAND_INT_DATA, COMMAND_LONG_DATA, PARAM_REQUEST_READ_DATA};
 
     /// A vehicle with these options, and its link to a wire that hears it.

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Parser;
+use skysink_kinematic_vehicle::{KinematicOptions, mission, server};
 use skysink_ring::wait::stop_on_signals;
-use skysink_vehicle::kinematic::{KinematicOptions, mission, server};
 
 /// A copter without dynamics of its own that behaves towards a ground station as ArduCopter does.
 #[derive(Debug, Parser)]

@@ -1,6 +1,6 @@
-//! `skysink bench`: planner, field, missions and ring against their lower bounds, and fleets against one UAV, measured
-//! in the same run.
+//! Measures planner, field, missions and ring against their lower bounds, and fleets against one UAV, in the same run.
 
+mod error;
 mod field;
 mod fleet;
 mod hop;
@@ -10,24 +10,35 @@ mod ring;
 mod setting;
 mod table;
 
+use std::env;
+use std::ffi::OsString;
 use std::fs;
+use std::process::ExitCode;
 
-use clap::{Args, ValueEnum};
+use clap::{Parser, ValueEnum};
 use serde::Serialize;
+use skysink::report::print;
+use skysink::run::executables::{Interpreter, set_interpreter};
+use skysink::{programs, usage, worker};
 use skysink_common::stop::Stop;
+use skysink_ring::role::Role;
+use skysink_ring::wait::{exit_on_second_signal, stop_on_signals};
 
-use crate::error::Error;
-use crate::report::print;
-use setting::BenchEffort;
+use error::BenchError;
+use setting::{BenchEffort, cores};
 
 /// Benchmark planner, field, missions and ring against their lower bounds, and fleets against one UAV.
-#[derive(Debug, Args)]
-#[command(after_help = "\
+#[derive(Debug, Parser)]
+#[command(
+    name = "skysink-bench",
+    version = usage::VERSION,
+    after_help = "\
 Examples:
-  skysink bench --quick               less accurate, takes seconds
-  skysink bench --only ring           slot latency of the ring and of bare hops
-  skysink bench --json > bench.json   all results as JSON, takes minutes")]
-pub struct BenchCommand {
+  skysink-bench --quick               less accurate, takes seconds
+  skysink-bench --only ring           slot latency of the ring and of bare hops
+  skysink-bench --json > bench.json   all results as JSON, takes minutes"
+)]
+struct Cli {
     /// Measure for seconds instead of minutes, with less precision.
     #[arg(long)]
     quick: bool,
@@ -41,7 +52,7 @@ pub struct BenchCommand {
 
 /// What can be measured by itself, in the order of measurement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum BenchPart {
+enum BenchPart {
     /// Plan times, by strategy and number of SNs.
     Planner,
     /// A slot of the field, against a copy of its queues.
@@ -66,9 +77,9 @@ struct Report {
     fleet: Option<Vec<fleet::FleetRow>>,
 }
 
-impl BenchCommand {
+impl Cli {
     /// Measures the parts, all if none is named, and prints the report.
-    pub fn run(self, stop: &Stop) -> Result<(), Error> {
+    fn run(self, stop: &Stop) -> Result<(), BenchError> {
         let effort = if self.quick { BenchEffort::Quick } else { BenchEffort::Full };
         let machine = Machine::this();
         let mut report = Report { version: env!("CARGO_PKG_VERSION"), machine, ..Report::default() };
@@ -83,10 +94,11 @@ impl BenchCommand {
             }
         }
         if self.json {
-            print(serde_json::to_string_pretty(&report).expect("plain keys and values"))
+            print(serde_json::to_string_pretty(&report).expect("plain keys and values"))?;
         } else {
-            print(table::of(&report))
+            print(table::of(&report))?;
         }
+        Ok(())
     }
 }
 
@@ -115,14 +127,34 @@ impl Machine {
         Self {
             cpu: model.trim_start_matches([' ', '\t', ':']).to_owned(),
             cores: cores(),
-            rustc: env!("SKYSINK_RUSTC"),
+            rustc: usage::COMPILER,
             build: if cfg!(debug_assertions) { "debug" } else { "release" },
             load_average: load.split(' ').next().and_then(|minute| minute.parse().ok()).unwrap_or(0.0),
         }
     }
 }
 
-/// Cores that this process may use.
-pub fn cores() -> usize {
-    std::thread::available_parallelism().map_or(1, usize::from)
+fn main() -> ExitCode {
+    let arguments: Vec<OsString> = env::args_os().collect();
+    // The programs of the ring are this executable, with their names as its first argument.
+    if let Ok(executable) = env::current_exe() {
+        set_interpreter(Interpreter(vec![executable.into()]));
+    }
+    if let Some(program) = arguments.get(1).and_then(|name| programs::of(name.to_str()?)) {
+        return program(arguments[1..].to_vec()).into();
+    }
+    worker::silence_iceoryx2();
+    let stop = stop_on_signals();
+    exit_on_second_signal();
+    let cli: Cli = match usage::parse(arguments) {
+        Ok(cli) => cli,
+        Err(message) => return usage::print(Role::Launcher, message).into(),
+    };
+    match cli.run(&stop) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("skysink-bench: {error}");
+            error.exit_code().into()
+        }
+    }
 }

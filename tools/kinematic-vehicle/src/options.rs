@@ -1,20 +1,11 @@
-//! A copter without dynamics of its own, for tests: it accelerates, lags, drifts in gusts, and behaves towards its
-//! bridge as ArduCopter does.
-//!
-//! It is no proof that a real autopilot can be flown; it shows what the bridge does when one refuses, fails, or is
-//! silent.
-
-pub mod autopilot;
-pub mod body;
-pub mod mission;
-pub mod server;
+//! The options of the vehicle.
 
 use clap::{Args, Parser};
 use skysink_common::geodata::projection::Origin;
 use skysink_common::option_value::{number, positive};
+use skysink_vehicle::wire::WireAddress;
 
-use self::body::MotionLimits;
-use crate::wire::WireAddress;
+use crate::body::MotionLimits;
 
 /// What the vehicle can do, and what goes wrong.
 #[derive(Debug, Clone, PartialEq, Args)]
@@ -87,7 +78,7 @@ impl Default for KinematicOptions {
 
 impl KinematicOptions {
     /// The limits of the body at this greatest speed [m/s].
-    fn limits(&self, speed_mps: f64) -> MotionLimits {
+    pub(crate) fn limits(&self, speed_mps: f64) -> MotionLimits {
         MotionLimits { acceleration_mps2: self.acceleration, speed_mps, lag_s: self.lag, wind_mps: self.wind }
     }
 }

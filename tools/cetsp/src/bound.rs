@@ -12,12 +12,7 @@ use std::time::Instant;
 
 use nalgebra::Vector2;
 use skysink_common::geometry::Position;
-use skysink_common::stop::Stop;
-
-use super::cone;
-use super::cover::distance_to_leg_squared;
-use super::search::RoundEffort;
-use super::stops::DiskField;
+use skysink_planner::geometry::round::{DiskField, RoundEffort, distance_to_leg_squared, shortest};
 
 /// Margin against rounding.
 const ROUNDING: f64 = 1e-9;
@@ -63,15 +58,16 @@ impl Ord for Order {
     }
 }
 
-/// A lower bound on the length of every round [m], of which one is `known_m` long; at most that.
-pub fn bound_m(field: &DiskField, known_m: f64, effort: RoundEffort, stop: &Stop) -> f64 {
-    let by_trees_m = if field.is_closed { by_trees_m(field, known_m, stop) } else { 0.0 };
-    let by_orders_m = if by_trees_m < known_m { by_orders_m(field, known_m, effort, stop) } else { 0.0 };
+/// A lower bound on the length of every round [m], of which one is `known_m` long; at most that. A step evaluates an
+/// order of some of the disks.
+pub fn bound_m(field: &DiskField, known_m: f64, effort: RoundEffort) -> f64 {
+    let by_trees_m = if field.is_closed { by_trees_m(field, known_m) } else { 0.0 };
+    let by_orders_m = if by_trees_m < known_m { by_orders_m(field, known_m, effort) } else { 0.0 };
     by_trees_m.max(by_orders_m).min(known_m)
 }
 
 /// The bound of branch and bound; a step evaluates an order.
-fn by_orders_m(field: &DiskField, known_m: f64, effort: RoundEffort, stop: &Stop) -> f64 {
+fn by_orders_m(field: &DiskField, known_m: f64, effort: RoundEffort) -> f64 {
     let begin = Instant::now();
     let mut evaluated = 0u64;
     let mut heap = BinaryHeap::new();
@@ -81,7 +77,7 @@ fn by_orders_m(field: &DiskField, known_m: f64, effort: RoundEffort, stop: &Stop
             RoundEffort::Steps(steps) => evaluated >= steps,
             RoundEffort::Time(time) => begin.elapsed() >= time,
         };
-        if is_over || stop.requested().is_some() || order.bound_m >= known_m {
+        if is_over || order.bound_m >= known_m {
             return order.bound_m.min(known_m);
         }
         let order = heap.pop().expect("it was seen");
@@ -162,7 +158,7 @@ fn evaluate(field: &DiskField, disks: Vec<u32>, points: Option<Vec<Position>>) -
     descend(field, &disks, &mut points);
     let mut bound_m = dual_m(field, &disks, &points[0], &directions(field, &points));
     if bound_m < length_m(field, &points) * (1.0 - GAP)
-        && let Some(shortest) = cone::shortest(field, &disks)
+        && let Some(shortest) = shortest(field, &disks)
     {
         bound_m = bound_m.max(dual_m(field, &disks, &shortest.points[0], &shortest.directions));
         points = shortest.points;
@@ -239,11 +235,11 @@ fn dual_m(field: &DiskField, disks: &[u32], first: &Position, directions: &[Vect
 }
 
 /// The best bound of 1-trees over spread subsets.
-fn by_trees_m(field: &DiskField, known_m: f64, stop: &Stop) -> f64 {
+fn by_trees_m(field: &DiskField, known_m: f64) -> f64 {
     let spread = spread(field);
     let mut best_m = 0.0f64;
     let mut count = 3.0;
-    while count as usize <= spread.len() && stop.requested().is_none() {
+    while count as usize <= spread.len() {
         let bound_m = ascent_m(field, &spread[..count as usize], known_m);
         best_m = best_m.max(bound_m);
         if bound_m < 0.7 * best_m {
@@ -345,3 +341,6 @@ fn ascent_m(field: &DiskField, nodes: &[(Position, f64)], known_m: f64) -> f64 {
     }
     best_m
 }
+
+#[cfg(test)]
+mod tests;

@@ -7,7 +7,7 @@ use skysink_common::scenario::{Overrides, Scenario};
 use skysink_mission::error::FileContext;
 use skysink_planner::settings;
 
-use crate::error::Error;
+use crate::error::BenchError;
 
 /// How much is measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -69,6 +69,11 @@ pub fn median_by<T>(mut elements: Vec<T>, value: impl Fn(&T) -> f64) -> T {
 }
 
 /// A folder that goes with the measurement.
-pub fn temporary_folder() -> Result<tempfile::TempDir, Error> {
+pub fn temporary_folder() -> Result<tempfile::TempDir, BenchError> {
     Ok(tempfile::tempdir().at(Path::new("folder for temporary files"))?)
+}
+
+/// Cores that this process may use.
+pub fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
 }

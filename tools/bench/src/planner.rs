@@ -10,8 +10,8 @@ use skysink_mission::Mission;
 use skysink_mission::latency::{Spread, histogram};
 use skysink_planner::strategies::{stateless, uts};
 
-use super::setting::{BenchEffort, letter, nanoseconds};
-use crate::error::Error;
+use crate::error::BenchError;
+use crate::setting::{BenchEffort, letter, nanoseconds};
 
 /// Slots after which a flight begins again: few enough that no queue far from the UAV is full.
 const SLOTS: u64 = 150;
@@ -28,7 +28,7 @@ pub struct PlanRow {
 }
 
 /// Measures every strategy that plans one slot, with every number of SNs.
-pub fn measure(effort: BenchEffort, stop: &Stop) -> Result<Vec<PlanRow>, Error> {
+pub fn measure(effort: BenchEffort, stop: &Stop) -> Result<Vec<PlanRow>, BenchError> {
     let mut rows = Vec::new();
     for &sensors in effort.counts() {
         let list = SensorList::of(&letter(sensors, uts::STRATEGY.name))?;
@@ -40,7 +40,7 @@ pub fn measure(effort: BenchEffort, stop: &Stop) -> Result<Vec<PlanRow>, Error> 
     Ok(rows)
 }
 
-fn plan_times(strategy: &'static str, list: &SensorList, effort: BenchEffort) -> Result<Spread, Error> {
+fn plan_times(strategy: &'static str, list: &SensorList, effort: BenchEffort) -> Result<Spread, BenchError> {
     let scenario = letter(list.sensors().len() as u32, strategy);
     let mut mission = Mission::new(&scenario, list)?;
     let mut times = histogram();

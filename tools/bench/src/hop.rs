@@ -22,8 +22,8 @@ use skysink_ring::folder::RingFolder;
 use skysink_ring::terms::Terms;
 use skysink_ring::wait::Waiting;
 
-use super::setting::nanoseconds;
-use crate::error::Error;
+use crate::error::BenchError;
+use crate::setting::nanoseconds;
 
 /// Messages on the critical path of a slot, and threads that pass them on.
 const HOPS: usize = 3;
@@ -52,7 +52,7 @@ pub struct RingCase {
 }
 
 /// Passes the messages of `case` around, and returns the times of the rounds.
-pub fn time(case: RingCase, stop: &Stop) -> Result<Spread, Error> {
+pub fn time(case: RingCase, stop: &Stop) -> Result<Spread, BenchError> {
     stop.check()?;
     let folder = RingFolder::create(Terms { wait: case.wait, timeout_s: TIMEOUT.as_secs_f64(), ..Terms::default() })?;
     let config = folder.config()?;
@@ -86,7 +86,7 @@ struct Ports {
 }
 
 impl Ports {
-    fn open(config: &Config, case: RingCase, index: usize) -> Result<Self, Error> {
+    fn open(config: &Config, case: RingCase, index: usize) -> Result<Self, BenchError> {
         let builder = NodeBuilder::new().config(config).signal_handling_mode(SignalHandlingMode::Disabled);
         let node = builder.create::<ipc::Service>().map_err(failed)?;
         let name = |index: usize| ServiceName::new(&format!("hop/{index}")).map_err(failed);
@@ -105,7 +105,7 @@ impl Ports {
     }
 
     /// Starts every round with the first message, and times the rounds until the last message is back.
-    fn time_rounds(&self, case: RingCase, stop: &Stop) -> Result<Spread, Error> {
+    fn time_rounds(&self, case: RingCase, stop: &Stop) -> Result<Spread, BenchError> {
         let message = vec![7; message_bytes(case, 0)];
         let period = case.pace.period(1.0).unwrap_or(Duration::ZERO);
         let mut times = histogram();
@@ -125,7 +125,7 @@ impl Ports {
     }
 
     /// Answers each message with the next one.
-    fn forward(&self, case: RingCase, index: usize, stop: &Stop) -> Result<(), Error> {
+    fn forward(&self, case: RingCase, index: usize, stop: &Stop) -> Result<(), BenchError> {
         let message = vec![7; message_bytes(case, index)];
         for _ in 0..WARM_UP + case.slots {
             stop.check()?;
@@ -135,13 +135,13 @@ impl Ports {
         Ok(())
     }
 
-    fn send(&self, message: &[u8]) -> Result<(), Error> {
+    fn send(&self, message: &[u8]) -> Result<(), BenchError> {
         let sample = self.publisher.loan_slice_uninit(message.len()).map_err(failed)?;
         sample.write_from_slice(message).send().map_err(failed)?;
         self.notifier.notify().map(drop).map_err(failed)
     }
 
-    fn receive(&self, wait: Waiting) -> Result<(), Error> {
+    fn receive(&self, wait: Waiting) -> Result<(), BenchError> {
         let begin = Instant::now();
         let mut polls = 0;
         while begin.elapsed() < TIMEOUT {
@@ -152,11 +152,11 @@ impl Ports {
             wait.pause(&self.listener, polls);
             polls += 1;
         }
-        Err(Error::BenchmarkHop { seconds: TIMEOUT.as_secs() })
+        Err(BenchError::Hop { seconds: TIMEOUT.as_secs() })
     }
 }
 
 /// The error of a port.
-fn failed(error: impl std::fmt::Debug) -> Error {
+fn failed(error: impl std::fmt::Debug) -> BenchError {
     RingError::topic("hop", "pass messages", &error).into()
 }

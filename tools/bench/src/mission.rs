@@ -11,8 +11,8 @@ use skysink_lab::sweep::shard::Shard;
 use skysink_lab::sweep::{self, SweepTask};
 use skysink_planner::strategies::uts;
 
-use super::setting::{BenchEffort, letter_text, median_by, temporary_folder};
-use crate::error::Error;
+use crate::error::BenchError;
+use crate::setting::{BenchEffort, cores, letter_text, median_by, temporary_folder};
 
 /// Slots of a mission, as in the paper.
 const SLOTS: u64 = 600;
@@ -29,8 +29,8 @@ pub struct MissionSpeeds {
 }
 
 /// Flies missions, on one thread and on all cores in turns.
-pub fn measure(effort: BenchEffort, stop: &Stop) -> Result<MissionSpeeds, Error> {
-    let cores = super::cores();
+pub fn measure(effort: BenchEffort, stop: &Stop) -> Result<MissionSpeeds, BenchError> {
+    let cores = cores();
     let mut one = Vec::new();
     let mut all = Vec::new();
     for _ in 0..effort.choose(5, 1) {
@@ -42,7 +42,7 @@ pub fn measure(effort: BenchEffort, stop: &Stop) -> Result<MissionSpeeds, Error>
 }
 
 /// Slots per second of a sweep on so many threads.
-fn swept(threads: usize, effort: BenchEffort, stop: &Stop) -> Result<f64, Error> {
+fn swept(threads: usize, effort: BenchEffort, stop: &Stop) -> Result<f64, BenchError> {
     let folder = temporary_folder()?;
     let base = SweepBase { path: "bench.toml".into(), table: letter_text(200, SLOTS).parse().expect("valid TOML") };
     let strategies = vec![uts::STRATEGY.name.to_owned()];

@@ -12,8 +12,8 @@ use skysink_field_sim::Field;
 use skysink_mission::latency::{Spread, histogram};
 use skysink_planner::strategies::uts;
 
-use super::setting::{BenchEffort, letter, nanoseconds};
-use crate::error::Error;
+use crate::error::BenchError;
+use crate::setting::{BenchEffort, letter, nanoseconds};
 
 /// SNs whose slots are timed together: a slot of few SNs takes no longer than reading the clock.
 const BATCH: u64 = 100_000;
@@ -32,15 +32,15 @@ pub struct FieldRow {
 }
 
 /// Measures slots and copies in turns.
-pub fn measure(effort: BenchEffort, stop: &Stop) -> Result<Vec<FieldRow>, Error> {
+pub fn measure(effort: BenchEffort, stop: &Stop) -> Result<Vec<FieldRow>, BenchError> {
     effort
         .counts()
         .iter()
-        .map(|&sensors| stop.check().map_err(Error::from).and_then(|()| row(sensors, effort)))
+        .map(|&sensors| stop.check().map_err(BenchError::from).and_then(|()| row(sensors, effort)))
         .collect()
 }
 
-fn row(sensors: u32, effort: BenchEffort) -> Result<FieldRow, Error> {
+fn row(sensors: u32, effort: BenchEffort) -> Result<FieldRow, BenchError> {
     let scenario = letter(sensors, uts::STRATEGY.name);
     let list = SensorList::of(&scenario)?;
     let mut field = Field::new(&scenario, &list);

@@ -9,9 +9,9 @@ use serde::Deserialize;
 use skysink_common::error::InputError;
 use skysink_common::geodata::projection::{Origin, Projection};
 
-use super::KinematicOptions;
-use super::autopilot::RETURN_M;
-use super::body::{Body, MotionLimits};
+use crate::autopilot::RETURN_M;
+use crate::body::{Body, MotionLimits};
+use crate::options::KinematicOptions;
 
 /// Step of the flight [s].
 const STEP_S: f64 = 0.02;

@@ -3,9 +3,8 @@
 use std::time::Duration;
 
 use serde::Serialize;
+use skysink::report;
 use toml::{Table, Value};
-
-use crate::report;
 
 /// The tables of a report: its single values, then a table for each part.
 pub fn of(report: &impl Serialize) -> String {
@@ -71,8 +70,8 @@ mod tests {
     use skysink_ring::wait::Waiting;
 
     use super::*;
-    use crate::bench::hop::RingCase;
-    use crate::bench::ring::RingRow;
+    use crate::hop::RingCase;
+    use crate::ring::RingRow;
 
     #[test]
     fn the_widest_ring_rows_fit_a_terminal() {

@@ -14,10 +14,10 @@ use skysink_planner::fleet::FleetPlanner;
 use skysink_planner::strategies::uts;
 use skysink_ring::wait::Waiting;
 
-use super::hop::RingCase;
-use super::ring::run_ring;
-use super::setting::{BenchEffort, letter, median_by, nanoseconds};
-use crate::error::Error;
+use crate::error::BenchError;
+use crate::hop::RingCase;
+use crate::ring::run_ring;
+use crate::setting::{BenchEffort, letter, median_by, nanoseconds};
 
 /// Numbers of UAVs that are compared.
 const UAVS: [u32; 4] = [1, 2, 4, 8];
@@ -46,7 +46,7 @@ pub struct FleetRow {
 }
 
 /// Measures the numbers of UAVs in turns.
-pub fn measure(effort: BenchEffort, stop: &Stop) -> Result<Vec<FleetRow>, Error> {
+pub fn measure(effort: BenchEffort, stop: &Stop) -> Result<Vec<FleetRow>, BenchError> {
     let mut plans = UAVS.map(|_| Vec::new());
     let mut slots = UAVS.map(|_| Vec::new());
     for _ in 0..effort.choose(5, 1) {
@@ -75,11 +75,12 @@ pub fn measure(effort: BenchEffort, stop: &Stop) -> Result<Vec<FleetRow>, Error>
 }
 
 /// Times of the plans of all UAVs for a slot.
-fn plan_times(uavs: u32, effort: BenchEffort, stop: &Stop) -> Result<Spread, Error> {
+fn plan_times(uavs: u32, effort: BenchEffort, stop: &Stop) -> Result<Spread, BenchError> {
     let mut scenario = letter(SENSORS, uts::STRATEGY.name);
     scenario.uav.count = Some(uavs);
     let list = SensorList::of(&scenario)?;
-    let begun = || Ok::<_, Error>((Plant::new(&scenario, &list), FleetPlanner::until(&scenario, &list.nodes(), stop)?));
+    let begun =
+        || Ok::<_, BenchError>((Plant::new(&scenario, &list), FleetPlanner::until(&scenario, &list.nodes(), stop)?));
     let (mut plant, mut planner) = begun()?;
     let mut times = histogram();
     let start = Instant::now();

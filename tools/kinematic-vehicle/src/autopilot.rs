@@ -5,8 +5,8 @@ use nalgebra::Vector3;
 use rand_chacha::ChaCha8Rng;
 use strum::FromRepr;
 
-use super::KinematicOptions;
-use super::body::Body;
+use crate::body::Body;
+use crate::options::KinematicOptions;
 
 /// Time after its start before which it refuses to arm [s].
 const READY_S: f64 = 2.0;
@@ -15,7 +15,7 @@ const READY_S: f64 = 2.0;
 const DISARM_S: f64 = 10.0;
 
 /// Altitude to which it climbs before it flies home [m].
-pub(super) const RETURN_M: f64 = 15.0;
+pub(crate) const RETURN_M: f64 = 15.0;
 
 /// How near to home it begins to land, and how near to its altitude a climb ends [m].
 const NEAR_M: f64 = 0.5;
