@@ -20,6 +20,9 @@ type Pose = ([f64; 3], [f64; 4]);
 /// Stamp, status and service, latitude, longitude and altitude.
 type Fix = (Header, (i8, u16), [f64; 3]);
 
+/// Slot, mode, SNs, their number, bits delivered, lost and queued, and energy.
+type Figures = (u64, String, Vec<u32>, u32, [u64; 3], f64);
+
 /// Up to the text.
 #[derive(Deserialize)]
 struct Marker {
@@ -118,7 +121,7 @@ fn the_battery_state_is_a_fraction_from_the_first_message() {
 #[test]
 fn each_slot_has_its_figures() {
     let run = with_battery(run(&[(30.0, None), (0.0, Some(7))]));
-    let slots: Vec<(u64, String, Vec<u32>, u32, [u64; 3], f64)> = read(&run, "/slot");
+    let slots: Vec<Figures> = read(&run, "/slot");
     let figures = |slot: &RecordedSlot| {
         let RecordedSlot { slot, mode, scheduled, delivered_bits, lost_bits, queued_bits, energy_j, .. } = slot.clone();
         let served = scheduled.len() as u32;
