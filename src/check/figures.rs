@@ -19,7 +19,7 @@ use super::arrivals::ArrivalFigures;
 use super::energy::EnergyFigures;
 use super::flights::trial_flights;
 use super::links::LinkFigures;
-use super::motion::Motion;
+use super::motion::MotionFigures;
 use super::quantity::{percent, scaled, short};
 use super::radio::RadioFigures;
 use super::verdict::{Bounds, LossFree, Round};
@@ -43,7 +43,7 @@ pub struct Figures {
     /// Distance that a slot reaches in every direction, `V τ` without wind and acceleration [m].
     pub reach_m: f64,
     /// What the slots demand of a vehicle, and what wind and errors do.
-    pub motion: Motion,
+    pub motion: MotionFigures,
     /// What battery and base allow; `None` if the UAV need not come back.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub energy: Option<EnergyFigures>,
@@ -114,7 +114,7 @@ impl Figures {
             sensors: nodes.len(),
             slots: scenario.slots,
             reach_m,
-            motion: Motion::of(scenario),
+            motion: MotionFigures::of(scenario),
             energy: EnergyFigures::of(scenario, &sensors),
             comm_radius_m,
             anchor_radius_m: reach_m - comm_radius_m,

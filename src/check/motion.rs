@@ -17,7 +17,7 @@ const MOSTLY: f64 = 1.645;
 
 /// What the slots demand of a vehicle, and what wind and errors do.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Motion {
+pub struct MotionFigures {
     /// Acceleration that flies the reach of a slot from rest to rest [m/s²], at a top speed of twice the mean speed;
     /// `None` if the scenario gives the acceleration.
     pub demanded_mps2: Option<f64>,
@@ -32,7 +32,7 @@ pub struct Motion {
     pub crowded: Option<usize>,
 }
 
-impl Motion {
+impl MotionFigures {
     /// Of a scenario.
     pub fn of(scenario: &Scenario) -> Self {
         let uav = &scenario.uav;
@@ -112,9 +112,9 @@ mod tests {
 
     use super::*;
 
-    fn motion(keys: &str) -> Motion {
+    fn motion(keys: &str) -> MotionFigures {
         let text = format!("name = 'a'\n{keys}");
-        Motion::of(&Scenario::parse(&text, Path::new("a.toml"), Overrides::default()).unwrap())
+        MotionFigures::of(&Scenario::parse(&text, Path::new("a.toml"), Overrides::default()).unwrap())
     }
 
     #[test]

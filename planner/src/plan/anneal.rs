@@ -61,7 +61,7 @@ impl Cooling {
 }
 
 /// What the steps of a search share.
-pub struct Search<'a> {
+pub struct SearchSteps<'a> {
     /// Ends it early.
     pub is_over: &'a dyn Fn() -> bool,
     /// Its random numbers.
@@ -84,7 +84,7 @@ pub fn anneal<O: Objective>(
     forecast: &mut Forecast<O>,
     cooling: Cooling,
     steps: u64,
-    search: &mut Search<'_>,
+    search: &mut SearchSteps<'_>,
     mut best: Option<&mut Best>,
 ) {
     let mut inserted = Vec::new();
@@ -151,7 +151,7 @@ mod tests {
         forecast.load(&model, [PlannedStop::at(0)]);
         let mut counts = [OperatorCounts::default(); 5];
         let random = &mut ChaCha8Rng::seed_from_u64(1);
-        let mut search = Search { is_over: &|| false, random, counts: &mut counts };
+        let mut search = SearchSteps { is_over: &|| false, random, counts: &mut counts };
         anneal(&mut model, &mut forecast, Cooling::everywhere(0.0), 50, &mut search, None);
         assert_ne!(forecast.stops(), [PlannedStop::at(0)]);
         assert_eq!(forecast.cost, 0.0);

@@ -9,7 +9,7 @@ use super::model::PlanModel;
 use super::objective::Objective;
 use crate::route::home::Home;
 use crate::route::motion::MOST_SLOTS;
-use crate::route::route::{Part, Route};
+use crate::route::route::{Route, RoutePart};
 
 /// Slack of range, relative to the communication radius: half that of decision D5, which flight-sim applies.
 const RANGE_SLACK: f64 = 0.5e-9;
@@ -294,7 +294,7 @@ impl Decoder {
         let flown = self.flown_slots + self.slot as u64;
         let route = home.route(flown, &self.at);
         // Longer than any mission if there is none.
-        let route = route.unwrap_or_else(|| Route::new(self.at, [Part { end: self.at, slots: MOST_SLOTS }], None));
+        let route = route.unwrap_or_else(|| Route::new(self.at, [RoutePart { end: self.at, slots: MOST_SLOTS }], None));
         let (slots, at) = (route.slots().min(MOST_SLOTS) as i32, route.end());
         if home.battery.is_none() {
             return (BaseVisit { slots, charged: 0, at }, route);

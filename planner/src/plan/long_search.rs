@@ -2,7 +2,7 @@
 
 use std::ops::ControlFlow;
 
-use super::anneal::{Best, Cooling, Search, anneal};
+use super::anneal::{Best, Cooling, SearchSteps, anneal};
 use super::forecast::Forecast;
 use super::lookahead::{COOLING, LookAheadPart, Lookahead, MOST_RISE, REHEATING};
 use super::objective::Objective;
@@ -104,7 +104,7 @@ impl<O: Objective> Lookahead<O> {
             while done < end {
                 let next = WATCHED.min(end - done);
                 let counts = &mut self.counts;
-                let mut search = Search { is_over: &|| false, random: &mut random, counts };
+                let mut search = SearchSteps { is_over: &|| false, random: &mut random, counts };
                 anneal(model, forecast, Cooling::everywhere(far), next, &mut search, None);
                 done += next;
                 watch(SearchProgress { steps: done, cost: best.0 })?;

@@ -16,7 +16,7 @@ use skysink_common::sampling::Sampler;
 use skysink_common::sensors::Sensors;
 use strum::VariantNames;
 
-use super::anneal::{Best, Cooling, Search, anneal};
+use super::anneal::{Best, Cooling, SearchSteps, anneal};
 use super::decoder::{BaseVisit, Leg};
 use super::forecast::Forecast;
 use super::groups::PlannedStop;
@@ -94,7 +94,7 @@ skysink_common::keys! {
     #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields)]
     pub struct HorizonKeys {
-        /// Search steps in each slot.
+        /// SearchSteps steps in each slot.
         iterations: u32 = 6000, Accepts::Whole(0, 1_000_000_000);
         /// Longest planning window [slots]; 2400 if absent. A window that reaches to the mission's end loses less than
         /// a shorter one that moves with the slot.
@@ -456,7 +456,7 @@ impl<O: Objective> Lookahead<O> {
         let temperature = if is_annealed { self.plan.temperature.min(ceiling) } else { 0.0 };
         let cooling = Cooling::far_ahead(avoidable / begun.len().max(1) as f64 * temperature);
         let mut random = self.streams.stream(Purpose::Horizon, slot, 0);
-        let mut search = Search { is_over, random: &mut random, counts: &mut self.counts };
+        let mut search = SearchSteps { is_over, random: &mut random, counts: &mut self.counts };
         anneal(model, forecast, cooling, steps.into(), &mut search, None);
         // The schedules depend on the buffers, and the search copies legs without recomputing them. Reload the plan, so
         // that the next slot resumes from exactly this plan.
@@ -497,7 +497,7 @@ impl<O: Objective> Lookahead<O> {
         let mut best: Best = (forecast.cost, forecast.stops());
         let begun_cost = best.0;
         let mut random = self.streams.stream(Purpose::Collect, slot, 0);
-        let mut search = Search { is_over, random: &mut random, counts: &mut self.counts };
+        let mut search = SearchSteps { is_over, random: &mut random, counts: &mut self.counts };
         anneal(model, forecast, cooling, steps, &mut search, Some(&mut best));
         let is_vain = best.0 >= begun_cost && best.0 <= least * (1.0 - LITTLE);
         forecast.load(model, best.1);

@@ -11,7 +11,7 @@ use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::scenario::Scenario;
 use smallvec::SmallVec;
 
-use super::route::{Part, Route};
+use super::route::{Route, RoutePart};
 use crate::geometry::disks::{Disk, nearest_in_both, slots_between, toward};
 
 /// Slack of a number of slots, so that rounding adds none.
@@ -157,7 +157,7 @@ impl Motion {
         let reach = Disk { centre: *from, radius_m: self.reach_m * slots };
         let end = nearest_in_both(next, &reach, disk);
         if self.airspace.is_free(from, &end) {
-            return Some(Route::new(*from, [Part { end, slots: slots as u32 }], self.battery.as_ref()));
+            return Some(Route::new(*from, [RoutePart { end, slots: slots as u32 }], self.battery.as_ref()));
         }
         self.shortest_into(from, disk)
     }
@@ -172,8 +172,8 @@ impl Motion {
         if bent.is_empty() && slots == 0.0 {
             slots = self.move_slots() as f64; // a hover takes as many
         }
-        let rest = Part { end, slots: slots.min(f64::from(MOST_SLOTS / 2)) as u32 };
-        let bent = bent.into_iter().map(|end| Part { end, slots: 1 });
+        let rest = RoutePart { end, slots: slots.min(f64::from(MOST_SLOTS / 2)) as u32 };
+        let bent = bent.into_iter().map(|end| RoutePart { end, slots: 1 });
         Some(Route::new(*from, bent.chain([rest]), self.battery.as_ref()))
     }
 
@@ -195,22 +195,22 @@ impl Motion {
             let fastest = slots(*length_m, self.reach_m);
             let more = (slots(*length_m, self.thrifty_m) - fastest).min(spare).max(0.0);
             spare -= more;
-            Part { end: *end, slots: (fastest + more).min(f64::from(MOST_SLOTS)) as u32 }
+            RoutePart { end: *end, slots: (fastest + more).min(f64::from(MOST_SLOTS)) as u32 }
         };
-        let parts: SmallVec<[Part; 4]> = path.iter().zip(&lengths_m).map(part).collect();
+        let parts: SmallVec<[RoutePart; 4]> = path.iter().zip(&lengths_m).map(part).collect();
         (!parts.is_empty()).then(|| Route::new(*from, parts, self.battery.as_ref()))
     }
 
     /// The route of no slots of a UAV at `at` [m].
     #[must_use]
     pub fn stay(&self, at: &Position) -> Route {
-        Route::new(*at, [Part { end: *at, slots: 0 }], None)
+        Route::new(*at, [RoutePart { end: *at, slots: 0 }], None)
     }
 
     /// A hover at `at` [m]: a slot, on a grid as many as a move takes.
     #[must_use]
     pub fn wait(&self, at: &Position) -> Route {
-        Route::new(*at, [Part { end: *at, slots: self.move_slots() as u32 }], self.battery.as_ref())
+        Route::new(*at, [RoutePart { end: *at, slots: self.move_slots() as u32 }], self.battery.as_ref())
     }
 
     /// The end of `slot` of a UAV at `from` that is told to fly to `to` [m]: `to` if the path is free, otherwise a part

@@ -6,7 +6,7 @@ use smallvec::SmallVec;
 
 /// A straight part of a route, flown in equal steps.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Part {
+pub struct RoutePart {
     /// Where it ends [m].
     pub end: Position,
     /// Its slots; 0 for one that rounding has left.
@@ -16,8 +16,8 @@ pub struct Part {
 /// A flight in whole slots: straight parts, one after another.
 ///
 /// ```
-/// use skysink_planner::route::route::{Part, Route};
-/// let parts = [Part { end: [30.0, 0.0].into(), slots: 1 }, Part { end: [30.0, 50.0].into(), slots: 2 }];
+/// use skysink_planner::route::route::{RoutePart, Route};
+/// let parts = [RoutePart { end: [30.0, 0.0].into(), slots: 1 }, RoutePart { end: [30.0, 50.0].into(), slots: 2 }];
 /// let route = Route::new([0.0, 0.0].into(), parts, None);
 /// assert_eq!((route.slots(), route.at(2), route.end()), (3, [30.0, 25.0].into(), [30.0, 50.0].into()));
 /// assert_eq!((route.first(), route.length_m()), ([30.0, 0.0].into(), 80.0));
@@ -26,7 +26,7 @@ pub struct Part {
 pub struct Route {
     from: Position,
     /// At least one.
-    parts: SmallVec<[Part; 2]>,
+    parts: SmallVec<[RoutePart; 2]>,
     slots: u32,
     energy_j: f64,
 }
@@ -34,7 +34,7 @@ pub struct Route {
 impl Route {
     /// The route from `from` [m] over `parts`, of which there is at least one, and what it takes from `battery`.
     #[must_use]
-    pub fn new(from: Position, parts: impl IntoIterator<Item = Part>, battery: Option<&Battery>) -> Self {
+    pub fn new(from: Position, parts: impl IntoIterator<Item = RoutePart>, battery: Option<&Battery>) -> Self {
         let mut route = Self { from, parts: parts.into_iter().collect(), slots: 0, energy_j: 0.0 };
         let mut begin = from;
         for part in &route.parts {
@@ -64,7 +64,7 @@ impl Route {
 
     /// Its parts.
     #[must_use]
-    pub fn parts(&self) -> &[Part] {
+    pub fn parts(&self) -> &[RoutePart] {
         &self.parts
     }
 

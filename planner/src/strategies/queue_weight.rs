@@ -31,7 +31,7 @@ use skysink_common::geometry::{Position, above, within};
 use skysink_common::message::SolverOutcome;
 use skysink_common::propulsion::least_power_mps;
 
-use self::objective::Objective;
+use self::objective::QueueWeightObjective;
 pub(crate) use self::objective::Service;
 use self::peaks::Best;
 use super::exact::ExactSearch;
@@ -45,7 +45,7 @@ pub(crate) const MOST_NEARBY: usize = 64;
 
 /// Both strategies: they differ in service and price only.
 pub(crate) struct QueueWeight {
-    objective: Objective,
+    objective: QueueWeightObjective,
     exact: ExactSearch,
     serving: Serving,
     /// The SNs that can be served from within reach, ascending by id.
@@ -63,7 +63,7 @@ impl QueueWeight {
     pub fn new(setup: &Setup, price_bits2_per_j: f64, service: Service) -> Self {
         let sensors = setup.table.sensors.positions.len();
         let uav = &setup.scenario.uav;
-        let objective = Objective {
+        let objective = QueueWeightObjective {
             price_bits2_per_j,
             service,
             aircraft: uav.propulsion,
@@ -299,7 +299,7 @@ mod tests {
     }
 
     /// The objective of all sets of at most n SNs in range of `ground`, by enumeration.
-    fn best_by_enumeration(objective: &Objective, view: &View, ground: &Position) -> f64 {
+    fn best_by_enumeration(objective: &QueueWeightObjective, view: &View, ground: &Position) -> f64 {
         let uav = above(ground, view.position.z);
         let in_range = |id: &u32| within(view.table.sensors.position(*id), ground, view.table.limits.comm_radius_m);
         let ids: Vec<u32> = view.table.sensors.ids().filter(in_range).collect();

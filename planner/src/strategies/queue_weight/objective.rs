@@ -26,7 +26,7 @@ pub enum Service {
 }
 
 /// The objective.
-pub(super) struct Objective {
+pub(super) struct QueueWeightObjective {
     /// Price of energy, V [bit²/J].
     pub(super) price_bits2_per_j: f64,
     pub(super) service: Service,
@@ -36,7 +36,7 @@ pub(super) struct Objective {
     pub(super) terms: Vec<(Reverse<u64>, u32)>,
 }
 
-impl Objective {
+impl QueueWeightObjective {
     /// Whether the objective is the plain one of `max-weight`.
     pub(super) fn is_plain(&self) -> bool {
         self.price_bits2_per_j == 0.0 && self.service == Service::Upload

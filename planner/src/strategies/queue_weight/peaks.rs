@@ -184,7 +184,7 @@ fn feasible(view: &View, target: &Point3<f64>) -> Point3<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Objective, QueueWeight, Service};
+    use super::super::{QueueWeight, QueueWeightObjective, Service};
     use super::*;
     use crate::strategy::tests::{field, view};
     use crate::strategy::{OwnedSetup, Strategy};
@@ -195,7 +195,7 @@ mod tests {
     const GRID_M: f64 = 0.5;
 
     /// The largest objective at the points of a grid over what is in reach, and the scale of its terms [bit²].
-    fn best_on_the_grid(objective: &mut Objective, view: &View) -> (f64, f64) {
+    fn best_on_the_grid(objective: &mut QueueWeightObjective, view: &View) -> (f64, f64) {
         let limits = view.table.limits;
         let steps = |length_m: f64| 0..=(length_m / GRID_M) as u32;
         let points = steps(limits.width_m).flat_map(|i| steps(limits.height_m).map(move |j| [i, j].map(f64::from)));
