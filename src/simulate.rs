@@ -112,7 +112,7 @@ pub fn simulate(
     #[cfg(feature = "viewer")]
     let flown = flown.and(recording.map_or(Ok(()), Scene::close).map_err(Error::from));
     let mut summary = tally.summary(wall, log.hash());
-    summary.search = OperatorUse::of(&mission.planner);
+    summary.search = mission.planner.counts().into_iter().map(OperatorUse::from).collect();
     summary.complete &= flown.is_ok();
     let written = folder.finish(&log, &mut summary).map_err(Error::from);
     match flown.and(written) {

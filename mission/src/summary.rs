@@ -15,7 +15,6 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{ByUav, SlotRecord, uploads};
 use skysink_common::weights::Weights;
-use skysink_planner::FleetPlanner;
 use skysink_planner::operator_counts::OperatorCounts;
 
 use crate::drive::SlotSink;
@@ -85,7 +84,7 @@ pub struct Summary {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fleet: Option<FleetUse>,
     /// What became of the changes that the searches of `horizon` and `offline` proposed, by operator; empty without a
-    /// search, and where the planner is a process of its own.
+    /// search, and from a planner on another host.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub search: Vec<OperatorUse>,
     /// Slots in which the UAV held its position.
@@ -151,11 +150,9 @@ pub struct OperatorUse {
     pub counts: OperatorCounts,
 }
 
-impl OperatorUse {
-    /// Those of a planner.
-    #[must_use]
-    pub fn of(planner: &FleetPlanner) -> Vec<Self> {
-        planner.counts().into_iter().map(|(name, counts)| Self { operator: name.into(), counts }).collect()
+impl<T: Into<Cow<'static, str>>> From<(T, OperatorCounts)> for OperatorUse {
+    fn from((operator, counts): (T, OperatorCounts)) -> Self {
+        Self { operator: operator.into(), counts }
     }
 }
 

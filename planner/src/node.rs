@@ -1,6 +1,9 @@
 //! planner as a process of the ring: receives the queues after a slot, and publishes the plan of the next.
 
+use std::fs;
+
 use iceoryx2::prelude::Service;
+use skysink_common::checkpoint::{decode, encode};
 use skysink_common::message::{FLAG_END, FlightReport, MAX_PATH_POINTS, PathPoint, Plan, SlotHeader};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
@@ -15,6 +18,7 @@ use skysink_ring::role::Role;
 use skysink_ring::topics::{Ring, is_release};
 
 use crate::fleet::FleetPlanner;
+use crate::operator_counts::OperatorCounts;
 use crate::strategy::{MakeStrategy, Registered, Timing};
 use skysink_common::estimate::BYTES_PER_SENSOR;
 
@@ -35,6 +39,17 @@ pub fn journal(folder: &RingFolder, count: usize, uavs: usize) -> Result<Journal
     let state_bytes = (ROOM + (BYTES_PER_SENSOR + BYTES_PER_CONTACT) * count) * uavs;
     let policy = Policy { state_every: 1, states: STATES, state_bytes, input_bytes: None };
     Journal::open(&folder.journal("plans"), policy)
+}
+
+/// The file of the ring's folder with what became of the changes that the searches of a mission proposed.
+const COUNTS: &str = "operators";
+
+/// What became of the changes that the searches of the ring's planner proposed, by operator, after a whole mission;
+/// nothing from another planner, or one on another host.
+#[must_use]
+pub fn counts(folder: &RingFolder) -> Vec<(String, OperatorCounts)> {
+    let bytes = fs::read(folder.path().join(COUNTS)).unwrap_or_default();
+    decode(&bytes).unwrap_or_default()
 }
 
 /// A planner whose state is saved after each slot that it plans.
@@ -134,6 +149,10 @@ fn run_with<S: Service + 'static>(
         }
         let SlotHeader { slot, flags, .. } = state.user_header().head;
         if flags & FLAG_END != 0 {
+            let mut bytes = Vec::new();
+            encode(&journaled.planner.counts(), &mut bytes);
+            let path = folder.path().join(COUNTS);
+            fs::write(&path, bytes).map_err(|source| RingError::Journal { path, source })?;
             break;
         }
         if slot < next {
@@ -169,7 +188,7 @@ mod tests {
     use crate::waypoint::problem::Waypoint;
     use nalgebra::Point3;
     use skysink_common::belief::Belief;
-    use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
+    use skysink_common::checkpoint::{Checkpoint, CheckpointError};
     use skysink_common::message::{FlightReport, LinkReport, Mode, Plan, SensorNode, SolverOutcome};
     use skysink_common::scenario::Overrides;
     use skysink_common::slot_record::UAV;

@@ -24,7 +24,7 @@ use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
-use skysink_mission::summary::{Summary, Tally};
+use skysink_mission::summary::{OperatorUse, Summary, Tally};
 use skysink_planner::settings;
 use skysink_planner::strategy::Registered;
 use skysink_ring::folder::RingFolder;
@@ -123,6 +123,7 @@ impl RunCommand {
         let wall = *recorded.as_ref().unwrap_or(&begin.elapsed());
         let mut summary = tally.summary(wall, log.hash());
         let left = self.left_to_fly(&ring, tally.last_slot() == scenario.slots && stop.requested().is_some());
+        summary.search = skysink_planner::node::counts(&ring).into_iter().map(OperatorUse::from).collect();
         summary.complete &= recorded.is_ok() || left == LeftToFly::Nothing;
         let written = folder.finish(&log, &mut summary).map_err(Error::from);
         match recorded.and(written) {

@@ -209,7 +209,7 @@ impl Polygon {
             }
         }
         let along = to - from;
-        if !self.is_border {
+        if !self.is_border && from != to {
             // All of it lies to one side of the line: at most its boundary is touched.
             let sides = || self.corners.iter().map(|corner| along.perp(&(corner - from)));
             if sides().all(|side| side >= 0.0) || sides().all(|side| side <= 0.0) {

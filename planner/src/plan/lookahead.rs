@@ -94,7 +94,7 @@ skysink_common::keys! {
     #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields)]
     pub struct HorizonKeys {
-        /// SearchSteps steps in each slot.
+        /// Search steps in each slot.
         iterations: u32 = 6000, Accepts::Whole(0, 1_000_000_000);
         /// Longest planning window [slots]; 2400 if absent. A window that reaches to the mission's end loses less than
         /// a shorter one that moves with the slot.
@@ -349,6 +349,8 @@ impl<O: Objective> Lookahead<O> {
     pub fn search(&mut self, view: &View, forecast: &mut Forecast<O>, first_steps: u64, is_over: &dyn Fn() -> bool) {
         if O::HOVERS {
             let (steps, temperature) = match self.plan.has_begun {
+                // A round that is flown again and again is a good plan already.
+                false if self.model.has_sampling => (first_steps, HOVER_TEMPERATURES[1]),
                 false => (first_steps, HOVER_TEMPERATURES[0]),
                 true => {
                     let steps = u64::from(self.keys.iterations);
@@ -619,7 +621,8 @@ pub fn planned_slot<O: Objective>(
     Some(PlannedSlot { waypoint, ids, next_stop, is_charging: false })
 }
 
-/// The stops [m] of a plan after its first slot, and the bends around zones between them, at most 63 points.
+/// The stops [m] of a plan after its first slot, and the bends around zones between them, at most 63 points; where plans
+/// hover with the way home.
 #[must_use]
 pub fn planned_path<O: Objective>(model: &PlanModel, forecast: &Forecast<O>) -> Vec<Position> {
     let airspace = &model.table.airspace;
@@ -630,6 +633,11 @@ pub fn planned_path<O: Objective>(model: &PlanModel, forecast: &Forecast<O>) -> 
             Some(before) if !airspace.is_open() => path.extend(airspace.way(&before, &leg.at)),
             _ => path.push(leg.at),
         }
+    }
+    if O::HOVERS {
+        let last = path.last().copied().unwrap_or(forecast.window.start);
+        let home = model.route_home(forecast.window.flown_slots, &last);
+        path.extend(home.iter().flat_map(|route| airspace.way(&last, &route.end())));
     }
     path.dedup();
     path.truncate(MAX_PATH_POINTS - 1);

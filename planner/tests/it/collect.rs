@@ -188,7 +188,9 @@ fn collect_delivers_more_than_horizon_where_sensor_nodes_sample() {
 #[test]
 fn operators_count_what_they_proposed_and_what_became_of_it() {
     for (objective, operators) in [("loss", 5), ("collect", 6)] {
-        let text = format!("slots = 20\n[planner]\nobjective = '{objective}'\nhorizon.iterations = 40\n");
+        let text = format!(
+            "slots = 20\n[sensors]\nsampling_bps = 3000.0\n[planner]\nobjective = '{objective}'\nhorizon.iterations = 40\n"
+        );
         let scenario = scenario_of(&text, "horizon", 3);
         let (mut mission, mut restarted) = (TestMission::new(&scenario), TestMission::new(&scenario));
         mission.by_ref().take(20).for_each(drop);
