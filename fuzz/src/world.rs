@@ -9,7 +9,7 @@ use std::sync::LazyLock;
 use arbitrary::{Result, Unstructured};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
-use skysink_planner::plan::lookahead::HorizonKeys;
+use skysink_planner::plan::keys::HorizonKeys;
 use skysink_planner::settings::{self, Knowledge, Rates, Settings};
 use skysink_planner::strategies::look_ahead::{self, OfflineKeys};
 use skysink_planner::strategies::names;

@@ -11,7 +11,7 @@ use skysink_common::scenario::Scenario;
 use toml::Table;
 
 pub use crate::keys::{Knowledge, PlanningObjective, Settings};
-use crate::plan::lookahead::{HorizonKeys, LookAheadPart};
+use crate::plan::keys::{HorizonKeys, LookAheadPart};
 use crate::route::home::Home;
 use crate::strategies::{PYTHON, STRATEGIES, one_of};
 use crate::strategy::{Registered, StrategyKeys};

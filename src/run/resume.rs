@@ -29,7 +29,7 @@ use skysink_mission::trace::RecordedSlot;
 use skysink_mission::{MissionError, Plant, drive};
 use skysink_planner::FleetPlanner;
 use skysink_planner::node::journal;
-use skysink_planner::plan::lookahead::HorizonKeys;
+use skysink_planner::plan::keys::HorizonKeys;
 use skysink_planner::settings;
 use skysink_planner::strategy::rule;
 use skysink_ring::folder::RingFolder;

@@ -21,7 +21,7 @@ use skysink_mission::folder::Earlier;
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
-use skysink_planner::plan::lookahead::HorizonKeys;
+use skysink_planner::plan::keys::HorizonKeys;
 use skysink_planner::strategies::look_ahead::{self, OfflineKeys};
 use skysink_planner::strategies::names;
 use skysink_planner::strategy::Registered;

@@ -4,7 +4,8 @@ use std::ops::ControlFlow;
 
 use super::anneal::{Best, Cooling, SearchSteps, anneal};
 use super::forecast::Forecast;
-use super::lookahead::{COOLING, LookAheadPart, Lookahead, MOST_RISE, REHEATING};
+use super::keys::LookAheadPart;
+use super::lookahead::{COOLING, Lookahead, MOST_RISE, REHEATING};
 use super::objective::Objective;
 use super::start;
 use crate::strategy::View;

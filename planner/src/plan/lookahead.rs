@@ -3,23 +3,19 @@
 use std::marker::PhantomData;
 use std::ops::ControlFlow;
 use std::sync::Arc;
-use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::estimate::Uncertainty;
 use skysink_common::geometry::{Position, within};
-use skysink_common::keys::Accepts;
-use skysink_common::message::MAX_PATH_POINTS;
 use skysink_common::random::{Purpose, Streams};
 use skysink_common::sampling::Sampler;
 use skysink_common::sensors::Sensors;
-use strum::VariantNames;
 
 use super::anneal::{Best, Cooling, SearchSteps, anneal};
-use super::decoder::{BaseVisit, Leg};
 use super::forecast::Forecast;
 use super::groups::PlannedStop;
+use super::keys::{HorizonKeys, LookAheadPart};
 use super::model::{OtherVisits, PlanModel};
 use super::objective::Objective;
 use super::operators::operators;
@@ -29,7 +25,7 @@ use super::start;
 use super::window::PlanningWindow;
 use crate::neighbours::PlannedVisit;
 use crate::operator_counts::OperatorCounts;
-use crate::strategy::{Setup, Timing, View};
+use crate::strategy::{Setup, View};
 
 /// Lower limit on the estimated bits per slot of an SN: one that does not sample cannot be distinguished from one that
 /// rarely does.
@@ -85,56 +81,6 @@ const MOST_DEVIATIONS: f64 = 6.0;
 /// Longest planning window [slots] unless the scenario has another: four times the mission of the UTS letter.
 const MOST_SLOTS: u64 = 2_400;
 
-/// Times for a search.
-const BUDGET_MS: Accepts =
-    Accepts::Number("milliseconds above 0, at most 3600000", |budget_ms| budget_ms > 0.0 && budget_ms <= 3.6e6);
-
-skysink_common::keys! {
-    /// `[planner.horizon]`.
-    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-    #[serde(deny_unknown_fields)]
-    pub struct HorizonKeys {
-        /// Search steps in each slot.
-        iterations: u32 = 6000, Accepts::Whole(0, 1_000_000_000);
-        /// Longest planning window [slots]; 2400 if absent. A window that reaches to the mission's end loses less than
-        /// a shorter one that moves with the slot.
-        window: Option<u64>, Accepts::Whole(1, 1_000_000);
-        /// A part of the method to leave out, for ablations.
-        without: Option<LookAheadPart>, Accepts::OneOf(LookAheadPart::VARIANTS);
-        /// Time limit for the plan of a slot in paced runs [ms]. It has no effect in lock-step and in one process,
-        /// where results must not depend on a clock.
-        budget_ms: Option<f64>, BUDGET_MS;
-    }
-}
-
-impl HorizonKeys {
-    /// All parts of the method, over the default window.
-    #[must_use]
-    pub fn of(iterations: u32) -> Self {
-        Self { iterations, window: None, without: None, budget_ms: None }
-    }
-
-    /// Longest planning time for the slot of `view`; `None` if the mission is not paced.
-    #[must_use]
-    pub fn budget(&self, view: &View) -> Option<Duration> {
-        let budget_ms = self.budget_ms.filter(|_| view.timing == Timing::Paced);
-        budget_ms.map(|budget_ms| Duration::from_secs_f64(budget_ms / 1e3))
-    }
-}
-
-/// A part of the look-ahead that an ablation leaves out.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, VariantNames)]
-#[serde(rename_all = "kebab-case")]
-#[strum(serialize_all = "kebab-case")]
-pub enum LookAheadPart {
-    /// All parts are there, as if the key were absent.
-    Nothing,
-    /// Changes that lose more for a while: only improvements are accepted.
-    Annealing,
-    /// Groups of sensor nodes as stops.
-    Groups,
-}
-
 /// The look-ahead of a mission: its parameters, and the plan carried from slot to slot.
 #[derive(Debug, Clone)]
 pub struct Lookahead<O: Objective> {
@@ -184,19 +130,6 @@ struct Saved {
     vain_searches: u32,
     waypoint: Option<[f64; 2]>,
     counts: Vec<OperatorCounts>,
-}
-
-/// A slot of a plan.
-#[derive(Debug, Clone, PartialEq)]
-pub struct PlannedSlot {
-    /// Waypoint at the end of the slot.
-    pub waypoint: Position,
-    /// The served sensor nodes, ascending.
-    pub ids: Vec<u32>,
-    /// The waypoint of the next stop, and the slots to it.
-    pub next_stop: Option<(Position, i32)>,
-    /// Whether the UAV charges, and serves nobody.
-    pub is_charging: bool,
 }
 
 impl<O: Objective> Lookahead<O> {
@@ -577,67 +510,4 @@ impl<O: Objective> Checkpoint for Lookahead<O> {
 /// Estimated bits per slot of an SN, raised above 0.
 fn least_mean_bits(mean_bits: f64) -> f64 {
     mean_bits.max(LEAST_MEAN_BITS)
-}
-
-/// Slot `slot`, from 1, of a plan, with the UAV at `from` at its beginning; `None` after the last stop.
-#[must_use]
-pub fn planned_slot<O: Objective>(
-    model: &PlanModel,
-    forecast: &Forecast<O>,
-    slot: i32,
-    from: &Position,
-) -> Option<PlannedSlot> {
-    let (legs, visits) = (&forecast.trace.legs, &forecast.trace.visits);
-    let index = legs.partition_point(|leg| leg.end < slot);
-    let leg = legs.get(index)?;
-    let begin = index.checked_sub(1).map_or(0, |before| legs[before].end);
-    // Where the leg leads, and when it is there: to the base first, if it is due.
-    let arrives = |leg: &Leg| leg.end - leg.hovered;
-    let mut end = (leg.at, arrives(leg));
-    let mut next = legs.get(legs.partition_point(|leg| leg.end <= slot)).map(|leg| (leg.at, arrives(leg)));
-    if let Some(BaseVisit { slots: way, charged, at }) = leg.via {
-        if slot > begin + way && slot <= begin + way + charged {
-            return Some(PlannedSlot { waypoint: *from, ids: Vec::new(), next_stop: None, is_charging: true });
-        }
-        if slot <= begin + way {
-            end = (at, begin + way);
-            next = Some(end);
-        }
-    }
-    // A leg of several slots is flown in equal steps, after the slots around zones.
-    let airspace = &model.table.airspace;
-    let waypoint = if airspace.is_free(from, &end.0) {
-        from + (end.0 - from) / f64::from((end.1 - slot + 1).max(1))
-    } else {
-        model.table.motion.toward(from, &end.0)
-    };
-    let visits = visits[visits.partition_point(|visit| visit.slot < slot)..].iter();
-    let visits = visits.take_while(|visit| visit.slot == slot);
-    let mut ids: Vec<u32> = visits.map(|visit| model.ids[visit.sensor as usize]).collect();
-    ids.sort_unstable();
-    let next_stop = next.map(|(at, end)| (at, end - slot));
-    Some(PlannedSlot { waypoint, ids, next_stop, is_charging: false })
-}
-
-/// The stops [m] of a plan after its first slot, and the bends around zones between them, at most 63 points; where plans
-/// hover with the way home.
-#[must_use]
-pub fn planned_path<O: Objective>(model: &PlanModel, forecast: &Forecast<O>) -> Vec<Position> {
-    let airspace = &model.table.airspace;
-    let mut path: Vec<Position> = Vec::new();
-    for leg in forecast.trace.legs.iter().filter(|leg| leg.end > 1) {
-        match path.last().copied() {
-            Some(_) if !airspace.is_open() && path.len() >= MAX_PATH_POINTS => break,
-            Some(before) if !airspace.is_open() => path.extend(airspace.way(&before, &leg.at)),
-            _ => path.push(leg.at),
-        }
-    }
-    if O::HOVERS {
-        let last = path.last().copied().unwrap_or(forecast.window.start);
-        let home = model.route_home(forecast.window.flown_slots, &last);
-        path.extend(home.iter().flat_map(|route| airspace.way(&last, &route.end())));
-    }
-    path.dedup();
-    path.truncate(MAX_PATH_POINTS - 1);
-    path
 }

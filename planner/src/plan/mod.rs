@@ -14,17 +14,20 @@
 //! | [`start`] | initial plans |
 //! | [`operators`], [`anneal`] | the changes that are proposed, and the search |
 //! | [`long_search`] | the search before the mission |
-//! | [`lookahead`] | the plan that is carried from slot to slot |
+//! | [`lookahead`], [`planned`] | the plan that is carried from slot to slot, and its first slot |
+//! | [`keys`] | the keys of `horizon` |
 
 pub mod anneal;
 pub mod decoder;
 pub mod forecast;
 pub mod groups;
+pub mod keys;
 pub mod long_search;
 pub mod lookahead;
 pub mod model;
 pub mod objective;
 pub mod operators;
+pub mod planned;
 pub mod points;
 pub mod sensor;
 pub mod start;

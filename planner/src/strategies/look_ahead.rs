@@ -24,9 +24,11 @@ use crate::keys::PlanningObjective;
 use crate::neighbours::PlannedVisit;
 use crate::operator_counts::OperatorCounts;
 use crate::plan::forecast::Forecast;
+use crate::plan::keys::HorizonKeys;
 use crate::plan::long_search::{SearchOutcome, SearchProgress};
-use crate::plan::lookahead::{HorizonKeys, Lookahead, PlannedSlot, planned_path, planned_slot};
+use crate::plan::lookahead::Lookahead;
 use crate::plan::objective::{Collect, Loss, Objective};
+use crate::plan::planned::{PlannedSlot, planned_path, planned_slot};
 use crate::strategy::{Decision, Registered, Setup, Strategy, Timing, View};
 
 /// `horizon` in the registry.

@@ -6,7 +6,7 @@ use expect_test::expect_file;
 use skysink_common::error::InputError;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_planner::Planner;
-use skysink_planner::plan::lookahead::HorizonKeys;
+use skysink_planner::plan::keys::HorizonKeys;
 use skysink_planner::settings::{Knowledge, Rates, Settings, WaypointSolver, change, resolve};
 use skysink_planner::strategies::look_ahead;
 

@@ -1,0 +1,85 @@
+//! A slot of a plan, and its path.
+
+use skysink_common::geometry::Position;
+use skysink_common::message::MAX_PATH_POINTS;
+
+use super::decoder::{BaseVisit, Leg};
+use super::forecast::Forecast;
+use super::model::PlanModel;
+use super::objective::Objective;
+
+/// A slot of a plan.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlannedSlot {
+    /// Waypoint at the end of the slot.
+    pub waypoint: Position,
+    /// The served sensor nodes, ascending.
+    pub ids: Vec<u32>,
+    /// The waypoint of the next stop, and the slots to it.
+    pub next_stop: Option<(Position, i32)>,
+    /// Whether the UAV charges, and serves nobody.
+    pub is_charging: bool,
+}
+
+/// Slot `slot`, from 1, of a plan, with the UAV at `from` at its beginning; `None` after the last stop.
+#[must_use]
+pub fn planned_slot<O: Objective>(
+    model: &PlanModel,
+    forecast: &Forecast<O>,
+    slot: i32,
+    from: &Position,
+) -> Option<PlannedSlot> {
+    let (legs, visits) = (&forecast.trace.legs, &forecast.trace.visits);
+    let index = legs.partition_point(|leg| leg.end < slot);
+    let leg = legs.get(index)?;
+    let begin = index.checked_sub(1).map_or(0, |before| legs[before].end);
+    // Where the leg leads, and when it is there: to the base first, if it is due.
+    let arrives = |leg: &Leg| leg.end - leg.hovered;
+    let mut end = (leg.at, arrives(leg));
+    let mut next = legs.get(legs.partition_point(|leg| leg.end <= slot)).map(|leg| (leg.at, arrives(leg)));
+    if let Some(BaseVisit { slots: way, charged, at }) = leg.via {
+        if slot > begin + way && slot <= begin + way + charged {
+            return Some(PlannedSlot { waypoint: *from, ids: Vec::new(), next_stop: None, is_charging: true });
+        }
+        if slot <= begin + way {
+            end = (at, begin + way);
+            next = Some(end);
+        }
+    }
+    // A leg of several slots is flown in equal steps, after the slots around zones.
+    let airspace = &model.table.airspace;
+    let waypoint = if airspace.is_free(from, &end.0) {
+        from + (end.0 - from) / f64::from((end.1 - slot + 1).max(1))
+    } else {
+        model.table.motion.toward(from, &end.0)
+    };
+    let visits = visits[visits.partition_point(|visit| visit.slot < slot)..].iter();
+    let visits = visits.take_while(|visit| visit.slot == slot);
+    let mut ids: Vec<u32> = visits.map(|visit| model.ids[visit.sensor as usize]).collect();
+    ids.sort_unstable();
+    let next_stop = next.map(|(at, end)| (at, end - slot));
+    Some(PlannedSlot { waypoint, ids, next_stop, is_charging: false })
+}
+
+/// The stops [m] of a plan after its first slot, and the bends around zones between them, at most 63 points; where plans
+/// hover with the way home.
+#[must_use]
+pub fn planned_path<O: Objective>(model: &PlanModel, forecast: &Forecast<O>) -> Vec<Position> {
+    let airspace = &model.table.airspace;
+    let mut path: Vec<Position> = Vec::new();
+    for leg in forecast.trace.legs.iter().filter(|leg| leg.end > 1) {
+        match path.last().copied() {
+            Some(_) if !airspace.is_open() && path.len() >= MAX_PATH_POINTS => break,
+            Some(before) if !airspace.is_open() => path.extend(airspace.way(&before, &leg.at)),
+            _ => path.push(leg.at),
+        }
+    }
+    if O::HOVERS {
+        let last = path.last().copied().unwrap_or(forecast.window.start);
+        let home = model.route_home(forecast.window.flown_slots, &last);
+        path.extend(home.iter().flat_map(|route| airspace.way(&last, &route.end())));
+    }
+    path.dedup();
+    path.truncate(MAX_PATH_POINTS - 1);
+    path
+}
