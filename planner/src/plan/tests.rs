@@ -17,7 +17,7 @@ use super::groups::PlannedStop;
 use super::keys::HorizonKeys;
 use super::lookahead::Lookahead;
 use super::model::{OtherVisits, PlanModel};
-use super::objective::Loss;
+use super::objective::{Collect, Loss};
 use super::sensor::SensorModel;
 use super::start;
 use super::window::PlanningWindow;
@@ -480,6 +480,59 @@ proptest! {
                 lost_bits += model.rest::<Loss>(index, 120.0, *empty) * sensor.cost_bits;
             }
             prop_assert!((lost_bits - forecast.cost).abs() < 1e-6 * lost_bits.max(1.0), "{lost_bits} {}", forecast.cost);
+        }
+    }
+}
+
+/// SNs at `positions_m` [m] that hold 30 kbit at most and sample 100 bit/s, over a link that takes slots to empty them.
+fn points_model(positions_m: &[[f64; 2]]) -> PlanModel {
+    let text = "name = 'x'\n[area]\nside_m = 400.0\n[link]\nbandwidth_hz = 2000.0\nresource_blocks = 2\n";
+    let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
+    let sensor = |&[x_m, y_m]: &[f64; 2]| SensorNode {
+        x_m,
+        y_m,
+        gain: 10f64.powf(-5.2),
+        sampling_bps: 100.0,
+        capacity_bits: 30_000,
+        ..SensorNode::default()
+    };
+    let nodes: Vec<SensorNode> = positions_m.iter().map(sensor).collect();
+    PlanModel::new::<Collect>(&scenario, &MissionTable::of(&scenario, &nodes), false, &Stop::default())
+}
+
+proptest! {
+    /// Where plans hover, too, a changed plan costs what it costs from scratch.
+    #[test]
+    fn an_attempted_change_delivers_as_much_as_the_changed_plan(
+        positions in prop::collection::vec([150.0..250.0, 150.0..250.0], 2..8),
+        drawn in prop::collection::vec((any::<prop::sample::Index>(), [-8.0..8.0, -8.0..8.0], 0u16..6), 1..20),
+        changes in prop::collection::vec((any::<[prop::sample::Index; 3]>(), any::<bool>()), 1..10),
+    ) {
+        let mut model = points_model(&positions.iter().map(|at: &[f64; 2]| *at).collect::<Vec<_>>());
+        let queues_bits = vec![20_000; positions.len()];
+        let window = PlanningWindow::<Collect>::new(&model, Position::new(200.0, 200.0), &queues_bits, 60, 0);
+        let stops: Vec<PlannedStop> = drawn.iter().map(|(index, [x_m, y_m], hovers)| {
+            let sensor = index.index(positions.len());
+            let at = Position::new(positions[sensor][0] + x_m, positions[sensor][1] + y_m);
+            model.add_point(sensor as u32, at, *hovers)
+        }).collect();
+        let mut forecast = Forecast::new(&model, window.clone());
+        forecast.load(&model, stops.iter().copied());
+        for (indices, is_kept) in changes {
+            let plan = forecast.stops();
+            let [a, b] = [indices[0].index(plan.len() + 1), indices[1].index(plan.len() + 1)];
+            let [from, to] = [a.min(b), a.max(b)];
+            let inserted = [(stops[indices[2].index(stops.len())], FRESH)];
+            let changed = plan[..from].iter().copied().chain([inserted[0].0]).chain(plan[to..].iter().copied());
+            let mut flown = Forecast::new(&model, window.clone());
+            flown.load(&model, changed);
+            let cost = forecast.attempt(&model, from, to, &inserted);
+            prop_assert!((cost - flown.cost).abs() <= 1e-6, "{} against {}", cost, flown.cost);
+            if is_kept {
+                forecast.accept(cost);
+                prop_assert_eq!(&forecast.trace.legs, &flown.trace.legs);
+                prop_assert_eq!(&forecast.trace.visits, &flown.trace.visits);
+            }
         }
     }
 }
