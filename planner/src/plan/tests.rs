@@ -508,7 +508,7 @@ proptest! {
         drawn in prop::collection::vec((any::<prop::sample::Index>(), [-8.0..8.0, -8.0..8.0], 0u16..6), 1..20),
         changes in prop::collection::vec((any::<[prop::sample::Index; 3]>(), any::<bool>()), 1..10),
     ) {
-        let mut model = points_model(&positions.iter().map(|at: &[f64; 2]| *at).collect::<Vec<_>>());
+        let mut model = points_model(&positions);
         let queues_bits = vec![20_000; positions.len()];
         let window = PlanningWindow::<Collect>::new(&model, Position::new(200.0, 200.0), &queues_bits, 60, 0);
         let stops: Vec<PlannedStop> = drawn.iter().map(|(index, [x_m, y_m], hovers)| {
