@@ -88,7 +88,7 @@ pub(crate) fn read_bytes(what: &'static str, path: &Path) -> Result<Vec<u8>, Inp
 /// Reads the text file `path`, of the kind `what`.
 ///
 /// # Errors
-/// As [`read_bytes`], or if it is not UTF-8.
+/// If it cannot be read, is not a regular file (a pipe may never end), or is not UTF-8.
 pub fn read_text(what: &'static str, path: &Path) -> Result<String, InputError> {
     let refuse = |message: &dyn Display| InputError::new(what, path, message);
     String::from_utf8(read_bytes(what, path)?).map_err(|error| {
