@@ -19,7 +19,7 @@ use skysink_mission::folder::Earlier;
 use skysink_mission::origin::{RunMode, SourceFile};
 use skysink_mission::record::RunFolder;
 use skysink_mission::sensor_results::{SensorResult, SensorTally};
-use skysink_mission::summary::Summary;
+use skysink_mission::summary::{OperatorUse, Summary};
 use skysink_mission::trace::{RecordedSlot, TraceHash};
 use skysink_mission::{MissionError, Plant, Replay, drive};
 use skysink_planner::strategies::PYTHON;
@@ -57,6 +57,14 @@ impl RunRecorder {
         let metrics = Metric::all().map(|metric| (metric, values[metric as usize]));
         let metrics = metrics.filter(|(_, value)| !value.is_nan()).collect();
         PyRun { scenario, list, mode, slots: self.slots, summary, metrics }
+    }
+}
+
+impl PyRun {
+    /// The run with what became of the changes that its searches proposed.
+    pub fn with_search(mut self, search: Vec<OperatorUse>) -> Self {
+        self.summary.search = search;
+        self
     }
 }
 

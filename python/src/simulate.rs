@@ -11,6 +11,7 @@ use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::drive::Observer;
 use skysink_mission::origin::RunMode;
+use skysink_mission::summary::OperatorUse;
 use skysink_mission::{Mission, MissionError, Plant};
 use skysink_planner::strategy::Registered;
 
@@ -72,7 +73,8 @@ fn by_registry(scenario: PyScenario, list: SensorList, stop: &Stop) -> Result<Py
     let mut mission = Mission::until(&scenario.scenario, &list, stop)?;
     let mut recorder = RunRecorder::new(&scenario.scenario, &list);
     mission.drive(&mut [&mut recorder], stop)?.unless_stopped()?;
-    Ok(recorder.end(scenario, list, mission.plant(), RunMode::default()))
+    let search = mission.planner.counts().into_iter().map(OperatorUse::from).collect();
+    Ok(recorder.end(scenario, list, mission.plant(), RunMode::default()).with_search(search))
 }
 
 /// Drives a mission with Python strategies, in this thread, and returns the plant after it.
