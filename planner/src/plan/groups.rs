@@ -57,20 +57,20 @@ impl PlannedStop {
 /// Sensors that are served together from any point of a disk.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ServiceDisk {
-    /// The points from which all members are in range. About their smallest enclosing circle of radius R, its radius is
-    /// `d_c − R` [m].
+    /// The points from which the links of all members carry most. About their smallest enclosing circle of radius R, its
+    /// radius is the least range of theirs less R [m].
     pub disk: Disk,
     /// The sensors by their numbers in the model, at most n.
     pub members: Vec<u32>,
 }
 
 impl ServiceDisk {
-    /// The disk about the smallest circle around `members`.
+    /// The disk about the smallest circle around `members`, whose links carry most within `ranges_m` [m] by sensor.
     #[must_use]
-    pub fn around(table: &MissionTable, members: Vec<u32>) -> Self {
+    pub fn around(table: &MissionTable, ranges_m: &[f64], members: Vec<u32>) -> Self {
         let points: Vec<Position> = members.iter().map(|&member| *table.sensors.position(member)).collect();
         let circle = Circle::around(&points);
-        let radius_m = (table.limits.comm_radius_m - circle.radius_m2.sqrt()).max(0.0);
+        let radius_m = (least_m(ranges_m, &members) - circle.radius_m2.sqrt()).max(0.0);
         Self { disk: Disk { centre: circle.centre, radius_m }, members }
     }
 }
@@ -79,6 +79,7 @@ impl ServiceDisk {
 #[derive(Debug, Clone)]
 struct Partition<'a> {
     table: &'a MissionTable,
+    ranges_m: &'a [f64],
     groups: Vec<Vec<u32>>,
     /// The group of each sensor.
     home: Vec<usize>,
@@ -86,14 +87,15 @@ struct Partition<'a> {
 }
 
 /// A partition of all sensors of `table` into groups that can be served together; empty if no two sensors can, and
-/// after `stop`.
-pub(crate) fn cover(table: &MissionTable, seed: u64, stop: &Stop) -> Vec<ServiceDisk> {
-    let neighbours: Vec<Vec<u32>> = table.sensors.ids().map(|sensor| near(table, sensor)).collect();
+/// after `stop`. The links of sensors carry most within `ranges_m` [m].
+pub(crate) fn cover(table: &MissionTable, ranges_m: &[f64], seed: u64, stop: &Stop) -> Vec<ServiceDisk> {
+    let neighbours: Vec<Vec<u32>> = table.sensors.ids().map(|sensor| near(table, ranges_m, sensor)).collect();
     if table.limits.blocks() < 2 || neighbours.iter().all(Vec::is_empty) {
         return Vec::new();
     }
     let mut partition = Partition {
         table,
+        ranges_m,
         groups: table.sensors.ids().map(|sensor| vec![sensor]).collect(),
         home: (0..table.sensors.positions.len()).collect(),
         points: Vec::new(),
@@ -103,17 +105,24 @@ pub(crate) fn cover(table: &MissionTable, seed: u64, stop: &Stop) -> Vec<Service
     if stop.requested().is_some() {
         return Vec::new();
     }
-    partition.groups.into_iter().map(|members| ServiceDisk::around(table, members)).collect()
+    partition.groups.into_iter().map(|members| ServiceDisk::around(table, ranges_m, members)).collect()
 }
 
 /// The sensors nearest to `sensor` that can be served together with it.
-fn near(table: &MissionTable, sensor: u32) -> Vec<u32> {
+fn near(table: &MissionTable, ranges_m: &[f64], sensor: u32) -> Vec<u32> {
     let at = table.sensors.position(sensor);
-    let apart_m = 2.0 * table.limits.comm_radius_m * FILL;
+    let apart_m = |other: u32| 2.0 * least_m(ranges_m, &[sensor, other]) * FILL;
     let mut near = table.sensors.grid.nearest(at, NEIGHBOURS + 1);
-    near.retain(|&other| other != sensor && distance_squared(table.sensors.position(other), at) <= apart_m * apart_m);
+    near.retain(|&other| {
+        other != sensor && distance_squared(table.sensors.position(other), at) <= apart_m(other).powi(2)
+    });
     near.truncate(NEIGHBOURS);
     near
+}
+
+/// The least range of `members` [m].
+fn least_m(ranges_m: &[f64], members: &[u32]) -> f64 {
+    members.iter().map(|&member| ranges_m[member as usize]).fold(f64::INFINITY, f64::min)
 }
 
 impl Partition<'_> {
@@ -125,13 +134,13 @@ impl Partition<'_> {
     }
 
     fn is_too_wide(&mut self, members: &[u32]) -> bool {
-        self.radius_m(members) > self.table.limits.comm_radius_m * FILL
+        self.radius_m(members) > least_m(self.ranges_m, members) * FILL
     }
 
     fn energy(&mut self, members: &[u32]) -> f64 {
         let full = members.len() as f64 / self.table.limits.blocks() as f64;
-        let excess = (self.radius_m(members) / (self.table.limits.comm_radius_m * FILL) - 1.0).max(0.0);
-        EXCESS * excess - full * full
+        let excess = self.radius_m(members) / (least_m(self.ranges_m, members) * FILL) - 1.0;
+        EXCESS * excess.max(0.0) - full * full
     }
 
     fn anneal(&mut self, neighbours: &[Vec<u32>], random: &mut ChaCha8Rng, stop: &Stop) {
@@ -228,6 +237,7 @@ mod tests {
     use std::sync::atomic::Ordering;
 
     use super::*;
+    use crate::plan::objective::Loss;
     use crate::plan::tests::model_of;
 
     #[test]
@@ -237,12 +247,12 @@ mod tests {
         let stop = Stop::default();
         let mut model = model_of(&sensors, 4, 5e6);
         let tours = model.tours.len();
-        model.group(1, &stop);
+        model.group::<Loss>(1, &stop);
         assert!(model.disks.len() > 40 && model.tours.len() > tours, "there are groups");
         stop.flag().store(2, Ordering::Relaxed);
         model.disks.truncate(40);
         model.tours.truncate(tours);
-        model.group(1, &stop);
+        model.group::<Loss>(1, &stop);
         assert_eq!((model.disks.len(), model.tours.len()), (40, tours));
     }
 }

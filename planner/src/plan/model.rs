@@ -170,7 +170,7 @@ impl PlanModel {
             model.disks.push(ServiceDisk { disk, members: vec![index] });
         }
         if may_group && model.is_scarce() {
-            model.group(scenario.seed, stop);
+            model.group::<O>(scenario.seed, stop);
         }
         let tours_slots = model.tours.iter().map(|tour| model.slots_of(tour));
         model.round_slots = tours_slots.fold(f64::INFINITY, f64::min).max(1.0);
@@ -203,24 +203,37 @@ impl PlanModel {
         self.sensors[index as usize].best_bits = best_bits;
     }
 
-    /// Radius of the disk of a single sensor [m]: the farthest at which the link carries most of its best capacity, or
-    /// of a full buffer, and up to which no building hides the sensor.
-    fn near_m<O: Objective>(&self, sensor: u32) -> f64 {
+    /// The farthest distance at which the link of `sensor` carries most of its best capacity, or of a full buffer [m].
+    fn carries_most_m<O: Objective>(&self, sensor: u32) -> f64 {
         let model = &self.sensors[sensor as usize];
         let full = O::capacity(model, model.capacity_bits);
         let enough = O::capacity(model, model.best_bits).min(full) * NEAR;
-        let radius_m = |step: u32| self.table.limits.comm_radius_m * f64::from(step) / f64::from(NEAR_RADII);
-        let is_enough = |step: &u32| self.capacity::<O>(sensor, radius_m(*step).powi(2), true) >= enough;
+        let is_enough = |radius_m: &f64| self.capacity::<O>(sensor, radius_m.powi(2), true) >= enough;
+        (1..=NEAR_RADII).rev().map(|step| self.near_radius_m(step)).find(is_enough).unwrap_or(0.0)
+    }
+
+    /// The `step`th of the radii that are compared [m].
+    fn near_radius_m(&self, step: u32) -> f64 {
+        self.table.limits.comm_radius_m * f64::from(step) / f64::from(NEAR_RADII)
+    }
+
+    /// Radius of the disk of a single sensor [m]: the farthest at which the link carries most, and up to which no building
+    /// hides the sensor.
+    fn near_m<O: Objective>(&self, sensor: u32) -> f64 {
+        let most_m = self.carries_most_m::<O>(sensor);
+        if self.table.channel.buildings().is_none() {
+            return most_m;
+        }
         let centre = self.table.sensors.position(sensor);
         let around = |step: u32| {
             let angle = |turn: u32| f64::from(turn) * TAU / f64::from(LOOKS);
             let direction = move |turn: u32| Vector2::new(angle(turn).cos(), angle(turn).sin());
-            (0..LOOKS).map(move |turn| centre + radius_m(step) * direction(turn))
+            let radius_m = self.near_radius_m(step);
+            (0..LOOKS).map(move |turn| centre + radius_m * direction(turn))
         };
         let is_seen = |at: Position| self.sees(sensor, &at) || !self.table.airspace.contains(&at);
-        let is_in_sight = |step: u32| self.table.channel.buildings().is_none() || around(step).all(is_seen);
-        let in_sight = (1..=NEAR_RADII).take_while(|&step| is_in_sight(step)).last().unwrap_or(0);
-        (1..=in_sight).rev().find(is_enough).map_or(0.0, radius_m)
+        let seen = (1..=NEAR_RADII).take_while(|&step| around(step).all(is_seen)).last();
+        seen.map_or(0.0, |step| self.near_radius_m(step)).min(most_m)
     }
 
     /// Whether loss may be hard to avoid, because many resource blocks are needed for the sampled bits, or a tour takes
@@ -236,9 +249,10 @@ impl PlanModel {
     /// Adds the groups of a partition of the field, with random numbers of `seed`, and for every size a tour over the
     /// groups of at least that size, if it skips few sensors: without a partition into full groups, skipping some may
     /// lose less.
-    pub(crate) fn group(&mut self, seed: u64, stop: &Stop) {
+    pub(crate) fn group<O: Objective>(&mut self, seed: u64, stop: &Stop) {
         let first = self.disks.len();
-        self.disks.extend(groups::cover(&self.table, seed, stop));
+        let ranges_m: Vec<f64> = self.table.sensors.ids().map(|index| self.carries_most_m::<O>(index)).collect();
+        self.disks.extend(groups::cover(&self.table, &ranges_m, seed, stop));
         let size = |group: u32| self.disks[group as usize].members.len();
         let groups = first as u32..self.disks.len() as u32;
         let mut sizes: Vec<usize> = groups.clone().map(size).collect();

@@ -358,6 +358,32 @@ fn capacities_with_a_free_altitude_equal_those_of_the_best_fixed_one() {
     assert!((0..=16).any(|level| explains(&level)));
 }
 
+#[test]
+fn groups_are_served_where_their_links_carry_most() {
+    let text = "name = 'x'\n[uav]\naltitude = 'free'\n[link]\nmodel = 'probabilistic-los'\nenvironment = 'high-rise'\n\
+                bandwidth_hz = 5e3\ncomm_radius_m = 60.0\n";
+    let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
+    let sensors: Vec<SensorNode> = (0u16..40)
+        .map(|i| SensorNode {
+            x_m: f64::from(i * 13 % 40) * 0.5 + 30.0,
+            y_m: f64::from(i * 7 % 40) * 0.5 + 30.0,
+            sampling_bps: 1e3,
+            capacity_bits: 30_000,
+            ..SensorNode::default()
+        })
+        .collect();
+    let model = PlanModel::new::<Loss>(&scenario, &MissionTable::of(&scenario, &sensors), true, &Stop::default());
+    let groups = &model.disks[sensors.len()..];
+    assert!(groups.iter().any(|group| group.members.len() > 1), "some are near enough");
+    for group in groups {
+        for &member in &group.members {
+            let farthest_m = (model.table.sensors.position(member) - group.disk.centre).norm() + group.disk.radius_m;
+            let [there, best] = [farthest_m.powi(2), 0.0].map(|d2_m2| model.capacity::<Loss>(member, d2_m2, true));
+            assert!(there >= 0.8 * best, "{there} of {best} at {farthest_m} m");
+        }
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(25))]
 
@@ -367,7 +393,7 @@ proptest! {
     ) {
         let mut model = model_of(&sensors, blocks, 5e6);
         model.disks.truncate(sensors.len());
-        model.group(1, &Stop::default());
+        model.group::<Loss>(1, &Stop::default());
         let groups = &model.disks[sensors.len()..];
         let mut members: Vec<u32> = groups.iter().flat_map(|group| group.members.iter().copied()).collect();
         members.sort_unstable();
