@@ -1,9 +1,14 @@
 //! What the UAVs of a fleet tell each other in a slot: prioritised planning (Erdmann and Lozano-Pérez, Algorithmica 2,
 //! 1987) against reservations.
 
+use std::f64::consts::FRAC_1_SQRT_2;
+
 use skysink_common::base::Base;
 use skysink_common::geometry::Position;
-use skysink_common::message::FlightReport;
+use skysink_common::message::{FlightReport, Plan};
+use skysink_common::scenario::{Coordination, Scenario};
+
+use crate::mission_table::MissionTable;
 
 /// What the other UAVs of a fleet tell a UAV before it plans a slot.
 ///
@@ -85,4 +90,81 @@ pub struct Reservations<'a> {
     pub base: Option<&'a Base>,
     /// The last slot of the UAV, before which it plans to be home.
     pub last: u64,
+}
+
+/// The places of a slot that are reserved for the UAVs of a fleet that keeps a distance, and of which those of lower
+/// number have planned.
+#[derive(Debug, Clone, Default)]
+pub struct ReservationTable {
+    /// Least distance between the ends of slots of two UAVs [m]; 0 for any, or if they do not talk.
+    separation_m: f64,
+    /// Whether a place that a UAV leaves is reserved for the slot: two moves around a corner of a grid, one after the
+    /// other, would come too near.
+    reserves_begins: bool,
+    /// The base, in which the UAVs may be near to each other.
+    base: Option<Base>,
+    /// That of each UAV; `None` for one that has landed.
+    places: Vec<Option<Reservation>>,
+    /// Where each UAV is before the slot [m]; empty if such places are not reserved.
+    begins: Vec<Option<Position>>,
+    /// What is reserved for all but one.
+    reserved: Vec<Reservation>,
+}
+
+impl ReservationTable {
+    /// That of a mission.
+    #[must_use]
+    pub fn of(scenario: &Scenario) -> Self {
+        let talks = scenario.uav.coordination.unwrap_or_default() != Coordination::Independent;
+        let separation_m = scenario.uav.separation_m.filter(|_| talks).unwrap_or(0.0);
+        let is_wide = |cell_m: f64| separation_m > cell_m * FRAC_1_SQRT_2 && scenario.move_slots() > 1;
+        Self {
+            separation_m,
+            reserves_begins: scenario.uav.grid_m().is_some_and(is_wide),
+            base: scenario.landing_base(),
+            ..Self::default()
+        }
+    }
+
+    /// Takes down where each UAV begins the slot [m], by its number; `None` for one that has landed.
+    pub fn begin(&mut self, begins: impl Iterator<Item = Option<Position>>) {
+        self.places.clear();
+        self.places.extend(begins.map(|at| at.map(|at| Reservation { at, kind: Reserved::MayStay })));
+        self.begins.clear();
+        if self.reserves_begins {
+            self.begins.extend(self.places.iter().map(|place| place.map(|place| place.at)));
+        }
+    }
+
+    /// Takes down that the UAV number `uav`, at `ground` [m], flies `slot` by `plan`.
+    pub fn reserve(&mut self, table: &MissionTable, slot: u64, uav: usize, ground: &Position, plan: &Plan) {
+        if let Some(place) = &mut self.places[uav] {
+            let (_, at) = table.motion.committed(slot, ground, &plan.waypoint().xy());
+            *place = Reservation { at, kind: Reserved::Ends };
+        }
+    }
+
+    /// What is reserved for the others of the UAV number `uav`, whose last slot is `last`.
+    pub fn others_of(&mut self, table: &MissionTable, slot: u64, uav: usize, last: u64) -> Reservations<'_> {
+        self.reserved.clear();
+        let others = self.places.iter().enumerate().filter(|(other, _)| *other != uav);
+        self.reserved.extend(others.filter_map(|(_, reservation)| *reservation));
+        let before = self.begins.iter().take(uav).flatten();
+        self.reserved.extend(before.map(|&at| Reservation { at, kind: Reserved::Leaves }));
+        Reservations {
+            separation_m: self.separation_m,
+            reserved: &self.reserved,
+            // Every other UAV gives way, in turns.
+            has_right_of_way: (slot / table.motion.move_slots() + uav as u64).is_multiple_of(2),
+            base: self.base.as_ref(),
+            last,
+        }
+    }
+
+    /// Nothing, while nobody has planned.
+    #[must_use]
+    pub fn nothing(&self, last: u64) -> Reservations<'_> {
+        let Self { separation_m, base, .. } = self;
+        Reservations { separation_m: *separation_m, reserved: &[], has_right_of_way: true, base: base.as_ref(), last }
+    }
 }

@@ -36,8 +36,8 @@ Reward ``"age"``: minus the mean over all SNs of the slots since they were last 
 
 An episode is truncated after the mission's last slot. It terminates when the UAV is down, its battery empty.
 
-With ``return_rule=True`` actions are flown as the decisions of strategies are: around zones, and home before energy or
-time end. Without it, which is the default, the UAV does what it is told: it holds before zones, and may go down.
+With ``return_rule=True`` actions are flown as the decisions of strategies are: around zones, apart from the other UAVs,
+and home before energy or time end. Without it, which is the default, the UAV does what it is told: it holds before zones, and may go down.
 
 Seeds are Skysink seeds: ``reset(seed=s)`` uses the field of the scenario with seed s. Without a seed, the next
 episode has the next seed: first the scenario's, then one more each (``num_envs`` more in a vector). With

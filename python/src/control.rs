@@ -4,7 +4,7 @@ use nalgebra::Point3;
 use numpy::{AllowTypeChange, PyArrayLike1, PyReadonlyArrayDyn};
 use pyo3::prelude::*;
 use skysink_common::geometry::{Position, above, within};
-use skysink_common::message::{MAX_SERVED, Mode, SolverOutcome};
+use skysink_common::message::{MAX_SERVED, SolverOutcome};
 use skysink_common::slot_record::Plans;
 use skysink_planner::strategy::Decision;
 
@@ -74,10 +74,11 @@ impl Actions {
     pub fn plans(&self, index: usize, episode: &mut Episode) -> Plans {
         let uavs = episode.plant.flights().len();
         let mut plans = Plans::new();
+        episode.begin_plans();
         for uav in 0..uavs {
             episode.uav = uav;
             let decision = self.decision(index * uavs + uav, episode);
-            plans.push(Some(episode.ruled(decision, Mode::Serve)));
+            plans.push(Some(episode.ruled_beside(decision)));
         }
         plans
     }

@@ -11,10 +11,12 @@ use skysink_common::error::InputError;
 use skysink_common::message::{FlightReport, Mode, Plan};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
-use skysink_common::slot_record::UAV;
+use skysink_common::slot_record::{ByUav, UAV};
 use skysink_common::stop::Stop;
 use skysink_mission::Plant;
 use skysink_planner::fleet::require_one;
+use skysink_planner::neighbours::{Neighbours, ReservationTable};
+
 use skysink_planner::rules::{Duty, RuleBook, Ruled};
 use skysink_planner::settings;
 use skysink_planner::strategy::{Decision, Timing, View};
@@ -84,6 +86,8 @@ pub struct Episode {
     fresh: Arc<Plant>,
     pub contacts: Contacts,
     decided: OwnRules,
+    /// Where the UAVs that plan before others end the slot.
+    reservations: ReservationTable,
     /// Positions of the sensor nodes, x and y alternating, as fractions of the area; empty if they are not observed.
     pub positions: Arc<[f32]>,
     /// Weights of the sensor nodes, by id; empty if the reward is not weighted.
@@ -183,6 +187,7 @@ impl Episode {
             number,
             uav: UAV,
             decided: OwnRules::default(),
+            reservations: ReservationTable::of(&scenario),
             contacts: Contacts::none(if course.rules.keeps_contacts { field.count() } else { 0 }),
             positions: if observed.has("positions") { field.position_fractions().collect() } else { Arc::default() },
             weights: if *reward == Reward::Weighted { weights(&list) } else { Arc::default() },
@@ -293,10 +298,37 @@ impl Episode {
         Ok(self.ruled(decision, mode))
     }
 
+    /// Begins the plans of a slot, of all UAVs by their numbers.
+    pub fn begin_plans(&mut self) {
+        self.reservations.begin(self.plant.flights().iter().map(|flight| Some(flight.position().xy())));
+    }
+
+    /// The plan of one of several UAVs by `decision`, after those of lower number.
+    pub fn ruled_beside(&mut self, decision: Decision) -> Plan {
+        let slot = self.plant.slot() + 1;
+        let mut reservations = std::mem::take(&mut self.reservations);
+        let last = self.course.scenario.slots;
+        let reserved = reservations.others_of(&self.field, slot, self.uav, last);
+        let flights: ByUav<FlightReport> = self.plant.flights().iter().copied().collect();
+        let neighbours =
+            Neighbours { uav: self.uav, flights: &flights, scheduled: &[], intents: None, reservations: reserved };
+        let plan = self.ruled_among(decision, Mode::Serve, Some(&neighbours));
+        reservations.reserve(&self.field, slot, self.uav, &flights[self.uav].position().xy(), &plan);
+        self.reservations = reservations;
+        plan
+    }
+
     /// The plan by `decision`. If the environment has the rules for strategies, what becomes of it by them.
     pub fn ruled(&mut self, decision: Decision, mode: Mode) -> Plan {
+        self.ruled_among(decision, mode, None)
+    }
+
+    fn ruled_among(&mut self, decision: Decision, mode: Mode, neighbours: Option<&Neighbours<'_>>) -> Plan {
         let ruled = match self.course.rules.has_return_rule {
-            true => self.served(|view, rules| rules.decide(view, Duty::Mission, &mut |_| Some(decision.clone()))),
+            true => self.served(|view, rules| {
+                let view = View { neighbours, ..*view };
+                rules.decide(&view, Duty::Mission, &mut |_| Some(decision.clone()))
+            }),
             false => Ruled { decision, mode: Mode::Serve },
         };
         let Ruled { decision, mode: by_rule } = ruled;

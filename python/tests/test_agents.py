@@ -11,6 +11,7 @@ import pytest
 from gymnasium import spaces
 
 import skysink
+from numpy.typing import NDArray
 from skysink import FleetBatch
 from skysink.environment import DataCollectionEnv
 
@@ -149,6 +150,28 @@ def test_clones_copies_and_pickles_continue_identically(scenario: skysink.Scenar
     assert one_step[1:4] == other_step[1:4]
     assert np.array_equal(env.state(), twin_env.state()) and isinstance(env.state_space, spaces.Box)
     assert env.state_space.contains(env.state())
+
+
+def test_agents_keep_apart_by_the_rules_of_strategies() -> None:
+    """Two agents that fly toward each other end their slots apart; without the rules the second is refused, and holds."""
+    keys: dict[str, Any] = {"uav.count": 2, "uav.separation_m": 20.0, "uav.starts_m": [[20.0, 60.0], [100.0, 60.0]]}
+    scenario = skysink.Scenario.letter().replace({**KEYS, **keys})
+    toward = {"uav_0": np.array([1.0, 0.0], dtype=np.float32), "uav_1": np.array([-1.0, 0.0], dtype=np.float32)}
+
+    def flown(return_rule: bool) -> NDArray[np.float32]:
+        env = skysink.parallel_env(scenario, return_rule=return_rule, observation=("uav",))
+        env.reset(seed=1)
+        places = []
+        for _ in range(6):
+            observations = env.step(toward)[0]
+            places.append([observations[agent]["uav"][:2] * 120.0 for agent in env.agents])
+        return np.array(places)
+
+    ruled, refused = flown(True), flown(False)
+    for places in (ruled, refused):
+        assert np.linalg.norm(places[:, 0] - places[:, 1], axis=1).min() >= 20.0 - 1e-3
+    assert np.array_equal(ruled[0], refused[0])
+    assert not np.array_equal(ruled, refused), "instead of being refused, one flies beside the other"
 
 
 def test_actions_may_have_any_memory_layout(scenario: skysink.Scenario) -> None:

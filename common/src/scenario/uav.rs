@@ -55,7 +55,7 @@ crate::keys! {
         /// Longest flight of each UAV [s], `[s, s, ...]`, with `must_land`: it is in the base when its own ends, and
         /// stays there.
         endurances_s: Option<Vec<f64>>, Accepts::Rule("a time of at least a slot for each of several UAVs, with must_land");
-        /// How the UAVs share the field (decision D22); `"sequential"` if absent.
+        /// How the UAVs share the field (decision D22); `"partition"` if absent.
         coordination: Option<Coordination>, Accepts::OneOf(Coordination::VARIANTS);
         /// A UAV may not fly to within this distance of where one of lower number ends the slot, outside of bases [m];
         /// those that are not `independent` plan for it (decision D23).
@@ -81,9 +81,9 @@ pub enum Coordination {
     Independent,
     /// Each plans after those of lower number, and counts the SNs that they have just scheduled as empty; strategies
     /// that look ahead count what all others plan to serve.
-    #[default]
     Sequential,
     /// Each plans for its piece of a closed tour over all SNs, alone.
+    #[default]
     Partition,
 }
 

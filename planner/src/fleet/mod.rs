@@ -4,12 +4,10 @@
 
 mod partition;
 
-use std::f64::consts::FRAC_1_SQRT_2;
 use std::time::Instant;
 
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
-use skysink_common::base::Base;
 use skysink_common::belief::Belief;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::error::InputError;
@@ -21,7 +19,7 @@ use skysink_common::stop::Stop;
 use toml::Value;
 
 use crate::mission_table::MissionTable;
-use crate::neighbours::{Neighbours, PlannedVisit, Reservation, Reservations, Reserved};
+use crate::neighbours::{Neighbours, PlannedVisit, ReservationTable};
 use crate::operator_counts::OperatorCounts;
 use crate::planner::Planner;
 use crate::rules::Duty;
@@ -36,13 +34,8 @@ const SPARE_MOVES: u64 = 3;
 pub struct FleetPlanner {
     members: ByUav<Member>,
     coordination: Coordination,
-    /// Least distance between the ends of slots of two UAVs [m]; 0 for any, or if they do not talk.
-    separation_m: f64,
-    /// Whether a place that a UAV leaves is reserved for the slot: two moves around a corner of a grid, one after the
-    /// other, would come too near.
-    reserves_begins: bool,
-    /// The base, in which the UAVs may be near to each other.
-    base: Option<Base>,
+    /// The places that are reserved for them.
+    reservations: ReservationTable,
     /// The SNs that each UAV is expected to serve before it has planned ahead; empty if none does.
     claims: Vec<Vec<u32>>,
     /// What each UAV plans to serve.
@@ -58,22 +51,11 @@ struct Shared {
     scheduled: Vec<u32>,
     /// What all but one UAV plan to serve, by slot.
     intents: Vec<PlannedVisit>,
-    /// The place that is reserved for each UAV; `None` for one that has landed.
-    places: Vec<Option<Reservation>>,
-    /// Where each UAV is before the slot [m]; empty if such places are not reserved.
-    begins: Vec<Option<Position>>,
-    /// What is reserved for all but one.
-    reserved: Vec<Reservation>,
 }
 
 impl Shared {
     /// Fills in what is told to the UAV number `uav`.
     fn tell(&mut self, uav: usize, intents: &[Vec<PlannedVisit>]) {
-        self.reserved.clear();
-        let others = self.places.iter().enumerate().filter(|(other, _)| *other != uav);
-        self.reserved.extend(others.filter_map(|(_, reservation)| *reservation));
-        let before = self.begins.iter().take(uav).flatten();
-        self.reserved.extend(before.map(|&at| Reservation { at, kind: Reserved::Leaves }));
         self.intents.clear();
         for (_, planned) in intents.iter().enumerate().filter(|(other, _)| *other != uav) {
             self.intents.extend_from_slice(planned);
@@ -129,9 +111,7 @@ impl From<Planner> for FleetPlanner {
         Self {
             members,
             coordination: Coordination::Independent,
-            separation_m: 0.0,
-            reserves_begins: false,
-            base: None,
+            reservations: ReservationTable::default(),
             claims: Vec::new(),
             intents: Vec::new(),
             shared: Shared::default(),
@@ -171,8 +151,8 @@ impl FleetPlanner {
             return Ok(Planner::by(scenario, sensors, make, stop)?.into());
         }
         let coordination = scenario.uav.coordination.unwrap_or_default();
-        let talks = coordination != Coordination::Independent;
-        let separation_m = scenario.uav.separation_m.filter(|_| talks).unwrap_or(0.0);
+        let reservations = ReservationTable::of(scenario);
+        let separation_m = reservations.nothing(scenario.slots).separation_m;
         let alone: Vec<Scenario> = (0..uavs).map(|uav| alone(scenario, uav, separation_m)).collect();
         let slots: Vec<u64> = alone.iter().map(|alone| alone.slots).collect();
         let mut parts = match coordination {
@@ -195,13 +175,10 @@ impl FleetPlanner {
             Ok(Member { planner, last, endurance, subfield: Some(Subfield { ids, queues_bits: Vec::new() }) })
         };
         let members = alone.iter().enumerate().map(member).collect::<Result<ByUav<Member>, InputError>>()?;
-        let is_wide = |cell_m: f64| separation_m > cell_m * FRAC_1_SQRT_2 && scenario.move_slots() > 1;
         Ok(Self {
             members,
             coordination,
-            separation_m,
-            reserves_begins: scenario.uav.grid_m().is_some_and(is_wide),
-            base: scenario.landing_base(),
+            reservations,
             claims: Vec::new(),
             intents: vec![Vec::new(); uavs],
             shared: Shared::default(),
@@ -254,7 +231,7 @@ impl FleetPlanner {
         let begin = Instant::now();
         let duties = self.duties(slot, flights);
         self.begin_slot(slot, flights, queues_bits, &duties);
-        let Self { members, coordination, separation_m, base, intents, shared, .. } = self;
+        let Self { members, coordination, reservations, intents, shared, .. } = self;
         let is_sequential = *coordination == Coordination::Sequential;
         let before = begin.elapsed() / members.len() as u32; // at most MAX_UAVS
         let mut plans = ByUav::with_capacity(members.len());
@@ -262,16 +239,10 @@ impl FleetPlanner {
         {
             let begin = Instant::now();
             shared.tell(uav, intents);
-            let reservations = Reservations {
-                separation_m: *separation_m,
-                reserved: &shared.reserved,
-                has_right_of_way: has_right_of_way(planner.table(), slot, uav),
-                base: base.as_ref(),
-                last: *endurance,
-            };
             let scheduled: &[u32] = if is_sequential { &shared.scheduled } else { &[] };
             let told = is_sequential.then_some(&shared.intents[..]);
-            let neighbours = Neighbours { uav, flights, scheduled, intents: told, reservations };
+            let reserved = reservations.others_of(planner.table(), slot, uav, *endurance);
+            let neighbours = Neighbours { uav, flights, scheduled, intents: told, reservations: reserved };
             let neighbours = Some(&neighbours).filter(|_| *coordination != Coordination::Independent);
             let own_bits = subfield.as_mut().map_or(queues_bits, |subfield| subfield.select(queues_bits));
             let mut plan = planner.plan(slot, flight.position(), own_bits, duties[uav], neighbours);
@@ -285,10 +256,7 @@ impl FleetPlanner {
             }
             plan.plan_ns = u64::try_from((before + begin.elapsed()).as_nanos()).unwrap_or(u64::MAX);
             shared.scheduled.extend_from_slice(plan.scheduled());
-            if let Some(place) = &mut shared.places[uav] {
-                let (_, at) = planner.table().motion.committed(slot, &flight.position().xy(), &plan.waypoint().xy());
-                *place = Reservation { at, kind: Reserved::Ends };
-            }
+            reservations.reserve(planner.table(), slot, uav, &flight.position().xy(), &plan);
             plans.push(plan);
         }
         if is_sequential {
@@ -311,7 +279,7 @@ impl FleetPlanner {
 
     /// Takes down where the UAVs are, and what they plan to serve before they plan `slot`.
     fn begin_slot(&mut self, slot: u64, flights: &[FlightReport], queues_bits: &[u32], duties: &[Duty]) {
-        let Self { members, coordination, separation_m, reserves_begins, base, claims, intents, shared } = self;
+        let Self { members, coordination, reservations, claims, intents, shared } = self;
         let is_first = members[0].planner.slot() == 0;
         shared.scheduled.clear();
         for (uav, planned) in intents.iter_mut().enumerate() {
@@ -321,27 +289,16 @@ impl FleetPlanner {
                 let claims = claims.get(uav).into_iter().flatten();
                 planned.extend(claims.flat_map(|&id| planner.claimed_visits(slot, id)));
             } else if *coordination == Coordination::Sequential && duties[uav] == Duty::Mission {
-                let reservations = Reservations {
-                    separation_m: *separation_m,
-                    reserved: &[],
-                    has_right_of_way: true,
-                    base: base.as_ref(),
-                    last: *endurance,
-                };
+                let reservations = reservations.nothing(*endurance);
                 let neighbours = Neighbours { uav, flights, scheduled: &[], intents: Some(&[]), reservations };
                 planner.visits(slot, flights[uav].position(), queues_bits, &neighbours, planned);
             }
         }
-        shared.places.clear();
-        shared.places.extend(members.iter().zip(flights).map(|(member, flight)| {
+        reservations.begin(members.iter().zip(flights).map(|(member, flight)| {
             let (table, ground) = (member.planner.table(), flight.position().xy());
             let has_ended = slot > member.last.saturating_add(table.motion.move_slots());
-            (!has_ended || !table.is_home(&ground)).then_some(Reservation { at: ground, kind: Reserved::MayStay })
+            (!has_ended || !table.is_home(&ground)).then_some(ground)
         }));
-        shared.begins.clear();
-        if *reserves_begins {
-            shared.begins.extend(shared.places.iter().map(|place| place.map(|place| place.at)));
-        }
     }
 
     /// Takes in that `plans`, one for each UAV, are flown in `slot` instead of those of the last [`Self::step`]. The
@@ -423,11 +380,6 @@ fn alone(scenario: &Scenario, uav: usize, separation_m: f64) -> Scenario {
     };
     let found = early(moves.saturating_add(SPARE_MOVES)).or_else(|| early(SPARE_MOVES));
     found.unwrap_or(alone)
-}
-
-/// Whether the UAV number `uav` stays in `slot` where it would have to give way: every other one does, in turns.
-fn has_right_of_way(table: &MissionTable, slot: u64, uav: usize) -> bool {
-    (slot / table.motion.move_slots() + uav as u64).is_multiple_of(2)
 }
 
 /// Refuses a scenario with several UAVs.
