@@ -101,7 +101,7 @@ fn more_uavs_lose_less_and_least_with_partitioning() {
     }
     // The rule for a slot is the same for all, and they start at the same place.
     let [alone, independent] = ["", "count = 3\ncoordination = 'independent'\n"].map(|uav| lost("gfs", uav));
-    let sequential = lost("gfs", "count = 3\n");
+    let sequential = lost("gfs", "count = 3\ncoordination = 'sequential'\n");
     assert!(independent == alone && sequential < independent, "{alone} {independent} {sequential}");
 }
 
@@ -286,7 +286,8 @@ fn fleets_on_a_grid_share_no_cell_of_the_base_while_they_fly() {
 #[test]
 fn plans_do_not_rely_on_a_uav_that_is_down() {
     let text = "name = 'down'\nslots = 150\n[area]\nside_m = 150.0\n[sensors]\ncount = 40\nsampling_bps = 300.0\n[planner]\n\
-                horizon.iterations = 60\n[uav]\ncount = 2\nseparation_m = 4.0\nstarts_m = [[20, 20], [75, 75]]\n";
+                horizon.iterations = 60\n[uav]\ncount = 2\ncoordination = 'sequential'\n\
+                separation_m = 4.0\nstarts_m = [[20, 20], [75, 75]]\n";
     let of = |strategy: &'static str| scenario_of(text, strategy);
     for strategy in ["horizon", "mes"] {
         let scenario = of(strategy);

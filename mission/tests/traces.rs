@@ -31,38 +31,54 @@ const ZONES: &str = "no_fly = [{ polygon_m = [[70, 40], [90, 40], [90, 160], [70
 const BATTERY: &str =
     "base.radius_m = 10.0\nbase.charge_w = 2000.0\nuav.battery.capacity_j = 12000.0\nuav.must_land = true\n";
 
+/// Several UAVs that keep apart.
+const FLEET: &str = "uav.count = 3\nuav.separation_m = 5.0\n";
+
 /// Models by name: keys before the first table, and keys of `[area]`.
-const MODELS: [(&str, &str, &str); 9] = [
-    ("open", "", ""),
-    ("battery", BATTERY, ""),
-    ("zones", "", ZONES),
-    ("zones and battery", BATTERY, ZONES),
-    ("grid", "uav.moves = 'grid'\nuav.cell_m = 20.0\nuav.max_speed_mps = 20.0\n", ZONES),
+const MODELS: [(&str, &[&str], &str); 10] = [
+    ("open", &[], ""),
+    ("battery", &[BATTERY], ""),
+    ("zones", &[], ZONES),
+    ("zones and battery", &[BATTERY], ZONES),
+    ("grid", &["uav.moves = 'grid'\nuav.cell_m = 20.0\nuav.max_speed_mps = 20.0\n"], ZONES),
     (
         "grid of four slots a move, battery",
-        "uav.moves = 'grid'\nuav.cell_m = 20.0\nuav.max_speed_mps = 5.0\nbase.areas_m = [[[80, 0], [120, 0], [120, 30], [80, 30]]]\n\
+        &[
+            "uav.moves = 'grid'\nuav.cell_m = 20.0\nuav.max_speed_mps = 5.0\nbase.areas_m = [[[80, 0], [120, 0], [120, 30], [80, 30]]]\n\
          uav.start_m = [90, 10]\nbase.charge_w = 2000.0\nuav.battery.capacity_j = 12000.0\nuav.must_land = true\n",
+        ],
         "",
     ),
-    ("estimated", "planner.knowledge = 'estimated'\nplanner.rates = 'learnt'\n", ""),
-    ("fleet", "uav.count = 3\nuav.separation_m = 5.0\n", ""),
-    ("fleet, zones and battery", "FLEET", ZONES),
+    ("estimated", &["planner.knowledge = 'estimated'\nplanner.rates = 'learnt'\n"], ""),
+    ("fleet", &[FLEET], ""),
+    ("fleet, zones and battery", &[FLEET, BATTERY], ZONES),
+    (
+        "line of sight, free altitude",
+        &[
+            "uav.altitude = 'free'\nuav.altitude_m = 50.0\nlink.model = 'probabilistic-los'\nlink.environment = 'dense-urban'\n\
+           link.bandwidth_hz = 5e3\nlink.noise_dbm = -109.0\nlink.comm_radius_m = 60.0\n",
+        ],
+        "",
+    ),
 ];
 
 /// The scenario of a strategy with a model.
-fn text((_, _, planner): (&str, &str, &str), (_, keys, area): (&str, &str, &str)) -> String {
-    let keys =
-        if keys == "FLEET" { format!("uav.count = 3\nuav.separation_m = 5.0\n{BATTERY}") } else { keys.to_owned() };
+fn text((_, _, planner): (&str, &str, &str), (_, keys, area): (&str, &[&str], &str)) -> String {
     format!(
         "name = 'trace'\nseed = 5\nslots = 80\narea.side_m = 200.0\n{}sensors.count = 60\n\
-         sensors.sampling_bps = [100.0, 900.0]\nplanner.horizon.iterations = 200\nplanner.offline.steps = 4000\n{keys}{}",
+         sensors.sampling_bps = [100.0, 900.0]\nplanner.horizon.iterations = 200\nplanner.offline.steps = 4000\n{}{}",
         area.lines().map(|line| format!("area.{line}\n")).collect::<String>(),
+        keys.concat(),
         planner.lines().map(|line| format!("planner.{line}\n")).collect::<String>(),
     )
 }
 
 /// The loss and the hash of a mission, in a line.
-fn line(strategy: (&'static str, &'static str, &'static str), model: (&str, &str, &str), coordination: &str) -> String {
+fn line(
+    strategy: (&'static str, &'static str, &'static str),
+    model: (&str, &[&str], &str),
+    coordination: &str,
+) -> String {
     let keys = if coordination.is_empty() { String::new() } else { format!("uav.coordination = '{coordination}'\n") };
     let scenario = scenario_of(&(text(strategy, model) + &keys), strategy.1);
     let mut mission = Mission::new(&scenario, &SensorList::of(&scenario).unwrap()).unwrap();
