@@ -411,6 +411,20 @@ def map_sparse():
     return plot("map-sparse", *runs, "--title", "Trajectories over 500 slots · 300 m × 300 m")
 
 
+@entry("objectives", 0.3)
+def objectives():
+    """The trajectories of `horizon` over one field, by what it minimises."""
+    runs = []
+    for objective in "loss age peak-age collect".split():
+        runs.append(OUT / "objectives" / objective)
+        keys = ["slots=300", f"{SIDE}=500", "sensors.count=60", "sensors.sampling_bps=[20.0, 600.0]"]
+        keys += ["planner.horizon.iterations=2000", f'planner.objective="{objective}"']
+        words = [word for key in keys for word in ("--set", key)]
+        words += ["--out", runs[-1], "--force"]
+        run("skysink", "simulate", "scenarios/letter.toml", "--strategy", "horizon", *words)
+    return plot("objectives", *runs, "--title", "Trajectories over 300 slots · 500 m × 500 m")
+
+
 @entry("altitude", 0)
 def altitude():
     """The loss against the altitude in a dense urban environment."""

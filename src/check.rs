@@ -129,8 +129,7 @@ fn rows(figures: &Figures) -> Vec<(&'static str, String)> {
         ("offered load, N s τ", figures.load.to_string()),
         ("flight without loss", loss_free(&figures.loss_free)),
     ]);
-    let objective =
-        figures.objective.map(|_| "the most data delivered until the end, by horizon and offline".to_owned());
+    let objective = figures.objective.map(|objective| format!("{}, by horizon and offline", objective.words()));
     rows.extend(objective.map(|objective| ("objective", objective)));
     rows.extend(figures.arrivals.map(|arrivals| ("arrivals", arrivals.to_string())));
     let weights = figures.weights.map(|weights| joined(weights.map(|weight| weight.to_string())));

@@ -9,11 +9,12 @@ use skysink_common::scenario::{Propulsion, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::SlotRecord;
 use skysink_common::slot_record::{ByUav, UAV, uploads};
-use skysink_mission::ages::{AgeCounts, Ages, DeliveredData};
+use skysink_mission::ages::{AgeCounts, Ages, DeliveredData, GapSums, ServiceGaps};
 use skysink_mission::drive::{Observer, SlotSink};
 use skysink_mission::origin::RunMode;
 use skysink_mission::summary::{RunTiming, Summary, Tally};
 use skysink_mission::{MissionError, Plant};
+use skysink_planner::settings::{ObjectiveWeights, Settings};
 use strum::{EnumCount, VariantArray};
 
 use crate::optimize::LossBounds;
@@ -57,9 +58,26 @@ struct MeteredMission<'a> {
     /// The ages of the delivered data [slots].
     data_ages: AgeCounts,
     /// The bits delivered by each sensor node.
+    /// The sums over the gaps between services.
+    gaps: GapSums,
     delivered_bits: &'a [u64],
     /// The bounds; only `offline` has them.
     bounds: Option<LossBounds>,
+}
+
+impl MeteredMission<'_> {
+    /// The slots of SNs with an age above the limit, by weight; NaN without a limit.
+    fn deadline_slots(&self) -> f64 {
+        if self.meter.has_deadline { self.gaps.late } else { f64::NAN }
+    }
+
+    /// What the mission costs by `planner.objective` (decision D36).
+    fn objective(&self) -> f64 {
+        let Some(ObjectiveWeights { loss, age, peak_age, deadline }) = self.meter.objective else { return f64::NAN };
+        let MissionMeter { tally, slot_s, .. } = self.meter;
+        let GapSums { ages, peaks8, late, .. } = self.gaps;
+        loss * tally.lost_bits() + age * ages * slot_s + peak_age * peaks8 * slot_s.powi(8) + deadline * late
+    }
 }
 
 /// What the rows of real numbers, of fractions, and of wall-clock times have in common.
@@ -122,6 +140,13 @@ metrics! {
         |m| m.service_ages.mean() * m.meter.slot_s;
     AoiP99S: SECONDS, "aoi_p99_s", "99th percentile of the time since the last service",
         |m| m.service_ages.quantile(0.99) as f64 * m.meter.slot_s;
+    AoiWeightedS: SECONDS, "aoi_weighted_s", "mean time since the last service, by weight",
+        |m| m.gaps.ages * m.meter.slot_s / (m.meter.gaps.weight() * m.meter.slot as f64);
+    AoiPeakMeanS: SECONDS, "aoi_peak_mean_s", "mean age before a service",
+        |m| m.gaps.peaks as f64 * m.meter.slot_s / m.gaps.gaps as f64;
+    AoiPeakMaxS: SECONDS, "aoi_peak_max_s", "largest age before a service", |m| m.gaps.highest as f64 * m.meter.slot_s;
+    DeadlineSlots: REAL, "deadline_slots", "slots of sensor nodes with an age above the limit", |m| m.deadline_slots();
+    Objective: REAL, "objective", "cost by planner.objective", |m| m.objective();
     DataAgeMeanS: SECONDS, "data_age_mean_s", "mean age of the delivered data",
         |m| m.data_ages.mean() * m.meter.slot_s;
     DataAgeP99S: SECONDS, "data_age_p99_s", "99th percentile of the age of the delivered data",
@@ -188,6 +213,10 @@ pub struct MissionMeter {
     energy_j: f64,
     slot: u64,
     service_ages: Ages,
+    gaps: ServiceGaps,
+    has_deadline: bool,
+    /// What of each cost counts; `None` for what is to be collected, and strategies that are not ours.
+    objective: Option<ObjectiveWeights>,
     data: DeliveredData,
     stay: Stay,
 }
@@ -196,6 +225,9 @@ impl MissionMeter {
     /// The meter before slot 1.
     #[must_use]
     pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
+        let weights = list.weights(&list.sampling(scenario));
+        let limit_slots = |deadline_s: f64| (deadline_s / scenario.slot_s) as u64; // saturates
+        let deadline_slots = scenario.sensors.deadline_s.map_or(u64::MAX, limit_slots);
         Self {
             tally: Tally::new(scenario, list, &RunMode::default()),
             slot_s: scenario.slot_s,
@@ -206,6 +238,9 @@ impl MissionMeter {
             energy_j: 0.0,
             slot: 0,
             service_ages: Ages::new(list.sensors().len()),
+            gaps: ServiceGaps::new((0..list.sensors().len()).map(|id| weights.factor(id)).collect(), deadline_slots),
+            has_deadline: scenario.sensors.deadline_s.is_some(),
+            objective: Settings::of(scenario).ok().and_then(|settings| settings.objective.weights()),
             data: DeliveredData::new(scenario, list),
             stay: Stay::new(scenario, list),
         }
@@ -231,7 +266,8 @@ impl MissionMeter {
     fn values_of(&self, summary: &Summary, delivered_bits: &[u64], bounds: Option<LossBounds>) -> MetricValues {
         let service_ages = self.service_ages.counts(self.slot, |_| true);
         let data_ages = self.data.counts(self.slot);
-        let mission = MeteredMission { meter: self, summary, service_ages, data_ages, delivered_bits, bounds };
+        let gaps = self.gaps.sums(self.slot);
+        let mission = MeteredMission { meter: self, summary, service_ages, data_ages, gaps, delivered_bits, bounds };
         let mut values = [0.0; Metric::COUNT];
         for (value, metric) in values.iter_mut().zip(Metric::all()) {
             *value = (metric.row().of)(&mission);
@@ -260,6 +296,7 @@ impl MissionMeter {
         for link in uploads(flights) {
             let sensor = link.sensor as usize;
             self.service_ages.refresh(sensor, self.slot, self.slot);
+            self.gaps.serve(sensor, self.slot);
             self.data.add(sensor, self.slot, delivered_bits[sensor], queues_bits[sensor].into());
         }
     }

@@ -165,9 +165,10 @@ pub fn optimize(
     let is_offline = |scenario: &&Scenario| scenario.planner.strategy == look_ahead::OFFLINE.name;
     let others = || scenarios.iter().filter(|scenario| !is_offline(scenario));
     let offline = scenarios.iter().find(is_offline).expect("the mission with every strategy");
-    if Settings::of(offline)?.objective == PlanningObjective::Collect {
+    let objective = Settings::of(offline)?.objective;
+    if objective != PlanningObjective::LOSS {
         let expected = "\"loss\": the flight of least loss is searched";
-        return Err(offline.refusal("planner.objective", &"collect".into(), expected).into());
+        return Err(offline.refusal("planner.objective", &objective.value(), expected).into());
     }
     require_one(offline)?;
     let list = SensorList::of(offline)?;

@@ -1,12 +1,11 @@
 //! The results of each sensor node (SN) of a mission: `sensors_out.csv`.
 
 use std::fmt::Write as _;
-use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use skysink_common::slot_record::{SlotRecord, uploads};
 
-use crate::ages::AgeRun;
+use crate::ages::{AgeRun, sum};
 use crate::drive::Observer;
 use crate::error::MissionError;
 use crate::files::write_whole;
@@ -49,12 +48,6 @@ impl SensorSums {
         let last_gap = ages.end.saturating_sub(1);
         [self.ages + sum(&ages), self.longest_gap.max(last_gap)]
     }
-}
-
-/// The sum of consecutive numbers.
-fn sum(ages: &Range<u64>) -> u64 {
-    let count = ages.end.saturating_sub(ages.start);
-    count * (ages.start + ages.end).saturating_sub(1) / 2
 }
 
 /// The sums of all SNs of a mission.

@@ -309,8 +309,12 @@ impl WeightedLoss {
         }
     }
 
+    fn lost_bits(&self) -> f64 {
+        self.weights.sum(self.ledger.lost_bits(self.slot).map(|lost_bits| lost_bits as f64))
+    }
+
     fn loss_rate(&self) -> f64 {
-        let lost_bits = self.weights.sum(self.ledger.lost_bits(self.slot).map(|lost_bits| lost_bits as f64));
+        let lost_bits = self.lost_bits();
         let sampled_bits = || {
             let sampled_bits = (0..self.ledger.queues_bits().len()).map(|id| self.ledger.sampled_bits(id, self.slot));
             self.weights.sum(sampled_bits.map(|sampled_bits| sampled_bits as f64))
@@ -380,6 +384,12 @@ impl Tally {
             energy.add(summary.slots, self.slot_s, flight);
         }
         summary.timing.missed_deadlines += u64::from(is_late(flight));
+    }
+
+    /// Bits lost so far, by the weights of the sensor nodes where they differ.
+    #[must_use]
+    pub fn lost_bits(&self) -> f64 {
+        self.weighted.as_ref().map_or(self.summary.totals.lost_bits as f64, WeightedLoss::lost_bits)
     }
 
     /// Adds the send times of the samples of a slot.

@@ -6,6 +6,7 @@ use skysink_common::estimate::Rates;
 use skysink_common::keys::Accepts;
 use skysink_common::scenario::Scenario;
 use strum::VariantNames;
+use toml::Value;
 
 use crate::waypoint::WaypointSolver;
 
@@ -21,8 +22,8 @@ skysink_common::keys! {
         knowledge: Knowledge = "oracle", Accepts::OneOf(Knowledge::VARIANTS);
         /// Knowledge of the sampling rates; `"learnt"` needs `knowledge = "estimated"`.
         rates: Rates = "known", Accepts::OneOf(Rates::VARIANTS);
-        /// What `horizon` and `offline` plan for: the least loss, or the most data delivered until the mission's end.
-        objective: PlanningObjective = "loss", Accepts::OneOf(PlanningObjective::VARIANTS);
+        /// What `horizon` and `offline` plan for, by name, or a sum of costs, `{ loss = 1, age = 0.2 }` (decision D36).
+        objective: PlanningObjective = "loss", Accepts::Rule("\"loss\", \"collect\", \"age\", \"peak-age\", \"deadline\", or a table of loss, age, peak_age and deadline: weights of at least 0, not all 0");
     }
 }
 
@@ -37,7 +38,27 @@ impl Settings {
             let expected = "\"known\", or planner.knowledge = \"estimated\", with which rates may be learnt";
             return Err(scenario.refusal("planner.rates", &"learnt".into(), expected));
         }
+        settings.check_objective(scenario)?;
         Ok(settings)
+    }
+
+    /// Refuses weights that are no objective, and a limit of ages that is missing.
+    fn check_objective(&self, scenario: &Scenario) -> Result<(), InputError> {
+        let Some(weights) = self.objective.weights() else { return Ok(()) };
+        let all = [weights.loss, weights.age, weights.peak_age, weights.deadline];
+        let is_weight = |weight: &f64| weight.is_finite() && *weight >= 0.0;
+        if !all.iter().all(is_weight) || all.iter().sum::<f64>() == 0.0 {
+            return Err(scenario.refusal(
+                "planner.objective",
+                &self.objective.value(),
+                "weights of at least 0, not all 0",
+            ));
+        }
+        if weights.deadline > 0.0 && scenario.sensors.deadline_s.is_none() {
+            let expected = "sensors.deadline_s, the limit of ages, beside it";
+            return Err(scenario.refusal("planner.objective", &self.objective.value(), expected));
+        }
+        Ok(())
     }
 
     /// What the UAV knows of the rates if it has to estimate the queues; `None` if it knows them.
@@ -58,13 +79,96 @@ pub enum Knowledge {
     Estimated,
 }
 
-/// What plans over many slots are made for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, VariantNames)]
-#[serde(rename_all = "kebab-case")]
-#[strum(serialize_all = "kebab-case")]
+/// What plans over many slots are made for (decision D36).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(
+    untagged,
+    expecting = "expected \"loss\", \"collect\", \"age\", \"peak-age\", \"deadline\", or a table of loss, age, peak_age and deadline"
+)]
 pub enum PlanningObjective {
+    /// One of those with a name.
+    Named(NamedObjective),
+    /// A sum of costs.
+    Sum(ObjectiveWeights),
+}
+
+/// Objectives with a name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum NamedObjective {
     /// The least data lost.
     Loss,
     /// The most data delivered until the mission's end, wherever nothing, or little, is sampled.
     Collect,
+    /// The least mean age of service.
+    Age,
+    /// The least peak age: the sum of the eighth powers of the ages before services.
+    PeakAge,
+    /// The fewest slots with an age above `sensors.deadline_s`.
+    Deadline,
+}
+
+/// What of each cost counts, times the weights of the sensor nodes.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ObjectiveWeights {
+    /// Of a bit that is lost.
+    pub loss: f64,
+    /// Of a second of age in a slot.
+    pub age: f64,
+    /// Of the eighth power of the age before a service, in seconds.
+    pub peak_age: f64,
+    /// Of a slot with an age above the limit.
+    pub deadline: f64,
+}
+
+impl PlanningObjective {
+    /// The least data lost.
+    pub const LOSS: Self = Self::Named(NamedObjective::Loss);
+
+    /// The weights of its costs; `None` for what is to be collected.
+    #[must_use]
+    pub fn weights(self) -> Option<ObjectiveWeights> {
+        let none = ObjectiveWeights::default();
+        match self {
+            Self::Sum(weights) => Some(weights),
+            Self::Named(NamedObjective::Collect) => None,
+            Self::Named(NamedObjective::Loss) => Some(ObjectiveWeights { loss: 1.0, ..none }),
+            Self::Named(NamedObjective::Age) => Some(ObjectiveWeights { age: 1.0, ..none }),
+            Self::Named(NamedObjective::PeakAge) => Some(ObjectiveWeights { peak_age: 1.0, ..none }),
+            Self::Named(NamedObjective::Deadline) => Some(ObjectiveWeights { deadline: 1.0, ..none }),
+        }
+    }
+
+    /// Its value in a scenario.
+    ///
+    /// # Panics
+    /// Never: it can be written.
+    #[must_use]
+    pub fn value(self) -> Value {
+        Value::try_from(self).expect("names and numbers can be written")
+    }
+
+    /// What it asks for, in words.
+    #[must_use]
+    pub fn words(self) -> String {
+        let Some(ObjectiveWeights { loss, age, peak_age, deadline }) = self.weights() else {
+            return "the most data delivered until the end".to_owned();
+        };
+        let parts = [
+            (loss, "data lost"),
+            (age, "mean age of service"),
+            (peak_age, "peak age of service"),
+            (deadline, "slots beyond the deadline"),
+        ];
+        let parts = parts.iter().filter(|(weight, _)| *weight > 0.0);
+        let weighted: Vec<String> = parts.map(|(weight, words)| format!("{weight} × {words}")).collect();
+        format!("the least {}", weighted.join(" + ").trim_start_matches("1 × "))
+    }
+
+    /// Whether the most data is to be delivered.
+    #[must_use]
+    pub fn is_collect(self) -> bool {
+        self.weights().is_none()
+    }
 }

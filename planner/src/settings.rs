@@ -10,7 +10,7 @@ use skysink_common::geometry::Position;
 use skysink_common::scenario::Scenario;
 use toml::Table;
 
-pub use crate::keys::{Knowledge, PlanningObjective, Settings};
+pub use crate::keys::{Knowledge, NamedObjective, ObjectiveWeights, PlanningObjective, Settings};
 use crate::plan::keys::{HorizonKeys, LookAheadPart};
 use crate::route::home::Home;
 use crate::strategies::{PYTHON, STRATEGIES, one_of};
@@ -61,7 +61,7 @@ pub fn check(scenario: &Scenario) -> Result<Settings, InputError> {
 /// Checks that an ablation leaves out a part that the search has.
 fn check_parts(scenario: &Scenario, settings: &Settings) -> Result<(), InputError> {
     let HorizonKeys { without, .. } = scenario.planner_keys("planner.horizon")?;
-    if settings.objective == PlanningObjective::Collect && without == Some(LookAheadPart::Groups) {
+    if settings.objective.is_collect() && without == Some(LookAheadPart::Groups) {
         let expected = "`nothing` or `annealing`: a plan that collects has no groups (planner.objective)";
         return Err(scenario.refusal("planner.horizon.without", &"groups".into(), expected));
     }

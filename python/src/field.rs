@@ -17,7 +17,7 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_planner::geometry::disks::Disk;
-use skysink_planner::keys::{PlanningObjective, Settings};
+use skysink_planner::keys::Settings;
 use skysink_planner::mission_table::MissionTable;
 use skysink_planner::rules::RuleBook;
 use skysink_planner::strategies::serving::{fill_fullest_in_range, fill_most_in_range};
@@ -132,9 +132,10 @@ impl FieldData {
     /// The sensor nodes that a UAV at `uav` [m] serves by default.
     pub fn fullest(&self, uav: &Point3<f64>, queues_bits: &[u32]) -> Vec<u32> {
         let mut ids = Vec::new();
-        match self.settings.objective {
-            PlanningObjective::Collect => fill_most_in_range(&self.table, uav, queues_bits, &mut ids),
-            PlanningObjective::Loss => fill_fullest_in_range(&self.table, &uav.xy(), queues_bits, &mut ids),
+        if self.settings.objective.is_collect() {
+            fill_most_in_range(&self.table, uav, queues_bits, &mut ids);
+        } else {
+            fill_fullest_in_range(&self.table, &uav.xy(), queues_bits, &mut ids);
         }
         ids
     }

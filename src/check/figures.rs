@@ -110,7 +110,7 @@ impl Figures {
         Ok(Self {
             strategy: scenario.planner.strategy.clone(),
             objective: Some(Settings::of(scenario)?.objective)
-                .filter(|objective| *objective != PlanningObjective::Loss),
+                .filter(|objective| *objective != PlanningObjective::LOSS),
             sensors: nodes.len(),
             slots: scenario.slots,
             reach_m,

@@ -8,12 +8,14 @@ use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::estimate::Uncertainty;
 use skysink_common::geometry::{Position, within};
+use skysink_common::message::FlightReport;
 use skysink_common::random::{Purpose, Streams};
 use skysink_common::sampling::Sampler;
 use skysink_common::sensors::Sensors;
 
 use super::anneal::{Best, Cooling, SearchSteps, anneal};
 use super::forecast::Forecast;
+use super::gaps::GapCosts;
 use super::groups::PlannedStop;
 use super::keys::{HorizonKeys, LookAheadPart};
 use super::model::{OtherVisits, PlanModel};
@@ -94,6 +96,8 @@ pub struct Lookahead<O: Objective> {
     beside_m: f64,
     /// What became of the proposals of each operator.
     pub(super) counts: Vec<OperatorCounts>,
+    /// The slot of the last service of each SN, 0 before the first; empty unless ages count.
+    served: Vec<u32>,
     plan: Carried,
     objective: PhantomData<O>,
 }
@@ -130,6 +134,7 @@ struct Saved {
     vain_searches: u32,
     waypoint: Option<[f64; 2]>,
     counts: Vec<OperatorCounts>,
+    served: Vec<u32>,
 }
 
 impl<O: Objective> Lookahead<O> {
@@ -142,13 +147,16 @@ impl<O: Objective> Lookahead<O> {
         let Setup { scenario, belief, stop, .. } = *setup;
         let sensors = &setup.table.sensors;
         let may_group = keys.without != Some(LookAheadPart::Groups);
+        let weights = setup.settings.objective.weights();
+        let costs = weights.map(|weights| GapCosts::new(&weights, scenario.slot_s, scenario.sensors.deadline_s));
+        let costs = costs.filter(|_| O::COUNTS_AGES).unwrap_or(GapCosts::LOSS);
         let model = if belief.has_learnt_rates() {
             let mean_bits = sensors.ids().map(|id| least_mean_bits(belief.mean_bits(sensors, id))).collect();
             let sampling = sensors.sampling.with_means(mean_bits);
             let estimated = Sensors { sampling, ..Sensors::clone(sensors) };
-            PlanModel::new::<O>(scenario, &setup.table.over(scenario, Arc::new(estimated)), may_group, stop)
+            PlanModel::new::<O>(scenario, &setup.table.over(scenario, Arc::new(estimated)), &costs, may_group, stop)
         } else {
-            PlanModel::new::<O>(scenario, setup.table, may_group, stop)
+            PlanModel::new::<O>(scenario, setup.table, &costs, may_group, stop)
         };
         Self {
             model,
@@ -157,6 +165,7 @@ impl<O: Objective> Lookahead<O> {
             keys,
             beside_m: if O::HOVERS { MOST_DEVIATIONS * scenario.uav.position_error_m.unwrap_or(0.0) } else { 0.0 },
             counts: vec![OperatorCounts::default(); operators::<O>().len()],
+            served: if O::COUNTS_AGES { vec![0; sensors.count()] } else { Vec::new() },
             plan: Carried {
                 stops: Vec::new(),
                 temperature: FIRST_TEMPERATURE,
@@ -167,6 +176,15 @@ impl<O: Objective> Lookahead<O> {
                 waypoint: None,
             },
             objective: PhantomData,
+        }
+    }
+
+    /// Takes in the services of the flights of `slot`, where ages count.
+    pub(crate) fn observe(&mut self, slot: u64, flights: &[FlightReport]) {
+        for link in flights.iter().flat_map(FlightReport::served_links) {
+            if let Some(served) = self.served.get_mut(link.sensor as usize) {
+                *served = u32::try_from(slot).unwrap_or(u32::MAX);
+            }
         }
     }
 
@@ -345,8 +363,11 @@ impl<O: Objective> Lookahead<O> {
         // A UAV beside its waypoint has arrived: otherwise a hover would never be over.
         let ground = view.ground();
         let start = self.plan.waypoint.filter(|at| within(at, &ground, self.beside_m)).unwrap_or(ground);
-        let mut window = PlanningWindow::new(&self.model, start, view.belief.queues_bits, slots, left - slots)
-            .with_battery(view.slot.saturating_sub(1), view.battery.energy_j);
+        let begun = view.slot.saturating_sub(1) as f64;
+        let age_slots = |id: u32| self.served.get(id as usize).map_or(0.0, |served| begun - f64::from(*served));
+        let mut window =
+            PlanningWindow::new(&self.model, start, view.belief.queues_bits, age_slots, slots, left - slots)
+                .with_battery(view.slot.saturating_sub(1), view.battery.energy_j);
         if O::HOVERS {
             window.under_way = self.plan.stops.first().filter(|_| self.plan.is_under_way).map(|stop| stop.disk);
             // What other UAVs will take is theirs.
@@ -474,6 +495,7 @@ impl<O: Objective> Checkpoint for Lookahead<O> {
             vain_searches: *vain_searches,
             waypoint: waypoint.map(Into::into),
             counts: self.counts.clone(),
+            served: self.served.clone(),
         };
         encode(&saved, bytes);
     }
@@ -489,11 +511,12 @@ impl<O: Objective> Checkpoint for Lookahead<O> {
         CheckpointError::ensure(saved.points.iter().all(is_known), "points of this field")?;
         CheckpointError::ensure(saved.waypoint.iter().all(is_point), "a waypoint")?;
         CheckpointError::ensure(saved.counts.len() == self.counts.len(), "the operators of this objective")?;
+        CheckpointError::ensure(saved.served.len() == self.served.len(), "a service of each sensor node")?;
         if O::HOVERS {
             self.model.disks.clear();
             saved.points.iter().for_each(|(point, sensor)| _ = self.model.add_point(*sensor, (*point).into(), 0));
         }
-        self.counts = saved.counts;
+        (self.counts, self.served) = (saved.counts, saved.served);
         self.plan = Carried {
             stops: saved.stops.into_iter().map(|(disk, hovers)| PlannedStop { disk, hovers }).collect(),
             temperature: saved.temperature,

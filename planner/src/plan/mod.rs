@@ -20,6 +20,7 @@
 pub mod anneal;
 pub mod decoder;
 pub mod forecast;
+pub mod gaps;
 pub mod groups;
 pub mod keys;
 pub mod long_search;

@@ -13,6 +13,7 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::grid::Grid;
 use skysink_common::stop::Stop;
 
+use super::gaps::GapCosts;
 use super::groups::{self, ServiceDisk};
 use super::objective::Objective;
 use super::points::PointMemory;
@@ -132,10 +133,16 @@ impl PlanModel {
     /// The model of a scenario with the SNs of `mission`; if it `may_group`, with groups if resource blocks
     /// or time are scarce. After `stop` it is made without search, and must not be flown.
     #[must_use]
-    pub fn new<O: Objective>(scenario: &Scenario, mission: &MissionTable, may_group: bool, stop: &Stop) -> Self {
+    pub fn new<O: Objective>(
+        scenario: &Scenario,
+        mission: &MissionTable,
+        costs: &GapCosts,
+        may_group: bool,
+        stop: &Stop,
+    ) -> Self {
         let scenario = &*if O::HOVERS { Cow::Borrowed(scenario) } else { with_margin(scenario) };
         let is_near = |id: &u32| mission.home.as_ref().is_none_or(|home| home.may_serve(mission.sensors.position(*id)));
-        let samples = |id: &u32| O::HOVERS || mission.sensors.sampler(*id).mean_bits > 0.0;
+        let samples = |id: &u32| O::HOVERS || O::COUNTS_AGES || mission.sensors.sampler(*id).mean_bits > 0.0;
         let ids: Vec<u32> = mission.servable().filter(samples).filter(is_near).collect();
         let grid = |positions: &[Position]| Grid::over(&scenario.area, positions, scenario.link.comm_radius_m);
         let table = mission.over(scenario, Arc::new(mission.sensors.subset(&ids, grid)));
@@ -161,7 +168,7 @@ impl PlanModel {
             neighbours: Vec::new(),
             points: RefCell::default(),
         };
-        model.table.sensors.ids().for_each(|index| model.add_sensor(index));
+        model.table.sensors.ids().for_each(|index| model.add_sensor(index, costs));
         if O::HOVERS {
             return model;
         }
@@ -169,7 +176,7 @@ impl PlanModel {
             let disk = Disk { centre: *model.table.sensors.position(index), radius_m: model.near_m::<O>(index) };
             model.disks.push(ServiceDisk { disk, members: vec![index] });
         }
-        if may_group && model.is_scarce() {
+        if may_group && (O::COUNTS_AGES || model.is_scarce()) {
             model.group::<O>(scenario.seed, stop);
         }
         let tours_slots = model.tours.iter().map(|tour| model.slots_of(tour));
@@ -178,8 +185,8 @@ impl PlanModel {
         model
     }
 
-    /// Adds the sensor `index`.
-    fn add_sensor(&mut self, index: u32) {
+    /// Adds the sensor `index`, whose gaps cost `costs`.
+    fn add_sensor(&mut self, index: u32, costs: &GapCosts) {
         let sampler = self.table.sensors.sampler(index);
         let rim_m2 = self.table.limits.comm_radius_m * self.table.limits.comm_radius_m;
         let weight = self.table.sensors.weights.factor(index as usize);
@@ -189,8 +196,9 @@ impl PlanModel {
             cost_bits: weight * sampler.mean_bits,
             weight,
             capacity_bits: sampler.capacity_bits.into(),
-            is_emptied: self.capacity_bits(index, rim_m2, self.table.channel.buildings().is_none())
-                >= f64::from(sampler.capacity_bits),
+            is_emptied: costs.is_by_visits()
+                || self.capacity_bits(index, rim_m2, self.table.channel.buildings().is_none())
+                    >= f64::from(sampler.capacity_bits),
             initial_half_slots: 0.0,
             rate_half_fraction: 0.0,
             left_slots: 0.0,
@@ -198,6 +206,7 @@ impl PlanModel {
             noise_slots2: noise_slots2(self.table.arrivals, sampler.mean_bits, sampler.fill_slots()),
             noise_before_slots2: 0.0,
             best_bits: f64::INFINITY,
+            costs: *costs,
         });
         let best_bits = self.carried_bits(index, 0.0, true);
         self.sensors[index as usize].best_bits = best_bits;
@@ -451,6 +460,7 @@ mod tests {
             let model = PlanModel::new::<crate::plan::objective::Loss>(
                 &scenario,
                 &MissionTable::of(&scenario, &[node]),
+                &GapCosts::LOSS,
                 true,
                 &Stop::default(),
             );

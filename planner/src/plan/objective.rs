@@ -21,8 +21,11 @@ pub trait Objective: Debug + Clone + Copy + PartialEq + 'static {
     /// Otherwise they stop anywhere in a disk, for a slot, and end with the last stop.
     const HOVERS: bool = false;
 
-    /// The buffer of `sensor` before slot 1 of the window, with `queue_bits` [bit].
-    fn begin(sensor: &SensorModel, queue_bits: f64) -> Self::Level;
+    /// Whether ages of service count: then all sensors do, also those that sample nothing.
+    const COUNTS_AGES: bool = false;
+
+    /// The buffer of `sensor` before slot 1 of the window, with `queue_bits` [bit], `age_slots` after its last service.
+    fn begin(sensor: &SensorModel, queue_bits: f64, age_slots: f64) -> Self::Level;
 
     /// The buffer after another UAV has taken `bits` [bit] in `slot`, where its visits are not flown through.
     fn leave(sensor: &SensorModel, level: Self::Level, slot: f64, bits: f64) -> Self::Level {
@@ -108,7 +111,7 @@ impl Objective for Loss {
     type Level = f64;
 
     #[inline]
-    fn begin(sensor: &SensorModel, queue_bits: f64) -> f64 {
+    fn begin(sensor: &SensorModel, queue_bits: f64, _: f64) -> f64 {
         -queue_bits / sensor.mean_bits - sensor.overdue_slots
     }
 
@@ -200,7 +203,7 @@ impl Objective for Collect {
 
     const HOVERS: bool = true;
 
-    fn begin(_: &SensorModel, queue_bits: f64) -> QueueLevel {
+    fn begin(_: &SensorModel, queue_bits: f64, _: f64) -> QueueLevel {
         QueueLevel { bits: queue_bits, slot: 0.0 }
     }
 

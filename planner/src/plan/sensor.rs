@@ -2,12 +2,14 @@
 
 use skysink_common::arrivals::ArrivalLaw;
 
+use super::gaps::GapCosts;
+
 /// A sensor node (SN) of a plan, in slots.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SensorModel {
     /// Slots in which its empty buffer fills, `C_i = B / (s_i τ)`.
     pub fill_slots: f64,
-    /// Bits sampled per slot, and lost per slot when full, `s_i τ`, above 0.
+    /// Bits sampled per slot, and lost per slot when full, `s_i τ`; above 0 unless ages count.
     pub mean_bits: f64,
     /// What a slot of overflow costs [bit]: `w_i s_i τ`, by the weight of its bits (decision D25).
     pub cost_bits: f64,
@@ -31,6 +33,8 @@ pub struct SensorModel {
     pub noise_slots2: f64,
     /// The same of the queue before the window, if that is estimated.
     pub noise_before_slots2: f64,
+    /// What its gaps cost, where ages count.
+    pub costs: GapCosts,
 }
 
 impl SensorModel {

@@ -13,6 +13,7 @@ use skysink_common::scenario::{Overrides, Scenario};
 use super::anneal::{Cooling, SearchSteps, anneal};
 use super::decoder::{Visit, serve};
 use super::forecast::{FRESH, Forecast};
+use super::gaps::{GapCosts, Gaps};
 use super::groups::PlannedStop;
 use super::keys::HorizonKeys;
 use super::lookahead::Lookahead;
@@ -25,7 +26,7 @@ use crate::bound::paths::PathBound;
 use crate::mission_table::MissionTable;
 use crate::neighbours::PlannedVisit;
 use crate::operator_counts::OperatorCounts;
-use crate::settings::Rates;
+use crate::settings::{ObjectiveWeights, Rates};
 use crate::strategy::tests::over;
 use crate::strategy::{Setup, Timing, View};
 use skysink_common::random::{Purpose, Streams};
@@ -49,7 +50,7 @@ pub(crate) fn model_of(positions_m: &[([f64; 2], f64)], blocks: u32, width_hz: f
         ..SensorNode::default()
     };
     let nodes: Vec<SensorNode> = positions_m.iter().map(sensor).collect();
-    PlanModel::new::<Loss>(&scenario, &MissionTable::of(&scenario, &nodes), true, &Stop::default())
+    PlanModel::new::<Loss>(&scenario, &MissionTable::of(&scenario, &nodes), &GapCosts::LOSS, true, &Stop::default())
 }
 
 /// From (200, 200), with all queues at 10 kbit, to the mission's end after `slots`.
@@ -210,6 +211,38 @@ proptest! {
     }
 
     #[test]
+    fn an_attempted_change_of_a_sum_of_costs_costs_as_much_as_the_changed_plan(
+        model in models(), drawn in prop::collection::vec(any::<prop::sample::Index>(), 1..60),
+        weights in prop::sample::select(vec![[0.0, 1.0, 0.0, 0.0], [1.0, 40.0, 0.0, 900.0], [0.0, 0.0, 1e-6, 0.0]]),
+        changes in prop::collection::vec((any::<[prop::sample::Index; 3]>(), any::<bool>()), 1..12),
+    ) {
+        let [loss, age, peak_age, deadline] = weights;
+        let costs = GapCosts::new(&ObjectiveWeights { loss, age, peak_age, deadline }, 1.0, Some(20.0));
+        let mut model = model;
+        model.sensors.iter_mut().for_each(|sensor| sensor.costs = costs);
+        let queues_bits = vec![10_000; model.sensors.len()];
+        let planning = PlanningWindow::<Gaps>::new(&model, [200.0, 200.0].into(), &queues_bits, |id| f64::from(id), 3_000, 0);
+        let stop = |index: &prop::sample::Index| PlannedStop::at(index.index(model.disks.len()) as u32);
+        let mut forecast = Forecast::new(&model, planning.clone());
+        forecast.load(&model, drawn.iter().map(stop));
+        for (indices, is_kept) in changes {
+            let plan = forecast.stops();
+            let [a, b] = [indices[0].index(plan.len() + 1), indices[1].index(plan.len() + 1)];
+            let [from, to] = [a.min(b), a.max(b)];
+            let inserted = [(stop(&indices[2]), FRESH)];
+            let changed = plan[..from].iter().copied().chain([inserted[0].0]).chain(plan[to..].iter().copied());
+            let mut flown = Forecast::new(&model, planning.clone());
+            flown.load(&model, changed);
+            let cost = forecast.attempt(&model, from, to, &inserted);
+            prop_assert!((cost - flown.cost).abs() <= 1e-9 * flown.cost.max(1.0), "{} against {}", cost, flown.cost);
+            prop_assert!(cost >= planning.least(&model) - 1e-9 * cost.abs(), "below the bound");
+            if is_kept {
+                forecast.accept(cost);
+            }
+        }
+    }
+
+    #[test]
     fn cached_states_do_not_change_the_loss(
         model in models(), drawn in prop::collection::vec(any::<prop::sample::Index>(), 40..200), slots in 60i32..400,
         changes in prop::collection::vec((any::<[prop::sample::Index; 4]>(), 0usize..3), 1..20),
@@ -337,7 +370,13 @@ fn capacities_with_a_free_altitude_equal_those_of_the_best_fixed_one() {
                 bandwidth_hz = 5e3\ncomm_radius_m = 60.0\n";
     let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
     let sensor = SensorNode { x_m: 50.0, y_m: 50.0, sampling_bps: 1.0, capacity_bits: 30_000, ..SensorNode::default() };
-    let model = PlanModel::new::<Loss>(&scenario, &MissionTable::of(&scenario, &[sensor]), true, &Stop::default());
+    let model = PlanModel::new::<Loss>(
+        &scenario,
+        &MissionTable::of(&scenario, &[sensor]),
+        &GapCosts::LOSS,
+        true,
+        &Stop::default(),
+    );
     let channel = model.table.channel;
     let climb = scenario.uav.climb().unwrap();
     let range_m = climb.max_altitude_m - climb.min_altitude_m;
@@ -372,7 +411,13 @@ fn groups_are_served_where_their_links_carry_most() {
             ..SensorNode::default()
         })
         .collect();
-    let model = PlanModel::new::<Loss>(&scenario, &MissionTable::of(&scenario, &sensors), true, &Stop::default());
+    let model = PlanModel::new::<Loss>(
+        &scenario,
+        &MissionTable::of(&scenario, &sensors),
+        &GapCosts::LOSS,
+        true,
+        &Stop::default(),
+    );
     let groups = &model.disks[sensors.len()..];
     assert!(groups.iter().any(|group| group.members.len() > 1), "some are near enough");
     for group in groups {
@@ -523,7 +568,7 @@ fn points_model(positions_m: &[[f64; 2]]) -> PlanModel {
         ..SensorNode::default()
     };
     let nodes: Vec<SensorNode> = positions_m.iter().map(sensor).collect();
-    PlanModel::new::<Collect>(&scenario, &MissionTable::of(&scenario, &nodes), false, &Stop::default())
+    PlanModel::new::<Collect>(&scenario, &MissionTable::of(&scenario, &nodes), &GapCosts::LOSS, false, &Stop::default())
 }
 
 proptest! {
@@ -536,7 +581,7 @@ proptest! {
     ) {
         let mut model = points_model(&positions);
         let queues_bits = vec![20_000; positions.len()];
-        let window = PlanningWindow::<Collect>::new(&model, Position::new(200.0, 200.0), &queues_bits, 60, 0);
+        let window = PlanningWindow::<Collect>::new(&model, Position::new(200.0, 200.0), &queues_bits, |_| 0.0, 60, 0);
         let stops: Vec<PlannedStop> = drawn.iter().map(|(index, [x_m, y_m], hovers)| {
             let sensor = index.index(positions.len());
             let at = Position::new(positions[sensor][0] + x_m, positions[sensor][1] + y_m);

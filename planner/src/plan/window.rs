@@ -28,13 +28,21 @@ pub struct PlanningWindow<O: Objective> {
 
 impl<O: Objective> PlanningWindow<O> {
     /// A window of `slots` slots, followed by `beyond_slots` slots of the mission, with the UAV at `start` and the
-    /// queues `queues_bits` [bit], by id.
+    /// queues `queues_bits` [bit], by id; `age_slots` is the age of an SN [slots], by its id.
     ///
     /// # Panics
     /// If there are more slots than an `i32` holds; a mission has at most 10^9.
     #[must_use]
-    pub fn new(model: &PlanModel, start: Position, queues_bits: &[u32], slots: u64, beyond_slots: u64) -> Self {
-        let level = |(sensor, &id): (&SensorModel, &u32)| O::begin(sensor, f64::from(queues_bits[id as usize]));
+    pub fn new(
+        model: &PlanModel,
+        start: Position,
+        queues_bits: &[u32],
+        age_slots: impl Fn(u32) -> f64,
+        slots: u64,
+        beyond_slots: u64,
+    ) -> Self {
+        let level =
+            |(sensor, &id): (&SensorModel, &u32)| O::begin(sensor, f64::from(queues_bits[id as usize]), age_slots(id));
         Self {
             start,
             levels: model.sensors.iter().zip(&model.ids).map(level).collect(),

@@ -10,20 +10,21 @@ use std::time::{Duration, Instant};
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 use skysink_common::battery::BatteryState;
+use skysink_common::belief::Belief;
 use skysink_common::belief::Believed;
 use skysink_common::channel::ChannelModel;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError};
 use skysink_common::geometry::{Position, above};
 use skysink_common::keys::Accepts;
-use skysink_common::message::{MAX_PATH_POINTS, SolverOutcome};
+use skysink_common::message::{FlightReport, MAX_PATH_POINTS, SolverOutcome};
 use skysink_common::stop::Stop;
 
 use super::nearby::fullest_first;
 use super::serving::Serving;
-use crate::keys::PlanningObjective;
 use crate::neighbours::PlannedVisit;
 use crate::operator_counts::OperatorCounts;
 use crate::plan::forecast::Forecast;
+use crate::plan::gaps::{GapCosts, Gaps};
 use crate::plan::keys::HorizonKeys;
 use crate::plan::long_search::{SearchOutcome, SearchProgress};
 use crate::plan::lookahead::Lookahead;
@@ -36,9 +37,10 @@ pub const HORIZON: Registered =
     Registered::new("horizon", "receding horizon: a plan over many slots, improved in every slot", |setup| {
         let keys: HorizonKeys = setup.scenario.planner_keys("planner.horizon").expect("they were checked");
         let first_steps = u64::from(keys.iterations) * FIRST_SEARCH;
-        match setup.settings.objective {
-            PlanningObjective::Loss => Box::new(LookAhead::<Loss>::new(setup, keys, first_steps)),
-            PlanningObjective::Collect => Box::new(LookAhead::<Collect>::new(setup, keys, first_steps)),
+        match Planned::of(setup) {
+            Planned::Loss => Box::new(LookAhead::<Loss>::new(setup, keys, first_steps)),
+            Planned::Gaps => Box::new(LookAhead::<Gaps>::new(setup, keys, first_steps)),
+            Planned::Collect => Box::new(LookAhead::<Collect>::new(setup, keys, first_steps)),
         }
     })
     .with_state()
@@ -49,11 +51,10 @@ pub const HORIZON: Registered =
 pub const OFFLINE: Registered =
     Registered::new("offline", "open loop: one plan for the whole mission, made before take-off", |setup| {
         let OfflineKeys { steps } = setup.scenario.planner_keys("planner.offline").expect("they were checked");
-        match setup.settings.objective {
-            PlanningObjective::Loss => Box::new(LookAhead::<Loss>::offline(setup, steps)),
-            PlanningObjective::Collect => {
-                Box::new(LookAhead::<Collect>::offline(setup, steps.div_ceil(LOSS_STEPS_PER_STEP)))
-            }
+        match Planned::of(setup) {
+            Planned::Loss => Box::new(LookAhead::<Loss>::offline(setup, steps)),
+            Planned::Gaps => Box::new(LookAhead::<Gaps>::offline(setup, steps)),
+            Planned::Collect => Box::new(LookAhead::<Collect>::offline(setup, steps.div_ceil(LOSS_STEPS_PER_STEP))),
         }
     })
     .with_state()
@@ -87,6 +88,23 @@ const LOSS_END: f64 = 0.3;
 
 /// End of the search, as a fraction of the budget; the rest is for the decision.
 const SEARCH_END: f64 = 0.9;
+
+/// The search of an objective.
+enum Planned {
+    Loss,
+    Gaps,
+    Collect,
+}
+
+impl Planned {
+    fn of(setup: &Setup) -> Self {
+        match setup.settings.objective.weights() {
+            None => Self::Collect,
+            Some(weights) if GapCosts::new(&weights, 1.0, None).is_by_bits() => Self::Loss,
+            Some(_) => Self::Gaps,
+        }
+    }
+}
 
 /// A plan over many slots.
 pub struct LookAhead<O: Objective> {
@@ -206,6 +224,10 @@ impl<O: Objective> Strategy for LookAhead<O> {
         }
         self.ahead.search(view, &mut forecast, self.first_steps, &is_over);
         self.decide(view, &forecast)
+    }
+
+    fn observe(&mut self, slot: u64, flights: &[FlightReport], _: &Belief) {
+        self.ahead.observe(slot, flights);
     }
 
     fn path(&self) -> &[Point3<f64>] {

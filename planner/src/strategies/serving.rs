@@ -5,7 +5,7 @@ use skysink_common::geometry::{Position, above};
 use skysink_common::message::SolverOutcome;
 
 use super::nearby::fullest_first;
-use crate::keys::{PlanningObjective, Settings};
+use crate::keys::Settings;
 use crate::mission_table::MissionTable;
 use crate::strategy::{Decision, Setup, View};
 use crate::waypoint::Solver;
@@ -16,7 +16,8 @@ pub struct Serving {
     solver: Solver,
     /// Working memory for a schedule.
     ids: Vec<u32>,
-    objective: PlanningObjective,
+    /// Whether the most data is to be delivered.
+    collects: bool,
 }
 
 impl Serving {
@@ -25,7 +26,8 @@ impl Serving {
     pub fn new(setup: &Setup) -> Self {
         let ids = Vec::with_capacity(setup.table.sensors.count());
         let Settings { waypoint_solver, sca_iterations, objective, .. } = *setup.settings;
-        Self { solver: Solver::new(setup.scenario, setup.table, waypoint_solver, sca_iterations), ids, objective }
+        let collects = objective.is_collect();
+        Self { solver: Solver::new(setup.scenario, setup.table, waypoint_solver, sca_iterations), ids, collects }
     }
 
     /// The best waypoint for the SNs `ids`, by sP2; `None` if no point in reach is in range of all of them.
@@ -41,7 +43,7 @@ impl Serving {
     /// The decision to fly to `ground`, clamped to the area, and serve the n fullest queues in range, by their values;
     /// those that upload most where data is to be collected.
     pub fn serve_fullest(&mut self, view: &View, ground: &Position) -> Decision {
-        if self.objective == PlanningObjective::Collect {
+        if self.collects {
             return self.serve_most(view, ground);
         }
         let ground = view.table.clamp_to_area(ground);
