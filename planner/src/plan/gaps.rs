@@ -1,94 +1,11 @@
 //! Objectives of ages: what a plan costs by the slots between the visits of a sensor, beside the bits it loses.
 
+use super::gap_costs::GapCosts;
 use super::objective::{Loss, Objective, Reached};
 use super::sensor::SensorModel;
-use crate::keys::ObjectiveWeights;
 
 /// Ages that differ by less [slots] are equal up to rounding.
 const ROUNDING: f64 = 1e-9;
-
-/// Exponent of the peak age: the largest ages decide.
-const PEAK: i32 = 8;
-
-/// What a gap of g slots between two visits costs a sensor of weight 1. After k slots its age is k, 0 in a slot with a
-/// visit.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct GapCosts {
-    /// Of a bit that is lost.
-    loss: f64,
-    /// Of an age of a slot for a slot: `age · g (g − 1)/2`.
-    age: f64,
-    /// `peak_age · (g − 1)^8`.
-    peak_age: f64,
-    /// Of each slot with an age above the limit: `deadline · max(0, g − 1 − D)`.
-    deadline: f64,
-    /// The limit, D [slots].
-    deadline_slots: f64,
-}
-
-impl GapCosts {
-    /// Lost bits alone.
-    pub const LOSS: Self = Self { loss: 1.0, age: 0.0, peak_age: 0.0, deadline: 0.0, deadline_slots: f64::INFINITY };
-
-    /// Those of an objective, with slots of `slot_s` [s] and ages up to `deadline_s` [s].
-    #[must_use]
-    pub fn new(weights: &ObjectiveWeights, slot_s: f64, deadline_s: Option<f64>) -> Self {
-        Self {
-            loss: weights.loss,
-            age: weights.age * slot_s,
-            peak_age: weights.peak_age * slot_s.powi(PEAK),
-            deadline: weights.deadline,
-            deadline_slots: deadline_s.map_or(f64::INFINITY, |deadline_s| (deadline_s / slot_s).floor()),
-        }
-    }
-
-    /// Whether nothing but visits counts, whatever they take.
-    #[must_use]
-    pub fn is_by_visits(&self) -> bool {
-        self.loss == 0.0
-    }
-
-    /// Whether only lost bits count.
-    #[must_use]
-    pub fn is_by_bits(&self) -> bool {
-        self.age == 0.0 && self.peak_age == 0.0 && self.deadline == 0.0
-    }
-
-    /// Of the ages in a gap of `gap` slots.
-    #[inline]
-    fn of_ages(&self, gap: f64) -> f64 {
-        let peak = (gap - 1.0).max(0.0);
-        let late = if self.deadline > 0.0 { (peak - self.deadline_slots).max(0.0) * self.deadline } else { 0.0 };
-        self.age * 0.5 * gap * (gap - 1.0) + self.peak_age * peak.powi(PEAK) + late
-    }
-
-    /// What the slot costs after which the age is `age` slots.
-    fn of_slot(&self, age: f64) -> f64 {
-        self.of_ages(age + 1.0) - self.of_ages(age)
-    }
-
-    /// Lower bound on what the ages cost in `slots` slots, if at most `blocks` sensors, of these `weights`, are served in
-    /// a slot.
-    ///
-    /// At most `n K` sensors have an age below K, from slot K on. What a slot costs grows with the age by the steps
-    /// `c(K) − c(K − 1)`, as costs of gaps are convex; each is paid by all but `n K` sensors.
-    #[must_use]
-    pub fn least_of_ages(&self, mut weights: Vec<f64>, slots: i32, blocks: usize) -> f64 {
-        weights.sort_by(|a, b| b.total_cmp(a));
-        let mut rest: f64 = weights.iter().sum();
-        let mut bound = 0.0;
-        for age in 1..=slots {
-            let served = weights.iter().skip((age as usize - 1).saturating_mul(blocks)).take(blocks);
-            rest -= served.sum::<f64>();
-            if weights.len() <= (age as usize).saturating_mul(blocks) {
-                break;
-            }
-            let step = self.of_slot(f64::from(age)) - self.of_slot(f64::from(age) - 1.0);
-            bound += step * rest.max(0.0) * f64::from(slots - age + 1);
-        }
-        bound
-    }
-}
 
 /// The sum of what gaps cost, by [`GapCosts`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -200,51 +117,5 @@ impl Objective for Gaps {
         let (sampling, empties): (Vec<SensorModel>, Vec<f64>) =
             sampling.map(|(sensor, level)| (*sensor, level.empty)).unzip();
         ages + costs.loss * Loss::least(&sampling, &empties, slots, blocks)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const AGES: ObjectiveWeights = ObjectiveWeights { loss: 0.0, age: 1.0, peak_age: 0.0, deadline: 0.0 };
-
-    #[test]
-    fn gaps_cost_what_their_slots_cost() {
-        let sums = [
-            (AGES, None),
-            (ObjectiveWeights { age: 0.0, deadline: 2.0, ..AGES }, Some(7.0)),
-            (ObjectiveWeights { age: 0.5, deadline: 1.0, ..AGES }, Some(4.0)),
-        ];
-        for (weights, deadline_s) in sums {
-            let costs = GapCosts::new(&weights, 2.0, deadline_s);
-            for gap in 1..20 {
-                // Slot by slot: the ages 1 to g − 1.
-                let ages = (1..gap).map(f64::from);
-                let late = |age: f64| f64::from(u8::from(deadline_s.is_some_and(|limit_s| age * 2.0 > limit_s)));
-                let expected: f64 = ages.map(|age| weights.age * 2.0 * age + weights.deadline * late(age)).sum();
-                assert!((costs.of_ages(f64::from(gap)) - expected).abs() < 1e-9, "{weights:?}, {gap}");
-            }
-        }
-    }
-
-    #[test]
-    fn the_bound_of_a_cycle_is_its_mean_age() {
-        // 12 sensors, 3 served in a slot, in turns: after the first round the mean age is (4 − 1)/2.
-        let costs = GapCosts::new(&AGES, 1.0, None);
-        let slots = 1_000;
-        let least = costs.least_of_ages(vec![1.0; 12], slots, 3);
-        let served = |sensor: i32| {
-            let first = sensor / 3 + 1;
-            let last = first + (slots - first) / 4 * 4;
-            let gaps = f64::from((last - first) / 4);
-            let [begin, end] = [first, slots + 1 - last].map(|gap| costs.of_ages(f64::from(gap)));
-            begin + gaps * costs.of_ages(4.0) + end
-        };
-        let flown: f64 = (0..12).map(served).sum();
-        assert!(least <= flown && least > flown * 0.995, "{least} {flown}");
-        assert!((flown / f64::from(12 * slots) - 1.5).abs() < 0.01);
-        let weighted = costs.least_of_ages((1..=12).map(f64::from).collect(), slots, 3);
-        assert!(weighted < 6.5 * least, "the heaviest may be served more often");
     }
 }

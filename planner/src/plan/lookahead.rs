@@ -15,7 +15,7 @@ use skysink_common::sensors::Sensors;
 
 use super::anneal::{Best, Cooling, SearchSteps, anneal};
 use super::forecast::Forecast;
-use super::gaps::GapCosts;
+use super::gap_costs::GapCosts;
 use super::groups::PlannedStop;
 use super::keys::{HorizonKeys, LookAheadPart};
 use super::model::{OtherVisits, PlanModel};

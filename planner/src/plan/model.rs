@@ -13,7 +13,7 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::grid::Grid;
 use skysink_common::stop::Stop;
 
-use super::gaps::GapCosts;
+use super::gap_costs::GapCosts;
 use super::groups::{self, ServiceDisk};
 use super::objective::Objective;
 use super::points::PointMemory;

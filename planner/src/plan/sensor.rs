@@ -2,7 +2,7 @@
 
 use skysink_common::arrivals::ArrivalLaw;
 
-use super::gaps::GapCosts;
+use super::gap_costs::GapCosts;
 
 /// A sensor node (SN) of a plan, in slots.
 #[derive(Debug, Clone, Copy, PartialEq)]
