@@ -68,6 +68,7 @@ impl Fleet {
             };
             rest[0].time_s = slot as f64 * self.slot_s;
             leave_to(lower, &mut rest[0]);
+            uav.share_time(&mut rest[0]);
         }
     }
 
@@ -101,6 +102,7 @@ impl Fleet {
             let (lower, rest) = reports.split_at_mut(number);
             uav.observe(slot, plan_of(number), &mut rest[0]);
             leave_to(lower, &mut rest[0]);
+            uav.share_time(&mut rest[0]);
         }
     }
 
@@ -117,6 +119,7 @@ impl Fleet {
                 None => uav.step(slot, None),
             };
             report.time_s = slot as f64 * self.slot_s;
+            uav.share_time(report);
         }
     }
 }
@@ -145,12 +148,39 @@ fn leave_to(lower: &[FlightReport], report: &mut FlightReport) {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use skysink_common::channel::carried_bits;
     use skysink_common::scenario::Overrides;
 
     fn fleet(keys: &str) -> Fleet {
         let text =
             format!("name = 'x'\nslots = 100\nslot_s = 2.0\n[uav]\ncount = 2\nstarts_m = [[50, 50], [60, 50]]\n{keys}");
         Fleet::new(&Scenario::parse(&text, std::path::Path::new("x.toml"), Overrides::default()).unwrap(), &[])
+    }
+
+    #[test]
+    fn sensor_nodes_share_the_time_of_a_slot_and_new_contacts_are_set_up() {
+        let text = "name = 'x'\nslots = 9\n[link]\ncomm_s = 0.6\nsetup_s = 0.1\nsharing = 'equal'\n";
+        let scenario = Scenario::parse(text, std::path::Path::new("x.toml"), Overrides::default()).unwrap();
+        let sensor = |x_m: f64| SensorNode { x_m, y_m: 50.0, gain: 1e-5, ..SensorNode::default() };
+        let mut fleet = Fleet::new(&scenario, &[49.0, 50.0, 51.0].map(sensor));
+        let mut reports = fleet.start();
+        // By hand: new contacts have 0.5 s, others 0.6 s, each divided among those that are served.
+        let slots: [(&[u32], &[f64]); 5] =
+            [(&[0], &[0.5]), (&[0, 1], &[0.3, 0.25]), (&[0, 1, 2], &[0.2, 0.2, 0.5 / 3.0]), (&[], &[]), (&[2], &[0.5])];
+        for (slot, (ids, times_s)) in (1..).zip(slots) {
+            let mut restarted = fleet.clone();
+            restarted.restore(&reports);
+            let mut plan = Plan::fly_to([50.0, 50.0, 20.0], Mode::Serve);
+            plan.schedule(ids);
+            for fleet in [&mut fleet, &mut restarted] {
+                fleet.step(slot, |_| Some(&plan), &mut reports);
+                let links = reports[0].served_links();
+                let found: Vec<u64> = links.iter().map(|link| link.capacity_bits).collect();
+                let expected = |(link, time_s): (&LinkReport, &f64)| carried_bits(link.rate_bps, *time_s);
+                assert_eq!(found, links.iter().zip(times_s).map(expected).collect::<Vec<_>>(), "slot {slot}");
+                assert_eq!(found.len(), ids.len());
+            }
+        }
     }
 
     #[test]

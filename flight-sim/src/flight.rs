@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::{Point3, Vector2};
-use skysink_common::channel::{Channel, ChannelModel, Draw, DrawnChannel};
+use skysink_common::channel::{Channel, ChannelModel, Draw, DrawnChannel, LinkBudget, carried_bits};
 use skysink_common::geometry::{Position, within};
 use skysink_common::message::{FlightReport, HoldReason, LinkReport, Mode, Plan, SensorNode, SolverOutcome};
 use skysink_common::random::{Purpose, Streams, normal_pair};
@@ -19,6 +19,9 @@ pub struct Flight {
     /// The last slot that it flies in.
     last: u64,
     channel: DrawnChannel,
+    link: LinkBudget,
+    /// The sensor nodes that it has served in the last slot.
+    contacts: Vec<u32>,
     streams: Streams,
     comm_radius_m: f64,
     resource_blocks: usize,
@@ -40,6 +43,8 @@ impl Flight {
             last: u64::MAX,
             streams: Streams::new(scenario.seed),
             channel: DrawnChannel::new(Channel::of(&scenario.link), Streams::new(scenario.seed)),
+            link: scenario.link.clone(),
+            contacts: Vec::new(),
             comm_radius_m: scenario.link.comm_radius_m,
             resource_blocks: scenario.link.resource_blocks,
             is_reported_down: false,
@@ -109,6 +114,26 @@ impl Flight {
         self.vehicle.position = report.position();
         self.vehicle.energy_j = report.energy_j;
         self.is_reported_down = report.mode == Mode::Down as u32;
+        self.keep_contacts(report);
+    }
+
+    /// Lets the sensor nodes that `report` serves share the time of the slot, and new contacts be set up in it (decision
+    /// D39).
+    pub(crate) fn share_time(&mut self, report: &mut FlightReport) {
+        if self.link.setup_s.is_none() && self.link.sharing.is_none() {
+            return;
+        }
+        let served = report.served as usize;
+        for link in &mut report.links[..served] {
+            let is_new = !self.contacts.contains(&link.sensor);
+            link.capacity_bits = carried_bits(link.rate_bps, self.link.contact_s(served, is_new));
+        }
+        self.keep_contacts(report);
+    }
+
+    fn keep_contacts(&mut self, report: &FlightReport) {
+        self.contacts.clear();
+        self.contacts.extend(report.served_links().iter().map(|link| link.sensor));
     }
 
     /// Flies `slot`, from 1. Without a plan, or with an impossible waypoint, the UAV holds and serves no sensor node. A

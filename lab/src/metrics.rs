@@ -147,6 +147,7 @@ metrics! {
     AoiPeakMaxS: SECONDS, "aoi_peak_max_s", "largest age before a service", |m| m.gaps.highest as f64 * m.meter.slot_s;
     DeadlineSlots: REAL, "deadline_slots", "slots of sensor nodes with an age above the limit", |m| m.deadline_slots();
     Objective: REAL, "objective", "cost by planner.objective", |m| m.objective();
+    SetupS: SECONDS, "setup_s", "time in which contacts were set up", |m| m.meter.setups as f64 * m.meter.setup_s;
     DataAgeMeanS: SECONDS, "data_age_mean_s", "mean age of the delivered data",
         |m| m.data_ages.mean() * m.meter.slot_s;
     DataAgeP99S: SECONDS, "data_age_p99_s", "99th percentile of the age of the delivered data",
@@ -199,6 +200,8 @@ impl Metric {
 struct MeteredUav {
     position: Point3<f64>,
     is_down: bool,
+    /// The SNs that it has served in the last slot.
+    contacts: Vec<u32>,
 }
 
 /// Computes the metrics of a mission, slot by slot.
@@ -213,6 +216,9 @@ pub struct MissionMeter {
     energy_j: f64,
     slot: u64,
     service_ages: Ages,
+    /// Contacts that were set up, and the time of each [s]; NaN if they take none.
+    setups: u64,
+    setup_s: f64,
     gaps: ServiceGaps,
     has_deadline: bool,
     /// What of each cost counts; `None` for what is to be collected, and strategies that are not ours.
@@ -233,11 +239,13 @@ impl MissionMeter {
             slot_s: scenario.slot_s,
             aircraft: scenario.uav.propulsion,
             battery: Battery::of(scenario),
-            uavs: scenario.starts().map(|position| MeteredUav { position, is_down: false }).collect(),
+            uavs: scenario.starts().map(|position| MeteredUav { position, is_down: false, contacts: Vec::new() }).collect(),
             flown_m: 0.0,
             energy_j: 0.0,
             slot: 0,
             service_ages: Ages::new(list.sensors().len()),
+            setups: 0,
+            setup_s: scenario.link.setup_s.unwrap_or(f64::NAN),
             gaps: ServiceGaps::new((0..list.sensors().len()).map(|id| weights.factor(id)).collect(), deadline_slots),
             has_deadline: scenario.sensors.deadline_s.is_some(),
             objective: Settings::of(scenario).ok().and_then(|settings| settings.objective.weights()),
@@ -287,6 +295,10 @@ impl MissionMeter {
             let step = flight.position() - uav.position;
             uav.position = flight.position();
             self.flown_m += step.norm();
+            let links = flight.served_links();
+            self.setups += links.iter().filter(|link| !uav.contacts.contains(&link.sensor)).count() as u64;
+            uav.contacts.clear();
+            uav.contacts.extend(links.iter().map(|link| link.sensor));
             // A UAV that goes down has flown in that slot.
             let was_down = std::mem::replace(&mut uav.is_down, flight.flown_mode() == Mode::Down);
             if flight.flown_mode() != Mode::Charge && !was_down {

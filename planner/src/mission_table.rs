@@ -24,7 +24,7 @@ pub struct MissionTable {
     pub sensors: Arc<Sensors>,
     /// The law of what they sample around the means of `sensors`.
     pub arrivals: ArrivalLaw,
-    /// The channel of all uplinks.
+    /// The channel of all uplinks, with the time for communication that plans reckon with.
     pub channel: Channel,
     /// The constraints on every plan.
     pub limits: Limits,
@@ -63,7 +63,7 @@ impl MissionTable {
             airspace,
             sensors,
             arrivals: scenario.arrival_law(),
-            channel: Channel::of(&scenario.link),
+            channel: Channel::of(&scenario.link.planned()),
             limits: Limits::of(scenario),
             farthest_m: scenario.farthest_m(),
             turns: Arc::default(),

@@ -25,7 +25,7 @@ impl LinkFigures {
     /// The uplinks at the horizontal distance `distance_m` [m].
     #[must_use]
     pub fn at(scenario: &Scenario, nodes: &[SensorNode], distance_m: f64) -> Self {
-        let channel = Channel::of(&scenario.link);
+        let channel = Channel::of(&scenario.link.planned());
         let rates_bps =
             gains(&channel, nodes).map(|gain| best_rate_bps(scenario, &channel, gain, distance_m * distance_m));
         let visit_bits = rates_bps.map(|rate_bps| channel.capacity_bits(rate_bps));

@@ -27,11 +27,11 @@ pub use fading::{Fading, FadingModel};
 pub use free_space::{FreeSpace, GainMode, draw_gain_db};
 pub use frozen::DrawnChannel;
 pub use line_of_sight::{Environment, LineOfSight, LosCurve, Sight};
-pub use model::{ChannelModel, Draw, Slopes, Uplink};
+pub use model::{ChannelModel, Draw, Slopes, Uplink, carried_bits};
 pub use table::{RateTable, TableChannel};
 
 use crate::geometry::{Position, distance_squared};
-use crate::keys::{Accepts, Interval, LEVEL_DB, POSITIVE};
+use crate::keys::{Accepts, Interval, LEVEL_DB, NOT_NEGATIVE, POSITIVE};
 use crate::random::Streams;
 use crate::units::{ratio_of_db, watts_of_dbm};
 
@@ -128,6 +128,12 @@ crate::keys! {
         comm_radius_m: f64 = 10.0, POSITIVE;
         /// Time for communication in a slot, `τ_c` [s]; at most `slot_s`.
         comm_s: f64 = 0.1, POSITIVE;
+        /// What of `comm_s` passes before a first bit, in a slot before which the UAV has not served the SN [s]; less than
+        /// `comm_s` (decision D39).
+        setup_s: Option<f64>, NOT_NEGATIVE;
+        /// How the SNs that are served in a slot share `comm_s`: each has all of it, `"blocks"`, or they have equal parts
+        /// (decision D39); `"blocks"` if absent.
+        sharing: Option<Sharing>, Accepts::OneOf(Sharing::VARIANTS);
         /// Resource blocks, `n`, the most SNs served in a slot.
         resource_blocks: usize = 4, Accepts::Whole(1, MAX_RESOURCE_BLOCKS as u64);
         also {
@@ -196,7 +202,32 @@ impl Channel {
     }
 }
 
+/// How the sensor nodes that are served in a slot share its time for communication.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, VariantNames)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum Sharing {
+    /// Each has all of it, on a resource block of its own.
+    Blocks,
+    /// They have equal parts: there is one receiver.
+    Equal,
+}
+
 impl LinkBudget {
+    /// The time for communication [s] of one of `served` SNs in a slot, in a contact that `is_new` (decision D39).
+    #[must_use]
+    pub fn contact_s(&self, served: usize, is_new: bool) -> f64 {
+        let setup_s = self.setup_s.filter(|_| is_new).unwrap_or(0.0);
+        let shares = if self.sharing == Some(Sharing::Equal) { served.max(1) as f64 } else { 1.0 };
+        (self.comm_s - setup_s) / shares
+    }
+
+    /// The link as plans reckon with it: every contact is new, and as many SNs as possible share a slot.
+    #[must_use]
+    pub fn planned(&self) -> Self {
+        Self { comm_s: self.contact_s(self.resource_blocks, true), ..self.clone() }
+    }
+
     /// Noise power, `σ²` [W].
     #[must_use]
     pub fn noise_w(&self) -> f64 {

@@ -122,6 +122,13 @@ pub trait ChannelModel {
     /// Whole bits that an uplink of `rate_bps` [bit/s] carries in one slot: `floor(r τ_c)` (UTS eq. 7).
     #[inline]
     fn capacity_bits(&self, rate_bps: f64) -> u64 {
-        (rate_bps * self.comm_s()).floor() as u64
+        carried_bits(rate_bps, self.comm_s())
     }
+}
+
+/// Whole bits that `rate_bps` [bit/s] carries in `time_s` [s].
+#[inline]
+#[must_use]
+pub fn carried_bits(rate_bps: f64, time_s: f64) -> u64 {
+    (rate_bps * time_s).floor() as u64
 }

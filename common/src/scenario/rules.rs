@@ -136,7 +136,9 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
         rule((b3 + b4 - 1.0).abs() < 1e-9, "link.los.b3", "1 − b4, so that the probability ends at 1")?;
     }
     let expected = format!("at most the slot's {} s", scenario.slot_s);
-    rule(link.comm_s <= scenario.slot_s, "link.comm_s", &expected)
+    rule(link.comm_s <= scenario.slot_s, "link.comm_s", &expected)?;
+    let expected = format!("less than link.comm_s, {} s", link.comm_s);
+    rule(link.setup_s.is_none_or(|setup_s| setup_s < link.comm_s), "link.setup_s", &expected)
 }
 
 /// Two alternative forms: the keys of each, and what is expected if both are present.
