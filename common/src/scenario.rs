@@ -105,8 +105,13 @@ impl Scenario {
     pub fn apply(settings: &[Setting], table: &mut Table) -> Result<(), InputError> {
         let displaced = settings.iter().flat_map(|setting| rules::displaced(&setting.key, &setting.value));
         displaced.for_each(|key| dotted::remove(table, &key));
-        let written = settings.iter().flat_map(|setting| presets::written(&setting.key));
-        written.for_each(|key| dotted::remove(table, key));
+        for setting in settings {
+            presets::written(&setting.key).into_iter().for_each(|key| dotted::remove(table, key));
+            if setting.key == "link.preset" {
+                let of_others = rules::displaced("link.model", &"table".into());
+                of_others.iter().for_each(|key| dotted::remove(table, key));
+            }
+        }
         settings.iter().try_for_each(|setting| setting.apply(table))
     }
 

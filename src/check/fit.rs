@@ -15,14 +15,14 @@ const LEAST_REACH_M: f64 = 1.0;
 /// The warnings for `scenario` with these figures, one line each.
 #[must_use]
 pub fn of(scenario: &Scenario, figures: &Figures) -> Vec<String> {
-    [papers(scenario, figures), short_slot(scenario, figures), too_few_slots(figures), silent_rim(figures)]
+    [paper_values(scenario, figures), short_slot(scenario, figures), too_few_slots(figures), no_rate_at_radius(figures)]
         .into_iter()
         .flatten()
         .collect()
 }
 
 /// Radio, speed or slots are the paper's, and its field, of 200 SNs in 100 m × 100 m, is not.
-fn papers(scenario: &Scenario, figures: &Figures) -> Option<String> {
+fn paper_values(scenario: &Scenario, figures: &Figures) -> Option<String> {
     let neighbour_m = figures.neighbour_m.filter(|neighbour_m| *neighbour_m > SPARSE * figures.comm_radius_m)?;
     let letter = Scenario::letter(Overrides::default()).expect("the built-in scenario is valid");
     let LinkBudget { comm_s, resource_blocks, .. } = scenario.link;
@@ -65,7 +65,7 @@ fn too_few_slots(figures: &Figures) -> Option<String> {
 }
 
 /// The communication radius is larger than the range of the radio.
-fn silent_rim(figures: &Figures) -> Option<String> {
+fn no_rate_at_radius(figures: &Figures) -> Option<String> {
     (figures.rim.visit_bits[1] == 0 && figures.above.visit_bits[1] > 0).then(|| {
         format!(
             "no link carries a bit at distance d_c, {}: use the range of the radio as link.comm_radius_m",

@@ -12,8 +12,11 @@ use super::commented;
 /// Longest flight and longest communication in a slot [s].
 const MOST_S: f64 = 10.0;
 
-/// Fraction of the endurance that slots and holds take; the rest is for take-off, landing and braking.
+/// Fraction of the endurance that slots take; the rest is for take-off, landing and the way home.
 const FLOWN: f64 = 0.85;
+
+/// Time that ArduCopter takes for a leg beyond that of its acceleration, for its jerk of 1 m/s³ [s].
+const JERK_S: f64 = 3.0;
 
 /// Altitude of a new scenario with a drone [m].
 const ALTITUDE_M: f64 = 30.0;
@@ -42,7 +45,8 @@ const HEADER: &str = "\
 # - Links: a margin of 15 dB, no shadowing; first contact takes no time.
 # - Flight: no wind and no payload; 20 % of the battery remain.
 # - A slot is a leg from rest to rest, then the communication.
-# - 15 % of the endurance are for take-off, landing and braking.
+# - 15 % of the endurance are for take-off, landing and the way home, and a slot takes
+#   its time, once more comm_s, and 3 s of an autopilot's smooth acceleration.
 # - Buffers and sampling rates are the paper's (arXiv 2103.00753), where the sensor
 #   list has none.
 ";
@@ -118,8 +122,8 @@ impl Hardware {
     /// These lines, and those of slots for the radio and the drone in `draft`, with the SNs `list`.
     ///
     /// A slot has the time of a leg over the communication radius (decision D31), and that to send a full buffer from
-    /// there, each at most [`MOST_S`]. An export flies the slot and then holds for the communication, so that a slot
-    /// takes both from the endurance.
+    /// there, each at most [`MOST_S`]. An exported plan flies the slot and then holds for the communication, so that a
+    /// slot takes both from the endurance, and [`JERK_S`].
     pub fn lines_with_slots(&self, draft: &Scenario, list: &SensorList) -> Lines {
         let mut lines = self.lines();
         if !self.is_named() {
@@ -135,7 +139,7 @@ impl Hardware {
         let comm_s = whole_s(f64::from(buffer_bits) / rate_bps);
         let leg_s = whole_s(draft.leg_s(radius_m));
         let slot_s = leg_s + comm_s;
-        let slots = (FLOWN * draft.uav.endurance_s / (slot_s + comm_s)).floor().max(1.0);
+        let slots = (FLOWN * draft.uav.endurance_s / (slot_s + comm_s + JERK_S)).floor().max(1.0);
         lines.set("slots", &format!("slots = {slots}"), "Number of slots, T");
         lines.set(
             "slot_s",

@@ -91,7 +91,7 @@ skysink export runs/farm --format qgc-plan                            # writes r
 - The row is read when the scenario is: keys beside a preset have priority, and the copy in the run folder has the keys
   instead of the preset. `--set link.preset=...` also removes the keys that a preset writes.
 - `skysink new` makes slots of a leg over `d_c`, from rest to rest, and of the time to send a full buffer, each at most
-  10 s; as many as 85 % of the endurance allow, with a hold for the communication after each.
+  10 s; as many as 85 % of the endurance allow, with a hold for the communication and 3 s for the jerk after each.
 
 ## Radios
 
@@ -149,7 +149,10 @@ Sources; what is unverified is a usual value, to be checked before it is quoted.
         36e-3 * RADIOS[0].steps[0].rate_bps,
         36e-3 * RADIOS[5].steps[0].rate_bps,
     );
-    RADIOS.iter().for_each(|radio| text += &format!("- `{}`: {}.\n", radio.name, radio.source));
+    for alike in RADIOS.chunk_by(|one, next| one.source == next.source) {
+        let names: Vec<String> = alike.iter().map(|radio| format!("`{}`", radio.name)).collect();
+        text += &format!("- {}: {}.\n", names.join(", "), alike[0].source);
+    }
     text += "
 ## Drones
 

@@ -22,7 +22,7 @@ pub mod drones;
 pub mod radios;
 mod rates;
 
-use toml::{Table, Value};
+use toml::Table;
 
 pub use rates::PathLoss;
 
@@ -30,8 +30,8 @@ use crate::channel::{LinkModel, RateTable};
 use crate::error::InputError;
 use crate::keys::{Accepts, Only, Source, dotted};
 use crate::scenario::Scenario;
-use drones::{DRONES, Drone};
-use radios::{RADIOS, Radio};
+use drones::DRONES;
+use radios::RADIOS;
 
 /// The keys of a radio by name.
 pub(crate) const OF_RADIO: [&str; 4] =
@@ -44,68 +44,43 @@ pub(crate) const ONLY: Only =
 /// Altitudes of a table for a UAV that climbs.
 const ALTITUDES: u32 = 5;
 
-/// The rows that a scenario names.
-struct Named {
-    radio: Option<&'static Radio>,
-    drone: Option<&'static Drone>,
-}
-
-/// The name under a key of a scenario that is one of `names`; `None` without the key, or if it is no text.
-fn name<'a>(
-    table: &'a Table,
+/// The row that the `key` of `table` names; `None` without the key, or if it is no text.
+fn named<Row>(
+    table: &Table,
     key: &str,
+    rows: &'static [Row],
     names: &'static [&'static str],
     source: Source,
-) -> Result<Option<&'a str>, InputError> {
+) -> Result<Option<&'static Row>, InputError> {
     let Some(value) = dotted::value(table, key) else { return Ok(None) };
-    match value.as_str() {
-        Some(name) if !names.contains(&name) => {
-            Err(source.refusal(key, value, &format!("one of {}", Accepts::OneOf(names).expected())))
-        }
-        name => Ok(name),
-    }
+    let Some(name) = value.as_str() else { return Ok(None) };
+    let row = names.iter().position(|other| *other == name);
+    let expected = || format!("one of {}", Accepts::OneOf(names).expected());
+    row.map_or_else(|| Err(source.refusal(key, value, &expected())), |row| Ok(Some(&rows[row])))
 }
 
-impl Named {
-    fn in_table(table: &Table, source: Source) -> Result<Self, InputError> {
-        let radio = name(table, "link.preset", radios::NAMES, source)?;
-        let drone = name(table, "uav.preset", drones::NAMES, source)?;
-        Ok(Self {
-            radio: radio.and_then(|name| RADIOS.iter().find(|radio| radio.name == name)),
-            drone: drone.and_then(|name| DRONES.iter().find(|drone| drone.name == name)),
-        })
-    }
-
-    /// The keys that they write, with their values; but for the radius, which depends on the altitude.
-    fn keys(&self) -> Vec<(&'static str, Value)> {
-        let of_radio = |radio: &Radio| {
-            [("link.model", "table".into()), ("link.resource_blocks", i64::from(radio.resource_blocks).into())]
-        };
-        let of_drone = |drone: &Drone| drone.keys().map(|(key, value)| (key, value.into()));
-        self.radio.map(of_radio).into_iter().flatten().chain(self.drone.map(of_drone).into_iter().flatten()).collect()
-    }
-}
-
-/// Adds the keys of the presets that `table` names and that it lacks.
+/// Adds the keys of the presets that `table` names and that it lacks; but for the radius, which depends on the altitude.
 ///
 /// # Errors
 /// If a name is unknown.
 pub(crate) fn expand(table: &mut Table, source: Source) -> Result<(), InputError> {
-    for (key, value) in Named::in_table(table, source)?.keys() {
-        dotted::insert_missing(table, key, value);
+    if let Some(radio) = named(table, "link.preset", &RADIOS, radios::NAMES, source)? {
+        dotted::insert_missing(table, "link.model", "table".into());
+        dotted::insert_missing(table, "link.resource_blocks", i64::from(radio.resource_blocks).into());
+    }
+    if let Some(drone) = named(table, "uav.preset", &DRONES, drones::NAMES, source)? {
+        drone.keys().into_iter().for_each(|(key, value)| dotted::insert_missing(table, key, value.into()));
     }
     Ok(())
 }
 
 /// The keys that a preset under `key` writes, which a setting of it removes.
 pub(crate) fn written(key: &str) -> Vec<&'static str> {
-    let any = match key {
-        "link.preset" => Named { radio: RADIOS.first(), drone: None },
-        "uav.preset" => Named { radio: None, drone: DRONES.first() },
-        _ => return Vec::new(),
-    };
-    let radius = any.radio.map(|_| "link.comm_radius_m");
-    any.keys().into_iter().map(|(key, _)| key).chain(radius).collect()
+    match key {
+        "link.preset" => vec!["link.model", "link.comm_radius_m", "link.resource_blocks"],
+        "uav.preset" => DRONES[0].keys().map(|(key, _)| key).to_vec(),
+        _ => Vec::new(),
+    }
 }
 
 /// The rates of the radio that a checked scenario names, and the radius of its lowest altitude [m]; `None` without one.

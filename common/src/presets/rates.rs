@@ -75,8 +75,8 @@ impl Radio {
         if has_shadowing {
             probabilities = (0..PROBABILITIES).map(|draw| (f64::from(draw) + 0.5) / f64::from(PROBABILITIES)).collect();
             let best_db = shadowing_db(loss.sigma_db, 1.0 - 0.5 / f64::from(PROBABILITIES));
-            let lucky = PathLoss { margin_db: loss.margin_db - best_db, ..*loss };
-            let farthest_m = self.range_m(&lucky, &self.steps[0]);
+            let strongest = PathLoss { margin_db: loss.margin_db - best_db, ..*loss };
+            let farthest_m = self.range_m(&strongest, &self.steps[0]);
             distances_m.extend((1..=DISTANCES).map(|point| farthest_m * f64::from(point) / f64::from(DISTANCES)));
         }
         distances_m.sort_unstable_by(f64::total_cmp);
