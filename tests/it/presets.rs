@@ -34,7 +34,11 @@ fn every_radio_flies_on_every_drone_and_its_plan_is_within_the_endurance() {
         assert!(!warned.contains("paper") && !warned.contains("reach"), "{name}: {warned}");
         place.run_ok(&["simulate", &file, "--strategy", "tour", "--out", &format!("runs/{name}")]);
         assert!(place.summary(&format!("runs/{name}"))["delivered_bits"].as_u64() > Some(0), "{name}");
-        place.run_ok(&["export", &format!("runs/{name}"), "--format", "qgc-plan", "--out", &plan]);
+        // An export beyond the endurance is refused.
+        for autopilot in ["px4", "ardupilot"] {
+            let export = ["export", &format!("runs/{name}"), "--format", "qgc-plan", "--out", &plan, "--force"];
+            place.run_ok(&[&export[..], &["--autopilot", autopilot]].concat());
+        }
         let copy = place.read(&format!("runs/{name}/scenario.toml"));
         assert!(!copy.contains("preset") && copy.contains("file = \"channel.csv\""), "{copy}");
     };
