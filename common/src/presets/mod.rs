@@ -64,6 +64,13 @@ fn named<Row>(
 /// # Errors
 /// If a name is unknown.
 pub(crate) fn expand(table: &mut Table, source: Source) -> Result<(), InputError> {
+    // The name 802154 without quotes, as in `--set link.preset=802154`, is a number.
+    if let Some(value) = dotted::value_mut(table, "link.preset")
+        && let Some(name) = value.as_integer().map(|number| number.to_string())
+        && radios::NAMES.contains(&&*name)
+    {
+        *value = name.into();
+    }
     if let Some(radio) = named(table, "link.preset", &RADIOS, radios::NAMES, source)? {
         dotted::insert_missing(table, "link.model", "table".into());
         dotted::insert_missing(table, "link.resource_blocks", i64::from(radio.resource_blocks).into());

@@ -172,7 +172,8 @@ impl Scenario {
     /// The file of the channel; `None` if it is not that of a file.
     #[must_use]
     pub(crate) fn channel_file(&self) -> Option<PathBuf> {
-        let file = self.link.file.as_ref().filter(|_| self.link.model == LinkModel::Table);
+        let is_own = self.link.model == LinkModel::Table && self.link.preset.is_none();
+        let file = self.link.file.as_ref().filter(|_| is_own);
         file.map(|file| self.beside(file))
     }
 
