@@ -6,6 +6,7 @@ pub mod arrivals;
 pub mod doubts;
 pub mod energy;
 pub mod figures;
+pub mod fit;
 pub mod flights;
 pub mod links;
 pub mod motion;
@@ -71,6 +72,7 @@ impl CheckCommand {
         let figures = Figures::of(&scenario, &list)?;
         let mut warnings = doubts::of(&scenario, &list);
         warnings.extend(warnings::of(&figures));
+        warnings.extend(fit::of(&scenario, &figures));
         let all: Vec<&str> = STRATEGIES.iter().map(|strategy| strategy.name).collect();
         let planned = shortfalls::of(&scenario, &list, &all);
         if self.json {

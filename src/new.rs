@@ -5,6 +5,7 @@ mod degrees;
 mod field;
 #[cfg(feature = "lab")]
 mod import;
+mod presets;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,7 +14,7 @@ use clap::Args;
 use skysink_common::error::InputError;
 use skysink_common::geodata::projection::{GeodeticPosition, Projection};
 use skysink_common::geometry::Position;
-use skysink_common::keys::{self, Accepts, Key, Keys};
+use skysink_common::keys::{self, Accepts, Key, Keys, dotted};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
@@ -27,6 +28,7 @@ use toml::{Table, Value};
 use crate::error::Error;
 use crate::report::print;
 use field::{LIST, NewField};
+use presets::{Hardware, Lines};
 
 /// The beginning of the scenario file.
 const HEADER: &str = "\
@@ -50,6 +52,7 @@ Examples:
   skysink new city --sensors nodes.geojson
   skysink new city --sensors nodes.csv --out scenarios/city
   skysink new city --sensors nodes.kml --zones zones.geojson
+  skysink new city --sensors nodes.csv --radio lora-sf7 --drone x500
 
 With --sensors, it also writes sensors.csv and sets the area to enclose the
 sensor nodes. CSV columns are matched by name: x, y [m] or lat, lon [°], and
@@ -59,11 +62,16 @@ name. The altitude of points becomes ground_m, for exports over hills.
 With --zones, each polygon becomes a no-fly zone; one with a property `height`
 [m] a building; one whose `kind` or `name` is `boundary`, or which encloses all
 sensor nodes, the boundary of the area. Without --sensors, the sensor nodes are
-drawn at random.";
+drawn at random.
+
+With --radio and --drone, links, flight and battery are those of the named
+hardware, and slots suit both.";
 
 /// Examples of `skysink new` in a build without imports.
 #[cfg(not(feature = "lab"))]
-const EXAMPLES: &str = "Example:\n  skysink new city    writes city/city.toml";
+const EXAMPLES: &str = "Example:
+  skysink new city                                  writes city/city.toml
+  skysink new city --radio lora-sf7 --drone x500";
 
 /// Create a scenario file with the paper's values and a comment on each key.
 #[derive(Debug, Args)]
@@ -83,6 +91,8 @@ pub struct NewCommand {
     #[cfg(feature = "lab")]
     #[arg(long, value_name = "X,Y", value_parser = place, allow_hyphen_values = true)]
     start: Option<[f64; 2]>,
+    #[command(flatten)]
+    hardware: Hardware,
     /// Output folder [default: ./NAME].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -100,12 +110,17 @@ impl NewCommand {
     pub fn run(self, _: &Stop) -> Result<(), Error> {
         let folder = self.out.clone().unwrap_or_else(|| PathBuf::from(&self.name));
         let path = folder.join(format!("{}.toml", self.name));
-        scenario(&self.name, None, &path)?; // checks the name before the import
+        let scenario = |text: &str| Scenario::parse(text, &path, Overrides::default()).and_then(settings::resolve);
+        scenario(&text(&self.name, None, &Lines::default()))?; // checks the name before the import
         let field = self.field()?;
         let field = field.as_ref();
-        let text = text(&self.name, field);
-        let checked = scenario(&self.name, field, &path)?;
-        let sensors = field.map_or_else(|| SensorList::of(&checked), |field| field.sensors(&checked))?;
+        let sensors_of =
+            |scenario: &Scenario| field.map_or_else(|| SensorList::of(scenario), |field| field.sensors(scenario));
+        let draft = scenario(&text(&self.name, field, &self.hardware.lines()))?;
+        let lines = self.hardware.lines_with_slots(&draft, &sensors_of(&draft)?);
+        let text = text(&self.name, field, &lines);
+        let checked = scenario(&text)?;
+        let sensors = sensors_of(&checked)?;
         let list = field.and_then(|field| Some((folder.join(LIST), field.list.as_ref()?.as_bytes())));
         let files: Vec<_> = list.into_iter().chain([(path.clone(), text.as_bytes())]).collect();
         write_into(&folder, &files, Earlier::by_force(self.force))?;
@@ -154,13 +169,17 @@ fn centre_deg(scenario: &Scenario) -> Option<GeodeticPosition> {
 }
 
 /// The text of the scenario: every key that has a default beside the other defaults, with its meaning as a comment.
-fn text(name: &str, field: Option<&NewField>) -> String {
+fn text(name: &str, field: Option<&NewField>, lines: &Lines) -> String {
     let mut defaults = Table::new();
     keys::fill(Scenario::KEYS, "", &mut defaults, &[]);
-    let mut text = format!("{HEADER}name = {}\n", Value::String(name.to_owned()));
+    let mut text = format!("{}name = {}\n", lines.header().unwrap_or(HEADER), Value::String(name.to_owned()));
+    let line_of = |dotted: &str, key: &Key, table: &Table| match lines.instead_of(dotted) {
+        Some(line) => Some(line.to_owned()),
+        None => line(key, table),
+    };
     for key in Scenario::KEYS {
         let (Accepts::TableOf(inner), Some(Value::Table(defaults))) = (key.accepts, defaults.get(key.name)) else {
-            text.extend(line(key, &defaults));
+            text.extend(line_of(key.name, key, &defaults));
             continue;
         };
         text += &format!("\n[{}]\n", key.name);
@@ -168,7 +187,7 @@ fn text(name: &str, field: Option<&NewField>) -> String {
             match (key.name, inner.name, field) {
                 ("area", "side_m", Some(field)) if !field.area.is_empty() => text += &format!("{}\n", field.area),
                 ("sensors", "count", Some(NewField { list: Some(_), .. })) => text += LIST_LINE,
-                _ => text.extend(line(inner, defaults)),
+                _ => text.extend(line_of(&dotted::join(key.name, inner.name), inner, defaults)),
             }
         }
         if key.name == "uav" {
@@ -184,12 +203,12 @@ fn line(key: &Key, table: &Table) -> Option<String> {
     let setting = format!("{} = {}", key.name, key.default?);
     let sentence = key.words.split(". ").next()?.replace('`', "");
     let clause = sentence.split("; ").next()?.trim_end_matches('.');
-    Some(format!("{setting:COMMENT_COLUMN$}# {clause}\n"))
+    Some(commented(&setting, clause))
 }
 
-/// Checks the scenario that will be written to `path`.
-fn scenario(name: &str, field: Option<&NewField>, path: &Path) -> Result<Scenario, InputError> {
-    Scenario::parse(&text(name, field), path, Overrides::default()).and_then(settings::resolve)
+/// A line with a comment.
+fn commented(setting: &str, comment: &str) -> String {
+    format!("{setting:COMMENT_COLUMN$}# {comment}\n")
 }
 
 /// Writes files into `folder`, all or none.
@@ -210,10 +229,14 @@ fn write_into(folder: &Path, files: &[(PathBuf, &[u8])], earlier: Earlier) -> Re
 mod tests {
     use super::*;
 
+    fn scenario(name: &str) -> Result<Scenario, InputError> {
+        let text = text(name, None, &Lines::default());
+        Scenario::parse(&text, Path::new("a.toml"), Overrides::default()).and_then(settings::resolve)
+    }
+
     #[test]
     fn a_new_scenario_equals_the_papers_except_for_its_name() {
-        let path = Path::new("letter (built in)");
-        let mut new = scenario("letter", None, path).unwrap();
+        let mut new = scenario("letter").unwrap();
         let letter = Scenario::letter(Overrides::default()).and_then(settings::resolve).unwrap();
         new.path.clone_from(&letter.path);
         assert_eq!(new, letter);
@@ -221,13 +244,13 @@ mod tests {
 
     #[test]
     fn a_name_cannot_inject_toml() {
-        let refused = scenario("a\"\nseed = 7", None, Path::new("a.toml")).unwrap_err();
+        let refused = scenario("a\"\nseed = 7").unwrap_err();
         assert!(refused.to_string().contains("expected 1 to 100 of"), "{refused}");
     }
 
     #[test]
     fn the_template_fits_into_a_terminal() {
-        for line in text("a", None).lines() {
+        for line in text("a", None, &Lines::default()).lines() {
             assert!(line.chars().count() <= 90, "{line}");
         }
     }

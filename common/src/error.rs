@@ -131,10 +131,11 @@ pub fn line_of(text: &str, position: Option<&csv::Position>) -> u64 {
 }
 
 /// Words of keys for what is not modelled, under the headings of `docs/src/not-modelled.md`.
-const NOT_MODELLED: [(&str, &[&str]); 3] = [
+const NOT_MODELLED: [(&str, &[&str]); 4] = [
     ("Terrain", &["terrain", "elevation", "dem"]),
     ("Gusts", &["gust", "gusts", "weather"]),
     ("Several UAVs", &["uavs", "fleet", "drones"]),
+    ("Radio", &["lora", "wifi", "ble", "zigbee", "duty", "collisions"]),
 ];
 
 /// The heading of what is not modelled, if the key `name` is for it.
@@ -161,7 +162,9 @@ mod tests {
     fn a_key_of_an_unmodelled_feature_names_the_documentation() {
         let page = include_str!("../../docs/src/not-modelled.md");
         let unknown = |name: &str| suggestion(&format!("unknown field `{name}`, expected `slots` or `width_m`"));
-        for (name, heading) in [("terrain", "Terrain"), ("gusts", "Gusts"), ("uavs", "Several UAVs")] {
+        for (name, heading) in
+            [("terrain", "Terrain"), ("gusts", "Gusts"), ("uavs", "Several UAVs"), ("duty_cycle", "Radio")]
+        {
             let hint = format!(
                 "; it is not modelled, see \"{heading}\" in \"What Skysink does not model\" of the documentation"
             );

@@ -24,6 +24,7 @@ pub mod option_value;
 pub mod pace;
 pub mod per_sensor;
 pub mod possible;
+pub mod presets;
 pub mod propulsion;
 pub mod queues;
 pub mod random;

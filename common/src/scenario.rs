@@ -8,6 +8,7 @@ mod area;
 mod base;
 mod mission;
 mod motion;
+mod preset_rates;
 mod rules;
 mod sensors;
 mod simplified;
@@ -33,6 +34,7 @@ use crate::airspace::cells_along;
 use crate::channel::{LinkModel, RateTable};
 use crate::error::{InputError, read_text};
 use crate::keys::{self, Keys, Source, dotted};
+use crate::presets;
 
 /// The built-in `letter.toml`: the mission of the UTS letter (arXiv 2103.00753, section V).
 pub const LETTER: &str = include_str!("../letter.toml");
@@ -73,6 +75,13 @@ pub struct Overrides {
 /// assert_eq!(table, toml::toml! { sensors.count = 9 });
 /// ```
 impl Scenario {
+    /// The slots that an SN may wait for a service, by `sensors.deadline_s` (decision D36).
+    #[must_use]
+    pub fn deadline_slots(&self) -> Option<u64> {
+        let whole = |deadline_s: f64| (deadline_s / self.slot_s + 1e-9).floor() as u64; // saturates; 1e-9: rounding
+        self.sensors.deadline_s.map(whole)
+    }
+
     /// Reads and checks a file. A relative sensor list is relative to the file's folder.
     ///
     /// # Errors
@@ -104,6 +113,13 @@ impl Scenario {
     pub fn apply(settings: &[Setting], table: &mut Table) -> Result<(), InputError> {
         let displaced = settings.iter().flat_map(|setting| rules::displaced(&setting.key, &setting.value));
         displaced.for_each(|key| dotted::remove(table, &key));
+        for setting in settings {
+            presets::written(&setting.key).into_iter().for_each(|key| dotted::remove(table, key));
+            if setting.key == "link.preset" {
+                let of_others = rules::displaced("link.model", &"table".into());
+                of_others.iter().for_each(|key| dotted::remove(table, key));
+            }
+        }
         settings.iter().try_for_each(|setting| setting.apply(table))
     }
 
@@ -124,9 +140,12 @@ impl Scenario {
                 table.insert(key.to_owned(), Value::Integer(i64::try_from(number).unwrap_or(-1)));
             }
         }
+        let source = Source { path, settings: &overrides.keys };
+        presets::expand(&mut table, source)?;
+        let has_radius = dotted::value(&table, "link.comm_radius_m").is_some();
         let displaced = rules::displaced_in(&table);
         keys::fill(Self::KEYS, "", &mut table, &displaced);
-        let mut scenario: Self = keys::read(table.clone(), "", Source { path, settings: &overrides.keys })?;
+        let mut scenario: Self = keys::read(table.clone(), "", source)?;
         path.clone_into(&mut scenario.path);
         scenario.settings = overrides.keys;
         zones::read_files(&mut scenario)?;
@@ -135,6 +154,10 @@ impl Scenario {
             (Some(_), Some(table)) => Some(table),
             (Some(path), None) => Some(RateTable::read(&path)?.held()),
         };
+        if let Some((rates, radius_m)) = preset_rates::rates(&scenario)? {
+            scenario.link.table = Some(rates);
+            scenario.link.comm_radius_m = if has_radius { scenario.link.comm_radius_m } else { radius_m };
+        }
         scenario.link.buildings = (scenario.link.model == LinkModel::Buildings).then(|| scenario.buildings().held());
         if let Some(strategy) = overrides.strategy {
             strategy.clone_into(&mut scenario.planner.strategy);

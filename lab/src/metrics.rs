@@ -14,7 +14,7 @@ use skysink_mission::drive::{Observer, SlotSink};
 use skysink_mission::origin::RunMode;
 use skysink_mission::summary::{RunTiming, Summary, Tally};
 use skysink_mission::{MissionError, Plant};
-use skysink_planner::settings::{ObjectiveWeights, Settings};
+use skysink_planner::settings::{ObjectiveWeights, PEAK_EXPONENT, Settings};
 use strum::{EnumCount, VariantArray};
 
 use crate::optimize::LossBounds;
@@ -57,9 +57,9 @@ struct MeteredMission<'a> {
     service_ages: AgeCounts,
     /// The ages of the delivered data [slots].
     data_ages: AgeCounts,
-    /// The bits delivered by each sensor node.
     /// The sums over the gaps between services.
     gaps: GapSums,
+    /// The bits delivered by each sensor node.
     delivered_bits: &'a [u64],
     /// The bounds; only `offline` has them.
     bounds: Option<LossBounds>,
@@ -75,8 +75,11 @@ impl MeteredMission<'_> {
     fn objective(&self) -> f64 {
         let Some(ObjectiveWeights { loss, age, peak_age, deadline }) = self.meter.objective else { return f64::NAN };
         let MissionMeter { tally, slot_s, .. } = self.meter;
-        let GapSums { ages, peaks8, late, .. } = self.gaps;
-        loss * tally.lost_bits() + age * ages * slot_s + peak_age * peaks8 * slot_s.powi(8) + deadline * late
+        let GapSums { ages, powers, late, .. } = self.gaps;
+        loss * tally.lost_bits()
+            + age * ages * slot_s
+            + peak_age * powers * slot_s.powi(PEAK_EXPONENT)
+            + deadline * late
     }
 }
 
@@ -221,7 +224,7 @@ pub struct MissionMeter {
     setup_s: f64,
     gaps: ServiceGaps,
     has_deadline: bool,
-    /// What of each cost counts; `None` for what is to be collected, and strategies that are not ours.
+    /// What of each cost counts; `None` for what is to be collected.
     objective: Option<ObjectiveWeights>,
     data: DeliveredData,
     stay: Stay,
@@ -232,14 +235,16 @@ impl MissionMeter {
     #[must_use]
     pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
         let weights = list.weights(&list.sampling(scenario));
-        let limit_slots = |deadline_s: f64| (deadline_s / scenario.slot_s) as u64; // saturates
-        let deadline_slots = scenario.sensors.deadline_s.map_or(u64::MAX, limit_slots);
+        let deadline_slots = scenario.deadline_slots().unwrap_or(u64::MAX);
         Self {
             tally: Tally::new(scenario, list, &RunMode::default()),
             slot_s: scenario.slot_s,
             aircraft: scenario.uav.propulsion,
             battery: Battery::of(scenario),
-            uavs: scenario.starts().map(|position| MeteredUav { position, is_down: false, contacts: Vec::new() }).collect(),
+            uavs: scenario
+                .starts()
+                .map(|position| MeteredUav { position, is_down: false, contacts: Vec::new() })
+                .collect(),
             flown_m: 0.0,
             energy_j: 0.0,
             slot: 0,

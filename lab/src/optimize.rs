@@ -18,7 +18,7 @@ use skysink_common::stop::Stop;
 use skysink_mission::Mission;
 use skysink_planner::bound::{MissionBound, mission_bound};
 use skysink_planner::fleet::require_one;
-use skysink_planner::settings::{Knowledge, PlanningObjective, Rates, Settings, change};
+use skysink_planner::settings::{Knowledge, Rates, Settings, change};
 use skysink_planner::strategies::look_ahead::{self, MAX_STEPS, OfflineKeys, search_offline};
 use skysink_planner::strategy::{OwnedSetup, Registered, Setup, Strategy};
 
@@ -166,7 +166,7 @@ pub fn optimize(
     let others = || scenarios.iter().filter(|scenario| !is_offline(scenario));
     let offline = scenarios.iter().find(is_offline).expect("the mission with every strategy");
     let objective = Settings::of(offline)?.objective;
-    if objective != PlanningObjective::LOSS {
+    if !objective.is_loss() {
         let expected = "\"loss\": the flight of least loss is searched";
         return Err(offline.refusal("planner.objective", &objective.value(), expected).into());
     }

@@ -8,6 +8,7 @@ use std::ops::Range;
 use skysink_common::sampling::Sampling;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::{Sensor, SensorList};
+use skysink_planner::settings::PEAK_EXPONENT;
 
 /// The age of one SN after each slot: `slot − stamp` from slot `from` on, until the next refresh.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -84,7 +85,7 @@ pub struct GapSums {
     /// The largest of these ages [slots].
     pub highest: u64,
     /// Weighted sum of the eighth powers of these ages [slots^8].
-    pub peaks8: f64,
+    pub powers: f64,
     /// Weighted sum of the ages after all slots [slots²].
     pub ages: f64,
     /// Weighted number of the slots with an age above the limit.
@@ -98,7 +99,7 @@ impl GapSums {
         self.gaps += 1;
         self.peaks += peak;
         self.highest = self.highest.max(peak);
-        self.peaks8 += weight * (peak as f64).powi(8);
+        self.powers += weight * (peak as f64).powi(PEAK_EXPONENT);
         self.ages += weight * sum(ages) as f64;
         self.late += weight * peak.saturating_sub(limit.max(ages.start.saturating_sub(1))) as f64;
     }
@@ -299,8 +300,8 @@ mod tests {
         let mut gaps = ServiceGaps::new(vec![1.0, 0.5], 1);
         gaps.serve(0, 2);
         gaps.serve(0, 5);
-        let peaks8 = 1.0 + 2f64.powi(8) * 2.0 + 0.5 * 7f64.powi(8);
-        let expected = GapSums { gaps: 4, peaks: 12, highest: 7, peaks8, ages: 7.0 + 14.0, late: 2.0 + 3.0 };
+        let powers = 1.0 + 2f64.powi(8) * 2.0 + 0.5 * 7f64.powi(8);
+        let expected = GapSums { gaps: 4, peaks: 12, highest: 7, powers, ages: 7.0 + 14.0, late: 2.0 + 3.0 };
         assert_eq!(gaps.sums(7), expected);
         assert_eq!(gaps.weight(), 1.5);
     }

@@ -10,6 +10,12 @@ use toml::Value;
 
 use crate::waypoint::WaypointSolver;
 
+/// Largest weight of a cost.
+const MOST_WEIGHT: f64 = 1e12;
+
+/// Exponent of the peak age: the largest ages decide.
+pub const PEAK_EXPONENT: i32 = 8;
+
 skysink_common::keys! {
     /// The keys of `[planner]` except the name of the strategy and the tables of single strategies.
     #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -23,7 +29,7 @@ skysink_common::keys! {
         /// Knowledge of the sampling rates; `"learnt"` needs `knowledge = "estimated"`.
         rates: Rates = "known", Accepts::OneOf(Rates::VARIANTS);
         /// What `horizon` and `offline` plan for, by name, or a sum of costs, `{ loss = 1, age = 0.2 }` (decision D36).
-        objective: PlanningObjective = "loss", Accepts::Rule("\"loss\", \"collect\", \"age\", \"peak-age\", \"deadline\", or a table of loss, age, peak_age and deadline: weights of at least 0, not all 0");
+        objective: PlanningObjective = "loss", Accepts::Rule("\"loss\", \"collect\", \"age\", \"peak-age\", \"deadline\", or a table of loss, age, peak_age and deadline: weights from 0 to 1e12, not all 0");
     }
 }
 
@@ -46,12 +52,12 @@ impl Settings {
     fn check_objective(&self, scenario: &Scenario) -> Result<(), InputError> {
         let Some(weights) = self.objective.weights() else { return Ok(()) };
         let all = [weights.loss, weights.age, weights.peak_age, weights.deadline];
-        let is_weight = |weight: &f64| weight.is_finite() && *weight >= 0.0;
+        let is_weight = |weight: &f64| (0.0..=MOST_WEIGHT).contains(weight);
         if !all.iter().all(is_weight) || all.iter().sum::<f64>() == 0.0 {
             return Err(scenario.refusal(
                 "planner.objective",
                 &self.objective.value(),
-                "weights of at least 0, not all 0",
+                "weights from 0 to 1e12, not all 0",
             ));
         }
         if weights.deadline > 0.0 && scenario.sensors.deadline_s.is_none() {
@@ -164,6 +170,13 @@ impl PlanningObjective {
         let parts = parts.iter().filter(|(weight, _)| *weight > 0.0);
         let weighted: Vec<String> = parts.map(|(weight, words)| format!("{weight} × {words}")).collect();
         format!("the least {}", weighted.join(" + ").trim_start_matches("1 × "))
+    }
+
+    /// Whether the least data is to be lost, and nothing else counts.
+    #[must_use]
+    pub fn is_loss(self) -> bool {
+        let others = |weights: ObjectiveWeights| weights.age + weights.peak_age + weights.deadline;
+        self.weights().is_some_and(|weights| others(weights) == 0.0)
     }
 
     /// Whether the most data is to be delivered.

@@ -103,7 +103,7 @@ pub struct ReservationTable {
     reserves_begins: bool,
     /// The base, in which the UAVs may be near to each other.
     base: Option<Base>,
-    /// That of each UAV; `None` for one that has landed.
+    /// The place of each UAV; `None` for one that has landed.
     places: Vec<Option<Reservation>>,
     /// Where each UAV is before the slot [m]; empty if such places are not reserved.
     begins: Vec<Option<Position>>,
@@ -112,7 +112,7 @@ pub struct ReservationTable {
 }
 
 impl ReservationTable {
-    /// That of a mission.
+    /// The table of a mission.
     #[must_use]
     pub fn of(scenario: &Scenario) -> Self {
         let talks = scenario.uav.coordination.unwrap_or_default() != Coordination::Independent;

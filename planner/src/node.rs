@@ -149,6 +149,7 @@ fn run_with<S: Service + 'static>(
         }
         let SlotHeader { slot, flags, .. } = state.user_header().head;
         if flags & FLAG_END != 0 {
+            journaled.resume(slot + 1)?; // a planner that was restarted after its last plan has none
             let mut bytes = Vec::new();
             encode(&journaled.planner.counts(), &mut bytes);
             let path = folder.path().join(COUNTS);

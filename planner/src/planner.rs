@@ -116,7 +116,7 @@ impl Planner {
         Self::in_team(scenario, sensors, make, None, stop)
     }
 
-    /// The same for a UAV of a team.
+    /// The planner of a UAV of a team.
     pub(crate) fn in_team(
         scenario: &Scenario,
         sensors: &[SensorNode],

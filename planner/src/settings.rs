@@ -10,7 +10,7 @@ use skysink_common::geometry::Position;
 use skysink_common::scenario::Scenario;
 use toml::Table;
 
-pub use crate::keys::{Knowledge, NamedObjective, ObjectiveWeights, PlanningObjective, Settings};
+pub use crate::keys::{Knowledge, NamedObjective, ObjectiveWeights, PEAK_EXPONENT, PlanningObjective, Settings};
 use crate::plan::keys::{HorizonKeys, LookAheadPart};
 use crate::route::home::Home;
 use crate::strategies::{PYTHON, STRATEGIES, one_of};

@@ -353,25 +353,25 @@ impl Registered {
         Self { name, about, is_stateless: true, has_path: false, ignores_weights: false, keys: None, make }
     }
 
-    /// The same with state between slots.
+    /// Says that it has state between slots.
     #[must_use]
     pub const fn with_state(self) -> Self {
         Self { is_stateless: false, ..self }
     }
 
-    /// The same with plans beyond a slot.
+    /// Says that it plans beyond a slot.
     #[must_use]
     pub const fn with_path(self) -> Self {
         Self { has_path: true, ..self }
     }
 
-    /// The same for one that flies as if all weights were equal.
+    /// Says that it flies as if all weights were equal.
     #[must_use]
     pub const fn without_weights(self) -> Self {
         Self { ignores_weights: true, ..self }
     }
 
-    /// The same with the keys that `T` declares.
+    /// Gives it the keys that `T` declares.
     #[must_use]
     pub const fn with_keys<T: Keys>(self) -> Self {
         Self { keys: Some(StrategyKeys { keys: T::KEYS, check: checked::<T> }), ..self }

@@ -307,7 +307,7 @@ impl Episode {
     pub fn ruled_beside(&mut self, decision: Decision) -> Plan {
         let slot = self.plant.slot() + 1;
         let mut reservations = std::mem::take(&mut self.reservations);
-        let last = self.course.scenario.slots;
+        let last = self.field.limits.slots;
         let reserved = reservations.others_of(&self.field, slot, self.uav, last);
         let flights: ByUav<FlightReport> = self.plant.flights().iter().copied().collect();
         let neighbours =
@@ -324,10 +324,11 @@ impl Episode {
     }
 
     fn ruled_among(&mut self, decision: Decision, mode: Mode, neighbours: Option<&Neighbours<'_>>) -> Plan {
+        let duty = if self.flight().flown_mode() == Mode::Down { Duty::Down } else { Duty::Mission };
         let ruled = match self.course.rules.has_return_rule {
             true => self.served(|view, rules| {
                 let view = View { neighbours, ..*view };
-                rules.decide(&view, Duty::Mission, &mut |_| Some(decision.clone()))
+                rules.decide(&view, duty, &mut |_| Some(decision.clone()))
             }),
             false => Ruled { decision, mode: Mode::Serve },
         };

@@ -109,8 +109,7 @@ impl Figures {
         let bounds = Bounds { table: &table, uavs, field: &field, links, above, paths: PathBound::by_legs(&table) };
         Ok(Self {
             strategy: scenario.planner.strategy.clone(),
-            objective: Some(Settings::of(scenario)?.objective)
-                .filter(|objective| *objective != PlanningObjective::LOSS),
+            objective: Some(Settings::of(scenario)?.objective).filter(|objective| !objective.is_loss()),
             sensors: nodes.len(),
             slots: scenario.slots,
             reach_m,

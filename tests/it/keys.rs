@@ -1,5 +1,5 @@
-//! What is generated from the descriptions of the scenario keys: a page of the book, and a part of a dictionary for
-//! fuzzing.
+//! What is generated from the descriptions of the scenario keys and the rows of the presets: two pages of the book, and a
+//! part of a dictionary for fuzzing.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -23,13 +23,17 @@ struct Generated {
 
 impl Generated {
     /// All generated files.
-    fn files() -> [Self; 2] {
+    fn files() -> [Self; 3] {
         let root = Path::new(env!("CARGO_MANIFEST_DIR"));
         let dictionary = root.join("fuzz/text.dict");
         let committed = fs::read_to_string(&dictionary).unwrap();
         let (by_hand, _) = committed.split_once(GENERATED).expect("the line before the generated part");
         let text = by_hand.to_owned() + GENERATED + &tokens();
-        [Self { path: root.join("docs/src/scenario-keys.md"), text: page() }, Self { path: dictionary, text }]
+        [
+            Self { path: root.join("docs/src/scenario-keys.md"), text: page() },
+            Self { path: root.join("docs/src/presets.md"), text: crate::presets::page(COMMAND) },
+            Self { path: dictionary, text },
+        ]
     }
 }
 

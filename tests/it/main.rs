@@ -37,6 +37,7 @@ mod optimize;
 #[cfg(feature = "lab")]
 mod outcomes;
 mod plot;
+mod presets;
 #[cfg(feature = "viewer")]
 mod recording;
 mod refusals;

@@ -12,6 +12,7 @@ mod free_space;
 mod frozen;
 mod line_of_sight;
 mod model;
+mod radio_rates;
 mod table;
 
 use std::path::PathBuf;
@@ -28,10 +29,12 @@ pub use free_space::{FreeSpace, GainMode, draw_gain_db};
 pub use frozen::DrawnChannel;
 pub use line_of_sight::{Environment, LineOfSight, LosCurve, Sight};
 pub use model::{ChannelModel, Draw, Slopes, Uplink, carried_bits};
+pub use radio_rates::PathLoss;
 pub use table::{RateTable, TableChannel};
 
 use crate::geometry::{Position, distance_squared};
 use crate::keys::{Accepts, Interval, LEVEL_DB, NOT_NEGATIVE, POSITIVE};
+use crate::presets;
 use crate::random::Streams;
 use crate::units::{ratio_of_db, watts_of_dbm};
 
@@ -77,11 +80,26 @@ const CORRELATION_M: Accepts = Accepts::Number("0, or a finite number from 0.001
 const NOISE_DBM: Accepts =
     Accepts::Number("a finite level below 0 dBm (and not below -300)", |noise_dbm| (-300.0..0.0).contains(&noise_dbm));
 
+/// Margins of a link.
+const MARGIN_DB: Accepts = Accepts::Number("-100 to 100 dB", |margin_db| (-100.0..=100.0).contains(&margin_db));
+
+/// Standard deviations of shadowing.
+const SIGMA_DB: Accepts = Accepts::Number("0 to 20 dB", |sigma_db| SHADOWING_DB.contains(&sigma_db));
+
 crate::keys! {
     /// `[link]`: the radio. Each channel model has its own keys.
     #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, expecting = "a table")]
     pub struct LinkBudget {
+        /// A radio by name, such as `"lora-sf7"`: the rates of its row in "Which radio, which drone" as a `"table"`,
+        /// `resource_blocks`, and `comm_radius_m`, the range from the lowest altitude. Keys beside it have priority.
+        preset: Option<String>, Accepts::OneOf(presets::radios::NAMES);
+        /// Path loss exponent of the radio.
+        preset_exponent: Option<f64> = 2.5, line_of_sight::EXPONENT, presets::ONLY;
+        /// Margin for fading and for the attitude of antennas [dB].
+        preset_margin_db: Option<f64> = 15.0, MARGIN_DB, presets::ONLY;
+        /// Standard deviation of log-normal shadowing [dB], redrawn in every slot; 0: none.
+        preset_sigma_db: Option<f64> = 0.0, SIGMA_DB, presets::ONLY;
         /// Channel model; in `"table"` the rates of `file`, whatever bandwidth, power, noise and gains.
         model: LinkModel = "free-space", Accepts::OneOf(LinkModel::VARIANTS);
         /// Bandwidth of each resource block, `W` [Hz].
@@ -137,7 +155,7 @@ crate::keys! {
         /// Resource blocks, `n`, the most SNs served in a slot.
         resource_blocks: usize = 4, Accepts::Whole(1, MAX_RESOURCE_BLOCKS as u64);
         also {
-            /// The rates of `file`, which the scenario reads.
+            /// The rates of `file`, or of `preset`, which the scenario reads.
             #[serde(skip)]
             pub table: Option<&'static RateTable>,
             /// The buildings of the area, with the model `buildings`.

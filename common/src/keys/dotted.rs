@@ -36,6 +36,18 @@ pub fn value_mut<'a>(table: &'a mut Table, key: &str) -> Option<&'a mut Value> {
     names.try_fold(first, |table, name| table.get_mut(name))
 }
 
+/// Inserts a dotted key that is missing, with its tables. If one of them is no table, nothing happens.
+pub fn insert_missing(mut table: &mut Table, key: &str, value: Value) {
+    let (names, last) = key.rsplit_once('.').unwrap_or(("", key));
+    for name in names.split_terminator('.') {
+        match table.entry(name).or_insert_with(|| Table::new().into()) {
+            Value::Table(inner) => table = inner,
+            _ => return,
+        }
+    }
+    table.entry(last).or_insert(value);
+}
+
 /// Removes a dotted key, if present.
 pub fn remove(mut table: &mut Table, key: &str) {
     let mut names: Vec<&str> = key.split('.').collect();

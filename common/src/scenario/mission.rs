@@ -141,8 +141,8 @@ impl Scenario {
         toml::to_string(self).expect("a scenario consists of tables of numbers and strings")
     }
 
-    /// The scenario as a TOML file, with the sensor list in the file `list` of the same folder, and a trace of arrivals
-    /// in [`TRACE`].
+    /// The scenario as a TOML file, with the sensor list in the file `list` of the same folder, a trace of arrivals in
+    /// [`TRACE`], and a table of rates in [`CHANNEL`]. Presets are expanded.
     #[must_use]
     pub fn to_toml_with_list(&self, list: &str) -> String {
         let mut sensors = SensorKeys { count: None, file: Some(list.into()), ..self.sensors.clone() };
@@ -150,10 +150,15 @@ impl Scenario {
             *file = TRACE.into();
         }
         let mut link = self.link.clone();
-        if let Some(file) = &mut link.file {
-            *file = CHANNEL.into();
+        if link.table.is_some() {
+            link.file = Some(CHANNEL.into());
+            link.preset = None;
+            link.preset_exponent = None;
+            link.preset_margin_db = None;
+            link.preset_sigma_db = None;
         }
-        Self { sensors, link, ..self.clone() }.to_toml()
+        let uav = UavKeys { preset: None, ..self.uav.clone() };
+        Self { sensors, link, uav, ..self.clone() }.to_toml()
     }
 
     /// Hash (XXH3) of all keys except the origin of the sensor list, which is published on the topic `sensors`.
@@ -167,7 +172,8 @@ impl Scenario {
     /// The file of the channel; `None` if it is not that of a file.
     #[must_use]
     pub(crate) fn channel_file(&self) -> Option<PathBuf> {
-        let file = self.link.file.as_ref().filter(|_| self.link.model == LinkModel::Table);
+        let is_own = self.link.model == LinkModel::Table && self.link.preset.is_none();
+        let file = self.link.file.as_ref().filter(|_| is_own);
         file.map(|file| self.beside(file))
     }
 

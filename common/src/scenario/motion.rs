@@ -75,6 +75,18 @@ impl Scenario {
         self.hop_m(direction.dot(&wind_mps) + through_mps)
     }
 
+    /// Time of a leg of `leg_m` [m] in still air [s]; with an acceleration from rest to rest. The inverse of the reach of
+    /// a slot (decision D31).
+    #[must_use]
+    pub fn leg_s(&self, leg_m: f64) -> f64 {
+        let speed_mps = self.uav.max_speed_mps;
+        match self.uav.acceleration_mps2 {
+            None => leg_m / speed_mps,
+            Some(a_mps2) if leg_m >= speed_mps * speed_mps / a_mps2 => leg_m / speed_mps + speed_mps / a_mps2,
+            Some(a_mps2) => 2.0 * (leg_m / a_mps2).sqrt(),
+        }
+    }
+
     /// Distance of a slot at up to `speed_mps` [m/s] [m]; with an acceleration from rest to rest.
     fn hop_m(&self, speed_mps: f64) -> f64 {
         match self.uav.acceleration_mps2 {
@@ -110,9 +122,12 @@ mod tests {
         // V = 30 m/s, a = 2.5 m/s²: 12 s to top speed. 24 s: 12 s · 30 m/s up and down, 360 m = 2.5 · 24²/4. 30 s: 6 s
         // at top speed more, 540 m. 6.928 s: 2.5 · 48/4 = 30 m, what the letter flies in 1 s. 4 s: 10 m.
         for (slot_s, reach_m) in [(24.0, 360.0), (30.0, 540.0), (48f64.sqrt(), 30.0), (4.0, 10.0)] {
-            let found_m = scenario(slot_s, "acceleration_mps2 = 2.5\n").reach_m();
+            let scenario = scenario(slot_s, "acceleration_mps2 = 2.5\n");
+            let found_m = scenario.reach_m();
             assert!((found_m - reach_m).abs() < 1e-9, "{slot_s} s: {found_m} m");
+            assert!((scenario.leg_s(reach_m) - slot_s).abs() < 1e-9, "{reach_m} m");
         }
+        assert_eq!(scenario(1.0, "").leg_s(60.0), 2.0);
         let demanded = "acceleration_mps2 = 120.0\nmax_speed_mps = 60.0\n";
         assert_eq!(scenario(1.0, demanded).reach_m(), 30.0, "what 30 m in 1 s demand");
         assert_eq!(scenario(1.0, "acceleration_mps2 = 120.0\n").reach_m(), 22.5, "0.25 s up and down");

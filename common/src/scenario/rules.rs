@@ -18,6 +18,7 @@ use crate::error::InputError;
 use crate::geometry::Position;
 use crate::keys::dotted::{beside, is_below, value};
 use crate::keys::{self, Keys, Only};
+use crate::presets;
 
 /// Checks the rules between the keys of `scenario`, which was read from `file`.
 pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError> {
@@ -106,7 +107,8 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
     zones::check(scenario)?;
     let is_table = link.model == LinkModel::Table;
     let expected = "another model, or a CSV file as link.file";
-    rule(!is_table || link.file.is_some(), "link.model", expected)?;
+    rule(!is_table || link.file.is_some() || link.preset.is_some(), "link.model", expected)?;
+    rule(is_table || link.preset.is_none(), "link.model", "no model beside link.preset, whose rates are a \"table\"")?;
     rule(!is_table || link.fading.is_none(), "link.fading", "none with model = \"table\", whose rates have it")?;
     let expected = "a height from 0, below uav.altitude_m, and only with link.model = \"buildings\"";
     let is_height = |height_m: f64| link.model == LinkModel::Buildings && (0.0..uav.altitude_m).contains(&height_m);
@@ -137,7 +139,8 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
     }
     let expected = format!("at most the slot's {} s", scenario.slot_s);
     rule(link.comm_s <= scenario.slot_s, "link.comm_s", &expected)?;
-    let expected = format!("less than link.comm_s, {} s", link.comm_s);
+    let advice = if link.preset.is_some() { ", or setup_s = 0 beside the preset" } else { "" };
+    let expected = format!("less than link.comm_s, {} s{advice}", link.comm_s);
     rule(link.setup_s.is_none_or(|setup_s| setup_s < link.comm_s), "link.setup_s", &expected)
 }
 
@@ -148,7 +151,7 @@ struct Forms {
 }
 
 /// All alternatives.
-const FORMS: [Forms; 6] = [
+const FORMS: [Forms; 7] = [
     Forms {
         forms: [&["area.side_m"], &["area.width_m", "area.height_m"]],
         expected: "either side_m, or width_m and height_m",
@@ -157,6 +160,7 @@ const FORMS: [Forms; 6] = [
         forms: [&["base.areas_m"], &["base.position_m", "base.radius_m"]],
         expected: "either areas_m, or position_m and radius_m",
     },
+    Forms { forms: [&presets::OF_RADIO, &["link.file"]], expected: "either preset or file, not both" },
     Forms { forms: [&["sensors.count"], &["sensors.file"]], expected: "either count or file, not both" },
     Forms {
         forms: [&["link.noise_dbm"], &["link.noise_dbm_per_hz"]],
@@ -187,9 +191,11 @@ pub(crate) fn displaced(key: &str, value: &Value) -> Vec<String> {
             && beside(name, only.key) == key
             && value.as_str().is_some_and(|value| !only.values.contains(&value))
     };
-    // The height of the SNs is a key of the channel in another table.
-    let is_open = key == "link.model" && value.as_str().is_some_and(|model| model != "buildings");
-    let of_model = is_open.then(|| "sensors.height_m".to_owned());
+    // The height of the SNs is a key of the channel in another table, and a radio by name is a table of rates.
+    let model = value.as_str().filter(|_| key == "link.model");
+    let height = model.filter(|&model| model != "buildings").map(|_| "sensors.height_m");
+    let preset = model.filter(|&model| model != "table").map(|_| presets::OF_RADIO);
+    let of_model = height.into_iter().chain(preset.into_iter().flatten()).map(str::to_owned);
     let of_other_value = conditional().filter(is_displaced).map(|(name, _)| name);
     of_other_form.map(|&other| other.to_owned()).chain(of_other_value).chain(of_model).collect()
 }
@@ -218,7 +224,11 @@ mod tests {
         );
         assert_eq!(
             of("link.model", "probabilistic-los"),
-            ["link.gain_db", "link.gain", "link.shadowing_db", "link.file", "sensors.height_m"]
+            [
+                &["link.gain_db", "link.gain", "link.shadowing_db", "link.file", "sensors.height_m"][..],
+                &presets::OF_RADIO
+            ]
+            .concat()
         );
         let line_of_sight = [
             "link.environment",
@@ -233,7 +243,7 @@ mod tests {
             "link.file",
             "sensors.height_m",
         ];
-        assert_eq!(of("link.model", "free-space"), line_of_sight);
+        assert_eq!(of("link.model", "free-space"), [&line_of_sight[..], &presets::OF_RADIO].concat());
         for key in ["area", "area.origin_lat_deg", "link.los_exponent", "slots"] {
             assert_eq!(of(key, "free-space"), [""; 0], "{key}");
         }

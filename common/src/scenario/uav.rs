@@ -5,6 +5,7 @@ use strum::VariantNames;
 
 use super::base::BatteryKeys;
 use crate::keys::{Accepts, NOT_NEGATIVE, Only, POSITIVE};
+use crate::presets::drones;
 
 /// Keys of a free altitude.
 const FREE: Only = Only { key: "altitude", values: &["free"], expected: None };
@@ -17,6 +18,9 @@ crate::keys! {
     #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, expecting = "a table")]
     pub struct UavKeys {
+        /// A drone by name, such as `"x500"`: speed, acceleration, climb, endurance, battery and propulsion of its row in
+        /// "Which radio, which drone". Keys beside it have priority.
+        preset: Option<String>, Accepts::OneOf(drones::NAMES);
         /// Whether the altitude may change; `"free"` needs `link.model = "probabilistic-los"`, or a `"table"` of
         /// several altitudes.
         altitude: AltitudeMode = "fixed", Accepts::OneOf(AltitudeMode::VARIANTS);

@@ -39,7 +39,7 @@ pub enum Cooling {
 }
 
 impl Cooling {
-    /// The same temperature for all changes.
+    /// One temperature for all changes.
     #[must_use]
     pub fn everywhere(temperature: f64) -> Self {
         Self::Receding { far: temperature, near_fraction: 1.0 }

@@ -1,9 +1,6 @@
 //! What gaps between the visits of a sensor cost, by their lengths.
 
-use crate::keys::ObjectiveWeights;
-
-/// Exponent of the peak age: the largest ages decide.
-const PEAK: i32 = 8;
+use crate::keys::{ObjectiveWeights, PEAK_EXPONENT};
 
 /// What a gap of g slots between two visits costs a sensor of weight 1. After k slots its age is k, 0 in a slot with a
 /// visit.
@@ -25,15 +22,15 @@ impl GapCosts {
     /// Lost bits alone.
     pub const LOSS: Self = Self { loss: 1.0, age: 0.0, peak_age: 0.0, deadline: 0.0, deadline_slots: f64::INFINITY };
 
-    /// Those of an objective, with slots of `slot_s` [s] and ages up to `deadline_s` [s].
+    /// The costs of an objective, with slots of `slot_s` [s] and ages up to `deadline_slots` [slots].
     #[must_use]
-    pub fn new(weights: &ObjectiveWeights, slot_s: f64, deadline_s: Option<f64>) -> Self {
+    pub fn new(weights: &ObjectiveWeights, slot_s: f64, deadline_slots: Option<u64>) -> Self {
         Self {
             loss: weights.loss,
             age: weights.age * slot_s,
-            peak_age: weights.peak_age * slot_s.powi(PEAK),
+            peak_age: weights.peak_age * slot_s.powi(PEAK_EXPONENT),
             deadline: weights.deadline,
-            deadline_slots: deadline_s.map_or(f64::INFINITY, |deadline_s| (deadline_s / slot_s).floor()),
+            deadline_slots: deadline_slots.map_or(f64::INFINITY, |slots| slots as f64),
         }
     }
 
@@ -54,7 +51,7 @@ impl GapCosts {
     pub(super) fn of_ages(&self, gap: f64) -> f64 {
         let peak = (gap - 1.0).max(0.0);
         let late = if self.deadline > 0.0 { (peak - self.deadline_slots).max(0.0) * self.deadline } else { 0.0 };
-        self.age * 0.5 * gap * (gap - 1.0) + self.peak_age * peak.powi(PEAK) + late
+        self.age * 0.5 * gap * (gap - 1.0) + self.peak_age * peak.powi(PEAK_EXPONENT) + late
     }
 
     /// What the slot costs after which the age is `age` slots.
@@ -95,15 +92,15 @@ mod tests {
     fn gaps_cost_what_their_slots_cost() {
         let sums = [
             (AGES, None),
-            (ObjectiveWeights { age: 0.0, deadline: 2.0, ..AGES }, Some(7.0)),
-            (ObjectiveWeights { age: 0.5, deadline: 1.0, ..AGES }, Some(4.0)),
+            (ObjectiveWeights { age: 0.0, deadline: 2.0, ..AGES }, Some(3)),
+            (ObjectiveWeights { age: 0.5, deadline: 1.0, ..AGES }, Some(2)),
         ];
-        for (weights, deadline_s) in sums {
-            let costs = GapCosts::new(&weights, 2.0, deadline_s);
+        for (weights, limit) in sums {
+            let costs = GapCosts::new(&weights, 2.0, limit);
             for gap in 1..20 {
                 // Slot by slot: the ages 1 to g − 1.
                 let ages = (1..gap).map(f64::from);
-                let late = |age: f64| f64::from(u8::from(deadline_s.is_some_and(|limit_s| age * 2.0 > limit_s)));
+                let late = |age: f64| f64::from(u8::from(limit.is_some_and(|limit: u64| age > limit as f64)));
                 let expected: f64 = ages.map(|age| weights.age * 2.0 * age + weights.deadline * late(age)).sum();
                 assert!((costs.of_ages(f64::from(gap)) - expected).abs() < 1e-9, "{weights:?}, {gap}");
             }

@@ -1,11 +1,8 @@
 //! Objectives of ages: what a plan costs by the slots between the visits of a sensor, beside the bits it loses.
 
 use super::gap_costs::GapCosts;
-use super::objective::{Loss, Objective, Reached};
+use super::objective::{Loss, Objective, ROUNDING, Reached};
 use super::sensor::SensorModel;
-
-/// Ages that differ by less [slots] are equal up to rounding.
-const ROUNDING: f64 = 1e-9;
 
 /// The sum of what gaps cost, by [`GapCosts`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -21,7 +18,7 @@ pub struct GapLevel {
 }
 
 impl Gaps {
-    /// The bits that were lost when the overflow was this long.
+    /// What a gap of `gap` slots costs that ends with so much overflow.
     #[inline]
     fn cost(sensor: &SensorModel, overflow_slots: f64, gap: f64) -> f64 {
         let GapCosts { loss, .. } = sensor.costs;

@@ -148,7 +148,7 @@ impl<O: Objective> Lookahead<O> {
         let sensors = &setup.table.sensors;
         let may_group = keys.without != Some(LookAheadPart::Groups);
         let weights = setup.settings.objective.weights();
-        let costs = weights.map(|weights| GapCosts::new(&weights, scenario.slot_s, scenario.sensors.deadline_s));
+        let costs = weights.map(|weights| GapCosts::new(&weights, scenario.slot_s, scenario.deadline_slots()));
         let costs = costs.filter(|_| O::COUNTS_AGES).unwrap_or(GapCosts::LOSS);
         let model = if belief.has_learnt_rates() {
             let mean_bits = sensors.ids().map(|id| least_mean_bits(belief.mean_bits(sensors, id))).collect();
@@ -197,6 +197,9 @@ impl<O: Objective> Lookahead<O> {
         }
         let law = view.table.arrivals;
         for (sensor, &id) in self.model.sensors.iter_mut().zip(&self.model.ids) {
+            if sensor.mean_bits == 0.0 {
+                continue; // its queue does not change
+            }
             if belief.has_learnt_rates() {
                 let mean_bits = least_mean_bits(view.belief.mean_bits(id));
                 sensor.mean_bits = mean_bits;

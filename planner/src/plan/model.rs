@@ -78,8 +78,9 @@ impl OtherVisits {
         let mut slots = vec![Vec::new(); if visits.is_empty() { 0 } else { ids.len() }];
         for visit in visits.iter().filter(|visit| visit.slot >= first) {
             let Ok(sensor) = ids.binary_search(&visit.sensor) else { continue };
-            let SensorModel { fill_slots, mean_bits, .. } = sensors[sensor];
-            if visit.bits >= MOST_OF_BUFFER * fill_slots * mean_bits {
+            let SensorModel { fill_slots, mean_bits, costs, .. } = sensors[sensor];
+            // Where ages count, whatever it takes.
+            if !costs.is_by_bits() || visit.bits >= MOST_OF_BUFFER * fill_slots * mean_bits {
                 slots[sensor].push((visit.slot - first + 1) as f64);
             }
         }

@@ -7,7 +7,7 @@ use super::sensor::SensorModel;
 use crate::bound::window::{WindowField, WindowSensor};
 
 /// States that differ by less [slots] are equal up to rounding.
-const ROUNDING: f64 = 1e-9;
+pub(super) const ROUNDING: f64 = 1e-9;
 
 /// What a slot in the air costs, as a fraction of all data: of plans that deliver the same the shortest is best.
 const SLOT_COST: f64 = 1e-6;
@@ -60,7 +60,7 @@ pub trait Objective: Debug + Clone + Copy + PartialEq + 'static {
     /// Since when a buffer fills [slots].
     fn since(level: Self::Level) -> f64;
 
-    /// The same buffer `slots` later.
+    /// The buffer of a plan that is `slots` slots later.
     fn later(level: Self::Level, slots: f64) -> Self::Level;
 
     /// Whether two buffers are the same, each at its time.
@@ -186,7 +186,7 @@ impl Objective for Loss {
 }
 
 /// The data that is delivered by the end of the window, weighted [bit], less a little for every slot in the air; costs
-/// are negative. Units are bits.
+/// are negative. Units are bits. Plans that hover are flown anew after a change: their buffers are not compared.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Collect;
 

@@ -31,7 +31,7 @@ pub struct SensorModel {
     pub overdue_slots: f64,
     /// Three times the variance of what is sampled in a slot [slots² of sampling]; 0 for constant arrivals.
     pub noise_slots2: f64,
-    /// The same of the queue before the window, if that is estimated.
+    /// Three times the variance of the queue before the window, if that is estimated.
     pub noise_before_slots2: f64,
     /// What its gaps cost, where ages count.
     pub costs: GapCosts,
@@ -82,7 +82,7 @@ impl SensorModel {
 /// [`SensorModel::noise_slots2`] of a sensor that samples `mean_bits` [bit] per slot by `law`, as a mean over the
 /// `fill_slots` in which it fills.
 pub fn noise_slots2(law: ArrivalLaw, mean_bits: f64, fill_slots: f64) -> f64 {
-    if law.is_random() {
+    if law.is_random() && mean_bits > 0.0 {
         3.0 * law.variance_bits2(mean_bits, fill_slots) / (mean_bits * mean_bits * fill_slots)
     } else {
         0.0

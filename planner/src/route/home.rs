@@ -51,7 +51,7 @@ pub enum Returning {
 }
 
 impl Home {
-    /// That of a scenario; `None` if its UAV need not come back.
+    /// The way home of a scenario; `None` if its UAV need not come back.
     #[must_use]
     pub fn of(scenario: &Scenario, airspace: &Arc<Airspace>) -> Option<Self> {
         let battery = Battery::of(scenario);
@@ -116,7 +116,7 @@ impl Home {
         self.route_within(ground, self.left_after(slot))
     }
 
-    /// The same with `left` slots for it.
+    /// The way home that is flown with `left` slots for it.
     #[must_use]
     pub fn route_within(&self, ground: &Position, left: u64) -> Option<Route> {
         match &self.ends_from(ground)[..] {
@@ -182,7 +182,7 @@ impl Home {
         self.waypoint_of(self.route(slot.saturating_sub(1), ground), slot, ground)
     }
 
-    /// The same of a UAV with `energy_j` [J] whose time is over: at full speed, if the energy lasts for that.
+    /// The next waypoint on the way home of a UAV with `energy_j` [J] whose time is over: at full speed, if the energy lasts for that.
     #[must_use]
     pub fn landing_waypoint(&self, slot: u64, energy_j: f64, ground: &Position) -> Position {
         let in_time = self.route(slot.saturating_sub(1), ground).filter(|route| route.energy_j() <= energy_j);

@@ -42,7 +42,7 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// That of a scenario.
+    /// The motion of a scenario's UAV.
     #[must_use]
     pub fn of(scenario: &Scenario, airspace: &Arc<Airspace>) -> Self {
         let battery = Battery::of(scenario);

@@ -51,7 +51,7 @@ impl RuleBook {
     /// The rules in their order.
     const ORDER: [Apply; 4] = [Self::keep_to_airspace, Self::come_home, Self::keep_apart, Self::leave_scheduled];
 
-    /// Those of a mission.
+    /// The rules of a mission.
     #[must_use]
     pub fn new(setup: &Setup<'_>) -> Self {
         Self { serving: Serving::new(setup) }

@@ -24,7 +24,6 @@ use super::serving::Serving;
 use crate::neighbours::PlannedVisit;
 use crate::operator_counts::OperatorCounts;
 use crate::plan::forecast::Forecast;
-use crate::plan::gap_costs::GapCosts;
 use crate::plan::gaps::Gaps;
 use crate::plan::keys::HorizonKeys;
 use crate::plan::long_search::{SearchOutcome, SearchProgress};
@@ -99,10 +98,11 @@ enum Planned {
 
 impl Planned {
     fn of(setup: &Setup) -> Self {
-        match setup.settings.objective.weights() {
-            None => Self::Collect,
-            Some(weights) if GapCosts::new(&weights, 1.0, None).is_by_bits() => Self::Loss,
-            Some(_) => Self::Gaps,
+        let objective = setup.settings.objective;
+        match () {
+            () if objective.is_collect() => Self::Collect,
+            () if objective.is_loss() => Self::Loss,
+            () => Self::Gaps,
         }
     }
 }

@@ -75,7 +75,7 @@ impl Disks<'_> {
         }
     }
 
-    /// The same, prepared for the search: sorted, and relative to the first centre if they lie far from the origin.
+    /// The disks, prepared for the search: sorted, and relative to the first centre if they lie far from the origin.
     #[must_use]
     pub fn field(&self) -> DiskField {
         let centres: Vec<Position> = self.centres.iter().map(|centre| centre - self.origin()).collect();
