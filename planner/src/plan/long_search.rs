@@ -3,9 +3,10 @@
 use std::ops::ControlFlow;
 
 use super::anneal::{Best, Cooling, SearchSteps, anneal};
+use super::carried_plan::CarriedPlan;
 use super::forecast::Forecast;
+use super::improve::{COOLING, MOST_RISE, REHEATING};
 use super::keys::LookAheadPart;
-use super::lookahead::{COOLING, Lookahead, MOST_RISE, REHEATING};
 use super::objective::Objective;
 use super::start;
 use crate::strategy::View;
@@ -46,7 +47,7 @@ pub struct SearchOutcome {
     pub is_optimal: bool,
 }
 
-impl<O: Objective> Lookahead<O> {
+impl<O: Objective> CarriedPlan<O> {
     /// Improves the plan of `forecast` by up to `steps` search steps, and carries it. `watch` is called with the
     /// progress; if it ends the search, the result is `None`, and `forecast` is the best plan until then.
     pub(crate) fn prepare(

@@ -13,20 +13,21 @@
 //! | [`decoder`] | the flight to a stop, and the sensor nodes served on the way |
 //! | [`forecast`], [`states`] | the predicted cost of a plan, or of a change |
 //! | [`start`] | initial plans |
-//! | [`operators`], [`anneal`] | the changes that are proposed, and the search |
+//! | [`operators`], [`anneal`], `improve` | the changes that are proposed, and the search |
 //! | [`long_search`] | the search before the mission |
-//! | [`lookahead`], [`planned`] | the plan that is carried from slot to slot, and its first slot |
+//! | [`carried_plan`], [`planned`] | the plan that is carried from slot to slot, and its first slot |
 //! | [`keys`] | the keys of `horizon` |
 
 pub mod anneal;
+pub mod carried_plan;
 pub mod decoder;
 pub mod forecast;
 pub mod gap_costs;
 pub mod gaps;
 pub mod groups;
+mod improve;
 pub mod keys;
 pub mod long_search;
-pub mod lookahead;
 pub mod model;
 pub mod objective;
 pub mod operators;

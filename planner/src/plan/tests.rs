@@ -11,13 +11,13 @@ use skysink_common::message::{FlightReport, Mode, SensorNode};
 use skysink_common::scenario::{Overrides, Scenario};
 
 use super::anneal::{Cooling, SearchSteps, anneal};
+use super::carried_plan::CarriedPlan;
 use super::decoder::{Visit, serve};
 use super::forecast::{FRESH, Forecast};
 use super::gap_costs::GapCosts;
 use super::gaps::Gaps;
 use super::groups::PlannedStop;
 use super::keys::HorizonKeys;
-use super::lookahead::Lookahead;
 use super::model::{OtherVisits, PlanModel};
 use super::objective::{Collect, Loss};
 use super::sensor::SensorModel;
@@ -465,8 +465,8 @@ fn learnt_rates_replace_the_prior() {
     let table = &field.table;
     let mut belief = Belief::new(&scenario, &table.sensors, Some(Rates::Learnt));
     let setup = Setup { belief: &belief, ..field.setup() };
-    let mut horizon = Lookahead::<Loss>::new(&setup, HorizonKeys::of(0));
-    let believed = |horizon: &mut Lookahead<Loss>, belief: &mut Belief, slot: u64| {
+    let mut horizon = CarriedPlan::<Loss>::new(&setup, HorizonKeys::of(0));
+    let believed = |horizon: &mut CarriedPlan<Loss>, belief: &mut Belief, slot: u64| {
         let position = scenario.start();
         let belief = belief.at(slot - 1, &table.sensors, &[0; 3]);
         let stop = &Stop::default();

@@ -23,11 +23,11 @@ use super::nearby::fullest_first;
 use super::serving::Serving;
 use crate::neighbours::PlannedVisit;
 use crate::operator_counts::OperatorCounts;
+use crate::plan::carried_plan::CarriedPlan;
 use crate::plan::forecast::Forecast;
 use crate::plan::gaps::Gaps;
 use crate::plan::keys::HorizonKeys;
 use crate::plan::long_search::{SearchOutcome, SearchProgress};
-use crate::plan::lookahead::Lookahead;
 use crate::plan::objective::{Collect, Loss, Objective};
 use crate::plan::planned::{PlannedSlot, planned_path, planned_slot};
 use crate::strategy::{Decision, Registered, Setup, Strategy, Timing, View};
@@ -109,13 +109,13 @@ impl Planned {
 
 /// A plan over many slots.
 pub struct LookAhead<O: Objective> {
-    ahead: Lookahead<O>,
+    ahead: CarriedPlan<O>,
     /// Steps before slot 1 of a plan that is flown without changes; `None` if it is improved in every slot.
     offline_steps: Option<u64>,
     /// Steps of the first search for a plan that hovers.
     first_steps: u64,
     /// The look-ahead for the least loss, with which a first plan that hovers may begin; `None` where no SN samples.
-    loss: Option<Lookahead<Loss>>,
+    loss: Option<CarriedPlan<Loss>>,
     serving: Serving,
     /// The planned waypoints after the last decided one.
     path: Vec<Point3<f64>>,
@@ -124,14 +124,14 @@ pub struct LookAhead<O: Objective> {
 }
 
 impl<O: Objective> LookAhead<O> {
-    /// As [`Lookahead::new`].
+    /// As [`CarriedPlan::new`].
     fn new(setup: &Setup, keys: HorizonKeys, first_steps: u64) -> Self {
         let is_sampling = setup.belief.has_learnt_rates() || setup.table.sensors.sampling_ids().next().is_some();
         Self {
-            ahead: Lookahead::new(setup, keys),
+            ahead: CarriedPlan::new(setup, keys),
             offline_steps: None,
             first_steps,
-            loss: (O::HOVERS && is_sampling).then(|| Lookahead::new(setup, keys)),
+            loss: (O::HOVERS && is_sampling).then(|| CarriedPlan::new(setup, keys)),
             serving: Serving::new(setup),
             path: Vec::with_capacity(MAX_PATH_POINTS),
             intents: (0, Vec::new()),
@@ -293,7 +293,7 @@ pub fn search_offline(
 /// The points of a plan for the least loss, improved in `steps` steps, each with the id of an SN; one for each member of
 /// a group.
 fn of_least_loss(
-    mut loss: Lookahead<Loss>,
+    mut loss: CarriedPlan<Loss>,
     view: &View,
     steps: u64,
     is_over: &dyn Fn() -> bool,

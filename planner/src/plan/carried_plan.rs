@@ -13,7 +13,6 @@ use skysink_common::random::{Purpose, Streams};
 use skysink_common::sampling::Sampler;
 use skysink_common::sensors::Sensors;
 
-use super::anneal::{Best, Cooling, SearchSteps, anneal};
 use super::forecast::Forecast;
 use super::gap_costs::GapCosts;
 use super::groups::PlannedStop;
@@ -49,31 +48,6 @@ const ZONES_EFFORT: u64 = 3;
 const FLEET_EFFORT: u64 = 4;
 const EASY_SENSORS: usize = 200;
 
-/// Ceiling of the temperature at the mission's end; 1 at its beginning.
-const LAST_CEILING: f64 = 0.1;
-
-/// Fraction of free resource blocks from which on the temperature is not reduced.
-const FREE: f64 = 0.5;
-
-/// Largest increase of the cost by a search, as a fraction of the avoidable cost; beyond it the search is undone.
-pub(super) const MOST_RISE: f64 = 0.02;
-
-/// Lowest temperature; above 0, so that [`REHEATING`] can raise it.
-const LEAST_TEMPERATURE: f64 = 1e-9;
-
-/// Factor of the temperature after a search that increased the cost.
-pub(super) const COOLING: f64 = 0.95;
-
-/// Factor of the temperature after a search that reduced the cost.
-pub(super) const REHEATING: f64 = 1.05;
-
-/// Temperatures of a search for a plan that hovers, as fractions of the mean data of a sensor: at the beginning of the
-/// first search, of later ones, and at the end.
-const HOVER_TEMPERATURES: [f64; 3] = [0.3, 0.02, 1e-3];
-
-/// Fraction of all data that is little to leave.
-const LITTLE: f64 = 0.05;
-
 /// How often the steps of a search are halved, at most, after searches in vain.
 const MOST_HALVINGS: u32 = 4;
 
@@ -85,12 +59,12 @@ const MOST_SLOTS: u64 = 2_400;
 
 /// The look-ahead of a mission: its parameters, and the plan carried from slot to slot.
 #[derive(Debug, Clone)]
-pub struct Lookahead<O: Objective> {
+pub struct CarriedPlan<O: Objective> {
     /// The sensors and their stops.
     pub(crate) model: PlanModel,
-    streams: Streams,
+    pub(super) streams: Streams,
     /// Slots of the mission.
-    slots: u64,
+    pub(super) slots: u64,
     pub(crate) keys: HorizonKeys,
     /// How far from its waypoint a slot may end, where plans hover [m].
     beside_m: f64,
@@ -98,18 +72,18 @@ pub struct Lookahead<O: Objective> {
     pub(super) counts: Vec<OperatorCounts>,
     /// The slot of the last service of each SN, 0 before the first; empty unless ages count.
     served: Vec<u32>,
-    plan: Carried,
+    pub(super) plan: PlanState,
     objective: PhantomData<O>,
 }
 
 /// The plan carried from slot to slot, and how it is searched for.
 #[derive(Debug, Clone)]
-struct Carried {
+pub(super) struct PlanState {
     /// The remaining stops.
     stops: Vec<PlannedStop>,
     /// Temperature of the next search, 0 to 1: the cost accepted with probability 1/e, as a fraction of the mean cost
     /// per stop beyond the bound.
-    temperature: f64,
+    pub(super) temperature: f64,
     /// Whether it has searched.
     has_begun: bool,
     /// The slot before which searches were made in part; 0 if they were not.
@@ -117,7 +91,7 @@ struct Carried {
     /// Whether the UAV is on its way to the first stop, where plans hover.
     is_under_way: bool,
     /// Searches in vain in a row, where plans hover: each next one takes half as many steps.
-    vain_searches: u32,
+    pub(super) vain_searches: u32,
     /// Where the last planned slot should have ended, if slots end beside their waypoints [m].
     waypoint: Option<Position>,
 }
@@ -137,7 +111,7 @@ struct Saved {
     served: Vec<u32>,
 }
 
-impl<O: Objective> Lookahead<O> {
+impl<O: Objective> CarriedPlan<O> {
     /// The look-ahead before slot 1.
     ///
     /// If sampling rates are learnt, all SNs can lose data, at their estimated rates. The setup's stop ends the search
@@ -166,7 +140,7 @@ impl<O: Objective> Lookahead<O> {
             beside_m: if O::HOVERS { MOST_DEVIATIONS * scenario.uav.position_error_m.unwrap_or(0.0) } else { 0.0 },
             counts: vec![OperatorCounts::default(); operators::<O>().len()],
             served: if O::COUNTS_AGES { vec![0; sensors.count()] } else { Vec::new() },
-            plan: Carried {
+            plan: PlanState {
                 stops: Vec::new(),
                 temperature: FIRST_TEMPERATURE,
                 has_begun: false,
@@ -302,16 +276,17 @@ impl<O: Objective> Lookahead<O> {
     /// steps of the slots after it, which have fewer then.
     pub fn search(&mut self, view: &View, forecast: &mut Forecast<O>, first_steps: u64, is_over: &dyn Fn() -> bool) {
         if O::HOVERS {
-            let (steps, temperature) = match self.plan.has_begun {
-                false => (first_steps, HOVER_TEMPERATURES[0]),
+            let is_first = !self.plan.has_begun;
+            let steps = match self.plan.has_begun {
+                false => first_steps,
                 true => {
                     let steps = u64::from(self.keys.iterations);
                     let halved = steps >> self.plan.vain_searches.min(MOST_HALVINGS);
-                    (halved.max(steps.min(1)), HOVER_TEMPERATURES[1])
+                    halved.max(steps.min(1))
                 }
             };
             self.plan.has_begun = true;
-            return self.improve_points(view.slot, steps, temperature, forecast, is_over);
+            return self.improve_points(view.slot, steps, is_first, forecast, is_over);
         }
         let steps = self.keys.iterations;
         let left = steps.div_ceil(LEFT);
@@ -385,83 +360,6 @@ impl<O: Objective> Lookahead<O> {
         window
     }
 
-    /// Anneals the plan; restores the initial plan if the cost ends much higher.
-    ///
-    /// The temperature is proportional to the cost per stop beyond the bound, and falls with the fraction of free
-    /// resource blocks, because a cycle of full groups can only get worse. It is lowered after a search that increased
-    /// the cost, and raised after one that reduced it, up to a ceiling that falls over the mission.
-    fn improve(&mut self, slot: u64, steps: u32, forecast: &mut Forecast<O>, is_over: &dyn Fn() -> bool) {
-        if steps == 0 {
-            return;
-        }
-        let model = &mut self.model;
-        let begun = forecast.stops();
-        let begun_cost = forecast.cost;
-        let window = &forecast.window;
-        let least = window.least(model);
-        if begun_cost <= least {
-            return; // nothing can be better
-        }
-        let blocks = model.table.limits.blocks() as f64 * f64::from(window.slots);
-        let free = (1.0 - forecast.trace.visits.len() as f64 / blocks).max(0.0);
-        let freedom = (free / FREE).min(1.0).powi(2);
-        let avoidable = (begun_cost - forecast.beyond - least).max(0.0) * freedom;
-        // A window that ends before the mission has no final temperature.
-        let progress = if window.beyond_slots > 0.0 { 1.0 } else { slot as f64 / self.slots as f64 };
-        let ceiling = LAST_CEILING.powf(progress);
-        let is_annealed = self.keys.without != Some(LookAheadPart::Annealing);
-        let temperature = if is_annealed { self.plan.temperature.min(ceiling) } else { 0.0 };
-        let cooling = Cooling::far_ahead(avoidable / begun.len().max(1) as f64 * temperature);
-        let mut random = self.streams.stream(Purpose::Horizon, slot, 0);
-        let mut search = SearchSteps { is_over, random: &mut random, counts: &mut self.counts };
-        anneal(model, forecast, cooling, steps.into(), &mut search, None);
-        // The schedules depend on the buffers, and the search copies legs without recomputing them. Reload the plan, so
-        // that the next slot resumes from exactly this plan.
-        forecast.load(model, forecast.stops());
-        let rise = forecast.cost - begun_cost;
-        if rise > 0.0 {
-            self.plan.temperature = (self.plan.temperature * COOLING).max(LEAST_TEMPERATURE);
-        } else if rise < 0.0 {
-            self.plan.temperature = (self.plan.temperature * REHEATING).min(1.0);
-        }
-        if rise > avoidable * MOST_RISE {
-            forecast.load(model, begun);
-        }
-    }
-
-    /// Anneals a plan that hovers from a temperature in parts of the mean data of a sensor, and loads the best plan
-    /// found. The next search takes fewer steps if this one was in vain: it found no better plan, and little is left.
-    fn improve_points(
-        &mut self,
-        slot: u64,
-        steps: u64,
-        temperature: f64,
-        forecast: &mut Forecast<O>,
-        is_over: &dyn Fn() -> bool,
-    ) {
-        if steps == 0 {
-            return; // with the stops that now take no slot: they may again
-        }
-        let model = &mut self.model;
-        forecast.keeps_idle = false;
-        forecast.load(model, forecast.stops());
-        let least = forecast.window.least(model);
-        let mean = -least / forecast.open(model).len().max(1) as f64;
-        let cooling = match self.keys.without {
-            Some(LookAheadPart::Annealing) => Cooling::everywhere(0.0),
-            _ => Cooling::Geometric { first: mean * temperature, last: mean * HOVER_TEMPERATURES[2] },
-        };
-        let mut best: Best = (forecast.cost, forecast.stops());
-        let begun_cost = best.0;
-        let mut random = self.streams.stream(Purpose::Collect, slot, 0);
-        let mut search = SearchSteps { is_over, random: &mut random, counts: &mut self.counts };
-        anneal(model, forecast, cooling, steps, &mut search, Some(&mut best));
-        let is_vain = best.0 >= begun_cost && best.0 <= least * (1.0 - LITTLE);
-        forecast.load(model, best.1);
-        forecast.keeps_idle = true;
-        self.plan.vain_searches = if is_vain { self.plan.vain_searches.saturating_add(1) } else { 0 };
-    }
-
     /// What became of the proposals of each operator, by its name.
     pub fn counts(&self) -> impl Iterator<Item = (&'static str, &OperatorCounts)> {
         operators::<O>().iter().map(|operator| operator.name).zip(&self.counts)
@@ -484,9 +382,9 @@ impl<O: Objective> Lookahead<O> {
     }
 }
 
-impl<O: Objective> Checkpoint for Lookahead<O> {
+impl<O: Objective> Checkpoint for CarriedPlan<O> {
     fn save(&self, bytes: &mut Vec<u8>) {
-        let Carried { stops, temperature, has_begun, advanced, is_under_way, vain_searches, waypoint } = &self.plan;
+        let PlanState { stops, temperature, has_begun, advanced, is_under_way, vain_searches, waypoint } = &self.plan;
         let points = self.model.disks.iter().filter(|_| O::HOVERS);
         let saved = Saved {
             stops: stops.iter().map(|stop| (stop.disk, stop.hovers)).collect(),
@@ -520,7 +418,7 @@ impl<O: Objective> Checkpoint for Lookahead<O> {
             saved.points.iter().for_each(|(point, sensor)| _ = self.model.add_point(*sensor, (*point).into(), 0));
         }
         (self.counts, self.served) = (saved.counts, saved.served);
-        self.plan = Carried {
+        self.plan = PlanState {
             stops: saved.stops.into_iter().map(|(disk, hovers)| PlannedStop { disk, hovers }).collect(),
             temperature: saved.temperature,
             has_begun: saved.has_begun,
