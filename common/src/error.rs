@@ -131,10 +131,13 @@ pub fn line_of(text: &str, position: Option<&csv::Position>) -> u64 {
 }
 
 /// Words of keys for what is not modelled, under the headings of `docs/src/not-modelled.md`.
-const NOT_MODELLED: [(&str, &[&str]); 4] = [
+const NOT_MODELLED: [(&str, &[&str]); 7] = [
     ("Terrain", &["terrain", "elevation", "dem"]),
     ("Gusts", &["gust", "gusts", "weather"]),
     ("Several UAVs", &["uavs", "fleet", "drones"]),
+    ("Sensor nodes", &["mobility", "relay", "hops", "sleep", "failure", "expiry", "ttl"]),
+    ("Base station", &["memory", "backhaul"]),
+    ("What will not be added", &["packet", "packets", "routing", "mac", "wing", "stall"]),
     ("Radio", &["lora", "wifi", "ble", "zigbee", "duty", "collisions"]),
 ];
 
@@ -162,9 +165,15 @@ mod tests {
     fn a_key_of_an_unmodelled_feature_names_the_documentation() {
         let page = include_str!("../../docs/src/not-modelled.md");
         let unknown = |name: &str| suggestion(&format!("unknown field `{name}`, expected `slots` or `width_m`"));
-        for (name, heading) in
-            [("terrain", "Terrain"), ("gusts", "Gusts"), ("uavs", "Several UAVs"), ("duty_cycle", "Radio")]
-        {
+        for (name, heading) in [
+            ("terrain", "Terrain"),
+            ("gusts", "Gusts"),
+            ("uavs", "Several UAVs"),
+            ("duty_cycle", "Radio"),
+            ("memory_bits", "Base station"),
+            ("expiry_s", "Sensor nodes"),
+            ("packet_bits", "What will not be added"),
+        ] {
             let hint = format!(
                 "; it is not modelled, see \"{heading}\" in \"What Skysink does not model\" of the documentation"
             );

@@ -121,3 +121,29 @@ fn each_objective_costs_least_by_its_own_plans() {
     let sum = cost("{ loss = 1.0, age = 1e-9 }");
     assert!(sum.0 < age.0, "{sum:?} {age:?}");
 }
+
+/// Sensor nodes that sample nothing have ages, too: for UAVs that count each other's visits, and where queues are estimated.
+#[test]
+fn ages_count_where_nothing_is_sampled() {
+    for keys in [
+        "uav.count = 2\nuav.coordination = 'sequential'\nplanner.objective = 'age'\n",
+        "uav.count = 2\nuav.coordination = 'sequential'\nplanner.objective = { loss = 1e-9, age = 1.0 }\n",
+        "planner.knowledge = 'estimated'\nplanner.objective = { loss = 1.0, age = 10.0 }\n",
+    ] {
+        let text = format!(
+            "name = 'ages'\nslots = 100\narea.side_m = 250.0\nsensors.count = 40\nsensors.sampling_bps = 0.0\n\
+             sensors.deadline_s = 40.0\nlink.bandwidth_hz = 5e3\nplanner.horizon.iterations = 300\n{keys}"
+        );
+        let [horizon, tour] = ["horizon", "tour"].map(|strategy| gaps(&text, strategy).ages);
+        assert!(horizon < tour, "{keys}: {horizon} against {tour}");
+    }
+}
+
+#[test]
+fn limits_of_whole_slots_are_whole() {
+    for (slot_s, deadline_s, slots) in [(0.1, 0.3, 3), (0.1, 0.6, 6), (0.1, 0.7, 7), (0.1, 0.69, 6), (1.0, 0.5, 0)] {
+        let text =
+            format!("name = 'a'\nslot_s = {slot_s:?}\nlink.comm_s = 0.01\nsensors.deadline_s = {deadline_s:?}\n");
+        assert_eq!(scenario_of(&text, "gfs").deadline_slots(), Some(slots), "{deadline_s} s");
+    }
+}

@@ -31,6 +31,7 @@ from skysink.flight import compare, simulate
 from skysink.models import Arrivals, Channel
 from skysink.strategy import Strategy
 from skysink.sweeps import sweep
+from skysink.visits import VisitPlan, plan_visits
 
 __all__ = [
     "STRATEGIES",
@@ -49,9 +50,11 @@ __all__ = [
     "Strategy",
     "Table",
     "View",
+    "VisitPlan",
     "__build__",
     "__version__",
     "compare",
+    "plan_visits",
     "simulate",
     "sweep",
 ]

@@ -513,6 +513,17 @@ def simulate(
     label: str | None = None,
     origin: tuple[str, Sequence[tuple[str, bytes]]] | None = None,
 ) -> Run: ...
+def visits_of(
+    scenario: Scenario,
+    positions_m: NDArray[np.float64],
+    capacity_bits: NDArray[np.uint32],
+    sampling_bps: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    queues_bits: NDArray[np.uint32],
+    steps: int,
+) -> tuple[NDArray[np.uint64], NDArray[np.uint32], NDArray[np.float64], NDArray[np.float64], float, float]:
+    """Slots, SNs, x and y [m] of the visits of :func:`skysink.plan_visits`; their cost, and a bound."""
+
 def plan_ring(strategy: Strategy | Callable[[], Strategy], ring: Path, scenario: Path) -> int: ...
 def fly_ring(vehicle: Vehicle, ring: Path, scenario: Path, reached_m: float) -> int: ...
 def run_program(name: str, arguments: Sequence[str], interpreter: Sequence[str]) -> int: ...

@@ -27,6 +27,7 @@ mod table;
 mod values;
 mod vehicle;
 mod view;
+mod visits;
 
 #[pyo3::pymodule]
 mod _skysink {
@@ -62,6 +63,8 @@ mod _skysink {
     use super::table::PyTable;
     #[pymodule_export]
     use super::view::{PyFlight, PyNeighbours, PyView};
+    #[pymodule_export]
+    use super::visits::visits_of;
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -41,7 +41,7 @@ crate::keys! {
         initial_queue_mean_bits: Interval = 10000.0, QUEUE_BITS;
         /// Height of the antennas above the ground [m], with `link.model = "buildings"`; below the UAV.
         height_m: Option<f64>, Accepts::Rule("0 or above, below the UAV, only with link.model = \"buildings\"");
-        /// Most seconds between two services of an SN, with `planner.objective` and for the metric `deadline_slots`
+        /// Longest time between two services of an SN [s], with `planner.objective` and for the metric `deadline_slots`
         /// (decision D36).
         deadline_s: Option<f64>, POSITIVE;
         /// How the bits arrive; without this table the same in every slot.

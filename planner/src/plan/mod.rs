@@ -16,6 +16,7 @@
 //! | [`operators`], [`anneal`], `improve` | the changes that are proposed, and the search |
 //! | [`long_search`] | the search before the mission |
 //! | [`carried_plan`], [`planned`] | the plan that is carried from slot to slot, and its first slot |
+//! | [`visits`] | a plan without a mission around it |
 //! | [`keys`] | the keys of `horizon` |
 
 pub mod anneal;
@@ -38,4 +39,5 @@ pub mod start;
 pub mod states;
 #[cfg(test)]
 mod tests;
+pub mod visits;
 pub mod window;

@@ -13,7 +13,9 @@ use crate::scenario::Overrides;
 const LOSS: PathLoss = PathLoss { exponent: 2.5, margin_db: 15.0, sigma_db: 0.0 };
 
 fn parsed(keys: &str, overrides: Overrides) -> Result<Scenario, String> {
-    let text = format!("name = 'a'\n{keys}");
+    // The paper's slots are too short to set up a contact of most radios.
+    let setup = if keys.contains("link.preset = ") { "link.setup_s = 0.05\n" } else { "" };
+    let text = format!("name = 'a'\n{setup}{keys}");
     Scenario::parse(&text, Path::new("a.toml"), overrides).map_err(|error| error.to_string())
 }
 
