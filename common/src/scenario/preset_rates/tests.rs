@@ -145,7 +145,7 @@ fn a_setting_of_a_preset_replaces_what_the_file_says() {
         parsed(keys, Overrides { keys: keys_of, ..Overrides::default() }).unwrap()
     };
     let full = scenario("uav.preset = 'x500'\nlink.preset = 'lora-sf7'\n").to_toml().replace("name = \"a\"", "");
-    let other = set(&full, &["uav.preset=m30", "link.preset=lora-sf8"]);
+    let other = set(&full, &["uav.preset=m30", "link.preset=lora-sf8", "link.setup_s=0.05"]);
     let named = scenario("uav.preset = 'm30'\nlink.preset = 'lora-sf8'\n");
     assert_eq!(other.hash(), named.hash());
     let plain = set("link.preset = 'lora-sf7'\n", &["link.model=free-space"]);
