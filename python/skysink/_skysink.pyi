@@ -35,6 +35,7 @@ __all__ = [
     "plan_ring",
     "run_program",
     "simulate",
+    "visits_of",
 ]
 
 __version__: Final[str]

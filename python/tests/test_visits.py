@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import skysink
 
@@ -41,7 +42,8 @@ def test_visits_are_possible_and_cost_what_they_say() -> None:
     assert (np.diff(plan.slots.astype(np.int64)) >= 0).all()
     away = np.linalg.norm(plan.positions_m - places[plan.visited], axis=1)
     assert away.max() <= 10.0 * (1.0 + 1e-9)
-    start, at = (places.min(0) + places.max(0)) / 2.0, {}
+    start = (places.min(0) + places.max(0)) / 2.0
+    at: dict[int, NDArray[np.float64]] = {}
     for slot, position in zip(plan.slots.tolist(), plan.positions_m, strict=True):
         assert np.array_equal(at.setdefault(slot, position), position)
     stops = [(0, start), *sorted(at.items(), key=lambda stop: stop[0])]

@@ -222,7 +222,7 @@ proptest! {
         let mut model = model;
         model.sensors.iter_mut().for_each(|sensor| sensor.costs = costs);
         let queues_bits = vec![10_000; model.sensors.len()];
-        let planning = PlanningWindow::<Gaps>::new(&model, [200.0, 200.0].into(), &queues_bits, |id| f64::from(id), 3_000, 0);
+        let planning = PlanningWindow::<Gaps>::new(&model, [200.0, 200.0].into(), &queues_bits, f64::from, 3_000, 0);
         let stop = |index: &prop::sample::Index| PlannedStop::at(index.index(model.disks.len()) as u32);
         let mut forecast = Forecast::new(&model, planning.clone());
         forecast.load(&model, drawn.iter().map(stop));
