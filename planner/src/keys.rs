@@ -109,6 +109,7 @@ pub enum NamedObjective {
     /// The least mean age of service.
     Age,
     /// The least peak age: the sum of the eighth powers of the ages before services.
+    #[serde(alias = "peak_age")]
     PeakAge,
     /// The fewest slots with an age above `sensors.deadline_s`.
     Deadline,
@@ -123,6 +124,7 @@ pub struct ObjectiveWeights {
     /// Of a second of age in a slot.
     pub age: f64,
     /// Of the eighth power of the age before a service, in seconds.
+    #[serde(alias = "peak-age")]
     pub peak_age: f64,
     /// Of a slot with an age above the limit.
     pub deadline: f64,

@@ -52,13 +52,28 @@ def plan_visits(
 
     A vehicle flies up to ``reach_m`` in each of ``slots`` slots, and at the end of a slot visits up to ``blocks`` of the
     places at ``positions_m`` [N, 2] within ``radius_m``. A place fills in ``fill_slots`` (one number or [N]; ``inf``:
-    never), from ``waited_slots`` slots after its last visit on, and what it gathers when it is full is lost: with the
-    objective ``"loss"`` each such slot costs its weight. The other objectives are ``"age"``, ``"peak-age"``,
+    never), and what it gathers when it is full is lost: with the objective ``"loss"`` each such slot costs its weight.
+    With it, places were last visited ``waited_slots`` slots before. The other objectives are ``"age"``, ``"peak-age"``,
     ``"deadline"`` (with ``deadline_slots``), and sums such as ``{"loss": 1.0, "age": 0.1}``; see
     ``docs/src/objectives.md``. The start is the middle of the places, unless it is given.
 
     Raises :class:`InputError` for arrays of other shapes and impossible numbers.
     """
+    for name, value, least, most in (
+        ("radius_m", radius_m, 1e-9, 1e9),
+        ("reach_m", reach_m, 1e-9, 1e9),
+        ("slots", slots, 1, 10**6),
+        ("blocks", blocks, 1, 64),
+        ("steps", steps, 0, 10**12),
+        ("seed", seed, 0, 2**63 - 1),
+        ("deadline_slots", 1 if deadline_slots is None else deadline_slots, 1, 10**9),
+    ):
+        kind = (int, np.integer) if isinstance(least, int) else (int, float, np.integer, np.floating)
+        if not isinstance(value, kind) or isinstance(value, bool) or not least <= value <= most:
+            number = "a whole number" if isinstance(least, int) else "a number"
+            raise InputError(f"{name} = {value}: expected {number} from {least:g} to {most:g}")
+    if deadline_slots is None and (objective == "deadline" or isinstance(objective, Mapping) and objective.get("deadline")):
+        raise InputError("deadline_slots = None: expected the limit of the objective, in slots")
     places = np.asarray(positions_m, dtype=np.float64)
     if places.ndim != 2 or places.shape[1:] != (2,) or len(places) == 0 or not np.isfinite(places).all():
         raise InputError(f"positions_m of shape {places.shape}: expected finite numbers [N, 2], N of at least 1")
@@ -71,6 +86,8 @@ def plan_visits(
 
     fills = each("fill_slots", fill_slots, 1e-3)
     waited = np.minimum(each("waited_slots", waited_slots, 0.0), fills)
+    if objective != "loss" and waited.any():
+        raise InputError("waited_slots: expected 0 unless the objective is the loss")
     if not np.isfinite(waited).all():
         raise InputError("waited_slots: expected finite numbers")
     gathers = np.isfinite(fills)
@@ -103,7 +120,11 @@ def plan_visits(
     scenario = Scenario.letter().replace(keys)
     capacity = np.where(gathers, np.maximum(np.round(np.where(gathers, fills, 1.0) * SLOT_BITS), 1.0), 1.0)
     queues = np.minimum(np.round(waited * SLOT_BITS), capacity)
-    scale = SLOT_BITS if objective == "loss" else 1.0
+    shares = np.array(each("weights", 1.0 if weights is None else weights, 1e-6))
+    if not (shares <= 1e6).all():
+        raise InputError("weights: expected numbers from 1e-06 to 1e+06")
+    # Equal weights are taken as 1.
+    scale = (SLOT_BITS if objective == "loss" else 1.0) / (shares[0] if (shares == shares[0]).all() else 1.0)
     if isinstance(sums, dict) and "loss" in sums:
         # A slot of loss costs its weight, not a bit.
         scenario = scenario.replace({"planner.objective": {**sums, "loss": sums["loss"] / SLOT_BITS}})
@@ -112,7 +133,7 @@ def plan_visits(
         places - corner,
         capacity.astype(np.uint32),
         np.where(gathers, SLOT_BITS, 0.0),
-        np.array(each("weights", 1.0 if weights is None else weights, 1e-9)),
+        shares,
         queues.astype(np.uint32),
         steps,
     )

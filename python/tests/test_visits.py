@@ -59,6 +59,12 @@ def test_visits_are_possible_and_cost_what_they_say() -> None:
     assert np.array_equal(again.slots, plan.slots) and again.cost == plan.cost
 
 
+def test_equal_weights_multiply_the_cost() -> None:
+    places = [[0.0, 0.0], [90.0, 0.0], [0.0, 90.0]]
+    one, two = (skysink.plan_visits(places, 5.0, 4.0, w, reach_m=30.0, slots=30, steps=500).cost for w in (1.0, 2.0))
+    assert two == 2.0 * one > 0.0
+
+
 def test_a_sum_counts_slots_of_loss_and_ages() -> None:
     places = [[0.0, 0.0], [500.0, 0.0]]
     arguments: dict[str, Any] = {"reach_m": 10.0, "slots": 20, "start_m": (0.0, 0.0), "steps": 2_000}
@@ -75,10 +81,15 @@ def test_a_sum_counts_slots_of_loss_and_ages() -> None:
         ({"fill_slots": 0.0}, "fill_slots of shape"),
         ({"weights": [-1.0, 1.0, 1.0]}, "weights of shape"),
         ({"waited_slots": np.inf, "fill_slots": np.inf}, "waited_slots: expected finite"),
+        ({"waited_slots": 3.0, "objective": "age"}, "waited_slots: expected 0"),
+        ({"steps": -1}, "steps = -1: expected a whole number from 0"),
+        ({"blocks": 65}, "blocks = 65"),
+        ({"reach_m": "far"}, "reach_m = far: expected a number"),
+        ({"weights": 1e13}, "weights: expected numbers"),
         ({"objective": "collect"}, "expected costs of the time"),
-        ({"objective": "deadline"}, "sensors.deadline_s"),
+        ({"objective": "deadline"}, "deadline_slots = None"),
         ({"objective": "fast"}, "planner.objective"),
-        ({"radius_m": -1.0}, "link.comm_radius_m"),
+        ({"radius_m": -1.0}, "radius_m = -1.0"),
         ({"slots": 0}, "slots"),
         ({"start_m": (np.nan, 0.0)}, "start_m"),
     ],

@@ -38,7 +38,8 @@ const HEADER: &str = "\
 #   skysink check FILE                        prints every key, figures and warnings
 #   skysink simulate FILE --out runs/NAME     simulates it
 #   skysink compare FILE horizon tour         compares strategies
-#   skysink export runs/NAME --format qgc-plan    writes a plan for a ground station
+#   skysink export runs/NAME --format qgc-plan    writes a plan for a ground station;
+#     --origin LAT,LON says where the corner of a list in metres is
 #
 # Assumed; change what differs. A measured map of the links is better than a radio by
 # name, and published models of the power of flight differ by 25 % and more.
@@ -148,7 +149,7 @@ impl Hardware {
         lines.set(
             "slot_s",
             &format!("slot_s = {slot_s:?}"),
-            &format!("Length of a slot: {leg_s} s of flight, then comm_s"),
+            &format!("A leg of {leg_s} s and comm_s; plans may fly all of it"),
         );
         lines.set("link.comm_s", &format!("comm_s = {comm_s:?}"), "Time for communication in a slot, τ_c [s]");
         if self.radio.is_some() {

@@ -2,10 +2,11 @@
 
 use std::fmt::Write as _;
 
+#[cfg(feature = "lab")]
 use expect_test::expect_file;
 use skysink_common::channel::PathLoss;
-use skysink_common::presets::drones::{self, DRONES};
-use skysink_common::presets::radios::{self, RADIOS, Radio};
+use skysink_common::presets::drones::DRONES;
+use skysink_common::presets::radios::{RADIOS, Radio};
 use skysink_common::scenario::{Overrides, Scenario};
 
 use crate::support::Place;
@@ -20,6 +21,7 @@ fn scenario(radio: &str, drone: &str) -> Scenario {
 }
 
 /// Six sensor nodes within 400 m, in degrees.
+#[cfg(feature = "lab")]
 const NODES: &str =
     "lat,lon\n47.4001,8.5501\n47.4002,8.5530\n47.4015,8.5512\n47.4021,8.5540\n47.4030,8.5505\n47.4012,8.5549\n";
 
@@ -46,8 +48,8 @@ fn every_radio_flies_on_every_drone_and_its_plan_is_within_the_endurance() {
         assert!(!copy.contains("preset") && copy.contains("file = \"channel.csv\""), "{copy}");
     };
     std::thread::scope(|scope| {
-        for drone in drones::NAMES {
-            scope.spawn(|| radios::NAMES.iter().for_each(|radio| fly(radio, drone)));
+        for drone in skysink_common::presets::drones::NAMES {
+            scope.spawn(|| skysink_common::presets::radios::NAMES.iter().for_each(|radio| fly(radio, drone)));
         }
     });
 }
