@@ -479,6 +479,7 @@ fn a_restored_fleet_plans_as_before() {
         for (strategy, knowledge, more) in [
             ("horizon", "estimated", ""),
             ("horizon", "oracle", "separation_m = 6.0\n"),
+            ("horizon", "ages", ""),
             ("offline", "oracle", ""),
             ("tour", "oracle", ""),
             ("max-age-first", "oracle", ""),
@@ -489,6 +490,9 @@ fn a_restored_fleet_plans_as_before() {
             let scenario = settings::change(base, |settings| {
                 settings.knowledge =
                     if knowledge == "estimated" { settings::Knowledge::Estimated } else { settings::Knowledge::Oracle };
+                if knowledge == "ages" {
+                    settings.objective = settings::PlanningObjective::Named(settings::NamedObjective::Age);
+                }
             })
             .unwrap();
             let list = SensorList::of(&scenario).unwrap();

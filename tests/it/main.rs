@@ -33,6 +33,7 @@ mod motion;
 mod names;
 mod new;
 mod nodes;
+mod objectives;
 mod optimize;
 #[cfg(feature = "lab")]
 mod outcomes;
