@@ -129,6 +129,7 @@ def keys_of(reference, state, sensors, seed, iterations):
     step_s = 1.0 / SLOTS
     several = {
         "uav.count": len(own),
+        "uav.coordination": "sequential",
         "uav.starts_m": [middle_m(position, cells) for position in state.positions],
         "uav.endurances_s": [slots * step_s for slots in own],
         "uav.separation_m": SEPARATION_M,

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 use skysink_common::pace::Pace;
+use skysink_common::scenario::Coordination;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::Plant;
@@ -78,6 +79,7 @@ pub fn measure(effort: BenchEffort, stop: &Stop) -> Result<Vec<FleetRow>, BenchE
 fn plan_times(uavs: u32, effort: BenchEffort, stop: &Stop) -> Result<Spread, BenchError> {
     let mut scenario = letter(SENSORS, uts::STRATEGY.name);
     scenario.uav.count = Some(uavs);
+    scenario.uav.coordination = Some(Coordination::Sequential);
     let list = SensorList::of(&scenario)?;
     let begun =
         || Ok::<_, BenchError>((Plant::new(&scenario, &list), FleetPlanner::until(&scenario, &list.nodes(), stop)?));

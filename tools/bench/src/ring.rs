@@ -92,7 +92,7 @@ pub fn run_ring(case: RingCase, stop: &Stop) -> Result<RunTiming, BenchError> {
     command.args(["--wait", &case.wait.to_string(), "--pace", &case.pace.to_string()]);
     command.args(letter_keys(case.sensors, case.slots).iter().flat_map(|key| ["--set", key]));
     if case.uavs > 1 {
-        command.args(["--set", &format!("uav.count={}", case.uavs)]);
+        command.args(["--set", &format!("uav.count={}", case.uavs), "--set", "uav.coordination=sequential"]);
     }
     let run = command.arg("--out").arg(folder.path().join("run")).stdin(Stdio::null()).output().at(&program)?;
     if !run.status.success() {
