@@ -134,6 +134,21 @@ pub enum Timing {
 }
 
 impl<'a> View<'a> {
+    /// What a UAV that plans alone sees before slot 1, with known queues, `queues_bits` [bit] by id.
+    pub(crate) fn at_start(setup: &Setup<'a>, queues_bits: &'a [u32], stop: &'a Stop) -> Self {
+        let Setup { scenario, table, .. } = *setup;
+        Self {
+            slot: 1,
+            position: scenario.start(),
+            battery: BatteryState::initial(scenario),
+            belief: Believed::known(0, &table.sensors, queues_bits),
+            table,
+            timing: Timing::Free,
+            neighbours: None,
+            stop,
+        }
+    }
+
     /// Whether links, arrivals, queues and rates are known: then a forecast is what comes.
     #[must_use]
     pub fn is_certain(&self) -> bool {

@@ -2,8 +2,6 @@
 
 use std::ops::ControlFlow;
 
-use skysink_common::battery::BatteryState;
-use skysink_common::belief::Believed;
 use skysink_common::geometry::Position;
 
 use super::carried_plan::CarriedPlan;
@@ -11,7 +9,7 @@ use super::gaps::Gaps;
 use super::keys::HorizonKeys;
 use super::objective::{Loss, Objective};
 use super::planned::planned_slot;
-use crate::strategy::{Setup, Timing, View};
+use crate::strategy::{Setup, View};
 
 /// A visit.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -52,19 +50,10 @@ pub fn plan_visits(setup: &Setup, queues_bits: &[u32], steps: u64) -> Option<Vis
 }
 
 fn visits_of<O: Objective>(setup: &Setup, queues_bits: &[u32], steps: u64) -> Option<VisitPlan> {
-    let Setup { scenario, table, stop, .. } = *setup;
+    let Setup { scenario, stop, .. } = *setup;
     let keys = HorizonKeys { window: Some(scenario.slots), ..HorizonKeys::of(0) };
     let mut plan = CarriedPlan::<O>::new(setup, keys);
-    let view = View {
-        slot: 1,
-        position: scenario.start(),
-        battery: BatteryState::initial(scenario),
-        belief: Believed::known(0, &table.sensors, queues_bits),
-        table,
-        timing: Timing::Free,
-        neighbours: None,
-        stop,
-    };
+    let view = View::at_start(setup, queues_bits, stop);
     let mut forecast = plan.forecast(&view)?;
     let watch = &mut |_| if stop.requested().is_some() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
     plan.prepare(&view, &mut forecast, steps, watch)?;

@@ -9,9 +9,7 @@ use std::time::{Duration, Instant};
 
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
-use skysink_common::battery::BatteryState;
 use skysink_common::belief::Belief;
-use skysink_common::belief::Believed;
 use skysink_common::channel::ChannelModel;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError};
 use skysink_common::geometry::{Position, above};
@@ -30,7 +28,7 @@ use crate::plan::keys::HorizonKeys;
 use crate::plan::long_search::{SearchOutcome, SearchProgress};
 use crate::plan::objective::{Collect, Loss, Objective};
 use crate::plan::planned::{PlannedSlot, planned_path, planned_slot};
-use crate::strategy::{Decision, Registered, Setup, Strategy, Timing, View};
+use crate::strategy::{Decision, Registered, Setup, Strategy, View};
 
 /// `horizon` in the registry.
 pub const HORIZON: Registered =
@@ -276,18 +274,7 @@ pub fn search_offline(
 ) -> Option<(LookAhead<Loss>, SearchOutcome)> {
     let OfflineKeys { steps } = setup.scenario.planner_keys("planner.offline").expect("they were checked");
     let mut offline = LookAhead::offline(setup, steps);
-    let Setup { scenario, table, .. } = *setup;
-    let view = View {
-        slot: 1,
-        position: scenario.start(),
-        battery: BatteryState::initial(scenario),
-        belief: Believed::known(0, &table.sensors, queues_bits),
-        table,
-        timing: Timing::Free,
-        neighbours: None,
-        stop,
-    };
-    offline.prepare(&view, steps, watch).map(|found| (offline, found))
+    offline.prepare(&View::at_start(setup, queues_bits, stop), steps, watch).map(|found| (offline, found))
 }
 
 /// The points of a plan for the least loss, improved in `steps` steps, each with the id of an SN; one for each member of
