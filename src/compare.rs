@@ -21,6 +21,7 @@ use skysink_lab::sweep::plan::Sweep;
 use skysink_lab::sweep::settings::{Seeds, SweepChanges};
 use skysink_mission::files::write_whole;
 use skysink_mission::folder::Earlier;
+use skysink_planner::settings::Settings;
 use skysink_planner::strategies::names;
 use skysink_planner::strategy::Registered;
 
@@ -180,7 +181,10 @@ impl CompareCommand {
         ignored.sort_unstable();
         ignored.dedup();
         ignored.into_iter().try_for_each(|sentence| print(format_args!("Planned: {sentence}.")))?;
-        standings::print_tables(&contenders, &standings, self.holm)?;
+        let objectives = shown.iter().map(|one| Ok(Settings::of(&one.scenario)?.objective));
+        let objectives = objectives.collect::<Result<Vec<_>, InputError>>()?;
+        let for_costs = objectives.windows(2).all(|pair| pair[0] == pair[1]) && !objectives[0].is_loss();
+        standings::print_tables(&contenders, &standings, for_costs, self.holm)?;
         print(format_args!("All metrics:     {}", out.join(STANDINGS).display()))?;
         if is_recorded {
             print(format_args!("Open recording:  skysink view {}", out.join(RECORDING).display()))?;

@@ -160,6 +160,16 @@ fn energy_rows(summary: &Summary) -> Vec<(&'static str, String)> {
     rows
 }
 
+/// A number with six decimals, or fewer if it is large.
+pub fn figure(number: f64) -> String {
+    match number.abs() {
+        ..10.0 => format!("{number:.6}"),
+        10.0..1e4 => format!("{number:.2}"),
+        1e4..1e9 => format!("{number:.0}"),
+        _ => format!("{number:.4e}"),
+    }
+}
+
 /// Prints the results of a run, its folder, and how to open the recording.
 ///
 /// # Errors
@@ -200,6 +210,9 @@ pub fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Error> {
     ];
     if let Some(weighted) = summary.weighted_loss_rate {
         rows.insert(1, ("weighted data loss rate η_w", format!("{weighted:.6}")));
+    }
+    if let Some(objective) = summary.objective {
+        rows.insert(0, ("cost by planner.objective", figure(objective)));
     }
     if let Some(FleetUse { uavs, contended, min_separation_m }) = &summary.fleet {
         rows.push(("UAVs", uavs.to_string()));

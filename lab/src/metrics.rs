@@ -9,15 +9,16 @@ use skysink_common::scenario::{Propulsion, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::SlotRecord;
 use skysink_common::slot_record::{ByUav, UAV, uploads};
-use skysink_mission::ages::{AgeCounts, Ages, DeliveredData, GapSums, ServiceGaps};
+use skysink_mission::ages::{AgeCounts, Ages, DeliveredData};
 use skysink_mission::drive::{Observer, SlotSink};
 use skysink_mission::origin::RunMode;
+use skysink_mission::service_gaps::GapSums;
 use skysink_mission::summary::{RunTiming, Summary, Tally};
 use skysink_mission::{MissionError, Plant};
-use skysink_planner::settings::{ObjectiveWeights, PEAK_EXPONENT, Settings};
+use skysink_planner::settings::Settings;
 use strum::{EnumCount, VariantArray};
 
-use crate::optimize::LossBounds;
+use crate::optimize::Bounds;
 use crate::statistics::Support;
 use crate::trapped::Stay;
 
@@ -61,8 +62,10 @@ struct MeteredMission<'a> {
     gaps: GapSums,
     /// The bits delivered by each sensor node.
     delivered_bits: &'a [u64],
+    /// What is not delivered, by weight [bit].
+    undelivered_bits: f64,
     /// The bounds; only `offline` has them.
-    bounds: Option<LossBounds>,
+    bounds: Option<Bounds>,
 }
 
 impl MeteredMission<'_> {
@@ -73,13 +76,9 @@ impl MeteredMission<'_> {
 
     /// What the mission costs by `planner.objective` (decision D36).
     fn objective(&self) -> f64 {
-        let Some(ObjectiveWeights { loss, age, peak_age, deadline }) = self.meter.objective else { return f64::NAN };
-        let MissionMeter { tally, slot_s, .. } = self.meter;
-        let GapSums { ages, powers, late, .. } = self.gaps;
-        loss * tally.lost_bits()
-            + age * ages * slot_s
-            + peak_age * powers * slot_s.powi(PEAK_EXPONENT)
-            + deadline * late
+        let MissionMeter { tally, is_collected, .. } = self.meter;
+        let of_bits = if *is_collected { self.undelivered_bits } else { tally.lost_bits() };
+        tally.objective().unwrap_or(of_bits)
     }
 }
 
@@ -144,7 +143,7 @@ metrics! {
     AoiP99S: SECONDS, "aoi_p99_s", "99th percentile of the time since the last service",
         |m| m.service_ages.quantile(0.99) as f64 * m.meter.slot_s;
     AoiWeightedS: SECONDS, "aoi_weighted_s", "mean time since the last service, by weight",
-        |m| m.gaps.ages * m.meter.slot_s / (m.meter.gaps.weight() * m.meter.slot as f64);
+        |m| m.gaps.ages * m.meter.slot_s / (m.meter.tally.gaps().weight() * m.meter.slot as f64);
     AoiPeakMeanS: SECONDS, "aoi_peak_mean_s", "mean age before a service",
         |m| m.gaps.peaks as f64 * m.meter.slot_s / m.gaps.gaps as f64;
     AoiPeakMaxS: SECONDS, "aoi_peak_max_s", "largest age before a service", |m| m.gaps.highest as f64 * m.meter.slot_s;
@@ -161,6 +160,8 @@ metrics! {
         |m| m.bounds.map_or(f64::NAN, |bounds| bounds.loss_bound);
     ExpectedLossBound: FRACTION, "expected_loss_bound", "lower bound of the expected data loss rate",
         |m| m.bounds.and_then(|bounds| bounds.expected_loss_bound).unwrap_or(f64::NAN); // of a random channel
+    ObjectiveBound: REAL, "objective_bound", "lower bound of the cost by planner.objective",
+        |m| m.bounds.and_then(|bounds| bounds.objective_bound).unwrap_or(f64::NAN); // the loss has its own
     PlanP50Us: WALL_CLOCK, "plan_p50_us", "planning time", |m| m.summary.timing.plan_p50_us;
     PlanP99Us: WALL_CLOCK, "plan_p99_us", "99th percentile of the planning time", |m| m.summary.timing.plan_p99_us;
 }
@@ -222,10 +223,9 @@ pub struct MissionMeter {
     /// Contacts that were set up, and the time of each [s]; NaN if they take none.
     setups: u64,
     setup_s: f64,
-    gaps: ServiceGaps,
     has_deadline: bool,
-    /// What of each cost counts; `None` for what is to be collected.
-    objective: Option<ObjectiveWeights>,
+    /// Whether what is delivered counts.
+    is_collected: bool,
     data: DeliveredData,
     stay: Stay,
 }
@@ -234,8 +234,6 @@ impl MissionMeter {
     /// The meter before slot 1.
     #[must_use]
     pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
-        let weights = list.weights(&list.sampling(scenario));
-        let deadline_slots = scenario.deadline_slots().unwrap_or(u64::MAX);
         Self {
             tally: Tally::new(scenario, list, &RunMode::default()),
             slot_s: scenario.slot_s,
@@ -251,9 +249,8 @@ impl MissionMeter {
             service_ages: Ages::new(list.sensors().len()),
             setups: 0,
             setup_s: scenario.link.setup_s.unwrap_or(f64::NAN),
-            gaps: ServiceGaps::new((0..list.sensors().len()).map(|id| weights.factor(id)).collect(), deadline_slots),
             has_deadline: scenario.sensors.deadline_s.is_some(),
-            objective: Settings::of(scenario).ok().and_then(|settings| settings.objective.weights()),
+            is_collected: Settings::of(scenario).is_ok_and(|settings| settings.objective.is_collect()),
             data: DeliveredData::new(scenario, list),
             stay: Stay::new(scenario, list),
         }
@@ -267,20 +264,38 @@ impl MissionMeter {
 
     /// The metrics so far, with the plant after the last slot; `timing` instead of the planning times of the slots.
     #[must_use]
-    pub fn values(&self, plant: &Plant, timing: Option<&RunTiming>, bounds: Option<LossBounds>) -> MetricValues {
+    pub fn values(&self, plant: &Plant, timing: Option<&RunTiming>, bounds: Option<Bounds>) -> MetricValues {
         let mut summary = self.tally.summary(Duration::ZERO, 0);
         if let Some(timing) = timing {
             timing.clone_into(&mut summary.timing);
         }
-        self.values_of(&summary, plant.field().delivered_bits(), bounds)
+        let field = plant.field();
+        let left_bits = field.lost_bits().zip(field.queues_bits()).map(|(lost, queue)| lost as f64 + f64::from(*queue));
+        let undelivered_bits = self.tally.gaps().weigh(left_bits);
+        self.values_of(&summary, field.delivered_bits(), undelivered_bits, bounds)
     }
 
     /// The metrics of a mission with this summary; `delivered_bits` by sensor node.
-    fn values_of(&self, summary: &Summary, delivered_bits: &[u64], bounds: Option<LossBounds>) -> MetricValues {
+    fn values_of(
+        &self,
+        summary: &Summary,
+        delivered_bits: &[u64],
+        undelivered_bits: f64,
+        bounds: Option<Bounds>,
+    ) -> MetricValues {
         let service_ages = self.service_ages.counts(self.slot, |_| true);
         let data_ages = self.data.counts(self.slot);
-        let gaps = self.gaps.sums(self.slot);
-        let mission = MeteredMission { meter: self, summary, service_ages, data_ages, gaps, delivered_bits, bounds };
+        let gaps = self.tally.gaps().sums(self.slot);
+        let mission = MeteredMission {
+            meter: self,
+            summary,
+            service_ages,
+            data_ages,
+            gaps,
+            delivered_bits,
+            undelivered_bits,
+            bounds,
+        };
         let mut values = [0.0; Metric::COUNT];
         for (value, metric) in values.iter_mut().zip(Metric::all()) {
             *value = (metric.row().of)(&mission);
@@ -313,7 +328,6 @@ impl MissionMeter {
         for link in uploads(flights) {
             let sensor = link.sensor as usize;
             self.service_ages.refresh(sensor, self.slot, self.slot);
-            self.gaps.serve(sensor, self.slot);
             self.data.add(sensor, self.slot, delivered_bits[sensor], queues_bits[sensor].into());
         }
     }
@@ -363,7 +377,7 @@ mod tests {
     }
 
     fn values<const N: usize>(meter: &MissionMeter, metrics: [Metric; N]) -> [f64; N] {
-        let values = meter.values_of(&Summary::default(), &[], None);
+        let values = meter.values_of(&Summary::default(), &[], 0.0, None);
         metrics.map(|metric| values[metric as usize])
     }
 

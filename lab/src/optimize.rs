@@ -10,19 +10,19 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use serde::Serialize;
 use skysink_common::build::VERSION;
-use skysink_common::checkpoint::Checkpoint;
 use skysink_common::error::InputError;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::Mission;
-use skysink_planner::bound::{MissionBound, mission_bound};
+use skysink_planner::bound::{MissionBound, cost_bound, mission_bound};
 use skysink_planner::fleet::require_one;
-use skysink_planner::settings::{Knowledge, Rates, Settings, change};
+use skysink_planner::settings::{Knowledge, PlanningObjective, Rates, Settings, change};
 use skysink_planner::strategies::look_ahead::{self, MAX_STEPS, OfflineKeys, search_offline};
 use skysink_planner::strategy::{OwnedSetup, Registered, Setup, Strategy};
 
 use crate::error::LabError;
+use crate::metrics::{Metric, MissionMeter};
 use crate::progress::{LabProgress, OnProgress};
 
 /// Search steps of the trial that measures the speed of the search.
@@ -80,13 +80,16 @@ pub struct Standing {
     /// Its weighted loss rate η_w (decision D25); only where weights differ.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub weighted_loss_rate: Option<f64>,
+    /// What it costs by `planner.objective` (decision D36); only where that is not the loss.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub objective: Option<f64>,
 }
 
 impl Standing {
-    /// By which flights are compared: η, or η_w where weights differ.
+    /// By which flights are compared: η, or η_w where weights differ, or the cost where the objective is not the loss.
     #[must_use]
     pub fn compared(&self) -> f64 {
-        self.weighted_loss_rate.unwrap_or(self.loss_rate)
+        self.objective.or(self.weighted_loss_rate).unwrap_or(self.loss_rate)
     }
 }
 
@@ -121,31 +124,40 @@ pub struct Optimum {
     pub loss_bound: f64,
     /// For a random channel: lower bound of the mean η over its draws, if they are not known in advance.
     pub expected_loss_bound: Option<f64>,
-    /// The least loss rate of all strategies; weighted where weights differ.
+    /// Lower bound of the cost of every flight by `planner.objective`; only where that has one and is not the loss.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub objective_bound: Option<f64>,
+    /// The best of all strategies: of the least loss rate, weighted where weights differ, or of the least cost.
     pub best_known: Standing,
-    /// All strategies, the least loss first; weighted where weights differ.
+    /// All strategies, the best first.
     pub strategies: Vec<Standing>,
     /// Version of Skysink.
     pub version: &'static str,
 }
 
-/// Lower bounds of the loss rate η of a mission (`docs/src/look-ahead.md`); 0 if nothing is sampled.
+/// Lower bounds of a mission (`docs/src/look-ahead.md`).
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LossBounds {
-    /// For every flight.
+pub struct Bounds {
+    /// Of the loss rate η of every flight; 0 if nothing is sampled.
     pub loss_bound: f64,
-    /// For the mean over the draws of a random channel.
+    /// Of the mean loss rate over the draws of a random channel.
     pub expected_loss_bound: Option<f64>,
+    /// Of the cost of every flight by an objective that is neither the loss nor what is collected.
+    pub objective_bound: Option<f64>,
 }
 
 /// The bounds of a mission. `known_bits` is the loss of a known flight [bit].
 #[must_use]
-pub fn loss_bounds(scenario: &Scenario, list: &SensorList, known_bits: u64) -> LossBounds {
+pub fn bounds(scenario: &Scenario, list: &SensorList, known_bits: u64) -> Bounds {
+    let sensors = list.sensors_of(scenario);
     let MissionBound { loss_bits, expected_loss_bits } =
-        mission_bound(scenario, &list.sensors_of(scenario), &list.queues_bits(), known_bits);
-    LossBounds {
+        mission_bound(scenario, &sensors, &list.queues_bits(), known_bits);
+    let objective = Settings::of(scenario).ok().map(|settings| settings.objective);
+    let weights = objective.filter(|objective| !objective.is_loss()).and_then(PlanningObjective::weights);
+    Bounds {
         loss_bound: loss_rate(loss_bits as f64, scenario, list),
         expected_loss_bound: expected_loss_bits.map(|bits| loss_rate(bits, scenario, list)),
+        objective_bound: weights.map(|weights| cost_bound(scenario, &sensors, &weights, loss_bits)),
     }
 }
 
@@ -165,11 +177,6 @@ pub fn optimize(
     let is_offline = |scenario: &&Scenario| scenario.planner.strategy == look_ahead::OFFLINE.name;
     let others = || scenarios.iter().filter(|scenario| !is_offline(scenario));
     let offline = scenarios.iter().find(is_offline).expect("the mission with every strategy");
-    let objective = Settings::of(offline)?.objective;
-    if !objective.is_loss() {
-        let expected = "\"loss\": the flight of least loss is searched";
-        return Err(offline.refusal("planner.objective", &objective.value(), expected).into());
-    }
     require_one(offline)?;
     let list = SensorList::of(offline)?;
     let steps = budget.steps.map_or_else(|| steps_in(budget.time, offline, &list, stop), Ok)?;
@@ -186,13 +193,10 @@ pub fn optimize(
     let SearchResult { plan, steps_done, end } = searched?;
     let mut flown = flown?;
     flown.insert(0, standing(&offline, plan.as_deref(), &list, stop)?); // stays first among equals
-    flown.sort_by(|(a, a_bits), (b, b_bits)| match a.weighted_loss_rate.zip(b.weighted_loss_rate) {
-        Some((a, b)) => a.total_cmp(&b),
-        None => a_bits.cmp(b_bits),
-    });
+    flown.sort_by(|(a, _), (b, _)| a.compared().total_cmp(&b.compared()));
     let (best, known_bits) = flown[0];
     let standings = flown.into_iter().map(|(standing, _)| standing).collect();
-    let LossBounds { loss_bound, expected_loss_bound } = loss_bounds(&offline, &list, known_bits);
+    let Bounds { loss_bound, expected_loss_bound, objective_bound } = bounds(&offline, &list, known_bits);
     let best_other = others().find(|scenario| scenario.planner.strategy == best.strategy);
     let scenario = best_other.unwrap_or(&offline).clone();
     let plan = plan.filter(|_| best_other.is_none());
@@ -202,11 +206,12 @@ pub fn optimize(
         steps,
         steps_done,
         search_end: match end {
-            SearchEnd::ModelOptimal if best.compared() <= loss_bound => SearchEnd::Optimal,
+            SearchEnd::ModelOptimal if best.compared() <= objective_bound.unwrap_or(loss_bound) => SearchEnd::Optimal,
             end => end,
         },
         loss_bound,
         expected_loss_bound,
+        objective_bound,
         best_known: best,
         strategies: standings,
         version: VERSION,
@@ -255,6 +260,7 @@ fn search(
 ) -> Result<SearchResult, LabError> {
     let mut setup = OwnedSetup::new(offline.clone(), &list.nodes())?;
     setup.stop = stop.clone();
+    let is_loss = setup.settings.objective.is_loss();
     let mut stopped = Ok(());
     let sampling = list.sampling(offline);
     let weights = list.weights(&sampling);
@@ -262,7 +268,7 @@ fn search(
     let weighted_bits = (!weights.are_equal()).then(|| weights.sum((0..list.sensors().len()).map(mean_bits)));
     let sampled_bits = weighted_bits.unwrap_or_else(|| list.mission_bits(offline));
     let found = search_offline(&setup.setup(), &list.queues_bits(), stop, &mut |search| {
-        let loss_rate = Some(fraction(search.cost, sampled_bits));
+        let loss_rate = is_loss.then(|| fraction(search.cost, sampled_bits));
         on_progress(LabProgress { done: search.steps, of: steps, loss_rate, left: None });
         stopped = stop.check();
         if stopped.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
@@ -301,16 +307,19 @@ fn standing(
 ) -> Result<(Standing, u64), LabError> {
     let strategy = Registered::of(scenario)?.name;
     let mut mission = mission(scenario, plan, list)?;
-    mission.drive(&mut [], stop)?.unless_stopped()?;
-    let field = mission.plant().field();
-    let lost_bits = field.totals().lost_bits;
-    let weights = list.weights(&list.sampling(scenario));
-    let weighted_loss_rate = (!weights.are_equal()).then(|| {
-        let sampled_bits = (0..list.sensors().len()).map(|id| field.sampled_bits(id) as f64);
-        fraction(weights.sum(field.lost_bits().map(|lost_bits| lost_bits as f64)), weights.sum(sampled_bits))
-    });
-    let loss_rate = loss_rate(lost_bits as f64, scenario, list);
-    Ok((Standing { strategy, loss_rate, weighted_loss_rate }, lost_bits))
+    let mut meter = MissionMeter::new(scenario, list);
+    mission.drive(&mut [&mut meter], stop)?.unless_stopped()?;
+    let lost_bits = mission.plant().field().totals().lost_bits;
+    let values = meter.values(mission.plant(), None, None);
+    let value = |metric: Metric| Some(values[metric as usize]).filter(|value| !value.is_nan());
+    let standing = Standing {
+        strategy,
+        loss_rate: loss_rate(lost_bits as f64, scenario, list),
+        weighted_loss_rate: value(Metric::WeightedLossRate),
+        objective: value(Metric::Objective)
+            .filter(|_| !Settings::of(scenario).is_ok_and(|keys| keys.objective.is_loss())),
+    };
+    Ok((standing, lost_bits))
 }
 
 /// A loss [bit] as a fraction of the bits that the mission samples (decision D3); 0 if nothing is sampled.

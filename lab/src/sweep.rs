@@ -30,7 +30,7 @@ use skysink_planner::strategies::look_ahead;
 
 use crate::error::LabError;
 use crate::metrics::MissionMeter;
-use crate::optimize::loss_bounds;
+use crate::optimize::bounds;
 use crate::progress::{LabProgress, OnProgress, Workload};
 use definition::MissionKey;
 use folder::SweepRecord;
@@ -124,6 +124,6 @@ pub fn fly_scenario(scenario: &Scenario, key: MissionKey, stop: &Stop) -> Result
     let mut meter = MissionMeter::new(scenario, &list);
     mission.drive(&mut [&mut meter], stop)?.unless_stopped()?;
     let is_bounded = scenario.planner.strategy == look_ahead::OFFLINE.name;
-    let bounds = is_bounded.then(|| loss_bounds(scenario, &list, mission.header().totals.lost_bits));
+    let bounds = is_bounded.then(|| bounds(scenario, &list, mission.header().totals.lost_bits));
     Ok(MissionRow { key, values: meter.values(mission.plant(), None, bounds) })
 }

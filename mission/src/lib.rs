@@ -10,7 +10,8 @@
 //! | [`slot_log`], [`trace`] | writing `slots.csv`; its lines |
 //! | [`recorded`], [`replay`] | the pilot of a trace on record; a run flown again |
 //! | [`summary`], [`sensor_results`] | the results of a run; those of each sensor node |
-//! | [`ages`], [`latency`] | ages of information; latencies of the ring |
+//! | [`ages`], [`service_gaps`] | ages of information; the gaps between services |
+//! | [`latency`] | latencies of the ring |
 //!
 //! The ring of processes is left to the root crate.
 
@@ -27,6 +28,7 @@ pub mod record;
 pub mod recorded;
 pub mod replay;
 pub mod sensor_results;
+pub mod service_gaps;
 pub mod slot_log;
 pub mod summary;
 pub mod trace;

@@ -16,11 +16,13 @@ use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{ByUav, SlotRecord, uploads};
 use skysink_common::weights::Weights;
 use skysink_planner::operator_counts::OperatorCounts;
+use skysink_planner::settings::{ObjectiveWeights, PlanningObjective, Settings};
 
 use crate::drive::SlotSink;
 use crate::error::MissionError;
 use crate::latency::{Latencies, Latency, SlotTimes, Spread, histogram};
 use crate::origin::RunMode;
+use crate::service_gaps::ServiceGaps;
 
 /// Most events in a summary.
 const MAX_EVENTS: usize = 10_000;
@@ -64,6 +66,9 @@ pub struct Summary {
     /// `η`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub weighted_loss_rate: Option<f64>,
+    /// What the flight costs by `planner.objective` (decision D36); `None` where that is the loss, or what is collected.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub objective: Option<f64>,
     /// Bits before slot 1, sampled, uploaded, lost, and queued at the end.
     #[serde(flatten)]
     pub totals: Totals,
@@ -270,6 +275,9 @@ pub struct Tally {
     mean_bits: Option<f64>,
     /// `None` where all weights are equal.
     weighted: Option<WeightedLoss>,
+    gaps: ServiceGaps,
+    /// Of what the costs of ages are a part; `None` where only bits count.
+    objective: Option<ObjectiveWeights>,
     served: u64,
     uavs: usize,
     /// By UAV; empty without batteries.
@@ -328,6 +336,7 @@ impl Tally {
     #[must_use]
     pub fn new(scenario: &Scenario, list: &SensorList, mode: &RunMode) -> Self {
         let uavs = scenario.uav.uavs();
+        let objective = Settings::of(scenario).ok().map(|settings| settings.objective);
         let full = Battery::of(scenario).map(|battery| EnergyUse { left_j: battery.initial_j, ..EnergyUse::default() });
         let energy: ByUav<EnergyUse> = full.iter().flat_map(|full| vec![*full; uavs]).collect();
         let summary = Summary {
@@ -349,6 +358,8 @@ impl Tally {
             summary,
             mean_bits: (!scenario.arrival_law().is_random()).then(|| list.slot_bits(scenario)),
             weighted: WeightedLoss::new(scenario, list),
+            gaps: ServiceGaps::of(scenario, list),
+            objective: objective.filter(|objective| !objective.is_loss()).and_then(PlanningObjective::weights),
             served: 0,
             uavs,
             energy,
@@ -390,6 +401,20 @@ impl Tally {
     #[must_use]
     pub fn lost_bits(&self) -> f64 {
         self.weighted.as_ref().map_or(self.summary.totals.lost_bits as f64, WeightedLoss::lost_bits)
+    }
+
+    /// The sums over the gaps between the services so far.
+    #[must_use]
+    pub fn gaps(&self) -> &ServiceGaps {
+        &self.gaps
+    }
+
+    /// What the slots so far cost by `planner.objective` (decision D36); `None` where only bits count.
+    #[must_use]
+    pub fn objective(&self) -> Option<f64> {
+        let objective = self.objective.as_ref()?;
+        let of_ages = self.gaps.cost(objective, self.summary.slots, self.slot_s);
+        Some(objective.loss * self.lost_bits() + of_ages)
     }
 
     /// Adds the send times of the samples of a slot.
@@ -444,6 +469,7 @@ impl Tally {
         let slots = summary.slots as f64;
         summary.loss_rate = self.loss_rate();
         summary.weighted_loss_rate = self.weighted.as_ref().map(WeightedLoss::loss_rate);
+        summary.objective = self.objective();
         summary.eta_letter = ratio(summary.totals.lost_slots, slots);
         let Totals { initial_bits, sampled_bits, delivered_bits, .. } = summary.totals;
         summary.collection_ratio = ratio(delivered_bits as f64, initial_bits as f64 + sampled_bits as f64);
@@ -478,6 +504,9 @@ impl SlotSink for Tally {
         self.summary.slots += 1;
         if let Some(weighted) = &mut self.weighted {
             weighted.add(record);
+        }
+        for link in uploads(&record.flights) {
+            self.gaps.serve(link.sensor as usize, self.summary.slots);
         }
         for (uav, (plan, flight)) in record.plans.iter().zip(&record.flights).enumerate() {
             self.add_flight(uav, flight);

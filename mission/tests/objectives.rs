@@ -7,8 +7,8 @@ use std::collections::HashMap;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{SlotRecord, uploads};
 use skysink_common::stop::Stop;
-use skysink_mission::ages::{GapSums, ServiceGaps};
 use skysink_mission::drive::Observer;
+use skysink_mission::service_gaps::{GapSums, ServiceGaps};
 use skysink_mission::{Mission, MissionError, Plant};
 use support::scenario_of;
 

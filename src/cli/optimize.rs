@@ -4,17 +4,17 @@ use clap::Args;
 use indicatif::HumanCount;
 use skysink_common::scenario::Overrides;
 use skysink_common::stop::Stop;
-use skysink_lab::optimize::{BestKnown, Budget, SearchEnd, optimize};
+use skysink_lab::optimize::{BestKnown, Budget, SearchEnd, Standing, optimize};
 use skysink_mission::record::RunFolder;
 use skysink_planner::strategies::STRATEGIES;
 use skysink_planner::strategy::Registered;
 
 use crate::error::{Error, ended_early};
 use crate::options::{Changes, NewFolder, RecordingOptions, ScenarioFile};
-use crate::report::{OutputForm, TerminalProgress, print, print_run, table, with_numbers_from};
+use crate::report::{OutputForm, TerminalProgress, figure, print, print_run, table, with_numbers_from};
 use crate::simulate::{Simulation, simulate};
 
-/// Search for the flight with the least data loss and compare all strategies with it.
+/// Search for the best flight by planner.objective and compare all strategies with it.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -70,27 +70,25 @@ fn print_optimum(found: &BestKnown) -> Result<(), Error> {
     let optimum = &found.optimum;
     let best = optimum.best_known;
     let mut table = table();
-    let is_weighted = best.weighted_loss_rate.is_some();
-    let columns: &[&str] =
-        if is_weighted { &["", "η", "η_w", "relative to best"] } else { &["", "η", "relative to best"] };
-    table.set_header(columns.iter().copied());
-    let number = |rate: f64| format!("{rate:.6}");
-    let ratio = |rate: Option<f64>| match rate.map(|rate| rate / best.compared()) {
-        Some(ratio) if ratio.is_finite() => format!("{ratio:.3}"),
-        _ => String::new(),
+    // The last of these that the flights have is what they are compared by.
+    let columns = [("η", true), ("η_w", best.weighted_loss_rate.is_some()), ("objective", best.objective.is_some())];
+    let names = columns.iter().filter(|(_, is_shown)| *is_shown).map(|(name, _)| *name);
+    table.set_header([""].into_iter().chain(names).chain(["relative to best"]));
+    let mut row = |name: &str, numbers: [Option<f64>; 3]| {
+        let shown = || numbers.iter().zip(columns).filter(|(_, (_, is_shown))| *is_shown).map(|(number, _)| *number);
+        let text = |number: Option<f64>| number.map_or_else(String::new, figure);
+        let ratio =
+            shown().next_back().flatten().map(|number| number / best.compared()).filter(|ratio| ratio.is_finite());
+        let cells = shown().map(text).chain([ratio.map_or_else(String::new, |ratio| format!("{ratio:.3}"))]);
+        table.add_row([name.to_owned()].into_iter().chain(cells));
     };
-    let mut row = |name: &str, loss_rate: f64, weighted: Option<f64>| {
-        let compared = if is_weighted { weighted } else { Some(loss_rate) };
-        let weighted = is_weighted.then(|| weighted.map_or_else(String::new, number));
-        table.add_row([name.to_owned(), number(loss_rate)].into_iter().chain(weighted).chain([ratio(compared)]));
-    };
-    row("lower bound", optimum.loss_bound, None);
+    row("lower bound", [Some(optimum.loss_bound), None, optimum.objective_bound]);
     if let Some(expected) = optimum.expected_loss_bound {
-        row("expected lower bound", expected, None);
+        row("expected lower bound", [Some(expected), None, None]);
     }
-    row("best known", best.loss_rate, best.weighted_loss_rate);
+    row("best known", numbers_of(&best));
     for standing in &optimum.strategies {
-        row(standing.strategy, standing.loss_rate, standing.weighted_loss_rate);
+        row(standing.strategy, numbers_of(standing));
     }
     print(with_numbers_from(1, table))?;
     let done = HumanCount(optimum.steps_done);
@@ -99,8 +97,8 @@ fn print_optimum(found: &BestKnown) -> Result<(), Error> {
     let searched = match optimum.search_end {
         SearchEnd::AllSteps => format!("Searched {done} steps in {took}, the whole budget."),
         SearchEnd::Optimal => {
-            let reason = match optimum.loss_bound {
-                0.0 => "the plan loses nothing",
+            let reason = match optimum.objective_bound.unwrap_or(optimum.loss_bound) {
+                0.0 if optimum.objective_bound.is_none() => "the plan loses nothing",
                 _ => "the best known flight reaches the lower bound",
             };
             format!("Searched {done} of up to {budget} steps in {took}: {reason}, so it is optimal.")
@@ -114,4 +112,9 @@ fn print_optimum(found: &BestKnown) -> Result<(), Error> {
         }
     };
     print(format_args!("{searched} Repeat the search with --steps {}.", optimum.steps))
+}
+
+/// The loss rate, the weighted one, and the cost of a strategy.
+fn numbers_of(standing: &Standing) -> [Option<f64>; 3] {
+    [Some(standing.loss_rate), standing.weighted_loss_rate, standing.objective]
 }

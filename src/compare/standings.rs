@@ -5,7 +5,7 @@ use skysink_lab::metrics::Metric;
 use skysink_lab::statistics::limits_text;
 
 use crate::error::Error;
-use crate::report::{print, table, with_numbers_from};
+use crate::report::{figure, print, table, with_numbers_from};
 
 /// A column: its heading, and one cell per contender.
 struct Column {
@@ -34,10 +34,16 @@ const OTHERS: [ShownMetric; 7] = [
 /// Maximum length of a number in a cell; longer ones get fewer decimals.
 const MAX_CHARACTERS: usize = 7;
 
-/// Prints η with its 95 % confidence interval and the differences to the first contender, then the other metrics.
+/// Prints η with its 95 % confidence interval and the differences to the first contender, then the other metrics; before
+/// them the same of the cost by an objective that all of them are `for_costs`.
 ///
 /// With `holm` each difference has its adjusted p-value instead of its interval.
-pub fn print_tables(contenders: &[Contender], standings: &[MetricStanding], holm: bool) -> Result<(), Error> {
+pub fn print_tables(
+    contenders: &[Contender],
+    standings: &[MetricStanding],
+    for_costs: bool,
+    holm: bool,
+) -> Result<(), Error> {
     let find = |contender: &Contender, metric: Metric| {
         standings.iter().find(|standing| standing.label == contender.label && standing.metric == metric.name())
     };
@@ -46,19 +52,33 @@ pub fn print_tables(contenders: &[Contender], standings: &[MetricStanding], holm
         cells: contenders.iter().map(|contender| cell(contender).unwrap_or_default()).collect(),
     };
     let loss = |contender: &Contender| find(contender, Metric::LossRate);
+    let p_text = |standing: &MetricStanding| {
+        standing.difference_p_holm.map(|p| if p < 0.001 { "< 0.001".to_owned() } else { format!("{p:.3}") })
+    };
+    let [interval, beside] = ["its 95 %\ninterval", if holm { "p\n(Holm)" } else { "its 95 %\ninterval" }];
+    let cost = |contender: &Contender| find(contender, Metric::Objective).filter(|_| for_costs);
+    let costs_text = |[low, high]: [f64; 2]| format!("[{}, {}]", figure(low), figure(high));
+    let costs = [
+        column("cost by\nobjective", &|contender| Some(figure(cost(contender)?.mean))),
+        column(interval, &|contender| Some(costs_text(cost(contender)?.ci95?))),
+        column("less the\nfirst", &|contender| Some(figure(cost(contender)?.difference?))),
+        column(beside, &|contender| {
+            let cost = cost(contender)?;
+            if holm { p_text(cost) } else { Some(costs_text(cost.difference_ci95?)) }
+        }),
+    ];
     let losses = [
         column("loss\nrate η", &|contender| Some(format!("{:.4}", loss(contender)?.mean))),
-        column("its 95 %\ninterval", &|contender| Some(limits_text(loss(contender)?.ci95?, 3))),
+        column(interval, &|contender| Some(limits_text(loss(contender)?.ci95?, 3))),
         column("weighted\nη_w", &|contender| Some(format!("{:.4}", find(contender, Metric::WeightedLossRate)?.mean))),
         column("\ntrapped", &|contender| {
             let trapped = find(contender, Metric::Trapped)?;
             (trapped.n > 1).then(|| format!("{:.0}%", 100.0 * trapped.mean))
         }),
         column("less the\nfirst", &|contender| Some(format!("{:+.4}", loss(contender)?.difference?))),
-        column(if holm { "p\n(Holm)" } else { "its 95 %\ninterval" }, &|contender| {
+        column(beside, &|contender| {
             let loss = loss(contender)?;
-            let p = || loss.difference_p_holm.map(|p| if p < 0.001 { "< 0.001".to_owned() } else { format!("{p:.3}") });
-            if holm { p() } else { Some(limits_text(loss.difference_ci95?, 3)) }
+            if holm { p_text(loss) } else { Some(limits_text(loss.difference_ci95?, 3)) }
         }),
     ];
     let other = |shown: &ShownMetric| {
@@ -67,6 +87,9 @@ pub fn print_tables(contenders: &[Contender], standings: &[MetricStanding], holm
         })
     };
     let labels: Vec<&str> = contenders.iter().map(|contender| contender.label.as_str()).collect();
+    if for_costs {
+        print(rows(&labels, &costs))?;
+    }
     print(rows(&labels, &losses))?;
     print(rows(&labels, &OTHERS.each_ref().map(other)))?;
     match contenders.iter().filter_map(loss).map(|standing| standing.n).max() {

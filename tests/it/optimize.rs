@@ -119,6 +119,37 @@ fn the_flight_of_a_better_strategy_is_the_best_known() {
     assert_eq!(place.summary(&folder)["loss_rate"], best["loss_rate"]);
 }
 
+/// For each objective: what its flight costs is in the folder, no strategy is better, and none is below the bound.
+#[test]
+fn the_best_known_flight_is_that_of_the_objective() {
+    let place = Place::new();
+    place.write("far.toml", SPARSE);
+    for objective in ["\"age\"", "{ loss = 1.0, age = 90.0 }", "\"collect\""] {
+        let set = format!("planner.objective={objective}");
+        let arguments = ["optimize", "far.toml", "--steps", "20000", "--set", &set, "--out", "best", "--force"];
+        let printed = place.run_ok(&arguments).stdout;
+        assert!(printed.contains("objective"), "{printed}");
+        let optimum = optimum(&place, "best");
+        let costs = optimum["strategies"].as_array().unwrap().iter().map(|one| one["objective"].as_f64().unwrap());
+        let costs: Vec<f64> = costs.collect();
+        let best = optimum["best_known"]["objective"].as_f64().unwrap();
+        assert!(costs.is_sorted() && costs[0] == best && costs[3] > best, "{optimum}");
+        let summary = place.summary("best");
+        match objective {
+            "\"collect\"" => {
+                let left = |name: &str| summary[name].as_f64().unwrap();
+                assert_eq!(best, left("lost_bits") + left("queued_bits"));
+                assert!(optimum["objective_bound"].is_null());
+            }
+            _ => {
+                assert_eq!(summary["objective"].as_f64(), Some(best));
+                let bound = optimum["objective_bound"].as_f64().unwrap();
+                assert!(0.5 * best < bound && bound <= best, "{objective}: {optimum}");
+            }
+        }
+    }
+}
+
 #[test]
 fn invalid_budgets_and_existing_folders_are_refused_before_the_search() {
     let place = Place::new();

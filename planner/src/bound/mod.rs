@@ -22,7 +22,9 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 use skysink_common::sensors::grid::Grid;
 
+use crate::keys::ObjectiveWeights;
 use crate::mission_table::MissionTable;
+use crate::plan::gap_costs::GapCosts;
 use field_bits::FieldBits;
 use links::BestLinks;
 use paths::PathBound;
@@ -59,6 +61,23 @@ pub fn mission_bound(scenario: &Scenario, sensors: &Sensors, queues_bits: &[u32]
         loss_bits: beyond_bits + carried_bits.max(visits_bits),
         expected_loss_bits: expected_bits.map(|bits| beyond_bits as f64 + bits.max(visits_bits as f64)),
     }
+}
+
+/// Lower bound on the costs of every flight by `objective`, for weights of equal or differing sensor nodes (decision
+/// D36), where no flight loses less than `loss_bits` [bit]. A lost bit costs at least as much as one of the sensor node
+/// of the least weight.
+#[must_use]
+pub fn cost_bound(scenario: &Scenario, sensors: &Sensors, objective: &ObjectiveWeights, loss_bits: u64) -> f64 {
+    let factor = |id: u32| sensors.weights.factor(id as usize);
+    let least_factor = sensors.sampling_ids().map(factor).reduce(f64::min).unwrap_or(0.0);
+    let of_loss = objective.loss * least_factor * loss_bits as f64;
+    let costs = GapCosts::new(objective, scenario.slot_s, scenario.deadline_slots());
+    if costs.is_by_bits() {
+        return of_loss;
+    }
+    let paths = PathBound::new(&MissionTable::new(scenario, Arc::new(sensors.clone())));
+    let most = |slots: u64| paths.most(slots).saturating_mul(scenario.uav.uavs());
+    of_loss + costs.least_of_ages(sensors.ids().map(factor).collect(), scenario.slots, most)
 }
 
 /// The bound by visits [bit]: by the resource blocks and, unless this reaches `known_bits`, by paths.

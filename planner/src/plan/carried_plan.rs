@@ -324,6 +324,12 @@ impl<O: Objective> CarriedPlan<O> {
         self.model.keep_points(&mut self.plan.stops);
     }
 
+    /// Keeps the plan of `forecast`, of which nothing is flown yet, for the slot that it begins with.
+    pub(crate) fn keep(&mut self, forecast: &Forecast<O>) {
+        self.plan.stops = forecast.stops();
+        self.model.keep_points(&mut self.plan.stops);
+    }
+
     /// Most steps of the long search.
     fn most_advanced(&self, view: &View) -> u64 {
         let table = &self.model.table;

@@ -59,24 +59,26 @@ impl GapCosts {
         self.of_ages(age + 1.0) - self.of_ages(age)
     }
 
-    /// Lower bound on what the ages cost in `slots` slots, if at most `blocks` sensors, of these `weights`, are served in
-    /// a slot.
+    /// Lower bound on what the ages cost in `slots` slots, if at most `most(K)` sensors, of these `weights`, are served in
+    /// any K slots in a row.
     ///
-    /// At most `n K` sensors have an age below K, from slot K on. What a slot costs grows with the age by the steps
-    /// `c(K) − c(K − 1)`, as costs of gaps are convex; each is paid by all but `n K` sensors.
+    /// So at most `most(K)` sensors have an age below K, from slot K on. What a slot costs grows with the age by the steps
+    /// `c(K) − c(K − 1)`, as costs of gaps are convex; each is paid by all but `most(K)` sensors, the heaviest ones.
     #[must_use]
-    pub fn least_of_ages(&self, mut weights: Vec<f64>, slots: i32, blocks: usize) -> f64 {
+    pub fn least_of_ages(&self, mut weights: Vec<f64>, slots: u64, most: impl Fn(u64) -> usize) -> f64 {
         weights.sort_by(|a, b| b.total_cmp(a));
         let mut rest: f64 = weights.iter().sum();
         let mut bound = 0.0;
+        let mut served = 0;
         for age in 1..=slots {
-            let served = weights.iter().skip((age as usize - 1).saturating_mul(blocks)).take(blocks);
-            rest -= served.sum::<f64>();
-            if weights.len() <= (age as usize).saturating_mul(blocks) {
+            let young = most(age);
+            if weights.len() <= young {
                 break;
             }
-            let step = self.of_slot(f64::from(age)) - self.of_slot(f64::from(age) - 1.0);
-            bound += step * rest.max(0.0) * f64::from(slots - age + 1);
+            rest -= weights[served..young.max(served)].iter().sum::<f64>();
+            served = young.max(served);
+            let step = self.of_slot(age as f64) - self.of_slot(age as f64 - 1.0);
+            bound += step * rest.max(0.0) * (slots - age + 1) as f64;
         }
         bound
     }
@@ -112,7 +114,8 @@ mod tests {
         // 12 sensors, 3 served in a slot, in turns: after the first round the mean age is (4 − 1)/2.
         let costs = GapCosts::new(&AGES, 1.0, None);
         let slots = 1_000;
-        let least = costs.least_of_ages(vec![1.0; 12], slots, 3);
+        let most = |slots: u64| 3 * slots as usize;
+        let least = costs.least_of_ages(vec![1.0; 12], 1_000, most);
         let served = |sensor: i32| {
             let first = sensor / 3 + 1;
             let last = first + (slots - first) / 4 * 4;
@@ -123,7 +126,7 @@ mod tests {
         let flown: f64 = (0..12).map(served).sum();
         assert!(least <= flown && least > flown * 0.995, "{least} {flown}");
         assert!((flown / f64::from(12 * slots) - 1.5).abs() < 0.01);
-        let weighted = costs.least_of_ages((1..=12).map(f64::from).collect(), slots, 3);
+        let weighted = costs.least_of_ages((1..=12).map(f64::from).collect(), 1_000, most);
         assert!(weighted < 6.5 * least, "the heaviest may be served more often");
     }
 }

@@ -106,7 +106,8 @@ impl Objective for Gaps {
     fn least(sensors: &[SensorModel], levels: &[GapLevel], slots: i32, blocks: usize) -> f64 {
         let Some(SensorModel { costs, .. }) = sensors.first() else { return 0.0 };
         let weights = sensors.iter().map(|sensor| sensor.weight).collect();
-        let ages = costs.least_of_ages(weights, slots, blocks);
+        let most = |slots| usize::try_from(slots).unwrap_or(usize::MAX).saturating_mul(blocks);
+        let ages = costs.least_of_ages(weights, slots.max(0) as u64, most);
         if costs.is_by_visits() {
             return ages;
         }

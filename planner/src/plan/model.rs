@@ -351,6 +351,9 @@ impl PlanModel {
             let mut others: Vec<u32> = near.into_iter().map(|stop| self.stops[stop as usize]).collect();
             others.retain(|&other| other != index);
             others.truncate(NEIGHBOURS);
+            if others.len() < NEIGHBOURS {
+                others.push(index); // of few stops, each may be made again at once
+            }
             others
         };
         self.neighbours = (0..self.disks.len() as u32).map(nearest).collect();

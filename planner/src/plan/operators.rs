@@ -18,6 +18,9 @@ use super::points::MOST_HOVERS;
 /// Longest part of a plan that moves as one.
 const LONGEST_MOVED: usize = 40;
 
+/// Most slots that a plan with few stops stays longer at one of them by a change.
+const MOST_STAYS: usize = 4;
+
 /// An operator.
 pub struct Operator {
     /// Its name in summaries.
@@ -126,9 +129,16 @@ impl Draft<'_> {
 
     /// Inserts `stop` before or after leg `leg`.
     fn insert(&mut self, leg: usize, stop: PlannedStop) -> Range<usize> {
-        self.inserted.push((stop, FRESH));
+        let copies = if self.is_stay(leg, stop) { 1 + below(self.random, MOST_STAYS) } else { 1 };
+        self.inserted.extend(std::iter::repeat_n((stop, FRESH), copies));
         let at = leg + below(self.random, 2);
         at..at
+    }
+
+    /// Whether `stop` is that of leg `leg` again, as a change of plans with few stops.
+    fn is_stay(&self, leg: usize, stop: PlannedStop) -> bool {
+        let last = self.legs[leg].stop;
+        last == stop && self.model.neighbours[stop.disk as usize].last() == Some(&stop.disk)
     }
 
     fn insert_near(&mut self, leg: usize) -> Range<usize> {

@@ -151,7 +151,45 @@ impl<O: Objective> LookAhead<O> {
         watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
     ) -> Option<SearchOutcome> {
         let mut forecast = self.ahead.forecast(view)?;
-        self.ahead.prepare(view, &mut forecast, steps, watch)
+        if !O::HOVERS {
+            return self.ahead.prepare(view, &mut forecast, steps, watch);
+        }
+        watch(SearchProgress { steps: 0, cost: forecast.cost }).continue_value()?;
+        let is_over = || view.stop.requested().is_some();
+        self.begin_hovering(view, &mut forecast, &is_over, &is_over);
+        self.ahead.search(view, &mut forecast, steps, &is_over);
+        self.ahead.keep(&forecast);
+        let outcome =
+            SearchOutcome { cost: forecast.cost, steps: steps.saturating_mul(LOSS_STEPS_PER_STEP), is_optimal: false };
+        watch(SearchProgress { steps: outcome.steps, cost: outcome.cost }).continue_value()?;
+        Some(outcome)
+    }
+
+    /// The strategy after the search before take-off, and what was found.
+    fn prepared(
+        mut self,
+        view: &View,
+        steps: u64,
+        watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
+    ) -> Option<(Box<dyn Strategy>, SearchOutcome)>
+    where
+        O: 'static,
+    {
+        let found = self.prepare(view, steps, watch)?;
+        Some((Box::new(self), found))
+    }
+
+    /// Loads a first plan that hovers, which may begin with that for the least loss, searched for until `is_late`.
+    fn begin_hovering(
+        &mut self,
+        view: &View,
+        forecast: &mut Forecast<O>,
+        is_late: &dyn Fn() -> bool,
+        is_over: &dyn Fn() -> bool,
+    ) {
+        let steps = self.first_steps.saturating_mul(LOSS_STEPS_PER_STEP);
+        let offered = self.loss.take().map_or_else(Vec::new, |loss| of_least_loss(loss, view, steps, is_late));
+        self.ahead.begin_at_points(view, forecast, &offered, is_over);
     }
 
     /// Decides the slot of `view` by the plan of `forecast`, and carries the rest. No decision after the last stop, but
@@ -216,10 +254,7 @@ impl<O: Objective> Strategy for LookAhead<O> {
         }
         let mut forecast = self.ahead.forecast(view)?;
         if O::HOVERS && !self.ahead.has_searched() {
-            let steps = self.first_steps.saturating_mul(LOSS_STEPS_PER_STEP);
-            let offered =
-                self.loss.take().map_or_else(Vec::new, |loss| of_least_loss(loss, view, steps, &|| is_after(LOSS_END)));
-            self.ahead.begin_at_points(view, &mut forecast, &offered, &is_over);
+            self.begin_hovering(view, &mut forecast, &|| is_after(LOSS_END), &is_over);
         }
         self.ahead.search(view, &mut forecast, self.first_steps, &is_over);
         self.decide(view, &forecast)
@@ -261,8 +296,8 @@ impl<O: Objective> Checkpoint for LookAhead<O> {
     }
 }
 
-/// The plan of `offline` for the least loss of a mission whose queues are known, `queues_bits` [bit] by id before slot 1;
-/// returns the strategy and what was found.
+/// The plan of `offline` for a mission whose queues are known, `queues_bits` [bit] by id before slot 1; returns the
+/// strategy and what was found.
 ///
 /// `watch` is called with the progress. `None`, without a plan, if no sensor node can lose data or `watch` ends the
 /// search.
@@ -271,10 +306,17 @@ pub fn search_offline(
     queues_bits: &[u32],
     stop: &Stop,
     watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
-) -> Option<(LookAhead<Loss>, SearchOutcome)> {
+) -> Option<(Box<dyn Strategy>, SearchOutcome)> {
     let OfflineKeys { steps } = setup.scenario.planner_keys("planner.offline").expect("they were checked");
-    let mut offline = LookAhead::offline(setup, steps);
-    offline.prepare(&View::at_start(setup, queues_bits, stop), steps, watch).map(|found| (offline, found))
+    let view = View::at_start(setup, queues_bits, stop);
+    match Planned::of(setup) {
+        Planned::Loss => LookAhead::<Loss>::offline(setup, steps).prepared(&view, steps, watch),
+        Planned::Gaps => LookAhead::<Gaps>::offline(setup, steps).prepared(&view, steps, watch),
+        Planned::Collect => {
+            let steps = steps.div_ceil(LOSS_STEPS_PER_STEP);
+            LookAhead::<Collect>::offline(setup, steps).prepared(&view, steps, watch)
+        }
+    }
 }
 
 /// The points of a plan for the least loss, improved in `steps` steps, each with the id of an SN; one for each member of

@@ -265,7 +265,7 @@ fn an_offline_plan_has_its_predicted_loss_and_respects_the_bound() {
         let (offline, SearchOutcome { cost: predicted_bits, steps: done, is_optimal }) = found.unwrap();
         assert_eq!((done, is_optimal), (20_000, false), "seed {seed}");
         let mut offline = Some(offline);
-        let mut make = |_: &Setup<'_>| -> Result<Box<dyn Strategy>, _> { Ok(Box::new(offline.take().unwrap())) };
+        let mut make = |_: &Setup<'_>| -> Result<Box<dyn Strategy>, _> { Ok(offline.take().unwrap()) };
         mission.planner = FleetPlanner::by(&scenario, &nodes, &mut make, &Stop::default()).unwrap();
         assert!(steps.len() > 100 && steps.is_sorted() && steps[0] == 0, "{steps:?}");
         mission.by_ref().take(200).for_each(drop);
