@@ -36,6 +36,9 @@ pub struct Figures {
     /// What plans over many slots are made for; `None` for the least loss.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub objective: Option<PlanningObjective>,
+    /// Age up to which an SN is served in time [slots]; `None` without a limit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub deadline_slots: Option<u64>,
     /// Number of SNs, `N`.
     pub sensors: usize,
     /// Number of slots, `T`.
@@ -110,6 +113,7 @@ impl Figures {
         Ok(Self {
             strategy: scenario.planner.strategy.clone(),
             objective: Some(Settings::of(scenario)?.objective).filter(|objective| !objective.is_loss()),
+            deadline_slots: scenario.deadline_slots(),
             sensors: nodes.len(),
             slots: scenario.slots,
             reach_m,

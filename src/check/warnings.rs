@@ -10,7 +10,7 @@ use super::verdict::LossFree;
 /// The warnings for these figures, one line each.
 #[must_use]
 pub fn of(figures: &Figures) -> Vec<String> {
-    let rules: [fn(&Figures) -> Option<String>; 13] = [
+    let rules: [fn(&Figures) -> Option<String>; 14] = [
         in_transit,
         slow_link,
         overloaded,
@@ -20,6 +20,7 @@ pub fn of(figures: &Figures) -> Vec<String> {
         |figures| figures.energy.as_ref()?.landing_warning(),
         |figures| figures.energy.as_ref()?.stranded_warning(),
         unserved,
+        late,
         told_otherwise,
         told_steadier,
         |figures| figures.motion.start_warning(),
@@ -100,6 +101,16 @@ fn unserved(figures: &Figures) -> Option<String> {
         }
     };
     (figures.loss_free == LossFree::Unserved && figures.objective.is_none()).then(|| advice.to_owned())
+}
+
+/// Not every SN can be served within the limit of its age.
+fn late(figures: &Figures) -> Option<String> {
+    let deadline_slots = figures.deadline_slots?;
+    let least_slots = figures.round.least_slots.filter(|&least_slots| least_slots > deadline_slots + 1)?;
+    Some(format!(
+        "sensors.deadline_s is {deadline_slots} slots, and serving every sensor node takes at least {least_slots}: not \
+         all can be served in time"
+    ))
 }
 
 /// Fraction of the mean from which on a mission that samples more or less has probably been told another mean.
