@@ -13,7 +13,7 @@ const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 const COMMANDS_RUN_IN: [&str; 3] = ["Tutorials", "Choosing", "How-to guides"];
 
 /// Most words by hand of a page in these parts, of another page, and of all.
-const MOST_WORDS: [usize; 3] = [1_200, 2_000, 46_500];
+const MOST_WORDS: [usize; 3] = [1_200, 2_000, 47_000];
 
 /// Most words of pages that are longer or, as the README, shorter.
 const OTHER_BUDGETS: [(&str, usize); 3] = [("../../README.md", 750), ("look-ahead.md", 2_100), ("model.md", 5_800)];
