@@ -1,6 +1,7 @@
 //! Evaluation: sweeps, metrics, plots, comparisons, the search for the best known flight, import of positions and
 //! export of runs. The only crate that depends on arrow, resvg, krilla and map formats.
 
+pub mod bounds;
 pub mod compare;
 pub mod drawing;
 mod error;

@@ -18,7 +18,7 @@ use skysink_mission::{MissionError, Plant};
 use skysink_planner::settings::Settings;
 use strum::{EnumCount, VariantArray};
 
-use crate::optimize::Bounds;
+use crate::bounds::MissionBounds;
 use crate::statistics::Support;
 use crate::trapped::Stay;
 
@@ -65,7 +65,7 @@ struct MeteredMission<'a> {
     /// What is not delivered, by weight [bit].
     undelivered_bits: f64,
     /// The bounds; only `offline` has them.
-    bounds: Option<Bounds>,
+    bounds: Option<MissionBounds>,
 }
 
 impl MeteredMission<'_> {
@@ -264,7 +264,7 @@ impl MissionMeter {
 
     /// The metrics so far, with the plant after the last slot; `timing` instead of the planning times of the slots.
     #[must_use]
-    pub fn values(&self, plant: &Plant, timing: Option<&RunTiming>, bounds: Option<Bounds>) -> MetricValues {
+    pub fn values(&self, plant: &Plant, timing: Option<&RunTiming>, bounds: Option<MissionBounds>) -> MetricValues {
         let mut summary = self.tally.summary(Duration::ZERO, 0);
         if let Some(timing) = timing {
             timing.clone_into(&mut summary.timing);
@@ -281,7 +281,7 @@ impl MissionMeter {
         summary: &Summary,
         delivered_bits: &[u64],
         undelivered_bits: f64,
-        bounds: Option<Bounds>,
+        bounds: Option<MissionBounds>,
     ) -> MetricValues {
         let service_ages = self.service_ages.counts(self.slot, |_| true);
         let data_ages = self.data.counts(self.slot);

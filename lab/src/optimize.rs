@@ -15,12 +15,12 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::Mission;
-use skysink_planner::bound::{MissionBound, cost_bound, mission_bound};
 use skysink_planner::fleet::require_one;
-use skysink_planner::settings::{Knowledge, PlanningObjective, Rates, Settings, change};
+use skysink_planner::settings::{Knowledge, Rates, Settings, change};
 use skysink_planner::strategies::look_ahead::{self, MAX_STEPS, OfflineKeys, search_offline};
 use skysink_planner::strategy::{OwnedSetup, Registered, Setup, Strategy};
 
+use crate::bounds::{MissionBounds, bounds, fraction, loss_rate};
 use crate::error::LabError;
 use crate::metrics::{Metric, MissionMeter};
 use crate::progress::{LabProgress, OnProgress};
@@ -135,32 +135,6 @@ pub struct Optimum {
     pub version: &'static str,
 }
 
-/// Lower bounds of a mission (`docs/src/look-ahead.md`).
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Bounds {
-    /// Of the loss rate η of every flight; 0 if nothing is sampled.
-    pub loss_bound: f64,
-    /// Of the mean loss rate over the draws of a random channel.
-    pub expected_loss_bound: Option<f64>,
-    /// Of the cost of every flight by an objective that is neither the loss nor what is collected.
-    pub objective_bound: Option<f64>,
-}
-
-/// The bounds of a mission. `known_bits` is the loss of a known flight [bit].
-#[must_use]
-pub fn bounds(scenario: &Scenario, list: &SensorList, known_bits: u64) -> Bounds {
-    let sensors = list.sensors_of(scenario);
-    let MissionBound { loss_bits, expected_loss_bits } =
-        mission_bound(scenario, &sensors, &list.queues_bits(), known_bits);
-    let objective = Settings::of(scenario).ok().map(|settings| settings.objective);
-    let weights = objective.filter(|objective| !objective.is_loss()).and_then(PlanningObjective::weights);
-    Bounds {
-        loss_bound: loss_rate(loss_bits as f64, scenario, list),
-        expected_loss_bound: expected_loss_bits.map(|bits| loss_rate(bits, scenario, list)),
-        objective_bound: weights.map(|weights| cost_bound(scenario, &sensors, &weights, loss_bits)),
-    }
-}
-
 /// Searches for the plan of `offline` and simulates every strategy. `scenarios` contains the mission once per strategy.
 ///
 /// # Errors
@@ -196,7 +170,7 @@ pub fn optimize(
     flown.sort_by(|(a, _), (b, _)| a.compared().total_cmp(&b.compared()));
     let (best, known_bits) = flown[0];
     let standings = flown.into_iter().map(|(standing, _)| standing).collect();
-    let Bounds { loss_bound, expected_loss_bound, objective_bound } = bounds(&offline, &list, known_bits);
+    let MissionBounds { loss_bound, expected_loss_bound, objective_bound } = bounds(&offline, &list, known_bits);
     let best_other = others().find(|scenario| scenario.planner.strategy == best.strategy);
     let scenario = best_other.unwrap_or(&offline).clone();
     let plan = plan.filter(|_| best_other.is_none());
@@ -320,15 +294,6 @@ fn standing(
             .filter(|_| !Settings::of(scenario).is_ok_and(|keys| keys.objective.is_loss())),
     };
     Ok((standing, lost_bits))
-}
-
-/// A loss [bit] as a fraction of the bits that the mission samples (decision D3); 0 if nothing is sampled.
-fn loss_rate(lost_bits: f64, scenario: &Scenario, list: &SensorList) -> f64 {
-    fraction(lost_bits, list.mission_bits(scenario))
-}
-
-fn fraction(lost_bits: f64, sampled_bits: f64) -> f64 {
-    if sampled_bits > 0.0 { lost_bits / sampled_bits } else { 0.0 }
 }
 
 /// Parses a time with its unit; without a unit, in seconds.

@@ -28,9 +28,9 @@ use skysink_mission::Mission;
 use skysink_mission::error::FileContext;
 use skysink_planner::strategies::look_ahead;
 
+use crate::bounds::bounds;
 use crate::error::LabError;
 use crate::metrics::MissionMeter;
-use crate::optimize::bounds;
 use crate::progress::{LabProgress, OnProgress, Workload};
 use definition::MissionKey;
 use folder::SweepRecord;

@@ -16,6 +16,7 @@
 //! | [`strategies`] | schedule and waypoint by each strategy |
 //! | [`waypoint`] | sP2, the waypoint of a schedule, in the plane and in three dimensions |
 //! | [`plan`] | plans over many slots |
+//! | [`gap_costs`] | what the time between two visits of a sensor costs |
 //! | [`operator_counts`] | what became of the changes that a search proposed |
 //! | [`bound`] | lower bounds on the loss of a mission |
 //! | [`geometry`] | disks and tours |
@@ -23,6 +24,7 @@
 
 pub mod bound;
 pub mod fleet;
+pub mod gap_costs;
 pub mod geometry;
 pub mod keys;
 pub mod mission_table;

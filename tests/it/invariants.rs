@@ -1,4 +1,4 @@
-//! The page of invariants: what it names exists.
+//! `INVARIANTS.md`: what it names exists.
 
 use std::fs;
 use std::path::Path;
@@ -14,8 +14,8 @@ fn declares(text: &str, name: &str) -> bool {
 
 #[test]
 fn each_invariant_has_its_code_and_its_tests() {
-    let pages = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/src");
-    let page = fs::read_to_string(pages.join("invariants.md")).unwrap();
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let page = fs::read_to_string(root.join("INVARIANTS.md")).unwrap();
     let mut count = 0;
     for row in page.lines().filter(|line| line.starts_with("| ") && line.contains("](")) {
         let cells: Vec<&str> = row.trim_matches('|').split(" | ").collect();
@@ -24,7 +24,7 @@ fn each_invariant_has_its_code_and_its_tests() {
         // A link to a file, then names in it.
         for link in cells[1..].iter().flat_map(|cell| cell.split("](").skip(1)) {
             let (file, names) = link.split_once(')').unwrap();
-            let text = fs::read_to_string(pages.join(file)).unwrap_or_else(|error| panic!("{file}: {error}"));
+            let text = fs::read_to_string(root.join(file)).unwrap_or_else(|error| panic!("{file}: {error}"));
             for name in names.split('`').skip(1).step_by(2) {
                 assert!(declares(&text, name), "{file} has no {name}");
                 count += 1;

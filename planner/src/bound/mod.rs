@@ -22,9 +22,9 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
 use skysink_common::sensors::grid::Grid;
 
+use crate::gap_costs::GapCosts;
 use crate::keys::ObjectiveWeights;
 use crate::mission_table::MissionTable;
-use crate::plan::gap_costs::GapCosts;
 use field_bits::FieldBits;
 use links::BestLinks;
 use paths::PathBound;

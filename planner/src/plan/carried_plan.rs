@@ -14,7 +14,6 @@ use skysink_common::sampling::Sampler;
 use skysink_common::sensors::Sensors;
 
 use super::forecast::Forecast;
-use super::gap_costs::GapCosts;
 use super::groups::PlannedStop;
 use super::keys::{HorizonKeys, LookAheadPart};
 use super::model::{OtherVisits, PlanModel};
@@ -24,6 +23,7 @@ use super::points::is_there;
 use super::sensor::noise_slots2;
 use super::start;
 use super::window::PlanningWindow;
+use crate::gap_costs::GapCosts;
 use crate::neighbours::PlannedVisit;
 use crate::operator_counts::OperatorCounts;
 use crate::strategy::{Setup, View};

@@ -1,8 +1,8 @@
 //! Objectives of ages: what a plan costs by the slots between the visits of a sensor, beside the bits it loses.
 
-use super::gap_costs::GapCosts;
 use super::objective::{Loss, Objective, ROUNDING, Reached};
 use super::sensor::SensorModel;
+use crate::gap_costs::GapCosts;
 
 /// The sum of what gaps cost, by [`GapCosts`].
 #[derive(Debug, Clone, Copy, PartialEq)]

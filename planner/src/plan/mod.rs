@@ -6,7 +6,7 @@
 //! | module | contents |
 //! |---|---|
 //! | [`objective`] | what a plan costs: the loss, or the data that is not delivered |
-//! | [`gap_costs`], [`gaps`] | ages of service, and sums of costs |
+//! | [`gaps`] | ages of service, and sums of costs |
 //! | [`sensor`], [`model`] | the sensor nodes of a plan, in slots instead of bits, and the constants of a mission |
 //! | [`window`] | what a plan begins with |
 //! | [`groups`], [`points`] | the stops of a plan: disks, and points to hover at |
@@ -23,7 +23,6 @@ pub mod anneal;
 pub mod carried_plan;
 pub mod decoder;
 pub mod forecast;
-pub mod gap_costs;
 pub mod gaps;
 pub mod groups;
 mod improve;

@@ -13,11 +13,11 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::grid::Grid;
 use skysink_common::stop::Stop;
 
-use super::gap_costs::GapCosts;
 use super::groups::{self, ServiceDisk};
 use super::objective::Objective;
 use super::points::PointMemory;
 use super::sensor::{SensorModel, noise_slots2};
+use crate::gap_costs::GapCosts;
 use crate::geometry::disks::Disk;
 use crate::geometry::turns::Turns;
 use crate::mission_table::MissionTable;

@@ -2,7 +2,7 @@
 
 use skysink_common::arrivals::ArrivalLaw;
 
-use super::gap_costs::GapCosts;
+use crate::gap_costs::GapCosts;
 
 /// A sensor node (SN) of a plan, in slots.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -7,7 +7,7 @@ use crate::keys::{ObjectiveWeights, PEAK_EXPONENT};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GapCosts {
     /// Of a bit that is lost.
-    pub(super) loss: f64,
+    pub(crate) loss: f64,
     /// Of an age of a slot for a slot: `age · g (g − 1)/2`.
     age: f64,
     /// `peak_age · (g − 1)^8`.
@@ -48,7 +48,7 @@ impl GapCosts {
 
     /// Of the ages in a gap of `gap` slots.
     #[inline]
-    pub(super) fn of_ages(&self, gap: f64) -> f64 {
+    pub(crate) fn of_ages(&self, gap: f64) -> f64 {
         let peak = (gap - 1.0).max(0.0);
         let late = if self.deadline > 0.0 { (peak - self.deadline_slots).max(0.0) * self.deadline } else { 0.0 };
         self.age * 0.5 * gap * (gap - 1.0) + self.peak_age * peak.powi(PEAK_EXPONENT) + late
