@@ -193,8 +193,8 @@ impl<'a> Believed<'a> {
         self.belief.mean_bits(self.sensors, id)
     }
 
-    /// Slots until SN `id` overflows: the room in its buffer divided by its bits per slot; `None` if it does not
-    /// sample.
+    /// Slots until SN `id` overflows, or its bits expire: the room for what it stores divided by its bits per slot;
+    /// `None` if it does not sample.
     ///
     /// # Panics
     /// If the SN is unknown.
@@ -202,7 +202,7 @@ impl<'a> Believed<'a> {
     #[must_use]
     pub fn deadline_slots(&self, id: u32) -> Option<f64> {
         let sampler = self.sensors.sampler(id);
-        let room_bits = f64::from(sampler.capacity_bits) - f64::from(self.queues_bits[id as usize]);
+        let room_bits = f64::from(sampler.stored_bits()) - f64::from(self.queues_bits[id as usize]);
         let mean_bits = match self.belief {
             Belief::Known => sampler.mean_bits,
             Belief::Estimated(estimate) => estimate.mean_bits(id),

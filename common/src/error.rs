@@ -135,7 +135,7 @@ const NOT_MODELLED: [(&str, &[&str]); 7] = [
     ("Terrain", &["terrain", "elevation", "dem"]),
     ("Gusts", &["gust", "gusts", "weather"]),
     ("Several UAVs", &["uavs", "fleet", "drones"]),
-    ("Sensor nodes", &["mobility", "relay", "hops", "sleep", "failure", "expiry", "ttl"]),
+    ("Sensor nodes", &["mobility", "relay", "hops", "sleep", "failure"]),
     ("Base station", &["memory", "backhaul"]),
     ("What will not be added", &["packet", "packets", "routing", "mac", "wing", "stall"]),
     ("Radio", &["lora", "wifi", "ble", "zigbee", "duty", "collisions"]),
@@ -171,7 +171,7 @@ mod tests {
             ("uavs", "Several UAVs"),
             ("duty_cycle", "Radio"),
             ("memory_bits", "Base station"),
-            ("expiry_s", "Sensor nodes"),
+            ("relay_s", "Sensor nodes"),
             ("packet_bits", "What will not be added"),
         ] {
             let hint = format!(

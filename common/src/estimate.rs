@@ -11,7 +11,6 @@ pub use saved_estimate::{BYTES_PER_SENSOR, SavedEstimate};
 use crate::arrivals::{ArrivalLaw, bits_between, mean_bits};
 use crate::message::FlightReport;
 use crate::reported::ReportedQueues;
-use crate::sampling::Sampler;
 use crate::scenario::{Interval, Scenario};
 use crate::sensors::Sensors;
 use crate::slot_record::uploads;
@@ -249,9 +248,10 @@ impl Estimate {
         };
         let expected_mean_bits = mean_bits(scenario.sensors.sampling_bps.mean(), scenario.slot_s);
         for id in sensors.ids() {
-            let Sampler { mean_bits, capacity_bits } = sensors.sampler(id);
+            let sampler = sensors.sampler(id);
+            let capacity_bits = sampler.stored_bits();
             let prior_mean_bits = match rates {
-                Rates::Known => mean_bits,
+                Rates::Known => sampler.mean_bits,
                 Rates::Learnt => expected_mean_bits,
             };
             let contact = estimate.without_contact(id, capacity_bits, prior_mean_bits);

@@ -11,6 +11,7 @@ use iceoryx2::prelude::ZeroCopySend;
 use serde::{Deserialize, Serialize};
 
 use crate::arrivals::{quick_bits, sampled_bits};
+use crate::cohorts::Cohorts;
 use crate::per_sensor::PerSensor;
 use crate::queues::{Queues, Sampled, blocks};
 use crate::sampling::Sampling;
@@ -27,7 +28,7 @@ pub struct Totals {
     pub sampled_bits: u64,
     /// Uploaded to the UAV.
     pub delivered_bits: u64,
-    /// Lost to full buffers, `Σ D_i` (UTS eq. 8).
+    /// Lost to full buffers, `Σ D_i` (UTS eq. 8), or expired.
     pub lost_bits: u64,
     /// Queued now.
     pub queued_bits: u64,
@@ -78,17 +79,17 @@ impl Ledger {
                 PerSensor::Each(_) => vec![0.0; blocks(queues_bits.len()).count()],
             },
             totals: Totals { initial_bits: queued_bits, queued_bits, ..Totals::default() },
-            sampling,
             initial_bits: queues_bits.clone(),
-            queues: Queues::new(queues_bits),
+            queues: Queues::new(queues_bits).expiring(&sampling),
+            sampling,
         }
     }
 
-    /// Restores the queues [bit] after `slot`, the bits delivered so far, by id, and the bits [`Self::drawn_bits`].
-    /// Returns false, and changes nothing, if the state is impossible.
+    /// Restores the queues [bit] after `slot`, the bits delivered so far, by id, the bits [`Self::drawn_bits`], and the
+    /// [`Self::cohorts`]. Returns false, and changes nothing, if the state is impossible.
     ///
-    /// A state is possible if it has an entry for each SN, no queue exceeds its buffer, and no SN has delivered and
-    /// still holds more bits than it had.
+    /// A state is possible if it has an entry for each SN, no queue exceeds its buffer, no SN has delivered and still
+    /// holds more bits than it had, and the cohorts are those of the queues.
     #[must_use]
     pub fn restore(
         &mut self,
@@ -96,12 +97,15 @@ impl Ledger {
         queues_bits: &[u32],
         delivered_bits: &[u64],
         drawn_bits: Option<&[u64]>,
+        cohorts: Option<Cohorts>,
     ) -> bool {
         let count = self.initial_bits.len();
         let is_of_field = drawn_bits.is_none_or(|drawn_bits| drawn_bits.len() == count);
         if [queues_bits.len(), delivered_bits.len()] != [count; 2]
             || !is_of_field
             || drawn_bits.is_some() != self.drawn_bits.is_some()
+            || cohorts.is_some() != self.cohorts().is_some()
+            || !cohorts.as_ref().is_none_or(|cohorts| cohorts.are_of(slot, queues_bits))
         {
             return false;
         }
@@ -122,7 +126,7 @@ impl Ledger {
         let sampled = delivered + lost_bits + queued_bits - self.totals.initial_bits;
         let totals = Totals { sampled_bits: sampled, delivered_bits: delivered, lost_bits, queued_bits, ..self.totals };
         self.totals = totals;
-        self.queues.set(queues_bits);
+        self.queues.set(queues_bits, cohorts);
         self.delivered_bits.copy_from_slice(delivered_bits);
         self.drawn_bits = drawn_bits.map(<[u64]>::to_vec);
         blocks(count).for_each(|sensors| self.sum_lost_slots(sensors, slot));
@@ -133,6 +137,18 @@ impl Ledger {
     #[must_use]
     pub fn queues_bits(&self) -> &[u32] {
         self.queues.bits()
+    }
+
+    /// The queued bits by slot of sampling, where they expire.
+    #[must_use]
+    pub fn cohorts(&self) -> Option<&Cohorts> {
+        self.queues.cohorts()
+    }
+
+    /// Bits that have expired so far; they count as lost.
+    #[must_use]
+    pub fn expired_bits(&self) -> u64 {
+        self.cohorts().map_or(0, Cohorts::expired_bits)
     }
 
     /// The sampling that fills the queues.
@@ -215,12 +231,12 @@ impl Ledger {
                 let bits = &mut bits[..sensors.len()];
                 self.sampling.fill(slot, sensors.clone(), bits);
                 drawn_bits[sensors.clone()].iter_mut().zip(&*bits).for_each(|(sum, bits)| *sum += bits);
-                self.queues.store_block(sensors.clone(), bits, &self.sampling)
+                self.queues.store_block(sensors.clone(), bits, &self.sampling, slot)
             }
         };
         self.totals.sampled_bits += sampled_bits;
         self.totals.lost_bits += lost_bits;
-        self.totals.queued_bits += sampled_bits - lost_bits;
+        self.totals.queued_bits = self.totals.queued_bits + sampled_bits - lost_bits;
         if lost_bits > 0 {
             self.sum_lost_slots(sensors, slot);
         }
@@ -332,10 +348,10 @@ mod tests {
             (&[3, 4], &[4, 0]),  // 3 + 4 of 1 + 5
             (&[3, 4], &[0, u64::MAX]),
         ] {
-            assert!(!ledger.restore(1, queues_bits, delivered_bits, None), "{queues_bits:?}, {delivered_bits:?}");
+            assert!(!ledger.restore(1, queues_bits, delivered_bits, None, None), "{queues_bits:?}, {delivered_bits:?}");
             assert_eq!(ledger, new());
         }
-        assert!(ledger.restore(1, &[3, 4], &[2, 2], None));
+        assert!(ledger.restore(1, &[3, 4], &[2, 2], None, None));
         assert_eq!((ledger.queues_bits(), ledger.delivered_bits()), (&[3, 4][..], &[2, 2][..]));
         let totals = Totals { sampled_bits: 9, delivered_bits: 4, lost_bits: 1, queued_bits: 7, ..new().totals() };
         assert_eq!(ledger.totals(), Totals { lost_slots: 0.2, ..totals }); // 1 + 5 − 2 − 3 bits are lost
@@ -376,7 +392,7 @@ mod tests {
                 prop_assert_eq!(kept.lost_bits(slot).collect::<Vec<_>>(), lost_bits);
                 prop_assert!((kept.totals().lost_slots - lost_slots).abs() <= 1e-9 * lost_slots);
                 let mut restored = ledger(capacity_bits, &mean_bits, &initial_bits);
-                prop_assert!(restored.restore(slot, kept.queues_bits(), kept.delivered_bits(), None));
+                prop_assert!(restored.restore(slot, kept.queues_bits(), kept.delivered_bits(), None, None));
                 prop_assert_eq!(&restored, &kept);
             }
         }

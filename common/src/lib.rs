@@ -11,6 +11,7 @@ pub mod belief;
 pub mod build;
 pub mod channel;
 pub mod checkpoint;
+pub mod cohorts;
 mod csv_rows;
 pub mod error;
 pub mod estimate;

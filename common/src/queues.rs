@@ -1,11 +1,13 @@
 //! The queues of the sensor nodes (SNs) in a slot: sample, overflow, upload (decision D1).
 //!
-//! Only this file samples, loses or uploads a bit. [`crate::ledger`] adds the totals.
+//! Only this file and, where bits expire, [`crate::cohorts`] sample, lose or upload a bit. [`crate::ledger`] adds the
+//! totals.
 
 use std::iter::repeat;
 use std::ops::Range;
 
 use crate::arrivals::{bits_between, quick_bits, sampled_bits};
+use crate::cohorts::Cohorts;
 use crate::per_sensor::PerSensor;
 use crate::sampling::{Sampler, Sampling};
 use crate::simd::{BLOCK, vectorized};
@@ -14,6 +16,8 @@ use crate::simd::{BLOCK, vectorized};
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Queues {
     bits: Vec<u32>,
+    /// The same bits by slot of sampling, where they expire.
+    cohorts: Option<Cohorts>,
 }
 
 /// Bits that some SNs sample in a slot.
@@ -21,7 +25,7 @@ pub struct Queues {
 pub struct Sampled {
     /// All of them.
     pub sampled_bits: u64,
-    /// Those that do not fit into the buffers and are lost, `Σ D_i` (UTS eq. 8).
+    /// Those that do not fit into the buffers and are lost, `Σ D_i` (UTS eq. 8), and the bits that expire.
     pub lost_bits: u64,
 }
 
@@ -29,7 +33,20 @@ impl Queues {
     /// Queues of these lengths [bit], by id, none of which exceeds its buffer.
     #[must_use]
     pub fn new(bits: Vec<u32>) -> Self {
-        Self { bits }
+        Self { bits, cohorts: None }
+    }
+
+    /// The same queues of bits that expire as `sampling` says.
+    #[must_use]
+    pub fn expiring(self, sampling: &Sampling) -> Self {
+        let cohorts = sampling.expiry.map(|expiry| Cohorts::new(expiry, &self.bits));
+        Self { cohorts, ..self }
+    }
+
+    /// The bits by slot of sampling, where they expire.
+    #[must_use]
+    pub fn cohorts(&self) -> Option<&Cohorts> {
+        self.cohorts.as_ref()
     }
 
     /// Queue lengths [bit], by id.
@@ -39,12 +56,13 @@ impl Queues {
         &self.bits
     }
 
-    /// Replaces the queue lengths by `bits` [bit], by id, none of which exceeds its buffer.
+    /// Replaces the queue lengths by `bits` [bit], by id, none of which exceeds its buffer, and their `cohorts`.
     ///
     /// # Panics
     /// If there is not one for each SN.
-    pub fn set(&mut self, bits: &[u32]) {
+    pub fn set(&mut self, bits: &[u32], cohorts: Option<Cohorts>) {
         self.bits.copy_from_slice(bits);
+        self.cohorts = cohorts;
     }
 
     /// All SNs sample in `slot`, from 1, and full ones lose the excess; returns the lost bits.
@@ -57,11 +75,11 @@ impl Queues {
     /// # Panics
     /// If `sensors` reaches beyond the field, or is longer than a block.
     pub fn sample_block(&mut self, sensors: Range<usize>, sampling: &Sampling, slot: u64) -> Sampled {
-        if sampling.is_drawn() {
+        if sampling.is_drawn() || self.cohorts.is_some() {
             let mut bits = [0; BLOCK];
             let bits = &mut bits[..sensors.len()];
             sampling.fill(slot, sensors.clone(), bits);
-            return self.store_block(sensors, bits, sampling);
+            return self.store_block(sensors, bits, sampling, slot);
         }
         let queues_bits = &mut self.bits[sensors.clone()];
         let before = slot.saturating_sub(1);
@@ -81,9 +99,19 @@ impl Queues {
         }
     }
 
-    /// Each of the consecutive `sensors` samples these `bits`, and full ones lose the excess.
-    pub(crate) fn store_block(&mut self, sensors: Range<usize>, bits: &[u64], sampling: &Sampling) -> Sampled {
+    /// Each of the consecutive `sensors` samples these `bits` in `slot`, and full ones lose the excess.
+    pub(crate) fn store_block(
+        &mut self,
+        sensors: Range<usize>,
+        bits: &[u64],
+        sampling: &Sampling,
+        slot: u64,
+    ) -> Sampled {
         let queues_bits = &mut self.bits[sensors.clone()];
+        if let Some(cohorts) = &mut self.cohorts {
+            let lost_bits = cohorts.store(slot, sensors, bits, queues_bits, &sampling.capacity_bits);
+            return Sampled { sampled_bits: bits.iter().sum(), lost_bits };
+        }
         fill(queues_bits, bits.iter().copied(), sensors.map(|sensor| sampling.capacity_bits.of(sensor)))
     }
 
@@ -96,6 +124,9 @@ impl Queues {
         let queue_bits = &mut self.bits[sensor];
         let taken_bits = capacity_bits.min(u64::from(*queue_bits)) as u32;
         *queue_bits -= taken_bits;
+        if let Some(cohorts) = &mut self.cohorts {
+            cohorts.upload(sensor, taken_bits);
+        }
         taken_bits.into()
     }
 }
@@ -105,7 +136,7 @@ impl Queues {
 #[inline]
 #[must_use]
 pub fn overflow_bits(sampler: &Sampler, queue_bits: u32, from: u64, to: u64) -> u64 {
-    let Sampler { mean_bits, capacity_bits } = *sampler;
+    let Sampler { mean_bits, capacity_bits, .. } = *sampler;
     let held_bits = u64::from(queue_bits) + sampled_bits(mean_bits, to) - sampled_bits(mean_bits, from);
     held_bits.saturating_sub(capacity_bits.into())
 }
@@ -182,7 +213,7 @@ mod tests {
     #[test]
     fn an_unserved_queue_loses_its_overflow() {
         // s τ = 2.5: A = 0, 2, 5, 7, 10, 12 (decision D2)
-        let sampler = Sampler { mean_bits: 2.5, capacity_bits: 4 };
+        let sampler = Sampler { mean_bits: 2.5, capacity_bits: 4, lasting_slots: f64::INFINITY };
         assert_eq!([1, 2, 3, 4, 5].map(|to| overflow_bits(&sampler, 3, 0, to)), [1, 4, 6, 9, 11]);
         assert_eq!([2, 3, 4, 5].map(|to| overflow_bits(&sampler, 0, 2, to)), [0, 0, 1, 3]);
     }
@@ -207,7 +238,8 @@ mod tests {
             for slot in 1..=4 {
                 let mut lost_bits = 0;
                 for ((queue, &mean), &capacity) in singly.iter_mut().zip(&means).zip(&capacities) {
-                    let sampler = Sampler { mean_bits: mean, capacity_bits: capacity };
+                    let sampler =
+                        Sampler { mean_bits: mean, capacity_bits: capacity, lasting_slots: f64::INFINITY };
                     let lost = overflow_bits(&sampler, *queue, slot - 1, slot);
                     let held = u64::from(*queue) + bits_between(mean, slot - 1, slot);
                     *queue = held.min(capacity.into()) as u32;

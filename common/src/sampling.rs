@@ -4,6 +4,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use crate::arrivals::{Arrivals, DrawnArrivals, bits_between, is_quick, sampled_bits, slot_of_bit};
+use crate::cohorts::Expiry;
 use crate::per_sensor::PerSensor;
 
 /// The sampling of an SN, and its buffer.
@@ -13,6 +14,8 @@ pub struct Sampler {
     pub mean_bits: f64,
     /// Its buffer, `B` [bit].
     pub capacity_bits: u32,
+    /// Slots in which bits are stored, `D + 1`; infinite where they do not expire (decision D36).
+    pub lasting_slots: f64,
 }
 
 impl Sampler {
@@ -20,6 +23,20 @@ impl Sampler {
     #[must_use]
     pub fn fill_slots(&self) -> f64 {
         f64::from(self.capacity_bits) / self.mean_bits
+    }
+
+    /// Slots after which it loses what it samples, left empty: its buffer is full, or its oldest bits expire,
+    /// `C = min(B/(s_i τ), D + 1)`.
+    #[must_use]
+    pub fn lossless_slots(&self) -> f64 {
+        self.fill_slots().min(self.lasting_slots)
+    }
+
+    /// Most bits that it stores between two services [bit]: its buffer, or what it samples before they expire.
+    #[must_use]
+    pub fn stored_bits(&self) -> u32 {
+        let expires = self.mean_bits > 0.0 && self.lasting_slots < self.fill_slots();
+        if expires { (self.mean_bits * self.lasting_slots).ceil() as u32 } else { self.capacity_bits }
     }
 }
 
@@ -34,6 +51,8 @@ pub struct Sampling {
     highest_mean_bits: f64,
     /// The arrivals; `None` if they are constant, or only their means are known.
     arrivals: Option<Arc<Arrivals>>,
+    /// How long bits are stored; `None` if none expires.
+    pub(crate) expiry: Option<Expiry>,
 }
 
 impl Sampling {
@@ -47,18 +66,24 @@ impl Sampling {
     /// The sampling with these means [bit], by id, and the same buffers.
     #[must_use]
     pub fn with_means(&self, mean_bits: Vec<f64>) -> Self {
-        Self::of_buffers(mean_bits, self.capacity_bits.clone())
+        Self::of_buffers(mean_bits, self.capacity_bits.clone()).with_expiry(self.expiry)
     }
 
     fn of_buffers(mean_bits: Vec<f64>, capacity_bits: PerSensor<u32>) -> Self {
         let highest_mean_bits = mean_bits.iter().copied().fold(0.0, f64::max);
-        Self { mean_bits: PerSensor::new(mean_bits), capacity_bits, highest_mean_bits, arrivals: None }
+        Self { mean_bits: PerSensor::new(mean_bits), capacity_bits, highest_mean_bits, arrivals: None, expiry: None }
     }
 
     /// The sampling with these arrivals, or with constant ones.
     #[must_use]
     pub fn with_arrivals(self, arrivals: Option<Arrivals>) -> Self {
         Self { arrivals: arrivals.map(Arc::new), ..self }
+    }
+
+    /// The sampling of bits that expire, or do not.
+    #[must_use]
+    pub fn with_expiry(self, expiry: Option<Expiry>) -> Self {
+        Self { expiry, ..self }
     }
 
     /// Whether the arrivals are drawn; otherwise they are constant, and counted by [`crate::arrivals::sampled_bits`].
@@ -74,7 +99,11 @@ impl Sampling {
     #[inline]
     #[must_use]
     pub fn of(&self, sensor: usize) -> Sampler {
-        Sampler { mean_bits: self.mean_bits.of(sensor), capacity_bits: self.capacity_bits.of(sensor) }
+        Sampler {
+            mean_bits: self.mean_bits.of(sensor),
+            capacity_bits: self.capacity_bits.of(sensor),
+            lasting_slots: self.expiry.map_or(f64::INFINITY, |expiry| expiry.slots as f64 + 1.0),
+        }
     }
 
     /// The highest mean of an SN [bit per slot].
@@ -173,11 +202,23 @@ impl Sampling {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cohorts::Overflow;
+
+    #[test]
+    fn what_expires_counts_as_a_smaller_buffer() {
+        // 2.5 bit a slot into 20 bit: full in 8 slots; with an age of at most 3 slots, 10 bit in 4 slots.
+        let sampling = Sampling::new(vec![2.5, 0.0], vec![20, 20]);
+        let expiry = Expiry { slots: 3, overflow: Overflow::Newest };
+        let figures = |sampling: &Sampling| (sampling.of(0).lossless_slots(), sampling.of(0).stored_bits());
+        assert_eq!(figures(&sampling), (8.0, 20));
+        assert_eq!(figures(&sampling.clone().with_expiry(Some(expiry))), (4.0, 10));
+        assert_eq!(figures(&sampling.with_expiry(Some(Expiry { slots: 90, ..expiry }))), (8.0, 20));
+    }
 
     #[test]
     fn each_sensor_node_has_its_own_rate_and_buffer() {
         let sampling = Sampling::new(vec![2.5, 7.0], vec![10, 20]);
-        assert_eq!(sampling.of(1), Sampler { mean_bits: 7.0, capacity_bits: 20 });
+        assert_eq!(sampling.of(1), Sampler { mean_bits: 7.0, capacity_bits: 20, lasting_slots: f64::INFINITY });
         assert_eq!((sampling.sampled_bits(0, 3), sampling.sampled_bits(1, 3)), (7, 21));
         let faster = sampling.with_means(vec![5.0, 5.0]);
         assert_eq!([0, 1].map(|sensor| faster.of(sensor).capacity_bits), [10, 20]);

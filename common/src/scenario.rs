@@ -32,6 +32,7 @@ pub use zones::LEAST_FILLED;
 
 use crate::airspace::cells_along;
 use crate::channel::{LinkModel, RateTable};
+use crate::cohorts::Expiry;
 use crate::error::{InputError, read_text};
 use crate::keys::{self, Keys, Source, dotted};
 use crate::presets;
@@ -78,8 +79,19 @@ impl Scenario {
     /// The slots that an SN may wait for a service, by `sensors.deadline_s` (decision D36).
     #[must_use]
     pub fn deadline_slots(&self) -> Option<u64> {
-        let whole = |deadline_s: f64| (deadline_s / self.slot_s + 1e-9).floor() as u64; // saturates; 1e-9: rounding
-        self.sensors.deadline_s.map(whole)
+        self.sensors.deadline_s.map(|deadline_s| self.whole_slots(deadline_s))
+    }
+
+    /// How long bits are stored, by `sensors.expiry_s` (decision D36); `None` if none expires in the mission.
+    #[must_use]
+    pub fn expiry(&self) -> Option<Expiry> {
+        let slots = self.whole_slots(self.sensors.expiry_s?);
+        (slots < self.slots).then(|| Expiry { slots, overflow: self.sensors.overflow.unwrap_or_default() })
+    }
+
+    /// The whole slots in `time_s` [s], up to rounding.
+    fn whole_slots(&self, time_s: f64) -> u64 {
+        (time_s / self.slot_s + 1e-9).floor() as u64 // saturates
     }
 
     /// Reads and checks a file. A relative sensor list is relative to the file's folder.

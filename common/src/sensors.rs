@@ -59,7 +59,8 @@ impl Sensors {
     /// The SNs `nodes` of a scenario.
     #[must_use]
     pub fn of(scenario: &Scenario, nodes: &[SensorNode]) -> Self {
-        Self::new(&Limits::of(scenario), nodes)
+        let sensors = Self::new(&Limits::of(scenario), nodes);
+        Self { sampling: sensors.sampling.with_expiry(scenario.expiry()), ..sensors }
     }
 
     /// The SNs with the given `ids`, which get the ids 0, 1, … in that order, and the `grid` of their positions.
@@ -78,7 +79,8 @@ impl Sensors {
             sampling: Sampling::new(
                 samplers.iter().map(|sampler| sampler.mean_bits).collect(),
                 samplers.iter().map(|sampler| sampler.capacity_bits).collect(),
-            ),
+            )
+            .with_expiry(self.sampling.expiry),
         }
     }
 
@@ -147,7 +149,7 @@ mod tests {
     #[test]
     fn rates_become_bits_per_slot() {
         let sensors = sensors();
-        assert_eq!(sensors.sampler(2), Sampler { mean_bits: 3.5, capacity_bits: 30 });
+        assert_eq!(sensors.sampler(2), Sampler { mean_bits: 3.5, capacity_bits: 30, lasting_slots: f64::INFINITY });
         assert_eq!((sensors.count(), sensors.ids()), (3, 0..3));
         assert_eq!((sensors.position(1), sensors.gains[1]), (&Position::new(2.0, 9.0), 2e-5));
         assert_eq!(sensors.sampling_ids().collect::<Vec<_>>(), [0, 2]);

@@ -4,7 +4,8 @@ use std::mem::MaybeUninit;
 
 use serde::{Deserialize, Serialize};
 use skysink_common::belief::Belief;
-use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
+use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, encode};
+use skysink_common::cohorts::Cohorts;
 use skysink_common::estimate::SavedEstimate;
 use skysink_common::ledger::{Ledger, Totals};
 use skysink_common::message::{FlightReport, QueuesHeader, SlotHeader};
@@ -170,6 +171,21 @@ impl Field {
         self.ledger.lost_bits(self.slot)
     }
 
+    /// The slot that has sampled the last bit that the sensor node `sensor` has uploaded, 0 before that; `None` where
+    /// no bits expire.
+    ///
+    /// # Panics
+    /// If the sensor node is unknown.
+    #[must_use]
+    pub fn freshest_slot(&self, sensor: usize) -> Option<u64> {
+        self.ledger.cohorts().map(|cohorts| cohorts.freshest_slot(sensor))
+    }
+
+    /// Bytes of a checkpoint for each sensor node that its cohorts take at most.
+    pub(crate) fn cohort_bytes(&self) -> usize {
+        self.ledger.cohorts().map_or(0, Cohorts::bytes_per_sensor)
+    }
+
     /// Totals since the mission's start.
     #[must_use]
     pub fn totals(&self) -> Totals {
@@ -184,7 +200,8 @@ impl Field {
     }
 }
 
-/// The checkpoint of a field: 12 bytes per sensor node, and those of the estimate.
+/// The checkpoint of a field: 12 bytes per sensor node, and those of the estimate. Where bits expire, that of their
+/// cohorts follows.
 #[derive(Serialize, Deserialize)]
 struct State {
     slot: u64,
@@ -208,16 +225,23 @@ impl Checkpoint for Field {
         let drawn_bits = self.ledger.drawn_bits().map(|bits| serde_bytes::ByteBuf::from(bytemuck::cast_slice(bits)));
         let Self { slot, slot_bits, .. } = *self;
         encode(&State { slot, slot_bits, queues_bits, delivered_bits, estimate, drawn_bits }, bytes);
+        self.ledger.cohorts().into_iter().for_each(|cohorts| cohorts.save(bytes));
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        let State { slot, slot_bits, queues_bits, delivered_bits, estimate, drawn_bits } = decode(bytes)?;
+        let (state, left) = decode_first(bytes)?;
+        let State { slot, slot_bits, queues_bits, delivered_bits, estimate, drawn_bits } = state;
+        let mut cohorts = self.ledger.cohorts().cloned();
+        match &mut cohorts {
+            Some(cohorts) => cohorts.restore(left)?,
+            None => CheckpointError::ensure(left.is_empty(), "no bytes after the state")?,
+        }
         let mut belief = self.belief.restored(slot, estimate)?;
         let queues_bits: Vec<u32> = bytemuck::pod_collect_to_vec(&queues_bits);
         let delivered_bits: Vec<u64> = bytemuck::pod_collect_to_vec(&delivered_bits);
         let drawn_bits: Option<Vec<u64>> = drawn_bits.map(|bytes| bytemuck::pod_collect_to_vec(&bytes));
-        let is_possible =
-            slot <= self.slots && self.ledger.restore(slot, &queues_bits, &delivered_bits, drawn_bits.as_deref());
+        let is_possible = slot <= self.slots
+            && self.ledger.restore(slot, &queues_bits, &delivered_bits, drawn_bits.as_deref(), cohorts);
         CheckpointError::ensure(is_possible, "a possible state of this field")?;
         self.slot = slot;
         self.slot_bits = slot_bits;

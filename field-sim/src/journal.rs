@@ -27,12 +27,12 @@ pub const SLOTS: u64 = STATES * STATE_EVERY;
 /// Bytes of a state: constant, and per sensor node.
 const STATE_BYTES: [usize; 2] = [1024, size_of::<u32>() + 2 * size_of::<u64>() + BYTES_PER_SENSOR];
 
-/// The journal of field-sim over `count` sensor nodes with `uavs` UAVs, in the ring's folder.
+/// The journal of field-sim over `field` with `uavs` UAVs, in the ring's folder.
 ///
 /// # Errors
 /// If a file cannot be opened or read.
-pub fn journal(folder: &RingFolder, count: usize, uavs: usize) -> Result<Journal, RingError> {
-    let state_bytes = STATE_BYTES[0] + STATE_BYTES[1] * count;
+pub fn journal(folder: &RingFolder, field: &Field, uavs: usize) -> Result<Journal, RingError> {
+    let state_bytes = STATE_BYTES[0] + (STATE_BYTES[1] + field.cohort_bytes()) * field.queues_bits().len();
     let input_bytes = Some(uavs * size_of::<FlightReport>());
     let policy = Policy { state_every: STATE_EVERY, states: STATES, state_bytes, input_bytes };
     Journal::open(&folder.journal("field"), policy)
@@ -113,7 +113,7 @@ mod tests {
 
     /// The journal, and what is resumed from it.
     fn open(folder: &RingFolder, field: &mut Field) -> (Journal, Option<ByUav<FlightReport>>) {
-        let mut journal = journal(folder, field.queues_bits().len(), 1).unwrap();
+        let mut journal = journal(folder, field, 1).unwrap();
         let last = resume(&mut journal, field, 1).unwrap();
         (journal, last)
     }
@@ -168,7 +168,7 @@ mod tests {
     #[test]
     fn a_state_of_another_field_is_ignored() {
         let folder = folder();
-        let mut journal = journal(&folder, 200, 1).unwrap();
+        let mut journal = journal(&folder, &field(), 1).unwrap();
         journal.save(0, &[1; 20], &Other(20)).unwrap();
         journal.save(STATE_EVERY, &[], &Other(2000)).unwrap();
         let mut restored = field();

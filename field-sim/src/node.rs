@@ -45,7 +45,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     let belief = Belief::of(scenario, &list, ring.terms.belief);
     let known = belief.known_nodes(list.nodes(), scenario.slot_s);
     let mut field = Field::new(scenario, &list).with_belief(belief);
-    let mut journal = journal(folder, count, scenario.uav.uavs())?;
+    let mut journal = journal(folder, &field, scenario.uav.uavs())?;
     let mut saved = resume(&mut journal, &mut field, scenario.uav.uavs())?;
     let header = |field: &Field, flags: u32| {
         let end = if field.slot() == scenario.slots { FLAG_END } else { 0 };

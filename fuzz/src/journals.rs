@@ -123,7 +123,7 @@ pub fn field_journal(u: &mut Unstructured) -> Result<()> {
 
 /// Opens the journal of a field, and resumes the field.
 fn resumed(ring: &RingFolder, field: &mut Field) -> (Journal, Option<ByUav<FlightReport>>) {
-    let mut journal = fields::journal(ring, field.queues_bits().len(), 1).expect("the journal opens");
+    let mut journal = fields::journal(ring, field, 1).expect("the journal opens");
     let last = fields::resume(&mut journal, field, 1).expect("the journal is read");
     (journal, last)
 }

@@ -9,7 +9,7 @@ use skysink_common::scenario::{Propulsion, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::SlotRecord;
 use skysink_common::slot_record::{ByUav, UAV, uploads};
-use skysink_mission::ages::{AgeCounts, Ages, DeliveredData};
+use skysink_mission::ages::{AgeCounts, Ages, Delivered, DeliveredData};
 use skysink_mission::drive::{Observer, SlotSink};
 use skysink_mission::origin::RunMode;
 use skysink_mission::service_gaps::GapSums;
@@ -126,6 +126,8 @@ metrics! {
         |m| m.summary.weighted_loss_rate.unwrap_or(f64::NAN); // equal weights: it is then the loss rate
     DeliveredBits: BIT_COUNT, "delivered_bits", "bits delivered",
         |m| m.summary.totals.delivered_bits as f64; // exact below 2^53
+    ExpiredBits: BITS, "expired_bits", "bits lost because they were too old",
+        |m| m.summary.expired_bits.map_or(f64::NAN, |bits| bits as f64);
     BitsPerWaypoint: BITS, "bits_per_waypoint", "bits delivered per waypoint", |m| m.summary.bits_per_waypoint;
     MeanServed: REAL, "mean_served", "SNs served per slot", |m| m.summary.mean_served;
     FlownM: METRES, "flown_m", "flown distance", |m| m.meter.flown_m;
@@ -303,12 +305,11 @@ impl MissionMeter {
         values
     }
 
-    /// Adds the flights of the next slot. `queues_bits` are the queues after the slot, `delivered_bits` the bits
-    /// delivered since the start, both by sensor node.
+    /// Adds the flights of the next slot, after which served sensor nodes have delivered what `delivered` says.
     ///
     /// # Panics
     /// If the slot serves an unknown sensor node.
-    fn add(&mut self, flights: &[FlightReport], queues_bits: &[u32], delivered_bits: &[u64]) {
+    fn add(&mut self, flights: &[FlightReport], delivered: impl Fn(usize) -> Delivered) {
         self.slot += 1;
         self.stay.add(self.slot, flights[UAV].position().xy());
         for (uav, flight) in self.uavs.iter_mut().zip(flights) {
@@ -328,7 +329,7 @@ impl MissionMeter {
         for link in uploads(flights) {
             let sensor = link.sensor as usize;
             self.service_ages.refresh(sensor, self.slot, self.slot);
-            self.data.add(sensor, self.slot, delivered_bits[sensor], queues_bits[sensor].into());
+            self.data.add(sensor, self.slot, delivered(sensor));
         }
     }
 }
@@ -340,7 +341,7 @@ impl Observer for MissionMeter {
 
     fn slot(&mut self, record: &SlotRecord, plant: &Plant) -> Result<(), MissionError> {
         self.tally.add(record)?;
-        self.add(&record.flights, plant.field().queues_bits(), plant.field().delivered_bits());
+        self.add(&record.flights, |sensor| Delivered::of(plant.field(), sensor));
         Ok(())
     }
 }
@@ -404,10 +405,8 @@ mod tests {
         let mut metrics = MissionMeter::new(&scenario, &list);
         // 200, 300, 400, 500 bits are there in slots 1 to 4; in slot 2 no bit is delivered, in slot 3 the initial 100
         // and the first 150 of those sampled, the last of them in slot 2.
-        for (served, queue_bits, delivered_bits) in
-            [(&[][..], 200, 0), (&[0], 300, 0), (&[0], 150, 250), (&[], 250, 250)]
-        {
-            metrics.add(&[flight(50.0, served)], &[queue_bits], &[delivered_bits]);
+        for (served, queue_bits, bits) in [(&[][..], 200, 0), (&[0], 300, 0), (&[0], 150, 250), (&[], 250, 250)] {
+            metrics.add(&[flight(50.0, served)], |_| Delivered { bits, queue_bits, freshest_slot: None });
         }
         let ages = [Metric::AoiMeanS, Metric::AoiP99S, Metric::DataAgeMeanS, Metric::DataAgeP99S];
         // Since the service 1, 0, 0, 1; of the data 1, 2, 1, 2.
@@ -418,10 +417,10 @@ mod tests {
     fn hovering_takes_energy_but_no_distance() {
         let scenario = Scenario::letter(Overrides::default()).unwrap();
         let mut metrics = MissionMeter::new(&scenario, &SensorList::of(&scenario).unwrap());
-        metrics.add(&[flight(50.0, &[])], &[], &[]);
+        metrics.add(&[flight(50.0, &[])], |_| unreachable!());
         let [hover_m, hover_j] = values(&metrics, [Metric::FlownM, Metric::EnergyJ]);
         assert!((hover_j - 168.49).abs() < 1e-9);
-        metrics.add(&[flight(60.0, &[])], &[], &[]);
+        metrics.add(&[flight(60.0, &[])], |_| unreachable!());
         let [flown_m, flown_j] = values(&metrics, [Metric::FlownM, Metric::EnergyJ]);
         assert_eq!((hover_m, flown_m), (0.0, 10.0));
         assert!((flown_j - hover_j - power_w(&scenario.uav.propulsion, 10.0)).abs() < 1e-9);
@@ -441,9 +440,9 @@ mod tests {
             let to = at + step;
             left_j = battery.flown_j(left_j, &at, &to);
             at = to;
-            metrics.add(&[FlightReport::at(at, Mode::Fly)], &[], &[]);
+            metrics.add(&[FlightReport::at(at, Mode::Fly)], |_| unreachable!());
         }
-        metrics.add(&[FlightReport::at(at, Mode::Charge)], &[], &[]);
+        metrics.add(&[FlightReport::at(at, Mode::Charge)], |_| unreachable!());
         let [flown_j] = values(&metrics, [Metric::EnergyJ]);
         assert!((flown_j - (battery.initial_j - left_j)).abs() < 1e-9, "{flown_j}");
     }

@@ -5,9 +5,11 @@
 use std::collections::VecDeque;
 use std::ops::Range;
 
+use skysink_common::cohorts::Overflow;
 use skysink_common::sampling::Sampling;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::{Sensor, SensorList};
+use skysink_field_sim::Field;
 
 /// The age of one SN after each slot: `slot − stamp` from slot `from` on, until the next refresh.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -124,11 +126,13 @@ impl AgeCounts {
 
 /// The ages of the delivered data, from the sampling times of the stored bits.
 ///
-/// A buffer is a first-in-first-out queue, and a full one drops the newest bits (decision D1). So the bits stored
-/// between two uploads are the first of those sampled then, and the freshest delivered bit is the last one uploaded.
+/// A buffer is a first-in-first-out queue, and the freshest delivered bit is the last one uploaded. A full buffer drops
+/// the newest bits (decision D1), so that the bits stored between two uploads are the first of those sampled then, or
+/// the oldest: then the stored bits are the last of all. Where bits expire, the ledger knows their slots.
 #[derive(Debug, Clone)]
 pub struct DeliveredData {
     sampling: Sampling,
+    overflow: Overflow,
     backlogs: Vec<Backlog>,
     ages: Ages,
 }
@@ -154,29 +158,70 @@ struct Batch {
     after_bits: u64,
 }
 
+/// What an SN has delivered after a slot.
+#[derive(Debug, Clone, Copy)]
+pub struct Delivered {
+    /// Since the mission's start [bit].
+    pub bits: u64,
+    /// What it holds [bit].
+    pub queue_bits: u64,
+    /// The slot that has sampled the last bit delivered, where the ledger knows it.
+    pub freshest_slot: Option<u64>,
+}
+
+impl Delivered {
+    /// What SN `sensor` of `field` has delivered.
+    ///
+    /// # Panics
+    /// If the SN is unknown.
+    #[must_use]
+    pub fn of(field: &Field, sensor: usize) -> Self {
+        Self {
+            bits: field.delivered_bits()[sensor],
+            queue_bits: field.queues_bits()[sensor].into(),
+            freshest_slot: field.freshest_slot(sensor),
+        }
+    }
+}
+
 impl DeliveredData {
     /// The state before slot 1.
     #[must_use]
     pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
         let queues_bits = list.sensors().iter().map(|sensor: &Sensor| sensor.queue_bits);
-        Self::over(list.sampling(scenario), queues_bits)
+        Self::over(list.sampling(scenario), scenario.sensors.overflow.unwrap_or_default(), queues_bits)
     }
 
-    fn over(sampling: Sampling, queues_bits: impl Iterator<Item = u32>) -> Self {
+    fn over(sampling: Sampling, overflow: Overflow, queues_bits: impl Iterator<Item = u32>) -> Self {
         let backlogs: Vec<Backlog> = queues_bits.map(Backlog::new).collect();
-        Self { sampling, ages: Ages::new(backlogs.len()), backlogs }
+        Self { sampling, overflow, ages: Ages::new(backlogs.len()), backlogs }
     }
 
-    /// Adds a service of an SN in `slot`, after which it has delivered `delivered_bits` since the mission's start and
-    /// holds `queue_bits`. A service without data is ignored, and bits of the initial queue do not change the age.
-    pub fn add(&mut self, sensor: usize, slot: u64, delivered_bits: u64, queue_bits: u64) {
+    /// Adds a service of an SN in `slot`. A service without data is ignored, and bits of the initial queue do not
+    /// change the age.
+    pub fn add(&mut self, sensor: usize, slot: u64, delivered: Delivered) {
+        let Delivered { bits: delivered_bits, queue_bits, freshest_slot } = delivered;
         let backlog = &mut self.backlogs[sensor];
         if delivered_bits <= backlog.delivered_bits {
             return;
         }
+        if let Some(stamp) = freshest_slot {
+            backlog.delivered_bits = delivered_bits;
+            if stamp > 0 {
+                self.ages.refresh(sensor, slot, stamp);
+            }
+            return;
+        }
         let sampled_bits = self.sampling.counted_bits(sensor, backlog.counted, slot);
         backlog.counted = [slot, sampled_bits];
-        if let Some(bit) = backlog.deliver(sampled_bits, delivered_bits, queue_bits) {
+        let last = match self.overflow {
+            Overflow::Newest => backlog.deliver(sampled_bits, delivered_bits, queue_bits),
+            Overflow::Oldest => {
+                backlog.delivered_bits = delivered_bits;
+                sampled_bits.checked_sub(queue_bits).filter(|bit| *bit > 0)
+            }
+        };
+        if let Some(bit) = last {
             let stamp = self.sampling.slot_of_bit(sensor, bit, backlog.counted);
             self.ages.refresh(sensor, slot, stamp);
         }
@@ -220,6 +265,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
     use skysink_common::arrivals::Poisson;
+    use skysink_common::cohorts::Expiry;
     use skysink_common::ledger::Ledger;
     use skysink_common::random::Streams;
 
@@ -284,29 +330,38 @@ mod tests {
             capacity_bits in 1u32..30,
             initial_bits in 0u32..30,
             is_drawn in any::<bool>(),
+            overflow in prop_oneof![Just(Overflow::Newest), Just(Overflow::Oldest)],
+            expiry_slots in prop_oneof![Just(None), (1u64..9).prop_map(Some)],
             uploads in prop::collection::vec((0usize..6, 0u64..20), 1..80),
         ) {
             let initial_bits = initial_bits.min(capacity_bits);
             let drawn = Poisson::new(2.0, Streams::new(initial_bits.into()));
             let sampling = Sampling::new(means.clone(), vec![capacity_bits; means.len()])
-                .with_arrivals(is_drawn.then(|| drawn.into()));
+                .with_arrivals(is_drawn.then(|| drawn.into()))
+                .with_expiry(expiry_slots.map(|slots| Expiry { slots, overflow }));
             let mut ledger = Ledger::new(sampling.clone(), vec![initial_bits; means.len()]);
             let mut queues: Vec<BitQueue> = means.iter()
                 .map(|_| BitQueue { slots: VecDeque::from(vec![0; initial_bits as usize]), freshest: 0 }).collect();
-            let mut data = DeliveredData::over(sampling.clone(), means.iter().map(|_| initial_bits));
+            let mut data = DeliveredData::over(sampling.clone(), overflow, means.iter().map(|_| initial_bits));
             let mut ages = Vec::new();
             for (slot, &(served, link_bits)) in (1u64..).zip(&uploads) {
                 let _ = ledger.sample(slot);
                 for (sensor, queue) in queues.iter_mut().enumerate() {
-                    for _ in 0..sampling.bits(sensor, slot) {
-                        if queue.slots.len() < capacity_bits as usize {
-                            queue.slots.push_back(slot);
-                        }
+                    queue.slots.retain(|sampled| expiry_slots.is_none_or(|slots| slot - sampled <= slots));
+                    queue.slots.extend(vec![slot; sampling.bits(sensor, slot) as usize]);
+                    let excess = queue.slots.len().saturating_sub(capacity_bits as usize);
+                    match overflow {
+                        Overflow::Newest => queue.slots.truncate(capacity_bits as usize),
+                        Overflow::Oldest => _ = queue.slots.drain(..excess),
                     }
                 }
                 if served < means.len() {
                     let _ = ledger.upload(served, link_bits);
-                    data.add(served, slot, ledger.delivered_bits()[served], ledger.queues_bits()[served].into());
+                    data.add(served, slot, Delivered {
+                        bits: ledger.delivered_bits()[served],
+                        queue_bits: ledger.queues_bits()[served].into(),
+                        freshest_slot: ledger.cohorts().map(|cohorts| cohorts.freshest_slot(served)),
+                    });
                     for _ in 0..link_bits {
                         if let Some(sampled) = queues[served].slots.pop_front() {
                             queues[served].freshest = sampled;

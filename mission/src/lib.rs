@@ -9,7 +9,7 @@
 //! | [`record`], [`origin`] | the run folder; its `run.toml` |
 //! | [`slot_log`], [`trace`] | writing `slots.csv`; its lines |
 //! | [`recorded`], [`replay`] | the pilot of a trace on record; a run flown again |
-//! | [`summary`], [`sensor_results`] | the results of a run; those of each sensor node |
+//! | [`summary`], `losses`, [`sensor_results`] | the results of a run; those of each sensor node |
 //! | [`ages`], [`service_gaps`] | ages of information; the gaps between services |
 //! | [`latency`] | latencies of the ring |
 //!
@@ -21,6 +21,7 @@ pub mod error;
 pub mod files;
 pub mod folder;
 pub mod latency;
+mod losses;
 pub mod mission;
 pub mod origin;
 pub mod plant;

@@ -8,19 +8,18 @@ use serde::{Deserialize, Serialize};
 use skysink_common::base::Base;
 use skysink_common::battery::Battery;
 use skysink_common::build::{VERSION, build};
-use skysink_common::ledger::Ledger;
 use skysink_common::message::{FlightReport, HoldReason, Mode, Plan, QueuesHeader, SolverOutcome, Totals};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{ByUav, SlotRecord, uploads};
-use skysink_common::weights::Weights;
 use skysink_planner::operator_counts::OperatorCounts;
 use skysink_planner::settings::{ObjectiveWeights, PlanningObjective, Settings};
 
 use crate::drive::SlotSink;
 use crate::error::MissionError;
 use crate::latency::{Latencies, Latency, SlotTimes, Spread, histogram};
+use crate::losses::Losses;
 use crate::origin::RunMode;
 use crate::service_gaps::ServiceGaps;
 
@@ -72,6 +71,9 @@ pub struct Summary {
     /// Bits before slot 1, sampled, uploaded, lost, and queued at the end.
     #[serde(flatten)]
     pub totals: Totals,
+    /// Bits lost because they were older than `sensors.expiry_s`, a part of `lost_bits`; `None` without that key.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub expired_bits: Option<u64>,
     /// Bits uploaded per slot.
     pub bits_per_waypoint: f64,
     /// Sensor nodes served per slot.
@@ -273,8 +275,7 @@ pub struct Tally {
     summary: Summary,
     /// Mean bits sampled per slot by the field, `Σ_i s_i τ`; `None` if arrivals are drawn.
     mean_bits: Option<f64>,
-    /// `None` where all weights are equal.
-    weighted: Option<WeightedLoss>,
+    losses: Option<Losses>,
     gaps: ServiceGaps,
     /// Of what the costs of ages are a part; `None` where only bits count.
     objective: Option<ObjectiveWeights>,
@@ -286,49 +287,6 @@ pub struct Tally {
     slot_s: f64,
     plan_ns: Histogram<u64>,
     latency: Option<Latency>,
-}
-
-/// The ledger of a mission whose sensor nodes have different weights (decision D25), which knows what each has lost.
-#[derive(Debug)]
-struct WeightedLoss {
-    ledger: Ledger,
-    weights: Weights,
-    slot: u64,
-    /// Mean bits sampled per slot, weighted, `Σ_i w_i s_i τ`; `None` if arrivals are drawn.
-    mean_bits: Option<f64>,
-}
-
-impl WeightedLoss {
-    fn new(scenario: &Scenario, list: &SensorList) -> Option<Self> {
-        let sampling = list.sampling(scenario);
-        let weights = list.weights(&sampling);
-        let means_bits = (0..list.sensors().len()).map(|id| sampling.of(id).mean_bits);
-        let mean_bits = (!sampling.is_drawn()).then(|| weights.sum(means_bits));
-        let ledger = || Ledger::new(sampling, list.queues_bits());
-        (!weights.are_equal()).then(|| Self { ledger: ledger(), weights, slot: 0, mean_bits })
-    }
-
-    /// Adds a slot in the order of decision D1.
-    fn add(&mut self, record: &SlotRecord) {
-        self.slot = record.slot();
-        self.ledger.sample(self.slot);
-        for link in uploads(&record.flights) {
-            let _ = self.ledger.upload(link.sensor as usize, link.capacity_bits);
-        }
-    }
-
-    fn lost_bits(&self) -> f64 {
-        self.weights.sum(self.ledger.lost_bits(self.slot).map(|lost_bits| lost_bits as f64))
-    }
-
-    fn loss_rate(&self) -> f64 {
-        let lost_bits = self.lost_bits();
-        let sampled_bits = || {
-            let sampled_bits = (0..self.ledger.queues_bits().len()).map(|id| self.ledger.sampled_bits(id, self.slot));
-            self.weights.sum(sampled_bits.map(|sampled_bits| sampled_bits as f64))
-        };
-        ratio(lost_bits, self.mean_bits.map_or_else(sampled_bits, |mean_bits| mean_bits * self.slot as f64))
-    }
 }
 
 impl Tally {
@@ -346,6 +304,7 @@ impl Tally {
             seed: scenario.seed,
             planned_slots: scenario.slots,
             sensors: list.sensors().len(),
+            expired_bits: scenario.sensors.expiry_s.map(|_| 0),
             version: VERSION.into(),
             build: build().into(),
             landed: scenario.landing_base().map(|base| scenario.starts().all(|start| base.contains(&start.xy()))),
@@ -357,7 +316,7 @@ impl Tally {
         Self {
             summary,
             mean_bits: (!scenario.arrival_law().is_random()).then(|| list.slot_bits(scenario)),
-            weighted: WeightedLoss::new(scenario, list),
+            losses: Losses::new(scenario, list),
             gaps: ServiceGaps::of(scenario, list),
             objective: objective.filter(|objective| !objective.is_loss()).and_then(PlanningObjective::weights),
             served: 0,
@@ -400,7 +359,8 @@ impl Tally {
     /// Bits lost so far, by the weights of the sensor nodes where they differ.
     #[must_use]
     pub fn lost_bits(&self) -> f64 {
-        self.weighted.as_ref().map_or(self.summary.totals.lost_bits as f64, WeightedLoss::lost_bits)
+        let weighted_bits = self.losses.as_ref().and_then(Losses::weighted_bits);
+        weighted_bits.unwrap_or(self.summary.totals.lost_bits as f64)
     }
 
     /// The sums over the gaps between the services so far.
@@ -414,7 +374,7 @@ impl Tally {
     pub fn objective(&self) -> Option<f64> {
         let objective = self.objective.as_ref()?;
         let of_ages = self.gaps.cost(objective, self.summary.slots, self.slot_s);
-        Some(objective.loss * self.lost_bits() + of_ages)
+        Some(objective.of_bits() * self.lost_bits() + of_ages)
     }
 
     /// Adds the send times of the samples of a slot.
@@ -468,7 +428,8 @@ impl Tally {
         let mut summary = self.summary.clone();
         let slots = summary.slots as f64;
         summary.loss_rate = self.loss_rate();
-        summary.weighted_loss_rate = self.weighted.as_ref().map(WeightedLoss::loss_rate);
+        summary.weighted_loss_rate = self.losses.as_ref().and_then(Losses::weighted_rate);
+        summary.expired_bits = summary.expired_bits.map(|none| self.losses.as_ref().map_or(none, Losses::expired_bits));
         summary.objective = self.objective();
         summary.eta_letter = ratio(summary.totals.lost_slots, slots);
         let Totals { initial_bits, sampled_bits, delivered_bits, .. } = summary.totals;
@@ -502,8 +463,8 @@ impl SlotSink for Tally {
     fn add(&mut self, record: &SlotRecord) -> Result<(), MissionError> {
         self.summary.totals = record.header.totals;
         self.summary.slots += 1;
-        if let Some(weighted) = &mut self.weighted {
-            weighted.add(record);
+        if let Some(losses) = &mut self.losses {
+            losses.add(record);
         }
         for link in uploads(&record.flights) {
             self.gaps.serve(link.sensor as usize, self.summary.slots);
@@ -536,7 +497,7 @@ fn is_late(flight: &FlightReport) -> bool {
 }
 
 /// `part / whole`; 0 if `whole` is not positive.
-fn ratio(part: f64, whole: f64) -> f64 {
+pub(crate) fn ratio(part: f64, whole: f64) -> f64 {
     if whole > 0.0 { part / whole } else { 0.0 }
 }
 

@@ -35,7 +35,7 @@ const BATTERY: &str =
 const FLEET: &str = "uav.count = 3\nuav.separation_m = 5.0\n";
 
 /// Models by name: keys before the first table, and keys of `[area]`.
-const MODELS: [(&str, &[&str], &str); 10] = [
+const MODELS: [(&str, &[&str], &str); 12] = [
     ("open", &[], ""),
     ("battery", &[BATTERY], ""),
     ("zones", &[], ZONES),
@@ -58,6 +58,12 @@ const MODELS: [(&str, &[&str], &str); 10] = [
             "uav.altitude = 'free'\nuav.altitude_m = 50.0\nlink.model = 'probabilistic-los'\nlink.environment = 'dense-urban'\n\
            link.bandwidth_hz = 5e3\nlink.noise_dbm = -109.0\nlink.comm_radius_m = 60.0\n",
         ],
+        "",
+    ),
+    ("expiry", &["sensors.expiry_s = 25.0\n"], ""),
+    (
+        "expiry, oldest, estimated",
+        &["sensors.expiry_s = 25.0\nsensors.overflow = 'oldest'\nplanner.knowledge = 'estimated'\n"],
         "",
     ),
 ];

@@ -26,7 +26,7 @@ impl GapCosts {
     #[must_use]
     pub fn new(weights: &ObjectiveWeights, slot_s: f64, deadline_slots: Option<u64>) -> Self {
         Self {
-            loss: weights.loss,
+            loss: weights.of_bits(),
             age: weights.age * slot_s,
             peak_age: weights.peak_age * slot_s.powi(PEAK_EXPONENT),
             deadline: weights.deadline,
@@ -88,7 +88,7 @@ impl GapCosts {
 mod tests {
     use super::*;
 
-    const AGES: ObjectiveWeights = ObjectiveWeights { loss: 0.0, age: 1.0, peak_age: 0.0, deadline: 0.0 };
+    const AGES: ObjectiveWeights = ObjectiveWeights { loss: 0.0, age: 1.0, peak_age: 0.0, deadline: 0.0, expiry: 0.0 };
 
     #[test]
     fn gaps_cost_what_their_slots_cost() {

@@ -29,7 +29,7 @@ skysink_common::keys! {
         /// Knowledge of the sampling rates; `"learnt"` needs `knowledge = "estimated"`.
         rates: Rates = "known", Accepts::OneOf(Rates::VARIANTS);
         /// What `horizon` and `offline` plan for, by name, or a sum of costs, `{ loss = 1, age = 0.2 }` (decision D36).
-        objective: PlanningObjective = "loss", Accepts::Rule("\"loss\", \"collect\", \"age\", \"peak-age\", \"deadline\", or a table of loss, age, peak_age and deadline: weights from 0 to 1e12, not all 0");
+        objective: PlanningObjective = "loss", Accepts::Rule("\"loss\", \"collect\", \"age\", \"peak-age\", \"deadline\", \"expiry\", or a table of loss, age, peak_age, deadline and expiry: weights from 0 to 1e12, not all 0");
     }
 }
 
@@ -40,18 +40,22 @@ impl Settings {
     /// If a value is out of range.
     pub fn of(scenario: &Scenario) -> Result<Self, InputError> {
         let settings: Self = scenario.planner_keys("planner")?;
-        if settings.knowledge == Knowledge::Oracle && settings.rates == Rates::Learnt {
-            let expected = "\"known\", or planner.knowledge = \"estimated\", with which rates may be learnt";
-            return Err(scenario.refusal("planner.rates", &"learnt".into(), expected));
-        }
+        let learnt = |expected: &str| Err(scenario.refusal("planner.rates", &"learnt".into(), expected));
+        match (settings.rates, settings.knowledge, scenario.sensors.expiry_s) {
+            (Rates::Learnt, Knowledge::Oracle, _) => {
+                learnt("\"known\", or planner.knowledge = \"estimated\", with which rates may be learnt")
+            }
+            (Rates::Learnt, _, Some(_)) => learnt("\"known\" with sensors.expiry_s: bits that expire hide the rate"),
+            _ => Ok(()),
+        }?;
         settings.check_objective(scenario)?;
         Ok(settings)
     }
 
-    /// Refuses weights that are no objective, and a limit of ages that is missing.
+    /// Refuses weights that are no objective, and limits of ages that are missing.
     fn check_objective(&self, scenario: &Scenario) -> Result<(), InputError> {
         let Some(weights) = self.objective.weights() else { return Ok(()) };
-        let all = [weights.loss, weights.age, weights.peak_age, weights.deadline];
+        let all = [weights.loss, weights.age, weights.peak_age, weights.deadline, weights.expiry];
         let is_weight = |weight: &f64| (0.0..=MOST_WEIGHT).contains(weight);
         if !all.iter().all(is_weight) || all.iter().sum::<f64>() == 0.0 {
             return Err(scenario.refusal(
@@ -60,11 +64,15 @@ impl Settings {
                 "weights from 0 to 1e12, not all 0",
             ));
         }
-        if weights.deadline > 0.0 && scenario.sensors.deadline_s.is_none() {
-            let expected = "sensors.deadline_s, the limit of ages, beside it";
-            return Err(scenario.refusal("planner.objective", &self.objective.value(), expected));
+        let sensors = &scenario.sensors;
+        let limits = [
+            (weights.deadline, sensors.deadline_s, "sensors.deadline_s, the limit of ages, beside it"),
+            (weights.expiry, sensors.expiry_s, "sensors.expiry_s, the age at which bits are lost, beside it"),
+        ];
+        match limits.iter().find(|(weight, limit_s, _)| *weight > 0.0 && limit_s.is_none()) {
+            Some((.., expected)) => Err(scenario.refusal("planner.objective", &self.objective.value(), expected)),
+            None => Ok(()),
         }
-        Ok(())
     }
 
     /// What the UAV knows of the rates if it has to estimate the queues; `None` if it knows them.
@@ -89,7 +97,7 @@ pub enum Knowledge {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(
     untagged,
-    expecting = "expected \"loss\", \"collect\", \"age\", \"peak-age\", \"deadline\", or a table of loss, age, peak_age and deadline"
+    expecting = "expected \"loss\", \"collect\", \"age\", \"peak-age\", \"deadline\", \"expiry\", or a table of loss, age, peak_age, deadline and expiry"
 )]
 pub enum PlanningObjective {
     /// One of those with a name.
@@ -113,6 +121,8 @@ pub enum NamedObjective {
     PeakAge,
     /// The fewest slots with an age above `sensors.deadline_s`.
     Deadline,
+    /// The least data lost, of bits that expire by `sensors.expiry_s`.
+    Expiry,
 }
 
 /// What of each cost counts, times the weights of the sensor nodes.
@@ -128,6 +138,22 @@ pub struct ObjectiveWeights {
     pub peak_age: f64,
     /// Of a slot with an age above the limit.
     pub deadline: f64,
+    /// Of a bit that overflows or expires: as `loss`, but only where bits expire.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub expiry: f64,
+}
+
+/// Whether a weight is not written.
+fn is_zero(weight: &f64) -> bool {
+    *weight == 0.0
+}
+
+impl ObjectiveWeights {
+    /// Of a lost bit, for whatever reason.
+    #[must_use]
+    pub fn of_bits(&self) -> f64 {
+        self.loss + self.expiry
+    }
 }
 
 impl PlanningObjective {
@@ -145,6 +171,7 @@ impl PlanningObjective {
             Self::Named(NamedObjective::Age) => Some(ObjectiveWeights { age: 1.0, ..none }),
             Self::Named(NamedObjective::PeakAge) => Some(ObjectiveWeights { peak_age: 1.0, ..none }),
             Self::Named(NamedObjective::Deadline) => Some(ObjectiveWeights { deadline: 1.0, ..none }),
+            Self::Named(NamedObjective::Expiry) => Some(ObjectiveWeights { expiry: 1.0, ..none }),
         }
     }
 
@@ -160,7 +187,7 @@ impl PlanningObjective {
     /// What it asks for, in words.
     #[must_use]
     pub fn words(self) -> String {
-        let Some(ObjectiveWeights { loss, age, peak_age, deadline }) = self.weights() else {
+        let Some(ObjectiveWeights { loss, age, peak_age, deadline, expiry }) = self.weights() else {
             return "the most data delivered until the end".to_owned();
         };
         let parts = [
@@ -168,6 +195,7 @@ impl PlanningObjective {
             (age, "mean age of service"),
             (peak_age, "peak age of service"),
             (deadline, "slots beyond the deadline"),
+            (expiry, "data lost or expired"),
         ];
         let parts = parts.iter().filter(|(weight, _)| *weight > 0.0);
         let weighted: Vec<String> = parts.map(|(weight, words)| format!("{weight} × {words}")).collect();

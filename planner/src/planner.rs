@@ -273,7 +273,7 @@ impl Planner {
     /// Visits that keep the SN `id` from losing data from `slot` on, as the plan of a UAV that is yet to be made.
     pub(crate) fn claimed_visits(&self, slot: u64, id: u32) -> impl Iterator<Item = PlannedVisit> {
         let last = self.table.limits.slots.max(slot);
-        let gap = self.table.sensors.sampler(id).fill_slots() * CLAIMED_FILL;
+        let gap = self.table.sensors.sampler(id).lossless_slots() * CLAIMED_FILL;
         let gap = (gap as u64).max((last - slot) / MOST_CLAIMED).max(1); // saturates where it never fills
         let slots = (slot..=last).step_by(usize::try_from(gap).unwrap_or(usize::MAX));
         slots.map(move |slot| PlannedVisit { slot, sensor: id, bits: f64::INFINITY })

@@ -21,7 +21,7 @@ const MOST_SLOTS: u64 = 1 << 53;
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "answer", rename_all = "kebab-case")]
 pub enum LossFree {
-    /// No buffer overflows, even if no SN is served.
+    /// No buffer overflows and no bits expire, even if no SN is served.
     Unserved,
     /// A simulated strategy loses nothing.
     Flown {
@@ -102,7 +102,10 @@ impl Bounds<'_> {
     pub fn loss_free(&self, flights: &[TrialFlight]) -> LossFree {
         let field = self.field;
         let beyond_bits = field.beyond_buffers_bits;
-        if beyond_bits == 0 && field.sensors.iter().all(|sensor| sensor.overflow_bits(None, field.slots) == 0) {
+        let sensors = &self.table.sensors;
+        let expires = sensors.ids().any(|id| sensors.sampler(id).lasting_slots.is_finite());
+        let overflows = || field.sensors.iter().any(|sensor| sensor.overflow_bits(None, field.slots) > 0);
+        if beyond_bits == 0 && !expires && !overflows() {
             return LossFree::Unserved;
         }
         let Some(best) = flights.iter().min_by_key(|flight| flight.lost_bits) else {
@@ -209,6 +212,8 @@ mod tests {
         let near = "x_m,y_m,queue_bits\n50,50,0\n";
         assert_eq!(known("slots = 300\n", near).1, LossFree::Unserved, "300 slots of 100 bit fit into 30 000 bit");
         assert_eq!(known("slots = 400\n", near).1, LossFree::Flown { strategy: "tour" });
+        let expires = "slots = 300\nsensors.expiry_s = 90.0\n";
+        assert_eq!(known(expires, near).1, LossFree::Flown { strategy: "tour" }, "unserved they expire");
         // 100 bit a slot, 10 bit a visit: W τ_c log2(1 + γ/400), about 13 W/10 bit with W = 8 Hz. 400 slots overflow by
         // 10 000 bit; 399 visits of 10 or 11 bit save less than 4 800.
         let (_, verdict) = known("slots = 400\n[link]\nbandwidth_hz = 8.0\n", near);

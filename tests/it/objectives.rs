@@ -1,6 +1,7 @@
 //! Missions for other objectives than the least loss (decisions D36 and D39), in one process and in a ring.
 
 use crate::support::Place;
+use crate::support::flight::RING;
 
 #[test]
 fn ring_and_single_process_fly_the_same_for_sums_of_costs_and_shared_time() {
@@ -12,4 +13,29 @@ fn ring_and_single_process_fly_the_same_for_sums_of_costs_and_shared_time() {
         flight.set("planner.horizon.iterations", 50).without_viewer().run();
         place.assert_trace_as_simulated("run");
     }
+}
+
+#[test]
+fn ring_and_single_process_lose_the_same_bits_by_expiry_through_kills_and_a_resumption() {
+    let place = Place::new();
+    for (objective, overflow) in [("\"expiry\"", "newest"), ("{ expiry = 1.0, age = 0.5 }", "oldest")] {
+        let flight = place.flight("long").set("slots", 1500).set("planner.objective", objective).force();
+        let flight = flight.set("sensors.expiry_s", 8).set("sensors.overflow", overflow).strategy("horizon");
+        let flight = flight.set("sensors.count", 30).set("sensors.sampling_bps", "[50.0, 900.0]");
+        let run = flight.set("planner.horizon.iterations", 20).without_viewer().start();
+        for slot in [100, 300] {
+            run.until_slot(slot);
+            RING.iter().for_each(|role| run.kill(role));
+        }
+        run.until_slot(400);
+        run.terminate();
+        place.resume("run");
+        place.assert_trace_as_simulated("run");
+        let [simulated, resumed] = ["run-simulated", "run"].map(|run| place.summary(run));
+        assert!(simulated["expired_bits"].as_u64().unwrap() > 0, "{overflow}");
+        for key in ["expired_bits", "lost_bits", "eta_letter"] {
+            assert_eq!(simulated[key], resumed[key], "{overflow}: {key}");
+        }
+    }
+    place.assert_clean();
 }

@@ -132,7 +132,7 @@ impl SensorHistory {
 
     /// The time until the buffer of SN `id` is full if it holds `queue_bits` [s].
     fn filled_s(&self, id: u32, queue_bits: u32) -> f64 {
-        let Sampler { mean_bits, capacity_bits } = self.sensors.sampler(id);
+        let Sampler { mean_bits, capacity_bits, .. } = self.sensors.sampler(id);
         let room_bits = f64::from(capacity_bits.saturating_sub(queue_bits));
         if room_bits == 0.0 { 0.0 } else { room_bits / mean_bits * self.slot_s }
     }

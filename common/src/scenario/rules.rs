@@ -49,14 +49,13 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
     let expected = "at most 9e18 bits over the mission from all sensor nodes";
     rule(field_bits <= MAX_FIELD_BITS, "sensors.sampling_bps", expected)?;
 
-    for (key, mean_s) in scenario
-        .sensors
+    let of_arrivals = sensors
         .arrivals
         .iter()
-        .flat_map(|arrivals| [("sensors.arrivals.on_s", arrivals.on_s), ("sensors.arrivals.off_s", arrivals.off_s)])
-    {
+        .flat_map(|arrivals| [("sensors.arrivals.on_s", arrivals.on_s), ("sensors.arrivals.off_s", arrivals.off_s)]);
+    for (key, time_s) in of_arrivals.chain([("sensors.expiry_s", sensors.expiry_s)]) {
         let expected = format!("at least the slot's {} s", scenario.slot_s);
-        rule(mean_s.is_none_or(|mean_s| mean_s >= scenario.slot_s), key, &expected)?;
+        rule(time_s.is_none_or(|time_s| time_s >= scenario.slot_s), key, &expected)?;
     }
     let has_file = scenario.sensors.arrivals.as_ref().is_none_or(|arrivals| arrivals.file.is_some());
     let expected = "another model, or a CSV file as sensors.arrivals.file";

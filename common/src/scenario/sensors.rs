@@ -3,8 +3,10 @@
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
+use strum::VariantNames;
 
 use crate::arrivals::{ArrivalKeys, ArrivalModel};
+use crate::cohorts::Overflow;
 use crate::keys::{Accepts, Interval, NOT_NEGATIVE, POSITIVE, WholeInterval};
 
 /// Most sensor nodes of a field.
@@ -44,6 +46,10 @@ crate::keys! {
         /// Longest time between two services of an SN [s], with `planner.objective` and for the metric `deadline_slots`
         /// (decision D36).
         deadline_s: Option<f64>, POSITIVE;
+        /// Age above which stored bits are lost [s], at least a slot (decision D36).
+        expiry_s: Option<f64>, POSITIVE;
+        /// Which bits a full buffer drops, `"newest"` if not given.
+        overflow: Option<Overflow>, Accepts::OneOf(Overflow::VARIANTS);
         /// How the bits arrive; without this table the same in every slot.
         arrivals: Option<ArrivalKeys>, Accepts::TableOf(ArrivalKeys::KEYS);
     }

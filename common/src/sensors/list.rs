@@ -55,6 +55,9 @@ pub struct SensorList {
 /// Most arrivals at random: sensor nodes times slots.
 const MOST_ARRIVALS: f64 = 1e8;
 
+/// Most cohorts of bits that expire: sensor nodes times the slots in which bits are stored, of 4 bytes.
+const MOST_COHORTS: f64 = 2.5e8;
+
 impl SensorList {
     /// The sensor nodes of a scenario: drawn from its seed, or read from its file.
     ///
@@ -127,6 +130,13 @@ impl SensorList {
             let most = (MOST_ARRIVALS / sensors.len() as f64).floor();
             let expected = format!("at most {most} with arrivals at random from {} sensor nodes", sensors.len());
             return refuse("slots", scenario.slots as f64, &expected);
+        }
+        let most_slots = (MOST_COHORTS / sensors.len() as f64).floor() - 1.0;
+        if scenario.expiry().is_some_and(|expiry| expiry.slots as f64 > most_slots) {
+            let [most_s, mission_s] = [most_slots, scenario.slots as f64].map(|slots| slots * scenario.slot_s);
+            let expected =
+                format!("at most {most_s} with {} sensor nodes, or the mission's {mission_s} s", sensors.len());
+            return refuse("sensors.expiry_s", scenario.sensors.expiry_s.unwrap_or(f64::NAN), &expected);
         }
         if let ArrivalLaw::OnOff { on_slots, off_slots } = law {
             let highest_bps = sampling_bps.iter().copied().fold(0.0, f64::max);
@@ -261,7 +271,7 @@ impl SensorList {
         let law = scenario.arrival_law();
         let arrivals = Arrivals::of(law, self.trace.as_ref(), streams, self.sensors.len(), scenario.slots);
         let capacities_bits = self.sensors.iter().map(|sensor| sensor.capacity_bits).collect();
-        Sampling::new(mean_bits, capacities_bits).with_arrivals(arrivals)
+        Sampling::new(mean_bits, capacities_bits).with_arrivals(arrivals).with_expiry(scenario.expiry())
     }
 
     /// The sensor nodes with what they sample: the truth, which a planner does not know.

@@ -138,7 +138,7 @@ mod tests {
     fn overflow_is_counted_in_whole_bits_since_the_last_visit_or_the_start() {
         // Sampled up to slots 1 to 5: 2, 5, 7, 10 and 12 bit (decision D2).
         let sensor = SensorBits {
-            sampler: Sampler { mean_bits: 2.5, capacity_bits: 4 },
+            sampler: Sampler { mean_bits: 2.5, capacity_bits: 4, lasting_slots: f64::INFINITY },
             drawn_bits: None,
             queue_bits: 3,
             first_slot: Some(1),

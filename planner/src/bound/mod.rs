@@ -70,7 +70,7 @@ pub fn mission_bound(scenario: &Scenario, sensors: &Sensors, queues_bits: &[u32]
 pub fn cost_bound(scenario: &Scenario, sensors: &Sensors, objective: &ObjectiveWeights, loss_bits: u64) -> f64 {
     let factor = |id: u32| sensors.weights.factor(id as usize);
     let least_factor = sensors.sampling_ids().map(factor).reduce(f64::min).unwrap_or(0.0);
-    let of_loss = objective.loss * least_factor * loss_bits as f64;
+    let of_loss = objective.of_bits() * least_factor * loss_bits as f64;
     let costs = GapCosts::new(objective, scenario.slot_s, scenario.deadline_slots());
     if costs.is_by_bits() {
         return of_loss;

@@ -72,7 +72,7 @@ mod tests {
     /// Two SNs that sample 10 bit a slot into full buffers of 20 bit over 5 slots, 50 bit of overflow each. The second
     /// can be served from slot 3 on.
     fn field_of(blocks: usize) -> FieldBits {
-        let sampler = Sampler { mean_bits: 10.0, capacity_bits: 20 };
+        let sampler = Sampler { mean_bits: 10.0, capacity_bits: 20, lasting_slots: f64::INFINITY };
         let sensor =
             |first_slot| SensorBits { sampler, drawn_bits: None, queue_bits: 20, first_slot: Some(first_slot) };
         FieldBits { sensors: vec![sensor(1), sensor(3)], slots: 5, blocks, beyond_buffers_bits: 0 }

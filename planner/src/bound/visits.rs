@@ -87,7 +87,7 @@ mod tests {
 
     /// An SN that samples 10 bit a slot.
     fn sensor(capacity_bits: u32, queue_bits: u32, first_slot: u64) -> SensorBits {
-        let sampler = Sampler { mean_bits: 10.0, capacity_bits };
+        let sampler = Sampler { mean_bits: 10.0, capacity_bits, lasting_slots: f64::INFINITY };
         SensorBits { sampler, drawn_bits: None, queue_bits, first_slot: Some(first_slot) }
     }
 

@@ -178,7 +178,7 @@ impl<O: Objective> CarriedPlan<O> {
                 let mean_bits = least_mean_bits(view.belief.mean_bits(id));
                 sensor.mean_bits = mean_bits;
                 sensor.cost_bits = sensor.weight * mean_bits;
-                sensor.fill_slots = Sampler { mean_bits, ..view.table.sensors.sampler(id) }.fill_slots();
+                sensor.fill_slots = Sampler { mean_bits, ..view.table.sensors.sampler(id) }.lossless_slots();
                 sensor.noise_slots2 = noise_slots2(law, mean_bits, sensor.fill_slots);
             }
             let uncertainty = view.belief.uncertainty(id);

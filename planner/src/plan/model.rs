@@ -192,7 +192,7 @@ impl PlanModel {
         let rim_m2 = self.table.limits.comm_radius_m * self.table.limits.comm_radius_m;
         let weight = self.table.sensors.weights.factor(index as usize);
         self.sensors.push(SensorModel {
-            fill_slots: sampler.fill_slots(),
+            fill_slots: sampler.lossless_slots(),
             mean_bits: sampler.mean_bits,
             cost_bits: weight * sampler.mean_bits,
             weight,
@@ -204,7 +204,7 @@ impl PlanModel {
             rate_half_fraction: 0.0,
             left_slots: 0.0,
             overdue_slots: 0.0,
-            noise_slots2: noise_slots2(self.table.arrivals, sampler.mean_bits, sampler.fill_slots()),
+            noise_slots2: noise_slots2(self.table.arrivals, sampler.mean_bits, sampler.lossless_slots()),
             noise_before_slots2: 0.0,
             best_bits: f64::INFINITY,
             costs: *costs,

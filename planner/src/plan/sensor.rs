@@ -7,7 +7,7 @@ use crate::gap_costs::GapCosts;
 /// A sensor node (SN) of a plan, in slots.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SensorModel {
-    /// Slots in which its empty buffer fills, `C_i = B / (s_i τ)`.
+    /// Slots in which its empty buffer fills or its oldest bits expire, `C_i = min(B/(s_i τ), D + 1)`.
     pub fill_slots: f64,
     /// Bits sampled per slot, and lost per slot when full, `s_i τ`; above 0 unless ages count.
     pub mean_bits: f64,

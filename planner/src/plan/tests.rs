@@ -218,7 +218,7 @@ proptest! {
         changes in prop::collection::vec((any::<[prop::sample::Index; 3]>(), any::<bool>()), 1..12),
     ) {
         let [loss, age, peak_age, deadline] = weights;
-        let costs = GapCosts::new(&ObjectiveWeights { loss, age, peak_age, deadline }, 1.0, Some(20));
+        let costs = GapCosts::new(&ObjectiveWeights { loss, age, peak_age, deadline, expiry: 0.0 }, 1.0, Some(20));
         let mut model = model;
         model.sensors.iter_mut().for_each(|sensor| sensor.costs = costs);
         let queues_bits = vec![10_000; model.sensors.len()];

@@ -10,7 +10,6 @@ use std::f64::consts::{PI, TAU};
 
 use skysink_common::channel::{ChannelModel, Uplink};
 use skysink_common::geometry::{Position, above, distance_squared};
-use skysink_common::sampling::Sampler;
 use skysink_common::scenario::Scenario;
 use skysink_common::stop::Stop;
 
@@ -171,10 +170,10 @@ impl<'a> BestPoint<'a> {
 
     /// What SN `id` loses if it is never served, and not before the slot `first` [bit, weighted].
     fn savable_bits(&self, id: u32, first: f64) -> f64 {
-        let Sampler { mean_bits, capacity_bits } = self.table.sensors.sampler(id);
-        let capacity_bits = f64::from(capacity_bits);
+        let sampler = self.table.sensors.sampler(id);
+        let capacity_bits = f64::from(sampler.stored_bits());
         let lost_bits =
-            |slots: f64| (self.initial_bits.min(capacity_bits) + mean_bits * slots - capacity_bits).max(0.0);
+            |slots: f64| (self.initial_bits.min(capacity_bits) + sampler.mean_bits * slots - capacity_bits).max(0.0);
         let slots = self.table.limits.slots as f64;
         self.table.sensors.weights.factor(id as usize) * (lost_bits(slots) - lost_bits(first.min(slots)))
     }

@@ -70,7 +70,7 @@ impl Ages {
     fn update(&mut self, view: &View) {
         let slot = u32::try_from(view.slot).unwrap_or(u32::MAX);
         for (id, since) in view.table.sensors.ids().zip(&mut self.full_since) {
-            let is_full = view.belief.queues_bits[id as usize] >= view.table.sensors.sampler(id).capacity_bits;
+            let is_full = view.belief.queues_bits[id as usize] >= view.table.sensors.sampler(id).stored_bits();
             *since = match *since {
                 _ if !is_full => 0,
                 0 => slot,
@@ -95,7 +95,7 @@ impl Ages {
         }
         let age = (self.age_slots(view, id, mean_bits) + flight + WHOLE).floor();
         let factor = view.table.sensors.weights.factor(id as usize);
-        factor * overflow_index(mean_bits, view.table.sensors.sampler(id).capacity_bits.into(), age)
+        factor * overflow_index(mean_bits, view.table.sensors.sampler(id).stored_bits().into(), age)
     }
 
     /// The SN to fly to; `None` if no SN samples.

@@ -1,0 +1,62 @@
+//! What the sensor nodes (SNs) of a mission lose by weight and by expiry, which the totals of its messages do not say.
+
+use skysink_common::ledger::Ledger;
+use skysink_common::scenario::Scenario;
+use skysink_common::sensors::SensorList;
+use skysink_common::slot_record::{SlotRecord, uploads};
+use skysink_common::weights::Weights;
+
+use crate::summary::ratio;
+
+/// A ledger beside that of the field, from the flights.
+#[derive(Debug)]
+pub(crate) struct Losses {
+    ledger: Ledger,
+    weights: Weights,
+    slot: u64,
+    /// Mean bits sampled per slot, weighted, `Σ_i w_i s_i τ`; `None` if arrivals are drawn.
+    mean_bits: Option<f64>,
+}
+
+impl Losses {
+    /// The losses before slot 1; `None` where all weights are equal and no bits expire.
+    pub(crate) fn new(scenario: &Scenario, list: &SensorList) -> Option<Self> {
+        let sampling = list.sampling(scenario);
+        let weights = list.weights(&sampling);
+        let means_bits = (0..list.sensors().len()).map(|id| sampling.of(id).mean_bits);
+        let mean_bits = (!sampling.is_drawn()).then(|| weights.sum(means_bits));
+        let is_needed = !weights.are_equal() || scenario.expiry().is_some();
+        let ledger = || Ledger::new(sampling, list.queues_bits());
+        is_needed.then(|| Self { ledger: ledger(), weights, slot: 0, mean_bits })
+    }
+
+    /// Adds a slot in the order of decision D1.
+    pub(crate) fn add(&mut self, record: &SlotRecord) {
+        self.slot = record.slot();
+        self.ledger.sample(self.slot);
+        for link in uploads(&record.flights) {
+            let _ = self.ledger.upload(link.sensor as usize, link.capacity_bits);
+        }
+    }
+
+    /// Bits that have expired so far.
+    pub(crate) fn expired_bits(&self) -> u64 {
+        self.ledger.expired_bits()
+    }
+
+    /// Bits lost so far by weight (decision D25); `None` where all weights are equal.
+    pub(crate) fn weighted_bits(&self) -> Option<f64> {
+        let lost_bits = || self.ledger.lost_bits(self.slot).map(|lost_bits| lost_bits as f64);
+        (!self.weights.are_equal()).then(|| self.weights.sum(lost_bits()))
+    }
+
+    /// Their fraction of the bits sampled, by weight; `None` where all weights are equal.
+    pub(crate) fn weighted_rate(&self) -> Option<f64> {
+        let sampled_bits = || {
+            let sampled_bits = (0..self.ledger.queues_bits().len()).map(|id| self.ledger.sampled_bits(id, self.slot));
+            self.weights.sum(sampled_bits.map(|sampled_bits| sampled_bits as f64))
+        };
+        let whole = || self.mean_bits.map_or_else(sampled_bits, |mean_bits| mean_bits * self.slot as f64);
+        self.weighted_bits().map(|lost_bits| ratio(lost_bits, whole()))
+    }
+}
