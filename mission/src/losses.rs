@@ -6,8 +6,6 @@ use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{SlotRecord, uploads};
 use skysink_common::weights::Weights;
 
-use crate::summary::ratio;
-
 /// A ledger beside that of the field, from the flights.
 #[derive(Debug)]
 pub(crate) struct Losses {
@@ -50,13 +48,12 @@ impl Losses {
         (!self.weights.are_equal()).then(|| self.weights.sum(lost_bits()))
     }
 
-    /// Their fraction of the bits sampled, by weight; `None` where all weights are equal.
-    pub(crate) fn weighted_rate(&self) -> Option<f64> {
-        let sampled_bits = || {
+    /// Bits sampled so far by weight, on average if arrivals are constant (decision D3).
+    pub(crate) fn weighted_sampled_bits(&self) -> f64 {
+        let counted_bits = || {
             let sampled_bits = (0..self.ledger.queues_bits().len()).map(|id| self.ledger.sampled_bits(id, self.slot));
             self.weights.sum(sampled_bits.map(|sampled_bits| sampled_bits as f64))
         };
-        let whole = || self.mean_bits.map_or_else(sampled_bits, |mean_bits| mean_bits * self.slot as f64);
-        self.weighted_bits().map(|lost_bits| ratio(lost_bits, whole()))
+        self.mean_bits.map_or_else(counted_bits, |mean_bits| mean_bits * self.slot as f64)
     }
 }

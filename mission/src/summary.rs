@@ -428,8 +428,10 @@ impl Tally {
         let mut summary = self.summary.clone();
         let slots = summary.slots as f64;
         summary.loss_rate = self.loss_rate();
-        summary.weighted_loss_rate = self.losses.as_ref().and_then(Losses::weighted_rate);
-        summary.expired_bits = summary.expired_bits.map(|none| self.losses.as_ref().map_or(none, Losses::expired_bits));
+        let losses = self.losses.as_ref();
+        let weighted_rate = |losses: &Losses| Some(ratio(losses.weighted_bits()?, losses.weighted_sampled_bits()));
+        summary.weighted_loss_rate = losses.and_then(weighted_rate);
+        summary.expired_bits = summary.expired_bits.map(|none| losses.map_or(none, Losses::expired_bits));
         summary.objective = self.objective();
         summary.eta_letter = ratio(summary.totals.lost_slots, slots);
         let Totals { initial_bits, sampled_bits, delivered_bits, .. } = summary.totals;
@@ -497,7 +499,7 @@ fn is_late(flight: &FlightReport) -> bool {
 }
 
 /// `part / whole`; 0 if `whole` is not positive.
-pub(crate) fn ratio(part: f64, whole: f64) -> f64 {
+fn ratio(part: f64, whole: f64) -> f64 {
     if whole > 0.0 { part / whole } else { 0.0 }
 }
 
