@@ -201,7 +201,9 @@ impl Base {
                 let away = ground - centre;
                 centre + away * (radius_m / away.norm())
             }
-            Self::Areas(areas) => areas.iter().map(|area| area.polygon.nearest(ground)).min_by(nearer).unwrap_or(*ground),
+            Self::Areas(areas) => {
+                areas.iter().map(|area| area.polygon.nearest(ground)).min_by(nearer).unwrap_or(*ground)
+            }
             Self::Sites(sites) => sites.iter().map(|site| site.shape.nearest(ground)).min_by(nearer).unwrap_or(*ground),
         }
     }

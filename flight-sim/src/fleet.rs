@@ -190,6 +190,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
     use skysink_common::channel::carried_bits;
+    use skysink_common::checkpoint::Checkpoint as _;
     use skysink_common::scenario::Overrides;
 
     fn fleet(keys: &str) -> Fleet {
@@ -264,14 +265,21 @@ mod tests {
         let mut fleet = fleet(&keys);
         let mut reports = fleet.start();
         let flown = |(slot, modes): (usize, &&str)| {
-            let of = |(mode, x_m): (char, f64)| Plan::fly_to([x_m, 50.0, 20.0], match mode {
-                'c' => Mode::Charge,
-                _ => Mode::Fly,
-            });
+            let of = |(mode, x_m): (char, f64)| {
+                Plan::fly_to(
+                    [x_m, 50.0, 20.0],
+                    match mode {
+                        'c' => Mode::Charge,
+                        _ => Mode::Fly,
+                    },
+                )
+            };
             let plans: Vec<Plan> = modes.chars().zip([50.0, 60.0]).map(of).collect();
-            let mut restarted = fleet.clone();
-            restarted.restore(&reports);
-            let mut again = reports.clone();
+            let (mut restarted, mut saved) = (fleet.clone(), Vec::new());
+            reports.save(&mut saved);
+            let mut again = fleet.start();
+            again.restore(&saved).unwrap();
+            restarted.restore(&again);
             fleet.step(slot as u64 + 1, |uav| Some(&plans[uav]), &mut reports);
             restarted.step(slot as u64 + 1, |uav| Some(&plans[uav]), &mut again);
             assert_eq!(reports, again, "slot {}", slot + 1);
@@ -290,7 +298,8 @@ mod tests {
         let flown = at_one_site("charge_w = 100.0\npads = 1", &["cc"; 7]);
         let wait = |energy_j| [(energy_j, 0), (500.0, 1)];
         let charges = |energy_j| [(1_000.0, 0), (energy_j, 0)];
-        let expected = [700.0, 900.0, 1_000.0].map(wait).into_iter().chain([700.0, 900.0, 1_000.0, 1_000.0].map(charges));
+        let expected =
+            [700.0, 900.0, 1_000.0].map(wait).into_iter().chain([700.0, 900.0, 1_000.0, 1_000.0].map(charges));
         assert_eq!(flown, expected.collect::<Vec<_>>());
         let both = at_one_site("charge_w = 100.0\npads = 2", &["cc"; 2]);
         assert_eq!(both, [[(700.0, 0); 2], [(900.0, 0); 2]]);

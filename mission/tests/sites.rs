@@ -69,7 +69,11 @@ fn one_site_is_the_base() {
         for (uav, place, keys) in [
             ("must_land = true\n", "position_m = [40, 60]\nradius_m = 9.0\n", "charge_w = 900.0\n"),
             ("count = 3\n", "position_m = [150, 150]\nradius_m = 15.0\n", "charge_w = 400.0\n"),
-            ("count = 2\ncoordination = 'sequential'\nposition_error_m = 2.0\n", "position_m = [90, 90]\nradius_m = 9.0\n", "charge_w = 900.0\n"),
+            (
+                "count = 2\ncoordination = 'sequential'\nposition_error_m = 2.0\n",
+                "position_m = [90, 90]\nradius_m = 9.0\n",
+                "charge_w = 900.0\n",
+            ),
             ("", "areas_m = [[[0, 0], [60, 0], [0, 40]]]\n", "charge_w = 500.0\n"),
         ] {
             let text = |base: &str| {
@@ -100,7 +104,7 @@ fn scenario(seed: u64) -> Scenario {
     let [low, high, east, north] = [0.2, 0.3, 0.75, 0.6].map(|part| part * side_m);
     let charger = ["charge_w = 1500.0", "swap_s = 6.0", "charge_w = 300.0"][seed as usize / 4 % 3];
     let keys = format!(
-        "name = 'x'\nseed = {seed}\nslots = 100\n[area]\nside_m = {side_m:?}\n[sensors]\ncount = 30\n\
+        "name = 'x'\nseed = {seed}\nslots = 60\n[area]\nside_m = {side_m:?}\n[sensors]\ncount = 30\n\
          sampling_bps = [100.0, 900.0]\n[uav]\ncount = {count}\ncoordination = '{coordination}'\nmust_land = true\n\
          [uav.battery]\ncapacity_j = 14000.0\n[planner]\nhorizon.iterations = 10\n\
          [[base.site]]\narea_m = [[{low}, {low}], [{high}, {low}], [{high}, {high}]]\n{charger}\npads = {pads}\n\

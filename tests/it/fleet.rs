@@ -72,7 +72,7 @@ fn a_fleet_that_shares_pads_survives_deaths_and_is_resumed_replayed_and_mapped()
             running.kill_and_await(role);
         }
         running.wait_for_success();
-        assert_eq!(place.trace("alone"), place.trace("ring"), "{strategy}");
+        place.assert_same_trace("alone", "ring");
         assert_eq!(waited_s("alone"), waited_s("ring"), "{strategy}");
     }
     let whole = place.trace("ring");

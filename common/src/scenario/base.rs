@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::area::CORNERS;
 use crate::base::Charger;
-use crate::keys::{Accepts, Keys, NOT_NEGATIVE, POSITIVE};
+use crate::keys::{Accepts, NOT_NEGATIVE, POSITIVE};
 
 crate::keys! {
     /// `[base]`: the disk, or the polygons, in which a UAV lands and charges (decision D9).

@@ -110,7 +110,7 @@ mod tests {
     use std::path::Path;
 
     fn read(keys: &str) -> Result<Scenario, InputError> {
-        let text = format!("name = 'a'\nslot_s = 2.0\n{keys}");
+        let text = format!("name = 'a'\nslots = 100\nslot_s = 2.0\n{keys}");
         Scenario::parse(&text, Path::new("a.toml"), Overrides::default())
     }
 
@@ -118,7 +118,10 @@ mod tests {
     fn impossible_sites_are_refused_in_one_line() {
         let site = "[[base.site]]\nposition_m = [20, 20]\nradius_m = 5.0\n";
         for (keys, expected) in [
-            ("[[base.site]]\nradius_m = 5.0\n", "base.site[0] = { radius_m = 5.0 }: expected either position_m, or area_m"),
+            (
+                "[[base.site]]\nradius_m = 5.0\n",
+                "base.site[0] = { radius_m = 5.0 }: expected either position_m, or area_m",
+            ),
             (
                 "[[base.site]]\nposition_m = [1, 1]\narea_m = [[0, 0], [9, 0], [9, 9]]\n",
                 "base.site[0].area_m = [[0.0, 0.0], [9.0, 0.0], [9.0, 9.0]]: expected either position_m, or area_m",
@@ -139,12 +142,18 @@ mod tests {
                 "base.site[0].charge_w = 0.0: expected either charge_w or swap_s, not both",
             ),
             (&format!("{site}swap_s = 1.9\n"), "base.site[0].swap_s = 1.9: expected at least the slot's 2 s"),
-            (&format!("{site}{site}"), "base.site[1].position_m = [20.0, 20.0]: expected a place that does not overlap with base.site[0]"),
             (
-                &format!("{site}[[base.site]]\narea_m = [[24, 15], [40, 15], [40, 40]]\n"),
-                "base.site[1].area_m = [[24.0, 15.0], [40.0, 15.0], [40.0, 40.0]]: expected a place that does not overlap with",
+                &format!("{site}{site}"),
+                "base.site[1].position_m = [20.0, 20.0]: expected a place that does not overlap with base.site[0]",
             ),
-            (&format!("[base]\nradius_m = 5.0\n{site}"), "base.radius_m = 5.0: expected either [[base.site]], or position_m"),
+            (
+                &format!("{site}[[base.site]]\narea_m = [[22, 15], [40, 15], [40, 40]]\n"),
+                "base.site[1].area_m = [[22.0, 15.0], [40.0, 15.0], [40.0, 40.0]]: expected a place that does not overlap with",
+            ),
+            (
+                &format!("[base]\nradius_m = 5.0\n{site}"),
+                "base.radius_m = 5.0: expected either [[base.site]], or position_m",
+            ),
             (&format!("[base]\ncharge_w = 5.0\n{site}"), "base.charge_w = 5.0: expected none beside [[base.site]]"),
             ("base.site = []\n", "base.site = []: expected at least one table, [[base.site]]"),
             (

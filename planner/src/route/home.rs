@@ -436,7 +436,8 @@ mod tests {
             FlightReport { energy_j: 900.0, ..FlightReport::at([450.0, 50.0, 20.0], Mode::Return) },
             stay(450.0, 900.0, 0),
         ];
-        for (uav, waits) in [(0, vec![]), (1, vec![10, 0]), (2, vec![15, 0]), (3, vec![15, 0]), (4, vec![15, 4]), (5, vec![15, 4])]
+        for (uav, waits) in
+            [(0, vec![]), (1, vec![10, 0]), (2, vec![15, 0]), (3, vec![15, 0]), (4, vec![15, 4]), (5, vec![15, 4])]
         {
             assert_eq!(home.pad_waits(1, uav, &flights), waits, "UAV {uav}");
         }
@@ -452,10 +453,7 @@ mod tests {
         assert!(charges_on(1, &state(4_999.0, true)) && !charges_on(1, &state(5_000.0, true)));
         assert!(!charges_on(1, &state(600.0, false)), "not begun");
         // After 17 slots of 100 J, 1 700 J: three slots of 356 J and the reserve are less.
-        assert_eq!(
-            [charging_slots(1, 0.0), charging_slots(20, 900.0), charging_slots(21, 0.0)],
-            [17, 0, 0]
-        );
+        assert_eq!([charging_slots(1, 0.0), charging_slots(20, 900.0), charging_slots(21, 0.0)], [17, 0, 0]);
         for energy_j in [0.0, 700.0, 3_000.0, 4_950.0] {
             let mut state = state(energy_j, true);
             let mut slots = 0;
