@@ -266,13 +266,8 @@ mod tests {
         let mut reports = fleet.start();
         let flown = |(slot, modes): (usize, &&str)| {
             let of = |(mode, x_m): (char, f64)| {
-                Plan::fly_to(
-                    [x_m, 50.0, 20.0],
-                    match mode {
-                        'c' => Mode::Charge,
-                        _ => Mode::Fly,
-                    },
-                )
+                let mode = if mode == 'c' { Mode::Charge } else { Mode::Fly };
+                Plan::fly_to([x_m, 50.0, 20.0], mode)
             };
             let plans: Vec<Plan> = modes.chars().zip([50.0, 60.0]).map(of).collect();
             let (mut restarted, mut saved) = (fleet.clone(), Vec::new());
