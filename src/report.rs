@@ -149,10 +149,11 @@ impl OutputForm {
 fn energy_rows(summary: &Summary) -> Vec<(&'static str, String)> {
     let mut rows = Vec::new();
     if let Some(energy) = &summary.energy {
-        let EnergyUse { used_j, charged_j, left_j, charged_s, return_slots, down_slot } = energy;
+        let EnergyUse { used_j, charged_j, left_j, charged_s, pad_wait_s, return_slots, down_slot } = energy;
         rows.push(("energy used / charged", format!("{used_j:.0} J / {charged_j:.0} J")));
         rows.push(("energy left", format!("{left_j:.0} J")));
         rows.push(("time charging", format!("{charged_s:.0} s")));
+        rows.extend(pad_wait_s.map(|pad_wait_s| ("time waiting for a pad", format!("{pad_wait_s:.0} s"))));
         rows.push(("slots of the way home", HumanCount(*return_slots).to_string()));
         rows.extend(down_slot.map(|slot| ("down in slot", slot.to_string())));
     }

@@ -1,4 +1,4 @@
-//! The base: where UAVs land and charge (decision D9).
+//! The base: where UAVs land and charge (decisions D9 and D34).
 
 use std::sync::Arc;
 
@@ -25,6 +25,36 @@ pub enum Base {
     },
     /// Polygons.
     Areas(Arc<[BaseArea]>),
+    /// Several bases, each a disk or a polygon, that do not overlap.
+    Sites(Arc<[BaseSite]>),
+}
+
+/// One of several bases.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BaseSite {
+    /// Where it is: a disk or a polygon.
+    pub shape: Base,
+    /// What it gives to a UAV that stays in it.
+    pub charger: Charger,
+}
+
+/// What a site gives to the UAVs that stay in it (decision D34).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Charger {
+    /// Its power [W].
+    pub charge_w: f64,
+    /// Slots of a stay after which the battery is full; `None` if it is charged.
+    pub swap_slots: Option<u64>,
+    /// UAVs that charge at the same time.
+    pub pads: u32,
+}
+
+impl Charger {
+    /// Whether it gives energy.
+    #[must_use]
+    pub fn charges(&self) -> bool {
+        self.charge_w > 0.0 || self.swap_slots.is_some()
+    }
 }
 
 /// A polygon in which UAVs land and charge.
@@ -61,13 +91,51 @@ impl BaseArea {
 }
 
 impl Base {
+    /// The sites of several bases; none of a single one.
+    #[must_use]
+    pub fn sites(&self) -> &[BaseSite] {
+        if let Self::Sites(sites) = self { sites } else { &[] }
+    }
+
+    /// What it is made of: disks, and lists of polygons.
+    pub fn shapes(&self) -> impl Iterator<Item = &Self> {
+        let own = if let Self::Sites(_) = self { &[][..] } else { std::slice::from_ref(self) };
+        own.iter().chain(self.sites().iter().map(|site| &site.shape))
+    }
+
+    /// The number of the site of `ground` [m]; `None` outside of them, and in a single base.
+    #[must_use]
+    pub fn site_at(&self, ground: &Position) -> Option<usize> {
+        self.sites().iter().position(|site| site.shape.contains(ground))
+    }
+
+    /// The charger of the site of `ground` [m]; `None` outside of them, and in a single base, whose charger is that of
+    /// the battery.
+    #[must_use]
+    pub fn charger_at(&self, ground: &Position) -> Option<&Charger> {
+        Some(&self.sites()[self.site_at(ground)?].charger)
+    }
+
     /// A place well inside, of each of its areas [m].
     pub fn places(&self) -> impl Iterator<Item = Position> {
-        let (disk, areas) = match self {
-            Self::Disk { centre, .. } => (Some(*centre), &[][..]),
-            Self::Areas(areas) => (None, &areas[..]),
+        self.shapes().flat_map(|shape| {
+            let (disk, areas) = match shape {
+                Self::Disk { centre, .. } => (Some(*centre), &[][..]),
+                Self::Areas(areas) => (None, &areas[..]),
+                Self::Sites(_) => (None, &[][..]), // a shape is none
+            };
+            disk.into_iter().chain(areas.iter().map(|area| area.place))
+        })
+    }
+
+    /// Each of its places with its name on maps [m]: that of a site has its number and its pads.
+    pub fn names(&self) -> impl Iterator<Item = (Position, String)> {
+        let of = |(number, site): (usize, &BaseSite)| {
+            let pads = if site.charger.pads == 1 { "pad" } else { "pads" };
+            format!("base {number}: {} {pads}", site.charger.pads)
         };
-        disk.into_iter().chain(areas.iter().map(|area| area.place))
+        let sites = self.sites().iter().enumerate().map(of).map(Some).chain(std::iter::repeat(None));
+        self.places().zip(sites).map(|(place, name)| (place, name.unwrap_or_else(|| "base".to_owned())))
     }
 
     /// How far a UAV may end beside any of the [places](Self::places) and still be in the base [m].
@@ -76,6 +144,7 @@ impl Base {
         match self {
             Self::Disk { radius_m, .. } => *radius_m,
             Self::Areas(areas) => areas.iter().map(|area| area.depth_m).fold(f64::INFINITY, f64::min),
+            Self::Sites(sites) => sites.iter().map(|site| site.shape.depth_m()).fold(f64::INFINITY, f64::min),
         }
     }
 
@@ -85,6 +154,7 @@ impl Base {
         match self {
             Self::Disk { centre, radius_m } => (ground - centre).norm() - radius_m,
             Self::Areas(_) => (ground - self.nearest(ground)).norm(),
+            Self::Sites(sites) => sites.iter().map(|site| site.shape.away_m(ground)).fold(f64::INFINITY, f64::min),
         }
     }
 
@@ -96,6 +166,25 @@ impl Base {
             Self::Areas(areas) => areas.iter().any(|BaseArea { polygon, .. }| {
                 polygon.encloses(ground) || within(ground, &polygon.nearest(ground), RIM_M)
             }),
+            Self::Sites(sites) => sites.iter().any(|site| site.shape.contains(ground)),
+        }
+    }
+
+    /// Whether a point lies in both, of which each is a disk or a polygon.
+    #[must_use]
+    pub fn overlaps(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Disk { centre, radius_m }, other) | (other, Self::Disk { centre, radius_m }) => {
+                other.away_m(centre) <= *radius_m
+            }
+            (Self::Areas(areas), Self::Areas(others)) => areas.iter().any(|BaseArea { polygon, .. }| {
+                polygon.corners().iter().any(|corner| other.contains(corner))
+                    || others.iter().any(|other| !polygon.crossings(&other.polygon).is_empty())
+                    || others.iter().flat_map(|other| other.polygon.corners()).any(|corner| self.contains(corner))
+            }),
+            (Self::Sites(sites), other) | (other, Self::Sites(sites)) => {
+                sites.iter().any(|site| site.shape.overlaps(other))
+            }
         }
     }
 
@@ -105,16 +194,17 @@ impl Base {
         if self.contains(ground) {
             return *ground;
         }
+        let away_m2 = |rim: &Position| distance_squared(rim, ground);
+        let nearer = |a: &Position, b: &Position| away_m2(a).total_cmp(&away_m2(b));
         match self {
             Self::Disk { centre, radius_m } => {
                 let away = ground - centre;
                 centre + away * (radius_m / away.norm())
             }
             Self::Areas(areas) => {
-                let rims = areas.iter().map(|area| area.polygon.nearest(ground));
-                let away_m2 = |rim: &Position| distance_squared(rim, ground);
-                rims.min_by(|a, b| away_m2(a).total_cmp(&away_m2(b))).unwrap_or(*ground)
+                areas.iter().map(|area| area.polygon.nearest(ground)).min_by(nearer).unwrap_or(*ground)
             }
+            Self::Sites(sites) => sites.iter().map(|site| site.shape.nearest(ground)).min_by(nearer).unwrap_or(*ground),
         }
     }
 }

@@ -4,6 +4,7 @@
 
 use nalgebra::{Point3, Vector3};
 
+use crate::base::Charger;
 use crate::message::{FlightReport, Mode};
 use crate::propulsion::{farthest_mps, power_w};
 use crate::scenario::{Propulsion, Scenario};
@@ -13,7 +14,7 @@ use crate::scenario::{Propulsion, Scenario};
 pub struct BatteryState {
     /// Its energy, `E(t)` [J]; infinite without a battery.
     pub energy_j: f64,
-    /// Whether it has charged in the slot before.
+    /// Whether it has charged in the slot before, or waited for a pad.
     pub is_charging: bool,
 }
 
@@ -54,6 +55,7 @@ pub struct Battery {
     weight_n: f64,
     slot_s: f64,
     charge_w: f64,
+    swap_slots: Option<u64>,
 }
 
 impl Battery {
@@ -69,7 +71,14 @@ impl Battery {
             weight_n: keys.weight_n,
             slot_s: scenario.slot_s,
             charge_w: scenario.base.as_ref().map_or(0.0, |base| base.charge_w),
+            swap_slots: None,
         })
+    }
+
+    /// It beside the charger of a site (decision D34).
+    #[must_use]
+    pub fn at(self, charger: &Charger) -> Self {
+        Self { charge_w: charger.charge_w, swap_slots: charger.swap_slots, ..self }
     }
 
     /// Energy [J] of a slot over the horizontal distance `distance_m` [m].
@@ -101,16 +110,25 @@ impl Battery {
         self.charged_for_j(energy_j, 1.0)
     }
 
-    /// Energy [J] after `slots` slots in the base.
+    /// Energy [J] after the first `slots` slots of a stay in the base.
     #[must_use]
     pub fn charged_for_j(&self, energy_j: f64, slots: f64) -> f64 {
+        if let Some(swap_slots) = self.swap_slots {
+            return if slots >= swap_slots as f64 { self.capacity_j.max(energy_j) } else { energy_j };
+        }
         (energy_j + slots * self.slot_s * self.charge_w).min(self.capacity_j).max(energy_j)
     }
 
     /// Whether a base charges it.
     #[must_use]
     pub fn is_charged(&self) -> bool {
-        self.charge_w > 0.0
+        self.charge_w > 0.0 || self.swap_slots.is_some()
+    }
+
+    /// Whether it is swapped, after a number of slots, instead of charged.
+    #[must_use]
+    pub fn is_swapped(&self) -> bool {
+        self.swap_slots.is_some()
     }
 
     /// Distance of a slot [m] at the speed of least energy per metre, at most `reach_m`.

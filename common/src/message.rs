@@ -271,6 +271,8 @@ pub enum HoldReason {
     Separation,
     /// There was a plan, but the vehicle was not heard, or not believed to be where it said.
     Unknown,
+    /// It has landed to charge, and all pads of its site are taken: it waits, in mode `charge` (decision D34).
+    Pad,
 }
 
 /// Payload element of `flight`: the position of a UAV after the slot, and the capacity of each of its links.
@@ -303,11 +305,31 @@ pub struct FlightReport {
     pub refused: u32,
     /// How many of `links` count.
     pub served: u32,
-    /// The served links, by ascending sensor node.
+    /// The served links, by ascending sensor node. While a battery is swapped, which serves none, `capacity_bits` of the
+    /// first counts the slots of the stay.
     pub links: [LinkReport; MAX_SERVED],
 }
 
 impl FlightReport {
+    /// Slots that a swap of the battery has taken so far (decision D34); 0 outside of one.
+    #[must_use]
+    pub fn swapped_slots(&self) -> u64 {
+        if self.flown_mode() == Mode::Charge { self.links[0].capacity_bits } else { 0 }
+    }
+
+    /// This report of a UAV whose battery is swapped for `slots` slots.
+    #[must_use]
+    pub fn swapping(mut self, slots: u64) -> Self {
+        self.links[0].capacity_bits = slots;
+        self
+    }
+
+    /// Whether it has waited for a pad.
+    #[must_use]
+    pub fn awaits_pad(&self) -> bool {
+        self.hold == HoldReason::Pad as u32
+    }
+
     /// A report from `position` [m] that serves no sensor node.
     #[must_use]
     pub fn at(position: impl Into<Point3<f64>>, mode: Mode) -> Self {

@@ -12,6 +12,7 @@ mod preset_rates;
 mod rules;
 mod sensors;
 mod simplified;
+mod sites;
 mod uav;
 mod zones;
 
@@ -22,7 +23,7 @@ use toml::{Table, Value};
 pub use crate::geodata::projection::Origin;
 pub use crate::keys::{Interval, Setting, SettingOrigin, WholeInterval};
 pub use area::{Area, BuildingKeys, NoFlyKeys};
-pub use base::{BaseKeys, BatteryKeys};
+pub use base::{BaseKeys, BatteryKeys, SiteKeys};
 pub use mission::{CHANNEL, MAX_SEED, PlannerKeys, Scenario, TRACE};
 pub use sensors::SensorKeys;
 pub(crate) use sensors::{MAX_FIELD_BITS, MAX_SENSORS};
@@ -187,7 +188,7 @@ impl Scenario {
         if scenario.uav.battery.is_some() || scenario.must_land() {
             scenario.base.get_or_insert_default();
         }
-        if let Some(base) = scenario.base.as_mut().filter(|base| base.areas_m.is_none()) {
+        if let Some(base) = scenario.base.as_mut().filter(|base| base.areas_m.is_none() && base.site.is_none()) {
             base.position_m.get_or_insert(start_m);
         }
         rules::check(&scenario, &table)?;

@@ -6,7 +6,7 @@ use bytemuck::Zeroable as _;
 use smallvec::{SmallVec, smallvec};
 
 use crate::checkpoint::{Checkpoint, CheckpointError};
-use crate::message::{FlightReport, LinkReport, PathPoint, Plan, QueuesHeader};
+use crate::message::{FlightReport, LinkReport, Mode, PathPoint, Plan, QueuesHeader};
 
 /// The first UAV of a mission, by its number; the only one of most missions.
 pub const UAV: usize = 0;
@@ -31,10 +31,12 @@ fn links_after<'a>(before: &'a [FlightReport], flight: &'a FlightReport) -> impl
 /// Length of a report without its links [byte].
 const REPORT_BYTES: usize = offset_of!(FlightReport, links);
 
-/// The flights of a slot, with the links that count.
+/// The flights of a slot, with the links that count. That of a swap, which has none, is saved as if its first did.
 impl Checkpoint for ByUav<FlightReport> {
     fn save(&self, bytes: &mut Vec<u8>) {
         for flight in self {
+            let swapping = (flight.swapped_slots() > 0).then(|| FlightReport { served: 1, ..*flight });
+            let flight = swapping.as_ref().unwrap_or(flight);
             let length = REPORT_BYTES + size_of_val(flight.served_links());
             bytes.extend_from_slice(&bytemuck::bytes_of(flight)[..length]);
         }
@@ -50,6 +52,9 @@ impl Checkpoint for ByUav<FlightReport> {
             let length = size_of_val(flight.served_links());
             let (links, after) = cut(links, length)?;
             bytemuck::bytes_of_mut(flight)[REPORT_BYTES..][..length].copy_from_slice(links);
+            if flight.flown_mode() == Mode::Charge {
+                flight.served = 0;
+            }
             rest = after;
         }
         CheckpointError::ensure(rest.is_empty(), "a flight of each UAV")?;

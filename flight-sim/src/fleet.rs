@@ -16,6 +16,40 @@ pub struct Fleet {
     /// Least distance between the ends of slots of two UAVs [m] (decision D23); 0 for any.
     separation_m: f64,
     slot_s: f64,
+    pads: Pads,
+}
+
+/// The pads of several bases in a slot (decision D34); of a single base, which has a pad for everybody, none.
+#[derive(Debug, Clone, Default)]
+struct Pads {
+    /// By site: how many it has.
+    all: Vec<u32>,
+    /// By site: how many are free for the UAVs that have yet to move.
+    free: Vec<u32>,
+}
+
+impl Pads {
+    fn of(scenario: &Scenario) -> Self {
+        let base = scenario.landing_base();
+        let sites = base.iter().flat_map(|base| base.sites());
+        Self { all: sites.map(|site| site.charger.pads).collect(), free: Vec::new() }
+    }
+
+    /// Begins a slot.
+    fn release(&mut self) {
+        self.free.clone_from(&self.all);
+    }
+
+    /// Takes a pad for `uav`, if it is to charge; whether it has to wait for one.
+    fn refuses(&mut self, uav: &Flight, charges: bool) -> bool {
+        if !charges || self.free.is_empty() {
+            return false;
+        }
+        let Some(site) = uav.pad_site() else { return false };
+        let is_full = self.free[site] == 0;
+        self.free[site] = self.free[site].saturating_sub(1);
+        is_full
+    }
 }
 
 impl Fleet {
@@ -28,6 +62,7 @@ impl Fleet {
             uavs: scenario.starts().enumerate().map(|(uav, start)| first.of_uav(uav, start, last(uav))).collect(),
             separation_m: scenario.uav.separation_m.unwrap_or(0.0),
             slot_s: scenario.slot_s,
+            pads: Pads::of(scenario),
         }
     }
 
@@ -50,8 +85,10 @@ impl Fleet {
     /// Flies `slot`, from 1, each UAV by its plan as [`Flight::step`] does; writes the reports to `reports`.
     ///
     /// A waypoint too near to the end of a UAV of lower number is refused (decision D23). A sensor node that a UAV of
-    /// lower number serves is not served again; such requests count among those refused (decision D19).
+    /// lower number serves is not served again; such requests count among those refused (decision D19). Of the UAVs that
+    /// charge in a site those of the lowest numbers have its pads (decision D34).
     pub fn step<'a>(&mut self, slot: u64, plan_of: impl Fn(usize) -> Option<&'a Plan>, reports: &mut [FlightReport]) {
+        self.pads.release();
         for (number, uav) in self.uavs.iter_mut().enumerate() {
             let (lower, rest) = reports.split_at_mut(number);
             let plan = plan_of(number);
@@ -63,6 +100,8 @@ impl Fleet {
             };
             rest[0] = if plan.as_ref().is_some_and(is_too_near) && !uav.is_down() && !uav.is_over(slot) {
                 uav.refuse(HoldReason::Separation)
+            } else if self.pads.refuses(uav, uav.charges(slot, plan)) {
+                uav.await_pad()
             } else {
                 uav.step(slot, plan)
             };
@@ -98,9 +137,11 @@ impl Fleet {
         plan_of: impl Fn(usize) -> Option<&'a Plan>,
         reports: &mut [FlightReport],
     ) {
+        self.pads.release();
         for (number, uav) in self.uavs.iter_mut().enumerate() {
             let (lower, rest) = reports.split_at_mut(number);
-            uav.observe(slot, plan_of(number), &mut rest[0]);
+            let awaits_pad = self.pads.refuses(uav, rest[0].flown_mode() == Mode::Charge);
+            uav.observe(slot, plan_of(number), awaits_pad, &mut rest[0]);
             leave_to(lower, &mut rest[0]);
             uav.share_time(&mut rest[0]);
         }
@@ -149,6 +190,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
     use skysink_common::channel::carried_bits;
+    use skysink_common::checkpoint::Checkpoint as _;
     use skysink_common::scenario::Overrides;
 
     fn fleet(keys: &str) -> Fleet {
@@ -211,6 +253,70 @@ mod tests {
             reports[0].refused
         };
         assert_eq!([Mode::Fly, Mode::Charge].map(|mode| refused(&mut fleet, mode)), [1, 0]);
+    }
+
+    /// The energy [J] and the refusals of two UAVs at one site after each slot of 2 s, flown by these modes, `h` a hover and
+    /// `c` to charge. Restarted after each slot, the fleet flies the same.
+    fn at_one_site(charger: &str, modes: &[&str]) -> Vec<[(f64, u32); 2]> {
+        let keys = format!(
+            "[uav.battery]\ncapacity_j = 1000.0\ninitial = 0.5\n[[base.site]]\nposition_m = [55, 50]\nradius_m = 20.0\n\
+             {charger}\n[[base.site]]\nposition_m = [5, 5]\ncharge_w = 9.0\n"
+        );
+        let mut fleet = fleet(&keys);
+        let mut reports = fleet.start();
+        let flown = |(slot, modes): (usize, &&str)| {
+            let of = |(mode, x_m): (char, f64)| {
+                let mode = if mode == 'c' { Mode::Charge } else { Mode::Fly };
+                Plan::fly_to([x_m, 50.0, 20.0], mode)
+            };
+            let plans: Vec<Plan> = modes.chars().zip([50.0, 60.0]).map(of).collect();
+            let (mut restarted, mut saved) = (fleet.clone(), Vec::new());
+            reports.save(&mut saved);
+            let mut again = fleet.start();
+            again.restore(&saved).unwrap();
+            restarted.restore(&again);
+            fleet.step(slot as u64 + 1, |uav| Some(&plans[uav]), &mut reports);
+            restarted.step(slot as u64 + 1, |uav| Some(&plans[uav]), &mut again);
+            assert_eq!(reports, again, "slot {}", slot + 1);
+            [0, 1].map(|uav| {
+                let FlightReport { energy_j, refused, hold, .. } = reports[uav];
+                assert_eq!(hold == HoldReason::Pad as u32, refused == 1);
+                (energy_j, refused)
+            })
+        };
+        modes.iter().enumerate().map(flown).collect()
+    }
+
+    #[test]
+    fn the_uav_of_the_lower_number_has_the_pad_until_it_is_full() {
+        // 100 W for 2 s are 200 J: the first is full after three slots, and then needs no pad.
+        let flown = at_one_site("charge_w = 100.0\npads = 1", &["cc"; 7]);
+        let wait = |energy_j| [(energy_j, 0), (500.0, 1)];
+        let charges = |energy_j| [(1_000.0, 0), (energy_j, 0)];
+        let expected =
+            [700.0, 900.0, 1_000.0].map(wait).into_iter().chain([700.0, 900.0, 1_000.0, 1_000.0].map(charges));
+        assert_eq!(flown, expected.collect::<Vec<_>>());
+        let both = at_one_site("charge_w = 100.0\npads = 2", &["cc"; 2]);
+        assert_eq!(both, [[(700.0, 0); 2], [(900.0, 0); 2]]);
+        // While the first hovers beside it, the second has the pad.
+        assert_eq!(at_one_site("charge_w = 100.0\npads = 1", &["hc", "cc"])[1][1], (700.0, 1));
+    }
+
+    #[test]
+    fn a_battery_is_swapped_in_one_stay_of_whole_slots() {
+        // 5 s are three slots of 2 s; the second UAV begins its own after them.
+        let flown = at_one_site("swap_s = 5.0\npads = 1", &["cc"; 6]);
+        let energy_j = |uav: usize| flown.iter().map(move |slot| slot[uav].0).collect::<Vec<_>>();
+        assert_eq!(energy_j(0), [500.0, 500.0, 1_000.0, 1_000.0, 1_000.0, 1_000.0]);
+        assert_eq!(energy_j(1), [500.0, 500.0, 500.0, 500.0, 500.0, 1_000.0]);
+        assert_eq!(flown.iter().map(|slot| slot[1].1).collect::<Vec<_>>(), [1, 1, 1, 0, 0, 0]);
+        // A hover of 2 · 168.49 J ends the first stay.
+        let flown = at_one_site("swap_s = 5.0", &["cc", "cc", "hc", "cc", "cc", "cc"]);
+        let hovered_j = 500.0 - 336.98;
+        for (slot, expected_j) in [500.0, 500.0, hovered_j, hovered_j, hovered_j, 1_000.0].into_iter().enumerate() {
+            assert!((flown[slot][0].0 - expected_j).abs() < 1e-9, "slot {}: {flown:?}", slot + 1);
+        }
+        assert_eq!(flown[2][1], (1_000.0, 0));
     }
 
     proptest! {

@@ -103,6 +103,23 @@ impl Flight {
         self.hold(reason, 1)
     }
 
+    /// Whether a slot by `plan` is one in the base, which charges.
+    pub(crate) fn charges(&self, slot: u64, plan: Option<&Plan>) -> bool {
+        !self.is_down() && (self.is_over(slot) || plan.is_some_and(|plan| plan.mode == Mode::Charge as u32))
+    }
+
+    /// The site on one of whose pads it would charge now ([`Vehicle::pad_site`]).
+    pub(crate) fn pad_site(&self) -> Option<usize> {
+        self.vehicle.pad_site()
+    }
+
+    /// The report of a slot in which it has landed, and waits for a pad (decision D34): that takes no energy, and ends a
+    /// swap of the battery.
+    pub(crate) fn await_pad(&mut self) -> FlightReport {
+        self.vehicle.swapped_slots = 0;
+        FlightReport { hold: HoldReason::Pad as u32, refused: 1, ..self.report(Mode::Charge) }
+    }
+
     /// The report of slot 0: the UAV at its start.
     #[must_use]
     pub fn start(&self) -> FlightReport {
@@ -113,6 +130,7 @@ impl Flight {
     pub fn restore(&mut self, report: &FlightReport) {
         self.vehicle.position = report.position();
         self.vehicle.energy_j = report.energy_j;
+        self.vehicle.swapped_slots = report.swapped_slots();
         self.is_reported_down = report.mode == Mode::Down as u32;
         self.keep_contacts(report);
     }
@@ -188,6 +206,11 @@ impl Flight {
     #[must_use]
     pub fn repeat(&mut self, slot: u64, report: &Plan) -> FlightReport {
         let mode = Mode::from_repr(report.mode).unwrap_or_default();
+        if mode == Mode::Charge && report.served > 0 && !self.is_over(slot) && self.pad_site().is_some() {
+            self.vehicle.position = report.waypoint();
+            self.vehicle.correct_energy(f64::from_bits(report.expected_bits));
+            return self.await_pad();
+        }
         if mode == Mode::Charge && !self.vehicle.is_down() {
             let _ = self.vehicle.charge();
             self.vehicle.position = report.waypoint();
@@ -213,15 +236,21 @@ impl Flight {
     /// links of the report: those of the `plan` to sensor nodes in range of there, with the scenario's channel. There
     /// are none without a plan, or in a mode in which no sensor node is served. Without an energy in the report, a
     /// battery of the scenario has that of the model. A vehicle that has reported to be down stays down (decision D12).
-    pub fn observe(&mut self, slot: u64, plan: Option<&Plan>, report: &mut FlightReport) {
+    /// One that has charged may have waited for a pad instead, if it `awaits_pad`.
+    pub fn observe(&mut self, slot: u64, plan: Option<&Plan>, awaits_pad: bool, report: &mut FlightReport) {
         if self.is_reported_down {
             *report = FlightReport { mode: Mode::Down as u32, hold: HoldReason::None as u32, refused: 0, ..*report };
         }
         self.is_reported_down = report.mode == Mode::Down as u32;
         let mode = Mode::from_repr(report.mode).unwrap_or_default();
-        if mode == Mode::Charge {
+        if mode == Mode::Charge && awaits_pad {
+            let FlightReport { hold, refused, .. } = self.await_pad();
+            (report.hold, report.refused) = (hold, refused);
+            self.vehicle.position = report.position();
+        } else if mode == Mode::Charge {
             let _ = self.vehicle.charge();
             self.vehicle.position = report.position();
+            *report = report.swapping(self.vehicle.swapped_slots);
         } else {
             self.vehicle.move_to(report.position());
         }
@@ -282,7 +311,8 @@ impl Flight {
     }
 
     fn report(&self, mode: Mode) -> FlightReport {
-        FlightReport { energy_j: self.vehicle.energy_j, ..FlightReport::at(self.vehicle.position, mode) }
+        let report = FlightReport { energy_j: self.vehicle.energy_j, ..FlightReport::at(self.vehicle.position, mode) };
+        if mode == Mode::Charge { report.swapping(self.vehicle.swapped_slots) } else { report }
     }
 }
 

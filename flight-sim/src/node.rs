@@ -216,6 +216,7 @@ fn count_refusals(refusals: &Refusals, slot: u64, report: &FlightReport) {
             HoldReason::Base => Refusal::Base,
             HoldReason::Zone => Refusal::Zone,
             HoldReason::Separation => Refusal::Separation,
+            HoldReason::Pad => Refusal::Pad,
             HoldReason::None | HoldReason::NoPlan | HoldReason::Unknown => Refusal::Sensor,
         };
         refusals.add("plan", slot, refusal, u64::from(report.refused));

@@ -23,6 +23,8 @@ pub struct Vehicle {
     pub position: Point3<f64>,
     /// Energy in the battery [J]; infinite without one.
     pub energy_j: f64,
+    /// Slots that a swap of the battery has taken so far; 0 outside of one.
+    pub(crate) swapped_slots: u64,
     battery: Option<Battery>,
     base: Option<Base>,
     airspace: Arc<Airspace>,
@@ -37,6 +39,7 @@ impl Vehicle {
             scenario: Arc::new(scenario.clone()),
             position: scenario.start(),
             energy_j: battery.map_or(f64::INFINITY, |battery| battery.initial_j),
+            swapped_slots: 0,
             battery,
             base: scenario.landing_base(),
             airspace: Arc::new(scenario.airspace_of_slots()),
@@ -68,17 +71,35 @@ impl Vehicle {
             self.energy_j = battery.flown_j(self.energy_j, &self.position, &position);
         }
         self.position = position;
+        self.swapped_slots = 0;
     }
 
     /// Charges for a slot, if it is in the base; otherwise hovers, and returns false.
     #[must_use]
     pub fn charge(&mut self) -> bool {
         let is_in_base = self.is_base(&self.position.xy());
-        match &self.battery {
-            Some(battery) if is_in_base => self.energy_j = battery.charged_j(self.energy_j),
-            _ => self.move_to(self.position),
-        }
-        is_in_base
+        let Some(battery) = self.battery.filter(|_| is_in_base) else {
+            self.move_to(self.position);
+            return is_in_base;
+        };
+        let charger = self.base.as_ref().and_then(|base| base.charger_at(&self.position.xy()));
+        let battery = charger.map_or(battery, |charger| battery.at(charger));
+        let is_swapping = battery.is_swapped() && self.energy_j < battery.capacity_j;
+        self.swapped_slots = if is_swapping { self.swapped_slots + 1 } else { 0 };
+        self.energy_j = match is_swapping {
+            true => battery.charged_for_j(self.energy_j, self.swapped_slots as f64),
+            false => battery.charged_j(self.energy_j),
+        };
+        true
+    }
+
+    /// The site of several bases on one of whose pads it would charge now: it is there, the site charges, and the battery
+    /// is not full. `None` in a single base, which has a pad for everybody.
+    pub(crate) fn pad_site(&self) -> Option<usize> {
+        let base = self.base.as_ref()?;
+        let site = base.site_at(&self.position.xy())?;
+        let is_low = self.battery.is_some_and(|battery| self.energy_j < battery.capacity_j);
+        (is_low && base.sites()[site].charger.charges()).then_some(site)
     }
 
     /// Flies to `waypoint` [m] if it lies in the area and in reach of one slot (UTS eq. 3, and the climb), and if no

@@ -108,12 +108,13 @@ fn flown(World { scenario, list }: &World, before: &FlightReport, told: Option<&
     }
     let refused = match (told, HoldReason::from_repr(report.hold).unwrap_or_default()) {
         (None, HoldReason::NoPlan) => 0,
-        (Some(_), HoldReason::Waypoint | HoldReason::Base | HoldReason::Zone) => 1,
+        (Some(_), HoldReason::Waypoint | HoldReason::Base | HoldReason::Zone | HoldReason::Pad) => 1,
         (Some(plan), HoldReason::None) => plan.served - report.served,
         (told, hold) => panic!("{hold:?} after {told:?}"),
     };
     assert_eq!(report.refused, refused);
-    assert_eq!(report.mode == Mode::Hold as u32, report.hold != HoldReason::None as u32);
+    let is_held = report.hold != HoldReason::None as u32 && !report.awaits_pad();
+    assert_eq!(report.mode == Mode::Hold as u32, is_held);
 }
 
 /// A health message decodes to nothing, or to an event whose text is one line and whose encoding decodes to itself.

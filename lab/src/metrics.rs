@@ -136,6 +136,8 @@ metrics! {
         |m| m.summary.energy.map_or(f64::NAN, |energy| energy.left_j);
     ChargedJ: JOULES, "charged_j", "energy charged", |m| m.summary.energy.map_or(f64::NAN, |energy| energy.charged_j);
     ChargedS: SECONDS, "charged_s", "time charging", |m| m.summary.energy.map_or(f64::NAN, |energy| energy.charged_s);
+    PadWaitS: SECONDS, "pad_wait_s", "time waiting for a pad",
+        |m| m.summary.energy.and_then(|energy| energy.pad_wait_s).unwrap_or(f64::NAN);
     CollectionRatio: FRACTION, "collection_ratio", "fraction of all bits collected", |m| m.summary.collection_ratio;
     Landed: FRACTION, "landed", "fraction of missions that end in the base", |m| landed(m.summary);
     LandedRatio: FRACTION, "landed_ratio", "collection ratio of those that end in the base, else 0",

@@ -203,6 +203,9 @@ pub struct EnergyUse {
     pub left_j: f64,
     /// Time in the base in mode `charge` [s].
     pub charged_s: f64,
+    /// Time in a site of the base in which all its pads were taken [s] (decision D34); `None` without `[[base.site]]`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pad_wait_s: Option<f64>,
     /// Slots of the way home (decision D13).
     pub return_slots: u64,
     /// The slot in which the energy ended; `None` if it did not.
@@ -217,6 +220,7 @@ impl EnergyUse {
             charged_j: sum.charged_j + one.charged_j,
             left_j: sum.left_j + one.left_j,
             charged_s: sum.charged_s + one.charged_s,
+            pad_wait_s: sum.pad_wait_s.zip(one.pad_wait_s).map(|(sum_s, one_s)| sum_s + one_s),
             return_slots: sum.return_slots + one.return_slots,
             down_slot: sum.down_slot.into_iter().chain(one.down_slot).min(),
         })
@@ -227,6 +231,7 @@ impl EnergyUse {
         let gained_j = flight.energy_j - self.left_j;
         self.left_j = flight.energy_j;
         match flight.flown_mode() {
+            Mode::Charge if flight.awaits_pad() => *self.pad_wait_s.get_or_insert_default() += slot_s,
             Mode::Charge => {
                 self.charged_j += gained_j;
                 self.charged_s += slot_s;
@@ -295,7 +300,10 @@ impl Tally {
     pub fn new(scenario: &Scenario, list: &SensorList, mode: &RunMode) -> Self {
         let uavs = scenario.uav.uavs();
         let objective = Settings::of(scenario).ok().map(|settings| settings.objective);
-        let full = Battery::of(scenario).map(|battery| EnergyUse { left_j: battery.initial_j, ..EnergyUse::default() });
+        let base = scenario.landing_base();
+        let pad_wait_s = base.as_ref().filter(|base| !base.sites().is_empty()).map(|_| 0.0);
+        let full = |battery: Battery| EnergyUse { left_j: battery.initial_j, pad_wait_s, ..EnergyUse::default() };
+        let full = Battery::of(scenario).map(full);
         let energy: ByUav<EnergyUse> = full.iter().flat_map(|full| vec![*full; uavs]).collect();
         let summary = Summary {
             name: scenario.name.clone(),
@@ -307,7 +315,7 @@ impl Tally {
             expired_bits: scenario.sensors.expiry_s.map(|_| 0),
             version: VERSION.into(),
             build: build().into(),
-            landed: scenario.landing_base().map(|base| scenario.starts().all(|start| base.contains(&start.xy()))),
+            landed: base.as_ref().map(|base| scenario.starts().all(|start| base.contains(&start.xy()))),
             fleet: (uavs > 1).then(|| FleetUse { uavs, ..FleetUse::default() }),
             energy: (!energy.is_empty()).then(|| EnergyUse::sum(&energy)),
             timing: RunTiming { pace: mode.pace, ..RunTiming::default() },
@@ -322,7 +330,7 @@ impl Tally {
             served: 0,
             uavs,
             energy,
-            base: scenario.landing_base(),
+            base,
             slot_s: scenario.slot_s,
             plan_ns: histogram(),
             latency: mode.pace.map(|pace| Latency::new(pace, scenario.slot_s)),

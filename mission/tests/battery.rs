@@ -45,7 +45,7 @@ impl Books {
         let at = self.last.position().xy();
         match &self.base {
             Base::Disk { centre, .. } => (at - centre).norm() <= 1.0 + 1e-6,
-            Base::Areas(_) => {
+            Base::Areas(_) | Base::Sites(_) => {
                 // A triangle in the south-west corner, and a rectangle.
                 let side_m = self.side_m;
                 let is_in_triangle = at.x + at.y <= 0.1 * side_m + 2e-6;

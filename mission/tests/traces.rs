@@ -31,11 +31,16 @@ const ZONES: &str = "no_fly = [{ polygon_m = [[70, 40], [90, 40], [90, 160], [70
 const BATTERY: &str =
     "base.radius_m = 10.0\nbase.charge_w = 2000.0\nuav.battery.capacity_j = 12000.0\nuav.must_land = true\n";
 
+/// Two bases, one with a charger and one pad, the other with a swap of batteries.
+const SITES: &str = "uav.battery.capacity_j = 9000.0\nuav.must_land = true\nuav.starts_m = [[50, 100], [150, 100], [55, 100]]\n\
+                     base.site = [{ position_m = [50, 100], radius_m = 10.0, charge_w = 1000.0, pads = 1 }, \
+                     { area_m = [[140, 90], [160, 90], [160, 110], [140, 110]], swap_s = 4.0, pads = 1 }]\n";
+
 /// Several UAVs that keep apart.
 const FLEET: &str = "uav.count = 3\nuav.separation_m = 5.0\n";
 
 /// Models by name: keys before the first table, and keys of `[area]`.
-const MODELS: [(&str, &[&str], &str); 12] = [
+const MODELS: [(&str, &[&str], &str); 13] = [
     ("open", &[], ""),
     ("battery", &[BATTERY], ""),
     ("zones", &[], ZONES),
@@ -52,6 +57,7 @@ const MODELS: [(&str, &[&str], &str); 12] = [
     ("estimated", &["planner.knowledge = 'estimated'\nplanner.rates = 'learnt'\n"], ""),
     ("fleet", &[FLEET], ""),
     ("fleet, zones and battery", &[FLEET, BATTERY], ZONES),
+    ("fleet, sites with pads", &[FLEET, SITES], ""),
     (
         "line of sight, free altitude",
         &[

@@ -161,6 +161,15 @@ impl<'a> View<'a> {
         self.neighbours.and_then(|neighbours| neighbours.intents)
     }
 
+    /// For each of several bases the slots before it has a pad for the UAV ([`Home::pad_waits`](crate::route::home::Home::pad_waits)), as far as others tell
+    /// where they are; empty if none makes it wait.
+    #[must_use]
+    pub fn pad_waits(&self) -> Vec<u64> {
+        let Some(home) = &self.table.home else { return Vec::new() };
+        let (uav, flights) = self.neighbours.map_or((0, &[][..]), |neighbours| (neighbours.uav, neighbours.flights));
+        home.pad_waits(self.slot, uav, flights)
+    }
+
     /// Horizontal position of the UAV.
     #[must_use]
     pub fn ground(&self) -> Position {

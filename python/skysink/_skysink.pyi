@@ -331,7 +331,7 @@ class Base:
 
     @property
     def radius_m(self) -> float | None:
-        """Its radius [m]; None if it is made of polygons."""
+        """Its radius [m]; None if it is made of polygons or of several sites."""
 
     def contains(self, point: ArrayLike) -> bool:
         """Whether ``point`` [m] lies in it."""

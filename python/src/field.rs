@@ -399,12 +399,12 @@ impl PyBase {
         self.0.places().map(|place| (place.x, place.y)).collect()
     }
 
-    /// Its radius [m]; None if it is made of polygons.
+    /// Its radius [m]; None if it is made of polygons or of several sites.
     #[getter]
     fn radius_m(&self) -> Option<f64> {
         match &self.0 {
             Base::Disk { radius_m, .. } => Some(*radius_m),
-            Base::Areas(_) => None,
+            Base::Areas(_) | Base::Sites(_) => None,
         }
     }
 

@@ -43,6 +43,9 @@ pub enum Refusal {
     /// A waypoint is too near to where a UAV of lower number ends the slot.
     #[strum(to_string = "too near to another UAV: the UAV holds")]
     Separation,
+    /// A plan charges in a site of the base whose pads are all taken.
+    #[strum(to_string = "all pads of the site are taken: the UAV waits instead of charging")]
+    Pad,
     /// A plan schedules a sensor node that is out of range, unknown, named twice, beyond the resource blocks, or served
     /// by a UAV of lower number.
     #[strum(to_string = "SN out of range, unknown, named twice, beyond the resource blocks, or served by another UAV")]

@@ -3,7 +3,9 @@
 use std::sync::Arc;
 
 use serde::Serialize;
+use skysink_common::base::{Base, BaseSite};
 use skysink_common::battery::Battery;
+use skysink_common::geometry::Position;
 use skysink_common::propulsion::least_power_mps;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
@@ -18,7 +20,10 @@ pub struct EnergyFigures {
     pub hovering_s: Option<f64>,
     /// Time in the air from a full battery to its reserve at the speed of least power [s].
     pub cruising_s: Option<f64>,
-    /// Time to charge from the reserve to full [s]; `None` without a battery or a charger.
+    /// Of several bases the one that is nearest to the start of the first UAV (decision D34).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub nearest_site: Option<NearestSite>,
+    /// Time to charge from the reserve to full there [s]; `None` without a battery or a charger.
     pub charging_s: Option<f64>,
     /// Distance from the middle of the base [m] to which a full battery flies and comes home, at the least energy per
     /// metre; `None` without a battery.
@@ -33,6 +38,38 @@ pub struct EnergyFigures {
     pub beyond: usize,
 }
 
+/// One of several bases.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct NearestSite {
+    /// Its number, from 0.
+    pub number: usize,
+    /// How far its rim is [m]; 0 within it.
+    pub away_m: f64,
+    /// UAVs that charge there at the same time.
+    pub pads: u32,
+}
+
+impl NearestSite {
+    /// Of `base`, seen from `ground` [m]; `None` if it is a single one.
+    fn of(base: &Base, ground: &Position) -> Option<Self> {
+        let away_m = |site: &BaseSite| site.shape.away_m(ground).max(0.0);
+        let sites = base.sites().iter().enumerate();
+        let nearest = sites.min_by(|(_, a), (_, b)| away_m(a).total_cmp(&away_m(b)));
+        nearest.map(|(number, site)| Self { number, away_m: away_m(site), pads: site.charger.pads })
+    }
+}
+
+/// Time to charge `battery` from its reserve to full, with the charger of `scenario` or of `site` [s]; `None` if it is not
+/// charged.
+fn charging_s(scenario: &Scenario, battery: &Battery, site: Option<&BaseSite>) -> Option<f64> {
+    let usable_j = battery.capacity_j - battery.reserve_j;
+    let charge_w = scenario.base.as_ref().map_or(0.0, |base| base.charge_w);
+    let charger = site.map(|site| site.charger);
+    let swapped_s = charger.and_then(|charger| charger.swap_slots).map(|slots| slots as f64 * scenario.slot_s);
+    let charge_w = charger.map_or(charge_w, |charger| charger.charge_w);
+    swapped_s.or_else(|| (charge_w > 0.0).then(|| usable_j / charge_w))
+}
+
 impl EnergyFigures {
     /// Of a scenario; `None` if its UAV need not come back.
     pub fn of(scenario: &Scenario, sensors: &Sensors) -> Option<Self> {
@@ -42,7 +79,8 @@ impl EnergyFigures {
         let usable = |battery: &Battery| battery.capacity_j - battery.reserve_j;
         let lasting_s = |battery: &Battery, slot_m: f64| usable(battery) / battery.slot_j(slot_m) * scenario.slot_s;
         let slow_m = least_power_mps(&scenario.uav.propulsion, reach_m / scenario.slot_s) * scenario.slot_s;
-        let charge_w = scenario.base.as_ref().map_or(0.0, |base| base.charge_w);
+        let nearest_site = NearestSite::of(&base, &scenario.start().xy());
+        let site = nearest_site.map(|site| &base.sites()[site.number]);
         let depth_m = base.depth_m();
         let radius_m = battery.map(|battery| {
             let thrifty_m = battery.thrifty_m(reach_m);
@@ -55,7 +93,8 @@ impl EnergyFigures {
         Some(Self {
             hovering_s: battery.map(|battery| lasting_s(&battery, 0.0)),
             cruising_s: battery.map(|battery| lasting_s(&battery, slow_m)),
-            charging_s: battery.filter(Battery::is_charged).map(|battery| usable(&battery) / charge_w),
+            nearest_site,
+            charging_s: battery.and_then(|battery| charging_s(scenario, &battery, site)),
             radius_m,
             timed_m,
             missed_by_m: scenario.uav.position_error_m.filter(|sigma_m| depth_m < 2.0 * sigma_m),
@@ -78,6 +117,10 @@ impl EnergyFigures {
             let [hovering, cruising] = [hovering_s, cruising_s].map(|time_s| scaled(time_s, "s"));
             rows.push(("battery: hovering, cruising", format!("{hovering}, {cruising}")));
         }
+        rows.extend(self.nearest_site.map(|NearestSite { number, away_m, pads }| {
+            let pads = if pads == 1 { "1 pad".to_owned() } else { format!("{pads} pads") };
+            ("base: nearest to the start", format!("base.site[{number}], {} away, {pads}", scaled(away_m, "m")))
+        }));
         rows.extend(self.charging_s.map(|charging_s| ("battery: charging", scaled(charging_s, "s"))));
         rows.extend(self.radius_m.map(|radius_m| ("out and back on a battery", scaled(radius_m, "m"))));
         rows.extend(self.timed_m.map(|timed_m| ("out and back in time", scaled(timed_m, "m"))));

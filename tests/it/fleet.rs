@@ -50,6 +50,45 @@ fn a_fleet_with_estimated_queues_survives_the_death_of_every_process() {
     place.assert_clean();
 }
 
+/// Two bases with a pad each, of which the eastern swaps batteries.
+const SITES: &str = "name = 'sites'\nslots = 240\n[area]\nside_m = 250.0\n[sensors]\ncount = 40\n\
+    sampling_bps = [100.0, 900.0]\n[planner]\nhorizon.iterations = 20\n\
+    [uav]\ncount = 3\nmust_land = true\ncoordination = 'sequential'\n[uav.battery]\ncapacity_j = 9000.0\n\
+    [[base.site]]\nposition_m = [60, 125]\nradius_m = 10.0\ncharge_w = 400.0\npads = 1\n\
+    [[base.site]]\narea_m = [[180, 115], [200, 115], [200, 135], [180, 135]]\nswap_s = 9.0\npads = 1\n";
+
+#[test]
+fn a_fleet_that_shares_pads_survives_deaths_and_is_resumed_replayed_and_mapped() {
+    let place = Place::new();
+    place.write("sites.toml", SITES);
+    for strategy in ["horizon", "tour"] {
+        let flight = place.flight("sites").strategy(strategy).force();
+        flight.out("alone").simulate();
+        let waited_s = |run: &str| place.summary(run)["energy"]["pad_wait_s"].as_f64().unwrap();
+        assert!(waited_s("alone") > 0.0 && place.trace("alone").contains(",charge,1,"), "{strategy}");
+        let running = flight.without_viewer().out("ring").start();
+        for (slot, role) in [(60, "flight-sim"), (75, "planner"), (82, "flight-sim"), (95, "flight-sim")] {
+            running.until_slot(slot);
+            running.kill_and_await(role);
+        }
+        running.wait_for_success();
+        place.assert_same_trace("alone", "ring");
+        assert_eq!(waited_s("alone"), waited_s("ring"), "{strategy}");
+    }
+    let whole = place.trace("ring");
+    std::fs::remove_file(place.path("ring/summary.json")).unwrap();
+    place.cut_trace("ring", 3 * 150);
+    place.resume("ring");
+    assert_eq!(place.trace("ring"), whole);
+    place.run_ok(&["replay", "alone", "--out", "again"]);
+    place.run_ok(&["plot", "alone", "--out", "plots"]);
+    let map = place.read("plots/map-alone.svg");
+    assert!(["base 0: 1 pad", "base 1: 1 pad"].iter().all(|name| map.contains(name)));
+    let checked = place.run_ok(&["check", "sites.toml"]).stdout;
+    assert!(checked.contains("base.site[1], 55 m away, 1 pad"), "{checked}");
+    place.assert_clean();
+}
+
 #[test]
 fn a_run_of_a_fleet_is_resumed_replayed_exported_and_mapped() {
     let place = place();

@@ -98,6 +98,7 @@ impl Events {
                 HoldReason::NoPlan => warn("hold: no plan in time")?,
                 HoldReason::Unknown => warn("hold: the vehicle is not heard, or not believed to be where it says")?,
                 HoldReason::Base => warn("hold: to charge, but not in the base")?,
+                HoldReason::Pad => warn("landed: all pads of the site are taken")?,
                 HoldReason::Separation => warn("hold: too near to another UAV")?,
                 HoldReason::Zone => warn("hold: a zone or a building in the way")?,
                 HoldReason::Waypoint => warn("hold: waypoint not finite, out of reach, or outside the area")?,

@@ -244,7 +244,7 @@ pub(crate) fn log_text_above(canvas: &Canvas, scenario: &Scenario, sizes: &Sizes
     let north = ([x_m, depth_m - y_m - 1.6 * north_m], "N".to_owned());
     canvas.log_static(TEXT_ABOVE, &writing(sizes.numbers_on_map().chain([north])))?;
     let Some(base) = scenario.landing_base() else { return Ok(()) };
-    let names = base.places().map(|at| (sizes.on_map(&at), "base".to_owned()));
+    let names = base.names().map(|(at, name)| (sizes.on_map(&at), name));
     canvas.log_static(BASE_ABOVE, &writing(names).with_colors([colour::CHARGE]))
 }
 
@@ -252,19 +252,23 @@ pub(crate) fn log_text_above(canvas: &Canvas, scenario: &Scenario, sizes: &Sizes
 pub(crate) fn log_base(canvas: &Canvas, scenario: &Scenario) -> RecordingStreamResult<()> {
     let Some(base) = scenario.landing_base() else { return Ok(()) };
     let on_ground = |at: &Position| [at.x as f32, at.y as f32, 0.0];
-    let rims: Vec<Vec<_>> = match &base {
-        Base::Disk { centre, radius_m } => vec![circle(on_ground(centre), *radius_m as f32)],
-        Base::Areas(areas) => {
-            let closed = |area: &BaseArea| {
-                let corners = area.polygon.corners();
-                corners.iter().chain(corners.first()).map(on_ground).collect()
-            };
-            areas.iter().map(closed).collect()
-        }
+    let closed = |area: &BaseArea| {
+        let corners = area.polygon.corners();
+        corners.iter().chain(corners.first()).map(on_ground).collect()
     };
+    let rims: Vec<Vec<_>> = base
+        .shapes()
+        .flat_map(|shape| match shape {
+            Base::Disk { centre, radius_m } => vec![circle(on_ground(centre), *radius_m as f32)],
+            Base::Areas(areas) => areas.iter().map(closed).collect(),
+            Base::Sites(_) => Vec::new(), // a shape is none
+        })
+        .collect();
     canvas.log_static(format!("{BASE}/rim"), &line_style(colour::CHARGE, 2.0).with_strips(rims))?;
+    let mut labels: Vec<String> = base.names().map(|(_, name)| name).collect();
+    labels.dedup(); // one for all of a single base
     let name = Points3D::new(base.places().map(|place| on_ground(&place)))
-        .with_labels(["base"])
+        .with_labels(labels)
         .with_show_labels(true)
         .with_radii([Radius::new_ui_points(3.0)])
         .with_colors([colour::CHARGE]);

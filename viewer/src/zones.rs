@@ -95,15 +95,18 @@ pub(crate) fn outlines(scenario: &Scenario) -> impl Iterator<Item = (&'static st
     let boundary = area.boundary_m.iter().map(|corners| of_keys(corners));
     let no_fly = area.no_fly.iter().flatten().map(|zone| of_keys(zone.corners()));
     let buildings = area.building.iter().flatten().map(|building| of_keys(&building.polygon_m));
-    let base = match scenario.landing_base() {
-        None => Vec::new(),
-        Some(Base::Areas(areas)) => areas.iter().map(|area| closed(area.polygon.corners())).collect(),
-        Some(Base::Disk { centre, radius_m }) => {
-            let angle = |corner: u32| TAU * f64::from(corner) / f64::from(DISK_CORNERS);
-            let rim = |corner: u32| centre + Vector2::from(<[f64; 2]>::from(angle(corner).sin_cos())) * radius_m;
-            vec![(0..=DISK_CORNERS).map(rim).collect()]
+    let of_shape = |shape: &Base| -> Vec<Vec<Position>> {
+        match shape {
+            Base::Areas(areas) => areas.iter().map(|area| closed(area.polygon.corners())).collect(),
+            Base::Disk { centre, radius_m } => {
+                let angle = |corner: u32| TAU * f64::from(corner) / f64::from(DISK_CORNERS);
+                let rim = |corner: u32| centre + Vector2::from(<[f64; 2]>::from(angle(corner).sin_cos())) * *radius_m;
+                vec![(0..=DISK_CORNERS).map(rim).collect()]
+            }
+            Base::Sites(_) => Vec::new(), // a shape is none
         }
     };
+    let base = scenario.landing_base().iter().flat_map(Base::shapes).flat_map(of_shape).collect();
     let kinds = [
         ("boundary", boundary.collect(), colour::NO_FLY),
         ("no-fly", no_fly.collect(), colour::NO_FLY),

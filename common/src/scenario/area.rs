@@ -43,7 +43,7 @@ crate::keys! {
 const SIMPLIFY_M: f64 = 5.0;
 
 /// Corners of a polygon.
-const CORNERS: Accepts = Accepts::Rule("corners of a polygon, `[[x, y], [x, y], [x, y], ...]` [m]");
+pub(super) const CORNERS: Accepts = Accepts::Rule("corners of a polygon, `[[x, y], [x, y], [x, y], ...]` [m]");
 
 crate::keys! {
     /// `[[area.no_fly]]`: a polygon that the UAV must not enter (decision D14), or a file of such polygons.

@@ -84,6 +84,8 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
         let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m(), area.height_m());
         rule(area.contains(&Position::new(x_m, y_m), 0.0), "base.position_m", &expected)?;
     }
+    let has_own = scenario.base.as_ref().is_some_and(|base| base.site.is_some() && base.charge_w > 0.0);
+    rule(!has_own, "base.charge_w", "none beside [[base.site]], whose tables have their own")?;
     if let Some(cell_m) = uav.grid_m() {
         let [columns, rows] = [area.width_m(), area.height_m()].map(|side_m| u64::from(cells_along(side_m, cell_m)));
         let is_grid = columns >= 1 && rows >= 1 && columns.saturating_mul(rows) <= u64::from(MAX_CELLS);
@@ -150,7 +152,7 @@ struct Forms {
 }
 
 /// All alternatives.
-const FORMS: [Forms; 7] = [
+const FORMS: [Forms; 8] = [
     Forms {
         forms: [&["area.side_m"], &["area.width_m", "area.height_m"]],
         expected: "either side_m, or width_m and height_m",
@@ -158,6 +160,10 @@ const FORMS: [Forms; 7] = [
     Forms {
         forms: [&["base.areas_m"], &["base.position_m", "base.radius_m"]],
         expected: "either areas_m, or position_m and radius_m",
+    },
+    Forms {
+        forms: [&["base.position_m", "base.radius_m", "base.areas_m"], &["base.site"]],
+        expected: "either [[base.site]], or position_m and radius_m, or areas_m",
     },
     Forms { forms: [&presets::OF_RADIO, &["link.file"]], expected: "either preset or file, not both" },
     Forms { forms: [&["sensors.count"], &["sensors.file"]], expected: "either count or file, not both" },

@@ -69,10 +69,13 @@ impl ZoneSource {
     fn of(scenario: &Scenario) -> Self {
         let base = scenario.base.as_ref();
         let place = base.and_then(|base| base.position_m).map(Position::from);
+        let sites = || base.and_then(|base| base.site.as_ref()).into_iter().flatten();
+        let of_sites = sites().filter_map(|site| site.position_m).map(Position::from);
+        let areas = base.and_then(|base| base.areas_m.clone()).unwrap_or_default();
         Self {
             area: scenario.area.clone(),
-            places: scenario.starts().map(|start| start.xy()).chain(place).collect(),
-            base_areas: base.and_then(|base| base.areas_m.clone()).unwrap_or_default(),
+            places: scenario.starts().map(|start| start.xy()).chain(place).chain(of_sites).collect(),
+            base_areas: areas.into_iter().chain(sites().filter_map(|site| site.area_m.clone())).collect(),
         }
     }
 

@@ -6,6 +6,7 @@ use toml::Value;
 
 use super::area::{BuildingKeys, NoFlyKeys};
 use super::mission::Scenario;
+use super::sites;
 use crate::airspace::{Airspace, MAX_CORNERS, MAX_SIMPLIFIED_CORNERS, Polygon};
 use crate::base::{Base, BaseArea};
 use crate::channel::Buildings;
@@ -116,6 +117,7 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), InputError> {
         }
     }
     check_areas(scenario)?;
+    sites::check(scenario)?;
     if count == 0 && scenario.uav.grid_m().is_none() {
         return Ok(());
     }
@@ -145,6 +147,9 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), InputError> {
         return Err(scenario.refusal("uav.starts_m", &toml_of(&scenario.uav.starts_m), expected));
     }
     let Some(base) = base else { return Ok(()) };
+    if !base.sites().is_empty() {
+        return sites::check_ways(scenario, &base, &airspace);
+    }
     if airspace.has_grid() {
         let key = if matches!(base, Base::Disk { .. }) { "base.position_m" } else { "base.areas_m" };
         let keys = toml_of(&scenario.base);
@@ -166,6 +171,7 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), InputError> {
             let corners: Vec<[f64; 2]> = areas[index].polygon.corners().iter().map(|&at| at.into()).collect();
             Err(scenario.refusal(&format!("base.areas_m[{index}]"), &toml_of(&corners), expected))
         }
+        Base::Sites(_) => Ok(()), // checked above
     }
 }
 
@@ -223,6 +229,9 @@ impl Scenario {
     #[must_use]
     pub fn landing_base(&self) -> Option<Base> {
         let keys = self.base.as_ref()?;
+        if let Some(sites) = &keys.site {
+            return Some(sites::base(self, sites));
+        }
         let Some(areas_m) = &keys.areas_m else {
             let centre = keys.position_m.map_or_else(|| self.start().xy(), Position::from);
             return Some(Base::Disk { centre, radius_m: keys.radius_m.unwrap_or_default() });
@@ -252,6 +261,6 @@ impl Scenario {
     }
 }
 
-fn toml_of(value: &(impl Serialize + ?Sized)) -> Value {
+pub(super) fn toml_of(value: &(impl Serialize + ?Sized)) -> Value {
     Value::try_from(value).expect("numbers are TOML")
 }

@@ -78,6 +78,8 @@ pub struct TrajectoryMap {
     pub height_m: f64,
     /// Zones, buildings and the base, below the rest.
     pub areas: Vec<(AreaKind, AreaOutline)>,
+    /// Places that have a name: x, y [m].
+    pub names: Vec<([f64; 2], String)>,
     /// The sensors.
     pub sensors: Vec<MapSensor>,
     /// Position of each UAV at the start, then after each slot: x, y [m].
@@ -214,6 +216,10 @@ impl TrajectoryMap {
         }
         for MapSensor { position_m, fraction } in &self.sensors {
             page.add(sensor(at(*position_m), fraction / highest));
+        }
+        for (place_m, name) in &self.names {
+            let [x, y] = at(*place_m);
+            page.add(text(name, [x, y - 0.8 * EM], 0.8 * EM, "middle"));
         }
         for path_m in &self.paths_m {
             path_m.first().into_iter().for_each(|&start_m| page.add(sign(at(start_m), START)));

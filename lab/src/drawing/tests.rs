@@ -45,6 +45,7 @@ fn sheet() -> MapSheet {
         width_m: 100.0,
         height_m: 80.0,
         areas: Vec::new(),
+        names: Vec::new(),
         sensors: vec![
             MapSensor { position_m: [20.0, 30.0], fraction: 0.0 },
             MapSensor { position_m: [90.0, 5.0], fraction: 0.4 },

@@ -98,6 +98,7 @@ fn map(run: &Path, stop: &Stop) -> Result<(MappedRun, TrajectoryMap), LabError> 
         width_m: scenario.area.width_m(),
         height_m: scenario.area.height_m(),
         areas: areas(scenario),
+        names: site_names(scenario),
         sensors: sensors.collect(),
         paths_m: (0..scenario.uav.uavs()).map(path_m).collect(),
     };
@@ -119,16 +120,23 @@ fn areas(scenario: &Scenario) -> Vec<(AreaKind, AreaOutline)> {
     let boundary = area.boundary_m.iter().map(|corners_m| of(AreaKind::Boundary)(corners_m));
     let no_fly = area.no_fly.iter().flatten().map(|zone| of(AreaKind::NoFly)(zone.corners()));
     let buildings = area.building.iter().flatten().map(|building| of(AreaKind::Building)(&building.polygon_m));
-    let base = match scenario.landing_base() {
-        None => Vec::new(),
-        Some(Base::Disk { centre, radius_m }) => vec![AreaOutline::Disk(centre.coords.into(), radius_m)],
-        Some(Base::Areas(areas)) => {
-            let corners_m = |area: &BaseArea| area.polygon.corners().iter().map(|at| at.coords.into()).collect();
-            areas.iter().map(|area| AreaOutline::Polygon(corners_m(area))).collect()
+    let corners_m = |area: &BaseArea| area.polygon.corners().iter().map(|at| at.coords.into()).collect();
+    let of_shape = |shape: &Base| -> Vec<AreaOutline> {
+        match shape {
+            Base::Disk { centre, radius_m } => vec![AreaOutline::Disk(centre.coords.into(), *radius_m)],
+            Base::Areas(areas) => areas.iter().map(|area| AreaOutline::Polygon(corners_m(area))).collect(),
+            Base::Sites(_) => Vec::new(), // a shape is none
         }
     };
+    let base: Vec<AreaOutline> = scenario.landing_base().iter().flat_map(Base::shapes).flat_map(of_shape).collect();
     let base = base.into_iter().map(|outline| (AreaKind::Base, outline));
     boundary.chain(no_fly).chain(buildings).chain(base).collect()
+}
+
+/// The names of several bases, with their pads, where they are.
+fn site_names(scenario: &Scenario) -> Vec<([f64; 2], String)> {
+    let sites = scenario.landing_base().filter(|base| !base.sites().is_empty());
+    sites.iter().flat_map(Base::names).map(|(at, name)| (at.coords.into(), name)).collect()
 }
 
 /// The file name without extension: the names of the first runs.

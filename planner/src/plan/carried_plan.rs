@@ -200,6 +200,7 @@ impl<O: Objective> CarriedPlan<O> {
     pub fn forecast(&mut self, view: &View) -> Option<Forecast<O>> {
         self.update_sensors(view);
         let model = &mut self.model;
+        model.pad_waits = view.pad_waits();
         if !O::HOVERS {
             let intents = view.intents().unwrap_or_default();
             model.others = OtherVisits::of(intents, &model.ids, &model.sensors, view.slot);

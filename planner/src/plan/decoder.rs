@@ -64,6 +64,8 @@ pub struct BaseVisit {
     pub slots: i32,
     /// Slots in the base.
     pub charged: i32,
+    /// Of these, those before a pad is free.
+    pub waited: i32,
     /// Where the UAV charges.
     pub at: Position,
 }
@@ -159,7 +161,7 @@ impl Decoder {
         let home = model.table.home.as_ref();
         let mut margin_j = route.as_ref().map_or(f64::NEG_INFINITY, |route| self.next_margin_j::<O>(model, route));
         if let Some(home) = home.filter(|_| margin_j < 0.0) {
-            let (visit, back) = self.base_visit(home);
+            let (visit, back) = self.base_visit(home, &model.pad_waits);
             let Decoder { at, slot, energy_j, .. } = *self;
             let from_base = enter(&visit.at)?;
             let end =
@@ -173,7 +175,7 @@ impl Decoder {
             (self.at, self.slot, self.energy_j) = (at, slot, energy_j);
             if margin_j < 0.0 {
                 // It is left out, unless the base does not charge: then the flights end.
-                return home.battery.is_some_and(|battery| battery.is_charged()).then_some(0.0);
+                return home.battery_at(&visit.at).is_some_and(|battery| battery.is_charged()).then_some(0.0);
             }
             cost = self.fly_along::<O>(model, &back, &[], levels, visits);
             self.leave_base(home, &visit, 0.0);
@@ -289,24 +291,29 @@ impl Decoder {
         }
     }
 
-    /// The visit to the base that begins now, and the way there.
-    fn base_visit(&self, home: &Home) -> (BaseVisit, Route) {
+    /// The visit to the base that begins now, and the way there; `pad_waits` are the slots after which each site has a
+    /// pad.
+    fn base_visit(&self, home: &Home, pad_waits: &[u64]) -> (BaseVisit, Route) {
         let flown = self.flown_slots + self.slot as u64;
         let route = home.route(flown, &self.at);
         // Longer than any mission if there is none.
         let route = route.unwrap_or_else(|| Route::new(self.at, [RoutePart { end: self.at, slots: MOST_SLOTS }], None));
         let (slots, at) = (route.slots().min(MOST_SLOTS) as i32, route.end());
         if home.battery.is_none() {
-            return (BaseVisit { slots, charged: 0, at }, route);
+            return (BaseVisit { slots, charged: 0, waited: 0, at }, route);
         }
-        let charged = home.charging_slots(flown + slots as u64 + 1, self.energy_j - route.energy_j());
-        (BaseVisit { slots, charged: charged.min(MOST_SLOTS.into()) as i32, at }, route)
+        let wait = home.base.site_at(&at).and_then(|site| pad_waits.get(site)).copied().unwrap_or_default();
+        let wait = wait.saturating_sub(self.slot as u64 + slots as u64);
+        let charged = home.charging_slots(flown + slots as u64 + wait + 1, self.energy_j - route.energy_j(), &at);
+        let waited = if charged == 0 { 0 } else { wait.min(MOST_SLOTS.into()) as i32 };
+        let charged = (charged + waited as u64).min(MOST_SLOTS.into()) as i32;
+        (BaseVisit { slots, charged, waited, at }, route)
     }
 
     /// Moves to the end of `visit`, the way to which takes `more_j` [J], and charges.
     fn leave_base(&mut self, home: &Home, visit: &BaseVisit, more_j: f64) {
-        if let Some(battery) = &home.battery {
-            self.energy_j = battery.charged_for_j(self.energy_j - more_j, f64::from(visit.charged));
+        if let Some(battery) = home.battery_at(&visit.at) {
+            self.energy_j = battery.charged_for_j(self.energy_j - more_j, f64::from(visit.charged - visit.waited));
         }
         self.slot += visit.charged + if self.at == visit.at { 0 } else { visit.slots };
         self.at = visit.at;

@@ -234,10 +234,10 @@ impl<O: Objective> Forecast<O> {
             return false;
         }
         if let Some(home) = &model.table.home
-            && (home.must_land && slot != self.decoder.slot
+            && ((home.must_land || !model.pad_waits.is_empty()) && slot != self.decoder.slot
                 || self.least_margin_j(index) < energy_j - self.decoder.energy_j)
         {
-            return false; // the way home may come earlier
+            return false; // the way home may come earlier, or a pad be free
         }
         let leg = &self.trace.legs[index];
         follows || (leg.end > slot && !self.is_met(model, change, leg.stop))

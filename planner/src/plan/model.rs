@@ -108,6 +108,8 @@ pub struct PlanModel {
     pub ids: Vec<u32>,
     /// What other UAVs serve in the window.
     pub others: OtherVisits,
+    /// Of several bases, the slots of the window after which each has a pad for this UAV; empty if none makes it wait.
+    pub pad_waits: Vec<u64>,
     /// Altitude of service where the rate depends on the distance alone [m].
     pub(super) altitude_m: f64,
     /// Where it depends on the elevation or on buildings: expected bits of a visit by `d²`, in sight and not, from the
@@ -162,6 +164,7 @@ impl PlanModel {
             table,
             sensors: Vec::new(),
             others: OtherVisits::default(),
+            pad_waits: Vec::new(),
             ids,
             disks: Vec::new(),
             round_slots: 1.0,

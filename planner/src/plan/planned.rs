@@ -37,7 +37,7 @@ pub fn planned_slot<O: Objective>(
     let arrives = |leg: &Leg| leg.end - leg.hovered;
     let mut end = (leg.at, arrives(leg));
     let mut next = legs.get(legs.partition_point(|leg| leg.end <= slot)).map(|leg| (leg.at, arrives(leg)));
-    if let Some(BaseVisit { slots: way, charged, at }) = leg.via {
+    if let Some(BaseVisit { slots: way, charged, at, .. }) = leg.via {
         if slot > begin + way && slot <= begin + way + charged {
             return Some(PlannedSlot { waypoint: *from, ids: Vec::new(), next_stop: None, is_charging: true });
         }

@@ -4,9 +4,10 @@ use std::sync::Arc;
 
 use nalgebra::Point3;
 use skysink_common::airspace::Airspace;
-use skysink_common::base::Base;
+use skysink_common::base::{Base, BaseSite};
 use skysink_common::battery::{Battery, BatteryState};
 use skysink_common::geometry::{Position, above, within};
+use skysink_common::message::{FlightReport, Mode};
 use skysink_common::scenario::Scenario;
 use smallvec::{SmallVec, smallvec};
 
@@ -228,33 +229,63 @@ impl Home {
         self.battery.is_some() && self.base.contains(ground)
     }
 
-    /// Whether a UAV in the base stays there in `slot` to charge: it has begun to, is not full, and has less energy
-    /// than the rest of the mission takes at top speed.
+    /// The battery of a UAV at `ground` [m]: of several bases that with the charger there.
+    #[inline]
     #[must_use]
-    pub fn charges_on(&self, slot: u64, state: &BatteryState) -> bool {
-        let Some(battery) = self.battery.filter(|battery| state.is_charging && battery.is_charged()) else {
-            return false;
-        };
-        let rest = (self.slots + 1).saturating_sub(slot);
-        let enough_j = battery.reserve_j + rest as f64 * self.most_j;
-        rest > 0 && state.energy_j < battery.capacity_j.min(enough_j)
+    pub fn battery_at(&self, ground: &Position) -> Option<Battery> {
+        let battery = self.battery?;
+        Some(self.base.charger_at(ground).map_or(battery, |charger| battery.at(charger)))
     }
 
-    /// Slots from `slot` on in which a UAV that arrives in the base with `energy_j` [J] charges.
+    /// Whether a UAV in the base, at `ground` [m], stays there in `slot` to charge: it has begun to, is not full, and has
+    /// less energy than the rest of the mission takes at top speed.
     #[must_use]
-    pub fn charging_slots(&self, slot: u64, energy_j: f64) -> u64 {
-        let Some(battery) = self.battery else { return 0 };
-        let state =
-            |slots: u64| BatteryState { energy_j: battery.charged_for_j(energy_j, slots as f64), is_charging: true };
+    pub fn charges_on(&self, slot: u64, state: &BatteryState, ground: &Position) -> bool {
+        state.is_charging && self.battery_at(ground).is_some_and(|battery| self.is_low(&battery, slot, state.energy_j))
+    }
+
+    /// Whether `battery` is charged, and has less than the rest of the mission takes from `slot` on.
+    fn is_low(&self, battery: &Battery, slot: u64, energy_j: f64) -> bool {
+        let rest = (self.slots + 1).saturating_sub(slot);
+        let enough_j = battery.reserve_j + rest as f64 * self.most_j;
+        battery.is_charged() && rest > 0 && energy_j < battery.capacity_j.min(enough_j)
+    }
+
+    /// Slots from `slot` on in which a UAV that arrives in the base at `ground` [m] with `energy_j` [J] charges.
+    #[must_use]
+    pub fn charging_slots(&self, slot: u64, energy_j: f64, ground: &Position) -> u64 {
+        let Some(battery) = self.battery_at(ground) else { return 0 };
         let mut low = 0;
         let mut high = (self.slots + 1).saturating_sub(slot);
         while low < high {
             let middle = low + (high - low) / 2;
-            if self.charges_on(slot + middle, &state(middle)) { low = middle + 1 } else { high = middle }
+            let charged_j = battery.charged_for_j(energy_j, middle as f64);
+            if self.is_low(&battery, slot + middle, charged_j) { low = middle + 1 } else { high = middle }
         }
         // Until the next move may begin.
         let (moves, before) = (self.motion.move_slots(), slot.saturating_sub(1));
         if low == 0 { 0 } else { (before + low).next_multiple_of(moves) - before }
+    }
+
+    /// For each of several bases the slots from `slot` on before it has a pad for the UAV number `uav` (decision D34). Of
+    /// those with lower numbers, which come first, the ones that are there as their last `flights` say stay until they
+    /// are charged; those that have yet to come are not known. Empty if no site makes it wait.
+    #[must_use]
+    pub fn pad_waits(&self, slot: u64, uav: usize, flights: &[FlightReport]) -> Vec<u64> {
+        let wait = |(number, site): (usize, &BaseSite)| {
+            let mut pads = vec![0; site.charger.pads as usize];
+            for lower in flights.iter().take(uav).filter(|lower| lower.flown_mode() == Mode::Charge) {
+                let ground = lower.position().xy();
+                if self.base.site_at(&ground) == Some(number) {
+                    let stay = self.charging_slots(slot, lower.energy_j, &ground);
+                    let stay = stay.saturating_sub(lower.swapped_slots().min(stay.saturating_sub(1)));
+                    *pads.iter_mut().min().expect("a site has a pad") += stay;
+                }
+            }
+            pads.into_iter().min().unwrap_or_default()
+        };
+        let waits: Vec<u64> = self.base.sites().iter().enumerate().map(wait).collect();
+        if waits.iter().all(|wait| *wait == 0) { Vec::new() } else { waits }
     }
 }
 
@@ -355,27 +386,84 @@ mod tests {
         assert!(bent > 1_000, "{bent} ways around the zone");
     }
 
+    /// Two sites, of which the western charges 100 W on one pad and the eastern swaps in 7 slots on two.
+    fn two_sites() -> Home {
+        let sites = "[area]\nside_m = 2000.0\n[uav.battery]\ncapacity_j = 5000.0\n\
+                     [[base.site]]\nposition_m = [50, 50]\nradius_m = 10.0\ncharge_w = 100.0\npads = 1\n\
+                     [[base.site]]\nposition_m = [450, 50]\nradius_m = 30.0\nswap_s = 7.0\npads = 2\n";
+        let text = format!("name = 'a'\nslots = 200\n{sites}");
+        made(&Scenario::parse(&text, Path::new("a.toml"), Overrides::default()).unwrap()).unwrap()
+    }
+
+    #[test]
+    fn the_way_home_leads_to_the_site_of_least_energy() {
+        let home = two_sites();
+        // The rims are at x = 60 and 420: the middle between them is 240.
+        for (x_m, end_m) in [(239.0, 60.0), (241.0, 420.0)] {
+            let ground = Position::new(x_m, 50.0);
+            let route = home.route(1, &ground).unwrap();
+            assert!((route.end() - Position::new(end_m, 50.0)).norm() < 1e-9, "{}", route.end());
+            let battery = home.battery.unwrap();
+            let away_m = (end_m - x_m).abs();
+            let slots = (away_m / home.motion.thrifty_m()).ceil(); // 9, of nearly 20 m
+            let expected_j = slots * battery.slot_j(away_m / slots);
+            assert!((route.energy_j() - expected_j).abs() < 1e-9, "{} J, not {expected_j}", route.energy_j());
+        }
+    }
+
+    #[test]
+    fn a_stay_depends_on_the_charger_of_the_site() {
+        let home = two_sites();
+        let [west, east] = [[50.0, 50.0], [450.0, 50.0]].map(Position::from);
+        // 3000 J at 100 J a slot, or a swap of 7 slots whatever there is.
+        assert_eq!([&west, &east].map(|site| home.charging_slots(1, 2_000.0, site)), [30, 7]);
+        assert_eq!([&west, &east].map(|site| home.charging_slots(1, 4_900.0, site)), [1, 7]);
+        assert_eq!(home.charging_slots(1, 5_000.0, &east), 0);
+    }
+
+    #[test]
+    fn a_uav_waits_for_a_pad_as_long_as_lower_numbers_charge() {
+        let home = two_sites();
+        let stay = |x_m: f64, energy_j: f64, swapped: u64| {
+            let report = FlightReport { energy_j, ..FlightReport::at([x_m, 50.0, 20.0], Mode::Charge) };
+            report.swapping(swapped)
+        };
+        let flights = [
+            stay(50.0, 4_000.0, 0), // 10 slots
+            stay(55.0, 4_500.0, 0), // after them 5 more
+            stay(450.0, 900.0, 3),  // 4 of 7 are left
+            stay(440.0, 900.0, 1),  // 6 of 7
+            FlightReport { energy_j: 900.0, ..FlightReport::at([450.0, 50.0, 20.0], Mode::Return) },
+            stay(450.0, 900.0, 0),
+        ];
+        for (uav, waits) in
+            [(0, vec![]), (1, vec![10, 0]), (2, vec![15, 0]), (3, vec![15, 0]), (4, vec![15, 4]), (5, vec![15, 4])]
+        {
+            assert_eq!(home.pad_waits(1, uav, &flights), waits, "UAV {uav}");
+        }
+    }
+
     #[test]
     fn charging_ends_when_the_battery_is_full_or_sufficient() {
         let home = home("charge_w = 100.0\n[uav.battery]\ncapacity_j = 5000.0\n");
         let state = |energy_j, is_charging| BatteryState { energy_j, is_charging };
-        assert!(home.charges_on(1, &state(4_999.0, true)) && !home.charges_on(1, &state(5_000.0, true)));
-        assert!(!home.charges_on(1, &state(600.0, false)), "not begun");
+        let place = Position::new(50.0, 50.0);
+        let charges_on = |slot, state: &BatteryState| home.charges_on(slot, state, &place);
+        let charging_slots = |slot, energy_j| home.charging_slots(slot, energy_j, &place);
+        assert!(charges_on(1, &state(4_999.0, true)) && !charges_on(1, &state(5_000.0, true)));
+        assert!(!charges_on(1, &state(600.0, false)), "not begun");
         // After 17 slots of 100 J, 1 700 J: three slots of 356 J and the reserve are less.
-        assert_eq!(
-            [home.charging_slots(1, 0.0), home.charging_slots(20, 900.0), home.charging_slots(21, 0.0)],
-            [17, 0, 0]
-        );
+        assert_eq!([charging_slots(1, 0.0), charging_slots(20, 900.0), charging_slots(21, 0.0)], [17, 0, 0]);
         for energy_j in [0.0, 700.0, 3_000.0, 4_950.0] {
             let mut state = state(energy_j, true);
             let mut slots = 0;
-            while home.charges_on(1 + slots, &state) {
+            while charges_on(1 + slots, &state) {
                 state.energy_j = home.battery.unwrap().charged_j(state.energy_j);
                 slots += 1;
             }
-            assert_eq!(home.charging_slots(1, energy_j), slots, "{energy_j} J");
+            assert_eq!(charging_slots(1, energy_j), slots, "{energy_j} J");
         }
         // 356 W at 30 m/s: one slot and the reserve of 500 J are less than 900 J, ten slots more.
-        assert!(!home.charges_on(20, &state(900.0, true)) && home.charges_on(11, &state(900.0, true)));
+        assert!(!charges_on(20, &state(900.0, true)) && charges_on(11, &state(900.0, true)));
     }
 }

@@ -13,7 +13,7 @@ pub mod apart;
 use skysink_common::geometry::above;
 use skysink_common::message::Mode;
 
-use crate::route::home::Returning;
+use crate::route::home::{Home, Returning};
 use crate::strategies::serving::Serving;
 use crate::strategies::transit::transit_decision;
 use crate::strategy::{Decision, Setup, View};
@@ -65,7 +65,8 @@ impl RuleBook {
         duty: Duty,
         propose: &mut dyn FnMut(&View<'_>) -> Option<Decision>,
     ) -> Ruled {
-        let charges = view.table.home.as_ref().is_some_and(|home| home.charges_on(view.slot, &view.battery));
+        let charges_on = |home: &Home| home.charges_on(view.slot, &view.battery, &view.ground());
+        let charges = view.table.home.as_ref().is_some_and(charges_on);
         let mut ruled = match duty {
             Duty::Down => return Ruled { decision: Decision::stay(view), mode: Mode::Hold },
             Duty::Landing => land(view),
