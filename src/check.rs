@@ -119,6 +119,8 @@ fn rows(figures: &Figures) -> Vec<(&'static str, String)> {
         ),
         ("mean distance to the nearest SN", figures.neighbour_m.map_or_else(none, metres)),
     ]);
+    let outside = figures.outside.map(|outside| format!("{outside} of {}", figures.sensors));
+    rows.extend(outside.map(|outside| ("SNs outside the boundary", outside)));
     rows.extend(figures.radio.rows());
     rows.extend([
         ("rate straight below the UAV", rates(above.rates_bps)),

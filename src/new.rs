@@ -111,8 +111,8 @@ impl NewCommand {
         let folder = self.out.clone().unwrap_or_else(|| PathBuf::from(&self.name));
         let path = folder.join(format!("{}.toml", self.name));
         let scenario = |text: &str| Scenario::parse(text, &path, Overrides::default()).and_then(settings::resolve);
-        scenario(&text(&self.name, None, &Lines::default()))?; // checks the name before the import
-        let field = self.field()?;
+        let plain = scenario(&text(&self.name, None, &self.hardware.lines()))?; // checks the name before the import
+        let field = self.field(plain.link.comm_radius_m)?;
         let field = field.as_ref();
         let sensors_of =
             |scenario: &Scenario| field.map_or_else(|| SensorList::of(scenario), |field| field.sensors(scenario));
@@ -140,16 +140,17 @@ impl NewCommand {
     }
 
     #[cfg(feature = "lab")]
-    fn field(&self) -> Result<Option<NewField>, Error> {
+    fn field(&self, comm_radius_m: f64) -> Result<Option<NewField>, Error> {
         Ok(import::field(&import::Sources {
             sensors: self.sensors.as_deref(),
             zones: self.zones.as_deref(),
             start: self.start,
+            comm_radius_m,
         })?)
     }
 
     #[cfg(not(feature = "lab"))]
-    fn field(&self) -> Result<Option<NewField>, Error> {
+    fn field(&self, _: f64) -> Result<Option<NewField>, Error> {
         Ok(None)
     }
 }

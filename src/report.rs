@@ -212,6 +212,11 @@ pub fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Error> {
     if let Some(weighted) = summary.weighted_loss_rate {
         rows.insert(1, ("weighted data loss rate η_w", format!("{weighted:.6}")));
     }
+    if let Some(score) = summary.score {
+        let completed = summary.completed_s.map_or_else(|| "never".to_owned(), |done_s| format!("{done_s} s"));
+        rows.insert(1, ("all data delivered after", completed));
+        rows.insert(1, ("score", figure(score)));
+    }
     if let Some(objective) = summary.objective {
         rows.insert(0, ("cost by planner.objective", figure(objective)));
     }

@@ -13,6 +13,7 @@ mod rules;
 mod sensors;
 mod simplified;
 mod sites;
+mod track;
 mod uav;
 mod zones;
 
@@ -178,6 +179,7 @@ impl Scenario {
         if let Some(slots) = overrides.slots {
             scenario.uav.endurance_s = scenario.uav.endurance_s.max(slots as f64 * scenario.slot_s);
         }
+        let track = track::read_file(&mut scenario)?;
         let sides_m = [scenario.area.width_m(), scenario.area.height_m()];
         let centre_m = sides_m.map(|side_m| match scenario.uav.grid_m() {
             None => side_m / 2.0,
@@ -192,6 +194,7 @@ impl Scenario {
             base.position_m.get_or_insert(start_m);
         }
         rules::check(&scenario, &table)?;
+        track::check(&scenario, track.as_ref())?;
         Ok(scenario)
     }
 }

@@ -135,10 +135,11 @@ pub fn standings(contenders: &[Contender]) -> Vec<MetricStanding> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use strum::EnumCount;
 
     fn contender(label: &str, losses: &[(u64, f64)]) -> Contender {
         let values = |loss_rate| {
-            let mut values = MetricValues::default();
+            let mut values: MetricValues = [0.0; Metric::COUNT];
             values[Metric::LossRate as usize] = loss_rate;
             values[Metric::LossBound as usize] = f64::NAN;
             values

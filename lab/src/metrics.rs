@@ -139,6 +139,10 @@ metrics! {
     PadWaitS: SECONDS, "pad_wait_s", "time waiting for a pad",
         |m| m.summary.energy.and_then(|energy| energy.pad_wait_s).unwrap_or(f64::NAN);
     CollectionRatio: FRACTION, "collection_ratio", "fraction of all bits collected", |m| m.summary.collection_ratio;
+    CompletedS: SECONDS, "completed_s", "time at which all initial data is delivered",
+        |m| m.summary.completed_s.unwrap_or(f64::NAN);
+    Score: REAL, "score", "seconds left when all is delivered, and 100 times the fraction delivered",
+        |m| m.summary.score.unwrap_or(f64::NAN);
     Landed: FRACTION, "landed", "fraction of missions that end in the base", |m| landed(m.summary);
     LandedRatio: FRACTION, "landed_ratio", "collection ratio of those that end in the base, else 0",
         |m| landed(m.summary) * m.summary.collection_ratio;
@@ -166,6 +170,8 @@ metrics! {
         |m| m.bounds.and_then(|bounds| bounds.expected_loss_bound).unwrap_or(f64::NAN); // of a random channel
     ObjectiveBound: REAL, "objective_bound", "lower bound of the cost by planner.objective",
         |m| m.bounds.and_then(|bounds| bounds.objective_bound).unwrap_or(f64::NAN); // the loss has its own
+    ScoreBound: REAL, "score_bound", "upper bound of the score",
+        |m| m.bounds.and_then(|bounds| bounds.score_bound).unwrap_or(f64::NAN);
     PlanP50Us: WALL_CLOCK, "plan_p50_us", "planning time", |m| m.summary.timing.plan_p50_us;
     PlanP99Us: WALL_CLOCK, "plan_p99_us", "99th percentile of the planning time", |m| m.summary.timing.plan_p99_us;
 }

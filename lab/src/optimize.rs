@@ -1,8 +1,9 @@
-//! `skysink optimize`: the best known flight of a mission, and a lower bound on the loss of every flight.
+//! `skysink optimize`: the best known flight of a mission, and bounds on the loss, the cost or the score of every flight.
 //!
 //! The candidates are the plan of a long search before take-off (`offline`, with known queues) and the flights of all
 //! strategies. The best one is written as a run.
 
+use std::cmp::Ordering;
 use std::ops::ControlFlow;
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
@@ -83,6 +84,9 @@ pub struct Standing {
     /// What it costs by `planner.objective` (decision D36); only where that is not the loss.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub objective: Option<f64>,
+    /// Its score; only where no sensor node samples.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub score: Option<f64>,
 }
 
 impl Standing {
@@ -90,6 +94,12 @@ impl Standing {
     #[must_use]
     pub fn compared(&self) -> f64 {
         self.objective.or(self.weighted_loss_rate).unwrap_or(self.loss_rate)
+    }
+
+    /// Their order, the best first: by what is compared, and the higher score first of equals.
+    fn order(&self, other: &Self) -> Ordering {
+        let score = |standing: &Self| standing.score.unwrap_or(0.0);
+        self.compared().total_cmp(&other.compared()).then(score(other).total_cmp(&score(self)))
     }
 }
 
@@ -127,6 +137,9 @@ pub struct Optimum {
     /// Lower bound of the cost of every flight by `planner.objective`; only where that has one and is not the loss.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub objective_bound: Option<f64>,
+    /// Upper bound of the score of every flight; only where no sensor node samples.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub score_bound: Option<f64>,
     /// The best of all strategies: of the least loss rate, weighted where weights differ, or of the least cost.
     pub best_known: Standing,
     /// All strategies, the best first.
@@ -167,10 +180,11 @@ pub fn optimize(
     let SearchResult { plan, steps_done, end } = searched?;
     let mut flown = flown?;
     flown.insert(0, standing(&offline, plan.as_deref(), &list, stop)?); // stays first among equals
-    flown.sort_by(|(a, _), (b, _)| a.compared().total_cmp(&b.compared()));
+    flown.sort_by(|(a, _), (b, _)| a.order(b));
     let (best, known_bits) = flown[0];
     let standings = flown.into_iter().map(|(standing, _)| standing).collect();
-    let MissionBounds { loss_bound, expected_loss_bound, objective_bound } = bounds(&offline, &list, known_bits);
+    let MissionBounds { loss_bound, expected_loss_bound, objective_bound, score_bound } =
+        bounds(&offline, &list, known_bits);
     let best_other = others().find(|scenario| scenario.planner.strategy == best.strategy);
     let scenario = best_other.unwrap_or(&offline).clone();
     let plan = plan.filter(|_| best_other.is_none());
@@ -186,6 +200,7 @@ pub fn optimize(
         loss_bound,
         expected_loss_bound,
         objective_bound,
+        score_bound,
         best_known: best,
         strategies: standings,
         version: VERSION,
@@ -292,6 +307,7 @@ fn standing(
         weighted_loss_rate: value(Metric::WeightedLossRate),
         objective: value(Metric::Objective)
             .filter(|_| !Settings::of(scenario).is_ok_and(|keys| keys.objective.is_loss())),
+        score: value(Metric::Score),
     };
     Ok((standing, lost_bits))
 }

@@ -74,6 +74,13 @@ pub struct Summary {
     /// Bits lost because they were older than `sensors.expiry_s`, a part of `lost_bits`; `None` without that key.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expired_bits: Option<u64>,
+    /// The time at whose end all initial data is delivered [s]; `None` if some is left, or where sensor nodes sample.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub completed_s: Option<f64>,
+    /// 100 times the fraction delivered, and the seconds left after `completed_s`; `None` where sensor nodes sample, or
+    /// hold nothing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub score: Option<f64>,
     /// Bits uploaded per slot.
     pub bits_per_waypoint: f64,
     /// Sensor nodes served per slot.
@@ -282,6 +289,8 @@ pub struct Tally {
     mean_bits: Option<f64>,
     losses: Option<Losses>,
     gaps: ServiceGaps,
+    /// Whether all data is there before slot 1.
+    is_initial: bool,
     /// Of what the costs of ages are a part; `None` where only bits count.
     objective: Option<ObjectiveWeights>,
     served: u64,
@@ -326,6 +335,7 @@ impl Tally {
             mean_bits: (!scenario.arrival_law().is_random()).then(|| list.slot_bits(scenario)),
             losses: Losses::new(scenario, list),
             gaps: ServiceGaps::of(scenario, list),
+            is_initial: list.sensors().iter().all(|sensor| sensor.sampling_bps == 0.0),
             objective: objective.filter(|objective| !objective.is_loss()).and_then(PlanningObjective::weights),
             served: 0,
             uavs,
@@ -444,6 +454,10 @@ impl Tally {
         summary.eta_letter = ratio(summary.totals.lost_slots, slots);
         let Totals { initial_bits, sampled_bits, delivered_bits, .. } = summary.totals;
         summary.collection_ratio = ratio(delivered_bits as f64, initial_bits as f64 + sampled_bits as f64);
+        if self.is_initial && initial_bits > 0 {
+            let left_s = summary.completed_s.map_or(0.0, |done_s| summary.planned_slots as f64 * self.slot_s - done_s);
+            summary.score = Some(score(left_s, summary.collection_ratio));
+        }
         summary.bits_per_waypoint = ratio(summary.totals.delivered_bits as f64, slots * self.uavs as f64);
         summary.mean_served = ratio(self.served as f64, slots);
         summary.trace_hash = format!("{trace_hash:016x}");
@@ -473,6 +487,10 @@ impl SlotSink for Tally {
     fn add(&mut self, record: &SlotRecord) -> Result<(), MissionError> {
         self.summary.totals = record.header.totals;
         self.summary.slots += 1;
+        let Totals { initial_bits, queued_bits, .. } = record.header.totals;
+        if self.is_initial && initial_bits > 0 && queued_bits == 0 {
+            self.summary.completed_s.get_or_insert(self.summary.slots as f64 * self.slot_s);
+        }
         if let Some(losses) = &mut self.losses {
             losses.add(record);
         }
@@ -499,6 +517,12 @@ impl SlotSink for Tally {
         }
         Ok(())
     }
+}
+
+/// The score of a mission that delivers a fraction of its initial data, and has `left_s` [s] left when all is delivered.
+#[must_use]
+pub fn score(left_s: f64, delivered: f64) -> f64 {
+    left_s.max(0.0) + 100.0 * delivered
 }
 
 /// Whether the plan of this flight was not there when the slot began.

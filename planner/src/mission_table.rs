@@ -34,6 +34,8 @@ pub struct MissionTable {
     pub airspace: Arc<Airspace>,
     /// How it flies there.
     pub motion: Motion,
+    /// The waypoint of each slot [m], where the flight is fixed (`uav.track`).
+    pub track: Option<Arc<[[f64; 3]]>>,
     /// Whether zones leave no place to serve the SN from, by id; empty in an open field.
     is_hidden: Arc<[bool]>,
     /// The way home; `None` if the UAV need not come back.
@@ -66,6 +68,7 @@ impl MissionTable {
             channel: Channel::of(&scenario.link.planned()),
             limits: Limits::of(scenario),
             farthest_m: scenario.farthest_m(),
+            track: scenario.uav.waypoints_m.as_deref().map(Arc::from),
             turns: Arc::default(),
         }
     }

@@ -235,6 +235,10 @@ impl Planner {
         self.path.push(decision.waypoint);
         let most = MAX_PATH_POINTS - 1;
         match (mode, &table.home) {
+            _ if table.track.is_some() => {
+                let later = table.track.iter().flat_map(|track| track.iter()).skip(slot as usize).take(most);
+                self.path.extend(later.map(|at| Point3::from(*at)));
+            }
             (Mode::Serve, _) => self.path.extend(strategy.path().iter().take(most)),
             (Mode::Return, Some(home)) => {
                 let from = decision.waypoint.xy();

@@ -10,7 +10,7 @@ use skysink_common::belief::{Belief, Believed};
 use skysink_common::channel::ChannelModel;
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::error::InputError;
-use skysink_common::geometry::Position;
+use skysink_common::geometry::{Position, above};
 use skysink_common::keys::{Key, Keys};
 use skysink_common::message::{FlightReport, MAX_SERVED, SensorNode, SolverOutcome};
 use skysink_common::scenario::Scenario;
@@ -124,6 +124,9 @@ pub struct View<'a> {
     pub stop: &'a Stop,
 }
 
+/// How far beside a fixed flight a UAV is on it [m].
+const BESIDE_TRACK_M: f64 = 1e-6;
+
 /// What paces a mission.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Timing {
@@ -174,6 +177,28 @@ impl<'a> View<'a> {
     #[must_use]
     pub fn ground(&self) -> Position {
         self.position.xy()
+    }
+
+    /// Where a fixed flight ends the slot (`uav.track`), or toward there if the UAV is not where that begins it, because
+    /// an earlier plan was late; `None` if strategies choose waypoints.
+    #[must_use]
+    pub fn fixed_end(&self) -> Option<Point3<f64>> {
+        let track = self.table.track.as_ref()?;
+        let index = usize::try_from(self.slot.checked_sub(1)?).ok()?;
+        let end = Point3::from(*track.get(index)?);
+        let begin = index.checked_sub(1).map_or(self.position, |before| Point3::from(track[before]));
+        if (begin - self.position).norm() < BESIDE_TRACK_M {
+            return Some(end);
+        }
+        let climb_m = self.table.limits.climb_m;
+        let z_m = end.z.clamp(self.position.z - climb_m, self.position.z + climb_m);
+        Some(above(&self.table.motion.toward(&self.ground(), &end.xy()), z_m))
+    }
+
+    /// Where a slot ends for which a strategy decides `ground`: there, in the area, or where the flight is fixed.
+    #[must_use]
+    pub fn end_for(&self, ground: &Position) -> Position {
+        self.fixed_end().map_or_else(|| self.table.clamp_to_area(ground), |end| end.xy())
     }
 
     /// The value of the queue of SN `id` ([`MissionTable::value`]).

@@ -20,6 +20,7 @@ pub fn of(scenario: &Scenario, list: &SensorList) -> Vec<String> {
         nodes: &nodes,
         node_name: &node_name,
         polygons: &scenario.polygons,
+        comm_radius_m: scenario.link.comm_radius_m,
     };
     scenario.notes.iter().cloned().chain(simplified(scenario)).chain(places.doubts()).collect()
 }

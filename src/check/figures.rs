@@ -4,6 +4,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use serde::Serialize;
+use skysink_common::airspace::Polygon;
 use skysink_common::geometry::Position;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::grid::Grid;
@@ -76,6 +77,9 @@ pub struct Figures {
     pub load: Load,
     /// Number of sampling SNs that cannot be reached before the end of the mission.
     pub unreachable: usize,
+    /// Number of SNs outside of `area.boundary_m`; `None` if there are none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub outside: Option<usize>,
     /// Number of SNs that zones leave no place to serve from; `None` without zones.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hidden: Option<usize>,
@@ -130,6 +134,7 @@ impl Figures {
             weights: range(nodes.iter().map(|node| node.weight)),
             round: bounds.round(flights.first().and_then(|tour| tour.round_slots)),
             load: Load::of(scenario, &sensors, &above),
+            outside: scenario.area.border().and_then(|border| outside(&border, &table.sensors.positions)),
             hidden: (!table.airspace.is_open()).then(|| sensors.count() - table.servable().count()),
             hidden_nodes: {
                 let hidden = sensors.ids().filter(|&id| !table.is_servable(id));
@@ -140,6 +145,12 @@ impl Figures {
             loss_free: bounds.loss_free(&flights),
         })
     }
+}
+
+/// Number of positions outside of the closed polygon `border`; `None` if there are none.
+fn outside(border: &Polygon, positions: &[Position]) -> Option<usize> {
+    let count = positions.iter().filter(|position| border.forbids(position, 0.0)).count();
+    (count > 0).then_some(count)
 }
 
 /// The least and the greatest of numbers that differ.
@@ -280,6 +291,15 @@ mod tests {
         assert_eq!(found.load.to_string(), "450 bit per slot, 0.5 % of 3 visits");
         let silent = figures("", "x_m,y_m,sampling_bps\n1,1,0\n");
         assert_eq!((silent.fill_slots, silent.load.fraction), (None, Some(0.0)));
+    }
+
+    #[test]
+    fn sensor_nodes_outside_of_the_boundary_are_counted_and_hidden_beyond_the_radius() {
+        let keys = "[area]\nside_m = 100.0\nboundary_m = [[20, 20], [80, 20], [80, 80], [20, 80]]\n";
+        // Within it, on its edge, 9 m and 11 m outside of it, with d_c = 10 m.
+        let figures = figures(keys, "x_m,y_m\n50,50\n80,50\n89,50\n50,9\n");
+        assert_eq!((figures.outside, figures.hidden), (Some(2), Some(1)));
+        assert_eq!(figures.hidden_nodes, ["SN 3"]);
     }
 
     #[test]

@@ -70,21 +70,28 @@ fn print_optimum(found: &BestKnown) -> Result<(), Error> {
     let optimum = &found.optimum;
     let best = optimum.best_known;
     let mut table = table();
-    // The last of these that the flights have is what they are compared by.
-    let columns = [("η", true), ("η_w", best.weighted_loss_rate.is_some()), ("objective", best.objective.is_some())];
+    // The last of the first three that the flights have is what they are compared by.
+    let columns = [
+        ("η", true),
+        ("η_w", best.weighted_loss_rate.is_some()),
+        ("objective", best.objective.is_some()),
+        ("score", best.score.is_some()),
+    ];
     let names = columns.iter().filter(|(_, is_shown)| *is_shown).map(|(name, _)| *name);
     table.set_header([""].into_iter().chain(names).chain(["relative to best"]));
-    let mut row = |name: &str, numbers: [Option<f64>; 3]| {
+    let mut row = |name: &str, numbers: [Option<f64>; 4]| {
         let shown = || numbers.iter().zip(columns).filter(|(_, (_, is_shown))| *is_shown).map(|(number, _)| *number);
         let text = |number: Option<f64>| number.map_or_else(String::new, figure);
-        let ratio =
-            shown().next_back().flatten().map(|number| number / best.compared()).filter(|ratio| ratio.is_finite());
+        let compared = numbers[..3].iter().zip(columns).filter(|(_, (_, is_shown))| *is_shown).next_back();
+        let ratio = compared.and_then(|(number, _)| *number).map(|number| number / best.compared());
+        let ratio = ratio.filter(|ratio| ratio.is_finite());
         let cells = shown().map(text).chain([ratio.map_or_else(String::new, |ratio| format!("{ratio:.3}"))]);
         table.add_row([name.to_owned()].into_iter().chain(cells));
     };
-    row("lower bound", [Some(optimum.loss_bound), None, optimum.objective_bound]);
+    let bound = if optimum.score_bound.is_some() { "bound" } else { "lower bound" }; // that of a score is an upper one
+    row(bound, [Some(optimum.loss_bound), None, optimum.objective_bound, optimum.score_bound]);
     if let Some(expected) = optimum.expected_loss_bound {
-        row("expected lower bound", [Some(expected), None, None]);
+        row("expected lower bound", [Some(expected), None, None, None]);
     }
     row("best known", numbers_of(&best));
     for standing in &optimum.strategies {
@@ -114,7 +121,7 @@ fn print_optimum(found: &BestKnown) -> Result<(), Error> {
     print(format_args!("{searched} Repeat the search with --steps {}.", optimum.steps))
 }
 
-/// The loss rate, the weighted one, and the cost of a strategy.
-fn numbers_of(standing: &Standing) -> [Option<f64>; 3] {
-    [Some(standing.loss_rate), standing.weighted_loss_rate, standing.objective]
+/// The loss rate, the weighted one, the cost and the score of a strategy.
+fn numbers_of(standing: &Standing) -> [Option<f64>; 4] {
+    [Some(standing.loss_rate), standing.weighted_loss_rate, standing.objective, standing.score]
 }

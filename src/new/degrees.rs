@@ -12,7 +12,7 @@ use skysink_common::scenario::{Area, LEAST_FILLED, Origin, Overrides, Scenario};
 use skysink_lab::import::{self, Imported};
 
 use super::field::NewField;
-use super::import::{MARGIN_M, beyond, doubted_system, of_sensors, sides, start_line};
+use super::import::{MARGIN_M, Sources, beyond, doubted_system, of_sensors, sides, start_line};
 
 /// Approximate length of a degree of latitude [m].
 const DEGREE_M: f64 = 111_000.0;
@@ -68,8 +68,9 @@ impl SourcePosition<'_> {
 pub fn of_degrees(
     imported: Option<(&Imported, &Path)>,
     zones: Option<(Zones, &Path)>,
-    start: Option<[f64; 2]>,
+    sources: &Sources<'_>,
 ) -> Result<NewField, InputError> {
+    let Sources { start, comm_radius_m, .. } = *sources;
     let mut field = imported.map_or_else(NewField::default, |(imported, path)| of_sensors(imported, path));
     let nodes: Vec<SourcePosition> = imported.iter().flat_map(|(imported, path)| positions(imported, path)).collect();
     let (mut zones, path) = zones.unwrap_or((Zones { zones: Vec::new(), ignored: None }, Path::new("")));
@@ -114,7 +115,7 @@ pub fn of_degrees(
         };
         match role {
             PolygonRole::Boundary => {
-                check_boundary(&polygon, nodes_m).map_err(|expected| zone.refusal(path, &expected))?;
+                check_boundary(&polygon, nodes_m, comm_radius_m).map_err(|expected| zone.refusal(path, &expected))?;
                 field.area += &format!("\nboundary_m = {corners_m:?}");
             }
             PolygonRole::NoFly => field.zones += &format!("\n[[area.no_fly]]\npolygon_m = {corners_m:?}\n"),
@@ -132,6 +133,7 @@ pub fn of_degrees(
         nodes: nodes_m,
         node_name: &|node| enclosed[node].name(),
         polygons: &polygons,
+        comm_radius_m,
     };
     field.notes.extend(listed(&zones, &outlines, &tops_m, nodes_m, path));
     field.warnings.extend((!zones.is_empty()).then(|| doubted_system("zones", path, false)).flatten());
@@ -232,13 +234,13 @@ fn height_above(ground_m: Option<f64>, altitude_m: f64) -> Result<f64, String> {
     Err(format!("{altitude_m} m above sea level: expected {expected}"))
 }
 
-/// Checks that a boundary has an extent, and is that of the sensor nodes.
-fn check_boundary(boundary: &Polygon, nodes_m: &[Position]) -> Result<(), String> {
+/// Checks that a boundary has an extent, and is that of the sensor nodes, some of which may be outside of it.
+fn check_boundary(boundary: &Polygon, nodes_m: &[Position], comm_radius_m: f64) -> Result<(), String> {
     if boundary.filled() < LEAST_FILLED {
         return Err("expected a boundary that fills at least a hundredth of its extent".to_owned());
     }
     let nearest_m = nodes_m.iter().map(|node| distance_to(boundary, node)).reduce(f64::min).unwrap_or(0.0);
-    if nearest_m > FAR_M {
+    if nearest_m > FAR_M.max(comm_radius_m) {
         let far = distance(nearest_m);
         return Err(format!("it lies {far} from the nearest sensor node: expected a boundary around them"));
     }

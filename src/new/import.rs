@@ -25,6 +25,8 @@ pub struct Sources<'a> {
     pub zones: Option<&'a Path>,
     /// Where the UAV starts, in the coordinates of the positions.
     pub start: Option<[f64; 2]>,
+    /// `d_c` of the radio [m].
+    pub comm_radius_m: f64,
 }
 
 /// Imports the positions and the zones of these files; `None` without any, and without a start.
@@ -38,7 +40,7 @@ pub fn field(sources: &Sources<'_>) -> Result<Option<NewField>, InputError> {
     match (imported, zones) {
         (None, None) => Ok(uav.map(|uav| NewField { uav, ..NewField::default() })),
         (Some((imported, path)), None) if imported.frame == Frame::Plane => {
-            of_plane(&imported, path, sources.start).map(Some)
+            of_plane(&imported, path, sources).map(Some)
         }
         (Some((Imported { frame: Frame::Plane, .. }, path)), Some(_)) => {
             let expected = "positions in metres: expected latitudes and longitudes, as the zones have";
@@ -46,7 +48,7 @@ pub fn field(sources: &Sources<'_>) -> Result<Option<NewField>, InputError> {
         }
         (imported, zones) => {
             let imported = imported.as_ref().map(|(imported, path)| (imported, *path));
-            of_degrees(imported, zones, sources.start).map(Some)
+            of_degrees(imported, zones, sources).map(Some)
         }
     }
 }
@@ -102,7 +104,8 @@ fn check_metres(path: &Path) -> Result<(), InputError> {
 }
 
 /// The field of positions in metres, in the file `path`.
-fn of_plane(imported: &Imported, path: &Path, start: Option<[f64; 2]>) -> Result<NewField, InputError> {
+fn of_plane(imported: &Imported, path: &Path, sources: &Sources<'_>) -> Result<NewField, InputError> {
+    let Sources { start, comm_radius_m, .. } = *sources;
     check_metres(path)?;
     let mut field = of_sensors(imported, path);
     let shift = shift(imported);
@@ -127,7 +130,8 @@ fn of_plane(imported: &Imported, path: &Path, start: Option<[f64; 2]>) -> Result
         field.uav = start_line(&at, "");
     }
     let node_name = |node: usize| format!("sensor positions {}: {}", path.display(), imported.sensors[node].place);
-    let places = FieldPlaces { sides_m, origin: None, nodes: &nodes, node_name: &node_name, polygons: &[] };
+    let places =
+        FieldPlaces { sides_m, origin: None, nodes: &nodes, node_name: &node_name, polygons: &[], comm_radius_m };
     field.warnings.extend(places.doubts());
     if let [sensor] = &imported.sensors[..]
         && may_be_degrees(&sensor.position)

@@ -55,6 +55,7 @@ mod support;
 mod sweep;
 mod tables;
 mod topics;
+mod track;
 mod vehicle;
 #[cfg(feature = "viewer")]
 mod view;

@@ -58,6 +58,8 @@ pub struct FieldPlaces<'a> {
     pub node_name: &'a dyn Fn(usize) -> String,
     /// Zones, buildings and the boundary.
     pub polygons: &'a [NamedPolygon],
+    /// `d_c` [m], within which the UAV serves sensor nodes outside of the boundary.
+    pub comm_radius_m: f64,
 }
 
 /// Whether coordinates that should be metres are probably degrees: those of several nodes, all in the range of degrees
@@ -171,7 +173,7 @@ impl FieldPlaces<'_> {
         changed.into_iter().find(|(position, _)| is_in_area(*position)).map(|(_, what)| what)
     }
 
-    /// A boundary that excludes sensor nodes, or a no-fly zone that encloses most of them.
+    /// A boundary that is farther from sensor nodes than `d_c`, or a no-fly zone that encloses most of them.
     fn excluded(&self, polygon: &NamedPolygon) -> Option<String> {
         if self.nodes.is_empty() || self.nodes.len().saturating_mul(polygon.corners_m.len()) > MOST_CHECKED {
             return None;
@@ -190,14 +192,19 @@ impl FieldPlaces<'_> {
             PolygonRole::Boundary => {
                 let away_m = |node: &Position| (outline.nearest(node) - node).norm();
                 let outside = self.nodes.iter().enumerate().filter(|(_, node)| !outline.encloses(node));
-                let outside: Vec<(usize, f64)> = outside.map(|(node, at)| (node, away_m(at))).collect();
+                let outside = outside.map(|(node, at)| (node, away_m(at)));
+                let outside: Vec<(usize, f64)> = outside.filter(|(_, away_m)| *away_m > self.comm_radius_m).collect();
                 let (node, far_m) = *outside.iter().max_by(|(_, a), (_, b)| a.total_cmp(b))?;
                 let of = match outside.len() {
                     1 => String::new(),
                     count => format!(", as {} other sensor nodes are", count - 1),
                 };
                 let node = (self.node_name)(node);
-                (far_m > 0.0).then(|| format!("{node}: {} outside of the boundary ({name}){of}", distance(far_m)))
+                let range = distance(self.comm_radius_m);
+                Some(format!(
+                    "{node}: {} outside of the boundary ({name}), beyond d_c, {range}{of}: it cannot be served",
+                    distance(far_m)
+                ))
             }
         }
     }
@@ -235,7 +242,9 @@ mod tests {
     fn doubts(nodes: &[[f64; 2]], polygons: &[NamedPolygon]) -> Vec<String> {
         let nodes: Vec<Position> = nodes.iter().map(|&node| node.into()).collect();
         let node_name = &|node: usize| format!("line {}", node + 2);
-        FieldPlaces { sides_m: [200.0; 2], origin: Some(ORIGIN), nodes: &nodes, node_name, polygons }.doubts()
+        let comm_radius_m = 10.0;
+        FieldPlaces { sides_m: [200.0; 2], origin: Some(ORIGIN), nodes: &nodes, node_name, polygons, comm_radius_m }
+            .doubts()
     }
 
     fn square(role: PolygonRole, [x, y]: [f64; 2], side: f64) -> NamedPolygon {
@@ -315,11 +324,14 @@ mod tests {
     }
 
     #[test]
-    fn nodes_outside_of_a_boundary_and_zones_around_all_nodes_are_said() {
+    fn nodes_out_of_range_of_a_boundary_and_zones_around_all_nodes_are_said() {
         let nodes = [[50.0, 50.0], [160.0, 50.0], [190.0, 50.0]];
         let boundary = square(PolygonRole::Boundary, [0.0, 0.0], 150.0);
-        let expected = "line 4: 40 m outside of the boundary (a), as 1 other sensor nodes are";
-        assert_eq!(doubts(&nodes, &[boundary]), [expected]);
+        let beyond = "outside of the boundary (a), beyond d_c, 10 m";
+        let expected = format!("line 4: 40 m {beyond}: it cannot be served");
+        assert_eq!(doubts(&nodes, std::slice::from_ref(&boundary)), [expected]);
+        let both = doubts(&[nodes[0], [161.0, 50.0], nodes[2]], &[boundary]);
+        assert_eq!(both, [format!("line 4: 40 m {beyond}, as 1 other sensor nodes are: it cannot be served")]);
         let zone = |side| doubts(&nodes, &[square(PolygonRole::NoFly, [0.0, 0.0], side)]);
         assert!(zone(100.0).is_empty());
         assert!(zone(170.0)[0].starts_with("a: a no-fly zone around 2 of 3 sensor nodes: is it the boundary"));

@@ -26,7 +26,7 @@ crate::keys! {
         /// Longitude of the same corner [°]; with `origin_lat_deg`.
         origin_lon_deg: Option<f64>, Accepts::Number("a longitude, -180 to 180", |lon_deg| lon_deg.abs() <= 180.0);
         /// Corners of a polygon that the UAV must not leave, `[[x, y], ...]` [m]; without it the whole area. Drawn SNs
-        /// lie in it.
+        /// lie in it; those of a list may stand outside, and are served from inside.
         boundary_m: Option<Vec<[f64; 2]>>, CORNERS;
         /// Farthest that zones and buildings may grow, and the boundary may shrink [m], where all of them have more than
         /// 1 000 corners and are simplified; default 5, and 0 is not at all (decision D14).

@@ -152,7 +152,7 @@ struct Forms {
 }
 
 /// All alternatives.
-const FORMS: [Forms; 8] = [
+const FORMS: [Forms; 9] = [
     Forms {
         forms: [&["area.side_m"], &["area.width_m", "area.height_m"]],
         expected: "either side_m, or width_m and height_m",
@@ -166,6 +166,7 @@ const FORMS: [Forms; 8] = [
         expected: "either [[base.site]], or position_m and radius_m, or areas_m",
     },
     Forms { forms: [&presets::OF_RADIO, &["link.file"]], expected: "either preset or file, not both" },
+    Forms { forms: [&["uav.track"], &["uav.waypoints_m"]], expected: "either track or waypoints_m, not both" },
     Forms { forms: [&["sensors.count"], &["sensors.file"]], expected: "either count or file, not both" },
     Forms {
         forms: [&["link.noise_dbm"], &["link.noise_dbm_per_hz"]],

@@ -1,5 +1,7 @@
 //! `[uav]`: the vehicle.
 
+use std::path::PathBuf;
+
 use serde::{Deserialize, Serialize};
 use strum::VariantNames;
 
@@ -52,6 +54,12 @@ crate::keys! {
         endurance_s: f64 = 600.0, POSITIVE;
         /// Start, `[x, y]` [m]; the default is the centre of the area, and a checked scenario has the key.
         start_m: Option<[f64; 2]>, Accepts::Rule("a position in the area");
+        /// CSV file `t_s,x_m,y_m` (or `slot`, and optionally `z_m`) of a flight that is fixed, relative to the scenario's
+        /// folder: waypoints are interpolated at the ends of slots, and strategies choose only whom to serve (decision D32). A
+        /// run keeps the waypoints.
+        track: Option<PathBuf>, Accepts::Text("the path of a CSV file, relative to the scenario", |path| !path.is_empty());
+        /// The waypoint of each slot, `[[x, y, z], ...]` [m]; instead of `track`.
+        waypoints_m: Option<Vec<[f64; 3]>>, Accepts::Rule("a waypoint for each slot, `[[x, y, z], ...]` [m]");
         /// Number of UAVs, `U`, equal but for their starts (decision D18); one if absent.
         count: Option<u32>, Accepts::Whole(1, MAX_UAVS as u64);
         /// Start of each UAV, `[[x, y], ...]` [m], instead of `start_m` for all.

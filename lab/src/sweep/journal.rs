@@ -26,6 +26,7 @@ pub struct MissionRow {
     /// The mission.
     pub key: MissionKey,
     /// Its metrics.
+    #[serde(with = "metric_values")]
     pub values: MetricValues,
 }
 
@@ -34,6 +35,24 @@ impl Index<Metric> for MissionRow {
 
     fn index(&self, metric: Metric) -> &f64 {
         &self.values[metric as usize]
+    }
+}
+
+/// The metrics as a list, because serde has no arrays of more than 32 numbers.
+mod metric_values {
+    use serde::de::Error;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    use crate::metrics::MetricValues;
+
+    pub fn serialize<S: Serializer>(values: &MetricValues, serializer: S) -> Result<S::Ok, S::Error> {
+        values.as_slice().serialize(serializer)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<MetricValues, D::Error> {
+        let values = Vec::<f64>::deserialize(deserializer)?;
+        let found = values.len();
+        MetricValues::try_from(values).map_err(|_| D::Error::invalid_length(found, &"a value of each metric"))
     }
 }
 

@@ -1,6 +1,7 @@
-//! The sensor nodes as the bounds see them: those that sample, in whole bits, with the first slot of a possible
-//! service.
+//! The sensor nodes as the bounds see them: those that sample, or that have data, in whole bits, with the first slot of
+//! a possible service.
 
+use skysink_common::arrivals::sampled_bits;
 use skysink_common::geometry::{Position, distance_squared, within};
 use skysink_common::queues::overflow_bits;
 use skysink_common::sampling::Sampler;
@@ -12,10 +13,10 @@ use super::paths::legs::fewest_slots;
 /// By how much the nearest place beside zones may be farther away than the range: it keeps clear of them.
 const BESIDE_ZONES: f64 = 1.01;
 
-/// A sensor node (SN) that samples.
+/// A sensor node (SN).
 #[derive(Debug, Clone, PartialEq)]
 pub struct SensorBits {
-    /// Its sampling, with a mean above 0.
+    /// Its sampling.
     pub sampler: Sampler,
     /// Bits sampled up to the end of each slot, from slot 0, if they are drawn, of each slot at most a full buffer;
     /// constant ones are counted.
@@ -32,6 +33,19 @@ impl SensorBits {
     #[must_use]
     pub fn is_reached(&self, slot: u64) -> bool {
         self.first_slot.is_some_and(|first_slot| first_slot <= slot)
+    }
+
+    /// Its buffer [bit].
+    #[must_use]
+    pub fn buffer_bits(&self) -> u64 {
+        self.sampler.capacity_bits.into()
+    }
+
+    /// Bits sampled up to the end of `slot`, of each slot at most a full buffer.
+    #[must_use]
+    pub fn sampled_bits(&self, slot: u64) -> u64 {
+        let counted = || sampled_bits(self.sampler.mean_bits, slot);
+        self.drawn_bits.as_ref().map_or_else(counted, |drawn_bits| drawn_bits[slot as usize])
     }
 
     /// Overflow up to the end of `slot` [bit], if the SN is never served after the slot `emptied`, which left it empty;
@@ -57,7 +71,7 @@ impl SensorBits {
     }
 }
 
-/// The SNs that sample, and the slots of the mission.
+/// The SNs that a bound is about, and the slots of the mission.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FieldBits {
     /// The SNs.
@@ -71,9 +85,15 @@ pub struct FieldBits {
 }
 
 impl FieldBits {
-    /// The field of a scenario with these SNs and queues [bit], by id.
+    /// The SNs of a scenario that sample, with these queues [bit], by id.
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &Sensors, queues_bits: &[u32]) -> Self {
+        Self::over(scenario, sensors, queues_bits, sensors.sampling_ids())
+    }
+
+    /// The SNs `ids` of a scenario, with these queues [bit], by id.
+    #[must_use]
+    pub fn over(scenario: &Scenario, sensors: &Sensors, queues_bits: &[u32], ids: impl Iterator<Item = u32>) -> Self {
         let starts: Vec<Position> = scenario.starts().map(|start| start.xy()).collect();
         let in_range_m = scenario.link.comm_radius_m * (1.0 + 1e-8);
         let airspace = scenario.airspace();
@@ -99,7 +119,7 @@ impl FieldBits {
             }
         };
         Self {
-            sensors: sensors.sampling_ids().map(bits).collect(),
+            sensors: ids.map(bits).collect(),
             slots: scenario.slots,
             blocks: scenario.link.resource_blocks * scenario.uav.uavs(),
             beyond_buffers_bits,

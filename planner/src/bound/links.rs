@@ -33,7 +33,13 @@ impl BestLinks {
     /// The links of the SNs that sample.
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &Sensors) -> Self {
-        let sensors: Vec<(u32, f64)> = sensors.sampling_ids().map(|id| (id, sensors.gains[id as usize])).collect();
+        Self::over(scenario, sensors, sensors.sampling_ids())
+    }
+
+    /// The links of the SNs `ids`.
+    #[must_use]
+    pub fn over(scenario: &Scenario, sensors: &Sensors, ids: impl Iterator<Item = u32>) -> Self {
+        let sensors: Vec<(u32, f64)> = ids.map(|id| (id, sensors.gains[id as usize])).collect();
         let climb = scenario.uav.climb();
         let draws = (sensors.len() as u64).saturating_mul(scenario.slots);
         Self {

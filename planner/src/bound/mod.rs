@@ -5,9 +5,11 @@
 //! | [`field_bits`] | the sensor nodes as the bounds of a mission see them |
 //! | [`visits`] | bound by the sensor nodes that cannot be served in time |
 //! | [`paths`] | upper bound on the sensor nodes served in some slots, by the lengths of paths |
+//! | [`collect`] | bound on what is delivered, and when, by the same links |
 //! | [`throughput`] | bound by the bits that [`links`] carry at most |
 //! | [`window`] | bound within the model of the look-ahead, with real-valued queues and expected rates |
 
+pub mod collect;
 pub mod field_bits;
 pub mod links;
 pub mod paths;
@@ -25,6 +27,7 @@ use skysink_common::sensors::grid::Grid;
 use crate::gap_costs::GapCosts;
 use crate::keys::ObjectiveWeights;
 use crate::mission_table::MissionTable;
+use collect::Offer;
 use field_bits::FieldBits;
 use links::BestLinks;
 use paths::PathBound;
@@ -63,14 +66,51 @@ pub fn mission_bound(scenario: &Scenario, sensors: &Sensors, queues_bits: &[u32]
     }
 }
 
+/// Bounds on what every flight of a mission delivers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CollectBound {
+    /// Lower bound on what is not delivered, lost or left [bit], by the factors of the weights.
+    pub undelivered_bits: f64,
+    /// Upper bound on the fraction of all data that is delivered; NaN without data.
+    pub delivered_fraction: f64,
+    /// Lower bound on the slots after which all data is delivered; `None` if it never is, or sensor nodes sample.
+    pub least_slots: Option<u64>,
+}
+
+/// The bounds on what is delivered in a mission with the queues `queues_bits` [bit] before slot 1, by id.
+#[must_use]
+pub fn collect_bound(scenario: &Scenario, sensors: &Sensors, queues_bits: &[u32]) -> CollectBound {
+    let has_data = |id: &u32| queues_bits[*id as usize] > 0 || sensors.sampler(*id).mean_bits > 0.0;
+    let ids: Vec<u32> = sensors.ids().filter(has_data).collect();
+    let field = FieldBits::over(scenario, sensors, queues_bits, ids.iter().copied());
+    let links = BestLinks::over(scenario, sensors, ids.iter().copied());
+    let offer = Offer { field: &field, link_bits: |slot, sensor| links.best_bits(slot, sensor) };
+    let data_bits = |index: usize| offer.data_bits(&field.sensors[index]) as f64;
+    let total_bits: f64 = (0..ids.len()).map(data_bits).sum();
+    let delivered_bits = offer.delivered_bits(|_| 1.0);
+    let left_bits = (total_bits - delivered_bits).ceil(); // whole bits
+    let is_sampled = sensors.sampling_ids().next().is_some();
+    let undelivered_bits = if sensors.weights.are_equal() {
+        left_bits
+    } else {
+        let factor = |index: usize| sensors.weights.factor(ids[index] as usize);
+        let weighted_bits: f64 = (0..ids.len()).map(|index| factor(index) * data_bits(index)).sum();
+        weighted_bits - offer.delivered_bits(factor)
+    };
+    CollectBound {
+        undelivered_bits: undelivered_bits.max(0.0),
+        delivered_fraction: (total_bits - left_bits) / total_bits,
+        least_slots: offer.least_slots().filter(|_| left_bits == 0.0 && !is_sampled),
+    }
+}
+
 /// Lower bound on the costs of every flight by `objective`, for weights of equal or differing sensor nodes (decision
 /// D36), where no flight loses less than `loss_bits` [bit]. A lost bit costs at least as much as one of the sensor node
 /// of the least weight.
 #[must_use]
 pub fn cost_bound(scenario: &Scenario, sensors: &Sensors, objective: &ObjectiveWeights, loss_bits: u64) -> f64 {
     let factor = |id: u32| sensors.weights.factor(id as usize);
-    let least_factor = sensors.sampling_ids().map(factor).reduce(f64::min).unwrap_or(0.0);
-    let of_loss = objective.of_bits() * least_factor * loss_bits as f64;
+    let of_loss = objective.of_bits() * least_weight(sensors) * loss_bits as f64;
     let costs = GapCosts::new(objective, scenario.slot_s, scenario.deadline_slots());
     if costs.is_by_bits() {
         return of_loss;
@@ -78,6 +118,13 @@ pub fn cost_bound(scenario: &Scenario, sensors: &Sensors, objective: &ObjectiveW
     let paths = PathBound::new(&MissionTable::new(scenario, Arc::new(sensors.clone())));
     let most = |slots: u64| paths.most(slots).saturating_mul(scenario.uav.uavs());
     of_loss + costs.least_of_ages(sensors.ids().map(factor).collect(), scenario.slots, most)
+}
+
+/// The least factor by which a lost bit counts; 0 if no sensor node samples.
+#[must_use]
+pub fn least_weight(sensors: &Sensors) -> f64 {
+    let factors = sensors.sampling_ids().map(|id| sensors.weights.factor(id as usize));
+    factors.reduce(f64::min).unwrap_or(0.0)
 }
 
 /// The bound by visits [bit]: by the resource blocks and, unless this reaches `known_bits`, by paths.

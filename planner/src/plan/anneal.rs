@@ -68,6 +68,8 @@ pub struct SearchSteps<'a> {
     pub random: &'a mut ChaCha8Rng,
     /// What became of the proposals, by operator.
     pub counts: &'a mut [OperatorCounts],
+    /// Where the best plan is kept: the steps in a row without a better one after which it ends.
+    pub patience: u64,
 }
 
 /// The best plan of a search, and its cost.
@@ -90,9 +92,10 @@ pub fn anneal<O: Objective>(
     let mut inserted = Vec::new();
     let open = forecast.open(model);
     let least = if best.is_some() { forecast.window.least(model) } else { f64::NEG_INFINITY };
+    let mut better = 0; // the step of the best plan
     for step in steps_until(steps, search.is_over) {
-        if best.as_ref().is_some_and(|best| best.0 <= least) {
-            break; // nothing can be better
+        if best.as_ref().is_some_and(|best| best.0 <= least || step - better >= search.patience) {
+            break; // nothing can be better, or nothing better is found
         }
         let disks = model.disks.len();
         inserted.clear();
@@ -118,6 +121,7 @@ pub fn anneal<O: Objective>(
         forecast.accept(cost);
         if let Some(best) = best.as_deref_mut().filter(|best| cost < best.0) {
             *best = (cost, forecast.stops());
+            better = step;
         }
     }
 }
@@ -151,7 +155,7 @@ mod tests {
         forecast.load(&model, [PlannedStop::at(0)]);
         let mut counts = [OperatorCounts::default(); 5];
         let random = &mut ChaCha8Rng::seed_from_u64(1);
-        let mut search = SearchSteps { is_over: &|| false, random, counts: &mut counts };
+        let mut search = SearchSteps { is_over: &|| false, random, counts: &mut counts, patience: u64::MAX };
         anneal(&mut model, &mut forecast, Cooling::everywhere(0.0), 50, &mut search, None);
         assert_ne!(forecast.stops(), [PlannedStop::at(0)]);
         assert_eq!(forecast.cost, 0.0);

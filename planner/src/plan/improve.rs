@@ -33,6 +33,18 @@ const HOVER_TEMPERATURES: [f64; 3] = [0.3, 0.02, 1e-3];
 /// Fraction of all data that is little to leave.
 const LITTLE: f64 = 0.05;
 
+/// Sensors from which on a search takes all its steps.
+const MANY_SENSORS: u64 = 16;
+
+/// The steps in a row without a better plan after which a search of `steps` ends: by the square of the sensors, as there
+/// are changes of a plan.
+fn patience(steps: u64, sensors: usize) -> u64 {
+    match sensors as u64 {
+        MANY_SENSORS.. => u64::MAX,
+        few => (steps * few * few).div_ceil(MANY_SENSORS * MANY_SENSORS),
+    }
+}
+
 impl<O: Objective> CarriedPlan<O> {
     /// Anneals the plan; restores the initial plan if the cost ends much higher.
     ///
@@ -62,7 +74,7 @@ impl<O: Objective> CarriedPlan<O> {
         let temperature = if is_annealed { self.plan.temperature.min(ceiling) } else { 0.0 };
         let cooling = Cooling::far_ahead(avoidable / begun.len().max(1) as f64 * temperature);
         let mut random = self.streams.stream(Purpose::Horizon, slot, 0);
-        let mut search = SearchSteps { is_over, random: &mut random, counts: &mut self.counts };
+        let mut search = SearchSteps { is_over, random: &mut random, counts: &mut self.counts, patience: u64::MAX };
         anneal(model, forecast, cooling, steps.into(), &mut search, None);
         // The schedules depend on the buffers, and the search copies legs without recomputing them. Reload the plan, so
         // that the next slot resumes from exactly this plan.
@@ -79,8 +91,8 @@ impl<O: Objective> CarriedPlan<O> {
     }
 
     /// Anneals a plan that hovers from a temperature in parts of the mean data of a sensor, higher if it `is_first`, and
-    /// loads the best plan found. The next search takes fewer steps if this one was in vain: it found no better plan, and
-    /// little is left.
+    /// loads the best plan found. In a field of few sensors a later one ends once it finds no better plan. The next search
+    /// takes fewer steps if this one was in vain: it found no better plan, and little is left.
     pub(super) fn improve_points(
         &mut self,
         slot: u64,
@@ -105,7 +117,8 @@ impl<O: Objective> CarriedPlan<O> {
         let mut best: Best = (forecast.cost, forecast.stops());
         let begun_cost = best.0;
         let mut random = self.streams.stream(Purpose::Collect, slot, 0);
-        let mut search = SearchSteps { is_over, random: &mut random, counts: &mut self.counts };
+        let patience = if is_first { u64::MAX } else { patience(steps, model.sensors.len()) };
+        let mut search = SearchSteps { is_over, random: &mut random, counts: &mut self.counts, patience };
         anneal(model, forecast, cooling, steps, &mut search, Some(&mut best));
         let is_vain = best.0 >= begun_cost && best.0 <= least * (1.0 - LITTLE);
         forecast.load(model, best.1);

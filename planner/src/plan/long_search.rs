@@ -106,7 +106,7 @@ impl<O: Objective> CarriedPlan<O> {
             while done < end {
                 let next = WATCHED.min(end - done);
                 let counts = &mut self.counts;
-                let mut search = SearchSteps { is_over: &|| false, random: &mut random, counts };
+                let mut search = SearchSteps { is_over: &|| false, random: &mut random, counts, patience: u64::MAX };
                 anneal(model, forecast, Cooling::everywhere(far), next, &mut search, None);
                 done += next;
                 watch(SearchProgress { steps: done, cost: best.0 })?;

@@ -162,7 +162,8 @@ fn annealing_finds_the_optimum_of_small_instances() {
         let mut lowest_bits = forecast.cost;
         for far_bits in [3_000.0, 1_000.0, 300.0, 0.0] {
             let mut counts = [OperatorCounts::default(); 5];
-            let mut search = SearchSteps { is_over: &|| false, random: &mut random, counts: &mut counts };
+            let mut search =
+                SearchSteps { is_over: &|| false, random: &mut random, counts: &mut counts, patience: u64::MAX };
             anneal(&mut model, &mut forecast, Cooling::everywhere(far_bits), 2_000, &mut search, None);
             lowest_bits = lowest_bits.min(forecast.cost);
         }

@@ -4,6 +4,7 @@
 //! | rule | decision |
 //! |---|---|
 //! | the airspace: a waypoint behind a zone, or beside the lines of a grid, is led around | D15, D17a |
+//! | a fixed flight: the slot ends on the track, and serves whom the strategy chose there | D32 |
 //! | the return: a slot that leaves no energy or no time for the way home is a part of it | D13 |
 //! | other UAVs: a slot that would end too near to one ends elsewhere ([`apart`]) | D23 |
 //! | the schedules of other UAVs: no SN is scheduled twice | D22 |
@@ -49,7 +50,8 @@ pub struct RuleBook {
 
 impl RuleBook {
     /// The rules in their order.
-    const ORDER: [Apply; 4] = [Self::keep_to_airspace, Self::come_home, Self::keep_apart, Self::leave_scheduled];
+    const ORDER: [Apply; 5] =
+        [Self::keep_to_airspace, Self::follow_track, Self::come_home, Self::keep_apart, Self::leave_scheduled];
 
     /// The rules of a mission.
     #[must_use]
@@ -92,6 +94,13 @@ impl RuleBook {
             (ruled.decision.waypoint.x, ruled.decision.waypoint.y) = (end.x, end.y);
         } else {
             ruled.decision = self.serving.serve_fullest(view, &end);
+        }
+    }
+
+    /// Where the flight is fixed, a decision is only that whom to serve.
+    fn follow_track(&mut self, view: &View<'_>, _: Duty, ruled: &mut Ruled) {
+        if let Some(end) = view.fixed_end() {
+            ruled.decision = self.serving.serve_at(view, end, &ruled.decision.schedule);
         }
     }
 

@@ -46,7 +46,7 @@ impl Serving {
         if self.collects {
             return self.serve_most(view, ground);
         }
-        let ground = view.table.clamp_to_area(ground);
+        let ground = view.end_for(ground);
         fill_fullest_in_range(view.table, &ground, view.belief.queues_bits, &mut self.ids);
         self.decision(view, &ground)
     }
@@ -54,7 +54,7 @@ impl Serving {
     /// As [`Self::serve_fullest`], for the n SNs in range that are expected to upload most from the altitude of the
     /// UAV, by its value.
     pub fn serve_most(&mut self, view: &View, ground: &Position) -> Decision {
-        let ground = view.table.clamp_to_area(ground);
+        let ground = view.end_for(ground);
         let uav = above(&ground, view.position.z);
         fill_most_in_range(view.table, &uav, view.belief.queues_bits, &mut self.ids);
         self.decision(view, &ground)
@@ -62,9 +62,24 @@ impl Serving {
 
     /// As [`Self::serve_fullest`], for the n SNs in range with the smallest `key`, which must be unique.
     pub fn serve_by<K: Ord>(&mut self, view: &View, ground: &Position, key: impl Fn(u32) -> K) -> Decision {
-        let ground = view.table.clamp_to_area(ground);
+        let ground = view.end_for(ground);
         fill_in_range(view.table, &ground, key, &mut self.ids);
         self.decision(view, &ground)
+    }
+
+    /// The decision to fly to `end`, as a fixed flight does, and serve there those of `chosen` that are in range, then the
+    /// fullest in range, or those that upload most; those that upload nothing come last.
+    pub fn serve_at(&mut self, view: &View, end: Point3<f64>, chosen: &[u32]) -> Decision {
+        let MissionTable { sensors, .. } = view.table;
+        let queues_bits = view.belief.queues_bits;
+        let key = |id: u32| {
+            let bits = view.table.expected_bits(&end, &[id], queues_bits) as u32; // no more than its queue
+            let most = if self.collects { sensors.weights.value(id, bits) } else { view.value(id) };
+            (bits == 0, !chosen.contains(&id), fullest_first(most, id))
+        };
+        fill_in_range(view.table, &end.xy(), key, &mut self.ids);
+        let schedule = self.ids.iter().copied().collect();
+        Decision { waypoint: end, schedule, outcome: SolverOutcome::Rule, winner: None }
     }
 
     /// The decision to serve the SNs of the working memory from above `ground`.
