@@ -157,10 +157,10 @@ mod tests {
             for plan in 0..choices.pow(5) {
                 let mut left = held;
                 for slot in 1..=5u64 {
-                    for index in 0..2 {
+                    for (index, left_bits) in left.iter_mut().enumerate() {
                         let is_served = blocks == 2 || (plan >> (slot - 1)) & 1 == index as u32;
                         if is_served && slot >= [1, 2][index] {
-                            left[index] -= left[index].min(link_bits(slot, index) as u32);
+                            *left_bits -= (*left_bits).min(link_bits(slot, index) as u32);
                         }
                     }
                     if left == [0, 0] {
