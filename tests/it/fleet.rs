@@ -85,7 +85,7 @@ fn a_fleet_that_shares_pads_survives_deaths_and_is_resumed_replayed_and_mapped()
     let map = place.read("plots/map-alone.svg");
     assert!(["base 0: 1 pad", "base 1: 1 pad"].iter().all(|name| map.contains(name)));
     let checked = place.run_ok(&["check", "sites.toml"]).stdout;
-    assert!(checked.contains("base.site[1], 55 m away, 1 pad"), "{checked}");
+    assert!(checked.contains("base.site[0], 55 m away, 1 pad"), "{checked}");
     place.assert_clean();
 }
 

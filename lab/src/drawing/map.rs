@@ -217,13 +217,13 @@ impl TrajectoryMap {
         for MapSensor { position_m, fraction } in &self.sensors {
             page.add(sensor(at(*position_m), fraction / highest));
         }
-        for (place_m, name) in &self.names {
-            let [x, y] = at(*place_m);
-            page.add(text(name, [x, y - 0.8 * EM], 0.8 * EM, "middle"));
-        }
         for path_m in &self.paths_m {
             path_m.first().into_iter().for_each(|&start_m| page.add(sign(at(start_m), START)));
             path_m.last().into_iter().for_each(|&end_m| page.add(sign(at(end_m), END)));
+        }
+        for (place_m, name) in &self.names {
+            let [x, y] = at(*place_m);
+            page.add(text(name, [x, y - 1.8 * EM], 0.8 * EM, "middle"));
         }
     }
 }
