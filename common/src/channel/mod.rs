@@ -89,6 +89,9 @@ const NOISE_DBM: Accepts =
 /// Margins of a link.
 const MARGIN_DB: Accepts = Accepts::Number("-100 to 100 dB", |margin_db| (-100.0..=100.0).contains(&margin_db));
 
+/// Signal-to-noise ratios.
+const SNR_DB: Accepts = Accepts::Number("-300 to 300 dB", |snr_db| (-300.0..=300.0).contains(&snr_db));
+
 /// Standard deviations of shadowing.
 const SIGMA_DB: Accepts = Accepts::Number("0 to 20 dB", |sigma_db| SHADOWING_DB.contains(&sigma_db));
 
@@ -160,7 +163,7 @@ crate::keys! {
         /// `"waypoint"` if absent.
         service: Option<LinkService>, Accepts::OneOf(LinkService::VARIANTS), map::ONLY;
         /// SNR at 1 m [dB] of the law of a planner without the map, `planner.links = "law"`.
-        law_snr_db: Option<f64>, LEVEL_DB, map::ONLY;
+        law_snr_db: Option<f64>, SNR_DB, map::ONLY;
         /// Path loss exponent of that law; 2.5 if absent.
         law_exponent: Option<f64>, line_of_sight::EXPONENT, map::ONLY;
         /// Fading of the power, redrawn in every slot; absent: none.
