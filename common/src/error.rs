@@ -138,7 +138,7 @@ const NOT_MODELLED: [(&str, &[&str]); 7] = [
     ("Sensor nodes", &["mobility", "relay", "hops", "sleep", "failure"]),
     ("Base station", &["memory", "backhaul"]),
     ("What will not be added", &["packet", "packets", "routing", "mac", "wing", "stall"]),
-    ("Radio", &["lora", "wifi", "ble", "zigbee", "duty", "collisions"]),
+    ("Radio", &["lora", "wifi", "ble", "zigbee", "duty", "collisions", "beacon"]),
 ];
 
 /// The heading of what is not modelled, if the key `name` is for it.

@@ -44,6 +44,8 @@ pub enum Purpose {
     Round = 17,
     /// Search for a plan that delivers most.
     Collect = 18,
+    /// Residual of the link of a sensor node in a slot, about a map.
+    LinkResidual = 19,
 }
 
 /// The family of streams of one mission.

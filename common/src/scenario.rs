@@ -6,6 +6,7 @@
 
 mod area;
 mod base;
+mod link_map;
 mod mission;
 mod motion;
 mod preset_rates;
@@ -25,7 +26,7 @@ pub use crate::geodata::projection::Origin;
 pub use crate::keys::{Interval, Setting, SettingOrigin, WholeInterval};
 pub use area::{Area, BuildingKeys, NoFlyKeys};
 pub use base::{BaseKeys, BatteryKeys, SiteKeys};
-pub use mission::{CHANNEL, MAX_SEED, PlannerKeys, Scenario, TRACE};
+pub use mission::{CHANNEL, MAX_SEED, PlannerKeys, RATES, Scenario, TRACE};
 pub use sensors::SensorKeys;
 pub(crate) use sensors::{MAX_FIELD_BITS, MAX_SENSORS};
 pub use simplified::{SharedZones, SimplifiedZones};
@@ -172,6 +173,7 @@ impl Scenario {
             scenario.link.table = Some(rates);
             scenario.link.comm_radius_m = if has_radius { scenario.link.comm_radius_m } else { radius_m };
         }
+        scenario.link.map = link_map::read(&scenario)?;
         scenario.link.buildings = (scenario.link.model == LinkModel::Buildings).then(|| scenario.buildings().held());
         if let Some(strategy) = overrides.strategy {
             strategy.clone_into(&mut scenario.planner.strategy);
@@ -195,6 +197,7 @@ impl Scenario {
         }
         rules::check(&scenario, &table)?;
         track::check(&scenario, track.as_ref())?;
+        scenario.link.map = link_map::placed(&scenario)?;
         Ok(scenario)
     }
 }

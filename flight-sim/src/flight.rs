@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::{Point3, Vector2};
-use skysink_common::channel::{Channel, ChannelModel, Draw, DrawnChannel, LinkBudget, carried_bits};
+use skysink_common::channel::{Channel, ChannelModel, Draw, DrawnChannel, LinkBudget, LinkService, carried_bits};
 use skysink_common::geometry::{Position, within};
 use skysink_common::message::{FlightReport, HoldReason, LinkReport, Mode, Plan, SensorNode, SolverOutcome};
 use skysink_common::random::{Purpose, Streams, normal_pair};
@@ -20,6 +20,8 @@ pub struct Flight {
     last: u64,
     channel: DrawnChannel,
     link: LinkBudget,
+    /// Where the slot began, if the links count that were seen from there.
+    seen_from: Option<Point3<f64>>,
     /// The sensor nodes that it has served in the last slot.
     contacts: Vec<u32>,
     streams: Streams,
@@ -44,6 +46,7 @@ impl Flight {
             streams: Streams::new(scenario.seed),
             channel: DrawnChannel::new(Channel::of(&scenario.link), Streams::new(scenario.seed)),
             link: scenario.link.clone(),
+            seen_from: None,
             contacts: Vec::new(),
             comm_radius_m: scenario.link.comm_radius_m,
             resource_blocks: scenario.link.resource_blocks,
@@ -161,6 +164,7 @@ impl Flight {
     /// it is, whatever it is told: in the base, or holding.
     #[must_use]
     pub fn step(&mut self, slot: u64, plan: Option<&Plan>) -> FlightReport {
+        self.begin();
         if self.vehicle.is_down() {
             return self.report(Mode::Down);
         }
@@ -195,6 +199,12 @@ impl Flight {
         report
     }
 
+    /// Keeps where a slot begins, if the links that were seen from there count (decision D32).
+    fn begin(&mut self) {
+        let is_observed = self.link.service == Some(LinkService::Observed);
+        self.seen_from = is_observed.then_some(self.vehicle.position);
+    }
+
     /// The report of a slot that the UAV has held its position in, or in which it went down.
     fn hold(&self, reason: HoldReason, refused: u32) -> FlightReport {
         let mode = if self.vehicle.is_down() { Mode::Down } else { Mode::Hold };
@@ -205,6 +215,7 @@ impl Flight {
     /// lies, and its mode, refusals and schedule are those flown. The links are those of the scenario's channel.
     #[must_use]
     pub fn repeat(&mut self, slot: u64, report: &Plan) -> FlightReport {
+        self.begin();
         let mode = Mode::from_repr(report.mode).unwrap_or_default();
         if mode == Mode::Charge && report.served > 0 && !self.is_over(slot) && self.pad_site().is_some() {
             self.vehicle.position = report.waypoint();
@@ -238,6 +249,7 @@ impl Flight {
     /// battery of the scenario has that of the model. A vehicle that has reported to be down stays down (decision D12).
     /// One that has charged may have waited for a pad instead, if it `awaits_pad`.
     pub fn observe(&mut self, slot: u64, plan: Option<&Plan>, awaits_pad: bool, report: &mut FlightReport) {
+        self.begin();
         if self.is_reported_down {
             *report = FlightReport { mode: Mode::Down as u32, hold: HoldReason::None as u32, refused: 0, ..*report };
         }
@@ -298,8 +310,11 @@ impl Flight {
     fn link_report(&self, slot: u64, sensor: u32) -> LinkReport {
         let index = sensor as usize;
         let (sensor_at, uav_at) = (&self.positions[index], &self.vehicle.position);
-        let uplink = self.channel.law().uplink(self.gains[index], sensor_at, uav_at);
-        let Draw { line_of_sight, rate_bps } = self.channel.draw(&uplink, sensor_at, uav_at, slot, sensor);
+        let of_place = |uav_at: &Point3<f64>| self.channel.law().uplink(self.gains[index], sensor_at, uav_at);
+        let uplink = of_place(uav_at);
+        let from = self.seen_from.as_ref().unwrap_or(uav_at);
+        let seen = if self.seen_from.is_some() { of_place(from) } else { uplink };
+        let Draw { line_of_sight, rate_bps } = self.channel.draw(&seen, sensor_at, from, slot, sensor);
         LinkReport {
             sensor,
             line_of_sight: u32::from(line_of_sight),

@@ -40,7 +40,7 @@ const SITES: &str = "uav.battery.capacity_j = 9000.0\nuav.must_land = true\nuav.
 const FLEET: &str = "uav.count = 3\nuav.separation_m = 5.0\n";
 
 /// Models by name: keys before the first table, and keys of `[area]`.
-const MODELS: [(&str, &[&str], &str); 13] = [
+const MODELS: [(&str, &[&str], &str); 14] = [
     ("open", &[], ""),
     ("battery", &[BATTERY], ""),
     ("zones", &[], ZONES),
@@ -70,6 +70,15 @@ const MODELS: [(&str, &[&str], &str); 13] = [
     (
         "expiry, oldest, estimated",
         &["sensors.expiry_s = 25.0\nsensors.overflow = 'oldest'\nplanner.knowledge = 'estimated'\n"],
+        "",
+    ),
+    (
+        "links by place",
+        &[
+            "link.model = 'map'\nlink.residual_db = 3.0\nlink.residual_m = 40.0\n",
+            concat!("link.file = '", env!("CARGO_MANIFEST_DIR"), "/tests/links.csv'\n"),
+            concat!("link.rates = '", env!("CARGO_MANIFEST_DIR"), "/tests/rates.csv'\n"),
+        ],
         "",
     ),
 ];

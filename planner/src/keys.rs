@@ -1,6 +1,7 @@
 //! The keys of `[planner]` that apply to all strategies.
 
 use serde::{Deserialize, Serialize};
+use skysink_common::channel::{Channel, LinkModel};
 use skysink_common::error::InputError;
 use skysink_common::estimate::Rates;
 use skysink_common::keys::Accepts;
@@ -30,6 +31,9 @@ skysink_common::keys! {
         rates: Rates = "known", Accepts::OneOf(Rates::VARIANTS);
         /// What `horizon` and `offline` plan for, by name, or a sum of costs, `{ loss = 1, age = 0.2 }` (decision D36).
         objective: PlanningObjective = "loss", Accepts::Rule("\"loss\", \"collect\", \"age\", \"peak-age\", \"deadline\", \"expiry\", or a table of loss, age, peak_age, deadline and expiry: weights from 0 to 1e12, not all 0");
+        /// Knowledge of links by place, with `link.model = "map"`: the map, or a law of the distance, `link.law_snr_db`;
+        /// `"map"` if absent.
+        links: Option<LinkKnowledge>, Accepts::OneOf(LinkKnowledge::VARIANTS);
     }
 }
 
@@ -49,6 +53,15 @@ impl Settings {
             _ => Ok(()),
         }?;
         settings.check_objective(scenario)?;
+        if let Some(links) = settings.links {
+            let refuse = |expected| Err(scenario.refusal("planner.links", &links.name().into(), expected));
+            if scenario.link.model != LinkModel::Map {
+                return refuse("it only with link.model = \"map\"");
+            }
+            if links == LinkKnowledge::Law && scenario.link.law().is_none() {
+                return refuse("\"map\", or link.law_snr_db, the SNR of the law at 1 m, beside it");
+            }
+        }
         Ok(settings)
     }
 
@@ -75,6 +88,15 @@ impl Settings {
         }
     }
 
+    /// The channel of `scenario` as plans reckon with it.
+    #[must_use]
+    pub fn channel(scenario: &Scenario) -> Channel {
+        let channel = Channel::of(&scenario.link.planned());
+        let is_law =
+            channel.map().is_some() && Self::of(scenario).is_ok_and(|keys| keys.links == Some(LinkKnowledge::Law));
+        scenario.link.law().filter(|_| is_law).map_or(channel, |law| channel.by_law(law))
+    }
+
     /// What the UAV knows of the rates if it has to estimate the queues; `None` if it knows them.
     #[must_use]
     pub fn estimated(&self) -> Option<Rates> {
@@ -91,6 +113,24 @@ pub enum Knowledge {
     Oracle,
     /// The UAV's estimate, from the queues reported on contact and the sampling rates.
     Estimated,
+}
+
+/// The planner's knowledge of links by place (decision D32).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, VariantNames)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum LinkKnowledge {
+    /// The map, and the spread of the residual.
+    Map,
+    /// A law of the distance.
+    Law,
+}
+
+impl LinkKnowledge {
+    /// Its name in a scenario.
+    fn name(self) -> &'static str {
+        Self::VARIANTS[self as usize]
+    }
 }
 
 /// What plans over many slots are made for (decision D36).

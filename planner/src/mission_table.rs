@@ -14,6 +14,7 @@ use skysink_common::stop::Stop;
 
 use crate::geometry::disks::Disk;
 use crate::geometry::turns::Turns;
+use crate::keys::Settings;
 use crate::route::home::Home;
 use crate::route::motion::Motion;
 
@@ -65,7 +66,7 @@ impl MissionTable {
             airspace,
             sensors,
             arrivals: scenario.arrival_law(),
-            channel: Channel::of(&scenario.link.planned()),
+            channel: Settings::channel(scenario),
             limits: Limits::of(scenario),
             farthest_m: scenario.farthest_m(),
             track: scenario.uav.waypoints_m.as_deref().map(Arc::from),

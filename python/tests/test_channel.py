@@ -106,3 +106,18 @@ def test_impossible_rates_are_refused(rate: Any, message: str) -> None:
         skysink.simulate(NARROW, "gfs", channel=Bad)
     with pytest.raises(skysink.InputError, match="expected"):
         skysink.simulate(NARROW, "gfs", channel=3)  # type: ignore[arg-type]
+
+
+def test_links_by_place_are_those_of_their_map(tmp_path: Path) -> None:
+    (tmp_path / "rates.csv").write_text("snr_db,rate_bps\n0,20000\n10,60000\n")
+    rows = [f",{x},{y},20,{12 - abs(x - 60) / 6}" for x in (0, 60, 120) for y in (0, 120)]
+    (tmp_path / "links.csv").write_text("\n".join(["sensor,x_m,y_m,z_m,snr_db", *rows, ""]))
+    keys = {"link.file": str(tmp_path / "links.csv"), "link.rates": str(tmp_path / "rates.csv")}
+    mapped = NARROW.replace({"link.model": "map", **keys, "link.residual_db": 2.0})
+    run = skysink.simulate(mapped, "horizon")
+    run.save(tmp_path / "run")
+    assert 0 < np.asarray(run.slots["delivered_bits"]).max() <= 4 * 6_000
+    again = skysink.simulate(tmp_path / "run" / "scenario.toml")
+    assert np.array_equal(run.queues, again.queues)
+    assert np.array_equal(skysink.simulate(pickle.loads(pickle.dumps(mapped)), "horizon").queues, run.queues)
+    assert mapped.field().route((0.0, 0.0), 3) is not None

@@ -1,9 +1,15 @@
 //! The bits that one visit uploads, over the weakest and the strongest link.
 
+use std::f64::consts::TAU;
+
 use serde::Serialize;
 use skysink_common::channel::{Channel, ChannelModel};
+use skysink_common::geometry::{Position, above};
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::Scenario;
+
+/// Directions in which the links of a map are looked at.
+const TURNS: u32 = 16;
 
 /// Number of altitude steps that are compared if the UAV can change its altitude.
 const LEVELS: u32 = 16;
@@ -26,8 +32,10 @@ impl LinkFigures {
     #[must_use]
     pub fn at(scenario: &Scenario, nodes: &[SensorNode], distance_m: f64) -> Self {
         let channel = Channel::of(&scenario.link.planned());
-        let rates_bps =
-            gains(&channel, nodes).map(|gain| best_rate_bps(scenario, &channel, gain, distance_m * distance_m));
+        let rates_bps = match channel.map() {
+            Some(_) => by_place(scenario, &channel, nodes, distance_m),
+            None => gains(&channel, nodes).map(|gain| best_rate_bps(scenario, &channel, gain, distance_m * distance_m)),
+        };
         let visit_bits = rates_bps.map(|rate_bps| channel.capacity_bits(rate_bps));
         let buffers_bits = || nodes.iter().map(|node| u64::from(node.capacity_bits));
         let buffer_bits = [buffers_bits().max().unwrap_or(0), buffers_bits().min().unwrap_or(0)];
@@ -43,6 +51,21 @@ fn gains(channel: &Channel, nodes: &[SensorNode]) -> [f64; 2] {
         let lowest = nodes.iter().map(|node| node.gain).fold(f64::INFINITY, f64::min);
         [lowest, nodes.iter().map(|node| node.gain).fold(0.0, f64::max)]
     })
+}
+
+/// The lowest and the highest expected rate [bit/s] of a map at the horizontal distance `distance_m` [m] from the SNs, in
+/// any direction.
+fn by_place(scenario: &Scenario, channel: &Channel, nodes: &[SensorNode], distance_m: f64) -> [f64; 2] {
+    let rate_bps = |node: &SensorNode, turn: u32| {
+        let (sin, cos) = (TAU * f64::from(turn) / f64::from(TURNS)).sin_cos();
+        let sensor = Position::new(node.x_m, node.y_m);
+        let at = Position::new(node.x_m + distance_m * cos, node.y_m + distance_m * sin);
+        channel.expected_rate_bps(&channel.uplink(node.gain, &sensor, &above(&at, scenario.uav.altitude_m)))
+    };
+    let rates_bps = || {
+        nodes.iter().flat_map(|node| (0..TURNS).map(move |turn| (node, turn))).map(|(node, turn)| rate_bps(node, turn))
+    };
+    [rates_bps().fold(f64::INFINITY, f64::min), rates_bps().fold(0.0, f64::max)]
 }
 
 /// The expected rate [bit/s] at the squared horizontal distance `d2_m2` [m²], at the best of several allowed altitudes.

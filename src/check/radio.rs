@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use serde::Serialize;
-use skysink_common::channel::{Buildings, Channel, ChannelModel, RateTable};
+use skysink_common::channel::{Buildings, Channel, ChannelModel, LinkMap, RateTable};
 use skysink_common::geometry::{Position, above};
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::Scenario;
@@ -40,6 +40,9 @@ pub struct RadioFigures {
     pub in_sight: Option<f64>,
     /// The grid of the table from which the rates are, whatever the noise; `None` with other channels.
     pub table: Option<TableFigures>,
+    /// Grids and points of a map of links; absent with other channels.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub map: Option<[usize; 2]>,
 }
 
 /// The grid of a table of rates, and what the mission needs of it.
@@ -107,6 +110,7 @@ impl RadioFigures {
             los_correlation_m: channel.line_of_sight().and_then(|model| model.correlation_m),
             in_sight: channel.buildings().map(|buildings| in_sight(scenario, nodes, buildings)),
             table: link.table.map(|table| TableFigures::of(scenario, table)),
+            map: link.map.map(LinkMap::size),
         }
     }
 
@@ -115,6 +119,9 @@ impl RadioFigures {
     pub fn rows(&self) -> Vec<(&'static str, String)> {
         if let Some(table) = self.table {
             return table.rows().into_iter().flatten().collect();
+        }
+        if let Some([grids, points]) = self.map {
+            return vec![("rates", format!("of a map: {grids} grids, {points} points"))];
         }
         let noise = format!(
             "{:.1} dBm, thermal + {:.1} dB in {}",

@@ -1,5 +1,6 @@
 //! What strategies do not plan for, of the models of a scenario: they fly under all of them.
 
+use skysink_common::channel::LinkService;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_planner::strategies::STRATEGIES;
@@ -16,6 +17,14 @@ pub fn of(scenario: &Scenario, list: &SensorList, flown: &[&str]) -> Vec<String>
     let rules = [
         (scenario.arrival_law().is_random(), "arrivals: by their means; horizon and offline also by their spread"),
         (scenario.link.stays_in_sight(), "line of sight: by its probability, whatever a link had before"),
+        (
+            scenario.link.residual_m.is_some_and(|residual_m| residual_m > 0.0),
+            "links by place: by the law of the residual, whatever a link had before",
+        ),
+        (
+            scenario.link.service == Some(LinkService::Observed),
+            "links by place: from the waypoint, though those from where the slot began count",
+        ),
         (
             scenario.uav.position_error_m.is_some_and(|error_m| error_m > 0.0),
             "position errors: up to d_c; horizon and offline stay 1.5 σ inside",

@@ -128,7 +128,7 @@ impl Bounds<'_> {
     fn load_bound_bits(&self) -> u64 {
         let field = self.field;
         let channel = &self.table.channel;
-        let is_table = matches!(channel, Channel::Table(_));
+        let is_table = matches!(channel, Channel::Table(_) | Channel::Map(_));
         if is_table || channel.fading().is_some() || channel.is_random() && channel.drawn_gains().is_none() {
             return 0;
         }

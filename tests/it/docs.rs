@@ -13,10 +13,10 @@ const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 const COMMANDS_RUN_IN: [&str; 3] = ["Tutorials", "Choosing", "How-to guides"];
 
 /// Most words by hand of a page in these parts, of another page, and of all.
-const MOST_WORDS: [usize; 3] = [1_200, 2_000, 47_000];
+const MOST_WORDS: [usize; 3] = [1_200, 2_000, 47_500];
 
 /// Most words of pages that are longer or, as the README, shorter.
-const OTHER_BUDGETS: [(&str, usize); 3] = [("../../README.md", 750), ("look-ahead.md", 2_100), ("model.md", 5_950)];
+const OTHER_BUDGETS: [(&str, usize); 3] = [("../../README.md", 750), ("look-ahead.md", 2_100), ("model.md", 6_200)];
 
 /// What begins a line before a generated part, and what the line behind it.
 const GENERATED: [&str; 3] = ["<!-- table: ", "<!-- layouts: ", "<!-- reproduce "];

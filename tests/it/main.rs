@@ -2,6 +2,7 @@
 
 mod arrivals;
 mod changes;
+mod channel_map;
 mod channel_table;
 mod check;
 mod cli;

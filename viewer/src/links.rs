@@ -115,6 +115,9 @@ fn of_draw<T>(link: &LinkReport, [sight, blocked]: [T; 2]) -> T {
 /// The range of rates [bit/s]: from the weakest sensor node at the distance `d_c` to the strongest directly below the
 /// UAV.
 fn possible_rates_bps(channel: &Channel, scenario: &Scenario, sensors: &Sensors) -> RangeInclusive<f64> {
+    if matches!(channel, Channel::Map(_)) {
+        return 0.0..=channel.best_rate_bps(&channel.uplink_at(1.0, 0.0, scenario.uav.altitude_m));
+    }
     let drawn = channel.drawn_gains().unwrap_or([f64::INFINITY, 0.0]);
     let weakest = sensors.gains.iter().copied().fold(drawn[0], f64::min);
     let strongest = sensors.gains.iter().copied().fold(drawn[1], f64::max);

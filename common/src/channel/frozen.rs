@@ -1,5 +1,6 @@
 //! Line of sight that stays (decision D28): one Gaussian field over the positions of both ends of a link, drawn once
-//! for a mission. A UAV that hovers keeps what it sees, and two sensor nodes side by side share it.
+//! for a mission. A UAV that hovers keeps what it sees, and two sensor nodes side by side share it. So does the residual
+//! of a map that stays (decision D32).
 //!
 //! The field is a sum of random cosines. Its correlation is `e^{−d/l}` in the displacement `d` of either end: wave
 //! vectors are multivariate Cauchy, `z/(|w| l)` with `z` and `w` standard normal.
@@ -8,8 +9,8 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Point3, Vector2, Vector3};
 
+use super::Channel;
 use super::model::{ChannelModel, Draw, Uplink};
-use super::{Channel, LineOfSight};
 use crate::geometry::Position;
 use crate::random::{Purpose, Streams, fraction, normal_pair};
 
@@ -35,7 +36,8 @@ impl DrawnChannel {
     /// The draws of `channel` from the streams of a mission.
     #[must_use]
     pub fn new(channel: Channel, streams: Streams) -> Self {
-        let frozen_m = channel.line_of_sight().and_then(|model| model.correlation_m);
+        let sight_m = channel.line_of_sight().and_then(|model| model.correlation_m);
+        let frozen_m = sight_m.or_else(|| channel.map().and_then(|model| model.residual_m));
         let waves = frozen_m.map_or_else(Vec::new, |correlation_m| {
             (0..WAVES).map(|wave| Wave::draw(&streams, wave, correlation_m)).collect()
         });
@@ -51,21 +53,24 @@ impl DrawnChannel {
     /// The `uplink` of the sensor node `id` at the position `sensor` to the UAV at `uav`, in `slot`.
     #[must_use]
     pub fn draw(&self, uplink: &Uplink, sensor: &Position, uav: &Point3<f64>, slot: u64, id: u32) -> Draw {
-        match self.frozen() {
-            Some(model) => model.draw_at(uplink, self.level(sensor, uav), &self.streams, slot, id),
-            None => self.channel.draw(uplink, &self.streams, slot, id),
+        match &self.channel {
+            _ if self.waves.is_empty() => self.channel.draw(uplink, &self.streams, slot, id),
+            Channel::LineOfSight(model) => model.draw_at(uplink, self.level(sensor, uav), &self.streams, slot, id),
+            Channel::Map(model) => model.draw_at(uplink, self.field(sensor, uav)),
+            _ => self.channel.draw(uplink, &self.streams, slot, id),
         }
-    }
-
-    fn frozen(&self) -> Option<&LineOfSight> {
-        self.channel.line_of_sight().filter(|_| !self.waves.is_empty())
     }
 
     /// `Φ` of the field: uniform from 0 to 1 over the missions.
     fn level(&self, sensor: &Position, uav: &Point3<f64>) -> f64 {
+        normal_cdf(self.field(sensor, uav))
+    }
+
+    /// The Gaussian field: standard normal over the missions.
+    fn field(&self, sensor: &Position, uav: &Point3<f64>) -> f64 {
         let of = |wave: &Wave| (wave.of_sensor.dot(&sensor.coords) + wave.of_uav.dot(&uav.coords) + wave.phase).cos();
         let sum: f64 = self.waves.iter().map(of).sum();
-        normal_cdf(sum * (2.0 / f64::from(WAVES)).sqrt())
+        sum * (2.0 / f64::from(WAVES)).sqrt()
     }
 }
 
@@ -83,7 +88,7 @@ impl Wave {
 }
 
 /// Probability that a standard normal number is below `x`, by its series (Marsaglia, 2004); exact to 10^−14.
-fn normal_cdf(x: f64) -> f64 {
+pub(super) fn normal_cdf(x: f64) -> f64 {
     if x.abs() > 7.0 {
         return if x > 0.0 { 1.0 } else { 0.0 };
     }
@@ -114,9 +119,7 @@ mod tests {
 
     /// The value of the Gaussian field.
     fn field(drawn: &DrawnChannel, sensor: [f64; 2], uav: [f64; 3]) -> f64 {
-        let (sensor, uav) = (Position::from(sensor), Point3::from(uav));
-        let of = |wave: &Wave| (wave.of_sensor.dot(&sensor.coords) + wave.of_uav.dot(&uav.coords) + wave.phase).cos();
-        drawn.waves.iter().map(of).sum::<f64>() * (2.0 / f64::from(WAVES)).sqrt()
+        drawn.field(&Position::from(sensor), &Point3::from(uav))
     }
 
     #[test]

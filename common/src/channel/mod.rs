@@ -11,6 +11,7 @@ mod fading;
 mod free_space;
 mod frozen;
 mod line_of_sight;
+mod map;
 mod model;
 mod radio_rates;
 mod table;
@@ -28,6 +29,7 @@ pub use fading::{Fading, FadingModel};
 pub use free_space::{FreeSpace, GainMode, draw_gain_db};
 pub use frozen::DrawnChannel;
 pub use line_of_sight::{Environment, LineOfSight, LosCurve, Sight};
+pub use map::{LinkLaw, LinkMap, LinkService, MapChannel};
 pub use model::{ChannelModel, Draw, Slopes, Uplink, carried_bits};
 pub use radio_rates::PathLoss;
 pub use table::{RateTable, TableChannel};
@@ -51,6 +53,8 @@ pub enum Channel {
     LineOfSight(LineOfSight),
     /// A table of rates by distance and altitude, for all sensor nodes.
     Table(TableChannel),
+    /// A map of SNRs or rates over positions of the UAV, by sensor node.
+    Map(MapChannel),
 }
 
 /// Channel model.
@@ -66,6 +70,8 @@ pub enum LinkModel {
     Buildings,
     /// The rates of a file, by distance, altitude and probability.
     Table,
+    /// The SNRs or rates of a file, by sensor node and position of the UAV.
+    Map,
 }
 
 /// Paths.
@@ -83,8 +89,14 @@ const NOISE_DBM: Accepts =
 /// Margins of a link.
 const MARGIN_DB: Accepts = Accepts::Number("-100 to 100 dB", |margin_db| (-100.0..=100.0).contains(&margin_db));
 
+/// Signal-to-noise ratios.
+const SNR_DB: Accepts = Accepts::Number("-300 to 300 dB", |snr_db| (-300.0..=300.0).contains(&snr_db));
+
 /// Standard deviations of shadowing.
 const SIGMA_DB: Accepts = Accepts::Number("0 to 20 dB", |sigma_db| SHADOWING_DB.contains(&sigma_db));
+
+/// Path loss exponent of a law without one.
+const LAW_EXPONENT: f64 = 2.5;
 
 crate::keys! {
     /// `[link]`: the radio. Each channel model has its own keys.
@@ -100,7 +112,8 @@ crate::keys! {
         preset_margin_db: Option<f64> = 15.0, MARGIN_DB, presets::ONLY;
         /// Standard deviation of log-normal shadowing [dB], redrawn in every slot; 0: none.
         preset_sigma_db: Option<f64> = 0.0, SIGMA_DB, presets::ONLY;
-        /// Channel model; in `"table"` the rates of `file`, whatever bandwidth, power, noise and gains.
+        /// Channel model; in `"table"` the rates of `file`, in `"map"` its links by place (decision D32), whatever
+        /// bandwidth, power, noise and gains.
         model: LinkModel = "free-space", Accepts::OneOf(LinkModel::VARIANTS);
         /// Bandwidth of each resource block, `W` [Hz].
         bandwidth_hz: f64 = 5e6, POSITIVE;
@@ -136,8 +149,23 @@ crate::keys! {
         /// Correlation distance [m] of a line of sight that stays for the mission; 0 or absent: redrawn in every slot.
         los_correlation_m: Option<f64>, CORRELATION_M, line_of_sight::ONLY;
         /// CSV file with the columns `distance_m,altitude_m,probability,rate_bps`: the rates [bit/s] that a link does
-        /// not exceed with these probabilities, at a grid of horizontal distances and altitudes of the UAV.
-        file: Option<PathBuf>, PATH, table::ONLY;
+        /// not exceed with these probabilities, at a grid of horizontal distances and altitudes of the UAV. In `"map"`
+        /// the columns `sensor,x_m,y_m,z_m,snr_db`, or `rate_bps`: the links of an SN, by name or id, or of all others,
+        /// at a grid of positions of the UAV.
+        file: Option<PathBuf>, PATH, table::FILE;
+        /// CSV file with the columns `snr_db,rate_bps`: the SNRs [dB] from which on each rate [bit/s] is carried.
+        rates: Option<PathBuf>, PATH, map::ONLY;
+        /// Standard deviation of the SNR about that of the map [dB]; 0 or absent: none.
+        residual_db: Option<f64>, SIGMA_DB, map::ONLY;
+        /// Correlation distance [m] of a residual that stays for the mission; 0 or absent: redrawn in every slot.
+        residual_m: Option<f64>, CORRELATION_M, map::ONLY;
+        /// The link that counts: from the waypoint, `"waypoint"`, or at the end of the slot before, `"observed"`;
+        /// `"waypoint"` if absent.
+        service: Option<LinkService>, Accepts::OneOf(LinkService::VARIANTS), map::ONLY;
+        /// SNR at 1 m [dB] of the law of a planner without the map, `planner.links = "law"`.
+        law_snr_db: Option<f64>, SNR_DB, map::ONLY;
+        /// Path loss exponent of that law; 2.5 if absent.
+        law_exponent: Option<f64>, line_of_sight::EXPONENT, map::ONLY;
         /// Fading of the power, redrawn in every slot; absent: none.
         fading: Option<FadingModel>, Accepts::OneOf(FadingModel::VARIANTS);
         /// Power of the dominant path relative to all others, `K` [dB]; -inf for none (Rayleigh).
@@ -158,6 +186,9 @@ crate::keys! {
             /// The rates of `file`, or of `preset`, which the scenario reads.
             #[serde(skip)]
             pub table: Option<&'static RateTable>,
+            /// The map of `file`, with the model `map`.
+            #[serde(skip)]
+            pub map: Option<&'static LinkMap>,
             /// The buildings of the area, with the model `buildings`.
             #[serde(skip)]
             pub buildings: Option<&'static Buildings>,
@@ -176,6 +207,7 @@ impl Channel {
             LinkModel::FreeSpace => link.free_space().map(Self::FreeSpace),
             LinkModel::ProbabilisticLos | LinkModel::Buildings => link.line_of_sight().map(Self::LineOfSight),
             LinkModel::Table => link.table.map(|table| Self::Table(TableChannel { table, comm_s: link.comm_s })),
+            LinkModel::Map => link.by_map().map(Self::Map),
         };
         channel.expect("a checked scenario has the keys of its model")
     }
@@ -185,7 +217,33 @@ impl Channel {
     pub fn line_of_sight(&self) -> Option<&LineOfSight> {
         match self {
             Self::LineOfSight(model) => Some(model),
-            Self::FreeSpace(_) | Self::Table(_) => None,
+            Self::FreeSpace(_) | Self::Table(_) | Self::Map(_) => None,
+        }
+    }
+
+    /// The map of links, where its places are known; `None` for other channels.
+    #[must_use]
+    #[inline]
+    pub fn map(&self) -> Option<&MapChannel> {
+        match self {
+            Self::Map(model) if model.law.is_none() => Some(model),
+            _ => None,
+        }
+    }
+
+    /// Whether links of the same length differ by place: among buildings, or by a map.
+    #[must_use]
+    #[inline]
+    pub fn depends_on_place(&self) -> bool {
+        self.map().is_some() || self.buildings().is_some()
+    }
+
+    /// The channel of a planner that takes `law` for the map; that of other models.
+    #[must_use]
+    pub fn by_law(self, law: LinkLaw) -> Self {
+        match self {
+            Self::Map(model) => Self::Map(MapChannel { law: Some(law), ..model }),
+            other => other,
         }
     }
 
@@ -199,6 +257,9 @@ impl Channel {
     #[must_use]
     #[inline]
     pub fn uplink(&self, gain: f64, sensor: &Position, uav: &Point3<f64>) -> Uplink {
+        if let Some(MapChannel { map, .. }) = self.map() {
+            return Uplink { level: map.level(sensor, uav), ..Uplink::new(gain, sensor, uav) };
+        }
         let Some(buildings) = self.buildings() else { return Uplink::new(gain, sensor, uav) };
         let uplink = self.uplink_at(gain, distance_squared(&uav.xy(), sensor), uav.z);
         Uplink { in_sight: buildings.sees(sensor, uav), ..uplink }
@@ -270,6 +331,19 @@ impl LinkBudget {
     #[must_use]
     pub fn gain_range_db(&self) -> [f64; 2] {
         self.gain_db.map_or([self.reference_gain_db.unwrap_or_default(); 2], Interval::ends)
+    }
+
+    /// The law of a planner without the map, if the link has one.
+    #[must_use]
+    pub fn law(&self) -> Option<LinkLaw> {
+        self.law_snr_db.map(|snr_db| LinkLaw { snr_db, exponent: self.law_exponent.unwrap_or(LAW_EXPONENT) })
+    }
+
+    fn by_map(&self) -> Option<MapChannel> {
+        let residual_m = self.residual_m.filter(|residual_m| *residual_m > 0.0);
+        let residual_db = self.residual_db.unwrap_or(0.0);
+        let is_observed = self.service == Some(LinkService::Observed);
+        Some(MapChannel { map: self.map?, residual_db, residual_m, is_observed, law: None, comm_s: self.comm_s })
     }
 
     fn free_space(&self) -> Option<FreeSpace> {

@@ -20,6 +20,8 @@ pub struct Uplink {
     pub z_m: f64,
     /// Whether no building is between them; true for channels that do not know.
     pub in_sight: bool,
+    /// SNR [dB] or rate [bit/s] of a map of links; infinite where no place is given, and for other channels.
+    pub level: f64,
 }
 
 /// A channel in one slot, as drawn.
@@ -54,7 +56,7 @@ impl Uplink {
     #[must_use]
     #[inline]
     pub fn at(gain: f64, d2_m2: f64, z_m: f64) -> Self {
-        Self { gain, d2_m2, z_m, in_sight: true }
+        Self { gain, d2_m2, z_m, in_sight: true, level: f64::INFINITY }
     }
 
     /// Elevation angle `θ` [deg] of the UAV as seen from the sensor node.

@@ -13,9 +13,9 @@ use crate::error::{InputError, read_text};
 use crate::keys::Only;
 use crate::random::{Purpose, Streams};
 
-/// Keys of the model `table`.
-pub(crate) const ONLY: Only =
-    Only { key: "model", values: &["table"], expected: Some("it only with model = \"table\"") };
+/// The file of the models `table` and `map`.
+pub(crate) const FILE: Only =
+    Only { key: "model", values: &["table", "map"], expected: Some("it only with model = \"table\" or \"map\"") };
 
 /// Most rates of a table.
 const MOST_RATES: usize = 1_000_000;
@@ -207,16 +207,16 @@ fn mean(probabilities: &[f64], rates_bps: &[f64]) -> f64 {
 
 /// A place between two grid values, or at an end.
 #[derive(Debug, Clone, Copy)]
-struct Step {
+pub(super) struct Step {
     /// The lower value.
-    index: usize,
+    pub(super) index: usize,
     /// Fraction of the way to the next; 0 at the ends and beyond.
-    fraction: f64,
+    pub(super) fraction: f64,
     is_within: bool,
 }
 
 impl Step {
-    fn of(values: &[f64], at: f64) -> Self {
+    pub(super) fn of(values: &[f64], at: f64) -> Self {
         let above = values.partition_point(|value| *value <= at);
         if above == 0 || above == values.len() {
             return Self { index: above.saturating_sub(1), fraction: 0.0, is_within: false };

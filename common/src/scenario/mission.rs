@@ -23,6 +23,9 @@ pub const TRACE: &str = "arrivals.csv";
 /// The file of a channel in a run folder.
 pub const CHANNEL: &str = "channel.csv";
 
+/// The rates of the SNRs of a map of links, in the folder of a run.
+pub const RATES: &str = "rates.csv";
+
 /// Largest seed: the largest integer of TOML.
 pub const MAX_SEED: u64 = i64::MAX as u64;
 
@@ -142,7 +145,7 @@ impl Scenario {
     }
 
     /// The scenario as a TOML file, with the sensor list in the file `list` of the same folder, a trace of arrivals in
-    /// [`TRACE`], and a table of rates in [`CHANNEL`]. Presets are expanded.
+    /// [`TRACE`], and a table of rates or a map of links in [`CHANNEL`], with [`RATES`]. Presets are expanded.
     #[must_use]
     pub fn to_toml_with_list(&self, list: &str) -> String {
         let mut sensors = SensorKeys { count: None, file: Some(list.into()), ..self.sensors.clone() };
@@ -157,6 +160,10 @@ impl Scenario {
             link.preset_margin_db = None;
             link.preset_sigma_db = None;
         }
+        if link.map.is_some() {
+            link.file = Some(CHANNEL.into());
+            link.rates = link.rates.map(|_| RATES.into());
+        }
         let uav = UavKeys { preset: None, ..self.uav.clone() };
         Self { sensors, link, uav, ..self.clone() }.to_toml()
     }
@@ -166,7 +173,11 @@ impl Scenario {
     pub fn hash(&self) -> u64 {
         let hash = |seed, text: String| xxhash_rust::xxh3::xxh3_64_with_seed(text.as_bytes(), seed);
         let keys = hash(0, self.to_toml_with_list(""));
-        self.link.table.iter().fold(keys, |seed, table| hash(seed, table.to_csv()))
+        let keys = self.link.table.iter().fold(keys, |seed, table| hash(seed, table.to_csv()));
+        self.link.map.iter().fold(keys, |seed, map| {
+            let (levels, rates) = map.to_csv();
+            rates.into_iter().fold(hash(seed, levels), hash)
+        })
     }
 
     /// The file of the channel; `None` if it is not that of a file.

@@ -108,9 +108,12 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
     zones::check(scenario)?;
     let is_table = link.model == LinkModel::Table;
     let expected = "another model, or a CSV file as link.file";
-    rule(!is_table || link.file.is_some() || link.preset.is_some(), "link.model", expected)?;
+    let is_map = link.model == LinkModel::Map;
+    let has_file = link.file.is_some() || link.preset.is_some();
+    rule(!(is_table || is_map) || has_file, "link.model", expected)?;
     rule(is_table || link.preset.is_none(), "link.model", "no model beside link.preset, whose rates are a \"table\"")?;
     rule(!is_table || link.fading.is_none(), "link.fading", "none with model = \"table\", whose rates have it")?;
+    rule(!is_map || link.fading.is_none(), "link.fading", "none with model = \"map\", which has residual_db")?;
     let expected = "a height from 0, below uav.altitude_m, and only with link.model = \"buildings\"";
     let is_height = |height_m: f64| link.model == LinkModel::Buildings && (0.0..uav.altitude_m).contains(&height_m);
     rule(sensors.height_m.is_none_or(is_height), "sensors.height_m", expected)?;
@@ -217,6 +220,10 @@ pub(crate) fn displaced_in(file: &Table) -> Vec<String> {
 mod tests {
     use super::*;
 
+    /// The keys of a map of links.
+    const OF_MAP: [&str; 6] =
+        ["link.rates", "link.residual_db", "link.residual_m", "link.service", "link.law_snr_db", "link.law_exponent"];
+
     #[test]
     fn setting_one_form_of_a_key_removes_only_the_alternative_form() {
         let of = |key: &str, value: &str| displaced(key, &Value::String(value.to_owned()));
@@ -231,7 +238,9 @@ mod tests {
         assert_eq!(
             of("link.model", "probabilistic-los"),
             [
-                &["link.gain_db", "link.gain", "link.shadowing_db", "link.file", "sensors.height_m"][..],
+                &["link.gain_db", "link.gain", "link.shadowing_db", "link.file"][..],
+                &OF_MAP,
+                &["sensors.height_m"],
                 &presets::OF_RADIO
             ]
             .concat()
@@ -247,9 +256,9 @@ mod tests {
             "link.shadowing_db",
             "link.los_correlation_m",
             "link.file",
-            "sensors.height_m",
         ];
-        assert_eq!(of("link.model", "free-space"), [&line_of_sight[..], &presets::OF_RADIO].concat());
+        let others = [&line_of_sight[..], &OF_MAP, &["sensors.height_m"], &presets::OF_RADIO].concat();
+        assert_eq!(of("link.model", "free-space"), others);
         for key in ["area", "area.origin_lat_deg", "link.los_exponent", "slots"] {
             assert_eq!(of(key, "free-space"), [""; 0], "{key}");
         }

@@ -17,7 +17,7 @@ use crate::geometry::Position;
 use crate::message::SensorNode;
 use crate::random::{Purpose, Streams};
 use crate::sampling::Sampling;
-use crate::scenario::{CHANNEL, Interval, Scenario, TRACE};
+use crate::scenario::{CHANNEL, Interval, RATES, Scenario, TRACE};
 use crate::units::ratio_of_db;
 use crate::weights::Weights;
 
@@ -163,7 +163,12 @@ impl SensorList {
     /// The files that a scenario with this list names besides the list, by their names in a run folder.
     pub fn files_beside(&self, scenario: &Scenario) -> impl Iterator<Item = (&'static str, String)> {
         let trace = self.trace.as_ref().map(|trace| (TRACE, trace.to_csv()));
-        trace.into_iter().chain(scenario.link.table.map(|table| (CHANNEL, table.to_csv())))
+        let table = scenario.link.table.map(|table| (CHANNEL, table.to_csv()));
+        let (levels, rates) = scenario.link.map.map_or((None, None), |map| {
+            let (levels, rates) = map.to_csv();
+            (Some((CHANNEL, levels)), rates.map(|rates| (RATES, rates)))
+        });
+        trace.into_iter().chain(table).chain(levels).chain(rates)
     }
 
     /// The arrivals, if they are those of a file.

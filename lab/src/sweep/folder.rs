@@ -8,7 +8,7 @@ use std::path::Path;
 
 use skysink_common::build::build;
 use skysink_common::error::InputError;
-use skysink_common::scenario::{CHANNEL, TRACE};
+use skysink_common::scenario::{CHANNEL, RATES, TRACE};
 use skysink_common::stop::Stop;
 use skysink_mission::MissionError;
 use skysink_mission::error::FileContext;
@@ -180,7 +180,9 @@ pub fn remove_comparison(path: &Path) -> Result<(), LabError> {
     }
     let message = "another process is writing it: stop it, or choose another --out";
     let folder = LAYOUT.lock(path)?.ok_or_else(|| refuse(message))?;
-    for name in RESULTS.into_iter().chain([JOURNAL, STANDINGS, RECORDING, SCENARIO, SENSORS, TRACE, CHANNEL, SWEEP]) {
+    for name in
+        RESULTS.into_iter().chain([JOURNAL, STANDINGS, RECORDING, SCENARIO, SENSORS, TRACE, CHANNEL, RATES, SWEEP])
+    {
         match fs::remove_file(path.join(name)) {
             Err(error) if error.kind() != ErrorKind::NotFound => return Err(error).at(&path.join(name))?,
             _ => {}

@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use skysink_common::build::VERSION;
 use skysink_common::error::InputError;
-use skysink_common::scenario::{CHANNEL, TRACE};
+use skysink_common::scenario::{CHANNEL, RATES, TRACE};
 use skysink_mission::error::FileContext;
 use skysink_mission::files::{read_regular, write_whole};
 use skysink_mission::folder::FolderLayout;
@@ -36,7 +36,7 @@ pub const RECORDING: &str = "comparison.rrd";
 pub(crate) static LAYOUT: FolderLayout = FolderLayout {
     lock: "lock",
     is_result: |name| name == MANIFEST,
-    is_temporary: |name| RESULTS.contains(&name) || [SCENARIO, SENSORS, TRACE, CHANNEL, SWEEP].contains(&name),
+    is_temporary: |name| RESULTS.contains(&name) || [SCENARIO, SENSORS, TRACE, CHANNEL, RATES, SWEEP].contains(&name),
 };
 
 /// The files that are written when all missions are flown.

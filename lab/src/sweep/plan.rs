@@ -141,7 +141,8 @@ impl Sweep {
         for point in 0..points.len() {
             let refuse = |error| InputError::new("sweep", path, format!("at {}: {error}", self.name(point)));
             let scenario = self.scenario_of_grid(&self.base.table, point).map_err(refuse)?;
-            if scenario.sensors.file.is_some() || scenario.sensors.has_trace() || scenario.link.table.is_some() {
+            let has_channel = scenario.link.table.is_some() || scenario.link.map.is_some();
+            if scenario.sensors.file.is_some() || scenario.sensors.has_trace() || has_channel {
                 let list = SensorList::of(&scenario)?;
                 hash.update(scenario.to_toml_with_list("").as_bytes());
                 hash.update(list.to_csv().as_bytes());

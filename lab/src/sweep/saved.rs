@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use skysink_common::error::InputError;
 use skysink_common::keys::dotted;
-use skysink_common::scenario::{CHANNEL, Overrides, Scenario, TRACE};
+use skysink_common::scenario::{CHANNEL, Overrides, RATES, Scenario, TRACE};
 use skysink_mission::error::FileContext;
 use skysink_mission::files::read_regular;
 use skysink_mission::origin::{SourceFile, is_source};
@@ -103,7 +103,9 @@ impl Sweep {
     pub(crate) fn files(&self) -> Result<Vec<SavedFile>, LabError> {
         let mut files = Vec::new();
         let mut table = self.full_base()?;
-        for (key, name) in [("sensors.file", SENSORS), ("sensors.arrivals.file", TRACE), ("link.file", CHANNEL)] {
+        for (key, name) in
+            [("sensors.file", SENSORS), ("sensors.arrivals.file", TRACE), ("link.file", CHANNEL), ("link.rates", RATES)]
+        {
             if let Some(file) = dotted::value_mut(&mut table, key).filter(|file| file.is_str()) {
                 let path = self.base.path.parent().unwrap_or(Path::new("")).join(file.as_str().unwrap_or_default());
                 files.push((name.into(), read_regular(&path).at(&path)?));

@@ -2,7 +2,8 @@
 //!
 //! A link is best from straight above at the lowest altitude: rates fall with the distance, and the probability of line
 //! of sight is highest there. The draw of a random channel depends only on the seed, the slot and the sensor node, so
-//! the capacity at the best position is known. A line of sight that stays depends on the position, and is assumed.
+//! the capacity at the best position is known. A line of sight that stays depends on the position, and is assumed. By a
+//! map of links the best is the highest node of its grid.
 
 use skysink_common::channel::{Channel, ChannelModel, Uplink};
 use skysink_common::random::Streams;
@@ -20,8 +21,8 @@ const MOST_DRAWS: u64 = 20_000_000;
 pub struct BestLinks {
     pub(crate) channel: Channel,
     streams: Streams,
-    /// Sensor nodes (SNs) by their ids, with their gains.
-    sensors: Vec<(u32, f64)>,
+    /// Sensor nodes (SNs) by their ids, with their gains, and the highest levels of a map.
+    sensors: Vec<(u32, f64, f64)>,
     altitude_m: f64,
     /// Farthest descent in a slot [m]; 0 at a fixed altitude.
     descent_m: f64,
@@ -39,11 +40,14 @@ impl BestLinks {
     /// The links of the SNs `ids`.
     #[must_use]
     pub fn over(scenario: &Scenario, sensors: &Sensors, ids: impl Iterator<Item = u32>) -> Self {
-        let sensors: Vec<(u32, f64)> = ids.map(|id| (id, sensors.gains[id as usize])).collect();
+        let channel = Channel::of(&scenario.link);
+        let level =
+            |id: u32| channel.map().map_or(f64::INFINITY, |model| model.map.highest_level(sensors.position(id)));
+        let sensors: Vec<_> = ids.map(|id| (id, sensors.gains[id as usize], level(id))).collect();
         let climb = scenario.uav.climb();
         let draws = (sensors.len() as u64).saturating_mul(scenario.slots);
         Self {
-            channel: Channel::of(&scenario.link),
+            channel,
             streams: Streams::new(scenario.seed),
             sensors,
             altitude_m: scenario.uav.altitude_m,
@@ -56,8 +60,8 @@ impl BestLinks {
     /// Whole bits that the link of the SN at `index` carries in `slot` at most.
     #[must_use]
     pub fn best_bits(&self, slot: u64, index: usize) -> u64 {
-        let (id, gain) = self.sensors[index];
-        let uplink = self.above(slot, gain);
+        let (id, gain, level) = self.sensors[index];
+        let uplink = Uplink { level, ..self.above(slot, gain) };
         let rate_bps = if self.are_drawn {
             self.channel.best_drawn_rate_bps(&uplink, &self.streams, slot, id)
         } else {
@@ -70,7 +74,7 @@ impl BestLinks {
     pub fn expected_bits(&self, queue_bits: u64) -> impl FnMut(u64) -> f64 {
         let carried_bits =
             move |rate_bps: f64| self.channel.capacity_bits(rate_bps * (1.0 + ROUNDING)).min(queue_bits) as f64;
-        let highest_gain = self.sensors.iter().map(|(_, gain)| *gain).fold(0.0, f64::max);
+        let highest_gain = self.sensors.iter().map(|(_, gain, _)| *gain).fold(0.0, f64::max);
         let mut last: Option<(Uplink, f64)> = None; // in most slots the lowest altitude is that of the slot before
         move |slot| {
             let uplink = self.above(slot, highest_gain);

@@ -333,8 +333,7 @@ impl Decoder {
         found.clear();
         let at = &self.at;
         let candidate = |sensor, capacity| Candidate { sensor, capacity, saved: 0.0, left: 0.0 };
-        let linked =
-            |sensor: u32, d2_m2: f64| candidate(sensor, model.capacity::<O>(sensor, d2_m2, model.sees(sensor, at)));
+        let linked = |sensor: u32, d2_m2: f64| candidate(sensor, model.capacity_at::<O>(sensor, d2_m2, at));
         if O::HOVERS {
             model.links(at).iter().for_each(|&(sensor, capacity)| found.push(candidate(sensor, capacity)));
         } else if members.len() == blocks {

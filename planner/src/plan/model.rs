@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use nalgebra::Vector2;
 use skysink_common::channel::{ChannelModel, Uplink};
-use skysink_common::geometry::{Position, above};
+use skysink_common::geometry::{Position, above, distance_squared, within};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::grid::Grid;
 use skysink_common::stop::Stop;
@@ -149,10 +149,10 @@ impl PlanModel {
         let ids: Vec<u32> = mission.servable().filter(samples).filter(is_near).collect();
         let grid = |positions: &[Position]| Grid::over(&scenario.area, positions, scenario.link.comm_radius_m);
         let table = mission.over(scenario, Arc::new(mission.sensors.subset(&ids, grid)));
-        let is_tabulated = table.channel.depends_on_elevation() || table.channel.buildings().is_some();
+        let is_tabulated = table.channel.depends_on_elevation() || table.channel.depends_on_place();
         let capacities_bits = (is_tabulated && !O::HOVERS).then(|| {
             let seen = best_capacities_bits(scenario, &table, true);
-            let hidden = table.channel.buildings().map(|_| best_capacities_bits(scenario, &table, false));
+            let hidden = table.channel.depends_on_place().then(|| best_capacities_bits(scenario, &table, false));
             Box::new([seen, hidden.unwrap_or(seen)])
         });
         let has_sampling = table.sensors.sampling_ids().next().is_some();
@@ -177,7 +177,7 @@ impl PlanModel {
             return model;
         }
         for index in model.table.sensors.ids() {
-            let disk = Disk { centre: *model.table.sensors.position(index), radius_m: model.near_m::<O>(index) };
+            let disk = model.near::<O>(index);
             model.disks.push(ServiceDisk { disk, members: vec![index] });
         }
         if may_group && (O::COUNTS_AGES || model.is_scarce()) {
@@ -201,7 +201,7 @@ impl PlanModel {
             weight,
             capacity_bits: sampler.capacity_bits.into(),
             is_emptied: costs.is_by_visits()
-                || self.capacity_bits(index, rim_m2, self.table.channel.buildings().is_none())
+                || self.capacity_bits(index, rim_m2, !self.table.channel.depends_on_place())
                     >= f64::from(sampler.capacity_bits),
             initial_half_slots: 0.0,
             rate_half_fraction: 0.0,
@@ -230,23 +230,38 @@ impl PlanModel {
         self.table.limits.comm_radius_m * f64::from(step) / f64::from(NEAR_RADII)
     }
 
-    /// Radius of the disk of a single sensor [m]: the farthest at which the link carries most, and up to which no building
-    /// hides the sensor.
-    fn near_m<O: Objective>(&self, sensor: u32) -> f64 {
+    /// The disk of a single sensor: its radius is the farthest at which the link carries most, and up to which no building
+    /// hides the sensor. By a map the disk is about the place in range from which the link carries most.
+    fn near<O: Objective>(&self, sensor: u32) -> Disk {
+        let position = *self.table.sensors.position(sensor);
         let most_m = self.carries_most_m::<O>(sensor);
-        if self.table.channel.buildings().is_none() {
-            return most_m;
+        let channel = &self.table.channel;
+        if !channel.depends_on_place() {
+            return Disk { centre: position, radius_m: most_m };
         }
-        let centre = self.table.sensors.position(sensor);
-        let around = |step: u32| {
+        let around = |centre: Position, step: u32| {
             let angle = |turn: u32| f64::from(turn) * TAU / f64::from(LOOKS);
             let direction = move |turn: u32| Vector2::new(angle(turn).cos(), angle(turn).sin());
             let radius_m = self.near_radius_m(step);
             (0..LOOKS).map(move |turn| centre + radius_m * direction(turn))
         };
-        let is_seen = |at: Position| self.sees(sensor, &at) || !self.table.airspace.contains(&at);
-        let seen = (1..=NEAR_RADII).take_while(|&step| around(step).all(is_seen)).last();
-        seen.map_or(0.0, |step| self.near_radius_m(step)).min(most_m)
+        let is_flown = |at: &Position| self.table.airspace.contains(at);
+        if channel.map().is_none() {
+            let is_seen = |at: Position| self.sees(sensor, &at) || !is_flown(&at);
+            let seen = (1..=NEAR_RADII).take_while(|&step| around(position, step).all(is_seen)).last();
+            let radius_m = seen.map_or(0.0, |step| self.near_radius_m(step)).min(most_m);
+            return Disk { centre: position, radius_m };
+        }
+        let capacity = |at: &Position| self.capacity_at::<O>(sensor, distance_squared(&position, at), at);
+        let places = (1..=NEAR_RADII).step_by(4).flat_map(|step| around(position, step)).filter(is_flown);
+        let rated = std::iter::once(position).chain(places).map(|at| (capacity(&at), at));
+        let best = rated.reduce(|best, next| if next.0 > best.0 { next } else { best });
+        let (most, centre) = best.expect("at least the place of the sensor");
+        let enough = most * NEAR;
+        let reach_m = self.table.limits.comm_radius_m;
+        let is_near = |at: Position| !is_flown(&at) || within(&position, &at, reach_m) && capacity(&at) >= enough;
+        let near = (1..=NEAR_RADII).take_while(|&step| around(centre, step).all(is_near)).last();
+        Disk { centre, radius_m: near.map_or(0.0, |step| self.near_radius_m(step)) }
     }
 
     /// Whether loss may be hard to avoid, because many resource blocks are needed for the sampled bits, or a tour takes
@@ -402,6 +417,30 @@ impl PlanModel {
             return f64::INFINITY;
         }
         O::capacity(model, self.capacity_bits(sensor, d2_m2, in_sight))
+    }
+
+    /// Capacity of a visit of `sensor` from above `at`, at the squared distance `d2_m2` [m²] [bit].
+    pub(super) fn bits_at(&self, sensor: u32, d2_m2: f64, at: &Position) -> f64 {
+        let MissionTable { channel, sensors, .. } = &self.table;
+        if channel.map().is_none() {
+            return self.capacity_bits(sensor, d2_m2, self.sees(sensor, at));
+        }
+        let gain = sensors.gains[sensor as usize];
+        let uplink = channel.uplink(gain, sensors.position(sensor), &above(at, self.altitude_m));
+        let buffer_bits = u64::from(sensors.sampler(sensor).capacity_bits);
+        channel.mean_over_draws(&uplink, &|rate_bps| channel.capacity_bits(rate_bps).min(buffer_bits) as f64)
+    }
+
+    /// The same in the unit of the objective; infinite if a visit from anywhere empties the sensor.
+    #[inline]
+    #[must_use]
+    pub fn capacity_at<O: Objective>(&self, sensor: u32, d2_m2: f64, at: &Position) -> f64 {
+        if self.table.channel.map().is_none() {
+            return self.capacity::<O>(sensor, d2_m2, self.sees(sensor, at));
+        }
+        let model = &self.sensors[sensor as usize];
+        let bits = self.bits_at(sensor, d2_m2, at);
+        if model.is_emptied && bits > 0.0 { f64::INFINITY } else { O::capacity(model, bits) }
     }
 
     /// Bits of such a visit [bit].

@@ -82,7 +82,7 @@ impl PlanModel {
             let sensors = &self.table.sensors;
             sensors.grid.visit_within(point, self.table.limits.comm_radius_m, |node| {
                 let d2_m2 = distance_squared(sensors.position(node.id), point);
-                let bits = self.capacity_bits(node.id, d2_m2, self.sees(node.id, point));
+                let bits = self.bits_at(node.id, d2_m2, point);
                 links.extend((bits > 0.0).then_some((node.id, bits)));
             });
             links.sort_unstable_by_key(|(sensor, _)| *sensor);

@@ -224,14 +224,15 @@ impl<'a> BestPoint<'a> {
         let MissionTable { sensors, channel, limits, .. } = self.table;
         let capacity_bits = sensors.sampler(id).capacity_bits;
         let gain = sensors.gains[id as usize];
-        let Uplink { d2_m2, in_sight, .. } = channel.uplink(gain, sensors.position(id), &above(point, self.altitude_m));
+        let uplink = channel.uplink(gain, sensors.position(id), &above(point, self.altitude_m));
+        let taken = |rate_bps: f64| channel.capacity_bits(rate_bps).min(capacity_bits.into()) as f64;
+        if !channel.is_random() || channel.map().is_some() {
+            return channel.mean_over_draws(&uplink, &taken);
+        }
+        let Uplink { d2_m2, in_sight, .. } = uplink;
         let mean_bits = |d2_m2: f64| {
-            let taken = |rate_bps: f64| channel.capacity_bits(rate_bps).min(capacity_bits.into()) as f64;
             channel.mean_over_draws(&Uplink { in_sight, ..channel.uplink_at(gain, d2_m2, self.altitude_m) }, &taken)
         };
-        if !channel.is_random() {
-            return mean_bits(d2_m2);
-        }
         let step_m = limits.comm_radius_m / (DISTANCES - 1) as f64;
         let key = (if channel.has_own_gains() { gain.to_bits() } else { 0 }, capacity_bits, in_sight);
         let at_steps = || std::array::from_fn(|step| mean_bits((step as f64 * step_m).powi(2)));

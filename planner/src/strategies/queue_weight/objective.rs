@@ -50,7 +50,7 @@ impl QueueWeightObjective {
             && ids.iter().all(|&id| {
                 let gain = sensors.gains[id as usize];
                 let rim = channel.uplink_at(gain, limits.comm_radius_m.powi(2), view.position.z);
-                let rim = Uplink { in_sight: channel.buildings().is_none(), ..rim };
+                let rim = Uplink { in_sight: !channel.depends_on_place(), ..rim };
                 let capacity_bits = channel.capacity_bits(channel.expected_rate_bps(&rim));
                 capacity_bits > u64::from(view.belief.queues_bits[id as usize]) // more: the slack of decision D5
             })

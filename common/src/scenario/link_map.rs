@@ -1,0 +1,65 @@
+//! The map of links that a scenario names (decision D32).
+
+use super::Scenario;
+use crate::channel::{LinkMap, LinkModel};
+use crate::error::{InputError, read_text};
+use crate::geometry::Position;
+use crate::sensors::SensorList;
+
+/// Reads the map of a scenario, before its sensor nodes are known; `None` with other models.
+///
+/// # Errors
+/// If a file cannot be read, or is no map.
+pub(crate) fn read(scenario: &Scenario) -> Result<Option<&'static LinkMap>, InputError> {
+    let link = &scenario.link;
+    let Some(file) = link.file.as_ref().filter(|_| link.model == LinkModel::Map) else { return Ok(None) };
+    let path = scenario.beside(file);
+    let steps = match link.rates.as_ref().map(|rates| scenario.beside(rates)) {
+        Some(rates) => Some(LinkMap::parse_steps(&read_text("channel", &rates)?, &rates)?),
+        None => None,
+    };
+    Ok(Some(LinkMap::parse(&read_text("channel", &path)?, &path, steps)?.held()))
+}
+
+/// The map of a checked scenario, with its sensor nodes.
+///
+/// # Errors
+/// If there is a grid for an unknown sensor node, or a sensor node without one.
+pub(crate) fn placed(scenario: &Scenario) -> Result<Option<&'static LinkMap>, InputError> {
+    let (Some(map), Some(file)) = (scenario.link.map, &scenario.link.file) else { return Ok(None) };
+    if map.has_rates() {
+        let of_snr = "none beside a map of rates (rate_bps in link.file)";
+        if let Some(residual_db) = scenario.link.residual_db.filter(|residual_db| *residual_db > 0.0) {
+            return Err(scenario.refusal("link.residual_db", &residual_db.into(), of_snr));
+        }
+        if let Some(rates) = &scenario.link.rates {
+            return Err(scenario.refusal("link.rates", &rates.display().to_string().into(), of_snr));
+        }
+    }
+    let (names, has_others) = map.names();
+    if names.is_empty() {
+        return Ok(Some(map));
+    }
+    let refuse = |message: String| InputError::new("channel", &scenario.beside(file), message);
+    let list = SensorList::of(scenario)?;
+    let count = list.sensors().len();
+    let id = |name: &String| {
+        let named = (0..count).find(|&id| list.name(id) == Some(name));
+        let id = named.or_else(|| name.parse().ok().filter(|id| *id < count));
+        id.ok_or_else(|| refuse(format!("sensor `{name}`: expected the name or the id of a sensor node, or nothing")))
+    };
+    let ids = names.iter().map(id).collect::<Result<Vec<usize>, _>>()?;
+    for (other, sensor) in list.sensors().iter().enumerate() {
+        if !has_others && !ids.contains(&other) {
+            let label = list.label(other);
+            return Err(refuse(format!("no grid for {label}: expected one, or rows without a sensor for all others")));
+        }
+        let is_above = |&&id: &&usize| id != other && list.sensors()[id].position == sensor.position;
+        if let Some(&id) = ids.iter().find(is_above) {
+            let [one, two] = [id, other].map(|id| list.label(id));
+            return Err(refuse(format!("{one} has a grid of its own at the place of {two}: expected other places")));
+        }
+    }
+    let places: Vec<Position> = ids.into_iter().map(|id| list.sensors()[id].position).collect();
+    Ok(Some(map.clone().at_places(&places).held()))
+}

@@ -1,0 +1,102 @@
+//! Links by place: the same in every process, after a resumption, and from the run folder; never better than the bound.
+
+use std::fs;
+
+use expect_test::expect_file;
+use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::sensors::{SensorList, Sensors};
+use skysink_common::stop::Stop;
+use skysink_mission::Mission;
+use skysink_planner::bound::mission_bound;
+
+use crate::support::Place;
+
+const RATES: &str = "snr_db,rate_bps\n0,20000\n5,60000\n10,180000\n";
+
+/// A hill of SNR in the middle of 100 m for all SNs, without links in a corner, and a flat map for SN 2.
+fn map() -> String {
+    let mut rows = String::from("sensor,x_m,y_m,z_m,snr_db\n2,0,0,20,7\n");
+    for x_m in [0, 25, 50, 75, 100] {
+        for y_m in [0, 25, 50, 75, 100] {
+            let snr_db = 12 - ((x_m - 50i32).abs() + (y_m - 50i32).abs()) / 8;
+            rows += &if x_m + y_m == 0 { format!(",{x_m},{y_m},20,\n") } else { format!(",{x_m},{y_m},20,{snr_db}\n") };
+        }
+    }
+    rows
+}
+
+fn write(place: &Place) -> String {
+    place.write("rates.csv", RATES);
+    place.write("links.csv", &map()).display().to_string()
+}
+
+#[test]
+fn ring_and_single_process_fly_over_the_same_map() {
+    let place = Place::new();
+    let path = write(&place);
+    let rates = path.replace("links.csv", "rates.csv");
+    let flight =
+        place.flight("smoke").set("link.model", "map").set("link.file", &path).set("link.rates", &rates).force();
+    let flight = flight.set("link.residual_db", 3.0).set("slots", 40);
+    for (strategy, key, value) in
+        [("uts", "link.service", "observed"), ("horizon", "link.residual_m", "30.0"), ("gfs", "planner.links", "map")]
+    {
+        flight.clone().strategy(strategy).set(key, value).without_viewer().run();
+        place.assert_trace_as_simulated("run");
+    }
+    assert!(place.summary("run")["delivered_bits"].as_u64().unwrap() > 0);
+    fs::remove_file(&path).unwrap();
+    fs::remove_file(&rates).unwrap();
+    place.run_ok(&["simulate", "run/scenario.toml", "--out", "again"]);
+    place.assert_same_trace("run", "again");
+    place.cut_trace("again", 20);
+    place.resume("again");
+    place.assert_same_trace("run", "again");
+    place.run_ok(&["replay", "run", "--out", "replayed"]);
+    let changed = place.read("run/rates.csv").replacen("60000", "60001", 1);
+    fs::write(place.path("run/rates.csv"), changed).unwrap();
+    place.run_refused(&["report", "run"], "rates.csv: it was modified after the start of the run");
+    place.assert_clean();
+}
+
+#[test]
+fn an_impossible_map_is_refused() {
+    let place = Place::new();
+    place.scenario("smoke");
+    write(&place);
+    place.assert_transcript(&expect_file!["transcripts/channel-map.txt"]);
+}
+
+#[test]
+fn no_flight_over_a_map_loses_less_than_the_bound() {
+    let place = Place::new();
+    write(&place);
+    let mut tight = 0;
+    for seed in 1..=20 {
+        for (strategy, keys) in [
+            ("horizon", ""),
+            ("gfs", "residual_db = 4.0\n"),
+            ("edf", "residual_db = 4.0\nservice = 'observed'\n"),
+            ("tour", "residual_db = 4.0\nresidual_m = 20.0\n"),
+            ("hover", "residual_db = 2.0\nlaw_snr_db = 40.0\n"),
+        ] {
+            let links = if keys.contains("law") { "planner.links = 'law'\n" } else { "" };
+            let text = format!(
+                "name = 'x'\nseed = {seed}\nslots = 60\nplanner.strategy = '{strategy}'\n{links}\
+                 planner.horizon.iterations = 50\n[sensors]\ncount = 12\nsampling_bps = 9e3\n\
+                 [link]\nmodel = 'map'\nfile = 'links.csv'\nrates = 'rates.csv'\n{keys}"
+            );
+            let scenario = Scenario::parse(&text, &place.path("x.toml"), Overrides::default()).unwrap();
+            let scenario = skysink_planner::settings::resolve(scenario).unwrap();
+            let list = SensorList::of(&scenario).unwrap();
+            let mut mission = Mission::new(&scenario, &list).unwrap();
+            mission.drive(&mut [], &Stop::default()).unwrap();
+            let lost_bits = mission.header().totals.lost_bits;
+            let sensors = Sensors::of(&scenario, &list.nodes());
+            let bound = mission_bound(&scenario, &sensors, &list.queues_bits(), u64::MAX);
+            assert!(bound.loss_bits <= lost_bits, "seed {seed}, {strategy}: {bound:?}, {lost_bits}");
+            tight += u32::from(bound.loss_bits > 0);
+        }
+    }
+    assert!(tight > 20, "{tight} bounds above 0");
+}
