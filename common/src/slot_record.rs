@@ -35,7 +35,7 @@ const REPORT_BYTES: usize = offset_of!(FlightReport, links);
 impl Checkpoint for ByUav<FlightReport> {
     fn save(&self, bytes: &mut Vec<u8>) {
         for flight in self {
-            let swapping = (flight.swapped_slots() > 0).then(|| FlightReport { served: 1, ..*flight });
+            let swapping = (flight.swapped_slots() > 0).then_some(FlightReport { served: 1, ..*flight });
             let flight = swapping.as_ref().unwrap_or(flight);
             let length = REPORT_BYTES + size_of_val(flight.served_links());
             bytes.extend_from_slice(&bytemuck::bytes_of(flight)[..length]);

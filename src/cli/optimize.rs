@@ -82,7 +82,7 @@ fn print_optimum(found: &BestKnown) -> Result<(), Error> {
     let mut row = |name: &str, numbers: [Option<f64>; 4]| {
         let shown = || numbers.iter().zip(columns).filter(|(_, (_, is_shown))| *is_shown).map(|(number, _)| *number);
         let text = |number: Option<f64>| number.map_or_else(String::new, figure);
-        let compared = numbers[..3].iter().zip(columns).filter(|(_, (_, is_shown))| *is_shown).next_back();
+        let compared = numbers[..3].iter().zip(columns).rfind(|(_, (_, is_shown))| *is_shown);
         let ratio = compared.and_then(|(number, _)| *number).map(|number| number / best.compared());
         let ratio = ratio.filter(|ratio| ratio.is_finite());
         let cells = shown().map(text).chain([ratio.map_or_else(String::new, |ratio| format!("{ratio:.3}"))]);
