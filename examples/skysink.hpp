@@ -76,6 +76,8 @@ enum class HoldReason : uint32_t {
     Separation,
     /// There was a plan, but the vehicle was not heard, or not believed to be where it said.
     Unknown,
+    /// It has landed to charge, and all pads of its site are taken: it waits, in mode `charge` (decision D34).
+    Pad,
 };
 
 /// User header of every sample; those of `sensors`, `belief` and `queues` begin with it.
@@ -167,7 +169,7 @@ struct Totals {
     uint64_t sampled_bits;
     /// Uploaded to the UAV.
     uint64_t delivered_bits;
-    /// Lost to full buffers, `Σ D_i` (UTS eq. 8).
+    /// Lost to full buffers, `Σ D_i` (UTS eq. 8), or expired.
     uint64_t lost_bits;
     /// Queued now.
     uint64_t queued_bits;
@@ -280,7 +282,8 @@ struct FlightReport {
     uint32_t refused;
     /// How many of `links` count.
     uint32_t served;
-    /// The served links, by ascending sensor node.
+    /// The served links, by ascending sensor node. While a battery is swapped, which serves none, `capacity_bits` of the
+    /// first counts the slots of the stay.
     LinkReport links[MAX_SERVED];
 };
 

@@ -20,6 +20,7 @@ pub mod geometry;
 pub mod keys;
 pub mod ledger;
 pub mod limits;
+pub mod link_places;
 pub mod message;
 pub mod option_value;
 pub mod pace;

@@ -6,7 +6,6 @@
 
 mod area;
 mod base;
-mod link_map;
 mod mission;
 mod motion;
 mod preset_rates;
@@ -34,7 +33,7 @@ pub use uav::{AltitudeMode, Climb, Coordination, MAX_UAVS, Moves, Propulsion, Ua
 pub use zones::LEAST_FILLED;
 
 use crate::airspace::cells_along;
-use crate::channel::{LinkModel, RateTable};
+use crate::channel::{LinkMap, LinkModel, RateTable};
 use crate::cohorts::Expiry;
 use crate::error::{InputError, read_text};
 use crate::keys::{self, Keys, Source, dotted};
@@ -173,7 +172,10 @@ impl Scenario {
             scenario.link.table = Some(rates);
             scenario.link.comm_radius_m = if has_radius { scenario.link.comm_radius_m } else { radius_m };
         }
-        scenario.link.map = link_map::read(&scenario)?;
+        if let Some(file) = scenario.link.file.as_ref().filter(|_| scenario.link.model == LinkModel::Map) {
+            let rates = scenario.link.rates.as_ref().map(|rates| scenario.beside(rates));
+            scenario.link.map = Some(LinkMap::read(&scenario.beside(file), rates.as_deref())?);
+        }
         scenario.link.buildings = (scenario.link.model == LinkModel::Buildings).then(|| scenario.buildings().held());
         if let Some(strategy) = overrides.strategy {
             strategy.clone_into(&mut scenario.planner.strategy);
@@ -197,7 +199,6 @@ impl Scenario {
         }
         rules::check(&scenario, &table)?;
         track::check(&scenario, track.as_ref())?;
-        scenario.link.map = link_map::placed(&scenario)?;
         Ok(scenario)
     }
 }

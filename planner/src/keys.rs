@@ -9,8 +9,6 @@ use skysink_common::scenario::Scenario;
 use strum::VariantNames;
 use toml::Value;
 
-use crate::waypoint::WaypointSolver;
-
 /// Largest weight of a cost.
 const MOST_WEIGHT: f64 = 1e12;
 
@@ -113,6 +111,17 @@ pub enum Knowledge {
     Oracle,
     /// The UAV's estimate, from the queues reported on contact and the sampling rates.
     Estimated,
+}
+
+/// Solver of the waypoint problem sP2*.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, VariantNames)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum WaypointSolver {
+    /// In free space the exact projection onto an intersection of disks; with probabilistic line of sight, ascent.
+    Geometric,
+    /// Interior-point conic solver, Clarabel.
+    Clarabel,
 }
 
 /// The planner's knowledge of links by place (decision D32).

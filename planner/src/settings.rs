@@ -7,15 +7,17 @@ use std::sync::Arc;
 use skysink_common::battery::BatteryState;
 use skysink_common::error::InputError;
 use skysink_common::geometry::Position;
+use skysink_common::link_places::placed;
 use skysink_common::scenario::Scenario;
 use toml::Table;
 
-pub use crate::keys::{Knowledge, NamedObjective, ObjectiveWeights, PEAK_EXPONENT, PlanningObjective, Settings};
+pub use crate::keys::{
+    Knowledge, NamedObjective, ObjectiveWeights, PEAK_EXPONENT, PlanningObjective, Settings, WaypointSolver,
+};
 use crate::plan::keys::{HorizonKeys, LookAheadPart};
 use crate::route::home::Home;
 use crate::strategies::{PYTHON, STRATEGIES, one_of};
 use crate::strategy::{Registered, StrategyKeys};
-pub use crate::waypoint::WaypointSolver;
 pub use skysink_common::estimate::Rates;
 
 /// Renamed keys: the old and the new name.
@@ -41,7 +43,8 @@ pub fn change(scenario: Scenario, change: impl FnOnce(&mut Settings)) -> Result<
     let mut settings = Settings::of(&scenario)?;
     change(&mut settings);
     let keys = every_key(&scenario, &settings)?;
-    let scenario = scenario.with_planner_keys(&keys)?;
+    let mut scenario = scenario.with_planner_keys(&keys)?;
+    scenario.link.map = placed(&scenario)?;
     check(&scenario)?;
     Ok(scenario)
 }

@@ -181,9 +181,13 @@ impl<'a> View<'a> {
 
     /// Where a fixed flight ends the slot (`uav.track`), or toward there if the UAV is not where that begins it, because
     /// an earlier plan was late; `None` if strategies choose waypoints.
+    #[inline]
     #[must_use]
     pub fn fixed_end(&self) -> Option<Point3<f64>> {
-        let track = self.table.track.as_ref()?;
+        self.track_end(self.table.track.as_ref()?)
+    }
+
+    fn track_end(&self, track: &[[f64; 3]]) -> Option<Point3<f64>> {
         let index = usize::try_from(self.slot.checked_sub(1)?).ok()?;
         let end = Point3::from(*track.get(index)?);
         let begin = index.checked_sub(1).map_or(self.position, |before| Point3::from(track[before]));
@@ -196,6 +200,7 @@ impl<'a> View<'a> {
     }
 
     /// Where a slot ends for which a strategy decides `ground`: there, in the area, or where the flight is fixed.
+    #[inline]
     #[must_use]
     pub fn end_for(&self, ground: &Position) -> Position {
         self.fixed_end().map_or_else(|| self.table.clamp_to_area(ground), |end| end.xy())

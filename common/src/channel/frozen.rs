@@ -5,14 +5,14 @@
 //! The field is a sum of random cosines. Its correlation is `e^{−d/l}` in the displacement `d` of either end: wave
 //! vectors are multivariate Cauchy, `z/(|w| l)` with `z` and `w` standard normal.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
 use nalgebra::{Point3, Vector2, Vector3};
 
 use super::Channel;
 use super::model::{ChannelModel, Draw, Uplink};
 use crate::geometry::Position;
-use crate::random::{Purpose, Streams, fraction, normal_pair};
+use crate::random::{Purpose, Streams, fraction, normal_cdf, normal_pair};
 
 /// Number of cosines.
 const WAVES: u32 = 128;
@@ -85,20 +85,6 @@ impl Wave {
             phase: TAU * fraction(&mut random),
         }
     }
-}
-
-/// Probability that a standard normal number is below `x`, by its series (Marsaglia, 2004); exact to 10^−14.
-pub(super) fn normal_cdf(x: f64) -> f64 {
-    if x.abs() > 7.0 {
-        return if x > 0.0 { 1.0 } else { 0.0 };
-    }
-    let (mut term, mut sum, mut power) = (x, x, 1.0);
-    while term.abs() > 1e-17 {
-        power += 2.0;
-        term *= x * x / power;
-        sum += term;
-    }
-    0.5 + sum * (-0.5 * x * x).exp() / (2.0 * PI).sqrt()
 }
 
 #[cfg(test)]

@@ -1,22 +1,21 @@
 //! Links by place (decision D32): the signal-to-noise ratio (SNR) of each sensor node over a grid of positions of the
 //! UAV, and the rate that each SNR carries.
 
-use std::collections::HashMap;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use nalgebra::Point3;
+use rustc_hash::FxHashMap;
 use serde::{Deserialize, Serialize};
 use strum::VariantNames;
 
-use super::frozen::normal_cdf;
 use super::model::{ChannelModel, Draw, Slopes, Uplink};
 use super::table::Step;
 use crate::csv_rows::read_rows;
-use crate::error::InputError;
+use crate::error::{InputError, read_text};
 use crate::geometry::Position;
 use crate::keys::Only;
-use crate::random::{Purpose, Streams, normal_pair};
+use crate::random::{Purpose, Streams, normal_cdf, normal_pair};
 
 /// Keys of the model `map`.
 pub(crate) const ONLY: Only = Only { key: "model", values: &["map"], expected: Some("it only with model = \"map\"") };
@@ -49,7 +48,7 @@ pub struct LinkMap {
     /// SNR from which on each rate is carried [dB], and the rate [bit/s], both ascending; `None` if levels are rates.
     steps: Option<Vec<[f64; 2]>>,
     /// The grids of the sensor nodes with one of their own, by the bits of their positions.
-    of_places: HashMap<[u64; 2], usize>,
+    of_places: FxHashMap<[u64; 2], usize>,
 }
 
 /// The level of one sensor node, or of all, over a grid of positions of the UAV.
@@ -96,7 +95,7 @@ impl LinkMap {
         let of_sensors = || rows.chunk_by(|a, b| a.0 == b.0);
         let grids = of_sensors().map(LevelGrid::new).collect::<Result<_, _>>().map_err(refuse)?;
         let names = of_sensors().map(|rows| rows[0].0.clone()).collect();
-        Ok(Self { names, grids, steps: steps.filter(|_| !are_rates), of_places: HashMap::new() })
+        Ok(Self { names, grids, steps: steps.filter(|_| !are_rates), of_places: FxHashMap::default() })
     }
 
     /// Parses the text of the file `path` of the rates of SNRs.
@@ -118,6 +117,18 @@ impl LinkMap {
         }
     }
 
+    /// Reads the map in the file `path`, with the steps in the file `rates`, before its sensor nodes are known.
+    ///
+    /// # Errors
+    /// If a file cannot be read, or is no map.
+    pub fn read(path: &Path, rates: Option<&Path>) -> Result<&'static Self, InputError> {
+        let steps = match rates {
+            Some(rates) => Some(Self::parse_steps(&read_text("channel", rates)?, rates)?),
+            None => None,
+        };
+        Ok(Self::parse(&read_text("channel", path)?, path, steps)?.held())
+    }
+
     /// The sensor nodes with a grid of their own, by id or name, and whether there is a grid for all others.
     #[must_use]
     pub fn names(&self) -> (&[String], bool) {
@@ -131,6 +142,12 @@ impl LinkMap {
         let first = self.names.len() - places.len();
         self.of_places = places.iter().zip(first..).map(|(place, grid)| (key(place), grid)).collect();
         self
+    }
+
+    /// Whether it has the places of all sensor nodes with a grid of their own.
+    #[must_use]
+    pub fn is_placed(&self) -> bool {
+        self.names().0.len() == self.of_places.len()
     }
 
     /// Whether levels are rates, without SNRs.

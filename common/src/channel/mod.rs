@@ -257,12 +257,17 @@ impl Channel {
     #[must_use]
     #[inline]
     pub fn uplink(&self, gain: f64, sensor: &Position, uav: &Point3<f64>) -> Uplink {
+        if self.depends_on_place() { self.uplink_by_place(gain, sensor, uav) } else { Uplink::new(gain, sensor, uav) }
+    }
+
+    /// The same by a map, or among buildings.
+    #[inline(never)]
+    fn uplink_by_place(&self, gain: f64, sensor: &Position, uav: &Point3<f64>) -> Uplink {
         if let Some(MapChannel { map, .. }) = self.map() {
             return Uplink { level: map.level(sensor, uav), ..Uplink::new(gain, sensor, uav) };
         }
-        let Some(buildings) = self.buildings() else { return Uplink::new(gain, sensor, uav) };
         let uplink = self.uplink_at(gain, distance_squared(&uav.xy(), sensor), uav.z);
-        Uplink { in_sight: buildings.sees(sensor, uav), ..uplink }
+        Uplink { in_sight: self.buildings().is_none_or(|buildings| buildings.sees(sensor, uav)), ..uplink }
     }
 
     /// The uplink of a sensor node with `gain` at the squared horizontal distance `d2_m2` [m²], to the UAV at the

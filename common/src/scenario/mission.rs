@@ -207,7 +207,7 @@ impl Scenario {
     }
 
     /// A path that is relative to the scenario.
-    pub(super) fn beside(&self, file: &Path) -> PathBuf {
+    pub(crate) fn beside(&self, file: &Path) -> PathBuf {
         self.path.parent().unwrap_or(Path::new("")).join(file)
     }
 

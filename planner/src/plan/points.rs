@@ -1,12 +1,12 @@
 //! Points to hover at: the links there, the routes between them, and from where to serve a sensor.
 
-use std::collections::HashMap;
 use std::f64::consts::TAU;
 use std::hash::Hash;
 use std::sync::Arc;
 
 use nalgebra::Vector2;
 use rand_chacha::ChaCha8Rng;
+use rustc_hash::FxHashMap;
 use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::random::{below, fraction};
 
@@ -46,16 +46,16 @@ fn key(point: &Position) -> Key {
 /// What was found about points; all of it follows from the mission.
 #[derive(Debug, Clone, Default)]
 pub struct PointMemory {
-    links: HashMap<Key, Links>,
-    routes: HashMap<(Key, Key), Option<Route>>,
+    links: FxHashMap<Key, Links>,
+    routes: FxHashMap<(Key, Key), Option<Route>>,
     /// Routes home with time for the least energy.
-    homes: HashMap<Key, Option<Route>>,
+    homes: FxHashMap<Key, Option<Route>>,
     /// The best cells for a sensor; empty without a grid.
-    cells: HashMap<u32, Arc<[Position]>>,
+    cells: FxHashMap<u32, Arc<[Position]>>,
 }
 
 /// The kept value, or that which `find` finds; begins anew when there are too many.
-fn kept<K: Eq + Hash, V: Clone>(kept: &mut HashMap<K, V>, key: K, find: impl FnOnce() -> V) -> V {
+fn kept<K: Eq + Hash, V: Clone>(kept: &mut FxHashMap<K, V>, key: K, find: impl FnOnce() -> V) -> V {
     if let Some(known) = kept.get(&key) {
         return known.clone();
     }

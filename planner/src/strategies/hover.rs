@@ -5,9 +5,9 @@
 //! bits, by their weights, are predicted not to be lost. On the way and at the point the UAV serves the n most urgent
 //! SNs in range.
 
-use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
 
+use rustc_hash::FxHashMap;
 use skysink_common::channel::{ChannelModel, Uplink};
 use skysink_common::geometry::{Position, above, distance_squared};
 use skysink_common::scenario::Scenario;
@@ -65,7 +65,7 @@ struct BestPoint<'a> {
     initial_bits: f64,
     /// Bits that a visit is expected to take over a random channel, at equal steps of distance up to `d_c`, by the gain
     /// of the link, the buffer, and whether it is in sight.
-    taken_bits: HashMap<(u64, u32, bool), [f64; DISTANCES]>,
+    taken_bits: FxHashMap<(u64, u32, bool), [f64; DISTANCES]>,
     /// The best point so far, and the bits, by their weights, that are not lost because the UAV hovers there.
     best: (f64, Position),
 }
@@ -75,7 +75,7 @@ impl<'a> BestPoint<'a> {
         let start = scenario.start().xy();
         let initial_bits = scenario.sensors.initial_queue_mean_bits.mean();
         let altitude_m = scenario.uav.altitude_m;
-        Self { table, start, altitude_m, initial_bits, taken_bits: HashMap::new(), best: (0.0, start) }
+        Self { table, start, altitude_m, initial_bits, taken_bits: FxHashMap::default(), best: (0.0, start) }
     }
 
     /// The best point, the start if nothing can be lost or saved; after `stop` the best so far.

@@ -10,13 +10,12 @@ pub mod problem;
 pub mod sca;
 
 use nalgebra::Point3;
-use serde::{Deserialize, Serialize};
 use skysink_common::channel::ChannelModel;
 use skysink_common::geometry::{Position, above};
 use skysink_common::message::SolverOutcome;
 use skysink_common::scenario::Scenario;
-use strum::VariantNames;
 
+use crate::keys::WaypointSolver;
 use crate::mission_table::MissionTable;
 use conic::ConicSolver;
 use problem::{Problem, RatedPoint, Waypoint};
@@ -24,17 +23,6 @@ use sca::Contribution;
 
 /// Relative difference in rate below which two ends are equally good.
 const CONFIRMED: f64 = 1e-6;
-
-/// Solver of the waypoint problem sP2*.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, VariantNames)]
-#[serde(rename_all = "kebab-case")]
-#[strum(serialize_all = "kebab-case")]
-pub enum WaypointSolver {
-    /// In free space the exact projection onto an intersection of disks; with probabilistic line of sight, ascent.
-    Geometric,
-    /// Interior-point conic solver, Clarabel.
-    Clarabel,
-}
 
 /// The solver of a mission, with its working memory.
 pub struct Solver {

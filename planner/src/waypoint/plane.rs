@@ -66,9 +66,9 @@ mod tests {
     use super::*;
     use std::sync::Arc;
 
+    use crate::keys::WaypointSolver;
     use crate::mission_table::MissionTable;
     use crate::mission_table::tests::table_of;
-    use crate::waypoint::WaypointSolver;
     use proptest::prelude::*;
     use skysink_common::channel::{Channel, FreeSpace, Uplink};
 

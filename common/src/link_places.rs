@@ -1,31 +1,16 @@
-//! The map of links that a scenario names (decision D32).
+//! The map of links of a scenario, at the places of its sensor nodes (decision D32).
 
-use super::Scenario;
-use crate::channel::{LinkMap, LinkModel};
-use crate::error::{InputError, read_text};
+use crate::channel::LinkMap;
+use crate::error::InputError;
 use crate::geometry::Position;
+use crate::scenario::Scenario;
 use crate::sensors::SensorList;
 
-/// Reads the map of a scenario, before its sensor nodes are known; `None` with other models.
-///
-/// # Errors
-/// If a file cannot be read, or is no map.
-pub(crate) fn read(scenario: &Scenario) -> Result<Option<&'static LinkMap>, InputError> {
-    let link = &scenario.link;
-    let Some(file) = link.file.as_ref().filter(|_| link.model == LinkModel::Map) else { return Ok(None) };
-    let path = scenario.beside(file);
-    let steps = match link.rates.as_ref().map(|rates| scenario.beside(rates)) {
-        Some(rates) => Some(LinkMap::parse_steps(&read_text("channel", &rates)?, &rates)?),
-        None => None,
-    };
-    Ok(Some(LinkMap::parse(&read_text("channel", &path)?, &path, steps)?.held()))
-}
-
-/// The map of a checked scenario, with its sensor nodes.
+/// The map of a checked scenario at the places of its sensor nodes; `None` with other models.
 ///
 /// # Errors
 /// If there is a grid for an unknown sensor node, or a sensor node without one.
-pub(crate) fn placed(scenario: &Scenario) -> Result<Option<&'static LinkMap>, InputError> {
+pub fn placed(scenario: &Scenario) -> Result<Option<&'static LinkMap>, InputError> {
     let (Some(map), Some(file)) = (scenario.link.map, &scenario.link.file) else { return Ok(None) };
     if map.has_rates() {
         let of_snr = "none beside a map of rates (rate_bps in link.file)";
@@ -37,7 +22,7 @@ pub(crate) fn placed(scenario: &Scenario) -> Result<Option<&'static LinkMap>, In
         }
     }
     let (names, has_others) = map.names();
-    if names.is_empty() {
+    if map.is_placed() {
         return Ok(Some(map));
     }
     let refuse = |message: String| InputError::new("channel", &scenario.beside(file), message);
