@@ -208,7 +208,7 @@ impl Ledger {
     #[must_use]
     pub fn totals(&self) -> Totals {
         let lost_slots = match self.sampling.mean_bits {
-            PerSensor::Equal(mean_bits) => self.totals.lost_bits as f64 / mean_bits.max(f64::MIN_POSITIVE),
+            PerSensor::Equal(mean_bits) => self.totals.lost_bits as f64 / sampling_bits(mean_bits),
             PerSensor::Each(_) => self.lost_slots.iter().sum(),
         };
         Totals { lost_slots, ..self.totals }
@@ -273,13 +273,20 @@ impl Ledger {
     }
 }
 
+/// What the loss of an SN is divided by [bit]: its mean, or infinity if it does not sample, as what expires there is no
+/// loss in slots of sampling.
+#[inline(always)]
+fn sampling_bits(mean_bits: f64) -> f64 {
+    if mean_bits > 0.0 { mean_bits } else { f64::INFINITY }
+}
+
 /// The loss of the SNs of a block [slots of sampling], `Σ_i lost_i / (s_i τ)`. Pairwise summation vectorizes and has
 /// the same order on every processor.
 #[inline(always)]
 fn in_slots(lost_bits: impl Iterator<Item = u64>, mean_bits: impl Iterator<Item = f64>) -> f64 {
     let mut slots = [0.0; BLOCK];
     for ((slots, lost_bits), mean_bits) in slots.iter_mut().zip(lost_bits).zip(mean_bits) {
-        *slots = lost_bits as f64 / mean_bits.max(f64::MIN_POSITIVE); // 0 for one that does not sample
+        *slots = lost_bits as f64 / sampling_bits(mean_bits);
     }
     let mut sums = &mut slots[..];
     while sums.len() > 1 {

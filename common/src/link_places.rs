@@ -21,6 +21,11 @@ pub fn placed(scenario: &Scenario) -> Result<Option<&'static LinkMap>, InputErro
             return Err(scenario.refusal("link.rates", &rates.display().to_string().into(), of_snr));
         }
     }
+    let law = [("law_snr_db", scenario.link.law_snr_db), ("law_exponent", scenario.link.law_exponent)];
+    for (key, value) in law.into_iter().filter_map(|(key, value)| Some((key, value.filter(|_| map.has_rates())?))) {
+        let of_snr = "none beside a map of rates (rate_bps in link.file)";
+        return Err(scenario.refusal(&format!("link.{key}"), &value.into(), of_snr));
+    }
     let (names, has_others) = map.names();
     if map.is_placed() {
         return Ok(Some(map));
@@ -34,6 +39,10 @@ pub fn placed(scenario: &Scenario) -> Result<Option<&'static LinkMap>, InputErro
         id.ok_or_else(|| refuse(format!("sensor `{name}`: expected the name or the id of a sensor node, or nothing")))
     };
     let ids = names.iter().map(id).collect::<Result<Vec<usize>, _>>()?;
+    if let Some(again) = (1..ids.len()).find(|&index| ids[..index].contains(&ids[index])) {
+        let label = list.label(ids[again]);
+        return Err(refuse(format!("sensor `{}`: {label} has two grids: expected one", names[again])));
+    }
     for (other, sensor) in list.sensors().iter().enumerate() {
         if !has_others && !ids.contains(&other) {
             let label = list.label(other);

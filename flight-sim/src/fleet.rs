@@ -140,7 +140,7 @@ impl Fleet {
         self.pads.release();
         for (number, uav) in self.uavs.iter_mut().enumerate() {
             let (lower, rest) = reports.split_at_mut(number);
-            let awaits_pad = self.pads.refuses(uav, rest[0].flown_mode() == Mode::Charge);
+            let awaits_pad = self.pads.refuses(uav, rest[0].flown_mode() == Mode::Charge && !uav.is_reported_down());
             uav.observe(slot, plan_of(number), awaits_pad, &mut rest[0]);
             leave_to(lower, &mut rest[0]);
             uav.share_time(&mut rest[0]);

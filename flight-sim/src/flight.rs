@@ -111,6 +111,11 @@ impl Flight {
         !self.is_down() && (self.is_over(slot) || plan.is_some_and(|plan| plan.mode == Mode::Charge as u32))
     }
 
+    /// Whether a vehicle from outside has reported to be down.
+    pub(crate) fn is_reported_down(&self) -> bool {
+        self.is_reported_down
+    }
+
     /// The site on one of whose pads it would charge now ([`Vehicle::pad_site`]).
     pub(crate) fn pad_site(&self) -> Option<usize> {
         self.vehicle.pad_site()

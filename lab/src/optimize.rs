@@ -188,13 +188,17 @@ pub fn optimize(
     let best_other = others().find(|scenario| scenario.planner.strategy == best.strategy);
     let scenario = best_other.unwrap_or(&offline).clone();
     let plan = plan.filter(|_| best_other.is_none());
+    // A weighted loss has no bound.
+    let reaches_loss_bound = best.weighted_loss_rate.is_none() && best.compared() <= loss_bound;
     let optimum = Optimum {
         name: offline.name.clone(),
         seed: offline.seed,
         steps,
         steps_done,
         search_end: match end {
-            SearchEnd::ModelOptimal if best.compared() <= objective_bound.unwrap_or(loss_bound) => SearchEnd::Optimal,
+            SearchEnd::ModelOptimal if objective_bound.map_or(reaches_loss_bound, |bound| best.compared() <= bound) => {
+                SearchEnd::Optimal
+            }
             end => end,
         },
         loss_bound,

@@ -487,8 +487,8 @@ impl SlotSink for Tally {
     fn add(&mut self, record: &SlotRecord) -> Result<(), MissionError> {
         self.summary.totals = record.header.totals;
         self.summary.slots += 1;
-        let Totals { initial_bits, queued_bits, .. } = record.header.totals;
-        if self.is_initial && initial_bits > 0 && queued_bits == 0 {
+        let Totals { initial_bits, delivered_bits, .. } = record.header.totals;
+        if self.is_initial && initial_bits > 0 && delivered_bits == initial_bits {
             self.summary.completed_s.get_or_insert(self.summary.slots as f64 * self.slot_s);
         }
         if let Some(losses) = &mut self.losses {

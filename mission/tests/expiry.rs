@@ -44,6 +44,29 @@ fn field(seed: u64, keys: &str) -> String {
     )
 }
 
+/// Data that expire are not delivered, and are no loss in slots of sampling of a sensor node that does not sample.
+#[test]
+fn expired_data_complete_nothing() {
+    let text = "name = 'x'\nslots = 30\narea.side_m = 200.0\nsensors.file = 's.csv'\nsensors.expiry_s = 2.0\n\
+                link.comm_radius_m = 5.0\nuav.start_m = [5, 5]\n";
+    let scenario = scenario_of(text, "gfs");
+    let csv = "x_m,y_m,queue_bits,sampling_bps\n190,190,900,0\n180,190,700,0\n";
+    let list = SensorList::parse(csv, Path::new("s.csv"), &scenario).unwrap();
+    let (summary, _) = flown_over(&scenario, &list);
+    assert_eq!((summary.totals.lost_bits, summary.totals.delivered_bits), (1_600, 0));
+    assert_eq!((summary.completed_s, summary.score), (None, Some(0.0)));
+    assert_eq!((summary.totals.lost_slots, summary.eta_letter), (0.0, 0.0));
+    let mixed = list_with_a_sampling_node(&scenario);
+    let (summary, _) = flown_over(&scenario, &mixed);
+    assert!(summary.eta_letter.is_finite() && summary.totals.lost_slots > 0.0, "{summary:?}");
+}
+
+/// A node that does not sample beside one that does.
+fn list_with_a_sampling_node(scenario: &Scenario) -> SensorList {
+    let csv = "x_m,y_m,queue_bits,sampling_bps\n190,190,900,0\n180,190,0,700\n";
+    SensorList::parse(csv, Path::new("s.csv"), scenario).unwrap()
+}
+
 /// What a gap of `gap` slots after a full service in slot `from` loses of bits of `scenario`, slot by slot.
 fn simulated_bits(scenario: &Scenario, from: u64, gap: u64) -> u64 {
     let list = SensorList::of(scenario).unwrap();

@@ -37,7 +37,8 @@ impl DrawnChannel {
     #[must_use]
     pub fn new(channel: Channel, streams: Streams) -> Self {
         let sight_m = channel.line_of_sight().and_then(|model| model.correlation_m);
-        let frozen_m = sight_m.or_else(|| channel.map().and_then(|model| model.residual_m));
+        let frozen_m = sight_m
+            .or_else(|| channel.map().filter(|model| model.residual_db > 0.0).and_then(|model| model.residual_m));
         let waves = frozen_m.map_or_else(Vec::new, |correlation_m| {
             (0..WAVES).map(|wave| Wave::draw(&streams, wave, correlation_m)).collect()
         });
