@@ -14,6 +14,8 @@ pub(crate) struct Losses {
     slot: u64,
     /// Mean bits sampled per slot, weighted, `Σ_i w_i s_i τ`; `None` if arrivals are drawn.
     mean_bits: Option<f64>,
+    /// Bits of the initial queues that may expire, weighted.
+    expiring_bits: f64,
 }
 
 impl Losses {
@@ -25,7 +27,8 @@ impl Losses {
         let mean_bits = (!sampling.is_drawn()).then(|| weights.sum(means_bits));
         let is_needed = !weights.are_equal() || scenario.expiry().is_some();
         let ledger = || Ledger::new(sampling, list.queues_bits());
-        is_needed.then(|| Self { ledger: ledger(), weights, slot: 0, mean_bits })
+        let expiring_bits = weights.sum(list.expiring_bits(scenario));
+        is_needed.then(|| Self { ledger: ledger(), weights, slot: 0, mean_bits, expiring_bits })
     }
 
     /// Adds a slot in the order of decision D1.
@@ -54,6 +57,6 @@ impl Losses {
             let sampled_bits = (0..self.ledger.queues_bits().len()).map(|id| self.ledger.sampled_bits(id, self.slot));
             self.weights.sum(sampled_bits.map(|sampled_bits| sampled_bits as f64))
         };
-        self.mean_bits.map_or_else(counted_bits, |mean_bits| mean_bits * self.slot as f64)
+        self.mean_bits.map_or_else(counted_bits, |mean_bits| mean_bits * self.slot as f64) + self.expiring_bits
     }
 }

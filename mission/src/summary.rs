@@ -287,6 +287,8 @@ pub struct Tally {
     summary: Summary,
     /// Mean bits sampled per slot by the field, `Σ_i s_i τ`; `None` if arrivals are drawn.
     mean_bits: Option<f64>,
+    /// Bits of the initial queues that may expire.
+    expiring_bits: f64,
     losses: Option<Losses>,
     gaps: ServiceGaps,
     /// Whether all data is there before slot 1.
@@ -333,6 +335,7 @@ impl Tally {
         Self {
             summary,
             mean_bits: (!scenario.arrival_law().is_random()).then(|| list.slot_bits(scenario)),
+            expiring_bits: list.expiring_bits(scenario).sum(),
             losses: Losses::new(scenario, list),
             gaps: ServiceGaps::of(scenario, list),
             is_initial: list.sensors().iter().all(|sensor| sensor.sampling_bps == 0.0),
@@ -437,7 +440,7 @@ impl Tally {
     pub fn loss_rate(&self) -> f64 {
         let Totals { lost_bits, sampled_bits, .. } = self.summary.totals;
         let mean_bits = self.mean_bits.map(|slot_bits| slot_bits * self.summary.slots as f64);
-        ratio(lost_bits as f64, mean_bits.unwrap_or(sampled_bits as f64))
+        ratio(lost_bits as f64, mean_bits.unwrap_or(sampled_bits as f64) + self.expiring_bits)
     }
 
     /// The summary of the run so far, after the wall time `wall`.

@@ -55,7 +55,7 @@ fn expired_data_complete_nothing() {
     let (summary, _) = flown_over(&scenario, &list);
     assert_eq!((summary.totals.lost_bits, summary.totals.delivered_bits), (1_600, 0));
     assert_eq!((summary.completed_s, summary.score), (None, Some(0.0)));
-    assert_eq!((summary.totals.lost_slots, summary.eta_letter), (0.0, 0.0));
+    assert_eq!((summary.loss_rate, summary.totals.lost_slots, summary.eta_letter), (1.0, 0.0, 0.0));
     let mixed = list_with_a_sampling_node(&scenario);
     let (summary, _) = flown_over(&scenario, &mixed);
     assert!(summary.eta_letter.is_finite() && summary.totals.lost_slots > 0.0, "{summary:?}");
@@ -117,7 +117,7 @@ proptest! {
 
 #[test]
 fn what_expires_is_a_part_of_the_loss() {
-    // An SN of 100 bit a slot out of reach, D = 12: 300 bit expire, and those of the slots 1 to 37 of 50.
+    // An SN of 100 bit a slot out of reach, D = 12: 300 bit expire, and those of the slots 1 to 37 of 50; of 5 300 bit.
     let of_far = |keys: &str, weights: [u32; 2]| {
         let text = format!("name = 'far'\nslots = 50\narea.side_m = 3000.0\nsensors.sampling_bps = 100.0\n{keys}");
         let scenario = scenario_of(&text, "gfs");
@@ -129,7 +129,7 @@ fn what_expires_is_a_part_of_the_loss() {
     for weights in [[1, 1], [3, 1]] {
         let summary = of_far("sensors.expiry_s = 12.9\n", weights);
         assert_eq!((summary.totals.lost_bits, summary.expired_bits), (300 + 3_700, Some(4_000)), "{weights:?}");
-        assert_eq!((summary.totals.queued_bits, summary.loss_rate), (1_300, 0.8));
+        assert_eq!((summary.totals.queued_bits, summary.loss_rate), (1_300, 4_000.0 / 5_300.0));
     }
     let summary = of_far("sensors.expiry_s = 50.0\n", [1, 1]);
     assert_eq!((summary.totals.lost_bits, summary.expired_bits), (0, Some(0)), "none in the mission");

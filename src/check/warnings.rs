@@ -106,7 +106,8 @@ fn unserved(figures: &Figures) -> Option<String> {
 /// Not every SN can be served within the limit of its age.
 fn late(figures: &Figures) -> Option<String> {
     let deadline_slots = figures.deadline_slots?;
-    let least_slots = figures.round.least_slots.filter(|&least_slots| least_slots > deadline_slots + 1)?;
+    let least_slots =
+        figures.round.least_slots.filter(|&least_slots| least_slots.saturating_sub(1) > deadline_slots)?;
     Some(format!(
         "sensors.deadline_s is {deadline_slots} slots, and serving every sensor node takes at least {least_slots}: not \
          all can be served in time"

@@ -291,15 +291,23 @@ impl SensorList {
         self.sensors.iter().map(|sensor| mean_bits(sensor.sampling_bps, scenario.slot_s)).sum()
     }
 
+    /// By sensor node the bits of its initial queue that a loss rate counts as sampled: all where bits expire, as these
+    /// may, too (decision D36); otherwise none.
+    pub fn expiring_bits(&self, scenario: &Scenario) -> impl Iterator<Item = f64> {
+        let expires = scenario.expiry().is_some();
+        self.sensors.iter().map(move |sensor| if expires { f64::from(sensor.queue_bits) } else { 0.0 })
+    }
+
     /// Bits that all sensor nodes sample in the mission, of which a loss rate is a fraction: their mean if arrivals are
-    /// constant (decision D3), otherwise those that are drawn (decision D24).
+    /// constant (decision D3), otherwise those that are drawn (decision D24); with [`Self::expiring_bits`].
     #[must_use]
     pub fn mission_bits(&self, scenario: &Scenario) -> f64 {
         let sampling = self.sampling(scenario);
         if sampling.is_drawn() {
             (0..self.sensors.len()).map(|id| sampling.sampled_bits(id, scenario.slots)).sum::<u64>() as f64
+                + self.expiring_bits(scenario).sum::<f64>()
         } else {
-            self.slot_bits(scenario) * scenario.slots as f64
+            self.slot_bits(scenario) * scenario.slots as f64 + self.expiring_bits(scenario).sum::<f64>()
         }
     }
 
