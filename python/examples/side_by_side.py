@@ -1,7 +1,7 @@
 """Draws missions over the same field side by side, as an animation (APNG).
 
     pip install ./python pillow
-    python python/examples/side_by_side.py scenarios/sparse.toml uts horizon --out docs/src/sparse.png
+    python python/examples/side_by_side.py scenarios/sparse.toml uts horizon --out sparse.png
     python python/examples/side_by_side.py scenarios/letter.toml tour --uavs 1 2 3 --side 1500 --out docs/src/fleets.png
 
 A point is a sensor node, coloured by the fill level of its buffer, and red after it was full. The circles are the ranges of
