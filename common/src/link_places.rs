@@ -22,7 +22,8 @@ pub fn placed(scenario: &Scenario) -> Result<Option<&'static LinkMap>, InputErro
         }
     }
     let law = [("law_snr_db", scenario.link.law_snr_db), ("law_exponent", scenario.link.law_exponent)];
-    for (key, value) in law.into_iter().filter_map(|(key, value)| Some((key, value.filter(|_| map.has_rates())?))) {
+    let given = law.into_iter().find_map(|(key, value)| Some((key, value?)));
+    if let Some((key, value)) = given.filter(|_| map.has_rates()) {
         let of_snr = "none beside a map of rates (rate_bps in link.file)";
         return Err(scenario.refusal(&format!("link.{key}"), &value.into(), of_snr));
     }
