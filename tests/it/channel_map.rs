@@ -47,12 +47,7 @@ fn ring_and_single_process_fly_over_the_same_map() {
     assert!(place.summary("run")["delivered_bits"].as_u64().unwrap() > 0);
     fs::remove_file(&path).unwrap();
     fs::remove_file(&rates).unwrap();
-    place.run_ok(&["simulate", "run/scenario.toml", "--out", "again"]);
-    place.assert_same_trace("run", "again");
-    place.cut_trace("again", 20);
-    place.resume("again");
-    place.assert_same_trace("run", "again");
-    place.run_ok(&["replay", "run", "--out", "replayed"]);
+    place.assert_repeatable("run");
     let changed = place.read("run/rates.csv").replacen("60000", "60001", 1);
     fs::write(place.path("run/rates.csv"), changed).unwrap();
     place.run_refused(&["report", "run"], "rates.csv: it was modified after the start of the run");

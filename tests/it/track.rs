@@ -26,12 +26,7 @@ fn ring_and_single_process_fly_the_track() {
     }
     assert!(place.summary("run")["refused"].as_u64() == Some(0) && place.summary("run")["delivered_bits"] != 0);
     fs::remove_file(&path).unwrap();
-    place.run_ok(&["simulate", "run/scenario.toml", "--out", "again"]);
-    place.assert_same_trace("run", "again");
-    place.cut_trace("again", 20);
-    place.resume("again");
-    place.assert_same_trace("run", "again");
-    place.run_ok(&["replay", "run", "--out", "replayed"]);
+    place.assert_repeatable("run");
     place.assert_clean();
 }
 

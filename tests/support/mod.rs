@@ -273,6 +273,18 @@ impl Place {
         self.write(&format!("{run}/slots.csv"), &begun);
     }
 
+    /// Fails unless the folder `run` alone, without the files that its scenario was made of, gives its trace again: flown
+    /// anew, resumed after 20 slots, and replayed.
+    #[track_caller]
+    pub fn assert_repeatable(&self, run: &str) {
+        self.run_ok(&["simulate", &format!("{run}/scenario.toml"), "--out", "again"]);
+        self.assert_same_trace(run, "again");
+        self.cut_trace("again", 20);
+        self.resume("again");
+        self.assert_same_trace(run, "again");
+        self.run_ok(&["replay", run, "--out", "replayed"]);
+    }
+
     /// Fails unless two runs have the same trace.
     #[track_caller]
     pub fn assert_same_trace(&self, one: &str, other: &str) {
