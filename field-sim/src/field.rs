@@ -182,7 +182,8 @@ impl Field {
     }
 
     /// Bytes of a checkpoint for each sensor node that its cohorts take at most.
-    pub(crate) fn cohort_bytes(&self) -> usize {
+    #[must_use]
+    pub fn cohort_bytes(&self) -> usize {
         self.ledger.cohorts().map_or(0, Cohorts::bytes_per_sensor)
     }
 
