@@ -1,6 +1,6 @@
 //! The map of links of a scenario, at the places of its sensor nodes (decision D32).
 
-use crate::channel::LinkMap;
+use crate::channel::{LinkBudget, LinkMap};
 use crate::error::InputError;
 use crate::geometry::Position;
 use crate::scenario::Scenario;
@@ -21,8 +21,9 @@ pub fn placed(scenario: &Scenario) -> Result<Option<&'static LinkMap>, InputErro
             return Err(scenario.refusal("link.rates", &rates.display().to_string().into(), of_snr));
         }
     }
-    let law = [("law_snr_db", scenario.link.law_snr_db), ("law_exponent", scenario.link.law_exponent)];
-    let given = law.into_iter().find_map(|(key, value)| Some((key, value?)));
+    let LinkBudget { law_snr_db, law_exponent, beacon_radius_m, .. } = scenario.link;
+    let of_snrs = [("law_snr_db", law_snr_db), ("law_exponent", law_exponent), ("beacon_radius_m", beacon_radius_m)];
+    let given = of_snrs.into_iter().find_map(|(key, value)| Some((key, value?)));
     if let Some((key, value)) = given.filter(|_| map.has_rates()) {
         let of_snr = "none beside a map of rates (rate_bps in link.file)";
         return Err(scenario.refusal(&format!("link.{key}"), &value.into(), of_snr));

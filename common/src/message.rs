@@ -375,6 +375,20 @@ impl FlightReport {
     }
 }
 
+/// Payload element of `links`: what a UAV hears of a sensor node within `link.beacon_radius_m` at the end of the slot,
+/// scheduled or not (decision D32). They ascend by UAV, and then by sensor node.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.HeardLink.v1"))]
+pub struct HeardLink {
+    /// Number of the UAV, from 0.
+    pub uav: u32,
+    /// The sensor node.
+    pub sensor: u32,
+    /// Signal-to-noise ratio [dB].
+    pub snr_db: f32,
+}
+
 /// Payload element of `path`: a planned waypoint. The first of each UAV is that of the slot's own plan.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq)]

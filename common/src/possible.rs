@@ -2,8 +2,8 @@
 
 use crate::geometry::{Position, RANGE_SLACK};
 use crate::message::{
-    Commit, FlightReport, MAX_PATH_POINTS, MAX_SERVED, Mode, PathPoint, Plan, QueuesHeader, SensorNode, SensorsHeader,
-    SlotHeader, Tick,
+    Commit, FlightReport, HeardLink, MAX_PATH_POINTS, MAX_SERVED, Mode, PathPoint, Plan, QueuesHeader, SensorNode,
+    SensorsHeader, SlotHeader, Tick,
 };
 use crate::scenario::Area;
 
@@ -51,6 +51,14 @@ impl Message for FlightReport {
     }
 }
 
+impl Message for HeardLink {
+    /// Finite SNRs, each link once, by ascending UAV and sensor node.
+    fn are_possible(links: &[Self]) -> bool {
+        links.iter().all(|link| link.snr_db.is_finite())
+            && links.is_sorted_by(|before, after| (before.uav, before.sensor) < (after.uav, after.sensor))
+    }
+}
+
 impl Message for SensorNode {
     /// Finite positions, gains, rates and weights; neither gains nor rates are below 0, and weights are above 0.
     fn are_possible(nodes: &[Self]) -> bool {
@@ -73,6 +81,12 @@ impl Message for QueuesHeader {
 /// Whether these numbers are finite in single precision, in which they are drawn.
 fn are_finite(numbers: impl IntoIterator<Item = f64>) -> bool {
     numbers.into_iter().all(|number| (number as f32).is_finite())
+}
+
+/// Whether these links are those of so many UAVs and sensor nodes.
+#[must_use]
+pub fn are_known_links(links: &[HeardLink], uavs: usize, sensors: usize) -> bool {
+    links.iter().all(|link| (link.uav as usize) < uavs && (link.sensor as usize) < sensors)
 }
 
 /// Whether these are paths of some of so many UAVs, in the order of their numbers: each of 1 to [`MAX_PATH_POINTS`]

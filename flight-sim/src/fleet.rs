@@ -3,7 +3,7 @@
 //! What one UAV does is left to [`crate::flight`].
 
 use nalgebra::Point3;
-use skysink_common::message::{FlightReport, HoldReason, LinkReport, Mode, Plan, SensorNode, SolverOutcome};
+use skysink_common::message::{FlightReport, HeardLink, HoldReason, LinkReport, Mode, Plan, SensorNode, SolverOutcome};
 use skysink_common::scenario::Scenario;
 use skysink_common::slot_record::ByUav;
 
@@ -145,6 +145,15 @@ impl Fleet {
             leave_to(lower, &mut rest[0]);
             uav.share_time(&mut rest[0]);
         }
+    }
+
+    /// What the UAVs hear at the end of `slot`, where `reports` say that they are (decision D32); nothing without
+    /// `link.beacon_radius_m`.
+    #[must_use]
+    pub fn hear(&self, slot: u64, reports: &[FlightReport]) -> Vec<HeardLink> {
+        let mut links = Vec::new();
+        self.uavs.iter().zip(reports).for_each(|(uav, report)| uav.hear(slot, report, &mut links));
+        links
     }
 
     /// Repeats `slot` as another flight-sim has reported it ([`Flight::repeat`]).

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use nalgebra::{Point3, Vector2};
 use skysink_common::channel::{Channel, ChannelModel, Draw, DrawnChannel, LinkBudget, LinkService, carried_bits};
 use skysink_common::geometry::{Position, within};
-use skysink_common::message::{FlightReport, HoldReason, LinkReport, Mode, Plan, SensorNode, SolverOutcome};
+use skysink_common::message::{FlightReport, HeardLink, HoldReason, LinkReport, Mode, Plan, SensorNode, SolverOutcome};
 use skysink_common::random::{Purpose, Streams, normal_pair};
 use skysink_common::scenario::Scenario;
 
@@ -327,6 +327,26 @@ impl Flight {
             elevation_deg: uplink.elevation_deg(),
             rate_bps,
             capacity_bits: self.channel.law().capacity_bits(rate_bps),
+        }
+    }
+
+    /// Adds what this UAV hears at the end of `slot`, where `report` says that it is (decision D32): of each sensor node
+    /// within `link.beacon_radius_m` the SNR there, which with the links observed before a slot is that of the next one.
+    /// Nothing if it is down, or without that key.
+    pub(crate) fn hear(&self, slot: u64, report: &FlightReport, links: &mut Vec<HeardLink>) {
+        let radius_m = self.link.beacon_radius_m.filter(|_| report.flown_mode() != Mode::Down);
+        let Some(radius_m) = radius_m else { return };
+        let drawn_slot = slot + u64::from(self.link.service == Some(LinkService::Observed));
+        let at = report.position();
+        for (sensor, (position, &gain)) in (0..).zip(self.positions.iter().zip(&*self.gains)) {
+            if !within(&at.xy(), position, radius_m) {
+                continue;
+            }
+            let uplink = self.channel.law().uplink(gain, position, &at);
+            let snr_db = self.channel.snr_db(&uplink, position, &at, drawn_slot, sensor) as f32;
+            if snr_db.is_finite() {
+                links.push(HeardLink { uav: self.uav as u32, sensor, snr_db });
+            }
         }
     }
 

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::Service;
 use skysink_common::error::InputError;
-use skysink_common::message::{FlightReport, HoldReason, Plan, SensorNode};
+use skysink_common::message::{FlightReport, HeardLink, HoldReason, Plan, SensorNode};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::slot_record::{ByUav, Plans};
@@ -102,6 +102,14 @@ impl Flying<'_> {
         }
     }
 
+    /// What the UAVs hear at the end of `slot`.
+    fn hear(&self, slot: u64, reports: &[FlightReport]) -> Vec<HeardLink> {
+        match self {
+            Self::Simulated(fleet) | Self::Recorded { fleet, .. } => fleet.hear(slot, reports),
+            Self::Outside { fleet, .. } => fleet.hear(slot, reports),
+        }
+    }
+
     /// Lets the vehicles begin over these sensor nodes, where they are.
     fn begin(&mut self, nodes: &[SensorNode], reports: &[FlightReport]) -> Result<(), NodeError> {
         if let Self::Outside { vehicles, .. } = self {
@@ -165,6 +173,8 @@ fn fly<'a, S: Service + 'static>(
 
     let mut sensors = ring.sensors.reader()?;
     let nodes = sensors.wait_for_next(&mut wait, 0)?;
+    let most_links = scenario.uav.uavs() * nodes.payload().len();
+    let links = ring.links.as_ref().map(|links| links.list_writer(most_links)).transpose()?;
     let _sensors = ring.terms.link.is_none().then_some(sensors); // behind a link its repeats would pile up
     let mut flying = flying(nodes.payload());
     let is_recorded = matches!(flying, Flying::Recorded { .. });
@@ -179,8 +189,15 @@ fn fly<'a, S: Service + 'static>(
         flown.push((0, start));
     }
     flying.begin(nodes.payload(), &flown[flown.len() - 1].1)?;
+    // The links before the flight, so that its readers have them; both follow from the flight after a restart.
+    let publish = |flying: &Flying<'_>, slot: u64, reports: &[FlightReport]| {
+        if let Some(links) = &links {
+            links.send_list(ring.header(slot, 0), &flying.hear(slot, reports))?;
+        }
+        flights.send_list(ring.header(slot, 0), reports)
+    };
     for (slot, reports) in &flown {
-        flights.send_list(ring.header(*slot, 0), reports)?;
+        publish(&flying, *slot, reports)?;
     }
 
     let mut ends_ns = None;
@@ -203,7 +220,7 @@ fn fly<'a, S: Service + 'static>(
             reports.iter().for_each(|report| count_refusals(&ring.refusals, slot, report));
         }
         journal.save(slot, &[], &reports)?; // before they are published
-        flights.send_list(ring.header(slot, 0), &reports)?;
+        publish(&flying, slot, &reports)?;
     }
     ring.wait_for_commit(&mut wait, is_release, || Ok(()))
 }

@@ -4,7 +4,7 @@
 
 use nalgebra::Point3;
 use skysink_common::error::InputError;
-use skysink_common::message::{FlightReport, HoldReason, LinkReport, MAX_SERVED, Mode, Plan, SensorNode};
+use skysink_common::message::{FlightReport, HeardLink, HoldReason, LinkReport, MAX_SERVED, Mode, Plan, SensorNode};
 use skysink_common::possible::Message as _;
 use skysink_common::scenario::{Area, Scenario};
 use skysink_common::slot_record::ByUav;
@@ -105,6 +105,12 @@ impl OutsideFleet {
     #[must_use]
     pub fn start(&self) -> ByUav<FlightReport> {
         self.fleet.start()
+    }
+
+    /// What the UAVs hear at the end of `slot` ([`Fleet::hear`]).
+    #[must_use]
+    pub fn hear(&self, slot: u64, reports: &[FlightReport]) -> Vec<HeardLink> {
+        self.fleet.hear(slot, reports)
     }
 
     /// Moves the vehicles to where they were at the end of a slot that they have reported.

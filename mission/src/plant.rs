@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use skysink_common::belief::Belief;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
-use skysink_common::message::{FLAG_END, FlightReport, PathPoint, Plan, QueuesHeader, SlotHeader};
+use skysink_common::message::{FLAG_END, FlightReport, HeardLink, PathPoint, Plan, QueuesHeader, SlotHeader};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{ByUav, SlotRecord};
@@ -85,6 +85,12 @@ impl Plant {
     #[must_use]
     pub fn flight(&self, uav: usize) -> &FlightReport {
         &self.record.flights[uav]
+    }
+
+    /// What the UAVs hear after the last slot, by UAV and sensor node; nothing without `link.beacon_radius_m`.
+    #[must_use]
+    pub fn heard_links(&self) -> Vec<HeardLink> {
+        self.fleet.hear(self.slot(), self.flights())
     }
 
     /// The field after the last slot.

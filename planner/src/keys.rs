@@ -1,7 +1,7 @@
 //! The keys of `[planner]` that apply to all strategies.
 
 use serde::{Deserialize, Serialize};
-use skysink_common::channel::{Channel, LinkModel};
+use skysink_common::channel::{Channel, HeardLinks, LinkLaw, LinkModel};
 use skysink_common::error::InputError;
 use skysink_common::estimate::Rates;
 use skysink_common::keys::Accepts;
@@ -30,7 +30,8 @@ skysink_common::keys! {
         /// What `horizon` and `offline` plan for, by name, or a sum of costs, `{ loss = 1, age = 0.2 }` (decision D36).
         objective: PlanningObjective = "loss", Accepts::Rule("\"loss\", \"collect\", \"age\", \"peak-age\", \"deadline\", \"expiry\", or a table of loss, age, peak_age, deadline and expiry: weights from 0 to 1e12, not all 0");
         /// Knowledge of links by place, with `link.model = "map"`: the map, or a law of the distance, `link.law_snr_db`;
-        /// `"map"` if absent.
+        /// `"map"` if absent. `"heard"`: that law, or the mean of a line of sight that stays (`link.los_correlation_m`),
+        /// corrected by the SNRs heard within `link.beacon_radius_m`.
         links: Option<LinkKnowledge>, Accepts::OneOf(LinkKnowledge::VARIANTS);
     }
 }
@@ -51,16 +52,28 @@ impl Settings {
             _ => Ok(()),
         }?;
         settings.check_objective(scenario)?;
-        if let Some(links) = settings.links {
-            let refuse = |expected| Err(scenario.refusal("planner.links", &links.name().into(), expected));
-            if scenario.link.model != LinkModel::Map {
-                return refuse("it only with link.model = \"map\"");
-            }
-            if links == LinkKnowledge::Law && scenario.link.law().is_none() {
-                return refuse("\"map\", or link.law_snr_db, the SNR of the law at 1 m, beside it");
-            }
-        }
+        settings.check_links(scenario)?;
         Ok(settings)
+    }
+
+    /// Refuses a knowledge of links that there is no way to have.
+    fn check_links(&self, scenario: &Scenario) -> Result<(), InputError> {
+        let (Some(links), link) = (self.links, &scenario.link) else { return Ok(()) };
+        let refuse = |expected| Err(scenario.refusal("planner.links", &links.name().into(), expected));
+        let (is_map, is_heard) = (link.model == LinkModel::Map, links == LinkKnowledge::Heard);
+        match () {
+            () if is_heard && !is_map && !link.stays_in_sight() => {
+                refuse("it only with link.model = \"map\", or with link.los_correlation_m above 0")
+            }
+            () if !is_heard && !is_map => refuse("it only with link.model = \"map\""),
+            () if is_heard && link.beacon_radius_m.is_none() => {
+                refuse("link.beacon_radius_m, within which SNRs are heard, beside it")
+            }
+            () if links != LinkKnowledge::Map && is_map && link.law().is_none() => {
+                refuse("\"map\", or link.law_snr_db, the SNR of the law at 1 m, beside it")
+            }
+            () => Ok(()),
+        }
     }
 
     /// Refuses weights that are no objective, and limits of ages that are missing.
@@ -90,9 +103,20 @@ impl Settings {
     #[must_use]
     pub fn channel(scenario: &Scenario) -> Channel {
         let channel = Channel::of(&scenario.link.planned());
-        let is_law =
-            channel.map().is_some() && Self::of(scenario).is_ok_and(|keys| keys.links == Some(LinkKnowledge::Law));
-        scenario.link.law().filter(|_| is_law).map_or(channel, |law| channel.by_law(law))
+        let links = scenario.link.law().and_then(|_| Self::of(scenario).ok()?.links);
+        match (links, scenario.link.law()) {
+            (Some(LinkKnowledge::Law), Some(law)) => channel.by_law(law),
+            (Some(LinkKnowledge::Heard), Some(law)) => channel.by_law(LinkLaw { is_heard: true, ..law }),
+            _ => channel,
+        }
+    }
+
+    /// What plans of `scenario` reckon with of links that were heard, before anything was; `None` if they do not.
+    #[must_use]
+    pub fn heard(scenario: &Scenario) -> Option<HeardLinks> {
+        scenario.link.beacon_radius_m?;
+        let links = Self::of(scenario).ok()?.links;
+        (links == Some(LinkKnowledge::Heard)).then(|| HeardLinks::of(&scenario.link))
     }
 
     /// What the UAV knows of the rates if it has to estimate the queues; `None` if it knows them.
@@ -133,6 +157,8 @@ pub enum LinkKnowledge {
     Map,
     /// A law of the distance.
     Law,
+    /// A law, corrected by the SNRs that were heard.
+    Heard,
 }
 
 impl LinkKnowledge {

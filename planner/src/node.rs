@@ -3,18 +3,21 @@
 use std::fs;
 
 use iceoryx2::prelude::Service;
+use skysink_common::channel::BYTES_PER_HEARD;
 use skysink_common::checkpoint::{decode, encode};
-use skysink_common::message::{FLAG_END, FlightReport, MAX_PATH_POINTS, PathPoint, Plan, SlotHeader};
+use skysink_common::message::{FLAG_END, FlightReport, HeardLink, MAX_PATH_POINTS, PathPoint, Plan, SlotHeader};
 use skysink_common::pace::Pace;
+use skysink_common::possible::are_known_links;
 use skysink_common::scenario::Scenario;
 use skysink_common::slot_record::ByUav;
 use skysink_common::stop::Stop;
 use skysink_ring::error::{NodeError, RingError};
 use skysink_ring::folder::RingFolder;
 use skysink_ring::journal::{Journal, Policy};
-use skysink_ring::reader::SlotSample;
+use skysink_ring::reader::{Reader, SlotSample};
 use skysink_ring::refusals::Refusal;
 use skysink_ring::role::Role;
+use skysink_ring::topic::Topic;
 use skysink_ring::topics::{Ring, is_release};
 
 use crate::fleet::FleetPlanner;
@@ -36,7 +39,8 @@ const BYTES_PER_CONTACT: usize = 5;
 /// # Errors
 /// If the file cannot be opened.
 pub fn journal(folder: &RingFolder, count: usize, uavs: usize) -> Result<Journal, RingError> {
-    let state_bytes = (ROOM + (BYTES_PER_SENSOR + BYTES_PER_CONTACT) * count) * uavs;
+    let heard = if folder.terms().has_beacons() { BYTES_PER_HEARD } else { 0 };
+    let state_bytes = (ROOM + (BYTES_PER_SENSOR + BYTES_PER_CONTACT + heard) * count) * uavs;
     let policy = Policy { state_every: 1, states: STATES, state_bytes, input_bytes: None };
     Journal::open(&folder.journal("plans"), policy)
 }
@@ -68,10 +72,17 @@ impl Journaled {
         Ok(())
     }
 
-    /// Observes the flights before `slot`, plans `slot`, and saves the state before the plan is published. After a
+    /// Observes the flights before `slot` and what the UAVs hear after them, plans `slot`, and saves the state before the plan is published. After a
     /// requested stop the plan is neither saved nor published.
-    fn plan(&mut self, slot: u64, flights: &[FlightReport], queues_bits: &[u32]) -> Result<ByUav<Plan>, RingError> {
+    fn plan(
+        &mut self,
+        slot: u64,
+        flights: &[FlightReport],
+        links: &[HeardLink],
+        queues_bits: &[u32],
+    ) -> Result<ByUav<Plan>, RingError> {
         self.resume(slot)?;
+        self.planner.hear(flights, links);
         self.planner.observe(slot - 1, flights, queues_bits);
         let plans = self.planner.step(slot, flights, queues_bits);
         self.planner.stop().check()?;
@@ -116,6 +127,7 @@ fn run_with<S: Service + 'static>(
     let plans = ring.plan.list_writer(uavs)?;
     let mut queues = ring.queues.reader()?; // the planner maintains its own estimate
     let mut flights = ring.flight.reader()?;
+    let mut links = ring.links.as_ref().map(Topic::reader).transpose()?;
 
     let mut sensors = ring.sensors.reader()?;
     let nodes = sensors.wait_for_next(&mut wait, 0)?;
@@ -130,6 +142,11 @@ fn run_with<S: Service + 'static>(
         planner.set_timing(Timing::Paced);
     }
     let mut journaled = Journaled { planner, journal: journal(folder, nodes.payload().len(), uavs)? };
+    let are_known = |slot: u64, heard: &[HeardLink]| {
+        let are_known = are_known_links(heard, uavs, nodes.payload().len());
+        ring.refusals.add("links", slot, Refusal::Links, u64::from(!are_known));
+        are_known
+    };
     let mut next = 0;
     loop {
         let mut state = queues.wait_for_next(&mut wait, next)?;
@@ -143,6 +160,9 @@ fn run_with<S: Service + 'static>(
                     && let SlotSample::Available(flights) = flights.poll_slot(slot)?
                 {
                     journaled.resume(slot + 1)?;
+                    let heard = links.as_mut().map(|links| links.poll_slot(slot)).transpose()?;
+                    let heard = heard.and_then(SlotSample::available).filter(|heard| are_known(slot, heard));
+                    journaled.planner.hear(&flights, heard.as_deref().unwrap_or_default());
                     journaled.planner.observe(slot, &flights, older.payload());
                 }
             }
@@ -166,8 +186,13 @@ fn run_with<S: Service + 'static>(
         // The flight may arrive after the queues, if its writer waits for another reader. A flight that has passed was
         // sent before this process joined, and the ring has its plan.
         let Some(flown) = flights.wait_for_slot(&mut wait, slot)? else { continue };
+        let heard = match &mut links {
+            Some(links) => links.wait_for_slot(&mut wait, slot)?,
+            None => None,
+        };
+        let heard = heard.filter(|heard| are_known(slot, heard));
         next = slot + 1;
-        let planned = journaled.plan(next, &flown, state.payload())?;
+        let planned = journaled.plan(next, &flown, heard.as_deref().unwrap_or_default(), state.payload())?;
         let leading = (0..uavs).map(|uav| (uav, journaled.planner.path(uav))).filter(|(_, path)| path.len() > 1);
         let points: Vec<_> =
             leading.flat_map(|(uav, path)| path.iter().map(move |point| PathPoint::of(uav, point))).collect();
@@ -175,6 +200,7 @@ fn run_with<S: Service + 'static>(
             paths.send_list(ring.header(next, 0), &points)?; // before the plan, so that its readers have the paths
         }
         flights.receive_all()?; // repeated flights must not fill the buffer
+        links.iter_mut().try_for_each(Reader::receive_all)?;
         plans.send_list(ring.header(next, 0), &planned)?;
     }
     ring.wait_for_commit(&mut wait, is_release, || Ok(()))
@@ -270,14 +296,15 @@ mod tests {
             let mut flights = vec![FlightReport::at(scenario.start(), Mode::Hold)];
             let mut first = process(&scenario, &folder);
             for slot in 1..=9 {
-                let plan = first.plan(slot, &flights[slot as usize - 1..slot as usize], &queues(slot)).unwrap()[UAV];
+                let plan =
+                    first.plan(slot, &flights[slot as usize - 1..slot as usize], &[], &queues(slot)).unwrap()[UAV];
                 flights.push(flown(&plan));
             }
             for from in [7, 8, 9] {
                 let mut again = process(&scenario, &folder);
                 for slot in from..=9 {
                     let plan =
-                        again.plan(slot, &flights[slot as usize - 1..slot as usize], &queues(slot)).unwrap()[UAV];
+                        again.plan(slot, &flights[slot as usize - 1..slot as usize], &[], &queues(slot)).unwrap()[UAV];
                     assert_eq!(flown(&plan), flights[slot as usize], "{:?}, slot {slot} from {from}", scenario.planner);
                 }
                 assert_eq!(saved(&again.planner), saved(&first.planner), "{:?}, from {from}", scenario.planner);
@@ -319,11 +346,11 @@ mod tests {
         let flight = FlightReport::at(scenario.start(), Mode::Hold);
         let mut first = process();
         for slot in 1..=9 {
-            assert_eq!(first.plan(slot, &[flight], &queues(slot)).unwrap()[UAV].x_m, slot as f64);
+            assert_eq!(first.plan(slot, &[flight], &[], &queues(slot)).unwrap()[UAV].x_m, slot as f64);
         }
         let mut again = process();
         for slot in 8..=10 {
-            assert_eq!(again.plan(slot, &[flight], &queues(slot)).unwrap()[UAV].x_m, slot as f64);
+            assert_eq!(again.plan(slot, &[flight], &[], &queues(slot)).unwrap()[UAV].x_m, slot as f64);
         }
     }
 
@@ -335,11 +362,11 @@ mod tests {
         let mut first = process(&scenario, &folder);
         let mut flight = FlightReport::at([50.0, 50.0, 20.0], Mode::Hold);
         for slot in 1..=9 {
-            flight = flown(&first.plan(slot, &[flight], &queues(slot)).unwrap()[UAV]);
+            flight = flown(&first.plan(slot, &[flight], &[], &queues(slot)).unwrap()[UAV]);
         }
         let mut late = process(&scenario, &folder);
         let hold = FlightReport::at([50.0, 50.0, 20.0], Mode::Hold);
-        let _ = late.plan(15, &[hold], &queues(15)).unwrap();
+        let _ = late.plan(15, &[hold], &[], &queues(15)).unwrap();
         let uncertainties = |planner: &FleetPlanner| {
             let Belief::Estimated(estimate) = planner.belief() else { panic!("the queues are estimated") };
             (0..12).map(|id| estimate.uncertainty(15, id)).collect::<Vec<_>>()

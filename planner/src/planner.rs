@@ -9,11 +9,12 @@ use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 use skysink_common::battery::BatteryState;
 use skysink_common::belief::Belief;
+use skysink_common::channel::{HeardLinks, SavedHeard};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, encode};
 use skysink_common::error::InputError;
 use skysink_common::estimate::SavedEstimate;
 use skysink_common::geometry::above;
-use skysink_common::message::{FlightReport, MAX_PATH_POINTS, Mode, Plan, SensorNode};
+use skysink_common::message::{FlightReport, HeardLink, MAX_PATH_POINTS, Mode, Plan, SensorNode};
 use skysink_common::reported::ReportedQueues;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
@@ -28,7 +29,7 @@ use crate::strategy::{Decision, MakeStrategy, Registered, Setup, Strategy, Team,
 
 /// The planner of a mission.
 ///
-/// Its checkpoint holds the state of the strategy and the estimate of the queues; the rest is rebuilt from the scenario
+/// Its checkpoint holds the state of the strategy, the estimate of the queues and what was heard of links; the rest is rebuilt from the scenario
 /// and the sensor nodes. With known queues most strategies are stateless: a plan does not depend on the slots before.
 pub struct Planner {
     /// The name in the scenario.
@@ -45,6 +46,8 @@ pub struct Planner {
     stop: Stop,
     /// The last planned slot; 0 before the first.
     slot: u64,
+    /// What this UAV hears at the beginning of the slot to plan; `None` without `link.beacon_radius_m`.
+    links: Option<Vec<HeardLink>>,
     /// The waypoints of the last plan.
     path: Vec<Point3<f64>>,
     /// The queues without those that other UAVs have scheduled [bit]; working memory.
@@ -65,6 +68,7 @@ struct Head {
     strategy: String,
     reported: ReportedQueues,
     estimate: Option<SavedEstimate>,
+    heard: Option<SavedHeard>,
 }
 
 /// The scenario whose range is smaller by `uav.waypoint_margin_m`: waypoints keep that distance from `d_c`.
@@ -149,6 +153,7 @@ impl Planner {
             timing: Timing::Free,
             stop: stop.clone(),
             slot: 0,
+            links: scenario.link.beacon_radius_m.map(|_| Vec::new()),
             path: Vec::with_capacity(MAX_PATH_POINTS),
             left_bits: Vec::new(),
             table,
@@ -177,6 +182,24 @@ impl Planner {
     /// the estimate older.
     pub fn observe(&mut self, slot: u64, flight: &FlightReport, queues_bits: &[u32]) {
         self.observe_with(slot, flight, std::slice::from_ref(flight), queues_bits);
+    }
+
+    /// Takes in the links that the UAV number `uav` knows of after `flights`, those of each UAV: the SNRs that it hears
+    /// itself, and those that others tell. Must be called for every slot before it is observed. Links of unknown UAVs or
+    /// SNs are left out.
+    pub(crate) fn hear(&mut self, uav: usize, flights: &[FlightReport], links: impl Iterator<Item = HeardLink>) {
+        let Some(own) = &mut self.links else { return };
+        own.clear();
+        for link in links.filter(|link| (link.sensor as usize) < self.table.sensors.count()) {
+            let Some(flight) = flights.get(link.uav as usize) else { continue };
+            if link.uav as usize == uav {
+                own.push(link);
+            }
+            let MissionTable { sensors, channel, heard: Some(heard), .. } = &self.table else { continue };
+            let (sensor, at) = (sensors.position(link.sensor), flight.position());
+            let uplink = channel.uplink(sensors.gains[link.sensor as usize], sensor, &at);
+            heard.hear(channel, &uplink, sensor, &at, link.snr_db.into());
+        }
     }
 
     /// The same with the contacts of all `flights`, of which `flight` is that of this UAV.
@@ -219,7 +242,8 @@ impl Planner {
     ) -> Plan {
         let scheduled = neighbours.map_or(&[][..], |neighbours| neighbours.scheduled);
         assert_eq!(queues_bits.len(), self.table.sensors.positions.len(), "expected one queue per sensor node");
-        let Self { strategy, rules, table, stop, left_bits, .. } = self;
+        let Self { strategy, rules, table, stop, left_bits, links, .. } = self;
+        let links = links.as_deref();
         let mut belief = self.belief.at(slot.saturating_sub(1), &table.sensors, queues_bits);
         if !scheduled.is_empty() {
             left_bits.clear();
@@ -228,7 +252,7 @@ impl Planner {
             belief.queues_bits = left_bits;
         }
         let (battery, timing) = (self.battery, self.timing);
-        let view = View { slot, position, battery, belief, table, timing, neighbours, stop };
+        let view = View { slot, position, battery, belief, table, timing, links, neighbours, stop };
         let Ruled { decision, mode } = rules.decide(&view, duty, &mut |view| strategy.plan(view));
         let plan = message(&view, &decision, mode);
         self.path.clear();
@@ -263,10 +287,11 @@ impl Planner {
         neighbours: &Neighbours<'_>,
         into: &mut Vec<PlannedVisit>,
     ) {
-        let Self { strategy, belief, table, stop, .. } = self;
+        let Self { strategy, belief, table, stop, links, .. } = self;
+        let links = links.as_deref();
         let belief = belief.at(slot.saturating_sub(1), &table.sensors, queues_bits);
         let (battery, timing, neighbours) = (self.battery, self.timing, Some(neighbours));
-        strategy.visits(&View { slot, position, battery, belief, table, timing, neighbours, stop }, into);
+        strategy.visits(&View { slot, position, battery, belief, table, timing, links, neighbours, stop }, into);
     }
 
     /// The constant data of its mission.
@@ -323,13 +348,14 @@ impl Planner {
 }
 
 impl Checkpoint for Planner {
-    /// Appends nothing if the queues are known and the strategy is stateless.
+    /// Appends nothing if the queues are known, nothing is learnt of links, and the strategy is stateless.
     fn save(&self, bytes: &mut Vec<u8>) {
         let begin = bytes.len();
         let estimate = self.belief.saved();
-        let is_stateless = estimate.is_none();
+        let heard = self.table.heard.as_ref().map(HeardLinks::saved);
+        let is_stateless = estimate.is_none() && heard.is_none();
         let strategy = self.strategy_name.clone();
-        encode(&Head { slot: self.slot, strategy, reported: self.reported.clone(), estimate }, bytes);
+        encode(&Head { slot: self.slot, strategy, reported: self.reported.clone(), estimate, heard }, bytes);
         let head = bytes.len();
         self.strategy.save(bytes);
         if is_stateless && bytes.len() == head {
@@ -338,14 +364,19 @@ impl Checkpoint for Planner {
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        if bytes.is_empty() && !self.belief.is_estimated() {
+        if bytes.is_empty() && !self.belief.is_estimated() && self.table.heard.is_none() {
             return self.strategy.restore(bytes);
         }
-        let (Head { slot, strategy, reported, estimate }, state) = decode_first(bytes)?;
+        let (Head { slot, strategy, reported, estimate, heard }, state) = decode_first(bytes)?;
         CheckpointError::ensure(strategy == self.strategy_name, "this strategy")?;
         reported.check(slot, self.table.sensors.count())?;
+        CheckpointError::ensure(heard.is_some() == self.table.heard.is_some(), "what this planner learns of links")?;
+        heard.iter().try_for_each(|saved| HeardLinks::check(saved, &self.table.sensors.positions))?;
         let belief = self.belief.restored(slot, estimate)?;
         self.strategy.restore(state)?;
+        if let (Some(known), Some(saved)) = (&self.table.heard, heard) {
+            known.restore(saved);
+        }
         self.belief = belief;
         self.reported = reported;
         self.slot = slot;

@@ -12,7 +12,7 @@ use skysink_common::checkpoint::Checkpoint;
 use skysink_common::error::InputError;
 use skysink_common::geometry::{Position, above};
 use skysink_common::keys::{Key, Keys};
-use skysink_common::message::{FlightReport, MAX_SERVED, SensorNode, SolverOutcome};
+use skysink_common::message::{FlightReport, HeardLink, MAX_SERVED, SensorNode, SolverOutcome};
 use skysink_common::scenario::Scenario;
 use skysink_common::stop::Stop;
 use toml::Table;
@@ -100,7 +100,8 @@ impl<F: FnMut(&View<'_>) -> Option<Decision>> Strategy for ByRule<F> {
 /// let OwnedSetup { scenario, table, stop, .. } = &OwnedSetup::new(scenario, &list.nodes()).unwrap();
 /// let (position, battery, queues_bits) = (scenario.start(), BatteryState::default(), list.queues_bits());
 /// let belief = Believed::known(0, &table.sensors, &queues_bits);
-/// let view = View { slot: 1, position, battery, belief, table, timing: Timing::Free, neighbours: None, stop };
+/// let (timing, links, neighbours) = (Timing::Free, None, None);
+/// let view = View { slot: 1, position, battery, belief, table, timing, links, neighbours, stop };
 /// assert_eq!((view.ground(), view.value(3)), ([50.0, 50.0].into(), queues_bits[3])); // all weights are equal
 /// assert_eq!(view.values(&mut Vec::new()), queues_bits);
 /// ```
@@ -118,6 +119,8 @@ pub struct View<'a> {
     pub table: &'a MissionTable,
     /// Whether a search may read a clock.
     pub timing: Timing,
+    /// The SNRs that it hears at its beginning, by ascending SN; `None` without `link.beacon_radius_m`.
+    pub links: Option<&'a [HeardLink]>,
     /// What the other UAVs tell; `None` for a UAV that plans alone.
     pub neighbours: Option<&'a Neighbours<'a>>,
     /// Ends long searches; the decision is then not flown.
@@ -147,6 +150,7 @@ impl<'a> View<'a> {
             belief: Believed::known(0, &table.sensors, queues_bits),
             table,
             timing: Timing::Free,
+            links: None,
             neighbours: None,
             stop,
         }
@@ -486,6 +490,7 @@ pub(crate) mod tests {
         static STOP: LazyLock<Stop> = LazyLock::new(Stop::default);
         let belief = Believed::known(slot - 1, &table.sensors, queues_bits);
         let battery = BatteryState::default();
-        View { slot, position, battery, belief, table, timing: Timing::Free, neighbours: None, stop: &STOP }
+        let timing = Timing::Free;
+        View { slot, position, battery, belief, table, timing, links: None, neighbours: None, stop: &STOP }
     }
 }

@@ -279,6 +279,7 @@ impl Episode {
             belief: believed(&self.plant, &self.field),
             table: &self.field,
             timing: Timing::Free,
+            links: None,
             neighbours: None,
             stop: &NEVER,
         }

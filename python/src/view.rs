@@ -3,7 +3,7 @@
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2, ToPyArray};
 use pyo3::prelude::*;
-use skysink_common::message::FlightReport;
+use skysink_common::message::{FlightReport, HeardLink};
 use skysink_planner::neighbours::Neighbours;
 use skysink_planner::strategy::View;
 
@@ -31,6 +31,9 @@ pub struct PyView {
     belief: Py<PyBelief>,
     /// What stays the same.
     field: Py<PyField>,
+    /// SNR of each SN that the UAV hears at the start of the slot [dB], float32 [N], read-only: NaN for those that it does
+    /// not. None without ``link.beacon_radius_m``.
+    links: Option<Py<PyArray1<f32>>>,
     /// Energy in the battery at the start of the slot, E(t-1) [J]; infinite without a battery.
     energy_j: f64,
     /// Whether the UAV has charged in the slot before.
@@ -70,6 +73,7 @@ impl PyView {
             sampling_bps: sampling_bps.unbind(),
             belief: Py::new(py, belief)?,
             field: field.clone_ref(py),
+            links: view.links.map(|links| snrs_db(py, view, links)).transpose()?,
             energy_j: view.battery.energy_j,
             is_charging: view.battery.is_charging,
             energy_left_home_j: home.map_or(f64::INFINITY, |home| home.margin_j(after, view.battery.energy_j, &ground)),
@@ -100,6 +104,13 @@ impl PyView {
     fn route_to(&self, py: Python<'_>, goal: &Bound<'_, PyAny>) -> PyResult<Option<PyRoute>> {
         self.field.get().route(self.uav.bind(py).as_any(), goal)
     }
+}
+
+/// The SNR of each sensor node in `links` [dB], by id; NaN for the others.
+fn snrs_db(py: Python<'_>, view: &View<'_>, links: &[HeardLink]) -> PyResult<Py<PyArray1<f32>>> {
+    let mut snrs_db = vec![f32::NAN; view.table.sensors.count()];
+    links.iter().for_each(|link| snrs_db[link.sensor as usize] = link.snr_db);
+    Ok(read_only(snrs_db.into_pyarray(py))?.unbind())
 }
 
 /// What the other UAVs of a fleet tell a UAV before it plans a slot.

@@ -31,6 +31,9 @@ pub enum Refusal {
     /// It has an impossible number.
     #[strum(to_string = "expected finite numbers, and links by ascending SN, none in a hold")]
     Numbers,
+    /// It names a UAV or a sensor node that does not exist.
+    #[strum(to_string = "expected links of the UAVs and SNs of the mission")]
+    Links,
     /// The waypoint of a plan is not finite, out of reach, or outside the area.
     #[strum(to_string = "waypoint not finite, out of reach, or outside the area: the UAV holds")]
     Waypoint,

@@ -27,6 +27,8 @@ pub struct Terms {
     pub viewer: bool,
     /// What the UAV knows of the sampling rates, if the run has the topic `belief`, for an external planner.
     pub belief: Option<Rates>,
+    /// Within what distance UAVs hear sensor nodes [m], if the run has the topic `links`.
+    pub beacon_radius_m: Option<f64>,
     /// What the hosts compare, if a link carries the samples to processes of other hosts.
     pub link: Option<LinkTerms>,
 }
@@ -52,6 +54,7 @@ impl Default for Terms {
             timeout_s: 3600.0,
             viewer: false,
             belief: None,
+            beacon_radius_m: None,
             link: None,
         }
     }
@@ -62,6 +65,12 @@ impl Terms {
     #[must_use]
     pub fn has_belief(&self) -> bool {
         self.belief.is_some()
+    }
+
+    /// Whether the run has the topic `links`.
+    #[must_use]
+    pub fn has_beacons(&self) -> bool {
+        self.beacon_radius_m.is_some()
     }
 
     /// Whether the run has the topic `rates`.

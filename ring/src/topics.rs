@@ -9,7 +9,8 @@ use iceoryx2::port::listener::Listener;
 use iceoryx2::prelude::*;
 use rustix::time::{ClockId, clock_gettime};
 use skysink_common::message::{
-    Commit, FLAG_END, FlightReport, PathPoint, Plan, QueuesHeader, SensorNode, SensorsHeader, SlotHeader, Tick,
+    Commit, FLAG_END, FlightReport, HeardLink, PathPoint, Plan, QueuesHeader, SensorNode, SensorsHeader, SlotHeader,
+    Tick,
 };
 
 use crate::cleanup::{is_only_node, purge_dead_nodes};
@@ -25,7 +26,7 @@ use crate::topic::{OnFullBuffer, Opening, Participant, SamplesPerSlot, Topic, To
 use crate::wait::{PAUSE, WaitContext};
 
 /// Version of the messages and their semantics; processes of different versions refuse each other.
-pub const SCHEMA: u32 = 11;
+pub const SCHEMA: u32 = 12;
 
 /// Buffer of the viewer and of the recorder [samples].
 pub const VIEWER_BUFFER: usize = 64;
@@ -156,6 +157,15 @@ topics! {
         readers: &[FlightSim, Viewer, Launcher],
         is_by_uav: true,
         is_heartbeat: true,
+    }
+
+    /// What the UAVs hear at the end of each slot, with `link.beacon_radius_m`. Sent before `flight`: a process that has
+    /// the flight of a slot then has the links, too.
+    links: OptionalTopic<[HeardLink], SlotHeader> {
+        writer: FlightSim,
+        readers: &[Planner],
+        history: FLIGHT_HISTORY,
+        exists: Terms::has_beacons,
     }
 
     /// The position of each UAV after each slot, and the capacities of its links.
@@ -386,13 +396,17 @@ mod tests {
     }
 
     #[test]
-    fn a_link_carries_the_belief_of_estimated_queues_to_the_planner_alone() {
+    fn a_link_carries_optional_topics_to_the_planner_alone() {
         let estimated = Terms { belief: Some(Rates::Known), ..Terms::default() };
         let has_belief = |role| LinkedServices::of(&estimated, &[role]).all.contains(&"skysink/belief".to_owned());
         assert!(has_belief(Planner) && !has_belief(Viewer));
         assert!(!services(&Terms::default()).contains(&"skysink/belief".to_owned()));
         let has_rates = |belief| services(&Terms { belief, ..Terms::default() }).contains(&"skysink/rates".to_owned());
         assert!(has_rates(Some(Rates::Learnt)) && !has_rates(Some(Rates::Known)) && !has_rates(None));
+        let hearing = Terms { beacon_radius_m: Some(30.0), ..Terms::default() };
+        let has_links = |role| LinkedServices::of(&hearing, &[role]).all.contains(&"skysink/links".to_owned());
+        assert!(has_links(FlightSim) && has_links(Planner) && !has_links(FieldSim));
+        assert!(!services(&Terms::default()).contains(&"skysink/links".to_owned()));
     }
 
     #[test]

@@ -9,8 +9,8 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Point3, Vector2, Vector3};
 
-use super::Channel;
 use super::model::{ChannelModel, Draw, Uplink};
+use super::{Channel, MapChannel};
 use crate::geometry::Position;
 use crate::random::{Purpose, Streams, fraction, normal_cdf, normal_pair};
 
@@ -57,9 +57,21 @@ impl DrawnChannel {
         match &self.channel {
             _ if self.waves.is_empty() => self.channel.draw(uplink, &self.streams, slot, id),
             Channel::LineOfSight(model) => model.draw_at(uplink, self.level(sensor, uav), &self.streams, slot, id),
-            Channel::Map(model) => model.draw_at(uplink, self.field(sensor, uav)),
+            Channel::Map(model) => model.draw_at(uplink, self.map_residual(model, sensor, uav, slot, id)),
             _ => self.channel.draw(uplink, &self.streams, slot, id),
         }
+    }
+
+    /// The residual of a map: that of the field, if it stays; standard normal over the missions, or the slots.
+    pub(super) fn map_residual(
+        &self,
+        model: &MapChannel,
+        sensor: &Position,
+        uav: &Point3<f64>,
+        slot: u64,
+        id: u32,
+    ) -> f64 {
+        if self.waves.is_empty() { model.slot_residual(&self.streams, slot, id) } else { self.field(sensor, uav) }
     }
 
     /// `Φ` of the field: uniform from 0 to 1 over the missions.

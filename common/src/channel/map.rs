@@ -9,6 +9,7 @@ use rustc_hash::FxHashMap;
 use serde::{Deserialize, Serialize};
 use strum::VariantNames;
 
+use super::heard::key;
 use super::model::{ChannelModel, Draw, Slopes, Uplink};
 use super::table::Step;
 use crate::csv_rows::read_rows;
@@ -224,11 +225,6 @@ impl LinkMap {
     }
 }
 
-/// A position in bits.
-fn key(place: &Position) -> [u64; 2] {
-    [place.x.to_bits(), place.y.to_bits()]
-}
-
 impl LevelGrid {
     /// The grid of these rows, sorted.
     fn new(rows: &[Row]) -> Result<Self, String> {
@@ -286,11 +282,13 @@ pub struct LinkLaw {
     pub snr_db: f64,
     /// Path loss exponent.
     pub exponent: f64,
+    /// Whether it is corrected by what was heard of the links ([`HeardLinks`](super::HeardLinks)): the level of an uplink.
+    pub is_heard: bool,
 }
 
 impl LinkLaw {
     /// The SNR of an uplink [dB].
-    fn snr_db(&self, uplink: &Uplink) -> f64 {
+    pub(super) fn snr_db(&self, uplink: &Uplink) -> f64 {
         self.snr_db - 5.0 * self.exponent * (uplink.d2_m2 + uplink.z_m * uplink.z_m).log10()
     }
 }
@@ -317,6 +315,7 @@ impl MapChannel {
     fn level(&self, uplink: &Uplink) -> f64 {
         match self.law {
             _ if !uplink.in_sight => NO_LINK,
+            Some(law) if law.is_heard && uplink.level.is_finite() => law.snr_db(uplink) + uplink.level,
             Some(law) => law.snr_db(uplink),
             None if uplink.level == f64::INFINITY => {
                 self.map.grids.iter().map(|grid| grid.highest).fold(NO_LINK, f64::max)
@@ -328,9 +327,19 @@ impl MapChannel {
     /// The draw with a standard normal `residual`.
     #[must_use]
     pub fn draw_at(&self, uplink: &Uplink, residual: f64) -> Draw {
-        let level = self.level(uplink);
-        let rate_bps = self.map.rate_bps(level + self.residual_db * residual);
-        Draw { line_of_sight: level > NO_LINK, rate_bps }
+        let level = self.snr_db(uplink, residual);
+        Draw { line_of_sight: level > NO_LINK, rate_bps: self.map.rate_bps(level) }
+    }
+
+    /// The SNR [dB], or the rate of a map of rates, with a standard normal `residual`.
+    pub(super) fn snr_db(&self, uplink: &Uplink, residual: f64) -> f64 {
+        self.level(uplink) + self.residual_db * residual
+    }
+
+    /// The residual of `sensor` in `slot`, where it is redrawn in every slot: standard normal.
+    pub(super) fn slot_residual(&self, streams: &Streams, slot: u64, sensor: u32) -> f64 {
+        let drawn = || normal_pair(&mut streams.stream(Purpose::LinkResidual, slot, sensor))[0];
+        if self.residual_db > 0.0 { drawn() } else { 0.0 }
     }
 
     /// The steps, if the SNR has a residual.
@@ -355,12 +364,13 @@ impl ChannelModel for MapChannel {
             return Slopes { by_distance2: 0.0, by_elevation: 0.0 };
         };
         let density = |snr_db: f64| (-0.5 * snr_db * snr_db).exp() / (std::f64::consts::TAU.sqrt() * self.residual_db);
+        let law_db = self.level(uplink);
         let mut before_bps = 0.0;
         let by_level: f64 = steps
             .iter()
             .map(|[snr_db, rate_bps]| {
                 let more_bps = rate_bps - std::mem::replace(&mut before_bps, *rate_bps);
-                more_bps * density((law.snr_db(uplink) - snr_db) / self.residual_db)
+                more_bps * density((law_db - snr_db) / self.residual_db)
             })
             .sum();
         let distance2_m2 = uplink.d2_m2 + uplink.z_m * uplink.z_m;
@@ -374,8 +384,7 @@ impl ChannelModel for MapChannel {
     }
 
     fn draw(&self, uplink: &Uplink, streams: &Streams, slot: u64, sensor: u32) -> Draw {
-        let drawn = || normal_pair(&mut streams.stream(Purpose::LinkResidual, slot, sensor))[0];
-        self.draw_at(uplink, if self.residual_db > 0.0 { drawn() } else { 0.0 })
+        self.draw_at(uplink, self.slot_residual(streams, slot, sensor))
     }
 
     fn best_rate_bps(&self, uplink: &Uplink) -> f64 {
@@ -414,7 +423,7 @@ impl ChannelModel for MapChannel {
     }
 
     fn depends_on_elevation(&self) -> bool {
-        self.law.is_none()
+        self.law.is_none_or(|law| law.is_heard)
     }
 
     fn has_own_gains(&self) -> bool {

@@ -12,7 +12,7 @@ use skysink_common::belief::Belief;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::error::InputError;
 use skysink_common::geometry::Position;
-use skysink_common::message::{FlightReport, LinkReport, MAX_SERVED, Mode, Plan, SensorNode};
+use skysink_common::message::{FlightReport, HeardLink, LinkReport, MAX_SERVED, Mode, Plan, SensorNode};
 use skysink_common::scenario::{Coordination, Scenario};
 use skysink_common::slot_record::ByUav;
 use skysink_common::stop::Stop;
@@ -199,6 +199,24 @@ impl FleetPlanner {
     #[must_use]
     pub fn stop(&self) -> &Stop {
         self.members[0].planner.stop()
+    }
+
+    /// Takes in what the UAVs hear after `flights`, by UAV and SN; must be called for every slot before
+    /// [`Self::observe`] where `link.beacon_radius_m` is set. UAVs that plan on their own know only what they hear
+    /// themselves.
+    pub fn hear(&mut self, flights: &[FlightReport], links: &[HeardLink]) {
+        for (uav, Member { planner, subfield, .. }) in self.members.iter_mut().enumerate() {
+            let is_alone = subfield.is_some() || self.coordination == Coordination::Independent;
+            let known = links.iter().filter(|link| !is_alone || link.uav as usize == uav);
+            match subfield {
+                Some(Subfield { ids, .. }) => {
+                    let number = |link: &HeardLink| Some(ids.binary_search(&link.sensor).ok()? as u32);
+                    let own = |link: &HeardLink| Some(HeardLink { sensor: number(link)?, ..*link });
+                    planner.hear(uav, flights, known.filter_map(own));
+                }
+                None => planner.hear(uav, flights, known.copied()),
+            }
+        }
     }
 
     /// Observes the flights of `slot`, and the queues after it [bit], by id ([`Planner::observe`]). UAVs that plan on

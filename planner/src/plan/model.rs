@@ -201,8 +201,9 @@ impl PlanModel {
             weight,
             capacity_bits: sampler.capacity_bits.into(),
             is_emptied: costs.is_by_visits()
-                || self.capacity_bits(index, rim_m2, !self.table.channel.depends_on_place())
-                    >= f64::from(sampler.capacity_bits),
+                || self.table.heard.is_none()
+                    && self.capacity_bits(index, rim_m2, !self.table.channel.depends_on_place())
+                        >= f64::from(sampler.capacity_bits),
             initial_half_slots: 0.0,
             rate_half_fraction: 0.0,
             left_slots: 0.0,
@@ -422,11 +423,10 @@ impl PlanModel {
     /// Capacity of a visit of `sensor` from above `at`, at the squared distance `d2_m2` [m²] [bit].
     pub(super) fn bits_at(&self, sensor: u32, d2_m2: f64, at: &Position) -> f64 {
         let MissionTable { channel, sensors, .. } = &self.table;
-        if channel.map().is_none() {
+        if !self.table.has_levels() {
             return self.capacity_bits(sensor, d2_m2, self.sees(sensor, at));
         }
-        let gain = sensors.gains[sensor as usize];
-        let uplink = channel.uplink(gain, sensors.position(sensor), &above(at, self.altitude_m));
+        let uplink = self.table.uplink(sensor, &above(at, self.altitude_m));
         let buffer_bits = u64::from(sensors.sampler(sensor).capacity_bits);
         channel.mean_over_draws(&uplink, &|rate_bps| channel.capacity_bits(rate_bps).min(buffer_bits) as f64)
     }
@@ -435,7 +435,7 @@ impl PlanModel {
     #[inline]
     #[must_use]
     pub fn capacity_at<O: Objective>(&self, sensor: u32, d2_m2: f64, at: &Position) -> f64 {
-        if self.table.channel.map().is_none() {
+        if !self.table.has_levels() {
             return self.capacity::<O>(sensor, d2_m2, self.sees(sensor, at));
         }
         let model = &self.sensors[sensor as usize];

@@ -478,6 +478,7 @@ fn learnt_rates_replace_the_prior() {
             belief,
             table,
             timing: Timing::Free,
+            links: None,
             neighbours: None,
             stop,
         });

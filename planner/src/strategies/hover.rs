@@ -49,7 +49,7 @@ fn serve_urgent(serving: &mut Serving, view: &View, ground: &Position) -> Decisi
             // For non-negative floats the order of the bit patterns is the order of the numbers.
             return (true, deadline_slots.max(0.0).to_bits(), by_queue);
         }
-        let uplink = channel.uplink(sensors.gains[id as usize], sensors.position(id), &uav);
+        let uplink = view.table.uplink(id, &uav);
         let carried_bits = channel.capacity_bits(channel.expected_rate_bps(&uplink)).min(queue_bits.into());
         let value = sensors.weights.factor(id as usize) * carried_bits as f64;
         (false, u64::MAX - value.to_bits(), by_queue)

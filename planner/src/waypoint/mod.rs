@@ -58,7 +58,7 @@ impl Solver {
         }
         ascent::fill_starts(&self.problem, &mut self.starts);
         let alone = ascent::best_end(&self.problem, &self.starts)?;
-        if self.conic.is_none() || table.channel.map().is_some() {
+        if self.conic.is_none() || table.has_levels() {
             return Some(Waypoint { point: alone.point, outcome: SolverOutcome::Solved });
         }
         self.approximate(alone)

@@ -47,6 +47,7 @@ impl QueueWeightObjective {
     pub(super) fn is_level(&self, view: &View, ids: &[u32]) -> bool {
         let MissionTable { sensors, channel, limits, .. } = view.table;
         self.service == Service::Upload
+            && view.table.heard.is_none()
             && ids.iter().all(|&id| {
                 let gain = sensors.gains[id as usize];
                 let rim = channel.uplink_at(gain, limits.comm_radius_m.powi(2), view.position.z);
@@ -61,8 +62,7 @@ impl QueueWeightObjective {
     pub(super) fn term_bits2(&self, view: &View, uav: &Point3<f64>, id: u32) -> u64 {
         let table = view.table;
         let queue_bits = u64::from(view.belief.queues_bits[id as usize]);
-        let uplink = table.channel.uplink(table.sensors.gains[id as usize], table.sensors.position(id), uav);
-        let capacity_bits = table.channel.capacity_bits(table.channel.expected_rate_bps(&uplink));
+        let capacity_bits = table.channel.capacity_bits(table.channel.expected_rate_bps(&table.uplink(id, uav)));
         let term_bits2 = queue_bits.saturating_mul(match self.service {
             Service::Upload => capacity_bits.min(queue_bits),
             Service::Capacity => capacity_bits,
