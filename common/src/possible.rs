@@ -145,6 +145,20 @@ mod tests {
     }
 
     #[test]
+    fn links_that_are_heard_are_finite_known_and_ascend() {
+        let links = |of: &[(u32, u32, f32)]| -> Vec<HeardLink> {
+            of.iter().map(|&(uav, sensor, snr_db)| HeardLink { uav, sensor, snr_db }).collect()
+        };
+        let good = links(&[(0, 3, -4.5), (0, 7, 12.0), (1, 2, 0.0)]);
+        assert!(HeardLink::are_possible(&[]) && HeardLink::are_possible(&good) && are_known_links(&good, 2, 8));
+        assert!(!are_known_links(&good, 1, 8) && !are_known_links(&good, 2, 7));
+        for bad in [[(0, 3, f32::NAN), (1, 0, 1.0)], [(0, 3, 1.0), (0, 3, 1.0)], [(1, 0, 1.0), (0, 3, f32::INFINITY)]] {
+            assert!(!HeardLink::are_possible(&links(&bad)), "{bad:?}");
+        }
+        assert!(!HeardLink::are_possible(&links(&[(1, 0, 1.0), (0, 3, 1.0)])), "descending");
+    }
+
+    #[test]
     fn unused_fields_of_a_flight_are_not_checked() {
         let mut flight = flight();
         assert!(FlightReport::are_possible(&[flight]));

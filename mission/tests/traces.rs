@@ -40,7 +40,7 @@ const SITES: &str = "uav.battery.capacity_j = 9000.0\nuav.must_land = true\nuav.
 const FLEET: &str = "uav.count = 3\nuav.separation_m = 5.0\n";
 
 /// Models by name: keys before the first table, and keys of `[area]`.
-const MODELS: [(&str, &[&str], &str); 14] = [
+const MODELS: [(&str, &[&str], &str); 16] = [
     ("open", &[], ""),
     ("battery", &[BATTERY], ""),
     ("zones", &[], ZONES),
@@ -79,6 +79,23 @@ const MODELS: [(&str, &[&str], &str); 14] = [
             concat!("link.file = '", env!("CARGO_MANIFEST_DIR"), "/tests/links.csv'\n"),
             concat!("link.rates = '", env!("CARGO_MANIFEST_DIR"), "/tests/rates.csv'\n"),
         ],
+        "",
+    ),
+    (
+        "links heard, fleet",
+        &[
+            FLEET,
+            "link.model = 'map'\nlink.residual_db = 3.0\nlink.residual_m = 40.0\nlink.law_snr_db = 45.0\n",
+            concat!("link.file = '", env!("CARGO_MANIFEST_DIR"), "/tests/links.csv'\n"),
+            concat!("link.rates = '", env!("CARGO_MANIFEST_DIR"), "/tests/rates.csv'\n"),
+            "link.beacon_radius_m = 50.0\nplanner.links = 'heard'\n",
+        ],
+        "",
+    ),
+    (
+        "line of sight heard",
+        &["link.model = 'probabilistic-los'\nlink.los_correlation_m = 40.0\nlink.bandwidth_hz = 5e3\n\
+           link.noise_dbm = -109.0\nlink.beacon_radius_m = 50.0\nplanner.links = 'heard'\n"],
         "",
     ),
 ];

@@ -45,6 +45,14 @@ fn ring_and_single_process_fly_over_the_same_map() {
         place.assert_trace_as_simulated("run");
     }
     assert!(place.summary("run")["delivered_bits"].as_u64().unwrap() > 0);
+    let hearing = flight.set("link.beacon_radius_m", 20.0).set("link.law_snr_db", 45.0).set("planner.links", "heard");
+    for (strategy, uavs, coordination) in
+        [("horizon", 1, "sequential"), ("uts", 2, "sequential"), ("max-weight", 2, "partition")]
+    {
+        let flight = hearing.clone().strategy(strategy).set("uav.count", uavs).set("link.residual_m", 30.0);
+        flight.set("uav.coordination", coordination).without_viewer().run();
+        place.assert_trace_as_simulated("run");
+    }
     fs::remove_file(&path).unwrap();
     fs::remove_file(&rates).unwrap();
     place.assert_repeatable("run");

@@ -152,3 +152,93 @@ impl DrawnChannel {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::channel::ChannelModel;
+    use crate::random::Streams;
+    use crate::scenario::{Overrides, Scenario};
+    use std::path::Path;
+
+    /// A line of sight that stays over 20 m.
+    fn link() -> LinkBudget {
+        let text = "name = 'x'\n[link]\nmodel = 'probabilistic-los'\nlos_correlation_m = 20.0\n";
+        Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap().link
+    }
+
+    fn at(x_m: f64) -> Point3<f64> {
+        Point3::new(x_m, 0.0, 30.0)
+    }
+
+    /// Residuals at these places, for the sensor node at the origin.
+    fn heard(residuals: &[(f64, f32)]) -> HeardLinks {
+        let heard = HeardLinks::of(&link());
+        let last = residuals.iter().map(|&(x_m, residual)| HeardResidual { at_m: [x_m as f32, 0.0, 30.0], residual });
+        heard.restore(SavedHeard([(key(&Position::origin()), last.collect())].into()));
+        heard
+    }
+
+    #[test]
+    fn a_residual_is_the_weighted_mean_of_those_heard_and_of_nothing() {
+        // e^0 = 1 of 3 dB, e^{−ln 2} = 1/2 of −1 dB and the law's own 1: (3 − 1/2)/(1 + 1 + 1/2) = 1 dB.
+        let half_m = (20.0 * std::f64::consts::LN_2) as f32;
+        let both = heard(&[(0.0, 3.0), (half_m.into(), -1.0)]);
+        assert!((both.residual(&Position::origin(), &at(0.0)) - 1.0).abs() < 1e-7);
+        assert!(both.residual(&Position::origin(), &at(2000.0)).abs() < 1e-9, "far away the law");
+        assert_eq!(both.residual(&Position::new(1.0, 0.0), &at(0.0)), 0.0, "of another sensor node nothing was heard");
+    }
+
+    #[test]
+    fn the_last_64_snrs_count_and_survive_a_restart() {
+        let (law, sensor) = (Channel::of(&link()), Position::origin());
+        let heard = heard(&[]);
+        for step in 0..70 {
+            let uav = at(f64::from(step));
+            heard.hear(&law, &law.uplink(1.0, &sensor, &uav), &sensor, &uav, f64::from(step) - 40.0);
+        }
+        let SavedHeard(saved) = heard.saved();
+        let last = &saved[&key(&sensor)];
+        assert_eq!((last.len(), last[0].at_m[0], last[63].at_m[0]), (HEARD_SNRS, 6.0, 69.0));
+        let again = HeardLinks::of(&link());
+        let mut bytes = Vec::new();
+        crate::checkpoint::encode(&heard.saved(), &mut bytes);
+        assert!(bytes.len() <= BYTES_PER_HEARD, "{}", bytes.len());
+        again.restore(crate::checkpoint::decode(&bytes).unwrap());
+        assert_eq!(again.residual(&sensor, &at(33.0)), heard.residual(&sensor, &at(33.0)));
+        assert!(HeardLinks::check(&heard.saved(), &[]).is_err(), "more than the sensor nodes of the mission");
+        let spoilt = SavedHeard([([0; 2], [HeardResidual { at_m: [0.0; 3], residual: f32::NAN }].into())].into());
+        assert!(HeardLinks::check(&spoilt, &[sensor]).is_err());
+    }
+
+    /// Where a link was found in sight it is expected in sight, and elsewhere as the law says.
+    #[test]
+    fn a_heard_line_of_sight_moves_its_probability() {
+        let (law, sensor, uav) = (Channel::of(&link()), Position::origin(), at(40.0));
+        let uplink = law.uplink(1.0, &sensor, &uav);
+        let model = law.line_of_sight().unwrap();
+        let probability = model.los_probability(&uplink);
+        for (snr_db, is_seen) in model.snrs_db(&uplink).into_iter().zip([1.0, 0.0]) {
+            let heard = heard(&[]);
+            (0..9).for_each(|_| heard.hear(&law, &uplink, &sensor, &uav, snr_db));
+            let corrected = Uplink { level: heard.residual(&sensor, &uav), ..uplink };
+            // Nine of ten parts are what was heard.
+            let expected = 0.9 * is_seen + 0.1 * probability;
+            assert!((model.los_probability(&corrected) - expected).abs() < 1e-6);
+            assert_eq!(law.expected_rate_bps(&corrected) > law.expected_rate_bps(&uplink), is_seen == 1.0);
+            let elsewhere = Uplink { level: heard.residual(&sensor, &at(4000.0)), ..uplink };
+            assert!((model.los_probability(&elsewhere) - probability).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn an_snr_is_that_of_the_drawn_rate() {
+        let (sensor, uav) = (Position::origin(), at(40.0));
+        let drawn = DrawnChannel::new(Channel::of(&link()), Streams::new(4));
+        let uplink = drawn.law().uplink(1.0, &sensor, &uav);
+        let snrs_db = drawn.law().line_of_sight().unwrap().snrs_db(&uplink);
+        let is_seen = drawn.draw(&uplink, &sensor, &uav, 3, 0).line_of_sight;
+        let snr_db = drawn.snr_db(&uplink, &sensor, &uav, 3, 0);
+        assert!((snr_db - snrs_db[usize::from(!is_seen)]).abs() < 1e-9, "{snr_db} of {snrs_db:?}");
+    }
+}

@@ -1,11 +1,11 @@
 //! Flights that no vehicle can have flown, from a vehicle of the test.
 
 use iceoryx2::prelude::ipc;
-use skysink_common::message::{FlightReport, LinkReport, Mode, Plan, SlotHeader};
+use skysink_common::message::{FlightReport, HeardLink, LinkReport, Mode, Plan, SlotHeader};
 use skysink_common::scenario::Overrides;
 use skysink_common::slot_record::UAV;
 use skysink_common::stop::Stop;
-use skysink_flight_sim::Flight;
+use skysink_flight_sim::{Fleet, Flight};
 use skysink_ring::reader::Reader;
 use skysink_ring::role::Role;
 use skysink_ring::topics::Ring;
@@ -25,6 +25,7 @@ struct Vehicle {
     wait: WaitContext,
     slots: u64,
     flight: Flight,
+    fleet: Fleet,
     plans: Reader<ipc::Service, [Plan], SlotHeader>,
     flights: Writer<ipc::Service, [FlightReport], SlotHeader>,
 }
@@ -40,8 +41,9 @@ impl Vehicle {
         let flights = ring.flight.list_writer(1).unwrap();
         let plans = ring.plan.reader().unwrap();
         let mut nodes = ring.sensors.reader().unwrap();
-        let flight = Flight::new(&scenario, nodes.wait_for_next(&mut wait, 0).unwrap().payload());
-        (run, Self { ring, wait, slots: scenario.slots, flight, plans, flights })
+        let nodes = nodes.wait_for_next(&mut wait, 0).unwrap();
+        let (flight, fleet) = (Flight::new(&scenario, nodes.payload()), Fleet::new(&scenario, nodes.payload()));
+        (run, Self { ring, wait, slots: scenario.slots, flight, fleet, plans, flights })
     }
 
     fn send(&self, slot: u64, report: FlightReport) {
@@ -103,6 +105,47 @@ fn impossible_flights_are_refused_by_every_process_and_change_nothing() {
         assert_eq!(first, Some(&format!("{reader}: flight(0) refused: {NUMBERS}")), "{lines:?}");
     }
     drop(vehicle);
+    place.assert_clean();
+}
+
+/// Impossible variants of what is heard.
+fn spoilt_links(good: &[HeardLink]) -> [Vec<HeardLink>; 3] {
+    let link = HeardLink { uav: 0, sensor: 39, snr_db: 5.0 };
+    let with = |more: &[HeardLink]| good.iter().chain(more).copied().collect();
+    [
+        with(&[HeardLink { snr_db: f32::NAN, ..link }]),
+        with(&[link, link]),
+        with(&[link, HeardLink { sensor: 0, ..link }]),
+    ]
+}
+
+#[test]
+fn impossible_links_are_refused_and_links_of_strangers_ignored() {
+    const STRANGERS: &str = "expected links of the UAVs and SNs of the mission";
+    let place = Place::new();
+    let stays =
+        place.flight("smoke").set("link.model", "probabilistic-los").set("link.los_correlation_m", 30.0).force();
+    let hearing = stays.set("link.bandwidth_hz", 5e3).set("link.beacon_radius_m", 30.0).set("planner.links", "heard");
+    for (strategy, has_strangers) in [("uts", false), ("gfs", true)] {
+        let (run, mut vehicle) = Vehicle::start(&hearing.strategy(strategy), LONG_S);
+        let writer = vehicle.ring.links.as_ref().unwrap().list_writer(100).unwrap();
+        for slot in 0..=vehicle.slots {
+            let flown = vehicle.fly(slot);
+            let good = vehicle.fleet.hear(slot, &[flown]);
+            let send = |links: &[HeardLink]| writer.send_list(vehicle.ring.header(slot, 0), links).unwrap();
+            spoilt_links(&good).iter().for_each(|links| send(links));
+            let stranger = |uav, sensor| vec![HeardLink { uav, sensor, snr_db: 1.0 }];
+            // `gfs` knows nothing of links: without what it hears it flies the same.
+            let strangers = [stranger(1, 0), stranger(0, 40), stranger(u32::MAX, u32::MAX)];
+            send(if has_strangers { &strangers[slot as usize % 3] } else { &good });
+            vehicle.send(slot, flown);
+        }
+        let ended = run.wait_for_success();
+        place.assert_trace_as_simulated("run");
+        assert!(said(&ended.stderr, NUMBERS)[0].starts_with("planner: links(0) refused"), "{ended:?}");
+        assert_eq!(!said(&ended.stderr, STRANGERS).is_empty(), has_strangers, "{ended:?}");
+        drop((writer, vehicle));
+    }
     place.assert_clean();
 }
 
