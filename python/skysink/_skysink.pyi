@@ -261,6 +261,12 @@ class View:
         """What stays the same."""
 
     @property
+    def links(self) -> NDArray[np.float32] | None:
+        """SNR of each SN that the UAV hears at the start of the slot [dB], float32 [N], read-only: NaN for those that
+        it does not. None without ``link.beacon_radius_m``.
+        """
+
+    @property
     def energy_j(self) -> float:
         """Energy in the battery at the start of the slot, E(t-1) [J]; infinite without a battery."""
 

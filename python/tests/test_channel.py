@@ -121,3 +121,26 @@ def test_links_by_place_are_those_of_their_map(tmp_path: Path) -> None:
     assert np.array_equal(run.queues, again.queues)
     assert np.array_equal(skysink.simulate(pickle.loads(pickle.dumps(mapped)), "horizon").queues, run.queues)
     assert mapped.field().route((0.0, 0.0), 3) is not None
+
+
+def test_a_strategy_sees_the_links_that_are_heard() -> None:
+    stays = {"link.model": "probabilistic-los", "link.los_correlation_m": 30.0}
+    hearing = skysink.Scenario.letter().replace({"slots": 20, **stays, "link.beacon_radius_m": 25.0})
+    heard = []
+
+    class Listens(skysink.Strategy):
+        def plan(self, view: skysink.View) -> skysink.Decision:
+            if view.links is None:
+                return skysink.Decision(waypoint=(50.0, 50.0))
+            distances_m = np.linalg.norm(view.field.positions_m - view.uav[:2], axis=1)
+            assert view.links.dtype == np.float32 and not view.links.flags.writeable
+            assert np.array_equal(np.isfinite(view.links), distances_m <= 25.0)
+            heard.append(view.links)
+            return skysink.Decision(waypoint=view.uav[:2] + (1.0, 0.5))
+
+    skysink.simulate(hearing, Listens)
+    assert len(heard) == 20
+    nearest = [np.nanmax(links) - np.nanmin(links) for links in heard]
+    assert max(nearest) > 10.0  # some are in sight, and some are not
+    skysink.simulate(hearing.replace({"link.beacon_radius_m": None}), Listens)
+    assert len(heard) == 20
