@@ -11,6 +11,12 @@ namespace skysink {
 /// Most resource blocks of a UAV, and so most served sensor nodes in a message.
 constexpr static const size_t MAX_RESOURCE_BLOCKS = 64;
 
+/// SNRs that are kept of each sensor node.
+constexpr static const size_t HEARD_SNRS = 64;
+
+/// Most bytes of a sensor node in a checkpoint: its position, and four numbers of 4 bytes for each SNR.
+constexpr static const size_t BYTES_PER_HEARD = ((HEARD_SNRS * 16) + 32);
+
 /// Most sensor nodes in one plan.
 constexpr static const size_t MAX_SERVED = MAX_RESOURCE_BLOCKS;
 
@@ -222,6 +228,18 @@ struct Plan {
     uint32_t ids[MAX_SERVED];
 };
 
+/// Payload element of `links`: what a UAV hears of a sensor node within `link.beacon_radius_m` at the end of the slot,
+/// scheduled or not (decision D32). They ascend by UAV, and then by sensor node.
+struct HeardLink {
+    static constexpr const char* IOX2_TYPE_NAME = "skysink.HeardLink.v1";
+    /// Number of the UAV, from 0.
+    uint32_t uav;
+    /// The sensor node.
+    uint32_t sensor;
+    /// Signal-to-noise ratio [dB].
+    float snr_db;
+};
+
 /// Payload element of `path`: a planned waypoint. The first of each UAV is that of the slot's own plan.
 struct PathPoint {
     static constexpr const char* IOX2_TYPE_NAME = "skysink.PathPoint.v2";
@@ -333,6 +351,7 @@ static_assert(sizeof(skysink::SensorNode) == 48, "the layout of docs/src/interfa
 static_assert(sizeof(skysink::QueuesHeader) == 96, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::Totals) == 48, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::Plan) == 400, "the layout of docs/src/interfaces.md");
+static_assert(sizeof(skysink::HeardLink) == 12, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::PathPoint) == 32, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::FlightReport) == 2696, "the layout of docs/src/interfaces.md");
 static_assert(sizeof(skysink::LinkReport) == 40, "the layout of docs/src/interfaces.md");

@@ -450,6 +450,7 @@ mod tests {
         assert_eq!(size_of::<Plan>(), 400);
         assert_eq!(size_of::<LinkReport>(), 40);
         assert_eq!(size_of::<FlightReport>(), 2696);
+        assert_eq!(size_of::<HeardLink>(), 12);
         assert_eq!(size_of::<PathPoint>(), 32);
         assert_eq!(size_of::<Commit>(), 8);
         assert_eq!(size_of::<Tick>(), 8);

@@ -6,8 +6,8 @@ use std::fs;
 use cbindgen::{Builder, Config, DocumentationStyle, ItemType, Language};
 use iceoryx2::prelude::ZeroCopySend;
 use skysink_common::message::{
-    Commit, FlightReport, Limits, LinkReport, PathPoint, Plan, QueuesHeader, SensorNode, SensorsHeader, SlotHeader,
-    Tick, Totals,
+    Commit, FlightReport, HeardLink, Limits, LinkReport, PathPoint, Plan, QueuesHeader, SensorNode, SensorsHeader,
+    SlotHeader, Tick, Totals,
 };
 use skysink_ring::health::{Health, Ready};
 
@@ -44,6 +44,7 @@ pub fn generated() -> String {
         message::<QueuesHeader>(),
         message::<Totals>(),
         message::<Plan>(),
+        message::<HeardLink>(),
         message::<PathPoint>(),
         message::<FlightReport>(),
         message::<LinkReport>(),

@@ -10,6 +10,7 @@ use std::sync::{Arc, PoisonError, RwLock};
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
+use super::map::key;
 use super::model::Uplink;
 use super::{Channel, DrawnChannel, LinkBudget};
 use crate::checkpoint::CheckpointError;
@@ -113,11 +114,6 @@ impl HeardLinks {
     pub fn restore(&self, SavedHeard(residuals): SavedHeard) {
         *self.residuals.write().unwrap_or_else(PoisonError::into_inner) = residuals;
     }
-}
-
-/// A position in bits.
-pub(super) fn key(place: &Position) -> [u64; 2] {
-    [place.x.to_bits(), place.y.to_bits()]
 }
 
 impl Channel {

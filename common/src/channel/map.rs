@@ -9,7 +9,6 @@ use rustc_hash::FxHashMap;
 use serde::{Deserialize, Serialize};
 use strum::VariantNames;
 
-use super::heard::key;
 use super::model::{ChannelModel, Draw, Slopes, Uplink};
 use super::table::Step;
 use crate::csv_rows::read_rows;
@@ -223,6 +222,11 @@ impl LinkMap {
         let reached = steps.partition_point(|[snr_db, _]| *snr_db <= level);
         if reached == 0 { 0.0 } else { steps[reached - 1][1] }
     }
+}
+
+/// A position in bits.
+pub(super) fn key(place: &Position) -> [u64; 2] {
+    [place.x.to_bits(), place.y.to_bits()]
 }
 
 impl LevelGrid {
