@@ -16,7 +16,7 @@ use toml::Table;
 use xxhash_rust::xxh3::xxh3_64;
 
 use super::definition::Definition;
-use super::manifest::{Manifest, SCENARIO, SENSORS, SWEEP};
+use super::manifest::{ARRAYS, Manifest, SCENARIO, SENSORS, SWEEP, TRACK};
 use super::plan::Sweep;
 use super::settings::{ExternalStrategy, Seeds, SweepBase, SweepFile, SweepSettings};
 use crate::error::LabError;
@@ -103,11 +103,17 @@ impl Sweep {
     pub(crate) fn files(&self) -> Result<Vec<SavedFile>, LabError> {
         let mut files = Vec::new();
         let mut table = self.full_base()?;
-        for (key, name) in
-            [("sensors.file", SENSORS), ("sensors.arrivals.file", TRACE), ("link.file", CHANNEL), ("link.rates", RATES)]
-        {
+        for (key, name) in [
+            ("sensors.file", SENSORS),
+            ("sensors.arrivals.file", TRACE),
+            ("link.file", CHANNEL),
+            ("link.rates", RATES),
+            ("uav.track", TRACK),
+        ] {
             if let Some(file) = dotted::value_mut(&mut table, key).filter(|file| file.is_str()) {
                 let path = self.base.path.parent().unwrap_or(Path::new("")).join(file.as_str().unwrap_or_default());
+                let is_arrays = name == CHANNEL && path.extension() == Path::new(ARRAYS).extension();
+                let name = if is_arrays { ARRAYS } else { name };
                 files.push((name.into(), read_regular(&path).at(&path)?));
                 *file = name.into();
             }
