@@ -160,7 +160,18 @@ fn the_contour_of_a_cone_becomes_a_zone() {
 fn a_ridge_hides_what_lies_behind_it() {
     let place = Place::new();
     write_ground(&place, |x_m, _| if (x_m - 305.0).abs() < 1.0 { 15.0 } else { 0.0 });
-    let new = ["new", "ridge", "--sensors", "nodes.csv", "--terrain", "ground.asc", "--clearance", "0"];
+    let new = [
+        "new",
+        "ridge",
+        "--sensors",
+        "nodes.csv",
+        "--terrain",
+        "ground.asc",
+        "--clearance",
+        "0",
+        "--start",
+        "1050,2200",
+    ];
     let radio = ["--radio", "lora-sf7", "--drone", "x500"];
     let printed = place.run_ok(&[&new[..], &radio].concat()).stdout;
     assert!(printed.contains("30.0 m in flight, 0 no-fly zones where the ground is above 30.0 m"), "{printed}");
