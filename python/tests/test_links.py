@@ -15,7 +15,9 @@ SMALL = skysink.Scenario.letter().replace({"slots": 40, "sensors.count": 3, "sen
 
 RATES = [[0.0, 2e4], [5.0, 6e4], [10.0, 18e4]]
 
-X_M, Y_M, Z_M = np.arange(0.0, 101.0, 25.0), np.array([0.0, 100.0]), np.array([20.0])
+X_M: Any = np.arange(0.0, 101.0, 25.0)
+Y_M: Any = np.array([0.0, 100.0])
+Z_M: Any = np.array([20.0])
 
 
 def levels() -> Any:
@@ -67,7 +69,8 @@ def test_arrays_are_the_map_of_a_file(mapped: skysink.Scenario, tmp_path: Path) 
     held = SMALL.with_links(X_M, Y_M, Z_M, levels(), RATES)
     assert np.array_equal(skysink.simulate(held, "gfs").queues, flown)
     for save in (np.savez, np.savez_compressed):
-        save(mapped.path.parent / "links.npz", x_m=X_M, y_m=Y_M.astype(np.float32), z_m=Z_M.astype(int), snr_db=levels())
+        axes = {"x_m": X_M, "y_m": Y_M.astype(np.float32), "z_m": Z_M.astype(int)}
+        save(mapped.path.parent / "links.npz", snr_db=levels(), **axes)
         read = mapped.replace({"link.file": "links.npz"})
         assert np.array_equal(skysink.simulate(read, "gfs").queues, flown)
     run = skysink.simulate(held, "gfs")
@@ -83,7 +86,8 @@ def test_a_map_does_not_read_arrivals_that_are_given() -> None:
     held = SMALL.with_links(X_M, Y_M, Z_M, levels(), RATES)
     bits = np.full((40, 3), 700, np.uint32)
     bursty = held.with_arrivals(bits)
-    for scenario in (bursty, pickle.loads(pickle.dumps(bursty)), SMALL.with_arrivals(bits).with_links(X_M, Y_M, Z_M, levels(), RATES)):
+    other = SMALL.with_arrivals(bits).with_links(X_M, Y_M, Z_M, levels(), RATES)
+    for scenario in (bursty, pickle.loads(pickle.dumps(bursty)), other):
         assert scenario == bursty
         assert np.array_equal(skysink.simulate(scenario, "gfs").queues, skysink.simulate(bursty, "gfs").queues)
 
