@@ -29,16 +29,28 @@ const MAP_HEADER: &str = "sensor,";
 
 /// The content of the file of a channel in memory: a table of rates, or a map of links.
 #[derive(Clone, Copy, Default)]
-struct HeldChannel {
+pub struct HeldChannel {
     table: Option<&'static RateTable>,
     map: Option<&'static LinkMap>,
 }
 
 impl HeldChannel {
-    fn of(scenario: &Scenario) -> Self {
+    /// That of a scenario.
+    pub fn of(scenario: &Scenario) -> Self {
         // The sensor nodes of a changed scenario may be at other places.
         let unplaced = |map: &LinkMap| map.clone().at_places(&[]).held();
         Self { table: scenario.link.table, map: scenario.link.map.map(unplaced) }
+    }
+
+    /// What stands for its files.
+    pub fn overrides(self) -> Overrides {
+        Overrides { table: self.table, map: self.map, ..Overrides::default() }
+    }
+
+    /// The texts of its files.
+    pub fn texts(self) -> [Option<String>; 2] {
+        let (levels, rates) = self.map.map(LinkMap::to_csv).unzip();
+        [self.table.map(RateTable::to_csv).or(levels), rates.flatten()]
     }
 
     /// Parses the text of a channel, and of the rates of its SNRs.
@@ -67,8 +79,7 @@ pub struct PyScenario {
 
 impl PyScenario {
     fn new(text: String, path: &Path, keys: Vec<Setting>, channel: HeldChannel) -> PyResult<Self> {
-        let HeldChannel { table, map } = channel;
-        let overrides = Overrides { keys, table, map, ..Overrides::default() };
+        let overrides = Overrides { keys, ..channel.overrides() };
         let scenario = Scenario::parse(&text, path, overrides).and_then(settings::resolve).map_err(refused)?;
         Ok(Self { text, scenario })
     }
@@ -330,9 +341,8 @@ impl PyScenario {
     fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py, Parsed>> {
         let PyScenario { text, scenario } = slf.get();
         let arrivals = scenario.trace.as_ref().map(ArrivalTrace::to_csv);
-        let (levels, rates) = scenario.link.map.map(LinkMap::to_csv).unzip();
-        let channel = scenario.link.table.map(RateTable::to_csv).or(levels);
-        let arguments = (text.clone(), scenario.path.clone(), arrivals, channel, rates.flatten());
+        let [channel, rates] = HeldChannel::of(scenario).texts();
+        let arguments = (text.clone(), scenario.path.clone(), arrivals, channel, rates);
         Ok((slf.get_type().getattr("parse")?, arguments))
     }
 

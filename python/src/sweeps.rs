@@ -23,7 +23,7 @@ use toml::Table;
 
 use crate::errors::{of_lab, of_mission, refused};
 use crate::run::{Sources, source_files};
-use crate::scenario::PyScenario;
+use crate::scenario::{HeldChannel, PyScenario};
 use crate::signals::interruptible;
 use crate::simulate::drive_python;
 use crate::strategy::{PyStrategies, Raised};
@@ -79,7 +79,11 @@ impl PySweepPlan {
         models: Vec<(String, String)>,
     ) -> PyResult<Self> {
         let scenario = scenario.get();
-        let base = SweepBase { path: scenario.scenario.path.clone(), table: scenario.table() };
+        let base = SweepBase {
+            path: scenario.scenario.path.clone(),
+            table: scenario.table(),
+            held: HeldChannel::of(&scenario.scenario).overrides(),
+        };
         let settings = SweepSettings {
             base,
             axes: Table::new(),

@@ -92,6 +92,17 @@ def test_a_map_does_not_read_arrivals_that_are_given() -> None:
         assert np.array_equal(skysink.simulate(scenario, "gfs").queues, skysink.simulate(bursty, "gfs").queues)
 
 
+def test_comparisons_and_fields_hold_maps() -> None:
+    held = SMALL.with_links(X_M, Y_M, Z_M, levels(), RATES)
+    entries = skysink.compare(held, ["gfs", "tour"], seeds=2)
+    by_seed = [skysink.simulate(held, "tour", seed=seed).loss_rate for seed in (1, 2)]
+    assert [entry["mean"] for entry in entries if (entry["label"], entry["metric"]) == ("tour", "loss_rate")] == [
+        pytest.approx(np.mean(by_seed), rel=1e-12)
+    ]
+    field = pickle.loads(pickle.dumps(held.field()))
+    assert np.array_equal(field.positions_m, held.field().positions_m)
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
