@@ -23,8 +23,8 @@ use skysink_planner::strategies::serving::{fill_fullest_in_range, fill_most_in_r
 use skysink_planner::strategy::Setup;
 
 use crate::errors::refused;
+use crate::held::HeldChannel;
 use crate::route::PyRoute;
-use crate::scenario::HeldChannel;
 use crate::values::{Reduced, read_only};
 
 /// The sensor nodes of a mission and the limits of its plans, as a planner knows them.

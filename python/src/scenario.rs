@@ -18,51 +18,12 @@ use toml::{Table, Value};
 
 use crate::errors::refused;
 use crate::field::PyField;
+use crate::held::HeldChannel;
 use crate::table::PyTable;
 use crate::values::{Reduced, json, to_toml};
 
 /// The arguments of `Scenario.parse`: a text, its path, and the texts of the arrivals, of the channel and of its rates.
 type Parsed = (String, PathBuf, Option<String>, Option<String>, Option<String>);
-
-/// What the column of sensor nodes tells of a channel: that it is a map of links.
-const MAP_HEADER: &str = "sensor,";
-
-/// The content of the file of a channel in memory: a table of rates, or a map of links.
-#[derive(Clone, Copy, Default)]
-pub struct HeldChannel {
-    table: Option<&'static RateTable>,
-    map: Option<&'static LinkMap>,
-}
-
-impl HeldChannel {
-    /// That of a scenario.
-    pub fn of(scenario: &Scenario) -> Self {
-        // The sensor nodes of a changed scenario may be at other places.
-        let unplaced = |map: &LinkMap| map.clone().at_places(&[]).held();
-        Self { table: scenario.link.table, map: scenario.link.map.map(unplaced) }
-    }
-
-    /// What stands for its files.
-    pub fn overrides(self) -> Overrides {
-        Overrides { table: self.table, map: self.map, ..Overrides::default() }
-    }
-
-    /// The texts of its files.
-    pub fn texts(self) -> [Option<String>; 2] {
-        let (levels, rates) = self.map.map(LinkMap::to_csv).unzip();
-        [self.table.map(RateTable::to_csv).or(levels), rates.flatten()]
-    }
-
-    /// Parses the text of a channel, and of the rates of its SNRs.
-    fn parse(text: &str, rates: Option<&str>) -> PyResult<Self> {
-        let path = Path::new("channel");
-        if !text.starts_with(MAP_HEADER) {
-            return Ok(Self { table: Some(RateTable::parse(text, path).map_err(refused)?.held()), map: None });
-        }
-        let steps = rates.map(|rates| LinkMap::parse_steps(rates, Path::new("rates"))).transpose().map_err(refused)?;
-        Ok(Self { table: None, map: Some(LinkMap::parse(text, path, steps).map_err(refused)?.held()) })
-    }
-}
 
 /// A validated scenario: mission, sensor field, channel and strategy.
 ///

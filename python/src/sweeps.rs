@@ -22,8 +22,9 @@ use skysink_mission::files::write_whole;
 use toml::Table;
 
 use crate::errors::{of_lab, of_mission, refused};
+use crate::held::HeldChannel;
 use crate::run::{Sources, source_files};
-use crate::scenario::{HeldChannel, PyScenario};
+use crate::scenario::PyScenario;
 use crate::signals::interruptible;
 use crate::simulate::drive_python;
 use crate::strategy::{PyStrategies, Raised};
