@@ -8,6 +8,7 @@
 //! | [`objective`] | what a plan costs: the loss, or the data that is not delivered |
 //! | [`gaps`] | ages of service, and sums of costs |
 //! | [`sensor`], [`model`] | the sensor nodes of a plan, in slots instead of bits, and the constants of a mission |
+//! | `capacities`, [`other_visits`] | what visits carry, and the visits of other UAVs |
 //! | [`window`] | what a plan begins with |
 //! | [`groups`], [`points`] | the stops of a plan: disks, and points to hover at |
 //! | [`decoder`] | the flight to a stop, and the sensor nodes served on the way |
@@ -20,6 +21,7 @@
 //! | [`keys`] | the keys of `horizon` |
 
 pub mod anneal;
+mod capacities;
 pub mod carried_plan;
 pub mod decoder;
 pub mod forecast;
@@ -31,6 +33,7 @@ pub mod long_search;
 pub mod model;
 pub mod objective;
 pub mod operators;
+pub mod other_visits;
 pub mod planned;
 pub mod points;
 pub mod sensor;

@@ -13,25 +13,17 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::grid::Grid;
 use skysink_common::stop::Stop;
 
+use super::capacities::{TABLE, best_capacities_bits, with_margin};
 use super::groups::{self, ServiceDisk};
 use super::objective::Objective;
+use super::other_visits::OtherVisits;
 use super::points::PointMemory;
 use super::sensor::{SensorModel, noise_slots2};
 use crate::gap_costs::GapCosts;
 use crate::geometry::disks::Disk;
 use crate::geometry::turns::Turns;
 use crate::mission_table::MissionTable;
-use crate::neighbours::PlannedVisit;
 use crate::route::route::Route;
-
-/// Entries of the capacity table where the rate depends on the elevation, over `d²` from 0 to `d_c²`.
-const TABLE: usize = 64;
-
-/// Entries for which the altitude is optimised: the inner fifth of the disk, from which most sensors are served.
-const NEAR_STEPS: usize = TABLE / 5;
-
-/// Steps between the altitudes that are compared.
-const LEVELS: u32 = 16;
 
 /// Nearest stops that a change may substitute for a stop.
 const NEIGHBOURS: usize = 12;
@@ -48,53 +40,11 @@ const SCARCE_TIME: f64 = 0.75;
 /// Capacity at the rim of a stop for one sensor, as a fraction of that from straight above.
 const NEAR: f64 = 0.8;
 
-/// Margin of the planned range for position errors, in standard deviations.
-const MARGIN: f64 = 1.5;
-
-/// Least planned range with that margin, as a fraction of the communication radius.
-const LEAST_RANGE: f64 = 0.5;
-
 /// Radii that are compared for such a stop.
 const NEAR_RADII: u32 = 32;
 
 /// Directions in which buildings are looked for around a sensor.
 const LOOKS: u32 = 64;
-
-/// Least part of a full buffer that a visit of another UAV takes, to count as one that empties its sensor.
-const MOST_OF_BUFFER: f64 = 0.5;
-
-/// The visits of other UAVs in a planning window, each of which is expected to empty its sensor; those that take little
-/// are left out.
-#[derive(Debug, Clone, Default)]
-pub struct OtherVisits {
-    /// By sensor: their slots, ascending; 1 is the first of the window. Empty without visits.
-    slots: Vec<Vec<f64>>,
-}
-
-impl OtherVisits {
-    /// Of a window that begins with the slot `first`, for `sensors` with these `ids`, ascending.
-    #[must_use]
-    pub fn of(visits: &[PlannedVisit], ids: &[u32], sensors: &[SensorModel], first: u64) -> Self {
-        let mut slots = vec![Vec::new(); if visits.is_empty() { 0 } else { ids.len() }];
-        for visit in visits.iter().filter(|visit| visit.slot >= first) {
-            let Ok(sensor) = ids.binary_search(&visit.sensor) else { continue };
-            let SensorModel { fill_slots, mean_bits, costs, .. } = sensors[sensor];
-            // Where ages count, whatever it takes.
-            if !costs.is_by_bits() || visit.bits >= MOST_OF_BUFFER * fill_slots * mean_bits {
-                slots[sensor].push((visit.slot - first + 1) as f64);
-            }
-        }
-        slots.iter_mut().for_each(|slots: &mut Vec<f64>| slots.sort_unstable_by(f64::total_cmp));
-        Self { slots }
-    }
-
-    /// Whether there are none.
-    #[inline]
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
-        self.slots.is_empty()
-    }
-}
 
 /// The constants of a mission. *Sensors* are the SNs that can lose data, where plans hover all SNs that can be served,
 /// numbered from 0 in the order of their ids.
@@ -457,39 +407,6 @@ impl PlanModel {
         let is_emptied = self.sensors[sensor as usize].is_emptied;
         if is_emptied { f64::INFINITY } else { self.capacity_bits(sensor, d2_m2, in_sight) }
     }
-}
-
-/// The scenario with a smaller range, so that most slots end in the range of their visits with position errors, too.
-fn with_margin(scenario: &Scenario) -> Cow<'_, Scenario> {
-    let Some(sigma_m) = scenario.uav.position_error_m else { return Cow::Borrowed(scenario) };
-    let mut within = scenario.clone();
-    let radius_m = &mut within.link.comm_radius_m;
-    *radius_m = (*radius_m - MARGIN * sigma_m).max(*radius_m * LEAST_RANGE);
-    Cow::Owned(within)
-}
-
-/// Expected bits of a visit with a full buffer, over `d²`, from the altitude that is best for nearby sensors; of equals
-/// the lowest.
-///
-/// The capacity of each draw is limited to the buffer: excess capacity of a good draw does not make up for a bad one.
-fn best_capacities_bits(scenario: &Scenario, table: &MissionTable, in_sight: bool) -> [f64; TABLE + 1] {
-    let [low_m, high_m] =
-        scenario.uav.climb().map_or([scenario.uav.altitude_m; 2], |climb| [climb.min_altitude_m, climb.max_altitude_m]);
-    let rim_m2 = scenario.link.comm_radius_m * scenario.link.comm_radius_m;
-    let buffers_bits = table.sensors.ids().map(|id| table.sensors.sampler(id).capacity_bits);
-    let buffer_bits = u64::from(buffers_bits.max().unwrap_or(0));
-    let taken_bits = |rate_bps: f64| table.channel.capacity_bits(rate_bps).min(buffer_bits) as f64;
-    let gain = table.sensors.gains.iter().copied().fold(0.0, f64::max);
-    let expected_bits = |d2_m2: f64, z_m: f64| {
-        table.channel.mean_over_draws(&Uplink { in_sight, ..table.channel.uplink_at(gain, d2_m2, z_m) }, &taken_bits)
-    };
-    let level_bits = |level: u32| -> [f64; TABLE + 1] {
-        let z_m = low_m + (high_m - low_m) * f64::from(level) / f64::from(LEVELS);
-        std::array::from_fn(|step| expected_bits(rim_m2 * step as f64 / TABLE as f64, z_m))
-    };
-    let near_bits = |bits: &[f64; TABLE + 1]| bits[..=NEAR_STEPS].iter().sum::<f64>();
-    let best = (0..=LEVELS).map(level_bits).reduce(|a, b| if near_bits(&b) > near_bits(&a) { b } else { a });
-    best.expect("at least one level")
 }
 
 #[cfg(test)]
