@@ -5,6 +5,7 @@ use std::sync::{Arc, OnceLock};
 use nalgebra::Point3;
 use skysink_common::airspace::Airspace;
 use skysink_common::arrivals::ArrivalLaw;
+use skysink_common::belief::Belief;
 use skysink_common::channel::{Channel, ChannelModel};
 use skysink_common::geometry::{Position, within};
 use skysink_common::message::{Limits, SensorNode};
@@ -38,6 +39,8 @@ pub struct MissionTable {
     /// The waypoint of each slot [m], where the flight is fixed (`uav.track`).
     pub track: Option<Arc<[[f64; 3]]>>,
     /// Whether zones leave no place to serve the SN from, by id; empty in an open field.
+    is_behind_zones: Arc<[bool]>,
+    /// The same, also of SNs that are known to be dead.
     is_hidden: Arc<[bool]>,
     /// The way home; `None` if the UAV need not come back.
     pub home: Option<Home>,
@@ -59,8 +62,10 @@ impl MissionTable {
             !within(&nearest, position, radius_m) || !airspace.is_reachable(&nearest)
         };
         let hidden = sensors.positions.iter().filter(|_| !airspace.is_open()).map(is_hidden);
+        let is_hidden: Arc<[bool]> = hidden.collect();
         Self {
-            is_hidden: hidden.collect(),
+            is_behind_zones: Arc::clone(&is_hidden),
+            is_hidden,
             home: Home::of(scenario, &airspace),
             motion: Motion::of(scenario, &airspace),
             airspace,
@@ -109,7 +114,16 @@ impl MissionTable {
         Self::new(scenario, Arc::new(Sensors::of(scenario, nodes)))
     }
 
-    /// Whether there is a place in range of SN `id` that the UAV can fly to.
+    /// Takes in which SNs are dead: they cannot be served. Nothing changes if none can die.
+    pub(crate) fn bury(&mut self, belief: &Belief, queues_bits: &[u32]) {
+        let is_behind = |id: u32| self.is_behind_zones.get(id as usize).is_some_and(|is_behind| *is_behind);
+        let is_hidden = |id: u32| is_behind(id) || belief.is_dead(queues_bits, id);
+        if self.sensors.may_die && self.sensors.ids().any(|id| is_hidden(id) == self.is_servable(id)) {
+            self.is_hidden = self.sensors.ids().map(is_hidden).collect();
+        }
+    }
+
+    /// Whether there is a place in range of SN `id` that the UAV can fly to, and it is not known to be dead.
     #[inline]
     #[must_use]
     pub fn is_servable(&self, id: u32) -> bool {
@@ -135,8 +149,8 @@ impl MissionTable {
     }
 
     /// The value of a queue of `queue_bits` [bit] of SN `id`, by which strategies compare queues: its bits where all
-    /// weights are equal ([`Weights::value`](skysink_common::weights::Weights::value), decision D25); 0 if zones leave
-    /// no place to serve it from.
+    /// weights are equal ([`Weights::value`](skysink_common::weights::Weights::value), decision D25); 0 if it
+    /// cannot be served.
     ///
     /// # Panics
     /// If the SN is unknown.
@@ -146,7 +160,7 @@ impl MissionTable {
         if self.is_servable(id) { self.sensors.weights.value(id, queue_bits) } else { 0 }
     }
 
-    /// Whether any SN cannot be served because of zones.
+    /// Whether any SN cannot be served.
     #[inline]
     #[must_use]
     pub fn has_hidden(&self) -> bool {
