@@ -302,3 +302,6 @@ pub struct NodeEnergyUse {
     /// Bits that dead sensor nodes held or have sampled, a part of `lost_bits`.
     pub lost_to_death_bits: u64,
 }
+
+#[cfg(test)]
+mod tests;

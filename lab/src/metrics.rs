@@ -134,8 +134,6 @@ metrics! {
         |m| m.summary.totals.delivered_bits as f64; // exact below 2^53
     ExpiredBits: BITS, "expired_bits", "bits lost because they were too old",
         |m| m.summary.expired_bits.map_or(f64::NAN, |bits| bits as f64);
-    LostToDeathBits: BITS, "lost_to_death_bits", "bits lost by dead SNs",
-        |m| m.of_nodes(|energy| Some(energy.lost_to_death_bits as f64));
     BitsPerWaypoint: BITS, "bits_per_waypoint", "bits delivered per waypoint", |m| m.summary.bits_per_waypoint;
     MeanServed: REAL, "mean_served", "SNs served per slot", |m| m.summary.mean_served;
     FlownM: METRES, "flown_m", "flown distance", |m| m.meter.flown_m;
@@ -149,6 +147,8 @@ metrics! {
     FirstDeathS: SECONDS, "first_death_s", "time of the first death of an SN", |m| m.of_nodes(|energy| energy.first_death_s);
     HalfDeadS: SECONDS, "half_dead_s", "time at which half of the SNs are dead", |m| m.of_nodes(|energy| energy.half_dead_s);
     Dead: REAL, "dead", "dead SNs", |m| m.of_nodes(|energy| Some(energy.dead as f64));
+    LostToDeathBits: BITS, "lost_to_death_bits", "bits lost by dead SNs",
+        |m| m.of_nodes(|energy| Some(energy.lost_to_death_bits as f64));
     EnergyPerBitJ: JOULES, "energy_per_bit_j", "energy of the SNs for a bit delivered",
         |m| m.of_nodes(|energy| energy.energy_per_bit_j);
     ResidualMin: FRACTION, "residual_min", "least energy left in an SN",

@@ -39,9 +39,9 @@ pub struct MissionTable {
     /// The waypoint of each slot [m], where the flight is fixed (`uav.track`).
     pub track: Option<Arc<[[f64; 3]]>>,
     /// Whether zones leave no place to serve the SN from, by id; empty in an open field.
-    is_behind_zones: Arc<[bool]>,
-    /// The same, also of SNs that are known to be dead.
     is_hidden: Arc<[bool]>,
+    /// Whether the SN is known to be dead, by id; empty where none is.
+    is_dead: Arc<[bool]>,
     /// The way home; `None` if the UAV need not come back.
     pub home: Option<Home>,
     /// Found when they are first asked for; clones share them.
@@ -62,10 +62,9 @@ impl MissionTable {
             !within(&nearest, position, radius_m) || !airspace.is_reachable(&nearest)
         };
         let hidden = sensors.positions.iter().filter(|_| !airspace.is_open()).map(is_hidden);
-        let is_hidden: Arc<[bool]> = hidden.collect();
         Self {
-            is_behind_zones: Arc::clone(&is_hidden),
-            is_hidden,
+            is_hidden: hidden.collect(),
+            is_dead: Arc::default(),
             home: Home::of(scenario, &airspace),
             motion: Motion::of(scenario, &airspace),
             airspace,
@@ -116,18 +115,24 @@ impl MissionTable {
 
     /// Takes in which SNs are dead: they cannot be served. Nothing changes if none can die.
     pub(crate) fn bury(&mut self, belief: &Belief, queues_bits: &[u32]) {
-        let is_behind = |id: u32| self.is_behind_zones.get(id as usize).is_some_and(|is_behind| *is_behind);
-        let is_hidden = |id: u32| is_behind(id) || belief.is_dead(queues_bits, id);
-        if self.sensors.may_die && self.sensors.ids().any(|id| is_hidden(id) == self.is_servable(id)) {
-            self.is_hidden = self.sensors.ids().map(is_hidden).collect();
+        let is_dead = |id: u32| belief.is_dead(queues_bits, id);
+        if self.sensors.may_die && self.sensors.ids().any(|id| is_dead(id) != self.is_dead(id)) {
+            self.is_dead = self.sensors.ids().map(is_dead).collect();
         }
+    }
+
+    /// Whether SN `id` is known to be dead.
+    #[inline]
+    #[must_use]
+    pub fn is_dead(&self, id: u32) -> bool {
+        self.is_dead.get(id as usize).is_some_and(|is_dead| *is_dead)
     }
 
     /// Whether there is a place in range of SN `id` that the UAV can fly to, and it is not known to be dead.
     #[inline]
     #[must_use]
     pub fn is_servable(&self, id: u32) -> bool {
-        self.is_hidden.get(id as usize).is_none_or(|is_hidden| !is_hidden)
+        self.is_hidden.get(id as usize).is_none_or(|is_hidden| !is_hidden) && !self.is_dead(id)
     }
 
     /// Whether `ground` [m] lies in the base; true if the UAV need not come back.
@@ -164,7 +169,7 @@ impl MissionTable {
     #[inline]
     #[must_use]
     pub fn has_hidden(&self) -> bool {
-        self.is_hidden.iter().any(|is_hidden| *is_hidden)
+        self.is_hidden.iter().chain(self.is_dead.iter()).any(|is_hidden| *is_hidden)
     }
 
     /// Expected bits collected from the SNs `ids` with the UAV at `uav`: `Σ min(floor(r_i τ_c), B_i(t−1))`, with the

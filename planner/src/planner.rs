@@ -361,7 +361,7 @@ fn believed<'a>(
 ) -> Believed<'a> {
     let mut believed = belief.at(slot.saturating_sub(1), &table.sensors, queues_bits);
     if !scheduled.is_empty() || table.sensors.may_die {
-        let left = |(id, &bits): (u32, &u32)| if table.is_servable(id) { bits } else { 0 };
+        let left = |(id, &bits): (u32, &u32)| if table.is_dead(id) { 0 } else { bits };
         left_bits.clear();
         left_bits.extend((0..).zip(believed.queues_bits).map(left));
         scheduled.iter().for_each(|&id| left_bits[id as usize] = 0);

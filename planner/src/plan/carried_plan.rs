@@ -169,7 +169,7 @@ impl<O: Objective> CarriedPlan<O> {
         if view.table.sensors.may_die {
             let weights = &self.model.table.sensors.weights;
             for (index, (sensor, &id)) in self.model.sensors.iter_mut().zip(&self.model.ids).enumerate() {
-                sensor.weight = if view.table.is_servable(id) { weights.factor(index) } else { 0.0 };
+                sensor.weight = if view.table.is_dead(id) { 0.0 } else { weights.factor(index) };
                 sensor.cost_bits = sensor.weight * sensor.mean_bits;
             }
         }
