@@ -7,6 +7,7 @@ use crate::ledger::Ledger;
 use crate::random::Streams;
 use crate::sampling::Sampling;
 use proptest::prelude::*;
+use std::cmp::Ordering;
 
 /// Batteries that take nothing.
 const IDLE: NodeEnergyKeys = NodeEnergyKeys {
@@ -21,10 +22,10 @@ const IDLE: NodeEnergyKeys = NodeEnergyKeys {
     tx_w: 0.0,
 };
 
-/// SNs that sample 100 bit a slot into 1 000 bit, 50 m apart, with batteries of `capacity_j`, in slots of 2 s.
+/// SNs that sample 100 bit a slot into 10 000 bit, 50 m apart, with batteries of `capacity_j`, in slots of 2 s.
 fn ledger(keys: NodeEnergyKeys, capacity_j: f64, harvest_w: f64, queues_bits: &[u32]) -> Ledger {
     let count = queues_bits.len();
-    let sampling = Sampling::new(vec![100.0; count], vec![1_000; count]);
+    let sampling = Sampling::new(vec![100.0; count], vec![10_000; count]);
     let batteries = vec![NodeBattery { capacity_j, harvest_w }; count];
     let positions = (0..count).map(|id| Position::new(50.0 * id as f64, 0.0));
     let charges = Charges::new(keys, 2.0, &batteries, positions, 10.0);
@@ -39,12 +40,12 @@ fn an_unserved_sensor_node_dies_when_sleep_has_taken_its_battery() {
         for slot in 1..=20 {
             let lost_bits = ledger.sample(slot) + ledger.spend(slot, &[]);
             let held_bits = 2 * 100 * slot + 70;
-            match slot.cmp(&death) {
-                std::cmp::Ordering::Less => assert_eq!(lost_bits, if slot > 9 { 200 } else { 0 }.max(lost_bits)),
-                std::cmp::Ordering::Equal if death <= 9 => assert_eq!(lost_bits, held_bits, "all that it holds"),
-                std::cmp::Ordering::Equal => {}
-                std::cmp::Ordering::Greater => assert_eq!(lost_bits, 200, "all that it samples"),
-            }
+            let expected_bits = match slot.cmp(&death) {
+                Ordering::Less => 0,
+                Ordering::Equal => held_bits,
+                Ordering::Greater => 200,
+            };
+            assert_eq!(lost_bits, expected_bits, "slot {slot}");
         }
         let found = ledger.charges().unwrap().summed_up(0);
         assert_eq!((found.first_death_s, found.half_dead_s), (Some(2.0 * death as f64), Some(2.0 * death as f64)));

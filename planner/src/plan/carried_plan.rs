@@ -172,6 +172,9 @@ impl<O: Objective> CarriedPlan<O> {
                 sensor.weight = if view.table.is_dead(id) { 0.0 } else { weights.factor(index) };
                 sensor.cost_bits = sensor.weight * sensor.mean_bits;
             }
+            let first = self.plan.stops.first().copied();
+            self.plan.stops.retain(|stop| !self.model.is_dead(stop.disk));
+            self.plan.is_under_way &= self.plan.stops.first().copied() == first;
         }
         if !belief.is_estimated() {
             return;
