@@ -36,6 +36,13 @@ pub fn elevation_deg(d2_m2: f64, z_m: f64) -> f64 {
     z_m.atan2(d2_m2.sqrt()).to_degrees()
 }
 
+/// Length of a way from `from` along `bends` [m].
+#[must_use]
+pub fn length_m(from: &Position, bends: &[Position]) -> f64 {
+    let begins = std::iter::once(from).chain(bends);
+    begins.zip(bends).map(|(a, b)| (b - a).norm()).sum()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

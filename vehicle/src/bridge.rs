@@ -48,6 +48,30 @@ pub struct SlotEnds {
     pub doubtful: u64,
 }
 
+impl SlotEnds {
+    /// What is said of them when the mission has ended.
+    #[must_use]
+    pub fn said(&self) -> Vec<String> {
+        let mut lines = Vec::new();
+        if self.doubtful > 0 {
+            lines.push(format!(
+                "in {} slots with a waypoint the position was not known or not believed: they are not counted as flown",
+                self.doubtful
+            ));
+        }
+        if self.flown + self.doubtful == 0 {
+            lines.push("no slot was flown to a waypoint".to_owned());
+        } else if self.flown > 0 {
+            let percent = 100.0 * self.reached as f64 / self.flown as f64;
+            lines.push(format!(
+                "{percent:.1} % of {} slots ended within {REACHED_M} m of the waypoint, the farthest {:.1} m from it",
+                self.flown, self.farthest_m
+            ));
+        }
+        lines
+    }
+}
+
 /// A vehicle with the order of the slot.
 struct Member {
     control: VehicleControl,

@@ -3,18 +3,19 @@
 //! Messages in, orders out. The clock is passed in, in seconds of the vehicle. The pilot wins: what the orders of the
 //! bridge do not explain ends them ([`crate::takeover`]), and a doubt holds them back.
 
-use nalgebra::{Point3, Vector3};
-use skysink_flight_sim::outside::REACHED_M;
+mod flight;
+
+use nalgebra::Point3;
 
 use crate::autopilot::{AutopilotKind, ModeMeaning};
 use crate::frame::AreaFrame;
 use crate::jumps::{Jumps, Plausibility};
 use crate::outbox::Outbox;
-use crate::preflight::{Assignment, Beginning, Clearance, Preflight, PreflightRefusal, TAKE_OFF_RADIUS_M};
+use crate::preflight::{Assignment, Clearance, Preflight, PreflightRefusal};
 use crate::said::Said;
 use crate::state::VehicleState;
 use crate::takeover::Takeover;
-use crate::telemetry::{ACCEPTED, Fix, GlobalTarget, Order, Telemetry};
+use crate::telemetry::{ACCEPTED, Fix, Order, Telemetry};
 
 /// Time between two attempts of an order that the vehicle refuses [s].
 const RETRY_S: f64 = 1.0;
@@ -439,203 +440,6 @@ impl VehicleControl {
     fn note_end(&mut self, why: &str) {
         if self.end.is_empty() {
             why.clone_into(&mut self.end);
-        }
-    }
-
-    /// Arms in the mode that follows orders.
-    fn arm(&mut self, now_s: f64) {
-        if self.end_if_taken_over() {
-            return;
-        }
-        let guided = self.vehicle.autopilot.and_then(|autopilot| autopilot.guided_mode());
-        let must_change = guided.filter(|&mode| self.vehicle.mode() != Some(mode));
-        if self.vehicle.is_armed() == Some(true) && must_change.is_none() {
-            self.outbox.clear();
-            self.phase = Phase::TakeOff;
-            self.retry_s = now_s;
-            return;
-        }
-        if self.vehicle.may_be_armed() && self.outbox.has(&Order::Arm) {
-            self.note_arming(now_s); // its answer is lost
-            self.takeover.answer_arming(true);
-            self.outbox.clear();
-        }
-        if !self.may_arm {
-            return; // the other vehicles are not checked yet
-        }
-        if let Some(armed_s) = self.takeover.armed_s() {
-            if now_s - armed_s > DISARMED_S && self.vehicle.says_disarmed() {
-                self.end_if_disarmed(now_s);
-            }
-            return; // it is not armed a second time
-        }
-        let order = must_change.map_or(Order::Arm, Order::Mode);
-        if now_s >= self.retry_s && !self.vehicle.is_in_doubt() && !self.outbox.has(&order) {
-            self.retry_s = now_s + RETRY_S;
-            self.outbox.send(order, now_s);
-        }
-    }
-
-    /// Takes off, until the altitude of the start is reached.
-    fn climb(&mut self, now_s: f64) {
-        if self.end_if_taken_over() || self.end_if_disarmed(now_s) {
-            return;
-        }
-        if self.return_if_low(now_s) {
-            return;
-        }
-        let climbs_s = *self.climbs_s.get_or_insert(now_s);
-        if now_s - climbs_s > CLIMB_S && self.vehicle.is_in_air() {
-            self.return_home(&format!("it does not reach its altitude within {CLIMB_S} s"), now_s);
-            return;
-        }
-        let Some(fix) = self.vehicle.fix() else { return };
-        let altitude_m = self.assignment.start.z;
-        if fix.above_home_m > altitude_m - CLIMBED_M {
-            self.said.say(format!("has taken off to {:.1} m", fix.above_home_m));
-            self.fly(now_s);
-        } else if now_s >= self.retry_s
-            && !self.vehicle.is_in_air()
-            && let Some(autopilot) = self.vehicle.autopilot
-        {
-            let order = Order::TakeOff(autopilot.altitude(altitude_m, fix.above_sea_m - fix.above_home_m));
-            if !self.outbox.has(&order) {
-                self.outbox.send(order, now_s);
-            }
-        }
-    }
-
-    /// Begins to follow targets.
-    fn fly(&mut self, now_s: f64) {
-        self.outbox.clear();
-        self.phase = Phase::Flying;
-        self.outbox.send(Order::Speed(self.assignment.speed_mps), now_s);
-        if self.assignment.beginning == (Beginning::Restarted { in_mission: true }) {
-            self.has_begun = true;
-        } else {
-            self.fly_to(self.assignment.start, now_s);
-        }
-    }
-
-    /// Flies to `target` [m] and holds there. Without effect before take-off and on the way home.
-    pub fn fly_to(&mut self, target: Point3<f64>, now_s: f64) {
-        self.has_refused = false;
-        let (Some(place), Some(fix), Some(autopilot)) =
-            (self.frame.geodetic(&target), self.vehicle.fix(), self.vehicle.autopilot)
-        else {
-            return;
-        };
-        if self.phase != Phase::Flying {
-            return;
-        }
-        let altitude = autopilot.altitude(target.z, fix.above_sea_m - fix.above_home_m);
-        let to = GlobalTarget { lat_deg: place.lat_deg, lon_deg: place.lon_deg, altitude };
-        let keeps_mode = self.vehicle.mode().is_some_and(|mode| autopilot.may_keep_mode(mode));
-        let order = Order::Reposition { to, may_change_mode: self.must_change_mode || !keeps_mode };
-        self.outbox.send(order, now_s);
-    }
-
-    /// Notices the arrival at the start, whoever takes the vehicle out of the bridge's hands, and a low battery.
-    fn watch(&mut self, now_s: f64) {
-        if self.end_if_taken_over() || self.end_if_disarmed(now_s) {
-            return;
-        }
-        if !self.return_if_low(now_s) && !self.has_begun && self.hovers_at(self.assignment.start, now_s) {
-            self.has_begun = true;
-            self.said.say("hovers at its start".to_owned());
-            self.takeover.begin(self.vehicle.mode().unwrap_or_default());
-        }
-    }
-
-    /// Sends the vehicle home if its battery is low. Returns whether.
-    fn return_if_low(&mut self, now_s: f64) -> bool {
-        let is_low = self.vehicle.is_battery_low();
-        if is_low {
-            let [has, limit] = [self.vehicle.battery.unwrap_or_default(), self.assignment.low_battery];
-            self.return_home(&format!("its battery is at {:.0} %, below {:.0} %", 100.0 * has, 100.0 * limit), now_s);
-        }
-        is_low
-    }
-
-    fn hovers_at(&self, place: Point3<f64>, now_s: f64) -> bool {
-        let is_near = self.position().is_some_and(|at| (at - place).norm() <= REACHED_M);
-        let is_slow = self.vehicle.fix().is_some_and(|fix| Vector3::from(fix.velocity_mps).norm() <= HOVER_MPS);
-        is_near && is_slow && self.has_current_position(now_s) && !self.vehicle.is_in_doubt()
-    }
-
-    /// Leaves the vehicle to whoever flies it.
-    fn give_up(&mut self, why: &str) {
-        self.said.say(format!(
-            "is taken over: {why}. The bridge gives it no more orders in this run, which goes on until it has landed; \
-             Ctrl-C ends the run, and with it the heartbeats for which its dead-man switch waits"
-        ));
-        self.note_end(&format!("it was taken over: {why}"));
-        self.vehicle.recount_disarmed(); // it may have been armed since
-        self.outbox.clear();
-        self.phase = Phase::TakenOver;
-    }
-
-    /// Ends its mission, because of `why`: it flies home, or does not take off.
-    pub fn return_home(&mut self, why: &str, now_s: f64) {
-        let is_disarmed = if self.takeover.is_arming() {
-            self.vehicle.says_disarmed() && !self.may_still_arm(now_s)
-        } else {
-            self.vehicle.is_armed() != Some(true) && !self.vehicle.may_be_armed()
-        };
-        match self.phase {
-            Phase::Returning | Phase::TakenOver | Phase::Landed => return,
-            Phase::Preflight if self.is_of_earlier_bridge() => {
-                self.takeover.adopt(self.vehicle.mode().unwrap_or_default());
-            }
-            Phase::Preflight => return self.land(why), // it is not the bridge's
-            Phase::Arming | Phase::TakeOff if is_disarmed => return self.land(why),
-            Phase::Arming | Phase::TakeOff | Phase::Flying => {}
-        }
-        self.phase = Phase::Returning;
-        self.note_end(&format!("it has returned: {why}"));
-        self.said.say(format!("returns: {why}"));
-        self.outbox.clear();
-        self.outbox.send(Order::Return, now_s);
-    }
-
-    /// Whether an order to arm may still be on its way, or its effect.
-    fn may_still_arm(&self, now_s: f64) -> bool {
-        now_s - self.arming_s < DISARMED_S
-    }
-
-    /// Whether a vehicle that is not checked yet is in the air where an earlier bridge has left it.
-    fn is_of_earlier_bridge(&self) -> bool {
-        let is_near =
-            self.vehicle.fix().and_then(|fix| self.away_m(fix)).is_some_and(|away_m| away_m <= TAKE_OFF_RADIUS_M);
-        let is_left = self.assignment.beginning != Beginning::New && !self.takeover.has_been_disarmed();
-        is_left && is_near && self.vehicle.is_in_air() && self.vehicle.meaning() == ModeMeaning::FollowsOrders
-    }
-
-    /// Notices the landing, and who stops the return; orders it again if it has no effect.
-    fn come_home(&mut self, now_s: f64) {
-        if self.vehicle.has_disarmed(now_s) && !self.may_still_arm(now_s) {
-            self.said.say("has landed".to_owned());
-            self.land("it has landed");
-            return;
-        }
-        if self.end_if_taken_over() {
-            return;
-        }
-        let is_ignored = self.vehicle.meaning() == ModeMeaning::FollowsOrders && !self.outbox.has(&Order::Return);
-        if is_ignored && !self.vehicle.is_in_doubt() && now_s >= self.retry_s {
-            if self.retry_s > 0.0 && !self.has_repeated_return {
-                self.has_repeated_return = true;
-                self.said.say("does not return yet: it is told again".to_owned());
-            }
-            self.outbox.send(Order::Return, now_s);
-        }
-    }
-
-    /// Notices the landing of a vehicle that others fly.
-    fn await_landing(&mut self, now_s: f64) {
-        if self.vehicle.has_disarmed(now_s) {
-            self.said.say("is on the ground, disarmed".to_owned());
-            self.land("it is on the ground");
         }
     }
 }

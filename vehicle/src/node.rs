@@ -12,7 +12,6 @@ use skysink_common::scenario::Scenario;
 use skysink_common::slot_record::ByUav;
 use skysink_common::stop::Stop;
 use skysink_flight_sim::journal::{journal, restore};
-use skysink_flight_sim::outside::REACHED_M;
 use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::reader::Reader;
@@ -428,22 +427,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
 
     /// Says how near the vehicles came to their waypoints, and how soon they were told.
     fn say_results(&self) {
-        let ends = self.bridge.ends;
-        if ends.doubtful > 0 {
-            Role::FlightSim.log(format_args!(
-                "in {} slots with a waypoint the position was not known or not believed: they are not counted as flown",
-                ends.doubtful
-            ));
-        }
-        if ends.flown + ends.doubtful == 0 {
-            Role::FlightSim.log("no slot was flown to a waypoint");
-        } else if ends.flown > 0 {
-            let percent = 100.0 * ends.reached as f64 / ends.flown as f64;
-            Role::FlightSim.log(format_args!(
-                "{percent:.1} % of {} slots ended within {REACHED_M} m of the waypoint, the farthest {:.1} m from it",
-                ends.flown, ends.farthest_m
-            ));
-        }
+        self.bridge.ends.said().into_iter().for_each(|line| Role::FlightSim.log(line));
         if let Some([median, rare]) = self.latencies.quantiles([0.5, 0.99]) {
             Role::FlightSim.log(format_args!(
                 "from plan to MAVLink: median {:.2} ms, 99 % within {:.2} ms",

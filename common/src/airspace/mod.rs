@@ -18,7 +18,7 @@ pub use grid::{MAX_CELLS, cells_along};
 pub use polygon::{Bends, Polygon};
 pub use simplify::{KeptGround, simplify};
 
-use crate::geometry::{Position, distance_squared, within};
+use crate::geometry::{Position, distance_squared, length_m, within};
 use boxes::BoxIndex;
 use contacts::ZoneContacts;
 use graph::CornerGraph;
@@ -443,13 +443,6 @@ impl Airspace {
         }
         (bend, 1)
     }
-}
-
-/// Length of a way from `from` along `bends` [m].
-#[must_use]
-pub fn length_m(from: &Position, bends: &[Position]) -> f64 {
-    let begins = std::iter::once(from).chain(bends);
-    begins.zip(bends).map(|(a, b)| (b - a).norm()).sum()
 }
 
 #[cfg(test)]

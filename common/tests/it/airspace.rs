@@ -7,8 +7,7 @@ use petgraph::algo::dijkstra;
 use petgraph::graph::UnGraph;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use skysink_common::airspace::length_m;
-use skysink_common::geometry::Position;
+use skysink_common::geometry::{Position, length_m};
 use skysink_common::scenario::{Overrides, Scenario};
 
 /// Side of the area [m].

@@ -180,7 +180,7 @@ impl PlanModel {
             let disk = model.near::<O>(index);
             model.disks.push(ServiceDisk { disk, members: vec![index] });
         }
-        if may_group && (O::COUNTS_AGES || model.is_scarce()) {
+        if may_group && (O::COUNTS_AGES || model.is_scarce::<O>()) {
             model.group::<O>(scenario.seed, stop);
         }
         let tours_slots = model.tours.iter().map(|tour| model.slots_of(tour));
@@ -270,9 +270,18 @@ impl PlanModel {
         Disk { centre, radius_m: near.map_or(0.0, |step| self.near_radius_m(step)) }
     }
 
-    /// Whether loss may be hard to avoid, because many resource blocks are needed for the sampled bits, or a tour takes
-    /// most of the time in which a buffer fills. Otherwise groups would only take time.
-    fn is_scarce(&self) -> bool {
+    /// Whether a cycle of full groups may lose least: most visits empty the buffer, or carry as much from anywhere in range,
+    /// and loss is hard to avoid, because many resource blocks are needed for the sampled bits, or a tour takes most of
+    /// the time in which a buffer fills. Otherwise groups would only take time.
+    fn is_scarce<O: Objective>(&self) -> bool {
+        let is_filled = |index: &u32| {
+            let sensor = &self.sensors[*index as usize];
+            sensor.best_bits >= sensor.capacity_bits
+                || self.carries_most_m::<O>(*index) >= self.table.limits.comm_radius_m
+        };
+        if 2 * self.table.sensors.ids().filter(is_filled).count() < self.sensors.len() {
+            return false;
+        }
         let visits = |sensor: &SensorModel| sensor.mean_bits / sensor.best_bits.min(sensor.capacity_bits);
         let needed: f64 = self.sensors.iter().map(visits).sum();
         let fills = self.sensors.iter().map(|sensor| sensor.fill_slots);

@@ -413,13 +413,10 @@ fn groups_are_served_where_their_links_carry_most() {
             ..SensorNode::default()
         })
         .collect();
-    let model = PlanModel::new::<Loss>(
-        &scenario,
-        &MissionTable::of(&scenario, &sensors),
-        &GapCosts::LOSS,
-        true,
-        &Stop::default(),
-    );
+    let mission = MissionTable::of(&scenario, &sensors);
+    let mut model = PlanModel::new::<Loss>(&scenario, &mission, &GapCosts::LOSS, true, &Stop::default());
+    assert_eq!(model.disks.len(), sensors.len(), "no groups where visits empty no buffer, and less carry far off");
+    model.group::<Loss>(1, &Stop::default());
     let groups = &model.disks[sensors.len()..];
     assert!(groups.iter().any(|group| group.members.len() > 1), "some are near enough");
     for group in groups {
