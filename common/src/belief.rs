@@ -7,6 +7,7 @@ use std::sync::Arc;
 use crate::checkpoint::CheckpointError;
 use crate::estimate::{Estimate, Rates, SavedEstimate, Uncertainty, uniform_sd};
 use crate::message::{FlightReport, SensorNode};
+use crate::node_energy::DEAD;
 use crate::reported::ReportedQueues;
 use crate::scenario::Scenario;
 use crate::sensors::{SensorList, Sensors};
@@ -62,6 +63,19 @@ impl Belief {
     pub fn advance(&mut self, slot: u64, flights: &[FlightReport], before: &ReportedQueues, after: &[u32]) {
         if let Self::Estimated(estimate) = self {
             estimate.advance(slot, flights, before, after);
+        }
+    }
+
+    /// Whether SN `id`, of those with batteries, is known to be dead: as the queues `queues_bits` tell, by id, if they are
+    /// known, or otherwise a contact.
+    ///
+    /// # Panics
+    /// If the SN is unknown.
+    #[must_use]
+    pub fn is_dead(&self, queues_bits: &[u32], id: u32) -> bool {
+        match self {
+            Self::Known => queues_bits[id as usize] == DEAD,
+            Self::Estimated(estimate) => estimate.is_dead(id),
         }
     }
 

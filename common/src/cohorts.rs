@@ -124,7 +124,7 @@ impl Cohorts {
     }
 
     /// Removes the oldest `bits` [bit] of SN `sensor`, and returns the slot that has sampled the last of them.
-    fn take_oldest(&mut self, sensor: usize, mut bits: u64) -> Option<u64> {
+    pub(crate) fn take_oldest(&mut self, sensor: usize, mut bits: u64) -> Option<u64> {
         let mut last = None;
         for slot in self.slot.saturating_sub(self.expiry.slots)..=self.slot {
             if bits == 0 {

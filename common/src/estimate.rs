@@ -10,6 +10,7 @@ pub use saved_estimate::{BYTES_PER_SENSOR, SavedEstimate};
 
 use crate::arrivals::{ArrivalLaw, bits_between, mean_bits};
 use crate::message::FlightReport;
+use crate::node_energy::DEAD;
 use crate::reported::ReportedQueues;
 use crate::scenario::{Interval, Scenario};
 use crate::sensors::Sensors;
@@ -46,6 +47,8 @@ pub struct Estimate {
     initial_half_bits: f64,
     /// Half the width of the range of the rates, as a fraction of their mean.
     rate_half_fraction: f64,
+    /// Whether SNs may die (decision D33).
+    may_die: bool,
     /// By id.
     sensors: Vec<SensorEstimate>,
     /// The last observed slot; 0 before the first.
@@ -143,7 +146,7 @@ struct Contact {
     id: u32,
     /// Its slot; 0 before the first contact.
     slot: u64,
-    /// The queue at the end of that slot [bit].
+    /// The queue at the end of that slot [bit], or [`DEAD`].
     left_bits: u32,
     /// What the gaps between contacts reveal of the rate, if rates are learnt.
     learnt: Option<Learnt>,
@@ -224,8 +227,16 @@ impl SensorEstimate {
         counted.max(least_mean_bits)
     }
 
+    /// Whether it was dead at the last contact.
+    fn is_dead(&self) -> bool {
+        self.contact.left_bits == DEAD && self.capacity_bits < DEAD
+    }
+
     /// Estimate of the queue at the end of `slot` if the buffer were unbounded [bit].
     fn unbounded_bits(&self, slot: u64) -> u64 {
+        if self.is_dead() {
+            return 0;
+        }
         bits_between(self.mean_bits(), self.contact.slot, slot).saturating_add(self.contact.left_bits.into())
     }
 }
@@ -240,6 +251,7 @@ impl Estimate {
             initial_bits: scenario.sensors.initial_queue_mean_bits.mean() as u32,
             initial_half_bits: half_bits(scenario.sensors.initial_queue_mean_bits.ends()),
             rate_half_fraction: half_fraction(scenario.sensors.sampling_bps.ends()),
+            may_die: sensors.may_die,
             sensors: Vec::with_capacity(sensors.count()),
             observed: 0,
             gapless_since: 0,
@@ -275,6 +287,12 @@ impl Estimate {
         self.rates == Rates::Learnt
     }
 
+    /// Whether SN `id` was dead at the last contact.
+    #[must_use]
+    pub fn is_dead(&self, id: u32) -> bool {
+        self.sensors[id as usize].is_dead()
+    }
+
     /// Estimate of the bits that SN `id` samples per slot.
     #[must_use]
     pub fn mean_bits(&self, id: u32) -> f64 {
@@ -299,7 +317,7 @@ impl Estimate {
         let unbounded_bits = sensor.unbounded_bits(slot) as f64;
         Uncertainty {
             unbounded_bits,
-            since_contact_bits: unbounded_bits - f64::from(sensor.contact.left_bits),
+            since_contact_bits: (unbounded_bits - f64::from(sensor.contact.left_bits)).max(0.0),
             initial_bits: if sensor.contact.has_happened() { 0.0 } else { self.initial_half_bits },
             rate,
             arrivals_bits: self.law.variance_bits2(sensor.mean_bits(), slots as f64).sqrt(),
@@ -343,6 +361,10 @@ impl Estimate {
             let Some(SensorEstimate { contact, capacity_bits, .. }) = self.sensors.get_mut(link.sensor as usize) else {
                 continue;
             };
+            if self.may_die && after[link.sensor as usize] == DEAD {
+                (contact.slot, contact.left_bits) = (slot, DEAD);
+                continue;
+            }
             let left_bits = after[link.sensor as usize].min(*capacity_bits);
             if let Some(learnt) = &mut contact.learnt
                 && let Some(found_bits) = found_bits.map(|found_bits| found_bits.min(*capacity_bits))

@@ -3,6 +3,7 @@
 //! `initial + sampled = delivered + lost + queued` holds as an equality of integers, for each SN and for the field.
 //! What a slot does to the queues is left to [`crate::queues`], what a link carries to the caller.
 
+use std::borrow::Cow;
 use std::ops::Range;
 
 use bytemuck::{Pod, Zeroable};
@@ -12,6 +13,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::arrivals::{quick_bits, sampled_bits};
 use crate::cohorts::Cohorts;
+use crate::geometry::Position;
+use crate::node_energy::{Charges, DEAD};
 use crate::per_sensor::PerSensor;
 use crate::queues::{Queues, Sampled, blocks};
 use crate::sampling::Sampling;
@@ -59,6 +62,8 @@ pub struct Ledger {
     lost_slots: Vec<f64>,
     /// Without `lost_slots`.
     totals: Totals,
+    /// The batteries, and the buffers of SNs that are alive [bit]; the buffer of a dead one is 0.
+    charges: Option<(Charges, PerSensor<u32>)>,
 }
 
 impl Ledger {
@@ -81,8 +86,28 @@ impl Ledger {
             totals: Totals { initial_bits: queued_bits, queued_bits, ..Totals::default() },
             initial_bits: queues_bits.clone(),
             queues: Queues::new(queues_bits).expiring(&sampling),
+            charges: None,
             sampling,
         }
+    }
+
+    /// This ledger of SNs with batteries; without them if there are none.
+    #[must_use]
+    pub fn with_charges(mut self, charges: Option<Charges>) -> Self {
+        let alive_bits = self.charges.take().map_or_else(|| self.sampling.capacity_bits.clone(), |(_, bits)| bits);
+        self.sampling.capacity_bits = alive_bits.clone();
+        let count = self.initial_bits.len();
+        for (sensor, _) in charges.iter().flat_map(Charges::charges_nj).enumerate().filter(|(_, nj)| **nj == 0) {
+            self.sampling.capacity_bits.set(sensor, count, 0);
+        }
+        self.charges = charges.map(|charges| (charges, alive_bits));
+        self
+    }
+
+    /// The batteries of the SNs, if they have some.
+    #[must_use]
+    pub fn charges(&self) -> Option<&Charges> {
+        self.charges.as_ref().map(|(charges, _)| charges)
     }
 
     /// Restores the queues [bit] after `slot`, the bits delivered so far, by id, the bits [`Self::drawn_bits`], and the
@@ -137,6 +162,15 @@ impl Ledger {
     #[must_use]
     pub fn queues_bits(&self) -> &[u32] {
         self.queues.bits()
+    }
+
+    /// Queue lengths [bit] as planners are told, by id: [`DEAD`] of dead SNs.
+    #[must_use]
+    pub fn told_bits(&self) -> Cow<'_, [u32]> {
+        let queues_bits = self.queues_bits();
+        let Some(charges) = self.charges() else { return Cow::Borrowed(queues_bits) };
+        let told = |(&bits, &nj): (&u32, &u64)| if nj == 0 { DEAD } else { bits };
+        queues_bits.iter().zip(charges.charges_nj()).map(told).collect()
     }
 
     /// The queued bits by slot of sampling, where they expire.
@@ -270,6 +304,46 @@ impl Ledger {
         self.totals.delivered_bits += taken_bits;
         self.totals.queued_bits -= taken_bits;
         taken_bits
+    }
+
+    /// As [`Self::upload`], over a link of `rate_bps` [bit/s]: a live SN wakes, and sends what it uploads.
+    #[must_use]
+    pub fn serve(&mut self, sensor: usize, capacity_bits: u64, rate_bps: f64) -> u64 {
+        let taken_bits = self.upload(sensor, capacity_bits);
+        if let Some((charges, _)) = self.charges.as_mut().filter(|_| self.sampling.capacity_bits.of(sensor) > 0) {
+            charges.send(sensor, taken_bits, rate_bps);
+        }
+        taken_bits
+    }
+
+    /// Ends `slot` after its services, with `uavs` that wake the SNs in range: batteries are used and charged, and an SN
+    /// whose battery is empty is dead (decision D33). It loses its queue, and from now on what it samples. Returns the
+    /// bits of the queues.
+    pub fn spend(&mut self, slot: u64, uavs: &[Position]) -> u64 {
+        let Some((mut charges, alive_bits)) = self.charges.take() else { return 0 };
+        let count = self.initial_bits.len();
+        let mut lost_bits = 0;
+        for sensors in blocks(count) {
+            let before_bits = lost_bits;
+            let mut bits = [0; BLOCK];
+            self.sampling.fill(slot, sensors.clone(), &mut bits[..sensors.len()]);
+            for (sensor, bits) in sensors.clone().zip(bits) {
+                if self.sampling.capacity_bits.of(sensor) == 0 {
+                    charges.lost_bits += bits;
+                } else if charges.end_slot(slot, sensor, bits, uavs) {
+                    lost_bits += self.queues.clear(sensor);
+                    self.sampling.capacity_bits.set(sensor, count, 0);
+                }
+            }
+            if lost_bits > before_bits {
+                self.sum_lost_slots(sensors, slot);
+            }
+        }
+        charges.lost_bits += lost_bits;
+        self.totals.lost_bits += lost_bits;
+        self.totals.queued_bits -= lost_bits;
+        self.charges = Some((charges, alive_bits));
+        lost_bits
     }
 }
 

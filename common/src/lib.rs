@@ -22,6 +22,7 @@ pub mod ledger;
 pub mod limits;
 pub mod link_places;
 pub mod message;
+pub mod node_energy;
 pub mod option_value;
 pub mod pace;
 pub mod per_sensor;

@@ -19,6 +19,16 @@ impl<T: Copy + PartialEq> PerSensor<T> {
         }
     }
 
+    /// Replaces the value of SN `sensor`, one of `count`.
+    pub(crate) fn set(&mut self, sensor: usize, count: usize, value: T) {
+        if let Self::Equal(all) = *self {
+            *self = Self::Each(vec![all; count]);
+        }
+        if let Self::Each(values) = self {
+            values[sensor] = value;
+        }
+    }
+
     /// The value of SN `sensor`.
     ///
     /// # Panics

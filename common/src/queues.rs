@@ -4,6 +4,7 @@
 //! totals.
 
 use std::iter::repeat;
+use std::mem::take;
 use std::ops::Range;
 
 use crate::arrivals::{bits_between, quick_bits, sampled_bits};
@@ -113,6 +114,15 @@ impl Queues {
             return Sampled { sampled_bits: bits.iter().sum(), lost_bits };
         }
         fill(queues_bits, bits.iter().copied(), sensors.map(|sensor| sampling.capacity_bits.of(sensor)))
+    }
+
+    /// Empties the queue of SN `sensor` without an upload, and returns the bits removed.
+    pub(crate) fn clear(&mut self, sensor: usize) -> u64 {
+        let bits = take(&mut self.bits[sensor]);
+        if let Some(cohorts) = &mut self.cohorts {
+            let _ = cohorts.take_oldest(sensor, bits.into());
+        }
+        bits.into()
     }
 
     /// Removes up to `capacity_bits` from the queue of SN `sensor`, and returns the bits removed: a link cannot carry

@@ -38,6 +38,8 @@ pub struct Sensors {
     pub sampling: Sampling,
     /// Weights of their bits, `w_i` (decision D25).
     pub weights: Weights,
+    /// Whether they have batteries (decision D33): the queue of a dead one is told as [`DEAD`](crate::node_energy::DEAD).
+    pub may_die: bool,
 }
 
 impl Sensors {
@@ -53,6 +55,7 @@ impl Sensors {
             gains: nodes.iter().map(|node| node.gain).collect(),
             weights: Weights::new(nodes.iter().map(|node| node.weight).collect(), &sampling),
             sampling,
+            may_die: false,
         }
     }
 
@@ -60,7 +63,8 @@ impl Sensors {
     #[must_use]
     pub fn of(scenario: &Scenario, nodes: &[SensorNode]) -> Self {
         let sensors = Self::new(&Limits::of(scenario), nodes);
-        Self { sampling: sensors.sampling.with_expiry(scenario.expiry()), ..sensors }
+        let may_die = scenario.sensors.energy.is_some();
+        Self { sampling: sensors.sampling.with_expiry(scenario.expiry()), may_die, ..sensors }
     }
 
     /// The SNs with the given `ids`, which get the ids 0, 1, … in that order, and the `grid` of their positions.
@@ -81,6 +85,7 @@ impl Sensors {
                 samplers.iter().map(|sampler| sampler.capacity_bits).collect(),
             )
             .with_expiry(self.sampling.expiry),
+            may_die: self.may_die,
         }
     }
 

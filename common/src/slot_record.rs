@@ -6,6 +6,7 @@ use bytemuck::Zeroable as _;
 use smallvec::{SmallVec, smallvec};
 
 use crate::checkpoint::{Checkpoint, CheckpointError};
+use crate::geometry::Position;
 use crate::message::{FlightReport, LinkReport, Mode, PathPoint, Plan, QueuesHeader};
 
 /// The first UAV of a mission, by its number; the only one of most missions.
@@ -21,6 +22,12 @@ pub type Plans = ByUav<Option<Plan>>;
 pub fn uploads(flights: &[FlightReport]) -> impl Iterator<Item = &LinkReport> {
     let first = |(uav, flight)| links_after(&flights[..uav], flight);
     flights.iter().enumerate().flat_map(first)
+}
+
+/// Above where the UAVs are that wake SNs in range (decision D33): those in the air.
+pub fn beacons(flights: &[FlightReport]) -> impl Iterator<Item = Position> {
+    let is_flying = |flight: &&FlightReport| !matches!(flight.flown_mode(), Mode::Charge | Mode::Down);
+    flights.iter().filter(is_flying).map(|flight| flight.position().xy())
 }
 
 /// The links of `flight` to SNs that none of the flights `before` serves.

@@ -1,5 +1,6 @@
 //! One slot of the field: sample, overflow, upload (decision D1).
 
+use std::borrow::Cow;
 use std::mem::MaybeUninit;
 
 use serde::{Deserialize, Serialize};
@@ -9,10 +10,11 @@ use skysink_common::cohorts::Cohorts;
 use skysink_common::estimate::SavedEstimate;
 use skysink_common::ledger::{Ledger, Totals};
 use skysink_common::message::{FlightReport, QueuesHeader, SlotHeader};
+use skysink_common::node_energy::{Charges, DEAD};
 use skysink_common::queues::blocks;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
-use skysink_common::slot_record::uploads;
+use skysink_common::slot_record::{beacons, uploads};
 
 /// The sensor field and its queues after a slot.
 #[derive(Debug, Clone, PartialEq)]
@@ -52,7 +54,7 @@ impl Field {
     #[must_use]
     pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
         Self {
-            ledger: Ledger::new(list.sampling(scenario), list.queues_bits()),
+            ledger: list.ledger(scenario),
             slots: scenario.slots,
             slot: 0,
             slot_bits: SlotBits::default(),
@@ -118,7 +120,7 @@ impl Field {
         if let Some(link) = links().find(|link| link.sensor as usize >= count) {
             return Err(FieldError { slot, sensor: link.sensor, count });
         }
-        let reported = self.belief.reported(slot, links().map(|link| link.sensor), self.ledger.queues_bits());
+        let reported = self.belief.reported(slot, links().map(|link| link.sensor), &self.ledger.told_bits());
         self.slot = slot;
         self.slot_bits = SlotBits::default();
         for sensors in blocks(count) {
@@ -129,12 +131,16 @@ impl Field {
         }
         for link in links() {
             let sensor = link.sensor as usize;
-            self.slot_bits.delivered_bits += self.ledger.upload(sensor, link.capacity_bits);
+            self.slot_bits.delivered_bits += self.ledger.serve(sensor, link.capacity_bits, link.rate_bps);
             if let Some(copy) = &mut queues_bits {
                 copy[sensor].write(self.ledger.queues_bits()[sensor]);
             }
         }
-        self.belief.advance(slot, flights, &reported, self.ledger.queues_bits());
+        if self.ledger.charges().is_some() {
+            self.slot_bits.lost_bits += self.ledger.spend(slot, &beacons(flights).collect::<Vec<_>>());
+            queues_bits.into_iter().for_each(|copy| _ = copy.write_copy_of_slice(&self.ledger.told_bits()));
+        }
+        self.belief.advance(slot, flights, &reported, &self.ledger.told_bits());
         self.belief.predict(slot);
         Ok(self.slot_bits)
     }
@@ -149,6 +155,24 @@ impl Field {
     #[must_use]
     pub fn queues_bits(&self) -> &[u32] {
         self.ledger.queues_bits()
+    }
+
+    /// The queues after the slot as the UAV believes them to be [bit], by sensor node: [`DEAD`] of those that it knows to be
+    /// dead.
+    #[must_use]
+    pub fn told_belief(&self) -> Cow<'_, [u32]> {
+        if self.ledger.charges().is_none() {
+            return Cow::Borrowed(self.believed_bits());
+        }
+        let told_bits = self.told_bits();
+        let told = |(id, &bits): (u32, &u32)| if self.belief.is_dead(&told_bits, id) { DEAD } else { bits };
+        (0..).zip(self.believed_bits()).map(told).collect()
+    }
+
+    /// Queue lengths [bit] as planners are told, by sensor node: [`DEAD`] of dead ones.
+    #[must_use]
+    pub fn told_bits(&self) -> Cow<'_, [u32]> {
+        self.ledger.told_bits()
     }
 
     /// Bits uploaded so far, by sensor node.
@@ -181,10 +205,17 @@ impl Field {
         self.ledger.cohorts().map(|cohorts| cohorts.freshest_slot(sensor))
     }
 
-    /// Bytes of a checkpoint for each sensor node that its cohorts take at most.
+    /// Bytes of a checkpoint for each sensor node that its cohorts and charges take at most.
     #[must_use]
-    pub fn cohort_bytes(&self) -> usize {
-        self.ledger.cohorts().map_or(0, Cohorts::bytes_per_sensor)
+    pub fn further_bytes(&self) -> usize {
+        let charge_bytes = self.ledger.charges().map_or(0, |_| Charges::BYTES_PER_SENSOR);
+        self.ledger.cohorts().map_or(0, Cohorts::bytes_per_sensor) + charge_bytes
+    }
+
+    /// The charges of the sensor nodes; `None` without batteries.
+    #[must_use]
+    pub fn charges(&self) -> Option<&Charges> {
+        self.ledger.charges()
     }
 
     /// Totals since the mission's start.
@@ -201,8 +232,8 @@ impl Field {
     }
 }
 
-/// The checkpoint of a field: 12 bytes per sensor node, and those of the estimate. Where bits expire, that of their
-/// cohorts follows.
+/// The checkpoint of a field: 12 bytes per sensor node, and those of the estimate. That of the
+/// charges and, where bits expire, of the cohorts follows.
 #[derive(Serialize, Deserialize)]
 struct State {
     slot: u64,
@@ -226,13 +257,20 @@ impl Checkpoint for Field {
         let drawn_bits = self.ledger.drawn_bits().map(|bits| serde_bytes::ByteBuf::from(bytemuck::cast_slice(bits)));
         let Self { slot, slot_bits, .. } = *self;
         encode(&State { slot, slot_bits, queues_bits, delivered_bits, estimate, drawn_bits }, bytes);
+        self.ledger.charges().into_iter().for_each(|charges| charges.save(bytes));
         self.ledger.cohorts().into_iter().for_each(|cohorts| cohorts.save(bytes));
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        let (state, left) = decode_first(bytes)?;
+        let (state, mut left) = decode_first(bytes)?;
         let State { slot, slot_bits, queues_bits, delivered_bits, estimate, drawn_bits } = state;
-        let mut cohorts = self.ledger.cohorts().cloned();
+        let mut ledger = self.ledger.clone();
+        if let Some(charges) = self.ledger.charges() {
+            let (restored, rest) = charges.restored(slot, left)?;
+            ledger = ledger.with_charges(Some(restored));
+            left = rest;
+        }
+        let mut cohorts = ledger.cohorts().cloned();
         match &mut cohorts {
             Some(cohorts) => cohorts.restore(left)?,
             None => CheckpointError::ensure(left.is_empty(), "no bytes after the state")?,
@@ -241,9 +279,10 @@ impl Checkpoint for Field {
         let queues_bits: Vec<u32> = bytemuck::pod_collect_to_vec(&queues_bits);
         let delivered_bits: Vec<u64> = bytemuck::pod_collect_to_vec(&delivered_bits);
         let drawn_bits: Option<Vec<u64>> = drawn_bits.map(|bytes| bytemuck::pod_collect_to_vec(&bytes));
-        let is_possible = slot <= self.slots
-            && self.ledger.restore(slot, &queues_bits, &delivered_bits, drawn_bits.as_deref(), cohorts);
+        let is_possible =
+            slot <= self.slots && ledger.restore(slot, &queues_bits, &delivered_bits, drawn_bits.as_deref(), cohorts);
         CheckpointError::ensure(is_possible, "a possible state of this field")?;
+        self.ledger = ledger;
         self.slot = slot;
         self.slot_bits = slot_bits;
         belief.predict(slot);

@@ -58,10 +58,10 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         if let (Some(rates), Some(learnt_bps)) = (&rates, field.belief().learnt_bps(scenario.slot_s)) {
             rates.send_list(head, &learnt_bps.collect::<Vec<_>>())?;
         }
-        beliefs.send_list(QueuesHeader { head, ..QueuesHeader::default() }, field.believed_bits())
+        beliefs.send_list(QueuesHeader { head, ..QueuesHeader::default() }, &field.told_belief())
     };
     send_belief(&field, 0)?;
-    queues.send_list(header(&field, 0), field.queues_bits())?;
+    queues.send_list(header(&field, 0), &field.told_bits())?;
 
     for slot in field.slot() + 1..=scenario.slots {
         if let Some(clock) = clock.as_mut().filter(|_| saved.is_none()) {
@@ -92,7 +92,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         // The buffer of a reader that lags may have been full.
         Pace::Factor(_) => {
             send_belief(&field, FLAG_REPEAT)?;
-            queues.send_list(header(&field, FLAG_REPEAT), field.queues_bits())
+            queues.send_list(header(&field, FLAG_REPEAT), &field.told_bits())
         }
     })
 }

@@ -5,6 +5,7 @@ use std::time::Duration;
 use nalgebra::Point3;
 use skysink_common::battery::{Battery, flight_j};
 use skysink_common::message::{FlightReport, Mode};
+use skysink_common::node_energy::NodeEnergyUse;
 use skysink_common::scenario::{Propulsion, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::SlotRecord;
@@ -74,6 +75,11 @@ impl MeteredMission<'_> {
         if self.meter.has_deadline { self.gaps.late } else { f64::NAN }
     }
 
+    /// A figure of the batteries of the sensor nodes; NaN if it has none.
+    fn of_nodes(&self, of: impl Fn(&NodeEnergyUse) -> Option<f64>) -> f64 {
+        self.summary.node_energy.as_ref().and_then(of).unwrap_or(f64::NAN)
+    }
+
     /// What the mission costs by `planner.objective` (decision D36).
     fn objective(&self) -> f64 {
         let MissionMeter { tally, is_collected, .. } = self.meter;
@@ -138,6 +144,17 @@ metrics! {
     ChargedS: SECONDS, "charged_s", "time charging", |m| m.summary.energy.map_or(f64::NAN, |energy| energy.charged_s);
     PadWaitS: SECONDS, "pad_wait_s", "time waiting for a pad",
         |m| m.summary.energy.and_then(|energy| energy.pad_wait_s).unwrap_or(f64::NAN);
+    FirstDeathS: SECONDS, "first_death_s", "time of the first death of an SN", |m| m.of_nodes(|energy| energy.first_death_s);
+    HalfDeadS: SECONDS, "half_dead_s", "time at which half of the SNs are dead", |m| m.of_nodes(|energy| energy.half_dead_s);
+    Dead: REAL, "dead", "dead SNs", |m| m.of_nodes(|energy| Some(energy.dead as f64));
+    LostToDeathBits: BITS, "lost_to_death_bits", "bits lost by dead SNs",
+        |m| m.of_nodes(|energy| Some(energy.lost_to_death_bits as f64));
+    EnergyPerBitJ: JOULES, "energy_per_bit_j", "energy of the SNs for a bit delivered",
+        |m| m.of_nodes(|energy| energy.energy_per_bit_j);
+    ResidualMin: FRACTION, "residual_min", "least energy left in an SN",
+        |m| m.of_nodes(|energy| Some(energy.residual_min));
+    ResidualMean: FRACTION, "residual_mean", "mean energy left in the SNs",
+        |m| m.of_nodes(|energy| Some(energy.residual_mean));
     CollectionRatio: FRACTION, "collection_ratio", "fraction of all bits collected", |m| m.summary.collection_ratio;
     CompletedS: SECONDS, "completed_s", "time at which all initial data is delivered",
         |m| m.summary.completed_s.unwrap_or(f64::NAN);

@@ -1,9 +1,11 @@
-//! What the sensor nodes (SNs) of a mission lose by weight and by expiry, which the totals of its messages do not say.
+//! What the sensor nodes (SNs) of a mission lose by weight and by expiry, and the energy that they use, which the totals of its messages do not say.
 
+use skysink_common::geometry::Position;
 use skysink_common::ledger::Ledger;
+use skysink_common::node_energy::NodeEnergyUse;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
-use skysink_common::slot_record::{SlotRecord, uploads};
+use skysink_common::slot_record::{SlotRecord, beacons, uploads};
 use skysink_common::weights::Weights;
 
 /// A ledger beside that of the field, from the flights.
@@ -19,16 +21,15 @@ pub(crate) struct Losses {
 }
 
 impl Losses {
-    /// The losses before slot 1; `None` where all weights are equal and no bits expire.
+    /// The losses before slot 1; `None` where all weights are equal, no bits expire and no SN has a battery.
     pub(crate) fn new(scenario: &Scenario, list: &SensorList) -> Option<Self> {
         let sampling = list.sampling(scenario);
         let weights = list.weights(&sampling);
         let means_bits = (0..list.sensors().len()).map(|id| sampling.of(id).mean_bits);
         let mean_bits = (!sampling.is_drawn()).then(|| weights.sum(means_bits));
-        let is_needed = !weights.are_equal() || scenario.expiry().is_some();
-        let ledger = || Ledger::new(sampling, list.queues_bits());
+        let is_needed = !weights.are_equal() || scenario.expiry().is_some() || scenario.sensors.energy.is_some();
         let expiring_bits = weights.sum(list.expiring_bits(scenario));
-        is_needed.then(|| Self { ledger: ledger(), weights, slot: 0, mean_bits, expiring_bits })
+        is_needed.then(|| Self { ledger: list.ledger(scenario), weights, slot: 0, mean_bits, expiring_bits })
     }
 
     /// Adds a slot in the order of decision D1.
@@ -36,13 +37,19 @@ impl Losses {
         self.slot = record.slot();
         self.ledger.sample(self.slot);
         for link in uploads(&record.flights) {
-            let _ = self.ledger.upload(link.sensor as usize, link.capacity_bits);
+            let _ = self.ledger.serve(link.sensor as usize, link.capacity_bits, link.rate_bps);
         }
+        self.ledger.spend(self.slot, &beacons(&record.flights).collect::<Vec<Position>>());
     }
 
     /// Bits that have expired so far.
     pub(crate) fn expired_bits(&self) -> u64 {
         self.ledger.expired_bits()
+    }
+
+    /// What the batteries gave so far; `None` without batteries.
+    pub(crate) fn node_energy(&self) -> Option<NodeEnergyUse> {
+        Some(self.ledger.charges()?.summed_up(self.ledger.totals().delivered_bits))
     }
 
     /// Bits lost so far by weight (decision D25); `None` where all weights are equal.

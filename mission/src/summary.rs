@@ -11,6 +11,7 @@ use skysink_common::base::Base;
 use skysink_common::battery::Battery;
 use skysink_common::build::{VERSION, build};
 use skysink_common::message::{FlightReport, HoldReason, Mode, QueuesHeader, SolverOutcome, Totals};
+use skysink_common::node_energy::NodeEnergyUse;
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
@@ -77,6 +78,9 @@ pub struct Summary {
     /// Bits lost because they were older than `sensors.expiry_s`, a part of `lost_bits`; `None` without that key.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expired_bits: Option<u64>,
+    /// What the batteries of the sensor nodes gave, and which are dead (decision D33); `None` without `[sensors.energy]`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub node_energy: Option<NodeEnergyUse>,
     /// The time at whose end all initial data is delivered [s]; `None` if some is left, or where sensor nodes sample.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub completed_s: Option<f64>,
@@ -355,6 +359,7 @@ impl Tally {
         let weighted_rate = |losses: &Losses| Some(ratio(losses.weighted_bits()?, losses.weighted_sampled_bits()));
         summary.weighted_loss_rate = losses.and_then(weighted_rate);
         summary.expired_bits = summary.expired_bits.map(|none| losses.map_or(none, Losses::expired_bits));
+        summary.node_energy = losses.and_then(Losses::node_energy);
         summary.objective = self.objective();
         summary.eta_letter = ratio(summary.totals.lost_slots, slots);
         let Totals { initial_bits, sampled_bits, delivered_bits, .. } = summary.totals;

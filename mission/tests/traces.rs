@@ -36,11 +36,16 @@ const SITES: &str = "uav.battery.capacity_j = 9000.0\nuav.must_land = true\nuav.
                      base.site = [{ position_m = [50, 100], radius_m = 10.0, charge_w = 1000.0, pads = 1 }, \
                      { area_m = [[140, 90], [160, 90], [160, 110], [140, 110]], swap_s = 4.0, pads = 1 }]\n";
 
+/// SNs whose batteries last for some 40 slots.
+const NODE_ENERGY: &str = "sensors.energy.capacity_j = 2.0\nsensors.energy.sleep_w = 0.01\nsensors.energy.harvest_w = 0.005\n\
+                           sensors.energy.sample_j_per_bit = 8e-5\nsensors.energy.wake = 'scheduled'\n\
+                           sensors.energy.listen_w = 0.05\nsensors.energy.tx_w = 50.0\n";
+
 /// Several UAVs that keep apart.
 const FLEET: &str = "uav.count = 3\nuav.separation_m = 5.0\n";
 
 /// Models by name: keys before the first table, and keys of `[area]`.
-const MODELS: [(&str, &[&str], &str); 16] = [
+const MODELS: [(&str, &[&str], &str); 18] = [
     ("open", &[], ""),
     ("battery", &[BATTERY], ""),
     ("zones", &[], ZONES),
@@ -70,6 +75,12 @@ const MODELS: [(&str, &[&str], &str); 16] = [
     (
         "expiry, oldest, estimated",
         &["sensors.expiry_s = 25.0\nsensors.overflow = 'oldest'\nplanner.knowledge = 'estimated'\n"],
+        "",
+    ),
+    ("node energy", &[NODE_ENERGY], ""),
+    (
+        "node energy, estimated, learnt",
+        &[NODE_ENERGY, "planner.knowledge = 'estimated'\nplanner.rates = 'learnt'\n"],
         "",
     ),
     (

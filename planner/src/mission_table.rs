@@ -5,6 +5,7 @@ use std::sync::{Arc, OnceLock};
 use nalgebra::Point3;
 use skysink_common::airspace::Airspace;
 use skysink_common::arrivals::ArrivalLaw;
+use skysink_common::belief::Belief;
 use skysink_common::channel::{Channel, ChannelModel, HeardLinks, Uplink};
 use skysink_common::geometry::{Position, within};
 use skysink_common::message::{Limits, SensorNode};
@@ -41,6 +42,8 @@ pub struct MissionTable {
     pub track: Option<Arc<[[f64; 3]]>>,
     /// Whether zones leave no place to serve the SN from, by id; empty in an open field.
     is_hidden: Arc<[bool]>,
+    /// Whether the SN is known to be dead, by id; empty where none is.
+    is_dead: Arc<[bool]>,
     /// The way home; `None` if the UAV need not come back.
     pub home: Option<Home>,
     /// Found when they are first asked for; clones share them.
@@ -63,6 +66,7 @@ impl MissionTable {
         let hidden = sensors.positions.iter().filter(|_| !airspace.is_open()).map(is_hidden);
         Self {
             is_hidden: hidden.collect(),
+            is_dead: Arc::default(),
             home: Home::of(scenario, &airspace),
             motion: Motion::of(scenario, &airspace),
             airspace,
@@ -113,11 +117,26 @@ impl MissionTable {
         Self::new(scenario, Arc::new(Sensors::of(scenario, nodes)))
     }
 
-    /// Whether there is a place in range of SN `id` that the UAV can fly to.
+    /// Takes in which SNs are dead: they cannot be served. Nothing changes if none can die.
+    pub(crate) fn bury(&mut self, belief: &Belief, queues_bits: &[u32]) {
+        let is_dead = |id: u32| belief.is_dead(queues_bits, id);
+        if self.sensors.may_die && self.sensors.ids().any(|id| is_dead(id) != self.is_dead(id)) {
+            self.is_dead = self.sensors.ids().map(is_dead).collect();
+        }
+    }
+
+    /// Whether SN `id` is known to be dead.
+    #[inline]
+    #[must_use]
+    pub fn is_dead(&self, id: u32) -> bool {
+        self.is_dead.get(id as usize).is_some_and(|is_dead| *is_dead)
+    }
+
+    /// Whether there is a place in range of SN `id` that the UAV can fly to, and it is not known to be dead.
     #[inline]
     #[must_use]
     pub fn is_servable(&self, id: u32) -> bool {
-        self.is_hidden.get(id as usize).is_none_or(|is_hidden| !is_hidden)
+        self.is_hidden.get(id as usize).is_none_or(|is_hidden| !is_hidden) && !self.is_dead(id)
     }
 
     /// Whether `ground` [m] lies in the base; true if the UAV need not come back.
@@ -139,8 +158,8 @@ impl MissionTable {
     }
 
     /// The value of a queue of `queue_bits` [bit] of SN `id`, by which strategies compare queues: its bits where all
-    /// weights are equal ([`Weights::value`](skysink_common::weights::Weights::value), decision D25); 0 if zones leave
-    /// no place to serve it from.
+    /// weights are equal ([`Weights::value`](skysink_common::weights::Weights::value), decision D25); 0 if it
+    /// cannot be served.
     ///
     /// # Panics
     /// If the SN is unknown.
@@ -150,11 +169,11 @@ impl MissionTable {
         if self.is_servable(id) { self.sensors.weights.value(id, queue_bits) } else { 0 }
     }
 
-    /// Whether any SN cannot be served because of zones.
+    /// Whether any SN cannot be served.
     #[inline]
     #[must_use]
     pub fn has_hidden(&self) -> bool {
-        self.is_hidden.iter().any(|is_hidden| *is_hidden)
+        self.is_hidden.iter().chain(self.is_dead.iter()).any(|is_hidden| *is_hidden)
     }
 
     /// The uplink of SN `id` to the UAV at `uav`, with what was heard of it.

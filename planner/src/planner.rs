@@ -8,7 +8,7 @@ use std::sync::Arc;
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 use skysink_common::battery::BatteryState;
-use skysink_common::belief::Belief;
+use skysink_common::belief::{Belief, Believed};
 use skysink_common::channel::{HeardLinks, SavedHeard};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, encode};
 use skysink_common::error::InputError;
@@ -244,13 +244,8 @@ impl Planner {
         assert_eq!(queues_bits.len(), self.table.sensors.positions.len(), "expected one queue per sensor node");
         let Self { strategy, rules, table, stop, left_bits, links, .. } = self;
         let links = links.as_deref();
-        let mut belief = self.belief.at(slot.saturating_sub(1), &table.sensors, queues_bits);
-        if !scheduled.is_empty() {
-            left_bits.clear();
-            left_bits.extend_from_slice(belief.queues_bits);
-            scheduled.iter().for_each(|&id| left_bits[id as usize] = 0);
-            belief.queues_bits = left_bits;
-        }
+        table.bury(&self.belief, queues_bits);
+        let belief = believed(&mut self.belief, slot, table, queues_bits, scheduled, left_bits);
         let (battery, timing) = (self.battery, self.timing);
         let view = View { slot, position, battery, belief, table, timing, links, neighbours, stop };
         let Ruled { decision, mode } = rules.decide(&view, duty, &mut |view| strategy.plan(view));
@@ -287,9 +282,10 @@ impl Planner {
         neighbours: &Neighbours<'_>,
         into: &mut Vec<PlannedVisit>,
     ) {
-        let Self { strategy, belief, table, stop, links, .. } = self;
+        let Self { strategy, belief, table, stop, left_bits, links, .. } = self;
         let links = links.as_deref();
-        let belief = belief.at(slot.saturating_sub(1), &table.sensors, queues_bits);
+        table.bury(belief, queues_bits);
+        let belief = believed(belief, slot, table, queues_bits, &[], left_bits);
         let (battery, timing, neighbours) = (self.battery, self.timing, Some(neighbours));
         strategy.visits(&View { slot, position, battery, belief, table, timing, links, neighbours, stop }, into);
     }
@@ -382,6 +378,27 @@ impl Checkpoint for Planner {
         self.slot = slot;
         Ok(())
     }
+}
+
+/// What is believed before `slot`, if the known queues are `queues_bits` [bit], by id. Those of the SNs that other UAVs have
+/// scheduled, and of dead ones, are empty in `left_bits`.
+fn believed<'a>(
+    belief: &'a mut Belief,
+    slot: u64,
+    table: &'a MissionTable,
+    queues_bits: &'a [u32],
+    scheduled: &[u32],
+    left_bits: &'a mut Vec<u32>,
+) -> Believed<'a> {
+    let mut believed = belief.at(slot.saturating_sub(1), &table.sensors, queues_bits);
+    if !scheduled.is_empty() || table.sensors.may_die {
+        let left = |(id, &bits): (u32, &u32)| if table.is_dead(id) { 0 } else { bits };
+        left_bits.clear();
+        left_bits.extend((0..).zip(believed.queues_bits).map(left));
+        scheduled.iter().for_each(|&id| left_bits[id as usize] = 0);
+        believed.queues_bits = left_bits;
+    }
+    believed
 }
 
 /// The message for `decision`.

@@ -140,7 +140,7 @@ class Scenario:
 
     def sensors(self) -> Table:
         """The sensor nodes by id, with ``x_m``, ``y_m``, ``queue_bits``, ``gain_db``, ``sampling_bps``,
-        ``capacity_bits`` and ``weight``.
+        ``capacity_bits`` and ``weight``; with ``[sensors.energy]`` also ``capacity_j`` and ``harvest_w``.
         """
 
     def field(self) -> Field:

@@ -11,6 +11,7 @@ use skysink_common::arrivals::{Arrival, ArrivalTrace, mean_bits};
 use skysink_common::belief::Belief;
 use skysink_common::channel::{LinkMap, RateTable};
 use skysink_common::error::read_text;
+use skysink_common::node_energy::NodeBattery;
 use skysink_common::scenario::{CHANNEL, LETTER, Overrides, RATES, Scenario, Setting, SettingOrigin, TRACE};
 use skysink_common::sensors::{Sensor, SensorList};
 use skysink_planner::settings;
@@ -270,14 +271,14 @@ impl PyScenario {
     }
 
     /// The sensor nodes by id, with ``x_m``, ``y_m``, ``queue_bits``, ``gain_db``, ``sampling_bps``,
-    /// ``capacity_bits`` and ``weight``.
+    /// ``capacity_bits`` and ``weight``; with ``[sensors.energy]`` also ``capacity_j`` and ``harvest_w``.
     fn sensors(&self) -> PyResult<PyTable> {
         let list = self.list()?;
         let numbers = |of: fn(&Sensor) -> f64| -> ArrayRef {
             Arc::new(list.sensors().iter().map(of).collect::<Vec<f64>>().into_iter().collect::<Float64Array>())
         };
         let queues: ArrayRef = Arc::new(UInt32Array::from(list.queues_bits()));
-        PyTable::new(vec![
+        let mut columns = vec![
             ("x_m", numbers(|sensor| sensor.position.x)),
             ("y_m", numbers(|sensor| sensor.position.y)),
             ("queue_bits", queues),
@@ -285,7 +286,16 @@ impl PyScenario {
             ("sampling_bps", numbers(|sensor| sensor.sampling_bps)),
             ("capacity_bits", Arc::new(UInt32Array::from_iter_values(list.sensors().iter().map(|s| s.capacity_bits)))),
             ("weight", numbers(|sensor| sensor.weight)),
-        ])
+        ];
+        if self.scenario.sensors.energy.is_some() {
+            let of_battery = |of: fn(&NodeBattery) -> f64| -> ArrayRef {
+                let batteries = list.sensors().iter().filter_map(|sensor| sensor.battery.as_ref());
+                Arc::new(Float64Array::from_iter_values(batteries.map(of)))
+            };
+            columns.push(("capacity_j", of_battery(|battery| battery.capacity_j)));
+            columns.push(("harvest_w", of_battery(|battery| battery.harvest_w)));
+        }
+        PyTable::new(columns)
     }
 
     /// The sensor nodes, with their true sampling rates, and the limits of plans.

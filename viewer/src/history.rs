@@ -9,6 +9,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::CheckpointError;
 use skysink_common::geometry::{Position, distance_squared};
+use skysink_common::node_energy::DEAD;
 use skysink_common::sampling::Sampler;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
@@ -84,20 +85,27 @@ impl SensorHistory {
         }
     }
 
-    /// Adds a slot, after which the queues are `queues_bits`, one for each SN, and the UAVs are above `uavs`.
+    /// Adds a slot, after which the queues are `queues_bits`, one for each SN, and the UAVs are above `uavs`. A dead SN loses
+    /// what it holds and samples.
     pub(crate) fn add(&mut self, slot: u64, queues_bits: &[u32], uavs: impl IntoIterator<Item = Position>) {
         let Self { sensors, lost_now_bits, sampled_now_bits, grid, sums, .. } = self;
         let is_next = slot > 0 && sums.slot == Some(slot - 1);
         let losses = sums.queues_bits.iter().enumerate().zip(&mut sums.lost_bits).zip(lost_now_bits);
         for (((id, &before_bits), lost_bits), lost_now_bits) in losses {
-            *lost_now_bits = if is_next { sensors.sampling.overflow_bits(id, before_bits, slot) } else { 0 };
+            let lost_bits_of = |id: usize| match sensors.may_die && queues_bits[id] == DEAD {
+                true => u64::from(before_bits) + sensors.sampling.bits(id, slot),
+                false => sensors.sampling.overflow_bits(id, before_bits, slot),
+            };
+            *lost_now_bits = if is_next { lost_bits_of(id) } else { 0 };
             *lost_bits += *lost_now_bits;
         }
         if sensors.sampling.is_drawn() && slot > 0 {
             *sampled_now_bits = (0..queues_bits.len()).map(|id| sensors.sampling.bits(id, slot)).collect();
         }
         sums.slot = Some(slot);
-        sums.queues_bits.copy_from_slice(queues_bits);
+        let held_bits = |&bits: &u32| if sensors.may_die && bits == DEAD { 0 } else { bits };
+        sums.queues_bits.clear();
+        sums.queues_bits.extend(queues_bits.iter().map(held_bits));
         for cell in uavs.into_iter().flat_map(|uav| grid.in_range(uav)) {
             sums.in_range[cell] = slot + 1;
         }

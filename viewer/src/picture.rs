@@ -149,9 +149,9 @@ impl Picture {
     pub(crate) fn draw(&mut self, view: &SlotView, missed_slots: u64) -> Result<Fill, SceneError> {
         let canvas = &self.canvas;
         if let Some(belief) = &mut self.belief {
-            belief.draw(canvas, view.slot, view.queues_bits)?;
+            belief.draw(canvas, view.slot, &self.history.sums.queues_bits)?;
         }
-        let fill = self.queues.log_slot(canvas, view.queues_bits, &self.history)?;
+        let fill = self.queues.log_slot(canvas, &self.history)?;
         if let Some(maps) = &mut self.maps {
             maps.log_slot(canvas, view.slot, &self.history, Position::new(view.flight().x_m, view.flight().y_m))?;
         }

@@ -112,15 +112,10 @@ impl QueueShapes {
         self.sensors.count()
     }
 
-    /// Colours the sensor nodes of one slot, which `history` includes; one queue [bit] per sensor node.
-    pub(crate) fn log_slot(
-        &self,
-        canvas: &Canvas,
-        queues_bits: &[u32],
-        history: &SensorHistory,
-    ) -> RecordingStreamResult<Fill> {
+    /// Colours the sensor nodes of one slot, the last of `history`.
+    pub(crate) fn log_slot(&self, canvas: &Canvas, history: &SensorHistory) -> RecordingStreamResult<Fill> {
         let sampling = &self.sensors.sampling;
-        let pairs = queues_bits.iter().enumerate();
+        let pairs = history.sums.queues_bits.iter().enumerate();
         let fills = || pairs.clone().map(|(id, &queue_bits)| fill(queue_bits, sampling.of(id).capacity_bits));
         let levels: Vec<u16> = fills().map(level).collect();
         let colour = |(&level, overflows): (&u16, bool)| ClassId::from(if overflows { OVERFLOW_LEVEL } else { level });

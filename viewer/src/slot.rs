@@ -23,7 +23,7 @@ pub enum WallClock {
 pub struct SlotView<'a> {
     /// The slot.
     pub slot: u64,
-    /// Queue of every sensor node after the slot [bit].
+    /// Queue of every sensor node after the slot [bit]; [`DEAD`](skysink_common::node_energy::DEAD) of a dead one.
     pub queues_bits: &'a [u32],
     /// Bits of the slot and since the start.
     pub header: &'a QueuesHeader,

@@ -1,6 +1,7 @@
 //! The checkpoint of an estimate, from which a restarted planner resumes.
 
 use crate::checkpoint::CheckpointError;
+use crate::node_energy::DEAD;
 use serde::{Deserialize, Serialize};
 
 use super::{Contact, Estimate, Learnt};
@@ -53,7 +54,7 @@ impl Estimate {
             };
             let is_possible = contact.learnt.is_some() == sensor.contact.learnt.is_some()
                 && contact.learnt.zip(sensor.contact.learnt).is_none_or(is_same_kind)
-                && Self::is_possible_last(&contact, observed, sensor.capacity_bits);
+                && self.is_possible_last(&contact, observed, sensor.capacity_bits);
             CheckpointError::ensure(is_possible, "possible last contacts")?;
             sensor.contact = contact;
         }
@@ -62,7 +63,7 @@ impl Estimate {
     }
 
     /// Whether `contact` is a possible last contact up to slot `observed`, for a buffer of `capacity_bits`.
-    fn is_possible_last(contact: &Contact, observed: u64, capacity_bits: u32) -> bool {
+    fn is_possible_last(&self, contact: &Contact, observed: u64, capacity_bits: u32) -> bool {
         let is_in_time = contact.has_happened() && contact.slot <= observed;
         // Gaps end by the last contact, and none adds more than the buffer holds.
         let learnt_is_possible = contact.learnt.is_none_or(|learnt| match learnt {
@@ -73,7 +74,8 @@ impl Estimate {
                     && (0.0..=f64::from(capacity_bits)).contains(&learnt.least_mean_bits)
             }
         });
-        is_in_time && contact.left_bits <= capacity_bits && learnt_is_possible
+        let is_queue = contact.left_bits <= capacity_bits || self.may_die && contact.left_bits == DEAD;
+        is_in_time && is_queue && learnt_is_possible
     }
 }
 

@@ -18,6 +18,7 @@ use crate::error::InputError;
 use crate::geometry::Position;
 use crate::keys::dotted::{beside, is_below, value};
 use crate::keys::{self, Keys, Only};
+use crate::node_energy::{DEAD, WakeMode};
 use crate::presets;
 
 /// Checks the rules between the keys of `scenario`, which was read from `file`.
@@ -56,6 +57,20 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
     for (key, time_s) in of_arrivals.chain([("sensors.expiry_s", sensors.expiry_s)]) {
         let expected = format!("at least the slot's {} s", scenario.slot_s);
         rule(time_s.is_none_or(|time_s| time_s >= scenario.slot_s), key, &expected)?;
+    }
+    if let Some(energy) = &sensors.energy {
+        let is_listening = matches!(energy.wake, Some(WakeMode::Always | WakeMode::Scheduled));
+        let expected = "none without wake = \"always\" or \"scheduled\"";
+        rule(is_listening || energy.listen_w.is_none(), "sensors.energy.listen_w", expected)?;
+        let expected = "listen_w, the power of listening, beside it";
+        rule(!is_listening || energy.listen_w.is_some(), "sensors.energy.wake", expected)?;
+        let has_radio = energy.wake == Some(WakeMode::Radio);
+        let expected = "wake_j, the energy of a service, beside it";
+        rule(!has_radio || energy.wake_j.is_some(), "sensors.energy.wake", expected)?;
+        let has_capacity = energy.capacity_j.is_some() || sensors.file.is_some();
+        rule(has_capacity, "sensors.energy", "capacity_j in it, or a column of that name in sensors.file")?;
+        let expected = "at most 4294967294 with sensors.energy";
+        rule(sensors.capacity_bits.ends()[1] < DEAD, "sensors.capacity_bits", expected)?;
     }
     let has_file = scenario.sensors.arrivals.as_ref().is_none_or(|arrivals| arrivals.file.is_some());
     let expected = "another model, or a CSV file as sensors.arrivals.file";

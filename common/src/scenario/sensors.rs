@@ -8,6 +8,7 @@ use strum::VariantNames;
 use crate::arrivals::{ArrivalKeys, ArrivalModel};
 use crate::cohorts::Overflow;
 use crate::keys::{Accepts, Interval, NOT_NEGATIVE, POSITIVE, WholeInterval};
+use crate::node_energy::NodeEnergyKeys;
 
 /// Most sensor nodes of a field.
 pub(crate) const MAX_SENSORS: u64 = 10_000_000;
@@ -50,6 +51,8 @@ crate::keys! {
         expiry_s: Option<f64>, POSITIVE;
         /// Which bits a full buffer drops, `"newest"` if not given.
         overflow: Option<Overflow>, Accepts::OneOf(Overflow::VARIANTS);
+        /// The batteries of the SNs; without this table they need none.
+        energy: Option<NodeEnergyKeys>, Accepts::TableOf(NodeEnergyKeys::KEYS);
         /// How the bits arrive; without this table the same in every slot.
         arrivals: Option<ArrivalKeys>, Accepts::TableOf(ArrivalKeys::KEYS);
     }

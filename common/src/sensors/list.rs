@@ -14,7 +14,9 @@ use crate::arrivals::{ArrivalLaw, ArrivalTrace, Arrivals, MAX_SAMPLED_BITS, mean
 use crate::channel::draw_gain_db;
 use crate::error::{InputError, read_text};
 use crate::geometry::Position;
+use crate::ledger::Ledger;
 use crate::message::SensorNode;
+use crate::node_energy::{Charges, NodeBattery};
 use crate::random::{Purpose, Streams};
 use crate::sampling::Sampling;
 use crate::scenario::{CHANNEL, Interval, RATES, Scenario, TRACE};
@@ -36,6 +38,8 @@ pub struct Sensor {
     pub capacity_bits: u32,
     /// Weight of its bits, `w_i` (decision D25); 1 if the list has no weights.
     pub weight: f64,
+    /// Its battery (decision D33); `None` without `[sensors.energy]`.
+    pub battery: Option<NodeBattery>,
 }
 
 /// All sensor nodes of a mission, at least one; SN i is entry i.
@@ -50,6 +54,8 @@ pub struct SensorList {
     trace: Option<ArrivalTrace>,
     /// Whether the scenario alone does not tell the buffers.
     has_own_buffers: bool,
+    /// Whether it alone does not tell the batteries.
+    has_own_batteries: bool,
 }
 
 /// Most arrivals at random: sensor nodes times slots.
@@ -159,7 +165,9 @@ impl SensorList {
         }
         let plain_bits = scenario.sensors.capacity_bits.ends();
         let has_own_buffers = sensors.iter().any(|sensor| [sensor.capacity_bits; 2] != plain_bits);
-        Ok(Self { sensors, names, ground_m, trace, has_own_buffers })
+        let plain = scenario.sensors.energy.and_then(|energy| energy.battery(None, None));
+        let has_own_batteries = sensors.iter().any(|sensor| sensor.battery != plain);
+        Ok(Self { sensors, names, ground_m, trace, has_own_buffers, has_own_batteries })
     }
 
     /// Hash (XXH3) of the list as CSV files, seeded with the hash of its scenario.
@@ -194,22 +202,31 @@ impl SensorList {
     pub fn to_csv(&self) -> String {
         let has_buffers = self.has_own_buffers;
         let has_weights = self.has_own_weights();
+        let has_batteries = self.has_own_batteries;
         let mut text = rows::WRITTEN.join(",");
-        let further =
-            [(has_buffers, rows::CAPACITY), (has_weights, rows::WEIGHT), (!self.ground_m.is_empty(), rows::GROUND)];
+        let further = [
+            (has_buffers, rows::CAPACITY),
+            (has_weights, rows::WEIGHT),
+            (has_batteries, rows::BATTERY),
+            (has_batteries, rows::HARVEST),
+            (!self.ground_m.is_empty(), rows::GROUND),
+        ];
         further
             .into_iter()
             .filter(|(is_written, _)| *is_written)
             .for_each(|(_, name)| text.push_str(&format!(",{name}")));
         self.end_line(&mut text, rows::NAME);
         for (id, sensor) in self.sensors.iter().enumerate() {
-            let Sensor { position, queue_bits, gain_db, sampling_bps, capacity_bits, weight } = sensor;
+            let Sensor { position, queue_bits, gain_db, sampling_bps, capacity_bits, weight, battery } = sensor;
             text.push_str(&format!("{},{},{queue_bits},{gain_db},{sampling_bps}", position.x, position.y));
             if has_buffers {
                 text.push_str(&format!(",{capacity_bits}"));
             }
             if has_weights {
                 text.push_str(&format!(",{weight}"));
+            }
+            if let Some(NodeBattery { capacity_j, harvest_w }) = battery.filter(|_| has_batteries) {
+                text.push_str(&format!(",{capacity_j},{harvest_w}"));
             }
             if let Some(ground_m) = self.ground_m.get(id) {
                 text.push_str(&format!(",{ground_m}"));
@@ -294,6 +311,21 @@ impl SensorList {
         Sampling::new(mean_bits, capacities_bits).with_arrivals(arrivals).with_expiry(scenario.expiry())
     }
 
+    /// The batteries before slot 1; `None` if the sensor nodes have none.
+    #[must_use]
+    pub fn charges(&self, scenario: &Scenario) -> Option<Charges> {
+        let batteries: Vec<NodeBattery> = self.sensors.iter().filter_map(|sensor| sensor.battery).collect();
+        let positions = self.sensors.iter().map(|sensor| sensor.position);
+        let radius_m = scenario.link.comm_radius_m;
+        Some(Charges::new(scenario.sensors.energy?, scenario.slot_s, &batteries, positions, radius_m))
+    }
+
+    /// The ledger before slot 1.
+    #[must_use]
+    pub fn ledger(&self, scenario: &Scenario) -> Ledger {
+        Ledger::new(self.sampling(scenario), self.queues_bits()).with_charges(self.charges(scenario))
+    }
+
     /// The sensor nodes with what they sample: the truth, which a planner does not know.
     #[must_use]
     pub fn sensors_of(&self, scenario: &Scenario) -> Sensors {
@@ -306,10 +338,10 @@ impl SensorList {
         self.sensors.iter().map(|sensor| mean_bits(sensor.sampling_bps, scenario.slot_s)).sum()
     }
 
-    /// By sensor node the bits of its initial queue that a loss rate counts as sampled: all where bits expire, as these
-    /// may, too (decision D36); otherwise none.
+    /// By sensor node the bits of its initial queue that a loss rate counts as sampled: all where bits expire or sensor
+    /// nodes die, as these may be lost, too (decisions D33 and D36); otherwise none.
     pub fn expiring_bits(&self, scenario: &Scenario) -> impl Iterator<Item = f64> {
-        let expires = scenario.expiry().is_some();
+        let expires = scenario.expiry().is_some() || scenario.sensors.energy.is_some();
         self.sensors.iter().map(move |sensor| if expires { f64::from(sensor.queue_bits) } else { 0.0 })
     }
 
@@ -363,6 +395,7 @@ fn draw(scenario: &Scenario, border: Option<&Polygon>, id: u32) -> Sensor {
         sampling_bps: draw_sampling_bps(scenario, id),
         capacity_bits,
         weight: 1.0,
+        battery: scenario.sensors.energy.and_then(|energy| energy.battery(None, None)),
     }
 }
 

@@ -10,6 +10,8 @@ use crate::channel::{Channel, ChannelModel, draw_gain_db};
 use crate::error::{line_of, quoted};
 use crate::geodata::projection::Projection;
 use crate::geometry::Position;
+use crate::keys::{Accepts, NOT_NEGATIVE};
+use crate::node_energy::{CAPACITY_J, DEAD};
 use crate::random::Streams;
 use crate::scenario::{Area, MAX_FIELD_BITS, MAX_SENSORS, Scenario};
 use crate::weights::WEIGHTS;
@@ -18,14 +20,31 @@ use crate::weights::WEIGHTS;
 pub(super) const WRITTEN: [&str; 5] = ["x_m", "y_m", "queue_bits", "gain_db", "sampling_bps"];
 
 /// Columns that a list may have.
-const COLUMNS: [&str; 11] =
-    ["x_m", "y_m", "lat_deg", "lon_deg", "queue_bits", "gain_db", "sampling_bps", CAPACITY, WEIGHT, GROUND, NAME];
+const COLUMNS: [&str; 13] = [
+    "x_m",
+    "y_m",
+    "lat_deg",
+    "lon_deg",
+    "queue_bits",
+    "gain_db",
+    "sampling_bps",
+    CAPACITY,
+    WEIGHT,
+    BATTERY,
+    HARVEST,
+    GROUND,
+    NAME,
+];
 
 /// The column of buffers, which is written if one is not that of the scenario.
 pub(super) const CAPACITY: &str = "capacity_bits";
 
 /// The column of weights, which is written if one is not 1.
 pub(super) const WEIGHT: &str = "weight";
+
+/// The columns of batteries [J] and harvested power [W], which are written if one is not that of the scenario.
+pub(super) const BATTERY: &str = "capacity_j";
+pub(super) const HARVEST: &str = "harvest_w";
 
 /// The column of the ground's altitudes, which is written if the list has it.
 pub(super) const GROUND: &str = "ground_m";
@@ -38,7 +57,12 @@ pub(super) const NAME: &str = "name";
 
 /// Columns beside which these keys of the scenario are not read. A planner that estimates queues is told the range of
 /// rates, and of initial queues.
-const PRIOR: [(&str, &str); 2] = [("sampling_bps", "sensors.sampling_bps"), (CAPACITY, "sensors.capacity_bits")];
+const PRIOR: [(&str, &str); 4] = [
+    ("sampling_bps", "sensors.sampling_bps"),
+    (CAPACITY, "sensors.capacity_bits"),
+    (BATTERY, "sensors.energy.capacity_j"),
+    (HARVEST, "sensors.energy.harvest_w"),
+];
 
 /// Most characters of a name.
 const MOST_CHARACTERS: usize = 100;
@@ -145,6 +169,13 @@ impl<'a> Table<'a> {
             }
         }
         let refuse = |expected: &str| format!("header `{}`: expected {expected}", quoted(&names.join(",")));
+        let energy = &scenario.sensors.energy;
+        if let Some(name) = [BATTERY, HARVEST].iter().find(|name| energy.is_none() && names.contains(name)) {
+            return Err(format!("column `{name}`: expected it only with [sensors.energy] in the scenario"));
+        }
+        if energy.is_some_and(|energy| energy.capacity_j.is_none()) && !names.contains(&BATTERY) {
+            return Err(refuse("a column capacity_j, or sensors.energy.capacity_j in the scenario"));
+        }
         let projection = match ["x_m", "y_m", "lat_deg", "lon_deg"].map(|name| names.contains(&name)) {
             [true, true, false, false] => None,
             [false, false, true, true] => {
@@ -153,7 +184,8 @@ impl<'a> Table<'a> {
             }
             _ => {
                 let columns = "x_m,y_m or lat_deg,lon_deg, not both, and optionally \
-                               queue_bits,gain_db,sampling_bps,capacity_bits,weight,ground_m,name";
+                               queue_bits,gain_db,sampling_bps,capacity_bits,weight,\
+                               capacity_j,harvest_w,ground_m,name";
                 return Err(refuse(columns));
             }
         };
@@ -164,8 +196,9 @@ impl<'a> Table<'a> {
     fn sensor(&self, row: &csv::StringRecord, id: u32) -> Result<Sensor, String> {
         let scenario = self.scenario;
         let position = self.position(row)?;
-        let is_buffer = |value: f64| (1.0..=f64::from(u32::MAX)).contains(&value) && value.fract() == 0.0;
-        let own_bits = self.number(row, CAPACITY, "whole bits, 1 to 4294967295", is_buffer)?;
+        let most_bits = if scenario.sensors.energy.is_some() { DEAD - 1 } else { u32::MAX };
+        let is_buffer = |value: f64| (1.0..=f64::from(most_bits)).contains(&value) && value.fract() == 0.0;
+        let own_bits = self.number(row, CAPACITY, &format!("whole bits, 1 to {most_bits}"), is_buffer)?;
         let capacity_bits = own_bits.map_or_else(|| draw_capacity_bits(scenario, id), |bits| bits as u32);
         let expected = format!("a weight from {} to {}", WEIGHTS.start(), WEIGHTS.end());
         let weight = self.number(row, WEIGHT, &expected, |value| WEIGHTS.contains(&value))?;
@@ -179,6 +212,11 @@ impl<'a> Table<'a> {
         let is_rate = |value: f64| (0.0..=highest_bps).contains(&value);
         let expected = "a finite rate, 0 or above, at most 9e15 bits over the mission";
         let sampling_bps = self.number(row, "sampling_bps", expected, is_rate)?;
+        let own = |column, accepts: Accepts| {
+            let is_accepted = |value: f64| accepts.refusal(&toml::Value::Float(value)).is_none();
+            self.number(row, column, &accepts.expected(), is_accepted)
+        };
+        let [capacity_j, harvest_w] = [own(BATTERY, CAPACITY_J)?, own(HARVEST, NOT_NEGATIVE)?];
         Ok(Sensor {
             position,
             queue_bits: queue_bits.map_or_else(|| draw_queue_bits(scenario, id, capacity_bits), |bits| bits as u32),
@@ -189,6 +227,7 @@ impl<'a> Table<'a> {
             sampling_bps: sampling_bps.unwrap_or_else(|| draw_sampling_bps(scenario, id)),
             capacity_bits,
             weight: weight.unwrap_or(1.0),
+            battery: scenario.sensors.energy.and_then(|energy| energy.battery(capacity_j, harvest_w)),
         })
     }
 

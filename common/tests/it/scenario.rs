@@ -227,6 +227,44 @@ fn missing_columns_are_filled_from_the_seed_and_the_scenario() {
 }
 
 #[test]
+fn batteries_are_those_of_the_list_or_else_of_the_scenario() {
+    let parse_list = |keys: &str, csv: &str| {
+        let scenario = parse(&format!("name = \"x\"\n[sensors]\nfile = \"l.csv\"\n{keys}")).unwrap();
+        SensorList::parse(csv, Path::new("l.csv"), &scenario)
+    };
+    let energy = "[sensors.energy]\nharvest_w = 0.5\n";
+    let list = parse_list(energy, "x_m,y_m,capacity_j\n1,2,30\n3,4,40\n").unwrap();
+    let batteries = list.sensors().iter().map(|sensor| sensor.battery.unwrap());
+    assert!(batteries.map(|own| (own.capacity_j, own.harvest_w)).eq([(30.0, 0.5), (40.0, 0.5)]));
+    assert!(list.to_csv().starts_with("x_m,y_m,queue_bits,gain_db,sampling_bps,capacity_j,harvest_w\n"));
+    assert_eq!(parse_list(energy, &list.to_csv()).unwrap(), list, "as in a run folder");
+    let plain = parse_list("[sensors.energy]\ncapacity_j = 7.0\n", "x_m,y_m,harvest_w\n1,2,0\n").unwrap();
+    assert!(!plain.to_csv().contains("harvest_w"), "the scenario tells them");
+    for (keys, csv, expected) in [
+        (
+            energy,
+            "x_m,y_m\n1,2\n",
+            "header `x_m,y_m`: expected a column capacity_j, or sensors.energy.capacity_j in the scenario",
+        ),
+        (energy, "x_m,y_m,capacity_j\n1,2,0\n", "line 2: capacity_j = 0: expected joules above 0, at most 1e9"),
+        (
+            energy,
+            "x_m,y_m,capacity_j,harvest_w\n1,2,1,-1\n",
+            "line 2: harvest_w = -1: expected a finite number, 0 or above",
+        ),
+        (energy, "x_m,y_m,capacity_j,capacity_bits\n1,2,1,4294967295\n", "expected whole bits, 1 to 4294967294"),
+        (
+            "",
+            "x_m,y_m,capacity_j\n1,2,1\n",
+            "column `capacity_j`: expected it only with [sensors.energy] in the scenario",
+        ),
+    ] {
+        let error = parse_list(keys, csv).unwrap_err().to_string();
+        assert!(error.ends_with(expected), "{error}");
+    }
+}
+
+#[test]
 fn buffers_are_drawn_between_their_ends_as_whole_bits_and_written_if_they_differ() {
     let of = |keys: &str| parse(&format!("name = \"x\"\n[sensors]\ncount = 10000\n{keys}")).unwrap();
     let one = of("capacity_bits = 30000\n");

@@ -163,16 +163,26 @@ impl<O: Objective> CarriedPlan<O> {
         }
     }
 
-    /// Updates the model with the estimate at the beginning of the slot: learnt rates, and the uncertainty of the
+    /// Updates the model with what is known at the beginning of the slot: dead SNs, learnt rates, and the uncertainty of the
     /// queues.
     pub(super) fn update_sensors(&mut self, view: &View) {
         let belief = view.belief.belief;
+        if view.table.sensors.may_die {
+            let weights = &self.model.table.sensors.weights;
+            for (index, (sensor, &id)) in self.model.sensors.iter_mut().zip(&self.model.ids).enumerate() {
+                sensor.weight = if view.table.is_dead(id) { 0.0 } else { weights.factor(index) };
+                sensor.cost_bits = sensor.weight * sensor.mean_bits;
+            }
+            let first = self.plan.stops.first().copied();
+            self.plan.stops.retain(|stop| !self.model.is_dead(stop.disk));
+            self.plan.is_under_way &= self.plan.stops.first().copied() == first;
+        }
         if !belief.is_estimated() {
             return;
         }
         let law = view.table.arrivals;
         for (sensor, &id) in self.model.sensors.iter_mut().zip(&self.model.ids) {
-            if sensor.mean_bits == 0.0 {
+            if sensor.mean_bits == 0.0 || sensor.weight == 0.0 {
                 continue; // its queue does not change
             }
             if belief.has_learnt_rates() {

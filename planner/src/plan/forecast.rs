@@ -243,7 +243,7 @@ impl<O: Objective> Forecast<O> {
         follows || (leg.end > slot && !self.is_met(model, change, leg.stop))
     }
 
-    /// Whether the last slot of `change` serves all members of `stop` without a stop for them.
+    /// Whether the last slot of `change` serves all live members of `stop` without a stop for them.
     fn is_met(&self, model: &PlanModel, change: &Change, stop: PlannedStop) -> bool {
         let slot = self.decoder.slot;
         let Self { trace: Trace { legs, visits }, .. } = self;
@@ -252,6 +252,9 @@ impl<O: Objective> Forecast<O> {
         let served = visits.take_while(|visit| visit.slot == slot);
         let stopped = legs.take_while(|leg| leg.end == slot);
         model.disks[stop.disk as usize].members.iter().all(|member| {
+            if model.sensors[*member as usize].weight == 0.0 {
+                return true;
+            }
             let is_served = served.clone().any(|visit| visit.sensor == *member);
             is_served && !stopped.clone().any(|leg| model.disks[leg.stop.disk as usize].members.contains(member))
         })
@@ -327,6 +330,9 @@ impl<O: Objective> Forecast<O> {
         }
         let is_first = change.from == 0 && change.trace.legs.is_empty();
         let sensor = model.disks[stop.disk as usize].members[0] as usize;
+        if model.is_dead(stop.disk) {
+            return true;
+        }
         let slot = f64::from(self.decoder.slot + 1);
         let there_bits = O::queue_bits(&model.sensors[sensor], self.work[sensor], slot);
         there_bits < 2.0 * model.sensors[sensor].mean_bits && !(is_first && self.window.under_way == Some(stop.disk))

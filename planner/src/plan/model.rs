@@ -139,6 +139,12 @@ impl PlanModel {
         model
     }
 
+    /// Whether all sensors of a disk are dead.
+    #[must_use]
+    pub(super) fn is_dead(&self, disk: u32) -> bool {
+        self.disks[disk as usize].members.iter().all(|&member| self.sensors[member as usize].weight == 0.0)
+    }
+
     /// Adds the sensor `index`, whose gaps cost `costs`.
     fn add_sensor(&mut self, index: u32, costs: &GapCosts) {
         let sampler = self.table.sensors.sampler(index);

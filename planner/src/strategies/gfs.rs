@@ -38,7 +38,8 @@ fn fullest(
     let mut fullest: Option<(u64, Position)> = None;
     table.sensors.grid.visit_within(position, table.limits.reach_m, |node| {
         let key = fullest_first(queues_bits[node.id as usize], node.id);
-        if fullest.is_none_or(|(least, _)| key < least) && in_question(&node.position) {
+        let is_fuller = fullest.is_none_or(|(least, _)| key < least);
+        if is_fuller && !table.is_dead(node.id) && in_question(&node.position) {
             fullest = Some((key, node.position));
         }
     });

@@ -126,7 +126,11 @@ pub fn fill_most_in_range(table: &MissionTable, uav: &Point3<f64>, queues_bits: 
 fn fill_in_range<K: Ord>(table: &MissionTable, ground: &Position, key: impl Fn(u32) -> K, ids: &mut Vec<u32>) {
     let MissionTable { sensors, limits, .. } = table;
     ids.clear();
-    sensors.grid.visit_within(ground, limits.comm_radius_m, |node| ids.push(node.id));
+    sensors.grid.visit_within(ground, limits.comm_radius_m, |node| {
+        if !table.is_dead(node.id) {
+            ids.push(node.id);
+        }
+    });
     let blocks = limits.blocks();
     if ids.len() > blocks {
         ids.select_nth_unstable_by_key(blocks, |&id| key(id));

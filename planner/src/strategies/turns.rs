@@ -77,7 +77,10 @@ impl InTurn {
                 self.served.insert(turn);
             }
         }
-        while self.served.remove(&self.turn) {
+        for _ in 0..count {
+            if !self.served.remove(&self.turn) && table.is_servable(self.turns.order[self.turn]) {
+                break;
+            }
             self.turn = (self.turn + 1) % count;
         }
         if self.early.is_none() {
@@ -85,11 +88,12 @@ impl InTurn {
         }
     }
 
-    /// The first turn after the current one that is not served; the current one if there is none.
-    fn next_turn(&self) -> usize {
+    /// The first turn after the current one that is not served, of a live SN; the current one if there is none.
+    fn next_turn(&self, table: &MissionTable) -> usize {
         let count = self.turns.order.len();
         let mut others = (1..count).map(|ahead| (self.turn + ahead) % count);
-        others.find(|turn| !self.served.contains(turn)).unwrap_or(self.turn)
+        let is_due = |turn: &usize| !self.served.contains(turn) && table.is_servable(self.turns.order[*turn]);
+        others.find(is_due).unwrap_or(self.turn)
     }
 }
 
@@ -99,9 +103,9 @@ impl Strategy for InTurn {
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         let ground = view.ground();
         self.advance(view.table, &ground);
-        let current = self.turns.order.get(self.turn).copied();
+        let current = self.turns.order.get(self.turn).copied().filter(|&id| view.table.is_servable(id));
         let waypoint = current.map_or(ground, |current| {
-            let ids = [current, self.turns.order[self.next_turn()]];
+            let ids = [current, self.turns.order[self.next_turn(view.table)]];
             let positions = ids.map(|id| view.table.sensors.position(id));
             (self.waypoint)(view.table, &ground, positions, &self.turns.points[self.turn])
         });

@@ -94,7 +94,9 @@ impl QueueWeightObjective {
         let mut terms = std::mem::take(&mut self.terms);
         terms.clear();
         view.table.sensors.grid.visit_within(&uav.xy(), view.table.limits.comm_radius_m, |node| {
-            terms.push((Reverse(self.term_bits2(view, uav, node.id)), node.id));
+            if !view.table.is_dead(node.id) {
+                terms.push((Reverse(self.term_bits2(view, uav, node.id)), node.id));
+            }
         });
         if terms.len() > view.table.limits.blocks() {
             terms.select_nth_unstable(view.table.limits.blocks());

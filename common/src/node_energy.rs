@@ -1,0 +1,307 @@
+//! The batteries of the sensor nodes (SNs), in whole nanojoules: what a slot takes of them, and deaths (decision D33).
+//!
+//! `initial + harvested = used + spilled + left` holds as an equality of integers. What a dead SN loses is left to
+//! [`crate::ledger`].
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+use strum::VariantNames;
+
+use crate::checkpoint::{CheckpointError, decode_first, encode};
+use crate::geometry::{Position, within};
+use crate::keys::{Accepts, NOT_NEGATIVE};
+use crate::per_sensor::PerSensor;
+
+/// Queue of a dead SN on the topics `queues` and `belief`; live ones are shorter.
+pub const DEAD: u32 = u32::MAX;
+
+/// When an SN listens for a UAV.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, VariantNames)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum WakeMode {
+    /// In each slot.
+    Always,
+    /// In slots that end with a UAV in range.
+    Scheduled,
+    /// Never: a radio of its own wakes it when it is served.
+    Radio,
+}
+
+/// Capacities whose nanojoules are whole numbers of 64 bits.
+pub(crate) const CAPACITY_J: Accepts =
+    Accepts::Number("joules above 0, at most 1e9", |capacity_j| capacity_j > 0.0 && capacity_j <= 1e9);
+
+crate::keys! {
+    /// `[sensors.energy]`: the batteries of the SNs (decision D33).
+    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, expecting = "a table")]
+    pub struct NodeEnergyKeys {
+        /// Energy of a full battery [J]; required without a column of the sensor list, which has priority.
+        capacity_j: Option<f64>, CAPACITY_J;
+        /// Energy before slot 1, as a fraction of the capacity.
+        initial: f64 = 1.0, Accepts::Number("a fraction above 0, at most 1", |fraction| fraction > 0.0 && fraction <= 1.0);
+        /// Harvested power [W]. A column of the sensor list has priority.
+        harvest_w: f64 = 0.0, NOT_NEGATIVE;
+        /// Power that an SN always takes [W].
+        sleep_w: f64 = 0.0, NOT_NEGATIVE;
+        /// Energy of a sampled bit [J].
+        sample_j_per_bit: f64 = 0.0, NOT_NEGATIVE;
+        /// When an SN takes `listen_w`; if not given, waiting takes nothing.
+        wake: Option<WakeMode>, Accepts::OneOf(WakeMode::VARIANTS);
+        /// Power of listening [W]; required with `wake = "always"` or `"scheduled"`, and only there.
+        listen_w: Option<f64>, NOT_NEGATIVE;
+        /// Energy of each slot of service [J]; required with `wake = "radio"`.
+        wake_j: Option<f64>, NOT_NEGATIVE;
+        /// Power of sending [W].
+        tx_w: f64 = 0.0, NOT_NEGATIVE;
+    }
+}
+
+impl NodeEnergyKeys {
+    /// The battery of an SN that may have its own capacity [J] and harvested power [W]; `None` without a capacity.
+    pub(crate) fn battery(&self, capacity_j: Option<f64>, harvest_w: Option<f64>) -> Option<NodeBattery> {
+        let capacity_j = capacity_j.or(self.capacity_j)?;
+        Some(NodeBattery { capacity_j, harvest_w: harvest_w.unwrap_or(self.harvest_w) })
+    }
+}
+
+/// The battery of an SN.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NodeBattery {
+    /// Energy of the full battery [J].
+    pub capacity_j: f64,
+    /// Harvested power [W].
+    pub harvest_w: f64,
+}
+
+/// An energy [J] in whole nanojoules.
+fn nanojoules(energy_j: f64) -> u64 {
+    (energy_j * 1e9).round() as u64 // saturates
+}
+
+/// The energy of all SNs since the mission's start [nJ].
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct NodeEnergyTotals {
+    /// In the batteries before slot 1.
+    pub initial_nj: u128,
+    /// Harvested.
+    pub harvested_nj: u128,
+    /// Taken by sleeping, sampling, listening and services.
+    pub used_nj: u128,
+    /// Harvested into full batteries.
+    pub spilled_nj: u128,
+}
+
+/// The charges of all SNs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Charges {
+    keys: NodeEnergyKeys,
+    slot_s: f64,
+    /// Taken in each slot, and of a slot of listening, if not all slots are [nJ].
+    slot_nj: u64,
+    listen_nj: u64,
+    /// Where the SNs are, and from how far a UAV wakes them [m].
+    positions: Arc<[Position]>,
+    radius_m: f64,
+    capacity_nj: PerSensor<u64>,
+    harvest_nj: PerSensor<u64>,
+    /// Left, by id [nJ]; 0 in a dead SN.
+    charge_nj: Vec<u64>,
+    totals: NodeEnergyTotals,
+    /// Number of dead SNs, and the slots in which the first died, and half of all were dead.
+    dead: usize,
+    first_death: Option<u64>,
+    half_dead: Option<u64>,
+    /// Bits that dead SNs have lost.
+    pub(crate) lost_bits: u64,
+}
+
+impl Charges {
+    /// The charges before slot 1 of SNs with these batteries at `positions`, in slots of `slot_s` [s], that a UAV wakes
+    /// from `radius_m` [m].
+    #[must_use]
+    pub fn new(
+        keys: NodeEnergyKeys,
+        slot_s: f64,
+        batteries: &[NodeBattery],
+        positions: impl Iterator<Item = Position>,
+        radius_m: f64,
+    ) -> Self {
+        let sleep_nj = nanojoules(keys.sleep_w * slot_s);
+        let listen_nj = nanojoules(keys.listen_w.unwrap_or_default() * slot_s);
+        let capacities_nj = batteries.iter().map(|battery| nanojoules(battery.capacity_j).max(1));
+        let initial_nj = |capacity_nj: u64| ((capacity_nj as f64 * keys.initial).round() as u64).clamp(1, capacity_nj);
+        let charge_nj: Vec<u64> = capacities_nj.clone().map(initial_nj).collect();
+        let totals = NodeEnergyTotals { initial_nj: sum(&charge_nj), ..NodeEnergyTotals::default() };
+        let is_listening = keys.wake == Some(WakeMode::Always);
+        let is_woken = keys.wake == Some(WakeMode::Scheduled);
+        Self {
+            slot_nj: if is_listening { sleep_nj.saturating_add(listen_nj) } else { sleep_nj },
+            listen_nj: if is_woken { listen_nj } else { 0 },
+            positions: if is_woken { positions.collect() } else { Arc::default() },
+            radius_m,
+            capacity_nj: PerSensor::new(capacities_nj.collect()),
+            harvest_nj: PerSensor::new(batteries.iter().map(|own| nanojoules(own.harvest_w * slot_s)).collect()),
+            charge_nj,
+            totals,
+            dead: 0,
+            first_death: None,
+            half_dead: None,
+            lost_bits: 0,
+            keys,
+            slot_s,
+        }
+    }
+
+    /// What is left, by id [nJ]; 0 in a dead SN.
+    #[must_use]
+    pub fn charges_nj(&self) -> &[u64] {
+        &self.charge_nj
+    }
+
+    /// The sums since the mission's start.
+    #[must_use]
+    pub fn totals(&self) -> NodeEnergyTotals {
+        self.totals
+    }
+
+    /// Whether all energy is accounted for.
+    #[must_use]
+    pub fn is_balanced(&self) -> bool {
+        let NodeEnergyTotals { initial_nj, harvested_nj, used_nj, spilled_nj } = self.totals;
+        let given_nj = initial_nj.checked_add(harvested_nj);
+        given_nj.is_some()
+            && given_nj == used_nj.checked_add(spilled_nj).and_then(|nj| nj.checked_add(sum(&self.charge_nj)))
+    }
+
+    /// What the mission came to by now.
+    #[must_use]
+    pub fn summed_up(&self, delivered_bits: u64) -> NodeEnergyUse {
+        let fractions = || (0..).zip(&self.charge_nj).map(|(id, &nj)| nj as f64 / self.capacity_nj.of(id) as f64);
+        let at_s = |slot: Option<u64>| slot.map(|slot| slot as f64 * self.slot_s);
+        NodeEnergyUse {
+            used_j: self.totals.used_nj as f64 / 1e9,
+            harvested_j: self.totals.harvested_nj as f64 / 1e9,
+            energy_per_bit_j: (delivered_bits > 0).then(|| self.totals.used_nj as f64 / 1e9 / delivered_bits as f64),
+            residual_min: fractions().fold(1.0, f64::min),
+            residual_mean: fractions().sum::<f64>() / self.charge_nj.len() as f64,
+            dead: self.dead,
+            first_death_s: at_s(self.first_death),
+            half_dead_s: at_s(self.half_dead),
+            lost_to_death_bits: self.lost_bits,
+        }
+    }
+
+    /// Takes up to `use_nj` [nJ] from the battery of SN `sensor`.
+    fn take(&mut self, sensor: usize, use_nj: u64) {
+        let taken_nj = use_nj.min(self.charge_nj[sensor]);
+        self.charge_nj[sensor] -= taken_nj;
+        self.totals.used_nj += u128::from(taken_nj);
+    }
+
+    /// SN `sensor` is served: it wakes, and sends `bits` [bit] at `rate_bps` [bit/s].
+    pub(crate) fn send(&mut self, sensor: usize, bits: u64, rate_bps: f64) {
+        let sent_s = if bits > 0 { bits as f64 / rate_bps } else { 0.0 };
+        self.take(sensor, nanojoules(self.keys.wake_j.unwrap_or_default() + self.keys.tx_w * sent_s));
+    }
+
+    /// Ends `slot` for the live SN `sensor`, which has sampled `bits` [bit], with `uavs` that wake those in range: first
+    /// it uses energy, then it harvests. Returns whether it dies.
+    pub(crate) fn end_slot(&mut self, slot: u64, sensor: usize, bits: u64, uavs: &[Position]) -> bool {
+        let is_near = |uav: &Position| within(&self.positions[sensor], uav, self.radius_m);
+        let listen_nj = if self.listen_nj > 0 && uavs.iter().any(is_near) { self.listen_nj } else { 0 };
+        let sample_nj = nanojoules(self.keys.sample_j_per_bit * bits as f64);
+        self.take(sensor, self.slot_nj.saturating_add(listen_nj).saturating_add(sample_nj));
+        if self.charge_nj[sensor] == 0 {
+            self.dead += 1;
+            self.first_death.get_or_insert(slot);
+            if 2 * self.dead >= self.charge_nj.len() {
+                self.half_dead.get_or_insert(slot);
+            }
+            return true;
+        }
+        let harvest_nj = self.harvest_nj.of(sensor);
+        let stored_nj = harvest_nj.min(self.capacity_nj.of(sensor) - self.charge_nj[sensor]);
+        self.charge_nj[sensor] += stored_nj;
+        self.totals.harvested_nj += u128::from(harvest_nj);
+        self.totals.spilled_nj += u128::from(harvest_nj - stored_nj);
+        false
+    }
+
+    /// Appends the state for a checkpoint.
+    pub fn save(&self, bytes: &mut Vec<u8>) {
+        let Self { totals, first_death, half_dead, lost_bits, .. } = *self;
+        let charge_nj = bytemuck::cast_slice(&self.charge_nj).to_vec();
+        encode(&SavedCharges { charge_nj, totals, first_death, half_dead, lost_bits }, bytes);
+    }
+
+    /// Bytes that [`Self::save`] takes for each SN.
+    pub const BYTES_PER_SENSOR: usize = size_of::<u64>();
+
+    /// These charges as they were saved at the beginning of `bytes`, after `slot`, and the bytes after them.
+    ///
+    /// # Errors
+    /// If the state is impossible.
+    pub fn restored<'a>(&self, slot: u64, bytes: &'a [u8]) -> Result<(Self, &'a [u8]), CheckpointError> {
+        let (saved, left) = decode_first(bytes)?;
+        let SavedCharges { charge_nj, totals, first_death, half_dead, lost_bits } = saved;
+        let charge_nj: Vec<u64> = bytemuck::pod_collect_to_vec(&charge_nj);
+        let dead = charge_nj.iter().filter(|&&nj| nj == 0).count();
+        let restored = Self { charge_nj, totals, dead, first_death, half_dead, lost_bits, ..self.clone() };
+        let fits = |(id, &nj): (usize, &u64)| nj <= self.capacity_nj.of(id);
+        let is_possible = restored.charge_nj.len() == self.charge_nj.len()
+            && restored.charge_nj.iter().enumerate().all(fits)
+            && totals.initial_nj == self.totals.initial_nj
+            && restored.is_balanced()
+            && first_death.is_some() == (dead > 0)
+            && half_dead.is_some() == (2 * dead >= self.charge_nj.len())
+            && [first_death, half_dead].iter().flatten().all(|death| (1..=slot).contains(death));
+        CheckpointError::ensure(is_possible, "possible charges of this field")?;
+        Ok((restored, left))
+    }
+}
+
+/// The sum of charges [nJ].
+fn sum(charge_nj: &[u64]) -> u128 {
+    charge_nj.iter().copied().map(u128::from).sum()
+}
+
+/// The checkpoint of charges.
+#[derive(Serialize, Deserialize)]
+struct SavedCharges {
+    /// `u64` by sensor node, in native byte order.
+    #[serde(with = "serde_bytes")]
+    charge_nj: Vec<u8>,
+    totals: NodeEnergyTotals,
+    first_death: Option<u64>,
+    half_dead: Option<u64>,
+    lost_bits: u64,
+}
+
+/// What the batteries of the sensor nodes gave in a mission, and which are dead, as in `summary.json`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct NodeEnergyUse {
+    /// Taken by all sensor nodes [J].
+    pub used_j: f64,
+    /// Harvested by all of them [J], also into full batteries.
+    pub harvested_j: f64,
+    /// Taken for each bit delivered [J]; `None` if none was.
+    pub energy_per_bit_j: Option<f64>,
+    /// Least energy left, as a fraction of the capacity.
+    pub residual_min: f64,
+    /// Mean energy left, as a fraction of the capacity.
+    pub residual_mean: f64,
+    /// Sensor nodes that are dead.
+    pub dead: usize,
+    /// The time at whose end the first died [s]; `None` if none did.
+    pub first_death_s: Option<f64>,
+    /// The time at whose end half of them were dead [s]; `None` if they are not.
+    pub half_dead_s: Option<f64>,
+    /// Bits that dead sensor nodes held or have sampled, a part of `lost_bits`.
+    pub lost_to_death_bits: u64,
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,171 @@
+//! Tests of the batteries of sensor nodes.
+
+use super::*;
+use crate::arrivals::Poisson;
+use crate::cohorts::{Expiry, Overflow};
+use crate::ledger::Ledger;
+use crate::random::Streams;
+use crate::sampling::Sampling;
+use proptest::prelude::*;
+use std::cmp::Ordering;
+
+/// Batteries that take nothing.
+const IDLE: NodeEnergyKeys = NodeEnergyKeys {
+    capacity_j: None,
+    initial: 1.0,
+    harvest_w: 0.0,
+    sleep_w: 0.0,
+    sample_j_per_bit: 0.0,
+    wake: None,
+    listen_w: None,
+    wake_j: None,
+    tx_w: 0.0,
+};
+
+/// SNs that sample 100 bit a slot into 10 000 bit, 50 m apart, with batteries of `capacity_j`, in slots of 2 s.
+fn ledger(keys: NodeEnergyKeys, capacity_j: f64, harvest_w: f64, queues_bits: &[u32]) -> Ledger {
+    let count = queues_bits.len();
+    let sampling = Sampling::new(vec![100.0; count], vec![10_000; count]);
+    let batteries = vec![NodeBattery { capacity_j, harvest_w }; count];
+    let positions = (0..count).map(|id| Position::new(50.0 * id as f64, 0.0));
+    let charges = Charges::new(keys, 2.0, &batteries, positions, 10.0);
+    Ledger::new(sampling, queues_bits.to_vec()).with_charges(Some(charges))
+}
+
+#[test]
+fn an_unserved_sensor_node_dies_when_sleep_has_taken_its_battery() {
+    // ⌈capacity/(sleep τ)⌉, τ = 2 s
+    for (capacity_j, sleep_w, death) in [(10.0, 0.5, 10), (10.1, 0.5, 11), (1.0, 1.0, 1), (7.0, 0.25, 14)] {
+        let mut ledger = ledger(NodeEnergyKeys { sleep_w, ..IDLE }, capacity_j, 0.0, &[30, 40]);
+        for slot in 1..=20 {
+            let lost_bits = ledger.sample(slot) + ledger.spend(slot, &[]);
+            let held_bits = 2 * 100 * slot + 70;
+            let expected_bits = match slot.cmp(&death) {
+                Ordering::Less => 0,
+                Ordering::Equal => held_bits,
+                Ordering::Greater => 200,
+            };
+            assert_eq!(lost_bits, expected_bits, "slot {slot}");
+        }
+        let found = ledger.charges().unwrap().summed_up(0);
+        assert_eq!((found.first_death_s, found.half_dead_s), (Some(2.0 * death as f64), Some(2.0 * death as f64)));
+        assert_eq!((found.dead, found.energy_per_bit_j, found.residual_mean), (2, None, 0.0));
+        assert_eq!((ledger.queues_bits(), &ledger.told_bits()[..]), (&[0, 0][..], &[DEAD, DEAD][..]));
+        assert!(ledger.totals().is_balanced() && ledger.charges().unwrap().is_balanced());
+    }
+}
+
+#[test]
+fn each_wake_mode_takes_what_its_slots_take() {
+    // Sleep 1 W, listening 2 W, 0.01 J for each of 100 bit, slots of 2 s: 2 + 1 J in each slot. SN 0 is served in slot
+    // 2 of 3 and sends 200 bit at 50 bit/s: 3 + 4 W · 4 s = 19 J. A UAV is in range of it in slots 2 and 3.
+    let keys = NodeEnergyKeys { sleep_w: 1.0, sample_j_per_bit: 0.01, wake_j: Some(3.0), tx_w: 4.0, ..IDLE };
+    for (wake, listen_w, used_j) in [
+        (None, None, [9 + 19, 9]),
+        (Some(WakeMode::Radio), None, [9 + 19, 9]),
+        (Some(WakeMode::Always), Some(2.0), [9 + 19 + 12, 9 + 12]),
+        (Some(WakeMode::Scheduled), Some(2.0), [9 + 19 + 8, 9]),
+    ] {
+        let mut ledger = ledger(NodeEnergyKeys { wake, listen_w, ..keys }, 100.0, 0.0, &[0, 0]);
+        for slot in 1..=3 {
+            ledger.sample(slot);
+            if slot == 2 {
+                assert_eq!(ledger.serve(0, 999, 50.0), 200);
+            }
+            let uav = if slot >= 2 { Position::new(0.0, 10.0) } else { Position::new(20.0, 0.0) };
+            ledger.spend(slot, &[uav]);
+        }
+        let left_nj = used_j.map(|used_j| (100 - used_j) * 1_000_000_000);
+        assert_eq!(ledger.charges().unwrap().charges_nj(), left_nj, "{wake:?}");
+    }
+}
+
+#[test]
+fn a_full_battery_spills_what_it_harvests_and_a_death_comes_before_the_harvest() {
+    let keys = NodeEnergyKeys { sleep_w: 1.0, ..IDLE };
+    let mut full = ledger(keys, 10.0, 1.5, &[0]);
+    full.sample(1);
+    full.spend(1, &[]);
+    let NodeEnergyTotals { harvested_nj, spilled_nj, used_nj, .. } = full.charges().unwrap().totals();
+    assert_eq!([harvested_nj, spilled_nj, used_nj], [3_000_000_000, 1_000_000_000, 2_000_000_000]);
+    let mut poor = ledger(keys, 2.0, 1.5, &[7]);
+    assert_eq!((poor.sample(1), poor.spend(1, &[])), (0, 107));
+    assert_eq!((poor.serve(0, 99, 1.0), poor.charges().unwrap().charges_nj()), (0, &[0][..]), "for good");
+}
+
+/// The SNs one by one: charge [nJ], and whether it is alive.
+struct Single {
+    charge_nj: u64,
+    alive: bool,
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(1_000))]
+
+    #[test]
+    fn all_energy_and_all_bits_are_accounted_for(
+        means in prop::collection::vec(prop_oneof![Just(0.0), Just(2.5), 0.0..90.0f64], 1..5),
+        capacity_j in prop_oneof![Just(1e-9), 0.1..40.0f64],
+        initial in 0.05..=1.0f64,
+        harvest_w in prop_oneof![Just(0.0), 0.0..2.0f64],
+        powers in [0.0..1.0f64, 0.0..0.01, 0.0..1.0, 0.0..3.0, 0.0..9.0],
+        wake in prop_oneof![Just(None), Just(Some(WakeMode::Always)), Just(Some(WakeMode::Scheduled))],
+        overflow in prop_oneof![Just(Overflow::Newest), Just(Overflow::Oldest)],
+        expiry_slots in prop::option::of(1u64..9),
+        seed in prop::option::of(any::<u64>()),
+        services in prop::collection::vec((0usize..6, 0u64..300, 0.0..90.0f64), 1..60),
+    ) {
+        let [sleep_w, sample_j_per_bit, listen_w, wake_j, tx_w] = powers;
+        let keys = NodeEnergyKeys {
+            capacity_j: None, initial, harvest_w, sleep_w, sample_j_per_bit, wake, listen_w: Some(listen_w),
+            wake_j: Some(wake_j), tx_w,
+        };
+        let drawn = seed.map(|seed| Poisson::new(2.0, Streams::new(seed)).into());
+        let sampling = Sampling::new(means.clone(), vec![200; means.len()]).with_arrivals(drawn)
+            .with_expiry(expiry_slots.map(|slots| Expiry { slots, overflow }));
+        let batteries = vec![NodeBattery { capacity_j, harvest_w }; means.len()];
+        let position = |id: usize| Position::new(30.0 * id as f64, 0.0);
+        let charges = Charges::new(keys, 1.0, &batteries, (0..means.len()).map(position), 40.0);
+        let new = || Ledger::new(sampling.clone(), vec![50; means.len()]).with_charges(Some(charges.clone()));
+        let mut ledger = new();
+        let mut singly: Vec<Single> = charges.charges_nj().iter().map(|&charge_nj| Single { charge_nj, alive: true }).collect();
+        for (slot, &(served, capacity_bits, rate_bps)) in (1u64..).zip(&services) {
+            let before_bits = ledger.totals().lost_bits;
+            let mut lost_bits = ledger.sample(slot);
+            let mut sent_nj = 0;
+            if served < means.len() {
+                let bits = ledger.serve(served, capacity_bits, rate_bps);
+                prop_assert!(singly[served].alive || bits == 0);
+                sent_nj = nanojoules(wake_j + if bits > 0 { tx_w * (bits as f64 / rate_bps) } else { 0.0 });
+            }
+            lost_bits += ledger.spend(slot, &[position(served)]);
+            prop_assert_eq!(ledger.totals().lost_bits, before_bits + lost_bits);
+            for (id, single) in singly.iter_mut().enumerate().filter(|(_, single)| single.alive) {
+                let is_near = id.abs_diff(served) <= 1;
+                let listens = wake == Some(WakeMode::Always) || wake == Some(WakeMode::Scheduled) && is_near;
+                let use_nj = nanojoules(sleep_w)
+                    .saturating_add(if listens { nanojoules(listen_w) } else { 0 })
+                    .saturating_add(nanojoules(sample_j_per_bit * sampling.bits(id, slot) as f64))
+                    .saturating_add(if id == served { sent_nj } else { 0 });
+                single.charge_nj = single.charge_nj.saturating_sub(use_nj);
+                single.alive = single.charge_nj > 0;
+                let more_nj = if single.alive { nanojoules(harvest_w) } else { 0 };
+                single.charge_nj = (single.charge_nj + more_nj).min(nanojoules(capacity_j).max(1));
+            }
+            let charges = ledger.charges().unwrap();
+            prop_assert!(charges.is_balanced() && ledger.totals().is_balanced());
+            prop_assert!(charges.charges_nj().iter().eq(singly.iter().map(|single| &single.charge_nj)));
+            let dead = |id: usize| !singly[id].alive;
+            prop_assert!((0..means.len()).all(|id| !dead(id) || ledger.queues_bits()[id] == 0));
+            prop_assert!(charges.lost_bits <= ledger.totals().lost_bits);
+            let mut bytes = Vec::new();
+            charges.save(&mut bytes);
+            let (restored, left) = new().charges().unwrap().restored(slot, &bytes).unwrap();
+            prop_assert!(left.is_empty() && &restored == charges);
+            let mut again = new().with_charges(Some(restored));
+            prop_assert!(again.restore(
+                slot, ledger.queues_bits(), ledger.delivered_bits(), ledger.drawn_bits(), ledger.cohorts().cloned()));
+            prop_assert_eq!(&again, &ledger);
+        }
+    }
+}

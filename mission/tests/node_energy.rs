@@ -1,0 +1,129 @@
+//! Sensor nodes with batteries (decision D33): who is visited, what is lost, and what a plant saves.
+
+mod support;
+
+use skysink_common::checkpoint::Checkpoint;
+use skysink_common::scenario::Scenario;
+use skysink_common::sensors::SensorList;
+use skysink_common::stop::Stop;
+use skysink_mission::origin::RunMode;
+use skysink_mission::summary::Tally;
+use skysink_mission::{Mission, Plant};
+use skysink_planner::bound::mission_bound;
+use skysink_planner::strategies::STRATEGIES;
+use std::collections::HashSet;
+use std::time::Duration;
+use support::scenario_of;
+
+/// A field of 40 SNs with these keys, of which most die within the mission.
+fn field(seed: u64, keys: &str) -> String {
+    format!(
+        "name = 'energy'\nseed = {seed}\nslots = 120\narea.side_m = 250.0\nsensors.count = 40\n\
+         sensors.sampling_bps = [100.0, 900.0]\nplanner.horizon.iterations = 100\nplanner.offline.steps = 2000\n\
+         sensors.energy.capacity_j = 2.0\nsensors.energy.sleep_w = 0.01\nsensors.energy.harvest_w = 0.005\n\
+         sensors.energy.sample_j_per_bit = 7e-5\nsensors.energy.tx_w = 20.0\n{keys}"
+    )
+}
+
+/// The SNs without energy after the last slot.
+fn dead(plant: &Plant) -> HashSet<u32> {
+    let charges = plant.field().charges().unwrap().charges_nj();
+    (0..).zip(charges).filter(|(_, nj)| **nj == 0).map(|(id, _)| id).collect()
+}
+
+fn sensors(scenario: &Scenario) -> SensorList {
+    SensorList::of(scenario).unwrap()
+}
+
+#[test]
+fn no_strategy_schedules_a_sensor_node_that_is_known_to_be_dead() {
+    for strategy in STRATEGIES {
+        for (keys, most) in [
+            ("", 0),
+            ("planner.knowledge = 'estimated'\n", 1),
+            ("uav.count = 2\n", 0),
+            ("planner.objective = { loss = 1.0, age = 0.1 }\n", 0),
+            ("planner.objective = 'collect'\n", 0),
+        ] {
+            let scenario = scenario_of(&field(3, keys), strategy.name);
+            let mut mission = Mission::new(&scenario, &sensors(&scenario)).unwrap();
+            let mut visits = std::collections::HashMap::<u32, u32>::new();
+            let mut before = dead(mission.plant());
+            while let Some(record) = mission.next() {
+                let scheduled = record.plans.iter().flatten().flat_map(|plan| plan.scheduled().to_vec());
+                scheduled.filter(|id| before.contains(id)).for_each(|id| *visits.entry(id).or_default() += 1);
+                before = dead(mission.plant());
+            }
+            assert!(before.len() > 15, "{}, {keys}: {} dead", strategy.name, before.len());
+            assert!(visits.values().all(|&visits| visits <= most), "{}, {keys}: {visits:?}", strategy.name);
+        }
+    }
+}
+
+#[test]
+fn a_uav_leaves_the_dead_for_the_living() {
+    // A cluster of SNs around the start that die in slot 20; one that lives 100 m away, which fills in 20 slots.
+    for strategy in STRATEGIES.iter().filter(|strategy| !["hover", "rfs", "offline"].contains(&strategy.name)) {
+        let text = "name = 'x'\nslots = 150\nslot_s = 1.0\narea.side_m = 200.0\nsensors.file = 's.csv'\n\
+                    uav.start_m = [20, 20]\nuav.max_speed_mps = 15.0\nsensors.energy.sleep_w = 1.0\n\
+                    planner.horizon.iterations = 100\nplanner.objective = 'loss'\n";
+        let scenario = scenario_of(text, strategy.name);
+        let near: String = (0..6).map(|id| format!("{},{},0,900,20\n", 15 + 2 * id, 20)).collect();
+        let csv = format!("x_m,y_m,queue_bits,sampling_bps,capacity_j\n{near}120,20,0,1500,1e6\n");
+        let list = SensorList::parse(&csv, "s.csv".as_ref(), &scenario).unwrap();
+        let mut mission = Mission::new(&scenario, &list).unwrap();
+        let delivered = |mission: &Mission| mission.plant().field().delivered_bits()[6];
+        mission.by_ref().take(60).count();
+        assert_eq!(dead(mission.plant()).len(), 6);
+        let before = delivered(&mission);
+        mission.by_ref().count();
+        assert!(delivered(&mission) >= before + 80 * 1_500, "{}: {before} {}", strategy.name, delivered(&mission));
+    }
+}
+
+#[test]
+fn what_the_dead_lose_is_a_part_of_the_loss_and_the_bound_holds() {
+    for strategy in ["tour", "horizon"] {
+        let scenario =
+            scenario_of(&field(4, "sensors.energy.wake = 'always'\nsensors.energy.listen_w = 0.01\n"), strategy);
+        let list = sensors(&scenario);
+        let mut tally = Tally::new(&scenario, &list, &RunMode::default());
+        let mut mission = Mission::new(&scenario, &list).unwrap();
+        mission.drive(&mut [&mut tally], &Stop::default()).unwrap();
+        let summary = tally.summary(Duration::ZERO, 0);
+        let energy = summary.node_energy.unwrap();
+        let charges = mission.plant().field().charges().unwrap();
+        assert!(charges.is_balanced() && summary.totals.is_balanced());
+        assert_eq!(energy, charges.summed_up(summary.totals.delivered_bits), "the summary sees what the field does");
+        assert!(energy.dead > 20 && energy.first_death_s < energy.half_dead_s, "{energy:?}");
+        assert!((1..=summary.totals.lost_bits).contains(&energy.lost_to_death_bits), "{energy:?}");
+        let per_bit_j = energy.used_j / summary.totals.delivered_bits as f64;
+        assert!((energy.energy_per_bit_j.unwrap() - per_bit_j).abs() < 1e-12 && summary.loss_rate <= 1.0);
+        let bound = mission_bound(&scenario, &list.sensors_of(&scenario), &list.queues_bits(), u64::MAX);
+        assert!(bound.loss_bits <= summary.totals.lost_bits);
+    }
+}
+
+#[test]
+fn a_restored_plant_continues_with_its_charges_and_refuses_others() {
+    for keys in ["", "sensors.expiry_s = 20.0\n"] {
+        let scenario = scenario_of(&field(5, keys), "edf");
+        let list = sensors(&scenario);
+        let mut mission = Mission::new(&scenario, &list).unwrap();
+        let records: Vec<_> = mission.by_ref().collect();
+        let mut plant = Plant::new(&scenario, &list);
+        records[..60].iter().for_each(|record| _ = plant.step(&record.plans));
+        let mut bytes = Vec::new();
+        plant.save(&mut bytes);
+        let mut restored = Plant::new(&scenario, &list);
+        restored.restore(&bytes).unwrap();
+        assert!(!dead(&restored).is_empty() && restored.field() == plant.field());
+        for record in &records[60..] {
+            assert_eq!(restored.step(&record.plans).header, record.header);
+        }
+        restored.restore(&bytes).unwrap(); // backwards: some of its dead live
+        assert!(restored.field() == plant.field());
+        let richer = scenario_of(&field(5, &format!("{keys}sensors.energy.initial = 0.9\n")), "edf");
+        assert!(Plant::new(&richer, &list).restore(&bytes).is_err(), "another charge before slot 1");
+    }
+}
