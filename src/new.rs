@@ -1,11 +1,16 @@
 //! `skysink new`: creates a scenario file, with zones if they are imported, and a sensor list if positions are.
 
+mod additions;
 #[cfg(feature = "lab")]
 mod degrees;
 mod field;
 #[cfg(feature = "lab")]
 mod import;
+#[cfg(feature = "lab")]
+mod log;
 mod presets;
+#[cfg(feature = "lab")]
+mod terrain;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -27,8 +32,9 @@ use toml::{Table, Value};
 
 use crate::error::Error;
 use crate::report::print;
+use additions::Additions;
 use field::{LIST, NewField};
-use presets::{Hardware, Lines};
+use presets::{Hardware, Lines, commented};
 
 /// The beginning of the scenario file.
 const HEADER: &str = "\
@@ -37,9 +43,6 @@ const HEADER: &str = "\
 #   skysink check FILE       prints every key, derived figures and warnings
 #   skysink simulate FILE    simulates it
 ";
-
-/// Column of the comments.
-const COMMENT_COLUMN: usize = 34;
 
 /// The key that names the sensor list.
 const LIST_LINE: &str = "file = \"sensors.csv\"              # a row for each; metres, or degrees about the origin\n";
@@ -53,6 +56,8 @@ Examples:
   skysink new city --sensors nodes.csv --out scenarios/city
   skysink new city --sensors nodes.kml --zones zones.geojson
   skysink new city --sensors nodes.csv --radio lora-sf7 --drone x500
+  skysink new city --log flights/monday
+  skysink new city --sensors nodes.csv --terrain dem.asc --clearance 10
 
 With --sensors, it also writes sensors.csv and sets the area to enclose the
 sensor nodes. CSV columns are matched by name: x, y [m] or lat, lon [°], and
@@ -63,6 +68,12 @@ With --zones, each polygon becomes a no-fly zone; one with a property `height`
 [m] a building; one whose `kind` or `name` is `boundary`, or which encloses all
 sensor nodes, the boundary of the area. Without --sensors, the sensor nodes are
 drawn at random.
+
+With --log, links and flight are those of DIR/log.csv: time_s, x_m, y_m (or
+lat_deg, lon_deg), z_m, sensor, snr_db. DIR/rates.csv has snr_db, rate_bps.
+
+With --terrain, ground too high for the flight becomes no-fly zones, and links
+are hidden where the ground is in the way.
 
 With --radio and --drone, links, flight and battery are those of the named
 hardware, and slots suit both.";
@@ -91,6 +102,18 @@ pub struct NewCommand {
     #[cfg(feature = "lab")]
     #[arg(long, value_name = "X,Y", value_parser = place, allow_hyphen_values = true)]
     start: Option<[f64; 2]>,
+    /// Folder of a flight log: log.csv, rates.csv and, without --sensors, sensors.csv.
+    #[cfg(feature = "lab")]
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["start", "radio", "drone"])]
+    log: Option<PathBuf>,
+    /// Heights of the ground: an Esri ASCII grid in the coordinates of the positions.
+    #[cfg(feature = "lab")]
+    #[arg(long, value_name = "FILE", requires = "sensors", conflicts_with_all = ["log", "zones"])]
+    terrain: Option<PathBuf>,
+    /// Least height of the flight above the ground [m].
+    #[cfg(feature = "lab")]
+    #[arg(long, value_name = "M", requires = "terrain", default_value = "10", value_parser = clearance)]
+    clearance: f64,
     #[command(flatten)]
     hardware: Hardware,
     /// Output folder [default: ./NAME].
@@ -110,22 +133,28 @@ impl NewCommand {
     pub fn run(self, _: &Stop) -> Result<(), Error> {
         let folder = self.out.clone().unwrap_or_else(|| PathBuf::from(&self.name));
         let path = folder.join(format!("{}.toml", self.name));
-        let scenario = |text: &str| Scenario::parse(text, &path, Overrides::default()).and_then(settings::resolve);
-        let plain = scenario(&text(&self.name, None, &self.hardware.lines()))?; // checks the name before the import
-        let field = self.field(plain.link.comm_radius_m)?;
+        let scenario = |text: &str, overrides| Scenario::parse(text, &path, overrides).and_then(settings::resolve);
+        // Checks the name before the import.
+        let plain = scenario(&text(&self.name, None, &self.hardware.lines()), Overrides::default())?;
+        let sources = self.sources()?;
+        let mut field = self.field(&sources, plain.link.comm_radius_m)?;
+        let sensors_of = |field: Option<&NewField>, scenario: &Scenario| {
+            field.map_or_else(|| SensorList::of(scenario), |field| field.sensors(scenario))
+        };
+        let draft = scenario(&text(&self.name, field.as_ref(), &self.hardware.lines()), Overrides::default())?;
+        let list = sensors_of(field.as_ref(), &draft)?;
+        let mut lines = self.hardware.lines_with_slots(&draft, &list);
+        let additions = self.additions(&sources, field.as_mut(), &draft, &list, &mut lines)?;
         let field = field.as_ref();
-        let sensors_of =
-            |scenario: &Scenario| field.map_or_else(|| SensorList::of(scenario), |field| field.sensors(scenario));
-        let draft = scenario(&text(&self.name, field, &self.hardware.lines()))?;
-        let lines = self.hardware.lines_with_slots(&draft, &sensors_of(&draft)?);
         let text = text(&self.name, field, &lines);
-        let checked = scenario(&text)?;
-        let sensors = sensors_of(&checked)?;
+        let checked = scenario(&text, additions.overrides)?;
+        let sensors = sensors_of(field, &checked)?;
         let list = field.and_then(|field| Some((folder.join(LIST), field.list.as_ref()?.as_bytes())));
-        let files: Vec<_> = list.into_iter().chain([(path.clone(), text.as_bytes())]).collect();
+        let added = additions.files.iter().map(|(name, text)| (folder.join(name), text.as_bytes()));
+        let files: Vec<_> = list.into_iter().chain(added).chain([(path.clone(), text.as_bytes())]).collect();
         write_into(&folder, &files, Earlier::by_force(self.force))?;
-        field.iter().flat_map(|field| &field.notes).try_for_each(print)?;
-        let warnings = field.iter().flat_map(|field| &field.warnings);
+        field.iter().flat_map(|field| &field.notes).chain(&additions.notes).try_for_each(print)?;
+        let warnings = field.iter().flat_map(|field| &field.warnings).chain(&additions.warnings);
         warnings.for_each(|warning| Role::Launcher.log(format_args!("warning: {warning}")));
         let [width_m, height_m] = [checked.area.width_m(), checked.area.height_m()];
         let count = sensors.sensors().len();
@@ -139,20 +168,84 @@ impl NewCommand {
         print(format_args!("Next:  skysink check {}", shlex::try_quote(&path.to_string_lossy()).unwrap_or_default()))
     }
 
+    /// Reads the log and the terrain.
     #[cfg(feature = "lab")]
-    fn field(&self, comm_radius_m: f64) -> Result<Option<NewField>, Error> {
+    fn sources(&self) -> Result<Surveys<'_>, Error> {
+        let log = self.log.as_deref().map(log::LoggedFlight::read).transpose()?;
+        let terrain = self.terrain.as_deref().map(|path| terrain::Terrain::read(path, self.clearance)).transpose()?;
+        Ok(Surveys { log, terrain })
+    }
+
+    #[cfg(feature = "lab")]
+    fn field(&self, surveys: &Surveys<'_>, comm_radius_m: f64) -> Result<Option<NewField>, Error> {
         Ok(import::field(&import::Sources {
             sensors: self.sensors.as_deref(),
             zones: self.zones.as_deref(),
             start: self.start,
             comm_radius_m,
+            log: surveys.log.as_ref(),
+            terrain: surveys.terrain.as_ref(),
         })?)
     }
 
-    #[cfg(not(feature = "lab"))]
-    fn field(&self, _: f64) -> Result<Option<NewField>, Error> {
+    /// What the log or the terrain adds to the `draft`.
+    #[cfg(feature = "lab")]
+    fn additions(
+        &self,
+        surveys: &Surveys<'_>,
+        field: Option<&mut NewField>,
+        draft: &Scenario,
+        list: &SensorList,
+        lines: &mut Lines,
+    ) -> Result<Additions, Error> {
+        let Some(field) = field else { return Ok(Additions::default()) };
+        let additions = match surveys {
+            Surveys { log: Some(log), .. } => {
+                log::TRACK_LINE.clone_into(&mut field.uav);
+                log.additions(draft, list, field.shift, lines)?
+            }
+            Surveys { terrain: Some(terrain), .. } => terrain.additions(draft, list, field.shift, lines)?,
+            _ => return Ok(Additions::default()),
+        };
+        field.zones += &additions.zones;
+        Ok(additions)
+    }
+}
+
+/// What a new scenario is measured from.
+#[cfg(feature = "lab")]
+struct Surveys<'a> {
+    log: Option<log::LoggedFlight>,
+    terrain: Option<terrain::Terrain<'a>>,
+}
+
+#[cfg(not(feature = "lab"))]
+impl NewCommand {
+    fn sources(&self) -> Result<(), Error> {
+        Ok(())
+    }
+
+    fn field(&self, (): &(), _: f64) -> Result<Option<NewField>, Error> {
         Ok(None)
     }
+
+    fn additions(
+        &self,
+        (): &(),
+        _: Option<&mut NewField>,
+        _: &Scenario,
+        _: &SensorList,
+        _: &mut Lines,
+    ) -> Result<Additions, Error> {
+        Ok(Additions::default())
+    }
+}
+
+/// Parses a least height above the ground.
+#[cfg(feature = "lab")]
+fn clearance(text: &str) -> Result<f64, String> {
+    let clearance_m = text.parse().ok().filter(|clearance_m: &f64| (0.0..=1e4).contains(clearance_m));
+    clearance_m.ok_or_else(|| "expected 0 to 10000 m".to_owned())
 }
 
 /// Parses the two numbers of a place.
@@ -205,11 +298,6 @@ fn line(key: &Key, table: &Table) -> Option<String> {
     let sentence = key.words.split(". ").next()?.replace('`', "");
     let clause = sentence.split("; ").next()?.trim_end_matches('.');
     Some(commented(&setting, clause))
-}
-
-/// A line with a comment.
-fn commented(setting: &str, comment: &str) -> String {
-    format!("{setting:COMMENT_COLUMN$}# {comment}\n")
 }
 
 /// Writes files into `folder`, all or none.

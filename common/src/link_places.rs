@@ -12,6 +12,11 @@ use crate::sensors::SensorList;
 /// If there is a grid for an unknown sensor node, or a sensor node without one.
 pub fn placed(scenario: &Scenario) -> Result<Option<&'static LinkMap>, InputError> {
     let (Some(map), Some(file)) = (scenario.link.map, &scenario.link.file) else { return Ok(None) };
+    let residual_m = scenario.link.residual_m.filter(|residual_m| *residual_m > 0.0);
+    if let Some(residual_m) = residual_m.filter(|_| scenario.link.residual_db.is_none()) {
+        let expected = "a residual that stays beside its standard deviation, link.residual_db";
+        return Err(scenario.refusal("link.residual_m", &residual_m.into(), expected));
+    }
     if map.has_rates() {
         let of_snr = "none beside a map of rates (rate_bps in link.file)";
         if let Some(residual_db) = scenario.link.residual_db.filter(|residual_db| *residual_db > 0.0) {
@@ -33,11 +38,19 @@ pub fn placed(scenario: &Scenario) -> Result<Option<&'static LinkMap>, InputErro
         return Ok(Some(map));
     }
     let refuse = |message: String| InputError::new("channel", &scenario.beside(file), message);
-    let list = SensorList::of(scenario)?;
+    let list = SensorList::without_arrivals(scenario)?;
     let count = list.sensors().len();
+    let by_id = |name: &String| name.parse().ok().filter(|id| *id < count);
+    let are_ids = names.iter().all(|name| by_id(name).is_some());
+    let are_names = names.iter().all(|name| list.ids_named(name).next().is_some());
     let id = |name: &String| {
-        let named = (0..count).find(|&id| list.name(id) == Some(name));
-        let id = named.or_else(|| name.parse().ok().filter(|id| *id < count));
+        let mut named = list.ids_named(name).filter(|_| are_names || !are_ids);
+        let first = named.next();
+        if let (Some(first), Some(second)) = (first, named.next()) {
+            let expected = "expected names of one sensor node each, or ids";
+            return Err(refuse(format!("sensor `{name}`: SN {first} and SN {second} have this name: {expected}")));
+        }
+        let id = first.or_else(|| by_id(name));
         id.ok_or_else(|| refuse(format!("sensor `{name}`: expected the name or the id of a sensor node, or nothing")))
     };
     let ids = names.iter().map(id).collect::<Result<Vec<usize>, _>>()?;

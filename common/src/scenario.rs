@@ -65,6 +65,9 @@ pub struct Overrides {
     pub keys: Vec<Setting>,
     /// Replaces the content of the file `link.file`, which is then not read.
     pub table: Option<&'static RateTable>,
+    /// Replaces the content of the files `link.file` and `link.rates` of a map, which are then not read. Where it has no
+    /// places of sensor nodes, they are those of the list.
+    pub map: Option<&'static LinkMap>,
 }
 
 /// ```
@@ -174,7 +177,10 @@ impl Scenario {
         }
         if let Some(file) = scenario.link.file.as_ref().filter(|_| scenario.link.model == LinkModel::Map) {
             let rates = scenario.link.rates.as_ref().map(|rates| scenario.beside(rates));
-            scenario.link.map = Some(LinkMap::read(&scenario.beside(file), rates.as_deref())?);
+            scenario.link.map = Some(match overrides.map {
+                Some(map) => map,
+                None => LinkMap::read(&scenario.beside(file), rates.as_deref())?,
+            });
         }
         scenario.link.buildings = (scenario.link.model == LinkModel::Buildings).then(|| scenario.buildings().held());
         if let Some(strategy) = overrides.strategy {

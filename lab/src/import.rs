@@ -1,15 +1,24 @@
-//! Imports positions of sensor nodes from CSV, KML, GPX and GeoJSON. The caller derives the scenario.
+//! Imports positions of sensor nodes from CSV, KML, GPX and GeoJSON, links from flight logs, and the ground from grids of
+//! heights. The caller derives the scenario.
 
 mod csv;
+mod flight_log;
 mod gpx;
 mod imported;
+mod measured;
+mod outlines;
+mod terrain;
 
 use std::path::Path;
 
 use skysink_common::error::InputError;
 use skysink_common::geodata::{self, KMZ, ReadFormat, geojson, kml};
 
+pub use flight_log::{FlightLog, LogRow};
 pub use imported::{Frame, GROUND, Imported, ImportedSensor, south_west};
+pub use measured::{FittedLaw, MapGrid, Measured, MeasuredBin};
+pub use outlines::{CellOutline, outlines};
+pub use terrain::HeightGrid;
 
 /// The kind of input in error messages.
 const WHAT: &str = "sensor positions";

@@ -64,11 +64,15 @@ class Scenario:
 
     @staticmethod
     def parse(
-        text: str, path: str | PathLike[str] = ..., arrivals: str | None = None, channel: str | None = None
+        text: str,
+        path: str | PathLike[str] = ...,
+        arrivals: str | None = None,
+        channel: str | None = None,
+        rates: str | None = None,
     ) -> Scenario:
-        """Parses a scenario file's text. ``path`` is for errors and relative paths. ``arrivals`` and ``channel`` are
-        the texts of the files of ``sensors.arrivals.file`` and ``link.file``, which are then not read. Raises
-        :class:`InputError`.
+        """Parses a scenario file's text. ``path`` is for errors and relative paths. ``arrivals``, ``channel`` and
+        ``rates`` are the texts of the files of ``sensors.arrivals.file``, ``link.file`` and ``link.rates``, which are
+        then not read. Raises :class:`InputError`.
         """
 
     def with_channel(
@@ -80,6 +84,20 @@ class Scenario:
     ) -> Scenario:
         """A copy with a channel of these rates [bit/s], by distance, altitude and probability (``docs/src/model.md``).
         Raises :class:`InputError`.
+        """
+
+    def with_links(
+        self,
+        x_m: Sequence[float] | NDArray[np.float64],
+        y_m: Sequence[float] | NDArray[np.float64],
+        z_m: Sequence[float] | NDArray[np.float64],
+        levels: NDArray[np.float64],
+        rates: Sequence[Sequence[float]] | NDArray[np.float64] | None = None,
+    ) -> Scenario:
+        """A copy with links by place (``docs/src/model.md``, D32): ``levels`` [N, z, y, x], for each SN, or with N = 1
+        for all, at the positions ``x_m``, ``y_m`` and ``z_m`` of the UAV, NaN for no link. They are SNRs [dB], of which
+        ``rates`` [steps, 2] has the SNR from which on each rate [bit/s] is carried, or without it rates. Raises
+        :class:`InputError`.
         """
 
     def mean_bits(self) -> NDArray[np.float64]:

@@ -9,7 +9,6 @@ use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods as _, PyReadonlyArra
 use pyo3::prelude::*;
 use skysink_common::base::Base;
 use skysink_common::belief::Belief;
-use skysink_common::channel::RateTable;
 use skysink_common::error::InputError;
 use skysink_common::geometry::Position;
 use skysink_common::message::SensorNode;
@@ -24,6 +23,7 @@ use skysink_planner::strategies::serving::{fill_fullest_in_range, fill_most_in_r
 use skysink_planner::strategy::Setup;
 
 use crate::errors::refused;
+use crate::held::HeldChannel;
 use crate::route::PyRoute;
 use crate::values::{Reduced, read_only};
 
@@ -263,8 +263,8 @@ impl PyField {
     /// For pickle and copy.
     fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py, (Vec<u8>,)>> {
         let FieldData { scenario, nodes, .. } = &*slf.get().data;
-        let channel = scenario.link.table.map(RateTable::to_csv);
-        let text = (scenario.to_toml(), &scenario.path, None::<&str>, channel);
+        let [channel, rates] = HeldChannel::of(scenario).texts();
+        let text = (scenario.to_toml(), &scenario.path, None::<&str>, channel, rates);
         let scenario = slf.py().import("skysink")?.getattr("Scenario")?.call_method1("parse", text)?;
         Ok((scenario.getattr("_field")?, (bytemuck::cast_slice(nodes).to_vec(),)))
     }

@@ -12,6 +12,7 @@ mod environment;
 mod episode;
 mod errors;
 mod field;
+mod held;
 mod observation;
 mod reward;
 mod ring;

@@ -4,25 +4,26 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use arrow_array::{ArrayRef, Float64Array, UInt32Array};
-use numpy::{IntoPyArray, PyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::{IntoPyArray, PyArray1, PyReadonlyArray2, PyReadonlyArray3, PyReadonlyArray4};
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
 use skysink_common::arrivals::{Arrival, ArrivalTrace, mean_bits};
 use skysink_common::belief::Belief;
-use skysink_common::channel::RateTable;
+use skysink_common::channel::{LinkMap, RateTable};
 use skysink_common::error::read_text;
-use skysink_common::scenario::{CHANNEL, LETTER, Overrides, Scenario, Setting, SettingOrigin, TRACE};
+use skysink_common::scenario::{CHANNEL, LETTER, Overrides, RATES, Scenario, Setting, SettingOrigin, TRACE};
 use skysink_common::sensors::{Sensor, SensorList};
 use skysink_planner::settings;
 use toml::{Table, Value};
 
 use crate::errors::refused;
 use crate::field::PyField;
+use crate::held::HeldChannel;
 use crate::table::PyTable;
 use crate::values::{Reduced, json, to_toml};
 
-/// The arguments of `Scenario.parse`: a text, its path, and the texts of the arrivals and of the channel.
-type Parsed = (String, PathBuf, Option<String>, Option<String>);
+/// The arguments of `Scenario.parse`: a text, its path, and the texts of the arrivals, of the channel and of its rates.
+type Parsed = (String, PathBuf, Option<String>, Option<String>, Option<String>);
 
 /// A validated scenario: mission, sensor field, channel and strategy.
 ///
@@ -38,8 +39,8 @@ pub struct PyScenario {
 }
 
 impl PyScenario {
-    fn new(text: String, path: &Path, keys: Vec<Setting>, table: Option<&'static RateTable>) -> PyResult<Self> {
-        let overrides = Overrides { keys, table, ..Overrides::default() };
+    fn new(text: String, path: &Path, keys: Vec<Setting>, channel: HeldChannel) -> PyResult<Self> {
+        let overrides = Overrides { keys, ..channel.overrides() };
         let scenario = Scenario::parse(&text, path, overrides).and_then(settings::resolve).map_err(refused)?;
         Ok(Self { text, scenario })
     }
@@ -55,21 +56,22 @@ impl PyScenario {
         let changes: Vec<(String, Value)> = changes.into_iter().collect();
         // A file that is named anew is read.
         let is_named = |file: &str| changes.iter().any(|(key, _)| key == file);
-        let table = self.scenario.link.table.filter(|_| !is_named("link.file"));
+        let is_other = is_named("link.file") || is_named("link.rates");
+        let channel = if is_other { HeldChannel::default() } else { HeldChannel::of(&self.scenario) };
         let trace = self.scenario.trace.clone().filter(|_| !is_named("sensors.arrivals.file"));
-        self.changed(changes, table, trace)
+        self.changed(changes, channel, trace)
     }
 
     /// A copy with changed keys, with what it holds of files.
     fn changed(
         &self,
         changes: impl IntoIterator<Item = (String, Value)>,
-        table: Option<&'static RateTable>,
+        channel: HeldChannel,
         trace: Option<ArrivalTrace>,
     ) -> PyResult<Self> {
         let setting = |(key, value)| Setting { key, value, origin: SettingOrigin::Replacement };
         let settings: Vec<Setting> = changes.into_iter().map(setting).collect();
-        let changed = Self::new(self.text.clone(), &self.scenario.path, settings.clone(), table)?.holding(trace);
+        let changed = Self::new(self.text.clone(), &self.scenario.path, settings.clone(), channel)?.holding(trace);
         let mut table: Table = self.text.parse().expect("it has been parsed before");
         Scenario::apply(&settings, &mut table).map_err(refused)?;
         Ok(Self { text: toml::to_string(&table).expect("it has just been parsed"), ..changed })
@@ -82,15 +84,13 @@ impl PyScenario {
 
     /// A scenario from a run folder.
     pub fn on_record(scenario: &Scenario) -> PyResult<Self> {
-        Ok(Self::new(scenario.to_toml(), &scenario.path, Vec::new(), scenario.link.table)?
+        Ok(Self::new(scenario.to_toml(), &scenario.path, Vec::new(), HeldChannel::of(scenario))?
             .holding(scenario.trace.clone()))
     }
 
     /// The sampling rates of its sensor nodes [bit/s], without reading their arrivals.
     fn sampling_bps(&self) -> PyResult<Vec<f64>> {
-        let mut scenario = self.scenario.clone();
-        scenario.sensors.arrivals = None;
-        let list = SensorList::of(&scenario).map_err(refused)?;
+        let list = SensorList::without_arrivals(&self.scenario).map_err(refused)?;
         Ok(list.sensors().iter().map(|sensor| sensor.sampling_bps).collect())
     }
 
@@ -111,23 +111,29 @@ impl PyScenario {
     #[staticmethod]
     fn load(path: PathBuf) -> PyResult<Self> {
         let text = read_text("scenario", &path).map_err(refused)?;
-        Self::new(text, &std::path::absolute(&path)?, Vec::new(), None)
+        Self::new(text, &std::path::absolute(&path)?, Vec::new(), HeldChannel::default())
     }
 
     /// The built-in mission of the UTS letter (arXiv 2103.00753).
     #[staticmethod]
     fn letter() -> PyResult<Self> {
-        Self::new(LETTER.to_owned(), Path::new("letter.toml (built in)"), Vec::new(), None)
+        Self::new(LETTER.to_owned(), Path::new("letter.toml (built in)"), Vec::new(), HeldChannel::default())
     }
 
-    /// Parses a scenario file's text. ``path`` is for errors and relative paths. ``arrivals`` and ``channel`` are the
-    /// texts of the files of ``sensors.arrivals.file`` and ``link.file``, which are then not read. Raises
-    /// :class:`InputError`.
+    /// Parses a scenario file's text. ``path`` is for errors and relative paths. ``arrivals``, ``channel`` and ``rates``
+    /// are the texts of the files of ``sensors.arrivals.file``, ``link.file`` and ``link.rates``, which are then not
+    /// read. Raises :class:`InputError`.
     #[staticmethod]
-    #[pyo3(signature = (text, path = PathBuf::from("scenario.toml"), arrivals = None, channel = None))]
-    fn parse(text: String, path: PathBuf, arrivals: Option<&str>, channel: Option<&str>) -> PyResult<Self> {
-        let table = channel.map(|text| RateTable::parse(text, Path::new("channel"))).transpose().map_err(refused)?;
-        let parsed = Self::new(text, &std::path::absolute(&path)?, Vec::new(), table.map(RateTable::held))?;
+    #[pyo3(signature = (text, path = PathBuf::from("scenario.toml"), arrivals = None, channel = None, rates = None))]
+    fn parse(
+        text: String,
+        path: PathBuf,
+        arrivals: Option<&str>,
+        channel: Option<&str>,
+        rates: Option<&str>,
+    ) -> PyResult<Self> {
+        let channel = channel.map(|text| HeldChannel::parse(text, rates)).transpose()?.unwrap_or_default();
+        let parsed = Self::new(text, &std::path::absolute(&path)?, Vec::new(), channel)?;
         let Some(arrivals) = arrivals else { return Ok(parsed) };
         let trace = ArrivalTrace::parse(arrivals, Path::new("arrivals"), &parsed.sampling_bps()?).map_err(refused)?;
         Ok(parsed.holding(Some(trace)))
@@ -146,7 +152,30 @@ impl PyScenario {
         let table = RateTable::new(distances_m, altitudes_m, probabilities, rates_bps);
         let table = table.map_err(|message| refused(format!("channel: {message}")))?.held();
         let keys = [("link.model".to_owned(), "table".into()), ("link.file".to_owned(), CHANNEL.into())];
-        self.changed(keys, Some(table), self.scenario.trace.clone())
+        self.changed(keys, HeldChannel { table: Some(table), map: None }, self.scenario.trace.clone())
+    }
+
+    /// A copy with links by place (``docs/src/model.md``, D32): ``levels`` [N, z, y, x], for each SN, or with N = 1 for
+    /// all, at the positions ``x_m``, ``y_m`` and ``z_m`` of the UAV, NaN for no link. They are SNRs [dB], of which
+    /// ``rates`` [steps, 2] has the SNR from which on each rate [bit/s] is carried, or without it rates. Raises
+    /// :class:`InputError`.
+    #[pyo3(signature = (x_m, y_m, z_m, levels, rates = None))]
+    fn with_links(
+        &self,
+        x_m: Vec<f64>,
+        y_m: Vec<f64>,
+        z_m: Vec<f64>,
+        levels: PyReadonlyArray4<'_, f64>,
+        rates: Option<Vec<[f64; 2]>>,
+    ) -> PyResult<Self> {
+        let of_links = |message| refused(format!("links: {message}"));
+        let rates = rates.map(LinkMap::checked_steps).transpose().map_err(of_links)?;
+        let mut keys = vec![("link.model".to_owned(), "map".into()), ("link.file".to_owned(), CHANNEL.into())];
+        keys.extend(rates.is_some().then(|| ("link.rates".to_owned(), RATES.into())));
+        let levels = levels.as_array();
+        let values: Vec<f64> = levels.iter().copied().collect();
+        let map = LinkMap::of_arrays([x_m, y_m, z_m], levels.shape(), &values, rates).map_err(of_links)?;
+        self.changed(keys, HeldChannel { table: None, map: Some(map.held()) }, self.scenario.trace.clone())
     }
 
     /// Mean bits that the SNs sample in a slot, [N], as a copy.
@@ -179,7 +208,7 @@ impl PyScenario {
         let key = |name: &str, value: Value| (format!("sensors.arrivals.{name}"), value);
         let keys =
             [key("model", "trace".into()), key("file", TRACE.into()), key("dispersion_bits", dispersion_bits.into())];
-        self.changed(keys, self.scenario.link.table, Some(trace))
+        self.changed(keys, HeldChannel::of(&self.scenario), Some(trace))
     }
 
     /// A copy with changed keys, for example ``{"area.side_m": 500.0}``. Raises :class:`InputError`.
@@ -273,8 +302,9 @@ impl PyScenario {
     fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<Reduced<'py, Parsed>> {
         let PyScenario { text, scenario } = slf.get();
         let arrivals = scenario.trace.as_ref().map(ArrivalTrace::to_csv);
-        let channel = scenario.link.table.map(RateTable::to_csv);
-        Ok((slf.get_type().getattr("parse")?, (text.clone(), scenario.path.clone(), arrivals, channel)))
+        let [channel, rates] = HeldChannel::of(scenario).texts();
+        let arguments = (text.clone(), scenario.path.clone(), arrivals, channel, rates);
+        Ok((slf.get_type().getattr("parse")?, arguments))
     }
 
     fn __eq__(&self, other: &Bound<'_, PyAny>) -> bool {
@@ -283,6 +313,7 @@ impl PyScenario {
             other.to_toml() == self.scenario.to_toml()
                 && other.trace == self.scenario.trace
                 && other.link.table == self.scenario.link.table
+                && other.link.map == self.scenario.link.map
         })
     }
 

@@ -22,6 +22,7 @@ use skysink_mission::files::write_whole;
 use toml::Table;
 
 use crate::errors::{of_lab, of_mission, refused};
+use crate::held::HeldChannel;
 use crate::run::{Sources, source_files};
 use crate::scenario::PyScenario;
 use crate::signals::interruptible;
@@ -79,7 +80,11 @@ impl PySweepPlan {
         models: Vec<(String, String)>,
     ) -> PyResult<Self> {
         let scenario = scenario.get();
-        let base = SweepBase { path: scenario.scenario.path.clone(), table: scenario.table() };
+        let base = SweepBase {
+            path: scenario.scenario.path.clone(),
+            table: scenario.table(),
+            held: HeldChannel::of(&scenario.scenario).overrides(),
+        };
         let settings = SweepSettings {
             base,
             axes: Table::new(),

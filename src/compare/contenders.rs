@@ -50,7 +50,7 @@ impl ComparedStrategies {
         let path = &self.scenario;
         let scenario = Scenario::read(path, self.overrides.clone()).and_then(settings::resolve)?;
         let table = scenario.to_toml().parse::<Table>().expect("it was just written");
-        let base = SweepBase { path: path.clone(), table };
+        let base = SweepBase { path: path.clone(), table, held: Overrides::default() };
         let seeds = (scenario.seed..).take(self.seeds as usize).collect();
         let strategies = self.strategies.iter().map(|strategy| strategy.name.to_owned()).collect();
         let settings =

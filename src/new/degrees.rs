@@ -71,7 +71,7 @@ pub fn of_degrees(
     sources: &Sources<'_>,
 ) -> Result<NewField, InputError> {
     let Sources { start, comm_radius_m, .. } = *sources;
-    let mut field = imported.map_or_else(NewField::default, |(imported, path)| of_sensors(imported, path));
+    let mut field = imported.map_or_else(NewField::default, |(imported, path)| of_sensors(imported, path, &[]));
     let nodes: Vec<SourcePosition> = imported.iter().flat_map(|(imported, path)| positions(imported, path)).collect();
     let (mut zones, path) = zones.unwrap_or((Zones { zones: Vec::new(), ignored: None }, Path::new("")));
     field.notes.extend(zones.ignored.take().map(|what| format!("ignored in {}: {what}", path.display())));
@@ -92,6 +92,13 @@ pub fn of_degrees(
     });
     let mut enclosed = nodes;
     enclosed.extend(zones.iter().filter(is_enclosed).flat_map(corners));
+    let log = sources.log.map(|log| (log.positions(), log.sensors())).unwrap_or_default();
+    enclosed.extend(log.0.iter().map(|&position| SourcePosition {
+        what: "flight log",
+        path: &log.1,
+        place: "a place of the flight",
+        position,
+    }));
     enclosed.extend(start);
     let area = GeodeticArea::around(&enclosed)?;
     let nodes_m = &area.positions[..count];
@@ -156,7 +163,7 @@ pub fn of_degrees(
             return Err(start.refusal("expected a place outside of zones and buildings, within the boundary"));
         }
         field.uav = start_line(&at, "");
-    } else if !airspace.is_open() {
+    } else if !airspace.is_open() && sources.log.is_none() {
         let middle = Position::from([width_m / 2.0, height_m / 2.0]);
         let extent = extent.unwrap_or([Position::origin(), Position::from(area.sides_m)]);
         let free = free_place(&airspace, nodes_m, &middle, extent).ok_or_else(|| {

@@ -13,6 +13,8 @@ use skysink_lab::import::{self, Frame, Imported};
 
 use super::degrees::of_degrees;
 use super::field::NewField;
+use super::log::LoggedFlight;
+use super::terrain::Terrain;
 
 /// Margin between the sensor nodes and the border of the area [m].
 pub(super) const MARGIN_M: f64 = 10.0;
@@ -27,6 +29,10 @@ pub struct Sources<'a> {
     pub start: Option<[f64; 2]>,
     /// `d_c` of the radio [m].
     pub comm_radius_m: f64,
+    /// The flight log, whose flight the area encloses.
+    pub log: Option<&'a LoggedFlight>,
+    /// The ground.
+    pub terrain: Option<&'a Terrain<'a>>,
 }
 
 /// Imports the positions and the zones of these files; `None` without any, and without a start.
@@ -34,7 +40,19 @@ pub struct Sources<'a> {
 /// # Errors
 /// If a file is refused, zones in degrees are to lie among positions in metres, or if the start lies in a zone.
 pub fn field(sources: &Sources<'_>) -> Result<Option<NewField>, InputError> {
-    let imported = sources.sensors.map(|path| Ok((import::read(path)?, path))).transpose()?;
+    let logged = sources.log.map(LoggedFlight::sensors);
+    let read = |path| {
+        let mut imported = import::read(path)?;
+        if let Some(terrain) = sources.terrain {
+            terrain.add_ground(&mut imported, path)?;
+        }
+        if sources.log.is_some_and(|log| log.frame() != imported.frame) {
+            let expected = "expected positions as in the flight log, all in metres or all in degrees";
+            return Err(InputError::new("sensor positions", path, expected));
+        }
+        Ok((imported, path))
+    };
+    let imported = sources.sensors.or(logged.as_deref()).map(read).transpose()?;
     let uav = sources.start.map(|start_m| format!("start_m = {start_m:?}\n"));
     let zones = sources.zones.map(|path| Ok((read_zones(path)?, path))).transpose()?;
     match (imported, zones) {
@@ -60,9 +78,10 @@ pub(super) fn start_line(at: &Position, comment: &str) -> String {
 }
 
 /// The list of the positions in the file `path`.
-pub(super) fn of_sensors(imported: &Imported, path: &Path) -> NewField {
-    let shift = if imported.frame == Frame::Plane { shift(imported) } else { [0.0; 2] };
+pub(super) fn of_sensors(imported: &Imported, path: &Path, flown: &[[f64; 2]]) -> NewField {
+    let shift = if imported.frame == Frame::Plane { shift(imported, flown) } else { [0.0; 2] };
     NewField {
+        shift,
         list: Some(imported.to_csv(shift)),
         locations: imported.sensors.iter().map(|sensor| sensor.place.clone()).collect(),
         source: path.to_owned(),
@@ -107,12 +126,14 @@ fn check_metres(path: &Path) -> Result<(), InputError> {
 fn of_plane(imported: &Imported, path: &Path, sources: &Sources<'_>) -> Result<NewField, InputError> {
     let Sources { start, comm_radius_m, .. } = *sources;
     check_metres(path)?;
-    let mut field = of_sensors(imported, path);
-    let shift = shift(imported);
+    let flown = sources.log.map(LoggedFlight::positions).unwrap_or_default();
+    let mut field = of_sensors(imported, path, &flown);
+    let shift = field.shift;
     let in_area = |position: [f64; 2]| Position::new(position[0] + shift[0], position[1] + shift[1]);
     let nodes: Vec<Position> = imported.sensors.iter().map(|sensor| in_area(sensor.position)).collect();
     let start = start.map(in_area);
-    let last_m = nodes.iter().chain(&start).fold(Position::origin(), |last, at| last.sup(at));
+    let flown = flown.into_iter().map(in_area);
+    let last_m = nodes.iter().copied().chain(start).chain(flown).fold(Position::origin(), |last, at| last.sup(&at));
     let sides_m = [last_m.x, last_m.y].map(beyond);
     field.area = sides(sides_m);
     if shift != [0.0; 2] {
@@ -159,9 +180,13 @@ pub(super) fn doubted_system(what: &str, path: &Path, is_plane: bool) -> Option<
 }
 
 /// The translation of positions in a plane [m]: to the origin if some are negative, or if all are farther from it than
-/// their extent.
-fn shift(imported: &Imported) -> [f64; 2] {
-    let [low, high] = imported.bounds();
+/// their extent. Positions that were `flown` over count, too.
+fn shift(imported: &Imported, flown: &[[f64; 2]]) -> [f64; 2] {
+    let [mut low, mut high] = imported.bounds();
+    for axis in 0..2 {
+        low[axis] = flown.iter().map(|position| position[axis]).fold(low[axis], f64::min);
+        high[axis] = flown.iter().map(|position| position[axis]).fold(high[axis], f64::max);
+    }
     [0, 1].map(|axis| {
         let is_far = low[axis] < 0.0 || low[axis] > (high[axis] - low[axis]).max(MARGIN_M);
         if is_far { MARGIN_M - low[axis] } else { 0.0 }

@@ -7,7 +7,8 @@ use skysink_common::presets::{drones, radios};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 
-use super::commented;
+/// Column of the comments.
+const COMMENT_COLUMN: usize = 34;
 
 /// Longest flight and longest communication in a slot [s].
 const MOST_S: f64 = 10.0;
@@ -81,7 +82,13 @@ impl Lines {
         self.is_of_hardware.then_some(HEADER)
     }
 
-    fn set(&mut self, key: &'static str, setting: &str, comment: &str) {
+    /// Sets the lines of the channel model, instead of those of the paper's or of a preset.
+    #[cfg(feature = "lab")]
+    pub fn set_model(&mut self, lines: String) {
+        self.lines.extend([("link.gain_db", String::new()), ("link.gain", String::new()), ("link.model", lines)]);
+    }
+
+    pub(super) fn set(&mut self, key: &'static str, setting: &str, comment: &str) {
         self.lines.push((key, commented(setting, comment)));
     }
 }
@@ -158,4 +165,9 @@ impl Hardware {
         }
         lines
     }
+}
+
+/// A line with a comment.
+pub fn commented(setting: &str, comment: &str) -> String {
+    format!("{setting:COMMENT_COLUMN$}# {comment}\n")
 }

@@ -71,6 +71,31 @@ fn an_impossible_map_is_refused() {
 }
 
 #[test]
+fn check_warns_of_a_map_that_ends_before_the_places_of_service() {
+    let place = Place::new();
+    place.write("nodes.csv", "x_m,y_m\n10,30\n55,30\n");
+    let warned = |rows: &str, altitude_m: f64| {
+        place.write("links.csv", &format!("sensor,x_m,y_m,z_m,rate_bps\n{rows}"));
+        let text =
+            format!("name = 'a'\narea.side_m = 100.0\nsensors.file = 'nodes.csv'\nuav.altitude_m = {altitude_m:?}\n");
+        place.write("a.toml", &format!("{text}link = {{ model = 'map', file = 'links.csv', comm_radius_m = 10.0 }}\n"));
+        let checked = place.run_ok(&["check", "a.toml"]).stderr;
+        checked.lines().find(|line| line.contains("constant beyond")).map(str::to_owned)
+    };
+    // SN 0 is served from x = 0 to 20 m, SN 1 from 45 to 65 m: a cell less is enough.
+    assert_eq!(warned(",0,30,20,9e4\n,30,30,20,9e4\n,60,30,20,9e4\n", 20.0), None);
+    assert_eq!(warned(",7,30,20,9e4\n", 20.0), None, "the same everywhere");
+    let short = warned(",0,30,20,9e4\n,20,30,20,9e4\n", 20.0).unwrap();
+    let span = "x = 0 to 20, y = 30, z = 20 m";
+    assert!(
+        short
+            .ends_with(&format!("the links of SN 1 are given for {span}: constant beyond, where they are served, too"))
+    );
+    let high = warned(",0,30,20,9e4\n,80,30,20,9e4\n", 50.0).unwrap();
+    assert!(high.contains("z = 20 m, and those of 1 more sensor nodes: constant"), "{high}");
+}
+
+#[test]
 fn no_flight_over_a_map_loses_less_than_the_bound() {
     let place = Place::new();
     write(&place);

@@ -53,6 +53,8 @@ mod settings;
 #[path = "../support/mod.rs"]
 mod support;
 #[cfg(feature = "lab")]
+mod surveys;
+#[cfg(feature = "lab")]
 mod sweep;
 mod tables;
 mod topics;

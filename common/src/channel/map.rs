@@ -1,6 +1,9 @@
 //! Links by place (decision D32): the signal-to-noise ratio (SNR) of each sensor node over a grid of positions of the
 //! UAV, and the rate that each SNR carries.
 
+mod arrays;
+mod steps;
+
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
@@ -12,7 +15,7 @@ use strum::VariantNames;
 use super::model::{ChannelModel, Draw, Slopes, Uplink};
 use super::table::Step;
 use crate::csv_rows::read_rows;
-use crate::error::{InputError, read_text};
+use crate::error::{InputError, read_bytes, read_text};
 use crate::geometry::Position;
 use crate::keys::Only;
 use crate::random::{Purpose, Streams, normal_cdf, normal_pair};
@@ -21,7 +24,7 @@ use crate::random::{Purpose, Streams, normal_cdf, normal_pair};
 pub(crate) const ONLY: Only = Only { key: "model", values: &["map"], expected: Some("it only with model = \"map\"") };
 
 /// Most points of all grids of a map.
-const MOST_POINTS: usize = 1_000_000;
+const MOST_POINTS: usize = 5_000_000;
 
 /// The level of a link that carries nothing.
 const NO_LINK: f64 = f64::NEG_INFINITY;
@@ -98,25 +101,6 @@ impl LinkMap {
         Ok(Self { names, grids, steps: steps.filter(|_| !are_rates), of_places: FxHashMap::default() })
     }
 
-    /// Parses the text of the file `path` of the rates of SNRs.
-    ///
-    /// # Errors
-    /// If a row is invalid, or no step up from the one before.
-    pub fn parse_steps(text: &str, path: &Path) -> Result<Vec<[f64; 2]>, InputError> {
-        let refuse = |message: String| InputError::new("channel", path, message);
-        let is_step = |&[snr_db, rate_bps]: &[f64; 2]| snr_db.is_finite() && (0.0..=1e300).contains(&rate_bps);
-        let expected = "a finite SNR and a rate from 0 to 1e300";
-        let steps = read_rows(text, &["snr_db", "rate_bps"], expected, is_step).map_err(refuse)?;
-        let is_up = |steps: &[[f64; 2]]| steps[0][0] < steps[1][0] && steps[0][1] < steps[1][1];
-        match steps.windows(2).find(|steps| !is_up(steps)) {
-            Some([_, [snr_db, rate_bps]]) => Err(refuse(format!(
-                "snr_db = {snr_db}, rate_bps = {rate_bps}: expected ascending steps, both above those of the row before"
-            ))),
-            _ if steps.is_empty() => Err(refuse("line 1: no rows: expected a row for each step".to_owned())),
-            _ => Ok(steps),
-        }
-    }
-
     /// Reads the map in the file `path`, with the steps in the file `rates`, before its sensor nodes are known.
     ///
     /// # Errors
@@ -126,6 +110,10 @@ impl LinkMap {
             Some(rates) => Some(Self::parse_steps(&read_text("channel", rates)?, rates)?),
             None => None,
         };
+        if arrays::is_named(path) {
+            let map = arrays::read(&read_bytes("channel", path)?, steps);
+            return Ok(map.map_err(|message| InputError::new("channel", path, message))?.held());
+        }
         Ok(Self::parse(&read_text("channel", path)?, path, steps)?.held())
     }
 
@@ -202,6 +190,12 @@ impl LinkMap {
         let own = if self.of_places.is_empty() { None } else { self.of_places.get(&key(sensor)) };
         let others = || self.names().1.then_some(&0);
         own.or_else(others).map(|&grid| &self.grids[grid])
+    }
+
+    /// The positions of the UAV [m], east, north and up, in the grid of the sensor node at `sensor`; `None` without one.
+    #[must_use]
+    pub fn axes_m(&self, sensor: &Position) -> Option<&[Vec<f64>; 3]> {
+        self.grid(sensor).map(|grid| &grid.axes_m)
     }
 
     /// The level of the link of the sensor node at `sensor` to the UAV at `uav` [m].

@@ -153,7 +153,7 @@ crate::keys! {
         /// CSV file with the columns `distance_m,altitude_m,probability,rate_bps`: the rates [bit/s] that a link does
         /// not exceed with these probabilities, at a grid of horizontal distances and altitudes of the UAV. In `"map"`
         /// the columns `sensor,x_m,y_m,z_m,snr_db`, or `rate_bps`: the links of an SN, by name or id, or of all others,
-        /// at a grid of positions of the UAV.
+        /// at a grid of positions of the UAV; or `.npz` of arrays.
         file: Option<PathBuf>, PATH, table::FILE;
         /// CSV file with the columns `snr_db,rate_bps`: the SNRs [dB] from which on each rate [bit/s] is carried.
         rates: Option<PathBuf>, PATH, map::ONLY;

@@ -81,6 +81,16 @@ impl SensorList {
         Self::parse(&text, &path, scenario)
     }
 
+    /// The same without its arrivals, whose file is not read.
+    ///
+    /// # Errors
+    /// As [`Self::of`].
+    pub fn without_arrivals(scenario: &Scenario) -> Result<Self, InputError> {
+        let mut scenario = scenario.clone();
+        scenario.sensors.arrivals = None;
+        Self::of(&scenario)
+    }
+
     /// Parses the text of the list `path`. Missing columns are drawn, or filled with the value of the scenario;
     /// latitude and longitude are projected onto the area.
     ///
@@ -229,6 +239,11 @@ impl SensorList {
     #[must_use]
     pub fn name(&self, id: usize) -> Option<&str> {
         self.names.get(id).map(String::as_str).filter(|name| !name.is_empty())
+    }
+
+    /// The sensor nodes of this name, by id.
+    pub fn ids_named(&self, name: &str) -> impl Iterator<Item = usize> {
+        self.names.iter().enumerate().filter(move |(_, own)| !name.is_empty() && *own == name).map(|(id, _)| id)
     }
 
     /// The name of sensor node `id`, or `SN id` if it has none.

@@ -5,7 +5,7 @@ use ::csv::{ReaderBuilder, StringRecord, Trim};
 use skysink_common::error::{line_of, quoted};
 use skysink_common::geodata::{NAME, check_geodetic, plausible};
 
-use super::imported::{Frame, Imported, ImportedSensor, OTHERS};
+use super::imported::{Frame, IDS, Imported, ImportedSensor, OTHERS};
 
 /// The names of the columns with coordinates in lower case: first the name in a sensor list, then its aliases. Those of
 /// [`OTHERS`] follow.
@@ -113,9 +113,14 @@ impl Columns {
         let columns = [&COORDINATES[..], &OTHERS].concat();
         let mut places = vec![None; columns.len()];
         let mut ignored = Vec::new();
+        let is_called = |names: &[&str], header: &str| names.contains(&name_and_unit(header).0.as_str());
+        let names = columns.iter().find(|names| names[0] == NAME).expect("it is one of the others");
+        let has_names = header.iter().any(|header| is_called(names, header));
+        let id = header.iter().position(|header| !has_names && is_called(&IDS, header));
         for (place, header) in header.iter().enumerate() {
             let (name, unit) = name_and_unit(header);
-            let found = columns.iter().position(|names| names.contains(&name.as_str()));
+            let name = if id == Some(place) { NAME } else { &name };
+            let found = columns.iter().position(|names| names.contains(&name));
             // Degrees in columns x and y are a longitude and a latitude.
             let found = match (found, &unit) {
                 (Some(axis @ (0 | 1)), Some(unit)) if is_in("lat_deg", unit) => Some(3 - axis),
@@ -215,6 +220,14 @@ mod tests {
         assert_eq!(imported.ignored, ["column colour"]);
         let plane = read("y;x\n1;2\n").unwrap();
         assert_eq!((plane.frame, plane.sensors[0].position), (Frame::Plane, [2.0, 1.0]));
+    }
+
+    #[test]
+    fn ids_are_names_where_there_are_no_names() {
+        let named = read("Sensor ID;x;y\ns-7;1;2\n").unwrap();
+        assert_eq!((named.others, &named.sensors[0].others), (vec!["name"], &vec!["s-7".to_owned()]));
+        let both = read("id,name,x,y\n7,a,1,2\n").unwrap();
+        assert_eq!((both.others, both.ignored), (vec!["name"], vec!["column id".to_owned()]));
     }
 
     #[test]

@@ -51,6 +51,9 @@ pub const OTHERS: [&[&str]; 7] = [
     &[NAME, "label"],
 ];
 
+/// Columns, in lower case, that name the sensor nodes of a file without names.
+pub const IDS: [&str; 4] = ["id", "sensor id", "sensor_id", "sensorid"];
+
 /// The column of the ground's altitudes, which points of three coordinates have, too.
 pub const GROUND: &str = "ground_m";
 
@@ -124,7 +127,10 @@ impl Imported {
         let mut reasons = Vec::new();
         for names in OTHERS {
             let column = names[0];
-            let found: Vec<Option<usize>> = points.iter().map(|point| property(point, names)).collect();
+            let mut found: Vec<Option<usize>> = points.iter().map(|point| property(point, names)).collect();
+            if column == NAME && found.iter().all(Option::is_none) {
+                found = points.iter().map(|point| property(point, &IDS)).collect();
+            }
             if found.iter().all(Option::is_none) {
                 continue;
             }

@@ -8,7 +8,6 @@ use std::path::Path;
 
 use skysink_common::build::build;
 use skysink_common::error::InputError;
-use skysink_common::scenario::{CHANNEL, RATES, TRACE};
 use skysink_common::stop::Stop;
 use skysink_mission::MissionError;
 use skysink_mission::error::FileContext;
@@ -17,9 +16,7 @@ use skysink_mission::folder::OutputFolder;
 
 use super::definition::{Definition, MissionKey};
 use super::journal::{self, MissionRow, MissionRows, SweepJournal, missions_of};
-use super::manifest::{
-    LAYOUT, MANIFEST, Manifest, RECORDING, RESULTS, SCENARIO, SENSORS, STANDINGS, SWEEP, add_builds,
-};
+use super::manifest::{LAYOUT, MANIFEST, Manifest, RECORDING, RESULTS, SAVED, STANDINGS, SWEEP, add_builds};
 use super::plan::Sweep;
 use super::results;
 use super::saved::SavedFile;
@@ -180,9 +177,7 @@ pub fn remove_comparison(path: &Path) -> Result<(), LabError> {
     }
     let message = "another process is writing it: stop it, or choose another --out";
     let folder = LAYOUT.lock(path)?.ok_or_else(|| refuse(message))?;
-    for name in
-        RESULTS.into_iter().chain([JOURNAL, STANDINGS, RECORDING, SCENARIO, SENSORS, TRACE, CHANNEL, RATES, SWEEP])
-    {
+    for name in RESULTS.into_iter().chain([JOURNAL, STANDINGS, RECORDING]).chain(SAVED) {
         match fs::remove_file(path.join(name)) {
             Err(error) if error.kind() != ErrorKind::NotFound => return Err(error).at(&path.join(name))?,
             _ => {}

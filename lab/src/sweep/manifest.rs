@@ -20,6 +20,12 @@ pub(crate) const SCENARIO: &str = "scenario.toml";
 /// File name of its sensor list.
 pub(crate) const SENSORS: &str = "sensors.csv";
 
+/// File name of the track of a fixed flight.
+pub(crate) const TRACK: &str = "track.csv";
+
+/// File name of a map of links in arrays.
+pub(crate) const ARRAYS: &str = "channel.npz";
+
 /// File name of the sweep as a sweep file.
 pub(crate) const SWEEP: &str = "sweep.toml";
 
@@ -36,8 +42,11 @@ pub const RECORDING: &str = "comparison.rrd";
 pub(crate) static LAYOUT: FolderLayout = FolderLayout {
     lock: "lock",
     is_result: |name| name == MANIFEST,
-    is_temporary: |name| RESULTS.contains(&name) || [SCENARIO, SENSORS, TRACE, CHANNEL, RATES, SWEEP].contains(&name),
+    is_temporary: |name| RESULTS.contains(&name) || SAVED.contains(&name),
 };
+
+/// The files of the definition, beside sources in Python.
+pub(crate) const SAVED: [&str; 8] = [SCENARIO, SENSORS, TRACE, CHANNEL, ARRAYS, RATES, TRACK, SWEEP];
 
 /// The files that are written when all missions are flown.
 pub(crate) const RESULTS: [&str; 4] = ["results.csv", "results.parquet", "summary.csv", "timings.csv"];

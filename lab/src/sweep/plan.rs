@@ -115,7 +115,7 @@ impl Sweep {
     ) -> Result<Scenario, InputError> {
         let text = toml::to_string(base).expect("a table that was read can be written");
         let keys = zip(&self.definition.keys, &self.definition.points[point]).map(setting).collect();
-        let overrides = Overrides { seed: Some(seed), strategy, keys, ..Overrides::default() };
+        let overrides = Overrides { seed: Some(seed), strategy, keys, ..self.base.held.clone() };
         Scenario::parse(&text, &self.base.path, overrides).and_then(settings::resolve)
     }
 
@@ -172,7 +172,7 @@ mod tests {
     use skysink_common::scenario::LETTER;
 
     fn sweep(strategies: &[&str], version: &str) -> Result<Sweep, LabError> {
-        let base = SweepBase { path: "letter.toml".into(), table: LETTER.parse().unwrap() };
+        let base = SweepBase { path: "letter.toml".into(), table: LETTER.parse().unwrap(), held: Overrides::default() };
         let names = strategies.iter().map(|&name| name.to_owned()).collect();
         let external = vec![ExternalStrategy {
             name: "python:mine.py:Mine".to_owned(),

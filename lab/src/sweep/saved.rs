@@ -4,6 +4,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use skysink_common::channel::RateTable;
 use skysink_common::error::InputError;
 use skysink_common::keys::dotted;
 use skysink_common::scenario::{CHANNEL, Overrides, RATES, Scenario, TRACE};
@@ -16,7 +17,7 @@ use toml::Table;
 use xxhash_rust::xxh3::xxh3_64;
 
 use super::definition::Definition;
-use super::manifest::{Manifest, SCENARIO, SENSORS, SWEEP};
+use super::manifest::{ARRAYS, Manifest, SCENARIO, SENSORS, SWEEP, TRACK};
 use super::plan::Sweep;
 use super::settings::{ExternalStrategy, Seeds, SweepBase, SweepFile, SweepSettings};
 use crate::error::LabError;
@@ -103,12 +104,22 @@ impl Sweep {
     pub(crate) fn files(&self) -> Result<Vec<SavedFile>, LabError> {
         let mut files = Vec::new();
         let mut table = self.full_base()?;
-        for (key, name) in
-            [("sensors.file", SENSORS), ("sensors.arrivals.file", TRACE), ("link.file", CHANNEL), ("link.rates", RATES)]
-        {
+        for (key, name) in [
+            ("sensors.file", SENSORS),
+            ("sensors.arrivals.file", TRACE),
+            ("link.file", CHANNEL),
+            ("link.rates", RATES),
+            ("uav.track", TRACK),
+        ] {
             if let Some(file) = dotted::value_mut(&mut table, key).filter(|file| file.is_str()) {
                 let path = self.base.path.parent().unwrap_or(Path::new("")).join(file.as_str().unwrap_or_default());
-                files.push((name.into(), read_regular(&path).at(&path)?));
+                let is_arrays = name == CHANNEL && path.extension() == Path::new(ARRAYS).extension();
+                let name = if is_arrays { ARRAYS } else { name };
+                let bytes = match self.held(name) {
+                    Some(text) => text.into(),
+                    None => read_regular(&path).at(&path)?,
+                };
+                files.push((name.into(), bytes));
                 *file = name.into();
             }
         }
@@ -121,12 +132,22 @@ impl Sweep {
         Ok(files)
     }
 
+    /// The text of the file `name` of the channel, if the base holds it.
+    fn held(&self, name: &str) -> Option<String> {
+        let Overrides { table, map, .. } = &self.base.held;
+        match name {
+            CHANNEL => table.map(RateTable::to_csv).or_else(|| map.map(|map| map.to_csv().0)),
+            RATES => map.and_then(|map| map.to_csv().1),
+            _ => None,
+        }
+    }
+
     /// The base scenario with all keys. A default that depends on an axis, such as the start in the centre of the area,
     /// is left out, or all of them are.
     fn full_base(&self) -> Result<Table, LabError> {
         let given = &self.base.table;
         let text = toml::to_string(given).expect("a table that was read can be written");
-        let scenario = Scenario::parse(&text, &self.base.path, Overrides::default()).and_then(settings::resolve)?;
+        let scenario = Scenario::parse(&text, &self.base.path, self.base.held.clone()).and_then(settings::resolve)?;
         let full: Table = scenario.to_toml().parse().expect("it was just written");
         let mut without_start = full.clone();
         for key in ["uav.start_m", "base.position_m"].into_iter().filter(|key| dotted::value(given, key).is_none()) {

@@ -64,6 +64,8 @@ pub struct SweepBase {
     pub path: PathBuf,
     /// Its keys.
     pub table: toml::Table,
+    /// The table of rates or the map that it holds instead of files, without axes over these.
+    pub held: Overrides,
 }
 
 impl SweepBase {
@@ -75,7 +77,7 @@ impl SweepBase {
         Scenario::read(&path, Overrides::default()).and_then(settings::resolve)?;
         let text = read_text("scenario", &path)?;
         let table = text.parse().map_err(|error| InputError::toml("scenario", &path, &text, &error))?;
-        Ok(Self { path, table })
+        Ok(Self { path, table, held: Overrides::default() })
     }
 }
 

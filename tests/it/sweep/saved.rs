@@ -193,3 +193,20 @@ fn a_sweep_lists_the_builds_of_its_missions() {
     assert!(merged.stdout.contains(&format!("The shards were flown by 2 builds: {other}; {own}\n")), "{merged:?}");
     assert_eq!(builds(&place, "merged"), [other, own.as_str()]);
 }
+
+/// The waypoints of a fixed flight follow from the slots, which are swept, and a map from its arrays.
+#[test]
+fn a_folder_keeps_the_track_and_the_map_of_its_base() {
+    let place = Place::new();
+    fs::create_dir(place.path("fields")).unwrap();
+    place.write("fields/flight.csv", "t_s,x_m,y_m\n0,20,20\n40,35,25\n");
+    place.write("fields/links.csv", "sensor,x_m,y_m,z_m,rate_bps\n,0,0,20,9e4\n,40,0,20,7e4\n");
+    let head = "name = \"flown\"\nslots = 40\nsensors.count = 12\narea.side_m = 40.0\nuav.track = \"flight.csv\"\n";
+    place.write("fields/base.toml", &format!("{head}[link]\nmodel = \"map\"\nfile = \"links.csv\"\n"));
+    let head = "scenario = \"fields/base.toml\"\nstrategies = [\"gfs\"]\nseeds = 1\n";
+    place.write("flown.toml", &format!("{head}[axes]\nslots = [20, 40]\n"));
+    place.run_ok(&["sweep", "flown.toml", "--out", "flown"]);
+    fs::remove_dir_all(place.path("fields")).unwrap();
+    place.run_ok(&["sweep", "flown", "--out", "again"]);
+    assert_equal(&place, "flown", "again");
+}

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use serde::Serialize;
+use skysink_common::scenario::Overrides;
 use skysink_common::stop::Stop;
 use skysink_lab::sweep::plan::Sweep;
 use skysink_lab::sweep::settings::{SweepBase, SweepSettings};
@@ -44,7 +45,8 @@ pub fn measure(effort: BenchEffort, stop: &Stop) -> Result<MissionSpeeds, BenchE
 /// Slots per second of a sweep on so many threads.
 fn swept(threads: usize, effort: BenchEffort, stop: &Stop) -> Result<f64, BenchError> {
     let folder = temporary_folder()?;
-    let base = SweepBase { path: "bench.toml".into(), table: letter_text(200, SLOTS).parse().expect("valid TOML") };
+    let table = letter_text(200, SLOTS).parse().expect("valid TOML");
+    let base = SweepBase { path: "bench.toml".into(), table, held: Overrides::default() };
     let strategies = vec![uts::STRATEGY.name.to_owned()];
     let seeds = (1..=effort.choose(500, 8) * threads as u64).collect();
     let settings =
