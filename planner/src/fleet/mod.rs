@@ -201,9 +201,8 @@ impl FleetPlanner {
         self.members[0].planner.stop()
     }
 
-    /// Takes in what the UAVs hear after `flights`, by UAV and SN; must be called for every slot before
-    /// [`Self::observe`] where `link.beacon_radius_m` is set. UAVs that plan on their own know only what they hear
-    /// themselves.
+    /// Takes in what the UAVs hear after `flights`, by UAV and SN, in every slot before [`Self::observe`]. UAVs that plan
+    /// on their own know only what they hear themselves.
     pub fn hear(&mut self, flights: &[FlightReport], links: &[HeardLink]) {
         for (uav, Member { planner, subfield, .. }) in self.members.iter_mut().enumerate() {
             let is_alone = subfield.is_some() || self.coordination == Coordination::Independent;
