@@ -219,19 +219,23 @@ struct Surveys<'a> {
     terrain: Option<terrain::Terrain<'a>>,
 }
 
+/// What a new scenario is measured from: nothing.
+#[cfg(not(feature = "lab"))]
+struct Surveys;
+
 #[cfg(not(feature = "lab"))]
 impl NewCommand {
-    fn sources(&self) -> Result<(), Error> {
-        Ok(())
+    fn sources(&self) -> Result<Surveys, Error> {
+        Ok(Surveys)
     }
 
-    fn field(&self, (): &(), _: f64) -> Result<Option<NewField>, Error> {
+    fn field(&self, _: &Surveys, _: f64) -> Result<Option<NewField>, Error> {
         Ok(None)
     }
 
     fn additions(
         &self,
-        (): &(),
+        _: &Surveys,
         _: Option<&mut NewField>,
         _: &Scenario,
         _: &SensorList,
