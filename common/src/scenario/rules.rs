@@ -272,7 +272,8 @@ mod tests {
             "link.los_correlation_m",
             "link.file",
         ];
-        let others = [&line_of_sight[..], &OF_MAP, &["sensors.height_m"], &presets::OF_RADIO].concat();
+        let of_several = ["link.beacon_radius_m", "sensors.height_m"];
+        let others = [&line_of_sight[..], &OF_MAP, &of_several, &presets::OF_RADIO].concat();
         assert_eq!(of("link.model", "free-space"), others);
         for key in ["area", "area.origin_lat_deg", "link.los_exponent", "slots"] {
             assert_eq!(of(key, "free-space"), [""; 0], "{key}");

@@ -55,7 +55,7 @@ fn a_list_without_an_origin_or_in_two_frames_is_refused() {
     let without_origin = parse("name = \"x\"\n").unwrap();
     let with_origin = area_at(41.65, -87.81, 100.0);
     let origin = "expected area.origin_lat_deg and area.origin_lon_deg in the scenario";
-    let columns = "expected x_m,y_m or lat_deg,lon_deg, not both, and optionally queue_bits,gain_db,sampling_bps,capacity_bits,weight,ground_m,name";
+    let columns = "expected x_m,y_m or lat_deg,lon_deg, not both, and optionally queue_bits,gain_db,sampling_bps,capacity_bits,weight,capacity_j,harvest_w,ground_m,name";
     let cases = [
         (&without_origin, "lat_deg,lon_deg", origin),
         (&with_origin, "x_m,y_m,lat_deg,lon_deg", columns),
