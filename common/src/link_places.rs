@@ -40,7 +40,7 @@ pub fn placed(scenario: &Scenario) -> Result<Option<&'static LinkMap>, InputErro
     let refuse = |message: String| InputError::new("channel", &scenario.beside(file), message);
     let list = SensorList::without_arrivals(scenario)?;
     let count = list.sensors().len();
-    let by_id = |name: &String| name.parse().ok().filter(|id| *id < count);
+    let by_id = |name: &String| LinkMap::id_of(name).filter(|id| *id < count);
     let are_ids = names.iter().all(|name| by_id(name).is_some());
     let are_names = names.iter().all(|name| list.ids_named(name).next().is_some());
     let id = |name: &String| {

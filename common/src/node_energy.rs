@@ -183,7 +183,7 @@ impl Charges {
         let at_s = |slot: Option<u64>| slot.map(|slot| slot as f64 * self.slot_s);
         NodeEnergyUse {
             used_j: self.totals.used_nj as f64 / 1e9,
-            harvested_j: self.totals.harvested_nj as f64 / 1e9,
+            harvested_j: (self.totals.harvested_nj - self.totals.spilled_nj) as f64 / 1e9,
             energy_per_bit_j: (delivered_bits > 0).then(|| self.totals.used_nj as f64 / 1e9 / delivered_bits as f64),
             residual_min: fractions().fold(1.0, f64::min),
             residual_mean: fractions().sum::<f64>() / self.charge_nj.len() as f64,
@@ -285,7 +285,7 @@ struct SavedCharges {
 pub struct NodeEnergyUse {
     /// Taken by all sensor nodes [J].
     pub used_j: f64,
-    /// Harvested by all of them [J], also into full batteries.
+    /// Harvested by all of them [J], without what full batteries spilled.
     pub harvested_j: f64,
     /// Taken for each bit delivered [J]; `None` if none was.
     pub energy_per_bit_j: Option<f64>,

@@ -29,6 +29,7 @@ pub use mission::{CHANNEL, MAX_SEED, PlannerKeys, RATES, Scenario, TRACE};
 pub use sensors::SensorKeys;
 pub(crate) use sensors::{MAX_FIELD_BITS, MAX_SENSORS};
 pub use simplified::{SharedZones, SimplifiedZones};
+pub use track::MOST_TRACK_SLOTS;
 pub use uav::{AltitudeMode, Climb, Coordination, MAX_UAVS, Moves, Propulsion, UavKeys};
 pub use zones::LEAST_FILLED;
 

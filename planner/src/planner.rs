@@ -392,9 +392,11 @@ fn believed<'a>(
 ) -> Believed<'a> {
     let mut believed = belief.at(slot.saturating_sub(1), &table.sensors, queues_bits);
     if !scheduled.is_empty() || table.sensors.may_die {
-        let left = |(id, &bits): (u32, &u32)| if table.is_dead(id) { 0 } else { bits };
         left_bits.clear();
-        left_bits.extend((0..).zip(believed.queues_bits).map(left));
+        left_bits.extend_from_slice(believed.queues_bits);
+        if table.sensors.may_die {
+            (0..).zip(&mut *left_bits).filter(|(id, _)| table.is_dead(*id)).for_each(|(_, bits)| *bits = 0);
+        }
         scheduled.iter().for_each(|&id| left_bits[id as usize] = 0);
         believed.queues_bits = left_bits;
     }

@@ -8,8 +8,8 @@ use skysink_common::scenario::{Overrides, Scenario};
 
 use crate::errors::refused;
 
-/// What the column of sensor nodes tells of a channel: that it is a map of links.
-const MAP_HEADER: &str = "sensor,";
+/// The column of a channel that is a map of links.
+const MAP_COLUMN: &str = "sensor";
 
 /// The content of the file of a channel in memory: a table of rates, or a map of links.
 #[derive(Clone, Copy, Default)]
@@ -40,7 +40,8 @@ impl HeldChannel {
     /// Parses the text of a channel, and of the rates of its SNRs.
     pub fn parse(text: &str, rates: Option<&str>) -> PyResult<Self> {
         let path = Path::new("channel");
-        if !text.starts_with(MAP_HEADER) {
+        let header = text.lines().next().unwrap_or_default();
+        if !header.split(',').any(|column| column.trim() == MAP_COLUMN) {
             return Ok(Self { table: Some(RateTable::parse(text, path).map_err(refused)?.held()), map: None });
         }
         let steps = rates.map(|rates| LinkMap::parse_steps(rates, Path::new("rates"))).transpose().map_err(refused)?;

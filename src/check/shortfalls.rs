@@ -3,6 +3,7 @@
 use skysink_common::channel::LinkService;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
+use skysink_planner::settings::Settings;
 use skysink_planner::strategies::STRATEGIES;
 
 /// How the models of this scenario with the SNs `list` are planned for where the strategies `flown` ignore a part, a
@@ -14,11 +15,13 @@ pub fn of(scenario: &Scenario, list: &SensorList, flown: &[&str]) -> Vec<String>
     let unweighted: Vec<&str> = unweighted.filter(|name| flown.contains(name)).collect();
     let without_weights = format!("weights: {} fly without them", unweighted.join(", "));
     let is_windy = scenario.uav.wind_mps.is_some_and(|wind_mps| wind_mps != [0.0; 2]);
+    let is_heard = Settings::heard(scenario).is_some();
     let rules = [
+        (scenario.sensors.energy.is_some(), "batteries of sensor nodes: deaths, when they are known, but no charges"),
         (scenario.arrival_law().is_random(), "arrivals: by their means; horizon and offline also by their spread"),
-        (scenario.link.stays_in_sight(), "line of sight: by its probability, whatever a link had before"),
+        (!is_heard && scenario.link.stays_in_sight(), "line of sight: by its probability, whatever a link had before"),
         (
-            scenario.link.residual_m.is_some_and(|residual_m| residual_m > 0.0),
+            !is_heard && scenario.link.residual_m.is_some_and(|residual_m| residual_m > 0.0),
             "links by place: by the law of the residual, whatever a link had before",
         ),
         (

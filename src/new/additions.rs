@@ -53,7 +53,10 @@ impl Additions {
         }
         self.files.push((LINKS, map.to_csv().0));
         let (names, _) = map.names();
-        let places: Vec<Position> = names.iter().map(|id| place(id.parse().expect("maps name them by id"))).collect();
+        let places: Vec<Position> = names
+            .iter()
+            .map(|name| place(LinkMap::id_of(name).expect("maps of arrays name sensor nodes by id")))
+            .collect();
         self.overrides.map = Some(map.at_places(&places).held());
         Ok(())
     }

@@ -7,7 +7,7 @@ use skysink_common::error::{InputError, read_text};
 use skysink_common::geodata::projection::Projection;
 use skysink_common::geometry::Position;
 use skysink_common::keys::{Setting, SettingOrigin};
-use skysink_common::scenario::{RATES, Scenario};
+use skysink_common::scenario::{MOST_TRACK_SLOTS, RATES, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_lab::import::{FittedLaw, FlightLog, Frame, LogRow, MapGrid, Measured};
 use toml::Value;
@@ -60,7 +60,12 @@ impl LoggedFlight {
     }
 
     fn refuse(&self, message: &str) -> InputError {
-        InputError::new("flight log", &self.folder.join(LOG), message)
+        InputError::new("flight log", &self.path(), message)
+    }
+
+    /// The file with its places.
+    pub fn path(&self) -> PathBuf {
+        self.folder.join(LOG)
     }
 
     /// The list of its sensor nodes, if there is no other.
@@ -117,6 +122,11 @@ impl LoggedFlight {
         let slots = ((rows[rows.len() - 1].time_s - begin_s) / draft.slot_s + 1e-9).floor();
         if slots < 1.0 {
             return Err(self.refuse(&format!("it lasts less than a slot: expected {} s or more", draft.slot_s)));
+        }
+        if slots > MOST_TRACK_SLOTS as f64 {
+            let line = rows[rows.len() - 1].line;
+            let expected = format!("expected at most {MOST_TRACK_SLOTS}, the most of a track");
+            return Err(self.refuse(&format!("line {line}: {slots} slots after the first row: {expected}")));
         }
         let mut next = 0;
         let mut text = "slot,x_m,y_m\n".to_owned();

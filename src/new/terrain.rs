@@ -162,7 +162,7 @@ fn add_links(
         let mut rate_bps = |index: usize| {
             let at = map_grid.position(index).inf(&Position::from(sides_m));
             let d2_m2 = distance_squared(&at, &sensor);
-            if d2_m2 > farthest_m * farthest_m {
+            if d2_m2 > farthest_m * farthest_m || altitude_m <= ground_m {
                 return f64::NAN;
             }
             reached += 1;

@@ -69,7 +69,8 @@ pub fn generated() -> String {
     config.export.item_types = vec![ItemType::Constants, ItemType::Enums, ItemType::Structs];
     config.export.include = ["Mode", "SolverOutcome", "HoldReason"].map(str::to_owned).to_vec();
     config.export.include.extend(messages.iter().map(|(name, ..)| name.clone()));
-    config.export.exclude = ["LETTER", "MAX_SEED", "MAX_SENSORS"].map(str::to_owned).to_vec();
+    config.export.exclude =
+        ["LETTER", "MAX_SEED", "MAX_SENSORS", "HEARD_SNRS", "BYTES_PER_HEARD"].map(str::to_owned).to_vec();
     let constant = |type_name| format!("    static constexpr const char* IOX2_TYPE_NAME = \"{type_name}\";\n");
     config.export.pre_body =
         messages.iter().map(|(name, type_name, _)| (name.clone(), constant(type_name))).collect::<HashMap<_, _>>();

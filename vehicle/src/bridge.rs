@@ -4,7 +4,7 @@
 
 use nalgebra::Point3;
 use skysink_common::battery::Battery;
-use skysink_common::message::{FlightReport, HoldReason, Mode, Plan, SensorNode};
+use skysink_common::message::{FlightReport, HeardLink, HoldReason, Mode, Plan, SensorNode};
 use skysink_common::scenario::Scenario;
 use skysink_common::slot_record::ByUav;
 use skysink_flight_sim::Fleet;
@@ -322,6 +322,12 @@ impl Bridge {
                 member.control.fly_to(plan.waypoint(), now_s);
             }
         }
+    }
+
+    /// What the vehicles hear of sensor nodes at the end of `slot`, by the channel of the scenario.
+    #[must_use]
+    pub fn heard_links(&self, slot: u64, reports: &[FlightReport]) -> Vec<HeardLink> {
+        self.fleet.hear(slot, reports)
     }
 
     /// Ends `slot`: writes where the vehicles are to `reports`, with their links.

@@ -99,6 +99,8 @@ type Flown = [(u64, ByUav<FlightReport>)];
 /// The bridge with its links and its clock.
 struct BridgeProcess<S: Service + 'static> {
     bridge: Bridge,
+    /// Most elements of `links`.
+    most_links: usize,
     link: Link,
     wait: WaitContext,
     /// Notified with `plan`.
@@ -178,6 +180,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
         bridge.wait_at_first(FIRST_PATIENCE.as_secs_f64() * factor);
         Ok(Self {
             bridge,
+            most_links: uavs * nodes.payload().len(),
             link,
             wait,
             listener: ring.plan.listener()?,
@@ -207,6 +210,13 @@ impl<S: Service + 'static> BridgeProcess<S> {
         is_new: bool,
     ) -> Result<(), NodeError> {
         let flights = ring.flight.list_writer(scenario.uav.uavs())?;
+        let links = ring.links.as_ref().map(|links| links.list_writer(self.most_links)).transpose()?;
+        let publish = |bridge: &Bridge, slot: u64, reports: &[FlightReport]| {
+            if let Some(links) = &links {
+                links.send_list(ring.header(slot, 0), &bridge.heard_links(slot, reports))?; // before the flights, as flight-sim
+            }
+            flights.send_list(ring.header(slot, 0), reports)
+        };
         let mut plans = ring.plan.reader()?;
         let mut ticks = ring.tick.reader()?;
         let mut journal = journal(folder, scenario.uav.uavs())?;
@@ -220,14 +230,14 @@ impl<S: Service + 'static> BridgeProcess<S> {
             journal.save(last, &[], &reports)?;
         }
         for (slot, reports) in flown {
-            flights.send_list(ring.header(*slot, 0), reports)?;
+            publish(&self.bridge, *slot, reports)?;
         }
         for slot in last + 1..=scenario.slots {
             self.fly_slot(slot, &mut ticks, &mut plans)?;
             let now_s = self.now_s();
             self.bridge.end(slot, &mut reports, now_s);
             journal.save(slot, &[], &reports)?; // before they are published
-            flights.send_list(ring.header(slot, 0), &reports)?;
+            publish(&self.bridge, slot, &reports)?;
         }
         let now_s = self.now_s();
         self.bridge.return_home("the mission is over", now_s);
@@ -427,14 +437,7 @@ impl<S: Service + 'static> BridgeProcess<S> {
 
     /// Says how near the vehicles came to their waypoints, and how soon they were told.
     fn say_results(&self) {
-        self.bridge.ends.said().into_iter().for_each(|line| Role::FlightSim.log(line));
-        if let Some([median, rare]) = self.latencies.quantiles([0.5, 0.99]) {
-            Role::FlightSim.log(format_args!(
-                "from plan to MAVLink: median {:.2} ms, 99 % within {:.2} ms",
-                median.as_secs_f64() * 1e3,
-                rare.as_secs_f64() * 1e3
-            ));
-        }
+        self.bridge.ends.said().into_iter().chain(self.latencies.said()).for_each(|line| Role::FlightSim.log(line));
     }
 }
 

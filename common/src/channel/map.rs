@@ -68,6 +68,12 @@ struct LevelGrid {
 type Row = (String, f64, f64, f64, Option<f64>);
 
 impl LinkMap {
+    /// The id of a sensor node that the name of its grid states, `7` or `#7`.
+    #[must_use]
+    pub fn id_of(name: &str) -> Option<usize> {
+        name.strip_prefix(BY_ID).unwrap_or(name).parse().ok()
+    }
+
     /// Parses the text of the file `path`: a row for each point of the grid of each sensor node, in any order. `steps`
     /// are those of the file of rates, if there is one.
     ///
@@ -217,6 +223,9 @@ impl LinkMap {
         if reached == 0 { 0.0 } else { steps[reached - 1][1] }
     }
 }
+
+/// What begins a name that can only be an id: a sensor node may have a number as its name.
+const BY_ID: char = '#';
 
 /// A position in bits.
 pub(super) fn key(place: &Position) -> [u64; 2] {

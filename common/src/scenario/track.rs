@@ -10,7 +10,7 @@ use super::uav::Climb;
 use crate::error::{InputError, line_of, quoted, read_text};
 
 /// Most slots of a mission with a track: each has its waypoint in the scenario of the run.
-const MOST_SLOTS: u64 = 1_000_000;
+pub const MOST_TRACK_SLOTS: u64 = 1_000_000;
 
 /// Slack of altitudes and times against rounding, relative to them.
 const ROUNDING: f64 = 1e-9;
@@ -37,8 +37,8 @@ struct TrackRow {
 /// If the file has an invalid row, or ends before the mission.
 pub(super) fn read_file(scenario: &mut Scenario) -> Result<Option<TrackFile>, InputError> {
     let Some(file) = scenario.uav.track.take() else { return Ok(None) };
-    if scenario.slots > MOST_SLOTS {
-        let expected = format!("none with more than {MOST_SLOTS} slots");
+    if scenario.slots > MOST_TRACK_SLOTS {
+        let expected = format!("none with more than {MOST_TRACK_SLOTS} slots");
         let value = Value::String(file.to_string_lossy().into_owned());
         return Err(scenario.refusal("uav.track", &value, &expected));
     }

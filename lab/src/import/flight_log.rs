@@ -12,6 +12,9 @@ use skysink_common::geodata::check_geodetic;
 
 use super::imported::Frame;
 
+/// Largest SNR, and the negative of the smallest [dB].
+const MOST_DB: f64 = 300.0;
+
 /// The kind of input in error messages.
 const WHAT: &str = "flight log";
 
@@ -82,6 +85,9 @@ impl FlightLog {
             }
             let is_heard = !record[snr].is_empty();
             let heard = is_heard.then(|| Ok::<_, String>((record[sensor].to_owned(), number(snr)?))).transpose()?;
+            if let Some((_, snr_db)) = heard.as_ref().filter(|(_, snr_db)| snr_db.abs() > MOST_DB) {
+                return Err(refuse(format!("snr_db = {snr_db}: expected a number from −{MOST_DB} to {MOST_DB}")));
+            }
             if heard.as_ref().is_some_and(|(name, _)| name.is_empty()) {
                 return Err(refuse("sensor = : expected a name or an id, as there is an SNR".to_owned()));
             }

@@ -99,7 +99,7 @@ impl HeightGrid {
         let no_height = no_height.unwrap_or(NO_HEIGHT);
         let words = text.lines().enumerate().skip(lines);
         let words = words.flat_map(|(index, line)| line.split_whitespace().map(move |word| (index + 1, word)));
-        let mut from_north = Vec::with_capacity(all);
+        let mut from_north = Vec::with_capacity(all.min(text.len() / 2 + 1));
         for (line, word) in words {
             let height_m = word.parse().ok().filter(|height_m: &f64| height_m.abs() <= 1e6 || *height_m == no_height);
             let height_m = height_m.ok_or_else(|| format!("line {line}: `{}`: expected a height [m]", quoted(word)))?;
