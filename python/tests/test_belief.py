@@ -13,7 +13,7 @@ from skysink.environment import DataCollectionEnv
 
 VIEW = {
     "slot", "uav", "queues_bits", "sampling_bps", "belief", "field", "energy_j", "is_charging", "energy_left_home_j",
-    "slots_left_home", "neighbours", "values", "reachable",
+    "slots_left_home", "neighbours", "values", "reachable", "links",
 }  # fmt: skip
 
 VIEW_METHODS = {"route_to"}

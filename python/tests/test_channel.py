@@ -142,5 +142,5 @@ def test_a_strategy_sees_the_links_that_are_heard() -> None:
     assert len(heard) == 20
     nearest = [np.nanmax(links) - np.nanmin(links) for links in heard]
     assert max(nearest) > 10.0  # some are in sight, and some are not
-    skysink.simulate(hearing.replace({"link.beacon_radius_m": None}), Listens)
+    skysink.simulate(skysink.Scenario.letter().replace({"slots": 20, **stays}), Listens)
     assert len(heard) == 20
