@@ -11,12 +11,6 @@ namespace skysink {
 /// Most resource blocks of a UAV, and so most served sensor nodes in a message.
 constexpr static const size_t MAX_RESOURCE_BLOCKS = 64;
 
-/// SNRs that are kept of each sensor node.
-constexpr static const size_t HEARD_SNRS = 64;
-
-/// Most bytes of a sensor node in a checkpoint: its position, and four numbers of 4 bytes for each SNR.
-constexpr static const size_t BYTES_PER_HEARD = ((HEARD_SNRS * 16) + 32);
-
 /// Most sensor nodes in one plan.
 constexpr static const size_t MAX_SERVED = MAX_RESOURCE_BLOCKS;
 

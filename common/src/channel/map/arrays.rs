@@ -8,7 +8,7 @@ use rustc_hash::FxHashMap;
 use zip::ZipArchive;
 use zip::result::ZipError;
 
-use super::{BY_ID, LevelGrid, LinkMap, MOST_POINTS, NO_LINK};
+use super::{LevelGrid, LinkMap, MOST_POINTS, NO_LINK};
 use crate::error::quoted;
 
 /// The extension of the file.
@@ -119,7 +119,7 @@ impl LinkMap {
                 }
             }
             let highest = of_sensor.iter().copied().fold(NO_LINK, f64::max);
-            let name = if count == 1 { String::new() } else { format!("{BY_ID}{sensor}") };
+            let name = if count == 1 { String::new() } else { sensor.to_string() };
             (name, LevelGrid { axes_m: axes_m.clone(), levels: of_sensor, highest })
         };
         let mut named: Vec<(String, LevelGrid)> = (0..count).map(grid).collect();

@@ -25,12 +25,12 @@ impl LinkMap {
     pub fn checked_steps(steps: Vec<[f64; 2]>) -> Result<Vec<[f64; 2]>, String> {
         let is_up = |steps: &[[f64; 2]]| steps[0][0] < steps[1][0] && steps[0][1] < steps[1][1];
         let refuse = |[snr_db, rate_bps]: &[f64; 2]| {
-            let expected = "expected a finite SNR and a rate from 0 to 1e300, in ascending steps";
+            let expected = "expected ascending steps, of finite SNRs and rates from 0 to 1e300";
             Err(format!("snr_db = {snr_db}, rate_bps = {rate_bps}: {expected}"))
         };
         match (steps.iter().find(|step| !is_step(step)), steps.windows(2).find(|steps| !is_up(steps))) {
             (Some(step), _) | (None, Some([_, step])) => refuse(step),
-            _ if steps.is_empty() => Err("no steps: expected an SNR and a rate for each".to_owned()),
+            _ if steps.is_empty() => Err("no rows: expected a row for each step".to_owned()),
             _ => Ok(steps),
         }
     }
