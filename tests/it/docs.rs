@@ -12,11 +12,30 @@ const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 /// Parts of the book whose commands are run.
 const COMMANDS_RUN_IN: [&str; 3] = ["Tutorials", "Choosing", "How-to guides"];
 
-/// Most words by hand of a page in these parts, of another page, and of all.
-const MOST_WORDS: [usize; 3] = [1_200, 2_000, 47_500];
+/// The landing page of the repository, whose commands are run like those of guides.
+const README: &str = "../../README.md";
 
-/// Most words of pages that are longer or, as the README, shorter.
-const OTHER_BUDGETS: [(&str, usize); 3] = [("../../README.md", 750), ("look-ahead.md", 2_100), ("model.md", 6_200)];
+/// Most words by hand of a page in these parts, of another page, and of all.
+const MOST_WORDS: [usize; 3] = [1_200, 2_000, 45_000];
+
+/// Most words by hand of single pages, which are shorter or, for now, longer than others.
+const BUDGETS: [(&str, usize); 12] = [
+    (README, 700),
+    ("introduction.md", 500),
+    ("gallery.md", 600),
+    ("strategies.md", 600),
+    ("own-field.md", 650),
+    ("input-files.md", 1_200),
+    ("check.md", 400),
+    ("command-line.md", 300),
+    ("metrics.md", 1_100),
+    ("questions.md", 450),
+    ("look-ahead.md", 2_100),
+    ("model.md", 6_200),
+];
+
+/// What begins a line that readers do not see.
+const COMMENT: &str = "<!--";
 
 /// What begins a line before a generated part, and what the line behind it.
 const GENERATED: [&str; 3] = ["<!-- table: ", "<!-- layouts: ", "<!-- reproduce "];
@@ -104,7 +123,7 @@ fn summary() -> Vec<(String, String)> {
 /// The pages whose commands are run.
 fn guides() -> Vec<String> {
     let guides = summary().into_iter().filter(|(part, _)| COMMANDS_RUN_IN.contains(&part.as_str()));
-    guides.map(|(_, page)| page).collect()
+    guides.map(|(_, page)| page).chain([README.to_owned()]).collect()
 }
 
 /// Runs the blocks of a page in order, each in its own shell, in a folder with links to the repository's folders, as a
@@ -234,7 +253,7 @@ fn words_by_hand(page: &str) -> usize {
     let mut is_generated = false;
     for line in text.lines() {
         is_generated |= GENERATED.iter().any(|mark| line.starts_with(mark));
-        if !is_generated {
+        if !is_generated && !line.starts_with(COMMENT) {
             words += line.split_whitespace().count();
         }
         is_generated &= !line.starts_with(END_OF_GENERATED);
@@ -248,10 +267,11 @@ fn no_page_is_longer_than_its_budget() {
     let [of_guide, of_page, of_book] = MOST_WORDS;
     let mut sum = 0;
     let mut longer = Vec::new();
-    for (part, page) in summary().into_iter().chain([(String::new(), "../../README.md".to_owned())]) {
+    for (part, page) in summary().into_iter().chain([(String::new(), README.to_owned())]) {
         let words = words_by_hand(&page);
         let usual = if COMMANDS_RUN_IN.contains(&part.as_str()) { of_guide } else { of_page };
-        let most = OTHER_BUDGETS.iter().find(|(other, _)| *other == page).map_or(usual, |(_, most)| *most);
+        let most = BUDGETS.iter().find(|(other, _)| *other == page).map_or(usual, |(_, most)| *most);
+        println!("{words:5} of {most:5} {page}");
         if words > most {
             longer.push(format!("{page}: {words} words by hand, expected at most {most}"));
         }
