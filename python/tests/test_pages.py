@@ -40,6 +40,17 @@ def is_run(block: re.Match[str]) -> bool:
     return "," not in block["kind"] and not block["before"].startswith(QUOTED)
 
 
+def printed(page: Path) -> list[str]:
+    """The lines that the page says its Python prints: `text` behind a block that is run, or behind `python3 FILE`."""
+    lines: list[str] = []
+    follows = False
+    for block in BLOCK.finditer(page.read_text()):
+        if block["kind"] == "text" and follows:
+            lines += block["text"].splitlines()
+        follows = block["kind"] == "python" and is_run(block) or block["text"].startswith("python3 ")
+    return lines
+
+
 def script(page: Path) -> str:
     """The blocks that are run, each at its lines of the page, so that tracebacks have these."""
     text = page.read_text()
@@ -68,6 +79,9 @@ def test_the_blocks_of_a_page_run(page: Path, tmp_path: Path) -> None:
     for command in [*(commands if page.name in AFTER_COMMANDS else []), [sys.executable, page.name]]:
         ended = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=3600)
         assert ended.returncode == 0, ended.stdout + ended.stderr
+    lines = iter(ended.stdout.splitlines())
+    missing = [line for line in printed(page) if line not in lines]
+    assert not missing, f"{missing}: expected them in\n{ended.stdout}"
 
 
 def test_blocks_that_are_not_run_state_the_reason() -> None:

@@ -126,8 +126,11 @@ fn guides() -> Vec<String> {
     guides.map(|(_, page)| page).chain([README.to_owned()]).collect()
 }
 
+/// What stands for lines of an output that a page omits.
+const OMITTED: &str = "...";
+
 /// Runs the blocks of a page in order, each in its own shell, in a folder with links to the repository's folders, as a
-/// reader would from its root.
+/// reader would from its root. The lines of a `text` block are among those that the commands before it print, in order.
 fn run_page(page: &str) {
     let place = Place::new();
     for folder in READ {
@@ -135,10 +138,23 @@ fn run_page(page: &str) {
     }
     let executables = Path::new(env!("CARGO_BIN_EXE_skysink")).parent().unwrap();
     let path = format!("{}:{}", executables.display(), std::env::var("PATH").unwrap());
-    for block in blocks(page).iter().filter(|block| block.kind == "sh") {
-        let mut shell = place.command("bash", &["-euo", "pipefail", "-c", &block.text]);
-        let ended = output(shell.env("PATH", &path));
-        assert_eq!(ended.code, Some(0), "{}:\n{}{ended:?}", block.place, block.text);
+    let mut printed = None;
+    for block in blocks(page) {
+        match (block.kind.as_str(), &printed) {
+            ("sh", _) => {
+                let mut shell = place.command("bash", &["-euo", "pipefail", "-c", &block.text]);
+                let ended = output(shell.env("PATH", &path));
+                assert_eq!(ended.code, Some(0), "{}:\n{}{ended:?}", block.place, block.text);
+                printed = Some(ended.stdout);
+            }
+            ("text", Some(printed)) => {
+                let mut lines = printed.lines().map(str::trim_end);
+                let mut shown = block.text.lines().filter(|line| *line != OMITTED);
+                let missing = shown.find(|line| !lines.any(|printed| printed == *line));
+                assert_eq!(missing, None, "{}: expected it in:\n{printed}", block.place);
+            }
+            _ => printed = None,
+        }
     }
     place.assert_clean();
 }
