@@ -314,19 +314,17 @@ def models():
     return table("models", ["model", "n", *strategies], rows, "seeds 1 to n")
 
 
-@entry("fleet", 11)
+@entry("fleet", 0.5)
 def fleet():
     """The loss of one to three UAVs, by how they share a field."""
-    cheap, ahead = sweep("fleet"), sweep("fleet-ahead")
+    missions = sweep("fleet")
     modes = ["independent", "sequential", "partition"]
     fleets = [(uavs, mode) for uavs in [2, 3] for mode in modes]
-    rows = []
-    for strategy in ["uts", "edf", "mes", "tour", "horizon"]:
-        missions = (ahead if strategy == "horizon" else cheap).where(strategy=strategy)
-        losses = [missions.at({"uav.count": uavs, "uav.coordination": mode}) for uavs, mode in [(1, modes[0]), *fleets]]
-        rows.append([f"`{strategy}`", *(fleet.loss(strategy) for fleet in losses)])
+    each = [missions.at({"uav.count": uavs, "uav.coordination": mode}) for uavs, mode in [(1, modes[0]), *fleets]]
+    strategies = ["uts", "edf", "mes", "tour"]
+    rows = [[f"`{strategy}`", *(here.loss(strategy) for here in each)] for strategy in strategies]
     head = ["", "one UAV", *(f"{uavs}, `{mode}`" for uavs, mode in fleets)]
-    return table("fleet", head, rows, f"seeds 1 to {cheap.fields()}")
+    return table("fleet", head, rows, f"seeds 1 to {missions.fields()}")
 
 
 @entry("fleet-load", 7)
