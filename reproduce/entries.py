@@ -314,6 +314,58 @@ def models():
     return table("models", ["model", "n", *strategies], rows, "seeds 1 to n")
 
 
+@entry("fleet", 0.5)
+def fleet():
+    """The loss of one to three UAVs, by how they share a field."""
+    missions = sweep("fleet")
+    modes = ["independent", "sequential", "partition"]
+    fleets = [(uavs, mode) for uavs in [2, 3] for mode in modes]
+    each = [missions.at({"uav.count": uavs, "uav.coordination": mode}) for uavs, mode in [(1, modes[0]), *fleets]]
+    strategies = ["uts", "edf", "mes", "tour"]
+    rows = [[f"`{strategy}`", *(here.loss(strategy) for here in each)] for strategy in strategies]
+    head = ["", "one UAV", *(f"{uavs}, `{mode}`" for uavs, mode in fleets)]
+    return table("fleet", head, rows, f"seeds 1 to {missions.fields()}")
+
+
+@entry("fleet-load", 7)
+def fleet_load():
+    """The loss of three UAVs that cannot serve all in time, by how they share the field."""
+    missions = sweep("fleet-load")
+    rows = []
+    for strategy in "uts gfs max-age-first whittle edf mes tour horizon".split():
+        here = missions.where(strategy=strategy)
+        shared, cut = (here.at({"uav.coordination": mode}) for mode in ["sequential", "partition"])
+        changes = [after - before for before, after in zip(shared.values("loss_rate"), cut.values("loss_rate"))]
+        rows.append([f"`{strategy}`", shared.loss(strategy), cut.loss(strategy), cell(changes, "+")])
+    head = ["three UAVs", "`sequential`", "`partition`", "paired difference"]
+    return table("fleet-load", head, rows, f"seeds 1 to {missions.fields()}")
+
+
+@entry("ages", 6)
+def ages():
+    """The mean age and the loss by what is minimised."""
+    missions = sweep("ages")
+    cases = [(f"`{strategy}`", strategy, "loss") for strategy in ["max-age-first", "whittle", "tour"]]
+    cases += [(f'`horizon`, `"{objective}"`', "horizon", objective) for objective in ["loss", "age"]]
+
+    def of(strategy, objective):
+        return missions.at({"strategy": strategy, "planner.objective": objective})
+
+    def seconds(values):
+        return f"{mean(values):.1f} ± {error_of(values):.1f}"
+
+    least = of("horizon", "age").values("aoi_mean_s")
+    rows = []
+    for label, strategy, objective in cases:
+        here = of(strategy, objective)
+        ages_s = here.values("aoi_mean_s")
+        changes = [best - age for best, age in zip(least, ages_s)]
+        rows.append([label, seconds(ages_s), here.loss(strategy), seconds(changes) if any(changes) else ""])
+    head = ["", "`aoi_mean_s`", "loss rate", '`"age"` less this [s]']
+    seeds = f"seeds {missions.rows[0]['seed']} to {missions.rows[-1]['seed']}"
+    return table("ages", head, rows, seeds)
+
+
 @entry("ablation", 4)
 def ablation():
     """What parts and search steps of `horizon` change."""

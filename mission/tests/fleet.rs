@@ -503,6 +503,9 @@ fn a_restored_fleet_plans_as_before() {
             let mut mission = Mission::new(&scenario, &list).unwrap();
             for (slot, next) in (1..).zip(&flown[1..]).take(12) {
                 mission.next().unwrap();
+                if slot % 3 != 1 {
+                    continue;
+                }
                 let bytes = saved(&mission.planner);
                 let mut again = FleetPlanner::until(&scenario, &list.nodes(), &Stop::default()).unwrap();
                 again.restore(&bytes).unwrap();

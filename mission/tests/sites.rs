@@ -4,6 +4,7 @@ mod support;
 
 use std::time::Duration;
 
+use rayon::prelude::*;
 use skysink_common::base::{Base, Charger};
 use skysink_common::battery::Battery;
 use skysink_common::message::{FlightReport, HoldReason, Mode, Plan};
@@ -146,43 +147,44 @@ impl Sites {
 
 #[test]
 fn two_sites_keep_fleets_in_the_air_and_their_energy_in_balance() {
-    let [mut waits, mut charges, mut both] = [0; 3];
-    for seed in 1..=240 {
-        let scenario = scenario(seed);
-        let sites = Sites { base: scenario.landing_base().unwrap(), battery: Battery::of(&scenario).unwrap() };
-        let list = SensorList::of(&scenario).unwrap();
-        let uavs = scenario.uav.uavs();
-        let mut before = Plant::new(&scenario, &list).flights().clone();
-        let mut swapped = vec![0; uavs];
-        let (slots, summary) = flown(&scenario);
-        let mut visited = [false; 2];
-        for record in &slots {
-            let mut taken = [0; 2];
-            for (uav, now) in record.flights.iter().enumerate() {
-                let at = format!("seed {seed}, slot {}, UAV {uav}", record.slot());
-                assert!(now.energy_j >= 0.0, "{at}: down");
-                swapped[uav] = sites.check(&before[uav], now, swapped[uav], &at);
-                if now.flown_mode() == Mode::Charge {
-                    let site = sites.base.site_at(&now.position().xy()).unwrap();
-                    let is_full = before[uav].energy_j == sites.battery.capacity_j;
-                    let is_waiting = now.hold == HoldReason::Pad as u32;
-                    taken[site] += u32::from(!is_full && !is_waiting);
-                    visited[site] = true;
-                    // Only behind as many UAVs of lower number as there are pads.
-                    assert!(!is_waiting || taken[site] == sites.base.sites()[site].charger.pads, "{at}");
-                }
-            }
-            assert!((0..2).all(|site| taken[site] <= sites.base.sites()[site].charger.pads), "seed {seed}");
-            before.clone_from(&record.flights);
-        }
-        let energy = summary.energy.unwrap();
-        let balance_j = uavs as f64 * 14_000.0 + energy.charged_j - energy.used_j - energy.left_j;
-        assert!(balance_j.abs() < 1e-5, "seed {seed}: {energy:?}");
-        assert_eq!((summary.landed, energy.down_slot), (Some(true), None), "seed {seed}");
-        waits += u32::from(energy.pad_wait_s.unwrap() > 0.0);
-        charges += u32::from(energy.charged_j > 0.0);
-        both += u32::from(visited == [true; 2]);
-    }
+    let missions: Vec<[bool; 3]> = (1..=240).into_par_iter().map(keep_sites).collect();
+    let [waits, charges, both] = [0, 1, 2].map(|what| missions.iter().filter(|has| has[what]).count());
     let counts = format!("{waits} missions with waits, {charges} with charges, {both} with both sites");
     assert!(waits > 10 && charges > 100 && both > 50, "{counts}");
+}
+
+/// Checks a mission, and whether a UAV waited for a pad, and charged, and whether both sites were visited.
+fn keep_sites(seed: u64) -> [bool; 3] {
+    let scenario = scenario(seed);
+    let sites = Sites { base: scenario.landing_base().unwrap(), battery: Battery::of(&scenario).unwrap() };
+    let list = SensorList::of(&scenario).unwrap();
+    let uavs = scenario.uav.uavs();
+    let mut before = Plant::new(&scenario, &list).flights().clone();
+    let mut swapped = vec![0; uavs];
+    let (slots, summary) = flown(&scenario);
+    let mut visited = [false; 2];
+    for record in &slots {
+        let mut taken = [0; 2];
+        for (uav, now) in record.flights.iter().enumerate() {
+            let at = format!("seed {seed}, slot {}, UAV {uav}", record.slot());
+            assert!(now.energy_j >= 0.0, "{at}: down");
+            swapped[uav] = sites.check(&before[uav], now, swapped[uav], &at);
+            if now.flown_mode() == Mode::Charge {
+                let site = sites.base.site_at(&now.position().xy()).unwrap();
+                let is_full = before[uav].energy_j == sites.battery.capacity_j;
+                let is_waiting = now.hold == HoldReason::Pad as u32;
+                taken[site] += u32::from(!is_full && !is_waiting);
+                visited[site] = true;
+                // Only behind as many UAVs of lower number as there are pads.
+                assert!(!is_waiting || taken[site] == sites.base.sites()[site].charger.pads, "{at}");
+            }
+        }
+        assert!((0..2).all(|site| taken[site] <= sites.base.sites()[site].charger.pads), "seed {seed}");
+        before.clone_from(&record.flights);
+    }
+    let energy = summary.energy.unwrap();
+    let balance_j = uavs as f64 * 14_000.0 + energy.charged_j - energy.used_j - energy.left_j;
+    assert!(balance_j.abs() < 1e-5, "seed {seed}: {energy:?}");
+    assert_eq!((summary.landed, energy.down_slot), (Some(true), None), "seed {seed}");
+    [energy.pad_wait_s.unwrap() > 0.0, energy.charged_j > 0.0, visited == [true; 2]]
 }

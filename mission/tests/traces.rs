@@ -6,6 +6,7 @@ mod support;
 
 use std::path::Path;
 
+use rayon::prelude::*;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::Mission;
@@ -155,14 +156,8 @@ fn traces_are_the_recorded_ones() {
             coordinations.iter().flat_map(move |coordination| strategies(*coordination))
         })
         .collect();
-    let half = cases.len().div_ceil(2);
-    let lines = |cases: &[_]| {
-        cases.iter().map(|&(strategy, model, coordination)| line(strategy, model, coordination)).collect::<String>()
-    };
-    let found = std::thread::scope(|scope| {
-        let threads: Vec<_> = cases.chunks(half).map(|cases| scope.spawn(move || lines(cases))).collect();
-        threads.into_iter().map(|thread| thread.join().unwrap()).collect::<String>()
-    });
+    let lines = cases.into_par_iter().map(|(strategy, model, coordination)| line(strategy, model, coordination));
+    let found: String = lines.collect::<Vec<_>>().concat();
     if std::env::var_os("UPDATE_EXPECT").is_some() {
         std::fs::write(path, found).unwrap();
         return;

@@ -94,9 +94,9 @@ class Scenario:
         levels: NDArray[np.float64],
         rates: Sequence[Sequence[float]] | NDArray[np.float64] | None = None,
     ) -> Scenario:
-        """A copy with links by place (``docs/src/model.md``, D32): ``levels`` [N, z, y, x], for each SN, or with N = 1
-        for all, at the positions ``x_m``, ``y_m`` and ``z_m`` of the UAV, NaN for no link. They are SNRs [dB], of which
-        ``rates`` [steps, 2] has the SNR from which on each rate [bit/s] is carried, or without it rates. Raises
+        """A copy with links by place (``docs/src/decisions.md``, D32): ``levels`` [N, z, y, x], for each SN, or with N
+        = 1 for all, at the positions ``x_m``, ``y_m`` and ``z_m`` of the UAV, NaN for no link. They are SNRs [dB], of
+        which ``rates`` [steps, 2] has the SNR from which on each rate [bit/s] is carried, or without it rates. Raises
         :class:`InputError`.
         """
 

@@ -13,8 +13,11 @@ use crate::names::{crates, sources};
 /// How to write the tables anew.
 const COMMAND: &str = "cargo test --workspace --test it write_the_tables_of_the_book -- --ignored";
 
+/// Writes a table.
+type Writer = fn() -> String;
+
 /// The tables that are not of types.
-const TABLES: [(&str, fn() -> String); 11] = [
+const TABLES: [(&str, Writer); 11] = [
     ("topics", topics),
     ("entities", entities),
     ("strategies", registries::strategies),

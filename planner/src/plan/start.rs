@@ -8,13 +8,15 @@ use super::model::PlanModel;
 use super::objective::Objective;
 use super::operators::detours_m;
 use crate::geometry::turns::Turns;
-use crate::route::motion::MOST_SLOTS;
 
 /// Points that are tried for a first stop to hover at.
 const FIRST_POINTS: usize = 4;
 
 /// Positions in a plan that are tried for it: those of the least detour.
 const FIRST_POSITIONS: usize = 8;
+
+/// Slack of the worth of stops that are compared, relative to it.
+const ROUNDING: f64 = 1e-12;
 
 /// Loads the best of several initial plans: a greedy one, and repeated rounds over single sensors and over groups, in
 /// both directions.
@@ -53,18 +55,31 @@ pub fn extend<O: Objective>(model: &PlanModel, forecast: &mut Forecast<O>) {
         let legs = forecast.trace.legs.len();
         let (at, slot) = forecast.trace.legs.last().map_or((forecast.window.start, 0), |leg| (leg.at, leg.end));
         let mut best: Option<(f64, f64, u32)> = None;
+        let waited_bits = |member: u32, now: f64, level: O::Level| {
+            (now - O::since(level)) * O::price(&model.sensors[member as usize])
+        };
         for &stop in &model.stops {
-            let slots = model.table.motion.slots_into(&at, model.disk(stop)).min(f64::from(MOST_SLOTS)) as i32;
-            if slots > forecast.window.slots - slot || model.is_dead(stop) {
+            let members = &model.disks[stop as usize].members;
+            let left = f64::from(forecast.window.slots - slot);
+            let least = model.table.motion.least_slots_into(&at, model.disk(stop));
+            if least > left || model.is_dead(stop) {
                 continue;
             }
-            let now = f64::from(slot + slots);
-            let waited_bits = |&member: &u32| {
-                let sensor = member as usize;
-                let since = O::since(model.level_at::<O>(sensor, now, levels[sensor]));
-                (now - since) * O::price(&model.sensors[sensor])
+            // The later it is there the less is its worth, and the fewer the visits of others before.
+            let most_worth = || {
+                let now = f64::from(slot) + least;
+                members.iter().map(|&member| waited_bits(member, now, levels[member as usize])).sum::<f64>() / least
             };
-            let worth = model.disks[stop as usize].members.iter().map(waited_bits).sum::<f64>() / f64::from(slots);
+            if best.is_some_and(|(most, ..)| most_worth() < most * (1.0 - ROUNDING)) {
+                continue;
+            }
+            let slots = model.table.motion.slots_into(&at, model.disk(stop));
+            if slots > left {
+                continue;
+            }
+            let now = f64::from(slot) + slots;
+            let level = |member: u32| model.level_at::<O>(member as usize, now, levels[member as usize]);
+            let worth = members.iter().map(|&member| waited_bits(member, now, level(member))).sum::<f64>() / slots;
             let away_m2 = distance_squared(&at, &model.disk(stop).centre);
             if best.is_none_or(|(most, nearest_m2, _)| worth > most || worth == most && away_m2 < nearest_m2) {
                 best = Some((worth, away_m2, stop));

@@ -123,12 +123,19 @@ impl Motion {
         self.airspace.is_open() || self.slots_into(from, disk) <= self.move_slots() as f64
     }
 
+    /// Slots that no path from `from` into `disk` falls short of: those of the straight one, at least 1.
+    #[inline]
+    #[must_use]
+    pub fn least_slots_into(&self, from: &Position, disk: &Disk) -> f64 {
+        slots_between(from, disk, self.reach_m)
+    }
+
     /// Slots of the shortest path from `from` into `disk`, at least 1, on a grid at least those of a hover; infinite if
     /// there is none.
     #[must_use]
     pub fn slots_into(&self, from: &Position, disk: &Disk) -> f64 {
         if self.is_straight(from, &disk.centre) {
-            return slots_between(from, disk, self.reach_m);
+            return self.least_slots_into(from, disk);
         }
         self.shortest_into(from, disk).map_or(f64::INFINITY, |route| f64::from(route.slots()))
     }
