@@ -26,7 +26,7 @@ const BUDGETS: [(&str, usize); 10] = [
     ("strategies.md", 500),
     ("own-field.md", 550),
     ("input-files.md", 1_050),
-    ("check.md", 320),
+    ("check.md", 200),
     ("command-line.md", 280),
     ("metrics.md", 1_000),
     ("questions.md", 410),

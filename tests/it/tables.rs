@@ -17,12 +17,13 @@ const COMMAND: &str = "cargo test --workspace --test it write_the_tables_of_the_
 type Writer = fn() -> String;
 
 /// The tables that are not of types.
-const TABLES: [(&str, Writer); 11] = [
+const TABLES: [(&str, Writer); 12] = [
     ("topics", topics),
     ("entities", entities),
     ("strategies", registries::strategies),
     ("sources of strategies", registries::sources_of_strategies),
     ("metrics", registries::metrics),
+    ("figures", registries::figures),
     ("warnings", registries::warnings),
     ("formats", registries::formats),
     ("imported columns", registries::imported_columns),

@@ -15,6 +15,7 @@ use skysink_planner::strategy::Registered;
 
 use super::{Documented, block, documented, plain, root};
 use crate::names::sources;
+use crate::support::Place;
 
 /// The documentation of a strategy whose file has it at its beginning.
 const AT_BEGINNING: &str = "The strategy in the registry.";
@@ -80,6 +81,15 @@ pub fn metrics() -> String {
         format!("| `{}` | {} | {words} |\n", metric.name(), metric.unit())
     };
     format!("| column | unit | definition |\n|---|---|---|\n{}", Metric::all().map(row).collect::<String>())
+}
+
+/// The figures that `check` prints of a scenario.
+pub fn figures() -> String {
+    let scenario = root().join("scenarios/sparse.toml");
+    let checked = Place::new().run_ok(&["check", scenario.to_str().expect("a path of UTF-8")]).stdout;
+    let figures: String =
+        checked.lines().filter(|line| line.starts_with("#  ")).map(|line| format!("{line}\n")).collect();
+    format!("```\n{figures}```\n")
 }
 
 /// Files with the warnings of `check`.
