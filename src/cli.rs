@@ -110,10 +110,16 @@ impl Command {
             Self::Merge(command) => command.run(stop),
             #[cfg(feature = "lab")]
             Self::Export(command) => command.run(stop),
-            Self::Completions(command) => command.run(Cli::command()),
-            Self::Man(command) => command.run(Cli::command()),
+            Self::Completions(completions) => completions.run(command()),
+            Self::Man(man) => man.run(command()),
         }
     }
+}
+
+/// The commands with their options.
+#[must_use]
+pub fn command() -> clap::Command {
+    Cli::command()
 }
 
 /// Runs a command line, program name first, and returns its exit code.

@@ -12,7 +12,7 @@ mod rows;
 use std::ops::Range;
 
 pub use list::{Sensor, SensorList};
-pub use rows::check_name;
+pub use rows::{COLUMNS, check_name};
 
 use crate::arrivals::mean_bits;
 use crate::geometry::Position;

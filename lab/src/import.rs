@@ -14,8 +14,9 @@ use std::path::Path;
 use skysink_common::error::InputError;
 use skysink_common::geodata::{self, KMZ, ReadFormat, geojson, kml};
 
+pub use csv::COORDINATES;
 pub use flight_log::{FlightLog, LogRow};
-pub use imported::{Frame, GROUND, Imported, ImportedSensor, south_west};
+pub use imported::{Frame, GROUND, Imported, ImportedSensor, OTHERS, south_west};
 pub use measured::{FittedLaw, MapGrid, Measured, MeasuredBin};
 pub use outlines::{CellOutline, outlines};
 pub use terrain::HeightGrid;

@@ -26,7 +26,7 @@ pub fn of(scenario: &Scenario, list: &SensorList) -> Vec<String> {
     notes.chain(places.doubts()).chain(short_maps(scenario, list)).collect()
 }
 
-/// The sensor nodes whose map of links does not cover, up to a cell, where they are served; `None` without any.
+/// The map of links does not cover, up to a cell, where some SNs are served.
 fn short_maps(scenario: &Scenario, list: &SensorList) -> Option<String> {
     let map = scenario.link.map?;
     let uav = &scenario.uav;
@@ -69,7 +69,7 @@ fn short_maps(scenario: &Scenario, list: &SensorList) -> Option<String> {
     ))
 }
 
-/// How the outlines of zones are simplified; `None` if they are not.
+/// Outlines of zones have too many corners.
 fn simplified(scenario: &Scenario) -> Option<String> {
     let SimplifiedZones { corners, given_corners, grown_m, .. } = scenario.simplified_zones();
     (corners < given_corners).then(|| {

@@ -32,7 +32,7 @@ pub struct EnergyFigures {
     pub timed_m: Option<f64>,
     /// Standard deviation of where a slot ends [m], if the base is smaller than twice that.
     pub missed_by_m: Option<f64>,
-    /// Whether the battery of a UAV does not last for the way from its start to the base, with the reserve.
+    /// Whether the battery of a UAV does not last for the flight from its start to the base, with the reserve.
     pub is_stranded: bool,
     /// Number of sampling SNs that cannot be served within both.
     pub beyond: usize,
@@ -103,10 +103,10 @@ impl EnergyFigures {
         })
     }
 
-    /// The warning about a UAV that does not come home at all.
+    /// A UAV cannot come home on its battery.
     pub fn stranded_warning(&self) -> Option<String> {
         let text =
-            "the battery does not last for the way from the start to the base with its reserve: the UAV may go down";
+            "the battery does not last for the flight from the start to the base with its reserve: the UAV may go down";
         self.is_stranded.then(|| text.to_owned())
     }
 
@@ -127,7 +127,7 @@ impl EnergyFigures {
         rows
     }
 
-    /// The warning about a base that a UAV may miss again and again.
+    /// The base is smaller than twice the position error.
     pub fn landing_warning(&self) -> Option<String> {
         let sigma = scaled(self.missed_by_m?, "m");
         Some(format!(
@@ -136,7 +136,7 @@ impl EnergyFigures {
         ))
     }
 
-    /// The warning about SNs that the UAV cannot serve and come home from.
+    /// The UAV cannot serve some SNs and come home in time, or on its battery.
     pub fn warning(&self) -> Option<String> {
         let what = match (self.radius_m, self.timed_m) {
             (Some(radius_m), Some(timed_m)) if timed_m < radius_m => "the mission is too short",

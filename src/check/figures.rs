@@ -44,26 +44,27 @@ pub struct Figures {
     pub sensors: usize,
     /// Number of slots, `T`.
     pub slots: u64,
-    /// Distance that a slot reaches in every direction, `V τ` without wind and acceleration [m].
+    /// Distance that a slot reaches in every direction [m], `V τ` without wind and acceleration (decisions D29, D31).
     pub reach_m: f64,
     /// What the slots demand of a vehicle, and what wind and errors do.
     pub motion: MotionFigures,
     /// What battery and base allow; `None` if the UAV need not come back.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub energy: Option<EnergyFigures>,
-    /// `d_c` [m].
+    /// Communication radius `d_c` [m].
     pub comm_radius_m: f64,
-    /// Radius in which `uts` searches anchors, the reach less `d_c` [m]. If this is not above 0, `uts` uses the reach.
+    /// Anchor radius of `uts`, in which Algorithm 1 searches: the reach less `d_c` [m]; if that is not above 0, `uts`
+    /// uses the reach.
     pub anchor_radius_m: f64,
-    /// Mean distance of an SN to its nearest neighbour [m]; `None` for a single SN.
+    /// Mean distance of an SN to its nearest neighbour [m]; above 50 000 SNs over every k-th. `None` for a single SN.
     pub neighbour_m: Option<f64>,
-    /// Links with the UAV directly above the SN.
+    /// Links with the UAV straight above the SN.
     pub above: LinkFigures,
     /// Links at the horizontal distance `d_c`.
     pub rim: LinkFigures,
     /// Noise, and what fading and line of sight that stays do to the links.
     pub radio: RadioFigures,
-    /// Slots until empty buffers are full; `None` if no SN samples.
+    /// Slots to fill an empty buffer, `B / (s_i τ)`, over the SNs that sample; `None` if no SN samples.
     pub fill_slots: Option<FillSlots>,
     /// Smallest and largest buffer [bit]; `None` if all are equal.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -71,9 +72,9 @@ pub struct Figures {
     /// Least and greatest weight of an SN (decision D25); `None` if all are equal.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub weights: Option<[f64; 2]>,
-    /// Slots until every SN has been served once.
+    /// Slots to serve every SN once.
     pub round: Round,
-    /// Offered load relative to the capacity of the radio.
+    /// Offered load: what all SNs sample in a slot, against what the radio carries.
     pub load: Load,
     /// Number of sampling SNs that cannot be reached before the end of the mission.
     pub unreachable: usize,
@@ -89,7 +90,8 @@ pub struct Figures {
     /// Arrivals at random; `None` if they are constant.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub arrivals: Option<ArrivalFigures>,
-    /// Whether a flight without loss exists.
+    /// Whether a flight without loss exists: an `answer`, and what it is from. `tour`, `uts-wide` and `edf` are
+    /// simulated for up to 5 000 SNs and 5 million SNs times slots; in larger fields the load alone decides.
     pub loss_free: LossFree,
 }
 

@@ -21,7 +21,7 @@ pub fn of(scenario: &Scenario, figures: &Figures) -> Vec<String> {
         .collect()
 }
 
-/// Radio, speed or slots are the paper's, and its field, of 200 SNs in 100 m × 100 m, is not.
+/// Radio, speed or slots are the paper's, but the mean distance to the nearest SN is more than 10 d_c.
 fn paper_values(scenario: &Scenario, figures: &Figures) -> Option<String> {
     let neighbour_m = figures.neighbour_m.filter(|neighbour_m| *neighbour_m > SPARSE * figures.comm_radius_m)?;
     let letter = Scenario::letter(Overrides::default()).expect("the built-in scenario is valid");
@@ -42,7 +42,7 @@ fn paper_values(scenario: &Scenario, figures: &Figures) -> Option<String> {
     })
 }
 
-/// A slot ends almost where it begins.
+/// A slot reaches less than 1 m.
 fn short_slot(scenario: &Scenario, figures: &Figures) -> Option<String> {
     (figures.reach_m < LEAST_REACH_M).then(|| {
         format!(

@@ -18,7 +18,7 @@ const LEVELS: u32 = 16;
 /// best altitude.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct LinkFigures {
-    /// Rates of the weakest and the strongest link [bit/s].
+    /// Rates of the weakest and the strongest link [bit/s]: expected values, at the best of 17 altitudes if it is free.
     pub rates_bps: [f64; 2],
     /// Bits per visit, `floor(r τ_c)`.
     pub visit_bits: [u64; 2],

@@ -18,14 +18,15 @@ const MOSTLY: f64 = 1.645;
 /// What the slots demand of a vehicle, and what wind and errors do.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MotionFigures {
-    /// Acceleration that flies the reach of a slot from rest to rest [m/s²], at a top speed of twice the mean speed;
-    /// `None` if the scenario gives the acceleration.
+    /// Acceleration that flies the reach of a slot from rest to rest [m/s²], 4 V/τ, at a top speed of twice the mean
+    /// speed; `None` if the scenario gives the acceleration.
     pub demanded_mps2: Option<f64>,
     /// Time in which a copter of 2.5 m/s² flies the reach from rest to rest [s]; `None` likewise.
     pub copter_s: Option<f64>,
     /// Ground speed against the wind and with it [m/s]; `None` without wind.
     pub ground_mps: Option<[f64; 2]>,
-    /// Standard deviation of where a slot ends [m]; `None` if it ends at the waypoint.
+    /// Standard deviation of where a slot ends [m]: half of the visits planned at `d_c` miss the range. `None` if it
+    /// ends at the waypoint.
     pub position_error_m: Option<f64>,
     /// Number of UAVs that start outside of a base and within `uav.separation_m` of another; `None` if there are none.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -71,7 +72,7 @@ impl MotionFigures {
         rows
     }
 
-    /// The warning about UAVs that start too near to each other.
+    /// UAVs start too near to each other, outside of a base.
     pub fn start_warning(&self) -> Option<String> {
         let crowded = self.crowded?;
         Some(format!(
@@ -80,7 +81,7 @@ impl MotionFigures {
         ))
     }
 
-    /// The warning if no copter flies the slots.
+    /// The slots take more than 9.81 m/s² (a tilt of 45°), and the scenario gives no acceleration.
     pub fn warning(&self) -> Option<String> {
         let demanded_mps2 = self.demanded_mps2.filter(|demanded_mps2| *demanded_mps2 > MOST_MPS2)?;
         let demanded = scaled(demanded_mps2, "m/s²");

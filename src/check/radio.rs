@@ -35,7 +35,7 @@ pub struct RadioFigures {
     pub faded: Option<f64>,
     /// Correlation distance of a line of sight that stays [m]; `None` if it is redrawn.
     pub los_correlation_m: Option<f64>,
-    /// Fraction of the places in range of SNs, over flyable ground, that are in line of sight of them among buildings;
+    /// Fraction of the positions in range of an SN, over flyable ground, that have line of sight to it among buildings;
     /// `None` with other channels.
     pub in_sight: Option<f64>,
     /// The grid of the table from which the rates are, whatever the noise; `None` with other channels.

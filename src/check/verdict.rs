@@ -49,9 +49,9 @@ pub enum LossFree {
 pub struct Round {
     /// Lower bound for all flights; `None` if zones hide an SN, so that no flight serves all.
     pub least_slots: Option<u64>,
-    /// The reason for this bound.
+    /// The reason for this bound, one of three.
     pub because: RoundBound,
-    /// Slots that the strategy `tour` takes, if it was simulated and the mission is long enough.
+    /// Slots that the first round of `tour` takes, if it was simulated and the mission is long enough.
     pub tour_slots: Option<u64>,
 }
 
@@ -63,7 +63,7 @@ pub enum RoundBound {
     Blocks,
     /// Flight from the start to the farthest SN.
     Farthest,
-    /// Flight between the SNs: [`PathBound`].
+    /// Flight between the SNs, by a minimum spanning tree of the distances between up to 1 000 disks: [`PathBound`].
     Paths,
 }
 

@@ -77,19 +77,19 @@ fn unreachable(figures: &Figures) -> Option<String> {
     })
 }
 
-/// Some SNs stand too deep in zones.
+/// Zones leave no place from which some SNs can be served.
 fn hidden(figures: &Figures) -> Option<String> {
     let hidden = figures.hidden.filter(|&hidden| hidden > 0)?;
     let sensors = figures.sensors;
     let names = figures.hidden_nodes.join(", ");
     let more = if hidden > figures.hidden_nodes.len() { ", …" } else { "" };
     Some(format!(
-        "{hidden} of the {sensors} sensor nodes cannot be served: no way leads into their range around the zones \
+        "{hidden} of the {sensors} sensor nodes cannot be served: no path leads into their range around the zones \
          ({names}{more})"
     ))
 }
 
-/// No strategy can lose anything.
+/// No buffer overflows in the mission, or no SN samples.
 fn unserved(figures: &Figures) -> Option<String> {
     let advice = match figures.fill_slots {
         Some(_) => {
@@ -117,7 +117,7 @@ fn late(figures: &Figures) -> Option<String> {
 /// Fraction of the mean from which on a mission that samples more or less has probably been told another mean.
 const OTHER_MEAN: f64 = 0.2;
 
-/// What is sampled is not what the planner is told.
+/// A trace whose rates differ by more than 20 % from what the planner is told.
 fn told_otherwise(figures: &Figures) -> Option<String> {
     let mission = figures.arrivals?.mission?;
     ((mission.of_mean - 1.0).abs() > OTHER_MEAN).then(|| {
@@ -132,7 +132,7 @@ fn told_otherwise(figures: &Figures) -> Option<String> {
 /// Ratio of the dispersion of a trace to what the planner is told, or the inverse, from which on it was hardly meant.
 const OTHER_DISPERSION: f64 = 4.0;
 
-/// A trace varies otherwise than the planner is told.
+/// A trace whose dispersion is not within a factor of 4 of what the planner is told.
 fn told_steadier(figures: &Figures) -> Option<String> {
     let arrivals = figures.arrivals?;
     let told_bits = arrivals.told_dispersion_bits?;

@@ -56,6 +56,7 @@ mod support;
 mod surveys;
 #[cfg(feature = "lab")]
 mod sweep;
+#[cfg(feature = "lab")]
 mod tables;
 mod topics;
 mod track;

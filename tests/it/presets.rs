@@ -113,7 +113,7 @@ skysink export runs/farm --format qgc-plan                            # writes r
 `link.preset` writes `resource_blocks`, `comm_radius_m`, and a table of rates: the highest rate whose sensitivity the
 received level reaches,
 
-```text
+```
 level = tx − L1 − preset_margin_db − 10 preset_exponent lg D
 ```
 

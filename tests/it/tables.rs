@@ -1,7 +1,9 @@
-//! The tables of `docs/src/interfaces.md` that restate code: topics, files that are types, and entities of recordings.
+//! The tables of the book that restate code: registries, topics, types, and entities of recordings.
 //!
-//! A table stands between `<!-- table: WHAT -->` and `<!-- end -->`; WHAT is `topics`, `entities`, or type names, of
-//! which the others are types of fields of the first. `tests/ring_planners/layouts.rs` writes the layouts of messages.
+//! A table stands between `<!-- table: WHAT -->` and `<!-- end -->`; WHAT is one of [`TABLES`], or type names, of which
+//! the others are types of fields of the first. `tests/ring_planners/layouts.rs` writes the layouts of messages.
+
+mod registries;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,7 +11,26 @@ use std::path::{Path, PathBuf};
 use crate::names::{crates, sources};
 
 /// How to write the tables anew.
-const COMMAND: &str = "cargo test --workspace --test it write_the_tables_of_the_interfaces -- --ignored";
+const COMMAND: &str = "cargo test --workspace --test it write_the_tables_of_the_book -- --ignored";
+
+/// Writes a table.
+type Writer = fn() -> String;
+
+/// The tables that are not of types.
+const TABLES: [(&str, Writer); 12] = [
+    ("topics", topics),
+    ("entities", entities),
+    ("strategies", registries::strategies),
+    ("sources of strategies", registries::sources_of_strategies),
+    ("metrics", registries::metrics),
+    ("figures", registries::figures),
+    ("warnings", registries::warnings),
+    ("formats", registries::formats),
+    ("imported columns", registries::imported_columns),
+    ("sensor columns", registries::sensor_columns),
+    ("commands", registries::commands),
+    ("scenarios", registries::scenarios),
+];
 
 /// Around the name of a table, and after the table.
 const MARKS: [&str; 3] = ["<!-- table: ", " -->\n", "<!-- end -->"];
@@ -21,39 +42,46 @@ fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-fn page() -> PathBuf {
-    root().join("docs/src/interfaces.md")
+/// The pages with tables, and their texts.
+fn pages() -> Vec<(PathBuf, String)> {
+    let pages = fs::read_dir(root().join("docs/src")).unwrap().map(|entry| entry.unwrap().path());
+    let pages = pages.filter(|page| page.extension().is_some_and(|end| end == "md"));
+    let texts = pages.map(|page| (fs::read_to_string(&page).unwrap(), page)).map(|(text, page)| (page, text));
+    texts.filter(|(_, text)| text.contains(MARKS[0])).collect()
 }
 
-/// The page as it should be.
-fn written() -> String {
-    let text = fs::read_to_string(page()).unwrap();
+/// The text of a page as it should be.
+fn written(text: &str) -> String {
     let mut parts = text.split(MARKS[0]);
     let mut written = parts.next().unwrap().to_owned();
     for part in parts {
         let (what, rest) = part.split_once(MARKS[1]).expect("the end of the mark");
         let (_, after) = rest.split_once(MARKS[2]).expect("the end of the table");
-        let table = match what {
-            "topics" => topics(),
-            "entities" => entities(),
-            types => fields(&types.split(' ').collect::<Vec<_>>()),
-        };
+        let table = TABLES.iter().find(|(name, _)| *name == what).map(|(_, table)| table());
+        let table = table.unwrap_or_else(|| fields(&what.split(' ').collect::<Vec<_>>()));
         written += &[MARKS[0], what, MARKS[1], "\n", &table, "\n", MARKS[2], after].concat();
     }
     written
 }
 
 #[test]
-fn the_interface_tables_match_the_code() {
-    assert!(written().matches(MARKS[2]).count() > 5);
-    let is_current = fs::read_to_string(page()).unwrap() == written();
-    assert!(is_current, "{} is stale: `{COMMAND}` writes it anew", page().display());
+fn the_tables_of_the_book_match_the_code() {
+    let pages = pages();
+    for (name, _) in TABLES {
+        let mark = format!("{}{name}{}", MARKS[0], MARKS[1]);
+        assert!(pages.iter().any(|(_, text)| text.contains(&mark)), "{name}: expected it on a page");
+    }
+    for (page, text) in pages {
+        assert!(text == written(&text), "{} is stale: `{COMMAND}` writes it anew", page.display());
+    }
 }
 
 #[test]
-#[ignore = "writes the page anew"]
-fn write_the_tables_of_the_interfaces() {
-    fs::write(page(), written()).unwrap();
+#[ignore = "writes the pages anew"]
+fn write_the_tables_of_the_book() {
+    for (page, text) in pages() {
+        fs::write(page, written(&text)).unwrap();
+    }
 }
 
 /// An item with its comment.
@@ -76,11 +104,24 @@ fn documented(text: &str) -> Vec<Documented> {
         } else if line.starts_with('#') {
             attributes += line;
         } else {
-            let words = std::mem::take(&mut words).replace("[`", "`").replace("`]", "`").replace('|', "\\|");
+            let words = plain(&std::mem::take(&mut words)).replace('|', "\\|");
             items.push(Documented { line: line.to_owned(), words, attributes: std::mem::take(&mut attributes) });
         }
     }
     items
+}
+
+/// The text of a comment without links to items, ``[`name`]`` and ``[`name`](path)``.
+fn plain(text: &str) -> String {
+    let mut parts = text.split("[`");
+    let first = parts.next().unwrap_or_default().to_owned();
+    parts.fold(first, |plain, part| match part.split_once("`]") {
+        Some((name, rest)) => {
+            let rest = rest.strip_prefix('(').and_then(|path| Some(path.split_once(')')?.1)).unwrap_or(rest);
+            format!("{plain}`{name}`{rest}")
+        }
+        None => plain + "[`" + part,
+    })
 }
 
 /// The text from the line that begins with `begin`, without it, to the line `end`.
@@ -92,7 +133,8 @@ fn block<'a>(text: &'a str, begin: &str, end: &str) -> Option<&'a str> {
 
 /// The fields or values of the type `name`, which is one of a kind.
 fn body_of(name: &str) -> Vec<Documented> {
-    let folders = crates(root()).into_iter().map(|folder| root().join(folder).join("src"));
+    let members = crates(root()).into_iter().map(|folder| root().join(folder));
+    let folders = members.chain([root().to_owned()]).map(|folder| folder.join("src"));
     let texts = folders.flat_map(|folder| sources(&folder)).map(|path| fs::read_to_string(path).unwrap());
     let declarations = [format!("struct {name} {{"), format!("enum {name} {{")];
     let mut bodies =
@@ -119,14 +161,12 @@ fn fields(types: &[&str]) -> String {
 
 fn rows(name: &str, prefix: &str, types: &[&str]) -> String {
     let mut rows = String::new();
-    for Documented { line, words, attributes } in body_of(name) {
-        let line = line.trim_start_matches("pub(crate) ").trim_start_matches("pub ").trim_end_matches(',');
+    for Documented { line, words, attributes } in body_of(name).into_iter().filter(|item| !item.words.is_empty()) {
+        let line = line.trim_start_matches("pub(crate) ").trim_start_matches("pub ").trim_end_matches([',', ' ', '{']);
         let is_absent = attributes.contains("skip_serializing_if");
         let words = words.replace("`None`", if is_absent { "absent" } else { "null" });
         let Some((key, kind)) = line.split_once(": ") else {
-            if !line.is_empty() {
-                rows += &format!("| `{}` | {words} |\n", kebab_case(line));
-            }
+            rows += &format!("| `{}` | {words} |\n", kebab_case(line));
             continue;
         };
         let is_part = |part: &&&str| kind.split(['<', '>', '[', ']']).any(|word| word == **part);

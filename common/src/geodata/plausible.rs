@@ -97,7 +97,8 @@ fn extent(positions: impl Iterator<Item = Position>) -> Option<[Position; 2]> {
 }
 
 impl FieldPlaces<'_> {
-    /// What is probably unintended, a line each, with the name of what it is about.
+    /// Probably unintended, a line each: all SNs stand within a metre, a side of the area is 100 km or longer, and
+    /// more.
     #[must_use]
     pub fn doubts(&self) -> Vec<String> {
         let [width_m, height_m] = self.sides_m;
@@ -120,7 +121,7 @@ impl FieldPlaces<'_> {
         doubts
     }
 
-    /// The sensor node that is far from all others.
+    /// An SN is more than 1 km from the middle of all, and 10 times as far as three quarters of them.
     fn outlier(&self) -> Option<String> {
         let [_, _, _, ..] = self.nodes else { return None };
         let median = |axis: usize| {

@@ -19,21 +19,27 @@ use crate::weights::WEIGHTS;
 /// Columns in which a list is always written, in this order.
 pub(super) const WRITTEN: [&str; 5] = ["x_m", "y_m", "queue_bits", "gain_db", "sampling_bps"];
 
-/// Columns that a list may have.
-const COLUMNS: [&str; 13] = [
-    "x_m",
-    "y_m",
-    "lat_deg",
-    "lon_deg",
-    "queue_bits",
-    "gain_db",
-    "sampling_bps",
-    CAPACITY,
-    WEIGHT,
-    BATTERY,
-    HARVEST,
-    GROUND,
-    NAME,
+/// Columns that a list may have, and their values, also for `docs/src/input-files.md`.
+pub const COLUMNS: [(&str, &str); 13] = [
+    ("x_m", "0 to the width of the area [m]"),
+    ("y_m", "0 to the height of the area [m]"),
+    (
+        "lat_deg",
+        "instead of `x_m`, `y_m`: latitude of WGS84, south negative, projected onto the plane tangent at the origin",
+    ),
+    ("lon_deg", "longitude, west negative"),
+    (
+        "queue_bits",
+        "initial queue: whole bits up to the buffer; a planner that estimates queues is told the scenario's mean",
+    ),
+    ("gain_db", "gain of the link, -300 to 0"),
+    ("sampling_bps", "0 or above"),
+    (CAPACITY, "buffer: whole bits, 1 to 4294967295"),
+    (WEIGHT, "what a bit of this SN is worth, 1e-6 to 1e6: strategies value weighted queues (decision D25)"),
+    (BATTERY, "battery of the SN, only with `[sensors.energy]`"),
+    (HARVEST, "harvested power of the SN, only with `[sensors.energy]`"),
+    (GROUND, "altitude of the ground above sea level, -500 to 9000, for exports"),
+    (NAME, "text of at most 100 characters, shown instead of `SN 7`"),
 ];
 
 /// The column of buffers, which is written if one is not that of the scenario.
@@ -154,8 +160,9 @@ impl<'a> Table<'a> {
     fn of(header: &'a csv::StringRecord, scenario: &'a Scenario) -> Result<Self, String> {
         let names: Vec<&str> = header.iter().collect();
         for (index, name) in names.iter().enumerate() {
-            if !COLUMNS.contains(name) {
-                return Err(format!("column `{}`: expected one of {}", quoted(name), COLUMNS.join(",")));
+            if !COLUMNS.iter().any(|(column, _)| column == name) {
+                let columns = COLUMNS.map(|(column, _)| column).join(",");
+                return Err(format!("column `{}`: expected one of {columns}", quoted(name)));
             }
             if names[..index].contains(name) {
                 return Err(format!("column `{}` twice: expected it once", quoted(name)));

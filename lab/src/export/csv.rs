@@ -5,7 +5,8 @@ use skysink_mission::trace::RecordedSlot;
 use super::format::{ExportFormat, WriteFormat};
 use super::track::GeodeticTrack;
 
-/// The table.
+/// A row for each slot, from the start in row 0: `slot`, `time_s`, `lat_deg`, `lon_deg`, `altitude_m`, `scheduled`,
+/// `delivered_bits`, `lost_bits`, `queued_bits`, `mode`.
 pub static FORMAT: ExportFormat = ExportFormat {
     name: "csv",
     about: "table: latitude, longitude, altitude, time and served sensor nodes of each slot",

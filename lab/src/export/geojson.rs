@@ -7,7 +7,8 @@ use skysink_common::geodata::projection::GeodeticPosition;
 use super::format::{ExportFormat, WriteFormat};
 use super::track::{GeodeticTrack, TrackPoint};
 
-/// The features.
+/// Features with the property `kind`: `area`, `flight`, `no-fly`, `building` (with `height_m`), `service` (with `slot`,
+/// `time_s`, `scheduled`), `sensor node` (with `id`, `name`). `skysink new` reads it again.
 pub static FORMAT: ExportFormat = ExportFormat {
     name: "geojson",
     about: "GeoJSON, for QGIS and web maps: area, flight, service points, sensor nodes",

@@ -16,7 +16,7 @@ use super::ros2::{
 use super::scene;
 use super::track::{GeodeticTrack, TrackPoint};
 
-/// The log.
+/// Messages of ROS 2, with their definitions.
 pub static FORMAT: ExportFormat = ExportFormat {
     name: "mcap",
     about: "MCAP with ROS 2 messages, for ros2 bag, RViz and Foxglove: path, pose and position over time, map, scene, \

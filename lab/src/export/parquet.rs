@@ -11,7 +11,7 @@ use super::format::{ExportFormat, WriteFormat};
 use crate::parquet_file::parquet;
 use crate::tables::NamedColumn;
 
-/// The table.
+/// A row for each slot and UAV in the frame of the area, with types; needs no origin.
 pub static FORMAT: ExportFormat = ExportFormat {
     name: "parquet",
     about: "Parquet, for pandas and MATLAB: slots.csv with types, and uploads per sensor node",

@@ -11,7 +11,7 @@ use super::format::{ExportFormat, ExportedMission, WriteFormat};
 use super::items::VehicleItem;
 use super::vehicle::MissionPart;
 
-/// The plan file.
+/// A mission, the area as inclusion geofence, zones and tall buildings as exclusions, home.
 pub static FORMAT: ExportFormat = ExportFormat {
     name: "qgc-plan",
     about: "QGroundControl plan: a vehicle's mission, with area and zones as geofence",

@@ -8,7 +8,7 @@ use super::format::{ExportFormat, ExportedMission, WriteFormat};
 use super::items::{MavlinkItem, VehicleItem};
 use super::vehicle::MissionPart;
 
-/// The waypoint file.
+/// The same mission, for ArduPilot; the format has no geofence.
 pub static FORMAT: ExportFormat = ExportFormat {
     name: "waypoints",
     about: "QGC WPL 110, for Mission Planner and MAVProxy: a vehicle's mission, no geofence",

@@ -9,7 +9,7 @@ use super::imported::{Frame, IDS, Imported, ImportedSensor, OTHERS};
 
 /// The names of the columns with coordinates in lower case: first the name in a sensor list, then its aliases. Those of
 /// [`OTHERS`] follow.
-const COORDINATES: [&[&str]; 4] = [
+pub const COORDINATES: [&[&str]; 4] = [
     &["x_m", "x", "east", "easting", "point_x", "xcoord", "x_coord"],
     &["y_m", "y", "north", "northing", "point_y", "ycoord", "y_coord"],
     &["lat_deg", "lat", "latitude", "decimallatitude"],

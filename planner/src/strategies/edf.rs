@@ -4,11 +4,11 @@
 //! In every slot the UAV flies straight toward the SN of least `u_i`. It serves that SN as soon as it is in range, and
 //! with it the n − 1 fullest of the others.
 //!
-//! EDF is a baseline of A. A. Somasundara, A. Ramamoorthy, M. B. Srivastava, "Mobile Element Scheduling for Efficient
-//! Data Collection in Wireless Sensor Networks with Dynamic Deadlines", RTSS 2004; "Mobile Element Scheduling with
-//! Dynamic Deadlines", IEEE Transactions on Mobile Computing 6(4), 2007. There a mobile element visits nodes before
-//! their buffers overflow; a visit takes no time, empties the buffer, and sets the node's next deadline. (The abstract
-//! of the first and a published summary of the problem were read, not the full texts.)
+//! Source: A. A. Somasundara, A. Ramamoorthy, M. B. Srivastava, "Mobile Element Scheduling for Efficient Data
+//! Collection in Wireless Sensor Networks with Dynamic Deadlines", RTSS 2004; "Mobile Element Scheduling with Dynamic
+//! Deadlines", IEEE Transactions on Mobile Computing 6(4), 2007, where EDF is a baseline. There a mobile element visits
+//! nodes before their buffers overflow; a visit takes no time, empties the buffer, and sets the node's next deadline.
+//! (The abstract of the first and a published summary of the problem were read, not the full texts.)
 //!
 //! Adapted to slots:
 //! - The choice is repeated in every slot. All deadlines decrease by one per slot, down to 0 at a full buffer, so the

@@ -4,7 +4,9 @@
 //! The best set has the largest `Σ B_i(t−1)` (decision D6) of all sets of at most n SNs that are in range of one point
 //! within `V τ` of the UAV. Ties go to the lexicographically smallest ascending list of ids (decision D7), in which a
 //! free resource block counts as an SN with an empty queue and an id above all others. So an SN with an empty queue is
-//! preferred to a free block. The waypoint for the set is left to [`crate::waypoint`].
+//! preferred to a free block.
+//!
+//! The waypoint for the set is left to [`crate::waypoint`].
 //!
 //! Two facts make the search finite and fast. (They hold up to the slack of decision D5: a set whose disks have a point
 //! in common only thanks to more than half of the slack may be found or missed.)

@@ -30,7 +30,9 @@ use crate::plan::objective::{Collect, Loss, Objective};
 use crate::plan::planned::{PlannedSlot, planned_path, planned_slot};
 use crate::strategy::{Decision, Registered, Setup, Strategy, View};
 
-/// `horizon` in the registry.
+/// In every slot it improves a plan of least predicted loss over the rest of the mission, or its next 2 400 slots, and
+/// flies the first slot of the plan: within range of the current stop, as near to the next one as possible; sP2 if the
+/// link is the bottleneck.
 pub const HORIZON: Registered =
     Registered::new("horizon", "receding horizon: a plan over many slots, improved in every slot", |setup| {
         let keys: HorizonKeys = setup.scenario.planner_keys("planner.horizon").expect("they were checked");
@@ -45,7 +47,7 @@ pub const HORIZON: Registered =
     .with_path()
     .with_keys::<HorizonKeys>();
 
-/// `offline` in the registry.
+/// A longer search before take-off makes such a plan, which is flown without changes.
 pub const OFFLINE: Registered =
     Registered::new("offline", "open loop: one plan for the whole mission, made before take-off", |setup| {
         let OfflineKeys { steps } = setup.scenario.planner_keys("planner.offline").expect("they were checked");

@@ -1,5 +1,7 @@
-//! `max-age-first`: the maximum age first (MAF) policy. The age of a sensor node (SN) is the time since it was
-//! scheduled last. The UAV flies toward the oldest SN, and serves the n oldest in range.
+//! `max-age-first`: the maximum age first (MAF) policy.
+//!
+//! The age of a sensor node (SN) is the time since it was scheduled last. The UAV flies toward the oldest SN,
+//! and serves the n oldest in range.
 
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 

@@ -1,12 +1,9 @@
 //! `mes`: mobile element scheduling by minimum weighted sum first (MWSF).
 //!
-//! In every slot the UAV flies straight toward the sensor node (SN) of least
-//!
-//! `w u_i + (1 − w) F_i`, with `u_i = (B − B_i(t−1))/(s_i τ)` and `F_i = ‖L_u(t−1) − L_i‖/(V τ)`,
-//!
-//! where `u_i` is the deadline of [`edf`] and `F_i` the flight time, both in slots from now, and w is
-//! `planner.mes.deadline_weight`. With w = 1 it is `edf`. The SN is served as soon as it is in range, with the n − 1
-//! fullest of the others.
+//! In every slot the UAV flies straight toward the sensor node (SN) of least `w u_i + (1 − w) F_i`. `u_i = (B −
+//! B_i(t−1))/(s_i τ)` is the deadline of [`edf`] and `F_i = ‖L_u(t−1) − L_i‖/(V τ)` the flight time, both in slots from
+//! now, and w is `planner.mes.deadline_weight`. With w = 1 it is `edf`. The SN is served as soon as it is in range,
+//! with the n − 1 fullest of the others.
 //!
 //! Source: A. A. Somasundara, A. Ramamoorthy, M. B. Srivastava, "Mobile Element Scheduling for Efficient Data
 //! Collection in Wireless Sensor Networks with Dynamic Deadlines", RTSS 2004; "Mobile Element Scheduling with Dynamic

@@ -1,4 +1,7 @@
-//! `round-robin`: flies over one sensor node (SN) after the other, cyclically in the order of their ids.
+//! `round-robin`: cyclic service in the order of ids.
+//!
+//! The UAV flies over one sensor node (SN) after the other. An SN is served as soon as it is in range, with the n − 1
+//! fullest of the others.
 
 use super::turns::InTurn;
 use crate::geometry::turns::Turns;

@@ -1,7 +1,8 @@
 //! `tour`: a short round that touches the disks of radius `d_c` about all sensor nodes (SNs), flown repeatedly.
 //!
-//! The round is that of [`Disks::round`](crate::geometry::round::Disks::round), a close-enough travelling salesman
-//! tour. Each SN has its turn where the round touches its disk. The UAV flies from disk to disk.
+//! The round is a close-enough travelling salesman tour ([`Disks::round`](crate::geometry::round::Disks::round)). Each
+//! SN has its turn where the round touches its disk. The UAV flies from disk to disk, and serves the current SN as soon
+//! as it is in range, with the n − 1 fullest of the others.
 
 use skysink_common::geometry::Position;
 

@@ -4,7 +4,8 @@ use super::algorithm_1::{Reach, Search};
 use super::serving::Serving;
 use crate::strategy::{Decision, Registered, Setup, Strategy, rule};
 
-/// The strategy in the registry.
+/// The schedule is the best of five circles around each pair of sensor nodes within `V τ − d_c` (Algorithm 1), the
+/// waypoint the point in range of all of them with the highest rate, to first order (sP2).
 pub const STRATEGY: Registered =
     Registered::new("uts", "the paper's strategy: sP1 by Algorithm 1, then the waypoint by sP2", |setup| {
         uts(Reach::Letter, setup)

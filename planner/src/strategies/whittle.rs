@@ -9,7 +9,7 @@
 //! 2019, arXiv 1908.10438, after P. Whittle, "Restless Bandits: Activity Allocation in a Changing World", Journal of
 //! Applied Probability 25A, 1988. One server serves one source per slot. A source of age h costs f(h) in a slot, with f
 //! non-decreasing; its next age is 1 if it is served and h + 1 if not. (The abstract of the first paper was read, not
-//! the full text. The index below is derived here for this setting, and the tests check it against the definition.
+//! the full text. The index is derived here for this setting, and the tests check it against the definition.
 //! Whether the paper counts ages in the same way was not checked.)
 //!
 //! The index `W(h)` is the price of a service at which serving at age h and waiting one more slot cost the same. A
