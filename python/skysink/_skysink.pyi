@@ -33,7 +33,6 @@ __all__ = [
     "__version__",
     "fly_ring",
     "plan_ring",
-    "run_program",
     "simulate",
     "visits_of",
 ]
@@ -551,7 +550,6 @@ def visits_of(
 
 def plan_ring(strategy: Strategy | Callable[[], Strategy], ring: Path, scenario: Path) -> int: ...
 def fly_ring(vehicle: Vehicle, ring: Path, scenario: Path, reached_m: float) -> int: ...
-def run_program(name: str, arguments: Sequence[str], interpreter: Sequence[str]) -> int: ...
 
 _Observation = dict[str, NDArray[np.float32]]
 _Step = tuple[_Observation, float, bool, bool, dict[str, Any]]

@@ -6,7 +6,6 @@
 
 mod batch;
 mod belief;
-mod commands;
 mod control;
 mod environment;
 mod episode;
@@ -38,8 +37,6 @@ mod _skysink {
     use super::batch::PyBatchCore;
     #[pymodule_export]
     use super::belief::PyBelief;
-    #[pymodule_export]
-    use super::commands::run_program;
     #[pymodule_export]
     use super::environment::PyEnvironmentCore;
     #[pymodule_export]
