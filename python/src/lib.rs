@@ -10,6 +10,7 @@ mod control;
 mod environment;
 mod episode;
 mod errors;
+mod expert;
 mod field;
 mod held;
 mod observation;
