@@ -120,11 +120,13 @@ fn a_table_shows_symmetric_and_bounded_intervals() {
     let small = chart(vec![series("uts", &[(1.0, 0.000_014, 0.000_01)])]).table(TableCells::Intervals).markdown();
     assert!(small.ends_with("| 1 | 0.000014 [0.000004, 0.000024] |\n"), "{small}");
     // 12.3 ± 12.3 would not say whether it contains 0.
-    let near =
-        Chart { support: Support::Real, ..chart(vec![series("uts", &[(1.0, 12.34, 12.31)])]) }.table(TableCells::Intervals).markdown();
+    let near = Chart { support: Support::Real, ..chart(vec![series("uts", &[(1.0, 12.34, 12.31)])]) }
+        .table(TableCells::Intervals)
+        .markdown();
     assert!(near.ends_with("| 1 | 12.34 ± 12.31 |\n"), "{near}");
-    let bits =
-        Chart { support: Support::Real, ..chart(vec![series("uts", &[(1.0, 21_076.4, 55.2)])]) }.table(TableCells::Intervals).markdown();
+    let bits = Chart { support: Support::Real, ..chart(vec![series("uts", &[(1.0, 21_076.4, 55.2)])]) }
+        .table(TableCells::Intervals)
+        .markdown();
     assert!(bits.contains("mean ± half of the 95 % CI\n") && bits.ends_with("| 1 | 21076 ± 55 |\n"), "{bits}");
 }
 
