@@ -56,8 +56,8 @@ def _fly(env: Any, policy: str | Callable[[Observation, dict[str, Any]], Action]
     """An episode, as the arguments of Minari's buffer."""
     seen, info = env.reset(seed=seed)
     number = info["seed"]
-    observed, actions, rewards, ends = [seen], [], [], []
-    bits: list[list[int]] = [[0, 0]]
+    observed, actions, rewards, bits = [seen], [], [], [[0, 0]]
+    ends: list[tuple[bool, bool]] = []
     while not (ends and any(ends[-1])):
         action = env.unwrapped.expert(policy) if isinstance(policy, str) else policy(seen, info)
         seen, reward, terminated, truncated, info = env.step(action)

@@ -90,9 +90,9 @@ def test_rollouts_from_a_clone_leave_the_episode_as_it_is() -> None:
 
 def test_vectors_and_fleets_have_experts(smoke: skysink.Scenario) -> None:
     for action in ("displacement", "sensor"):
-        envs = DataCollectionVectorEnv(3, smoke, action=action)  # type: ignore[arg-type]
+        envs = DataCollectionVectorEnv(3, smoke, action=action)
         envs.reset(seed=4)
-        singles = [DataCollectionEnv(smoke, action=action) for _ in range(3)]  # type: ignore[arg-type]
+        singles = [DataCollectionEnv(smoke, action=action) for _ in range(3)]
         for index, single in enumerate(singles):
             single.reset(seed=4 + index)
         over = [False]
@@ -149,7 +149,7 @@ def test_minari_reads_the_transitions(tmp_path: Path, monkeypatch: pytest.Monkey
     for slot, action in enumerate(second.actions):
         seen, reward, _, truncated, info = env.step(action)
         assert np.array_equal(second.observations["nearest"][slot + 1], seen["nearest"])
-        assert np.isclose(second.rewards[slot], reward) and second.truncations[slot] == truncated
+        assert np.isclose(second.rewards[slot], float(reward)) and second.truncations[slot] == truncated
         assert second.infos["lost_bits"][slot + 1] == info["lost_bits"]
     again = data.recover_environment()
     assert again.observation_space == env.observation_space

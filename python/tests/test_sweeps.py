@@ -224,9 +224,9 @@ def test_a_sweep_tells_its_progress(file: Path, tmp_path: Path) -> None:
     with ThreadPoolExecutor(2) as workers:
         for name, executor in (("here", None), ("there", workers)):
             said: list[tuple[int, int]] = []
-            skysink.sweep(file, tmp_path / name, executor=executor, progress=lambda done, of, to=said: to.append((done, of)))  # type: ignore[misc]
+            skysink.sweep(file, tmp_path / name, executor=executor, progress=lambda done, of, to=said: to.append((done, of)))
             assert (min(said), max(said)) == ((0, 120), (120, 120)) and len(said) == 121
-    skysink.compare(ROOT / "scenarios" / "smoke.toml", ["gfs", "uts"], seeds=2, progress=lambda *done: said.append(done))  # type: ignore[arg-type]
+    skysink.compare(ROOT / "scenarios" / "smoke.toml", ["gfs", "uts"], seeds=2, progress=lambda *done: said.append(done))
     assert said[-5:] == [(done, 4) for done in range(5)]
 
     def fail(_done: int, _of: int) -> None:
