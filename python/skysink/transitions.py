@@ -26,8 +26,8 @@ def to_minari(
 
     ``env`` is a ``skysink/DataCollection-v0``, also in wrappers. ``policy`` is the name of a built-in strategy, whose
     actions are those of :meth:`skysink.environment.DataCollectionEnv.expert`, or a function of observation and
-    information. ``seed`` is that of the first episode; others follow. Informations are the ``seed`` of the episode, and in
-    each slot ``lost_bits`` and ``delivered_bits``. ``description`` goes to ``minari.create_dataset_from_buffers``, such as
+    information. ``seed`` is that of the first episode; others follow, and the data set has each. Informations are
+    ``lost_bits`` and ``delivered_bits`` of each slot, after zeros. ``description`` goes to ``minari.create_dataset_from_buffers``, such as
     ``author``; its ``description`` is by default the scenario in TOML. The environment can be recovered from the data set
     if its scenario is a file by name.
     """

@@ -156,4 +156,4 @@ def test_minari_reads_the_transitions(tmp_path: Path, monkeypatch: pytest.Monkey
     flat = gymnasium.wrappers.FlattenObservation(gymnasium.make(ID, scenario=skysink.Scenario.load(SMALL)))
     flat.action_space.seed(1)
     written = to_minari("flat-v0", flat, lambda _seen, _info: flat.action_space.sample(), 1)
-    assert written[0].observations.shape == (201, 44) and written.spec.env_spec is None
+    assert written[0].observations.shape == (201, 24) and written.spec.env_spec is None
