@@ -164,8 +164,7 @@ impl PyEnvironmentCore {
     /// Flies the next slot by the plan of a built-in strategy.
     fn follow<'py>(&mut self, py: Python<'py>, strategy: &str) -> PyResult<Step<'py>> {
         let plans = interruptible(py, |stop| self.episode.expert_plans(strategy, stop))??;
-        let plan = plans[UAV].expect("a planner plans every slot");
-        self.fly_plan(py, Plan { plan_ns: 0, ..plan })
+        self.fly_plan(py, plans[UAV])
     }
 
     /// The action that comes closest to the plan of a built-in strategy.
