@@ -44,8 +44,8 @@ episode has the next seed: first the scenario's, then one more each (``num_envs`
 ``fields=k``, there are only k fields, starting at the scenario's seed, and seeds count modulo k.
 
 Scenarios: ``reset(options={"scenario": other})`` goes on with another scenario, with as many SNs; with any number of
-them if neither observations nor actions depend on it, as with ``nearest=k``. A vector takes a list, too; environment i flies scenario i modulo the number of scenarios, and its first episode has that scenario's
-seed plus i.
+them if neither observations nor actions depend on it, as with ``nearest=k``. A vector takes a list, too; environment
+i flies scenario i modulo the number of scenarios, and its first episode has that scenario's seed plus i.
 """
 
 from __future__ import annotations

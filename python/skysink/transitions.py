@@ -22,7 +22,7 @@ def to_minari(
     **description: Any,
 ) -> Any:
     """Flies episodes of an environment and writes their transitions as the data set ``name`` of Minari, such as
-    ``"skysink/small-tour-v0"`` (``pip install 'minari[hdf5]'``). Returns it; ``minari.load_dataset(name)`` reads it.
+    ``"skysink/small-tour-v0"`` (``pip install './python[minari]'``). Returns it; ``minari.load_dataset(name)`` reads it.
 
     ``env`` is a ``skysink/DataCollection-v0``, also in wrappers. ``policy`` is the name of a built-in strategy, whose
     actions are those of :meth:`skysink.environment.DataCollectionEnv.expert`, or a function of observation and
