@@ -133,7 +133,7 @@ pub fn plot(sweep: &Path, request: &PlotRequest, sheet: &SheetOptions) -> Result
         missing: selection.missing.clone(),
         few: few(request, &flown, &selection),
         files,
-        about: table.about,
+        about: chart.table(TableCells::Intervals).about,
     })
 }
 
