@@ -61,11 +61,12 @@ def test_the_action_of_an_expert_ends_where_its_plan_does(smoke: skysink.Scenari
 def test_learners_that_copy_an_expert_come_close_to_it() -> None:
     scenario = skysink.Scenario.load(SMALL)
     flown = skysink.simulate(scenario, "tour").loss_rate
-    for rules in ({}, {"action": "sensor"}, {"action": "sensor", "nearest": 8}):
+    # Whoever flies toward SNs alone cannot stop where its range begins.
+    for rules, worst in (({}, flown + 0.001), ({"action": "sensor"}, 0.2), ({"action": "sensor", "nearest": 8}, 0.2)):
         env = DataCollectionEnv(scenario, **rules)
         env.reset()
         copied = loss(env, "tour")
-        assert copied < flown + 0.1, (rules, copied, flown)
+        assert copied <= worst < skysink.simulate(scenario, "exact").loss_rate, (rules, copied, flown)
 
 
 def test_rollouts_from_a_clone_leave_the_episode_as_it_is() -> None:
