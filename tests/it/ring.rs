@@ -344,7 +344,8 @@ fn skysink_alone_contains_the_programs_of_the_ring() {
     let place = Place::new();
     let copied = output(place.command("cp", &[env!("CARGO_BIN_EXE_skysink"), "skysink"]));
     assert_eq!(copied.code, Some(0), "{copied:?}");
-    let (alone, scenario) = (place.path("skysink").display().to_string(), place.scenario("smoke"));
+    let alone = place.path("skysink").display().to_string();
+    let scenario = place.scenario("smoke");
     let ended = output(place.command(&alone, &["run", &scenario, "--no-viewer", "--out", "run"]));
     assert_eq!(ended.code, Some(0), "{ended:?}");
     place.assert_trace_as_simulated("run");
