@@ -30,14 +30,16 @@ SOURCES = {
     "skysink.environment": ["environment.py"],
     "skysink.agents": ["agents.py"],
     "skysink.ring": ["ring.py"],
+    "skysink.transitions": ["transitions.py"],
 }
 PUBLIC = {
     "skysink": [
-        "Scenario", "simulate", "Run", "Table", "Strategy", "Arrivals", "Channel", "View", "Belief", "Field", "Route", "Base", "Neighbours", "Flight", "Decision", "compare", "sweep", "plan_visits", "VisitPlan", "InputError",
+        "Scenario", "simulate", "Run", "Table", "Strategy", "Arrivals", "Channel", "View", "Belief", "Field", "Route", "Base", "Neighbours", "Flight", "Decision", "compare", "Comparison", "sweep", "plan_visits", "VisitPlan", "InputError",
     ],
     "skysink.environment": ["DataCollectionEnv", "DataCollectionVectorEnv"],
     "skysink.agents": ["parallel_env", "DataCollectionParallelEnv", "FleetBatch"],
     "skysink.ring": ["planner", "vehicle", "Vehicle", "Order", "Flown"],
+    "skysink.transitions": ["to_minari"],
 }  # fmt: skip
 PLAIN = {"break_long_words": False, "break_on_hyphens": False}
 

@@ -2,7 +2,6 @@
 
 use std::borrow::Cow;
 use std::io;
-use std::path::PathBuf;
 
 use skysink_common::error::InputError;
 use skysink_common::stop::Stopped;
@@ -62,9 +61,6 @@ pub enum Error {
     #[cfg(feature = "viewer")]
     #[error(transparent)]
     Page(#[from] skysink_web::PageError),
-    /// An executable is missing.
-    #[error("{}: not found next to skysink: build all executables with `cargo build --release`", .0.display())]
-    ExecutableMissing(PathBuf),
     /// A process of the ring has ended before the mission and is not restarted.
     #[error("{role} ended with {status} in slot {slot}")]
     WorkerEnded {

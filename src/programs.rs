@@ -1,4 +1,8 @@
-//! The entry points of the programs.
+//! The entry points of the programs. The executable `skysink` contains all of them: its first argument may be the name of
+//! one.
+
+#[cfg(feature = "viewer")]
+mod viewer;
 
 use std::ffi::OsString;
 
@@ -9,7 +13,10 @@ use crate::cli;
 use crate::replay::process;
 use crate::worker::{self, NoArguments};
 
-/// The entry point of the program `name`, for executables that contain all programs; `None` if there is no such one.
+#[cfg(feature = "viewer")]
+pub use viewer::viewer;
+
+/// The entry point of the program `name`; `None` if there is no such one.
 #[must_use]
 pub fn of(name: &str) -> Option<fn(Vec<OsString>) -> u8> {
     match name {
@@ -17,6 +24,10 @@ pub fn of(name: &str) -> Option<fn(Vec<OsString>) -> u8> {
         "field-sim" => Some(field_sim),
         "flight-sim" => Some(flight_sim),
         "planner" => Some(planner),
+        #[cfg(feature = "mavlink")]
+        "mavlink" => Some(mavlink),
+        #[cfg(feature = "viewer")]
+        "viewer" => Some(viewer),
         _ => None,
     }
 }

@@ -114,9 +114,10 @@ pub fn suggestion(message: &str) -> String {
     let mut names = message.split('`').skip(1).step_by(2);
     let Some(name) = names.next().filter(|_| message.starts_with("unknown")) else { return String::new() };
     let meant = did_you_mean(name, names).map(|meant| format!("; did you mean `{meant}`?"));
-    let page = not_modelled(name).map(|heading| {
+    let page = not_modelled(name).map(|NotModelled { heading, instead, .. }| {
         let joint = if meant.is_some() { " If not," } else { ";" };
-        format!("{joint} it is not modelled, see \"{heading}\" in \"What Skysink does not model\" of the documentation")
+        let page = format!("\"{heading}\" in \"What Skysink does not model\" of the documentation");
+        format!("{joint} it is not modelled: {instead}; see {page}")
     });
     [meant, page].into_iter().flatten().collect()
 }
@@ -130,21 +131,72 @@ pub fn line_of(text: &str, position: Option<&csv::Position>) -> u64 {
     position.line() + empty as u64
 }
 
-/// Words of keys for what is not modelled, under the headings of `docs/src/not-modelled.md`.
-const NOT_MODELLED: [(&str, &[&str]); 7] = [
-    ("Terrain", &["terrain", "elevation", "dem"]),
-    ("Gusts", &["gust", "gusts", "weather"]),
-    ("Several UAVs", &["uavs", "fleet", "drones"]),
-    ("Sensor nodes", &["mobility", "relay", "hops", "sleep", "failure"]),
-    ("Base station", &["memory", "backhaul"]),
-    ("What will not be added", &["packet", "packets", "routing", "mac", "wing", "stall"]),
-    ("Radio", &["lora", "wifi", "ble", "zigbee", "duty", "collisions", "beacon"]),
+/// What is not modelled, by the headings of `docs/src/not-modelled.md`.
+struct NotModelled {
+    heading: &'static str,
+    /// What to do instead.
+    instead: &'static str,
+    /// Words of keys that are for it.
+    words: &'static [&'static str],
+}
+
+const NOT_MODELLED: [NotModelled; 10] = [
+    NotModelled {
+        heading: "Events",
+        instead: "describe events by a trace of arrivals, sensors.arrivals.model = \"trace\"",
+        words: &["event", "events", "burst", "bursts", "diurnal"],
+    },
+    NotModelled {
+        heading: "Energy",
+        instead: "choose smaller uav.battery.capacity_j by what landing, radio, computer and age take",
+        words: &["landing", "takeoff", "computer", "avionics", "hotel", "aging", "ageing", "sag"],
+    },
+    NotModelled {
+        heading: "Terrain",
+        instead: "make zones and a map of links by `skysink new --terrain FILE`",
+        words: &["terrain", "elevation", "dem", "relief", "reflection", "diffraction"],
+    },
+    NotModelled {
+        heading: "Gusts",
+        instead: "move where a slot ends by uav.position_error_m, with a constant uav.wind_mps",
+        words: &["gust", "gusts", "weather", "turbulence"],
+    },
+    NotModelled {
+        heading: "Motion",
+        instead: "set uav.acceleration_mps2, or fly an autopilot by `skysink run --vehicle`",
+        words: &["turn", "bank", "yaw", "jerk", "curvature"],
+    },
+    NotModelled {
+        heading: "Several UAVs",
+        instead: "set uav.count, or plan for all UAVs in a ring by `skysink run --planner`",
+        words: &["uavs", "fleet", "drones", "swarm", "latency"],
+    },
+    NotModelled {
+        heading: "Sensor nodes",
+        instead: "choose a smaller link.comm_radius_m for sensor nodes that move; a cluster head has the rate of its cluster",
+        words: &["mobility", "relay", "hops", "sleep", "failure", "cluster"],
+    },
+    NotModelled {
+        heading: "Base station",
+        instead: "add the time of the route home to the ages of the data",
+        words: &["memory", "backhaul", "gateway"],
+    },
+    NotModelled {
+        heading: "What will not be added",
+        instead: "use another simulator, such as ns-3, OMNeT++, or PX4 with Gazebo",
+        words: &["packet", "packets", "routing", "mac", "wing", "stall"],
+    },
+    NotModelled {
+        heading: "Radio",
+        instead: "set link.preset, a smaller link.bandwidth_hz, or a table of rates, link.model = \"table\"",
+        words: &["lora", "wifi", "ble", "zigbee", "duty", "collisions", "interference", "beacon"],
+    },
 ];
 
-/// The heading of what is not modelled, if the key `name` is for it.
-fn not_modelled(name: &str) -> Option<&'static str> {
+/// What is not modelled that the key `name` is for.
+fn not_modelled(name: &str) -> Option<&'static NotModelled> {
     let is_of = |words: &[&str]| name.split(['_', '-']).any(|word| words.contains(&word));
-    NOT_MODELLED.iter().find(|(_, words)| is_of(words)).map(|(heading, _)| *heading)
+    NOT_MODELLED.iter().find(|one| is_of(one.words))
 }
 
 #[cfg(test)]
@@ -165,30 +217,20 @@ mod tests {
     fn a_key_of_an_unmodelled_feature_names_the_documentation() {
         let page = include_str!("../../docs/src/not-modelled.md");
         let unknown = |name: &str| suggestion(&format!("unknown field `{name}`, expected `slots` or `width_m`"));
-        for (name, heading) in [
-            ("terrain", "Terrain"),
-            ("gusts", "Gusts"),
-            ("uavs", "Several UAVs"),
-            ("duty_cycle", "Radio"),
-            ("memory_bits", "Base station"),
-            ("relay_s", "Sensor nodes"),
-            ("packet_bits", "What will not be added"),
-        ] {
-            let hint = format!(
-                "; it is not modelled, see \"{heading}\" in \"What Skysink does not model\" of the documentation"
-            );
-            assert_eq!(unknown(name), hint);
-            assert!(page.lines().any(|line| line.strip_prefix("## ") == Some(heading)), "{heading}");
+        for NotModelled { heading, instead, words } in &NOT_MODELLED {
+            let see = format!("see \"{heading}\" in \"What Skysink does not model\" of the documentation");
+            for word in *words {
+                assert_eq!(unknown(&format!("{word}_quantity")), format!("; it is not modelled: {instead}; {see}"));
+            }
         }
+        let headings: Vec<&str> = page.lines().filter_map(|line| line.strip_prefix("## ")).collect();
+        let mut named = NOT_MODELLED.map(|one| one.heading);
+        named.sort_by_key(|heading| headings.iter().position(|one| one == heading));
+        assert_eq!(headings, named);
         assert!(page.starts_with("# What Skysink does not model\n"));
         assert_eq!(unknown("energy"), "");
-        let both = suggestion("unknown field `terrains`, expected `terrain`");
-        assert_eq!(both, "; did you mean `terrain`?");
         let both = suggestion("unknown field `terrain`, expected `terrains`");
-        assert!(
-            both.starts_with("; did you mean `terrains`? If not, it is not modelled, see \"Terrain\" in"),
-            "{both}"
-        );
+        assert!(both.starts_with("; did you mean `terrains`? If not, it is not modelled: make zones"), "{both}");
         assert_eq!(unknown("window"), "");
         assert_eq!(unknown("slot"), "; did you mean `slots`?");
         assert_eq!(suggestion("missing field `wind`"), "");

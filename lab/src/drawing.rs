@@ -11,6 +11,6 @@ pub(crate) mod page;
 #[cfg(feature = "pictures")]
 mod pictures;
 pub(crate) mod style;
-mod table;
+pub(crate) mod table;
 #[cfg(test)]
 mod tests;

@@ -18,6 +18,7 @@ use skysink_mission::files::write_whole;
 use crate::drawing::chart::{Chart, Scale, Series};
 use crate::drawing::curves::{self, CurveValues};
 use crate::drawing::style::{BEST_KNOWN_STYLE, FIRST_STYLE, styles_of};
+use crate::drawing::table::TableCells;
 use crate::error::LabError;
 use crate::metrics::Metric;
 use crate::statistics::Concentration;
@@ -100,7 +101,7 @@ pub fn plot(sweep: &Path, request: &PlotRequest, sheet: &SheetOptions) -> Result
     fs::create_dir_all(&folder).at(&folder)?;
     let stem = folder.join(name(request));
     let mut files = chart.draw(&stem)?;
-    let table = chart.table();
+    let table = chart.table(if request.means { TableCells::Means } else { TableCells::Intervals });
     write_whole(&stem.with_added_extension("md"), table.markdown().trim_start().as_bytes())?;
     let latex = table.latex(&chart.look.description, chart.look.width_mm.map(|width_mm| width_mm / MM_PER_PT));
     write_whole(&stem.with_added_extension("tex"), latex.as_bytes())?;
@@ -132,7 +133,7 @@ pub fn plot(sweep: &Path, request: &PlotRequest, sheet: &SheetOptions) -> Result
         missing: selection.missing.clone(),
         few: few(request, &flown, &selection),
         files,
-        about: table.about,
+        about: chart.table(TableCells::Intervals).about,
     })
 }
 

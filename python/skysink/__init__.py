@@ -27,7 +27,7 @@ from skysink._skysink import (
     __build__,
     __version__,
 )
-from skysink.flight import compare, simulate
+from skysink.flight import Comparison, compare, simulate
 from skysink.models import Arrivals, Channel
 from skysink.strategy import Strategy
 from skysink.sweeps import sweep
@@ -39,6 +39,7 @@ __all__ = [
     "Base",
     "Belief",
     "Channel",
+    "Comparison",
     "Decision",
     "Field",
     "Flight",

@@ -239,6 +239,12 @@ class DataCollectionParallelEnv(ParallelEnv[str, Observation, Action]):  # type:
             self.agents = []
         return result
 
+    def expert(self, strategy: str) -> dict[str, Action]:
+        """For each agent the action that comes closest to what a built-in strategy would do, with the scenario's
+        ``uav.coordination``; see :meth:`skysink.environment.DataCollectionEnv.expert`.
+        """
+        return dict(zip(self.possible_agents, self.batch.expert(strategy)[0], strict=True))
+
     def render(self) -> None:
         """Renders nothing; runs are shown by ``skysink view``."""
 

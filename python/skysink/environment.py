@@ -43,9 +43,9 @@ Seeds are Skysink seeds: ``reset(seed=s)`` uses the field of the scenario with s
 episode has the next seed: first the scenario's, then one more each (``num_envs`` more in a vector). With
 ``fields=k``, there are only k fields, starting at the scenario's seed, and seeds count modulo k.
 
-Scenarios: ``reset(options={"scenario": other})`` goes on with another scenario, with as many SNs. A vector takes a
-list, too; environment i flies scenario i modulo the number of scenarios, and its first episode has that scenario's
-seed plus i.
+Scenarios: ``reset(options={"scenario": other})`` goes on with another scenario, with as many SNs; with any number of
+them if neither observations nor actions depend on it, as with ``nearest=k``. A vector takes a list, too; environment
+i flies scenario i modulo the number of scenarios, and its first episode has that scenario's seed plus i.
 """
 
 from __future__ import annotations
@@ -143,6 +143,16 @@ class NativeEnvironment:
             raise InputError(f"action = {self._rules[3]!r}: expected sensor, which alone has a mask")
         masks: NDArray[np.bool_] = self._core.action_masks()
         return masks
+
+    def expert(self, strategy: str) -> Any:
+        """The action that comes closest to what a built-in strategy would do in this state, for imitation; of a vector
+        those of all environments, of a batch those of all agents.
+
+        The strategy decides where the slot ends; with the action ``"sensor"`` it is the SN toward which the slot ends
+        closest to that. A strategy with state, such as ``tour``, keeps it from call to call of an episode. With estimated
+        queues it knows what it has seen in the slots in which it was asked.
+        """
+        return self._core.expert(strategy)
 
     def _new_core(self) -> Any:
         """A new core with the arguments of the environment."""
@@ -245,7 +255,7 @@ class DataCollectionEnv(NativeEnvironment, gymnasium.Env[Observation, Action]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Begins an episode; ``info["seed"]`` is its Skysink seed. ``options["scenario"]`` replaces the scenario by
-        another, with as many SNs.
+        another (see the module).
         """
         check_options(options, "scenario")
         seed = whole_seed(seed)
@@ -270,6 +280,12 @@ class DataCollectionEnv(NativeEnvironment, gymnasium.Env[Observation, Action]):
     def fly(self, decision: Decision, *, transit: bool = False) -> Step:
         """Flies one slot with an exact waypoint [m] and schedule, like a strategy."""
         return self._core.fly(decision, transit)
+
+    def follow(self, strategy: str) -> Step:
+        """Flies one slot exactly as a built-in strategy does, with its waypoint, schedule and rules: asked in every slot,
+        the episode is the strategy's mission. For rollouts from a :meth:`clone`.
+        """
+        return self._core.follow(strategy)
 
     @property
     def field(self) -> Field:

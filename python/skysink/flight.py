@@ -12,7 +12,7 @@ from skysink import _skysink
 from skysink._skysink import InputError, Run, Scenario, Table
 from skysink.models import Arrivals, Channel, Model, Models
 from skysink.strategy import PREFIX, PythonStrategy, Strategy, labelled, named
-from skysink.sweeps import ComparisonSource, fly_all, load
+from skysink.sweeps import ComparisonSource, Progress, fly_all, load, told
 
 
 class Comparison(list[dict[str, Any]]):
@@ -29,6 +29,33 @@ class Comparison(list[dict[str, Any]]):
         comparison = cls(entries)
         comparison.missions = missions
         return comparison
+
+    def to_latex(self, *metrics: str, intervals: bool = False) -> str:
+        """A ``tabular`` for LaTeX with the package booktabs: a row for each strategy, and the means of these metrics, by
+        default of ``loss_rate``; with their 95 % confidence intervals if ``intervals``.
+        """
+        columns = metrics or ("loss_rate",)
+        found = {(entry["label"], entry["metric"]): entry for entry in self}
+        if unknown := [name for name in columns if name not in {metric for _, metric in found}]:
+            raise InputError(f"metric {unknown[0]!r}: expected one of the comparison, as in docs/src/metrics.md")
+
+        def cell(entry: dict[str, Any] | None) -> str:
+            if entry is None:
+                return "--"
+            limits = entry["ci95"] if intervals else None
+            return f"{entry['mean']:.4g}" + (f" {{[}}{limits[0]:.4g}, {limits[1]:.4g}]" if limits else "")
+
+        labels = list(dict.fromkeys(entry["label"] for entry in self))
+        rows = [["strategy", *map(escaped, columns)]]
+        rows += [[escaped(label), *(cell(found.get((label, name))) for name in columns)] for label in labels]
+        head, *lines = [f"  {' & '.join(row)} \\\\\n" for row in rows]
+        begin = f"\\begin{{tabular}}{{l{'r' * len(columns)}}}\n  \\toprule\n{head}  \\midrule\n"
+        return begin + "".join(lines) + "  \\bottomrule\n\\end{tabular}\n"
+
+
+def escaped(text: str) -> str:
+    """A text for LaTeX."""
+    return "".join(f"\\{one}" if one in "#$%&_{}" else one for one in text.replace("\\", "/"))
 
 
 def scenario_of(scenario: Scenario | str | PathLike[str]) -> Scenario:
@@ -87,6 +114,7 @@ def compare(
     executor: Executor | Any | None = None,
     arrivals: Model[Arrivals] | None = None,
     channel: Model[Channel] | None = None,
+    progress: Progress | None = None,
 ) -> Comparison:
     """Compares strategies over the same fields. Returns an entry per strategy and metric, and a row per mission.
 
@@ -98,7 +126,8 @@ def compare(
     seed. ``pandas.DataFrame`` accepts the list. Its attribute ``missions`` is a table with a row per strategy and seed.
     ``out`` is a folder as of ``skysink compare``: a comparison in it is resumed, or extended by seeds and strategies.
     It holds the scenario and the sources of Python strategies, which must be given as ``"python:FILE:CLASS"``.
-    ``executor`` as in :func:`skysink.sweep`, ``arrivals`` and ``channel`` as in :func:`skysink.simulate`, for each seed.
+    ``executor`` and ``progress`` as in :func:`skysink.sweep`, ``arrivals`` and ``channel`` as in :func:`skysink.simulate`,
+    for each seed.
     """
     base = scenario_of(scenario)
     if isinstance(strategies, Mapping):
@@ -120,9 +149,10 @@ def compare(
     )
     plan, makers = load(source)
     if out is None:
-        rows = list(fly_all(plan, makers, plan.missions, source, executor))
+        flown = fly_all(plan, makers, plan.missions, source, executor)
+        rows = list(told(flown, plan, plan.missions, progress))
         return Comparison.of(plan.standings(rows), plan.rows(rows))
     with closing(plan.open(out)) as record:
-        for row in fly_all(plan, makers, record.missing, source, executor):
+        for row in told(fly_all(plan, makers, record.missing, source, executor), plan, record.missing, progress):
             record.add(row)
         return Comparison.of(*plan.finish_comparison(record, out))

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import sys
+import time
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
 from contextlib import closing
 from dataclasses import dataclass
@@ -25,6 +27,9 @@ Row = tuple[Key, list[float]]
 
 Makers = dict[str, Callable[[], Strategy]]
 """Factories of Python strategies, by name."""
+
+Progress = Callable[[int, int], object] | bool
+"""What is called with the number of finished and of all missions, or whether to show a bar."""
 
 MAX_MISSIONS_PER_TASK = 32
 
@@ -65,6 +70,7 @@ def sweep(
     threads: int = 0,
     arrivals: Model[Arrivals] | None = None,
     channel: Model[Channel] | None = None,
+    progress: Progress | None = None,
 ) -> Table:
     """Runs a sweep file and returns its results, one row per mission. The folder equals that of ``skysink sweep``.
 
@@ -77,7 +83,8 @@ def sweep(
     same file system.
 
     ``arrivals`` and ``channel`` are models as in :func:`skysink.simulate`; a folder that was flown with them is extended
-    or repeated with the same.
+    or repeated with the same. ``progress`` is called with the number of finished and of all missions, or says whether to
+    show a bar on standard error, by default where that is a terminal.
 
     Every mission is written as soon as it is finished. After an interruption, or if workers died and the executor
     gave up, calling ``sweep`` again continues. More seeds, or more strategies behind those of the sweep in the folder,
@@ -92,11 +99,47 @@ def sweep(
     source = FileSource(str(path), Models(arrivals, channel))
     plan, makers = load(source)
     if executor is None and not makers and not source.models:
-        return plan.fly_all(folder, threads)
+        return plan.fly_all(folder, threads, teller(progress))
     with closing(plan.open(folder)) as record:
-        for row in fly_all(plan, makers, record.missing, source, executor):
+        for row in told(fly_all(plan, makers, record.missing, source, executor), plan, record.missing, progress):
             record.add(row)
         return plan.finish(record)
+
+
+class Bar:
+    """A bar on standard error, with the time that is left."""
+
+    def __init__(self) -> None:
+        self.begin: tuple[float, int] | None = None
+
+    def __call__(self, done: int, count: int) -> None:
+        """Draws the bar."""
+        now = time.monotonic()
+        begin_s, before = self.begin = self.begin or (now, done)
+        left = f", {(now - begin_s) / (done - before) * (count - done):.0f} s left" if before < done < count else ""
+        filled = "#" * (20 * done // max(count, 1))
+        print(f"\r[{filled:<20}] {done} of {count} missions{left}\x1b[K", end="\n" if done == count else "", file=sys.stderr, flush=True)
+
+
+def teller(progress: Progress | None) -> Callable[[int, int], object] | None:
+    """What is told the progress, if anything."""
+    if callable(progress):
+        return progress
+    return Bar() if progress or progress is None and sys.stderr.isatty() else None
+
+
+def told(rows: Iterable[Row], plan: SweepPlan, missing: Sequence[Key], progress: Progress | None) -> Iterator[Row]:
+    """The same missions, which are told to ``progress``."""
+    tell = teller(progress)
+    count = len(plan.missions)
+    done = count - len(missing)
+    if tell is not None:
+        tell(done, count)
+    for row in rows:
+        yield row
+        done += 1
+        if tell is not None:
+            tell(done, count)
 
 
 def load(source: Source) -> tuple[SweepPlan, Makers]:

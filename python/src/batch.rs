@@ -15,12 +15,12 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use skysink_common::message::FlightReport;
 
 use crate::control::Actions;
-use crate::episode::{Episode, Outcome};
+use crate::episode::{Episode, NEVER, Outcome};
 use crate::errors::refused;
 use crate::field::PyField;
 use crate::observation::Observations;
 use crate::reward::differences;
-use crate::rules::{Kind, Reward, Rules};
+use crate::rules::{Control, Kind, Reward, Rules};
 use crate::scenario::PyScenario;
 
 /// Episodes per task.
@@ -353,6 +353,24 @@ impl PyBatchCore {
             Ok(())
         })?;
         PyArray1::from_vec(py, masks).reshape(Actions::shape(&self.episodes, &[size]))
+    }
+
+    /// The actions that come closest to the plans of a built-in strategy, [E, size] or [E, U, size], or [E] or [E, U] of
+    /// sensor nodes; 0 where the episode is over.
+    fn expert<'py>(&mut self, py: Python<'py>, strategy: &str) -> PyResult<Bound<'py, PyAny>> {
+        let is_choice = self.episodes[0].control() == Control::Sensor;
+        let size = if is_choice { 1 } else { self.action_size() };
+        let mut actions = vec![0.0; self.episodes.len() * self.uavs() * size];
+        let of_episodes = actions.par_chunks_mut(self.uavs() * size);
+        self.each(py, of_episodes, |_, _, episode, into| match episode.is_over() {
+            true => Ok(()),
+            false => episode.write_expert(strategy, &NEVER, into),
+        })?;
+        if is_choice {
+            let choices = PyArray1::from_iter(py, actions.iter().map(|&choice| choice as i64));
+            return Ok(choices.reshape(Actions::shape(&self.episodes, &[]))?.into_any());
+        }
+        Ok(PyArray1::from_vec(py, actions).reshape(Actions::shape(&self.episodes, &[size]))?.into_any())
     }
 
     /// The state of the first environment: positions of all UAVs as fractions, the queues as fractions, the slot.

@@ -140,17 +140,12 @@ impl Episode {
 
     /// Whether each sensor node to choose from is within the reach of one slot; all are true if none is.
     pub fn action_mask(&self) -> Vec<bool> {
-        let mut mask: Vec<bool> = match self.observed().nearest {
-            Some(count) => self.nearest(count).into_iter().map(|id| self.reaches(id)).collect(),
-            None => self.field.sensors.ids().map(|id| self.reaches(id)).collect(),
-        };
+        let choices = self.choices();
+        let mut mask: Vec<bool> = choices.iter().map(|&id| self.reaches(id)).collect();
         if self.field.home.is_none() && self.field.airspace.is_open() {
             return some(mask);
         }
-        let returns: Vec<bool> = match self.observed().nearest {
-            Some(count) => self.nearest(count).into_iter().map(|id| self.returns_from(id)).collect(),
-            None => self.field.sensors.ids().map(|id| self.returns_from(id)).collect(),
-        };
+        let returns: Vec<bool> = choices.iter().map(|&id| self.returns_from(id)).collect();
         mask.iter_mut().zip(&returns).for_each(|(is_reached, returns)| *is_reached &= returns);
         if mask.contains(&true) { mask } else { some(returns) }
     }
@@ -192,16 +187,24 @@ impl Episode {
         above(&self.field.clamp_to_area(&ground), z_m)
     }
 
+    /// The sensor nodes to choose from.
+    pub fn choices(&self) -> Vec<u32> {
+        self.observed().nearest.map_or_else(|| self.field.sensors.ids().collect(), |count| self.nearest(count))
+    }
+
+    /// Where a slot toward a sensor node ends.
+    pub fn end_toward(&self, id: u32) -> Point3<f64> {
+        let uav = self.flight().position();
+        let ground = self.field.motion.toward(&uav.xy(), self.field.sensors.position(id));
+        above(&self.field.clamp_to_area(&ground), uav.z)
+    }
+
     /// The flight toward a sensor node, which is served if it is then in range, with the fullest others.
     fn choose(&self, choice: usize) -> Decision {
         let limits = self.field.limits;
-        let uav = self.flight().position();
-        let id = match self.observed().nearest {
-            Some(count) => self.nearest(count)[choice],
-            None => choice as u32,
-        };
+        let id = self.observed().nearest.map_or(choice as u32, |count| self.nearest(count)[choice]);
         let goal = self.field.sensors.position(id);
-        let waypoint = above(&self.field.clamp_to_area(&self.field.motion.toward(&uav.xy(), goal)), uav.z);
+        let waypoint = self.end_toward(id);
         let believed_bits = self.plant.field().believed_bits();
         let mut served = self.field.fullest(&waypoint, believed_bits);
         let most = (limits.resource_blocks as usize).min(MAX_SERVED);

@@ -21,6 +21,7 @@ use crate::observation::Observations;
 use crate::rules::{Control, Kind, Rules};
 use crate::run::{PyRun, python_mode};
 use crate::scenario::PyScenario;
+use crate::signals::interruptible;
 use crate::simulate::checked_label;
 use crate::strategy::PyDecision;
 
@@ -158,6 +159,23 @@ impl PyEnvironmentCore {
         let mode = if transit { Mode::Transit } else { Mode::Serve };
         let plan = self.episode.decided(decision.get(), mode)?;
         self.fly_plan(py, plan)
+    }
+
+    /// Flies the next slot by the plan of a built-in strategy.
+    fn follow<'py>(&mut self, py: Python<'py>, strategy: &str) -> PyResult<Step<'py>> {
+        let plans = interruptible(py, |stop| self.episode.expert_plans(strategy, stop))??;
+        self.fly_plan(py, plans[UAV])
+    }
+
+    /// The action that comes closest to the plan of a built-in strategy.
+    fn expert<'py>(&mut self, py: Python<'py>, strategy: &str) -> PyResult<Bound<'py, PyAny>> {
+        let is_choice = self.episode.control() == Control::Sensor;
+        let mut action = vec![0.0; if is_choice { 1 } else { self.episode.action_size() }];
+        interruptible(py, |stop| self.episode.write_expert(strategy, stop, &mut action))??;
+        if is_choice {
+            return Ok((action[0] as i64).into_pyobject(py)?.into_any());
+        }
+        Ok(PyArray1::from_vec(py, action).into_any())
     }
 
     fn clone(&self) -> Self {

@@ -23,6 +23,7 @@ use skysink_planner::strategy::{Decision, Timing, View};
 
 use crate::belief::{Contacts, believed};
 use crate::errors::refused;
+use crate::expert::Experts;
 use crate::field::FieldData;
 use crate::rules::{Kind, Reward, Rules};
 use crate::scenario::PyScenario;
@@ -70,7 +71,7 @@ impl Course {
 }
 
 /// The stop that nobody requests.
-static NEVER: LazyLock<Stop> = LazyLock::new(Stop::default);
+pub static NEVER: LazyLock<Stop> = LazyLock::new(Stop::default);
 
 /// A running episode.
 #[derive(Clone)]
@@ -85,6 +86,7 @@ pub struct Episode {
     /// The plant before slot 1.
     fresh: Arc<Plant>,
     pub contacts: Contacts,
+    pub experts: Experts,
     decided: OwnRules,
     /// Where the UAVs that plan before others end the slot.
     reservations: ReservationTable,
@@ -161,7 +163,9 @@ impl Episode {
         }
         let shape = |episode: &Self| [episode.field.count(), episode.axes()];
         let [count, axes] = shape(self);
-        if shape(&other) != [count, axes] {
+        let has_count = self.rules().kind == Kind::Agents; // in the state of the mission
+        let spaces = |episode: &Self| (episode.boxes(), episode.action_size(), episode.axes());
+        if spaces(&other) != spaces(self) || has_count && other.field.count() != count {
             let altitude = |axes| if axes == 3 { "a free altitude" } else { "a fixed altitude" };
             let [other_count, other_axes] = shape(&other);
             return Err(refused(format!(
@@ -186,6 +190,7 @@ impl Episode {
         Ok(Self {
             number,
             uav: UAV,
+            experts: Experts::default(),
             decided: OwnRules::default(),
             reservations: ReservationTable::of(&scenario),
             contacts: Contacts::none(if course.rules.keeps_contacts { field.count() } else { 0 }),
@@ -213,6 +218,7 @@ impl Episode {
             None => Plant::clone(&self.fresh),
         };
         self.contacts = Contacts::none(self.contacts.slots().len());
+        self.experts = Experts::default();
         self.number = number;
         Ok(())
     }
@@ -256,6 +262,7 @@ impl Episode {
     pub fn fly(&mut self, plans: &[Option<Plan>]) -> Outcome {
         let reward = self.course.rules.reward;
         let before = reward.bits(self);
+        self.experts.follow(&self.plant, plans);
         let header = self.plant.step(plans).header;
         if self.course.rules.keeps_contacts {
             self.plant.flights().iter().for_each(|flight| self.contacts.add(self.plant.slot(), flight));

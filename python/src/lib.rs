@@ -6,11 +6,11 @@
 
 mod batch;
 mod belief;
-mod commands;
 mod control;
 mod environment;
 mod episode;
 mod errors;
+mod expert;
 mod field;
 mod held;
 mod observation;
@@ -38,8 +38,6 @@ mod _skysink {
     use super::batch::PyBatchCore;
     #[pymodule_export]
     use super::belief::PyBelief;
-    #[pymodule_export]
-    use super::commands::run_program;
     #[pymodule_export]
     use super::environment::PyEnvironmentCore;
     #[pymodule_export]

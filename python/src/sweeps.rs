@@ -2,6 +2,8 @@
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+use std::sync::atomic::Ordering;
 
 use pyo3::prelude::*;
 use skysink_common::scenario::Scenario;
@@ -9,6 +11,7 @@ use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_lab::compare::{Contender, standings as of_contenders};
 use skysink_lab::metrics::{MetricValues, MissionMeter};
+use skysink_lab::progress::LabProgress;
 use skysink_lab::sweep::definition::MissionKey;
 use skysink_lab::sweep::folder::SweepRecord;
 use skysink_lab::sweep::journal::{MissionRow, MissionRows, SweepJournal};
@@ -25,7 +28,7 @@ use crate::errors::{of_lab, of_mission, refused};
 use crate::held::HeldChannel;
 use crate::run::{Sources, source_files};
 use crate::scenario::PyScenario;
-use crate::signals::interruptible;
+use crate::signals::{INTERRUPT, interruptible};
 use crate::simulate::drive_python;
 use crate::strategy::{PyStrategies, Raised};
 use crate::table::PyTable;
@@ -139,10 +142,23 @@ impl PySweepPlan {
         missions.into_iter().map(fly_one).collect()
     }
 
-    /// Runs the missing missions on `threads` threads of this process, for built-in strategies only.
-    fn fly_all(&self, py: Python<'_>, out: PathBuf, threads: usize) -> PyResult<PyTable> {
+    /// Runs the missing missions on `threads` threads of this process, for built-in strategies only, and tells `progress`
+    /// the number of finished and of all missions.
+    fn fly_all(&self, py: Python<'_>, out: PathBuf, threads: usize, progress: Option<Py<PyAny>>) -> PyResult<PyTable> {
         let task = SweepTask { out: &out, shard: Shard::WHOLE, threads };
-        let journal = interruptible(py, |stop| sweep::sweep(&self.0, task, stop, &|_| ()))?;
+        let raised = OnceLock::new();
+        let journal = interruptible(py, |stop| {
+            sweep::sweep(&self.0, task, stop, &|LabProgress { done, of, .. }| {
+                let told = progress.as_ref().map(|tell| Python::attach(|py| tell.call1(py, (done, of))));
+                if let Some(Err(error)) = told {
+                    let _ = raised.set(error);
+                    stop.flag().store(INTERRUPT, Ordering::Relaxed);
+                }
+            })
+        })?;
+        if let Some(error) = raised.into_inner() {
+            return Err(error);
+        }
         self.table(&journal.map_err(of_lab)?)
     }
 

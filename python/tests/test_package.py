@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import skysink
+from skysink import programs
 
 PYTHON = Path(__file__).resolve().parents[1]
 
@@ -41,6 +42,24 @@ def test_the_stub_and_the_reference_have_the_docstrings_of_the_module() -> None:
 @pytest.mark.parametrize("name", skysink.__all__)
 def test_every_public_name_is_documented(name: str) -> None:
     assert inspect.getdoc(getattr(skysink, name)) or name in {"STRATEGIES", "__build__", "__version__"}
+
+
+def test_the_command_line_is_the_executable_of_the_package_or_of_the_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    own = programs.executable()
+    assert (own == programs.OWN) == programs.OWN.exists()
+    monkeypatch.setattr(programs, "OWN", tmp_path / "none")
+    (tmp_path / "bin").mkdir()
+    script = tmp_path / "bin" / "skysink"
+    script.write_text("#!/bin/sh\n")
+    script.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path / "bin"))
+    with pytest.raises(skysink.InputError, match=r"built without the executable: expected a wheel .* or the skysink of"):
+        programs.executable()  # a script is another package's
+    assert programs.main() == 2
+    (tmp_path / "built").mkdir()
+    (tmp_path / "built" / "skysink").symlink_to(own)
+    monkeypatch.setenv("PATH", f"{tmp_path / 'bin'}:{tmp_path / 'built'}")
+    assert programs.executable() == tmp_path / "built" / "skysink"
 
 
 def test_the_notebook_runs(tmp_path: Path) -> None:

@@ -153,6 +153,19 @@ def test_a_comparison_in_a_folder_is_resumed_and_extended(smoke: skysink.Scenari
         skysink.compare(smoke, ["gfs", made()], seeds=1, out=out)
 
 
+def test_a_comparison_is_a_table_for_latex(smoke: skysink.Scenario) -> None:
+    compared = skysink.compare(smoke, ["gfs", "max-weight"], seeds=3)
+    mean = {(entry["label"], entry["metric"]): entry for entry in compared}
+    cells = [f"{mean['gfs', name]['mean']:.4g}" for name in ("loss_rate", "aoi_mean_s")]
+    lines = compared.to_latex("loss_rate", "aoi_mean_s").splitlines()
+    assert lines[:4] == [r"\begin{tabular}{lrr}", r"  \toprule", r"  strategy & loss\_rate & aoi\_mean\_s \\", r"  \midrule"]
+    assert lines[4] == rf"  gfs & {cells[0]} & {cells[1]} \\" and len(lines) == 8
+    low, high = mean["gfs", "loss_rate"]["ci95"]
+    assert rf"  gfs & {cells[0]} {{[}}{low:.4g}, {high:.4g}] \\" in compared.to_latex(intervals=True)
+    with pytest.raises(skysink.InputError, match="metric 'loss': expected one of the comparison"):
+        compared.to_latex("loss")
+
+
 def test_strategies_with_parameters_have_distinct_names(smoke: skysink.Scenario) -> None:
     class Within(skysink.Strategy):
         def __init__(self, radius_m: float) -> None:

@@ -6,6 +6,8 @@ import multiprocessing
 import os
 import shutil
 import signal
+import subprocess
+import sys
 import types
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -216,3 +218,34 @@ def test_a_bad_file_is_refused_and_nothing_written(tmp_path: Path, text: str) ->
         with pytest.raises(skysink.InputError):
             skysink.sweep(tmp_path / "bad.toml", tmp_path / "out", executor=executor)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_sweep_tells_its_progress(file: Path, tmp_path: Path) -> None:
+    with ThreadPoolExecutor(2) as workers:
+        for name, executor in (("here", None), ("there", workers)):
+            said: list[tuple[int, int]] = []
+            skysink.sweep(file, tmp_path / name, executor=executor, progress=lambda done, of, to=said: to.append((done, of)))
+            assert (min(said), max(said)) == ((0, 120), (120, 120)) and len(said) == 121
+    skysink.compare(ROOT / "scenarios" / "smoke.toml", ["gfs", "uts"], seeds=2, progress=lambda *done: said.append(done))
+    assert said[-5:] == [(done, 4) for done in range(5)]
+
+    def fail(_done: int, _of: int) -> None:
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        skysink.sweep(file, tmp_path / "failed", progress=fail)
+    assert len(skysink.sweep(file, tmp_path / "failed")) == 120  # continues
+
+
+def test_a_bar_is_shown_on_a_terminal_alone(file: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    skysink.sweep(file, tmp_path / "silent")
+    assert capfd.readouterr() == ("", "")
+    skysink.sweep(file, tmp_path / "shown", progress=True)
+    shown = capfd.readouterr()
+    assert shown.out == "" and "[##########          ] 60 of 120 missions, " in shown.err and shown.err.endswith("120 of 120 missions\x1b[K\n")
+    terminal, other = os.openpty()
+    code = f"import skysink; skysink.compare({str(ROOT / 'scenarios' / 'smoke.toml')!r}, ['gfs', 'uts'], seeds=2)"
+    with os.fdopen(other, "wb") as stderr:
+        subprocess.run([sys.executable, "-P", "-c", code], stderr=stderr, check=True)
+    assert b"4 of 4 missions" in os.read(terminal, 100_000)
+    os.close(terminal)

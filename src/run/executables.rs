@@ -4,34 +4,20 @@ use std::env;
 use std::ffi::OsString;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
-
-/// A command that runs the programs of the ring, such as `python3 -m skysink.programs`. The name of the program and its
-/// arguments are appended.
-#[derive(Debug)]
-pub struct Interpreter(pub Vec<OsString>);
-
-/// The interpreter; if unset, programs are executables in the folder of this one.
-static INTERPRETER: OnceLock<Interpreter> = OnceLock::new();
 
 /// The name of the command line program.
 const COMMAND_LINE: &str = "skysink";
 
-/// Sets the interpreter that starts programs from now on. Only the first call has an effect.
-pub fn set_interpreter(interpreter: Interpreter) {
-    let _ = INTERPRETER.set(interpreter);
-}
-
-/// The executable and the first arguments that start the program `name`.
+/// The executable and the first arguments that start the program `name`: the executable of that name beside `skysink`,
+/// otherwise this one, which contains it ([`crate::programs::of`]).
 ///
 /// # Errors
 /// If the path of this executable is unknown.
 pub fn command_of(name: &str) -> io::Result<(PathBuf, Vec<OsString>)> {
-    if let Some((program, words)) = INTERPRETER.get().and_then(|Interpreter(words)| words.split_first()) {
-        return Ok((program.into(), [words, &[name.into()]].concat()));
-    }
     let this = env::current_exe()?;
-    Ok((if name == COMMAND_LINE { this } else { this.with_file_name(name) }, Vec::new()))
+    let beside = this.with_file_name(name);
+    let is_separate = this.file_name() == Some(COMMAND_LINE.as_ref()) && beside.is_file();
+    Ok(if is_separate { (beside, Vec::new()) } else { (this, vec![name.into()]) })
 }
 
 /// Whether `program` is an executable file: a path, or a name in a folder of PATH.

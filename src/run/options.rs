@@ -254,9 +254,6 @@ impl RunOptions {
         let vehicles = self.vehicle.as_ref().and_then(VehicleOption::addresses).filter(|_| role == Role::FlightSim);
         let name = if vehicles.is_some() { BRIDGE } else { role.name() };
         let (program, mut arguments) = executables::command_of(name).at(Path::new("skysink"))?;
-        if !program.is_file() {
-            return Err(Error::ExecutableMissing(program));
-        }
         arguments.extend(["--scenario".into(), scenario.into(), "--ring".into(), ring.path().into()]);
         if role == Role::Viewer {
             arguments.extend(["--save".into(), absolute(&launch.recording)?.into()]);

@@ -338,3 +338,18 @@ fn a_role_can_be_filled_by_a_manually_started_process() {
         place.assert_clean();
     }
 }
+
+#[test]
+fn skysink_alone_contains_the_programs_of_the_ring() {
+    let place = Place::new();
+    let copied = output(place.command("cp", &[env!("CARGO_BIN_EXE_skysink"), "skysink"]));
+    assert_eq!(copied.code, Some(0), "{copied:?}");
+    let alone = place.path("skysink").display().to_string();
+    let scenario = place.scenario("smoke");
+    let ended = output(place.command(&alone, &["run", &scenario, "--no-viewer", "--out", "run"]));
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    place.assert_trace_as_simulated("run");
+    let help = output(place.command(&alone, &["planner", "--help"]));
+    assert!(help.stdout.contains("Usage: planner "), "{help:?}");
+    place.assert_clean();
+}

@@ -22,24 +22,42 @@ impl Chart {
     /// # Panics
     /// If the curves have different numbers of points.
     #[must_use]
-    pub fn table(&self) -> NumberTable {
-        let interval = if self.support == Support::Real { "± half of the 95 % CI" } else { "[95 % CI]" };
+    pub fn table(&self, cells: TableCells) -> NumberTable {
+        let interval = match cells {
+            TableCells::Means => "",
+            TableCells::Intervals if self.support == Support::Real => " ± half of the 95 % CI",
+            TableCells::Intervals => " [95 % CI]",
+        };
         let labels = self.series.iter().map(|series| series.label.clone());
         let row = |(index, point): (usize, &CurvePoint)| {
             let x = self.x_words.get(index).cloned().unwrap_or_else(|| point.x.to_string());
-            let cells = self.series.iter().map(|series| series.points[index].cell(self.support));
+            let cells = self.series.iter().map(|series| series.points[index].told(cells).cell(self.support));
             [x].into_iter().chain(cells).collect()
         };
         NumberTable {
             title: self.look.title.clone(),
-            about: format!("{}, mean {interval}", self.y_label),
+            about: format!("{}, mean{interval}", self.y_label),
             head: [self.x_label.clone()].into_iter().chain(labels).collect(),
             rows: self.series[0].points.iter().enumerate().map(row).collect(),
         }
     }
 }
 
+/// What the cells of a table say.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TableCells {
+    /// Means with their intervals.
+    Intervals,
+    /// Means alone.
+    Means,
+}
+
 impl CurvePoint {
+    /// What is told of it.
+    fn told(self, cells: TableCells) -> Self {
+        Self { limits: self.limits.filter(|_| cells == TableCells::Intervals), ..self }
+    }
+
     /// Formats the mean with its confidence interval, with decimals that depend on their magnitude. The interval is
     /// written with ± if it is symmetric, which it is for unbounded quantities only.
     pub fn cell(&self, support: Support) -> String {
@@ -108,9 +126,8 @@ impl NumberTable {
         let comments: String = title.map(|text| format!("% {text}\n")).collect();
         let columns = "r".repeat(self.head.len());
         let rows: String = self.rows.iter().map(line).collect();
-        let has_head = self.head.iter().any(|cell| !cell.is_empty());
-        let head = if has_head { line(&self.head) + "  \\midrule\n" } else { String::new() };
-        format!("{comments}\\begin{{tabular}}{{{columns}}}\n  \\toprule\n{head}{rows}")
+        let head = line(&self.head);
+        format!("{comments}\\begin{{tabular}}{{{columns}}}\n  \\toprule\n{head}  \\midrule\n{rows}")
             + "  \\bottomrule\n\\end{tabular}\n"
     }
 }
@@ -136,9 +153,9 @@ impl NumberTable {
             let cells = self.head[1..].iter().zip(&row[1..]).enumerate();
             cells.map(|(index, (label, cell))| vec![x(index), label.clone(), cell.clone()]).collect()
         };
-        let about = format!("{}; {}", self.head[0], self.about);
-        let head = ["", "", ""].map(str::to_owned).to_vec();
-        Self { title: self.title.clone(), about, head, rows: self.rows.iter().flat_map(cells).collect() }
+        let head = vec![self.head[0].clone(), String::new(), self.about.clone()];
+        let rows = self.rows.iter().flat_map(cells).collect();
+        Self { title: self.title.clone(), about: String::new(), head, rows }
     }
 }
 
@@ -205,10 +222,10 @@ mod tests {
         assert!(table.latex("", Some(500.0)).contains("side {[}m] & uts & gfs & rfs"));
         let narrow = table.latex("", Some(250.0));
         let lines: Vec<&str> = narrow.lines().filter(|line| line.contains('&')).collect();
-        assert_eq!(lines.len(), 6, "{narrow}");
-        assert_eq!(lines[0], "  100 & uts & 0.0163 {[}0.0151, 0.0175] \\\\");
-        assert_eq!(lines[1], "   & gfs & 0.0163 {[}0.0151, 0.0175] \\\\");
-        assert!(narrow.starts_with("% side [m]; η\n"), "{narrow}");
+        assert_eq!(lines.len(), 7, "{narrow}");
+        assert_eq!(lines[0], "  side {[}m] &  & $\\eta$ \\\\");
+        assert_eq!(lines[1], "  100 & uts & 0.0163 {[}0.0151, 0.0175] \\\\");
+        assert_eq!(lines[2], "   & gfs & 0.0163 {[}0.0151, 0.0175] \\\\");
         assert!(table.narrow().width_pt() < 250.0);
     }
 }

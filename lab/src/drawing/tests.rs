@@ -7,6 +7,7 @@ use super::chart::{Chart, CurvePoint, Scale, Series};
 use super::map::{AreaKind, AreaOutline, MapSensor, MapSheet, TrajectoryMap};
 use super::page::{self, Look};
 use super::style;
+use super::table::TableCells;
 use crate::error::LabError;
 use crate::statistics::Support;
 
@@ -112,18 +113,20 @@ fn a_table_shows_symmetric_and_bounded_intervals() {
     let mut curve = series("uts", &[(1.0, 0.25, 0.0), (2.0, -0.00001, 0.001), (3.0, 0.5, 0.0)]);
     curve.points[0].limits = Some([0.125, 0.5]);
     curve.points[2].limits = None;
-    let fractions = chart(vec![curve.clone()]).table().markdown();
+    let fractions = chart(vec![curve.clone()]).table(TableCells::Intervals).markdown();
     let head = "**Loss against area**; data loss rate η [−], mean [95 % CI]\n\n| side of the area [m] | uts |";
     assert!(fractions.contains(head), "{fractions}");
     assert!(fractions.ends_with("| 1 | 0.2500 [0.1250, 0.5000] |\n| 2 | 0.0000 [-0.0010, 0.0010] |\n| 3 | 0.5000 |\n"));
-    let small = chart(vec![series("uts", &[(1.0, 0.000_014, 0.000_01)])]).table().markdown();
+    let small = chart(vec![series("uts", &[(1.0, 0.000_014, 0.000_01)])]).table(TableCells::Intervals).markdown();
     assert!(small.ends_with("| 1 | 0.000014 [0.000004, 0.000024] |\n"), "{small}");
     // 12.3 ± 12.3 would not say whether it contains 0.
-    let near =
-        Chart { support: Support::Real, ..chart(vec![series("uts", &[(1.0, 12.34, 12.31)])]) }.table().markdown();
+    let near = Chart { support: Support::Real, ..chart(vec![series("uts", &[(1.0, 12.34, 12.31)])]) }
+        .table(TableCells::Intervals)
+        .markdown();
     assert!(near.ends_with("| 1 | 12.34 ± 12.31 |\n"), "{near}");
-    let bits =
-        Chart { support: Support::Real, ..chart(vec![series("uts", &[(1.0, 21_076.4, 55.2)])]) }.table().markdown();
+    let bits = Chart { support: Support::Real, ..chart(vec![series("uts", &[(1.0, 21_076.4, 55.2)])]) }
+        .table(TableCells::Intervals)
+        .markdown();
     assert!(bits.contains("mean ± half of the 95 % CI\n") && bits.ends_with("| 1 | 21076 ± 55 |\n"), "{bits}");
 }
 

@@ -41,6 +41,9 @@ pub struct PlotRequest {
     /// Use a logarithmic y axis; means of 0 are drawn at its lower end.
     #[arg(long, conflicts_with = "difference_to")]
     pub log_y: bool,
+    /// Write the means alone into the tables, without their intervals.
+    #[arg(long)]
+    pub means: bool,
     /// Label of a strategy in the figure, for example python:mine.py:Mine=ours (repeatable) [default: its name; the
     /// class of a Python strategy].
     #[arg(long = "label", value_name = "STRATEGY=TEXT", value_parser = parse_label)]
@@ -97,6 +100,7 @@ impl PlotRequest {
             ("--bounds", self.bounds),
             ("--where", !self.conditions.is_empty()),
             ("--log-y", self.log_y),
+            ("--means", self.means),
             ("--label", !self.labels.is_empty()),
             ("--x-label", self.x_label.is_some()),
             ("--y-label", self.y_label.is_some()),

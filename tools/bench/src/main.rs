@@ -18,7 +18,6 @@ use std::process::ExitCode;
 use clap::{Parser, ValueEnum};
 use serde::Serialize;
 use skysink::report::print;
-use skysink::run::executables::{Interpreter, set_interpreter};
 use skysink::{programs, usage, worker};
 use skysink_common::stop::Stop;
 use skysink_ring::role::Role;
@@ -137,9 +136,6 @@ impl Machine {
 fn main() -> ExitCode {
     let arguments: Vec<OsString> = env::args_os().collect();
     // The programs of the ring are this executable, with their names as its first argument.
-    if let Ok(executable) = env::current_exe() {
-        set_interpreter(Interpreter(vec![executable.into()]));
-    }
     if let Some(program) = arguments.get(1).and_then(|name| programs::of(name.to_str()?)) {
         return program(arguments[1..].to_vec()).into();
     }
