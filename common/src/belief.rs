@@ -7,6 +7,7 @@ use std::sync::Arc;
 use crate::checkpoint::CheckpointError;
 use crate::estimate::{Estimate, Rates, SavedEstimate, Uncertainty, uniform_sd};
 use crate::message::{FlightReport, SensorNode};
+use crate::airtime::is_out;
 use crate::node_energy::DEAD;
 use crate::reported::ReportedQueues;
 use crate::scenario::Scenario;
@@ -77,6 +78,16 @@ impl Belief {
             Self::Known => queues_bits[id as usize] == DEAD,
             Self::Estimated(estimate) => estimate.is_dead(id),
         }
+    }
+
+    /// Whether SN `id`, which may refuse, is known to be dead or without airtime, which UAVs know of every SN.
+    ///
+    /// # Panics
+    /// If the SN is unknown.
+    #[must_use]
+    pub fn is_out(&self, told_bits: &[u32], id: u32) -> bool {
+        let told_bits_of = told_bits[id as usize];
+        told_bits_of != DEAD && is_out(told_bits_of) || self.is_dead(told_bits, id)
     }
 
     /// Whether the rates are learnt.

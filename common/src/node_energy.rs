@@ -3,15 +3,21 @@
 //! `initial + harvested = used + spilled + left` holds as an equality of integers. What a dead SN loses is left to
 //! [`crate::ledger`].
 
+mod harvest;
+
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 use strum::VariantNames;
 
+pub use harvest::HarvestTrace;
+
 use crate::checkpoint::{CheckpointError, decode_first, encode};
 use crate::geometry::{Position, within};
 use crate::keys::{Accepts, NOT_NEGATIVE};
 use crate::per_sensor::PerSensor;
+use crate::scenario::PATH;
 
 /// Queue of a dead SN on the topics `queues` and `belief`; live ones are shorter.
 pub const DEAD: u32 = u32::MAX;
@@ -35,7 +41,7 @@ pub(crate) const CAPACITY_J: Accepts =
 
 crate::keys! {
     /// `[sensors.energy]`: the batteries of the SNs (decision D33).
-    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, expecting = "a table")]
     pub struct NodeEnergyKeys {
         /// Energy of a full battery [J]; required without a column of the sensor list, which has priority.
@@ -44,6 +50,9 @@ crate::keys! {
         initial: f64 = 1.0, Accepts::Number("a fraction above 0, at most 1", |fraction| fraction > 0.0 && fraction <= 1.0);
         /// Harvested power [W]. A column of the sensor list has priority.
         harvest_w: f64 = 0.0, NOT_NEGATIVE;
+        /// CSV file of the harvested power, `slot,sensor,harvest_w`: the power of an SN from a slot on until its next
+        /// row [W], and instead of it before the first. An empty sensor is all SNs without rows of their own.
+        harvest_file: Option<PathBuf>, PATH;
         /// Power that an SN always takes [W].
         sleep_w: f64 = 0.0, NOT_NEGATIVE;
         /// Energy of a sampled bit [J].
@@ -107,6 +116,8 @@ pub struct Charges {
     radius_m: f64,
     capacity_nj: PerSensor<u64>,
     harvest_nj: PerSensor<u64>,
+    /// What SNs harvest instead.
+    harvest: Option<HarvestTrace>,
     /// Left, by id [nJ]; 0 in a dead SN.
     charge_nj: Vec<u64>,
     totals: NodeEnergyTotals,
@@ -119,13 +130,14 @@ pub struct Charges {
 }
 
 impl Charges {
-    /// The charges before slot 1 of SNs with these batteries at `positions`, in slots of `slot_s` [s], that a UAV wakes
-    /// from `radius_m` [m].
+    /// The charges before slot 1 of SNs with these batteries at `positions`, which harvest by `harvest` if there is one,
+    /// in slots of `slot_s` [s], and which a UAV wakes from `radius_m` [m].
     #[must_use]
     pub fn new(
         keys: NodeEnergyKeys,
         slot_s: f64,
         batteries: &[NodeBattery],
+        harvest: Option<HarvestTrace>,
         positions: impl Iterator<Item = Position>,
         radius_m: f64,
     ) -> Self {
@@ -144,6 +156,7 @@ impl Charges {
             radius_m,
             capacity_nj: PerSensor::new(capacities_nj.collect()),
             harvest_nj: PerSensor::new(batteries.iter().map(|own| nanojoules(own.harvest_w * slot_s)).collect()),
+            harvest,
             charge_nj,
             totals,
             dead: 0,
@@ -222,7 +235,8 @@ impl Charges {
             }
             return true;
         }
-        let harvest_nj = self.harvest_nj.of(sensor);
+        let of_file_w = self.harvest.as_ref().and_then(|harvest| harvest.harvest_w(slot, sensor));
+        let harvest_nj = of_file_w.map_or_else(|| self.harvest_nj.of(sensor), |own_w| nanojoules(own_w * self.slot_s));
         let stored_nj = harvest_nj.min(self.capacity_nj.of(sensor) - self.charge_nj[sensor]);
         self.charge_nj[sensor] += stored_nj;
         self.totals.harvested_nj += u128::from(harvest_nj);

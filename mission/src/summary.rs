@@ -81,6 +81,9 @@ pub struct Summary {
     /// What the batteries of the sensor nodes gave, and which are dead (decision D33); `None` without `[sensors.energy]`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub node_energy: Option<NodeEnergyUse>,
+    /// Services that were refused because the sensor node had no airtime left; `None` without `link.duty_cycle`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub refused_duty: Option<u64>,
     /// The time at whose end all initial data is delivered [s]; `None` if some is left, or where sensor nodes sample.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub completed_s: Option<f64>,
@@ -360,6 +363,7 @@ impl Tally {
         summary.weighted_loss_rate = losses.and_then(weighted_rate);
         summary.expired_bits = summary.expired_bits.map(|none| losses.map_or(none, Losses::expired_bits));
         summary.node_energy = losses.and_then(Losses::node_energy);
+        summary.refused_duty = losses.and_then(Losses::refused_duty);
         summary.objective = self.objective();
         summary.eta_letter = ratio(summary.totals.lost_slots, slots);
         let Totals { initial_bits, sampled_bits, delivered_bits, .. } = summary.totals;
@@ -404,7 +408,9 @@ impl SlotSink for Tally {
         if let Some(losses) = &mut self.losses {
             losses.add(record);
         }
-        for link in uploads(&record.flights) {
+        let losses = self.losses.as_ref();
+        let has_answered = |sensor: u32| losses.is_none_or(|losses| losses.has_answered(sensor));
+        for link in uploads(&record.flights).filter(|link| has_answered(link.sensor)) {
             self.gaps.serve(link.sensor as usize, self.summary.slots);
         }
         for (uav, (plan, flight)) in record.plans.iter().zip(&record.flights).enumerate() {
@@ -414,6 +420,7 @@ impl SlotSink for Tally {
                 self.plan_ns.saturating_record(plan.plan_ns);
             }
         }
+        self.served -= self.losses.as_ref().map_or(0, Losses::unanswered) as u64;
         let has_landed = |flight: &FlightReport, base: &Base| {
             base.contains(&flight.position().xy()) && flight.flown_mode() != Mode::Down
         };

@@ -7,6 +7,7 @@
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
+use skysink_common::airtime::held_bits;
 use skysink_common::checkpoint::CheckpointError;
 use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::node_energy::DEAD;
@@ -92,7 +93,7 @@ impl SensorHistory {
         let is_next = slot > 0 && sums.slot == Some(slot - 1);
         let losses = sums.queues_bits.iter().enumerate().zip(&mut sums.lost_bits).zip(lost_now_bits);
         for (((id, &before_bits), lost_bits), lost_now_bits) in losses {
-            let lost_bits_of = |id: usize| match sensors.may_die && queues_bits[id] == DEAD {
+            let lost_bits_of = |id: usize| match sensors.may_refuse && queues_bits[id] == DEAD {
                 true => u64::from(before_bits) + sensors.sampling.bits(id, slot),
                 false => sensors.sampling.overflow_bits(id, before_bits, slot),
             };
@@ -103,9 +104,9 @@ impl SensorHistory {
             *sampled_now_bits = (0..queues_bits.len()).map(|id| sensors.sampling.bits(id, slot)).collect();
         }
         sums.slot = Some(slot);
-        let held_bits = |&bits: &u32| if sensors.may_die && bits == DEAD { 0 } else { bits };
+        let held = |&bits: &u32| if sensors.may_refuse { held_bits(bits) } else { bits };
         sums.queues_bits.clear();
-        sums.queues_bits.extend(queues_bits.iter().map(held_bits));
+        sums.queues_bits.extend(queues_bits.iter().map(held));
         for cell in uavs.into_iter().flat_map(|uav| grid.in_range(uav)) {
             sums.in_range[cell] = slot + 1;
         }

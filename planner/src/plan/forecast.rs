@@ -330,7 +330,7 @@ impl<O: Objective> Forecast<O> {
         }
         let is_first = change.from == 0 && change.trace.legs.is_empty();
         let sensor = model.disks[stop.disk as usize].members[0] as usize;
-        if model.is_dead(stop.disk) {
+        if model.is_out(stop.disk) {
             return true;
         }
         let slot = f64::from(self.decoder.slot + 1);

@@ -139,9 +139,9 @@ impl PlanModel {
         model
     }
 
-    /// Whether all sensors of a disk are dead.
+    /// Whether no sensor of a disk can be served.
     #[must_use]
-    pub(super) fn is_dead(&self, disk: u32) -> bool {
+    pub(super) fn is_out(&self, disk: u32) -> bool {
         self.disks[disk as usize].members.iter().all(|&member| self.sensors[member as usize].weight == 0.0)
     }
 

@@ -55,7 +55,7 @@ pub fn extend<O: Objective>(model: &PlanModel, forecast: &mut Forecast<O>) {
         let mut best: Option<(f64, f64, u32)> = None;
         for &stop in &model.stops {
             let slots = model.table.motion.slots_into(&at, model.disk(stop)).min(f64::from(MOST_SLOTS)) as i32;
-            if slots > forecast.window.slots - slot || model.is_dead(stop) {
+            if slots > forecast.window.slots - slot || model.is_out(stop) {
                 continue;
             }
             let now = f64::from(slot + slots);
