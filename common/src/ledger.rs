@@ -202,13 +202,21 @@ impl Ledger {
         if !self.may_refuse() {
             return Cow::Borrowed(queues_bits);
         }
-        let is_silent = |sensor: usize| self.airtime.as_ref().is_some_and(|airtime| airtime.is_silent(sensor));
-        let told = |(sensor, &bits): (usize, &u32)| match () {
-            () if self.is_dead(sensor) => DEAD,
-            () if is_silent(sensor) => bits | SILENT,
-            () => bits,
-        };
-        queues_bits.iter().enumerate().map(told).collect()
+        (0..queues_bits.len()).map(|sensor| self.told_bits_of(sensor)).collect()
+    }
+
+    /// The queue of SN `sensor` [bit] as planners are told ([`Self::told_bits`]).
+    ///
+    /// # Panics
+    /// If the SN is unknown.
+    #[must_use]
+    pub fn told_bits_of(&self, sensor: usize) -> u32 {
+        let queue_bits = self.queues_bits()[sensor];
+        match &self.airtime {
+            _ if self.is_dead(sensor) => DEAD,
+            Some(airtime) if airtime.is_silent(sensor) => queue_bits | SILENT,
+            _ => queue_bits,
+        }
     }
 
     /// Whether SNs may be dead or without airtime.

@@ -101,6 +101,8 @@ pub struct NodeEnergyTotals {
     pub used_nj: u128,
     /// Harvested into full batteries.
     pub spilled_nj: u128,
+    /// Of what is used, that for services.
+    pub served_nj: u128,
 }
 
 /// The charges of all SNs.
@@ -183,7 +185,7 @@ impl Charges {
     /// Whether all energy is accounted for.
     #[must_use]
     pub fn is_balanced(&self) -> bool {
-        let NodeEnergyTotals { initial_nj, harvested_nj, used_nj, spilled_nj } = self.totals;
+        let NodeEnergyTotals { initial_nj, harvested_nj, used_nj, spilled_nj, .. } = self.totals;
         let given_nj = initial_nj.checked_add(harvested_nj);
         given_nj.is_some()
             && given_nj == used_nj.checked_add(spilled_nj).and_then(|nj| nj.checked_add(sum(&self.charge_nj)))
@@ -217,7 +219,9 @@ impl Charges {
     /// SN `sensor` is served: it wakes, and sends `bits` [bit] at `rate_bps` [bit/s].
     pub(crate) fn send(&mut self, sensor: usize, bits: u64, rate_bps: f64) {
         let sent_s = if bits > 0 { bits as f64 / rate_bps } else { 0.0 };
+        let before_nj = self.totals.used_nj;
         self.take(sensor, nanojoules(self.keys.wake_j.unwrap_or_default() + self.keys.tx_w * sent_s));
+        self.totals.served_nj += self.totals.used_nj - before_nj;
     }
 
     /// Ends `slot` for the live SN `sensor`, which has sampled `bits` [bit], with `uavs` that wake those in range: first
@@ -269,6 +273,7 @@ impl Charges {
             && restored.charge_nj.iter().enumerate().all(fits)
             && totals.initial_nj == self.totals.initial_nj
             && restored.is_balanced()
+            && totals.served_nj <= totals.used_nj
             && first_death.is_some() == (dead > 0)
             && half_dead.is_some() == (2 * dead >= self.charge_nj.len())
             && [first_death, half_dead].iter().flatten().all(|death| (1..=slot).contains(death));

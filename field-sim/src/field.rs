@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::mem::MaybeUninit;
 
 use serde::{Deserialize, Serialize};
-use skysink_common::airtime::{Airtime, SILENT};
+use skysink_common::airtime::{Airtime, SILENT, is_out};
 use skysink_common::belief::Belief;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, encode};
 use skysink_common::cohorts::Cohorts;
@@ -165,13 +165,29 @@ impl Field {
         if !self.ledger.may_refuse() {
             return Cow::Borrowed(self.believed_bits());
         }
-        let told_bits = self.told_bits();
-        let told = |(id, &bits): (u32, &u32)| match () {
-            () if self.belief.is_dead(&told_bits, id) => DEAD,
-            () if self.belief.is_out(&told_bits, id) => bits | SILENT,
-            () => bits,
+        let told = |(id, &bits): (u32, &u32)| match self.ledger.told_bits_of(id as usize) {
+            told_bits if self.belief.is_dead(told_bits, id) => DEAD,
+            _ if self.is_out(id) => bits | SILENT,
+            _ => bits,
         };
         (0..).zip(self.believed_bits()).map(told).collect()
+    }
+
+    /// Whether the UAV knows that the sensor node `sensor` is dead or without airtime.
+    #[must_use]
+    pub fn is_out(&self, sensor: u32) -> bool {
+        self.ledger.may_refuse() && self.belief.is_out(self.ledger.told_bits_of(sensor as usize), sensor)
+    }
+
+    /// The queues after the slot as the UAV believes them to be [bit], by sensor node; 0 of those that it knows to be dead or
+    /// without airtime.
+    #[must_use]
+    pub fn servable_bits(&self) -> Cow<'_, [u32]> {
+        let mut told_bits = self.told_belief();
+        if self.ledger.may_refuse() {
+            told_bits.to_mut().iter_mut().filter(|bits| is_out(**bits)).for_each(|bits| *bits = 0);
+        }
+        told_bits
     }
 
     /// Queue lengths [bit] as planners are told, by sensor node: [`DEAD`] of dead ones, [`SILENT`] more of those without

@@ -63,6 +63,11 @@ impl Losses {
         Some(self.ledger.airtime()?.refused())
     }
 
+    /// Energy that services took so far [J].
+    pub(crate) fn served_j(&self) -> f64 {
+        self.ledger.charges().map_or(0.0, |charges| charges.totals().served_nj as f64 / 1e9)
+    }
+
     /// What the batteries gave so far; `None` without batteries.
     pub(crate) fn node_energy(&self) -> Option<NodeEnergyUse> {
         Some(self.ledger.charges()?.summed_up(self.ledger.totals().delivered_bits))

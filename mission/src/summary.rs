@@ -304,7 +304,8 @@ impl Tally {
     pub fn objective(&self) -> Option<f64> {
         let objective = self.objective.as_ref()?;
         let of_ages = self.gaps.cost(objective, self.summary.slots, self.slot_s);
-        Some(objective.of_bits() * self.lost_bits() + of_ages)
+        let served_j = self.losses.as_ref().map_or(0.0, Losses::served_j);
+        Some(objective.of_bits() * self.lost_bits() + of_ages + objective.energy_j * served_j)
     }
 
     /// Adds the send times of the samples of a slot.

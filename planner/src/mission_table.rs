@@ -119,7 +119,7 @@ impl MissionTable {
 
     /// Takes in which SNs are dead, or without airtime: they cannot be served. Nothing changes if none may be.
     pub(crate) fn exclude(&mut self, belief: &Belief, queues_bits: &[u32]) {
-        let is_out = |id: u32| belief.is_out(queues_bits, id);
+        let is_out = |id: u32| belief.is_out(queues_bits[id as usize], id);
         if self.sensors.may_refuse && self.sensors.ids().any(|id| is_out(id) != self.is_out(id)) {
             self.is_out = self.sensors.ids().map(is_out).collect();
         }

@@ -161,7 +161,7 @@ impl Episode {
             Control::Waypoint => self.waypoint(action),
             Control::Displacement | Control::Sensor => self.displaced(action),
         };
-        decided(waypoint, &self.field.fullest(&waypoint, self.plant.field().believed_bits()))
+        decided(waypoint, &self.field.fullest(&waypoint, &self.plant.field().servable_bits()))
     }
 
     /// The waypoint of a displacement as a fraction of the reach of a slot.
@@ -202,8 +202,8 @@ impl Episode {
         };
         let goal = self.field.sensors.position(id);
         let waypoint = above(&self.field.clamp_to_area(&self.field.motion.toward(&uav.xy(), goal)), uav.z);
-        let believed_bits = self.plant.field().believed_bits();
-        let mut served = self.field.fullest(&waypoint, believed_bits);
+        let believed_bits = self.plant.field().servable_bits();
+        let mut served = self.field.fullest(&waypoint, &believed_bits);
         let most = (limits.resource_blocks as usize).min(MAX_SERVED);
         if within(goal, &waypoint.xy(), limits.comm_radius_m) && !served.contains(&id) {
             if served.len() == most {

@@ -10,10 +10,12 @@ use serde::{Deserialize, Serialize};
 use skysink_common::airtime::held_bits;
 use skysink_common::checkpoint::CheckpointError;
 use skysink_common::geometry::{Position, distance_squared};
+use skysink_common::message::FlightReport;
 use skysink_common::node_energy::DEAD;
 use skysink_common::sampling::Sampler;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
+use skysink_common::slot_record::uploads;
 
 /// Minimum and maximum number of cells of the coverage grid along the longer side of the area.
 const CELLS: [f64; 2] = [40.0, 100.0];
@@ -38,6 +40,8 @@ pub(crate) struct SensorHistory {
     slot_s: f64,
     /// Lost in the last slot, by SN [bit].
     lost_now_bits: Vec<u64>,
+    /// Those that died in it with data.
+    died: Vec<u32>,
     /// Sampled in the last slot, by SN [bit]; empty if arrivals are constant.
     sampled_now_bits: Vec<u64>,
     pub(crate) grid: CoverageGrid,
@@ -80,6 +84,7 @@ impl SensorHistory {
             sensors: Arc::clone(sensors),
             slot_s: scenario.slot_s,
             lost_now_bits: vec![0; count],
+            died: Vec::new(),
             sampled_now_bits: Vec::new(),
             grid,
             sums,
@@ -89,7 +94,8 @@ impl SensorHistory {
     /// Adds a slot, after which the queues are `queues_bits`, one for each SN, and the UAVs are above `uavs`. A dead SN loses
     /// what it holds and samples.
     pub(crate) fn add(&mut self, slot: u64, queues_bits: &[u32], uavs: impl IntoIterator<Item = Position>) {
-        let Self { sensors, lost_now_bits, sampled_now_bits, grid, sums, .. } = self;
+        let Self { sensors, lost_now_bits, died, sampled_now_bits, grid, sums, .. } = self;
+        died.clear();
         let is_next = slot > 0 && sums.slot == Some(slot - 1);
         let losses = sums.queues_bits.iter().enumerate().zip(&mut sums.lost_bits).zip(lost_now_bits);
         for (((id, &before_bits), lost_bits), lost_now_bits) in losses {
@@ -97,6 +103,9 @@ impl SensorHistory {
                 true => u64::from(before_bits) + sensors.sampling.bits(id, slot),
                 false => sensors.sampling.overflow_bits(id, before_bits, slot),
             };
+            if is_next && sensors.may_refuse && queues_bits[id] == DEAD && before_bits > 0 {
+                died.push(id as u32);
+            }
             *lost_now_bits = if is_next { lost_bits_of(id) } else { 0 };
             *lost_bits += *lost_now_bits;
         }
@@ -109,6 +118,17 @@ impl SensorHistory {
         sums.queues_bits.extend(queues_bits.iter().map(held));
         for cell in uavs.into_iter().flat_map(|uav| grid.in_range(uav)) {
             sums.in_range[cell] = slot + 1;
+        }
+    }
+
+    /// Takes back what SNs have uploaded by `flights` in the last slot, in which they died: it is not lost.
+    pub(crate) fn credit(&mut self, flights: &[FlightReport]) {
+        for link in uploads(flights).filter(|link| self.died.contains(&link.sensor)) {
+            let id = link.sensor as usize;
+            let buffer_bits = self.sensors.sampling.of(id).capacity_bits.into();
+            let sent_bits = link.capacity_bits.min(buffer_bits).min(self.lost_now_bits[id]);
+            self.lost_now_bits[id] -= sent_bits;
+            self.sums.lost_bits[id] -= sent_bits;
         }
     }
 

@@ -108,7 +108,9 @@ impl<O: Objective> CarriedPlan<O> {
         let sensors = &setup.table.sensors;
         let may_group = keys.without != Some(LookAheadPart::Groups);
         let weights = setup.settings.objective.weights();
-        let costs = weights.map(|weights| GapCosts::new(&weights, scenario.slot_s, scenario.deadline_slots()));
+        let costs = weights.map(|weights| {
+            GapCosts::new(&weights, scenario.slot_s, scenario.deadline_slots()).with_energy(&weights, scenario)
+        });
         let costs = costs.filter(|_| O::COUNTS_AGES).unwrap_or(GapCosts::LOSS);
         let model = if belief.has_learnt_rates() {
             let mean_bits = sensors.ids().map(|id| least_mean_bits(belief.mean_bits(sensors, id))).collect();

@@ -224,7 +224,7 @@ impl<O: Objective> Forecast<O> {
         next: Option<(PlannedStop, u32)>,
         follows: bool,
     ) -> bool {
-        if O::HOVERS || old == FRESH {
+        if O::HOVERS || old == FRESH || O::COUNTS_AGES && model.has_visit_costs() {
             return false;
         }
         let index = old as usize;
