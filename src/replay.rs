@@ -42,7 +42,8 @@ const OUTCOME: &str = "replay.json";
 static LAYOUT: FolderLayout = FolderLayout {
     lock: "lock",
     is_result: |name| {
-        ["scenario.toml", "sensors.csv", TRACE, HARVEST, CHANNEL, RATES, PLANS, OUTCOME].contains(&name) || is_recording(name)
+        ["scenario.toml", "sensors.csv", TRACE, HARVEST, CHANNEL, RATES, PLANS, OUTCOME].contains(&name)
+            || is_recording(name)
     },
     is_temporary: |_| false,
 };

@@ -13,6 +13,7 @@ use comfy_table::{CellAlignment, ColumnConstraint, ContentArrangement, Table, Wi
 use indicatif::HumanDuration;
 use indicatif::{HumanCount, ProgressBar, ProgressState, ProgressStyle};
 use serde::Serialize;
+use skysink_common::node_energy::NodeEnergyUse;
 use skysink_common::pace::Pace;
 use skysink_common::terminal::printable;
 #[cfg(feature = "lab")]
@@ -21,7 +22,6 @@ use skysink_lab::progress::LabProgress;
 use skysink_lab::statistics::Concentration;
 use skysink_mission::latency::Spread;
 use skysink_mission::record::RunFolder;
-use skysink_common::node_energy::NodeEnergyUse;
 use skysink_mission::summary::{EnergyUse, FleetUse, Summary, Tally};
 #[cfg(feature = "lab")]
 use skysink_ring::role::Role;

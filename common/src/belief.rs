@@ -4,10 +4,10 @@
 
 use std::sync::Arc;
 
+use crate::airtime::is_out;
 use crate::checkpoint::CheckpointError;
 use crate::estimate::{Estimate, Rates, SavedEstimate, Uncertainty, uniform_sd};
 use crate::message::{FlightReport, SensorNode};
-use crate::airtime::is_out;
 use crate::node_energy::DEAD;
 use crate::reported::ReportedQueues;
 use crate::scenario::Scenario;

@@ -25,7 +25,8 @@ pub struct GapCosts {
 
 impl GapCosts {
     /// Lost bits alone.
-    pub const LOSS: Self = Self { loss: 1.0, age: 0.0, peak_age: 0.0, deadline: 0.0, deadline_slots: f64::INFINITY, wake: 0.0, send: 0.0 };
+    pub const LOSS: Self =
+        Self { loss: 1.0, age: 0.0, peak_age: 0.0, deadline: 0.0, deadline_slots: f64::INFINITY, wake: 0.0, send: 0.0 };
 
     /// The costs of an objective, with slots of `slot_s` [s] and ages up to `deadline_slots` [slots].
     #[must_use]
@@ -119,7 +120,8 @@ impl GapCosts {
 mod tests {
     use super::*;
 
-    const AGES: ObjectiveWeights = ObjectiveWeights { loss: 0.0, age: 1.0, peak_age: 0.0, deadline: 0.0, expiry: 0.0, energy_j: 0.0 };
+    const AGES: ObjectiveWeights =
+        ObjectiveWeights { loss: 0.0, age: 1.0, peak_age: 0.0, deadline: 0.0, expiry: 0.0, energy_j: 0.0 };
 
     #[test]
     fn gaps_cost_what_their_slots_cost() {

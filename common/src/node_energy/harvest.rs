@@ -71,8 +71,8 @@ impl HarvestTrace {
     #[must_use]
     pub fn harvest_w(&self, slot: u64, sensor: usize) -> Option<f64> {
         let sensor = u32::try_from(sensor).ok();
-        let [own, end] = [0, u64::MAX]
-            .map(|slot| self.rows.partition_point(|row| (row.sensor, row.slot) < (sensor, slot)));
+        let [own, end] =
+            [0, u64::MAX].map(|slot| self.rows.partition_point(|row| (row.sensor, row.slot) < (sensor, slot)));
         let rows = if own < end { &self.rows[own..end] } else { self.rows_of_others() };
         rows[..rows.partition_point(|row| row.slot <= slot)].last().map(|row| row.harvest_w)
     }

@@ -143,8 +143,7 @@ impl SensorList {
         };
         let energy = scenario.sensors.energy.as_ref();
         let harvest = energy.and_then(|energy| energy.harvest_file.as_ref());
-        let harvest =
-            harvest.map(|file| HarvestTrace::read(&scenario.beside(file), sensors.len())).transpose()?;
+        let harvest = harvest.map(|file| HarvestTrace::read(&scenario.beside(file), sensors.len())).transpose()?;
         let law = scenario.arrival_law();
         let refuse = |key: &str, value: f64, expected: &str| {
             Err(InputError::new("scenario", &scenario.path, format_args!("{key} = {value}: expected {expected}")))
@@ -333,7 +332,9 @@ impl SensorList {
     /// The ledger before slot 1.
     #[must_use]
     pub fn ledger(&self, scenario: &Scenario) -> Ledger {
-        Ledger::new(self.sampling(scenario), self.queues_bits()).with_charges(self.charges(scenario)).with_airtime(Airtime::of(scenario, self.sensors.len()))
+        Ledger::new(self.sampling(scenario), self.queues_bits())
+            .with_charges(self.charges(scenario))
+            .with_airtime(Airtime::of(scenario, self.sensors.len()))
     }
 
     /// The sensor nodes with what they sample: the truth, which a planner does not know.
