@@ -135,12 +135,6 @@ impl Ledger {
         !self.unanswered.contains(&sensor)
     }
 
-    /// Services of the last slot that were none ([`Self::has_answered`]).
-    #[must_use]
-    pub fn unanswered(&self) -> usize {
-        self.unanswered.len()
-    }
-
     /// Restores the queues [bit] after `slot`, the bits delivered so far, by id, the bits [`Self::drawn_bits`], and the
     /// [`Self::cohorts`]. Returns false, and changes nothing, if the state is impossible.
     ///

@@ -53,11 +53,6 @@ impl Losses {
         self.ledger.has_answered(sensor)
     }
 
-    /// Services of the last slot without an answer.
-    pub(crate) fn unanswered(&self) -> usize {
-        self.ledger.unanswered()
-    }
-
     /// Services that a duty cycle has refused so far; `None` without one.
     pub(crate) fn refused_duty(&self) -> Option<u64> {
         Some(self.ledger.airtime()?.refused())

@@ -25,7 +25,7 @@ use crate::losses::Losses;
 use crate::origin::RunMode;
 use crate::service_gaps::ServiceGaps;
 
-pub use uses::{EnergyUse, FleetUse, OperatorUse};
+pub use uses::{EnergyUse, FleetUse, OperatorUse, score};
 
 /// Most events in a summary.
 const MAX_EVENTS: usize = 10_000;
@@ -272,7 +272,6 @@ impl Tally {
 
     /// Adds the flight of the UAV number `uav` in a slot.
     fn add_flight(&mut self, uav: usize, flight: &FlightReport) {
-        self.served += u64::from(flight.served);
         let summary = &mut self.summary;
         summary.refused += u64::from(flight.refused);
         match flight.flown_mode() {
@@ -412,6 +411,7 @@ impl SlotSink for Tally {
         let losses = self.losses.as_ref();
         let has_answered = |sensor: u32| losses.is_none_or(|losses| losses.has_answered(sensor));
         for link in uploads(&record.flights).filter(|link| has_answered(link.sensor)) {
+            self.served += 1;
             self.gaps.serve(link.sensor as usize, self.summary.slots);
         }
         for (uav, (plan, flight)) in record.plans.iter().zip(&record.flights).enumerate() {
@@ -421,7 +421,6 @@ impl SlotSink for Tally {
                 self.plan_ns.saturating_record(plan.plan_ns);
             }
         }
-        self.served -= self.losses.as_ref().map_or(0, Losses::unanswered) as u64;
         let has_landed = |flight: &FlightReport, base: &Base| {
             base.contains(&flight.position().xy()) && flight.flown_mode() != Mode::Down
         };
@@ -435,12 +434,6 @@ impl SlotSink for Tally {
         }
         Ok(())
     }
-}
-
-/// The score of a mission that delivers a fraction of its initial data, and has `left_s` [s] left when all is delivered.
-#[must_use]
-pub fn score(left_s: f64, delivered: f64) -> f64 {
-    left_s.max(0.0) + 100.0 * delivered
 }
 
 /// Whether the plan of this flight was not there when the slot began.

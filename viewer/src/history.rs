@@ -237,7 +237,7 @@ impl CoverageGrid {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use skysink_common::message::SensorNode;
+    use skysink_common::message::{LinkReport, Mode, SensorNode};
     use skysink_common::scenario::Overrides;
 
     /// The letter's field of 100 m × 100 m with SNs that sample 100, 2.5 and 0 bit/s into 1 000 bit.
@@ -248,6 +248,23 @@ mod tests {
     }
 
     const MIDDLE: Position = Position::new(50.0, 50.0);
+
+    #[test]
+    fn a_sensor_node_that_dies_loses_what_it_has_not_uploaded() {
+        let mut history = history();
+        Arc::make_mut(&mut history.sensors).may_refuse = true;
+        history.add(0, &[500, 400, 0], [MIDDLE]);
+        history.add(1, &[DEAD, 402 | 1 << 31, 0], [MIDDLE]);
+        assert_eq!((history.sums.lost_bits[0], history.sums.queues_bits[1]), (600, 402));
+        let mut flight = FlightReport::at([50.0, 50.0, 20.0], Mode::Serve);
+        flight.links[0] = LinkReport { capacity_bits: 450, ..LinkReport::default() };
+        flight.served = 1;
+        history.credit(&[flight]);
+        assert_eq!(history.sums.lost_bits, [150, 0, 0]);
+        history.add(2, &[DEAD, 404, 0], [MIDDLE]);
+        history.credit(&[flight]);
+        assert_eq!(history.sums.lost_bits, [250, 0, 0], "the dead upload nothing");
+    }
 
     #[test]
     fn bits_that_do_not_fit_into_a_buffer_are_lost() {
