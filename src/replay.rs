@@ -13,7 +13,7 @@ use clap::Args;
 use serde::Serialize;
 use skysink_common::error::InputError;
 use skysink_common::pace::Pace;
-use skysink_common::scenario::{CHANNEL, Overrides, RATES, Scenario, TRACE};
+use skysink_common::scenario::{CHANNEL, HARVEST, Overrides, RATES, Scenario, TRACE};
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
 use skysink_mission::files::write_whole;
@@ -42,7 +42,8 @@ const OUTCOME: &str = "replay.json";
 static LAYOUT: FolderLayout = FolderLayout {
     lock: "lock",
     is_result: |name| {
-        ["scenario.toml", "sensors.csv", TRACE, CHANNEL, RATES, PLANS, OUTCOME].contains(&name) || is_recording(name)
+        ["scenario.toml", "sensors.csv", TRACE, HARVEST, CHANNEL, RATES, PLANS, OUTCOME].contains(&name)
+            || is_recording(name)
     },
     is_temporary: |_| false,
 };

@@ -13,6 +13,7 @@ use comfy_table::{CellAlignment, ColumnConstraint, ContentArrangement, Table, Wi
 use indicatif::HumanDuration;
 use indicatif::{HumanCount, ProgressBar, ProgressState, ProgressStyle};
 use serde::Serialize;
+use skysink_common::node_energy::NodeEnergyUse;
 use skysink_common::pace::Pace;
 use skysink_common::terminal::printable;
 #[cfg(feature = "lab")]
@@ -145,7 +146,7 @@ impl OutputForm {
     }
 }
 
-/// What base and battery add to the table of a summary.
+/// What bases, batteries and duty cycles add to the table of a summary.
 fn energy_rows(summary: &Summary) -> Vec<(&'static str, String)> {
     let mut rows = Vec::new();
     if let Some(energy) = &summary.energy {
@@ -157,6 +158,13 @@ fn energy_rows(summary: &Summary) -> Vec<(&'static str, String)> {
         rows.push(("slots of the way home", HumanCount(*return_slots).to_string()));
         rows.extend(down_slot.map(|slot| ("down in slot", slot.to_string())));
     }
+    if let Some(nodes) = &summary.node_energy {
+        let NodeEnergyUse { used_j, harvested_j, dead, first_death_s, .. } = nodes;
+        rows.push(("energy of SNs used / harvested", format!("{} J / {} J", figure(*used_j), figure(*harvested_j))));
+        let first = first_death_s.map_or_else(String::new, |death_s| format!(", the first after {death_s} s"));
+        rows.push(("dead SNs", format!("{dead}{first}")));
+    }
+    rows.extend(summary.refused_duty.map(|refused| ("services without airtime", HumanCount(refused).to_string())));
     rows.extend(summary.landed.map(|landed| ("in the base at the end", if landed { "yes" } else { "no" }.to_owned())));
     rows
 }

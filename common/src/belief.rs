@@ -4,6 +4,7 @@
 
 use std::sync::Arc;
 
+use crate::airtime::is_out;
 use crate::checkpoint::CheckpointError;
 use crate::estimate::{Estimate, Rates, SavedEstimate, Uncertainty, uniform_sd};
 use crate::message::{FlightReport, SensorNode};
@@ -66,17 +67,26 @@ impl Belief {
         }
     }
 
-    /// Whether SN `id`, of those with batteries, is known to be dead: as the queues `queues_bits` tell, by id, if they are
+    /// Whether SN `id`, of those that may refuse and told as `told_bits`, is known to be dead: as that says if queues are
     /// known, or otherwise a contact.
     ///
     /// # Panics
     /// If the SN is unknown.
     #[must_use]
-    pub fn is_dead(&self, queues_bits: &[u32], id: u32) -> bool {
+    pub fn is_dead(&self, told_bits: u32, id: u32) -> bool {
         match self {
-            Self::Known => queues_bits[id as usize] == DEAD,
+            Self::Known => told_bits == DEAD,
             Self::Estimated(estimate) => estimate.is_dead(id),
         }
+    }
+
+    /// Whether SN `id`, told as `told_bits`, is known to be dead, or without airtime: UAVs know what each has sent.
+    ///
+    /// # Panics
+    /// If the SN is unknown.
+    #[must_use]
+    pub fn is_out(&self, told_bits: u32, id: u32) -> bool {
+        told_bits != DEAD && is_out(told_bits) || self.is_dead(told_bits, id)
     }
 
     /// Whether the rates are learnt.

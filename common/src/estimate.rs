@@ -8,6 +8,7 @@ mod saved_estimate;
 
 pub use saved_estimate::{BYTES_PER_SENSOR, SavedEstimate};
 
+use crate::airtime::{held_bits, is_out};
 use crate::arrivals::{ArrivalLaw, bits_between, mean_bits};
 use crate::message::FlightReport;
 use crate::node_energy::DEAD;
@@ -47,8 +48,9 @@ pub struct Estimate {
     initial_half_bits: f64,
     /// Half the width of the range of the rates, as a fraction of their mean.
     rate_half_fraction: f64,
-    /// Whether SNs may die (decision D33).
-    may_die: bool,
+    /// Whether SNs may be dead or without airtime, and whether that may cut what a link carries (decision D33).
+    may_refuse: bool,
+    has_duty: bool,
     /// By id.
     sensors: Vec<SensorEstimate>,
     /// The last observed slot; 0 before the first.
@@ -251,7 +253,8 @@ impl Estimate {
             initial_bits: scenario.sensors.initial_queue_mean_bits.mean() as u32,
             initial_half_bits: half_bits(scenario.sensors.initial_queue_mean_bits.ends()),
             rate_half_fraction: half_fraction(scenario.sensors.sampling_bps.ends()),
-            may_die: sensors.may_die,
+            may_refuse: sensors.may_refuse,
+            has_duty: scenario.link.duty_cycle.is_some(),
             sensors: Vec::with_capacity(sensors.count()),
             observed: 0,
             gapless_since: 0,
@@ -361,11 +364,18 @@ impl Estimate {
             let Some(SensorEstimate { contact, capacity_bits, .. }) = self.sensors.get_mut(link.sensor as usize) else {
                 continue;
             };
-            if self.may_die && after[link.sensor as usize] == DEAD {
-                (contact.slot, contact.left_bits) = (slot, DEAD);
-                continue;
+            let mut left_bits = after[link.sensor as usize];
+            if self.may_refuse {
+                let was_silent = found_bits.is_some_and(|found_bits| found_bits != DEAD && is_out(found_bits));
+                if left_bits == DEAD {
+                    (contact.slot, contact.left_bits) = (slot, DEAD);
+                }
+                if was_silent || left_bits == DEAD {
+                    continue;
+                }
+                left_bits = held_bits(left_bits);
             }
-            let left_bits = after[link.sensor as usize].min(*capacity_bits);
+            let left_bits = left_bits.min(*capacity_bits);
             if let Some(learnt) = &mut contact.learnt
                 && let Some(found_bits) = found_bits.map(|found_bits| found_bits.min(*capacity_bits))
             {
@@ -378,6 +388,7 @@ impl Estimate {
                 // Of arrivals at random only those count that could not have been uploaded as a whole: the others are a
                 // selection of many bits.
                 let is_fair = matches!(learnt, Learnt::Counted(_)) || u64::from(found_bits) >= link.capacity_bits;
+                let is_fair = is_fair && !self.has_duty;
                 if left_bits > 0 && held_bits >= found_bits && is_fair {
                     learnt.add(1, found_bits, held_bits, *capacity_bits, self.law);
                 }

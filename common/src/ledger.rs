@@ -11,6 +11,7 @@ use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 use serde::{Deserialize, Serialize};
 
+use crate::airtime::{Airtime, SILENT};
 use crate::arrivals::{quick_bits, sampled_bits};
 use crate::cohorts::Cohorts;
 use crate::geometry::Position;
@@ -64,6 +65,10 @@ pub struct Ledger {
     totals: Totals,
     /// The batteries, and the buffers of SNs that are alive [bit]; the buffer of a dead one is 0.
     charges: Option<(Charges, PerSensor<u32>)>,
+    /// What a duty cycle leaves.
+    airtime: Option<Airtime>,
+    /// SNs that were dead or had no airtime when a UAV was to serve them in the last slot.
+    unanswered: Vec<u32>,
 }
 
 impl Ledger {
@@ -87,6 +92,8 @@ impl Ledger {
             initial_bits: queues_bits.clone(),
             queues: Queues::new(queues_bits).expiring(&sampling),
             charges: None,
+            airtime: None,
+            unanswered: Vec::new(),
             sampling,
         }
     }
@@ -108,6 +115,24 @@ impl Ledger {
     #[must_use]
     pub fn charges(&self) -> Option<&Charges> {
         self.charges.as_ref().map(|(charges, _)| charges)
+    }
+
+    /// This ledger of SNs with a duty cycle; without it if there is none.
+    #[must_use]
+    pub fn with_airtime(self, airtime: Option<Airtime>) -> Self {
+        Self { airtime, ..self }
+    }
+
+    /// The airtime of the SNs, if they have a duty cycle.
+    #[must_use]
+    pub fn airtime(&self) -> Option<&Airtime> {
+        self.airtime.as_ref()
+    }
+
+    /// Whether SN `sensor`, which a UAV served in the last slot, was neither dead nor without airtime.
+    #[must_use]
+    pub fn has_answered(&self, sensor: u32) -> bool {
+        !self.unanswered.contains(&sensor)
     }
 
     /// Restores the queues [bit] after `slot`, the bits delivered so far, by id, the bits [`Self::drawn_bits`], and the
@@ -164,13 +189,39 @@ impl Ledger {
         self.queues.bits()
     }
 
-    /// Queue lengths [bit] as planners are told, by id: [`DEAD`] of dead SNs.
+    /// Queue lengths [bit] as planners are told, by id: [`DEAD`] of dead SNs, and [`SILENT`] more of those without airtime.
     #[must_use]
     pub fn told_bits(&self) -> Cow<'_, [u32]> {
         let queues_bits = self.queues_bits();
-        let Some(charges) = self.charges() else { return Cow::Borrowed(queues_bits) };
-        let told = |(&bits, &nj): (&u32, &u64)| if nj == 0 { DEAD } else { bits };
-        queues_bits.iter().zip(charges.charges_nj()).map(told).collect()
+        if !self.may_refuse() {
+            return Cow::Borrowed(queues_bits);
+        }
+        (0..queues_bits.len()).map(|sensor| self.told_bits_of(sensor)).collect()
+    }
+
+    /// The queue of SN `sensor` [bit] as planners are told ([`Self::told_bits`]).
+    ///
+    /// # Panics
+    /// If the SN is unknown.
+    #[must_use]
+    pub fn told_bits_of(&self, sensor: usize) -> u32 {
+        let queue_bits = self.queues_bits()[sensor];
+        match &self.airtime {
+            _ if self.is_dead(sensor) => DEAD,
+            Some(airtime) if airtime.is_silent(sensor) => queue_bits | SILENT,
+            _ => queue_bits,
+        }
+    }
+
+    /// Whether SNs may be dead or without airtime.
+    #[must_use]
+    pub fn may_refuse(&self) -> bool {
+        self.charges.is_some() || self.airtime.is_some()
+    }
+
+    /// Whether the battery of SN `sensor` is empty.
+    fn is_dead(&self, sensor: usize) -> bool {
+        self.charges().is_some_and(|charges| charges.charges_nj()[sensor] == 0)
     }
 
     /// The queued bits by slot of sampling, where they expire.
@@ -258,6 +309,7 @@ impl Ledger {
     /// # Panics
     /// If `sensors` reaches beyond the field.
     pub fn sample_block(&mut self, sensors: Range<usize>, slot: u64) -> u64 {
+        self.unanswered.clear();
         let Sampled { sampled_bits, lost_bits } = match &mut self.drawn_bits {
             None => self.queues.sample_block(sensors.clone(), &self.sampling, slot),
             Some(drawn_bits) => {
@@ -306,11 +358,20 @@ impl Ledger {
         taken_bits
     }
 
-    /// As [`Self::upload`], over a link of `rate_bps` [bit/s]: a live SN wakes, and sends what it uploads.
+    /// As [`Self::upload`] in `slot`, over a link of `rate_bps` [bit/s]: an SN that is alive and has airtime wakes, and
+    /// sends what it uploads; others do not answer.
     #[must_use]
-    pub fn serve(&mut self, sensor: usize, capacity_bits: u64, rate_bps: f64) -> u64 {
-        let taken_bits = self.upload(sensor, capacity_bits);
-        if let Some((charges, _)) = self.charges.as_mut().filter(|_| self.sampling.capacity_bits.of(sensor) > 0) {
+    pub fn serve(&mut self, slot: u64, sensor: usize, capacity_bits: u64, rate_bps: f64) -> u64 {
+        if self.is_dead(sensor) || !self.airtime.as_mut().is_none_or(|airtime| airtime.admits(sensor)) {
+            self.unanswered.push(sensor as u32);
+            return 0;
+        }
+        let most_bits = self.airtime.as_ref().map_or(u64::MAX, |airtime| airtime.most_bits(sensor, rate_bps));
+        let taken_bits = self.upload(sensor, capacity_bits.min(most_bits));
+        if let Some(airtime) = &mut self.airtime {
+            airtime.send(slot, sensor, taken_bits, rate_bps);
+        }
+        if let Some((charges, _)) = &mut self.charges {
             charges.send(sensor, taken_bits, rate_bps);
         }
         taken_bits
@@ -319,7 +380,10 @@ impl Ledger {
     /// Ends `slot` after its services, with `uavs` that wake the SNs in range: batteries are used and charged, and an SN
     /// whose battery is empty is dead (decision D33). It loses its queue, and from now on what it samples. Returns the
     /// bits of the queues.
-    pub fn spend(&mut self, slot: u64, uavs: &[Position]) -> u64 {
+    pub fn end_slot(&mut self, slot: u64, uavs: &[Position]) -> u64 {
+        if let Some(airtime) = &mut self.airtime {
+            airtime.end_slot(slot);
+        }
         let Some((mut charges, alive_bits)) = self.charges.take() else { return 0 };
         let count = self.initial_bits.len();
         let mut lost_bits = 0;

@@ -4,6 +4,7 @@
 //! Scheduling, flight and bookkeeping are left to the crates that depend on this one.
 
 pub mod airspace;
+pub mod airtime;
 pub mod arrivals;
 pub mod base;
 pub mod battery;

@@ -3,15 +3,21 @@
 //! `initial + harvested = used + spilled + left` holds as an equality of integers. What a dead SN loses is left to
 //! [`crate::ledger`].
 
+mod harvest;
+
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 use strum::VariantNames;
 
+pub use harvest::HarvestTrace;
+
 use crate::checkpoint::{CheckpointError, decode_first, encode};
 use crate::geometry::{Position, within};
 use crate::keys::{Accepts, NOT_NEGATIVE};
 use crate::per_sensor::PerSensor;
+use crate::scenario::PATH;
 
 /// Queue of a dead SN on the topics `queues` and `belief`; live ones are shorter.
 pub const DEAD: u32 = u32::MAX;
@@ -35,7 +41,7 @@ pub(crate) const CAPACITY_J: Accepts =
 
 crate::keys! {
     /// `[sensors.energy]`: the batteries of the SNs (decision D33).
-    #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+    #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, expecting = "a table")]
     pub struct NodeEnergyKeys {
         /// Energy of a full battery [J]; required without a column of the sensor list, which has priority.
@@ -44,6 +50,9 @@ crate::keys! {
         initial: f64 = 1.0, Accepts::Number("a fraction above 0, at most 1", |fraction| fraction > 0.0 && fraction <= 1.0);
         /// Harvested power [W]. A column of the sensor list has priority.
         harvest_w: f64 = 0.0, NOT_NEGATIVE;
+        /// CSV file of the harvested power, `slot,sensor,harvest_w`: the power of an SN from a slot on until its next
+        /// row [W], and instead of it before the first. An empty sensor is all SNs without rows of their own.
+        harvest_file: Option<PathBuf>, PATH;
         /// Power that an SN always takes [W].
         sleep_w: f64 = 0.0, NOT_NEGATIVE;
         /// Energy of a sampled bit [J].
@@ -92,6 +101,8 @@ pub struct NodeEnergyTotals {
     pub used_nj: u128,
     /// Harvested into full batteries.
     pub spilled_nj: u128,
+    /// Of what is used, that for services.
+    pub served_nj: u128,
 }
 
 /// The charges of all SNs.
@@ -107,6 +118,8 @@ pub struct Charges {
     radius_m: f64,
     capacity_nj: PerSensor<u64>,
     harvest_nj: PerSensor<u64>,
+    /// What SNs harvest instead.
+    harvest: Option<HarvestTrace>,
     /// Left, by id [nJ]; 0 in a dead SN.
     charge_nj: Vec<u64>,
     totals: NodeEnergyTotals,
@@ -119,13 +132,14 @@ pub struct Charges {
 }
 
 impl Charges {
-    /// The charges before slot 1 of SNs with these batteries at `positions`, in slots of `slot_s` [s], that a UAV wakes
-    /// from `radius_m` [m].
+    /// The charges before slot 1 of SNs with these batteries at `positions`, which harvest by `harvest` if there is one,
+    /// in slots of `slot_s` [s], and which a UAV wakes from `radius_m` [m].
     #[must_use]
     pub fn new(
         keys: NodeEnergyKeys,
         slot_s: f64,
         batteries: &[NodeBattery],
+        harvest: Option<HarvestTrace>,
         positions: impl Iterator<Item = Position>,
         radius_m: f64,
     ) -> Self {
@@ -144,6 +158,7 @@ impl Charges {
             radius_m,
             capacity_nj: PerSensor::new(capacities_nj.collect()),
             harvest_nj: PerSensor::new(batteries.iter().map(|own| nanojoules(own.harvest_w * slot_s)).collect()),
+            harvest,
             charge_nj,
             totals,
             dead: 0,
@@ -170,7 +185,7 @@ impl Charges {
     /// Whether all energy is accounted for.
     #[must_use]
     pub fn is_balanced(&self) -> bool {
-        let NodeEnergyTotals { initial_nj, harvested_nj, used_nj, spilled_nj } = self.totals;
+        let NodeEnergyTotals { initial_nj, harvested_nj, used_nj, spilled_nj, .. } = self.totals;
         let given_nj = initial_nj.checked_add(harvested_nj);
         given_nj.is_some()
             && given_nj == used_nj.checked_add(spilled_nj).and_then(|nj| nj.checked_add(sum(&self.charge_nj)))
@@ -204,7 +219,9 @@ impl Charges {
     /// SN `sensor` is served: it wakes, and sends `bits` [bit] at `rate_bps` [bit/s].
     pub(crate) fn send(&mut self, sensor: usize, bits: u64, rate_bps: f64) {
         let sent_s = if bits > 0 { bits as f64 / rate_bps } else { 0.0 };
+        let before_nj = self.totals.used_nj;
         self.take(sensor, nanojoules(self.keys.wake_j.unwrap_or_default() + self.keys.tx_w * sent_s));
+        self.totals.served_nj += self.totals.used_nj - before_nj;
     }
 
     /// Ends `slot` for the live SN `sensor`, which has sampled `bits` [bit], with `uavs` that wake those in range: first
@@ -222,7 +239,8 @@ impl Charges {
             }
             return true;
         }
-        let harvest_nj = self.harvest_nj.of(sensor);
+        let of_file_w = self.harvest.as_ref().and_then(|harvest| harvest.harvest_w(slot, sensor));
+        let harvest_nj = of_file_w.map_or_else(|| self.harvest_nj.of(sensor), |own_w| nanojoules(own_w * self.slot_s));
         let stored_nj = harvest_nj.min(self.capacity_nj.of(sensor) - self.charge_nj[sensor]);
         self.charge_nj[sensor] += stored_nj;
         self.totals.harvested_nj += u128::from(harvest_nj);
@@ -255,6 +273,7 @@ impl Charges {
             && restored.charge_nj.iter().enumerate().all(fits)
             && totals.initial_nj == self.totals.initial_nj
             && restored.is_balanced()
+            && totals.served_nj <= totals.used_nj
             && first_death.is_some() == (dead > 0)
             && half_dead.is_some() == (2 * dead >= self.charge_nj.len())
             && [first_death, half_dead].iter().flatten().all(|death| (1..=slot).contains(death));

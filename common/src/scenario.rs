@@ -25,9 +25,9 @@ pub use crate::geodata::projection::Origin;
 pub use crate::keys::{Interval, Setting, SettingOrigin, WholeInterval};
 pub use area::{Area, BuildingKeys, NoFlyKeys};
 pub use base::{BaseKeys, BatteryKeys, SiteKeys};
-pub use mission::{CHANNEL, MAX_SEED, PlannerKeys, RATES, Scenario, TRACE};
+pub use mission::{CHANNEL, HARVEST, MAX_SEED, PlannerKeys, RATES, Scenario, TRACE};
 pub use sensors::SensorKeys;
-pub(crate) use sensors::{MAX_FIELD_BITS, MAX_SENSORS};
+pub(crate) use sensors::{MAX_FIELD_BITS, MAX_SENSORS, PATH};
 pub use simplified::{SharedZones, SimplifiedZones};
 pub use track::MOST_TRACK_SLOTS;
 pub use uav::{AltitudeMode, Climb, Coordination, MAX_UAVS, Moves, Propulsion, UavKeys};
@@ -82,6 +82,12 @@ pub struct Overrides {
 /// assert_eq!(table, toml::toml! { sensors.count = 9 });
 /// ```
 impl Scenario {
+    /// Whether SNs may be told as dead or silent: they have batteries or a duty cycle (decision D33).
+    #[must_use]
+    pub fn may_refuse(&self) -> bool {
+        self.sensors.energy.is_some() || self.link.duty_cycle.is_some()
+    }
+
     /// The slots that an SN may wait for a service, by `sensors.deadline_s` (decision D36).
     #[must_use]
     pub fn deadline_slots(&self) -> Option<u64> {
@@ -96,7 +102,7 @@ impl Scenario {
     }
 
     /// The whole slots in `time_s` [s], up to rounding.
-    fn whole_slots(&self, time_s: f64) -> u64 {
+    pub(crate) fn whole_slots(&self, time_s: f64) -> u64 {
         (time_s / self.slot_s + 1e-9).floor() as u64 // saturates
     }
 

@@ -38,8 +38,9 @@ pub struct Sensors {
     pub sampling: Sampling,
     /// Weights of their bits, `w_i` (decision D25).
     pub weights: Weights,
-    /// Whether they have batteries (decision D33): the queue of a dead one is told as [`DEAD`](crate::node_energy::DEAD).
-    pub may_die: bool,
+    /// Whether they have batteries or a duty cycle (decision D33): queues are told with
+    /// [`DEAD`](crate::node_energy::DEAD) and [`SILENT`](crate::airtime::SILENT).
+    pub may_refuse: bool,
 }
 
 impl Sensors {
@@ -55,7 +56,7 @@ impl Sensors {
             gains: nodes.iter().map(|node| node.gain).collect(),
             weights: Weights::new(nodes.iter().map(|node| node.weight).collect(), &sampling),
             sampling,
-            may_die: false,
+            may_refuse: false,
         }
     }
 
@@ -63,8 +64,7 @@ impl Sensors {
     #[must_use]
     pub fn of(scenario: &Scenario, nodes: &[SensorNode]) -> Self {
         let sensors = Self::new(&Limits::of(scenario), nodes);
-        let may_die = scenario.sensors.energy.is_some();
-        Self { sampling: sensors.sampling.with_expiry(scenario.expiry()), may_die, ..sensors }
+        Self { sampling: sensors.sampling.with_expiry(scenario.expiry()), may_refuse: scenario.may_refuse(), ..sensors }
     }
 
     /// The SNs with the given `ids`, which get the ids 0, 1, … in that order, and the `grid` of their positions.
@@ -85,7 +85,7 @@ impl Sensors {
                 samplers.iter().map(|sampler| sampler.capacity_bits).collect(),
             )
             .with_expiry(self.sampling.expiry),
-            may_die: self.may_die,
+            may_refuse: self.may_refuse,
         }
     }
 

@@ -4,6 +4,7 @@ use std::borrow::Cow;
 use std::mem::MaybeUninit;
 
 use serde::{Deserialize, Serialize};
+use skysink_common::airtime::{Airtime, SILENT, is_out};
 use skysink_common::belief::Belief;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, encode};
 use skysink_common::cohorts::Cohorts;
@@ -131,13 +132,13 @@ impl Field {
         }
         for link in links() {
             let sensor = link.sensor as usize;
-            self.slot_bits.delivered_bits += self.ledger.serve(sensor, link.capacity_bits, link.rate_bps);
+            self.slot_bits.delivered_bits += self.ledger.serve(slot, sensor, link.capacity_bits, link.rate_bps);
             if let Some(copy) = &mut queues_bits {
                 copy[sensor].write(self.ledger.queues_bits()[sensor]);
             }
         }
-        if self.ledger.charges().is_some() {
-            self.slot_bits.lost_bits += self.ledger.spend(slot, &beacons(flights).collect::<Vec<_>>());
+        if self.ledger.may_refuse() {
+            self.slot_bits.lost_bits += self.ledger.end_slot(slot, &beacons(flights).collect::<Vec<_>>());
             queues_bits.into_iter().for_each(|copy| _ = copy.write_copy_of_slice(&self.ledger.told_bits()));
         }
         self.belief.advance(slot, flights, &reported, &self.ledger.told_bits());
@@ -158,18 +159,39 @@ impl Field {
     }
 
     /// The queues after the slot as the UAV believes them to be [bit], by sensor node: [`DEAD`] of those that it knows to be
-    /// dead.
+    /// dead, and [`SILENT`] more of those without airtime.
     #[must_use]
     pub fn told_belief(&self) -> Cow<'_, [u32]> {
-        if self.ledger.charges().is_none() {
+        if !self.ledger.may_refuse() {
             return Cow::Borrowed(self.believed_bits());
         }
-        let told_bits = self.told_bits();
-        let told = |(id, &bits): (u32, &u32)| if self.belief.is_dead(&told_bits, id) { DEAD } else { bits };
+        let told = |(id, &bits): (u32, &u32)| match self.ledger.told_bits_of(id as usize) {
+            told_bits if self.belief.is_dead(told_bits, id) => DEAD,
+            _ if self.is_out(id) => bits | SILENT,
+            _ => bits,
+        };
         (0..).zip(self.believed_bits()).map(told).collect()
     }
 
-    /// Queue lengths [bit] as planners are told, by sensor node: [`DEAD`] of dead ones.
+    /// Whether the UAV knows that the sensor node `sensor` is dead or without airtime.
+    #[must_use]
+    pub fn is_out(&self, sensor: u32) -> bool {
+        self.ledger.may_refuse() && self.belief.is_out(self.ledger.told_bits_of(sensor as usize), sensor)
+    }
+
+    /// The queues after the slot as the UAV believes them to be [bit], by sensor node; 0 of those that it knows to be dead or
+    /// without airtime.
+    #[must_use]
+    pub fn servable_bits(&self) -> Cow<'_, [u32]> {
+        let mut told_bits = self.told_belief();
+        if self.ledger.may_refuse() {
+            told_bits.to_mut().iter_mut().filter(|bits| is_out(**bits)).for_each(|bits| *bits = 0);
+        }
+        told_bits
+    }
+
+    /// Queue lengths [bit] as planners are told, by sensor node: [`DEAD`] of dead ones, [`SILENT`] more of those without
+    /// airtime.
     #[must_use]
     pub fn told_bits(&self) -> Cow<'_, [u32]> {
         self.ledger.told_bits()
@@ -205,11 +227,25 @@ impl Field {
         self.ledger.cohorts().map(|cohorts| cohorts.freshest_slot(sensor))
     }
 
-    /// Bytes of a checkpoint for each sensor node that its cohorts and charges take at most.
+    /// Bytes of a checkpoint that its cohorts, charges and airtimes take at most.
     #[must_use]
     pub fn further_bytes(&self) -> usize {
         let charge_bytes = self.ledger.charges().map_or(0, |_| Charges::BYTES_PER_SENSOR);
-        self.ledger.cohorts().map_or(0, Cohorts::bytes_per_sensor) + charge_bytes
+        let each_bytes = self.ledger.cohorts().map_or(0, Cohorts::bytes_per_sensor) + charge_bytes;
+        each_bytes * self.queues_bits().len() + self.ledger.airtime().map_or(0, Airtime::most_bytes)
+    }
+
+    /// Whether the sensor node `sensor`, which a UAV served in the last slot, has answered
+    /// ([`Ledger::has_answered`]).
+    #[must_use]
+    pub fn has_answered(&self, sensor: u32) -> bool {
+        self.ledger.has_answered(sensor)
+    }
+
+    /// The airtimes of the sensor nodes; `None` without a duty cycle.
+    #[must_use]
+    pub fn airtime(&self) -> Option<&Airtime> {
+        self.ledger.airtime()
     }
 
     /// The charges of the sensor nodes; `None` without batteries.
@@ -232,8 +268,8 @@ impl Field {
     }
 }
 
-/// The checkpoint of a field: 12 bytes per sensor node, and those of the estimate. That of the
-/// charges and, where bits expire, of the cohorts follows.
+/// The checkpoint of a field: 12 bytes per sensor node, and those of the estimate. Those of the
+/// charges, the airtimes and, where bits expire, the cohorts follow.
 #[derive(Serialize, Deserialize)]
 struct State {
     slot: u64,
@@ -258,6 +294,7 @@ impl Checkpoint for Field {
         let Self { slot, slot_bits, .. } = *self;
         encode(&State { slot, slot_bits, queues_bits, delivered_bits, estimate, drawn_bits }, bytes);
         self.ledger.charges().into_iter().for_each(|charges| charges.save(bytes));
+        self.ledger.airtime().into_iter().for_each(|airtime| airtime.save(bytes));
         self.ledger.cohorts().into_iter().for_each(|cohorts| cohorts.save(bytes));
     }
 
@@ -268,6 +305,11 @@ impl Checkpoint for Field {
         if let Some(charges) = self.ledger.charges() {
             let (restored, rest) = charges.restored(slot, left)?;
             ledger = ledger.with_charges(Some(restored));
+            left = rest;
+        }
+        if let Some(airtime) = self.ledger.airtime() {
+            let (restored, rest) = airtime.restored(slot, left)?;
+            ledger = ledger.with_airtime(Some(restored));
             left = rest;
         }
         let mut cohorts = ledger.cohorts().cloned();

@@ -172,6 +172,9 @@ metrics! {
     /// Energy of all SNs over `delivered_bits`.
     EnergyPerBitJ: JOULES, "energy_per_bit_j", "energy of the SNs for a bit delivered",
         |m| m.of_nodes(|energy| energy.energy_per_bit_j);
+    /// Services refused for want of airtime (`link.duty_cycle`); no value without it.
+    RefusedDuty: REAL, "refused_duty", "services refused because the SN had no airtime left",
+        |m| m.summary.refused_duty.map_or(f64::NAN, |refused| refused as f64);
     /// Least energy left in an SN, over the capacity.
     ResidualMin: FRACTION, "residual_min", "least energy left in an SN",
         |m| m.of_nodes(|energy| Some(energy.residual_min));
@@ -390,11 +393,12 @@ impl MissionMeter {
         values
     }
 
-    /// Adds the flights of the next slot, after which served sensor nodes have delivered what `delivered` says.
+    /// Adds the flights of the next slot, after which served sensor nodes have delivered what `delivered` says,
+    /// `None` if they did not answer.
     ///
     /// # Panics
     /// If the slot serves an unknown sensor node.
-    fn add(&mut self, flights: &[FlightReport], delivered: impl Fn(usize) -> Delivered) {
+    fn add(&mut self, flights: &[FlightReport], delivered: impl Fn(u32) -> Option<Delivered>) {
         self.slot += 1;
         self.stay.add(self.slot, flights[UAV].position().xy());
         for (uav, flight) in self.uavs.iter_mut().zip(flights) {
@@ -413,8 +417,10 @@ impl MissionMeter {
         }
         for link in uploads(flights) {
             let sensor = link.sensor as usize;
-            self.service_ages.refresh(sensor, self.slot, self.slot);
-            self.data.add(sensor, self.slot, delivered(sensor));
+            if let Some(delivered) = delivered(link.sensor) {
+                self.service_ages.refresh(sensor, self.slot, self.slot);
+                self.data.add(sensor, self.slot, delivered);
+            }
         }
     }
 }
@@ -426,7 +432,8 @@ impl Observer for MissionMeter {
 
     fn slot(&mut self, record: &SlotRecord, plant: &Plant) -> Result<(), MissionError> {
         self.tally.add(record)?;
-        self.add(&record.flights, |sensor| Delivered::of(plant.field(), sensor));
+        let field = plant.field();
+        self.add(&record.flights, |id| field.has_answered(id).then(|| Delivered::of(field, id as usize)));
         Ok(())
     }
 }
@@ -477,7 +484,7 @@ mod tests {
         // 200, 300, 400, 500 bits are there in slots 1 to 4; in slot 2 no bit is delivered, in slot 3 the initial 100
         // and the first 150 of those sampled, the last of them in slot 2.
         for (served, queue_bits, bits) in [(&[][..], 200, 0), (&[0], 300, 0), (&[0], 150, 250), (&[], 250, 250)] {
-            metrics.add(&[flight(50.0, served)], |_| Delivered { bits, queue_bits, freshest_slot: None });
+            metrics.add(&[flight(50.0, served)], |_| Some(Delivered { bits, queue_bits, freshest_slot: None }));
         }
         let ages = [Metric::AoiMeanS, Metric::AoiP99S, Metric::DataAgeMeanS, Metric::DataAgeP99S];
         // Since the service 1, 0, 0, 1; of the data 1, 2, 1, 2.

@@ -21,13 +21,14 @@ pub(crate) struct Losses {
 }
 
 impl Losses {
-    /// The losses before slot 1; `None` where all weights are equal, no bits expire and no SN has a battery.
+    /// The losses before slot 1; `None` where all weights are equal, no bits expire, and SNs have neither
+    /// batteries nor a duty cycle.
     pub(crate) fn new(scenario: &Scenario, list: &SensorList) -> Option<Self> {
         let sampling = list.sampling(scenario);
         let weights = list.weights(&sampling);
         let means_bits = (0..list.sensors().len()).map(|id| sampling.of(id).mean_bits);
         let mean_bits = (!sampling.is_drawn()).then(|| weights.sum(means_bits));
-        let is_needed = !weights.are_equal() || scenario.expiry().is_some() || scenario.sensors.energy.is_some();
+        let is_needed = !weights.are_equal() || scenario.expiry().is_some() || scenario.may_refuse();
         let expiring_bits = weights.sum(list.expiring_bits(scenario));
         is_needed.then(|| Self { ledger: list.ledger(scenario), weights, slot: 0, mean_bits, expiring_bits })
     }
@@ -37,14 +38,29 @@ impl Losses {
         self.slot = record.slot();
         self.ledger.sample(self.slot);
         for link in uploads(&record.flights) {
-            let _ = self.ledger.serve(link.sensor as usize, link.capacity_bits, link.rate_bps);
+            let _ = self.ledger.serve(self.slot, link.sensor as usize, link.capacity_bits, link.rate_bps);
         }
-        self.ledger.spend(self.slot, &beacons(&record.flights).collect::<Vec<Position>>());
+        self.ledger.end_slot(self.slot, &beacons(&record.flights).collect::<Vec<Position>>());
     }
 
     /// Bits that have expired so far.
     pub(crate) fn expired_bits(&self) -> u64 {
         self.ledger.expired_bits()
+    }
+
+    /// Whether SN `sensor`, which a UAV served in the last slot, has answered.
+    pub(crate) fn has_answered(&self, sensor: u32) -> bool {
+        self.ledger.has_answered(sensor)
+    }
+
+    /// Services that a duty cycle has refused so far; `None` without one.
+    pub(crate) fn refused_duty(&self) -> Option<u64> {
+        Some(self.ledger.airtime()?.refused())
+    }
+
+    /// Energy that services took so far [J].
+    pub(crate) fn served_j(&self) -> f64 {
+        self.ledger.charges().map_or(0.0, |charges| charges.totals().served_nj as f64 / 1e9)
     }
 
     /// What the batteries gave so far; `None` without batteries.

@@ -8,7 +8,7 @@ use skysink_common::build::{VERSION, build};
 use skysink_common::error::InputError;
 use skysink_common::message::Plan;
 use skysink_common::pace::Pace;
-use skysink_common::scenario::{CHANNEL, RATES, TRACE};
+use skysink_common::scenario::{CHANNEL, HARVEST, RATES, TRACE};
 use xxhash_rust::xxh3::xxh3_64;
 
 use crate::trace::RecordedSlot;
@@ -38,7 +38,8 @@ pub struct RunMode {
 /// A file of a strategy's source code, or of the arrivals, as in the run folder.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SourceFile {
-    /// `strategy.py`, or `strategy.NAME.py` for a module NAME that it imports; `arrivals.csv`, `channel.csv`, `rates.csv`.
+    /// `strategy.py`, or `strategy.NAME.py` for a module NAME that it imports; `arrivals.csv`, `harvest.csv`,
+    /// `channel.csv`, `rates.csv`.
     pub name: String,
     /// Its content.
     pub bytes: Vec<u8>,
@@ -62,7 +63,7 @@ impl RunMode {
 #[must_use]
 pub fn is_source(name: &str) -> bool {
     let rest = name.strip_prefix("strategy.").filter(|rest| !rest.contains('/'));
-    [TRACE, CHANNEL, RATES].contains(&name) || rest.is_some_and(|rest| rest == "py" || rest.ends_with(".py"))
+    [TRACE, HARVEST, CHANNEL, RATES].contains(&name) || rest.is_some_and(|rest| rest == "py" || rest.ends_with(".py"))
 }
 
 /// The names of the sources that the run in `folder` has written, as its `run.toml` lists them.

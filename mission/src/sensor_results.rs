@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
+use skysink_common::message::LinkReport;
 use skysink_common::slot_record::{SlotRecord, uploads};
 
 use crate::ages::{AgeRun, sum};
@@ -109,7 +110,8 @@ impl SensorTally {
 impl Observer for SensorTally {
     fn slot(&mut self, record: &SlotRecord, plant: &Plant) -> Result<(), MissionError> {
         let slot = record.slot();
-        for link in uploads(&record.flights) {
+        let has_answered = |link: &&LinkReport| plant.field().has_answered(link.sensor);
+        for link in uploads(&record.flights).filter(has_answered) {
             self.0[link.sensor as usize].serve(slot);
         }
         for (sums, lost_bits) in self.0.iter_mut().zip(plant.field().lost_bits()) {

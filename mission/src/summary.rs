@@ -25,7 +25,7 @@ use crate::losses::Losses;
 use crate::origin::RunMode;
 use crate::service_gaps::ServiceGaps;
 
-pub use uses::{EnergyUse, FleetUse, OperatorUse};
+pub use uses::{EnergyUse, FleetUse, OperatorUse, score};
 
 /// Most events in a summary.
 const MAX_EVENTS: usize = 10_000;
@@ -81,6 +81,9 @@ pub struct Summary {
     /// What the batteries of the sensor nodes gave, and which are dead (decision D33); `None` without `[sensors.energy]`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub node_energy: Option<NodeEnergyUse>,
+    /// Services that were refused because the sensor node had no airtime left; `None` without `link.duty_cycle`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub refused_duty: Option<u64>,
     /// The time at whose end all initial data is delivered [s]; `None` if some is left, or where sensor nodes sample.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub completed_s: Option<f64>,
@@ -269,7 +272,6 @@ impl Tally {
 
     /// Adds the flight of the UAV number `uav` in a slot.
     fn add_flight(&mut self, uav: usize, flight: &FlightReport) {
-        self.served += u64::from(flight.served);
         let summary = &mut self.summary;
         summary.refused += u64::from(flight.refused);
         match flight.flown_mode() {
@@ -301,7 +303,8 @@ impl Tally {
     pub fn objective(&self) -> Option<f64> {
         let objective = self.objective.as_ref()?;
         let of_ages = self.gaps.cost(objective, self.summary.slots, self.slot_s);
-        Some(objective.of_bits() * self.lost_bits() + of_ages)
+        let served_j = self.losses.as_ref().map_or(0.0, Losses::served_j);
+        Some(objective.of_bits() * self.lost_bits() + of_ages + objective.energy_j * served_j)
     }
 
     /// Adds the send times of the samples of a slot.
@@ -360,6 +363,7 @@ impl Tally {
         summary.weighted_loss_rate = losses.and_then(weighted_rate);
         summary.expired_bits = summary.expired_bits.map(|none| losses.map_or(none, Losses::expired_bits));
         summary.node_energy = losses.and_then(Losses::node_energy);
+        summary.refused_duty = losses.and_then(Losses::refused_duty);
         summary.objective = self.objective();
         summary.eta_letter = ratio(summary.totals.lost_slots, slots);
         let Totals { initial_bits, sampled_bits, delivered_bits, .. } = summary.totals;
@@ -404,7 +408,10 @@ impl SlotSink for Tally {
         if let Some(losses) = &mut self.losses {
             losses.add(record);
         }
-        for link in uploads(&record.flights) {
+        let losses = self.losses.as_ref();
+        let has_answered = |sensor: u32| losses.is_none_or(|losses| losses.has_answered(sensor));
+        for link in uploads(&record.flights).filter(|link| has_answered(link.sensor)) {
+            self.served += 1;
             self.gaps.serve(link.sensor as usize, self.summary.slots);
         }
         for (uav, (plan, flight)) in record.plans.iter().zip(&record.flights).enumerate() {
@@ -427,12 +434,6 @@ impl SlotSink for Tally {
         }
         Ok(())
     }
-}
-
-/// The score of a mission that delivers a fraction of its initial data, and has `left_s` [s] left when all is delivered.
-#[must_use]
-pub fn score(left_s: f64, delivered: f64) -> f64 {
-    left_s.max(0.0) + 100.0 * delivered
 }
 
 /// Whether the plan of this flight was not there when the slot began.

@@ -2,14 +2,25 @@
 
 mod support;
 
+use skysink_common::airtime::is_out;
 use skysink_common::checkpoint::Checkpoint;
+use skysink_common::message::{Mode, Plan};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
+use skysink_common::slot_record::uploads;
 use skysink_common::stop::Stop;
+use skysink_mission::drive::{Observer, SlotSink};
 use skysink_mission::origin::RunMode;
+use skysink_mission::sensor_results::SensorTally;
 use skysink_mission::summary::Tally;
 use skysink_mission::{Mission, Plant};
 use skysink_planner::bound::mission_bound;
+use skysink_planner::gap_costs::GapCosts;
+use skysink_planner::mission_table::MissionTable;
+use skysink_planner::plan::gaps::Gaps;
+use skysink_planner::plan::model::PlanModel;
+use skysink_planner::plan::objective::Objective;
+use skysink_planner::settings::Settings;
 use skysink_planner::strategies::STRATEGIES;
 use std::collections::HashSet;
 use std::time::Duration;
@@ -125,5 +136,153 @@ fn a_restored_plant_continues_with_its_charges_and_refuses_others() {
         assert!(restored.field() == plant.field());
         let richer = scenario_of(&field(5, &format!("{keys}sensors.energy.initial = 0.9\n")), "edf");
         assert!(Plant::new(&richer, &list).restore(&bytes).is_err(), "another charge before slot 1");
+    }
+}
+
+#[test]
+fn no_strategy_schedules_a_sensor_node_without_airtime() {
+    // 0.8 ms of any 40 slots of 1 s, in which a full buffer takes about 0.6 ms.
+    for strategy in STRATEGIES {
+        for keys in ["", "planner.knowledge = 'estimated'\n", "uav.count = 2\n", "planner.objective = 'collect'\n"] {
+            let text = format!(
+                "name = 'duty'\nseed = 3\nslots = 120\narea.side_m = 150.0\nsensors.count = 12\n\
+                 sensors.sampling_bps = [900.0, 4000.0]\nplanner.horizon.iterations = 100\n\
+                 planner.offline.steps = 2000\nlink.duty_cycle = 2e-5\nlink.duty_window_s = 40.0\n{keys}"
+            );
+            let scenario = scenario_of(&text, strategy.name);
+            let list = sensors(&scenario);
+            let mut tally = Tally::new(&scenario, &list, &RunMode::default());
+            let mut mission = Mission::new(&scenario, &list).unwrap();
+            let out = |mission: &Mission| -> HashSet<u32> {
+                let told_bits = mission.plant().field().told_bits();
+                (0..).zip(&*told_bits).filter(|(_, bits)| is_out(**bits)).map(|(id, _)| id).collect()
+            };
+            let mut before = HashSet::new();
+            let mut delivered_bits = vec![0; 12];
+            let mut sent_s = vec![Vec::new(); 12];
+            let [mut silenced, mut heard_again] = [0, 0];
+            while let Some(record) = mission.next() {
+                tally.add(&record).unwrap();
+                let mut scheduled = record.plans.iter().flatten().flat_map(|plan| plan.scheduled().to_vec());
+                assert!(!scheduled.any(|id| before.contains(&id)), "{}, {keys}", strategy.name);
+                let now_bits = mission.plant().field().delivered_bits();
+                for (id, sent_s) in sent_s.iter_mut().enumerate() {
+                    let link = uploads(&record.flights).find(|link| link.sensor as usize == id);
+                    let bits = now_bits[id] - delivered_bits[id];
+                    sent_s.push(if bits > 0 { bits as f64 / link.unwrap().rate_bps } else { 0.0 });
+                }
+                delivered_bits.copy_from_slice(now_bits);
+                let after = out(&mission);
+                silenced += after.difference(&before).count();
+                heard_again += before.difference(&after).count();
+                before = after;
+            }
+            let most_s = sent_s.iter().flat_map(|sent_s| sent_s.windows(40)).map(|sent_s| sent_s.iter().sum::<f64>());
+            let most_s = most_s.fold(0.0, f64::max);
+            assert!(most_s <= 8e-4 + 1e-9, "{}, {keys}: {most_s} s", strategy.name);
+            let is_still = ["hover", "rfs"].contains(&strategy.name);
+            assert!(is_still || silenced > 3 && heard_again > 0, "{}, {keys}: {silenced}", strategy.name);
+            assert_eq!(tally.summary(Duration::ZERO, 0).refused_duty, Some(0), "{}, {keys}", strategy.name);
+        }
+    }
+}
+
+#[test]
+fn a_restored_plant_continues_with_its_airtimes() {
+    let scenario = scenario_of(&field(5, "link.duty_cycle = 2e-5\nlink.duty_window_s = 40.0\n"), "edf");
+    let list = sensors(&scenario);
+    let mut mission = Mission::new(&scenario, &list).unwrap();
+    let records: Vec<_> = mission.by_ref().collect();
+    let mut plant = Plant::new(&scenario, &list);
+    records[..60].iter().for_each(|record| _ = plant.step(&record.plans));
+    let mut bytes = Vec::new();
+    plant.save(&mut bytes);
+    let mut restored = Plant::new(&scenario, &list);
+    restored.restore(&bytes).unwrap();
+    assert_eq!(restored.field().airtime(), plant.field().airtime());
+    for record in &records[60..] {
+        assert_eq!(restored.step(&record.plans).header, record.header);
+    }
+    let other = scenario_of(&field(5, "link.duty_cycle = 1e-5\nlink.duty_window_s = 40.0\n"), "edf");
+    assert!(Plant::new(&other, &list).restore(&bytes).is_err(), "half the airtime");
+}
+
+#[test]
+fn a_visit_to_a_dead_sensor_node_is_no_service() {
+    // An SN that dies in slot 2, and is served in slots 1 to 5: two services, and its age goes on from slot 2.
+    let text = "name = 'x'\nslots = 6\narea.side_m = 20.0\nsensors.file = 's.csv'\nsensors.energy.sleep_w = 1.0\n";
+    let scenario = scenario_of(text, "gfs");
+    let csv = "x_m,y_m,queue_bits,sampling_bps,capacity_j\n10,10,0,100,2\n";
+    let list = SensorList::parse(csv, "s.csv".as_ref(), &scenario).unwrap();
+    let mut plant = Plant::new(&scenario, &list);
+    let mut tally = Tally::new(&scenario, &list, &RunMode::default());
+    let mut singly = SensorTally::new(1);
+    let mut plan = Plan::fly_to([10.0, 10.0, scenario.uav.altitude_m], Mode::Serve);
+    plan.schedule(&[0]);
+    for _ in 0..5 {
+        let record = plant.step(&[Some(plan)]).clone();
+        tally.add(&record).unwrap();
+        singly.slot(&record, &plant).unwrap();
+    }
+    assert_eq!(singly.results(&plant, 1.0).next().unwrap().served_slots, 2);
+    assert_eq!(tally.gaps().sums(5).ages, (1 + 2 + 3) as f64);
+    assert_eq!(tally.summary(Duration::ZERO, 0).mean_served, 2.0 / 5.0);
+}
+
+#[test]
+fn a_weight_on_energy_lowers_what_services_take_and_costs_least_by_its_own_plan() {
+    let flown = |objective: &str, priced: &str| {
+        let text = |objective: &str| {
+            format!(
+                "name = 'energy'\nseed = 7\nslots = 150\narea.side_m = 120.0\nsensors.count = 14\n\
+                 sensors.sampling_bps = [100.0, 900.0]\nplanner.horizon.iterations = 400\n\
+                 sensors.energy = {{ capacity_j = 1e6, wake_j = 1.0, tx_w = 2000.0 }}\nplanner.objective = {objective}\n"
+            )
+        };
+        let scenario = scenario_of(&text(objective), "horizon");
+        let list = sensors(&scenario);
+        let mut tally = Tally::new(&scenario_of(&text(priced), "horizon"), &list, &RunMode::default());
+        let mut mission = Mission::new(&scenario, &list).unwrap();
+        mission.drive(&mut [&mut tally], &Stop::default()).unwrap();
+        let summary = tally.summary(Duration::ZERO, 0);
+        (summary.node_energy.unwrap().used_j, summary.objective.unwrap(), summary.totals.lost_bits)
+    };
+    let weighed = "{ loss = 1.0, energy_j = 200.0 }";
+    let [loss, both] = ["'loss'", weighed].map(|objective| flown(objective, weighed));
+    assert!(both.0 < 0.8 * loss.0, "{both:?} against {loss:?}");
+    assert!(both.1 < loss.1, "{both:?} against {loss:?}");
+    for (used_j, cost, lost_bits) in [loss, both] {
+        assert!((cost - (lost_bits as f64 + 200.0 * used_j)).abs() <= 1e-6 * cost, "by hand");
+    }
+}
+
+#[test]
+fn a_plan_reckons_with_the_energy_that_a_service_takes() {
+    // 100 bit a slot into 1 000 bit, so C = 10 slots: 0.25 J and 2 kW for min(g, 10) · 100 bit at the link's rate.
+    let text = "name = 'x'\nslots = 30\narea.side_m = 20.0\nsensors.file = 's.csv'\nsensors.capacity_bits = 1000\n\
+                sensors.energy = { capacity_j = 1e6, wake_j = 0.25, tx_w = 2000.0 }\n\
+                planner.objective = { loss = 1.0, age = 2.0, energy_j = 50.0 }\n";
+    let scenario = scenario_of(text, "horizon");
+    let csv = "x_m,y_m,queue_bits,sampling_bps,gain_db\n10,10,0,100,-50\n";
+    let list = SensorList::parse(csv, "s.csv".as_ref(), &scenario).unwrap();
+    let weights = Settings::of(&scenario).unwrap().objective.weights().unwrap();
+    let free = GapCosts::new(&weights, 1.0, None);
+    let table = MissionTable::of(&scenario, &list.nodes());
+    let mut plan = Plan::fly_to([10.0, 10.0, scenario.uav.altitude_m], Mode::Serve);
+    plan.schedule(&[0]);
+    for gap in [1u32, 4, 10, 25] {
+        let mut plant = Plant::new(&scenario, &list);
+        (1..gap).for_each(|_| _ = plant.step(&[None]));
+        plant.step(&[Some(plan)]);
+        let link = *uploads(plant.flights()).next().unwrap();
+        let served_j = plant.field().charges().unwrap().totals().served_nj as f64 / 1e9;
+        assert!((served_j - 0.25 - 2e3 * f64::from(gap.min(10) * 100) / link.rate_bps).abs() < 1e-8, "by hand");
+        let [with_j, without_j] = [free.with_energy(&weights, &scenario), free].map(|costs| {
+            let model = PlanModel::new::<Gaps>(&scenario, &table, &costs, false, &Stop::default());
+            let sensor = &model.sensors[0];
+            let capacity = Gaps::capacity(sensor, link.capacity_bits as f64);
+            Gaps::visit(sensor, Gaps::begin(sensor, 0.0, 0.0), gap.into(), capacity).0 * Gaps::price(sensor)
+        });
+        assert!((with_j - without_j - 50.0 * served_j).abs() < 1e-4 * served_j, "{gap}: {with_j} {without_j}");
     }
 }

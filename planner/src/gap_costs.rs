@@ -1,5 +1,7 @@
 //! What gaps between the visits of a sensor cost, by their lengths.
 
+use skysink_common::scenario::Scenario;
+
 use crate::keys::{ObjectiveWeights, PEAK_EXPONENT};
 
 /// What a gap of g slots between two visits costs a sensor of weight 1. After k slots its age is k, 0 in a slot with a
@@ -16,11 +18,15 @@ pub struct GapCosts {
     deadline: f64,
     /// The limit, D [slots].
     deadline_slots: f64,
+    /// Of the energy that the sensor takes for a visit, and of that for sending in all of its time.
+    wake: f64,
+    send: f64,
 }
 
 impl GapCosts {
     /// Lost bits alone.
-    pub const LOSS: Self = Self { loss: 1.0, age: 0.0, peak_age: 0.0, deadline: 0.0, deadline_slots: f64::INFINITY };
+    pub const LOSS: Self =
+        Self { loss: 1.0, age: 0.0, peak_age: 0.0, deadline: 0.0, deadline_slots: f64::INFINITY, wake: 0.0, send: 0.0 };
 
     /// The costs of an objective, with slots of `slot_s` [s] and ages up to `deadline_slots` [slots].
     #[must_use]
@@ -31,13 +37,39 @@ impl GapCosts {
             peak_age: weights.peak_age * slot_s.powi(PEAK_EXPONENT),
             deadline: weights.deadline,
             deadline_slots: deadline_slots.map_or(f64::INFINITY, |slots| slots as f64),
+            ..Self::LOSS
         }
+    }
+
+    /// These costs with that of the energy of visits, `wake_j + tx_w τ_c` of a link that sends all the time.
+    #[must_use]
+    pub fn with_energy(self, weights: &ObjectiveWeights, scenario: &Scenario) -> Self {
+        let Some(energy) = &scenario.sensors.energy else { return self };
+        let sent_j = energy.tx_w * scenario.link.planned().comm_s;
+        Self { wake: weights.energy_j * energy.wake_j.unwrap_or_default(), send: weights.energy_j * sent_j, ..self }
+    }
+
+    /// These costs for a sensor whose costs are multiplied by `weight`, except those of its energy.
+    pub(crate) fn weighted(self, weight: f64) -> Self {
+        Self { wake: self.wake / weight, send: self.send / weight, ..self }
+    }
+
+    /// Whether visits cost energy, so that not all that are possible are worth it.
+    #[must_use]
+    pub fn has_visit_costs(&self) -> bool {
+        self.wake > 0.0 || self.send > 0.0
+    }
+
+    /// Of the energy of a visit that finds `stored` units where the link carries `capacity`.
+    #[inline]
+    pub(crate) fn of_visit(&self, stored: f64, capacity: f64) -> f64 {
+        self.wake + if self.send > 0.0 { self.send * (stored / capacity).clamp(0.0, 1.0) } else { 0.0 }
     }
 
     /// Whether nothing but visits counts, whatever they take.
     #[must_use]
     pub fn is_by_visits(&self) -> bool {
-        self.loss == 0.0
+        self.loss == 0.0 && self.send == 0.0
     }
 
     /// Whether only lost bits count.
@@ -88,7 +120,8 @@ impl GapCosts {
 mod tests {
     use super::*;
 
-    const AGES: ObjectiveWeights = ObjectiveWeights { loss: 0.0, age: 1.0, peak_age: 0.0, deadline: 0.0, expiry: 0.0 };
+    const AGES: ObjectiveWeights =
+        ObjectiveWeights { loss: 0.0, age: 1.0, peak_age: 0.0, deadline: 0.0, expiry: 0.0, energy_j: 0.0 };
 
     #[test]
     fn gaps_cost_what_their_slots_cost() {

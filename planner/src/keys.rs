@@ -28,7 +28,7 @@ skysink_common::keys! {
         /// Knowledge of the sampling rates; `"learnt"` needs `knowledge = "estimated"`.
         rates: Rates = "known", Accepts::OneOf(Rates::VARIANTS);
         /// What `horizon` and `offline` plan for, by name, or a sum of costs, `{ loss = 1, age = 0.2 }` (decision D36).
-        objective: PlanningObjective = "loss", Accepts::Rule("\"loss\", \"collect\", \"age\", \"peak-age\", \"deadline\", \"expiry\", or a table of loss, age, peak_age, deadline and expiry: weights from 0 to 1e12, not all 0");
+        objective: PlanningObjective = "loss", Accepts::Rule("\"loss\", \"collect\", \"age\", \"peak-age\", \"deadline\", \"expiry\", or a table of loss, age, peak_age, deadline, expiry and energy_j: weights from 0 to 1e12, not all 0");
         /// Knowledge of links by place, with `link.model = "map"`: the map, or a law of the distance, `link.law_snr_db`;
         /// `"map"` if absent. `"heard"`: that law, or the mean of a line of sight that stays (`link.los_correlation_m`),
         /// corrected by the SNRs heard within `link.beacon_radius_m`.
@@ -76,10 +76,11 @@ impl Settings {
         }
     }
 
-    /// Refuses weights that are no objective, and limits of ages that are missing.
+    /// Refuses weights that are no objective, and keys that they need.
     fn check_objective(&self, scenario: &Scenario) -> Result<(), InputError> {
         let Some(weights) = self.objective.weights() else { return Ok(()) };
-        let all = [weights.loss, weights.age, weights.peak_age, weights.deadline, weights.expiry];
+        let ObjectiveWeights { loss, age, peak_age, deadline, expiry, energy_j } = weights;
+        let all = [loss, age, peak_age, deadline, expiry, energy_j];
         let is_weight = |weight: &f64| (0.0..=MOST_WEIGHT).contains(weight);
         if !all.iter().all(is_weight) || all.iter().sum::<f64>() == 0.0 {
             return Err(scenario.refusal(
@@ -89,11 +90,12 @@ impl Settings {
             ));
         }
         let sensors = &scenario.sensors;
-        let limits = [
-            (weights.deadline, sensors.deadline_s, "sensors.deadline_s, the limit of ages, beside it"),
-            (weights.expiry, sensors.expiry_s, "sensors.expiry_s, the age at which bits are lost, beside it"),
+        let given = [
+            (deadline, sensors.deadline_s.is_some(), "sensors.deadline_s, the limit of ages, beside it"),
+            (expiry, sensors.expiry_s.is_some(), "sensors.expiry_s, the age at which bits are lost, beside it"),
+            (energy_j, sensors.energy.is_some(), "[sensors.energy], the batteries of the SNs, beside it"),
         ];
-        match limits.iter().find(|(weight, limit_s, _)| *weight > 0.0 && limit_s.is_none()) {
+        match given.iter().find(|(weight, is_given, _)| *weight > 0.0 && !is_given) {
             Some((.., expected)) => Err(scenario.refusal("planner.objective", &self.objective.value(), expected)),
             None => Ok(()),
         }
@@ -172,7 +174,7 @@ impl LinkKnowledge {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(
     untagged,
-    expecting = "expected \"loss\", \"collect\", \"age\", \"peak-age\", \"deadline\", \"expiry\", or a table of loss, age, peak_age, deadline and expiry"
+    expecting = "expected \"loss\", \"collect\", \"age\", \"peak-age\", \"deadline\", \"expiry\", or a table of loss, age, peak_age, deadline, expiry and energy_j"
 )]
 pub enum PlanningObjective {
     /// One of those with a name.
@@ -216,6 +218,9 @@ pub struct ObjectiveWeights {
     /// Of a bit that overflows or expires: as `loss`, but only where bits expire.
     #[serde(skip_serializing_if = "is_zero")]
     pub expiry: f64,
+    /// Of a joule that a sensor node takes for services, whatever its weight.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub energy_j: f64,
 }
 
 /// Whether a weight is not written.
@@ -262,7 +267,7 @@ impl PlanningObjective {
     /// What it asks for, in words.
     #[must_use]
     pub fn words(self) -> String {
-        let Some(ObjectiveWeights { loss, age, peak_age, deadline, expiry }) = self.weights() else {
+        let Some(ObjectiveWeights { loss, age, peak_age, deadline, expiry, energy_j }) = self.weights() else {
             return "the most data delivered until the end".to_owned();
         };
         let parts = [
@@ -271,6 +276,7 @@ impl PlanningObjective {
             (peak_age, "peak age of service"),
             (deadline, "slots beyond the deadline"),
             (expiry, "data lost or expired"),
+            (energy_j, "energy of services"),
         ];
         let parts = parts.iter().filter(|(weight, _)| *weight > 0.0);
         let weighted: Vec<String> = parts.map(|(weight, words)| format!("{weight} × {words}")).collect();
@@ -280,7 +286,7 @@ impl PlanningObjective {
     /// Whether the least data is to be lost, and nothing else counts.
     #[must_use]
     pub fn is_loss(self) -> bool {
-        let others = |weights: ObjectiveWeights| weights.age + weights.peak_age + weights.deadline;
+        let others = |weights: ObjectiveWeights| weights.age + weights.peak_age + weights.deadline + weights.energy_j;
         self.weights().is_some_and(|weights| others(weights) == 0.0)
     }
 

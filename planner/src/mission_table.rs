@@ -42,8 +42,8 @@ pub struct MissionTable {
     pub track: Option<Arc<[[f64; 3]]>>,
     /// Whether zones leave no place to serve the SN from, by id; empty in an open field.
     is_hidden: Arc<[bool]>,
-    /// Whether the SN is known to be dead, by id; empty where none is.
-    is_dead: Arc<[bool]>,
+    /// Whether the SN is known to be dead or without airtime, by id; empty where none may be.
+    is_out: Arc<[bool]>,
     /// The way home; `None` if the UAV need not come back.
     pub home: Option<Home>,
     /// Found when they are first asked for; clones share them.
@@ -66,7 +66,7 @@ impl MissionTable {
         let hidden = sensors.positions.iter().filter(|_| !airspace.is_open()).map(is_hidden);
         Self {
             is_hidden: hidden.collect(),
-            is_dead: Arc::default(),
+            is_out: Arc::default(),
             home: Home::of(scenario, &airspace),
             motion: Motion::of(scenario, &airspace),
             airspace,
@@ -117,26 +117,26 @@ impl MissionTable {
         Self::new(scenario, Arc::new(Sensors::of(scenario, nodes)))
     }
 
-    /// Takes in which SNs are dead: they cannot be served. Nothing changes if none can die.
-    pub(crate) fn bury(&mut self, belief: &Belief, queues_bits: &[u32]) {
-        let is_dead = |id: u32| belief.is_dead(queues_bits, id);
-        if self.sensors.may_die && self.sensors.ids().any(|id| is_dead(id) != self.is_dead(id)) {
-            self.is_dead = self.sensors.ids().map(is_dead).collect();
+    /// Takes in which SNs are dead, or without airtime: they cannot be served. Nothing changes if none may be.
+    pub(crate) fn exclude(&mut self, belief: &Belief, queues_bits: &[u32]) {
+        let is_out = |id: u32| belief.is_out(queues_bits[id as usize], id);
+        if self.sensors.may_refuse && self.sensors.ids().any(|id| is_out(id) != self.is_out(id)) {
+            self.is_out = self.sensors.ids().map(is_out).collect();
         }
     }
 
-    /// Whether SN `id` is known to be dead.
+    /// Whether SN `id` is known to be dead, or without airtime.
     #[inline]
     #[must_use]
-    pub fn is_dead(&self, id: u32) -> bool {
-        self.is_dead.get(id as usize).is_some_and(|is_dead| *is_dead)
+    pub fn is_out(&self, id: u32) -> bool {
+        self.is_out.get(id as usize).is_some_and(|is_out| *is_out)
     }
 
-    /// Whether there is a place in range of SN `id` that the UAV can fly to, and it is not known to be dead.
+    /// Whether there is a place in range of SN `id` that the UAV can fly to, and it is not known to be dead or without airtime.
     #[inline]
     #[must_use]
     pub fn is_servable(&self, id: u32) -> bool {
-        self.is_hidden.get(id as usize).is_none_or(|is_hidden| !is_hidden) && !self.is_dead(id)
+        self.is_hidden.get(id as usize).is_none_or(|is_hidden| !is_hidden) && !self.is_out(id)
     }
 
     /// Whether `ground` [m] lies in the base; true if the UAV need not come back.
@@ -173,7 +173,7 @@ impl MissionTable {
     #[inline]
     #[must_use]
     pub fn has_hidden(&self) -> bool {
-        self.is_hidden.iter().chain(self.is_dead.iter()).any(|is_hidden| *is_hidden)
+        self.is_hidden.iter().chain(self.is_out.iter()).any(|is_hidden| *is_hidden)
     }
 
     /// The uplink of SN `id` to the UAV at `uav`, with what was heard of it.

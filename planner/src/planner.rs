@@ -244,7 +244,7 @@ impl Planner {
         assert_eq!(queues_bits.len(), self.table.sensors.positions.len(), "expected one queue per sensor node");
         let Self { strategy, rules, table, stop, left_bits, links, .. } = self;
         let links = links.as_deref();
-        table.bury(&self.belief, queues_bits);
+        table.exclude(&self.belief, queues_bits);
         let belief = believed(&mut self.belief, slot, table, queues_bits, scheduled, left_bits);
         let (battery, timing) = (self.battery, self.timing);
         let view = View { slot, position, battery, belief, table, timing, links, neighbours, stop };
@@ -284,7 +284,7 @@ impl Planner {
     ) {
         let Self { strategy, belief, table, stop, left_bits, links, .. } = self;
         let links = links.as_deref();
-        table.bury(belief, queues_bits);
+        table.exclude(belief, queues_bits);
         let belief = believed(belief, slot, table, queues_bits, &[], left_bits);
         let (battery, timing, neighbours) = (self.battery, self.timing, Some(neighbours));
         strategy.visits(&View { slot, position, battery, belief, table, timing, links, neighbours, stop }, into);
@@ -381,7 +381,7 @@ impl Checkpoint for Planner {
 }
 
 /// What is believed before `slot`, if the known queues are `queues_bits` [bit], by id. Those of the SNs that other UAVs have
-/// scheduled, and of dead ones, are empty in `left_bits`.
+/// scheduled, and of dead or silent ones, are empty in `left_bits`.
 fn believed<'a>(
     belief: &'a mut Belief,
     slot: u64,
@@ -391,11 +391,11 @@ fn believed<'a>(
     left_bits: &'a mut Vec<u32>,
 ) -> Believed<'a> {
     let mut believed = belief.at(slot.saturating_sub(1), &table.sensors, queues_bits);
-    if !scheduled.is_empty() || table.sensors.may_die {
+    if !scheduled.is_empty() || table.sensors.may_refuse {
         left_bits.clear();
         left_bits.extend_from_slice(believed.queues_bits);
-        if table.sensors.may_die {
-            (0..).zip(&mut *left_bits).filter(|(id, _)| table.is_dead(*id)).for_each(|(_, bits)| *bits = 0);
+        if table.sensors.may_refuse {
+            (0..).zip(&mut *left_bits).filter(|(id, _)| table.is_out(*id)).for_each(|(_, bits)| *bits = 0);
         }
         scheduled.iter().for_each(|&id| left_bits[id as usize] = 0);
         believed.queues_bits = left_bits;

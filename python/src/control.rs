@@ -156,7 +156,7 @@ impl Episode {
             Control::Waypoint => self.waypoint(action),
             Control::Displacement | Control::Sensor => self.displaced(action),
         };
-        decided(waypoint, &self.field.fullest(&waypoint, self.plant.field().believed_bits()))
+        decided(waypoint, &self.field.fullest(&waypoint, &self.plant.field().servable_bits()))
     }
 
     /// The waypoint of a displacement as a fraction of the reach of a slot.
@@ -205,8 +205,8 @@ impl Episode {
         let id = self.observed().nearest.map_or(choice as u32, |count| self.nearest(count)[choice]);
         let goal = self.field.sensors.position(id);
         let waypoint = self.end_toward(id);
-        let believed_bits = self.plant.field().believed_bits();
-        let mut served = self.field.fullest(&waypoint, believed_bits);
+        let believed_bits = self.plant.field().servable_bits();
+        let mut served = self.field.fullest(&waypoint, &believed_bits);
         let most = (limits.resource_blocks as usize).min(MAX_SERVED);
         if within(goal, &waypoint.xy(), limits.comm_radius_m) && !served.contains(&id) {
             if served.len() == most {

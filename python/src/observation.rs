@@ -405,9 +405,10 @@ impl Episode {
         field.home.as_ref().is_none_or(|home| home.is_in_reach(after, energy_j, &route.end()))
     }
 
-    /// Whether the UAV reaches sensor node `id` in one slot.
+    /// Whether the UAV reaches sensor node `id` in one slot, and does not know that it cannot be served.
     pub fn reaches(&self, id: u32) -> bool {
         let uav = self.flight().position().xy();
-        within(self.field.sensors.position(id), &uav, self.field.limits.reach_m)
+        let is_near = within(self.field.sensors.position(id), &uav, self.field.limits.reach_m);
+        is_near && !self.plant.field().is_out(id)
     }
 }

@@ -128,8 +128,8 @@ topics! {
         exists: Terms::has_belief,
     }
 
-    /// The queue of each sensor node after each slot [bit], 4294967295 of a dead one (decision D33), also in `belief`; ledger
-    /// totals in the header.
+    /// The queue of each sensor node after each slot [bit], 4294967295 of a dead one, 2^31 more of one without airtime
+    /// (decision D33), also in `belief`; ledger totals in the header.
     queues: Topic<[u32], QueuesHeader> {
         writer: FieldSim,
         readers: &[Planner, Viewer, Launcher],

@@ -18,6 +18,7 @@ pub fn of(scenario: &Scenario, list: &SensorList, flown: &[&str]) -> Vec<String>
     let is_heard = Settings::heard(scenario).is_some();
     let rules = [
         (scenario.sensors.energy.is_some(), "batteries of sensor nodes: deaths, when they are known, but no charges"),
+        (scenario.link.duty_cycle.is_some(), "duty cycles: who is silent, but not what airtime is left"),
         (scenario.arrival_law().is_random(), "arrivals: by their means; horizon and offline also by their spread"),
         (!is_heard && scenario.link.stays_in_sight(), "line of sight: by its probability, whatever a link had before"),
         (

@@ -103,7 +103,7 @@ impl Bounds<'_> {
         let field = self.field;
         let beyond_bits = field.beyond_buffers_bits;
         let sensors = &self.table.sensors;
-        let expires = sensors.may_die || sensors.ids().any(|id| sensors.sampler(id).lasting_slots.is_finite());
+        let expires = sensors.may_refuse || sensors.ids().any(|id| sensors.sampler(id).lasting_slots.is_finite());
         let overflows = || field.sensors.iter().any(|sensor| sensor.overflow_bits(None, field.slots) > 0);
         if beyond_bits == 0 && !expires && !overflows() {
             return LossFree::Unserved;

@@ -7,12 +7,15 @@
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
+use skysink_common::airtime::held_bits;
 use skysink_common::checkpoint::CheckpointError;
 use skysink_common::geometry::{Position, distance_squared};
+use skysink_common::message::FlightReport;
 use skysink_common::node_energy::DEAD;
 use skysink_common::sampling::Sampler;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;
+use skysink_common::slot_record::uploads;
 
 /// Minimum and maximum number of cells of the coverage grid along the longer side of the area.
 const CELLS: [f64; 2] = [40.0, 100.0];
@@ -37,6 +40,8 @@ pub(crate) struct SensorHistory {
     slot_s: f64,
     /// Lost in the last slot, by SN [bit].
     lost_now_bits: Vec<u64>,
+    /// Those that died in it with data.
+    died: Vec<u32>,
     /// Sampled in the last slot, by SN [bit]; empty if arrivals are constant.
     sampled_now_bits: Vec<u64>,
     pub(crate) grid: CoverageGrid,
@@ -79,6 +84,7 @@ impl SensorHistory {
             sensors: Arc::clone(sensors),
             slot_s: scenario.slot_s,
             lost_now_bits: vec![0; count],
+            died: Vec::new(),
             sampled_now_bits: Vec::new(),
             grid,
             sums,
@@ -88,14 +94,18 @@ impl SensorHistory {
     /// Adds a slot, after which the queues are `queues_bits`, one for each SN, and the UAVs are above `uavs`. A dead SN loses
     /// what it holds and samples.
     pub(crate) fn add(&mut self, slot: u64, queues_bits: &[u32], uavs: impl IntoIterator<Item = Position>) {
-        let Self { sensors, lost_now_bits, sampled_now_bits, grid, sums, .. } = self;
+        let Self { sensors, lost_now_bits, died, sampled_now_bits, grid, sums, .. } = self;
+        died.clear();
         let is_next = slot > 0 && sums.slot == Some(slot - 1);
         let losses = sums.queues_bits.iter().enumerate().zip(&mut sums.lost_bits).zip(lost_now_bits);
         for (((id, &before_bits), lost_bits), lost_now_bits) in losses {
-            let lost_bits_of = |id: usize| match sensors.may_die && queues_bits[id] == DEAD {
+            let lost_bits_of = |id: usize| match sensors.may_refuse && queues_bits[id] == DEAD {
                 true => u64::from(before_bits) + sensors.sampling.bits(id, slot),
                 false => sensors.sampling.overflow_bits(id, before_bits, slot),
             };
+            if is_next && sensors.may_refuse && queues_bits[id] == DEAD && before_bits > 0 {
+                died.push(id as u32);
+            }
             *lost_now_bits = if is_next { lost_bits_of(id) } else { 0 };
             *lost_bits += *lost_now_bits;
         }
@@ -103,11 +113,22 @@ impl SensorHistory {
             *sampled_now_bits = (0..queues_bits.len()).map(|id| sensors.sampling.bits(id, slot)).collect();
         }
         sums.slot = Some(slot);
-        let held_bits = |&bits: &u32| if sensors.may_die && bits == DEAD { 0 } else { bits };
+        let held = |&bits: &u32| if sensors.may_refuse { held_bits(bits) } else { bits };
         sums.queues_bits.clear();
-        sums.queues_bits.extend(queues_bits.iter().map(held_bits));
+        sums.queues_bits.extend(queues_bits.iter().map(held));
         for cell in uavs.into_iter().flat_map(|uav| grid.in_range(uav)) {
             sums.in_range[cell] = slot + 1;
+        }
+    }
+
+    /// Takes back what SNs have uploaded by `flights` in the last slot, in which they died: it is not lost.
+    pub(crate) fn credit(&mut self, flights: &[FlightReport]) {
+        for link in uploads(flights).filter(|link| self.died.contains(&link.sensor)) {
+            let id = link.sensor as usize;
+            let buffer_bits = self.sensors.sampling.of(id).capacity_bits.into();
+            let sent_bits = link.capacity_bits.min(buffer_bits).min(self.lost_now_bits[id]);
+            self.lost_now_bits[id] -= sent_bits;
+            self.sums.lost_bits[id] -= sent_bits;
         }
     }
 
@@ -216,7 +237,7 @@ impl CoverageGrid {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use skysink_common::message::SensorNode;
+    use skysink_common::message::{LinkReport, Mode, SensorNode};
     use skysink_common::scenario::Overrides;
 
     /// The letter's field of 100 m × 100 m with SNs that sample 100, 2.5 and 0 bit/s into 1 000 bit.
@@ -227,6 +248,23 @@ mod tests {
     }
 
     const MIDDLE: Position = Position::new(50.0, 50.0);
+
+    #[test]
+    fn a_sensor_node_that_dies_loses_what_it_has_not_uploaded() {
+        let mut history = history();
+        Arc::make_mut(&mut history.sensors).may_refuse = true;
+        history.add(0, &[500, 400, 0], [MIDDLE]);
+        history.add(1, &[DEAD, 402 | 1 << 31, 0], [MIDDLE]);
+        assert_eq!((history.sums.lost_bits[0], history.sums.queues_bits[1]), (600, 402));
+        let mut flight = FlightReport::at([50.0, 50.0, 20.0], Mode::Serve);
+        flight.links[0] = LinkReport { capacity_bits: 450, ..LinkReport::default() };
+        flight.served = 1;
+        history.credit(&[flight]);
+        assert_eq!(history.sums.lost_bits, [150, 0, 0]);
+        history.add(2, &[DEAD, 404, 0], [MIDDLE]);
+        history.credit(&[flight]);
+        assert_eq!(history.sums.lost_bits, [250, 0, 0], "the dead upload nothing");
+    }
 
     #[test]
     fn bits_that_do_not_fit_into_a_buffer_are_lost() {

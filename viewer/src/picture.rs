@@ -136,6 +136,7 @@ impl Picture {
             belief.observe(&self.history, view.slot, view.queues_bits, view.flights);
         }
         self.history.add(view.slot, view.queues_bits, view.flights.iter().map(|flight| flight.position().xy()));
+        self.history.credit(view.flights);
         self.uavs.iter_mut().zip(view.flights).for_each(|(uav, flight)| uav.observe(flight));
         self.geo.iter_mut().for_each(|geo| geo.observe(view.flights));
         Ok(self.events.log_slot(&self.canvas, view)?)

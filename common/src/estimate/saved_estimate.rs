@@ -74,7 +74,7 @@ impl Estimate {
                     && (0.0..=f64::from(capacity_bits)).contains(&learnt.least_mean_bits)
             }
         });
-        let is_queue = contact.left_bits <= capacity_bits || self.may_die && contact.left_bits == DEAD;
+        let is_queue = contact.left_bits <= capacity_bits || self.may_refuse && contact.left_bits == DEAD;
         is_in_time && is_queue && learnt_is_possible
     }
 }

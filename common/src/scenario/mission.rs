@@ -20,6 +20,9 @@ use crate::keys::{self, Accepts, Keys, POSITIVE, Setting, Source};
 /// The file of the arrivals in a run folder.
 pub const TRACE: &str = "arrivals.csv";
 
+/// The file of the harvested power in a run folder.
+pub const HARVEST: &str = "harvest.csv";
+
 /// The file of a channel in a run folder.
 pub const CHANNEL: &str = "channel.csv";
 
@@ -145,12 +148,15 @@ impl Scenario {
     }
 
     /// The scenario as a TOML file, with the sensor list in the file `list` of the same folder, a trace of arrivals in
-    /// [`TRACE`], and a table of rates or a map of links in [`CHANNEL`], with [`RATES`]. Presets are expanded.
+    /// [`TRACE`], harvested power in [`HARVEST`], and a table of rates or a map of links in [`CHANNEL`], with [`RATES`]. Presets are expanded.
     #[must_use]
     pub fn to_toml_with_list(&self, list: &str) -> String {
         let mut sensors = SensorKeys { count: None, file: Some(list.into()), ..self.sensors.clone() };
         if let Some(ArrivalKeys { file: Some(file), .. }) = &mut sensors.arrivals {
             *file = TRACE.into();
+        }
+        if let Some(file) = sensors.energy.as_mut().and_then(|energy| energy.harvest_file.as_mut()) {
+            *file = HARVEST.into();
         }
         let mut link = self.link.clone();
         if link.table.is_some() {

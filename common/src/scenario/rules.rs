@@ -12,13 +12,14 @@ use super::sensors::MAX_FIELD_BITS;
 use super::uav::Climb;
 use super::zones;
 use crate::airspace::{MAX_CELLS, cells_along};
+use crate::airtime::SILENT;
 use crate::arrivals::MAX_SAMPLED_BITS;
 use crate::channel::{Channel, ChannelModel, LinkModel, LosCurve, SHADOWING_DB};
 use crate::error::InputError;
 use crate::geometry::Position;
 use crate::keys::dotted::{beside, is_below, value};
 use crate::keys::{self, Keys, Only};
-use crate::node_energy::{DEAD, WakeMode};
+use crate::node_energy::WakeMode;
 use crate::presets;
 
 /// Checks the rules between the keys of `scenario`, which was read from `file`.
@@ -69,9 +70,12 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
         rule(!has_radio || energy.wake_j.is_some(), "sensors.energy.wake", expected)?;
         let has_capacity = energy.capacity_j.is_some() || sensors.file.is_some();
         rule(has_capacity, "sensors.energy", "capacity_j in it, or a column of that name in sensors.file")?;
-        let expected = "at most 4294967294 with sensors.energy";
-        rule(sensors.capacity_bits.ends()[1] < DEAD, "sensors.capacity_bits", expected)?;
     }
+    let is_told = !scenario.may_refuse() || sensors.capacity_bits.ends()[1] < SILENT;
+    rule(is_told, "sensors.capacity_bits", "at most 2147483647 with sensors.energy or link.duty_cycle")?;
+    rule(link.duty_cycle.is_some(), "link.duty_window_s", "none without link.duty_cycle")?;
+    let is_window = link.duty_window_s.is_none_or(|window_s| window_s >= scenario.slot_s);
+    rule(is_window, "link.duty_window_s", &format!("at least the slot's {} s", scenario.slot_s))?;
     let has_file = scenario.sensors.arrivals.as_ref().is_none_or(|arrivals| arrivals.file.is_some());
     let expected = "another model, or a CSV file as sensors.arrivals.file";
     rule(!scenario.sensors.has_trace() || has_file, "sensors.arrivals.model", expected)?;

@@ -21,7 +21,8 @@ const QUEUE_BITS: Accepts =
     Accepts::Interval("0 to 4294967295 bits", |queue_bits| (0.0..=4_294_967_295.0).contains(&queue_bits));
 
 /// Paths.
-const PATH: Accepts = Accepts::Text("the path of a CSV file, relative to the scenario", |path| !path.is_empty());
+pub(crate) const PATH: Accepts =
+    Accepts::Text("the path of a CSV file, relative to the scenario", |path| !path.is_empty());
 
 crate::keys! {
     /// `[sensors]`: the sensor nodes, before their list is drawn or read.

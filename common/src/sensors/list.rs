@@ -10,16 +10,17 @@ use rand_distr::{Distribution, Poisson};
 use super::Sensors;
 use super::rows::{self, Rows};
 use crate::airspace::Polygon;
+use crate::airtime::Airtime;
 use crate::arrivals::{ArrivalLaw, ArrivalTrace, Arrivals, MAX_SAMPLED_BITS, mean_bits};
 use crate::channel::draw_gain_db;
 use crate::error::{InputError, read_text};
 use crate::geometry::Position;
 use crate::ledger::Ledger;
 use crate::message::SensorNode;
-use crate::node_energy::{Charges, NodeBattery};
+use crate::node_energy::{Charges, HarvestTrace, NodeBattery};
 use crate::random::{Purpose, Streams};
 use crate::sampling::Sampling;
-use crate::scenario::{CHANNEL, Interval, RATES, Scenario, TRACE};
+use crate::scenario::{CHANNEL, HARVEST, Interval, RATES, Scenario, TRACE};
 use crate::units::ratio_of_db;
 use crate::weights::Weights;
 
@@ -52,6 +53,8 @@ pub struct SensorList {
     ground_m: Vec<f64>,
     /// The arrivals, if they are those of a file.
     trace: Option<ArrivalTrace>,
+    /// The harvested power, if it is that of a file.
+    harvest: Option<HarvestTrace>,
     /// Whether the scenario alone does not tell the buffers.
     has_own_buffers: bool,
     /// Whether it alone does not tell the batteries.
@@ -138,6 +141,9 @@ impl SensorList {
             (None, Some(path)) => Some(ArrivalTrace::read(&path, &sampling_bps)?),
             (held, _) => held.clone(),
         };
+        let energy = scenario.sensors.energy.as_ref();
+        let harvest = energy.and_then(|energy| energy.harvest_file.as_ref());
+        let harvest = harvest.map(|file| HarvestTrace::read(&scenario.beside(file), sensors.len())).transpose()?;
         let law = scenario.arrival_law();
         let refuse = |key: &str, value: f64, expected: &str| {
             Err(InputError::new("scenario", &scenario.path, format_args!("{key} = {value}: expected {expected}")))
@@ -165,9 +171,9 @@ impl SensorList {
         }
         let plain_bits = scenario.sensors.capacity_bits.ends();
         let has_own_buffers = sensors.iter().any(|sensor| [sensor.capacity_bits; 2] != plain_bits);
-        let plain = scenario.sensors.energy.and_then(|energy| energy.battery(None, None));
+        let plain = energy.and_then(|energy| energy.battery(None, None));
         let has_own_batteries = sensors.iter().any(|sensor| sensor.battery != plain);
-        Ok(Self { sensors, names, ground_m, trace, has_own_buffers, has_own_batteries })
+        Ok(Self { sensors, names, ground_m, trace, harvest, has_own_buffers, has_own_batteries })
     }
 
     /// Hash (XXH3) of the list as CSV files, seeded with the hash of its scenario.
@@ -175,18 +181,20 @@ impl SensorList {
     pub fn hash(&self, scenario_hash: u64) -> u64 {
         let hash = |seed, text: String| xxhash_rust::xxh3::xxh3_64_with_seed(text.as_bytes(), seed);
         let listed = hash(scenario_hash, self.to_csv());
-        self.trace.iter().fold(listed, |seed, trace| hash(seed, trace.to_csv()))
+        let arrivals = self.trace.iter().fold(listed, |seed, trace| hash(seed, trace.to_csv()));
+        self.harvest.iter().fold(arrivals, |seed, harvest| hash(seed, harvest.to_csv()))
     }
 
     /// The files that a scenario with this list names besides the list, by their names in a run folder.
     pub fn files_beside(&self, scenario: &Scenario) -> impl Iterator<Item = (&'static str, String)> {
         let trace = self.trace.as_ref().map(|trace| (TRACE, trace.to_csv()));
+        let harvest = self.harvest.as_ref().map(|harvest| (HARVEST, harvest.to_csv()));
         let table = scenario.link.table.map(|table| (CHANNEL, table.to_csv()));
         let (levels, rates) = scenario.link.map.map_or((None, None), |map| {
             let (levels, rates) = map.to_csv();
             (Some((CHANNEL, levels)), rates.map(|rates| (RATES, rates)))
         });
-        trace.into_iter().chain(table).chain(levels).chain(rates)
+        trace.into_iter().chain(harvest).chain(table).chain(levels).chain(rates)
     }
 
     /// The arrivals, if they are those of a file.
@@ -317,13 +325,16 @@ impl SensorList {
         let batteries: Vec<NodeBattery> = self.sensors.iter().filter_map(|sensor| sensor.battery).collect();
         let positions = self.sensors.iter().map(|sensor| sensor.position);
         let radius_m = scenario.link.comm_radius_m;
-        Some(Charges::new(scenario.sensors.energy?, scenario.slot_s, &batteries, positions, radius_m))
+        let keys = scenario.sensors.energy.clone()?;
+        Some(Charges::new(keys, scenario.slot_s, &batteries, self.harvest.clone(), positions, radius_m))
     }
 
     /// The ledger before slot 1.
     #[must_use]
     pub fn ledger(&self, scenario: &Scenario) -> Ledger {
-        Ledger::new(self.sampling(scenario), self.queues_bits()).with_charges(self.charges(scenario))
+        Ledger::new(self.sampling(scenario), self.queues_bits())
+            .with_charges(self.charges(scenario))
+            .with_airtime(Airtime::of(scenario, self.sensors.len()))
     }
 
     /// The sensor nodes with what they sample: the truth, which a planner does not know.
@@ -395,7 +406,7 @@ fn draw(scenario: &Scenario, border: Option<&Polygon>, id: u32) -> Sensor {
         sampling_bps: draw_sampling_bps(scenario, id),
         capacity_bits,
         weight: 1.0,
-        battery: scenario.sensors.energy.and_then(|energy| energy.battery(None, None)),
+        battery: scenario.sensors.energy.as_ref().and_then(|energy| energy.battery(None, None)),
     }
 }
 

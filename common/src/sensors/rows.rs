@@ -5,13 +5,14 @@
 use std::ops::RangeInclusive;
 
 use super::list::{Sensor, draw_capacity_bits, draw_queue_bits, draw_sampling_bps};
+use crate::airtime::SILENT;
 use crate::arrivals::MAX_SAMPLED_BITS;
 use crate::channel::{Channel, ChannelModel, draw_gain_db};
 use crate::error::{line_of, quoted};
 use crate::geodata::projection::Projection;
 use crate::geometry::Position;
 use crate::keys::{Accepts, NOT_NEGATIVE};
-use crate::node_energy::{CAPACITY_J, DEAD};
+use crate::node_energy::CAPACITY_J;
 use crate::random::Streams;
 use crate::scenario::{Area, MAX_FIELD_BITS, MAX_SENSORS, Scenario};
 use crate::weights::WEIGHTS;
@@ -180,7 +181,7 @@ impl<'a> Table<'a> {
         if let Some(name) = [BATTERY, HARVEST].iter().find(|name| energy.is_none() && names.contains(name)) {
             return Err(format!("column `{name}`: expected it only with [sensors.energy] in the scenario"));
         }
-        if energy.is_some_and(|energy| energy.capacity_j.is_none()) && !names.contains(&BATTERY) {
+        if energy.as_ref().is_some_and(|energy| energy.capacity_j.is_none()) && !names.contains(&BATTERY) {
             return Err(refuse("a column capacity_j, or sensors.energy.capacity_j in the scenario"));
         }
         let projection = match ["x_m", "y_m", "lat_deg", "lon_deg"].map(|name| names.contains(&name)) {
@@ -203,7 +204,7 @@ impl<'a> Table<'a> {
     fn sensor(&self, row: &csv::StringRecord, id: u32) -> Result<Sensor, String> {
         let scenario = self.scenario;
         let position = self.position(row)?;
-        let most_bits = if scenario.sensors.energy.is_some() { DEAD - 1 } else { u32::MAX };
+        let most_bits = if scenario.may_refuse() { SILENT - 1 } else { u32::MAX };
         let is_buffer = |value: f64| (1.0..=f64::from(most_bits)).contains(&value) && value.fract() == 0.0;
         let own_bits = self.number(row, CAPACITY, &format!("whole bits, 1 to {most_bits}"), is_buffer)?;
         let capacity_bits = own_bits.map_or_else(|| draw_capacity_bits(scenario, id), |bits| bits as u32);
@@ -234,7 +235,7 @@ impl<'a> Table<'a> {
             sampling_bps: sampling_bps.unwrap_or_else(|| draw_sampling_bps(scenario, id)),
             capacity_bits,
             weight: weight.unwrap_or(1.0),
-            battery: scenario.sensors.energy.and_then(|energy| energy.battery(capacity_j, harvest_w)),
+            battery: scenario.sensors.energy.as_ref().and_then(|energy| energy.battery(capacity_j, harvest_w)),
         })
     }
 

@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use skysink_common::build::VERSION;
 use skysink_common::error::InputError;
-use skysink_common::scenario::{CHANNEL, RATES, TRACE};
+use skysink_common::scenario::{CHANNEL, HARVEST, RATES, TRACE};
 use skysink_mission::error::FileContext;
 use skysink_mission::files::{read_regular, write_whole};
 use skysink_mission::folder::FolderLayout;
@@ -46,7 +46,7 @@ pub(crate) static LAYOUT: FolderLayout = FolderLayout {
 };
 
 /// The files of the definition, beside sources in Python.
-pub(crate) const SAVED: [&str; 8] = [SCENARIO, SENSORS, TRACE, CHANNEL, ARRAYS, RATES, TRACK, SWEEP];
+pub(crate) const SAVED: [&str; 9] = [SCENARIO, SENSORS, TRACE, HARVEST, CHANNEL, ARRAYS, RATES, TRACK, SWEEP];
 
 /// The files that are written when all missions are flown.
 pub(crate) const RESULTS: [&str; 4] = ["results.csv", "results.parquet", "summary.csv", "timings.csv"];

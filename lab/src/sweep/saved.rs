@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use skysink_common::channel::RateTable;
 use skysink_common::error::InputError;
 use skysink_common::keys::dotted;
-use skysink_common::scenario::{CHANNEL, Overrides, RATES, Scenario, TRACE};
+use skysink_common::scenario::{CHANNEL, HARVEST, Overrides, RATES, Scenario, TRACE};
 use skysink_mission::error::FileContext;
 use skysink_mission::files::read_regular;
 use skysink_mission::origin::{SourceFile, is_source};
@@ -107,6 +107,7 @@ impl Sweep {
         for (key, name) in [
             ("sensors.file", SENSORS),
             ("sensors.arrivals.file", TRACE),
+            ("sensors.energy.harvest_file", HARVEST),
             ("link.file", CHANNEL),
             ("link.rates", RATES),
             ("uav.track", TRACK),

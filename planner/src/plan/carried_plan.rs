@@ -108,7 +108,9 @@ impl<O: Objective> CarriedPlan<O> {
         let sensors = &setup.table.sensors;
         let may_group = keys.without != Some(LookAheadPart::Groups);
         let weights = setup.settings.objective.weights();
-        let costs = weights.map(|weights| GapCosts::new(&weights, scenario.slot_s, scenario.deadline_slots()));
+        let costs = weights.map(|weights| {
+            GapCosts::new(&weights, scenario.slot_s, scenario.deadline_slots()).with_energy(&weights, scenario)
+        });
         let costs = costs.filter(|_| O::COUNTS_AGES).unwrap_or(GapCosts::LOSS);
         let model = if belief.has_learnt_rates() {
             let mean_bits = sensors.ids().map(|id| least_mean_bits(belief.mean_bits(sensors, id))).collect();
@@ -148,18 +150,18 @@ impl<O: Objective> CarriedPlan<O> {
         }
     }
 
-    /// Updates the model with what is known at the beginning of the slot: dead SNs, learnt rates, and the uncertainty of the
+    /// Updates the model with what is known at the beginning of the slot: SNs that are out, learnt rates, and the uncertainty of the
     /// queues.
     pub(super) fn update_sensors(&mut self, view: &View) {
         let belief = view.belief.belief;
-        if view.table.sensors.may_die {
+        if view.table.sensors.may_refuse {
             let weights = &self.model.table.sensors.weights;
             for (index, (sensor, &id)) in self.model.sensors.iter_mut().zip(&self.model.ids).enumerate() {
-                sensor.weight = if view.table.is_dead(id) { 0.0 } else { weights.factor(index) };
+                sensor.weight = if view.table.is_out(id) { 0.0 } else { weights.factor(index) };
                 sensor.cost_bits = sensor.weight * sensor.mean_bits;
             }
             let first = self.plan.stops.first().copied();
-            self.plan.stops.retain(|stop| !self.model.is_dead(stop.disk));
+            self.plan.stops.retain(|stop| !self.model.is_out(stop.disk));
             self.plan.is_under_way &= self.plan.stops.first().copied() == first;
         }
         if !belief.is_estimated() {

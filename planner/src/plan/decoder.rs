@@ -319,7 +319,8 @@ impl Decoder {
         self.at = visit.at;
     }
 
-    /// Serves `members`, and of the other sensors in range those whose visits save most.
+    /// Serves `members`, and of the other sensors in range those whose visits save most; where visits cost energy none
+    /// that saves nothing.
     fn serve_in_range<O: Objective>(
         &mut self,
         model: &PlanModel,
@@ -343,7 +344,8 @@ impl Decoder {
             let range_m = model.table.limits.comm_radius_m * (1.0 + RANGE_SLACK);
             model.table.sensors.grid.visit(at, range_m, |node, d2_m2| found.push(linked(node.id, d2_m2)));
         }
-        if found.len() > blocks {
+        let is_choosy = O::COUNTS_AGES && model.has_visit_costs();
+        if found.len() > blocks || is_choosy {
             for candidate in found.iter_mut() {
                 let sensor = candidate.sensor as usize;
                 let level = model.level_at::<O>(sensor, f64::from(slot), levels[sensor]);
@@ -359,6 +361,11 @@ impl Decoder {
                     );
                 }
             }
+        }
+        if is_choosy {
+            found.retain(|candidate| candidate.saved > 0.0);
+        }
+        if found.len() > blocks {
             found.select_nth_unstable_by(blocks - 1, Candidate::order);
             found.truncate(blocks);
         }

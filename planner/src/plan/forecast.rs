@@ -224,7 +224,7 @@ impl<O: Objective> Forecast<O> {
         next: Option<(PlannedStop, u32)>,
         follows: bool,
     ) -> bool {
-        if O::HOVERS || old == FRESH {
+        if O::HOVERS || old == FRESH || O::COUNTS_AGES && model.has_visit_costs() {
             return false;
         }
         let index = old as usize;
@@ -330,7 +330,7 @@ impl<O: Objective> Forecast<O> {
         }
         let is_first = change.from == 0 && change.trace.legs.is_empty();
         let sensor = model.disks[stop.disk as usize].members[0] as usize;
-        if model.is_dead(stop.disk) {
+        if model.is_out(stop.disk) {
             return true;
         }
         let slot = f64::from(self.decoder.slot + 1);

@@ -139,9 +139,15 @@ impl PlanModel {
         model
     }
 
-    /// Whether all sensors of a disk are dead.
+    /// Whether visits cost energy, so that not all that are possible are worth it.
+    #[inline]
+    pub(crate) fn has_visit_costs(&self) -> bool {
+        self.sensors.first().is_some_and(|sensor| sensor.costs.has_visit_costs())
+    }
+
+    /// Whether no sensor of a disk can be served.
     #[must_use]
-    pub(super) fn is_dead(&self, disk: u32) -> bool {
+    pub(super) fn is_out(&self, disk: u32) -> bool {
         self.disks[disk as usize].members.iter().all(|&member| self.sensors[member as usize].weight == 0.0)
     }
 
@@ -158,6 +164,7 @@ impl PlanModel {
             capacity_bits: sampler.capacity_bits.into(),
             is_emptied: costs.is_by_visits()
                 || self.table.heard.is_none()
+                    && !costs.has_visit_costs()
                     && self.capacity_bits(index, rim_m2, !self.table.channel.depends_on_place())
                         >= f64::from(sampler.capacity_bits),
             initial_half_slots: 0.0,
@@ -167,7 +174,7 @@ impl PlanModel {
             noise_slots2: noise_slots2(self.table.arrivals, sampler.mean_bits, sampler.lossless_slots()),
             noise_before_slots2: 0.0,
             best_bits: f64::INFINITY,
-            costs: *costs,
+            costs: costs.weighted(weight),
         });
         let best_bits = self.carried_bits(index, 0.0, true);
         self.sensors[index as usize].best_bits = best_bits;

@@ -13,7 +13,7 @@ pub struct SensorModel {
     pub mean_bits: f64,
     /// What a slot of overflow costs [bit]: `w_i s_i τ`, by the weight of its bits (decision D25).
     pub cost_bits: f64,
-    /// That weight, `w_i`; 0 of a dead sensor, which no plan stops for.
+    /// That weight, `w_i`; 0 of a dead or silent sensor, which no plan stops for.
     pub weight: f64,
     /// Its buffer [bit].
     pub capacity_bits: f64,

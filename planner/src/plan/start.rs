@@ -62,7 +62,7 @@ pub fn extend<O: Objective>(model: &PlanModel, forecast: &mut Forecast<O>) {
             let members = &model.disks[stop as usize].members;
             let left = f64::from(forecast.window.slots - slot);
             let least = model.table.motion.least_slots_into(&at, model.disk(stop));
-            if least > left || model.is_dead(stop) {
+            if least > left || model.is_out(stop) {
                 continue;
             }
             // The later it is there the less is its worth, and the fewer the visits of others before.

@@ -39,7 +39,7 @@ fn fullest(
     table.sensors.grid.visit_within(position, table.limits.reach_m, |node| {
         let key = fullest_first(queues_bits[node.id as usize], node.id);
         let is_fuller = fullest.is_none_or(|(least, _)| key < least);
-        if is_fuller && !table.is_dead(node.id) && in_question(&node.position) {
+        if is_fuller && !table.is_out(node.id) && in_question(&node.position) {
             fullest = Some((key, node.position));
         }
     });

@@ -204,7 +204,9 @@ impl<O: Objective> LookAhead<O> {
         let next = planned_slot(&self.ahead.model, forecast, 1, &view.ground());
         let path = planned_path(&self.ahead.model, forecast);
         self.ahead.carry(forecast, &next.as_ref().map_or(view.ground(), |next| next.waypoint));
+        let is_choosy = O::COUNTS_AGES && self.ahead.model.has_visit_costs();
         let decision = match next {
+            None if is_choosy => Decision::stay(view),
             None if !O::HOVERS => return None,
             None => self.return_home(view),
             Some(next) if next.is_charging => return Some(Decision::stay(view)),
@@ -218,7 +220,11 @@ impl<O: Objective> LookAhead<O> {
             Some(next) => {
                 let (waypoint, outcome) = between_stops(&mut self.serving, view, &next);
                 let key = |id: u32| (!next.ids.contains(&id), fullest_first(view.value(id), id));
-                Decision { outcome, ..self.serving.serve_by(view, &waypoint, key) }
+                let mut decision = Decision { outcome, ..self.serving.serve_by(view, &waypoint, key) };
+                if is_choosy {
+                    decision.schedule.retain(|id| next.ids.contains(id));
+                }
+                decision
             }
         };
         self.path.extend(path.iter().map(|point| above(point, decision.waypoint.z)));

@@ -47,7 +47,7 @@ impl Nearby {
         keys.clear();
         let is_open = table.airspace.is_open();
         table.sensors.grid.visit_within(position, radius_m * PRESELECTION_MARGIN, |node| {
-            if !table.is_dead(node.id) && (is_open || table.may_serve_next(position, &node.position)) {
+            if !table.is_out(node.id) && (is_open || table.may_serve_next(position, &node.position)) {
                 keys.push(fullest_first(queues_bits[node.id as usize], node.id));
             }
         });

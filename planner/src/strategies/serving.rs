@@ -127,7 +127,7 @@ fn fill_in_range<K: Ord>(table: &MissionTable, ground: &Position, key: impl Fn(u
     let MissionTable { sensors, limits, .. } = table;
     ids.clear();
     sensors.grid.visit_within(ground, limits.comm_radius_m, |node| {
-        if !table.is_dead(node.id) {
+        if !table.is_out(node.id) {
             ids.push(node.id);
         }
     });

@@ -94,7 +94,7 @@ impl QueueWeightObjective {
         let mut terms = std::mem::take(&mut self.terms);
         terms.clear();
         view.table.sensors.grid.visit_within(&uav.xy(), view.table.limits.comm_radius_m, |node| {
-            if !view.table.is_dead(node.id) {
+            if !view.table.is_out(node.id) {
                 terms.push((Reverse(self.term_bits2(view, uav, node.id)), node.id));
             }
         });

@@ -1,0 +1,208 @@
+//! The airtime of sensor nodes (SNs), and those that have used up what a duty cycle grants them (decision D33).
+//!
+//! An SN is on air for at most `duty_cycle` of any `duty_window_s`, counted in whole slots.
+
+use std::collections::VecDeque;
+
+use serde::{Deserialize, Serialize};
+
+use crate::checkpoint::{CheckpointError, decode_first, encode};
+use crate::node_energy::DEAD;
+use crate::scenario::Scenario;
+
+/// Added to the queue of an SN without airtime for the next slot on the topics `queues` and `belief`; queues of missions
+/// with a duty cycle or batteries are shorter.
+pub const SILENT: u32 = 1 << 31;
+
+/// Whether an SN that is told as `told_bits` cannot be served: it is dead, or has no airtime.
+#[inline]
+#[must_use]
+pub fn is_out(told_bits: u32) -> bool {
+    told_bits >= SILENT
+}
+
+/// The queue of an SN that is told as `told_bits` [bit]; 0 of a dead one.
+#[inline]
+#[must_use]
+pub fn held_bits(told_bits: u32) -> u32 {
+    if told_bits == DEAD { 0 } else { told_bits & !SILENT }
+}
+
+/// The window of a duty cycle if a scenario does not say [s].
+const WINDOW_S: f64 = 3600.0;
+
+/// The airtime of all SNs within the window that ends with the next slot.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Airtime {
+    /// Slots of the window, and airtime of an SN within it [ns].
+    window: u64,
+    granted_ns: u64,
+    /// By id [ns].
+    used_ns: Vec<u64>,
+    /// What `used_ns` consists of, by slot.
+    sent: VecDeque<Sent>,
+    /// Most items of `sent`.
+    most: usize,
+    /// Services that were refused so far.
+    refused: u64,
+}
+
+/// The airtime of an SN in a slot.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+struct Sent {
+    slot: u64,
+    sensor: u32,
+    airtime_ns: u64,
+}
+
+impl Airtime {
+    /// The airtime before slot 1 of the `count` SNs of a scenario; `None` without a duty cycle.
+    #[must_use]
+    pub fn of(scenario: &Scenario, count: usize) -> Option<Self> {
+        let duty_cycle = scenario.link.duty_cycle?;
+        let window = scenario.whole_slots(scenario.link.duty_window_s.unwrap_or(WINDOW_S)).max(1);
+        let served = scenario.uav.uavs() * scenario.link.resource_blocks as usize;
+        Some(Self {
+            window,
+            granted_ns: (duty_cycle * window as f64 * scenario.slot_s * 1e9) as u64, // saturates
+            used_ns: vec![0; count],
+            sent: VecDeque::new(),
+            most: usize::try_from(window.min(scenario.slots)).unwrap_or(usize::MAX).saturating_mul(served),
+            refused: 0,
+        })
+    }
+
+    /// Whether SN `sensor` has no airtime in the next slot.
+    #[must_use]
+    pub fn is_silent(&self, sensor: usize) -> bool {
+        self.used_ns[sensor] >= self.granted_ns
+    }
+
+    /// Services that were refused so far.
+    #[must_use]
+    pub fn refused(&self) -> u64 {
+        self.refused
+    }
+
+    /// Whether SN `sensor` may be served in the next slot; if not, the service is refused.
+    pub(crate) fn admits(&mut self, sensor: usize) -> bool {
+        self.refused += u64::from(self.is_silent(sensor));
+        !self.is_silent(sensor)
+    }
+
+    /// Bits that SN `sensor` may send in the next slot at `rate_bps` [bit/s].
+    pub(crate) fn most_bits(&self, sensor: usize, rate_bps: f64) -> u64 {
+        let left_ns = self.granted_ns.saturating_sub(self.used_ns[sensor]);
+        (left_ns as f64 / 1e9 * rate_bps) as u64 // saturates
+    }
+
+    /// SN `sensor` sends `bits` [bit] in `slot`, the next, at `rate_bps` [bit/s]. If these are all that it may send, it has
+    /// used up its airtime.
+    pub(crate) fn send(&mut self, slot: u64, sensor: usize, bits: u64, rate_bps: f64) {
+        let left_ns = self.granted_ns.saturating_sub(self.used_ns[sensor]);
+        let is_all = bits == self.most_bits(sensor, rate_bps);
+        let sent_s = if bits > 0 { bits as f64 / rate_bps } else { 0.0 };
+        let airtime_ns = if is_all { left_ns } else { ((sent_s * 1e9).ceil() as u64).min(left_ns) };
+        if airtime_ns > 0 {
+            self.used_ns[sensor] += airtime_ns;
+            self.sent.push_back(Sent { slot, sensor: sensor as u32, airtime_ns });
+        }
+    }
+
+    /// Ends `slot`: what was sent before the window of the next slot no longer counts.
+    pub(crate) fn end_slot(&mut self, slot: u64) {
+        while let Some(&Sent { slot: sent, sensor, airtime_ns }) = self.sent.front()
+            && sent.saturating_add(self.window) <= slot + 1
+        {
+            self.used_ns[sensor as usize] -= airtime_ns;
+            self.sent.pop_front();
+        }
+    }
+
+    /// Bytes that [`Self::save`] takes at most.
+    #[must_use]
+    pub fn most_bytes(&self) -> usize {
+        self.most.saturating_mul(25).saturating_add(20)
+    }
+
+    /// Appends the state for a checkpoint.
+    pub fn save(&self, bytes: &mut Vec<u8>) {
+        encode(&(&self.sent, self.refused), bytes);
+    }
+
+    /// This airtime as it was saved at the beginning of `bytes`, after `slot`, and the bytes after it.
+    ///
+    /// # Errors
+    /// If the state is impossible.
+    pub fn restored<'a>(&self, slot: u64, bytes: &'a [u8]) -> Result<(Self, &'a [u8]), CheckpointError> {
+        let ((sent, refused), left): ((VecDeque<Sent>, u64), _) = decode_first(bytes)?;
+        let mut used_ns = vec![0u64; self.used_ns.len()];
+        let mut is_possible = sent.len() <= self.most && sent.iter().is_sorted_by_key(|sent| sent.slot);
+        for Sent { slot: sent, sensor, airtime_ns } in &sent {
+            let in_window = (1..=slot).contains(sent) && sent.saturating_add(self.window) > slot + 1;
+            let used_ns = used_ns.get_mut(*sensor as usize).filter(|_| in_window && *airtime_ns > 0);
+            is_possible &= used_ns.is_some_and(|used_ns| {
+                *used_ns = used_ns.saturating_add(*airtime_ns);
+                *used_ns <= self.granted_ns
+            });
+        }
+        CheckpointError::ensure(is_possible, "possible airtimes of this field")?;
+        Ok((Self { used_ns, sent, refused, ..self.clone() }, left))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ledger::Ledger;
+    use crate::sampling::Sampling;
+    use crate::scenario::Overrides;
+    use std::path::Path;
+
+    /// Airtime of two SNs in slots of 2 s.
+    fn airtime(keys: &str) -> Airtime {
+        let text = format!("name = 'a'\nslots = 100\nslot_s = 2.0\n{keys}");
+        let scenario = Scenario::parse(&text, Path::new("a.toml"), Overrides::default()).unwrap();
+        Airtime::of(&scenario, 2).unwrap()
+    }
+
+    #[test]
+    fn an_sn_sends_for_its_fraction_of_every_window_and_is_silent_until_that_moves_on() {
+        // 10 % of 10 s, five slots: 1 s on air. 100 bit a slot; 250 bit/s in slot 1, of which it has 200 bit; 0.2 s are
+        // left in slot 2, 50 bit; slot 1 leaves the window of slot 6, slot 2 that of slot 7.
+        let airtime = airtime("link.duty_cycle = 0.1\nlink.duty_window_s = 10.0\n");
+        let sampling = Sampling::new(vec![100.0; 2], vec![10_000; 2]);
+        let mut ledger = Ledger::new(sampling, vec![100, 0]).with_airtime(Some(airtime));
+        let sent_bits: Vec<u64> = (1..=8)
+            .map(|slot| {
+                ledger.sample(slot);
+                let bits = ledger.serve(slot, 0, 9_999, 250.0);
+                assert_eq!(ledger.has_answered(0), bits > 0);
+                ledger.end_slot(slot, &[]);
+                let told = ledger.told_bits()[0];
+                assert_eq!(held_bits(told), ledger.queues_bits()[0]);
+                assert_eq!(is_out(told), [2, 3, 4, 7, 8].contains(&slot), "slot {slot}");
+                bits
+            })
+            .collect();
+        assert_eq!(sent_bits, [200, 50, 0, 0, 0, 200, 50, 0]);
+        assert_eq!(ledger.airtime().unwrap().refused(), 4);
+        assert_eq!(ledger.told_bits()[1], 800, "never served");
+    }
+
+    #[test]
+    fn a_window_of_one_slot_limits_each_slot_and_impossible_states_are_refused() {
+        let fresh = airtime("link.duty_cycle = 0.5\nlink.duty_window_s = 2.0\n");
+        assert_eq!((fresh.window, fresh.most_bits(0, 250.0)), (1, 250));
+        let mut used = airtime("link.duty_cycle = 0.001\n");
+        assert_eq!((used.window, used.granted_ns), (1_800, 3_600_000_000));
+        used.send(4, 1, 250, 100.0);
+        used.end_slot(4);
+        let mut bytes = Vec::new();
+        used.save(&mut bytes);
+        assert_eq!(airtime("link.duty_cycle = 0.001\n").restored(4, &bytes).unwrap(), (used.clone(), &[][..]));
+        assert!(airtime("link.duty_cycle = 0.0005\n").restored(4, &bytes).is_err(), "more than is granted");
+        assert!(fresh.restored(4, &bytes).is_err(), "before the window");
+        assert!(used.restored(3, &bytes).is_err(), "to come");
+    }
+}
