@@ -249,5 +249,4 @@ impl LoggedFlight {
 }
 
 /// The start of the track is the UAV's.
-pub const TRACK_LINE: &str =
-    "track = \"track.csv\"               # the log's flight; strategies only schedule\n";
+pub const TRACK_LINE: &str = "track = \"track.csv\"               # the log's flight; strategies only schedule\n";

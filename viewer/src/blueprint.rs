@@ -12,8 +12,8 @@ use re_sdk::{
     StoreKind,
 };
 use re_sdk_types::blueprint::archetypes::{
-    ContainerBlueprint, EntityBehavior, PanelBlueprint, TimePanelBlueprint, ViewBlueprint, ViewContents, ViewportBlueprint,
-    VisibleTimeRanges,
+    ContainerBlueprint, EntityBehavior, PanelBlueprint, TimePanelBlueprint, ViewBlueprint, ViewContents,
+    ViewportBlueprint, VisibleTimeRanges,
 };
 use re_sdk_types::blueprint::components::{
     ContainerKind, Fps, PanelState, RootContainer, TimelineName, VisibleTimeRange,

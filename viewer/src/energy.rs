@@ -48,7 +48,8 @@ impl NodeEnergy {
             return Ok(None);
         }
         canvas.log_static(ENERGY, &AnnotationContext::new((0..=FULL_LEVEL).map(describe)))?;
-        canvas.log_static(ENERGY, &LineStrips3D::update_fields().with_radii([Radius::new_ui_points(1.3)]))?;
+        let style = LineStrips3D::update_fields().with_radii([Radius::new_ui_points(1.5)]).with_show_labels(false);
+        canvas.log_static(ENERGY, &style)?;
         canvas.log_static(DEAD_MARKS, &line_style(colour::DEAD, 1.5))?;
         canvas.log_static(ALIVE, &curve_style("SNs alive", colour::CHARGE))?;
         let z_m = 0.1 * sizes.layer_m;
@@ -92,6 +93,7 @@ fn level(fraction: f64) -> u16 {
 /// Name and colour of a level, which the viewer shows on hovering.
 fn describe(level: u16) -> AnnotationInfo {
     let fraction = f64::from(level) / f64::from(FULL_LEVEL);
-    let label = if level == 0 { "dead".to_owned() } else { format!("up to {:.0} % of the energy left", 100.0 * fraction) };
+    let label =
+        if level == 0 { "dead".to_owned() } else { format!("up to {:.0} % of the energy left", 100.0 * fraction) };
     AnnotationInfo { id: level, label: Some(label.into()), color: Some(colour::of_energy(fraction).into()) }
 }

@@ -31,8 +31,8 @@ const CELLS: u32 = 64;
 const BEST_CELLS: u32 = 160;
 const MOST_LINKS: f64 = 2e7;
 
-/// Opacity where there is a link.
-const OPACITY: u8 = 110;
+/// Opacity where there is a link, so that bars and paths stand out.
+const OPACITY: f64 = 0.35;
 
 /// A map of links over the area, as an image.
 struct LinkImage<'a> {
@@ -58,7 +58,7 @@ impl LinkImage<'_> {
         let pixel = |at: Position| match rate_bps(&at, &above(&at, self.scenario.uav.altitude_m)) {
             rate_bps if rate_bps > 0.0 => {
                 let [red, green, blue] = colour::of_rate(rate_bps, &self.range_bps);
-                [red, green, blue, OPACITY]
+                [red, green, blue, u8::MAX].map(|channel| (OPACITY * f64::from(channel)) as u8) // premultiplied
             }
             _ => [0; 4],
         };
