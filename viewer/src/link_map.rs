@@ -32,7 +32,7 @@ const BEST_CELLS: u32 = 160;
 const MOST_LINKS: f64 = 2e7;
 
 /// Opacity where there is a link, so that bars and paths stand out.
-const OPACITY: f64 = 0.35;
+const OPACITY: f64 = 0.55;
 
 /// A map of links over the area, as an image.
 struct LinkImage<'a> {

@@ -8,7 +8,7 @@ use svg::node::element::{Circle, ClipPath, Group, Rectangle};
 
 use super::axis::{Axis, Panel};
 use super::levels::{BANDS, LevelMap, tint};
-use super::page::{INK, Look, MARGIN, Page, SAMPLE, fitting, line, stroke, text};
+use super::page::{INK, Look, MARGIN, Page, SAMPLE, fitting, line, stroke, text, text_width};
 use super::style::shade;
 use crate::error::LabError;
 
@@ -200,7 +200,7 @@ impl MapSheet {
         entries.extend(names.iter().enumerate().map(|(uav, name)| (path(uav), name.as_str())));
         entries.push((Group::new().add(sensor(at, 0.5)), "sensor"));
         let energies = || self.maps.iter().flat_map(|map| &map.sensors).filter_map(|sensor| sensor.energy);
-        entries.extend(energies().next().map(|_| (battery(at, 0.7), "energy left in it")));
+        entries.extend(energies().next().map(|_| (battery(at, 0.7), "energy left")));
         entries.extend(energies().find(|left| *left == 0.0).map(|_| (dead(at), "dead sensor")));
         let has = |kind| self.maps.iter().flat_map(|map| &map.areas).any(|(other, _)| *other == kind);
         let square = |kind| {
@@ -277,8 +277,12 @@ impl TrajectoryMap {
             path_m.last().into_iter().for_each(|&end_m| page.add(sign(at(end_m), END)));
         }
         for (place_m, name) in &self.names {
+            // Within the panel: above the place, or below it where it is at the upper end.
+            let half = 0.55 * text_width(name, 0.8 * EM);
             let [x, y] = at(*place_m);
-            page.add(text(name, [x, y - 1.8 * EM], 0.8 * EM, "middle"));
+            let x = x.min(corner[0] + size[0] - half).max(corner[0] + half);
+            let y = if y - 2.5 * EM < corner[1] { y + 2.2 * EM } else { y - 1.8 * EM };
+            page.add(text(name, [x, y], 0.8 * EM, "middle"));
         }
     }
 }

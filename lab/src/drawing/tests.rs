@@ -238,7 +238,7 @@ fn a_higher_fraction_is_darker() {
 #[test]
 fn a_map_shows_links_in_bands_and_batteries_and_names_them_alone() {
     let mut sheet = sheet();
-    let names = ["best SNR [dB]", "energy left in it", "dead sensor"];
+    let names = ["best SNR [dB]", "energy left", "dead sensor"];
     let (svg, _) = files(|stem| sheet.draw(stem));
     assert!(names.iter().all(|name| !svg.contains(name)) && !svg.contains(&levels::tint(0)));
     // Three of four cells have links, of the lowest, the lowest and the highest level.

@@ -64,13 +64,13 @@ fn without_these_models_a_recording_has_none_of_their_entities() {
 #[test]
 fn the_map_of_the_best_link_is_shown_and_those_of_each_sensor_node_are_hidden() {
     let found = record(&mapped(), &sensors(SENSORS), log_slots);
-    assert!(found.text(link_map::LINK_MAP, "GridMap:data", None).contains("89"));
+    assert!(found.text(link_map::LINK_MAP, "GridMap:data", None).contains("140"));
     for id in 0..SENSORS {
         assert!(has(&found, &format!("{}/{id}", link_map::LINK_MAPS)), "{id}");
     }
     // The map begins in the north-west: SN 0 has a link there, and SN 1 none anywhere.
     let of = |id: u32| found.text(&format!("{}/{id}", link_map::LINK_MAPS), "GridMap:data", None);
-    assert!(of(0).contains("89") && !of(1).contains("89"), "{}", of(1));
+    assert!(of(0).contains("140") && !of(1).contains("140"), "{}", of(1));
     assert_eq!(hidden(&found), 3, "in each view of the field");
     assert!(found.text(legend::PAGE, "TextDocument:text", None).contains("rate expected of the best link"));
     let many = record(&mapped(), &sensors(201), |_| {});
