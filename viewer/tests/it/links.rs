@@ -21,7 +21,7 @@ fn mapped() -> Scenario {
     let map = LinkMap::of_arrays(axes_m, &[3, 1, 1, 3], &levels, None).unwrap();
     let places: Vec<Position> = sensors(SENSORS).positions.clone();
     let overrides = Overrides { map: Some(map.at_places(&places).held()), ..Overrides::default() };
-    let text = "name = 'mapped'\nlink = { model = 'map', file = 'none.csv' }\n";
+    let text = "name = 'mapped'\nlink = { model = 'map', file = 'none.csv', comm_radius_m = 200.0 }\n";
     Scenario::parse(text, Path::new("mapped.toml"), overrides).unwrap()
 }
 
@@ -64,7 +64,8 @@ fn without_these_models_a_recording_has_none_of_their_entities() {
 #[test]
 fn the_map_of_the_best_link_is_shown_and_those_of_each_sensor_node_are_hidden() {
     let found = record(&mapped(), &sensors(SENSORS), log_slots);
-    assert!(found.text(link_map::LINK_MAP, "GridMap:data", None).contains("140"));
+    let best = found.text(link_map::LINK_MAP, "GridMap:data", None);
+    assert!(best.contains("140"), "{best}");
     for id in 0..SENSORS {
         assert!(has(&found, &format!("{}/{id}", link_map::LINK_MAPS)), "{id}");
     }
