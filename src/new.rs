@@ -112,7 +112,8 @@ pub struct NewCommand {
     terrain: Option<PathBuf>,
     /// Least height of the flight above the ground [m].
     #[cfg(feature = "lab")]
-    #[arg(long, value_name = "M", requires = "terrain", default_value = "10", value_parser = clearance)]
+    #[arg(long, value_name = "M", requires = "terrain", default_value = "10", value_parser = clearance,
+          allow_hyphen_values = true)]
     clearance: f64,
     #[command(flatten)]
     hardware: Hardware,

@@ -23,6 +23,8 @@ impl<F: FnMut(&SlotView) -> Result<(), SceneError>> SlotViews<F> {
             plans: &plans,
             paths,
             flights: plant.flights(),
+            heard: &plant.heard_links(),
+            charges: plant.field().charges(),
             slots_per_s: None,
             plan_ms: None,
         };

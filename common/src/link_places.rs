@@ -44,7 +44,7 @@ pub fn placed(scenario: &Scenario) -> Result<Option<&'static LinkMap>, InputErro
     let are_ids = names.iter().all(|name| by_id(name).is_some());
     let are_names = names.iter().all(|name| list.ids_named(name).next().is_some());
     let id = |name: &String| {
-        let mut named = list.ids_named(name).filter(|_| are_names || !are_ids);
+        let mut named = list.ids_named(name).filter(|_| !map.are_ids() && (are_names || !are_ids));
         let first = named.next();
         if let (Some(first), Some(second)) = (first, named.next()) {
             let expected = "expected names of one sensor node each, or ids";

@@ -176,6 +176,11 @@ impl Charges {
         &self.charge_nj
     }
 
+    /// What is left, by id, as a fraction of the capacity.
+    pub fn fractions(&self) -> impl Iterator<Item = f64> {
+        self.charge_nj.iter().enumerate().map(|(id, &nj)| nj as f64 / self.capacity_nj.of(id) as f64)
+    }
+
     /// The sums since the mission's start.
     #[must_use]
     pub fn totals(&self) -> NodeEnergyTotals {
@@ -194,14 +199,13 @@ impl Charges {
     /// What the mission came to by now.
     #[must_use]
     pub fn summed_up(&self, delivered_bits: u64) -> NodeEnergyUse {
-        let fractions = || (0..).zip(&self.charge_nj).map(|(id, &nj)| nj as f64 / self.capacity_nj.of(id) as f64);
         let at_s = |slot: Option<u64>| slot.map(|slot| slot as f64 * self.slot_s);
         NodeEnergyUse {
             used_j: self.totals.used_nj as f64 / 1e9,
             harvested_j: (self.totals.harvested_nj - self.totals.spilled_nj) as f64 / 1e9,
             energy_per_bit_j: (delivered_bits > 0).then(|| self.totals.used_nj as f64 / 1e9 / delivered_bits as f64),
-            residual_min: fractions().fold(1.0, f64::min),
-            residual_mean: fractions().sum::<f64>() / self.charge_nj.len() as f64,
+            residual_min: self.fractions().fold(1.0, f64::min),
+            residual_mean: self.fractions().sum::<f64>() / self.charge_nj.len() as f64,
             dead: self.dead,
             first_death_s: at_s(self.first_death),
             half_dead_s: at_s(self.half_dead),

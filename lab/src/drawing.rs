@@ -6,6 +6,7 @@
 mod axis;
 pub mod chart;
 pub(crate) mod curves;
+pub(crate) mod levels;
 pub(crate) mod map;
 pub(crate) mod page;
 #[cfg(feature = "pictures")]

@@ -109,7 +109,7 @@ def test_comparisons_and_fields_hold_maps() -> None:
         ({"levels": np.zeros((2, 1, 2, 5))}, "no grid for SN 2"),
         ({"levels": np.zeros((4, 1, 2, 5))}, "sensor `3`: expected the name or the id of a sensor node"),
         ({"levels": np.zeros((3, 1, 5, 2))}, r"snr_db: shape \[3, 1, 5, 2\]: expected \[N, 1, 2, 5\], for z, y and x"),
-        ({"levels": np.full((3, 1, 2, 5), np.inf)}, "snr_db = inf: expected a finite number, or nan for no link"),
+        ({"levels": np.full((3, 1, 2, 5), np.inf)}, "snr_db = inf: expected -300 to 300 dB, or nan for no link"),
         ({"x_m": X_M[::-1]}, "x_m: expected finite numbers that ascend"),
         ({"rates": [[5.0, 1.0], [0.0, 2.0]]}, "snr_db = 0, rate_bps = 2: expected ascending steps"),
         ({"rates": []}, "expected a row for each step"),

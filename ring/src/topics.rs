@@ -164,7 +164,7 @@ topics! {
     /// the flight of a slot then has the links, too.
     links: OptionalTopic<[HeardLink], SlotHeader> {
         writer: FlightSim,
-        readers: &[Planner],
+        readers: &[Planner, Viewer],
         history: FLIGHT_HISTORY,
         exists: Terms::has_beacons,
     }

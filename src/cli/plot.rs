@@ -34,6 +34,9 @@ pub struct PlotCommand {
     request: PlotRequest,
     #[command(flatten)]
     sheet: SheetOptions,
+    /// Sensor node whose map of links is drawn under the trajectories of runs, by name or id [default: the best link].
+    #[arg(long, value_name = "SENSOR")]
+    links_of: Option<String>,
     /// Print the numbers as JSON instead of the table.
     #[arg(long)]
     json: bool,
@@ -54,6 +57,10 @@ impl PlotCommand {
             let expected = "expected the folder of one sweep, or run folders";
             Error::Usage(format!("{}: {expected}", what[1].display()))
         })?;
+        if self.links_of.is_some() {
+            let expected = "a sweep, which is not drawn as a map: omit this option";
+            return Err(Error::Usage(format!("--links-of: {} is {expected}", sweep.display())));
+        }
         if self.request.x.is_empty() {
             let expected = "expected the key of the x axis, such as --x area.side_m";
             return Err(Error::Usage(format!("{}: {expected}", sweep.display())));
@@ -75,7 +82,7 @@ impl PlotCommand {
             let run = self.what[0].display();
             return Err(Error::Usage(format!("{option}: {run} is a run, which is drawn as a map: omit this option")));
         }
-        let drawn = draw_maps(&self.what, &self.sheet, stop)?;
+        let drawn = draw_maps(&self.what, self.links_of.as_deref(), &self.sheet, stop)?;
         if self.json {
             return print(serde_json::to_string_pretty(&drawn).expect("plain numbers and strings"));
         }

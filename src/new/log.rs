@@ -209,7 +209,8 @@ impl LoggedFlight {
         let measured = Measured::of(grid, nodes.clone(), &heard);
         let measured = measured.ok_or_else(|| self.refuse("no snr_db: expected SNRs of sensor nodes"))?;
         let shape = [nodes.len(), 1, grid.nodes[1], grid.nodes[0]];
-        let levels_db: Vec<f64> = measured.levels_db().iter().map(|level| (level * 100.0).round() / 100.0).collect();
+        let rounded_db = |level: &f64| (level * 100.0).round().clamp(-3e4, 3e4) / 100.0;
+        let levels_db: Vec<f64> = measured.levels_db().iter().map(rounded_db).collect();
         let map = LinkMap::of_arrays(grid.axes_m(), &shape, &levels_db, Some(self.rates.clone()));
         let map = map.map_err(|message| self.refuse(&message))?;
         additions.files.extend(map.to_csv().1.map(|rates| (RATES, rates)));
@@ -220,7 +221,7 @@ impl LoggedFlight {
         let residual = residual_db.map_or_else(String::new, |residual_db| {
             format!("residual_db = {residual_db:.2}                # about the mean of a bin\n")
         });
-        lines.set_model(format!(
+        lines.set_map(format!(
             "model = \"map\"                     # the links of the log, by place\nfile = \"{LINKS}\"\nrates = \"{RATES}\"\n\
              {residual}law_snr_db = {:.2}                # for planner.links = \"law\"\nlaw_exponent = {exponent:.3}\n",
             snr_db.clamp(-300.0, 300.0)
@@ -248,5 +249,4 @@ impl LoggedFlight {
 }
 
 /// The start of the track is the UAV's.
-pub const TRACK_LINE: &str =
-    "track = \"track.csv\"               # the flight of the log; strategies choose whom to serve\n";
+pub const TRACK_LINE: &str = "track = \"track.csv\"               # the log's flight; strategies only schedule\n";

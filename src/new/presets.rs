@@ -22,7 +22,7 @@ const JERK_S: f64 = 3.0;
 /// Altitude of a new scenario with a drone [m].
 const ALTITUDE_M: f64 = 30.0;
 
-/// Keys of the paper's radio, which another one replaces.
+/// Keys of the paper's radio, which another one replaces; a map only those of the rates, the first.
 const OF_PAPERS_RADIO: [&str; 7] = [
     "link.bandwidth_hz",
     "link.tx_power_w",
@@ -32,6 +32,10 @@ const OF_PAPERS_RADIO: [&str; 7] = [
     "link.comm_radius_m",
     "link.resource_blocks",
 ];
+
+/// How many of them are of the rates.
+#[cfg(feature = "lab")]
+const OF_RATES: usize = 5;
 
 /// The head of the file.
 const HEADER: &str = "\
@@ -82,10 +86,18 @@ impl Lines {
         self.is_of_hardware.then_some(HEADER)
     }
 
-    /// Sets the lines of the channel model, instead of those of the paper's or of a preset.
+    /// Sets the lines of a map of links, instead of those of the paper's channel or of a preset, and a strategy that
+    /// knows it.
     #[cfg(feature = "lab")]
-    pub fn set_model(&mut self, lines: String) {
-        self.lines.extend([("link.gain_db", String::new()), ("link.gain", String::new()), ("link.model", lines)]);
+    pub fn set_map(&mut self, lines: String) {
+        self.lines.extend(OF_PAPERS_RADIO[..OF_RATES].iter().map(|key| (*key, String::new())));
+        self.lines.push(("link.model", lines));
+        self.set_strategy();
+    }
+
+    fn set_strategy(&mut self) {
+        let comment = "Strategy, one of those in skysink simulate --help";
+        self.set("planner.strategy", "strategy = \"horizon\"", comment);
     }
 
     pub(super) fn set(&mut self, key: &'static str, setting: &str, comment: &str) {
@@ -122,11 +134,7 @@ impl Hardware {
             lines.set("uav.endurance_s", "must_land = true", "in the base, which is where it starts");
         }
         if self.is_named() {
-            lines.set(
-                "planner.strategy",
-                "strategy = \"horizon\"",
-                "Strategy, one of those in skysink simulate --help",
-            );
+            lines.set_strategy();
         }
         lines
     }

@@ -56,7 +56,7 @@ impl<'a> Terrain<'a> {
                 let expected = format!("expected a place with a height in {}", self.path.display());
                 InputError::new("sensor positions", path, format_args!("{}: {expected}", sensor.place))
             })?;
-            sensor.others.push(height_m.to_string());
+            sensor.others.push(in_mm(height_m).to_string());
         }
         Ok(())
     }
@@ -91,7 +91,7 @@ impl<'a> Terrain<'a> {
         add_links(&grid, altitude_m, draft, list, &mut additions).map_err(|message| self.refuse(&message))?;
         let link = &draft.link;
         let setup = link.setup_s.map(|setup_s| format!("setup_s = {setup_s:?}\n")).unwrap_or_default();
-        lines.set_model(format!(
+        lines.set_map(format!(
             "model = \"map\"                     # none where the ground hides an SN\nfile = \"{LINKS}\"\n{setup}"
         ));
         // Those of a preset, which a map does not have.
@@ -130,11 +130,16 @@ impl<'a> Terrain<'a> {
         }
         simplify(&mut polygons, EXACT_CORNERS, grid.cell_m(), KeptGround { places: &[*start], areas: &[] });
         for polygon in &polygons {
-            let corners_m: Vec<[f64; 2]> = polygon.corners().iter().map(|at| [at.x, at.y]).collect();
+            let corners_m: Vec<[f64; 2]> = polygon.corners().iter().map(|at| [in_mm(at.x), in_mm(at.y)]).collect();
             additions.zones += &format!("\n[[area.no_fly]]\npolygon_m = {corners_m:?}\n");
         }
         Ok(())
     }
+}
+
+/// A length rounded to millimetres [m].
+fn in_mm(along_m: f64) -> f64 {
+    (along_m * 1e3).round() / 1e3
 }
 
 /// Adds a map of the rates of the radio of `draft`, without links where the ground hides a sensor node.

@@ -3,6 +3,8 @@
 use std::fs;
 
 use expect_test::expect_file;
+use skysink_common::channel::LinkMap;
+use skysink_common::geometry::Position;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::{SensorList, Sensors};
 use skysink_common::stop::Stop;
@@ -68,6 +70,28 @@ fn an_impossible_map_is_refused() {
     place.scenario("smoke");
     write(&place);
     place.assert_transcript(&expect_file!["transcripts/channel-map.txt"]);
+}
+
+/// The first sensor node of this list is named as the second one's id.
+#[test]
+fn grids_of_arrays_are_those_of_ids_whatever_sensor_nodes_are_named() {
+    let place = Place::new();
+    place.write("nodes.csv", "x_m,y_m,name\n10,10,1\n90,90,0\n");
+    let arrays = LinkMap::of_arrays([vec![0.0], vec![0.0], vec![20.0]], &[2, 1, 1, 1], &[5e4, 9e4], None).unwrap();
+    let text = "name = 'x'\nsensors.file = 'nodes.csv'\nlink = { model = 'map', file = 'links.csv' }\n";
+    let first_bps = |overrides: Overrides| {
+        let scenario = Scenario::parse(text, &place.path("x.toml"), overrides);
+        let scenario = scenario.and_then(skysink_planner::settings::resolve).unwrap();
+        scenario.link.map.unwrap().level(&Position::new(10.0, 10.0), &[0.0, 0.0, 20.0].into())
+    };
+    let names = "sensor,x_m,y_m,z_m,rate_bps\n0,0,0,20,50000\n1,0,0,20,90000\n";
+    let named = LinkMap::parse(names, &place.path("links.csv"), None).unwrap();
+    assert_eq!(named, arrays);
+    place.write("links.csv", names);
+    assert_eq!(first_bps(Overrides::default()), 9e4, "by name");
+    assert_eq!(first_bps(Overrides { map: Some(arrays.clone().held()), ..Overrides::default() }), 5e4);
+    place.write("links.csv", &arrays.to_csv().0);
+    assert_eq!(first_bps(Overrides::default()), 5e4, "and as a run keeps them");
 }
 
 #[test]

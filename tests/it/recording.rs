@@ -89,6 +89,22 @@ fn ring_and_single_process_record_the_same_losses_coverage_and_beliefs() {
 }
 
 #[test]
+fn ring_and_single_process_record_the_same_heard_links_and_batteries() {
+    let place = Place::new();
+    let energy = "{ capacity_j = 3.0, sleep_w = 0.05, wake = \"scheduled\", listen_w = 0.1, tx_w = 1.0 }";
+    let sensors = format!("[sensors]\ncount = 30\nsampling_bps = [50.0, 350.0]\nenergy = {energy}\n");
+    let link = "[link]\nmodel = \"probabilistic-los\"\nbeacon_radius_m = 25.0\n";
+    place.write("weak.toml", &format!("name = \"weak\"\nslots = 70\n{sensors}{link}"));
+    place.flight("weak").options(&["--record"]).out("alone").simulate();
+    place.flight("weak").out("ring").run();
+    for entity in ["/world/heard", "/world/energy", "/world/dead", "/metrics/alive"] {
+        let [alone, ring] = ["alone", "ring"].map(|run| rows(&place.path(&format!("{run}/mission.rrd")), entity));
+        assert!(alone.len() > 5, "{entity}: {}", alone.len());
+        assert!(alone == ring, "{entity}");
+    }
+}
+
+#[test]
 fn kills_of_the_planner_do_not_change_the_planned_path() {
     let place = Place::new();
     let flight = ahead(&place).set("slots", 400);

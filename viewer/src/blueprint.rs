@@ -12,8 +12,8 @@ use re_sdk::{
     StoreKind,
 };
 use re_sdk_types::blueprint::archetypes::{
-    ContainerBlueprint, PanelBlueprint, TimePanelBlueprint, ViewBlueprint, ViewContents, ViewportBlueprint,
-    VisibleTimeRanges,
+    ContainerBlueprint, EntityBehavior, PanelBlueprint, TimePanelBlueprint, ViewBlueprint, ViewContents,
+    ViewportBlueprint, VisibleTimeRanges,
 };
 use re_sdk_types::blueprint::components::{
     ContainerKind, Fps, PanelState, RootContainer, TimelineName, VisibleTimeRange,
@@ -138,6 +138,12 @@ impl Blueprint {
         let ranges = VisibleTimeRanges::new([range(SLOT, 1.0), range(SIM_TIME, 1e9 * slot_s)]);
         let place = EntityPath::from(format!("ViewContents/overrides/{entity}/visualizers"));
         self.recorder.log(view.path().join(&place), &ranges)
+    }
+
+    /// Hides an entity and all below it in a view, until it is switched on.
+    pub(crate) fn hide(&self, view: Tile, entity: &str) -> RecordingStreamResult<()> {
+        let place = EntityPath::from(format!("ViewContents/overrides/{entity}"));
+        self.recorder.log(view.path().join(&place), &EntityBehavior::new().with_visible(false))
     }
 
     /// Sends the layout along with a recording: all panels closed, the slots played at `slots_per_s`. It becomes the

@@ -90,6 +90,10 @@ pub const BUILDING: Rgb = [125, 130, 140];
 pub const EDGE: Rgb = [200, 205, 215];
 /// Charging, the energy in the battery, and the base.
 pub const CHARGE: Rgb = [150, 220, 90];
+/// An empty battery of a sensor node.
+const EMPTY: Rgb = [150, 60, 40];
+/// Crosses over dead sensor nodes.
+pub const DEAD: Rgb = [235, 235, 240];
 /// Returning to the base.
 pub const RETURN: Rgb = [240, 175, 60];
 /// Wall-clock figures.
@@ -148,6 +152,21 @@ pub(crate) fn of_rate(rate_bps: f64, range_bps: &RangeInclusive<f64>) -> Rgb {
     let fraction = if span_bps > 0.0 { ((rate_bps - range_bps.start()) / span_bps).clamp(0.0, 1.0) } else { 1.0 };
     between(LOWEST, HIGHEST, fraction)
 }
+
+/// Colour of the energy left in a sensor node, from 0 (brown) to 1 (light green).
+pub(crate) fn of_energy(fraction: f64) -> Rgb {
+    between(EMPTY, CHARGE, fraction)
+}
+
+/// Colour of an SNR that is heard, from dim at the lower end of [`HEARD_DB`] to bright at the upper.
+pub(crate) fn of_snr(snr_db: f32) -> Rgb {
+    const DIM: Rgb = [74, 82, 100];
+    let [lowest_db, highest_db] = HEARD_DB;
+    between(DIM, UAV, ((f64::from(snr_db) - lowest_db) / (highest_db - lowest_db)).clamp(0.0, 1.0))
+}
+
+/// Ends of the colour scale of SNRs [dB].
+pub(crate) const HEARD_DB: [f64; 2] = [-10.0, 30.0];
 
 /// Interpolates between two colours, at a fraction from 0 to 1.
 pub(crate) fn between(from: Rgb, to: Rgb, fraction: f64) -> Rgb {

@@ -18,7 +18,7 @@ use crate::los::{self, profile};
 use crate::recording::Recording;
 use crate::sizes::Sizes;
 use crate::slot::WallClock;
-use crate::{belief, curves, events, geo, legend, links, maps, path, queues, uav};
+use crate::{belief, curves, energy, events, geo, legend, link_map, links, maps, path, queues, uav};
 
 /// Playback speed of a file [slot/s].
 pub(crate) const SLOTS_PER_S: f64 = 10.0;
@@ -28,16 +28,17 @@ pub(crate) fn send(
     recording: &Recording,
     sizes: &Sizes,
     scenario: &Scenario,
+    count: usize,
     clock: WallClock,
     estimated: Option<Rates>,
 ) -> RecordingStreamResult<()> {
     let mut layout = Blueprint::new(recording)?;
-    let scenes = scenes(&mut layout, sizes, scenario, estimated)?;
+    let scenes = scenes(&mut layout, sizes, scenario, count, estimated)?;
     let lane = lane(&mut layout, recording.port, scenario.base.is_some())?;
     let log = log(&mut layout)?;
     let below = layout.container(ContainerKind::Tabs, &[(1.0, lane), (1.0, log)])?;
     let left = layout.container(ContainerKind::Vertical, &[(6.0, scenes), (1.1, below)])?;
-    let right = beside(&mut layout, scenario, clock, recording.port)?;
+    let right = beside(&mut layout, scenario, count, clock, recording.port)?;
     let root = layout.container(ContainerKind::Horizontal, &[(2.1, left), (1.0, right)])?;
     layout.send(&recording.stream, root, SLOTS_PER_S)
 }
@@ -87,6 +88,7 @@ fn scenes(
     layout: &mut Blueprint,
     sizes: &Sizes,
     scenario: &Scenario,
+    count: usize,
     estimated: Option<Rates>,
 ) -> RecordingStreamResult<Tile> {
     let slot_s = scenario.slot_s;
@@ -110,6 +112,9 @@ fn scenes(
     show_past(layout, chase, uav::TRAIL, Some(10))?;
     for (view, camera) in [(field, overview(sizes)), (chase, beside_uav(sizes))] {
         film(layout, view, &camera)?;
+    }
+    if link_map::has_each(scenario, count) {
+        [field, top, chase].into_iter().try_for_each(|view| layout.hide(view, link_map::LINK_MAPS))?;
     }
     let maps = maps(layout, sizes, slot_s)?;
     let mut tabs = vec![(1.0, field), (1.0, top), (1.0, chase), (1.0, maps)];
@@ -231,6 +236,7 @@ fn by_draw(root: &str) -> [String; 3] {
 fn beside(
     layout: &mut Blueprint,
     scenario: &Scenario,
+    count: usize,
     clock: WallClock,
     live: Option<u16>,
 ) -> RecordingStreamResult<Tile> {
@@ -266,6 +272,11 @@ fn beside(
         let battery = plot(layout, title, &batteries)?;
         lock_axis(layout, battery, [-4.0, 110.0])?;
         others.insert(0, (1.0, battery));
+    }
+    if scenario.sensors.energy.is_some() {
+        let alive = plot(layout, "SNs alive", &[energy::ALIVE])?;
+        lock_axis(layout, alive, [-0.04, 1.1].map(|part| part * count as f64))?;
+        others.insert(0, (1.0, alive));
     }
     if clock == WallClock::Measured {
         others.push((1.0, plot(layout, "Plan [ms]", &[curves::PLAN_LATENCY])?));

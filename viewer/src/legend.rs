@@ -75,6 +75,12 @@ const BASE_ROWS: &str = "\
 /// Rows of the legend for zones and buildings.
 const ZONE_ROWS: &str = "| grey solid / translucent solid | building / no-fly zone |\n";
 
+/// Row of the legend for batteries of sensor nodes.
+const ENERGY_ROWS: &str = "| ring, brown → light green; cross | energy left in the SN; dead SN |\n";
+
+/// Row of the legend for a map of links.
+const LINK_MAP_ROW: &str = "| ground, dark → pale green | rate expected of the best link from there |\n";
+
 /// Row of the legend for buildings that block links.
 const SHADOW_ROW: &str = "| ground, dark → light | fraction of the SNs in range that see a UAV there: 0 → 100 % |\n";
 
@@ -101,7 +107,13 @@ fn page(scenario: &Scenario, count: usize, sizes: &Sizes, estimated: Option<Rate
         },
         base = if scenario.base.is_some() { BASE_ROWS } else { "" },
         zones = if scenario.area.no_fly.is_some() || scenario.area.building.is_some() { ZONE_ROWS } else { "" },
-        shadows = if Channel::of(&scenario.link).buildings().is_some() { SHADOW_ROW } else { "" },
+        energy = if scenario.sensors.energy.is_some() { ENERGY_ROWS } else { "" },
+        heard = scenario.link.beacon_radius_m.map_or_else(String::new, heard_row),
+        shadows = match Channel::of(&scenario.link) {
+            Channel::Map(_) => LINK_MAP_ROW,
+            channel if channel.buildings().is_some() => SHADOW_ROW,
+            _ => "",
+        },
         belief = estimated.map_or("", |_| BELIEF),
         link = link,
         slot_s = scenario.slot_s,
@@ -121,6 +133,12 @@ fn page(scenario: &Scenario, count: usize, sizes: &Sizes, estimated: Option<Rate
         height_m = scenario.area.height_m(),
         grid_m = sizes.grid_m,
     )
+}
+
+/// Row of the legend for links that are heard within `radius_m` [m].
+fn heard_row(radius_m: f64) -> String {
+    let [lowest_db, highest_db] = colour::HEARD_DB;
+    format!("| thin line, dim → bright | SNR heard, within {radius_m} m: {lowest_db} → {highest_db} dB |\n")
 }
 
 /// What is written at a UAV.

@@ -9,12 +9,15 @@ use iceoryx2::sample::Sample;
 use re_sdk_types::components::TextLogLevel;
 use skysink_common::error::InputError;
 use skysink_common::estimate::Rates;
-use skysink_common::message::{FLAG_END, FlightReport, HoldReason, PathPoint, Plan, QueuesHeader, SlotHeader};
+use skysink_common::ledger::Ledger;
+use skysink_common::message::{
+    FLAG_END, FlightReport, HeardLink, HoldReason, PathPoint, Plan, QueuesHeader, SlotHeader,
+};
 use skysink_common::pace::Pace;
-use skysink_common::possible::are_possible_paths;
+use skysink_common::possible::{are_known_links, are_possible_paths};
 use skysink_common::scenario::{Area, Scenario};
 use skysink_common::sensors::{SensorList, Sensors};
-use skysink_common::slot_record::ByUav;
+use skysink_common::slot_record::{ByUav, beacons, uploads};
 use skysink_common::stop::Stop;
 use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
@@ -102,7 +105,9 @@ pub fn run<S: Service + 'static>(
         let address = format!("rerun+http://127.0.0.1:{port}/proxy");
         Role::Viewer.log(format_args!("live at {address}: open it by `rerun {address}`"));
     }
-    let followed = Follower::open(&ring, scenario, journal, &mut scene)
+    let energy = scenario.sensors.energy.map(|_| SensorList::of(scenario)).transpose()?;
+    let ledger = energy.map(|list| list.ledger(scenario));
+    let followed = Follower::open(&ring, scenario, journal, ledger, &mut scene)
         .and_then(|mut follower| follower.follow(&mut wait).map(|()| follower.missed));
     let closed = scene.close();
     let missed = followed?;
@@ -116,10 +121,15 @@ struct Follower<'a, S: Service + 'static> {
     area: &'a Area,
     /// Number of UAVs.
     uavs: usize,
+    /// That of sensor nodes with batteries, whose charges no topic has; `None` without them, and once slots are missed.
+    ledger: Option<Ledger>,
+    /// The slot of the ledger.
+    ledger_slot: u64,
     journal: Journal,
     scene: &'a mut Scene,
     paths: Reader<S, [PathPoint], SlotHeader>,
     plans: Reader<S, [Plan], SlotHeader>,
+    links: Option<Reader<S, [HeardLink], SlotHeader>>,
     flights: Reader<S, [FlightReport], SlotHeader>,
     queues: Reader<S, [u32], QueuesHeader>,
     health: Reader<S, Health, SlotHeader>,
@@ -140,9 +150,13 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
         ring: &'a Ring<S>,
         scenario: &'a Scenario,
         journal: Journal,
+        ledger: Option<Ledger>,
         scene: &'a mut Scene,
     ) -> Result<Self, NodeError> {
         Ok(Self {
+            links: ring.links.as_ref().map(|links| links.reader()).transpose()?,
+            ledger,
+            ledger_slot: 0,
             paths: ring.path.reader()?, // before the plans, so that the path of every received plan is available
             plans: ring.plan.reader()?,
             flights: ring.flight.reader()?,
@@ -230,6 +244,8 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
         let Some(flight) = flight.filter(|_| slot >= expected) else { return Ok(()) };
         let paths = self.paths(wait, slot)?.filter(|_| plan.is_some());
         let plans: ByUav<_> = plan.iter().flat_map(|plans| plans.payload().iter().copied().map(Some)).collect();
+        let heard = self.heard(wait, slot, queues.payload().len())?;
+        self.follow_charges(slot, queues.payload(), &flight);
         let slots_per_s = self.slots_per_s(header.head);
         self.scene.log_slot(&SlotView {
             slot,
@@ -238,12 +254,47 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
             plans: &plans,
             paths: paths.as_ref().map_or(&[], |paths| paths.payload()),
             flights: &flight,
+            heard: heard.as_ref().map_or(&[], |heard| heard.payload()),
+            charges: self.ledger.as_ref().and_then(Ledger::charges),
             slots_per_s,
             plan_ms: plan.map(|plans| plans.iter().map(|plan| plan.plan_ns).sum::<u64>() as f64 / 1e6),
         })?;
         self.journal.save(slot, &[], self.scene)?;
         self.next = Some(slot + 1);
         Ok(())
+    }
+
+    /// What the UAVs have heard in a slot, which was sent before their flights. Unknown links are refused.
+    fn heard(
+        &mut self,
+        wait: &mut WaitContext,
+        slot: u64,
+        sensors: usize,
+    ) -> Result<Option<Sample<S, [HeardLink], SlotHeader>>, NodeError> {
+        let Some(links) = &mut self.links else { return Ok(None) };
+        let heard = read(links, wait, slot, Some(LEFT_OVERS))?;
+        let are_known = heard.as_ref().is_none_or(|heard| are_known_links(heard.payload(), self.uavs, sensors));
+        if !are_known {
+            links.refuse(slot, Refusal::Links);
+        }
+        Ok(heard.filter(|_| are_known))
+    }
+
+    /// Advances the charges to a slot, as field-sim does, as long as none is missing.
+    fn follow_charges(&mut self, slot: u64, queues_bits: &[u32], flights: &[FlightReport]) {
+        let Some(ledger) = &mut self.ledger else { return };
+        let is_next = slot == self.ledger_slot + 1;
+        self.ledger_slot = slot;
+        if is_next {
+            ledger.sample(slot);
+            for link in uploads(flights).filter(|link| (link.sensor as usize) < queues_bits.len()) {
+                let _ = ledger.serve(link.sensor as usize, link.capacity_bits, link.rate_bps);
+            }
+            ledger.spend(slot, &beacons(flights).collect::<Vec<_>>());
+        }
+        if !is_next && slot > 0 || *ledger.told_bits() != *queues_bits {
+            self.ledger = None;
+        }
     }
 
     /// The paths of a slot whose plan has arrived; empty if there is none. Invalid paths are refused.

@@ -12,6 +12,7 @@ use skysink_common::sensors::Sensors;
 use crate::belief::BeliefMaps;
 use crate::canvas::Canvas;
 use crate::curves::Curves;
+use crate::energy::NodeEnergy;
 use crate::events::Events;
 use crate::geo::GeoMap;
 use crate::history::{SensorHistory, Sums};
@@ -27,7 +28,7 @@ use crate::sizes::Sizes;
 use crate::slot::SlotView;
 use crate::status::status;
 use crate::uav::UavShape;
-use crate::{cameras, events, legend, uav, zones};
+use crate::{cameras, events, legend, link_map, uav, zones};
 
 /// The drawing state of a mission.
 pub(crate) struct Picture {
@@ -36,6 +37,7 @@ pub(crate) struct Picture {
     uavs: Vec<UavShape>,
     path: Path,
     links: Links,
+    energy: Option<NodeEnergy>,
     los: Option<Los>,
     events: Events,
     curves: Curves,
@@ -72,6 +74,7 @@ impl Picture {
         let uavs = (0..scenario.uav.uavs()).map(open).collect::<Result<_, _>>()?;
         let path = Path::open(&canvas, sizes, scenario.uav.uavs(), part)?;
         let links = Links::open(&canvas, scenario, sensors, sizes)?;
+        let energy = NodeEnergy::open(&canvas, scenario, sensors, sizes)?;
         let los = Los::open(&canvas, scenario, sensors, sizes)?;
         let events = Events::open(&canvas, recording, scenario.base.is_some(), scenario.uav.uavs())?;
         let curves = Curves::open(&canvas, scenario, sensors.sampling.is_drawn())?;
@@ -83,6 +86,7 @@ impl Picture {
         legend::log_base(&canvas, scenario)?;
         zones::log_zones(&canvas, scenario)?;
         zones::log_shadows(&canvas, scenario, sensors)?;
+        link_map::log_best(&canvas, scenario, sensors)?;
         let history = SensorHistory::new(scenario, sensors);
         let readout = Readout::of(scenario);
         Ok(Self {
@@ -91,6 +95,7 @@ impl Picture {
             uavs,
             path,
             links,
+            energy,
             los,
             events,
             curves,
@@ -114,6 +119,7 @@ impl Picture {
         estimated: Option<Rates>,
     ) -> Result<Self, SceneError> {
         legend::log_pages(&self.canvas, scenario, sensors.count(), sizes, estimated)?;
+        link_map::log_each(&self.canvas, scenario, sensors)?;
         self.geo = GeoMap::open(&self.canvas, scenario, sensors, &self.names)?;
         let frame = MapFrame::of(sensors, sizes, &self.names);
         self.maps = Some(Maps::open(&self.canvas, scenario, &frame, &self.history)?);
@@ -171,6 +177,10 @@ impl Picture {
         self.path.log(canvas, view.paths)?;
         self.links.log_circles(canvas, view.plan())?;
         self.links.log_links(canvas, view.flights)?;
+        self.links.log_heard(canvas, view.flights, view.heard)?;
+        if let Some(energy) = &mut self.energy {
+            energy.log_slot(canvas, view)?;
+        }
         if let Some(los) = &mut self.los {
             los.log_slot(canvas, view.flight())?;
         }
@@ -188,6 +198,7 @@ impl Picture {
         self.path.log(canvas, &[])?;
         self.links.log_circles(canvas, None)?;
         self.links.log_links(canvas, &[])?;
+        self.links.log_heard(canvas, &[], &[])?;
         if let Some(los) = &mut self.los {
             los.log_missed(canvas)?;
         }

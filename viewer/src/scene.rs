@@ -60,7 +60,7 @@ impl Scene {
     ) -> Result<Self, SceneError> {
         let recording = Recording::open(sinks, &application(scenario), run_name)?;
         let sizes = Sizes::of(scenario, sensors.count());
-        layout::send(&recording, &sizes, scenario, clock, estimated)?;
+        layout::send(&recording, &sizes, scenario, sensors.count(), clock, estimated)?;
         let picture = Picture::open(Canvas::whole(&recording.stream), scenario, sensors, &sizes, &recording)?;
         let picture = picture.with_maps(scenario, sensors, &sizes, estimated)?;
         legend::log_facts(&recording.stream, scenario, sensors.count())?;

@@ -19,10 +19,14 @@ pub(crate) fn drawn(point: Point3<f64>) -> Point {
 }
 
 /// A closed horizontal circle.
-pub(crate) fn circle([x_m, y_m, z_m]: Point, radius_m: f32) -> Vec<Point> {
-    const CORNERS: u16 = 64;
-    (0..=CORNERS)
-        .map(|corner| f32::from(corner) / f32::from(CORNERS) * TAU)
+pub(crate) fn circle(centre_m: Point, radius_m: f32) -> Vec<Point> {
+    circle_of(centre_m, radius_m, 64)
+}
+
+/// A closed horizontal circle with so many corners.
+pub(crate) fn circle_of([x_m, y_m, z_m]: Point, radius_m: f32, corners: u16) -> Vec<Point> {
+    (0..=corners)
+        .map(|corner| f32::from(corner) / f32::from(corners) * TAU)
         .map(|angle| [x_m + radius_m * angle.cos(), y_m + radius_m * angle.sin(), z_m])
         .collect()
 }

@@ -1,6 +1,7 @@
 //! The input of a scene: all data of one slot.
 
-use skysink_common::message::{FlightReport, PathPoint, Plan, QueuesHeader};
+use skysink_common::message::{FlightReport, HeardLink, PathPoint, Plan, QueuesHeader};
+use skysink_common::node_energy::Charges;
 use skysink_common::slot_record::UAV;
 
 /// The timeline that counts slots.
@@ -33,6 +34,10 @@ pub struct SlotView<'a> {
     pub paths: &'a [PathPoint],
     /// The flight of each UAV.
     pub flights: &'a [FlightReport],
+    /// What the UAVs hear of links, with `link.beacon_radius_m`.
+    pub heard: &'a [HeardLink],
+    /// The charges of the sensor nodes; `None` without batteries, or if slots have been missed.
+    pub charges: Option<&'a Charges>,
     /// Slots per second of wall time, if measured.
     pub slots_per_s: Option<f64>,
     /// Wall time of planning the slot [ms], if measured.

@@ -12,7 +12,7 @@ use skysink_common::airspace::Polygon;
 use skysink_common::base::Base;
 use skysink_common::channel::Channel;
 use skysink_common::geometry::{Position, above};
-use skysink_common::scenario::Scenario;
+use skysink_common::scenario::{Area, Scenario};
 use skysink_common::sensors::Sensors;
 
 use crate::canvas::Canvas;
@@ -63,12 +63,7 @@ pub(crate) fn log_zones(canvas: &Canvas, scenario: &Scenario) -> RecordingStream
 /// Draws the shadows of the buildings among `sensors`; nothing if line of sight does not depend on buildings.
 pub(crate) fn log_shadows(canvas: &Canvas, scenario: &Scenario, sensors: &Sensors) -> RecordingStreamResult<()> {
     let Some(buildings) = Channel::of(&scenario.link).buildings() else { return Ok(()) };
-    let (width_m, height_m) = (scenario.area.width_m(), scenario.area.height_m());
-    let cell_m = width_m.max(height_m) / f64::from(SHADOW_CELLS);
-    let [columns, rows] = [width_m, height_m].map(|side_m| (side_m / cell_m).ceil().max(1.0) as u32);
-    let share = |column: u32, row: u32| {
-        let centre = |cell: u32| (f64::from(cell) + 0.5) * cell_m;
-        let at = Position::new(centre(column), height_m - centre(row));
+    let share = |at: Position| {
         let (mut in_range, mut seen) = (0, 0);
         sensors.grid.visit_within(&at, scenario.link.comm_radius_m, |node| {
             in_range += 1;
@@ -76,15 +71,42 @@ pub(crate) fn log_shadows(canvas: &Canvas, scenario: &Scenario, sensors: &Sensor
         });
         (255 * seen).checked_div(in_range).map_or(u8::MAX, |share| share as u8)
     };
-    let shares = (0..rows).flat_map(|row| (0..columns).map(move |column| (column, row)));
-    let map = GridMap::new(
-        shares.map(|(column, row)| share(column, row)).collect::<Vec<u8>>(),
-        ImageFormat::from_color_model([columns, rows], ColorModel::L, ChannelDatatype::U8),
-        cell_m as f32,
-    );
-    let lowest_m = height_m - f64::from(rows) * cell_m;
-    let map = map.with_translation([0.0, lowest_m as f32, 0.0]).with_colormap(Colormap::Grayscale);
-    canvas.log_static(SHADOWS, &map.with_opacity(SHADOW_OPACITY))
+    let raster = Raster::over(&scenario.area, SHADOW_CELLS);
+    let map = raster.map(raster.centres().map(share).collect(), ColorModel::L);
+    canvas.log_static(SHADOWS, &map.with_colormap(Colormap::Grayscale).with_opacity(SHADOW_OPACITY))
+}
+
+/// Square cells over the area, row by row from the north-west, of an image on the ground.
+pub(crate) struct Raster {
+    columns: u32,
+    rows: u32,
+    cell_m: f64,
+    /// Extent of the area in y [m].
+    depth_m: f64,
+}
+
+impl Raster {
+    /// So many cells along the longer side of the area.
+    pub(crate) fn over(area: &Area, cells: u32) -> Self {
+        let sides_m = [area.width_m(), area.height_m()];
+        let cell_m = sides_m[0].max(sides_m[1]) / f64::from(cells);
+        let [columns, rows] = sides_m.map(|side_m| (side_m / cell_m).ceil().max(1.0) as u32);
+        Self { columns, rows, cell_m, depth_m: sides_m[1] }
+    }
+
+    /// The middles of the cells [m].
+    pub(crate) fn centres(&self) -> impl Iterator<Item = Position> {
+        let centre = |cell: u32| (f64::from(cell) + 0.5) * self.cell_m;
+        let at = move |row: u32, column: u32| Position::new(centre(column), self.depth_m - centre(row));
+        (0..self.rows).flat_map(move |row| (0..self.columns).map(move |column| at(row, column)))
+    }
+
+    /// The image with these pixels.
+    pub(crate) fn map(&self, pixels: Vec<u8>, colours: ColorModel) -> GridMap {
+        let format = ImageFormat::from_color_model([self.columns, self.rows], colours, ChannelDatatype::U8);
+        let lowest_m = self.depth_m - f64::from(self.rows) * self.cell_m;
+        GridMap::new(pixels, format, self.cell_m as f32).with_translation([0.0, lowest_m as f32, 0.0])
+    }
 }
 
 /// The closed outlines on maps [m], by kind: its name and its colour. Kinds that the scenario lacks are left out.

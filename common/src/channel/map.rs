@@ -26,6 +26,9 @@ pub(crate) const ONLY: Only = Only { key: "model", values: &["map"], expected: S
 /// Most points of all grids of a map.
 const MOST_POINTS: usize = 5_000_000;
 
+/// SNRs of a map [dB].
+const SNRS_DB: std::ops::RangeInclusive<f64> = -300.0..=300.0;
+
 /// The level of a link that carries nothing.
 const NO_LINK: f64 = f64::NEG_INFINITY;
 
@@ -43,10 +46,12 @@ pub enum LinkService {
 /// Levels of links over places: SNRs with the steps of their rates, or rates.
 ///
 /// In each cell of a grid the level is trilinear, beyond the grid constant; a cell with an empty corner has no link.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct LinkMap {
     /// The sensor node of each grid by its id or name; empty for all that have none of their own.
     names: Vec<String>,
+    /// Whether the names can only be ids, as of arrays: a sensor node may have the id of another as its name.
+    are_ids: bool,
     grids: Vec<LevelGrid>,
     /// SNR from which on each rate is carried [dB], and the rate [bit/s], both ascending; `None` if levels are rates.
     steps: Option<Vec<[f64; 2]>>,
@@ -87,9 +92,9 @@ impl LinkMap {
         let are_rates = text.lines().next().is_some_and(|header| header.contains("rate_bps"));
         let (level, expected) = match are_rates {
             true => ("rate_bps", "a sensor or nothing, three finite numbers, and a rate from 0 to 1e300 or nothing"),
-            false => ("snr_db", "a sensor or nothing, three finite numbers, and a finite number or nothing"),
+            false => ("snr_db", "a sensor or nothing, three finite numbers, and -300 to 300 dB or nothing"),
         };
-        let is_level = |level: f64| if are_rates { (0.0..=1e300).contains(&level) } else { level.is_finite() };
+        let is_level = |level: f64| if are_rates { (0.0..=1e300).contains(&level) } else { SNRS_DB.contains(&level) };
         let is_row =
             |row: &Row| [row.1, row.2, row.3].iter().all(|at_m| at_m.is_finite()) && row.4.is_none_or(is_level);
         let columns = ["sensor", "x_m", "y_m", "z_m", level];
@@ -103,8 +108,12 @@ impl LinkMap {
         rows.sort_by(|a, b| a.partial_cmp(b).expect("the numbers are finite"));
         let of_sensors = || rows.chunk_by(|a, b| a.0 == b.0);
         let grids = of_sensors().map(LevelGrid::new).collect::<Result<_, _>>().map_err(refuse)?;
-        let names = of_sensors().map(|rows| rows[0].0.clone()).collect();
-        Ok(Self { names, grids, steps: steps.filter(|_| !are_rates), of_places: FxHashMap::default() })
+        let mut names: Vec<String> = of_sensors().map(|rows| rows[0].0.clone()).collect();
+        let id = |name: &String| name.strip_prefix(BY_ID).and_then(|id| id.parse::<usize>().ok());
+        let are_ids = names.iter().any(|name| id(name).is_some())
+            && names.iter().all(|name| name.is_empty() || id(name).is_some());
+        names.iter_mut().filter(|_| are_ids).for_each(|name| *name = name.replace(BY_ID, ""));
+        Ok(Self { names, are_ids, grids, steps: steps.filter(|_| !are_rates), of_places: FxHashMap::default() })
     }
 
     /// Reads the map in the file `path`, with the steps in the file `rates`, before its sensor nodes are known.
@@ -128,6 +137,12 @@ impl LinkMap {
     pub fn names(&self) -> (&[String], bool) {
         let has_others = self.names.first().is_some_and(String::is_empty);
         (&self.names[usize::from(has_others)..], has_others)
+    }
+
+    /// Whether [`Self::names`] can only be ids.
+    #[must_use]
+    pub fn are_ids(&self) -> bool {
+        self.are_ids
     }
 
     /// With the positions [m] of the sensor nodes of [`Self::names`], in their order.
@@ -161,8 +176,9 @@ impl LinkMap {
     pub fn to_csv(&self) -> (String, Option<String>) {
         let mut text = format!("sensor,x_m,y_m,z_m,{}\n", if self.has_rates() { "rate_bps" } else { "snr_db" });
         for (name, LevelGrid { axes_m: [east_m, north_m, up_m], levels, .. }) in self.names.iter().zip(&self.grids) {
-            let name =
-                if name.contains([',', '"']) { format!("\"{}\"", name.replace('"', "\"\"")) } else { name.clone() };
+            let by_id = if self.are_ids && !name.is_empty() { "#" } else { "" };
+            let quoted = name.contains([',', '"']).then(|| format!("\"{}\"", name.replace('"', "\"\"")));
+            let name = quoted.unwrap_or_else(|| format!("{by_id}{name}"));
             let mut levels = levels.iter();
             for x_m in east_m {
                 for y_m in north_m {
@@ -183,7 +199,7 @@ impl LinkMap {
     pub fn held(self) -> &'static Self {
         static HELD: Mutex<Vec<&'static LinkMap>> = Mutex::new(Vec::new());
         let mut held = HELD.lock().unwrap_or_else(PoisonError::into_inner);
-        let known = held.iter().copied().find(|known| **known == self);
+        let known = held.iter().copied().find(|known| **known == self && known.are_ids == self.are_ids);
         known.unwrap_or_else(|| {
             let map: &'static Self = Box::leak(Box::new(self));
             held.push(map);
@@ -226,6 +242,14 @@ impl LinkMap {
 
 /// What begins a name that can only be an id: a sensor node may have a number as its name.
 const BY_ID: char = '#';
+
+/// Maps are equal whether their names can only be ids or not.
+impl PartialEq for LinkMap {
+    fn eq(&self, other: &Self) -> bool {
+        let Self { names, are_ids: _, grids, steps, of_places } = self;
+        *names == other.names && *grids == other.grids && *steps == other.steps && *of_places == other.of_places
+    }
+}
 
 /// A position in bits.
 pub(super) fn key(place: &Position) -> [u64; 2] {

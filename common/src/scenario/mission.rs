@@ -182,6 +182,7 @@ impl Scenario {
         let keys = self.link.table.iter().fold(keys, |seed, table| hash(seed, table.to_csv()));
         self.link.map.iter().fold(keys, |seed, map| {
             let (levels, rates) = map.to_csv();
+            let levels = levels.replace("\n#", "\n"); // equal maps have equal hashes
             rates.into_iter().fold(hash(seed, levels), hash)
         })
     }

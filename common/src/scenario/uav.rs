@@ -55,7 +55,7 @@ crate::keys! {
         /// Start, `[x, y]` [m]; the default is the centre of the area, and a checked scenario has the key.
         start_m: Option<[f64; 2]>, Accepts::Rule("a position in the area");
         /// CSV file `t_s,x_m,y_m` (or `slot`, and optionally `z_m`) of a flight that is fixed, relative to the scenario's
-        /// folder: waypoints are interpolated at the ends of slots, and strategies choose only whom to serve (decision D32). A
+        /// folder: waypoints are interpolated at the ends of slots, and strategies only schedule (decision D32). A
         /// run keeps the waypoints.
         track: Option<PathBuf>, Accepts::Text("the path of a CSV file, relative to the scenario", |path| !path.is_empty());
         /// The waypoint of each slot, `[[x, y, z], ...]` [m]; instead of `track`.

@@ -1,12 +1,14 @@
 //! Maps of trajectories and final queues: one panel per mission on one sheet, with a shared colour bar.
 
+use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
 
 use svg::Node;
 use svg::node::element::{Circle, ClipPath, Group, Rectangle};
 
 use super::axis::{Axis, Panel};
-use super::page::{INK, Look, MARGIN, Page, SAMPLE, fitting, line, stroke, text};
+use super::levels::{BANDS, LevelMap, tint};
+use super::page::{INK, Look, MARGIN, Page, SAMPLE, fitting, line, stroke, text, text_width};
 use super::style::shade;
 use crate::error::LabError;
 
@@ -22,6 +24,13 @@ const NARROWEST: f64 = 400.0;
 const START: &str = "m-12,-12h24v24h-24z";
 /// Marker at the end: a cross.
 const END: &str = "m-12,-12l24,24m0,-24l-24,24";
+/// Marker in a dead sensor: a cross within it.
+const CROSS: &str = "m-7,-7l14,14m0,-14l-14,14";
+/// Colours of the energy that a battery has lost and has left, and of the cross.
+const BATTERY: [&str; 2] = ["#d0d0d0", "#3f8f2f"];
+const DEAD: &str = "#c03d3e";
+/// Radius of the ring that shows a battery [units].
+const RING: f64 = 13.0;
 /// Colour of a path.
 const PATH: &str = "#909090";
 
@@ -43,6 +52,8 @@ pub struct MapSensor {
     pub position_m: [f64; 2],
     /// The fraction that its colour shows, from 0 to 1.
     pub fraction: f64,
+    /// The energy left as a fraction of its battery, 0 of a dead one; `None` without one.
+    pub energy: Option<f64>,
 }
 
 /// What an area of a map is.
@@ -76,6 +87,8 @@ pub struct TrajectoryMap {
     pub width_m: f64,
     /// Extent of the area in y [m].
     pub height_m: f64,
+    /// The map of links, below the rest.
+    pub links: Option<LevelMap>,
     /// Zones, buildings and the base, below the rest.
     pub areas: Vec<(AreaKind, AreaOutline)>,
     /// Places that have a name: x, y [m].
@@ -84,6 +97,15 @@ pub struct TrajectoryMap {
     pub sensors: Vec<MapSensor>,
     /// Position of each UAV at the start, then after each slot: x, y [m].
     pub paths_m: Vec<Vec<[f64; 2]>>,
+}
+
+/// The scales of a sheet.
+#[derive(Debug, Clone, Copy)]
+struct Scales {
+    /// Upper end of that of fractions.
+    highest: f64,
+    /// Ends of that of links, if there are any.
+    levels: Option<[f64; 2]>,
 }
 
 /// Maps side by side.
@@ -118,12 +140,19 @@ impl MapSheet {
             [MARGIN + cell_width * column as f64 + BESIDE[0], self.look.top() + cell_height * row as f64 + AROUND[0]]
         };
         let mut page = Page::new(&self.look);
-        let highest = self.highest();
+        let scales = Scales { highest: self.highest(), levels: self.levels() };
         for (i, map) in self.maps.iter().enumerate() {
-            map.draw(&mut page, corner(i), room, highest);
+            map.draw(&mut page, corner(i), room, scales);
         }
-        self.draw_key(&mut page, corner(self.maps.len()), room[0], highest);
-        page.write(stem, self.look.top() + cell_height * cells.div_ceil(columns) as f64 - 0.5 * MARGIN)
+        let key_end = self.draw_key(&mut page, corner(self.maps.len()), room[0], scales);
+        let maps_end = self.look.top() + cell_height * cells.div_ceil(columns) as f64;
+        page.write(stem, maps_end.max(key_end) - 0.5 * MARGIN)
+    }
+
+    /// The ends of the scale of links; `None` without a map of links.
+    fn levels(&self) -> Option<[f64; 2]> {
+        let ranges = || self.maps.iter().flat_map(|map| &map.links).filter_map(LevelMap::range);
+        ranges().reduce(|[low, high], [lower, higher]| [low.min(lower), high.max(higher)])
     }
 
     /// Upper end of the colour bar: the first of 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1 that no fraction exceeds.
@@ -133,8 +162,9 @@ impl MapSheet {
         [0.01, 0.02, 0.05, 0.1, 0.2, 0.5].into_iter().find(|&end| highest <= end).unwrap_or(1.0)
     }
 
-    /// Draws the colour bar and the markers in the cell after the last map.
-    fn draw_key(&self, page: &mut Page, [left, top]: [f64; 2], width: f64, highest: f64) {
+    /// Draws the colour bars and the markers in the cell after the last map; returns their lower end.
+    fn draw_key(&self, page: &mut Page, [left, top]: [f64; 2], width: f64, scales: Scales) -> f64 {
+        let Scales { highest, levels } = scales;
         const STEPS: u32 = 64;
         page.add(text(&self.fraction_label, [left, top + EM], fitting(&self.fraction_label, EM, width), "start"));
         for step in 0..STEPS {
@@ -147,6 +177,20 @@ impl MapSheet {
         for part in [0.0, 0.5, 1.0] {
             page.add(text(&(part * highest).to_string(), [left + part * width, top + 4.0 * EM], EM, "middle"));
         }
+        let mut top = top + 5.0 * EM;
+        if let (Some([low, high]), Some(links)) = (levels, self.maps.iter().find_map(|map| map.links.as_ref())) {
+            page.add(text(&links.label, [left, top + EM], fitting(&links.label, EM, width), "start"));
+            let step = width / BANDS as f64;
+            for band in 0..BANDS {
+                let bar = Rectangle::new().set("x", left + step * band as f64).set("width", step);
+                page.add(bar.set("y", top + 1.6 * EM).set("height", 1.4 * EM).set("fill", tint(band)));
+            }
+            for (part, anchor) in [(0.0, "start"), (0.5, "middle"), (1.0, "end")] {
+                let level = format!("{:.0}", low + part * (high - low)).replace('-', "−");
+                page.add(text(&level, [left + part * width, top + 4.0 * EM], EM, anchor));
+            }
+            top += 5.0 * EM;
+        }
         let at = [SAMPLE / 2.0, 0.0];
         let path = |uav: usize| Group::new().add(stroke(line([[0.0, 0.0], [SAMPLE, 0.0]]), 2.0, PATHS[uav]));
         let uavs = self.maps.iter().map(|map| map.paths_m.len()).max().unwrap_or(1).min(PATHS.len());
@@ -155,6 +199,9 @@ impl MapSheet {
         let mut entries = vec![(sign(at, START), "start"), (sign(at, END), "end")];
         entries.extend(names.iter().enumerate().map(|(uav, name)| (path(uav), name.as_str())));
         entries.push((Group::new().add(sensor(at, 0.5)), "sensor"));
+        let energies = || self.maps.iter().flat_map(|map| &map.sensors).filter_map(|sensor| sensor.energy);
+        entries.extend(energies().next().map(|_| (battery(at, 0.7), "energy left")));
+        entries.extend(energies().find(|left| *left == 0.0).map(|_| (dead(at), "dead sensor")));
         let has = |kind| self.maps.iter().flat_map(|map| &map.areas).any(|(other, _)| *other == kind);
         let square = |kind| {
             let corners = [[0.0, -9.0], [SAMPLE, -9.0], [SAMPLE, 9.0], [0.0, 9.0]];
@@ -162,7 +209,7 @@ impl MapSheet {
         };
         let shown = AREAS.into_iter().filter(|(kind, ..)| has(*kind));
         entries.extend(shown.map(|(kind, .., name)| (square(kind), name)));
-        page.add_legend([left, top + 5.0 * EM], width, EM, &entries);
+        page.add_legend([left, top], width, EM, &entries)
     }
 }
 
@@ -182,7 +229,7 @@ impl TrajectoryMap {
     }
 
     /// Draws the map to scale, centred horizontally at the top of `room` [units].
-    fn draw(&self, page: &mut Page, [left, top]: [f64; 2], room: [f64; 2], highest: f64) {
+    fn draw(&self, page: &mut Page, [left, top]: [f64; 2], room: [f64; 2], scales: Scales) {
         let [x_m, y_m] = self.extent_m();
         let units_per_m = (room[0] / (x_m[1] - x_m[0])).min(room[1] / (y_m[1] - y_m[0]));
         let size = [x_m, y_m].map(|[low, high]| (high - low) * units_per_m);
@@ -198,6 +245,9 @@ impl TrajectoryMap {
             Rectangle::new().set("x", corner[0]).set("y", corner[1]).set("width", size[0]).set("height", size[1]);
         page.add(ClipPath::new().set("id", clip.clone()).add(frame));
         let mut areas = Group::new().set("clip-path", format!("url(#{clip})"));
+        if let (Some(links), Some(levels)) = (&self.links, scales.levels) {
+            areas = areas.add(links.draw(&panel, levels));
+        }
         for (kind, outline) in &self.areas {
             let data = match outline {
                 AreaOutline::Polygon(corners_m) => line(corners_m.iter().copied().map(at)) + "z",
@@ -214,16 +264,25 @@ impl TrajectoryMap {
         for (uav, path_m) in self.paths_m.iter().enumerate() {
             page.add(stroke(line(path_m.iter().copied().map(at)), 2.0, PATHS[uav % PATHS.len()]));
         }
-        for MapSensor { position_m, fraction } in &self.sensors {
-            page.add(sensor(at(*position_m), fraction / highest));
+        for MapSensor { position_m, fraction, energy } in &self.sensors {
+            let place = at(*position_m);
+            match energy {
+                Some(0.0) => page.add(dead(place)),
+                Some(left) => page.add(battery(place, *left).add(sensor(place, fraction / scales.highest))),
+                None => page.add(sensor(place, fraction / scales.highest)),
+            }
         }
         for path_m in &self.paths_m {
             path_m.first().into_iter().for_each(|&start_m| page.add(sign(at(start_m), START)));
             path_m.last().into_iter().for_each(|&end_m| page.add(sign(at(end_m), END)));
         }
         for (place_m, name) in &self.names {
+            // Within the panel: above the place, or below it where it is at the upper end.
+            let half = 0.55 * text_width(name, 0.8 * EM);
             let [x, y] = at(*place_m);
-            page.add(text(name, [x, y - 1.8 * EM], 0.8 * EM, "middle"));
+            let x = x.min(corner[0] + size[0] - half).max(corner[0] + half);
+            let y = if y - 2.5 * EM < corner[1] { y + 2.2 * EM } else { y - 1.8 * EM };
+            page.add(text(name, [x, y], 0.8 * EM, "middle"));
         }
     }
 }
@@ -238,6 +297,27 @@ fn filled(data: String, kind: AreaKind) -> impl Into<Box<dyn Node>> {
 fn sensor([x, y]: [f64; 2], fraction: f64) -> Circle {
     let disc = Circle::new().set("cx", format!("{x:.1}")).set("cy", format!("{y:.1}")).set("r", 8);
     disc.set("fill", shade(fraction)).set("stroke", INK)
+}
+
+/// A ring of which the fraction `left` is the energy in a battery, clockwise from the top.
+fn battery([x, y]: [f64; 2], left: f64) -> Group {
+    let [sine, cosine] = <[f64; 2]>::from((left * TAU).sin_cos());
+    let [end_x, end_y] = [x + RING * sine, y - RING * cosine];
+    let ring = Circle::new().set("cx", format!("{x:.1}")).set("cy", format!("{y:.1}")).set("r", RING);
+    let ring = |colour: &str| ring.clone().set("fill", "none").set("stroke", colour).set("stroke-width", 4);
+    if left > 0.999 {
+        return Group::new().add(ring(BATTERY[1]));
+    }
+    let long = u8::from(left > 0.5);
+    let arc = format!("M{x:.1},{:.1}A{RING},{RING} 0 {long} 1 {end_x:.1},{end_y:.1}", y - RING);
+    Group::new().add(ring(BATTERY[0])).add(stroke(arc, 4.0, BATTERY[1]))
+}
+
+/// A disc with a cross.
+fn dead([x, y]: [f64; 2]) -> Group {
+    let disc = Circle::new().set("cx", format!("{x:.1}")).set("cy", format!("{y:.1}")).set("r", 11);
+    let disc = disc.set("fill", "white").set("stroke", DEAD).set("stroke-width", 2);
+    Group::new().add(disc).add(stroke(format!("M{x:.1},{y:.1}{CROSS}"), 4.0, DEAD))
 }
 
 /// A marker with a white outline.

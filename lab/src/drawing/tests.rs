@@ -4,6 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::chart::{Chart, CurvePoint, Scale, Series};
+use super::levels::{self, LevelMap};
 use super::map::{AreaKind, AreaOutline, MapSensor, MapSheet, TrajectoryMap};
 use super::page::{self, Look};
 use super::style;
@@ -45,11 +46,12 @@ fn sheet() -> MapSheet {
         title: title.to_owned(),
         width_m: 100.0,
         height_m: 80.0,
+        links: None,
         areas: Vec::new(),
         names: Vec::new(),
         sensors: vec![
-            MapSensor { position_m: [20.0, 30.0], fraction: 0.0 },
-            MapSensor { position_m: [90.0, 5.0], fraction: 0.4 },
+            MapSensor { position_m: [20.0, 30.0], fraction: 0.0, energy: None },
+            MapSensor { position_m: [90.0, 5.0], fraction: 0.4, energy: None },
         ],
         paths_m: vec![vec![[50.0, 40.0], [50.0, 40.0], [50.0, 40.0], [20.0, 30.0]]],
     };
@@ -234,6 +236,31 @@ fn a_higher_fraction_is_darker() {
     };
     let lightness: Vec<_> = (0..=100).map(|percent| lightness(f64::from(percent) / 100.0)).collect();
     assert!(lightness.windows(2).all(|pair| pair[0] > pair[1]), "{lightness:?}");
+}
+
+#[test]
+fn a_map_shows_links_in_bands_and_batteries_and_names_them_alone() {
+    let mut sheet = sheet();
+    let names = ["best SNR [dB]", "energy left", "dead sensor"];
+    let (svg, _) = files(|stem| sheet.draw(stem));
+    assert!(names.iter().all(|name| !svg.contains(name)) && !svg.contains(&levels::tint(0)));
+    // Three of four cells have links, of the lowest, the lowest and the highest level.
+    let rows = vec![vec![Some(-3.0), Some(-3.0)], vec![None, Some(21.0)]];
+    sheet.maps[0].links = Some(LevelMap { label: names[0].to_owned(), cell_m: 50.0, rows });
+    for (sensor, left) in sheet.maps[0].sensors.iter_mut().zip([0.25, 0.0]) {
+        sensor.energy = Some(left);
+    }
+    let (svg, png) = files(|stem| sheet.draw(stem));
+    assert!(names.iter().all(|name| svg.contains(name)) && !png.is_empty());
+    let is_cells = |path: &&str| path.matches('h').count() > 0;
+    let band = |band: usize| {
+        let end = format!("fill=\"{}\"", levels::tint(band));
+        svg.split('<').filter(|tag| tag.starts_with("path")).filter(is_cells).find(|tag| tag.contains(&end))
+    };
+    assert_eq!(band(0).unwrap().matches('M').count(), 2, "a run of two cells, and one");
+    assert_eq!(band(7).unwrap().matches('M').count(), 1);
+    assert!(svg.contains("\n−3\n") && svg.contains("\n9\n") && svg.contains("\n21\n"), "the ends of the scale");
+    assert!(svg.contains(" 0 0 1 "), "a quarter of a ring");
 }
 
 #[test]

@@ -106,7 +106,8 @@ impl MapGrid {
     /// Positions to the east, to the north and up [m].
     #[must_use]
     pub fn axes_m(&self) -> [Vec<f64>; 3] {
-        let along_m = |axis: usize| (0..self.nodes[axis]).map(|node| node as f64 * self.step_m).collect();
+        let along_m =
+            |axis: usize| (0..self.nodes[axis]).map(|node| (node as f64 * self.step_m * 1e3).round() / 1e3).collect();
         [along_m(0), along_m(1), vec![self.altitude_m]]
     }
 }

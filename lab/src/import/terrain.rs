@@ -21,6 +21,10 @@ const MOST_CELLS: usize = 100_000_000;
 /// Side of a cell below which it is one of degrees.
 const LEAST_CELL_M: f64 = 0.1;
 
+/// Largest side of a cell, and distance of the corner from the origin [m].
+const MOST_CELL_M: f64 = 1e6;
+const MOST_CORNER_M: f64 = 1e9;
+
 /// The height that stands for none in a grid that does not say which.
 const NO_HEIGHT: f64 = -9999.0;
 
@@ -82,20 +86,24 @@ impl HeightGrid {
             |value: Option<f64>, key: &str| value.ok_or_else(|| format!("no {key}: expected it in the header"));
         let count = |value: Option<f64>, key: &str| match needed(value, key)? {
             count if count >= 1.0 && count.fract() == 0.0 && count <= MOST_CELLS as f64 => Ok(count as usize),
-            other => Err(format!("{key} = {other}: expected a whole number of cells, at least 1")),
+            other => Err(format!("{key} = {other:?}: expected a whole number of cells, at least 1")),
         };
         let cells = [count(columns, "ncols")?, count(rows, "nrows")?];
         let all = cells[0].checked_mul(cells[1]).filter(|all| *all <= MOST_CELLS);
         let all = all.ok_or_else(|| format!("ncols, nrows = {cells:?}: expected at most {MOST_CELLS} cells"))?;
         let cell_m = needed(cell, "cellsize")?;
-        if !(LEAST_CELL_M..=1e6).contains(&cell_m) {
-            return Err(format!("cellsize = {cell_m}: expected {LEAST_CELL_M} m or more; degrees? {METRES}"));
+        if !(LEAST_CELL_M..=MOST_CELL_M).contains(&cell_m) {
+            let are_degrees = cell_m < LEAST_CELL_M;
+            let degrees = if are_degrees { format!("; degrees? {METRES}") } else { String::new() };
+            return Err(format!("cellsize = {cell_m:?}: expected {LEAST_CELL_M} to {MOST_CELL_M:e} m{degrees}"));
         }
         let of_centre = |centre: Option<f64>| centre.map(|along_m| along_m - cell_m / 2.0);
-        let corner = Position::new(
-            needed(west.or(of_centre(west_centre)), "xllcorner")?,
-            needed(south.or(of_centre(south_centre)), "yllcorner")?,
-        );
+        let side_m = |value: Option<f64>, key: &str| match needed(value, key)? {
+            along_m if along_m.abs() <= MOST_CORNER_M => Ok(along_m),
+            along_m => Err(format!("{key} = {along_m:?}: expected -{MOST_CORNER_M:e} to {MOST_CORNER_M:e} m")),
+        };
+        let west_m = side_m(west.or(of_centre(west_centre)), "xllcorner")?;
+        let corner = Position::new(west_m, side_m(south.or(of_centre(south_centre)), "yllcorner")?);
         let no_height = no_height.unwrap_or(NO_HEIGHT);
         let words = text.lines().enumerate().skip(lines);
         let words = words.flat_map(|(index, line)| line.split_whitespace().map(move |word| (index + 1, word)));

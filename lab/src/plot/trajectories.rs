@@ -7,8 +7,12 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use skysink_common::base::{Base, BaseArea};
 use skysink_common::build::{VERSION, build, commit_of};
+use skysink_common::channel::LinkMap;
 use skysink_common::error::InputError;
+use skysink_common::geometry::{Position, above, within};
+use skysink_common::node_energy::Charges;
 use skysink_common::scenario::Scenario;
+use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::ByUav;
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
@@ -16,11 +20,15 @@ use skysink_mission::replay::Replay;
 use skysink_mission::trace::RecordedSlot;
 
 use super::request::SheetOptions;
+use crate::drawing::levels::LevelMap;
 use crate::drawing::map::{AreaKind, AreaOutline, MapSensor, MapSheet, TrajectoryMap};
 use crate::error::LabError;
 
 /// The maximum number of runs whose names are part of the file name.
 const MOST_NAMES: usize = 3;
+
+/// Cells of a map of links along the longer side of the area.
+const CELLS: f64 = 100.0;
 
 /// A sheet of maps that has been drawn.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -48,17 +56,22 @@ pub struct MappedRun {
     pub loss_rate: f64,
 }
 
-/// Replays the runs in these folders and draws a map of each, in their order. Existing files of the same name are
-/// replaced.
+/// Replays the runs in these folders and draws a map of each, in their order, over the map of the links of the sensor
+/// node `links_of`, or of the best, if there is one. Existing files of the same name are replaced.
 ///
 /// # Errors
 /// If a folder is not that of a run that has ended, or was changed, a file cannot be written, or on a stop.
 ///
 /// # Panics
 /// If there is no run.
-pub fn draw_maps(folders: &[PathBuf], sheet: &SheetOptions, stop: &Stop) -> Result<DrawnMaps, LabError> {
+pub fn draw_maps(
+    folders: &[PathBuf],
+    links_of: Option<&str>,
+    sheet: &SheetOptions,
+    stop: &Stop,
+) -> Result<DrawnMaps, LabError> {
     sheet.check()?;
-    let mapped = folders.iter().map(|run| map(run, stop)).collect::<Result<Vec<_>, _>>()?;
+    let mapped = folders.iter().map(|run| map(run, links_of, stop)).collect::<Result<Vec<_>, _>>()?;
     let (runs, mut maps): (Vec<_>, Vec<_>) = mapped.into_iter().unzip();
     let strategies: BTreeSet<&str> = runs.iter().map(|run| run.strategy.as_str()).collect();
     for (run, map) in runs.iter().zip(&mut maps) {
@@ -69,6 +82,11 @@ pub fn draw_maps(folders: &[PathBuf], sheet: &SheetOptions, stop: &Stop) -> Resu
     let missions: BTreeSet<String> = runs.iter().map(|run| format!("{}, seed {}", run.scenario, run.seed)).collect();
     let missions: Vec<String> = missions.into_iter().collect();
     let footer = format!("{} · skysink {VERSION} ({})", missions.join("; "), commit_of(build()));
+    let labels: BTreeSet<&str> = maps.iter().flat_map(|map| &map.links).map(|links| &*links.label).collect();
+    if labels.len() > 1 {
+        let expected = "expected runs with the same, or a figure for each";
+        return Err(InputError::new("run folder", &folders[0], format!("{labels:?}: {expected}")).into());
+    }
     let look = sheet.look(footer, &format!(" · built from {}", build()));
     let drawn = MapSheet { look, maps, fraction_label: "queue fill at the end".to_owned() };
     let beside = || folders[0].parent().unwrap_or(Path::new("")).join("plots");
@@ -79,16 +97,21 @@ pub fn draw_maps(folders: &[PathBuf], sheet: &SheetOptions, stop: &Stop) -> Resu
 }
 
 /// The flight of a run, and its map without a title.
-fn map(run: &Path, stop: &Stop) -> Result<(MappedRun, TrajectoryMap), LabError> {
+fn map(run: &Path, links_of: Option<&str>, stop: &Stop) -> Result<(MappedRun, TrajectoryMap), LabError> {
     let mut replay = Replay::open(run)?;
     let mut flown: Vec<ByUav<RecordedSlot>> = Vec::new();
     replay.drive(&mut [&mut flown], stop)?;
     let scenario = replay.scenario();
     let nodes = replay.list().sensors().iter().zip(replay.plant().field().queues_bits());
-    let sensors = nodes.map(|(sensor, &queue_bits)| MapSensor {
-        position_m: sensor.position.coords.into(),
-        fraction: f64::from(queue_bits) / f64::from(sensor.capacity_bits),
-    });
+    let mut sensors: Vec<MapSensor> = nodes
+        .map(|(sensor, &queue_bits)| MapSensor {
+            position_m: sensor.position.coords.into(),
+            fraction: f64::from(queue_bits) / f64::from(sensor.capacity_bits),
+            energy: None,
+        })
+        .collect();
+    let left = replay.plant().field().charges().into_iter().flat_map(Charges::fractions);
+    sensors.iter_mut().zip(left).for_each(|(sensor, left)| sensor.energy = Some(left));
     let path_m = |uav: usize| {
         let ends = flown.iter().map(|slot| slot[uav].position);
         std::iter::once(scenario.start_of(uav)).chain(ends).map(|at| at.xy().coords.into()).collect()
@@ -97,9 +120,10 @@ fn map(run: &Path, stop: &Stop) -> Result<(MappedRun, TrajectoryMap), LabError> 
         title: String::new(),
         width_m: scenario.area.width_m(),
         height_m: scenario.area.height_m(),
+        links: links(run, scenario, replay.list(), links_of)?,
         areas: areas(scenario),
         names: site_names(scenario),
-        sensors: sensors.collect(),
+        sensors,
         paths_m: (0..scenario.uav.uavs()).map(path_m).collect(),
     };
     let mapped = MappedRun {
@@ -111,6 +135,44 @@ fn map(run: &Path, stop: &Stop) -> Result<(MappedRun, TrajectoryMap), LabError> 
         loss_rate: replay.summary().loss_rate,
     };
     Ok((mapped, map))
+}
+
+/// The map of the links of the sensor node `of` at the altitude of the UAV, or of the best within the communication
+/// radius; `None` without a map.
+fn links(run: &Path, scenario: &Scenario, list: &SensorList, of: Option<&str>) -> Result<Option<LevelMap>, InputError> {
+    let refuse = |name: &str, expected: String| InputError::of_argument("--links-of", name, expected);
+    let Some(map) = scenario.link.map else {
+        let expected = || format!("{}: expected a run with link.model = \"map\"", run.display());
+        return of.map_or(Ok(None), |name| Err(refuse(name, expected())));
+    };
+    let id_of = |name: &str| {
+        let mut named = list.ids_named(name);
+        let id = named.next().or_else(|| LinkMap::id_of(name).filter(|id| *id < list.sensors().len()));
+        let id = id.filter(|_| named.next().is_none());
+        id.ok_or_else(|| refuse(name, format!("{}: expected the name or the id of one sensor node", run.display())))
+    };
+    let chosen = of.map(id_of).transpose()?;
+    let nodes: Vec<Position> = list.sensors().iter().map(|sensor| sensor.position).collect();
+    let radius_m = scenario.link.comm_radius_m;
+    let [width_m, height_m] = [scenario.area.width_m(), scenario.area.height_m()];
+    let cell_m = width_m.max(height_m) / CELLS;
+    let [columns, rows] = [width_m, height_m].map(|side_m| (side_m / cell_m).ceil() as usize);
+    let unit = if map.has_rates() { 1e3 } else { 1.0 };
+    let level = |row: usize, column: usize| {
+        let at = Position::new(column as f64 + 0.5, row as f64 + 0.5) * cell_m;
+        let uav = above(&at, scenario.uav.altitude_m);
+        let near = nodes.iter().filter(|node| within(node, &at, radius_m));
+        let level = match chosen {
+            Some(id) => map.level(&nodes[id], &uav),
+            None => near.map(|node| map.level(node, &uav)).fold(f64::NEG_INFINITY, f64::max),
+        };
+        let is_link = level.is_finite() && (level > 0.0 || !map.has_rates());
+        is_link.then_some(level / unit)
+    };
+    let what = if map.has_rates() { "rate [kbit/s]" } else { "SNR [dB]" };
+    let label = chosen.map_or_else(|| format!("best {what}"), |id| format!("{what} of {}", list.label(id)));
+    let row = |row: usize| (0..columns).map(|column| level(row, column)).collect();
+    Ok(Some(LevelMap { label, cell_m, rows: (0..rows).map(row).collect() }))
 }
 
 /// The boundary, the zones, the buildings and the base of a scenario.

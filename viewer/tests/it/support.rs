@@ -98,6 +98,8 @@ impl Slot {
             plans: std::slice::from_ref(&self.plan),
             paths: &self.path,
             flights: std::slice::from_ref(&self.flight),
+            heard: &[],
+            charges: None,
             slots_per_s: None,
             plan_ms: None,
         }

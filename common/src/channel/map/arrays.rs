@@ -8,7 +8,7 @@ use rustc_hash::FxHashMap;
 use zip::ZipArchive;
 use zip::result::ZipError;
 
-use super::{LevelGrid, LinkMap, MOST_POINTS, NO_LINK};
+use super::{LevelGrid, LinkMap, MOST_POINTS, NO_LINK, SNRS_DB};
 use crate::error::quoted;
 
 /// The extension of the file.
@@ -102,10 +102,10 @@ impl LinkMap {
             return Err(format!("{level}: shape {shape:?}: expected at most {MOST_POINTS} points"));
         }
         let is_level = |level: &f64| {
-            level.is_nan() || if steps.is_some() { level.is_finite() } else { (0.0..=1e300).contains(level) }
+            level.is_nan() || if steps.is_some() { SNRS_DB.contains(level) } else { (0.0..=1e300).contains(level) }
         };
         if let Some(wrong) = levels.iter().find(|level| !is_level(level)) {
-            let expected = if steps.is_some() { "a finite number" } else { "a rate from 0 to 1e300" };
+            let expected = if steps.is_some() { "-300 to 300 dB" } else { "a rate from 0 to 1e300" };
             return Err(format!("{level} = {wrong}: expected {expected}, or nan for no link"));
         }
         let grid = |sensor: usize| {
@@ -125,7 +125,7 @@ impl LinkMap {
         let mut named: Vec<(String, LevelGrid)> = (0..count).map(grid).collect();
         named.sort_by(|(a, _), (b, _)| a.cmp(b)); // as from a file
         let (names, grids) = named.into_iter().unzip();
-        Ok(Self { names, grids, steps, of_places: FxHashMap::default() })
+        Ok(Self { names, are_ids: count > 1, grids, steps, of_places: FxHashMap::default() })
     }
 }
 

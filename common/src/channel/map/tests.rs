@@ -140,6 +140,10 @@ fn an_invalid_map_is_refused() {
     for (text, message) in [
         ("a,b\n".to_owned(), "header `a,b`: expected sensor,x_m,y_m,z_m,snr_db"),
         (format!("{head},0,0,0,x\n"), "line 2: `,0,0,0,x`: expected a sensor or nothing"),
+        (
+            format!("{head},0,0,0,301\n"),
+            "line 2: `,0,0,0,301`: expected a sensor or nothing, three finite numbers, and -300",
+        ),
         (format!("{head},0,0,inf,1\n"), "line 2: `,0,0,inf,1`: expected a sensor or nothing"),
         (format!("{head},0,0,0,1\n,0,0,0,2\n"), "sensor ``, x_m = 0, y_m = 0, z_m = 0 twice: expected it once"),
         (format!("{head},0,0,0,1\n,5,9,0,1\n"), "no row with sensor ``, x_m = 0, y_m = 9, z_m = 0: expected one for"),

@@ -79,8 +79,11 @@ fn an_invalid_grid_is_refused() {
         (changed("nrows 2", "nrows 99999999"), "ncols, nrows = [3, 99999999]: expected at most 100000000 cells"),
         (
             changed("cellsize 10", "cellsize 0.0002777"),
-            "cellsize = 0.0002777: expected 0.1 m or more; degrees? expected",
+            "cellsize = 0.0002777: expected 0.1 to 1e6 m; degrees? expected",
         ),
+        (changed("cellsize 10", "cellsize 1e300"), "cellsize = 1e300: expected 0.1 to 1e6 m"),
+        (changed("XLLCORNER 100", "XLLCORNER 1e300"), "xllcorner = 1e300: expected -1e9 to 1e9 m"),
+        (changed("ncols 3", "ncols 1e300"), "ncols = 1e300: expected a whole number of cells"),
         (changed("cellsize 10\n", "dx 10\ndy 9\n"), "line 5: `dx 10`: expected ncols"),
         (changed("yllcorner 200\n", ""), "no yllcorner: expected it in the header"),
         (changed("4 5 6", "4 5"), "5 heights: expected ncols × nrows = 3 × 2"),
