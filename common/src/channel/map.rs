@@ -3,6 +3,7 @@
 
 mod arrays;
 mod steps;
+mod written;
 
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
@@ -169,29 +170,6 @@ impl LinkMap {
     #[must_use]
     pub fn size(&self) -> [usize; 2] {
         [self.grids.len(), self.grids.iter().map(|grid| grid.levels.len()).sum()]
-    }
-
-    /// The map as a CSV file, and its steps as another; floats round-trip exactly.
-    #[must_use]
-    pub fn to_csv(&self) -> (String, Option<String>) {
-        let mut text = format!("sensor,x_m,y_m,z_m,{}\n", if self.has_rates() { "rate_bps" } else { "snr_db" });
-        for (name, LevelGrid { axes_m: [east_m, north_m, up_m], levels, .. }) in self.names.iter().zip(&self.grids) {
-            let by_id = if self.are_ids && !name.is_empty() { "#" } else { "" };
-            let quoted = name.contains([',', '"']).then(|| format!("\"{}\"", name.replace('"', "\"\"")));
-            let name = quoted.unwrap_or_else(|| format!("{by_id}{name}"));
-            let mut levels = levels.iter();
-            for x_m in east_m {
-                for y_m in north_m {
-                    for (z_m, level) in up_m.iter().zip(&mut levels) {
-                        let level = if level.is_finite() { level.to_string() } else { String::new() };
-                        text.push_str(&format!("{name},{x_m},{y_m},{z_m},{level}\n"));
-                    }
-                }
-            }
-        }
-        let line = |[snr_db, rate_bps]: &[f64; 2]| format!("{snr_db},{rate_bps}\n");
-        let steps = self.steps.as_ref().map(|steps| steps.iter().map(line).collect::<String>());
-        (text, steps.map(|steps| format!("snr_db,rate_bps\n{steps}")))
     }
 
     /// Holds the map for the rest of the process, so that a channel is copied as a number. Equal ones are held once.
