@@ -105,7 +105,7 @@ pub fn run<S: Service + 'static>(
         let address = format!("rerun+http://127.0.0.1:{port}/proxy");
         Role::Viewer.log(format_args!("live at {address}: open it by `rerun {address}`"));
     }
-    let energy = scenario.sensors.energy.map(|_| SensorList::of(scenario)).transpose()?;
+    let energy = scenario.sensors.energy.as_ref().map(|_| SensorList::of(scenario)).transpose()?;
     let ledger = energy.map(|list| list.ledger(scenario));
     let followed = Follower::open(&ring, scenario, journal, ledger, &mut scene)
         .and_then(|mut follower| follower.follow(&mut wait).map(|()| follower.missed));
@@ -288,9 +288,9 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
         if is_next {
             ledger.sample(slot);
             for link in uploads(flights).filter(|link| (link.sensor as usize) < queues_bits.len()) {
-                let _ = ledger.serve(link.sensor as usize, link.capacity_bits, link.rate_bps);
+                let _ = ledger.serve(slot, link.sensor as usize, link.capacity_bits, link.rate_bps);
             }
-            ledger.spend(slot, &beacons(flights).collect::<Vec<_>>());
+            let _ = ledger.end_slot(slot, &beacons(flights).collect::<Vec<_>>());
         }
         if !is_next && slot > 0 || *ledger.told_bits() != *queues_bits {
             self.ledger = None;
