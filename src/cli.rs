@@ -28,7 +28,7 @@ use skysink_ring::wait::{exit_on_second_signal, stop_on_signals};
 use crate::compare;
 use crate::error::Error;
 use crate::usage::VERSION;
-use crate::{check, join, new, programs, replay, run, simulate, topics, usage, view, worker};
+use crate::{check, join, new, replay, run, simulate, topics, usage, view, worker};
 
 /// Plans and flies a UAV that collects data from wireless sensor nodes, slot by slot.
 #[derive(Debug, Parser)]
@@ -122,12 +122,9 @@ pub fn command() -> clap::Command {
     Cli::command()
 }
 
-/// Runs a command line, program name first, or the program that its first argument names, and returns its exit code.
+/// Runs a command line, program name first, and returns its exit code.
 #[must_use]
 pub fn execute(arguments: Vec<OsString>) -> u8 {
-    if let Some(program) = arguments.get(1).and_then(|name| programs::of(name.to_str()?)) {
-        return program(arguments[1..].to_vec());
-    }
     worker::silence_iceoryx2();
     let stop = stop_on_signals();
     // Installed after the handler that requests the stop, so that the first signal is not lost. The launcher stops the

@@ -32,6 +32,15 @@ pub fn of(name: &str) -> Option<fn(Vec<OsString>) -> u8> {
     }
 }
 
+/// Runs a command line, program name first, or the program that its first argument names, and returns its exit code.
+#[must_use]
+pub fn skysink(arguments: Vec<OsString>) -> u8 {
+    match arguments.get(1).and_then(|name| of(name.to_str()?)) {
+        Some(program) => program(arguments[1..].to_vec()),
+        None => cli::execute(arguments),
+    }
+}
+
 /// Runs field-sim with these arguments, program name first, and returns its exit code.
 #[must_use]
 pub fn field_sim(arguments: Vec<OsString>) -> u8 {

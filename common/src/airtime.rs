@@ -7,26 +7,7 @@ use std::collections::VecDeque;
 use serde::{Deserialize, Serialize};
 
 use crate::checkpoint::{CheckpointError, decode_first, encode};
-use crate::node_energy::DEAD;
 use crate::scenario::Scenario;
-
-/// Added to the queue of an SN without airtime for the next slot on the topics `queues` and `belief`; queues of missions
-/// with a duty cycle or batteries are shorter.
-pub const SILENT: u32 = 1 << 31;
-
-/// Whether an SN that is told as `told_bits` cannot be served: it is dead, or has no airtime.
-#[inline]
-#[must_use]
-pub fn is_out(told_bits: u32) -> bool {
-    told_bits >= SILENT
-}
-
-/// The queue of an SN that is told as `told_bits` [bit]; 0 of a dead one.
-#[inline]
-#[must_use]
-pub fn held_bits(told_bits: u32) -> u32 {
-    if told_bits == DEAD { 0 } else { told_bits & !SILENT }
-}
 
 /// The window of a duty cycle if a scenario does not say [s].
 const WINDOW_S: f64 = 3600.0;

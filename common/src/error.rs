@@ -189,7 +189,7 @@ const NOT_MODELLED: [NotModelled; 10] = [
     NotModelled {
         heading: "Radio",
         instead: "set link.preset, a smaller link.bandwidth_hz, or a table of rates, link.model = \"table\"",
-        words: &["lora", "wifi", "ble", "zigbee", "duty", "collisions", "interference", "beacon"],
+        words: &["lora", "wifi", "ble", "zigbee", "collisions", "interference", "beacon"],
     },
 ];
 

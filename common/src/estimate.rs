@@ -8,10 +8,9 @@ mod saved_estimate;
 
 pub use saved_estimate::{BYTES_PER_SENSOR, SavedEstimate};
 
-use crate::airtime::{held_bits, is_out};
 use crate::arrivals::{ArrivalLaw, bits_between, mean_bits};
 use crate::message::FlightReport;
-use crate::node_energy::DEAD;
+use crate::node_energy::{DEAD, held_bits, is_out};
 use crate::reported::ReportedQueues;
 use crate::scenario::{Interval, Scenario};
 use crate::sensors::Sensors;

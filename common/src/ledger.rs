@@ -11,11 +11,11 @@ use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 use serde::{Deserialize, Serialize};
 
-use crate::airtime::{Airtime, SILENT};
+use crate::airtime::Airtime;
 use crate::arrivals::{quick_bits, sampled_bits};
 use crate::cohorts::Cohorts;
 use crate::geometry::Position;
-use crate::node_energy::{Charges, DEAD};
+use crate::node_energy::{Charges, DEAD, SILENT};
 use crate::per_sensor::PerSensor;
 use crate::queues::{Queues, Sampled, blocks};
 use crate::sampling::Sampling;

@@ -15,12 +15,29 @@ pub use harvest::HarvestTrace;
 
 use crate::checkpoint::{CheckpointError, decode_first, encode};
 use crate::geometry::{Position, within};
-use crate::keys::{Accepts, NOT_NEGATIVE};
+use crate::keys::{Accepts, NOT_NEGATIVE, PATH};
 use crate::per_sensor::PerSensor;
-use crate::scenario::PATH;
 
 /// Queue of a dead SN on the topics `queues` and `belief`; live ones are shorter.
 pub const DEAD: u32 = u32::MAX;
+
+/// Added to the queue of an SN without airtime for the next slot on the topics `queues` and `belief`; queues of missions
+/// with a duty cycle or batteries are shorter.
+pub const SILENT: u32 = 1 << 31;
+
+/// Whether an SN that is told as `told_bits` cannot be served: it is dead, or has no airtime.
+#[inline]
+#[must_use]
+pub fn is_out(told_bits: u32) -> bool {
+    told_bits >= SILENT
+}
+
+/// The queue of an SN that is told as `told_bits` [bit]; 0 of a dead one.
+#[inline]
+#[must_use]
+pub fn held_bits(told_bits: u32) -> u32 {
+    if told_bits == DEAD { 0 } else { told_bits & !SILENT }
+}
 
 /// When an SN listens for a UAV.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, VariantNames)]

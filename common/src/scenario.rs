@@ -27,7 +27,7 @@ pub use area::{Area, BuildingKeys, NoFlyKeys};
 pub use base::{BaseKeys, BatteryKeys, SiteKeys};
 pub use mission::{CHANNEL, HARVEST, MAX_SEED, PlannerKeys, RATES, Scenario, TRACE};
 pub use sensors::SensorKeys;
-pub(crate) use sensors::{MAX_FIELD_BITS, MAX_SENSORS, PATH};
+pub(crate) use sensors::{MAX_FIELD_BITS, MAX_SENSORS};
 pub use simplified::{SharedZones, SimplifiedZones};
 pub use track::MOST_TRACK_SLOTS;
 pub use uav::{AltitudeMode, Climb, Coordination, MAX_UAVS, Moves, Propulsion, UavKeys};

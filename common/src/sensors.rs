@@ -39,7 +39,7 @@ pub struct Sensors {
     /// Weights of their bits, `w_i` (decision D25).
     pub weights: Weights,
     /// Whether they have batteries or a duty cycle (decision D33): queues are told with
-    /// [`DEAD`](crate::node_energy::DEAD) and [`SILENT`](crate::airtime::SILENT).
+    /// [`DEAD`](crate::node_energy::DEAD) and [`SILENT`](crate::node_energy::SILENT).
     pub may_refuse: bool,
 }
 

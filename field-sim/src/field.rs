@@ -4,14 +4,14 @@ use std::borrow::Cow;
 use std::mem::MaybeUninit;
 
 use serde::{Deserialize, Serialize};
-use skysink_common::airtime::{Airtime, SILENT, is_out};
+use skysink_common::airtime::Airtime;
 use skysink_common::belief::Belief;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, encode};
 use skysink_common::cohorts::Cohorts;
 use skysink_common::estimate::SavedEstimate;
 use skysink_common::ledger::{Ledger, Totals};
 use skysink_common::message::{FlightReport, QueuesHeader, SlotHeader};
-use skysink_common::node_energy::{Charges, DEAD};
+use skysink_common::node_energy::{Charges, DEAD, SILENT, is_out};
 use skysink_common::queues::blocks;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;

@@ -2,9 +2,9 @@
 
 mod support;
 
-use skysink_common::airtime::is_out;
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::message::{Mode, Plan};
+use skysink_common::node_energy::is_out;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::uploads;

@@ -1,5 +1,7 @@
 //! An episode of the environment: a mission flown by actions.
 
+mod expert;
+
 use std::sync::{Arc, LazyLock};
 
 use pyo3::prelude::*;
@@ -23,11 +25,11 @@ use skysink_planner::strategy::{Decision, Timing, View};
 
 use crate::belief::{Contacts, believed};
 use crate::errors::refused;
-use crate::expert::Experts;
 use crate::field::FieldData;
 use crate::rules::{Kind, Reward, Rules};
 use crate::scenario::PyScenario;
 use crate::strategy::PyDecision;
+use expert::Experts;
 
 /// The field and the UAVs of a scenario, with what the UAVs believe of the queues.
 pub fn plant(scenario: &Scenario, list: &SensorList) -> PyResult<Plant> {

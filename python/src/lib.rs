@@ -10,7 +10,6 @@ mod control;
 mod environment;
 mod episode;
 mod errors;
-mod expert;
 mod field;
 mod held;
 mod observation;

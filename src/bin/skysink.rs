@@ -1,5 +1,5 @@
 //! The command line program `skysink`, also the launcher of the ring.
 
 fn main() -> std::process::ExitCode {
-    skysink::cli::execute(std::env::args_os().collect()).into()
+    skysink::programs::skysink(std::env::args_os().collect()).into()
 }

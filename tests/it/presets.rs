@@ -153,7 +153,7 @@ and gains of `[link]` do not count.
 Ranges are those of the defaults, `preset_exponent = {}` and `preset_margin_db = {}`. LTE-M is `lte-1.4` with at most
 375 kbit/s. There is no preset for NB-IoT, whose rate near its limit needs a curve.
 
-The duty cycle of 1 % of the EU868 band is not modelled: an SN sends 36 s an hour, {:.0} kbit with `lora-sf7` and {:.0}
+The duty cycle of 1 % of the EU868 band is `link.duty_cycle = 0.01`: an SN sends 36 s an hour, {:.0} kbit with `lora-sf7` and {:.0}
 kbit with `lora-sf12`.
 
 Sources; what is unverified is a usual value, to be checked before it is quoted.

@@ -7,11 +7,10 @@
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
-use skysink_common::airtime::held_bits;
 use skysink_common::checkpoint::CheckpointError;
 use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::message::FlightReport;
-use skysink_common::node_energy::DEAD;
+use skysink_common::node_energy::{DEAD, held_bits};
 use skysink_common::sampling::Sampler;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::Sensors;

@@ -23,7 +23,7 @@ pub use on_off::OnOff;
 pub use poisson::Poisson;
 pub use trace::{Arrival, ArrivalTrace};
 
-use crate::keys::{Accepts, Only, POSITIVE};
+use crate::keys::{Accepts, Only, PATH, POSITIVE};
 use crate::per_sensor::PerSensor;
 use crate::random::Streams;
 
@@ -74,7 +74,6 @@ const fn only(values: &'static [&'static str], expected: &'static str) -> Only {
 }
 
 /// Paths.
-const PATH: Accepts = Accepts::Text("the path of a CSV file, relative to the scenario", |path| !path.is_empty());
 
 crate::keys! {
     /// `[sensors.arrivals]`: how the bits arrive that are sampled at the mean `sampling_bps`.

@@ -37,7 +37,7 @@ pub use radio_rates::PathLoss;
 pub use table::{RateTable, TableChannel};
 
 use crate::geometry::{Position, distance_squared};
-use crate::keys::{Accepts, Interval, LEVEL_DB, NOT_NEGATIVE, POSITIVE};
+use crate::keys::{Accepts, Interval, LEVEL_DB, NOT_NEGATIVE, PATH, POSITIVE};
 use crate::presets;
 use crate::random::Streams;
 use crate::units::{ratio_of_db, watts_of_dbm};
@@ -77,7 +77,6 @@ pub enum LinkModel {
 }
 
 /// Paths.
-const PATH: Accepts = Accepts::Text("the path of a CSV file, relative to the scenario", |path| !path.is_empty());
 
 /// Correlation distances.
 const CORRELATION_M: Accepts = Accepts::Number("0, or a finite number from 0.001", |distance_m| {

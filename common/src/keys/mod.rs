@@ -113,6 +113,9 @@ pub enum Accepts {
 /// Numbers above 0.
 pub const POSITIVE: Accepts = Accepts::Number("a finite number above 0", |number| number > 0.0 && number.is_finite());
 
+/// Paths.
+pub const PATH: Accepts = Accepts::Text("the path of a CSV file, relative to the scenario", |path| !path.is_empty());
+
 /// Numbers from 0.
 pub const NOT_NEGATIVE: Accepts =
     Accepts::Number("a finite number, 0 or above", |number| number >= 0.0 && number.is_finite());

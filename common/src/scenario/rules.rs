@@ -12,14 +12,13 @@ use super::sensors::MAX_FIELD_BITS;
 use super::uav::Climb;
 use super::zones;
 use crate::airspace::{MAX_CELLS, cells_along};
-use crate::airtime::SILENT;
 use crate::arrivals::MAX_SAMPLED_BITS;
 use crate::channel::{Channel, ChannelModel, LinkModel, LosCurve, SHADOWING_DB};
 use crate::error::InputError;
 use crate::geometry::Position;
 use crate::keys::dotted::{beside, is_below, value};
 use crate::keys::{self, Keys, Only};
-use crate::node_energy::WakeMode;
+use crate::node_energy::{SILENT, WakeMode};
 use crate::presets;
 
 /// Checks the rules between the keys of `scenario`, which was read from `file`.

@@ -7,7 +7,7 @@ use strum::VariantNames;
 
 use crate::arrivals::{ArrivalKeys, ArrivalModel};
 use crate::cohorts::Overflow;
-use crate::keys::{Accepts, Interval, NOT_NEGATIVE, POSITIVE, WholeInterval};
+use crate::keys::{Accepts, Interval, NOT_NEGATIVE, PATH, POSITIVE, WholeInterval};
 use crate::node_energy::NodeEnergyKeys;
 
 /// Most sensor nodes of a field.
@@ -19,10 +19,6 @@ pub(crate) const MAX_FIELD_BITS: f64 = 9.0e18;
 /// Numbers of bits that fit into a queue.
 const QUEUE_BITS: Accepts =
     Accepts::Interval("0 to 4294967295 bits", |queue_bits| (0.0..=4_294_967_295.0).contains(&queue_bits));
-
-/// Paths.
-pub(crate) const PATH: Accepts =
-    Accepts::Text("the path of a CSV file, relative to the scenario", |path| !path.is_empty());
 
 crate::keys! {
     /// `[sensors]`: the sensor nodes, before their list is drawn or read.

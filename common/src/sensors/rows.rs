@@ -5,14 +5,13 @@
 use std::ops::RangeInclusive;
 
 use super::list::{Sensor, draw_capacity_bits, draw_queue_bits, draw_sampling_bps};
-use crate::airtime::SILENT;
 use crate::arrivals::MAX_SAMPLED_BITS;
 use crate::channel::{Channel, ChannelModel, draw_gain_db};
 use crate::error::{line_of, quoted};
 use crate::geodata::projection::Projection;
 use crate::geometry::Position;
 use crate::keys::{Accepts, NOT_NEGATIVE};
-use crate::node_energy::CAPACITY_J;
+use crate::node_energy::{CAPACITY_J, SILENT};
 use crate::random::Streams;
 use crate::scenario::{Area, MAX_FIELD_BITS, MAX_SENSORS, Scenario};
 use crate::weights::WEIGHTS;

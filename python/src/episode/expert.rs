@@ -21,7 +21,7 @@ use skysink_planner::FleetPlanner;
 use skysink_planner::strategies::expected;
 use skysink_planner::strategy::Registered;
 
-use crate::episode::Episode;
+use super::Episode;
 use crate::errors::refused;
 use crate::rules::Control;
 
