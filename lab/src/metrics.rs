@@ -8,8 +8,7 @@ use skysink_common::message::{FlightReport, Mode};
 use skysink_common::node_energy::NodeEnergyUse;
 use skysink_common::scenario::{Propulsion, Scenario};
 use skysink_common::sensors::SensorList;
-use skysink_common::slot_record::SlotRecord;
-use skysink_common::slot_record::{ByUav, UAV, uploads};
+use skysink_common::slot_record::{ByUav, SlotRecord, UAV, uploads};
 use skysink_mission::ages::{AgeCounts, Ages, Delivered, DeliveredData};
 use skysink_mission::drive::{Observer, SlotSink};
 use skysink_mission::origin::RunMode;
@@ -212,8 +211,7 @@ metrics! {
         |m| m.gaps.peaks as f64 * m.meter.slot_s / m.gaps.gaps as f64;
     /// The largest of these ages.
     AoiPeakMaxS: SECONDS, "aoi_peak_max_s", "largest age before a service", |m| m.gaps.highest as f64 * m.meter.slot_s;
-    /// Σ_i w_i times the slots with an age above `sensors.deadline_s`, with w_i = 1 where all weights are equal;
-    /// no value without a limit.
+    /// Σ_i w_i times the slots with an age above `sensors.deadline_s` (w_i = 1 if all are equal); no value without it.
     DeadlineSlots: REAL, "deadline_slots", "slots of sensor nodes with an age above the limit", |m| m.deadline_slots();
     /// What the flight costs by `planner.objective`; for `"collect"` the bits that are not delivered.
     Objective: REAL, "objective", "cost by planner.objective", |m| m.objective();
