@@ -7,6 +7,7 @@ use std::collections::VecDeque;
 use serde::{Deserialize, Serialize};
 
 use crate::checkpoint::{CheckpointError, decode_first, encode};
+use crate::message::MAX_SERVED;
 use crate::scenario::Scenario;
 
 /// The window of a duty cycle if a scenario does not say [s].
@@ -42,7 +43,7 @@ impl Airtime {
     pub fn of(scenario: &Scenario, count: usize) -> Option<Self> {
         let duty_cycle = scenario.link.duty_cycle?;
         let window = scenario.whole_slots(scenario.link.duty_window_s.unwrap_or(WINDOW_S)).max(1);
-        let served = scenario.uav.uavs() * scenario.link.resource_blocks as usize;
+        let served = scenario.uav.uavs() * MAX_SERVED; // by vehicles that report what they serve
         Some(Self {
             window,
             granted_ns: (duty_cycle * window as f64 * scenario.slot_s * 1e9) as u64, // saturates
@@ -78,10 +79,10 @@ impl Airtime {
     }
 
     /// SN `sensor` sends `bits` [bit] in `slot`, the next, at `rate_bps` [bit/s]. If these are all that it may send, it has
-    /// used up its airtime.
+    /// used up its airtime; over a link without a rate it sends nothing.
     pub(crate) fn send(&mut self, slot: u64, sensor: usize, bits: u64, rate_bps: f64) {
         let left_ns = self.granted_ns.saturating_sub(self.used_ns[sensor]);
-        let is_all = bits == self.most_bits(sensor, rate_bps);
+        let is_all = rate_bps > 0.0 && bits == self.most_bits(sensor, rate_bps);
         let sent_s = if bits > 0 { bits as f64 / rate_bps } else { 0.0 };
         let airtime_ns = if is_all { left_ns } else { ((sent_s * 1e9).ceil() as u64).min(left_ns) };
         if airtime_ns > 0 {
@@ -136,6 +137,7 @@ impl Airtime {
 mod tests {
     use super::*;
     use crate::ledger::Ledger;
+    use crate::node_energy::{held_bits, is_out};
     use crate::sampling::Sampling;
     use crate::scenario::Overrides;
     use std::path::Path;
@@ -169,6 +171,18 @@ mod tests {
         assert_eq!(sent_bits, [200, 50, 0, 0, 0, 200, 50, 0]);
         assert_eq!(ledger.airtime().unwrap().refused(), 4);
         assert_eq!(ledger.told_bits()[1], 800, "never served");
+    }
+
+    #[test]
+    fn a_link_without_a_rate_takes_no_airtime_and_a_rest_of_less_than_a_bit_all() {
+        let mut airtime = airtime("link.duty_cycle = 1.0\nlink.duty_window_s = 4.0\n");
+        airtime.send(1, 0, 0, 0.0);
+        assert!(!airtime.is_silent(0));
+        airtime.send(1, 0, 399, 100.0);
+        airtime.send(1, 0, 0, 99.0);
+        assert!(airtime.is_silent(0), "0.01 s at 99 bit/s");
+        airtime.send(1, 1, 0, 100.0);
+        assert!(!airtime.is_silent(1), "its queue was empty");
     }
 
     #[test]

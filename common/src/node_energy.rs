@@ -68,7 +68,8 @@ crate::keys! {
         /// Harvested power [W]. A column of the sensor list has priority.
         harvest_w: f64 = 0.0, NOT_NEGATIVE;
         /// CSV file of the harvested power, `slot,sensor,harvest_w`: the power of an SN from a slot on until its next
-        /// row [W], and instead of it before the first. An empty sensor is all SNs without rows of their own.
+        /// row [W]; before the first that of the list or `harvest_w`. An empty sensor is all SNs without rows of their
+        /// own.
         harvest_file: Option<PathBuf>, PATH;
         /// Power that an SN always takes [W].
         sleep_w: f64 = 0.0, NOT_NEGATIVE;

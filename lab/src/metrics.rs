@@ -171,15 +171,15 @@ metrics! {
     /// Energy of all SNs over `delivered_bits`.
     EnergyPerBitJ: JOULES, "energy_per_bit_j", "energy of the SNs for a bit delivered",
         |m| m.of_nodes(|energy| energy.energy_per_bit_j);
-    /// Services refused for want of airtime (`link.duty_cycle`); no value without it.
-    RefusedDuty: REAL, "refused_duty", "services refused because the SN had no airtime left",
-        |m| m.summary.refused_duty.map_or(f64::NAN, |refused| refused as f64);
     /// Least energy left in an SN, over the capacity.
     ResidualMin: FRACTION, "residual_min", "least energy left in an SN",
         |m| m.of_nodes(|energy| Some(energy.residual_min));
     /// Mean energy left, over the capacity.
     ResidualMean: FRACTION, "residual_mean", "mean energy left in the SNs",
         |m| m.of_nodes(|energy| Some(energy.residual_mean));
+    /// Services refused for want of airtime (`link.duty_cycle`); no value without it.
+    RefusedDuty: REAL, "refused_duty", "services refused because the SN had no airtime left",
+        |m| m.summary.refused_duty.map_or(f64::NAN, |refused| refused as f64);
     /// Bits delivered over the bits before slot 1 and those sampled.
     CollectionRatio: FRACTION, "collection_ratio", "fraction of all bits collected", |m| m.summary.collection_ratio;
     /// End of the slot that delivers the last of the initial data; no value if some is left, or where an SN

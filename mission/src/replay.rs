@@ -116,9 +116,14 @@ impl Replay {
         }
         self.trace.check_end(&self.summary)?;
         let mut again = self.tally.summary(Duration::ZERO, self.trace.log().hash());
-        // The trace does not say which SNs lose bits.
+        // The trace does not say which SNs lose bits, and what each has sent.
         again.eta_letter = self.summary.eta_letter;
         again.weighted_loss_rate = self.summary.weighted_loss_rate;
+        again.objective = self.summary.objective;
+        again.expired_bits = self.summary.expired_bits;
+        again.node_energy = self.summary.node_energy;
+        again.refused_duty = self.summary.refused_duty;
+        again.mean_served = self.summary.mean_served;
         self.summary.recompute(again);
         Ok(())
     }

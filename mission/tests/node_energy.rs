@@ -3,6 +3,7 @@
 mod support;
 
 use skysink_common::checkpoint::Checkpoint;
+use skysink_common::geometry::Position;
 use skysink_common::message::{Mode, Plan};
 use skysink_common::node_energy::is_out;
 use skysink_common::scenario::Scenario;
@@ -184,6 +185,41 @@ fn no_strategy_schedules_a_sensor_node_without_airtime() {
             assert!(is_still || silenced > 3 && heard_again > 0, "{}, {keys}: {silenced}", strategy.name);
             assert_eq!(tally.summary(Duration::ZERO, 0).refused_duty, Some(0), "{}, {keys}", strategy.name);
         }
+    }
+}
+
+#[test]
+fn the_plan_of_offline_keeps_stops_of_sensor_nodes_that_are_silent_for_a_while() {
+    for objective in ["", "planner.objective = 'age'\n", "planner.objective = 'collect'\n"] {
+        let keys = |more: &str| {
+            format!(
+                "name = 'duty'\nseed = 3\nslots = 120\narea.side_m = 200.0\nsensors.count = 12\n\
+                 sensors.sampling_bps = [900.0, 4000.0]\nplanner.offline.steps = 2000\n{objective}{more}"
+            )
+        };
+        let flown = |more: &str| {
+            let scenario = scenario_of(&keys(more), "offline");
+            let list = sensors(&scenario);
+            let mut mission = Mission::new(&scenario, &list).unwrap();
+            let mut silent = 0;
+            let mut visited = vec![[0; 2]; 12];
+            while let Some(record) = mission.next() {
+                for (node, visited) in list.nodes().iter().zip(&mut visited) {
+                    let away = record.flights[0].position().xy() - Position::new(node.x_m, node.y_m);
+                    let is_near = away.norm() <= 20.0;
+                    visited[usize::from(record.slot() > 60)] += usize::from(is_near);
+                }
+                silent += mission.plant().field().told_bits().iter().filter(|bits| is_out(**bits)).count();
+            }
+            (silent, visited)
+        };
+        let (none, always) = flown("");
+        let (silent, sometimes) = flown("link.duty_cycle = 2e-5\nlink.duty_window_s = 40.0\n");
+        assert!(none == 0 && silent > 20, "{objective}: {silent} slots of silent SNs");
+        // Those that are visited in the second half are still visited then.
+        let kept = always.iter().zip(&sometimes).filter(|(always, _)| always[1] > 0).filter(|(_, now)| now[1] > 0);
+        let late = always.iter().filter(|visits| visits[1] > 0).count();
+        assert!(late > 0 && kept.count() * 4 >= late * 3, "{objective}: {always:?}, {sometimes:?}");
     }
 }
 

@@ -63,7 +63,7 @@ impl GapCosts {
     /// Of the energy of a visit that finds `stored` units where the link carries `capacity`.
     #[inline]
     pub(crate) fn of_visit(&self, stored: f64, capacity: f64) -> f64 {
-        self.wake + if self.send > 0.0 { self.send * (stored / capacity).clamp(0.0, 1.0) } else { 0.0 }
+        self.wake + if self.send > 0.0 && stored > 0.0 { self.send * (stored / capacity).clamp(0.0, 1.0) } else { 0.0 }
     }
 
     /// Whether nothing but visits counts, whatever they take.

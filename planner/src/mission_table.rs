@@ -42,8 +42,8 @@ pub struct MissionTable {
     pub track: Option<Arc<[[f64; 3]]>>,
     /// Whether zones leave no place to serve the SN from, by id; empty in an open field.
     is_hidden: Arc<[bool]>,
-    /// Whether the SN is known to be dead or without airtime, by id; empty where none may be.
-    is_out: Arc<[bool]>,
+    /// Whether the SN is known to be dead or without airtime, and whether dead, by id; empty where none may be.
+    is_out: Arc<[[bool; 2]]>,
     /// The way home; `None` if the UAV need not come back.
     pub home: Option<Home>,
     /// Found when they are first asked for; clones share them.
@@ -119,9 +119,12 @@ impl MissionTable {
 
     /// Takes in which SNs are dead, or without airtime: they cannot be served. Nothing changes if none may be.
     pub(crate) fn exclude(&mut self, belief: &Belief, queues_bits: &[u32]) {
-        let is_out = |id: u32| belief.is_out(queues_bits[id as usize], id);
-        if self.sensors.may_refuse && self.sensors.ids().any(|id| is_out(id) != self.is_out(id)) {
-            self.is_out = self.sensors.ids().map(is_out).collect();
+        let of = |id: u32| {
+            let told_bits = queues_bits[id as usize];
+            [belief.is_out(told_bits, id), belief.is_dead(told_bits, id)]
+        };
+        if self.sensors.may_refuse && self.sensors.ids().any(|id| of(id) != [self.is_out(id), self.is_dead(id)]) {
+            self.is_out = self.sensors.ids().map(of).collect();
         }
     }
 
@@ -129,7 +132,13 @@ impl MissionTable {
     #[inline]
     #[must_use]
     pub fn is_out(&self, id: u32) -> bool {
-        self.is_out.get(id as usize).is_some_and(|is_out| *is_out)
+        self.is_out.get(id as usize).is_some_and(|[is_out, _]| *is_out)
+    }
+
+    /// Whether SN `id` is known to be dead.
+    #[must_use]
+    pub fn is_dead(&self, id: u32) -> bool {
+        self.is_out.get(id as usize).is_some_and(|[_, is_dead]| *is_dead)
     }
 
     /// Whether there is a place in range of SN `id` that the UAV can fly to, and it is not known to be dead or without airtime.
@@ -173,7 +182,7 @@ impl MissionTable {
     #[inline]
     #[must_use]
     pub fn has_hidden(&self) -> bool {
-        self.is_hidden.iter().chain(self.is_out.iter()).any(|is_hidden| *is_hidden)
+        self.is_hidden.contains(&true) || self.is_out.iter().any(|[is_out, _]| *is_out)
     }
 
     /// The uplink of SN `id` to the UAV at `uav`, with what was heard of it.

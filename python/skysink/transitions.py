@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import gymnasium
 import numpy as np
 
 from skysink._skysink import InputError
@@ -26,13 +27,18 @@ def to_minari(
 
     ``env`` is a ``skysink/DataCollection-v0``, also in wrappers. ``policy`` is the name of a built-in strategy, whose
     actions are those of :meth:`skysink.environment.DataCollectionEnv.expert`, or a function of observation and
-    information. ``seed`` is that of the first episode; others follow, and the data set has each. Informations are
-    ``lost_bits`` and ``delivered_bits`` of each slot, after zeros. ``description`` goes to ``minari.create_dataset_from_buffers``, such as
-    ``author``; its ``description`` is by default the scenario in TOML. The environment can be recovered from the data set
+    information; a name needs actions as they are, without a wrapper of these. ``seed`` is that of the first episode;
+    others follow, and the data set has each. Informations are ``lost_bits`` and ``delivered_bits`` of each slot, after
+    zeros. ``description`` goes to ``minari.create_dataset_from_buffers``, such as ``author``; its ``description`` is by default the scenario in TOML. The environment can be recovered from the data set
     if its scenario is a file by name.
     """
     if not isinstance(env.unwrapped, DataCollectionEnv):
         raise InputError(f"env = {env!r}: expected a skysink/DataCollection-v0")
+    outer = env
+    while isinstance(outer, gymnasium.Wrapper):
+        if isinstance(policy, str) and isinstance(outer, gymnasium.ActionWrapper):
+            raise InputError(f"env = {env!r}: expected no wrapper of actions, which those of {policy} are not meant for")
+        outer = outer.env
     if episodes < 1:
         raise InputError(f"episodes = {episodes}: expected 1 or more")
     minari = need("minari", "minari")

@@ -16,7 +16,7 @@ const COMMAND_LINE: &str = "skysink";
 pub fn command_of(name: &str) -> io::Result<(PathBuf, Vec<OsString>)> {
     let this = env::current_exe()?;
     let beside = this.with_file_name(name);
-    let is_separate = this.file_name() == Some(COMMAND_LINE.as_ref()) && beside.is_file();
+    let is_separate = this.file_name() == Some(COMMAND_LINE.as_ref()) && is_executable(&beside);
     Ok(if is_separate { (beside, Vec::new()) } else { (this, vec![name.into()]) })
 }
 

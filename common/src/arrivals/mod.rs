@@ -73,8 +73,6 @@ const fn only(values: &'static [&'static str], expected: &'static str) -> Only {
     Only { key: "model", values, expected: Some(expected) }
 }
 
-/// Paths.
-
 crate::keys! {
     /// `[sensors.arrivals]`: how the bits arrive that are sampled at the mean `sampling_bps`.
     #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

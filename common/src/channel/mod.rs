@@ -76,8 +76,6 @@ pub enum LinkModel {
     Map,
 }
 
-/// Paths.
-
 /// Correlation distances.
 const CORRELATION_M: Accepts = Accepts::Number("0, or a finite number from 0.001", |distance_m| {
     distance_m == 0.0 || (1e-3..=f64::MAX).contains(&distance_m)

@@ -70,8 +70,8 @@ pub(crate) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
         let has_capacity = energy.capacity_j.is_some() || sensors.file.is_some();
         rule(has_capacity, "sensors.energy", "capacity_j in it, or a column of that name in sensors.file")?;
     }
-    let is_told = !scenario.may_refuse() || sensors.capacity_bits.ends()[1] < SILENT;
-    rule(is_told, "sensors.capacity_bits", "at most 2147483647 with sensors.energy or link.duty_cycle")?;
+    let is_told = !scenario.may_refuse() || sensors.capacity_bits.ends()[1] < SILENT - 1;
+    rule(is_told, "sensors.capacity_bits", "at most 2147483646 with sensors.energy or link.duty_cycle")?;
     rule(link.duty_cycle.is_some(), "link.duty_window_s", "none without link.duty_cycle")?;
     let is_window = link.duty_window_s.is_none_or(|window_s| window_s >= scenario.slot_s);
     rule(is_window, "link.duty_window_s", &format!("at least the slot's {} s", scenario.slot_s))?;

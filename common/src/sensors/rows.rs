@@ -34,7 +34,7 @@ pub const COLUMNS: [(&str, &str); 13] = [
     ),
     ("gain_db", "gain of the link, -300 to 0"),
     ("sampling_bps", "0 or above"),
-    (CAPACITY, "buffer: whole bits, 1 to 4294967295"),
+    (CAPACITY, "buffer: whole bits, 1 to 4294967295; 2147483646 with batteries or a duty cycle"),
     (WEIGHT, "what a bit of this SN is worth, 1e-6 to 1e6: strategies value weighted queues (decision D25)"),
     (BATTERY, "battery of the SN, only with `[sensors.energy]`"),
     (HARVEST, "harvested power of the SN, only with `[sensors.energy]`"),
@@ -203,7 +203,7 @@ impl<'a> Table<'a> {
     fn sensor(&self, row: &csv::StringRecord, id: u32) -> Result<Sensor, String> {
         let scenario = self.scenario;
         let position = self.position(row)?;
-        let most_bits = if scenario.may_refuse() { SILENT - 1 } else { u32::MAX };
+        let most_bits = if scenario.may_refuse() { SILENT - 2 } else { u32::MAX };
         let is_buffer = |value: f64| (1.0..=f64::from(most_bits)).contains(&value) && value.fract() == 0.0;
         let own_bits = self.number(row, CAPACITY, &format!("whole bits, 1 to {most_bits}"), is_buffer)?;
         let capacity_bits = own_bits.map_or_else(|| draw_capacity_bits(scenario, id), |bits| bits as u32);

@@ -157,11 +157,12 @@ impl<O: Objective> CarriedPlan<O> {
         if view.table.sensors.may_refuse {
             let weights = &self.model.table.sensors.weights;
             for (index, (sensor, &id)) in self.model.sensors.iter_mut().zip(&self.model.ids).enumerate() {
+                sensor.is_dead = view.table.is_dead(id);
                 sensor.weight = if view.table.is_out(id) { 0.0 } else { weights.factor(index) };
                 sensor.cost_bits = sensor.weight * sensor.mean_bits;
             }
             let first = self.plan.stops.first().copied();
-            self.plan.stops.retain(|stop| !self.model.is_out(stop.disk));
+            self.plan.stops.retain(|stop| !self.model.is_dead(stop.disk)); // a silent one may send again
             self.plan.is_under_way &= self.plan.stops.first().copied() == first;
         }
         if !belief.is_estimated() {

@@ -331,7 +331,7 @@ impl<O: Objective> Forecast<O> {
         let is_first = change.from == 0 && change.trace.legs.is_empty();
         let sensor = model.disks[stop.disk as usize].members[0] as usize;
         if model.is_out(stop.disk) {
-            return true;
+            return model.is_dead(stop.disk); // a silent one may send again
         }
         let slot = f64::from(self.decoder.slot + 1);
         let there_bits = O::queue_bits(&model.sensors[sensor], self.work[sensor], slot);

@@ -151,6 +151,12 @@ impl PlanModel {
         self.disks[disk as usize].members.iter().all(|&member| self.sensors[member as usize].weight == 0.0)
     }
 
+    /// Whether all sensors of a disk are dead.
+    #[must_use]
+    pub(super) fn is_dead(&self, disk: u32) -> bool {
+        self.disks[disk as usize].members.iter().all(|&member| self.sensors[member as usize].is_dead)
+    }
+
     /// Adds the sensor `index`, whose gaps cost `costs`.
     fn add_sensor(&mut self, index: u32, costs: &GapCosts) {
         let sampler = self.table.sensors.sampler(index);
@@ -161,6 +167,7 @@ impl PlanModel {
             mean_bits: sampler.mean_bits,
             cost_bits: weight * sampler.mean_bits,
             weight,
+            is_dead: false,
             capacity_bits: sampler.capacity_bits.into(),
             is_emptied: costs.is_by_visits()
                 || self.table.heard.is_none()

@@ -13,8 +13,10 @@ pub struct SensorModel {
     pub mean_bits: f64,
     /// What a slot of overflow costs [bit]: `w_i s_i τ`, by the weight of its bits (decision D25).
     pub cost_bits: f64,
-    /// That weight, `w_i`; 0 of a dead or silent sensor, which no plan stops for.
+    /// That weight, `w_i`; 0 of a dead or silent sensor, for which no stop is added to a plan.
     pub weight: f64,
+    /// Whether it is dead: stops for it are left out.
+    pub is_dead: bool,
     /// Its buffer [bit].
     pub capacity_bits: f64,
     /// Whether a visit from any point in range empties even a full queue.
