@@ -159,7 +159,7 @@ fn no_strategy_schedules_a_sensor_node_without_airtime() {
                 (0..).zip(&*told_bits).filter(|(_, bits)| is_out(**bits)).map(|(id, _)| id).collect()
             };
             let mut before = HashSet::new();
-            let mut delivered_bits = vec![0; 12];
+            let mut delivered_bits = [0; 12];
             let mut sent_s = vec![Vec::new(); 12];
             let [mut silenced, mut heard_again] = [0, 0];
             while let Some(record) = mission.next() {

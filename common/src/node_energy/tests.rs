@@ -135,7 +135,7 @@ proptest! {
             let of = |sensor: Option<u32>| rows.iter().filter(move |row| row.1 == sensor);
             let own = Some(id as u32);
             let sensor = if of(own).count() > 0 { own } else { None };
-            of(sensor).filter(|row| row.0 <= slot).last().map_or(harvest_w, |row| row.2)
+            of(sensor).rfind(|row| row.0 <= slot).map_or(harvest_w, |row| row.2)
         };
         let drawn = seed.map(|seed| Poisson::new(2.0, Streams::new(seed)).into());
         let sampling = Sampling::new(means.clone(), vec![200; means.len()]).with_arrivals(drawn)

@@ -29,6 +29,9 @@ use crate::rules::Control;
 /// actions have single precision.
 const INWARD_M: f64 = 1e-3;
 
+/// The plans of a strategy, and its state after them, or why there are none.
+type Answer = Result<(ByUav<Plan>, Vec<u8>), String>;
+
 /// The plans that are flown in a slot, with the queues before it [bit].
 type Flown = (ByUav<Plan>, Vec<u32>);
 
@@ -69,7 +72,7 @@ struct Question {
     plant: Plant,
     flown: Option<Flown>,
     stop: Stop,
-    answer: Sender<Result<(ByUav<Plan>, Vec<u8>), String>>,
+    answer: Sender<Answer>,
 }
 
 impl Worker {
