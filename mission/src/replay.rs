@@ -123,7 +123,9 @@ impl Replay {
         again.expired_bits = self.summary.expired_bits;
         again.node_energy = self.summary.node_energy;
         again.refused_duty = self.summary.refused_duty;
-        again.mean_served = self.summary.mean_served;
+        if again.node_energy.is_some() || again.refused_duty.is_some() {
+            again.mean_served = self.summary.mean_served; // some may not have answered
+        }
         self.summary.recompute(again);
         Ok(())
     }
