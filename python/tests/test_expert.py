@@ -156,7 +156,8 @@ def test_minari_reads_the_transitions(tmp_path: Path, monkeypatch: pytest.Monkey
     assert again.observation_space == env.observation_space
     flat = gymnasium.wrappers.FlattenObservation(gymnasium.make(ID, scenario=skysink.Scenario.load(SMALL)))
     flat.action_space.seed(1)
-    scaled = gymnasium.wrappers.RescaleAction(gymnasium.make(ID, scenario=skysink.Scenario.load(SMALL)), 0.0, 1.0)
+    plain = gymnasium.make(ID, scenario=skysink.Scenario.load(SMALL))
+    scaled = gymnasium.wrappers.RescaleAction(plain, np.float32(0.0), np.float32(1.0))
     with pytest.raises(skysink.InputError, match="expected no wrapper of actions"):
         to_minari("scaled-v0", scaled, "tour", 1)
     written = to_minari("flat-v0", flat, lambda _seen, _info: flat.action_space.sample(), 1)
