@@ -117,8 +117,13 @@ fn what_the_dead_lose_is_a_part_of_the_loss_and_the_bound_holds() {
 }
 
 #[test]
-fn a_restored_plant_continues_with_its_charges_and_refuses_others() {
-    for keys in ["", "sensors.expiry_s = 20.0\n"] {
+fn a_restored_plant_continues_with_its_charges_and_airtimes_and_refuses_others() {
+    for (keys, others) in [
+        ("", "sensors.energy.initial = 0.9\n"), // another charge before slot 1
+        ("sensors.expiry_s = 20.0\n", "sensors.expiry_s = 20.0\nsensors.energy.initial = 0.9\n"),
+        // Half the airtime.
+        ("link.duty_cycle = 2e-5\nlink.duty_window_s = 40.0\n", "link.duty_cycle = 1e-5\nlink.duty_window_s = 40.0\n"),
+    ] {
         let scenario = scenario_of(&field(5, keys), "edf");
         let list = sensors(&scenario);
         let mut mission = Mission::new(&scenario, &list).unwrap();
@@ -135,8 +140,8 @@ fn a_restored_plant_continues_with_its_charges_and_refuses_others() {
         }
         restored.restore(&bytes).unwrap(); // backwards: some of its dead live
         assert!(restored.field() == plant.field());
-        let richer = scenario_of(&field(5, &format!("{keys}sensors.energy.initial = 0.9\n")), "edf");
-        assert!(Plant::new(&richer, &list).restore(&bytes).is_err(), "another charge before slot 1");
+        let other = scenario_of(&field(5, others), "edf");
+        assert!(Plant::new(&other, &list).restore(&bytes).is_err(), "{keys}");
     }
 }
 
@@ -221,26 +226,6 @@ fn the_plan_of_offline_keeps_stops_of_sensor_nodes_that_are_silent_for_a_while()
         let late = always.iter().filter(|visits| visits[1] > 0).count();
         assert!(late > 0 && kept.count() * 4 >= late * 3, "{objective}: {always:?}, {sometimes:?}");
     }
-}
-
-#[test]
-fn a_restored_plant_continues_with_its_airtimes() {
-    let scenario = scenario_of(&field(5, "link.duty_cycle = 2e-5\nlink.duty_window_s = 40.0\n"), "edf");
-    let list = sensors(&scenario);
-    let mut mission = Mission::new(&scenario, &list).unwrap();
-    let records: Vec<_> = mission.by_ref().collect();
-    let mut plant = Plant::new(&scenario, &list);
-    records[..60].iter().for_each(|record| _ = plant.step(&record.plans));
-    let mut bytes = Vec::new();
-    plant.save(&mut bytes);
-    let mut restored = Plant::new(&scenario, &list);
-    restored.restore(&bytes).unwrap();
-    assert_eq!(restored.field().airtime(), plant.field().airtime());
-    for record in &records[60..] {
-        assert_eq!(restored.step(&record.plans).header, record.header);
-    }
-    let other = scenario_of(&field(5, "link.duty_cycle = 1e-5\nlink.duty_window_s = 40.0\n"), "edf");
-    assert!(Plant::new(&other, &list).restore(&bytes).is_err(), "half the airtime");
 }
 
 #[test]
