@@ -88,6 +88,13 @@ impl Scenario {
         self.sensors.energy.is_some() || self.link.duty_cycle.is_some()
     }
 
+    /// Whether a loss rate counts initial queues as sampled: bits expire or SNs die, so that these may be lost, too
+    /// (decisions D33 and D36).
+    #[must_use]
+    pub fn counts_initial(&self) -> bool {
+        self.sensors.energy.is_some() || self.expiry().is_some()
+    }
+
     /// The slots that an SN may wait for a service, by `sensors.deadline_s` (decision D36).
     #[must_use]
     pub fn deadline_slots(&self) -> Option<u64> {

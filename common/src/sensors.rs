@@ -41,6 +41,8 @@ pub struct Sensors {
     /// Whether they have batteries or a duty cycle (decision D33): queues are told with
     /// [`DEAD`](crate::node_energy::DEAD) and [`SILENT`](crate::node_energy::SILENT).
     pub may_refuse: bool,
+    /// Whether a loss rate counts their initial queues as sampled (decisions D33 and D36).
+    pub counts_initial: bool,
 }
 
 impl Sensors {
@@ -57,6 +59,7 @@ impl Sensors {
             weights: Weights::new(nodes.iter().map(|node| node.weight).collect(), &sampling),
             sampling,
             may_refuse: false,
+            counts_initial: false,
         }
     }
 
@@ -64,7 +67,12 @@ impl Sensors {
     #[must_use]
     pub fn of(scenario: &Scenario, nodes: &[SensorNode]) -> Self {
         let sensors = Self::new(&Limits::of(scenario), nodes);
-        Self { sampling: sensors.sampling.with_expiry(scenario.expiry()), may_refuse: scenario.may_refuse(), ..sensors }
+        Self {
+            sampling: sensors.sampling.with_expiry(scenario.expiry()),
+            may_refuse: scenario.may_refuse(),
+            counts_initial: scenario.counts_initial(),
+            ..sensors
+        }
     }
 
     /// The SNs with the given `ids`, which get the ids 0, 1, … in that order, and the `grid` of their positions.
@@ -86,6 +94,7 @@ impl Sensors {
             )
             .with_expiry(self.sampling.expiry),
             may_refuse: self.may_refuse,
+            counts_initial: self.counts_initial,
         }
     }
 

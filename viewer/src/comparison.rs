@@ -20,7 +20,7 @@ use crate::recording::{Recording, SceneError, Sinks};
 use crate::shapes::curve_style;
 use crate::sizes::Sizes;
 use crate::slot::SlotView;
-use crate::{curves, path, queues, uav};
+use crate::{path, queues, uav};
 
 /// The page with the comparison table.
 const PAGE: &str = "comparison";
@@ -37,7 +37,7 @@ const PLOTS: [Plot; 3] = [
     Plot {
         root: "compare/loss_rate",
         title: "Loss rate so far: lost ÷ sampled",
-        value: |view, _| curves::loss_rate(&view.header.totals),
+        value: |_, fill| fill.loss_rate,
         range: None,
     },
     Plot {

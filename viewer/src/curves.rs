@@ -3,7 +3,6 @@
 use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::{Scalars, SeriesLines};
 use re_sdk_types::components::InterpolationMode;
-use skysink_common::message::Totals;
 use skysink_common::scenario::Scenario;
 
 use crate::canvas::Canvas;
@@ -41,7 +40,7 @@ pub const MISSED: &str = "metrics/missed_slots";
 type Curve = (&'static str, &'static str, Rgb, fn(&SlotView, Fill, u64) -> Option<f64>);
 
 const CURVES: [Curve; 8] = [
-    (LOSS, "lost ÷ sampled", colour::LOSS, |view, _, _| Some(loss_rate(&view.header.totals))),
+    (LOSS, "lost ÷ sampled", colour::LOSS, |_, fill, _| Some(fill.loss_rate)),
     (LOSS_MARK, "1 % mark", colour::MISSED, |_, _, _| Some(0.01)),
     (FILL_MAX, "fullest", colour::FULLEST, |_, fill, _| Some(fill.max)),
     (FILL_MEAN, "mean", colour::FILL_MEAN, |_, fill, _| Some(fill.mean)),
@@ -50,11 +49,6 @@ const CURVES: [Curve; 8] = [
     (PACE, "pace [slot/s]", colour::CLOCK, |view, _, _| view.slots_per_s),
     (MISSED, "missed [slots]", colour::MISSED, |_, _, missed_slots| Some(missed_slots as f64)),
 ];
-
-/// Lost ÷ sampled bits since the start.
-pub(crate) fn loss_rate(totals: &Totals) -> f64 {
-    if totals.sampled_bits == 0 { 0.0 } else { totals.lost_bits as f64 / totals.sampled_bits as f64 }
-}
 
 /// The entities of the batteries of a mission, UAV by UAV, and their colours; none without batteries.
 pub(crate) fn batteries(scenario: &Scenario) -> Vec<(String, Rgb)> {

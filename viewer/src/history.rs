@@ -9,7 +9,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::CheckpointError;
 use skysink_common::geometry::{Position, distance_squared};
-use skysink_common::message::FlightReport;
+use skysink_common::message::{FlightReport, Totals};
 use skysink_common::node_energy::{DEAD, held_bits};
 use skysink_common::sampling::Sampler;
 use skysink_common::scenario::Scenario;
@@ -73,6 +73,15 @@ pub(crate) struct CoverageGrid {
 }
 
 impl SensorHistory {
+    /// The loss rate so far, `η`, of a mission with these `totals` (decisions D3 and D24).
+    pub(crate) fn loss_rate(&self, totals: &Totals) -> f64 {
+        let initial_bits = if self.sensors.counts_initial { totals.initial_bits } else { 0 };
+        match totals.sampled_bits + initial_bits {
+            0 => 0.0,
+            bits => totals.lost_bits as f64 / bits as f64,
+        }
+    }
+
     /// The history before the first slot.
     pub(crate) fn new(scenario: &Scenario, sensors: &Arc<Sensors>) -> Self {
         let grid = CoverageGrid::over(scenario);
@@ -247,6 +256,20 @@ mod tests {
     }
 
     const MIDDLE: Position = Position::new(50.0, 50.0);
+
+    #[test]
+    fn a_loss_rate_counts_initial_queues_where_bits_expire_or_sensor_nodes_die() {
+        let totals = Totals { initial_bits: 300, sampled_bits: 100, lost_bits: 200, ..Totals::default() };
+        let rate = |keys: &str| {
+            let text = format!("name = 'x'\nslots = 9\n[sensors]\ncount = 3\n{keys}");
+            let scenario = Scenario::parse(&text, std::path::Path::new("x.toml"), Overrides::default()).unwrap();
+            let history = SensorHistory::new(&scenario, &Arc::new(Sensors::of(&scenario, &[SensorNode::default(); 3])));
+            history.loss_rate(&totals)
+        };
+        let duty = "[link]\nduty_cycle = 0.5\nduty_window_s = 9.0\n";
+        assert_eq!(["", duty].map(rate), [2.0; 2], "more was sampled before");
+        assert_eq!(["expiry_s = 5.0\n", "[sensors.energy]\ncapacity_j = 9.0\n"].map(rate), [0.5; 2]);
+    }
 
     #[test]
     fn a_sensor_node_that_dies_loses_what_it_has_not_uploaded() {

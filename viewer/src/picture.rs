@@ -158,7 +158,7 @@ impl Picture {
         if let Some(belief) = &mut self.belief {
             belief.draw(canvas, view.slot, &self.history.sums.queues_bits)?;
         }
-        let fill = self.queues.log_slot(canvas, &self.history)?;
+        let fill = self.queues.log_slot(canvas, &self.history, &view.header.totals)?;
         if let Some(maps) = &mut self.maps {
             maps.log_slot(canvas, view.slot, &self.history, Position::new(view.flight().x_m, view.flight().y_m))?;
         }

@@ -8,6 +8,7 @@ use re_sdk_types::archetypes::{AnnotationContext, Boxes3D, Points3D};
 use re_sdk_types::components::ClassId;
 use re_sdk_types::components::{FillMode, Radius};
 use re_sdk_types::datatypes::AnnotationInfo;
+use skysink_common::message::Totals;
 use skysink_common::sensors::Sensors;
 
 use crate::canvas::Canvas;
@@ -33,13 +34,15 @@ const FULL_LEVEL: u16 = 20;
 /// The level of a sensor node that has lost data in the slot.
 const OVERFLOW_LEVEL: u16 = FULL_LEVEL + 1;
 
-/// Fraction of the buffers in use, 0 to 1.
+/// Fraction of the buffers in use, 0 to 1, and what was lost.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Fill {
     /// Mean over the sensor nodes.
     pub(crate) mean: f64,
     /// The maximum.
     pub(crate) max: f64,
+    /// The loss rate so far, `η`.
+    pub(crate) loss_rate: f64,
 }
 
 /// The sensor nodes of the scene.
@@ -113,7 +116,12 @@ impl QueueShapes {
     }
 
     /// Colours the sensor nodes of one slot, the last of `history`.
-    pub(crate) fn log_slot(&self, canvas: &Canvas, history: &SensorHistory) -> RecordingStreamResult<Fill> {
+    pub(crate) fn log_slot(
+        &self,
+        canvas: &Canvas,
+        history: &SensorHistory,
+        totals: &Totals,
+    ) -> RecordingStreamResult<Fill> {
         let sampling = &self.sensors.sampling;
         let pairs = history.sums.queues_bits.iter().enumerate();
         let fills = || pairs.clone().map(|(id, &queue_bits)| fill(queue_bits, sampling.of(id).capacity_bits));
@@ -133,7 +141,11 @@ impl QueueShapes {
         if self.has_points {
             canvas.show(POINTS, &Points3D::update_fields().with_class_ids(colours))?;
         }
-        Ok(Fill { mean: fills().sum::<f64>() / self.count().max(1) as f64, max: fills().fold(0.0, f64::max) })
+        Ok(Fill {
+            mean: fills().sum::<f64>() / self.count().max(1) as f64,
+            max: fills().fold(0.0, f64::max),
+            loss_rate: history.loss_rate(totals),
+        })
     }
 }
 

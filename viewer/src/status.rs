@@ -2,7 +2,6 @@
 
 use skysink_common::message::Totals;
 
-use crate::curves;
 use crate::history::SensorHistory;
 use crate::names::SensorNames;
 use crate::slot::SlotView;
@@ -11,7 +10,7 @@ use crate::slot::SlotView;
 /// `clock` is its time.
 pub(crate) fn status(view: &SlotView, history: &SensorHistory, names: &SensorNames, clock: &str) -> String {
     let Totals { sampled_bits, delivered_bits, lost_bits, .. } = view.header.totals;
-    let loss_rate = curves::loss_rate(&view.header.totals);
+    let loss_rate = history.loss_rate(&view.header.totals);
     let by_sensor = &history.sums.lost_bits;
     let losers = by_sensor.iter().filter(|&&lost_bits| lost_bits > 0).count();
     let overflowing = history.overflows().filter(|&overflows| overflows).count();

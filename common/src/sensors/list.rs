@@ -349,11 +349,10 @@ impl SensorList {
         self.sensors.iter().map(|sensor| mean_bits(sensor.sampling_bps, scenario.slot_s)).sum()
     }
 
-    /// By sensor node the bits of its initial queue that a loss rate counts as sampled: all where bits expire or sensor
-    /// nodes die, as these may be lost, too (decisions D33 and D36); otherwise none.
+    /// By sensor node the bits of its initial queue that a loss rate counts as sampled: all of them or none.
     pub fn expiring_bits(&self, scenario: &Scenario) -> impl Iterator<Item = f64> {
-        let expires = scenario.expiry().is_some() || scenario.sensors.energy.is_some();
-        self.sensors.iter().map(move |sensor| if expires { f64::from(sensor.queue_bits) } else { 0.0 })
+        let counts = scenario.counts_initial();
+        self.sensors.iter().map(move |sensor| if counts { f64::from(sensor.queue_bits) } else { 0.0 })
     }
 
     /// Bits that all sensor nodes sample in the mission, of which a loss rate is a fraction: their mean if arrivals are
