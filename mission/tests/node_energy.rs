@@ -31,7 +31,7 @@ use support::scenario_of;
 fn field(seed: u64, keys: &str) -> String {
     format!(
         "name = 'energy'\nseed = {seed}\nslots = 120\narea.side_m = 250.0\nsensors.count = 40\n\
-         sensors.sampling_bps = [100.0, 900.0]\nplanner.horizon.iterations = 100\nplanner.offline.steps = 2000\n\
+         sensors.sampling_bps = [100.0, 900.0]\nplanner.horizon.iterations = 100\nplanner.offline.steps = 2000\nplanner.sca.iterations = 2\n\
          sensors.energy.capacity_j = 2.0\nsensors.energy.sleep_w = 0.01\nsensors.energy.harvest_w = 0.005\n\
          sensors.energy.sample_j_per_bit = 7e-5\nsensors.energy.tx_w = 20.0\n{keys}"
     )
@@ -75,7 +75,7 @@ fn no_strategy_schedules_a_sensor_node_that_is_known_to_be_dead() {
 #[test]
 fn a_uav_leaves_the_dead_for_the_living() {
     // A cluster of SNs around the start that die in slot 20; one that lives 100 m away, which fills in 20 slots.
-    for strategy in STRATEGIES.iter().filter(|strategy| !["hover", "rfs", "offline"].contains(&strategy.name)) {
+    for strategy in STRATEGIES.iter().filter(|strategy| !["hover", "rfs", "offline", "sca"].contains(&strategy.name)) {
         let text = "name = 'x'\nslots = 150\nslot_s = 1.0\narea.side_m = 200.0\nsensors.file = 's.csv'\n\
                     uav.start_m = [20, 20]\nuav.max_speed_mps = 15.0\nsensors.energy.sleep_w = 1.0\n\
                     planner.horizon.iterations = 100\nplanner.objective = 'loss'\n";
@@ -153,7 +153,7 @@ fn no_strategy_schedules_a_sensor_node_without_airtime() {
             let text = format!(
                 "name = 'duty'\nseed = 3\nslots = 120\narea.side_m = 150.0\nsensors.count = 12\n\
                  sensors.sampling_bps = [900.0, 4000.0]\nplanner.horizon.iterations = 100\n\
-                 planner.offline.steps = 2000\nlink.duty_cycle = 2e-5\nlink.duty_window_s = 40.0\n{keys}"
+                 planner.offline.steps = 2000\nplanner.sca.iterations = 2\nlink.duty_cycle = 2e-5\nlink.duty_window_s = 40.0\n{keys}"
             );
             let scenario = scenario_of(&text, strategy.name);
             let list = sensors(&scenario);

@@ -208,8 +208,13 @@ impl MissionTable {
     /// expected rates `r_i`.
     #[must_use]
     pub fn expected_bits(&self, uav: &Point3<f64>, ids: &[u32], queues_bits: &[u32]) -> u64 {
-        let capacity_bits = |id: u32| self.channel.capacity_bits(self.channel.expected_rate_bps(&self.uplink(id, uav)));
-        ids.iter().map(|&id| capacity_bits(id).min(u64::from(queues_bits[id as usize]))).sum()
+        ids.iter().map(|&id| self.capacity_bits(id, uav).min(u64::from(queues_bits[id as usize]))).sum()
+    }
+
+    /// Bits that the link of SN `id` to the UAV at `uav` is expected to carry in a slot, `floor(r_i τ_c)`.
+    #[must_use]
+    pub fn capacity_bits(&self, id: u32, uav: &Point3<f64>) -> u64 {
+        self.channel.capacity_bits(self.channel.expected_rate_bps(&self.uplink(id, uav)))
     }
 
     /// The point of the area nearest to `position`.

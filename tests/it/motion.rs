@@ -33,7 +33,7 @@ const FIELDS: [&str; 3] = [
 fn scenario(field: &str, motion: &str, strategy: &str) -> Scenario {
     let text = format!(
         "name = 'x'\nslots = 60\n{field}{motion}[planner]\nstrategy = '{strategy}'\n[planner.horizon]\niterations = 300\n\
-         [planner.offline]\nsteps = 3000\n"
+         [planner.offline]\nsteps = 3000\n[planner.sca]\niterations = 2\n"
     );
     Scenario::parse(&text, Path::new("x.toml"), Overrides::default()).and_then(settings::resolve).unwrap()
 }

@@ -3,7 +3,7 @@
 //! In every slot it chooses the waypoint in reach and the set of at most n sensor nodes (SNs) in range of it that
 //! maximise `Σ Q_i b_i − V E`, with the queue `Q_i = B_i(t−1)` [bit], the service `b_i = min(Q_i, floor(r_i τ_c))`
 //! [bit], the slot's propulsion energy E [J], and the price V [bit²/J], `planner.drift-plus-penalty.price_bits2_per_j`.
-//! With V = 0 it is [`max-weight`](super::max_weight). The search over waypoints is in `queue_weight.rs`.
+//! With V = 0 it is [`max-weight`](super::max_weight).
 //!
 //! Source: M. J. Neely, "Stochastic Network Optimization with Application to Communication and Queueing Systems",
 //! Morgan & Claypool, 2010. In every slot the method minimises a bound on the drift of the Lyapunov function `½ Σ Q_i²`

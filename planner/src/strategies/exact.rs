@@ -3,8 +3,7 @@
 //! Algorithm 1 tests five circles per pair of sensor nodes (SNs); `exact` finds the maximum over all points in reach.
 //! The best set has the largest `Σ B_i(t−1)` (decision D6) of all sets of at most n SNs that are in range of one point
 //! within `V τ` of the UAV. Ties go to the lexicographically smallest ascending list of ids (decision D7), in which a
-//! free resource block counts as an SN with an empty queue and an id above all others. So an SN with an empty queue is
-//! preferred to a free block.
+//! free resource block counts as an SN with an empty queue and an id above all others.
 //!
 //! The waypoint for the set is left to [`crate::waypoint`].
 //!

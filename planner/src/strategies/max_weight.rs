@@ -4,7 +4,7 @@
 //! `Σ Q_i b_i`, the sum of queue times service, with `Q_i = B_i(t−1)` [bit]. By default `b_i` is what is uploaded,
 //! `min(Q_i, floor(r_i τ_c))` [bit]; with `planner.max-weight.service = "capacity"` it is what the link carries,
 //! `floor(r_i τ_c)`, as in the source. Where links empty the queues, the first weighs an SN by `Q_i²`, and the second
-//! nearly by `Q_i`. The search over waypoints is in `queue_weight.rs`.
+//! nearly by `Q_i`.
 //!
 //! Source: L. Tassiulas, A. Ephremides, "Stability Properties of Constrained Queueing Systems and Scheduling Policies
 //! for Maximum Throughput in Multihop Radio Networks", IEEE Transactions on Automatic Control 37(12), 1992. Of the sets

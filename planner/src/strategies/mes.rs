@@ -5,12 +5,9 @@
 //! now, and w is `planner.mes.deadline_weight`. With w = 1 it is `edf`. The SN is served as soon as it is in range,
 //! with the n − 1 fullest of the others.
 //!
-//! Source: A. A. Somasundara, A. Ramamoorthy, M. B. Srivastava, "Mobile Element Scheduling for Efficient Data
-//! Collection in Wireless Sensor Networks with Dynamic Deadlines", RTSS 2004; "Mobile Element Scheduling with Dynamic
-//! Deadlines", IEEE Transactions on Mobile Computing 6(4), 2007. There costs are travel times, and a data transfer
-//! takes no time. Its heuristics are EDF, EDF with k-lookahead (the best order of the k earliest deadlines; not
-//! implemented here) and MWSF. (The abstract of the first paper and a published summary of the second were read, not
-//! the full texts; the heuristics are known from citations. Which weight the authors recommend is not known here.)
+//! Source: the papers of `edf`. There costs are travel times, and a data transfer takes no time. Their heuristics are
+//! EDF, EDF with k-lookahead (the best order of the k earliest deadlines; not implemented here) and MWSF. (Known from
+//! citations. Which weight the authors recommend is not known here.)
 //!
 //! Adapted to slots: the choice is repeated in every slot, with deadlines counted from that slot; absolute deadlines
 //! would add the same constant to every sum. The flight time is not rounded up to whole slots. The default weight, 0.1,

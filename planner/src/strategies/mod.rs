@@ -17,6 +17,7 @@ pub(crate) mod nearby;
 pub(crate) mod queue_weight;
 pub mod rfs;
 pub mod round_robin;
+pub mod sca;
 pub mod serving;
 pub mod tour;
 pub mod transit;
@@ -52,6 +53,7 @@ pub static STRATEGIES: &[&Registered] = &[
     &hover::STRATEGY,
     &look_ahead::HORIZON,
     &look_ahead::OFFLINE,
+    &sca::STRATEGY,
 ];
 
 /// Prefix of the names of strategies in Python, which only the Python package can fly.

@@ -10,17 +10,22 @@ use super::turns::InTurn;
 use crate::geometry::disks::{Disk, nearest_in_both, slots_between};
 use crate::geometry::turns::Turns;
 use crate::mission_table::MissionTable;
-use crate::strategy::Registered;
+use crate::strategy::{Registered, Setup};
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered =
     Registered::new("tour", "a short round that passes in range of all sensor nodes, flown repeatedly", |setup| {
-        let turns = setup.table.turns(setup.stop).as_ref().clone();
-        let begin = |turns: &Turns, start: &Position| turns.near(|at| setup.table.motion.distance_m2(at, start));
-        Box::new(InTurn::new(setup, turns, true, begin, waypoint))
+        Box::new(round(setup))
     })
     .with_state()
     .without_weights();
+
+/// The round of a UAV.
+pub(crate) fn round(setup: &Setup) -> InTurn {
+    let turns = setup.table.turns(setup.stop).as_ref().clone();
+    let begin = |turns: &Turns, start: &Position| turns.near(|at| setup.table.motion.distance_m2(at, start));
+    InTurn::new(setup, turns, true, begin, waypoint)
+}
 
 /// Slots to the range of an SN from which on the UAV flies to the point of the round: over short legs whole slots count
 /// more than metres.

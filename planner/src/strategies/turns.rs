@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use nalgebra::Point3;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::geometry::{Position, within};
 
@@ -26,6 +27,8 @@ pub(crate) struct InTurn {
     /// Most turns before its own at which an SN is served instead of in it. `None`: all, but only if all turns between
     /// end in the same slot.
     early: Option<usize>,
+    /// Whether only a slot that empties its queue ends the turn of an SN.
+    drains: bool,
     waypoint: Waypoint,
     serving: Serving,
     /// The current turn.
@@ -63,7 +66,30 @@ impl InTurn {
         turns.order.iter().enumerate().for_each(|(turn, &id)| turn_of[id as usize] = turn);
         let early = remembers.then_some(turns.order.len().saturating_sub(1) / 2);
         let serving = Serving::new(setup);
-        Self { turns, turn_of, early, waypoint, serving, turn, served: BTreeSet::new(), planned: Vec::new() }
+        let (served, planned) = (BTreeSet::new(), Vec::new());
+        Self { turns, turn_of, early, drains: false, waypoint, serving, turn, served, planned }
+    }
+
+    /// Begins anew with the turn of SN `id`, if it has one. With `drains`, a turn lasts until its SN's queue is empty, or
+    /// cannot be emptied because it samples more than the link carries.
+    pub fn begin_with(&mut self, id: Option<u32>, drains: bool) {
+        let turn = id.map_or(NO_TURN, |id| self.turn_of[id as usize]);
+        if turn != NO_TURN {
+            self.turn = turn;
+        }
+        self.drains = drains;
+        self.served.clear();
+        self.planned.clear();
+    }
+
+    /// Whether the service of SN `id` from `uav` ends its turn.
+    fn ends_turn(&self, view: &View, id: u32, uav: &Point3<f64>) -> bool {
+        let needs_more = || {
+            let carried_bits = view.table.capacity_bits(id, uav);
+            carried_bits < view.belief.queues_bits[id as usize].into()
+                && carried_bits as f64 > view.belief.mean_bits(id)
+        };
+        view.table.is_servable(id) && !(self.drains && needs_more())
     }
 
     /// Ends the turns of the SNs that the slot before served: those in range of where it ended, at `ground`.
@@ -111,7 +137,9 @@ impl Strategy for InTurn {
         });
         let key = |id| (Some(id) != current, fullest_first(view.value(id), id));
         let decision = self.serving.serve_by(view, &waypoint, key);
-        self.planned.extend(decision.schedule.iter().filter(|id| view.table.is_servable(**id)));
+        let mut planned = std::mem::take(&mut self.planned);
+        planned.extend(decision.schedule.iter().filter(|id| self.ends_turn(view, **id, &decision.waypoint)));
+        self.planned = planned;
         Some(decision)
     }
 }

@@ -24,14 +24,12 @@
 //! objective rises. Straight above an SN `θ` has a peak, and the bounds are tight over short steps only. Steps become
 //! small there, and the projected gradient ascent ([`ascent`](super::ascent)) finishes the search.
 
-use clarabel::algebra::CscMatrix;
-use clarabel::solver::SupportedConeT::{self, ExponentialConeT, NonnegativeConeT, SecondOrderConeT, ZeroConeT};
-use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus};
+use clarabel::solver::SupportedConeT::{ExponentialConeT, SecondOrderConeT, ZeroConeT};
 use nalgebra::{Point3, Vector3};
 use skysink_common::channel::{ChannelModel, LineOfSight, LosCurve, Sight, Uplink};
 use skysink_common::geometry::{Position, distance_squared};
 
-use crate::waypoint::conic;
+use crate::waypoint::cone_program::ConeProgram;
 use crate::waypoint::problem::{Problem, RatedPoint};
 
 /// Largest exponent `α_L` for which the tangent is used as a lower bound.
@@ -108,21 +106,14 @@ fn as_far_as_it_rises(problem: &Problem, at: RatedPoint, proposal: &Point3<f64>)
     points.map(|point| problem.rated(point)).find(|point| point.rate_bps > at.rate_bps).unwrap_or(at)
 }
 
-/// One convex program, `min ½ uᵀ P u + cᵀ u` subject to `h − A u ∈ K`.
+/// One convex program.
 ///
 /// `u` holds the step from the expansion point in units of `unit_m`, then for every SN `v` and `w = (x − 1) e^ŝ`, which
 /// is near 1.
 struct Program {
     origin: Point3<f64>,
     unit_m: f64,
-    quadratic: Vec<f64>,
-    linear: Vec<f64>,
-    /// The entries of `A`, by row, column and value.
-    rows: Vec<usize>,
-    columns: Vec<usize>,
-    values: Vec<f64>,
-    offsets: Vec<f64>,
-    cones: Vec<SupportedConeT<f64>>,
+    cones: ConeProgram,
 }
 
 impl Program {
@@ -130,17 +121,7 @@ impl Program {
     fn at(problem: &Problem, link: &LineOfSight, at: &Point3<f64>, curve: [f64; 2]) -> Self {
         let variables = POINT + 2 * problem.gains.len();
         let unit_m = problem.disks.iter().map(|disk| disk.radius_m).fold(f64::INFINITY, f64::min);
-        let mut program = Self {
-            origin: *at,
-            unit_m,
-            quadratic: vec![0.0; variables],
-            linear: vec![0.0; variables],
-            rows: Vec::new(),
-            columns: Vec::new(),
-            values: Vec::new(),
-            offsets: Vec::new(),
-            cones: Vec::new(),
-        };
+        let mut program = Self { origin: *at, unit_m, cones: ConeProgram::new(variables) };
         program.stay_between(problem.altitudes_m);
         for disk in &problem.disks {
             program.stay_within(&disk.centre, disk.radius_m);
@@ -152,35 +133,24 @@ impl Program {
         program
     }
 
-    /// Adds the row `offset − Σ factor u_column` to the last cone.
-    fn row(&mut self, offset: f64, factors: &[(usize, f64)]) {
-        for &(column, factor) in factors {
-            self.rows.push(self.offsets.len());
-            self.columns.push(column);
-            self.values.push(factor);
-        }
-        self.offsets.push(offset);
-    }
-
     /// Adds the range of altitudes, or the fixed altitude.
     fn stay_between(&mut self, [low_m, high_m]: [f64; 2]) {
         if high_m - low_m < FLAT_M {
-            self.cones.push(ZeroConeT(1));
-            self.row(0.0, &[(2, 1.0)]);
+            self.cones.cone(ZeroConeT(1));
+            self.cones.row(0.0, &[(2, 1.0)]);
         } else {
-            self.cones.push(NonnegativeConeT(2));
-            self.row((high_m - self.origin.z) / self.unit_m, &[(2, 1.0)]);
-            self.row((self.origin.z - low_m) / self.unit_m, &[(2, -1.0)]);
+            self.cones.at_least_0((high_m - self.origin.z) / self.unit_m, &[(2, 1.0)]);
+            self.cones.at_least_0((self.origin.z - low_m) / self.unit_m, &[(2, -1.0)]);
         }
     }
 
     /// Adds a disk on the ground: `‖(q − centre)/ρ‖ ≤ 1`.
     fn stay_within(&mut self, centre: &Position, radius_m: f64) {
         let from_centre = (self.origin.xy() - centre) / radius_m;
-        self.cones.push(SecondOrderConeT(3));
-        self.row(1.0, &[]);
-        self.row(from_centre.x, &[(0, -self.unit_m / radius_m)]);
-        self.row(from_centre.y, &[(1, -self.unit_m / radius_m)]);
+        self.cones.cone(SecondOrderConeT(3));
+        self.cones.row(1.0, &[]);
+        self.cones.row(from_centre.x, &[(0, -self.unit_m / radius_m)]);
+        self.cones.row(from_centre.y, &[(1, -self.unit_m / radius_m)]);
     }
 
     /// Adds one SN's terms of the objective, divided by `scale_bps`, and its two cones. `v` is the index of its
@@ -201,50 +171,33 @@ impl Program {
         let uplink = Uplink::at(1.0, d2_m2, z_m);
         let probability = link.los_probability(&uplink);
         let gain_bps = link.los_rate_bps(d2_m2, z_m) - link.nlos_rate_bps(d2_m2, z_m);
-        self.linear[w] = probability * probability * gain_bps.max(0.0) * inverse_odds / scale_bps;
+        self.cones.linear[w] = probability * probability * gain_bps.max(0.0) * inverse_odds / scale_bps;
         let fall = -link.slopes(&uplink).by_distance2 * self.unit_m / scale_bps;
         for (axis, offset_m) in Vector3::new(away.x, away.y, z_m).iter().enumerate() {
-            self.quadratic[axis] += 2.0 * fall * self.unit_m;
-            self.linear[axis] += 2.0 * fall * offset_m;
+            self.cones.quadratic[axis] += 2.0 * fall * self.unit_m;
+            self.cones.linear[axis] += 2.0 * fall * offset_m;
         }
 
         // (v̂/D̂)² d² + (1 − t)² + v² ≤ 1, t = v̂ z/D̂
         let tilt = sine / distance_m;
-        self.cones.push(SecondOrderConeT(5));
-        self.row(1.0, &[]);
-        self.row(tilt * away.x, &[(0, -tilt * self.unit_m)]);
-        self.row(tilt * away.y, &[(1, -tilt * self.unit_m)]);
-        self.row(1.0 - tilt * z_m, &[(2, tilt * self.unit_m)]);
-        self.row(0.0, &[(v, -1.0)]);
+        self.cones.cone(SecondOrderConeT(5));
+        self.cones.row(1.0, &[]);
+        self.cones.row(tilt * away.x, &[(0, -tilt * self.unit_m)]);
+        self.cones.row(tilt * away.y, &[(1, -tilt * self.unit_m)]);
+        self.cones.row(1.0 - tilt * z_m, &[(2, tilt * self.unit_m)]);
+        self.cones.row(0.0, &[(v, -1.0)]);
 
         // e^{ŝ − s} ≤ w, s − ŝ = b (180/π) (v − v̂)/cos θ̂
-        self.cones.push(ExponentialConeT());
-        self.row(growth * expanded_sine, &[(v, growth)]);
-        self.row(1.0, &[]);
-        self.row(0.0, &[(w, -1.0)]);
+        self.cones.cone(ExponentialConeT());
+        self.cones.row(growth * expanded_sine, &[(v, growth)]);
+        self.cones.row(1.0, &[]);
+        self.cones.row(0.0, &[(w, -1.0)]);
     }
 
     /// The solution; `None` unless Clarabel reports the status `Solved`.
     fn solve(self) -> Option<Point3<f64>> {
-        let height = self.offsets.len();
-        let width = self.linear.len();
-        let constraints = CscMatrix::new_from_triplets(height, width, self.rows, self.columns, self.values);
-        let diagonal: Vec<usize> = (0..width).collect();
-        let quadratic = CscMatrix::new_from_triplets(width, width, diagonal.clone(), diagonal, self.quadratic);
-        let settings = DefaultSettings {
-            equilibrate_enable: true, // a new solver for each program: results do not depend on earlier ones
-            tol_feas: TOLERANCE,
-            tol_gap_abs: TOLERANCE,
-            tol_gap_rel: TOLERANCE,
-            ..conic::settings()
-        };
-        let mut solver =
-            DefaultSolver::new(&quadratic, &self.linear, &constraints, &self.offsets, &self.cones, settings)
-                .expect("the shapes agree by construction");
-        solver.solve();
-        let found = &solver.solution.x;
-        (solver.solution.status == SolverStatus::Solved)
-            .then(|| self.origin + Vector3::new(found[0], found[1], found[2]) * self.unit_m)
+        let found = self.cones.solve(TOLERANCE)?;
+        Some(self.origin + Vector3::new(found[0], found[1], found[2]) * self.unit_m)
     }
 }
 

@@ -1,0 +1,82 @@
+//! A cone program that is written row by row, solved by Clarabel.
+
+use clarabel::algebra::CscMatrix;
+use clarabel::solver::SupportedConeT::{self, NonnegativeConeT};
+use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus};
+
+use super::conic;
+
+/// The program `min ½ uᵀ P u + cᵀ u` subject to `h − A u ∈ K`, with a diagonal `P`.
+pub(crate) struct ConeProgram {
+    /// The diagonal of `P`.
+    pub quadratic: Vec<f64>,
+    /// `c`.
+    pub linear: Vec<f64>,
+    /// The entries of `A`, by row, column and value.
+    rows: Vec<usize>,
+    columns: Vec<usize>,
+    values: Vec<f64>,
+    /// `h`.
+    offsets: Vec<f64>,
+    cones: Vec<SupportedConeT<f64>>,
+}
+
+impl ConeProgram {
+    /// One of so many variables, without costs and constraints.
+    pub fn new(variables: usize) -> Self {
+        Self {
+            quadratic: vec![0.0; variables],
+            linear: vec![0.0; variables],
+            rows: Vec::new(),
+            columns: Vec::new(),
+            values: Vec::new(),
+            offsets: Vec::new(),
+            cones: Vec::new(),
+        }
+    }
+
+    /// Begins a cone, whose rows follow.
+    pub fn cone(&mut self, cone: SupportedConeT<f64>) {
+        self.cones.push(cone);
+    }
+
+    /// Adds the row `offset − Σ factor u_column` to the last cone.
+    pub fn row(&mut self, offset: f64, factors: &[(usize, f64)]) {
+        for &(column, factor) in factors {
+            self.rows.push(self.offsets.len());
+            self.columns.push(column);
+            self.values.push(factor);
+        }
+        self.offsets.push(offset);
+    }
+
+    /// Adds the constraint `offset − Σ factor u_column ≥ 0`.
+    pub fn at_least_0(&mut self, offset: f64, factors: &[(usize, f64)]) {
+        match self.cones.last_mut() {
+            Some(NonnegativeConeT(rows)) => *rows += 1,
+            _ => self.cones.push(NonnegativeConeT(1)),
+        }
+        self.row(offset, factors);
+    }
+
+    /// The solution to this tolerance; `None` unless Clarabel reports the status `Solved`.
+    pub fn solve(self, tolerance: f64) -> Option<Vec<f64>> {
+        let height = self.offsets.len();
+        let width = self.linear.len();
+        let constraints = CscMatrix::new_from_triplets(height, width, self.rows, self.columns, self.values);
+        let diagonal: Vec<usize> = (0..width).collect();
+        let quadratic = CscMatrix::new_from_triplets(width, width, diagonal.clone(), diagonal, self.quadratic);
+        let settings = DefaultSettings {
+            equilibrate_enable: true, // a new solver for each program: results do not depend on earlier ones
+            tol_feas: tolerance,
+            tol_gap_abs: tolerance,
+            tol_gap_rel: tolerance,
+            ..conic::settings()
+        };
+        let mut solver =
+            DefaultSolver::new(&quadratic, &self.linear, &constraints, &self.offsets, &self.cones, settings)
+                .expect("the shapes agree by construction");
+        solver.solve();
+        (solver.solution.status == SolverStatus::Solved).then_some(solver.solution.x)
+    }
+}
