@@ -6,7 +6,8 @@
     python python/benchmarks/cetsp.py instances.json --uavs 2 3 5    # several rounds from the depot, the longest as short as found
 
 The file maps names to instances: {"name": {"radius": 10, "depot": [x, y], "nodes": [[x, y], ...], "best": length}}, where
-best is the length of the best known closed tour, and the radius above 0. With --flown a way need not return, so that it may be
+best is the length of the best known closed tour, and the radius above 0. For those in cetsp_published.json the least tour of
+three public sources is taken instead, and their published lower bound is shown. With --flown a way need not return, so that it may be
 shorter than the best known tour. None comes with Skysink: docs/src/rounds.md says where they are published.
 `skysink-cetsp` in PATH finds the rounds and bounds: cargo build --release -p skysink-cetsp.
 The exit code is 1 if a round misses a disk, if a bound is above a best known tour, or if tour does not serve all in time.
@@ -32,6 +33,7 @@ import skysink
 SOLVER = "skysink-cetsp"
 ROUNDED = 1e-5  # the best known lengths are rounded
 STEPS = 300  # of each of several rounds
+PUBLISHED = Path(__file__).with_name("cetsp_published.json")
 LEGS = 4000  # slots in which a mission flies the best known length
 
 
@@ -178,6 +180,17 @@ def flown(instance: dict[str, Any]) -> float:
     return float("inf")
 
 
+def with_published(instances: dict[str, Any]) -> dict[str, Any]:
+    """The instances with the least published tours, and the published bounds."""
+    published = json.loads(PUBLISHED.read_text())["instances"]
+
+    def known(name: str, one: dict[str, Any]) -> dict[str, Any]:
+        row = published.get(name)
+        return {**one, "best": row["least_published"], "bound": row["published_lower_bound"]} if row else one
+
+    return {name: known(name, one) for name, one in instances.items()}
+
+
 def several(solver: Solver, instances: dict[str, Any], uavs: list[int], seconds: float) -> int:
     """Prints the longest of several rounds, over the best known round and over the lower bound, and returns the exit code."""
     print("| instance |" + "".join(f" U = {count} | ÷ bound |" for count in uavs))
@@ -212,6 +225,7 @@ def main() -> int:
     parser.add_argument("--uavs", type=int, nargs="+", default=[], help="several rounds, the longest of which counts")
     arguments = parser.parse_args()
     instances = {name: one for name, one in json.loads(arguments.file.read_text()).items() if arguments.only in name}
+    instances = with_published(instances)
     if not instances:
         print(f"no instance of {arguments.file} has {arguments.only!r} in its name", file=sys.stderr)
         return 1
@@ -233,7 +247,8 @@ def main() -> int:
     if arguments.uavs:
         return several(solver, instances, arguments.uavs, arguments.seconds)
     effort = {"seconds": arguments.seconds}
-    print("| instance | disks | points | length ÷ best known | bound ÷ best known | time [s] |\n|---|---|---|---|---|---|")
+    heads = ["instance", "disks", "points", "length ÷ best known", "bound ÷ best known", "published bound ÷", "time [s]"]
+    print(f"| {' | '.join(heads)} |\n|{'---|' * len(heads)}")
     ratios, bounds, failed = [], [], []
     for name, one in sorted(instances.items()):
         begin = time.perf_counter()
@@ -241,7 +256,9 @@ def main() -> int:
         took = time.perf_counter() - begin
         assert found.bound_m is not None
         ratio, bound = found.length_m / one["best"], found.bound_m / one["best"]
-        print(f"| {name} | {len(one['nodes'])} | {len(found.order)} | {ratio:.4f} | {bound:.4f} | {took:.2f} |", flush=True)
+        published = f"{one['bound'] / one['best']:.4f}" if "bound" in one else ""
+        cells = [name, len(one["nodes"]), len(found.order), f"{ratio:.4f}", f"{bound:.4f}", published, f"{took:.2f}"]
+        print(f"| {' | '.join(map(str, cells))} |", flush=True)
         ratios.append(ratio)
         bounds.append(bound)
         if missed(one, found.points_m) > 1e-9 or bound > 1.0 + ROUNDED:
