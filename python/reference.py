@@ -31,6 +31,7 @@ SOURCES = {
     "skysink.agents": ["agents.py"],
     "skysink.ring": ["ring.py"],
     "skysink.transitions": ["transitions.py"],
+    "skysink.library": ["library.py"],
 }
 PUBLIC = {
     "skysink": [
@@ -40,6 +41,7 @@ PUBLIC = {
     "skysink.agents": ["parallel_env", "DataCollectionParallelEnv", "FleetBatch"],
     "skysink.ring": ["planner", "vehicle", "Vehicle", "Order", "Flown"],
     "skysink.transitions": ["to_minari"],
+    "skysink.library": ["instances", "copy", "verify"],
 }  # fmt: skip
 PLAIN = {"break_long_words": False, "break_on_hyphens": False}
 

@@ -5,6 +5,8 @@
 mod export;
 #[cfg(feature = "lab")]
 mod fleet;
+#[cfg(feature = "lab")]
+mod library;
 mod manual;
 #[cfg(feature = "lab")]
 mod merge;
@@ -76,6 +78,8 @@ enum Command {
     #[cfg(feature = "lab")]
     Compare(compare::CompareCommand),
     #[cfg(feature = "lab")]
+    Library(library::LibraryCommand),
+    #[cfg(feature = "lab")]
     Merge(merge::MergeCommand),
     #[cfg(feature = "lab")]
     Export(export::ExportCommand),
@@ -106,6 +110,8 @@ impl Command {
             Self::Fleet(command) => command.run(stop),
             #[cfg(feature = "lab")]
             Self::Compare(command) => command.run(stop),
+            #[cfg(feature = "lab")]
+            Self::Library(command) => command.run(stop),
             #[cfg(feature = "lab")]
             Self::Merge(command) => command.run(stop),
             #[cfg(feature = "lab")]

@@ -79,7 +79,7 @@ impl Changes {
 }
 
 /// The folder of a new run.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 pub struct NewFolder {
     /// Run folder [default: runs/NAME-STRATEGY-SEED].
     #[arg(long, value_name = "DIR")]
@@ -94,6 +94,12 @@ impl NewFolder {
     #[must_use]
     pub fn earlier(&self) -> Earlier {
         Earlier::by_force(self.force)
+    }
+
+    /// The folder of the run of a seed, one of several: within `--out`.
+    #[must_use]
+    pub fn of_seed(&self, seed: u64) -> Self {
+        Self { out: self.out.as_ref().map(|out| out.join(seed.to_string())), ..self.clone() }
     }
 }
 

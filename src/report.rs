@@ -129,7 +129,7 @@ pub fn print(line: impl fmt::Display) -> Result<(), Error> {
 #[derive(Debug, Clone, Copy, Args)]
 pub struct OutputForm {
     /// Print JSON instead of the table.
-    #[arg(long)]
+    #[arg(long, global = true)]
     json: bool,
 }
 
@@ -143,6 +143,14 @@ impl OutputForm {
             return print(serde_json::to_string_pretty(figures).expect("plain numbers and strings"));
         }
         as_table()
+    }
+
+    /// Prints a line, but not with `--json`.
+    ///
+    /// # Errors
+    /// As [`print`].
+    pub fn print_words(self, line: impl fmt::Display) -> Result<(), Error> {
+        if self.json { Ok(()) } else { print(line) }
     }
 }
 

@@ -75,7 +75,7 @@ pub fn did_you_mean<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str
 ///
 /// # Errors
 /// If it cannot be read, or is not a regular file (a pipe may never end).
-pub(crate) fn read_bytes(what: &'static str, path: &Path) -> Result<Vec<u8>, InputError> {
+pub fn read_bytes(what: &'static str, path: &Path) -> Result<Vec<u8>, InputError> {
     let refuse = |message: &dyn Display| InputError::new(what, path, message);
     let kind = fs::metadata(path).map_err(|error| refuse(&error))?;
     if !kind.is_file() {

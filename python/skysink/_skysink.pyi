@@ -32,6 +32,9 @@ __all__ = [
     "__build__",
     "__version__",
     "fly_ring",
+    "library_copy",
+    "library_instances",
+    "library_verify",
     "plan_ring",
     "simulate",
     "visits_of",
@@ -548,6 +551,9 @@ def visits_of(
 ) -> tuple[NDArray[np.uint64], NDArray[np.uint32], NDArray[np.float64], NDArray[np.float64], float, float]:
     """Slots, SNs, x and y [m] of the visits of :func:`skysink.plan_visits`; their cost, and a bound."""
 
+def library_instances() -> list[dict[str, Any]]: ...
+def library_copy(name: str, folder: Path) -> Path: ...
+def library_verify(paths: Sequence[Path], instance: str | None) -> dict[str, Any]: ...
 def plan_ring(strategy: Strategy | Callable[[], Strategy], ring: Path, scenario: Path) -> int: ...
 def fly_ring(vehicle: Vehicle, ring: Path, scenario: Path, reached_m: float) -> int: ...
 

@@ -12,6 +12,7 @@ mod episode;
 mod errors;
 mod field;
 mod held;
+mod library;
 mod observation;
 mod reward;
 mod ring;
@@ -43,6 +44,8 @@ mod _skysink {
     use super::errors::InputError;
     #[pymodule_export]
     use super::field::{PyBase, PyField};
+    #[pymodule_export]
+    use super::library::{library_copy, library_instances, library_verify};
     #[pymodule_export]
     use super::ring::{fly_ring, plan_ring};
     #[pymodule_export]

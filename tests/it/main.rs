@@ -28,6 +28,8 @@ mod invariants;
 mod keys;
 #[cfg(feature = "lab")]
 mod least_fleet;
+#[cfg(feature = "lab")]
+mod library;
 #[cfg(feature = "mavlink")]
 mod mavlink;
 mod motion;

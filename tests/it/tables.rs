@@ -17,7 +17,7 @@ const COMMAND: &str = "cargo test --workspace --test it write_the_tables_of_the_
 type Writer = fn() -> String;
 
 /// The tables that are not of types.
-const TABLES: [(&str, Writer); 12] = [
+const TABLES: [(&str, Writer); 13] = [
     ("topics", topics),
     ("entities", entities),
     ("strategies", registries::strategies),
@@ -30,6 +30,7 @@ const TABLES: [(&str, Writer); 12] = [
     ("sensor columns", registries::sensor_columns),
     ("commands", registries::commands),
     ("scenarios", registries::scenarios),
+    ("library", registries::library),
 ];
 
 /// Around the name of a table, and after the table.

@@ -10,6 +10,7 @@ use skysink_common::sensors::COLUMNS;
 use skysink_lab::export::FORMATS;
 use skysink_lab::import::{COORDINATES, OTHERS};
 use skysink_lab::metrics::Metric;
+use skysink_library::{Library, gap};
 use skysink_planner::strategies::STRATEGIES;
 use skysink_planner::strategy::Registered;
 
@@ -35,6 +36,33 @@ pub fn strategies() -> String {
     };
     let rows: String = strategies_with_texts().map(row).collect();
     format!("| name | | how it plans |\n|---|---|---|\n{rows}")
+}
+
+/// The instances of the library, with best known values and bounds.
+pub fn library() -> String {
+    let library = Library::default();
+    let row = |instance| {
+        let best = library.best(&instance).unwrap().expect("every instance has a best known flight");
+        let open = library.open(instance).unwrap();
+        let digits =
+            |value: f64| if value == 0.0 || value >= 100.0 { format!("{value:.0}") } else { format!("{value:.5}") };
+        let gap = best.bound.map(|bound| format!("{:.1} %", 100.0 * gap(best.measure, best.value, bound)));
+        let cells = [
+            format!("`{}`", open.instance.name),
+            open.instance.about,
+            open.list.sensors().len().to_string(),
+            open.scenario.uav.uavs().to_string(),
+            open.scenario.slots.to_string(),
+            best.measure.label().to_owned(),
+            digits(best.value),
+            best.bound.map_or_else(String::new, digits),
+            gap.unwrap_or_default(),
+            best.by,
+        ];
+        format!("| {} |\n", cells.join(" | "))
+    };
+    let rows: String = library.instances().unwrap().into_iter().map(row).collect();
+    format!("| instance | | SNs | UAVs | slots | | best known | bound | gap | by |\n|{}\n{rows}", "---|".repeat(10))
 }
 
 /// The works that strategies are from, and what is adapted.

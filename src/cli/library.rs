@@ -1,0 +1,252 @@
+//! `skysink library`: arguments and printed results.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+use serde::Serialize;
+use skysink_common::error::InputError;
+use skysink_common::scenario::{Overrides, Setting};
+use skysink_common::sensors::SensorList;
+use skysink_common::stop::Stop;
+use skysink_library::{BestFlight, Claim, FlownFlight, Instance, Library, OpenInstance, Placement, gap};
+use skysink_mission::Mission;
+use skysink_mission::record::{RunFolder, is_run_folder};
+
+use crate::error::Error;
+use crate::options::{NewFolder, strategy};
+use crate::report::{OutputForm, figure, print, table, with_numbers_from};
+use crate::simulate::{Simulation, simulate};
+
+/// Named instances with the best known flight of each, to compare planners on.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  skysink library list --family paper
+  skysink library fly sks-500-200 horizon --set planner.horizon.iterations=6000
+  skysink library copy sks-500-200
+  skysink run sks-500-200.toml --planner \"python3 mine.py\" --out mine
+  skysink library verify mine                      its value and its place
+  skysink library submit mine --library library --by \"A. Author\" --cost \"2 h\"
+
+An instance fixes everything but [planner] (other than its objective),
+uav.coordination and the seed. A policy instance is flown with each of its seeds,
+and its value is the mean. What is verified is flown again, slot by slot, in the
+exact model, and has to land where uav.must_land says so. That a planner did not
+know what a policy instance draws cannot be verified.
+
+A plan file is CSV, compressed by gzip or not, of any program: a first line
+`# instance: NAME`, then the columns slot,x_m,y_m,scheduled in any order: where
+the UAV is after the slot, and the sensor nodes that it serves there, separated
+by spaces. Of several UAVs it has the column uav, in three dimensions z_m, of
+several seeds seed; mode is as in slots.csv, which is a plan file, too.")]
+pub struct LibraryCommand {
+    #[command(subcommand)]
+    action: LibraryAction,
+    /// Folder of another library [default: that of this build].
+    #[arg(long = "library", value_name = "DIR", global = true)]
+    folder: Option<PathBuf>,
+    #[command(flatten)]
+    form: OutputForm,
+}
+
+#[derive(Debug, Subcommand)]
+enum LibraryAction {
+    /// Show the instances, with best known values and bounds.
+    List {
+        /// Only those of a family.
+        #[arg(long)]
+        family: Option<String>,
+    },
+    /// Copy the scenario of an instance and its lists.
+    Copy {
+        /// The instance.
+        name: String,
+        /// The folder to copy to.
+        #[arg(value_name = "DIR", default_value = ".")]
+        to: PathBuf,
+    },
+    /// Fly an instance by a strategy, in one process.
+    Fly {
+        /// The instance.
+        name: String,
+        /// The strategy.
+        #[arg(value_parser = strategy())]
+        strategy: &'static str,
+        /// Set a key of [planner] or uav.coordination (repeatable).
+        #[arg(long = "set", value_name = "KEY=VALUE")]
+        keys: Vec<Setting>,
+        #[command(flatten)]
+        folder: NewFolder,
+    },
+    /// Fly runs or plan files again, and show their value and place.
+    Verify(Flights),
+    /// Make a verified flight the best known one.
+    Submit {
+        #[command(flatten)]
+        flights: Flights,
+        /// Who or what found it [default: the strategy of the run].
+        #[arg(long)]
+        by: Option<String>,
+        /// What it cost, such as a computing time.
+        #[arg(long, default_value = "unknown")]
+        cost: String,
+    },
+}
+
+/// The flights to verify.
+#[derive(Debug, Args)]
+struct Flights {
+    /// Run folder or plan file; of a policy instance one for each seed.
+    #[arg(required = true, value_name = "RUN")]
+    paths: Vec<PathBuf>,
+    /// The instance of plan files that do not name it.
+    #[arg(long, value_name = "NAME")]
+    instance: Option<String>,
+}
+
+/// A row of the list.
+#[derive(Debug, Serialize)]
+struct ListedInstance {
+    #[serde(flatten)]
+    instance: Instance,
+    sensors: usize,
+    uavs: usize,
+    slots: u64,
+    best: Option<BestFlight>,
+    /// The fraction of the best known value that separates it from the bound.
+    gap: Option<f64>,
+}
+
+impl LibraryCommand {
+    /// Does what is asked.
+    ///
+    /// # Errors
+    /// If an instance, a run or a plan file is refused, something cannot be written, or on a stop.
+    pub fn run(self, stop: &Stop) -> Result<(), Error> {
+        let Self { action, folder, form } = self;
+        let library = Library::of(folder);
+        match action {
+            LibraryAction::List { family } => list(&library, family.as_deref(), form),
+            LibraryAction::Copy { name, to } => {
+                let path = library.copy(&library.find(&name)?, &to)?;
+                print(format_args!("Copied. Fly it: skysink run {}", path.display()))
+            }
+            LibraryAction::Fly { name, strategy, keys, folder } => {
+                let is_given = |setting: &&Setting| ["seed", "planner.strategy"].contains(&setting.key.as_str());
+                if let Some(setting) = keys.iter().find(is_given) {
+                    return Err(setting
+                        .refusal("expected another key: the strategy is given, and all seeds are flown")
+                        .into());
+                }
+                let open = library.open(library.find(&name)?)?;
+                let overrides = Overrides { strategy: Some(strategy), keys, ..Overrides::default() };
+                let runs = fly(&open, &overrides, &folder, stop)?;
+                print_placement(&library.verify(&runs, None, stop)?, form)?;
+                if let [run, ..] = &runs[..] {
+                    let more = if runs.len() > 1 { format!(" and {} more", runs.len() - 1) } else { String::new() };
+                    return form.print_words(format_args!("Run folder:      {}{more}", run.display()));
+                }
+                Ok(())
+            }
+            LibraryAction::Verify(Flights { paths, instance }) => {
+                print_placement(&library.verify(&paths, instance.as_deref(), stop)?, form)
+            }
+            LibraryAction::Submit { flights: Flights { paths, instance }, by, cost } => {
+                let flown = library.verify(&paths, instance.as_deref(), stop)?;
+                let by = by.or_else(|| flown.by.clone()).unwrap_or_else(|| "unknown".to_owned());
+                let best = flown.submit(Claim { by, cost })?;
+                let name = &flown.open.instance.name;
+                form.print(&best, || {
+                    let what = format!("{} {}", best.measure.label(), figure(best.value));
+                    print(format_args!("{name}: {what} is the best known; commit best/{name}.toml and .csv.gz"))
+                })
+            }
+        }
+    }
+}
+
+/// Flies an instance with each of its seeds, and returns the run folders.
+fn fly(open: &OpenInstance, overrides: &Overrides, folder: &NewFolder, stop: &Stop) -> Result<Vec<PathBuf>, Error> {
+    let seeds = open.instance.seeds;
+    let folder_of = |seed: u64| if seeds == 1 { folder.clone() } else { folder.of_seed(seed) };
+    if let Some(out) = folder.out.as_deref().filter(|out| seeds > 1 && (out.is_file() || is_run_folder(out))) {
+        return Err(InputError::new("output folder", out, "expected one for the runs of all seeds, not a run").into());
+    }
+    for seed in 1..=seeds {
+        RunFolder::check(folder_of(seed).out.as_deref(), folder.earlier())?;
+    }
+    let of_seed = |seed: u64| {
+        let scenario = open.flown_by(Overrides { seed: Some(seed), ..overrides.clone() })?;
+        let list = SensorList::of(&scenario)?;
+        let mission = Mission::until(&scenario, &list, stop)?;
+        let simulation = Simulation { scenario, folder: folder_of(seed), record: None };
+        let (folder, _) = simulate(&simulation, &list, mission, stop)?;
+        Ok(folder.path().to_owned())
+    };
+    (1..=seeds).map(of_seed).collect()
+}
+
+/// Prints the instances.
+fn list(library: &Library, family: Option<&str>, form: OutputForm) -> Result<(), Error> {
+    let listed = |instance: Instance| -> Result<ListedInstance, Error> {
+        let best = library.best(&instance)?;
+        let gap = best.as_ref().and_then(|best| Some(gap(best.measure, best.value, best.bound?)));
+        let open = library.open(instance)?;
+        let (sensors, uavs, slots) = (open.list.sensors().len(), open.scenario.uav.uavs(), open.scenario.slots);
+        Ok(ListedInstance { sensors, uavs, slots, best, gap, instance: open.instance })
+    };
+    let instances = library.instances()?;
+    if let Some(family) = family.filter(|family| instances.iter().all(|instance| instance.family != *family)) {
+        let mut families: Vec<&str> = instances.iter().map(|instance| instance.family.as_str()).collect();
+        families.dedup();
+        let expected = format_args!("expected one of {}", families.join(", "));
+        return Err(InputError::of_argument("family", family, expected).into());
+    }
+    let instances = instances.into_iter();
+    let of_family = instances.filter(|instance| family.is_none_or(|family| instance.family == family));
+    let rows = of_family.map(listed).collect::<Result<Vec<_>, _>>()?;
+    form.print(&rows, || {
+        let mut table = table();
+        table.set_header(["instance", "family", "SNs", "UAVs", "slots", "", "best", "bound", "gap"]);
+        for ListedInstance { instance, sensors, uavs, slots, best, gap } in &rows {
+            let best = best.as_ref();
+            let value = |value: Option<f64>| value.map_or_else(String::new, figure);
+            table.add_row([
+                instance.name.clone(),
+                instance.family.clone(),
+                sensors.to_string(),
+                uavs.to_string(),
+                slots.to_string(),
+                best.map_or("", |best| best.measure.label()).to_owned(),
+                value(best.map(|best| best.value)),
+                value(best.and_then(|best| best.bound)),
+                gap.map_or_else(String::new, percent),
+            ]);
+        }
+        print(with_numbers_from(2, table))
+    })
+}
+
+/// Prints the value of a flight, and its place.
+fn print_placement(flown: &FlownFlight, form: OutputForm) -> Result<(), Error> {
+    let placement = flown.placement()?;
+    form.print(&placement, || {
+        let Placement { instance, measure, value, place, of, best, gap_to_best, bound, gap_to_bound } = &placement;
+        let seeds = flown.plans.len();
+        let over = if seeds > 1 { format!(", mean of {seeds} seeds") } else { String::new() };
+        print(format_args!("{instance}: {} {}{over}, verified", measure.label(), figure(*value)))?;
+        print(format_args!("Place:           {place} of {of}"))?;
+        let compared = [("Best known:      ", best, gap_to_best), ("Bound:           ", bound, gap_to_bound)];
+        for (label, reference, gap) in compared {
+            if let Some((reference, gap)) = reference.zip(*gap) {
+                print(format_args!("{label}{} (gap {})", figure(reference), percent(gap)))?;
+            }
+        }
+        Ok(())
+    })
+}
+
+/// A fraction in percent.
+fn percent(fraction: f64) -> String {
+    format!("{:.1} %", 100.0 * fraction)
+}
