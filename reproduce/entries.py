@@ -14,6 +14,8 @@ from pathlib import Path
 from statistics import mean, stdev
 from typing import Callable
 
+import library
+
 OUT = Path("runs/reproduce")
 ENTRIES = {}
 options = None  # the command line of `run`
@@ -421,11 +423,30 @@ def rounds():
         return {name.strip(): [word.strip() for word in words] for name, *words in lines[1:]}
 
     fleets = cells(several)
-    rows = [[name, *row[:4], *fleets[name]] for name, row in cells(single).items()]
-    head = ["instance", "disks", "points", "length ÷ best known", "bound ÷ best known"]
+    rows = [[name, *row[:5], *fleets[name]] for name, row in cells(single).items()]
+    head = ["instance", "disks", "points", "length ÷ best known", "bound ÷ best known", "published bound ÷"]
     head += [word for count in [2, 3, 5] for word in (f"U = {count}: longest ÷ best known", "÷ bound")]
     summary = [line for text in [single, several] for line in text.splitlines() if "median" in line]
     return table("rounds", head, rows, "1 s for a round, 4 s for several") + "\n\n" + "  \n".join(summary)
+
+
+@entry("library", 60)
+def standings():
+    """The mean gap of strategies to the best known flights of the library, by version; writes library/standings.csv."""
+    own = library.Standings(OUT / "library", version().split()[1], options.threads)
+    own.submit_better()
+    own.write()
+    gaps = library.gaps()
+    versions = list(dict.fromkeys(version for version, _ in gaps))
+
+    def percent(values):
+        return f"{100 * mean(values):.1f} ± {100 * error_of(values):.1f}" if values else ""
+
+    rows = [
+        [f"`{flyer}`", *(percent(gaps.get((version, flyer), [])) for version in versions)] for flyer in library.FLYERS
+    ]
+    counts = {len(values) for (version, _), values in gaps.items() if version == versions[-1]}
+    return table("library", ["gap [%]", *versions], rows, f"{min(counts)} to {max(counts)} instances")
 
 
 # Figures

@@ -1,0 +1,111 @@
+"""The standings of the library: what strategies reach on its instances, and their gaps to the best known flights."""
+
+import csv
+import json
+import os
+import subprocess
+import sys
+from collections import defaultdict
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+LIBRARY = Path("library")
+STANDINGS = LIBRARY / "standings.csv"
+COLUMNS = ["instance", "strategy", "version", "value"]
+CHEAP = "rfs gfs uts uts-wide exact edf whittle mes max-age-first tour".split()
+FLYERS = {name: (name, []) for name in CHEAP} | {
+    f"horizon {steps}": ("horizon", ["--set", f"planner.horizon.iterations={steps}"]) for steps in [20, 100]
+}
+
+
+def command(*words, refused=None):
+    """The JSON that `skysink library` prints; `refused` if it refuses its input."""
+    words = ["skysink", "library", "--library", LIBRARY, *words, "--json"]
+    done = subprocess.run([str(word) for word in words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    if done.returncode == 2 and refused is not None:
+        return refused
+    if done.returncode:
+        sys.exit(f"reproduce/run: {' '.join(map(str, words))}: {done.stderr.strip()}")
+    return json.loads(done.stdout)
+
+
+def is_better(measure, value, other):
+    """Whether a value is better than another."""
+    return value > other if measure == "score" else value < other
+
+
+def gap(measure, value, reference):
+    """The fraction of a value that separates it from a reference."""
+    less, more = (value, reference) if measure == "score" else (reference, value)
+    return 0.0 if less == more else 1.0 - less / more
+
+
+def standings():
+    """The rows of standings.csv, none without the file."""
+    if not STANDINGS.exists():
+        return []
+    with open(STANDINGS) as file:
+        return list(csv.DictReader(file))
+
+
+class Standings:
+    """The values of the strategies of this version over all instances, flown where they are missing in `folder`."""
+
+    def __init__(self, folder, version, threads):
+        self.folder, self.version = folder / version, version
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self.instances = [row["name"] for row in command("list")]
+        pairs = [(instance, flyer) for instance in self.instances for flyer in FLYERS]
+        with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
+            verdicts = dict(zip(pairs, pool.map(lambda pair: self.flown(*pair), pairs)))
+        self.verdicts = {pair: verdict for pair, verdict in verdicts.items() if verdict}
+
+    def run_folder(self, instance, flyer):
+        """The folder of a run, or of those of all seeds."""
+        return self.folder / f"{instance}-{flyer.replace(' ', '-')}"
+
+    def flown(self, instance, flyer):
+        """The verdict of a strategy over an instance; empty if it cannot fly there."""
+        folder = self.run_folder(instance, flyer)
+        kept = Path(f"{folder}.json")
+        if kept.exists():
+            return json.loads(kept.read_text())
+        strategy, options = FLYERS[flyer]
+        verdict = command("fly", instance, strategy, *options, "--out", folder, "--force", refused={})
+        if verdict:
+            Path(f"{kept}.new").write_text(json.dumps(verdict))
+            Path(f"{kept}.new").rename(kept)
+        return verdict
+
+    def submit_better(self):
+        """Makes the best flight of an instance its best known one, if it is better."""
+        known = {row["name"]: row["best"] for row in command("list")}
+        for instance, best in known.items():
+            own = [(flyer, verdict) for (name, flyer), verdict in self.verdicts.items() if name == instance]
+            for flyer, verdict in own:
+                if best is None or is_better(verdict["measure"], verdict["value"], best["value"]):
+                    folder = self.run_folder(instance, flyer)
+                    runs = [folder] if (folder / "slots.csv").exists() else sorted(folder.iterdir(), key=lambda run: int(run.name))
+                    by = f"{flyer}, Skysink {self.version}"
+                    best = command("submit", *runs, "--by", by)
+
+    def write(self):
+        """Writes the values of this version into standings.csv, behind those of others."""
+        others = [row for row in standings() if row["version"] != self.version]
+        own = [
+            dict(zip(COLUMNS, [*pair, self.version, verdict["value"]])) for pair, verdict in self.verdicts.items()
+        ]
+        with open(STANDINGS, "w") as file:
+            writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(others + own)
+
+
+def gaps():
+    """By version and strategy the gaps to the best known flights, over the instances in standings.csv."""
+    best = {row["name"]: row["best"] for row in command("list")}
+    found = defaultdict(list)
+    for row in standings():
+        known = best[row["instance"]]
+        found[row["version"], row["strategy"]].append(gap(known["measure"], float(row["value"]), known["value"]))
+    return found
