@@ -29,10 +29,10 @@ Examples:
   skysink library submit mine --library library --by \"A. Author\" --cost \"2 h\"
 
 An instance fixes everything but [planner] (other than its objective),
-uav.coordination and the seed. A policy instance is flown with each of its seeds,
-and its value is the mean. What is verified is flown again, slot by slot, in the
-exact model, and has to land where uav.must_land says so. That a planner did not
-know what a policy instance draws cannot be verified.
+uav.coordination and the seed. A policy instance is flown with each of its
+seeds, and its value is the mean. What is verified is flown again, slot by slot,
+in the exact model, and has to land where uav.must_land says so. That a planner
+did not know what a policy instance draws cannot be verified.
 
 A plan file is CSV, compressed by gzip or not, of any program: a first line
 `# instance: NAME`, then the columns slot,x_m,y_m,scheduled in any order: where
