@@ -29,7 +29,7 @@ import numpy as np
 WIDTH = 2000  # labels of the search for a first flight
 OTHERS = (  # keys, tables and columns of other models
     "base no_fly building boundary_m arrivals energy expiry_s fading setup_s sharing duty_cycle noise_dbm_per_hz wind_mps"
-    " acceleration_mps2 battery count must_land weight"
+    " acceleration_mps2 battery count must_land weight position_error_m service endurances_s"
 )
 
 
