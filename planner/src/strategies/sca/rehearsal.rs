@@ -76,6 +76,11 @@ impl<'a> Rehearsal<'a> {
         self.lost_bits + if self.collects { left_bits.sum() } else { 0.0 }
     }
 
+    /// The slot to be flown next.
+    fn slot(&self) -> u64 {
+        self.view.slot.saturating_add(self.flown.len() as u64)
+    }
+
     fn is_over(&self) -> bool {
         self.flown.len() as u64 >= self.slots || self.view.stop.requested().is_some()
     }
@@ -83,8 +88,8 @@ impl<'a> Rehearsal<'a> {
     /// What a strategy sees in the next slot.
     fn now(&self) -> View<'_> {
         let View { table, battery, stop, .. } = self.view;
-        let slot = self.view.slot + self.flown.len() as u64;
-        let belief = Believed::known(slot - 1, &table.sensors, &self.queues_bits);
+        let slot = self.slot();
+        let belief = Believed::known(slot.saturating_sub(1), &table.sensors, &self.queues_bits);
         let (position, timing, links, neighbours) = (self.position, Timing::Free, None, None);
         View { slot, position, battery, belief, table, timing, links, neighbours, stop }
     }
@@ -92,10 +97,10 @@ impl<'a> Rehearsal<'a> {
     /// Flies a slot: SNs sample and overflow, then the scheduled ones upload.
     fn fly(&mut self, decision: &Decision) {
         let sensors = &self.view.table.sensors;
-        let slot = self.view.slot + self.flown.len() as u64;
+        let slot = self.slot();
         for id in sensors.ids() {
             let (sampler, index) = (sensors.sampler(id), id as usize);
-            let sampled = sampled_bits(sampler.mean_bits, slot) - sampled_bits(sampler.mean_bits, slot - 1);
+            let sampled = sampled_bits(sampler.mean_bits, slot) - sampled_bits(sampler.mean_bits, slot.saturating_sub(1));
             let full_bits = u64::from(self.queues_bits[index]) + sampled;
             let kept_bits = full_bits.min(sampler.stored_bits().into());
             self.lost_bits += sensors.weights.factor(index) * (full_bits - kept_bits) as f64;
