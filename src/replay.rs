@@ -124,12 +124,9 @@ impl ReplayCommand {
         let cannot_create = |error| refuse(&format!("{error}: expected the name of a folder")).into();
         let message = "another replay is writing it: stop that one, or choose another --out";
         let folder = LAYOUT.open(&out, cannot_create, || self.check_folder(&out))?.ok_or_else(|| refuse(message))?;
-        let earlier = folder.set_aside()?;
-        let written = replay.write(folder.path(), stop);
-        if written.is_err() {
-            earlier.restore()?;
-        }
-        let outcome = written?;
+        let results = folder.begin()?;
+        let outcome = replay.write(results.path(), stop)?;
+        results.replace_earlier()?;
         self.form.print(&outcome, || self.print(&outcome, replay.plans, folder.path()))
     }
 

@@ -1,5 +1,5 @@
 //! Folders of results: a command knows the files that it writes into its folder, locks the folder while it does, and
-//! replaces or sets aside earlier results. It touches no other file.
+//! replaces earlier results. It touches no other file.
 
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io;
@@ -9,10 +9,10 @@ use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
 use crate::error::{FileContext, MissionError};
-use crate::files::is_unfinished;
+use crate::files::{UNFINISHED, is_unfinished};
 
-/// Prefix of the temporary folder for results that are set aside.
-const ASIDE: &str = ".earlier-";
+/// The unfinished folder of results that replace earlier ones.
+const NEWER: &str = "results";
 
 /// What happens to earlier results in the folder of a command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,7 +42,7 @@ pub struct FolderLayout {
     pub is_temporary: fn(&str) -> bool,
 }
 
-/// The names of the files in a folder, but those set aside.
+/// The names of the files in a folder.
 #[derive(Debug, Default)]
 pub struct FolderContent {
     /// Results.
@@ -79,11 +79,12 @@ impl FolderLayout {
             let name = entry?.file_name().to_string_lossy().into_owned();
             if name == self.lock {
                 content.lock = Some(self.lock);
-            } else if is_unfinished(&name, |name| (self.is_result)(name) || (self.is_temporary)(name)) {
+            } else if is_unfinished(&name, |name| name == NEWER || (self.is_result)(name) || (self.is_temporary)(name))
+            {
                 content.unfinished.push(name);
             } else if (self.is_result)(&name) {
                 content.results.push(name);
-            } else if !name.starts_with(ASIDE) {
+            } else {
                 content.foreign.push(name);
             }
         }
@@ -193,42 +194,46 @@ impl OutputFolder {
         Ok(())
     }
 
-    /// Moves the results to a temporary folder in this one.
+    /// Where new results are written: here, or, if there are earlier ones, in an unfinished folder in this one.
     ///
     /// # Errors
-    /// If one cannot be moved.
-    pub fn set_aside(&self) -> Result<SetAside<'_>, MissionError> {
-        let results = self.content()?.results;
-        let aside = tempfile::Builder::new().prefix(ASIDE).tempdir_in(&self.path).at(&self.path)?;
-        for name in &results {
-            let path = self.path.join(name);
-            fs::rename(&path, aside.path().join(name)).at(&path)?;
-        }
-        Ok(SetAside { folder: self, results, aside })
+    /// If that cannot be made.
+    pub fn begin(&self) -> Result<NewResults<'_>, MissionError> {
+        let has_earlier = !self.content()?.results.is_empty();
+        let make = || tempfile::Builder::new().prefix(&format!(".{NEWER}.")).suffix(UNFINISHED).tempdir_in(&self.path);
+        Ok(NewResults { folder: self, apart: has_earlier.then(make).transpose().at(&self.path)? })
     }
 }
 
-/// Earlier results, until the new ones are complete. Dropping it removes them.
+/// New results, which replace earlier ones once they are complete. Dropping them leaves the earlier ones.
 #[derive(Debug)]
-pub struct SetAside<'a> {
+pub struct NewResults<'a> {
     folder: &'a OutputFolder,
-    results: Vec<String>,
-    aside: TempDir,
+    /// Their folder, if there are earlier ones.
+    apart: Option<TempDir>,
 }
 
-impl SetAside<'_> {
-    /// Replaces the incomplete new results by the earlier ones, if there were some.
+impl NewResults<'_> {
+    /// The folder to write them into.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        self.apart.as_ref().map_or(&self.folder.path, TempDir::path)
+    }
+
+    /// Replaces the earlier results.
     ///
     /// # Errors
     /// If a file cannot be removed or moved.
-    pub fn restore(self) -> Result<(), MissionError> {
-        if self.results.is_empty() {
-            return Ok(());
-        }
-        self.folder.remove_results()?;
-        for name in &self.results {
-            let path = self.aside.path().join(name);
+    pub fn replace_earlier(self) -> Result<(), MissionError> {
+        let Some(apart) = &self.apart else { return Ok(()) };
+        let written = self.folder.layout.content(apart.path()).at(apart.path())?.results;
+        for name in &written {
+            let path = apart.path().join(name);
             fs::rename(&path, self.folder.path.join(name)).at(&path)?;
+        }
+        for name in self.folder.content()?.results.iter().filter(|name| !written.contains(name)) {
+            let path = self.folder.path.join(name);
+            fs::remove_file(&path).at(&path)?;
         }
         Ok(())
     }
@@ -302,22 +307,31 @@ mod tests {
     }
 
     #[test]
-    fn results_set_aside_are_restored_or_removed() {
+    fn new_results_replace_earlier_ones_when_they_are_complete() {
         let place = tempfile::tempdir().unwrap();
-        let result = place.path().join("a.csv");
-        fs::write(&result, "earlier").unwrap();
         let folder = open(place.path(), || true).unwrap();
-        let aside = folder.set_aside().unwrap();
-        assert!(folder.content().unwrap().is_empty());
-        fs::write(&result, "new").unwrap();
-        fs::write(place.path().join("b.csv"), "new").unwrap();
-        aside.restore().unwrap();
-        assert_eq!(
-            (fs::read_to_string(&result).unwrap(), names(place.path())),
-            ("earlier".into(), vec!["a.csv".to_owned(), "lock".to_owned()])
-        );
-        drop(folder.set_aside().unwrap());
-        assert_eq!(names(place.path()), ["lock"]);
+        let first = folder.begin().unwrap();
+        for name in ["a.csv", "b.csv"] {
+            fs::write(first.path().join(name), "earlier").unwrap();
+        }
+        first.replace_earlier().unwrap();
+        for (is_complete, names_after, a) in
+            [(false, vec!["a.csv", "b.csv", "lock"], "earlier"), (true, vec!["a.csv", "lock"], "new")]
+        {
+            let second = folder.begin().unwrap();
+            fs::write(second.path().join("a.csv"), "new").unwrap();
+            assert_eq!(fs::read_to_string(place.path().join("a.csv")).unwrap(), "earlier");
+            assert_eq!(folder.content().unwrap().unfinished.len(), 1, "what a kill leaves is removed");
+            if is_complete {
+                second.replace_earlier().unwrap()
+            } else {
+                drop(second)
+            }
+            assert_eq!(
+                (names(place.path()), fs::read_to_string(place.path().join("a.csv")).unwrap().as_str()),
+                (names_after.iter().map(|&name| name.to_owned()).collect(), a)
+            );
+        }
     }
 
     #[test]
