@@ -161,6 +161,20 @@ impl Accepts {
         }
     }
 
+    /// Makes whole numbers of those without a fraction, where such are expected.
+    pub fn make_whole(&self, value: &mut Value) {
+        match (self, value) {
+            (Self::Whole(..) | Self::WholeInterval(..), value @ Value::Float(_)) => {
+                let number = value.as_float().filter(|number| number.fract() == 0.0 && number.abs() < 1e15);
+                if let Some(number) = number {
+                    *value = Value::Integer(number as i64);
+                }
+            }
+            (Self::WholeInterval(..), Value::Array(ends)) => ends.iter_mut().for_each(|end| self.make_whole(end)),
+            _ => {}
+        }
+    }
+
     /// What is expected instead of `value`; `None` if it is accepted, or is of a type that the reader refuses.
     #[must_use]
     pub fn refusal(&self, value: &Value) -> Option<String> {

@@ -64,19 +64,20 @@ pub fn fill(keys: &[Key], name: &str, table: &mut Table, displaced: &[String]) {
     }
 }
 
-/// Checks the values of `keys` in `table`, called `name`, and in the tables in it.
-fn check(keys: &[Key], name: &str, table: &Table, source: Source) -> Result<(), InputError> {
+/// Checks the values of `keys` in `table`, called `name`, and in the tables in it. Whole numbers may be written as 3e4.
+fn check(keys: &[Key], name: &str, table: &mut Table, source: Source) -> Result<(), InputError> {
     for key in keys {
-        let Some(value) = table.get(key.name) else { continue };
+        let Some(value) = table.get_mut(key.name) else { continue };
         let name = join(name, key.name);
+        key.accepts.make_whole(value);
         if let Some(expected) = key.accepts.refusal(value) {
             return Err(source.refusal(&name, value, &expected));
         }
-        if let (Some(keys), Value::Table(inner)) = (key.accepts.inner(), value) {
+        if let (Some(keys), Value::Table(inner)) = (key.accepts.inner(), &mut *value) {
             check(keys, &name, inner, source)?;
         }
         if let (Accepts::TablesOf(keys), Value::Array(tables)) = (key.accepts, value) {
-            for (index, inner) in tables.iter().enumerate() {
+            for (index, inner) in tables.iter_mut().enumerate() {
                 let Value::Table(inner) = inner else { continue };
                 check(keys, &format!("{name}[{index}]"), inner, source)?;
             }
@@ -90,8 +91,8 @@ fn check(keys: &[Key], name: &str, table: &Table, source: Source) -> Result<(), 
 ///
 /// # Errors
 /// If a key is unknown or missing, or its value is out of range or of another type.
-pub fn read<T: Keys>(table: Table, name: &str, source: Source) -> Result<T, InputError> {
-    check(T::KEYS, name, &table, source)?;
+pub fn read<T: Keys>(mut table: Table, name: &str, source: Source) -> Result<T, InputError> {
+    check(T::KEYS, name, &mut table, source)?;
     let all = super::all(T::KEYS, name);
     let lists = all.into_iter().filter(|(_, key)| matches!(key.accepts, Accepts::TablesOf(_)));
     deserialize(table, name, source, &lists.map(|(name, _)| name).collect::<Vec<_>>())
@@ -131,7 +132,6 @@ fn deserialize<T: DeserializeOwned>(
         match (found.filter(|_| !key.is_empty()), message.rsplit_once("expected ")) {
             (Some(value), Some((_, expected))) => {
                 let plain = match expected {
-                    "u32" | "u64" | "usize" if value.is_float() => "a whole number, without decimal point or exponent",
                     "u32" | "u64" | "usize" => "a whole number",
                     "f64" => "a number",
                     "string only" => "a string",

@@ -41,6 +41,14 @@ fn a_resolved_scenario_is_the_same_scenario() {
 }
 
 #[test]
+fn whole_numbers_may_have_an_exponent_or_a_point() {
+    let text = |slots: &str, bits: &str| format!("name = 'x'\nslots = {slots}\nsensors.capacity_bits = {bits}\n");
+    let written = parse(&text("1e3", "[2e4, 30000.0]")).unwrap();
+    assert_eq!(written.to_toml(), parse(&text("1000", "[20000, 30000]")).unwrap().to_toml());
+    assert!(refusal(&text("1.5", "30000")).ends_with("slots = 1.5: expected a whole number"));
+}
+
+#[test]
 fn planner_keys_are_preserved_and_hashed() {
     let text = "name = \"x\"\n[planner]\nstrategy = \"my-own\"\nsteps = 5\n[planner.my-own]\ndepth = 3\n";
     let scenario = parse(text).unwrap();
