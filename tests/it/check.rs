@@ -13,7 +13,7 @@ fn check_prints_keys_figures_and_warnings() {
 /// `[area]`.
 const LAKE: &str = r#"
     awk -v count="$1" -v keys="$2" 'BEGIN {
-        printf "name = \"lake\"\nslots = 5\nuav.start_m = [10, 10]\n[area]\nside_m = 1000\n%s\nno_fly = [{ polygon_m = [", keys
+        printf "name = \"lake\"\nslots = 5\nuav.start_m = [10, 10]\nsensors.count = 9\n[area]\nside_m = 1000\n%s\nno_fly = [{ polygon_m = [", keys
         for (index_ = 0; index_ < count; index_++) {
             angle = index_ / count * 6.283185307179586
             away_m = 200 + 60 * sin(5 * angle) + sin(397 * angle)

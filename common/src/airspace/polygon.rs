@@ -158,7 +158,14 @@ impl Polygon {
         if !self.is_border && !is_near() {
             return false;
         }
-        self.encloses(point) != self.is_border && distance_squared(&self.nearest(point), point) > slack_m * slack_m
+        let is_apart = |edge: [Position; 2]| {
+            let [a, b] = edge;
+            let is_beside = |axis: usize| {
+                a[axis].min(b[axis]) - point[axis] > 2.0 * slack_m || point[axis] - a[axis].max(b[axis]) > 2.0 * slack_m
+            };
+            is_beside(0) || is_beside(1) || distance_squared(&projection(point, edge), point) > slack_m * slack_m
+        };
+        self.encloses(point) != self.is_border && edges(&self.corners).all(is_apart)
     }
 
     /// The point of the boundary that is nearest to `point` [m].
@@ -174,10 +181,7 @@ impl Polygon {
     /// The nearest point of each edge to `point` [m].
     pub fn projections(&self, point: &Position) -> impl Iterator<Item = Position> {
         let point = *point;
-        edges(&self.corners).map(move |[a, b]| {
-            let along = b - a;
-            a + along * ((point - a).dot(&along) / along.norm_squared()).clamp(0.0, 1.0)
-        })
+        edges(&self.corners).map(move |edge| projection(&point, edge))
     }
 
     /// The points at which its boundary crosses that of `other` [m].
@@ -255,6 +259,12 @@ impl Polygon {
 fn edges(corners: &[Position]) -> impl Iterator<Item = [Position; 2]> {
     let next = corners.iter().cycle().skip(1);
     corners.iter().zip(next).map(|(a, b)| [*a, *b])
+}
+
+/// The point of an edge that is nearest to `point`.
+fn projection(point: &Position, [a, b]: [Position; 2]) -> Position {
+    let along = b - a;
+    a + along * ((point - a).dot(&along) / along.norm_squared()).clamp(0.0, 1.0)
 }
 
 /// The point between `from` and `to` that is nearest to `point`.
