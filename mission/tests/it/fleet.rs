@@ -1,10 +1,9 @@
 //! Missions of several UAVs (decisions D18 to D23).
 
-mod support;
-
 use std::collections::BTreeSet;
 use std::path::Path;
 
+use crate::support::scenario_of;
 use nalgebra::Point3;
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::message::{FlightReport, HoldReason, Mode, Plan};
@@ -16,7 +15,6 @@ use skysink_mission::{Mission, Plant};
 use skysink_planner::bound::mission_bound;
 use skysink_planner::strategies::names;
 use skysink_planner::{FleetPlanner, settings};
-use support::scenario_of;
 
 fn scenario(strategy: &'static str, seed: u64, uav: &str, more: &str) -> Scenario {
     let text = format!(

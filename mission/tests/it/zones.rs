@@ -1,7 +1,6 @@
 //! Missions with no-fly zones (decisions D14 and D15): no strategy and no plan leads into one, by the library `geo`.
 
-mod support;
-
+use crate::support::scenario_of;
 use geo::{Coord, LineString, Polygon, Relate};
 use proptest::prelude::*;
 use skysink_common::message::{FlightReport, HoldReason, Mode, Plan};
@@ -14,7 +13,6 @@ use skysink_planner::geometry::turns::Turns;
 use skysink_planner::mission_table::MissionTable;
 use skysink_planner::settings;
 use skysink_planner::strategies::names;
-use support::scenario_of;
 
 /// A wall, a hook, and a block that overlaps the hook.
 const ZONES: [&[[f64; 2]]; 3] = [

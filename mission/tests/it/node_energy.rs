@@ -1,7 +1,6 @@
 //! Sensor nodes with batteries (decision D33): who is visited, what is lost, and what a plant saves.
 
-mod support;
-
+use crate::support::scenario_of;
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::Position;
 use skysink_common::message::{Mode, Plan};
@@ -25,7 +24,6 @@ use skysink_planner::settings::Settings;
 use skysink_planner::strategies::STRATEGIES;
 use std::collections::HashSet;
 use std::time::Duration;
-use support::scenario_of;
 
 /// A field of 40 SNs with these keys, of which most die within the mission.
 fn field(seed: u64, keys: &str) -> String {

@@ -1,9 +1,8 @@
 //! Missions with several bases, each with a charger of its own (decision D34).
 
-mod support;
-
 use std::time::Duration;
 
+use crate::support::scenario_of;
 use rayon::prelude::*;
 use skysink_common::base::{Base, Charger};
 use skysink_common::battery::Battery;
@@ -16,7 +15,6 @@ use skysink_mission::origin::RunMode;
 use skysink_mission::summary::{EnergyUse, RunTiming, Summary, Tally};
 use skysink_mission::trace::TraceHash;
 use skysink_mission::{Mission, Plant};
-use support::scenario_of;
 
 /// The slots of a mission and its summary.
 fn flown(scenario: &Scenario) -> (Vec<SlotRecord>, Summary) {

@@ -1,7 +1,6 @@
 //! Bits that expire (decision D36): the formula of a gap, what missions lose, bounds, and the objective of that name.
 
-mod support;
-
+use crate::support::scenario_of;
 use proptest::prelude::*;
 use skysink_common::ledger::Ledger;
 use skysink_common::scenario::Scenario;
@@ -20,7 +19,6 @@ use skysink_planner::plan::objective::{Loss, Objective};
 use skysink_planner::settings::Settings;
 use std::path::Path;
 use std::time::Duration;
-use support::scenario_of;
 
 /// What a mission loses, and the hash of its trace.
 fn flown(scenario: &Scenario) -> (Summary, u64) {

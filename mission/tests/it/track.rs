@@ -1,13 +1,11 @@
 //! Missions whose flight is fixed (`uav.track`): strategies choose only whom to serve.
 
-mod support;
-
+use crate::support::scenario_of;
 use skysink_common::message::Mode;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::UAV;
 use skysink_mission::Mission;
 use skysink_planner::strategies::names;
-use support::scenario_of;
 
 /// Four SNs, of which one is served in a slot, along a flight to the east.
 fn text(keys: &str) -> String {

@@ -1,7 +1,5 @@
 //! What UAVs hear of links: the SNRs of the links that they are served by, scheduled or not.
 
-mod support;
-
 use std::path::Path;
 
 use skysink_common::checkpoint::Checkpoint;
@@ -19,7 +17,7 @@ fn scenario(keys: &str) -> Scenario {
     let folder = env!("CARGO_MANIFEST_DIR");
     let text = format!(
         "name = 'x'\nseed = 3\nslots = 40\narea.side_m = 200.0\nsensors.count = 30\nuav.count = 3\n\
-         link.model = 'map'\nlink.file = '{folder}/tests/links.csv'\nlink.rates = '{folder}/tests/rates.csv'\n\
+         link.model = 'map'\nlink.file = '{folder}/tests/it/links.csv'\nlink.rates = '{folder}/tests/it/rates.csv'\n\
          link.beacon_radius_m = 60.0\n{keys}"
     );
     scenario_of(&text, "gfs")
@@ -27,7 +25,7 @@ fn scenario(keys: &str) -> Scenario {
 
 /// The rate of the highest step of the map's rates that an SNR reaches [bit/s].
 fn rate_bps(snr_db: f32) -> f64 {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/rates.csv");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/it/rates.csv");
     let text = std::fs::read_to_string(path).unwrap();
     let steps = text.lines().skip(1).map(|row| row.split_once(',').unwrap());
     let reached = steps.filter(|(step_db, _)| step_db.parse::<f32>().unwrap() <= snr_db);

@@ -1,17 +1,15 @@
 //! Traces that a redesign must keep: the hashes of missions by strategy and model, in `traces.txt`.
 //!
-//! After a change that is meant to change them: `UPDATE_EXPECT=1 cargo test -p skysink-mission --test traces`.
-
-mod support;
+//! After a change that is meant to change them: `UPDATE_EXPECT=1 cargo test -p skysink-mission --test it traces`.
 
 use std::path::Path;
 
+use crate::support::scenario_of;
 use rayon::prelude::*;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::Mission;
 use skysink_mission::trace::TraceHash;
-use support::scenario_of;
 
 /// The strategies, with an objective of their own.
 const STRATEGIES: [(&str, &str, &str); 7] = [
@@ -88,8 +86,8 @@ const MODELS: [(&str, &[&str], &str); 18] = [
         "links by place",
         &[
             "link.model = 'map'\nlink.residual_db = 3.0\nlink.residual_m = 40.0\n",
-            concat!("link.file = '", env!("CARGO_MANIFEST_DIR"), "/tests/links.csv'\n"),
-            concat!("link.rates = '", env!("CARGO_MANIFEST_DIR"), "/tests/rates.csv'\n"),
+            concat!("link.file = '", env!("CARGO_MANIFEST_DIR"), "/tests/it/links.csv'\n"),
+            concat!("link.rates = '", env!("CARGO_MANIFEST_DIR"), "/tests/it/rates.csv'\n"),
         ],
         "",
     ),
@@ -98,8 +96,8 @@ const MODELS: [(&str, &[&str], &str); 18] = [
         &[
             FLEET,
             "link.model = 'map'\nlink.residual_db = 3.0\nlink.residual_m = 40.0\nlink.law_snr_db = 45.0\n",
-            concat!("link.file = '", env!("CARGO_MANIFEST_DIR"), "/tests/links.csv'\n"),
-            concat!("link.rates = '", env!("CARGO_MANIFEST_DIR"), "/tests/rates.csv'\n"),
+            concat!("link.file = '", env!("CARGO_MANIFEST_DIR"), "/tests/it/links.csv'\n"),
+            concat!("link.rates = '", env!("CARGO_MANIFEST_DIR"), "/tests/it/rates.csv'\n"),
             "link.beacon_radius_m = 50.0\nplanner.links = 'heard'\n",
         ],
         "",
@@ -146,7 +144,7 @@ fn line(
 
 #[test]
 fn traces_are_the_recorded_ones() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/traces.txt");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/it/traces.txt");
     let cases: Vec<_> = MODELS
         .iter()
         .flat_map(|&model| {

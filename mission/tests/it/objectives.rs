@@ -1,16 +1,14 @@
 //! Objectives of ages (decision D36): closed forms, optima by enumeration, and the same cost in plan and flight.
 
-mod support;
-
 use std::collections::HashMap;
 
+use crate::support::scenario_of;
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::{SlotRecord, uploads};
 use skysink_common::stop::Stop;
 use skysink_mission::drive::Observer;
 use skysink_mission::service_gaps::{GapSums, ServiceGaps};
 use skysink_mission::{Mission, MissionError, Plant};
-use support::scenario_of;
 
 /// Counts the gaps between services.
 struct Meter(ServiceGaps);

@@ -1,10 +1,9 @@
 //! Small fields whose optima are known by enumeration: the look-ahead reaches them, and no bound exceeds them (decision
 //! D36).
 
-mod support;
-
 use std::collections::HashMap;
 
+use crate::support::scenario_of;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use skysink_common::sensors::SensorList;
@@ -14,7 +13,6 @@ use skysink_mission::origin::RunMode;
 use skysink_mission::summary::Tally;
 use skysink_planner::bound::{cost_bound, mission_bound};
 use skysink_planner::settings::{ObjectiveWeights, Settings};
-use support::scenario_of;
 
 /// Distance that the UAV flies in a slot [m].
 const REACH_M: f64 = 20.0;

@@ -1,9 +1,8 @@
 //! Missions with a base and a battery (decisions D9 to D13): the return rule, and what flight-sim allows any planner.
 
-mod support;
-
 use std::path::Path;
 
+use crate::support::scenario_of;
 use proptest::prelude::*;
 use skysink_common::base::Base;
 use skysink_common::message::{FlightReport, Mode, Plan};
@@ -15,7 +14,6 @@ use skysink_mission::origin::RunMode;
 use skysink_mission::summary::Tally;
 use skysink_mission::{Mission, Plant};
 use skysink_planner::strategies::names;
-use support::scenario_of;
 
 /// Propulsion power [W] by the closed form of Zeng, Xu and Zhang (2019), table I.
 fn power_w(v_mps: f64) -> f64 {

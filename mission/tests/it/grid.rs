@@ -1,9 +1,8 @@
 //! Missions on a grid (decision D17a): every strategy moves from the middle of a cell to that of a neighbour.
 
-mod support;
-
 use std::path::Path;
 
+use crate::support::scenario_of;
 use nalgebra::Vector2;
 use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, HoldReason, Mode, Plan};
@@ -14,7 +13,6 @@ use skysink_mission::{Mission, Plant};
 use skysink_planner::geometry::disks::Disk;
 use skysink_planner::mission_table::MissionTable;
 use skysink_planner::strategies::names;
-use support::scenario_of;
 
 const CELL_M: f64 = 10.0;
 

@@ -1,0 +1,16 @@
+//! Tests of missions in one process.
+
+mod battery;
+mod expiry;
+mod fleet;
+mod grid;
+mod heard;
+mod node_energy;
+mod objectives;
+mod optima;
+mod record;
+mod sites;
+mod support;
+mod traces;
+mod track;
+mod zones;
