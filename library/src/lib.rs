@@ -19,4 +19,4 @@ pub use best::{BestFlight, Measure, ReferenceValue, gap};
 pub use instance::{Instance, Library, OpenInstance};
 pub use plan_file::{PlannedFlight, PlannedMove};
 pub use submit::Claim;
-pub use verify::{FlownFlight, Placement};
+pub use verify::{FlownFlight, NamedValue, Placement};

@@ -120,10 +120,13 @@ pub(crate) fn too_large(path: &Path) -> InputError {
     InputError::new(PLAN, path, format_args!("expected at most {} MB", MAX_BYTES / 1_000_000))
 }
 
-/// Refuses a header without a column that every plan file has, or with an unknown or a repeated one.
-fn check_header(header: &csv::StringRecord, path: &Path) -> Result<(), InputError> {
+/// Refuses a header without a column that every plan file over this scenario has, or with an unknown or a repeated one.
+fn check_header(header: &csv::StringRecord, path: &Path, scenario: &Scenario) -> Result<(), InputError> {
     let refuse = |what: String| InputError::new(PLAN, path, what);
-    if let Some(missing) = COLUMNS[..REQUIRED].iter().find(|name| !header.iter().any(|column| column == **name)) {
+    let of_model = [("uav", scenario.uav.uavs() > 1), ("z_m", scenario.uav.climb().is_some())];
+    let of_model = of_model.iter().filter(|(_, is_there)| *is_there).map(|(name, _)| name);
+    let mut required = COLUMNS[..REQUIRED].iter().chain(of_model);
+    if let Some(missing) = required.find(|name| !header.iter().any(|column| column == **name)) {
         return Err(refuse(format!("column {missing} is missing: expected {EXPECTED}")));
     }
     for (at, column) in header.iter().enumerate() {
@@ -150,7 +153,7 @@ pub(crate) fn parse(
     let refuse = |message: &str| InputError::new(PLAN, path, message);
     let mut reader = csv::ReaderBuilder::new().comment(Some(b'#')).trim(csv::Trim::All).from_reader(text.as_bytes());
     let header = reader.headers().map_err(|error| refuse(&error.to_string()))?.clone();
-    check_header(&header, path)?;
+    check_header(&header, path, scenario)?;
     let mut flights: BTreeMap<u64, PlannedFlight> = BTreeMap::new();
     for record in reader.records() {
         let record = record.map_err(|error| {
@@ -162,13 +165,22 @@ pub(crate) fn parse(
             let words = quoted(&record.iter().collect::<Vec<_>>().join(","));
             InputError::line(PLAN, path, line, &words, format_args!("expected {expected}"))
         };
-        let row: PlanRow = record.deserialize(Some(&header)).map_err(|_| refuse(EXPECTED))?;
+        let row: PlanRow = record.deserialize(Some(&header)).map_err(|error| {
+            let column = match error.kind() {
+                csv::ErrorKind::Deserialize { err, .. } => err.field().and_then(|field| header.get(field as usize)),
+                _ => None,
+            };
+            refuse(&column.map_or_else(|| EXPECTED.to_owned(), |column| format!("another {column}, as in slots.csv")))
+        })?;
         let seed = row.seed.unwrap_or(scenario.seed);
         if !(1..=seeds).contains(&seed) {
             return Err(refuse(&format!("seed 1 to {seeds}")));
         }
         let flight = flights.entry(seed).or_default();
         let uavs = scenario.uav.uavs();
+        if row.uav.is_some_and(|uav| uav >= uavs) {
+            return Err(refuse(&format!("uav 0 to {}", uavs - 1)));
+        }
         let is_begun = flight.last().is_some_and(|slot: &ByUav<_>| slot.len() < uavs);
         if !is_begun {
             flight.push(ByUav::new());
@@ -201,7 +213,8 @@ pub(crate) fn parse(
 fn planned(row: PlanRow, line: usize, scenario: &Scenario) -> Result<PlannedMove, String> {
     let ids = row.scheduled.split_ascii_whitespace().map(|id| id.parse().ok()).collect::<Option<Vec<u32>>>();
     let scheduled = ids.filter(|ids| ids.len() <= MAX_SERVED && ids.is_sorted_by(|a, b| a < b));
-    let scheduled = scheduled.ok_or("as scheduled the numbers of sensor nodes, ascending, separated by spaces")?;
+    let scheduled =
+        scheduled.ok_or("as scheduled the numbers of sensor nodes from 0 on, ascending, separated by spaces")?;
     let by_default = if scheduled.is_empty() { Mode::Fly } else { Mode::Serve };
     let mode = match row.mode {
         Some(name) => name.parse().map_err(|_| format!("a mode, as in slots.csv, not `{}`", quoted(&name)))?,
@@ -221,7 +234,7 @@ fn planned(row: PlanRow, line: usize, scenario: &Scenario) -> Result<PlannedMove
 pub(crate) fn write(name: &str, flights: &BTreeMap<u64, PlannedFlight>, scenario: &Scenario) -> Vec<u8> {
     let moves = || flights.values().flatten().flatten();
     let has_uav = scenario.uav.uavs() > 1;
-    let has_z = moves().any(|one| one.position.z != scenario.uav.altitude_m);
+    let has_z = scenario.uav.climb().is_some() || moves().any(|one| one.position.z != scenario.uav.altitude_m);
     let has_mode = moves().any(|one| one.mode != if one.scheduled.is_empty() { Mode::Fly } else { Mode::Serve });
     let has_seed = flights.keys().any(|seed| *seed != scenario.seed);
     let columns = [(has_seed, "seed,"), (true, "slot,"), (has_uav, "uav,"), (true, "x_m,y_m,"), (has_z, "z_m,")];

@@ -52,6 +52,10 @@ pub struct Placement {
     pub place: usize,
     /// Number of those that it is compared with, itself included.
     pub of: usize,
+    /// The next better one.
+    pub ahead: Option<NamedValue>,
+    /// The next one that is equal or worse.
+    pub behind: Option<NamedValue>,
     /// The value of the best known flight.
     pub best: Option<f64>,
     /// The fraction of the value that separates it from the best known flight, at most 1; negative if it is better.
@@ -60,6 +64,15 @@ pub struct Placement {
     pub bound: Option<f64>,
     /// The fraction of the value that separates it from the bound, at most 1.
     pub gap_to_bound: Option<f64>,
+}
+
+/// The value of a flight that is compared.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct NamedValue {
+    /// A strategy with its budget, or `best known`.
+    pub by: String,
+    /// Its value.
+    pub value: f64,
 }
 
 impl Library {
@@ -101,7 +114,7 @@ impl Library {
                 values.insert(seed, value);
                 lost_bits.insert(seed, lost);
                 if plans.insert(seed, flight).is_some() {
-                    return Err(refuse("it is given twice").into());
+                    return Err(refuse("it is given twice: expected one flight for each seed").into());
                 }
             }
         }
@@ -151,9 +164,15 @@ impl FlownFlight {
         let library = &open.library;
         let best = library.best(&open.instance)?;
         let standings = library.standings()?;
-        let mut others: Vec<f64> =
-            ReferenceValue::latest(&standings, &open.instance.name).map(|one| one.value).collect();
-        others.extend(best.as_ref().map(|best| best.value));
+        let latest = ReferenceValue::latest(&standings, &open.instance.name);
+        let mut others: Vec<NamedValue> =
+            latest.map(|one| NamedValue { by: one.strategy.clone(), value: one.value }).collect();
+        others.extend(best.as_ref().map(|best| NamedValue { by: "best known".to_owned(), value: best.value }));
+        others.sort_by(|a, b| a.value.total_cmp(&b.value));
+        if *measure == Measure::Score {
+            others.reverse();
+        }
+        let place = others.partition_point(|other| measure.is_better(other.value, *value));
         let bound = best.as_ref().and_then(|best| best.bound);
         let best = best.map(|BestFlight { value, .. }| value);
         let gap_to = |reference: Option<f64>| reference.map(|reference| gap(*measure, *value, reference));
@@ -161,8 +180,10 @@ impl FlownFlight {
             instance: open.instance.name.clone(),
             measure: *measure,
             value: *value,
-            place: 1 + others.iter().filter(|&&other| measure.is_better(other, *value)).count(),
+            place: place + 1,
             of: others.len() + 1,
+            ahead: place.checked_sub(1).map(|ahead| others[ahead].clone()),
+            behind: others.get(place).cloned(),
             best,
             gap_to_best: gap_to(best),
             bound,
@@ -265,7 +286,8 @@ fn fly(
     let mut plant = Plant::new(&scenario, &list);
     let mut meter = MissionMeter::new(&scenario, &list);
     let mut pilot = Planned(flight.iter().map(|moves| moves.iter().map(PlannedMove::plan).collect()));
-    let mut same = SameFlight { moves: flight, path };
+    let (blocks, sensors) = (scenario.link.resource_blocks, list.sensors().len());
+    let mut same = SameFlight { moves: flight, path, blocks, sensors };
     drive(&mut plant, &mut pilot, &mut [&mut meter, &mut same], stop)?.unless_stopped()?;
     require_landed(&scenario, &plant, path)?;
     let values: MetricValues = meter.values(&plant, None, None);
@@ -290,6 +312,10 @@ fn require_landed(scenario: &Scenario, plant: &Plant, path: &Path) -> Result<(),
 struct SameFlight<'a> {
     moves: &'a PlannedFlight,
     path: &'a Path,
+    /// Most SNs at once.
+    blocks: usize,
+    /// Number of SNs.
+    sensors: usize,
 }
 
 impl Observer for SameFlight<'_> {
@@ -304,7 +330,7 @@ impl Observer for SameFlight<'_> {
                 let line = format_args!("line {}: slot {}: {what}", planned.line, record.slot());
                 Err(InputError::new(PLAN, self.path, line).into())
             };
-            if let Some(what) = deviation(planned, flight) {
+            if let Some(what) = self.deviation(planned, flight) {
                 return refuse(what);
             }
             let header = &record.header;
@@ -320,20 +346,31 @@ impl Observer for SameFlight<'_> {
     }
 }
 
-/// How a flight differs from its plan.
-fn deviation(planned: &PlannedMove, flight: &FlightReport) -> Option<String> {
-    let served: Vec<u32> = flight.served_links().iter().map(|link| link.sensor).collect();
-    let at = flight.position();
-    if at != planned.position {
-        let [found, expected] = [planned.position, at].map(|point| format!("[{}, {}, {}]", point.x, point.y, point.z));
-        return Some(format!("position {found}: the UAV is at {expected}: expected a waypoint that it reaches"));
+impl SameFlight<'_> {
+    /// How a flight differs from its plan.
+    fn deviation(&self, planned: &PlannedMove, flight: &FlightReport) -> Option<String> {
+        let served: Vec<u32> = flight.served_links().iter().map(|link| link.sensor).collect();
+        let (at, to) = (flight.position(), planned.position);
+        if at != to {
+            let [found, stays] = [to, at].map(|point| format!("[{}, {}, {}]", point.x, point.y, point.z));
+            let away_m = (to - at).norm();
+            return Some(format!(
+                "position {found}: the UAV stays at {stays}, {away_m:.9} m away: expected one that a slot reaches, in the \
+                 area, outside of zones, and not rounded away"
+            ));
+        }
+        if let Some(id) = planned.scheduled.iter().find(|id| !served.contains(id)) {
+            let (count, blocks, sensors) = (planned.scheduled.len(), self.blocks, self.sensors);
+            return Some(match (*id as usize >= sensors, count > blocks) {
+                (true, _) => format!("sensor node {id}: expected a number from 0 to {}", sensors - 1),
+                (_, true) => format!("{count} sensor nodes are scheduled: expected at most {blocks} at once"),
+                _ => format!("sensor node {id} is not served: expected one in range"),
+            });
+        }
+        let mode = flight.flown_mode();
+        if mode == Mode::Down {
+            return Some("the UAV is down: expected enough energy; it charges in the mode `charge` only".to_owned());
+        }
+        (mode != planned.mode).then(|| format!("mode {}: expected {mode}, as it is flown", planned.mode))
     }
-    if let Some(id) = planned.scheduled.iter().find(|id| !served.contains(id)) {
-        return Some(format!("sensor node {id}: it is not served: expected one in reach, and no more than at once"));
-    }
-    let mode = flight.flown_mode();
-    if mode == Mode::Down {
-        return Some("the UAV is down: expected enough energy".to_owned());
-    }
-    (mode != planned.mode).then(|| format!("mode {}: expected {mode}, as it is flown", planned.mode))
 }

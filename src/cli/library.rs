@@ -8,7 +8,7 @@ use skysink_common::error::InputError;
 use skysink_common::scenario::{Overrides, Setting};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
-use skysink_library::{BestFlight, Claim, FlownFlight, Instance, Library, OpenInstance, Placement, gap};
+use skysink_library::{BestFlight, Claim, FlownFlight, Instance, Library, NamedValue, OpenInstance, Placement, gap};
 use skysink_mission::Mission;
 use skysink_mission::record::{RunFolder, is_run_folder};
 
@@ -34,11 +34,20 @@ seeds, and its value is the mean. What is verified is flown again, slot by slot,
 in the exact model, and has to land where uav.must_land says so. That a planner
 did not know what a policy instance draws cannot be verified.
 
-A plan file is CSV, compressed by gzip or not, of any program: a first line
-`# instance: NAME`, then the columns slot,x_m,y_m,scheduled in any order: where
-the UAV is after the slot, and the sensor nodes that it serves there, separated
-by spaces. Of several UAVs it has the column uav, in three dimensions z_m, of
-several seeds seed; mode is as in slots.csv, which is a plan file, too.")]
+A plan file is CSV, compressed by gzip or not, of any program, with a row for
+each slot, from 1 on: where the UAV is after it, and the sensor nodes, from 0
+on, ascending, that it serves there:
+
+  # instance: sks-500-200
+  slot,x_m,y_m,scheduled
+  1,262.5,250,17 189
+  2,270.123456789,238.25,
+
+Positions that are rounded may be out of reach: write all digits. Of several
+UAVs there is a column uav, from 0 on, and a row for each; z_m where altitudes
+are free; seed of a policy instance; mode (serve, fly, transit, return, hold, or
+charge, in the base) where it is not serve or fly. The slots.csv of a run is a
+plan file, too.")]
 pub struct LibraryCommand {
     #[command(subcommand)]
     action: LibraryAction,
@@ -129,7 +138,7 @@ impl LibraryCommand {
             LibraryAction::List { family } => list(&library, family.as_deref(), form),
             LibraryAction::Copy { name, to } => {
                 let path = library.copy(&library.find(&name)?, &to)?;
-                print(format_args!("Copied. Fly it: skysink run {}", path.display()))
+                form.print(&path, || print(format_args!("Copied. Fly it: skysink run {}", path.display())))
             }
             LibraryAction::Fly { name, strategy, keys, folder } => {
                 let is_given = |setting: &&Setting| ["seed", "planner.strategy"].contains(&setting.key.as_str());
@@ -231,11 +240,17 @@ fn list(library: &Library, family: Option<&str>, form: OutputForm) -> Result<(),
 fn print_placement(flown: &FlownFlight, form: OutputForm) -> Result<(), Error> {
     let placement = flown.placement()?;
     form.print(&placement, || {
-        let Placement { instance, measure, value, place, of, best, gap_to_best, bound, gap_to_bound } = &placement;
+        let Placement { instance, measure, value, place, of, ahead, behind, best, gap_to_best, bound, gap_to_bound } =
+            &placement;
         let seeds = flown.plans.len();
         let over = if seeds > 1 { format!(", mean of {seeds} seeds") } else { String::new() };
         print(format_args!("{instance}: {} {}{over}, verified", measure.label(), figure(*value)))?;
         print(format_args!("Place:           {place} of {of}"))?;
+        for (label, other) in [("Ahead:           ", ahead), ("Behind:          ", behind)] {
+            if let Some(NamedValue { by, value }) = other {
+                print(format_args!("{label}{by} ({})", figure(*value)))?;
+            }
+        }
         let compared = [("Best known:      ", best, gap_to_best), ("Bound:           ", bound, gap_to_bound)];
         for (label, reference, gap) in compared {
             if let Some((reference, gap)) = reference.zip(*gap) {
