@@ -100,7 +100,8 @@ impl<'a> Rehearsal<'a> {
         let slot = self.slot();
         for id in sensors.ids() {
             let (sampler, index) = (sensors.sampler(id), id as usize);
-            let sampled = sampled_bits(sampler.mean_bits, slot) - sampled_bits(sampler.mean_bits, slot.saturating_sub(1));
+            let sampled =
+                sampled_bits(sampler.mean_bits, slot) - sampled_bits(sampler.mean_bits, slot.saturating_sub(1));
             let full_bits = u64::from(self.queues_bits[index]) + sampled;
             let kept_bits = full_bits.min(sampler.stored_bits().into());
             self.lost_bits += sensors.weights.factor(index) * (full_bits - kept_bits) as f64;
