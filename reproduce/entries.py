@@ -11,7 +11,7 @@ from collections import defaultdict
 from dataclasses import dataclass
 from math import floor, log10, sqrt
 from pathlib import Path
-from statistics import mean, stdev
+from statistics import mean, median, stdev
 from typing import Callable
 
 import library
@@ -446,7 +446,9 @@ def standings():
         [f"`{flyer}`", *(percent(gaps.get((version, flyer), [])) for version in versions)] for flyer in library.FLYERS
     ]
     counts = {len(values) for (version, _), values in gaps.items() if version == versions[-1]}
-    return table("library", ["gap [%]", *versions], rows, f"{min(counts)} to {max(counts)} instances")
+    medians = [f"{100 * median(values):.1f} %" for values in [gaps[versions[-1], "horizon"], library.gaps_to_bounds()]]
+    note = f"{min(counts)} to {max(counts)} instances; medians: `horizon` {medians[0]}, best known to bound {medians[1]}"
+    return table("library", ["gap [%]", *versions], rows, note)
 
 
 # Figures

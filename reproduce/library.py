@@ -12,8 +12,8 @@ from pathlib import Path
 LIBRARY = Path("library")
 STANDINGS = LIBRARY / "standings.csv"
 COLUMNS = ["instance", "strategy", "version", "value"]
-CHEAP = "rfs gfs uts uts-wide exact edf whittle mes max-age-first tour".split()
-FLYERS = {name: (name, []) for name in CHEAP} | {
+DEFAULT = "rfs gfs uts uts-wide exact edf whittle mes max-age-first tour sca offline horizon".split()
+FLYERS = {name: (name, []) for name in DEFAULT} | {
     f"horizon {steps}": ("horizon", ["--set", f"planner.horizon.iterations={steps}"]) for steps in [20, 100]
 }
 
@@ -38,6 +38,11 @@ def gap(measure, value, reference):
     """The fraction of a value that separates it from a reference."""
     less, more = (value, reference) if measure == "score" else (reference, value)
     return 0.0 if less == more else 1.0 - less / more
+
+
+def gaps_to_bounds():
+    """The gaps of the best known flights to their bounds, of the instances that have one."""
+    return [row["gap"] for row in command("list") if row["gap"] is not None]
 
 
 def standings():
