@@ -31,6 +31,13 @@ pub struct WindowSensor {
     pub capacity_slots: f64,
 }
 
+impl WindowSensor {
+    /// The slot in which it is full if unserved.
+    fn full(&self) -> f64 {
+        self.empty + self.fill_slots
+    }
+}
+
 impl WindowField {
     /// Lower bound on the loss [bit] of every plan, by visits and by throughput.
     #[must_use]
@@ -58,17 +65,17 @@ impl WindowField {
             later.push((gap as i32, without_largest(&mut losses, most(gap as i32), f64::total_cmp)));
         }
         let widest = later.last().map_or(0, |(gap, _)| *gap);
+        let mut by_full = self.sensors.clone();
+        by_full.sort_unstable_by(|one, other| one.full().total_cmp(&other.full()));
+        let mean_bits = by_full.first().map(|first| first.mean_bits);
+        let mean_bits = mean_bits.filter(|mean_bits| by_full.iter().all(|sensor| sensor.mean_bits == *mean_bits));
         let mut bound_bits = 0.0;
         for slot in 1..=self.slots {
             let before = later.iter().take_while(|(gap, _)| *gap < slot);
             let mut least_bits = before.map(|(_, bits)| *bits).fold(0.0, f64::max);
             let served = most(slot - 1);
             if served < self.sensors.len() {
-                let lost_bits = |sensor: &WindowSensor| {
-                    (f64::from(slot) - sensor.empty - sensor.fill_slots).clamp(0.0, 1.0) * sensor.mean_bits
-                };
-                let mut losses: Vec<f64> = self.sensors.iter().map(lost_bits).collect();
-                least_bits = least_bits.max(without_largest(&mut losses, served, f64::total_cmp));
+                least_bits = least_bits.max(lost_unserved_bits(&by_full, mean_bits, slot, served));
             } else if slot > widest {
                 // All later slots have the same bound.
                 return bound_bits + least_bits * f64::from(self.slots - slot + 1);
@@ -92,6 +99,21 @@ impl WindowField {
         }
         (excess_bits - best_bits * slots * self.blocks as f64).max(0.0)
     }
+}
+
+/// Loss in `slot` of unserved `sensors`, in the order in which they are full, without the `served` largest [bit]; each
+/// samples `mean_bits` [bit], if all do.
+fn lost_unserved_bits(sensors: &[WindowSensor], mean_bits: Option<f64>, slot: i32, served: usize) -> f64 {
+    let slot = f64::from(slot);
+    let late = &sensors[..sensors.partition_point(|sensor| sensor.full() < slot)];
+    let lost_bits = |sensor: &WindowSensor| (slot - sensor.full()).min(1.0) * sensor.mean_bits;
+    let Some(mean_bits) = mean_bits else {
+        return without_largest(&mut late.iter().map(lost_bits).collect::<Vec<f64>>(), served, f64::total_cmp);
+    };
+    // The first to be full lose most, and those that are so for a slot as much as each other.
+    let long = late.partition_point(|sensor| sensor.full() <= slot - 1.0);
+    let others_bits: f64 = late[long.max(served).min(late.len())..].iter().map(lost_bits).sum();
+    long.saturating_sub(served) as f64 * mean_bits + others_bits
 }
 
 #[cfg(test)]

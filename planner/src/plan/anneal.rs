@@ -118,7 +118,7 @@ pub fn anneal<O: Objective>(
         }
         counts.accepted += 1;
         counts.improved += u64::from(cost < forecast.cost);
-        forecast.accept(cost);
+        forecast.accept(model, cost);
         if let Some(best) = best.as_deref_mut().filter(|best| cost < best.0) {
             *best = (cost, forecast.stops());
             better = step;

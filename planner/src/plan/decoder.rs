@@ -25,6 +25,15 @@ pub struct Visit {
     pub capacity: f64,
 }
 
+impl Visit {
+    /// The visit `slots` slots later.
+    #[inline]
+    #[must_use]
+    pub fn later(self, slots: i32) -> Self {
+        Self { slot: self.slot + slots, ..self }
+    }
+}
+
 /// One stop as flown.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Leg {
@@ -88,12 +97,33 @@ impl Trace {
     }
 }
 
-/// Applies one visit and returns what the gap before it costs.
+/// The buffers of a flight, as far as it has come.
+pub trait Buffers<O: Objective> {
+    /// That of `sensor`.
+    fn level(&self, sensor: usize) -> O::Level;
+
+    /// Applies one visit and returns what the gap before it costs.
+    fn serve(&mut self, model: &PlanModel, visit: &Visit) -> f64;
+}
+
+/// By sensor.
+impl<O: Objective> Buffers<O> for Vec<O::Level> {
+    #[inline]
+    fn level(&self, sensor: usize) -> O::Level {
+        self[sensor]
+    }
+
+    #[inline]
+    fn serve(&mut self, model: &PlanModel, visit: &Visit) -> f64 {
+        serve::<O>(model, &mut self[visit.sensor as usize], visit)
+    }
+}
+
+/// Applies one visit to the buffer of its sensor and returns what the gap before it costs.
 #[inline]
-pub fn serve<O: Objective>(model: &PlanModel, levels: &mut [O::Level], visit: &Visit) -> f64 {
+pub fn serve<O: Objective>(model: &PlanModel, level: &mut O::Level, visit: &Visit) -> f64 {
     let sensor = &model.sensors[visit.sensor as usize];
     let slot = f64::from(visit.slot);
-    let level = &mut levels[visit.sensor as usize];
     let (before, reached) = model.until::<O>(visit.sensor as usize, slot, *level);
     let (units, left) = O::visit(sensor, reached, slot, visit.capacity);
     *level = left;
@@ -149,7 +179,7 @@ impl Decoder {
         stop: PlannedStop,
         next: Option<PlannedStop>,
         last: i32,
-        levels: &mut [O::Level],
+        buffers: &mut impl Buffers<O>,
         visits: &mut Vec<Visit>,
     ) -> Option<f64> {
         (self.via, self.hovered) = (None, 0);
@@ -177,7 +207,7 @@ impl Decoder {
                 // It is left out, unless the base does not charge: then the flights end.
                 return home.battery_at(&visit.at).is_some_and(|battery| battery.is_charged()).then_some(0.0);
             }
-            cost = self.fly_along::<O>(model, &back, &[], levels, visits);
+            cost = self.fly_along::<O>(model, &back, &[], buffers, visits);
             self.leave_base(home, &visit, 0.0);
             self.via = Some(visit);
             route = Some(from_base);
@@ -188,9 +218,9 @@ impl Decoder {
         }
         self.margin_j = margin_j;
         let members = &model.disks[stop.disk as usize].members;
-        cost += self.fly_along::<O>(model, &route, members, levels, visits);
+        cost += self.fly_along::<O>(model, &route, members, buffers, visits);
         if O::HOVERS {
-            cost += self.hover::<O>(model, stop, last, levels, visits);
+            cost += self.hover::<O>(model, stop, last, buffers, visits);
         }
         Some(cost)
     }
@@ -201,7 +231,7 @@ impl Decoder {
         model: &PlanModel,
         route: &Route,
         members: &[u32],
-        levels: &mut [O::Level],
+        buffers: &mut impl Buffers<O>,
         visits: &mut Vec<Visit>,
     ) -> f64 {
         if route.slots() == 0 {
@@ -212,14 +242,14 @@ impl Decoder {
         for step in 1..route.slots() {
             self.at = route.at(step);
             self.slot = begin + step as i32;
-            cost += self.serve_in_range::<O>(model, &[], levels, visits);
+            cost += self.serve_in_range::<O>(model, &[], buffers, visits);
         }
         self.at = route.end();
         self.slot = begin + route.slots() as i32;
         if model.table.home.as_ref().is_some_and(|home| home.battery.is_some()) {
             self.energy_j -= route.energy_j();
         }
-        cost + self.serve_in_range::<O>(model, members, levels, visits)
+        cost + self.serve_in_range::<O>(model, members, buffers, visits)
     }
 
     /// Hovers at `stop` until its sensor has nothing left, as often as the stop says, and as a way home is left.
@@ -228,7 +258,7 @@ impl Decoder {
         model: &PlanModel,
         stop: PlannedStop,
         last: i32,
-        levels: &mut [O::Level],
+        buffers: &mut impl Buffers<O>,
         visits: &mut Vec<Visit>,
     ) -> f64 {
         let sensor = model.disks[stop.disk as usize].members[0] as usize;
@@ -236,14 +266,14 @@ impl Decoder {
         let wait = model.wait(&self.at);
         let mut cost = 0.0;
         for _ in 0..stop.hovers {
-            let there_bits = O::queue_bits(&model.sensors[sensor], levels[sensor], f64::from(self.slot + 1));
+            let there_bits = O::queue_bits(&model.sensors[sensor], buffers.level(sensor), f64::from(self.slot + 1));
             let margin_j = self.next_margin_j::<O>(model, &wait);
             if there_bits < least_bits || wait.slots() as i32 > last - self.slot || margin_j < 0.0 {
                 break;
             }
             self.margin_j = margin_j;
             self.hovered += wait.slots() as i32;
-            cost += self.fly_along::<O>(model, &wait, &[], levels, visits);
+            cost += self.fly_along::<O>(model, &wait, &[], buffers, visits);
         }
         cost
     }
@@ -255,7 +285,7 @@ impl Decoder {
         model: &PlanModel,
         last: i32,
         slot_cost: f64,
-        levels: &mut [O::Level],
+        buffers: &mut impl Buffers<O>,
         visits: &mut Vec<Visit>,
     ) -> f64 {
         let mut cost = 0.0;
@@ -263,13 +293,13 @@ impl Decoder {
         if let Some(route) = model.route_home(self.flown_slots + self.slot as u64, &self.at)
             && i64::from(route.slots()) <= i64::from(last - self.slot)
         {
-            cost += self.fly_along::<O>(model, &route, &[], levels, visits);
+            cost += self.fly_along::<O>(model, &route, &[], buffers, visits);
         }
         cost += slot_cost * f64::from(self.slot);
         if home.is_none_or(|home| home.battery.is_none()) {
             while self.slot < last {
                 self.slot += 1;
-                let more = self.serve_in_range::<O>(model, &[], levels, visits);
+                let more = self.serve_in_range::<O>(model, &[], buffers, visits);
                 cost += more;
                 if more == 0.0 && !model.has_sampling {
                     break;
@@ -325,7 +355,7 @@ impl Decoder {
         &mut self,
         model: &PlanModel,
         members: &[u32],
-        levels: &mut [O::Level],
+        buffers: &mut impl Buffers<O>,
         visits: &mut Vec<Visit>,
     ) -> f64 {
         let slot = self.slot;
@@ -348,7 +378,7 @@ impl Decoder {
         if found.len() > blocks || is_choosy {
             for candidate in found.iter_mut() {
                 let sensor = candidate.sensor as usize;
-                let level = model.level_at::<O>(sensor, f64::from(slot), levels[sensor]);
+                let level = model.level_at::<O>(sensor, f64::from(slot), buffers.level(sensor));
                 if !O::HOVERS && members.contains(&candidate.sensor) {
                     candidate.saved = f64::INFINITY;
                 } else {
@@ -372,7 +402,7 @@ impl Decoder {
         let mut cost = 0.0;
         for &Candidate { sensor, capacity, .. } in found.iter() {
             let visit = Visit { sensor, slot, capacity };
-            let more = serve::<O>(model, levels, &visit);
+            let more = buffers.serve(model, &visit);
             cost += more;
             // Of an empty buffer there is nothing to fetch.
             if !O::HOVERS || more != 0.0 {

@@ -1,29 +1,31 @@
 //! The forecast of a plan: its cost, and that of changes.
 //!
 //! Costs depend on the visits alone, so a forecast advances from visit to visit, not from slot to slot. Parts of a plan
-//! that a change does not affect are not recomputed. [`Forecast::attempt`] evaluates a change in four parts:
+//! that a change does not affect are not recomputed. [`Forecast::attempt`] evaluates a change in three parts:
 //!
 //! ```text
-//! plan      a b c d e f g h i j k l    stops; the state of all buffers is stored before a, e and i
+//! plan      a b c d e f g h i j k l    stops
 //! change    a b x y e f g h i j k l    x and y instead of c and d
 //!
-//! restored  a                          visits served again from the stored state before, without flight
+//! kept      a                          nothing changes
 //! flown       b x y e                  from one stop before the change, because b ends near the stop after it,
 //!                                      until a leg begins where it began in the plan, here the one to f
-//! repeated            f g h            the legs of the plan, shifted in time; their visits are served again
-//! rejoined                  i j k l    all buffers equal those stored before i, shifted: the rest of the cost is known
+//! repeated            f g h i j k l    the legs of the plan, shifted in time
 //! ```
 //!
-//! Where plans hover, legs depend on the buffers: all that follows a change is flown.
+//! Of the sensors those count that the plan or the change visits in the flown part, and those of the repeated part if it
+//! is shifted: see [`Timelines`]. Where plans hover, legs depend on the buffers: all that follows a change is flown, from
+//! the last of the stored [`States`] before it on.
 
 use skysink_common::geometry::Position;
 
-use super::decoder::{Decoder, Leg, Trace, Visit, serve};
+use super::decoder::{Buffers, Decoder, Leg, Trace, Visit};
 use super::groups::PlannedStop;
 use super::model::PlanModel;
 use super::objective::Objective;
 use super::sensor::SensorModel;
-use super::states::{Change, Rejoined, States};
+use super::states::States;
+use super::timelines::{Rest, Timelines};
 use super::window::PlanningWindow;
 
 /// Marks an inserted stop without a corresponding leg in the old plan.
@@ -31,6 +33,17 @@ pub const FRESH: u32 = u32::MAX;
 
 /// Most stops in sequence that are left out because the battery does not reach them; a plan ends with more.
 const MOST_LEFT_OUT: usize = 64;
+
+/// An attempted change: `trace` replaces the legs `from..rest` of the old trace, and the rest is `shift` slots later.
+#[derive(Debug, Clone, Default)]
+struct Change {
+    from: usize,
+    trace: Trace,
+    rest: usize,
+    shift: i32,
+    /// Additional energy [J] at the beginning of the rest.
+    more_j: f64,
+}
 
 /// The forecast of a plan.
 #[derive(Debug, Clone)]
@@ -43,8 +56,6 @@ pub struct Forecast<O: Objective> {
     pub cost: f64,
     /// What is expected after the window, of the plan as loaded; part of `cost`.
     pub beyond: f64,
-    /// What gaps have cost before the window, which is not counted.
-    sunk: f64,
     /// Cost of a slot in the air.
     slot_cost: f64,
     /// Whether stops that take no slot stay in the plan where it hovers: later they may take one.
@@ -53,7 +64,10 @@ pub struct Forecast<O: Objective> {
     tail: Vec<Visit>,
     change: Change,
     decoder: Decoder,
-    pub(crate) states: States<O>,
+    /// Where plans do not hover.
+    timelines: Timelines<O>,
+    /// Where they do, and the buffers.
+    states: States<O>,
     work: Vec<O::Level>,
 }
 
@@ -61,19 +75,19 @@ impl<O: Objective> Forecast<O> {
     /// The forecast of an empty plan.
     #[must_use]
     pub fn new(model: &PlanModel, window: PlanningWindow<O>) -> Self {
-        let sunk = |(sensor, level): (&SensorModel, &O::Level)| O::rest(sensor, *level, 0.0) * O::price(sensor);
+        let work = if O::HOVERS { window.levels.clone() } else { Vec::new() };
         let mut forecast = Self {
             trace: Trace::default(),
             cost: 0.0,
             beyond: 0.0,
-            sunk: model.sensors.iter().zip(&window.levels).map(sunk).sum(),
             slot_cost: O::slot_cost(&model.sensors, &window.levels, window.slots),
             keeps_idle: true,
             tail: Vec::new(),
             change: Change::default(),
             decoder: Decoder::default(),
-            states: States::new(&window.levels),
-            work: window.levels.clone(),
+            timelines: Timelines::new(model, &window),
+            states: States::new(&work),
+            work,
             window,
         };
         forecast.load(model, []);
@@ -101,19 +115,19 @@ impl<O: Objective> Forecast<O> {
     }
 
     /// The buffers after the last visit, by sensor.
-    pub fn levels(&mut self, model: &PlanModel) -> Vec<O::Level> {
-        self.restore(model, self.trace.legs.len());
-        self.work.clone()
+    #[must_use]
+    pub fn levels(&self) -> Vec<O::Level> {
+        self.timelines.levels()
     }
 
-    /// Sets `work` to the state before leg `leg`; returns the cost until then.
+    /// Sets `work` to the state before leg `leg` of a plan that hovers; returns the cost until then.
     fn restore(&mut self, model: &PlanModel, leg: usize) -> f64 {
         let state = self.states.last_known(leg);
-        let mut cost = self.states.load(state, 0, &mut self.work);
+        let mut cost = self.states.load(state, &mut self.work);
         let mut at = self.states.leg(state);
         for state in state + 1.. {
             let to = leg.min(self.states.leg(state));
-            cost = self.serve_legs(model, at, to, 0, cost);
+            cost = self.serve_legs(model, at, to, cost);
             at = to;
             if to != self.states.leg(state) {
                 break;
@@ -123,37 +137,10 @@ impl<O: Objective> Forecast<O> {
         cost
     }
 
-    /// Applies the visits of the legs `from..to`, `shift` slots later, to `work`; returns `cost` plus theirs.
-    fn serve_legs(&mut self, model: &PlanModel, from: usize, to: usize, shift: i32, mut cost: f64) -> f64 {
+    /// Applies the visits of the legs `from..to` to `work`; returns `cost` plus theirs.
+    fn serve_legs(&mut self, model: &PlanModel, from: usize, to: usize, mut cost: f64) -> f64 {
         for visit in &self.trace.visits[self.trace.first_visit(from)..self.trace.first_visit(to)] {
-            cost += serve::<O>(model, &mut self.work, &Visit { slot: visit.slot + shift, ..*visit });
-        }
-        cost
-    }
-
-    /// Cost after the last visit, from the state `work`.
-    fn final_cost(&mut self, model: &PlanModel) -> f64 {
-        if O::HOVERS {
-            self.tail.clear();
-            return self.decoder.finish::<O>(model, self.window.slots, self.slot_cost, &mut self.work, &mut self.tail);
-        }
-        let end = f64::from(self.window.slots);
-        let mut cost = 0.0;
-        for (index, (sensor, level)) in model.sensors.iter().zip(&self.work).enumerate() {
-            cost += model.rest::<O>(index, end, *level) * O::price(sensor);
-        }
-        cost - self.sunk + self.cost_beyond(model)
-    }
-
-    /// Expected cost after the window, from the state `work`.
-    fn cost_beyond(&self, model: &PlanModel) -> f64 {
-        let end = f64::from(self.window.slots);
-        let mut cost = 0.0;
-        if self.window.beyond_slots > 0.0 {
-            for (index, (sensor, level)) in model.sensors.iter().zip(&self.work).enumerate() {
-                let level = model.level_at::<O>(index, end, *level);
-                cost += O::beyond(sensor, level, end, model.round_slots, self.window.beyond_slots) * O::price(sensor);
-            }
+            cost += Buffers::<O>::serve(&mut self.work, model, visit);
         }
         cost
     }
@@ -162,7 +149,7 @@ impl<O: Objective> Forecast<O> {
     /// its index in the old plan, or [`FRESH`].
     pub fn attempt(&mut self, model: &PlanModel, from: usize, to: usize, inserted: &[(PlannedStop, u32)]) -> f64 {
         let start = from.saturating_sub(1); // the waypoint before a change depends on what comes next
-        let mut cost = self.restore(model, start);
+        let mut cost = self.begin_change(model, start);
         (self.decoder.at, self.decoder.slot, self.decoder.energy_j) = self.begin(start);
         self.decoder.margin_j = start.checked_sub(1).map_or(f64::INFINITY, |before| self.trace.legs[before].margin_j);
         self.decoder.flown_slots = self.window.flown_slots;
@@ -196,7 +183,6 @@ impl<O: Objective> Forecast<O> {
                     change.rest = old as usize;
                     change.shift = shift;
                     change.more_j = more_j;
-                    (cost, change.rejoined) = self.repeat(model, old as usize, shift, cost);
                     break;
                 }
                 last = Some(old);
@@ -210,7 +196,28 @@ impl<O: Objective> Forecast<O> {
             cost += leg_cost;
         }
         self.change = change;
-        cost + self.final_cost(model)
+        if O::HOVERS {
+            self.tail.clear();
+            let Self { decoder, window, work, tail, .. } = self;
+            return cost + decoder.finish::<O>(model, window.slots, self.slot_cost, work, tail);
+        }
+        cost + self.timelines.more(model, self.rest())
+    }
+
+    /// The visits of the plan that follow the last attempt.
+    fn rest(&self) -> Rest {
+        let Change { rest, shift, .. } = self.change;
+        let [from, until] = [rest, self.in_time(rest, shift)].map(|leg| self.trace.first_visit(leg));
+        Rest { from, until, shift }
+    }
+
+    /// Begins a change at leg `leg`. Returns the cost until there; where plans do not hover, of the plan.
+    fn begin_change(&mut self, model: &PlanModel, leg: usize) -> f64 {
+        if O::HOVERS {
+            return self.restore(model, leg);
+        }
+        self.timelines.begin(self.trace.first_visit(leg));
+        self.cost
     }
 
     /// Whether the leg to stop `old` of the old plan, followed by `next`, is unchanged; `follows` if the leg before it
@@ -286,12 +293,16 @@ impl<O: Objective> Forecast<O> {
         }
         let visits = &self.trace.visits[self.trace.first_visit(old)..self.trace.first_visit(old + 1)];
         into.legs.push(Leg { end, first: into.visits.len() as u32, ..leg });
-        into.visits.extend(visits.iter().map(|visit| Visit { slot: visit.slot + shift, ..*visit }));
+        let mut cost = 0.0;
+        for visit in visits.iter().map(|visit| visit.later(shift)) {
+            cost += self.timelines.serve(model, &visit);
+            into.visits.push(visit);
+        }
         self.decoder.at = leg.at;
         self.decoder.slot = end;
         self.decoder.energy_j = leg.energy_j;
         self.decoder.margin_j = leg.margin_j;
-        Some(self.serve_legs(model, old, old + 1, shift, 0.0))
+        Some(cost)
     }
 
     /// Flies to `stop`, as near to the stop `next` as possible; returns the cost, or `None` if the leg ends after
@@ -309,7 +320,11 @@ impl<O: Objective> Forecast<O> {
         let begin = self.decoder.slot;
         if !self.is_idle(model, change, stop) {
             let visits = &mut change.trace.visits;
-            let flown = self.decoder.fly::<O>(model, stop, next, self.window.slots, &mut self.work, visits);
+            let slots = self.window.slots;
+            let flown = match O::HOVERS {
+                true => self.decoder.fly::<O>(model, stop, next, slots, &mut self.work, visits),
+                false => self.decoder.fly::<O>(model, stop, next, slots, &mut self.timelines, visits),
+            };
             cost = if O::HOVERS { flown.unwrap_or(0.0) } else { flown? };
             if !O::HOVERS && self.decoder.slot == begin && self.left_out(change) >= MOST_LEFT_OUT {
                 return None;
@@ -344,33 +359,6 @@ impl<O: Objective> Forecast<O> {
         legs.take_while(|leg| leg.end == self.decoder.slot).count()
     }
 
-    /// Repeats the old plan from leg `old` on, `shift` slots later, after `cost`; returns the cost up to the end of its
-    /// last leg.
-    ///
-    /// As soon as all queues agree with a stored state, the remaining cost is known.
-    fn repeat(&mut self, model: &PlanModel, old: usize, shift: i32, mut cost: f64) -> (f64, Option<Rejoined>) {
-        let end = self.in_time(old, shift);
-        let mut at = old;
-        let mut rejoined = None;
-        for state in self.states.after(old).. {
-            let to = end.min(self.states.leg(state));
-            cost = self.serve_legs(model, at, to, shift, cost);
-            at = to;
-            if to == end {
-                break;
-            }
-            let now = self.begin(at).1 + shift;
-            rejoined = self.states.rejoin(model, state, shift, now, &self.work, cost);
-            if let Some(Rejoined { more, .. }) = rejoined {
-                let last = self.states.last_known(end);
-                cost = self.states.load(last, shift, &mut self.work) + more;
-                at = self.states.leg(last);
-                break;
-            }
-        }
-        (self.serve_legs(model, at, end, shift, cost), rejoined)
-    }
-
     /// The end of the legs, from leg `old` on, that end within the window `shift` slots later.
     fn in_time(&self, old: usize, shift: i32) -> usize {
         if shift <= 0 {
@@ -380,9 +368,13 @@ impl<O: Objective> Forecast<O> {
     }
 
     /// Accepts the last attempt, whose cost is `cost`, as the plan.
-    pub fn accept(&mut self, cost: f64) {
+    pub fn accept(&mut self, model: &PlanModel, cost: f64) {
+        match O::HOVERS {
+            true => self.states.change(self.change.from),
+            false => self.timelines.accept(model, &self.change.trace.visits, self.rest()),
+        }
         let end = self.in_time(self.change.rest, self.change.shift);
-        let Self { change: Change { from, trace: changed, rest, shift, more_j, .. }, trace, .. } = self;
+        let Self { change: Change { from, trace: changed, rest, shift, more_j }, trace, .. } = self;
         let begin = trace.first_visit(*from);
         let rest_begin = trace.first_visit(*rest);
         trace.visits.truncate(trace.first_visit(end));
@@ -399,7 +391,6 @@ impl<O: Objective> Forecast<O> {
         let moved = |leg: &Leg| Leg { first: leg.first + begin as u32, ..*leg };
         trace.legs.splice(*from..*rest, changed.legs.iter().map(moved));
         trace.visits.splice(begin..rest_begin, changed.visits.iter().copied());
-        self.states.change(&self.change, self.trace.legs.len());
         self.cost = cost;
     }
 
@@ -407,18 +398,27 @@ impl<O: Objective> Forecast<O> {
     pub fn append(&mut self, model: &PlanModel, stop: PlannedStop) {
         let stops = self.trace.legs.len();
         let cost = self.attempt(model, stops, stops, &[(stop, FRESH)]);
-        self.accept(cost);
+        self.accept(model, cost);
     }
 
     /// Replaces the plan by `stops`, as far as they can be flown within the window.
     pub fn load(&mut self, model: &PlanModel, stops: impl IntoIterator<Item = PlannedStop>) {
         self.trace = Trace::default();
         self.states.forget();
+        self.cost = self.timelines.clear(model);
         let inserted: Vec<(PlannedStop, u32)> = stops.into_iter().map(|stop| (stop, FRESH)).collect();
         let cost = self.attempt(model, 0, 0, &inserted);
-        self.accept(cost);
+        self.accept(model, cost);
         self.states.spread(self.trace.legs.len());
-        self.beyond = self.cost_beyond(model);
+        self.settle();
+        self.beyond = self.timelines.cost_beyond(model);
+    }
+
+    /// Adds up the cost of the plan again: after many changes it has errors of rounding.
+    pub fn settle(&mut self) {
+        if !O::HOVERS {
+            self.cost = self.timelines.cost();
+        }
     }
 }
 
@@ -435,7 +435,7 @@ mod tests {
             let mut forecast = Forecast::new(&model, window_of(&model, slots));
             forecast.load(&model, [0, 1, 0].map(PlannedStop::at));
             let cost = forecast.attempt(&model, 0, 0, &[(PlannedStop::at(0), FRESH)]);
-            forecast.accept(cost);
+            forecast.accept(&model, cost);
             assert_eq!(forecast.trace.legs.iter().map(|leg| leg.end).collect::<Vec<_>>(), ends);
         }
     }

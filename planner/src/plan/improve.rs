@@ -52,12 +52,12 @@ impl<O: Objective> CarriedPlan<O> {
     /// resource blocks, because a cycle of full groups can only get worse. It is lowered after a search that increased
     /// the cost, and raised after one that reduced it, up to a ceiling that falls over the mission.
     pub(super) fn improve(&mut self, slot: u64, steps: u32, forecast: &mut Forecast<O>, is_over: &dyn Fn() -> bool) {
-        if steps == 0 {
-            return;
+        let begun_cost = forecast.cost;
+        if steps == 0 || begun_cost == 0.0 {
+            return; // nothing costs less than 0, and the bound takes time
         }
         let model = &mut self.model;
         let begun = forecast.stops();
-        let begun_cost = forecast.cost;
         let window = &forecast.window;
         let least = window.least(model);
         if begun_cost <= least {

@@ -12,7 +12,7 @@
 //! | [`window`] | what a plan begins with |
 //! | [`groups`], [`points`] | the stops of a plan: disks, and points to hover at |
 //! | [`decoder`] | the flight to a stop, and the sensor nodes served on the way |
-//! | [`forecast`], [`states`] | the predicted cost of a plan, or of a change |
+//! | [`forecast`], [`timelines`], [`states`] | the predicted cost of a plan, or of a change |
 //! | [`start`] | initial plans |
 //! | [`operators`], [`anneal`], `improve` | the changes that are proposed, and the search |
 //! | [`long_search`] | the search before the mission |
@@ -41,5 +41,6 @@ pub mod start;
 pub mod states;
 #[cfg(test)]
 mod tests;
+pub mod timelines;
 pub mod visits;
 pub mod window;

@@ -54,6 +54,13 @@ pub trait Objective: Debug + Clone + Copy + PartialEq + 'static {
         0.0
     }
 
+    /// By how much a visit at the end of `slot` costs more for each slot later, if that is the same for all visits up to
+    /// `within` slots earlier or later, and the buffers after them, too, each at its time; `None` if it may not be.
+    fn slope(sensor: &SensorModel, level: Self::Level, slot: f64, capacity: f64, within: f64) -> Option<f64> {
+        let _ = (sensor, level, slot, capacity, within);
+        None
+    }
+
     /// What a visit at the end of `slot` saves, for a next one within `round_slots`, and of equals what is least.
     fn saving(sensor: &SensorModel, level: Self::Level, slot: f64, capacity: f64, round_slots: f64) -> (f64, f64);
 
@@ -143,6 +150,17 @@ impl Objective for Loss {
     fn beyond(sensor: &SensorModel, empty: f64, end: f64, round_slots: f64, slots: f64) -> f64 {
         let left = (sensor.fill_slots - (end - empty)).max(0.0);
         late_slots(left, round_slots).min(slots)
+    }
+
+    #[inline]
+    fn slope(sensor: &SensorModel, empty: f64, slot: f64, capacity: f64, within: f64) -> Option<f64> {
+        let gap = slot - empty;
+        match gap - sensor.fill_slots {
+            _ if !sensor.is_known() => None,
+            late if late >= within => Some(1.0), // full, and left with the same
+            late if late <= -within && capacity >= gap + within => Some(0.0), // emptied without a loss
+            _ => None,
+        }
     }
 
     /// The difference of [`late_slots`] with and without the visit. Of equals the buffer with the least room counts, at

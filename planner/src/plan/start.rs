@@ -51,7 +51,7 @@ pub fn begin<O: Objective>(model: &PlanModel, forecast: &mut Forecast<O>) {
 /// that its members will have sampled since they were empty, including overflow.
 pub fn extend<O: Objective>(model: &PlanModel, forecast: &mut Forecast<O>) {
     loop {
-        let levels = forecast.levels(model);
+        let levels = forecast.levels();
         let legs = forecast.trace.legs.len();
         let (at, slot) = forecast.trace.legs.last().map_or((forecast.window.start, 0), |leg| (leg.at, leg.end));
         let mut best: Option<(f64, f64, u32)> = None;
@@ -128,7 +128,7 @@ pub fn begin_at_points<O: Objective>(
         }
         if let Some((_, index, stop)) = best {
             let cost = forecast.attempt(model, index, index, &[(stop, FRESH)]);
-            forecast.accept(cost);
+            forecast.accept(model, cost);
         }
     }
     let mut best = (forecast.cost, forecast.stops());
@@ -174,6 +174,6 @@ fn repeat<O: Objective>(
         if cost >= forecast.cost {
             break;
         }
-        forecast.accept(cost);
+        forecast.accept(model, cost);
     }
 }
