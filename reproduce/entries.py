@@ -446,8 +446,9 @@ def standings():
         [f"`{flyer}`", *(percent(gaps.get((version, flyer), [])) for version in versions)] for flyer in library.FLYERS
     ]
     counts = {len(values) for (version, _), values in gaps.items() if version == versions[-1]}
-    medians = [f"{100 * median(values):.1f} %" for values in [gaps[versions[-1], "horizon"], library.gaps_to_bounds()]]
-    note = f"{min(counts)} to {max(counts)} instances; medians: `horizon` {medians[0]}, best known to bound {medians[1]}"
+    medians = [f"{100 * median(values):.1f} %" for values in [gaps[versions[-1], "horizon 100"], library.gaps_to_bounds()]]
+    number = " to ".join(str(count) for count in sorted({min(counts), max(counts)}))
+    note = f"{number} instances; medians: `horizon 100` {medians[0]}, best known to bound {medians[1]}"
     return table("library", ["gap [%]", *versions], rows, note)
 
 

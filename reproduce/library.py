@@ -12,7 +12,7 @@ from pathlib import Path
 LIBRARY = Path("library")
 STANDINGS = LIBRARY / "standings.csv"
 COLUMNS = ["instance", "strategy", "version", "value"]
-DEFAULT = "rfs gfs uts uts-wide exact edf whittle mes max-age-first tour sca offline horizon".split()
+DEFAULT = "rfs gfs uts uts-wide exact edf whittle mes max-age-first tour sca offline".split()
 FLYERS = {name: (name, []) for name in DEFAULT} | {
     f"horizon {steps}": ("horizon", ["--set", f"planner.horizon.iterations={steps}"]) for steps in [20, 100]
 }
@@ -91,7 +91,8 @@ class Standings:
                 if best is None or is_better(verdict["measure"], verdict["value"], best["value"]):
                     folder = self.run_folder(instance, flyer)
                     runs = [folder] if (folder / "slots.csv").exists() else sorted(folder.iterdir(), key=lambda run: int(run.name))
-                    by = f"{flyer}, Skysink {self.version}"
+                    strategy, options = FLYERS[flyer]
+                    by = ", ".join([strategy, *(key.replace("=", " = ") for key in options[1::2])])
                     best = command("submit", *runs, "--by", by)
 
     def write(self):

@@ -170,7 +170,8 @@ pub(crate) fn parse(
                 csv::ErrorKind::Deserialize { err, .. } => err.field().and_then(|field| header.get(field as usize)),
                 _ => None,
             };
-            refuse(&column.map_or_else(|| EXPECTED.to_owned(), |column| format!("another {column}, as in slots.csv")))
+            let kind = |column: &str| if column.ends_with("_m") { "a number" } else { "a whole number" };
+            refuse(&column.map_or_else(|| EXPECTED.to_owned(), |column| format!("{} as {column}", kind(column))))
         })?;
         let seed = row.seed.unwrap_or(scenario.seed);
         if !(1..=seeds).contains(&seed) {

@@ -351,12 +351,16 @@ impl SameFlight<'_> {
     fn deviation(&self, planned: &PlannedMove, flight: &FlightReport) -> Option<String> {
         let served: Vec<u32> = flight.served_links().iter().map(|link| link.sensor).collect();
         let (at, to) = (flight.position(), planned.position);
+        let mode = flight.flown_mode();
+        if mode == Mode::Down {
+            return Some("the UAV is down: expected enough energy; it charges in the mode `charge` only".to_owned());
+        }
         if at != to {
             let [found, stays] = [to, at].map(|point| format!("[{}, {}, {}]", point.x, point.y, point.z));
             let away_m = (to - at).norm();
             return Some(format!(
                 "position {found}: the UAV stays at {stays}, {away_m:.9} m away: expected one that a slot reaches, in the \
-                 area, outside of zones, and not rounded away"
+                 area, outside of zones, apart from other UAVs, and not rounded away"
             ));
         }
         if let Some(id) = planned.scheduled.iter().find(|id| !served.contains(id)) {
@@ -364,12 +368,8 @@ impl SameFlight<'_> {
             return Some(match (*id as usize >= sensors, count > blocks) {
                 (true, _) => format!("sensor node {id}: expected a number from 0 to {}", sensors - 1),
                 (_, true) => format!("{count} sensor nodes are scheduled: expected at most {blocks} at once"),
-                _ => format!("sensor node {id} is not served: expected one in range"),
+                _ => format!("sensor node {id} is not served: expected one in range that no other UAV serves"),
             });
-        }
-        let mode = flight.flown_mode();
-        if mode == Mode::Down {
-            return Some("the UAV is down: expected enough energy; it charges in the mode `charge` only".to_owned());
         }
         (mode != planned.mode).then(|| format!("mode {}: expected {mode}, as it is flown", planned.mode))
     }

@@ -214,6 +214,48 @@ fn a_spoilt_plan_file_is_refused_or_another_flight() {
 }
 
 #[test]
+fn a_refusal_says_what_is_expected_of_the_plan() {
+    // The instance, what is replaced in its best known flight by what, and the end of the refusal.
+    let cases = [
+        (SMALL, "2,25,45,0\n", "2,85,45,0\n", "in the area, outside of zones"),
+        (SMALL, "2,25,45,0\n", "2,25,45.5,0\n", "away: expected one that a slot reaches"),
+        (SMALL, "2,25,45,0\n", "2,25,45,5\n", "sensor node 5: expected a number from 0 to 4"),
+        (SMALL, "2,25,45,0\n", "2,25,45,0 1\n", "2 sensor nodes are scheduled: expected at most 1 at once"),
+        (SMALL, "2,25,45,0\n", "2,25,45,3\n", "is not served: expected one in range that no other UAV serves"),
+        (SMALL, "2,25,45,0\n", "2.5,25,45,0\n", "expected a whole number as slot"),
+        (SMALL, "2,25,45,0\n", "2,25,north,0\n", "expected a number as y_m"),
+        (SMALL, "2,25,45,0\n", "2,25,45,2 0\n", "from 0 on, ascending, separated by spaces"),
+        ("sks-1000-200-fleet2", "slot,uav,", "slot,refused,", "column uav is missing"),
+        ("sks-1000-200-fleet2", "\n1,1,", "\n1,2,", "expected uav 0 to 1"),
+        ("sks-600-100-3d-urban", "y_m,z_m,", "y_m,refused,", "column z_m is missing"),
+    ];
+    for (name, found, put, expected) in cases {
+        let plans = plans_of(name);
+        assert!(plans.contains(found), "{name}: {found}");
+        let refusal = verify(&plans.replacen(found, put, 1)).unwrap_err();
+        assert!(refusal.contains(expected), "{refusal}");
+    }
+}
+
+#[test]
+fn a_verified_flight_is_placed_between_others() {
+    let (folder, library) = copy_of(SMALL);
+    let rows = |values: [f64; 3]| {
+        let row = |(name, value): (&str, f64)| format!("{SMALL},{name},0.1.0,{value}\n");
+        ["gfs", "tour", "uts"].into_iter().zip(values).map(row).collect::<String>()
+    };
+    let run = folder.path().join("run");
+    fly(&find(SMALL), 1, &run);
+    let value = Library::default().verify(&[run.clone()], None, &stop()).unwrap().value;
+    let text = "instance,strategy,version,value\n".to_owned() + &rows([value + 0.1, value - 1e-3, value]);
+    fs::write(folder.path().join("standings.csv"), text).unwrap();
+    let placed = library.verify(&[run], None, &stop()).unwrap().placement().unwrap();
+    assert_eq!((placed.place, placed.of), (3, 5));
+    assert_eq!(placed.ahead.unwrap().by, "tour");
+    assert_eq!(placed.behind.unwrap().by, "uts", "an equal one does not lead");
+}
+
+#[test]
 fn a_scenario_that_differs_in_a_key_is_refused_and_the_key_named() {
     let open = Library::default().open(find(SMALL)).unwrap();
     for (key, value) in [

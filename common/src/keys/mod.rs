@@ -162,10 +162,10 @@ impl Accepts {
     }
 
     /// Makes whole numbers of those without a fraction, where such are expected.
-    pub fn make_whole(&self, value: &mut Value) {
+    pub(super) fn make_whole(&self, value: &mut Value) {
         match (self, value) {
             (Self::Whole(..) | Self::WholeInterval(..), value @ Value::Float(_)) => {
-                let number = value.as_float().filter(|number| number.fract() == 0.0 && number.abs() < 1e15);
+                let number = value.as_float().filter(|number| number.fract() == 0.0 && number.abs() <= MOST_EXACT);
                 if let Some(number) = number {
                     *value = Value::Integer(number as i64);
                 }
@@ -205,6 +205,9 @@ impl Accepts {
         }
     }
 }
+
+/// 2^53, up to which floats are whole numbers without a gap.
+const MOST_EXACT: f64 = 9_007_199_254_740_992.0;
 
 /// The number, if it is one.
 fn number(value: &Value) -> Option<f64> {

@@ -96,7 +96,14 @@ impl FromStr for Setting {
         // One line only: a value must not add further keys.
         let as_toml = if value.contains('\n') { None } else { format!("value = {value}").parse::<Table>().ok() };
         let as_toml = as_toml.and_then(|mut table| table.remove("value"));
-        let value = as_toml.unwrap_or_else(|| Value::String(value.to_owned()));
+        let value = match as_toml {
+            // Counts may be written as 3e4, also those of planners from outside, whose keys are not known here.
+            Some(Value::Float(number)) if !value.contains('.') && number.fract() == 0.0 && number.abs() < 1e15 => {
+                Value::Integer(number as i64)
+            }
+            Some(value) => value,
+            None => Value::String(value.to_owned()),
+        };
         Ok(Self { key: key.to_owned(), value, origin: SettingOrigin::Option })
     }
 }
@@ -113,6 +120,7 @@ mod tests {
     fn a_value_is_read_as_in_a_scenario_file() {
         assert_eq!(set("slots=7").value, Value::Integer(7));
         assert_eq!(set("link.bandwidth_hz = 5.5e3").value, Value::Float(5.5e3));
+        assert_eq!(set("sensors.capacity_bits = 3e4").value, Value::Integer(30_000), "a count");
         assert_eq!(set("link.bandwidth_hz = 5e-1").value, Value::Float(0.5));
         assert_eq!(set("area.side_m = inf").value, Value::Float(f64::INFINITY));
         assert_eq!(set("sensors.sampling_bps=[50, 150.0]").value.as_array().unwrap().len(), 2);

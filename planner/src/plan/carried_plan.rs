@@ -232,7 +232,7 @@ impl<O: Objective> CarriedPlan<O> {
             let (units, left) = O::visit(sensor, levels[index], slot, visit.capacity);
             levels[index] = left;
             PlannedVisit {
-                slot: view.slot + visit.slot as u64 - 1, // from 1 on
+                slot: view.slot + (visit.slot as u64 - 1), // from 1 on
                 sensor: self.model.ids[index],
                 bits: O::visit_bits(sensor, units, visit.capacity),
             }

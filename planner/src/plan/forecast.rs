@@ -201,7 +201,7 @@ impl<O: Objective> Forecast<O> {
             let Self { decoder, window, work, tail, .. } = self;
             return cost + decoder.finish::<O>(model, window.slots, self.slot_cost, work, tail);
         }
-        cost + self.timelines.more(model, self.rest())
+        cost + self.timelines.added_cost(model, self.rest())
     }
 
     /// The visits of the plan that follow the last attempt.
@@ -415,7 +415,7 @@ impl<O: Objective> Forecast<O> {
     }
 
     /// Adds up the cost of the plan again: after many changes it has errors of rounding.
-    pub fn settle(&mut self) {
+    pub(super) fn settle(&mut self) {
         if !O::HOVERS {
             self.cost = self.timelines.cost();
         }

@@ -92,6 +92,7 @@ impl<O: Objective> CarriedPlan<O> {
             if round == FALLING {
                 forecast.load(model, best.1.iter().copied());
             }
+            forecast.settle();
             let begun_cost = forecast.cost;
             let begun = forecast.stops();
             let avoidable = (begun_cost - forecast.beyond - bound).max(0.0);

@@ -188,7 +188,9 @@ impl Objective for Loss {
         let full = if sensor.is_known() { sensor.fill_slots } else { f64::INFINITY };
         let [own, before] = [now, then].map(|reached| (reached.slot - reached.level).min(full));
         let has_begun = sensor.initial_half_slots > 0.0 || sensor.left_slots > 0.0 || sensor.noise_slots2 > 0.0;
-        !((own - before).abs() > ROUNDING || has_begun && (now.visited <= 0.0) != (then.visited <= 0.0))
+        // What is uncertain from before the window on counts from its beginning, not from a visit.
+        let are_apart = now.slot != then.slot && now.visited <= 0.0 || (now.visited <= 0.0) != (then.visited <= 0.0);
+        !((own - before).abs() > ROUNDING || has_begun && are_apart)
     }
 
     fn least(sensors: &[SensorModel], levels: &[f64], slots: i32, blocks: usize) -> f64 {

@@ -85,14 +85,13 @@ pub fn extend<O: Objective>(model: &PlanModel, forecast: &mut Forecast<O>) {
                 best = Some((worth, away_m2, stop));
             }
         }
-        let Some((.., stop)) = best else {
-            return;
-        };
+        let Some((.., stop)) = best else { break };
         forecast.append(model, PlannedStop::at(stop));
         if forecast.trace.legs.len() <= legs {
-            return;
+            break;
         }
     }
+    forecast.settle();
 }
 
 /// Loads a first plan that hovers: a stop for each sensor, the fullest first, where the plan then delivers most. Where

@@ -138,8 +138,13 @@ fn cost_of_visits<O: Objective>(model: &PlanModel, forecast: &Forecast<O>) -> f6
     }
     for (index, (level, begun)) in levels.iter().zip(&forecast.window.levels).enumerate() {
         let sensor = &model.sensors[index];
-        let rest = model.rest::<O>(index, f64::from(forecast.window.slots), *level);
-        cost += (rest - O::rest(sensor, *begun, 0.0)) * O::price(sensor);
+        let (end, beyond_slots) = (f64::from(forecast.window.slots), forecast.window.beyond_slots);
+        let rest = model.rest::<O>(index, end, *level) - O::rest(sensor, *begun, 0.0);
+        let beyond = match beyond_slots > 0.0 {
+            true => O::beyond(sensor, model.level_at::<O>(index, end, *level), end, model.round_slots, beyond_slots),
+            false => 0.0,
+        };
+        cost += (rest + beyond) * O::price(sensor);
     }
     cost
 }
@@ -273,7 +278,11 @@ proptest! {
     #[test]
     fn changed_plans_lose_what_their_visits_do(
         model in models(), drawn in prop::collection::vec(any::<prop::sample::Index>(), 40..200), slots in 60i32..400,
-        (rates, half_slots) in (prop::sample::select(vec![1.0, 8.0]), prop::sample::select(vec![0.0, 0.0, 5.0])),
+        rates in prop::sample::select(vec![0.125, 1.0, 8.0]), is_nearly_full: bool,
+        (half_slots, noise_slots2, rate_half_fraction) in prop::sample::select(
+            vec![(0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (5.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 0.2), (3.0, 0.5, 0.1)]
+        ),
+        beyond_slots in prop::sample::select(vec![0.0, 60.0]),
         changes in prop::collection::vec((any::<[prop::sample::Index; 3]>(), 0usize..40, 0usize..3), 1..20),
     ) {
         let mut model = model;
@@ -283,11 +292,17 @@ proptest! {
                 cost_bits: rates * sensor.cost_bits,
                 fill_slots: sensor.fill_slots / rates,
                 initial_half_slots: half_slots,
+                noise_slots2,
+                rate_half_fraction,
                 ..*sensor
             };
         }
+        let mut planning = PlanningWindow { beyond_slots, ..window_of(&model, slots) };
+        if is_nearly_full {
+            planning.levels = model.sensors.iter().map(|sensor| -0.9 * sensor.fill_slots).collect();
+        }
         let stop = |index: &prop::sample::Index| index.index(model.disks.len()) as u32;
-        let mut forecast = Forecast::new(&model, window_of(&model, slots));
+        let mut forecast = Forecast::new(&model, planning);
         load(&mut forecast, &model, drawn.iter().map(stop));
         for (indices, removed, fresh) in changes {
             let stops = forecast.trace.legs.len();

@@ -27,8 +27,9 @@ struct Served<L> {
     next: u32,
     /// What the gap costs more for each slot that the visit is later, within [`NEAR`]; `None` if that is not linear.
     slope: Option<f64>,
-    /// The same with all later visits of the sensor, less that of these without the visit; as far as it is linear.
-    more_slope: f64,
+    /// That slope less the one of the next gap of the sensor; 0 for one that is not linear. Summed over all visits from one on
+    /// it is the slope of each sensor's first gap less that of its last.
+    slope_difference: f64,
     /// Whether it is not, here or at the end.
     is_bent: bool,
 }
@@ -102,7 +103,7 @@ impl<L> Served<L> {
     /// Puts the visit before visit `next` of its sensor, or the end of the window, with the slope of the gap in between.
     fn precede(&mut self, next: u32, slope: Option<f64>) {
         self.next = next;
-        self.more_slope = self.slope.unwrap_or(0.0) - slope.unwrap_or(0.0);
+        self.slope_difference = self.slope.unwrap_or(0.0) - slope.unwrap_or(0.0);
         self.is_bent = self.slope.is_none() || next == NONE && slope.is_none();
     }
 }
@@ -232,7 +233,7 @@ impl<O: Objective> Timelines<O> {
     }
 
     /// What the changed plan costs more than the plan, beside its visits before `rest`.
-    pub fn more(&mut self, model: &PlanModel, rest: Rest) -> f64 {
+    pub fn added_cost(&mut self, model: &PlanModel, rest: Rest) -> f64 {
         let mut more = 0.0;
         for index in self.begin..rest.from {
             more -= self.plan[index].cost;
@@ -243,14 +244,14 @@ impl<O: Objective> Timelines<O> {
             self.touch(self.plan[index].visit.sensor);
         }
         if rest.shift != 0 {
-            more += self.more_shifted(model, rest);
+            more += self.added_by_shift(model, rest);
         }
-        more + self.touched.iter().map(|&sensor| self.more_touched(model, sensor, rest)).sum::<f64>()
+        more + self.touched.iter().map(|&sensor| self.added_by_touched(model, sensor, rest)).sum::<f64>()
     }
 
     /// The same of sensors that the change does not touch, but `rest` serves at other times: by slopes where costs are
     /// linear. Touches those whose buffers differ from those of the plan after the first visit.
-    fn more_shifted(&mut self, model: &PlanModel, Rest { from, until, shift }: Rest) -> f64 {
+    fn added_by_shift(&mut self, model: &PlanModel, Rest { from, until, shift }: Rest) -> f64 {
         let is_near = shift.abs() <= NEAR;
         let mut more = if is_near { self.slopes[from] * f64::from(shift) } else { 0.0 };
         let bent = self.bent.partition_point(|index| (*index as usize) < from);
@@ -280,7 +281,7 @@ impl<O: Objective> Timelines<O> {
 
     /// The same of a touched sensor. As soon as its buffer is that of the plan, the other gaps cost the same.
     #[inline]
-    fn more_touched(&self, model: &PlanModel, sensor: u32, Rest { from, until, shift }: Rest) -> f64 {
+    fn added_by_touched(&self, model: &PlanModel, sensor: u32, Rest { from, until, shift }: Rest) -> f64 {
         let Timeline { mut reached, mut next, ref visits, end, end_slope, .. } = self.timelines[sensor as usize];
         while (next as usize) < from {
             next = self.plan[next as usize].next;
@@ -371,8 +372,8 @@ impl<O: Objective> Timelines<O> {
             self.plan[last as usize].precede(index, slope);
         }
         let (since, is_bent) = (last.map_or(0, |last| last + 1), slope.is_none());
-        let (visit, next, more_slope) = (*visit, NONE, 0.0);
-        self.plan.push(Served { visit, before, after, cost, since, next, slope, more_slope, is_bent });
+        let (visit, next, slope_difference) = (*visit, NONE, 0.0);
+        self.plan.push(Served { visit, before, after, cost, since, next, slope, slope_difference, is_bent });
     }
 
     /// Adds up the slopes of the plan.
@@ -382,7 +383,7 @@ impl<O: Objective> Timelines<O> {
         let mut slope = 0.0;
         self.slopes[self.plan.len()] = slope;
         for (index, served) in self.plan.iter().enumerate().rev() {
-            slope += served.more_slope;
+            slope += served.slope_difference;
             self.slopes[index] = slope;
             if served.is_bent {
                 self.bent.push(index as u32);
