@@ -246,7 +246,7 @@ fn a_verified_flight_is_placed_between_others() {
     };
     let run = folder.path().join("run");
     fly(&find(SMALL), 1, &run);
-    let value = Library::default().verify(&[run.clone()], None, &stop()).unwrap().value;
+    let value = Library::default().verify(std::slice::from_ref(&run), None, &stop()).unwrap().value;
     let text = "instance,strategy,version,value\n".to_owned() + &rows([value + 0.1, value - 1e-3, value]);
     fs::write(folder.path().join("standings.csv"), text).unwrap();
     let placed = library.verify(&[run], None, &stop()).unwrap().placement().unwrap();
