@@ -12,8 +12,8 @@ from pathlib import Path
 LIBRARY = Path("library")
 STANDINGS = LIBRARY / "standings.csv"
 COLUMNS = ["instance", "strategy", "version", "value"]
-DEFAULT = "rfs gfs uts uts-wide exact edf whittle mes max-age-first tour sca offline".split()
-FLYERS = {name: (name, []) for name in DEFAULT} | {
+CHEAP = "rfs gfs uts uts-wide exact edf whittle mes max-age-first tour".split()
+FLYERS = {name: (name, []) for name in CHEAP} | {
     f"horizon {steps}": ("horizon", ["--set", f"planner.horizon.iterations={steps}"]) for steps in [20, 100]
 }
 
