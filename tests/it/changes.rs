@@ -25,13 +25,14 @@ fn a_file_that_changes_under_a_paced_run_ends_it() {
             OpenOptions::new().write(true).open(file).unwrap().write_all_at(b"#", 100).unwrap();
         }),
     ];
-    let flight = place.flight("paced").pace("30x").without_viewer();
-    let runs = changes.map(|change| (flight.out(change.0).start(), change));
-    for (run, (name, _, change)) in &runs {
+    let flight = place.flight("paced").pace("10x").without_viewer();
+    let runs = changes.map(|(name, says, change)| {
+        let run = flight.out(name).start();
         run.until_slot(10);
         change(&run.path(name));
-    }
-    for (run, (name, says, _)) in runs {
+        (run, name, says)
+    });
+    for (run, name, says) in runs {
         let flown = run.slots();
         let ended = run.wait().assert_code(1);
         let line = ended.stderr.lines().last().unwrap();

@@ -79,7 +79,7 @@ fn a_flight_log_becomes_a_map_and_a_fixed_flight() {
     assert!(rms_db < 2.0, "{rms_db} dB");
     let checked = place.run_ok(&["check", "aerial/aerial.toml"]);
     assert!(!checked.stderr.contains("constant beyond"), "{checked:?}");
-    place.run_ok(&["simulate", "aerial/aerial.toml", "--out", "run"]);
+    place.run_ok(&["simulate", "aerial/aerial.toml", "--out", "run", "--set", "planner.horizon.iterations=100"]);
     assert!(place.summary("run")["delivered_bits"].as_u64().unwrap() > 0);
     place.assert_repeatable("run");
 }
