@@ -88,6 +88,24 @@ pub struct BestFlight {
     pub plans: String,
 }
 
+/// An instance, its size, and its best known flight.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ListedInstance {
+    /// The instance.
+    #[serde(flatten)]
+    pub instance: Instance,
+    /// Number of sensor nodes, N.
+    pub sensors: usize,
+    /// Number of UAVs, U.
+    pub uavs: usize,
+    /// Number of slots, T.
+    pub slots: u64,
+    /// Its best known flight; `None` without one.
+    pub best: Option<BestFlight>,
+    /// The [`gap`] of the best known value to the bound.
+    pub gap: Option<f64>,
+}
+
 /// The value of a strategy over an instance, a row of `standings.csv`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ReferenceValue {
@@ -121,6 +139,18 @@ impl Library {
         let text = text.map_err(|_| InputError::new(LIBRARY, &self.path(&name), "expected UTF-8 text"))?;
         let best = toml::from_str(text).map_err(|error| InputError::toml(LIBRARY, &self.path(&name), text, &error));
         Ok(Some(best?))
+    }
+
+    /// The instance with its size and its best known flight.
+    ///
+    /// # Errors
+    /// If one of its files is malformed.
+    pub fn listed(&self, instance: Instance) -> Result<ListedInstance, MissionError> {
+        let best = self.best(&instance)?;
+        let gap = best.as_ref().and_then(|best| Some(gap(best.measure, best.value, best.bound?)));
+        let open = self.open(instance)?;
+        let (sensors, uavs, slots) = (open.list.sensors().len(), open.scenario.uav.uavs(), open.scenario.slots);
+        Ok(ListedInstance { sensors, uavs, slots, best, gap, instance: open.instance })
     }
 
     /// The values of the strategies of Skysink, the last version last; none without a file of them.

@@ -15,7 +15,7 @@ mod plan_file;
 mod submit;
 mod verify;
 
-pub use best::{BestFlight, Measure, ReferenceValue, gap};
+pub use best::{BestFlight, ListedInstance, Measure, ReferenceValue, gap};
 pub use instance::{Instance, Library, OpenInstance};
 pub use plan_file::{PlannedFlight, PlannedMove};
 pub use submit::Claim;

@@ -12,7 +12,10 @@ __all__ = ["copy", "instances", "verify"]
 
 
 def instances() -> list[dict[str, Any]]:
-    """All instances: ``name``, ``about``, ``family``, and ``seeds``, the number over which a policy is compared."""
+    """All instances, as ``skysink library list --json`` prints them: ``name``, ``about``, ``family``, ``seeds`` (the
+    number over which a policy is compared), ``sensors``, ``uavs``, ``slots``, ``best`` (the best known flight: ``measure``,
+    ``value``, ``bound``, ``by``, ``cost``, ...), and its ``gap`` to the bound, or None.
+    """
     return library_instances()
 
 

@@ -9,10 +9,13 @@ use crate::errors::of_mission;
 use crate::signals::interruptible;
 use crate::values::json;
 
-/// The instances, as dictionaries.
+/// The rows that `skysink library list` prints, as dictionaries.
 #[pyfunction]
 pub fn library_instances(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
-    json(py, &Library::default().instances().map_err(of_mission)?)
+    let library = Library::default();
+    let instances = library.instances().map_err(of_mission)?.into_iter();
+    let listed = instances.map(|instance| library.listed(instance)).collect::<Result<Vec<_>, _>>();
+    json(py, &listed.map_err(of_mission)?)
 }
 
 /// Copies an instance into a folder, and returns the path of its scenario.

@@ -23,6 +23,9 @@ def test_the_instances_have_names_families_and_seeds() -> None:
     instances = library.instances()
     assert len(instances) >= 70 and len({one["name"] for one in instances}) == len(instances)
     assert all((one["seeds"] > 1) == (one["family"] == "policy") for one in instances)
+    paper = next(one for one in instances if one["name"] == "sks-1000-200")
+    assert (paper["sensors"], paper["uavs"]) == (200, 1) and 0.0 < paper["best"]["bound"] < paper["best"]["value"]
+    assert paper["gap"] == pytest.approx(1.0 - paper["best"]["bound"] / paper["best"]["value"])
 
 
 def test_a_flight_is_verified_and_placed(tmp_path: Path) -> None:

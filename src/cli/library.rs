@@ -3,12 +3,11 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
-use serde::Serialize;
 use skysink_common::error::InputError;
 use skysink_common::scenario::{Overrides, Setting};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
-use skysink_library::{BestFlight, Claim, FlownFlight, Instance, Library, NamedValue, OpenInstance, Placement, gap};
+use skysink_library::{Claim, FlownFlight, Library, ListedInstance, NamedValue, OpenInstance, Placement};
 use skysink_mission::Mission;
 use skysink_mission::record::{RunFolder, is_run_folder};
 
@@ -113,19 +112,6 @@ struct Flights {
     instance: Option<String>,
 }
 
-/// A row of the list.
-#[derive(Debug, Serialize)]
-struct ListedInstance {
-    #[serde(flatten)]
-    instance: Instance,
-    sensors: usize,
-    uavs: usize,
-    slots: u64,
-    best: Option<BestFlight>,
-    /// The fraction of the best known value that separates it from the bound.
-    gap: Option<f64>,
-}
-
 impl LibraryCommand {
     /// Does what is asked.
     ///
@@ -197,13 +183,6 @@ fn fly(open: &OpenInstance, overrides: &Overrides, folder: &NewFolder, stop: &St
 
 /// Prints the instances.
 fn list(library: &Library, family: Option<&str>, form: OutputForm) -> Result<(), Error> {
-    let listed = |instance: Instance| -> Result<ListedInstance, Error> {
-        let best = library.best(&instance)?;
-        let gap = best.as_ref().and_then(|best| Some(gap(best.measure, best.value, best.bound?)));
-        let open = library.open(instance)?;
-        let (sensors, uavs, slots) = (open.list.sensors().len(), open.scenario.uav.uavs(), open.scenario.slots);
-        Ok(ListedInstance { sensors, uavs, slots, best, gap, instance: open.instance })
-    };
     let instances = library.instances()?;
     if let Some(family) = family.filter(|family| instances.iter().all(|instance| instance.family != *family)) {
         let mut families: Vec<&str> = instances.iter().map(|instance| instance.family.as_str()).collect();
@@ -213,7 +192,7 @@ fn list(library: &Library, family: Option<&str>, form: OutputForm) -> Result<(),
     }
     let instances = instances.into_iter();
     let of_family = instances.filter(|instance| family.is_none_or(|family| instance.family == family));
-    let rows = of_family.map(listed).collect::<Result<Vec<_>, _>>()?;
+    let rows = of_family.map(|instance| library.listed(instance)).collect::<Result<Vec<_>, _>>()?;
     form.print(&rows, || {
         let mut table = table();
         table.set_header(["instance", "family", "SNs", "UAVs", "slots", "", "best", "bound", "gap"]);
