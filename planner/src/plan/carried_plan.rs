@@ -385,9 +385,9 @@ impl<O: Objective> CarriedPlan<O> {
         self.plan.has_begun = true;
     }
 
-    /// The random numbers of the long search before `slot`.
-    pub(super) fn long_random(&self, slot: u64) -> rand_chacha::ChaCha8Rng {
-        self.streams.stream(Purpose::Horizon, slot.saturating_sub(1), 0)
+    /// The random numbers of long search `search` before `slot`.
+    pub(super) fn long_random(&self, slot: u64, search: u32) -> rand_chacha::ChaCha8Rng {
+        self.streams.stream(Purpose::Horizon, slot.saturating_sub(1), search)
     }
 }
 

@@ -2,6 +2,8 @@
 
 use std::ops::ControlFlow;
 
+use rand_chacha::ChaCha8Rng;
+
 use super::anneal::{Best, Cooling, SearchSteps, anneal};
 use super::carried_plan::CarriedPlan;
 use super::forecast::Forecast;
@@ -23,6 +25,9 @@ const TEMPERATURES: [f64; 2] = [0.2, 0.01];
 
 /// Temperature of the first search in a slot after this one.
 const LATER_TEMPERATURE: f64 = 0.02;
+
+/// Most steps of a search. What is more is spent on others from the same plan: they find better ones than a longer search.
+const MOST_STEPS: u64 = 5_000_000;
 
 /// Most steps between two calls of `watch`: some milliseconds.
 const WATCHED: u64 = 1 << 10;
@@ -57,9 +62,41 @@ impl<O: Objective> CarriedPlan<O> {
         steps: u64,
         watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
     ) -> Option<SearchOutcome> {
+        let searches = steps.div_ceil(MOST_STEPS).max(1);
+        self.prepare_in(searches, view, forecast, steps, watch)
+    }
+
+    /// The same in so many searches from the plan of `forecast`, each with other random numbers.
+    pub(crate) fn prepare_in(
+        &mut self,
+        searches: u64,
+        view: &View,
+        forecast: &mut Forecast<O>,
+        steps: u64,
+        watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
+    ) -> Option<SearchOutcome> {
         self.begin();
-        let mut best = (forecast.cost, forecast.stops());
-        let ended = self.cool(forecast, &mut best, view.slot, steps, watch);
+        let begun = (forecast.cost, forecast.stops());
+        let mut best = begun.clone();
+        let mut ended = ControlFlow::Continue((0, false));
+        for search in 0..searches {
+            let ControlFlow::Continue((done, false)) = ended else { break };
+            if search > 0 {
+                forecast.load(&self.model, begun.1.iter().copied());
+            }
+            let part = part_before(steps, search + 1, searches) - part_before(steps, search, searches);
+            let mut random = self.long_random(view.slot, search as u32);
+            let mut found = begun.clone();
+            let least = best.0;
+            let watch = &mut |progress: SearchProgress| {
+                watch(SearchProgress { steps: done + progress.steps, cost: progress.cost.min(least) })
+            };
+            ended = self.cool(forecast, &mut found, &mut random, part, watch);
+            ended = ended.map_continue(|(steps, is_optimal)| (done + steps, is_optimal));
+            if found.0 < best.0 {
+                best = found;
+            }
+        }
         forecast.load(&self.model, best.1);
         start::extend(&self.model, forecast); // as a planner does when it resumes the plan
         let (steps, is_optimal) = ended.continue_value()?;
@@ -74,11 +111,10 @@ impl<O: Objective> CarriedPlan<O> {
         &mut self,
         forecast: &mut Forecast<O>,
         best: &mut Best,
-        slot: u64,
+        random: &mut ChaCha8Rng,
         steps: u64,
         watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
     ) -> ControlFlow<(), (u64, bool)> {
-        let mut random = self.long_random(slot);
         let model = &mut self.model;
         let bound = forecast.window.least(model);
         let [first, last] = TEMPERATURES;
@@ -103,11 +139,11 @@ impl<O: Objective> CarriedPlan<O> {
                 _ => last,
             };
             let far = avoidable / begun.len().max(1) as f64 * temperature;
-            let end = steps_before(steps, round + 1);
+            let end = part_before(steps, round + 1, ROUNDS);
             while done < end {
                 let next = WATCHED.min(end - done);
                 let counts = &mut self.counts;
-                let mut search = SearchSteps { is_over: &|| false, random: &mut random, counts, patience: u64::MAX };
+                let mut search = SearchSteps { is_over: &|| false, random: &mut *random, counts, patience: u64::MAX };
                 anneal(model, forecast, Cooling::everywhere(far), next, &mut search, None);
                 done += next;
                 watch(SearchProgress { steps: done, cost: best.0 })?;
@@ -130,8 +166,48 @@ impl<O: Objective> CarriedPlan<O> {
     }
 }
 
-/// The steps, of `steps` in all, that are done when a round begins.
-fn steps_before(steps: u64, round: u64) -> u64 {
-    let before = u128::from(steps) * u128::from(round) / u128::from(ROUNDS);
+/// The steps, of `steps` in all, before part `part` of `parts`.
+fn part_before(steps: u64, part: u64, parts: u64) -> u64 {
+    let before = u128::from(steps) * u128::from(part) / u128::from(parts);
     u64::try_from(before).expect("no more than all steps")
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use skysink_common::scenario::{Overrides, Scenario};
+    use skysink_common::sensors::SensorList;
+    use skysink_common::stop::Stop;
+
+    use super::*;
+    use crate::plan::keys::HorizonKeys;
+    use crate::plan::objective::Loss;
+    use crate::strategy::OwnedSetup;
+
+    #[test]
+    fn of_several_searches_the_best_plan_counts() {
+        let text = "name = 'x'\nslots = 100\narea.side_m = 500.0\nsensors.count = 40\nsensors.sampling_bps = 400.0\n";
+        let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
+        let list = SensorList::of(&scenario).unwrap();
+        let setup = OwnedSetup::new(scenario, &list.nodes()).unwrap();
+        let (setup, queues_bits, stop) = (setup.setup(), list.queues_bits(), Stop::default());
+        let view = View::at_start(&setup, &queues_bits, &stop);
+        let found = |searches: u64, steps: u64| {
+            let mut plan = CarriedPlan::<Loss>::new(&setup, HorizonKeys::of(0));
+            let mut forecast = plan.forecast(&view).unwrap();
+            let mut watched = vec![SearchProgress { steps: 0, cost: f64::INFINITY }];
+            let watch = &mut |progress: SearchProgress| {
+                let last = watched.last().expect("the first");
+                assert!(progress.steps >= last.steps && progress.cost <= last.cost, "{last:?}, then {progress:?}");
+                watched.push(progress);
+                ControlFlow::Continue(())
+            };
+            let outcome = plan.prepare_in(searches, &view, &mut forecast, steps, watch).unwrap();
+            assert_eq!((outcome.steps, outcome.cost), (steps, forecast.cost));
+            outcome.cost
+        };
+        let costs = [1, 2, 3, 4].map(|searches| found(searches, 1_500 * searches));
+        assert!(costs.is_sorted_by(|a, b| a >= b) && costs[3] < costs[0], "{costs:?}");
+    }
 }
