@@ -1,13 +1,12 @@
 //! The visits of a plan by sensor, and what their gaps cost. A change costs more or less for the sensors that it touches
 //! alone, so a step of a search takes as long as what it changes.
 
+use std::ops::Range;
+
 use super::decoder::{Buffers, Visit, serve};
 use super::model::PlanModel;
 use super::objective::{Objective, Reached};
 use super::window::PlanningWindow;
-
-/// Stands for the visit after the last one of a sensor.
-const NONE: u32 = u32::MAX;
 
 /// Shifts [slots] up to which the cost of most gaps is linear: where they are much too long, or not by far.
 const NEAR: i32 = 16;
@@ -21,10 +20,8 @@ struct Served<L> {
     after: L,
     /// What the gap costs.
     cost: f64,
-    /// Visits of the plan up to the one that the gap begins with; 0 if there is none.
-    since: u32,
-    /// Index of the next visit of the sensor, or [`NONE`].
-    next: u32,
+    /// Visits of the sensor before it.
+    nth: u32,
     /// What the gap costs more for each slot that the visit is later, within [`NEAR`]; `None` if that is not linear.
     slope: Option<f64>,
     /// That slope less the one of the next gap of the sensor; 0 for one that is not linear. Summed over all visits from one on
@@ -40,10 +37,10 @@ struct Timeline<L> {
     begun: L,
     /// Indices of its visits in the plan.
     visits: Vec<u32>,
-    /// The last change that touches it, its buffer in the changed plan, and its next visit in the plan before.
+    /// The last change that touches it, its buffer in the changed plan, and its visits in the plan before the next one.
     change: u64,
     reached: L,
-    next: u32,
+    nth: usize,
     /// What it costs after its last visit, and more for each slot that the window is longer, if that is linear.
     end: f64,
     end_slope: Option<f64>,
@@ -75,8 +72,8 @@ pub struct Timelines<O: Objective> {
     unvisited: f64,
     /// What gaps have cost before the window, which is not counted.
     sunk: f64,
-    /// Those of the plan after a change; working memory.
-    rest: Vec<Served<O::Level>>,
+    /// Those that a change adds; working memory.
+    fresh: Vec<Served<O::Level>>,
     /// Slots of the window, and of the mission after it.
     slots: f64,
     beyond_slots: f64,
@@ -84,6 +81,8 @@ pub struct Timelines<O: Objective> {
     change: u64,
     begin: usize,
     touched: Vec<u32>,
+    /// The visits of the changed plan whose slopes differ.
+    changed: Range<usize>,
 }
 
 impl<O: Objective> Buffers<O> for Timelines<O> {
@@ -99,22 +98,45 @@ impl<O: Objective> Buffers<O> for Timelines<O> {
     }
 }
 
-impl<L> Served<L> {
-    /// Puts the visit before visit `next` of its sensor, or the end of the window, with the slope of the gap in between.
-    fn precede(&mut self, next: u32, slope: Option<f64>) {
-        self.next = next;
-        self.slope_difference = self.slope.unwrap_or(0.0) - slope.unwrap_or(0.0);
-        self.is_bent = self.slope.is_none() || next == NONE && slope.is_none();
+impl<L: Copy + PartialEq> Served<L> {
+    /// Puts a new visit, or one of the plan `shift` slots later, after the buffer `before`. Returns whether the rest is as
+    /// it was, so many slots later; if not, the buffer after it is still `before`.
+    #[inline]
+    fn renew(&mut self, before: L, shift: Option<i32>, later: impl Fn(L, f64) -> L) -> bool {
+        let slots = shift.unwrap_or(0);
+        self.visit.slot += slots;
+        let is_same =
+            shift.is_some() && (slots == 0 || self.slope.is_some()) && before == later(self.before, f64::from(slots));
+        self.after = if is_same { later(self.after, f64::from(slots)) } else { before };
+        self.before = before;
+        is_same
+    }
+
+    /// Puts the visit, the one at `index`, before a gap of its sensor with the slope `next`, which may be its last, and
+    /// extends `changed` by it if its slope differs.
+    #[inline]
+    fn precede(&mut self, next: Option<f64>, is_last: bool, index: usize, changed: &mut Range<usize>) {
+        let slope_difference = self.slope.unwrap_or(0.0) - next.unwrap_or(0.0);
+        let is_bent = self.slope.is_none() || is_last && next.is_none();
+        if slope_difference != self.slope_difference || is_bent != self.is_bent {
+            (self.slope_difference, self.is_bent) = (slope_difference, is_bent);
+            *changed = changed.start.min(index)..changed.end.max(index + 1);
+        }
     }
 }
 
 impl<L: Copy> Timeline<L> {
-    /// The buffer before visit `visit` of the plan, and the next visit of the sensor from there on.
+    /// The buffer before visit `visit` of the plan, and the number of visits of the sensor before it.
     #[inline]
-    fn at(&self, plan: &[Served<L>], visit: usize) -> (L, u32) {
-        let before = self.visits.partition_point(|own| (*own as usize) < visit);
-        let level = before.checked_sub(1).map_or(self.begun, |last| plan[self.visits[last] as usize].after);
-        (level, self.visits.get(before).copied().unwrap_or(NONE))
+    fn at(&self, plan: &[Served<L>], visit: usize) -> (L, usize) {
+        let nth = self.visits.partition_point(|own| (*own as usize) < visit);
+        (self.last(nth).map_or(self.begun, |last| plan[last].after), nth)
+    }
+
+    /// Index of the last of its first `nth` visits.
+    #[inline]
+    fn last(&self, nth: usize) -> Option<usize> {
+        nth.checked_sub(1).map(|last| self.visits[last] as usize)
     }
 }
 
@@ -130,18 +152,19 @@ impl<O: Objective> Timelines<O> {
             bent: Vec::new(),
             unvisited: 0.0,
             sunk: 0.0,
-            rest: Vec::new(),
+            fresh: Vec::new(),
             slots: f64::from(window.slots),
             beyond_slots: window.beyond_slots,
             change: 0,
             begin: 0,
             touched: Vec::new(),
+            changed: 0..0,
         };
         for (index, (sensor, &begun)) in model.sensors.iter().zip(levels).enumerate() {
             let (end, end_slope) = (timelines.end(model, index, begun), None);
             timelines.sunk += O::rest(sensor, begun, 0.0) * O::price(sensor);
             let (visits, reached) = (Vec::new(), begun);
-            timelines.timelines.push(Timeline { begun, visits, change: 0, reached, next: NONE, end, end_slope });
+            timelines.timelines.push(Timeline { begun, visits, change: 0, reached, nth: 0, end, end_slope });
         }
         timelines.unvisited = timelines.cost();
         timelines
@@ -183,7 +206,7 @@ impl<O: Objective> Timelines<O> {
     }
 
     /// What a gap of `sensor` up to `slot` costs more for each slot that it is longer, if that is linear.
-    fn slope(&self, model: &PlanModel, sensor: u32, level: O::Level, slot: f64, capacity: f64) -> Option<f64> {
+    fn slope(model: &PlanModel, sensor: u32, level: O::Level, slot: f64, capacity: f64) -> Option<f64> {
         let sensor = &model.sensors[sensor as usize];
         let slope = O::slope(sensor, level, slot, capacity, f64::from(NEAR)).filter(|_| model.others.is_empty())?;
         Some(slope * O::price(sensor))
@@ -191,7 +214,7 @@ impl<O: Objective> Timelines<O> {
 
     /// The same of the last gap, to the end of the window. After that data is lost as before only of full buffers.
     fn end_slope(&self, model: &PlanModel, sensor: u32, level: O::Level) -> Option<f64> {
-        let slope = self.slope(model, sensor, level, self.slots, f64::INFINITY);
+        let slope = Self::slope(model, sensor, level, self.slots, f64::INFINITY);
         slope.filter(|slope| self.beyond_slots <= 0.0 || *slope > 0.0)
     }
 
@@ -215,7 +238,7 @@ impl<O: Objective> Timelines<O> {
         let timeline = &mut self.timelines[sensor as usize];
         if timeline.change != self.change {
             timeline.change = self.change;
-            (timeline.reached, timeline.next) = timeline.at(&self.plan, self.begin);
+            (timeline.reached, timeline.nth) = timeline.at(&self.plan, self.begin);
             self.touched.push(sensor);
         }
         timeline
@@ -224,10 +247,10 @@ impl<O: Objective> Timelines<O> {
     /// The same of the sensor of visit `index` of the plan, unless an earlier one touches it.
     #[inline]
     fn touch_visited(&mut self, index: usize) {
-        let Served { visit: Visit { sensor, .. }, before, .. } = self.plan[index];
+        let Served { visit: Visit { sensor, .. }, before, nth, .. } = self.plan[index];
         let timeline = &mut self.timelines[sensor as usize];
         if timeline.change != self.change {
-            (timeline.change, timeline.reached, timeline.next) = (self.change, before, index as u32);
+            (timeline.change, timeline.reached, timeline.nth) = (self.change, before, nth as usize);
             self.touched.push(sensor);
         }
     }
@@ -262,7 +285,8 @@ impl<O: Objective> Timelines<O> {
             if timeline.change == self.change {
                 continue;
             }
-            if served.since as usize <= from && !(is_near && served.slope.is_some()) {
+            let nth = served.nth as usize;
+            if !(is_near && served.slope.is_some()) && timeline.last(nth).is_none_or(|last| last < from) {
                 let mut level = served.before;
                 let cost = serve::<O>(model, &mut level, &served.visit.later(shift));
                 if !Self::agrees(model, served, level, shift) {
@@ -271,7 +295,7 @@ impl<O: Objective> Timelines<O> {
                 }
                 more += cost - served.cost;
             }
-            if served.next == NONE && !(is_near && timeline.end_slope.is_some()) {
+            if nth + 1 == timeline.visits.len() && !(is_near && timeline.end_slope.is_some()) {
                 let level = O::later(served.after, f64::from(shift));
                 more += self.end(model, served.visit.sensor as usize, level) - timeline.end;
             }
@@ -282,27 +306,25 @@ impl<O: Objective> Timelines<O> {
     /// The same of a touched sensor. As soon as its buffer is that of the plan, the other gaps cost the same.
     #[inline]
     fn added_by_touched(&self, model: &PlanModel, sensor: u32, Rest { from, until, shift }: Rest) -> f64 {
-        let Timeline { mut reached, mut next, ref visits, end, end_slope, .. } = self.timelines[sensor as usize];
-        while (next as usize) < from {
-            next = self.plan[next as usize].next;
-        }
+        let Timeline { mut reached, nth, ref visits, end, end_slope, .. } = self.timelines[sensor as usize];
+        let replaced = visits[nth..].iter().take_while(|visit| (**visit as usize) < from).count();
+        let own = &visits[nth + replaced..];
         let mut more = 0.0;
-        if let Some(first) = self.plan.get(next as usize).filter(|_| shift != 0 && shift.abs() <= NEAR) {
-            let slope = first.slope.unwrap_or(0.0) - end_slope.unwrap_or(0.0);
+        if let Some(&first) = own.first().filter(|_| shift != 0 && shift.abs() <= NEAR) {
+            let slope = self.plan[first as usize].slope.unwrap_or(0.0) - end_slope.unwrap_or(0.0);
             more -= slope * f64::from(shift); // it is counted among the untouched ones
         }
-        while (next as usize) < until {
-            let served = &self.plan[next as usize];
+        for &index in own.iter().take_while(|visit| (**visit as usize) < until) {
+            let served = &self.plan[index as usize];
             more += serve::<O>(model, &mut reached, &served.visit.later(shift)) - served.cost;
             if Self::agrees(model, served, reached, shift) {
                 if shift == 0 {
                     return more;
                 }
-                let last = visits.iter().rfind(|visit| (**visit as usize) < until).expect("this one, or a later one");
+                let last = own.iter().rfind(|visit| (**visit as usize) < until).expect("this one, or a later one");
                 reached = O::later(self.plan[*last as usize].after, f64::from(shift));
                 break;
             }
-            next = served.next;
         }
         more + self.end(model, sensor as usize, reached) - end
     }
@@ -318,77 +340,110 @@ impl<O: Objective> Timelines<O> {
     }
 
     /// Replaces the visits of the plan between the begin of the change and `rest` by `visits`.
-    pub fn accept(&mut self, model: &PlanModel, visits: &[Visit], Rest { from, until, shift }: Rest) {
+    pub fn accept(&mut self, model: &PlanModel, visits: &[Visit], rest: Rest) {
+        let Rest { from, until, shift } = rest;
         self.begin(self.begin); // the buffers are those before it again
-        for index in self.begin..self.plan.len() {
-            self.touch(self.plan[index].visit.sensor);
-        }
-        for &sensor in &self.touched {
-            let own = &mut self.timelines[sensor as usize].visits;
-            own.truncate(own.partition_point(|visit| (*visit as usize) < self.begin));
-        }
-        let mut rest = std::mem::take(&mut self.rest);
-        rest.clear();
-        rest.extend_from_slice(&self.plan[from..until]);
-        self.plan.truncate(self.begin);
-        visits.iter().for_each(|visit| self.push(model, visit, None));
-        rest.iter().for_each(|served| self.push(model, &served.visit.later(shift), Some((served, shift))));
-        self.rest = rest;
-        for &sensor in &self.touched {
-            let Timeline { reached, ref visits, .. } = self.timelines[sensor as usize];
-            let end_slope = self.end_slope(model, sensor, reached);
-            if let Some(&last) = visits.last() {
-                self.plan[last as usize].precede(NONE, end_slope);
+        (self.begin..from).for_each(|index| self.touch_visited(index));
+        (until..self.plan.len()).for_each(|index| _ = self.touch(self.plan[index].visit.sensor));
+        for (index, &visit) in (self.begin as u32..).zip(visits) {
+            let Timeline { visits: own, nth, reached: before, .. } = self.touch(visit.sensor);
+            match own.get_mut(*nth).filter(|own| (**own as usize) < from) {
+                Some(own) => *own = index,
+                None => own.insert(*nth, index),
             }
-            let end = self.end(model, sensor as usize, reached);
-            let timeline = &mut self.timelines[sensor as usize];
-            (timeline.end, timeline.end_slope) = (end, end_slope);
+            let (before, nth) = (*before, std::mem::replace(nth, *nth + 1) as u32);
+            let (after, cost, slope, slope_difference, is_bent) = (before, 0.0, None, 0.0, false);
+            self.fresh.push(Served { visit, before, after, cost, nth, slope, slope_difference, is_bent });
+        }
+        for &sensor in &self.touched {
+            let Timeline { visits: own, nth, .. } = &mut self.timelines[sensor as usize];
+            own.truncate(*nth + own[*nth..].partition_point(|visit| (*visit as usize) < until));
+            let replaced = own[*nth..].iter().take_while(|visit| (**visit as usize) < from).count();
+            own.drain(*nth..*nth + replaced);
+            for (nth, &visit) in (*nth as u32..).zip(&own[*nth..]) {
+                self.plan[visit as usize].nth = nth;
+            }
+        }
+        self.plan.truncate(until);
+        self.plan.splice(self.begin..from, self.fresh.drain(..));
+        let new_from = self.begin + visits.len();
+        self.changed = self.begin..new_from;
+        for touched in 0..self.touched.len() {
+            let sensor = self.touched[touched];
+            self.follow(model, sensor, self.timelines[sensor as usize].nth, rest, new_from);
+        }
+        for index in if shift != 0 || new_from != from { new_from..self.plan.len() } else { 0..0 } {
+            let Served { visit: Visit { sensor, .. }, nth, .. } = self.plan[index];
+            if self.timelines[sensor as usize].change != self.change {
+                self.follow(model, sensor, nth as usize, rest, new_from);
+            }
         }
         self.change += 1; // nothing is reached any more
-        self.sum_slopes();
+        self.sum_slopes(rest, new_from);
     }
 
-    /// Adds a visit to the plan: one that was `then` so many slots before, or a new one.
+    /// Brings up to date the visits of a sensor from its visit `nth` on, the first in the rest, and new ones before it.
     #[inline]
-    fn push(&mut self, model: &PlanModel, visit: &Visit, then: Option<(&Served<O::Level>, i32)>) {
-        let index = self.plan.len() as u32;
-        let before = self.touch(visit.sensor).reached;
-        let later = |level: O::Level, shift: i32| O::later(level, f64::from(shift));
-        let is_same = |&(served, shift): &(&Served<O::Level>, i32)| {
-            (shift == 0 || served.slope.is_some()) && before == later(served.before, shift)
-        };
-        let (cost, after, slope) = if let Some((served, shift)) = then.filter(is_same) {
-            (served.cost, later(served.after, shift), served.slope)
-        } else {
-            let mut level = before;
-            let cost = serve::<O>(model, &mut level, visit);
-            (cost, level, self.slope(model, visit.sensor, before, f64::from(visit.slot), visit.capacity))
-        };
-        let timeline = &mut self.timelines[visit.sensor as usize];
-        timeline.reached = after;
-        let last = timeline.visits.last().copied();
-        timeline.visits.push(index);
-        if let Some(last) = last {
-            self.plan[last as usize].precede(index, slope);
+    fn follow(&mut self, model: &PlanModel, sensor: u32, mut nth: usize, rest: Rest, new_from: usize) {
+        let Self { plan, timelines, changed, .. } = self;
+        let timeline = &mut timelines[sensor as usize];
+        let is_touched = std::mem::replace(&mut timeline.change, self.change) == self.change;
+        timeline.visits[nth..].iter_mut().for_each(|visit| *visit = *visit + new_from as u32 - rest.from as u32);
+        if rest.shift == 0 && !is_touched {
+            return;
         }
-        let (since, is_bent) = (last.map_or(0, |last| last + 1), slope.is_none());
-        let (visit, next, slope_difference) = (*visit, NONE, 0.0);
-        self.plan.push(Served { visit, before, after, cost, since, next, slope, slope_difference, is_bent });
-    }
-
-    /// Adds up the slopes of the plan.
-    fn sum_slopes(&mut self) {
-        self.bent.clear();
-        self.slopes.resize(self.plan.len() + 1, 0.0);
-        let mut slope = 0.0;
-        self.slopes[self.plan.len()] = slope;
-        for (index, served) in self.plan.iter().enumerate().rev() {
-            slope += served.slope_difference;
-            self.slopes[index] = slope;
-            if served.is_bent {
-                self.bent.push(index as u32);
+        while timeline.last(nth).is_some_and(|last| last >= self.begin) {
+            nth -= 1;
+        }
+        let mut last = timeline.last(nth);
+        let mut reached = last.map_or(timeline.begun, |last| plan[last].after);
+        for &index in &timeline.visits[nth..] {
+            let index = index as usize;
+            let served = &mut plan[index];
+            let is_same = served.renew(reached, (index >= new_from).then_some(rest.shift), O::later);
+            if !is_same {
+                served.cost = serve::<O>(model, &mut served.after, &served.visit);
+                let Visit { slot, capacity, .. } = served.visit;
+                served.slope = Self::slope(model, sensor, reached, f64::from(slot), capacity);
+            }
+            reached = served.after;
+            let slope = served.slope;
+            if let Some(last) = last.replace(index) {
+                plan[last].precede(slope, false, last, changed);
+            }
+            if is_same && rest.shift == 0 {
+                return; // nor do the later ones differ
             }
         }
-        self.bent.reverse();
+        let (end, end_slope) = (self.end(model, sensor as usize, reached), self.end_slope(model, sensor, reached));
+        if let Some(last) = last {
+            self.plan[last].precede(end_slope, true, last, &mut self.changed);
+        }
+        let timeline = &mut self.timelines[sensor as usize];
+        (timeline.end, timeline.end_slope) = (end, end_slope);
+    }
+
+    /// Adds up the slopes of the plan again, where they differ after a change before `rest`, which now begins at `new_from`.
+    fn sum_slopes(&mut self, Rest { from, until, .. }: Rest, new_from: usize) {
+        let Range { start, mut end } = self.changed;
+        if until + 1 < self.slopes.len() {
+            self.slopes.truncate(until + 1);
+            self.slopes[until] = 0.0;
+            end = self.plan.len();
+        }
+        let then = end + from - new_from;
+        self.slopes.splice(start..then, std::iter::repeat_n(0.0, end - start));
+        for index in (0..end).rev() {
+            let slope = self.slopes[index + 1] + self.plan[index].slope_difference;
+            if index < start && slope == self.slopes[index] {
+                break;
+            }
+            self.slopes[index] = slope;
+        }
+        let [first, last] = [start, then].map(|end| self.bent.partition_point(|index| (*index as usize) < end));
+        self.bent.truncate(self.bent.partition_point(|index| (*index as usize) < until));
+        self.bent[last..].iter_mut().for_each(|index| *index = *index + new_from as u32 - from as u32);
+        let bent = (start..end).filter(|&index| self.plan[index].is_bent).map(|index| index as u32);
+        self.bent.splice(first..last, bent);
     }
 }
