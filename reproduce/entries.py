@@ -5,6 +5,7 @@ A table is returned as the Markdown between its markers in the book, a figure as
 
 import csv
 import os
+import random
 import subprocess
 import sys
 from collections import defaultdict
@@ -73,8 +74,8 @@ class Missions:
         return [float(row[metric]) for row in self.rows if row[metric]]
 
     def fields(self):
-        """The number of fields: seeds are counted from 1."""
-        return len({row["seed"] for row in self.rows})
+        """The number of fields: seeds are counted from 1, or each has a list."""
+        return len({(row["seed"], row.get("sensors.file")) for row in self.rows})
 
     def best_known(self):
         """The least loss in each field."""
@@ -97,10 +98,10 @@ def is_value(text, value):
     return text == value if isinstance(value, str) else float(text) == value
 
 
-def sweep(name):
-    """The missions of scenarios/sweeps/NAME.toml, simulated where they are missing."""
-    folder = OUT / "sweeps" / name
-    run("skysink", "sweep", f"scenarios/sweeps/{name}.toml", "--out", folder, "--threads", options.threads)
+def sweep(name, folder=Path("scenarios/sweeps")):
+    """The missions of FOLDER/NAME.toml, simulated where they are missing."""
+    file, folder = folder / f"{name}.toml", OUT / "sweeps" / name
+    run("skysink", "sweep", file, "--out", folder, "--threads", options.threads)
     with open(folder / "results.csv") as file:
         return Missions(list(csv.DictReader(file)))
 
@@ -154,6 +155,7 @@ ONE_SLOT = ["rfs", "gfs", "uts", "uts-wide", "exact"]
 def fields_of(cheap, ahead, columns):
     """The seeds of a table with columns of two sweeps."""
     return f"seeds 1 to {cheap.fields()}; 1 to {ahead.fields()} for {columns}"
+
 
 @entry("area", 16)
 def area():
@@ -221,6 +223,19 @@ def running_time():
     return table("time", ["W, mission", *strategies], rows, f"seeds 1 to {missions.fields()}")
 
 
+@entry("acceleration", 8)
+def acceleration():
+    """The loss against the area, with a UAV that accelerates and noise by its density."""
+    missions = sweep("acceleration")
+    strategies = [*ONE_SLOT, "tour", "horizon"]
+    rows = [
+        [f"{radio}, {side} m", *(missions.at({SIDE: side} | keys).loss(strategy) for strategy in strategies)]
+        for radio, keys in [("5 MHz", WIDE), ("5 kHz", NARROW)]
+        for side in [100, 200, 300, 1000]
+    ]
+    return table("acceleration", ["W, side", *strategies], rows, f"seeds 1 to {missions.fields()}")
+
+
 @entry("look-ahead", 0)
 def look_ahead():
     """The loss of every strategy at five settings."""
@@ -250,23 +265,26 @@ def look_ahead():
 @entry("altitude-gain", 1.5)
 def altitude_gain():
     """The loss in three dimensions, at fixed and free altitudes."""
-    missions = sweep("altitude-free")
+    missions, ahead = sweep("altitude-free"), sweep("altitude-ahead")
     start = {"uav.altitude_m": 50, "uav.altitude": "free"}
     heights = [20, 50, 80, 120]
     rows = []
     for environment in ["suburban", "urban", "dense-urban", "high-rise"]:
         here = missions.at({"link.environment": environment})
         fixed = [here.at({"uav.altitude": "fixed", "uav.altitude_m": height}).loss("uts-wide") for height in heights]
-        rows.append([environment, *fixed, *(here.at(start).loss(strategy) for strategy in ["uts-wide", "gfs"])])
+        free = [here.at(start).loss(strategy) for strategy in ["uts-wide", "gfs"]]
+        there = ahead.at({"link.environment": environment})
+        searched = [there.at({"uav.altitude": kind}).loss("horizon") for kind in ["fixed", "free"]]
+        rows.append([environment, *fixed, *free, *searched])
     head = ["environment", *(f"uts-wide, {height} m" for height in heights)]
-    head += ["uts-wide, free", "gfs, free"]
-    return table("altitude-gain", head, rows, f"seeds 1 to {missions.fields()}")
+    head += ["uts-wide, free", "gfs, free", "horizon, 50 m", "horizon, free"]
+    return table("altitude-gain", head, rows, fields_of(missions, ahead, "the last two columns"))
 
 
 @entry("return-cost", 1.5)
 def return_cost():
     """The loss of UAVs that return to a base, by battery and charger."""
-    missions = sweep("return")
+    missions, ahead = sweep("return"), sweep("return-ahead")
     strategies = ["gfs", "exact", "edf", "mes", "tour"]
     rows = []
     for side in [300, 1000]:
@@ -279,9 +297,32 @@ def return_cost():
         ]:
             keys = {SIDE: side, "uav.battery.capacity_j": capacity_j, "base.charge_w": charge_w}
             here = missions.at(keys)
-            rows.append([f"{side} m, {label}", *(here.loss(strategy) for strategy in strategies)])
-    head = ["side, battery, charger", *strategies]
+            losses = [here.loss(strategy) for strategy in strategies]
+            rows.append([f"{side} m, {label}", *losses, ahead.at(keys).loss("horizon")])
+    head = ["side, battery, charger", *strategies, "horizon"]
     return table("return-cost", head, rows, f"seeds 1 to {missions.fields()}")
+
+
+def weighted_fields(count):
+    """Missions over random fields in which one sensor node in five has the weight 10, and over the same without weights."""
+    folder = OUT / "weighted"
+    folder.mkdir(parents=True, exist_ok=True)
+    names = {kind: [f"{kind}-{field}.csv" for field in range(1, count + 1)] for kind in ["heavy", "equal"]}
+    for field, (heavy, equal) in enumerate(zip(*names.values()), 1):
+        drawn = random.Random(field)
+        spots = [f"{drawn.uniform(0, 300):.1f},{drawn.uniform(0, 300):.1f}" for _ in range(200)]
+        weights = [10 if drawn.random() < 0.2 else 1 for _ in spots]
+        (folder / equal).write_text("\n".join(["x_m,y_m", *spots, ""]))
+        rows = [f"{spot},{weight}" for spot, weight in zip(spots, weights)]
+        (folder / heavy).write_text("\n".join(["x_m,y_m,weight", *rows, ""]))
+    scenario = Path("scenarios/weighted/weighted.toml").read_text()
+    (folder / "weighted.toml").write_text(scenario.replace('"sensors.csv"', f'"{names["heavy"][0]}"'))
+    files = [name for kind in names.values() for name in kind]
+    text = Path("scenarios/sweeps/models-weights.toml").read_text()
+    text = text.replace("../weighted/", "").replace('["sensors.csv", "equal.csv"]', str(files).replace("'", '"'))
+    (folder / "models-weights.toml").write_text(text)
+    missions = sweep("models-weights", folder)
+    return (Missions([row for row in missions.rows if row["sensors.file"] in kind]) for kind in names.values())
 
 
 @entry("models", 7)
@@ -289,8 +330,8 @@ def models():
     """The loss under models that are off by default."""
     strategies = ["gfs", "uts", "exact", "edf", "tour", "horizon"]
     knowledge, learnt = sweep("knowledge"), sweep("learnt-rates")
-    arrivals, sight, noise, weights = (sweep(f"models-{name}") for name in ["arrivals", "los", "noise", "weights"])
-    heavy = weights.at({"sensors.file": "sensors.csv"})
+    arrivals, sight, noise = (sweep(f"models-{name}") for name in ["arrivals", "los", "noise"])
+    heavy, equal = weighted_fields(20)
     cases = [
         ("all queues known, 1 000 m", knowledge.at({"planner.knowledge": "oracle"}), "loss_rate"),
         ("queues estimated", knowledge.at({"planner.knowledge": "estimated"}), "loss_rate"),
@@ -306,7 +347,7 @@ def models():
         ("2 kHz, 200 m", 200, 2e3),
     ]:
         cases.append((label, noise.at({SIDE: side, BANDWIDTH: bandwidth_hz}), "loss_rate"))
-    cases.append(("without weights, η", weights.at({"sensors.file": "equal.csv"}), "loss_rate"))
+    cases.append(("without weights, η", equal, "loss_rate"))
     cases.append(("with weights, η", heavy, "loss_rate"))
     cases.append(("with weights, η_w", heavy, "weighted_loss_rate"))
     rows = [
@@ -372,7 +413,7 @@ def ages():
 def ablation():
     """What parts and search steps of `horizon` change."""
     parts, steps = sweep("ablation"), sweep("ablation-steps")
-    columns = [{SIDE: 300}, {SIDE: 1000}]
+    columns = [{SIDE: 300} | NARROW, {SIDE: 1000} | NARROW, {SIDE: 1000} | WIDE]
     settings = [parts.at(keys) for keys in columns]
     everything = [missions.at({"planner.horizon.without": "nothing"}) for missions in settings]
     rows = [["all parts", *(missions.loss("horizon") for missions in everything)]]
@@ -386,7 +427,7 @@ def ablation():
     for count in [0, 600, 6000]:
         at_steps = steps.at({"planner.horizon.iterations": count})
         rows.append([f"{count} steps", *(at_steps.at(keys).loss("horizon") for keys in columns)])
-    head = ["`horizon`, 5 kHz", "300 m", "1 000 m"]
+    head = ["`horizon`", "5 kHz, 300 m", "5 kHz, 1 000 m", "5 MHz, 1 000 m"]
     return table("ablation", head, rows, fields_of(parts, steps, "the last three rows"))
 
 

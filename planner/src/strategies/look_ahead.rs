@@ -69,7 +69,8 @@ skysink_common::keys! {
     #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields)]
     pub struct OfflineKeys {
-        /// Search steps before slot 1; a million take about two seconds.
+        /// Search steps before slot 1; a million take some ten seconds for 200 SNs. Beyond five million they are spent on
+        /// further searches from the same first plan, with other random numbers; the best plan is flown.
         steps: u64 = 1000000, Accepts::Whole(0, MAX_STEPS);
     }
 }
