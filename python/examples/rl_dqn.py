@@ -18,12 +18,12 @@ from rl_network import scores, weights_of
 BATCH = 64  # transitions of an update
 UPDATES = 2  # in each slot
 AHEAD = 3  # slots whose rewards are summed before the values are asked
-KEPT = 1500  # slots of all environments in the memory
+KEPT = 4000  # slots of all environments in the memory: all of a training, or the values drift
 BEFORE_LEARNING = 50  # slots
 TARGET_RATE = 0.005  # of the target network towards the other, in an update
 RATES = (5e-4, 5e-5)  # of learning, at the beginning and at the end
-RANDOM = (1.0, 0.05)  # probability of a random SN, at the beginning and after ...
-RANDOM_FOR = 0.15  # ... this fraction of the training
+RANDOM = (1.0, 0.1)  # probability of a random SN, at the beginning and after ...
+RANDOM_FOR = 0.2  # ... this fraction of the training
 
 Observed = dict[str, NDArray[np.float32]]
 

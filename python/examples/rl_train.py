@@ -3,14 +3,15 @@
     pip install ./python -r python/examples/requirements-rl.txt
     python python/examples/rl_train.py                     # writes ppo_weights.npz, ppo_curve.csv and ppo_curve.png
     python python/examples/rl_train.py --task fleet        # the same as ppo_fleet_*, for the two UAVs of small_fleet.toml
-    python python/examples/rl_train.py --task library --steps 5e5                     # as ppo_library_*, for library_fly.py
-    python python/examples/rl_train.py --task library --steps 5e5 --algorithm dqn     # as dqn_library_*
+    python python/examples/rl_train.py --task library --steps 143360                      # ppo_library_*, for library_fly.py
+    python python/examples/rl_train.py --task library --steps 163840 --algorithm dqn      # dqn_library_*
 
 The UAVs of a fleet share one policy: each is an environment of its own to the training, and earns the bits that are
 delivered because of it. For the library the fields are those of typical.toml, of four sides and sampling rates.
 
 After every 320 slots the deterministic policy is evaluated on the twenty fields of the seeds 1001 to 1020, and the weights
-with the lowest loss rate so far are saved. ppo_fly.py, ppo_fleet.py and library_fly.py fly them on other fields.
+with the lowest loss rate so far are saved. The training of dqn_library_* was stopped after
+102,400 steps; its weights are those after 61,440. ppo_fly.py, ppo_fleet.py and library_fly.py fly them on other fields.
 """
 
 from __future__ import annotations
@@ -78,6 +79,7 @@ def write_curve(rows: list[Row], name: str, folder: Path) -> None:
     axes.set_ylim(min(ticks[0], least), 1.0)
     axes.legend(frameon=False)
     figure.savefig(folder / f"{name}_curve.png", dpi=150)
+    pyplot.close(figure)
 
 
 def main() -> None:
@@ -111,7 +113,7 @@ def main() -> None:
             np.savez(args.out / f"{name}_weights.npz", allow_pickle=False, **weights)
         rows.append(Row(number * task.envs * SLOTS, time.perf_counter() - begin, training_loss_rate, loss_rate))
         print("{:9,} steps, {:4.0f} s: loss rate {:.4f} stochastic, {:.4f} deterministic".format(*rows[-1]), flush=True)
-    write_curve(rows, name, args.out)
+        write_curve(rows, name, args.out)
 
 
 if __name__ == "__main__":
