@@ -7,15 +7,18 @@ import subprocess
 import sys
 from collections import defaultdict
 from concurrent.futures import ThreadPoolExecutor
+from importlib.util import find_spec
 from pathlib import Path
 
 LIBRARY = Path("library")
 STANDINGS = LIBRARY / "standings.csv"
 COLUMNS = ["instance", "strategy", "version", "value"]
 CHEAP = "rfs gfs uts uts-wide exact edf whittle mes max-age-first tour".split()
+POLICIES = ["dqn", "ppo"]  # of python/examples/rl_train.py
+LEARNT = "python/examples/library_fly.py"
 FLYERS = {name: (name, []) for name in CHEAP} | {
     f"horizon {steps}": ("horizon", ["--set", f"planner.horizon.iterations={steps}"]) for steps in [20, 100]
-}
+} | {policy: (f"{LEARNT} --policy {policy}", []) for policy in POLICIES}
 
 
 def command(*words, refused=None):
@@ -27,6 +30,18 @@ def command(*words, refused=None):
     if done.returncode:
         sys.exit(f"reproduce/run: {' '.join(map(str, words))}: {done.stderr.strip()}")
     return json.loads(done.stdout)
+
+
+def of_seeds(folder):
+    """The runs of all seeds in a folder."""
+    return sorted(folder.iterdir(), key=lambda run: int(run.name))
+
+
+def flown_in_python(instance, policy, folder):
+    """Flies a learnt policy over an instance, and returns the runs."""
+    words = [sys.executable, LEARNT, instance, "--policy", policy, "--out", folder.parent]
+    subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
+    return of_seeds(folder)
 
 
 def is_better(measure, value, other):
@@ -60,7 +75,11 @@ class Standings:
         self.folder, self.version = folder / version, version
         self.folder.mkdir(parents=True, exist_ok=True)
         self.instances = [row["name"] for row in command("list")]
-        pairs = [(instance, flyer) for instance in self.instances for flyer in FLYERS]
+        self.flyers = list(FLYERS)
+        if not find_spec("skysink"):
+            print(f"reproduce/run: {', '.join(POLICIES)}: left as they are, as Python has no skysink", file=sys.stderr)
+            self.flyers = [flyer for flyer in FLYERS if flyer not in POLICIES]
+        pairs = [(instance, flyer) for instance in self.instances for flyer in self.flyers]
         with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
             verdicts = dict(zip(pairs, pool.map(lambda pair: self.flown(*pair), pairs)))
         self.verdicts = {pair: verdict for pair, verdict in verdicts.items() if verdict}
@@ -76,7 +95,10 @@ class Standings:
         if kept.exists():
             return json.loads(kept.read_text())
         strategy, options = FLYERS[flyer]
-        verdict = command("fly", instance, strategy, *options, "--out", folder, "--force", refused={})
+        if flyer in POLICIES:
+            verdict = command("verify", *flown_in_python(instance, flyer, folder))
+        else:
+            verdict = command("fly", instance, strategy, *options, "--out", folder, "--force", refused={})
         if verdict:
             Path(f"{kept}.new").write_text(json.dumps(verdict))
             Path(f"{kept}.new").rename(kept)
@@ -90,14 +112,14 @@ class Standings:
             for flyer, verdict in own:
                 if best is None or is_better(verdict["measure"], verdict["value"], best["value"]):
                     folder = self.run_folder(instance, flyer)
-                    runs = [folder] if (folder / "slots.csv").exists() else sorted(folder.iterdir(), key=lambda run: int(run.name))
+                    runs = [folder] if (folder / "slots.csv").exists() else of_seeds(folder)
                     strategy, options = FLYERS[flyer]
                     by = ", ".join([strategy, *(key.replace("=", " = ") for key in options[1::2])])
                     best = command("submit", *runs, "--by", by)
 
     def write(self):
         """Writes the values of this version into standings.csv, behind those of others."""
-        others = [row for row in standings() if row["version"] != self.version]
+        others = [row for row in standings() if row["version"] != self.version or row["strategy"] not in self.flyers]
         own = [
             dict(zip(COLUMNS, [*pair, self.version, verdict["value"]])) for pair, verdict in self.verdicts.items()
         ]

@@ -1,4 +1,4 @@
-"""Compares the shared policy of ppo_train.py --fleet with Skysink's strategies, on twenty fields that were not used in training.
+"""Compares the shared policy of rl_train.py --task fleet with Skysink's strategies, on twenty fields that were not used in training.
 
     python python/examples/ppo_fleet.py
 
@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import skysink
 from numpy.typing import NDArray
-from ppo_fly import REACH, Weights, choose, load
+from ppo_fly import Weights, choose, load, scale_of
 
 SCENARIO = Path(__file__).with_name("small_fleet.toml")
 WEIGHTS = Path(__file__).with_name("ppo_fleet_weights.npz")
@@ -26,11 +26,12 @@ def loss_rates(scenario: skysink.Scenario, weights: Weights) -> NDArray[np.float
     batch = skysink.FleetBatch(FIELDS, scenario, FIELDS, list(OBSERVED))
     actions, observations, rewards, down, over = batch.arrays()
     batch.reset_into(observations)
+    scale = scale_of(scenario.field()).astype(np.float32)
     while not over.any():
         seen = {name: observations[..., place].reshape(FIELDS, batch.agents, *OBSERVED[name]) for name, place in batch.slices.items()}
-        targets = choose(weights, seen)
+        targets = choose(weights, seen | {"scale": scale})
         towards = np.take_along_axis(seen["positions"], targets[..., None, None], axis=-2)[..., 0, :]
-        actions[...] = (towards - seen["uav"][..., :2]) / REACH  # the environment shortens what is longer than a flight
+        actions[...] = (towards - seen["uav"][..., :2]) / scale[0]  # the environment shortens what is longer than a flight
         batch.step_into(actions, observations, rewards, down, over)
     sampled_bits: float = scenario.slots * scenario.to_dict()["slot_s"] * float(np.sum(scenario.sensors()["sampling_bps"]))
     lost_bits, _delivered_bits = batch.totals
