@@ -187,7 +187,7 @@ mod tests {
 
     #[test]
     fn of_several_searches_the_best_plan_counts() {
-        let text = "name = 'x'\nslots = 100\narea.side_m = 500.0\nsensors.count = 40\nsensors.sampling_bps = 400.0\n";
+        let text = "name = 'x'\nslots = 100\narea.side_m = 800.0\nsensors.count = 60\nsensors.sampling_bps = 300.0\n";
         let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
         let list = SensorList::of(&scenario).unwrap();
         let setup = OwnedSetup::new(scenario, &list.nodes()).unwrap();
@@ -207,7 +207,7 @@ mod tests {
             assert_eq!((outcome.steps, outcome.cost), (steps, forecast.cost));
             outcome.cost
         };
-        let costs = [1, 2, 3, 4].map(|searches| found(searches, 1_500 * searches));
+        let costs = [1, 2, 3, 4].map(|searches| found(searches, 10_000 * searches));
         assert!(costs.is_sorted_by(|a, b| a >= b) && costs[3] < costs[0], "{costs:?}");
     }
 }
