@@ -62,14 +62,13 @@ impl<O: Objective> CarriedPlan<O> {
         steps: u64,
         watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
     ) -> Option<SearchOutcome> {
-        let searches = steps.div_ceil(MOST_STEPS).max(1);
-        self.prepare_in(searches, view, forecast, steps, watch)
+        self.prepare_by(MOST_STEPS, view, forecast, steps, watch)
     }
 
-    /// The same in so many searches from the plan of `forecast`, each with other random numbers.
-    pub(crate) fn prepare_in(
+    /// The same by searches of at most `most` steps from the plan of `forecast`, each with other random numbers.
+    fn prepare_by(
         &mut self,
-        searches: u64,
+        most: u64,
         view: &View,
         forecast: &mut Forecast<O>,
         steps: u64,
@@ -79,19 +78,18 @@ impl<O: Objective> CarriedPlan<O> {
         let begun = (forecast.cost, forecast.stops());
         let mut best = begun.clone();
         let mut ended = ControlFlow::Continue((0, false));
-        for search in 0..searches {
+        for search in 0..steps.div_ceil(most).max(1) {
             let ControlFlow::Continue((done, false)) = ended else { break };
             if search > 0 {
                 forecast.load(&self.model, begun.1.iter().copied());
             }
-            let part = part_before(steps, search + 1, searches) - part_before(steps, search, searches);
             let mut random = self.long_random(view.slot, search as u32);
             let mut found = begun.clone();
             let least = best.0;
             let watch = &mut |progress: SearchProgress| {
                 watch(SearchProgress { steps: done + progress.steps, cost: progress.cost.min(least) })
             };
-            ended = self.cool(forecast, &mut found, &mut random, part, watch);
+            ended = self.cool(forecast, &mut found, &mut random, most.min(steps - done), watch);
             ended = ended.map_continue(|(steps, is_optimal)| (done + steps, is_optimal));
             if found.0 < best.0 {
                 best = found;
@@ -139,7 +137,7 @@ impl<O: Objective> CarriedPlan<O> {
                 _ => last,
             };
             let far = avoidable / begun.len().max(1) as f64 * temperature;
-            let end = part_before(steps, round + 1, ROUNDS);
+            let end = steps_before(steps, round + 1);
             while done < end {
                 let next = WATCHED.min(end - done);
                 let counts = &mut self.counts;
@@ -166,9 +164,9 @@ impl<O: Objective> CarriedPlan<O> {
     }
 }
 
-/// The steps, of `steps` in all, before part `part` of `parts`.
-fn part_before(steps: u64, part: u64, parts: u64) -> u64 {
-    let before = u128::from(steps) * u128::from(part) / u128::from(parts);
+/// The steps, of `steps` in all, that are done when a round begins.
+fn steps_before(steps: u64, round: u64) -> u64 {
+    let before = u128::from(steps) * u128::from(round) / u128::from(ROUNDS);
     u64::try_from(before).expect("no more than all steps")
 }
 
@@ -193,21 +191,26 @@ mod tests {
         let setup = OwnedSetup::new(scenario, &list.nodes()).unwrap();
         let (setup, queues_bits, stop) = (setup.setup(), list.queues_bits(), Stop::default());
         let view = View::at_start(&setup, &queues_bits, &stop);
-        let found = |searches: u64, steps: u64| {
-            let mut plan = CarriedPlan::<Loss>::new(&setup, HorizonKeys::of(0));
+        let plan = CarriedPlan::<Loss>::new(&setup, HorizonKeys::of(0));
+        let found = |steps: u64, until: u64| {
+            let mut plan = plan.clone();
             let mut forecast = plan.forecast(&view).unwrap();
             let mut watched = vec![SearchProgress { steps: 0, cost: f64::INFINITY }];
             let watch = &mut |progress: SearchProgress| {
                 let last = watched.last().expect("the first");
                 assert!(progress.steps >= last.steps && progress.cost <= last.cost, "{last:?}, then {progress:?}");
                 watched.push(progress);
-                ControlFlow::Continue(())
+                if progress.steps > until { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
             };
-            let outcome = plan.prepare_in(searches, &view, &mut forecast, steps, watch).unwrap();
-            assert_eq!((outcome.steps, outcome.cost), (steps, forecast.cost));
-            outcome.cost
+            let outcome = plan.prepare_by(10_000, &view, &mut forecast, steps, watch);
+            assert!(outcome.is_none_or(|outcome| (outcome.steps, outcome.cost) == (steps, forecast.cost)));
+            (outcome.is_some(), forecast.cost)
         };
-        let costs = [1, 2, 3, 4].map(|searches| found(searches, 10_000 * searches));
-        assert!(costs.is_sorted_by(|a, b| a >= b) && costs[3] < costs[0], "{costs:?}");
+        let costs = [10_000, 10_001, 20_000, 30_000, 40_000].map(|steps| found(steps, u64::MAX));
+        assert!(costs.is_sorted_by(|a, b| a.0 && b.0 && a.1 >= b.1) && costs[4].1 < costs[0].1, "{costs:?}");
+        let ended = found(40_000, 15_000); // in the second search, with the best plan until then
+        assert!(!ended.0 && ended.1 <= costs[0].1, "{ended:?}");
+        let none = found(0, u64::MAX);
+        assert!(none.0 && none.1 >= costs[0].1, "{none:?}");
     }
 }

@@ -342,6 +342,7 @@ impl<O: Objective> Timelines<O> {
     /// Replaces the visits of the plan between the begin of the change and `rest` by `visits`.
     pub fn accept(&mut self, model: &PlanModel, visits: &[Visit], rest: Rest) {
         let Rest { from, until, shift } = rest;
+        debug_assert!(until == self.plan.len() || shift > 0 || until == 0, "what is left out is after the end");
         self.begin(self.begin); // the buffers are those before it again
         (self.begin..from).for_each(|index| self.touch_visited(index));
         (until..self.plan.len()).for_each(|index| _ = self.touch(self.plan[index].visit.sensor));

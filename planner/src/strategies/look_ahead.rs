@@ -61,7 +61,7 @@ pub const OFFLINE: Registered =
     .with_path()
     .with_keys::<OfflineKeys>();
 
-/// Most search steps before the mission; they take a month.
+/// Most search steps before the mission; they take four months.
 pub const MAX_STEPS: u64 = 1_000_000_000_000;
 
 skysink_common::keys! {
@@ -69,8 +69,8 @@ skysink_common::keys! {
     #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields)]
     pub struct OfflineKeys {
-        /// Search steps before slot 1; a million take some ten seconds for 200 SNs. Beyond five million they are spent on
-        /// further searches from the same first plan, with other random numbers; the best plan is flown.
+        /// Search steps before slot 1; a million take some ten seconds for 200 SNs. Those beyond five million are spent on
+        /// further searches from the same first plan; the best plan is flown.
         steps: u64 = 1000000, Accepts::Whole(0, MAX_STEPS);
     }
 }
