@@ -4,6 +4,7 @@ A table is returned as the Markdown between its markers in the book, a figure as
 """
 
 import csv
+import json
 import os
 import random
 import subprocess
@@ -100,9 +101,9 @@ def is_value(text, value):
 
 def sweep(name, folder=Path("scenarios/sweeps")):
     """The missions of FOLDER/NAME.toml, simulated where they are missing."""
-    file, folder = folder / f"{name}.toml", OUT / "sweeps" / name
-    run("skysink", "sweep", file, "--out", folder, "--threads", options.threads)
-    with open(folder / "results.csv") as file:
+    results = OUT / "sweeps" / name
+    run("skysink", "sweep", folder / f"{name}.toml", "--out", results, "--threads", options.threads)
+    with open(results / "results.csv") as file:
         return Missions(list(csv.DictReader(file)))
 
 
@@ -318,9 +319,15 @@ def weighted_fields(count):
     scenario = Path("scenarios/weighted/weighted.toml").read_text()
     (folder / "weighted.toml").write_text(scenario.replace('"sensors.csv"', f'"{names["heavy"][0]}"'))
     files = [name for kind in names.values() for name in kind]
-    text = Path("scenarios/sweeps/models-weights.toml").read_text()
-    text = text.replace("../weighted/", "").replace('["sensors.csv", "equal.csv"]', str(files).replace("'", '"'))
-    (folder / "models-weights.toml").write_text(text)
+    lines = [
+        'scenario = "weighted.toml"',
+        'strategies = ["gfs", "uts", "exact", "edf", "tour", "horizon"]',
+        "seeds = 1",
+        "[axes]",
+        '"planner.horizon.iterations" = [500]',
+        f'"sensors.file" = {json.dumps(files)}',
+    ]
+    (folder / "models-weights.toml").write_text("\n".join(lines))
     missions = sweep("models-weights", folder)
     return (Missions([row for row in missions.rows if row["sensors.file"] in kind]) for kind in names.values())
 

@@ -1,6 +1,7 @@
 """The standings of the library: what strategies reach on its instances, and their gaps to the best known flights."""
 
 import csv
+import importlib.metadata
 import json
 import os
 import subprocess
@@ -30,6 +31,11 @@ def command(*words, refused=None):
     if done.returncode:
         sys.exit(f"reproduce/run: {' '.join(map(str, words))}: {done.stderr.strip()}")
     return json.loads(done.stdout)
+
+
+def python_version():
+    """The version of Skysink that Python has; `None` without it."""
+    return importlib.metadata.version("skysink") if find_spec("skysink") else None
 
 
 def of_seeds(folder):
@@ -76,8 +82,8 @@ class Standings:
         self.folder.mkdir(parents=True, exist_ok=True)
         self.instances = [row["name"] for row in command("list")]
         self.flyers = list(FLYERS)
-        if not find_spec("skysink"):
-            print(f"reproduce/run: {', '.join(POLICIES)}: left as they are, as Python has no skysink", file=sys.stderr)
+        if python_version() != version:
+            print(f"reproduce/run: {', '.join(POLICIES)}: left as they are, as Python has no skysink {version}", file=sys.stderr)
             self.flyers = [flyer for flyer in FLYERS if flyer not in POLICIES]
         pairs = [(instance, flyer) for instance in self.instances for flyer in self.flyers]
         with ThreadPoolExecutor(threads or os.cpu_count()) as pool:

@@ -36,9 +36,8 @@ class PPO(Learnt):
 POLICIES: dict[str, type[Learnt]] = {"dqn": DQN, "ppo": PPO}
 
 
-def fly(name: str, policy: str, folder: Path) -> dict[str, Any]:
-    """The verified value and place of a policy over an instance. Its runs are kept as `folder`/SEED."""
-    seeds = next(instance["seeds"] for instance in library.instances() if instance["name"] == name)
+def fly(name: str, seeds: int, policy: str, folder: Path) -> dict[str, Any]:
+    """The verified value and place of a policy over an instance with so many seeds. Its runs are kept as `folder`/SEED."""
     runs = [folder / str(seed) for seed in range(1, seeds + 1)]
     with TemporaryDirectory() as copies:
         scenario = library.copy(name, copies)
@@ -48,19 +47,22 @@ def fly(name: str, policy: str, folder: Path) -> dict[str, Any]:
 
 
 def main() -> None:
-    names = [instance["name"] for instance in library.instances()]
+    seeds = {instance["name"]: instance["seeds"] for instance in library.instances()}
     parser = argparse.ArgumentParser(description="Flies learnt policies over the library.")
     parser.add_argument("instances", nargs="*", metavar="INSTANCE", help="[all]")
     parser.add_argument("--policy", choices=POLICIES, action="append", help="one of them [both]")
     parser.add_argument("--out", type=Path, help="folder for the runs [not kept]")
     args = parser.parse_args()
+    for name in args.instances:
+        if name not in seeds:
+            parser.error(f"{name}: expected an instance, as `skysink library list` shows them")
     rows = csv.writer(sys.stdout, lineterminator="\n")
     rows.writerow(["instance", "strategy", "value"])
-    with TemporaryDirectory() as unkept:
-        for name in args.instances or names:
-            for policy in args.policy or POLICIES:
+    for name in args.instances or seeds:
+        for policy in args.policy or POLICIES:
+            with TemporaryDirectory() as unkept:
                 folder = (args.out or Path(unkept)) / f"{name}-{policy}"
-                rows.writerow([name, policy, fly(name, policy, folder)["value"]])
+                rows.writerow([name, policy, fly(name, seeds[name], policy, folder)["value"]])
                 sys.stdout.flush()
 
 

@@ -18,7 +18,7 @@ from rl_network import scores, weights_of
 BATCH = 64  # transitions of an update
 UPDATES = 2  # in each slot
 AHEAD = 3  # slots whose rewards are summed before the values are asked
-KEPT = 4000  # slots of all environments in the memory: all of a training, or the values drift
+KEPT = 4000  # slots of all environments in the memory: all of the training for the library, or the values drift
 BEFORE_LEARNING = 50  # slots
 TARGET_RATE = 0.005  # of the target network towards the other, in an update
 RATES = (5e-4, 5e-5)  # of learning, at the beginning and at the end
@@ -76,7 +76,7 @@ class Learner:
     def __init__(self, envs: gymnasium.vector.VectorEnv, slots: int, rounds: int, seed: int) -> None:
         self.envs, self.slots, self.all_slots = envs, slots, slots * rounds
         self.random = np.random.default_rng(seed)
-        self.seen, _ = envs.reset()
+        self.seen, _ = envs.reset(seed=seed)
         self.is_over = np.zeros(envs.num_envs, np.bool_)
         self.memory = Memory(self.seen, self.random)
         network = Actions()

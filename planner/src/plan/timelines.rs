@@ -99,8 +99,8 @@ impl<O: Objective> Buffers<O> for Timelines<O> {
 }
 
 impl<L: Copy + PartialEq> Served<L> {
-    /// Puts a new visit, or one of the plan `shift` slots later, after the buffer `before`. Returns whether the rest is as
-    /// it was, so many slots later; if not, the buffer after it is still `before`.
+    /// Puts a new visit, or one of the plan `shift` slots later, after the buffer `before`. Returns whether it costs as
+    /// before, so many slots later; if not, the buffer after it is still `before`.
     #[inline]
     fn renew(&mut self, before: L, shift: Option<i32>, later: impl Fn(L, f64) -> L) -> bool {
         let slots = shift.unwrap_or(0);
