@@ -266,26 +266,23 @@ def look_ahead():
 @entry("altitude-gain", 1.5)
 def altitude_gain():
     """The loss in three dimensions, at fixed and free altitudes."""
-    missions, ahead = sweep("altitude-free"), sweep("altitude-ahead")
+    missions = sweep("altitude-free")
     start = {"uav.altitude_m": 50, "uav.altitude": "free"}
     heights = [20, 50, 80, 120]
     rows = []
     for environment in ["suburban", "urban", "dense-urban", "high-rise"]:
         here = missions.at({"link.environment": environment})
         fixed = [here.at({"uav.altitude": "fixed", "uav.altitude_m": height}).loss("uts-wide") for height in heights]
-        free = [here.at(start).loss(strategy) for strategy in ["uts-wide", "gfs"]]
-        there = ahead.at({"link.environment": environment})
-        searched = [there.at({"uav.altitude": kind}).loss("horizon") for kind in ["fixed", "free"]]
-        rows.append([environment, *fixed, *free, *searched])
+        rows.append([environment, *fixed, *(here.at(start).loss(strategy) for strategy in ["uts-wide", "gfs"])])
     head = ["environment", *(f"uts-wide, {height} m" for height in heights)]
-    head += ["uts-wide, free", "gfs, free", "horizon, 50 m", "horizon, free"]
-    return table("altitude-gain", head, rows, fields_of(missions, ahead, "the last two columns"))
+    head += ["uts-wide, free", "gfs, free"]
+    return table("altitude-gain", head, rows, f"seeds 1 to {missions.fields()}")
 
 
 @entry("return-cost", 1.5)
 def return_cost():
     """The loss of UAVs that return to a base, by battery and charger."""
-    missions, ahead = sweep("return"), sweep("return-ahead")
+    missions = sweep("return")
     strategies = ["gfs", "exact", "edf", "mes", "tour"]
     rows = []
     for side in [300, 1000]:
@@ -298,9 +295,8 @@ def return_cost():
         ]:
             keys = {SIDE: side, "uav.battery.capacity_j": capacity_j, "base.charge_w": charge_w}
             here = missions.at(keys)
-            losses = [here.loss(strategy) for strategy in strategies]
-            rows.append([f"{side} m, {label}", *losses, ahead.at(keys).loss("horizon")])
-    head = ["side, battery, charger", *strategies, "horizon"]
+            rows.append([f"{side} m, {label}", *(here.loss(strategy) for strategy in strategies)])
+    head = ["side, battery, charger", *strategies]
     return table("return-cost", head, rows, f"seeds 1 to {missions.fields()}")
 
 
@@ -420,7 +416,7 @@ def ages():
 def ablation():
     """What parts and search steps of `horizon` change."""
     parts, steps = sweep("ablation"), sweep("ablation-steps")
-    columns = [{SIDE: 300} | NARROW, {SIDE: 1000} | NARROW, {SIDE: 1000} | WIDE]
+    columns = [{SIDE: 300}, {SIDE: 1000}]
     settings = [parts.at(keys) for keys in columns]
     everything = [missions.at({"planner.horizon.without": "nothing"}) for missions in settings]
     rows = [["all parts", *(missions.loss("horizon") for missions in everything)]]
@@ -434,7 +430,7 @@ def ablation():
     for count in [0, 600, 6000]:
         at_steps = steps.at({"planner.horizon.iterations": count})
         rows.append([f"{count} steps", *(at_steps.at(keys).loss("horizon") for keys in columns)])
-    head = ["`horizon`", "5 kHz, 300 m", "5 kHz, 1 000 m", "5 MHz, 1 000 m"]
+    head = ["`horizon`, 5 kHz", "300 m", "1 000 m"]
     return table("ablation", head, rows, fields_of(parts, steps, "the last three rows"))
 
 
