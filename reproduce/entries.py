@@ -211,7 +211,7 @@ def rate():
     return table("rate", head, rows, fields_of(cheap, ahead, "the last three columns"))
 
 
-@entry("time", 1)
+@entry("time", 2.5)
 def running_time():
     """The loss against the mission time."""
     missions = sweep("loss-time")
@@ -328,7 +328,7 @@ def weighted_fields(count):
     return (Missions([row for row in missions.rows if row["sensors.file"] in kind]) for kind in names.values())
 
 
-@entry("models", 7)
+@entry("models", 26)
 def models():
     """The loss under models that are off by default."""
     strategies = ["gfs", "uts", "exact", "edf", "tour", "horizon"]
