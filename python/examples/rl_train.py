@@ -10,8 +10,8 @@ The UAVs of a fleet share one policy: each is an environment of its own to the t
 delivered because of it. For the library the fields are those of typical.toml, of four sides and sampling rates.
 
 After every 320 slots the deterministic policy is evaluated on the twenty fields of the seeds 1001 to 1020, and the weights
-with the lowest loss rate so far are saved. The training of dqn_library_* was stopped after
-102,400 steps; its weights are those after 61,440. ppo_fly.py, ppo_fleet.py and library_fly.py fly them on other fields.
+with the lowest loss rate so far are saved: those of DQN after 40,960 steps. ppo_fly.py, ppo_fleet.py and library_fly.py
+fly them on other fields.
 """
 
 from __future__ import annotations
