@@ -7,11 +7,8 @@ use std::path::Path;
 use rustix::process::Signal;
 
 use crate::support::flight::RunningFlight;
-use crate::support::{Place, output, recordings, rows, slots, until, verify, verify_all};
+use crate::support::{EACH_SLOT, Place, assert_whole_from, output, recordings, rows, slots, until, verify, verify_all};
 use crate::{events, longer};
-
-/// An entity that is recorded in every slot.
-const EACH_SLOT: &str = "/metrics/loss_rate";
 
 /// Most slots that a killed viewer had not written in a run of 40 slots a second: a batch in the making and one on its
 /// way to the file. A batch ends after 64 slots and a second, and may begin with the 64 that a reader has room for.
@@ -28,19 +25,6 @@ fn missed_before(recording: &Path) -> Range<i64> {
     assert_eq!(state.contains("gap"), begin < shown, "{lane:?}");
     assert!(count.contains(&format!(" {}.0,", shown - begin)), "from {begin}, shown {shown}: {count}");
     begin..shown
-}
-
-/// Checks that a file which begins with the slot `begin` holds every slot up to its last one, but for as many as it
-/// says that the viewer missed; returns the last.
-fn assert_whole_from(begin: i64, recording: &Path) -> i64 {
-    let recorded = slots(recording, EACH_SLOT);
-    let first = *recorded.first().expect("the first slot of a file is written at once");
-    let last = *recorded.last().unwrap();
-    assert!(begin <= first, "from {begin}: {recorded:?}");
-    let missing = last + 1 - begin - recorded.len() as i64;
-    let (_, missed) = rows(recording, "/metrics/missed_slots").pop_last().unwrap();
-    assert!(missed.contains(&format!(" {missing}.0,")), "{missing} missing from {begin} on: {missed}, {recorded:?}");
-    last
 }
 
 #[test]

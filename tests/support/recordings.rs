@@ -9,9 +9,26 @@ use re_log_encoding::DecoderApp;
 use re_sdk::log::{Chunk, ChunkId, LogMsg};
 use re_sdk_types::reflection::generate_reflection;
 
+/// An entity that is recorded in every slot.
+pub const EACH_SLOT: &str = "/metrics/loss_rate";
+
 /// The slots in which a recording holds the entity.
 pub fn slots(recording: &Path, entity: &str) -> BTreeSet<i64> {
     rows(recording, entity).into_keys().collect()
+}
+
+/// Checks that a file which begins with the slot `begin` holds every slot up to its last one, but for as many as it
+/// says that the viewer missed; returns the last.
+#[track_caller]
+pub fn assert_whole_from(begin: i64, recording: &Path) -> i64 {
+    let recorded = slots(recording, EACH_SLOT);
+    let first = *recorded.first().expect("the first slot of a file is written at once");
+    let last = *recorded.last().unwrap();
+    assert!(begin <= first, "from {begin}: {recorded:?}");
+    let missing = last + 1 - begin - recorded.len() as i64;
+    let (_, missed) = rows(recording, "/metrics/missed_slots").pop_last().unwrap();
+    assert!(missed.contains(&format!(" {missing}.0,")), "{missing} missing from {begin} on: {missed}, {recorded:?}");
+    last
 }
 
 /// The files of a run's recording, in no order.
