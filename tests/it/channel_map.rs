@@ -1,6 +1,4 @@
-//! Links by place: the same in every process, after a resumption, and from the run folder; never better than the bound.
-
-use std::fs;
+//! Links by place: never better than the bound, and warned of where the map ends.
 
 use expect_test::expect_file;
 use skysink_common::channel::LinkMap;
@@ -13,10 +11,14 @@ use skysink_planner::bound::mission_bound;
 
 use crate::support::Place;
 
-const RATES: &str = "snr_db,rate_bps\n0,20000\n5,60000\n10,180000\n";
+/// The settings of a map in `links.csv`, whose SNR becomes a rate by `rates.csv`.
+pub const MAP: &str = "link.model=map link.file=links.csv link.rates=rates.csv link.residual_db=3.0";
+
+/// More settings, of a planner that knows those links alone which a UAV has heard.
+pub const HEARD: &str = "link.residual_m=30.0 link.beacon_radius_m=20.0 link.law_snr_db=45.0 planner.links=heard";
 
 /// A hill of SNR in the middle of 100 m for all SNs, without links in a corner, and a flat map for SN 2.
-fn map() -> String {
+pub fn links() -> String {
     let mut rows = String::from("sensor,x_m,y_m,z_m,snr_db\n2,0,0,20,7\n");
     for x_m in [0, 25, 50, 75, 100] {
         for y_m in [0, 25, 50, 75, 100] {
@@ -27,41 +29,14 @@ fn map() -> String {
     rows
 }
 
-fn write(place: &Place) -> String {
-    place.write("rates.csv", RATES);
-    place.write("links.csv", &map()).display().to_string()
+/// The rates of SNRs.
+pub fn rates() -> String {
+    "snr_db,rate_bps\n0,20000\n5,60000\n10,180000\n".to_owned()
 }
 
-#[test]
-fn ring_and_single_process_fly_over_the_same_map() {
-    let place = Place::new();
-    let path = write(&place);
-    let rates = path.replace("links.csv", "rates.csv");
-    let flight =
-        place.flight("smoke").set("link.model", "map").set("link.file", &path).set("link.rates", &rates).force();
-    let flight = flight.set("link.residual_db", 3.0).set("slots", 40);
-    for (strategy, key, value) in
-        [("uts", "link.service", "observed"), ("horizon", "link.residual_m", "30.0"), ("gfs", "planner.links", "map")]
-    {
-        flight.clone().strategy(strategy).set(key, value).without_viewer().run();
-        place.assert_trace_as_simulated("run");
-    }
-    assert!(place.summary("run")["delivered_bits"].as_u64().unwrap() > 0);
-    let hearing = flight.set("link.beacon_radius_m", 20.0).set("link.law_snr_db", 45.0).set("planner.links", "heard");
-    for (strategy, uavs, coordination) in
-        [("horizon", 1, "sequential"), ("uts", 2, "sequential"), ("max-weight", 2, "partition")]
-    {
-        let flight = hearing.clone().strategy(strategy).set("uav.count", uavs).set("link.residual_m", 30.0);
-        flight.set("uav.coordination", coordination).without_viewer().run();
-        place.assert_trace_as_simulated("run");
-    }
-    fs::remove_file(&path).unwrap();
-    fs::remove_file(&rates).unwrap();
-    place.assert_repeatable("run");
-    let changed = place.read("run/rates.csv").replacen("60000", "60001", 1);
-    fs::write(place.path("run/rates.csv"), changed).unwrap();
-    place.run_refused(&["report", "run"], "rates.csv: it was modified after the start of the run");
-    place.assert_clean();
+fn write(place: &Place) {
+    place.write("links.csv", &links());
+    place.write("rates.csv", &rates());
 }
 
 #[test]

@@ -1,40 +1,10 @@
-//! Several UAVs through the commands: the ring, a resumed run, a replay, exports and maps.
+//! Several UAVs through the commands: a ring with deaths, a resumed run, a replay, exports and maps.
 
 use crate::support::Place;
 
-const FLEET: &str = "name = 'fleet'\nslots = 60\n[area]\nside_m = 250.0\norigin_lat_deg = 47.0\norigin_lon_deg = 8.0\n\
-    [sensors]\ncount = 60\nsampling_bps = [100.0, 900.0]\n[planner]\nhorizon.iterations = 60\n\
-    [uav]\ncount = 3\nposition_error_m = 0.5\nseparation_m = 5.0\nstarts_m = [[20, 30], [220, 100], [125, 200]]\n";
-
-fn place() -> Place {
-    let place = Place::new();
-    place.write("fleet.toml", FLEET);
-    place
-}
-
-#[test]
-fn ring_and_single_process_fly_the_same_fleet() {
-    let place = place();
-    for (strategy, coordination) in
-        [("uts", "independent"), ("horizon", "sequential"), ("edf", "sequential"), ("tour", "partition")]
-    {
-        let flight = place.flight("fleet").strategy(strategy).set("uav.coordination", coordination).force();
-        flight.out("alone").simulate();
-        let flight = if strategy == "tour" { flight } else { flight.without_viewer() };
-        flight.out("ring").run();
-        assert_eq!(place.trace("alone"), place.trace("ring"), "{strategy}");
-        assert_eq!(place.trace("ring").lines().count(), 1 + 60 * 3);
-        assert_eq!(place.reproducible_summary("alone"), place.reproducible_summary("ring"), "{strategy}");
-        let fleet = &place.summary("ring")["fleet"];
-        assert_eq!(fleet["uavs"], 3);
-        assert!(fleet["min_separation_m"].as_f64().unwrap() > 0.0, "{fleet}");
-    }
-    place.assert_clean();
-}
-
 #[test]
 fn a_fleet_with_estimated_queues_survives_the_death_of_every_process() {
-    let place = place();
+    let place = Place::new();
     for coordination in ["sequential", "partition"] {
         let flight = place.flight("fleet").strategy("horizon").set("slots", 300).set("planner.knowledge", "estimated");
         let flight = flight.set("uav.coordination", coordination).set("planner.horizon.iterations", 20).force();
@@ -90,11 +60,9 @@ fn a_fleet_that_shares_pads_survives_deaths_and_is_resumed_replayed_and_mapped()
 }
 
 #[test]
-fn a_run_of_a_fleet_is_resumed_replayed_exported_and_mapped() {
-    let place = place();
-    place.flight("fleet").strategy("horizon").out("whole").simulate();
+fn a_run_of_a_fleet_is_replayed_exported_and_mapped() {
+    let place = Place::new();
     place.flight("fleet").strategy("horizon").without_viewer().run();
-    place.assert_same_trace("whole", "run");
     place.run_ok(&["replay", "run", "--out", "again"]);
     for format in ["csv", "parquet"] {
         place.run_ok(&["export", "run", "--format", format]);

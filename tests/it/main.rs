@@ -1,5 +1,6 @@
 //! The executables, as a user runs them.
 
+mod agreement;
 mod arrivals;
 mod changes;
 mod channel_map;

@@ -62,22 +62,6 @@ fn a_newcomer_comes_from_a_list_to_a_plan_and_bad_names_are_refused() {
     place.assert_transcript(&expect_file!["transcripts/presets.txt"]);
 }
 
-#[test]
-fn ring_and_single_process_fly_the_same_with_presets() {
-    let place = Place::new();
-    let flight = place
-        .flight("smoke")
-        .set("link.preset", "halow-1mhz")
-        .set("link.preset_sigma_db", 6)
-        .set("link.comm_s", 1.5)
-        .set("slot_s", 2)
-        .force();
-    flight.set("uav.preset", "mavic-3e").set("slots", 30).without_viewer().run();
-    place.assert_trace_as_simulated("run");
-    place.run_ok(&["simulate", "run/scenario.toml", "--out", "again"]);
-    place.assert_same_trace("run", "again");
-}
-
 /// The page of the book.
 pub fn page(command: &str) -> String {
     let mut text = format!(

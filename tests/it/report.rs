@@ -55,18 +55,6 @@ fn lost_and_delivered_bits_sum_to_the_totals() {
 }
 
 #[test]
-fn a_run_through_the_ring_has_the_same_sensor_results() {
-    let place = Place::new();
-    place.flight("small").out("alone").simulate();
-    place.flight("small").out("ring").without_viewer().run();
-    for run in ["alone", "ring"] {
-        place.run_ok(&["report", run, "--sensors"]);
-    }
-    assert_eq!(place.read("alone/sensors_out.csv"), place.read("ring/sensors_out.csv"));
-    place.assert_clean();
-}
-
-#[test]
 fn the_figures_of_a_modified_trace_are_not_printed() {
     let place = Place::new();
     place.flight("small").simulate();

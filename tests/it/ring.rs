@@ -1,17 +1,11 @@
-//! The ring as processes: the same trace as in one process, and an orderly end in every case.
+//! The ring as processes: an orderly end in every case. That they fly as one process does is in `agreement.rs`.
 
-use std::collections::BTreeSet;
 use std::fs;
 
-use crate::support::flight::{FlightBuilder, RING, executable};
-use crate::support::scenarios::SMOKE;
+use crate::support::flight::{RING, executable};
+use crate::support::scenarios::{self, SMOKE};
 use crate::support::{self, Place, assert_balanced, assert_whole_from, output, until_exited, wait};
 use rustix::process::Signal;
-
-/// The flight of a planner with estimated queues.
-fn estimated<'a>(flight: &FlightBuilder<'a>) -> FlightBuilder<'a> {
-    flight.set("planner.knowledge", "estimated").set("planner.rates", "learnt").set("planner.horizon.iterations", 200)
-}
 
 /// Fails unless the trace in `run` has complete lines of the slots 1, 2, 3, ...; returns their number.
 fn assert_whole(place: &Place) -> usize {
@@ -33,69 +27,14 @@ fn assert_cut(place: &Place) -> usize {
 }
 
 #[test]
-fn ring_and_single_process_leave_the_same_trace() {
-    let place = Place::new();
-    for strategy in ["uts", "gfs", "rfs"] {
-        for seed in 1..=3 {
-            let flight = place.flight("smoke").strategy(strategy).seed(seed).force();
-            flight.out("alone").simulate();
-            let flight = if seed == 1 { flight } else { flight.without_viewer() };
-            flight.out("ring").run();
-            for file in ["slots.csv", "scenario.toml", "sensors.csv"] {
-                let [alone, ring] = ["alone", "ring"].map(|run| place.read(&format!("{run}/{file}")));
-                assert_eq!(alone, ring, "{strategy}, seed {seed}: {file}");
-            }
-            assert_eq!(place.reproducible_summary("alone"), place.reproducible_summary("ring"));
-        }
-    }
-    place.assert_clean();
-}
-
-/// A list of 30 SNs with rates, buffers and the weights `weight_of(id)`, and its scenario `listed.toml`.
-fn write_list(place: &Place, weight_of: impl Fn(u32) -> Option<u32>) {
-    let rows = (0..30u32).map(|id| {
-        let place_m = [id * 37 % 100, id * 61 % 100];
-        let buffer_bits = 2_000 + id * 700;
-        let weight = weight_of(id).map_or_else(String::new, |weight| format!(",{weight}"));
-        format!("{},{},{},{buffer_bits}{weight}\n", place_m[0], place_m[1], 150 + id * 20)
-    });
-    let column = if weight_of(0).is_some() { ",weight" } else { "" };
-    place.write("list.csv", &format!("x_m,y_m,sampling_bps,capacity_bits{column}\n{}", rows.collect::<String>()));
-    place.write("listed.toml", "name = 'listed'\nslots = 60\n[sensors]\nfile = 'list.csv'\n");
-}
-
-#[test]
-fn ring_and_single_process_agree_with_individual_buffers_and_weights() {
-    let place = Place::new();
-    write_list(&place, |id| Some(1 + id % 4 * 5));
-    for strategy in ["uts", "max-weight", "horizon"] {
-        let flight = place.flight("listed").strategy(strategy).set("planner.horizon.iterations", 200);
-        let flight = flight.force().without_viewer();
-        flight.out("alone").simulate();
-        flight.out("ring").run();
-        for file in ["slots.csv", "scenario.toml", "sensors.csv"] {
-            let [alone, ring] = ["alone", "ring"].map(|run| place.read(&format!("{run}/{file}")));
-            assert_eq!(alone, ring, "{strategy}: {file}");
-        }
-        let summary = place.summary("ring");
-        let [plain, weighted] = ["loss_rate", "weighted_loss_rate"].map(|key| summary[key].as_f64().unwrap());
-        assert!(plain > 0.0 && weighted > 0.0 && plain != weighted, "{strategy}: {plain}, {weighted}");
-        assert_eq!(place.reproducible_summary("alone"), place.reproducible_summary("ring"));
-    }
-    assert!(
-        place.read("ring/sensors.csv").starts_with("x_m,y_m,queue_bits,gain_db,sampling_bps,capacity_bits,weight\n")
-    );
-    place.assert_clean();
-}
-
-#[test]
 fn equal_weights_do_not_change_the_flight() {
     let place = Place::new();
     for strategy in
         ["uts", "uts-wide", "exact", "gfs", "max-weight", "drift-plus-penalty", "whittle", "horizon", "offline"]
     {
         let [without, equal, other] = [None, Some([7, 7]), Some([7, 70])].map(|weights| {
-            write_list(&place, |id| weights.map(|[even, odd]| if id % 2 == 0 { even } else { odd }));
+            let list = scenarios::list(|id| weights.map(|[even, odd]| if id % 2 == 0 { even } else { odd }));
+            place.write("list.csv", &list);
             let flight = place.flight("listed").strategy(strategy).set("planner.horizon.iterations", 200);
             flight.set("planner.offline.steps", 20_000).force().simulate();
             (place.trace("run"), place.summary("run")["weighted_loss_rate"].as_f64())
@@ -104,65 +43,6 @@ fn equal_weights_do_not_change_the_flight() {
         assert_eq!(equal.1, None);
         assert!(other.1.is_some() && other.0 != equal.0, "{strategy} does not value weights");
     }
-}
-
-#[test]
-fn ring_and_single_process_spend_the_same_energy_around_a_zone() {
-    let place = Place::new();
-    let text = "name = 'home'\nslots = 80\n[area]\nside_m = 400.0\n\
-                no_fly = [{ polygon_m = [[230, 100], [260, 100], [260, 300], [230, 300]] }]\n[base]\ncharge_w = 500.0\n\
-                [uav]\nmust_land = true\n[uav.battery]\ncapacity_j = 9000.0\n";
-    place.write("home.toml", text);
-    for strategy in ["tour", "horizon"] {
-        let flight = place.flight("home").strategy(strategy).set("planner.horizon.iterations", 200).force();
-        flight.without_viewer().run();
-        place.assert_trace_as_simulated("run");
-        let trace = place.trace("run");
-        assert!(trace.contains(",return,") && trace.contains(",charge,"), "{strategy}");
-        let summary = place.summary("run");
-        assert_eq!((&summary["landed"], &summary["energy"]["down_slot"]), (&true.into(), &serde_json::Value::Null));
-        let left_j: f64 = trace.trim_end().rsplit(',').next().unwrap().parse().unwrap();
-        assert_eq!(summary["energy"]["left_j"].as_f64(), Some(left_j), "{strategy}");
-    }
-    place.assert_clean();
-}
-
-#[test]
-fn ring_and_single_process_agree_in_three_dimensions() {
-    let place = Place::new();
-    for strategy in ["uts", "gfs", "rfs", "uts-wide", "exact"] {
-        let flight = place.flight("plos-high-rise").set("slots", 40).strategy(strategy).force().without_viewer();
-        flight.run();
-        place.assert_trace_as_simulated("run");
-        let trace = place.trace("run");
-        let altitudes: BTreeSet<_> = trace.lines().skip(1).filter_map(|line| line.split(',').nth(4)).collect();
-        assert!(altitudes.len() > 1, "{strategy} does not use its altitude: {altitudes:?}");
-    }
-}
-
-#[test]
-fn ring_and_single_process_have_the_same_estimates() {
-    let place = Place::new();
-    let known = place.flight("smoke").set("sensors.sampling_bps", "[50.0, 800.0]").force();
-    for strategy in ["uts", "horizon"] {
-        let known = known.strategy(strategy);
-        known.out("known").simulate();
-        estimated(&known).without_viewer().run();
-        place.assert_trace_as_simulated("run");
-        assert_ne!(place.trace("run"), place.trace("known"), "{strategy} sees the queues");
-    }
-    place.assert_clean();
-}
-
-#[test]
-fn polling_processes_leave_the_same_trace() {
-    let place = Place::new();
-    let smoke = place.flight("smoke").without_viewer();
-    for wait in ["adaptive", "event", "poll"] {
-        smoke.options(&["--wait", wait]).out(wait).run();
-        place.assert_trace_as_simulated(wait);
-    }
-    place.assert_clean();
 }
 
 #[test]
@@ -282,7 +162,8 @@ fn two_simultaneous_equal_runs_use_two_folders() {
 fn a_paced_run_without_missed_deadlines_flies_the_same_mission() {
     let place = Place::new();
     let smoke = place.flight("smoke").pace("40x").without_viewer();
-    for (out, flight) in [("known", &smoke), ("estimated", &estimated(&smoke))] {
+    let estimated = smoke.settings("planner.knowledge=estimated planner.rates=learnt");
+    for (out, flight) in [("known", &smoke), ("estimated", &estimated)] {
         let begin = std::time::Instant::now();
         flight.out(out).run();
         assert!(begin.elapsed().as_secs_f64() >= 60.0 / 40.0, "faster than its clock: {:?}", begin.elapsed());

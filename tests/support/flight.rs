@@ -50,6 +50,12 @@ impl<'a> FlightBuilder<'a> {
         self.options(&["--set", &format!("{key}={value}")])
     }
 
+    /// The same for several keys: `key=value`, with a space between two.
+    #[must_use]
+    pub fn settings(&self, settings: &str) -> Self {
+        settings.split_ascii_whitespace().fold(self.clone(), |flight, setting| flight.options(&["--set", setting]))
+    }
+
     /// By another strategy than the scenario's.
     #[must_use]
     pub fn strategy(&self, strategy: &str) -> Self {

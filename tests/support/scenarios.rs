@@ -25,6 +25,19 @@ const PACED: &str = "name = \"paced\"\nslots = 160\nslot_s = 0.5\n";
 /// A field of 60 sensor nodes in which strategies differ: 250 slots of 1 s.
 const SMALL: &str = "name = \"small\"\nslots = 250\n[area]\nside_m = 200.0\n[sensors]\ncount = 60\n";
 
+/// Sensor nodes of [`list`].
+const LISTED: &str = "name = 'listed'\nslots = 60\n[sensors]\nfile = 'list.csv'\n";
+
+/// A base and a zone between it and sensor nodes; the battery is charged within 80 slots.
+const HOME: &str = "name = 'home'\nslots = 80\n[area]\nside_m = 400.0\n\
+    no_fly = [{ polygon_m = [[230, 100], [260, 100], [260, 300], [230, 300]] }]\n[base]\ncharge_w = 500.0\n\
+    [uav]\nmust_land = true\n[uav.battery]\ncapacity_j = 9000.0\n";
+
+/// Three UAVs with position errors.
+const FLEET: &str = "name = 'fleet'\nslots = 60\n[area]\nside_m = 250.0\norigin_lat_deg = 47.0\norigin_lon_deg = 8.0\n\
+    [sensors]\ncount = 60\nsampling_bps = [100.0, 900.0]\n[planner]\nhorizon.iterations = 60\n\
+    [uav]\ncount = 3\nposition_error_m = 0.5\nseparation_m = 5.0\nstarts_m = [[20, 30], [220, 100], [125, 200]]\n";
+
 /// All defaults: the mission of `letter`, whose file has every key.
 const SHORT: &str = "name = \"short\"\n";
 
@@ -36,12 +49,27 @@ pub fn text(name: &str) -> String {
         "endless" => ENDLESS.to_owned(),
         "paced" => PACED.to_owned(),
         "small" => SMALL.to_owned(),
+        "listed" => LISTED.to_owned(),
+        "home" => HOME.to_owned(),
+        "fleet" => FLEET.to_owned(),
         "short" => SHORT.to_owned(),
         _ => {
             let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("scenarios/{name}.toml"));
             fs::read_to_string(&file).unwrap_or_else(|error| panic!("{}: {error}", file.display()))
         }
     }
+}
+
+/// `list.csv` of `listed`: 30 SNs with rates, buffers and the weights `weight_of(id)`.
+pub fn list(weight_of: impl Fn(u32) -> Option<u32>) -> String {
+    let rows = (0..30u32).map(|id| {
+        let place_m = [id * 37 % 100, id * 61 % 100];
+        let buffer_bits = 2_000 + id * 700;
+        let weight = weight_of(id).map_or_else(String::new, |weight| format!(",{weight}"));
+        format!("{},{},{},{buffer_bits}{weight}\n", place_m[0], place_m[1], 150 + id * 20)
+    });
+    let column = if weight_of(0).is_some() { ",weight" } else { "" };
+    format!("x_m,y_m,sampling_bps,capacity_bits{column}\n{}", rows.collect::<String>())
 }
 
 /// A scenario file as the executables read it, with its strategy's settings.
