@@ -202,7 +202,7 @@ pub(crate) fn parse(
     };
     match flights.iter().find(|(_, flight)| !is_whole(flight)) {
         None if !flights.is_empty() => Ok(flights),
-        None => Err(refuse(&format!("expected rows {EXPECTED}"))),
+        None => Err(refuse(&format!("it has no slot: expected rows {EXPECTED}"))),
         Some((seed, flight)) => {
             let [found, expected] = [flight.len() as u64, scenario.slots];
             Err(refuse(&format!("it ends in slot {found} of seed {seed}: expected {expected} slots of each UAV")))

@@ -54,7 +54,7 @@ pub struct Placement {
     pub of: usize,
     /// The next better one.
     pub ahead: Option<NamedValue>,
-    /// The next one that is equal or worse.
+    /// The next worse one.
     pub behind: Option<NamedValue>,
     /// The value of the best known flight.
     pub best: Option<f64>,
@@ -114,7 +114,8 @@ impl Library {
                 values.insert(seed, value);
                 lost_bits.insert(seed, lost);
                 if plans.insert(seed, flight).is_some() {
-                    return Err(refuse("it is given twice: expected one flight for each seed").into());
+                    let expected = if open.instance.seeds > 1 { "one flight for each seed" } else { "one flight" };
+                    return Err(refuse(&format!("it is given twice: expected {expected}")).into());
                 }
             }
         }
@@ -172,6 +173,7 @@ impl FlownFlight {
         if *measure == Measure::Score {
             others.reverse();
         }
+        let of = others.len() + 1;
         let place = others.partition_point(|other| measure.is_better(other.value, *value));
         let bound = best.as_ref().and_then(|best| best.bound);
         let best = best.map(|BestFlight { value, .. }| value);
@@ -181,9 +183,9 @@ impl FlownFlight {
             measure: *measure,
             value: *value,
             place: place + 1,
-            of: others.len() + 1,
+            of,
             ahead: place.checked_sub(1).map(|ahead| others[ahead].clone()),
-            behind: others.get(place).cloned(),
+            behind: others.into_iter().find(|other| measure.is_better(*value, other.value)),
             best,
             gap_to_best: gap_to(best),
             bound,

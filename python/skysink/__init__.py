@@ -10,6 +10,7 @@ Names end with their units: ``_m``, ``_s``, ``_bits``, ``_bps``. Results equal t
 
 from contextlib import suppress
 
+from skysink import library
 from skysink._skysink import (
     STRATEGIES,
     Base,
@@ -55,6 +56,7 @@ __all__ = [
     "__build__",
     "__version__",
     "compare",
+    "library",
     "plan_visits",
     "simulate",
     "sweep",

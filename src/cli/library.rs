@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
+use comfy_table::ColumnConstraint;
 use skysink_common::error::InputError;
 use skysink_common::scenario::{Overrides, Setting};
 use skysink_common::sensors::SensorList;
@@ -124,7 +125,12 @@ impl LibraryCommand {
             LibraryAction::List { family } => list(&library, family.as_deref(), form),
             LibraryAction::Copy { name, to } => {
                 let path = library.copy(&library.find(&name)?, &to)?;
-                form.print(&path, || print(format_args!("Copied. Fly it: skysink run {}", path.display())))
+                form.print(&path, || {
+                    let path = path.display();
+                    print(format_args!(
+                        "Copied. Fly it by your planner: skysink run {path} --planner COMMAND --out DIR"
+                    ))
+                })
             }
             LibraryAction::Fly { name, strategy, keys, folder } => {
                 let is_given = |setting: &&Setting| ["seed", "planner.strategy"].contains(&setting.key.as_str());
@@ -184,9 +190,9 @@ fn fly(open: &OpenInstance, overrides: &Overrides, folder: &NewFolder, stop: &St
 /// Prints the instances.
 fn list(library: &Library, family: Option<&str>, form: OutputForm) -> Result<(), Error> {
     let instances = library.instances()?;
-    if let Some(family) = family.filter(|family| instances.iter().all(|instance| instance.family != *family)) {
-        let mut families: Vec<&str> = instances.iter().map(|instance| instance.family.as_str()).collect();
-        families.dedup();
+    let mut families: Vec<String> = instances.iter().map(|instance| instance.family.clone()).collect();
+    families.dedup();
+    if let Some(family) = family.filter(|family| families.iter().all(|known| known != family)) {
         let expected = format_args!("expected one of {}", families.join(", "));
         return Err(InputError::of_argument("family", family, expected).into());
     }
@@ -195,23 +201,30 @@ fn list(library: &Library, family: Option<&str>, form: OutputForm) -> Result<(),
     let rows = of_family.map(|instance| library.listed(instance)).collect::<Result<Vec<_>, _>>()?;
     form.print(&rows, || {
         let mut table = table();
-        table.set_header(["instance", "family", "SNs", "UAVs", "slots", "", "best", "bound", "gap"]);
-        for ListedInstance { instance, sensors, uavs, slots, best, gap } in &rows {
+        table.set_header(["instance", "SNs", "UAVs", "", "best", "bound", "gap"]);
+        for ListedInstance { instance, sensors, uavs, best, gap, .. } in &rows {
             let best = best.as_ref();
             let value = |value: Option<f64>| value.map_or_else(String::new, figure);
             table.add_row([
                 instance.name.clone(),
-                instance.family.clone(),
                 sensors.to_string(),
                 uavs.to_string(),
-                slots.to_string(),
                 best.map_or("", |best| best.measure.label()).to_owned(),
                 value(best.map(|best| best.value)),
                 value(best.and_then(|best| best.bound)),
                 gap.map_or_else(String::new, percent),
             ]);
         }
-        print(with_numbers_from(2, table))
+        let names = table.column_mut(0).expect("it has a header");
+        names.set_constraint(ColumnConstraint::ContentWidth); // they are copied from here
+        print(with_numbers_from(1, table))?;
+        if family.is_none() {
+            print(format_args!("Of one --family: {}", families.join(", ")))?;
+        }
+        match rows.iter().map(|row| row.instance.seeds).max() {
+            Some(seeds @ 2..) => print(format_args!("Policy instances are flown with each of the seeds 1 to {seeds}.")),
+            _ => Ok(()),
+        }
     })
 }
 
@@ -225,7 +238,7 @@ fn print_placement(flown: &FlownFlight, form: OutputForm) -> Result<(), Error> {
         let over = if seeds > 1 { format!(", mean of {seeds} seeds") } else { String::new() };
         print(format_args!("{instance}: {} {}{over}, verified", measure.label(), figure(*value)))?;
         print(format_args!("Place:           {place} of {of}"))?;
-        for (label, other) in [("Ahead:           ", ahead), ("Behind:          ", behind)] {
+        for (label, other) in [("Next better:     ", ahead), ("Next worse:      ", behind)] {
             if let Some(NamedValue { by, value }) = other {
                 print(format_args!("{label}{by} ({})", figure(*value)))?;
             }
