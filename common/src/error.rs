@@ -15,6 +15,9 @@ pub(crate) const MAX_PATH: usize = 400;
 /// Most characters of a message; those of other libraries may hold a value of any length.
 const MAX_MESSAGE: usize = 600;
 
+/// Length of a name above which no other is suggested [bytes].
+const MOST_COMPARED: usize = 200;
+
 /// Jaro-Winkler similarity, 0 to 1, above which a name is suggested for another.
 const MIN_SIMILARITY: f64 = 0.8;
 
@@ -66,6 +69,9 @@ impl InputError {
 /// The candidate most similar to `name`, if one is similar enough; the first of equals.
 #[must_use]
 pub fn did_you_mean<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    if name.len() > MOST_COMPARED {
+        return None; // a comparison takes the square of the length
+    }
     let scored = candidates.into_iter().map(|candidate| (strsim::jaro_winkler(name, candidate), candidate));
     let similar = scored.filter(|&(similarity, _)| similarity > MIN_SIMILARITY);
     similar.reduce(|best, next| if next.0 > best.0 { next } else { best }).map(|(_, candidate)| candidate)
@@ -263,5 +269,6 @@ mod tests {
         }
         assert_eq!(did_you_mean("slot", ["slots", "slot_s"]), Some("slots"));
         assert_eq!(did_you_mean("uts", []), None);
+        assert_eq!(did_you_mean(&"slots".repeat(1_000_000), ["slots"]), None); // at once
     }
 }

@@ -25,7 +25,7 @@ pub use crate::geodata::projection::Origin;
 pub use crate::keys::{Interval, Setting, SettingOrigin, WholeInterval};
 pub use area::{Area, BuildingKeys, NoFlyKeys};
 pub use base::{BaseKeys, BatteryKeys, SiteKeys};
-pub use mission::{CHANNEL, HARVEST, MAX_SEED, PlannerKeys, RATES, Scenario, TRACE};
+pub use mission::{CHANNEL, HARVEST, MAX_SEED, PlannerKeys, RATES, Scenario, TRACE, name_refusal};
 pub use sensors::SensorKeys;
 pub(crate) use sensors::{MAX_FIELD_BITS, MAX_SENSORS};
 pub use simplified::{SharedZones, SimplifiedZones};

@@ -1,11 +1,14 @@
 //! Values of flights: what is compared, the best known ones, and those of the strategies of Skysink.
 
+use std::borrow::Cow;
+
 use serde::{Deserialize, Serialize};
 use skysink_common::error::InputError;
 use skysink_common::scenario::Scenario;
 use skysink_lab::metrics::{Metric, MetricValues};
 use skysink_mission::MissionError;
 use skysink_planner::settings::Settings;
+use xxhash_rust::xxh3::xxh3_64;
 
 use crate::instance::{Instance, LIBRARY, Library};
 
@@ -131,14 +134,47 @@ impl Library {
     /// The best known flight of an instance; `None` without one.
     ///
     /// # Errors
-    /// If its file is malformed.
+    /// If its files are malformed, or do not belong together.
     pub fn best(&self, instance: &Instance) -> Result<Option<BestFlight>, MissionError> {
+        let Some(best) = self.recorded_best(instance)? else { return Ok(None) };
+        self.plans_of(instance, &best)?;
+        Ok(Some(best))
+    }
+
+    /// What is recorded of the best known flight of an instance, whether its plans are there or not.
+    pub(crate) fn recorded_best(&self, instance: &Instance) -> Result<Option<BestFlight>, MissionError> {
         let name = best_file(instance, "toml");
         let Some(bytes) = self.read(&name)? else { return Ok(None) };
-        let text = std::str::from_utf8(&bytes);
-        let text = text.map_err(|_| InputError::new(LIBRARY, &self.path(&name), "expected UTF-8 text"))?;
-        let best = toml::from_str(text).map_err(|error| InputError::toml(LIBRARY, &self.path(&name), text, &error));
-        Ok(Some(best?))
+        let refuse = |message: &str| InputError::new(LIBRARY, &self.path(&name), message);
+        let text = std::str::from_utf8(&bytes).map_err(|_| refuse("expected UTF-8 text"))?;
+        let best: BestFlight =
+            toml::from_str(text).map_err(|error| InputError::toml(LIBRARY, &self.path(&name), text, &error))?;
+        if !best.value.is_finite() || best.bound.is_some_and(|bound| !bound.is_finite()) {
+            return Err(refuse("value or bound: expected finite numbers").into());
+        }
+        Ok(Some(best))
+    }
+
+    /// The plan file of the best known flight, compressed.
+    ///
+    /// # Errors
+    /// If it is missing, or that of another flight.
+    pub(crate) fn plans_of(&self, instance: &Instance, best: &BestFlight) -> Result<Cow<'static, [u8]>, MissionError> {
+        let name = best_file(instance, "csv.gz");
+        let refuse = |what: String| InputError::new(LIBRARY, &self.path(&name), what);
+        let bytes = self.read(&name)?.ok_or_else(|| refuse("it is missing".to_owned()))?;
+        let found = hash(&bytes);
+        if found != best.plans {
+            return Err(refuse(format!("hash {found}: expected {}, of best/{}.toml", best.plans, instance.name)).into());
+        }
+        Ok(bytes)
+    }
+
+    /// Refuses a best known flight of another measure than the instance has.
+    pub(crate) fn refuse_best(&self, instance: &Instance, expected: Measure, found: Measure) -> InputError {
+        let [expected, found] = [expected, found].map(Measure::label);
+        let what = format!("measure {found}: expected {expected}, of the scenario");
+        InputError::new(LIBRARY, &self.path(&best_file(instance, "toml")), what)
     }
 
     /// The instance with its size and its best known flight.
@@ -159,12 +195,25 @@ impl Library {
     /// If the file is malformed.
     pub fn standings(&self) -> Result<Vec<ReferenceValue>, MissionError> {
         let Some(bytes) = self.read(STANDINGS)? else { return Ok(Vec::new()) };
-        let rows = csv::Reader::from_reader(&bytes[..]).into_deserialize().collect::<Result<_, _>>();
-        Ok(rows.map_err(|error| InputError::new(LIBRARY, &self.path(STANDINGS), error))?)
+        let refuse = |what: String| InputError::new(LIBRARY, &self.path(STANDINGS), what);
+        let rows = csv::Reader::from_reader(&bytes[..]).into_deserialize().collect::<Result<Vec<ReferenceValue>, _>>();
+        let rows =
+            rows.map_err(|error| refuse(format!("{error}: expected instance, strategy, version, and a value")))?;
+        match rows.iter().find(|row| !row.value.is_finite()) {
+            Some(row) => {
+                Err(refuse(format!("value {} of {}: expected a finite number", row.value, row.instance)).into())
+            }
+            None => Ok(rows),
+        }
     }
 }
 
 /// The name of a file of the best known flight.
 pub(crate) fn best_file(instance: &Instance, extension: &str) -> String {
     format!("best/{}.{extension}", instance.name)
+}
+
+/// XXH3 of bytes, as 16 hexadecimal digits.
+pub(crate) fn hash(bytes: &[u8]) -> String {
+    format!("{:016x}", xxh3_64(bytes))
 }

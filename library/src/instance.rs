@@ -7,17 +7,20 @@ use std::path::{Path, PathBuf};
 
 use rust_embed::RustEmbed;
 use serde::{Deserialize, Serialize};
-use skysink_common::error::{InputError, did_you_mean};
-use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::error::{InputError, did_you_mean, quoted, read_bytes};
+use skysink_common::scenario::{Overrides, Scenario, name_refusal};
 use skysink_common::sensors::SensorList;
 use skysink_mission::MissionError;
 use skysink_mission::error::FileContext as _;
-use skysink_mission::files::write_whole;
+use skysink_mission::files::{read_regular, write_all};
 use skysink_planner::settings;
 use tempfile::TempDir;
 
 /// The instances, by name.
-const INDEX: &str = "instances.toml";
+pub(crate) const INDEX: &str = "instances.toml";
+
+/// Most seeds of an instance.
+const MOST_SEEDS: u64 = 1000;
 
 /// The kind of input in messages.
 pub(crate) const LIBRARY: &str = "library";
@@ -92,6 +95,12 @@ impl Library {
             let entry = entry.try_into::<IndexEntry>();
             let IndexEntry { about, family, seeds } =
                 entry.map_err(|error| refuse(&format!("[{name}]: {}", error.message().trim().replace('\n', ", "))))?;
+            if let Some(expected) = name_refusal(&name) {
+                return Err(refuse(&format!("[{}]: expected {expected}", quoted(&name))).into());
+            }
+            if !(1..=MOST_SEEDS).contains(&seeds) {
+                return Err(refuse(&format!("[{name}]: seeds = {seeds}: expected 1 to {MOST_SEEDS}")).into());
+            }
             Ok(Instance { name, about, family, seeds })
         };
         index.into_iter().map(instance).collect()
@@ -108,7 +117,8 @@ impl Library {
         let found = instances.iter().find(|instance| instance.name == name).cloned();
         found.ok_or_else(|| {
             let message = "expected an instance, as `skysink library list` shows them";
-            InputError::of_argument("instance", name, format_args!("{message}{}", meant.unwrap_or_default())).into()
+            InputError::of_argument("instance", &quoted(name), format_args!("{message}{}", meant.unwrap_or_default()))
+                .into()
         })
     }
 
@@ -123,16 +133,17 @@ impl Library {
         if !names.contains(&scenario) {
             return Err(InputError::new(LIBRARY, &self.path(&scenario), "it is missing").into());
         }
+        let mut missing = Vec::new();
         for name in &names {
             let path = to.join(name);
             let bytes = self.read(name)?.unwrap_or_default();
-            match fs::read(&path) {
+            match read_regular(&path) {
                 Ok(found) if found == *bytes => {}
-                Ok(_) => return Err(InputError::new("file", &path, "it exists, with another content").into()),
-                Err(error) if error.kind() == ErrorKind::NotFound => write_whole(&path, &bytes)?,
-                Err(error) => return Err(error).at(&path),
+                Err(error) if error.kind() == ErrorKind::NotFound => missing.push((path, bytes)),
+                _ => return Err(InputError::new("file", &path, "it exists, with another content").into()),
             }
         }
+        write_all(&missing.iter().map(|(path, bytes)| (path.clone(), &bytes[..])).collect::<Vec<_>>())?;
         Ok(to.join(scenario))
     }
 
@@ -175,9 +186,9 @@ impl Library {
             return Ok(BuiltFiles::get(name).map(|file| file.data));
         };
         let path = folder.join(name);
-        match fs::read(&path) {
+        match fs::metadata(&path) {
             Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
-            bytes => Ok(Some(bytes.at(&path)?.into())),
+            _ => Ok(Some(read_bytes(LIBRARY, &path)?.into())),
         }
     }
 

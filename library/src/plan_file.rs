@@ -205,7 +205,10 @@ pub(crate) fn parse(
         None => Err(refuse(&format!("it has no slot: expected rows {EXPECTED}"))),
         Some((seed, flight)) => {
             let [found, expected] = [flight.len() as u64, scenario.slots];
-            Err(refuse(&format!("it ends in slot {found} of seed {seed}: expected {expected} slots of each UAV")))
+            let after = flight.last().map_or(0, |moves| moves.len());
+            let missing = if after < scenario.uav.uavs() { format!(" before UAV {after}") } else { String::new() };
+            let at = format_args!("it ends in slot {found} of seed {seed}{missing}");
+            Err(refuse(&format!("{at}: expected {expected} slots of each UAV")))
         }
     }
 }

@@ -1,17 +1,17 @@
 //! The record of the best known flight of an instance: checked, and replaced by a better flight.
 
-use std::fs;
+use std::fs::{self, File};
+use std::path::Path;
 
 use skysink_common::build::VERSION;
 use skysink_common::error::InputError;
 use skysink_common::stop::Stop;
 use skysink_mission::MissionError;
 use skysink_mission::error::FileContext as _;
-use skysink_mission::files::write_whole;
-use xxhash_rust::xxh3::xxh3_64;
+use skysink_mission::files::{is_unfinished, write_all};
 
-use crate::best::{BestFlight, best_file};
-use crate::instance::{Instance, LIBRARY, Library};
+use crate::best::{BestFlight, best_file, hash};
+use crate::instance::{INDEX, Instance, LIBRARY, Library};
 use crate::plan_file;
 use crate::verify::{FlightSource, FlownFlight};
 
@@ -30,20 +30,10 @@ impl Library {
     /// # Errors
     /// If a file was changed, or on a stop.
     pub fn verify_best(&self, instance: &Instance, stop: &Stop) -> Result<Option<FlownFlight>, MissionError> {
-        let Some(best) = self.best(instance)? else { return Ok(None) };
-        let name = best_file(instance, "csv.gz");
-        let path = self.path(&name);
+        let Some(best) = self.recorded_best(instance)? else { return Ok(None) };
+        let bytes = self.plans_of(instance, &best)?;
+        let path = self.path(&best_file(instance, "csv.gz"));
         let refuse = |what: String| InputError::new(LIBRARY, &path, what);
-        let bytes = self.read(&name)?.ok_or_else(|| refuse("it is missing".to_owned()))?;
-        if hash(&bytes) != best.plans {
-            return Err(refuse(format!(
-                "hash {}: expected {}, of best/{}.toml",
-                hash(&bytes),
-                best.plans,
-                instance.name
-            ))
-            .into());
-        }
         let flown = self.fly_again(&[FlightSource::plan_file(&path, &bytes)?], Some(&instance.name), stop)?;
         if (flown.measure, flown.value) != (best.measure, best.value) {
             let what = format!("{:?} {}: expected {:?} {}", flown.measure, flown.value, best.measure, best.value);
@@ -77,7 +67,11 @@ impl FlownFlight {
         let folder = library.folder();
         let folder =
             folder.ok_or_else(|| refuse("expected --library DIR, the folder `library` of a checkout".to_owned()))?;
-        let known = library.best(instance)?;
+        // One process at a time, so that none replaces a better flight that another has just written.
+        let index = folder.join(INDEX);
+        let index = File::open(&index).and_then(|index| index.lock().map(|()| index)).at(&index)?;
+        // Of a flight whose plans are lost nobody can tell whether it is better.
+        let known = library.recorded_best(instance)?.filter(|known| library.plans_of(instance, known).is_ok());
         if let Some(known) = known.as_ref().filter(|known| known.measure != *measure) {
             return Err(refuse(format!("{}: expected {}, as known", measure.label(), known.measure.label())).into());
         }
@@ -104,14 +98,23 @@ impl FlownFlight {
         };
         let best_folder = folder.join("best");
         fs::create_dir_all(&best_folder).at(&best_folder)?;
-        write_whole(&folder.join(best_file(instance, "csv.gz")), &plans)?;
+        remove_unfinished(&best_folder, instance)?;
         let text = toml::to_string(&best).expect("plain keys and values");
-        write_whole(&folder.join(best_file(instance, "toml")), text.as_bytes())?;
+        let [plans_path, path] = ["csv.gz", "toml"].map(|extension| folder.join(best_file(instance, extension)));
+        write_all(&[(plans_path, &plans[..]), (path, text.as_bytes())])?;
+        drop(index);
         Ok(best)
     }
 }
 
-/// XXH3 of bytes, as 16 hexadecimal digits.
-fn hash(bytes: &[u8]) -> String {
-    format!("{:016x}", xxh3_64(bytes))
+/// Removes what killed processes have left in the folder `best`.
+fn remove_unfinished(best: &Path, instance: &Instance) -> Result<(), MissionError> {
+    let is_own =
+        |name: &str| name.strip_prefix(&instance.name).is_some_and(|rest| [".csv.gz", ".toml"].contains(&rest));
+    for entry in fs::read_dir(best).at(best)?.flatten() {
+        if is_unfinished(&entry.file_name().to_string_lossy(), is_own) {
+            fs::remove_file(entry.path()).at(&entry.path())?;
+        }
+    }
+    Ok(())
 }

@@ -15,6 +15,7 @@ use skysink_lab::bounds::{MissionBounds, bounds};
 use skysink_lab::metrics::{MetricValues, MissionMeter};
 use skysink_mission::drive::{Observer, Planned, drive};
 use skysink_mission::record::{RunFolder, is_run_folder};
+use skysink_mission::trace::TraceHash;
 use skysink_mission::{MissionError, Plant};
 use skysink_planner::settings;
 
@@ -164,6 +165,9 @@ impl FlownFlight {
         let Self { open, measure, value, .. } = self;
         let library = &open.library;
         let best = library.best(&open.instance)?;
+        if let Some(best) = best.as_ref().filter(|best| best.measure != *measure) {
+            return Err(library.refuse_best(&open.instance, *measure, best.measure).into());
+        }
         let standings = library.standings()?;
         let latest = ReferenceValue::latest(&standings, &open.instance.name);
         let mut others: Vec<NamedValue> =
@@ -234,9 +238,13 @@ impl FlightSource {
             let what = "an external flight-sim reported its flights: expected those of the model";
             return Err(InputError::new("run folder", path, what).into());
         }
-        let by = mode.external_planner.clone().unwrap_or_else(|| scenario.planner.strategy.clone());
+        let planner = mode.external_planner.clone().unwrap_or_else(|| scenario.planner.strategy.clone());
         let list = SensorList::of(&scenario)?;
-        Ok(Self { run: Some((scenario, list, scenario_path)), by: Some(by), ..plan_file(&folder.slots())? })
+        let trace = plan_file(&folder.slots())?;
+        // Who changes a trace is somebody else.
+        let hash = format!("{:016x}", TraceHash::of(&trace.text));
+        let by = folder.summary().ok().filter(|summary| summary.trace_hash == hash).map(|_| planner);
+        Ok(Self { run: Some((scenario, list, scenario_path)), by, ..trace })
     }
 
     /// The name of its instance, which is that of the files before.

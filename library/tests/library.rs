@@ -168,6 +168,82 @@ fn a_better_flight_takes_the_place_of_the_best_known_one() {
 }
 
 #[test]
+fn a_record_whose_plans_are_lost_is_noticed_and_replaced_and_nothing_is_left_beside_it() {
+    let (folder, library) = copy_of(SMALL);
+    let instance = library.find(SMALL).unwrap();
+    let known = library.verify_best(&instance, &stop()).unwrap().unwrap();
+    let best = folder.path().join("best");
+    // As after two renames of which a killed process has done one.
+    fs::write(best.join(format!("{SMALL}.csv.gz")), "those of another flight").unwrap();
+    fs::write(best.join(format!(".{SMALL}.toml.abcdef.new")), "").unwrap();
+    let torn = library.best(&instance).unwrap_err().to_string();
+    assert!(torn.contains("hash ") && torn.contains(&format!("of best/{SMALL}.toml")), "{torn}");
+    known.submit(Claim { by: "somebody".to_owned(), cost: "nothing".to_owned() }).unwrap();
+    assert_eq!(library.verify_best(&instance, &stop()).unwrap().unwrap().value, known.value);
+    assert_eq!(fs::read_dir(best).unwrap().count(), 2);
+}
+
+#[test]
+fn a_run_whose_trace_was_replaced_is_not_credited_to_its_strategy() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run");
+    fly(&find(SMALL), 1, &run);
+    fs::write(run.join("slots.csv"), plans_of(SMALL)).unwrap();
+    let flown = Library::default().verify(&[run], None, &stop()).unwrap();
+    assert_eq!(flown.by, None);
+}
+
+#[test]
+fn impossible_values_of_a_library_are_refused_by_file_and_key() {
+    let (best, standings) = (format!("best/{SMALL}.toml"), "standings.csv".to_owned());
+    let index = "instances.toml".to_owned();
+    let heading = format!("[{SMALL}]");
+    let with = |key: &str| format!("{heading}\n{key}");
+    for (file, from, to, says) in [
+        (&index, &heading, with("seeds = 0"), "seeds = 0: expected 1 to 1000"),
+        (&index, &heading, with("seeds = 1000000000"), "seeds = 1000000000: expected 1 to 1000"),
+        (&index, &heading, "['../other']".to_owned(), "[../other]: expected 1 to 100 of A-Z"),
+        (&best, &"value = ".to_owned(), "value = nan #".to_owned(), "value or bound: expected finite numbers"),
+        (&best, &"bound = ".to_owned(), "bound = inf #".to_owned(), "value or bound: expected finite numbers"),
+        (&best, &"\"loss_rate\"".to_owned(), "\"score\"".to_owned(), "measure score: expected η"),
+        (&standings, &format!("{SMALL},uts,x,1"), format!("{SMALL},uts,x,nan"), "expected a finite number"),
+        (
+            &standings,
+            &format!("{SMALL},uts,x,1"),
+            "a,b".to_owned(),
+            "expected instance, strategy, version, and a value",
+        ),
+    ] {
+        let (folder, library) = copy_of(SMALL);
+        let path = folder.path().join(file);
+        let text = fs::read_to_string(&path).unwrap_or(format!("instance,strategy,version,value\n{SMALL},uts,x,1\n"));
+        fs::write(&path, text.replacen(from, &to, 1)).unwrap();
+        let plans = folder.path().join("mine.csv");
+        fs::write(&plans, plans_of(SMALL)).unwrap();
+        let placed = library.verify(&[plans], Some(SMALL), &stop()).and_then(|flown| flown.placement());
+        let error = placed.unwrap_err().to_string();
+        assert!(error.contains(says) && error.contains(file), "{file}: {error}");
+    }
+}
+
+#[test]
+fn a_pipe_in_a_library_is_refused_and_a_copy_is_whole_or_not_at_all() {
+    let (folder, library) = copy_of(SMALL);
+    let instance = library.find(SMALL).unwrap();
+    let to = folder.path().join("to");
+    fs::create_dir(&to).unwrap();
+    fs::write(to.join(format!("{SMALL}.toml")), "mine").unwrap();
+    let error = library.copy(&instance, &to).unwrap_err().to_string();
+    assert!(error.contains("it exists, with another content"), "{error}");
+    assert_eq!(fs::read_dir(&to).unwrap().count(), 1);
+    let index = folder.path().join("instances.toml");
+    fs::remove_file(&index).unwrap();
+    assert!(std::process::Command::new("mkfifo").arg(&index).status().unwrap().success());
+    let error = library.instances().unwrap_err().to_string();
+    assert!(error.ends_with("it is a pipe or a device: expected a regular file"), "{error}");
+}
+
+#[test]
 fn a_spoilt_byte_of_a_best_known_flight_is_refused() {
     let (folder, library) = copy_of(SMALL);
     let instance = library.find(SMALL).unwrap();
@@ -252,7 +328,7 @@ fn a_verified_flight_is_placed_between_others() {
     let placed = library.verify(&[run], None, &stop()).unwrap().placement().unwrap();
     assert_eq!((placed.place, placed.of), (3, 5));
     assert_eq!(placed.ahead.unwrap().by, "tour");
-    assert_eq!(placed.behind.unwrap().by, "uts", "an equal one does not lead");
+    assert_eq!(placed.behind.unwrap().by, "gfs", "an equal one is not worse");
 }
 
 #[test]

@@ -14,7 +14,7 @@ use skysink_common::sensors::SensorList;
 use skysink_common::written_file::Extent;
 
 use crate::error::{FileContext, MissionError};
-use crate::files::write_whole;
+use crate::files::{read_regular, write_whole};
 use crate::folder::{Earlier, FolderLayout, OutputFolder};
 use crate::origin::{self, RunMode, SourceFile, hash};
 use crate::slot_log::{CHECK, SlotLog};
@@ -246,8 +246,8 @@ impl RunFolder {
     pub fn summary(&self) -> Result<Summary, MissionError> {
         let path = self.path().join(SUMMARY);
         let refuse = |message: String| InputError::new("summary", &path, message);
-        let text =
-            fs::read(&path).map_err(|error| refuse(format!("{error}: expected the folder of a run that has ended")))?;
+        let text = read_regular(&path)
+            .map_err(|error| refuse(format!("{error}: expected the folder of a run that has ended")))?;
         let summary = std::str::from_utf8(&text).ok().and_then(|text| text.rsplit_once(CHECK_KEY));
         if summary.is_none_or(|(summary, check)| check != check_value(summary)) {
             let remedy = "skysink run --resume RUN writes that of a complete run again, without times and events";

@@ -26,6 +26,12 @@ pub struct TraceHash {
 }
 
 impl TraceHash {
+    /// The hash of the lines of `slots.csv` behind the header.
+    #[must_use]
+    pub fn of(text: &str) -> u64 {
+        chain_hashes(0, text.split_once('\n').map_or("", |(_, lines)| lines).as_bytes())
+    }
+
     /// Formats the lines of a slot, one for each UAV, without adding them to the hash.
     ///
     /// # Errors

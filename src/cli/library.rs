@@ -1,5 +1,6 @@
 //! `skysink library`: arguments and printed results.
 
+use std::collections::HashSet;
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
@@ -191,7 +192,8 @@ fn fly(open: &OpenInstance, overrides: &Overrides, folder: &NewFolder, stop: &St
 fn list(library: &Library, family: Option<&str>, form: OutputForm) -> Result<(), Error> {
     let instances = library.instances()?;
     let mut families: Vec<String> = instances.iter().map(|instance| instance.family.clone()).collect();
-    families.dedup();
+    let mut seen = HashSet::new();
+    families.retain(|family| seen.insert(family.clone()));
     if let Some(family) = family.filter(|family| families.iter().all(|known| known != family)) {
         let expected = format_args!("expected one of {}", families.join(", "));
         return Err(InputError::of_argument("family", family, expected).into());

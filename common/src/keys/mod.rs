@@ -201,7 +201,11 @@ impl Accepts {
                 is_refused.then(|| self.expected() + ", the lower first")
             }
             Self::Text(_, is_accepted) => value.as_str().filter(|text| !is_accepted(text)).map(|_| self.expected()),
-            Self::OneOf(_) | Self::TableOf(_) | Self::TablesOf(_) | Self::Rule(_) => None,
+            Self::OneOf(names) => {
+                let is_nested = matches!(value, Value::Table(_) | Value::Array(_));
+                is_nested.then(|| format!("one of `{}`", names.join("`, `")))
+            }
+            Self::TableOf(_) | Self::TablesOf(_) | Self::Rule(_) => None,
         }
     }
 }

@@ -48,6 +48,12 @@ const NAME: Accepts = Accepts::Text("1 to 100 of A-Z a-z 0-9 . _ - (it becomes a
     (1..=MAX_NAME_BYTES).contains(&name.len()) && name.bytes().all(is_allowed) && !is_dots
 });
 
+/// What is expected instead of the name of a mission; `None` if it can be one.
+#[must_use]
+pub fn name_refusal(name: &str) -> Option<String> {
+    NAME.refusal(&name.into())
+}
+
 crate::keys! {
     /// A checked scenario: the keys of its file with all defaults.
     #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, HashSet};
 
 use serde::{Deserialize, Serialize};
+use xxhash_rust::xxh3::xxh3_64;
 
 use super::shard::Shard;
 
@@ -33,6 +34,12 @@ pub struct Definition {
 }
 
 impl Definition {
+    /// The hash of all fields but the identity.
+    pub(crate) fn hash(&self) -> String {
+        let plain = Self { identity: String::new(), ..self.clone() };
+        format!("{:016x}", xxh3_64(serde_json::to_string(&plain).expect("plain values").as_bytes()))
+    }
+
     /// The number of fields: points of the grid times seeds.
     #[must_use]
     pub fn fields(&self) -> usize {

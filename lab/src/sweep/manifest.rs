@@ -87,6 +87,9 @@ impl Manifest {
             ))
             .into());
         }
+        if manifest.definition.identity != manifest.definition.hash() {
+            return Err(refuse(format!("its {MANIFEST} was modified: restore it, or run the {what} again")).into());
+        }
         Ok(Some(manifest))
     }
 

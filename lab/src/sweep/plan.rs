@@ -11,7 +11,7 @@ use skysink_planner::settings;
 use skysink_planner::strategies::STRATEGIES;
 use skysink_planner::strategy::Registered;
 use toml::Table;
-use xxhash_rust::xxh3::{Xxh3, xxh3_64};
+use xxhash_rust::xxh3::Xxh3;
 
 use super::definition::{Definition, MissionKey};
 use super::saved;
@@ -75,8 +75,7 @@ impl Sweep {
         let SweepSettings { base, external, .. } = settings;
         let mut sweep = Self { definition, base, external, latest: Mutex::default() };
         sweep.definition.grid = sweep.grid(path)?;
-        let description = serde_json::to_string(&sweep.definition).expect("plain values");
-        sweep.definition.identity = format!("{:016x}", xxh3_64(description.as_bytes()));
+        sweep.definition.identity = sweep.definition.hash();
         Ok(sweep)
     }
 

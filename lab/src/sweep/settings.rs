@@ -199,8 +199,11 @@ fn axis(path: &Path, key: &str, values: &toml::Value) -> Result<(String, Vec<tom
         }
         toml::Value::Array(values) if !values.is_empty() => {
             let texts: Vec<String> = values.iter().map(ToString::to_string).collect();
-            let texts: Vec<&str> = texts.iter().map(String::as_str).collect();
-            match distinct(&texts) {
+            let real = |value: &toml::Value| value.as_integer().map(|whole| toml::Value::Float(whole as f64));
+            let reals =
+                values.iter().zip(&texts).map(|(value, text)| real(value).map_or(text.clone(), |it| it.to_string()));
+            let reals: Vec<String> = reals.collect();
+            match distinct(&reals.iter().map(String::as_str).collect::<Vec<_>>()) {
                 Ok(_) => Ok((key.to_owned(), values.clone())),
                 Err(expected) => Err(refusal(path, &format!("axes.\"{key}\" = [{}]", texts.join(", ")), expected)),
             }

@@ -71,7 +71,7 @@ fn a_folder_whose_definition_was_modified_is_not_repeated() {
     for (name, one, other, says) in [
         ("scenario.toml", "12000", "12001", "was modified: restore it"),
         ("sensors.csv", "\n3,34", "\n3,35", "was modified: restore it"),
-        ("sweep.json", "61.1", "61.2", "sweep.toml was modified"),
+        ("sweep.json", "61.1", "61.2", "its sweep.json was modified: restore it"),
         ("sweep.toml", "61.1", "61.2", "or fly another one: skysink sweep out/sweep.toml --out DIR"),
     ] {
         let file = format!("out/{name}");
@@ -82,11 +82,22 @@ fn a_folder_whose_definition_was_modified_is_not_repeated() {
         assert!(!place.path("again").exists());
         place.write(&file, &whole);
     }
-    // That the swept values were modified shows without sweep.toml, too.
+    // The results beside modified values are not shown either, and neither is a point that lacks a value.
     let manifest = place.read("out/sweep.json");
-    place.write("out/sweep.json", &manifest.replace("61.1", "61.2"));
     fs::remove_file(place.path("out/sweep.toml")).unwrap();
-    place.run_refused(&["sweep", "out", "--out", "again"], "sweep.json or the source of a strategy was modified");
+    let mut cut: serde_json::Value = serde_json::from_str(&manifest).unwrap();
+    cut["points"][0].as_array_mut().unwrap().pop();
+    for modified in [manifest.replace("61.1", "61.2"), cut.to_string()] {
+        place.write("out/sweep.json", &modified);
+        let commands = [
+            &["sweep", "out", "--out", "again"][..],
+            &["plot", "out", "--x", "area.side_m"],
+            &["merge", "out", "--out", "again"],
+        ];
+        for command in commands {
+            place.run_refused(command, "its sweep.json was modified: restore it");
+        }
+    }
     place.write("out/sweep.json", &manifest);
     place.run_ok(&["sweep", "out", "--out", "again"]);
     // As an earlier version left it.
