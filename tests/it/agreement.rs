@@ -41,8 +41,11 @@ const ROW: Row = Row {
 /// A ring with the viewer, which records.
 const WITH_VIEWER: fn(FlightBuilder) -> FlightBuilder = |flight| flight;
 
+/// A name, and what writes the content.
+type File = (&'static str, fn() -> String);
+
 /// Files that the scenarios and settings name.
-const FILES: [(&str, fn() -> String); 6] = [
+const FILES: [File; 6] = [
     ("bursts.csv", bursts),
     ("links.csv", links),
     ("list.csv", || scenarios::list(|id| Some(1 + id % 4 * 5))),
