@@ -9,6 +9,7 @@ use skysink_common::presets::drones::DRONES;
 use skysink_common::presets::radios::{RADIOS, Radio};
 use skysink_common::scenario::{Overrides, Scenario};
 
+#[cfg(feature = "lab")]
 use crate::support::Place;
 
 /// A scenario of a radio and a drone.
