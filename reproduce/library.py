@@ -16,9 +16,10 @@ STANDINGS = LIBRARY / "standings.csv"
 COLUMNS = ["instance", "strategy", "version", "value"]
 CHEAP = "rfs gfs uts uts-wide exact edf whittle mes max-age-first tour".split()
 POLICIES = ["dqn", "ppo"]  # of python/examples/rl_train.py
+LONGEST_S = 60  # for a mission of an earlier release
 LEARNT = "python/examples/library_fly.py"
 FLYERS = {name: (name, []) for name in CHEAP} | {
-    f"horizon {steps}": ("horizon", ["--set", f"planner.horizon.iterations={steps}"]) for steps in [20, 100]
+    f"horizon {steps}": ("horizon", ["--set", f"planner.horizon.iterations={steps}"]) for steps in [5, 20, 100]
 } | {policy: (f"{LEARNT} --policy {policy}", []) for policy in POLICIES}
 
 
@@ -74,15 +75,50 @@ def standings():
         return list(csv.DictReader(file))
 
 
-class Standings:
-    """The values of the strategies of this version over all instances, flown where they are missing in `folder`."""
+def label_of(version):
+    """Under what values stand: the version, or `unreleased` while the changelog has changes that no version has."""
+    changes = Path("CHANGELOG.md").read_text().split("## [Unreleased]")[-1].split("\n## [")[0]
+    return "unreleased" if changes.strip() else version
 
-    def __init__(self, folder, version, threads):
-        self.folder, self.version = folder / version, version
+
+def version_of(executable):
+    """The version of an executable."""
+    return subprocess.run([executable, "--version"], check=True, capture_output=True, text=True).stdout.split()[1]
+
+
+def flown_by(executable, instance, seeds, strategy, options, folder):
+    """The runs that the executable of an earlier release leaves; none if it cannot fly the instance in time."""
+    runs = []
+    for seed in range(1, seeds + 1) if seeds > 1 else [None]:
+        run = folder / str(seed) if seed else folder
+        words = [executable, "simulate", LIBRARY / f"{instance}.toml", "--strategy", strategy, *options]
+        words += ["--seed", seed] * bool(seed) + ["--out", run, "--force"]
+        try:
+            done = subprocess.run([str(word) for word in words], capture_output=True, text=True, timeout=LONGEST_S)
+        except subprocess.TimeoutExpired:
+            return []
+        if done.returncode == 2:
+            return []
+        if done.returncode:
+            sys.exit(f"reproduce/run: {' '.join(map(str, words))}: {done.stderr.strip()}")
+        runs.append(run)
+    return runs
+
+
+class Standings:
+    """The values of the strategies of a version over all instances, flown where they are missing in `folder`: those of
+    the `skysink` in PATH, or of the executable `earlier` of an earlier release, whose flights it verifies.
+    """
+
+    def __init__(self, folder, version, threads, earlier=None):
+        self.earlier = earlier
+        self.version = version_of(earlier) if earlier else label_of(version)
+        self.folder = folder / self.version
         self.folder.mkdir(parents=True, exist_ok=True)
-        self.instances = [row["name"] for row in command("list")]
-        self.flyers = list(FLYERS)
-        if python_version() != version:
+        self.seeds = {row["name"]: row["seeds"] for row in command("list")}
+        self.instances = list(self.seeds)
+        self.flyers = [flyer for flyer in FLYERS if not earlier or flyer not in POLICIES]
+        if not earlier and python_version() != version:
             print(f"reproduce/run: {', '.join(POLICIES)}: left as they are, as Python has no skysink {version}", file=sys.stderr)
             self.flyers = [flyer for flyer in FLYERS if flyer not in POLICIES]
         pairs = [(instance, flyer) for instance in self.instances for flyer in self.flyers]
@@ -101,7 +137,10 @@ class Standings:
         if kept.exists():
             return json.loads(kept.read_text())
         strategy, options = FLYERS[flyer]
-        if flyer in POLICIES:
+        if self.earlier:
+            runs = flown_by(self.earlier, instance, self.seeds[instance], strategy, options, folder)
+            verdict = command("verify", *runs) if runs else {}
+        elif flyer in POLICIES:
             verdict = command("verify", *flown_in_python(instance, flyer, folder))
         else:
             verdict = command("fly", instance, strategy, *options, "--out", folder, "--force", refused={})
@@ -136,10 +175,30 @@ class Standings:
 
 
 def gaps():
-    """By version and strategy the gaps to the best known flights, over the instances in standings.csv."""
+    """By version and strategy the gaps to the best known flights, by instance, from standings.csv."""
     best = {row["name"]: row["best"] for row in command("list")}
-    found = defaultdict(list)
+    found = defaultdict(dict)
     for row in standings():
         known = best[row["instance"]]
-        found[row["version"], row["strategy"]].append(gap(known["measure"], float(row["value"]), known["value"]))
+        own = gap(known["measure"], float(row["value"]), known["value"])
+        found[row["version"], row["strategy"]][row["instance"]] = own
+    return found
+
+
+def columns(gaps):
+    """The heads of the columns of a table of gaps with what each has by strategy: a column for each version, behind those
+    before it the newest over the same instances.
+    """
+    versions = sorted({version for version, _ in gaps}, key=lambda version: (version == "unreleased", version))
+    newest = versions[-1]
+    found = {}
+    for version in versions:
+        own = {flyer: gaps.get((version, flyer), {}) for flyer in FLYERS}
+        flown = set().union(*own.values())
+        found[f"{version}, {len(flown)} instances"] = {flyer: list(values.values()) for flyer, values in own.items()}
+        if version != newest:
+            found[f"{newest}, the same"] = {
+                flyer: [value for instance, value in gaps.get((newest, flyer), {}).items() if instance in own[flyer]]
+                for flyer in FLYERS
+            }
     return found
