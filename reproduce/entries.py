@@ -491,12 +491,13 @@ def standings():
     columns = library.columns(gaps)
 
     def percent(values):
-        return f"{100 * mean(values):.1f} ± {100 * error_of(values):.1f}" if values else ""
+        return f"{100 * mean(values):.1f} ± {100 * error_of(values):.1f} ({len(values)})" if values else ""
 
     rows = [[f"`{flyer}`", *(percent(values[flyer]) for values in columns.values())] for flyer in library.FLYERS]
     ahead = list(gaps[own.version, "horizon 100"].values())
     medians = [f"{100 * median(values):.1f} %" for values in [ahead, library.gaps_to_bounds()]]
-    note = f"medians: `horizon 100` {medians[0]}, best known to bound {medians[1]}"
+    note = f"in brackets the number of instances; medians of {own.version}: `horizon 100` {medians[0]}, best known to bound "
+    note += f"{medians[1]}; with `horizon 100` {library.better_before(gaps, 'horizon 100')}"
     return table("library", ["gap [%]", *columns], rows, note)
 
 

@@ -77,7 +77,7 @@ def standings():
 
 def label_of(version):
     """Under what values stand: the version, or `unreleased` while the changelog has changes that no version has."""
-    changes = Path("CHANGELOG.md").read_text().split("## [Unreleased]")[-1].split("\n## [")[0]
+    changes = Path("CHANGELOG.md").read_text().partition("## [Unreleased]")[2].partition("\n## [")[0]
     return "unreleased" if changes.strip() else version
 
 
@@ -139,7 +139,7 @@ class Standings:
         strategy, options = FLYERS[flyer]
         if self.earlier:
             runs = flown_by(self.earlier, instance, self.seeds[instance], strategy, options, folder)
-            verdict = command("verify", *runs) if runs else {}
+            verdict = command("verify", *runs, refused={}) if runs else {}
         elif flyer in POLICIES:
             verdict = command("verify", *flown_in_python(instance, flyer, folder))
         else:
@@ -164,14 +164,15 @@ class Standings:
 
     def write(self):
         """Writes the values of this version into standings.csv, behind those of others."""
-        others = [row for row in standings() if row["version"] != self.version or row["strategy"] not in self.flyers]
+        is_outdated = {self.version} if self.earlier else {self.version, "unreleased"}
+        kept = [row for row in standings() if row["version"] not in is_outdated or row["strategy"] not in self.flyers]
         own = [
             dict(zip(COLUMNS, [*pair, self.version, verdict["value"]])) for pair, verdict in self.verdicts.items()
         ]
         with open(STANDINGS, "w") as file:
             writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
             writer.writeheader()
-            writer.writerows(others + own)
+            writer.writerows(kept + own)
 
 
 def gaps():
@@ -189,16 +190,30 @@ def columns(gaps):
     """The heads of the columns of a table of gaps with what each has by strategy: a column for each version, behind those
     before it the newest over the same instances.
     """
-    versions = sorted({version for version, _ in gaps}, key=lambda version: (version == "unreleased", version))
+    def age(version):
+        return (1,) if version == "unreleased" else (0, *map(int, version.split(".")))
+
+    versions = sorted({version for version, _ in gaps}, key=age)
     newest = versions[-1]
     found = {}
     for version in versions:
         own = {flyer: gaps.get((version, flyer), {}) for flyer in FLYERS}
-        flown = set().union(*own.values())
-        found[f"{version}, {len(flown)} instances"] = {flyer: list(values.values()) for flyer, values in own.items()}
+        found[version] = {flyer: list(values.values()) for flyer, values in own.items()}
         if version != newest:
             found[f"{newest}, the same"] = {
                 flyer: [value for instance, value in gaps.get((newest, flyer), {}).items() if instance in own[flyer]]
                 for flyer in FLYERS
             }
     return found
+
+
+def better_before(gaps, flyer):
+    """Of the instances that an earlier version flies, on how many its flight is better than that of the newest."""
+    *earlier, newest = sorted({version for version, own in gaps if own == flyer}, key=lambda name: name == "unreleased")
+    counts = []
+    for version in earlier:
+        values, others = gaps[version, flyer], gaps[newest, flyer]
+        same = [instance for instance in values if instance in others]
+        better = sum(values[instance] < others[instance] for instance in same)
+        counts.append(f"{version} is better on {better} of {len(same)}")
+    return "; ".join(counts)

@@ -1,16 +1,19 @@
 //! Values of flights: what is compared, the best known ones, and those of the strategies of Skysink.
 
 use std::borrow::Cow;
+use std::fs::File;
+use std::io;
 
 use serde::{Deserialize, Serialize};
 use skysink_common::error::InputError;
 use skysink_common::scenario::Scenario;
 use skysink_lab::metrics::{Metric, MetricValues};
 use skysink_mission::MissionError;
+use skysink_mission::error::FileContext as _;
 use skysink_planner::settings::Settings;
 use xxhash_rust::xxh3::xxh3_64;
 
-use crate::instance::{Instance, LIBRARY, Library};
+use crate::instance::{INDEX, Instance, LIBRARY, Library};
 
 /// The values of strategies.
 const STANDINGS: &str = "standings.csv";
@@ -136,9 +139,22 @@ impl Library {
     /// # Errors
     /// If its files are malformed, or do not belong together.
     pub fn best(&self, instance: &Instance) -> Result<Option<BestFlight>, MissionError> {
+        let _index = self.locked(File::lock_shared)?; // no submission is between its two files
         let Some(best) = self.recorded_best(instance)? else { return Ok(None) };
         self.plans_of(instance, &best)?;
         Ok(Some(best))
+    }
+
+    /// The index of a library in a folder, locked by `lock` until it is dropped.
+    pub(crate) fn locked(&self, lock: fn(&File) -> io::Result<()>) -> Result<Option<File>, MissionError> {
+        let Some(folder) = self.folder() else { return Ok(None) };
+        let path = folder.join(INDEX);
+        Ok(Some(File::open(&path).and_then(|index| lock(&index).map(|()| index)).at(&path)?))
+    }
+
+    /// Whether the plan file of the best known flight is there, and no other.
+    pub(crate) fn has_plans(&self, instance: &Instance, best: &BestFlight) -> Result<bool, MissionError> {
+        Ok(self.read(&best_file(instance, "csv.gz"))?.is_some_and(|bytes| hash(&bytes) == best.plans))
     }
 
     /// What is recorded of the best known flight of an instance, whether its plans are there or not.

@@ -140,7 +140,8 @@ impl Library {
             match read_regular(&path) {
                 Ok(found) if found == *bytes => {}
                 Err(error) if error.kind() == ErrorKind::NotFound => missing.push((path, bytes)),
-                _ => return Err(InputError::new("file", &path, "it exists, with another content").into()),
+                Ok(_) => return Err(InputError::new("file", &path, "it exists, with another content").into()),
+                Err(error) => return Err(error).at(&path),
             }
         }
         write_all(&missing.iter().map(|(path, bytes)| (path.clone(), &bytes[..])).collect::<Vec<_>>())?;

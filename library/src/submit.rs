@@ -11,7 +11,7 @@ use skysink_mission::error::FileContext as _;
 use skysink_mission::files::{is_unfinished, write_all};
 
 use crate::best::{BestFlight, best_file, hash};
-use crate::instance::{INDEX, Instance, LIBRARY, Library};
+use crate::instance::{Instance, LIBRARY, Library};
 use crate::plan_file;
 use crate::verify::{FlightSource, FlownFlight};
 
@@ -68,10 +68,12 @@ impl FlownFlight {
         let folder =
             folder.ok_or_else(|| refuse("expected --library DIR, the folder `library` of a checkout".to_owned()))?;
         // One process at a time, so that none replaces a better flight that another has just written.
-        let index = folder.join(INDEX);
-        let index = File::open(&index).and_then(|index| index.lock().map(|()| index)).at(&index)?;
+        let index = library.locked(File::lock)?;
         // Of a flight whose plans are lost nobody can tell whether it is better.
-        let known = library.recorded_best(instance)?.filter(|known| library.plans_of(instance, known).is_ok());
+        let known = match library.recorded_best(instance)? {
+            Some(known) if library.has_plans(instance, &known)? => Some(known),
+            _ => None,
+        };
         if let Some(known) = known.as_ref().filter(|known| known.measure != *measure) {
             return Err(refuse(format!("{}: expected {}, as known", measure.label(), known.measure.label())).into());
         }

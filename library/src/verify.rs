@@ -241,7 +241,7 @@ impl FlightSource {
         let planner = mode.external_planner.clone().unwrap_or_else(|| scenario.planner.strategy.clone());
         let list = SensorList::of(&scenario)?;
         let trace = plan_file(&folder.slots())?;
-        // Who changes a trace is somebody else.
+        // Who changes a trace is somebody else; of a run that has not ended nobody can tell.
         let hash = format!("{:016x}", TraceHash::of(&trace.text));
         let by = folder.summary().ok().filter(|summary| summary.trace_hash == hash).map(|_| planner);
         Ok(Self { run: Some((scenario, list, scenario_path)), by, ..trace })

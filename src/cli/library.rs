@@ -1,6 +1,6 @@
 //! `skysink library`: arguments and printed results.
 
-use std::collections::HashSet;
+use std::collections::{BTreeSet, HashSet};
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
@@ -94,7 +94,7 @@ enum LibraryAction {
     Submit {
         #[command(flatten)]
         flights: Flights,
-        /// Who or what found it [default: the strategy of the run].
+        /// Who or what found it [default: the strategy of an unchanged run].
         #[arg(long)]
         by: Option<String>,
         /// What it cost, such as a computing time.
@@ -129,7 +129,7 @@ impl LibraryCommand {
                 form.print(&path, || {
                     let path = path.display();
                     print(format_args!(
-                        "Copied. Fly it by your planner: skysink run {path} --planner COMMAND --out DIR"
+                        "Copied. Fly it with your planner: skysink run {path} --planner COMMAND --out DIR"
                     ))
                 })
             }
@@ -221,10 +221,13 @@ fn list(library: &Library, family: Option<&str>, form: OutputForm) -> Result<(),
         names.set_constraint(ColumnConstraint::ContentWidth); // they are copied from here
         print(with_numbers_from(1, table))?;
         if family.is_none() {
-            print(format_args!("Of one --family: {}", families.join(", ")))?;
+            print(format_args!("Families, for --family: {}", families.join(", ")))?;
         }
-        match rows.iter().map(|row| row.instance.seeds).max() {
-            Some(seeds @ 2..) => print(format_args!("Policy instances are flown with each of the seeds 1 to {seeds}.")),
+        let counts: BTreeSet<u64> = rows.iter().map(|row| row.instance.seeds).filter(|&seeds| seeds > 1).collect();
+        match counts.last() {
+            Some(seeds) if counts.len() == 1 => {
+                print(format_args!("Policy instances are flown with each of the seeds 1 to {seeds}."))
+            }
             _ => Ok(()),
         }
     })
