@@ -186,14 +186,20 @@ def gaps():
     return found
 
 
+def in_order(versions):
+    """The distinct versions, the newest last."""
+
+    def age(version):
+        return (1,) if version == "unreleased" else (0, *map(int, version.split(".")))
+
+    return sorted(set(versions), key=age)
+
+
 def columns(gaps):
     """The heads of the columns of a table of gaps with what each has by strategy: a column for each version, behind those
     before it the newest over the same instances.
     """
-    def age(version):
-        return (1,) if version == "unreleased" else (0, *map(int, version.split(".")))
-
-    versions = sorted({version for version, _ in gaps}, key=age)
+    versions = in_order(version for version, _ in gaps)
     newest = versions[-1]
     found = {}
     for version in versions:
@@ -209,7 +215,7 @@ def columns(gaps):
 
 def better_before(gaps, flyer):
     """Of the instances that an earlier version flies, on how many its flight is better than that of the newest."""
-    *earlier, newest = sorted({version for version, own in gaps if own == flyer}, key=lambda name: name == "unreleased")
+    *earlier, newest = in_order(version for version, own in gaps if own == flyer)
     counts = []
     for version in earlier:
         values, others = gaps[version, flyer], gaps[newest, flyer]
