@@ -176,7 +176,7 @@ fn a_plan_that_knows_the_expiry_loses_less() {
 #[test]
 fn no_flight_beats_the_bound_where_bits_expire() {
     let mut bounds = 0;
-    for seed in 1..=20 {
+    for seed in 1..=8 {
         for (keys, strategy) in [
             ("sensors.expiry_s = 5.0\nsensors.capacity_bits = 9000\n", "tour"),
             ("sensors.expiry_s = 30.0\nsensors.capacity_bits = 3000\n", "horizon"),
@@ -190,5 +190,5 @@ fn no_flight_beats_the_bound_where_bits_expire() {
             bounds += usize::from(bound.loss_bits > 0);
         }
     }
-    assert!(bounds > 20, "{bounds} bounds say something");
+    assert!(bounds > 8, "{bounds} bounds say something");
 }

@@ -107,7 +107,7 @@ fn more_uavs_lose_less_and_least_with_partitioning() {
 fn wide(strategy: &'static str, seed: u64, uav: &str) -> Scenario {
     let text = format!(
         "name = 'wide'\nseed = {seed}\nslots = 400\n[area]\nside_m = 700.0\n[sensors]\ncount = 80\nsampling_bps = 160.0\n\
-         [planner]\nhorizon.iterations = 200\noffline.steps = 100000\n[uav]\n{uav}"
+         [planner]\nhorizon.iterations = 100\noffline.steps = 50000\n[uav]\n{uav}"
     );
     scenario_of(&text, strategy)
 }
@@ -179,7 +179,7 @@ fn planned_flights_keep_their_distance() {
 fn uavs_with_separation_land_one_after_the_other() {
     for strategy in ["tour", "mes", "uts", "horizon", "rfs"] {
         for coordination in ["sequential", "partition"] {
-            for seed in 1..=4 {
+            for seed in 1..=2 {
                 let text = format!(
                     "name = 'wait'\nseed = {seed}\nslots = 40\n[planner]\nhorizon.iterations = 60\n[uav]\ncount = 2\nseparation_m = 26.0\n\
                      max_speed_mps = 5.0\nmust_land = true\ncoordination = '{coordination}'\n"
@@ -497,9 +497,9 @@ fn a_restored_fleet_plans_as_before() {
             })
             .unwrap();
             let list = SensorList::of(&scenario).unwrap();
-            let flown: Vec<SlotRecord> = records(&scenario);
+            let flown: Vec<SlotRecord> = Mission::new(&scenario, &list).unwrap().take(12).collect();
             let mut mission = Mission::new(&scenario, &list).unwrap();
-            for (slot, next) in (1..).zip(&flown[1..]).take(12) {
+            for (slot, next) in (1..).zip(&flown[1..]) {
                 mission.next().unwrap();
                 if slot % 3 != 1 {
                     continue;
@@ -537,27 +537,23 @@ fn saved(planner: &FleetPlanner) -> Vec<u8> {
 #[test]
 fn no_fleet_beats_the_bound() {
     let mut bounds = 0;
-    for seed in 1..=4 {
+    for seed in 1..=3 {
         for uavs in 1..=3 {
             let text = format!(
                 "name = 'x'\nseed = {seed}\nslots = 150\n[area]\nside_m = 500.0\n[sensors]\ncount = 150\nsampling_bps = 300.0\n\
                  capacity_bits = 9000\n[uav]\ncount = {uavs}\ncoordination = 'partition'\n"
             );
-            for strategy in ["tour", "edf"] {
-                let scenario = scenario_of(&text, strategy);
-                let list = SensorList::of(&scenario).unwrap();
+            let [tour, edf] = ["tour", "edf"].map(|strategy| scenario_of(&text, strategy));
+            let list = SensorList::of(&tour).unwrap();
+            let bound = mission_bound(&tour, &list.sensors_of(&tour), &list.queues_bits(), u64::MAX).loss_bits;
+            for scenario in [tour, edf] {
                 let lost_bits = lost_bits(&records(&scenario));
-                let bound = mission_bound(&scenario, &list.sensors_of(&scenario), &list.queues_bits(), u64::MAX);
-                assert!(
-                    bound.loss_bits <= lost_bits,
-                    "{strategy}, seed {seed}, {uavs}: {} {lost_bits}",
-                    bound.loss_bits
-                );
-                bounds += usize::from(bound.loss_bits > 0);
+                assert!(bound <= lost_bits, "seed {seed}, {uavs}: {bound} {lost_bits}");
             }
+            bounds += usize::from(bound > 0);
         }
     }
-    assert!(bounds > 8, "{bounds} bounds say something");
+    assert!(bounds > 3, "{bounds} bounds say something");
 }
 
 #[test]
