@@ -240,7 +240,9 @@ impl CellGrid {
         }
     }
 
-    /// The cells of the shortest way from `from` to the cell nearest to `to`; empty if there is none.
+    /// The cells of the shortest way from `from` to the cell nearest to `to`; empty if there is none. Of several equally
+    /// short ones that which begins to the east, north, west or south, in this order, at each cell: so the way from any of
+    /// its cells is the rest of it.
     fn cells(&self, from: &Position, to: &Position) -> Vec<u32> {
         let Some(goal) = self.nearest_cell(to) else { return Vec::new() };
         let Some((mut cell, _)) = self.begin(from, goal) else { return Vec::new() };
@@ -249,15 +251,9 @@ impl CellGrid {
             return Vec::new();
         }
         let mut cells = vec![cell];
-        let mut step = 0;
         while cell != goal {
             let is_nearer = |other: &u32| moves[*other as usize] < moves[cell as usize];
-            let ahead = i64::from(cell) + step;
-            // Straight on where that is as short.
-            let mut nearer = self.neighbours(cell).filter(is_nearer);
-            let straight = self.neighbours(cell).filter(is_nearer).find(|&other| i64::from(other) == ahead);
-            let Some(next) = straight.or_else(|| nearer.next()) else { return Vec::new() };
-            step = i64::from(next) - i64::from(cell);
+            let Some(next) = self.neighbours(cell).find(is_nearer) else { return Vec::new() };
             cell = next;
             cells.push(cell);
         }
@@ -460,6 +456,20 @@ mod tests {
             }
             for (cell, length_m) in cells.iter().zip(&length_m) {
                 assert_eq!(airspace.distance_m(cell, goal), *length_m, "{cell} to {goal}");
+            }
+        }
+    }
+
+    /// Otherwise a plan of a way would not be what is flown of it, slot by slot.
+    #[test]
+    fn the_way_from_a_cell_of_a_way_is_the_rest_of_it() {
+        let airspace = walled(1);
+        let grid = airspace.grid.as_deref().unwrap();
+        let cells: Vec<Position> = airspace.cells().collect();
+        for (from, to) in cells.iter().flat_map(|from| cells.iter().map(move |to| (from, to))) {
+            let way = grid.cells(from, to);
+            for (passed, cell) in way.iter().enumerate() {
+                assert_eq!(grid.cells(&grid.middle(*cell), to), way[passed..], "{from} to {to}");
             }
         }
     }

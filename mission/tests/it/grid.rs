@@ -1,5 +1,6 @@
 //! Missions on a grid (decision D17a): every strategy moves from the middle of a cell to that of a neighbour.
 
+use std::ops::ControlFlow;
 use std::path::Path;
 
 use crate::support::scenario_of;
@@ -9,10 +10,14 @@ use skysink_common::message::{FlightReport, HoldReason, Mode, Plan};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::slot_record::UAV;
+use skysink_common::stop::Stop;
 use skysink_mission::{Mission, Plant};
 use skysink_planner::geometry::disks::Disk;
 use skysink_planner::mission_table::MissionTable;
+use skysink_planner::plan::long_search::SearchProgress;
+use skysink_planner::strategies::look_ahead::search_offline;
 use skysink_planner::strategies::names;
+use skysink_planner::strategy::OwnedSetup;
 
 const CELL_M: f64 = 10.0;
 
@@ -165,4 +170,33 @@ fn a_hover_takes_as_many_slots_as_a_move() {
             [0.0, CELL_M].map(|away_m| Disk { centre: start + Vector2::new(-away_m, 0.0), radius_m: 1.0 });
         assert_eq!([&here, &next].map(|disk| table.motion.slots_into(&start, disk)), [n, n], "{speed_mps} m/s");
     }
+}
+
+/// Between its stops and on the way home, too, which pass other sensor nodes.
+#[test]
+fn a_plan_of_collect_delivers_what_it_predicts() {
+    let mut complete = 0;
+    for seed in 1..=8 {
+        let text = format!(
+            "name = 'plan'\nseed = {seed}\nslots = 70\narea.side_m = 200.0\n\
+             area.no_fly = [{{ polygon_m = [[60, 50], [140, 50], [140, 80], [60, 80]] }}]\nsensors.count = 12\n\
+             sensors.sampling_bps = 0.0\nsensors.initial_queue_mean_bits = 9000.0\nlink.comm_radius_m = 60.0\n\
+             link.bandwidth_hz = 1e3\nlink.resource_blocks = 1\nbase.position_m = [15, 15]\nbase.radius_m = 10.0\n\
+             uav.start_m = [185, 185]\nuav.must_land = true\nuav.moves = 'grid'\nuav.cell_m = 10.0\n\
+             uav.max_speed_mps = 10.0\nplanner.objective = 'collect'\nplanner.offline.steps = 4000\n"
+        );
+        let scenario = scenario_of(&text, "offline");
+        let list = SensorList::of(&scenario).unwrap();
+        let setup = OwnedSetup::new(scenario.clone(), &list.nodes()).unwrap();
+        let watch = &mut |_: SearchProgress| ControlFlow::Continue(());
+        let (_, found) = search_offline(&setup.setup(), &list.queues_bits(), &Stop::default(), watch).unwrap();
+        let records: Vec<_> = Mission::new(&scenario, &list).unwrap().collect();
+        let totals = records.last().unwrap().header.totals;
+        // Less a millionth of all for each slot in the air.
+        let air_bits = totals.initial_bits as f64 * 1e-6 * 70.0;
+        let predicted_bits = -found.cost..=-found.cost + air_bits;
+        assert!(predicted_bits.contains(&(totals.delivered_bits as f64)), "seed {seed}: {found:?}, {totals:?}");
+        complete += usize::from(totals.queued_bits == 0);
+    }
+    assert!(complete < 8, "all is delivered, whatever the way");
 }
