@@ -10,9 +10,6 @@ use crate::mission_table::MissionTable;
 /// Entries of the capacity table where the rate depends on the elevation, over `d²` from 0 to `d_c²`.
 pub(super) const TABLE: usize = 64;
 
-/// Entries for which the altitude is optimised: the inner fifth of the disk, from which most sensors are served.
-const NEAR_STEPS: usize = TABLE / 5;
-
 /// Steps between the altitudes that are compared.
 const LEVELS: u32 = 16;
 
@@ -31,11 +28,11 @@ pub(super) fn with_margin(scenario: &Scenario) -> Cow<'_, Scenario> {
     Cow::Owned(within)
 }
 
-/// Expected bits of a visit with a full buffer, over `d²`, from the altitude that is best for nearby sensors; of equals
-/// the lowest.
+/// Expected bits of a visit with a full buffer, over `d²`, in sight and not, from the altitude from which most is taken if
+/// each sensor is served from above it, with the nearest others; of equals the lowest.
 ///
 /// The capacity of each draw is limited to the buffer: excess capacity of a good draw does not make up for a bad one.
-pub(super) fn best_capacities_bits(scenario: &Scenario, table: &MissionTable, in_sight: bool) -> [f64; TABLE + 1] {
+pub(super) fn best_capacities_bits(scenario: &Scenario, table: &MissionTable) -> [[f64; TABLE + 1]; 2] {
     let [low_m, high_m] =
         scenario.uav.climb().map_or([scenario.uav.altitude_m; 2], |climb| [climb.min_altitude_m, climb.max_altitude_m]);
     let rim_m2 = scenario.link.comm_radius_m * scenario.link.comm_radius_m;
@@ -43,14 +40,40 @@ pub(super) fn best_capacities_bits(scenario: &Scenario, table: &MissionTable, in
     let buffer_bits = u64::from(buffers_bits.max().unwrap_or(0));
     let taken_bits = |rate_bps: f64| table.channel.capacity_bits(rate_bps).min(buffer_bits) as f64;
     let gain = table.sensors.gains.iter().copied().fold(0.0, f64::max);
-    let expected_bits = |d2_m2: f64, z_m: f64| {
+    let expected_bits = |d2_m2: f64, z_m: f64, in_sight: bool| {
         table.channel.mean_over_draws(&Uplink { in_sight, ..table.channel.uplink_at(gain, d2_m2, z_m) }, &taken_bits)
     };
-    let level_bits = |level: u32| -> [f64; TABLE + 1] {
-        let z_m = low_m + (high_m - low_m) * f64::from(level) / f64::from(LEVELS);
-        std::array::from_fn(|step| expected_bits(rim_m2 * step as f64 / TABLE as f64, z_m))
+    let altitude_bits = |z_m: f64, in_sight: bool| -> [f64; TABLE + 1] {
+        std::array::from_fn(|step| expected_bits(rim_m2 * step as f64 / TABLE as f64, z_m, in_sight))
     };
-    let near_bits = |bits: &[f64; TABLE + 1]| bits[..=NEAR_STEPS].iter().sum::<f64>();
-    let best = (0..=LEVELS).map(level_bits).reduce(|a, b| if near_bits(&b) > near_bits(&a) { b } else { a });
-    best.expect("at least one level")
+    let levels_m = (0..=LEVELS).map(|level| low_m + (high_m - low_m) * f64::from(level) / f64::from(LEVELS));
+    let levels = levels_m.map(|z_m| (z_m, altitude_bits(z_m, true)));
+    let served = served_at(table, rim_m2);
+    let all_bits = |bits: &[f64; TABLE + 1]| bits.iter().zip(&served).map(|(bits, count)| bits * count).sum::<f64>();
+    let best = levels.reduce(|a, b| if all_bits(&b.1) > all_bits(&a.1) { b } else { a });
+    let (z_m, seen) = best.expect("at least one level");
+    [seen, if table.channel.depends_on_place() { altitude_bits(z_m, false) } else { seen }]
+}
+
+/// Sensors by the entry of their squared distance, if each is served from above it, with as many of the nearest in range
+/// as there are resource blocks.
+fn served_at(table: &MissionTable, rim_m2: f64) -> [f64; TABLE + 1] {
+    let mut served = [0.0; TABLE + 1];
+    let mut away_m2: Vec<f64> = Vec::new();
+    for id in table.sensors.ids() {
+        away_m2.clear();
+        table.sensors.grid.visit(table.sensors.position(id), rim_m2.sqrt(), |_, d2_m2| away_m2.push(d2_m2));
+        let blocks = table.limits.blocks().min(away_m2.len());
+        if blocks < away_m2.len() {
+            away_m2.select_nth_unstable_by(blocks, f64::total_cmp);
+        }
+        away_m2[..blocks].iter().for_each(|d2_m2| served[entry(*d2_m2, rim_m2)] += 1.0);
+    }
+    served
+}
+
+/// The entry of the capacity table at the squared distance `d2_m2` [m²], where that of the rim is `rim_m2`.
+#[inline]
+pub(super) fn entry(d2_m2: f64, rim_m2: f64) -> usize {
+    ((d2_m2 / rim_m2 * TABLE as f64).round() as usize).min(TABLE)
 }

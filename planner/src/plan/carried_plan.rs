@@ -260,16 +260,13 @@ impl<O: Objective> CarriedPlan<O> {
         offered: &[(Position, u32)],
         is_over: &dyn Fn() -> bool,
     ) {
-        let turns = self.model.has_sampling.then(|| {
-            let mut turns = self.model.table.turns(view.stop).as_ref().clone();
-            turns.begin_near(|point| self.model.table.motion.distance_m2(point, &forecast.window.start));
-            turns
-        });
+        let mut turns = self.model.table.turns(view.stop).as_ref().clone();
+        turns.begin_near(|point| self.model.table.motion.distance_m2(point, &forecast.window.start));
         let number = |id: &u32| self.model.ids.binary_search(id).ok();
         let offered: Vec<(Position, u32)> =
             offered.iter().filter_map(|(at, id)| number(id).map(|sensor| (*at, sensor as u32))).collect();
         let offered = offered.into_iter().map(|(at, sensor)| self.model.add_point(sensor, at, 0)).collect();
-        start::begin_at_points(&mut self.model, forecast, turns.as_ref(), offered, is_over);
+        start::begin_at_points(&mut self.model, forecast, &turns, offered, is_over);
     }
 
     /// Improves the plan of `forecast` in the steps of its keys, `first_steps` where plans hover and it is the first.

@@ -13,7 +13,7 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::grid::Grid;
 use skysink_common::stop::Stop;
 
-use super::capacities::{TABLE, best_capacities_bits, with_margin};
+use super::capacities::{TABLE, best_capacities_bits, entry, with_margin};
 use super::groups::{self, ServiceDisk};
 use super::objective::Objective;
 use super::other_visits::OtherVisits;
@@ -38,7 +38,7 @@ const SCARCE_BLOCKS: f64 = 0.4;
 const SCARCE_TIME: f64 = 0.75;
 
 /// Capacity at the rim of a stop for one sensor, as a fraction of that from straight above.
-const NEAR: f64 = 0.8;
+const NEAR: f64 = 0.7;
 
 /// Radii that are compared for such a stop.
 const NEAR_RADII: u32 = 32;
@@ -62,9 +62,9 @@ pub struct PlanModel {
     pub pad_waits: Vec<u64>,
     /// Altitude of service where the rate depends on the distance alone [m].
     pub(super) altitude_m: f64,
-    /// Where it depends on the elevation or on buildings: expected bits of a visit by `d²`, in sight and not, from the
-    /// best altitude for nearby sensors, over an uplink of the highest gain. One altitude is used, because all sensors
-    /// of a slot are served from one, and climbs are slow.
+    /// Where it depends on the elevation or on buildings: expected bits of a visit by `d²`, in sight and not, over an
+    /// uplink of the highest gain. One altitude is used, because all sensors of a slot are served from one, and climbs
+    /// are slow.
     capacities_bits: Option<Box<[[f64; TABLE + 1]; 2]>>,
     /// All disks: first those of single sensors, then groups; where plans hover, points.
     pub disks: Vec<ServiceDisk>,
@@ -100,11 +100,7 @@ impl PlanModel {
         let grid = |positions: &[Position]| Grid::over(&scenario.area, positions, scenario.link.comm_radius_m);
         let table = mission.over(scenario, Arc::new(mission.sensors.subset(&ids, grid)));
         let is_tabulated = table.channel.depends_on_elevation() || table.channel.depends_on_place();
-        let capacities_bits = (is_tabulated && !O::HOVERS).then(|| {
-            let seen = best_capacities_bits(scenario, &table, true);
-            let hidden = table.channel.depends_on_place().then(|| best_capacities_bits(scenario, &table, false));
-            Box::new([seen, hidden.unwrap_or(seen)])
-        });
+        let capacities_bits = (is_tabulated && !O::HOVERS).then(|| Box::new(best_capacities_bits(scenario, &table)));
         let has_sampling = table.sensors.sampling_ids().next().is_some();
         let mut model = Self {
             altitude_m: scenario.uav.altitude_m,
@@ -371,8 +367,8 @@ impl PlanModel {
     /// Capacity of a visit of `sensor` at the squared distance `d2_m2` [m²], in its sight or not [bit].
     pub(super) fn capacity_bits(&self, sensor: u32, d2_m2: f64, in_sight: bool) -> f64 {
         if let Some(capacities_bits) = &self.capacities_bits {
-            let fraction = d2_m2 / (self.table.limits.comm_radius_m * self.table.limits.comm_radius_m);
-            return capacities_bits[usize::from(!in_sight)][((fraction * TABLE as f64).round() as usize).min(TABLE)];
+            let rim_m2 = self.table.limits.comm_radius_m * self.table.limits.comm_radius_m;
+            return capacities_bits[usize::from(!in_sight)][entry(d2_m2, rim_m2)];
         }
         let channel = &self.table.channel;
         let uplink = channel.uplink_at(self.table.sensors.gains[sensor as usize], d2_m2, self.altitude_m);

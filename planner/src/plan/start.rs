@@ -1,6 +1,6 @@
 //! Initial plans.
 
-use skysink_common::geometry::distance_squared;
+use skysink_common::geometry::{Position, distance_squared};
 
 use super::forecast::{FRESH, Forecast};
 use super::groups::PlannedStop;
@@ -94,12 +94,12 @@ pub fn extend<O: Objective>(model: &PlanModel, forecast: &mut Forecast<O>) {
     forecast.settle();
 }
 
-/// Loads a first plan that hovers: a stop for each sensor, the fullest first, where the plan then delivers most. Where
-/// sensors sample it is the same round again and again, that of `turns`, or the stops `offered`, whichever delivers most.
+/// Loads a first plan that hovers: a stop for each sensor, the fullest first, where the plan then delivers most, the round
+/// of `turns`, or the stops `offered`, whichever delivers most. Where sensors sample, the rounds are flown again and again.
 pub fn begin_at_points<O: Objective>(
     model: &mut PlanModel,
     forecast: &mut Forecast<O>,
-    turns: Option<&Turns>,
+    turns: &Turns,
     offered: Vec<PlannedStop>,
     is_over: &dyn Fn() -> bool,
 ) {
@@ -107,7 +107,7 @@ pub fn begin_at_points<O: Objective>(
     forecast.load(model, []);
     let mut open = forecast.open(model);
     open.sort_by(|(_, a), (_, b)| b.total_cmp(a));
-    for (sensor, queue_bits) in open {
+    for &(sensor, queue_bits) in &open {
         if is_over() {
             break;
         }
@@ -130,30 +130,30 @@ pub fn begin_at_points<O: Objective>(
             forecast.accept(model, cost);
         }
     }
-    let mut best = (forecast.cost, forecast.stops());
-    if let Some(turns) = turns {
-        // What is sampled has to be fetched again and again: perhaps better in the round of `tour`.
+    if model.has_sampling {
+        // What is sampled has to be fetched again and again.
         let round = forecast.stops();
         repeat(model, forecast, &round, is_over);
+    }
+    let mut best = (forecast.cost, forecast.stops());
+    let stop = |(&sensor, point): (&u32, &Position)| {
+        let point = model.table.airspace.nearest(point);
+        if model.has_sampling {
+            return Some(model.add_point(sensor, point, 0));
+        }
+        let (_, queue_bits) = open.iter().find(|(other, _)| *other == sensor)?;
+        let hovers = model.hovers(sensor, *queue_bits, &point);
+        Some(model.add_point(sensor, point, hovers))
+    };
+    let round: Vec<PlannedStop> = turns.order.iter().zip(&turns.points).filter_map(stop).collect();
+    forecast.load(model, []);
+    repeat(model, forecast, &round, is_over);
+    if forecast.cost < best.0 {
         best = (forecast.cost, forecast.stops());
-        let round: Vec<PlannedStop> = turns
-            .order
-            .iter()
-            .zip(&turns.points)
-            .map(|(&sensor, point)| {
-                let point = model.table.airspace.nearest(point);
-                model.add_point(sensor, point, 0)
-            })
-            .collect();
-        forecast.load(model, []);
-        repeat(model, forecast, &round, is_over);
-        if forecast.cost < best.0 {
-            best = (forecast.cost, forecast.stops());
-        }
-        forecast.load(model, offered.iter().copied());
-        if forecast.cost < best.0 {
-            best = (forecast.cost, forecast.stops());
-        }
+    }
+    forecast.load(model, offered);
+    if forecast.cost < best.0 {
+        best = (forecast.cost, forecast.stops());
     }
     forecast.load(model, best.1);
     forecast.keeps_idle = true;
