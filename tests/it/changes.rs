@@ -14,7 +14,7 @@ fn a_file_that_changes_under_a_paced_run_ends_it() {
     let place = Place::new();
     let changes: [(&str, &str, Change); 4] = [
         ("slots.csv", "it was replaced during the run", |file| {
-            let whole = fs::read(file).unwrap();
+            let whole = fs::read(file).unwrap(); // a copy of the whole may still be complete
             fs::write(file.with_extension("copy"), &whole[..whole.len() / 2]).unwrap();
             fs::rename(file.with_extension("copy"), file).unwrap();
         }),

@@ -462,7 +462,7 @@ mod tests {
 
     /// Otherwise a plan of a way would not be what is flown of it, slot by slot.
     #[test]
-    fn the_way_from_a_cell_of_a_way_is_the_rest_of_it() {
+    fn the_ways_to_and_from_a_cell_of_a_way_are_parts_of_it() {
         let airspace = walled(1);
         let grid = airspace.grid.as_deref().unwrap();
         let cells: Vec<Position> = airspace.cells().collect();
@@ -470,6 +470,11 @@ mod tests {
             let way = grid.cells(from, to);
             for (passed, cell) in way.iter().enumerate() {
                 assert_eq!(grid.cells(&grid.middle(*cell), to), way[passed..], "{from} to {to}");
+                assert_eq!(
+                    grid.cells(from, &grid.middle(*cell)),
+                    way[..=passed],
+                    "{from} to a cell on the way to {to}"
+                );
             }
         }
     }

@@ -149,7 +149,7 @@ mod tests {
 
     #[test]
     fn the_correlation_falls_exponentially_with_the_displacement_of_either_end() {
-        const MISSIONS: u64 = 40_000;
+        const MISSIONS: u64 = 10_000;
         let here = ([10.0, 20.0], [30.0, -5.0, 40.0]);
         // (SN, UAV, the sum of both displacements [m])
         let others = [
@@ -169,7 +169,7 @@ mod tests {
         }
         for (sum, (_, _, displaced_m)) in sums.iter().zip(others) {
             let (found, expected) = (sum / MISSIONS as f64, (-displaced_m / 50.0f64).exp());
-            assert!((found - expected).abs() < 0.025, "{displaced_m} m: {found}, not {expected}");
+            assert!((found - expected).abs() < 0.04, "{displaced_m} m: {found}, not {expected}");
         }
     }
 
@@ -179,7 +179,7 @@ mod tests {
         let uplink = Uplink::new(1.0, &sensor, &uav);
         let probability = channel().line_of_sight().unwrap().los_probability(&uplink);
         let mut seen = 0;
-        for seed in 0..20_000 {
+        for seed in 0..5_000 {
             let drawn = drawn(seed);
             let first = drawn.draw(&uplink, &sensor, &uav, 1, 0).line_of_sight;
             seen += u32::from(first);
@@ -189,7 +189,7 @@ mod tests {
             let best_bps = channel().best_drawn_rate_bps(&uplink, &Streams::new(seed), 1, 0);
             assert!(drawn.draw(&uplink, &sensor, &uav, 1, 0).rate_bps <= best_bps);
         }
-        assert!((f64::from(seen) / 20_000.0 - probability).abs() < 0.012, "{seen} of 20 000, {probability}");
+        assert!((f64::from(seen) / 5_000.0 - probability).abs() < 0.02, "{seen} of 5 000, {probability}");
     }
 
     #[test]

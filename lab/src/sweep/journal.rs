@@ -259,15 +259,13 @@ mod tests {
         assert_eq!(whole.len(), 2);
         let lines = [0, text.iter().position(|&byte| byte == b'\n').unwrap() + 1];
         for at in 0..text.len() - 1 {
-            for bit in 0..8 {
-                let mut changed = text.clone();
-                changed[at] ^= 1 << bit;
-                write_whole(&path, &changed).unwrap();
-                let refusal = read(&path, &definition("a")).unwrap_err().to_string();
-                let line = if at < lines[1] { 1 } else { 2 };
-                assert!(refusal.contains(&format!("line {line}: ")) && !refusal.contains('\n'), "{at}: {refusal}");
-                assert!(refusal.contains("expected the checksum "), "{at}: {refusal}");
-            }
+            let mut changed = text.clone();
+            changed[at] ^= 1 << (at % 8);
+            write_whole(&path, &changed).unwrap();
+            let refusal = read(&path, &definition("a")).unwrap_err().to_string();
+            let line = if at < lines[1] { 1 } else { 2 };
+            assert!(refusal.contains(&format!("line {line}: ")) && !refusal.contains('\n'), "{at}: {refusal}");
+            assert!(refusal.contains("expected the checksum "), "{at}: {refusal}");
         }
     }
 

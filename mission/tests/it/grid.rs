@@ -176,14 +176,15 @@ fn a_hover_takes_as_many_slots_as_a_move() {
 #[test]
 fn a_plan_of_collect_delivers_what_it_predicts() {
     let mut complete = 0;
-    for seed in 1..=8 {
+    for (seed, speed_mps) in (1..=8).flat_map(|seed| [(seed, 10.0), (seed, 5.0)]) {
+        let slots = 700.0 / speed_mps;
         let text = format!(
-            "name = 'plan'\nseed = {seed}\nslots = 70\narea.side_m = 200.0\n\
+            "name = 'plan'\nseed = {seed}\nslots = {slots}\narea.side_m = 200.0\n\
              area.no_fly = [{{ polygon_m = [[60, 50], [140, 50], [140, 80], [60, 80]] }}]\nsensors.count = 12\n\
              sensors.sampling_bps = 0.0\nsensors.initial_queue_mean_bits = 9000.0\nlink.comm_radius_m = 60.0\n\
              link.bandwidth_hz = 1e3\nlink.resource_blocks = 1\nbase.position_m = [15, 15]\nbase.radius_m = 10.0\n\
              uav.start_m = [185, 185]\nuav.must_land = true\nuav.moves = 'grid'\nuav.cell_m = 10.0\n\
-             uav.max_speed_mps = 10.0\nplanner.objective = 'collect'\nplanner.offline.steps = 4000\n"
+             uav.max_speed_mps = {speed_mps:?}\nplanner.objective = 'collect'\nplanner.offline.steps = 4000\n"
         );
         let scenario = scenario_of(&text, "offline");
         let list = SensorList::of(&scenario).unwrap();
@@ -193,10 +194,10 @@ fn a_plan_of_collect_delivers_what_it_predicts() {
         let records: Vec<_> = Mission::new(&scenario, &list).unwrap().collect();
         let totals = records.last().unwrap().header.totals;
         // Less a millionth of all for each slot in the air.
-        let air_bits = totals.initial_bits as f64 * 1e-6 * 70.0;
+        let air_bits = totals.initial_bits as f64 * 1e-6 * slots;
         let predicted_bits = -found.cost..=-found.cost + air_bits;
         assert!(predicted_bits.contains(&(totals.delivered_bits as f64)), "seed {seed}: {found:?}, {totals:?}");
         complete += usize::from(totals.queued_bits == 0);
     }
-    assert!(complete < 8, "all is delivered, whatever the way");
+    assert!(complete <= 8, "{complete} of 16: all is delivered, whatever the way");
 }

@@ -10,6 +10,9 @@ use crate::mission_table::MissionTable;
 /// Entries of the capacity table where the rate depends on the elevation, over `d²` from 0 to `d_c²`.
 pub(super) const TABLE: usize = 64;
 
+/// The last entry of the inner fifth of the disk.
+const NEAR_STEPS: usize = TABLE / 5;
+
 /// Steps between the altitudes that are compared.
 const LEVELS: u32 = 16;
 
@@ -28,8 +31,8 @@ pub(super) fn with_margin(scenario: &Scenario) -> Cow<'_, Scenario> {
     Cow::Owned(within)
 }
 
-/// Expected bits of a visit with a full buffer, over `d²`, in sight and not, from the altitude from which most is taken if
-/// each sensor is served from above it, with the nearest others; of equals the lowest.
+/// Expected bits of a visit with a full buffer, over `d²`, in sight and not, from the altitude from which most is taken of
+/// [`nearest_by_entry`]; of equals the lowest.
 ///
 /// The capacity of each draw is limited to the buffer: excess capacity of a good draw does not make up for a bad one.
 pub(super) fn best_capacities_bits(scenario: &Scenario, table: &MissionTable) -> [[f64; TABLE + 1]; 2] {
@@ -46,34 +49,48 @@ pub(super) fn best_capacities_bits(scenario: &Scenario, table: &MissionTable) ->
     let altitude_bits = |z_m: f64, in_sight: bool| -> [f64; TABLE + 1] {
         std::array::from_fn(|step| expected_bits(rim_m2 * step as f64 / TABLE as f64, z_m, in_sight))
     };
-    let levels_m = (0..=LEVELS).map(|level| low_m + (high_m - low_m) * f64::from(level) / f64::from(LEVELS));
-    let levels = levels_m.map(|z_m| (z_m, altitude_bits(z_m, true)));
-    let served = served_at(table, rim_m2);
-    let all_bits = |bits: &[f64; TABLE + 1]| bits.iter().zip(&served).map(|(bits, count)| bits * count).sum::<f64>();
-    let best = levels.reduce(|a, b| if all_bits(&b.1) > all_bits(&a.1) { b } else { a });
-    let (z_m, seen) = best.expect("at least one level");
+    let (z_m, seen) = if low_m == high_m {
+        (low_m, altitude_bits(low_m, true))
+    } else {
+        let nearest = nearest_by_entry(table, scenario.link.comm_radius_m);
+        let levels_m = (0..=LEVELS).map(|level| low_m + (high_m - low_m) * f64::from(level) / f64::from(LEVELS));
+        let levels = levels_m.map(|z_m| {
+            let bits = altitude_bits(z_m, true);
+            let taken_bits = bits.iter().zip(&nearest).map(|(bits, count)| bits * count).sum::<f64>();
+            (taken_bits, z_m, bits)
+        });
+        let best = levels.reduce(|a, b| if b.0 > a.0 { b } else { a });
+        let (_, z_m, bits) = best.expect("at least one level");
+        (z_m, bits)
+    };
     [seen, if table.channel.depends_on_place() { altitude_bits(z_m, false) } else { seen }]
 }
 
-/// Sensors by the entry of their squared distance, if each is served from above it, with as many of the nearest in range
-/// as there are resource blocks.
-fn served_at(table: &MissionTable, rim_m2: f64) -> [f64; TABLE + 1] {
-    let mut served = [0.0; TABLE + 1];
+/// Sensors by the entry of their squared distance: each as often in the inner fifth of its disk, from which most are
+/// served, and the n − 1 nearest in range as far as they are from above it.
+fn nearest_by_entry(table: &MissionTable, comm_radius_m: f64) -> [f64; TABLE + 1] {
+    let mut nearest = [0.0; TABLE + 1];
+    nearest[..=NEAR_STEPS].fill(table.sensors.count() as f64 / (NEAR_STEPS + 1) as f64);
+    let rim_m2 = comm_radius_m * comm_radius_m;
     let mut away_m2: Vec<f64> = Vec::new();
     for id in table.sensors.ids() {
         away_m2.clear();
-        table.sensors.grid.visit(table.sensors.position(id), rim_m2.sqrt(), |_, d2_m2| away_m2.push(d2_m2));
-        let blocks = table.limits.blocks().min(away_m2.len());
-        if blocks < away_m2.len() {
-            away_m2.select_nth_unstable_by(blocks, f64::total_cmp);
+        table.sensors.grid.visit(table.sensors.position(id), comm_radius_m, |node, d2_m2| {
+            if node.id != id {
+                away_m2.push(d2_m2);
+            }
+        });
+        let others = (table.limits.blocks() - 1).min(away_m2.len());
+        if others < away_m2.len() {
+            away_m2.select_nth_unstable_by(others, f64::total_cmp);
         }
-        away_m2[..blocks].iter().for_each(|d2_m2| served[entry(*d2_m2, rim_m2)] += 1.0);
+        away_m2[..others].iter().for_each(|d2_m2| nearest[entry_at(*d2_m2, rim_m2)] += 1.0);
     }
-    served
+    nearest
 }
 
 /// The entry of the capacity table at the squared distance `d2_m2` [m²], where that of the rim is `rim_m2`.
 #[inline]
-pub(super) fn entry(d2_m2: f64, rim_m2: f64) -> usize {
+pub(super) fn entry_at(d2_m2: f64, rim_m2: f64) -> usize {
     ((d2_m2 / rim_m2 * TABLE as f64).round() as usize).min(TABLE)
 }

@@ -348,9 +348,17 @@ impl<O: Objective> Forecast<O> {
         if model.is_out(stop.disk) {
             return model.is_dead(stop.disk); // a silent one may send again
         }
-        let slot = f64::from(self.decoder.slot + 1);
-        let there_bits = O::queue_bits(&model.sensors[sensor], self.work[sensor], slot);
-        there_bits < 2.0 * model.sensors[sensor].mean_bits && !(is_first && self.window.under_way == Some(stop.disk))
+        let SensorModel { mean_bits, capacity_bits, .. } = model.sensors[sensor];
+        let level = self.work[sensor];
+        // Of one that was not served what there is when the UAV has come: now it may have sampled nothing yet.
+        let away = if O::since(level) > 0.0 {
+            1.0
+        } else {
+            model.table.motion.least_slots_into(&self.decoder.at, model.disk(stop.disk))
+        };
+        let there_bits = O::queue_bits(&model.sensors[sensor], level, f64::from(self.decoder.slot) + away);
+        let is_little = there_bits < capacity_bits.min(2.0 * mean_bits);
+        is_little && !(is_first && self.window.under_way == Some(stop.disk))
     }
 
     /// The number of legs that end in the last slot of `change`.

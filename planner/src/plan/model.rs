@@ -13,7 +13,7 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::grid::Grid;
 use skysink_common::stop::Stop;
 
-use super::capacities::{TABLE, best_capacities_bits, entry, with_margin};
+use super::capacities::{TABLE, best_capacities_bits, entry_at, with_margin};
 use super::groups::{self, ServiceDisk};
 use super::objective::Objective;
 use super::other_visits::OtherVisits;
@@ -38,7 +38,7 @@ const SCARCE_BLOCKS: f64 = 0.4;
 const SCARCE_TIME: f64 = 0.75;
 
 /// Capacity at the rim of a stop for one sensor, as a fraction of that from straight above.
-const NEAR: f64 = 0.7;
+const NEAR: f64 = 0.8;
 
 /// Radii that are compared for such a stop.
 const NEAR_RADII: u32 = 32;
@@ -102,10 +102,11 @@ impl PlanModel {
         let is_tabulated = table.channel.depends_on_elevation() || table.channel.depends_on_place();
         let capacities_bits = (is_tabulated && !O::HOVERS).then(|| Box::new(best_capacities_bits(scenario, &table)));
         let has_sampling = table.sensors.sampling_ids().next().is_some();
+        let tour = table.turns(stop).order.clone();
         let mut model = Self {
             altitude_m: scenario.uav.altitude_m,
             capacities_bits,
-            tours: if O::HOVERS { Vec::new() } else { vec![table.turns(stop).order.clone()] },
+            tours: if O::HOVERS { Vec::new() } else { vec![tour] },
             has_sampling,
             table,
             sensors: Vec::new(),
@@ -368,7 +369,7 @@ impl PlanModel {
     pub(super) fn capacity_bits(&self, sensor: u32, d2_m2: f64, in_sight: bool) -> f64 {
         if let Some(capacities_bits) = &self.capacities_bits {
             let rim_m2 = self.table.limits.comm_radius_m * self.table.limits.comm_radius_m;
-            return capacities_bits[usize::from(!in_sight)][entry(d2_m2, rim_m2)];
+            return capacities_bits[usize::from(!in_sight)][entry_at(d2_m2, rim_m2)];
         }
         let channel = &self.table.channel;
         let uplink = channel.uplink_at(self.table.sensors.gains[sensor as usize], d2_m2, self.altitude_m);

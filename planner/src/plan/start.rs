@@ -95,7 +95,8 @@ pub fn extend<O: Objective>(model: &PlanModel, forecast: &mut Forecast<O>) {
 }
 
 /// Loads a first plan that hovers: a stop for each sensor, the fullest first, where the plan then delivers most, the round
-/// of `turns`, or the stops `offered`, whichever delivers most. Where sensors sample, the rounds are flown again and again.
+/// of `turns`, or the stops `offered`, whichever delivers most. Where sensors sample, the first two are rounds that are
+/// flown again and again.
 pub fn begin_at_points<O: Objective>(
     model: &mut PlanModel,
     forecast: &mut Forecast<O>,
@@ -136,27 +137,43 @@ pub fn begin_at_points<O: Objective>(
         repeat(model, forecast, &round, is_over);
     }
     let mut best = (forecast.cost, forecast.stops());
+    let mut offer = |forecast: &Forecast<O>| {
+        if forecast.cost < best.0 {
+            best = (forecast.cost, forecast.stops());
+        }
+    };
+    if !is_over() {
+        let round = round_of(model, turns, &open);
+        forecast.load(model, []);
+        repeat(model, forecast, &round, is_over);
+        offer(forecast);
+    }
+    forecast.load(model, offered);
+    offer(forecast);
+    forecast.load(model, best.1);
+    forecast.keeps_idle = true;
+}
+
+/// The stops of the round of `turns`; where nothing is sampled those of the sensors with data, `open` with their queues
+/// [bit], from where they can be served until they are empty.
+fn round_of(model: &mut PlanModel, turns: &Turns, open: &[(u32, f64)]) -> Vec<PlannedStop> {
+    let mut queues_bits = vec![None; model.sensors.len()];
+    for &(sensor, queue_bits) in open.iter().filter(|(sensor, _)| model.sensors[*sensor as usize].weight > 0.0) {
+        queues_bits[sensor as usize] = Some(queue_bits);
+    }
     let stop = |(&sensor, point): (&u32, &Position)| {
         let point = model.table.airspace.nearest(point);
         if model.has_sampling {
             return Some(model.add_point(sensor, point, 0));
         }
-        let (_, queue_bits) = open.iter().find(|(other, _)| *other == sensor)?;
-        let hovers = model.hovers(sensor, *queue_bits, &point);
+        let queue_bits = queues_bits[sensor as usize]?;
+        let is_linked = model.link_bits(sensor, &point) > 0.0;
+        // Beside a zone, in the middle of a cell or behind a building it may be out of range.
+        let point = if is_linked { point } else { model.first_points(sensor, 1).pop()? };
+        let hovers = model.hovers(sensor, queue_bits, &point);
         Some(model.add_point(sensor, point, hovers))
     };
-    let round: Vec<PlannedStop> = turns.order.iter().zip(&turns.points).filter_map(stop).collect();
-    forecast.load(model, []);
-    repeat(model, forecast, &round, is_over);
-    if forecast.cost < best.0 {
-        best = (forecast.cost, forecast.stops());
-    }
-    forecast.load(model, offered);
-    if forecast.cost < best.0 {
-        best = (forecast.cost, forecast.stops());
-    }
-    forecast.load(model, best.1);
-    forecast.keeps_idle = true;
+    turns.order.iter().zip(&turns.points).filter_map(stop).collect()
 }
 
 /// Appends `round` to the plan as often as that lowers the cost: what was sampled meanwhile.
@@ -174,5 +191,47 @@ fn repeat<O: Objective>(
             break;
         }
         forecast.accept(model, cost);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use skysink_common::stop::Stop;
+
+    use super::*;
+    use crate::plan::objective::Collect;
+    use crate::plan::tests::points_model;
+    use crate::plan::window::PlanningWindow;
+
+    #[test]
+    fn a_first_plan_that_hovers_delivers_no_less_than_the_round_of_the_tour() {
+        let mut rounds = 0;
+        for (seed, keys) in
+            (0..12).flat_map(|seed| [(seed, ""), (seed, "moves = 'grid'\ncell_m = 16.0\nmax_speed_mps = 16.0\n")])
+        {
+            let mut random = ChaCha8Rng::seed_from_u64(seed);
+            let positions: Vec<[f64; 2]> = (0..40).map(|_| [0, 1].map(|_| random.random_range(20.0..380.0))).collect();
+            let mut model = points_model(&positions, 0.0, keys);
+            let turns = model.table.turns(&Stop::default()).as_ref().clone();
+            let start = model.table.airspace.nearest(&Position::new(200.0, 200.0));
+            let queues_bits = vec![9_000; 40];
+            let window = PlanningWindow::<Collect>::new(&model, start, &queues_bits, |_| 0.0, 120, 0);
+            let mut forecast = Forecast::new(&model, window);
+            begin_at_points(&mut model, &mut forecast, &turns, Vec::new(), &|| false);
+            let cost = forecast.cost;
+            let open = forecast.open(&model);
+            let round = round_of(&mut model, &turns, &open);
+            for stop in &round {
+                let sensor = model.disks[stop.disk as usize].members[0];
+                assert!(model.link_bits(sensor, &model.disk(stop.disk).centre) > 0.0, "seed {seed}, {keys}: {sensor}");
+            }
+            forecast.keeps_idle = false;
+            forecast.load(&model, round);
+            assert!(cost <= forecast.cost, "seed {seed}, {keys}: {cost}, the round {}", forecast.cost);
+            rounds += usize::from(cost == forecast.cost);
+        }
+        assert!(rounds > 2, "{rounds} plans are the round");
     }
 }

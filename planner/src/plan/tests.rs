@@ -197,7 +197,7 @@ fn annealing_finds_the_optimum_of_small_instances() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(400))]
+    #![proptest_config(ProptestConfig::with_cases(200))]
 
     #[test]
     fn an_attempted_change_loses_as_much_as_the_changed_plan(
@@ -447,6 +447,28 @@ fn capacities_with_a_free_altitude_equal_those_of_the_best_fixed_one() {
 }
 
 #[test]
+fn the_planned_altitude_is_higher_where_the_nearest_sensors_are_farther() {
+    let text = "name = 'x'\n[uav]\naltitude = 'free'\n[link]\nmodel = 'probabilistic-los'\nenvironment = 'high-rise'\n\
+                bandwidth_hz = 5e3\ncomm_radius_m = 60.0\nresource_blocks = 4\n";
+    let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
+    let [apart, together, alone] = [[40.0, 0.0], [3.0, 0.0], [0.0, 90.0]].map(|[side_m, from_m]| {
+        let sensor = |[x, y]: [f64; 2]| SensorNode {
+            x_m: 5.0 + (side_m + from_m) * x,
+            y_m: 5.0 + (side_m + from_m) * y,
+            sampling_bps: 1.0,
+            capacity_bits: 30_000,
+            ..SensorNode::default()
+        };
+        let sensors = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]].map(sensor);
+        let table = MissionTable::of(&scenario, &sensors);
+        let model = PlanModel::new::<Loss>(&scenario, &table, &GapCosts::LOSS, true, &Stop::default());
+        [0.0, 3_600.0].map(|d2_m2| model.capacity::<Loss>(0, d2_m2, true))
+    });
+    assert!(apart[0] < together[0] && apart[1] > together[1], "above it, at the rim: {apart:?}, {together:?}");
+    assert!(apart[0] < alone[0] && apart[1] > alone[1], "above it, at the rim: {apart:?}, {alone:?}");
+}
+
+#[test]
 fn groups_are_served_where_their_links_carry_most() {
     let text = "name = 'x'\n[uav]\naltitude = 'free'\n[link]\nmodel = 'probabilistic-los'\nenvironment = 'high-rise'\n\
                 bandwidth_hz = 5e3\ncomm_radius_m = 60.0\n";
@@ -595,15 +617,18 @@ proptest! {
     }
 }
 
-/// SNs at `positions_m` [m] that hold 30 kbit at most and sample 100 bit/s, over a link that takes slots to empty them.
-fn points_model(positions_m: &[[f64; 2]]) -> PlanModel {
-    let text = "name = 'x'\n[area]\nside_m = 400.0\n[link]\nbandwidth_hz = 2000.0\nresource_blocks = 2\n";
-    let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
+/// SNs at `positions_m` [m] that hold 30 kbit at most and sample `sampling_bps` [bit/s], over a link that takes slots to
+/// empty them; `keys` are those of the UAV.
+pub(crate) fn points_model(positions_m: &[[f64; 2]], sampling_bps: f64, keys: &str) -> PlanModel {
+    let text = format!(
+        "name = 'x'\n[area]\nside_m = 400.0\n[link]\nbandwidth_hz = 2000.0\nresource_blocks = 2\n[uav]\n{keys}"
+    );
+    let scenario = Scenario::parse(&text, Path::new("x.toml"), Overrides::default()).unwrap();
     let sensor = |&[x_m, y_m]: &[f64; 2]| SensorNode {
         x_m,
         y_m,
         gain: 10f64.powf(-5.2),
-        sampling_bps: 100.0,
+        sampling_bps,
         capacity_bits: 30_000,
         ..SensorNode::default()
     };
@@ -619,7 +644,7 @@ proptest! {
         drawn in prop::collection::vec((any::<prop::sample::Index>(), [-8.0..8.0, -8.0..8.0], 0u16..6), 1..20),
         changes in prop::collection::vec((any::<[prop::sample::Index; 3]>(), any::<bool>()), 1..10),
     ) {
-        let mut model = points_model(&positions);
+        let mut model = points_model(&positions, 100.0, "");
         let queues_bits = vec![20_000; positions.len()];
         let window = PlanningWindow::<Collect>::new(&model, Position::new(200.0, 200.0), &queues_bits, |_| 0.0, 60, 0);
         let stops: Vec<PlannedStop> = drawn.iter().map(|(index, [x_m, y_m], hovers)| {

@@ -93,6 +93,30 @@ const OPEN: &str = "slots = 150\n[area]\nside_m = 300.0\n[sensors]\ncount = 30\n
                     [link]\nresource_blocks = 2\n[base]\ncharge_w = 500.0\n[uav.battery]\ncapacity_j = 15000.0\n[planner]\n\
                     objective = 'collect'\nhorizon.iterations = 40\noffline.steps = 40000\n";
 
+/// Buffers that fill in one to two slots, and queues that are empty at first, in a slot or more of flight.
+#[test]
+fn plans_fetch_what_is_sampled_on_the_way() {
+    let of_field = |capacity_bits: u32, bps: u32| {
+        format!(
+            "slots = 60\n[sensors]\ncount = 3\ncapacity_bits = {capacity_bits}\nsampling_bps = {bps}\n\
+             initial_queue_mean_bits = 0.0\n[link]\ncomm_radius_m = 12.0\n[planner]\nobjective = 'collect'\n\
+             horizon.iterations = 20\noffline.steps = 20000\n"
+        )
+    };
+    for (field, strategy) in [of_field(1_000, 1_000), of_field(1_000, 600), of_field(30_000, 100)]
+        .iter()
+        .flat_map(|field| [(field, "horizon"), (field, "offline")])
+    {
+        let delivered = |strategy| {
+            let mut mission = TestMission::new(&scenario_of(field, strategy, 2));
+            mission.by_ref().for_each(drop);
+            mission.plant().field().totals().delivered_bits as f64
+        };
+        let [own, tour] = [delivered(strategy), delivered("tour")];
+        assert!(own > 0.6 * tour && own > 0.0, "{strategy}: {own}, tour {tour}, {field}");
+    }
+}
+
 #[test]
 fn a_restarted_planner_continues_its_plan() {
     for strategy in ["horizon", "offline"] {
