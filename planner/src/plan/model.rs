@@ -102,7 +102,7 @@ impl PlanModel {
         let is_tabulated = table.channel.depends_on_elevation() || table.channel.depends_on_place();
         let capacities_bits = (is_tabulated && !O::HOVERS).then(|| Box::new(best_capacities_bits(scenario, &table)));
         let has_sampling = table.sensors.sampling_ids().next().is_some();
-        let tour = table.turns(stop).order.clone();
+        let tour = table.turns(stop).order.clone(); // found here, where plans hover, too: they may begin with it
         let mut model = Self {
             altitude_m: scenario.uav.altitude_m,
             capacities_bits,
