@@ -28,6 +28,9 @@ struct Request {
     start_m: Option<[f64; 2]>,
     /// Whether it ends where it begins.
     is_closed: bool,
+    /// Of the random numbers of the search.
+    #[serde(default)]
+    seed: u64,
     round: Effort,
     /// The effort for the bound, which is not computed if absent.
     bound: Option<Effort>,
@@ -77,7 +80,7 @@ fn answer(request: &Request) -> Result<Answer, String> {
     let centres: Vec<Position> = centres_m.iter().copied().map(Position::from).collect();
     let start = start_m.map(Position::from);
     let disks = Disks { centres: &centres, radius_m: *radius_m, start, is_closed: *is_closed };
-    let round = disks.round(request.round.checked()?, &Stop::default());
+    let round = disks.round_by(request.seed, request.round.checked()?, &Stop::default());
     let effort = request.bound.map(Effort::checked).transpose()?;
     let bound_m = effort.map(|effort| bound::bound_m(&disks.field(), round.length_m, effort));
     let points_m = round.points.iter().map(|&point| point.into()).collect();
