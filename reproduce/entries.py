@@ -11,7 +11,7 @@ import subprocess
 import sys
 from collections import defaultdict
 from dataclasses import dataclass
-from math import floor, log10, sqrt
+from math import floor, inf, log10, sqrt
 from pathlib import Path
 from statistics import mean, median, stdev
 from typing import Callable
@@ -362,6 +362,33 @@ def models():
         for label, missions, metric in cases
     ]
     return table("models", ["model", "n", *strategies], rows, "seeds 1 to n")
+
+
+@entry("wrong-link", 30)
+def wrong_link():
+    """What plans lose by a wrong law of the link: the loss with the true one, and paired changes."""
+    sight, snr, fading = sweep("wrong-los"), sweep("wrong-snr"), sweep("wrong-k")
+    strategies = ["gfs", "uts-wide", "exact", "horizon"]
+    environment, offset, factor = (f"planner.link.{key}" for key in ["environment", "snr_offset_db", "k_db"])
+    cases = []
+    for altitude, label in [("fixed", "dense urban, 50 m"), ("free", "dense urban, free altitude")]:
+        here = sight.at({"uav.altitude": altitude})
+        others = ["suburban", "urban", "high-rise"]
+        cases.append((label, here, environment, "dense-urban", [(f"as {other}", other) for other in others]))
+    shifts = [(f"{shift:+d} dB", shift) for shift in [-10, -3, 3, 10]]
+    cases.append(("5 kHz, 300 m", snr, offset, 0, shifts))
+    cases.append(("the same with Rician fading, K = 0 dB", fading, factor, 0, [("as Rayleigh", -inf), ("as K = 20 dB", 20)]))
+    rows = []
+    for label, missions, key, true, wrong in cases:
+        known = missions.at({key: true})
+        rows.append([label, *(known.loss(strategy) for strategy in strategies)])
+        for label, value in wrong:
+            pairs = [
+                zip(known.where(strategy=strategy).values("loss_rate"), missions.at({key: value}).where(strategy=strategy).values("loss_rate"))
+                for strategy in strategies
+            ]
+            rows.append([label, *(cell([after - before for before, after in pair], "+") for pair in pairs)])
+    return table("wrong-link", ["the link, and what plans take it for", *strategies], rows, f"seeds 1 to {snr.fields()}")
 
 
 @entry("fleet", 0.5)

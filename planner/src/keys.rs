@@ -9,6 +9,8 @@ use skysink_common::scenario::Scenario;
 use strum::VariantNames;
 use toml::Value;
 
+use crate::assumed_link::AssumedLink;
+
 /// Largest weight of a cost.
 const MOST_WEIGHT: f64 = 1e12;
 
@@ -33,6 +35,8 @@ skysink_common::keys! {
         /// `"map"` if absent. `"heard"`: that law, or the mean of a line of sight that stays (`link.los_correlation_m`),
         /// corrected by the SNRs heard within `link.beacon_radius_m`.
         links: Option<LinkKnowledge>, Accepts::OneOf(LinkKnowledge::VARIANTS);
+        /// What plans take the link for, where that is wrong; without this table they know its law.
+        link: Option<AssumedLink>, Accepts::TableOf(AssumedLink::KEYS);
     }
 }
 
@@ -53,6 +57,7 @@ impl Settings {
         }?;
         settings.check_objective(scenario)?;
         settings.check_links(scenario)?;
+        settings.link.map_or(Ok(()), |link| link.check(scenario))?;
         Ok(settings)
     }
 
@@ -69,6 +74,7 @@ impl Settings {
             () if is_heard && link.beacon_radius_m.is_none() => {
                 refuse("link.beacon_radius_m, within which SNRs are heard, beside it")
             }
+            () if self.link.is_some() => refuse("[planner.link] without it: links that are heard are not assumed"),
             () if links != LinkKnowledge::Map && is_map && link.law().is_none() => {
                 refuse("\"map\", or link.law_snr_db, the SNR of the law at 1 m, beside it")
             }
@@ -104,7 +110,9 @@ impl Settings {
     /// The channel of `scenario` as plans reckon with it.
     #[must_use]
     pub fn channel(scenario: &Scenario) -> Channel {
-        let channel = Channel::of(&scenario.link.planned());
+        let planned = scenario.link.planned();
+        let assumed = scenario.planner.others.contains_key("link").then(|| Self::of(scenario).ok()?.link).flatten();
+        let channel = Channel::of(&assumed.map_or_else(|| planned.clone(), |assumed| assumed.of(planned.clone())));
         let links = scenario.link.law().and_then(|_| Self::of(scenario).ok()?.links);
         match (links, scenario.link.law()) {
             (Some(LinkKnowledge::Law), Some(law)) => channel.by_law(law),

@@ -6,6 +6,7 @@
 //! | module | contents |
 //! |---|---|
 //! | [`settings`], [`keys`] | `[planner]` of the scenario file |
+//! | [`assumed_link`] | what plans take the link for |
 //! | [`planner`] | one slot: schedule, then waypoint |
 //! | [`fleet`] | the planners of all UAVs, and how they share the field |
 //! | [`neighbours`] | what the UAVs of a fleet tell each other |
@@ -22,6 +23,7 @@
 //! | [`geometry`] | disks and tours |
 //! | [`node`] | the planner as a process of the ring |
 
+pub mod assumed_link;
 pub mod bound;
 pub mod fleet;
 pub mod gap_costs;

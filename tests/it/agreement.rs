@@ -84,6 +84,7 @@ const LINKS: &[Row] = &[
         ..ROW
     },
     Row { settings: MAP, decisive: HEARD, strategies: &["horizon"], ..ROW },
+    Row { settings: "link.bandwidth_hz=5e3", decisive: "planner.link.snr_offset_db=-20", strategies: &["uts"], ..ROW },
     Row { settings: MAP, decisive: HEARD, strategies: &["uts uav.count=2 uav.coordination=sequential"], ..ROW },
     Row { settings: MAP, decisive: HEARD, strategies: &["max-weight uav.count=2 uav.coordination=partition"], ..ROW },
 ];
