@@ -1,9 +1,14 @@
-//! The lower bound of a slot: its messages passed around three threads by bare iceoryx2.
+//! The lower bound of a slot: its messages passed around three processes by bare iceoryx2, and read by a fourth, which in
+//! the ring records them.
 //!
-//! Each thread waits for the message of the one before it and sends its own, as large as the ring's: queues, plan,
+//! Each process waits for the message of the one before it and sends its own, as large as the ring's: queues, plan,
 //! flight report. Nothing is planned, flown or saved.
 
-use std::sync::Barrier;
+use std::env;
+use std::ffi::OsString;
+use std::io::{BufRead as _, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, ExitCode, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -12,10 +17,12 @@ use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
+use iceoryx2::service::port_factory::{event, publish_subscribe};
 use serde::Serialize;
 use skysink_common::message::{FlightReport, Plan};
 use skysink_common::pace::Pace;
 use skysink_common::stop::Stop;
+use skysink_mission::error::FileContext;
 use skysink_mission::latency::{Spread, histogram};
 use skysink_ring::error::RingError;
 use skysink_ring::folder::RingFolder;
@@ -25,14 +32,24 @@ use skysink_ring::wait::Waiting;
 use crate::error::BenchError;
 use crate::setting::nanoseconds;
 
-/// Messages on the critical path of a slot, and threads that pass them on.
+/// Messages on the critical path of a slot, and processes that pass them on; the process after them reads all.
 const HOPS: usize = 3;
+
+/// The first argument of these processes, which are this executable. Then follow the folder of the ring, the number of the
+/// process, the length of its message, the rounds, and how it waits.
+pub const PROGRAM: &str = "hop";
 
 /// Rounds before the first that is timed.
 const WARM_UP: u64 = 100;
 
 /// Longest wait for a message.
 const TIMEOUT: Duration = Duration::from_secs(30);
+
+/// The messages of a process.
+type Messages = Subscriber<ipc::Service, [u8], ()>;
+
+/// Their service.
+type PubSub = publish_subscribe::PortFactory<ipc::Service, [u8], ()>;
 
 /// What a ring flies.
 #[derive(Debug, Clone, Copy, Serialize)]
@@ -55,90 +72,128 @@ pub struct RingCase {
 pub fn time(case: RingCase, stop: &Stop) -> Result<Spread, BenchError> {
     stop.check()?;
     let folder = RingFolder::create(Terms { wait: case.wait, timeout_s: TIMEOUT.as_secs_f64(), ..Terms::default() })?;
-    let config = folder.config()?;
-    let all_open = Barrier::new(HOPS);
-    let open = |index| {
-        let ports = Ports::open(&config, case, index);
-        all_open.wait();
-        ports
-    };
-    thread::scope(|scope| {
-        let forward = |index| scope.spawn(move || open(index)?.forward(case, index, stop));
-        let others = [forward(1), forward(2)];
-        let times = open(0).and_then(|ports| ports.time_rounds(case, stop));
-        others.into_iter().try_for_each(|thread| thread.join().expect("no thread panics"))?;
-        times
-    })
+    let ports = Ports::open(&folder, 0, message_bytes(case, 0))?;
+    let others: Result<Vec<Other>, _> = (1..=HOPS).map(|index| Other::start(&folder, case, index)).collect();
+    let others = others?;
+    let times = ports.time_rounds(case, stop);
+    drop(others);
+    times
 }
 
-/// Length of the message that thread `index` sends.
+/// Another process, killed on drop.
+struct Other(Child);
+
+impl Other {
+    /// Starts the process `index`, and waits until its ports are open.
+    fn start(folder: &RingFolder, case: RingCase, index: usize) -> Result<Self, BenchError> {
+        let program = env::current_exe().at("skysink-bench".as_ref())?;
+        let mut command = Command::new(&program);
+        command.arg(PROGRAM).arg(folder.path());
+        let bytes = if index < HOPS { message_bytes(case, index) } else { 0 };
+        command.args([index as u64, bytes as u64, WARM_UP + case.slots].map(|number| number.to_string()));
+        command.arg(case.wait.to_string()).stdin(Stdio::null()).stdout(Stdio::piped());
+        let mut other = Self(command.spawn().at(&program)?);
+        let said = BufReader::new(other.0.stdout.take().expect("it is piped")).lines().next();
+        if said.is_some() { Ok(other) } else { Err(failed("a process has ended before it began")) }
+    }
+}
+
+impl Drop for Other {
+    fn drop(&mut self) {
+        let _ = self.0.kill(); // it may have ended
+        let _ = self.0.wait();
+    }
+}
+
+/// The process that `arguments`, from [`PROGRAM`] on, describe.
+pub fn program(arguments: &[OsString]) -> ExitCode {
+    match forward(arguments) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("skysink-bench: {error}");
+            error.exit_code().into()
+        }
+    }
+}
+
+/// Answers each message with the next one, or reads all.
+fn forward(arguments: &[OsString]) -> Result<(), BenchError> {
+    let words: Vec<&str> = arguments.iter().filter_map(|word| word.to_str()).collect();
+    let [_, folder, index, bytes, rounds, wait] = words[..] else {
+        return Err(failed("expected a folder and numbers"));
+    };
+    let number = |word: &str| word.parse::<u64>().map_err(failed);
+    let wait = Waiting::ALL.iter().find(|one| one.to_string() == wait).copied().ok_or_else(|| failed(wait))?;
+    let folder = RingFolder::open(Path::new(folder))?;
+    let index = number(index)? as usize;
+    if index == HOPS {
+        return read_all(&folder, wait);
+    }
+    let message = vec![7; number(bytes)? as usize];
+    let ports = Ports::open(&folder, index, message.len())?;
+    println!();
+    for _ in 0..number(rounds)? {
+        ports.inlet.receive(wait)?;
+        ports.send(&message)?;
+    }
+    Ok(())
+}
+
+/// Reads the messages of all processes until it is killed. As in the ring, those of the first wake it.
+fn read_all(folder: &RingFolder, wait: Waiting) -> Result<(), BenchError> {
+    let node = node(folder)?;
+    let first = Inlet::open(&node, 0)?;
+    let others: Result<Vec<Messages>, _> = (1..HOPS).map(|index| subscriber(&node, index)).collect();
+    let others = others?;
+    println!();
+    loop {
+        first.receive(wait)?;
+        for other in &others {
+            while other.receive().map_err(failed)?.is_some() {}
+        }
+    }
+}
+
+/// Length of the message that process `index` sends.
 fn message_bytes(case: RingCase, index: usize) -> usize {
     let uavs = case.uavs as usize;
     [case.sensors as usize * size_of::<u32>(), uavs * size_of::<Plan>(), uavs * size_of::<FlightReport>()][index]
 }
 
-/// The ports of a thread: it receives from the thread before it and sends to the one after it.
-struct Ports {
-    publisher: Publisher<ipc::Service, [u8], ()>,
-    notifier: Notifier<ipc::Service>,
-    subscriber: Subscriber<ipc::Service, [u8], ()>,
+/// Opens a node of the ring.
+fn node(folder: &RingFolder) -> Result<Node<ipc::Service>, BenchError> {
+    let config = folder.config()?;
+    let builder = NodeBuilder::new().config(&config).signal_handling_mode(SignalHandlingMode::Disabled);
+    builder.create::<ipc::Service>().map_err(failed)
+}
+
+fn messages(node: &Node<ipc::Service>, index: usize) -> Result<PubSub, BenchError> {
+    let name = ServiceName::new(&format!("hop/{index}")).map_err(failed)?;
+    node.service_builder(&name).publish_subscribe::<[u8]>().open_or_create().map_err(failed)
+}
+
+fn events(node: &Node<ipc::Service>, index: usize) -> Result<event::PortFactory<ipc::Service>, BenchError> {
+    let name = ServiceName::new(&format!("hop/{index}")).map_err(failed)?;
+    node.service_builder(&name).event().open_or_create().map_err(failed)
+}
+
+fn subscriber(node: &Node<ipc::Service>, index: usize) -> Result<Messages, BenchError> {
+    messages(node, index)?.subscriber_builder().create().map_err(failed)
+}
+
+/// The messages of a process, as they arrive.
+struct Inlet {
+    subscriber: Messages,
     listener: Listener<ipc::Service>,
 }
 
-impl Ports {
-    fn open(config: &Config, case: RingCase, index: usize) -> Result<Self, BenchError> {
-        let builder = NodeBuilder::new().config(config).signal_handling_mode(SignalHandlingMode::Disabled);
-        let node = builder.create::<ipc::Service>().map_err(failed)?;
-        let name = |index: usize| ServiceName::new(&format!("hop/{index}")).map_err(failed);
-        let messages =
-            |index| node.service_builder(&name(index)?).publish_subscribe::<[u8]>().open_or_create().map_err(failed);
-        let events = |index| node.service_builder(&name(index)?).event().open_or_create().map_err(failed);
-        let before = (index + HOPS - 1) % HOPS;
-        let messages_sent = messages(index)?;
-        let publisher = messages_sent.publisher_builder().initial_max_slice_len(message_bytes(case, index));
+impl Inlet {
+    /// Those of process `index`.
+    fn open(node: &Node<ipc::Service>, index: usize) -> Result<Self, BenchError> {
         Ok(Self {
-            publisher: publisher.create().map_err(failed)?,
-            notifier: events(index)?.notifier_builder().create().map_err(failed)?,
-            subscriber: messages(before)?.subscriber_builder().create().map_err(failed)?,
-            listener: events(before)?.listener_builder().create().map_err(failed)?,
+            subscriber: subscriber(node, index)?,
+            listener: events(node, index)?.listener_builder().create().map_err(failed)?,
         })
-    }
-
-    /// Starts every round with the first message, and times the rounds until the last message is back.
-    fn time_rounds(&self, case: RingCase, stop: &Stop) -> Result<Spread, BenchError> {
-        let message = vec![7; message_bytes(case, 0)];
-        let period = case.pace.period(1.0).unwrap_or(Duration::ZERO);
-        let mut times = histogram();
-        let mut next = Instant::now();
-        for round in 0..WARM_UP + case.slots {
-            stop.check()?;
-            thread::sleep(next.saturating_duration_since(Instant::now()));
-            let begin = Instant::now();
-            self.send(&message)?;
-            self.receive(case.wait)?;
-            if round >= WARM_UP {
-                times.saturating_record(nanoseconds(begin));
-                next = next.max(begin) + period;
-            }
-        }
-        Ok(Spread::of(&times))
-    }
-
-    /// Answers each message with the next one.
-    fn forward(&self, case: RingCase, index: usize, stop: &Stop) -> Result<(), BenchError> {
-        let message = vec![7; message_bytes(case, index)];
-        for _ in 0..WARM_UP + case.slots {
-            stop.check()?;
-            self.receive(case.wait)?;
-            self.send(&message)?;
-        }
-        Ok(())
-    }
-
-    fn send(&self, message: &[u8]) -> Result<(), BenchError> {
-        let sample = self.publisher.loan_slice_uninit(message.len()).map_err(failed)?;
-        sample.write_from_slice(message).send().map_err(failed)?;
-        self.notifier.notify().map(drop).map_err(failed)
     }
 
     fn receive(&self, wait: Waiting) -> Result<(), BenchError> {
@@ -153,6 +208,53 @@ impl Ports {
             polls += 1;
         }
         Err(BenchError::Hop { seconds: TIMEOUT.as_secs() })
+    }
+}
+
+/// The ports of a process: it receives from the one before it and sends to the one after it.
+struct Ports {
+    publisher: Publisher<ipc::Service, [u8], ()>,
+    notifier: Notifier<ipc::Service>,
+    inlet: Inlet,
+}
+
+impl Ports {
+    /// Those of process `index`, which sends `bytes` bytes.
+    fn open(folder: &RingFolder, index: usize, bytes: usize) -> Result<Self, BenchError> {
+        let node = node(folder)?;
+        let sent = messages(&node, index)?;
+        let publisher = sent.publisher_builder().initial_max_slice_len(bytes);
+        Ok(Self {
+            publisher: publisher.create().map_err(failed)?,
+            notifier: events(&node, index)?.notifier_builder().create().map_err(failed)?,
+            inlet: Inlet::open(&node, (index + HOPS - 1) % HOPS)?,
+        })
+    }
+
+    /// Starts every round with the first message, and times the rounds until the last message is back.
+    fn time_rounds(&self, case: RingCase, stop: &Stop) -> Result<Spread, BenchError> {
+        let message = vec![7; message_bytes(case, 0)];
+        let period = case.pace.period(1.0).unwrap_or(Duration::ZERO);
+        let mut times = histogram();
+        let mut next = Instant::now();
+        for round in 0..WARM_UP + case.slots {
+            stop.check()?;
+            thread::sleep(next.saturating_duration_since(Instant::now()));
+            let begin = Instant::now();
+            self.send(&message)?;
+            self.inlet.receive(case.wait)?;
+            if round >= WARM_UP {
+                times.saturating_record(nanoseconds(begin));
+                next = next.max(begin) + period;
+            }
+        }
+        Ok(Spread::of(&times))
+    }
+
+    fn send(&self, message: &[u8]) -> Result<(), BenchError> {
+        let sample = self.publisher.loan_slice_uninit(message.len()).map_err(failed)?;
+        sample.write_from_slice(message).send().map_err(failed)?;
+        self.notifier.notify().map(drop).map_err(failed)
     }
 }
 

@@ -140,6 +140,9 @@ fn main() -> ExitCode {
         return program(arguments[1..].to_vec()).into();
     }
     worker::silence_iceoryx2();
+    if arguments.get(1).is_some_and(|name| name == hop::PROGRAM) {
+        return hop::program(&arguments[1..]);
+    }
     let stop = stop_on_signals();
     exit_on_second_signal();
     let cli: Cli = match usage::parse(arguments) {

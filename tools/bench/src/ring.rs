@@ -1,4 +1,4 @@
-//! The ring of processes against its lower bound: the same messages passed around as many threads, and the plan.
+//! The ring of processes against its lower bound: the same messages passed around as many processes, and the plan.
 
 use std::process::{Command, Stdio};
 
