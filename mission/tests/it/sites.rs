@@ -145,10 +145,10 @@ impl Sites {
 
 #[test]
 fn two_sites_keep_fleets_in_the_air_and_their_energy_in_balance() {
-    let missions: Vec<[bool; 3]> = (1..=120).into_par_iter().map(keep_sites).collect();
+    let missions: Vec<[bool; 3]> = (1..=60).into_par_iter().map(keep_sites).collect();
     let [waits, charges, both] = [0, 1, 2].map(|what| missions.iter().filter(|has| has[what]).count());
     let counts = format!("{waits} missions with waits, {charges} with charges, {both} with both sites");
-    assert!(waits > 5 && charges > 50 && both > 25, "{counts}");
+    assert!(waits > 3 && charges > 25 && both > 12, "{counts}");
 }
 
 /// Checks a mission, and whether a UAV waited for a pad, and charged, and whether both sites were visited.

@@ -1,5 +1,8 @@
 //! The order in which a short closed round over disks of one radius serves them.
 
+use std::collections::VecDeque;
+use std::sync::{Mutex, PoisonError};
+
 use skysink_common::airspace::Airspace;
 use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::sensors::grid::Grid;
@@ -23,6 +26,19 @@ const FARTHEST_M: f64 = 1e9;
 /// Neighbours among which the nearest disk without a turn is looked for first.
 const NEIGHBOURS: usize = 16;
 
+/// Rounds that a process keeps, those asked for last, of at most [`MANY`] disks each: UAVs of a fleet and missions of a
+/// sweep fly over the same field.
+const KEPT: usize = 16;
+
+/// A round that is kept, and what it was found for.
+struct KeptTurns {
+    centres: Vec<Position>,
+    radius_m: f64,
+    turns: Turns,
+}
+
+static KEPT_TURNS: Mutex<VecDeque<KeptTurns>> = Mutex::new(VecDeque::new());
+
 /// The turns of disks.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Turns {
@@ -41,8 +57,40 @@ impl Turns {
             let points = order.iter().map(|&disk| centres[disk as usize]).collect();
             return Self { order, points };
         }
-        let many = centres.len().max(MANY) as u64;
-        Self::of_round(centres, radius_m, RoundEffort::Steps(STEPS * MANY as u64 / many), stop)
+        if centres.len() > MANY {
+            let steps = STEPS * MANY as u64 / centres.len() as u64;
+            return Self::of_round(centres, radius_m, RoundEffort::Steps(steps), stop);
+        }
+        Self::kept(centres, radius_m).unwrap_or_else(|| {
+            let turns = Self::of_round(centres, radius_m, RoundEffort::Steps(STEPS), stop);
+            if stop.requested().is_none() {
+                turns.keep(centres, radius_m);
+            }
+            turns
+        })
+    }
+
+    /// The turns that were found before for the same disks.
+    fn kept(centres: &[Position], radius_m: f64) -> Option<Self> {
+        let mut kept = KEPT_TURNS.lock().unwrap_or_else(PoisonError::into_inner);
+        let bits = |point: &Position| [point.x.to_bits(), point.y.to_bits()]; // 0 and -0 differ, too
+        let is_same = |one: &KeptTurns| {
+            one.radius_m.to_bits() == radius_m.to_bits() && one.centres.iter().map(bits).eq(centres.iter().map(bits))
+        };
+        let found = kept.iter().position(is_same)?;
+        let found = kept.remove(found)?;
+        let turns = found.turns.clone();
+        kept.push_back(found);
+        Some(turns)
+    }
+
+    /// Keeps these turns, instead of those that were not asked for the longest.
+    fn keep(&self, centres: &[Position], radius_m: f64) {
+        let mut kept = KEPT_TURNS.lock().unwrap_or_else(PoisonError::into_inner);
+        if kept.len() >= KEPT {
+            kept.pop_front();
+        }
+        kept.push_back(KeptTurns { centres: centres.to_vec(), radius_m, turns: self.clone() });
     }
 
     /// The turns of a round. Disks that have no stop of their own are touched where it is nearest to them.
@@ -160,6 +208,19 @@ mod tests {
         assert!(steps.iter().all(|&step| step == 1) || steps.iter().all(|&step| step == 19), "{steps:?}");
         let away_m = |turn: usize| (points[turn] - Position::new(50.0, 50.0)).norm();
         assert!((0..20).all(|turn| away_m(turn) < 39.6), "it passes inside of the centres");
+    }
+
+    #[test]
+    fn kept_turns_are_those_of_a_new_search() {
+        let centres: Vec<Position> = (0..30).map(|step| at(f64::from(step * 47 % 360))).collect();
+        let found = Turns::new(&centres, 2.5, &Stop::default());
+        assert_eq!(Turns::kept(&centres, 2.5).as_ref(), Some(&found));
+        assert_eq!(Turns::of_round(&centres, 2.5, RoundEffort::Steps(STEPS), &Stop::default()), found);
+        assert_eq!((Turns::kept(&centres, 2.6), Turns::kept(&centres[1..], 2.5)), (None, None));
+        let stop = Stop::default();
+        stop.flag().store(2, std::sync::atomic::Ordering::Relaxed);
+        let _ = Turns::new(&centres, 2.7, &stop);
+        assert_eq!(Turns::kept(&centres, 2.7), None, "a search that was stopped");
     }
 
     #[test]
