@@ -1,6 +1,6 @@
 """An external planner in Python: flies to the fullest queue in reach, as gfs does.
 
-    skysink run scenarios/letter.toml --no-viewer --planner "python3 examples/ring_planner.py"
+    skysink run scenarios/letter.toml --planner "python3 examples/ring_planner.py"
 
 needs `pip install ./python`. The same class works in `skysink.simulate(scenario, Greedy())`.
 """

@@ -128,9 +128,9 @@ def cell(values, sign=""):
         return ""
     if not any(values):
         return "0"
-    if max(map(abs, values)) < LEAST or not sign and mean(values) < LEAST:
-        return "< 0.0001"
     error = error_of(values)
+    if max(map(abs, values)) < LEAST or abs(mean(values)) < LEAST and (not sign or error < LEAST):
+        return "< 0.0001"
     digits = min(4, max(3, -floor(log10(error)))) if error > 0.0 else 4
     margin = f" ± {error:.{digits}f}" if error >= LEAST else ""
     return f"{mean(values):{sign}.{digits}f}{margin}"

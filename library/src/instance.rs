@@ -261,8 +261,9 @@ impl OpenInstance {
         for ((file, expected), (_, found)) in own.iter().zip(&other) {
             if expected != found {
                 let at = expected.lines().zip(found.lines()).take_while(|(expected, found)| expected == found).count();
-                let [expected, found] = [expected, found].map(|text| text.lines().nth(at).unwrap_or("nothing"));
-                return refuse(format!("{file} line {}: `{found}`: expected `{expected}`, as in {name}", at + 1));
+                let line = |text: &str| text.lines().nth(at).map_or("no line".to_owned(), |line| format!("`{line}`"));
+                let [expected, found] = [line(expected), line(found)];
+                return refuse(format!("{file} line {}: {found}: expected {expected}, as in {name}", at + 1));
             }
         }
         Ok(())
@@ -287,10 +288,14 @@ fn difference(own: &toml::Value, other: &toml::Value, key: &str) -> Option<(Stri
     let (Some(own_table), Some(other_table)) = (own.as_table(), other.as_table()) else {
         return (own != other).then(|| (key.to_owned(), [own, other].map(toml::Value::to_string)));
     };
-    let absent = toml::Value::String("nothing".to_owned());
     let names = own_table.keys().chain(other_table.keys().filter(|name| !own_table.contains_key(*name)));
     names.into_iter().find_map(|name| {
-        let [own, other] = [own_table, other_table].map(|table| table.get(name).unwrap_or(&absent));
-        difference(own, other, &if key.is_empty() { name.clone() } else { format!("{key}.{name}") })
+        let key = if key.is_empty() { name.clone() } else { format!("{key}.{name}") };
+        let values = [own_table, other_table].map(|table| table.get(name));
+        let [Some(own), Some(other)] = values else {
+            let words = values.map(|value| value.map_or("no such key".to_owned(), toml::Value::to_string));
+            return Some((key, words));
+        };
+        difference(own, other, &key)
     })
 }

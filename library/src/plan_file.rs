@@ -224,13 +224,11 @@ fn planned(row: PlanRow, line: usize, scenario: &Scenario) -> Result<PlannedMove
         Some(name) => name.parse().map_err(|_| format!("a mode, as in slots.csv, not `{}`", quoted(&name)))?,
         None => by_default,
     };
-    Ok(PlannedMove {
-        line,
-        position: Point3::new(row.x_m, row.y_m, row.z_m.unwrap_or(scenario.uav.altitude_m)),
-        scheduled,
-        mode,
-        ledger: [row.delivered_bits, row.lost_bits, row.queued_bits],
-    })
+    let position = Point3::new(row.x_m, row.y_m, row.z_m.unwrap_or(scenario.uav.altitude_m));
+    if !position.iter().all(|coordinate_m| coordinate_m.is_finite()) {
+        return Err("a position of finite numbers".to_owned());
+    }
+    Ok(PlannedMove { line, position, scheduled, mode, ledger: [row.delivered_bits, row.lost_bits, row.queued_bits] })
 }
 
 /// The compressed plan file of flights over the instance `name`, in `scenarios` of theirs. Columns of defaults are left

@@ -95,6 +95,7 @@ impl Library {
         instance: Option<&str>,
         stop: &Stop,
     ) -> Result<FlownFlight, MissionError> {
+        instance.map_or(Ok(()), |name| self.find(name).map(drop))?;
         let mut open: Option<OpenInstance> = None;
         let mut plans = BTreeMap::new();
         let mut by = BTreeSet::new();
@@ -120,7 +121,8 @@ impl Library {
                 }
             }
         }
-        let open = open.ok_or_else(|| InputError::of_argument("run", "", "expected a run folder or a plan file"))?;
+        let open =
+            open.ok_or_else(|| InputError::of_argument("flights", "none", "expected a run folder or a plan file"))?;
         if let Some(missing) = (1..=open.instance.seeds).find(|seed| !plans.contains_key(seed)) {
             let what = format_args!("seed {missing} is missing: expected seeds 1 to {}", open.instance.seeds);
             return Err(InputError::new(PLAN, &sources[0].plans, what).into());
@@ -369,8 +371,9 @@ impl SameFlight<'_> {
             let [found, stays] = [to, at].map(|point| format!("[{}, {}, {}]", point.x, point.y, point.z));
             let away_m = (to - at).norm();
             return Some(format!(
-                "position {found}: the UAV stays at {stays}, {away_m:.9} m away: expected one that a slot reaches, in the \
-                 area, outside of zones, apart from other UAVs, and not rounded away"
+                "position {found}: in the mode `{}` the UAV stays at {stays}, {away_m:.9} m away: expected one that a slot reaches, in the \
+                 area, outside of zones, apart from other UAVs, and not rounded away",
+                planned.mode
             ));
         }
         if let Some(id) = planned.scheduled.iter().find(|id| !served.contains(id)) {

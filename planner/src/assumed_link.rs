@@ -16,10 +16,11 @@ const K_DB: Accepts = Accepts::Number("-inf (Rayleigh), or -100 to 60 dB", |k_db
 skysink_common::keys! {
     /// `[planner.link]`: what plans take the link for, to see what wrong knowledge costs. Rates are those of `[link]`.
     #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-    #[serde(deny_unknown_fields)]
+    #[serde(deny_unknown_fields, expecting = "a table")]
     pub struct AssumedLink {
         /// By how much plans take SNRs for higher than they are [dB]; 0 if absent. With `link.model = "free-space"`,
-        /// `"probabilistic-los"` or `"buildings"`.
+        /// `"probabilistic-los"` or `"buildings"`. Strategies that compare no rates fly as before, those in Python see the
+        /// true gains.
         snr_offset_db: Option<f64>, OFFSET_DB;
         /// Rician K-factor that plans reckon with, instead of `link.k_db` [dB]; with `link.fading`.
         k_db: Option<f64>, K_DB;
@@ -41,14 +42,14 @@ impl AssumedLink {
             Self { snr_offset_db: Some(offset_db), .. } if is_measured => refuse(
                 "snr_offset_db",
                 offset_db.into(),
-                "it only with a model of the link, not with a file of rates or SNRs",
+                "it only with a law of the link, not with the rates or SNRs of a file or a preset",
             ),
             Self { k_db: Some(k_db), .. } if link.fading.is_none() || is_measured => {
-                refuse("k_db", k_db.into(), "link.fading beside it")
+                refuse("k_db", k_db.into(), "it only with link.fading")
             }
             Self { environment: Some(environment), .. } if link.model != LinkModel::ProbabilisticLos => {
                 let name = Environment::VARIANTS[environment as usize];
-                refuse("environment", name.into(), "link.model = \"probabilistic-los\" beside it")
+                refuse("environment", name.into(), "it only with link.model = \"probabilistic-los\"")
             }
             _ => Ok(()),
         }
@@ -112,8 +113,8 @@ mod tests {
     #[test]
     fn keys_that_say_nothing_of_the_link_are_refused() {
         let cases = [
-            ("", "environment = 'urban'", "planner.link.environment = \"urban\": expected link.model"),
-            ("", "k_db = 3.0", "planner.link.k_db = 3.0: expected link.fading"),
+            ("", "environment = 'urban'", "planner.link.environment = \"urban\": expected it only with link.model"),
+            ("", "k_db = 3.0", "planner.link.k_db = 3.0: expected it only with link.fading"),
             ("", "snr_offset_db = 61.0", "planner.link.snr_offset_db = 61.0: expected -60 to 60 dB"),
             ("", "gain = 1", "planner.link.gain"),
         ];

@@ -35,7 +35,7 @@ skysink_common::keys! {
         /// `"map"` if absent. `"heard"`: that law, or the mean of a line of sight that stays (`link.los_correlation_m`),
         /// corrected by the SNRs heard within `link.beacon_radius_m`.
         links: Option<LinkKnowledge>, Accepts::OneOf(LinkKnowledge::VARIANTS);
-        /// What plans take the link for, where that is wrong; without this table they know its law.
+        /// What plans take the link for, where that is wrong; without this table they know its law. Not with `links`.
         link: Option<AssumedLink>, Accepts::TableOf(AssumedLink::KEYS);
     }
 }
@@ -74,7 +74,7 @@ impl Settings {
             () if is_heard && link.beacon_radius_m.is_none() => {
                 refuse("link.beacon_radius_m, within which SNRs are heard, beside it")
             }
-            () if self.link.is_some() => refuse("[planner.link] without it: links that are heard are not assumed"),
+            () if self.link.is_some() => refuse("none beside [planner.link], by which links are assumed"),
             () if links != LinkKnowledge::Map && is_map && link.law().is_none() => {
                 refuse("\"map\", or link.law_snr_db, the SNR of the law at 1 m, beside it")
             }

@@ -10,7 +10,7 @@ Names end with their units: ``_m``, ``_s``, ``_bits``, ``_bps``. Results equal t
 
 from contextlib import suppress
 
-from skysink import library
+from skysink import library, ring
 from skysink._skysink import (
     STRATEGIES,
     Base,
@@ -58,6 +58,7 @@ __all__ = [
     "compare",
     "library",
     "plan_visits",
+    "ring",
     "simulate",
     "sweep",
 ]

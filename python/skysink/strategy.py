@@ -159,7 +159,7 @@ def origin(strategy: Strategy) -> tuple[str, Sources]:
     return f"{PREFIX}{kind.__name__}", kind.__dict__.get(DEFINED, ())
 
 
-class Neighbours(MetaPathFinder):
+class FolderFinder(MetaPathFinder):
     """Finds the modules beside strategies that have been loaded, also those imported while they plan."""
 
     def __init__(self, folders: list[str]) -> None:
@@ -178,7 +178,7 @@ class Neighbours(MetaPathFinder):
         return None
 
 
-_NEIGHBOURS = Neighbours(_FOLDERS)
+_FOLDER_FINDER = FolderFinder(_FOLDERS)
 
 
 def _importing() -> set[str]:
@@ -264,12 +264,12 @@ def _load(path: Path) -> tuple[object, str, Sources]:
     if folder in _FOLDERS:
         _FOLDERS.remove(folder)
     _FOLDERS.append(folder)
-    if _NEIGHBOURS not in sys.meta_path:
-        sys.meta_path.append(_NEIGHBOURS)
+    if _FOLDER_FINDER not in sys.meta_path:
+        sys.meta_path.append(_FOLDER_FINDER)
     for neighbour in [other for other, loaded in sys.modules.items() if _is_neighbour(other, loaded)]:
         del sys.modules[neighbour]  # it may have changed, or be another module of the same name
     module = sys.modules[name] = importlib.util.module_from_spec(spec)
-    first = Neighbours([folder])
+    first = FolderFinder([folder])
     sys.meta_path.insert(0, first)
     writes_bytecode = not sys.dont_write_bytecode
     sys.dont_write_bytecode = True  # cached bytecode may be older than the file

@@ -16,6 +16,7 @@ pub fn of(scenario: &Scenario, list: &SensorList, flown: &[&str]) -> Vec<String>
     let without_weights = format!("weights: {} fly without them", unweighted.join(", "));
     let is_windy = scenario.uav.wind_mps.is_some_and(|wind_mps| wind_mps != [0.0; 2]);
     let is_heard = Settings::heard(scenario).is_some();
+    let is_wrong = Settings::of(scenario).is_ok_and(|settings| settings.link.is_some());
     let rules = [
         (scenario.sensors.energy.is_some(), "batteries of sensor nodes: deaths, when they are known, but no charges"),
         (scenario.link.duty_cycle.is_some(), "duty cycles: who is silent, but not what airtime is left"),
@@ -33,6 +34,7 @@ pub fn of(scenario: &Scenario, list: &SensorList, flown: &[&str]) -> Vec<String>
             scenario.uav.position_error_m.is_some_and(|error_m| error_m > 0.0),
             "position errors: up to d_c; horizon and offline stay 1.5 σ inside",
         ),
+        (is_wrong, "the link: by the law of [planner.link], where strategies compare rates"),
         (is_windy, "wind: by the reach that is left against it, in every direction"),
         (!weights.are_equal() && !unweighted.is_empty(), &*without_weights),
     ];
@@ -64,6 +66,7 @@ mod tests {
             ("[link]\nmodel = 'probabilistic-los'\nlos_correlation_m = 9.0\n", plain, "line of sight"),
             ("[uav]\nposition_error_m = 1.0\n", plain, "position errors"),
             ("[uav]\nwind_mps = [1.0, 0.0]\n", plain, "wind"),
+            ("[planner]\nlink.snr_offset_db = 3.0\n", plain, "the link"),
             ("", weighted, "weights"),
         ] {
             let sentences = of(keys, list, &["edf"]);
